@@ -1,0 +1,71 @@
+#pragma once
+/// From the generalised force a law asks for to motor torques (model.md section 7).
+
+#include "firmware/mechanism/five_bar.hpp"
+
+namespace esmc {
+
+/// Joint torques tau with R^T tau = F and least tau^T W tau, W diagonal > 0 [F26]: weighted minimum norm by
+/// Gram-Schmidt QR of W^-1/2 R, which does not square the condition number as the normal equations do.
+/// `rows` maps the independent rates to joint rates, F is the force on those independent coordinates.
+template <class S>
+[[nodiscard]] Vec<S, 4> minimum_norm(const Mat<S, 4, 2>& rows, const Vec2<S>& F, const Vec<S, 4>& weight) {
+  Vec<S, 4> root;  // W^-1/2
+  unroll<4>([&](auto i) { root[i] = S(1) / square_root(weight[i]); });
+  List<S, 4> a{}, b{};
+  S aa(0), ab(0), bb(0);
+  unroll<4>([&](auto i) {
+    a[i] = rows(int(i), 0) * root[i];
+    b[i] = rows(int(i), 1) * root[i];
+    aa += a[i] * a[i];
+    bb += b[i] * b[i];
+  });
+  // The longer column first: the shorter one is then what loses digits least.
+  const bool swapped = bb > aa;
+  const List<S, 4>&first = swapped ? b : a, &second = swapped ? a : b;
+  const S norm1 = square_root(swapped ? bb : aa);
+  List<S, 4> q1{}, q2{};
+  unroll<4>([&](auto i) { q1[i] = first[i] / norm1; });
+  unroll<4>([&](auto i) { ab += q1[i] * second[i]; });
+  unroll<4>([&](auto i) { q2[i] = second[i] - ab * q1[i]; });
+  S again(0);  // once more: Gram-Schmidt loses orthogonality when the columns are nearly parallel
+  unroll<4>([&](auto i) { again += q1[i] * q2[i]; });
+  S square(0);
+  unroll<4>([&](auto i) {
+    q2[i] -= again * q1[i];
+    square += q2[i] * q2[i];
+  });
+  ab += again;
+  const S norm2 = square_root(square);
+  const S y1 = F[swapped ? 1 : 0] / norm1;
+  const S y2 = (F[swapped ? 0 : 1] - ab * y1) / norm2;
+  Vec<S, 4> tau;
+  unroll<4>([&](auto i) { tau[i] = root[i] * (q1[i] * y1 + q2[i] * (y2 / norm2)); });
+  return tau;
+}
+
+/// Torques of all four motors of a 5R that do what the forces w on its channels ask, least tau^T W tau.
+/// Works in the form that is better conditioned here: base-joint near type 1, (x, y) near type 2.
+template <class S>
+[[nodiscard]] Vec<S, 4> allocate_all(const FiveBar<S>& m, const typename FiveBar<S>::Pose& p,
+                                     const typename FiveBar<S>::Channels& w, const Vec<S, 4>& weight) {
+  const S type2 = p.sin_type2 < S(0) ? -p.sin_type2 : p.sin_type2;
+  Mat<S, 4, 2> rows;
+  Vec2<S> F;
+  if (type2 >= FiveBar<S>::min_abs_sin_type1(p)) {
+    F = m.base_torque(p, w);
+    unroll<2>([&](auto k) {
+      const auto r = m.base_rates(p, Vec2<S>::Unit(k));
+      rows.col(int(k)) << r.leg[0], r.leg[1];
+    });
+  } else {
+    F = m.platform_force(p, w);
+    unroll<2>([&](auto k) {
+      const auto r = m.chain_rates(p, Vec2<S>::Unit(k));
+      rows.col(int(k)) << r.leg[0], r.leg[1];
+    });
+  }
+  return minimum_norm(rows, F, weight);
+}
+
+}  // namespace esmc

@@ -1,0 +1,140 @@
+#pragma once
+/// ODrive CANSimple on the wire: identifiers, bytes and units of the messages used for torque control.
+/// id = node << 5 | command; little endian; floats IEEE binary32; revolutions and N m at the motor shaft.
+/// Firmware 0.6 and 0.5.6 differ in the last bytes of the heartbeat only, as far as is used here.
+
+#include <bit>
+#include <cstdint>
+#include <optional>
+
+#include "hal/can.hpp"
+
+namespace esmc::drive::odrive {
+
+enum class Version : std::uint8_t { v0_6, v0_5_6 };
+
+enum class Message : std::uint8_t {
+  heartbeat = 0x01,          ///< drive -> us: u32 axis_error, u8 axis_state, ...
+  estop = 0x02,              ///< us -> drive, no payload: disarm with an error
+  set_axis_state = 0x07,     ///< us -> drive: u32 AxisState
+  encoder_estimates = 0x09,  ///< drive -> us: f32 position rev, f32 velocity rev/s
+  set_controller_mode = 0x0B,///< us -> drive: u32 control mode, u32 input mode
+  set_input_torque = 0x0E,   ///< us -> drive: f32 N m
+  clear_errors = 0x18,       ///< us -> drive: 0.6 u8 identify, 0.5.6 none
+};
+
+enum class AxisState : std::uint8_t { undefined = 0, idle = 1, closed_loop_control = 8 };
+inline constexpr std::uint32_t control_mode_torque = 1;
+inline constexpr std::uint32_t input_mode_passthrough = 1;
+inline constexpr std::uint8_t node_max = 0x3E;  ///< 0x3F is broadcast in 0.6
+inline constexpr std::uint32_t error_watchdog_0_6 = 0x0100'0000;
+inline constexpr std::uint32_t error_watchdog_0_5_6 = 0x0000'0800;
+inline constexpr std::uint32_t error_estop_0_6 = 0x0200'0000;
+inline constexpr std::uint32_t error_estop_0_5_6 = 0x0000'4000;
+
+[[nodiscard]] constexpr std::uint32_t identifier(std::uint8_t node, Message m) {
+  return (std::uint32_t{node} << 5U) | static_cast<std::uint32_t>(m);
+}
+
+namespace detail {
+constexpr void put_u32(hal::CanFrame& f, std::size_t at, std::uint32_t v) {
+  for (unsigned i = 0; i < 4; ++i) f.data[at + i] = static_cast<std::uint8_t>(v >> (8U * i));
+}
+constexpr std::uint32_t get_u32(const hal::CanFrame& f, std::size_t at) {
+  std::uint32_t v = 0;
+  for (unsigned i = 0; i < 4; ++i) v |= std::uint32_t{f.data[at + i]} << (8U * i);
+  return v;
+}
+constexpr hal::CanFrame frame(std::uint8_t node, Message m, std::uint8_t size) {
+  hal::CanFrame f;
+  f.id = identifier(node, m);
+  f.size = size;
+  return f;
+}
+}  // namespace detail
+
+[[nodiscard]] constexpr hal::CanFrame encode_set_axis_state(std::uint8_t node, AxisState s) {
+  hal::CanFrame f = detail::frame(node, Message::set_axis_state, 4);
+  detail::put_u32(f, 0, static_cast<std::uint32_t>(s));
+  return f;
+}
+[[nodiscard]] constexpr hal::CanFrame encode_set_controller_mode(std::uint8_t node) {
+  hal::CanFrame f = detail::frame(node, Message::set_controller_mode, 8);
+  detail::put_u32(f, 0, control_mode_torque);
+  detail::put_u32(f, 4, input_mode_passthrough);
+  return f;
+}
+[[nodiscard]] constexpr hal::CanFrame encode_clear_errors(std::uint8_t node, Version v) {
+  return detail::frame(node, Message::clear_errors, v == Version::v0_6 ? 1 : 0);  // 0.6: identify = 0
+}
+[[nodiscard]] constexpr hal::CanFrame encode_estop(std::uint8_t node) {
+  return detail::frame(node, Message::estop, 0);
+}
+/// Torque at the motor shaft, N m.
+[[nodiscard]] constexpr hal::CanFrame encode_torque(std::uint8_t node, float torque) {
+  hal::CanFrame f = detail::frame(node, Message::set_input_torque, 4);
+  detail::put_u32(f, 0, std::bit_cast<std::uint32_t>(torque));
+  return f;
+}
+[[nodiscard]] constexpr hal::CanFrame encode_encoder_estimates(std::uint8_t node, float position_rev,
+                                                               float velocity_rev_s) {
+  hal::CanFrame f = detail::frame(node, Message::encoder_estimates, 8);
+  detail::put_u32(f, 0, std::bit_cast<std::uint32_t>(position_rev));
+  detail::put_u32(f, 4, std::bit_cast<std::uint32_t>(velocity_rev_s));
+  return f;
+}
+/// 0.6: byte 5 procedure_result, byte 6 bit 0 trajectory_done. 0.5.6: bytes 5..7 motor, encoder and controller
+/// flags, trajectory_done in the last bit. A drive in torque control sends zeros in all of them.
+[[nodiscard]] constexpr hal::CanFrame encode_heartbeat(std::uint8_t node, std::uint32_t error, AxisState s) {
+  hal::CanFrame f = detail::frame(node, Message::heartbeat, 8);
+  detail::put_u32(f, 0, error);
+  f.data[4] = static_cast<std::uint8_t>(s);
+  return f;
+}
+
+struct Heartbeat {
+  std::uint32_t axis_error;
+  AxisState axis_state;  ///< may hold a value without a name here: the drive has more states
+  std::uint8_t component_flags;  ///< 0.5.6: motor, encoder or controller in error; 0.6: 0
+};
+struct EncoderEstimates {
+  float position_rev, velocity_rev_s;
+};
+
+/// Length of a data frame of this message as the drive sends it.
+[[nodiscard]] constexpr bool has_size(const hal::CanFrame& f, std::uint8_t size) {
+  return f.size == size && !f.remote && !f.fd;
+}
+
+/// Empty: wrong length, remote or FD. The identifier is the caller's business.
+[[nodiscard]] constexpr std::optional<Heartbeat> decode_heartbeat(const hal::CanFrame& f, Version v) {
+  if (!has_size(f, 8)) return std::nullopt;
+  const auto flags = static_cast<std::uint8_t>(f.data[5] | f.data[6] | (f.data[7] & 0x7FU));
+  return Heartbeat{detail::get_u32(f, 0), static_cast<AxisState>(f.data[4]),
+                   v == Version::v0_5_6 ? flags : std::uint8_t{0}};
+}
+[[nodiscard]] constexpr std::optional<EncoderEstimates> decode_encoder_estimates(const hal::CanFrame& f) {
+  if (!has_size(f, 8)) return std::nullopt;
+  return EncoderEstimates{std::bit_cast<float>(detail::get_u32(f, 0)), std::bit_cast<float>(detail::get_u32(f, 4))};
+}
+/// For the drive's side of the wire. Empty: wrong length, remote or FD.
+[[nodiscard]] constexpr std::optional<float> decode_torque(const hal::CanFrame& f) {
+  if (!has_size(f, 4)) return std::nullopt;
+  return std::bit_cast<float>(detail::get_u32(f, 0));
+}
+[[nodiscard]] constexpr std::optional<std::uint32_t> decode_axis_state_request(const hal::CanFrame& f) {
+  if (!has_size(f, 4)) return std::nullopt;
+  return detail::get_u32(f, 0);
+}
+struct ControllerMode {
+  std::uint32_t control, input;
+};
+[[nodiscard]] constexpr std::optional<ControllerMode> decode_controller_mode(const hal::CanFrame& f) {
+  if (!has_size(f, 8)) return std::nullopt;
+  return ControllerMode{detail::get_u32(f, 0), detail::get_u32(f, 4)};
+}
+
+// Worked out by hand from the message table: node 3, 1.5 N m.
+static_assert(encode_torque(3, 1.5F) == hal::CanFrame{.id = 0x06E, .size = 4, .data = {0x00, 0x00, 0xC0, 0x3F}});
+
+}  // namespace esmc::drive::odrive

@@ -1,0 +1,247 @@
+#pragma once
+/// The 5R five-bar: a point mass held by an RR leg and a mirrored RR leg (model.md section 4), its kinematics in
+/// all working and assembly modes (section 5), and the base-joint form that is regular at type 1 ([F23]-[F25]).
+
+#include <cstdint>
+#include <optional>
+
+#include "firmware/mechanism/coupling.hpp"
+#include "firmware/mechanism/params.hpp"
+
+namespace esmc {
+
+template <class S>
+[[nodiscard]] Dyad<S> make_dyad(const LegParams<S>& p, S gravity) {
+  return Dyad<S>({{Body<S>{p.l1, p.lg1, S(0), p.m1, p.J1, p.d1, p.gamma1},
+                  Body<S>{p.l2, p.lg2, S(0), p.m2, p.J2, p.d2, p.gamma2}}},
+                 gravity);
+}
+
+/// Pose of a dyad whose tip is at `tip` (in its own frame), elbow bent so that sin theta_2 has the sign of
+/// `working_mode` (+1 or -1). Empty when the tip is out of reach or at the base. [F17], without its angles.
+template <class S>
+[[nodiscard]] std::optional<typename Dyad<S>::Pose> dyad_inverse(const Dyad<S>& dyad, const Vec2<S>& tip,
+                                                                int working_mode) {
+  const S l1 = dyad.body(0).length, l2 = dyad.body(1).length;
+  const S r2 = dot(tip, tip);
+  const S stretched = (l1 + l2) * (l1 + l2) - r2, folded = r2 - (l1 - l2) * (l1 - l2);
+  if (!(stretched >= S(0) && folded >= S(0) && r2 > S(0))) return std::nullopt;
+  const S scale = S(1) / (stretched + folded);  // = 1 / (4 l1 l2): cos^2 + sin^2 = 1 by construction
+  const S c2 = (folded - stretched) * scale;
+  const S s2 = S(working_mode) * S(2) * square_root(stretched * folded) * scale;
+  const Vec2<S> z(l1 + l2 * c2, l2 * s2);  // the tip in a frame that turns with bar 1
+  typename Dyad<S>::Pose p;
+  p.axis[0] = Vec2<S>(dot(z, tip), cross(z, tip)) * (S(1) / r2);
+  p.axis[1] = Vec2<S>(p.axis[0].x() * c2 - p.axis[0].y() * s2, p.axis[0].y() * c2 + p.axis[0].x() * s2);
+  p.turn[0] = p.axis[0];
+  p.turn[1] = Vec2<S>(c2, s2);
+  return p;
+}
+
+template <class S>
+class FiveBar : public Coupling<S, PointMass<S>, Dyad<S>, 2> {
+ public:
+  using Base = Coupling<S, PointMass<S>, Dyad<S>, 2>;
+  using typename Base::Channels;
+  using typename Base::Rates;
+  using Params = FiveBarParams<S>;
+  using Leg = Dyad<S>;
+  static constexpr int motors_base = 2;
+
+  struct Pose : Base::LegPoses {
+    Vec2<S> effector = Vec2<S>::Zero();  ///< in N, m
+    S sin_type2{};  ///< D2 = sin(phi12 + phi22): 0 at type 2, its sign is the assembly mode [F18]
+  };
+
+  FiveBar() = default;
+  explicit FiveBar(const Params& p)
+      : Base({p.m0, p.g}, {{make_dyad(p.legs[0], p.g), make_dyad(p.legs[1], p.g)}},
+             {{LegFrame<S>{Vec2<S>(p.l0, S(0)), S(1)}, LegFrame<S>{Vec2<S>(-p.l0, S(0)), S(-1)}}}) {}
+
+  /// From all four joint angles (theta11, theta12, theta21, theta22), rad. The effector is the mean of the two
+  /// leg tips, which closure makes one; `closure_residual` says how far apart they are.
+  [[nodiscard]] Pose pose(const Vec<S, 4>& theta) const {
+    Pose p;
+    unroll<2>([&](auto j) { p.leg[j] = Leg::pose(theta.template segment<2>(2 * j)); });
+    p.effector = (tip_in_base(p, 0) + tip_in_base(p, 1)) * S(0.5);
+    p.sin_type2 = p.leg[0].axis[1].y() * p.leg[1].axis[1].x() + p.leg[0].axis[1].x() * p.leg[1].axis[1].y();
+    return p;
+  }
+
+  /// Tip of leg 1 minus tip of leg 2, in N, m: zero when the four angles belong to a closed mechanism.
+  [[nodiscard]] Vec2<S> closure_residual(const Pose& p) const { return tip_in_base(p, 0) - tip_in_base(p, 1); }
+
+  /// Inverse kinematics [F17] in the working mode (sign of sin theta_j2, per leg). Empty: out of reach.
+  [[nodiscard]] std::optional<Pose> inverse(const Vec2<S>& effector, const List<int, 2>& working_mode) const {
+    Pose p;
+    for (int j = 0; j < 2; ++j) {
+      const auto leg = dyad_inverse(this->leg(j), this->frame(j).point_to_leg(effector), working_mode[j]);
+      if (!leg) return std::nullopt;
+      p.leg[j] = *leg;
+    }
+    p.effector = effector;
+    p.sin_type2 = p.leg[0].axis[1].y() * p.leg[1].axis[1].x() + p.leg[0].axis[1].x() * p.leg[1].axis[1].y();
+    return p;
+  }
+
+  /// Forward kinematics [F18] from the base joints, in the assembly mode `assembly_mode` = sign D2 (+1 or -1).
+  /// Empty: the elbows are too far apart, too close, or on one another; the legs cannot be closed.
+  [[nodiscard]] std::optional<Pose> forward(const Vec2<S>& base_angles, int assembly_mode) const {
+    Pose p;
+    List<Vec2<S>, 2> elbow;
+    unroll<2>([&](auto j) {
+      const SinCos<S> t = sin_cos(base_angles[j]);
+      p.leg[j].axis[0] = p.leg[j].turn[0] = Vec2<S>(t.cos, t.sin);
+      elbow[j] = this->frame(j).point_from_leg(p.leg[j].axis[0] * this->leg(j).body(0).length);
+    });
+    const S l12 = this->leg(0).body(1).length, l22 = this->leg(1).body(1).length;
+    const Vec2<S> w = elbow[0] - elbow[1];
+    const S d2 = dot(w, w);
+    const S sum = d2 + l22 * l22 - l12 * l12;  // 2 d a of [F18]
+    const S square = S(4) * d2 * l22 * l22 - sum * sum;
+    if (!(d2 > S(0) && square >= S(0))) return std::nullopt;
+    const S half_inverse = S(0.5) / d2;
+    const S along = sum * half_inverse, across = S(assembly_mode) * square_root(square) * half_inverse;
+    const Vec2<S> from_elbow2 = w * along - perp(w) * across;
+    p.effector = elbow[1] + from_elbow2;
+    p.leg[0].axis[1] = this->frame(0).to_leg(from_elbow2 - w) * (S(1) / l12);
+    p.leg[1].axis[1] = this->frame(1).to_leg(from_elbow2) * (S(1) / l22);
+    unroll<2>([&](auto j) {
+      p.leg[j].turn[1] = Vec2<S>(dot(p.leg[j].axis[0], p.leg[j].axis[1]), cross(p.leg[j].axis[0], p.leg[j].axis[1]));
+    });
+    p.sin_type2 = across * d2 / (l12 * l22);
+    return p;
+  }
+
+  /// (theta11, theta12, theta21, theta22) of a pose, each in (-pi, pi].
+  [[nodiscard]] static Vec<S, 4> angles(const Pose& p) {
+    Vec<S, 4> out;
+    unroll<2>([&](auto j) {
+      out[2 * j] = arc_tangent2(p.leg[j].turn[0].y(), p.leg[j].turn[0].x());
+      out[2 * j + 1] = arc_tangent2(p.leg[j].turn[1].y(), p.leg[j].turn[1].x());
+    });
+    return out;
+  }
+
+  /// sin theta_j2: 0 at a type-1 (serial) singularity.
+  [[nodiscard]] static S sin_type1(const Pose& p, int leg) { return p.leg[leg].turn[1].y(); }
+  [[nodiscard]] static S min_abs_sin_type1(const Pose& p) {
+    const S a = magnitude(sin_type1(p, 0)), b = magnitude(sin_type1(p, 1));
+    return a < b ? a : b;
+  }
+
+  // ---- what a control law needs, the same names for every mechanism ------------------------------------------
+
+  static constexpr bool is_angle(int row) { return row >= 2 && (row - 2) % Leg::channels < 2 * Leg::joints; }
+  [[nodiscard]] static Vec2<S> independent(const Rates& r) { return r.platform; }
+  [[nodiscard]] static Vec2<S> base(const Rates& r) { return {r.leg[0][0], r.leg[1][0]}; }
+  [[nodiscard]] static Vec2<S> independent_error(const Pose& desired, const Pose& actual) {
+    return desired.effector - actual.effector;
+  }
+  /// theta_d - theta of the base joints, in (-pi, pi].
+  [[nodiscard]] static Vec2<S> base_error(const Pose& desired, const Pose& actual) {
+    Vec2<S> out;
+    unroll<2>([&](auto j) {
+      const Vec2<S>& a = actual.leg[j].axis[0];
+      const Vec2<S>& d = desired.leg[j].axis[0];
+      out[j] = arc_tangent2(cross(a, d), dot(a, d));
+    });
+    return out;
+  }
+  /// e = q_d - q of all channels, angles wrapped (model.md section 9).
+  [[nodiscard]] Channels error(const Pose& desired, const Pose& actual) const {
+    Channels out;
+    out.template head<2>() = independent_error(desired, actual);
+    unroll<2>([&](auto j) {
+      out.template segment<Leg::channels>(Base::row_leg(j)) = this->leg(j).error(desired.leg[j], actual.leg[j]);
+    });
+    return out;
+  }
+
+  [[nodiscard]] static Vec2<S> tip_rate(const Pose&, const Rates& r) { return r.platform; }
+  /// Motion of everything that gives the effector this velocity (acceleration). Pole at type 1.
+  [[nodiscard]] Rates rates_of_effector(const Pose& p, const Vec2<S>& v) const { return this->chain_rates(p, v); }
+  [[nodiscard]] Rates accelerations_of_effector(const Pose& p, const Rates& r, const Vec2<S>& a) const {
+    return this->chain_accelerations(p, r, a);
+  }
+
+  // ---- base-joint form: theta11, theta21 independent. Regular at type 1, pole at type 2. --------------------
+
+  /// Everything that moves when the base joints turn at `base` [F23].
+  [[nodiscard]] Rates base_rates(const Pose& p, const Vec2<S>& base) const {
+    Vec2<S> closure;
+    unroll<2>([&](auto j) { closure[j] = this->leg(j).body(0).length * p.leg[j].turn[1].y() * base[j]; });
+    return complete(p, base, closure, Vec2<S>::Zero());
+  }
+
+  /// Accelerations of everything, from those of the base joints and the present rates [F24].
+  [[nodiscard]] Rates base_accelerations(const Pose& p, const Rates& r, const Vec2<S>& base) const {
+    Vec2<S> closure, inner;
+    unroll<2>([&](auto j) {
+      const S l1 = this->leg(j).body(0).length, l2 = this->leg(j).body(1).length;
+      const S w1 = r.leg[j][0], w2 = r.leg[j][0] + r.leg[j][1];
+      closure[j] = l1 * (p.leg[j].turn[1].y() * base[j] - p.leg[j].turn[1].x() * w1 * w1) - l2 * w2 * w2;
+      inner[j] = l1 * p.leg[j].turn[1].y() * w1 * w1;
+    });
+    return complete(p, base, closure, inner);
+  }
+
+  /// F_a = C_a^T w: forces on all channels gathered on the two base joints. With only base motors this is the
+  /// motor torque itself [F25].
+  [[nodiscard]] Vec2<S> base_torque(const Pose& p, const Channels& w) const {
+    return gather_on_base(p, w.template head<2>(), this->leg_torques(p, w));
+  }
+
+  /// C^_a^T [w0; tau]: a force at the effector and torques at all joints, gathered on the base joints.
+  [[nodiscard]] Vec2<S> gather_on_base(const Pose& p, const Vec2<S>& w0, const List<Vec2<S>, 2>& tau) const {
+    Vec2<S> f = w0;  // force on the effector once every distal bar hands its moment on
+    unroll<2>([&](auto j) {
+      f += this->frame(j).from_leg(perp(p.leg[j].axis[1])) * (tau[j][1] / this->leg(j).body(1).length);
+    });
+    const Vec2<S> pushed = solve_closure_transposed(p, f);
+    Vec2<S> out;
+    unroll<2>([&](auto j) {
+      const S l1 = this->leg(j).body(0).length, l2 = this->leg(j).body(1).length;
+      out[j] = tau[j][0] - tau[j][1] * (S(1) + l1 * p.leg[j].turn[1].x() / l2) +
+               l1 * p.leg[j].turn[1].y() * pushed[j];
+    });
+    return out;
+  }
+
+ private:
+  static S magnitude(S v) { return v < S(0) ? -v : v; }
+  [[nodiscard]] Vec2<S> tip_in_base(const Pose& p, int j) const {
+    return this->frame(j).point_from_leg(this->leg(j).tip(p.leg[j]));
+  }
+
+  /// Rows of U [F23] in N: the distal bars' directions.
+  [[nodiscard]] Vec2<S> distal(const Pose& p, int j) const {
+    return this->frame(j).from_leg(p.leg[j].axis[1]);
+  }
+  /// U^-1 r; det U = D2.
+  [[nodiscard]] Vec2<S> solve_closure(const Pose& p, const Vec2<S>& r) const {
+    const Vec2<S> u1 = distal(p, 0), u2 = distal(p, 1);
+    const S inverse = S(1) / p.sin_type2;
+    return Vec2<S>(u2.y() * r[0] - u1.y() * r[1], u1.x() * r[1] - u2.x() * r[0]) * inverse;
+  }
+  /// U^-T f.
+  [[nodiscard]] Vec2<S> solve_closure_transposed(const Pose& p, const Vec2<S>& f) const {
+    const Vec2<S> u1 = distal(p, 0), u2 = distal(p, 1);
+    const S inverse = S(1) / p.sin_type2;
+    return Vec2<S>(cross(f, u2), cross(u1, f)) * inverse;
+  }
+  [[nodiscard]] Rates complete(const Pose& p, const Vec2<S>& base, const Vec2<S>& closure,
+                               const Vec2<S>& inner) const {
+    Rates out;
+    out.platform = solve_closure(p, closure);
+    unroll<2>([&](auto j) {
+      const S l1 = this->leg(j).body(0).length, l2 = this->leg(j).body(1).length;
+      const S across = dot(perp(p.leg[j].axis[1]), this->frame(j).to_leg(out.platform));
+      const S outer = (across - l1 * p.leg[j].turn[1].x() * base[j] - inner[j]) / l2;
+      out.leg[j] = Vec2<S>(base[j], outer - base[j]);
+    });
+    return out;
+  }
+};
+
+}  // namespace esmc

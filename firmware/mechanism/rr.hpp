@@ -1,0 +1,100 @@
+#pragma once
+/// The RR arm: the serial algorithm alone, two revolute joints, both driven (model.md section 2).
+
+#include <optional>
+
+#include "firmware/mechanism/five_bar.hpp"
+
+namespace esmc {
+
+template <class S>
+class Rr {
+ public:
+  using Scalar = S;
+  using Params = RrParams<S>;
+  using Leg = Dyad<S>;
+  static constexpr int joints = 2;
+  static constexpr int dof = 2;
+  static constexpr int channels = Leg::channels;
+  static constexpr int motors_base = 2;
+  using Independent = Vec2<S>;  ///< joint rates
+  using Channels = typename Leg::Channels;
+  using Rates = Vec2<S>;
+
+  struct Pose {
+    typename Leg::Pose arm{};
+    Vec2<S> effector = Vec2<S>::Zero();
+  };
+
+  Rr() = default;
+  explicit Rr(const Params& p) : arm_(make_dyad(p.arm, p.g)) {}
+
+  [[nodiscard]] const Leg& arm() const { return arm_; }
+
+  [[nodiscard]] Pose pose(const Vec2<S>& theta) const {
+    Pose p{Leg::pose(theta), {}};
+    p.effector = arm_.tip(p.arm);
+    return p;
+  }
+  /// Inverse kinematics; `working_mode` is the sign of sin theta_2. Empty: out of reach.
+  [[nodiscard]] std::optional<Pose> inverse(const Vec2<S>& effector, int working_mode) const {
+    const auto arm = dyad_inverse(arm_, effector, working_mode);
+    if (!arm) return std::nullopt;
+    return Pose{*arm, effector};
+  }
+  [[nodiscard]] static Vec2<S> angles(const Pose& p) {
+    return {arc_tangent2(p.arm.turn[0].y(), p.arm.turn[0].x()), arc_tangent2(p.arm.turn[1].y(), p.arm.turn[1].x())};
+  }
+  [[nodiscard]] static S sin_type1(const Pose& p) { return p.arm.turn[1].y(); }
+  static S min_abs_sin_type1(const Pose& p) { return sin_type1(p) < S(0) ? -sin_type1(p) : sin_type1(p); }
+
+  // ---- what a control law needs, the same names for every mechanism ------------------------------------------
+
+  static constexpr bool is_angle(int row) { return row < 2 * Leg::joints; }
+  [[nodiscard]] static Vec2<S> independent(const Rates& r) { return r; }
+  [[nodiscard]] static Vec2<S> base(const Rates& r) { return r; }
+  [[nodiscard]] static Vec2<S> independent_error(const Pose& desired, const Pose& actual) {
+    Vec2<S> out;
+    unroll<2>([&](auto i) {
+      const Vec2<S>& a = actual.arm.turn[i];
+      const Vec2<S>& d = desired.arm.turn[i];
+      out[i] = arc_tangent2(cross(a, d), dot(a, d));
+    });
+    return out;
+  }
+  [[nodiscard]] static Vec2<S> base_error(const Pose& desired, const Pose& actual) {
+    return independent_error(desired, actual);
+  }
+  [[nodiscard]] Channels error(const Pose& desired, const Pose& actual) const {
+    return arm_.error(desired.arm, actual.arm);
+  }
+  [[nodiscard]] Rates chain_rates(const Pose&, const Independent& p) const { return p; }
+  [[nodiscard]] Rates chain_accelerations(const Pose&, const Rates&, const Independent& a) const { return a; }
+  [[nodiscard]] Rates chain_bias(const Pose&, const Rates&, const Rates&) const { return Rates::Zero(); }
+  [[nodiscard]] Rates base_rates(const Pose&, const Vec2<S>& b) const { return b; }
+  [[nodiscard]] Rates base_accelerations(const Pose&, const Rates&, const Vec2<S>& b) const { return b; }
+  [[nodiscard]] Channels channel_rates(const Pose& p, const Rates& r) const { return arm_.rates(p.arm, r); }
+  [[nodiscard]] Channels channel_accelerations(const Pose& p, const Rates& a, const Rates& b,
+                                               const Rates& acceleration) const {
+    return arm_.rates(p.arm, acceleration) + arm_.bias(p.arm, a, b);
+  }
+  [[nodiscard]] Channels channel_accelerations(const Pose& p, const Rates& r, const Rates& acceleration) const {
+    return channel_accelerations(p, r, r, acceleration);
+  }
+  [[nodiscard]] Channels force(const Channels& v, const Rates& r) const { return arm_.force(v, r); }
+  [[nodiscard]] Channels mass() const { return arm_.mass(); }
+  [[nodiscard]] Vec2<S> base_torque(const Pose& p, const Channels& w) const { return arm_.transposed(p.arm, w); }
+  [[nodiscard]] Vec2<S> tip_rate(const Pose& p, const Rates& r) const { return arm_.tip_rate(p.arm, r); }
+  /// Joint motion that gives the effector this velocity. Pole at type 1.
+  [[nodiscard]] Rates rates_of_effector(const Pose& p, const Vec2<S>& v) const {
+    return arm_.tip_inverse(p.arm, v);
+  }
+  [[nodiscard]] Rates accelerations_of_effector(const Pose& p, const Rates& r, const Vec2<S>& a) const {
+    return arm_.tip_inverse(p.arm, a - arm_.tip_bias(p.arm, r, r));
+  }
+
+ private:
+  Leg arm_{};
+};
+
+}  // namespace esmc

@@ -1,0 +1,52 @@
+#pragma once
+/// Names of everything that ends a run. A fault is latched: only an operator's reset clears it.
+
+#include <cstdint>
+
+namespace esmc {
+
+enum class [[nodiscard]] Fault : std::uint8_t {
+  none,
+  feedback_not_finite,    ///< a drive sent NaN or infinity
+  stale_feedback,         ///< more than max_age_ticks without a sample from an axis
+  malformed_frame,        ///< a frame of a drive of ours had the wrong length or format
+  heartbeat_lost,         ///< an axis has not said that it lives for longer than heartbeat_timeout
+  drive_error,            ///< an axis reported an error
+  drive_disarmed,         ///< an axis left closed-loop control by itself
+  bus_off,                ///< our CAN controller left the bus
+  loop_not_closed,        ///< the base angles fit no closed mechanism, or the passive encoders contradict them
+  type1_singularity,      ///< |sin theta_j2| below min_abs_sin_type1
+  type2_singularity,      ///< |D2| below min_abs_sin_type2
+  working_mode,           ///< a leg bends to the other side than the controller was told
+  workspace,              ///< the effector left the allowed box
+  joint_speed,            ///< a base joint turns faster than allowed
+  joint_angle,            ///< a base joint left its range
+  reference_unreachable,  ///< the reference lies outside the workspace
+  torque_not_finite,      ///< the law produced NaN or infinity
+};
+inline constexpr int fault_count = static_cast<int>(Fault::torque_not_finite) + 1;
+
+[[nodiscard]] constexpr const char* name(Fault f) {
+  switch (f) {
+    case Fault::none: return "none";
+    case Fault::feedback_not_finite: return "feedback_not_finite";
+    case Fault::stale_feedback: return "stale_feedback";
+    case Fault::malformed_frame: return "malformed_frame";
+    case Fault::heartbeat_lost: return "heartbeat_lost";
+    case Fault::drive_error: return "drive_error";
+    case Fault::drive_disarmed: return "drive_disarmed";
+    case Fault::bus_off: return "bus_off";
+    case Fault::loop_not_closed: return "loop_not_closed";
+    case Fault::type1_singularity: return "type1_singularity";
+    case Fault::type2_singularity: return "type2_singularity";
+    case Fault::working_mode: return "working_mode";
+    case Fault::workspace: return "workspace";
+    case Fault::joint_speed: return "joint_speed";
+    case Fault::joint_angle: return "joint_angle";
+    case Fault::reference_unreachable: return "reference_unreachable";
+    case Fault::torque_not_finite: return "torque_not_finite";
+  }
+  return "unknown";
+}
+
+}  // namespace esmc

@@ -1,0 +1,57 @@
+#pragma once
+/// Fixed-size vectors and matrices of the whole project. Nothing here or below allocates.
+
+#include <Eigen/Core>
+#include <utility>
+
+namespace esmc {
+
+template <class S, int N>
+using Vec = Eigen::Matrix<S, N, 1>;
+
+template <class S, int Rows, int Cols>
+using Mat = Eigen::Matrix<S, Rows, Cols>;
+
+template <class S>
+using Vec2 = Vec<S, 2>;
+
+/// std::array indexed by int, so that loops over joints and legs need no casts.
+template <class T, int N>
+struct List {
+  T items[static_cast<unsigned>(N)];  // NOLINT(cppcoreguidelines-avoid-c-arrays): this is the array type
+  constexpr T& operator[](int i) { return items[static_cast<unsigned>(i)]; }
+  constexpr const T& operator[](int i) const { return items[static_cast<unsigned>(i)]; }
+};
+
+/// Third component of a x b: the sine of the angle from a to b when both are unit vectors.
+template <class S>
+[[nodiscard]] constexpr S cross(const Vec2<S>& a, const Vec2<S>& b) {
+  return a.x() * b.y() - a.y() * b.x();
+}
+
+/// `a` turned by +90 degrees.
+template <class S>
+[[nodiscard]] Vec2<S> perp(const Vec2<S>& a) {
+  return Vec2<S>(-a.y(), a.x());
+}
+
+/// Scalar product written out: Eigen's reduction may reorder, this one adds x before y everywhere.
+template <class S>
+[[nodiscard]] constexpr S dot(const Vec2<S>& a, const Vec2<S>& b) {
+  return a.x() * b.x() + a.y() * b.y();
+}
+
+template <class S>
+void add(Vec2<S>& to, const Vec2<S>& what) {
+  to += what;
+}
+
+/// Calls f(integral_constant<int, 0>) .. f(integral_constant<int, N-1>): a loop whose index is a constant.
+template <int N, class F>
+constexpr void unroll(F&& f) {
+  [&]<int... I>(std::integer_sequence<int, I...>) {
+    (f(std::integral_constant<int, I>{}), ...);
+  }(std::make_integer_sequence<int, N>{});
+}
+
+}  // namespace esmc

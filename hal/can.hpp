@@ -1,0 +1,58 @@
+#pragma once
+/// What the firmware needs from a CAN controller, and nothing more.
+
+#include <array>
+#include <concepts>
+#include <cstdint>
+#include <span>
+
+namespace esmc::hal {
+
+inline constexpr std::uint8_t can_classic_size_max = 8;
+inline constexpr std::uint8_t can_fd_size_max = 64;
+
+/// One CAN or CAN FD data frame, or a classic remote frame (RTR).
+struct CanFrame {
+  std::uint32_t id = 0;     ///< 11 or 29 identifier bits only; flags live in the fields below
+  bool extended = false;    ///< 29-bit identifier
+  bool remote = false;      ///< classic remote transmission request: carries a size, no data
+  bool fd = false;          ///< CAN FD format: up to 64 bytes
+  bool bit_rate_switch = false;  ///< FD data phase at the fast bit rate
+  std::uint8_t size = 0;    ///< bytes used in `data`: 0..8, or 0..64 with `fd`
+  std::array<std::uint8_t, can_fd_size_max> data{};
+
+  [[nodiscard]] constexpr std::span<const std::uint8_t> payload() const { return {data.data(), size}; }
+  friend constexpr bool operator==(const CanFrame& a, const CanFrame& b) {
+    if (a.id != b.id || a.extended != b.extended || a.remote != b.remote || a.fd != b.fd ||
+        a.bit_rate_switch != b.bit_rate_switch || a.size != b.size) {
+      return false;
+    }
+    for (std::uint8_t i = 0; i < a.size && i < can_fd_size_max; ++i) {
+      if (a.data[i] != b.data[i]) return false;
+    }
+    return true;
+  }
+};
+
+/// A frame that a controller may put on the wire: identifier in range, size allowed by its format.
+[[nodiscard]] constexpr bool well_formed(const CanFrame& f) {
+  const std::uint32_t id_max = f.extended ? 0x1FFF'FFFFU : 0x7FFU;
+  const std::uint8_t size_max = f.fd ? can_fd_size_max : can_classic_size_max;
+  return f.id <= id_max && f.size <= size_max && !(f.fd && f.remote);
+}
+
+enum class [[nodiscard]] SendStatus : std::uint8_t {
+  ok,
+  bus_full,  ///< transient: not queued; the next tick sends a newer frame
+  bus_off,   ///< persistent: the controller has left the bus; outputs must be disarmed
+  refused,   ///< the frame is not well formed: a bug in the caller
+};
+
+/// A CAN controller. Neither call blocks, allocates or waits.
+template <class B>
+concept CanBus = requires(B& bus, const CanFrame& out, CanFrame& in) {
+  { bus.try_send(out) } -> std::same_as<SendStatus>;
+  { bus.try_receive(in) } -> std::same_as<bool>;  // false: no frame waiting, `in` untouched
+};
+
+}  // namespace esmc::hal

@@ -1,0 +1,15 @@
+#pragma once
+/// `esmc eval`: the model and the laws at given states, for comparison with golden data.
+
+#include <nlohmann/json.hpp>
+#include <string>
+
+namespace esmc::host {
+
+enum class ScalarType { double_precision, single_precision };
+
+/// Evaluates every case of a document in the schema of tests/reference/README.md and returns
+/// {"cases": [...]} with the computed blocks under the same names. Throws InputError naming file, line, case.
+nlohmann::ordered_json evaluate(const std::string& text, const std::string& file, ScalarType scalar);
+
+}  // namespace esmc::host
