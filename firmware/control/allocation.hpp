@@ -49,10 +49,9 @@ template <class S>
 template <class S>
 [[nodiscard]] Vec<S, 4> allocate_all(const FiveBar<S>& m, const typename FiveBar<S>::Pose& p,
                                      const typename FiveBar<S>::Channels& w, const Vec<S, 4>& weight) {
-  const S type2 = p.sin_type2 < S(0) ? -p.sin_type2 : p.sin_type2;
   Mat<S, 4, 2> rows;
   Vec2<S> F;
-  if (type2 >= FiveBar<S>::min_abs_sin_type1(p)) {
+  if (FiveBar<S>::abs_sin_type2(p) >= FiveBar<S>::min_abs_sin_type1(p)) {
     F = m.base_torque(p, w);
     unroll<2>([&](auto k) {
       const auto r = m.base_rates(p, Vec2<S>::Unit(k));

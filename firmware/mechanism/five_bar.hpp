@@ -46,7 +46,13 @@ class FiveBar : public Coupling<S, PointMass<S>, Dyad<S>, 2> {
   using typename Base::Rates;
   using Params = FiveBarParams<S>;
   using Leg = Dyad<S>;
-  static constexpr int motors_base = 2;
+  static constexpr bool has_type2 = true;
+
+  /// Which of the solutions of inverse and forward kinematics the mechanism is in (model.md section 5).
+  struct Mode {
+    List<int, 2> working{};  ///< sign of sin theta_j2 per leg, +1 or -1
+    int assembly = 0;        ///< sign of D2, +1 or -1
+  };
 
   struct Pose : Base::LegPoses {
     Vec2<S> effector = Vec2<S>::Zero();  ///< in N, m
@@ -71,11 +77,11 @@ class FiveBar : public Coupling<S, PointMass<S>, Dyad<S>, 2> {
   /// Tip of leg 1 minus tip of leg 2, in N, m: zero when the four angles belong to a closed mechanism.
   [[nodiscard]] Vec2<S> closure_residual(const Pose& p) const { return tip_in_base(p, 0) - tip_in_base(p, 1); }
 
-  /// Inverse kinematics [F17] in the working mode (sign of sin theta_j2, per leg). Empty: out of reach.
-  [[nodiscard]] std::optional<Pose> inverse(const Vec2<S>& effector, const List<int, 2>& working_mode) const {
+  /// Inverse kinematics [F17] in the working mode; the assembly mode follows. Empty: out of reach.
+  [[nodiscard]] std::optional<Pose> inverse(const Vec2<S>& effector, const Mode& mode) const {
     Pose p;
     for (int j = 0; j < 2; ++j) {
-      const auto leg = dyad_inverse(this->leg(j), this->frame(j).point_to_leg(effector), working_mode[j]);
+      const auto leg = dyad_inverse(this->leg(j), this->frame(j).point_to_leg(effector), mode.working[j]);
       if (!leg) return std::nullopt;
       p.leg[j] = *leg;
     }
@@ -123,11 +129,22 @@ class FiveBar : public Coupling<S, PointMass<S>, Dyad<S>, 2> {
     return out;
   }
 
+  /// (theta11, theta21), each in (-pi, pi].
+  [[nodiscard]] static Vec2<S> base_angles(const Pose& p) {
+    return {arc_tangent2(p.leg[0].turn[0].y(), p.leg[0].turn[0].x()),
+            arc_tangent2(p.leg[1].turn[0].y(), p.leg[1].turn[0].x())};
+  }
+
   /// sin theta_j2: 0 at a type-1 (serial) singularity.
   [[nodiscard]] static S sin_type1(const Pose& p, int leg) { return p.leg[leg].turn[1].y(); }
   [[nodiscard]] static S min_abs_sin_type1(const Pose& p) {
     const S a = magnitude(sin_type1(p, 0)), b = magnitude(sin_type1(p, 1));
     return a < b ? a : b;
+  }
+
+  [[nodiscard]] static S abs_sin_type2(const Pose& p) { return magnitude(p.sin_type2); }
+  [[nodiscard]] static bool in_working_mode(const Pose& p, const Mode& mode) {
+    return sin_type1(p, 0) * S(mode.working[0]) > S(0) && sin_type1(p, 1) * S(mode.working[1]) > S(0);
   }
 
   // ---- what a control law needs, the same names for every mechanism ------------------------------------------

@@ -16,10 +16,14 @@ class Rr {
   static constexpr int joints = 2;
   static constexpr int dof = 2;
   static constexpr int channels = Leg::channels;
-  static constexpr int motors_base = 2;
+  static constexpr bool has_type2 = false;
   using Independent = Vec2<S>;  ///< joint rates
   using Channels = typename Leg::Channels;
   using Rates = Vec2<S>;
+
+  struct Mode {
+    int working = 0;  ///< sign of sin theta_2, +1 or -1
+  };
 
   struct Pose {
     typename Leg::Pose arm{};
@@ -36,17 +40,23 @@ class Rr {
     p.effector = arm_.tip(p.arm);
     return p;
   }
-  /// Inverse kinematics; `working_mode` is the sign of sin theta_2. Empty: out of reach.
-  [[nodiscard]] std::optional<Pose> inverse(const Vec2<S>& effector, int working_mode) const {
-    const auto arm = dyad_inverse(arm_, effector, working_mode);
+  /// Inverse kinematics in the working mode. Empty: out of reach.
+  [[nodiscard]] std::optional<Pose> inverse(const Vec2<S>& effector, const Mode& mode) const {
+    const auto arm = dyad_inverse(arm_, effector, mode.working);
     if (!arm) return std::nullopt;
     return Pose{*arm, effector};
   }
   [[nodiscard]] static Vec2<S> angles(const Pose& p) {
     return {arc_tangent2(p.arm.turn[0].y(), p.arm.turn[0].x()), arc_tangent2(p.arm.turn[1].y(), p.arm.turn[1].x())};
   }
+  [[nodiscard]] static Vec2<S> base_angles(const Pose& p) { return angles(p); }
   [[nodiscard]] static S sin_type1(const Pose& p) { return p.arm.turn[1].y(); }
   static S min_abs_sin_type1(const Pose& p) { return sin_type1(p) < S(0) ? -sin_type1(p) : sin_type1(p); }
+
+  [[nodiscard]] static S abs_sin_type2(const Pose&) { return S(1); }
+  [[nodiscard]] static bool in_working_mode(const Pose& p, const Mode& mode) {
+    return sin_type1(p) * S(mode.working) > S(0);
+  }
 
   // ---- what a control law needs, the same names for every mechanism ------------------------------------------
 

@@ -174,7 +174,7 @@ class FiveBarCase {
     for (unsigned j = 0; j < 2; ++j) params.legs[j] = read_leg<S>(pn.at("legs").at(j));
     require_valid<S>(check(params), n);
     m_ = M(params);
-    for (int j = 0; j < 2; ++j) sigma_[j] = n.at("mode").at("sigma").at(static_cast<std::size_t>(j)).sign();
+    for (int j = 0; j < 2; ++j) sigma_.working[j] = n.at("mode").at("sigma").at(static_cast<std::size_t>(j)).sign();
     const Node state = n.at("state");
     const Vec2<S> x(state.number<S>("x"), state.number<S>("y"));
     const Vec2<S> v(state.number<S>("xd"), state.number<S>("yd"));
@@ -190,8 +190,7 @@ class FiveBarCase {
       r_.leg = {{rates.template head<2>(), rates.template tail<2>()}};
     }
     // Each form has a pole at the other's singularity; take the one that is further from its own.
-    const S type2 = p_.sin_type2 < S(0) ? -p_.sin_type2 : p_.sin_type2;
-    base_form_ = M::min_abs_sin_type1(p_) < type2;
+    base_form_ = M::min_abs_sin_type1(p_) < M::abs_sin_type2(p_);
   }
 
   Json evaluate() const {
@@ -327,7 +326,7 @@ class FiveBarCase {
 
   Node n_;
   M m_;
-  List<int, 2> sigma_{};
+  typename M::Mode sigma_{};
   typename M::Pose inverse_, p_;
   typename M::Rates r_;
   Vec<S, 4> theta_;

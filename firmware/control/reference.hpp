@@ -1,0 +1,171 @@
+#pragma once
+/// The reference motion, as a function of the tick number. Time is counted in ticks and phases in 2^-64 turns,
+/// so that a float controller neither drifts nor stutters after hours.
+
+#include <cstdint>
+#include <span>
+
+#include "firmware/numeric/elementary.hpp"
+#include "firmware/types.hpp"
+
+namespace esmc {
+
+/// An angle that grows by the same amount every tick, modulo one turn; unit 2^-64 turn.
+struct PhaseClock {
+  std::uint64_t start = 0, per_tick = 0;
+
+  /// rad, in [-pi, pi).
+  template <class S>
+  [[nodiscard]] S angle(std::uint32_t tick) const {
+    const auto phase = static_cast<std::int64_t>(start + per_tick * tick);
+    return S(phase >> 32) * S(6.283185307179586476925286766559L / 4294967296.0L);
+  }
+};
+
+/// Position, velocity and acceleration of two coordinates.
+template <class S>
+struct Motion2 {
+  Vec2<S> position = Vec2<S>::Zero();
+  Vec2<S> velocity = Vec2<S>::Zero();
+  Vec2<S> acceleration = Vec2<S>::Zero();
+};
+
+/// Fifth-order polynomial between two states, in the normalised time u = t / duration.
+template <class S>
+struct Quintic {
+  S duration{1};  ///< s, > 0
+  List<Vec2<S>, 6> c{};
+
+  [[nodiscard]] static Quintic between(const Motion2<S>& a, const Motion2<S>& b, S duration) {
+    const S d = duration, d2 = duration * duration;
+    const Vec2<S> p = b.position - a.position - a.velocity * d - a.acceleration * (d2 * S(0.5));
+    const Vec2<S> v = (b.velocity - a.velocity) * d - a.acceleration * d2;
+    const Vec2<S> w = (b.acceleration - a.acceleration) * d2;
+    return {duration,
+            {{a.position, a.velocity * d, a.acceleration * (d2 * S(0.5)), p * S(10) - v * S(4) + w * S(0.5),
+              p * S(-15) + v * S(7) - w, p * S(6) - v * S(3) + w * S(0.5)}}};
+  }
+  /// t is clamped to [0, duration].
+  [[nodiscard]] Motion2<S> at(S t) const {
+    const S u = t <= S(0) ? S(0) : (t >= duration ? S(1) : t / duration), r = S(1) / duration;
+    Motion2<S> m;
+    m.position = c[0] + (c[1] + (c[2] + (c[3] + (c[4] + c[5] * u) * u) * u) * u) * u;
+    m.velocity = (c[1] + (c[2] * S(2) + (c[3] * S(3) + (c[4] * S(4) + c[5] * (S(5) * u)) * u) * u) * u) * r;
+    m.acceleration =
+        (c[2] * S(2) + (c[3] * S(6) + (c[4] * S(12) + c[5] * (S(20) * u)) * u) * u) * (r * r);
+    return m;
+  }
+};
+
+/// A piece of a path: a quintic that starts `offset` seconds before tick `start_tick` (0 <= offset).
+template <class S>
+struct PathSegment {
+  std::uint32_t start_tick = 0;
+  S offset{};
+  Quintic<S> curve{};
+};
+
+enum class ReferenceKind : std::uint8_t {
+  hold_start,   ///< stay where the mechanism is when it starts to run
+  circle,       ///< centre + radius (cos, sin)(phase)
+  sine,         ///< per coordinate: offset + amplitude sin(phase_i)
+  path,         ///< quintic segments, then rest at the end (or again from the start with repeat_ticks)
+};
+enum class ReferenceSpace : std::uint8_t { effector, base_joints };
+
+template <class S>
+struct Reference {
+  ReferenceKind kind = ReferenceKind::hold_start;
+  ReferenceSpace space = ReferenceSpace::effector;
+  Vec2<S> centre = Vec2<S>::Zero();     ///< circle: m; sine: offset of each coordinate
+  Vec2<S> amplitude = Vec2<S>::Zero();  ///< circle: radius in both; sine: of each coordinate
+  Vec2<S> speed = Vec2<S>::Zero();      ///< rad/s, of each phase (the circle uses the first)
+  List<PhaseClock, 2> phase{};
+  std::span<const PathSegment<S>> path{};  ///< owned by the caller, ascending start_tick
+  std::uint32_t repeat_ticks = 0;          ///< length of one round of the path; 0: once
+
+  /// Motion at a tick. `sample_time` in s, > 0. hold_start and an empty path give the centre at rest.
+  [[nodiscard]] Motion2<S> at(std::uint32_t tick, S sample_time) const {
+    Motion2<S> m;
+    m.position = centre;
+    switch (kind) {
+      case ReferenceKind::hold_start: break;
+      case ReferenceKind::circle: {
+        const SinCos<S> t = sin_cos(phase[0].template angle<S>(tick));
+        const S r = amplitude[0], w = speed[0];
+        m.position += Vec2<S>(r * t.cos, r * t.sin);
+        m.velocity = Vec2<S>(-r * w * t.sin, r * w * t.cos);
+        m.acceleration = Vec2<S>(-r * w * w * t.cos, -r * w * w * t.sin);
+        break;
+      }
+      case ReferenceKind::sine:
+        for (int i = 0; i < 2; ++i) {
+          const SinCos<S> t = sin_cos(phase[i].template angle<S>(tick));
+          m.position[i] += amplitude[i] * t.sin;
+          m.velocity[i] = amplitude[i] * speed[i] * t.cos;
+          m.acceleration[i] = -amplitude[i] * speed[i] * speed[i] * t.sin;
+        }
+        break;
+      case ReferenceKind::path:
+        if (!path.empty()) m = along_path(tick, sample_time);
+        break;
+    }
+    return m;
+  }
+
+ private:
+  [[nodiscard]] Motion2<S> along_path(std::uint32_t tick, S sample_time) const {
+    if (repeat_ticks > 0) tick %= repeat_ticks;
+    std::size_t low = 0, high = path.size();  // the last segment that has begun: at most 32 halvings
+    while (high - low > 1) {
+      const std::size_t middle = low + (high - low) / 2;
+      (path[middle].start_tick <= tick ? low : high) = middle;
+    }
+    const PathSegment<S>& s = path[low];
+    const std::uint32_t since = tick >= s.start_tick ? tick - s.start_tick : 0;
+    return s.curve.at(S(since) * sample_time + s.offset);
+  }
+};
+
+/// A reference that is joined from where the mechanism was at tick 0: the offset (present minus reference) fades
+/// out along a quintic that starts with the present velocity and no jump in acceleration.
+template <class S>
+class JoinedReference {
+ public:
+  JoinedReference() = default;
+  JoinedReference(const Reference<S>& reference, std::uint32_t join_ticks, S sample_time)
+      : reference_(reference), join_ticks_(join_ticks), sample_time_(sample_time) {}
+
+  [[nodiscard]] const Reference<S>& reference() const { return reference_; }
+
+  /// Position and velocity in the reference's own space at tick 0.
+  void start(const Vec2<S>& position, const Vec2<S>& velocity) {
+    if (reference_.kind == ReferenceKind::hold_start) reference_.centre = position;
+    if (join_ticks_ == 0) return;
+    const Motion2<S> m = reference_.at(0, sample_time_);
+    Motion2<S> offset{position - m.position, velocity - m.velocity, -m.acceleration};
+    if (reference_.space == ReferenceSpace::base_joints) {
+      offset.position = Vec2<S>(wrap_to_pi(offset.position[0]), wrap_to_pi(offset.position[1]));
+    }
+    join_ = Quintic<S>::between(offset, {}, S(join_ticks_) * sample_time_);
+  }
+
+  [[nodiscard]] Motion2<S> at(std::uint32_t tick) const {
+    Motion2<S> m = reference_.at(tick, sample_time_);
+    if (tick < join_ticks_) {
+      const Motion2<S> offset = join_.at(S(tick) * sample_time_);
+      m.position += offset.position;
+      m.velocity += offset.velocity;
+      m.acceleration += offset.acceleration;
+    }
+    return m;
+  }
+
+ private:
+  Reference<S> reference_{};
+  std::uint32_t join_ticks_ = 0;
+  S sample_time_{1};
+  Quintic<S> join_{};
+};
+
+}  // namespace esmc

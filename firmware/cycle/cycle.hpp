@@ -1,0 +1,193 @@
+#pragma once
+/// The control cycle on a CAN bus: frames in, one tick of the controller, frames out.
+
+#include <array>
+#include <cstdint>
+
+#include "firmware/cycle/controller.hpp"
+#include "firmware/drive/odrive_axis.hpp"
+#include "hal/can.hpp"
+
+namespace esmc {
+
+/// What the cycle needs of a motor drive; `drive::OdriveAxis` is one.
+template <class D>
+concept Drive = requires(D& d, const D& c, const hal::CanFrame& f, void (*send)(const hal::CanFrame&)) {
+  d.begin_tick();
+  { static_cast<int>(d.receive(f)) };
+  { c.sample_age_ticks() } -> std::same_as<std::uint32_t>;
+  { c.heartbeat_age_ticks() } -> std::same_as<std::uint32_t>;
+  { c.ready() } -> std::same_as<bool>;
+  { c.idle() } -> std::same_as<bool>;
+  { c.error() } -> std::same_as<bool>;
+  { c.closed_loop() } -> std::same_as<bool>;
+  d.enable(send);
+  d.disable(send);
+};
+
+/// Losses that no caller can act on are counted, not printed.
+struct BusCounters {
+  std::uint32_t received = 0;       ///< frames of our axes
+  std::uint32_t not_mine = 0;       ///< frames of somebody else
+  std::uint32_t malformed = 0;      ///< frames of our axes with a wrong length or format
+  std::uint32_t sent = 0;
+  std::uint32_t send_failed = 0;    ///< queue full: the frame was dropped
+};
+
+template <class M, Drive D>
+class Cycle {
+ public:
+  using S = typename M::Scalar;
+  static constexpr int axes_max = M::joints;
+  static constexpr int frames_per_tick_max = 256;  ///< what one tick reads from the bus at most
+
+  struct Config {
+    ControllerConfig<M> controller{};
+    std::array<D, static_cast<unsigned>(axes_max)> axes{};  ///< one per joint with a motor or a sensor, in the order of the joints
+    int axis_count = 2;
+    std::uint32_t heartbeat_age_ticks_max = 0;
+  };
+
+  explicit Cycle(const Config& config)
+      : controller_(config.controller), axes_(config.axes), axis_count_(config.axis_count),
+        heartbeat_age_ticks_max_(config.heartbeat_age_ticks_max) {}
+
+  void command(Command c) { command_ = c; }
+  [[nodiscard]] const Supervisor& supervisor() const { return supervisor_; }
+  [[nodiscard]] const Controller<M>& controller() const { return controller_; }
+  [[nodiscard]] const BusCounters& counters() const { return counters_; }
+  [[nodiscard]] const Sample<M>& sample() const { return sample_; }
+  [[nodiscard]] const D& axis(int i) const { return axes_[static_cast<unsigned>(i)]; }
+
+  /// True when every axis has sent a sample since the last tick: in lockstep the time to tick.
+  [[nodiscard]] bool complete() const {
+    bool all = opened_;
+    for (int i = 0; i < axis_count_; ++i) all = all && axis(i).sample_age_ticks() == 0;
+    return all;
+  }
+
+  /// Takes what waits on the bus, at most frames_per_tick_max frames. May be called several times per tick.
+  template <hal::CanBus Bus>
+  void receive(Bus& bus) {
+    open();
+    hal::CanFrame f;
+    for (int n = 0; n < frames_per_tick_max && bus.try_receive(f); ++n) take(f);
+  }
+
+  /// One tick, read top to bottom: transitions, what the drives say, state to torque, torque to frames.
+  /// With `answer` false no torque frame is sent (lockstep: the set was not complete, nobody waits for one).
+  template <hal::CanBus Bus>
+  TickResult<M> tick(Bus& bus, bool answer = true) {
+    open();
+    supervisor_.begin_tick(command_, status());
+    command_ = Command::none;
+    supervisor_.raise(drive_fault());
+    gather();
+    const TickResult<M> result = controller_.tick(sample_, supervisor_);
+    transmit(bus, result, answer);
+    opened_ = false;
+    return result;
+  }
+
+ private:
+  /// The first call of a tick ages what is known.
+  void open() {
+    if (opened_) return;
+    for (int i = 0; i < axis_count_; ++i) axes_[static_cast<unsigned>(i)].begin_tick();
+    opened_ = true;
+  }
+
+  void take(const hal::CanFrame& f) {
+    for (int i = 0; i < axis_count_; ++i) {
+      switch (axes_[static_cast<unsigned>(i)].receive(f)) {
+        case drive::Received::accepted: ++counters_.received; return;
+        case drive::Received::malformed: ++counters_.malformed; malformed_ = true; return;
+        case drive::Received::not_mine: break;
+      }
+    }
+    ++counters_.not_mine;
+  }
+
+  [[nodiscard]] DriveStatus status() const {
+    DriveStatus s{true, true};
+    for (int i = 0; i < motor_count(); ++i) {
+      const D& a = axis(motor_axis(i));
+      s.all_ready = s.all_ready && a.ready();
+      s.all_idle = s.all_idle && a.idle();
+    }
+    return s;
+  }
+
+  /// What is wrong on the bus or in a drive, before anything is computed.
+  Fault drive_fault() {
+    const bool malformed = malformed_;
+    malformed_ = false;
+    if (bus_off_) return Fault::bus_off;
+    if (malformed) return Fault::malformed_frame;
+    if (!supervisor_.running()) return Fault::none;  // errors of a drive that is being enabled are expected
+    for (int i = 0; i < motor_count(); ++i) {
+      const D& a = axis(motor_axis(i));
+      if (a.error()) return Fault::drive_error;
+      if (!a.closed_loop()) return Fault::drive_disarmed;
+      if (a.heartbeat_age_ticks() > heartbeat_age_ticks_max_) return Fault::heartbeat_lost;
+    }
+    return Fault::none;
+  }
+
+  void gather() {
+    const auto& c = controller_.config();
+    for (int i = 0; i < c.sensor_count(); ++i) {
+      const int joint = ControllerConfig<M>::joint_of(i, c.sensor_count());
+      const D& a = axis(axis_of_joint(joint));
+      const auto s = a.template sample<S>();
+      sample_.angle[joint] = s.angle;
+      sample_.rate[joint] = s.rate;
+      sample_.age_ticks[static_cast<unsigned>(joint)] = a.sample_age_ticks();
+    }
+  }
+
+  template <hal::CanBus Bus>
+  void transmit(Bus& bus, const TickResult<M>& result, bool answer) {
+    const auto send = [&](const hal::CanFrame& f) { put(bus, f); };
+    for (int i = 0; i < motor_count(); ++i) {
+      D& a = axes_[static_cast<unsigned>(motor_axis(i))];
+      if (result.state == State::enabling) a.enable(send);
+      const bool leave = result.state == State::fault || result.state == State::stopping;
+      if (leave && !a.idle()) a.disable(send);
+      if (answer) send(a.torque_frame(result.torque[joint_of_motor(i)]));
+    }
+  }
+
+  template <hal::CanBus Bus>
+  void put(Bus& bus, const hal::CanFrame& f) {
+    switch (bus.try_send(f)) {
+      case hal::SendStatus::ok: ++counters_.sent; return;
+      case hal::SendStatus::bus_off: bus_off_ = true; break;
+      case hal::SendStatus::bus_full:
+      case hal::SendStatus::refused: break;
+    }
+    ++counters_.send_failed;
+  }
+
+  [[nodiscard]] int motor_count() const { return controller_.config().motor_count(); }
+  [[nodiscard]] int joint_of_motor(int i) const { return ControllerConfig<M>::joint_of(i, motor_count()); }
+  /// Axes stand in the order of the joints that have one: those of the base only, or all.
+  [[nodiscard]] int axis_of_joint(int joint) const {
+    return axis_count_ == M::joints ? joint : joint / (M::joints / 2);
+  }
+  [[nodiscard]] int motor_axis(int i) const { return axis_of_joint(joint_of_motor(i)); }
+
+  Controller<M> controller_{};
+  Supervisor supervisor_{};
+  std::array<D, static_cast<unsigned>(axes_max)> axes_{};
+  int axis_count_;
+  std::uint32_t heartbeat_age_ticks_max_;
+  Command command_ = Command::none;
+  Sample<M> sample_{};
+  BusCounters counters_{};
+  bool opened_ = false;
+  bool malformed_ = false;
+  bool bus_off_ = false;
+};
+
+}  // namespace esmc

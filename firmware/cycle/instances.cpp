@@ -1,0 +1,14 @@
+#include "firmware/cycle/instances.hpp"
+
+namespace esmc {
+
+template class Controller<FiveBar<double>>;
+template class Controller<FiveBar<float>>;
+template class Controller<Rr<double>>;
+template class Controller<Rr<float>>;
+template class Cycle<FiveBar<double>, drive::OdriveAxis>;
+template class Cycle<FiveBar<float>, drive::OdriveAxis>;
+template class Cycle<Rr<double>, drive::OdriveAxis>;
+template class Cycle<Rr<float>, drive::OdriveAxis>;
+
+}  // namespace esmc

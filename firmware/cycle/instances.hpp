@@ -1,0 +1,20 @@
+#pragma once
+/// The controllers that exist: every mechanism in both scalar types, compiled once into the control archive.
+
+#include "firmware/cycle/cycle.hpp"
+
+namespace esmc {
+
+template <class M>
+using OdriveCycle = Cycle<M, drive::OdriveAxis>;
+
+extern template class Controller<FiveBar<double>>;
+extern template class Controller<FiveBar<float>>;
+extern template class Controller<Rr<double>>;
+extern template class Controller<Rr<float>>;
+extern template class Cycle<FiveBar<double>, drive::OdriveAxis>;
+extern template class Cycle<FiveBar<float>, drive::OdriveAxis>;
+extern template class Cycle<Rr<double>, drive::OdriveAxis>;
+extern template class Cycle<Rr<float>, drive::OdriveAxis>;
+
+}  // namespace esmc

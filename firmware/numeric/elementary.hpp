@@ -1,0 +1,298 @@
+#pragma once
+/// Sine, cosine, arc tangent and hyperbolic tangent in float and double, the same bits on every target.
+///
+/// The C library's versions differ between host and boards. These use only operations that IEEE 754 rounds
+/// exactly (+ - * / sqrt) and bit moves, so gcc, clang, x86 and ARM agree bit for bit, provided that the code
+/// is built with -ffp-contract=off, without fast-math, and runs in the default state of the FPU: rounding to
+/// nearest, subnormal numbers kept. The bits of a NaN are the one thing that may differ.
+///
+/// Largest errors, asserted by tests/unit/elementary_test.cpp, in ulp of the exact result:
+///   sin_cos 0.9; wrap_to_pi 0.6, and 1.3 where the result is pi for want of a number closer to -pi;
+///   in float both have 2^-53 |angle| more, which shows only next to the zeros of the result;
+///   arc_tangent2 1.7; hyperbolic_tangent 1.8.
+///
+/// The functions take float and double only. Templates over other scalar types should call them unqualified,
+/// so that such a type can bring its own.
+///
+/// Every fitted or split constant below is printed by elementary_coefficients.py, next to this file.
+
+#include <array>
+#include <bit>
+#include <cfloat>
+#include <cmath>
+#include <concepts>
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+
+static_assert(FLT_EVAL_METHOD == 0 || FLT_EVAL_METHOD == 16, "float and double need their own precision");
+#ifdef __FAST_MATH__
+#error "elementary.hpp depends on the order of floating-point operations"
+#endif
+
+namespace esmc {
+
+template <class S>
+concept BinaryFloat = std::same_as<S, float> || std::same_as<S, double>;
+
+template <class S>
+struct SinCos {
+  S sin;
+  S cos;
+};
+
+namespace ieee {
+
+/// c0 + z (c1 + z (c2 + ...)). Overlapping shorter chains took longer on x86, and rounded worse.
+template <std::size_t I = 0, class S, std::size_t N>
+[[nodiscard]] constexpr S horner(S z, const std::array<S, N>& c) {
+  if constexpr (I + 1 == N) {
+    return c[I];
+  } else {
+    return c[I] + z * horner<I + 1>(z, c);
+  }
+}
+
+/// A number close to an exact constant: head + tail.
+template <class S>
+struct Split {
+  S head;
+  S tail;
+};
+
+template <class S>
+struct Constants;
+
+template <>
+struct Constants<float> {
+  using Bits = std::uint32_t;
+  static constexpr float kToInteger = 0x1.8p23F;  // adding it leaves a rounded integer in the low bits
+
+  static constexpr float kLargestAngle = 1e3F;  // at most 637 quadrants: 10 bits, and 14 in each part
+  static constexpr float kQuadrantsPerRadian = 0x1.45f306p-1F;
+  static constexpr std::array kHalfPi{0x1.9218p+0F, 0x1.ed5p-14F, 0x1.10b462p-30F};
+  static constexpr Split<float> kPi{0x1.921fb6p+1F, -0x1.777a5cp-24F};
+
+  static constexpr float kTanhIsOne = 10.0F;  // at most 29 steps of ln2 / 2: 5 bits, and 16 in the head
+  static constexpr float kHalfOctavesPerUnit = 0x1.715476p+1F;
+  static constexpr Split<float> kHalfLn2{0x1.62e4p-2F, 0x1.7f7d1cp-21F};
+
+  static constexpr float kSafe = 0x1p+80F;  // numbers from 1 / kSafe to kSafe may be added and divided
+  // clang-format off
+  static constexpr std::array kAtanHead{
+      0.0F, 0x1.dac67p-2F, 0x1.921fb6p-1F, 0x1.921fb6p+0F, 0x1.1b6e1ap+0F, 0x1.921fb6p-1F,
+      0x1.921fb6p+1F, 0x1.56c6e8p+1F, 0x1.2d97c8p+1F, 0x1.921fb6p+0F, 0x1.0468a8p+1F, 0x1.2d97c8p+1F};
+  static constexpr std::array kAtanTail{
+      0.0F, 0x1.586ed4p-28F, -0x1.777a5cp-26F, -0x1.777a5cp-25F, -0x1.a28838p-25F, -0x1.777a5cp-26F,
+      -0x1.777a5cp-24F, -0x1.8d014ap-24F, -0x1.99bc5cp-28F, -0x1.777a5cp-25F, 0x1.59c9bep-24F, -0x1.99bc5cp-28F};
+  // clang-format on
+
+  static constexpr std::array kSine{0x1.55554ep-3F, -0x1.110a74p-7F, 0x1.9a3f3ep-13F};
+  static constexpr std::array kCosine{0x1.555552p-5F, -0x1.6c1174p-10F, 0x1.9b69a8p-16F};
+  static constexpr std::array kTanh{0x1.55553cp-2F, -0x1.6af1c4p-6F};
+  static constexpr std::array kAtan{0x1.555552p-2F, -0x1.999416p-3F, 0x1.2360ccp-3F, -0x1.94da74p-4F};
+};
+
+template <>
+struct Constants<double> {
+  using Bits = std::uint64_t;
+  static constexpr double kToInteger = 0x1.8p52;
+
+  static constexpr double kLargestAngle = 1e4;  // at most 6368 quadrants: 13 bits, and 40 in each part
+  static constexpr double kQuadrantsPerRadian = 0x1.45f306dc9c883p-1;
+  static constexpr std::array kHalfPi{0x1.921fb54442p+0, 0x1.a308d31318p-41, 0x1.8a2e03707344ap-81};
+  static constexpr Split<double> kPi{0x1.921fb54442d18p+1, 0x1.1a62633145c07p-53};
+
+  static constexpr double kTanhIsOne = 20.0;  // at most 58 steps of ln2 / 2: 6 bits, and 44 in the head
+  static constexpr double kHalfOctavesPerUnit = 0x1.71547652b82fep+1;
+  static constexpr Split<double> kHalfLn2{0x1.62e42fefa38p-2, 0x1.ef35793c7673p-46};
+
+  static constexpr double kSafe = 0x1p+400;  // numbers from 1 / kSafe to kSafe may be added and divided
+  // clang-format off
+  static constexpr std::array kAtanHead{
+      0.0, 0x1.dac670561bb4fp-2, 0x1.921fb54442d18p-1,
+      0x1.921fb54442d18p+0, 0x1.1b6e192ebbe44p+0, 0x1.921fb54442d18p-1,
+      0x1.921fb54442d18p+1, 0x1.56c6e7397f5aep+1, 0x1.2d97c7f3321d2p+1,
+      0x1.921fb54442d18p+0, 0x1.0468a8ace4df6p+1, 0x1.2d97c7f3321d2p+1};
+  static constexpr std::array kAtanTail{
+      0.0, 0x1.a2b7f222f65e2p-56, 0x1.1a62633145c07p-55,
+      0x1.1a62633145c07p-54, 0x1.b1b466a88828ep-54, 0x1.1a62633145c07p-55,
+      0x1.1a62633145c07p-53, 0x1.660b64ece6f4bp-53, 0x1.a79394c9e8a0ap-54,
+      0x1.1a62633145c07p-54, 0x1.0620bf7406affp-55, 0x1.a79394c9e8a0ap-54};
+  // clang-format on
+
+  static constexpr std::array kSine{0x1.555555555554bp-3,   -0x1.111111110fdc3p-7, 0x1.a01a019ccf433p-13,
+                                    -0x1.71de362375954p-19, 0x1.ae5eee577f3acp-26, -0x1.5dba5124b5baap-33};
+  static constexpr std::array kCosine{0x1.5555555555553p-5,   -0x1.6c16c16c1626ep-10, 0x1.a01a019e744c8p-16,
+                                      -0x1.27e4f95e26f22p-22, 0x1.1eeada74159e4p-29,  -0x1.902cc893dc62p-37};
+  static constexpr std::array kTanh{0x1.5555555555547p-2, -0x1.6c16c16bf8f65p-6, 0x1.1566ab1fc457ap-9,
+                                    -0x1.bbd493ed1fae2p-13, 0x1.63abd4cabc72ep-16};
+  static constexpr std::array kAtan{0x1.55555555553fcp-2,  -0x1.9999999959456p-3, 0x1.249248ff018e8p-3,
+                                    -0x1.c71c5b1a56a98p-4, 0x1.74592b57356dfp-4,  -0x1.3aac4aba54a16p-4,
+                                    0x1.0ac5675944ea1p-4,  -0x1.75263223d0a69p-5};
+};
+
+template <class S>
+using BitsOf = typename Constants<S>::Bits;
+
+template <class S>
+inline constexpr BitsOf<S> kSign = BitsOf<S>{1} << (sizeof(S) * 8 - 1);
+
+template <class S>
+[[nodiscard]] constexpr BitsOf<S> bits(S value) {
+  return std::bit_cast<BitsOf<S>>(value);
+}
+
+template <class S>
+[[nodiscard]] constexpr S from_bits(BitsOf<S> pattern) {
+  return std::bit_cast<S>(pattern);
+}
+
+/// angle - quadrants * pi / 2 as head - tail, the tail below the last place of the head. With |quadrants|
+/// below its limit and the difference near pi at most the products with the first two parts and the first
+/// subtraction are exact. The tail recovers what the other steps round off, so the head may cancel down to
+/// its last bits.
+template <class S>
+[[nodiscard]] constexpr Split<S> minus_quadrants(S angle, S quadrants) {
+  const auto& half_pi = Constants<S>::kHalfPi;
+  const S first = angle - quadrants * half_pi[0];
+  const S second = quadrants * half_pi[1];
+  const S third = quadrants * half_pi[2];
+  const S head = first - (second + third);
+  return {head, third - ((first - head) - second)};
+}
+
+}  // namespace ieee
+
+template <BinaryFloat S>
+[[nodiscard]] inline S square_root(S value) {
+  return std::sqrt(value);
+}
+
+/// Both NaN when |angle| > 1e4 (double), > 1e3 (float), or when it is not finite.
+template <BinaryFloat S>
+[[nodiscard]] inline SinCos<S> sin_cos(S angle) {
+  using C = ieee::Constants<S>;
+  using Bits = ieee::BitsOf<S>;
+  if (!(std::fabs(angle) <= C::kLargestAngle)) {
+    return {std::numeric_limits<S>::quiet_NaN(), std::numeric_limits<S>::quiet_NaN()};
+  }
+  const S shifted = angle * C::kQuadrantsPerRadian + C::kToInteger;
+  const Bits quadrant = ieee::bits(shifted);  // modulo 4; the constant added is a multiple of it
+  const auto [r, tail] = ieee::minus_quadrants(angle, shifted - C::kToInteger);
+
+  const S z = r * r;
+  const S half = S(0.5) * z;
+  const S rough = S(1) - half;
+  // sin(r - tail) = r - r^3 (1/6 - ...) - tail cos r
+  // cos(r - tail) = 1 - r^2 / 2 + r^4 (1/24 - ...) + tail sin r, r standing for sin r
+  const S sine = r - (tail * rough + r * z * ieee::horner(z, C::kSine));
+  // (1 - rough) - half is what rounding took from `rough`.
+  const S cosine = rough + (((S(1) - rough) - half) + (z * z * ieee::horner(z, C::kCosine) + r * tail));
+
+  const Bits s = ieee::bits(sine);
+  const Bits c = ieee::bits(cosine);
+  const Bits swap = (s ^ c) & (Bits{0} - (quadrant & 1U));  // odd quadrants exchange the two
+  constexpr int kToSign = static_cast<int>(sizeof(S)) * 8 - 2;
+  const Bits sine_sign = (quadrant << kToSign) & ieee::kSign<S>;
+  const Bits cosine_sign = ((quadrant + 1U) << kToSign) & ieee::kSign<S>;
+  return {ieee::from_bits<S>(s ^ swap ^ sine_sign), ieee::from_bits<S>(c ^ swap ^ cosine_sign)};
+}
+
+/// Direction of the vector (x, y), in [-pi, pi]; zeros and infinities as the C function treats them.
+/// NaN when either is NaN.
+template <BinaryFloat S>
+[[nodiscard]] inline S arc_tangent2(S y, S x) {
+  using C = ieee::Constants<S>;
+  using Bits = ieee::BitsOf<S>;
+  const S ay = std::fabs(y);
+  const S ax = std::fabs(x);
+  const bool steep = ay > ax;
+  S large = steep ? ay : ax;
+  S small = steep ? ax : ay;
+  if (!(large >= S(1) / C::kSafe && large <= C::kSafe)) {  // rare: keep the sums below in range
+    if (large == S(0)) {
+      large = S(1);
+    } else if (large > std::numeric_limits<S>::max()) {
+      small = small > std::numeric_limits<S>::max() ? S(1) : small * S(0);
+      large = S(1);
+    } else {
+      const S factor = large < S(1) ? C::kSafe : S(1) / C::kSafe;
+      large *= factor;
+      small *= factor;
+    }
+  }
+  // Turned back by the arc tangent of 0, 1/2 or 1, which leaves |t| < 0.258; `small - centre * large` is
+  // exact, as the two are within a factor of two of each other. The first bound lies just beyond tan(1/4):
+  // the sum that cancels most, below, then has a result twice as coarse.
+  const int step =
+      static_cast<int>(small > S(0.2578125) * large) + static_cast<int>(small > S(0.71875) * large);
+  const S centre = S(0.5) * static_cast<S>(step);
+  const S t = (small - centre * large) / (large + centre * small);
+  const S z = t * t;
+  const S turn = t - t * z * ieee::horner(z, C::kAtan);
+
+  // atan t is added to, or if mirrored taken from, the direction of the centre: rows 0 to 2 for x > 0, 3 to 5
+  // seen from the y axis, 6 to 11 the same for x < 0.
+  const Bits left = ieee::bits(x) & ieee::kSign<S>;
+  const auto row = static_cast<std::size_t>(step) + (steep ? 3U : 0U) + (left != 0U ? 6U : 0U);
+  const Bits mirrored = left ^ (steep ? ieee::kSign<S> : Bits{0});
+  const S angle = C::kAtanHead[row] + (C::kAtanTail[row] + ieee::from_bits<S>(ieee::bits(turn) ^ mirrored));
+  return ieee::from_bits<S>(ieee::bits(angle) ^ (ieee::bits(y) & ieee::kSign<S>));
+}
+
+/// Odd, NaN for NaN, exactly +-1 from |x| = 19.1 (double) or 9.1 (float) on.
+template <BinaryFloat S>
+[[nodiscard]] inline S hyperbolic_tangent(S x) {
+  using C = ieee::Constants<S>;
+  using Bits = ieee::BitsOf<S>;
+  using Limits = std::numeric_limits<S>;
+  S a = std::fabs(x);
+  a = a > C::kTanhIsOne ? C::kTanhIsOne : a;  // keeps NaN
+  const S shifted = a * C::kHalfOctavesPerUnit + C::kToInteger;
+  const S octaves = shifted - C::kToInteger;
+  const S power = ieee::from_bits<S>((ieee::bits(shifted) + Bits{Limits::max_exponent - 1})
+                                     << (Limits::digits - 1));  // 2^octaves
+
+  // a = octaves * ln2 / 2 + r + lost: the first product is exact, `lost` is what the difference rounds off.
+  // With h = r coth r - 1 the addition theorem gives
+  //   tanh a = ((power - 1) (1 + h) + (power + 1) r) / ((power + 1) (1 + h) + (power - 1) r).
+  // Taking `guess` out of the fraction, exactly, leaves a small one whose rounding errors hardly count.
+  const S first = a - octaves * C::kHalfLn2.head;
+  const S second = octaves * C::kHalfLn2.tail;
+  const S r = first - second;
+  const S lost = (first - r) - second;
+  const S z = r * r;
+  const S h = z * ieee::horner(z, C::kTanh);
+  const S guess = S(0.25) * (octaves < S(4) ? octaves : S(4));
+  const S grown = (S(1) - guess) * power;
+  const S less = grown - (S(1) + guess);
+  const S more = grown + (S(1) + guess);
+  const S above = power + S(1);
+  const S below = power - S(1);
+  return std::copysign(
+      guess + (less + (more * r + (more * lost + less * h))) / (above + (below * r + above * h)), x);
+}
+
+/// The angle in (-pi, pi], pi rounded to S; one already there comes back unchanged.
+/// NaN when |angle| > 1e4 (double), > 1e3 (float), or when it is not finite.
+template <BinaryFloat S>
+[[nodiscard]] inline S wrap_to_pi(S angle) {
+  using C = ieee::Constants<S>;
+  constexpr S kPi = C::kPi.head;
+  if (angle > -kPi && angle <= kPi) {
+    return angle;
+  }
+  if (!(std::fabs(angle) <= C::kLargestAngle)) {
+    return std::numeric_limits<S>::quiet_NaN();
+  }
+  const S turns = (S(0.25) * C::kQuadrantsPerRadian * angle + C::kToInteger) - C::kToInteger;
+  ieee::Split<S> rest = ieee::minus_quadrants(angle, S(4) * turns);
+  if (std::fabs(rest.head - rest.tail) > kPi) {  // `turns` was rounded to the other side of the cut
+    rest = ieee::minus_quadrants(angle, S(4) * (turns + std::copysign(S(1), rest.head)));
+  }
+  const S wrapped = rest.head - rest.tail;
+  return wrapped > -kPi ? wrapped : kPi;
+}
+
+}  // namespace esmc
