@@ -18,7 +18,11 @@ struct PhaseClock {
   template <class S>
   [[nodiscard]] S angle(std::uint32_t tick) const {
     const auto phase = static_cast<std::int64_t>(start + per_tick * tick);
-    return S(phase >> 32) * S(6.283185307179586476925286766559L / 4294967296.0L);
+    if constexpr (sizeof(S) >= sizeof(std::int64_t)) {
+      return S(phase) * S(6.283185307179586476925286766559L / 18446744073709551616.0L);
+    } else {  // 32 bits are more than a float keeps, and a board converts them in one instruction
+      return S(static_cast<std::int32_t>(phase >> 32)) * S(6.283185307179586476925286766559L / 4294967296.0L);
+    }
   }
 };
 

@@ -79,12 +79,14 @@ class Cycle {
   template <hal::CanBus Bus>
   TickResult<M> tick(Bus& bus, bool answer = true) {
     open();
-    supervisor_.begin_tick(command_, status());
+    // The drives' word of the tick before: a tick in which the last axis confirms is still one of enabling.
+    supervisor_.begin_tick(command_, status_);
     command_ = Command::none;
     supervisor_.raise(drive_fault());
     gather();
     const TickResult<M> result = controller_.tick(sample_, supervisor_);
     transmit(bus, result, answer);
+    status_ = status();
     opened_ = false;
     return result;
   }
@@ -183,6 +185,7 @@ class Cycle {
   int axis_count_;
   std::uint32_t heartbeat_age_ticks_max_;
   Command command_ = Command::none;
+  DriveStatus status_{};
   Sample<M> sample_{};
   BusCounters counters_{};
   bool opened_ = false;

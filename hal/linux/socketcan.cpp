@@ -1,0 +1,111 @@
+#include "hal/linux/socketcan.hpp"
+
+#include <linux/can.h>
+#include <linux/can/error.h>
+#include <linux/can/raw.h>
+#include <net/if.h>
+#include <sys/ioctl.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstring>
+#include <utility>
+
+namespace esmc::hal {
+
+SocketCan SocketCan::open(const std::string& interface, std::error_code& error) {
+  const auto fail = [&](int code) {
+    error = std::error_code(code, std::generic_category());
+    return SocketCan(-1);
+  };
+  error.clear();
+  if (interface.empty() || interface.size() >= IFNAMSIZ) return fail(ENODEV);
+  SocketCan s(::socket(PF_CAN, SOCK_RAW | SOCK_NONBLOCK | SOCK_CLOEXEC, CAN_RAW));
+  if (!s.is_open()) return fail(errno);
+  // Both are optional: a classic-only interface refuses FD frames later, one by one.
+  const int on = 1;
+  const can_err_mask_t errors = CAN_ERR_BUSOFF | CAN_ERR_RESTARTED;
+  (void)::setsockopt(s.fd_, SOL_CAN_RAW, CAN_RAW_FD_FRAMES, &on, sizeof on);
+  (void)::setsockopt(s.fd_, SOL_CAN_RAW, CAN_RAW_ERR_FILTER, &errors, sizeof errors);
+
+  ifreq request{};
+  interface.copy(request.ifr_name, IFNAMSIZ - 1);
+  if (::ioctl(s.fd_, SIOCGIFINDEX, &request) < 0) return fail(errno);
+  const int index = request.ifr_ifindex;
+  if (::ioctl(s.fd_, SIOCGIFFLAGS, &request) < 0) return fail(errno);
+  if ((request.ifr_flags & IFF_UP) == 0) return fail(ENETDOWN);
+  sockaddr_can address{};
+  address.can_family = AF_CAN;
+  address.can_ifindex = index;
+  if (::bind(s.fd_, reinterpret_cast<const sockaddr*>(&address), sizeof address) < 0) return fail(errno);
+  return s;
+}
+
+SocketCan& SocketCan::operator=(SocketCan&& other) noexcept {
+  std::swap(fd_, other.fd_);
+  bus_off_ = other.bus_off_;
+  return *this;
+}
+
+SocketCan::~SocketCan() {
+  if (fd_ >= 0) ::close(fd_);
+}
+
+SendStatus SocketCan::try_send(const CanFrame& f) {
+  if (!well_formed(f)) return SendStatus::refused;
+  if (bus_off_) return SendStatus::bus_off;
+  // Flags live in the identifier's upper bits on this side of the border, and only here.
+  canid_t id = f.id;
+  if (f.extended) id |= CAN_EFF_FLAG;
+  if (f.remote) id |= CAN_RTR_FLAG;
+  ssize_t written = 0, size = 0;
+  if (f.fd) {
+    canfd_frame raw{};
+    raw.can_id = id;
+    raw.len = f.size;
+    raw.flags = f.bit_rate_switch ? CANFD_BRS : 0;
+    std::copy_n(f.data.begin(), f.size, raw.data);
+    size = sizeof raw;
+    written = ::send(fd_, &raw, sizeof raw, MSG_DONTWAIT | MSG_NOSIGNAL);
+  } else {
+    can_frame raw{};
+    raw.can_id = id;
+    raw.len = f.size;
+    std::copy_n(f.data.begin(), f.size, raw.data);
+    size = sizeof raw;
+    written = ::send(fd_, &raw, sizeof raw, MSG_DONTWAIT | MSG_NOSIGNAL);
+  }
+  if (written == size) return SendStatus::ok;
+  if (errno == EAGAIN || errno == EWOULDBLOCK || errno == ENOBUFS || errno == EINTR) return SendStatus::bus_full;
+  if (errno == EINVAL || errno == EMSGSIZE) return SendStatus::refused;  // FD on a classic interface
+  return SendStatus::bus_off;  // interface down or gone: nothing will get out any more
+}
+
+bool SocketCan::try_receive(CanFrame& f) {
+  for (int skipped = 0; skipped < 64; ++skipped) {  // a flood of error frames must not hold the caller
+    canfd_frame raw{};
+    const ssize_t n = ::recv(fd_, &raw, sizeof raw, MSG_DONTWAIT);
+    const bool fd = n == static_cast<ssize_t>(CANFD_MTU);
+    if (!fd && n != static_cast<ssize_t>(CAN_MTU)) return false;
+    if ((raw.can_id & CAN_ERR_FLAG) != 0U) {
+      if ((raw.can_id & CAN_ERR_BUSOFF) != 0U) bus_off_ = true;
+      continue;
+    }
+    CanFrame out;
+    out.extended = (raw.can_id & CAN_EFF_FLAG) != 0U;
+    out.remote = (raw.can_id & CAN_RTR_FLAG) != 0U;
+    out.id = raw.can_id & (out.extended ? CAN_EFF_MASK : CAN_SFF_MASK);
+    out.fd = fd;
+    out.bit_rate_switch = fd && (raw.flags & CANFD_BRS) != 0;
+    out.size = raw.len;
+    if (!well_formed(out)) continue;
+    std::copy_n(raw.data, out.size, out.data.begin());
+    f = out;
+    return true;
+  }
+  return false;
+}
+
+}  // namespace esmc::hal

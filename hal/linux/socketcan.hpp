@@ -1,0 +1,41 @@
+#pragma once
+/// SocketCAN: the Linux kernel's CAN as a CanBus. Non-blocking; classic and FD frames.
+
+#include <string>
+#include <system_error>
+
+#include "hal/can.hpp"
+
+namespace esmc::hal {
+
+class SocketCan {
+ public:
+  /// Opens a raw socket on an interface ("can0", "vcan0"). On failure `error` says why and is_open() is false:
+  /// no_such_device (no such interface), network_down, not_supported (this kernel has no CAN), ...
+  static SocketCan open(const std::string& interface, std::error_code& error);
+
+  /// Adopts a descriptor that carries struct canfd_frame or can_frame per packet; the tests use a socket pair.
+  explicit SocketCan(int fd) : fd_(fd) {}
+  SocketCan(SocketCan&& other) noexcept : fd_(other.fd_), bus_off_(other.bus_off_) { other.fd_ = -1; }
+  SocketCan& operator=(SocketCan&& other) noexcept;
+  SocketCan(const SocketCan&) = delete;
+  SocketCan& operator=(const SocketCan&) = delete;
+  ~SocketCan();
+
+  [[nodiscard]] bool is_open() const { return fd_ >= 0; }
+  [[nodiscard]] int descriptor() const { return fd_; }
+
+  [[nodiscard]] SendStatus try_send(const CanFrame& f);
+  /// Error frames are taken in: bus-off makes every later try_send say so until recover().
+  [[nodiscard]] bool try_receive(CanFrame& f);
+  /// The controller has been restarted (ip link set ... up); an operator's decision, never automatic.
+  void recover() { bus_off_ = false; }
+
+ private:
+  int fd_ = -1;
+  bool bus_off_ = false;
+};
+
+static_assert(CanBus<SocketCan>);
+
+}  // namespace esmc::hal

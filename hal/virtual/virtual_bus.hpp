@@ -1,0 +1,64 @@
+#pragma once
+/// A CAN bus inside one process: every frame reaches every other port, in the order of sending, at once.
+/// Deterministic; no threads, no time.
+
+#include <array>
+#include <cstddef>
+
+#include "hal/can.hpp"
+
+namespace esmc::hal {
+
+template <std::size_t Ports>
+class VirtualBus {
+ public:
+  /// One node's connection. Holds up to `capacity` frames; a sender learns when a receiver is full.
+  class Port {
+   public:
+    static constexpr std::size_t capacity = 256;
+
+    [[nodiscard]] SendStatus try_send(const CanFrame& f) { return bus_->send(*this, f); }
+    [[nodiscard]] bool try_receive(CanFrame& f) {
+      if (count_ == 0) return false;
+      f = queue_[first_];
+      first_ = (first_ + 1) % capacity;
+      --count_;
+      return true;
+    }
+    [[nodiscard]] std::size_t waiting() const { return count_; }
+
+   private:
+    friend class VirtualBus;
+    VirtualBus* bus_ = nullptr;
+    std::array<CanFrame, capacity> queue_{};
+    std::size_t first_ = 0, count_ = 0;
+  };
+
+  VirtualBus() {
+    for (Port& p : ports_) p.bus_ = this;
+  }
+  VirtualBus(const VirtualBus&) = delete;
+  VirtualBus& operator=(const VirtualBus&) = delete;
+
+  [[nodiscard]] Port& port(std::size_t i) { return ports_[i]; }
+
+ private:
+  SendStatus send(const Port& from, const CanFrame& f) {
+    if (!well_formed(f)) return SendStatus::refused;
+    for (const Port& p : ports_) {
+      if (&p != &from && p.count_ == Port::capacity) return SendStatus::bus_full;
+    }
+    for (Port& p : ports_) {
+      if (&p == &from) continue;
+      p.queue_[(p.first_ + p.count_) % Port::capacity] = f;
+      ++p.count_;
+    }
+    return SendStatus::ok;
+  }
+
+  std::array<Port, Ports> ports_{};
+};
+
+static_assert(CanBus<VirtualBus<2>::Port>);
+
+}  // namespace esmc::hal

@@ -1,0 +1,177 @@
+#include "host_sim/commands/check.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "host_sim/loop/bus_load.hpp"
+#include "host_sim/commands/recorder.hpp"
+
+namespace esmc::host {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+/// Smallest margins and largest demands along the reference, for the true mechanism.
+struct Margins {
+  double sin_type1 = 1.0, sin_type2 = 1.0;
+  double joint_speed = 0.0;
+  std::vector<double> torque;   ///< largest per motor, N m
+  std::string unreachable;      ///< when the reference cannot be followed
+};
+
+template <class World>
+Margins margins(const Scene& scene) {
+  using M = typename World::Mechanism;
+  Margins out;
+  out.torque.assign(static_cast<std::size_t>(scene.motors()), 0.0);
+  if (scene.reference.type == ReferenceType::none) return out;
+  FiveBarParams<double> truth = scene.mechanism;
+  if (const auto f = find_effect<ViscousFriction>(scene.effects)) {
+    for (std::size_t j = 0; j < 2; ++j) {
+      truth.legs[j].d1 = f->coefficient[2 * j];
+      truth.legs[j].d2 = f->coefficient[2 * j + 1];
+    }
+  }
+  const M m = make_mechanism(truth, static_cast<M*>(nullptr));
+  const typename M::Mode mode = mode_of(scene, static_cast<M*>(nullptr));
+  const ReferenceBundle<double> bundle = make_reference(scene, Pacing::lockstep);
+  Reference<double> reference = bundle.get();
+  if (reference.kind == ReferenceKind::hold_start) {
+    const M start(make_mechanism(truth, static_cast<M*>(nullptr)));
+    Vec<double, M::joints> q;
+    for (int i = 0; i < M::joints; ++i) q[i] = scene.start_angle[static_cast<std::size_t>(i)];
+    reference.centre = start.pose(q).effector;
+  }
+  const std::uint32_t ticks = std::min<std::uint32_t>(tick_count(scene), 2'000'000U);
+  for (std::uint32_t n = 0; n < ticks; ++n) {
+    const Motion2<double> r = reference.at(n, scene.tick());
+    const auto d = reference.space == ReferenceSpace::effector
+                       ? desired_at_effector(m, mode, r.position, r.velocity, r.acceleration)
+                       : desired_at_base(m, mode, r.position, r.velocity, r.acceleration);
+    if (!d) {
+      out.unreachable = fmt::format("the reference leaves the reach of the mechanism at t = {:.3f} s", n * scene.tick());
+      return out;
+    }
+    out.sin_type1 = std::min(out.sin_type1, M::min_abs_sin_type1(d->pose));
+    out.sin_type2 = std::min(out.sin_type2, M::abs_sin_type2(d->pose));
+    const Vec2<double> rate = M::base(d->rates);
+    out.joint_speed = std::max({out.joint_speed, std::abs(rate[0]), std::abs(rate[1])});
+    const auto w = m.force(m.channel_accelerations(d->pose, d->rates, d->acceleration), d->rates);
+    Vec<double, M::joints> tau = Vec<double, M::joints>::Zero();
+    bool allocated = false;
+    if constexpr (M::joints == 4) {
+      if (scene.all_motors) {
+        tau = allocate_all(m, d->pose, w, Vec<double, 4>::Ones().eval());
+        allocated = true;
+      }
+    }
+    if (!allocated) {
+      const Vec2<double> base = m.base_torque(d->pose, w);
+      for (int i = 0; i < 2; ++i) tau[ControllerConfig<M>::joint_of(i, 2)] = base[i];
+    }
+    for (std::size_t i = 0; i < out.torque.size(); ++i) {
+      const double t = std::abs(tau[ControllerConfig<M>::joint_of(static_cast<int>(i), scene.motors())]);
+      out.torque[i] = std::max(out.torque[i], t);
+    }
+  }
+  return out;
+}
+
+class Findings {
+ public:
+  void error(std::string text) { add("error", std::move(text)); }
+  void warning(std::string text) { add("warning", std::move(text)); }
+  [[nodiscard]] bool refused() const { return refused_; }
+  [[nodiscard]] const Json& list() const { return list_; }
+
+ private:
+  void add(const char* level, std::string text) {
+    refused_ = refused_ || std::string(level) == "error";
+    list_.push_back({{"level", level}, {"text", std::move(text)}});
+  }
+  Json list_ = Json::array();
+  bool refused_ = false;
+};
+
+void judge(const Scene& s, const Margins& m, Findings& f) {
+  if (!m.unreachable.empty()) {
+    f.error(m.unreachable);
+    return;
+  }
+  if (!s.closed_loop()) return;
+  if (m.sin_type1 < s.limits.min_abs_sin_type1) {
+    f.error(fmt::format("|sin theta_j2| falls to {:.3g} along the reference, below limits.min_abs_sin_type1 = {}",
+                        m.sin_type1, s.limits.min_abs_sin_type1));
+  }
+  const bool guarded = s.type == MechanismType::five_bar && !(s.all_motors && s.all_sensors);
+  if (guarded && m.sin_type2 < s.limits.min_abs_sin_type2) {
+    f.error(fmt::format("|D2| falls to {:.3g} along the reference, below limits.min_abs_sin_type2 = {}", m.sin_type2,
+                        s.limits.min_abs_sin_type2));
+  }
+  if (m.joint_speed > s.limits.joint_speed) {
+    f.error(fmt::format("a base joint turns at {:.3g} rad/s along the reference, limits.joint_speed = {}",
+                        m.joint_speed, s.limits.joint_speed));
+  }
+  for (std::size_t i = 0; i < m.torque.size(); ++i) {
+    const double share = m.torque[i] / s.torque_limit[i];
+    const std::string text = fmt::format("motor {}: the reference alone takes {:.3g} N m of torque_limit = {} N m", i + 1,
+                                         m.torque[i], s.torque_limit[i]);
+    if (share > 1.0) {
+      f.error(text);
+    } else if (share > 0.7) {
+      f.warning(text + "; little is left to correct errors with");
+    }
+  }
+  if (s.reaching == ReachingChoice::sign && s.law != LawChoice::ctc && s.law != LawChoice::pd) {
+    f.warning("reaching = \"sign\" chatters in a sampled loop; \"implicit\" does not");
+  }
+}
+
+template <class World>
+int report(const Scene& scene, const RunOptions& o) {
+  const Margins m = margins<World>(scene);
+  Findings f;
+  judge(scene, m, f);
+  // Per tick and axis an encoder frame of 8 bytes, per motor a torque frame of 4; a heartbeat of 8 every 10 ms.
+  const auto axes = static_cast<double>(scene.drives.nodes.size());
+  const double tick_bits = axes * worst_bits(8) + static_cast<double>(scene.motors()) * worst_bits(4);
+  const double load = (tick_bits * scene.rate_hz + axes * worst_bits(8) * 100.0) / scene.bitrate;
+  const double latency_s = (tick_bits + axes * worst_bits(8)) / scene.bitrate;
+  if (load > 1.0) {
+    f.error(fmt::format("the bus cannot carry the loop: load {:.0f} % at {} bit/s", 100.0 * load, scene.bitrate));
+  } else if (load > 0.8) {
+    f.warning(fmt::format("bus load {:.0f} %: above 80 % frames wait for each other", 100.0 * load));
+  }
+  if (scene.rate_hz > 1000.0) f.warning("ODrive sends encoder estimates at 1 kHz at most");
+  Json j;
+  j["scene"] = scene.name;
+  j["runs"] = !f.refused();
+  j["margins"] = {{"min_abs_sin_type1", m.sin_type1}, {"min_abs_sin_type2", m.sin_type2},
+                  {"max_joint_speed", m.joint_speed}, {"max_torque_nm", m.torque}};
+  j["bus"] = {{"load", load}, {"worst_latency_s", latency_s}};
+  j["findings"] = f.list();
+  if (o.json) {
+    fmt::print("{}\n", j.dump(2));
+  } else {
+    fmt::print("{}: {}\n", scene.name, f.refused() ? "would not run through" : "fit to run");
+    fmt::print("along the reference: |sin theta_j2| >= {:.3g}, |D2| >= {:.3g}, base joints <= {:.3g} rad/s\n",
+               m.sin_type1, m.sin_type2, m.joint_speed);
+    for (std::size_t i = 0; i < m.torque.size(); ++i) fmt::print("motor {}: <= {:.3g} N m\n", i + 1, m.torque[i]);
+    fmt::print("bus: load {:.0f} %, frames of one tick take {:.0f} us at worst\n", 100.0 * load, 1e6 * latency_s);
+    for (const Json& item : f.list()) {
+      fmt::print("{}: {}\n", item["level"].get<std::string>(), item["text"].get<std::string>());
+    }
+  }
+  return f.refused() ? 1 : 0;
+}
+
+}  // namespace
+
+int run_check(const RunOptions& o) {
+  const Scene scene = read_scene(o.scene, o.sets);
+  return scene.type == MechanismType::five_bar ? report<FiveBarWorld>(scene, o) : report<RrWorld>(scene, o);
+}
+
+}  // namespace esmc::host

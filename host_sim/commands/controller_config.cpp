@@ -1,0 +1,271 @@
+#include "host_sim/commands/controller_config.hpp"
+
+#include <algorithm>
+#include <array>
+
+namespace esmc::host {
+namespace {
+
+PhaseClock phase_clock(double phase, double speed, double tick) {
+  const auto turns = [](double angle) {  // nearest 2^-64 turn of the angle modulo one turn
+    const double t = angle / (2.0 * std::numbers::pi);
+    return static_cast<std::uint64_t>(static_cast<std::int64_t>(std::ldexp(t - std::round(t), 63))) * 2U;
+  };
+  return {turns(phase), turns(speed * tick)};
+}
+
+Vec2<double> vec(const std::array<double, 2>& a) { return {a[0], a[1]}; }
+
+Motion2<double> at_rest(const std::array<double, 2>& p) { return {vec(p), {0, 0}, {0, 0}}; }
+
+/// Rest-to-rest segments through corners, each lasting a whole number of ticks.
+class RestPath {
+ public:
+  explicit RestPath(double tick) : tick_(tick) {}
+  void add(const std::array<double, 2>& from, const std::array<double, 2>& to, double seconds) {
+    const auto ticks = static_cast<std::uint32_t>(std::max(1.0, std::round(seconds / tick_)));
+    segments_.push_back({now_, 0.0, Quintic<double>::between(at_rest(from), at_rest(to), ticks * tick_)});
+    now_ += ticks;
+  }
+  [[nodiscard]] std::uint32_t ticks() const { return now_; }
+  [[nodiscard]] std::vector<PathSegment<double>> take() { return std::move(segments_); }
+
+ private:
+  double tick_;
+  std::uint32_t now_ = 0;
+  std::vector<PathSegment<double>> segments_;
+};
+
+/// Velocities and accelerations at the points of a table from natural cubic splines, then quintics between.
+std::vector<PathSegment<double>> through_points(const std::vector<PathPoint>& points, double tick) {
+  const std::size_t n = points.size();
+  std::vector<Vec2<double>> m(n, Vec2<double>::Zero()), rhs(n, Vec2<double>::Zero());
+  std::vector<double> upper(n, 0.0);
+  const auto value = [&](std::size_t i) { return Vec2<double>(points[i].x, points[i].y); };
+  const auto span = [&](std::size_t i) { return points[i + 1].t - points[i].t; };
+  for (std::size_t i = 1; i + 1 < n; ++i) {  // Thomas algorithm for the second derivatives, zero at both ends
+    const double a = span(i - 1), c = span(i), b = 2.0 * (a + c) - a * upper[i - 1];
+    const Vec2<double> d = 6.0 * ((value(i + 1) - value(i)) / c - (value(i) - value(i - 1)) / a);
+    upper[i] = c / b;
+    rhs[i] = (d - a * rhs[i - 1]) / b;
+  }
+  for (std::size_t i = n - 1; i-- > 1;) m[i] = rhs[i] - upper[i] * m[i + 1];
+  const auto motion = [&](std::size_t i) {
+    const std::size_t k = std::min(i, n - 2);
+    const double h = span(k);
+    const Vec2<double> chord = (value(k + 1) - value(k)) / h;
+    const Vec2<double> v = i == k ? Vec2<double>(chord - h / 6.0 * (2.0 * m[k] + m[k + 1]))
+                                  : Vec2<double>(chord + h / 6.0 * (m[k] + 2.0 * m[k + 1]));
+    return Motion2<double>{value(i), v, m[i]};
+  };
+  std::vector<PathSegment<double>> out;
+  for (std::size_t i = 0; i + 1 < n; ++i) {
+    const auto start = static_cast<std::uint32_t>(std::ceil(points[i].t / tick - 1e-9));
+    out.push_back({start, std::max(0.0, start * tick - points[i].t),
+                   Quintic<double>::between(motion(i), motion(i + 1), span(i))});
+  }
+  return out;
+}
+
+LegParams<double> scaled(LegParams<double> p, const ModelFactors& f) {
+  p.l1 *= f.l1;
+  p.l2 *= f.l2;
+  p.lg1 *= f.lg1;
+  p.lg2 *= f.lg2;
+  p.m1 *= f.m1;
+  p.m2 *= f.m2;
+  p.J1 *= f.J1;
+  p.J2 *= f.J2;
+  return p;
+}
+
+LawKind law_kind(LawChoice l) {
+  switch (l) {
+    case LawChoice::esmc: return LawKind::esmc;
+    case LawChoice::esmc_projected: return LawKind::esmc_projected;
+    case LawChoice::smc: return LawKind::smc;
+    case LawChoice::ctc: return LawKind::ctc;
+    case LawChoice::pd:
+    case LawChoice::open_loop:
+    case LawChoice::none: break;
+  }
+  return LawKind::pd;
+}
+
+template <class M>
+void set_gains(const Scene& s, double delay, Gains<M>& g) {
+  const auto layer = [&](double gain, double given) {
+    // Without switching gain the layer does nothing, but it must not be zero: s / layer is taken.
+    return s.reaching == ReachingChoice::implicit && gain > 0.0 ? implicit_layer(gain, s.tick(), delay) : given;
+  };
+  for (int i = 0; i < M::channels; ++i) {
+    const bool angle = M::is_angle(i);
+    g.lambda[i] = angle ? s.lambda.angle : s.lambda.position;
+    g.k[i] = angle ? s.gain.angle : s.gain.position;
+    g.layer[i] = layer(g.k[i], angle ? s.layer.angle : s.layer.position);
+  }
+  const bool angles = !M::has_type2;  // the independent coordinates of RR are its joints
+  auto& own = g.independent;
+  own.lambda = angles ? s.lambda.angle : s.lambda.position;
+  own.k = angles ? s.gain.angle : s.gain.position;
+  own.layer = layer(own.k, angles ? s.layer.angle : s.layer.position);
+  own.kp = s.kp.value_or(own.lambda * own.lambda);
+  own.kd = s.kd.value_or(2.0 * own.lambda);
+}
+
+Limits<double> make_limits(const Scene& s) {
+  Limits<double> l;
+  l.min_abs_sin_type1 = s.limits.min_abs_sin_type1;
+  l.min_abs_sin_type2 = s.type == MechanismType::five_bar ? s.limits.min_abs_sin_type2 : 0.0;
+  l.joint_speed = s.limits.joint_speed;
+  l.closure = s.limits.closure;
+  l.max_age_ticks = static_cast<std::uint32_t>(s.limits.max_age_ticks);
+  if (s.limits.workspace) {
+    l.workspace_x = {(*s.limits.workspace)[0][0], (*s.limits.workspace)[0][1]};
+    l.workspace_y = {(*s.limits.workspace)[1][0], (*s.limits.workspace)[1][1]};
+  }
+  if (s.limits.joint_angle) {
+    for (std::size_t i = 0; i < 2; ++i) {
+      l.joint_angle[i] = {(*s.limits.joint_angle)[i][0], (*s.limits.joint_angle)[i][1]};
+    }
+  }
+  return l;
+}
+
+}  // namespace
+
+FiveBarParams<double> believed_mechanism(const Scene& scene) {
+  const ModelFactors& f = scene.model;
+  FiveBarParams<double> p = scene.mechanism;
+  p.l0 *= f.half_base;
+  p.m0 *= f.effector_mass;
+  p.g *= f.gravity;
+  const auto friction = find_effect<ViscousFriction>(scene.effects);
+  for (std::size_t j = 0; j < 2; ++j) {
+    p.legs[j] = scaled(p.legs[j], f);
+    if (f.exact_friction && friction) {
+      p.legs[j].d1 = friction->coefficient[2 * j];
+      p.legs[j].d2 = friction->coefficient[2 * j + 1];
+    }
+  }
+  return p;
+}
+
+ReferenceBundle<double> make_reference(const Scene& scene, Pacing pacing) {
+  const ReferenceScene& r = scene.reference;
+  ReferenceBundle<double> out;
+  Reference<double>& ref = out.reference;
+  const double tick = scene.tick();
+  out.join_ticks = static_cast<std::uint32_t>(
+      std::llround(r.join.value_or(pacing == Pacing::realtime ? 1.0 : 0.0) * scene.rate_hz));
+  switch (r.type) {
+    case ReferenceType::circle:
+      ref.kind = ReferenceKind::circle;
+      ref.centre = vec(r.center);
+      ref.amplitude = {r.radius, r.radius};
+      ref.speed = {r.speed, r.speed};
+      ref.phase[0] = ref.phase[1] = phase_clock(r.phase, r.speed, tick);
+      break;
+    case ReferenceType::joint_sine:
+      ref.kind = ReferenceKind::sine;
+      ref.space = ReferenceSpace::base_joints;
+      ref.centre = vec(r.offset);
+      ref.amplitude = vec(r.amplitude);
+      ref.speed = vec(r.omega);
+      for (int i = 0; i < 2; ++i) {
+        const auto u = static_cast<std::size_t>(i);
+        ref.phase[i] = phase_clock(r.phases[u], r.omega[u], tick);
+      }
+      break;
+    case ReferenceType::line:
+    case ReferenceType::polyline: {
+      ref.kind = ReferenceKind::path;
+      RestPath path(tick);
+      const bool line = r.type == ReferenceType::line;
+      const auto side = [&](std::size_t a, std::size_t b) {
+        const double length = std::hypot(r.points[b][0] - r.points[a][0], r.points[b][1] - r.points[a][1]);
+        path.add(r.points[a], r.points[b], line ? r.duration : length / r.speed);
+      };
+      for (std::size_t i = 0; i + 1 < r.points.size(); ++i) side(i, i + 1);
+      if (r.repeat) {
+        side(r.points.size() - 1, 0);
+        ref.repeat_ticks = path.ticks();
+      }
+      out.path = path.take();
+      break;
+    }
+    case ReferenceType::file:
+      ref.kind = ReferenceKind::path;
+      out.path = through_points(r.table, tick);
+      break;
+    case ReferenceType::hold:
+      if (r.position) {
+        ref.kind = ReferenceKind::path;  // an empty path rests at the centre
+        ref.centre = vec(*r.position);
+      }
+      break;
+    case ReferenceType::none: break;
+  }
+  return out;
+}
+
+template <class M>
+ControllerConfig<M> make_controller(const Scene& scene, Pacing pacing, const ReferenceBundle<double>& reference) {
+  ControllerConfig<M> c;
+  c.mechanism = make_mechanism(believed_mechanism(scene), static_cast<M*>(nullptr));
+  c.mode = mode_of(scene, static_cast<M*>(nullptr));
+  c.law = law_kind(scene.law);
+  switch (scene.reaching) {
+    case ReachingChoice::sign: c.reaching = Reaching::sign; break;
+    case ReachingChoice::saturation: c.reaching = Reaching::saturation; break;
+    case ReachingChoice::tanh: c.reaching = Reaching::tanh; break;
+    case ReachingChoice::implicit: c.reaching = Reaching::implicit; break;
+  }
+  set_gains(scene, delay_ticks(scene, pacing), c.gains);
+  c.reference = reference.get();
+  c.join_ticks = reference.join_ticks;
+  c.limits = make_limits(scene);
+  c.motors = scene.all_motors ? Motors::all : Motors::base;
+  c.sensors = scene.all_sensors ? Sensors::all : Sensors::base;
+  c.sample_time = scene.tick();
+  for (int i = 0; i < c.motor_count(); ++i) {
+    const auto u = static_cast<std::size_t>(i);
+    const int joint = ControllerConfig<M>::joint_of(i, c.motor_count());
+    c.torque_limit[joint] = scene.torque_limit[u];
+    c.torque_weight[joint] = scene.torque_weight.empty() ? 1.0 / (scene.torque_limit[u] * scene.torque_limit[u])
+                                                         : scene.torque_weight[u];
+  }
+  return c;
+}
+
+template <class M>
+typename OdriveCycle<M>::Config make_cycle(const Scene& scene, Pacing pacing,
+                                           const ReferenceBundle<double>& reference) {
+  typename OdriveCycle<M>::Config c;
+  c.controller = make_controller<M>(scene, pacing, reference);
+  const DriveScene& d = scene.drives;
+  c.axis_count = static_cast<int>(d.nodes.size());
+  c.heartbeat_age_ticks_max = static_cast<std::uint32_t>(std::ceil(d.heartbeat_timeout * scene.rate_hz));
+  const auto version = d.protocol == Protocol::odrive ? drive::odrive::Version::v0_6 : drive::odrive::Version::v0_5_6;
+  const auto retry = static_cast<std::uint32_t>(std::max(1.0, std::round(0.15 * scene.rate_hz)));
+  for (std::size_t i = 0; i < d.nodes.size(); ++i) {
+    // In the scene motors come first; in the cycle axes stand in the order of their joints.
+    const bool mixed = scene.all_sensors && !scene.all_motors;
+    const std::size_t at = mixed ? (i < 2 ? 2 * i : 2 * (i - 2) + 1) : i;
+    c.axes[at] = drive::OdriveAxis({static_cast<std::uint8_t>(d.nodes[i]), static_cast<float>(d.direction[i]),
+                                    static_cast<float>(d.gear_ratio[i]), static_cast<float>(d.offset[i])},
+                                   version, retry);
+  }
+  return c;
+}
+
+template ControllerConfig<FiveBar<double>> make_controller<FiveBar<double>>(const Scene&, Pacing,
+                                                                            const ReferenceBundle<double>&);
+template ControllerConfig<Rr<double>> make_controller<Rr<double>>(const Scene&, Pacing,
+                                                                  const ReferenceBundle<double>&);
+template OdriveCycle<FiveBar<double>>::Config make_cycle<FiveBar<double>>(const Scene&, Pacing,
+                                                                          const ReferenceBundle<double>&);
+template OdriveCycle<Rr<double>>::Config make_cycle<Rr<double>>(const Scene&, Pacing,
+                                                                const ReferenceBundle<double>&);
+
+}  // namespace esmc::host

@@ -1,0 +1,16 @@
+#pragma once
+/// The end of every run command: files into --out, the summary to the terminal, the exit status.
+
+#include "host_sim/commands/output.hpp"
+#include "host_sim/commands/log.hpp"
+#include "host_sim/commands/run.hpp"
+#include "host_sim/commands/summary.hpp"
+
+namespace esmc::host {
+
+/// Writes scene.toml, summary.json, report.html (log.csv and frames.log are already there), prints the summary.
+/// Returns 1 when the run ended in a fault.
+int finish_run(const RunOptions& o, const Scene& scene, const char* kind, const nlohmann::ordered_json& summary,
+               Log& log, OutputDirectory& out);
+
+}  // namespace esmc::host

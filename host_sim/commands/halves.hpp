@@ -1,0 +1,166 @@
+#pragma once
+/// The two halves of hardware in the loop, each on its own CAN node: used in one process (hil) or in two.
+
+#include <chrono>
+#include <string>
+
+#include "host_sim/commands/recorder.hpp"
+#include "host_sim/commands/run.hpp"
+#include "host_sim/loop/frame_log.hpp"
+#include "host_sim/loop/plant_node.hpp"
+#include "host_sim/loop/waiting.hpp"
+
+namespace esmc::host {
+
+inline constexpr int silence_ms = 5000;            ///< without a word from the other half: the run has failed
+inline constexpr double arming_time_max = 5.0;     ///< s of virtual time
+
+/// "socketcan:vcan0" -> "vcan0". Throws InputError for anything else.
+std::string socketcan_interface(const std::string& bus);
+/// Throws InputError with what to do about it.
+hal::SocketCan open_socketcan(const std::string& interface);
+/// Reads a scene for a command with a bus in it; open_loop and none are refused.
+Scene read_loop_scene(const RunOptions& o);
+
+/// Waits in slices, so that Ctrl-C is seen; `done` after each arrival. False: silence or Ctrl-C.
+template <class Bus, class Done>
+bool wait_until(Bus& bus, const Done& done) {
+  constexpr int slice_ms = 100;
+  auto deadline = std::chrono::steady_clock::now() + std::chrono::milliseconds(silence_ms);
+  while (!done()) {
+    if (wait_for_frame(bus, slice_ms)) continue;
+    if (!can_wait<Bus> || stop_requested() || std::chrono::steady_clock::now() > deadline) return false;
+  }
+  return true;
+}
+
+template <class World, class Bus>
+class PlantHalf {
+ public:
+  using Plant = typename World::Plant;
+  using M = typename World::Mechanism;
+  using Joints = typename Plant::Joints;
+
+  PlantHalf(const Scene& scene, const RunOptions& o, Bus& bus, FrameLog& frames, const std::string& log_path,
+            bool with_controller)
+      : scene_(scene), options_(o), tap_(bus, frames), frames_(frames),
+        recorder_(scene, o.realtime ? Pacing::realtime : Pacing::lockstep, log_path, with_controller),
+        node_(World::plant(scene), scene, start(scene)), ticks_(tick_count(scene)),
+        substeps_(std::max(1, static_cast<int>(std::ceil(scene.tick() / scene.step - 1e-9)))) {}
+
+  [[nodiscard]] Recorder<World>& recorder() { return recorder_; }
+  [[nodiscard]] bool released() const { return node_.released(); }
+  [[nodiscard]] bool finished() const { return done_ >= ticks_; }
+  [[nodiscard]] int substeps() const { return substeps_; }
+
+  void publish() {
+    frames_.tick(node_.time());
+    node_.publish(tap_);
+    if (!node_.released() && node_.time() > arming_time_max) {
+      throw RunError(fmt::format("the drives were not in closed-loop control after {} s of virtual time", arming_time_max));
+    }
+  }
+  /// False: Ctrl-C. Throws RunError when the controller says nothing.
+  bool await_torques() {
+    if (wait_until(tap_.bus(), [&] { return node_.collect(tap_), node_.answered(); })) return true;
+    if (stop_requested()) return false;
+    throw RunError("the controller sent no torque command for 5 s (controller dead or not started)");
+  }
+  /// Frames that wait, without waiting for more.
+  int drain() { return node_.collect(tap_); }
+
+  /// Records the tick (from t = 0 on) and moves to the next.
+  void advance(const ControllerView<M>& seen) {
+    if (!node_.released()) return;
+    bool clipped = false;
+    const Joints torque = node_.torque(clipped);
+    recorder_.tick(done_, node_.motion(), torque, clipped, seen);
+    node_.advance(done_ * scene_.tick(), scene_.tick(), substeps_, torque);
+    ++done_;
+  }
+  /// Real time: a part of the tick, with whatever torque is in force.
+  void advance_part(int part, bool record, const ControllerView<M>& seen) {
+    if (!node_.released()) return;
+    bool clipped = false;
+    const Joints torque = node_.torque(clipped);
+    if (record) recorder_.tick(done_, node_.motion(), torque, clipped, seen);
+    const double part_s = scene_.tick() / substeps_;
+    node_.advance(done_ * scene_.tick() + part * part_s, part_s, 1, torque);
+    if (part + 1 == substeps_) ++done_;
+  }
+  [[nodiscard]] bool disarmed() const { return node_.disarmed(); }
+
+  RunEnd end(std::chrono::steady_clock::time_point begin) {
+    RunEnd e;
+    e.wall_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+    const auto o = node_.motion().plant().output(node_.motion().state());
+    e.q.assign(o.q.begin(), o.q.end());
+    e.qd.assign(o.qd.begin(), o.qd.end());
+    e.state_dimension = Motion<Plant>::state_dimension;
+    e.seed = options_.seed;
+    const double bus_time = node_.time();
+    e.bus = BusSummary{frames_.frames(), tap_.lost(),
+                       bus_time > 0.0 ? static_cast<double>(frames_.bits()) / (scene_.bitrate * bus_time) : 0.0};
+    e.final_state = node_.disarmed() ? "drives_disarmed" : "drives_armed";
+    if (node_.disarmed()) e.faults.emplace_back(fmt::format("drives_disarmed (axis errors 0x{:x})", node_.drive_errors()));
+    Statistics& s = recorder_.statistics();
+    s.energy_error = std::max(s.energy_error, node_.motion().energy_error());
+    return e;
+  }
+
+ private:
+  static typename Plant::State start(const Scene& s) {
+    Joints angle{}, rate{};
+    std::copy_n(s.start_angle.begin(), angle.size(), angle.begin());
+    std::copy_n(s.start_rate.begin(), rate.size(), rate.begin());
+    return Plant::from_joints(angle, rate);
+  }
+
+  const Scene& scene_;
+  const RunOptions& options_;
+  Tapped<Bus> tap_;
+  FrameLog& frames_;
+  Recorder<World> recorder_;
+  PlantNode<Plant> node_;
+  std::uint32_t ticks_, done_ = 0;
+  int substeps_;
+};
+
+template <class World, class Bus>
+class ControllerHalf {
+ public:
+  using M = typename World::Mechanism;
+
+  ControllerHalf(const Scene& scene, Pacing pacing, Bus& bus)
+      : reference_(make_reference(scene, pacing)), bus_(bus), cycle_(make_cycle<M>(scene, pacing, reference_)) {
+    cycle_.command(Command::enable);
+  }
+
+  [[nodiscard]] const Supervisor& supervisor() const { return cycle_.supervisor(); }
+  [[nodiscard]] const OdriveCycle<M>& cycle() const { return cycle_; }
+  [[nodiscard]] const TickResult<M>& result() const { return result_; }
+  [[nodiscard]] ControllerView<M> view() const { return {&result_, &cycle_.sample()}; }
+
+  /// Takes frames until every axis has sent its sample; false when they did not come within `silence_ms`.
+  bool await_set() {
+    return wait_until(bus_, [&] { return cycle_.receive(bus_), cycle_.complete(); });
+  }
+  void receive() { cycle_.receive(bus_); }
+  void tick(bool answer) { result_ = cycle_.tick(bus_, answer); }
+  /// Asks the drives to arm without being asked for a torque: nobody is there yet.
+  void knock() { tick(false); }
+  void stop() { cycle_.command(Command::stop); }
+  /// Zero torque and idle, once, without waiting for anybody.
+  void shut_down() {
+    cycle_.command(Command::stop);
+    (void)cycle_.tick(bus_, true);
+  }
+
+ private:
+  ReferenceBundle<double> reference_;
+  Bus& bus_;
+  OdriveCycle<M> cycle_;
+  TickResult<M> result_{};
+};
+
+}  // namespace esmc::host

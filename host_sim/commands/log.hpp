@@ -1,0 +1,42 @@
+#pragma once
+/// log.csv: one row per tick, and the thinned copy of it that the report shows.
+
+#include <fmt/format.h>
+
+#include <cstdio>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+namespace esmc::host {
+
+/// Rows of doubles and one text column (the supervisor's state). Writes to a file only when it was given one.
+class Log {
+ public:
+  Log() = default;
+  /// `path` empty: nothing is written. `rows` expected decides how far the report's copy is thinned.
+  Log(const std::string& path, std::vector<std::string> columns, std::size_t rows);
+  Log(Log&& other) noexcept;
+  Log& operator=(Log&& other) noexcept;
+  Log(const Log&) = delete;
+  Log& operator=(const Log&) = delete;
+  ~Log();
+
+  /// True when rows are wanted at all; ask before assembling one.
+  [[nodiscard]] bool wanted() const { return file_ != nullptr; }
+  /// `values` for all columns but the last, which is `state` (may be empty when there is no such column).
+  void row(const std::vector<double>& values, const char* state);
+  void close();
+
+  [[nodiscard]] const std::vector<std::string>& columns() const { return columns_; }
+  [[nodiscard]] const nlohmann::ordered_json& thinned() const { return thinned_; }
+
+ private:
+  std::FILE* file_ = nullptr;
+  fmt::memory_buffer buffer_;
+  std::vector<std::string> columns_;
+  nlohmann::ordered_json thinned_ = nlohmann::ordered_json::array();
+  std::size_t stride_ = 1, written_ = 0;
+};
+
+}  // namespace esmc::host

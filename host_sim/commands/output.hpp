@@ -1,0 +1,32 @@
+#pragma once
+/// --out DIR: everything is written beside DIR's final names and moved into place when the run is complete, so
+/// that a failed run leaves nothing partial behind.
+
+#include <filesystem>
+#include <string>
+
+namespace esmc::host {
+
+class OutputDirectory {
+ public:
+  OutputDirectory() = default;
+  /// Creates DIR if need be. Throws InputError when it cannot be written.
+  explicit OutputDirectory(const std::string& directory);
+  OutputDirectory(const OutputDirectory&) = delete;
+  OutputDirectory& operator=(const OutputDirectory&) = delete;
+  ~OutputDirectory();
+
+  [[nodiscard]] bool wanted() const { return !final_.empty(); }
+  /// Path to write a file under for now; empty when nothing is wanted.
+  [[nodiscard]] std::string path(const std::string& name) const;
+  void write(const std::string& name, const std::string& text) const;
+  /// Moves everything into place.
+  void commit();
+  [[nodiscard]] std::string directory() const { return final_.string(); }
+
+ private:
+  std::filesystem::path final_, partial_;
+  bool created_ = false;
+};
+
+}  // namespace esmc::host

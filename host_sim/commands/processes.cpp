@@ -1,0 +1,107 @@
+#include <fmt/format.h>
+
+#include <chrono>
+
+#include "host_sim/commands/controller_recorder.hpp"
+#include "host_sim/commands/finish.hpp"
+#include "host_sim/commands/halves.hpp"
+#include "host_sim/commands/realtime.hpp"
+
+namespace esmc::host {
+namespace {
+
+/// `esmc plant` in lockstep: waits for the controller's first frame, then sets the pace.
+template <class World>
+int plant_lockstep(const Scene& scene, const RunOptions& o, hal::SocketCan& bus, const std::string& interface) {
+  OutputDirectory out(o.out);
+  FrameLog frames(out.path("frames.log"), interface, static_cast<std::uint32_t>(scene.bitrate));
+  PlantHalf<World, hal::SocketCan> plant(scene, o, bus, frames, out.path("log.csv"), false);
+  if (!wait_until(bus, [&] { return plant.drain() > 0; }) && !stop_requested()) {
+    throw RunError("no controller was heard for 5 s on " + interface);
+  }
+  const auto begin = std::chrono::steady_clock::now();
+  bool stop = stop_requested();
+  while (!plant.finished() && !stop) {
+    plant.publish();
+    stop = !plant.await_torques();
+    if (!stop) plant.advance({});
+  }
+  RunEnd end = plant.end(begin);
+  end.interrupted = stop;
+  frames.close();
+  return finish_run(o, scene, "plant", make_summary(scene, plant.recorder().statistics(), end),
+                    plant.recorder().log(), out);
+}
+
+/// `esmc controller` in lockstep: asks the drives to arm until they answer, then answers every complete set.
+template <class World>
+int controller_lockstep(const Scene& scene, const RunOptions& o, hal::SocketCan& bus, const std::string& interface) {
+  constexpr int retry_ms = 150;
+  OutputDirectory out(o.out);
+  FrameLog frames(out.path("frames.log"), interface, static_cast<std::uint32_t>(scene.bitrate));
+  Tapped<hal::SocketCan> tap(bus, frames);
+  ControllerHalf<World, Tapped<hal::SocketCan>> controller(scene, Pacing::lockstep, tap);
+  ControllerRecorder<World> recorder(scene, out.path("log.csv"));
+  const auto begin = std::chrono::steady_clock::now();
+  const auto patience = begin + std::chrono::milliseconds(silence_ms);
+  controller.knock();
+  while (!wait_for_frame(bus, retry_ms)) {
+    if (stop_requested()) break;
+    if (std::chrono::steady_clock::now() > patience) throw RunError("no drive was heard for 5 s on " + interface);
+    controller.knock();
+  }
+  bool stop = false;
+  std::uint64_t sets = 0;
+  while (recorder.ticks() < tick_count(scene) && !stop) {
+    if (!controller.await_set()) {
+      stop = stop_requested();
+      if (!stop) {
+        controller.shut_down();
+        throw RunError("the drives sent no complete set of encoder frames for 5 s (plant dead or not started)");
+      }
+    }
+    if (stop) controller.stop();
+    controller.tick(true);
+    frames.tick(static_cast<double>(++sets) * scene.tick());
+    recorder.tick(controller.result(), controller.cycle().sample());
+    if (controller.supervisor().state() == State::fault && recorder.ticks() == 0) {
+      throw RunError(fmt::format("the controller refused to arm: {}", name(controller.supervisor().fault())));
+    }
+  }
+  RunEnd end = recorder.end(begin, o, controller.supervisor(), frames, tap.lost(), static_cast<double>(sets) * scene.tick());
+  end.interrupted = stop;
+  controller.shut_down();
+  frames.close();
+  return finish_run(o, scene, "controller", recorder.summary(end), recorder.log(), out);
+}
+
+template <class World>
+int plant(const Scene& scene, const RunOptions& o) {
+  require_reachable<World>(scene, o.realtime ? Pacing::realtime : Pacing::lockstep);
+  const std::string interface = socketcan_interface(o.bus);
+  hal::SocketCan bus = open_socketcan(interface);
+  return o.realtime ? plant_realtime<World>(scene, o, bus, interface) : plant_lockstep<World>(scene, o, bus, interface);
+}
+
+template <class World>
+int controller(const Scene& scene, const RunOptions& o) {
+  require_reachable<World>(scene, o.realtime ? Pacing::realtime : Pacing::lockstep);
+  const std::string interface = socketcan_interface(o.bus);
+  hal::SocketCan bus = open_socketcan(interface);
+  return o.realtime ? controller_realtime<World>(scene, o, bus, interface)
+                    : controller_lockstep<World>(scene, o, bus, interface);
+}
+
+}  // namespace
+
+int run_plant(const RunOptions& o) {
+  const Scene scene = read_loop_scene(o);
+  return scene.type == MechanismType::five_bar ? plant<FiveBarWorld>(scene, o) : plant<RrWorld>(scene, o);
+}
+
+int run_controller(const RunOptions& o) {
+  const Scene scene = read_loop_scene(o);
+  return scene.type == MechanismType::five_bar ? controller<FiveBarWorld>(scene, o) : controller<RrWorld>(scene, o);
+}
+
+}  // namespace esmc::host

@@ -1,0 +1,151 @@
+#pragma once
+/// The loop against the wall clock: each half has its own ticks at absolute instants, as drives and a board have.
+/// A torque acts from the moment it arrives (to within one integration step), one tick late at most.
+
+#include <chrono>
+#include <memory>
+#include <thread>
+
+#include "host_sim/commands/controller_recorder.hpp"
+#include "host_sim/commands/finish.hpp"
+#include "host_sim/commands/halves.hpp"
+
+namespace esmc::host {
+
+/// Absolute instants k * period after the first call; late ones are counted and not made up for.
+class Pace {
+ public:
+  explicit Pace(double period_s)
+      : period_(std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(period_s))),
+        next_(Clock::now()) {}
+  void wait() {
+    next_ += period_;
+    const auto now = Clock::now();
+    if (now > next_ + period_) {
+      ++late_;
+      next_ = now;
+    }
+    std::this_thread::sleep_until(next_);
+  }
+  [[nodiscard]] std::uint64_t late() const { return late_; }
+
+ private:
+  using Clock = std::chrono::steady_clock;
+  Clock::duration period_;
+  Clock::time_point next_;
+  std::uint64_t late_ = 0;
+};
+
+/// The plant's ticks until the scene's duration, Ctrl-C or 5 s without a frame from the controller.
+template <class World, class Bus>
+RunEnd pace_plant(const Scene& scene, PlantHalf<World, Bus>& plant) {
+  const auto begin = std::chrono::steady_clock::now();
+  const auto silence = std::chrono::milliseconds(silence_ms);
+  auto heard = begin;
+  Pace pace(scene.tick() / plant.substeps());
+  while (!plant.finished() && !stop_requested()) {
+    if (!plant.released() && std::chrono::steady_clock::now() - begin > silence) {
+      throw RunError("the drives were not in closed-loop control after 5 s (controller dead or not started)");
+    }
+    plant.publish();
+    for (int part = 0; part < plant.substeps(); ++part) {
+      pace.wait();
+      plant.advance_part(part, part == 0, {});
+      if (plant.drain() > 0) heard = std::chrono::steady_clock::now();
+    }
+    if (std::chrono::steady_clock::now() - heard > silence) throw RunError("the controller was not heard for 5 s");
+  }
+  RunEnd end = plant.end(begin);
+  end.interrupted = stop_requested();
+  return end;
+}
+
+/// The controller's ticks; `done` tells when to end.
+template <class World, class Bus, class Done>
+void pace_controller(const Scene& scene, ControllerHalf<World, Bus>& controller, ControllerRecorder<World>& recorder,
+                     const Done& done) {
+  Pace pace(scene.tick());
+  const auto begin = std::chrono::steady_clock::now();
+  while (!done() && !stop_requested()) {
+    pace.wait();
+    controller.receive();
+    controller.tick(true);
+    recorder.tick(controller.result(), controller.cycle().sample());
+    const bool never = recorder.ticks() == 0 && std::chrono::steady_clock::now() - begin > std::chrono::milliseconds(silence_ms);
+    if (never) {
+      controller.shut_down();
+      throw RunError("the drives were not in closed-loop control after 5 s (plant dead or not started)");
+    }
+  }
+  controller.shut_down();
+}
+
+template <class World>
+int plant_realtime(const Scene& scene, const RunOptions& o, hal::SocketCan& bus, const std::string& interface) {
+  OutputDirectory out(o.out);
+  FrameLog frames(out.path("frames.log"), interface, static_cast<std::uint32_t>(scene.bitrate));
+  PlantHalf<World, hal::SocketCan> plant(scene, o, bus, frames, out.path("log.csv"), false);
+  if (!wait_until(bus, [&] { return plant.drain() > 0; }) && !stop_requested()) {
+    throw RunError("no controller was heard for 5 s on " + interface);
+  }
+  const RunEnd end = pace_plant(scene, plant);
+  frames.close();
+  return finish_run(o, scene, "plant", make_summary(scene, plant.recorder().statistics(), end), plant.recorder().log(), out);
+}
+
+template <class World>
+int controller_realtime(const Scene& scene, const RunOptions& o, hal::SocketCan& bus, const std::string& interface) {
+  OutputDirectory out(o.out);
+  FrameLog frames(out.path("frames.log"), interface, static_cast<std::uint32_t>(scene.bitrate));
+  Tapped<hal::SocketCan> tap(bus, frames);
+  ControllerHalf<World, Tapped<hal::SocketCan>> controller(scene, Pacing::realtime, tap);
+  ControllerRecorder<World> recorder(scene, out.path("log.csv"));
+  const auto begin = std::chrono::steady_clock::now();
+  pace_controller(scene, controller, recorder, [&] { return recorder.ticks() >= tick_count(scene); });
+  RunEnd end = recorder.end(begin, o, controller.supervisor(), frames, tap.lost(),
+                            std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count());
+  end.interrupted = stop_requested();
+  frames.close();
+  return finish_run(o, scene, "controller", recorder.summary(end), recorder.log(), out);
+}
+
+/// Both halves in one process: the plant in this thread, the controller in another, each on its own socket.
+template <class World>
+int run_hil_realtime(const Scene& scene, const RunOptions& o) {
+  if (o.bus == "virtual") {
+    throw InputError("", "--realtime needs --bus socketcan:INTERFACE: the virtual bus has no clock of its own");
+  }
+  const std::string interface = socketcan_interface(o.bus);
+  hal::SocketCan plant_bus = open_socketcan(interface), control_bus = open_socketcan(interface);
+  OutputDirectory out(o.out);
+  FrameLog frames(out.path("frames.log"), interface, static_cast<std::uint32_t>(scene.bitrate));
+  PlantHalf<World, hal::SocketCan> plant(scene, o, plant_bus, frames, out.path("log.csv"), false);
+  ControllerHalf<World, hal::SocketCan> controller(scene, Pacing::realtime, control_bus);
+  ControllerRecorder<World> seen(scene, "");
+  std::atomic<bool> over{false};
+  std::exception_ptr failure;
+  std::thread thread([&] {
+    try {
+      pace_controller(scene, controller, seen, [&] { return over.load(); });
+    } catch (...) {
+      failure = std::current_exception();
+    }
+  });
+  RunEnd end;
+  try {
+    end = pace_plant(scene, plant);
+  } catch (...) {
+    failure = std::current_exception();
+  }
+  over = true;
+  thread.join();
+  if (failure) std::rethrow_exception(failure);
+  const Supervisor& supervisor = controller.supervisor();
+  end.final_state = name(supervisor.state());
+  end.faults.clear();
+  if (supervisor.fault() != Fault::none) end.faults.emplace_back(name(supervisor.fault()));
+  frames.close();
+  return finish_run(o, scene, "hil", make_summary(scene, plant.recorder().statistics(), end), plant.recorder().log(), out);
+}
+
+}  // namespace esmc::host

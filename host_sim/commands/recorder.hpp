@@ -1,0 +1,239 @@
+#pragma once
+/// Turns ticks into log rows and statistics: the truth of the plant against the reference, and what the
+/// controller saw and did where it is in the same process.
+
+#include <cmath>
+#include <limits>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "host_sim/commands/controller_config.hpp"
+#include "host_sim/commands/log.hpp"
+#include "host_sim/commands/summary.hpp"
+#include "host_sim/error.hpp"
+#include "host_sim/plant/motion.hpp"
+
+namespace esmc::host {
+
+/// Plant and controller model of the same mechanism.
+struct FiveBarWorld {
+  using Plant = FiveBarPlant;
+  using Mechanism = FiveBar<double>;
+  static Plant plant(const Scene& s) { return Plant(s.mechanism); }
+  static constexpr const char* joint_names[] = {"theta11", "theta12", "theta21", "theta22"};
+  static constexpr const char* torque_names[] = {"tau11", "tau12", "tau21", "tau22"};
+  static constexpr const char* channel_names[] = {"x",       "y",       "theta11", "theta12", "phi11", "phi12",
+                                                  "Xg11",    "Yg11",    "Xg12",    "Yg12",    "theta21", "theta22",
+                                                  "phi21",   "phi22",   "Xg21",    "Yg21",    "Xg22",  "Yg22"};
+  static V2 effector(const Plant&, const Plant::State&, const Plant::Output& o) { return {o.q[0], o.q[1]}; }
+  static double angle(const Plant::Output& o, int joint) { return o.q[static_cast<std::size_t>(joint) + 2]; }
+  static double rate(const Plant::Output& o, int joint) { return o.qd[static_cast<std::size_t>(joint) + 2]; }
+};
+struct RrWorld {
+  using Plant = RrPlant;
+  using Mechanism = Rr<double>;
+  static Plant plant(const Scene& s) { return Plant(s.arm()); }
+  static constexpr const char* joint_names[] = {"theta1", "theta2"};
+  static constexpr const char* torque_names[] = {"tau1", "tau2"};
+  static constexpr const char* channel_names[] = {"theta1", "theta2", "phi1", "phi2", "Xg1", "Yg1", "Xg2", "Yg2"};
+  static V2 effector(const Plant& p, const Plant::State& s, const Plant::Output&) { return p.effector(s); }
+  static double angle(const Plant::Output& o, int joint) { return o.q[static_cast<std::size_t>(joint)]; }
+  static double rate(const Plant::Output& o, int joint) { return o.qd[static_cast<std::size_t>(joint)]; }
+};
+
+/// The reference as the true mechanism would have to follow it, tick by tick.
+template <class World>
+class ReferenceTrack {
+ public:
+  using M = typename World::Mechanism;
+  struct Point {
+    V2 effector;
+    std::array<double, 2> base;
+  };
+
+  ReferenceTrack(const Scene& scene, Pacing pacing)
+      : bundle_(std::make_unique<ReferenceBundle<double>>(make_reference(scene, pacing))),
+        present_(scene.reference.type != ReferenceType::none),
+        mechanism_(make_mechanism(scene.mechanism, static_cast<M*>(nullptr))),
+        mode_(mode_of(scene, static_cast<M*>(nullptr))),
+        joined_(bundle_->get(), bundle_->join_ticks, scene.tick()) {}
+
+  [[nodiscard]] bool present() const { return present_; }
+  [[nodiscard]] const ReferenceBundle<double>& bundle() const { return *bundle_; }
+
+  /// Where the mechanism is at t = 0.
+  void start(V2 effector, V2 velocity, const std::array<double, 2>& base, const std::array<double, 2>& rate) {
+    const bool at_effector = joined_.reference().space == ReferenceSpace::effector;
+    joined_.start(at_effector ? Vec2<double>(effector.x, effector.y) : Vec2<double>(base[0], base[1]),
+                  at_effector ? Vec2<double>(velocity.x, velocity.y) : Vec2<double>(rate[0], rate[1]));
+  }
+  /// Empty: out of reach.
+  [[nodiscard]] std::optional<Point> at(std::uint32_t tick) const {
+    const Motion2<double> m = joined_.at(tick);
+    const bool at_effector = joined_.reference().space == ReferenceSpace::effector;
+    if (at_effector) {
+      const auto pose = mechanism_.inverse(m.position, mode_);
+      if (!pose) return std::nullopt;
+      const Vec2<double> base = M::base_angles(*pose);
+      return Point{{m.position.x(), m.position.y()}, {base[0], base[1]}};
+    }
+    const auto e = estimate_from_base(mechanism_, mode_, m.position, m.velocity);
+    if (!e) return std::nullopt;
+    return Point{{e->pose.effector.x(), e->pose.effector.y()}, {m.position[0], m.position[1]}};
+  }
+
+ private:
+  std::unique_ptr<ReferenceBundle<double>> bundle_;  // its path must not move
+  bool present_;
+  M mechanism_;
+  typename M::Mode mode_;
+  JoinedReference<double> joined_;
+};
+
+/// What the controller of a tick saw and did; null pointers where it runs elsewhere.
+template <class M>
+struct ControllerView {
+  const TickResult<M>* result = nullptr;
+  const Sample<M>* sample = nullptr;
+};
+
+template <class World>
+class Recorder {
+ public:
+  using Plant = typename World::Plant;
+  using M = typename World::Mechanism;
+
+  Recorder(const Scene& scene, Pacing pacing, const std::string& log_path, bool with_controller)
+      : scene_(scene), track_(scene, pacing), with_controller_(with_controller),
+        log_(log_path, columns(), tick_count(scene)), torque_(static_cast<std::size_t>(scene.motors())) {}
+
+  [[nodiscard]] ReferenceTrack<World>& track() { return track_; }
+  [[nodiscard]] Statistics& statistics() { return statistics_; }
+  [[nodiscard]] Log& log() { return log_; }
+
+  /// A tick that begins in the plant's present state, under `torque` per joint until the next.
+  void tick(std::uint32_t n, Motion<Plant>& motion, const typename Plant::Joints& torque, bool saturated,
+            const ControllerView<M>& seen) {
+    const typename Plant::Output o = motion.plant().output(motion.state());
+    const V2 x = World::effector(motion.plant(), motion.state(), o);
+    if (n == 0) {
+      const V2 v = effector_rate(motion);
+      track_.start(x, v, {World::angle(o, 0), World::angle(o, M::joints / 2)},
+                   {World::rate(o, 0), World::rate(o, M::joints / 2)});
+    }
+    TickRecord r;
+    r.t = n * scene_.tick();
+    r.q = o.q;
+    r.qd = o.qd;
+    for (std::size_t i = 0; i < torque_.size(); ++i) torque_[i] = torque[joint(static_cast<int>(i))];
+    r.torque = torque_;
+    r.saturated = saturated || (seen.result != nullptr && seen.result->saturated);
+    const auto reference = track_.present() ? track_.at(n) : std::nullopt;
+    r.has_reference = reference.has_value();
+    if (reference) {
+      r.effector_error = std::hypot(x.x - reference->effector.x, x.y - reference->effector.y);
+      for (int i = 0; i < 2; ++i) {
+        const auto u = static_cast<std::size_t>(i);
+        r.base_error[u] = wrap_to_pi(World::angle(o, i * M::joints / 2) - reference->base[u]);
+      }
+    }
+    statistics_.add(r);
+    statistics_.closure_max = std::max(statistics_.closure_max, motion.plant().closure(motion.state()));
+    if (n % energy_stride == 0) statistics_.energy_error = std::max(statistics_.energy_error, motion.energy_error());
+    if (log_.wanted()) write(r, o, x, reference, seen);
+  }
+
+ private:
+  static constexpr std::uint32_t energy_stride = 16;  // the balance drifts slowly; every tick would cost 5 %
+  static constexpr double none = std::numeric_limits<double>::quiet_NaN();
+
+  [[nodiscard]] std::size_t joint(int motor) const {
+    return static_cast<std::size_t>(ControllerConfig<M>::joint_of(motor, scene_.motors()));
+  }
+  [[nodiscard]] int sensor_joint(int i) const {
+    return ControllerConfig<M>::joint_of(i, scene_.all_sensors ? M::joints : 2);
+  }
+  static V2 effector_rate(const Motion<Plant>& motion) {
+    const auto o = motion.plant().output(motion.state());
+    if constexpr (Plant::outputs == 6) {
+      return {o.qd[0], o.qd[1]};
+    } else {
+      return motion.plant().effector_rate(motion.state());
+    }
+  }
+
+  [[nodiscard]] std::vector<std::string> columns() const {
+    std::vector<std::string> c{"t", "x", "y"};
+    const auto joints = static_cast<std::size_t>(M::joints);
+    for (std::size_t i = 0; i < joints; ++i) c.emplace_back(World::joint_names[i]);
+    for (int i = 0; i < scene_.motors(); ++i) c.emplace_back(World::torque_names[joint(i)]);
+    c.insert(c.end(), {"x_ref", "y_ref"});
+    for (int i = 0; i < 2; ++i) c.push_back(base_name(i) + "_ref");
+    if (Plant::outputs == 6) c.insert(c.end(), {"xd", "yd"});
+    for (std::size_t i = 0; i < joints; ++i) c.push_back(std::string(World::joint_names[i]) + "_rate");
+    if (!with_controller_) return c;
+    for (const char* name : World::channel_names) c.push_back(std::string("s_") + name);
+    for (int i = 0; i < sensors(); ++i) {
+      const std::string name = World::joint_names[static_cast<std::size_t>(sensor_joint(i))];
+      c.push_back(name + "_meas");
+      c.push_back(name + "_rate_meas");
+    }
+    for (int i = 0; i < scene_.motors(); ++i) c.push_back(std::string(World::torque_names[joint(i)]) + "_cmd");
+    c.emplace_back("state");
+    return c;
+  }
+  [[nodiscard]] int sensors() const { return scene_.all_sensors ? M::joints : 2; }
+  static std::string base_name(int i) { return World::joint_names[static_cast<std::size_t>(i * M::joints / 2)]; }
+
+  void write(const TickRecord& r, const typename Plant::Output& o, V2 x,
+             const std::optional<typename ReferenceTrack<World>::Point>& reference, const ControllerView<M>& seen) {
+    row_.assign({r.t, x.x, x.y});
+    for (int i = 0; i < M::joints; ++i) row_.push_back(World::angle(o, i));
+    row_.insert(row_.end(), r.torque.begin(), r.torque.end());
+    row_.push_back(reference ? reference->effector.x : none);
+    row_.push_back(reference ? reference->effector.y : none);
+    for (std::size_t i = 0; i < 2; ++i) row_.push_back(reference ? reference->base[i] : none);
+    if (Plant::outputs == 6) row_.insert(row_.end(), {o.qd[0], o.qd[1]});
+    for (int i = 0; i < M::joints; ++i) row_.push_back(World::rate(o, i));
+    const char* state = "";
+    if (with_controller_) {
+      for (int i = 0; i < M::channels; ++i) row_.push_back(seen.result->sliding[i]);
+      for (int i = 0; i < sensors(); ++i) {
+        row_.push_back(seen.sample->angle[sensor_joint(i)]);
+        row_.push_back(seen.sample->rate[sensor_joint(i)]);
+      }
+      for (int i = 0; i < scene_.motors(); ++i) row_.push_back(seen.result->torque[static_cast<int>(joint(i))]);
+      state = name(seen.result->state);
+    }
+    log_.row(row_, state);
+  }
+
+  const Scene& scene_;
+  ReferenceTrack<World> track_;
+  bool with_controller_;
+  Log log_;
+  Statistics statistics_;
+  std::vector<double> torque_, row_;
+};
+
+/// Throws InputError where the reference leaves the true mechanism's reach during the run.
+template <class World>
+void require_reachable(const Scene& scene, Pacing pacing) {
+  if (scene.reference.type == ReferenceType::none) return;
+  ReferenceTrack<World> track(scene, pacing);
+  const auto q = scene.start_angle;
+  const std::size_t half = q.size() / 2;
+  constexpr std::uint32_t checked = 2'000'000;  // longer runs repeat themselves or are caught by the supervisor
+  track.start({}, {}, {q[0], q[half == 2 ? 2 : 1]}, {0.0, 0.0});
+  if (scene.reference.type == ReferenceType::hold && !scene.reference.position) return;
+  for (std::uint32_t n = track.bundle().join_ticks; n < std::min(tick_count(scene), checked); ++n) {
+    if (!track.at(n)) {
+      throw InputError(scene.reference_where, "the reference leaves the reach of the mechanism at t = " +
+                                                  fmt::format("{:.3f} s", n * scene.tick()));
+    }
+  }
+}
+
+}  // namespace esmc::host

@@ -1,0 +1,211 @@
+#include <chrono>
+#include <cmath>
+
+#include "host_sim/drives/placed_axes.hpp"
+#include "host_sim/commands/finish.hpp"
+#include "host_sim/commands/recorder.hpp"
+#include "host_sim/commands/run.hpp"
+
+namespace esmc::host {
+namespace {
+
+/// One pass over the whole scene with a given number of integration steps per tick.
+template <class World>
+class SimRun {
+ public:
+  using Plant = typename World::Plant;
+  using M = typename World::Mechanism;
+  using Joints = typename Plant::Joints;
+
+  SimRun(const Scene& scene, const RunOptions& options, const std::string& log_path)
+      : scene_(scene), options_(options), recorder_(scene, Pacing::lockstep, log_path, scene.closed_loop()),
+        motion_(World::plant(scene), scene.effects, start(scene)), stage_(scene) {}
+
+  [[nodiscard]] Recorder<World>& recorder() { return recorder_; }
+
+  RunEnd run(int substeps) {
+    const auto begin = std::chrono::steady_clock::now();
+    RunEnd end;
+    if (scene_.closed_loop()) {
+      closed_loop(substeps, end);
+    } else {
+      open_loop(substeps, end);
+    }
+    end.wall_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+    const auto o = motion_.plant().output(motion_.state());
+    end.q.assign(o.q.begin(), o.q.end());
+    end.qd.assign(o.qd.begin(), o.qd.end());
+    end.state_dimension = Motion<Plant>::state_dimension;
+    end.seed = options_.seed;
+    Statistics& s = recorder_.statistics();
+    s.energy_error = std::max(s.energy_error, motion_.energy_error());
+    return end;
+  }
+
+ private:
+  static typename Plant::State start(const Scene& s) {
+    Joints angle{}, rate{};
+    std::copy_n(s.start_angle.begin(), angle.size(), angle.begin());
+    std::copy_n(s.start_rate.begin(), rate.size(), rate.begin());
+    return Plant::from_joints(angle, rate);
+  }
+
+  /// Torque as a function of time, no controller, no limits.
+  void open_loop(int substeps, RunEnd& end) {
+    const double tick = scene_.tick(), step = tick / substeps;
+    bool clipped = false;
+    const auto torque = [&](double t) {
+      Joints out{};
+      for (std::size_t i = 0; i < scene_.torque.size(); ++i) {
+        const Waveform& w = scene_.torque[i];
+        double v = w.offset;
+        for (const Waveform::Term& term : w.terms) v += term.amp * std::sin(term.omega * t + term.phase);
+        const int joint = ControllerConfig<M>::joint_of(static_cast<int>(i), scene_.motors());
+        out[static_cast<std::size_t>(joint)] = stage_(v, clipped);
+      }
+      return out;
+    };
+    const std::uint32_t ticks = tick_count(scene_);
+    for (std::uint32_t n = 0; n < ticks; ++n) {
+      if (stop_requested()) {
+        end.interrupted = true;
+        return;
+      }
+      clipped = false;
+      const Joints now = torque(n * tick);
+      recorder_.tick(n, motion_, now, clipped, {});
+      motion_.advance(n * tick, step, substeps, torque);
+    }
+  }
+
+  /// The controller of the firmware, its torque applied directly over the tick.
+  void closed_loop(int substeps, RunEnd& end) {
+    const ReferenceBundle<double> reference = make_reference(scene_, Pacing::lockstep);
+    Controller<M> controller(make_controller<M>(scene_, Pacing::lockstep, reference));
+    Supervisor supervisor;
+    supervisor.begin_tick(Command::enable, {});  // there are no drives to wait for
+    std::vector<Sensor> sensors = make_sensors(controller.config().sensor_count());
+    Sample<M> sample;
+    const double tick = scene_.tick(), step = tick / substeps;
+    const std::uint32_t ticks = tick_count(scene_);
+    for (std::uint32_t n = 0; n < ticks; ++n) {
+      const bool stop = stop_requested();
+      supervisor.begin_tick(stop ? Command::stop : Command::none, {true, false});
+      measure(sensors, sample);
+      const TickResult<M> result = controller.tick(sample, supervisor);
+      bool clipped = false;
+      Joints torque{};
+      for (std::size_t i = 0; i < torque.size(); ++i) torque[i] = stage_(result.torque[static_cast<int>(i)], clipped);
+      recorder_.tick(n, motion_, torque, clipped, {&result, &sample});
+      motion_.advance(n * tick, step, substeps, [&](double) { return torque; });
+      if (stop) {
+        end.interrupted = true;
+        break;
+      }
+    }
+    end.final_state = name(supervisor.state());
+    if (supervisor.fault() != Fault::none) end.faults.emplace_back(name(supervisor.fault()));
+  }
+
+  struct Sensor {
+    PlacedAxis axis;
+    ShaftSensor shaft;
+    double rev_per_rad;
+  };
+  std::vector<Sensor> make_sensors(int count) {
+    std::vector<Sensor> out;
+    const auto o = motion_.plant().output(motion_.state());
+    for (const PlacedAxis& a : placed_axes(scene_)) {
+      if (count == 2 && a.joint % (M::joints / 2) != 0) continue;
+      const double k = a.mount.direction * a.mount.gear_ratio / (2.0 * std::numbers::pi);
+      out.push_back({a, ShaftSensor(find_effect<Encoder>(scene_.effects), scene_.tick()), k});
+      out.back().shaft.settle({(World::angle(o, a.joint) - a.mount.offset) * k, 0.0});
+    }
+    return out;
+  }
+  void measure(std::vector<Sensor>& sensors, Sample<M>& sample) const {
+    const auto o = motion_.plant().output(motion_.state());
+    const bool exact = !find_effect<Encoder>(scene_.effects);
+    for (Sensor& s : sensors) {
+      const double angle = World::angle(o, s.axis.joint), rate = World::rate(o, s.axis.joint);
+      if (exact) {  // not through revolutions and back: the truth to the last bit
+        sample.angle[s.axis.joint] = angle;
+        sample.rate[s.axis.joint] = rate;
+        continue;
+      }
+      const ShaftReading r = s.shaft.read({(angle - s.axis.mount.offset) * s.rev_per_rad, rate * s.rev_per_rad});
+      sample.angle[s.axis.joint] = r.position_rev / s.rev_per_rad + s.axis.mount.offset;
+      sample.rate[s.axis.joint] = r.velocity_rev_s / s.rev_per_rad;
+    }
+  }
+
+  const Scene& scene_;
+  const RunOptions& options_;
+  Recorder<World> recorder_;
+  Motion<Plant> motion_;
+  TorqueStage stage_;
+};
+
+[[nodiscard]] int steps_per_tick(const Scene& s) {
+  return std::max(1, static_cast<int>(std::ceil(s.tick() / s.step - 1e-9)));
+}
+
+[[nodiscard]] double largest_difference(const std::vector<double>& a, const std::vector<double>& b) {
+  double d = 0.0;
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    const double e = std::abs(a[i] - b[i]);
+    d = e > d || std::isnan(e) ? e : d;
+  }
+  return d;
+}
+
+template <class World>
+int simulate(const Scene& scene, const RunOptions& o) {
+  require_reachable<World>(scene, Pacing::lockstep);
+  OutputDirectory out(o.out);
+  const auto finish = [&](SimRun<World>& run, const RunEnd& end) {
+    return finish_run(o, scene, "sim", make_summary(scene, run.recorder().statistics(), end), run.recorder().log(), out);
+  };
+  if (!scene.accuracy) {
+    SimRun<World> run(scene, o, out.path("log.csv"));
+    const RunEnd end = run.run(steps_per_tick(scene));
+    return finish(run, end);
+  }
+  // Step halving. The change between two passes bounds the error of the finer one about 15 times over (RK4), and
+  // when it stops shrinking, rounding has been reached.
+  constexpr int finest = 4096;
+  std::vector<double> before;
+  double change = std::numeric_limits<double>::infinity();
+  for (int substeps = 1; substeps <= finest; substeps *= 2) {
+    SimRun<World> run(scene, o, out.path("log.csv"));
+    const RunEnd end = run.run(substeps);
+    if (end.interrupted) return finish(run, end);
+    if (!before.empty()) {
+      const double now = largest_difference(before, end.q);
+      if (now <= *scene.accuracy) return finish(run, end);
+      if (substeps > 16 && now > 0.5 * change) {
+        change = now;
+        break;
+      }
+      change = now;
+    }
+    before = end.q;
+  }
+  throw RunError(fmt::format("accuracy = {} was not reached: halving the step changes final_state.q by {:.2g}, and "
+                             "rounding (or a motion that forgets its past) is in the way",
+                             *scene.accuracy, change));
+}
+
+}  // namespace
+
+int run_sim(const RunOptions& o) {
+  const Scene scene = read_scene(o.scene, o.sets);
+  return scene.type == MechanismType::five_bar ? simulate<FiveBarWorld>(scene, o) : simulate<RrWorld>(scene, o);
+}
+
+std::atomic<bool>& stop_requested() {
+  static std::atomic<bool> flag{false};
+  return flag;
+}
+
+}  // namespace esmc::host

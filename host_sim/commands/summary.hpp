@@ -1,0 +1,113 @@
+#pragma once
+/// What a run amounts to: digest, errors, torque, energy; the document that --json prints.
+
+#include <array>
+#include <bit>
+#include <cmath>
+#include <cstdint>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "host_sim/scene/scene.hpp"
+
+namespace esmc::host {
+
+/// FNV-1a 64 over the little-endian doubles of q then qd at every tick from t = 0.
+class Digest {
+ public:
+  void add(std::span<const double> values) {
+    for (const double v : values) {
+      auto bits = std::bit_cast<std::uint64_t>(v);
+      for (int i = 0; i < 8; ++i, bits >>= 8U) hash_ = (hash_ ^ (bits & 0xFFU)) * 0x100000001B3ULL;
+    }
+  }
+  [[nodiscard]] std::string text() const;
+
+ private:
+  std::uint64_t hash_ = 0xCBF29CE484222325ULL;
+};
+
+/// Root mean square and maximum of an error, over the whole run and after the start transient.
+/// A sample of several components counts each component (base joints) or is one distance (effector).
+class ErrorStatistics {
+ public:
+  void add(bool settled, double error) {
+    all_.add(error);
+    if (settled) settled_.add(error);
+  }
+  struct Moments {
+    double square = 0.0, largest = 0.0;
+    std::uint64_t count = 0;
+    void add(double e) {
+      square += e * e;
+      largest = e > largest || std::isnan(e) ? e : largest;
+      ++count;
+    }
+    [[nodiscard]] double rms() const { return count > 0 ? std::sqrt(square / static_cast<double>(count)) : 0.0; }
+  };
+  [[nodiscard]] const Moments& all() const { return all_; }
+  [[nodiscard]] const Moments& settled() const { return settled_; }
+
+ private:
+  Moments all_, settled_;
+};
+
+struct BusSummary {
+  std::uint64_t frames = 0, lost = 0;
+  double load = 0.0;  ///< fraction of the bus time, worst-case bit stuffing
+};
+
+/// One tick as the statistics see it. `torque` per motor, N m at the joint.
+struct TickRecord {
+  double t = 0.0;
+  std::span<const double> q, qd;
+  std::span<const double> torque;
+  bool has_reference = false;
+  double effector_error = 0.0;                ///< m
+  std::array<double, 2> base_error{};         ///< rad
+  bool saturated = false;
+};
+
+class Statistics {
+ public:
+  static constexpr double settling_time = 0.25;  ///< s
+
+  void add(const TickRecord& r);
+  [[nodiscard]] std::uint64_t ticks() const { return ticks_; }
+
+  Digest digest;
+  double closure_max = 0.0, energy_error = 0.0;
+
+  /// The document of design.md section 4, without what only the loop knows (wall time, bus, supervisor).
+  [[nodiscard]] nlohmann::ordered_json tracking() const;
+  [[nodiscard]] nlohmann::ordered_json torque() const;
+
+ private:
+  ErrorStatistics effector_, base_;
+  std::vector<double> last_torque_;
+  double torque_max_ = 0.0, delta_sum_ = 0.0;
+  std::uint64_t ticks_ = 0, deltas_ = 0, saturated_ = 0;
+  bool has_reference_ = false;
+};
+
+/// How a run ended, for the summary.
+struct RunEnd {
+  double wall_s = 0.0;       ///< of the loop alone
+  bool interrupted = false;  ///< Ctrl-C
+  std::string final_state = "off";
+  std::vector<std::string> faults;
+  std::optional<BusSummary> bus;
+  std::vector<double> q, qd;  ///< final state
+  int state_dimension = 0;
+  std::uint64_t seed = 1;
+};
+
+nlohmann::ordered_json make_summary(const Scene& scene, const Statistics& s, const RunEnd& end);
+
+/// The few lines a person wants, from the summary document.
+std::string summary_text(const nlohmann::ordered_json& summary);
+
+}  // namespace esmc::host

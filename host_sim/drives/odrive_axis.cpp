@@ -1,0 +1,125 @@
+#include "host_sim/drives/odrive_axis.hpp"
+
+#include <cmath>
+#include <numbers>
+
+namespace esmc::host {
+
+namespace wire = drive::odrive;
+
+namespace {
+// 0.6 keeps its own error numbers; what an axis of ours can report.
+std::uint32_t watchdog_error(wire::Version v) {
+  return v == wire::Version::v0_6 ? wire::error_watchdog_0_6 : wire::error_watchdog_0_5_6;
+}
+std::uint32_t estop_error(wire::Version v) {
+  return v == wire::Version::v0_6 ? wire::error_estop_0_6 : wire::error_estop_0_5_6;
+}
+constexpr std::uint32_t error_bad_setpoint = 0x2;  // SYSTEM_LEVEL
+}  // namespace
+
+OdriveAxis::OdriveAxis(const AxisMount& mount, const Settings& settings, const std::optional<Encoder>& encoder)
+    : mount_(mount), settings_(settings), sensor_(encoder, settings.period) {}
+
+ShaftReading OdriveAxis::truth(double angle, double rate) const {
+  const double rev_per_rad = mount_.direction * mount_.gear_ratio / (2.0 * std::numbers::pi);
+  return {(angle - mount_.offset) * rev_per_rad, rate * rev_per_rad};
+}
+
+void OdriveAxis::settle(double joint_angle) {
+  sensor_.settle(truth(joint_angle, 0.0));
+}
+
+void OdriveAxis::publish(double joint_angle, double joint_rate, const Send& send) {
+  reading_ = sensor_.read(truth(joint_angle, joint_rate));
+  since_fed_ += settings_.period;
+  // Half a period of slack: sums of periods must not expire a watchdog by rounding.
+  if (closed_loop() && since_fed_ > settings_.watchdog_timeout + 0.5 * settings_.period) {
+    disarm(watchdog_error(settings_.version));
+  }
+  since_heartbeat_ += settings_.period;
+  if (since_heartbeat_ > settings_.heartbeat_period - 0.5 * settings_.period) {
+    since_heartbeat_ = 0.0;
+    confirmations_ = closed_loop() && error_ == 0 ? confirmations_ + 1 : 0;
+    send(heartbeat());
+  }
+  send(estimates());
+}
+
+bool OdriveAxis::receive(const hal::CanFrame& f, const Send& send) {
+  if (f.extended || f.fd || (f.id >> 5U) != static_cast<std::uint32_t>(mount_.node)) return false;
+  const auto message = static_cast<wire::Message>(f.id & 0x1FU);
+  if (f.remote) {
+    if (message == wire::Message::heartbeat) send(heartbeat());
+    if (message == wire::Message::encoder_estimates) send(estimates());
+    return false;
+  }
+  // 0.5.6 feeds its watchdog with any message to the axis, 0.6 with setpoints only.
+  if (settings_.version == wire::Version::v0_5_6) since_fed_ = 0.0;
+  switch (message) {
+    case wire::Message::set_axis_state:
+      if (const auto s = wire::decode_axis_state_request(f)) request_state(*s);
+      return false;
+    case wire::Message::set_controller_mode:
+      if (const auto m = wire::decode_controller_mode(f)) {
+        torque_mode_ = m->control == wire::control_mode_torque && m->input == wire::input_mode_passthrough;
+      }
+      return false;
+    case wire::Message::set_input_torque:
+      if (const auto torque = wire::decode_torque(f)) {
+        setpoint(*torque);
+        return true;
+      }
+      return false;
+    case wire::Message::clear_errors: error_ = 0; return false;
+    case wire::Message::estop: disarm(estop_error(settings_.version)); return false;
+    case wire::Message::heartbeat:
+    case wire::Message::encoder_estimates: return false;
+  }
+  return false;
+}
+
+double OdriveAxis::joint_torque() const {
+  if (!closed_loop() || !torque_mode_) return 0.0;
+  return static_cast<double>(input_torque_) * mount_.direction * mount_.gear_ratio;
+}
+
+hal::CanFrame OdriveAxis::heartbeat() const {
+  return wire::encode_heartbeat(static_cast<std::uint8_t>(mount_.node), error_, state_);
+}
+
+hal::CanFrame OdriveAxis::estimates() const {
+  return wire::encode_encoder_estimates(static_cast<std::uint8_t>(mount_.node),
+                                        static_cast<float>(reading_.position_rev),
+                                        static_cast<float>(reading_.velocity_rev_s));
+}
+
+void OdriveAxis::disarm(std::uint32_t error) {
+  error_ |= error;
+  state_ = wire::AxisState::idle;
+  input_torque_ = 0.0F;
+  confirmations_ = 0;
+}
+
+void OdriveAxis::request_state(std::uint32_t state) {
+  const bool arm = state == static_cast<std::uint32_t>(wire::AxisState::closed_loop_control);
+  if (!arm) {
+    disarm(0);
+    return;
+  }
+  if (error_ != 0 || closed_loop()) return;  // a drive with an error refuses until it is cleared
+  state_ = wire::AxisState::closed_loop_control;
+  input_torque_ = 0.0F;
+  since_fed_ = 0.0;
+}
+
+void OdriveAxis::setpoint(float torque) {
+  since_fed_ = 0.0;
+  if (!std::isfinite(torque)) {
+    disarm(error_bad_setpoint);
+    return;
+  }
+  input_torque_ = torque;
+}
+
+}  // namespace esmc::host

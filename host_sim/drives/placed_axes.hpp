@@ -1,0 +1,54 @@
+#pragma once
+/// Which drive of the scene sits on which joint, and how.
+
+#include <algorithm>
+#include <vector>
+
+#include "host_sim/drives/odrive_axis.hpp"
+#include "host_sim/scene/scene.hpp"
+
+namespace esmc::host {
+
+struct PlacedAxis {
+  AxisMount mount;
+  int joint = 0;       ///< index into the joints of the plant
+  bool motor = false;  ///< false: a passive encoder
+};
+
+/// Motors first (base joints first), then passive encoders: the order of the scene.
+inline std::vector<PlacedAxis> placed_axes(const Scene& s) {
+  std::vector<PlacedAxis> out;
+  for (std::size_t i = 0; i < s.drives.nodes.size(); ++i) {
+    const int motors = s.motors(), at = static_cast<int>(i);
+    const bool motor = at < motors;
+    const int joint = !motor ? 2 * (at - motors) + 1 : at * s.joints() / motors;
+    out.push_back({{s.drives.nodes[i], s.drives.direction[i], s.drives.gear_ratio[i], s.drives.offset[i]}, joint, motor});
+  }
+  return out;
+}
+
+/// The axis as the real drive would be configured for a scene.
+inline OdriveAxis make_axis(const Scene& s, const PlacedAxis& a) {
+  OdriveAxis::Settings settings;
+  settings.version = s.drives.protocol == Protocol::odrive ? OdriveAxis::Version::v0_6 : OdriveAxis::Version::v0_5_6;
+  settings.period = s.tick();
+  settings.watchdog_timeout = std::max(0.01, 3.0 * s.tick());  // a slow loop must not starve it between two ticks
+  return {a.mount, settings, find_effect<Encoder>(s.effects)};
+}
+
+/// Motor torque after what the drive can deliver; `clipped` tells whether it made a difference.
+class TorqueStage {
+ public:
+  explicit TorqueStage(const Scene& s) : saturation_(find_effect<TorqueSaturation>(s.effects)) {}
+  [[nodiscard]] double operator()(double torque, bool& clipped) const {
+    if (!saturation_) return torque;
+    const double limited = std::clamp(torque, -saturation_->limit, saturation_->limit);
+    clipped = clipped || limited != torque;
+    return limited;
+  }
+
+ private:
+  std::optional<TorqueSaturation> saturation_;
+};
+
+}  // namespace esmc::host

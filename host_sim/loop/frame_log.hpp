@@ -1,0 +1,71 @@
+#pragma once
+/// frames.log: every frame that passes a node, in the format of `candump -L`, stamped with virtual time.
+
+#include <cstdint>
+#include <cstdio>
+#include <string>
+
+#include "hal/can.hpp"
+
+namespace esmc::host {
+
+/// One line of candump -L, without the newline: "(0000000001.001135) vcan0 022#0000000008000000".
+std::string candump_line(std::int64_t time_us, const std::string& interface, const hal::CanFrame& f);
+
+class FrameLog {
+ public:
+  FrameLog() = default;
+  /// `path` empty: nothing is written.
+  FrameLog(const std::string& path, std::string interface, std::uint32_t bitrate);
+  FrameLog(const FrameLog&) = delete;
+  FrameLog& operator=(const FrameLog&) = delete;
+  ~FrameLog();
+
+  /// Virtual time of the tick that begins, s. Frames of the tick follow each other at the bit rate.
+  void tick(double time_s) {
+    const auto now = static_cast<std::int64_t>(time_s * 1e6 + 0.5);
+    time_us_ = now > time_us_ ? now : time_us_;
+  }
+  void frame(const hal::CanFrame& f);
+  void close();
+
+  [[nodiscard]] std::uint64_t frames() const { return frames_; }
+  [[nodiscard]] std::uint64_t bits() const { return bits_; }  ///< with worst-case stuffing
+
+ private:
+  std::FILE* file_ = nullptr;
+  std::string interface_;
+  std::uint32_t bitrate_ = 1'000'000;
+  std::int64_t time_us_ = 0;
+  std::uint64_t frames_ = 0, bits_ = 0;
+};
+
+/// A bus whose traffic, as one node sees it, goes through a FrameLog.
+template <hal::CanBus Bus>
+class Tapped {
+ public:
+  Tapped(Bus& bus, FrameLog& log) : bus_(&bus), log_(&log) {}
+  [[nodiscard]] hal::SendStatus try_send(const hal::CanFrame& f) {
+    const hal::SendStatus s = bus_->try_send(f);
+    if (s == hal::SendStatus::ok) {
+      log_->frame(f);
+    } else {
+      ++lost_;
+    }
+    return s;
+  }
+  [[nodiscard]] bool try_receive(hal::CanFrame& f) {
+    if (!bus_->try_receive(f)) return false;
+    log_->frame(f);
+    return true;
+  }
+  [[nodiscard]] Bus& bus() { return *bus_; }
+  [[nodiscard]] std::uint64_t lost() const { return lost_; }
+
+ private:
+  Bus* bus_;
+  FrameLog* log_;
+  std::uint64_t lost_ = 0;
+};
+
+}  // namespace esmc::host

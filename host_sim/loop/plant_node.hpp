@@ -1,0 +1,121 @@
+#pragma once
+/// The plant's end of the bus: mechanism, drives and the brake that holds the mechanism until they are armed.
+///
+/// One lockstep tick:  publish (heartbeats, encoder estimates)  ->  collect until every motor has its torque
+/// ->  advance over the tick with those torques.
+
+#include <array>
+#include <cstdint>
+#include <vector>
+
+#include "host_sim/drives/placed_axes.hpp"
+#include "host_sim/plant/motion.hpp"
+
+namespace esmc::host {
+
+template <class Plant>
+class PlantNode {
+ public:
+  using Joints = typename Plant::Joints;
+
+  PlantNode(const Plant& plant, const Scene& scene, const typename Plant::State& start)
+      : motion_(plant, scene.effects, start), stage_(scene), tick_(scene.tick()) {
+    const Joints angle = Plant::joint_angles(motion_.state().angle);
+    for (const PlacedAxis& a : placed_axes(scene)) {
+      axes_.push_back({a, make_axis(scene, a), false});
+      axes_.back().axis.settle(angle[static_cast<std::size_t>(a.joint)]);
+    }
+  }
+
+  [[nodiscard]] Motion<Plant>& motion() { return motion_; }
+
+  /// True from t = 0 on: every motor has confirmed closed-loop control in two heartbeats, and the brake is off.
+  [[nodiscard]] bool released() const { return released_; }
+  /// Virtual time since the start of arming, s.
+  [[nodiscard]] double time() const { return static_cast<double>(published_) * tick_; }
+
+  /// Begins a tick: every drive says how it is and where its shaft stands.
+  template <hal::CanBus Bus>
+  void publish(Bus& bus) {
+    released_ = released_ || armed();
+    const auto send = [&](const hal::CanFrame& f) { (void)bus.try_send(f); };  // losses are counted by the tap
+    const Joints angle = Plant::joint_angles(motion_.state().angle), rate = Plant::joint_rates(motion_.state().rate);
+    for (Axis& a : axes_) {
+      a.answered = false;
+      const auto joint = static_cast<std::size_t>(a.placed.joint);
+      a.axis.publish(angle[joint], released_ ? rate[joint] : 0.0, send);
+    }
+    ++published_;
+  }
+
+  /// Hands waiting frames to the drives. Returns how many there were.
+  template <hal::CanBus Bus>
+  int collect(Bus& bus) {
+    const auto send = [&](const hal::CanFrame& f) { (void)bus.try_send(f); };
+    hal::CanFrame f;
+    int n = 0;
+    for (; n < 4096 && bus.try_receive(f); ++n) {
+      for (Axis& a : axes_) a.answered = a.axis.receive(f, send) || a.answered;
+    }
+    return n;
+  }
+
+  /// Every motor got a torque setpoint since publish().
+  [[nodiscard]] bool answered() const {
+    for (const Axis& a : axes_) {
+      if (a.placed.motor && !a.answered) return false;
+    }
+    return true;
+  }
+
+  /// Torque at the joints now, after what the drives can deliver.
+  [[nodiscard]] Joints torque(bool& clipped) const {
+    Joints out{};
+    for (const Axis& a : axes_) {
+      if (a.placed.motor) out[static_cast<std::size_t>(a.placed.joint)] = stage_(a.axis.joint_torque(), clipped);
+    }
+    return out;
+  }
+
+  /// Moves over `seconds` in equal steps; the brake holds until released.
+  void advance(double t, double seconds, int steps, const Joints& torque) {
+    if (!released_) return;
+    motion_.advance(t, seconds / steps, steps, [&](double) { return torque; });
+  }
+
+  /// A motor that has left closed-loop control after the release.
+  [[nodiscard]] bool disarmed() const { return released_ && !all_closed_loop(); }
+  [[nodiscard]] std::uint32_t drive_errors() const {
+    std::uint32_t bits = 0;
+    for (const Axis& a : axes_) bits |= a.axis.error();
+    return bits;
+  }
+
+ private:
+  struct Axis {
+    PlacedAxis placed;
+    OdriveAxis axis;
+    bool answered;
+  };
+  [[nodiscard]] bool armed() const {
+    for (const Axis& a : axes_) {
+      if (a.placed.motor && a.axis.confirmations() < 2) return false;
+    }
+    return true;
+  }
+  [[nodiscard]] bool all_closed_loop() const {
+    for (const Axis& a : axes_) {
+      if (a.placed.motor && !a.axis.closed_loop()) return false;
+    }
+    return true;
+  }
+
+  Motion<Plant> motion_;
+  std::vector<Axis> axes_;
+  TorqueStage stage_;
+  double tick_;
+  std::uint64_t published_ = 0;
+  bool released_ = false;
+};
+
+}  // namespace esmc::host

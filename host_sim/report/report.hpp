@@ -1,0 +1,24 @@
+#pragma once
+/// The report of one run: a single HTML file that needs nothing but a browser.
+
+#include <nlohmann/json.hpp>
+#include <string>
+
+namespace esmc::host {
+
+/// Puts the data of one run into the page `report.html.in`, which draws everything itself when it is opened.
+///
+/// `data`, all keys optional (the page shows what it finds):
+///   kind      "sim" | "hil"
+///   command   what to type to repeat the run
+///   version   of this program
+///   scene_toml  text of the scene as run
+///   summary   the object of summary.json
+///   mechanism {type: "five_bar" | "rr", half_base, legs: [{l1, l2}, ...]}; one entry in legs stands for both
+///   columns   names of the columns of log.csv
+///   rows      their values; a few thousand rows are enough, the page says so when ticks were left out
+///
+/// Never throws on the content of `data`: invalid UTF-8 is replaced, NaN and infinity become gaps.
+[[nodiscard]] std::string render_report(const nlohmann::ordered_json& data);
+
+}  // namespace esmc::host

@@ -1,0 +1,170 @@
+#include "host_sim/scene/keys.hpp"
+
+#include <fmt/format.h>
+
+#include <array>
+#include <cmath>
+#include <stdexcept>
+
+namespace esmc::host {
+namespace {
+
+constexpr double inf = std::numeric_limits<double>::infinity();
+constexpr double big = 1e6;  // magnitudes beyond this are a slip of units
+
+// clang-format off
+constexpr std::array keys{
+    Key{"name", "string", "\"scene\"", "", -inf, inf, false, "", "shown in reports"},
+
+    Key{"mechanism.type", "string", "", "", -inf, inf, false, "five_bar | rr", "which mechanism"},
+    Key{"mechanism.half_base", "number", "", "m", 0, 1e3, true, "", "five_bar: half the distance between the base joints"},
+    Key{"mechanism.gravity", "number", "", "m/s2", 0, 1e3, false, "", "along -y; 0 for a horizontal mechanism"},
+    Key{"mechanism.effector_mass", "number", "0.0", "kg", 0, big, false, "", "five_bar: point mass at the effector"},
+    Key{"mechanism.leg", "table", "-", "", -inf, inf, false, "", "both legs (or the arm); or [[mechanism.legs]] twice"},
+    Key{"mechanism.legs", "tables", "-", "", -inf, inf, false, "", "five_bar: the two legs, leg 1 (right) first"},
+    Key{"mechanism.working_mode", "strings", "", "", -inf, inf, false, "+ | -", "sign of sin(theta_j2), per leg in its own frame"},
+    Key{"mechanism.assembly_mode", "string", "-", "", -inf, inf, false, "+ | -", "five_bar: sign of sin(phi12 + phi22); else from the initial pose"},
+    Key{"mechanism.leg.l1", "number", "", "m", 0, 1e3, true, "", "length of the proximal bar"},
+    Key{"mechanism.leg.l2", "number", "", "m", 0, 1e3, true, "", "length of the distal bar"},
+    Key{"mechanism.leg.lg1", "number", "", "m", -1e3, 1e3, false, "", "mass centre of the proximal bar, from its joint along the bar"},
+    Key{"mechanism.leg.lg2", "number", "", "m", -1e3, 1e3, false, "", "mass centre of the distal bar, likewise"},
+    Key{"mechanism.leg.m1", "number", "", "kg", 0, big, false, "", "mass of the proximal bar"},
+    Key{"mechanism.leg.m2", "number", "", "kg", 0, big, false, "", "mass of the distal bar"},
+    Key{"mechanism.leg.J1", "number", "", "kg m2", 0, big, false, "", "inertia of the proximal bar about its mass centre"},
+    Key{"mechanism.leg.J2", "number", "", "kg m2", 0, big, false, "", "inertia of the distal bar about its mass centre"},
+
+    Key{"control.law", "string", "", "", -inf, inf, false, "esmc | esmc_projected | smc | ctc | pd | open_loop | none", "control law"},
+    Key{"control.reaching", "string", "\"implicit\"", "", -inf, inf, false, "sign | saturation | tanh | implicit", "what replaces sgn s"},
+    Key{"control.lambda", "number or {position, angle}", "", "1/s", 0, 1e5, true, "", "esmc, esmc_projected, smc: slope of the surface; ctc: K_p = lambda^2, K_d = 2 lambda unless kp, kd are given"},
+    Key{"control.gain", "number or {position, angle}", "", "m/s2, rad/s2", 0, 1e9, false, "", "esmc, esmc_projected, smc: switching gain k"},
+    Key{"control.layer", "number or {position, angle}", "0.05", "m/s, rad/s", 0, 1e6, true, "", "boundary layer of saturation and tanh"},
+    Key{"control.kp", "number", "-", "1/s2 (ctc), N m/rad (pd)", 0, 1e9, false, "", "proportional gain; required for pd"},
+    Key{"control.kd", "number", "-", "1/s (ctc), N m s/rad (pd)", 0, 1e9, false, "", "derivative gain; required for pd"},
+    Key{"control.delay_ticks", "number", "-", "ticks", 0, 20, false, "", "known torque delay told to the implicit law; default 0 in sim and lockstep, 2 in real time"},
+    Key{"control.rate_hz", "number", "1000.0", "Hz", 10, 100000, false, "", "control ticks per second"},
+    Key{"control.motors", "string", "\"base\"", "", -inf, inf, false, "base | all", "five_bar: two motors on the base, or four"},
+    Key{"control.sensors", "string", "\"base\"", "", -inf, inf, false, "base | all", "five_bar: base encoders and closure, or all four joints"},
+    Key{"control.torque_limit", "number or numbers", "", "N m", 0, big, true, "", "hard clamp at the controller, at the joint; one for all motors or one each"},
+    Key{"control.torque_weight", "numbers", "-", "", 0, 1e12, true, "", "four motors: diagonal of W, minimised is tau^T W tau; default 1/torque_limit^2"},
+    Key{"control.model", "table", "-", "", -inf, inf, false, "", "what the controller believes, as factors on [mechanism]"},
+    Key{"control.torque", "tables", "-", "", -inf, inf, false, "", "open_loop: per motor { offset, terms = [{ amp, omega, phase }] }"},
+    Key{"control.model.half_base", "number", "1.0", "", 0, 100, true, "", "factor"},
+    Key{"control.model.effector_mass", "number", "1.0", "", 0, 100, false, "", "factor"},
+    Key{"control.model.gravity", "number", "1.0", "", 0, 100, false, "", "factor"},
+    Key{"control.model.l1", "number", "1.0", "", 0, 100, true, "", "factor"},
+    Key{"control.model.l2", "number", "1.0", "", 0, 100, true, "", "factor"},
+    Key{"control.model.lg1", "number", "1.0", "", -100, 100, false, "", "factor"},
+    Key{"control.model.lg2", "number", "1.0", "", -100, 100, false, "", "factor"},
+    Key{"control.model.m1", "number", "1.0", "", 0, 100, false, "", "factor"},
+    Key{"control.model.m2", "number", "1.0", "", 0, 100, false, "", "factor"},
+    Key{"control.model.J1", "number", "1.0", "", 0, 100, false, "", "factor"},
+    Key{"control.model.J2", "number", "1.0", "", 0, 100, false, "", "factor"},
+    Key{"control.model.friction", "string", "\"none\"", "", -inf, inf, false, "none | exact", "friction the controller compensates"},
+    Key{"control.torque.offset", "number", "0.0", "N m", -big, big, false, "", "constant part"},
+    Key{"control.torque.terms", "tables", "[]", "", -inf, inf, false, "", "sine terms"},
+    Key{"control.torque.terms.amp", "number", "", "N m", -big, big, false, "", "amplitude"},
+    Key{"control.torque.terms.omega", "number", "", "rad/s", -big, big, false, "", "angular frequency"},
+    Key{"control.torque.terms.phase", "number", "0.0", "rad", -big, big, false, "", "phase"},
+
+    Key{"reference.type", "string", "", "", -inf, inf, false, "circle | line | polyline | joint_sine | hold | file", "kind of reference"},
+    Key{"reference.join", "number", "-", "s", 0, 60, false, "", "from the measured pose onto the reference by a quintic; default 0 in sim and lockstep, 1.0 on hardware"},
+    Key{"reference[circle].center", "numbers", "", "m", -1e3, 1e3, false, "", "centre (x, y)"},
+    Key{"reference[circle].radius", "number", "", "m", 0, 1e3, true, "", "radius"},
+    Key{"reference[circle].speed", "number", "", "rad/s", -1e4, 1e4, false, "", "counter-clockwise positive"},
+    Key{"reference[circle].phase", "number", "0.0", "rad", -1e3, 1e3, false, "", "angle at t = 0"},
+    Key{"reference[line].from", "numbers", "", "m", -1e3, 1e3, false, "", "start (x, y)"},
+    Key{"reference[line].to", "numbers", "", "m", -1e3, 1e3, false, "", "end (x, y)"},
+    Key{"reference[line].duration", "number", "", "s", 0, 3600, true, "", "one way, rest to rest by a quintic; rounded to whole ticks"},
+    Key{"reference[line].repeat", "boolean", "false", "", -inf, inf, false, "", "go back and forth"},
+    Key{"reference[polyline].points", "number pairs", "", "m", -1e3, 1e3, false, "", "two or more corners (x, y); at rest in each"},
+    Key{"reference[polyline].speed", "number", "", "m/s", 0, 1e3, true, "", "mean speed along each side; sides last whole ticks"},
+    Key{"reference[polyline].repeat", "boolean", "false", "", -inf, inf, false, "", "from the last corner to the first and round again"},
+    Key{"reference[joint_sine].offset", "numbers", "", "rad", -100, 100, false, "", "per base joint"},
+    Key{"reference[joint_sine].amplitude", "numbers", "", "rad", -100, 100, false, "", "per base joint"},
+    Key{"reference[joint_sine].omega", "numbers", "", "rad/s", -1e4, 1e4, false, "", "per base joint"},
+    Key{"reference[joint_sine].phase", "numbers", "[0.0, 0.0]", "rad", -1e3, 1e3, false, "", "per base joint"},
+    Key{"reference[hold].position", "numbers", "-", "m", -1e3, 1e3, false, "", "effector (x, y); without it: where it is at the start"},
+    Key{"reference[file].path", "string", "", "", -inf, inf, false, "", "CSV with a header t,x,y: seconds from 0, metres; relative to the scene file"},
+
+    Key{"initial.at", "string", "-", "", -inf, inf, false, "reference", "on the reference, at rest (the default where there is a reference)"},
+    Key{"initial.position", "numbers", "-", "m", -1e3, 1e3, false, "", "effector (x, y) in the working mode"},
+    Key{"initial.velocity", "numbers", "[0.0, 0.0]", "m/s", -1e4, 1e4, false, "", "of the effector; with position"},
+    Key{"initial.joints", "numbers", "-", "rad", -1e3, 1e3, false, "", "base joints (the rest follows in assembly_mode), or all four; RR: both"},
+    Key{"initial.joint_rates", "numbers", "-", "rad/s", -1e4, 1e4, false, "", "of the base joints, or as many as joints; default 0"},
+
+    Key{"limits.min_abs_sin_type1", "number", "0.02", "", 0, 1, false, "", "smallest allowed |sin theta_j2|"},
+    Key{"limits.min_abs_sin_type2", "number", "0.05", "", 0, 1, false, "", "smallest allowed |D2|"},
+    Key{"limits.joint_speed", "number", "50.0", "rad/s", 0, 1e5, true, "", "base joints"},
+    Key{"limits.closure", "number", "0.005", "m", 0, 1e3, true, "", "how far the leg tips may be apart as measured (sensors = all)"},
+    Key{"limits.workspace", "table", "-", "m", -inf, inf, false, "", "{ x = [lower, upper], y = [lower, upper] } for the effector"},
+    Key{"limits.workspace.x", "numbers", "", "m", -1e3, 1e3, false, "", "lower, upper"},
+    Key{"limits.workspace.y", "numbers", "", "m", -1e3, 1e3, false, "", "lower, upper"},
+    Key{"limits.joint_angle", "number pairs", "-", "rad", -1e3, 1e3, false, "", "[lower, upper] per base joint"},
+    Key{"limits.max_age_ticks", "integer", "2", "ticks", 0, 100, false, "", "missed samples that are extrapolated; one more is a fault"},
+
+    Key{"drives.protocol", "string", "\"odrive\"", "", -inf, inf, false, "odrive | odrive_0.5", "what the drives speak"},
+    Key{"drives.nodes", "integers", "-", "", 0, 62, false, "", "CAN node per motor, base joints first; default 1, 2, ..."},
+    Key{"drives.direction", "numbers", "-", "", -1, 1, false, "", "+1: motor turns with the joint angle of the model (leg 2: clockwise seen from the front); -1 against; default +1"},
+    Key{"drives.gear_ratio", "numbers", "-", "", 0, 1e4, true, "", "motor turns per joint turn; default 1"},
+    Key{"drives.offset", "numbers", "-", "rad", -1e3, 1e3, false, "", "joint angle at encoder zero; default 0"},
+    Key{"drives.zero", "string", "\"absolute\"", "", -inf, inf, false, "absolute | pose | end_stop", "how the encoder zero is known"},
+    Key{"drives.heartbeat_timeout", "number", "0.05", "s", 0, 10, true, "", "silence of a drive's heartbeat that is a fault; the emulated drives beat every 10 ms"},
+    Key{"sensors.nodes", "integers", "", "", 0, 62, false, "", "sensors = all with base motors: CAN nodes of the two passive encoders"},
+    Key{"sensors.direction", "numbers", "-", "", -1, 1, false, "", "as in [drives]"},
+    Key{"sensors.offset", "numbers", "-", "rad", -1e3, 1e3, false, "", "as in [drives]"},
+    Key{"bus.bitrate", "integer", "1000000", "bit/s", 10000, 1000000, false, "", "CAN bit rate; `esmc check` computes the bus load from it"},
+
+    Key{"simulation.duration", "number", "", "s", 0, 1e6, true, "", "from t = 0"},
+    Key{"simulation.integrator", "string", "\"rk4\"", "", -inf, inf, false, "rk4", "fixed-step method"},
+    Key{"simulation.step", "number", "0.0005", "s", 0, 1, true, "", "integration step; a tick is cut into equal steps no longer than this"},
+    Key{"simulation.accuracy", "number", "-", "", 1e-12, 1e-2, false, "", "instead of step: largest absolute error of final_state.q; the step is halved until it is met"},
+
+    Key{"effects.type", "string", "", "", -inf, inf, false, "viscous_friction | encoder | torque_saturation", "which effect; each at most once"},
+    Key{"effects[viscous_friction].coefficient", "numbers", "", "N m s/rad", 0, big, false, "", "per joint of a leg; four values: the two legs differ"},
+    Key{"effects[encoder].bits", "integer", "", "", 4, 32, false, "", "resolution: 2^bits counts per turn of the motor"},
+    Key{"effects[encoder].bandwidth", "number", "1000.0", "rad/s", 1, 1e5, false, "", "of the drive's position and velocity observer"},
+    Key{"effects[torque_saturation].limit", "number", "", "N m", 0, big, true, "", "largest torque at the joint that a drive delivers"},
+};
+// clang-format on
+
+}  // namespace
+
+std::span<const Key> scene_keys() { return keys; }
+
+const Key& find_key(std::string_view path) {
+  for (const Key& k : keys) {
+    if (k.path == path) return k;
+  }
+  throw std::logic_error("no entry in the key table: " + std::string(path));
+}
+
+std::string allowed(const Key& k) {
+  std::string out;
+  if (!k.choices.empty()) {
+    out = fmt::format("one of: {}", k.choices);
+  } else {
+    out = fmt::format("{}", k.kind);
+    const bool low = std::isfinite(k.low), high = std::isfinite(k.high);
+    if (low && high) {
+      out += k.low_open ? fmt::format(" > {} and <= {}", k.low, k.high) : fmt::format(" from {} to {}", k.low, k.high);
+    } else if (low) {
+      out += fmt::format(" {} {}", k.low_open ? ">" : ">=", k.low);
+    }
+  }
+  if (!k.unit.empty()) out += fmt::format(", {}", k.unit);
+  return out;
+}
+
+std::string keys_markdown() {
+  std::string out = "| key | allowed | default | meaning |\n|---|---|---|---|\n";
+  for (const Key& k : keys) {
+    std::string range = allowed(k), fallback(k.fallback);
+    for (std::size_t at = 0; (at = range.find(" | ", at)) != std::string::npos;) range.replace(at, 3, ", ");
+    if (fallback.empty()) fallback = "required";
+    if (fallback == "-") fallback = "optional";
+    out += fmt::format("| `{}` | {} | {} | {} |\n", k.path, range, fallback, k.meaning);
+  }
+  return out;
+}
+
+}  // namespace esmc::host

@@ -1,0 +1,31 @@
+#pragma once
+/// The table of scene keys: what the reader enforces and docs/scenes.md prints are the same lines.
+
+#include <limits>
+#include <span>
+#include <string>
+#include <string_view>
+
+namespace esmc::host {
+
+struct Key {
+  std::string_view path;      ///< "section.key"; variants of a section in brackets: "reference[circle].radius"
+  std::string_view kind;      ///< number, integer, string, boolean, numbers, integers, table, ...
+  std::string_view fallback;  ///< default as written in TOML; "" = required; "-" = optional, nothing assumed
+  std::string_view unit;
+  double low = -std::numeric_limits<double>::infinity();
+  double high = std::numeric_limits<double>::infinity();
+  bool low_open = false;      ///< the lower bound itself is not allowed
+  std::string_view choices;   ///< allowed strings, separated by " | "
+  std::string_view meaning;
+};
+
+std::span<const Key> scene_keys();
+/// The entry of a key; ends the program's logic with std::logic_error when a reader asks for one that is missing.
+const Key& find_key(std::string_view path);
+/// "a number > 0, rad", for messages and the table.
+std::string allowed(const Key& k);
+/// The table as Markdown.
+std::string keys_markdown();
+
+}  // namespace esmc::host

@@ -1,0 +1,381 @@
+#include <fmt/format.h>
+
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <sstream>
+
+#include "host_sim/plant/kinematics.hpp"
+#include "host_sim/scene/reader.hpp"
+#include "host_sim/scene/scene.hpp"
+#include "host_sim/scene/start.hpp"
+
+namespace esmc::host {
+namespace {
+
+LegParams<double> read_leg(Section s) {
+  LegParams<double> p;
+  p.l1 = s.number("l1");
+  p.l2 = s.number("l2");
+  p.lg1 = s.number("lg1");
+  p.lg2 = s.number("lg2");
+  p.m1 = s.number("m1");
+  p.m2 = s.number("m2");
+  p.J1 = s.number("J1");
+  p.J2 = s.number("J2");
+  s.finish();
+  const ParamError e = check(p);
+  if (e == ParamError::no_inertia) {
+    s.fail("", "a bar without mass and inertia cannot move: J1, J2 or the masses beyond the joint must be > 0");
+  }
+  return p;
+}
+
+int mode_sign(const std::string& s) { return s == "+" ? 1 : -1; }
+
+void read_mechanism(Section s, Scene& scene) {
+  scene.type = s.text("type") == "five_bar" ? MechanismType::five_bar : MechanismType::rr;
+  const bool five_bar = scene.type == MechanismType::five_bar;
+  scene.mechanism.g = s.number("gravity");
+  if (five_bar) {
+    scene.mechanism.l0 = s.number("half_base");
+    scene.mechanism.m0 = s.number("effector_mass");
+    if (const auto mode = s.optional_text("assembly_mode")) scene.assembly_mode = mode_sign(*mode);
+  }
+  const auto one = s.section("leg");
+  const auto two = five_bar ? s.sections("legs", "mechanism.leg") : std::vector<Section>{};
+  if (one.has_value() == !two.empty()) {
+    s.fail("", five_bar ? "[mechanism] needs either leg = {...} for both legs or [[mechanism.legs]] twice"
+                        : "[mechanism] of an rr needs leg = {...}");
+  }
+  if (!two.empty() && two.size() != 2) s.fail("legs", "must be given exactly twice, leg 1 (right) first");
+  for (std::size_t j = 0; j < 2; ++j) scene.mechanism.legs[j] = read_leg(one ? *one : two[j]);
+  const auto modes = s.texts("working_mode", five_bar ? 2 : 1);
+  for (std::size_t j = 0; j < modes.size(); ++j) scene.working_mode[j] = mode_sign(modes[j]);
+  s.finish();
+}
+
+ModelFactors read_model(Section s) {
+  ModelFactors f;
+  f.half_base = s.number("half_base");
+  f.effector_mass = s.number("effector_mass");
+  f.gravity = s.number("gravity");
+  f.l1 = s.number("l1");
+  f.l2 = s.number("l2");
+  f.lg1 = s.number("lg1");
+  f.lg2 = s.number("lg2");
+  f.m1 = s.number("m1");
+  f.m2 = s.number("m2");
+  f.J1 = s.number("J1");
+  f.J2 = s.number("J2");
+  f.exact_friction = s.text("friction") == "exact";
+  s.finish();
+  return f;
+}
+
+std::vector<Waveform> read_waveforms(Section& control, std::size_t motors) {
+  std::vector<Waveform> out;
+  for (Section s : control.sections("torque")) {
+    Waveform w;
+    w.offset = s.number("offset");
+    for (Section t : s.sections("terms")) {
+      w.terms.push_back({t.number("amp"), t.number("omega"), t.number("phase")});
+      t.finish();
+    }
+    s.finish();
+    out.push_back(w);
+  }
+  if (out.size() != motors) {
+    control.fail("torque", fmt::format("must have {} entries for law = \"open_loop\", one per motor", motors));
+  }
+  return out;
+}
+
+LawChoice law_of(const std::string& s) {
+  if (s == "esmc") return LawChoice::esmc;
+  if (s == "esmc_projected") return LawChoice::esmc_projected;
+  if (s == "smc") return LawChoice::smc;
+  if (s == "ctc") return LawChoice::ctc;
+  if (s == "pd") return LawChoice::pd;
+  return s == "open_loop" ? LawChoice::open_loop : LawChoice::none;
+}
+
+void read_gains(Section& s, Scene& scene) {
+  const auto kinds = [&](const char* key) {
+    const auto v = s.per_kind(key);
+    return PerKind{v[0], v[1]};
+  };
+  const bool sliding = scene.law == LawChoice::esmc || scene.law == LawChoice::esmc_projected ||
+                       scene.law == LawChoice::smc;
+  scene.kp = s.optional_number("kp");
+  scene.kd = s.optional_number("kd");
+  const bool own_gains = scene.kp && scene.kd;
+  if (sliding || (scene.law == LawChoice::ctc && !own_gains) || s.has("lambda")) scene.lambda = kinds("lambda");
+  if (sliding || s.has("gain")) scene.gain = kinds("gain");
+  scene.layer = kinds("layer");
+  if (scene.law == LawChoice::pd && !own_gains) s.fail("", "law = \"pd\" needs control.kp and control.kd");
+}
+
+void read_control(Section s, Scene& scene) {
+  const bool five_bar = scene.type == MechanismType::five_bar;
+  scene.law = law_of(s.text("law"));
+  const std::string reaching = s.text("reaching");
+  scene.reaching = reaching == "sign"         ? ReachingChoice::sign
+                   : reaching == "saturation" ? ReachingChoice::saturation
+                   : reaching == "tanh"       ? ReachingChoice::tanh
+                                              : ReachingChoice::implicit;
+  read_gains(s, scene);
+  scene.delay_ticks = s.optional_number("delay_ticks");
+  scene.rate_hz = s.number("rate_hz");
+  scene.all_motors = s.text("motors") == "all" && five_bar;
+  scene.all_sensors = s.text("sensors") == "all" && five_bar;
+  const auto motors = static_cast<std::size_t>(scene.motors());
+  if (scene.closed_loop() || s.has("torque_limit")) scene.torque_limit = s.each("torque_limit", motors);
+  scene.torque_weight = s.optional_numbers("torque_weight", {motors}).value_or(std::vector<double>{});
+  if (const auto model = s.section("model")) scene.model = read_model(*model);
+  if (scene.law == LawChoice::open_loop || s.has("torque")) {
+    const auto torque = read_waveforms(s, motors);
+    if (scene.law == LawChoice::open_loop) scene.torque = torque;
+  }
+  s.finish();
+}
+
+std::vector<PathPoint> read_path(const Section& s, const std::string& scene_file, const std::string& name) {
+  const std::filesystem::path path = std::filesystem::path(scene_file).parent_path() / name;
+  std::ifstream in(path);
+  if (!in) s.fail("path", fmt::format("names a file that cannot be read: {}", path.string()));
+  std::string line;
+  std::getline(in, line);
+  if (!line.starts_with("t,x,y")) throw InputError(path.string() + ":1", "the header must be t,x,y");
+  std::vector<PathPoint> out;
+  for (int number = 2; std::getline(in, line); ++number) {
+    if (line.empty() || line == "\r") continue;
+    std::istringstream fields(line);
+    PathPoint p{};
+    char c1 = 0, c2 = 0;
+    const bool parsed = static_cast<bool>(fields >> p.t >> c1 >> p.x >> c2 >> p.y) && c1 == ',' && c2 == ',';
+    const bool ordered = out.empty() ? p.t == 0.0 : p.t > out.back().t;
+    if (!parsed || !std::isfinite(p.x) || !std::isfinite(p.y) || !ordered) {
+      throw InputError(fmt::format("{}:{}", path.string(), number),
+                       "three finite numbers t,x,y are needed, t from 0 and ascending");
+    }
+    out.push_back(p);
+  }
+  if (out.size() < 3) throw InputError(path.string() + ":2", "three or more points are needed");
+  return out;
+}
+
+void read_reference(Section s, Scene& scene) {
+  ReferenceScene& r = scene.reference;
+  const std::string type = s.text("type");
+  r.join = s.optional_number("join");
+  s.use_schema("reference[" + type + "]");
+  if (type == "circle") {
+    r.type = ReferenceType::circle;
+    r.center = s.pair("center");
+    r.radius = s.number("radius");
+    r.speed = s.number("speed");
+    r.phase = s.number("phase");
+  } else if (type == "line") {
+    r.type = ReferenceType::line;
+    r.points = {s.pair("from"), s.pair("to")};
+    r.duration = s.number("duration");
+    r.repeat = s.boolean("repeat");
+  } else if (type == "polyline") {
+    r.type = ReferenceType::polyline;
+    r.points = s.pairs("points", 2);
+    r.speed = s.number("speed");
+    r.repeat = s.boolean("repeat");
+  } else if (type == "joint_sine") {
+    r.type = ReferenceType::joint_sine;
+    r.offset = s.pair("offset");
+    r.amplitude = s.pair("amplitude");
+    r.omega = s.pair("omega");
+    r.phases = s.pair("phase");
+  } else if (type == "hold") {
+    r.type = ReferenceType::hold;
+    if (const auto p = s.optional_numbers("position", {2})) r.position = {(*p)[0], (*p)[1]};
+  } else {
+    r.type = ReferenceType::file;
+    r.table = read_path(s, scene.file, s.text("path"));
+  }
+  s.finish();
+}
+
+void read_initial(Section s, Scene& scene) {
+  InitialScene& i = scene.initial;
+  const auto at = s.optional_text("at");
+  if (const auto p = s.optional_numbers("position", {2})) i.position = {(*p)[0], (*p)[1]};
+  const auto velocity = s.pair("velocity");
+  const std::vector<std::size_t> sizes =
+      scene.type == MechanismType::five_bar ? std::vector<std::size_t>{2, 4} : std::vector<std::size_t>{2};
+  i.joints = s.optional_numbers("joints", sizes).value_or(std::vector<double>{});
+  const auto rates = s.optional_numbers("joint_rates", sizes);
+  const int ways = (at ? 1 : 0) + (i.position ? 1 : 0) + (i.joints.empty() ? 0 : 1);
+  if (ways > 1) s.fail("", "[initial] takes one of at, position, joints");
+  if (s.has("velocity") && !i.position) s.fail("velocity", "goes with initial.position");
+  if (rates && i.joints.empty()) s.fail("joint_rates", "goes with initial.joints");
+  if (rates && rates->size() != i.joints.size()) s.fail("joint_rates", "must have as many values as initial.joints");
+  i.velocity = velocity;
+  i.joint_rates = rates.value_or(std::vector<double>(i.joints.size(), 0.0));
+  i.at_reference = !i.position && i.joints.empty();
+  s.finish();
+}
+
+void read_limits(Section s, Scene& scene) {
+  LimitsScene& l = scene.limits;
+  l.min_abs_sin_type1 = s.number("min_abs_sin_type1");
+  l.min_abs_sin_type2 = s.number("min_abs_sin_type2");
+  l.joint_speed = s.number("joint_speed");
+  l.closure = s.number("closure");
+  l.max_age_ticks = s.integer("max_age_ticks");
+  const auto range = [](Section& of, const char* key) {
+    const auto r = of.pair(key);
+    if (!(r[0] < r[1])) of.fail(key, "must be [lower, upper] with lower < upper");
+    return r;
+  };
+  if (auto w = s.section("workspace")) {
+    l.workspace = {range(*w, "x"), range(*w, "y")};
+    w->finish();
+  }
+  const auto pairs = s.pairs("joint_angle", 2);
+  if (!pairs.empty()) {
+    if (pairs.size() != 2 || !(pairs[0][0] < pairs[0][1]) || !(pairs[1][0] < pairs[1][1])) {
+      s.fail("joint_angle", "must be [lower, upper] with lower < upper for each of the two base joints");
+    }
+    l.joint_angle = {pairs[0], pairs[1]};
+  }
+  s.finish();
+}
+
+void read_drives(Section s, Scene& scene) {
+  DriveScene& d = scene.drives;
+  const auto n = static_cast<std::size_t>(scene.motors());
+  d.protocol = s.text("protocol") == "odrive" ? Protocol::odrive : Protocol::odrive_0_5;
+  const std::string zero = s.text("zero");
+  d.zero = zero == "absolute" ? Zero::absolute : (zero == "pose" ? Zero::pose : Zero::end_stop);
+  d.heartbeat_timeout = s.number("heartbeat_timeout");
+  for (std::size_t i = 0; i < n; ++i) d.nodes.push_back(static_cast<int>(i) + 1);
+  d.nodes = s.optional_integers("nodes", n).value_or(d.nodes);
+  d.direction = s.optional_numbers("direction", {n}).value_or(std::vector<double>(n, 1.0));
+  d.gear_ratio = s.optional_numbers("gear_ratio", {n}).value_or(std::vector<double>(n, 1.0));
+  d.offset = s.optional_numbers("offset", {n}).value_or(std::vector<double>(n, 0.0));
+  s.finish();
+}
+
+/// Passive encoders of a five-bar with two motors follow the motors in the lists of nodes.
+void read_sensors(const std::optional<Section>& given, Section& root, Scene& scene) {
+  const bool needed = scene.all_sensors && !scene.all_motors;
+  if (!needed) {
+    if (given) root.fail("sensors", "is only for control.sensors = \"all\" with motors = \"base\"");
+    return;
+  }
+  if (!given) root.fail("", "control.sensors = \"all\" needs a table [sensors] with the nodes of the passive encoders");
+  Section s = *given;
+  DriveScene& d = scene.drives;
+  const std::vector<int> nodes = *s.optional_integers("nodes", 2);
+  const auto direction = s.optional_numbers("direction", {2}).value_or(std::vector<double>(2, 1.0));
+  const auto offset = s.optional_numbers("offset", {2}).value_or(std::vector<double>(2, 0.0));
+  for (std::size_t i = 0; i < 2; ++i) {
+    d.nodes.push_back(nodes[i]);
+    d.direction.push_back(direction[i]);
+    d.gear_ratio.push_back(1.0);
+    d.offset.push_back(offset[i]);
+  }
+  s.finish();
+}
+
+void check_drives(Section& root, const Scene& scene) {
+  const DriveScene& d = scene.drives;
+  for (std::size_t i = 0; i < d.nodes.size(); ++i) {
+    for (std::size_t k = 0; k < i; ++k) {
+      if (d.nodes[i] == d.nodes[k]) root.fail("drives", fmt::format("names node {} twice", d.nodes[i]));
+    }
+    if (std::abs(d.direction[i]) != 1.0) root.fail("drives", "direction must be 1 or -1 for every axis");
+  }
+}
+
+void read_simulation(Section s, Scene& scene) {
+  scene.duration = s.number("duration");
+  const bool named = s.has("integrator") || s.has("step");
+  s.text("integrator");
+  scene.step = s.number("step");
+  scene.accuracy = s.optional_number("accuracy");
+  if (scene.accuracy && named) s.fail("accuracy", "chooses method and step: leave out integrator and step");
+  s.finish();
+  const double ticks = scene.duration * scene.rate_hz;
+  if (ticks < 0.5 || ticks > 2e9) s.fail("duration", "must hold between 1 and 2e9 control ticks");
+}
+
+void read_effects(Section& root, Scene& scene) {
+  const auto legs_four = [&](const std::vector<double>& v) {
+    std::array<double, 4> out{};
+    for (std::size_t i = 0; i < 4; ++i) out[i] = v.size() == 4 ? v[i] : v[i % 2];
+    return out;
+  };
+  for (Section s : root.sections("effects")) {
+    s.use_schema("effects");
+    const std::string type = s.text("type");
+    for (const Effect& e : scene.effects) {
+      if (type == type_name(e)) s.fail("type", "names an effect for the second time");
+    }
+    s.use_schema("effects[" + type + "]");
+    if (type == ViscousFriction::type) {
+      const auto sizes = scene.type == MechanismType::five_bar ? std::vector<std::size_t>{2, 4}
+                                                               : std::vector<std::size_t>{2};
+      scene.effects.emplace_back(ViscousFriction{legs_four(s.numbers("coefficient", sizes))});
+    } else if (type == Encoder::type) {
+      const int bits = s.integer("bits");
+      scene.effects.emplace_back(Encoder{bits, s.number("bandwidth")});
+    } else {
+      scene.effects.emplace_back(TorqueSaturation{s.number("limit")});
+    }
+    s.finish();
+  }
+}
+
+std::string merged_text(const toml::table& root) {
+  std::ostringstream out;
+  out << root << "\n";
+  return out.str();
+}
+
+}  // namespace
+
+Scene read_scene(const std::string& file, const std::vector<std::string>& sets) {
+  const toml::table table = parse_scene_file(file, sets);
+  Section root(table, file, "", "");
+  Scene scene;
+  scene.file = file;
+  scene.toml = merged_text(table);
+  scene.name = root.text("name");
+  read_mechanism(root.required_section("mechanism"), scene);
+  read_control(root.required_section("control"), scene);
+  if (const auto s = root.section("reference")) read_reference(*s, scene);
+  if (scene.closed_loop() && scene.reference.type == ReferenceType::none) {
+    root.fail("", "missing table [reference]: a closed loop needs one");
+  }
+  static const toml::table empty;
+  const auto or_empty = [&](const char* key) {
+    const auto s = root.section(key);
+    return s ? *s : Section(empty, file, key, key);
+  };
+  read_initial(or_empty("initial"), scene);
+  read_limits(or_empty("limits"), scene);
+  read_drives(or_empty("drives"), scene);
+  read_sensors(root.section("sensors"), root, scene);
+  check_drives(root, scene);
+  Section bus = or_empty("bus");
+  scene.bitrate = bus.integer("bitrate");
+  bus.finish();
+  read_simulation(root.required_section("simulation"), scene);
+  read_effects(root, scene);
+  root.finish();
+  scene.control_where = root.where("control");
+  scene.reference_where = root.where("reference");
+  scene.simulation_where = root.where("simulation");
+  set_start(scene, root.where("initial"), scene.reference_where);
+  return scene;
+}
+
+}  // namespace esmc::host

@@ -1,0 +1,76 @@
+#pragma once
+/// Typed access to a TOML table that checks every value against the key table and names file, line and key.
+
+#include <array>
+#include <memory>
+#include <optional>
+#include <set>
+#include <string>
+#include <toml++/toml.h>
+#include <vector>
+
+#include "host_sim/error.hpp"
+#include "host_sim/scene/keys.hpp"
+
+namespace esmc::host {
+
+/// Parses a file and merges "section.key=value" overrides into it. Throws InputError.
+toml::table parse_scene_file(const std::string& file, const std::vector<std::string>& sets);
+
+/// Where a node was written: "FILE:LINE", or "--set key=value".
+std::string place(const toml::node& node, const std::string& file);
+
+/// A table being read. `schema` is the prefix in the key table. Ask for every key, then call finish().
+class Section {
+ public:
+  Section(const toml::table& table, std::string file, std::string name, std::string schema)
+      : table_(&table), file_(std::move(file)), name_(std::move(name)), schema_(std::move(schema)) {}
+
+  [[nodiscard]] bool has(const std::string& key) const { return table_->contains(key); }
+  [[nodiscard]] std::string where() const { return place(*table_, file_); }
+  [[nodiscard]] std::string where(const std::string& key) const;
+
+  double number(const std::string& key);
+  std::optional<double> optional_number(const std::string& key);
+  int integer(const std::string& key);
+  bool boolean(const std::string& key);
+  std::string text(const std::string& key);
+  std::optional<std::string> optional_text(const std::string& key);
+  /// Exactly as many numbers as one of `sizes`.
+  std::vector<double> numbers(const std::string& key, const std::vector<std::size_t>& sizes);
+  std::optional<std::vector<double>> optional_numbers(const std::string& key, const std::vector<std::size_t>& sizes);
+  std::optional<std::vector<int>> optional_integers(const std::string& key, std::size_t size);
+  std::array<double, 2> pair(const std::string& key);
+  std::vector<std::array<double, 2>> pairs(const std::string& key, std::size_t at_least);
+  /// Strings out of the key's choices.
+  std::vector<std::string> texts(const std::string& key, std::size_t size);
+  /// A number, or a table { position, angle }.
+  std::array<double, 2> per_kind(const std::string& key);
+  /// A number for all, or one each.
+  std::vector<double> each(const std::string& key, std::size_t count);
+
+  /// Sub-table, read under `schema` (default: this schema + "." + key).
+  std::optional<Section> section(const std::string& key, const std::string& schema = "");
+  Section required_section(const std::string& key);
+  std::vector<Section> sections(const std::string& key, const std::string& schema = "");
+
+  /// Keys of another branch of the schema belong to this table as well (reference[circle].radius).
+  void use_schema(const std::string& schema) { schema_ = schema; }
+  /// Throws when the table holds a key that nobody asked for.
+  void finish() const;
+
+  [[noreturn]] void fail(const std::string& key, const std::string& what) const;
+
+ private:
+  const toml::node* find(const std::string& key, bool required);
+  const Key& spec(const std::string& key) const { return find_key(schema_.empty() ? key : schema_ + "." + key); }
+  [[nodiscard]] std::string full(const std::string& key) const { return name_.empty() ? key : name_ + "." + key; }
+  double checked(const toml::node& node, const std::string& key) const;
+  [[noreturn]] void wrong(const toml::node& node, const std::string& key, const std::string& instead = "") const;
+
+  const toml::table* table_;
+  std::string file_, name_, schema_;
+  std::set<std::string> asked_;
+};
+
+}  // namespace esmc::host

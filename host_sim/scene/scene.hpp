@@ -1,0 +1,132 @@
+#pragma once
+/// Everything that decides a run, as read from a scene file. Plain values; who uses what is decided elsewhere.
+
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "firmware/mechanism/params.hpp"
+#include "host_sim/effects/effects.hpp"
+
+namespace esmc::host {
+
+enum class MechanismType { five_bar, rr };
+enum class LawChoice { esmc, esmc_projected, smc, ctc, pd, open_loop, none };
+enum class ReachingChoice { sign, saturation, tanh, implicit };
+enum class ReferenceType { none, circle, line, polyline, joint_sine, hold, file };
+enum class Protocol { odrive, odrive_0_5 };
+enum class Zero { absolute, pose, end_stop };
+
+/// A gain per kind of channel.
+struct PerKind {
+  double position = 0.0;
+  double angle = 0.0;
+};
+
+/// What the controller believes, as factors on the true mechanism.
+struct ModelFactors {
+  double half_base = 1, effector_mass = 1, gravity = 1;
+  double l1 = 1, l2 = 1, lg1 = 1, lg2 = 1, m1 = 1, m2 = 1, J1 = 1, J2 = 1;
+  bool exact_friction = false;
+};
+
+/// tau(t) = offset + sum amp sin(omega t + phase).
+struct Waveform {
+  struct Term {
+    double amp, omega, phase;
+  };
+  double offset = 0.0;
+  std::vector<Term> terms;
+};
+
+/// A point of a reference file: time and effector position.
+struct PathPoint {
+  double t, x, y;
+};
+
+struct ReferenceScene {
+  ReferenceType type = ReferenceType::none;
+  std::array<double, 2> center{};
+  double radius = 0.0, speed = 0.0, phase = 0.0;         // circle; speed of a polyline is m/s
+  std::vector<std::array<double, 2>> points;             // line (two), polyline
+  double duration = 0.0;                                 // line: one way, s
+  bool repeat = false;                                   // line, polyline: back and forth, round and round
+  std::array<double, 2> offset{}, amplitude{}, omega{}, phases{};  // joint_sine
+  std::optional<std::array<double, 2>> position;         // hold
+  std::vector<PathPoint> table;                          // file
+  std::optional<double> join;                            // s; unset: 0 in sim and lockstep, 1 on hardware
+};
+
+struct InitialScene {
+  bool at_reference = true;
+  std::optional<std::array<double, 2>> position;
+  std::array<double, 2> velocity{};
+  std::vector<double> joints, joint_rates;  // two base joints or all four; RR: two
+};
+
+struct DriveScene {
+  Protocol protocol = Protocol::odrive;
+  std::vector<int> nodes;
+  std::vector<double> direction, gear_ratio, offset;
+  Zero zero = Zero::absolute;
+  double heartbeat_timeout = 0.0;  // s
+};
+
+struct LimitsScene {
+  double min_abs_sin_type1 = 0, min_abs_sin_type2 = 0, joint_speed = 0, closure = 0;
+  std::optional<std::array<std::array<double, 2>, 2>> workspace;    // x, y: lower, upper
+  std::optional<std::array<std::array<double, 2>, 2>> joint_angle;  // per base joint
+  int max_age_ticks = 0;
+};
+
+struct Scene {
+  std::string file;
+  std::string name;
+  std::string toml;  ///< as run: the file with every --set merged in
+  std::string control_where, reference_where, simulation_where;  ///< FILE:LINE, for errors found later
+
+  MechanismType type = MechanismType::five_bar;
+  FiveBarParams<double> mechanism;  ///< RR uses legs[0] and g only
+  std::array<int, 2> working_mode{};
+  int assembly_mode = 0;  ///< 0 in the file: taken from the initial pose
+
+  LawChoice law = LawChoice::esmc;
+  ReachingChoice reaching = ReachingChoice::implicit;
+  PerKind lambda, gain, layer;
+  std::optional<double> kp, kd;
+  std::optional<double> delay_ticks;  ///< unset: 0 in sim and lockstep, 2 in real time
+  double rate_hz = 1000.0;
+  bool all_motors = false, all_sensors = false;
+  std::vector<double> torque_limit;   ///< per motor
+  std::vector<double> torque_weight;  ///< per motor, W of [F26]
+  ModelFactors model;
+  std::vector<Waveform> torque;       ///< open_loop, per motor
+
+  ReferenceScene reference;
+  InitialScene initial;
+  LimitsScene limits;
+  DriveScene drives;                  ///< motors first, then the passive encoders of [sensors]
+  int bitrate = 0;
+
+  double duration = 0.0;
+  double step = 0.0;                      ///< s; with accuracy: where halving starts
+  std::optional<double> accuracy;
+  std::vector<Effect> effects;
+
+  /// True state at t = 0: joint angles and rates (four for the five-bar, two for RR).
+  std::vector<double> start_angle, start_rate;
+
+  [[nodiscard]] int joints() const { return type == MechanismType::five_bar ? 4 : 2; }
+  [[nodiscard]] int motors() const { return all_motors ? joints() : 2; }
+  [[nodiscard]] bool closed_loop() const { return law != LawChoice::open_loop && law != LawChoice::none; }
+  [[nodiscard]] double tick() const { return 1.0 / rate_hz; }
+  [[nodiscard]] RrParams<double> arm() const { return {mechanism.legs[0], mechanism.g}; }
+};
+
+/// Reads a scene. `sets` are "section.key=value" overrides. Throws InputError naming file, line, key, what is
+/// allowed. Nothing is left half-read: the scene returned is possible and its start is reachable.
+Scene read_scene(const std::string& file, const std::vector<std::string>& sets);
+
+}  // namespace esmc::host

@@ -1,0 +1,407 @@
+/// Every fault of the cycle, provoked through frames: zero torque in the same tick, and none after.
+
+#include <gtest/gtest.h>
+
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <functional>
+#include <limits>
+#include <string>
+#include <vector>
+
+#include "tests/support/cycle_rig.hpp"
+
+namespace {
+
+using namespace esmc;
+using hal::SendStatus;
+using test::Rig;
+using test::Setup;
+using test::setup;
+
+using Five = FiveBar<double>;
+using Arm = Rr<float>;
+constexpr float infinity = std::numeric_limits<float>::infinity();
+
+template <class M>
+class CycleFault : public testing::Test {};
+using Machines = testing::Types<Five, Arm>;
+TYPED_TEST_SUITE(CycleFault, Machines);
+
+// ---- every fault -----------------------------------------------------------------------------------------------
+
+template <class M>
+struct Case {
+  Fault fault;
+  std::function<void(Setup<M>&)> prepare;  ///< before the rig is built
+  std::function<void(Rig<M>&)> provoke;    ///< in the running cycle; the next tick must fail
+  std::function<void(Rig<M>&)> repair = [](Rig<M>&) {};
+};
+
+/// An encoder frame of axis 0 with these numbers, after the healthy one: the newest counts.
+template <class M>
+std::function<void(Rig<M>&)> encoder_says(float position, float velocity) {
+  return [=](Rig<M>& rig) {
+    rig.sends_encoder[0] = false;
+    rig.bus.push(test::encoder(rig.node(0), position, velocity));
+  };
+}
+template <class M>
+std::function<void(Rig<M>&)> at(const std::array<double, static_cast<std::size_t>(M::joints)>& angle) {
+  return [=](Rig<M>& rig) { rig.angle = angle; };
+}
+
+template <class M>
+std::vector<Case<M>> common_cases() {
+  using S = typename M::Scalar;
+  const auto same = [](Setup<M>&) {};
+  const auto healthy = [](Rig<M>& rig) {
+    const Setup<M> s = setup<M>();
+    rig.angle = s.angle;
+    rig.rate = s.rate;
+    rig.error = {};
+    rig.sends_encoder.fill(true);
+    rig.sends_heartbeat.fill(true);
+    rig.bus.answer(SendStatus::ok);
+  };
+  std::vector<Case<M>> all;
+  for (const float bad : {NAN, -NAN, infinity, -infinity}) {
+    all.push_back({Fault::feedback_not_finite, same, encoder_says<M>(bad, 0), healthy});
+    all.push_back({Fault::feedback_not_finite, same, encoder_says<M>(0, bad), healthy});
+  }
+  all.push_back({Fault::stale_feedback, same,
+                 [](Rig<M>& rig) {
+                   rig.sends_encoder[1] = false;
+                   rig.tick();
+                   rig.tick();
+                 },
+                 healthy});
+  all.push_back({Fault::malformed_frame, same,
+                 [](Rig<M>& rig) { rig.bus.push(test::message(rig.node(1), test::cmd_heartbeat, 0, 8, 7)); },
+                 healthy});
+  all.push_back({Fault::heartbeat_lost, same,
+                 [](Rig<M>& rig) {
+                   rig.sends_heartbeat[1] = false;
+                   for (int i = 0; i < 20; ++i) rig.tick();
+                 },
+                 healthy});
+  all.push_back({Fault::drive_error, same, [](Rig<M>& rig) { rig.error[1] = 0x01000000; }, healthy});
+  all.push_back({Fault::drive_disarmed, same, [](Rig<M>& rig) { rig.state[0] = 1; }, healthy});
+  all.push_back({Fault::drive_disarmed, same, [](Rig<M>& rig) { rig.state[1] = 0; }, healthy});
+  all.push_back({Fault::bus_off, same,
+                 [](Rig<M>& rig) {
+                   rig.bus.answer(SendStatus::bus_off);
+                   rig.tick();
+                   rig.bus.answer(SendStatus::ok);
+                 },
+                 healthy});
+  all.push_back({Fault::joint_speed, same, [](Rig<M>& rig) { rig.rate[0] = 50.1; }, healthy});
+  all.push_back({Fault::joint_speed, same, [](Rig<M>& rig) { rig.rate[rig.joint_of(1)] = -50.1; }, healthy});
+  all.push_back({Fault::joint_angle, [](Setup<M>& s) { s.controller.limits.joint_angle[1].upper = S(1.4); },
+                 [](Rig<M>& rig) { rig.angle[rig.joint_of(1)] = 1.5; }, healthy});
+  all.push_back({Fault::joint_angle, [](Setup<M>& s) { s.controller.limits.joint_angle[0].lower = S(0.1); },
+                 [](Rig<M>& rig) { rig.angle[0] = 0.05; }, healthy});
+  return all;
+}
+
+template <class M>
+std::vector<Case<M>> cases();
+
+template <>
+std::vector<Case<Five>> cases<Five>() {
+  auto all = common_cases<Five>();
+  const auto same = [](Setup<Five>&) {};
+  const auto healthy = at<Five>(setup<Five>().angle);
+  const auto pose = [](double x, double y, int m1, int m2) { return at<Five>(test::five_bar_angles(x, y, m1, m2)); };
+  all.push_back({Fault::loop_not_closed, same, at<Five>({0.0, 0.0, 0.0, 0.0}), healthy});
+  // leg 1 stretched to 0.01 rad; distal bars within 2 degrees of one line; a leg bent to the other side
+  const double phi = 1.9;
+  const double x = test::half_base + test::bar1 * std::cos(phi) + test::bar2 * std::cos(phi + 0.01);
+  const double y = test::bar1 * std::sin(phi) + test::bar2 * std::sin(phi + 0.01);
+  all.push_back({Fault::type1_singularity, same, pose(x, y, 1, 1), healthy});
+  all.push_back({Fault::type2_singularity, same, at<Five>({0.4115, 0.0, 0.4115, 0.0}), healthy});
+  all.push_back({Fault::working_mode, same, pose(0.1, 0.2, -1, 1), healthy});
+  all.push_back({Fault::working_mode, same, pose(0.1, 0.2, 1, -1), healthy});
+  all.push_back({Fault::workspace, [](Setup<Five>& s) { s.controller.limits.workspace_y.upper = 0.2; },
+                 pose(0.0, 0.21, 1, 1), healthy});
+  all.push_back({Fault::workspace, [](Setup<Five>& s) { s.controller.limits.workspace_x.lower = -0.01; },
+                 pose(-0.02, 0.18, 1, 1), healthy});
+  return all;
+}
+template <>
+std::vector<Case<Arm>> cases<Arm>() {
+  auto all = common_cases<Arm>();
+  const auto same = [](Setup<Arm>&) {};
+  const auto healthy = at<Arm>(setup<Arm>().angle);
+  all.push_back({Fault::type1_singularity, same, at<Arm>({0.4, 0.015}), healthy});
+  all.push_back({Fault::working_mode, same, at<Arm>({0.4, -0.9}), healthy});
+  all.push_back({Fault::workspace, [](Setup<Arm>& s) { s.controller.limits.workspace_x.upper = 0.25F; },
+                 at<Arm>({0.1, 0.3}), healthy});
+  all.push_back({Fault::workspace, [](Setup<Arm>& s) { s.controller.limits.workspace_y.lower = -0.05F; },
+                 at<Arm>({-0.8, 0.9}), healthy});
+  return all;
+}
+
+TYPED_TEST(CycleFault, TakesAllTorqueInTheSameTickAndStaysUntilReset) {
+  for (const auto& c : cases<TypeParam>()) {
+    SCOPED_TRACE(name(c.fault));
+    Setup<TypeParam> s = setup<TypeParam>();
+    c.prepare(s);
+    Rig<TypeParam> rig(s);
+    ASSERT_TRUE(rig.start());
+    for (int i = 0; i < 5; ++i) ASSERT_EQ(rig.tick().state, State::running);
+    ASSERT_FALSE(rig.all_zero());
+    c.provoke(rig);
+    const auto r = rig.tick();
+    EXPECT_EQ(r.state, State::fault);
+    EXPECT_EQ(r.fault, c.fault) << name(r.fault);
+    EXPECT_TRUE(r.torque.isZero(0));
+    EXPECT_TRUE(rig.all_zero());
+    for (std::size_t i = 0; i < 2; ++i) EXPECT_TRUE(rig.asked(i, 1) || rig.state[i] == 1) << "axis " << i;
+    c.repair(rig);
+    for (const Command command : {Command::none, Command::enable, Command::stop, Command::enable}) {
+      rig.bus.push(test::encoder(rig.node(0), NAN, NAN));  // other faults do not take its place
+      rig.bus.push(test::message(rig.node(0), test::cmd_encoder, 0, 0, 3));
+      for (int i = 0; i < 30; ++i) {
+        const auto later = rig.tick(command);
+        ASSERT_EQ(later.state, State::fault);
+        ASSERT_EQ(later.fault, c.fault);
+        ASSERT_TRUE(rig.all_zero());
+        ASSERT_FALSE(rig.asked(0, 8) || rig.asked(1, 8));
+      }
+    }
+    EXPECT_EQ(rig.tick(Command::reset).state, State::disabled);
+    if (c.fault == Fault::bus_off) continue;  // CycleFault.BusOffIsOverOnceTheBusIsBackAndTheOperatorResets
+    ASSERT_TRUE(rig.start(200));
+    EXPECT_FALSE(rig.all_zero());
+  }
+}
+
+TYPED_TEST(CycleFault, ReferenceOutOfReachAndTorqueNotFiniteStrikeBeforeAnyTorque) {
+  using S = typename TypeParam::Scalar;
+  Setup<TypeParam> far = setup<TypeParam>(), wild = setup<TypeParam>();
+  far.controller.reference = {.kind = ReferenceKind::hold_start, .space = ReferenceSpace::effector};
+  far.controller.reference.kind = ReferenceKind::sine;
+  far.controller.reference.centre = {S(0), S(1)};
+  wild.controller.gains.k.setConstant(std::numeric_limits<S>::infinity());
+  for (const auto& [s, fault] : {std::pair{far, Fault::reference_unreachable},
+                                 std::pair{wild, Fault::torque_not_finite}}) {
+    Rig<TypeParam> rig(s);
+    EXPECT_FALSE(rig.start());
+    EXPECT_EQ(rig.cycle.supervisor().fault(), fault) << name(rig.cycle.supervisor().fault());
+    EXPECT_TRUE(rig.all_zero());
+  }
+}
+
+TYPED_TEST(CycleFault, BusOffIsOverOnceTheBusIsBackAndTheOperatorResets) {
+  Rig<TypeParam> rig;
+  ASSERT_TRUE(rig.start());
+  rig.bus.answer(SendStatus::bus_off);
+  rig.tick();
+  EXPECT_EQ(rig.tick().fault, Fault::bus_off);
+  rig.bus.answer(SendStatus::ok);
+  rig.tick();
+  rig.tick();
+  rig.tick(Command::reset);
+  EXPECT_TRUE(rig.start()) << name(rig.cycle.supervisor().fault());
+}
+
+TYPED_TEST(CycleFault, ABusThatWasOffBeforeEnablingIsNotHeldAgainstALiveOne) {
+  Rig<TypeParam> rig;
+  rig.bus.answer(SendStatus::bus_off);  // the node starts before the cable is plugged in
+  for (int i = 0; i < 5; ++i) EXPECT_EQ(rig.tick().state, State::disabled);
+  rig.bus.answer(SendStatus::ok);
+  for (int i = 0; i < 5; ++i) rig.tick();
+  EXPECT_TRUE(rig.start()) << name(rig.cycle.supervisor().fault());
+}
+
+TYPED_TEST(CycleFault, BusOffInTheMiddleOfATickIsAFaultInTheNext) {
+  for (const std::size_t accepted : {0U, 1U}) {
+    Rig<TypeParam> rig;
+    ASSERT_TRUE(rig.start());
+    rig.bus.answer(SendStatus::bus_off, accepted);
+    rig.tick();
+    rig.bus.answer(SendStatus::ok);
+    const auto r = rig.tick();
+    EXPECT_EQ(r.fault, Fault::bus_off) << accepted;
+    EXPECT_TRUE(rig.all_zero());
+  }
+}
+
+/// One axis drops out: in the tick that hears of it both get zero, and the other is asked to idle.
+TYPED_TEST(CycleFault, OneAxisThatDropsOutStopsTheOther) {
+  for (const std::size_t lost : {0U, 1U}) {
+    for (const std::uint8_t state : std::array<std::uint8_t, 4>{0, 1, 2, 4}) {
+      Rig<TypeParam> rig;
+      ASSERT_TRUE(rig.start());
+      rig.state[lost] = state;
+      EXPECT_EQ(rig.tick().fault, Fault::drive_disarmed);
+      EXPECT_TRUE(rig.all_zero());
+      EXPECT_TRUE(rig.asked(1 - lost, 1));
+      EXPECT_TRUE(rig.asked(lost, 1) || state == 1);
+      rig.tick();
+      EXPECT_EQ(rig.state[0], 1);
+      EXPECT_EQ(rig.state[1], 1);
+    }
+  }
+}
+
+TYPED_TEST(CycleFault, IdleIsAskedForUntilItIsReportedAndAgainIfAnAxisRearms) {
+  Rig<TypeParam> rig;
+  ASSERT_TRUE(rig.start());
+  rig.obedient = false;
+  rig.error[0] = 1;
+  for (int i = 0; i < 50; ++i) {
+    rig.tick();
+    ASSERT_TRUE(rig.asked(0, 1) && rig.asked(1, 1));
+  }
+  rig.state = {};
+  rig.state.fill(1);
+  rig.tick();
+  EXPECT_FALSE(rig.asked(0, 1) || rig.asked(1, 1));
+  rig.state[1] = 8;
+  rig.tick();
+  EXPECT_TRUE(rig.asked(1, 1));
+}
+
+// ---- ages, to the tick -----------------------------------------------------------------------------------------
+
+TYPED_TEST(CycleFault, MissedSamplesAreExtrapolatedUpToTheLimitAndNotOneMore) {
+  for (const std::uint32_t limit : {0U, 1U, 2U, 7U}) {
+    for (unsigned silent = 1; silent < 4; ++silent) {  // axis 0, axis 1, both
+      Setup<TypeParam> s = setup<TypeParam>();
+      s.controller.limits.max_age_ticks = limit;
+      s.rate.fill(0.5);
+      Rig<TypeParam> rig(s);
+      ASSERT_TRUE(rig.start());
+      for (std::size_t i = 0; i < 2; ++i) rig.sends_encoder[i] = (silent >> i & 1U) == 0;
+      for (std::uint32_t missed = 1; missed <= limit; ++missed) {
+        const auto r = rig.tick();
+        ASSERT_EQ(r.state, State::running) << limit << ' ' << silent << ' ' << missed;
+        EXPECT_FALSE(rig.all_zero());
+        EXPECT_EQ(rig.cycle.sample().age_ticks[0], (silent & 1U) != 0 ? missed : 0U);
+      }
+      EXPECT_EQ(rig.tick().fault, Fault::stale_feedback) << limit << ' ' << silent;
+      EXPECT_TRUE(rig.all_zero());
+    }
+  }
+}
+
+TYPED_TEST(CycleFault, ASampleInTimeStartsTheCountAgain) {
+  Rig<TypeParam> rig;
+  ASSERT_TRUE(rig.start());
+  for (int i = 0; i < 300; ++i) {
+    rig.sends_encoder[0] = i % 3 == 2;
+    rig.sends_encoder[1] = i % 3 == 1;
+    ASSERT_EQ(rig.tick().state, State::running) << i;
+  }
+}
+
+TYPED_TEST(CycleFault, AHeartbeatMayBeAsOldAsItsLimitAndNotOlder) {
+  for (const std::uint32_t limit : {1U, 5U, 20U}) {
+    for (const std::size_t axis : {0U, 1U}) {
+      Setup<TypeParam> s = setup<TypeParam>();
+      s.heartbeat_age_ticks_max = limit;
+      Rig<TypeParam> rig(s);
+      ASSERT_TRUE(rig.start());
+      rig.sends_heartbeat[axis] = false;
+      for (std::uint32_t i = 0; i < limit; ++i) ASSERT_EQ(rig.tick().state, State::running) << i;
+      EXPECT_EQ(rig.tick().fault, Fault::heartbeat_lost);
+      EXPECT_TRUE(rig.all_zero());
+    }
+  }
+}
+
+TYPED_TEST(CycleFault, StaleSamplesAreNoFaultBeforeItRunsAndOneAtOnceWhenItDoes) {
+  Rig<TypeParam> rig;
+  rig.sends_encoder.fill(false);
+  rig.tick(Command::enable);
+  rig.tick();
+  EXPECT_EQ(rig.cycle.supervisor().state(), State::enabling);
+  EXPECT_TRUE(rig.until(State::fault, 3));
+  EXPECT_EQ(rig.cycle.supervisor().fault(), Fault::stale_feedback);
+  EXPECT_TRUE(rig.all_zero());
+}
+
+// ---- frames ----------------------------------------------------------------------------------------------------
+
+TYPED_TEST(CycleFault, EveryWrongLengthAndFormatOfOurFramesIsAFault) {
+  for (const std::size_t axis : {0U, 1U}) {
+    for (const unsigned command : {test::cmd_heartbeat, test::cmd_encoder}) {
+      for (unsigned size = 0; size <= 9; ++size) {
+        if (size == 8) continue;
+        const unsigned length = size == 9 ? 8 : size;  // 9: the right length in the FD format
+        Rig<TypeParam> rig;
+        ASSERT_TRUE(rig.start());
+        hal::CanFrame f = test::message(rig.node(axis), command, 8, 8, static_cast<std::uint8_t>(length));
+        f.fd = size == 9;
+        rig.bus.push(f);
+        EXPECT_EQ(rig.tick().fault, Fault::malformed_frame) << axis << ' ' << command << ' ' << size;
+        EXPECT_TRUE(rig.all_zero());
+        EXPECT_EQ(rig.cycle.counters().malformed, 1U);
+      }
+    }
+  }
+}
+
+TYPED_TEST(CycleFault, FramesOfOthersAreCountedAndChangeNothing) {
+  Rig<TypeParam> rig;
+  ASSERT_TRUE(rig.start());
+  const auto before = rig.cycle.counters();
+  std::uint32_t others = 0, ticks = 0;
+  const auto sample = rig.cycle.sample();
+  for (std::uint32_t id = 0; id <= 0x7FF; ++id) {
+    const unsigned command = id % 32;
+    bool ours = false;
+    for (std::size_t i = 0; i < 2; ++i) ours = ours || id / 32 == rig.node(i);
+    if (ours && (command == test::cmd_heartbeat || command == test::cmd_encoder)) continue;
+    for (const bool extended : {false, true}) {
+      hal::CanFrame f = test::message(0, 0, 0x7FC00000, 0x7FC00000, static_cast<std::uint8_t>(id % 9));
+      f.id = id;
+      f.extended = extended;
+      rig.bus.push(f);
+      ++others;
+    }
+    if (rig.bus.waiting() < 100) continue;
+    ASSERT_EQ(rig.tick().state, State::running) << std::hex << id;
+    ++ticks;
+  }
+  EXPECT_EQ(rig.tick().state, State::running);
+  ++ticks;
+  EXPECT_EQ(rig.cycle.counters().not_mine - before.not_mine, others);
+  EXPECT_EQ(rig.cycle.counters().received - before.received, 4 * ticks);
+  EXPECT_EQ(rig.cycle.counters().malformed, 0U);
+  EXPECT_EQ(rig.cycle.sample().angle, sample.angle);
+}
+
+TYPED_TEST(CycleFault, AFullQueueIsCountedAndNoFault) {
+  Rig<TypeParam> rig;
+  ASSERT_TRUE(rig.start());
+  const auto before = rig.cycle.counters();
+  rig.bus.answer(SendStatus::bus_full, 1);
+  EXPECT_EQ(rig.tick().state, State::running);
+  EXPECT_EQ(rig.tick().state, State::running);
+  rig.bus.answer(SendStatus::ok);
+  EXPECT_EQ(rig.tick().state, State::running);
+  EXPECT_EQ(rig.cycle.counters().send_failed - before.send_failed, 3U) << "second frame, then both";
+  EXPECT_EQ(rig.cycle.counters().sent - before.sent, 3U);
+}
+
+/// More frames per tick than the cycle reads: what it does read grows old without its age saying so. Old samples
+/// must not pass for new ones for ever.
+TYPED_TEST(CycleFault, AFloodDoesNotMakeOldSamplesLookNew) {
+  Rig<TypeParam> rig;
+  ASSERT_TRUE(rig.start());
+  int behind = 0;
+  for (int i = 0; i < 20 && rig.cycle.supervisor().running(); ++i) {
+    for (int n = 0; n < 290; ++n) rig.bus.push(test::message(2, 0, 0, 0, 0));
+    rig.angle[0] += 1e-4;
+    rig.tick();
+    const double seen = static_cast<double>(rig.cycle.sample().angle[0]);
+    if (rig.cycle.supervisor().running()) behind = static_cast<int>(std::lround((rig.angle[0] - seen) / 1e-4));
+  }
+  EXPECT_LE(behind, 2) << "ticks between what is controlled and what is";
+}
+
+}  // namespace

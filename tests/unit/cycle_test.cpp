@@ -1,0 +1,288 @@
+/// The states of the control cycle as the bus sees them: which frames go out in which state and when.
+
+#include <gtest/gtest.h>
+
+#include <cstdint>
+
+#include "tests/support/cycle_rig.hpp"
+
+namespace {
+
+using namespace esmc;
+using test::Rig;
+using test::Setup;
+using test::setup;
+
+template <class M>
+class ControlCycle : public testing::Test {};
+using Machines = testing::Types<FiveBar<double>, Rr<float>>;
+TYPED_TEST_SUITE(ControlCycle, Machines);
+
+/// Not zero in at least one motor: the opposite of `all_zero` is not enough where frames could be missing.
+template <class M>
+bool pushes(const Rig<M>& rig) {
+  bool any = false;
+  for (std::size_t i = 0; i < rig.motors(); ++i) any = any || rig.shaft_torque(rig.axis_of_motor(i)) != 0.0F;
+  return any && rig.torque_frames() == static_cast<int>(rig.motors());
+}
+
+TYPED_TEST(ControlCycle, TorqueFramesAreZeroInEveryStateButRunning) {
+  Rig<TypeParam> rig;
+  for (int i = 0; i < 10; ++i) {
+    EXPECT_EQ(rig.tick().state, State::disabled);
+    EXPECT_TRUE(rig.all_zero());
+    EXPECT_EQ(rig.bus.sent().size(), rig.motors()) << "nothing but the torque frames while disabled";
+  }
+  rig.obedient = false;
+  rig.tick(Command::enable);
+  for (int i = 0; i < 10; ++i) {
+    EXPECT_EQ(rig.tick().state, State::enabling);
+    EXPECT_TRUE(rig.all_zero());
+  }
+  rig.state.fill(8);
+  while (rig.tick().state == State::enabling) EXPECT_TRUE(rig.all_zero());
+  EXPECT_EQ(rig.cycle.supervisor().state(), State::running);
+  EXPECT_TRUE(pushes(rig));
+  EXPECT_EQ(rig.tick(Command::stop).state, State::stopping);
+  EXPECT_TRUE(rig.all_zero()) << "in the very tick of the command";
+  for (int i = 0; i < 10; ++i) {
+    EXPECT_EQ(rig.tick().state, State::stopping);
+    EXPECT_TRUE(rig.all_zero());
+  }
+  rig.bus.push(test::message(rig.node(0), test::cmd_encoder, 0, 0, 7));
+  for (int i = 0; i < 10; ++i) {
+    EXPECT_EQ(rig.tick().state, State::fault);
+    EXPECT_TRUE(rig.all_zero());
+  }
+}
+
+TYPED_TEST(ControlCycle, EnablingSendsTheSequencePerAxisBeforeItsTorqueFrame) {
+  Rig<TypeParam> rig;
+  rig.tick(Command::enable);
+  const auto sent = rig.bus.sent();
+  ASSERT_EQ(sent.size(), 4 * rig.motors());
+  const unsigned order[] = {test::cmd_mode, test::cmd_clear_errors, test::cmd_axis_state, test::cmd_torque};
+  for (std::size_t i = 0; i < sent.size(); ++i) {
+    EXPECT_EQ(test::node_of(sent[i]), rig.node(i / 4));
+    EXPECT_EQ(test::command_of(sent[i]), order[i % 4]);
+  }
+  EXPECT_TRUE(rig.asked(0, 8) && rig.asked(1, 8));
+}
+
+/// The tick that hears the second confirmation of the last axis still belongs to enabling; the next one runs.
+TYPED_TEST(ControlCycle, RunsInTheTickAfterEveryAxisBecameReady) {
+  Rig<TypeParam> rig;
+  rig.obedient = false;
+  rig.sends_heartbeat.fill(false);
+  const auto confirm = [&](std::size_t axis) { rig.bus.push(test::heartbeat(rig.node(axis), 8)); };
+  EXPECT_EQ(rig.tick(Command::enable).state, State::enabling);
+  confirm(0);
+  EXPECT_EQ(rig.tick().state, State::enabling);
+  confirm(0);
+  EXPECT_EQ(rig.tick().state, State::enabling) << "one of two axes is ready";
+  confirm(1);
+  EXPECT_EQ(rig.tick().state, State::enabling);
+  EXPECT_TRUE(rig.all_zero());
+  confirm(1);
+  EXPECT_EQ(rig.tick().state, State::enabling);
+  EXPECT_TRUE(rig.all_zero());
+  const auto first = rig.tick();
+  EXPECT_EQ(first.state, State::running);
+  EXPECT_EQ(first.running_tick, 0U);
+  EXPECT_TRUE(pushes(rig));
+  EXPECT_EQ(rig.tick().running_tick, 1U);
+}
+
+TYPED_TEST(ControlCycle, OneReadyAxisIsNeverEnough) {
+  for (const std::size_t dead : {0U, 1U}) {
+    Rig<TypeParam> rig;
+    rig.tick(Command::enable);
+    for (int i = 0; i < 1000; ++i) {
+      rig.state[dead] = 1;
+      ASSERT_EQ(rig.tick().state, State::enabling);
+      ASSERT_TRUE(rig.all_zero());
+    }
+  }
+}
+
+TYPED_TEST(ControlCycle, EnablingWaitsForADriveWithErrorsAndAsksAgain) {
+  Setup<TypeParam> s = setup<TypeParam>();
+  s.retry_ticks = 5;
+  Rig<TypeParam> rig(s);
+  rig.error[1] = 0x200;
+  rig.tick(Command::enable);
+  int again = 0;
+  for (int i = 0; i < 60; ++i) {
+    ASSERT_EQ(rig.tick().state, State::enabling) << "an error of a drive being enabled is no fault";
+    again += rig.asked(1, 8) ? 1 : 0;
+  }
+  EXPECT_GE(again, 10);
+  rig.error[1] = 0;
+  EXPECT_TRUE(rig.until(State::running, 3));
+}
+
+TYPED_TEST(ControlCycle, StoppingAsksForIdleUntilEveryAxisSaysSo) {
+  Rig<TypeParam> rig;
+  ASSERT_TRUE(rig.start());
+  rig.obedient = false;
+  rig.tick(Command::stop);
+  EXPECT_TRUE(rig.asked(0, 1) && rig.asked(1, 1));
+  rig.state[0] = 1;
+  for (int i = 0; i < 20; ++i) {
+    EXPECT_EQ(rig.tick().state, State::stopping);
+    EXPECT_FALSE(rig.asked(0, 1)) << "it is idle";
+    EXPECT_TRUE(rig.asked(1, 1)) << "the frame may have been lost";
+    EXPECT_FALSE(rig.asked(0, 8) || rig.asked(1, 8));
+  }
+  rig.state[1] = 1;
+  EXPECT_TRUE(rig.until(State::disabled, 2));
+}
+
+TYPED_TEST(ControlCycle, RunsAgainAfterStopAndAfterReset) {
+  Rig<TypeParam> rig;
+  for (int round = 0; round < 3; ++round) {
+    ASSERT_TRUE(rig.start()) << round;
+    EXPECT_TRUE(pushes(rig));
+    for (int i = 1; i < 10; ++i) EXPECT_EQ(rig.tick().running_tick, static_cast<std::uint32_t>(i));
+    rig.tick(Command::stop);
+    EXPECT_TRUE(rig.until(State::disabled, 3));
+    ASSERT_TRUE(rig.start()) << round;
+    rig.error[0] = 1;
+    EXPECT_EQ(rig.tick().fault, Fault::drive_error);
+    rig.error[0] = 0;
+    for (int i = 0; i < 3; ++i) rig.tick();
+    EXPECT_EQ(rig.tick(Command::reset).state, State::disabled);
+    EXPECT_EQ(rig.tick().fault, Fault::none);
+  }
+}
+
+/// An axis that dropped out by itself waits for no retry of an earlier attempt.
+TYPED_TEST(ControlCycle, EveryAttemptToEnableBeginsByAskingEveryAxis) {
+  Rig<TypeParam> rig;
+  ASSERT_TRUE(rig.start());
+  rig.state[0] = 1;
+  EXPECT_EQ(rig.tick().fault, Fault::drive_disarmed);
+  rig.tick();
+  rig.tick(Command::reset);
+  rig.tick(Command::enable);
+  EXPECT_TRUE(rig.asked(0, 8));
+  EXPECT_TRUE(rig.asked(1, 8));
+}
+
+TYPED_TEST(ControlCycle, ACommandLastsOneTick) {
+  Rig<TypeParam> rig;
+  rig.tick(Command::reset);
+  rig.tick(Command::stop);
+  EXPECT_EQ(rig.tick().state, State::disabled);
+  ASSERT_TRUE(rig.start());
+  rig.tick(Command::enable);  // already running: nothing, now or later
+  rig.tick(Command::stop);
+  for (int i = 0; i < 5; ++i) rig.tick();
+  EXPECT_EQ(rig.cycle.supervisor().state(), State::disabled);
+}
+
+/// Two callers in one tick, an operator's stop and anything else: the stop must not be lost.
+TYPED_TEST(ControlCycle, AStopIsNotOverwrittenByALaterCommandOfTheSameTick) {
+  for (const Command later : {Command::none, Command::enable, Command::reset}) {
+    Rig<TypeParam> rig;
+    ASSERT_TRUE(rig.start());
+    rig.cycle.command(Command::stop);
+    rig.cycle.command(later);
+    EXPECT_EQ(rig.tick().state, State::stopping) << "overwritten by " << static_cast<int>(later);
+  }
+}
+
+/// Lockstep without a complete set: nobody waits for an answer.
+TYPED_TEST(ControlCycle, AnUnansweredTickSendsNoTorque) {
+  Rig<TypeParam> rig;
+  ASSERT_TRUE(rig.start());
+  EXPECT_EQ(rig.tick(Command::none, false).state, State::running);
+  EXPECT_EQ(rig.torque_frames(), 0);
+  EXPECT_EQ(rig.tick().state, State::running);
+  EXPECT_TRUE(pushes(rig));
+}
+
+TYPED_TEST(ControlCycle, AFaultInAnUnansweredTickStillAsksForIdle) {
+  Rig<TypeParam> rig;
+  ASSERT_TRUE(rig.start());
+  rig.error[0] = 1;
+  EXPECT_EQ(rig.tick(Command::none, false).state, State::fault);
+  EXPECT_TRUE(rig.asked(0, 1) && rig.asked(1, 1));
+}
+
+TYPED_TEST(ControlCycle, ASetIsCompleteWhenEveryAxisHasSentASample) {
+  Rig<TypeParam> rig;
+  EXPECT_FALSE(rig.cycle.complete()) << "nothing received yet";
+  rig.push_encoder(0);
+  rig.cycle.receive(rig.bus);
+  EXPECT_FALSE(rig.cycle.complete());
+  rig.push_heartbeat(1);
+  rig.cycle.receive(rig.bus);
+  EXPECT_FALSE(rig.cycle.complete()) << "a heartbeat is not a sample";
+  rig.push_encoder(1);
+  rig.cycle.receive(rig.bus);
+  EXPECT_TRUE(rig.cycle.complete());
+  (void)rig.cycle.tick(rig.bus);
+  EXPECT_FALSE(rig.cycle.complete()) << "that set was used";
+  rig.cycle.receive(rig.bus);
+  EXPECT_FALSE(rig.cycle.complete());
+}
+
+TYPED_TEST(ControlCycle, ReceivingSeveralTimesInATickAgesOnce) {
+  Rig<TypeParam> rig;
+  rig.tick();
+  for (int i = 0; i < 5; ++i) rig.cycle.receive(rig.bus);
+  rig.bare_tick();
+  EXPECT_EQ(rig.cycle.sample().age_ticks[0], 1U);
+  (void)rig.cycle.tick(rig.bus);  // without a receive: a tick all the same
+  EXPECT_EQ(rig.cycle.sample().age_ticks[0], 2U);
+}
+
+// ---- what an axis may be left in -------------------------------------------------------------------------------
+
+/// Heartbeats come every 100 ms, so that the last one is older than the request. Stopped (or failed) before the
+/// next one, the cycle believes the old "idle" and must not leave the axes armed for that.
+TYPED_TEST(ControlCycle, StopWhileEnablingLeavesNoAxisArmed) {
+  Rig<TypeParam> rig;
+  rig.tick();
+  rig.sends_heartbeat.fill(false);
+  rig.tick(Command::enable);
+  ASSERT_EQ(rig.state[0], 8) << "the drives have obeyed, and not yet reported it";
+  rig.tick(Command::stop);
+  for (int i = 0; i < 300; ++i) {
+    rig.sends_heartbeat.fill(i % 100 == 60);
+    rig.tick();
+  }
+  EXPECT_EQ(rig.state[0], 1) << "state " << name(rig.cycle.supervisor().state());
+  EXPECT_EQ(rig.state[1], 1) << "state " << name(rig.cycle.supervisor().state());
+}
+
+/// The idle requests are lost (queue full) and the operator resets at once: the axes still stand armed.
+TYPED_TEST(ControlCycle, ResetDoesNotForgetAnAxisThatIsStillArmed) {
+  Rig<TypeParam> rig;
+  ASSERT_TRUE(rig.start());
+  rig.error[1] = 1;
+  rig.bus.answer(hal::SendStatus::bus_full);
+  EXPECT_EQ(rig.tick().state, State::fault);
+  rig.bus.answer(hal::SendStatus::ok);
+  rig.tick(Command::reset);
+  for (int i = 0; i < 300; ++i) rig.tick();
+  EXPECT_EQ(rig.state[0], 1) << "state " << name(rig.cycle.supervisor().state());
+}
+
+/// A drive that is already in closed loop when the controller starts (in position mode, say) must be put into
+/// torque mode before the first torque, however many heartbeats it has sent.
+TYPED_TEST(ControlCycle, ADriveFoundArmedIsConfiguredBeforeItIsUsed) {
+  Rig<TypeParam> rig;
+  rig.state.fill(8);
+  for (int i = 0; i < 10; ++i) rig.tick();
+  int modes = 0;
+  for (int i = 0; i < 20; ++i) {
+    const State state = rig.tick(i == 0 ? Command::enable : Command::none).state;
+    modes += rig.count(0, test::cmd_mode);
+    if (state == State::running) break;
+  }
+  EXPECT_GE(modes, 1);
+}
+
+}  // namespace
