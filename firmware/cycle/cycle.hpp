@@ -22,6 +22,7 @@ concept Drive = requires(D& d, const D& c, const hal::CanFrame& f, void (*send)(
   { c.error() } -> std::same_as<bool>;
   { c.closed_loop() } -> std::same_as<bool>;
   d.enable(send);
+  d.ask_again();
   d.disable(send);
 };
 
@@ -58,6 +59,11 @@ class Cycle {
   [[nodiscard]] const BusCounters& counters() const { return counters_; }
   [[nodiscard]] const Sample<M>& sample() const { return sample_; }
   [[nodiscard]] const D& axis(int i) const { return axes_[static_cast<unsigned>(i)]; }
+
+  /// No axis has been heard yet: the enabling sequence is repeated at the next tick instead of after its time.
+  void ask_again() {
+    for (D& a : axes_) a.ask_again();
+  }
 
   /// True when every axis has sent a sample since the last tick: in lockstep the time to tick.
   [[nodiscard]] bool complete() const {

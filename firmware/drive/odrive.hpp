@@ -16,10 +16,10 @@ enum class Version : std::uint8_t { v0_6, v0_5_6 };
 enum class Message : std::uint8_t {
   heartbeat = 0x01,          ///< drive -> us: u32 axis_error, u8 axis_state, ...
   estop = 0x02,              ///< us -> drive, no payload: disarm with an error
-  set_axis_state = 0x07,     ///< us -> drive: u32 AxisState
+  set_axis_state = 0x07,     ///< us -> drive: u32 AxisState, 4 bytes unused
   encoder_estimates = 0x09,  ///< drive -> us: f32 position rev, f32 velocity rev/s
   set_controller_mode = 0x0B,///< us -> drive: u32 control mode, u32 input mode
-  set_input_torque = 0x0E,   ///< us -> drive: f32 N m
+  set_input_torque = 0x0E,   ///< us -> drive: f32 N m, 4 bytes unused
   clear_errors = 0x18,       ///< us -> drive: 0.6 u8 identify, 0.5.6 none
 };
 
@@ -54,7 +54,7 @@ constexpr hal::CanFrame frame(std::uint8_t node, Message m, std::uint8_t size) {
 }  // namespace detail
 
 [[nodiscard]] constexpr hal::CanFrame encode_set_axis_state(std::uint8_t node, AxisState s) {
-  hal::CanFrame f = detail::frame(node, Message::set_axis_state, 4);
+  hal::CanFrame f = detail::frame(node, Message::set_axis_state, 8);
   detail::put_u32(f, 0, static_cast<std::uint32_t>(s));
   return f;
 }
@@ -72,7 +72,7 @@ constexpr hal::CanFrame frame(std::uint8_t node, Message m, std::uint8_t size) {
 }
 /// Torque at the motor shaft, N m.
 [[nodiscard]] constexpr hal::CanFrame encode_torque(std::uint8_t node, float torque) {
-  hal::CanFrame f = detail::frame(node, Message::set_input_torque, 4);
+  hal::CanFrame f = detail::frame(node, Message::set_input_torque, 8);
   detail::put_u32(f, 0, std::bit_cast<std::uint32_t>(torque));
   return f;
 }
@@ -117,13 +117,16 @@ struct EncoderEstimates {
   if (!has_size(f, 8)) return std::nullopt;
   return EncoderEstimates{std::bit_cast<float>(detail::get_u32(f, 0)), std::bit_cast<float>(detail::get_u32(f, 4))};
 }
-/// For the drive's side of the wire. Empty: wrong length, remote or FD.
+/// For the drive's side of the wire: the used bytes must be there. Empty: too short, remote or FD.
+[[nodiscard]] constexpr bool has_at_least(const hal::CanFrame& f, std::uint8_t size) {
+  return f.size >= size && !f.remote && !f.fd;
+}
 [[nodiscard]] constexpr std::optional<float> decode_torque(const hal::CanFrame& f) {
-  if (!has_size(f, 4)) return std::nullopt;
+  if (!has_at_least(f, 4)) return std::nullopt;
   return std::bit_cast<float>(detail::get_u32(f, 0));
 }
 [[nodiscard]] constexpr std::optional<std::uint32_t> decode_axis_state_request(const hal::CanFrame& f) {
-  if (!has_size(f, 4)) return std::nullopt;
+  if (!has_at_least(f, 4)) return std::nullopt;
   return detail::get_u32(f, 0);
 }
 struct ControllerMode {
@@ -135,6 +138,6 @@ struct ControllerMode {
 }
 
 // Worked out by hand from the message table: node 3, 1.5 N m.
-static_assert(encode_torque(3, 1.5F) == hal::CanFrame{.id = 0x06E, .size = 4, .data = {0x00, 0x00, 0xC0, 0x3F}});
+static_assert(encode_torque(3, 1.5F) == hal::CanFrame{.id = 0x06E, .size = 8, .data = {0x00, 0x00, 0xC0, 0x3F}});
 
 }  // namespace esmc::drive::odrive

@@ -87,6 +87,9 @@ class OdriveAxis {
     wait_ticks_ = retry_ticks_;
   }
 
+  /// Nobody can have heard the last request: repeat it at the next enable().
+  void ask_again() { wait_ticks_ = 0; }
+
   /// Frames that take the axis out of closed-loop control.
   template <class Send>
   void disable(Send&& send) {

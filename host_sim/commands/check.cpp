@@ -134,9 +134,10 @@ int report(const Scene& scene, const RunOptions& o) {
   const Margins m = margins<World>(scene);
   Findings f;
   judge(scene, m, f);
-  // Per tick and axis an encoder frame of 8 bytes, per motor a torque frame of 4; a heartbeat of 8 every 10 ms.
+  // Frames of 8 bytes: per tick an encoder estimate from every axis and a torque to every motor, and a heartbeat
+  // from every axis each 10 ms.
   const auto axes = static_cast<double>(scene.drives.nodes.size());
-  const double tick_bits = axes * worst_bits(8) + static_cast<double>(scene.motors()) * worst_bits(4);
+  const double tick_bits = (axes + static_cast<double>(scene.motors())) * worst_bits(8);
   const double load = (tick_bits * scene.rate_hz + axes * worst_bits(8) * 100.0) / scene.bitrate;
   const double latency_s = (tick_bits + axes * worst_bits(8)) / scene.bitrate;
   if (load > 1.0) {

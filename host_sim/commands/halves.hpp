@@ -67,7 +67,7 @@ class PlantHalf {
     throw RunError("the controller sent no torque command for 5 s (controller dead or not started)");
   }
   /// Frames that wait, without waiting for more.
-  int drain() { return node_.collect(tap_); }
+  int drain() { return node_.drain(tap_); }
 
   /// Records the tick (from t = 0 on) and moves to the next.
   void advance(const ControllerView<M>& seen) {
@@ -76,6 +76,7 @@ class PlantHalf {
     const Joints torque = node_.torque(clipped);
     recorder_.tick(done_, node_.motion(), torque, clipped, seen);
     node_.advance(done_ * scene_.tick(), scene_.tick(), substeps_, torque);
+    disarmed_ = disarmed_ || node_.disarmed();
     ++done_;
   }
   /// Real time: a part of the tick, with whatever torque is in force.
@@ -86,10 +87,9 @@ class PlantHalf {
     if (record) recorder_.tick(done_, node_.motion(), torque, clipped, seen);
     const double part_s = scene_.tick() / substeps_;
     node_.advance(done_ * scene_.tick() + part * part_s, part_s, 1, torque);
+    disarmed_ = disarmed_ || node_.disarmed();
     if (part + 1 == substeps_) ++done_;
   }
-  [[nodiscard]] bool disarmed() const { return node_.disarmed(); }
-
   RunEnd end(std::chrono::steady_clock::time_point begin) {
     RunEnd e;
     e.wall_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
@@ -101,8 +101,8 @@ class PlantHalf {
     const double bus_time = node_.time();
     e.bus = BusSummary{frames_.frames(), tap_.lost(),
                        bus_time > 0.0 ? static_cast<double>(frames_.bits()) / (scene_.bitrate * bus_time) : 0.0};
-    e.final_state = node_.disarmed() ? "drives_disarmed" : "drives_armed";
-    if (node_.disarmed()) e.faults.emplace_back(fmt::format("drives_disarmed (axis errors 0x{:x})", node_.drive_errors()));
+    e.final_state = disarmed_ ? "drives_disarmed" : "drives_armed";
+    if (disarmed_) e.faults.emplace_back(fmt::format("drives_disarmed (axis errors 0x{:x})", node_.drive_errors()));
     Statistics& s = recorder_.statistics();
     s.energy_error = std::max(s.energy_error, node_.motion().energy_error());
     return e;
@@ -124,6 +124,7 @@ class PlantHalf {
   PlantNode<Plant> node_;
   std::uint32_t ticks_, done_ = 0;
   int substeps_;
+  bool disarmed_ = false;
 };
 
 template <class World, class Bus>
@@ -148,7 +149,10 @@ class ControllerHalf {
   void receive() { cycle_.receive(bus_); }
   void tick(bool answer) { result_ = cycle_.tick(bus_, answer); }
   /// Asks the drives to arm without being asked for a torque: nobody is there yet.
-  void knock() { tick(false); }
+  void knock() {
+    cycle_.ask_again();
+    tick(false);
+  }
   void stop() { cycle_.command(Command::stop); }
   /// Zero torque and idle, once, without waiting for anybody.
   void shut_down() {

@@ -48,15 +48,18 @@ class PlantNode {
     ++published_;
   }
 
-  /// Hands waiting frames to the drives. Returns how many there were.
+  /// Hands waiting frames to the drives, up to the one that completes this tick's torques: what comes after
+  /// belongs to the next tick.
   template <hal::CanBus Bus>
-  int collect(Bus& bus) {
-    const auto send = [&](const hal::CanFrame& f) { (void)bus.try_send(f); };
-    hal::CanFrame f;
-    int n = 0;
-    for (; n < 4096 && bus.try_receive(f); ++n) {
-      for (Axis& a : axes_) a.answered = a.axis.receive(f, send) || a.answered;
+  void collect(Bus& bus) {
+    while (!answered() && take(bus)) {
     }
+  }
+  /// Hands over all that waits. Returns how many frames there were.
+  template <hal::CanBus Bus>
+  int drain(Bus& bus) {
+    int n = 0;
+    while (n < 4096 && take(bus)) ++n;
     return n;
   }
 
@@ -97,6 +100,14 @@ class PlantNode {
     OdriveAxis axis;
     bool answered;
   };
+  template <hal::CanBus Bus>
+  bool take(Bus& bus) {
+    hal::CanFrame f;
+    if (!bus.try_receive(f)) return false;
+    const auto send = [&](const hal::CanFrame& reply) { (void)bus.try_send(reply); };
+    for (Axis& a : axes_) a.answered = a.axis.receive(f, send) || a.answered;
+    return true;
+  }
   [[nodiscard]] bool armed() const {
     for (const Axis& a : axes_) {
       if (a.placed.motor && a.axis.confirmations() < 2) return false;

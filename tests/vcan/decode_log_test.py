@@ -35,8 +35,8 @@ def synthetic(heartbeat_after_encoders=False):
     """Frames and rows of a run: enabling, arming with torque 0, TICKS ticks, shutdown."""
     frames, rows, tick, heartbeats = [], [], None, 0
     for node in NODES:
-        frames += [line(node << 5 | 0x00B, struct.pack("<II", 1, 1)), line(node << 5 | 0x018),
-                   line(node << 5 | 0x007, struct.pack("<I", 8))]
+        frames += [line(node << 5 | 0x00B, struct.pack("<II", 1, 1)), line(node << 5 | 0x018, bytes(1)),
+                   line(node << 5 | 0x007, struct.pack("<II", 8, 0))]
     for k in range(1000):
         states = []
         if k % 5 == 2:  # every 5 ticks; still idle in the first one
@@ -50,7 +50,7 @@ def synthetic(heartbeat_after_encoders=False):
             turns, rate = float32((truth - OFFSET[axis]) / scale), float32(speed / scale)
             torque = 0.0 if tick is None else float32(0.3 * math.cos(0.2 * k + axis))
             encoders.append(line(node << 5 | 0x009, struct.pack("<ff", turns, rate)))
-            torques.append(line(node << 5 | 0x00E, struct.pack("<f", torque)))
+            torques.append(line(node << 5 | 0x00E, struct.pack("<fI", torque, 0)))
             row |= {f"q{axis}": truth, f"q{axis}_meas": turns * scale + OFFSET[axis], f"q{axis}_rate_meas": rate * scale,
                     f"tau{axis}": torque * DIRECTION[axis] * GEAR[axis]}
         frames += encoders + states if heartbeat_after_encoders else states + encoders
@@ -63,7 +63,7 @@ def synthetic(heartbeat_after_encoders=False):
         if tick == TICKS:
             break
     for node in NODES:
-        frames += [line(node << 5 | 0x00E, bytes(4)), line(node << 5 | 0x007, struct.pack("<I", 1))]
+        frames += [line(node << 5 | 0x00E, bytes(8)), line(node << 5 | 0x007, struct.pack("<II", 1, 0))]
     return frames, rows
 
 
@@ -144,7 +144,7 @@ class DecodeLog(unittest.TestCase):
         for nth, text in ((0, "before t = 0"), (-1, "after the last row")):
             frames, rows = synthetic()
             i = self.place(frames, 0x00E, 1, nth)
-            frames[i] = line(0x02E, struct.pack("<f", 0.1))
+            frames[i] = line(0x02E, struct.pack("<fI", 0.1, 0))
             self.assert_fails(frames, rows, text)
 
     def test_undecodable_frames(self):
@@ -162,9 +162,9 @@ class Dbc(unittest.TestCase):
     """Identifier, length and layout of every message, from the description of the protocol."""
     MESSAGES = {
         "Get_Version": (0x000, "<BBBBBBBB", (2, 4, 4, 58, 0, 6, 10, 1)), "Heartbeat": (0x001, "<IBBBx", (1 << 24, 8, 3, 1)),
-        "Estop": (0x002, "", ()), "Get_Error": (0x003, "<II", (0x01000000, 0x2000000)), "Set_Axis_State": (0x007, "<I", (8,)),
+        "Estop": (0x002, "", ()), "Get_Error": (0x003, "<II", (0x01000000, 0x2000000)), "Set_Axis_State": (0x007, "<I4x", (8,)),
         "Get_Encoder_Estimates": (0x009, "<ff", (-0.25, 12.5)), "Set_Controller_Mode": (0x00B, "<II", (1, 6)),
-        "Set_Input_Torque": (0x00E, "<f", (-1.5,)), "Set_Limits": (0x00F, "<ff", (20.0, 10.5)), "Clear_Errors": (0x018, "", ()),
+        "Set_Input_Torque": (0x00E, "<f4x", (-1.5,)), "Set_Limits": (0x00F, "<ff", (20.0, 10.5)), "Clear_Errors": (0x018, "<B", (0,)),
         "Get_Torques": (0x01C, "<ff", (0.75, -0.125))}
 
     def test_every_message(self):
@@ -179,7 +179,7 @@ class Dbc(unittest.TestCase):
                 self.assertEqual(tuple(s.raw_value for s in frame.decode(data).values()), values)
                 self.assertEqual(frame.encode({s.name: v for s, v in zip(frame.signals, values)}), data)
         torque = dbc.frame_by_name("Axis2_Set_Input_Torque")
-        self.assertEqual(torque.encode({"Input_Torque": 1.5}).hex(), "0000c03f")
+        self.assertEqual(torque.encode({"Input_Torque": 1.5}).hex(), "0000c03f00000000")
         units = {s.name: s.unit for f in dbc.frames for s in f.signals if s.unit}
         self.assertEqual(units, {"Pos_Estimate": "rev", "Vel_Estimate": "rev/s", "Input_Torque": "Nm", "Velocity_Limit": "rev/s",
                                  "Current_Limit": "A", "Torque_Target": "Nm", "Torque_Estimate": "Nm"})
