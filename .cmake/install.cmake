@@ -1,0 +1,19 @@
+# cmake --install: the controller library for use in somebody else's firmware, find_package(esmc CONFIG), and on the
+# host the esmc command.
+include(CMakePackageConfigHelpers)
+
+install(TARGETS esmc_hal esmc_numerics esmc_firmware esmc_control EXPORT esmc_targets)
+install(DIRECTORY ${PROJECT_SOURCE_DIR}/firmware DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/esmc FILES_MATCHING PATTERN "*.hpp")
+install(FILES ${PROJECT_SOURCE_DIR}/hal/can.hpp ${PROJECT_SOURCE_DIR}/hal/clock.hpp
+        DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/esmc/hal)
+install(EXPORT esmc_targets NAMESPACE esmc:: FILE esmc-targets.cmake DESTINATION ${CMAKE_INSTALL_LIBDIR}/cmake/esmc)
+file(WRITE ${PROJECT_BINARY_DIR}/esmc-config.cmake "include(CMakeFindDependencyMacro)
+find_dependency(Eigen3 3.4 NO_MODULE)
+include(\${CMAKE_CURRENT_LIST_DIR}/esmc-targets.cmake)
+")
+write_basic_package_version_file(${PROJECT_BINARY_DIR}/esmc-config-version.cmake COMPATIBILITY SameMinorVersion)
+install(FILES ${PROJECT_BINARY_DIR}/esmc-config.cmake ${PROJECT_BINARY_DIR}/esmc-config-version.cmake
+        DESTINATION ${CMAKE_INSTALL_LIBDIR}/cmake/esmc)
+if(TARGET esmc)
+  install(TARGETS esmc)
+endif()

@@ -76,7 +76,7 @@ SEEDED = [
     ("heap", "void f(int* p) { delete[] p; }"),
     ("exception", "void f() { throw 1; }"),
     ("exception", "#include <vector>\nint f(std::vector<int>& v) { return v.at(3); }"),
-    ("RTTI", "#include <typeinfo>\nstruct A { virtual ~A(); };\nconst char* f(A& a) { return typeid(a).name(); }"),
+    ("RTTI", "#include <typeinfo>\nstruct A { virtual ~A(); };\nconst std::type_info& f() { return typeid(A); }"),
     ("RTTI", "struct A { virtual void f(); };\nvoid A::f() {}"),
     ("RTTI", "struct A { virtual ~A(); }; struct B : A {};\nB* f(A* a) { return dynamic_cast<B*>(a); }"),
     ("stdio", "#include <stdio.h>\nvoid f(int i) { printf(\"%d\", i); }"),

@@ -1,0 +1,175 @@
+#!/usr/bin/env python3
+"""Who may include whom: arrows go down only. A rule whose folder is gone, or holds no file, fails.
+
+  hal/*.hpp             std, hal/*.hpp
+  hal/<back end>        hal, std and the headers of its OS or vendor
+  firmware/numeric      std
+  firmware/mechanism    std, Eigen (through types), types, numeric, mechanism
+  firmware/control      the same and control
+  firmware/safety       std, safety
+  firmware/drive        std, hal/*.hpp, drive
+  firmware/cycle        std, Eigen (through types), all firmware, hal/*.hpp
+  host_sim, not commands   never the controller: of firmware only types, numeric, parameters and the wire format
+  nothing in firmware or hal includes host_sim, boards or tests; nothing in host_sim includes tests
+"""
+
+import pathlib
+import re
+import sys
+import tempfile
+
+INCLUDE = re.compile(r'^\s*#\s*(?:include|import)\s*([<"])([^>"]+)[>"]')
+STD = r"<[a-z_]+>"  # C++ headers have neither path nor suffix; C and OS headers do
+HAL = r"hal/[a-z_]+\.hpp"
+MODEL = STD + r"|firmware/(types\.hpp|numeric/.*|mechanism/.*)"
+SHARED = r"firmware/(types\.hpp|numeric/.*|mechanism/params\.hpp|drive/odrive\.hpp)"
+
+# folder, search below it too, what its files may include (a whole match)
+RULES = [
+    ("hal", False, rf"{STD}|{HAL}"),
+    ("hal/linux", True, rf"<.*>|{HAL}|hal/linux/.*"),
+    ("hal/virtual", True, rf"{STD}|{HAL}|hal/virtual/.*"),
+    ("firmware", False, rf"{STD}|<Eigen/Core>|firmware/numeric/.*"),
+    ("firmware/numeric", True, rf"{STD}|firmware/numeric/.*"),
+    ("firmware/mechanism", True, MODEL),
+    ("firmware/control", True, rf"{MODEL}|firmware/control/.*"),
+    ("firmware/safety", True, rf"{STD}|firmware/safety/.*"),
+    ("firmware/drive", True, rf"{STD}|{HAL}|firmware/drive/.*"),
+    ("firmware/cycle", True, rf"{STD}|{HAL}|firmware/.*"),
+    ("host_sim", False, rf"<.*>|hal/.*|host_sim/.*|{SHARED}"),
+    ("host_sim/commands", True, r"<.*>|hal/.*|host_sim/.*|firmware/.*"),
+]
+NEVER_EIGEN = ("hal", "firmware/safety", "firmware/drive", "firmware/numeric")
+HOSTED = re.compile(r"<(iostream|[io]?fstream|[io]?sstream|cstdio|cstdlib|new|memory|string|string_view|vector|deque|list|"
+                    r"map|set|unordered_map|unordered_set|functional|exception|stdexcept|system_error|typeinfo|typeindex|"
+                    r"any|regex|locale|random|thread|mutex|atomic|condition_variable|future|filesystem|format)>")
+
+
+def files(root, folder, below):
+    found = (root / folder).rglob("*") if below else (root / folder).glob("*")
+    return sorted(f for f in found if f.suffix in (".hpp", ".cpp", ".h", ".c", ".in") and f.is_file())
+
+
+def host_folders(root):
+    """Every other folder of host_sim follows the rule of its top level, those that do not exist yet included."""
+    named = {"commands"}
+    return sorted(f"host_sim/{d.name}" for d in (root / "host_sim").glob("*") if d.is_dir() and d.name not in named)
+
+
+def back_ends(root):
+    named = {"hal/linux", "hal/virtual"}
+    return sorted(f"hal/{d.name}" for d in (root / "hal").glob("*") if d.is_dir() and f"hal/{d.name}" not in named)
+
+
+def rules(root):
+    host = next(allowed for folder, _, allowed in RULES if folder == "host_sim")
+    yield from RULES
+    for folder in host_folders(root):
+        yield folder, True, host
+    for folder in back_ends(root):
+        yield folder, True, rf"<.*>|{HAL}|{folder}/.*|\"[^/]*\""
+
+
+def violations(root):
+    for folder, below, allowed in rules(root):
+        found = files(root, folder, below)
+        if not found and any(folder == r[0] for r in RULES):
+            yield f"{folder}: gone or empty, its rule would pass for ever"
+        for file in found:
+            place = file.relative_to(root)
+            for number, line in enumerate(file.read_text(encoding="utf-8").splitlines(), 1):
+                match = INCLUDE.match(line)
+                if not match:
+                    if re.match(r"\s*#\s*(include|import)\b", line):
+                        yield f"{place}:{number}: an include that cannot be read: {line.strip()}"
+                    continue
+                what = match[2] if match[1] == '"' else f"<{match[2]}>"
+                if not re.fullmatch(allowed, what):
+                    yield f"{place}:{number}: {folder} may not include {what}"
+                elif folder.startswith("firmware") and HOSTED.fullmatch(what):
+                    yield f"{place}:{number}: {what} needs an operating system, a heap or exceptions"
+                elif folder.startswith(NEVER_EIGEN) and "Eigen" in what:
+                    yield f"{place}:{number}: {folder} may not include {what}"
+                elif match[1] == '"' and "/" in what and not (root / what).is_file() and not what.endswith("version.hpp"):
+                    yield f"{place}:{number}: {what} does not exist"
+
+
+def self_test(root):
+    """Each line, put at the end of its file in a copy, must be found; the copy itself must be clean."""
+    seeded = [
+        ("hal/can.hpp", "#include <Eigen/Core>"),
+        ("hal/can.hpp", "#include <linux/can.h>"),
+        ("hal/can.hpp", '#include "hal/linux/socketcan.hpp"'),
+        ("hal/can.hpp", '#include "firmware/types.hpp"'),
+        ("hal/linux/socketcan.hpp", '#include "firmware/types.hpp"'),
+        ("hal/linux/socketcan.hpp", '#include "host_sim/error.hpp"'),
+        ("hal/virtual/virtual_bus.hpp", '#include "hal/linux/socketcan.hpp"'),
+        ("firmware/types.hpp", '#include "hal/can.hpp"'),
+        ("firmware/numeric/elementary.hpp", '#include "firmware/types.hpp"'),
+        ("firmware/mechanism/rr.hpp", '#include "hal/can.hpp"'),
+        ("firmware/mechanism/rr.hpp", '#include "firmware/control/law.hpp"'),
+        ("firmware/mechanism/rr.hpp", "#include <vector>"),
+        ("firmware/control/law.hpp", '#include "firmware/safety/guards.hpp"'),
+        ("firmware/control/law.hpp", '#include "firmware/cycle/controller.hpp"'),
+        ("firmware/safety/guards.hpp", '#include "firmware/types.hpp"'),
+        ("firmware/safety/guards.hpp", "  #  include <Eigen/Dense>"),
+        ("firmware/safety/guards.hpp", '#include "hal/can.hpp"'),
+        ("firmware/drive/odrive.hpp", '#include "firmware/types.hpp"'),
+        ("firmware/drive/odrive.hpp", '#include "firmware/safety/faults.hpp"'),
+        ("firmware/cycle/cycle.hpp", '#include "hal/virtual/virtual_bus.hpp"'),
+        ("firmware/cycle/cycle.hpp", '#include "boards/linux/main.hpp"'),
+        ("firmware/cycle/cycle.hpp", "#include <cstdio>"),
+        ("firmware/cycle/cycle.hpp", "#include SOME_MACRO"),
+        ("firmware/cycle/cycle.hpp", '#include "guards.hpp"'),
+        ("host_sim/plant/plant.hpp", '#include "firmware/mechanism/five_bar.hpp"'),
+        ("host_sim/plant/plant.hpp", '#include "firmware/control/reference.hpp"'),
+        ("host_sim/plant/plant.hpp", '#include "firmware/drive/odrive_axis.hpp"'),
+        ("host_sim/scene/scene.hpp", '#include "firmware/safety/guards.hpp"'),
+        ("host_sim/error.hpp", '#include "firmware/cycle/cycle.hpp"'),
+        ("host_sim/commands/eval.hpp", '#include "tests/support/fake_bus.hpp"'),
+    ]
+    failed = 0
+    with tempfile.TemporaryDirectory() as scratch:
+        copy = pathlib.Path(scratch)
+        for top in ("hal", "firmware", "host_sim"):
+            for file in files(root, top, True):
+                (copy / file.relative_to(root)).parent.mkdir(parents=True, exist_ok=True)
+                (copy / file.relative_to(root)).write_text(file.read_text(encoding="utf-8"), encoding="utf-8")
+        clean = set(violations(copy))
+        for name, line in seeded:
+            file = copy / name
+            if not file.is_file():
+                print(f"includes.py: {name} of the self-test is gone")
+                failed += 1
+                continue
+            before = file.read_text(encoding="utf-8")
+            file.write_text(before + line + "\n", encoding="utf-8")
+            if not set(violations(copy)) - clean:
+                print(f"includes.py: does not notice {line} in {name}")
+                failed += 1
+            file.write_text(before, encoding="utf-8")
+        for file in files(copy, "firmware/safety", True):
+            file.unlink()
+        if not any("firmware/safety: gone" in v for v in violations(copy)):
+            print("includes.py: does not notice that a folder is gone")
+            failed += 1
+    print(f"{len(seeded) + 1 - failed} of {len(seeded) + 1} seeded violations found")
+    return failed
+
+
+def main():
+    arguments = sys.argv[1:]
+    root = pathlib.Path(__file__).resolve().parents[2]
+    if arguments == ["--self-test"]:
+        return 1 if self_test(root) else 0
+    if arguments:
+        print("includes.py: usage: includes.py [--self-test]", file=sys.stderr)
+        return 2
+    found = list(violations(root))
+    for violation in found:
+        print(violation)
+    return 1 if found else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
