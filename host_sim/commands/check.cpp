@@ -146,10 +146,11 @@ int report(const Scene& scene, const RunOptions& o) {
     f.warning(fmt::format("bus load {:.0f} %: above 80 % frames wait for each other", 100.0 * load));
   }
   if (scene.rate_hz > 1000.0) f.warning("ODrive sends encoder estimates at 1 kHz at most");
+  if (!scene.drives.missing.empty()) f.warning(scene.drives.missing + " before it can run on a bus");
   Json j;
   j["scene"] = scene.name;
   j["runs"] = !f.refused();
-  j["margins"] = {{"min_abs_sin_type1", m.sin_type1}, {"min_abs_sin_type2", m.sin_type2},
+  j["margins"] = {{"min_abs_sin_type1", m.sin_type1}, {"min_abs_sin_type2", scene.type == MechanismType::five_bar ? Json(m.sin_type2) : Json(nullptr)},
                   {"max_joint_speed", m.joint_speed}, {"max_torque_nm", m.torque}};
   j["bus"] = {{"load", load}, {"worst_latency_s", latency_s}};
   j["findings"] = f.list();
@@ -157,8 +158,10 @@ int report(const Scene& scene, const RunOptions& o) {
     fmt::print("{}\n", j.dump(2));
   } else {
     fmt::print("{}: {}\n", scene.name, f.refused() ? "would not run through" : "fit to run");
-    fmt::print("along the reference: |sin theta_j2| >= {:.3g}, |D2| >= {:.3g}, base joints <= {:.3g} rad/s\n",
-               m.sin_type1, m.sin_type2, m.joint_speed);
+    const std::string type2 =
+        scene.type == MechanismType::five_bar ? fmt::format(" |D2| >= {:.3g},", m.sin_type2) : std::string();
+    fmt::print("along the reference: |sin theta_j2| >= {:.3g},{} base joints <= {:.3g} rad/s\n", m.sin_type1, type2,
+               m.joint_speed);
     for (std::size_t i = 0; i < m.torque.size(); ++i) fmt::print("motor {}: <= {:.3g} N m\n", i + 1, m.torque[i]);
     fmt::print("bus: load {:.0f} %, frames of one tick take {:.0f} us at worst\n", 100.0 * load, 1e6 * latency_s);
     for (const Json& item : f.list()) {

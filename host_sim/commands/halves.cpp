@@ -35,6 +35,7 @@ Scene read_loop_scene(const RunOptions& o) {
   if (scene.accuracy) {
     throw InputError(scene.simulation_where, "'simulation.accuracy' is for esmc sim; a loop on a bus needs simulation.step");
   }
+  if (!scene.drives.missing.empty()) throw InputError(scene.control_where, scene.drives.missing);
   return scene;
 }
 

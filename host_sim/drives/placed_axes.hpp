@@ -32,7 +32,7 @@ inline OdriveAxis make_axis(const Scene& s, const PlacedAxis& a) {
   OdriveAxis::Settings settings;
   settings.version = s.drives.protocol == Protocol::odrive ? OdriveAxis::Version::v0_6 : OdriveAxis::Version::v0_5_6;
   settings.period = s.tick();
-  settings.watchdog_timeout = std::max(0.01, 3.0 * s.tick());  // a slow loop must not starve it between two ticks
+  settings.watchdog_timeout = s.drives.watchdog_timeout;
   return {a.mount, settings, find_effect<Encoder>(s.effects)};
 }
 

@@ -109,6 +109,7 @@ constexpr std::array keys{
     Key{"drives.offset", "numbers", "-", "rad", -1e3, 1e3, false, "", "joint angle at encoder zero; default 0"},
     Key{"drives.zero", "string", "\"absolute\"", "", -inf, inf, false, "absolute | pose | end_stop", "how the encoder zero is known"},
     Key{"drives.heartbeat_timeout", "number", "0.05", "s", 0, 10, true, "", "silence of a drive's heartbeat that is a fault; the emulated drives beat every 10 ms"},
+    Key{"drives.watchdog_timeout", "number", "-", "s", 0, 10, true, "", "the drive's own watchdog: torque off without a setpoint for this long; default 0.01, at least 3 ticks"},
     Key{"sensors.nodes", "integers", "", "", 0, 62, false, "", "sensors = all with base motors: CAN nodes of the two passive encoders"},
     Key{"sensors.direction", "numbers", "-", "", -1, 1, false, "", "as in [drives]"},
     Key{"sensors.offset", "numbers", "-", "rad", -1e3, 1e3, false, "", "as in [drives]"},

@@ -1,5 +1,6 @@
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
 #include <filesystem>
 #include <fstream>
@@ -248,6 +249,13 @@ void read_limits(Section s, Scene& scene) {
   s.finish();
 }
 
+/// Extends a list of CAN nodes with the smallest ones that are free, from 1 on.
+void add_free_nodes(std::vector<int>& nodes, std::size_t count) {
+  for (int node = 1; nodes.size() < count; ++node) {
+    if (std::find(nodes.begin(), nodes.end(), node) == nodes.end()) nodes.push_back(node);
+  }
+}
+
 void read_drives(Section s, Scene& scene) {
   DriveScene& d = scene.drives;
   const auto n = static_cast<std::size_t>(scene.motors());
@@ -255,25 +263,47 @@ void read_drives(Section s, Scene& scene) {
   const std::string zero = s.text("zero");
   d.zero = zero == "absolute" ? Zero::absolute : (zero == "pose" ? Zero::pose : Zero::end_stop);
   d.heartbeat_timeout = s.number("heartbeat_timeout");
-  for (std::size_t i = 0; i < n; ++i) d.nodes.push_back(static_cast<int>(i) + 1);
-  d.nodes = s.optional_integers("nodes", n).value_or(d.nodes);
-  d.direction = s.optional_numbers("direction", {n}).value_or(std::vector<double>(n, 1.0));
-  d.gear_ratio = s.optional_numbers("gear_ratio", {n}).value_or(std::vector<double>(n, 1.0));
-  d.offset = s.optional_numbers("offset", {n}).value_or(std::vector<double>(n, 0.0));
+  // A slow loop must not starve the default between two of its ticks.
+  d.watchdog_timeout = s.optional_number("watchdog_timeout").value_or(std::max(0.01, 3.0 * scene.tick()));
+  // Lists for the base motors alone are enough where there is no bus.
+  const std::vector<std::size_t> sizes = n == 2 ? std::vector<std::size_t>{2} : std::vector<std::size_t>{n, 2};
+  const auto filled = [&](std::vector<double> v, double rest) {
+    if (v.size() < n) d.missing = "[drives] must name all four motors for control.motors = \"all\"";
+    v.resize(n, rest);
+    return v;
+  };
+  const auto list = [&](const char* key, double rest) {
+    const auto given = s.optional_numbers(key, sizes);
+    return given ? filled(*given, rest) : std::vector<double>(n, rest);
+  };
+  d.direction = list("direction", 1.0);
+  d.gear_ratio = list("gear_ratio", 1.0);
+  d.offset = list("offset", 0.0);
+  const auto nodes = s.optional_integers("nodes", sizes);
+  if (nodes && nodes->size() < n) d.missing = "[drives] must name all four motors for control.motors = \"all\"";
+  if (nodes) d.nodes = *nodes;
+  add_free_nodes(d.nodes, n);
   s.finish();
 }
 
 /// Passive encoders of a five-bar with two motors follow the motors in the lists of nodes.
 void read_sensors(const std::optional<Section>& given, Section& root, Scene& scene) {
   const bool needed = scene.all_sensors && !scene.all_motors;
+  DriveScene& d = scene.drives;
   if (!needed) {
     if (given) root.fail("sensors", "is only for control.sensors = \"all\" with motors = \"base\"");
     return;
   }
-  if (!given) root.fail("", "control.sensors = \"all\" needs a table [sensors] with the nodes of the passive encoders");
+  if (!given) {
+    d.missing = "control.sensors = \"all\" needs a table [sensors] with the nodes of the passive encoders";
+    add_free_nodes(d.nodes, 4);
+    d.direction.resize(4, 1.0);
+    d.gear_ratio.resize(4, 1.0);
+    d.offset.resize(4, 0.0);
+    return;
+  }
   Section s = *given;
-  DriveScene& d = scene.drives;
-  const std::vector<int> nodes = *s.optional_integers("nodes", 2);
+  const std::vector<int> nodes = *s.optional_integers("nodes", {2});
   const auto direction = s.optional_numbers("direction", {2}).value_or(std::vector<double>(2, 1.0));
   const auto offset = s.optional_numbers("offset", {2}).value_or(std::vector<double>(2, 0.0));
   for (std::size_t i = 0; i < 2; ++i) {

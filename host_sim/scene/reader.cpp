@@ -15,7 +15,8 @@ std::string one_line(std::string_view text) {
 }
 
 void merge(toml::table& into, toml::table&& from) {
-  for (auto&& [key, node] : from) {
+  for (auto&& [k, node] : from) {
+    const std::string key(k.str());
     toml::table* existing = into.contains(key) ? into[key].as_table() : nullptr;
     if (existing != nullptr && node.is_table()) {
       merge(*existing, std::move(*node.as_table()));
@@ -171,13 +172,14 @@ std::vector<double> Section::numbers(const std::string& key, const std::vector<s
   return value ? *value : std::vector<double>(sizes.front(), 0.0);  // every default of a list is zeros
 }
 
-std::optional<std::vector<int>> Section::optional_integers(const std::string& key, std::size_t size) {
+std::optional<std::vector<int>> Section::optional_integers(const std::string& key,
+                                                           const std::vector<std::size_t>& sizes) {
   const toml::node* node = find(key, spec(key).fallback.empty());
   if (node == nullptr) return std::nullopt;
   const toml::array* list = node->as_array();
-  if (list == nullptr || list->size() != size) {
-    wrong(*node, key, fmt::format("{} integers ({})", size, allowed(spec(key))));
-  }
+  bool fits = false;
+  for (const std::size_t n : sizes) fits = fits || (list != nullptr && list->size() == n);
+  if (!fits) wrong(*node, key, fmt::format("{} integers ({})", counts(sizes), allowed(spec(key))));
   std::vector<int> out;
   for (const toml::node& item : *list) {
     if (!item.is_integer()) wrong(item, key);

@@ -39,7 +39,7 @@ class Section {
   /// Exactly as many numbers as one of `sizes`.
   std::vector<double> numbers(const std::string& key, const std::vector<std::size_t>& sizes);
   std::optional<std::vector<double>> optional_numbers(const std::string& key, const std::vector<std::size_t>& sizes);
-  std::optional<std::vector<int>> optional_integers(const std::string& key, std::size_t size);
+  std::optional<std::vector<int>> optional_integers(const std::string& key, const std::vector<std::size_t>& sizes);
   std::array<double, 2> pair(const std::string& key);
   std::vector<std::array<double, 2>> pairs(const std::string& key, std::size_t at_least);
   /// Strings out of the key's choices.

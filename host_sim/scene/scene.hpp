@@ -72,6 +72,8 @@ struct DriveScene {
   std::vector<double> direction, gear_ratio, offset;
   Zero zero = Zero::absolute;
   double heartbeat_timeout = 0.0;  // s
+  double watchdog_timeout = 0.0;   // s
+  std::string missing;  ///< what a loop on a bus would still need to be told; esmc sim has no drives and needs none
 };
 
 struct LimitsScene {

@@ -26,8 +26,8 @@ RULES = [
                        r"(?=[^;{()]*[;{=])(?![^;{=]*\()", None, "constants only; state belongs to an object"),
     ("mutable", r"\bmutable\b", None, "const means constant"),
     ("double", r"\bdouble\b", r"firmware/numeric/elementary\.hpp|firmware/cycle/instances\.[ch]pp", "S(...)"),
-    ("double literal", r"(?<![\w.])(\d+\.\d*|\.\d+|\d+e[+-]?\d+|\d+\.\d*e[+-]?\d+)(?![\w.])",
-     r"firmware/numeric/elementary\.hpp", "S(1.5F), or an L where the digits matter"),
+    ("double literal", r"(?<!S\()(?<!S\(-)(?<![\w.])(\d+\.\d*|\.\d+|\d+e[+-]?\d+|\d+\.\d*e[+-]?\d+)(?![\w.])",
+     r"firmware/numeric/elementary\.hpp", "S(0.5)"),
     ("todo", r"\b(TODO|FIXME|XXX)\b", None, "do it"),
 ]
 
@@ -74,7 +74,7 @@ SEEDED = [
     (None, "// a new double, thrown: std::vector\n/* throw\n new */ const char* t = \"new double throw\";"),
     (None, "struct A { A() = delete; static constexpr int n = 3; static int f(int a); static A g() { return {}; } };"),
     (None, "static_assert(1.5F > 1 && 0x1p-3F < 1'000);\nbool try_send(int newest);  // new"),
-    (None, "template <class S> S f() { return S(0.5F) + S(6.283185307179586476925286766559L); }"),
+    (None, "template <class S> S f() { return S(0.5) * S(-1.5) + S(6.283185307179586476925286766559L); }"),
 ]
 
 

@@ -1,0 +1,250 @@
+#!/usr/bin/env python3
+"""The command line as design contracts it, tried from outside. usage: contract_test.py ESMC SCENES_DIR [unittest args]"""
+import csv
+import json
+import math
+import struct
+import subprocess
+import sys
+import tempfile
+import unittest
+from pathlib import Path
+
+ESMC = SCENES = ""
+KEYS = ["scene", "seed", "duration_s", "ticks", "wall_s", "real_time_factor", "law", "active_effects", "state_dimension",
+        "tracking", "torque", "closure", "energy", "bus", "supervisor", "final_state", "digest"]
+TRACKING = [a + b for b in ("_m", "_rad") for a in ("rms", "max", "settled_rms", "settled_max")]
+
+
+def esmc(*args, stdin=None):
+    return subprocess.run([ESMC, *map(str, args)], capture_output=True, text=True, input=stdin, timeout=120)
+
+
+def fnv(values):
+    h = 0xCBF29CE484222325
+    for byte in struct.pack(f"<{len(values)}d", *values):
+        h = ((h ^ byte) * 0x100000001B3) & 0xFFFFFFFFFFFFFFFF
+    return h
+
+
+class Runs(unittest.TestCase):
+    def setUp(self):
+        self.folder = tempfile.TemporaryDirectory()
+        self.tmp = Path(self.folder.name)
+
+    def tearDown(self):
+        self.folder.cleanup()
+
+    def scene(self, name):
+        return Path(SCENES, name + ".toml")
+
+    def summary(self, *args):
+        run = esmc(*args, "--json")
+        self.assertEqual(run.returncode, 0, run.stderr)
+        self.assertEqual(run.stderr, "")
+        return json.loads(run.stdout)
+
+    def test_the_demo_tracks_the_comparison_circle_through_frames(self):
+        a, b = (self.summary("hil", self.scene("five_bar_circle")) for _ in range(2))
+        for key in KEYS:
+            self.assertIn(key, a)
+        for key in TRACKING:
+            self.assertIn(key, a["tracking"])
+        self.assertEqual(a["ticks"], 2000)
+        self.assertLessEqual(a["tracking"]["settled_max_rad"], 2e-4)
+        self.assertEqual(a["supervisor"], {"final_state": "running", "faults": []})
+        self.assertLess(a["closure"]["max_m"], 1e-13)
+        self.assertLess(a["energy"]["relative_error"], 1e-6)
+        self.assertEqual(a["bus"]["lost"], 0)
+        self.assertRegex(a["digest"], "^[0-9a-f]{16}$")
+        self.assertEqual(a["digest"], b["digest"])
+
+    def test_digest_and_errors_follow_from_the_log(self):
+        for command, name in (("sim", "five_bar_circle"), ("hil", "five_bar_friction"), ("hil", "rr_line")):
+            out = self.tmp / (command + name)
+            s = self.summary(command, self.scene(name), "--out", out, "--set", "simulation.duration=0.5")
+            with open(out / "log.csv", newline="", encoding="utf-8") as f:
+                rows = list(csv.DictReader(f))
+            self.assertEqual(len(rows), s["ticks"])
+            five_bar = "theta11" in rows[0]
+            q = ["x", "y", "theta11", "theta12", "theta21", "theta22"] if five_bar else ["theta1", "theta2"]
+            qd = ["xd", "yd"] + [a + "_rate" for a in q[2:]] if five_bar else [a + "_rate" for a in q]
+            state = [float(r[c]) for r in rows for c in q + qd]
+            self.assertEqual(f"{fnv(state):016x}", s["digest"])
+            distance = [math.hypot(float(r["x"]) - float(r["x_ref"]), float(r["y"]) - float(r["y_ref"])) for r in rows]
+            self.assertAlmostEqual(max(distance), s["tracking"]["max_m"], delta=1e-12)
+            settled = [d for r, d in zip(rows, distance) if float(r["t"]) >= 0.25]
+            rms = math.sqrt(sum(d * d for d in settled) / len(settled))
+            self.assertAlmostEqual(rms, s["tracking"]["settled_rms_m"], delta=1e-12)
+            head = list(rows[0])
+            want = ["t"] + (q + ["tau11", "tau21"] if five_bar else ["x", "y", *q, "tau1", "tau2"]) + ["x_ref", "y_ref"]
+            self.assertEqual(head[:len(want)], want)
+            names = {p.name for p in out.iterdir()}
+            files = {"scene.toml", "summary.json", "log.csv", "report.html"} | ({"frames.log"} if command == "hil" else set())
+            self.assertEqual(names, files)
+            self.assertEqual(json.loads((out / "summary.json").read_text())["digest"], s["digest"])
+
+    def test_the_scene_as_run_repeats_the_run(self):
+        first = self.summary("sim", self.scene("five_bar_friction"), "--out", self.tmp / "a", "--set", "control.gain=35.0",
+                             "--set", "control.law=smc")
+        again = self.summary("sim", self.tmp / "a" / "scene.toml")
+        self.assertEqual(first["law"], "smc")
+        self.assertEqual(first["digest"], again["digest"])
+
+    def test_every_law_holds_every_mode_of_an_asymmetric_five_bar(self):
+        legs = ("[{ l1 = 0.13, l2 = 0.17, lg1 = 0.06, lg2 = 0.07, m1 = 0.12, m2 = 0.09, J1 = 2e-4, J2 = 6e-4 },"
+                " { l1 = 0.11, l2 = 0.15, lg1 = 0.05, lg2 = 0.06, m1 = 0.1, m2 = 0.11, J1 = 2.5e-4, J2 = 8e-4 }]")
+        text = self.scene("five_bar_circle").read_text()
+        text = "\n".join(line for line in text.splitlines() if not line.startswith(("leg =", "assembly_mode")))
+        text = text.replace("[mechanism]", f"[mechanism]\nlegs = {legs}\neffector_mass = 0.05", 1)
+        text = text.replace("effector_mass = 0.0\n", "")
+        # A small circle that every pair of elbows reaches on one side of type 2.
+        text = text.replace("center = [0.0, 0.17]", "center = [0.02, 0.20]").replace("radius = 0.07", "radius = 0.015")
+        path = self.tmp / "asymmetric.toml"
+        path.write_text(text)
+        for mode in ('["+", "+"]', '["+", "-"]', '["-", "+"]', '["-", "-"]'):
+            for law in ("esmc", "esmc_projected", "smc", "ctc"):
+                for motors in ("base", "all"):
+                    with self.subTest(mode=mode, law=law, motors=motors):
+                        s = self.summary("sim", path, "--set", f"mechanism.working_mode={mode}", "--set", f"control.law={law}",
+                                         "--set", f"control.motors={motors}", "--set", f"control.sensors={motors}",
+                                         "--set", "simulation.duration=0.6", "--set", "reference.join=0.2",
+                                         "--set", "control.torque_limit=6.0")
+                        self.assertEqual(s["supervisor"]["faults"], [])
+                        self.assertLess(s["tracking"]["settled_max_m"], 1e-3)
+
+    def test_a_faulting_run_says_so_and_ends_with_one(self):
+        run = esmc("hil", self.scene("five_bar_circle"), "--set", "limits.joint_speed=5.0", "--out", self.tmp / "f", "--json")
+        self.assertEqual(run.returncode, 1)
+        s = json.loads(run.stdout)
+        self.assertEqual(s["supervisor"], {"final_state": "fault", "faults": ["joint_speed"]})
+        with open(self.tmp / "f" / "log.csv", newline="", encoding="utf-8") as f:
+            rows = list(csv.DictReader(f))
+        after = [r for r in rows if r["state"] == "fault"]
+        self.assertTrue(after)
+        self.assertTrue(all(float(r["tau11"]) == 0 and float(r["tau21"]) == 0 for r in after))
+
+    def test_init_prints_scenes_that_run(self):
+        for kind in ("five_bar", "rr"):
+            path = self.tmp / (kind + ".toml")
+            path.write_text(esmc("init", kind).stdout)
+            self.assertEqual(esmc("check", path).returncode, 0)
+            self.assertEqual(esmc("sim", path).returncode, 0)
+
+    def test_eval_reads_stdin_and_float(self):
+        text = Path(SCENES, "../../tests/reference/rr_static.json").read_text()
+        double = json.loads(esmc("eval", "-", stdin=text).stdout)["cases"]
+        single = json.loads(esmc("eval", "--scalar", "float", stdin=text).stdout)["cases"]
+        self.assertEqual(len(double), 20)
+        for a, b in zip(double, single):
+            for x, y in zip(a["inverse"]["tau"], b["inverse"]["tau"]):
+                self.assertNotEqual(x, y)
+                self.assertLess(abs(x - y), 1e-4 * (1 + abs(x)))
+
+
+class BadInput(unittest.TestCase):
+    """One line on stderr that names file, line, key and what is allowed; exit 2; nothing written."""
+
+    def setUp(self):
+        self.folder = tempfile.TemporaryDirectory()
+        self.tmp = Path(self.folder.name)
+        self.good = Path(SCENES, "five_bar_circle.toml").read_text()
+
+    def tearDown(self):
+        self.folder.cleanup()
+
+    def refused(self, *args, words=(), code=2):
+        out = self.tmp / "out"
+        run = esmc(*args, *(["--out", out] if args[0] in ("sim", "hil") else []))
+        self.assertEqual(run.returncode, code, run.stderr + run.stdout)
+        self.assertEqual(run.stdout, "")
+        self.assertEqual(len(run.stderr.splitlines()), 1, run.stderr)
+        self.assertTrue(run.stderr.startswith("esmc: "), run.stderr)
+        for word in words:
+            self.assertIn(word, run.stderr)
+        self.assertFalse(out.exists())
+
+    def scene(self, old, new):
+        self.assertIn(old, self.good)
+        path = self.tmp / "bad.toml"
+        path.write_text(self.good.replace(old, new, 1))
+        line = next((i for i, (a, b) in enumerate(zip(self.good.splitlines(), path.read_text().splitlines()), 1) if a != b), 1)
+        return path, f"bad.toml:{line}"
+
+    def test_scenes(self):
+        cases = [
+            ('half_base = 0.05', 'half_bse = 0.05', ["half_base"], False),
+            ('lambda = 40.0', 'lamda = 40.0', [], False),
+            ('gravity = 9.8', 'gravity = "9.8"', ["mechanism.gravity", "number"], True),
+            ('gravity = 9.8', 'gravity = -9.8', ["mechanism.gravity", ">= 0", "from 0"][:1], True),
+            ('gravity = 9.8', 'gravity = nan', ["mechanism.gravity"], True),
+            ('gravity = 9.8', 'gravity = inf', ["mechanism.gravity"], True),
+            ('m1 = 0.1,', 'm1 = -0.1,', ["m1"], True),
+            ('l1 = 0.12,', 'l1 = 0.0,', ["l1"], True),
+            ('working_mode = ["+", "+"]', 'working_mode = ["+", "x"]', ["working_mode", "+"], True),
+            ('law = "esmc"', 'law = "pid"', ["control.law", "esmc_projected"], True),
+            ('torque_limit = 2.0', 'torque_limit = 0.0', ["torque_limit"], True),
+            ('torque_limit = 2.0', '', ["torque_limit"], False),
+            ('radius = 0.07', 'radius = 0.7', ["reach"], False),
+            ('radius = 0.07', 'radius = 0.0', ["radius"], True),
+            ('nodes = [1, 2]', 'nodes = [1, 1]', ["node 1"], False),
+            ('nodes = [1, 2]', 'nodes = [1, 99]', ["drives.nodes"], True),
+            ('duration = 2.0', 'duration = 0.0', ["simulation.duration"], True),
+            ('[limits]', '[limits', ["TOML"], True),
+            ('assembly_mode = "-"', 'assembly_mode = "+"', ["assembly_mode"], False),
+            ('[simulation]', '[[effects]]\ntype = "magic"\n[simulation]', ["effects", "viscous_friction"], False),
+            ('[simulation]', '[simulatoin]', ["simulat"], False),
+        ]
+        for old, new, words, exact in cases:
+            with self.subTest(new=new):
+                path, where = self.scene(old, new)
+                self.refused("sim", path, words=words + ([where] if exact else ["bad.toml"]))
+
+    def test_overrides(self):
+        scene = Path(SCENES, "five_bar_circle.toml")
+        for value, word in (("control.gain=abc", "--set control.gain=abc"), ("control.nothing=1", "unknown key"),
+                            ("control.gain", "section.key=value"), ("=3", "section.key=value"),
+                            ("simulation.step=0", "simulation.step"), ("control={", "--set")):
+            with self.subTest(value=value):
+                self.refused("sim", scene, "--set", value, words=[word])
+
+    def test_arguments_and_files(self):
+        scene = Path(SCENES, "five_bar_circle.toml")
+        self.refused("sim", self.tmp / "missing.toml", words=["missing.toml"])
+        self.refused("nonsense")
+        self.refused("sim")
+        self.refused("hil", scene, "--bus", "nonsense", words=["--bus", "socketcan:"])
+        self.refused("hil", scene, "--bus", "socketcan:nosuchcan0", words=["socketcan:nosuchcan0"])
+        self.refused("plant", scene, "--bus", "virtual", words=["--bus"])
+        self.refused("hil", scene, "--set", "control.law=none", words=["sim only"])
+        self.refused("eval", self.tmp / "missing.json")
+
+    def test_eval(self):
+        text = Path(SCENES, "../../tests/reference/fiver_static.json").read_text()
+        case = json.loads(text)["cases"][0]
+        def broken(change):
+            c = json.loads(json.dumps(case))
+            change(c)
+            path = self.tmp / "cases.json"
+            path.write_text(json.dumps({"cases": [c]}, indent=1))
+            return path
+        self.refused("eval", broken(lambda c: c["params"].pop("l0")), words=["cases.json:", "params.l0"])
+        self.refused("eval", broken(lambda c: c["params"]["legs"][1].update(l1=-1)), words=["cases.json:"])
+        self.refused("eval", broken(lambda c: c["state"].update(x=9.0)), words=["reach"])
+        self.refused("eval", broken(lambda c: c["esmc"].update(switch="loud")), words=["esmc.switch", "sat"])
+        self.refused("eval", broken(lambda c: c["forward"].update(tau4=[1, 2])), words=["forward.tau4"])
+        path = self.tmp / "x.json"
+        path.write_text('{"cases": [\n{"id": }')
+        self.refused("eval", path, words=["x.json:2"])
+
+    def test_accuracy_that_cannot_be_met_is_a_failed_run(self):
+        # Free fall through both singularities for a minute: chaotic, the twelfth digit is out of reach.
+        text = self.good.replace("step = 5e-4", "accuracy = 1e-12").replace("duration = 2.0", "duration = 60.0")
+        path = self.tmp / "sharp.toml"
+        path.write_text(text.replace('law = "esmc"', 'law = "none"'))
+        self.refused("sim", path, words=["accuracy"], code=1)
+
+
+if __name__ == "__main__":
+    ESMC, SCENES = sys.argv[1], sys.argv[2]
+    unittest.main(argv=[sys.argv[0], *sys.argv[3:]])
