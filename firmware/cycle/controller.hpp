@@ -80,24 +80,7 @@ class Controller {
 
   /// One tick, in the order of the data: sample -> estimate -> guards -> reference -> law -> allocation ->
   /// limits. Whatever goes wrong is raised at the supervisor, and every torque of the tick is then zero.
-  TickResult<M> tick(const Sample<M>& measured, Supervisor& supervisor) {
-    TickResult<M> out;
-    const bool run = supervisor.running();
-    if (!run) running_tick_ = 0;
-    out.running_tick = running_tick_;
-    if (run || supervisor.state() == State::enabling) {
-      const Fault fault = run ? compute(measured, out) : observe(measured, out).fault;
-      supervisor.raise(fault == Fault::stale_feedback && !run ? Fault::none : fault);
-    }
-    out.state = supervisor.state();
-    out.fault = supervisor.fault();
-    if (out.state != State::running) {
-      out.torque.setZero();
-    } else {
-      ++running_tick_;
-    }
-    return out;
-  }
+  TickResult<M> tick(const Sample<M>& measured, Supervisor& supervisor);
 
  private:
   struct Observation {
@@ -222,5 +205,27 @@ class Controller {
   JoinedReference<S> reference_{};
   std::uint32_t running_tick_ = 0;
 };
+
+// Not inline: the archive (instances.cpp) is the only place that compiles it, so that whoever links the archive
+// runs the very code that was tested.
+template <class M>
+TickResult<M> Controller<M>::tick(const Sample<M>& measured, Supervisor& supervisor) {
+  TickResult<M> out;
+  const bool run = supervisor.running();
+  if (!run) running_tick_ = 0;
+  out.running_tick = running_tick_;
+  if (run || supervisor.state() == State::enabling) {
+    const Fault fault = run ? compute(measured, out) : observe(measured, out).fault;
+    supervisor.raise(fault == Fault::stale_feedback && !run ? Fault::none : fault);
+  }
+  out.state = supervisor.state();
+  out.fault = supervisor.fault();
+  if (out.state != State::running) {
+    out.torque.setZero();
+  } else {
+    ++running_tick_;
+  }
+  return out;
+}
 
 }  // namespace esmc

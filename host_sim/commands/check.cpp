@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <nlohmann/json.hpp>
 
 #include "host_sim/loop/bus_load.hpp"
 #include "host_sim/commands/recorder.hpp"

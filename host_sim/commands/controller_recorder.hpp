@@ -20,9 +20,12 @@ class ControllerRecorder {
   ControllerRecorder(const Scene& scene, const std::string& log_path)
       : scene_(scene), log_(log_path, columns(scene), tick_count(scene)),
         mechanism_(make_mechanism(believed_mechanism(scene), static_cast<M*>(nullptr))),
-        mode_(mode_of(scene, static_cast<M*>(nullptr))), torque_(static_cast<std::size_t>(scene.motors())) {}
+        mode_(mode_of(scene, static_cast<M*>(nullptr))), torque_(static_cast<std::size_t>(scene.motors())) {
+    statistics_.has_truth = false;
+  }
 
   [[nodiscard]] std::uint64_t ticks() const { return statistics_.ticks(); }
+  [[nodiscard]] const Statistics& statistics() const { return statistics_; }
   [[nodiscard]] Log& log() { return log_; }
 
   /// Ticks before the controller runs are not recorded; from then on every one is, faults included.
@@ -65,12 +68,6 @@ class ControllerRecorder {
                        bus_time > 0.0 ? static_cast<double>(frames.bits()) / (scene_.bitrate * bus_time) : 0.0};
     return e;
   }
-  nlohmann::ordered_json summary(const RunEnd& e) const {
-    auto j = make_summary(scene_, statistics_, e);
-    for (const char* key : {"closure", "energy", "final_state", "digest"}) j[key] = nullptr;
-    return j;
-  }
-
  private:
   [[nodiscard]] int step() const { return scene_.all_sensors ? 1 : M::joints / 2; }
   static std::vector<std::string> columns(const Scene& s) {

@@ -350,7 +350,7 @@ Json evaluate_case(const Node& n, const std::string& id) {
 
 }  // namespace
 
-Json evaluate(const std::string& text, const std::string& file, ScalarType scalar) {
+std::string evaluate(const std::string& text, const std::string& file, ScalarType scalar) {
   Json input;
   try {
     input = Json::parse(text);
@@ -373,7 +373,7 @@ Json evaluate(const std::string& text, const std::string& file, ScalarType scala
     out["cases"].push_back(scalar == ScalarType::double_precision ? evaluate_case<double>(n, id)
                                                                   : evaluate_case<float>(n, id));
   }
-  return out;
+  return out.dump(1);
 }
 
 }  // namespace esmc::host

@@ -2,7 +2,9 @@
 
 #include <fmt/format.h>
 
+#include <cmath>
 #include <cstdio>
+#include <nlohmann/json.hpp>
 
 #include "host_sim/report/report.hpp"
 #include "host_sim/version.hpp"
@@ -23,11 +25,24 @@ Json mechanism_json(const Scene& s) {
   }
   return m;
 }
+
+/// Seven digits are more than a plot shows, and half the size of all of them.
+Json rows_json(const Log& log) {
+  Json rows = Json::array();
+  for (const Log::Row& r : log.thinned()) {
+    Json row = Json::array();
+    for (const double v : r.values) row.push_back(std::isfinite(v) ? Json(std::stod(fmt::format("{:.7g}", v))) : Json(nullptr));
+    if (!r.state.empty()) row.push_back(r.state);
+    rows.push_back(std::move(row));
+  }
+  return rows;
+}
 }  // namespace
 
-int finish_run(const RunOptions& o, const Scene& scene, const char* kind, const Json& summary, Log& log,
-               OutputDirectory& out) {
+int finish_run(const RunOptions& o, const Scene& scene, const char* kind, const Statistics& statistics,
+               const RunEnd& end, Log& log, OutputDirectory& out) {
   log.close();
+  const Json summary = make_summary(scene, statistics, end);
   if (out.wanted()) {
     out.write("scene.toml", scene.toml);
     out.write("summary.json", summary.dump(2) + "\n");
@@ -39,7 +54,7 @@ int finish_run(const RunOptions& o, const Scene& scene, const char* kind, const 
     data["summary"] = summary;
     data["mechanism"] = mechanism_json(scene);
     data["columns"] = log.columns();
-    data["rows"] = log.thinned();
+    data["rows"] = rows_json(log);
     out.write("report.html", render_report(data));
     out.commit();
   }

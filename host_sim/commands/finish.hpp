@@ -10,7 +10,7 @@ namespace esmc::host {
 
 /// Writes scene.toml, summary.json, report.html (log.csv and frames.log are already there), prints the summary.
 /// Returns 1 when the run ended in a fault.
-int finish_run(const RunOptions& o, const Scene& scene, const char* kind, const nlohmann::ordered_json& summary,
-               Log& log, OutputDirectory& out);
+int finish_run(const RunOptions& o, const Scene& scene, const char* kind, const Statistics& statistics,
+               const RunEnd& end, Log& log, OutputDirectory& out);
 
 }  // namespace esmc::host

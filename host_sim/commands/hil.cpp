@@ -40,7 +40,7 @@ int run_lockstep(const Scene& scene, const RunOptions& o, PlantBus& plant_bus, C
   controller.shut_down();
   plant.drain();
   frames.close();
-  return finish_run(o, scene, "hil", make_summary(scene, plant.recorder().statistics(), end), plant.recorder().log(),
+  return finish_run(o, scene, "hil", plant.recorder().statistics(), end, plant.recorder().log(),
                     out);
 }
 

@@ -1,6 +1,5 @@
 #include "host_sim/commands/log.hpp"
 
-#include <cmath>
 #include <iterator>
 #include <utility>
 
@@ -46,12 +45,7 @@ void Log::row(const std::vector<double>& values, const char* state) {
   }
   if (*state != '\0') fmt::format_to(out, ",{}", state);
   buffer_.push_back('\n');
-  if (written_ % stride_ == 0) {
-    nlohmann::ordered_json row = nlohmann::ordered_json::array();
-    for (const double v : values) row.push_back(std::isfinite(v) ? nlohmann::ordered_json(v) : nullptr);
-    if (*state != '\0') row.push_back(state);
-    thinned_.push_back(std::move(row));
-  }
+  if (written_ % stride_ == 0) thinned_.push_back({values, state});
   ++written_;
   if (buffer_.size() >= flush_bytes) {
     std::fwrite(buffer_.data(), 1, buffer_.size(), file_);

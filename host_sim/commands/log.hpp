@@ -4,7 +4,6 @@
 #include <fmt/format.h>
 
 #include <cstdio>
-#include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
 
@@ -29,13 +28,17 @@ class Log {
   void close();
 
   [[nodiscard]] const std::vector<std::string>& columns() const { return columns_; }
-  [[nodiscard]] const nlohmann::ordered_json& thinned() const { return thinned_; }
+  struct Row {
+    std::vector<double> values;
+    std::string state;  ///< empty when there is no such column
+  };
+  [[nodiscard]] const std::vector<Row>& thinned() const { return thinned_; }
 
  private:
   std::FILE* file_ = nullptr;
   fmt::memory_buffer buffer_;
   std::vector<std::string> columns_;
-  nlohmann::ordered_json thinned_ = nlohmann::ordered_json::array();
+  std::vector<Row> thinned_;
   std::size_t stride_ = 1, written_ = 0;
 };
 

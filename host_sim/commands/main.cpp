@@ -35,7 +35,7 @@ std::string read_all(const std::string& file) {
 int run_eval(const std::string& file, const std::string& scalar) {
   const auto type = scalar == "float" ? ScalarType::single_precision : ScalarType::double_precision;
   const auto result = evaluate(read_all(file), file == "-" ? "stdin" : file, type);
-  std::cout << result.dump(1) << "\n";
+  std::cout << result << "\n";
   return 0;
 }
 

@@ -29,7 +29,7 @@ int plant_lockstep(const Scene& scene, const RunOptions& o, hal::SocketCan& bus,
   RunEnd end = plant.end(begin);
   end.interrupted = stop;
   frames.close();
-  return finish_run(o, scene, "plant", make_summary(scene, plant.recorder().statistics(), end),
+  return finish_run(o, scene, "plant", plant.recorder().statistics(), end,
                     plant.recorder().log(), out);
 }
 
@@ -72,7 +72,7 @@ int controller_lockstep(const Scene& scene, const RunOptions& o, hal::SocketCan&
   end.interrupted = stop;
   controller.shut_down();
   frames.close();
-  return finish_run(o, scene, "controller", recorder.summary(end), recorder.log(), out);
+  return finish_run(o, scene, "controller", recorder.statistics(), end, recorder.log(), out);
 }
 
 template <class World>

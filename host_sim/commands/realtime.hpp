@@ -90,7 +90,7 @@ int plant_realtime(const Scene& scene, const RunOptions& o, hal::SocketCan& bus,
   }
   const RunEnd end = pace_plant(scene, plant);
   frames.close();
-  return finish_run(o, scene, "plant", make_summary(scene, plant.recorder().statistics(), end), plant.recorder().log(), out);
+  return finish_run(o, scene, "plant", plant.recorder().statistics(), end, plant.recorder().log(), out);
 }
 
 template <class World>
@@ -106,7 +106,7 @@ int controller_realtime(const Scene& scene, const RunOptions& o, hal::SocketCan&
                             std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count());
   end.interrupted = stop_requested();
   frames.close();
-  return finish_run(o, scene, "controller", recorder.summary(end), recorder.log(), out);
+  return finish_run(o, scene, "controller", recorder.statistics(), end, recorder.log(), out);
 }
 
 /// Both halves in one process: the plant in this thread, the controller in another, each on its own socket.
@@ -145,7 +145,7 @@ int run_hil_realtime(const Scene& scene, const RunOptions& o) {
   end.faults.clear();
   if (supervisor.fault() != Fault::none) end.faults.emplace_back(name(supervisor.fault()));
   frames.close();
-  return finish_run(o, scene, "hil", make_summary(scene, plant.recorder().statistics(), end), plant.recorder().log(), out);
+  return finish_run(o, scene, "hil", plant.recorder().statistics(), end, plant.recorder().log(), out);
 }
 
 }  // namespace esmc::host

@@ -164,7 +164,7 @@ int simulate(const Scene& scene, const RunOptions& o) {
   require_reachable<World>(scene, Pacing::lockstep);
   OutputDirectory out(o.out);
   const auto finish = [&](SimRun<World>& run, const RunEnd& end) {
-    return finish_run(o, scene, "sim", make_summary(scene, run.recorder().statistics(), end), run.recorder().log(), out);
+    return finish_run(o, scene, "sim", run.recorder().statistics(), end, run.recorder().log(), out);
   };
   if (!scene.accuracy) {
     SimRun<World> run(scene, o, out.path("log.csv"));

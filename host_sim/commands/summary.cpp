@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <nlohmann/json.hpp>
 
 namespace esmc::host {
 
@@ -92,6 +93,9 @@ Json make_summary(const Scene& scene, const Statistics& s, const RunEnd& end) {
   j["supervisor"] = {{"final_state", end.final_state}, {"faults", end.faults}};
   j["final_state"] = {{"q", end.q}, {"qd", end.qd}};
   j["digest"] = s.digest.text();
+  if (!s.has_truth) {
+    for (const char* key : {"closure", "energy", "final_state", "digest"}) j[key] = nullptr;
+  }
   if (end.interrupted) j["interrupted"] = true;
   return j;
 }

@@ -5,7 +5,7 @@
 #include <bit>
 #include <cmath>
 #include <cstdint>
-#include <nlohmann/json.hpp>
+#include <nlohmann/json_fwd.hpp>
 #include <optional>
 #include <span>
 #include <string>
@@ -80,6 +80,7 @@ class Statistics {
 
   Digest digest;
   double closure_max = 0.0, energy_error = 0.0;
+  bool has_truth = true;  ///< false for a controller on its own: no closure, energy, final state, digest
 
   /// The document of design.md section 4, without what only the loop knows (wall time, bus, supervisor).
   [[nodiscard]] nlohmann::ordered_json tracking() const;

@@ -1,5 +1,6 @@
 #include "host_sim/report/report.hpp"
 
+#include <nlohmann/json.hpp>
 #include <stdexcept>
 #include <string_view>
 

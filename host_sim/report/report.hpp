@@ -1,7 +1,7 @@
 #pragma once
 /// The report of one run: a single HTML file that needs nothing but a browser.
 
-#include <nlohmann/json.hpp>
+#include <nlohmann/json_fwd.hpp>
 #include <string>
 
 namespace esmc::host {

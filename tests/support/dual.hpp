@@ -1,18 +1,19 @@
 #pragma once
-/// Forward-mode differentiation by dual numbers, and dense elimination: the tools of the oracle in lagrange.hpp.
-/// Nothing here or there includes or uses firmware/.
+/// Forward-mode differentiation by dual numbers, and dense elimination: the tools of the oracle in
+/// lagrange.hpp. Nothing here or there includes or uses firmware/.
 
 #include <array>
 #include <cmath>
 #include <cstddef>
 #include <type_traits>
+#include <utility>
 
 namespace esmc::test {
 
 using Real = long double;
 
-/// v + d eps, eps^2 = 0. Nest it for higher derivatives: Dual<Dual<Real>> holds two directions and their mixed
-/// second derivative in d.d.
+/// v + d eps, eps^2 = 0. Nest it for higher derivatives: Dual<Dual<Real>> holds two directions and their
+/// mixed second derivative in d.d.
 template <class T>
 struct Dual {
   T v{};
@@ -21,8 +22,7 @@ struct Dual {
   Dual() = default;
   Dual(const T& value, const T& derivative) : v(value), d(derivative) {}
   template <class C>
-    requires std::is_arithmetic_v<C>
-  Dual(C constant) : v(static_cast<Real>(constant)), d(Real(0)) {}
+  requires std::is_arithmetic_v<C> Dual(C constant) : v(static_cast<Real>(constant)), d(Real(0)) {}
 
   friend Dual operator-(const Dual& a) { return {-a.v, -a.d}; }
   friend Dual operator+(const Dual& a, const Dual& b) { return {a.v + b.v, a.d + b.d}; }

@@ -1,7 +1,7 @@
 #pragma once
-/// The oracle: planar mechanisms written as positions only, in long double. Rates, biases, inertia and forces all
-/// come from differentiating positions and energies; no Jacobian, recursion or mirrored frame is shared with
-/// firmware/. About 1e-18 x the condition of what is asked.
+/// The oracle: planar mechanisms written as positions only, in long double. Rates, biases, inertia and forces
+/// all come from differentiating positions and energies; no Jacobian, recursion or mirrored frame is shared
+/// with firmware/. About 1e-18 x the condition of what is asked.
 
 #include "tests/support/dual.hpp"
 
@@ -49,11 +49,13 @@ LagrangeForm<Model> lagrange(const Model& m, const Row<Model::n>& q, const Row<M
   const Row<n> zero{};
   for (std::size_t i = 0; i < n; ++i) {
     for (std::size_t j = 0; j < n; ++j) {
-      out.mass[i][j] = kinetic<Model, DD>(m, along(q, zero, zero, zero), along(qd, unit(i), unit(j), zero)).d.d;
+      out.mass[i][j] =
+          kinetic<Model, DD>(m, along(q, zero, zero, zero), along(qd, unit(i), unit(j), zero)).d.d;
     }
     // d/dq (dT/dqd_i) along the motion, less dT/dq_i, plus dV/dq_i
     out.rest[i] = kinetic<Model, DD>(m, along(q, zero, qd, zero), along(qd, unit(i), zero, zero)).d.d -
-                  kinetic<Model, D>(m, along(q, unit(i)), along(qd, zero)).d + m.potential(along(q, unit(i))).d;
+                  kinetic<Model, D>(m, along(q, unit(i)), along(qd, zero)).d +
+                  m.potential(along(q, unit(i))).d;
   }
   return out;
 }
@@ -73,8 +75,8 @@ auto channel_rates(const Model& m, const Row<Model::n>& q, const Row<Model::n>& 
 }
 /// Second derivative along a and b: with a = b = qd and ab = qdd the accelerations.
 template <class Model>
-auto channel_accelerations(const Model& m, const Row<Model::n>& q, const Row<Model::n>& a, const Row<Model::n>& b,
-                           const Row<Model::n>& ab) {
+auto channel_accelerations(const Model& m, const Row<Model::n>& q, const Row<Model::n>& a,
+                           const Row<Model::n>& b, const Row<Model::n>& ab) {
   const auto c = m.channels(along(q, a, b, ab));
   std::array<Real, Model::rows> out;
   for (std::size_t i = 0; i < out.size(); ++i) out[i] = c[i].d.d;
@@ -82,8 +84,8 @@ auto channel_accelerations(const Model& m, const Row<Model::n>& q, const Row<Mod
 }
 
 /// An open chain of N bars in its own frame; joint i turns bar i (angle relative to bar i-1) or, if
-/// `slides`, moves it along its own axis by q_i. Channels in the order of firmware's Serial: joint coordinates,
-/// bar angles, mass centres.
+/// `slides`, moves it along its own axis by q_i. Channels in the order of firmware's Serial: joint
+/// coordinates, bar angles, mass centres.
 template <std::size_t N>
 struct Chain {
   static constexpr std::size_t n = N;
@@ -146,8 +148,9 @@ struct Chain {
   }
 };
 
-/// The 5R in redundant inertial coordinates: x, y of the effector and the four bar angles, counter-clockwise in
-/// N (leg 1 at +l0: proximal, distal; leg 2 at -l0: proximal, distal), held together by four closure equations.
+/// The 5R in redundant inertial coordinates: x, y of the effector and the four bar angles, counter-clockwise
+/// in N (leg 1 at +l0: proximal, distal; leg 2 at -l0: proximal, distal), held together by four closure
+/// equations.
 struct FiveBarModel {
   static constexpr std::size_t n = 6;
   static constexpr std::size_t rows = 18;
@@ -196,7 +199,8 @@ struct FiveBarModel {
     for (std::size_t leg = 0; leg < 2; ++leg) {
       const T& a = q[2 + 2 * leg];
       const T& b = q[3 + 2 * leg];
-      const T base = leg == 0 ? half_base : -half_base, l1 = bar[2 * leg].length, l2 = bar[2 * leg + 1].length;
+      const T base = leg == 0 ? half_base : -half_base, l1 = bar[2 * leg].length,
+              l2 = bar[2 * leg + 1].length;
       out[2 * leg] = base + l1 * cosine(a) + l2 * cosine(b) - q[0];
       out[2 * leg + 1] = l1 * sine(a) + l2 * sine(b) - q[1];
     }
@@ -208,9 +212,24 @@ struct FiveBarModel {
     const auto c = inertial(q);
     const T pi = 3.14159265358979323846264338327950288L, base = half_base;
     const T mirror_a = pi - q[4], mirror_b = pi - q[5];
-    return {q[0],     q[1],
-            q[2],     q[3] - q[2],         q[2],     q[3],     c[2] - base,    c[3],  c[5] - base,     c[6],
-            mirror_a, mirror_b - mirror_a, mirror_a, mirror_b, -(c[8] + base), c[9], -(c[11] + base), c[12]};
+    return {q[0],
+            q[1],
+            q[2],
+            q[3] - q[2],
+            q[2],
+            q[3],
+            c[2] - base,
+            c[3],
+            c[5] - base,
+            c[6],
+            mirror_a,
+            mirror_b - mirror_a,
+            mirror_a,
+            mirror_b,
+            -(c[8] + base),
+            c[9],
+            -(c[11] + base),
+            c[12]};
   }
 
   [[nodiscard]] std::array<Row<n>, 4> closure_jacobian(const Q& q) const {
@@ -238,8 +257,10 @@ struct FiveBarModel {
     for (std::size_t j = 0; j < n; ++j) {
       const bool is_known = j == known[0] || j == known[1];
       for (std::size_t i = 0; i < 4; ++i) {
-        if (is_known) b[i] -= J[i][j] * x[j];
-        else A[i][count] = J[i][j];
+        if (is_known)
+          b[i] -= J[i][j] * x[j];
+        else
+          A[i][count] = J[i][j];
       }
       if (!is_known) free[count++] = j;
     }
@@ -266,8 +287,8 @@ struct FiveBarModel {
     x[known[1]] = second;
     return complete(q, known, x, {});
   }
-  [[nodiscard]] Q accelerations(const Q& q, const Q& a, const Q& b, std::array<std::size_t, 2> known, Real first,
-                                Real second) const {
+  [[nodiscard]] Q accelerations(const Q& q, const Q& a, const Q& b, std::array<std::size_t, 2> known,
+                                Real first, Real second) const {
     const Row<4> k = closure_curvature(q, a, b);
     Q x{};
     x[known[0]] = first;

@@ -1,6 +1,7 @@
 #pragma once
-/// Random legal mechanisms and random closed states in all working and assembly modes, for the firmware's scalar S
-/// and, exactly the same mechanism and state, for the long double oracle. One 64-bit seed fixes a case.
+/// Random legal mechanisms and random closed states in all working and assembly modes, for the firmware's
+/// scalar S and, exactly the same mechanism and state, for the long double oracle. One 64-bit seed fixes a
+/// case.
 
 #include <gtest/gtest.h>
 
@@ -12,6 +13,7 @@
 #include <random>
 #include <stdexcept>
 #include <string>
+#include <type_traits>
 
 #include "firmware/mechanism/five_bar.hpp"
 #include "firmware/mechanism/rr.hpp"
@@ -19,21 +21,27 @@
 
 namespace esmc::test {
 
+/// Bounds may be of any arithmetic type: clang warns about every double that becomes a long double by itself.
 class Random {
  public:
   explicit Random(std::uint64_t seed) : engine_(seed) {}
-  double between(double low, double high) {
-    return low + (high - low) * static_cast<double>(engine_() >> 11U) * 0x1p-53;
+  template <class A, class B>
+  Real between(A low, B high) {
+    const Real from = static_cast<Real>(low), to = static_cast<Real>(high);
+    return from + (to - from) * static_cast<Real>(engine_() >> 11U) * 0x1p-53L;
   }
   /// Same, rounded to S.
-  template <class S>
-  S in(double low, double high) {
+  template <class S, class A, class B>
+  S in(A low, B high) {
     return static_cast<S>(between(low, high));
   }
-  bool chance(double p) { return between(0, 1) < p; }
+  template <class A>
+  bool chance(A probability) {
+    return between(0, 1) < static_cast<Real>(probability);
+  }
   int sign() { return chance(0.5) ? 1 : -1; }
-  template <class S, int N>
-  Vec<S, N> vector(double size) {
+  template <class S, int N, class A>
+  Vec<S, N> vector(A size) {
     Vec<S, N> v;
     for (int i = 0; i < N; ++i) v[i] = in<S>(-size, size);
     return v;
@@ -53,7 +61,8 @@ class Accuracy {
       seed_ = seed;
     }
   }
-  /// |got - want| of a vector or matrix, relative to the largest entry of want, or to `scale` if that is larger.
+  /// |got - want| of a vector or matrix, relative to the largest entry of want, or to `scale` if that is
+  /// larger.
   template <class A, class B>
   void compare(std::uint64_t seed, const A& got, const B& want, Real scale = 0) {
     take(seed, relative(got, want, scale));
@@ -70,9 +79,10 @@ class Accuracy {
     }
     return error == 0 ? Real(0) : error / size;
   }
-  void expect_below(double bound) const {
+  template <class B>
+  void expect_below(B bound) const {
     testing::Test::RecordProperty(name_, std::to_string(static_cast<double>(worst_ * 1e18L)) + "e-18");
-    EXPECT_LE(static_cast<double>(worst_), bound) << name_ << ": seed " << seed_;
+    EXPECT_LE(worst_, static_cast<Real>(bound)) << name_ << ": seed " << seed_;
   }
   [[nodiscard]] Real worst() const { return worst_; }
 
@@ -91,7 +101,7 @@ struct ScalarName {
 };
 
 template <class S>
-inline constexpr double kEpsilon = static_cast<double>(std::numeric_limits<S>::epsilon());
+inline constexpr Real kEpsilon = static_cast<Real>(std::numeric_limits<S>::epsilon());
 
 template <std::size_t N>
 Vec<Real, static_cast<int>(N)> eigen(const std::array<Real, N>& a) {
@@ -100,7 +110,8 @@ Vec<Real, static_cast<int>(N)> eigen(const std::array<Real, N>& a) {
   return v;
 }
 
-/// Two bars with lengths, masses, inertias and friction of their own; the mass centre may lie outside the bar.
+/// Two bars with lengths, masses, inertias and friction of their own; the mass centre may lie outside the
+/// bar.
 template <class S>
 LegParams<S> random_leg(Random& r) {
   LegParams<S> p;
@@ -154,15 +165,16 @@ FiveBarModel oracle_of(const FiveBarParams<S>& p) {
 
 /// What a random 5R state must be like.
 struct Wanted {
-  double min_sin1 = 0.2;  ///< least |sin theta_j2|, both legs
-  double min_sin2 = 0.2;  ///< least |D2|
+  double min_sin1 = 0.2;         ///< least |sin theta_j2|, both legs
+  double min_sin2 = 0.2;         ///< least |D2|
   std::optional<double> sin1{};  ///< exactly this |sin theta_j2| in one leg instead
   std::optional<double> sin2{};  ///< exactly this |D2| instead (makes the proximal bar of leg 2 fit)
-  bool from_base = false;  ///< the exact inputs are the base angles and rates, not the effector's
+  bool from_base = false;        ///< the exact inputs are the base angles and rates, not the effector's
 };
 
-/// A mechanism in a state. Of (position, velocity) and (base, base_rate) one pair is exact in S (Wanted::from_base),
-/// q and qd belong to it in long double; the other pair and theta, theta_rate are q and qd rounded to S.
+/// A mechanism in a state. Of (position, velocity) and (base, base_rate) one pair is exact in S
+/// (Wanted::from_base), q and qd belong to it in long double; the other pair and theta, theta_rate are q and
+/// qd rounded to S.
 template <class S>
 struct FiveBarCase {
   std::uint64_t seed = 0;
@@ -187,14 +199,16 @@ struct FiveBarCase {
     return oracle.rates(q, known, k == 0 ? 1 : 0, k == 0 ? 0 : second);
   }
   [[nodiscard]] Vec<Real, 18> mass() const {
-    const Vec<Real, 4> J(oracle.bar[0].inertia, oracle.bar[1].inertia, oracle.bar[2].inertia, oracle.bar[3].inertia);
+    const Vec<Real, 4> J(oracle.bar[0].inertia, oracle.bar[1].inertia, oracle.bar[2].inertia,
+                         oracle.bar[3].inertia);
     Vec<Real, 18> m;
     m.setZero();
     m.template head<2>().setConstant(oracle.effector_mass);
     for (int leg = 0; leg < 2; ++leg) {
       for (int k = 0; k < 2; ++k) {
         m[4 + 8 * leg + k] = J[2 * leg + k];
-        m.template segment<2>(6 + 8 * leg + 2 * k).setConstant(oracle.bar[static_cast<unsigned>(2 * leg + k)].mass);
+        m.template segment<2>(6 + 8 * leg + 2 * k)
+            .setConstant(oracle.bar[static_cast<unsigned>(2 * leg + k)].mass);
       }
     }
     return m;
@@ -227,19 +241,23 @@ template <class S>
 bool draw_state(Random& r, const Wanted& w, FiveBarCase<S>& c) {
   FiveBarModel& m = c.oracle;
   const std::size_t free = r.chance(0.5) ? 0 : 1, fitted = 1 - free;
-  const std::array<Real, 2> bend{Real(c.mode.working[0]), -Real(c.mode.working[1])};  // of sin(distal - proximal) in N
+  const std::array<Real, 2> bend{Real(c.mode.working[0]),
+                                 -Real(c.mode.working[1])};  // of sin(distal - proximal) in N
   const std::array<Real, 2> base{m.half_base, -m.half_base};
   const Real l1 = m.bar[2 * free].length, l2 = m.bar[2 * free + 1].length;
-  Real turn = w.sin1 ? std::asin(Real(*w.sin1)) : std::asin(Real(r.between(w.min_sin1, 1)));
+  Real turn = w.sin1 ? std::asin(Real(*w.sin1)) : std::asin(r.between(w.min_sin1, 1));
   if (r.chance(0.5)) turn = kPi - turn;
   const Real a = r.between(-3.14, 3.14), b = a + bend[free] * turn;
   c.q[2 + 2 * free] = a;
   c.q[3 + 2 * free] = b;
-  const std::array<Real, 2> tip{base[free] + l1 * std::cos(a) + l2 * std::cos(b), l1 * std::sin(a) + l2 * std::sin(b)};
+  const std::array<Real, 2> tip{base[free] + l1 * std::cos(a) + l2 * std::cos(b),
+                                l1 * std::sin(a) + l2 * std::sin(b)};
   c.q[0] = tip[0];
   c.q[1] = tip[1];
-  if (w.sin2) {  // the distal bars nearly in line; the proximal bar of the fitted leg gets the length that closes
-    Real angle = (fitted == 1 ? Real(1) : Real(-1)) * c.mode.assembly * std::asin(Real(*w.sin2));  // D2 = sin(b2 - a2)
+  if (w.sin2) {  // the distal bars nearly in line; the proximal bar of the fitted leg gets the length that
+                 // closes
+    Real angle =
+        (fitted == 1 ? Real(1) : Real(-1)) * c.mode.assembly * std::asin(Real(*w.sin2));  // D2 = sin(b2 - a2)
     if (r.chance(0.5)) angle = kPi - angle;
     const Real other = b + angle, length = m.bar[2 * fitted + 1].length;
     const Real ex = tip[0] - length * std::cos(other) - base[fitted], ey = tip[1] - length * std::sin(other);
@@ -250,14 +268,16 @@ bool draw_state(Random& r, const Wanted& w, FiveBarCase<S>& c) {
     c.q[2 + 2 * fitted] = std::atan2(ey, ex);
     c.q[3 + 2 * fitted] = other;
   } else {
-    const auto angles = reach(base[fitted], tip, m.bar[2 * fitted].length, m.bar[2 * fitted + 1].length, bend[fitted]);
+    const auto angles =
+        reach(base[fitted], tip, m.bar[2 * fitted].length, m.bar[2 * fitted + 1].length, bend[fitted]);
     if (!angles) return false;
     c.q[2 + 2 * fitted] = (*angles)[0];
     c.q[3 + 2 * fitted] = (*angles)[1];
   }
-  const Real s_fitted = FiveBarModel::sin_type1(c.q, static_cast<int>(fitted)), d2 = FiveBarModel::sin_type2(c.q);
-  return s_fitted * c.mode.working[static_cast<int>(fitted)] >= w.min_sin1 &&
-         (w.sin2 ? d2 * c.mode.assembly > 0 : d2 * c.mode.assembly >= w.min_sin2);
+  const Real s_fitted = FiveBarModel::sin_type1(c.q, static_cast<int>(fitted)),
+             d2 = FiveBarModel::sin_type2(c.q);
+  return s_fitted * c.mode.working[static_cast<int>(fitted)] >= Real(w.min_sin1) &&
+         (w.sin2 ? d2 * c.mode.assembly > 0 : d2 * c.mode.assembly >= Real(w.min_sin2));
 }
 
 inline Real wrap(Real a) { return std::remainder(a, 2 * kPi); }

@@ -1,5 +1,6 @@
 #pragma once
-/// A random 5R that tracks a random reference under random gains, in the firmware's terms and in the oracle's.
+/// A random 5R that tracks a random reference under random gains, in the firmware's terms and in the
+/// oracle's.
 
 #include "firmware/control/allocation.hpp"
 #include "firmware/control/law.hpp"
@@ -26,8 +27,9 @@ struct TrackingCase {
   }
   [[nodiscard]] Channels18 error_rate() const { return wanted.rates() - now.rates(); }
   [[nodiscard]] Channels18 wanted_accelerations() const {
-    return wanted.accelerations(wanted.oracle.accelerations(wanted.q, wanted.qd, wanted.qd, FiveBarModel::by_effector,
-                                                            Real(wanted_acceleration[0]), Real(wanted_acceleration[1])));
+    return wanted.accelerations(
+        wanted.oracle.accelerations(wanted.q, wanted.qd, wanted.qd, FiveBarModel::by_effector,
+                                    Real(wanted_acceleration[0]), Real(wanted_acceleration[1])));
   }
   [[nodiscard]] Channels18 sliding() const {
     return error_rate() + gain.lambda.template cast<Real>().cwiseProduct(error());
@@ -44,7 +46,8 @@ struct TrackingCase {
   }
 
   /// Torques at all joints that do what `demand` asks, from two motors or (weighted) from four.
-  [[nodiscard]] Vec<S, 4> torque(const Demand<M>& demand, bool four, const Vec<S, 4>& weight = Vec<S, 4>::Ones()) const {
+  [[nodiscard]] Vec<S, 4> torque(const Demand<M>& demand, bool four,
+                                 const Vec<S, 4>& weight = Vec<S, 4>::Ones()) const {
     const auto w = mechanism.force(demand.acceleration, t.rates);
     if (four) return allocate_all(mechanism, t.pose, w, weight);
     const Vec2<S> base = mechanism.base_torque(t.pose, w);
@@ -60,7 +63,7 @@ inline Real exact_switching(Reaching law, Real s, Real layer) {
 }
 
 template <class S>
-TrackingCase<S> random_tracking(std::uint64_t seed, double distance = 0.03) {
+TrackingCase<S> random_tracking(std::uint64_t seed, Real distance = 0.03L) {
   TrackingCase<S> c;
   c.now = c.wanted = random_five_bar<S>(seed, {.min_sin1 = 0.3, .min_sin2 = 0.3});
   c.mechanism = c.now.mechanism();
@@ -78,7 +81,7 @@ TrackingCase<S> random_tracking(std::uint64_t seed, double distance = 0.03) {
     }
     return FiveBarModel::sin_type2(w.q) * Real(w.mode.assembly) > 0.1L;
   };
-  for (double size = distance;; size /= 2) {
+  for (Real size = distance;; size /= 2) {
     const Vec2<S> step = r.vector<S, 2>(size);
     w.position = c.now.position + step;
     w.q = c.now.q;
@@ -96,7 +99,8 @@ TrackingCase<S> random_tracking(std::uint64_t seed, double distance = 0.03) {
   c.t.desired_pose = *m.inverse(w.position, w.mode);
   c.t.rates = m.rates_of_effector(c.t.pose, c.now.velocity);
   c.t.desired_rates = m.rates_of_effector(c.t.desired_pose, w.velocity);
-  c.t.desired_acceleration = m.accelerations_of_effector(c.t.desired_pose, c.t.desired_rates, c.wanted_acceleration);
+  c.t.desired_acceleration =
+      m.accelerations_of_effector(c.t.desired_pose, c.t.desired_rates, c.wanted_acceleration);
   for (int i = 0; i < 18; ++i) {
     c.gain.lambda[i] = r.in<S>(5, 60);
     c.gain.k[i] = r.in<S>(1, 100);

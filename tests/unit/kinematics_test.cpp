@@ -1,7 +1,9 @@
-// Inverse and forward kinematics in all modes, what lies outside them, singularity measures, and the estimates built
-// on them, against closures solved by Newton's method in long double (tests/support/lagrange.hpp).
+// Inverse and forward kinematics in all modes, what lies outside them, singularity measures, and the
+// estimates built on them, against closures solved by Newton's method in long double
+// (tests/support/lagrange.hpp).
 //
-// Bounds: IK divides rounding errors by sin^2 theta_2 / 4 or so (0.2 -> 100), FK by D2; a few hundred epsilon follow.
+// Bounds: IK divides rounding errors by sin^2 theta_2 / 4 or so (0.2 -> 100), FK by D2; a few hundred epsilon
+// follow.
 
 #include <gtest/gtest.h>
 
@@ -46,13 +48,15 @@ Real unit_error(const P& pose) {
 
 TYPED_TEST(Kinematics, InverseAndForwardAgreeWithTheClosedLoopInEveryMode) {
   using S = TypeParam;
-  Accuracy inverse("inverse"), forward("forward"), there("inverse_then_forward"), back("forward_then_inverse"),
-      unit("unit_vectors"), type1("sin_type1"), type2("sin_type2"), closure("closure"), effector("effector");
+  Accuracy inverse("inverse"), forward("forward"), there("inverse_then_forward"),
+      back("forward_then_inverse"), unit("unit_vectors"), type1("sin_type1"), type2("sin_type2"),
+      closure("closure"), effector("effector");
   for (std::uint64_t seed = 0; seed < kCases; ++seed) {
     for (const bool from_base : {false, true}) {
       const auto c = random_five_bar<S>(seed, {.from_base = from_base});
       const FiveBar<S> m = c.mechanism();
-      // Exactly one of the two inputs is exact; the other is as good as its rounding, times the same condition.
+      // Exactly one of the two inputs is exact; the other is as good as its rounding, times the same
+      // condition.
       const auto i = m.inverse(c.position, c.mode);
       const auto f = m.forward(c.base, c.mode.assembly);
       ASSERT_TRUE(i && f) << "seed " << seed;
@@ -64,7 +68,8 @@ TYPED_TEST(Kinematics, InverseAndForwardAgreeWithTheClosedLoopInEveryMode) {
         for (int leg = 0; leg < 2; ++leg) {
           type1.take(seed, std::fabs(Real(m.sin_type1(*p, leg)) - FiveBarModel::sin_type1(c.q, leg)));
         }
-        const Real s1 = std::fmin(std::fabs(FiveBarModel::sin_type1(c.q, 0)), std::fabs(FiveBarModel::sin_type1(c.q, 1)));
+        const Real s1 =
+            std::fmin(std::fabs(FiveBarModel::sin_type1(c.q, 0)), std::fabs(FiveBarModel::sin_type1(c.q, 1)));
         type1.take(seed, std::fabs(Real(m.min_abs_sin_type1(*p)) - s1));
         type2.take(seed, std::fabs(Real(p->sin_type2) - FiveBarModel::sin_type2(c.q)));
         EXPECT_EQ(m.abs_sin_type2(*p), std::fabs(p->sin_type2)) << "seed " << seed;
@@ -105,7 +110,8 @@ TYPED_TEST(Kinematics, TheTwoAssemblyModesAreMirrorImages) {
     const Vec2<S> e1 = m.frame(0).point_from_leg(a->leg[0].axis[0] * m.leg(0).body(0).length);
     const Vec2<S> e2 = m.frame(1).point_from_leg(a->leg[1].axis[0] * m.leg(1).body(0).length);
     const Vec2<S> w = e1 - e2;
-    EXPECT_NEAR(static_cast<double>(dot(w, Vec2<S>(a->effector - b->effector))), 0.0, 100 * kEpsilon<S>) << "seed " << seed;
+    EXPECT_NEAR(static_cast<double>(dot(w, Vec2<S>(a->effector - b->effector))), 0.0, 100 * kEpsilon<S>)
+        << "seed " << seed;
   }
 }
 
@@ -119,12 +125,13 @@ TYPED_TEST(Kinematics, DeterminantsAreTheSingularityMeasures) {
     const Mat<S, 6, 2> Chat = matrix_Chat(m, pose);
     const Real det = Real(Chat(2, 0)) * Real(Chat(4, 1)) - Real(Chat(2, 1)) * Real(Chat(4, 0));
     const Real want = FiveBarModel::sin_type2(c.q) /
-                      (Real(c.params.legs[0].l1) * Real(c.params.legs[1].l1) * FiveBarModel::sin_type1(c.q, 0) *
-                       FiveBarModel::sin_type1(c.q, 1));  // [F19]
+                      (Real(c.params.legs[0].l1) * Real(c.params.legs[1].l1) *
+                       FiveBarModel::sin_type1(c.q, 0) * FiveBarModel::sin_type1(c.q, 1));  // [F19]
     B.take(seed, std::fabs(det / want - 1));
     // Base rates there and back: C_a B = C.
     const auto rates = m.base_rates(pose, m.base(m.chain_rates(pose, c.velocity)));
-    products.compare(seed, m.channel_rates(pose, rates), m.channel_rates(pose, m.chain_rates(pose, c.velocity)));
+    products.compare(seed, m.channel_rates(pose, rates),
+                     m.channel_rates(pose, m.chain_rates(pose, c.velocity)));
   }
   B.expect_below(3000 * kEpsilon<S>);
   products.expect_below(1000 * kEpsilon<S>);
@@ -145,7 +152,8 @@ TYPED_TEST(Kinematics, RrArmInBothModes) {
     EXPECT_FALSE(m.in_working_mode(pose, {-sigma}));
     const auto inverse = m.inverse(pose.effector, {sigma}), other = m.inverse(pose.effector, {-sigma});
     ASSERT_TRUE(inverse && other) << "seed " << seed;
-    for (int i = 0; i < 2; ++i) angles.take(seed, apart(Real(m.angles(*inverse)[i]), c.q[static_cast<unsigned>(i)]));
+    for (int i = 0; i < 2; ++i)
+      angles.take(seed, apart(Real(m.angles(*inverse)[i]), c.q[static_cast<unsigned>(i)]));
     EXPECT_TRUE(m.in_working_mode(*other, {-sigma}));
     tip.compare(seed, m.pose(m.angles(*other)).effector, pose.effector, 0.1L);
   }
@@ -154,7 +162,8 @@ TYPED_TEST(Kinematics, RrArmInBothModes) {
   angles.expect_below(400 * kEpsilon<S>);
 }
 
-/// Reachable or not, decided in long double; within rounding of the boundary either answer will do, never a NaN.
+/// Reachable or not, decided in long double; within rounding of the boundary either answer will do, never a
+/// NaN.
 TYPED_TEST(Kinematics, OutOfReachIsEmptyAndTheRestIsNot) {
   using S = TypeParam;
   int reached = 0, missed = 0;
@@ -177,8 +186,10 @@ TYPED_TEST(Kinematics, OutOfReachIsEmptyAndTheRestIsNot) {
     EXPECT_TRUE(!got || unit_error(*got) < 1e-3L) << "seed " << seed;
 
     const Vec2<S> base = r.vector<S, 2>(3.14);
-    const Real ex = 2 * Real(p.l0) + Real(p.legs[0].l1) * std::cos(Real(base[0])) + Real(p.legs[1].l1) * std::cos(Real(base[1]));
-    const Real ey = Real(p.legs[0].l1) * std::sin(Real(base[0])) - Real(p.legs[1].l1) * std::sin(Real(base[1]));
+    const Real ex = 2 * Real(p.l0) + Real(p.legs[0].l1) * std::cos(Real(base[0])) +
+                    Real(p.legs[1].l1) * std::cos(Real(base[1]));
+    const Real ey =
+        Real(p.legs[0].l1) * std::sin(Real(base[0])) - Real(p.legs[1].l1) * std::sin(Real(base[1]));
     const Real d = std::hypot(ex, ey), far = Real(p.legs[0].l2) + Real(p.legs[1].l2);
     const Real close = std::fabs(Real(p.legs[0].l2) - Real(p.legs[1].l2));
     const auto closed = m.forward(base, r.sign());
@@ -228,7 +239,8 @@ TYPED_TEST(Kinematics, DegeneratePointsAndNonNumbersAreEmpty) {
   }
 }
 
-/// From all four encoders: the mean of two tips, whose distance is told; nothing is hidden when they disagree.
+/// From all four encoders: the mean of two tips, whose distance is told; nothing is hidden when they
+/// disagree.
 TYPED_TEST(Kinematics, EstimateFromAllEncodersTellsTheGap) {
   using S = TypeParam;
   Accuracy gap("gap"), place("effector"), speed("velocity"), closed("closed_rates");
@@ -242,10 +254,10 @@ TYPED_TEST(Kinematics, EstimateFromAllEncodersTellsTheGap) {
     const Vec<S, 4> angle = c.theta + r.vector<S, 4>(0.1), rate = c.theta_rate + r.vector<S, 4>(0.5);
     const auto e = estimate_from_all(m, angle, rate);
     // The two tips with those angles, positions only.
-    const auto& [a1, a2, b1, b2] = c.oracle.bar;
+    const auto& bar = c.oracle.bar;
     const auto tip = [&](int leg, const auto& t) {
-      const auto& first = leg == 0 ? a1 : b1;
-      const auto& second = leg == 0 ? a2 : b2;
+      const auto& first = bar[leg == 0 ? 0 : 2];
+      const auto& second = bar[leg == 0 ? 1 : 3];
       const auto x = first.length * cosine(t[0]) + second.length * cosine(t[0] + t[1]);
       const auto y = first.length * sine(t[0]) + second.length * sine(t[0] + t[1]);
       return std::array{leg == 0 ? x + c.oracle.half_base : -x - c.oracle.half_base, y};
@@ -282,8 +294,10 @@ TYPED_TEST(Kinematics, DesiredMotionFromEffectorAndFromBaseIsTheSame) {
       ASSERT_TRUE(d) << "seed " << seed;
       const Vec<Real, 18> want = c.accelerations(
           c.oracle.accelerations(c.q, c.qd, c.qd, by, Real(a[0]), from_base ? -Real(a[1]) : Real(a[1])));
-      (from_base ? base : effector).compare(seed, m.channel_accelerations(d->pose, d->rates, d->acceleration), want);
-      EXPECT_LE(static_cast<double>(Accuracy::relative(m.channel_rates(d->pose, d->rates), c.rates())), 400 * kEpsilon<S>)
+      (from_base ? base : effector)
+          .compare(seed, m.channel_accelerations(d->pose, d->rates, d->acceleration), want);
+      EXPECT_LE(static_cast<double>(Accuracy::relative(m.channel_rates(d->pose, d->rates), c.rates())),
+                400 * kEpsilon<S>)
           << "seed " << seed;
       EXPECT_LE(angle_error(m.angles(d->pose), c), 400 * kEpsilon<S>) << "seed " << seed;
     }
@@ -303,7 +317,8 @@ TYPED_TEST(Kinematics, ChannelErrorsAreDifferencesOfCoordinates) {
     auto from = m.pose(c.theta), to = m.pose(t);
     const auto at = [&](const Vec<S, 4>& th, const Vec2<S>& x) {
       const Real a = Real(th[0]), b = detail::kPi - Real(th[2]);
-      return c.oracle.channels(FiveBarModel::Q{Real(x[0]), Real(x[1]), a, a + Real(th[1]), b, b - Real(th[3])});
+      return c.oracle.channels(
+          FiveBarModel::Q{Real(x[0]), Real(x[1]), a, a + Real(th[1]), b, b - Real(th[3])});
     };
     const auto qd = at(t, to.effector), q = at(c.theta, from.effector);
     const Vec<S, 18> got = m.error(to, from);

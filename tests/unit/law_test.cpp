@@ -1,10 +1,10 @@
-// What the control laws promise, tested on the ORACLE's dynamics (tests/support/lagrange.hpp): the firmware gives
-// torques, Lagrange's equations give the accelerations, and the promised identity must hold among those. A common
-// error of law and model cannot cancel. Reaching functions alone: reaching_test.cpp.
+// What the control laws promise, tested on the ORACLE's dynamics (tests/support/lagrange.hpp): the firmware
+// gives torques, Lagrange's equations give the accelerations, and the promised identity must hold among
+// those. A common error of law and model cannot cancel. Reaching functions alone: reaching_test.cpp.
 //
-// Bounds: relative to the sum of the magnitudes of the terms that cancel in an identity; torques lose the condition of
-// IK and of B at |sin theta_j2|, |D2| >= 0.3, and what the oracle then accelerates loses cond(H): 1e3 to 1e4 epsilon,
-// which is 1e-12 in double (asked for: 1e-9).
+// Bounds: relative to the sum of the magnitudes of the terms that cancel in an identity; torques lose the
+// condition of IK and of B at |sin theta_j2|, |D2| >= 0.3, and what the oracle then accelerates loses
+// cond(H): 1e3 to 1e4 epsilon, which is 1e-12 in double (asked for: 1e-9).
 
 #include <gtest/gtest.h>
 
@@ -23,7 +23,7 @@ template <class S>
 Vec<S, 4> random_weight(std::uint64_t seed) {
   Random r(seed + 77);
   Vec<S, 4> w;
-  for (int i = 0; i < 4; ++i) w[i] = static_cast<S>(std::pow(10.0, r.between(-1, 1)));
+  for (int i = 0; i < 4; ++i) w[i] = static_cast<S>(std::pow(10.0L, r.between(-1, 1)));
   return w;
 }
 
@@ -67,7 +67,8 @@ Mat<Real, 2, 2> inertia_after(FiveBarCase<S> c, Real time) {
   return C.transpose() * c.mass().asDiagonal() * C;
 }
 
-/// [F33]: V = 1/2 sigma^T H sigma falls at exactly sum M_i K_i (C sigma)_i sw((C sigma)_i), whatever the reference.
+/// [F33]: V = 1/2 sigma^T H sigma falls at exactly sum M_i K_i (C sigma)_i sw((C sigma)_i), whatever the
+/// reference.
 TYPED_TEST(Laws, ProjectedLawHasItsLyapunovRate) {
   using S = TypeParam;
   Accuracy rate("V_dot"), sliding("sliding"), acceleration("v_prime");
@@ -79,7 +80,8 @@ TYPED_TEST(Laws, ProjectedLawHasItsLyapunovRate) {
     const Channels18 s = n.C() * sigma;
     sliding.compare(seed, d.sliding, s);
 
-    // v' from its definition: C xdd_r + Cdot xd_r + K sw(C sigma), Cdot by mixed derivatives of the positions.
+    // v' from its definition: C xdd_r + Cdot xd_r + K sw(C sigma), Cdot by mixed derivatives of the
+    // positions.
     const Real lambda = Real(c.gain.independent.lambda);
     const Vec<Real, 2> vr = c.wanted.velocity.template cast<Real>() + lambda * c.effector_error();
     const Vec<Real, 2> ar = c.wanted_acceleration.template cast<Real>() + lambda * c.effector_error_rate();
@@ -95,15 +97,17 @@ TYPED_TEST(Laws, ProjectedLawHasItsLyapunovRate) {
     acceleration.compare(seed, d.acceleration, want);
 
     const auto qdd = n.accelerate(c.torque(d, (seed & 1U) != 0U));
-    const Vec<Real, 2> sigma_rate = c.wanted_acceleration.template cast<Real>() - Vec<Real, 2>(qdd[0], qdd[1]) +
-                                    lambda * c.effector_error_rate();
+    const Vec<Real, 2> sigma_rate = c.wanted_acceleration.template cast<Real>() -
+                                    Vec<Real, 2>(qdd[0], qdd[1]) + lambda * c.effector_error_rate();
     const Real h = 1e-5L;  // sixth-order differences: (3 h / 3e-3 s to type 1)^6 = 1e-12 of a small part
-    const Mat<Real, 2, 2> H_rate =
-        ((inertia_after(n, h) - inertia_after(n, -h)) * 45 - (inertia_after(n, 2 * h) - inertia_after(n, -2 * h)) * 9 +
-         (inertia_after(n, 3 * h) - inertia_after(n, -3 * h))) / (60 * h);
+    const Mat<Real, 2, 2> H_rate = ((inertia_after(n, h) - inertia_after(n, -h)) * 45 -
+                                    (inertia_after(n, 2 * h) - inertia_after(n, -2 * h)) * 9 +
+                                    (inertia_after(n, 3 * h) - inertia_after(n, -3 * h))) /
+                                   (60 * h);
     const Vec<Real, 2> kinetic_part = c.H() * sigma_rate;
     const Real V_rate = sigma.dot(kinetic_part) + sigma.dot(H_rate * sigma) / 2;
-    const Real scale = fall + sigma.cwiseAbs().dot(kinetic_part.cwiseAbs()) + std::fabs(sigma.dot(H_rate * sigma)) / 2;
+    const Real scale =
+        fall + sigma.cwiseAbs().dot(kinetic_part.cwiseAbs()) + std::fabs(sigma.dot(H_rate * sigma)) / 2;
     rate.take(seed, std::fabs(V_rate + fall) / scale);
     EXPECT_GT(fall, 0) << "seed " << seed;
   }
@@ -165,27 +169,33 @@ TYPED_TEST(Laws, RrArmKeepsThemToo) {
     const Row<2> qdo{Real(qd[0]), Real(qd[1])}, vdo{Real(vd[0]), Real(vd[1])}, ado{Real(ad[0]), Real(ad[1])};
     const Vec<Real, 8> wanted = eigen(channel_accelerations(c.oracle, qdo, vdo, vdo, ado));
     Vec<Real, 8> e = eigen(c.oracle.channels(qdo)) - eigen(c.oracle.channels(c.q));
-    const Vec<Real, 8> ed = eigen(channel_rates(c.oracle, qdo, vdo)) - eigen(channel_rates(c.oracle, c.q, c.qd));
+    const Vec<Real, 8> ed =
+        eigen(channel_rates(c.oracle, qdo, vdo)) - eigen(channel_rates(c.oracle, c.q, c.qd));
     for (int i = 0; i < 4; ++i) e[i] = detail::wrap(e[i]);
     const Vec<Real, 2> e2 = e.template head<2>(), ed2 = ed.template head<2>();
     const Vec<Real, 8> mass = eigen(c.oracle.weight());
     Mat<Real, 8, 2> C;
-    for (int i = 0; i < 2; ++i) C.col(i) = eigen(channel_rates(c.oracle, c.q, Row<2>{i == 0 ? 1.0L : 0.0L, i == 0 ? 0.0L : 1.0L}));
+    for (int i = 0; i < 2; ++i)
+      C.col(i) = eigen(channel_rates(c.oracle, c.q, Row<2>{i == 0 ? 1.0L : 0.0L, i == 0 ? 0.0L : 1.0L}));
     const auto accelerate = [&](LawKind law) {
       const auto d = demand(law, m, gain, reaching, t);
       const Vec2<S> tau = m.base_torque(t.pose, m.force(d.acceleration, t.rates));
       return c.oracle.accelerate(c.q, c.qd, {Real(tau[0]), Real(tau[1])});
     };
-    const auto sw = [&](Real s, int i) { return Real(gain.k[i]) * exact_switching(reaching, s, Real(gain.layer[i])); };
+    const auto sw = [&](Real s, int i) {
+      return Real(gain.k[i]) * exact_switching(reaching, s, Real(gain.layer[i]));
+    };
     {
-      const Vec<Real, 8> pdot = eigen(channel_accelerations(c.oracle, c.q, c.qd, c.qd, accelerate(LawKind::esmc)));
+      const Vec<Real, 8> pdot =
+          eigen(channel_accelerations(c.oracle, c.q, c.qd, c.qd, accelerate(LawKind::esmc)));
       Vec<Real, 8> terms, size;
       for (int i = 0; i < 8; ++i) {
         const Real l = Real(gain.lambda[i]), k = sw(ed[i] + l * e[i], i);
         terms[i] = wanted[i] - pdot[i] + l * ed[i] + k;
         size[i] = std::fabs(wanted[i]) + std::fabs(pdot[i]) + std::fabs(l * ed[i]) + std::fabs(k);
       }
-      const Vec<Real, 2> left = C.transpose() * mass.cwiseProduct(terms), scale = C.cwiseAbs().transpose() * mass.cwiseProduct(size);
+      const Vec<Real, 2> left = C.transpose() * mass.cwiseProduct(terms),
+                         scale = C.cwiseAbs().transpose() * mass.cwiseProduct(size);
       full.take(seed, left.cwiseAbs().cwiseQuotient(scale).maxCoeff());
     }
     const Real lambda = Real(gain.independent.lambda);
@@ -202,14 +212,18 @@ TYPED_TEST(Laws, RrArmKeepsThemToo) {
       Real fall = 0;
       for (int i = 0; i < 8; ++i) fall += mass[i] * C.row(i).dot(sigma) * sw(C.row(i).dot(sigma), i);
       const Real scale = fall + sigma.cwiseAbs().dot((H * sigma_rate).cwiseAbs());
-      projected.take(seed, std::fabs(sigma.dot(H * sigma_rate) + sigma.dot(H_rate * sigma) / 2 + fall) / scale);
+      projected.take(seed,
+                     std::fabs(sigma.dot(H * sigma_rate) + sigma.dot(H_rate * sigma) / 2 + fall) / scale);
     }
     const auto& g = gain.independent;
-    const Row<2> as = accelerate(LawKind::smc), ac = accelerate(LawKind::ctc), free = c.oracle.accelerate(c.q, c.qd, {});
+    const Row<2> as = accelerate(LawKind::smc), ac = accelerate(LawKind::ctc),
+                 free = c.oracle.accelerate(c.q, c.qd, {});
     for (int i = 0; i < 2; ++i) {
       const auto k = static_cast<unsigned>(i);
-      const Real scale = std::fabs(free[0]) + std::fabs(free[1]) + std::fabs(as[0]) + std::fabs(as[1]) + std::fabs(ac[0]) + std::fabs(ac[1]);
-      const Real edd = -Real(g.lambda) * ed2[i] - Real(g.k) * exact_switching(reaching, sigma[i], Real(g.layer));
+      const Real scale = std::fabs(free[0]) + std::fabs(free[1]) + std::fabs(as[0]) + std::fabs(as[1]) +
+                         std::fabs(ac[0]) + std::fabs(ac[1]);
+      const Real edd =
+          -Real(g.lambda) * ed2[i] - Real(g.k) * exact_switching(reaching, sigma[i], Real(g.layer));
       smc.take(seed, std::fabs(ado[k] - as[k] - edd) / scale);
       ctc.take(seed, std::fabs(ado[k] - ac[k] + Real(g.kd) * ed2[i] + Real(g.kp) * e2[i]) / scale);
     }
@@ -217,7 +231,8 @@ TYPED_TEST(Laws, RrArmKeepsThemToo) {
   for (const Accuracy* a : {&full, &projected, &smc, &ctc}) a->expect_below(500 * kEpsilon<S>);
 }
 
-/// [F28]: inside a linear layer SMC is CTC with Kd = lambda + k / eps, Kp = lambda k / eps; tanh up to its cubic term.
+/// [F28]: inside a linear layer SMC is CTC with Kd = lambda + k / eps, Kp = lambda k / eps; tanh up to its
+/// cubic term.
 TYPED_TEST(Laws, InsideTheLayerSmcIsComputedTorque) {
   using S = TypeParam;
   Accuracy linear("linear"), cubic("tanh");
@@ -238,15 +253,17 @@ TYPED_TEST(Laws, InsideTheLayerSmcIsComputedTorque) {
     // k (z - tanh z) <= k z^3 / 3 in (x, y), and as much more in the channels as C says.
     const Real bound = Real(g.k) * 1e-6L / 3 * c.now.C().cwiseAbs().rowwise().sum().maxCoeff();
     const Channels18 difference = (demand_smc(c.mechanism, c.gain, Reaching::tanh, c.t).acceleration -
-                                   demand_ctc(c.mechanism, c.gain, c.t).acceleration).template cast<Real>();
-    cubic.take(seed, difference.cwiseAbs().maxCoeff() / (bound + 500 * std::numeric_limits<S>::epsilon() * want.template cast<Real>().cwiseAbs().maxCoeff()));
+                                   demand_ctc(c.mechanism, c.gain, c.t).acceleration)
+                                      .template cast<Real>();
+    cubic.take(seed, difference.cwiseAbs().maxCoeff() /
+                         (bound + 500 * kEpsilon<S> * want.template cast<Real>().cwiseAbs().maxCoeff()));
   }
   linear.expect_below(200 * kEpsilon<S>);
   cubic.expect_below(1.0);
 }
 
-/// At rest the full law with K_i / eps_i = kappa for all rows is that same CTC to first order in the error: what is
-/// left over is quadratic (model.md section 10).
+/// At rest the full law with K_i / eps_i = kappa for all rows is that same CTC to first order in the error:
+/// what is left over is quadratic (model.md section 10).
 TEST(LawsNearRest, FullEsmcIsComputedTorqueToFirstOrder) {
   for (std::uint64_t seed = 0; seed < 200; ++seed) {
     auto c = random_tracking<double>(seed);
@@ -257,7 +274,8 @@ TEST(LawsNearRest, FullEsmcIsComputedTorqueToFirstOrder) {
     c.gain.independent = {lambda, 0, 1, lambda * kappa, lambda + kappa};
     const auto difference = [&](double size) {
       Random r(seed);
-      const Vec2<double> x = c.now.position + r.vector<double, 2>(1) * size, v = r.vector<double, 2>(1) * size;
+      const Vec2<double> x = c.now.position + r.vector<double, 2>(1) * size,
+                         v = r.vector<double, 2>(1) * size;
       c.t.rates = c.mechanism.rates_of_effector(c.t.pose, v);
       c.t.desired_pose = *c.mechanism.inverse(x, c.now.mode);
       c.t.desired_rates = c.mechanism.rates_of_effector(c.t.desired_pose, Vec2<double>::Zero());
@@ -288,7 +306,8 @@ TEST(LawsAndTheirOptimum, AppliedForceGivesTheKktSolution) {
       const auto k = static_cast<unsigned>(i);
       K[k][k] = 2 * q.mass()[i];
       right[k] = 2 * q.mass()[i] * v[i];
-      for (int j = 0; j < 16; ++j) K[k][18 + static_cast<unsigned>(j)] = K[18 + static_cast<unsigned>(j)][k] = A(j, i);
+      for (int j = 0; j < 16; ++j)
+        K[k][18 + static_cast<unsigned>(j)] = K[18 + static_cast<unsigned>(j)][k] = A(j, i);
     }
     for (int j = 0; j < 16; ++j) right[18 + static_cast<unsigned>(j)] = b[j];
     const Row<34> x = eliminate(K, right);
@@ -297,7 +316,8 @@ TEST(LawsAndTheirOptimum, AppliedForceGivesTheKktSolution) {
     // The optimum minimises over M; friction and gravity are in F on top.
     reached.compare(seed, q.accelerations(q.accelerate(c.torque(d, false))), optimum);
     const auto C = q.C();
-    const Channels18 rest = q.accelerations(q.oracle.accelerations(q.q, q.qd, q.qd, FiveBarModel::by_effector, 0, 0));
+    const Channels18 rest =
+        q.accelerations(q.oracle.accelerations(q.q, q.qd, q.qd, FiveBarModel::by_effector, 0, 0));
     const Vec<Real, 2> F = C.transpose() * q.mass().cwiseProduct(v - rest);
     const Mat<Real, 2, 2> H = c.H();
     const Row<2> a = eliminate(Square<2>{{{H(0, 0), H(0, 1)}, {H(1, 0), H(1, 1)}}}, Row<2>{F[0], F[1]});
@@ -322,7 +342,8 @@ TYPED_TEST(Laws, PdIsSpringAndDamperOnTheBaseJoints) {
   torque.expect_below(100 * kEpsilon<S>);
 }
 
-/// A NaN anywhere in the state must come out as a NaN torque (the limiter then stops the motors), never as a number.
+/// A NaN anywhere in the state must come out as a NaN torque (the limiter then stops the motors), never as a
+/// number.
 TYPED_TEST(Laws, NotANumberIsNeverSwallowed) {
   using S = TypeParam;
   constexpr S nan = std::numeric_limits<S>::quiet_NaN();
@@ -334,8 +355,10 @@ TYPED_TEST(Laws, NotANumberIsNeverSwallowed) {
         if (where == 1) c.t.desired_acceleration.platform[0] = c.t.desired_acceleration.leg[0][0] = nan;
         if (where == 2) c.t.desired_pose.effector[1] = c.t.desired_pose.leg[1].axis[0].x() = nan;
         const auto d = demand(law, c.mechanism, c.gain, c.reaching, c.t);
-        EXPECT_FALSE(std::isfinite(c.torque(d, false).sum())) << "seed " << seed << " law " << int(law) << " " << where;
-        EXPECT_FALSE(std::isfinite(c.torque(d, true).sum())) << "seed " << seed << " law " << int(law) << " " << where;
+        EXPECT_FALSE(std::isfinite(c.torque(d, false).sum()))
+            << "seed " << seed << " law " << int(law) << " " << where;
+        EXPECT_FALSE(std::isfinite(c.torque(d, true).sum()))
+            << "seed " << seed << " law " << int(law) << " " << where;
       }
     }
   }

@@ -1,9 +1,10 @@
 // Dynamics of both mechanisms against the Lagrange oracle of tests/support/lagrange.hpp, in every working and
-// assembly mode, with legs that differ. Printed closed forms: printed_forms_test.cpp; kinematics: kinematics_test.cpp.
+// assembly mode, with legs that differ. Printed closed forms: printed_forms_test.cpp; kinematics:
+// kinematics_test.cpp.
 //
-// Bounds are multiples of epsilon. At |sin theta_j2|, |D2| >= 0.2 one division by the sine costs a factor 5, H and
-// what is solved with it two, and lengths and masses that differ by up to 4 and 20 the rest; the multiples are 3 to
-// 10 times the worst error of 800 cases.
+// Bounds are multiples of epsilon. At |sin theta_j2|, |D2| >= 0.2 one division by the sine costs a factor 5,
+// H and what is solved with it two, and lengths and masses that differ by up to 4 and 20 the rest; the
+// multiples are 3 to 10 times the worst error of 800 cases.
 
 #include <gtest/gtest.h>
 
@@ -61,9 +62,9 @@ List<Vec2<S>, 2> by_leg(const Vec<S, 4>& tau) {
 
 TYPED_TEST(Dynamics, RatesAndBiasAreTheDerivativesOfThePositions) {
   using S = TypeParam;
-  const double eps = kEpsilon<S>;
-  Accuracy C("C"), C_base("C_base"), p("rates"), bias_c("bias"), pdot("accelerations"), zero("AC"), Ap("A_p"), b("b"),
-      adot("A_pdot_minus_b");
+  const Real eps = kEpsilon<S>;
+  Accuracy C("C"), C_base("C_base"), p("rates"), bias_c("bias"), pdot("accelerations"), zero("AC"), Ap("A_p"),
+      b("b"), adot("A_pdot_minus_b");
   for (std::uint64_t seed = 0; seed < kCases; ++seed) {
     const auto c = random_five_bar<S>(seed);
     const Moving<S> s = move(c, (seed & 8U) != 0U);
@@ -75,9 +76,10 @@ TYPED_TEST(Dynamics, RatesAndBiasAreTheDerivativesOfThePositions) {
     const auto rest = c.oracle.accelerations(c.q, c.qd, c.qd, FiveBarModel::by_effector, 0, 0);
     bias_c.compare(seed, bias(s.m, s.pose, s.rates), c.accelerations(rest));
     const Vec2<S> a = r.vector<S, 2>(10);
-    const Vec<Real, 18> want = c.accelerations(c.oracle.accelerations(
-        c.q, c.qd, c.qd, FiveBarModel::by_effector, Real(a[0]), Real(a[1])));
-    pdot.compare(seed, s.m.channel_accelerations(s.pose, s.rates, s.m.chain_accelerations(s.pose, s.rates, a)), want);
+    const Vec<Real, 18> want = c.accelerations(
+        c.oracle.accelerations(c.q, c.qd, c.qd, FiveBarModel::by_effector, Real(a[0]), Real(a[1])));
+    pdot.compare(
+        seed, s.m.channel_accelerations(s.pose, s.rates, s.m.chain_accelerations(s.pose, s.rates, a)), want);
     // A in the firmware's scalar, what it multiplies from the oracle: nothing can cancel a common error.
     const Mat<Real, 16, 18> A = matrix_A(s.m, s.pose).template cast<Real>();
     const Vec<Real, 16> bs = vector_b(s.m, s.pose, s.rates).template cast<Real>();
@@ -96,8 +98,9 @@ TYPED_TEST(Dynamics, RatesAndBiasAreTheDerivativesOfThePositions) {
 
 TYPED_TEST(Dynamics, InertiaAndForcesAgreeInAllForms) {
   using S = TypeParam;
-  const double eps = kEpsilon<S>;
-  Accuracy H("H"), legwise("H_legwise"), based("H_base"), congruent("H_base_congruent"), h("h"), h_based("h_base");
+  const Real eps = kEpsilon<S>;
+  Accuracy H("H"), legwise("H_legwise"), based("H_base"), congruent("H_base_congruent"), h("h"),
+      h_based("h_base");
   for (std::uint64_t seed = 0; seed < kCases; ++seed) {
     const auto c = random_five_bar<S>(seed);
     const Moving<S> s = move(c);
@@ -133,13 +136,20 @@ TYPED_TEST(Dynamics, InertiaAndForcesAgreeInAllForms) {
     const Vec<Real, 2> a(free[0], free[1]);
     const Vec2<S> hs = gather<FiveBar<S>>(C, s.m.force(bias(s.m, s.pose, s.rates), s.rates));
     h.compare(seed, hs, (-(want * a)).eval());
-    const auto c_base = s.m.channel_accelerations(s.pose, s.rates, s.m.base_accelerations(s.pose, s.rates, Vec2<S>::Zero()));
+    const auto c_base =
+        s.m.channel_accelerations(s.pose, s.rates, s.m.base_accelerations(s.pose, s.rates, Vec2<S>::Zero()));
     const Vec2<S> ha = gather<FiveBar<S>>(Ca, s.m.force(c_base, s.rates));
     const Vec<Real, 2> aa(free[2], -free[4]);
     h_based.compare(seed, ha, (-(quadratic(c.C(FiveBarModel::by_base), c) * aa)).eval());
     // The recursions that form no matrix give the same.
-    EXPECT_LE(static_cast<double>(Accuracy::relative(s.m.base_torque(s.pose, s.m.force(c_base, s.rates)), ha)), 300 * eps) << "seed " << seed;
-    EXPECT_LE(static_cast<double>(Accuracy::relative(s.m.platform_force(s.pose, s.m.force(bias(s.m, s.pose, s.rates), s.rates)), hs)), 300 * eps) << "seed " << seed;
+    EXPECT_LE(
+        static_cast<double>(Accuracy::relative(s.m.base_torque(s.pose, s.m.force(c_base, s.rates)), ha)),
+        300 * eps)
+        << "seed " << seed;
+    EXPECT_LE(static_cast<double>(Accuracy::relative(
+                  s.m.platform_force(s.pose, s.m.force(bias(s.m, s.pose, s.rates), s.rates)), hs)),
+              300 * eps)
+        << "seed " << seed;
   }
   H.expect_below(200 * eps);
   legwise.expect_below(1000 * eps);
@@ -153,13 +163,16 @@ TYPED_TEST(Dynamics, InertiaAndForcesAgreeInAllForms) {
 template <class S>
 Vec<S, 18> forward_dynamics(const Moving<S>& s, const Vec<S, 4>& tau, bool base_form) {
   if (base_form) {
-    const auto c = s.m.channel_accelerations(s.pose, s.rates, s.m.base_accelerations(s.pose, s.rates, Vec2<S>::Zero()));
-    const Vec2<S> F = s.m.gather_on_base(s.pose, Vec2<S>::Zero(), by_leg(tau)) - s.m.base_torque(s.pose, s.m.force(c, s.rates));
+    const auto c =
+        s.m.channel_accelerations(s.pose, s.rates, s.m.base_accelerations(s.pose, s.rates, Vec2<S>::Zero()));
+    const Vec2<S> F = s.m.gather_on_base(s.pose, Vec2<S>::Zero(), by_leg(tau)) -
+                      s.m.base_torque(s.pose, s.m.force(c, s.rates));
     const Vec2<S> a = solve_spd<S>(mass_matrix(s.m, matrix_C_base(s.m, s.pose)), F);
     return s.m.channel_accelerations(s.pose, s.rates, s.m.base_accelerations(s.pose, s.rates, a));
   }
   const Vec<S, 18> c = bias(s.m, s.pose, s.rates);
-  const Vec2<S> F = s.m.gather(s.pose, Vec2<S>::Zero(), by_leg(tau)) - s.m.platform_force(s.pose, s.m.force(c, s.rates));
+  const Vec2<S> F =
+      s.m.gather(s.pose, Vec2<S>::Zero(), by_leg(tau)) - s.m.platform_force(s.pose, s.m.force(c, s.rates));
   const Vec2<S> a = solve_spd<S>(mass_matrix(s.m, matrix_C(s.m, s.pose)), F);
   return s.m.channel_accelerations(s.pose, s.rates, s.m.chain_accelerations(s.pose, s.rates, a));
 }
@@ -186,7 +199,8 @@ TYPED_TEST(Dynamics, ForwardDynamicsIsLagrangeAndInverseDynamicsUndoesIt) {
     torque2.compare(seed, s.m.base_torque(s.pose, s.m.force(driven, s.rates)), Vec2<S>(tau[0], tau[2]));
   }
   for (const Accuracy* a : {&xy, &base}) a->expect_below(800 * kEpsilon<S>);
-  for (const Accuracy* a : {&torque2, &force4}) a->expect_below(4000 * kEpsilon<S>);  // the given torque may be small
+  for (const Accuracy* a : {&torque2, &force4})
+    a->expect_below(4000 * kEpsilon<S>);  // the given torque may be small
 }
 
 /// Distances to a singularity: 0.1 down to 1e-6, a decade of cases each.
@@ -196,7 +210,8 @@ TYPED_TEST(Dynamics, BaseJointFormIsRegularNextToType1) {
   using S = TypeParam;
   Accuracy C("C_base"), H("H_base"), forward("forward"), torque("inverse_2"), rate("rates");
   for (std::uint64_t seed = 0; seed < kCases; ++seed) {
-    const auto c = random_five_bar<S>(seed, {.min_sin1 = 0.2, .min_sin2 = 0.2, .sin1 = distance_of(seed), .from_base = true});
+    const auto c = random_five_bar<S>(
+        seed, {.min_sin1 = 0.2, .min_sin2 = 0.2, .sin1 = distance_of(seed), .from_base = true});
     const Moving<S> s = move_base(c);
     Random r(~seed);
     const Mat<Real, 18, 2> Ca = c.C(FiveBarModel::by_base);
@@ -245,7 +260,8 @@ TYPED_TEST(Dynamics, RrArmIsLagrange) {
     const auto pose = m.pose(k.theta);
     Random r(~seed);
     Mat<Real, 8, 2> Co;
-    for (int i = 0; i < 2; ++i) Co.col(i) = eigen(channel_rates(k.oracle, k.q, Row<2>{i == 0 ? 1.0L : 0.0L, i == 0 ? 0.0L : 1.0L}));
+    for (int i = 0; i < 2; ++i)
+      Co.col(i) = eigen(channel_rates(k.oracle, k.q, Row<2>{i == 0 ? 1.0L : 0.0L, i == 0 ? 0.0L : 1.0L}));
     C.compare(seed, matrix_C(m, pose), Co);
     c.compare(seed, bias(m, pose, k.rate), eigen(channel_accelerations(k.oracle, k.q, k.qd, k.qd, {})));
     const auto eq = lagrange(k.oracle, k.q, k.qd);
@@ -254,7 +270,8 @@ TYPED_TEST(Dynamics, RrArmIsLagrange) {
     const Mat<S, 2, 2> Hs = mass_matrix(m, matrix_C(m, pose));
     H.compare(seed, Hs, Ho);
     Vec<Real, 2> ho = eigen(eq.rest);
-    for (int i = 0; i < 2; ++i) ho[i] += resist(k.oracle.bar[static_cast<unsigned>(i)], k.qd[static_cast<unsigned>(i)]);
+    for (int i = 0; i < 2; ++i)
+      ho[i] += resist(k.oracle.bar[static_cast<unsigned>(i)], k.qd[static_cast<unsigned>(i)]);
     const Vec2<S> hs = m.base_torque(pose, m.force(bias(m, pose, k.rate), k.rate));
     h.compare(seed, hs, ho);
     const Vec2<S> tau = r.vector<S, 2>(3);

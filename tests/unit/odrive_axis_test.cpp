@@ -150,6 +150,21 @@ TEST(OdriveAxis, TheWholeSequenceIsRepeatedEveryRetryTicks) {
   }
 }
 
+TEST(OdriveAxis, AskingAgainDoesNotWaitForTheRetryAndForgetsWhatWasConfirmed) {
+  OdriveAxis a = axis();
+  (void)enable(a);
+  hear(a, 8);
+  EXPECT_TRUE(enable(a).empty());
+  a.ask_again();
+  EXPECT_EQ(enable(a).size(), 3U);
+  hear(a, 8);
+  EXPECT_FALSE(a.ready());
+  hear(a, 8);
+  EXPECT_TRUE(a.ready());
+  a.ask_again();
+  EXPECT_TRUE(a.ready() && enable(a).empty()) << "a ready axis is left alone";
+}
+
 /// A drive found in closed loop (left there by somebody else, in any control mode) is not ready: nobody has told
 /// it to be in torque mode. Heartbeats count only after a request.
 TEST(OdriveAxis, ConfirmationsBeforeARequestDoNotCount) {

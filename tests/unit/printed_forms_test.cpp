@@ -23,13 +23,20 @@ struct Leg {
   LegParams<S> p;
   S c1, s1, c2, s2, c12, s12, w1, W;
   Leg(const LegParams<S>& params, S t1, S t2, S td1, S td2)
-      : p(params), c1(std::cos(t1)), s1(std::sin(t1)), c2(std::cos(t2)), s2(std::sin(t2)), c12(std::cos(t1 + t2)),
-        s12(std::sin(t1 + t2)), w1(td1), W(td1 + td2) {}
+      : p(params),
+        c1(std::cos(t1)),
+        s1(std::sin(t1)),
+        c2(std::cos(t2)),
+        s2(std::sin(t2)),
+        c12(std::cos(t1 + t2)),
+        s12(std::sin(t1 + t2)),
+        w1(td1),
+        W(td1 + td2) {}
 
   [[nodiscard]] Mat<S, 6, 2> J_bars() const {  // script J of [F3]
     Mat<S, 6, 2> J;
-    J << 1, 0, 1, 1,                                                          //
-        -p.lg1 * s1, 0, p.lg1 * c1, 0,                                        //
+    J << 1, 0, 1, 1,                    //
+        -p.lg1 * s1, 0, p.lg1 * c1, 0,  //
         -p.l1 * s1 - p.lg2 * s12, -p.lg2 * s12, p.l1 * c1 + p.lg2 * c12, p.lg2 * c12;
     return J;
   }
@@ -65,13 +72,15 @@ struct Leg {
   /// Rows of this leg in [F13], sigma = +1 for leg 1, -1 for leg 2.
   [[nodiscard]] Mat<S, 8, 2> C_of_five_bar(S sigma) const {
     Mat<S, 8, 2> out;
-    out << sigma * c12 / (p.l1 * s2), s12 / (p.l1 * s2),                                                       //
-        -sigma * (p.l1 * c1 + p.l2 * c12) / (p.l1 * p.l2 * s2), -(p.l1 * s1 + p.l2 * s12) / (p.l1 * p.l2 * s2),  //
-        sigma * c12 / (p.l1 * s2), s12 / (p.l1 * s2),                                                          //
-        -sigma * c1 / (p.l2 * s2), -s1 / (p.l2 * s2),                                                          //
-        -sigma * p.lg1 * s1 * c12 / (p.l1 * s2), -p.lg1 * s1 * s12 / (p.l1 * s2),                              //
-        sigma * p.lg1 * c1 * c12 / (p.l1 * s2), p.lg1 * c1 * s12 / (p.l1 * s2),                                //
-        -sigma * (p.l2 * s1 * c12 - p.lg2 * c1 * s12) / (p.l2 * s2), -(p.l2 - p.lg2) * s1 * s12 / (p.l2 * s2),  //
+    out << sigma * c12 / (p.l1 * s2), s12 / (p.l1 * s2),  //
+        -sigma * (p.l1 * c1 + p.l2 * c12) / (p.l1 * p.l2 * s2),
+        -(p.l1 * s1 + p.l2 * s12) / (p.l1 * p.l2 * s2),                            //
+        sigma * c12 / (p.l1 * s2), s12 / (p.l1 * s2),                              //
+        -sigma * c1 / (p.l2 * s2), -s1 / (p.l2 * s2),                              //
+        -sigma * p.lg1 * s1 * c12 / (p.l1 * s2), -p.lg1 * s1 * s12 / (p.l1 * s2),  //
+        sigma * p.lg1 * c1 * c12 / (p.l1 * s2), p.lg1 * c1 * s12 / (p.l1 * s2),    //
+        -sigma * (p.l2 * s1 * c12 - p.lg2 * c1 * s12) / (p.l2 * s2),
+        -(p.l2 - p.lg2) * s1 * s12 / (p.l2 * s2),  //
         sigma * (p.l2 - p.lg2) * c1 * c12 / (p.l2 * s2), (p.l2 * c1 * s12 - p.lg2 * s1 * c12) / (p.l2 * s2);
     return out;
   }
@@ -79,8 +88,9 @@ struct Leg {
 
 TYPED_TEST(PrintedForms, RrArm) {
   using S = TypeParam;
-  const double eps = kEpsilon<S>;
-  Accuracy C("C"), A("A"), b("b"), c("c"), H("H"), h("h"), J("J"), Ji("J_inverse"), Jd("J_dot"), tip("tip"), det("det");
+  const Real eps = kEpsilon<S>;
+  Accuracy C("C"), A("A"), b("b"), c("c"), H("H"), h("h"), J("J"), Ji("J_inverse"), Jd("J_dot"), tip("tip"),
+      det("det");
   Accuracy M("M"), f("f_and_g");
   for (std::uint64_t seed = 0; seed < kCases; ++seed) {
     const auto k = random_rr<S>(seed, 0.1);
@@ -109,10 +119,11 @@ TYPED_TEST(PrintedForms, RrArm) {
     Mat<S, 2, 2> Hw;
     Hw << alpha + 2 * beta * l.c2, delta + beta * l.c2, delta + beta * l.c2, delta;
     H.compare(seed, mass_matrix(m, matrix_C(m, pose)), Hw);
-    const Vec2<S> hw(
-        -beta * l.s2 * (2 * td1 * td2 + td2 * td2) + g * ((p.m1 * p.lg1 + p.m2 * p.l1) * l.c1 + p.m2 * p.lg2 * l.c12) + f1,
-        beta * l.s2 * td1 * td1 + g * p.m2 * p.lg2 * l.c12 + f2);
-    h.compare(seed, m.base_torque(pose, m.force(bias(m, pose, k.rate), k.rate)), hw, std::fabs(Real(beta)) * 36);
+    const Vec2<S> hw(-beta * l.s2 * (2 * td1 * td2 + td2 * td2) +
+                         g * ((p.m1 * p.lg1 + p.m2 * p.l1) * l.c1 + p.m2 * p.lg2 * l.c12) + f1,
+                     beta * l.s2 * td1 * td1 + g * p.m2 * p.lg2 * l.c12 + f2);
+    h.compare(seed, m.base_torque(pose, m.force(bias(m, pose, k.rate), k.rate)), hw,
+              std::fabs(Real(beta)) * 36);
     Mat<S, 2, 2> Jg, Jig;
     for (int i = 0; i < 2; ++i) {
       Jg.col(i) = m.tip_rate(pose, Vec2<S>::Unit(i));
@@ -133,24 +144,25 @@ TYPED_TEST(PrintedForms, RrArm) {
 
 TYPED_TEST(PrintedForms, FiveBar) {
   using S = TypeParam;
-  const double eps = kEpsilon<S>;
+  const Real eps = kEpsilon<S>;
   Accuracy Chat("Chat"), C("C"), A("A"), b("b"), c("c"), M("M"), f("f_and_g");
   for (std::uint64_t seed = 0; seed < kCases; ++seed) {
     const auto k = random_five_bar<S>(seed, {.min_sin1 = 0.1, .min_sin2 = 0.01});
     const FiveBar<S> m = k.mechanism();
     const auto pose = m.pose(k.theta);
     const auto rates = m.chain_rates(pose, k.velocity);
-    const std::array<Leg<S>, 2> leg{Leg<S>(k.params.legs[0], k.theta[0], k.theta[1], rates.leg[0][0], rates.leg[0][1]),
-                                    Leg<S>(k.params.legs[1], k.theta[2], k.theta[3], rates.leg[1][0], rates.leg[1][1])};
+    const std::array<Leg<S>, 2> leg{
+        Leg<S>(k.params.legs[0], k.theta[0], k.theta[1], rates.leg[0][0], rates.leg[0][1]),
+        Leg<S>(k.params.legs[1], k.theta[2], k.theta[3], rates.leg[1][0], rates.leg[1][1])};
     const S g = k.params.g;
     const auto& [l1, l2] = leg;
 
-    Mat<S, 6, 2> Chat_want;  // [F12]
-    Chat_want << 1, 0, 0, 1,                                                                       //
-        l1.c12 / (l1.p.l1 * l1.s2), l1.s12 / (l1.p.l1 * l1.s2),                                    //
+    Mat<S, 6, 2> Chat_want;                                      // [F12]
+    Chat_want << 1, 0, 0, 1,                                     //
+        l1.c12 / (l1.p.l1 * l1.s2), l1.s12 / (l1.p.l1 * l1.s2),  //
         -(l1.p.l1 * l1.c1 + l1.p.l2 * l1.c12) / (l1.p.l1 * l1.p.l2 * l1.s2),
-        -(l1.p.l1 * l1.s1 + l1.p.l2 * l1.s12) / (l1.p.l1 * l1.p.l2 * l1.s2),                       //
-        -l2.c12 / (l2.p.l1 * l2.s2), l2.s12 / (l2.p.l1 * l2.s2),                                   //
+        -(l1.p.l1 * l1.s1 + l1.p.l2 * l1.s12) / (l1.p.l1 * l1.p.l2 * l1.s2),  //
+        -l2.c12 / (l2.p.l1 * l2.s2), l2.s12 / (l2.p.l1 * l2.s2),              //
         (l2.p.l1 * l2.c1 + l2.p.l2 * l2.c12) / (l2.p.l1 * l2.p.l2 * l2.s2),
         -(l2.p.l1 * l2.s1 + l2.p.l2 * l2.s12) / (l2.p.l1 * l2.p.l2 * l2.s2);
     Chat.compare(seed, matrix_Chat(m, pose), Chat_want);
@@ -172,8 +184,8 @@ TYPED_TEST(PrintedForms, FiveBar) {
     A_want(15, 11) = -l2.p.l2 * l2.c12;
     A.compare(seed, matrix_A(m, pose), A_want);
 
-    Vec<S, 16> b_want;  // [F15]
-    b_want << l1.b(), l2.b(),                                                        //
+    Vec<S, 16> b_want;         // [F15]
+    b_want << l1.b(), l2.b(),  //
         -(l1.p.l1 * l1.c1 * l1.w1 * l1.w1 + l1.p.l2 * l1.c12 * l1.W * l1.W),
         -(l1.p.l1 * l1.s1 * l1.w1 * l1.w1 + l1.p.l2 * l1.s12 * l1.W * l1.W),
         l2.p.l1 * l2.c1 * l2.w1 * l2.w1 + l2.p.l2 * l2.c12 * l2.W * l2.W,
@@ -194,7 +206,8 @@ TYPED_TEST(PrintedForms, FiveBar) {
     M_want << k.params.m0, k.params.m0, 0, 0, l1.p.J1, l1.p.J2, l1.p.m1, l1.p.m1, l1.p.m2, l1.p.m2,  //
         0, 0, l2.p.J1, l2.p.J2, l2.p.m1, l2.p.m1, l2.p.m2, l2.p.m2;
     M.compare(seed, m.mass(), M_want);
-    f_want << 0, k.params.m0 * g, 0, 0, 0, 0, 0, l1.p.m1 * g, 0, l1.p.m2 * g, 0, 0, 0, 0, 0, l2.p.m1 * g, 0, l2.p.m2 * g;
+    f_want << 0, k.params.m0 * g, 0, 0, 0, 0, 0, l1.p.m1 * g, 0, l1.p.m2 * g, 0, 0, 0, 0, 0, l2.p.m1 * g, 0,
+        l2.p.m2 * g;
     for (int j = 0; j < 2; ++j) {
       const auto& p = leg[static_cast<unsigned>(j)].p;
       const Vec2<S> r = rates.leg[j];

@@ -4,6 +4,9 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <vector>
+
 #include "tests/support/random_mechanism.hpp"
 
 namespace esmc::test {
@@ -26,7 +29,7 @@ TYPED_TEST(ReachingLaw, IsOddBoundedMonotoneAndZeroAtZero) {
       std::vector<S> points{Limits::denorm_min(), Limits::min(), layer, Limits::max(), Limits::infinity()};
       points.push_back(std::nextafter(layer, S(0)));
       points.push_back(std::nextafter(layer, Limits::infinity()));
-      for (int i = 0; i < 1000; ++i) points.push_back(static_cast<S>(std::pow(10.0, r.between(-12, 12))));
+      for (int i = 0; i < 1000; ++i) points.push_back(static_cast<S>(std::pow(10.0L, r.between(-12, 12))));
       std::sort(points.begin(), points.end());
       for (const S s : points) {
         const S up = switching(law, s, layer), down = switching(law, S(-s), layer);
@@ -44,14 +47,16 @@ TYPED_TEST(ReachingLaw, HasTheValuesOfItsDefinition) {
   using S = TypeParam;
   for (std::uint64_t seed = 0; seed < 20000; ++seed) {
     Random r(seed);
-    const S layer = static_cast<S>(std::pow(10.0, r.between(-4, 2))), s = static_cast<S>(Real(layer) * r.between(-3, 3));
+    const S layer = static_cast<S>(std::pow(10.0L, r.between(-4, 2))),
+            s = static_cast<S>(Real(layer) * r.between(-3, 3));
     EXPECT_EQ(switching(Reaching::sign, s, layer), S(s > 0) - S(s < 0));
     const Real z = Real(s) / Real(layer);
     for (const Reaching law : {Reaching::saturation, Reaching::implicit}) {
       const Real want = std::fmin(std::fmax(z, Real(-1)), Real(1));
       EXPECT_LE(std::fabs(Real(switching(law, s, layer)) - want), kEpsilon<S>) << "seed " << seed;
     }
-    EXPECT_LE(std::fabs(Real(switching(Reaching::tanh, s, layer)) - std::tanh(z)), 4 * kEpsilon<S>) << "seed " << seed;
+    EXPECT_LE(std::fabs(Real(switching(Reaching::tanh, s, layer)) - std::tanh(z)), 4 * kEpsilon<S>)
+        << "seed " << seed;
   }
   // Exactly one at the edge of the layer, exactly linear inside.
   EXPECT_EQ(switching(Reaching::saturation, S(0.5), S(0.5)), S(1));
@@ -74,8 +79,8 @@ TYPED_TEST(ReachingLaw, ImplicitLayerIsTheOneOfF39) {
   EXPECT_EQ(implicit_layer(S(8), S(0.25), S(2)), S(6));
 }
 
-/// A channel may have K = 0 (Gains: k >= 0). Its implicit layer is then 0, and at s = 0, where a mechanism at rest on
-/// its reference starts, K sw(s) must be 0 and not 0 * NaN.
+/// A channel may have K = 0 (Gains: k >= 0). Its implicit layer is then 0, and at s = 0, where a mechanism at
+/// rest on its reference starts, K sw(s) must be 0 and not 0 * NaN.
 TYPED_TEST(ReachingLaw, AChannelWithoutGainAsksForNothing) {
   using S = TypeParam;
   const S k = S(0), layer = implicit_layer(k, S(0.001), S(0));
@@ -88,7 +93,8 @@ TYPED_TEST(ReachingLaw, ImplicitReachesInTheStepsItPromisesAndStays) {
   using S = TypeParam;
   for (std::uint64_t seed = 0; seed < 2000; ++seed) {
     Random r(seed);
-    const S K = r.in<S>(1, 200), h = r.in<S>(1e-4, 1e-2), s0 = static_cast<S>(Real(K) * Real(h) * r.between(-60, 60));
+    const S K = r.in<S>(1, 200), h = r.in<S>(1e-4, 1e-2),
+            s0 = static_cast<S>(Real(K) * Real(h) * r.between(-60, 60));
     const Real ratio = std::fabs(Real(s0)) / (Real(K) * Real(h));
     const int steps = static_cast<int>(std::ceil(ratio));
     const S layer = implicit_layer(K, h, S(0));
@@ -99,7 +105,8 @@ TYPED_TEST(ReachingLaw, ImplicitReachesInTheStepsItPromisesAndStays) {
     for (int n = 0; n < steps; ++n) {
       EXPECT_GT(std::fabs(Real(s)), tiny) << "seed " << seed << ": too early, step " << n;
       s -= K * h * switching(Reaching::implicit, s, layer);
-      EXPECT_GE(Real(s) * Real(s0) >= 0 ? Real(0) : tiny - std::fabs(Real(s)), Real(0)) << "seed " << seed << ": overshoot";
+      EXPECT_GE(Real(s) * Real(s0) >= 0 ? Real(0) : tiny - std::fabs(Real(s)), Real(0))
+          << "seed " << seed << ": overshoot";
     }
     EXPECT_LE(std::fabs(Real(s)), tiny) << "seed " << seed << ": not reached in " << steps;
     for (int n = 0; n < 10; ++n) s -= K * h * switching(Reaching::implicit, s, layer);
@@ -107,8 +114,8 @@ TYPED_TEST(ReachingLaw, ImplicitReachesInTheStepsItPromisesAndStays) {
   }
 }
 
-/// Told its delay of d ticks, the linear zone does not ring: s[n+1] = s[n] - K h sw(s[n-d]) shrinks for d = 1, 2, 3,
-/// and untold it does not (the poles of z^(d+1) - z^d + 1 lie on or outside the unit circle).
+/// Told its delay of d ticks, the linear zone does not ring: s[n+1] = s[n] - K h sw(s[n-d]) shrinks for d =
+/// 1, 2, 3, and untold it does not (the poles of z^(d+1) - z^d + 1 lie on or outside the unit circle).
 TYPED_TEST(ReachingLaw, TheDelayMustBeTold) {
   using S = TypeParam;
   const S K = S(100), h = S(0.001);
@@ -118,7 +125,8 @@ TYPED_TEST(ReachingLaw, TheDelayMustBeTold) {
       std::array<S, 4> past{};  // past[0] newest
       past.fill(S(0.05) * layer);
       for (int n = 0; n < 200; ++n) {
-        const S next = past[0] - K * h * switching(Reaching::implicit, past[static_cast<unsigned>(delay)], layer);
+        const S next =
+            past[0] - K * h * switching(Reaching::implicit, past[static_cast<unsigned>(delay)], layer);
         past = {next, past[0], past[1], past[2]};
       }
       const Real left = std::fabs(Real(past[0])) + std::fabs(Real(past[1])) + std::fabs(Real(past[2]));
@@ -131,12 +139,14 @@ TYPED_TEST(ReachingLaw, TheDelayMustBeTold) {
   }
 }
 
-/// [F38]: 0 <= |s| - s sat(s / eps) <= eps / 4, the same with tanh and 0.2785 eps; both constants are attained.
+/// [F38]: 0 <= |s| - s sat(s / eps) <= eps / 4, the same with tanh and 0.2785 eps; both constants are
+/// attained.
 TYPED_TEST(ReachingLaw, CostsNoMoreThanTheConstantsOfF38) {
   using S = TypeParam;
   for (const S layer : {S(0.01), S(1), S(30)}) {
-    for (const auto& [law, constant] : {std::pair{Reaching::saturation, 0.25L}, std::pair{Reaching::implicit, 0.25L},
-                                        std::pair{Reaching::tanh, 0.2785L}}) {
+    for (const auto& [law, constant] :
+         {std::pair{Reaching::saturation, 0.25L}, std::pair{Reaching::implicit, 0.25L},
+          std::pair{Reaching::tanh, 0.2785L}}) {
       Real most = 0, least = 1;
       for (int i = -5000; i <= 5000; ++i) {
         const S s = static_cast<S>(Real(layer) * i / 1000);

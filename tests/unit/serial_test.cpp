@@ -1,8 +1,9 @@
-// The serial algorithm on chains that no product of this project uses: prismatic joints, plates, one to four bodies.
-// Oracle: positions of the same chain, differentiated (tests/support/lagrange.hpp).
+// The serial algorithm on chains that no product of this project uses: prismatic joints, plates, one to four
+// bodies. Oracle: positions of the same chain, differentiated (tests/support/lagrange.hpp).
 //
-// Bounds: a pass along the chain adds at most a dozen products per entry, all of the size of the largest entry or
-// smaller: some ten epsilon relative to it. What is solved with the inertia matrix loses its condition number as well.
+// Bounds: a pass along the chain adds at most a dozen products per entry, all of the size of the largest
+// entry or smaller: some ten epsilon relative to it. What is solved with the inertia matrix loses its
+// condition number as well.
 
 #include <gtest/gtest.h>
 
@@ -35,11 +36,17 @@ struct Twin {
     List<Body<S>, joints> body{};
     for (std::size_t i = 0; i < n; ++i) {
       Body<S>& b = body[static_cast<int>(i)];
-      b = {r.in<S>(0.1, 0.5), r.in<S>(-0.2, 0.5), r.in<S>(-0.3, 0.3), r.in<S>(0.1, 1.0),
-           r.in<S>(0.002, 0.02), r.in<S>(0, 0.1), r.chance(0.5) ? S(0) : r.in<S>(0, 0.1)};
+      b = {r.in<S>(0.1, 0.5),
+           r.in<S>(-0.2, 0.5),
+           r.in<S>(-0.3, 0.3),
+           r.in<S>(0.1, 1.0),
+           r.in<S>(0.002, 0.02),
+           r.in<S>(0, 0.1),
+           r.chance(0.5) ? S(0) : r.in<S>(0, 0.1)};
       // Shape::bar must ignore centre_across.
-      oracle.bar[i] = {Real(b.length), Real(b.centre), plate[i] ? Real(b.centre_across) : 0, Real(b.mass),
-                       Real(b.inertia), Real(b.viscous), Real(b.coulomb)};
+      oracle.bar[i] = {Real(b.length), Real(b.centre),  plate[i] ? Real(b.centre_across) : 0,
+                       Real(b.mass),   Real(b.inertia), Real(b.viscous),
+                       Real(b.coulomb)};
     }
     const S gravity = r.chance(0.3) ? S(0) : r.in<S>(1, 10);
     oracle.gravity = Real(gravity);
@@ -59,28 +66,31 @@ class SerialChain : public testing::Test {};
 struct ChainName {
   template <class T>
   static std::string GetName(int i) {
-    constexpr std::array names{"R", "P", "RP", "PR", "RR_plates", "PP", "RRR", "RPR_plates", "PRP_plate", "RPPR_plates",
-                               "RPR_plates_float", "PR_float", "RRR_float"};
+    constexpr std::array names{
+        "R",        "P",          "RP",        "PR",          "RR_plates",        "PP",
+        "RRR",      "RPR_plates", "PRP_plate", "RPPR_plates", "RPR_plates_float", "PR_float",
+        "RRR_float"};
     return names[static_cast<unsigned>(i)];
   }
 };
 using Chains = testing::Types<Twin<double, R>, Twin<double, P>, Twin<double, R, P>, Twin<double, P, R>,
-                              Twin<double, Rp, Rp>, Twin<double, P, P>, Twin<double, R, R, R>, Twin<double, Rp, Pp, Rp>,
-                              Twin<double, P, R, Pp>, Twin<double, Rp, Pp, P, Rp>, Twin<float, Rp, Pp, Rp>,
-                              Twin<float, P, R>, Twin<float, R, R, R>>;
+                              Twin<double, Rp, Rp>, Twin<double, P, P>, Twin<double, R, R, R>,
+                              Twin<double, Rp, Pp, Rp>, Twin<double, P, R, Pp>, Twin<double, Rp, Pp, P, Rp>,
+                              Twin<float, Rp, Pp, Rp>, Twin<float, P, R>, Twin<float, R, R, R>>;
 TYPED_TEST_SUITE(SerialChain, Chains, ChainName);
 
 TYPED_TEST(SerialChain, RatesBiasAndTransposeAreDerivatives) {
   using S = typename TypeParam::S;
   constexpr std::size_t n = TypeParam::n;
   constexpr int N = TypeParam::joints, K = 4 * N;
-  Accuracy rates("rates"), bias("bias"), mixed("bias_mixed"), transposed("transposed"), tip("tip"), tip_rate("tip_rate"),
-      tip_bias("tip_bias"), centres("centres"), error("error");
+  Accuracy rates("rates"), bias("bias"), mixed("bias_mixed"), transposed("transposed"), tip("tip"),
+      tip_rate("tip_rate"), tip_bias("tip_bias"), centres("centres"), error("error");
   for (std::uint64_t seed = 0; seed < kCases; ++seed) {
     Random r(seed);
     const TypeParam t(r);
     const auto& m = t.chain;
-    const Vec<S, N> q = r.vector<S, N>(2), a = r.vector<S, N>(5), b = r.vector<S, N>(5), to = r.vector<S, N>(2);
+    const Vec<S, N> q = r.vector<S, N>(2), a = r.vector<S, N>(5), b = r.vector<S, N>(5),
+                    to = r.vector<S, N>(2);
     const auto pose = m.pose(q);
     const Row<n> qo = row<n>(q), ao = row<n>(a), bo = row<n>(b);
     rates.compare(seed, m.rates(pose, a), eigen(channel_rates(t.oracle, qo, ao)));
@@ -89,8 +99,10 @@ TYPED_TEST(SerialChain, RatesBiasAndTransposeAreDerivatives) {
     const Vec<S, N> sum = a + b, difference = a - b;
     // Symmetric to the last bit is not promised; equal to its polarisation within rounding is.
     mixed.compare(seed, m.bias(pose, b, a), m.bias(pose, a, b), 1);
-    mixed.compare(seed, ((m.bias(pose, sum, sum) - m.bias(pose, difference, difference)) / S(4)).eval(), m.bias(pose, a, b), 10);
-    mixed.compare(seed, m.bias(pose, (a * S(2) + to).eval(), b), (m.bias(pose, a, b) * S(2) + m.bias(pose, to, b)).eval(), 10);
+    mixed.compare(seed, ((m.bias(pose, sum, sum) - m.bias(pose, difference, difference)) / S(4)).eval(),
+                  m.bias(pose, a, b), 10);
+    mixed.compare(seed, m.bias(pose, (a * S(2) + to).eval(), b),
+                  (m.bias(pose, a, b) * S(2) + m.bias(pose, to, b)).eval(), 10);
     // C^T by the oracle's columns.
     const Vec<S, K> w = r.vector<S, K>(3);
     Vec<Real, N> want;
@@ -120,8 +132,9 @@ TYPED_TEST(SerialChain, RatesBiasAndTransposeAreDerivatives) {
       if (i >= 2 * N) centres.take(seed, std::fabs(Real(g[(i - 2 * N) / 2][i % 2]) - here[k]));
     }
   }
-  const double eps = kEpsilon<S>;
-  for (const Accuracy* x : {&rates, &bias, &mixed, &transposed, &tip, &tip_rate, &tip_bias, &centres, &error}) {
+  const Real eps = kEpsilon<S>;
+  for (const Accuracy* x :
+       {&rates, &bias, &mixed, &transposed, &tip, &tip_rate, &tip_bias, &centres, &error}) {
     x->expect_below(30 * eps);
   }
 }
@@ -143,7 +156,8 @@ TYPED_TEST(SerialChain, ReducedDynamicsIsLagrange) {
     Mat<S, N, N> got;
     Vec<Real, N> rest;
     for (int i = 0; i < N; ++i) {
-      got.col(i) = m.transposed(pose, (m.mass().array() * m.rates(pose, Vec<S, N>::Unit(i)).array()).matrix());
+      got.col(i) =
+          m.transposed(pose, (m.mass().array() * m.rates(pose, Vec<S, N>::Unit(i)).array()).matrix());
       const auto k = static_cast<unsigned>(i);
       for (int j = 0; j < N; ++j) want(i, j) = eq.mass[k][static_cast<unsigned>(j)];
       rest[i] = eq.rest[k] + resist(t.oracle.bar[k], Real(qd[i]));
@@ -151,8 +165,10 @@ TYPED_TEST(SerialChain, ReducedDynamicsIsLagrange) {
     H.compare(seed, got, want);
     h.compare(seed, m.transposed(pose, m.force(m.bias(pose, qd, qd), qd)), rest, 10);
     const Row<n> qdd = t.oracle.accelerate(row<n>(q), row<n>(qd), row<n>(tau));
-    const Vec<S, 4 * N> pdot = eigen(channel_accelerations(t.oracle, row<n>(q), row<n>(qd), row<n>(qd), qdd)).template cast<S>();
-    inverse.compare(seed, m.transposed(pose, m.force(pdot, qd)), tau, pdot.template cast<Real>().cwiseAbs().maxCoeff());
+    const Vec<S, 4 * N> pdot =
+        eigen(channel_accelerations(t.oracle, row<n>(q), row<n>(qd), row<n>(qd), qdd)).template cast<S>();
+    inverse.compare(seed, m.transposed(pose, m.force(pdot, qd)), tau,
+                    pdot.template cast<Real>().cwiseAbs().maxCoeff());
   }
   for (const Accuracy* x : {&H, &h, &inverse}) x->expect_below(50 * kEpsilon<S>);
 }
@@ -167,7 +183,8 @@ TEST(SerialChainByHand, CartAndPendulum) {
   const auto pose = t.chain.pose(Vec<double, 2>(0.4, angle));
   const Vec<double, 8> c = t.chain.bias(pose, Vec<double, 2>(0.9, rate), Vec<double, 2>(0.9, rate));
   Vec<double, 8> want;
-  want << 0, 0, 0, 0, 0, 0, -arm.centre * std::cos(angle) * rate * rate, -arm.centre * std::sin(angle) * rate * rate;
+  want << 0, 0, 0, 0, 0, 0, -arm.centre * std::cos(angle) * rate * rate,
+      -arm.centre * std::sin(angle) * rate * rate;
   EXPECT_LE(static_cast<double>(Accuracy::relative(c, want)), 1e-15);
   EXPECT_DOUBLE_EQ(t.chain.tip(pose).x(), 0.4 + cart.length + arm.length * std::cos(angle));
 }
@@ -184,7 +201,7 @@ TYPED_TEST(DyadTip, InverseAndForceAreInverseAndAdjoint) {
     auto c = random_rr<S>(seed);
     Random r(~seed);
     if (close) {  // sin theta_2 from 0.1 to 1e-6, straight and folded; theta_2 itself is exact
-      const S d = static_cast<S>(std::pow(10.0, r.between(-6, -1)) * r.sign());
+      const S d = static_cast<S>(std::pow(10.0L, r.between(-6, -1)) * r.sign());
       c.theta[1] = r.chance(0.5) ? d : static_cast<S>(std::numbers::pi_v<S> - d);
       c.q[1] = Real(c.theta[1]);
     }
@@ -199,16 +216,19 @@ TYPED_TEST(DyadTip, InverseAndForceAreInverseAndAdjoint) {
     Ji << j1[1].d, -j1[0].d, -j0[1].d, j0[0].d;
     Ji /= det;
     const Vec2<S> got = m.tip_inverse(pose, v), gathered = m.tip_force(pose, tau);
-    // Relative to what a general v or tau would give: the one drawn may lie along a bar, or the bars carry nothing.
-    const Real gain = 1 / (std::fabs(std::sin(c.q[1])) * std::fmin(c.oracle.bar[0].length, c.oracle.bar[1].length));
+    // Relative to what a general v or tau would give: the one drawn may lie along a bar, or the bars carry
+    // nothing.
+    const Real gain =
+        1 / (std::fabs(std::sin(c.q[1])) * std::fmin(c.oracle.bar[0].length, c.oracle.bar[1].length));
     (close ? near : inverse).compare(seed, got, (Ji * v.template cast<Real>()).eval(), gain);
     (close ? near : force).compare(seed, gathered, (Ji.transpose() * tau.template cast<Real>()).eval(), gain);
     if (!close) identity.compare(seed, m.tip_rate(pose, got), v);
     const Real power = Real(tau[0]) * Real(got[0]) + Real(tau[1]) * Real(got[1]);
     const Real size = std::fabs(Real(tau[0]) * Real(got[0])) + std::fabs(Real(tau[1]) * Real(got[1]));
-    adjoint.take(seed, std::fabs(Real(gathered[0]) * Real(v[0]) + Real(gathered[1]) * Real(v[1]) - power) / size);
+    adjoint.take(seed,
+                 std::fabs(Real(gathered[0]) * Real(v[0]) + Real(gathered[1]) * Real(v[1]) - power) / size);
   }
-  const double eps = kEpsilon<S>;
+  const Real eps = kEpsilon<S>;
   for (const Accuracy* x : {&inverse, &force, &near}) x->expect_below(10 * eps);
   identity.expect_below(50 * eps);
   adjoint.expect_below(200 * eps);  // of the power, which may cancel

@@ -1,0 +1,99 @@
+/// Frames that are not ours, broken, or too many; frames that cannot be sent.
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstdint>
+
+#include "tests/support/cycle_rig.hpp"
+
+namespace {
+
+using namespace esmc;
+using hal::SendStatus;
+using test::Rig;
+
+template <class M>
+class CycleFrames : public testing::Test {};
+using Machines = testing::Types<FiveBar<double>, Rr<float>>;
+TYPED_TEST_SUITE(CycleFrames, Machines);
+
+TYPED_TEST(CycleFrames, EveryWrongLengthAndFormatOfOurFramesIsAFault) {
+  for (const std::size_t axis : {0U, 1U}) {
+    for (const unsigned command : {test::cmd_heartbeat, test::cmd_encoder}) {
+      for (unsigned size = 0; size <= 9; ++size) {
+        if (size == 8) continue;
+        const unsigned length = size == 9 ? 8 : size;  // 9: the right length in the FD format
+        Rig<TypeParam> rig;
+        ASSERT_TRUE(rig.start());
+        hal::CanFrame f = test::message(rig.node(axis), command, 8, 8, static_cast<std::uint8_t>(length));
+        f.fd = size == 9;
+        rig.bus.push(f);
+        EXPECT_EQ(rig.tick().fault, Fault::malformed_frame) << axis << ' ' << command << ' ' << size;
+        EXPECT_TRUE(rig.all_zero());
+        EXPECT_EQ(rig.cycle.counters().malformed, 1U);
+      }
+    }
+  }
+}
+
+TYPED_TEST(CycleFrames, FramesOfOthersAreCountedAndChangeNothing) {
+  Rig<TypeParam> rig;
+  ASSERT_TRUE(rig.start());
+  const auto before = rig.cycle.counters();
+  std::uint32_t others = 0, ticks = 0;
+  const auto sample = rig.cycle.sample();
+  for (std::uint32_t id = 0; id <= 0x7FF; ++id) {
+    const unsigned command = id % 32;
+    bool ours = false;
+    for (std::size_t i = 0; i < 2; ++i) ours = ours || id / 32 == rig.node(i);
+    if (ours && (command == test::cmd_heartbeat || command == test::cmd_encoder)) continue;
+    for (const bool extended : {false, true}) {
+      hal::CanFrame f = test::message(0, 0, 0x7FC00000, 0x7FC00000, static_cast<std::uint8_t>(id % 9));
+      f.id = id;
+      f.extended = extended;
+      rig.bus.push(f);
+      ++others;
+    }
+    if (rig.bus.waiting() < 100) continue;
+    ASSERT_EQ(rig.tick().state, State::running) << std::hex << id;
+    ++ticks;
+  }
+  EXPECT_EQ(rig.tick().state, State::running);
+  ++ticks;
+  EXPECT_EQ(rig.cycle.counters().not_mine - before.not_mine, others);
+  EXPECT_EQ(rig.cycle.counters().received - before.received, 4 * ticks);
+  EXPECT_EQ(rig.cycle.counters().malformed, 0U);
+  EXPECT_EQ(rig.cycle.sample().angle, sample.angle);
+}
+
+TYPED_TEST(CycleFrames, AFullQueueIsCountedAndNoFault) {
+  Rig<TypeParam> rig;
+  ASSERT_TRUE(rig.start());
+  const auto before = rig.cycle.counters();
+  rig.bus.answer(SendStatus::bus_full, 1);
+  EXPECT_EQ(rig.tick().state, State::running);
+  EXPECT_EQ(rig.tick().state, State::running);
+  rig.bus.answer(SendStatus::ok);
+  EXPECT_EQ(rig.tick().state, State::running);
+  EXPECT_EQ(rig.cycle.counters().send_failed - before.send_failed, 3U) << "second frame, then both";
+  EXPECT_EQ(rig.cycle.counters().sent - before.sent, 3U);
+}
+
+/// More frames per tick than the cycle reads: what it does read grows old without its age saying so. Old samples
+/// must not pass for new ones for ever.
+TYPED_TEST(CycleFrames, AFloodDoesNotMakeOldSamplesLookNew) {
+  Rig<TypeParam> rig;
+  ASSERT_TRUE(rig.start());
+  int behind = 0;
+  for (int i = 0; i < 20 && rig.cycle.supervisor().running(); ++i) {
+    for (int n = 0; n < 290; ++n) rig.bus.push(test::message(2, 0, 0, 0, 0));
+    rig.angle[0] += 1e-4;
+    rig.tick();
+    const double seen = static_cast<double>(rig.cycle.sample().angle[0]);
+    if (rig.cycle.supervisor().running()) behind = static_cast<int>(std::lround((rig.angle[0] - seen) / 1e-4));
+  }
+  EXPECT_LE(behind, 2) << "ticks between what is controlled and what is";
+}
+
+}  // namespace
