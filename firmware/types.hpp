@@ -2,6 +2,7 @@
 /// Fixed-size vectors and matrices of the whole project. Nothing here or below allocates.
 
 #include <Eigen/Core>
+#include <array>
 #include <utility>
 
 namespace esmc {
@@ -18,7 +19,7 @@ using Vec2 = Vec<S, 2>;
 /// std::array indexed by int, so that loops over joints and legs need no casts.
 template <class T, int N>
 struct List {
-  T items[static_cast<unsigned>(N)];  // NOLINT(cppcoreguidelines-avoid-c-arrays): this is the array type
+  std::array<T, static_cast<std::size_t>(N)> items;
   constexpr T& operator[](int i) { return items[static_cast<unsigned>(i)]; }
   constexpr const T& operator[](int i) const { return items[static_cast<unsigned>(i)]; }
 };

@@ -12,7 +12,8 @@ constexpr std::size_t flush_bytes = 1U << 16U;
 }  // namespace
 
 Log::Log(const std::string& path, std::vector<std::string> columns, std::size_t rows)
-    : columns_(std::move(columns)), stride_(rows / report_rows + 1) {
+    : columns_(std::move(columns)), stride_((rows + report_rows - 1) / report_rows) {
+  if (stride_ == 0) stride_ = 1;
   if (path.empty()) return;
   file_ = std::fopen(path.c_str(), "wb");
   if (file_ == nullptr) throw InputError("", path + ": cannot be written");

@@ -1,5 +1,7 @@
 #include "host_sim/plant/plant.hpp"
 
+#include <cstddef>
+
 namespace esmc::host {
 
 /// The closure Jacobian A = [a0 a1 a2 a3] (2 x 4, tip 1 minus tip 2), Z = M^-1 A^T by legs, and (A Z)^-1.
@@ -12,19 +14,19 @@ struct FiveBarPlant::Frame {
   [[nodiscard]] V2 multiplier(V2 r) const { return {inv_xx * r.x + inv_xy * r.y, inv_xy * r.x + inv_yy * r.y}; }
   [[nodiscard]] V2 times_a(const Angles& v) const {
     V2 out;
-    for (unsigned i = 0; i < 4; ++i) out = out + v[i] * a[i];
+    for (std::size_t i = 0; i < 4; ++i) out = out + v[i] * a[i];
     return out;
   }
   void subtract(Angles& v, V2 lambda) const {
-    for (unsigned i = 0; i < 4; ++i) v[i] -= z[i].x * lambda.x + z[i].y * lambda.y;
+    for (std::size_t i = 0; i < 4; ++i) v[i] -= z[i].x * lambda.x + z[i].y * lambda.y;
   }
 };
 
 FiveBarPlant::Frame FiveBarPlant::frame(const State& s) const {
   Frame f{};
   double xx = 0.0, xy = 0.0, yy = 0.0;
-  for (unsigned j = 0; j < 2; ++j) {
-    const unsigned i = 2 * j;
+  for (std::size_t j = 0; j < 2; ++j) {
+    const std::size_t i = 2 * j;
     f.t[j] = leg_[j].terms(s.angle[i], s.angle[i + 1], s.rate[i], s.rate[i + 1]);
     const double sign = j == 0 ? 1.0 : -1.0;
     f.a[i] = sign * leg_[j].column1(f.t[j]);
@@ -47,7 +49,7 @@ FiveBarPlant::Frame FiveBarPlant::frame(const State& s) const {
 FiveBarPlant::Angles FiveBarPlant::acceleration(const State& s, const Joints& torque) const {
   Frame f = frame(s);
   Angles a{};
-  for (unsigned j = 0; j < 2; ++j) {
+  for (std::size_t j = 0; j < 2; ++j) {
     leg_[j].add_torque(f.t[j], torque[2 * j], torque[2 * j + 1]);
     const V2 free = leg_[j].solve(f.t[j], f.t[j].q1, f.t[j].q2);
     a[2 * j] = free.x;
@@ -82,7 +84,7 @@ double FiveBarPlant::closure(const State& s) const {
 
 FiveBarPlant::Output FiveBarPlant::output(const State& s) const {
   std::array<V2, 2> tip, rate;
-  for (unsigned j = 0; j < 2; ++j) {
+  for (std::size_t j = 0; j < 2; ++j) {
     const auto t = leg_[j].terms(s.angle[2 * j], s.angle[2 * j + 1], 0, 0);
     tip[j] = leg_[j].tip(t);
     rate[j] = s.rate[2 * j] * leg_[j].column1(t) + s.rate[2 * j + 1] * leg_[j].column2(t);
@@ -94,7 +96,7 @@ FiveBarPlant::Output FiveBarPlant::output(const State& s) const {
 
 double FiveBarPlant::kinetic_energy(const State& s) const {
   double e = 0.0;
-  for (unsigned j = 0; j < 2; ++j) {
+  for (std::size_t j = 0; j < 2; ++j) {
     const auto t = leg_[j].terms(s.angle[2 * j], s.angle[2 * j + 1], 0, 0);
     e += leg_[j].kinetic(t, s.rate[2 * j], s.rate[2 * j + 1]);
   }
@@ -103,7 +105,7 @@ double FiveBarPlant::kinetic_energy(const State& s) const {
 
 double FiveBarPlant::potential_energy(const State& s) const {
   double e = 0.0;
-  for (unsigned j = 0; j < 2; ++j) e += leg_[j].potential(leg_[j].terms(s.angle[2 * j], s.angle[2 * j + 1], 0, 0));
+  for (std::size_t j = 0; j < 2; ++j) e += leg_[j].potential(leg_[j].terms(s.angle[2 * j], s.angle[2 * j + 1], 0, 0));
   return e;
 }
 

@@ -21,7 +21,7 @@ void merge(toml::table& into, toml::table&& from) {
     if (existing != nullptr && node.is_table()) {
       merge(*existing, std::move(*node.as_table()));
     } else {
-      node.visit([&](auto&& value) { into.insert_or_assign(key, std::move(value)); });
+      node.visit([&](auto& value) { into.insert_or_assign(key, std::move(value)); });
     }
   }
 }
@@ -136,7 +136,7 @@ std::optional<std::string> Section::optional_text(const std::string& key) {
   const toml::node* node = find(key, false);
   if (node == nullptr) return std::nullopt;
   const Key& k = spec(key);
-  const auto value = node->is_string() ? node->value<std::string>() : std::nullopt;
+  auto value = node->is_string() ? node->value<std::string>() : std::nullopt;
   if (!value) wrong(*node, key);
   const std::string padded = fmt::format(" | {} | ", k.choices);
   if (!k.choices.empty() && (value->empty() || padded.find(" | " + *value + " | ") == std::string::npos)) {

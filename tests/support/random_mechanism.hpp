@@ -241,8 +241,8 @@ template <class S>
 bool draw_state(Random& r, const Wanted& w, FiveBarCase<S>& c) {
   FiveBarModel& m = c.oracle;
   const std::size_t free = r.chance(0.5) ? 0 : 1, fitted = 1 - free;
-  const std::array<Real, 2> bend{Real(c.mode.working[0]),
-                                 -Real(c.mode.working[1])};  // of sin(distal - proximal) in N
+  // Sign of sin(distal - proximal) in N, where leg 2 is not mirrored.
+  const std::array<Real, 2> bend{Real(c.mode.working[0]), -Real(c.mode.working[1])};
   const std::array<Real, 2> base{m.half_base, -m.half_base};
   const Real l1 = m.bar[2 * free].length, l2 = m.bar[2 * free + 1].length;
   Real turn = w.sin1 ? std::asin(Real(*w.sin1)) : std::asin(r.between(w.min_sin1, 1));
@@ -254,10 +254,10 @@ bool draw_state(Random& r, const Wanted& w, FiveBarCase<S>& c) {
                                 l1 * std::sin(a) + l2 * std::sin(b)};
   c.q[0] = tip[0];
   c.q[1] = tip[1];
-  if (w.sin2) {  // the distal bars nearly in line; the proximal bar of the fitted leg gets the length that
-                 // closes
-    Real angle =
-        (fitted == 1 ? Real(1) : Real(-1)) * c.mode.assembly * std::asin(Real(*w.sin2));  // D2 = sin(b2 - a2)
+  if (w.sin2) {  // distal bars nearly in line: the fitted leg's proximal bar gets the length that closes the
+                 // loop
+    const Real sign = fitted == 1 ? Real(1) : Real(-1);  // D2 = sin(distal of leg 2 - distal of leg 1)
+    Real angle = sign * Real(c.mode.assembly) * std::asin(Real(*w.sin2));
     if (r.chance(0.5)) angle = kPi - angle;
     const Real other = b + angle, length = m.bar[2 * fitted + 1].length;
     const Real ex = tip[0] - length * std::cos(other) - base[fitted], ey = tip[1] - length * std::sin(other);

@@ -285,5 +285,50 @@ TYPED_TEST(Dynamics, RrArmIsLagrange) {
   for (const Accuracy* a : {&h, &forward, &inverse}) a->expect_below(500 * kEpsilon<S>);
 }
 
+/// check() accepts every legal mechanism drawn here and refuses each single defect, NaN and infinity among
+/// them.
+TYPED_TEST(Dynamics, ParametersAreCheckedOneByOne) {
+  using S = TypeParam;
+  using L = LegParams<S>;
+  using Limits = std::numeric_limits<S>;
+  for (std::uint64_t seed = 0; seed < kCases; ++seed) {
+    Random r(seed);
+    const FiveBarParams<S> good = random_five_bar_params<S>(r);
+    ASSERT_EQ(check(good), ParamError::none) << "seed " << seed;
+    ASSERT_EQ(check(RrParams<S>{good.legs[0], good.g}), ParamError::none) << "seed " << seed;
+    const auto refused = [&](S L::*field, S value, ParamError why) {
+      for (const unsigned leg : {0U, 1U}) {
+        auto bad = good;
+        bad.legs[leg].*field = value;
+        EXPECT_EQ(check(bad), why) << "seed " << seed << " leg " << leg << " value " << value;
+        EXPECT_EQ(check(RrParams<S>{bad.legs[leg], good.g}), why) << "seed " << seed << " value " << value;
+      }
+    };
+    for (const S v : {Limits::quiet_NaN(), Limits::infinity(), -Limits::infinity(), Limits::max()}) {
+      for (const auto field : {&L::l1, &L::l2}) refused(field, v, ParamError::link_length);
+      for (const auto field : {&L::m1, &L::m2}) refused(field, v, ParamError::mass);
+      for (const auto field : {&L::J1, &L::J2}) refused(field, v, ParamError::inertia);
+      for (const auto field : {&L::lg1, &L::lg2}) refused(field, v, ParamError::mass_centre);
+      for (const auto field : {&L::d1, &L::d2, &L::gamma1, &L::gamma2})
+        refused(field, v, ParamError::friction);
+      auto bad = good;
+      bad.l0 = v;
+      EXPECT_EQ(check(bad), ParamError::link_length);
+      bad = good;
+      bad.m0 = v;
+      EXPECT_EQ(check(bad), ParamError::mass);
+      bad = good;
+      bad.g = v;
+      EXPECT_EQ(check(bad), ParamError::gravity);
+    }
+    for (const S v : {S(0), S(-0.1)}) refused(&L::l1, v, ParamError::link_length);
+    for (const auto field : {&L::m1, &L::m2}) refused(field, S(-1e-6), ParamError::mass);
+    for (const auto field : {&L::J1, &L::J2}) refused(field, S(-1e-6), ParamError::inertia);
+    auto weightless = good;  // an outer bar that nothing keeps from turning
+    weightless.legs[1].m2 = weightless.legs[1].J2 = S(0);
+    EXPECT_EQ(check(weightless), ParamError::no_inertia);
+  }
+}
+
 }  // namespace
 }  // namespace esmc::test
