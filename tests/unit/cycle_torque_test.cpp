@@ -70,7 +70,8 @@ Tracking<Five> tracking(const ControllerConfig<Five>& c, const Sample<Five>& s, 
     t.rates = m.base_rates(t.pose, {s.rate[0], s.rate[2]});
   } else {
     t.pose = m.pose(q);
-    t.rates.leg = {{{s.rate[0], s.rate[1]}, {s.rate[2], s.rate[3]}}};
+    t.rates.leg[0] = {s.rate[0], s.rate[1]};
+    t.rates.leg[1] = {s.rate[2], s.rate[3]};
     const auto v1 = m.frame(0).from_leg(m.leg(0).tip_rate(t.pose.leg[0], t.rates.leg[0]));
     const auto v2 = m.frame(1).from_leg(m.leg(1).tip_rate(t.pose.leg[1], t.rates.leg[1]));
     t.rates.platform = Vec2<double>(v1 * 0.5 + v2 * 0.5);
