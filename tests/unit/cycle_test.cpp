@@ -121,6 +121,30 @@ TYPED_TEST(ControlCycle, EnablingWaitsForADriveWithErrorsAndAsksAgain) {
   EXPECT_TRUE(rig.until(State::running, 3));
 }
 
+/// Somebody presses the emergency stop while the axes are being enabled: clearing that error and asking again, as
+/// is right for what was left over from before, would take the stop back.
+TYPED_TEST(ControlCycle, AnEmergencyStopWhileEnablingIsNotClearedAway) {
+  for (const auto& [version, estop] : {std::pair{drive::odrive::Version::v0_6, 0x02000000U},
+                                       std::pair{drive::odrive::Version::v0_5_6, 0x00004000U}}) {
+    Setup<TypeParam> s = setup<TypeParam>();
+    s.version = version;
+    s.retry_ticks = 5;
+    Rig<TypeParam> rig(s);
+    rig.tick(Command::enable);
+    rig.obedient = false;
+    rig.tick();  // one clean heartbeat in closed loop
+    rig.state.fill(1);
+    rig.error[1] = estop;
+    rig.tick();
+    int again = 0;
+    for (int i = 0; i < 30; ++i) {
+      rig.tick();
+      again += rig.count(1, test::cmd_clear_errors) + (rig.asked(1, 8) ? 1 : 0);
+    }
+    EXPECT_EQ(again, 0) << "state " << name(rig.cycle.supervisor().state());
+  }
+}
+
 TYPED_TEST(ControlCycle, StoppingAsksForIdleUntilEveryAxisSaysSo) {
   Rig<TypeParam> rig;
   ASSERT_TRUE(rig.start());

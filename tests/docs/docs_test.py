@@ -1,0 +1,229 @@
+#!/usr/bin/python3
+"""The documentation against the program it describes. Python's standard library only.
+
+usage: docs_test.py ESMC [BUILD_DIR]    BUILD_DIR: also installs it and builds the README's example against it
+       docs_test.py ESMC --update       writes the key table into docs/scenes.md
+       docs_test.py --self-test         seeds an error of each kind into a copy and expects it to be found
+
+Checked: the key table of docs/scenes.md; every relative link and heading that is linked to; every fault named in
+docs/safety.md; every column and summary key in docs/output.md; every line `build/host/esmc ...` of a ```sh block ends
+with 0; every ```console block prints what it shows (numbers within 2 %). Lines with `socketcan` need a CAN interface
+and are not run. Blocks of one page run in their order, in a scratch folder."""
+import csv
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+PROGRAM = "build/host/esmc"
+BEGIN, END = "<!-- keys -->\n", "<!-- /keys -->"
+FENCE = re.compile(r"^```(\w*)[^\n]*\n(.*?)^```$", re.M | re.S)
+NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
+
+
+def pages(root):
+    return [p for name in ("README.md", "CHANGELOG.md", "CONTRIBUTING.md") if (p := root / name).is_file()] + \
+        sorted((root / "docs").rglob("*.md"))
+
+
+def key_table(root, esmc):
+    page = root / "docs/scenes.md"
+    text = page.read_text(encoding="utf-8")
+    if text.count(BEGIN) != 1 or text.count(END) != 1:
+        yield "docs/scenes.md: the markers of the key table are gone"
+        return
+    want = subprocess.run([esmc, "keys"], capture_output=True, text=True, check=True).stdout
+    before, rest = text.split(BEGIN)
+    table, after = rest.split(END)
+    if "--update" in sys.argv:
+        page.write_text(before + BEGIN + want + END + after, encoding="utf-8")
+    elif table != want:
+        have = table.splitlines()
+        line = next((new for new in want.splitlines() if new not in have), "the order of the lines")
+        yield f"docs/scenes.md: the key table is not what `esmc keys` prints ({line}); docs_test.py ESMC --update"
+
+
+def anchors(page):
+    text = FENCE.sub("", page.read_text(encoding="utf-8"))
+    for heading in re.findall(r"^#+ +(.+)$", text, re.M):
+        yield re.sub(r"[^\w\- ]", "", heading.strip().lower()).replace(" ", "-")
+
+
+def links(root):
+    for page in pages(root):
+        text = FENCE.sub("", page.read_text(encoding="utf-8"))
+        for target in re.findall(r"\]\(([^)\s]+)\)", text) + re.findall(r'(?:src|href)="([^"]+)"', text):
+            if re.match(r"[a-z]+:", target):
+                continue
+            file, _, anchor = target.partition("#")
+            other = (page.parent / file).resolve() if file else page
+            if not other.exists():
+                yield f"{page.relative_to(root)}: link to {target}: there is no such file"
+            elif anchor and anchor not in anchors(other):
+                yield f"{page.relative_to(root)}: link to {target}: there is no such heading"
+
+
+def faults(root):
+    enum = re.search(r"enum class.*?Fault[^{]*\{(.*?)\};", (root / "firmware/safety/faults.hpp").read_text(encoding="utf-8"), re.S)
+    names = re.findall(r"^\s*(\w+),", enum[1], re.M) if enum else []
+    if len(names) < 2:
+        yield "firmware/safety/faults.hpp: the list of faults cannot be read"
+    text = (root / "docs/safety.md").read_text(encoding="utf-8")
+    for name in names:
+        if name != "none" and f"| `{name}` |" not in text:
+            yield f"docs/safety.md: no row for the fault {name}"
+
+
+def output_files(root, esmc):
+    """Names in docs/output.md may stand in short: `tau11` for `tau11_cmd` is not enough, `<joint>_rate` is."""
+    text = (root / "docs/output.md").read_text(encoding="utf-8")
+    named = set(re.findall(r"`([^`\n]+)`", text))
+    short = re.compile(r"(s_)?(theta[12]{1,2}|tau[12]{1,2}|x|y|(phi|Xg|Yg)[12]{1,2})(_\w+)?")
+    kinds = {"theta": "<joint>", "tau": "<motor>"}
+    with tempfile.TemporaryDirectory() as folder:
+        for scene in ("five_bar_circle", "rr_line"):
+            run = subprocess.run([esmc, "hil", root / f"host_sim/scenes/{scene}.toml", "--out", folder, "--json",
+                                  "--set", "simulation.duration=0.05"], capture_output=True, text=True, check=True)
+            with open(Path(folder, "log.csv"), newline="", encoding="utf-8") as log:
+                for column in next(csv.reader(log)):
+                    m = short.fullmatch(column)
+                    kind = next((kinds[k] for k in kinds if m and m[2].startswith(k)), "")
+                    if column not in named and not (m and m[1] and "s_<channel>" in named) and \
+                            not (kind and kind + (m[4] or "") in named):
+                        yield f"docs/output.md: column {column} of {scene} is not described"
+            for key in re.findall(r'"(\w+)":', run.stdout):
+                if key not in named:
+                    yield f"docs/output.md: key {key} of summary.json is not described"
+
+
+def same(shown, printed):
+    """Equal but for numbers, which may differ by 2 % or be nothing both; digests, times and wall clocks are free."""
+    free = [(r"\b[0-9a-f]{16}\b", "DIGEST"), (r"\d+ x real time", "N x real time"), (r"(?<=closure )\S+", "TINY"),
+            (r"(?<=energy balance )[^\s,]+", "TINY")]
+    for pattern, instead in free:
+        shown, printed = re.sub(pattern, instead, shown), re.sub(pattern, instead, printed)
+    if NUMBER.sub("#", shown) != NUMBER.sub("#", printed):
+        return False
+    pairs = zip(map(float, NUMBER.findall(shown)), map(float, NUMBER.findall(printed)))
+    return all(abs(a - b) <= max(1e-9, 0.02 * abs(a)) for a, b in pairs)
+
+
+def console_parts(block):
+    """(command, what it prints) of each `$ ` in a console block."""
+    for part in re.split(r"^\$ ", block, flags=re.M)[1:]:
+        command, _, output = part.partition("\n")
+        yield command, output
+
+
+def commands(root, esmc):
+    for page in pages(root):
+        place = page.relative_to(root)
+        with tempfile.TemporaryDirectory() as folder:
+            scratch = Path(folder)
+            (scratch / "build/host").mkdir(parents=True)
+            (scratch / PROGRAM).symlink_to(esmc)
+            for name in ("host_sim", "tests"):
+                (scratch / name).symlink_to(root / name)
+            for kind, block in FENCE.findall(page.read_text(encoding="utf-8")):
+                block = block.replace("\\\n", "")
+                if kind == "sh":
+                    todo = [(line, None) for line in block.splitlines() if line.startswith(PROGRAM)]
+                elif kind == "console":
+                    todo = list(console_parts(block))
+                else:
+                    continue
+                for command, shown in todo:
+                    if "socketcan" in command:
+                        continue
+                    run = subprocess.run(["bash", "-c", command], cwd=scratch, capture_output=True, text=True, timeout=120)
+                    printed = run.stdout + run.stderr
+                    if shown is None and run.returncode != 0:
+                        yield f"{place}: exit {run.returncode}: {command}\n{printed}"
+                    elif shown is not None and not same(shown.strip(), printed.strip()):
+                        yield f"{place}: prints something else: {command}\n{printed}"
+
+
+def example(root, build):
+    """The README's CMake and C++ blocks against an installed copy; its output is the one the README names."""
+    text = (root / "README.md").read_text(encoding="utf-8")
+    blocks = dict((kind, block) for kind, block in FENCE.findall(text))
+    want = re.search(r"It prints `([^`]+)`", text)[1]
+    with tempfile.TemporaryDirectory() as folder:
+        place = Path(folder)
+        (place / "CMakeLists.txt").write_text(blocks["cmake"], encoding="utf-8")
+        (place / "main.cpp").write_text(blocks["cpp"], encoding="utf-8")
+        for step in (["cmake", "--install", build, "--prefix", place / "prefix"],
+                     ["cmake", "-S", place, "-B", place / "b", f"-DCMAKE_PREFIX_PATH={place / 'prefix'}"],
+                     ["cmake", "--build", place / "b"], [place / "b/hold"]):
+            run = subprocess.run(list(map(str, step)), capture_output=True, text=True)
+            if run.returncode != 0:
+                yield f"README.md: the example fails at {' '.join(map(str, step))}\n{run.stdout[-2000:]}{run.stderr[-2000:]}"
+                return
+        if run.stdout.strip() != want:
+            yield f"README.md: the example prints {run.stdout.strip()}"
+
+
+def self_test():
+    fake = """#!/bin/sh
+case "$1" in keys) echo '| key |';; *) exit 1;; esac
+"""
+    seeded = [
+        (lambda r: list(links(r)), "docs/a.md", "[x](gone.md)", "no such file"),
+        (lambda r: list(links(r)), "docs/a.md", "[x](safety.md#nowhere)", "no such heading"),
+        (lambda r: list(faults(r)), "docs/safety.md", "# Safety\n| `first` | |\n", "fault second"),
+        (lambda r: list(key_table(r, r / "esmc")), "docs/scenes.md", BEGIN + "| old |\n" + END, "key table"),
+        (lambda r: list(key_table(r, r / "esmc")), "docs/scenes.md", "nothing", "markers"),
+        (lambda r: list(commands(r, r / "esmc")), "docs/a.md", f"```sh\n{PROGRAM} sim x\n```\n", "exit 1"),
+        (lambda r: list(commands(r, r / "esmc")), "docs/a.md", f"```console\n$ {PROGRAM} keys\n| keys |\n```\n", "something else"),
+        (lambda r: list(commands(r, r / "esmc")), "docs/a.md", f"```console\n$ {PROGRAM} keys\n| key |\n```\n", None),
+        (lambda r: list(commands(r, r / "esmc")), "docs/a.md", f"```sh\n{PROGRAM} hil --bus socketcan:x\n```\n", None),
+        (lambda r: list(links(r)), "docs/a.md", "[x](safety.md#safety-first) [y](https://example.org)", None),
+    ]
+    failed = 0
+    for check, name, text, want in seeded:
+        with tempfile.TemporaryDirectory() as folder:
+            root = Path(folder)
+            for sub in ("docs", "firmware/safety", "host_sim", "tests"):
+                (root / sub).mkdir(parents=True)
+            (root / "docs/safety.md").write_text("# Safety first\n| `first` | |\n| `second` | |\n", encoding="utf-8")
+            (root / "firmware/safety/faults.hpp").write_text("enum class Fault {\n none,\n first,\n second,\n};", encoding="utf-8")
+            (root / "esmc").write_text(fake, encoding="utf-8")
+            (root / "esmc").chmod(0o755)
+            (root / name).write_text(text, encoding="utf-8")
+            found = check(root)
+            if (want is None) != (not found) or (want and not any(want in f for f in found)):
+                failed += 1
+                print(f"docs_test.py: should find {want or 'nothing'} in {text!r}, found {found}")
+    if same("0.5 m, 3 faults", "0.52 m, 3 faults") or not same("0.500 m", "0.501 m") or same("a 1", "b 1"):
+        failed += 1
+        print("docs_test.py: numbers are not compared as promised")
+    print(f"{len(seeded) + 1 - failed} of {len(seeded) + 1} seeded cases judged rightly")
+    return failed
+
+
+def main():
+    arguments = [a for a in sys.argv[1:] if a != "--update"]
+    if arguments == ["--self-test"]:
+        return 1 if self_test() else 0
+    if len(arguments) not in (1, 2) or not os.access(arguments[0], os.X_OK):
+        print(__doc__, file=sys.stderr)
+        return 2
+    esmc = Path(shutil.which(arguments[0]) or arguments[0]).resolve()
+    found = list(key_table(ROOT, esmc))
+    if "--update" in sys.argv:
+        return 1 if found else 0
+    found += [*links(ROOT), *faults(ROOT), *output_files(ROOT, esmc), *commands(ROOT, esmc)]
+    if len(arguments) == 2:
+        found += example(ROOT, Path(arguments[1]).resolve())
+    for problem in found:
+        print(problem.rstrip())
+    print(f"{len(pages(ROOT))} pages, {len(found)} problems")
+    return 1 if found else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
