@@ -24,9 +24,10 @@ template <class S>
 template <class S>
 [[nodiscard]] S switching(Reaching law, S s, S layer) {
   if (law == Reaching::sign) return s > S(0) ? S(1) : (s < S(0) ? S(-1) : S(0) * s);  // 0 for 0, NaN for NaN
-  const S r = s / layer;
-  if (law == Reaching::tanh) return hyperbolic_tangent(r);
-  return r > S(1) ? S(1) : (r < S(-1) ? S(-1) : r);
+  if (law == Reaching::tanh) return hyperbolic_tangent(s / layer);
+  if (s > layer) return S(1);
+  if (s < -layer) return S(-1);
+  return layer == S(0) ? S(0) * s : s / layer;  // an implicit channel without gain has no layer: nothing, not 0/0
 }
 
 }  // namespace esmc

@@ -118,6 +118,11 @@ struct Reference {
   }
 
  private:
+  static Motion2<S> at_rest(const Vec2<S>& position) {
+    Motion2<S> m;
+    m.position = position;
+    return m;
+  }
   [[nodiscard]] Motion2<S> along_path(std::uint32_t tick, S sample_time) const {
     if (repeat_ticks > 0) tick %= repeat_ticks;
     std::size_t low = 0, high = path.size();  // the last segment that has begun: at most 32 halvings
@@ -126,8 +131,9 @@ struct Reference {
       (path[middle].start_tick <= tick ? low : high) = middle;
     }
     const PathSegment<S>& s = path[low];
-    const std::uint32_t since = tick >= s.start_tick ? tick - s.start_tick : 0;
-    return s.curve.at(S(since) * sample_time + s.offset);
+    if (tick < s.start_tick) return at_rest(s.curve.at(S(0)).position);
+    const S t = S(tick - s.start_tick) * sample_time + s.offset;
+    return t > s.curve.duration ? at_rest(s.curve.at(t).position) : s.curve.at(t);
   }
 };
 

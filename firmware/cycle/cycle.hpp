@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cstdint>
+#include <utility>
 
 #include "firmware/cycle/controller.hpp"
 #include "firmware/drive/odrive_axis.hpp"
@@ -21,6 +22,8 @@ concept Drive = requires(D& d, const D& c, const hal::CanFrame& f, void (*send)(
   { c.idle() } -> std::same_as<bool>;
   { c.error() } -> std::same_as<bool>;
   { c.closed_loop() } -> std::same_as<bool>;
+  { c.must_be_released() } -> std::same_as<bool>;
+  { c.emergency_stopped() } -> std::same_as<bool>;
   d.enable(send);
   d.ask_again();
   d.disable(send);
@@ -40,7 +43,7 @@ class Cycle {
  public:
   using S = typename M::Scalar;
   static constexpr int axes_max = M::joints;
-  static constexpr int frames_per_tick_max = 256;  ///< what one tick reads from the bus at most
+  static constexpr int frames_per_tick_max = 1024;  ///< what one tick reads from the bus at most
 
   struct Config {
     ControllerConfig<M> controller{};
@@ -53,7 +56,10 @@ class Cycle {
       : controller_(config.controller), axes_(config.axes), axis_count_(config.axis_count),
         heartbeat_age_ticks_max_(config.heartbeat_age_ticks_max) {}
 
-  void command(Command c) { command_ = c; }
+  /// Takes effect at the next tick. A stop is not overwritten by what is asked after it.
+  void command(Command c) {
+    if (command_ != Command::stop) command_ = c;
+  }
   [[nodiscard]] const Supervisor& supervisor() const { return supervisor_; }
   [[nodiscard]] const Controller<M>& controller() const { return controller_; }
   [[nodiscard]] const BusCounters& counters() const { return counters_; }
@@ -77,7 +83,9 @@ class Cycle {
   void receive(Bus& bus) {
     open();
     hal::CanFrame f;
-    for (int n = 0; n < frames_per_tick_max && bus.try_receive(f); ++n) take(f);
+    for (; taken_ < frames_per_tick_max && bus.try_receive(f); ++taken_) take(f);
+    // What is left unread makes every later sample older than it looks.
+    if (taken_ == frames_per_tick_max) flooded_ = true;
   }
 
   /// One tick, read top to bottom: transitions, what the drives say, state to torque, torque to frames.
@@ -103,6 +111,7 @@ class Cycle {
     if (opened_) return;
     for (int i = 0; i < axis_count_; ++i) axes_[static_cast<unsigned>(i)].begin_tick();
     opened_ = true;
+    taken_ = 0;
   }
 
   void take(const hal::CanFrame& f) {
@@ -128,11 +137,15 @@ class Cycle {
 
   /// What is wrong on the bus or in a drive, before anything is computed.
   Fault drive_fault() {
-    const bool malformed = malformed_;
-    malformed_ = false;
-    if (bus_off_) return Fault::bus_off;
+    // Latched by the supervisor; here they are news of the last tick.
+    const bool off = std::exchange(bus_off_, false), malformed = std::exchange(malformed_, false);
+    if (off) return Fault::bus_off;
+    if (std::exchange(flooded_, false)) return Fault::bus_overload;
     if (malformed) return Fault::malformed_frame;
-    if (!supervisor_.running()) return Fault::none;  // errors of a drive that is being enabled are expected
+    for (int i = 0; i < motor_count(); ++i) {
+      if (axis(motor_axis(i)).emergency_stopped()) return Fault::drive_error;
+    }
+    if (!supervisor_.running()) return Fault::none;  // other errors of a drive that is being enabled are expected
     for (int i = 0; i < motor_count(); ++i) {
       const D& a = axis(motor_axis(i));
       if (a.error()) return Fault::drive_error;
@@ -161,7 +174,7 @@ class Cycle {
       D& a = axes_[static_cast<unsigned>(motor_axis(i))];
       if (result.state == State::enabling) a.enable(send);
       const bool leave = result.state == State::fault || result.state == State::stopping;
-      if (leave && !a.idle()) a.disable(send);
+      if ((leave && !a.idle()) || (result.state == State::disabled && a.must_be_released())) a.disable(send);
       if (answer) send(a.torque_frame(result.torque[joint_of_motor(i)]));
     }
   }
@@ -197,6 +210,8 @@ class Cycle {
   bool opened_ = false;
   bool malformed_ = false;
   bool bus_off_ = false;
+  bool flooded_ = false;
+  int taken_ = 0;
 };
 
 }  // namespace esmc

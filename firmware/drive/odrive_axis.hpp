@@ -46,6 +46,7 @@ class OdriveAxis {
 
   /// Counts the ages; once per tick, before the frames of the tick are received.
   void begin_tick() {
+    counted_ = false;
     if (sample_age_ticks_ < age_max) ++sample_age_ticks_;
     if (heartbeat_age_ticks_ < age_max) ++heartbeat_age_ticks_;
   }
@@ -64,7 +65,15 @@ class OdriveAxis {
   /// Closed-loop control reported without error in at least two heartbeats since the last request: an axis
   /// without power shows it once and drops out again.
   [[nodiscard]] bool ready() const { return confirmations_ >= 2; }
-  [[nodiscard]] bool idle() const { return heard_ && last_.axis_state == odrive::AxisState::idle; }
+  /// Idle as far as is known: what it said before it was asked into closed loop does not count.
+  [[nodiscard]] bool idle() const { return heard_ && !asked_ && last_.axis_state == odrive::AxisState::idle; }
+  /// It was asked into closed loop once and has not been seen idle after being asked out of it.
+  [[nodiscard]] bool must_be_released() const { return owed_; }
+  /// Somebody pressed the emergency stop after we began to enable: not ours to clear.
+  [[nodiscard]] bool emergency_stopped() const {
+    const std::uint32_t bit = version_ == Version::v0_6 ? odrive::error_estop_0_6 : odrive::error_estop_0_5_6;
+    return clean_ && (last_.axis_error & bit) != 0;
+  }
   [[nodiscard]] bool error() const { return heard_ && (last_.axis_error != 0 || last_.component_flags != 0); }
   [[nodiscard]] bool closed_loop() const {
     return heard_ && last_.axis_state == odrive::AxisState::closed_loop_control;
@@ -81,10 +90,13 @@ class OdriveAxis {
       return;
     }
     confirmations_ = 0;
+    clean_ = clean_ && asked_;
+    asked_ = true;
+    owed_ = true;
     send(odrive::encode_set_controller_mode(config_.node));
     send(odrive::encode_clear_errors(config_.node, version_));
     send(odrive::encode_set_axis_state(config_.node, odrive::AxisState::closed_loop_control));
-    wait_ticks_ = retry_ticks_;
+    wait_ticks_ = retry_ticks_ > 0 ? retry_ticks_ - 1 : 0;
   }
 
   /// Nobody can have heard the last request: repeat it at the next enable().
@@ -95,6 +107,7 @@ class OdriveAxis {
   void disable(Send&& send) {
     confirmations_ = 0;
     wait_ticks_ = 0;
+    asked_ = false;
     send(odrive::encode_set_axis_state(config_.node, odrive::AxisState::idle));
   }
 
@@ -113,10 +126,13 @@ class OdriveAxis {
     last_ = *h;
     heard_ = true;
     heartbeat_age_ticks_ = 0;
-    if (!closed_loop() || error()) {
+    clean_ = clean_ || (asked_ && !error());
+    if (idle()) owed_ = false;
+    if (!asked_ || !closed_loop() || error()) {
       confirmations_ = 0;
-    } else if (confirmations_ < 2) {
+    } else if (confirmations_ < 2 && !counted_) {  // a heartbeat seen twice in a tick is one heartbeat
       ++confirmations_;
+      counted_ = true;
     }
     return Received::accepted;
   }
@@ -137,6 +153,10 @@ class OdriveAxis {
   std::uint32_t heartbeat_age_ticks_ = age_max;
   std::uint8_t confirmations_ = 0;
   bool heard_ = false;
+  bool asked_ = false;    // the last request was for closed-loop control
+  bool owed_ = false;     // asked into closed loop, not seen idle since
+  bool clean_ = false;    // heard without error since we began to enable
+  bool counted_ = false;  // a heartbeat of this tick has been counted
 };
 
 }  // namespace esmc::drive

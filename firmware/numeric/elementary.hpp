@@ -70,7 +70,7 @@ struct Constants<float> {
 
   static constexpr float kLargestAngle = 1e3F;  // at most 637 quadrants: 10 bits, and 14 in each part
   static constexpr float kQuadrantsPerRadian = 0x1.45f306p-1F;
-  static constexpr std::array kHalfPi{0x1.9218p+0F, 0x1.ed5p-14F, 0x1.10b462p-30F};
+  static constexpr std::array<float, 3> kHalfPi{0x1.9218p+0F, 0x1.ed5p-14F, 0x1.10b462p-30F};
   static constexpr Split<float> kPi{0x1.921fb6p+1F, -0x1.777a5cp-24F};
 
   static constexpr float kTanhIsOne = 10.0F;  // at most 29 steps of ln2 / 2: 5 bits, and 16 in the head
@@ -79,18 +79,18 @@ struct Constants<float> {
 
   static constexpr float kSafe = 0x1p+80F;  // numbers from 1 / kSafe to kSafe may be added and divided
   // clang-format off
-  static constexpr std::array kAtanHead{
+  static constexpr std::array<float, 12> kAtanHead{
       0.0F, 0x1.dac67p-2F, 0x1.921fb6p-1F, 0x1.921fb6p+0F, 0x1.1b6e1ap+0F, 0x1.921fb6p-1F,
       0x1.921fb6p+1F, 0x1.56c6e8p+1F, 0x1.2d97c8p+1F, 0x1.921fb6p+0F, 0x1.0468a8p+1F, 0x1.2d97c8p+1F};
-  static constexpr std::array kAtanTail{
+  static constexpr std::array<float, 12> kAtanTail{
       0.0F, 0x1.586ed4p-28F, -0x1.777a5cp-26F, -0x1.777a5cp-25F, -0x1.a28838p-25F, -0x1.777a5cp-26F,
       -0x1.777a5cp-24F, -0x1.8d014ap-24F, -0x1.99bc5cp-28F, -0x1.777a5cp-25F, 0x1.59c9bep-24F, -0x1.99bc5cp-28F};
   // clang-format on
 
-  static constexpr std::array kSine{0x1.55554ep-3F, -0x1.110a74p-7F, 0x1.9a3f3ep-13F};
-  static constexpr std::array kCosine{0x1.555552p-5F, -0x1.6c1174p-10F, 0x1.9b69a8p-16F};
-  static constexpr std::array kTanh{0x1.55553cp-2F, -0x1.6af1c4p-6F};
-  static constexpr std::array kAtan{0x1.555552p-2F, -0x1.999416p-3F, 0x1.2360ccp-3F, -0x1.94da74p-4F};
+  static constexpr std::array<float, 3> kSine{0x1.55554ep-3F, -0x1.110a74p-7F, 0x1.9a3f3ep-13F};
+  static constexpr std::array<float, 3> kCosine{0x1.555552p-5F, -0x1.6c1174p-10F, 0x1.9b69a8p-16F};
+  static constexpr std::array<float, 2> kTanh{0x1.55553cp-2F, -0x1.6af1c4p-6F};
+  static constexpr std::array<float, 4> kAtan{0x1.555552p-2F, -0x1.999416p-3F, 0x1.2360ccp-3F, -0x1.94da74p-4F};
 };
 
 template <>
@@ -100,7 +100,7 @@ struct Constants<double> {
 
   static constexpr double kLargestAngle = 1e4;  // at most 6368 quadrants: 13 bits, and 40 in each part
   static constexpr double kQuadrantsPerRadian = 0x1.45f306dc9c883p-1;
-  static constexpr std::array kHalfPi{0x1.921fb54442p+0, 0x1.a308d31318p-41, 0x1.8a2e03707344ap-81};
+  static constexpr std::array<double, 3> kHalfPi{0x1.921fb54442p+0, 0x1.a308d31318p-41, 0x1.8a2e03707344ap-81};
   static constexpr Split<double> kPi{0x1.921fb54442d18p+1, 0x1.1a62633145c07p-53};
 
   static constexpr double kTanhIsOne = 20.0;  // at most 58 steps of ln2 / 2: 6 bits, and 44 in the head
@@ -109,25 +109,25 @@ struct Constants<double> {
 
   static constexpr double kSafe = 0x1p+400;  // numbers from 1 / kSafe to kSafe may be added and divided
   // clang-format off
-  static constexpr std::array kAtanHead{
+  static constexpr std::array<double, 12> kAtanHead{
       0.0, 0x1.dac670561bb4fp-2, 0x1.921fb54442d18p-1,
       0x1.921fb54442d18p+0, 0x1.1b6e192ebbe44p+0, 0x1.921fb54442d18p-1,
       0x1.921fb54442d18p+1, 0x1.56c6e7397f5aep+1, 0x1.2d97c7f3321d2p+1,
       0x1.921fb54442d18p+0, 0x1.0468a8ace4df6p+1, 0x1.2d97c7f3321d2p+1};
-  static constexpr std::array kAtanTail{
+  static constexpr std::array<double, 12> kAtanTail{
       0.0, 0x1.a2b7f222f65e2p-56, 0x1.1a62633145c07p-55,
       0x1.1a62633145c07p-54, 0x1.b1b466a88828ep-54, 0x1.1a62633145c07p-55,
       0x1.1a62633145c07p-53, 0x1.660b64ece6f4bp-53, 0x1.a79394c9e8a0ap-54,
       0x1.1a62633145c07p-54, 0x1.0620bf7406affp-55, 0x1.a79394c9e8a0ap-54};
   // clang-format on
 
-  static constexpr std::array kSine{0x1.555555555554bp-3,   -0x1.111111110fdc3p-7, 0x1.a01a019ccf433p-13,
+  static constexpr std::array<double, 6> kSine{0x1.555555555554bp-3,   -0x1.111111110fdc3p-7, 0x1.a01a019ccf433p-13,
                                     -0x1.71de362375954p-19, 0x1.ae5eee577f3acp-26, -0x1.5dba5124b5baap-33};
-  static constexpr std::array kCosine{0x1.5555555555553p-5,   -0x1.6c16c16c1626ep-10, 0x1.a01a019e744c8p-16,
+  static constexpr std::array<double, 6> kCosine{0x1.5555555555553p-5,   -0x1.6c16c16c1626ep-10, 0x1.a01a019e744c8p-16,
                                       -0x1.27e4f95e26f22p-22, 0x1.1eeada74159e4p-29,  -0x1.902cc893dc62p-37};
-  static constexpr std::array kTanh{0x1.5555555555547p-2, -0x1.6c16c16bf8f65p-6, 0x1.1566ab1fc457ap-9,
+  static constexpr std::array<double, 5> kTanh{0x1.5555555555547p-2, -0x1.6c16c16bf8f65p-6, 0x1.1566ab1fc457ap-9,
                                     -0x1.bbd493ed1fae2p-13, 0x1.63abd4cabc72ep-16};
-  static constexpr std::array kAtan{0x1.55555555553fcp-2,  -0x1.9999999959456p-3, 0x1.249248ff018e8p-3,
+  static constexpr std::array<double, 8> kAtan{0x1.55555555553fcp-2,  -0x1.9999999959456p-3, 0x1.249248ff018e8p-3,
                                     -0x1.c71c5b1a56a98p-4, 0x1.74592b57356dfp-4,  -0x1.3aac4aba54a16p-4,
                                     0x1.0ac5675944ea1p-4,  -0x1.75263223d0a69p-5};
 };

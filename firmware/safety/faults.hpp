@@ -13,6 +13,7 @@ enum class [[nodiscard]] Fault : std::uint8_t {
   heartbeat_lost,         ///< an axis has not said that it lives for longer than heartbeat_timeout
   drive_error,            ///< an axis reported an error
   drive_disarmed,         ///< an axis left closed-loop control by itself
+  bus_overload,           ///< more frames in a tick than the controller reads: samples would be older than they look
   bus_off,                ///< our CAN controller left the bus
   loop_not_closed,        ///< the base angles fit no closed mechanism, or the passive encoders contradict them
   type1_singularity,      ///< |sin theta_j2| below min_abs_sin_type1
@@ -35,6 +36,7 @@ inline constexpr int fault_count = static_cast<int>(Fault::torque_not_finite) + 
     case Fault::heartbeat_lost: return "heartbeat_lost";
     case Fault::drive_error: return "drive_error";
     case Fault::drive_disarmed: return "drive_disarmed";
+    case Fault::bus_overload: return "bus_overload";
     case Fault::bus_off: return "bus_off";
     case Fault::loop_not_closed: return "loop_not_closed";
     case Fault::type1_singularity: return "type1_singularity";

@@ -64,10 +64,11 @@ template <class S>
 
 enum class TorqueCheck : std::uint8_t { passed, limited, not_finite };
 
-/// Hard clamp to +-limit. A torque that is not finite becomes 0 and is reported, never clamped to the limit.
+/// Hard clamp to +-limit. A torque that is not finite becomes 0 and is reported, never clamped to the limit; so
+/// does every torque when the limit itself is none (NaN or negative).
 template <class S>
 constexpr TorqueCheck limit_torque(S& torque, S limit) {
-  if (!finite(torque)) {
+  if (!finite(torque) || !(limit >= S(0))) {
     torque = S(0);
     return TorqueCheck::not_finite;
   }

@@ -111,7 +111,7 @@ inline Setup<Rr<float>> setup<Rr<float>>() {
 
 // ---- the rig ---------------------------------------------------------------------------------------------------
 
-template <class M>
+template <class M, class Bus = FakeBus>
 class Rig {
  public:
   using S = typename M::Scalar;
@@ -209,7 +209,7 @@ class Rig {
   std::array<std::uint32_t, axes_max> error{};
   std::array<bool, axes_max> sends_encoder{}, sends_heartbeat{};
   bool obedient = true;  ///< axes go to the state they are asked for
-  FakeBus bus;
+  Bus bus;
 
  private:
   static std::size_t axes(const Setup<M>& s) {

@@ -11,9 +11,11 @@
 
 namespace esmc::test {
 
-class FakeBus {
+/// `Waiting`: frames its receive queue holds.
+template <std::size_t Waiting>
+class BasicFakeBus {
  public:
-  static constexpr std::size_t waiting_max = 1024;
+  static constexpr std::size_t waiting_max = Waiting;
   static constexpr std::size_t sent_max = 64;
 
   /// `f` will be received after those already queued.
@@ -59,6 +61,7 @@ class FakeBus {
   hal::SendStatus status_ = hal::SendStatus::ok;
 };
 
+using FakeBus = BasicFakeBus<1024>;
 static_assert(hal::CanBus<FakeBus>);
 
 }  // namespace esmc::test

@@ -80,20 +80,42 @@ TYPED_TEST(CycleFrames, AFullQueueIsCountedAndNoFault) {
   EXPECT_EQ(rig.cycle.counters().sent - before.sent, 3U);
 }
 
-/// More frames per tick than the cycle reads: what it does read grows old without its age saying so. Old samples
-/// must not pass for new ones for ever.
+/// More frames per tick than the cycle reads: what it reads then grows old without its age saying so. Old samples
+/// must not pass for new ones: either the newest is used, or the run ends.
 TYPED_TEST(CycleFrames, AFloodDoesNotMakeOldSamplesLookNew) {
-  Rig<TypeParam> rig;
-  ASSERT_TRUE(rig.start());
-  int behind = 0;
-  for (int i = 0; i < 20 && rig.cycle.supervisor().running(); ++i) {
-    for (int n = 0; n < 290; ++n) rig.bus.push(test::message(2, 0, 0, 0, 0));
-    rig.angle[0] += 1e-4;
-    rig.tick();
-    const double seen = static_cast<double>(rig.cycle.sample().angle[0]);
-    if (rig.cycle.supervisor().running()) behind = static_cast<int>(std::lround((rig.angle[0] - seen) / 1e-4));
+  constexpr int reads = esmc::OdriveCycle<TypeParam>::frames_per_tick_max;
+  for (const int others : {10, reads / 2, reads - 10, reads, reads + 40}) {
+    Rig<TypeParam, test::BasicFakeBus<4096>> rig;
+    ASSERT_TRUE(rig.start());
+    int behind = 0;
+    for (int i = 0; i < 20 && rig.cycle.supervisor().running(); ++i) {
+      for (int n = 0; n < others; ++n) rig.bus.push(test::message(2, 0, 0, 0, 0));
+      rig.angle[0] += 1e-4;
+      rig.tick();
+      const auto seen = static_cast<double>(rig.cycle.sample().angle[0]);
+      if (rig.cycle.supervisor().running()) behind = static_cast<int>(std::lround((rig.angle[0] - seen) / 1e-4));
+    }
+    EXPECT_LE(behind, 2) << "ticks between what is controlled and what is, at " << others << " frames per tick";
+    if (others < reads - 5) {
+      EXPECT_TRUE(rig.cycle.supervisor().running()) << others << " frames per tick can be read";
+    } else {
+      EXPECT_EQ(rig.cycle.supervisor().fault(), Fault::bus_overload) << others;
+      EXPECT_TRUE(rig.all_zero());
+    }
   }
-  EXPECT_LE(behind, 2) << "ticks between what is controlled and what is";
+}
+
+/// Reading in several goes is reading the same number of frames.
+TYPED_TEST(CycleFrames, AFloodIsCountedOverAllReadsOfATick) {
+  constexpr int reads = esmc::OdriveCycle<TypeParam>::frames_per_tick_max;
+  Rig<TypeParam, test::BasicFakeBus<4096>> rig;
+  ASSERT_TRUE(rig.start());
+  for (int part = 0; part < 2; ++part) {
+    for (int n = 0; n < reads * 3 / 4; ++n) rig.bus.push(test::message(2, 0, 0, 0, 0));
+    rig.cycle.receive(rig.bus);
+  }
+  EXPECT_EQ(rig.tick().fault, Fault::bus_overload);
+  EXPECT_TRUE(rig.all_zero());
 }
 
 }  // namespace

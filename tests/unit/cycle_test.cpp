@@ -145,6 +145,29 @@ TYPED_TEST(ControlCycle, AnEmergencyStopWhileEnablingIsNotClearedAway) {
   }
 }
 
+/// An emergency stop ends the run; the operator's reset and enable clear its error, once, and it runs again.
+TYPED_TEST(ControlCycle, AfterAnEmergencyStopResetAndEnableWork) {
+  for (const bool running : {false, true}) {
+    Rig<TypeParam> rig;
+    rig.tick(Command::enable);
+    rig.tick();
+    if (running) {
+      ASSERT_TRUE(rig.until(State::running));
+    }
+    rig.error[1] = 0x02000000;
+    rig.state[1] = 1;
+    EXPECT_EQ(rig.tick().fault, Fault::drive_error);
+    EXPECT_TRUE(rig.all_zero());
+    for (int i = 0; i < 5; ++i) rig.tick();
+    rig.tick(Command::reset);
+    EXPECT_EQ(rig.tick().state, State::disabled);
+    EXPECT_EQ(rig.tick(Command::enable).state, State::enabling);
+    ASSERT_EQ(rig.count(1, test::cmd_clear_errors), 1) << "running " << running;
+    rig.error[1] = 0;
+    EXPECT_TRUE(rig.until(State::running)) << name(rig.cycle.supervisor().fault());
+  }
+}
+
 TYPED_TEST(ControlCycle, StoppingAsksForIdleUntilEveryAxisSaysSo) {
   Rig<TypeParam> rig;
   ASSERT_TRUE(rig.start());
@@ -279,6 +302,30 @@ TYPED_TEST(ControlCycle, StopWhileEnablingLeavesNoAxisArmed) {
   }
   EXPECT_EQ(rig.state[0], 1) << "state " << name(rig.cycle.supervisor().state());
   EXPECT_EQ(rig.state[1], 1) << "state " << name(rig.cycle.supervisor().state());
+}
+
+/// The same when it ends in a fault and the first request for idle is lost: it is repeated until a heartbeat that
+/// is newer than the request says idle.
+TYPED_TEST(ControlCycle, IdleIsAskedForAsLongAsOnlyAnOldHeartbeatSaysIdle) {
+  for (const bool fault : {false, true}) {
+    Rig<TypeParam> rig;
+    rig.tick();
+    rig.sends_heartbeat.fill(false);
+    rig.tick(Command::enable);
+    ASSERT_EQ(rig.state[0], 8);
+    rig.bus.answer(hal::SendStatus::bus_full);
+    if (fault) rig.bus.push(test::message(rig.node(0), test::cmd_encoder, 0, 0, 3));
+    rig.tick(fault ? Command::none : Command::stop);
+    rig.bus.answer(hal::SendStatus::ok);
+    for (int i = 0; i < 50; ++i) {
+      rig.tick();
+      ASSERT_TRUE(rig.asked(0, 1) && rig.asked(1, 1)) << name(rig.cycle.supervisor().state()) << " tick " << i;
+    }
+    rig.sends_heartbeat.fill(true);
+    rig.tick();
+    rig.tick();
+    EXPECT_FALSE(rig.asked(0, 1) || rig.asked(1, 1)) << "they have said idle";
+  }
 }
 
 /// The idle requests are lost (queue full) and the operator resets at once: the axes still stand armed.

@@ -111,7 +111,7 @@ TEST(OdriveAxis, ReadyIsLostWithTheNextHeartbeatThatSaysOtherwise) {
     hear(a, state);
     EXPECT_FALSE(a.ready());
     EXPECT_FALSE(a.closed_loop());
-    EXPECT_EQ(a.idle(), state == 1);
+    EXPECT_FALSE(a.idle()) << "asked into closed loop: idle only once it is asked out of it and says so";
   }
   OdriveAxis a = ready_axis();
   hear(a, 8, 0x200);
@@ -208,12 +208,20 @@ TEST(OdriveAxis, DisablingWhileWaitingForARetryDoesNotDelayTheNextRequest) {
 }
 
 /// What a drive said before it was asked to do something else says nothing about what it does now.
-TEST(OdriveAxis, IdleHeardBeforeARequestIsNotIdleAfterIt) {
+TEST(OdriveAxis, IdleIsWhatIsHeardAfterTheLastRequest) {
   OdriveAxis a = axis();
   hear(a, 1);
   EXPECT_TRUE(a.idle());
   (void)enable(a);
   EXPECT_FALSE(a.idle()) << "it has just been asked into closed loop";
+  hear(a, 1);
+  EXPECT_FALSE(a.idle()) << "it may still be on its way";
+  (void)disable(a);
+  EXPECT_FALSE(a.idle()) << "nothing has been heard since";
+  hear(a, 8);
+  EXPECT_FALSE(a.idle());
+  hear(a, 1);
+  EXPECT_TRUE(a.idle());
 }
 
 // ---- errors ----------------------------------------------------------------------------------------------------
