@@ -65,8 +65,8 @@ class OdriveAxis {
   /// Closed-loop control reported without error in at least two heartbeats since the last request: an axis
   /// without power shows it once and drops out again.
   [[nodiscard]] bool ready() const { return confirmations_ >= 2; }
-  /// Idle as far as is known: what it said before it was asked into closed loop does not count.
-  [[nodiscard]] bool idle() const { return heard_ && !asked_ && last_.axis_state == odrive::AxisState::idle; }
+  /// Idle as far as is known: only what it said after the last request counts.
+  [[nodiscard]] bool idle() const { return answered_ && !asked_ && last_.axis_state == odrive::AxisState::idle; }
   /// It was asked into closed loop once and has not been seen idle after being asked out of it.
   [[nodiscard]] bool must_be_released() const { return owed_; }
   /// Somebody pressed the emergency stop after we began to enable: not ours to clear.
@@ -92,6 +92,7 @@ class OdriveAxis {
     confirmations_ = 0;
     clean_ = clean_ && asked_;
     asked_ = true;
+    answered_ = false;
     owed_ = true;
     send(odrive::encode_set_controller_mode(config_.node));
     send(odrive::encode_clear_errors(config_.node, version_));
@@ -108,6 +109,7 @@ class OdriveAxis {
     confirmations_ = 0;
     wait_ticks_ = 0;
     asked_ = false;
+    answered_ = false;
     send(odrive::encode_set_axis_state(config_.node, odrive::AxisState::idle));
   }
 
@@ -125,6 +127,7 @@ class OdriveAxis {
     if (!h) return Received::malformed;
     last_ = *h;
     heard_ = true;
+    answered_ = true;
     heartbeat_age_ticks_ = 0;
     clean_ = clean_ || (asked_ && !error());
     if (idle()) owed_ = false;
@@ -154,6 +157,7 @@ class OdriveAxis {
   std::uint8_t confirmations_ = 0;
   bool heard_ = false;
   bool asked_ = false;    // the last request was for closed-loop control
+  bool answered_ = false; // heard since the last request
   bool owed_ = false;     // asked into closed loop, not seen idle since
   bool clean_ = false;    // heard without error since we began to enable
   bool counted_ = false;  // a heartbeat of this tick has been counted

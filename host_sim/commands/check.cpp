@@ -19,6 +19,8 @@ struct Margins {
   double sin_type1 = 1.0, sin_type2 = 1.0;
   double joint_speed = 0.0;
   std::vector<double> torque;   ///< largest per motor, N m
+  double x[2] = {1e300, -1e300}, y[2] = {1e300, -1e300};  ///< extent of the effector's path, m
+  double angle[2][2] = {{1e300, -1e300}, {1e300, -1e300}};  ///< of the base joints, rad
   std::string unreachable;      ///< when the reference cannot be followed
 };
 
@@ -57,6 +59,14 @@ Margins margins(const Scene& scene) {
     }
     out.sin_type1 = std::min(out.sin_type1, M::min_abs_sin_type1(d->pose));
     out.sin_type2 = std::min(out.sin_type2, M::abs_sin_type2(d->pose));
+    const auto widen = [](double (&range)[2], double v) {
+      range[0] = std::min(range[0], v);
+      range[1] = std::max(range[1], v);
+    };
+    const Vec2<double> base_angle = M::base_angles(d->pose);
+    widen(out.x, d->pose.effector.x());
+    widen(out.y, d->pose.effector.y());
+    for (int i = 0; i < 2; ++i) widen(out.angle[i], base_angle[i]);
     const Vec2<double> rate = M::base(d->rates);
     out.joint_speed = std::max({out.joint_speed, std::abs(rate[0]), std::abs(rate[1])});
     const auto w = m.force(m.channel_accelerations(d->pose, d->rates, d->acceleration), d->rates);
@@ -114,6 +124,19 @@ void judge(const Scene& s, const Margins& m, Findings& f) {
   if (m.joint_speed > s.limits.joint_speed) {
     f.error(fmt::format("a base joint turns at {:.3g} rad/s along the reference, limits.joint_speed = {}",
                         m.joint_speed, s.limits.joint_speed));
+  }
+  const auto outside = [](const double (&range)[2], const std::array<double, 2>& allowed) {
+    return range[0] < allowed[0] || range[1] > allowed[1];
+  };
+  if (s.limits.workspace && (outside(m.x, (*s.limits.workspace)[0]) || outside(m.y, (*s.limits.workspace)[1]))) {
+    f.error(fmt::format("the reference spans x = [{:.3g}, {:.3g}], y = [{:.3g}, {:.3g}] m, beyond limits.workspace", m.x[0],
+                        m.x[1], m.y[0], m.y[1]));
+  }
+  for (std::size_t i = 0; s.limits.joint_angle && i < 2; ++i) {
+    if (outside(m.angle[i], (*s.limits.joint_angle)[i])) {
+      f.error(fmt::format("base joint {} spans [{:.3g}, {:.3g}] rad along the reference, beyond limits.joint_angle", i + 1,
+                          m.angle[i][0], m.angle[i][1]));
+    }
   }
   for (std::size_t i = 0; i < m.torque.size(); ++i) {
     const double share = m.torque[i] / s.torque_limit[i];

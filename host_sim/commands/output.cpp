@@ -45,6 +45,10 @@ void OutputDirectory::write(const std::string& name, const std::string& text) co
 
 void OutputDirectory::commit() {
   if (!wanted()) return;
+  // A file of an earlier run must not stand beside this run's summary.
+  for (const char* name : {"scene.toml", "summary.json", "log.csv", "frames.log", "report.html"}) {
+    if (!fs::exists(partial_ / name)) fs::remove(final_ / name);
+  }
   for (const fs::directory_entry& e : fs::directory_iterator(partial_)) {
     fs::rename(e.path(), final_ / e.path().filename());
   }

@@ -101,9 +101,10 @@ Json make_summary(const Scene& scene, const Statistics& s, const RunEnd& end) {
 }
 
 std::string summary_text(const Json& s) {
-  std::string out = fmt::format("{}: {} law, {} ticks ({} s), {} faults", s["scene"].get<std::string>(),
+  std::string out = fmt::format("{}: {} law, {} ticks ({} s{}), {} fault{}", s["scene"].get<std::string>(),
                                 s["law"].get<std::string>(), s["ticks"].get<std::uint64_t>(),
-                                s["duration_s"].get<double>(), s["supervisor"]["faults"].size());
+                                s["duration_s"].get<double>(), s.contains("interrupted") ? ", interrupted" : "", s["supervisor"]["faults"].size(),
+                                s["supervisor"]["faults"].size() == 1 ? "" : "s");
   for (const Json& f : s["supervisor"]["faults"]) out += ": " + f.get<std::string>();
   out += "\n";
   const Json& t = s["tracking"];

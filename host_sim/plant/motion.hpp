@@ -45,7 +45,8 @@ class Motion {
     const double kinetic = plant_.kinetic_energy(state_), total = energy();
     energy_scale_ = std::max({energy_scale_, kinetic, std::abs(total - kinetic - potential_start()), std::abs(work_)});
     const double gap = std::abs(total - energy_start_ - work_);
-    return energy_scale_ > 0.0 ? gap / energy_scale_ : gap;
+    // At rest nothing is exchanged: rounding is then measured against the weight's own energy.
+    return gap / std::max({energy_scale_, 1e-9 * std::abs(total), 1e-12});
   }
   [[nodiscard]] double energy() const { return plant_.kinetic_energy(state_) + plant_.potential_energy(state_); }
   [[nodiscard]] double work() const { return work_; }

@@ -118,7 +118,7 @@ void expect_the_law(const Setup<M>& s, const char* what) {
     for (std::size_t i = 0; i < rig.axis_count(); ++i) {
       const auto joint = static_cast<int>(rig.joint_of(i));
       if (c.sensors == Sensors::base && joint % (M::joints / 2) != 0) continue;
-      const double tolerance = std::numeric_limits<S>::epsilon() * 8;
+      const double tolerance = static_cast<double>(std::numeric_limits<S>::epsilon()) * 8;
       ASSERT_NEAR(static_cast<double>(sample.angle[joint]), said(rig, i).angle, tolerance);
       ASSERT_NEAR(static_cast<double>(sample.rate[joint]), said(rig, i).rate, tolerance);
       ASSERT_EQ(sample.age_ticks[static_cast<std::size_t>(joint)], age[i]);

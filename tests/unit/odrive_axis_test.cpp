@@ -336,8 +336,8 @@ TEST(OdriveAxis, TurnsBecomeJointAnglesAndRates) {
           for (const float velocity : {0.0F, 1.0F, -3.5F}) {
             (void)a.receive(test::encoder(node, position, velocity));
             // motor turns = direction * gear * (joint - offset) / 2 pi
-            const double angle = double{offset} + turn * double{position} * double{direction} / double{gear};
-            const double rate = turn * double{velocity} * double{direction} / double{gear};
+            const double angle = static_cast<double>(offset) + turn * static_cast<double>(position) * static_cast<double>(direction) / static_cast<double>(gear);
+            const double rate = turn * static_cast<double>(velocity) * static_cast<double>(direction) / static_cast<double>(gear);
             EXPECT_NEAR(a.sample<double>().angle, angle, 1e-14 * (1 + std::abs(angle)));
             EXPECT_NEAR(a.sample<double>().rate, rate, 1e-14 * (1 + std::abs(rate)));
             EXPECT_NEAR(static_cast<double>(a.sample<float>().angle), angle, 3e-7 * (1 + std::abs(angle)));
@@ -358,7 +358,7 @@ TEST(OdriveAxis, JointTorqueBecomesShaftTorqueOfTheSamePower) {
         const CanFrame f = a.torque_frame(torque);
         EXPECT_EQ(f.id, 0x06EU);
         const auto shaft = static_cast<double>(test::real(f, 0));
-        EXPECT_NEAR(shaft, torque * double{direction} / double{gear}, 2e-7 * std::abs(torque));
+        EXPECT_NEAR(shaft, torque * static_cast<double>(direction) / static_cast<double>(gear), 2e-7 * std::abs(torque));
         EXPECT_EQ(test::word(a.torque_frame(static_cast<float>(torque)), 0), test::word(f, 0));
         (void)a.receive(test::encoder(node, 0, 1));
         EXPECT_NEAR(a.sample<double>().rate * torque, 2 * 3.14159265358979 * shaft, 1e-5);
