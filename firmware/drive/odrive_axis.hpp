@@ -90,7 +90,6 @@ class OdriveAxis {
       return;
     }
     confirmations_ = 0;
-    clean_ = clean_ && asked_;
     asked_ = true;
     answered_ = false;
     owed_ = true;
@@ -110,6 +109,7 @@ class OdriveAxis {
     wait_ticks_ = 0;
     asked_ = false;
     answered_ = false;
+    clean_ = false;
     send(odrive::encode_set_axis_state(config_.node, odrive::AxisState::idle));
   }
 
