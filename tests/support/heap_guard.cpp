@@ -10,7 +10,7 @@ namespace {
 
 thread_local int guards = 0;
 
-void refuse_when_guarded() {
+[[maybe_unused]] void refuse_when_guarded() {
   if (guards == 0) return;
   constexpr char what[] = "heap allocation under HeapGuard\n";
   [[maybe_unused]] const auto written = ::write(STDERR_FILENO, what, sizeof what - 1);
