@@ -14,6 +14,7 @@
 #include <cmath>
 
 #include "firmware/mechanism/params.hpp"
+#include "firmware/numeric/elementary.hpp"
 
 namespace esmc::host {
 
@@ -48,10 +49,11 @@ class LegDynamics {
 
   [[nodiscard]] Terms terms(double psi1, double psi2, double w1, double w2) const {
     Terms t{};
-    t.c1 = std::cos(psi1);
-    t.s1 = std::sin(psi1);
-    t.c2 = std::cos(psi2);
-    t.s2 = std::sin(psi2);
+    const SinCos<double> a = sin_cos(psi1), b = sin_cos(psi2);
+    t.c1 = a.cos;
+    t.s1 = a.sin;
+    t.c2 = b.cos;
+    t.s2 = b.sin;
     const double cos_difference = t.c1 * t.c2 + t.s1 * t.s2, sin_difference = t.s1 * t.c2 - t.c1 * t.s2;
     t.m12 = coupling_ * cos_difference;
     t.q1 = -coupling_ * sin_difference * w2 * w2 - weight1_ * t.c1;

@@ -163,7 +163,7 @@ def example(root, build):
         (place / "CMakeLists.txt").write_text(blocks["cmake"], encoding="utf-8")
         (place / "main.cpp").write_text(blocks["cpp"], encoding="utf-8")
         for step in (["cmake", "--install", build, "--prefix", place / "prefix"],
-                     ["cmake", "-S", place, "-B", place / "b", f"-DCMAKE_PREFIX_PATH={place / 'prefix'}"],
+                     ["cmake", "-G", "Ninja", "-S", place, "-B", place / "b", f"-DCMAKE_PREFIX_PATH={place / 'prefix'}"],
                      ["cmake", "--build", place / "b"], [place / "b/hold"]):
             run = subprocess.run(list(map(str, step)), capture_output=True, text=True)
             if run.returncode != 0:
