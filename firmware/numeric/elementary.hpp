@@ -90,7 +90,8 @@ struct Constants<float> {
   static constexpr std::array<float, 3> kSine{0x1.55554ep-3F, -0x1.110a74p-7F, 0x1.9a3f3ep-13F};
   static constexpr std::array<float, 3> kCosine{0x1.555552p-5F, -0x1.6c1174p-10F, 0x1.9b69a8p-16F};
   static constexpr std::array<float, 2> kTanh{0x1.55553cp-2F, -0x1.6af1c4p-6F};
-  static constexpr std::array<float, 4> kAtan{0x1.555552p-2F, -0x1.999416p-3F, 0x1.2360ccp-3F, -0x1.94da74p-4F};
+  static constexpr std::array<float, 4> kAtan{0x1.555552p-2F, -0x1.999416p-3F, 0x1.2360ccp-3F,
+                                              -0x1.94da74p-4F};
 };
 
 template <>
@@ -100,7 +101,8 @@ struct Constants<double> {
 
   static constexpr double kLargestAngle = 1e4;  // at most 6368 quadrants: 13 bits, and 40 in each part
   static constexpr double kQuadrantsPerRadian = 0x1.45f306dc9c883p-1;
-  static constexpr std::array<double, 3> kHalfPi{0x1.921fb54442p+0, 0x1.a308d31318p-41, 0x1.8a2e03707344ap-81};
+  static constexpr std::array<double, 3> kHalfPi{0x1.921fb54442p+0, 0x1.a308d31318p-41,
+                                                 0x1.8a2e03707344ap-81};
   static constexpr Split<double> kPi{0x1.921fb54442d18p+1, 0x1.1a62633145c07p-53};
 
   static constexpr double kTanhIsOne = 20.0;  // at most 58 steps of ln2 / 2: 6 bits, and 44 in the head
@@ -121,15 +123,18 @@ struct Constants<double> {
       0x1.1a62633145c07p-54, 0x1.0620bf7406affp-55, 0x1.a79394c9e8a0ap-54};
   // clang-format on
 
-  static constexpr std::array<double, 6> kSine{0x1.555555555554bp-3,   -0x1.111111110fdc3p-7, 0x1.a01a019ccf433p-13,
-                                    -0x1.71de362375954p-19, 0x1.ae5eee577f3acp-26, -0x1.5dba5124b5baap-33};
-  static constexpr std::array<double, 6> kCosine{0x1.5555555555553p-5,   -0x1.6c16c16c1626ep-10, 0x1.a01a019e744c8p-16,
-                                      -0x1.27e4f95e26f22p-22, 0x1.1eeada74159e4p-29,  -0x1.902cc893dc62p-37};
-  static constexpr std::array<double, 5> kTanh{0x1.5555555555547p-2, -0x1.6c16c16bf8f65p-6, 0x1.1566ab1fc457ap-9,
-                                    -0x1.bbd493ed1fae2p-13, 0x1.63abd4cabc72ep-16};
-  static constexpr std::array<double, 8> kAtan{0x1.55555555553fcp-2,  -0x1.9999999959456p-3, 0x1.249248ff018e8p-3,
-                                    -0x1.c71c5b1a56a98p-4, 0x1.74592b57356dfp-4,  -0x1.3aac4aba54a16p-4,
-                                    0x1.0ac5675944ea1p-4,  -0x1.75263223d0a69p-5};
+  static constexpr std::array<double, 6> kSine{0x1.555555555554bp-3,  -0x1.111111110fdc3p-7,
+                                               0x1.a01a019ccf433p-13, -0x1.71de362375954p-19,
+                                               0x1.ae5eee577f3acp-26, -0x1.5dba5124b5baap-33};
+  static constexpr std::array<double, 6> kCosine{0x1.5555555555553p-5,  -0x1.6c16c16c1626ep-10,
+                                                 0x1.a01a019e744c8p-16, -0x1.27e4f95e26f22p-22,
+                                                 0x1.1eeada74159e4p-29, -0x1.902cc893dc62p-37};
+  static constexpr std::array<double, 5> kTanh{0x1.5555555555547p-2, -0x1.6c16c16bf8f65p-6,
+                                               0x1.1566ab1fc457ap-9, -0x1.bbd493ed1fae2p-13,
+                                               0x1.63abd4cabc72ep-16};
+  static constexpr std::array<double, 8> kAtan{
+      0x1.55555555553fcp-2, -0x1.9999999959456p-3, 0x1.249248ff018e8p-3, -0x1.c71c5b1a56a98p-4,
+      0x1.74592b57356dfp-4, -0x1.3aac4aba54a16p-4, 0x1.0ac5675944ea1p-4, -0x1.75263223d0a69p-5};
 };
 
 template <class S>
@@ -169,34 +174,72 @@ template <BinaryFloat S>
   return std::sqrt(value);
 }
 
-/// Both NaN when |angle| > 1e4 (double), > 1e3 (float), or when it is not finite.
+namespace ieee {
+
+/// Sine and cosine of an angle within kLargestAngle; without a branch, so that several can share vector
+/// registers.
 template <BinaryFloat S>
-[[nodiscard]] inline SinCos<S> sin_cos(S angle) {
-  using C = ieee::Constants<S>;
-  using Bits = ieee::BitsOf<S>;
-  if (!(std::fabs(angle) <= C::kLargestAngle)) {
-    return {std::numeric_limits<S>::quiet_NaN(), std::numeric_limits<S>::quiet_NaN()};
-  }
+[[nodiscard]] inline SinCos<S> sin_cos_in_range(S angle) {
+  using C = Constants<S>;
+  using Bits = BitsOf<S>;
   const S shifted = angle * C::kQuadrantsPerRadian + C::kToInteger;
-  const Bits quadrant = ieee::bits(shifted);  // modulo 4; the constant added is a multiple of it
-  const auto [r, tail] = ieee::minus_quadrants(angle, shifted - C::kToInteger);
+  const Bits quadrant = bits(shifted);  // modulo 4; the constant added is a multiple of it
+  const auto [r, tail] = minus_quadrants(angle, shifted - C::kToInteger);
 
   const S z = r * r;
   const S half = S(0.5) * z;
   const S rough = S(1) - half;
   // sin(r - tail) = r - r^3 (1/6 - ...) - tail cos r
   // cos(r - tail) = 1 - r^2 / 2 + r^4 (1/24 - ...) + tail sin r, r standing for sin r
-  const S sine = r - (tail * rough + r * z * ieee::horner(z, C::kSine));
+  const S sine = r - (tail * rough + r * z * horner(z, C::kSine));
   // (1 - rough) - half is what rounding took from `rough`.
-  const S cosine = rough + (((S(1) - rough) - half) + (z * z * ieee::horner(z, C::kCosine) + r * tail));
+  const S cosine = rough + (((S(1) - rough) - half) + (z * z * horner(z, C::kCosine) + r * tail));
 
-  const Bits s = ieee::bits(sine);
-  const Bits c = ieee::bits(cosine);
+  const Bits s = bits(sine);
+  const Bits c = bits(cosine);
   const Bits swap = (s ^ c) & (Bits{0} - (quadrant & 1U));  // odd quadrants exchange the two
   constexpr int kToSign = static_cast<int>(sizeof(S)) * 8 - 2;
-  const Bits sine_sign = (quadrant << kToSign) & ieee::kSign<S>;
-  const Bits cosine_sign = ((quadrant + 1U) << kToSign) & ieee::kSign<S>;
-  return {ieee::from_bits<S>(s ^ swap ^ sine_sign), ieee::from_bits<S>(c ^ swap ^ cosine_sign)};
+  const Bits sine_sign = (quadrant << kToSign) & kSign<S>;
+  const Bits cosine_sign = ((quadrant + 1U) << kToSign) & kSign<S>;
+  return {from_bits<S>(s ^ swap ^ sine_sign), from_bits<S>(c ^ swap ^ cosine_sign)};
+}
+
+}  // namespace ieee
+
+/// Both NaN when |angle| > 1e4 (double), > 1e3 (float), or when it is not finite.
+template <BinaryFloat S>
+[[nodiscard]] inline SinCos<S> sin_cos(S angle) {
+  if (!(std::fabs(angle) <= ieee::Constants<S>::kLargestAngle)) {
+    return {std::numeric_limits<S>::quiet_NaN(), std::numeric_limits<S>::quiet_NaN()};
+  }
+  return ieee::sin_cos_in_range(angle);
+}
+
+/// The same for several angles at once: bit for bit what sin_cos gives for each, in less time.
+template <BinaryFloat S, std::size_t N>
+struct SinCosLanes {
+  std::array<S, N> sin, cos;
+};
+template <BinaryFloat S, std::size_t N>
+[[nodiscard]] inline SinCosLanes<S, N> sin_cos(const std::array<S, N>& angle) {
+  SinCosLanes<S, N> out;
+  bool in_range = true;
+  for (std::size_t i = 0; i < N; ++i)
+    in_range = in_range & (std::fabs(angle[i]) <= ieee::Constants<S>::kLargestAngle);
+  if (in_range) {
+    for (std::size_t i = 0; i < N; ++i) {
+      const SinCos<S> t = ieee::sin_cos_in_range(angle[i]);
+      out.sin[i] = t.sin;
+      out.cos[i] = t.cos;
+    }
+    return out;
+  }
+  for (std::size_t i = 0; i < N; ++i) {
+    const SinCos<S> t = sin_cos(angle[i]);
+    out.sin[i] = t.sin;
+    out.cos[i] = t.cos;
+  }
+  return out;
 }
 
 /// Direction of the vector (x, y), in [-pi, pi]; zeros and infinities as the C function treats them.

@@ -18,22 +18,29 @@ hal::SocketCan open_socketcan(const std::string& interface) {
   if (bus.is_open()) return bus;
   const std::string label = "--bus socketcan:" + interface + ": ";
   switch (error.value()) {
-    case ENODEV: throw InputError("", label + "no such CAN interface (ip link show type vcan, type can)");
-    case ENETDOWN: throw InputError("", label + "the interface is down (ip link set up " + interface + ")");
+    case ENODEV:
+      throw InputError("", label + "no such CAN interface (ip link show type vcan, type can)");
+    case ENETDOWN:
+      throw InputError("", label + "the interface is down (ip link set up " + interface + ")");
     case EAFNOSUPPORT:
     case EPROTONOSUPPORT:
-      throw InputError("", label + "this kernel has no CAN; --bus virtual needs none, docs/hil.md shows a way to vcan");
-    default: throw InputError("", label + error.message());
+      throw InputError(
+          "", label + "this kernel has no CAN; --bus virtual needs none, docs/hil.md shows a way to vcan");
+    default:
+      throw InputError("", label + error.message());
   }
 }
 
 Scene read_loop_scene(const RunOptions& o) {
   Scene scene = read_scene(o.scene, o.sets);
+  scene.seed = o.seed;
   if (!scene.closed_loop()) {
-    throw InputError(scene.control_where, "'control.law' = open_loop and none run in esmc sim only: there is no controller");
+    throw InputError(scene.control_where,
+                     "'control.law' = open_loop and none run in esmc sim only: there is no controller");
   }
   if (scene.accuracy) {
-    throw InputError(scene.simulation_where, "'simulation.accuracy' is for esmc sim; a loop on a bus needs simulation.step");
+    throw InputError(scene.simulation_where,
+                     "'simulation.accuracy' is for esmc sim; a loop on a bus needs simulation.step");
   }
   if (!scene.drives.missing.empty()) throw InputError(scene.control_where, scene.drives.missing);
   return scene;

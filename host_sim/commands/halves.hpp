@@ -12,8 +12,8 @@
 
 namespace esmc::host {
 
-inline constexpr int silence_ms = 5000;            ///< without a word from the other half: the run has failed
-inline constexpr double arming_time_max = 5.0;     ///< s of virtual time
+inline constexpr int silence_ms = 5000;         ///< without a word from the other half: the run has failed
+inline constexpr double arming_time_max = 5.0;  ///< s of virtual time
 
 /// "socketcan:vcan0" -> "vcan0". Throws InputError for anything else.
 std::string socketcan_interface(const std::string& bus);
@@ -43,9 +43,13 @@ class PlantHalf {
 
   PlantHalf(const Scene& scene, const RunOptions& o, Bus& bus, FrameLog& frames, const std::string& log_path,
             bool with_controller)
-      : scene_(scene), options_(o), tap_(bus, frames), frames_(frames),
+      : scene_(scene),
+        options_(o),
+        tap_(bus, frames),
+        frames_(frames),
         recorder_(scene, o.realtime ? Pacing::realtime : Pacing::lockstep, log_path, with_controller),
-        node_(World::plant(scene), scene, start(scene)), ticks_(tick_count(scene)),
+        node_(make_motion<World>(scene), scene),
+        ticks_(tick_count(scene)),
         substeps_(std::max(1, static_cast<int>(std::ceil(scene.tick() / scene.step - 1e-9)))) {}
 
   [[nodiscard]] Recorder<World>& recorder() { return recorder_; }
@@ -57,7 +61,8 @@ class PlantHalf {
     frames_.tick(node_.time());
     node_.publish(tap_);
     if (!node_.released() && node_.time() > arming_time_max) {
-      throw RunError(fmt::format("the drives were not in closed-loop control after {} s of virtual time", arming_time_max));
+      throw RunError(fmt::format("the drives were not in closed-loop control after {} s of virtual time",
+                                 arming_time_max));
     }
   }
   /// False: Ctrl-C. Throws RunError when the controller says nothing.
@@ -73,9 +78,9 @@ class PlantHalf {
   void advance(const ControllerView<M>& seen) {
     if (!node_.released()) return;
     bool clipped = false;
-    const Joints torque = node_.torque(clipped);
+    const Joints torque = node_.torque(scene_.tick(), clipped);
     recorder_.tick(done_, node_.motion(), torque, clipped, seen);
-    node_.advance(done_ * scene_.tick(), scene_.tick(), substeps_, torque);
+    node_.advance(done_ * scene_.tick(), scene_.tick(), scene_.tick() / substeps_, torque);
     disarmed_ = disarmed_ || node_.disarmed();
     ++done_;
   }
@@ -83,39 +88,35 @@ class PlantHalf {
   void advance_part(int part, bool record, const ControllerView<M>& seen) {
     if (!node_.released()) return;
     bool clipped = false;
-    const Joints torque = node_.torque(clipped);
-    if (record) recorder_.tick(done_, node_.motion(), torque, clipped, seen);
     const double part_s = scene_.tick() / substeps_;
-    node_.advance(done_ * scene_.tick() + part * part_s, part_s, 1, torque);
+    const Joints torque = node_.torque(part_s, clipped);
+    if (record) recorder_.tick(done_, node_.motion(), torque, clipped, seen);
+    node_.advance(done_ * scene_.tick() + part * part_s, part_s, part_s, torque);
     disarmed_ = disarmed_ || node_.disarmed();
     if (part + 1 == substeps_) ++done_;
   }
   RunEnd end(std::chrono::steady_clock::time_point begin) {
     RunEnd e;
     e.wall_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
-    const auto o = node_.motion().plant().output(node_.motion().state());
+    const auto o = node_.motion().output();
     e.q.assign(o.q.begin(), o.q.end());
     e.qd.assign(o.qd.begin(), o.qd.end());
-    e.state_dimension = Motion<Plant>::state_dimension;
+    e.state_dimension = node_.state_dimension();
+    e.method = node_.motion().method();
     e.seed = options_.seed;
     const double bus_time = node_.time();
-    e.bus = BusSummary{frames_.frames(), tap_.lost(),
-                       bus_time > 0.0 ? static_cast<double>(frames_.bits()) / (scene_.bitrate * bus_time) : 0.0};
+    e.bus =
+        BusSummary{frames_.frames(), tap_.lost(),
+                   bus_time > 0.0 ? static_cast<double>(frames_.bits()) / (scene_.bitrate * bus_time) : 0.0};
     e.final_state = disarmed_ ? "drives_disarmed" : "drives_armed";
-    if (disarmed_) e.faults.emplace_back(fmt::format("drives_disarmed (axis errors 0x{:x})", node_.drive_errors()));
+    if (disarmed_)
+      e.faults.emplace_back(fmt::format("drives_disarmed (axis errors 0x{:x})", node_.drive_errors()));
     Statistics& s = recorder_.statistics();
     s.energy_error = std::max(s.energy_error, node_.motion().energy_error());
     return e;
   }
 
  private:
-  static typename Plant::State start(const Scene& s) {
-    Joints angle{}, rate{};
-    std::copy_n(s.start_angle.begin(), angle.size(), angle.begin());
-    std::copy_n(s.start_rate.begin(), rate.size(), rate.begin());
-    return Plant::from_joints(angle, rate);
-  }
-
   const Scene& scene_;
   const RunOptions& options_;
   Tapped<Bus> tap_;
@@ -133,7 +134,9 @@ class ControllerHalf {
   using M = typename World::Mechanism;
 
   ControllerHalf(const Scene& scene, Pacing pacing, Bus& bus)
-      : reference_(make_reference(scene, pacing)), bus_(bus), cycle_(make_cycle<M>(scene, pacing, reference_)) {
+      : reference_(make_reference(scene, pacing)),
+        bus_(bus),
+        cycle_(make_cycle<M>(scene, pacing, reference_)) {
     cycle_.command(Command::enable);
   }
 

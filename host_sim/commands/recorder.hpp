@@ -2,6 +2,7 @@
 /// Turns ticks into log rows and statistics: the truth of the plant against the reference, and what the
 /// controller saw and did where it is in the same process.
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <memory>
@@ -21,27 +22,39 @@ namespace esmc::host {
 struct FiveBarWorld {
   using Plant = FiveBarPlant;
   using Mechanism = FiveBar<double>;
-  static Plant plant(const Scene& s) { return Plant(s.mechanism); }
+  static Plant plant(const Scene& s, double payload = 0.0) { return Plant(s.mechanism, payload); }
   static constexpr const char* joint_names[] = {"theta11", "theta12", "theta21", "theta22"};
   static constexpr const char* torque_names[] = {"tau11", "tau12", "tau21", "tau22"};
-  static constexpr const char* channel_names[] = {"x",       "y",       "theta11", "theta12", "phi11", "phi12",
-                                                  "Xg11",    "Yg11",    "Xg12",    "Yg12",    "theta21", "theta22",
-                                                  "phi21",   "phi22",   "Xg21",    "Yg21",    "Xg22",  "Yg22"};
-  static V2 effector(const Plant&, const Plant::State&, const Plant::Output& o) { return {o.q[0], o.q[1]}; }
+  static constexpr const char* channel_names[] = {
+      "x",    "y",       "theta11", "theta12", "phi11", "phi12", "Xg11", "Yg11", "Xg12",
+      "Yg12", "theta21", "theta22", "phi21",   "phi22", "Xg21",  "Yg21", "Xg22", "Yg22"};
   static double angle(const Plant::Output& o, int joint) { return o.q[static_cast<std::size_t>(joint) + 2]; }
   static double rate(const Plant::Output& o, int joint) { return o.qd[static_cast<std::size_t>(joint) + 2]; }
 };
 struct RrWorld {
   using Plant = RrPlant;
   using Mechanism = Rr<double>;
-  static Plant plant(const Scene& s) { return Plant(s.arm()); }
+  static Plant plant(const Scene& s, double payload = 0.0) { return Plant(s.arm(), payload); }
   static constexpr const char* joint_names[] = {"theta1", "theta2"};
   static constexpr const char* torque_names[] = {"tau1", "tau2"};
-  static constexpr const char* channel_names[] = {"theta1", "theta2", "phi1", "phi2", "Xg1", "Yg1", "Xg2", "Yg2"};
-  static V2 effector(const Plant& p, const Plant::State& s, const Plant::Output&) { return p.effector(s); }
+  static constexpr const char* channel_names[] = {"theta1", "theta2", "phi1", "phi2",
+                                                  "Xg1",    "Yg1",    "Xg2",  "Yg2"};
   static double angle(const Plant::Output& o, int joint) { return o.q[static_cast<std::size_t>(joint)]; }
   static double rate(const Plant::Output& o, int joint) { return o.qd[static_cast<std::size_t>(joint)]; }
 };
+
+/// The plant of a scene at t = 0, with its effects.
+template <class World>
+Motion<typename World::Plant> make_motion(const Scene& s) {
+  using Plant = typename World::Plant;
+  typename Plant::Joints angle{}, rate{};
+  std::copy_n(s.start_angle.begin(), angle.size(), angle.begin());
+  std::copy_n(s.start_rate.begin(), rate.size(), rate.begin());
+  const auto payload = find_effect<Payload>(s.effects);
+  return Motion<Plant>({World::plant(s), World::plant(s, payload ? payload->mass : 0.0), s.effects,
+                        s.motor_joints(), s.method},
+                       Plant::from_joints(angle, rate));
+}
 
 /// The reference as the true mechanism would have to follow it, tick by tick.
 template <class World>
@@ -106,8 +119,11 @@ class Recorder {
   using M = typename World::Mechanism;
 
   Recorder(const Scene& scene, Pacing pacing, const std::string& log_path, bool with_controller)
-      : scene_(scene), track_(scene, pacing), with_controller_(with_controller),
-        log_(log_path, columns(), tick_count(scene)), torque_(static_cast<std::size_t>(scene.motors())) {}
+      : scene_(scene),
+        track_(scene, pacing),
+        with_controller_(with_controller),
+        log_(log_path, columns(), tick_count(scene)),
+        torque_(static_cast<std::size_t>(scene.motors())) {}
 
   [[nodiscard]] ReferenceTrack<World>& track() { return track_; }
   [[nodiscard]] Statistics& statistics() { return statistics_; }
@@ -116,11 +132,10 @@ class Recorder {
   /// A tick that begins in the plant's present state, under `torque` per joint until the next.
   void tick(std::uint32_t n, Motion<Plant>& motion, const typename Plant::Joints& torque, bool saturated,
             const ControllerView<M>& seen) {
-    const typename Plant::Output o = motion.plant().output(motion.state());
-    const V2 x = World::effector(motion.plant(), motion.state(), o);
+    const typename Plant::Output o = motion.output();
+    const V2 x = o.effector;
     if (n == 0) {
-      const V2 v = effector_rate(motion);
-      track_.start(x, v, {World::angle(o, 0), World::angle(o, M::joints / 2)},
+      track_.start(x, o.effector_rate, {World::angle(o, 0), World::angle(o, M::joints / 2)},
                    {World::rate(o, 0), World::rate(o, M::joints / 2)});
     }
     TickRecord r;
@@ -140,8 +155,9 @@ class Recorder {
       }
     }
     statistics_.add(r);
-    statistics_.closure_max = std::max(statistics_.closure_max, motion.plant().closure(motion.state()));
-    if (n % energy_stride == 0) statistics_.energy_error = std::max(statistics_.energy_error, motion.energy_error());
+    statistics_.closure_max = std::max(statistics_.closure_max, o.closure);
+    if (n % energy_stride == 0)
+      statistics_.energy_error = std::max(statistics_.energy_error, motion.energy_error());
     if (log_.wanted()) write(r, o, x, reference, seen);
   }
 
@@ -154,14 +170,6 @@ class Recorder {
   }
   [[nodiscard]] int sensor_joint(int i) const {
     return ControllerConfig<M>::joint_of(i, scene_.all_sensors ? M::joints : 2);
-  }
-  static V2 effector_rate(const Motion<Plant>& motion) {
-    const auto o = motion.plant().output(motion.state());
-    if constexpr (Plant::outputs == 6) {
-      return {o.qd[0], o.qd[1]};
-    } else {
-      return motion.plant().effector_rate(motion.state());
-    }
   }
 
   [[nodiscard]] std::vector<std::string> columns() const {
@@ -180,15 +188,19 @@ class Recorder {
       c.push_back(name + "_meas");
       c.push_back(name + "_rate_meas");
     }
-    for (int i = 0; i < scene_.motors(); ++i) c.push_back(std::string(World::torque_names[joint(i)]) + "_cmd");
+    for (int i = 0; i < scene_.motors(); ++i)
+      c.push_back(std::string(World::torque_names[joint(i)]) + "_cmd");
     c.emplace_back("state");
     return c;
   }
   [[nodiscard]] int sensors() const { return scene_.all_sensors ? M::joints : 2; }
-  static std::string base_name(int i) { return World::joint_names[static_cast<std::size_t>(i * M::joints / 2)]; }
+  static std::string base_name(int i) {
+    return World::joint_names[static_cast<std::size_t>(i * M::joints / 2)];
+  }
 
   void write(const TickRecord& r, const typename Plant::Output& o, V2 x,
-             const std::optional<typename ReferenceTrack<World>::Point>& reference, const ControllerView<M>& seen) {
+             const std::optional<typename ReferenceTrack<World>::Point>& reference,
+             const ControllerView<M>& seen) {
     row_.assign({r.t, x.x, x.y});
     for (int i = 0; i < M::joints; ++i) row_.push_back(World::angle(o, i));
     row_.insert(row_.end(), r.torque.begin(), r.torque.end());
@@ -204,7 +216,8 @@ class Recorder {
         row_.push_back(seen.sample->angle[sensor_joint(i)]);
         row_.push_back(seen.sample->rate[sensor_joint(i)]);
       }
-      for (int i = 0; i < scene_.motors(); ++i) row_.push_back(seen.result->torque[static_cast<int>(joint(i))]);
+      for (int i = 0; i < scene_.motors(); ++i)
+        row_.push_back(seen.result->torque[static_cast<int>(joint(i))]);
       state = name(seen.result->state);
     }
     log_.row(row_, state);
@@ -225,7 +238,8 @@ void require_reachable(const Scene& scene, Pacing pacing) {
   ReferenceTrack<World> track(scene, pacing);
   const auto q = scene.start_angle;
   const std::size_t half = q.size() / 2;
-  constexpr std::uint32_t checked = 2'000'000;  // longer runs repeat themselves or are caught by the supervisor
+  constexpr std::uint32_t checked =
+      2'000'000;  // longer runs repeat themselves or are caught by the supervisor
   track.start({}, {}, {q[0], q[half == 2 ? 2 : 1]}, {0.0, 0.0});
   if (scene.reference.type == ReferenceType::hold && !scene.reference.position) return;
   for (std::uint32_t n = track.bundle().join_ticks; n < std::min(tick_count(scene), checked); ++n) {

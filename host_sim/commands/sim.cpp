@@ -1,10 +1,12 @@
+#include <algorithm>
 #include <chrono>
 #include <cmath>
 
-#include "host_sim/drives/placed_axes.hpp"
 #include "host_sim/commands/finish.hpp"
 #include "host_sim/commands/recorder.hpp"
 #include "host_sim/commands/run.hpp"
+#include "host_sim/drives/actuators.hpp"
+#include "host_sim/drives/placed_axes.hpp"
 
 namespace esmc::host {
 namespace {
@@ -18,8 +20,11 @@ class SimRun {
   using Joints = typename Plant::Joints;
 
   SimRun(const Scene& scene, const RunOptions& options, const std::string& log_path)
-      : scene_(scene), options_(options), recorder_(scene, Pacing::lockstep, log_path, scene.closed_loop()),
-        motion_(World::plant(scene), scene.effects, start(scene)), stage_(scene) {}
+      : scene_(scene),
+        options_(options),
+        recorder_(scene, Pacing::lockstep, log_path, scene.closed_loop()),
+        motion_(make_motion<World>(scene)),
+        actuators_(scene.effects, scene.motor_joints(), scene.seed) {}
 
   [[nodiscard]] Recorder<World>& recorder() { return recorder_; }
 
@@ -32,10 +37,11 @@ class SimRun {
       open_loop(substeps, end);
     }
     end.wall_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
-    const auto o = motion_.plant().output(motion_.state());
+    const auto o = motion_.output();
     end.q.assign(o.q.begin(), o.q.end());
     end.qd.assign(o.qd.begin(), o.qd.end());
-    end.state_dimension = Motion<Plant>::state_dimension;
+    end.state_dimension = motion_.state_dimension() + actuators_.states();
+    end.method = motion_.method();
     end.seed = options_.seed;
     Statistics& s = recorder_.statistics();
     s.energy_error = std::max(s.energy_error, motion_.energy_error());
@@ -43,38 +49,23 @@ class SimRun {
   }
 
  private:
-  static typename Plant::State start(const Scene& s) {
-    Joints angle{}, rate{};
-    std::copy_n(s.start_angle.begin(), angle.size(), angle.begin());
-    std::copy_n(s.start_rate.begin(), rate.size(), rate.begin());
-    return Plant::from_joints(angle, rate);
-  }
-
   /// Torque as a function of time, no controller, no limits.
   void open_loop(int substeps, RunEnd& end) {
-    const double tick = scene_.tick(), step = tick / substeps;
-    bool clipped = false;
-    const auto torque = [&](double t) {
-      Joints out{};
-      for (std::size_t i = 0; i < scene_.torque.size(); ++i) {
-        const Waveform& w = scene_.torque[i];
-        double v = w.offset;
-        for (const Waveform::Term& term : w.terms) v += term.amp * std::sin(term.omega * t + term.phase);
-        const int joint = ControllerConfig<M>::joint_of(static_cast<int>(i), scene_.motors());
-        out[static_cast<std::size_t>(joint)] = stage_(v, clipped);
-      }
-      return out;
-    };
+    const double tick = scene_.tick();
+    OpenLoop wave{scene_.torque, scene_.motor_joints()};
+    if (const auto saturation = find_effect<TorqueSaturation>(scene_.effects)) wave.limit = saturation->limit;
+    const MotorTorques<Joints> torque{{}, scene_.torque.empty() ? nullptr : &wave};
     const std::uint32_t ticks = tick_count(scene_);
     for (std::uint32_t n = 0; n < ticks; ++n) {
       if (stop_requested()) {
         end.interrupted = true;
         return;
       }
-      clipped = false;
-      const Joints now = torque(n * tick);
+      const Joints now = torque.at(n * tick);
+      const bool clipped =
+          std::any_of(now.begin(), now.end(), [&](double v) { return std::abs(v) == wave.limit; });
       recorder_.tick(n, motion_, now, clipped, {});
-      motion_.advance(n * tick, step, substeps, torque);
+      motion_.advance(n * tick, tick, substeps, torque);
     }
   }
 
@@ -94,10 +85,11 @@ class SimRun {
       measure(sensors, sample);
       const TickResult<M> result = controller.tick(sample, supervisor);
       bool clipped = false;
-      Joints torque{};
-      for (std::size_t i = 0; i < torque.size(); ++i) torque[i] = stage_(result.torque[static_cast<int>(i)], clipped);
+      Joints asked{};
+      for (std::size_t i = 0; i < asked.size(); ++i) asked[i] = result.torque[static_cast<int>(i)];
+      const Joints torque = actuators_.deliver(asked, tick, clipped);
       recorder_.tick(n, motion_, torque, clipped, {&result, &sample});
-      motion_.advance(n * tick, step, substeps, [&](double) { return torque; });
+      actuators_.advance(motion_, n * tick, tick, step, torque);
       if (stop) {
         end.interrupted = true;
         break;
@@ -114,26 +106,27 @@ class SimRun {
   };
   std::vector<Sensor> make_sensors(int count) {
     std::vector<Sensor> out;
-    const auto o = motion_.plant().output(motion_.state());
+    const SensorEffects effects(scene_.effects);
     for (const PlacedAxis& a : placed_axes(scene_)) {
       if (count == 2 && a.joint % (M::joints / 2) != 0) continue;
-      const double k = a.mount.direction * a.mount.gear_ratio / (2.0 * std::numbers::pi);
-      out.push_back({a, ShaftSensor(find_effect<Encoder>(scene_.effects), scene_.tick()), k});
-      out.back().shaft.settle({(World::angle(o, a.joint) - a.mount.offset) * k, 0.0});
+      const double k = a.mount.rev_per_rad();
+      out.push_back({a, ShaftSensor(effects, scene_.tick(), k, a.joint, scene_.seed), k});
+      const double angle = motion_.shaft(static_cast<std::size_t>(a.joint)).angle;
+      out.back().shaft.settle({(angle - a.mount.offset) * k, 0.0});
     }
+    exact_ = effects.none();
     return out;
   }
   void measure(std::vector<Sensor>& sensors, Sample<M>& sample) const {
-    const auto o = motion_.plant().output(motion_.state());
-    const bool exact = !find_effect<Encoder>(scene_.effects);
     for (Sensor& s : sensors) {
-      const double angle = World::angle(o, s.axis.joint), rate = World::rate(o, s.axis.joint);
-      if (exact) {  // not through revolutions and back: the truth to the last bit
-        sample.angle[s.axis.joint] = angle;
-        sample.rate[s.axis.joint] = rate;
+      const auto shaft = motion_.shaft(static_cast<std::size_t>(s.axis.joint));
+      if (exact_) {  // not through revolutions and back: the truth to the last bit
+        sample.angle[s.axis.joint] = shaft.angle;
+        sample.rate[s.axis.joint] = shaft.rate;
         continue;
       }
-      const ShaftReading r = s.shaft.read({(angle - s.axis.mount.offset) * s.rev_per_rad, rate * s.rev_per_rad});
+      const ShaftReading r =
+          s.shaft.read({(shaft.angle - s.axis.mount.offset) * s.rev_per_rad, shaft.rate * s.rev_per_rad});
       sample.angle[s.axis.joint] = r.position_rev / s.rev_per_rad + s.axis.mount.offset;
       sample.rate[s.axis.joint] = r.velocity_rev_s / s.rev_per_rad;
     }
@@ -143,7 +136,8 @@ class SimRun {
   const RunOptions& options_;
   Recorder<World> recorder_;
   Motion<Plant> motion_;
-  TorqueStage stage_;
+  Actuators<Plant> actuators_;
+  bool exact_ = true;
 };
 
 [[nodiscard]] int steps_per_tick(const Scene& s) {
@@ -171,8 +165,8 @@ int simulate(const Scene& scene, const RunOptions& o) {
     const RunEnd end = run.run(steps_per_tick(scene));
     return finish(run, end);
   }
-  // Step halving. The change between two passes bounds the error of the finer one about 15 times over (RK4), and
-  // when it stops shrinking, rounding has been reached.
+  // Step halving. The change between two passes bounds the error of the finer one about 15 times over (RK4),
+  // and when it stops shrinking, rounding has been reached.
   constexpr int finest = 4096;
   std::vector<double> before;
   double change = std::numeric_limits<double>::infinity();
@@ -191,16 +185,19 @@ int simulate(const Scene& scene, const RunOptions& o) {
     }
     before = end.q;
   }
-  throw RunError(fmt::format("accuracy = {} was not reached: halving the step changes final_state.q by {:.2g}, and "
-                             "rounding (or a motion that forgets its past) is in the way",
-                             *scene.accuracy, change));
+  throw RunError(
+      fmt::format("accuracy = {} was not reached: halving the step changes final_state.q by {:.2g}, and "
+                  "rounding (or a motion that forgets its past) is in the way",
+                  *scene.accuracy, change));
 }
 
 }  // namespace
 
 int run_sim(const RunOptions& o) {
-  const Scene scene = read_scene(o.scene, o.sets);
-  return scene.type == MechanismType::five_bar ? simulate<FiveBarWorld>(scene, o) : simulate<RrWorld>(scene, o);
+  Scene scene = read_scene(o.scene, o.sets);
+  scene.seed = o.seed;
+  return scene.type == MechanismType::five_bar ? simulate<FiveBarWorld>(scene, o)
+                                               : simulate<RrWorld>(scene, o);
 }
 
 std::atomic<bool>& stop_requested() {

@@ -34,7 +34,9 @@ void Statistics::add(const TickRecord& r) {
 
 Json Statistics::tracking() const {
   if (!has_reference_) return nullptr;
-  const auto settled = [](const ErrorStatistics::Moments& m, double v) { return m.count > 0 ? Json(v) : Json(nullptr); };
+  const auto settled = [](const ErrorStatistics::Moments& m, double v) {
+    return m.count > 0 ? Json(v) : Json(nullptr);
+  };
   Json t;
   t["rms_m"] = effector_.all().rms();
   t["max_m"] = effector_.all().largest;
@@ -58,13 +60,20 @@ Json Statistics::torque() const {
 namespace {
 const char* law_name(LawChoice l) {
   switch (l) {
-    case LawChoice::esmc: return "esmc";
-    case LawChoice::esmc_projected: return "esmc_projected";
-    case LawChoice::smc: return "smc";
-    case LawChoice::ctc: return "ctc";
-    case LawChoice::pd: return "pd";
-    case LawChoice::open_loop: return "open_loop";
-    case LawChoice::none: return "none";
+    case LawChoice::esmc:
+      return "esmc";
+    case LawChoice::esmc_projected:
+      return "esmc_projected";
+    case LawChoice::smc:
+      return "smc";
+    case LawChoice::ctc:
+      return "ctc";
+    case LawChoice::pd:
+      return "pd";
+    case LawChoice::open_loop:
+      return "open_loop";
+    case LawChoice::none:
+      return "none";
   }
   return "";
 }
@@ -84,6 +93,7 @@ Json make_summary(const Scene& scene, const Statistics& s, const RunEnd& end) {
   j["law"] = law_name(scene.law);
   j["active_effects"] = effects;
   j["state_dimension"] = end.state_dimension;
+  j["integrator"] = name(end.method);
   j["tracking"] = s.tracking();
   j["torque"] = s.torque();
   j["closure"] = {{"max_m", s.closure_max}};
@@ -94,26 +104,29 @@ Json make_summary(const Scene& scene, const Statistics& s, const RunEnd& end) {
   j["final_state"] = {{"q", end.q}, {"qd", end.qd}};
   j["digest"] = s.digest.text();
   if (!s.has_truth) {
-    for (const char* key : {"closure", "energy", "final_state", "digest"}) j[key] = nullptr;
+    for (const char* key : {"closure", "energy", "final_state", "digest", "state_dimension", "integrator"})
+      j[key] = nullptr;
   }
   if (end.interrupted) j["interrupted"] = true;
   return j;
 }
 
 std::string summary_text(const Json& s) {
-  std::string out = fmt::format("{}: {} law, {} ticks ({} s{}), {} fault{}", s["scene"].get<std::string>(),
-                                s["law"].get<std::string>(), s["ticks"].get<std::uint64_t>(),
-                                s["duration_s"].get<double>(), s.contains("interrupted") ? ", interrupted" : "", s["supervisor"]["faults"].size(),
-                                s["supervisor"]["faults"].size() == 1 ? "" : "s");
+  std::string out =
+      fmt::format("{}: {} law, {} ticks ({} s{}), {} fault{}", s["scene"].get<std::string>(),
+                  s["law"].get<std::string>(), s["ticks"].get<std::uint64_t>(), s["duration_s"].get<double>(),
+                  s.contains("interrupted") ? ", interrupted" : "", s["supervisor"]["faults"].size(),
+                  s["supervisor"]["faults"].size() == 1 ? "" : "s");
   for (const Json& f : s["supervisor"]["faults"]) out += ": " + f.get<std::string>();
   out += "\n";
   const Json& t = s["tracking"];
   if (!t.is_null() && !t["settled_max_rad"].is_null()) {
-    out += fmt::format("tracking after {} s: effector {:.3g} mm rms, {:.3g} mm max; base joints {:.3g} rad rms, "
-                       "{:.3g} rad max\n",
-                       Statistics::settling_time, 1e3 * t["settled_rms_m"].get<double>(),
-                       1e3 * t["settled_max_m"].get<double>(), t["settled_rms_rad"].get<double>(),
-                       t["settled_max_rad"].get<double>());
+    out += fmt::format(
+        "tracking after {} s: effector {:.3g} mm rms, {:.3g} mm max; base joints {:.3g} rad rms, "
+        "{:.3g} rad max\n",
+        Statistics::settling_time, 1e3 * t["settled_rms_m"].get<double>(),
+        1e3 * t["settled_max_m"].get<double>(), t["settled_rms_rad"].get<double>(),
+        t["settled_max_rad"].get<double>());
   }
   const Json& u = s["torque"];
   out += fmt::format("torque: {:.3g} N m max, {:.3g} N m mean change per tick, saturated in {} ticks\n",

@@ -46,7 +46,9 @@ class ErrorStatistics {
       largest = e > largest || std::isnan(e) ? e : largest;
       ++count;
     }
-    [[nodiscard]] double rms() const { return count > 0 ? std::sqrt(square / static_cast<double>(count)) : 0.0; }
+    [[nodiscard]] double rms() const {
+      return count > 0 ? std::sqrt(square / static_cast<double>(count)) : 0.0;
+    }
   };
   [[nodiscard]] const Moments& all() const { return all_; }
   [[nodiscard]] const Moments& settled() const { return settled_; }
@@ -66,8 +68,8 @@ struct TickRecord {
   std::span<const double> q, qd;
   std::span<const double> torque;
   bool has_reference = false;
-  double effector_error = 0.0;                ///< m
-  std::array<double, 2> base_error{};         ///< rad
+  double effector_error = 0.0;         ///< m
+  std::array<double, 2> base_error{};  ///< rad
   bool saturated = false;
 };
 
@@ -103,6 +105,7 @@ struct RunEnd {
   std::optional<BusSummary> bus;
   std::vector<double> q, qd;  ///< final state
   int state_dimension = 0;
+  Method method = Method::rk4;  ///< that integrated the plant
   std::uint64_t seed = 1;
 };
 

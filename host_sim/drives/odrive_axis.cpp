@@ -18,17 +18,17 @@ std::uint32_t estop_error(wire::Version v) {
 constexpr std::uint32_t error_bad_setpoint = 0x2;  // SYSTEM_LEVEL
 }  // namespace
 
-OdriveAxis::OdriveAxis(const AxisMount& mount, const Settings& settings, const std::optional<Encoder>& encoder)
-    : mount_(mount), settings_(settings), sensor_(encoder, settings.period) {}
+OdriveAxis::OdriveAxis(const AxisMount& mount, const Settings& settings, const SensorEffects& sensor,
+                       int joint, std::uint64_t seed)
+    : mount_(mount),
+      settings_(settings),
+      sensor_(sensor, settings.period, mount.rev_per_rad(), joint, seed) {}
 
 ShaftReading OdriveAxis::truth(double angle, double rate) const {
-  const double rev_per_rad = mount_.direction * mount_.gear_ratio / (2.0 * std::numbers::pi);
-  return {(angle - mount_.offset) * rev_per_rad, rate * rev_per_rad};
+  return {(angle - mount_.offset) * mount_.rev_per_rad(), rate * mount_.rev_per_rad()};
 }
 
-void OdriveAxis::settle(double joint_angle) {
-  sensor_.settle(truth(joint_angle, 0.0));
-}
+void OdriveAxis::settle(double joint_angle) { sensor_.settle(truth(joint_angle, 0.0)); }
 
 void OdriveAxis::publish(double joint_angle, double joint_rate, const Send& send) {
   reading_ = sensor_.read(truth(joint_angle, joint_rate));
@@ -71,10 +71,15 @@ bool OdriveAxis::receive(const hal::CanFrame& f, const Send& send) {
         return true;
       }
       return false;
-    case wire::Message::clear_errors: error_ = 0; return false;
-    case wire::Message::estop: disarm(estop_error(settings_.version)); return false;
+    case wire::Message::clear_errors:
+      error_ = 0;
+      return false;
+    case wire::Message::estop:
+      disarm(estop_error(settings_.version));
+      return false;
     case wire::Message::heartbeat:
-    case wire::Message::encoder_estimates: return false;
+    case wire::Message::encoder_estimates:
+      return false;
   }
   return false;
 }

@@ -1,8 +1,10 @@
 #pragma once
-/// An emulated ODrive axis: the same bytes on the bus, the same rules (closed-loop control, errors, watchdog).
+/// An emulated ODrive axis: the same bytes on the bus, the same rules (closed-loop control, errors,
+/// watchdog).
 
 #include <cstdint>
 #include <functional>
+#include <numbers>
 #include <optional>
 
 #include "firmware/drive/odrive.hpp"
@@ -15,6 +17,8 @@ namespace esmc::host {
 struct AxisMount {
   int node = 0;
   double direction = 1.0, gear_ratio = 1.0, offset = 0.0;
+
+  [[nodiscard]] double rev_per_rad() const { return direction * gear_ratio / (2.0 * std::numbers::pi); }
 };
 
 class OdriveAxis {
@@ -24,18 +28,21 @@ class OdriveAxis {
 
   struct Settings {
     Version version = Version::v0_6;
-    double period = 1e-3;             ///< s of virtual time between calls of publish(): encoder_msg_rate
-    double heartbeat_period = 0.01;   ///< s, heartbeat_msg_rate
-    double watchdog_timeout = 0.01;   ///< s; config.enable_watchdog is set
+    double period = 1e-3;            ///< s of virtual time between calls of publish(): encoder_msg_rate
+    double heartbeat_period = 0.01;  ///< s, heartbeat_msg_rate
+    double watchdog_timeout = 0.01;  ///< s; config.enable_watchdog is set
   };
 
-  OdriveAxis(const AxisMount& mount, const Settings& settings, const std::optional<Encoder>& encoder);
+  /// `joint`: which one of the model the shaft turns; `seed`: of its sensor noise.
+  OdriveAxis(const AxisMount& mount, const Settings& settings, const SensorEffects& sensor, int joint,
+             std::uint64_t seed);
 
   /// The joint has rested here for long.
   void settle(double joint_angle);
   /// One period of the drive: watchdog, heartbeat when due, encoder estimates.
   void publish(double joint_angle, double joint_rate, const Send& send);
-  /// A frame from the bus. RTR requests are answered. Returns true when it was a torque setpoint of this axis.
+  /// A frame from the bus. RTR requests are answered. Returns true when it was a torque setpoint of this
+  /// axis.
   bool receive(const hal::CanFrame& f, const Send& send);
 
   /// Torque at the joint, N m, model convention: zero unless in closed-loop torque control.

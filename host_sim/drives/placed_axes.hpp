@@ -1,7 +1,6 @@
 #pragma once
 /// Which drive of the scene sits on which joint, and how.
 
-#include <algorithm>
 #include <vector>
 
 #include "host_sim/drives/odrive_axis.hpp"
@@ -22,7 +21,9 @@ inline std::vector<PlacedAxis> placed_axes(const Scene& s) {
     const int motors = s.motors(), at = static_cast<int>(i);
     const bool motor = at < motors;
     const int joint = !motor ? 2 * (at - motors) + 1 : at * s.joints() / motors;
-    out.push_back({{s.drives.nodes[i], s.drives.direction[i], s.drives.gear_ratio[i], s.drives.offset[i]}, joint, motor});
+    out.push_back({{s.drives.nodes[i], s.drives.direction[i], s.drives.gear_ratio[i], s.drives.offset[i]},
+                   joint,
+                   motor});
   }
   return out;
 }
@@ -30,25 +31,11 @@ inline std::vector<PlacedAxis> placed_axes(const Scene& s) {
 /// The axis as the real drive would be configured for a scene.
 inline OdriveAxis make_axis(const Scene& s, const PlacedAxis& a) {
   OdriveAxis::Settings settings;
-  settings.version = s.drives.protocol == Protocol::odrive ? OdriveAxis::Version::v0_6 : OdriveAxis::Version::v0_5_6;
+  settings.version =
+      s.drives.protocol == Protocol::odrive ? OdriveAxis::Version::v0_6 : OdriveAxis::Version::v0_5_6;
   settings.period = s.tick();
   settings.watchdog_timeout = s.drives.watchdog_timeout;
-  return {a.mount, settings, find_effect<Encoder>(s.effects)};
+  return {a.mount, settings, SensorEffects(s.effects), a.joint, s.seed};
 }
-
-/// Motor torque after what the drive can deliver; `clipped` tells whether it made a difference.
-class TorqueStage {
- public:
-  explicit TorqueStage(const Scene& s) : saturation_(find_effect<TorqueSaturation>(s.effects)) {}
-  [[nodiscard]] double operator()(double torque, bool& clipped) const {
-    if (!saturation_) return torque;
-    const double limited = std::clamp(torque, -saturation_->limit, saturation_->limit);
-    clipped = clipped || limited != torque;
-    return limited;
-  }
-
- private:
-  std::optional<TorqueSaturation> saturation_;
-};
 
 }  // namespace esmc::host

@@ -1,11 +1,13 @@
 #pragma once
-/// What a drive knows of its shaft: the truth, or with the `encoder` effect a quantised angle and an observer.
+/// What a drive knows of its shaft: the truth, or what encoder, noise, bias and delay make of it.
 
 #include <cmath>
+#include <deque>
 #include <numbers>
 #include <optional>
 
 #include "host_sim/effects/effects.hpp"
+#include "host_sim/effects/random.hpp"
 
 namespace esmc::host {
 
@@ -13,54 +15,93 @@ struct ShaftReading {
   double position_rev, velocity_rev_s;
 };
 
+/// The sensor effects of a scene.
+struct SensorEffects {
+  std::optional<Encoder> encoder;
+  std::optional<SensorNoise> noise;
+  std::optional<SensorBias> bias;
+  std::optional<SensorDelay> delay;
+
+  explicit SensorEffects(const std::vector<Effect>& effects)
+      : encoder(find_effect<Encoder>(effects)),
+        noise(find_effect<SensorNoise>(effects)),
+        bias(find_effect<SensorBias>(effects)),
+        delay(find_effect<SensorDelay>(effects)) {}
+  [[nodiscard]] bool none() const { return !encoder && !noise && !bias && !delay; }
+};
+
 class ShaftSensor {
  public:
-  /// `period` between readings, s.
-  ShaftSensor(const std::optional<Encoder>& encoder, double period) : encoder_(encoder) {
-    if (!encoder_) return;
+  /// `period` between readings, s; `rev_per_rad` turns of the shaft per radian of the joint (signed); `joint`
+  /// in the order of the model, which also tells the noise of one sensor from that of another.
+  ShaftSensor(const SensorEffects& effects, double period, double rev_per_rad, int joint, std::uint64_t seed)
+      : observed_(effects.encoder || effects.noise), random_(seed, static_cast<std::uint64_t>(joint)) {
     step_ = period / samples_per_reading;
-    counts_per_rev_ = std::ldexp(1.0, encoder_->bits);
-    decay_ = std::exp(-encoder_->bandwidth * step_);
+    if (effects.encoder) counts_per_rev_ = std::ldexp(1.0, effects.encoder->bits);
+    if (effects.noise) sigma_rev_ = std::abs(rev_per_rad) * effects.noise->sigma;
+    if (effects.bias) bias_rev_ = rev_per_rad * effects.bias->angle[static_cast<std::size_t>(joint)];
+    if (effects.delay) delay_ = static_cast<std::size_t>(effects.delay->ticks);
+    if (observed_) bandwidth_ = effects.encoder ? effects.encoder->bandwidth : effects.noise->bandwidth;
+    decay_ = std::exp(-bandwidth_ * step_);
   }
 
   /// The shaft has been at rest here for long.
   void settle(const ShaftReading& truth) {
     previous_ = truth;
-    position_ = quantised(truth.position_rev);
+    position_ = measured(truth.position_rev);
     velocity_ = 0.0;
+    const ShaftReading rest{observed_ ? position_ : truth.position_rev + bias_rev_, 0.0};
+    waiting_.assign(delay_, rest);
   }
 
   /// Reading at the end of a period that began at the last reading. The shaft angle in between is the cubic
   /// through both ends, sampled as often as the drive's own loop does (8 kHz at 1 kHz readings).
   ShaftReading read(const ShaftReading& truth) {
-    if (!encoder_) return truth;
+    ShaftReading now{truth.position_rev + bias_rev_, truth.velocity_rev_s};
+    if (observed_) now = observe(truth);
+    if (delay_ == 0) return now;
+    waiting_.push_back(now);
+    now = waiting_.front();
+    waiting_.pop_front();
+    return now;
+  }
+
+ private:
+  static constexpr int samples_per_reading = 8;
+
+  ShaftReading observe(const ShaftReading& truth) {
     const double period = step_ * samples_per_reading;
     for (int k = 1; k <= samples_per_reading; ++k) {
       const double u = static_cast<double>(k) / samples_per_reading, w = 1.0 - u;
       const double angle = previous_.position_rev * w * w * (1.0 + 2.0 * u) +
                            truth.position_rev * u * u * (1.0 + 2.0 * w) +
                            period * u * w * (w * previous_.velocity_rev_s - u * truth.velocity_rev_s);
-      track(quantised(angle));
+      track(measured(angle));
     }
     previous_ = truth;
     return {position_, velocity_};
   }
-
- private:
-  static constexpr int samples_per_reading = 8;
-  [[nodiscard]] double quantised(double rev) const { return std::round(rev * counts_per_rev_) / counts_per_rev_; }
+  [[nodiscard]] double measured(double rev) {
+    rev += bias_rev_;
+    if (sigma_rev_ > 0.0) rev += sigma_rev_ * random_();
+    return counts_per_rev_ > 0.0 ? std::round(rev * counts_per_rev_) / counts_per_rev_ : rev;
+  }
 
   /// p' = v + 2 b (y - p), v' = b^2 (y - p), exactly over a step with y held: e^{-bT} (1 + (A + b) T).
   void track(double y) {
-    const double b = encoder_->bandwidth, e = position_ - y;
+    const double b = bandwidth_, e = position_ - y;
     const double e_next = decay_ * (e + step_ * (velocity_ - b * e));
     velocity_ = decay_ * (velocity_ + step_ * (b * velocity_ - b * b * e));
     position_ = y + e_next;
   }
 
-  std::optional<Encoder> encoder_;
+  bool observed_;
+  Normal random_;
   ShaftReading previous_{};
-  double step_ = 0.0, counts_per_rev_ = 0.0, decay_ = 0.0;
+  std::deque<ShaftReading> waiting_;
+  std::size_t delay_ = 0;
+  double step_ = 0.0, counts_per_rev_ = 0.0, sigma_rev_ = 0.0, bias_rev_ = 0.0, bandwidth_ = 0.0,
+         decay_ = 0.0;
   double position_ = 0.0, velocity_ = 0.0;
 };
 

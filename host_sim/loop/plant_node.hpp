@@ -8,6 +8,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "host_sim/drives/actuators.hpp"
 #include "host_sim/drives/placed_axes.hpp"
 #include "host_sim/plant/motion.hpp"
 
@@ -18,8 +19,10 @@ class PlantNode {
  public:
   using Joints = typename Plant::Joints;
 
-  PlantNode(const Plant& plant, const Scene& scene, const typename Plant::State& start)
-      : motion_(plant, scene.effects, start), stage_(scene), tick_(scene.tick()) {
+  PlantNode(Motion<Plant> motion, const Scene& scene)
+      : motion_(std::move(motion)),
+        actuators_(scene.effects, scene.motor_joints(), scene.seed),
+        tick_(scene.tick()) {
     const Joints angle = Plant::joint_angles(motion_.state().angle);
     for (const PlacedAxis& a : placed_axes(scene)) {
       axes_.push_back({a, make_axis(scene, a), false});
@@ -29,7 +32,8 @@ class PlantNode {
 
   [[nodiscard]] Motion<Plant>& motion() { return motion_; }
 
-  /// True from t = 0 on: every motor has confirmed closed-loop control in two heartbeats, and the brake is off.
+  /// True from t = 0 on: every motor has confirmed closed-loop control in two heartbeats, and the brake is
+  /// off.
   [[nodiscard]] bool released() const { return released_; }
   /// Virtual time since the start of arming, s.
   [[nodiscard]] double time() const { return static_cast<double>(published_) * tick_; }
@@ -38,12 +42,13 @@ class PlantNode {
   template <hal::CanBus Bus>
   void publish(Bus& bus) {
     released_ = released_ || armed();
-    const auto send = [&](const hal::CanFrame& f) { (void)bus.try_send(f); };  // losses are counted by the tap
-    const Joints angle = Plant::joint_angles(motion_.state().angle), rate = Plant::joint_rates(motion_.state().rate);
+    const auto send = [&](const hal::CanFrame& f) {
+      (void)bus.try_send(f);
+    };  // losses are counted by the tap
     for (Axis& a : axes_) {
       a.answered = false;
-      const auto joint = static_cast<std::size_t>(a.placed.joint);
-      a.axis.publish(angle[joint], released_ ? rate[joint] : 0.0, send);
+      const auto shaft = motion_.shaft(static_cast<std::size_t>(a.placed.joint));
+      a.axis.publish(shaft.angle, released_ ? shaft.rate : 0.0, send);
     }
     ++published_;
   }
@@ -71,20 +76,21 @@ class PlantNode {
     return true;
   }
 
-  /// Torque at the joints now, after what the drives can deliver.
-  [[nodiscard]] Joints torque(bool& clipped) const {
-    Joints out{};
+  /// Torque at the joints for the next `seconds`, after what the drives can deliver. Call once before
+  /// advance().
+  [[nodiscard]] Joints torque(double seconds, bool& clipped) {
+    Joints asked{};
     for (const Axis& a : axes_) {
-      if (a.placed.motor) out[static_cast<std::size_t>(a.placed.joint)] = stage_(a.axis.joint_torque(), clipped);
+      if (a.placed.motor) asked[static_cast<std::size_t>(a.placed.joint)] = a.axis.joint_torque();
     }
-    return out;
+    return actuators_.deliver(asked, seconds, clipped);
   }
 
-  /// Moves over `seconds` in equal steps; the brake holds until released.
-  void advance(double t, double seconds, int steps, const Joints& torque) {
-    if (!released_) return;
-    motion_.advance(t, seconds / steps, steps, [&](double) { return torque; });
+  /// Moves over `seconds` in steps no longer than `step`; the brake holds until released.
+  void advance(double t, double seconds, double step, const Joints& torque) {
+    if (released_) actuators_.advance(motion_, t, seconds, step, torque);
   }
+  [[nodiscard]] int state_dimension() const { return motion_.state_dimension() + actuators_.states(); }
 
   /// A motor that has left closed-loop control after the release.
   [[nodiscard]] bool disarmed() const { return released_ && !all_closed_loop(); }
@@ -123,7 +129,7 @@ class PlantNode {
 
   Motion<Plant> motion_;
   std::vector<Axis> axes_;
-  TorqueStage stage_;
+  Actuators<Plant> actuators_;
   double tick_;
   std::uint64_t published_ = 0;
   bool released_ = false;

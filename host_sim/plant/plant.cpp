@@ -3,110 +3,165 @@
 #include <cstddef>
 
 namespace esmc::host {
+namespace {
 
-/// The closure Jacobian A = [a0 a1 a2 a3] (2 x 4, tip 1 minus tip 2), Z = M^-1 A^T by legs, and (A Z)^-1.
-struct FiveBarPlant::Frame {
-  std::array<LegDynamics::Terms, 2> t;
-  std::array<V2, 4> a;       // columns of A
-  std::array<V2, 4> z;       // row i: what a unit multiplier in x, in y accelerates psi_i by
-  double inv_xx, inv_xy, inv_yy;
+using Pair = LegDynamics::Pair;
 
-  [[nodiscard]] V2 multiplier(V2 r) const { return {inv_xx * r.x + inv_xy * r.y, inv_xy * r.x + inv_yy * r.y}; }
-  [[nodiscard]] V2 times_a(const Angles& v) const {
-    V2 out;
-    for (std::size_t i = 0; i < 4; ++i) out = out + v[i] * a[i];
-    return out;
-  }
-  void subtract(Angles& v, V2 lambda) const {
-    for (std::size_t i = 0; i < 4; ++i) v[i] -= z[i].x * lambda.x + z[i].y * lambda.y;
-  }
+/// Solves S x = r. Where closure has lost its rank, S is singular and x not finite.
+V2 solve(const LegDynamics::Symmetric& s, V2 r) {
+  const double inverse = 1.0 / (s.xx * s.yy - s.xy * s.xy);
+  return {(s.yy * r.x - s.xy * r.y) * inverse, (s.xx * r.y - s.xy * r.x) * inverse};
+}
+
+}  // namespace
+
+/// Both legs' poses. Leg 1 closes with +, leg 2 with -.
+struct FiveBarPlant::Poses {
+  std::array<LegDynamics::Pose, 2> leg;
 };
 
-FiveBarPlant::Frame FiveBarPlant::frame(const State& s) const {
-  Frame f{};
-  double xx = 0.0, xy = 0.0, yy = 0.0;
-  for (std::size_t j = 0; j < 2; ++j) {
-    const std::size_t i = 2 * j;
-    f.t[j] = leg_[j].terms(s.angle[i], s.angle[i + 1], s.rate[i], s.rate[i + 1]);
-    const double sign = j == 0 ? 1.0 : -1.0;
-    f.a[i] = sign * leg_[j].column1(f.t[j]);
-    f.a[i + 1] = sign * leg_[j].column2(f.t[j]);
-    const V2 zx = leg_[j].solve(f.t[j], f.a[i].x, f.a[i + 1].x);
-    const V2 zy = leg_[j].solve(f.t[j], f.a[i].y, f.a[i + 1].y);
-    f.z[i] = {zx.x, zy.x};
-    f.z[i + 1] = {zx.y, zy.y};
-    xx += f.a[i].x * zx.x + f.a[i + 1].x * zx.y;
-    xy += f.a[i].y * zx.x + f.a[i + 1].y * zx.y;
-    yy += f.a[i].y * zy.x + f.a[i + 1].y * zy.y;
-  }
-  const double inverse = 1.0 / (xx * yy - xy * xy);
-  f.inv_xx = yy * inverse;
-  f.inv_xy = -xy * inverse;
-  f.inv_yy = xx * inverse;
-  return f;
+FiveBarPlant::Poses FiveBarPlant::poses(const Angles& angle) const {
+  const auto d = directions(angle);
+  return {{leg_[0].pose(d.cos[0], d.sin[0], d.cos[1], d.sin[1]),
+           leg_[1].pose(d.cos[2], d.sin[2], d.cos[3], d.sin[3])}};
 }
 
-FiveBarPlant::Angles FiveBarPlant::acceleration(const State& s, const Joints& torque) const {
-  Frame f = frame(s);
-  Angles a{};
-  for (std::size_t j = 0; j < 2; ++j) {
-    leg_[j].add_torque(f.t[j], torque[2 * j], torque[2 * j + 1]);
-    const V2 free = leg_[j].solve(f.t[j], f.t[j].q1, f.t[j].q2);
-    a[2 * j] = free.x;
-    a[2 * j + 1] = free.y;
-  }
-  // A a = -(tip 1 acceleration at constant rates - that of tip 2)
-  const V2 gap = f.times_a(a) + (f.t[0].along - f.t[1].along);
-  f.subtract(a, f.multiplier(gap));
-  return a;
+FiveBarPlant::Angles FiveBarPlant::acceleration(const Angles& angle, const Angles& rate,
+                                                const Joints& torque) const {
+  const Poses p = poses(angle);
+  const Pair f1 = leg_[0].force(p.leg[0], rate[0], rate[1], torque[0], torque[1]);
+  const Pair f2 = leg_[1].force(p.leg[1], rate[2], rate[3], torque[2], torque[3]);
+  const Pair a1 = LegDynamics::solve(p.leg[0], f1), a2 = LegDynamics::solve(p.leg[1], f2);
+  // How far the tips would part, and the force between them that keeps them together.
+  const V2 gap = (leg_[0].tip_rate(p.leg[0], a1) + leg_[0].tip_bias(p.leg[0], rate[0], rate[1])) -
+                 (leg_[1].tip_rate(p.leg[1], a2) + leg_[1].tip_bias(p.leg[1], rate[2], rate[3]));
+  const V2 lambda = solve(leg_[0].tip_mobility(p.leg[0]) + leg_[1].tip_mobility(p.leg[1]), gap);
+  const Pair b1 = LegDynamics::solve(p.leg[0], leg_[0].tip_force(p.leg[0], lambda));
+  const Pair b2 = LegDynamics::solve(p.leg[1], leg_[1].tip_force(p.leg[1], lambda));
+  return {a1.first - b1.first, a1.second - b1.second, a2.first + b2.first, a2.second + b2.second};
 }
 
-void FiveBarPlant::project(State& s) const {
-  // One Newton step: an integrator leaves a gap of its own local error e, and this one leaves e^2. Repeated only
-  // where that is not yet nothing.
+FiveBarPlant::Angles FiveBarPlant::response(const Angles& angle, const Joints& torque) const {
+  const Poses p = poses(angle);
+  const Pair a1 = LegDynamics::solve(p.leg[0], {torque[0] - torque[1], torque[1]});
+  const Pair a2 = LegDynamics::solve(p.leg[1], {torque[3] - torque[2], -torque[3]});
+  const V2 gap = leg_[0].tip_rate(p.leg[0], a1) - leg_[1].tip_rate(p.leg[1], a2);
+  const V2 lambda = solve(leg_[0].tip_mobility(p.leg[0]) + leg_[1].tip_mobility(p.leg[1]), gap);
+  const Pair b1 = LegDynamics::solve(p.leg[0], leg_[0].tip_force(p.leg[0], lambda));
+  const Pair b2 = LegDynamics::solve(p.leg[1], leg_[1].tip_force(p.leg[1], lambda));
+  return {a1.first - b1.first, a1.second - b1.second, a2.first + b2.first, a2.second + b2.second};
+}
+
+void FiveBarPlant::project(Angles& angle, Angles& rate) const {
+  // One Newton step: an integrator leaves a gap of its own local error e, and this one leaves e^2. Repeated
+  // only where that is not yet nothing.
   constexpr double nothing = 4e-17;
   for (int round = 0; round < 4; ++round) {
-    const Frame f = frame(s);
-    const V2 gap = leg_[0].tip(f.t[0]) - leg_[1].tip(f.t[1]);
-    f.subtract(s.rate, f.multiplier(f.times_a(s.rate)));
+    const Poses p = poses(angle);
+    const auto mobility = leg_[0].tip_mobility(p.leg[0]) + leg_[1].tip_mobility(p.leg[1]);
+    const auto subtract = [&](Angles& from, V2 gap) {
+      const V2 lambda = solve(mobility, gap);
+      const Pair b1 = LegDynamics::solve(p.leg[0], leg_[0].tip_force(p.leg[0], lambda));
+      const Pair b2 = LegDynamics::solve(p.leg[1], leg_[1].tip_force(p.leg[1], lambda));
+      from = {from[0] - b1.first, from[1] - b1.second, from[2] + b2.first, from[3] + b2.second};
+    };
+    subtract(rate,
+             leg_[0].tip_rate(p.leg[0], {rate[0], rate[1]}) - leg_[1].tip_rate(p.leg[1], {rate[2], rate[3]}));
+    const V2 gap = leg_[0].tip(p.leg[0].e1, p.leg[0].e2) - leg_[1].tip(p.leg[1].e1, p.leg[1].e2);
     const double size = std::abs(gap.x) + std::abs(gap.y);
     if (size <= nothing) return;
-    f.subtract(s.angle, f.multiplier(gap));
+    subtract(angle, gap);
     if (size < 1e-9) return;
   }
 }
 
-double FiveBarPlant::closure(const State& s) const {
-  const V2 gap = leg_[0].tip(leg_[0].terms(s.angle[0], s.angle[1], 0, 0)) -
-                 leg_[1].tip(leg_[1].terms(s.angle[2], s.angle[3], 0, 0));
-  return std::hypot(gap.x, gap.y);
+FiveBarPlant::Joints FiveBarPlant::effector_load(const Angles& angle, V2 force) const {
+  const Pair q = leg_[0].tip_force_as_torque(poses(angle).leg[0], force);
+  return {q.first, q.second, 0.0, 0.0};
 }
 
 FiveBarPlant::Output FiveBarPlant::output(const State& s) const {
-  std::array<V2, 2> tip, rate;
-  for (std::size_t j = 0; j < 2; ++j) {
-    const auto t = leg_[j].terms(s.angle[2 * j], s.angle[2 * j + 1], 0, 0);
-    tip[j] = leg_[j].tip(t);
-    rate[j] = s.rate[2 * j] * leg_[j].column1(t) + s.rate[2 * j + 1] * leg_[j].column2(t);
-  }
-  const V2 x = 0.5 * (tip[0] + tip[1]), v = 0.5 * (rate[0] + rate[1]);
+  const Poses p = poses(s.angle);
+  const V2 tip1 = leg_[0].tip(p.leg[0].e1, p.leg[0].e2), tip2 = leg_[1].tip(p.leg[1].e1, p.leg[1].e2),
+           gap = tip1 - tip2;
+  const V2 x = 0.5 * (tip1 + tip2);
+  const V2 v = 0.5 * (leg_[0].tip_rate(p.leg[0], {s.rate[0], s.rate[1]}) +
+                      leg_[1].tip_rate(p.leg[1], {s.rate[2], s.rate[3]}));
   const Joints theta = joint_angles(s.angle), w = joint_rates(s.rate);
-  return {{x.x, x.y, theta[0], theta[1], theta[2], theta[3]}, {v.x, v.y, w[0], w[1], w[2], w[3]}};
+  return {{x.x, x.y, theta[0], theta[1], theta[2], theta[3]},
+          {v.x, v.y, w[0], w[1], w[2], w[3]},
+          x,
+          v,
+          std::sqrt(dot(gap, gap))};
+}
+
+V2 FiveBarPlant::effector(const Angles& angle) const {
+  const Poses p = poses(angle);
+  return 0.5 * (leg_[0].tip(p.leg[0].e1, p.leg[0].e2) + leg_[1].tip(p.leg[1].e1, p.leg[1].e2));
+}
+
+V2 FiveBarPlant::effector_rate(const Angles& angle, const Angles& rate) const {
+  const Poses p = poses(angle);
+  return 0.5 *
+         (leg_[0].tip_rate(p.leg[0], {rate[0], rate[1]}) + leg_[1].tip_rate(p.leg[1], {rate[2], rate[3]}));
 }
 
 double FiveBarPlant::kinetic_energy(const State& s) const {
-  double e = 0.0;
-  for (std::size_t j = 0; j < 2; ++j) {
-    const auto t = leg_[j].terms(s.angle[2 * j], s.angle[2 * j + 1], 0, 0);
-    e += leg_[j].kinetic(t, s.rate[2 * j], s.rate[2 * j + 1]);
-  }
-  return e;
+  const auto d = directions(s.angle);
+  return leg_[0].kinetic({d.cos[0], d.sin[0]}, {d.cos[1], d.sin[1]}, s.rate[0], s.rate[1]) +
+         leg_[1].kinetic({d.cos[2], d.sin[2]}, {d.cos[3], d.sin[3]}, s.rate[2], s.rate[3]);
 }
 
 double FiveBarPlant::potential_energy(const State& s) const {
-  double e = 0.0;
-  for (std::size_t j = 0; j < 2; ++j) e += leg_[j].potential(leg_[j].terms(s.angle[2 * j], s.angle[2 * j + 1], 0, 0));
-  return e;
+  const auto d = directions(s.angle);
+  return leg_[0].potential({d.cos[0], d.sin[0]}, {d.cos[1], d.sin[1]}) +
+         leg_[1].potential({d.cos[2], d.sin[2]}, {d.cos[3], d.sin[3]});
+}
+
+LegDynamics::Pose RrPlant::pose(const Angles& angle) const {
+  const auto d = directions(angle);
+  return leg_.pose(d.cos[0], d.sin[0], d.cos[1], d.sin[1]);
+}
+
+RrPlant::Angles RrPlant::acceleration(const Angles& angle, const Angles& rate, const Joints& torque) const {
+  const LegDynamics::Pose p = pose(angle);
+  const Pair a = LegDynamics::solve(p, leg_.force(p, rate[0], rate[1], torque[0], torque[1]));
+  return {a.first, a.second};
+}
+
+RrPlant::Angles RrPlant::response(const Angles& angle, const Joints& torque) const {
+  const Pair a = LegDynamics::solve(pose(angle), {torque[0] - torque[1], torque[1]});
+  return {a.first, a.second};
+}
+
+RrPlant::Joints RrPlant::effector_load(const Angles& angle, V2 force) const {
+  const Pair q = leg_.tip_force_as_torque(pose(angle), force);
+  return {q.first, q.second};
+}
+
+RrPlant::Output RrPlant::output(const State& s) const {
+  const LegDynamics::Pose p = pose(s.angle);
+  return {joint_angles(s.angle), joint_rates(s.rate), leg_.tip(p.e1, p.e2),
+          leg_.tip_rate(p, {s.rate[0], s.rate[1]}), 0.0};
+}
+
+V2 RrPlant::effector(const Angles& angle) const {
+  const LegDynamics::Pose p = pose(angle);
+  return leg_.tip(p.e1, p.e2);
+}
+
+V2 RrPlant::effector_rate(const Angles& angle, const Angles& rate) const {
+  return leg_.tip_rate(pose(angle), {rate[0], rate[1]});
+}
+
+double RrPlant::kinetic_energy(const State& s) const {
+  const auto d = directions(s.angle);
+  return leg_.kinetic({d.cos[0], d.sin[0]}, {d.cos[1], d.sin[1]}, s.rate[0], s.rate[1]);
+}
+
+double RrPlant::potential_energy(const State& s) const {
+  const auto d = directions(s.angle);
+  return leg_.potential({d.cos[0], d.sin[0]}, {d.cos[1], d.sin[1]});
 }
 
 }  // namespace esmc::host

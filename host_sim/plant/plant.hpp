@@ -1,14 +1,13 @@
 #pragma once
-/// The true five-bar: two legs in redundant coordinates, held together by Lagrange multipliers. Regular at both
-/// singularities, and written without a line of firmware/ (values of parameters apart), so that an error in one
-/// shows against the other.
+/// The true mechanisms, in redundant coordinates, written without a line of the controller's model (values of
+/// parameters apart), so that an error in one shows against the other.
 ///
-/// Coordinates: the absolute angles psi_jk of the four bars in the inertial frame N, all counter-clockwise.
-/// The effector mass is split between the two leg tips, which closure makes one point. With A the closure
+/// Coordinates: the absolute angles psi_jk of the bars in the inertial frame N, all counter-clockwise. The
+/// effector mass is split between the two leg tips, which closure makes one point. With A the closure
 /// Jacobian (tip 1 minus tip 2) and M the legs' own 2 x 2 mass matrices, always positive definite:
 ///   M a + A^T lambda = Q,   A a = gamma
-/// solved through the 2 x 2 Schur complement A M^-1 A^T, singular only where closure itself loses rank (both
-/// legs stretched or folded along one line).
+/// solved through the 2 x 2 Schur complement A M^-1 A^T, which is regular at both singularities and loses
+/// rank only where closure itself does (both legs stretched or folded along one line).
 
 #include <array>
 #include <cmath>
@@ -24,7 +23,20 @@ struct V2 {
   friend V2 operator+(V2 a, V2 b) { return {a.x + b.x, a.y + b.y}; }
   friend V2 operator-(V2 a, V2 b) { return {a.x - b.x, a.y - b.y}; }
   friend V2 operator*(double k, V2 a) { return {k * a.x, k * a.y}; }
+  friend double dot(V2 a, V2 b) { return a.x * b.x + a.y * b.y; }
 };
+
+/// Directions of N bars. Beyond the range of firmware/numeric (a day of turning) the C library takes over.
+template <std::size_t N>
+[[nodiscard]] inline SinCosLanes<double, N> directions(const std::array<double, N>& angle) {
+  SinCosLanes<double, N> d = sin_cos(angle);
+  for (std::size_t i = 0; i < N; ++i) {
+    if (d.sin[i] == d.sin[i]) continue;
+    d.sin[i] = std::sin(angle[i]);
+    d.cos[i] = std::cos(angle[i]);
+  }
+  return d;
+}
 
 /// One leg in N, by Lagrange's equations in absolute bar angles. `side` is +1 for leg 1 (and the RR arm), -1
 /// for leg 2, whose model angles are mirrored: psi = pi - theta.
@@ -32,54 +44,80 @@ class LegDynamics {
  public:
   LegDynamics() = default;
   LegDynamics(const LegParams<double>& p, double gravity, double tip_mass, double base_x, double side)
-      : l1_(p.l1), l2_(p.l2), base_x_(base_x), side_(side),
+      : l1_(p.l1),
+        l2_(p.l2),
+        base_x_(base_x),
+        side_(side),
         i1_(p.J1 + p.m1 * p.lg1 * p.lg1 + (p.m2 + tip_mass) * p.l1 * p.l1),
         i2_(p.J2 + p.m2 * p.lg2 * p.lg2 + tip_mass * p.l2 * p.l2),
         coupling_((p.m2 * p.lg2 + tip_mass * p.l2) * p.l1),
         weight1_(gravity * (p.m1 * p.lg1 + (p.m2 + tip_mass) * p.l1)),
         weight2_(gravity * (p.m2 * p.lg2 + tip_mass * p.l2)) {}
 
-  /// Directions of both bars and everything that follows from them and the rates.
-  struct Terms {
-    double c1, s1, c2, s2;
-    double m12;           // coupling of the mass matrix
-    double q1, q2;        // right-hand side without joint torques
-    V2 along;             // tip acceleration at constant rates
+  /// Where both bars point, and the inverse of the leg's mass matrix.
+  struct Pose {
+    V2 e1, e2;              // along the bars
+    double sin_difference;  // of psi1 - psi2
+    double m11, m12, m22;   // M^-1
   };
+  [[nodiscard]] Pose pose(double c1, double s1, double c2, double s2) const {
+    const double m12 = coupling_ * (c1 * c2 + s1 * s2);
+    const double inverse = 1.0 / (i1_ * i2_ - m12 * m12);
+    return {{c1, s1}, {c2, s2}, s1 * c2 - c1 * s2, i2_ * inverse, -m12 * inverse, i1_ * inverse};
+  }
 
-  [[nodiscard]] Terms terms(double psi1, double psi2, double w1, double w2) const {
-    Terms t{};
-    const SinCos<double> a = sin_cos(psi1), b = sin_cos(psi2);
-    t.c1 = a.cos;
-    t.s1 = a.sin;
-    t.c2 = b.cos;
-    t.s2 = b.sin;
-    const double cos_difference = t.c1 * t.c2 + t.s1 * t.s2, sin_difference = t.s1 * t.c2 - t.c1 * t.s2;
-    t.m12 = coupling_ * cos_difference;
-    t.q1 = -coupling_ * sin_difference * w2 * w2 - weight1_ * t.c1;
-    t.q2 = coupling_ * sin_difference * w1 * w1 - weight2_ * t.c2;
-    t.along = {-l1_ * w1 * w1 * t.c1 - l2_ * w2 * w2 * t.c2, -l1_ * w1 * w1 * t.s1 - l2_ * w2 * w2 * t.s2};
-    return t;
+  struct Pair {
+    double first, second;  // of the two bars
+  };
+  /// Q: weight, inertia forces of the rates, joint torques (model convention: relative joints, mirrored for
+  /// leg 2).
+  [[nodiscard]] Pair force(const Pose& p, double w1, double w2, double tau1, double tau2) const {
+    const double k = coupling_ * p.sin_difference;
+    return {side_ * (tau1 - tau2) - k * w2 * w2 - weight1_ * p.e1.x,
+            side_ * tau2 + k * w1 * w1 - weight2_ * p.e2.x};
   }
-  /// Joint torques of the model (relative joints, mirrored for leg 2) as forces on psi1, psi2.
-  void add_torque(Terms& t, double tau1, double tau2) const {
-    t.q1 += side_ * (tau1 - tau2);
-    t.q2 += side_ * tau2;
+  /// M^-1 f.
+  [[nodiscard]] static Pair solve(const Pose& p, Pair f) {
+    return {p.m11 * f.first + p.m12 * f.second, p.m12 * f.first + p.m22 * f.second};
   }
-  /// M^-1 (f1, f2).
-  [[nodiscard]] V2 solve(const Terms& t, double f1, double f2) const {
-    const double inverse = 1.0 / (i1_ * i2_ - t.m12 * t.m12);
-    return {(i2_ * f1 - t.m12 * f2) * inverse, (i1_ * f2 - t.m12 * f1) * inverse};
+  /// J a: what angular rates (or accelerations) of the bars give the tip.
+  [[nodiscard]] V2 tip_rate(const Pose& p, Pair w) const {
+    const double a = l1_ * w.first, b = l2_ * w.second;
+    return {-a * p.e1.y - b * p.e2.y, a * p.e1.x + b * p.e2.x};
   }
-  [[nodiscard]] V2 column1(const Terms& t) const { return {-l1_ * t.s1, l1_ * t.c1}; }  // d tip / d psi1
-  [[nodiscard]] V2 column2(const Terms& t) const { return {-l2_ * t.s2, l2_ * t.c2}; }
-  [[nodiscard]] V2 tip(const Terms& t) const {
-    return {base_x_ + l1_ * t.c1 + l2_ * t.c2, l1_ * t.s1 + l2_ * t.s2};
+  /// J^T f: what a force on the tip does to the bars.
+  [[nodiscard]] Pair tip_force(const Pose& p, V2 f) const {
+    return {l1_ * (p.e1.x * f.y - p.e1.y * f.x), l2_ * (p.e2.x * f.y - p.e2.y * f.x)};
   }
-  [[nodiscard]] double kinetic(const Terms& t, double w1, double w2) const {
-    return 0.5 * (i1_ * w1 * w1 + i2_ * w2 * w2) + t.m12 * w1 * w2;
+  /// The tip's acceleration at constant rates.
+  [[nodiscard]] V2 tip_bias(const Pose& p, double w1, double w2) const {
+    const double a = l1_ * w1 * w1, b = l2_ * w2 * w2;
+    return {-a * p.e1.x - b * p.e2.x, -a * p.e1.y - b * p.e2.y};
   }
-  [[nodiscard]] double potential(const Terms& t) const { return weight1_ * t.s1 + weight2_ * t.s2; }
+  /// A symmetric 2 x 2 matrix.
+  struct Symmetric {
+    double xx, xy, yy;
+    friend Symmetric operator+(Symmetric a, Symmetric b) { return {a.xx + b.xx, a.xy + b.xy, a.yy + b.yy}; }
+  };
+  /// J M^-1 J^T: how the tip yields to a force.
+  [[nodiscard]] Symmetric tip_mobility(const Pose& p) const {
+    const double a = l1_ * l1_ * p.m11, b = l2_ * l2_ * p.m22, c = l1_ * l2_ * p.m12;
+    const double ax = a * p.e1.x + c * p.e2.x, ay = a * p.e1.y + c * p.e2.y;
+    const double bx = b * p.e2.x + c * p.e1.x, by = b * p.e2.y + c * p.e1.y;
+    return {ay * p.e1.y + by * p.e2.y, -(ax * p.e1.y + bx * p.e2.y), ax * p.e1.x + bx * p.e2.x};
+  }
+  [[nodiscard]] V2 tip(V2 e1, V2 e2) const {
+    return {base_x_ + l1_ * e1.x + l2_ * e2.x, l1_ * e1.y + l2_ * e2.y};
+  }
+  /// A force on the tip as the joint torques (model convention) that do the same.
+  [[nodiscard]] Pair tip_force_as_torque(const Pose& p, V2 f) const {
+    const Pair q = tip_force(p, f);
+    return {side_ * (q.first + q.second), side_ * q.second};
+  }
+  [[nodiscard]] double kinetic(V2 e1, V2 e2, double w1, double w2) const {
+    return 0.5 * (i1_ * w1 * w1 + i2_ * w2 * w2) + coupling_ * dot(e1, e2) * w1 * w2;
+  }
+  [[nodiscard]] double potential(V2 e1, V2 e2) const { return weight1_ * e1.y + weight2_ * e2.y; }
 
  private:
   double l1_{}, l2_{}, base_x_{}, side_{1.0};
@@ -98,10 +136,14 @@ class FiveBarPlant {
   };
   struct Output {
     std::array<double, 6> q{}, qd{};
+    V2 effector, effector_rate;
+    double closure = 0.0;  ///< |tip 1 - tip 2|, m
   };
 
-  explicit FiveBarPlant(const FiveBarParams<double>& p)
-      : leg_{LegDynamics(p.legs[0], p.g, 0.5 * p.m0, p.l0, 1.0), LegDynamics(p.legs[1], p.g, 0.5 * p.m0, -p.l0, -1.0)} {}
+  /// `payload`: a further point mass at the effector, kg.
+  explicit FiveBarPlant(const FiveBarParams<double>& p, double payload = 0.0)
+      : leg_{LegDynamics(p.legs[0], p.g, 0.5 * (p.m0 + payload), p.l0, 1.0),
+             LegDynamics(p.legs[1], p.g, 0.5 * (p.m0 + payload), -p.l0, -1.0)} {}
 
   /// State from the model's joint angles and rates (leg 2 mirrored).
   [[nodiscard]] static State from_joints(const Joints& theta, const Joints& rate) {
@@ -116,18 +158,23 @@ class FiveBarPlant {
   [[nodiscard]] static Joints joint_rates(const Angles& w) { return {w[0], w[1] - w[0], -w[2], w[2] - w[3]}; }
 
   /// Angular accelerations of the bars under joint torques (model convention, N m).
-  [[nodiscard]] Angles acceleration(const State& s, const Joints& torque) const;
-  /// Moves the state onto the closure, position and velocity, along the shortest way in the mass metric.
-  void project(State& s) const;
-  /// |tip 1 - tip 2|, m.
-  [[nodiscard]] double closure(const State& s) const;
+  [[nodiscard]] Angles acceleration(const Angles& angle, const Angles& rate, const Joints& torque) const;
+  /// What joint torques (impulses) alone do to the rates of the bars: M^-1 with closure kept, times the
+  /// torques.
+  [[nodiscard]] Angles response(const Angles& angle, const Joints& torque) const;
+  /// Moves angles and rates onto the closure, along the shortest way in the mass metric.
+  void project(Angles& angle, Angles& rate) const;
+  /// A force at the effector, N, as joint torques.
+  [[nodiscard]] Joints effector_load(const Angles& angle, V2 force) const;
   [[nodiscard]] Output output(const State& s) const;
+  [[nodiscard]] V2 effector(const Angles& angle) const;
+  [[nodiscard]] V2 effector_rate(const Angles& angle, const Angles& rate) const;
   [[nodiscard]] double kinetic_energy(const State& s) const;
   [[nodiscard]] double potential_energy(const State& s) const;
 
  private:
-  struct Frame;  // both legs' terms and the factored closure
-  [[nodiscard]] Frame frame(const State& s) const;
+  struct Poses;
+  [[nodiscard]] Poses poses(const Angles& angle) const;
   std::array<LegDynamics, 2> leg_;
 };
 
@@ -144,9 +191,11 @@ class RrPlant {
   };
   struct Output {
     std::array<double, 2> q{}, qd{};
+    V2 effector, effector_rate;
+    double closure = 0.0;
   };
 
-  explicit RrPlant(const RrParams<double>& p) : leg_(p.arm, p.g, 0.0, 0.0, 1.0) {}
+  explicit RrPlant(const RrParams<double>& p, double payload = 0.0) : leg_(p.arm, p.g, payload, 0.0, 1.0) {}
 
   [[nodiscard]] static State from_joints(const Joints& theta, const Joints& rate) {
     return {{theta[0], theta[0] + theta[1]}, {rate[0], rate[0] + rate[1]}};
@@ -154,28 +203,18 @@ class RrPlant {
   [[nodiscard]] static Joints joint_angles(const Angles& psi) { return {psi[0], psi[1] - psi[0]}; }
   [[nodiscard]] static Joints joint_rates(const Angles& w) { return {w[0], w[1] - w[0]}; }
 
-  [[nodiscard]] Angles acceleration(const State& s, const Joints& torque) const {
-    LegDynamics::Terms t = leg_.terms(s.angle[0], s.angle[1], s.rate[0], s.rate[1]);
-    leg_.add_torque(t, torque[0], torque[1]);
-    const V2 a = leg_.solve(t, t.q1, t.q2);
-    return {a.x, a.y};
-  }
-  void project(State&) const {}
-  [[nodiscard]] double closure(const State&) const { return 0.0; }
-  [[nodiscard]] Output output(const State& s) const { return {joint_angles(s.angle), joint_rates(s.rate)}; }
-  [[nodiscard]] V2 effector(const State& s) const { return leg_.tip(leg_.terms(s.angle[0], s.angle[1], 0, 0)); }
-  [[nodiscard]] V2 effector_rate(const State& s) const {
-    const auto t = leg_.terms(s.angle[0], s.angle[1], 0, 0);
-    return s.rate[0] * leg_.column1(t) + s.rate[1] * leg_.column2(t);
-  }
-  [[nodiscard]] double kinetic_energy(const State& s) const {
-    return leg_.kinetic(leg_.terms(s.angle[0], s.angle[1], 0, 0), s.rate[0], s.rate[1]);
-  }
-  [[nodiscard]] double potential_energy(const State& s) const {
-    return leg_.potential(leg_.terms(s.angle[0], s.angle[1], 0, 0));
-  }
+  [[nodiscard]] Angles acceleration(const Angles& angle, const Angles& rate, const Joints& torque) const;
+  [[nodiscard]] Angles response(const Angles& angle, const Joints& torque) const;
+  void project(Angles&, Angles&) const {}
+  [[nodiscard]] Joints effector_load(const Angles& angle, V2 force) const;
+  [[nodiscard]] Output output(const State& s) const;
+  [[nodiscard]] V2 effector(const Angles& angle) const;
+  [[nodiscard]] V2 effector_rate(const Angles& angle, const Angles& rate) const;
+  [[nodiscard]] double kinetic_energy(const State& s) const;
+  [[nodiscard]] double potential_energy(const State& s) const;
 
  private:
+  [[nodiscard]] LegDynamics::Pose pose(const Angles& angle) const;
   LegDynamics leg_;
 };
 

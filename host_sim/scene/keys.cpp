@@ -116,12 +116,46 @@ constexpr std::array keys{
     Key{"bus.bitrate", "integer", "1000000", "bit/s", 10000, 1000000, false, "", "CAN bit rate; `esmc check` computes the bus load from it"},
 
     Key{"simulation.duration", "number", "", "s", 0, 1e6, true, "", "from t = 0"},
-    Key{"simulation.integrator", "string", "\"rk4\"", "", -inf, inf, false, "rk4", "fixed-step method"},
+    Key{"simulation.integrator", "string", "\"rk4\"", "", -inf, inf, false, "semi_implicit_euler | rk4 | dopri5 | dopri8 | radau5 | moreau_jean", "method, at the fixed step below; set-valued effects are always stepped by moreau_jean"},
     Key{"simulation.step", "number", "0.0005", "s", 0, 1, true, "", "integration step; a tick is cut into equal steps no longer than this"},
     Key{"simulation.accuracy", "number", "-", "", 1e-12, 1e-2, false, "", "instead of step: largest absolute error of final_state.q; the step is halved until it is met"},
 
-    Key{"effects.type", "string", "", "", -inf, inf, false, "viscous_friction | encoder | torque_saturation", "which effect; each at most once"},
+    Key{"effects.type", "string", "", "", -inf, inf, false, "viscous_friction | coulomb_friction | joint_flexibility | backlash | end_stops | payload | external_force | torque_lag | torque_saturation | torque_ripple | thermal_limit | encoder | noise | bias | delay | jitter | compute_delay", "which effect; each at most once"},
     Key{"effects[viscous_friction].coefficient", "numbers", "", "N m s/rad", 0, big, false, "", "per joint of a leg; four values: the two legs differ"},
+    Key{"effects[coulomb_friction].torque", "numbers", "", "N m", 0, big, false, "", "per joint of a leg; four values: the two legs differ"},
+    Key{"effects[coulomb_friction].regularised", "number", "-", "rad/s", 1e-9, 1e3, false, "", "tanh(rate / regularised) instead of true stiction"},
+    Key{"effects[joint_flexibility].stiffness", "number or numbers", "", "N m/rad", 0, big, true, "", "of the gear at the joint; one for all motors or one each"},
+    Key{"effects[joint_flexibility].damping", "number or numbers", "0.0", "N m s/rad", 0, big, false, "", "of the gear"},
+    Key{"effects[joint_flexibility].rotor_inertia", "number or numbers", "", "kg m2", 0, big, true, "", "of the rotor, at the joint"},
+    Key{"effects[backlash].gap", "number", "", "rad", 0, 1, true, "", "play at the joint, from contact to contact"},
+    Key{"effects[backlash].stiffness", "number", "1000.0", "N m/rad", 0, big, true, "", "of the contact; not beside joint_flexibility"},
+    Key{"effects[backlash].damping", "number", "0.1", "N m s/rad", 0, big, false, "", "of the contact; likewise"},
+    Key{"effects[backlash].rotor_inertia", "number", "0.0001", "kg m2", 0, big, true, "", "of the rotor, at the joint; likewise"},
+    Key{"effects[end_stops].lower", "numbers", "", "rad", -1e3, 1e3, false, "", "per base joint"},
+    Key{"effects[end_stops].upper", "numbers", "", "rad", -1e3, 1e3, false, "", "per base joint"},
+    Key{"effects[end_stops].stiffness", "number", "-", "N m/rad", 0, 1e9, true, "", "springs; without it the stops are rigid"},
+    Key{"effects[end_stops].restitution", "number", "0.0", "", 0, 1, false, "", "rebound speed over impact speed"},
+    Key{"effects[payload].mass", "number", "", "kg", 0, big, true, "", "taken up at the effector, moving with it"},
+    Key{"effects[payload].from", "number", "0.0", "s", 0, 1e6, false, "", "when it is taken up"},
+    Key{"effects[payload].to", "number", "1e6", "s", 0, 1e6, false, "", "when it is let go"},
+    Key{"effects[external_force].kind", "string", "\"pulse\"", "", -inf, inf, false, "pulse | human", "constant force, or spring and damper of a hand"},
+    Key{"effects[external_force].force", "numbers", "", "N", -big, big, false, "", "pulse: (x, y)"},
+    Key{"effects[external_force].anchor", "numbers", "", "m", -1e3, 1e3, false, "", "human: where the hand pulls to"},
+    Key{"effects[external_force].stiffness", "number", "", "N/m", 0, big, false, "", "human"},
+    Key{"effects[external_force].damping", "number", "0.0", "N s/m", 0, big, false, "", "human"},
+    Key{"effects[external_force].from", "number", "0.0", "s", 0, 1e6, false, "", "begin"},
+    Key{"effects[external_force].to", "number", "1e6", "s", 0, 1e6, false, "", "end"},
+    Key{"effects[torque_lag].time_constant", "number", "", "s", 1e-6, 10, false, "", "of the first-order lag from setpoint to torque"},
+    Key{"effects[torque_ripple].amplitude", "number", "", "N m", 0, big, false, "", "at the joint"},
+    Key{"effects[torque_ripple].per_turn", "number", "", "", 0, 1e5, true, "", "periods per turn of the joint"},
+    Key{"effects[thermal_limit].continuous", "number", "", "N m", 0, big, true, "", "torque at the joint that may act for ever"},
+    Key{"effects[thermal_limit].time_constant", "number", "", "s", 1e-3, 1e5, false, "", "of the heating; tripped above 1, back below 0.9 of the continuous heat"},
+    Key{"effects[noise].sigma", "number", "", "rad", 0, 10, false, "", "standard deviation of each reading of the shaft, at the joint"},
+    Key{"effects[noise].bandwidth", "number", "1000.0", "rad/s", 1, 1e5, false, "", "of the drive's observer where no encoder is named"},
+    Key{"effects[bias].angle", "numbers", "", "rad", -10, 10, false, "", "zero error per joint of a leg; four values: the two legs differ"},
+    Key{"effects[delay].ticks", "integer", "", "ticks", 0, 1000, false, "", "age of what the drives report"},
+    Key{"effects[jitter].sigma", "number", "", "s", 0, 1, false, "", "the torque of a tick takes effect late by |N(0, sigma)|"},
+    Key{"effects[compute_delay].time", "number", "", "s", 0, 1, false, "", "the torque of a tick takes effect this much later"},
     Key{"effects[encoder].bits", "integer", "", "", 4, 32, false, "", "resolution: 2^bits counts per turn of the motor"},
     Key{"effects[encoder].bandwidth", "number", "1000.0", "rad/s", 1, 1e5, false, "", "of the drive's position and velocity observer"},
     Key{"effects[torque_saturation].limit", "number", "", "N m", 0, big, true, "", "largest torque at the joint that a drive delivers"},
@@ -147,7 +181,8 @@ std::string allowed(const Key& k) {
     out = fmt::format("{}", k.kind);
     const bool low = std::isfinite(k.low), high = std::isfinite(k.high);
     if (low && high) {
-      out += k.low_open ? fmt::format(" > {} and <= {}", k.low, k.high) : fmt::format(" from {} to {}", k.low, k.high);
+      out += k.low_open ? fmt::format(" > {} and <= {}", k.low, k.high)
+                        : fmt::format(" from {} to {}", k.low, k.high);
     } else if (low) {
       out += fmt::format(" {} {}", k.low_open ? ">" : ">=", k.low);
     }

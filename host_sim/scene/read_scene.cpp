@@ -7,6 +7,7 @@
 #include <sstream>
 
 #include "host_sim/plant/kinematics.hpp"
+#include "host_sim/scene/read_effects.hpp"
 #include "host_sim/scene/reader.hpp"
 #include "host_sim/scene/scene.hpp"
 #include "host_sim/scene/start.hpp"
@@ -27,7 +28,8 @@ LegParams<double> read_leg(Section s) {
   s.finish();
   const ParamError e = check(p);
   if (e == ParamError::no_inertia) {
-    s.fail("", "a bar without mass and inertia cannot move: J1, J2 or the masses beyond the joint must be > 0");
+    s.fail("",
+           "a bar without mass and inertia cannot move: J1, J2 or the masses beyond the joint must be > 0");
   }
   return p;
 }
@@ -87,7 +89,8 @@ std::vector<Waveform> read_waveforms(Section& control, std::size_t motors) {
     out.push_back(w);
   }
   if (out.size() != motors) {
-    control.fail("torque", fmt::format("must have {} entries for law = \"open_loop\", one per motor", motors));
+    control.fail("torque",
+                 fmt::format("must have {} entries for law = \"open_loop\", one per motor", motors));
   }
   return out;
 }
@@ -106,12 +109,13 @@ void read_gains(Section& s, Scene& scene) {
     const auto v = s.per_kind(key);
     return PerKind{v[0], v[1]};
   };
-  const bool sliding = scene.law == LawChoice::esmc || scene.law == LawChoice::esmc_projected ||
-                       scene.law == LawChoice::smc;
+  const bool sliding =
+      scene.law == LawChoice::esmc || scene.law == LawChoice::esmc_projected || scene.law == LawChoice::smc;
   scene.kp = s.optional_number("kp");
   scene.kd = s.optional_number("kd");
   const bool own_gains = scene.kp && scene.kd;
-  if (sliding || (scene.law == LawChoice::ctc && !own_gains) || s.has("lambda")) scene.lambda = kinds("lambda");
+  if (sliding || (scene.law == LawChoice::ctc && !own_gains) || s.has("lambda"))
+    scene.lambda = kinds("lambda");
   if (sliding || s.has("gain")) scene.gain = kinds("gain");
   scene.layer = kinds("layer");
   if (scene.law == LawChoice::pd && !own_gains) s.fail("", "law = \"pd\" needs control.kp and control.kd");
@@ -216,7 +220,8 @@ void read_initial(Section s, Scene& scene) {
   if (ways > 1) s.fail("", "[initial] takes one of at, position, joints");
   if (s.has("velocity") && !i.position) s.fail("velocity", "goes with initial.position");
   if (rates && i.joints.empty()) s.fail("joint_rates", "goes with initial.joints");
-  if (rates && rates->size() != i.joints.size()) s.fail("joint_rates", "must have as many values as initial.joints");
+  if (rates && rates->size() != i.joints.size())
+    s.fail("joint_rates", "must have as many values as initial.joints");
   i.velocity = velocity;
   i.joint_rates = rates.value_or(std::vector<double>(i.joints.size(), 0.0));
   i.at_reference = !i.position && i.joints.empty();
@@ -266,7 +271,8 @@ void read_drives(Section s, Scene& scene) {
   // A slow loop must not starve the default between two of its ticks.
   d.watchdog_timeout = s.optional_number("watchdog_timeout").value_or(std::max(0.01, 3.0 * scene.tick()));
   // Lists for the base motors alone are enough where there is no bus.
-  const std::vector<std::size_t> sizes = n == 2 ? std::vector<std::size_t>{2} : std::vector<std::size_t>{n, 2};
+  const std::vector<std::size_t> sizes =
+      n == 2 ? std::vector<std::size_t>{2} : std::vector<std::size_t>{n, 2};
   const auto filled = [&](std::vector<double> v, double rest) {
     if (v.size() < n) d.missing = "[drives] must name all four motors for control.motors = \"all\"";
     v.resize(n, rest);
@@ -280,7 +286,8 @@ void read_drives(Section s, Scene& scene) {
   d.gear_ratio = list("gear_ratio", 1.0);
   d.offset = list("offset", 0.0);
   const auto nodes = s.optional_integers("nodes", sizes);
-  if (nodes && nodes->size() < n) d.missing = "[drives] must name all four motors for control.motors = \"all\"";
+  if (nodes && nodes->size() < n)
+    d.missing = "[drives] must name all four motors for control.motors = \"all\"";
   if (nodes) d.nodes = *nodes;
   add_free_nodes(d.nodes, n);
   s.finish();
@@ -325,43 +332,24 @@ void check_drives(Section& root, const Scene& scene) {
   }
 }
 
+Method method_of(const std::string& s) {
+  for (const Method m :
+       {Method::semi_implicit_euler, Method::dopri5, Method::dopri8, Method::radau5, Method::moreau_jean}) {
+    if (s == name(m)) return m;
+  }
+  return Method::rk4;
+}
+
 void read_simulation(Section s, Scene& scene) {
   scene.duration = s.number("duration");
   const bool named = s.has("integrator") || s.has("step");
-  s.text("integrator");
+  scene.method = method_of(s.text("integrator"));
   scene.step = s.number("step");
   scene.accuracy = s.optional_number("accuracy");
   if (scene.accuracy && named) s.fail("accuracy", "chooses method and step: leave out integrator and step");
   s.finish();
   const double ticks = scene.duration * scene.rate_hz;
   if (ticks < 0.5 || ticks > 2e9) s.fail("duration", "must hold between 1 and 2e9 control ticks");
-}
-
-void read_effects(Section& root, Scene& scene) {
-  const auto legs_four = [&](const std::vector<double>& v) {
-    std::array<double, 4> out{};
-    for (std::size_t i = 0; i < 4; ++i) out[i] = v.size() == 4 ? v[i] : v[i % 2];
-    return out;
-  };
-  for (Section s : root.sections("effects")) {
-    s.use_schema("effects");
-    const std::string type = s.text("type");
-    for (const Effect& e : scene.effects) {
-      if (type == type_name(e)) s.fail("type", "names an effect for the second time");
-    }
-    s.use_schema("effects[" + type + "]");
-    if (type == ViscousFriction::type) {
-      const auto sizes = scene.type == MechanismType::five_bar ? std::vector<std::size_t>{2, 4}
-                                                               : std::vector<std::size_t>{2};
-      scene.effects.emplace_back(ViscousFriction{legs_four(s.numbers("coefficient", sizes))});
-    } else if (type == Encoder::type) {
-      const int bits = s.integer("bits");
-      scene.effects.emplace_back(Encoder{bits, s.number("bandwidth")});
-    } else {
-      scene.effects.emplace_back(TorqueSaturation{s.number("limit")});
-    }
-    s.finish();
-  }
 }
 
 std::string merged_text(const toml::table& root) {
@@ -399,12 +387,12 @@ Scene read_scene(const std::string& file, const std::vector<std::string>& sets) 
   scene.bitrate = bus.integer("bitrate");
   bus.finish();
   read_simulation(root.required_section("simulation"), scene);
-  read_effects(root, scene);
-  root.finish();
   scene.control_where = root.where("control");
   scene.reference_where = root.where("reference");
   scene.simulation_where = root.where("simulation");
   set_start(scene, root.where("initial"), scene.reference_where);
+  scene.effects = read_effects(root, scene);
+  root.finish();
   return scene;
 }
 

@@ -1,5 +1,6 @@
 #pragma once
-/// Everything that decides a run, as read from a scene file. Plain values; who uses what is decided elsewhere.
+/// Everything that decides a run, as read from a scene file. Plain values; who uses what is decided
+/// elsewhere.
 
 #include <array>
 #include <cstdint>
@@ -9,6 +10,7 @@
 
 #include "firmware/mechanism/params.hpp"
 #include "host_sim/effects/effects.hpp"
+#include "host_sim/plant/motion.hpp"
 
 namespace esmc::host {
 
@@ -32,15 +34,6 @@ struct ModelFactors {
   bool exact_friction = false;
 };
 
-/// tau(t) = offset + sum amp sin(omega t + phase).
-struct Waveform {
-  struct Term {
-    double amp, omega, phase;
-  };
-  double offset = 0.0;
-  std::vector<Term> terms;
-};
-
 /// A point of a reference file: time and effector position.
 struct PathPoint {
   double t, x, y;
@@ -49,14 +42,14 @@ struct PathPoint {
 struct ReferenceScene {
   ReferenceType type = ReferenceType::none;
   std::array<double, 2> center{};
-  double radius = 0.0, speed = 0.0, phase = 0.0;         // circle; speed of a polyline is m/s
-  std::vector<std::array<double, 2>> points;             // line (two), polyline
-  double duration = 0.0;                                 // line: one way, s
-  bool repeat = false;                                   // line, polyline: back and forth, round and round
+  double radius = 0.0, speed = 0.0, phase = 0.0;  // circle; speed of a polyline is m/s
+  std::vector<std::array<double, 2>> points;      // line (two), polyline
+  double duration = 0.0;                          // line: one way, s
+  bool repeat = false;                            // line, polyline: back and forth, round and round
   std::array<double, 2> offset{}, amplitude{}, omega{}, phases{};  // joint_sine
-  std::optional<std::array<double, 2>> position;         // hold
-  std::vector<PathPoint> table;                          // file
-  std::optional<double> join;                            // s; unset: 0 in sim and lockstep, 1 on hardware
+  std::optional<std::array<double, 2>> position;                   // hold
+  std::vector<PathPoint> table;                                    // file
+  std::optional<double> join;  // s; unset: 0 in sim and lockstep, 1 on hardware
 };
 
 struct InitialScene {
@@ -73,7 +66,8 @@ struct DriveScene {
   Zero zero = Zero::absolute;
   double heartbeat_timeout = 0.0;  // s
   double watchdog_timeout = 0.0;   // s
-  std::string missing;  ///< what a loop on a bus would still need to be told; esmc sim has no drives and needs none
+  std::string
+      missing;  ///< what a loop on a bus would still need to be told; esmc sim has no drives and needs none
 };
 
 struct LimitsScene {
@@ -104,18 +98,20 @@ struct Scene {
   std::vector<double> torque_limit;   ///< per motor
   std::vector<double> torque_weight;  ///< per motor, W of [F26]
   ModelFactors model;
-  std::vector<Waveform> torque;       ///< open_loop, per motor
+  std::vector<Waveform> torque;  ///< open_loop, per motor
 
   ReferenceScene reference;
   InitialScene initial;
   LimitsScene limits;
-  DriveScene drives;                  ///< motors first, then the passive encoders of [sensors]
+  DriveScene drives;  ///< motors first, then the passive encoders of [sensors]
   int bitrate = 0;
 
   double duration = 0.0;
-  double step = 0.0;                      ///< s; with accuracy: where halving starts
+  double step = 0.0;  ///< s; with accuracy: where halving starts
   std::optional<double> accuracy;
+  Method method = Method::rk4;
   std::vector<Effect> effects;
+  std::uint64_t seed = 1;  ///< of everything random; from --seed
 
   /// True state at t = 0: joint angles and rates (four for the five-bar, two for RR).
   std::vector<double> start_angle, start_rate;
@@ -124,6 +120,13 @@ struct Scene {
   [[nodiscard]] int motors() const { return all_motors ? joints() : 2; }
   [[nodiscard]] bool closed_loop() const { return law != LawChoice::open_loop && law != LawChoice::none; }
   [[nodiscard]] double tick() const { return 1.0 / rate_hz; }
+  /// Joint of a motor, motors in the order of [drives].
+  [[nodiscard]] std::vector<std::size_t> motor_joints() const {
+    const auto n = static_cast<std::size_t>(motors()), all = static_cast<std::size_t>(joints());
+    std::vector<std::size_t> out;
+    for (std::size_t m = 0; m < n; ++m) out.push_back(m * all / n);
+    return out;
+  }
   [[nodiscard]] RrParams<double> arm() const { return {mechanism.legs[0], mechanism.g}; }
 };
 

@@ -113,7 +113,8 @@ void tick_five_bar(benchmark::State& state) {
   c.controller.sample_time = S(1e-3);
   c.heartbeat_age_ticks_max = 0xFFFF'FFFF;
   for (std::uint8_t i = 0; i < 2; ++i) {
-    c.axes[i] = drive::OdriveAxis({static_cast<std::uint8_t>(i + 1), 1, 1, 0}, drive::odrive::Version::v0_6, 150);
+    c.axes[i] =
+        drive::OdriveAxis({static_cast<std::uint8_t>(i + 1), 1, 1, 0}, drive::odrive::Version::v0_6, 150);
   }
   OdriveCycle<M> cycle(c);
   const auto bus = std::make_unique<hal::VirtualBus<2>>();
@@ -163,17 +164,18 @@ host::FiveBarPlant::State plant_start() {
 void plant_kkt(benchmark::State& state) {
   const host::FiveBarPlant plant(five_bar<double>);
   auto s = plant_start();
-  plant.project(s);
+  plant.project(s.angle, s.rate);
   for (auto _ : state) {
     benchmark::DoNotOptimize(s);
-    benchmark::DoNotOptimize(plant.acceleration(s, {0.1, 0.0, -0.1, 0.0}));
+    benchmark::DoNotOptimize(plant.acceleration(s.angle, s.rate, {0.1, 0.0, -0.1, 0.0}));
   }
 }
 
 void plant_step(benchmark::State& state) {
-  host::Motion<host::FiveBarPlant> motion(host::FiveBarPlant(five_bar<double>), {}, plant_start());
+  const host::FiveBarPlant plant(five_bar<double>);
+  host::Motion<host::FiveBarPlant> motion({plant, plant, {}, {0, 2}, host::Method::rk4}, plant_start());
   for (auto _ : state) {
-    motion.advance(0.0, 1e-4, 1, [](double) { return host::FiveBarPlant::Joints{0.05, 0.0, 0.05, 0.0}; });
+    motion.advance(0.0, 1e-4, 1, {{0.05, 0.0, 0.05, 0.0}, nullptr});
     benchmark::DoNotOptimize(motion.state());
   }
 }
@@ -191,8 +193,10 @@ int main(int argc, char** argv) {
   using namespace esmc;
   benchmark::RegisterBenchmark("law/five_bar/esmc/double", law_five_bar<LawKind::esmc, double>);
   benchmark::RegisterBenchmark("law/five_bar/esmc/float", law_five_bar<LawKind::esmc, float>);
-  benchmark::RegisterBenchmark("law/five_bar/esmc_projected/double", law_five_bar<LawKind::esmc_projected, double>);
-  benchmark::RegisterBenchmark("law/five_bar/esmc_projected/float", law_five_bar<LawKind::esmc_projected, float>);
+  benchmark::RegisterBenchmark("law/five_bar/esmc_projected/double",
+                               law_five_bar<LawKind::esmc_projected, double>);
+  benchmark::RegisterBenchmark("law/five_bar/esmc_projected/float",
+                               law_five_bar<LawKind::esmc_projected, float>);
   benchmark::RegisterBenchmark("law/rr/esmc/double", law_rr);
   add_ticks<LawKind::esmc>("esmc");
   add_ticks<LawKind::esmc_projected>("esmc_projected");

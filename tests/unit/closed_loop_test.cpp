@@ -1,5 +1,6 @@
-/// The laws of firmware/ on the plant of host_sim/: two derivations that share no equation. The law is evaluated at
-/// every stage of the integrator, so that what model.md promises for continuous time must hold to rounding.
+/// The laws of firmware/ on the plant of host_sim/: two derivations that share no equation. The law is
+/// evaluated at every stage of the integrator, so that what model.md promises for continuous time must hold
+/// to rounding.
 
 #include <gtest/gtest.h>
 
@@ -20,7 +21,10 @@ using host::FiveBarPlant;
 using Channels = M::Channels;
 
 constexpr FiveBarParams<double> asymmetric{
-    0.05, 0.08, 9.8, {{{0.13, 0.17, 0.06, 0.07, 0.12, 0.09, 2e-4, 6e-4}, {0.11, 0.15, 0.05, 0.06, 0.1, 0.11, 2.5e-4, 8e-4}}}};
+    0.05,
+    0.08,
+    9.8,
+    {{{0.13, 0.17, 0.06, 0.07, 0.12, 0.09, 2e-4, 6e-4}, {0.11, 0.15, 0.05, 0.06, 0.1, 0.11, 2.5e-4, 8e-4}}}};
 
 Gains<M> some_gains() {
   Gains<M> g;
@@ -62,8 +66,9 @@ class ClosedLoop {
     out.t.desired_rates = d->rates;
     out.t.desired_acceleration = d->acceleration;
     out.demand = demand(law_, model_, gains_, reaching_, out.t);
-    const Vec2<double> tau = model_.base_torque(out.t.pose, model_.force(out.demand.acceleration, out.t.rates));
-    out.acceleration = plant_.acceleration(s, {tau[0], 0.0, tau[1], 0.0});
+    const Vec2<double> tau =
+        model_.base_torque(out.t.pose, model_.force(out.demand.acceleration, out.t.rates));
+    out.acceleration = plant_.acceleration(s.angle, s.rate, {tau[0], 0.0, tau[1], 0.0});
     const auto joint = FiveBarPlant::joint_rates(out.acceleration);
     out.plant_acceleration = model_.base_accelerations(out.t.pose, out.t.rates, {joint[0], joint[2]});
     return out;
@@ -73,7 +78,9 @@ class ClosedLoop {
   template <class Look>
   void step(double t, double h, const Look& look) {
     const auto slope = [&](double at_time, FiveBarPlant::State s) {
-      plant_.project(s);  // a stage lies off the closure by O(h^2); the promises are about closed mechanisms
+      plant_.project(
+          s.angle,
+          s.rate);  // a stage lies off the closure by O(h^2); the promises are about closed mechanisms
       const Instant i = at(at_time, s);
       look(i);
       return FiveBarPlant::State{s.rate, i.acceleration};
@@ -86,13 +93,13 @@ class ClosedLoop {
       }
       return s;
     };
-    const auto a = slope(t, state_), b = slope(t + h / 2, shifted(a, h / 2)), c = slope(t + h / 2, shifted(b, h / 2)),
-               d = slope(t + h, shifted(c, h));
+    const auto a = slope(t, state_), b = slope(t + h / 2, shifted(a, h / 2)),
+               c = slope(t + h / 2, shifted(b, h / 2)), d = slope(t + h, shifted(c, h));
     for (std::size_t i = 0; i < 4; ++i) {
       state_.angle[i] += h / 6 * (a.angle[i] + 2 * b.angle[i] + 2 * c.angle[i] + d.angle[i]);
       state_.rate[i] += h / 6 * (a.rate[i] + 2 * b.rate[i] + 2 * c.rate[i] + d.rate[i]);
     }
-    plant_.project(state_);
+    plant_.project(state_.angle, state_.rate);
   }
 
   [[nodiscard]] const M& model() const { return model_; }
@@ -133,13 +140,15 @@ TEST_P(EveryModeAndReaching, FullLawObeysF31OnThePlant) {
       // C^T M (s' + K sw(s)) = 0 with s' = qdd_d - qdd + Lambda e', qdd from the plant.
       const M& m = loop.model();
       const Channels qdd = m.channel_accelerations(i.t.pose, i.t.rates, i.plant_acceleration);
-      const Channels qdd_d = m.channel_accelerations(i.t.desired_pose, i.t.desired_rates, i.t.desired_acceleration);
+      const Channels qdd_d =
+          m.channel_accelerations(i.t.desired_pose, i.t.desired_rates, i.t.desired_acceleration);
       const Channels ed =
           m.channel_rates(i.t.desired_pose, i.t.desired_rates) - m.channel_rates(i.t.pose, i.t.rates);
       const Channels weighted = m.mass().cwiseProduct(qdd_d - qdd + loop.gains().lambda.cwiseProduct(ed) +
                                                       switched(loop, i.demand.sliding));
       const Mat<double, 18, 2> C = matrix_C(m, i.t.pose);
-      const Vec2<double> size = C.cwiseAbs().transpose() * m.mass().cwiseProduct(qdd.cwiseAbs() + qdd_d.cwiseAbs());
+      const Vec2<double> size =
+          C.cwiseAbs().transpose() * m.mass().cwiseProduct(qdd.cwiseAbs() + qdd_d.cwiseAbs());
       worst = std::max(worst, relative(C.transpose() * weighted, size));
     });
   }
@@ -154,7 +163,8 @@ TEST_P(EveryModeAndReaching, ProjectedLawDissipatesAsF33SaysOnThePlant) {
   int compared = 0;
   for (int n = 0; n < 200; ++n) {
     loop.step(n * 1e-3, 1e-3, [&](const Instant& i) {
-      // V = 1/2 s^T M s with s = C sigma, so V' = s^T M (C sigma' + Cdot sigma), sigma' = e'' + lambda e' from the plant.
+      // V = 1/2 s^T M s with s = C sigma, so V' = s^T M (C sigma' + Cdot sigma), sigma' = e'' + lambda e'
+      // from the plant.
       const M& m = loop.model();
       const double lambda = loop.gains().independent.lambda;
       const Vec2<double> e = M::independent_error(i.t.desired_pose, i.t.pose);
@@ -182,15 +192,15 @@ TEST_P(EveryModeAndReaching, ProjectedLawDissipatesAsF33SaysOnThePlant) {
 
 INSTANTIATE_TEST_SUITE_P(All, EveryModeAndReaching,
                          testing::Combine(testing::Values(1, -1), testing::Values(1, -1),
-                                          testing::Values(Reaching::sign, Reaching::saturation, Reaching::tanh)));
+                                          testing::Values(Reaching::sign, Reaching::saturation,
+                                                          Reaching::tanh)));
 
 TEST(ClosedLoopDemo, ErrorVanishesUnderTheFullLaw) {
   ClosedLoop loop(LawKind::esmc, Reaching::saturation, 1, 1);
   double last = 1.0;
   for (int n = 0; n < 800; ++n) {
-    loop.step(n * 1e-3, 1e-3, [&](const Instant& i) {
-      last = M::independent_error(i.t.desired_pose, i.t.pose).norm();
-    });
+    loop.step(n * 1e-3, 1e-3,
+              [&](const Instant& i) { last = M::independent_error(i.t.desired_pose, i.t.pose).norm(); });
   }
   EXPECT_LT(last, 1e-7);
 }
@@ -213,15 +223,16 @@ TEST(PlantAgainstModel, SameAccelerationEverywhere) {
     if (M::min_abs_sin_type1(p) < 0.1) continue;
     const M::Rates r = model.chain_rates(p, {4 * u() - 2, 4 * u() - 2});
     const Vec<double, 4> tau(u() - 0.5, u() - 0.5, u() - 0.5, u() - 0.5);
-    const auto a = FiveBarPlant::joint_rates(
-        plant.acceleration(FiveBarPlant::from_joints(*q, {r.leg[0][0], r.leg[0][1], r.leg[1][0], r.leg[1][1]}),
-                           {tau[0], tau[1], tau[2], tau[3]}));
+    const auto s = FiveBarPlant::from_joints(*q, {r.leg[0][0], r.leg[0][1], r.leg[1][0], r.leg[1][1]});
+    const auto a =
+        FiveBarPlant::joint_rates(plant.acceleration(s.angle, s.rate, {tau[0], tau[1], tau[2], tau[3]}));
     const Mat<double, 18, 2> C = matrix_C(model, p);
     const Vec2<double> h = gather<M>(C, model.force(bias(model, p, r), r));
     const Vec2<double> force = model.gather(p, Vec2<double>::Zero(), {{tau.head<2>(), tau.tail<2>()}});
     const M::Rates acc = model.chain_accelerations(p, r, solve_spd<double>(mass_matrix(model, C), force - h));
     const Vec<double, 4> want(acc.leg[0][0], acc.leg[0][1], acc.leg[1][0], acc.leg[1][1]);
-    EXPECT_LT((Vec<double, 4>(a[0], a[1], a[2], a[3]) - want).norm(), 1e-11 * (1.0 + want.norm())) << "sample " << n;
+    EXPECT_LT((Vec<double, 4>(a[0], a[1], a[2], a[3]) - want).norm(), 1e-11 * (1.0 + want.norm()))
+        << "sample " << n;
     ++compared;
   }
   EXPECT_GT(compared, 3000);

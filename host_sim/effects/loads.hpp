@@ -1,0 +1,40 @@
+#pragma once
+/// Effects that put torques on joints or a force on the effector, as the right-hand side sees them.
+
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "host_sim/effects/effects.hpp"
+#include "host_sim/plant/plant.hpp"
+
+namespace esmc::host {
+
+class JointLoad {
+ public:
+  virtual ~JointLoad() = default;
+  /// Adds torques, N m, at the joint angles and rates of the model.
+  virtual void add(std::span<const double> angle, std::span<const double> rate,
+                   std::span<double> torque) const = 0;
+};
+
+class EffectorLoad {
+ public:
+  virtual ~EffectorLoad() = default;
+  /// Force in N at time t, N, on an effector at p moving with v.
+  [[nodiscard]] virtual V2 force(double t, V2 p, V2 v) const = 0;
+};
+
+struct Loads {
+  std::vector<std::unique_ptr<JointLoad>> joint;
+  std::vector<std::unique_ptr<EffectorLoad>> effector;
+  std::vector<double> breaks;  ///< instants at which a load jumps: no step may cross one
+};
+
+/// Set-valued effects are not among them: a right-hand side cannot express those (plant/moreau_jean.hpp).
+Loads make_loads(const std::vector<Effect>& effects);
+
+/// Coulomb friction with its set and rigid stops: whether a scene needs the time-stepping scheme.
+[[nodiscard]] bool set_valued(const std::vector<Effect>& effects);
+
+}  // namespace esmc::host

@@ -1,0 +1,35 @@
+#pragma once
+/// Normal deviates that are the same everywhere for one seed.
+
+#include <cmath>
+#include <cstdint>
+#include <random>
+
+namespace esmc::host {
+
+/// The standard fixes the bits of mt19937_64 but not those of its normal distribution; Box and Muller's is.
+class Normal {
+ public:
+  /// `stream` sets apart the users of one seed.
+  Normal(std::uint64_t seed, std::uint64_t stream) : bits_(seed * 0x9E3779B97F4A7C15ULL + stream) {}
+
+  [[nodiscard]] double operator()() {
+    if (spare_) {
+      spare_ = false;
+      return kept_;
+    }
+    const double u = (static_cast<double>(bits_() >> 11U) + 0.5) * 0x1p-53,
+                 v = static_cast<double>(bits_() >> 11U) * 0x1p-53;
+    const double r = std::sqrt(-2.0 * std::log(u)), a = 6.283185307179586 * v;
+    kept_ = r * std::sin(a);
+    spare_ = true;
+    return r * std::cos(a);
+  }
+
+ private:
+  std::mt19937_64 bits_;
+  double kept_ = 0.0;
+  bool spare_ = false;
+};
+
+}  // namespace esmc::host

@@ -1,0 +1,127 @@
+#pragma once
+/// System and method of a motion behind one virtual call per tick.
+
+#include <memory>
+#include <utility>
+
+#include "host_sim/integrate/rk4.hpp"
+#include "host_sim/plant/moreau_jean.hpp"
+#include "host_sim/plant/motion.hpp"
+#include "host_sim/plant/system.hpp"
+
+namespace esmc::host {
+
+template <class Plant>
+class Engine {
+ public:
+  using Angles = typename Plant::Angles;
+  using Joints = typename Plant::Joints;
+
+  virtual ~Engine() = default;
+  virtual void run(double t, double step, int steps, const MotorTorques<Joints>& torque) = 0;
+  virtual void set_plant(const Plant& plant) = 0;
+  virtual void get(Angles& angle, Angles& rate) const = 0;
+  [[nodiscard]] virtual double work() const = 0;
+  [[nodiscard]] virtual Shaft shaft(std::size_t joint) const = 0;
+  [[nodiscard]] virtual std::size_t effect_states() const = 0;
+  [[nodiscard]] virtual std::vector<double> breaks() const = 0;
+  [[nodiscard]] virtual Method method() const = 0;
+};
+
+template <class Plant, class System, class Stepper>
+class EngineOf final : public Engine<Plant> {
+ public:
+  using Base = Engine<Plant>;
+  using Angles = typename Plant::Angles;
+
+  /// `make_stepper(system)`; the attachments live as long as the engine.
+  template <class MakeStepper>
+  EngineOf(const Plant& plant, std::unique_ptr<Attachments> attached, Method method,
+           const typename Plant::State& initial, const MakeStepper& make_stepper)
+      : attached_(std::move(attached)),
+        system_(make_system(plant, *attached_)),
+        stepper_(make_stepper(system_)),
+        method_(method) {
+    System::put(y_, initial.angle, initial.rate);
+    if constexpr (has_effects) system_.start(y_);
+  }
+  EngineOf(const EngineOf&) = delete;
+  EngineOf& operator=(const EngineOf&) = delete;
+
+  void run(double t, double step, int steps, const MotorTorques<typename Plant::Joints>& torque) override {
+    system_.set_torques(torque);
+    for (int i = 0; i < steps; ++i) stepper_.step(t + i * step, step, y_);
+  }
+  void set_plant(const Plant& plant) override { system_.set_plant(plant); }
+  void get(Angles& angle, Angles& rate) const override {
+    angle = System::angles(y_);
+    rate = System::rates(y_);
+  }
+  [[nodiscard]] double work() const override { return y_[System::work]; }
+  [[nodiscard]] Shaft shaft(std::size_t joint) const override {
+    if constexpr (has_effects) {
+      return system_.shaft(joint, y_);
+    } else {
+      return {Plant::joint_angles(System::angles(y_))[joint], Plant::joint_rates(System::rates(y_))[joint]};
+    }
+  }
+  [[nodiscard]] std::size_t effect_states() const override {
+    if constexpr (has_effects) return system_.effect_states();
+    return 0;
+  }
+  [[nodiscard]] std::vector<double> breaks() const override { return attached_->loads.breaks; }
+  [[nodiscard]] Method method() const override { return method_; }
+
+ private:
+  static constexpr bool has_effects = requires(const System& s) { s.effect_states(); };
+  static System make_system(const Plant& plant, const Attachments& attached) {
+    if constexpr (has_effects) {
+      return System(plant, attached);
+    } else {
+      return System(plant);
+    }
+  }
+
+  std::unique_ptr<Attachments> attached_;
+  System system_;
+  Stepper stepper_;
+  Method method_;
+  typename System::State y_{};
+};
+
+/// An engine for the effects of a scene: bare where none of them touches the right-hand side.
+template <class Plant>
+std::unique_ptr<Engine<Plant>> make_engine(const Plant& plant, const std::vector<Effect>& effects,
+                                           const std::vector<std::size_t>& motor_joint, Method method,
+                                           const typename Plant::State& initial) {
+  auto attached = std::make_unique<Attachments>();
+  attached->loads = make_loads(effects);
+  attached->motor_joint = motor_joint;
+  for (std::size_t m = 0; m < motor_joint.size(); ++m) {
+    Drivetrain d(effects, m);
+    if (d.empty()) break;  // the effects of a drivetrain are the same for every motor
+    attached->drivetrain.push_back(std::move(d));
+  }
+  if (set_valued(effects)) {
+    using System = LoadedSystem<Plant>;
+    using Stepper = MoreauJean<System, Plant>;
+    const SetValued contact{find_effect<CoulombFriction>(effects), find_effect<EndStops>(effects)};
+    return std::make_unique<EngineOf<Plant, System, Stepper>>(
+        plant, std::move(attached), Method::moreau_jean, initial,
+        [&](const System& s) { return Stepper(s, contact); });
+  }
+  const auto with = [&]<class System, class Stepper>() -> std::unique_ptr<Engine<Plant>> {
+    return std::make_unique<EngineOf<Plant, System, Stepper>>(plant, std::move(attached), method, initial,
+                                                              [](const System& s) { return Stepper(s); });
+  };
+  const auto of = [&]<class System>() -> std::unique_ptr<Engine<Plant>> {
+    switch (method) {
+      default:
+        return with.template operator()<System, Rk4<System>>();
+    }
+  };
+  return attached->none() ? of.template operator()<BareSystem<Plant>>()
+                          : of.template operator()<LoadedSystem<Plant>>();
+}
+
+}  // namespace esmc::host

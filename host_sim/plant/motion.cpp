@@ -1,0 +1,112 @@
+#include "host_sim/plant/motion.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "host_sim/plant/engine.hpp"
+
+namespace esmc::host {
+
+const char* name(Method m) {
+  switch (m) {
+    case Method::semi_implicit_euler:
+      return "semi_implicit_euler";
+    case Method::rk4:
+      return "rk4";
+    case Method::dopri5:
+      return "dopri5";
+    case Method::dopri8:
+      return "dopri8";
+    case Method::radau5:
+      return "radau5";
+    case Method::moreau_jean:
+      return "moreau_jean";
+  }
+  return "";
+}
+
+template <class Plant>
+Motion<Plant>::Motion(const Setup& setup, const State& initial)
+    : setup_(std::make_unique<Setup>(setup)), state_(initial), payload_(find_effect<Payload>(setup.effects)) {
+  setup_->plant.project(state_.angle, state_.rate);
+  engine_ = make_engine<Plant>(setup_->plant, setup_->effects, setup_->motor_joint, setup_->method, state_);
+  breaks_ = engine_->breaks();
+  if (payload_) breaks_.insert(breaks_.end(), {payload_->from, payload_->to});
+  std::sort(breaks_.begin(), breaks_.end());
+  energy_start_ = energy();
+  potential_start_ = plant().potential_energy(state_);
+  if (payload_ && payload_->from <= 0.0 && payload_->to > 0.0) take_up(true);
+}
+template <class Plant>
+Motion<Plant>::Motion(Motion&&) noexcept = default;
+template <class Plant>
+Motion<Plant>& Motion<Plant>::operator=(Motion&&) noexcept = default;
+template <class Plant>
+Motion<Plant>::~Motion() = default;
+
+template <class Plant>
+Method Motion<Plant>::method() const {
+  return engine_->method();
+}
+
+template <class Plant>
+int Motion<Plant>::state_dimension() const {
+  return 2 * Plant::coordinates + static_cast<int>(engine_->effect_states());
+}
+
+template <class Plant>
+typename Motion<Plant>::Reading Motion<Plant>::shaft(std::size_t joint) const {
+  const Shaft s = engine_->shaft(joint);
+  return {s.angle, s.rate};
+}
+
+template <class Plant>
+double Motion<Plant>::work() const {
+  return engine_->work();
+}
+
+/// The load comes and goes moving with the effector: rates stay, energy comes and goes with it.
+template <class Plant>
+void Motion<Plant>::take_up(bool loaded) {
+  if (loaded == loaded_) return;
+  const double before = energy(), potential_before = plant().potential_energy(state_);
+  loaded_ = loaded;
+  engine_->set_plant(plant());
+  energy_start_ += energy() - before;
+  potential_start_ += plant().potential_energy(state_) - potential_before;
+}
+
+template <class Plant>
+void Motion<Plant>::run(double t, double seconds, int steps, const MotorTorques<Joints>& torque) {
+  engine_->run(t, seconds / steps, steps, torque);
+  engine_->get(state_.angle, state_.rate);
+}
+
+template <class Plant>
+void Motion<Plant>::advance(double t, double seconds, int steps, const MotorTorques<Joints>& torque) {
+  if (breaks_.empty()) return run(t, seconds, steps, torque);
+  const double end = t + seconds, longest = seconds / steps, nothing = 1e-9 * longest;
+  while (t < end - nothing) {
+    if (payload_) take_up(t >= payload_->from - nothing && t < payload_->to - nothing);
+    const auto next = std::upper_bound(breaks_.begin(), breaks_.end(), t + nothing);
+    const double to = next == breaks_.end() ? end : std::min(end, *next);
+    run(t, to - t, std::max(1, static_cast<int>(std::ceil((to - t) / longest - 1e-6))), torque);
+    t = to;
+  }
+}
+
+template <class Plant>
+double Motion<Plant>::energy_error() {
+  const double kinetic = plant().kinetic_energy(state_), potential = plant().potential_energy(state_);
+  const double total = kinetic + potential, done = work();
+  energy_scale_ = std::max({energy_scale_, kinetic, std::abs(potential - potential_start_), std::abs(done)});
+  const double gap = std::abs(total - energy_start_ - done);
+  // At rest nothing is exchanged: rounding is then measured against the weight's own energy.
+  return gap / std::max({energy_scale_, 1e-9 * std::abs(total), 1e-12});
+}
+
+template class Motion<FiveBarPlant>;
+template class Motion<RrPlant>;
+
+}  // namespace esmc::host

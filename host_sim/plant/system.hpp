@@ -1,0 +1,157 @@
+#pragma once
+/// A plant as the integrators see it: y = [angles, rates, work done on the mechanism, states of effects].
+///
+/// Two of them, so that a scene without effects runs through code that knows of none: the same numbers to the
+/// last bit and not one instruction more.
+
+#include <span>
+#include <utility>
+
+#include "host_sim/effects/drivetrain.hpp"
+#include "host_sim/effects/loads.hpp"
+#include "host_sim/plant/motor_torques.hpp"
+#include "host_sim/plant/plant.hpp"
+
+namespace esmc::host {
+
+/// Angles, rates and work; the part all systems share.
+template <class Plant, std::size_t Extra>
+class MechanismState {
+ public:
+  static constexpr std::size_t positions = Plant::coordinates;
+  static constexpr std::size_t work = 2 * positions;
+  static constexpr std::size_t capacity = work + 1 + Extra;
+  using State = std::array<double, capacity>;
+  using Angles = typename Plant::Angles;
+  using Joints = typename Plant::Joints;
+
+  explicit MechanismState(const Plant& plant) : plant_(&plant) {}
+  [[nodiscard]] const Plant& plant() const { return *plant_; }
+  void set_plant(const Plant& plant) { plant_ = &plant; }
+  void set_torques(const MotorTorques<Joints>& torques) { torques_ = torques; }
+
+  static Angles angles(const State& y) { return part(y, 0); }
+  static Angles rates(const State& y) { return part(y, positions); }
+  static void put(State& y, const Angles& angle, const Angles& rate) {
+    for (std::size_t i = 0; i < positions; ++i) {
+      y[i] = angle[i];
+      y[positions + i] = rate[i];
+    }
+  }
+  void project(State& y) const {
+    Angles angle = angles(y), rate = rates(y);
+    plant_->project(angle, rate);
+    put(y, angle, rate);
+  }
+
+ protected:
+  /// Slopes of angles, rates and work under torques at the joints.
+  void mechanism_slope(const Angles& angle, const Angles& rate, const Joints& torque, State& dy) const {
+    put(dy, rate, plant_->acceleration(angle, rate, torque));
+    const Joints w = Plant::joint_rates(rate);
+    double power = 0.0;
+    for (std::size_t i = 0; i < w.size(); ++i) power += torque[i] * w[i];
+    dy[work] = power;
+  }
+  [[nodiscard]] const MotorTorques<Joints>& torques() const { return torques_; }
+
+ private:
+  static Angles part(const State& y, std::size_t from) {
+    Angles out;
+    for (std::size_t i = 0; i < positions; ++i) out[i] = y[from + i];
+    return out;
+  }
+  const Plant* plant_;
+  MotorTorques<Joints> torques_{};
+};
+
+/// Nothing but the mechanism under its motors.
+template <class Plant>
+class BareSystem : public MechanismState<Plant, 0> {
+ public:
+  using Base = MechanismState<Plant, 0>;
+  using State = typename Base::State;
+  using Base::Base;
+  static constexpr std::size_t size() { return Base::capacity; }
+  void slope(double t, const State& y, State& dy) const {
+    this->mechanism_slope(Base::angles(y), Base::rates(y), this->torques().at(t), dy);
+  }
+};
+
+/// What the effects of a scene add: loads, and a drivetrain per motor.
+struct Attachments {
+  Loads loads;
+  std::vector<Drivetrain> drivetrain;    ///< per motor; empty where no effect asks for one
+  std::vector<std::size_t> motor_joint;  ///< joint of each motor
+
+  [[nodiscard]] bool none() const {
+    return loads.joint.empty() && loads.effector.empty() && drivetrain.empty();
+  }
+};
+
+template <class Plant>
+class LoadedSystem : public MechanismState<Plant, Drivetrain::most_states * Plant::joints> {
+ public:
+  using Base = MechanismState<Plant, Drivetrain::most_states * Plant::joints>;
+  using State = typename Base::State;
+  using Joints = typename Plant::Joints;
+
+  LoadedSystem(const Plant& plant, const Attachments& attached) : Base(plant), attached_(&attached) {
+    for (const Drivetrain& d : attached.drivetrain) size_ += d.states();
+  }
+  [[nodiscard]] std::size_t size() const { return size_; }
+  [[nodiscard]] std::size_t effect_states() const { return size_ - Base::work - 1; }
+
+  void slope(double t, const State& y, State& dy) const {
+    const auto angle = Base::angles(y), rate = Base::rates(y);
+    const Joints theta = Plant::joint_angles(angle), w = Plant::joint_rates(rate);
+    Joints torque = this->torques().at(t);
+    std::size_t at = Base::work + 1;
+    for (std::size_t m = 0; m < attached_->drivetrain.size(); ++m) {
+      const Drivetrain& d = attached_->drivetrain[m];
+      const std::size_t j = attached_->motor_joint[m];
+      torque[j] = d.pass(torque[j], {theta[j], w[j]}, std::span(y).subspan(at, d.states()),
+                         std::span(dy).subspan(at, d.states()));
+      at += d.states();
+    }
+    for (const auto& load : attached_->loads.joint) load->add(theta, w, torque);
+    if (!attached_->loads.effector.empty()) {
+      const V2 p = this->plant().effector(angle), v = this->plant().effector_rate(angle, rate);
+      V2 force;
+      for (const auto& load : attached_->loads.effector) force = force + load->force(t, p, v);
+      const Joints pull = this->plant().effector_load(angle, force);
+      for (std::size_t i = 0; i < torque.size(); ++i) torque[i] += pull[i];
+    }
+    this->mechanism_slope(angle, rate, torque, dy);
+  }
+
+  /// States of the drivetrains of a mechanism at rest in y's angles.
+  void start(State& y) const {
+    const Joints theta = Plant::joint_angles(Base::angles(y)), w = Plant::joint_rates(Base::rates(y));
+    std::size_t at = Base::work + 1;
+    for (std::size_t m = 0; m < attached_->drivetrain.size(); ++m) {
+      const Drivetrain& d = attached_->drivetrain[m];
+      const std::size_t j = attached_->motor_joint[m];
+      d.start({theta[j], w[j]}, std::span(y).subspan(at, d.states()));
+      at += d.states();
+    }
+  }
+  /// Where the encoder of the drive on a joint sits: on the rotor where that is a body of its own.
+  [[nodiscard]] Shaft shaft(std::size_t joint, const State& y) const {
+    const Shaft at_joint{Plant::joint_angles(Base::angles(y))[joint],
+                         Plant::joint_rates(Base::rates(y))[joint]};
+    std::size_t at = Base::work + 1;
+    for (std::size_t m = 0; m < attached_->drivetrain.size(); ++m) {
+      const Drivetrain& d = attached_->drivetrain[m];
+      if (attached_->motor_joint[m] == joint) return d.rotor(at_joint, std::span(y).subspan(at, d.states()));
+      at += d.states();
+    }
+    return at_joint;
+  }
+
+ private:
+  const Attachments* attached_;
+  std::size_t size_ = Base::work + 1;
+};
+
+}  // namespace esmc::host

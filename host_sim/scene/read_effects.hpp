@@ -1,0 +1,12 @@
+#pragma once
+/// The [[effects]] of a scene.
+
+#include "host_sim/scene/reader.hpp"
+#include "host_sim/scene/scene.hpp"
+
+namespace esmc::host {
+
+/// Mechanism and motors of the scene must have been read. Throws InputError.
+std::vector<Effect> read_effects(Section& root, const Scene& scene);
+
+}  // namespace esmc::host
