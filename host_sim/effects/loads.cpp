@@ -53,14 +53,16 @@ class SoftStops final : public JointLoad {
 class Force final : public EffectorLoad {
  public:
   explicit Force(const ExternalForce& e) : e_(e) {}
-  [[nodiscard]] V2 force(double t, V2 p, V2 v) const override {
-    if (!(t >= e_.from && t < e_.to)) return {};
+  void begin(double middle) override { acting_ = middle > e_.from && middle < e_.to; }
+  [[nodiscard]] V2 force(V2 p, V2 v) const override {
+    if (!acting_) return {};
     if (!e_.human) return {e_.force[0], e_.force[1]};
     return e_.stiffness * (V2{e_.anchor[0], e_.anchor[1]} - p) - e_.damping * v;
   }
 
  private:
   ExternalForce e_;
+  bool acting_ = false;
 };
 
 struct Maker {

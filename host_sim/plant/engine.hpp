@@ -50,6 +50,7 @@ class EngineOf final : public Engine<Plant> {
 
   void run(double t, double step, int steps, const MotorTorques<typename Plant::Joints>& torque) override {
     system_.set_torques(torque);
+    for (const auto& load : attached_->loads.effector) load->begin(t + 0.5 * step * steps);
     for (int i = 0; i < steps; ++i) stepper_.step(t + i * step, step, y_);
   }
   void set_plant(const Plant& plant) override { system_.set_plant(plant); }

@@ -3,10 +3,13 @@
 /// may jump, contact acts by impulses over the step, and a joint that sticks has the rate zero, not a small
 /// one.
 ///
-/// Per step h:  v_free = v + h a(t + h/2, q + h/2 v, v);  impulses r_i at the joints with
+/// Per step h:  v_free = v + h a(t + h/2, q + h/2 v, (v + v+) / 2), v+ predicted by a first pass;  impulses
+/// r_i at the joints with
 ///   w+ = w_free + W r,   friction: |r_i| <= h torque_i, w_i+ = 0 or r_i = -h torque_i sgn w_i+
 ///                        stop:      r_i pushes back only, w_i+ = -e w_i or more where it touches
-/// and q+ = q + h (v + v+) / 2. First order in general; exact for constant deceleration to rest.
+/// and q+ = q + h (v + v+) / 2. Second order between the instants at which a joint sticks, slips or hits;
+/// first order across them, as any scheme that does not search for them; exact for constant deceleration to
+/// rest.
 
 #include <algorithm>
 #include <array>
@@ -35,30 +38,33 @@ class MoreauJean {
   void step(double t, double h, State& y) {
     const System& s = *system_;
     const Angles before = System::rates(y);
-    State middle = y;
+    State middle = y, slope{};
     for (std::size_t i = 0; i < System::positions; ++i) middle[i] += 0.5 * h * before[i];
-    State slope{};
-    s.slope(t + 0.5 * h, middle, slope);
+    // Once with the forces of the rates before, once with those of the mean: what sticks is known by then.
+    double impulse_work = 0.0;
     Angles after = before;
-    for (std::size_t i = 0; i < System::positions; ++i) after[i] += h * slope[System::positions + i];
-    const Angles angle = System::angles(middle);
-    rows_ = 0;
-    collect(h, Plant::joint_angles(angle), Plant::joint_rates(before));
-    const double impulse_work = rows_ == 0 ? 0.0 : resolve(angle, before, after);
-
+    for (int pass = 0; pass < 2; ++pass) {
+      s.slope(t + 0.5 * h, middle, slope);
+      for (std::size_t i = 0; i < System::positions; ++i)
+        after[i] = before[i] + h * slope[System::positions + i];
+      const Angles angle = System::angles(middle);
+      rows_ = 0;
+      collect(h, Plant::joint_angles(angle), Plant::joint_rates(before));
+      impulse_work = rows_ == 0 ? 0.0 : resolve(angle, before, after);
+      for (std::size_t i = 0; i < System::positions; ++i)
+        middle[System::positions + i] = 0.5 * (before[i] + after[i]);
+      if (pass == 0) {
+        for (std::size_t i = System::work + 1; i < s.size(); ++i) middle[i] += 0.5 * h * slope[i];
+      }
+    }
+    for (std::size_t i = System::work + 1; i < s.size(); ++i) y[i] += h * slope[i];
+    s.slope(t + 0.5 * h, middle, slope);  // for its power at the mean rate
+    y[System::work] += h * slope[System::work] + impulse_work;
     bool moving = false;
     for (std::size_t i = 0; i < System::positions; ++i) {
       moving = moving || before[i] != 0.0 || after[i] != 0.0;
       y[i] += 0.5 * h * (before[i] + after[i]);
       y[System::positions + i] = after[i];
-    }
-    y[System::work] += smooth_work(t + 0.5 * h, h, middle, before, after) + impulse_work;
-    // Effect states see the middle of the step (explicit midpoint).
-    for (std::size_t i = System::work + 1; i < s.size(); ++i) middle[i] += 0.5 * h * slope[i];
-    if (s.size() > System::work + 1) {
-      State again{};
-      s.slope(t + 0.5 * h, middle, again);
-      for (std::size_t i = System::work + 1; i < s.size(); ++i) y[i] += h * again[i];
     }
     if (moving) s.project(y);  // what rests is not touched, not even by rounding
   }
@@ -153,17 +159,6 @@ class MoreauJean {
       }
       after = {kept[0], kept[0] + kept[1]};
     }
-  }
-
-  /// Work of the smooth torques over the step: their power at the mean rate.
-  [[nodiscard]] double smooth_work(double t, double h, State middle, const Angles& before,
-                                   const Angles& after) const {
-    Angles rate;
-    for (std::size_t i = 0; i < rate.size(); ++i) rate[i] = 0.5 * (before[i] + after[i]);
-    System::put(middle, System::angles(middle), rate);
-    State slope{};
-    system_->slope(t, middle, slope);
-    return h * slope[System::work];
   }
 
   const System* system_;

@@ -118,7 +118,7 @@ class LoadedSystem : public MechanismState<Plant, Drivetrain::most_states * Plan
     if (!attached_->loads.effector.empty()) {
       const V2 p = this->plant().effector(angle), v = this->plant().effector_rate(angle, rate);
       V2 force;
-      for (const auto& load : attached_->loads.effector) force = force + load->force(t, p, v);
+      for (const auto& load : attached_->loads.effector) force = force + load->force(p, v);
       const Joints pull = this->plant().effector_load(angle, force);
       for (std::size_t i = 0; i < torque.size(); ++i) torque[i] += pull[i];
     }
