@@ -1,0 +1,39 @@
+/// usage: rhs_cost STEPS. Moves a mechanism without effects, for callgrind to count the instructions. Built
+/// twice: with the whole library and its effects (Motion), and without the files of the effects.
+
+#include <cstdio>
+#include <cstdlib>
+
+#ifdef WITHOUT_EFFECTS
+#include "host_sim/plant/engine.hpp"
+#else
+#include "host_sim/plant/motion.hpp"
+#endif
+
+int main(int argc, char** argv) {
+  const int steps = argc > 1 ? std::atoi(argv[1]) : 1000;
+  using namespace esmc;
+  using namespace esmc::host;
+  const LegParams<double> leg{0.12, 0.16, 0.06, 0.068, 0.1, 0.1, 2e-4, 7e-4};
+  const FiveBarPlant plant(FiveBarParams<double>{0.05, 0.0, 9.8, {{leg, leg}}});
+  auto start = FiveBarPlant::from_joints(
+      {0.33914579427821183820, 1.85318013531281830819, 1.31276054418215195822, 1.48475269532538599760},
+      {0, 0, 0, 0});
+  const MotorTorques<FiveBarPlant::Joints> torque{{0.05, 0.0, 0.03, 0.0}, nullptr};
+#ifdef WITHOUT_EFFECTS
+  plant.project(start.angle, start.rate);  // as Motion does
+  using System = BareSystem<FiveBarPlant>;
+  const auto engine = std::make_unique<EngineOf<FiveBarPlant, System, Rk4<System>>>(
+      plant, std::make_unique<Attachments>(), Method::rk4, start,
+      [](const System& s) { return Rk4<System>(s); });
+  engine->run(0.0, steps * 1e-4 / steps, steps, torque);
+  FiveBarPlant::Angles y, rate;
+  engine->get(y, rate);
+  std::printf("%a %a %a %a\n", y[0], y[1], y[2], y[3]);
+#else
+  Motion<FiveBarPlant> motion({plant, plant, {}, {0, 2}, Method::rk4}, start);
+  motion.advance(0.0, steps * 1e-4, steps, torque);
+  const auto& y = motion.state().angle;
+  std::printf("%a %a %a %a\n", y[0], y[1], y[2], y[3]);
+#endif
+}
