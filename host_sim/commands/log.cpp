@@ -1,5 +1,9 @@
 #include "host_sim/commands/log.hpp"
 
+#include <fmt/compile.h>
+
+#include <algorithm>
+#include <cstring>
 #include <iterator>
 #include <utility>
 
@@ -37,15 +41,21 @@ Log::~Log() {
 }
 
 void Log::row(const std::vector<double>& values, const char* state) {
-  const auto out = std::back_inserter(buffer_);
-  bool first = true;
+  constexpr std::size_t longest = 32;  // of a double and a comma
+  const std::size_t used = buffer_.size(), most = values.size() * longest + std::strlen(state) + 2;
+  buffer_.resize(used + most);
+  char* at = buffer_.data() + used;
   for (const double v : values) {
-    if (!first) buffer_.push_back(',');
-    fmt::format_to(out, "{}", v);  // shortest text that reads back to the same double
-    first = false;
+    at = fmt::format_to(at, FMT_COMPILE("{}"), v);  // shortest text that reads back to the same double
+    *at++ = ',';
   }
-  if (*state != '\0') fmt::format_to(out, ",{}", state);
-  buffer_.push_back('\n');
+  if (*state != '\0') {
+    at = std::copy_n(state, std::strlen(state), at);
+  } else {
+    --at;
+  }
+  *at++ = '\n';
+  buffer_.resize(static_cast<std::size_t>(at - buffer_.data()));
   if (written_ % stride_ == 0) thinned_.push_back({values, state});
   ++written_;
   if (buffer_.size() >= flush_bytes) {
