@@ -1,39 +1,44 @@
 #pragma once
-/// The classical Runge-Kutta method of order 4, in equal steps.
+/// The classical Runge-Kutta method of order 4, HNW table II.1.2.
 
-#include <cstddef>
+#include "host_sim/integrate/system.hpp"
 
 namespace esmc::host {
 
-template <class System>
+template <System S, bool compensated = false>
 class Rk4 {
  public:
-  using State = typename System::State;
+  using State = typename S::State;
   static constexpr int order = 4;
   static constexpr const char* name = "rk4";
 
-  explicit Rk4(const System& system) : system_(&system) {}
+  explicit Rk4(const S& system) : system_(&system) {}
+  explicit Rk4(S&&) = delete;
 
+  /// One step of h seconds, of either sign, from time t.
   void step(double t, double h, State& y) {
-    const System& s = *system_;
-    State a, b, c, d, mid;
-    s.slope(t, y, a);
-    shift(y, 0.5 * h, a, mid);
-    s.slope(t + 0.5 * h, mid, b);
-    shift(y, 0.5 * h, b, mid);
-    s.slope(t + 0.5 * h, mid, c);
-    shift(y, h, c, mid);
-    s.slope(t + h, mid, d);
-    const double sixth = h / 6.0;
-    for (std::size_t i = 0; i < s.size(); ++i) y[i] += sixth * (a[i] + 2.0 * (b[i] + c[i]) + d[i]);
-    s.project(y);
+    const std::size_t n = system_->size();
+    system_->slope(t, y, k1_);
+    shift(n, y, 0.5 * h, k1_);
+    system_->slope(t + 0.5 * h, stage_, k2_);
+    shift(n, y, 0.5 * h, k2_);
+    system_->slope(t + 0.5 * h, stage_, k3_);
+    shift(n, y, h, k3_);
+    system_->slope(t + h, stage_, k4_);
+    for (std::size_t i = 0; i < n; ++i) {
+      sum_.add(y[i], i, h / 6.0 * (k1_[i] + 2.0 * (k2_[i] + k3_[i]) + k4_[i]));
+    }
+    system_->project(y);
   }
 
  private:
-  void shift(const State& y, double h, const State& slope, State& out) const {
-    for (std::size_t i = 0; i < system_->size(); ++i) out[i] = y[i] + h * slope[i];
+  void shift(std::size_t n, const State& y, double h, const State& k) {
+    for (std::size_t i = 0; i < n; ++i) stage_[i] = y[i] + h * k[i];
   }
-  const System* system_;
+
+  const S* system_;
+  State stage_{}, k1_{}, k2_{}, k3_{}, k4_{};
+  Accumulator<State, compensated> sum_;
 };
 
 }  // namespace esmc::host

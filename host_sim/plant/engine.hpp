@@ -1,10 +1,14 @@
 #pragma once
-/// System and method of a motion behind one virtual call per tick.
+/// Sys and method of a motion behind one virtual call per tick.
 
 #include <memory>
 #include <utility>
 
+#include "host_sim/integrate/dopri5.hpp"
+#include "host_sim/integrate/dopri8.hpp"
+#include "host_sim/integrate/radau5.hpp"
 #include "host_sim/integrate/rk4.hpp"
+#include "host_sim/integrate/semi_implicit_euler.hpp"
 #include "host_sim/plant/moreau_jean.hpp"
 #include "host_sim/plant/motion.hpp"
 #include "host_sim/plant/system.hpp"
@@ -28,7 +32,7 @@ class Engine {
   [[nodiscard]] virtual Method method() const = 0;
 };
 
-template <class Plant, class System, class Stepper>
+template <class Plant, class Sys, class Stepper>
 class EngineOf final : public Engine<Plant> {
  public:
   using Base = Engine<Plant>;
@@ -42,7 +46,7 @@ class EngineOf final : public Engine<Plant> {
         system_(make_system(plant, *attached_)),
         stepper_(make_stepper(system_)),
         method_(method) {
-    System::put(y_, initial.angle, initial.rate);
+    Sys::put(y_, initial.angle, initial.rate);
     if constexpr (has_effects) system_.start(y_);
   }
   EngineOf(const EngineOf&) = delete;
@@ -55,15 +59,15 @@ class EngineOf final : public Engine<Plant> {
   }
   void set_plant(const Plant& plant) override { system_.set_plant(plant); }
   void get(Angles& angle, Angles& rate) const override {
-    angle = System::angles(y_);
-    rate = System::rates(y_);
+    angle = Sys::angles(y_);
+    rate = Sys::rates(y_);
   }
-  [[nodiscard]] double work() const override { return y_[System::work]; }
+  [[nodiscard]] double work() const override { return y_[Sys::work]; }
   [[nodiscard]] Shaft shaft(std::size_t joint) const override {
     if constexpr (has_effects) {
       return system_.shaft(joint, y_);
     } else {
-      return {Plant::joint_angles(System::angles(y_))[joint], Plant::joint_rates(System::rates(y_))[joint]};
+      return {Plant::joint_angles(Sys::angles(y_))[joint], Plant::joint_rates(Sys::rates(y_))[joint]};
     }
   }
   [[nodiscard]] std::size_t effect_states() const override {
@@ -74,20 +78,20 @@ class EngineOf final : public Engine<Plant> {
   [[nodiscard]] Method method() const override { return method_; }
 
  private:
-  static constexpr bool has_effects = requires(const System& s) { s.effect_states(); };
-  static System make_system(const Plant& plant, const Attachments& attached) {
+  static constexpr bool has_effects = requires(const Sys& s) { s.effect_states(); };
+  static Sys make_system(const Plant& plant, const Attachments& attached) {
     if constexpr (has_effects) {
-      return System(plant, attached);
+      return Sys(plant, attached);
     } else {
-      return System(plant);
+      return Sys(plant);
     }
   }
 
   std::unique_ptr<Attachments> attached_;
-  System system_;
+  Sys system_;
   Stepper stepper_;
   Method method_;
-  typename System::State y_{};
+  typename Sys::State y_{};
 };
 
 /// An engine for the effects of a scene: bare where none of them touches the right-hand side.
@@ -103,23 +107,33 @@ std::unique_ptr<Engine<Plant>> make_engine(const Plant& plant, const std::vector
     if (d.empty()) break;  // the effects of a drivetrain are the same for every motor
     attached->drivetrain.push_back(std::move(d));
   }
-  if (set_valued(effects)) {
-    using System = LoadedSystem<Plant>;
-    using Stepper = MoreauJean<System, Plant>;
+  if (set_valued(effects) || method == Method::moreau_jean) {
+    using Sys = LoadedSystem<Plant>;
+    using Stepper = MoreauJean<Sys, Plant>;
     const SetValued contact{find_effect<CoulombFriction>(effects), find_effect<EndStops>(effects)};
-    return std::make_unique<EngineOf<Plant, System, Stepper>>(
-        plant, std::move(attached), Method::moreau_jean, initial,
-        [&](const System& s) { return Stepper(s, contact); });
+    return std::make_unique<EngineOf<Plant, Sys, Stepper>>(plant, std::move(attached), Method::moreau_jean,
+                                                           initial,
+                                                           [&](const Sys& s) { return Stepper(s, contact); });
   }
-  const auto with = [&]<class System, class Stepper>() -> std::unique_ptr<Engine<Plant>> {
-    return std::make_unique<EngineOf<Plant, System, Stepper>>(plant, std::move(attached), method, initial,
-                                                              [](const System& s) { return Stepper(s); });
+  const auto with = [&]<class Sys, class Stepper>() -> std::unique_ptr<Engine<Plant>> {
+    return std::make_unique<EngineOf<Plant, Sys, Stepper>>(plant, std::move(attached), method, initial,
+                                                           [](const Sys& s) { return Stepper(s); });
   };
-  const auto of = [&]<class System>() -> std::unique_ptr<Engine<Plant>> {
+  const auto of = [&]<class Sys>() -> std::unique_ptr<Engine<Plant>> {
     switch (method) {
-      default:
-        return with.template operator()<System, Rk4<System>>();
+      case Method::semi_implicit_euler:
+        return with.template operator()<Sys, SemiImplicitEuler<Sys>>();
+      case Method::dopri5:
+        return with.template operator()<Sys, Dopri5<Sys>>();
+      case Method::dopri8:
+        return with.template operator()<Sys, Dopri8<Sys>>();
+      case Method::radau5:
+        return with.template operator()<Sys, Radau5<Sys>>();
+      case Method::rk4:
+      case Method::moreau_jean:
+        break;
     }
+    return with.template operator()<Sys, Rk4<Sys>>();
   };
   return attached->none() ? of.template operator()<BareSystem<Plant>>()
                           : of.template operator()<LoadedSystem<Plant>>();

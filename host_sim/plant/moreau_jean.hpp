@@ -26,45 +26,44 @@ struct SetValued {
   std::optional<EndStops> stops;
 };
 
-template <class System, class Plant>
+template <class Sys, class Plant>
 class MoreauJean {
  public:
-  using State = typename System::State;
+  using State = typename Sys::State;
   static constexpr int order = 1;
   static constexpr const char* name = "moreau_jean";
 
-  MoreauJean(const System& system, const SetValued& contact) : system_(&system), contact_(contact) {}
+  MoreauJean(const Sys& system, const SetValued& contact) : system_(&system), contact_(contact) {}
 
   void step(double t, double h, State& y) {
-    const System& s = *system_;
-    const Angles before = System::rates(y);
+    const Sys& s = *system_;
+    const Angles before = Sys::rates(y);
     State middle = y, slope{};
-    for (std::size_t i = 0; i < System::positions; ++i) middle[i] += 0.5 * h * before[i];
+    for (std::size_t i = 0; i < Sys::positions; ++i) middle[i] += 0.5 * h * before[i];
     // Once with the forces of the rates before, once with those of the mean: what sticks is known by then.
     double impulse_work = 0.0;
     Angles after = before;
     for (int pass = 0; pass < 2; ++pass) {
       s.slope(t + 0.5 * h, middle, slope);
-      for (std::size_t i = 0; i < System::positions; ++i)
-        after[i] = before[i] + h * slope[System::positions + i];
-      const Angles angle = System::angles(middle);
+      for (std::size_t i = 0; i < Sys::positions; ++i) after[i] = before[i] + h * slope[Sys::positions + i];
+      const Angles angle = Sys::angles(middle);
       rows_ = 0;
       collect(h, Plant::joint_angles(angle), Plant::joint_rates(before));
       impulse_work = rows_ == 0 ? 0.0 : resolve(angle, before, after);
-      for (std::size_t i = 0; i < System::positions; ++i)
-        middle[System::positions + i] = 0.5 * (before[i] + after[i]);
+      for (std::size_t i = 0; i < Sys::positions; ++i)
+        middle[Sys::positions + i] = 0.5 * (before[i] + after[i]);
       if (pass == 0) {
-        for (std::size_t i = System::work + 1; i < s.size(); ++i) middle[i] += 0.5 * h * slope[i];
+        for (std::size_t i = Sys::work + 1; i < s.size(); ++i) middle[i] += 0.5 * h * slope[i];
       }
     }
-    for (std::size_t i = System::work + 1; i < s.size(); ++i) y[i] += h * slope[i];
+    for (std::size_t i = Sys::work + 1; i < s.size(); ++i) y[i] += h * slope[i];
     s.slope(t + 0.5 * h, middle, slope);  // for its power at the mean rate
-    y[System::work] += h * slope[System::work] + impulse_work;
+    y[Sys::work] += h * slope[Sys::work] + impulse_work;
     bool moving = false;
-    for (std::size_t i = 0; i < System::positions; ++i) {
+    for (std::size_t i = 0; i < Sys::positions; ++i) {
       moving = moving || before[i] != 0.0 || after[i] != 0.0;
       y[i] += 0.5 * h * (before[i] + after[i]);
-      y[System::positions + i] = after[i];
+      y[Sys::positions + i] = after[i];
     }
     if (moving) s.project(y);  // what rests is not touched, not even by rounding
   }
@@ -104,7 +103,7 @@ class MoreauJean {
 
   /// Projected Gauss-Seidel over the rows. Returns the work of the impulses.
   double resolve(const Angles& angle, const Angles& before, Angles& after) {
-    const System& s = *system_;
+    const Sys& s = *system_;
     double scale = 0.0;
     for (std::size_t i = 0; i < rows_; ++i) {
       Joints unit{};
@@ -161,7 +160,7 @@ class MoreauJean {
     }
   }
 
-  const System* system_;
+  const Sys* system_;
   SetValued contact_;
   std::array<Row, most_rows> row_{};
   std::size_t rows_ = 0;

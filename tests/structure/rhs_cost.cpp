@@ -22,10 +22,9 @@ int main(int argc, char** argv) {
   const MotorTorques<FiveBarPlant::Joints> torque{{0.05, 0.0, 0.03, 0.0}, nullptr};
 #ifdef WITHOUT_EFFECTS
   plant.project(start.angle, start.rate);  // as Motion does
-  using System = BareSystem<FiveBarPlant>;
-  const auto engine = std::make_unique<EngineOf<FiveBarPlant, System, Rk4<System>>>(
-      plant, std::make_unique<Attachments>(), Method::rk4, start,
-      [](const System& s) { return Rk4<System>(s); });
+  using Bare = BareSystem<FiveBarPlant>;
+  const auto engine = std::make_unique<EngineOf<FiveBarPlant, Bare, Rk4<Bare>>>(
+      plant, std::make_unique<Attachments>(), Method::rk4, start, [](const Bare& s) { return Rk4<Bare>(s); });
   engine->run(0.0, steps * 1e-4 / steps, steps, torque);
   FiveBarPlant::Angles y, rate;
   engine->get(y, rate);

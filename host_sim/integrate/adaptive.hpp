@@ -1,0 +1,210 @@
+#pragma once
+/// What the adaptive methods share: step control, dense output, events. A method derives from
+/// Adaptive<Method, System> and supplies
+///   static constexpr double error_order   the error of a step goes with h^error_order
+///   static constexpr double memory        weight of the previous error in the control, HW (IV.2.43) beta
+///   void begin(t, y)                      slope at y into first_, nothing remembered of earlier steps
+///   double attempt(t, h, y, tol)          next_ after h from y; returns the error in the norm of Tolerance,
+///   NaN if
+///                                         something was not finite, infinity if equations were not solved
+///   void accept(t, h, y)                  y becomes next_, projected, and first_ the slope there
+///   void compute(t, h, y)                 as attempt and accept, without an error
+///   void interpolate(theta, out)          theta in [0, 1] of the last step, not projected
+
+#include "host_sim/integrate/roots.hpp"
+#include "host_sim/integrate/system.hpp"
+
+namespace esmc::host {
+
+template <class Method, System S>
+class Adaptive {
+ public:
+  using State = typename S::State;
+
+  /// One step of h seconds, of either sign, from time t, whatever its error; not solvable: y becomes NaN.
+  void step(double t, double h, State& y) {
+    dense_ = false;
+    method().begin(t, y);
+    method().compute(t, h, y);
+    record(t, h, t + h);
+  }
+
+  /// From t0 to t1 >= t0, with steps as the tolerance needs; the length of the next step is kept for the next
+  /// call, nothing else is, so inputs of the system may jump between calls. y: last accepted state, whatever
+  /// the reason.
+  Advance advance(double t0, double t1, State& y, const Tolerance& tol) {
+    return run(t0, t1, y, tol, [](double, const State&) { return 1.0; });
+  }
+
+  /// The same, but ends where g(t, y) first changes sign between accepted steps: Advance::t is within 1e-14
+  /// max(|t|, length of the step) behind the sign change of g on the dense output, and y is the projected
+  /// state there. A g that changes sign twice in one step is not seen; tol.max_step bounds the step. A root
+  /// at t0 is none: neither g(t0) = 0 nor rounding at an event that the last call ended with.
+  template <class G>
+  Advance advance_to_event(double t0, double t1, State& y, const Tolerance& tol, const G& g) {
+    return run(t0, t1, y, tol, g);
+  }
+
+  /// Dense output in the last accepted step, projected. NaN outside it, and if there is none.
+  [[nodiscard]] State state_at(double t) {
+    State out{};
+    const double theta = t == end_ ? 1.0 : (t - begin_) / length_;
+    if (dense_ && theta >= 0.0 && theta <= 1.0) {
+      method().interpolate(theta, out);
+      system_->project(out);
+    } else {
+      std::fill_n(out.begin(), system_->size(), std::numeric_limits<double>::quiet_NaN());
+    }
+    return out;
+  }
+  [[nodiscard]] double last_begin() const { return begin_; }
+  [[nodiscard]] double last_end() const { return end_; }
+
+  /// Length that the next step would have, s; 0: not known yet.
+  [[nodiscard]] double next_step() const { return next_step_; }
+  /// As constructed; for a start with no relation to what was before.
+  void forget() { next_step_ = 0.0, error_before_ = 1e-4, dense_ = false, event_ = no_time; }
+
+ protected:
+  explicit Adaptive(const S& system) : system_(&system) {}
+
+  void evaluate(double t, const State& y, State& dy) {
+    system_->slope(t, y, dy);
+    ++slopes_;
+  }
+  [[nodiscard]] std::size_t size() const { return system_->size(); }
+
+  const S* system_;
+  State first_{};                                  ///< slope at the current state
+  State previous_{};                               ///< state before the last step
+  State next_{};                                   ///< state after it
+  double begin_ = 0.0, end_ = 0.0, length_ = 0.0;  ///< of the last accepted step
+  long slopes_ = 0;
+
+ private:
+  static constexpr double no_time = std::numeric_limits<double>::quiet_NaN();
+  static constexpr double epsilon = std::numeric_limits<double>::epsilon();
+
+  Method& method() { return static_cast<Method&>(*this); }
+
+  void record(double t, double h, double end) {
+    begin_ = t;
+    length_ = h;
+    end_ = end;
+    dense_ = true;
+  }
+
+  template <class G>
+  Advance run(double t0, double t1, State& y, const Tolerance& tol, const G& g) {
+    Advance done;
+    done.t = t0;
+    const auto ended = [&](Reason reason) {
+      done.reason = reason;
+      done.slopes = slopes_;
+      return done;
+    };
+    slopes_ = 0;
+    if (!(t0 <= t1 && std::isfinite(t1 - t0))) return ended(Reason::bad_interval);
+    if (!tol.valid()) return ended(Reason::bad_tolerance);
+    if (t0 == t1) return ended(Reason::reached);
+    dense_ = false;
+    method().begin(t0, y);
+    if (!all_finite(size(), first_)) return ended(Reason::non_finite);
+    double side = g(t0, y);
+    if (std::isnan(side)) return ended(Reason::non_finite);
+    if (t0 == event_) side = 0.0;
+    if (!(next_step_ > 0.0)) next_step_ = first_step(t0, t1, y, tol);
+
+    bool shrunk = false;  // the previous attempt was rejected
+    while (done.t < t1) {
+      if (done.steps + done.rejected >= tol.max_attempts) return ended(Reason::too_many_steps);
+      const double rest = t1 - done.t, wanted = std::min(next_step_, tol.max_step);
+      // Two equal steps instead of a long and a tiny one.
+      const double h = rest <= 1.01 * wanted && rest <= tol.max_step ? rest : std::min(wanted, 0.5 * rest);
+      const bool last = h == rest;
+      dense_ = false;
+      const double error = method().attempt(done.t, h, y, tol);
+      if (!(error <= 1.0)) {
+        ++done.rejected;
+        shrunk = true;
+        next_step_ =
+            h *
+            (std::isfinite(error) ? std::max(0.2, 0.9 * std::pow(error, -1.0 / Method::error_order)) : 0.25);
+        if (!(0.1 * next_step_ > epsilon * std::abs(done.t) && next_step_ > epsilon * epsilon * (t1 - t0))) {
+          next_step_ = 0.0;
+          return ended(std::isnan(error) ? Reason::non_finite : Reason::step_underflow);
+        }
+        continue;
+      }
+      method().accept(done.t, h, y);
+      ++done.steps;
+      const double grown = h * growth(error, shrunk);
+      next_step_ =
+          h < wanted ? std::max(wanted, grown) : grown;  // a step cut short says little against a long one
+      shrunk = false;
+      record(done.t, h, last ? t1 : done.t + h);
+      done.t = end_;
+      if (!all_finite(size(), y) || !all_finite(size(), first_)) return ended(Reason::non_finite);
+
+      if (side == 0.0) side = just_after_begin(g);
+      const double now = g(end_, y);
+      if (std::isnan(now)) return ended(Reason::non_finite);
+      if (side * now < 0.0 || (now == 0.0 && side != 0.0)) {
+        done.t = event_ = locate(g, side, now, y);
+        return ended(Reason::event);
+      }
+      side = now;
+    }
+    return ended(Reason::reached);
+  }
+
+  /// HNW (II.4), starting step size algorithm.
+  double first_step(double t0, double t1, const State& y, const Tolerance& tol) {
+    const std::size_t n = size();
+    const double d0 = scaled_norm(n, y, y, y, tol), d1 = scaled_norm(n, first_, y, y, tol);
+    const double h0 = std::min(t1 - t0, d0 < 1e-5 || d1 < 1e-5 ? 1e-6 : 0.01 * d0 / d1);
+    for (std::size_t i = 0; i < n; ++i) next_[i] = y[i] + h0 * first_[i];
+    evaluate(t0 + h0, next_, previous_);
+    for (std::size_t i = 0; i < n; ++i) previous_[i] -= first_[i];
+    const double d2 = scaled_norm(n, previous_, y, y, tol) / h0, largest = std::max(d1, d2);
+    const double h1 =
+        largest <= 1e-15 ? std::max(1e-6, 1e-3 * h0) : std::pow(0.01 / largest, 1.0 / Method::error_order);
+    const double h = std::min(100.0 * h0, h1);
+    return h > 0.0 ? h : 1e-6 * (t1 - t0);  // NaN here is judged where it matters, in the step itself
+  }
+
+  /// Proportional and integral, HW (IV.2.43c).
+  double growth(double error, bool shrunk) {
+    constexpr double alpha = 1.0 / Method::error_order - 0.75 * Method::memory;
+    const double e = std::max(error, 1e-10);
+    const double factor = 0.9 * std::pow(e, -alpha) * std::pow(error_before_, Method::memory);
+    error_before_ = std::max(error, 1e-4);
+    return std::clamp(factor, 0.2, shrunk ? 1.0 : 8.0);
+  }
+
+  /// Sign of g on leaving a root at the beginning of the step, far enough from it that rounding has no say.
+  template <class G>
+  double just_after_begin(const G& g) {
+    const double t = std::min(end_, begin_ + std::max(length_ * 0x1p-20, 8.0 * epsilon * std::abs(begin_)));
+    return g(t, state_at(t));
+  }
+
+  template <class G>
+  double locate(const G& g, double side, double now, State& y) {
+    double begin = begin_;
+    if (begin_ == event_)
+      begin = std::min(end_, begin_ + std::max(length_ * 0x1p-20, 8.0 * epsilon * std::abs(begin_)));
+    const double width =
+        std::max(1e-14 * std::max(std::abs(end_), length_), std::numeric_limits<double>::min());
+    const auto f = [&](double t) { return g(t, state_at(t)); };
+    const Bracket root = bracket_root(f, begin, side, end_, now, width);
+    if (root.after < end_) y = state_at(root.after);
+    return root.after;
+  }
+
+  double next_step_ = 0.0, error_before_ = 1e-4;
+  double event_ = no_time;
+  bool dense_ = false;
+};
+
+}  // namespace esmc::host

@@ -1,0 +1,117 @@
+#pragma once
+/// Dormand-Prince 5(4), HNW table II.5.2; continuous extension of order 4, HNW (II.6.12) in Shampine's form.
+
+#include "host_sim/integrate/adaptive.hpp"
+#include "host_sim/integrate/stages.hpp"
+
+namespace esmc::host {
+
+namespace dopri5 {
+inline constexpr std::size_t stages = 7;
+using Row = std::array<double, stages>;
+inline constexpr Row c{0.0, 1.0 / 5, 3.0 / 10, 4.0 / 5, 8.0 / 9, 1.0, 1.0};
+/// The last row is the solution of order 5, so the last stage is the first one of the next step.
+inline constexpr std::array<Row, stages> a{{
+    {},
+    {1.0 / 5},
+    {3.0 / 40, 9.0 / 40},
+    {44.0 / 45, -56.0 / 15, 32.0 / 9},
+    {19372.0 / 6561, -25360.0 / 2187, 64448.0 / 6561, -212.0 / 729},
+    {9017.0 / 3168, -355.0 / 33, 46732.0 / 5247, 49.0 / 176, -5103.0 / 18656},
+    {35.0 / 384, 0.0, 500.0 / 1113, 125.0 / 192, -2187.0 / 6784, 11.0 / 84},
+}};
+/// Order 5 minus order 4.
+inline constexpr Row error{71.0 / 57600,      0.0,        -71.0 / 16695, 71.0 / 1920,
+                           -17253.0 / 339200, 22.0 / 525, -1.0 / 40};
+/// What the interpolant has beyond the cubic through both ends.
+inline constexpr Row dense{-12715105075.0 / 11282082432,  0.0,
+                           87487479700.0 / 32700410799,   -10690763975.0 / 1880347072,
+                           701980252875.0 / 199316789632, -1453857185.0 / 822651844,
+                           69997945.0 / 29380423};
+}  // namespace dopri5
+
+template <System S>
+class Dopri5 : public Adaptive<Dopri5<S>, S> {
+  using Base = Adaptive<Dopri5<S>, S>;
+  friend Base;
+
+ public:
+  using State = typename S::State;
+  static constexpr int order = 5;
+  static constexpr int dense_order = 4;
+  static constexpr const char* name = "dopri5";
+
+  explicit Dopri5(const S& system) : Base(system) {}
+  explicit Dopri5(S&&) = delete;
+
+ private:
+  static constexpr double error_order = 5.0;
+  static constexpr double memory = 0.04;
+
+  void begin(double t, const State& y) { this->evaluate(t, y, this->first_); }
+
+  double attempt(double t, double h, const State& y, const Tolerance& tol) {
+    const std::size_t n = this->size();
+    inner_stages(t, h, y);
+    this->evaluate(t + h, this->next_, k_[6]);
+    weighted(n, dopri5::error, k_, h, State{}, work_);
+    return all_finite(n, this->next_) ? scaled_norm(n, work_, y, this->next_, tol)
+                                      : std::numeric_limits<double>::quiet_NaN();
+  }
+
+  void accept(double t, double h, State& y) {
+    const std::size_t n = this->size();
+    copy_entries(n, this->next_, work_);
+    this->system_->project(this->next_);
+    // The last stage is the next slope only while the projection has nothing to do.
+    if (!std::equal(work_.begin(), work_.begin() + static_cast<std::ptrdiff_t>(n), this->next_.begin())) {
+      this->evaluate(t + h, this->next_, k_[6]);
+    }
+    copy_entries(n, k_[6], this->first_);
+    end_slope_ = true;
+    move(y);
+  }
+
+  void compute(double t, double h, State& y) {
+    inner_stages(t, h, y);
+    this->system_->project(this->next_);
+    end_slope_ = false;
+    move(y);
+  }
+
+  void interpolate(double theta, State& out) {
+    const std::size_t n = this->size();
+    const double h = this->length_;
+    if (!end_slope_) {
+      this->evaluate(this->end_, this->next_, k_[6]);
+      end_slope_ = true;
+    }
+    weighted(n, dopri5::dense, k_, h, State{}, work_);
+    for (std::size_t i = 0; i < n; ++i) {
+      const double rise = this->next_[i] - this->previous_[i], bend = h * k_[0][i] - rise;
+      const double twist = rise - h * k_[6][i] - bend, back = 1.0 - theta;
+      out[i] = this->previous_[i] + theta * (rise + back * (bend + theta * (twist + back * work_[i])));
+    }
+  }
+
+  void inner_stages(double t, double h, const State& y) {
+    const std::size_t n = this->size();
+    copy_entries(n, this->first_, k_[0]);
+    for (std::size_t s = 1; s < 6; ++s) {
+      weighted(n, dopri5::a[s], k_, h, y, work_);
+      this->evaluate(t + dopri5::c[s] * h, work_, k_[s]);
+    }
+    weighted(n, dopri5::a[6], k_, h, y, this->next_);
+  }
+
+  void move(State& y) {
+    copy_entries(this->size(), y, this->previous_);
+    copy_entries(this->size(), this->next_, y);
+  }
+
+  std::array<State, dopri5::stages> k_{};
+  State work_{};
+  bool end_slope_ = false;  // k_[6] belongs to next_
+};
+
+}  // namespace esmc::host
