@@ -141,11 +141,16 @@ FiveBarParams<double> believed_mechanism(const Scene& scene) {
   p.m0 *= f.effector_mass;
   p.g *= f.gravity;
   const auto friction = find_effect<ViscousFriction>(scene.effects);
+  const auto dry = find_effect<CoulombFriction>(scene.effects);
   for (std::size_t j = 0; j < 2; ++j) {
     p.legs[j] = scaled(p.legs[j], f);
     if (f.exact_friction && friction) {
       p.legs[j].d1 = friction->coefficient[2 * j];
       p.legs[j].d2 = friction->coefficient[2 * j + 1];
+    }
+    if (f.exact_friction && dry) {
+      p.legs[j].gamma1 = dry->torque[2 * j];
+      p.legs[j].gamma2 = dry->torque[2 * j + 1];
     }
   }
   return p;

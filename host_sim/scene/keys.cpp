@@ -118,7 +118,7 @@ constexpr std::array keys{
     Key{"simulation.duration", "number", "", "s", 0, 1e6, true, "", "from t = 0"},
     Key{"simulation.integrator", "string", "\"rk4\"", "", -inf, inf, false, "semi_implicit_euler | rk4 | dopri5 | dopri8 | radau5 | moreau_jean", "method, at the fixed step below; set-valued effects are always stepped by moreau_jean"},
     Key{"simulation.step", "number", "0.0005", "s", 0, 1, true, "", "integration step; a tick is cut into equal steps no longer than this"},
-    Key{"simulation.accuracy", "number", "-", "", 1e-12, 1e-2, false, "", "instead of step: largest absolute error of final_state.q; the step is halved until it is met"},
+    Key{"simulation.accuracy", "number", "-", "", 1e-12, 1e-2, false, "", "instead of integrator and step: largest absolute error of final_state.q; the program chooses the method and halves the step until it is met"},
 
     Key{"effects.type", "string", "", "", -inf, inf, false, "viscous_friction | coulomb_friction | joint_flexibility | backlash | end_stops | payload | external_force | torque_lag | torque_saturation | torque_ripple | thermal_limit | encoder | noise | bias | delay | jitter | compute_delay", "which effect; each at most once"},
     Key{"effects[viscous_friction].coefficient", "numbers", "", "N m s/rad", 0, big, false, "", "per joint of a leg; four values: the two legs differ"},
