@@ -97,11 +97,11 @@ class Dopri5 : public Adaptive<Dopri5<S>, S> {
   void inner_stages(double t, double h, const State& y) {
     const std::size_t n = this->size();
     copy_entries(n, this->first_, k_[0]);
-    for (std::size_t s = 1; s < 6; ++s) {
-      weighted(n, dopri5::a[s], k_, h, y, work_);
-      this->evaluate(t + dopri5::c[s] * h, work_, k_[s]);
-    }
-    weighted(n, dopri5::a[6], k_, h, y, this->next_);
+    each_stage<1, 6>([&](auto s) {
+      weighted_row<dopri5::a, s.value>(n, k_, h, y, work_);
+      this->evaluate(t + dopri5::c[s.value] * h, work_, k_[s.value]);
+    });
+    weighted_row<dopri5::a, 6>(n, k_, h, y, this->next_);
   }
 
   void move(State& y) {

@@ -92,11 +92,11 @@ class Dopri8 : public Adaptive<Dopri8<S>, S> {
     const std::size_t n = this->size();
     interpolant_ = false;
     copy_entries(n, this->first_, k_[0]);
-    for (std::size_t s = 1; s < dopri8::main_stages; ++s) {
-      weighted(n, dopri8::a[s], k_, h, y, work_);
-      this->evaluate(t + dopri8::c[s] * h, work_, k_[s]);
-    }
-    weighted(n, dopri8::a[12], k_, h, y, this->next_);
+    each_stage<1, dopri8::main_stages>([&](auto s) {
+      weighted_row<dopri8::a, s.value>(n, k_, h, y, work_);
+      this->evaluate(t + dopri8::c[s.value] * h, work_, k_[s.value]);
+    });
+    weighted_row<dopri8::a, 12>(n, k_, h, y, this->next_);
   }
 
   void move(State& y) {
