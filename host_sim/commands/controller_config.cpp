@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <stdexcept>
 
 namespace esmc::host {
 namespace {
@@ -94,42 +95,56 @@ LawKind law_kind(LawChoice l) {
 
 template <class M>
 void set_gains(const Scene& s, double delay, Gains<M>& g) {
+  using S = typename M::Scalar;
   const auto layer = [&](double gain, double given) {
     // Without switching gain the layer does nothing, but it must not be zero: s / layer is taken.
     return s.reaching == ReachingChoice::implicit && gain > 0.0 ? implicit_layer(gain, s.tick(), delay) : given;
   };
   for (int i = 0; i < M::channels; ++i) {
     const bool angle = M::is_angle(i);
-    g.lambda[i] = angle ? s.lambda.angle : s.lambda.position;
-    g.k[i] = angle ? s.gain.angle : s.gain.position;
-    g.layer[i] = layer(g.k[i], angle ? s.layer.angle : s.layer.position);
+    const double k = angle ? s.gain.angle : s.gain.position;
+    g.lambda[i] = static_cast<S>(angle ? s.lambda.angle : s.lambda.position);
+    g.k[i] = static_cast<S>(k);
+    g.layer[i] = static_cast<S>(layer(k, angle ? s.layer.angle : s.layer.position));
   }
   const bool angles = !M::has_type2;  // the independent coordinates of RR are its joints
   auto& own = g.independent;
-  own.lambda = angles ? s.lambda.angle : s.lambda.position;
-  own.k = angles ? s.gain.angle : s.gain.position;
-  own.layer = layer(own.k, angles ? s.layer.angle : s.layer.position);
-  own.kp = s.kp.value_or(own.lambda * own.lambda);
-  own.kd = s.kd.value_or(2.0 * own.lambda);
+  const double lambda = angles ? s.lambda.angle : s.lambda.position, k = angles ? s.gain.angle : s.gain.position;
+  own.lambda = static_cast<S>(lambda);
+  own.k = static_cast<S>(k);
+  own.layer = static_cast<S>(layer(k, angles ? s.layer.angle : s.layer.position));
+  own.kp = static_cast<S>(s.kp.value_or(lambda * lambda));
+  own.kd = static_cast<S>(s.kd.value_or(2.0 * lambda));
 }
 
-Limits<double> make_limits(const Scene& s) {
-  Limits<double> l;
-  l.min_abs_sin_type1 = s.limits.min_abs_sin_type1;
-  l.min_abs_sin_type2 = s.type == MechanismType::five_bar ? s.limits.min_abs_sin_type2 : 0.0;
-  l.joint_speed = s.limits.joint_speed;
-  l.closure = s.limits.closure;
+template <class S>
+Range<S> range(const std::array<double, 2>& r) {
+  return {static_cast<S>(r[0]), static_cast<S>(r[1])};
+}
+
+template <class S>
+Limits<S> make_limits(const Scene& s) {
+  Limits<S> l;
+  l.min_abs_sin_type1 = static_cast<S>(s.limits.min_abs_sin_type1);
+  l.min_abs_sin_type2 = static_cast<S>(s.type == MechanismType::five_bar ? s.limits.min_abs_sin_type2 : 0.0);
+  l.joint_speed = static_cast<S>(s.limits.joint_speed);
+  l.closure = static_cast<S>(s.limits.closure);
   l.max_age_ticks = static_cast<std::uint32_t>(s.limits.max_age_ticks);
   if (s.limits.workspace) {
-    l.workspace_x = {(*s.limits.workspace)[0][0], (*s.limits.workspace)[0][1]};
-    l.workspace_y = {(*s.limits.workspace)[1][0], (*s.limits.workspace)[1][1]};
+    l.workspace_x = range<S>((*s.limits.workspace)[0]);
+    l.workspace_y = range<S>((*s.limits.workspace)[1]);
   }
   if (s.limits.joint_angle) {
-    for (std::size_t i = 0; i < 2; ++i) {
-      l.joint_angle[i] = {(*s.limits.joint_angle)[i][0], (*s.limits.joint_angle)[i][1]};
-    }
+    for (std::size_t i = 0; i < 2; ++i) l.joint_angle[i] = range<S>((*s.limits.joint_angle)[i]);
   }
   return l;
+}
+
+Reference<double> in_scalar(const ReferenceBundle<double>& b, const double*) { return b.get(); }
+Reference<float> in_scalar(const ReferenceBundle<double>& b, const float*) {
+  if (!b.path.empty()) throw std::logic_error("references with a path exist in double only");
+  const Reference<double>& r = b.reference;
+  return {r.kind, r.space, r.centre.cast<float>(), r.amplitude.cast<float>(), r.speed.cast<float>(), r.phase, {}, 0};
 }
 
 }  // namespace
@@ -216,6 +231,7 @@ ReferenceBundle<double> make_reference(const Scene& scene, Pacing pacing) {
 
 template <class M>
 ControllerConfig<M> make_controller(const Scene& scene, Pacing pacing, const ReferenceBundle<double>& reference) {
+  using S = typename M::Scalar;
   ControllerConfig<M> c;
   c.mechanism = make_mechanism(believed_mechanism(scene), static_cast<M*>(nullptr));
   c.mode = mode_of(scene, static_cast<M*>(nullptr));
@@ -227,18 +243,19 @@ ControllerConfig<M> make_controller(const Scene& scene, Pacing pacing, const Ref
     case ReachingChoice::implicit: c.reaching = Reaching::implicit; break;
   }
   set_gains(scene, delay_ticks(scene, pacing), c.gains);
-  c.reference = reference.get();
+  c.reference = in_scalar(reference, static_cast<const S*>(nullptr));
   c.join_ticks = reference.join_ticks;
-  c.limits = make_limits(scene);
+  c.limits = make_limits<S>(scene);
   c.motors = scene.all_motors ? Motors::all : Motors::base;
   c.sensors = scene.all_sensors ? Sensors::all : Sensors::base;
-  c.sample_time = scene.tick();
+  c.sample_time = static_cast<S>(scene.tick());
   for (int i = 0; i < c.motor_count(); ++i) {
     const auto u = static_cast<std::size_t>(i);
     const int joint = ControllerConfig<M>::joint_of(i, c.motor_count());
-    c.torque_limit[joint] = scene.torque_limit[u];
-    c.torque_weight[joint] = scene.torque_weight.empty() ? 1.0 / (scene.torque_limit[u] * scene.torque_limit[u])
-                                                         : scene.torque_weight[u];
+    const double limit = scene.torque_limit[u];
+    c.torque_limit[joint] = static_cast<S>(limit);
+    c.torque_weight[joint] =
+        static_cast<S>(scene.torque_weight.empty() ? 1.0 / (limit * limit) : scene.torque_weight[u]);
   }
   return c;
 }
@@ -266,6 +283,10 @@ typename OdriveCycle<M>::Config make_cycle(const Scene& scene, Pacing pacing,
 
 template ControllerConfig<FiveBar<double>> make_controller<FiveBar<double>>(const Scene&, Pacing,
                                                                             const ReferenceBundle<double>&);
+template ControllerConfig<FiveBar<float>> make_controller<FiveBar<float>>(const Scene&, Pacing,
+                                                                          const ReferenceBundle<double>&);
+template ControllerConfig<Rr<float>> make_controller<Rr<float>>(const Scene&, Pacing,
+                                                                const ReferenceBundle<double>&);
 template ControllerConfig<Rr<double>> make_controller<Rr<double>>(const Scene&, Pacing,
                                                                   const ReferenceBundle<double>&);
 template OdriveCycle<FiveBar<double>>::Config make_cycle<FiveBar<double>>(const Scene&, Pacing,

@@ -34,18 +34,36 @@ ReferenceBundle<double> make_reference(const Scene& scene, Pacing pacing);
 /// The controller's belief: the true mechanism times the factors of [control.model].
 FiveBarParams<double> believed_mechanism(const Scene& scene);
 
-/// The mechanism of a type, chosen by the null pointer. RR takes leg 1 and gravity.
-inline FiveBar<double> make_mechanism(const FiveBarParams<double>& p, const FiveBar<double>*) {
-  return FiveBar<double>(p);
+/// The same numbers in another scalar type.
+template <class S>
+LegParams<S> cast(const LegParams<double>& p) {
+  return {S(p.l1), S(p.l2), S(p.lg1), S(p.lg2), S(p.m1),     S(p.m2),
+          S(p.J1), S(p.J2), S(p.d1),  S(p.d2),  S(p.gamma1), S(p.gamma2)};
 }
-inline Rr<double> make_mechanism(const FiveBarParams<double>& p, const Rr<double>*) {
-  return Rr<double>(RrParams<double>{p.legs[0], p.g});
+template <class S>
+FiveBarParams<S> cast(const FiveBarParams<double>& p) {
+  return {S(p.l0), S(p.m0), S(p.g), {cast<S>(p.legs[0]), cast<S>(p.legs[1])}};
 }
 
-inline FiveBar<double>::Mode mode_of(const Scene& s, const FiveBar<double>*) {
+/// The mechanism of a type, chosen by the null pointer. RR takes leg 1 and gravity.
+template <class S>
+FiveBar<S> make_mechanism(const FiveBarParams<double>& p, const FiveBar<S>*) {
+  return FiveBar<S>(cast<S>(p));
+}
+template <class S>
+Rr<S> make_mechanism(const FiveBarParams<double>& p, const Rr<S>*) {
+  const FiveBarParams<S> c = cast<S>(p);
+  return Rr<S>(RrParams<S>{c.legs[0], c.g});
+}
+
+template <class S>
+typename FiveBar<S>::Mode mode_of(const Scene& s, const FiveBar<S>*) {
   return {{{s.working_mode[0], s.working_mode[1]}}, s.assembly_mode};
 }
-inline Rr<double>::Mode mode_of(const Scene& s, const Rr<double>*) { return {s.working_mode[0]}; }
+template <class S>
+typename Rr<S>::Mode mode_of(const Scene& s, const Rr<S>*) {
+  return {s.working_mode[0]};
+}
 
 /// Number of control ticks of a run.
 [[nodiscard]] inline std::uint32_t tick_count(const Scene& s) {
@@ -57,7 +75,8 @@ inline Rr<double>::Mode mode_of(const Scene& s, const Rr<double>*) { return {s.w
   return s.delay_ticks.value_or(pacing == Pacing::realtime ? 2.0 : 0.0);
 }
 
-/// `reference` must outlive the configuration.
+/// `reference` must outlive the configuration. M in single precision: references without a path only (throws
+/// std::logic_error); studies use it, boards get theirs as baked constants.
 template <class M>
 ControllerConfig<M> make_controller(const Scene& scene, Pacing pacing, const ReferenceBundle<double>& reference);
 

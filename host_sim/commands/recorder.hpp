@@ -22,6 +22,7 @@ namespace esmc::host {
 struct FiveBarWorld {
   using Plant = FiveBarPlant;
   using Mechanism = FiveBar<double>;
+  using SinglePrecision = FiveBar<float>;
   static Plant plant(const Scene& s, double payload = 0.0) { return Plant(s.mechanism, payload); }
   static constexpr const char* joint_names[] = {"theta11", "theta12", "theta21", "theta22"};
   static constexpr const char* torque_names[] = {"tau11", "tau12", "tau21", "tau22"};
@@ -34,6 +35,7 @@ struct FiveBarWorld {
 struct RrWorld {
   using Plant = RrPlant;
   using Mechanism = Rr<double>;
+  using SinglePrecision = Rr<float>;
   static Plant plant(const Scene& s, double payload = 0.0) { return Plant(s.arm(), payload); }
   static constexpr const char* joint_names[] = {"theta1", "theta2"};
   static constexpr const char* torque_names[] = {"tau1", "tau2"};

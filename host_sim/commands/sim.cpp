@@ -5,6 +5,7 @@
 #include "host_sim/commands/finish.hpp"
 #include "host_sim/commands/recorder.hpp"
 #include "host_sim/commands/run.hpp"
+#include "host_sim/commands/trace.hpp"
 #include "host_sim/drives/actuators.hpp"
 #include "host_sim/drives/placed_axes.hpp"
 
@@ -27,12 +28,19 @@ class SimRun {
         actuators_(scene.effects, scene.motor_joints(), scene.seed) {}
 
   [[nodiscard]] Recorder<World>& recorder() { return recorder_; }
+  /// Where the effector was at every tick, for studies.
+  void keep_path(std::vector<V2>* path) { path_ = path; }
+  void use_single_precision() { single_precision_ = true; }
 
   RunEnd run(int substeps) {
     const auto begin = std::chrono::steady_clock::now();
     RunEnd end;
     if (scene_.closed_loop()) {
-      closed_loop(substeps, end);
+      if (single_precision_) {
+        closed_loop<typename World::SinglePrecision>(substeps, end);
+      } else {
+        closed_loop<M>(substeps, end);
+      }
     } else {
       open_loop(substeps, end);
     }
@@ -69,26 +77,33 @@ class SimRun {
     }
   }
 
-  /// The controller of the firmware, its torque applied directly over the tick.
+  /// The controller of the firmware, its torque applied directly over the tick. C: its model, in one scalar type or
+  /// the other.
+  template <class C>
   void closed_loop(int substeps, RunEnd& end) {
     const ReferenceBundle<double> reference = make_reference(scene_, Pacing::lockstep);
-    Controller<M> controller(make_controller<M>(scene_, Pacing::lockstep, reference));
+    Controller<C> controller(make_controller<C>(scene_, Pacing::lockstep, reference));
     Supervisor supervisor;
     supervisor.begin_tick(Command::enable, {});  // there are no drives to wait for
     std::vector<Sensor> sensors = make_sensors(controller.config().sensor_count());
-    Sample<M> sample;
+    Sample<C> sample;
     const double tick = scene_.tick(), step = tick / substeps;
     const std::uint32_t ticks = tick_count(scene_);
     for (std::uint32_t n = 0; n < ticks; ++n) {
       const bool stop = stop_requested();
       supervisor.begin_tick(stop ? Command::stop : Command::none, {true, false});
       measure(sensors, sample);
-      const TickResult<M> result = controller.tick(sample, supervisor);
+      const TickResult<C> result = controller.tick(sample, supervisor);
       bool clipped = false;
       Joints asked{};
-      for (std::size_t i = 0; i < asked.size(); ++i) asked[i] = result.torque[static_cast<int>(i)];
+      for (std::size_t i = 0; i < asked.size(); ++i) asked[i] = static_cast<double>(result.torque[static_cast<int>(i)]);
       const Joints torque = actuators_.deliver(asked, tick, clipped);
-      recorder_.tick(n, motion_, torque, clipped, {&result, &sample});
+      if constexpr (std::is_same_v<C, M>) {
+        recorder_.tick(n, motion_, torque, clipped, {&result, &sample});
+      } else {
+        recorder_.tick(n, motion_, torque, clipped, {});
+      }
+      if (path_ != nullptr) path_->push_back(motion_.output().effector);
       actuators_.advance(motion_, n * tick, tick, step, torque);
       if (stop) {
         end.interrupted = true;
@@ -117,18 +132,20 @@ class SimRun {
     exact_ = effects.none();
     return out;
   }
-  void measure(std::vector<Sensor>& sensors, Sample<M>& sample) const {
+  template <class C>
+  void measure(std::vector<Sensor>& sensors, Sample<C>& sample) const {
+    using S = typename C::Scalar;
     for (Sensor& s : sensors) {
       const auto shaft = motion_.shaft(static_cast<std::size_t>(s.axis.joint));
       if (exact_) {  // not through revolutions and back: the truth to the last bit
-        sample.angle[s.axis.joint] = shaft.angle;
-        sample.rate[s.axis.joint] = shaft.rate;
+        sample.angle[s.axis.joint] = static_cast<S>(shaft.angle);
+        sample.rate[s.axis.joint] = static_cast<S>(shaft.rate);
         continue;
       }
       const ShaftReading r =
           s.shaft.read({(shaft.angle - s.axis.mount.offset) * s.rev_per_rad, shaft.rate * s.rev_per_rad});
-      sample.angle[s.axis.joint] = r.position_rev / s.rev_per_rad + s.axis.mount.offset;
-      sample.rate[s.axis.joint] = r.velocity_rev_s / s.rev_per_rad;
+      sample.angle[s.axis.joint] = static_cast<S>(r.position_rev / s.rev_per_rad + s.axis.mount.offset);
+      sample.rate[s.axis.joint] = static_cast<S>(r.velocity_rev_s / s.rev_per_rad);
     }
   }
 
@@ -137,7 +154,8 @@ class SimRun {
   Recorder<World> recorder_;
   Motion<Plant> motion_;
   Actuators<Plant> actuators_;
-  bool exact_ = true;
+  bool exact_ = true, single_precision_ = false;
+  std::vector<V2>* path_ = nullptr;
 };
 
 [[nodiscard]] int steps_per_tick(const Scene& s) {
@@ -207,6 +225,25 @@ int run_sim(const RunOptions& o) {
   scene.seed = o.seed;
   return scene.type == MechanismType::five_bar ? simulate<FiveBarWorld>(scene, o)
                                                : simulate<RrWorld>(scene, o);
+}
+
+namespace {
+template <class World>
+Trace trace_of(const Scene& scene, bool single_precision) {
+  Trace out;
+  const RunOptions none;
+  SimRun<World> run(scene, none, "");
+  run.keep_path(&out.effector);
+  if (single_precision) run.use_single_precision();
+  out.end = run.run(steps_per_tick(scene));
+  out.statistics = run.recorder().statistics();
+  return out;
+}
+}  // namespace
+
+Trace trace(const Scene& scene, bool single_precision) {
+  return scene.type == MechanismType::five_bar ? trace_of<FiveBarWorld>(scene, single_precision)
+                                               : trace_of<RrWorld>(scene, single_precision);
 }
 
 std::atomic<bool>& stop_requested() {

@@ -1,0 +1,21 @@
+#pragma once
+/// A closed loop run for a study: no files, no summary, every effector position kept.
+
+#include <vector>
+
+#include "host_sim/commands/summary.hpp"
+#include "host_sim/plant/plant.hpp"
+#include "host_sim/scene/scene.hpp"
+
+namespace esmc::host {
+
+struct Trace {
+  Statistics statistics;
+  RunEnd end;
+  std::vector<V2> effector;  ///< m, true position at every tick of a closed loop
+};
+
+/// Runs a scene as `esmc sim` does, with its method and step. `single_precision`: the controller computes in float.
+Trace trace(const Scene& scene, bool single_precision = false);
+
+}  // namespace esmc::host
