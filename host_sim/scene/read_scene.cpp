@@ -360,8 +360,8 @@ std::string merged_text(const toml::table& root) {
 
 }  // namespace
 
-Scene read_scene(const std::string& file, const std::vector<std::string>& sets) {
-  const toml::table table = parse_scene_file(file, sets);
+namespace {
+Scene scene_of(const toml::table& table, const std::string& file) {
   Section root(table, file, "", "");
   Scene scene;
   scene.file = file;
@@ -394,6 +394,15 @@ Scene read_scene(const std::string& file, const std::vector<std::string>& sets) 
   scene.effects = read_effects(root, scene);
   root.finish();
   return scene;
+}
+}  // namespace
+
+Scene read_scene(const std::string& file, const std::vector<std::string>& sets) {
+  return scene_of(parse_scene_file(file, sets), file);
+}
+
+Scene read_scene_text(const std::string& text, const std::string& name, const std::vector<std::string>& sets) {
+  return scene_of(parse_scene_text(text, name, sets), name);
 }
 
 }  // namespace esmc::host

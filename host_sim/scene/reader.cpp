@@ -29,13 +29,15 @@ void merge(toml::table& into, toml::table&& from) {
 toml::table parse_override(const std::string& set) {
   const std::size_t equals = set.find('=');
   const std::string label = "--set " + one_line(set);
-  if (equals == std::string::npos || equals == 0) throw InputError("", label + ": section.key=value is needed");
+  if (equals == std::string::npos || equals == 0)
+    throw InputError("", label + ": section.key=value is needed");
   try {
     return toml::parse(set, label);
   } catch (const toml::parse_error&) {
     // A bare word is taken for a string: --set control.law=smc
     const std::string word = set.substr(equals + 1);
-    if (word.empty() || word.find_first_not_of("abcdefghijklmnopqrstuvwxyz_0123456789.-+") != std::string::npos) {
+    if (word.empty() ||
+        word.find_first_not_of("abcdefghijklmnopqrstuvwxyz_0123456789.-+") != std::string::npos) {
       throw InputError("", label + ": not a TOML value");
     }
     try {
@@ -54,16 +56,30 @@ std::string counts(const std::vector<std::size_t>& sizes) {
 
 }  // namespace
 
-toml::table parse_scene_file(const std::string& file, const std::vector<std::string>& sets) {
-  if (!std::filesystem::is_regular_file(file)) throw InputError("", file + ": no such scene file");
+namespace {
+template <class Parse>
+toml::table parsed(const std::string& file, const Parse& parse, const std::vector<std::string>& sets) {
   try {
-    toml::table root = toml::parse_file(file);
+    toml::table root = parse();
     for (const std::string& set : sets) merge(root, parse_override(set));
     return root;
   } catch (const toml::parse_error& e) {
     throw InputError(fmt::format("{}:{}", file, e.source().begin.line),
                      "not valid TOML: " + one_line(e.description()));
   }
+}
+}  // namespace
+
+toml::table parse_scene_file(const std::string& file, const std::vector<std::string>& sets) {
+  if (!std::filesystem::is_regular_file(file)) throw InputError("", file + ": no such scene file");
+  return parsed(
+      file, [&] { return toml::parse_file(file); }, sets);
+}
+
+toml::table parse_scene_text(const std::string& text, const std::string& name,
+                             const std::vector<std::string>& sets) {
+  return parsed(
+      name, [&] { return toml::parse(text, name); }, sets);
 }
 
 std::string place(const toml::node& node, const std::string& file) {
@@ -217,7 +233,8 @@ std::vector<std::string> Section::texts(const std::string& key, std::size_t size
   for (const toml::node& item : *list) {
     const auto value = item.is_string() ? item.value<std::string>() : std::nullopt;
     const std::string padded = fmt::format(" | {} | ", spec(key).choices);
-    if (!value || value->empty() || padded.find(" | " + *value + " | ") == std::string::npos) wrong(item, key, want);
+    if (!value || value->empty() || padded.find(" | " + *value + " | ") == std::string::npos)
+      wrong(item, key, want);
     out.push_back(*value);
   }
   return out;
@@ -251,7 +268,8 @@ std::optional<Section> Section::section(const std::string& key, const std::strin
   if (!node->is_table()) {
     throw InputError(place(*node, file_), fmt::format("'{}' must be a table", full(key)));
   }
-  return Section(*node->as_table(), file_, full(key), schema.empty() ? (schema_.empty() ? key : schema_ + "." + key) : schema);
+  return Section(*node->as_table(), file_, full(key),
+                 schema.empty() ? (schema_.empty() ? key : schema_ + "." + key) : schema);
 }
 
 Section Section::required_section(const std::string& key) {
@@ -265,11 +283,13 @@ std::vector<Section> Section::sections(const std::string& key, const std::string
   const toml::node* node = find(key, false);
   if (node == nullptr) return out;
   const toml::array* list = node->as_array();
-  if (list == nullptr) throw InputError(place(*node, file_), fmt::format("'{}' must be an array of tables", full(key)));
+  if (list == nullptr)
+    throw InputError(place(*node, file_), fmt::format("'{}' must be an array of tables", full(key)));
   for (std::size_t i = 0; i < list->size(); ++i) {
     const toml::table* table = list->get(i)->as_table();
     if (table == nullptr) {
-      throw InputError(place(*list->get(i), file_), fmt::format("'{}' must be an array of tables", full(key)));
+      throw InputError(place(*list->get(i), file_),
+                       fmt::format("'{}' must be an array of tables", full(key)));
     }
     out.emplace_back(*table, file_, fmt::format("{}[{}]", full(key), i),
                      schema.empty() ? (schema_.empty() ? key : schema_ + "." + key) : schema);
@@ -283,7 +303,8 @@ void Section::finish() const {
     if (asked_.contains(name)) continue;
     std::string known;
     for (const std::string& a : asked_) known += (known.empty() ? "" : ", ") + a;
-    throw InputError(place(node, file_), fmt::format("unknown key '{}'; allowed here: {}", full(name), known));
+    throw InputError(place(node, file_),
+                     fmt::format("unknown key '{}'; allowed here: {}", full(name), known));
   }
 }
 

@@ -16,6 +16,7 @@ namespace esmc::host {
 
 /// Parses a file and merges "section.key=value" overrides into it. Throws InputError.
 toml::table parse_scene_file(const std::string& file, const std::vector<std::string>& sets);
+toml::table parse_scene_text(const std::string& text, const std::string& name, const std::vector<std::string>& sets);
 
 /// Where a node was written: "FILE:LINE", or "--set key=value".
 std::string place(const toml::node& node, const std::string& file);

@@ -133,5 +133,7 @@ struct Scene {
 /// Reads a scene. `sets` are "section.key=value" overrides. Throws InputError naming file, line, key, what is
 /// allowed. Nothing is left half-read: the scene returned is possible and its start is reachable.
 Scene read_scene(const std::string& file, const std::vector<std::string>& sets);
+/// The same from a text; `name` stands for the file in errors.
+Scene read_scene_text(const std::string& text, const std::string& name, const std::vector<std::string>& sets);
 
 }  // namespace esmc::host
