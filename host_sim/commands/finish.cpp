@@ -39,12 +39,17 @@ Json rows_json(const Log& log) {
 }
 }  // namespace
 
+void write_scene(const Scene& scene, const OutputDirectory& out) {
+  out.write("scene.toml", scene.toml);
+  if (!scene.reference.csv.empty()) out.write(reference_copy, scene.reference.csv);
+}
+
 int finish_run(const RunOptions& o, const Scene& scene, const char* kind, const Statistics& statistics,
                const RunEnd& end, Log& log, OutputDirectory& out) {
   log.close();
   const Json summary = make_summary(scene, statistics, end);
   if (out.wanted()) {
-    out.write("scene.toml", scene.toml);
+    write_scene(scene, out);
     out.write("summary.json", summary.dump(2) + "\n");
     Json data;
     data["kind"] = kind;

@@ -8,6 +8,9 @@
 
 namespace esmc::host {
 
+/// The scene as run, and the file of its reference if it has one.
+void write_scene(const Scene& scene, const OutputDirectory& out);
+
 /// Writes scene.toml, summary.json, report.html (log.csv and frames.log are already there), prints the summary.
 /// Returns 1 when the run ended in a fault.
 int finish_run(const RunOptions& o, const Scene& scene, const char* kind, const Statistics& statistics,

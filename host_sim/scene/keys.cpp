@@ -22,7 +22,7 @@ constexpr std::array keys{
     Key{"mechanism.effector_mass", "number", "0.0", "kg", 0, big, false, "", "five_bar: point mass at the effector"},
     Key{"mechanism.leg", "table", "-", "", -inf, inf, false, "", "both legs (or the arm); or [[mechanism.legs]] twice"},
     Key{"mechanism.legs", "tables", "-", "", -inf, inf, false, "", "five_bar: the two legs, leg 1 (right) first"},
-    Key{"mechanism.working_mode", "strings", "", "", -inf, inf, false, "+ | -", "sign of sin(theta_j2), per leg in its own frame"},
+    Key{"mechanism.working_mode", "strings", "", "", -inf, inf, false, "+ | -", "array, one per leg (RR: one entry): sign of sin(theta_j2), in the leg's own frame"},
     Key{"mechanism.assembly_mode", "string", "-", "", -inf, inf, false, "+ | -", "five_bar: sign of sin(phi12 + phi22); else from the initial pose"},
     Key{"mechanism.leg.l1", "number", "", "m", 0, 1e3, true, "", "length of the proximal bar"},
     Key{"mechanism.leg.l2", "number", "", "m", 0, 1e3, true, "", "length of the distal bar"},
@@ -176,7 +176,7 @@ const Key& find_key(std::string_view path) {
 std::string allowed(const Key& k) {
   std::string out;
   if (!k.choices.empty()) {
-    out = fmt::format("one of: {}", k.choices);
+    out = fmt::format("{}one of: {}", k.kind == "strings" ? "array of strings, each " : "", k.choices);
   } else {
     out = fmt::format("{}", k.kind);
     const bool low = std::isfinite(k.low), high = std::isfinite(k.high);
@@ -189,6 +189,17 @@ std::string allowed(const Key& k) {
   }
   if (!k.unit.empty()) out += fmt::format(", {}", k.unit);
   return out;
+}
+
+std::string wanted(const Key& k) {
+  std::string out = allowed(k);
+  if (!k.choices.empty()) return out;
+  if (k.kind == "number or {position, angle}") {
+    // The bounds hold for each of the two values.
+    return "a number, or a table {position, angle} of numbers," + out.substr(k.kind.size());
+  }
+  const bool plural = k.kind.ends_with('s');
+  return plural ? out : (k.kind == "integer" ? "an " : "a ") + out;
 }
 
 std::string keys_markdown() {

@@ -27,7 +27,8 @@ FirstPoint first_point(const ReferenceScene& r, const std::string& where) {
               {r.offset[0] + r.amplitude[0] * std::sin(r.phases[0]), r.offset[1] + r.amplitude[1] * std::sin(r.phases[1])}};
     case ReferenceType::hold:
       if (r.position) return {false, *r.position};
-      break;
+      throw InputError(where, "the start is not given: reference.type = \"hold\" without a position holds the start, "
+                              "so [initial] needs position or joints");
     case ReferenceType::file: return {false, {r.table.front().x, r.table.front().y}};
     case ReferenceType::none: break;
   }
