@@ -5,9 +5,12 @@
 #include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
+#include <numbers>
 
-#include "host_sim/loop/bus_load.hpp"
+#include "host_sim/commands/finish.hpp"
+#include "host_sim/commands/halves.hpp"
 #include "host_sim/commands/recorder.hpp"
+#include "host_sim/loop/bus_load.hpp"
 
 namespace esmc::host {
 namespace {
@@ -24,8 +27,21 @@ struct Margins {
   std::string unreachable;      ///< when the reference cannot be followed
 };
 
+/// Columns of check.csv: what the reference asks of each joint and motor, tick by tick.
 template <class World>
-Margins margins(const Scene& scene) {
+std::vector<std::string> columns(const Scene& scene) {
+  using M = typename World::Mechanism;
+  const auto joint = [](int i, int of) { return static_cast<std::size_t>(ControllerConfig<M>::joint_of(i, of)); };
+  std::vector<std::string> c{"t", "x_ref", "y_ref"};
+  for (int i = 0; i < 2; ++i) c.push_back(World::joint_names[joint(i, 2)] + std::string("_ref"));
+  for (int i = 0; i < scene.motors(); ++i) c.emplace_back(World::torque_names[joint(i, scene.motors())]);
+  c.emplace_back("min_abs_sin_type1");
+  if (scene.type == MechanismType::five_bar) c.emplace_back("abs_D2");
+  return c;
+}
+
+template <class World>
+Margins margins(const Scene& scene, Log& log) {
   using M = typename World::Mechanism;
   Margins out;
   out.torque.assign(static_cast<std::size_t>(scene.motors()), 0.0);
@@ -48,6 +64,7 @@ Margins margins(const Scene& scene) {
     reference.centre = start.pose(q).effector;
   }
   const std::uint32_t ticks = std::min<std::uint32_t>(tick_count(scene), 2'000'000U);
+  std::vector<double> row;
   for (std::uint32_t n = 0; n < ticks; ++n) {
     const Motion2<double> r = reference.at(n, scene.tick());
     const auto d = reference.space == ReferenceSpace::effector
@@ -82,10 +99,15 @@ Margins margins(const Scene& scene) {
       const Vec2<double> base = m.base_torque(d->pose, w);
       for (int i = 0; i < 2; ++i) tau[ControllerConfig<M>::joint_of(i, 2)] = base[i];
     }
+    row.assign({n * scene.tick(), d->pose.effector.x(), d->pose.effector.y(), base_angle[0], base_angle[1]});
     for (std::size_t i = 0; i < out.torque.size(); ++i) {
-      const double t = std::abs(tau[ControllerConfig<M>::joint_of(static_cast<int>(i), scene.motors())]);
-      out.torque[i] = std::max(out.torque[i], t);
+      const double t = tau[ControllerConfig<M>::joint_of(static_cast<int>(i), scene.motors())];
+      out.torque[i] = std::max(out.torque[i], std::abs(t));
+      row.push_back(t);
     }
+    row.push_back(M::min_abs_sin_type1(d->pose));
+    if (scene.type == MechanismType::five_bar) row.push_back(M::abs_sin_type2(d->pose));
+    if (log.wanted()) log.row(row, "");
   }
   return out;
 }
@@ -105,6 +127,53 @@ class Findings {
   Json list_ = Json::array();
   bool refused_ = false;
 };
+
+/// How late, in ticks, a torque acts on what it was computed from.
+struct Delay {
+  double certain = 0.0;  ///< compute_delay and delay
+  double lag = 0.0;      ///< of the drive's observer and of torque_lag: a delay for everything slower than they are
+};
+Delay delay_of(const Scene& s) {
+  Delay d;
+  if (const auto e = find_effect<ComputeDelay>(s.effects)) d.certain += e->time * s.rate_hz;
+  if (const auto e = find_effect<SensorDelay>(s.effects)) d.certain += e->ticks;
+  const auto encoder = find_effect<Encoder>(s.effects);
+  const auto noise = find_effect<SensorNoise>(s.effects);
+  // Two poles at the bandwidth: each is late by its inverse.
+  if (encoder || noise) d.lag += 2.0 / (encoder ? encoder->bandwidth : noise->bandwidth) * s.rate_hz;
+  if (const auto e = find_effect<TorqueLag>(s.effects)) d.lag += e->time_constant * s.rate_hz;
+  return d;
+}
+
+/// The sampled loop near the surface: docs/theory.md, "Boundary layers and the implicit law".
+void judge_gains(const Scene& s, Findings& f) {
+  const bool sliding = s.law == LawChoice::esmc || s.law == LawChoice::esmc_projected || s.law == LawChoice::smc;
+  if (!sliding) return;
+  const Delay d = delay_of(s);
+  if (s.reaching == ReachingChoice::sign) f.warning("reaching = \"sign\" chatters in a sampled loop; \"implicit\" does not");
+  if (s.reaching == ReachingChoice::implicit) {
+    const double late = std::round(d.certain + d.lag), told = s.delay_ticks.value_or(0.0);
+    if (late > told) {
+      f.warning(fmt::format("sensors and drives of this scene are late by about {} tick{}, the implicit law is told {}: it will "
+                            "chatter; set control.delay_ticks = {}",
+                            late, late == 1.0 ? "" : "s", told, late));
+    }
+    return;
+  }
+  if (s.reaching == ReachingChoice::sign) return;
+  // kappa T <= 0.3, and below half of the bound on stability 2 sin(pi/(4 d + 2)) [F39]
+  const double kappa_t = std::max(s.gain.position / s.layer.position + s.lambda.position,
+                                  s.gain.angle / s.layer.angle + s.lambda.angle) * s.tick();
+  const auto half_bound = [](double ticks) { return std::sin(std::numbers::pi / (4.0 * ticks + 2.0)); };
+  const std::string is = fmt::format("(gain / layer + lambda) * tick = {:.3g}", kappa_t);
+  const std::string cure = "a larger control.layer, a smaller gain or lambda (docs/theory.md, \"Boundary layers and the implicit law\")";
+  if (kappa_t > half_bound(d.certain)) {
+    f.error(fmt::format("{}, at most {:.2g} with a delay of {:.2g} ticks, or the loop rings by itself: {}", is,
+                        half_bound(d.certain), d.certain, cure));
+  } else if (const double allowed = std::min(0.3, half_bound(d.certain + d.lag)); kappa_t > allowed) {
+    f.warning(fmt::format("{}, better below {:.2g}: {}", is, allowed, cure));
+  }
+}
 
 void judge(const Scene& s, const Margins& m, Findings& f) {
   if (!m.unreachable.empty()) {
@@ -148,14 +217,15 @@ void judge(const Scene& s, const Margins& m, Findings& f) {
       f.warning(text + "; little is left to correct errors with");
     }
   }
-  if (s.reaching == ReachingChoice::sign && s.law != LawChoice::ctc && s.law != LawChoice::pd) {
-    f.warning("reaching = \"sign\" chatters in a sampled loop; \"implicit\" does not");
-  }
+  judge_gains(s, f);
 }
 
 template <class World>
 int report(const Scene& scene, const RunOptions& o) {
-  const Margins m = margins<World>(scene);
+  OutputDirectory out(o.out);
+  Log log(out.path("check.csv"), columns<World>(scene), tick_count(scene));
+  const Margins m = margins<World>(scene, log);
+  log.close();
   Findings f;
   judge(scene, m, f);
   // Frames of 8 bytes: per tick an encoder estimate from every axis and a torque to every motor, and a heartbeat
@@ -169,19 +239,31 @@ int report(const Scene& scene, const RunOptions& o) {
   } else if (load > 0.8) {
     f.warning(fmt::format("bus load {:.0f} %: above 80 % frames wait for each other", 100.0 * load));
   }
+  if (std::find(scene.drives.nodes.begin(), scene.drives.nodes.end(), 0) != scene.drives.nodes.end()) {
+    f.warning("drives.nodes names node 0: its command 0 has the identifier of CANopen's NMT, and a drive that nobody has "
+              "given a number may be 0; take 1 or more");
+  }
   if (scene.rate_hz > 1000.0) f.warning("ODrive sends encoder estimates at 1 kHz at most");
-  if (!scene.drives.missing.empty()) f.warning(scene.drives.missing + " before it can run on a bus");
+  const std::string obstacle = bus_obstacle(scene).what;
   Json j;
   j["scene"] = scene.name;
   j["runs"] = !f.refused();
+  j["runs_on_bus"] = !f.refused() && obstacle.empty();
+  j["not_on_bus_because"] = obstacle.empty() ? Json(nullptr) : Json(obstacle);
   j["margins"] = {{"min_abs_sin_type1", m.sin_type1}, {"min_abs_sin_type2", scene.type == MechanismType::five_bar ? Json(m.sin_type2) : Json(nullptr)},
                   {"max_joint_speed", m.joint_speed}, {"max_torque_nm", m.torque}};
   j["bus"] = {{"load", load}, {"worst_latency_s", latency_s}};
   j["findings"] = f.list();
+  if (out.wanted()) {
+    write_scene(scene, out);
+    out.commit();
+  }
   if (o.json) {
     fmt::print("{}\n", j.dump(2));
   } else {
-    fmt::print("{}: {}\n", scene.name, f.refused() ? "would not run through" : "fit to run");
+    fmt::print("{}: {}\n", scene.name, f.refused()          ? "would not run through"
+                                           : obstacle.empty() ? "fit to run"
+                                                              : "fit for sim, not for a bus: " + obstacle);
     const std::string type2 =
         scene.type == MechanismType::five_bar ? fmt::format(" |D2| >= {:.3g},", m.sin_type2) : std::string();
     fmt::print("along the reference: |sin theta_j2| >= {:.3g},{} base joints <= {:.3g} rad/s\n", m.sin_type1, type2,
@@ -191,6 +273,7 @@ int report(const Scene& scene, const RunOptions& o) {
     for (const Json& item : f.list()) {
       fmt::print("{}: {}\n", item["level"].get<std::string>(), item["text"].get<std::string>());
     }
+    if (out.wanted()) fmt::print("torques along the reference: {}/check.csv\n", out.directory());
   }
   return f.refused() ? 1 : 0;
 }

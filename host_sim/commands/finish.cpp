@@ -57,6 +57,8 @@ int finish_run(const RunOptions& o, const Scene& scene, const char* kind, const 
     data["version"] = version;
     data["scene_toml"] = scene.toml;
     data["summary"] = summary;
+    data["concerns"] = concerns(summary);
+    data["torque_limit"] = scene.closed_loop() ? scene.torque_limit : std::vector<double>{};
     data["mechanism"] = mechanism_json(scene);
     data["columns"] = log.columns();
     data["rows"] = rows_json(log);

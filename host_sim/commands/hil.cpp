@@ -20,7 +20,9 @@ int run_lockstep(const Scene& scene, const RunOptions& o, PlantBus& plant_bus, C
   ControllerHalf<World, ControlBus> controller(scene, Pacing::lockstep, control_bus);
   const auto begin = std::chrono::steady_clock::now();
   bool stop = false;
+  Progress progress(tick_count(scene));
   while (!plant.finished() && !stop) {
+    progress.at(plant.done());
     stop = stop_requested();
     if (stop) controller.stop();
     plant.publish();

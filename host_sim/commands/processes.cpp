@@ -21,7 +21,9 @@ int plant_lockstep(const Scene& scene, const RunOptions& o, hal::SocketCan& bus,
   }
   const auto begin = std::chrono::steady_clock::now();
   bool stop = stop_requested();
+  Progress progress(tick_count(scene));
   while (!plant.finished() && !stop) {
+    progress.at(plant.done());
     plant.publish();
     stop = !plant.await_torques();
     if (!stop) plant.advance({});
@@ -52,7 +54,9 @@ int controller_lockstep(const Scene& scene, const RunOptions& o, hal::SocketCan&
   }
   bool stop = false;
   std::uint64_t sets = 0;
+  Progress progress(tick_count(scene));
   while (recorder.ticks() < tick_count(scene) && !stop) {
+    progress.at(recorder.ticks());
     if (!controller.await_set()) {
       stop = stop_requested();
       if (!stop) {

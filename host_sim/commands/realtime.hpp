@@ -43,26 +43,32 @@ RunEnd pace_plant(const Scene& scene, PlantHalf<World, Bus>& plant) {
   const auto silence = std::chrono::milliseconds(silence_ms);
   auto heard = begin;
   Pace pace(scene.tick() / plant.substeps());
+  std::uint64_t late = 0;
+  Progress progress(tick_count(scene));
   while (!plant.finished() && !stop_requested()) {
+    progress.at(plant.done());
     if (!plant.released() && std::chrono::steady_clock::now() - begin > silence) {
       throw RunError("the drives were not in closed-loop control after 5 s (controller dead or not started)");
     }
     plant.publish();
+    const std::uint64_t before = pace.late();
     for (int part = 0; part < plant.substeps(); ++part) {
       pace.wait();
       plant.advance_part(part, part == 0, {});
       if (plant.drain() > 0) heard = std::chrono::steady_clock::now();
     }
+    if (pace.late() > before) ++late;
     if (std::chrono::steady_clock::now() - heard > silence) throw RunError("the controller was not heard for 5 s");
   }
   RunEnd end = plant.end(begin);
+  end.late_ticks = late;
   end.interrupted = stop_requested();
   return end;
 }
 
-/// The controller's ticks; `done` tells when to end.
+/// The controller's ticks; `done` tells when to end. Returns how many were late.
 template <class World, class Bus, class Done>
-void pace_controller(const Scene& scene, ControllerHalf<World, Bus>& controller, ControllerRecorder<World>& recorder,
+std::uint64_t pace_controller(const Scene& scene, ControllerHalf<World, Bus>& controller, ControllerRecorder<World>& recorder,
                      const Done& done) {
   Pace pace(scene.tick());
   const auto begin = std::chrono::steady_clock::now();
@@ -78,6 +84,7 @@ void pace_controller(const Scene& scene, ControllerHalf<World, Bus>& controller,
     }
   }
   controller.shut_down();
+  return pace.late();
 }
 
 template <class World>
@@ -101,9 +108,11 @@ int controller_realtime(const Scene& scene, const RunOptions& o, hal::SocketCan&
   ControllerHalf<World, Tapped<hal::SocketCan>> controller(scene, Pacing::realtime, tap);
   ControllerRecorder<World> recorder(scene, out.path("log.csv"));
   const auto begin = std::chrono::steady_clock::now();
-  pace_controller(scene, controller, recorder, [&] { return recorder.ticks() >= tick_count(scene); });
+  const std::uint64_t late =
+      pace_controller(scene, controller, recorder, [&] { return recorder.ticks() >= tick_count(scene); });
   RunEnd end = recorder.end(begin, o, controller.supervisor(), frames, tap.lost(),
                             std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count());
+  end.late_ticks = late;
   end.interrupted = stop_requested();
   frames.close();
   return finish_run(o, scene, "controller", recorder.statistics(), end, recorder.log(), out);
@@ -124,9 +133,10 @@ int run_hil_realtime(const Scene& scene, const RunOptions& o) {
   ControllerRecorder<World> seen(scene, "");
   std::atomic<bool> over{false};
   std::exception_ptr failure;
+  std::uint64_t late = 0;
   std::thread thread([&] {
     try {
-      pace_controller(scene, controller, seen, [&] { return over.load(); });
+      late = pace_controller(scene, controller, seen, [&] { return over.load(); });
     } catch (...) {
       failure = std::current_exception();
     }
@@ -140,6 +150,8 @@ int run_hil_realtime(const Scene& scene, const RunOptions& o) {
   over = true;
   thread.join();
   if (failure) std::rethrow_exception(failure);
+  end.late_ticks = *end.late_ticks + late;
+  end.fault_t = seen.statistics().fault_time();
   const Supervisor& supervisor = controller.supervisor();
   end.final_state = name(supervisor.state());
   end.faults.clear();

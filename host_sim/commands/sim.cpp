@@ -3,6 +3,7 @@
 #include <cmath>
 
 #include "host_sim/commands/finish.hpp"
+#include "host_sim/commands/progress.hpp"
 #include "host_sim/commands/recorder.hpp"
 #include "host_sim/commands/run.hpp"
 #include "host_sim/drives/actuators.hpp"
@@ -56,7 +57,9 @@ class SimRun {
     if (const auto saturation = find_effect<TorqueSaturation>(scene_.effects)) wave.limit = saturation->limit;
     const MotorTorques<Joints> torque{{}, scene_.torque.empty() ? nullptr : &wave};
     const std::uint32_t ticks = tick_count(scene_);
+    Progress progress(ticks);
     for (std::uint32_t n = 0; n < ticks; ++n) {
+      progress.at(n);
       if (stop_requested()) {
         end.interrupted = true;
         return;
@@ -79,7 +82,9 @@ class SimRun {
     Sample<M> sample;
     const double tick = scene_.tick(), step = tick / substeps;
     const std::uint32_t ticks = tick_count(scene_);
+    Progress progress(ticks);
     for (std::uint32_t n = 0; n < ticks; ++n) {
+      progress.at(n);
       const bool stop = stop_requested();
       supervisor.begin_tick(stop ? Command::stop : Command::none, {true, false});
       measure(sensors, sample);

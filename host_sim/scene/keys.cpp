@@ -2,8 +2,10 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <array>
 #include <cmath>
+#include <numeric>
 #include <stdexcept>
 
 namespace esmc::host {
@@ -162,7 +164,37 @@ constexpr std::array keys{
 };
 // clang-format on
 
+/// Edit distance, where a swap of two neighbours counts once.
+std::size_t distance(std::string_view a, std::string_view b) {
+  std::vector<std::size_t> before(b.size() + 1), now(b.size() + 1), next(b.size() + 1);
+  std::iota(now.begin(), now.end(), 0U);
+  for (std::size_t i = 1; i <= a.size(); ++i) {
+    next[0] = i;
+    for (std::size_t j = 1; j <= b.size(); ++j) {
+      next[j] = std::min({now[j] + 1, next[j - 1] + 1, now[j - 1] + (a[i - 1] == b[j - 1] ? 0U : 1U)});
+      const bool swapped = i > 1 && j > 1 && a[i - 1] == b[j - 2] && a[i - 2] == b[j - 1];
+      if (swapped) next[j] = std::min(next[j], before[j - 2] + 1);
+    }
+    before = now;
+    now = next;
+  }
+  return now[b.size()];
+}
+
 }  // namespace
+
+std::string nearest(std::string_view word, const std::vector<std::string>& known) {
+  const std::string* best = nullptr;
+  std::size_t least = 3;
+  for (const std::string& k : known) {
+    const std::size_t d = distance(word, k);
+    if (d < least && d < k.size()) {
+      least = d;
+      best = &k;
+    }
+  }
+  return best != nullptr ? *best : std::string();
+}
 
 std::span<const Key> scene_keys() { return keys; }
 

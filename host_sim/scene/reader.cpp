@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
-#include <numeric>
 
 namespace esmc::host {
 namespace {
@@ -69,23 +68,6 @@ void merge(toml::table& into, toml::table&& from, const std::string& above = "")
   }
 }
 
-/// Edit distance, where a swap of two neighbours counts once.
-std::size_t distance(std::string_view a, std::string_view b) {
-  std::vector<std::size_t> before(b.size() + 1), now(b.size() + 1), next(b.size() + 1);
-  std::iota(now.begin(), now.end(), 0U);
-  for (std::size_t i = 1; i <= a.size(); ++i) {
-    next[0] = i;
-    for (std::size_t j = 1; j <= b.size(); ++j) {
-      next[j] = std::min({now[j] + 1, next[j - 1] + 1, now[j - 1] + (a[i - 1] == b[j - 1] ? 0U : 1U)});
-      const bool swapped = i > 1 && j > 1 && a[i - 1] == b[j - 2] && a[i - 2] == b[j - 1];
-      if (swapped) next[j] = std::min(next[j], before[j - 2] + 1);
-    }
-    before = now;
-    now = next;
-  }
-  return now[b.size()];
-}
-
 /// Every --set below a node, once each.
 void collect_sets(const toml::node& node, std::vector<std::string>& out) {
   if (from_set(node)) {
@@ -136,19 +118,6 @@ std::string_view child(std::string_view path, const std::string& schema) {
 }
 
 }  // namespace
-
-std::string nearest(std::string_view word, const std::vector<std::string>& known) {
-  const std::string* best = nullptr;
-  std::size_t least = 3;
-  for (const std::string& k : known) {
-    const std::size_t d = distance(word, k);
-    if (d < least && d < k.size()) {
-      least = d;
-      best = &k;
-    }
-  }
-  return best != nullptr ? *best : std::string();
-}
 
 toml::table parse_scene_file(const std::string& file, const std::vector<std::string>& sets) {
   if (std::filesystem::is_directory(file)) throw InputError("", file + ": is a directory, a scene file is needed");

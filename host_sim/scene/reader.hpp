@@ -21,9 +21,6 @@ toml::table parse_scene_file(const std::string& file, const std::vector<std::str
 /// Where a node was written: "FILE:LINE", or "--set key=value".
 std::string place(const toml::node& node, const std::string& file);
 
-/// The known word that `word` is a slip of the pen away from (edit distance at most 2); empty: none.
-std::string nearest(std::string_view word, const std::vector<std::string>& known);
-
 /// A table being read. `schema` is the prefix in the key table. Ask for every key, then call finish().
 class Section {
  public:
