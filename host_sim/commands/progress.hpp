@@ -29,7 +29,8 @@ class Progress {
     constexpr std::size_t width = 30;
     const double done = static_cast<double>(tick) / static_cast<double>(ticks_);
     const auto filled = static_cast<std::size_t>(done * width);
-    const double left = done > 0.0 ? std::chrono::duration<double>(now - begin_).count() * (1.0 / done - 1.0) : 0.0;
+    const double left =
+        done > 0.0 ? std::chrono::duration<double>(now - begin_).count() * (1.0 / done - 1.0) : 0.0;
     const std::string bar = std::string(filled, '#') + std::string(width - filled, ' ');
     std::fprintf(stderr, "\r[%s] %3.0f %%, about %.0f s left\033[K", bar.c_str(), 100.0 * done, left);
     std::fflush(stderr);

@@ -22,7 +22,8 @@ bool from_set(const toml::node& node) {
   return path && path->starts_with(set_mark);
 }
 
-/// Takes keys out of a table that the file has put there; what another --set says stays, to be complained about.
+/// Takes keys out of a table that the file has put there; what another --set says stays, to be complained
+/// about.
 template <class Wanted>
 void drop(toml::table& table, const Wanted& wanted) {
   std::vector<std::string> gone;
@@ -50,7 +51,8 @@ bool make_room(const std::string& name, toml::table& into, const toml::table& fr
   for (const auto& [way, rates] : ways) {
     if (!from.contains(way)) continue;
     drop(into, [&](const std::string& key) {
-      return std::ranges::any_of(ways, [&](const auto& w) { return w.first != way && (key == w.first || key == w.second); });
+      return std::ranges::any_of(
+          ways, [&](const auto& w) { return w.first != way && (key == w.first || key == w.second); });
     });
   }
   return false;
@@ -84,7 +86,8 @@ void collect_sets(const toml::node& node, std::vector<std::string>& out) {
 toml::table parse_override(const std::string& set) {
   const std::size_t equals = set.find('=');
   const std::string label = std::string(set_mark) + one_line(set);
-  if (equals == std::string::npos || equals == 0) throw InputError("", label + ": section.key=value is needed");
+  if (equals == std::string::npos || equals == 0)
+    throw InputError("", label + ": section.key=value is needed");
   try {
     return toml::parse(set, label);
   } catch (const toml::parse_error&) {
@@ -120,7 +123,8 @@ std::string_view child(std::string_view path, const std::string& schema) {
 }  // namespace
 
 toml::table parse_scene_file(const std::string& file, const std::vector<std::string>& sets) {
-  if (std::filesystem::is_directory(file)) throw InputError("", file + ": is a directory, a scene file is needed");
+  if (std::filesystem::is_directory(file))
+    throw InputError("", file + ": is a directory, a scene file is needed");
   if (!std::filesystem::is_regular_file(file)) throw InputError("", file + ": no such scene file");
   try {
     toml::table root = toml::parse_file(file);
@@ -301,14 +305,15 @@ std::vector<std::string> Section::texts(const std::string& key, std::size_t size
   std::string one = "[\"" + std::string(choices) + "\"]";  // + | -  ->  ["+"] or ["-"]
   for (std::size_t at = 0; (at = one.find(" | ", at)) != std::string::npos;) one.replace(at, 3, "\"] or [\"");
   const std::string want = size == 1 ? one
-                                     : fmt::format("an array of {}, each one of: {}; as in [\"{}\", \"{}\"]", size,
-                                                   choices, first, first);
+                                     : fmt::format("an array of {}, each one of: {}; as in [\"{}\", \"{}\"]",
+                                                   size, choices, first, first);
   if (list == nullptr || list->size() != size) wrong(*node, key, want);
   std::vector<std::string> out;
   for (const toml::node& item : *list) {
     const auto value = item.is_string() ? item.value<std::string>() : std::nullopt;
     const std::string padded = fmt::format(" | {} | ", spec(key).choices);
-    if (!value || value->empty() || padded.find(" | " + *value + " | ") == std::string::npos) wrong(item, key, want);
+    if (!value || value->empty() || padded.find(" | " + *value + " | ") == std::string::npos)
+      wrong(item, key, want);
     out.push_back(*value);
   }
   return out;
@@ -342,7 +347,8 @@ std::optional<Section> Section::section(const std::string& key, const std::strin
   if (!node->is_table()) {
     throw InputError(place(*node, file_), fmt::format("'{}' must be a table", full(key)));
   }
-  return Section(*node->as_table(), file_, full(key), schema.empty() ? (schema_.empty() ? key : schema_ + "." + key) : schema);
+  return Section(*node->as_table(), file_, full(key),
+                 schema.empty() ? (schema_.empty() ? key : schema_ + "." + key) : schema);
 }
 
 Section Section::required_section(const std::string& key) {
@@ -359,11 +365,13 @@ std::vector<Section> Section::sections(const std::string& key, const std::string
   const toml::node* node = find(key, false);
   if (node == nullptr) return out;
   const toml::array* list = node->as_array();
-  if (list == nullptr) throw InputError(place(*node, file_), fmt::format("'{}' must be an array of tables", full(key)));
+  if (list == nullptr)
+    throw InputError(place(*node, file_), fmt::format("'{}' must be an array of tables", full(key)));
   for (std::size_t i = 0; i < list->size(); ++i) {
     const toml::table* table = list->get(i)->as_table();
     if (table == nullptr) {
-      throw InputError(place(*list->get(i), file_), fmt::format("'{}' must be an array of tables", full(key)));
+      throw InputError(place(*list->get(i), file_),
+                       fmt::format("'{}' must be an array of tables", full(key)));
     }
     out.emplace_back(*table, file_, fmt::format("{}[{}]", full(key), i),
                      schema.empty() ? (schema_.empty() ? key : schema_ + "." + key) : schema);
@@ -386,8 +394,9 @@ void Section::reject(const std::string& key, const std::vector<std::string>& kno
     owner = owner.substr(common.size() + 1);
     text += fmt::format("; it belongs to type = \"{}\"", owner.substr(0, owner.find(']')));
   }
-  throw InputError(place(*table_->get(key), file_),
-                   text + (close.empty() ? "; " : " ") + fmt::format("allowed here: {}", fmt::join(known, ", ")));
+  throw InputError(
+      place(*table_->get(key), file_),
+      text + (close.empty() ? "; " : " ") + fmt::format("allowed here: {}", fmt::join(known, ", ")));
 }
 
 void Section::reject_misspelt() const {

@@ -17,8 +17,9 @@ std::string as_library_prints(const Value& value) {
 
 std::string key_text(const toml::key& key) {
   const std::string text(key.str());
-  const bool bare = !text.empty() && text.find_first_not_of("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ"
-                                                            "0123456789_-") == std::string::npos;
+  const bool bare = !text.empty() && text.find_first_not_of(
+                                         "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ"
+                                         "0123456789_-") == std::string::npos;
   return bare ? text : as_library_prints(toml::value<std::string>(text));
 }
 

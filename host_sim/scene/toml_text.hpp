@@ -2,8 +2,8 @@
 /// A TOML table as text that reads back to the same values, with numbers as short as that allows (0.35, not
 /// 0.34999999999999998 as toml++ prints it).
 
-#include <string>
 #include <toml++/toml.h>
+#include <string>
 
 namespace esmc::host {
 
