@@ -48,11 +48,11 @@ bool make_room(const std::string& name, toml::table& into, const toml::table& fr
   if (name != "initial") return false;
   constexpr std::pair<std::string_view, std::string_view> ways[] = {
       {"at", ""}, {"position", "velocity"}, {"joints", "joint_rates"}};
-  for (const auto& [way, rates] : ways) {
-    if (!from.contains(way)) continue;
+  for (const auto& given : ways) {
+    if (!from.contains(given.first)) continue;
     drop(into, [&](const std::string& key) {
       return std::ranges::any_of(
-          ways, [&](const auto& w) { return w.first != way && (key == w.first || key == w.second); });
+          ways, [&](const auto& w) { return w.first != given.first && (key == w.first || key == w.second); });
     });
   }
   return false;
