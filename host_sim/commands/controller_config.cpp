@@ -82,13 +82,18 @@ LegParams<double> scaled(LegParams<double> p, const ModelFactors& f) {
 
 LawKind law_kind(LawChoice l) {
   switch (l) {
-    case LawChoice::esmc: return LawKind::esmc;
-    case LawChoice::esmc_projected: return LawKind::esmc_projected;
-    case LawChoice::smc: return LawKind::smc;
-    case LawChoice::ctc: return LawKind::ctc;
+    case LawChoice::esmc:
+      return LawKind::esmc;
+    case LawChoice::esmc_projected:
+      return LawKind::esmc_projected;
+    case LawChoice::smc:
+      return LawKind::smc;
+    case LawChoice::ctc:
+      return LawKind::ctc;
     case LawChoice::pd:
     case LawChoice::open_loop:
-    case LawChoice::none: break;
+    case LawChoice::none:
+      break;
   }
   return LawKind::pd;
 }
@@ -98,7 +103,8 @@ void set_gains(const Scene& s, double delay, Gains<M>& g) {
   using S = typename M::Scalar;
   const auto layer = [&](double gain, double given) {
     // Without switching gain the layer does nothing, but it must not be zero: s / layer is taken.
-    return s.reaching == ReachingChoice::implicit && gain > 0.0 ? implicit_layer(gain, s.tick(), delay) : given;
+    return s.reaching == ReachingChoice::implicit && gain > 0.0 ? implicit_layer(gain, s.tick(), delay)
+                                                                : given;
   };
   for (int i = 0; i < M::channels; ++i) {
     const bool angle = M::is_angle(i);
@@ -109,7 +115,8 @@ void set_gains(const Scene& s, double delay, Gains<M>& g) {
   }
   const bool angles = !M::has_type2;  // the independent coordinates of RR are its joints
   auto& own = g.independent;
-  const double lambda = angles ? s.lambda.angle : s.lambda.position, k = angles ? s.gain.angle : s.gain.position;
+  const double lambda = angles ? s.lambda.angle : s.lambda.position,
+               k = angles ? s.gain.angle : s.gain.position;
   own.lambda = static_cast<S>(lambda);
   own.k = static_cast<S>(k);
   own.layer = static_cast<S>(layer(k, angles ? s.layer.angle : s.layer.position));
@@ -144,7 +151,8 @@ Reference<double> in_scalar(const ReferenceBundle<double>& b, const double*) { r
 Reference<float> in_scalar(const ReferenceBundle<double>& b, const float*) {
   if (!b.path.empty()) throw std::logic_error("references with a path exist in double only");
   const Reference<double>& r = b.reference;
-  return {r.kind, r.space, r.centre.cast<float>(), r.amplitude.cast<float>(), r.speed.cast<float>(), r.phase, {}, 0};
+  return {r.kind, r.space, r.centre.cast<float>(), r.amplitude.cast<float>(), r.speed.cast<float>(), r.phase,
+          {},     0};
 }
 
 }  // namespace
@@ -224,23 +232,33 @@ ReferenceBundle<double> make_reference(const Scene& scene, Pacing pacing) {
         ref.centre = vec(*r.position);
       }
       break;
-    case ReferenceType::none: break;
+    case ReferenceType::none:
+      break;
   }
   return out;
 }
 
 template <class M>
-ControllerConfig<M> make_controller(const Scene& scene, Pacing pacing, const ReferenceBundle<double>& reference) {
+ControllerConfig<M> make_controller(const Scene& scene, Pacing pacing,
+                                    const ReferenceBundle<double>& reference) {
   using S = typename M::Scalar;
   ControllerConfig<M> c;
   c.mechanism = make_mechanism(believed_mechanism(scene), static_cast<M*>(nullptr));
   c.mode = mode_of(scene, static_cast<M*>(nullptr));
   c.law = law_kind(scene.law);
   switch (scene.reaching) {
-    case ReachingChoice::sign: c.reaching = Reaching::sign; break;
-    case ReachingChoice::saturation: c.reaching = Reaching::saturation; break;
-    case ReachingChoice::tanh: c.reaching = Reaching::tanh; break;
-    case ReachingChoice::implicit: c.reaching = Reaching::implicit; break;
+    case ReachingChoice::sign:
+      c.reaching = Reaching::sign;
+      break;
+    case ReachingChoice::saturation:
+      c.reaching = Reaching::saturation;
+      break;
+    case ReachingChoice::tanh:
+      c.reaching = Reaching::tanh;
+      break;
+    case ReachingChoice::implicit:
+      c.reaching = Reaching::implicit;
+      break;
   }
   set_gains(scene, delay_ticks(scene, pacing), c.gains);
   c.reference = in_scalar(reference, static_cast<const S*>(nullptr));
@@ -268,7 +286,8 @@ typename OdriveCycle<M>::Config make_cycle(const Scene& scene, Pacing pacing,
   const DriveScene& d = scene.drives;
   c.axis_count = static_cast<int>(d.nodes.size());
   c.heartbeat_age_ticks_max = static_cast<std::uint32_t>(std::ceil(d.heartbeat_timeout * scene.rate_hz));
-  const auto version = d.protocol == Protocol::odrive ? drive::odrive::Version::v0_6 : drive::odrive::Version::v0_5_6;
+  const auto version =
+      d.protocol == Protocol::odrive ? drive::odrive::Version::v0_6 : drive::odrive::Version::v0_5_6;
   const auto retry = static_cast<std::uint32_t>(std::max(1.0, std::round(0.15 * scene.rate_hz)));
   for (std::size_t i = 0; i < d.nodes.size(); ++i) {
     // In the scene motors come first; in the cycle axes stand in the order of their joints.

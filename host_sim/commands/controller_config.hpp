@@ -78,7 +78,8 @@ typename Rr<S>::Mode mode_of(const Scene& s, const Rr<S>*) {
 /// `reference` must outlive the configuration. M in single precision: references without a path only (throws
 /// std::logic_error); studies use it, boards get theirs as baked constants.
 template <class M>
-ControllerConfig<M> make_controller(const Scene& scene, Pacing pacing, const ReferenceBundle<double>& reference);
+ControllerConfig<M> make_controller(const Scene& scene, Pacing pacing,
+                                    const ReferenceBundle<double>& reference);
 
 /// The cycle with one ODrive axis per motor and passive encoder.
 template <class M>

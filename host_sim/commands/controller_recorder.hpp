@@ -1,6 +1,6 @@
 #pragma once
-/// The log and the summary of a controller on its own: what it measured, wanted and commanded. The truth is in
-/// the other process (or in the world), so the summary has no closure, energy or digest.
+/// The log and the summary of a controller on its own: what it measured, wanted and commanded. The truth is
+/// in the other process (or in the world), so the summary has no closure, energy or digest.
 
 #include <chrono>
 #include <string>
@@ -18,9 +18,11 @@ class ControllerRecorder {
   using M = typename World::Mechanism;
 
   ControllerRecorder(const Scene& scene, const std::string& log_path)
-      : scene_(scene), log_(log_path, columns(scene), tick_count(scene)),
+      : scene_(scene),
+        log_(log_path, columns(scene), tick_count(scene)),
         mechanism_(make_mechanism(believed_mechanism(scene), static_cast<M*>(nullptr))),
-        mode_(mode_of(scene, static_cast<M*>(nullptr))), torque_(static_cast<std::size_t>(scene.motors())) {
+        mode_(mode_of(scene, static_cast<M*>(nullptr))),
+        torque_(static_cast<std::size_t>(scene.motors())) {
     statistics_.has_truth = false;
   }
 
@@ -40,8 +42,10 @@ class ControllerRecorder {
     }
     record.torque = torque_;
     record.saturated = r.saturated;
+    record.faulted = r.state == State::fault;
     record.has_reference = r.state == State::running;
-    record.effector_error = std::hypot(r.effector.x() - r.desired_effector.x(), r.effector.y() - r.desired_effector.y());
+    record.effector_error =
+        std::hypot(r.effector.x() - r.desired_effector.x(), r.effector.y() - r.desired_effector.y());
     for (int i = 0; i < 2; ++i) {
       const int joint = ControllerConfig<M>::joint_of(i, 2);
       record.base_error[static_cast<std::size_t>(i)] = wrap_to_pi(sample.angle[joint] - r.desired_base[i]);
@@ -51,7 +55,8 @@ class ControllerRecorder {
     row_.assign({record.t, r.effector.x(), r.effector.y()});
     row_.insert(row_.end(), q.begin(), q.end());
     row_.insert(row_.end(), torque_.begin(), torque_.end());
-    row_.insert(row_.end(), {r.desired_effector.x(), r.desired_effector.y(), r.desired_base[0], r.desired_base[1]});
+    row_.insert(row_.end(),
+                {r.desired_effector.x(), r.desired_effector.y(), r.desired_base[0], r.desired_base[1]});
     for (int i = 0; i < M::channels; ++i) row_.push_back(r.sliding[i]);
     for (int i = 0; i < M::joints; i += step()) row_.push_back(sample.rate[i]);
     log_.row(row_, name(r.state));
@@ -64,20 +69,24 @@ class ControllerRecorder {
     e.seed = o.seed;
     e.final_state = name(supervisor.state());
     if (supervisor.fault() != Fault::none) e.faults.emplace_back(name(supervisor.fault()));
-    e.bus = BusSummary{frames.frames(), lost,
-                       bus_time > 0.0 ? static_cast<double>(frames.bits()) / (scene_.bitrate * bus_time) : 0.0};
+    e.bus =
+        BusSummary{frames.frames(), lost,
+                   bus_time > 0.0 ? static_cast<double>(frames.bits()) / (scene_.bitrate * bus_time) : 0.0};
     return e;
   }
+
  private:
   [[nodiscard]] int step() const { return scene_.all_sensors ? 1 : M::joints / 2; }
   static std::vector<std::string> columns(const Scene& s) {
     std::vector<std::string> c{"t", "x", "y"};
     for (const char* n : World::joint_names) c.emplace_back(n);
     for (int i = 0; i < s.motors(); ++i) {
-      c.emplace_back(World::torque_names[static_cast<std::size_t>(ControllerConfig<M>::joint_of(i, s.motors()))]);
+      c.emplace_back(
+          World::torque_names[static_cast<std::size_t>(ControllerConfig<M>::joint_of(i, s.motors()))]);
     }
     c.insert(c.end(), {"x_ref", "y_ref"});
-    for (int i = 0; i < 2; ++i) c.push_back(std::string(World::joint_names[static_cast<std::size_t>(i * M::joints / 2)]) + "_ref");
+    for (int i = 0; i < 2; ++i)
+      c.push_back(std::string(World::joint_names[static_cast<std::size_t>(i * M::joints / 2)]) + "_ref");
     for (const char* n : World::channel_names) c.push_back(std::string("s_") + n);
     for (int i = 0; i < M::joints; i += s.all_sensors ? 1 : M::joints / 2) {
       c.push_back(std::string(World::joint_names[static_cast<std::size_t>(i)]) + "_rate_meas");
@@ -92,7 +101,8 @@ class ControllerRecorder {
     if constexpr (M::joints == 4) {
       if (scene_.all_sensors) return out;
       const auto p = mechanism_.forward(Vec2<double>(s.angle[0], s.angle[2]), mode_.assembly);
-      const Vec<double, 4> all = p ? M::angles(*p) : Vec<double, 4>::Constant(std::numeric_limits<double>::quiet_NaN()).eval();
+      const Vec<double, 4> all =
+          p ? M::angles(*p) : Vec<double, 4>::Constant(std::numeric_limits<double>::quiet_NaN()).eval();
       out[1] = all[1];
       out[3] = all[3];
     }

@@ -12,8 +12,8 @@ namespace {
 
 template <class S>
 LegParams<S> read_leg(const Node& n) {
-  return {n.number<S>("l1"), n.number<S>("l2"), n.number<S>("lg1"), n.number<S>("lg2"),
-          n.number<S>("m1"), n.number<S>("m2"), n.number<S>("J1"),  n.number<S>("J2"),
+  return {n.number<S>("l1"), n.number<S>("l2"), n.number<S>("lg1"),    n.number<S>("lg2"),
+          n.number<S>("m1"), n.number<S>("m2"), n.number<S>("J1"),     n.number<S>("J2"),
           n.number<S>("c1"), n.number<S>("c2"), n.number<S>("gamma1"), n.number<S>("gamma2")};
 }
 
@@ -40,8 +40,9 @@ Gains<M> read_gains(const Node& n) {
 template <class S>
 void require_valid(ParamError e, const Node& n) {
   if (e != ParamError::none) {
-    n.fail("'params' is not a possible mechanism: lengths > 0, masses and inertias >= 0, gravity >= 0, and "
-           "every bar must resist turning");
+    n.fail(
+        "'params' is not a possible mechanism: lengths > 0, masses and inertias >= 0, gravity >= 0, and "
+        "every bar must resist turning");
   }
 }
 
@@ -96,7 +97,8 @@ Json law_block(const M& m, const Tracking<M>& t, const Gains<M>& gain, Reaching 
   out["q_d"] = to_json_array(q_d);
   out["qd"] = to_json_array(rate);
   out["qd_d"] = to_json_array(rate_d);
-  out["qdd_d"] = to_json_array(m.channel_accelerations(t.desired_pose, t.desired_rates, t.desired_acceleration));
+  out["qdd_d"] =
+      to_json_array(m.channel_accelerations(t.desired_pose, t.desired_rates, t.desired_acceleration));
   out["e"] = to_json_array(m.error(t.desired_pose, t.pose));
   out["edot"] = to_json_array((rate_d - rate).eval());
   out["s"] = to_json_array(d.sliding);
@@ -126,13 +128,15 @@ Json evaluate_rr(const Node& n) {
   Json out;
   Mat<S, 2, 2> J;
   for (int k = 0; k < 2; ++k) J.col(k) = m.tip_rate(p, Vec2<S>::Unit(k));
-  out["effector"] = {{"pos", to_json_array(p.effector)}, {"vel", to_json_array(m.tip_rate(p, rate))},
+  out["effector"] = {{"pos", to_json_array(p.effector)},
+                     {"vel", to_json_array(m.tip_rate(p, rate))},
                      {"J", to_json_array(J)}};
   out["model"] = model_block(m, p, rate);
   if (n.has("forward")) {
     const Vec2<S> tau = n.at("forward").vector<S, 2>("tau");
     const auto pdot = accelerations<M>(m, p, rate, tau, tau, false);
-    out["forward"] = {{"thetadd", to_json_array(pdot.template head<2>().eval())}, {"pdot", to_json_array(pdot)}};
+    out["forward"] = {{"thetadd", to_json_array(pdot.template head<2>().eval())},
+                      {"pdot", to_json_array(pdot)}};
   }
   if (n.has("inverse")) {
     const Vec2<S> a = n.at("inverse").vector<S, 2>("thetadd");
@@ -174,7 +178,8 @@ class FiveBarCase {
     for (unsigned j = 0; j < 2; ++j) params.legs[j] = read_leg<S>(pn.at("legs").at(j));
     require_valid<S>(check(params), n);
     m_ = M(params);
-    for (int j = 0; j < 2; ++j) sigma_.working[j] = n.at("mode").at("sigma").at(static_cast<std::size_t>(j)).sign();
+    for (int j = 0; j < 2; ++j)
+      sigma_.working[j] = n.at("mode").at("sigma").at(static_cast<std::size_t>(j)).sign();
     const Node state = n.at("state");
     const Vec2<S> x(state.number<S>("x"), state.number<S>("y"));
     const Vec2<S> v(state.number<S>("xd"), state.number<S>("yd"));
@@ -294,9 +299,11 @@ class FiveBarCase {
     const Gains<M> gain = read_gains<M>(e);
     const Reaching reaching = read_switch(e);
     const Demand<M> d = demand_esmc(m_, gain, reaching, t);
-    const Vec<S, 4> theta_d =
-        ref.has("theta") ? unwrapped_like(M::angles(*desired), ref.vector<S, 4>("theta")) : M::angles(*desired);
-    Json block = law_block(m_, t, gain, reaching, coordinates(m_, p_, theta_), coordinates(m_, *desired, theta_d), d);
+    const Vec<S, 4> theta_d = ref.has("theta")
+                                  ? unwrapped_like(M::angles(*desired), ref.vector<S, 4>("theta"))
+                                  : M::angles(*desired);
+    Json block =
+        law_block(m_, t, gain, reaching, coordinates(m_, p_, theta_), coordinates(m_, *desired, theta_d), d);
     const auto w = m_.force(d.acceleration, r_);
     const Vec2<S> F = m_.platform_force(p_, w), base = m_.base_torque(p_, w);
     block["F"] = to_json_array(F);
@@ -307,7 +314,8 @@ class FiveBarCase {
     out["smc_xy"] = smc(t, gain, reaching);
   }
   Json smc(const Tracking<M>& t, const Gains<M>& gain, Reaching reaching) const {
-    // The golden block lets x and y have their own gains, so the channels' first two rows are evaluated apart.
+    // The golden block lets x and y have their own gains, so the channels' first two rows are evaluated
+    // apart.
     Vec2<S> v;
     for (int i = 0; i < 2; ++i) {
       Gains<M> own = gain;
@@ -334,9 +342,9 @@ class FiveBarCase {
 };
 
 std::size_t line_of(const std::string& text, std::size_t position) {
-  return 1 + static_cast<std::size_t>(std::count(text.begin(), text.begin() + static_cast<std::ptrdiff_t>(
-                                                                                  std::min(position, text.size())),
-                                                 '\n'));
+  return 1 + static_cast<std::size_t>(std::count(
+                 text.begin(), text.begin() + static_cast<std::ptrdiff_t>(std::min(position, text.size())),
+                 '\n'));
 }
 
 template <class S>
@@ -365,7 +373,8 @@ std::string evaluate(const std::string& text, const std::string& file, ScalarTyp
   std::size_t position = 0;
   for (const Json& c : input["cases"]) {
     if (!c.is_object() || !c.contains("id") || !c["id"].is_string()) {
-      throw InputError(file + ":" + std::to_string(line_of(text, position)), "every case needs a string \"id\"");
+      throw InputError(file + ":" + std::to_string(line_of(text, position)),
+                       "every case needs a string \"id\"");
     }
     const auto id = c["id"].get<std::string>();
     position = std::min(text.find("\"" + id + "\"", position), text.size());

@@ -1,5 +1,6 @@
 #pragma once
-/// Reading eval cases: typed access to JSON that fails with a sentence, and writing vectors and matrices back.
+/// Reading eval cases: typed access to JSON that fails with a sentence, and writing vectors and matrices
+/// back.
 
 #include <Eigen/Core>
 #include <cmath>
@@ -24,7 +25,8 @@ class Node {
     return {(*value_)[key], where_, name(key)};
   }
   [[nodiscard]] Node at(std::size_t i) const {
-    if (!value_->is_array() || i >= value_->size()) fail("'" + path_ + "' must be an array with more entries");
+    if (!value_->is_array() || i >= value_->size())
+      fail("'" + path_ + "' must be an array with more entries");
     return {(*value_)[i], where_, path_ + "[" + std::to_string(i) + "]"};
   }
   [[nodiscard]] std::size_t size() const { return value_->is_array() ? value_->size() : 0; }

@@ -31,7 +31,8 @@ Json rows_json(const Log& log) {
   Json rows = Json::array();
   for (const Log::Row& r : log.thinned()) {
     Json row = Json::array();
-    for (const double v : r.values) row.push_back(std::isfinite(v) ? Json(std::stod(fmt::format("{:.10g}", v))) : Json(nullptr));
+    for (const double v : r.values)
+      row.push_back(std::isfinite(v) ? Json(std::stod(fmt::format("{:.10g}", v))) : Json(nullptr));
     if (!r.state.empty()) row.push_back(r.state);
     rows.push_back(std::move(row));
   }
@@ -39,12 +40,17 @@ Json rows_json(const Log& log) {
 }
 }  // namespace
 
+void write_scene(const Scene& scene, const OutputDirectory& out) {
+  out.write("scene.toml", scene.toml);
+  if (!scene.reference.csv.empty()) out.write(reference_copy, scene.reference.csv);
+}
+
 int finish_run(const RunOptions& o, const Scene& scene, const char* kind, const Statistics& statistics,
                const RunEnd& end, Log& log, OutputDirectory& out) {
   log.close();
   const Json summary = make_summary(scene, statistics, end);
   if (out.wanted()) {
-    out.write("scene.toml", scene.toml);
+    write_scene(scene, out);
     out.write("summary.json", summary.dump(2) + "\n");
     Json data;
     data["kind"] = kind;
@@ -52,6 +58,8 @@ int finish_run(const RunOptions& o, const Scene& scene, const char* kind, const 
     data["version"] = version;
     data["scene_toml"] = scene.toml;
     data["summary"] = summary;
+    data["concerns"] = concerns(summary);
+    data["torque_limit"] = scene.closed_loop() ? scene.torque_limit : std::vector<double>{};
     data["mechanism"] = mechanism_json(scene);
     data["columns"] = log.columns();
     data["rows"] = rows_json(log);

@@ -7,7 +7,7 @@ namespace esmc::host {
 std::string socketcan_interface(const std::string& bus) {
   constexpr std::string_view prefix = "socketcan:";
   if (!bus.starts_with(prefix) || bus.size() == prefix.size()) {
-    throw InputError("", "--bus " + bus + ": allowed are virtual (hil only) and socketcan:INTERFACE");
+    throw InputError("", "--bus " + bus + ": allowed are socketcan:INTERFACE and, for hil, virtual");
   }
   return bus.substr(prefix.size());
 }
@@ -31,18 +31,23 @@ hal::SocketCan open_socketcan(const std::string& interface) {
   }
 }
 
+BusObstacle bus_obstacle(const Scene& scene) {
+  if (!scene.closed_loop()) {
+    return {scene.control_where,
+            "'control.law' = open_loop and none run in esmc sim only: there is no controller"};
+  }
+  if (scene.accuracy) {
+    return {scene.simulation_where,
+            "'simulation.accuracy' is for esmc sim; a loop on a bus needs simulation.step"};
+  }
+  return {scene.control_where, scene.drives.missing};
+}
+
 Scene read_loop_scene(const RunOptions& o) {
   Scene scene = read_scene(o.scene, o.sets);
   scene.seed = o.seed;
-  if (!scene.closed_loop()) {
-    throw InputError(scene.control_where,
-                     "'control.law' = open_loop and none run in esmc sim only: there is no controller");
-  }
-  if (scene.accuracy) {
-    throw InputError(scene.simulation_where,
-                     "'simulation.accuracy' is for esmc sim; a loop on a bus needs simulation.step");
-  }
-  if (!scene.drives.missing.empty()) throw InputError(scene.control_where, scene.drives.missing);
+  const BusObstacle obstacle = bus_obstacle(scene);
+  if (!obstacle.what.empty()) throw InputError(obstacle.where, obstacle.what);
   return scene;
 }
 

@@ -4,6 +4,7 @@
 #include <chrono>
 #include <string>
 
+#include "host_sim/commands/progress.hpp"
 #include "host_sim/commands/recorder.hpp"
 #include "host_sim/commands/run.hpp"
 #include "host_sim/loop/frame_log.hpp"
@@ -19,6 +20,11 @@ inline constexpr double arming_time_max = 5.0;  ///< s of virtual time
 std::string socketcan_interface(const std::string& bus);
 /// Throws InputError with what to do about it.
 hal::SocketCan open_socketcan(const std::string& interface);
+/// Why a scene that esmc sim runs cannot run on a bus; empty: it can.
+struct BusObstacle {
+  std::string where, what;
+};
+BusObstacle bus_obstacle(const Scene& scene);
 /// Reads a scene for a command with a bus in it; open_loop and none are refused.
 Scene read_loop_scene(const RunOptions& o);
 
@@ -55,6 +61,7 @@ class PlantHalf {
   [[nodiscard]] Recorder<World>& recorder() { return recorder_; }
   [[nodiscard]] bool released() const { return node_.released(); }
   [[nodiscard]] bool finished() const { return done_ >= ticks_; }
+  [[nodiscard]] std::uint32_t done() const { return done_; }
   [[nodiscard]] int substeps() const { return substeps_; }
 
   void publish() {
@@ -79,9 +86,9 @@ class PlantHalf {
     if (!node_.released()) return;
     bool clipped = false;
     const Joints torque = node_.torque(scene_.tick(), clipped);
-    recorder_.tick(done_, node_.motion(), torque, clipped, seen);
-    node_.advance(done_ * scene_.tick(), scene_.tick(), scene_.tick() / substeps_, torque);
     disarmed_ = disarmed_ || node_.disarmed();
+    recorder_.tick(done_, node_.motion(), torque, clipped, seen, disarmed_);
+    node_.advance(done_ * scene_.tick(), scene_.tick(), scene_.tick() / substeps_, torque);
     ++done_;
   }
   /// Real time: a part of the tick, with whatever torque is in force.
@@ -90,9 +97,9 @@ class PlantHalf {
     bool clipped = false;
     const double part_s = scene_.tick() / substeps_;
     const Joints torque = node_.torque(part_s, clipped);
-    if (record) recorder_.tick(done_, node_.motion(), torque, clipped, seen);
-    node_.advance(done_ * scene_.tick() + part * part_s, part_s, part_s, torque);
     disarmed_ = disarmed_ || node_.disarmed();
+    if (record) recorder_.tick(done_, node_.motion(), torque, clipped, seen, disarmed_);
+    node_.advance(done_ * scene_.tick() + part * part_s, part_s, part_s, torque);
     if (part + 1 == substeps_) ++done_;
   }
   RunEnd end(std::chrono::steady_clock::time_point begin) {

@@ -20,7 +20,9 @@ int run_lockstep(const Scene& scene, const RunOptions& o, PlantBus& plant_bus, C
   ControllerHalf<World, ControlBus> controller(scene, Pacing::lockstep, control_bus);
   const auto begin = std::chrono::steady_clock::now();
   bool stop = false;
+  Progress progress(tick_count(scene));
   while (!plant.finished() && !stop) {
+    progress.at(plant.done());
     stop = stop_requested();
     if (stop) controller.stop();
     plant.publish();
@@ -36,12 +38,12 @@ int run_lockstep(const Scene& scene, const RunOptions& o, PlantBus& plant_bus, C
   end.interrupted = stop;
   end.final_state = name(controller.supervisor().state());
   end.faults.clear();
-  if (controller.supervisor().fault() != Fault::none) end.faults.emplace_back(name(controller.supervisor().fault()));
+  if (controller.supervisor().fault() != Fault::none)
+    end.faults.emplace_back(name(controller.supervisor().fault()));
   controller.shut_down();
   plant.drain();
   frames.close();
-  return finish_run(o, scene, "hil", plant.recorder().statistics(), end, plant.recorder().log(),
-                    out);
+  return finish_run(o, scene, "hil", plant.recorder().statistics(), end, plant.recorder().log(), out);
 }
 
 template <class World>

@@ -68,7 +68,7 @@ void Log::close() {
   if (file_ == nullptr) return;
   const bool whole = std::fwrite(buffer_.data(), 1, buffer_.size(), file_) == buffer_.size();
   const bool closed = std::fclose(std::exchange(file_, nullptr)) == 0;
-  if (!whole || !closed) throw RunError("log.csv could not be written completely (disk full?)");
+  if (!whole || !closed) throw RunError("the log could not be written completely (disk full?)");
 }
 
 }  // namespace esmc::host

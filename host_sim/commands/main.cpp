@@ -1,4 +1,5 @@
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <csignal>
 #include <fstream>
 #include <iostream>
@@ -40,7 +41,7 @@ int run_eval(const std::string& file, const std::string& scalar) {
 }
 
 std::string joined(int argc, char** argv) {
-  std::string out = "esmc";
+  std::string out = argc > 0 ? argv[0] : "esmc";
   for (int i = 1; i < argc; ++i) {
     const std::string a = argv[i];
     const bool plain = a.find_first_of(" \"'[]{}*?$") == std::string::npos;
@@ -49,19 +50,59 @@ std::string joined(int argc, char** argv) {
   return out;
 }
 
-/// Options that the run commands share.
-void add_run_options(CLI::App& c, RunOptions& o) {
+/// Options of everything that reads a scene.
+void add_scene_options(CLI::App& c, RunOptions& o, const std::string& files) {
   c.add_option("SCENE", o.scene, "scene file (TOML)")->required();
   c.add_option("--set", o.sets, "section.key=value instead of what the scene says; may be repeated")
-      ->type_name("KEY=VALUE")->expected(1)->take_all();
-  c.add_option("--out", o.out, "directory for scene.toml, summary.json, log.csv, report.html")->type_name("DIR");
-  c.add_option("--seed", o.seed, "makes every run repeatable")->capture_default_str();
-  c.add_flag("--json", o.json, "print the summary as one JSON document");
+      ->type_name("KEY=VALUE")
+      ->expected(1)
+      ->take_all();
+  c.add_option("--out", o.out, "directory for " + files)->type_name("DIR");
+  c.add_flag("--json", o.json, "print the result as one JSON document");
+}
+void add_run_options(CLI::App& c, RunOptions& o) {
+  add_scene_options(c, o, "scene.toml, summary.json, log.csv, report.html");
+  c.add_option("--seed", o.seed, "of the effects noise and jitter; the same seed gives the same run")
+      ->capture_default_str();
 }
 void add_bus_options(CLI::App& c, RunOptions& o, bool required) {
-  auto* bus = c.add_option("--bus", o.bus, "virtual | socketcan:INTERFACE")->capture_default_str();
-  if (required) bus->required();
+  if (required) {
+    c.add_option("--bus", o.bus, "socketcan:INTERFACE")->required();
+  } else {
+    c.add_option("--bus", o.bus, "virtual | socketcan:INTERFACE")->capture_default_str();
+  }
   c.add_flag("--realtime", o.realtime, "wall-clock ticks instead of lockstep");
+}
+
+/// The first word after the program must be a subcommand or an option.
+void require_subcommand(const CLI::App& app, int argc, char** argv) {
+  if (argc < 2 || argv[1][0] == '-') return;
+  const std::string word = argv[1];
+  std::vector<std::string> known;
+  for (const CLI::App* sub : app.get_subcommands(nullptr)) known.push_back(sub->get_name());
+  if (std::find(known.begin(), known.end(), word) != known.end()) return;
+  const std::string close = nearest(word, known);
+  throw InputError("", "unknown subcommand '" + word + "'; " +
+                           (close.empty() ? "" : "did you mean " + close + "? ") + "see esmc --help");
+}
+
+/// What is wrong with the arguments, in the words of this program.
+std::string argument_error(const CLI::App& app, const CLI::ParseError& e, int argc, char** argv) {
+  const auto chosen = app.get_subcommands();
+  if (chosen.empty()) return std::string(e.what()) + "; see esmc --help";
+  const CLI::App& sub = *chosen.front();
+  const std::string help = "; see esmc " + sub.get_name() + " --help";
+  if (dynamic_cast<const CLI::ExtrasError*>(&e) == nullptr) return e.what() + help;
+  for (int i = 2; i < argc; ++i) {
+    const std::string option = std::string(argv[i]).substr(0, std::string(argv[i]).find('='));
+    if (option.starts_with("-") && sub.get_option_no_throw(option) == nullptr) {
+      return sub.get_name() + " has no " + option + help;
+    }
+  }
+  const auto rest = sub.remaining();
+  return (rest.empty() ? std::string(e.what())
+                       : sub.get_name() + " takes no further argument '" + rest.front() + "'") +
+         help;
 }
 
 int run(int argc, char** argv) {
@@ -81,41 +122,49 @@ int run(int argc, char** argv) {
   std::string file = "-", scalar = "double";
   auto* eval = app.add_subcommand("eval", "evaluate model and laws at given states (JSON in, JSON out)");
   eval->add_option("FILE", file, "cases in the schema of tests/reference; - is stdin")->capture_default_str();
-  eval->add_option("--scalar", scalar, "double | float")->check(CLI::IsMember({"double", "float"}))->capture_default_str();
+  eval->add_option("--scalar", scalar, "double | float")
+      ->check(CLI::IsMember({"double", "float"}))
+      ->capture_default_str();
   eval->callback([&] { status = run_eval(file, scalar); });
 
   auto* sim = app.add_subcommand("sim", "closed loop in one process, torque applied directly");
   add_run_options(*sim, o);
   sim->callback([&] { status = run_sim(o); });
 
-  auto* hil = app.add_subcommand("hil", "the loop through real CAN frames: controller on one node, drives and plant on the other");
+  auto* hil = app.add_subcommand(
+      "hil", "the loop through real CAN frames: controller on one node, drives and plant on the other");
   add_run_options(*hil, o);
   add_bus_options(*hil, o, false);
   hil->callback([&] { status = run_hil(o); });
 
-  auto* plant = app.add_subcommand("plant", "the drives' and the mechanism's half of hil, as a process of its own");
+  auto* plant =
+      app.add_subcommand("plant", "the drives' and the mechanism's half of hil, as a process of its own");
   add_run_options(*plant, o);
   add_bus_options(*plant, o, true);
   plant->callback([&] { status = run_plant(o); });
 
-  auto* controller = app.add_subcommand("controller", "the controller's half of hil, as a process of its own");
+  auto* controller =
+      app.add_subcommand("controller", "the controller's half of hil, as a process of its own");
   add_run_options(*controller, o);
   add_bus_options(*controller, o, true);
   controller->callback([&] { status = run_controller(o); });
 
-  auto* check = app.add_subcommand("check", "lint a scene: reach, singularity and torque margins, bus load");
-  add_run_options(*check, o);
+  auto* check = app.add_subcommand("check",
+                                   "check a scene without running it: reach, singularity and torque margins, "
+                                   "gains against delays, bus load");
+  add_scene_options(*check, o, "scene.toml and check.csv: the torques along the reference");
   check->callback([&] { status = run_check(o); });
 
   auto* keys = app.add_subcommand("keys", "print the table of scene keys (Markdown)");
   keys->callback([&] { std::cout << keys_markdown(); });
 
+  require_subcommand(app, argc, argv);
   try {
     app.parse(argc, argv);
   } catch (const CLI::Success& e) {  // --help, --version
     return app.exit(e);
   } catch (const CLI::ParseError& e) {
-    throw InputError("", std::string(e.what()) + "; see esmc --help");
+    throw InputError("", argument_error(app, e, argc, argv));
   }
   std::cout.flush();
   if (!std::cout) throw RunError("standard output could not be written");

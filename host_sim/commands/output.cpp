@@ -6,6 +6,7 @@
 #include <system_error>
 
 #include "host_sim/error.hpp"
+#include "host_sim/scene/scene.hpp"
 
 namespace esmc::host {
 
@@ -17,7 +18,9 @@ OutputDirectory::OutputDirectory(const std::string& directory) {
   std::error_code error;
   created_ = !fs::exists(final_, error);
   if (created_) fs::create_directories(final_, error);
-  if (error || !fs::is_directory(final_)) throw InputError("", "--out " + directory + ": not a directory that can be made");
+  if (!error && !fs::is_directory(final_)) error = std::make_error_code(std::errc::not_a_directory);
+  if (error)
+    throw InputError("", "--out " + directory + ": no such directory can be made: " + error.message());
   partial_ = final_ / (".partial-" + std::to_string(::getpid()));
   fs::create_directory(partial_, error);
   if (error) throw InputError("", "--out " + directory + ": cannot be written: " + error.message());
@@ -46,7 +49,8 @@ void OutputDirectory::write(const std::string& name, const std::string& text) co
 void OutputDirectory::commit() {
   if (!wanted()) return;
   // A file of an earlier run must not stand beside this run's summary.
-  for (const char* name : {"scene.toml", "summary.json", "log.csv", "frames.log", "report.html"}) {
+  for (const char* name :
+       {"scene.toml", "summary.json", "log.csv", "frames.log", "report.html", "check.csv", reference_copy}) {
     if (!fs::exists(partial_ / name)) fs::remove(final_ / name);
   }
   for (const fs::directory_entry& e : fs::directory_iterator(partial_)) {

@@ -1,6 +1,6 @@
 #pragma once
-/// --out DIR: everything is written beside DIR's final names and moved into place when the run is complete, so
-/// that a failed run leaves nothing partial behind.
+/// --out DIR: everything is written beside DIR's final names and moved into place when the run is complete,
+/// so that a failed run leaves nothing partial behind.
 
 #include <filesystem>
 #include <string>

@@ -12,7 +12,8 @@ namespace {
 
 /// `esmc plant` in lockstep: waits for the controller's first frame, then sets the pace.
 template <class World>
-int plant_lockstep(const Scene& scene, const RunOptions& o, hal::SocketCan& bus, const std::string& interface) {
+int plant_lockstep(const Scene& scene, const RunOptions& o, hal::SocketCan& bus,
+                   const std::string& interface) {
   OutputDirectory out(o.out);
   FrameLog frames(out.path("frames.log"), interface, static_cast<std::uint32_t>(scene.bitrate));
   PlantHalf<World, hal::SocketCan> plant(scene, o, bus, frames, out.path("log.csv"), false);
@@ -21,7 +22,9 @@ int plant_lockstep(const Scene& scene, const RunOptions& o, hal::SocketCan& bus,
   }
   const auto begin = std::chrono::steady_clock::now();
   bool stop = stop_requested();
+  Progress progress(tick_count(scene));
   while (!plant.finished() && !stop) {
+    progress.at(plant.done());
     plant.publish();
     stop = !plant.await_torques();
     if (!stop) plant.advance({});
@@ -29,13 +32,13 @@ int plant_lockstep(const Scene& scene, const RunOptions& o, hal::SocketCan& bus,
   RunEnd end = plant.end(begin);
   end.interrupted = stop;
   frames.close();
-  return finish_run(o, scene, "plant", plant.recorder().statistics(), end,
-                    plant.recorder().log(), out);
+  return finish_run(o, scene, "plant", plant.recorder().statistics(), end, plant.recorder().log(), out);
 }
 
 /// `esmc controller` in lockstep: asks the drives to arm until they answer, then answers every complete set.
 template <class World>
-int controller_lockstep(const Scene& scene, const RunOptions& o, hal::SocketCan& bus, const std::string& interface) {
+int controller_lockstep(const Scene& scene, const RunOptions& o, hal::SocketCan& bus,
+                        const std::string& interface) {
   constexpr int retry_ms = 150;
   OutputDirectory out(o.out);
   FrameLog frames(out.path("frames.log"), interface, static_cast<std::uint32_t>(scene.bitrate));
@@ -47,17 +50,21 @@ int controller_lockstep(const Scene& scene, const RunOptions& o, hal::SocketCan&
   controller.knock();
   while (!wait_for_frame(bus, retry_ms)) {
     if (stop_requested()) break;
-    if (std::chrono::steady_clock::now() > patience) throw RunError("no drive was heard for 5 s on " + interface);
+    if (std::chrono::steady_clock::now() > patience)
+      throw RunError("no drive was heard for 5 s on " + interface);
     controller.knock();
   }
   bool stop = false;
   std::uint64_t sets = 0;
+  Progress progress(tick_count(scene));
   while (recorder.ticks() < tick_count(scene) && !stop) {
+    progress.at(recorder.ticks());
     if (!controller.await_set()) {
       stop = stop_requested();
       if (!stop) {
         controller.shut_down();
-        throw RunError("the drives sent no complete set of encoder frames for 5 s (plant dead or not started)");
+        throw RunError(
+            "the drives sent no complete set of encoder frames for 5 s (plant dead or not started)");
       }
     }
     if (stop) controller.stop();
@@ -68,7 +75,8 @@ int controller_lockstep(const Scene& scene, const RunOptions& o, hal::SocketCan&
       throw RunError(fmt::format("the controller refused to arm: {}", name(controller.supervisor().fault())));
     }
   }
-  RunEnd end = recorder.end(begin, o, controller.supervisor(), frames, tap.lost(), static_cast<double>(sets) * scene.tick());
+  RunEnd end = recorder.end(begin, o, controller.supervisor(), frames, tap.lost(),
+                            static_cast<double>(sets) * scene.tick());
   end.interrupted = stop;
   controller.shut_down();
   frames.close();
@@ -80,7 +88,8 @@ int plant(const Scene& scene, const RunOptions& o) {
   require_reachable<World>(scene, o.realtime ? Pacing::realtime : Pacing::lockstep);
   const std::string interface = socketcan_interface(o.bus);
   hal::SocketCan bus = open_socketcan(interface);
-  return o.realtime ? plant_realtime<World>(scene, o, bus, interface) : plant_lockstep<World>(scene, o, bus, interface);
+  return o.realtime ? plant_realtime<World>(scene, o, bus, interface)
+                    : plant_lockstep<World>(scene, o, bus, interface);
 }
 
 template <class World>
@@ -101,7 +110,8 @@ int run_plant(const RunOptions& o) {
 
 int run_controller(const RunOptions& o) {
   const Scene scene = read_loop_scene(o);
-  return scene.type == MechanismType::five_bar ? controller<FiveBarWorld>(scene, o) : controller<RrWorld>(scene, o);
+  return scene.type == MechanismType::five_bar ? controller<FiveBarWorld>(scene, o)
+                                               : controller<RrWorld>(scene, o);
 }
 
 }  // namespace esmc::host

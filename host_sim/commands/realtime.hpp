@@ -1,6 +1,6 @@
 #pragma once
-/// The loop against the wall clock: each half has its own ticks at absolute instants, as drives and a board have.
-/// A torque acts from the moment it arrives (to within one integration step), one tick late at most.
+/// The loop against the wall clock: each half has its own ticks at absolute instants, as drives and a board
+/// have. A torque acts from the moment it arrives (to within one integration step), one tick late at most.
 
 #include <chrono>
 #include <memory>
@@ -43,27 +43,34 @@ RunEnd pace_plant(const Scene& scene, PlantHalf<World, Bus>& plant) {
   const auto silence = std::chrono::milliseconds(silence_ms);
   auto heard = begin;
   Pace pace(scene.tick() / plant.substeps());
+  std::uint64_t late = 0;
+  Progress progress(tick_count(scene));
   while (!plant.finished() && !stop_requested()) {
+    progress.at(plant.done());
     if (!plant.released() && std::chrono::steady_clock::now() - begin > silence) {
       throw RunError("the drives were not in closed-loop control after 5 s (controller dead or not started)");
     }
     plant.publish();
+    const std::uint64_t before = pace.late();
     for (int part = 0; part < plant.substeps(); ++part) {
       pace.wait();
       plant.advance_part(part, part == 0, {});
       if (plant.drain() > 0) heard = std::chrono::steady_clock::now();
     }
-    if (std::chrono::steady_clock::now() - heard > silence) throw RunError("the controller was not heard for 5 s");
+    if (pace.late() > before) ++late;
+    if (std::chrono::steady_clock::now() - heard > silence)
+      throw RunError("the controller was not heard for 5 s");
   }
   RunEnd end = plant.end(begin);
+  end.late_ticks = late;
   end.interrupted = stop_requested();
   return end;
 }
 
-/// The controller's ticks; `done` tells when to end.
+/// The controller's ticks; `done` tells when to end. Returns how many were late.
 template <class World, class Bus, class Done>
-void pace_controller(const Scene& scene, ControllerHalf<World, Bus>& controller, ControllerRecorder<World>& recorder,
-                     const Done& done) {
+std::uint64_t pace_controller(const Scene& scene, ControllerHalf<World, Bus>& controller,
+                              ControllerRecorder<World>& recorder, const Done& done) {
   Pace pace(scene.tick());
   const auto begin = std::chrono::steady_clock::now();
   while (!done() && !stop_requested()) {
@@ -71,17 +78,20 @@ void pace_controller(const Scene& scene, ControllerHalf<World, Bus>& controller,
     controller.receive();
     controller.tick(true);
     recorder.tick(controller.result(), controller.cycle().sample());
-    const bool never = recorder.ticks() == 0 && std::chrono::steady_clock::now() - begin > std::chrono::milliseconds(silence_ms);
+    const bool never = recorder.ticks() == 0 &&
+                       std::chrono::steady_clock::now() - begin > std::chrono::milliseconds(silence_ms);
     if (never) {
       controller.shut_down();
       throw RunError("the drives were not in closed-loop control after 5 s (plant dead or not started)");
     }
   }
   controller.shut_down();
+  return pace.late();
 }
 
 template <class World>
-int plant_realtime(const Scene& scene, const RunOptions& o, hal::SocketCan& bus, const std::string& interface) {
+int plant_realtime(const Scene& scene, const RunOptions& o, hal::SocketCan& bus,
+                   const std::string& interface) {
   OutputDirectory out(o.out);
   FrameLog frames(out.path("frames.log"), interface, static_cast<std::uint32_t>(scene.bitrate));
   PlantHalf<World, hal::SocketCan> plant(scene, o, bus, frames, out.path("log.csv"), false);
@@ -94,16 +104,19 @@ int plant_realtime(const Scene& scene, const RunOptions& o, hal::SocketCan& bus,
 }
 
 template <class World>
-int controller_realtime(const Scene& scene, const RunOptions& o, hal::SocketCan& bus, const std::string& interface) {
+int controller_realtime(const Scene& scene, const RunOptions& o, hal::SocketCan& bus,
+                        const std::string& interface) {
   OutputDirectory out(o.out);
   FrameLog frames(out.path("frames.log"), interface, static_cast<std::uint32_t>(scene.bitrate));
   Tapped<hal::SocketCan> tap(bus, frames);
   ControllerHalf<World, Tapped<hal::SocketCan>> controller(scene, Pacing::realtime, tap);
   ControllerRecorder<World> recorder(scene, out.path("log.csv"));
   const auto begin = std::chrono::steady_clock::now();
-  pace_controller(scene, controller, recorder, [&] { return recorder.ticks() >= tick_count(scene); });
+  const std::uint64_t late =
+      pace_controller(scene, controller, recorder, [&] { return recorder.ticks() >= tick_count(scene); });
   RunEnd end = recorder.end(begin, o, controller.supervisor(), frames, tap.lost(),
                             std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count());
+  end.late_ticks = late;
   end.interrupted = stop_requested();
   frames.close();
   return finish_run(o, scene, "controller", recorder.statistics(), end, recorder.log(), out);
@@ -113,7 +126,8 @@ int controller_realtime(const Scene& scene, const RunOptions& o, hal::SocketCan&
 template <class World>
 int run_hil_realtime(const Scene& scene, const RunOptions& o) {
   if (o.bus == "virtual") {
-    throw InputError("", "--realtime needs --bus socketcan:INTERFACE: the virtual bus has no clock of its own");
+    throw InputError("",
+                     "--realtime needs --bus socketcan:INTERFACE: the virtual bus has no clock of its own");
   }
   const std::string interface = socketcan_interface(o.bus);
   hal::SocketCan plant_bus = open_socketcan(interface), control_bus = open_socketcan(interface);
@@ -124,9 +138,10 @@ int run_hil_realtime(const Scene& scene, const RunOptions& o) {
   ControllerRecorder<World> seen(scene, "");
   std::atomic<bool> over{false};
   std::exception_ptr failure;
+  std::uint64_t late = 0;
   std::thread thread([&] {
     try {
-      pace_controller(scene, controller, seen, [&] { return over.load(); });
+      late = pace_controller(scene, controller, seen, [&] { return over.load(); });
     } catch (...) {
       failure = std::current_exception();
     }
@@ -140,6 +155,8 @@ int run_hil_realtime(const Scene& scene, const RunOptions& o) {
   over = true;
   thread.join();
   if (failure) std::rethrow_exception(failure);
+  end.late_ticks = *end.late_ticks + late;
+  end.fault_t = seen.statistics().fault_time();
   const Supervisor& supervisor = controller.supervisor();
   end.final_state = name(supervisor.state());
   end.faults.clear();

@@ -132,8 +132,9 @@ class Recorder {
   [[nodiscard]] Log& log() { return log_; }
 
   /// A tick that begins in the plant's present state, under `torque` per joint until the next.
+  /// `disarmed`: a drive has left closed loop, for a plant that does not see the supervisor.
   void tick(std::uint32_t n, Motion<Plant>& motion, const typename Plant::Joints& torque, bool saturated,
-            const ControllerView<M>& seen) {
+            const ControllerView<M>& seen, bool disarmed = false) {
     const typename Plant::Output o = motion.output();
     const V2 x = o.effector;
     if (n == 0) {
@@ -147,6 +148,7 @@ class Recorder {
     for (std::size_t i = 0; i < torque_.size(); ++i) torque_[i] = torque[joint(static_cast<int>(i))];
     r.torque = torque_;
     r.saturated = saturated || (seen.result != nullptr && seen.result->saturated);
+    r.faulted = seen.result != nullptr ? seen.result->state == State::fault : disarmed;
     const auto reference = track_.present() ? track_.at(n) : std::nullopt;
     r.has_reference = reference.has_value();
     if (reference) {

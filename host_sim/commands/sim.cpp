@@ -3,6 +3,7 @@
 #include <cmath>
 
 #include "host_sim/commands/finish.hpp"
+#include "host_sim/commands/progress.hpp"
 #include "host_sim/commands/recorder.hpp"
 #include "host_sim/commands/run.hpp"
 #include "host_sim/commands/trace.hpp"
@@ -64,7 +65,9 @@ class SimRun {
     if (const auto saturation = find_effect<TorqueSaturation>(scene_.effects)) wave.limit = saturation->limit;
     const MotorTorques<Joints> torque{{}, scene_.torque.empty() ? nullptr : &wave};
     const std::uint32_t ticks = tick_count(scene_);
+    Progress progress(ticks);
     for (std::uint32_t n = 0; n < ticks; ++n) {
+      progress.at(n);
       if (stop_requested()) {
         end.interrupted = true;
         return;
@@ -77,8 +80,8 @@ class SimRun {
     }
   }
 
-  /// The controller of the firmware, its torque applied directly over the tick. C: its model, in one scalar type or
-  /// the other.
+  /// The controller of the firmware, its torque applied directly over the tick. C: its model, in one scalar
+  /// type or the other.
   template <class C>
   void closed_loop(int substeps, RunEnd& end) {
     const ReferenceBundle<double> reference = make_reference(scene_, Pacing::lockstep);
@@ -89,14 +92,17 @@ class SimRun {
     Sample<C> sample;
     const double tick = scene_.tick(), step = tick / substeps;
     const std::uint32_t ticks = tick_count(scene_);
+    Progress progress(ticks);
     for (std::uint32_t n = 0; n < ticks; ++n) {
+      progress.at(n);
       const bool stop = stop_requested();
       supervisor.begin_tick(stop ? Command::stop : Command::none, {true, false});
       measure(sensors, sample);
       const TickResult<C> result = controller.tick(sample, supervisor);
       bool clipped = false;
       Joints asked{};
-      for (std::size_t i = 0; i < asked.size(); ++i) asked[i] = static_cast<double>(result.torque[static_cast<int>(i)]);
+      for (std::size_t i = 0; i < asked.size(); ++i)
+        asked[i] = static_cast<double>(result.torque[static_cast<int>(i)]);
       const Joints torque = actuators_.deliver(asked, tick, clipped);
       if constexpr (std::is_same_v<C, M>) {
         recorder_.tick(n, motion_, torque, clipped, {&result, &sample});
@@ -171,10 +177,12 @@ class SimRun {
   return d;
 }
 
-/// Where the program chooses: L-stable for stiff springs, order 8 where digits are dear. `esmc accuracy` shows why.
+/// Where the program chooses: L-stable for stiff springs, order 8 where digits are dear. `esmc accuracy`
+/// shows why.
 [[nodiscard]] Method method_for(const Scene& s) {
   const auto stops = find_effect<EndStops>(s.effects);
-  const bool stiff = find_effect<JointFlexibility>(s.effects) || find_effect<Backlash>(s.effects) || (stops && stops->stiffness);
+  const bool stiff = find_effect<JointFlexibility>(s.effects) || find_effect<Backlash>(s.effects) ||
+                     (stops && stops->stiffness);
   if (stiff) return Method::radau5;
   return *s.accuracy < 1e-8 ? Method::dopri8 : Method::rk4;
 }

@@ -15,8 +15,9 @@ void Statistics::add(const TickRecord& r) {
   ++ticks_;
   digest.add(r.q);
   digest.add(r.qd);
-  if (r.has_reference) {
-    has_reference_ = true;
+  if (r.faulted && !fault_time_) fault_time_ = r.t;
+  if (r.has_reference) has_reference_ = true;
+  if (r.has_reference && !fault_time_) {  // what falls without torque is not tracking
     const bool settled = r.t >= settling_time;
     effector_.add(settled, r.effector_error);
     for (const double e : r.base_error) base_.add(settled, std::abs(e));
@@ -34,18 +35,18 @@ void Statistics::add(const TickRecord& r) {
 
 Json Statistics::tracking() const {
   if (!has_reference_) return nullptr;
-  const auto settled = [](const ErrorStatistics::Moments& m, double v) {
+  const auto known = [](const ErrorStatistics::Moments& m, double v) {
     return m.count > 0 ? Json(v) : Json(nullptr);
   };
   Json t;
-  t["rms_m"] = effector_.all().rms();
-  t["max_m"] = effector_.all().largest;
-  t["rms_rad"] = base_.all().rms();
-  t["max_rad"] = base_.all().largest;
-  t["settled_rms_m"] = settled(effector_.settled(), effector_.settled().rms());
-  t["settled_max_m"] = settled(effector_.settled(), effector_.settled().largest);
-  t["settled_rms_rad"] = settled(base_.settled(), base_.settled().rms());
-  t["settled_max_rad"] = settled(base_.settled(), base_.settled().largest);
+  t["rms_m"] = known(effector_.all(), effector_.all().rms());
+  t["max_m"] = known(effector_.all(), effector_.all().largest);
+  t["rms_rad"] = known(base_.all(), base_.all().rms());
+  t["max_rad"] = known(base_.all(), base_.all().largest);
+  t["settled_rms_m"] = known(effector_.settled(), effector_.settled().rms());
+  t["settled_max_m"] = known(effector_.settled(), effector_.settled().largest);
+  t["settled_rms_rad"] = known(base_.settled(), base_.settled().rms());
+  t["settled_max_rad"] = known(base_.settled(), base_.settled().largest);
   return t;
 }
 
@@ -100,38 +101,89 @@ Json make_summary(const Scene& scene, const Statistics& s, const RunEnd& end) {
   j["energy"] = {{"relative_error", s.energy_error}};
   j["bus"] = nullptr;
   if (end.bus) j["bus"] = {{"frames", end.bus->frames}, {"load", end.bus->load}, {"lost", end.bus->lost}};
-  j["supervisor"] = {{"final_state", end.final_state}, {"faults", end.faults}};
+  j["supervisor"] = {{"final_state", end.final_state}, {"faults", end.faults}, {"fault_t_s", nullptr}};
+  const auto fault_t = s.fault_time() ? s.fault_time() : end.fault_t;
+  if (!end.faults.empty() && fault_t) j["supervisor"]["fault_t_s"] = *fault_t;
   j["final_state"] = {{"q", end.q}, {"qd", end.qd}};
   j["digest"] = s.digest.text();
   if (!s.has_truth) {
     for (const char* key : {"closure", "energy", "final_state", "digest", "state_dimension", "integrator"})
       j[key] = nullptr;
   }
+  if (end.late_ticks) j["late_ticks"] = *end.late_ticks;
   if (end.interrupted) j["interrupted"] = true;
   return j;
 }
 
-std::string summary_text(const Json& s) {
-  std::string out =
-      fmt::format("{}: {} law, {} ticks ({} s{}), {} fault{}", s["scene"].get<std::string>(),
-                  s["law"].get<std::string>(), s["ticks"].get<std::uint64_t>(), s["duration_s"].get<double>(),
-                  s.contains("interrupted") ? ", interrupted" : "", s["supervisor"]["faults"].size(),
-                  s["supervisor"]["faults"].size() == 1 ? "" : "s");
-  for (const Json& f : s["supervisor"]["faults"]) out += ": " + f.get<std::string>();
-  out += "\n";
-  const Json& t = s["tracking"];
-  if (!t.is_null() && !t["settled_max_rad"].is_null()) {
-    out += fmt::format(
-        "tracking after {} s: effector {:.3g} mm rms, {:.3g} mm max; base joints {:.3g} rad rms, "
-        "{:.3g} rad max\n",
-        Statistics::settling_time, 1e3 * t["settled_rms_m"].get<double>(),
-        1e3 * t["settled_max_m"].get<double>(), t["settled_rms_rad"].get<double>(),
-        t["settled_max_rad"].get<double>());
+namespace {
+std::string plural(std::uint64_t n, const char* word) {
+  return fmt::format("{} {}{}", n, word, n == 1 ? "" : "s");
+}
+
+std::string fault_text(const Json& supervisor) {
+  std::string out;
+  for (const Json& f : supervisor["faults"]) {
+    out += "fault " + f.get<std::string>();
+    if (supervisor["fault_t_s"].is_number()) {
+      out +=
+          fmt::format(" at t = {:.3f} s; tracking counts until then", supervisor["fault_t_s"].get<double>());
+    }
+    out += "\n";
   }
+  return out;
+}
+
+std::string tracking_text(const Json& t) {
+  if (t.is_null() || t["max_m"].is_null()) return "";
+  const bool settled = !t["settled_max_m"].is_null();
+  const auto value = [&](const char* key) {
+    return t[(settled ? "settled_" : "") + std::string(key)].get<double>();
+  };
+  return fmt::format(
+      "tracking {} {} s: effector {:.3g} mm rms, {:.3g} mm max; base joints {:.3g} rad rms, {:.3g} rad max\n",
+      settled ? "after" : "in the first", Statistics::settling_time, 1e3 * value("rms_m"),
+      1e3 * value("max_m"), value("rms_rad"), value("max_rad"));
+}
+}  // namespace
+
+std::vector<std::string> concerns(const Json& s) {
+  std::vector<std::string> out;
+  const bool controlled = s["law"] != "open_loop" && s["law"] != "none";
   const Json& u = s["torque"];
-  out += fmt::format("torque: {:.3g} N m max, {:.3g} N m mean change per tick, saturated in {} ticks\n",
+  const double change = u["mean_abs_delta_nm"].get<double>(), largest = u["max_nm"].get<double>();
+  const auto saturated = u["saturated_ticks"].get<std::uint64_t>(), ticks = s["ticks"].get<std::uint64_t>();
+  if (controlled && change > chatter_share * largest) {
+    out.push_back(fmt::format(
+        "chatter: from tick to tick the torque changes by {:.0f} % of its maximum (docs/get-started.md, "
+        "\"Too much chatter?\")",
+        100.0 * change / largest));
+  }
+  if (ticks > 0 && static_cast<double>(saturated) > saturated_share * static_cast<double>(ticks)) {
+    out.push_back(fmt::format("saturated in {} of {}: the torque limit decides what happens, not the law",
+                              saturated, plural(ticks, "tick")));
+  }
+  if (!s["bus"].is_null() && s["bus"]["load"].get<double>() > 1.0) {
+    out.push_back(
+        fmt::format("bus load {:.0f} %: a real bus cannot carry this loop; here frames take no time",
+                    100.0 * s["bus"]["load"].get<double>()));
+  }
+  if (s.contains("late_ticks") && s["late_ticks"].get<std::uint64_t>() > 0) {
+    out.push_back(fmt::format("{} late by more than a tick of the wall clock",
+                              plural(s["late_ticks"].get<std::uint64_t>(), "tick")));
+  }
+  return out;
+}
+
+std::string summary_text(const Json& s) {
+  std::string out = fmt::format(
+      "{}: {} law, {} ({} s{}), {}\n", s["scene"].get<std::string>(), s["law"].get<std::string>(),
+      plural(s["ticks"].get<std::uint64_t>(), "tick"), s["duration_s"].get<double>(),
+      s.contains("interrupted") ? ", interrupted" : "", plural(s["supervisor"]["faults"].size(), "fault"));
+  out += fault_text(s["supervisor"]) + tracking_text(s["tracking"]);
+  const Json& u = s["torque"];
+  out += fmt::format("torque: {:.3g} N m max, {:.3g} N m mean change per tick, saturated in {}\n",
                      u["max_nm"].get<double>(), u["mean_abs_delta_nm"].get<double>(),
-                     u["saturated_ticks"].get<std::uint64_t>());
+                     plural(u["saturated_ticks"].get<std::uint64_t>(), "tick"));
   if (!s["closure"].is_null()) {
     out += fmt::format("closure {:.2g} m, energy balance {:.2g}\n", s["closure"]["max_m"].get<double>(),
                        s["energy"]["relative_error"].get<double>());
@@ -140,6 +192,7 @@ std::string summary_text(const Json& s) {
     out += fmt::format("bus: {} frames, {} lost, load {:.0f} %\n", s["bus"]["frames"].get<std::uint64_t>(),
                        s["bus"]["lost"].get<std::uint64_t>(), 100.0 * s["bus"]["load"].get<double>());
   }
+  for (const std::string& text : concerns(s)) out += text + "\n";
   if (s["real_time_factor"].is_number()) {
     out += fmt::format("{:.0f} x real time", s["real_time_factor"].get<double>());
   }

@@ -71,6 +71,7 @@ struct TickRecord {
   double effector_error = 0.0;         ///< m
   std::array<double, 2> base_error{};  ///< rad
   bool saturated = false;
+  bool faulted = false;  ///< the supervisor has latched a fault (plant alone: a drive has left closed loop)
 };
 
 class Statistics {
@@ -79,6 +80,8 @@ class Statistics {
 
   void add(const TickRecord& r);
   [[nodiscard]] std::uint64_t ticks() const { return ticks_; }
+  /// Time of the tick that found the fault; from it on errors do not count.
+  [[nodiscard]] std::optional<double> fault_time() const { return fault_time_; }
 
   Digest digest;
   double closure_max = 0.0, energy_error = 0.0;
@@ -94,6 +97,7 @@ class Statistics {
   double torque_max_ = 0.0, delta_sum_ = 0.0;
   std::uint64_t ticks_ = 0, deltas_ = 0, saturated_ = 0;
   bool has_reference_ = false;
+  std::optional<double> fault_time_;
 };
 
 /// How a run ended, for the summary.
@@ -102,6 +106,8 @@ struct RunEnd {
   bool interrupted = false;  ///< Ctrl-C
   std::string final_state = "off";
   std::vector<std::string> faults;
+  std::optional<double> fault_t;            ///< where the recorder of the run does not see the supervisor
+  std::optional<std::uint64_t> late_ticks;  ///< against the wall clock; none in lockstep
   std::optional<BusSummary> bus;
   std::vector<double> q, qd;  ///< final state
   int state_dimension = 0;
@@ -110,6 +116,13 @@ struct RunEnd {
 };
 
 nlohmann::ordered_json make_summary(const Scene& scene, const Statistics& s, const RunEnd& end);
+
+inline constexpr double chatter_share =
+    0.05;  ///< mean change per tick over largest torque, above which it is chatter
+inline constexpr double saturated_share = 0.9;  ///< of the ticks, above which the limit is the controller
+
+/// What a person should look at, one sentence each; faults are not among them.
+std::vector<std::string> concerns(const nlohmann::ordered_json& summary);
 
 /// The few lines a person wants, from the summary document.
 std::string summary_text(const nlohmann::ordered_json& summary);

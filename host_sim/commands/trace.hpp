@@ -15,7 +15,8 @@ struct Trace {
   std::vector<V2> effector;  ///< m, true position at every tick of a closed loop
 };
 
-/// Runs a scene as `esmc sim` does, with its method and step. `single_precision`: the controller computes in float.
+/// Runs a scene as `esmc sim` does, with its method and step. `single_precision`: the controller computes in
+/// float.
 Trace trace(const Scene& scene, bool single_precision = false);
 
 }  // namespace esmc::host

@@ -14,6 +14,8 @@ namespace esmc::host {
 ///   version   of this program
 ///   scene_toml  text of the scene as run
 ///   summary   the object of summary.json
+///   concerns  sentences about the run that a person should read
+///   torque_limit  per motor, N m, in the order of the columns tau...; empty: none
 ///   mechanism {type: "five_bar" | "rr", half_base, legs: [{l1, l2}, ...]}; one entry in legs stands for both
 ///   columns   names of the columns of log.csv
 ///   rows      their values; a few thousand rows are enough, the page says so when ticks were left out

@@ -2,8 +2,10 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <array>
 #include <cmath>
+#include <numeric>
 #include <stdexcept>
 
 namespace esmc::host {
@@ -22,7 +24,7 @@ constexpr std::array keys{
     Key{"mechanism.effector_mass", "number", "0.0", "kg", 0, big, false, "", "five_bar: point mass at the effector"},
     Key{"mechanism.leg", "table", "-", "", -inf, inf, false, "", "both legs (or the arm); or [[mechanism.legs]] twice"},
     Key{"mechanism.legs", "tables", "-", "", -inf, inf, false, "", "five_bar: the two legs, leg 1 (right) first"},
-    Key{"mechanism.working_mode", "strings", "", "", -inf, inf, false, "+ | -", "sign of sin(theta_j2), per leg in its own frame"},
+    Key{"mechanism.working_mode", "strings", "", "", -inf, inf, false, "+ | -", "array, one per leg (RR: one entry): sign of sin(theta_j2), in the leg's own frame"},
     Key{"mechanism.assembly_mode", "string", "-", "", -inf, inf, false, "+ | -", "five_bar: sign of sin(phi12 + phi22); else from the initial pose"},
     Key{"mechanism.leg.l1", "number", "", "m", 0, 1e3, true, "", "length of the proximal bar"},
     Key{"mechanism.leg.l2", "number", "", "m", 0, 1e3, true, "", "length of the distal bar"},
@@ -162,7 +164,37 @@ constexpr std::array keys{
 };
 // clang-format on
 
+/// Edit distance, where a swap of two neighbours counts once.
+std::size_t distance(std::string_view a, std::string_view b) {
+  std::vector<std::size_t> before(b.size() + 1), now(b.size() + 1), next(b.size() + 1);
+  std::iota(now.begin(), now.end(), 0U);
+  for (std::size_t i = 1; i <= a.size(); ++i) {
+    next[0] = i;
+    for (std::size_t j = 1; j <= b.size(); ++j) {
+      next[j] = std::min({now[j] + 1, next[j - 1] + 1, now[j - 1] + (a[i - 1] == b[j - 1] ? 0U : 1U)});
+      const bool swapped = i > 1 && j > 1 && a[i - 1] == b[j - 2] && a[i - 2] == b[j - 1];
+      if (swapped) next[j] = std::min(next[j], before[j - 2] + 1);
+    }
+    before = now;
+    now = next;
+  }
+  return now[b.size()];
+}
+
 }  // namespace
+
+std::string nearest(std::string_view word, const std::vector<std::string>& known) {
+  const std::string* best = nullptr;
+  std::size_t least = 3;
+  for (const std::string& k : known) {
+    const std::size_t d = distance(word, k);
+    if (d < least && d < k.size()) {
+      least = d;
+      best = &k;
+    }
+  }
+  return best != nullptr ? *best : std::string();
+}
 
 std::span<const Key> scene_keys() { return keys; }
 
@@ -176,7 +208,7 @@ const Key& find_key(std::string_view path) {
 std::string allowed(const Key& k) {
   std::string out;
   if (!k.choices.empty()) {
-    out = fmt::format("one of: {}", k.choices);
+    out = fmt::format("{}one of: {}", k.kind == "strings" ? "array of strings, each " : "", k.choices);
   } else {
     out = fmt::format("{}", k.kind);
     const bool low = std::isfinite(k.low), high = std::isfinite(k.high);
@@ -189,6 +221,17 @@ std::string allowed(const Key& k) {
   }
   if (!k.unit.empty()) out += fmt::format(", {}", k.unit);
   return out;
+}
+
+std::string wanted(const Key& k) {
+  std::string out = allowed(k);
+  if (!k.choices.empty()) return out;
+  if (k.kind == "number or {position, angle}") {
+    // The bounds hold for each of the two values.
+    return "a number, or a table {position, angle} of numbers," + out.substr(k.kind.size());
+  }
+  const bool plural = k.kind.ends_with('s');
+  return plural ? out : (k.kind == "integer" ? "an " : "a ") + out;
 }
 
 std::string keys_markdown() {

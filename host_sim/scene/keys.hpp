@@ -5,6 +5,7 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <vector>
 
 namespace esmc::host {
 
@@ -23,8 +24,12 @@ struct Key {
 std::span<const Key> scene_keys();
 /// The entry of a key; ends the program's logic with std::logic_error when a reader asks for one that is missing.
 const Key& find_key(std::string_view path);
-/// "a number > 0, rad", for messages and the table.
+/// "number > 0, rad", for the table.
 std::string allowed(const Key& k);
+/// "a number > 0, rad", for a message: "'key' must be ..."
+std::string wanted(const Key& k);
+/// The known word that `word` is a slip of the pen away from (edit distance at most 2); empty: none.
+std::string nearest(std::string_view word, const std::vector<std::string>& known);
 /// The table as Markdown.
 std::string keys_markdown();
 

@@ -11,6 +11,7 @@
 #include "host_sim/scene/reader.hpp"
 #include "host_sim/scene/scene.hpp"
 #include "host_sim/scene/start.hpp"
+#include "host_sim/scene/toml_text.hpp"
 
 namespace esmc::host {
 namespace {
@@ -145,10 +146,16 @@ void read_control(Section s, Scene& scene) {
   s.finish();
 }
 
-std::vector<PathPoint> read_path(const Section& s, const std::string& scene_file, const std::string& name) {
+/// The points of a CSV, whose path is relative to the scene file, and its text.
+std::vector<PathPoint> read_path(const Section& s, const std::string& scene_file, const std::string& name,
+                                 std::string& text) {
   const std::filesystem::path path = std::filesystem::path(scene_file).parent_path() / name;
-  std::ifstream in(path);
-  if (!in) s.fail("path", fmt::format("names a file that cannot be read: {}", path.string()));
+  std::ifstream file(path, std::ios::binary);
+  std::ostringstream bytes;
+  if (file && !std::filesystem::is_directory(path)) bytes << file.rdbuf();
+  if (!file) s.fail("path", fmt::format("names a file that cannot be read: {}", path.string()));
+  text = bytes.str();
+  std::istringstream in(text);
   std::string line;
   std::getline(in, line);
   if (!line.starts_with("t,x,y")) throw InputError(path.string() + ":1", "the header must be t,x,y");
@@ -166,7 +173,8 @@ std::vector<PathPoint> read_path(const Section& s, const std::string& scene_file
     }
     out.push_back(p);
   }
-  if (out.size() < 3) throw InputError(path.string() + ":2", "three or more points are needed");
+  if (out.size() < 3)
+    throw InputError(path.string() + ":2", "three or more points are needed (two are a line)");
   return out;
 }
 
@@ -202,7 +210,7 @@ void read_reference(Section s, Scene& scene) {
     if (const auto p = s.optional_numbers("position", {2})) r.position = {(*p)[0], (*p)[1]};
   } else {
     r.type = ReferenceType::file;
-    r.table = read_path(s, scene.file, s.text("path"));
+    r.table = read_path(s, scene.file, s.text("path"), r.csv);
   }
   s.finish();
 }
@@ -261,6 +269,16 @@ void add_free_nodes(std::vector<int>& nodes, std::size_t count) {
   }
 }
 
+/// Every axis read so far has a node of its own and a direction.
+void check_axes(const Section& s, const DriveScene& d) {
+  for (std::size_t i = 0; i < d.nodes.size(); ++i) {
+    for (std::size_t k = 0; k < i; ++k) {
+      if (d.nodes[i] == d.nodes[k]) s.fail("nodes", fmt::format("names node {} twice", d.nodes[i]));
+    }
+    if (std::abs(d.direction[i]) != 1.0) s.fail("direction", "must be 1 or -1 for every axis");
+  }
+}
+
 void read_drives(Section s, Scene& scene) {
   DriveScene& d = scene.drives;
   const auto n = static_cast<std::size_t>(scene.motors());
@@ -290,6 +308,7 @@ void read_drives(Section s, Scene& scene) {
     d.missing = "[drives] must name all four motors for control.motors = \"all\"";
   if (nodes) d.nodes = *nodes;
   add_free_nodes(d.nodes, n);
+  check_axes(s, d);
   s.finish();
 }
 
@@ -319,17 +338,8 @@ void read_sensors(const std::optional<Section>& given, Section& root, Scene& sce
     d.gear_ratio.push_back(1.0);
     d.offset.push_back(offset[i]);
   }
+  check_axes(s, d);
   s.finish();
-}
-
-void check_drives(Section& root, const Scene& scene) {
-  const DriveScene& d = scene.drives;
-  for (std::size_t i = 0; i < d.nodes.size(); ++i) {
-    for (std::size_t k = 0; k < i; ++k) {
-      if (d.nodes[i] == d.nodes[k]) root.fail("drives", fmt::format("names node {} twice", d.nodes[i]));
-    }
-    if (std::abs(d.direction[i]) != 1.0) root.fail("drives", "direction must be 1 or -1 for every axis");
-  }
 }
 
 Method method_of(const std::string& s) {
@@ -352,20 +362,13 @@ void read_simulation(Section s, Scene& scene) {
   if (ticks < 0.5 || ticks > 2e9) s.fail("duration", "must hold between 1 and 2e9 control ticks");
 }
 
-std::string merged_text(const toml::table& root) {
-  std::ostringstream out;
-  out << root << "\n";
-  return out.str();
-}
-
 }  // namespace
 
 namespace {
-Scene scene_of(const toml::table& table, const std::string& file) {
+Scene scene_of(toml::table table, const std::string& file) {
   Section root(table, file, "", "");
   Scene scene;
   scene.file = file;
-  scene.toml = merged_text(table);
   scene.name = root.text("name");
   read_mechanism(root.required_section("mechanism"), scene);
   read_control(root.required_section("control"), scene);
@@ -382,17 +385,19 @@ Scene scene_of(const toml::table& table, const std::string& file) {
   read_limits(or_empty("limits"), scene);
   read_drives(or_empty("drives"), scene);
   read_sensors(root.section("sensors"), root, scene);
-  check_drives(root, scene);
   Section bus = or_empty("bus");
   scene.bitrate = bus.integer("bitrate");
   bus.finish();
   read_simulation(root.required_section("simulation"), scene);
   scene.control_where = root.where("control");
-  scene.reference_where = root.where("reference");
+  scene.reference_where = root.where("reference", {"mechanism"});
   scene.simulation_where = root.where("simulation");
-  set_start(scene, root.where("initial"), scene.reference_where);
+  set_start(scene, root.where("initial", {"mechanism", "reference"}),
+            root.where("reference", {"mechanism", "initial"}));
   scene.effects = read_effects(root, scene);
   root.finish();
+  if (!scene.reference.csv.empty()) table["reference"].as_table()->insert_or_assign("path", reference_copy);
+  scene.toml = toml_text(table);
   return scene;
 }
 }  // namespace
@@ -401,7 +406,8 @@ Scene read_scene(const std::string& file, const std::vector<std::string>& sets) 
   return scene_of(parse_scene_file(file, sets), file);
 }
 
-Scene read_scene_text(const std::string& text, const std::string& name, const std::vector<std::string>& sets) {
+Scene read_scene_text(const std::string& text, const std::string& name,
+                      const std::vector<std::string>& sets) {
   return scene_of(parse_scene_text(text, name, sets), name);
 }
 

@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
 #include <filesystem>
 
@@ -14,31 +15,87 @@ std::string one_line(std::string_view text) {
   return out;
 }
 
-void merge(toml::table& into, toml::table&& from) {
+constexpr std::string_view set_mark = "--set ";
+
+bool from_set(const toml::node& node) {
+  const auto& path = node.source().path;
+  return path && path->starts_with(set_mark);
+}
+
+/// Takes keys out of a table that the file has put there; what another --set says stays, to be complained
+/// about.
+template <class Wanted>
+void drop(toml::table& table, const Wanted& wanted) {
+  std::vector<std::string> gone;
+  for (auto&& [k, node] : table) {
+    if (!from_set(node) && wanted(std::string(k.str()))) gone.emplace_back(k.str());
+  }
+  for (const std::string& key : gone) table.erase(key);
+}
+
+bool is_key(const std::string& path) {
+  return std::ranges::any_of(scene_keys(), [&](const Key& k) { return k.path == path; });
+}
+
+/// What an override makes meaningless goes: the keys of the former `type`, the other ways to give a start.
+/// Returns true when the override stands for the whole table.
+bool make_room(const std::string& name, toml::table& into, const toml::table& from) {
+  const auto type = from["type"].value<std::string>(), former = into["type"].value<std::string>();
+  if (type && former && *type != *former) {
+    if (from.is_inline()) return true;
+    drop(into, [&](const std::string& key) { return !is_key(name + "." + key); });
+  }
+  if (name != "initial") return false;
+  constexpr std::pair<std::string_view, std::string_view> ways[] = {
+      {"at", ""}, {"position", "velocity"}, {"joints", "joint_rates"}};
+  for (const auto& given : ways) {
+    if (!from.contains(given.first)) continue;
+    drop(into, [&](const std::string& key) {
+      return std::ranges::any_of(
+          ways, [&](const auto& w) { return w.first != given.first && (key == w.first || key == w.second); });
+    });
+  }
+  return false;
+}
+
+void merge(toml::table& into, toml::table&& from, const std::string& above = "") {
   for (auto&& [k, node] : from) {
-    const std::string key(k.str());
+    const std::string key(k.str()), name = above.empty() ? key : above + "." + key;
     toml::table* existing = into.contains(key) ? into[key].as_table() : nullptr;
-    if (existing != nullptr && node.is_table()) {
-      merge(*existing, std::move(*node.as_table()));
+    if (existing != nullptr && node.is_table() && !make_room(name, *existing, *node.as_table())) {
+      merge(*existing, std::move(*node.as_table()), name);
     } else {
       node.visit([&](auto& value) { into.insert_or_assign(key, std::move(value)); });
     }
   }
 }
 
+/// Every --set below a node, once each.
+void collect_sets(const toml::node& node, std::vector<std::string>& out) {
+  if (from_set(node)) {
+    if (std::ranges::find(out, *node.source().path) == out.end()) out.push_back(*node.source().path);
+    return;
+  }
+  if (const toml::table* t = node.as_table()) {
+    for (auto&& [key, child] : *t) collect_sets(child, out);
+  } else if (const toml::array* a = node.as_array()) {
+    for (const toml::node& child : *a) collect_sets(child, out);
+  }
+}
+
 toml::table parse_override(const std::string& set) {
   const std::size_t equals = set.find('=');
-  const std::string label = "--set " + one_line(set);
+  const std::string label = std::string(set_mark) + one_line(set);
   if (equals == std::string::npos || equals == 0)
     throw InputError("", label + ": section.key=value is needed");
   try {
     return toml::parse(set, label);
   } catch (const toml::parse_error&) {
     // A bare word is taken for a string: --set control.law=smc
+    constexpr const char* bare = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789._/+-";
     const std::string word = set.substr(equals + 1);
-    if (word.empty() ||
-        word.find_first_not_of("abcdefghijklmnopqrstuvwxyz_0123456789.-+") != std::string::npos) {
-      throw InputError("", label + ": not a TOML value");
+    if (word.empty() || word.find_first_not_of(bare) != std::string::npos) {
+      throw InputError("", label + ": neither a TOML value nor a bare word (letters, digits, . _ / + -)");
     }
     try {
       return toml::parse(set.substr(0, equals + 1) + "\"" + word + "\"", label);
@@ -52,6 +109,15 @@ std::string counts(const std::vector<std::size_t>& sizes) {
   std::string out;
   for (const std::size_t n : sizes) out += (out.empty() ? "" : " or ") + std::to_string(n);
   return out;
+}
+
+/// First component of what stands behind `schema` in a path of the key table; empty when nothing does.
+std::string_view child(std::string_view path, const std::string& schema) {
+  if (!schema.empty()) {
+    if (!path.starts_with(schema) || path.size() <= schema.size() || path[schema.size()] != '.') return {};
+    path.remove_prefix(schema.size() + 1);
+  }
+  return path.substr(0, path.find_first_of(".["));
 }
 
 }  // namespace
@@ -71,6 +137,8 @@ toml::table parsed(const std::string& file, const Parse& parse, const std::vecto
 }  // namespace
 
 toml::table parse_scene_file(const std::string& file, const std::vector<std::string>& sets) {
+  if (std::filesystem::is_directory(file))
+    throw InputError("", file + ": is a directory, a scene file is needed");
   if (!std::filesystem::is_regular_file(file)) throw InputError("", file + ": no such scene file");
   return parsed(
       file, [&] { return toml::parse_file(file); }, sets);
@@ -84,19 +152,38 @@ toml::table parse_scene_text(const std::string& text, const std::string& name,
 
 std::string place(const toml::node& node, const std::string& file) {
   const auto& source = node.source();
-  if (source.path && source.path->starts_with("--set ")) return *source.path;
+  if (from_set(node)) return *source.path;
   return fmt::format("{}:{}", file, source.begin.line > 0 ? source.begin.line : 1);
 }
 
+std::string with_sets(const std::string& where, const std::vector<const toml::node*>& nodes) {
+  std::vector<std::string> sets;
+  for (const toml::node* node : nodes) {
+    if (node != nullptr) collect_sets(*node, sets);
+  }
+  std::erase(sets, where);
+  return sets.empty() ? where : where + " with " + fmt::format("{}", fmt::join(sets, ", "));
+}
+
+std::string Section::where() const { return with_sets(place(*table_, file_), {table_}); }
+
 std::string Section::where(const std::string& key) const {
   const toml::node* node = table_->get(key);
-  return node != nullptr ? place(*node, file_) : where();
+  return node != nullptr ? with_sets(place(*node, file_), {node}) : where();
+}
+
+std::string Section::where(const std::string& key, const std::vector<std::string>& others) const {
+  const toml::node* node = table_->get(key);
+  std::vector<const toml::node*> nodes{node};
+  for (const std::string& other : others) nodes.push_back(table_->get(other));
+  return with_sets(place(node != nullptr ? *node : *table_, file_), nodes);
 }
 
 const toml::node* Section::find(const std::string& key, bool required) {
   asked_.insert(key);
   const toml::node* node = table_->get(key);
   if (node == nullptr && required) {
+    reject_misspelt();
     throw InputError(where(), fmt::format("missing key '{}' ({})", full(key), allowed(spec(key))));
   }
   return node;
@@ -104,7 +191,7 @@ const toml::node* Section::find(const std::string& key, bool required) {
 
 void Section::wrong(const toml::node& node, const std::string& key, const std::string& instead) const {
   throw InputError(place(node, file_),
-                   fmt::format("'{}' must be {}", full(key), instead.empty() ? allowed(spec(key)) : instead));
+                   fmt::format("'{}' must be {}", full(key), instead.empty() ? wanted(spec(key)) : instead));
 }
 
 void Section::fail(const std::string& key, const std::string& what) const {
@@ -227,7 +314,13 @@ std::vector<std::array<double, 2>> Section::pairs(const std::string& key, std::s
 std::vector<std::string> Section::texts(const std::string& key, std::size_t size) {
   const toml::node* node = find(key, spec(key).fallback.empty());
   const toml::array* list = node != nullptr ? node->as_array() : nullptr;
-  const std::string want = fmt::format("{} strings, each {}", size, allowed(spec(key)));
+  const std::string_view choices = spec(key).choices;
+  const std::string first(choices.substr(0, choices.find(' ')));
+  std::string one = "[\"" + std::string(choices) + "\"]";  // + | -  ->  ["+"] or ["-"]
+  for (std::size_t at = 0; (at = one.find(" | ", at)) != std::string::npos;) one.replace(at, 3, "\"] or [\"");
+  const std::string want = size == 1 ? one
+                                     : fmt::format("an array of {}, each one of: {}; as in [\"{}\", \"{}\"]",
+                                                   size, choices, first, first);
   if (list == nullptr || list->size() != size) wrong(*node, key, want);
   std::vector<std::string> out;
   for (const toml::node& item : *list) {
@@ -274,7 +367,10 @@ std::optional<Section> Section::section(const std::string& key, const std::strin
 
 Section Section::required_section(const std::string& key) {
   auto s = section(key);
-  if (!s) throw InputError(where(), fmt::format("missing table [{}]", full(key)));
+  if (!s) {
+    reject_misspelt();
+    throw InputError(place(*table_, file_), fmt::format("missing table [{}]", full(key)));
+  }
   return *s;
 }
 
@@ -297,14 +393,43 @@ std::vector<Section> Section::sections(const std::string& key, const std::string
   return out;
 }
 
+void Section::reject(const std::string& key, const std::vector<std::string>& known) const {
+  std::string text = fmt::format("unknown key '{}'", full(key));
+  const std::string close = nearest(key, known);
+  // reference[circle].center, where the type is another one
+  std::string_view owner;
+  const std::string common = schema_.substr(0, schema_.find('['));
+  for (const Key& k : scene_keys()) {
+    if (common != schema_ && k.path.starts_with(common + "[") && k.path.ends_with("]." + key)) owner = k.path;
+  }
+  if (!close.empty()) {
+    text += fmt::format("; did you mean '{}'?", close);
+  } else if (!owner.empty()) {
+    owner = owner.substr(common.size() + 1);
+    text += fmt::format("; it belongs to type = \"{}\"", owner.substr(0, owner.find(']')));
+  }
+  throw InputError(
+      place(*table_->get(key), file_),
+      text + (close.empty() ? "; " : " ") + fmt::format("allowed here: {}", fmt::join(known, ", ")));
+}
+
+void Section::reject_misspelt() const {
+  std::set<std::string> known;
+  for (const std::string& schema : schemas_) {
+    for (const Key& k : scene_keys()) {
+      if (const std::string_view name = child(k.path, schema); !name.empty()) known.emplace(name);
+    }
+  }
+  for (auto&& [key, node] : *table_) {
+    const std::string name(key.str());
+    if (!known.contains(name)) reject(name, {known.begin(), known.end()});
+  }
+}
+
 void Section::finish() const {
   for (auto&& [key, node] : *table_) {
     const std::string name(key.str());
-    if (asked_.contains(name)) continue;
-    std::string known;
-    for (const std::string& a : asked_) known += (known.empty() ? "" : ", ") + a;
-    throw InputError(place(node, file_),
-                     fmt::format("unknown key '{}'; allowed here: {}", full(name), known));
+    if (!asked_.contains(name)) reject(name, {asked_.begin(), asked_.end()});
   }
 }
 

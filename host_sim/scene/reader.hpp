@@ -14,7 +14,8 @@
 
 namespace esmc::host {
 
-/// Parses a file and merges "section.key=value" overrides into it. Throws InputError.
+/// Parses a file and merges "section.key=value" overrides into it. An override that changes a `type` drops the
+/// file's keys of the former type, one that gives a start drops the file's other ways to give it. Throws InputError.
 toml::table parse_scene_file(const std::string& file, const std::vector<std::string>& sets);
 toml::table parse_scene_text(const std::string& text, const std::string& name, const std::vector<std::string>& sets);
 
@@ -25,11 +26,14 @@ std::string place(const toml::node& node, const std::string& file);
 class Section {
  public:
   Section(const toml::table& table, std::string file, std::string name, std::string schema)
-      : table_(&table), file_(std::move(file)), name_(std::move(name)), schema_(std::move(schema)) {}
+      : table_(&table), file_(std::move(file)), name_(std::move(name)), schema_(std::move(schema)), schemas_{schema_} {}
 
   [[nodiscard]] bool has(const std::string& key) const { return table_->contains(key); }
-  [[nodiscard]] std::string where() const { return place(*table_, file_); }
+  /// FILE:LINE; where a table has keys from --set, those are named as well.
+  [[nodiscard]] std::string where() const;
   [[nodiscard]] std::string where(const std::string& key) const;
+  /// The place of `key`, and every --set in it or in the other tables that a finding depends on.
+  [[nodiscard]] std::string where(const std::string& key, const std::vector<std::string>& others) const;
 
   double number(const std::string& key);
   std::optional<double> optional_number(const std::string& key);
@@ -56,7 +60,10 @@ class Section {
   std::vector<Section> sections(const std::string& key, const std::string& schema = "");
 
   /// Keys of another branch of the schema belong to this table as well (reference[circle].radius).
-  void use_schema(const std::string& schema) { schema_ = schema; }
+  void use_schema(const std::string& schema) {
+    schema_ = schema;
+    schemas_.push_back(schema);
+  }
   /// Throws when the table holds a key that nobody asked for.
   void finish() const;
 
@@ -67,10 +74,14 @@ class Section {
   const Key& spec(const std::string& key) const { return find_key(schema_.empty() ? key : schema_ + "." + key); }
   [[nodiscard]] std::string full(const std::string& key) const { return name_.empty() ? key : name_ + "." + key; }
   double checked(const toml::node& node, const std::string& key) const;
+  /// Throws for a key of the table that the key table does not have here.
+  void reject_misspelt() const;
+  [[noreturn]] void reject(const std::string& key, const std::vector<std::string>& known) const;
   [[noreturn]] void wrong(const toml::node& node, const std::string& key, const std::string& instead = "") const;
 
   const toml::table* table_;
   std::string file_, name_, schema_;
+  std::vector<std::string> schemas_;  ///< all that were in use
   std::set<std::string> asked_;
 };
 

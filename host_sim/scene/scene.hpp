@@ -49,8 +49,12 @@ struct ReferenceScene {
   std::array<double, 2> offset{}, amplitude{}, omega{}, phases{};  // joint_sine
   std::optional<std::array<double, 2>> position;                   // hold
   std::vector<PathPoint> table;                                    // file
+  std::string csv;                                                 // file: its text, as it was read
   std::optional<double> join;  // s; unset: 0 in sim and lockstep, 1 on hardware
 };
+
+/// Name of the copy of a reference file beside the scene as run.
+inline constexpr const char* reference_copy = "scene_reference.csv";
 
 struct InitialScene {
   bool at_reference = true;
@@ -80,7 +84,7 @@ struct LimitsScene {
 struct Scene {
   std::string file;
   std::string name;
-  std::string toml;  ///< as run: the file with every --set merged in
+  std::string toml;  ///< as run: the file with every --set merged in; a reference file is `reference_copy`
   std::string control_where, reference_where, simulation_where;  ///< FILE:LINE, for errors found later
 
   MechanismType type = MechanismType::five_bar;

@@ -19,17 +19,25 @@ struct FirstPoint {
 FirstPoint first_point(const ReferenceScene& r, const std::string& where) {
   switch (r.type) {
     case ReferenceType::circle:
-      return {false, {r.center[0] + r.radius * std::cos(r.phase), r.center[1] + r.radius * std::sin(r.phase)}};
+      return {false,
+              {r.center[0] + r.radius * std::cos(r.phase), r.center[1] + r.radius * std::sin(r.phase)}};
     case ReferenceType::line:
-    case ReferenceType::polyline: return {false, r.points.front()};
+    case ReferenceType::polyline:
+      return {false, r.points.front()};
     case ReferenceType::joint_sine:
       return {true,
-              {r.offset[0] + r.amplitude[0] * std::sin(r.phases[0]), r.offset[1] + r.amplitude[1] * std::sin(r.phases[1])}};
+              {r.offset[0] + r.amplitude[0] * std::sin(r.phases[0]),
+               r.offset[1] + r.amplitude[1] * std::sin(r.phases[1])}};
     case ReferenceType::hold:
       if (r.position) return {false, *r.position};
+      throw InputError(
+          where,
+          "the start is not given: reference.type = \"hold\" without a position holds the start, "
+          "so [initial] needs position or joints");
+    case ReferenceType::file:
+      return {false, {r.table.front().x, r.table.front().y}};
+    case ReferenceType::none:
       break;
-    case ReferenceType::file: return {false, {r.table.front().x, r.table.front().y}};
-    case ReferenceType::none: break;
   }
   throw InputError(where, "the start is not given: [initial] needs position or joints");
 }
@@ -63,7 +71,8 @@ class Starter {
       return;
     }
     if (scene_.assembly_mode == 0) {
-      throw InputError(where_, "base joints alone do not fix the pose: give mechanism.assembly_mode, or all four joints");
+      throw InputError(
+          where_, "base joints alone do not fix the pose: give mechanism.assembly_mode, or all four joints");
     }
     const auto theta = close(scene_.mechanism, {q[0], q[1]}, scene_.assembly_mode);
     if (!theta) throw InputError(where_, "the legs cannot be closed at these base joint angles");
@@ -75,7 +84,8 @@ class Starter {
     const auto& q = scene_.start_angle;
     for (std::size_t j = 0; j < q.size() / 2; ++j) {
       if (scene_.closed_loop() && !(std::sin(q[2 * j + 1]) * scene_.working_mode[j] > 0.0)) {
-        throw InputError(where_, fmt::format("at the start leg {} does not bend as mechanism.working_mode says", j + 1));
+        throw InputError(
+            where_, fmt::format("at the start leg {} does not bend as mechanism.working_mode says", j + 1));
       }
     }
     if (scene_.type != MechanismType::five_bar) return;
@@ -83,37 +93,43 @@ class Starter {
     const int sign = d2 > 0.0 ? 1 : -1;
     if (scene_.assembly_mode == 0) scene_.assembly_mode = sign;
     if (scene_.assembly_mode != sign) {
-      throw InputError(where_, fmt::format("at the start sin(phi12 + phi22) = {:.3g}: mechanism.assembly_mode must be "
-                                           "\"{}\", or start elsewhere",
-                                           d2, sign > 0 ? "+" : "-"));
+      throw InputError(
+          where_, fmt::format("at the start sin(phi12 + phi22) = {:.3g}: mechanism.assembly_mode must be "
+                              "\"{}\", or start elsewhere",
+                              d2, sign > 0 ? "+" : "-"));
     }
   }
 
  private:
   [[noreturn]] void unreachable(V2 p) const {
-    throw InputError(where_, fmt::format("({}, {}) cannot be reached: every leg needs |l1 - l2| <= distance from its "
-                                         "base <= l1 + l2",
-                                         p.x, p.y));
+    throw InputError(where_,
+                     fmt::format("({}, {}) cannot be reached: every leg needs |l1 - l2| <= distance from its "
+                                 "base <= l1 + l2",
+                                 p.x, p.y));
   }
   void set_rate(std::size_t j, V2 v) {
     const std::array<double, 2> theta{scene_.start_angle[2 * j], scene_.start_angle[2 * j + 1]};
     const auto w = joint_rates(scene_.mechanism.legs[j], theta, v);
-    if (!std::isfinite(w[0]) || !std::isfinite(w[1])) throw InputError(where_, "no such velocity at a type-1 singularity");
+    if (!std::isfinite(w[0]) || !std::isfinite(w[1]))
+      throw InputError(where_, "no such velocity at a type-1 singularity");
     scene_.start_rate[2 * j] = w[0];
     scene_.start_rate[2 * j + 1] = w[1];
   }
   void check_closure() const {
     const auto& q = scene_.start_angle;
-    const V2 a = leg_tip(scene_.mechanism.legs[0], {q[0], q[1]}), b = leg_tip(scene_.mechanism.legs[1], {q[2], q[3]});
+    const V2 a = leg_tip(scene_.mechanism.legs[0], {q[0], q[1]}),
+             b = leg_tip(scene_.mechanism.legs[1], {q[2], q[3]});
     const double gap = std::hypot(scene_.mechanism.l0 + a.x - (-scene_.mechanism.l0 - b.x), a.y - b.y);
     if (!(gap <= 1e-6)) {
-      throw InputError(where_, fmt::format("the four joint angles do not close: the leg tips are {:.3g} m apart "
-                                           "(allowed: 1e-6)",
-                                           gap));
+      throw InputError(where_,
+                       fmt::format("the four joint angles do not close: the leg tips are {:.3g} m apart "
+                                   "(allowed: 1e-6)",
+                                   gap));
     }
   }
   /// All four rates from those of the base joints: U v = (l1 sin(theta2) rate)_j, then each leg's own.
-  [[nodiscard]] std::vector<double> closed_rates(const std::array<double, 4>& q, const std::vector<double>& base) const {
+  [[nodiscard]] std::vector<double> closed_rates(const std::array<double, 4>& q,
+                                                 const std::vector<double>& base) const {
     if (base[0] == 0.0 && base[1] == 0.0) return {0.0, 0.0, 0.0, 0.0};
     const double a = q[0] + q[1], b = q[2] + q[3], d2 = type2_sine(q);
     const double r1 = scene_.mechanism.legs[0].l1 * std::sin(q[1]) * base[0];
@@ -127,7 +143,8 @@ class Starter {
     };
     const std::vector<double> out{base[0], outer(0, v), base[1], outer(1, {-v.x, v.y})};
     for (const double w : out) {
-      if (!std::isfinite(w)) throw InputError(where_, "base joint rates do not fix the motion at a type-2 singularity");
+      if (!std::isfinite(w))
+        throw InputError(where_, "base joint rates do not fix the motion at a type-2 singularity");
     }
     return out;
   }

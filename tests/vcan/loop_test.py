@@ -37,6 +37,7 @@ def main():
         realtime = json.loads((out / "realtime.json").read_text())
         faults = set(realtime["supervisor"]["faults"])
         print("realtime:", realtime["ticks"], "ticks, faults:", sorted(faults))
+        assert realtime["late_ticks"] >= 0  # how many is the machine's business
         assert realtime["ticks"] == 50 and not faults & NOT_BY_STALLING, realtime["supervisor"]
         logs = [out / "virtual" / "frames.log", out / "one" / "frames.log", out / "plant" / "frames.log", out / "candump.log"]
         for log in logs:

@@ -1,0 +1,174 @@
+#!/usr/bin/env python3
+"""What a run and a check tell the user: faults, chatter, saturation, overload, progress, report; wrong arguments.
+usage: runs_test.py ESMC SCENES_DIR [unittest args]"""
+import csv
+import json
+import os
+import pty
+import re
+import signal
+import subprocess
+import sys
+import tempfile
+import unittest
+from pathlib import Path
+
+ESMC = SCENES = ""
+
+
+def esmc(*args):
+    return subprocess.run([ESMC, *map(str, args)], capture_output=True, text=True, timeout=120)
+
+
+def sets(*values):
+    return [a for v in values for a in ("--set", v)]
+
+
+class Told(unittest.TestCase):
+    def setUp(self):
+        self.folder = tempfile.TemporaryDirectory()
+        self.tmp = Path(self.folder.name)
+        self.circle, self.friction, self.rr = (Path(SCENES, n + ".toml") for n in ("five_bar_circle", "five_bar_friction", "rr_line"))
+
+    def tearDown(self):
+        self.folder.cleanup()
+
+    def report(self, out):
+        page = (out / "report.html").read_text()
+        return json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', page, re.S)[1])
+
+    def test_a_fault_has_a_time_and_tracking_ends_with_it(self):
+        # Join from rest, and a limit that is crossed when the circle has been followed for a while.
+        for command in ("sim", "hil"):
+            args = [command, self.circle, *sets("reference.join=0.5", "limits.joint_speed=7.5"), "--out", self.tmp / command]
+            text = esmc(*args)
+            self.assertEqual(text.returncode, 1)
+            s = json.loads((self.tmp / command / "summary.json").read_text())
+            with open(self.tmp / command / "log.csv", newline="", encoding="utf-8") as f:
+                rows = list(csv.DictReader(f))
+            first = next(i for i, r in enumerate(rows) if r["state"] == "fault")
+            self.assertGreater(first, 300)
+            self.assertEqual(s["supervisor"]["fault_t_s"], float(rows[first]["t"]))
+            self.assertEqual(s["supervisor"]["faults"], ["joint_speed"])
+            self.assertIn(f"fault joint_speed at t = {float(rows[first]['t']):.3f} s", text.stdout)
+            distance = [((float(r["x"]) - float(r["x_ref"])) ** 2 + (float(r["y"]) - float(r["y_ref"])) ** 2) ** 0.5 for r in rows]
+            self.assertAlmostEqual(s["tracking"]["max_m"], max(distance[:first]), delta=1e-12)
+            self.assertAlmostEqual(s["tracking"]["settled_max_m"], max(distance[250:first]), delta=1e-12)
+            self.assertLess(s["tracking"]["max_m"], 1e-3)
+            self.assertGreater(max(distance), 0.05)
+        s = json.loads(esmc("sim", self.circle, "--json", *sets("limits.joint_speed=5")).stdout)
+        self.assertIsNone(s["tracking"]["settled_max_m"])
+        self.assertIsNone(json.loads(esmc("sim", self.circle, "--json").stdout)["supervisor"]["fault_t_s"])
+
+    def test_chatter_saturation_and_overload_are_said(self):
+        quiet = esmc("hil", self.circle).stdout
+        for word in ("chatter", "decides", "cannot carry"):
+            self.assertNotIn(word, quiet)
+        sign = esmc("sim", self.circle, "--out", self.tmp, *sets("control.reaching=sign")).stdout
+        self.assertRegex(sign, r"\nchatter: .* changes by \d+ % of its maximum")
+        self.assertRegex(sign, r"\nsaturated in 19\d\d of 2000 ticks: the torque limit decides")
+        self.assertEqual(len(self.report(self.tmp)["concerns"]), 2)
+        self.assertRegex(esmc("hil", self.circle, *sets("bus.bitrate=250000")).stdout, r"\nbus load 2\d\d %: a real bus cannot carry")
+        free = esmc("sim", self.circle, *sets("control.law=none", "simulation.duration=0.001")).stdout
+        self.assertNotIn("chatter", free)
+        self.assertIn(" 1 tick (", free)
+        self.assertIn("saturated in 0 ticks", free)
+
+    def test_the_report_has_every_limit_and_a_command_that_can_be_typed(self):
+        run = esmc("hil", self.rr, "--out", self.tmp, *sets("simulation.duration=0.05"))
+        self.assertEqual(run.returncode, 0)
+        data = self.report(self.tmp)
+        self.assertEqual(data["torque_limit"], [15.0, 6.0])
+        self.assertTrue(data["command"].startswith(ESMC + " hil "))
+        page = (self.tmp / "report.html").read_text()
+        self.assertNotIn("scene.match", page)
+
+    def check(self, scene, *values, code=0):
+        run = esmc("check", scene, "--json", *sets(*values))
+        self.assertEqual(run.returncode, code, run.stdout + run.stderr)
+        j = json.loads(run.stdout)
+        return j, " / ".join(f["level"] + ": " + f["text"] for f in j["findings"])
+
+    def test_check_knows_what_rings(self):
+        self.assertEqual(self.check(self.friction)[1], "")
+        self.assertIn("warning: sensors and drives of this scene are late by about 2 ticks", self.check(self.friction, "control.delay_ticks=0")[1])
+        noise = 'effects=[{type="noise",sigma=1e-4,bandwidth=500}]'
+        self.assertIn("set control.delay_ticks = 4", self.check(self.circle, noise)[1])
+        self.assertEqual(self.check(self.circle, noise, "control.law=ctc")[1], "")
+        self.assertIn("error: (gain / layer + lambda) * tick = 3.04, at most 1 ", self.check(self.circle, "control.reaching=saturation", code=1)[1])
+        layer = ("control.reaching=tanh", "control.layer=0.4")
+        self.assertIn("warning: (gain / layer + lambda) * tick = 0.415, better below 0.3", self.check(self.circle, *layer)[1])
+        self.assertEqual(self.check(self.circle, *layer, "control.gain=90")[1], "")
+        late = 'effects=[{type="delay",ticks=1},{type="compute_delay",time=1e-3}]'
+        self.assertIn("at most 0.31 with a delay of 2 ticks", self.check(self.circle, *layer, late, code=1)[1])
+        self.assertIn("node 0", self.check(self.circle, "drives.nodes=[0, 1]")[1])
+
+    def test_check_tells_sim_from_a_bus_as_hil_does(self):
+        self.assertTrue(self.check(self.circle)[0]["runs_on_bus"])
+        for values in (["control.law=none"], ["control.sensors=all"], ["control.motors=all", "drives.nodes=[1, 2]", "control.rate_hz=500"]):
+            j = self.check(self.circle, *values)[0]
+            self.assertEqual((j["runs"], j["runs_on_bus"]), (True, False))
+            text = esmc("check", self.circle, *sets(*values)).stdout
+            self.assertIn("fit for sim, not for a bus: ", text)
+            self.assertIn(j["not_on_bus_because"], text)
+            refused = esmc("hil", self.circle, *sets(*values))
+            self.assertEqual(refused.returncode, 2)
+            self.assertIn(j["not_on_bus_because"], refused.stderr)
+
+    def test_check_writes_the_torques_along_the_reference(self):
+        for scene, motors, more in ((self.circle, ["tau11", "tau21"], ["abs_D2"]), (self.rr, ["tau1", "tau2"], [])):
+            out = self.tmp / scene.stem
+            j = json.loads(esmc("check", scene, "--out", out, "--json").stdout)
+            self.assertEqual({p.name for p in out.iterdir()}, {"check.csv", "scene.toml"})
+            with open(out / "check.csv", newline="", encoding="utf-8") as f:
+                rows = list(csv.DictReader(f))
+            base = [m.replace("tau", "theta") + "_ref" for m in motors]
+            self.assertEqual(list(rows[0]), ["t", "x_ref", "y_ref", *base, *motors, "min_abs_sin_type1", *more])
+            self.assertEqual(len(rows), {"five_bar_circle": 2000, "rr_line": 3200}[scene.stem])
+            for i, m in enumerate(motors):
+                self.assertEqual(max(abs(float(r[m])) for r in rows), j["margins"]["max_torque_nm"][i])
+            self.assertEqual(min(float(r["min_abs_sin_type1"]) for r in rows), j["margins"]["min_abs_sin_type1"])
+        # The torques of the reference are those of a run that follows it.
+        esmc("sim", self.rr, "--out", self.tmp / "run", *sets("simulation.duration=0.8"))
+        with open(self.tmp / "run/log.csv", newline="", encoding="utf-8") as f:
+            for a, b in list(zip(csv.DictReader(f), rows))[300:700:50]:
+                self.assertAlmostEqual(float(a["tau1"]), float(b["tau1"]), delta=0.02)
+
+    def test_arguments(self):
+        for args, words in ((["simm", "x"], ["unknown subcommand 'simm'", "did you mean sim?"]),
+                            (["bogus", "--help"], ["unknown subcommand 'bogus'"]),
+                            (["sim", self.circle, "--bus", "virtual"], ["sim has no --bus; see esmc sim --help"]),
+                            (["check", self.circle, "--seed", "2"], ["check has no --seed"]),
+                            (["sim", self.circle, "more"], ["'more'"])):
+            run = esmc(*args)
+            self.assertEqual((run.returncode, run.stdout), (2, ""))
+            for word in words:
+                self.assertIn(word, run.stderr)
+        for half in ("plant", "controller"):
+            self.assertNotIn("virtual", esmc(half, "--help").stdout)
+
+    def test_progress_only_on_a_terminal(self):
+        long = [ESMC, "sim", str(self.circle), *sets("simulation.duration=100000")]
+        piped = subprocess.Popen(long, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        ours, theirs = pty.openpty()
+        with subprocess.Popen(long, stdout=subprocess.DEVNULL, stderr=theirs) as run:
+            os.close(theirs)
+            seen = b""
+            try:
+                while part := os.read(ours, 4096):
+                    seen += part
+                    if b"left" in seen:
+                        run.send_signal(signal.SIGINT)
+            except OSError:  # the other end is gone
+                pass
+            self.assertEqual(run.wait(), 0)
+        os.close(ours)
+        self.assertRegex(seen.decode(), r"\[#* *\] +\d+ %, about \d+ s left")
+        self.assertTrue(seen.endswith(b"\r\033[K"))
+        piped.send_signal(signal.SIGINT)
+        self.assertEqual(piped.communicate()[1], "")
+
+
+if __name__ == "__main__":
+    ESMC, SCENES = sys.argv[1], sys.argv[2]
+    unittest.main(argv=[sys.argv[0], *sys.argv[3:]])

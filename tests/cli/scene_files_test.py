@@ -1,0 +1,118 @@
+#!/usr/bin/env python3
+"""Scene files, --set and --out from outside: what a message says, what an override replaces, what is left behind.
+usage: scene_files_test.py ESMC SCENES_DIR [unittest args]"""
+import json
+import subprocess
+import sys
+import tempfile
+import unittest
+from pathlib import Path
+
+ESMC = SCENES = ""
+
+
+def esmc(*args, cwd=None):
+    return subprocess.run([ESMC, *map(str, args)], capture_output=True, text=True, timeout=120, cwd=cwd)
+
+
+class Scenes(unittest.TestCase):
+    def setUp(self):
+        self.folder = tempfile.TemporaryDirectory()
+        self.tmp = Path(self.folder.name)
+        self.circle, self.rr = Path(SCENES, "five_bar_circle.toml"), Path(SCENES, "rr_line.toml")
+
+    def tearDown(self):
+        self.folder.cleanup()
+
+    def changed(self, old, new):
+        text = self.circle.read_text()
+        self.assertIn(old, text)
+        path = self.tmp / "s.toml"
+        path.write_text(text.replace(old, new, 1))
+        return path
+
+    def says(self, scene, *sets, words=(), without=()):
+        run = esmc("sim", scene, "--set", "simulation.duration=0.1", *(a for s in sets for a in ("--set", s)))
+        self.assertEqual(run.returncode, 2, run.stderr + run.stdout)
+        self.assertEqual(len(run.stderr.splitlines()), 1)
+        for word in words:
+            self.assertIn(word, run.stderr)
+        for word in without:
+            self.assertNotIn(word, run.stderr)
+
+    def runs(self, scene, *sets):
+        run = esmc("sim", scene, "--json", "--set", "simulation.duration=0.05", *(a for s in sets for a in ("--set", s)))
+        self.assertEqual(run.returncode, 0, run.stderr)
+        return json.loads(run.stdout)
+
+    def test_a_slip_of_the_pen_is_named_before_the_key_that_is_missing_for_it(self):
+        self.says(self.changed("lambda = 40.0", "lamda = 40.0"), words=["s.toml:19: unknown key 'control.lamda'", "mean 'lambda'?"])
+        self.says(self.changed("[simulation]", "[simulatoin]"), words=["unknown key 'simulatoin'", "mean 'simulation'?"])
+        self.says(self.changed("radius = 0.07", "raduis = 0.07"), words=["unknown key 'reference.raduis'", "mean 'radius'?"])
+        self.says(self.changed("lambda = 40.0", "banana = 40.0"), words=["unknown key 'control.banana'"], without=["mean"])
+        self.says(self.circle, "reference.position=[0, 0]", words=["it belongs to type = \"hold\""])
+
+    def test_bare_words_are_strings(self):
+        self.assertEqual(self.runs(self.circle, "name=Foo/a-b_1.c")["scene"], "Foo/a-b_1.c")
+        self.says(self.circle, "control.law=SMC", words=["--set control.law=SMC: 'control.law' must be one of: esmc"])
+        self.says(self.circle, "name=a b", words=["neither a TOML value nor a bare word"])
+
+    def test_another_type_or_start_drops_the_keys_of_the_former(self):
+        self.runs(self.circle, "initial.position=[0, 0.2]", "reference.type=hold")
+        self.runs(self.circle, "initial.position=[0, 0.2]", 'reference={type="hold"}')
+        self.runs(self.circle, "initial.joints=[0.5, 0.5]", "initial.joint_rates=[0, 0]")
+        self.runs(self.circle, "reference.from=[0, 0.2]", "reference.type=line", "reference.to=[0.02, 0.2]", "reference.duration=1")
+        self.says(self.circle, "reference.type=hold", words=["reference.type=hold", "[initial] needs position or joints"])
+        self.says(self.circle, 'reference={type="hold", radius=1}', words=["unknown key 'reference.radius'", "type = \"circle\""])
+        self.says(self.circle, "initial.joints=[0.5, 0.5]", "initial.position=[0, 0.2]", words=["one of at, position, joints"])
+        joined = self.changed('type = "circle"', 'join = 0.02\ntype = "circle"')
+        self.assertLess(self.runs(joined, "initial.position=[0, 0.2]", "reference.type=hold", "reference.position=[0, 0.21]")
+                        ["torque"]["saturated_ticks"], 30)
+
+    def test_findings_that_depend_on_a_set_name_it(self):
+        for value in ("reference.radius=70", "reference.radius=0.12", "mechanism.assembly_mode=+", "control.law=pd"):
+            self.says(self.circle, value, words=["five_bar_circle.toml:", f" with --set {value}: "])
+        self.says(self.changed("radius = 0.07", "radius = 70"), words=["s.toml:24: (70"])
+
+    def test_grammar(self):
+        for value, words in (("limits.max_age_ticks=1.5", "must be an integer from 0 to 100, ticks"),
+                             ("control.lambda=-1", "must be a number, or a table {position, angle} of numbers, > 0"),
+                             ("mechanism.gravity=-1", "must be a number from 0 to 1000"),
+                             ("drives.direction=[0.5, 1]", "'drives.direction' must be 1 or -1"),
+                             ("drives.nodes=[1, 1]", "'drives.nodes' names node 1 twice")):
+            self.says(self.circle, value, words=[words])
+        self.says(self.rr, 'mechanism.working_mode="-"', words=['must be ["+"] or ["-"]'])
+        self.says(SCENES, words=["is a directory"])
+        run = esmc("sim", self.circle, "--out", self.circle)
+        self.assertEqual((run.returncode, run.stderr.strip()[-15:]), (2, "Not a directory"))
+
+    def test_the_scene_as_run_has_the_numbers_that_were_typed(self):
+        text = self.rr.read_text().replace("l1 = 0.30", "l1 = 0.35").replace('"rr-line"', "\"a \\\"b\\\"\\n'c'\"")
+        (self.tmp / "a.toml").write_text(text + '[[effects]]\ntype = "viscous_friction"\ncoefficient = [0.3, 1e-9]\n')
+        first = esmc("sim", self.tmp / "a.toml", "--json", "--out", self.tmp / "o")
+        self.assertEqual(first.returncode, 0, first.stderr)
+        written = (self.tmp / "o/scene.toml").read_text()
+        for part in ("l1 = 0.35,", "coefficient = [0.3, 1e-09]", "gravity = 9.8\n", "torque_limit = [15.0, 6.0]", "[[effects]]"):
+            self.assertIn(part, written)
+        again = json.loads(esmc("sim", self.tmp / "o/scene.toml", "--json").stdout)
+        self.assertEqual((again["digest"], again["scene"]), (json.loads(first.stdout)["digest"], "a \"b\"\n'c'"))
+
+    def test_a_reference_file_goes_along(self):
+        (self.tmp / "p.csv").write_text("t,x,y\n0,0,0.2\n0.02,0.001,0.2\n0.05,0.002,0.201\n")
+        scene = self.changed('type = "circle"', 'type = "file"\npath = "p.csv"')
+        scene.write_text("\n".join(a for a in scene.read_text().splitlines() if not a.startswith(("center", "radius", "speed"))))
+        out = self.tmp / "o"
+        first = esmc("sim", scene, "--out", out, "--json")
+        self.assertEqual(first.returncode, 0, first.stderr)
+        self.assertEqual((out / "scene_reference.csv").read_text(), (self.tmp / "p.csv").read_text())
+        again = esmc("sim", out / "scene.toml", "--json", "--out", out)
+        self.assertEqual(json.loads(again.stdout)["digest"], json.loads(first.stdout)["digest"])
+        esmc("sim", self.circle, "--out", out)
+        self.assertFalse((out / "scene_reference.csv").exists())
+        (self.tmp / "p.csv").write_text("t,x,y\n0,0,0.2\n0.02,0.001,0.2\n")
+        self.says(scene, words=["p.csv:2: three or more points"])
+
+
+if __name__ == "__main__":
+    ESMC, SCENES = sys.argv[1], sys.argv[2]
+    unittest.main(argv=[sys.argv[0], *sys.argv[3:]])
