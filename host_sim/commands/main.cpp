@@ -5,6 +5,7 @@
 #include <iostream>
 #include <sstream>
 
+#include "host_sim/commands/accuracy.hpp"
 #include "host_sim/commands/check.hpp"
 #include "host_sim/commands/eval.hpp"
 #include "host_sim/commands/init.hpp"
@@ -154,6 +155,16 @@ int run(int argc, char** argv) {
                                    "gains against delays, bus load");
   add_scene_options(*check, o, "scene.toml and check.csv: the torques along the reference");
   check->callback([&] { status = run_check(o); });
+
+  AccuracyOptions a;
+  auto* accuracy = app.add_subcommand("accuracy", "what accuracy costs in time: integrators, tick rate, sensors, effects");
+  accuracy->add_flag("--quick", a.quick, "a minute instead of several");
+  accuracy->add_option("--out", a.out, "directory for CSV, JSON, Markdown tables and report.html")->type_name("DIR");
+  accuracy->add_flag("--json", a.json, "print the study as one JSON document");
+  accuracy->callback([&] {
+    a.command_line = o.command_line;
+    status = run_accuracy(a);
+  });
 
   auto* keys = app.add_subcommand("keys", "print the table of scene keys (Markdown)");
   keys->callback([&] { std::cout << keys_markdown(); });

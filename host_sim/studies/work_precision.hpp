@@ -85,7 +85,8 @@ void integrate_track(Problem<S>& p, int steps) {
 
 /// Runs `once(y)` from the start until it has been timed well enough.
 template <class S, class Once>
-void measure(const Problem<S>& p, const Once& once, double patience_s, WorkPoint& point) {
+void measure(const Problem<S>& p, const Once& once, WorkPoint& point) {
+  constexpr double patience_s = 2e-3;
   double best = 0.0, spent = 0.0;
   for (int k = 0; k < 5 && (k == 0 || spent < patience_s); ++k) {
     typename S::State y = p.start;
@@ -114,14 +115,21 @@ void measure(const Problem<S>& p, const Once& once, double patience_s, WorkPoint
 }
 
 /// The order that steps and errors show at their fine end, above rounding. NaN where they have not settled on
-/// one: the slope of the finest four differs from that of the four before by more than what is to be judged.
-[[nodiscard]] inline double order_of(const std::vector<std::pair<double, double>>& step_error,
+/// one: the slope of the finest four differs from that of the window before by more than half of what is to
+/// be judged.
+[[nodiscard]] inline double order_of(const std::vector<std::pair<double, double>>& step_error, int order,
                                      double rounding) {
+  constexpr double inf = std::numeric_limits<double>::infinity();
   constexpr std::size_t window = 4, shift = 2;
-  constexpr double settled = 0.2;
+  constexpr double settled = 0.1;
   std::vector<std::pair<double, double>> usable;
   for (const auto& p : step_error) {
-    if (p.second > 30.0 * rounding && p.second < 1e-2) usable.push_back(p);
+    if (!(p.second > 30.0 * rounding)) break;
+    // Many steps gather rounding of their own: the fine end is where errors stop to shrink as they should.
+    const auto expected =
+        usable.empty() ? inf : usable.back().second * std::pow(p.first / usable.back().first, 0.7 * order);
+    if (!usable.empty() && p.second > expected && p.second < 1e-9) break;
+    if (p.second < 1e-2) usable.push_back(p);
   }
   if (usable.size() < window + shift) return std::numeric_limits<double>::quiet_NaN();
   const auto end = usable.end();
@@ -129,21 +137,22 @@ void measure(const Problem<S>& p, const Once& once, double patience_s, WorkPoint
   return std::abs(fine - before) <= settled ? fine : std::numeric_limits<double>::quiet_NaN();
 }
 
-/// Fixed steps, ever finer until rounding or the budget ends it. The order is read off the root mean square
-/// over the track: the error at one instant may pass through zero.
+/// Fixed steps, ever finer until rounding or `most_steps` ends it; a number and not a time, so that a slow
+/// machine judges the same orders. The order is read off the root mean square over the track: the error at
+/// one instant may pass through zero.
 template <class Method, class S>
-void fixed_steps(const Problem<S>& p, int first_steps, double budget_s, WorkPrecision& out) {
+void fixed_steps(const Problem<S>& p, int first_steps, long most_steps, WorkPrecision& out) {
   std::vector<std::pair<double, double>> track_error;
-  double spent = 0.0, wanted = std::max(1.0, static_cast<double>(first_steps) / instants);
+  double wanted = std::max(1.0, static_cast<double>(first_steps) / instants);
   int last = 0;
-  for (int k = 0; k < 60 && spent < budget_s; ++k, wanted *= 1.25992104989) {
+  for (int k = 0; k < 60 && instants * wanted < static_cast<double>(most_steps);
+       ++k, wanted *= 1.25992104989) {
     const int between = static_cast<int>(std::lround(wanted));
     if (between == last) continue;
     last = between;
     const double h = p.end / (instants * between);
     WorkPoint point{p.name, Method::name, false, h, 0.0, 0.0};
     double squares = 0.0;
-    const double begin = thread_cpu_s();
     measure(
         p,
         [&](typename S::State& y) {
@@ -155,22 +164,20 @@ void fixed_steps(const Problem<S>& p, int first_steps, double budget_s, WorkPrec
             squares += e * e;
           }
         },
-        0.02 * budget_s, point);
-    spent += thread_cpu_s() - begin;
+        point);
     out.points.push_back(point);
     const double rms = std::sqrt(squares / instants);
     if (std::isfinite(rms)) track_error.emplace_back(h, rms);
     if (rms < 3.0 * p.rounding) break;
   }
-  out.orders.push_back({p.name, Method::name, Method::order, order_of(track_error, p.rounding)});
+  out.orders.push_back(
+      {p.name, Method::name, Method::order, order_of(track_error, Method::order, p.rounding)});
 }
 
 template <class Method, class S>
-void tolerances(const Problem<S>& p, double budget_s, WorkPrecision& out) {
-  double spent = 0.0;
-  for (double tol = 1e-3; tol > 1e-14 && spent < budget_s; tol *= 0.1) {
+void tolerances(const Problem<S>& p, WorkPrecision& out) {
+  for (double tol = 1e-3; tol > 1e-14; tol *= 0.1) {
     WorkPoint point{p.name, Method::name, true, tol, 0.0, 0.0};
-    const double begin = thread_cpu_s();
     measure(
         p,
         [&](typename S::State& y) {
@@ -179,23 +186,22 @@ void tolerances(const Problem<S>& p, double budget_s, WorkPrecision& out) {
           t.absolute = t.relative = tol;
           if (!m.advance(0.0, p.end, y, t).ok()) y[0] = std::numeric_limits<double>::quiet_NaN();
         },
-        0.02 * budget_s, point);
-    spent += thread_cpu_s() - begin;
+        point);
     out.points.push_back(point);
   }
 }
 
-/// All methods. `first_steps`: number of steps of RK4 that is just too coarse; `budget_s` of CPU per method.
+/// All methods. `first_steps`: number of steps of RK4 that is just too coarse; `most_steps` of one run.
 template <class S>
-void work_precision(const Problem<S>& p, int first_steps, double budget_s, WorkPrecision& out) {
-  fixed_steps<SemiImplicitEuler<S>>(p, 8 * first_steps, budget_s, out);
-  fixed_steps<Rk4<S>>(p, first_steps, budget_s, out);
-  fixed_steps<Dopri5<S>>(p, std::max(1, first_steps / 2), budget_s, out);
-  fixed_steps<Dopri8<S>>(p, std::max(1, first_steps / 8), budget_s, out);
-  fixed_steps<Radau5<S>>(p, std::max(1, first_steps / 4), budget_s, out);
-  tolerances<Dopri5<S>>(p, budget_s, out);
-  tolerances<Dopri8<S>>(p, budget_s, out);
-  tolerances<Radau5<S>>(p, budget_s, out);
+void work_precision(const Problem<S>& p, int first_steps, long most_steps, WorkPrecision& out) {
+  fixed_steps<SemiImplicitEuler<S>>(p, 8 * first_steps, most_steps, out);
+  fixed_steps<Rk4<S>>(p, first_steps, most_steps, out);
+  fixed_steps<Dopri5<S>>(p, std::max(1, first_steps / 2), most_steps, out);
+  fixed_steps<Dopri8<S>>(p, std::max(1, first_steps / 8), most_steps, out);
+  fixed_steps<Radau5<S>>(p, std::max(1, first_steps / 4), most_steps, out);
+  tolerances<Dopri5<S>>(p, out);
+  tolerances<Dopri8<S>>(p, out);
+  tolerances<Radau5<S>>(p, out);
 }
 
 }  // namespace esmc::host
