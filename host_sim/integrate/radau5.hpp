@@ -125,15 +125,14 @@ class Radau5 : public Adaptive<Radau5<S>, S> {
       const double change = iterate(t, h, y, tol);
       if (std::isnan(change)) return Newton::not_finite;
       const double ratio = k == 0 ? 0.0 : change / before;
-      if (k > 0) contraction_ = std::max(contraction_, ratio);
+      contraction_ = std::max(contraction_, ratio);
       if (tol == nullptr) {
         // To rounding: small and no longer getting smaller.
         if (change <= 1e-16 || (k > 0 && change < 1e-10 && ratio > 0.3)) return reached(y);
         if (k > 2 && ratio > 2.0) return Newton::diverged;
       } else {
         if (k > 0 && !(ratio < 1.0)) return change <= 1e-6 * enough ? reached(y) : Newton::diverged;
-        if (k > 0) eagerness_ = ratio / (1.0 - ratio);
-        if (k == 0) eagerness_ = std::pow(std::max(eagerness_, 1e-16), 0.8);
+        eagerness_ = k == 0 ? std::pow(std::max(eagerness_, 1e-16), 0.8) : ratio / (1.0 - ratio);
         if (eagerness_ * change <= enough) return reached(y);
         if (k > 0 && std::pow(ratio, most - 1 - k) / (1.0 - ratio) * change > enough) break;
       }
@@ -187,8 +186,7 @@ class Radau5 : public Adaptive<Radau5<S>, S> {
       error_matrix_.solve(n, work_);
       return scaled_norm(n, work_, y, this->next_, tol);
     };
-    const double first = estimate(this->first_);
-    if (!(first >= 1.0)) return first;
+    if (const double first = estimate(this->first_); !(first >= 1.0)) return first;
     for (std::size_t i = 0; i < n; ++i) work_[i] += y[i];
     this->evaluate(t, work_, slope_);
     return estimate(slope_);

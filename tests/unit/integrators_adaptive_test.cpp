@@ -193,6 +193,20 @@ TYPED_TEST(Adaptive, SlopeIsTakenAfterTheProjection) {
   double expected = 1.0;
   for (int i = 0; i < 4; ++i) expected = 0.5 * ((expected + 0.5) * std::exp(0.25) - 0.5);
   EXPECT_NEAR(y[0], expected, 2e-6);
+  // Dense output ends in the projected state; it is projected (here: halved) once more.
+  EXPECT_NEAR(2.0 * method.state_at(1.0)[0], y[0], 1e-14);
+}
+
+TYPED_TEST(Adaptive, LastStepsAreEqualRatherThanOneTiny) {
+  const Ball ball;
+  typename TestFixture::template Method<Ball> method(ball);
+  Tolerance tol{1e-6, 1e-6};
+  tol.max_step = 0.4;
+  Ball::State y{1.0, 0.0};
+  ASSERT_TRUE(method.advance(-10.0, 0.0, y, tol).ok());
+  const Advance a = method.advance(0.0, 1.0, y, tol);
+  EXPECT_EQ(a.steps, 3);
+  EXPECT_NEAR(method.last_begin(), 0.7, 1e-12);
 }
 
 TYPED_TEST(Adaptive, ZeroLengthBackwardsAndNonsenseAreRefused) {
@@ -275,6 +289,18 @@ TYPED_TEST(Adaptive, FailuresHaveAReasonAndAnEnd) {
   q = {1.0, 0.0};
   EXPECT_EQ(method.advance_to_event(0.0, 1.0, q, {}, [](double, const auto&) { return nan; }).reason,
             Reason::non_finite);
+}
+
+/// Steps go with tolerance^(-1/8), so 1e8 in tolerance is a factor of 10; by an estimate of order 5 it would
+/// be 21.
+TEST(AdaptiveOrbit, Dopri8EstimatesWithItsFullOrder) {
+  const Kepler kepler;
+  const auto steps = [&](double tol) {
+    Dopri8<Kepler> method(kepler);
+    auto y = kepler.start();
+    return static_cast<double>(method.advance(0.0, 20.0, y, {tol, tol}).steps);
+  };
+  EXPECT_LT(steps(1e-13) / steps(1e-5), 12.0);
 }
 
 /// HNW (II.0.1), (II.0.2): the orbit closes after the period they give.

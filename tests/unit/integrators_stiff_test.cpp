@@ -97,6 +97,19 @@ TEST(Radau5, StiffDeviationIsGoneInOneStep) {
   }
 }
 
+/// A disturbance that decays at once is no reason for short steps: HW (IV.8.20) against (IV.8.19).
+TEST(Radau5, StiffDisturbanceDoesNotShortenTheStep) {
+  const ProtheroRobinson system;
+  Radau5<ProtheroRobinson> method(system);
+  ProtheroRobinson::State y{1.0};
+  ASSERT_TRUE(method.advance(0.0, 2.0, y, {1e-6, 1e-6}).ok());
+  y[0] += 1e-3;
+  const Advance a = method.advance(2.0, 4.0, y, {1e-6, 1e-6});
+  EXPECT_LT(a.steps + a.rejected, 20);
+  EXPECT_EQ(a.rejected, 0);
+  EXPECT_NEAR(y[0], std::cos(4.0), 1e-6);
+}
+
 /// A fixed step whose equations have no solution must not look like a result.
 TEST(Radau5, UnsolvableFixedStepGivesNan) {
   struct Pole : Free<1, 0> {
