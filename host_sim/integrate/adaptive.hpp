@@ -115,7 +115,7 @@ class Adaptive {
     if (t0 == event_) side = 0.0;
     if (!(next_step_ > 0.0)) next_step_ = first_step(t0, t1, y, tol);
 
-    bool shrunk = false;  // the previous attempt was rejected
+    bool shrunk = false, undefined = false;  // since the last accepted step: rejected, and not finite
     while (done.t < t1) {
       if (done.steps + done.rejected >= tol.max_attempts) return ended(Reason::too_many_steps);
       const double rest = t1 - done.t, wanted = std::min(next_step_, tol.max_step);
@@ -127,12 +127,13 @@ class Adaptive {
       if (!(error <= 1.0)) {
         ++done.rejected;
         shrunk = true;
+        undefined = undefined || std::isnan(error);
         next_step_ =
             h *
             (std::isfinite(error) ? std::max(0.2, 0.9 * std::pow(error, -1.0 / Method::error_order)) : 0.25);
         if (!(0.1 * next_step_ > epsilon * std::abs(done.t) && next_step_ > epsilon * epsilon * (t1 - t0))) {
           next_step_ = 0.0;
-          return ended(std::isnan(error) ? Reason::non_finite : Reason::step_underflow);
+          return ended(undefined ? Reason::non_finite : Reason::step_underflow);
         }
         continue;
       }
@@ -141,7 +142,7 @@ class Adaptive {
       const double grown = h * growth(error, shrunk);
       next_step_ =
           h < wanted ? std::max(wanted, grown) : grown;  // a step cut short says little against a long one
-      shrunk = false;
+      shrunk = undefined = false;
       record(done.t, h, last ? t1 : done.t + h);
       done.t = end_;
       if (!all_finite(size(), y) || !all_finite(size(), first_)) return ended(Reason::non_finite);

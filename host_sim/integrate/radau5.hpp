@@ -110,6 +110,9 @@ class Radau5 : public Adaptive<Radau5<S>, S> {
   /// next_ and z_. Without a tolerance: to rounding.
   Newton solve(double t, double h, const State& y, const Tolerance* tol) {
     if (!jacobian_known_) differentiate(t, y);
+    for (std::size_t i = 0; i < this->size(); ++i) {
+      if (!all_finite(this->size(), jacobian_[i])) return Newton::not_finite;
+    }
     if (!prepare(h)) return Newton::diverged;
     predict(h);
     const int most = tol != nullptr ? 10 : 60;
@@ -122,15 +125,14 @@ class Radau5 : public Adaptive<Radau5<S>, S> {
       const double change = iterate(t, h, y, tol);
       if (std::isnan(change)) return Newton::not_finite;
       const double ratio = k == 0 ? 0.0 : change / before;
-      if (k > 0) contraction_ = std::max(contraction_, ratio);
+      contraction_ = std::max(contraction_, ratio);
       if (tol == nullptr) {
         // To rounding: small and no longer getting smaller.
-        if (change <= 1e-16 || (k > 0 && change < 1e-12 && ratio > 0.3)) return reached(y);
+        if (change <= 1e-16 || (k > 0 && change < 1e-10 && ratio > 0.3)) return reached(y);
         if (k > 2 && ratio > 2.0) return Newton::diverged;
       } else {
         if (k > 0 && !(ratio < 1.0)) return change <= 1e-6 * enough ? reached(y) : Newton::diverged;
-        if (k > 0) eagerness_ = ratio / (1.0 - ratio);
-        if (k == 0) eagerness_ = std::pow(std::max(eagerness_, 1e-16), 0.8);
+        eagerness_ = k == 0 ? std::pow(std::max(eagerness_, 1e-16), 0.8) : ratio / (1.0 - ratio);
         if (eagerness_ * change <= enough) return reached(y);
         if (k > 0 && std::pow(ratio, most - 1 - k) / (1.0 - ratio) * change > enough) break;
       }
@@ -164,7 +166,7 @@ class Radau5 : public Adaptive<Radau5<S>, S> {
         const double d = change_[s * n + i];
         z_[s][i] += d;
         work_[i] = d;
-        largest = std::max(largest, std::abs(y[i] + z_[s][i]));
+        largest = std::max({largest, std::abs(y[i]), std::abs(y[i] + z_[s][i])});
         most = std::isnan(d) ? d : std::max(std::abs(d), most);
         if (std::isnan(most)) return nan;
       }
@@ -184,8 +186,7 @@ class Radau5 : public Adaptive<Radau5<S>, S> {
       error_matrix_.solve(n, work_);
       return scaled_norm(n, work_, y, this->next_, tol);
     };
-    const double first = estimate(this->first_);
-    if (!(first >= 1.0)) return first;
+    if (const double first = estimate(this->first_); !(first >= 1.0)) return first;
     for (std::size_t i = 0; i < n; ++i) work_[i] += y[i];
     this->evaluate(t, work_, slope_);
     return estimate(slope_);

@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <string>
 #include <vector>
 
 #include "host_sim/integrate/dopri5.hpp"
@@ -32,9 +31,9 @@ double slope_of(const std::vector<double>& errors) {
 }
 
 template <class M>
-double measured_order(int coarsest, int halvings) {
+double measured_order(double e, int coarsest, int halvings) {
   Kepler kepler;
-  kepler.e = 0.2;
+  kepler.e = e;
   std::vector<double> errors;
   for (int j = 0, n = coarsest; j <= halvings; ++j, n *= 2) {
     M method(kepler);
@@ -45,7 +44,6 @@ double measured_order(int coarsest, int halvings) {
     EXPECT_EQ(y[4], mark);
   }
   const double order = slope_of(errors);
-  ::testing::Test::RecordProperty(M::name, std::to_string(order));
   std::printf("%s: measured order %.2f, errors %.1e to %.1e\n", M::name, order, errors.front(),
               errors.back());
   return order;
@@ -53,8 +51,9 @@ double measured_order(int coarsest, int halvings) {
 
 /// Largest error inside one step from an exact state; it goes with h^(dense order + 1).
 template <class M>
-double measured_dense(double h, int halvings) {
-  const Kepler kepler;
+double measured_dense(double e, double h, int halvings) {
+  Kepler kepler;
+  kepler.e = e;
   std::vector<double> errors;
   for (int j = 0; j <= halvings; ++j, h *= 0.5) {
     M method(kepler);
@@ -74,17 +73,18 @@ double measured_dense(double h, int halvings) {
 }
 
 TEST(Integrators, OrderOnKeplerIsAsNamed) {
-  EXPECT_NEAR(measured_order<SemiImplicitEuler<Kepler>>(1000, 4), SemiImplicitEuler<Kepler>::order, 0.2);
-  EXPECT_NEAR(measured_order<Rk4<Kepler>>(100, 4), Rk4<Kepler>::order, 0.2);
-  EXPECT_NEAR(measured_order<Dopri5<Kepler>>(60, 4), Dopri5<Kepler>::order, 0.2);
-  EXPECT_NEAR(measured_order<Dopri8<Kepler>>(10, 3), Dopri8<Kepler>::order, 0.2);
-  EXPECT_NEAR(measured_order<Radau5<Kepler>>(40, 3), Radau5<Kepler>::order, 0.2);
+  // Order 8 is at rounding before an eccentric orbit comes to its limit, hence a rounder one.
+  EXPECT_NEAR(measured_order<SemiImplicitEuler<Kepler>>(0.2, 1000, 4), SemiImplicitEuler<Kepler>::order, 0.2);
+  EXPECT_NEAR(measured_order<Rk4<Kepler>>(0.2, 100, 4), Rk4<Kepler>::order, 0.2);
+  EXPECT_NEAR(measured_order<Dopri5<Kepler>>(0.2, 60, 4), Dopri5<Kepler>::order, 0.2);
+  EXPECT_NEAR(measured_order<Dopri8<Kepler>>(0.05, 16, 2), Dopri8<Kepler>::order, 0.2);
+  EXPECT_NEAR(measured_order<Radau5<Kepler>>(0.2, 40, 3), Radau5<Kepler>::order, 0.2);
 }
 
 TEST(Integrators, OrderOfDenseOutput) {
-  EXPECT_NEAR(measured_dense<Dopri5<Kepler>>(0.1, 4), Dopri5<Kepler>::dense_order, 0.2);
-  EXPECT_NEAR(measured_dense<Dopri8<Kepler>>(0.2, 2), Dopri8<Kepler>::dense_order, 0.3);
-  EXPECT_NEAR(measured_dense<Radau5<Kepler>>(0.1, 4), Radau5<Kepler>::dense_order, 0.2);
+  EXPECT_NEAR(measured_dense<Dopri5<Kepler>>(0.5, 0.1, 4), Dopri5<Kepler>::dense_order, 0.2);
+  EXPECT_NEAR(measured_dense<Dopri8<Kepler>>(0.05, 0.8, 3), Dopri8<Kepler>::dense_order, 0.2);
+  EXPECT_NEAR(measured_dense<Radau5<Kepler>>(0.5, 0.1, 4), Radau5<Kepler>::dense_order, 0.2);
 }
 
 /// Bushy trees and the first of the others; a wrong digit in any coefficient breaks one of them.

@@ -1,0 +1,338 @@
+/// Step control, events, closure and failures of the adaptive integrators, against closed forms.
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "host_sim/integrate/dopri5.hpp"
+#include "host_sim/integrate/dopri8.hpp"
+#include "host_sim/integrate/radau5.hpp"
+#include "tests/support/systems.hpp"
+
+namespace esmc::test {
+namespace {
+
+using host::Advance, host::Dopri5, host::Dopri8, host::Radau5, host::Reason, host::Tolerance;
+
+constexpr double nan = std::numeric_limits<double>::quiet_NaN();
+
+struct Dopri5Of {
+  template <class S>
+  using Method = Dopri5<S>;
+};
+struct Dopri8Of {
+  template <class S>
+  using Method = Dopri8<S>;
+};
+struct Radau5Of {
+  template <class S>
+  using Method = Radau5<S>;
+};
+
+template <class Which>
+class Adaptive : public ::testing::Test {
+ public:
+  template <class S>
+  using Method = typename Which::template Method<S>;
+};
+using Methods = ::testing::Types<Dopri5Of, Dopri8Of, Radau5Of>;
+TYPED_TEST_SUITE(Adaptive, Methods);
+
+/// The tolerance is one of each step. Phase errors of an orbit grow with the square of time, hence the
+/// factor; a tolerance that is a hundred times smaller must buy an error at least ten times smaller.
+TYPED_TEST(Adaptive, ErrorFollowsTheTolerance) {
+  const Kepler kepler;
+  double before = std::numeric_limits<double>::infinity();
+  for (const double tol : {1e-5, 1e-7, 1e-9}) {
+    typename TestFixture::template Method<Kepler> method(kepler);
+    auto y = kepler.start();
+    const Advance a = method.advance(0.0, 20.0, y, {tol, tol});
+    ASSERT_EQ(a.reason, Reason::reached);
+    EXPECT_EQ(a.t, 20.0);
+    const double error = kepler.error(20.0, y);
+    EXPECT_LT(error, 2000.0 * tol);
+    EXPECT_LT(error, 0.1 * before);
+    EXPECT_LT(a.rejected, a.steps);
+    EXPECT_EQ(y[4], mark);
+    EXPECT_EQ(y[5], mark);
+    before = error;
+  }
+}
+
+struct Counting : Pendulum {
+  long* count = nullptr;
+  void slope(double t, const State& y, State& dy) const {
+    ++*count;
+    Pendulum::slope(t, y, dy);
+  }
+};
+
+TYPED_TEST(Adaptive, CountsEverySlope) {
+  long count = 0;
+  Counting pendulum;
+  pendulum.count = &count;
+  typename TestFixture::template Method<Counting> method(pendulum);
+  Pendulum::State y{2.0, 0.0};
+  EXPECT_EQ(method.advance(0.0, 10.0, y, {1e-8, 1e-8}).slopes, count);
+  count = 0;
+  EXPECT_EQ(
+      method.advance_to_event(10.0, 20.0, y, {1e-8, 1e-8}, [](double, const auto& s) { return s[0]; }).slopes,
+      count);
+}
+
+/// Ticks of 1 ms must not hold the step at 1 ms of bookkeeping: what was learned stays.
+TYPED_TEST(Adaptive, RemembersItsStepAcrossCalls) {
+  const Pendulum pendulum;
+  typename TestFixture::template Method<Pendulum> method(pendulum);
+  Pendulum::State y{1.0, 0.0};
+  ASSERT_TRUE(method.advance(0.0, 5.0, y, {1e-8, 1e-8}).ok());
+  const double learned = method.next_step();
+  EXPECT_GT(learned, 1e-3);
+  for (int i = 0; i < 100; ++i) {
+    const Advance a = method.advance(5.0 + 1e-3 * i, 5.0 + 1e-3 * (i + 1), y, {1e-8, 1e-8});
+    ASSERT_TRUE(a.ok());
+    EXPECT_EQ(a.steps, 1);
+    EXPECT_EQ(a.rejected, 0);
+  }
+  EXPECT_GE(method.next_step(), learned);
+  method.forget();
+  EXPECT_EQ(method.next_step(), 0.0);
+}
+
+/// Times of zero angle of the pendulum: a quarter of the period of the elliptic integral, then halves.
+TYPED_TEST(Adaptive, FindsThePendulumAtTheBottom) {
+  const Pendulum pendulum;
+  typename TestFixture::template Method<Pendulum> method(pendulum);
+  const double amplitude = 2.5, period = Pendulum::period(amplitude);
+  Pendulum::State y{amplitude, 0.0};
+  double t = 0.0;
+  for (int k = 0; k < 8; ++k) {
+    const auto angle = [](double, const auto& s) { return s[0]; };
+    const Advance a = method.advance_to_event(t, t + 20.0, y, {1e-11, 1e-11}, angle);
+    ASSERT_EQ(a.reason, Reason::event) << k;
+    EXPECT_NEAR(a.t, period * (0.25 + 0.5 * k), 1e-8) << k;
+    EXPECT_LT(std::abs(y[0]), 1e-12) << k;
+    EXPECT_EQ(method.state_at(a.t)[0], y[0]);
+    t = a.t;
+  }
+}
+
+/// A bouncing ball: polynomials of degree 2, so every impact is exact but for rounding. Rebounds start on the
+/// event.
+TYPED_TEST(Adaptive, FindsTheImpactsOfABall) {
+  const Ball ball;
+  typename TestFixture::template Method<Ball> method(ball);
+  const double restitution = 0.8;
+  Ball::State y{1.0, 0.0};
+  double t = 0.0, expected = std::sqrt(2.0 / ball.g), speed = ball.g * expected;
+  for (int k = 0; k < 12; ++k) {
+    Tolerance tol{1e-10, 1e-10};
+    tol.max_step = 0.01;
+    const Advance a = method.advance_to_event(t, t + 5.0, y, tol, [](double, const auto& s) { return s[0]; });
+    ASSERT_EQ(a.reason, Reason::event) << k;
+    EXPECT_NEAR(a.t, expected, 2e-13) << k;
+    EXPECT_NEAR(y[1], -speed, 2e-12) << k;
+    speed *= restitution;
+    expected += 2.0 * speed / ball.g;
+    y[1] = -restitution * y[1];
+    t = a.t;
+  }
+}
+
+TYPED_TEST(Adaptive, EventAtTheStartIsNone) {
+  const Pendulum pendulum;
+  typename TestFixture::template Method<Pendulum> method(pendulum);
+  Pendulum::State y{0.0, 1.0};
+  const auto angle = [](double, const auto& s) { return s[0]; };
+  const Advance a = method.advance_to_event(0.0, 10.0, y, {1e-10, 1e-10}, angle);
+  EXPECT_EQ(a.reason, Reason::event);
+  EXPECT_NEAR(a.t, 0.5 * Pendulum::period(2.0 * std::asin(0.5)), 1e-8);
+  const Advance none =
+      method.advance_to_event(0.0, 1.0, y, {1e-10, 1e-10}, [](double, const auto&) { return 1.0; });
+  EXPECT_EQ(none.reason, Reason::reached);
+  EXPECT_EQ(none.t, 1.0);
+}
+
+TYPED_TEST(Adaptive, ClosureHoldsAndDenseOutputIsOnIt) {
+  const RodPendulum rod;
+  typename TestFixture::template Method<RodPendulum> method(rod);
+  const double amplitude = 2.0, period = Pendulum::period(amplitude);
+  RodPendulum::State y{std::sin(amplitude), -std::cos(amplitude), 0.0, 0.0};
+  const auto start = y;
+  for (int i = 0; i < 100; ++i) {
+    ASSERT_TRUE(method.advance(period * i / 100, period * (i + 1) / 100, y, {1e-10, 1e-10}).ok());
+    EXPECT_LE(RodPendulum::drift(y), 1e-15);
+    EXPECT_LE(RodPendulum::drift(method.state_at(0.5 * (method.last_begin() + method.last_end()))), 1e-15);
+  }
+  for (std::size_t i = 0; i < 4; ++i) EXPECT_NEAR(y[i], start[i], 2e-8) << i;
+  const Advance a = method.advance_to_event(period, 2.0 * period, y, {1e-11, 1e-11},
+                                            [](double, const auto& s) { return s[0]; });
+  ASSERT_EQ(a.reason, Reason::event);
+  EXPECT_NEAR(a.t, 1.25 * period, 2e-8);
+  EXPECT_LE(RodPendulum::drift(y), 1e-15);
+}
+
+/// y' = y + 1/2, halved by every "projection": a slope kept from before it would be far off.
+struct Halved : Free<1, 0> {
+  void slope(double, const State& y, State& dy) const { dy[0] = 0.5 + y[0]; }
+  void project(State& y) const { y[0] *= 0.5; }
+};
+
+TYPED_TEST(Adaptive, SlopeIsTakenAfterTheProjection) {
+  const Halved halved;
+  typename TestFixture::template Method<Halved> method(halved);
+  Tolerance tol{1e-3, 1e-3};
+  tol.max_step = 0.25;
+  Halved::State y{1.0};
+  ASSERT_TRUE(method.advance(-4.0, 0.0, y, tol).ok());  // learns that the longest step will do
+  y[0] = 1.0;
+  const Advance a = method.advance(0.0, 1.0, y, tol);
+  ASSERT_EQ(a.steps, 4);
+  double expected = 1.0;
+  for (int i = 0; i < 4; ++i) expected = 0.5 * ((expected + 0.5) * std::exp(0.25) - 0.5);
+  EXPECT_NEAR(y[0], expected, 2e-6);
+  // Dense output ends in the projected state; it is projected (here: halved) once more.
+  EXPECT_NEAR(2.0 * method.state_at(1.0)[0], y[0], 1e-14);
+}
+
+TYPED_TEST(Adaptive, LastStepsAreEqualRatherThanOneTiny) {
+  const Ball ball;
+  typename TestFixture::template Method<Ball> method(ball);
+  Tolerance tol{1e-6, 1e-6};
+  tol.max_step = 0.4;
+  Ball::State y{1.0, 0.0};
+  ASSERT_TRUE(method.advance(-10.0, 0.0, y, tol).ok());
+  const Advance a = method.advance(0.0, 1.0, y, tol);
+  EXPECT_EQ(a.steps, 3);
+  EXPECT_NEAR(method.last_begin(), 0.7, 1e-12);
+}
+
+TYPED_TEST(Adaptive, ZeroLengthBackwardsAndNonsenseAreRefused) {
+  const Pendulum pendulum;
+  typename TestFixture::template Method<Pendulum> method(pendulum);
+  const Pendulum::State start{1.0, 0.5, mark, mark};
+  auto y = start;
+  const Advance zero = method.advance(2.0, 2.0, y, {});
+  EXPECT_EQ(zero.reason, Reason::reached);
+  EXPECT_EQ(zero.steps, 0);
+  EXPECT_EQ(zero.t, 2.0);
+  const double infinite = std::numeric_limits<double>::infinity();
+  EXPECT_EQ(method.advance(2.0, 1.0, y, {}).reason, Reason::bad_interval);
+  EXPECT_EQ(method.advance(nan, 1.0, y, {}).reason, Reason::bad_interval);
+  EXPECT_EQ(method.advance(0.0, nan, y, {}).reason, Reason::bad_interval);
+  EXPECT_EQ(method.advance(0.0, infinite, y, {}).reason, Reason::bad_interval);
+  for (const Tolerance& bad :
+       {Tolerance{0.0, 1e-6}, Tolerance{-1.0, 1e-6}, Tolerance{nan, 1e-6}, Tolerance{1e-6, -1.0},
+        Tolerance{1e-6, nan}, Tolerance{1e-6, 1e-6, 0.0}, Tolerance{1e-6, 1e-6, nan},
+        Tolerance{1e-6, 1e-6, 1.0, 0}, Tolerance{infinite, 0.0}}) {
+    EXPECT_EQ(method.advance(0.0, 1.0, y, bad).reason, Reason::bad_tolerance);
+  }
+  EXPECT_EQ(y, start);
+  EXPECT_TRUE(std::isnan(method.state_at(0.5)[0]));
+}
+
+TYPED_TEST(Adaptive, ShortestIntervalOfALongRunIsOneStep) {
+  const Pendulum pendulum;
+  typename TestFixture::template Method<Pendulum> method(pendulum);
+  Pendulum::State y{1.0, 0.0};
+  const double t0 = 86400.0, t1 = std::nextafter(t0, 1e9);
+  const Advance a = method.advance(t0, t1, y, {1e-9, 1e-9});
+  EXPECT_EQ(a.reason, Reason::reached);
+  EXPECT_EQ(a.t, t1);
+}
+
+struct Wall : Free<1, 0> {  // not defined from y = 1 on
+  void slope(double, const State& y, State& dy) const { dy[0] = y[0] < 1.0 ? 1.0 : nan; }
+};
+
+struct Pole : Free<1, 0> {  // y = 1 / (1 - t)
+  void slope(double, const State& s, State& dy) const { dy[0] = s[0] * s[0]; }
+};
+
+TYPED_TEST(Adaptive, FailuresHaveAReasonAndAnEnd) {
+  const Wall wall;
+  typename TestFixture::template Method<Wall> at_wall(wall);
+  Wall::State y{0.0};
+  const Advance stuck = at_wall.advance(0.0, 2.0, y, {1e-9, 1e-9});
+  EXPECT_EQ(stuck.reason, Reason::non_finite);
+  EXPECT_LE(y[0], 1.0);
+  EXPECT_GT(y[0], 0.99);
+  EXPECT_NEAR(y[0], stuck.t, 1e-12);
+  EXPECT_LT(stuck.rejected, 500);
+  y[0] = 1.5;
+  EXPECT_EQ(at_wall.advance(0.0, 2.0, y, {}).reason, Reason::non_finite);
+  EXPECT_EQ(y[0], 1.5);
+
+  const Pole pole;
+  typename TestFixture::template Method<Pole> at_pole(pole);
+  Pole::State p{1.0};
+  const Advance blown = at_pole.advance(0.0, 2.0, p, {1e-9, 1e-9});
+  EXPECT_FALSE(blown.ok());
+  EXPECT_NEAR(blown.t, 1.0, 1e-6);
+  EXPECT_LT(blown.steps + blown.rejected, 100000);
+
+  const Pendulum pendulum;
+  typename TestFixture::template Method<Pendulum> method(pendulum);
+  Pendulum::State q{1.0, 0.0};
+  Tolerance few{1e-10, 1e-10};
+  few.max_attempts = 5;
+  const Advance bounded = method.advance(0.0, 1000.0, q, few);
+  EXPECT_EQ(bounded.reason, Reason::too_many_steps);
+  EXPECT_EQ(bounded.steps + bounded.rejected, 5);
+  EXPECT_GT(bounded.t, 0.0);
+  Tolerance impossible{1e-300, 0.0};
+  impossible.max_attempts = 2000;
+  q = {1.0, 0.5};
+  EXPECT_FALSE(method.advance(0.0, 10.0, q, impossible).ok());
+  q = {1.0, 0.0};
+  EXPECT_EQ(method.advance_to_event(0.0, 1.0, q, {}, [](double, const auto&) { return nan; }).reason,
+            Reason::non_finite);
+}
+
+/// Steps go with tolerance^(-1/8), so 1e8 in tolerance is a factor of 10; by an estimate of order 5 it would
+/// be 21.
+TEST(AdaptiveOrbit, Dopri8EstimatesWithItsFullOrder) {
+  const Kepler kepler;
+  const auto steps = [&](double tol) {
+    Dopri8<Kepler> method(kepler);
+    auto y = kepler.start();
+    return static_cast<double>(method.advance(0.0, 20.0, y, {tol, tol}).steps);
+  };
+  EXPECT_LT(steps(1e-13) / steps(1e-5), 12.0);
+}
+
+/// HNW (II.0.1), (II.0.2): the orbit closes after the period they give.
+template <class M, class S>
+double arenstorf_gap(const S& system, double tol) {
+  M method(system);
+  typename S::State y{0.994, 0.0, 0.0, -2.00158510637908252240537862224};
+  const auto start = y;
+  EXPECT_TRUE(method.advance(0.0, 17.0652165601579625588917206249, y, {tol, tol}).ok());
+  double gap = 0.0;
+  for (std::size_t i = 0; i < 4; ++i) gap = std::max(gap, std::abs(y[i] - start[i]));
+  return gap;
+}
+
+TEST(AdaptiveOrbit, ArenstorfCloses) {
+  struct Arenstorf : Free<4, 2> {
+    void slope(double, const State& y, State& dy) const {
+      const double mu = 0.012277471, nu = 1.0 - mu;
+      const double d1 = std::pow(std::hypot(y[0] + mu, y[1]), 3),
+                   d2 = std::pow(std::hypot(y[0] - nu, y[1]), 3);
+      dy[0] = y[2];
+      dy[1] = y[3];
+      dy[2] = y[0] + 2.0 * y[3] - nu * (y[0] + mu) / d1 - mu * (y[0] - nu) / d2;
+      dy[3] = y[1] - 2.0 * y[2] - nu * y[1] / d1 - mu * y[1] / d2;
+    }
+  };
+  const Arenstorf orbit;
+  EXPECT_LT(arenstorf_gap<Dopri5<Arenstorf>>(orbit, 1e-10), 1e-5);
+  EXPECT_LT(arenstorf_gap<Dopri5<Arenstorf>>(orbit, 1e-13), 1e-8);
+  EXPECT_LT(arenstorf_gap<Dopri8<Arenstorf>>(orbit, 1e-10), 1e-5);
+  EXPECT_LT(arenstorf_gap<Dopri8<Arenstorf>>(orbit, 1e-13), 1e-8);
+}
+
+}  // namespace
+}  // namespace esmc::test

@@ -1,0 +1,189 @@
+/// Stiff problems with published solutions, and a run of CVODE (SUNDIALS) as a second opinion.
+
+#include <cvode/cvode.h>
+#include <gtest/gtest.h>
+#include <nvector/nvector_serial.h>
+#include <sunlinsol/sunlinsol_dense.h>
+#include <sunmatrix/sunmatrix_dense.h>
+
+#include <array>
+#include <cmath>
+
+#include "host_sim/integrate/dopri5.hpp"
+#include "host_sim/integrate/dopri8.hpp"
+#include "host_sim/integrate/radau5.hpp"
+#include "tests/support/systems.hpp"
+
+namespace esmc::test {
+namespace {
+
+using host::Advance, host::Dopri5, host::Dopri8, host::Radau5, host::Reason, host::Tolerance;
+
+/// Test Set for IVP Solvers (Mazzia, Magherini), problem vdpol: its reference solution at t = 2.
+TEST(Radau5, VanDerPolAsPublished) {
+  const VanDerPol system;
+  for (const double tol : {1e-4, 1e-6, 1e-8, 1e-10}) {
+    Radau5<VanDerPol> method(system);
+    VanDerPol::State y{2.0, 0.0, mark, mark};
+    const Advance a = method.advance(0.0, 2.0, y, {tol, tol});
+    ASSERT_EQ(a.reason, Reason::reached);
+    EXPECT_NEAR(y[0], 0.1706167732170483e1, 0.1 * tol);
+    EXPECT_NEAR(y[1], -0.8928097010247975, 0.1 * tol);
+    EXPECT_EQ(y[2], mark);
+    // An explicit method could not take steps longer than 3.3 epsilon: 600 000 of them.
+    EXPECT_LT(a.steps, 20000);
+  }
+}
+
+/// The same with the system's own Jacobian, which costs no slopes.
+struct VanDerPolJacobian : VanDerPol {
+  void jacobian(double, const State& y, std::array<State, capacity>& J) const {
+    J[0][0] = 0.0;
+    J[0][1] = 1.0;
+    J[1][0] = (-2.0 * y[0] * y[1] - 1.0) / epsilon;
+    J[1][1] = (1.0 - y[0] * y[0]) / epsilon;
+  }
+};
+
+TEST(Radau5, UsesTheJacobianOfTheSystem) {
+  static_assert(host::HasJacobian<VanDerPolJacobian> && !host::HasJacobian<VanDerPol>);
+  const VanDerPolJacobian with;
+  const VanDerPol without;
+  Radau5<VanDerPolJacobian> a(with);
+  Radau5<VanDerPol> b(without);
+  VanDerPol::State y{2.0, 0.0}, z{2.0, 0.0};
+  const long slopes_with = a.advance(0.0, 2.0, y, {1e-6, 1e-6}).slopes;
+  const long slopes_without = b.advance(0.0, 2.0, z, {1e-6, 1e-6}).slopes;
+  EXPECT_NEAR(y[0], 0.1706167732170483e1, 1e-7);
+  EXPECT_LT(slopes_with, slopes_without);
+}
+
+/// The method is stiffly accurate: with lambda -> -infinity the error at fixed h falls like 1 / lambda, where
+/// methods that are only A-stable keep an error of h^(order of a stage).
+TEST(Radau5, ProtheroRobinsonErrorFallsWithStiffness) {
+  double before = 0.0;
+  for (const double lambda : {-1e4, -1e6, -1e8}) {
+    ProtheroRobinson system;
+    system.lambda = lambda;
+    Radau5<ProtheroRobinson> method(system);
+    ProtheroRobinson::State y{1.0};
+    for (int i = 0; i < 10; ++i) method.step(0.4 * i, 0.4, y);
+    const double error = std::abs(y[0] - std::cos(4.0));
+    EXPECT_LT(error, -1e-3 / lambda);
+    if (before > 0.0) {
+      EXPECT_NEAR(before / error, 100.0, 5.0);
+    }
+    before = error;
+  }
+}
+
+/// R(infinity) = 0. A step much longer than the time constant leaves R(z) ~ 3 / z of a deviation; the
+/// implicit midpoint rule and Gauss methods would leave all of it, with the other sign.
+TEST(Radau5, StiffDeviationIsGoneInOneStep) {
+  for (const double z : {-1e2, -1e4, -1e8}) {
+    struct Linear : Free<1, 0> {
+      double lambda = -1.0;
+      void slope(double, const State& y, State& dy) const { dy[0] = lambda * y[0]; }
+    };
+    Linear system;
+    system.lambda = z;
+    Radau5<Linear> method(system);
+    Linear::State y{1.0};
+    method.step(0.0, 1.0, y);
+    // Stability function: the Pade approximation (2, 3) of exp, HW theorem IV.3.11.
+    const double r = (1.0 + 0.4 * z + z * z / 20.0) / (1.0 - 0.6 * z + 3.0 * z * z / 20.0 - z * z * z / 60.0);
+    EXPECT_NEAR(y[0], r, 1e-6 * std::abs(r) + 1e-15);
+    EXPECT_LT(std::abs(y[0]), 4.0 / std::abs(z));
+  }
+}
+
+/// A disturbance that decays at once is no reason for short steps: HW (IV.8.20) against (IV.8.19).
+TEST(Radau5, StiffDisturbanceDoesNotShortenTheStep) {
+  const ProtheroRobinson system;
+  Radau5<ProtheroRobinson> method(system);
+  ProtheroRobinson::State y{1.0};
+  ASSERT_TRUE(method.advance(0.0, 2.0, y, {1e-6, 1e-6}).ok());
+  y[0] += 1e-3;
+  const Advance a = method.advance(2.0, 4.0, y, {1e-6, 1e-6});
+  EXPECT_LT(a.steps + a.rejected, 20);
+  EXPECT_EQ(a.rejected, 0);
+  EXPECT_NEAR(y[0], std::cos(4.0), 1e-6);
+}
+
+/// A fixed step whose equations have no solution must not look like a result.
+TEST(Radau5, UnsolvableFixedStepGivesNan) {
+  struct Pole : Free<1, 0> {
+    void slope(double, const State& y, State& dy) const { dy[0] = y[0] * y[0]; }
+  };
+  const Pole system;
+  Radau5<Pole> method(system);
+  Pole::State y{1.0, mark, mark};
+  method.step(0.0, 50.0, y);
+  EXPECT_TRUE(std::isnan(y[0]));
+  EXPECT_EQ(y[1], mark);
+  EXPECT_TRUE(std::isnan(method.state_at(1.0)[0]));
+}
+
+/// Double pendulum of equal masses and rods, by its angles: not integrable, but not yet chaotic over this
+/// time.
+struct DoublePendulum : Free<4, 2> {
+  void slope(double, const State& y, State& dy) const { acceleration(y.data(), dy.data()); }
+  static void acceleration(const double* y, double* dy) {
+    const double d = y[0] - y[1], c = std::cos(d), s = std::sin(d), g = 9.81;
+    const double f1 = -y[3] * y[3] * s - 2.0 * g * std::sin(y[0]), f2 = y[2] * y[2] * s - g * std::sin(y[1]);
+    dy[0] = y[2];
+    dy[1] = y[3];
+    dy[2] = (f1 - c * f2) / (2.0 - c * c);
+    dy[3] = (2.0 * f2 - c * f1) / (2.0 - c * c);
+  }
+};
+
+/// CVODE, Adams of variable order, near its tightest.
+std::array<double, 4> cvode(double t1, const std::array<double, 4>& start) {
+  SUNContext context = nullptr;
+  EXPECT_EQ(SUNContext_Create(nullptr, &context), 0);
+  N_Vector y = N_VNew_Serial(4, context);
+  for (int i = 0; i < 4; ++i) NV_Ith_S(y, i) = start[static_cast<std::size_t>(i)];
+  void* memory = CVodeCreate(CV_ADAMS, context);
+  const auto slope = [](double, N_Vector at, N_Vector out, void*) {
+    DoublePendulum::acceleration(NV_DATA_S(at), NV_DATA_S(out));
+    return 0;
+  };
+  EXPECT_EQ(CVodeInit(memory, slope, 0.0, y), CV_SUCCESS);
+  EXPECT_EQ(CVodeSStolerances(memory, 1e-13, 1e-13), CV_SUCCESS);
+  EXPECT_EQ(CVodeSetMaxNumSteps(memory, 1000000), CV_SUCCESS);
+  SUNMatrix matrix = SUNDenseMatrix(4, 4, context);
+  SUNLinearSolver solver = SUNLinSol_Dense(y, matrix, context);
+  EXPECT_EQ(CVodeSetLinearSolver(memory, solver, matrix), CV_SUCCESS);
+  EXPECT_EQ(CVodeSetStopTime(memory, t1), CV_SUCCESS);
+  double t = 0.0;
+  EXPECT_GE(CVode(memory, t1, y, &t, CV_NORMAL), 0);
+  EXPECT_EQ(t, t1);
+  std::array<double, 4> out{};
+  for (int i = 0; i < 4; ++i) out[static_cast<std::size_t>(i)] = NV_Ith_S(y, i);
+  CVodeFree(&memory);
+  SUNLinSolFree(solver);
+  SUNMatDestroy(matrix);
+  N_VDestroy(y);
+  SUNContext_Free(&context);
+  return out;
+}
+
+template <class M>
+void expect_like(const std::array<double, 4>& reference, double within) {
+  const DoublePendulum system;
+  M method(system);
+  DoublePendulum::State y{1.2, -0.6, 0.0, 0.5};
+  ASSERT_TRUE(method.advance(0.0, 3.0, y, {1e-12, 1e-12}).ok());
+  for (std::size_t i = 0; i < 4; ++i) EXPECT_NEAR(y[i], reference[i], within) << M::name << ' ' << i;
+}
+
+TEST(AgainstCvode, DoublePendulum) {
+  const auto reference = cvode(3.0, {1.2, -0.6, 0.0, 0.5});
+  expect_like<Dopri5<DoublePendulum>>(reference, 1e-9);
+  expect_like<Dopri8<DoublePendulum>>(reference, 1e-9);
+  expect_like<Radau5<DoublePendulum>>(reference, 1e-9);
+}
+
+}  // namespace
+}  // namespace esmc::test
