@@ -16,7 +16,8 @@ std::optional<std::array<double, 2>> reach(const LegParams<double>& leg, V2 p, i
   return std::array<double, 2>{std::remainder(theta1, 2.0 * std::acos(-1.0)), theta2};
 }
 
-std::optional<std::array<double, 4>> reach(const FiveBarParams<double>& m, V2 p, const std::array<int, 2>& bend) {
+std::optional<std::array<double, 4>> reach(const FiveBarParams<double>& m, V2 p,
+                                           const std::array<int, 2>& bend) {
   const auto a = reach(m.legs[0], {p.x - m.l0, p.y}, bend[0]);
   const auto b = reach(m.legs[1], {-(p.x + m.l0), p.y}, bend[1]);
   if (!a || !b) return std::nullopt;
@@ -40,8 +41,8 @@ std::optional<std::array<double, 4>> close(const FiveBarParams<double>& m, const
   const double d = std::hypot(w.x, w.y), r1 = m.legs[0].l2, r2 = m.legs[1].l2;
   if (!(d > 0.0 && d <= r1 + r2 && d >= std::abs(r1 - r2))) return std::nullopt;
   // Triangle elbow 2, elbow 1, effector: angle at elbow 2 by half angles.
-  const double angle = 2.0 * std::atan2(std::sqrt((r1 + r2 - d) * (r1 + d - r2)),
-                                        std::sqrt((d + r1 + r2) * (d + r2 - r1)));
+  const double angle =
+      2.0 * std::atan2(std::sqrt((r1 + r2 - d) * (r1 + d - r2)), std::sqrt((d + r1 + r2) * (d + r2 - r1)));
   const double direction = std::atan2(w.y, w.x) - assembly * angle;
   const V2 p = e2 + r2 * V2{std::cos(direction), std::sin(direction)};
   const double phi12 = std::atan2(p.y - e1.y, p.x - e1.x), phi22 = std::atan2(p.y - e2.y, e2.x - p.x);

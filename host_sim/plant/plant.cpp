@@ -75,9 +75,10 @@ void FiveBarPlant::project(Angles& angle, Angles& rate) const {
   }
 }
 
-FiveBarPlant::Joints FiveBarPlant::effector_load(const Angles& angle, V2 force) const {
-  const Pair q = leg_[0].tip_force_as_torque(poses(angle).leg[0], force);
-  return {q.first, q.second, 0.0, 0.0};
+EffectorPoint FiveBarPlant::effector_point(const Angles& angle, const Angles& rate) const {
+  const auto d = directions(std::array<double, 2>{angle[0], angle[1]});
+  const LegDynamics::Pose p = leg_[0].pose(d.cos[0], d.sin[0], d.cos[1], d.sin[1]);
+  return {leg_[0].tip(p.e1, p.e2), leg_[0].tip_rate(p, {rate[0], rate[1]}), leg_[0].torque_per_force(p)};
 }
 
 FiveBarPlant::Output FiveBarPlant::output(const State& s) const {
@@ -134,9 +135,9 @@ RrPlant::Angles RrPlant::response(const Angles& angle, const Joints& torque) con
   return {a.first, a.second};
 }
 
-RrPlant::Joints RrPlant::effector_load(const Angles& angle, V2 force) const {
-  const Pair q = leg_.tip_force_as_torque(pose(angle), force);
-  return {q.first, q.second};
+EffectorPoint RrPlant::effector_point(const Angles& angle, const Angles& rate) const {
+  const LegDynamics::Pose p = pose(angle);
+  return {leg_.tip(p.e1, p.e2), leg_.tip_rate(p, {rate[0], rate[1]}), leg_.torque_per_force(p)};
 }
 
 RrPlant::Output RrPlant::output(const State& s) const {

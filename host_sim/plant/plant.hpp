@@ -109,10 +109,11 @@ class LegDynamics {
   [[nodiscard]] V2 tip(V2 e1, V2 e2) const {
     return {base_x_ + l1_ * e1.x + l2_ * e2.x, l1_ * e1.y + l2_ * e2.y};
   }
-  /// A force on the tip as the joint torques (model convention) that do the same.
-  [[nodiscard]] Pair tip_force_as_torque(const Pose& p, V2 f) const {
-    const Pair q = tip_force(p, f);
-    return {side_ * (q.first + q.second), side_ * q.second};
+  /// What a unit force on the tip, in x and in y, does as torques of the two joints (model convention).
+  [[nodiscard]] std::array<V2, 2> torque_per_force(const Pose& p) const {
+    const V2 bar1{-side_ * l1_ * p.e1.y, side_ * l1_ * p.e1.x},
+        bar2{-side_ * l2_ * p.e2.y, side_ * l2_ * p.e2.x};
+    return {bar1 + bar2, bar2};
   }
   [[nodiscard]] double kinetic(V2 e1, V2 e2, double w1, double w2) const {
     return 0.5 * (i1_ * w1 * w1 + i2_ * w2 * w2) + coupling_ * dot(e1, e2) * w1 * w2;
@@ -122,6 +123,12 @@ class LegDynamics {
  private:
   double l1_{}, l2_{}, base_x_{}, side_{1.0};
   double i1_{}, i2_{}, coupling_{}, weight1_{}, weight2_{};
+};
+
+/// The effector as a load sees it. Closure makes the tip of leg 1 stand for both.
+struct EffectorPoint {
+  V2 position, rate;
+  std::array<V2, 2> torque_per_force;  ///< torque of joint i of leg 1 (or the arm) = dot(this[i], force)
 };
 
 class FiveBarPlant {
@@ -164,8 +171,7 @@ class FiveBarPlant {
   [[nodiscard]] Angles response(const Angles& angle, const Joints& torque) const;
   /// Moves angles and rates onto the closure, along the shortest way in the mass metric.
   void project(Angles& angle, Angles& rate) const;
-  /// A force at the effector, N, as joint torques.
-  [[nodiscard]] Joints effector_load(const Angles& angle, V2 force) const;
+  [[nodiscard]] EffectorPoint effector_point(const Angles& angle, const Angles& rate) const;
   [[nodiscard]] Output output(const State& s) const;
   [[nodiscard]] V2 effector(const Angles& angle) const;
   [[nodiscard]] V2 effector_rate(const Angles& angle, const Angles& rate) const;
@@ -206,7 +212,7 @@ class RrPlant {
   [[nodiscard]] Angles acceleration(const Angles& angle, const Angles& rate, const Joints& torque) const;
   [[nodiscard]] Angles response(const Angles& angle, const Joints& torque) const;
   void project(Angles&, Angles&) const {}
-  [[nodiscard]] Joints effector_load(const Angles& angle, V2 force) const;
+  [[nodiscard]] EffectorPoint effector_point(const Angles& angle, const Angles& rate) const;
   [[nodiscard]] Output output(const State& s) const;
   [[nodiscard]] V2 effector(const Angles& angle) const;
   [[nodiscard]] V2 effector_rate(const Angles& angle, const Angles& rate) const;

@@ -116,11 +116,11 @@ class LoadedSystem : public MechanismState<Plant, Drivetrain::most_states * Plan
     }
     for (const auto& load : attached_->loads.joint) load->add(theta, w, torque);
     if (!attached_->loads.effector.empty()) {
-      const V2 p = this->plant().effector(angle), v = this->plant().effector_rate(angle, rate);
+      const EffectorPoint at_tip = this->plant().effector_point(angle, rate);
       V2 force;
-      for (const auto& load : attached_->loads.effector) force = force + load->force(p, v);
-      const Joints pull = this->plant().effector_load(angle, force);
-      for (std::size_t i = 0; i < torque.size(); ++i) torque[i] += pull[i];
+      for (const auto& load : attached_->loads.effector)
+        force = force + load->force(at_tip.position, at_tip.rate);
+      for (std::size_t i = 0; i < 2; ++i) torque[i] += dot(at_tip.torque_per_force[i], force);
     }
     this->mechanism_slope(angle, rate, torque, dy);
   }

@@ -1,5 +1,6 @@
-/// usage: rhs_cost STEPS. Moves a mechanism without effects, for callgrind to count the instructions. Built
-/// twice: with the whole library and its effects (Motion), and without the files of the effects.
+/// usage: rhs_cost STEPS [SCENE EFFECT]. Moves a mechanism, for callgrind to count the instructions. Built
+/// twice: with the whole library and its effects (Motion), and without the files of the effects. EFFECT: the
+/// inside of its TOML table.
 
 #include <cstdio>
 #include <cstdlib>
@@ -8,6 +9,7 @@
 #include "host_sim/plant/engine.hpp"
 #else
 #include "host_sim/plant/motion.hpp"
+#include "host_sim/scene/scene.hpp"
 #endif
 
 int main(int argc, char** argv) {
@@ -30,7 +32,9 @@ int main(int argc, char** argv) {
   engine->get(y, rate);
   std::printf("%a %a %a %a\n", y[0], y[1], y[2], y[3]);
 #else
-  Motion<FiveBarPlant> motion({plant, plant, {}, {0, 2}, Method::rk4}, start);
+  std::vector<Effect> effects;
+  if (argc > 3) effects = read_scene(argv[2], {"effects=[{" + std::string(argv[3]) + "}]"}).effects;
+  Motion<FiveBarPlant> motion({plant, plant, effects, {0, 2}, Method::rk4}, start);
   motion.advance(0.0, steps * 1e-4, steps, torque);
   const auto& y = motion.state().angle;
   std::printf("%a %a %a %a\n", y[0], y[1], y[2], y[3]);
