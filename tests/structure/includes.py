@@ -9,7 +9,9 @@
   firmware/safety       std, safety
   firmware/drive        std, hal/*.hpp, drive
   firmware/cycle        std, Eigen (through types), all firmware, hal/*.hpp
-  host_sim, not commands   never the controller: of firmware only types, numeric, parameters and the wire format
+  host_sim/studies      std, host_sim without commands, of firmware types, numeric, mechanism: more mechanisms from the same parts
+  host_sim, else not commands   never the controller: of firmware only types, numeric, parameters and the wire format;
+                        of studies only the concept of a system
   nothing in firmware or hal includes host_sim, boards or tests; nothing in host_sim includes tests
 """
 
@@ -36,7 +38,8 @@ RULES = [
     ("firmware/safety", True, rf"{STD}|firmware/safety/.*"),
     ("firmware/drive", True, rf"{STD}|{HAL}|firmware/drive/.*"),
     ("firmware/cycle", True, rf"{STD}|{HAL}|firmware/.*"),
-    ("host_sim", False, rf"<.*>|hal/.*|host_sim/.*|{SHARED}"),
+    ("host_sim", False, rf"<.*>|hal/.*|host_sim/(?!studies/(?!system\.hpp)).*|{SHARED}"),
+    ("host_sim/studies", True, rf"{MODEL}|host_sim/(?!commands/).*"),
     ("host_sim/commands", True, r"<.*>|hal/.*|host_sim/.*|firmware/.*"),
 ]
 NEVER_EIGEN = ("hal", "firmware/safety", "firmware/drive", "firmware/numeric")
@@ -52,7 +55,7 @@ def files(root, folder, below):
 
 def host_folders(root):
     """Every other folder of host_sim follows the rule of its top level, those that do not exist yet included."""
-    named = {"commands"}
+    named = {"commands", "studies"}
     return sorted(f"host_sim/{d.name}" for d in (root / "host_sim").glob("*") if d.is_dir() and d.name not in named)
 
 
@@ -126,6 +129,10 @@ def self_test(root):
         ("host_sim/plant/plant.hpp", '#include "firmware/drive/odrive_axis.hpp"'),
         ("host_sim/scene/scene.hpp", '#include "firmware/safety/guards.hpp"'),
         ("host_sim/error.hpp", '#include "firmware/cycle/cycle.hpp"'),
+        ("host_sim/plant/plant.hpp", '#include "host_sim/studies/closed_chains.hpp"'),
+        ("host_sim/studies/system.hpp", '#include "firmware/control/law.hpp"'),
+        ("host_sim/studies/system.hpp", '#include "host_sim/commands/run.hpp"'),
+        ("host_sim/studies/system.hpp", "#include <Eigen/LU>"),
         ("host_sim/commands/eval.hpp", '#include "tests/support/fake_bus.hpp"'),
     ]
     failed = 0

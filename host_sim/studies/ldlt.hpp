@@ -1,0 +1,53 @@
+#pragma once
+/// Factors of a small symmetric positive definite matrix, unrolled.
+
+#include "firmware/types.hpp"
+
+namespace esmc::host {
+
+/// L D L^T of an N x N matrix, of which the lower triangle is read.
+template <int N>
+class Ldlt {
+ public:
+  using Matrix = Mat<double, N, N>;
+  using Vector = Vec<double, N>;
+
+  Ldlt() = default;
+  explicit Ldlt(const Matrix& s) {
+    unroll<N>([&](auto j) {
+      double pivot = s.coeff(j, j);
+      Vector scaled;  // row j of L times D
+      unroll<j>([&](auto k) {
+        scaled[k] = l_[j][k] * d_[k];
+        pivot -= scaled[k] * l_[j][k];
+      });
+      d_[j] = pivot;
+      inverse_[j] = 1.0 / pivot;
+      unroll<N - 1 - j>([&](auto below) {
+        constexpr int i = j + 1 + below;
+        double v = s.coeff(i, j);
+        unroll<j>([&](auto k) { v -= l_[i][k] * scaled[k]; });
+        l_[i][j] = v * inverse_[j];
+      });
+    });
+  }
+
+  /// What the rows before it leave of diagonal entry i; not positive, or NaN: singular.
+  [[nodiscard]] double pivot(int i) const { return d_[i]; }
+
+  [[nodiscard]] Vector solve(Vector b) const {
+    unroll<N>([&](auto i) { unroll<i>([&](auto k) { b[i] -= l_[i][k] * b[k]; }); });
+    unroll<N>([&](auto i) { b[i] *= inverse_[i]; });
+    unroll<N>([&](auto up) {
+      constexpr int i = N - 1 - up;
+      unroll<up>([&](auto k) { b[i] -= l_[i + 1 + k][i] * b[i + 1 + k]; });
+    });
+    return b;
+  }
+
+ private:
+  List<List<double, N>, N> l_;
+  Vector d_, inverse_;
+};
+
+}  // namespace esmc::host
