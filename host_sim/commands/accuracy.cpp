@@ -8,7 +8,7 @@
 
 #include "host_sim/commands/output.hpp"
 #include "host_sim/error.hpp"
-#include "host_sim/studies/plot.hpp"
+#include "host_sim/report/study_page.hpp"
 
 namespace esmc::host {
 namespace {
@@ -39,7 +39,7 @@ Rows order_rows(const Study& s) {
   for (const OrderFound& o : s.work.orders) {
     rows.push_back({o.problem, o.method, std::to_string(o.order),
                     o.judged() ? fmt::format("{:.2f}", o.found) : "",
-                    !o.judged() ? "not settled above rounding" : (o.holds() ? "holds" : "MISSED")});
+                    !o.judged() ? "none: not settled, or not smooth" : (o.holds() ? "holds" : "MISSED")});
   }
   return rows;
 }

@@ -5,6 +5,7 @@
 #include "host_sim/commands/accuracy.hpp"
 #include "host_sim/plant/kinematics.hpp"
 #include "host_sim/plant/system.hpp"
+#include "host_sim/studies/problems.hpp"
 
 namespace esmc::host {
 namespace {
@@ -21,6 +22,20 @@ void plant_problem(const std::string& name, const Plant& plant, const typename P
   integrate_track(p, fine);
   p.reference = p.track.back();
   if (golden != nullptr) Sys::put(p.reference, golden->angle, golden->rate);
+  work_precision(p, first_steps, most_steps, out);
+}
+
+/// A problem of studies/. `known`: positions at the end, from elsewhere; empty: finely integrated.
+template <class S>
+void known_problem(const std::string& name, const S& system, double end, const std::vector<double>& known,
+                   int fine, int first_steps, long most_steps, double rounding, bool smooth,
+                   WorkPrecision& out) {
+  Problem<S> p{name, &system, system.start(), end};
+  p.rounding = rounding;
+  p.smooth = smooth;
+  integrate_track(p, fine);
+  p.reference = p.track.back();
+  for (std::size_t i = 0; i < known.size(); ++i) p.reference[i] = known[i];
   work_precision(p, first_steps, most_steps, out);
 }
 
@@ -64,6 +79,17 @@ WorkPrecision integrator_study(double effort) {
                                            1.31276054418215195822, 1.48475269532538599760},
                                           {0, 0, 0, 0}),
                 0.25, {}, 64, 32, budget, out, &golden);
+  // B1 to B3: references of the literature, recomputed in quadruple precision. Of B2 only the position of B0
+  // is known: the angle of its rod.
+  known_problem("B1 Andrews, 0.03 s", Andrews(), 0.03,
+                {15.81077119515370709711938, -15.75637105841183946972777, 0.04082224011964580485828232,
+                 0.5244099658799540693716556, -0.5347301163420795937701850, 1.048080741041937873068515,
+                 0.5347301163420795937701850},
+                200, 160, budget, 1e-14, true, out);
+  known_problem("B2 two four-bars, 20 s", TwoFourBars(), 20.0, {}, 1000, 400, budget, 2e-13, false, out);
+  known_problem("B3 pendulum, 10 s", Pendulum(), 10.0,
+                {-0.275087462576116860054391, -0.961419205099125064265135}, 400, 80, budget, 1e-14, true,
+                out);
   return out;
 }
 

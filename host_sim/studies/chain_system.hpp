@@ -2,7 +2,7 @@
 /// Closed chains as a System.
 
 #include "host_sim/studies/closed_chains.hpp"
-#include "host_sim/studies/system.hpp"
+#include "host_sim/integrate/system.hpp"
 
 namespace esmc::host {
 

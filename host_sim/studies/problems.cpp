@@ -101,13 +101,14 @@ FiveBarPlant::State FallingFiveBar::unpack(const State& y) {
 }
 
 void FallingFiveBar::slope(double, const State& y, State& dy) const {
-  const auto a = plant_.acceleration(unpack(y), {});
+  const FiveBarPlant::State s = unpack(y);
+  const auto a = plant_.acceleration(s.angle, s.rate, {});
   dy = {y[4], y[5], y[6], y[7], a[0], a[1], a[2], a[3]};
 }
 
 void FallingFiveBar::project(State& y) const {
   FiveBarPlant::State s = unpack(y);
-  plant_.project(s);
+  plant_.project(s.angle, s.rate);
   for (std::size_t i = 0; i < positions; ++i) {
     y[i] = s.angle[i];
     y[positions + i] = s.rate[i];

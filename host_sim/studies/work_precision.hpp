@@ -52,6 +52,7 @@ struct Problem {
   double end;                     ///< s
   typename S::State reference{};  ///< positions at `end`; the other entries are not looked at
   double rounding = 2e-15;        ///< errors up to some times this tell nothing of an order
+  bool smooth = true;             ///< false: passes a place where theory promises no order; none is judged
   std::array<typename S::State, instants> track{};  ///< the way there, finely integrated; for the orders only
 };
 
@@ -170,8 +171,9 @@ void fixed_steps(const Problem<S>& p, int first_steps, long most_steps, WorkPrec
     if (std::isfinite(rms)) track_error.emplace_back(h, rms);
     if (rms < 3.0 * p.rounding) break;
   }
-  out.orders.push_back(
-      {p.name, Method::name, Method::order, order_of(track_error, Method::order, p.rounding)});
+  out.orders.push_back({p.name, Method::name, Method::order,
+                        p.smooth ? order_of(track_error, Method::order, p.rounding)
+                                 : std::numeric_limits<double>::quiet_NaN()});
 }
 
 template <class Method, class S>

@@ -1,4 +1,4 @@
-#include "host_sim/studies/plot.hpp"
+#include "host_sim/report/study_page.hpp"
 
 #include <fmt/format.h>
 
