@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <cctype>
 #include <cstdio>
 #include <map>
 #include <nlohmann/json.hpp>
@@ -89,7 +90,8 @@ Rows effect_rows(const Study& s) {
   return rows;
 }
 
-std::string figures(const Study& s) {
+/// One figure per problem: name of the problem, drawing.
+std::vector<std::pair<std::string, std::string>> figures(const Study& s) {
   std::map<std::string, std::vector<Series>> by_problem;
   std::vector<std::string> problems;
   for (const WorkPoint& p : s.work.points) {
@@ -99,9 +101,21 @@ std::string figures(const Study& s) {
     if (at->second.empty() || at->second.back().name != label) at->second.push_back({label, {}});
     at->second.back().points.emplace_back(p.cpu_ms, p.error);
   }
+  std::vector<std::pair<std::string, std::string>> out;
+  for (const std::string& p : problems) {
+    out.emplace_back(p, log_log_svg(p, "CPU time, ms", "error at the end", by_problem[p]));
+  }
+  return out;
+}
+
+/// "B1 Andrews, 0.03 s" -> "b1_andrews"
+std::string file_name(const std::string& problem) {
   std::string out;
-  for (const std::string& p : problems)
-    out += log_log_svg(p, "CPU time, ms", "error at the end", by_problem[p]);
+  for (const char c : problem.substr(0, problem.find(','))) {
+    out += std::isalnum(static_cast<unsigned char>(c)) != 0
+               ? static_cast<char>(std::tolower(static_cast<unsigned char>(c)))
+               : '_';
+  }
   return out;
 }
 
@@ -166,7 +180,11 @@ void write_files(const Study& s, const AccuracyOptions& o, OutputDirectory& out)
   out.write("tracking.csv", csv_table(tracking_rows(s)));
   out.write("effects.csv", csv_table(effect_rows(s)));
   out.write("accuracy.json", document(s).dump(2) + "\n");
-  std::string page = figures(s), markdown;
+  std::string page, markdown;
+  for (const auto& [problem, drawing] : figures(s)) {
+    page += drawing;
+    out.write("work_" + file_name(problem) + ".svg", standalone(drawing));
+  }
   for (const auto& [title, rows] : sections(s)) {
     page += "<h2>" + title + "</h2>" + html_table(rows);
     markdown += "### " + title + "\n\n" + markdown_table(rows) + "\n";

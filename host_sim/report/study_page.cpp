@@ -80,7 +80,8 @@ std::string log_log_svg(const std::string& title, const std::string& x_label, co
   };
   const Axis x = axis(x0, x1, left, width - right), y = axis(y0, y1, height - bottom, top);
   std::string out = fmt::format(
-      "<svg viewBox='0 0 {} {}' role='img' aria-label='{}'><text x='{}' y='20' class='title'>{}</text>",
+      "<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 {} {}' role='img' aria-label='{}'><text x='{}' "
+      "y='20' class='title'>{}</text>",
       width, height, escaped(title), left, escaped(title));
   const auto ticks = [&](const Axis& a, bool horizontal) {
     const int every = std::max(1, (a.last - a.first + 7) / 8);
@@ -123,6 +124,15 @@ std::string log_log_svg(const std::string& title, const std::string& x_label, co
   return out + "</svg>\n";
 }
 
+std::string standalone(const std::string& svg) {
+  const std::string head = "<svg ";
+  if (!svg.starts_with(head)) return svg;
+  return "<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 640 400' "
+         "style='background:#fff;color:#222;font:12px sans-serif'><style>.grid{stroke:#222;"
+         "opacity:.15}.title{font-size:14px;font-weight:600}text{fill:#222}</style>" +
+         svg + "</svg>\n";
+}
+
 std::string study_page(const std::string& title, const std::string& command, const std::string& body) {
   return fmt::format(
       "<!doctype html><html lang='en'><meta charset='utf-8'><meta name='viewport' "
@@ -131,7 +141,7 @@ std::string study_page(const std::string& title, const std::string& command, con
       "auto;max-width:60em;padding:0 1em}}"
       "svg{{width:100%;max-width:46em;font-size:12px;fill:currentColor}}.title{{font-size:14px;font-weight:"
       "600}}"
-      ".grid{{stroke:currentColor;opacity:.15}}table{{border-collapse:collapse;font-variant-numeric:tabular-"
+      ".grid{{stroke:currentColor;opacity:.15}}.wide{{overflow-x:auto}}table{{border-collapse:collapse;font-variant-numeric:tabular-"
       "nums;margin:1em 0}}"
       "td,th{{padding:.15em .7em;border-bottom:1px solid "
       "#8885;text-align:right}}td:first-child,th:first-child{{text-align:left}}"
@@ -140,14 +150,14 @@ std::string study_page(const std::string& title, const std::string& command, con
 }
 
 std::string html_table(const std::vector<std::vector<std::string>>& rows) {
-  std::string out = "<table>";
+  std::string out = "<div class='wide'><table>";
   for (std::size_t r = 0; r < rows.size(); ++r) {
     out += "<tr>";
     for (const std::string& cell : rows[r])
       out += fmt::format("<{0}>{1}</{0}>", r == 0 ? "th" : "td", escaped(cell));
     out += "</tr>\n";
   }
-  return out + "</table>\n";
+  return out + "</table></div>\n";
 }
 
 std::string markdown_table(const std::vector<std::vector<std::string>>& rows) {

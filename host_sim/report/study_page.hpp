@@ -16,6 +16,9 @@ struct Series {
 std::string log_log_svg(const std::string& title, const std::string& x_label, const std::string& y_label,
                         const std::vector<Series>& series);
 
+/// A figure as a file of its own, on white.
+std::string standalone(const std::string& svg);
+
 /// A page around figures and tables that needs nothing but a browser.
 std::string study_page(const std::string& title, const std::string& command, const std::string& body);
 
