@@ -30,6 +30,9 @@ struct V2 {
 template <std::size_t N>
 [[nodiscard]] inline SinCosLanes<double, N> directions(const std::array<double, N>& angle) {
   SinCosLanes<double, N> d = sin_cos(angle);
+  bool known = true;
+  for (std::size_t i = 0; i < N; ++i) known = known & (d.sin[i] == d.sin[i]);
+  if (known) return d;
   for (std::size_t i = 0; i < N; ++i) {
     if (d.sin[i] == d.sin[i]) continue;
     d.sin[i] = std::sin(angle[i]);
