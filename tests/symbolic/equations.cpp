@@ -2,6 +2,8 @@
 // firmware/mechanism make them of symbols. Nothing is typed in but the names.
 
 #include <array>
+#include <cstdio>
+#include <exception>
 #include <iostream>
 
 #include "firmware/mechanism/matrices.hpp"
@@ -89,8 +91,7 @@ void print_five_bar() {
     const Laurent first = of("t" + j + "1"), second = of("t" + j + "2");
     trigonometry().insert(trigonometry().end(),
                           {{first, j + "1"}, {second, j + ",2"}, {first + second, j + ",12"}});
-    theta[2 * i] = first;
-    theta[2 * i + 1] = second;
+    theta.segment<2>(Eigen::Index{2} * i) << first, second;
     add_leg_channels(p, j);
   }
   const auto pose = m.pose(theta);
@@ -113,7 +114,7 @@ void print_five_bar() {
 }  // namespace
 }  // namespace esmc::test
 
-int main() {
+int main() try {
   std::cout << "# Derived equations\n\n"
                "Generated: `tests/symbolic/equations.cpp` sends symbols through the templates of "
                "`firmware/mechanism/` and\n"
@@ -122,4 +123,8 @@ int main() {
                "misprints. Notation: [theory.md](theory.md).\n\n";
   esmc::test::print_rr();
   esmc::test::print_five_bar();
+  return 0;
+} catch (const std::exception& e) {
+  std::fputs(e.what(), stderr);
+  return 1;
 }

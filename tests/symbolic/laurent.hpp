@@ -82,7 +82,9 @@ class Laurent {
       for (const auto& [s, e] : p) append(one, power(s, e));
       const double size = f < 0 ? -f : f;
       if (size != 1 || (one.empty() && (rest.size() > 1 || above.empty()))) {
-        one = number(size) + (one.empty() ? "" : " " + one);
+        std::string counted = number(size);
+        append(counted, one);
+        one = counted;
       }
       const bool minus = (f < 0) != negative;
       sum += sum.empty() ? one : (minus ? " - " : " + ") + one;
