@@ -11,16 +11,23 @@
 namespace esmc {
 
 /// A point mass that all legs hold: q0 = (x, y), every leg is attached to the point itself.
+///
+/// What Coupling asks of a platform, leg by leg, is here. A platform with bodies to turn has a Pose that says how
+/// it lies, and `turns`: its attachment points then accelerate by `attachment_bias` at constant rates.
 template <class S>
 struct PointMass {
   static constexpr int dof = 2;
   static constexpr int channels = 2;
+  static constexpr bool turns = false;
+  struct Pose {};
   S mass{};
   S gravity{};
 
-  [[nodiscard]] static Vec2<S> attachment_rate(int, const Vec2<S>& v) { return v; }
-  [[nodiscard]] static Vec2<S> attachment_force(int, const Vec2<S>& f) { return f; }
+  [[nodiscard]] static Vec2<S> attachment_rate(const Pose&, int, const Vec2<S>& v) { return v; }
+  /// Transpose of attachment_rate: what a force on the attachment point does to p0#.
+  [[nodiscard]] static Vec2<S> attachment_force(const Pose&, int, const Vec2<S>& f) { return f; }
   [[nodiscard]] Vec2<S> force(const Vec2<S>& v) const { return {mass * v.x(), mass * (v.y() + gravity)}; }
+  [[nodiscard]] Vec2<S> weight() const { return Vec2<S>::Constant(mass); }  ///< diagonal of M_0
 };
 
 /// How the frame of a leg lies in N: its origin, and whether it is mirrored (x to the left, angles clockwise).
@@ -66,6 +73,7 @@ class Coupling {
 
   struct LegPoses {
     List<typename Leg::Pose, Legs> leg{};
+    [[no_unique_address]] typename Platform::Pose platform{};
   };
 
   Coupling() = default;
@@ -81,7 +89,7 @@ class Coupling {
   [[nodiscard]] Rates chain_rates(const LegPoses& p, const Independent& platform) const {
     Rates out{platform, {}};
     unroll<Legs>([&](auto j) {
-      out.leg[j] = leg_[j].tip_inverse(p.leg[j], frame_[j].to_leg(Platform::attachment_rate(j, platform)));
+      out.leg[j] = leg_[j].tip_inverse(p.leg[j], frame_[j].to_leg(platform_.attachment_rate(p.platform, j, platform)));
     });
     return out;
   }
@@ -91,9 +99,14 @@ class Coupling {
                                           const Independent& platform) const {
     Rates out{platform, {}};
     unroll<Legs>([&](auto j) {
-      const Vec2<S> tip = frame_[j].to_leg(Platform::attachment_rate(j, platform)) -
+      const Vec2<S> tip = frame_[j].to_leg(platform_.attachment_rate(p.platform, j, platform)) -
                           leg_[j].tip_bias(p.leg[j], rates.leg[j], rates.leg[j]);
-      out.leg[j] = leg_[j].tip_inverse(p.leg[j], tip);
+      if constexpr (Platform::turns) {
+        const Vec2<S> drift = platform_.attachment_bias(p.platform, j, rates.platform, rates.platform);
+        out.leg[j] = leg_[j].tip_inverse(p.leg[j], tip + frame_[j].to_leg(drift));
+      } else {
+        out.leg[j] = leg_[j].tip_inverse(p.leg[j], tip);
+      }
     });
     return out;
   }
@@ -103,7 +116,13 @@ class Coupling {
   [[nodiscard]] Rates chain_bias(const LegPoses& p, const Rates& a, const Rates& b) const {
     Rates out{Independent::Zero(), {}};
     unroll<Legs>([&](auto j) {
-      out.leg[j] = leg_[j].tip_inverse(p.leg[j], -leg_[j].tip_bias(p.leg[j], a.leg[j], b.leg[j]));
+      if constexpr (Platform::turns) {
+        const Vec2<S> drift = platform_.attachment_bias(p.platform, j, a.platform, b.platform);
+        out.leg[j] = leg_[j].tip_inverse(
+            p.leg[j], frame_[j].to_leg(drift) - leg_[j].tip_bias(p.leg[j], a.leg[j], b.leg[j]));
+      } else {
+        out.leg[j] = leg_[j].tip_inverse(p.leg[j], -leg_[j].tip_bias(p.leg[j], a.leg[j], b.leg[j]));
+      }
     });
     return out;
   }
@@ -147,7 +166,7 @@ class Coupling {
   /// Diagonal of M.
   [[nodiscard]] Channels mass() const {
     Channels out;
-    out.template head<Platform::channels>().setConstant(platform_.mass);
+    out.template head<Platform::channels>() = platform_.weight();
     unroll<Legs>([&](auto j) { out.template segment<Leg::channels>(row_leg(j)) = leg_[j].mass(); });
     return out;
   }
@@ -166,7 +185,7 @@ class Coupling {
                                    const List<typename Leg::Joints, Legs>& tau) const {
     Independent out = w0;
     unroll<Legs>([&](auto j) {
-      out += Platform::attachment_force(j, frame_[j].from_leg(leg_[j].tip_force(p.leg[j], tau[j])));
+      out += platform_.attachment_force(p.platform, j, frame_[j].from_leg(leg_[j].tip_force(p.leg[j], tau[j])));
     });
     return out;
   }

@@ -11,6 +11,7 @@
 #include "hal/virtual/virtual_bus.hpp"
 #include "host_sim/plant/kinematics.hpp"
 #include "host_sim/plant/motion.hpp"
+#include "tests/benchmarks/straight_line.hpp"
 
 namespace esmc {
 namespace {
@@ -171,6 +172,18 @@ void plant_kkt(benchmark::State& state) {
   }
 }
 
+/// The same accelerations from generated code in minimal coordinates: a yardstick, which type 2 breaks.
+void plant_straight_line(benchmark::State& state) {
+  const test::StraightLine straight(five_bar<double>);
+  const auto s = plant_start();
+  auto theta = host::FiveBarPlant::joint_angles(s.angle);
+  const auto rate = host::FiveBarPlant::joint_rates(s.rate);
+  for (auto _ : state) {
+    benchmark::DoNotOptimize(theta);
+    benchmark::DoNotOptimize(straight(theta, {rate[0], rate[2]}, {0.1, 0.0, -0.1, 0.0}));
+  }
+}
+
 void plant_step(benchmark::State& state) {
   const host::FiveBarPlant plant(five_bar<double>);
   host::Motion<host::FiveBarPlant> motion({plant, plant, {}, {0, 2}, host::Method::rk4}, plant_start());
@@ -204,6 +217,7 @@ int main(int argc, char** argv) {
   add_ticks<LawKind::ctc>("ctc");
   add_ticks<LawKind::pd>("pd");
   benchmark::RegisterBenchmark("plant/five_bar/kkt/double", plant_kkt);
+  benchmark::RegisterBenchmark("plant/five_bar/straight_line/double", plant_straight_line);
   benchmark::RegisterBenchmark("plant/five_bar/step_rk4/double", plant_step);
   benchmark::Initialize(&argc, argv);
   if (benchmark::ReportUnrecognizedArguments(argc, argv)) return 2;
