@@ -191,7 +191,8 @@ class Controller {
     m.abs_sin_type1 = M::min_abs_sin_type1(e.pose);
     // Four motors hold the mechanism at type 2 as well, if the state is measured there and not computed.
     const bool regular = config_.motors == Motors::all && config_.sensors == Sensors::all;
-    m.abs_sin_type2 = regular ? S(1) : M::abs_sin_type2(e.pose);
+    // Otherwise the other assembly mode is as bad as type 2 itself, which lies between: the law may even rest there.
+    m.sin_type2 = regular ? S(1) : M::sin_type2_in_mode(e.pose, config_.mode);
     m.closure = e.closure;
     m.x = e.pose.effector.x();
     m.y = e.pose.effector.y();

@@ -143,6 +143,8 @@ class FiveBar : public Coupling<S, PointMass<S>, Dyad<S>, 2> {
   }
 
   [[nodiscard]] static S abs_sin_type2(const Pose& p) { return magnitude(p.sin_type2); }
+  /// D2 counted from type 2 towards the assembly mode: negative in the other one.
+  [[nodiscard]] static S sin_type2_in_mode(const Pose& p, const Mode& mode) { return p.sin_type2 * S(mode.assembly); }
   [[nodiscard]] static bool in_working_mode(const Pose& p, const Mode& mode) {
     return sin_type1(p, 0) * S(mode.working[0]) > S(0) && sin_type1(p, 1) * S(mode.working[1]) > S(0);
   }

@@ -54,6 +54,7 @@ class Rr {
   static S min_abs_sin_type1(const Pose& p) { return sin_type1(p) < S(0) ? -sin_type1(p) : sin_type1(p); }
 
   [[nodiscard]] static S abs_sin_type2(const Pose&) { return S(1); }
+  [[nodiscard]] static S sin_type2_in_mode(const Pose&, const Mode&) { return S(1); }
   [[nodiscard]] static bool in_working_mode(const Pose& p, const Mode& mode) {
     return sin_type1(p) * S(mode.working) > S(0);
   }

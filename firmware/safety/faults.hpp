@@ -17,7 +17,7 @@ enum class [[nodiscard]] Fault : std::uint8_t {
   bus_off,                ///< our CAN controller left the bus
   loop_not_closed,        ///< the base angles fit no closed mechanism, or the passive encoders contradict them
   type1_singularity,      ///< |sin theta_j2| below min_abs_sin_type1
-  type2_singularity,      ///< |D2| below min_abs_sin_type2
+  type2_singularity,      ///< |D2| below min_abs_sin_type2, or the other assembly mode
   working_mode,           ///< a leg bends to the other side than the controller was told
   workspace,              ///< the effector left the allowed box
   joint_speed,            ///< a base joint turns faster than allowed

@@ -34,7 +34,7 @@ struct Limits {
 template <class S>
 struct Measured {
   S abs_sin_type1{};                 ///< smallest over the legs
-  S abs_sin_type2{};                 ///< 1 where there is no type 2 to guard (RR, or four motors)
+  S sin_type2{};                     ///< D2, > 0 in the assembly mode; 1 where nothing is to guard (RR, four motors)
   S closure{};                       ///< m, 0 without passive encoders
   S x{}, y{};                        ///< effector, m
   bool working_mode_kept = false;
@@ -50,7 +50,7 @@ constexpr Fault guard(const Limits<S>& limit, const Measured<S>& m) {
   }
   if (!(m.closure <= limit.closure)) return Fault::loop_not_closed;
   if (!(m.abs_sin_type1 >= limit.min_abs_sin_type1)) return Fault::type1_singularity;
-  if (!(m.abs_sin_type2 >= limit.min_abs_sin_type2)) return Fault::type2_singularity;
+  if (!(m.sin_type2 >= limit.min_abs_sin_type2)) return Fault::type2_singularity;
   if (!m.working_mode_kept) return Fault::working_mode;
   if (!limit.workspace_x.contains(m.x) || !limit.workspace_y.contains(m.y)) return Fault::workspace;
   return Fault::none;

@@ -200,7 +200,7 @@ class Guards : public testing::Test {
     return {
         {[](M& m) -> S& { return m.abs_sin_type1; }, around({type1}),
          [](S v) { return !std::isnan(v) && !std::isless(v, type1); }, Fault::type1_singularity},
-        {[](M& m) -> S& { return m.abs_sin_type2; }, around({type2}),
+        {[](M& m) -> S& { return m.sin_type2; }, around({type2}),
          [](S v) { return !std::isnan(v) && !std::isless(v, type2); }, Fault::type2_singularity},
         {[](M& m) -> S& { return m.closure; }, around({closure}),
          [](S v) { return !std::isnan(v) && !std::isgreater(v, closure); }, Fault::loop_not_closed},
