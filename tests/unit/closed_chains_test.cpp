@@ -74,7 +74,7 @@ TEST(ClosedChains, AccelerationsAreLagrangeWithMultipliers) {
     Chain<3> a;
     Chain<2> b;
     a.slides = {false, true, false};
-    a.gravity = b.gravity = 9.81;
+    a.gravity = b.gravity = Real(9.81);
     const Long first(bodies(r, a, true), 9.81);
     const Short second(bodies(r, b, false), 9.81);
     Mechanism::Mounting mounting;
@@ -125,7 +125,7 @@ TEST(ClosedChains, WithoutClosureTheChainsMoveByThemselves) {
     Random r(seed);
     Chain<3> a;
     a.slides = {false, true, false};
-    a.gravity = 9.81;
+    a.gravity = Real(9.81);
     const Long chain(bodies(r, a, true), 9.81);
     const Mechanism m(chain, {});
     Vec<double, 3> q = r.vector<double, 3>(2), v = r.vector<double, 3>(3);
