@@ -46,7 +46,7 @@ class Ldlt {
   }
 
  private:
-  List<List<double, N>, N> l_;
+  List<List<double, N>, N> l_{};  // below the diagonal
   Vector d_, inverse_;
 };
 

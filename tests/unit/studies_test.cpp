@@ -47,7 +47,7 @@ TEST(Andrews, StartsClosedAndReachesThePublishedState) {
   const auto y0 = p.start();
   EXPECT_LE(p.mechanism().gap(Andrews::position(y0)).cwiseAbs().maxCoeff(), 1e-16);
   EXPECT_EQ(p.mechanism().rank(Andrews::position(y0)), 6);
-  const auto y = extrapolated(p, 0.03, 4000);
+  const auto y = extrapolated(p, 0.03, 3000);
   const double phi = -0.5347301163420795937701850, phi_rate = 19.29337410503204083162756;
   const auto expect = [&](Andrews::Angle angle, double want, double want_rate) {
     EXPECT_NEAR(y[angle], want, 1e-12 * std::fmax(1, std::abs(want))) << angle;
@@ -136,7 +136,7 @@ TEST(TwoFourBars, ReachesTheComputedStatesThroughTheFlatOnes) {
                  {10, 0.328458111540815378652164, 0.944518538178600962161285},
                  {20, 0.839746574306843546539995, 0.542978536352884661594965}};
   for (const auto& w : want) {
-    const auto at = TwoFourBars::b0(extrapolated(p, w.t, static_cast<int>(500 * w.t)));
+    const auto at = TwoFourBars::b0(extrapolated(p, w.t, static_cast<int>(350 * w.t)));
     EXPECT_NEAR(at.x(), w.x, 5e-10) << w.t;
     EXPECT_NEAR(at.y(), w.y, 5e-10) << w.t;
   }
@@ -148,7 +148,7 @@ TEST(TwoFourBars, StepsMayFallOnTheLossOfRank) {
   struct Flat : TwoFourBars {
     [[nodiscard]] static State start() { return parallelogram(0.0, -3.0); }
   };
-  const auto y = extrapolated(Flat{}, 2.0, 1000), fine = rk4(Flat{}, 2.0, 20000);
+  const auto y = extrapolated(Flat{}, 2.0, 500), fine = rk4(Flat{}, 2.0, 8000);
   const auto energy = [](const auto& s) { return 1.5 * s[5] * s[5] + 3.5 * 9.81 * std::sin(s[0]); };
   EXPECT_NEAR(energy(y), energy(Flat::start()), 1e-9);
   EXPECT_NEAR(energy(fine), energy(Flat::start()), 1e-9);
@@ -180,7 +180,7 @@ TEST(FallingFiveBar, ReachesTheComputedStates) {
                   {-0.01349935527164578566, 0.06458494073116901118, -2.22637410112360593504,
                    3.73679171077824686325, 0.18873371917602579560, 2.68678616236967082441}}};
   for (const auto& w : want) {
-    const auto got = p.output(extrapolated(p, w.t, 4000));
+    const auto got = p.output(extrapolated(p, w.t, 2000));
     for (std::size_t i = 0; i < 6; ++i) EXPECT_NEAR(got.q[i], w.q[i], 1e-12) << w.t << " s, " << i;
   }
 }
