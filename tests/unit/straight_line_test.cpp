@@ -23,7 +23,8 @@ TEST(StraightLine, IsThePlant) {
       rate[i] = c.theta_rate[static_cast<int>(i)];
       torque[i] = r.in<double>(-3, 3);
     }
-    const auto a = plant.acceleration(host::FiveBarPlant::from_joints(theta, rate), torque);
+    const auto s = host::FiveBarPlant::from_joints(theta, rate);
+    const auto a = plant.acceleration(s.angle, s.rate, torque);
     const Vec<double, 4> want(a[0], a[1] - a[0], -a[2], a[2] - a[3]);
     const auto got = straight(theta, {rate[0], rate[2]}, torque);
     // At rest and without torque the weight alone: what a difference is measured against when forces cancel.
