@@ -1,6 +1,7 @@
 // Prints tests/benchmarks/straight_line.hpp: the forward dynamics of the five-bar in base-joint coordinates
 // [F23]-[F25], as a program without loops, from expressions sent through the templates of firmware/mechanism.
 
+#include <algorithm>
 #include <cstdio>
 #include <exception>
 #include <iostream>
@@ -48,24 +49,30 @@ class Program {
     }
     return out.str();
   }
-  /// Statements that compute everything else.
+  /// Statements that compute everything else: first the angles and, all at once as the plant does, their
+  /// sines.
   [[nodiscard]] std::string body() {
     std::ostringstream out;
+    std::vector<int> angles;
+    for (const int i : order_) {
+      const Node& n = graph()[at(i)];
+      if (fixed_[at(i)] || (n.op != Op::sine && n.op != Op::cosine)) continue;
+      if (std::find(angles.begin(), angles.end(), n.a) == angles.end()) angles.push_back(n.a);
+    }
+    for (const int i : angles) statement(i, out);
+    out << "    const auto a = sin_cos(std::array<double, " << angles.size() << ">{";
+    for (std::size_t k = 0; k < angles.size(); ++k) out << (k == 0 ? "" : ", ") << name(angles[k]);
+    out << "});\n";
     for (const int i : order_) {
       const Node& n = graph()[at(i)];
       if (fixed_[at(i)] || !computed(n)) continue;
       ++operations_;
       if (n.op == Op::sine || n.op == Op::cosine) {
-        std::string& pair = pairs_[n.a];
-        if (pair.empty()) {
-          pair = "a" + std::to_string(pairs_.size());
-          out << "    const SinCos<double> " << pair << " = sin_cos(" << name(n.a) << ");\n";
-        }
-        name_[at(i)] = pair + (n.op == Op::sine ? ".sin" : ".cos");
+        const auto k = std::find(angles.begin(), angles.end(), n.a) - angles.begin();
+        name_[at(i)] = std::string("a.") + (n.op == Op::sine ? "sin[" : "cos[") + std::to_string(k) + "]";
         continue;
       }
-      number(i, "t");
-      out << "    const double " << name_[at(i)] << " = " << right_side(i) << ";\n";
+      statement(i, out);
     }
     return out.str();
   }
@@ -105,6 +112,15 @@ class Program {
   void keep(int i) {
     if (fixed_[at(i)] && graph()[at(i)].op != Op::constant) kept_[at(i)] = true;
   }
+  /// Computes node i, and before it what it is computed from, unless that is done already.
+  void statement(int i, std::ostringstream& out) {
+    const Node n = graph()[at(i)];
+    if (!computed(n) || !name_[at(i)].empty()) return;
+    statement(n.a, out);
+    if (binary(n)) statement(n.b, out);
+    number(i, "t");
+    out << "    const double " << name_[at(i)] << " = " << right_side(i) << ";\n";
+  }
   void number(int i, const std::string& letter) {
     int& last = count_[letter];
     name_[at(i)] = letter + std::to_string(++last) + (letter == "k" ? "_" : "");
@@ -134,7 +150,6 @@ class Program {
   std::vector<int> order_;
   std::string members_;
   std::map<std::string, int> count_;
-  std::map<int, std::string> pairs_;
   int operations_ = 0;
 };
 
