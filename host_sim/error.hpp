@@ -3,6 +3,7 @@
 
 #include <stdexcept>
 #include <string>
+#include <string_view>
 
 namespace esmc::host {
 
@@ -18,5 +19,35 @@ class RunError : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
 };
+
+/// A state that is not finite any more: at a fixed step the end of the run, while searching for a step a
+/// reason to go on.
+class Diverged : public RunError {
+ public:
+  using RunError::RunError;
+};
+
+/// For a terminal: control characters, of a scene's name or a key, as escapes.
+inline std::string printable(std::string_view text) {
+  constexpr const char* digits = "0123456789abcdef";
+  std::string out;
+  for (std::size_t i = 0; i < text.size(); ++i) {
+    const auto c = static_cast<unsigned char>(text[i]),
+               next = static_cast<unsigned char>(i + 1 < text.size() ? text[i + 1] : 0);
+    const bool c1 = c == 0xC2U && next >= 0x80U && next <= 0x9FU;  // U+0080 to U+009F in UTF-8
+    if (c1) ++i;
+    const unsigned code = c1 ? next : c;
+    if (code == '\n') {
+      out += "\\n";
+    } else if (code == '\t') {
+      out += "\\t";
+    } else if (c1 || code < 0x20U || code == 0x7FU) {
+      out += {'\\', 'x', digits[code / 16U], digits[code % 16U]};
+    } else {
+      out += text[i];
+    }
+  }
+  return out;
+}
 
 }  // namespace esmc::host

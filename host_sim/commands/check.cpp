@@ -3,7 +3,9 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <limits>
 #include <nlohmann/json.hpp>
 #include <numbers>
 
@@ -27,6 +29,31 @@ struct Margins {
   std::string unreachable;                                  ///< when the reference cannot be followed
 };
 
+/// Where the run begins: the first tick is guarded like every other.
+struct Start {
+  double sin_type1 = 1.0, sin_type2 = 1.0;
+  std::array<double, 2> effector{}, base{}, rate{};
+};
+
+template <class World>
+Start start_of(const Scene& scene) {
+  using M = typename World::Mechanism;
+  const M m = make_mechanism(scene.mechanism, static_cast<M*>(nullptr));
+  Vec<double, M::joints> q;
+  for (int i = 0; i < M::joints; ++i) q[i] = scene.start_angle[static_cast<std::size_t>(i)];
+  const typename M::Pose p = m.pose(q);
+  Start s;
+  s.sin_type1 = M::min_abs_sin_type1(p);
+  s.sin_type2 = M::abs_sin_type2(p);
+  s.effector = {p.effector.x(), p.effector.y()};
+  for (std::size_t i = 0; i < 2; ++i) {
+    const auto joint = static_cast<std::size_t>(ControllerConfig<M>::joint_of(static_cast<int>(i), 2));
+    s.base[i] = scene.start_angle[joint];
+    s.rate[i] = scene.start_rate[joint];
+  }
+  return s;
+}
+
 /// Columns of check.csv: what the reference asks of each joint and motor, tick by tick.
 template <class World>
 std::vector<std::string> columns(const Scene& scene) {
@@ -48,6 +75,10 @@ Margins margins(const Scene& scene, Log& log) {
   Margins out;
   out.torque.assign(static_cast<std::size_t>(scene.motors()), 0.0);
   if (scene.reference.type == ReferenceType::none) return out;
+  Vec<double, M::joints> weight = Vec<double, M::joints>::Ones();  // of four motors, as the controller has it
+  if (scene.closed_loop())
+    weight =
+        make_controller<M>(scene, Pacing::lockstep, make_reference(scene, Pacing::lockstep)).torque_weight;
   FiveBarParams<double> truth = scene.mechanism;
   if (const auto f = find_effect<ViscousFriction>(scene.effects)) {
     for (std::size_t j = 0; j < 2; ++j) {
@@ -68,6 +99,7 @@ Margins margins(const Scene& scene, Log& log) {
   const std::uint32_t ticks = std::min<std::uint32_t>(tick_count(scene), 2'000'000U);
   std::vector<double> row;
   for (std::uint32_t n = 0; n < ticks; ++n) {
+    if (stop_requested()) throw RunError("interrupted");
     const Motion2<double> r = reference.at(n, scene.tick());
     const auto d = reference.space == ReferenceSpace::effector
                        ? desired_at_effector(m, mode, r.position, r.velocity, r.acceleration)
@@ -94,7 +126,7 @@ Margins margins(const Scene& scene, Log& log) {
     bool allocated = false;
     if constexpr (M::joints == 4) {
       if (scene.all_motors) {
-        tau = allocate_all(m, d->pose, w, Vec<double, 4>::Ones().eval());
+        tau = allocate_all(m, d->pose, w, weight);
         allocated = true;
       }
     }
@@ -130,6 +162,11 @@ class Findings {
   Json list_ = Json::array();
   bool refused_ = false;
 };
+
+/// With every joint driven and measured, type 2 is no singularity of the loop.
+bool guarded_type2(const Scene& s) {
+  return s.type == MechanismType::five_bar && !(s.all_motors && s.all_sensors);
+}
 
 /// How late, in ticks, a torque acts on what it was computed from.
 struct Delay {
@@ -186,7 +223,93 @@ void judge_gains(const Scene& s, Findings& f) {
   }
 }
 
-void judge(const Scene& s, const Margins& m, Findings& f) {
+void judge_start(const Scene& s, const Start& at, Findings& f) {
+  const auto beyond = [](double v, const std::array<double, 2>& allowed) {
+    return !(v >= allowed[0] && v <= allowed[1]);
+  };
+  if (!(at.sin_type1 >= s.limits.min_abs_sin_type1)) {
+    f.error(fmt::format("|sin theta_j2| = {:.3g} at the start, below limits.min_abs_sin_type1 = {}",
+                        at.sin_type1, s.limits.min_abs_sin_type1));
+  }
+  if (guarded_type2(s) && !(at.sin_type2 >= s.limits.min_abs_sin_type2)) {
+    f.error(fmt::format("|D2| = {:.3g} at the start, below limits.min_abs_sin_type2 = {}", at.sin_type2,
+                        s.limits.min_abs_sin_type2));
+  }
+  if (s.limits.workspace && (beyond(at.effector[0], (*s.limits.workspace)[0]) ||
+                             beyond(at.effector[1], (*s.limits.workspace)[1]))) {
+    f.error(fmt::format("the start ({:.3g}, {:.3g}) m is beyond limits.workspace", at.effector[0],
+                        at.effector[1]));
+  }
+  for (std::size_t i = 0; i < 2; ++i) {
+    if (s.limits.joint_angle && beyond(at.base[i], (*s.limits.joint_angle)[i])) {
+      f.error(
+          fmt::format("base joint {} starts at {:.3g} rad, beyond limits.joint_angle", i + 1, at.base[i]));
+    }
+    if (!(std::abs(at.rate[i]) <= s.limits.joint_speed)) {
+      f.error(fmt::format("base joint {} starts at {:.3g} rad/s, limits.joint_speed = {}", i + 1, at.rate[i],
+                          s.limits.joint_speed));
+    }
+  }
+}
+
+/// What an explicit method with a fixed step makes of stiff springs.
+void judge_step(const Scene& s, Findings& f) {
+  const auto stops = find_effect<EndStops>(s.effects);
+  const auto dry = find_effect<CoulombFriction>(s.effects);
+  const bool set_valued = (stops && !stops->stiffness) || (dry && dry->regularised == 0.0);
+  if (s.accuracy || set_valued || s.method == Method::radau5 || s.method == Method::moreau_jean) return;
+  double inertia = std::numeric_limits<double>::infinity();  // about its own joint, of the lightest bar
+  for (std::size_t j = 0; j < (s.type == MechanismType::five_bar ? 2U : 1U); ++j) {
+    const LegParams<double>& leg = s.mechanism.legs[j];
+    for (const double J : {leg.J1 + leg.m1 * leg.lg1 * leg.lg1, leg.J2 + leg.m2 * leg.lg2 * leg.lg2}) {
+      if (J > 0.0) inertia = std::min(inertia, J);
+    }
+  }
+  const double step = s.tick() / std::max(1.0, std::ceil(s.tick() / s.step - 1e-9));
+  const auto spring = [&](const char* what, double stiffness, double inverse_rotor) {
+    const double omega = std::sqrt(stiffness * (inverse_rotor + 1.0 / inertia));
+    if (step * omega <= 0.5) return;
+    f.warning(fmt::format(
+        "{} swings at about {:.3g} rad/s: integration steps of {:.2g} s are too long for {}, take at most "
+        "{:.2g} s, integrator = \"radau5\" or simulation.accuracy",
+        what, omega, step, name(s.method), 0.5 / omega));
+  };
+  const auto gear = find_effect<JointFlexibility>(s.effects);
+  if (gear) {
+    double omega2 = 0.0, stiffness = 0.0, inverse = 0.0;
+    for (std::size_t i = 0; i < static_cast<std::size_t>(s.motors()); ++i) {
+      const double own = gear->stiffness[i] * (1.0 / gear->rotor_inertia[i] + 1.0 / inertia);
+      if (own <= omega2) continue;
+      omega2 = own;
+      stiffness = gear->stiffness[i];
+      inverse = 1.0 / gear->rotor_inertia[i];
+    }
+    spring("joint_flexibility", stiffness, inverse);
+  }
+  if (const auto play = find_effect<Backlash>(s.effects); play && !gear)
+    spring("the contact of backlash", play->stiffness, 1.0 / play->rotor_inertia);
+  if (stops && stops->stiffness) spring("a joint at its end_stops", *stops->stiffness, 0.0);
+}
+
+/// Effects that act tick by tick have no place where there are no ticks.
+void judge_open_loop(const Scene& s, Findings& f) {
+  std::string idle;
+  for (const Effect& e : s.effects) {
+    const std::string type = type_name(e);
+    constexpr std::string_view ticked[] = {ThermalLimit::type, Jitter::type,      ComputeDelay::type,
+                                           Encoder::type,      SensorNoise::type, SensorBias::type,
+                                           SensorDelay::type};
+    if (std::ranges::find(ticked, type) != std::end(ticked)) idle += (idle.empty() ? "" : ", ") + type;
+  }
+  if (idle.empty()) return;
+  f.warning(fmt::format("without a controller there are no ticks and no readings: {} {} no effect", idle,
+                        idle.find(',') == std::string::npos ? "has" : "have"));
+}
+
+void judge(const Scene& s, const Start& at, const Margins& m, Findings& f) {
+  judge_step(s, f);
+  if (!s.closed_loop()) judge_open_loop(s, f);
+  if (s.closed_loop()) judge_start(s, at, f);
   if (!m.unreachable.empty()) {
     f.error(m.unreachable);
     return;
@@ -197,8 +320,7 @@ void judge(const Scene& s, const Margins& m, Findings& f) {
         fmt::format("|sin theta_j2| falls to {:.3g} along the reference, below limits.min_abs_sin_type1 = {}",
                     m.sin_type1, s.limits.min_abs_sin_type1));
   }
-  const bool guarded = s.type == MechanismType::five_bar && !(s.all_motors && s.all_sensors);
-  if (guarded && m.sin_type2 < s.limits.min_abs_sin_type2) {
+  if (guarded_type2(s) && m.sin_type2 < s.limits.min_abs_sin_type2) {
     f.error(fmt::format("|D2| falls to {:.3g} along the reference, below limits.min_abs_sin_type2 = {}",
                         m.sin_type2, s.limits.min_abs_sin_type2));
   }
@@ -243,7 +365,7 @@ int report(const Scene& scene, const RunOptions& o) {
   const Margins m = margins<World>(scene, log);
   log.close();
   Findings f;
-  judge(scene, m, f);
+  judge(scene, start_of<World>(scene), m, f);
   // Frames of 8 bytes: per tick an encoder estimate from every axis and a torque to every motor, and a
   // heartbeat from every axis each 10 ms.
   const auto axes = static_cast<double>(scene.drives.nodes.size());
@@ -283,7 +405,7 @@ int report(const Scene& scene, const RunOptions& o) {
   if (o.json) {
     fmt::print("{}\n", j.dump(2));
   } else {
-    fmt::print("{}: {}\n", scene.name,
+    fmt::print("{}: {}\n", printable(scene.name),
                f.refused()        ? "would not run through"
                : obstacle.empty() ? "fit to run"
                                   : "fit for sim, not for a bus: " + obstacle);

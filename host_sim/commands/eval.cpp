@@ -25,12 +25,24 @@ Reaching read_switch(const Node& n) {
   n.at("switch").fail("'esmc.switch' must be sign, sat or tanh");
 }
 
+/// A list of numbers that must be >= 0, or > 0.
+template <class S, int N>
+Vec<S, N> read_bounded(const Node& n, const char* key, bool positive) {
+  const Vec<S, N> v = n.vector<S, N>(key);
+  for (int i = 0; i < N; ++i) {
+    if (positive ? !(v[i] > S(0)) : !(v[i] >= S(0)))
+      n.at(key).fail(std::string("'esmc.") + key + "' must be " + (positive ? "> 0" : ">= 0"));
+  }
+  return v;
+}
+
 template <class M, class S = typename M::Scalar>
 Gains<M> read_gains(const Node& n) {
   Gains<M> g;
-  g.lambda = n.vector<S, M::channels>("lambda");
-  g.k = n.vector<S, M::channels>("k");
-  g.layer = n.has("eps") ? n.vector<S, M::channels>("eps") : M::Channels::Ones().eval();
+  g.lambda = read_bounded<S, M::channels>(n, "lambda", false);
+  g.k = read_bounded<S, M::channels>(n, "k", false);
+  const bool needed = read_switch(n) != Reaching::sign && n.has("eps");  // sgn s has no layer
+  g.layer = needed ? read_bounded<S, M::channels>(n, "eps", true) : M::Channels::Ones().eval();
   g.independent.lambda = g.lambda[0];
   g.independent.k = g.k[0];
   g.independent.layer = g.layer[0];
@@ -43,6 +55,38 @@ void require_valid(ParamError e, const Node& n) {
     n.fail(
         "'params' is not a possible mechanism: lengths > 0, masses and inertias >= 0, gravity >= 0, and "
         "every bar must resist turning");
+  }
+}
+
+/// The four joint angles and rates of a state must be those of its (x, y) and rates: two mechanisms in one
+/// case have no result. In double, so that single precision reads the same cases.
+void require_consistent(const Node& n, const FiveBarParams<double>& m, const List<int, 2>& working) {
+  constexpr double tolerance = 1e-6;  // of the mechanism's size, and of its speed
+  const Node state = n.at("state");
+  if (!state.has("theta")) return;
+  const Vec<double, 4> theta = state.vector<double, 4>("theta");
+  const bool rates = state.has("thetad");
+  const Vec<double, 4> w = rates ? state.vector<double, 4>("thetad") : Vec<double, 4>::Zero().eval();
+  const Vec2<double> x(state.number<double>("x"), state.number<double>("y"));
+  const Vec2<double> v(state.number<double>("xd"), state.number<double>("yd"));
+  for (unsigned j = 0; j < 2; ++j) {
+    const LegParams<double>& leg = m.legs[j];
+    const double side = j == 0 ? 1.0 : -1.0;  // leg 2 lives in a mirrored frame
+    const double a = theta[2 * j], b = a + theta[2 * j + 1], wa = w[2 * j], wb = wa + w[2 * j + 1];
+    const Vec2<double> tip(side * (m.l0 + leg.l1 * std::cos(a) + leg.l2 * std::cos(b)),
+                           leg.l1 * std::sin(a) + leg.l2 * std::sin(b));
+    const Vec2<double> rate(-side * (leg.l1 * std::sin(a) * wa + leg.l2 * std::sin(b) * wb),
+                            leg.l1 * std::cos(a) * wa + leg.l2 * std::cos(b) * wb);
+    const double size = m.l0 + leg.l1 + leg.l2;
+    const double speed = leg.l1 * std::abs(wa) + leg.l2 * std::abs(wb) + v.norm();
+    const std::string which = " of leg " + std::to_string(j + 1);
+    if (!((tip - x).norm() <= tolerance * size))
+      state.at("theta").fail("'state.theta'" + which + " does not lead to ('state.x', 'state.y')");
+    const double bend = std::sin(theta[2 * j + 1]);
+    if (std::abs(bend) > tolerance && (bend > 0.0) != (working[static_cast<int>(j)] > 0))
+      state.at("theta").fail("'state.theta'" + which + " does not bend as 'mode.sigma' says");
+    if (rates && !((rate - v).norm() <= tolerance * (speed + size)))
+      state.at("thetad").fail("'state.thetad'" + which + " does not lead to ('state.xd', 'state.yd')");
   }
 }
 
@@ -174,8 +218,8 @@ class FiveBarCase {
   using M = FiveBar<S>;
   explicit FiveBarCase(const Node& n) : n_(n) {
     const Node pn = n.at("params");
-    FiveBarParams<S> params{pn.number<S>("l0"), pn.number<S>("m0"), pn.number<S>("g"), {}};
-    for (unsigned j = 0; j < 2; ++j) params.legs[j] = read_leg<S>(pn.at("legs").at(j));
+    if (pn.at("legs").size() != 2) pn.at("legs").fail("'params.legs' must have 2 entries");
+    const auto params = read_params<S>(pn);
     require_valid<S>(check(params), n);
     m_ = M(params);
     for (int j = 0; j < 2; ++j)
@@ -185,6 +229,7 @@ class FiveBarCase {
     const Vec2<S> v(state.number<S>("xd"), state.number<S>("yd"));
     const auto closed = m_.inverse(x, sigma_);
     if (!closed) n.fail("'state.x', 'state.y' cannot be reached by both legs");
+    require_consistent(n, read_params<double>(pn), sigma_.working);
     inverse_ = *closed;
     theta_ = state.has("theta") ? state.vector<S, 4>("theta") : M::angles(inverse_);
     p_ = state.has("theta") ? m_.pose(theta_) : inverse_;
@@ -213,6 +258,12 @@ class FiveBarCase {
   }
 
  private:
+  template <class T>
+  static FiveBarParams<T> read_params(const Node& pn) {
+    FiveBarParams<T> params{pn.number<T>("l0"), pn.number<T>("m0"), pn.number<T>("g"), {}};
+    for (unsigned j = 0; j < 2; ++j) params.legs[j] = read_leg<T>(pn.at("legs").at(j));
+    return params;
+  }
   Json state() const {
     Json out;
     const auto closed = m_.forward(Vec2<S>(theta_[0], theta_[2]), n_.at("mode").at("assembly").sign());
@@ -364,6 +415,10 @@ std::string evaluate(const std::string& text, const std::string& file, ScalarTyp
     input = Json::parse(text);
   } catch (const Json::parse_error& e) {
     throw InputError(file + ":" + std::to_string(line_of(text, e.byte)), "not valid JSON");
+  } catch (const Json::exception& e) {  // valid, but not for a double
+    const std::string what = e.what();
+    throw InputError(file, "not usable JSON: " +
+                               what.substr(what.find("] ") == std::string::npos ? 0 : what.find("] ") + 2));
   }
   if (!input.is_object() || !input.contains("cases") || !input["cases"].is_array()) {
     throw InputError(file + ":1", "an object with an array \"cases\" is needed");

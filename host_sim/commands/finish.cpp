@@ -3,7 +3,6 @@
 #include <fmt/format.h>
 
 #include <cmath>
-#include <cstdio>
 #include <nlohmann/json.hpp>
 
 #include "host_sim/report/report.hpp"
@@ -48,6 +47,9 @@ void write_scene(const Scene& scene, const OutputDirectory& out) {
 int finish_run(const RunOptions& o, const Scene& scene, const char* kind, const Statistics& statistics,
                const RunEnd& end, Log& log, OutputDirectory& out) {
   log.close();
+  const double t = static_cast<double>(statistics.ticks()) * scene.tick();
+  require_finite(end.q, t);
+  require_finite(end.qd, t);
   const Json summary = make_summary(scene, statistics, end);
   if (out.wanted()) {
     write_scene(scene, out);
@@ -72,7 +74,6 @@ int finish_run(const RunOptions& o, const Scene& scene, const char* kind, const 
     fmt::print("{}", summary_text(summary));
     if (out.wanted()) fmt::print("report: {}/report.html\n", out.directory());
   }
-  std::fflush(stdout);
   return summary["supervisor"]["faults"].empty() ? 0 : 1;
 }
 

@@ -1,6 +1,14 @@
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <unistd.h>
+
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <cerrno>
+#include <charconv>
 #include <csignal>
+#include <cstdio>
+#include <cstring>
 #include <fstream>
 #include <iostream>
 #include <sstream>
@@ -22,6 +30,26 @@ constexpr int exit_bad_input = 2;
 
 extern "C" void request_stop(int) { stop_requested() = true; }
 
+/// For commands whose loops ask stop_requested(); the others end by the signal itself.
+void handle_signals() {
+  std::signal(SIGINT, request_stop);
+  std::signal(SIGTERM, request_stop);
+}
+
+/// No file or socket may become the standard output that a caller has closed: there, writing must fail.
+void occupy_standard_streams() {
+  for (const int fd : {STDIN_FILENO, STDOUT_FILENO, STDERR_FILENO}) {
+    if (::fcntl(fd, F_GETFD) == -1 && ::open("/dev/null", O_RDONLY) != fd) return;  // NOLINT(*-vararg)
+  }
+}
+
+void flush_standard_output() {
+  errno = 0;
+  if (std::fflush(stdout) == 0 && std::ferror(stdout) == 0) return;
+  const std::string why = errno != 0 ? std::string(": ") + std::strerror(errno) : "";
+  throw RunError("standard output could not be written" + why);
+}
+
 std::string read_all(const std::string& file) {
   std::ostringstream text;
   if (file == "-") {
@@ -37,7 +65,7 @@ std::string read_all(const std::string& file) {
 int run_eval(const std::string& file, const std::string& scalar) {
   const auto type = scalar == "float" ? ScalarType::single_precision : ScalarType::double_precision;
   const auto result = evaluate(read_all(file), file == "-" ? "stdin" : file, type);
-  std::cout << result << "\n";
+  fmt::print("{}\n", result);
   return 0;
 }
 
@@ -49,6 +77,14 @@ std::string joined(int argc, char** argv) {
     out += " " + (plain ? a : "'" + a + "'");
   }
   return out;
+}
+
+std::uint64_t read_seed(const std::string& text) {
+  std::uint64_t seed = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), seed);
+  if (error != std::errc() || end != text.data() + text.size())
+    throw InputError("", "--seed " + text + ": an integer from 0 to 18446744073709551615 is needed");
+  return seed;
 }
 
 /// Options of everything that reads a scene.
@@ -63,8 +99,11 @@ void add_scene_options(CLI::App& c, RunOptions& o, const std::string& files) {
 }
 void add_run_options(CLI::App& c, RunOptions& o) {
   add_scene_options(c, o, "scene.toml, summary.json, log.csv, report.html");
-  c.add_option("--seed", o.seed, "of the effects noise and jitter; the same seed gives the same run")
-      ->capture_default_str();
+  c.add_option_function<std::string>(
+       "--seed", [&o](const std::string& text) { o.seed = read_seed(text); },
+       "of the effects noise and jitter; the same seed gives the same run")
+      ->type_name("UINT")
+      ->default_str("1");
 }
 void add_bus_options(CLI::App& c, RunOptions& o, bool required) {
   if (required) {
@@ -118,7 +157,7 @@ int run(int argc, char** argv) {
   std::string kind;
   auto* init = app.add_subcommand("init", "print a commented scene to start from");
   init->add_option("MECHANISM", kind, "five_bar | rr")->required()->check(CLI::IsMember({"five_bar", "rr"}));
-  init->callback([&] { std::cout << starting_scene(kind); });
+  init->callback([&] { fmt::print("{}", starting_scene(kind)); });
 
   std::string file = "-", scalar = "double";
   auto* eval = app.add_subcommand("eval", "evaluate model and laws at given states (JSON in, JSON out)");
@@ -130,31 +169,46 @@ int run(int argc, char** argv) {
 
   auto* sim = app.add_subcommand("sim", "closed loop in one process, torque applied directly");
   add_run_options(*sim, o);
-  sim->callback([&] { status = run_sim(o); });
+  sim->callback([&] {
+    handle_signals();
+    status = run_sim(o);
+  });
 
   auto* hil = app.add_subcommand(
       "hil", "the loop through real CAN frames: controller on one node, drives and plant on the other");
   add_run_options(*hil, o);
   add_bus_options(*hil, o, false);
-  hil->callback([&] { status = run_hil(o); });
+  hil->callback([&] {
+    handle_signals();
+    status = run_hil(o);
+  });
 
   auto* plant =
       app.add_subcommand("plant", "the drives' and the mechanism's half of hil, as a process of its own");
   add_run_options(*plant, o);
   add_bus_options(*plant, o, true);
-  plant->callback([&] { status = run_plant(o); });
+  plant->callback([&] {
+    handle_signals();
+    status = run_plant(o);
+  });
 
   auto* controller =
       app.add_subcommand("controller", "the controller's half of hil, as a process of its own");
   add_run_options(*controller, o);
   add_bus_options(*controller, o, true);
-  controller->callback([&] { status = run_controller(o); });
+  controller->callback([&] {
+    handle_signals();
+    status = run_controller(o);
+  });
 
   auto* check = app.add_subcommand("check",
                                    "check a scene without running it: reach, singularity and torque margins, "
                                    "gains against delays, bus load");
   add_scene_options(*check, o, "scene.toml and check.csv: the torques along the reference");
-  check->callback([&] { status = run_check(o); });
+  check->callback([&] {
+    handle_signals();
+    status = run_check(o);
+  });
 
   AccuracyOptions a;
   auto* accuracy = app.add_subcommand("accuracy", "what accuracy costs in time: integrators, tick rate, sensors, effects");
@@ -167,18 +221,19 @@ int run(int argc, char** argv) {
   });
 
   auto* keys = app.add_subcommand("keys", "print the table of scene keys (Markdown)");
-  keys->callback([&] { std::cout << keys_markdown(); });
+  keys->callback([&] { fmt::print("{}", keys_markdown()); });
 
   require_subcommand(app, argc, argv);
   try {
     app.parse(argc, argv);
   } catch (const CLI::Success& e) {  // --help, --version
-    return app.exit(e);
+    std::ostringstream text;
+    status = app.exit(e, text, text);
+    fmt::print("{}", text.str());
   } catch (const CLI::ParseError& e) {
     throw InputError("", argument_error(app, e, argc, argv));
   }
-  std::cout.flush();
-  if (!std::cout) throw RunError("standard output could not be written");
+  flush_standard_output();
   return status;
 }
 
@@ -186,12 +241,11 @@ int run(int argc, char** argv) {
 }  // namespace esmc::host
 
 int main(int argc, char** argv) {
-  std::signal(SIGINT, esmc::host::request_stop);
-  std::signal(SIGTERM, esmc::host::request_stop);
+  esmc::host::occupy_standard_streams();
   const auto say = [](const char* what) {
     std::string line = what;  // one line, whatever a library put into it
     for (char& c : line) c = c == '\n' || c == '\r' ? ' ' : c;
-    std::cerr << "esmc: " << line << "\n";
+    std::cerr << "esmc: " << esmc::host::printable(line) << "\n";
   };
   try {
     return esmc::host::run(argc, argv);

@@ -4,6 +4,7 @@
 
 #include <filesystem>
 #include <string>
+#include <vector>
 
 namespace esmc::host {
 
@@ -20,13 +21,16 @@ class OutputDirectory {
   /// Path to write a file under for now; empty when nothing is wanted.
   [[nodiscard]] std::string path(const std::string& name) const;
   void write(const std::string& name, const std::string& text) const;
-  /// Moves everything into place.
+  /// Moves everything into place, or nothing: what stood there comes back when one of the files cannot be
+  /// replaced.
   void commit();
   [[nodiscard]] std::string directory() const { return final_.string(); }
 
  private:
+  void take_back() const;
+
   std::filesystem::path final_, partial_;
-  bool created_ = false;
+  std::vector<std::filesystem::path> created_;  ///< folders that did not exist, outermost first
 };
 
 }  // namespace esmc::host

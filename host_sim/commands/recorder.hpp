@@ -136,6 +136,8 @@ class Recorder {
   void tick(std::uint32_t n, Motion<Plant>& motion, const typename Plant::Joints& torque, bool saturated,
             const ControllerView<M>& seen, bool disarmed = false) {
     const typename Plant::Output o = motion.output();
+    require_finite(o.q, n * scene_.tick());
+    require_finite(o.qd, n * scene_.tick());
     const V2 x = o.effector;
     if (n == 0) {
       track_.start(x, o.effector_rate, {World::angle(o, 0), World::angle(o, M::joints / 2)},
@@ -159,9 +161,9 @@ class Recorder {
       }
     }
     statistics_.add(r);
-    statistics_.closure_max = std::max(statistics_.closure_max, o.closure);
+    statistics_.closure_max = larger(statistics_.closure_max, o.closure);
     if (n % energy_stride == 0)
-      statistics_.energy_error = std::max(statistics_.energy_error, motion.energy_error());
+      statistics_.energy_error = larger(statistics_.energy_error, motion.energy_error());
     if (log_.wanted()) write(r, o, x, reference, seen);
   }
 

@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <limits>
 
 #include "host_sim/commands/finish.hpp"
 #include "host_sim/commands/progress.hpp"
@@ -53,7 +54,7 @@ class SimRun {
     end.method = motion_.method();
     end.seed = options_.seed;
     Statistics& s = recorder_.statistics();
-    s.energy_error = std::max(s.energy_error, motion_.energy_error());
+    s.energy_error = larger(s.energy_error, motion_.energy_error());
     return end;
   }
 
@@ -112,6 +113,7 @@ class SimRun {
       if (path_ != nullptr) path_->push_back(motion_.output().effector);
       actuators_.advance(motion_, n * tick, tick, step, torque);
       if (stop) {
+        supervisor.begin_tick(Command::none, {false, true});  // nor any that would take time to be idle
         end.interrupted = true;
         break;
       }
@@ -207,7 +209,15 @@ int simulate(Scene scene, const RunOptions& o) {
   double change = std::numeric_limits<double>::infinity();
   for (int substeps = 1; substeps <= finest; substeps *= 2) {
     SimRun<World> run(scene, o, out.path("log.csv"));
-    const RunEnd end = run.run(substeps);
+    RunEnd end;
+    try {
+      end = run.run(substeps);
+      require_finite(end.q, scene.duration);
+    } catch (const Diverged&) {  // a step that is too long for what the scene holds
+      if (substeps == finest) throw;
+      before.clear();
+      continue;
+    }
     if (end.interrupted) return finish(run, end);
     if (!before.empty()) {
       const double now = largest_difference(before, end.q);
@@ -243,7 +253,12 @@ Trace trace_of(const Scene& scene, bool single_precision) {
   SimRun<World> run(scene, none, "");
   run.keep_path(&out.effector);
   if (single_precision) run.use_single_precision();
-  out.end = run.run(steps_per_tick(scene));
+  try {
+    out.end = run.run(steps_per_tick(scene));
+  } catch (const Diverged&) {  // a study wants to know, not to end
+    out.end.q.assign(World::Plant::outputs, std::numeric_limits<double>::quiet_NaN());
+    out.end.qd = out.end.q;
+  }
   out.statistics = run.recorder().statistics();
   return out;
 }

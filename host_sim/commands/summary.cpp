@@ -3,13 +3,24 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
 #include <nlohmann/json.hpp>
+
+#include "host_sim/error.hpp"
 
 namespace esmc::host {
 
 using Json = nlohmann::ordered_json;
 
 std::string Digest::text() const { return fmt::format("{:016x}", hash_); }
+
+void require_finite(std::span<const double> state, double t) {
+  if (std::ranges::all_of(state, [](double v) { return std::isfinite(v); })) return;
+  throw Diverged(
+      fmt::format("the state is not finite from t = {:.6g} s on: a smaller simulation.step, or smaller "
+                  "torques and forces",
+                  t));
+}
 
 void Statistics::add(const TickRecord& r) {
   ++ticks_;
@@ -24,7 +35,7 @@ void Statistics::add(const TickRecord& r) {
   }
   if (r.saturated) ++saturated_;
   for (std::size_t i = 0; i < r.torque.size(); ++i) {
-    torque_max_ = std::max(torque_max_, std::abs(r.torque[i]));
+    torque_max_ = larger(torque_max_, std::abs(r.torque[i]));
     if (last_torque_.size() == r.torque.size()) {
       delta_sum_ += std::abs(r.torque[i] - last_torque_[i]);
       ++deltas_;
@@ -88,6 +99,7 @@ Json make_summary(const Scene& scene, const Statistics& s, const RunEnd& end) {
   j["scene"] = scene.name;
   j["seed"] = end.seed;
   j["duration_s"] = scene.duration;
+  j["simulated_s"] = static_cast<double>(s.ticks()) / scene.rate_hz;
   j["ticks"] = s.ticks();
   j["wall_s"] = end.wall_s;
   j["real_time_factor"] = end.wall_s > 0.0 ? Json(simulated / end.wall_s) : Json(nullptr);
@@ -176,9 +188,10 @@ std::vector<std::string> concerns(const Json& s) {
 
 std::string summary_text(const Json& s) {
   std::string out = fmt::format(
-      "{}: {} law, {} ({} s{}), {}\n", s["scene"].get<std::string>(), s["law"].get<std::string>(),
-      plural(s["ticks"].get<std::uint64_t>(), "tick"), s["duration_s"].get<double>(),
-      s.contains("interrupted") ? ", interrupted" : "", plural(s["supervisor"]["faults"].size(), "fault"));
+      "{}: {} law, {} ({} s{}), {}\n", printable(s["scene"].get<std::string>()), s["law"].get<std::string>(),
+      plural(s["ticks"].get<std::uint64_t>(), "tick"), s["simulated_s"].get<double>(),
+      s.contains("interrupted") ? fmt::format(" of {} s, interrupted", s["duration_s"].get<double>()) : "",
+      plural(s["supervisor"]["faults"].size(), "fault"));
   out += fault_text(s["supervisor"]) + tracking_text(s["tracking"]);
   const Json& u = s["torque"];
   out += fmt::format("torque: {:.3g} N m max, {:.3g} N m mean change per tick, saturated in {}\n",

@@ -15,6 +15,12 @@
 
 namespace esmc::host {
 
+/// The larger of two, or NaN where there is one: std::max may drop it.
+[[nodiscard]] inline double larger(double a, double b) { return b > a || std::isnan(b) ? b : a; }
+
+/// Throws Diverged where a state at time t is not finite.
+void require_finite(std::span<const double> state, double t);
+
 /// FNV-1a 64 over the little-endian doubles of q then qd at every tick from t = 0.
 class Digest {
  public:
@@ -43,7 +49,7 @@ class ErrorStatistics {
     std::uint64_t count = 0;
     void add(double e) {
       square += e * e;
-      largest = e > largest || std::isnan(e) ? e : largest;
+      largest = larger(largest, e);
       ++count;
     }
     [[nodiscard]] double rms() const {

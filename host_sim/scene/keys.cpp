@@ -107,7 +107,7 @@ constexpr std::array keys{
     Key{"drives.protocol", "string", "\"odrive\"", "", -inf, inf, false, "odrive | odrive_0.5", "what the drives speak"},
     Key{"drives.nodes", "integers", "-", "", 0, 62, false, "", "CAN node per motor, base joints first; default 1, 2, ..."},
     Key{"drives.direction", "numbers", "-", "", -1, 1, false, "", "+1: motor turns with the joint angle of the model (leg 2: clockwise seen from the front); -1 against; default +1"},
-    Key{"drives.gear_ratio", "numbers", "-", "", 0, 1e4, true, "", "motor turns per joint turn; default 1"},
+    Key{"drives.gear_ratio", "numbers", "-", "", 1e-3, 1e4, false, "", "motor turns per joint turn; default 1"},
     Key{"drives.offset", "numbers", "-", "rad", -1e3, 1e3, false, "", "joint angle at encoder zero; default 0"},
     Key{"drives.zero", "string", "\"absolute\"", "", -inf, inf, false, "absolute | pose | end_stop", "how the encoder zero is known"},
     Key{"drives.heartbeat_timeout", "number", "0.05", "s", 0, 10, true, "", "silence of a drive's heartbeat that is a fault; the emulated drives beat every 10 ms"},

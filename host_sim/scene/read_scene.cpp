@@ -1,6 +1,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <charconv>
 #include <cmath>
 #include <filesystem>
 #include <fstream>
@@ -48,11 +49,11 @@ void read_mechanism(Section s, Scene& scene) {
   }
   const auto one = s.section("leg");
   const auto two = five_bar ? s.sections("legs", "mechanism.leg") : std::vector<Section>{};
-  if (one.has_value() == !two.empty()) {
+  if (one.has_value() == (five_bar && s.has("legs"))) {
     s.fail("", five_bar ? "[mechanism] needs either leg = {...} for both legs or [[mechanism.legs]] twice"
                         : "[mechanism] of an rr needs leg = {...}");
   }
-  if (!two.empty() && two.size() != 2) s.fail("legs", "must be given exactly twice, leg 1 (right) first");
+  if (!one && two.size() != 2) s.fail("legs", "must be given exactly twice, leg 1 (right) first");
   for (std::size_t j = 0; j < 2; ++j) scene.mechanism.legs[j] = read_leg(one ? *one : two[j]);
   const auto modes = s.texts("working_mode", five_bar ? 2 : 1);
   for (std::size_t j = 0; j < modes.size(); ++j) scene.working_mode[j] = mode_sign(modes[j]);
@@ -146,32 +147,69 @@ void read_control(Section s, Scene& scene) {
   s.finish();
 }
 
-/// The points of a CSV, whose path is relative to the scene file, and its text.
-std::vector<PathPoint> read_path(const Section& s, const std::string& scene_file, const std::string& name,
-                                 std::string& text) {
-  const std::filesystem::path path = std::filesystem::path(scene_file).parent_path() / name;
+/// Longest reference in s: beyond it ticks and digits of the time run out.
+constexpr double reference_time_max = 1e6;
+constexpr double reference_ticks_max = 4e9;
+
+/// The bytes of a file that a scene names.
+std::string read_bytes(const Section& s, const std::filesystem::path& path) {
+  std::error_code error;
+  if (path.native().find('\0') != std::string::npos) s.fail("path", "must be a file name, without NUL");
+  if (!std::filesystem::is_regular_file(path, error)) {
+    const bool there = std::filesystem::exists(path, error);
+    s.fail("path", fmt::format("names {}: {}",
+                               there ? "something that is not a regular file" : "a file that does not exist",
+                               path.string()));
+  }
   std::ifstream file(path, std::ios::binary);
   std::ostringstream bytes;
-  if (file && !std::filesystem::is_directory(path)) bytes << file.rdbuf();
-  if (!file) s.fail("path", fmt::format("names a file that cannot be read: {}", path.string()));
-  text = bytes.str();
+  if (file && file.peek() != std::ifstream::traits_type::eof()) bytes << file.rdbuf();
+  if (!file.is_open() || file.bad())
+    s.fail("path", fmt::format("names a file that cannot be read: {}", path.string()));
+  return bytes.str();
+}
+
+/// "1, 2, 3": exactly three finite numbers.
+std::optional<PathPoint> parse_point(std::string_view line) {
+  std::array<double, 3> v{};
+  for (std::size_t i = 0; i < v.size(); ++i) {
+    const std::size_t comma = line.find(',');
+    if ((comma == std::string_view::npos) != (i + 1 == v.size())) return std::nullopt;
+    std::string_view field = line.substr(0, comma);
+    line.remove_prefix(comma == std::string_view::npos ? line.size() : comma + 1);
+    constexpr const char* blank = " \t\r";
+    const std::size_t first = field.find_first_not_of(blank);
+    if (first == std::string_view::npos) return std::nullopt;
+    field = field.substr(first, field.find_last_not_of(blank) - first + 1);
+    if (field.size() > 1 && field.front() == '+' && field[1] != '-') field.remove_prefix(1);
+    const auto [end, error] = std::from_chars(field.data(), field.data() + field.size(), v[i]);
+    if (error != std::errc() || end != field.data() + field.size() || !std::isfinite(v[i]))
+      return std::nullopt;
+  }
+  return PathPoint{v[0], v[1], v[2]};
+}
+
+/// The points of a CSV, whose path is relative to the scene file, and its text.
+std::vector<PathPoint> read_path(const Section& s, const std::string& scene_file, const std::string& name,
+                                 double longest, std::string& text) {
+  const std::filesystem::path path = std::filesystem::path(scene_file).parent_path() / name;
+  text = read_bytes(s, path);
   std::istringstream in(text);
   std::string line;
   std::getline(in, line);
-  if (!line.starts_with("t,x,y")) throw InputError(path.string() + ":1", "the header must be t,x,y");
+  while (!line.empty() && (line.back() == '\r' || line.back() == ' ')) line.pop_back();
+  if (line != "t,x,y") throw InputError(path.string() + ":1", "the header must be t,x,y and nothing else");
   std::vector<PathPoint> out;
   for (int number = 2; std::getline(in, line); ++number) {
     if (line.empty() || line == "\r") continue;
-    std::istringstream fields(line);
-    PathPoint p{};
-    char c1 = 0, c2 = 0;
-    const bool parsed = static_cast<bool>(fields >> p.t >> c1 >> p.x >> c2 >> p.y) && c1 == ',' && c2 == ',';
-    const bool ordered = out.empty() ? p.t == 0.0 : p.t > out.back().t;
-    if (!parsed || !std::isfinite(p.x) || !std::isfinite(p.y) || !ordered) {
-      throw InputError(fmt::format("{}:{}", path.string(), number),
-                       "three finite numbers t,x,y are needed, t from 0 and ascending");
+    const auto p = parse_point(line);
+    const std::string where = fmt::format("{}:{}", path.string(), number);
+    if (!p || !(out.empty() ? p->t == 0.0 : p->t > out.back().t)) {
+      throw InputError(where,
+                       "three finite numbers t,x,y and nothing else are needed, t from 0 and ascending");
     }
-    out.push_back(p);
+    if (p->t > longest) throw InputError(where, fmt::format("t must be at most {:g} s", longest));
+    out.push_back(*p);
   }
   if (out.size() < 3)
     throw InputError(path.string() + ":2", "three or more points are needed (two are a line)");
@@ -180,6 +218,7 @@ std::vector<PathPoint> read_path(const Section& s, const std::string& scene_file
 
 void read_reference(Section s, Scene& scene) {
   ReferenceScene& r = scene.reference;
+  const double longest = std::min(reference_time_max, reference_ticks_max / scene.rate_hz);
   const std::string type = s.text("type");
   r.join = s.optional_number("join");
   s.use_schema("reference[" + type + "]");
@@ -199,6 +238,15 @@ void read_reference(Section s, Scene& scene) {
     r.points = s.pairs("points", 2);
     r.speed = s.number("speed");
     r.repeat = s.boolean("repeat");
+    double length = 0.0;
+    for (std::size_t i = 0; i < r.points.size(); ++i) {
+      const auto &a = r.points[i], &b = r.points[(i + 1) % r.points.size()];
+      if (i + 1 < r.points.size() || r.repeat) length += std::hypot(b[0] - a[0], b[1] - a[1]);
+    }
+    if (!(length / r.speed <= longest)) {
+      s.fail("speed", fmt::format("is too slow: the polyline would take {:.3g} s, at most {:g} s are allowed",
+                                  length / r.speed, longest));
+    }
   } else if (type == "joint_sine") {
     r.type = ReferenceType::joint_sine;
     r.offset = s.pair("offset");
@@ -210,7 +258,7 @@ void read_reference(Section s, Scene& scene) {
     if (const auto p = s.optional_numbers("position", {2})) r.position = {(*p)[0], (*p)[1]};
   } else {
     r.type = ReferenceType::file;
-    r.table = read_path(s, scene.file, s.text("path"), r.csv);
+    r.table = read_path(s, scene.file, s.text("path"), longest, r.csv);
   }
   s.finish();
 }
@@ -317,7 +365,8 @@ void read_sensors(const std::optional<Section>& given, Section& root, Scene& sce
   const bool needed = scene.all_sensors && !scene.all_motors;
   DriveScene& d = scene.drives;
   if (!needed) {
-    if (given) root.fail("sensors", "is only for control.sensors = \"all\" with motors = \"base\"");
+    if (given && !given->empty())
+      root.fail("sensors", "is only for control.sensors = \"all\" with motors = \"base\"");
     return;
   }
   if (!given) {
@@ -350,6 +399,8 @@ Method method_of(const std::string& s) {
   return Method::rk4;
 }
 
+constexpr double substeps_max = 1e6;  // of a tick, for fixed steps
+
 void read_simulation(Section s, Scene& scene) {
   scene.duration = s.number("duration");
   const bool named = s.has("integrator") || s.has("step");
@@ -358,6 +409,11 @@ void read_simulation(Section s, Scene& scene) {
   scene.accuracy = s.optional_number("accuracy");
   if (scene.accuracy && named) s.fail("accuracy", "chooses method and step: leave out integrator and step");
   s.finish();
+  if (scene.tick() / scene.step > substeps_max) {
+    s.fail("step",
+           fmt::format("cuts a control tick of {:g} s into more than {:g} steps: {:g} s or more is needed",
+                       scene.tick(), substeps_max, scene.tick() / substeps_max));
+  }
   const double ticks = scene.duration * scene.rate_hz;
   if (ticks < 0.5 || ticks > 2e9) s.fail("duration", "must hold between 1 and 2e9 control ticks");
 }

@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
+#include <fstream>
+#include <sstream>
 
 namespace esmc::host {
 namespace {
@@ -37,13 +39,71 @@ bool is_key(const std::string& path) {
   return std::ranges::any_of(scene_keys(), [&](const Key& k) { return k.path == path; });
 }
 
-/// What an override makes meaningless goes: the keys of the former `type`, the other ways to give a start.
-/// Returns true when the override stands for the whole table.
+constexpr std::size_t text_max = 1U << 20U;  // bytes of a scene; its largest table is a polyline
+constexpr int depth_max = 32;                // the deepest key of a scene has four parts
+
+/// Depth of what a parser that calls itself would go into: brackets that are open, and parts of one dotted
+/// key.
+struct Depth {
+  int brackets = 0, parts = 0;
+};
+
+/// Refuses a text that is longer or nested deeper than any scene, before the parser sees it: it would run out
+/// of stack. Strings and comments are skipped, everything else is left to the parser.
+void require_shallow(const std::string& text, const std::string& name) {
+  if (text.size() > text_max) {
+    throw InputError("", fmt::format("{}: {} bytes, at most {} are taken", name, text.size(), text_max));
+  }
+  Depth depth;
+  int line = 1;
+  for (std::size_t at = 0; at < text.size(); ++at) {
+    const char c = text[at];
+    if (c == '"' || c == '\'') {
+      const std::string three(3, c);
+      const bool long_one = text.compare(at, 3, three) == 0;
+      const std::string end = long_one ? three : std::string(1, c);
+      for (at += end.size(); at < text.size() && text.compare(at, end.size(), end) != 0; ++at) {
+        if (c == '"' && text[at] == '\\') ++at;
+        if (at < text.size() && text[at] == '\n') {
+          ++line;
+          if (!long_one) break;
+        }
+      }
+      at += end.size() - 1;
+      continue;
+    }
+    if (c == '#') {
+      at = std::min(text.find('\n', at), text.size()) - 1;
+      continue;
+    }
+    if (c == '\n') ++line;
+    if (c == '[' || c == '{') ++depth.brackets;
+    if ((c == ']' || c == '}') && depth.brackets > 0) --depth.brackets;
+    if (c == '.') {
+      ++depth.parts;
+    } else if (std::string_view("[]{},=\n").find(c) != std::string_view::npos) {
+      depth.parts = 0;
+    }
+    if (depth.brackets > depth_max || depth.parts > depth_max) {
+      throw InputError(name.starts_with(set_mark) ? name : fmt::format("{}:{}", name, line),
+                       fmt::format("keys or brackets nested more than {} deep", depth_max));
+    }
+  }
+}
+
+/// What an override makes meaningless goes: the keys of the former `type`, the other ways to give a start,
+/// the other way to choose a step. Returns true when the override stands for the whole table.
 bool make_room(const std::string& name, toml::table& into, const toml::table& from) {
   const auto type = from["type"].value<std::string>(), former = into["type"].value<std::string>();
   if (type && former && *type != *former) {
     if (from.is_inline()) return true;
     drop(into, [&](const std::string& key) { return !is_key(name + "." + key); });
+  }
+  if (name == "simulation") {
+    const bool fixed = from.contains("integrator") || from.contains("step");
+    if (fixed) drop(into, [](const std::string& key) { return key == "accuracy"; });
+    if (from.contains("accuracy"))
+      drop(into, [](const std::string& key) { return key == "integrator" || key == "step"; });
   }
   if (name != "initial") return false;
   constexpr std::pair<std::string_view, std::string_view> ways[] = {
@@ -88,6 +148,7 @@ toml::table parse_override(const std::string& set) {
   const std::string label = std::string(set_mark) + one_line(set);
   if (equals == std::string::npos || equals == 0)
     throw InputError("", label + ": section.key=value is needed");
+  require_shallow(set, label);
   try {
     return toml::parse(set, label);
   } catch (const toml::parse_error&) {
@@ -111,6 +172,17 @@ std::string counts(const std::vector<std::size_t>& sizes) {
   return out;
 }
 
+bool is_choice(const Key& k, const std::string& value) {
+  std::string_view rest = k.choices;
+  constexpr std::string_view between = " | ";
+  while (true) {
+    const std::size_t end = rest.find(between);
+    if (rest.substr(0, end) == value) return !value.empty();
+    if (end == std::string_view::npos) return false;
+    rest.remove_prefix(end + between.size());
+  }
+}
+
 /// First component of what stands behind `schema` in a path of the key table; empty when nothing does.
 std::string_view child(std::string_view path, const std::string& schema) {
   if (!schema.empty()) {
@@ -122,32 +194,31 @@ std::string_view child(std::string_view path, const std::string& schema) {
 
 }  // namespace
 
-namespace {
-template <class Parse>
-toml::table parsed(const std::string& file, const Parse& parse, const std::vector<std::string>& sets) {
-  try {
-    toml::table root = parse();
-    for (const std::string& set : sets) merge(root, parse_override(set));
-    return root;
-  } catch (const toml::parse_error& e) {
-    throw InputError(fmt::format("{}:{}", file, e.source().begin.line),
-                     "not valid TOML: " + one_line(e.description()));
-  }
-}
-}  // namespace
-
 toml::table parse_scene_file(const std::string& file, const std::vector<std::string>& sets) {
   if (std::filesystem::is_directory(file))
     throw InputError("", file + ": is a directory, a scene file is needed");
   if (!std::filesystem::is_regular_file(file)) throw InputError("", file + ": no such scene file");
-  return parsed(
-      file, [&] { return toml::parse_file(file); }, sets);
+  std::ifstream in(file, std::ios::binary);
+  std::string text(text_max + 1, '\0');
+  in.read(text.data(), static_cast<std::streamsize>(text.size()));
+  if (in.bad() || !in.is_open()) throw InputError("", file + ": cannot be read");
+  if (in.gcount() > static_cast<std::streamsize>(text_max))
+    throw InputError("", fmt::format("{}: more than {} bytes, no scene is that long", file, text_max));
+  text.resize(static_cast<std::size_t>(in.gcount()));
+  return parse_scene_text(text, file, sets);
 }
 
 toml::table parse_scene_text(const std::string& text, const std::string& name,
                              const std::vector<std::string>& sets) {
-  return parsed(
-      name, [&] { return toml::parse(text, name); }, sets);
+  require_shallow(text, name);
+  try {
+    toml::table root = toml::parse(text, name);
+    for (const std::string& set : sets) merge(root, parse_override(set));
+    return root;
+  } catch (const toml::parse_error& e) {
+    throw InputError(fmt::format("{}:{}", name, e.source().begin.line),
+                     "not valid TOML: " + one_line(e.description()));
+  }
 }
 
 std::string place(const toml::node& node, const std::string& file) {
@@ -241,10 +312,7 @@ std::optional<std::string> Section::optional_text(const std::string& key) {
   const Key& k = spec(key);
   auto value = node->is_string() ? node->value<std::string>() : std::nullopt;
   if (!value) wrong(*node, key);
-  const std::string padded = fmt::format(" | {} | ", k.choices);
-  if (!k.choices.empty() && (value->empty() || padded.find(" | " + *value + " | ") == std::string::npos)) {
-    wrong(*node, key);
-  }
+  if (!k.choices.empty() && !is_choice(k, *value)) wrong(*node, key);
   return value;
 }
 
@@ -325,9 +393,7 @@ std::vector<std::string> Section::texts(const std::string& key, std::size_t size
   std::vector<std::string> out;
   for (const toml::node& item : *list) {
     const auto value = item.is_string() ? item.value<std::string>() : std::nullopt;
-    const std::string padded = fmt::format(" | {} | ", spec(key).choices);
-    if (!value || value->empty() || padded.find(" | " + *value + " | ") == std::string::npos)
-      wrong(item, key, want);
+    if (!value || !is_choice(spec(key), *value)) wrong(item, key, want);
     out.push_back(*value);
   }
   return out;
@@ -350,7 +416,9 @@ std::array<double, 2> Section::per_kind(const std::string& key) {
 }
 
 std::vector<double> Section::each(const std::string& key, std::size_t count) {
-  const toml::node* node = find(key, true);
+  const Key& k = spec(key);
+  const toml::node* node = find(key, k.fallback.empty());
+  if (node == nullptr) return std::vector<double>(count, std::stod(std::string(k.fallback)));
   if (!node->is_array()) return std::vector<double>(count, checked(*node, key));
   return *optional_numbers(key, {count});
 }

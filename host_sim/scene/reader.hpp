@@ -15,7 +15,8 @@
 namespace esmc::host {
 
 /// Parses a file and merges "section.key=value" overrides into it. An override that changes a `type` drops the
-/// file's keys of the former type, one that gives a start drops the file's other ways to give it. Throws InputError.
+/// file's keys of the former type, one that gives a start drops the file's other ways to give it, and accuracy drops
+/// integrator and step as they drop it. Throws InputError.
 toml::table parse_scene_file(const std::string& file, const std::vector<std::string>& sets);
 toml::table parse_scene_text(const std::string& text, const std::string& name, const std::vector<std::string>& sets);
 
@@ -29,6 +30,7 @@ class Section {
       : table_(&table), file_(std::move(file)), name_(std::move(name)), schema_(std::move(schema)), schemas_{schema_} {}
 
   [[nodiscard]] bool has(const std::string& key) const { return table_->contains(key); }
+  [[nodiscard]] bool empty() const { return table_->empty(); }
   /// FILE:LINE; where a table has keys from --set, those are named as well.
   [[nodiscard]] std::string where() const;
   [[nodiscard]] std::string where(const std::string& key) const;

@@ -1,0 +1,385 @@
+#!/usr/bin/env python3
+"""Files, numbers and surroundings that mean no good: each is refused in one line, or the run says how it failed.
+usage: hostile_test.py ESMC SCENES_DIR [unittest args]"""
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import unittest
+from pathlib import Path
+
+ESMC = SCENES = ""
+# The scene file of the design's contract, as a whole.
+CONTRACT = """
+name = "usp-circle"
+[mechanism]
+type = "five_bar"              # "five_bar" | "rr"
+half_base = 0.05               # l0 > 0 (five_bar)
+gravity = 9.8                  # >= 0, along -y; 0 = horizontal
+effector_mass = 0.0            # m0 >= 0
+leg = { l1 = 0.12, l2 = 0.16, lg1 = 0.06, lg2 = 0.068, m1 = 0.1, m2 = 0.1, J1 = 2e-4, J2 = 7e-4 }   # both legs (or the arm); or [[mechanism.legs]] twice
+working_mode = ["+", "+"]      # sign of sin(theta_j2), per leg in its own frame; RR: one entry
+assembly_mode = "-"            # sign of D2 = sin(phi12 + phi22); optional where the initial pose fixes it
+[control]
+law = "esmc"                   # esmc | esmc_projected | smc | ctc | pd | open_loop | none
+reaching = "implicit"          # sign | saturation | tanh | implicit | super_twisting
+lambda = 40.0                  # 1/s; number, or a table per kind of channel { position = , angle = }
+gain = 150.0                   # k: number, table, or "robust" (from [uncertainty])
+layer = 0.05                   # epsilon, for saturation and tanh
+delay_ticks = 0                # known torque delay told to the implicit law; default 0 in sim and lockstep, 2 in --realtime and on boards until measured
+rate_hz = 1000
+motors = "base"                # base | all (5R: 4 motors); RR: both joints are "base"
+sensors = "base"               # base encoders + closure | all (passive joints too)
+torque_limit = 2.0             # hard clamp at the controller, N m at the joint; required unless law = none/open_loop
+model = { m1 = 1.2, friction = "none" }    # what the controller believes, as factors on [mechanism]; friction believed: "none" (default) | "exact"
+[reference]
+type = "circle"                # circle: center + radius (cos, sin)(phase + speed t) | line | polyline | joint_sine | hold | file
+center = [0.0, 0.17]
+radius = 0.07
+speed = 10.0                   # rad/s
+phase = 0.0
+join = 0.0                     # s: from the measured pose onto the reference by a quintic; default 0 in sim and lockstep, 1.0 on hardware
+[initial]
+at = "reference"               # on the reference at rest; or position = [x, y] with velocity = [vx, vy]; or joints = [..] with joint_rates = [..]
+[limits]                       # controller side; each a latched fault when crossed
+min_abs_sin_type1 = 0.02
+min_abs_sin_type2 = 0.05
+joint_speed = 50.0
+workspace = { x = [-0.3, 0.3], y = [-0.05, 0.3] }   # optional
+max_age_ticks = 2              # up to two missed samples are extrapolated, the third is the fault
+joint_angle = [[-3.2, 3.2], [-3.2, 3.2]]   # optional, per base joint
+[drives]                       # one entry per motor, base joints first
+protocol = "odrive"            # odrive | odrive_0.5 | cia402 | mit
+nodes = [1, 2]
+direction = [1, 1]             # +1: motor turns with the joint angle of the model (leg 2: clockwise seen from the front)
+gear_ratio = [1.0, 1.0]        # motor turns per joint turn
+offset = [0.0, 0.0]            # joint angle at encoder zero, rad
+zero = "absolute"              # absolute | pose (confirmed by hand in a known pose) | end_stop: base angles alone do not fix the assembly mode
+[sensors]                      # only for sensors = "all": passive encoders (idle drive nodes may serve): nodes, direction, offset
+[bus]
+bitrate = 1000000
+[simulation]
+duration = 2.0
+integrator = "rk4"             # a named method with step = ...; or accuracy = 1e-6 (max abs error of final_state.q; 1e-12 .. 1e-2) and the program chooses
+step = 1e-4
+[[effects]]
+type = "viscous_friction"
+coefficient = [0.01, 0.01]     # per joint of a leg; four values = the two legs differ
+"""
+
+
+def esmc(*args, stdin=None, **more):
+    return subprocess.run([ESMC, *map(str, args)], capture_output=True, text=True, input=stdin, timeout=120, **more)
+
+
+def sets(*values):
+    return [a for v in values for a in ("--set", v)]
+
+
+class Hostile(unittest.TestCase):
+    def setUp(self):
+        self.folder = tempfile.TemporaryDirectory()
+        self.tmp = Path(self.folder.name)
+        self.circle, self.rr = Path(SCENES, "five_bar_circle.toml"), Path(SCENES, "rr_line.toml")
+
+    def tearDown(self):
+        self.folder.cleanup()
+
+    def failed(self, run, code, *words):
+        self.assertEqual((run.returncode, run.stdout), (code, ""), run.stderr + run.stdout)
+        self.assertEqual(len(run.stderr.splitlines()), 1, run.stderr)
+        self.assertTrue(run.stderr.startswith("esmc: "), run.stderr)
+        for word in words:
+            self.assertIn(word, run.stderr)
+
+    def refused(self, *values, words=(), scene=None):
+        self.failed(esmc("sim", scene or self.circle, *sets(*values)), 2, *words)
+
+    def findings(self, *values, scene=None):
+        run = esmc("check", scene or self.circle, "--json", *sets(*values))
+        self.assertEqual(run.stderr, "")
+        return run.returncode, "\n".join(f"{f['level']}: {f['text']}" for f in json.loads(run.stdout)["findings"])
+
+    # What a scene says
+
+    def test_a_choice_is_one_of_the_choices(self):
+        for value, key in (('control.law="esmc | esmc_projected | smc | ctc"', "control.law"), ('control.law="smc | ctc"', "control.law"),
+                           ('control.law=""', "control.law"), ('control.reaching="sign | saturation"', "control.reaching"),
+                           ('mechanism.working_mode=["+ | -", "+"]', "mechanism.working_mode"), ('reference.type="circle | line"', "reference.type")):
+            self.refused(value, words=[f"'{key}' must be ", "one of: "])
+
+    def test_the_example_of_the_contract_is_accepted_as_it_stands(self):
+        path = self.tmp / "contract.toml"
+        path.write_text(CONTRACT)
+        for command in ("check", "sim", "hil"):
+            run = esmc(command, path)
+            self.assertEqual((run.returncode, run.stderr), (0, ""))
+        path.write_text(CONTRACT.replace("[bus]", "nodes = [3, 4]\n[bus]"))
+        self.failed(esmc("sim", path), 2, "'sensors' is only for control.sensors")
+
+    def test_numbers_that_do_not_end(self):
+        for step in ("4e-13", "1e-12", "9e-10", "5e-324"):
+            self.refused(f"simulation.step={step}", words=["'simulation.step' cuts a control tick of 0.001 s into more than 1e+06 steps"])
+        self.assertEqual(esmc("sim", self.rr, *sets("simulation.step=1e-7", "simulation.duration=1e-3")).returncode, 0)
+        for ratio in ("1e-300", "1e-4", "0", "1e5"):
+            self.refused(f"drives.gear_ratio=[{ratio}, 1]", words=["'drives.gear_ratio' must be numbers from 0.001 to 10000"])
+        slow = ("reference.type=polyline", "reference.points=[[0, 0.2], [0.01, 0.2]]")
+        for value in ("reference.speed=1e-300", "reference.speed=1e-9"):
+            self.refused(*slow, value, words=["'reference.speed' is too slow", "1e+06 s"])
+        self.refused(*slow, "reference.speed=1e-7", "control.rate_hz=100000", words=["at most 40000 s"])
+        self.refused("control.layer=1e400", words=["--set control.layer=1e400"])
+
+    def test_seeds(self):
+        for seed in ("-1", "1e23", "18446744073709551616", "", "1.5", "0x10", " 1", "+1"):
+            self.failed(esmc("sim", self.circle, f"--seed={seed}" if seed else "--seed=", *sets("simulation.duration=0.01")), 2, "--seed")
+        for seed in (0, 18446744073709551615):
+            self.assertEqual(json.loads(esmc("sim", self.circle, "--json", "--seed", seed, *sets("simulation.duration=0.01")).stdout)["seed"], seed)
+
+    def test_a_text_that_is_too_long_or_too_deep(self):
+        good = self.circle.read_text()
+        bad = self.tmp / "deep.toml"
+        for text, words in ((".".join(["a"] * 50000) + " = 1\n", ["deep.toml:1: ", "32 deep"]), ("[" + ".".join(["a"] * 50000) + "]\n", ["32 deep"]),
+                            ("\n\nx = " + "[" * 50000 + "\n", ["deep.toml:3: "]), ("x = " + "{a=" * 50000 + "\n", ["32 deep"]),
+                            ("# " + "long " * 250000 + "\n" + good, ["deep.toml: ", "1048576"])):
+            bad.write_text(text)
+            for command in ("sim", "check"):
+                self.failed(esmc(command, bad), 2, *words)
+        self.refused(".".join(["a"] * 40000) + "=1", words=["--set ", "32 deep"])
+        # Dots and brackets that nest nothing.
+        bad.write_text('# a' + '.a' * 100 + ' [[[[' * 100 + '\n' + good.replace('"five-bar-circle"', '"' + ".[{'" * 100 + '\\""'))
+        self.assertEqual(esmc("check", bad).returncode, 0)
+
+    def test_control_characters_do_not_reach_the_terminal(self):
+        name = "name=\"a\\u001b[31mb\\u0007\\nc\\u009b\""
+        for command in ("sim", "check"):
+            out = esmc(command, self.circle, *sets(name, "simulation.duration=0.01")).stdout
+            self.assertTrue(out.startswith("a\\x1b[31mb\\x07\\nc\\x9b: "), out)
+        run = esmc("sim", self.circle, *sets('"k\\u001b[31m"=1'))
+        self.assertEqual(run.returncode, 2)
+        self.assertNotIn("\x1b", run.stderr)
+        self.assertEqual(json.loads(esmc("sim", self.circle, "--json", *sets(name, "simulation.duration=0.01")).stdout)["scene"], "a\x1b[31mb\x07\nc\x9b")
+
+    def test_legs_are_given_one_way(self):
+        for more in ("mechanism.legs=[]", "mechanism.legs=[{}, {}]"):
+            self.refused(more, words=["[mechanism] needs either leg"])
+
+    def test_an_override_of_the_step_or_the_accuracy_replaces_the_other(self):
+        short = "simulation.duration=0.02"
+        for first, second in (("simulation.accuracy=1e-6", None), ("simulation.accuracy=1e-6", "step = 1e-4\nintegrator = \"dopri5\"\n")):
+            path = self.tmp / "s.toml"
+            path.write_text(self.circle.read_text().replace("step = 5e-4\n", second or "step = 5e-4\n"))
+            run = esmc("sim", path, *sets(first, short))
+            self.assertEqual((run.returncode, run.stderr), (0, ""))
+        path.write_text(self.circle.read_text().replace("step = 5e-4", "accuracy = 1e-6"))
+        for value in ("simulation.step=1e-4", "simulation.integrator=dopri5"):
+            run = esmc("hil", path, *sets(value, short))  # which takes no accuracy
+            self.assertEqual((run.returncode, run.stderr), (0, ""))
+        self.refused("simulation.accuracy=1e-6", "simulation.step=1e-4", words=["leave out integrator and step"])
+
+    # Reference files
+
+    def reference(self, path, csv=None):
+        if csv is not None:
+            (self.tmp / "p.csv").write_bytes(csv if isinstance(csv, bytes) else csv.encode())
+        lines = [a for a in self.circle.read_text().splitlines() if not a.startswith(("center", "radius", "speed"))]
+        scene = self.tmp / "s.toml"
+        scene.write_text("\n".join(lines).replace('type = "circle"', f'type = "file"\npath = {path}'))
+        return scene
+
+    def test_reference_files(self):
+        good = "t,x,y\n0,0,0.2\n0.02,0.001,0.2\n0.05,0.002,0.201\n"
+        short = sets("simulation.duration=0.05")
+        for csv in (good, good.replace("\n", "\r\n"), good.replace(",", " , ").replace("t , x , y", "t,x,y"), good.replace("0.02", "+2.0E-2")):
+            run = esmc("sim", self.reference('"p.csv"', csv), *short)
+            self.assertEqual((run.returncode, run.stderr), (0, ""))
+        for old, new, words in (("t,x,y", "t,x,y,z", "p.csv:1: the header"), ("t,x,y", "t,x,yz", "p.csv:1: "), ("t,x,y", "\ufefft,x,y", "p.csv:1: "),
+                                ("0.02,0.001,0.2\n", "0.02,0.001,0.2 m\n", "p.csv:3: three finite"), ("0.001,0.2\n", "0.001,0.2,7\n", "p.csv:3: "),
+                                ("0.001,", "0.001;", "p.csv:3: "), ("0.001", "nan", "p.csv:3: "), ("0.001", "0x1", "p.csv:3: "), ("0.001", "", "p.csv:3: "),
+                                ("0.001", "1e400", "p.csv:3: "), ("0.05,", "1e300,", "p.csv:4: t must be at most 1e+06 s"), ("0.05,", "inf,", "p.csv:4: ")):
+            self.assertIn(old, good)
+            self.failed(esmc("sim", self.reference('"p.csv"', good.replace(old, new, 1)), *short), 2, words)
+        for path, words in (('"."', "not a regular file"), ('""', "not a regular file"), ('"p.csv\\u0000x"', "without NUL"), ('"none.csv"', "does not exist"),
+                            ('"fifo"', "not a regular file"), ('"/dev/zero"', "not a regular file")):
+            if path == '"fifo"':
+                os.mkfifo(self.tmp / "fifo")
+            self.failed(esmc("sim", self.reference(path, good)), 2, "s.toml:", "'reference.path'", words)
+
+    # What a run does
+
+    def test_a_state_that_is_not_finite_ends_the_run(self):
+        blast = ("control.law=open_loop", "control.torque=[{offset=1e6}, {offset=-1e6}]")
+        out = self.tmp / "o"
+        for json_flag in ([], ["--json"]):
+            run = esmc("sim", self.circle, *json_flag, "--out", out, *sets(*blast))
+            self.failed(run, 1)
+            self.assertRegex(run.stderr, r"the state is not finite from t = \d[\d.e-]* s on")
+            self.assertFalse(out.exists())
+
+    def test_an_interrupted_run_says_how_far_it_came(self):
+        for scene_sets, final in (([], "disabled"), (["control.law=none"], "off")):
+            with subprocess.Popen([ESMC, "sim", self.circle, "--json", *sets("simulation.duration=100000", *scene_sets)], stdout=subprocess.PIPE, text=True) as run:
+                time.sleep(1.0)
+                run.send_signal(signal.SIGINT)
+                s = json.loads(run.communicate()[0])
+            self.assertEqual((run.returncode, s["interrupted"], s["duration_s"], s["supervisor"]["final_state"]), (0, True, 100000.0, final))
+            self.assertAlmostEqual(s["simulated_s"], s["ticks"] * 1e-3, delta=1e-9)
+            self.assertLess(s["simulated_s"], 99999)
+        self.assertEqual(json.loads(esmc("sim", self.circle, "--json").stdout)["simulated_s"], 2.0)
+
+    def test_commands_that_wait_end_by_the_signal(self):
+        os.mkfifo(self.tmp / "fifo")
+        ours = os.open(self.tmp / "fifo", os.O_RDWR)
+        for args in (["eval", "-"], ["eval", self.tmp / "fifo"]):
+            with subprocess.Popen([ESMC, *args], stdin=subprocess.PIPE, stdout=subprocess.DEVNULL) as run:
+                time.sleep(0.5)
+                run.send_signal(signal.SIGINT)
+                self.assertEqual(run.wait(5), -signal.SIGINT)
+        os.close(ours)
+
+    def test_output_that_cannot_be_written_is_a_failure(self):
+        cases = Path(SCENES, "../../tests/reference/rr_static.json")
+        short = sets("simulation.duration=0.01")
+        for args in (["sim", self.circle, "--json", *short], ["sim", self.circle, *short], ["hil", self.circle, "--json", *short],
+                     ["check", self.circle], ["eval", cases], ["keys"], ["init", "rr"], ["--help"], ["--version"]):
+            with open("/dev/full", "w", encoding="utf-8") as full:
+                run = subprocess.run([ESMC, *map(str, args)], stdout=full, stderr=subprocess.PIPE, text=True, timeout=60)
+            self.assertEqual(run.returncode, 1, args)
+            self.assertRegex(run.stderr, r"\Aesmc: [^\n]*No space left on device\n\Z")
+            closed = subprocess.run(["/bin/sh", "-c", '"$@" >&-', "sh", ESMC, *map(str, args)], stderr=subprocess.PIPE, text=True, timeout=60)
+            self.assertEqual(closed.returncode, 1, args)
+            self.assertRegex(closed.stderr, r"\Aesmc: [^\n]*\n\Z")
+        # With standard output closed no file of --out may take its place.
+        subprocess.run(["/bin/sh", "-c", '"$@" >&-', "sh", ESMC, "sim", self.circle, "--json", "--out", self.tmp / "o", *short], stderr=subprocess.DEVNULL)
+        self.assertEqual(json.loads((self.tmp / "o/summary.json").read_text())["ticks"], 10)
+        self.assertNotIn("{", (self.tmp / "o/log.csv").read_text())
+
+    # --out
+
+    def test_out_changes_everything_or_nothing(self):
+        out = self.tmp / "o"
+        short = sets("simulation.duration=0.01")
+        self.assertEqual(esmc("sim", self.circle, "--out", out, *short).returncode, 0)
+        before = {p.name: p.read_bytes() for p in out.iterdir()}
+        for name in ("summary.json", "report.html", "frames.log", "check.csv"):
+            (out / name).unlink(missing_ok=True)
+            (out / name).mkdir()
+            (out / name / "mine").write_text("x")
+            self.failed(esmc("sim", self.rr, "--out", out, *short), 2, f"{name} is a directory")
+            self.assertEqual({p.name: p.read_bytes() for p in out.iterdir() if p.is_file()}, {k: v for k, v in before.items() if k != name})
+            (out / name / "mine").unlink()
+            (out / name).rmdir()
+            if name in before:
+                (out / name).write_bytes(before[name])
+
+    def test_a_target_that_turns_bad_during_the_run(self):
+        out = self.tmp / "o"
+        self.assertEqual(esmc("sim", self.circle, "--out", out, *sets("simulation.duration=0.01")).returncode, 0)
+        before = {p.name: p.read_bytes() for p in out.iterdir()}
+        with subprocess.Popen([ESMC, "sim", self.circle, "--out", out, *sets("simulation.duration=3000")], stdout=subprocess.PIPE,
+                              stderr=subprocess.PIPE, text=True) as run:
+            while not list(out.glob(".partial-*")):
+                time.sleep(0.02)
+            time.sleep(0.3)
+            (out / "summary.json").unlink()
+            (out / "summary.json").mkdir()
+            run.send_signal(signal.SIGINT)
+            _, error = run.communicate()
+        self.assertEqual(run.returncode, 1)
+        self.assertRegex(error, r"\Aesmc: --out: [^\n]*summary.json cannot be moved: Is a directory; nothing was changed there\n\Z")
+        (out / "summary.json").rmdir()
+        del before["summary.json"]
+        self.assertEqual({p.name: p.read_bytes() for p in out.iterdir()}, before)
+
+    def test_folders_made_for_nothing_go_again(self):
+        blast = sets("control.law=open_loop", "control.torque=[{offset=1e6}, {offset=-1e6}]")
+        for out in ("a", "a/b/c", "a/b/c/", "./a/../a/b"):
+            self.assertEqual(esmc("sim", self.circle, "--out", out, *blast, cwd=self.tmp).returncode, 1)
+            self.assertEqual(list(self.tmp.iterdir()), [])
+        (self.tmp / "kept").mkdir()
+        self.assertEqual(esmc("sim", self.circle, "--out", "kept/b/c", *blast, cwd=self.tmp).returncode, 1)
+        self.assertEqual([p.name for p in self.tmp.rglob("*")], ["kept"])
+        (self.tmp / "file").write_text("x")
+        self.failed(esmc("sim", self.circle, "--out", "file/b/c", cwd=self.tmp), 2, "--out file/b/c: ")
+
+    # check
+
+    def test_check_holds_the_start_against_the_limits(self):
+        start = "initial.position=[0.0, 0.2]"
+        self.assertEqual(self.findings(start), (0, ""))
+        for value, words in (("limits.workspace={x=[-0.2, 0.2], y=[0.205, 0.3]}", "error: the start (0, 0.2) m is beyond limits.workspace"),
+                             ("limits.joint_angle=[[-3.2, 3.2], [3.0, 3.2]]", "error: base joint 2 starts at"),
+                             ("limits.min_abs_sin_type1=0.999", "error: |sin theta_j2| = "), ("limits.min_abs_sin_type2=0.999", "error: |D2| = ")):
+            code, text = self.findings(start, value)
+            self.assertEqual(code, 1)
+            self.assertIn(words, text)
+            self.assertEqual(esmc("sim", self.circle, *sets(start, value)).returncode, 1)  # a fault
+        code, text = self.findings(start, "initial.velocity=[9, 0]")
+        self.assertEqual(code, 1)
+        self.assertRegex(text, r"error: base joint 1 starts at -?\d+(\.\d+)? rad/s, limits.joint_speed = 50")
+
+    def test_check_weighs_four_motors_as_the_controller_does(self):
+        four = ("control.motors=all", "control.sensors=all", "control.torque_limit=[2, 0.5, 2, 0.25]")
+        path = self.tmp / "o"
+        for weight in ([], ["control.torque_weight=[1, 9, 1, 4]"]):
+            run = esmc("check", self.circle, "--out", path, "--json", *sets(*four, *weight))
+            largest = json.loads(run.stdout)["margins"]["max_torque_nm"]
+            sim = esmc("sim", self.circle, "--out", path, *sets(*four, *weight, "control.law=ctc", "reference.join=0.5", "control.gain=0"))
+            self.assertEqual(sim.returncode, 0, sim.stdout)
+            rows = [line.split(",") for line in (path / "log.csv").read_text().splitlines()]
+            for i, name in enumerate(("tau11", "tau12", "tau21", "tau22")):
+                seen = max(abs(float(r[rows[0].index(name)])) for r in rows[1000:])
+                self.assertAlmostEqual(seen, largest[i], delta=0.02 * largest[i] + 1e-4)
+
+    def test_check_looks_at_effects_without_ticks_and_at_steps_for_stiff_springs(self):
+        ticked = 'effects=[{type="noise", sigma=1e-4}, {type="viscous_friction", coefficient=[0, 0]}, {type="jitter", sigma=1e-4}]'
+        self.assertIn("there are no ticks and no readings: noise, jitter have no effect", self.findings("control.law=none", ticked)[1])
+        self.assertNotIn("no ticks", self.findings(ticked)[1])
+        gear = 'effects=[{type="joint_flexibility", stiffness=%g, rotor_inertia=1e-4}]'
+        omega = (1000 * (1 / 1e-4 + 1 / (2e-4 + 0.1 * 0.06 ** 2))) ** 0.5
+        text = self.findings(gear % 1000)[1]
+        self.assertIn("warning: joint_flexibility swings at about %.3g rad/s" % omega, text)
+        self.assertIn("take at most %.2g s" % (0.5 / omega), text)
+        for values in ([gear % 10], [gear % 1000, "simulation.step=1e-4"], [gear % 1000, "simulation.integrator=radau5"], [gear % 1000, "simulation.accuracy=1e-4"]):
+            self.assertNotIn("swings", self.findings(*values)[1])
+        self.assertIn("the contact of backlash swings", self.findings('effects=[{type="backlash", gap=0.01}]')[1])
+        stops = 'effects=[{type="end_stops", lower=[-3, -3], upper=[3, 3]%s}]'
+        self.assertIn("a joint at its end_stops swings", self.findings(stops % ", stiffness=1e4")[1])
+        self.assertNotIn("swings", self.findings(stops % "")[1])
+
+    # eval
+
+    def test_eval_cases(self):
+        five, rr = (json.loads(Path(SCENES, f"../../tests/reference/{n}_static.json").read_text())["cases"][0] for n in ("fiver", "rr"))
+
+        def tried(case, change, *args):
+            c = json.loads(json.dumps(case))
+            change(c)
+            return esmc("eval", "-", *args, stdin=json.dumps({"cases": [c]}))
+        state, law = (lambda **k: lambda c: c["state"].update(k)), (lambda key, v: lambda c: c["esmc"][key].__setitem__(0, v))
+        theta, rates = five["state"]["theta"], five["state"]["thetad"]
+        for change, words in ((state(theta=[theta[0] + 1e-3, *theta[1:]]), "'state.theta' of leg 1 does not lead to"), (state(x=five["state"]["x"] + 1e-3), "'state.theta'"),
+                              (state(thetad=[*rates[:3], rates[3] + 0.1]), "'state.thetad' of leg 2"),
+                              (law("lambda", -1), "'esmc.lambda' must be >= 0"), (law("k", -1e-9), "'esmc.k' must be >= 0"),
+                              (lambda c: c["esmc"].update(eps=[0.0] * 18, switch="sat"), "'esmc.eps' must be > 0"),
+                              (lambda c: c["params"]["legs"].append(c["params"]["legs"][0]), "'params.legs' must have 2"), (lambda c: c["params"]["legs"].pop(), "'params.legs'")):
+            for scalar in ("double", "float"):
+                self.failed(tried(five, change, "--scalar", scalar), 2, "stdin:1: case '" + five["id"] + "'", words)
+        self.failed(tried(rr, law("k", -1)), 2, "'esmc.k'")
+        for change in (lambda c: None, lambda c: c["esmc"].update(eps=[0.0] * 18, switch="sign"), lambda c: c["state"].pop("theta") and c["state"].pop("thetad")):
+            self.assertEqual(tried(five, change).returncode, 0)
+
+    def test_eval_documents(self):
+        for text in ('{"cases":[],"x":1e400}', '{"cases":[],"x":-1e999}'):
+            path = self.tmp / "big.json"
+            path.write_text(text)
+            self.failed(esmc("eval", path), 2, f"{path}: ", "overflow")
+            self.failed(esmc("eval", "-", stdin=text), 2, "stdin: ")
+
+
+if __name__ == "__main__":
+    ESMC, SCENES = os.path.abspath(sys.argv[1]), os.path.abspath(sys.argv[2])
+    unittest.main(argv=[sys.argv[0], *sys.argv[3:]])
