@@ -36,14 +36,14 @@ class Pace {
   std::uint64_t late_ = 0;
 };
 
-/// The plant's ticks until the scene's duration, Ctrl-C or 5 s without a frame from the controller.
-template <class World, class Bus>
-RunEnd pace_plant(const Scene& scene, PlantHalf<World, Bus>& plant) {
+/// The plant's ticks until the scene's duration, Ctrl-C, `over` or 5 s without a command from the controller.
+template <class World, class Bus, class Over>
+RunEnd pace_plant(const Scene& scene, PlantHalf<World, Bus>& plant, const Over& over) {
   const auto begin = std::chrono::steady_clock::now();
   const auto silence = std::chrono::milliseconds(silence_ms);
   auto heard = begin;
   Pace pace(scene.tick() / plant.substeps());
-  while (!plant.finished() && !stop_requested()) {
+  while (!plant.finished() && !stop_requested() && !over()) {
     if (!plant.released() && std::chrono::steady_clock::now() - begin > silence) {
       throw RunError("the drives were not in closed-loop control after 5 s (controller dead or not started)");
     }
@@ -65,6 +65,13 @@ template <class World, class Bus, class Done>
 void pace_controller(const Scene& scene, ControllerHalf<World, Bus>& controller, ControllerRecorder<World>& recorder,
                      const Done& done) {
   Pace pace(scene.tick());
+  const auto part = [&] {
+    controller.part([&] {
+      pace.wait();
+      controller.receive();
+      return true;
+    });
+  };
   const auto begin = std::chrono::steady_clock::now();
   while (!done() && !stop_requested()) {
     pace.wait();
@@ -72,12 +79,29 @@ void pace_controller(const Scene& scene, ControllerHalf<World, Bus>& controller,
     controller.tick(true);
     recorder.tick(controller.result(), controller.cycle().sample());
     const bool never = recorder.ticks() == 0 && std::chrono::steady_clock::now() - begin > std::chrono::milliseconds(silence_ms);
+    if (controller.supervisor().state() == State::fault && recorder.ticks() == 0) {
+      const Fault fault = controller.supervisor().fault();
+      part();
+      throw RunError(fmt::format("the controller refused to arm: {}", name(fault)));
+    }
     if (never) {
-      controller.shut_down();
+      part();
       throw RunError("the drives were not in closed-loop control after 5 s (plant dead or not started)");
     }
   }
-  controller.shut_down();
+  part();
+}
+
+/// The drives go on talking, with the mechanism left as it is, until the controller has heard that they are idle.
+template <class World, class Bus, class Done>
+void linger(const Scene& scene, PlantHalf<World, Bus>& plant, const Done& done) {
+  Pace pace(scene.tick());
+  const auto give_up = std::chrono::steady_clock::now() + std::chrono::seconds(2);
+  while (!done() && std::chrono::steady_clock::now() < give_up) {
+    pace.wait();
+    plant.publish();
+    (void)plant.drain();
+  }
 }
 
 template <class World>
@@ -85,10 +109,10 @@ int plant_realtime(const Scene& scene, const RunOptions& o, hal::SocketCan& bus,
   OutputDirectory out(o.out);
   FrameLog frames(out.path("frames.log"), interface, static_cast<std::uint32_t>(scene.bitrate));
   PlantHalf<World, hal::SocketCan> plant(scene, o, bus, frames, out.path("log.csv"), false);
-  if (!wait_until(bus, [&] { return plant.drain() > 0; }) && !stop_requested()) {
+  if (wait_for(bus, [&] { return plant.drain() > 0; }) == Waited::silent) {
     throw RunError("no controller was heard for 5 s on " + interface);
   }
-  const RunEnd end = pace_plant(scene, plant);
+  const RunEnd end = pace_plant(scene, plant, [] { return false; });
   frames.close();
   return finish_run(o, scene, "plant", plant.recorder().statistics(), end, plant.recorder().log(), out);
 }
@@ -122,24 +146,28 @@ int run_hil_realtime(const Scene& scene, const RunOptions& o) {
   PlantHalf<World, hal::SocketCan> plant(scene, o, plant_bus, frames, out.path("log.csv"), false);
   ControllerHalf<World, hal::SocketCan> controller(scene, Pacing::realtime, control_bus);
   ControllerRecorder<World> seen(scene, "");
-  std::atomic<bool> over{false};
-  std::exception_ptr failure;
+  std::atomic<bool> over{false}, parted{false};
+  std::exception_ptr plant_failure, controller_failure;
   std::thread thread([&] {
     try {
       pace_controller(scene, controller, seen, [&] { return over.load(); });
     } catch (...) {
-      failure = std::current_exception();
+      controller_failure = std::current_exception();
     }
+    parted = true;
   });
   RunEnd end;
   try {
-    end = pace_plant(scene, plant);
+    end = pace_plant(scene, plant, [&] { return parted.load(); });
+    over = true;
+    linger(scene, plant, [&] { return parted.load(); });
   } catch (...) {
-    failure = std::current_exception();
+    plant_failure = std::current_exception();
   }
   over = true;
   thread.join();
-  if (failure) std::rethrow_exception(failure);
+  if (controller_failure) std::rethrow_exception(controller_failure);
+  if (plant_failure) std::rethrow_exception(plant_failure);
   const Supervisor& supervisor = controller.supervisor();
   end.final_state = name(supervisor.state());
   end.faults.clear();
