@@ -13,7 +13,7 @@ namespace esmc {
 
 /// What the cycle needs of a motor drive; `drive::OdriveAxis` is one.
 template <class D>
-concept Drive = requires(D& d, const D& c, const hal::CanFrame& f, void (*send)(const hal::CanFrame&)) {
+concept Drive = requires(D& d, const D& c, const hal::CanFrame& f, bool (*send)(const hal::CanFrame&)) {
   d.begin_tick();
   { static_cast<int>(d.receive(f)) };
   { c.sample_age_ticks() } -> std::same_as<std::uint32_t>;
@@ -24,6 +24,8 @@ concept Drive = requires(D& d, const D& c, const hal::CanFrame& f, void (*send)(
   { c.closed_loop() } -> std::same_as<bool>;
   { c.must_be_released() } -> std::same_as<bool>;
   { c.emergency_stopped() } -> std::same_as<bool>;
+  d.acknowledge();
+  { c.alive() } -> std::same_as<bool>;
   d.enable(send);
   d.ask_again();
   d.disable(send);
@@ -78,6 +80,18 @@ class Cycle {
     return all;
   }
 
+  /// True when some axis has said something since the cycle began to listen.
+  [[nodiscard]] bool heard() const {
+    bool any = false;
+    for (int i = 0; i < axis_count_; ++i) any = any || axis(i).alive();
+    return any;
+  }
+  /// True when every motor has said that it is idle, after whatever it was asked last.
+  [[nodiscard]] bool all_idle() const { return status().all_idle; }
+  /// receive() reads no more before the next tick, which will raise bus_overload: whoever waits for a complete()
+  /// set must not wait on.
+  [[nodiscard]] bool overloaded() const { return flooded_; }
+
   /// Takes what waits on the bus, at most frames_per_tick_max frames. May be called several times per tick.
   template <hal::CanBus Bus>
   void receive(Bus& bus) {
@@ -85,7 +99,7 @@ class Cycle {
     hal::CanFrame f;
     for (; taken_ < frames_per_tick_max && bus.try_receive(f); ++taken_) take(f);
     // What is left unread makes every later sample older than it looks.
-    if (taken_ == frames_per_tick_max) flooded_ = true;
+    flooded_ = flooded_ || taken_ == frames_per_tick_max;
   }
 
   /// One tick, read top to bottom: transitions, what the drives say, state to torque, torque to frames.
@@ -94,11 +108,14 @@ class Cycle {
   TickResult<M> tick(Bus& bus, bool answer = true) {
     open();
     // The drives' word of the tick before: a tick in which the last axis confirms is still one of enabling.
+    const bool acknowledged = command_ == Command::reset && supervisor_.fault() == Fault::emergency_stop;
     supervisor_.begin_tick(command_, status_);
+    if (acknowledged) acknowledge();
     command_ = Command::none;
     supervisor_.raise(drive_fault());
     gather();
-    const TickResult<M> result = controller_.tick(sample_, supervisor_);
+    TickResult<M> result = controller_.tick(sample_, supervisor_);
+    check_shafts(result);
     transmit(bus, result, answer);
     status_ = status();
     opened_ = false;
@@ -138,13 +155,14 @@ class Cycle {
   /// What is wrong on the bus or in a drive, before anything is computed.
   Fault drive_fault() {
     // Latched by the supervisor; here they are news of the last tick.
-    const bool off = std::exchange(bus_off_, false), malformed = std::exchange(malformed_, false);
-    if (off) return Fault::bus_off;
-    if (std::exchange(flooded_, false)) return Fault::bus_overload;
-    if (malformed) return Fault::malformed_frame;
-    for (int i = 0; i < motor_count(); ++i) {
-      if (axis(motor_axis(i)).emergency_stopped()) return Fault::drive_error;
+    const bool off = std::exchange(bus_off_, false), malformed = std::exchange(malformed_, false),
+               flooded = std::exchange(flooded_, false);
+    for (int i = 0; i < axis_count_; ++i) {
+      if (axis(i).emergency_stopped()) return Fault::emergency_stop;
     }
+    if (off) return Fault::bus_off;
+    if (flooded) return Fault::bus_overload;
+    if (malformed) return Fault::malformed_frame;
     if (!supervisor_.running()) return Fault::none;  // other errors of a drive that is being enabled are expected
     for (int i = 0; i < motor_count(); ++i) {
       const D& a = axis(motor_axis(i));
@@ -153,6 +171,24 @@ class Cycle {
       if (a.heartbeat_age_ticks() > heartbeat_age_ticks_max_) return Fault::heartbeat_lost;
     }
     return Fault::none;
+  }
+
+  /// The operator has seen the emergency stop: it is what the axes report now that may be cleared.
+  void acknowledge() {
+    for (int i = 0; i < axis_count_; ++i) axes_[static_cast<unsigned>(i)].acknowledge();
+  }
+
+  /// What is finite and within its limit at the joint may be neither at the shaft, in a float, behind a gear.
+  void check_shafts(TickResult<M>& result) {
+    bool carried = true;
+    for (int i = 0; i < motor_count(); ++i) {
+      carried = carried && axis(motor_axis(i)).can_carry(result.torque[joint_of_motor(i)]);
+    }
+    if (carried) return;
+    supervisor_.raise(Fault::torque_not_finite);
+    result.state = supervisor_.state();
+    result.fault = supervisor_.fault();
+    result.torque.setZero();
   }
 
   void gather() {
@@ -169,7 +205,7 @@ class Cycle {
 
   template <hal::CanBus Bus>
   void transmit(Bus& bus, const TickResult<M>& result, bool answer) {
-    const auto send = [&](const hal::CanFrame& f) { put(bus, f); };
+    const auto send = [&](const hal::CanFrame& f) { return put(bus, f); };
     for (int i = 0; i < motor_count(); ++i) {
       D& a = axes_[static_cast<unsigned>(motor_axis(i))];
       if (result.state == State::enabling) a.enable(send);
@@ -180,14 +216,15 @@ class Cycle {
   }
 
   template <hal::CanBus Bus>
-  void put(Bus& bus, const hal::CanFrame& f) {
+  bool put(Bus& bus, const hal::CanFrame& f) {
     switch (bus.try_send(f)) {
-      case hal::SendStatus::ok: ++counters_.sent; return;
+      case hal::SendStatus::ok: ++counters_.sent; return true;
       case hal::SendStatus::bus_off: bus_off_ = true; break;
       case hal::SendStatus::bus_full:
       case hal::SendStatus::refused: break;
     }
     ++counters_.send_failed;
+    return false;
   }
 
   [[nodiscard]] int motor_count() const { return controller_.config().motor_count(); }

@@ -15,7 +15,7 @@ enum class Version : std::uint8_t { v0_6, v0_5_6 };
 
 enum class Message : std::uint8_t {
   heartbeat = 0x01,          ///< drive -> us: u32 axis_error, u8 axis_state, ...
-  estop = 0x02,              ///< us -> drive, no payload: disarm with an error
+  estop = 0x02,              ///< anybody -> drive, no payload: disarm with an error
   set_axis_state = 0x07,     ///< us -> drive: u32 AxisState, 4 bytes unused
   encoder_estimates = 0x09,  ///< drive -> us: f32 position rev, f32 velocity rev/s
   set_controller_mode = 0x0B,///< us -> drive: u32 control mode, u32 input mode
@@ -26,7 +26,8 @@ enum class Message : std::uint8_t {
 enum class AxisState : std::uint8_t { undefined = 0, idle = 1, closed_loop_control = 8 };
 inline constexpr std::uint32_t control_mode_torque = 1;
 inline constexpr std::uint32_t input_mode_passthrough = 1;
-inline constexpr std::uint8_t node_max = 0x3E;  ///< 0x3F is broadcast in 0.6
+inline constexpr std::uint8_t node_max = 0x3E;
+inline constexpr std::uint8_t node_broadcast = 0x3F;  ///< 0.6 only
 inline constexpr std::uint32_t error_watchdog_0_6 = 0x0100'0000;
 inline constexpr std::uint32_t error_watchdog_0_5_6 = 0x0000'0800;
 inline constexpr std::uint32_t error_estop_0_6 = 0x0200'0000;

@@ -27,16 +27,21 @@ struct JointSample {
 class OdriveAxis {
  public:
   using Version = odrive::Version;
-  static constexpr int frames_per_tick_max = 4;
 
   OdriveAxis() = default;
   /// `retry_ticks`: how long to wait for closed-loop control before asking again, > 0.
   OdriveAxis(const AxisConfig& config, Version version, std::uint32_t retry_ticks)
       : config_(config), version_(version), retry_ticks_(retry_ticks) {}
 
-  /// Takes a frame from the bus. No side effect unless `accepted`.
+  /// Takes a frame from the bus. No side effect unless `accepted`. An emergency stop that somebody sends to this
+  /// axis, or to all, is taken whatever its length and format.
   Received receive(const hal::CanFrame& f) {
-    if (f.extended || (f.id >> 5U) != config_.node) return Received::not_mine;
+    if (f.extended) return Received::not_mine;
+    if (is_emergency_stop(f)) {
+      stopped_ = true;
+      return Received::accepted;
+    }
+    if ((f.id >> 5U) != config_.node) return Received::not_mine;
     switch (static_cast<odrive::Message>(f.id & 0x1FU)) {
       case odrive::Message::heartbeat: return take(odrive::decode_heartbeat(f, version_));
       case odrive::Message::encoder_estimates: return take(odrive::decode_encoder_estimates(f));
@@ -69,10 +74,15 @@ class OdriveAxis {
   [[nodiscard]] bool idle() const { return answered_ && !asked_ && last_.axis_state == odrive::AxisState::idle; }
   /// It was asked into closed loop once and has not been seen idle after being asked out of it.
   [[nodiscard]] bool must_be_released() const { return owed_; }
-  /// Somebody pressed the emergency stop after we began to enable: not ours to clear.
-  [[nodiscard]] bool emergency_stopped() const {
-    const std::uint32_t bit = version_ == Version::v0_6 ? odrive::error_estop_0_6 : odrive::error_estop_0_5_6;
-    return clean_ && (last_.axis_error & bit) != 0;
+  /// The axis itself has said something: an old setpoint or a frame of another controller is no life.
+  [[nodiscard]] bool alive() const { return alive_; }
+  /// An emergency stop was seen on the bus or reported by the axis, and no operator has acknowledged it since.
+  [[nodiscard]] bool emergency_stopped() const { return stopped_; }
+  /// The operator's reset of an emergency stop: what the axis still reports of it may be cleared, once. Anything
+  /// newer stops again.
+  void acknowledge() {
+    stopped_ = false;
+    acknowledged_ = reports_emergency_stop();
   }
   [[nodiscard]] bool error() const { return heard_ && (last_.axis_error != 0 || last_.component_flags != 0); }
   [[nodiscard]] bool closed_loop() const {
@@ -80,58 +90,138 @@ class OdriveAxis {
   }
   [[nodiscard]] std::uint32_t error_code() const { return last_.axis_error; }
 
-  /// Frames that bring the axis to closed-loop torque control; call every tick while enabling. The whole
-  /// sequence is repeated every `retry_ticks` until the axis is ready.
+  /// Frames that bring the axis to closed-loop torque control; call every tick while enabling. `send` says whether
+  /// the bus took the frame; what it did not take is sent again.
+  ///
+  ///   controller mode  ->  a heartbeat that is newer  ->  clear errors, if it reports some (and no emergency stop)
+  ///                    ->  a heartbeat without error  ->  closed-loop control  ->  two heartbeats: ready()
+  ///
+  /// Identifiers are priorities: a full transmit queue would let the request for closed loop overtake the mode,
+  /// and the axis would arm in the mode it has stored. So there is a heartbeat between the two. What leads to
+  /// nothing is repeated from the start every `retry_ticks`.
   template <class Send>
   void enable(Send&& send) {
     if (ready()) return;
-    if (wait_ticks_ > 0) {
-      --wait_ticks_;
-      return;
-    }
-    confirmations_ = 0;
-    asked_ = true;
-    answered_ = false;
-    owed_ = true;
-    send(odrive::encode_set_controller_mode(config_.node));
-    send(odrive::encode_clear_errors(config_.node, version_));
-    send(odrive::encode_set_axis_state(config_.node, odrive::AxisState::closed_loop_control));
-    wait_ticks_ = retry_ticks_ > 0 ? retry_ticks_ - 1 : 0;
+    if (clear_wait_ticks_ > 0) --clear_wait_ticks_;
+    const bool due = wait_ticks_ == 0;
+    if (!due) --wait_ticks_;
+    if (step_ == Step::request && news_ && request(send)) return;
+    if (step_ != Step::configure && due) repeat();
+    if (step_ == Step::configure && (alive_ || due)) configure(send);
   }
 
   /// Nobody can have heard the last request: repeat it at the next enable().
-  void ask_again() { wait_ticks_ = 0; }
+  void ask_again() {
+    wait_ticks_ = 0;
+    patient_ = false;
+  }
 
   /// Frames that take the axis out of closed-loop control.
   template <class Send>
   void disable(Send&& send) {
     confirmations_ = 0;
     wait_ticks_ = 0;
+    step_ = Step::configure;
+    news_ = false;
     asked_ = false;
     answered_ = false;
-    clean_ = false;
     send(odrive::encode_set_axis_state(config_.node, odrive::AxisState::idle));
   }
 
-  /// Torque at the joint, N m, model convention. What the drive receives is rounded to float.
+  /// More than any motor gives; a gear ratio that makes such a number is a mistake. N m at the shaft.
+  static constexpr float shaft_torque_max = 1e4F;
+  /// Whether what this joint torque (N m, model convention) becomes at the shaft may go on the bus: a finite
+  /// float not above shaft_torque_max.
+  template <class S>
+  [[nodiscard]] bool can_carry(S joint_torque) const {
+    const float torque = shaft_torque(joint_torque);
+    return torque >= -shaft_torque_max && torque <= shaft_torque_max;
+  }
+  /// Torque at the joint, N m, model convention. What the drive receives is rounded to float; zero for a torque
+  /// that cannot be carried.
   template <class S>
   [[nodiscard]] hal::CanFrame torque_frame(S joint_torque) const {
-    return odrive::encode_torque(config_.node,
-                                 static_cast<float>(joint_torque) * config_.direction / config_.gear_ratio);
+    return odrive::encode_torque(config_.node, can_carry(joint_torque) ? shaft_torque(joint_torque) : 0.0F);
   }
 
   static constexpr std::uint32_t age_max = 0xFFFF'FFFF;
 
  private:
+  enum class Step : std::uint8_t {
+    configure,  ///< the controller mode has to be sent
+    request,    ///< the bus has taken it: a newer heartbeat decides what comes next
+    confirm,    ///< closed-loop control has been asked for
+  };
+
+  template <class S>
+  [[nodiscard]] float shaft_torque(S joint_torque) const {
+    return static_cast<float>(joint_torque) * config_.direction / config_.gear_ratio;
+  }
+  [[nodiscard]] bool is_emergency_stop(const hal::CanFrame& f) const {
+    const bool everybody = version_ == Version::v0_6 && (f.id >> 5U) == odrive::node_broadcast;
+    return ((f.id >> 5U) == config_.node || everybody) &&
+           static_cast<odrive::Message>(f.id & 0x1FU) == odrive::Message::estop;
+  }
+  [[nodiscard]] bool reports_emergency_stop() const {
+    const std::uint32_t bit = version_ == Version::v0_6 ? odrive::error_estop_0_6 : odrive::error_estop_0_5_6;
+    return (last_.axis_error & bit) != 0;
+  }
+
+  /// Sent to a silent axis as well, for it to be heard on the bus; but it counts only once the axis lives.
+  template <class Send>
+  void configure(Send&& send) {
+    const bool taken = send(odrive::encode_set_controller_mode(config_.node));
+    if (taken || !alive_) wait_ticks_ = retry_ticks_ > 0 ? retry_ticks_ - 1 : 0;
+    if (!taken || !alive_) return;
+    step_ = Step::request;
+    news_ = false;
+  }
+  /// With a heartbeat that is newer than the mode. True when there is nothing more to do in this tick.
+  template <class Send>
+  bool request(Send&& send) {
+    if (error()) {
+      news_ = false;
+      // Only in the tick of the report, so that nothing can have been added to it that we do not know of.
+      if (heartbeat_age_ticks_ > 0 || clear_wait_ticks_ > 0 || stopped_) return false;
+      if (!send(odrive::encode_clear_errors(config_.node, version_))) return false;
+      clear_wait_ticks_ = retry_ticks_;
+      acknowledged_ = false;
+      return false;
+    }
+    if (stopped_ || !send(odrive::encode_set_axis_state(config_.node, odrive::AxisState::closed_loop_control))) {
+      return false;
+    }
+    step_ = Step::confirm;
+    confirmations_ = 0;
+    asked_ = true;
+    answered_ = false;
+    owed_ = true;
+    patient_ = true;
+    wait_ticks_ = retry_ticks_ > 0 ? retry_ticks_ - 1 : 0;
+    return true;
+  }
+  /// From the start, but an axis that has confirmed once gets the time for its second heartbeat.
+  void repeat() {
+    if (step_ == Step::confirm && confirmations_ > 0 && patient_) {
+      patient_ = false;
+      wait_ticks_ = retry_ticks_ > 0 ? retry_ticks_ - 1 : 0;
+      return;
+    }
+    step_ = Step::configure;
+  }
+
   Received take(const std::optional<odrive::Heartbeat>& h) {
     if (!h) return Received::malformed;
     last_ = *h;
     heard_ = true;
+    alive_ = true;
+    news_ = true;
     answered_ = true;
     heartbeat_age_ticks_ = 0;
-    clean_ = clean_ || (asked_ && !error());
+    if (!reports_emergency_stop()) acknowledged_ = false;
+    stopped_ = stopped_ || (reports_emergency_stop() && !acknowledged_);
     if (idle()) owed_ = false;
-    if (!asked_ || !closed_loop() || error()) {
+    if (step_ != Step::confirm || !closed_loop() || error()) {
       confirmations_ = 0;
     } else if (confirmations_ < 2 && !counted_) {  // a heartbeat seen twice in a tick is one heartbeat
       ++confirmations_;
@@ -142,6 +232,7 @@ class OdriveAxis {
   Received take(const std::optional<odrive::EncoderEstimates>& e) {
     if (!e) return Received::malformed;
     estimates_ = *e;
+    alive_ = true;
     sample_age_ticks_ = 0;
     return Received::accepted;
   }
@@ -151,16 +242,22 @@ class OdriveAxis {
   odrive::Heartbeat last_{};
   odrive::EncoderEstimates estimates_{};
   std::uint32_t retry_ticks_ = 150;
-  std::uint32_t wait_ticks_ = 0;
+  std::uint32_t wait_ticks_ = 0;        // until the sequence is repeated
+  std::uint32_t clear_wait_ticks_ = 0;  // until errors may be cleared again
   std::uint32_t sample_age_ticks_ = age_max;
   std::uint32_t heartbeat_age_ticks_ = age_max;
   std::uint8_t confirmations_ = 0;
-  bool heard_ = false;
-  bool asked_ = false;    // the last request was for closed-loop control
-  bool answered_ = false; // heard since the last request
-  bool owed_ = false;     // asked into closed loop, not seen idle since
-  bool clean_ = false;    // heard without error since we began to enable
-  bool counted_ = false;  // a heartbeat of this tick has been counted
+  Step step_ = Step::configure;
+  bool heard_ = false;         // a heartbeat
+  bool alive_ = false;         // a heartbeat or a sample
+  bool news_ = false;          // a heartbeat since the bus took the mode
+  bool patient_ = false;       // the next repetition may wait for a second confirmation
+  bool asked_ = false;         // the last request was for closed-loop control
+  bool answered_ = false;      // heard since the last request
+  bool owed_ = false;          // asked into closed loop, not seen idle since
+  bool stopped_ = false;       // emergency stop, not acknowledged
+  bool acknowledged_ = false;  // what the axis reports of it may be cleared
+  bool counted_ = false;       // a heartbeat of this tick has been counted
 };
 
 }  // namespace esmc::drive

@@ -11,6 +11,7 @@ enum class [[nodiscard]] Fault : std::uint8_t {
   stale_feedback,         ///< more than max_age_ticks without a sample from an axis
   malformed_frame,        ///< a frame of a drive of ours had the wrong length or format
   heartbeat_lost,         ///< an axis has not said that it lives for longer than heartbeat_timeout
+  emergency_stop,         ///< seen on the bus or reported by an axis; never cleared without an operator's reset
   drive_error,            ///< an axis reported an error
   drive_disarmed,         ///< an axis left closed-loop control by itself
   bus_overload,           ///< more frames in a tick than the controller reads: samples would be older than they look
@@ -23,7 +24,7 @@ enum class [[nodiscard]] Fault : std::uint8_t {
   joint_speed,            ///< a base joint turns faster than allowed
   joint_angle,            ///< a base joint left its range
   reference_unreachable,  ///< the reference lies outside the workspace
-  torque_not_finite,      ///< the law produced NaN or infinity
+  torque_not_finite,      ///< the law produced NaN or infinity, or a shaft torque that no motor has
 };
 inline constexpr int fault_count = static_cast<int>(Fault::torque_not_finite) + 1;
 
@@ -34,6 +35,7 @@ inline constexpr int fault_count = static_cast<int>(Fault::torque_not_finite) + 
     case Fault::stale_feedback: return "stale_feedback";
     case Fault::malformed_frame: return "malformed_frame";
     case Fault::heartbeat_lost: return "heartbeat_lost";
+    case Fault::emergency_stop: return "emergency_stop";
     case Fault::drive_error: return "drive_error";
     case Fault::drive_disarmed: return "drive_disarmed";
     case Fault::bus_overload: return "bus_overload";

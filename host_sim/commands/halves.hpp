@@ -14,6 +14,7 @@
 namespace esmc::host {
 
 inline constexpr int silence_ms = 5000;         ///< without a word from the other half: the run has failed
+inline constexpr int parting_ms = 20;           ///< per tick, for the other half after a stop
 inline constexpr double arming_time_max = 5.0;  ///< s of virtual time
 
 /// "socketcan:vcan0" -> "vcan0". Throws InputError for anything else.
@@ -28,16 +29,11 @@ BusObstacle bus_obstacle(const Scene& scene);
 /// Reads a scene for a command with a bus in it; open_loop and none are refused.
 Scene read_loop_scene(const RunOptions& o);
 
-/// Waits in slices, so that Ctrl-C is seen; `done` after each arrival. False: silence or Ctrl-C.
+/// Waits for the other half: until `done`, Ctrl-C or the end of our patience.
 template <class Bus, class Done>
-bool wait_until(Bus& bus, const Done& done) {
-  constexpr int slice_ms = 100;
-  auto deadline = std::chrono::steady_clock::now() + std::chrono::milliseconds(silence_ms);
-  while (!done()) {
-    if (wait_for_frame(bus, slice_ms)) continue;
-    if (!can_wait<Bus> || stop_requested() || std::chrono::steady_clock::now() > deadline) return false;
-  }
-  return true;
+Waited wait_for(Bus& bus, const Done& done, int patience_ms = silence_ms) {
+  return wait_until(
+      bus, done, [] { return stop_requested().load(); }, std::chrono::milliseconds(patience_ms));
 }
 
 template <class World, class Bus>
@@ -74,11 +70,23 @@ class PlantHalf {
   }
   /// False: Ctrl-C. Throws RunError when the controller says nothing.
   bool await_torques() {
-    if (wait_until(tap_.bus(), [&] { return node_.collect(tap_), node_.answered(); })) return true;
-    if (stop_requested()) return false;
+    switch (wait_for(tap_.bus(), [&] { return node_.collect(tap_), node_.answered(); })) {
+      case Waited::done:
+        return true;
+      case Waited::stopped:
+        return false;
+      case Waited::silent:
+        break;
+    }
     throw RunError("the controller sent no torque command for 5 s (controller dead or not started)");
   }
-  /// Frames that wait, without waiting for more.
+  /// After Ctrl-C: the same for a short time, and nobody is blamed.
+  bool await_last_torques() {
+    return wait_until(
+               tap_.bus(), [&] { return node_.collect(tap_), node_.answered(); }, [] { return false; },
+               std::chrono::milliseconds(parting_ms)) == Waited::done;
+  }
+  /// Frames that wait, without waiting for more: how many of them a controller sent to our drives.
   int drain() { return node_.drain(tap_); }
 
   /// Records the tick (from t = 0 on) and moves to the next.
@@ -143,6 +151,9 @@ class ControllerHalf {
   ControllerHalf(const Scene& scene, Pacing pacing, Bus& bus)
       : reference_(make_reference(scene, pacing)),
         bus_(bus),
+        parting_ticks_(static_cast<int>(
+                           std::ceil(std::clamp(scene.drives.heartbeat_timeout, 0.05, 1.0) * scene.rate_hz)) +
+                       1),
         cycle_(make_cycle<M>(scene, pacing, reference_)) {
     cycle_.command(Command::enable);
   }
@@ -152,9 +163,22 @@ class ControllerHalf {
   [[nodiscard]] const TickResult<M>& result() const { return result_; }
   [[nodiscard]] ControllerView<M> view() const { return {&result_, &cycle_.sample()}; }
 
-  /// Takes frames until every axis has sent its sample; false when they did not come within `silence_ms`.
-  bool await_set() {
-    return wait_until(bus_, [&] { return cycle_.receive(bus_), cycle_.complete(); });
+  /// Takes frames until every axis has sent its sample, or more came than a tick may read: that is a set as
+  /// well, for a tick that raises bus_overload.
+  Waited await_set() {
+    return wait_for(bus_, [&] { return take_set(); });
+  }
+  /// Asks the drives to arm until one of ours is heard, whoever else speaks on the bus. Silent: after 5 s.
+  Waited await_drives(std::chrono::milliseconds retry) {
+    const auto heard = [&] { return cycle_.receive(bus_), cycle_.heard() || cycle_.overloaded(); };
+    const auto give_up = std::chrono::steady_clock::now() + std::chrono::milliseconds(silence_ms);
+    Waited w = Waited::silent;
+    while (w == Waited::silent && std::chrono::steady_clock::now() < give_up) {
+      knock();
+      if (supervisor().state() == State::fault) return Waited::done;
+      w = wait_for(bus_, heard, static_cast<int>(retry.count()));
+    }
+    return w;
   }
   void receive() { cycle_.receive(bus_); }
   void tick(bool answer) { result_ = cycle_.tick(bus_, answer); }
@@ -164,15 +188,39 @@ class ControllerHalf {
     tick(false);
   }
   void stop() { cycle_.command(Command::stop); }
-  /// Zero torque and idle, once, without waiting for anybody.
+  /// Zero torque and idle, again and again, until every drive has said that it is idle. `next` brings about
+  /// the next tick; when it says false, or a drive has been silent for too long, there is nobody to wait for.
+  template <class Next>
+  void part(const Next& next) {
+    stop();
+    tick(true);
+    bool more = true;
+    for (int n = 0; more && !at_rest() && n < parting_ticks_; ++n) {
+      more = next();
+      tick(true);
+    }
+  }
+  /// The same when only the other half can bring about a tick.
   void shut_down() {
-    cycle_.command(Command::stop);
-    (void)cycle_.tick(bus_, true);
+    part([&] { return await_last_set(); });
+  }
+  /// After a stop: a set, but only for a short time.
+  bool await_last_set() {
+    return wait_until(
+               bus_, [&] { return take_set(); }, [] { return false; },
+               std::chrono::milliseconds(parting_ms)) == Waited::done;
   }
 
  private:
+  [[nodiscard]] bool at_rest() const {
+    return supervisor().state() == State::disabled ||
+           (supervisor().state() == State::fault && cycle_.all_idle());
+  }
+  bool take_set() { return cycle_.receive(bus_), cycle_.complete() || cycle_.overloaded(); }
+
   ReferenceBundle<double> reference_;
   Bus& bus_;
+  int parting_ticks_;
   OdriveCycle<M> cycle_;
   TickResult<M> result_{};
 };

@@ -19,28 +19,45 @@ int run_lockstep(const Scene& scene, const RunOptions& o, PlantBus& plant_bus, C
   PlantHalf<World, PlantBus> plant(scene, o, plant_bus, frames, out.path("log.csv"), true);
   ControllerHalf<World, ControlBus> controller(scene, Pacing::lockstep, control_bus);
   const auto begin = std::chrono::steady_clock::now();
-  bool stop = false;
-  Progress progress(tick_count(scene));
-  while (!plant.finished() && !stop) {
-    progress.at(plant.done());
-    stop = stop_requested();
-    if (stop) controller.stop();
+  bool stop = false, overloaded = false;
+  // One more tick of both halves after the run: time passes for the drives only.
+  const auto next = [&] {
+    (void)plant.await_last_torques();
     plant.publish();
-    controller.await_set();
+    return controller.await_last_set();
+  };
+  Progress progress(tick_count(scene));
+  while (!plant.finished() && !stop && !overloaded) {
+    progress.at(plant.done());
+    plant.publish();
+    if (controller.await_set() == Waited::silent && !stop_requested()) {
+      controller.shut_down();
+      throw RunError("the drives' frames did not reach the controller within 5 s: lost on " + interface +
+                     "?");
+    }
+    stop = stop_requested();
+    overloaded = controller.cycle().overloaded();
+    if (stop) controller.stop();
     controller.tick(true);
     if (controller.supervisor().state() == State::fault && !plant.released()) {
-      throw RunError(fmt::format("the controller refused to arm: {}", name(controller.supervisor().fault())));
+      const Fault fault = controller.supervisor().fault();
+      controller.part(next);
+      throw RunError(fmt::format("the controller refused to arm: {}", name(fault)));
     }
-    plant.await_torques();
+    if (!plant.await_torques()) {
+      stop = true;
+      (void)plant.await_last_torques();
+    }
     plant.advance(controller.view());
   }
   RunEnd end = plant.end(begin);
   end.interrupted = stop;
+  if (stop) controller.part(next);
   end.final_state = name(controller.supervisor().state());
   end.faults.clear();
   if (controller.supervisor().fault() != Fault::none)
     end.faults.emplace_back(name(controller.supervisor().fault()));
-  controller.shut_down();
+  if (!stop) controller.part([] { return false; });
   plant.drain();
   frames.close();
   return finish_run(o, scene, "hil", plant.recorder().statistics(), end, plant.recorder().log(), out);

@@ -211,9 +211,11 @@ int run(int argc, char** argv) {
   });
 
   AccuracyOptions a;
-  auto* accuracy = app.add_subcommand("accuracy", "what accuracy costs in time: integrators, tick rate, sensors, effects");
+  auto* accuracy =
+      app.add_subcommand("accuracy", "what accuracy costs in time: integrators, tick rate, sensors, effects");
   accuracy->add_flag("--quick", a.quick, "a minute instead of several");
-  accuracy->add_option("--out", a.out, "directory for CSV, JSON, Markdown tables and report.html")->type_name("DIR");
+  accuracy->add_option("--out", a.out, "directory for CSV, JSON, Markdown tables and report.html")
+      ->type_name("DIR");
   accuracy->add_flag("--json", a.json, "print the study as one JSON document");
   accuracy->callback([&] {
     a.command_line = o.command_line;

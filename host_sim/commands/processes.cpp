@@ -17,7 +17,7 @@ int plant_lockstep(const Scene& scene, const RunOptions& o, hal::SocketCan& bus,
   OutputDirectory out(o.out);
   FrameLog frames(out.path("frames.log"), interface, static_cast<std::uint32_t>(scene.bitrate));
   PlantHalf<World, hal::SocketCan> plant(scene, o, bus, frames, out.path("log.csv"), false);
-  if (!wait_until(bus, [&] { return plant.drain() > 0; }) && !stop_requested()) {
+  if (wait_for(bus, [&] { return plant.drain() > 0; }) == Waited::silent) {
     throw RunError("no controller was heard for 5 s on " + interface);
   }
   const auto begin = std::chrono::steady_clock::now();
@@ -39,46 +39,43 @@ int plant_lockstep(const Scene& scene, const RunOptions& o, hal::SocketCan& bus,
 template <class World>
 int controller_lockstep(const Scene& scene, const RunOptions& o, hal::SocketCan& bus,
                         const std::string& interface) {
-  constexpr int retry_ms = 150;
   OutputDirectory out(o.out);
   FrameLog frames(out.path("frames.log"), interface, static_cast<std::uint32_t>(scene.bitrate));
   Tapped<hal::SocketCan> tap(bus, frames);
   ControllerHalf<World, Tapped<hal::SocketCan>> controller(scene, Pacing::lockstep, tap);
   ControllerRecorder<World> recorder(scene, out.path("log.csv"));
   const auto begin = std::chrono::steady_clock::now();
-  const auto patience = begin + std::chrono::milliseconds(silence_ms);
-  controller.knock();
-  while (!wait_for_frame(bus, retry_ms)) {
-    if (stop_requested()) break;
-    if (std::chrono::steady_clock::now() > patience)
-      throw RunError("no drive was heard for 5 s on " + interface);
-    controller.knock();
+  if (controller.await_drives(std::chrono::milliseconds(150)) == Waited::silent) {
+    throw RunError("no drive was heard for 5 s on " + interface);
   }
-  bool stop = false;
+  bool stop = false, overloaded = false;
   std::uint64_t sets = 0;
+  // An overload ends the loop: which set the next samples belong to is no longer known.
   Progress progress(tick_count(scene));
-  while (recorder.ticks() < tick_count(scene) && !stop) {
+  while (recorder.ticks() < tick_count(scene) && !stop && !overloaded) {
     progress.at(recorder.ticks());
-    if (!controller.await_set()) {
-      stop = stop_requested();
-      if (!stop) {
-        controller.shut_down();
-        throw RunError(
-            "the drives sent no complete set of encoder frames for 5 s (plant dead or not started)");
-      }
+    const Waited set = controller.await_set();
+    if (set == Waited::silent) {
+      controller.shut_down();
+      throw RunError("the drives sent no complete set of encoder frames for 5 s (plant dead or not started)");
     }
+    stop = set == Waited::stopped || stop_requested();
+    overloaded = controller.cycle().overloaded();
     if (stop) controller.stop();
     controller.tick(true);
     frames.tick(static_cast<double>(++sets) * scene.tick());
     recorder.tick(controller.result(), controller.cycle().sample());
     if (controller.supervisor().state() == State::fault && recorder.ticks() == 0) {
-      throw RunError(fmt::format("the controller refused to arm: {}", name(controller.supervisor().fault())));
+      const Fault fault = controller.supervisor().fault();
+      controller.shut_down();
+      throw RunError(fmt::format("the controller refused to arm: {}", name(fault)));
     }
   }
+  if (stop) controller.shut_down();
   RunEnd end = recorder.end(begin, o, controller.supervisor(), frames, tap.lost(),
                             static_cast<double>(sets) * scene.tick());
   end.interrupted = stop;
-  controller.shut_down();
+  if (!stop) controller.shut_down();
   frames.close();
   return finish_run(o, scene, "controller", recorder.statistics(), end, recorder.log(), out);
 }

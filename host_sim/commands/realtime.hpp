@@ -36,16 +36,16 @@ class Pace {
   std::uint64_t late_ = 0;
 };
 
-/// The plant's ticks until the scene's duration, Ctrl-C or 5 s without a frame from the controller.
-template <class World, class Bus>
-RunEnd pace_plant(const Scene& scene, PlantHalf<World, Bus>& plant) {
+/// The plant's ticks until the scene's duration, Ctrl-C, `over` or 5 s without a command from the controller.
+template <class World, class Bus, class Over>
+RunEnd pace_plant(const Scene& scene, PlantHalf<World, Bus>& plant, const Over& over) {
   const auto begin = std::chrono::steady_clock::now();
   const auto silence = std::chrono::milliseconds(silence_ms);
   auto heard = begin;
   Pace pace(scene.tick() / plant.substeps());
   std::uint64_t late = 0;
   Progress progress(tick_count(scene));
-  while (!plant.finished() && !stop_requested()) {
+  while (!plant.finished() && !stop_requested() && !over()) {
     progress.at(plant.done());
     if (!plant.released() && std::chrono::steady_clock::now() - begin > silence) {
       throw RunError("the drives were not in closed-loop control after 5 s (controller dead or not started)");
@@ -62,8 +62,8 @@ RunEnd pace_plant(const Scene& scene, PlantHalf<World, Bus>& plant) {
       throw RunError("the controller was not heard for 5 s");
   }
   RunEnd end = plant.end(begin);
-  end.late_ticks = late;
   end.interrupted = stop_requested();
+  end.late_ticks = late;
   return end;
 }
 
@@ -72,6 +72,13 @@ template <class World, class Bus, class Done>
 std::uint64_t pace_controller(const Scene& scene, ControllerHalf<World, Bus>& controller,
                               ControllerRecorder<World>& recorder, const Done& done) {
   Pace pace(scene.tick());
+  const auto part = [&] {
+    controller.part([&] {
+      pace.wait();
+      controller.receive();
+      return true;
+    });
+  };
   const auto begin = std::chrono::steady_clock::now();
   while (!done() && !stop_requested()) {
     pace.wait();
@@ -80,13 +87,32 @@ std::uint64_t pace_controller(const Scene& scene, ControllerHalf<World, Bus>& co
     recorder.tick(controller.result(), controller.cycle().sample());
     const bool never = recorder.ticks() == 0 &&
                        std::chrono::steady_clock::now() - begin > std::chrono::milliseconds(silence_ms);
+    if (controller.supervisor().state() == State::fault && recorder.ticks() == 0) {
+      const Fault fault = controller.supervisor().fault();
+      part();
+      throw RunError(fmt::format("the controller refused to arm: {}", name(fault)));
+    }
     if (never) {
-      controller.shut_down();
+      part();
       throw RunError("the drives were not in closed-loop control after 5 s (plant dead or not started)");
     }
   }
-  controller.shut_down();
-  return pace.late();
+  const std::uint64_t late = pace.late();
+  part();
+  return late;
+}
+
+/// The drives go on talking, with the mechanism left as it is, until the controller has heard that they are
+/// idle.
+template <class World, class Bus, class Done>
+void linger(const Scene& scene, PlantHalf<World, Bus>& plant, const Done& done) {
+  Pace pace(scene.tick());
+  const auto give_up = std::chrono::steady_clock::now() + std::chrono::seconds(2);
+  while (!done() && std::chrono::steady_clock::now() < give_up) {
+    pace.wait();
+    plant.publish();
+    (void)plant.drain();
+  }
 }
 
 template <class World>
@@ -95,10 +121,10 @@ int plant_realtime(const Scene& scene, const RunOptions& o, hal::SocketCan& bus,
   OutputDirectory out(o.out);
   FrameLog frames(out.path("frames.log"), interface, static_cast<std::uint32_t>(scene.bitrate));
   PlantHalf<World, hal::SocketCan> plant(scene, o, bus, frames, out.path("log.csv"), false);
-  if (!wait_until(bus, [&] { return plant.drain() > 0; }) && !stop_requested()) {
+  if (wait_for(bus, [&] { return plant.drain() > 0; }) == Waited::silent) {
     throw RunError("no controller was heard for 5 s on " + interface);
   }
-  const RunEnd end = pace_plant(scene, plant);
+  const RunEnd end = pace_plant(scene, plant, [] { return false; });
   frames.close();
   return finish_run(o, scene, "plant", plant.recorder().statistics(), end, plant.recorder().log(), out);
 }
@@ -116,8 +142,8 @@ int controller_realtime(const Scene& scene, const RunOptions& o, hal::SocketCan&
       pace_controller(scene, controller, recorder, [&] { return recorder.ticks() >= tick_count(scene); });
   RunEnd end = recorder.end(begin, o, controller.supervisor(), frames, tap.lost(),
                             std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count());
-  end.late_ticks = late;
   end.interrupted = stop_requested();
+  end.late_ticks = late;
   frames.close();
   return finish_run(o, scene, "controller", recorder.statistics(), end, recorder.log(), out);
 }
@@ -136,26 +162,30 @@ int run_hil_realtime(const Scene& scene, const RunOptions& o) {
   PlantHalf<World, hal::SocketCan> plant(scene, o, plant_bus, frames, out.path("log.csv"), false);
   ControllerHalf<World, hal::SocketCan> controller(scene, Pacing::realtime, control_bus);
   ControllerRecorder<World> seen(scene, "");
-  std::atomic<bool> over{false};
-  std::exception_ptr failure;
+  std::atomic<bool> over{false}, parted{false};
+  std::exception_ptr plant_failure, controller_failure;
   std::uint64_t late = 0;
   std::thread thread([&] {
     try {
       late = pace_controller(scene, controller, seen, [&] { return over.load(); });
     } catch (...) {
-      failure = std::current_exception();
+      controller_failure = std::current_exception();
     }
+    parted = true;
   });
   RunEnd end;
   try {
-    end = pace_plant(scene, plant);
+    end = pace_plant(scene, plant, [&] { return parted.load(); });
+    over = true;
+    linger(scene, plant, [&] { return parted.load(); });
   } catch (...) {
-    failure = std::current_exception();
+    plant_failure = std::current_exception();
   }
   over = true;
   thread.join();
-  if (failure) std::rethrow_exception(failure);
-  end.late_ticks = *end.late_ticks + late;
+  if (controller_failure) std::rethrow_exception(controller_failure);
+  if (plant_failure) std::rethrow_exception(plant_failure);
+  end.late_ticks = end.late_ticks.value_or(0) + late;
   end.fault_t = seen.statistics().fault_time();
   const Supervisor& supervisor = controller.supervisor();
   end.final_state = name(supervisor.state());

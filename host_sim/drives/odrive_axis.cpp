@@ -84,6 +84,13 @@ bool OdriveAxis::receive(const hal::CanFrame& f, const Send& send) {
   return false;
 }
 
+bool OdriveAxis::commanded_by(const hal::CanFrame& f) const {
+  if (f.extended || f.fd || f.remote || (f.id >> 5U) != static_cast<std::uint32_t>(mount_.node)) return false;
+  const auto message = static_cast<wire::Message>(f.id & 0x1FU);
+  return message == wire::Message::set_axis_state || message == wire::Message::set_controller_mode ||
+         message == wire::Message::set_input_torque || message == wire::Message::clear_errors;
+}
+
 double OdriveAxis::joint_torque() const {
   if (!closed_loop() || !torque_mode_) return 0.0;
   return static_cast<double>(input_torque_) * mount_.direction * mount_.gear_ratio;

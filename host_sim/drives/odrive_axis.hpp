@@ -45,6 +45,10 @@ class OdriveAxis {
   /// axis.
   bool receive(const hal::CanFrame& f, const Send& send);
 
+  /// True for what a controller sends to this axis, and nobody else does: no requests, no emergency stop, nothing
+  /// that drives say.
+  [[nodiscard]] bool commanded_by(const hal::CanFrame& f) const;
+
   /// Torque at the joint, N m, model convention: zero unless in closed-loop torque control.
   [[nodiscard]] double joint_torque() const;
   [[nodiscard]] bool closed_loop() const { return state_ == drive::odrive::AxisState::closed_loop_control; }

@@ -53,19 +53,24 @@ class PlantNode {
     ++published_;
   }
 
+  static constexpr int frames_at_once = 4096;  ///< then the caller looks at its deadline again
+
   /// Hands waiting frames to the drives, up to the one that completes this tick's torques: what comes after
   /// belongs to the next tick.
   template <hal::CanBus Bus>
   void collect(Bus& bus) {
-    while (!answered() && take(bus)) {
+    int commands = 0;
+    for (int n = 0; n < frames_at_once && !answered() && take(bus, commands); ++n) {
     }
   }
-  /// Hands over all that waits. Returns how many frames there were.
+  /// Hands over all that waits. Returns how many commands to our drives were among it: frames of others are no
+  /// sign of a controller.
   template <hal::CanBus Bus>
   int drain(Bus& bus) {
-    int n = 0;
-    while (n < 4096 && take(bus)) ++n;
-    return n;
+    int commands = 0;
+    for (int n = 0; n < frames_at_once && take(bus, commands); ++n) {
+    }
+    return commands;
   }
 
   /// Every motor got a torque setpoint since publish().
@@ -107,9 +112,10 @@ class PlantNode {
     bool answered;
   };
   template <hal::CanBus Bus>
-  bool take(Bus& bus) {
+  bool take(Bus& bus, int& commands) {
     hal::CanFrame f;
     if (!bus.try_receive(f)) return false;
+    for (const Axis& a : axes_) commands += a.axis.commanded_by(f) ? 1 : 0;
     const auto send = [&](const hal::CanFrame& reply) { (void)bus.try_send(reply); };
     for (Axis& a : axes_) a.answered = a.axis.receive(f, send) || a.answered;
     return true;

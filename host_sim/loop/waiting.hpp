@@ -1,9 +1,14 @@
 #pragma once
-/// Waiting for a frame: a socket is polled, a virtual bus has it already or never will.
+/// Waiting for frames: a socket is polled, a virtual bus has them already or never will.
 
 #include <poll.h>
 
+#include <algorithm>
+#include <chrono>
 #include <cstddef>
+#include <cstdint>
+#include <thread>
+#include <type_traits>
 
 #include "hal/linux/socketcan.hpp"
 #include "hal/virtual/virtual_bus.hpp"
@@ -14,7 +19,10 @@ namespace esmc::host {
 /// Up to `milliseconds` for a frame to receive; false when there is none.
 inline bool wait_for_frame(hal::SocketCan& bus, int milliseconds) {
   pollfd p{bus.descriptor(), POLLIN, 0};
-  return ::poll(&p, 1, milliseconds) > 0;
+  if (::poll(&p, 1, milliseconds) <= 0) return false;
+  // A dead interface is always "ready": whoever asks again at once would burn the processor.
+  if ((p.revents & (POLLERR | POLLHUP | POLLNVAL)) != 0) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  return (p.revents & POLLIN) != 0;
 }
 template <class Port>
   requires requires(const Port& p) { p.waiting(); }
@@ -30,5 +38,24 @@ bool wait_for_frame(Tapped<Bus>& tap, int milliseconds) {
 /// Whether a frame may still come while one waits.
 template <class Bus>
 inline constexpr bool can_wait = std::is_same_v<Bus, hal::SocketCan> || std::is_same_v<Bus, Tapped<hal::SocketCan>>;
+
+enum class Waited : std::uint8_t { done, stopped, silent };
+
+/// Waits until `done`, which takes what has arrived and is asked again after each arrival. `stop` (Ctrl-C) and the
+/// deadline count at every pass, whatever arrives: frames of others on the bus are no reason to wait on.
+template <class Bus, class Done, class Stop>
+Waited wait_until(Bus& bus, const Done& done, const Stop& stop, std::chrono::milliseconds patience) {
+  using Clock = std::chrono::steady_clock;
+  constexpr std::chrono::milliseconds slice(100);
+  const auto deadline = Clock::now() + patience;
+  while (!done()) {
+    if (stop()) return Waited::stopped;
+    const auto left = std::chrono::ceil<std::chrono::milliseconds>(deadline - Clock::now());
+    if (left.count() <= 0) return Waited::silent;
+    const bool frame = wait_for_frame(bus, static_cast<int>(std::min(left, slice).count()));
+    if (!frame && !can_wait<Bus>) return Waited::silent;
+  }
+  return Waited::done;
+}
 
 }  // namespace esmc::host

@@ -31,6 +31,7 @@ struct Setup {
   drive::odrive::Version version = drive::odrive::Version::v0_6;
   std::uint32_t retry_ticks = 150;
   std::uint32_t heartbeat_age_ticks_max = 20;
+  std::array<double, 4> gear{mountings[0].gear, mountings[1].gear, mountings[2].gear, mountings[3].gear};
 };
 
 // ---- the two machines ------------------------------------------------------------------------------------------
@@ -118,7 +119,7 @@ class Rig {
   static constexpr std::size_t axes_max = static_cast<std::size_t>(M::joints);
 
   explicit Rig(const Setup<M>& s = setup<M>())
-      : angle(s.angle), rate(s.rate), controller_(s.controller), cycle(config(s, axes(s))), axes_(axes(s)) {
+      : angle(s.angle), rate(s.rate), controller_(s.controller), cycle(config(s, axes(s))), axes_(axes(s)), gear_(s.gear) {
     state.fill(axis_idle);
     sends_encoder.fill(true);
     sends_heartbeat.fill(true);
@@ -133,7 +134,7 @@ class Rig {
 
   void push_encoder(std::size_t axis) {
     const Mounting& m = mountings[axis];
-    const double per_turn = m.direction * m.gear / turn;
+    const double per_turn = m.direction * gear_[axis] / turn;
     bus.push(encoder(m.node, static_cast<float>((angle[joint_of(axis)] - m.offset) * per_turn),
                      static_cast<float>(rate[joint_of(axis)] * per_turn)));
   }
@@ -221,7 +222,7 @@ class Rig {
     c.controller = s.controller;
     for (std::size_t i = 0; i < axes; ++i) {
       const Mounting& m = mountings[i];
-      c.axes[i] = drive::OdriveAxis({m.node, static_cast<float>(m.direction), static_cast<float>(m.gear),
+      c.axes[i] = drive::OdriveAxis({m.node, static_cast<float>(m.direction), static_cast<float>(s.gear[i]),
                                      static_cast<float>(m.offset)},
                                     s.version, s.retry_ticks);
     }
@@ -246,6 +247,7 @@ class Rig {
 
  private:
   std::size_t axes_;
+  std::array<double, 4> gear_;
 };
 
 }  // namespace esmc::test

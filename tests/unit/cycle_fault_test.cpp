@@ -87,6 +87,9 @@ std::vector<Case<M>> common_cases() {
                  },
                  healthy});
   all.push_back({Fault::drive_error, same, [](Rig<M>& rig) { rig.error[1] = 0x01000000; }, healthy});
+  all.push_back({Fault::emergency_stop, same, [](Rig<M>& rig) { rig.error[1] = 0x02000000; }, healthy});
+  all.push_back({Fault::emergency_stop, same,
+                 [](Rig<M>& rig) { rig.bus.push(test::message(rig.node(1), 0x02, 0, 0, 0)); }, healthy});
   all.push_back({Fault::drive_disarmed, same, [](Rig<M>& rig) { rig.state[0] = 1; }, healthy});
   all.push_back({Fault::drive_disarmed, same, [](Rig<M>& rig) { rig.state[1] = 0; }, healthy});
   all.push_back({Fault::bus_off, same,
@@ -192,6 +195,37 @@ TYPED_TEST(CycleFault, ReferenceOutOfReachAndTorqueNotFiniteStrikeBeforeAnyTorqu
     EXPECT_EQ(rig.cycle.supervisor().fault(), fault) << name(rig.cycle.supervisor().fault());
     EXPECT_TRUE(rig.all_zero());
   }
+}
+
+/// Finite at the joint and within its limit; at the shaft, behind a gear ratio that is a slip, it is neither.
+TYPED_TEST(CycleFault, ATorqueThatNoShaftHasIsAFaultAndReachesNoDrive) {
+  for (const double gear : {1e-40, 1e-30, 1e-6}) {
+    for (const std::size_t axis : {0U, 1U}) {
+      Setup<TypeParam> s = setup<TypeParam>();
+      s.gear[axis] = gear;
+      Rig<TypeParam> rig(s);
+      rig.start();
+      EXPECT_NE(rig.cycle.supervisor().state(), State::running) << gear;
+      for (int i = 0; i < 5; ++i) {
+        EXPECT_TRUE(rig.all_zero());
+        rig.tick();
+      }
+      const Fault f = rig.cycle.supervisor().fault();
+      EXPECT_TRUE(f == Fault::torque_not_finite || f == Fault::feedback_not_finite) << gear << ' ' << name(f);
+    }
+  }
+}
+
+/// What was news while nothing could be raised is not held against a later start.
+TYPED_TEST(CycleFault, AFloodWhileTheBusWasOffIsNotHeardOfLater) {
+  Rig<TypeParam, test::BasicFakeBus<4096>> rig;
+  rig.bus.answer(SendStatus::bus_off);
+  rig.tick();
+  for (int n = 0; n < 1100; ++n) rig.bus.push(test::message(2, 0, 0, 0, 0));
+  rig.tick();
+  rig.bus.answer(SendStatus::ok);
+  rig.tick();
+  EXPECT_EQ(rig.tick(Command::enable).state, State::enabling) << name(rig.cycle.supervisor().fault());
 }
 
 TYPED_TEST(CycleFault, BusOffIsOverOnceTheBusIsBackAndTheOperatorResets) {
@@ -319,7 +353,7 @@ TYPED_TEST(CycleFault, StaleSamplesAreNoFaultBeforeItRunsAndOneAtOnceWhenItDoes)
   rig.tick(Command::enable);
   rig.tick();
   EXPECT_EQ(rig.cycle.supervisor().state(), State::enabling);
-  EXPECT_TRUE(rig.until(State::fault, 3));
+  EXPECT_TRUE(rig.until(State::fault, 4));
   EXPECT_EQ(rig.cycle.supervisor().fault(), Fault::stale_feedback);
   EXPECT_TRUE(rig.all_zero());
 }

@@ -48,6 +48,7 @@ TYPED_TEST(CycleFrames, FramesOfOthersAreCountedAndChangeNothing) {
     bool ours = false;
     for (std::size_t i = 0; i < 2; ++i) ours = ours || id / 32 == rig.node(i);
     if (ours && (command == test::cmd_heartbeat || command == test::cmd_encoder)) continue;
+    if (command == 0x02 && (ours || id / 32 == 0x3F)) continue;  // emergency stops
     for (const bool extended : {false, true}) {
       hal::CanFrame f = test::message(0, 0, 0x7FC00000, 0x7FC00000, static_cast<std::uint8_t>(id % 9));
       f.id = id;
@@ -116,6 +117,39 @@ TYPED_TEST(CycleFrames, AFloodIsCountedOverAllReadsOfATick) {
   }
   EXPECT_EQ(rig.tick().fault, Fault::bus_overload);
   EXPECT_TRUE(rig.all_zero());
+}
+
+/// A loop that waits for a complete set must be told that none can come before the next tick.
+TYPED_TEST(CycleFrames, AFloodBeforeACompleteSetIsSaidAtOnce) {
+  constexpr int reads = esmc::OdriveCycle<TypeParam>::frames_per_tick_max;
+  Rig<TypeParam, test::BasicFakeBus<4096>> rig;
+  ASSERT_TRUE(rig.start());
+  rig.push_encoder(0);
+  for (int n = 0; n < reads - 2; ++n) rig.bus.push(test::message(2, 0, 0, 0, 0));
+  rig.cycle.receive(rig.bus);
+  EXPECT_FALSE(rig.cycle.complete() || rig.cycle.overloaded());
+  rig.bus.push(test::message(2, 0, 0, 0, 0));
+  rig.push_encoder(1);
+  rig.cycle.receive(rig.bus);
+  EXPECT_FALSE(rig.cycle.complete()) << "it reads no more";
+  EXPECT_TRUE(rig.cycle.overloaded());
+  EXPECT_EQ(rig.tick().fault, Fault::bus_overload);
+  EXPECT_TRUE(rig.all_zero());
+  EXPECT_FALSE(rig.cycle.overloaded());
+}
+
+/// A stranger, or an emergency stop that somebody else sends, is no sign that a drive of ours is there.
+TYPED_TEST(CycleFrames, OnlyOurDrivesCountAsHeard) {
+  Rig<TypeParam> rig;
+  EXPECT_FALSE(rig.cycle.heard());
+  rig.bus.push(test::heartbeat(2, 8));
+  rig.bus.push(test::message(rig.node(0), 0x02, 0, 0, 0));
+  rig.bus.push(test::message(rig.node(0), test::cmd_torque, 0, 0));
+  rig.cycle.receive(rig.bus);
+  EXPECT_FALSE(rig.cycle.heard());
+  rig.push_encoder(1);
+  rig.cycle.receive(rig.bus);
+  EXPECT_TRUE(rig.cycle.heard());
 }
 
 }  // namespace

@@ -1,0 +1,151 @@
+/// The halves of a loop on a bus that carries more than their frames, and how they part.
+
+#include "host_sim/commands/halves.hpp"
+
+#include <gtest/gtest.h>
+#include <sys/socket.h>
+
+#include <array>
+#include <atomic>
+#include <chrono>
+#include <memory>
+#include <thread>
+
+#include "tests/support/odrive_bytes.hpp"
+
+namespace esmc::host {
+namespace {
+
+using namespace std::chrono_literals;
+using Socket = hal::SocketCan;
+
+class Halves : public testing::Test {
+ protected:
+  Halves() {
+    std::array<int, 2> fd{};
+    EXPECT_EQ(::socketpair(AF_UNIX, SOCK_SEQPACKET, 0, fd.data()), 0);
+    here_ = Socket(fd[0]);
+    there_ = Socket(fd[1]);
+    options_.scene = ESMC_SCENE;  // nodes 1 and 2
+    scene_ = read_loop_scene(options_);
+  }
+  [[nodiscard]] int sent(unsigned command) {
+    hal::CanFrame f;
+    int n = 0;
+    while (there_.try_receive(f)) n += test::command_of(f) == command ? 1 : 0;
+    return n;
+  }
+
+  RunOptions options_;
+  Scene scene_;
+  FrameLog frames_;
+  Socket here_{-1}, there_{-1};
+};
+
+TEST_F(Halves, ThePlantHearsAControllerOnlyInCommandsToItsDrives) {
+  PlantHalf<FiveBarWorld, Socket> plant(scene_, options_, here_, frames_, "", false);
+  hal::CanFrame request = test::message(1, test::cmd_torque, 0, 0);
+  request.remote = true;
+  hal::CanFrame wide = test::message(1, test::cmd_mode, 1, 1);
+  wide.extended = true;
+  for (const hal::CanFrame& f :
+       {test::heartbeat(9, 8), test::message(9, test::cmd_mode, 1, 1), test::heartbeat(1, 8), test::encoder(2, 0, 0),
+        test::message(1, 0x02, 0, 0, 0), test::message(1, 0x17, 0, 0), request, wide}) {
+    ASSERT_EQ(there_.try_send(f), hal::SendStatus::ok);
+    EXPECT_EQ(plant.drain(), 0) << std::hex << f.id;
+  }
+  for (const unsigned command : {test::cmd_mode, test::cmd_axis_state, test::cmd_torque, test::cmd_clear_errors}) {
+    ASSERT_EQ(there_.try_send(test::message(2, command, 1, 0)), hal::SendStatus::ok);
+    EXPECT_EQ(plant.drain(), 1) << command;
+  }
+}
+
+/// A stranger speaks at once and all the time; the drive comes late.
+TEST_F(Halves, TheControllerAsksUntilADriveOfItsOwnIsHeard) {
+  ControllerHalf<FiveBarWorld, Socket> controller(scene_, Pacing::lockstep, here_);
+  std::thread others([&] {
+    for (int i = 0; i < 30; ++i) {
+      (void)there_.try_send(test::heartbeat(9, 8));
+      std::this_thread::sleep_for(10ms);
+    }
+    (void)there_.try_send(test::encoder(1, 0, 0));
+  });
+  EXPECT_EQ(controller.await_drives(20ms), Waited::done);
+  others.join();
+  EXPECT_TRUE(controller.cycle().heard());
+  EXPECT_GE(sent(test::cmd_mode), 2 * 4) << "in 300 ms, every 20 ms, two motors; a slow machine asks less often";
+}
+
+TEST_F(Halves, AFloodInsteadOfASetIsAFaultAndNotAWait) {
+  ControllerHalf<FiveBarWorld, Socket> controller(scene_, Pacing::lockstep, here_);
+  std::atomic<bool> over{false};
+  std::thread others([&] {
+    while (!over) {
+      if (there_.try_send(test::heartbeat(9, 8)) != hal::SendStatus::ok) std::this_thread::sleep_for(1ms);
+    }
+  });
+  EXPECT_EQ(controller.await_set(), Waited::done);
+  EXPECT_TRUE(controller.cycle().overloaded());
+  controller.tick(true);
+  EXPECT_EQ(controller.supervisor().fault(), Fault::bus_overload);
+  over = true;
+  others.join();
+  EXPECT_EQ(sent(test::cmd_torque), 2) << "zero torque, although no set asked for it";
+}
+
+/// One lockstep loop on a virtual bus, as hil runs it.
+class Loop {
+ public:
+  Loop(const Scene& scene, const RunOptions& o, FrameLog& frames)
+      : plant(scene, o, bus->port(0), frames, "", true), controller(scene, Pacing::lockstep, bus->port(1)) {}
+  void tick() {
+    plant.publish();
+    EXPECT_EQ(controller.await_set(), Waited::done);
+    controller.tick(true);
+    EXPECT_TRUE(plant.await_torques());
+    plant.advance(controller.view());
+  }
+  bool next() {
+    (void)plant.await_last_torques();
+    plant.publish();
+    return controller.await_last_set();
+  }
+  std::unique_ptr<hal::VirtualBus<2>> bus = std::make_unique<hal::VirtualBus<2>>();
+  PlantHalf<FiveBarWorld, hal::VirtualBus<2>::Port> plant;
+  ControllerHalf<FiveBarWorld, hal::VirtualBus<2>::Port> controller;
+};
+
+TEST_F(Halves, PartingEndsDisabledWhenTheDrivesHaveSaidIdle) {
+  for (const int ticks : {1, 15, 25, 100}) {  // while enabling, and while running
+    Loop loop(scene_, options_, frames_);
+    for (int i = 0; i < ticks; ++i) loop.tick();
+    EXPECT_EQ(loop.plant.released(), ticks > 40);
+    loop.controller.part([&] { return loop.next(); });
+    EXPECT_EQ(loop.controller.supervisor().state(), State::disabled) << ticks;
+  }
+}
+
+TEST_F(Halves, PartingFromDrivesThatSayNothingEnds) {
+  Loop loop(scene_, options_, frames_);
+  for (int i = 0; i < 100; ++i) loop.tick();
+  int passes = 0;
+  loop.controller.part([&] { return ++passes, true; });
+  EXPECT_EQ(loop.controller.supervisor().state(), State::stopping);
+  EXPECT_GE(passes, 10) << "a heartbeat period";
+  EXPECT_LE(passes, 60);
+}
+
+/// t = 0: the second heartbeat of closed-loop control reaches both halves, in the same tick.
+TEST_F(Halves, BothHalvesAgreeOnWhenTheRunBegins) {
+  Loop loop(scene_, options_, frames_);
+  int ticks = 0;
+  while (!loop.plant.released() && ticks < 100) {
+    loop.tick();
+    ++ticks;
+    EXPECT_EQ(loop.controller.supervisor().running(), loop.plant.released()) << ticks;
+  }
+  EXPECT_LT(ticks, 100);
+}
+
+}  // namespace
+}  // namespace esmc::host
