@@ -41,8 +41,7 @@ Gains<M> read_gains(const Node& n) {
   Gains<M> g;
   g.lambda = read_bounded<S, M::channels>(n, "lambda", false);
   g.k = read_bounded<S, M::channels>(n, "k", false);
-  const bool needed = read_switch(n) != Reaching::sign && n.has("eps");  // sgn s has no layer
-  g.layer = needed ? read_bounded<S, M::channels>(n, "eps", true) : M::Channels::Ones().eval();
+  g.layer = n.has("eps") ? read_bounded<S, M::channels>(n, "eps", true) : M::Channels::Ones().eval();
   g.independent.lambda = g.lambda[0];
   g.independent.k = g.k[0];
   g.independent.layer = g.layer[0];

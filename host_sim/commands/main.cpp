@@ -9,6 +9,7 @@
 #include <csignal>
 #include <cstdio>
 #include <cstring>
+#include <filesystem>
 #include <fstream>
 #include <iostream>
 #include <sstream>
@@ -56,7 +57,7 @@ std::string read_all(const std::string& file) {
     text << std::cin.rdbuf();
   } else {
     std::ifstream in(file, std::ios::binary);
-    if (!in) throw InputError("", file + ": cannot be read");
+    if (!in || std::filesystem::is_directory(file)) throw InputError("", file + ": cannot be read");
     text << in.rdbuf();
   }
   return text.str();

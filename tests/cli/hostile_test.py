@@ -364,12 +364,12 @@ class Hostile(unittest.TestCase):
         for change, words in ((state(theta=[theta[0] + 1e-3, *theta[1:]]), "'state.theta' of leg 1 does not lead to"), (state(x=five["state"]["x"] + 1e-3), "'state.theta'"),
                               (state(thetad=[*rates[:3], rates[3] + 0.1]), "'state.thetad' of leg 2"),
                               (law("lambda", -1), "'esmc.lambda' must be >= 0"), (law("k", -1e-9), "'esmc.k' must be >= 0"),
-                              (lambda c: c["esmc"].update(eps=[0.0] * 18, switch="sat"), "'esmc.eps' must be > 0"),
+                              (law("eps", 0.0), "'esmc.eps' must be > 0"), (law("eps", -1), "'esmc.eps' must be > 0"),
                               (lambda c: c["params"]["legs"].append(c["params"]["legs"][0]), "'params.legs' must have 2"), (lambda c: c["params"]["legs"].pop(), "'params.legs'")):
             for scalar in ("double", "float"):
                 self.failed(tried(five, change, "--scalar", scalar), 2, "stdin:1: case '" + five["id"] + "'", words)
         self.failed(tried(rr, law("k", -1)), 2, "'esmc.k'")
-        for change in (lambda c: None, lambda c: c["esmc"].update(eps=[0.0] * 18, switch="sign"), lambda c: c["state"].pop("theta") and c["state"].pop("thetad")):
+        for change in (lambda c: None, lambda c: c["esmc"].pop("eps"), lambda c: c["state"].pop("theta") and c["state"].pop("thetad")):
             self.assertEqual(tried(five, change).returncode, 0)
 
     def test_eval_documents(self):
@@ -378,6 +378,7 @@ class Hostile(unittest.TestCase):
             path.write_text(text)
             self.failed(esmc("eval", path), 2, f"{path}: ", "overflow")
             self.failed(esmc("eval", "-", stdin=text), 2, "stdin: ")
+        self.failed(esmc("eval", self.tmp), 2, "cannot be read")
 
 
 if __name__ == "__main__":
