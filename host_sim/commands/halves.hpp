@@ -127,7 +127,7 @@ class PlantHalf {
     if (disarmed_)
       e.faults.emplace_back(fmt::format("drives_disarmed (axis errors 0x{:x})", node_.drive_errors()));
     Statistics& s = recorder_.statistics();
-    s.energy_error = std::max(s.energy_error, node_.motion().energy_error());
+    s.energy_error = larger(s.energy_error, node_.motion().energy_error());
     return e;
   }
 
