@@ -19,7 +19,7 @@ def main():
         summary = json.loads(out)
         assert summary["interrupted"] is True and summary["ticks"] > 0, summary
         assert summary["supervisor"]["final_state"] == "disabled", summary["supervisor"]
-    assert summary["supervisor"]["faults"] == [], summary["supervisor"]
+        assert summary["supervisor"]["faults"] == [], summary["supervisor"]
 
 
 if __name__ == "__main__":
