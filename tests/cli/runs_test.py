@@ -149,8 +149,13 @@ class Told(unittest.TestCase):
 
     def test_progress_only_on_a_terminal(self):
         long = [ESMC, "sim", str(self.circle), *sets("simulation.duration=100000")]
+        try:
+            ours, theirs = pty.openpty()
+        except OSError as reason:
+            self.skipTest(f"no pseudo-terminal here: {reason}")
         piped = subprocess.Popen(long, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-        ours, theirs = pty.openpty()
+        self.addCleanup(piped.wait)
+        self.addCleanup(piped.kill)
         with subprocess.Popen(long, stdout=subprocess.DEVNULL, stderr=theirs) as run:
             os.close(theirs)
             seen = b""
