@@ -87,12 +87,12 @@ class ShaftSensor {
     return counts_per_rev_ > 0.0 ? std::round(rev * counts_per_rev_) / counts_per_rev_ : rev;
   }
 
-  /// p' = v + 2 b (y - p), v' = b^2 (y - p), exactly over a step with y held: e^{-bT} (1 + (A + b) T).
+  /// The drive's tracking loop, critically damped with both poles at e^{-bandwidth T}: at constant speed it reports
+  /// that speed, however fast the loop is.
   void track(double y) {
-    const double b = bandwidth_, e = position_ - y;
-    const double e_next = decay_ * (e + step_ * (velocity_ - b * e));
-    velocity_ = decay_ * (velocity_ + step_ * (b * velocity_ - b * b * e));
-    position_ = y + e_next;
+    const double ahead = position_ + step_ * velocity_, miss = y - ahead, quick = 1.0 - decay_;
+    position_ = ahead + (1.0 - decay_ * decay_) * miss;
+    velocity_ += quick * quick / step_ * miss;
   }
 
   bool observed_;

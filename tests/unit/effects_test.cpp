@@ -265,6 +265,17 @@ TEST(Effects, EncoderFollowsAConstantRateWithinACount) {
   EXPECT_NEAR(r.position_rev, 0.8, 1.5 / 4096.0);
 }
 
+TEST(Effects, TheObserverReportsAConstantSpeedHoweverFastItIs) {
+  for (const double bandwidth : {100.0, 1000.0, 8000.0, 1e5}) {
+    ShaftSensor s = sensor({Encoder{32, bandwidth}});
+    s.settle({0.0, 0.0});
+    ShaftReading r{};
+    for (int n = 1; n <= 2000; ++n) r = s.read({0.002 * n, 2.0});
+    EXPECT_NEAR(r.velocity_rev_s, 2.0, 1e-4) << bandwidth;
+    EXPECT_NEAR(r.position_rev, 4.0, 1e-6) << bandwidth;
+  }
+}
+
 TEST(Effects, NoiseHasItsSigmaBeforeTheObserver) {
   const double sigma = 1e-3;
   ShaftSensor s =
