@@ -73,7 +73,8 @@ class ReferenceTrack {
         present_(scene.reference.type != ReferenceType::none),
         mechanism_(make_mechanism(scene.mechanism, static_cast<M*>(nullptr))),
         mode_(mode_of(scene, static_cast<M*>(nullptr))),
-        joined_(bundle_->get(), bundle_->join_ticks, scene.tick()) {}
+        joined_(bundle_->get(), bundle_->join_ticks, scene.tick()),
+        true_lengths_(scene.model.half_base == 1.0 && scene.model.l1 == 1.0 && scene.model.l2 == 1.0) {}
 
   [[nodiscard]] bool present() const { return present_; }
   [[nodiscard]] const ReferenceBundle<double>& bundle() const { return *bundle_; }
@@ -84,11 +85,16 @@ class ReferenceTrack {
     joined_.start(at_effector ? Vec2<double>(effector.x, effector.y) : Vec2<double>(base[0], base[1]),
                   at_effector ? Vec2<double>(velocity.x, velocity.y) : Vec2<double>(rate[0], rate[1]));
   }
-  /// Empty: out of reach.
-  [[nodiscard]] std::optional<Point> at(std::uint32_t tick) const {
+  /// Empty: out of reach. `solved`: a controller's tick; its inverse kinematics of the very same point, with the
+  /// true lengths, is not repeated.
+  [[nodiscard]] std::optional<Point> at(std::uint32_t tick, const TickResult<M>* solved = nullptr) const {
     const Motion2<double> m = joined_.at(tick);
     const bool at_effector = joined_.reference().space == ReferenceSpace::effector;
     if (at_effector) {
+      if (solved != nullptr && true_lengths_ && solved->state == State::running &&
+          solved->desired_effector == m.position) {
+        return Point{{m.position.x(), m.position.y()}, {solved->desired_base[0], solved->desired_base[1]}};
+      }
       const auto pose = mechanism_.inverse(m.position, mode_);
       if (!pose) return std::nullopt;
       const Vec2<double> base = M::base_angles(*pose);
@@ -105,6 +111,7 @@ class ReferenceTrack {
   M mechanism_;
   typename M::Mode mode_;
   JoinedReference<double> joined_;
+  bool true_lengths_;  // of what the controller believes
 };
 
 /// What the controller of a tick saw and did; null pointers where it runs elsewhere.
@@ -151,7 +158,7 @@ class Recorder {
     r.torque = torque_;
     r.saturated = saturated || (seen.result != nullptr && seen.result->saturated);
     r.faulted = seen.result != nullptr ? seen.result->state == State::fault : disarmed;
-    const auto reference = track_.present() ? track_.at(n) : std::nullopt;
+    const auto reference = track_.present() ? track_.at(n, seen.result) : std::nullopt;
     r.has_reference = reference.has_value();
     if (reference) {
       r.effector_error = std::hypot(x.x - reference->effector.x, x.y - reference->effector.y);
