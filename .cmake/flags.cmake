@@ -24,6 +24,6 @@ endif()
 # No fused multiply-add behind our back and no packet arithmetic with another order of summation: the same
 # numbers from gcc and clang, from x86 and Arm.
 add_library(esmc_numerics INTERFACE)
-target_compile_options(esmc_numerics INTERFACE -ffp-contract=off -fno-math-errno)
+target_compile_options(esmc_numerics INTERFACE -ffp-contract=off -fno-math-errno -fno-trapping-math)
 target_compile_definitions(esmc_numerics INTERFACE EIGEN_DONT_VECTORIZE EIGEN_NO_DEBUG)
 set_target_properties(esmc_numerics PROPERTIES EXPORT_NAME numerics)

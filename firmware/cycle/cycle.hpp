@@ -6,43 +6,25 @@
 #include <utility>
 
 #include "firmware/cycle/controller.hpp"
-#include "firmware/drive/odrive_axis.hpp"
+#include "firmware/drive/axis.hpp"
 #include "hal/can.hpp"
 
 namespace esmc {
-
-/// What the cycle needs of a motor drive; `drive::OdriveAxis` is one.
-template <class D>
-concept Drive = requires(D& d, const D& c, const hal::CanFrame& f, bool (*send)(const hal::CanFrame&)) {
-  d.begin_tick();
-  { static_cast<int>(d.receive(f)) };
-  { c.sample_age_ticks() } -> std::same_as<std::uint32_t>;
-  { c.heartbeat_age_ticks() } -> std::same_as<std::uint32_t>;
-  { c.ready() } -> std::same_as<bool>;
-  { c.idle() } -> std::same_as<bool>;
-  { c.error() } -> std::same_as<bool>;
-  { c.closed_loop() } -> std::same_as<bool>;
-  { c.must_be_released() } -> std::same_as<bool>;
-  { c.emergency_stopped() } -> std::same_as<bool>;
-  d.acknowledge();
-  { c.alive() } -> std::same_as<bool>;
-  d.enable(send);
-  d.ask_again();
-  d.disable(send);
-};
 
 /// Losses that no caller can act on are counted, not printed.
 struct BusCounters {
   std::uint32_t received = 0;       ///< frames of our axes
   std::uint32_t not_mine = 0;       ///< frames of somebody else
   std::uint32_t malformed = 0;      ///< frames of our axes with a wrong length or format
+  std::uint32_t impostor = 0;       ///< commands to our axes that we did not send
   std::uint32_t sent = 0;
   std::uint32_t send_failed = 0;    ///< queue full: the frame was dropped
 };
 
-template <class M, Drive D>
+template <class M, drive::Drive D>
 class Cycle {
  public:
+  using Mechanism = M;
   using S = typename M::Scalar;
   static constexpr int axes_max = M::joints;
   static constexpr int frames_per_tick_max = 1024;  ///< what one tick reads from the bus at most
@@ -50,12 +32,13 @@ class Cycle {
   struct Config {
     ControllerConfig<M> controller{};
     std::array<D, static_cast<unsigned>(axes_max)> axes{};  ///< one per joint with a motor or a sensor, in the order of the joints
+    typename D::Line line{};
     int axis_count = 2;
     std::uint32_t heartbeat_age_ticks_max = 0;
   };
 
   explicit Cycle(const Config& config)
-      : controller_(config.controller), axes_(config.axes), axis_count_(config.axis_count),
+      : controller_(config.controller), axes_(config.axes), line_(config.line), axis_count_(config.axis_count),
         heartbeat_age_ticks_max_(config.heartbeat_age_ticks_max) {}
 
   /// Takes effect at the next tick. A stop is not overwritten by what is asked after it.
@@ -73,10 +56,10 @@ class Cycle {
     for (D& a : axes_) a.ask_again();
   }
 
-  /// True when every axis has sent a sample since the last tick: in lockstep the time to tick.
+  /// True when every axis has sent its frame of the tick: in lockstep the time to tick.
   [[nodiscard]] bool complete() const {
     bool all = opened_;
-    for (int i = 0; i < axis_count_; ++i) all = all && axis(i).sample_age_ticks() == 0;
+    for (int i = 0; i < axis_count_; ++i) all = all && axis(i).heard_this_tick();
     return all;
   }
 
@@ -100,6 +83,13 @@ class Cycle {
     for (; taken_ < frames_per_tick_max && bus.try_receive(f); ++taken_) take(f);
     // What is left unread makes every later sample older than it looks.
     flooded_ = flooded_ || taken_ == frames_per_tick_max;
+  }
+
+  /// Asks the drives for the samples of the next tick, where the protocol samples on demand. In lockstep at the
+  /// end of a tick, against the clock at its beginning.
+  template <hal::CanBus Bus>
+  void request(Bus& bus) {
+    line_.request([&](const hal::CanFrame& f) { return put(bus, f); });
   }
 
   /// One tick, read top to bottom: transitions, what the drives say, state to torque, torque to frames.
@@ -136,6 +126,7 @@ class Cycle {
       switch (axes_[static_cast<unsigned>(i)].receive(f)) {
         case drive::Received::accepted: ++counters_.received; return;
         case drive::Received::malformed: ++counters_.malformed; malformed_ = true; return;
+        case drive::Received::impostor: ++counters_.impostor; impostor_ = true; return;
         case drive::Received::not_mine: break;
       }
     }
@@ -156,13 +147,17 @@ class Cycle {
   Fault drive_fault() {
     // Latched by the supervisor; here they are news of the last tick.
     const bool off = std::exchange(bus_off_, false), malformed = std::exchange(malformed_, false),
-               flooded = std::exchange(flooded_, false);
+               flooded = std::exchange(flooded_, false), impostor = std::exchange(impostor_, false);
     for (int i = 0; i < axis_count_; ++i) {
       if (axis(i).emergency_stopped()) return Fault::emergency_stop;
     }
     if (off) return Fault::bus_off;
     if (flooded) return Fault::bus_overload;
+    if (impostor) return Fault::foreign_controller;
     if (malformed) return Fault::malformed_frame;
+    for (int i = 0; i < motor_count(); ++i) {
+      if (axis(motor_axis(i)).contradicted()) return Fault::drive_configuration;
+    }
     if (!supervisor_.running()) return Fault::none;  // other errors of a drive that is being enabled are expected
     for (int i = 0; i < motor_count(); ++i) {
       const D& a = axis(motor_axis(i));
@@ -213,6 +208,7 @@ class Cycle {
       if ((leave && !a.idle()) || (result.state == State::disabled && a.must_be_released())) a.disable(send);
       if (answer) send(a.torque_frame(result.torque[joint_of_motor(i)]));
     }
+    line_.end_tick(send, result.state != State::fault);
   }
 
   template <hal::CanBus Bus>
@@ -238,6 +234,7 @@ class Cycle {
   Controller<M> controller_{};
   Supervisor supervisor_{};
   std::array<D, static_cast<unsigned>(axes_max)> axes_{};
+  typename D::Line line_;
   int axis_count_;
   std::uint32_t heartbeat_age_ticks_max_;
   Command command_ = Command::none;
@@ -247,6 +244,7 @@ class Cycle {
   bool opened_ = false;
   bool malformed_ = false;
   bool bus_off_ = false;
+  bool impostor_ = false;
   bool flooded_ = false;
   int taken_ = 0;
 };

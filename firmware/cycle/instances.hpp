@@ -2,6 +2,7 @@
 /// The controllers that exist: every mechanism in both scalar types, compiled once into the control archive.
 
 #include "firmware/cycle/cycle.hpp"
+#include "firmware/drive/odrive_axis.hpp"
 
 namespace esmc {
 

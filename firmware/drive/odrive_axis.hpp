@@ -3,30 +3,15 @@
 
 #include <cstdint>
 
+#include "firmware/drive/axis.hpp"
 #include "firmware/drive/odrive.hpp"
 
 namespace esmc::drive {
 
-/// How a motor sits in the mechanism. Angles and torques of the model on one side, of the shaft on the other.
-struct AxisConfig {
-  std::uint8_t node = 0;
-  float direction = 1.0F;   ///< +1: the motor turns with the joint angle of the model, -1: against it
-  float gear_ratio = 1.0F;  ///< motor turns per joint turn, > 0
-  float offset = 0.0F;      ///< joint angle at encoder zero, rad
-};
-
-enum class Received : std::uint8_t { not_mine, accepted, malformed };
-
-/// Joint side of an axis, as last heard.
-template <class S>
-struct JointSample {
-  S angle{};  ///< rad, model convention
-  S rate{};   ///< rad/s
-};
-
 class OdriveAxis {
  public:
   using Version = odrive::Version;
+  using Line = NoLine;
 
   OdriveAxis() = default;
   /// `retry_ticks`: how long to wait for closed-loop control before asking again, > 0.
@@ -45,6 +30,10 @@ class OdriveAxis {
     switch (static_cast<odrive::Message>(f.id & 0x1FU)) {
       case odrive::Message::heartbeat: return take(odrive::decode_heartbeat(f, version_));
       case odrive::Message::encoder_estimates: return take(odrive::decode_encoder_estimates(f));
+      case odrive::Message::set_axis_state:
+      case odrive::Message::set_controller_mode:
+      case odrive::Message::set_input_torque:
+      case odrive::Message::clear_errors: return f.remote ? Received::not_mine : Received::impostor;
       default: return Received::not_mine;  // other cyclic messages a user may have switched on
     }
   }
@@ -56,7 +45,7 @@ class OdriveAxis {
     if (heartbeat_age_ticks_ < age_max) ++heartbeat_age_ticks_;
   }
 
-  /// Ticks since the newest sample (0: arrived in this tick). age_max before the first one.
+  [[nodiscard]] bool heard_this_tick() const { return sample_age_ticks_ == 0; }
   [[nodiscard]] std::uint32_t sample_age_ticks() const { return sample_age_ticks_; }
   [[nodiscard]] std::uint32_t heartbeat_age_ticks() const { return heartbeat_age_ticks_; }
 
@@ -89,6 +78,8 @@ class OdriveAxis {
     return heard_ && last_.axis_state == odrive::AxisState::closed_loop_control;
   }
   [[nodiscard]] std::uint32_t error_code() const { return last_.axis_error; }
+  /// CANSimple 0.5.6 lets nothing be read back.
+  [[nodiscard]] bool contradicted() const { return false; }
 
   /// Frames that bring the axis to closed-loop torque control; call every tick while enabling. `send` says whether
   /// the bus took the frame; what it did not take is sent again.
@@ -128,23 +119,20 @@ class OdriveAxis {
     send(odrive::encode_set_axis_state(config_.node, odrive::AxisState::idle));
   }
 
-  /// More than any motor gives; a gear ratio that makes such a number is a mistake. N m at the shaft.
-  static constexpr float shaft_torque_max = 1e4F;
-  /// Whether what this joint torque (N m, model convention) becomes at the shaft may go on the bus: a finite
-  /// float not above shaft_torque_max.
+  static constexpr float shaft_torque_max = drive::shaft_torque_max;
+  /// Whether what this joint torque (N m, model convention) becomes at the shaft may go on the bus.
   template <class S>
   [[nodiscard]] bool can_carry(S joint_torque) const {
-    const float torque = shaft_torque(joint_torque);
-    return torque >= -shaft_torque_max && torque <= shaft_torque_max;
+    return drive::can_carry(shaft_torque(config_, joint_torque));
   }
   /// Torque at the joint, N m, model convention. What the drive receives is rounded to float; zero for a torque
   /// that cannot be carried.
   template <class S>
   [[nodiscard]] hal::CanFrame torque_frame(S joint_torque) const {
-    return odrive::encode_torque(config_.node, can_carry(joint_torque) ? shaft_torque(joint_torque) : 0.0F);
+    return odrive::encode_torque(config_.node, can_carry(joint_torque) ? shaft_torque(config_, joint_torque) : 0.0F);
   }
 
-  static constexpr std::uint32_t age_max = 0xFFFF'FFFF;
+  static constexpr std::uint32_t age_max = drive::age_max;
 
  private:
   enum class Step : std::uint8_t {
@@ -153,10 +141,6 @@ class OdriveAxis {
     confirm,    ///< closed-loop control has been asked for
   };
 
-  template <class S>
-  [[nodiscard]] float shaft_torque(S joint_torque) const {
-    return static_cast<float>(joint_torque) * config_.direction / config_.gear_ratio;
-  }
   [[nodiscard]] bool is_emergency_stop(const hal::CanFrame& f) const {
     const bool everybody = version_ == Version::v0_6 && (f.id >> 5U) == odrive::node_broadcast;
     return ((f.id >> 5U) == config_.node || everybody) &&
@@ -259,5 +243,7 @@ class OdriveAxis {
   bool acknowledged_ = false;  // what the axis reports of it may be cleared
   bool counted_ = false;       // a heartbeat of this tick has been counted
 };
+
+static_assert(Drive<OdriveAxis>);
 
 }  // namespace esmc::drive

@@ -15,6 +15,8 @@ enum class [[nodiscard]] Fault : std::uint8_t {
   drive_error,            ///< an axis reported an error
   drive_disarmed,         ///< an axis left closed-loop control by itself
   bus_overload,           ///< more frames in a tick than the controller reads: samples would be older than they look
+  foreign_controller,     ///< somebody else commands our drives
+  drive_configuration,    ///< what a drive let us read back is not what it must be
   bus_off,                ///< our CAN controller left the bus
   loop_not_closed,        ///< the base angles fit no closed mechanism, or the passive encoders contradict them
   type1_singularity,      ///< |sin theta_j2| below min_abs_sin_type1
@@ -39,6 +41,8 @@ inline constexpr int fault_count = static_cast<int>(Fault::torque_not_finite) + 
     case Fault::drive_error: return "drive_error";
     case Fault::drive_disarmed: return "drive_disarmed";
     case Fault::bus_overload: return "bus_overload";
+    case Fault::foreign_controller: return "foreign_controller";
+    case Fault::drive_configuration: return "drive_configuration";
     case Fault::bus_off: return "bus_off";
     case Fault::loop_not_closed: return "loop_not_closed";
     case Fault::type1_singularity: return "type1_singularity";

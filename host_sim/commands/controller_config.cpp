@@ -278,26 +278,45 @@ ControllerConfig<M> make_controller(const Scene& scene, Pacing pacing,
   return c;
 }
 
+namespace {
+
+/// In the scene motors come first; in the cycle axes stand in the order of their joints.
+[[nodiscard]] std::size_t axis_of(const Scene& scene, std::size_t i) {
+  const bool mixed = scene.all_sensors && !scene.all_motors;
+  return mixed ? (i < 2 ? 2 * i : 2 * (i - 2) + 1) : i;
+}
+
+[[nodiscard]] drive::AxisConfig mount(const DriveScene& d, std::size_t i) {
+  return {static_cast<std::uint8_t>(d.nodes[i]), static_cast<float>(d.direction[i]),
+          static_cast<float>(d.gear_ratio[i]), static_cast<float>(d.offset[i])};
+}
+
+/// A cycle of axes that `make_axis(i)` makes, i in the order of the scene.
+template <class C, class MakeAxis>
+C cycle_of(const Scene& scene, Pacing pacing, const ReferenceBundle<double>& reference, const MakeAxis& make_axis) {
+  typename C::Config c;
+  c.controller = make_controller<typename C::Mechanism>(scene, pacing, reference);
+  c.axis_count = static_cast<int>(scene.drives.nodes.size());
+  c.heartbeat_age_ticks_max = static_cast<std::uint32_t>(std::ceil(scene.drives.heartbeat_timeout * scene.rate_hz));
+  for (std::size_t i = 0; i < scene.drives.nodes.size(); ++i) c.axes[axis_of(scene, i)] = make_axis(i);
+  return C(c);
+}
+
+}  // namespace
+
 template <class M>
-typename OdriveCycle<M>::Config make_cycle(const Scene& scene, Pacing pacing,
-                                           const ReferenceBundle<double>& reference) {
-  typename OdriveCycle<M>::Config c;
-  c.controller = make_controller<M>(scene, pacing, reference);
+AnyCycle<M> make_cycle(const Scene& scene, Pacing pacing, const ReferenceBundle<double>& reference) {
   const DriveScene& d = scene.drives;
-  c.axis_count = static_cast<int>(d.nodes.size());
-  c.heartbeat_age_ticks_max = static_cast<std::uint32_t>(std::ceil(d.heartbeat_timeout * scene.rate_hz));
+  const auto retry = static_cast<std::uint32_t>(std::max(1.0, std::round(0.15 * scene.rate_hz)));
+  switch (d.protocol) {
+    case Protocol::odrive:
+    case Protocol::odrive_0_5:
+      break;
+  }
   const auto version =
       d.protocol == Protocol::odrive ? drive::odrive::Version::v0_6 : drive::odrive::Version::v0_5_6;
-  const auto retry = static_cast<std::uint32_t>(std::max(1.0, std::round(0.15 * scene.rate_hz)));
-  for (std::size_t i = 0; i < d.nodes.size(); ++i) {
-    // In the scene motors come first; in the cycle axes stand in the order of their joints.
-    const bool mixed = scene.all_sensors && !scene.all_motors;
-    const std::size_t at = mixed ? (i < 2 ? 2 * i : 2 * (i - 2) + 1) : i;
-    c.axes[at] = drive::OdriveAxis({static_cast<std::uint8_t>(d.nodes[i]), static_cast<float>(d.direction[i]),
-                                    static_cast<float>(d.gear_ratio[i]), static_cast<float>(d.offset[i])},
-                                   version, retry);
-  }
-  return c;
+  return cycle_of<OdriveCycle<M>>(scene, pacing, reference,
+                                  [&](std::size_t i) { return drive::OdriveAxis(mount(d, i), version, retry); });
 }
 
 template ControllerConfig<FiveBar<double>> make_controller<FiveBar<double>>(const Scene&, Pacing,
@@ -308,9 +327,8 @@ template ControllerConfig<Rr<float>> make_controller<Rr<float>>(const Scene&, Pa
                                                                 const ReferenceBundle<double>&);
 template ControllerConfig<Rr<double>> make_controller<Rr<double>>(const Scene&, Pacing,
                                                                   const ReferenceBundle<double>&);
-template OdriveCycle<FiveBar<double>>::Config make_cycle<FiveBar<double>>(const Scene&, Pacing,
-                                                                          const ReferenceBundle<double>&);
-template OdriveCycle<Rr<double>>::Config make_cycle<Rr<double>>(const Scene&, Pacing,
-                                                                const ReferenceBundle<double>&);
+template AnyCycle<FiveBar<double>> make_cycle<FiveBar<double>>(const Scene&, Pacing,
+                                                               const ReferenceBundle<double>&);
+template AnyCycle<Rr<double>> make_cycle<Rr<double>>(const Scene&, Pacing, const ReferenceBundle<double>&);
 
 }  // namespace esmc::host

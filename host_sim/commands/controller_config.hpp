@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstdint>
 #include <numbers>
+#include <variant>
 #include <vector>
 
 #include "firmware/cycle/instances.hpp"
@@ -81,9 +82,12 @@ template <class M>
 ControllerConfig<M> make_controller(const Scene& scene, Pacing pacing,
                                     const ReferenceBundle<double>& reference);
 
-/// The cycle with one ODrive axis per motor and passive encoder.
+/// The cycle as a board has it, for whichever protocol the scene names.
 template <class M>
-typename OdriveCycle<M>::Config make_cycle(const Scene& scene, Pacing pacing,
-                                           const ReferenceBundle<double>& reference);
+using AnyCycle = std::variant<OdriveCycle<M>>;
+
+/// With one axis per motor and passive encoder.
+template <class M>
+AnyCycle<M> make_cycle(const Scene& scene, Pacing pacing, const ReferenceBundle<double>& reference);
 
 }  // namespace esmc::host

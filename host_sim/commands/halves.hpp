@@ -155,13 +155,24 @@ class ControllerHalf {
                            std::ceil(std::clamp(scene.drives.heartbeat_timeout, 0.05, 1.0) * scene.rate_hz)) +
                        1),
         cycle_(make_cycle<M>(scene, pacing, reference_)) {
-    cycle_.command(Command::enable);
+    with([](auto& c) { c.command(Command::enable); });
   }
 
-  [[nodiscard]] const Supervisor& supervisor() const { return cycle_.supervisor(); }
-  [[nodiscard]] const OdriveCycle<M>& cycle() const { return cycle_; }
+  [[nodiscard]] const Supervisor& supervisor() const {
+    return with([](const auto& c) -> const Supervisor& { return c.supervisor(); });
+  }
+  [[nodiscard]] const Sample<M>& sample() const {
+    return with([](const auto& c) -> const Sample<M>& { return c.sample(); });
+  }
+  /// Some drive has said something; more came in a tick than it may read.
+  [[nodiscard]] bool heard() const {
+    return with([](const auto& c) { return c.heard(); });
+  }
+  [[nodiscard]] bool overloaded() const {
+    return with([](const auto& c) { return c.overloaded(); });
+  }
   [[nodiscard]] const TickResult<M>& result() const { return result_; }
-  [[nodiscard]] ControllerView<M> view() const { return {&result_, &cycle_.sample()}; }
+  [[nodiscard]] ControllerView<M> view() const { return {&result_, &sample()}; }
 
   /// Takes frames until every axis has sent its sample, or more came than a tick may read: that is a set as
   /// well, for a tick that raises bus_overload.
@@ -170,24 +181,33 @@ class ControllerHalf {
   }
   /// Asks the drives to arm until one of ours is heard, whoever else speaks on the bus. Silent: after 5 s.
   Waited await_drives(std::chrono::milliseconds retry) {
-    const auto heard = [&] { return cycle_.receive(bus_), cycle_.heard() || cycle_.overloaded(); };
+    const auto answered = [&] { return receive(), heard() || overloaded(); };
     const auto give_up = std::chrono::steady_clock::now() + std::chrono::milliseconds(silence_ms);
     Waited w = Waited::silent;
     while (w == Waited::silent && std::chrono::steady_clock::now() < give_up) {
       knock();
       if (supervisor().state() == State::fault) return Waited::done;
-      w = wait_for(bus_, heard, static_cast<int>(retry.count()));
+      w = wait_for(bus_, answered, static_cast<int>(retry.count()));
     }
     return w;
   }
-  void receive() { cycle_.receive(bus_); }
-  void tick(bool answer) { result_ = cycle_.tick(bus_, answer); }
+  void receive() {
+    with([&](auto& c) { c.receive(bus_); });
+  }
+  void tick(bool answer) {
+    with([&](auto& c) {
+      result_ = c.tick(bus_, answer);
+      c.request(bus_);
+    });
+  }
   /// Asks the drives to arm without being asked for a torque: nobody is there yet.
   void knock() {
-    cycle_.ask_again();
+    with([](auto& c) { c.ask_again(); });
     tick(false);
   }
-  void stop() { cycle_.command(Command::stop); }
+  void stop() {
+    with([](auto& c) { c.command(Command::stop); });
+  }
   /// Zero torque and idle, again and again, until every drive has said that it is idle. `next` brings about
   /// the next tick; when it says false, or a drive has been silent for too long, there is nobody to wait for.
   template <class Next>
@@ -214,14 +234,25 @@ class ControllerHalf {
  private:
   [[nodiscard]] bool at_rest() const {
     return supervisor().state() == State::disabled ||
-           (supervisor().state() == State::fault && cycle_.all_idle());
+           (supervisor().state() == State::fault && with([](const auto& c) { return c.all_idle(); }));
   }
-  bool take_set() { return cycle_.receive(bus_), cycle_.complete() || cycle_.overloaded(); }
+  bool take_set() {
+    receive();
+    return with([](const auto& c) { return c.complete() || c.overloaded(); });
+  }
+  template <class F>
+  decltype(auto) with(F&& f) {
+    return std::visit(std::forward<F>(f), cycle_);
+  }
+  template <class F>
+  decltype(auto) with(F&& f) const {
+    return std::visit(std::forward<F>(f), cycle_);
+  }
 
   ReferenceBundle<double> reference_;
   Bus& bus_;
   int parting_ticks_;
-  OdriveCycle<M> cycle_;
+  AnyCycle<M> cycle_;
   TickResult<M> result_{};
 };
 

@@ -36,7 +36,7 @@ int run_lockstep(const Scene& scene, const RunOptions& o, PlantBus& plant_bus, C
                      "?");
     }
     stop = stop_requested();
-    overloaded = controller.cycle().overloaded();
+    overloaded = controller.overloaded();
     if (stop) controller.stop();
     controller.tick(true);
     if (controller.supervisor().state() == State::fault && !plant.released()) {

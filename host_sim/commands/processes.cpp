@@ -60,11 +60,11 @@ int controller_lockstep(const Scene& scene, const RunOptions& o, hal::SocketCan&
       throw RunError("the drives sent no complete set of encoder frames for 5 s (plant dead or not started)");
     }
     stop = set == Waited::stopped || stop_requested();
-    overloaded = controller.cycle().overloaded();
+    overloaded = controller.overloaded();
     if (stop) controller.stop();
     controller.tick(true);
     frames.tick(static_cast<double>(++sets) * scene.tick());
-    recorder.tick(controller.result(), controller.cycle().sample());
+    recorder.tick(controller.result(), controller.sample());
     if (controller.supervisor().state() == State::fault && recorder.ticks() == 0) {
       const Fault fault = controller.supervisor().fault();
       controller.shut_down();

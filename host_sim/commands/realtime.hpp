@@ -84,7 +84,7 @@ std::uint64_t pace_controller(const Scene& scene, ControllerHalf<World, Bus>& co
     pace.wait();
     controller.receive();
     controller.tick(true);
-    recorder.tick(controller.result(), controller.cycle().sample());
+    recorder.tick(controller.result(), controller.sample());
     const bool never = recorder.ticks() == 0 &&
                        std::chrono::steady_clock::now() - begin > std::chrono::milliseconds(silence_ms);
     if (controller.supervisor().state() == State::fault && recorder.ticks() == 0) {

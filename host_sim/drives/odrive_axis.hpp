@@ -3,28 +3,17 @@
 /// watchdog).
 
 #include <cstdint>
-#include <functional>
-#include <numbers>
-#include <optional>
 
 #include "firmware/drive/odrive.hpp"
 #include "hal/can.hpp"
+#include "host_sim/drives/emulated_axis.hpp"
 #include "host_sim/effects/shaft_sensor.hpp"
 
 namespace esmc::host {
 
-/// How the motor sits in the mechanism: model angle = direction * 2 pi * position_rev / gear_ratio + offset.
-struct AxisMount {
-  int node = 0;
-  double direction = 1.0, gear_ratio = 1.0, offset = 0.0;
-
-  [[nodiscard]] double rev_per_rad() const { return direction * gear_ratio / (2.0 * std::numbers::pi); }
-};
-
-class OdriveAxis {
+class OdriveAxis final : public EmulatedAxis {
  public:
   using Version = drive::odrive::Version;
-  using Send = std::function<void(const hal::CanFrame&)>;
 
   struct Settings {
     Version version = Version::v0_6;
@@ -37,25 +26,18 @@ class OdriveAxis {
   OdriveAxis(const AxisMount& mount, const Settings& settings, const SensorEffects& sensor, int joint,
              std::uint64_t seed);
 
-  /// The joint has rested here for long.
-  void settle(double joint_angle);
-  /// One period of the drive: watchdog, heartbeat when due, encoder estimates.
-  void publish(double joint_angle, double joint_rate, const Send& send);
-  /// A frame from the bus. RTR requests are answered. Returns true when it was a torque setpoint of this
-  /// axis.
-  bool receive(const hal::CanFrame& f, const Send& send);
-
-  /// True for what a controller sends to this axis, and nobody else does: no requests, no emergency stop, nothing
-  /// that drives say.
-  [[nodiscard]] bool commanded_by(const hal::CanFrame& f) const;
-
-  /// Torque at the joint, N m, model convention: zero unless in closed-loop torque control.
-  [[nodiscard]] double joint_torque() const;
-  [[nodiscard]] bool closed_loop() const { return state_ == drive::odrive::AxisState::closed_loop_control; }
-  [[nodiscard]] std::uint32_t error() const { return error_; }
-  [[nodiscard]] int node() const { return mount_.node; }
+  void settle(double joint_angle) override;
+  void publish(double joint_angle, double joint_rate, const Send& send) override;
+  /// RTR requests are answered.
+  bool receive(const hal::CanFrame& f, const Send& send) override;
+  [[nodiscard]] bool commanded_by(const hal::CanFrame& f) const override;
+  [[nodiscard]] double joint_torque() const override;
+  [[nodiscard]] bool closed_loop() const override {
+    return state_ == drive::odrive::AxisState::closed_loop_control;
+  }
+  [[nodiscard]] std::uint32_t error() const override { return error_; }
   /// Heartbeats sent in a row that reported closed-loop control without error.
-  [[nodiscard]] int confirmations() const { return confirmations_; }
+  [[nodiscard]] int confirmations() const override { return confirmations_; }
 
  private:
   [[nodiscard]] ShaftReading truth(double angle, double rate) const;

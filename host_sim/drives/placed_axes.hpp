@@ -1,6 +1,7 @@
 #pragma once
 /// Which drive of the scene sits on which joint, and how.
 
+#include <memory>
 #include <vector>
 
 #include "host_sim/drives/odrive_axis.hpp"
@@ -29,13 +30,14 @@ inline std::vector<PlacedAxis> placed_axes(const Scene& s) {
 }
 
 /// The axis as the real drive would be configured for a scene.
-inline OdriveAxis make_axis(const Scene& s, const PlacedAxis& a) {
+inline std::unique_ptr<EmulatedAxis> make_axis(const Scene& s, const PlacedAxis& a) {
+  const SensorEffects sensor(s.effects);
   OdriveAxis::Settings settings;
   settings.version =
       s.drives.protocol == Protocol::odrive ? OdriveAxis::Version::v0_6 : OdriveAxis::Version::v0_5_6;
   settings.period = s.tick();
   settings.watchdog_timeout = s.drives.watchdog_timeout;
-  return {a.mount, settings, SensorEffects(s.effects), a.joint, s.seed};
+  return std::make_unique<OdriveAxis>(a.mount, settings, sensor, a.joint, s.seed);
 }
 
 }  // namespace esmc::host

@@ -6,6 +6,7 @@
 
 #include <array>
 #include <cstdint>
+#include <memory>
 #include <vector>
 
 #include "host_sim/drives/actuators.hpp"
@@ -26,7 +27,7 @@ class PlantNode {
     const Joints angle = Plant::joint_angles(motion_.state().angle);
     for (const PlacedAxis& a : placed_axes(scene)) {
       axes_.push_back({a, make_axis(scene, a), false});
-      axes_.back().axis.settle(angle[static_cast<std::size_t>(a.joint)]);
+      axes_.back().axis->settle(angle[static_cast<std::size_t>(a.joint)]);
     }
   }
 
@@ -48,7 +49,7 @@ class PlantNode {
     for (Axis& a : axes_) {
       a.answered = false;
       const auto shaft = motion_.shaft(static_cast<std::size_t>(a.placed.joint));
-      a.axis.publish(shaft.angle, released_ ? shaft.rate : 0.0, send);
+      a.axis->publish(shaft.angle, released_ ? shaft.rate : 0.0, send);
     }
     ++published_;
   }
@@ -86,7 +87,7 @@ class PlantNode {
   [[nodiscard]] Joints torque(double seconds, bool& clipped) {
     Joints asked{};
     for (const Axis& a : axes_) {
-      if (a.placed.motor) asked[static_cast<std::size_t>(a.placed.joint)] = a.axis.joint_torque();
+      if (a.placed.motor) asked[static_cast<std::size_t>(a.placed.joint)] = a.axis->joint_torque();
     }
     return actuators_.deliver(asked, seconds, clipped);
   }
@@ -101,34 +102,34 @@ class PlantNode {
   [[nodiscard]] bool disarmed() const { return released_ && !all_closed_loop(); }
   [[nodiscard]] std::uint32_t drive_errors() const {
     std::uint32_t bits = 0;
-    for (const Axis& a : axes_) bits |= a.axis.error();
+    for (const Axis& a : axes_) bits |= a.axis->error();
     return bits;
   }
 
  private:
   struct Axis {
     PlacedAxis placed;
-    OdriveAxis axis;
+    std::unique_ptr<EmulatedAxis> axis;
     bool answered;
   };
   template <hal::CanBus Bus>
   bool take(Bus& bus, int& commands) {
     hal::CanFrame f;
     if (!bus.try_receive(f)) return false;
-    for (const Axis& a : axes_) commands += a.axis.commanded_by(f) ? 1 : 0;
+    for (const Axis& a : axes_) commands += a.axis->commanded_by(f) ? 1 : 0;
     const auto send = [&](const hal::CanFrame& reply) { (void)bus.try_send(reply); };
-    for (Axis& a : axes_) a.answered = a.axis.receive(f, send) || a.answered;
+    for (Axis& a : axes_) a.answered = a.axis->receive(f, send) || a.answered;
     return true;
   }
   [[nodiscard]] bool armed() const {
     for (const Axis& a : axes_) {
-      if (a.placed.motor && a.axis.confirmations() < 2) return false;
+      if (a.placed.motor && a.axis->confirmations() < 2) return false;
     }
     return true;
   }
   [[nodiscard]] bool all_closed_loop() const {
     for (const Axis& a : axes_) {
-      if (a.placed.motor && !a.axis.closed_loop()) return false;
+      if (a.placed.motor && !a.axis->closed_loop()) return false;
     }
     return true;
   }

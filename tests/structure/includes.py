@@ -24,7 +24,7 @@ INCLUDE = re.compile(r'^\s*#\s*(?:include|import)\s*([<"])([^>"]+)[>"]')
 STD = r"<[a-z_]+>"  # C++ headers have neither path nor suffix; C and OS headers do
 HAL = r"hal/[a-z_]+\.hpp"
 MODEL = STD + r"|firmware/(types\.hpp|numeric/.*|mechanism/.*)"
-SHARED = r"firmware/(types\.hpp|numeric/.*|mechanism/params\.hpp|drive/odrive\.hpp)"
+SHARED = r"firmware/(types\.hpp|numeric/.*|mechanism/params\.hpp|drive/(odrive|canopen|cia402|mit)\.hpp)"
 
 # folder, search below it too, what its files may include (a whole match)
 RULES = [

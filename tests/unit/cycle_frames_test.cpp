@@ -49,6 +49,7 @@ TYPED_TEST(CycleFrames, FramesOfOthersAreCountedAndChangeNothing) {
     for (std::size_t i = 0; i < 2; ++i) ours = ours || id / 32 == rig.node(i);
     if (ours && (command == test::cmd_heartbeat || command == test::cmd_encoder)) continue;
     if (command == 0x02 && (ours || id / 32 == 0x3F)) continue;  // emergency stops
+    if (ours && (command == 0x07 || command == 0x0B || command == 0x0E || command == 0x18)) continue;  // commands
     for (const bool extended : {false, true}) {
       hal::CanFrame f = test::message(0, 0, 0x7FC00000, 0x7FC00000, static_cast<std::uint8_t>(id % 9));
       f.id = id;
@@ -66,6 +67,19 @@ TYPED_TEST(CycleFrames, FramesOfOthersAreCountedAndChangeNothing) {
   EXPECT_EQ(rig.cycle.counters().received - before.received, 4 * ticks);
   EXPECT_EQ(rig.cycle.counters().malformed, 0U);
   EXPECT_EQ(rig.cycle.sample().angle, sample.angle);
+}
+
+TYPED_TEST(CycleFrames, ACommandToOurDrivesThatWeDidNotSendIsAForeignController) {
+  for (const unsigned command : {0x07U, 0x0BU, 0x0EU, 0x18U}) {
+    for (std::size_t axis = 0; axis < 2; ++axis) {
+      Rig<TypeParam> rig;
+      ASSERT_TRUE(rig.start());
+      rig.bus.push(test::message(rig.node(axis), command, 0, 0));
+      EXPECT_EQ(rig.tick().fault, Fault::foreign_controller) << axis << ' ' << command;
+      EXPECT_TRUE(rig.all_zero());
+      EXPECT_EQ(rig.cycle.counters().impostor, 1U);
+    }
+  }
 }
 
 TYPED_TEST(CycleFrames, AFullQueueIsCountedAndNoFault) {

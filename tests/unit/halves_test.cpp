@@ -72,7 +72,7 @@ TEST_F(Halves, TheControllerAsksUntilADriveOfItsOwnIsHeard) {
   });
   EXPECT_EQ(controller.await_drives(20ms), Waited::done);
   others.join();
-  EXPECT_TRUE(controller.cycle().heard());
+  EXPECT_TRUE(controller.heard());
   EXPECT_GE(sent(test::cmd_mode), 2 * 4) << "in 300 ms, every 20 ms, two motors; a slow machine asks less often";
 }
 
@@ -85,7 +85,7 @@ TEST_F(Halves, AFloodInsteadOfASetIsAFaultAndNotAWait) {
     }
   });
   EXPECT_EQ(controller.await_set(), Waited::done);
-  EXPECT_TRUE(controller.cycle().overloaded());
+  EXPECT_TRUE(controller.overloaded());
   controller.tick(true);
   EXPECT_EQ(controller.supervisor().fault(), Fault::bus_overload);
   over = true;

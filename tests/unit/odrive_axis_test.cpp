@@ -469,7 +469,11 @@ TEST(OdriveAxis, TakesItsHeartbeatItsEncoderAndEmergencyStopsAmongAllIdentifiers
       f.id = id;
       OdriveAxis a = axis();
       const bool mine = id == 0x061 || id == 0x069 || id == 0x062 || id == 0x7E2;
-      EXPECT_EQ(a.receive(f), mine ? Received::accepted : Received::not_mine) << std::hex << id;
+      const bool ours = id == 0x067 || id == 0x06B || id == 0x06E || id == 0x078;  // what we alone may send
+      EXPECT_EQ(a.receive(f), mine ? Received::accepted : (ours ? Received::impostor : Received::not_mine))
+          << std::hex << id;
+      f.remote = true;  // a request is no command
+      if (ours) EXPECT_EQ(a.receive(f), Received::not_mine) << std::hex << id;
     }
   }
 }
