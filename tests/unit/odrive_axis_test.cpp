@@ -473,7 +473,9 @@ TEST(OdriveAxis, TakesItsHeartbeatItsEncoderAndEmergencyStopsAmongAllIdentifiers
       EXPECT_EQ(a.receive(f), mine ? Received::accepted : (ours ? Received::impostor : Received::not_mine))
           << std::hex << id;
       f.remote = true;  // a request is no command
-      if (ours) EXPECT_EQ(a.receive(f), Received::not_mine) << std::hex << id;
+      if (ours) {
+        EXPECT_EQ(a.receive(f), Received::not_mine) << std::hex << id;
+      }
     }
   }
 }
