@@ -9,6 +9,8 @@
 #include "firmware/control/law.hpp"
 #include "firmware/control/reference.hpp"
 #include "firmware/cycle/estimate.hpp"
+#include "firmware/cycle/retreat.hpp"
+#include "firmware/cycle/sample.hpp"
 #include "firmware/safety/guards.hpp"
 #include "firmware/safety/supervisor.hpp"
 
@@ -32,6 +34,10 @@ struct ControllerConfig {
   Vec<S, M::joints> torque_weight = Vec<S, M::joints>::Ones();      ///< W of [F26], > 0; four motors only
   S sample_time{};                                                  ///< s, > 0
   std::uint32_t join_ticks = 0;  ///< time to join the reference from the measured pose; 0: at once
+  std::uint32_t ramp_ticks = 0;  ///< over which the torque rises to what the law asks for; 0: at once
+  std::uint32_t halt_ticks = 0;  ///< time to come to rest after a halt; 0: a halt takes the torque away
+  std::uint32_t lower_ticks = 0; ///< time to let the weight down
+  AfterHalt after_halt = AfterHalt::release;
   Motors motors = Motors::base;
   Sensors sensors = Sensors::base;
 
@@ -41,17 +47,7 @@ struct ControllerConfig {
   [[nodiscard]] static constexpr int joint_of(int i, int n) { return n == M::joints ? i : i * (M::joints / 2); }
 };
 
-/// What the sensors say at a tick, in the model's convention, one entry per joint; only the joints that have a
-/// sensor are read.
-template <class M>
-struct Sample {
-  using S = typename M::Scalar;
-  Vec<S, M::joints> angle = Vec<S, M::joints>::Zero();  ///< rad
-  Vec<S, M::joints> rate = Vec<S, M::joints>::Zero();   ///< rad/s
-  std::array<std::uint32_t, static_cast<unsigned>(M::joints)> age_ticks{};     ///< 0: of this tick; missed samples otherwise
-};
-
-/// What a tick did; everything a log needs. Torques are zero unless `state` is running.
+/// What a tick did; everything a log needs. Torques are zero unless `state` is running, halting, holding or lowering.
 template <class M>
 struct TickResult {
   using S = typename M::Scalar;
@@ -59,6 +55,7 @@ struct TickResult {
   Fault fault = Fault::none;
   std::uint32_t running_tick = 0;  ///< ticks since the controller runs; 0 in the first one
   bool saturated = false;          ///< a torque was clamped
+  bool stage_done = false;         ///< halting: at rest; lowering: let down. For the supervisor's next tick
   Vec<S, M::joints> torque = Vec<S, M::joints>::Zero();  ///< N m at the joints, zero where there is no motor
   Vec2<S> effector = Vec2<S>::Zero();           ///< as estimated, m
   Vec2<S> desired_effector = Vec2<S>::Zero();   ///< m
@@ -74,9 +71,14 @@ class Controller {
 
   Controller() = default;
   explicit Controller(const Config& config)
-      : config_(config), reference_(config.reference, config.join_ticks, config.sample_time) {}
+      : config_(config),
+        relaxed_(config.limits.while_halting()),
+        reference_(config.reference, config.join_ticks, config.sample_time),
+        retreat_(config.halt_ticks, config.sample_time) {}
 
   [[nodiscard]] const Config& config() const { return config_; }
+  /// For the supervisor that goes with this controller.
+  [[nodiscard]] Supervisor::Config supervision() const { return {config_.halt_ticks > 0, config_.after_halt}; }
 
   /// One tick, in the order of the data: sample -> estimate -> guards -> reference -> law -> allocation ->
   /// limits. Whatever goes wrong is raised at the supervisor, and every torque of the tick is then zero.
@@ -89,15 +91,18 @@ class Controller {
   };
 
   /// sample -> estimate -> guards.
-  Observation observe(const Sample<M>& measured, TickResult<M>& out) const {
+  Observation observe(const Sample<M>& measured, const Limits<S>& limits, TickResult<M>& out) const {
     Observation o;
     const int n = config_.sensor_count();
     Vec<S, M::joints> angle = measured.angle;
     for (int i = 0; i < n; ++i) {
       const int joint = Config::joint_of(i, n);
       const std::uint32_t age = measured.age_ticks[static_cast<unsigned>(joint)];
-      if (age > config_.limits.max_age_ticks) return {Fault::stale_feedback, {}};
+      if (age > limits.max_age_ticks) return {Fault::stale_feedback, {}};
       if (!finite(measured.angle[joint]) || !finite(measured.rate[joint])) return {Fault::feedback_not_finite, {}};
+      if (age == 0 && !consistency_.plausible(joint, measured, limits.feedback_jump, config_.sample_time)) {
+        return {Fault::feedback_jump, {}};
+      }
       angle[joint] += measured.rate[joint] * (S(age) * config_.sample_time);
     }
     const Vec2<S> base_angle = at_base(angle), base_rate = at_base(measured.rate);
@@ -109,21 +114,97 @@ class Controller {
       o.estimate = everywhere(angle, measured.rate);
     }
     out.effector = o.estimate.pose.effector;
-    o.fault = guard(config_.limits, guarded(o.estimate, base_angle, base_rate));
+    o.fault = guard(limits, guarded(o.estimate, base_angle, base_rate));
     return o;
   }
 
-  Fault compute(const Sample<M>& measured, TickResult<M>& out) {
-    const Observation now = observe(measured, out);
+  Fault compute(const Sample<M>& measured, State state, TickResult<M>& out) {
+    const bool run = state == State::running;
+    const Observation now = observe(measured, run ? config_.limits : relaxed_, out);
     if (now.fault != Fault::none) return now.fault;
     Tracking<M> t{};
     t.pose = now.estimate.pose;
     t.rates = now.estimate.rates;
-    if (!desire(now.estimate, t)) return Fault::reference_unreachable;
+    const Fault fault = run ? follow(now.estimate, t) : retreat(now.estimate, state, t, out);
+    if (fault != Fault::none) return fault;
     out.desired_effector = t.desired_pose.effector;
     out.desired_base = M::base_angles(t.desired_pose);
-    act(t, out);
+    if (state == State::lowering) {
+      let_down(t, out);
+    } else {
+      act(t, out);
+      if (run && running_tick_ < config_.ramp_ticks) {
+        out.torque *= S(running_tick_ + 1) / S(config_.ramp_ticks);
+      }
+    }
     return limit(out);
+  }
+
+  Fault follow(const Estimate<M>& now, Tracking<M>& t) {
+    if (!desire(now, t)) return Fault::reference_unreachable;
+    return joinable() ? Fault::none : Fault::join_infeasible;
+  }
+
+  /// Looks ahead along the way onto the reference, one of `outlook` points each tick, so that the whole way is
+  /// known before it has gone far: speed of the base joints, and torque, within their limits.
+  [[nodiscard]] bool joinable() const {
+    constexpr std::uint32_t outlook = 16;
+    if (config_.join_ticks == 0 || running_tick_ >= outlook || running_tick_ >= config_.join_ticks) return true;
+    const auto ahead = static_cast<std::uint32_t>(
+        (static_cast<std::uint64_t>(config_.join_ticks) * (running_tick_ + 1)) / (outlook + 1));
+    const Motion2<S> m = reference_.at(ahead);
+    const auto d = desired(m);
+    if (!d) return false;
+    const Vec2<S> rate = M::base(d->rates);
+    const typename M::Channels a = config_.mechanism.channel_accelerations(d->pose, d->rates, d->acceleration);
+    const Vec2<S> torque = config_.mechanism.base_torque(d->pose, config_.mechanism.force(a, d->rates));
+    for (int i = 0; i < 2; ++i) {
+      const S most = config_.torque_limit[Config::joint_of(i, 2)];
+      if (!(rate[i] <= config_.limits.joint_speed && -rate[i] <= config_.limits.joint_speed)) return false;
+      // Four motors share what two would have to give alone.
+      if (config_.motors == Motors::base && !(torque[i] <= most && -torque[i] <= most)) return false;
+    }
+    return true;
+  }
+
+  /// To rest where the mechanism is, and there it stays.
+  Fault retreat(const Estimate<M>& now, State state, Tracking<M>& t, TickResult<M>& out) {
+    const Vec2<S> angle = M::base_angles(now.pose), rate = M::base(now.rates);
+    if (!retreat_.begun()) retreat_.begin(angle, rate);
+    const Motion2<S> m = retreat_.at();
+    const auto d = desired_at_base(config_.mechanism, config_.mode, m.position, m.velocity, m.acceleration);
+    if (!d) return Fault::halt_failed;
+    t.desired_pose = d->pose;
+    t.desired_rates = d->rates;
+    t.desired_acceleration = d->acceleration;
+    const S slow = config_.limits.joint_speed * S(0.02);
+    const bool rest = rate[0] <= slow && -rate[0] <= slow && rate[1] <= slow && -rate[1] <= slow;
+    if (state == State::halting) {
+      out.stage_done = retreat_.over() && rest;
+      if (retreat_.overdue() && !rest) return Fault::halt_failed;
+    } else if (state == State::lowering) {
+      out.stage_done = lowered_ticks_ >= config_.lower_ticks;
+    }
+    return Fault::none;
+  }
+
+  /// Weight compensation that fades, and damping that alone would balance the torque limit at a tenth of the
+  /// allowed speed.
+  void let_down(const Tracking<M>& t, TickResult<M>& out) {
+    const S left = lowered_ticks_ < config_.lower_ticks
+                       ? S(1) - S(lowered_ticks_) / S(config_.lower_ticks) : S(0);
+    typename M::Rates still{};
+    if constexpr (M::joints == 2) still.setZero();
+    const Vec2<S> weight =
+        config_.mechanism.base_torque(t.pose, config_.mechanism.force(M::Channels::Zero().eval(), still));
+    const Vec2<S> rate = M::base(t.rates);
+    Vec2<S> torque;
+    for (int i = 0; i < 2; ++i) {
+      const S damping = config_.torque_limit[Config::joint_of(i, 2)] / (config_.limits.joint_speed * S(0.1));
+      torque[i] = weight[i] * left - rate[i] * damping;
+    }
+    spread(torque, out);
+    if (lowered_ticks_ < config_.lower_ticks) ++lowered_ticks_;
   }
 
   /// reference -> desired pose and motion, joined from where the mechanism was when it began to run.
@@ -133,16 +214,17 @@ class Controller {
       reference_.start(at_effector ? now.pose.effector : M::base_angles(now.pose),
                        at_effector ? config_.mechanism.tip_rate(now.pose, now.rates) : M::base(now.rates));
     }
-    const Motion2<S> m = reference_.at(running_tick_);
-    const auto desired =
-        at_effector
-            ? desired_at_effector(config_.mechanism, config_.mode, m.position, m.velocity, m.acceleration)
-            : desired_at_base(config_.mechanism, config_.mode, m.position, m.velocity, m.acceleration);
-    if (!desired) return false;
-    t.desired_pose = desired->pose;
-    t.desired_rates = desired->rates;
-    t.desired_acceleration = desired->acceleration;
+    const auto d = desired(reference_.at(running_tick_));
+    if (!d) return false;
+    t.desired_pose = d->pose;
+    t.desired_rates = d->rates;
+    t.desired_acceleration = d->acceleration;
     return true;
+  }
+  [[nodiscard]] std::optional<Desired<M>> desired(const Motion2<S>& m) const {
+    return config_.reference.space == ReferenceSpace::effector
+               ? desired_at_effector(config_.mechanism, config_.mode, m.position, m.velocity, m.acceleration)
+               : desired_at_base(config_.mechanism, config_.mode, m.position, m.velocity, m.acceleration);
   }
 
   /// law -> forces on the channels -> motor torques.
@@ -203,8 +285,11 @@ class Controller {
   }
 
   Config config_{};
+  Limits<S> relaxed_{};
   JoinedReference<S> reference_{};
-  std::uint32_t running_tick_ = 0;
+  Retreat<S> retreat_{};
+  Consistency<M> consistency_{};
+  std::uint32_t running_tick_ = 0, lowered_ticks_ = 0;
 };
 
 // Not inline: the archive (instances.cpp) is the only place that compiles it, so that whoever links the archive
@@ -212,19 +297,32 @@ class Controller {
 template <class M>
 TickResult<M> Controller<M>::tick(const Sample<M>& measured, Supervisor& supervisor) {
   TickResult<M> out;
-  const bool run = supervisor.running();
-  if (!run) running_tick_ = 0;
-  out.running_tick = running_tick_;
-  if (run || supervisor.state() == State::enabling) {
-    const Fault fault = run ? compute(measured, out) : observe(measured, out).fault;
-    supervisor.raise(fault == Fault::stale_feedback && !run ? Fault::none : fault);
+  if (!supervisor.powered()) {
+    running_tick_ = lowered_ticks_ = 0;
+    retreat_.end();
   }
+  out.running_tick = running_tick_;
+  if (supervisor.powered()) {
+    const bool ran = supervisor.running();
+    supervisor.raise(compute(measured, supervisor.state(), out));
+    // A fault of this tick that leaves the state trustworthy: this very tick begins to bring it to rest.
+    if (ran && supervisor.retreating()) {
+      out.torque.setZero();
+      supervisor.raise(compute(measured, supervisor.state(), out));
+    }
+  } else if (supervisor.state() == State::enabling) {
+    const Fault fault = observe(measured, config_.limits, out).fault;
+    supervisor.raise(fault == Fault::stale_feedback ? Fault::none : fault);
+  }
+  consistency_.keep(measured);
   out.state = supervisor.state();
   out.fault = supervisor.fault();
-  if (out.state != State::running) {
-    out.torque.setZero();
-  } else {
+  if (supervisor.powered()) {
     ++running_tick_;
+    retreat_.advance();
+  } else {
+    out.torque.setZero();
+    out.stage_done = false;
   }
   return out;
 }

@@ -38,7 +38,7 @@ class Cycle {
   };
 
   explicit Cycle(const Config& config)
-      : controller_(config.controller), axes_(config.axes), line_(config.line), axis_count_(config.axis_count),
+      : controller_(config.controller), supervisor_(controller_.supervision()), axes_(config.axes), line_(config.line), axis_count_(config.axis_count),
         heartbeat_age_ticks_max_(config.heartbeat_age_ticks_max) {}
 
   /// Takes effect at the next tick. A stop is not overwritten by what is asked after it.
@@ -99,13 +99,14 @@ class Cycle {
     open();
     // The drives' word of the tick before: a tick in which the last axis confirms is still one of enabling.
     const bool acknowledged = command_ == Command::reset && supervisor_.fault() == Fault::emergency_stop;
-    supervisor_.begin_tick(command_, status_);
+    supervisor_.begin_tick(command_, status_, stage_done_);
     if (acknowledged) acknowledge();
     command_ = Command::none;
     supervisor_.raise(drive_fault());
     gather();
     TickResult<M> result = controller_.tick(sample_, supervisor_);
     check_shafts(result);
+    stage_done_ = result.stage_done;
     transmit(bus, result, answer);
     status_ = status();
     opened_ = false;
@@ -158,7 +159,7 @@ class Cycle {
     for (int i = 0; i < motor_count(); ++i) {
       if (axis(motor_axis(i)).contradicted()) return Fault::drive_configuration;
     }
-    if (!supervisor_.running()) return Fault::none;  // other errors of a drive that is being enabled are expected
+    if (!supervisor_.powered()) return Fault::none;  // other errors of a drive that is being enabled are expected
     for (int i = 0; i < motor_count(); ++i) {
       const D& a = axis(motor_axis(i));
       if (a.error()) return Fault::drive_error;
@@ -241,6 +242,7 @@ class Cycle {
   DriveStatus status_{};
   Sample<M> sample_{};
   BusCounters counters_{};
+  bool stage_done_ = false;
   bool opened_ = false;
   bool malformed_ = false;
   bool bus_off_ = false;

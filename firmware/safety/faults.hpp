@@ -8,6 +8,7 @@ namespace esmc {
 enum class [[nodiscard]] Fault : std::uint8_t {
   none,
   feedback_not_finite,    ///< a drive sent NaN or infinity
+  feedback_jump,          ///< an angle moved further in a tick than its own rate and joint_speed allow
   stale_feedback,         ///< more than max_age_ticks without a sample from an axis
   malformed_frame,        ///< a frame of a drive of ours had the wrong length or format
   heartbeat_lost,         ///< an axis has not said that it lives for longer than heartbeat_timeout
@@ -26,6 +27,8 @@ enum class [[nodiscard]] Fault : std::uint8_t {
   joint_speed,            ///< a base joint turns faster than allowed
   joint_angle,            ///< a base joint left its range
   reference_unreachable,  ///< the reference lies outside the workspace
+  join_infeasible,        ///< joining the reference would take more speed or torque than is allowed
+  halt_failed,            ///< the mechanism did not come to rest under control
   torque_not_finite,      ///< the law produced NaN or infinity, or a shaft torque that no motor has
 };
 inline constexpr int fault_count = static_cast<int>(Fault::torque_not_finite) + 1;
@@ -34,6 +37,7 @@ inline constexpr int fault_count = static_cast<int>(Fault::torque_not_finite) + 
   switch (f) {
     case Fault::none: return "none";
     case Fault::feedback_not_finite: return "feedback_not_finite";
+    case Fault::feedback_jump: return "feedback_jump";
     case Fault::stale_feedback: return "stale_feedback";
     case Fault::malformed_frame: return "malformed_frame";
     case Fault::heartbeat_lost: return "heartbeat_lost";
@@ -52,9 +56,27 @@ inline constexpr int fault_count = static_cast<int>(Fault::torque_not_finite) + 
     case Fault::joint_speed: return "joint_speed";
     case Fault::joint_angle: return "joint_angle";
     case Fault::reference_unreachable: return "reference_unreachable";
+    case Fault::join_infeasible: return "join_infeasible";
+    case Fault::halt_failed: return "halt_failed";
     case Fault::torque_not_finite: return "torque_not_finite";
   }
   return "unknown";
+}
+
+/// What a fault does to a mechanism under torque.
+enum class Reaction : std::uint8_t {
+  zero_torque,  ///< at once: what is measured, computed or applied cannot be trusted any more
+  halt,         ///< the state is known and the drives obey: to rest under control
+};
+
+[[nodiscard]] constexpr Reaction reaction(Fault f) {
+  switch (f) {
+    case Fault::workspace:
+    case Fault::joint_angle:
+    case Fault::reference_unreachable:
+    case Fault::join_infeasible: return Reaction::halt;
+    default: return Reaction::zero_torque;
+  }
 }
 
 }  // namespace esmc

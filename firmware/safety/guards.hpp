@@ -28,6 +28,15 @@ struct Limits {
   Range<S> workspace_x{}, workspace_y{};              ///< m
   std::array<Range<S>, base_joints> joint_angle{};    ///< rad
   std::uint32_t max_age_ticks = 0;     ///< missed samples that are extrapolated
+  S feedback_jump{};                   ///< rad per tick by which an angle may differ from what its rate says; 0: any
+
+  /// Without the limits that a mechanism may already have crossed while it is brought to rest.
+  [[nodiscard]] constexpr Limits while_halting() const {
+    Limits l = *this;
+    l.workspace_x = l.workspace_y = {};
+    l.joint_angle = {};
+    return l;
+  }
 };
 
 /// What the guards look at, taken from the measured state.

@@ -1,32 +1,61 @@
 #pragma once
-/// The supervisor: five states, and no torque in any but one.
+/// The supervisor: which state the controller is in, and what each fault makes of it.
 ///
 ///   disabled --enable--> enabling --every axis ready--> running --stop--> stopping --every axis idle--> disabled
-///   enabling --stop--> stopping;  every state but disabled --fault--> fault --reset--> disabled
+///   running --halt, or a fault that leaves a trustworthy state--> halting --at rest--> holding, lowering or off
+///   every state but disabled --any other fault--> fault --reset--> disabled
 ///
-/// `begin_tick` makes the transitions, once per tick and before anything is computed, so that all of a tick
-/// belongs to one state; only a fault strikes at once, in the tick that finds it.
+/// There is torque in running, halting, holding and lowering only. `begin_tick` makes the transitions, once per
+/// tick and before anything is computed, so that all of a tick belongs to one state; only a fault strikes at once,
+/// in the tick that finds it. docs/safety.md has the table of states, events and reactions.
 
+#include <array>
 #include <cstdint>
 
 #include "firmware/safety/faults.hpp"
 
 namespace esmc {
 
-enum class State : std::uint8_t { disabled, enabling, running, stopping, fault };
+enum class State : std::uint8_t {
+  disabled,
+  enabling,
+  running,
+  halting,   ///< the law brings the mechanism to rest where it is
+  holding,   ///< at rest, under the law, until the operator ends it
+  lowering,  ///< weight let down against damping
+  stopping,
+  fault
+};
+inline constexpr int state_count = static_cast<int>(State::fault) + 1;
 
 [[nodiscard]] constexpr const char* name(State s) {
   switch (s) {
     case State::disabled: return "disabled";
     case State::enabling: return "enabling";
     case State::running: return "running";
+    case State::halting: return "halting";
+    case State::holding: return "holding";
+    case State::lowering: return "lowering";
     case State::stopping: return "stopping";
     case State::fault: return "fault";
   }
   return "unknown";
 }
 
-enum class Command : std::uint8_t { none, enable, stop, reset };
+enum class Command : std::uint8_t {
+  none,
+  enable,
+  stop,  ///< zero torque, drives to idle
+  halt,  ///< to rest under control first, where the configuration allows it
+  reset
+};
+
+/// What becomes of a mechanism that has been brought to rest.
+enum class AfterHalt : std::uint8_t {
+  release,  ///< torque off: for mechanisms that gravity does not move, or with a brake
+  hold,     ///< torque stays until the operator commands stop or reset
+  lower,    ///< weight is let down against damping, then torque off
+};
 
 /// What the drives say at the start of a tick.
 struct DriveStatus {
@@ -36,24 +65,64 @@ struct DriveStatus {
 
 class Supervisor {
  public:
+  struct Config {
+    bool can_halt = false;  ///< false: every fault, and every halt, takes the torque away at once
+    AfterHalt after_halt = AfterHalt::release;
+  };
+
+  Supervisor() = default;
+  explicit Supervisor(const Config& config) : config_(config) {}
+
   [[nodiscard]] State state() const { return state_; }
+  /// The first fault of the episode.
   [[nodiscard]] Fault fault() const { return fault_; }
   [[nodiscard]] bool running() const { return state_ == State::running; }
+  /// Coming to rest, or at rest, under torque.
+  [[nodiscard]] bool retreating() const {
+    return state_ == State::halting || state_ == State::holding || state_ == State::lowering;
+  }
+  /// Whether there may be torque at all.
+  [[nodiscard]] bool powered() const { return running() || retreating(); }
+  /// Ticks since power-up, modulo 2^32; at which of them the latched fault was found; how often each fault was
+  /// found since power-up, up to count_max.
+  [[nodiscard]] std::uint32_t tick() const { return tick_; }
+  [[nodiscard]] std::uint32_t fault_tick() const { return fault_tick_; }
+  static constexpr std::uint16_t count_max = 0xFFFF;
+  [[nodiscard]] std::uint16_t count(Fault f) const { return counts_[static_cast<unsigned>(f)]; }
 
-  void begin_tick(Command command, DriveStatus drives) {
+  /// `stage_done`: the controller's word that the mechanism is at rest (halting) or has been let down (lowering).
+  void begin_tick(Command command, DriveStatus drives, bool stage_done = false) {
+    ++tick_;
     switch (state_) {
       case State::disabled:
         if (command == Command::enable) state_ = State::enabling;
         break;
       case State::enabling:
-        if (command == Command::stop) {
+        if (command == Command::stop || command == Command::halt) {
           state_ = State::stopping;
         } else if (drives.all_ready) {
           state_ = State::running;
         }
         break;
       case State::running:
-        if (command == Command::stop) state_ = State::stopping;
+        if (command == Command::stop) {
+          state_ = State::stopping;
+        } else if (command == Command::halt) {
+          state_ = config_.can_halt ? State::halting : State::stopping;
+        }
+        break;
+      case State::halting:
+        if (command == Command::stop) {
+          leave();
+        } else if (stage_done) {
+          rest();
+        }
+        break;
+      case State::holding:
+        if (command == Command::stop || command == Command::reset) leave();
+        break;
+      case State::lowering:
+        if (command == Command::stop || stage_done) leave();
         break;
       case State::stopping:
         if (drives.all_idle) state_ = State::disabled;
@@ -67,17 +136,40 @@ class Supervisor {
     }
   }
 
-  /// Latches the first fault of an episode; later ones do not replace its name. Nothing happens while disabled:
-  /// there is no torque to take away, and what is wrong will be found again on enabling.
+  /// Latches the first fault of an episode; later ones are counted and do not replace its name. Nothing happens
+  /// while disabled: there is no torque to take away, and what is wrong will be found again on enabling.
   void raise(Fault f) {
-    if (f == Fault::none || state_ == State::disabled || state_ == State::fault) return;
-    state_ = State::fault;
-    fault_ = f;
+    if (f == Fault::none || state_ == State::disabled) return;
+    std::uint16_t& n = counts_[static_cast<unsigned>(f)];
+    if (n < count_max) ++n;
+    if (state_ == State::fault) return;
+    const bool halt = config_.can_halt && powered() && reaction(f) == Reaction::halt;
+    if (fault_ == Fault::none) {
+      fault_ = f;
+      fault_tick_ = tick_;
+    }
+    if (!halt) {
+      state_ = State::fault;
+    } else if (running()) {
+      state_ = State::halting;
+    }
   }
 
  private:
+  void rest() {
+    switch (config_.after_halt) {
+      case AfterHalt::release: leave(); break;
+      case AfterHalt::hold: state_ = State::holding; break;
+      case AfterHalt::lower: state_ = State::lowering; break;
+    }
+  }
+  void leave() { state_ = fault_ == Fault::none ? State::stopping : State::fault; }
+
+  Config config_{};
   State state_ = State::disabled;
   Fault fault_ = Fault::none;
+  std::uint32_t tick_ = 0, fault_tick_ = 0;
+  std::array<std::uint16_t, static_cast<unsigned>(fault_count)> counts_{};
 };
 
 }  // namespace esmc

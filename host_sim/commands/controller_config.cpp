@@ -137,6 +137,7 @@ Limits<S> make_limits(const Scene& s) {
   l.joint_speed = static_cast<S>(s.limits.joint_speed);
   l.closure = static_cast<S>(s.limits.closure);
   l.max_age_ticks = static_cast<std::uint32_t>(s.limits.max_age_ticks);
+  l.feedback_jump = static_cast<S>(s.limits.feedback_jump);
   if (s.limits.workspace) {
     l.workspace_x = range<S>((*s.limits.workspace)[0]);
     l.workspace_y = range<S>((*s.limits.workspace)[1]);
@@ -263,6 +264,14 @@ ControllerConfig<M> make_controller(const Scene& scene, Pacing pacing,
   set_gains(scene, delay_ticks(scene, pacing), c.gains);
   c.reference = in_scalar(reference, static_cast<const S*>(nullptr));
   c.join_ticks = reference.join_ticks;
+  const auto ticks = [&](double seconds) { return static_cast<std::uint32_t>(std::llround(seconds * scene.rate_hz)); };
+  c.ramp_ticks = ticks(scene.torque_ramp.value_or(pacing == Pacing::realtime ? 0.2 : 0.0));
+  c.halt_ticks = scene.limits.halt_time > 0.0 ? std::max(1U, ticks(scene.limits.halt_time)) : 0U;
+  c.lower_ticks = ticks(scene.limits.lower_time);
+  c.after_halt = scene.limits.after_halt == AfterHalt::hold
+                     ? esmc::AfterHalt::hold
+                     : (scene.limits.after_halt == AfterHalt::lower ? esmc::AfterHalt::lower
+                                                                    : esmc::AfterHalt::release);
   c.limits = make_limits<S>(scene);
   c.motors = scene.all_motors ? Motors::all : Motors::base;
   c.sensors = scene.all_sensors ? Sensors::all : Sensors::base;

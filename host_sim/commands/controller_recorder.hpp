@@ -42,7 +42,7 @@ class ControllerRecorder {
     }
     record.torque = torque_;
     record.saturated = r.saturated;
-    record.faulted = r.state == State::fault;
+    record.faulted = r.fault != Fault::none;
     record.has_reference = r.state == State::running;
     record.effector_error =
         std::hypot(r.effector.x() - r.desired_effector.x(), r.effector.y() - r.desired_effector.y());

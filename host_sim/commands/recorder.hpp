@@ -157,7 +157,7 @@ class Recorder {
     for (std::size_t i = 0; i < torque_.size(); ++i) torque_[i] = torque[joint(static_cast<int>(i))];
     r.torque = torque_;
     r.saturated = saturated || (seen.result != nullptr && seen.result->saturated);
-    r.faulted = seen.result != nullptr ? seen.result->state == State::fault : disarmed;
+    r.faulted = seen.result != nullptr ? seen.result->fault != Fault::none : disarmed;
     const auto reference = track_.present() ? track_.at(n, seen.result) : std::nullopt;
     r.has_reference = reference.has_value();
     if (reference) {

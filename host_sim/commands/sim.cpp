@@ -87,19 +87,20 @@ class SimRun {
   void closed_loop(int substeps, RunEnd& end) {
     const ReferenceBundle<double> reference = make_reference(scene_, Pacing::lockstep);
     Controller<C> controller(make_controller<C>(scene_, Pacing::lockstep, reference));
-    Supervisor supervisor;
+    Supervisor supervisor(controller.supervision());
     supervisor.begin_tick(Command::enable, {});  // there are no drives to wait for
     std::vector<Sensor> sensors = make_sensors(controller.config().sensor_count());
     Sample<C> sample;
+    TickResult<C> result;
     const double tick = scene_.tick(), step = tick / substeps;
     const std::uint32_t ticks = tick_count(scene_);
     Progress progress(ticks);
     for (std::uint32_t n = 0; n < ticks; ++n) {
       progress.at(n);
       const bool stop = stop_requested();
-      supervisor.begin_tick(stop ? Command::stop : Command::none, {true, false});
+      supervisor.begin_tick(stop ? Command::stop : Command::none, {true, false}, result.stage_done);
       measure(sensors, sample);
-      const TickResult<C> result = controller.tick(sample, supervisor);
+      result = controller.tick(sample, supervisor);
       bool clipped = false;
       Joints asked{};
       for (std::size_t i = 0; i < asked.size(); ++i)

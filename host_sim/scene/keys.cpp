@@ -47,6 +47,7 @@ constexpr std::array keys{
     Key{"control.motors", "string", "\"base\"", "", -inf, inf, false, "base | all", "five_bar: two motors on the base, or four"},
     Key{"control.sensors", "string", "\"base\"", "", -inf, inf, false, "base | all", "five_bar: base encoders and closure, or all four joints"},
     Key{"control.torque_limit", "number or numbers", "", "N m", 0, big, true, "", "hard clamp at the controller, at the joint; one for all motors or one each"},
+    Key{"control.torque_ramp", "number", "-", "s", 0, 60, false, "", "in which the torque rises to what the law asks for; default 0 in sim and lockstep, 0.2 in real time"},
     Key{"control.torque_weight", "numbers", "-", "", 0, 1e12, true, "", "four motors: diagonal of W, minimised is tau^T W tau; default 1/torque_limit^2"},
     Key{"control.model", "table", "-", "", -inf, inf, false, "", "what the controller believes, as factors on [mechanism]"},
     Key{"control.torque", "tables", "-", "", -inf, inf, false, "", "open_loop: per motor { offset, terms = [{ amp, omega, phase }] }"},
@@ -102,6 +103,10 @@ constexpr std::array keys{
     Key{"limits.workspace.x", "numbers", "", "m", -1e3, 1e3, false, "", "lower, upper"},
     Key{"limits.workspace.y", "numbers", "", "m", -1e3, 1e3, false, "", "lower, upper"},
     Key{"limits.joint_angle", "number pairs", "-", "rad", -1e3, 1e3, false, "", "[lower, upper] per base joint"},
+    Key{"limits.feedback_jump", "number", "-", "rad", 0, 100, false, "", "how far a measured angle may be, per tick, from where its rate takes it; 0: any; default joint_speed / rate_hz"},
+    Key{"limits.halt_time", "number", "0.1", "s", 0, 60, false, "", "to rest under control, where a fault allows it; 0: every fault takes the torque away at once"},
+    Key{"limits.after_halt", "string", "-", "", -inf, inf, false, "release | hold | lower", "once at rest: torque off, held until the operator ends it, or weight let down; default lower with gravity, release without"},
+    Key{"limits.lower_time", "number", "1.0", "s", 0, 600, true, "", "after_halt = lower: in which the weight compensation fades"},
     Key{"limits.max_age_ticks", "integer", "2", "ticks", 0, 100, false, "", "missed samples that are extrapolated; one more is a fault"},
 
     Key{"drives.protocol", "string", "\"odrive\"", "", -inf, inf, false, "odrive | odrive_0.5", "what the drives speak"},

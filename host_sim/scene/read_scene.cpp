@@ -133,6 +133,7 @@ void read_control(Section s, Scene& scene) {
                                               : ReachingChoice::implicit;
   read_gains(s, scene);
   scene.delay_ticks = s.optional_number("delay_ticks");
+  scene.torque_ramp = s.optional_number("torque_ramp");
   scene.rate_hz = s.number("rate_hz");
   scene.all_motors = s.text("motors") == "all" && five_bar;
   scene.all_sensors = s.text("sensors") == "all" && five_bar;
@@ -291,6 +292,12 @@ void read_limits(Section s, Scene& scene) {
   l.joint_speed = s.number("joint_speed");
   l.closure = s.number("closure");
   l.max_age_ticks = s.integer("max_age_ticks");
+  l.feedback_jump = s.optional_number("feedback_jump").value_or(l.joint_speed * scene.tick());
+  l.halt_time = s.number("halt_time");
+  l.lower_time = s.number("lower_time");
+  const bool falls = scene.mechanism.g > 0.0;
+  const std::string after = s.has("after_halt") ? s.text("after_halt") : (falls ? "lower" : "release");
+  l.after_halt = after == "hold" ? AfterHalt::hold : (after == "lower" ? AfterHalt::lower : AfterHalt::release);
   const auto range = [](Section& of, const char* key) {
     const auto r = of.pair(key);
     if (!(r[0] < r[1])) of.fail(key, "must be [lower, upper] with lower < upper");

@@ -20,6 +20,7 @@ enum class ReachingChoice { sign, saturation, tanh, implicit };
 enum class ReferenceType { none, circle, line, polyline, joint_sine, hold, file };
 enum class Protocol { odrive, odrive_0_5 };
 enum class Zero { absolute, pose, end_stop };
+enum class AfterHalt { release, hold, lower };
 
 /// A gain per kind of channel.
 struct PerKind {
@@ -79,6 +80,9 @@ struct LimitsScene {
   std::optional<std::array<std::array<double, 2>, 2>> workspace;    // x, y: lower, upper
   std::optional<std::array<std::array<double, 2>, 2>> joint_angle;  // per base joint
   int max_age_ticks = 0;
+  double feedback_jump = 0;           // rad per tick; 0: any
+  double halt_time = 0, lower_time = 0;  // s
+  AfterHalt after_halt = AfterHalt::release;
 };
 
 struct Scene {
@@ -96,6 +100,7 @@ struct Scene {
   ReachingChoice reaching = ReachingChoice::implicit;
   PerKind lambda, gain, layer;
   std::optional<double> kp, kd;
+  std::optional<double> torque_ramp;  ///< s; unset: 0 in sim and lockstep, 0.2 in real time
   std::optional<double> delay_ticks;  ///< unset: 0 in sim and lockstep, 2 in real time
   double rate_hz = 1000.0;
   bool all_motors = false, all_sensors = false;

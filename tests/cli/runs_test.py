@@ -40,7 +40,7 @@ class Told(unittest.TestCase):
     def test_a_fault_has_a_time_and_tracking_ends_with_it(self):
         # Join from rest, and a limit that is crossed when the circle has been followed for a while.
         for command in ("sim", "hil"):
-            args = [command, self.circle, *sets("reference.join=0.5", "limits.joint_speed=7.5"), "--out", self.tmp / command]
+            args = [command, self.circle, *sets("reference.join=0.3", "limits.joint_speed=7.5"), "--out", self.tmp / command]
             text = esmc(*args)
             self.assertEqual(text.returncode, 1)
             s = json.loads((self.tmp / command / "summary.json").read_text())

@@ -65,7 +65,7 @@ class Scenes(unittest.TestCase):
         self.says(self.circle, "reference.type=hold", words=["reference.type=hold", "[initial] needs position or joints"])
         self.says(self.circle, 'reference={type="hold", radius=1}', words=["unknown key 'reference.radius'", "type = \"circle\""])
         self.says(self.circle, "initial.joints=[0.5, 0.5]", "initial.position=[0, 0.2]", words=["one of at, position, joints"])
-        joined = self.changed('type = "circle"', 'join = 0.02\ntype = "circle"')
+        joined = self.changed('type = "circle"', 'join = 0.04\ntype = "circle"')
         self.assertLess(self.runs(joined, "initial.position=[0, 0.2]", "reference.type=hold", "reference.position=[0, 0.21]")
                         ["torque"]["saturated_ticks"], 30)
 

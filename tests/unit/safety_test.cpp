@@ -1,4 +1,4 @@
-/// The supervisor against a table written out by hand; the guards against sets of allowed values written again.
+/// The guards against sets of allowed values written again.
 
 #include <gtest/gtest.h>
 
@@ -10,151 +10,12 @@
 #include <vector>
 
 #include "firmware/safety/guards.hpp"
-#include "firmware/safety/supervisor.hpp"
 
 namespace {
 
-using esmc::Command;
-using esmc::DriveStatus;
 using esmc::Fault;
 using esmc::limit_torque;
-using esmc::State;
-using esmc::Supervisor;
 using esmc::TorqueCheck;
-
-// ---- supervisor ------------------------------------------------------------------------------------------------
-
-const std::vector<Command> commands{Command::none, Command::enable, Command::stop, Command::reset};
-
-std::vector<Fault> faults() {
-  std::vector<Fault> all;
-  for (int i = 1; i < esmc::fault_count; ++i) all.push_back(static_cast<Fault>(i));
-  return all;
-}
-
-Supervisor in(State s) {
-  Supervisor v;
-  if (s == State::disabled) return v;
-  v.begin_tick(Command::enable, {});
-  if (s == State::running || s == State::stopping) v.begin_tick(Command::none, {.all_ready = true});
-  if (s == State::stopping) v.begin_tick(Command::stop, {});
-  if (s == State::fault) v.raise(Fault::bus_off);
-  EXPECT_EQ(v.state(), s);
-  return v;
-}
-
-/// Next state for drives (neither, idle, ready, both): D disabled, E enabling, R running, S stopping, F fault.
-struct Row {
-  State from;
-  Command command;
-  const char* to;
-};
-const Row table[] = {
-    {State::disabled, Command::none, "DDDD"},   {State::disabled, Command::enable, "EEEE"},
-    {State::disabled, Command::stop, "DDDD"},   {State::disabled, Command::reset, "DDDD"},
-    {State::enabling, Command::none, "EERR"},   {State::enabling, Command::enable, "EERR"},
-    {State::enabling, Command::stop, "SSSS"},   {State::enabling, Command::reset, "EERR"},
-    {State::running, Command::none, "RRRR"},    {State::running, Command::enable, "RRRR"},
-    {State::running, Command::stop, "SSSS"},    {State::running, Command::reset, "RRRR"},
-    {State::stopping, Command::none, "SDSD"},   {State::stopping, Command::enable, "SDSD"},
-    {State::stopping, Command::stop, "SDSD"},   {State::stopping, Command::reset, "SDSD"},
-    {State::fault, Command::none, "FFFF"},      {State::fault, Command::enable, "FFFF"},
-    {State::fault, Command::stop, "FFFF"},      {State::fault, Command::reset, "DDDD"},
-};
-State state_of(char c) {
-  switch (c) {
-    case 'D': return State::disabled;
-    case 'E': return State::enabling;
-    case 'R': return State::running;
-    case 'S': return State::stopping;
-    default: return State::fault;
-  }
-}
-
-TEST(Supervisor, FollowsTheTable) {
-  std::set<std::pair<State, Command>> seen;
-  for (const Row& row : table) {
-    seen.emplace(row.from, row.command);
-    for (unsigned drives = 0; drives < 4; ++drives) {
-      Supervisor v = in(row.from);
-      v.begin_tick(row.command, {.all_ready = (drives & 2U) != 0, .all_idle = (drives & 1U) != 0});
-      EXPECT_EQ(v.state(), state_of(row.to[drives]))
-          << name(row.from) << " command " << static_cast<int>(row.command) << " drives " << drives;
-      EXPECT_EQ(v.fault() != Fault::none, v.state() == State::fault);
-      EXPECT_EQ(v.running(), v.state() == State::running);
-    }
-  }
-  EXPECT_EQ(seen.size(), 20U) << "five states, four commands";
-}
-
-TEST(Supervisor, StartsDisabledWithoutFault) {
-  const Supervisor v;
-  EXPECT_EQ(v.state(), State::disabled);
-  EXPECT_EQ(v.fault(), Fault::none);
-}
-
-TEST(Supervisor, EveryFaultStrikesAtOnceInEveryStateButDisabled) {
-  for (const Fault f : faults()) {
-    for (const State s : {State::enabling, State::running, State::stopping}) {
-      Supervisor v = in(s);
-      v.raise(f);
-      EXPECT_EQ(v.state(), State::fault) << name(s) << ' ' << name(f);
-      EXPECT_EQ(v.fault(), f);
-      EXPECT_FALSE(v.running());
-    }
-    Supervisor v = in(State::disabled);
-    v.raise(f);
-    EXPECT_EQ(v.state(), State::disabled) << name(f);
-    EXPECT_EQ(v.fault(), Fault::none);
-  }
-}
-
-TEST(Supervisor, NoFaultIsNoFault) {
-  for (const State s : {State::disabled, State::enabling, State::running, State::stopping, State::fault}) {
-    Supervisor v = in(s);
-    const Fault before = v.fault();
-    v.raise(Fault::none);
-    EXPECT_EQ(v.state(), s);
-    EXPECT_EQ(v.fault(), before);
-  }
-}
-
-TEST(Supervisor, TheFirstFaultKeepsItsNameUntilReset) {
-  for (const Fault first : faults()) {
-    for (const Fault second : faults()) {
-      Supervisor v = in(State::running);
-      v.raise(first);
-      v.raise(second);
-      for (const Command c : {Command::none, Command::enable, Command::stop}) {
-        for (int drives = 0; drives < 4; ++drives) {
-          v.begin_tick(c, {(drives & 1) != 0, (drives & 2) != 0});
-          v.raise(second);
-          ASSERT_EQ(v.state(), State::fault);
-          ASSERT_EQ(v.fault(), first) << name(first) << " then " << name(second);
-        }
-      }
-      v.begin_tick(Command::reset, {});
-      ASSERT_EQ(v.state(), State::disabled);
-      ASSERT_EQ(v.fault(), Fault::none);
-      v.begin_tick(Command::enable, {});
-      v.raise(second);
-      ASSERT_EQ(v.fault(), second) << "a new episode has its own name";
-    }
-  }
-}
-
-TEST(Supervisor, NamesAreDistinct) {
-  std::set<std::string> names;
-  for (int i = 0; i < esmc::fault_count; ++i) names.insert(name(static_cast<Fault>(i)));
-  EXPECT_EQ(names.size(), static_cast<std::size_t>(esmc::fault_count));
-  EXPECT_EQ(names.count("unknown"), 0U);
-  EXPECT_STREQ(name(static_cast<Fault>(esmc::fault_count)), "unknown") << "fault_count is the number of names";
-  names.clear();
-  for (const State s : {State::disabled, State::enabling, State::running, State::stopping, State::fault}) {
-    names.insert(name(s));
-  }
-  EXPECT_EQ(names, (std::set<std::string>{"disabled", "enabling", "running", "stopping", "fault"}));
-}
 
 // ---- guards ----------------------------------------------------------------------------------------------------
 

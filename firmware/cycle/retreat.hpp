@@ -1,0 +1,48 @@
+#pragma once
+/// The way to rest after a halt: base joints, from the measured motion, without a jump in speed.
+
+#include <cstdint>
+
+#include "firmware/control/reference.hpp"
+
+namespace esmc {
+
+template <class S>
+class Retreat {
+ public:
+  Retreat() = default;
+  /// `ticks`: of the way to rest.
+  Retreat(std::uint32_t ticks, S sample_time) : ticks_(ticks), sample_time_(sample_time) {}
+
+  [[nodiscard]] bool begun() const { return begun_; }
+  /// Base angles (rad) and rates (rad/s) where it begins. The quintic to the point v T / 2 ahead does not overshoot:
+  /// with u = t / T its speed is v (1 - 3 u^2 + 2 u^3), its largest deceleration 1.5 v / T.
+  void begin(const Vec2<S>& angle, const Vec2<S>& rate) {
+    const S duration = S(ticks_) * sample_time_;
+    Motion2<S> from, to;
+    from.position = angle;
+    from.velocity = rate;
+    to.position = angle + rate * (duration * S(0.5));
+    way_ = Quintic<S>::between(from, to, duration);
+    tick_ = 0;
+    begun_ = true;
+  }
+  void end() { begun_ = false; }
+  void advance() {
+    if (begun_ && tick_ < last) ++tick_;
+  }
+  /// Rest after the end.
+  [[nodiscard]] Motion2<S> at() const { return way_.at(S(tick_) * sample_time_); }
+  [[nodiscard]] bool over() const { return tick_ >= ticks_; }
+  /// Four times as long as it should have taken.
+  [[nodiscard]] bool overdue() const { return tick_ / 4 >= ticks_; }
+
+ private:
+  static constexpr std::uint32_t last = 0xFFFF'FFFF;
+  std::uint32_t ticks_ = 0, tick_ = 0;
+  S sample_time_{1};
+  Quintic<S> way_{};
+  bool begun_ = false;
+};
+
+}  // namespace esmc
