@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <functional>
 #include <numbers>
 #include <optional>
 #include <vector>
@@ -48,6 +49,7 @@ struct LoopSetup {
   Sensors sensors = Sensors::base;
   double min_type2 = 0.05;
   int substeps = 2;
+  std::function<void(ControllerConfig<FiveBar<double>>&)> adjust{};  ///< the last word on the configuration
 };
 
 inline ControllerConfig<FiveBar<double>> controller_of(const LoopSetup& s) {
@@ -81,6 +83,7 @@ inline ControllerConfig<FiveBar<double>> controller_of(const LoopSetup& s) {
   c.sample_time = s.tick;
   c.motors = s.motors;
   c.sensors = s.sensors;
+  if (s.adjust) s.adjust(c);
   return c;
 }
 
@@ -93,6 +96,7 @@ class ControlLoop {
   ControlLoop(const LoopSetup& s, const std::array<double, 4>& theta)
       : setup_(s),
         controller_(controller_of(s)),
+        supervisor_(controller_.supervision()),
         motion_({Plant(s.truth), Plant(s.truth), s.effects, motor_joints(s), host::Method::rk4},
                 Plant::from_joints(theta, {})),
         actuators_(s.effects, motor_joints(s), 1) {
@@ -107,7 +111,7 @@ class ControlLoop {
 
   /// One tick: measure, compute, move the plant.
   const TickResult<M>& tick() {
-    supervisor_.begin_tick(Command::none, {true, false});
+    supervisor_.begin_tick(Command::none, {true, false}, result_.stage_done);
     for (int joint = 0; joint < 4; ++joint) {
       const auto u = static_cast<std::size_t>(joint);
       const auto shaft = motion_.shaft(u);

@@ -1,0 +1,232 @@
+/// Coming to rest under control, on the simulator's plant: what halts, how far, how fast, and what comes after.
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "tests/support/control_loop.hpp"
+#include "tests/support/cycle_rig.hpp"
+
+namespace {
+
+using esmc::AfterHalt;
+using esmc::Fault;
+using esmc::FiveBar;
+using esmc::State;
+using esmc::test::ControlLoop;
+using esmc::test::LoopSetup;
+using Config = esmc::ControllerConfig<FiveBar<double>>;
+
+constexpr double tick = 1e-3;
+constexpr std::uint32_t halt_ticks = 100;
+
+/// B7, to be stopped; `change` before it is built.
+template <class Change>
+ControlLoop loop(AfterHalt end, const Change& change) {
+  LoopSetup s;
+  s.adjust = [&](Config& c) {
+    c.halt_ticks = halt_ticks;
+    c.lower_ticks = 500;
+    c.after_halt = end;
+    change(c);
+  };
+  return ControlLoop(s);
+}
+void leaves_the_box(Config& c) { c.limits.workspace_y.upper = 0.2; }
+
+double speed(const ControlLoop& l) { return std::max(std::abs(l.truth().qd[2]), std::abs(l.truth().qd[4])); }
+double largest(const esmc::Vec<double, 4>& v) { return v.cwiseAbs().maxCoeff(); }
+
+TEST(Halt, TheTickThatFindsTheFaultAlreadyBrakes) {
+  ControlLoop l = loop(AfterHalt::release, leaves_the_box);
+  while (l.supervisor().running() || l.ticks() == 0) ASSERT_LT(l.tick().running_tick, 300U);
+  EXPECT_EQ(l.supervisor().state(), State::halting);
+  EXPECT_EQ(l.supervisor().fault(), Fault::workspace);
+  EXPECT_GT(largest(l.result().torque), 0.0) << "not let go in between";
+  EXPECT_LE(largest(l.result().torque), 2.0);
+}
+
+TEST(Halt, ComesToRestInItsTimeWithoutJumpAndWithinHalfTheWayOfConstantSpeed) {
+  ControlLoop l = loop(AfterHalt::hold, leaves_the_box);
+  while (l.ticks() == 0 || l.supervisor().running()) l.tick();
+  const auto start = l.truth();
+  const double v1 = start.qd[2], v2 = start.qd[4];
+  double last1 = v1;
+  for (std::uint32_t n = 0; n < halt_ticks + 5; ++n) {
+    l.tick();
+    // The braking profile has at most 1.5 v / T of deceleration.
+    EXPECT_LE(std::abs(l.truth().qd[2] - last1), 1.05 * 1.5 * std::abs(v1) / (halt_ticks * tick) * tick + 0.02);
+    last1 = l.truth().qd[2];
+  }
+  EXPECT_EQ(l.supervisor().state(), State::holding);
+  EXPECT_LT(speed(l), 0.01);
+  // The first tick of the way had passed where `start` was taken.
+  EXPECT_NEAR(l.truth().q[2], start.q[2] + v1 * (0.5 * halt_ticks - 1) * tick, 1e-3);
+  EXPECT_NEAR(l.truth().q[4], start.q[4] + v2 * (0.5 * halt_ticks - 1) * tick, 1e-3);
+}
+
+TEST(Halt, HeldAgainstGravityItStays) {
+  ControlLoop l = loop(AfterHalt::hold, leaves_the_box);
+  while (l.supervisor().state() != State::holding) ASSERT_LT(l.tick().running_tick, 1000U);
+  const auto rest = l.truth();
+  for (int n = 0; n < 5000; ++n) l.tick();
+  EXPECT_EQ(l.supervisor().state(), State::holding);
+  for (std::size_t i = 0; i < 6; ++i) EXPECT_NEAR(l.truth().q[i], rest.q[i], 1e-4);
+}
+
+TEST(Halt, LetDownItSinksSlowlyAndEndsWithoutTorque) {
+  ControlLoop l = loop(AfterHalt::lower, leaves_the_box);
+  while (l.supervisor().state() != State::lowering) ASSERT_LT(l.tick().running_tick, 1000U);
+  const double height = l.truth().q[1];
+  double fastest = 0.0;
+  int ticks = 0;
+  for (; l.supervisor().state() == State::lowering; ++ticks) {
+    l.tick();
+    fastest = std::max(fastest, speed(l));
+  }
+  EXPECT_NEAR(ticks, 500, 3);
+  EXPECT_EQ(l.supervisor().state(), State::fault);
+  EXPECT_EQ(largest(l.result().torque), 0.0);
+  EXPECT_LT(l.truth().q[1], height);
+  EXPECT_LT(fastest, 0.1 * 50.0) << "a tenth of joint_speed, where damping alone takes the whole torque limit";
+}
+
+TEST(Halt, ReleasedItFallsOnlyAfterItCameToRest) {
+  ControlLoop l = loop(AfterHalt::release, leaves_the_box);
+  while (l.supervisor().state() != State::fault) ASSERT_LT(l.tick().running_tick, 1000U);
+  EXPECT_LT(speed(l), 0.1) << "one tick without torque";
+  EXPECT_EQ(largest(l.result().torque), 0.0);
+  EXPECT_EQ(l.supervisor().fault(), Fault::workspace);
+}
+
+TEST(Halt, WhatCannotBeTrustedIsNotBraked) {
+  // The same limits crossed without halt_ticks, and a singularity with them: no torque from that tick on.
+  ControlLoop l = loop(AfterHalt::hold, [](Config& c) {
+    leaves_the_box(c);
+    c.halt_ticks = 0;
+  });
+  while (l.ticks() == 0 || l.supervisor().running()) l.tick();
+  EXPECT_EQ(l.supervisor().state(), State::fault);
+  EXPECT_EQ(largest(l.result().torque), 0.0);
+  ControlLoop near = loop(AfterHalt::hold, [](Config& c) { c.limits.min_abs_sin_type2 = 0.9; });
+  while (near.ticks() == 0 || near.supervisor().running()) ASSERT_LT(near.tick().running_tick, 600U);
+  EXPECT_EQ(near.supervisor().state(), State::fault);
+  EXPECT_EQ(near.supervisor().fault(), Fault::type2_singularity);
+  EXPECT_EQ(largest(near.result().torque), 0.0);
+}
+
+TEST(Halt, AMotorTooWeakToBrakeIsAFaultOfItsOwnNotForEver) {
+  ControlLoop l = loop(AfterHalt::hold, [](Config& c) {
+    leaves_the_box(c);
+    c.halt_ticks = 4;  // 6 rad/s in 4 ms is more than 0.3 N m can do
+    c.torque_limit.setConstant(0.3);
+  });
+  while (l.ticks() == 0 || l.supervisor().running()) l.tick();
+  for (int n = 0; l.supervisor().powered(); ++n) {
+    ASSERT_LT(n, 20) << "neither at rest nor given up";
+    l.tick();
+  }
+  EXPECT_EQ(l.supervisor().count(Fault::halt_failed), 1U);
+  EXPECT_EQ(l.supervisor().fault(), Fault::workspace) << "the first name stays";
+}
+
+TEST(Halt, TheHeldPoseNeedNotBeInsideTheBoxThatWasLeft) {
+  ControlLoop l = loop(AfterHalt::hold, leaves_the_box);
+  while (l.supervisor().state() != State::holding) l.tick();
+  EXPECT_GT(l.truth().q[1], 0.2);
+}
+
+// ---- the way onto the reference --------------------------------------------------------------------------------
+
+TEST(Join, AWayThatNeedsMoreSpeedOrTorqueThanAllowedIsNotTaken) {
+  const auto joins = [](std::uint32_t ticks, double speed_limit, double torque_limit) {
+    LoopSetup s;
+    s.start = esmc::host::V2{0.0, 0.2};
+    s.hold = esmc::host::V2{0.0, 0.23};
+    s.torque_limit = torque_limit;
+    s.adjust = [=](Config& c) {
+      c.join_ticks = ticks;
+      c.limits.joint_speed = speed_limit;
+    };
+    ControlLoop l(s);
+    for (std::uint32_t n = 0; n < ticks + 20; ++n) l.tick();
+    return l.supervisor().fault();
+  };
+  EXPECT_EQ(joins(500, 50.0, 2.0), Fault::none);
+  EXPECT_EQ(joins(20, 50.0, 2.0), Fault::join_infeasible) << "torque";
+  EXPECT_EQ(joins(500, 0.2, 2.0), Fault::join_infeasible) << "speed";
+}
+
+TEST(Join, IsRefusedBeforeItHasGoneFar) {
+  LoopSetup s;
+  s.start = esmc::host::V2{0.0, 0.2};
+  s.hold = esmc::host::V2{0.0, 0.25};
+  s.adjust = [](Config& c) {
+    c.join_ticks = 300;
+    c.limits.joint_speed = 1.0;
+  };
+  ControlLoop l(s);
+  while (l.ticks() == 0 || l.supervisor().running()) ASSERT_LT(l.tick().running_tick, 17U);
+  EXPECT_NEAR(l.truth().q[1], 0.2, 1e-4);
+}
+
+// ---- torque ramps in -------------------------------------------------------------------------------------------
+
+TEST(Ramp, TorqueRisesInEqualStepsToWhatTheLawAsks) {
+  esmc::test::Rig<FiveBar<double>> whole;
+  auto s = esmc::test::setup<FiveBar<double>>();
+  s.controller.ramp_ticks = 10;
+  esmc::test::Rig<FiveBar<double>> ramped(s);
+  ASSERT_TRUE(whole.start());
+  ASSERT_TRUE(ramped.start());
+  // Both rigs stand still, so the law asks both for the same in every tick; the first tick has passed.
+  for (int n = 2; n <= 12; ++n) {
+    const auto all = whole.tick(), part = ramped.tick();
+    for (const int j : {0, 2}) {
+      if (all.saturated) continue;
+      EXPECT_NEAR(part.torque[j], all.torque[j] * std::min(1.0, n / 10.0), 1e-12) << n;
+    }
+  }
+}
+
+// ---- samples that do not fit each other ------------------------------------------------------------------------
+
+TEST(Jump, AnAngleThatMovedWithoutItsRateIsAFault) {
+  for (const double off : {0.9e-3, 1.1e-3, -0.9e-3, -1.1e-3, 0.1}) {
+    for (const double rate : {0.0, 3.0}) {
+      auto s = esmc::test::setup<FiveBar<double>>();
+      s.controller.limits.feedback_jump = 1e-3;
+      esmc::test::Rig<FiveBar<double>> rig(s);
+      ASSERT_TRUE(rig.start());
+      rig.rate[0] = rate;
+      rig.angle[0] += rate * tick + off;
+      const auto r = rig.tick();
+      EXPECT_EQ(r.fault, std::abs(off) > 1e-3 ? Fault::feedback_jump : Fault::none) << off << ' ' << rate;
+    }
+  }
+}
+
+TEST(Jump, AfterMissedSamplesAsMuchMoreIsAllowedAsTicksHavePassed) {
+  for (const double off : {1.9e-3, 2.1e-3}) {
+    auto s = esmc::test::setup<FiveBar<double>>();
+    s.controller.limits.feedback_jump = 1e-3;
+    esmc::test::Rig<FiveBar<double>> rig(s);
+    ASSERT_TRUE(rig.start());
+    rig.sends_encoder[0] = false;
+    ASSERT_EQ(rig.tick().fault, Fault::none);
+    rig.sends_encoder[0] = true;
+    rig.angle[0] += off;
+    EXPECT_EQ(rig.tick().fault, off > 2e-3 ? Fault::feedback_jump : Fault::none) << off;
+  }
+}
+
+TEST(Jump, WithoutALimitOrAFirstSampleThereIsNone) {
+  auto s = esmc::test::setup<FiveBar<double>>();
+  esmc::test::Rig<FiveBar<double>> rig(s);
+  ASSERT_TRUE(rig.start());
+  rig.angle[0] += 0.01;
+  EXPECT_EQ(rig.tick().fault, Fault::none);
+}
+
+}  // namespace
