@@ -11,6 +11,7 @@
 #include "firmware/cycle/estimate.hpp"
 #include "firmware/cycle/retreat.hpp"
 #include "firmware/cycle/sample.hpp"
+#include "firmware/cycle/sign_test.hpp"
 #include "firmware/safety/guards.hpp"
 #include "firmware/safety/supervisor.hpp"
 
@@ -35,6 +36,7 @@ struct ControllerConfig {
   S sample_time{};                                                  ///< s, > 0
   std::uint32_t join_ticks = 0;  ///< time to join the reference from the measured pose; 0: at once
   std::uint32_t ramp_ticks = 0;  ///< over which the torque rises to what the law asks for; 0: at once
+  S sign_test_move{};            ///< rad that each base joint must move in the sign test; 0: no test. Two motors only
   std::uint32_t halt_ticks = 0;  ///< time to come to rest after a halt; 0: a halt takes the torque away
   std::uint32_t lower_ticks = 0; ///< time to let the weight down
   AfterHalt after_halt = AfterHalt::release;
@@ -47,7 +49,8 @@ struct ControllerConfig {
   [[nodiscard]] static constexpr int joint_of(int i, int n) { return n == M::joints ? i : i * (M::joints / 2); }
 };
 
-/// What a tick did; everything a log needs. Torques are zero unless `state` is running, halting, holding or lowering.
+/// What a tick did; everything a log needs. Torques are zero unless `state` is testing, running, halting, holding
+/// or lowering.
 template <class M>
 struct TickResult {
   using S = typename M::Scalar;
@@ -74,11 +77,15 @@ class Controller {
       : config_(config),
         relaxed_(config.limits.while_halting()),
         reference_(config.reference, config.join_ticks, config.sample_time),
-        retreat_(config.halt_ticks, config.sample_time) {}
+        retreat_(config.halt_ticks, config.sample_time),
+        sign_test_(config.sign_test_move, config.sample_time) {}
 
   [[nodiscard]] const Config& config() const { return config_; }
   /// For the supervisor that goes with this controller.
-  [[nodiscard]] Supervisor::Config supervision() const { return {config_.halt_ticks > 0, config_.after_halt}; }
+  [[nodiscard]] Supervisor::Config supervision() const { 
+    return {config_.halt_ticks > 0, config_.after_halt,
+            config_.sign_test_move > S(0) && config_.motors == Motors::base};
+  }
 
   /// One tick, in the order of the data: sample -> estimate -> guards -> reference -> law -> allocation ->
   /// limits. Whatever goes wrong is raised at the supervisor, and every torque of the tick is then zero.
@@ -120,11 +127,13 @@ class Controller {
 
   Fault compute(const Sample<M>& measured, State state, TickResult<M>& out) {
     const bool run = state == State::running;
-    const Observation now = observe(measured, run ? config_.limits : relaxed_, out);
+    const bool retreating = !run && state != State::testing;
+    const Observation now = observe(measured, retreating ? relaxed_ : config_.limits, out);
     if (now.fault != Fault::none) return now.fault;
     Tracking<M> t{};
     t.pose = now.estimate.pose;
     t.rates = now.estimate.rates;
+    if (state == State::testing) return probe(now.estimate, out);
     const Fault fault = run ? follow(now.estimate, t) : retreat(now.estimate, state, t, out);
     if (fault != Fault::none) return fault;
     out.desired_effector = t.desired_pose.effector;
@@ -138,6 +147,24 @@ class Controller {
       }
     }
     return limit(out);
+  }
+
+  /// One tick of the sign test.
+  Fault probe(const Estimate<M>& now, TickResult<M>& out) {
+    Vec2<S> torque = weight(now.pose);
+    const Vec2<S> limits(config_.torque_limit[Config::joint_of(0, 2)], config_.torque_limit[Config::joint_of(1, 2)]);
+    const auto verdict = sign_test_.step(config_.mechanism, now, M::base_angles(now.pose), M::base(now.rates), limits, torque);
+    if (verdict == SignTest<M>::Verdict::failed) return Fault::sign_test;
+    out.stage_done = verdict == SignTest<M>::Verdict::passed;
+    spread(torque, out);
+    return limit(out);
+  }
+
+  /// Torque of the base motors that balances the weight at rest.
+  [[nodiscard]] Vec2<S> weight(const typename M::Pose& pose) const {
+    typename M::Rates still{};
+    if constexpr (M::joints == 2) still.setZero();
+    return config_.mechanism.base_torque(pose, config_.mechanism.force(M::Channels::Zero().eval(), still));
   }
 
   Fault follow(const Estimate<M>& now, Tracking<M>& t) {
@@ -193,15 +220,12 @@ class Controller {
   void let_down(const Tracking<M>& t, TickResult<M>& out) {
     const S left = lowered_ticks_ < config_.lower_ticks
                        ? S(1) - S(lowered_ticks_) / S(config_.lower_ticks) : S(0);
-    typename M::Rates still{};
-    if constexpr (M::joints == 2) still.setZero();
-    const Vec2<S> weight =
-        config_.mechanism.base_torque(t.pose, config_.mechanism.force(M::Channels::Zero().eval(), still));
+    const Vec2<S> held = weight(t.pose);
     const Vec2<S> rate = M::base(t.rates);
     Vec2<S> torque;
     for (int i = 0; i < 2; ++i) {
       const S damping = config_.torque_limit[Config::joint_of(i, 2)] / (config_.limits.joint_speed * S(0.1));
-      torque[i] = weight[i] * left - rate[i] * damping;
+      torque[i] = held[i] * left - rate[i] * damping;
     }
     spread(torque, out);
     if (lowered_ticks_ < config_.lower_ticks) ++lowered_ticks_;
@@ -288,6 +312,7 @@ class Controller {
   Limits<S> relaxed_{};
   JoinedReference<S> reference_{};
   Retreat<S> retreat_{};
+  SignTest<M> sign_test_{};
   Consistency<M> consistency_{};
   std::uint32_t running_tick_ = 0, lowered_ticks_ = 0;
 };
@@ -300,6 +325,7 @@ TickResult<M> Controller<M>::tick(const Sample<M>& measured, Supervisor& supervi
   if (!supervisor.powered()) {
     running_tick_ = lowered_ticks_ = 0;
     retreat_.end();
+    sign_test_.reset();
   }
   out.running_tick = running_tick_;
   if (supervisor.powered()) {
@@ -318,7 +344,7 @@ TickResult<M> Controller<M>::tick(const Sample<M>& measured, Supervisor& supervi
   out.state = supervisor.state();
   out.fault = supervisor.fault();
   if (supervisor.powered()) {
-    ++running_tick_;
+    if (supervisor.state() != State::testing) ++running_tick_;
     retreat_.advance();
   } else {
     out.torque.setZero();

@@ -27,6 +27,7 @@ enum class [[nodiscard]] Fault : std::uint8_t {
   joint_speed,            ///< a base joint turns faster than allowed
   joint_angle,            ///< a base joint left its range
   reference_unreachable,  ///< the reference lies outside the workspace
+  sign_test,              ///< a motor did not answer a small torque as the model says
   join_infeasible,        ///< joining the reference would take more speed or torque than is allowed
   halt_failed,            ///< the mechanism did not come to rest under control
   torque_not_finite,      ///< the law produced NaN or infinity, or a shaft torque that no motor has
@@ -56,6 +57,7 @@ inline constexpr int fault_count = static_cast<int>(Fault::torque_not_finite) + 
     case Fault::joint_speed: return "joint_speed";
     case Fault::joint_angle: return "joint_angle";
     case Fault::reference_unreachable: return "reference_unreachable";
+    case Fault::sign_test: return "sign_test";
     case Fault::join_infeasible: return "join_infeasible";
     case Fault::halt_failed: return "halt_failed";
     case Fault::torque_not_finite: return "torque_not_finite";

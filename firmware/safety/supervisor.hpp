@@ -2,10 +2,11 @@
 /// The supervisor: which state the controller is in, and what each fault makes of it.
 ///
 ///   disabled --enable--> enabling --every axis ready--> running --stop--> stopping --every axis idle--> disabled
+///                        (with a sign test: enabling --every axis ready--> testing --passed--> running)
 ///   running --halt, or a fault that leaves a trustworthy state--> halting --at rest--> holding, lowering or off
 ///   every state but disabled --any other fault--> fault --reset--> disabled
 ///
-/// There is torque in running, halting, holding and lowering only. `begin_tick` makes the transitions, once per
+/// There is torque in testing, running, halting, holding and lowering only. `begin_tick` makes the transitions, once per
 /// tick and before anything is computed, so that all of a tick belongs to one state; only a fault strikes at once,
 /// in the tick that finds it. docs/safety.md has the table of states, events and reactions.
 
@@ -19,6 +20,7 @@ namespace esmc {
 enum class State : std::uint8_t {
   disabled,
   enabling,
+  testing,   ///< each motor in turn gets a little torque and must answer as the model says
   running,
   halting,   ///< the law brings the mechanism to rest where it is
   holding,   ///< at rest, under the law, until the operator ends it
@@ -32,6 +34,7 @@ inline constexpr int state_count = static_cast<int>(State::fault) + 1;
   switch (s) {
     case State::disabled: return "disabled";
     case State::enabling: return "enabling";
+    case State::testing: return "testing";
     case State::running: return "running";
     case State::halting: return "halting";
     case State::holding: return "holding";
@@ -68,6 +71,7 @@ class Supervisor {
   struct Config {
     bool can_halt = false;  ///< false: every fault, and every halt, takes the torque away at once
     AfterHalt after_halt = AfterHalt::release;
+    bool sign_test = false;  ///< between enabling and running
   };
 
   Supervisor() = default;
@@ -82,7 +86,7 @@ class Supervisor {
     return state_ == State::halting || state_ == State::holding || state_ == State::lowering;
   }
   /// Whether there may be torque at all.
-  [[nodiscard]] bool powered() const { return running() || retreating(); }
+  [[nodiscard]] bool powered() const { return running() || retreating() || state_ == State::testing; }
   /// Ticks since power-up, modulo 2^32; at which of them the latched fault was found; how often each fault was
   /// found since power-up, up to count_max.
   [[nodiscard]] std::uint32_t tick() const { return tick_; }
@@ -90,7 +94,8 @@ class Supervisor {
   static constexpr std::uint16_t count_max = 0xFFFF;
   [[nodiscard]] std::uint16_t count(Fault f) const { return counts_[static_cast<unsigned>(f)]; }
 
-  /// `stage_done`: the controller's word that the mechanism is at rest (halting) or has been let down (lowering).
+  /// `stage_done`: the controller's word that the motors answered (testing), that the mechanism is at rest (halting) or
+  /// has been let down (lowering).
   void begin_tick(Command command, DriveStatus drives, bool stage_done = false) {
     ++tick_;
     switch (state_) {
@@ -101,6 +106,13 @@ class Supervisor {
         if (command == Command::stop || command == Command::halt) {
           state_ = State::stopping;
         } else if (drives.all_ready) {
+          state_ = config_.sign_test ? State::testing : State::running;
+        }
+        break;
+      case State::testing:
+        if (command == Command::stop || command == Command::halt) {
+          state_ = State::stopping;
+        } else if (stage_done) {
           state_ = State::running;
         }
         break;
@@ -143,7 +155,7 @@ class Supervisor {
     std::uint16_t& n = counts_[static_cast<unsigned>(f)];
     if (n < count_max) ++n;
     if (state_ == State::fault) return;
-    const bool halt = config_.can_halt && powered() && reaction(f) == Reaction::halt;
+    const bool halt = config_.can_halt && (running() || retreating()) && reaction(f) == Reaction::halt;
     if (fault_ == Fault::none) {
       fault_ = f;
       fault_tick_ = tick_;

@@ -49,6 +49,7 @@ struct LoopSetup {
   Sensors sensors = Sensors::base;
   double min_type2 = 0.05;
   int substeps = 2;
+  std::function<void(Vec<double, 4>&)> wiring{};  ///< what the cables make of the torques
   std::function<void(ControllerConfig<FiveBar<double>>&)> adjust{};  ///< the last word on the configuration
 };
 
@@ -123,7 +124,8 @@ class ControlLoop {
       sample_.rate[joint] = r.velocity_rev_s / per_radian;
     }
     result_ = controller_.tick(sample_, supervisor_);
-    const auto& tau = result_.torque;
+    Vec<double, 4> tau = result_.torque;
+    if (setup_.wiring) setup_.wiring(tau);
     bool clipped = false;
     const auto torque = actuators_.deliver({tau[0], tau[1], tau[2], tau[3]}, setup_.tick, clipped);
     actuators_.advance(motion_, n_ * setup_.tick, setup_.tick, setup_.tick / setup_.substeps, torque);

@@ -171,6 +171,89 @@ TEST(Join, IsRefusedBeforeItHasGoneFar) {
   EXPECT_NEAR(l.truth().q[1], 0.2, 1e-4);
 }
 
+// ---- sign test -------------------------------------------------------------------------------------------------
+
+/// State that the test of a loop ends in, and how far a base joint got in it.
+struct Tested {
+  State state;
+  Fault fault;
+  double moved, torque;
+  int ticks;
+};
+template <class Change>
+Tested sign_test(const Change& change) {
+  LoopSetup s;
+  s.start = esmc::host::V2{0.06, 0.19};  // not its own mirror image
+  s.hold = s.start;
+  s.adjust = [](Config& c) { c.sign_test_move = 2e-3; };
+  change(s);
+  ControlLoop l(s);
+  const auto start = l.truth();
+  Tested t{State::testing, Fault::none, 0.0, 0.0, 0};
+  esmc::Vec<double, 4> weight{};
+  do {
+    l.tick();
+    if (t.ticks++ == 0) weight = l.result().torque;
+    for (const std::size_t i : {2U, 4U}) t.moved = std::max(t.moved, std::abs(l.truth().q[i] - start.q[i]));
+    if (l.supervisor().state() == State::testing)
+      t.torque = std::max(t.torque, largest(l.result().torque - weight));
+  } while (l.supervisor().state() == State::testing && t.ticks < 1000);
+  t.state = l.supervisor().state();
+  t.fault = l.supervisor().fault();
+  return t;
+}
+
+TEST(SignTest, AMechanismThatAnswersAsItsModelRuns) {
+  const Tested t = sign_test([](LoopSetup&) {});
+  EXPECT_EQ(t.state, State::running) << name(t.fault);
+  EXPECT_LT(t.moved, 0.015) << "a few times the move asked for";
+  EXPECT_GT(t.moved, 2e-3);
+  EXPECT_LE(t.torque, 2 * 0.05 * 2.0 + 0.02) << "5 % of the limit, up and down again";
+}
+
+TEST(SignTest, AMotorThatTurnsTheOtherWayIsFound) {
+  for (const int joint : {0, 2}) {
+    const Tested t = sign_test([&](LoopSetup& s) {
+      s.wiring = [joint](esmc::Vec<double, 4>& tau) { tau[joint] = -tau[joint]; };
+    });
+    EXPECT_EQ(t.fault, Fault::sign_test) << joint;
+    EXPECT_LT(t.moved, 0.03);
+  }
+}
+
+TEST(SignTest, CommandsThatReachTheOtherMotorAreFound) {
+  const Tested t = sign_test(
+      [&](LoopSetup& s) { s.wiring = [](esmc::Vec<double, 4>& tau) { std::swap(tau[0], tau[2]); }; });
+  EXPECT_EQ(t.fault, Fault::sign_test);
+  EXPECT_LT(t.moved, 0.03);
+}
+
+TEST(SignTest, AMotorWithoutTorqueIsFound) {
+  for (const int joint : {0, 2}) {
+    const Tested t = sign_test([&](LoopSetup& s) {
+      s.truth.g = s.believed.g = 0.0;
+      s.wiring = [joint](esmc::Vec<double, 4>& tau) { tau[joint] = 0.0; };
+    });
+    EXPECT_EQ(t.fault, Fault::sign_test) << joint;
+  }
+}
+
+TEST(SignTest, WrongMassesPass) {
+  for (const double factor : {0.6, 1.6}) {
+    const Tested t = sign_test([&](LoopSetup& s) {
+      s.truth.g = s.believed.g = 0.0;
+      s.believed = esmc::test::scaled_bars(s.truth, factor);
+    });
+    EXPECT_EQ(t.state, State::running) << factor << ' ' << name(t.fault);
+  }
+}
+
+TEST(SignTest, AJointThatFivePercentCannotMoveIsNotTested) {
+  const Tested t = sign_test([](LoopSetup& s) { s.torque_limit = 1e-4; s.truth.g = s.believed.g = 0.0; });
+  EXPECT_EQ(t.fault, Fault::sign_test);
+  EXPECT_EQ(t.ticks, 1);
+}
+
 // ---- torque ramps in -------------------------------------------------------------------------------------------
 
 TEST(Ramp, TorqueRisesInEqualStepsToWhatTheLawAsks) {

@@ -18,7 +18,7 @@ using esmc::State;
 using esmc::Supervisor;
 
 const std::vector<Command> commands{Command::none, Command::enable, Command::stop, Command::halt, Command::reset};
-const std::vector<State> states{State::disabled, State::enabling, State::running,  State::halting,
+const std::vector<State> states{State::disabled, State::enabling, State::testing,  State::running, State::halting,
                                 State::holding,  State::lowering, State::stopping, State::fault};
 const std::vector<AfterHalt> ends{AfterHalt::release, AfterHalt::hold, AfterHalt::lower};
 /// After these the state is known and the drives obey.
@@ -33,7 +33,7 @@ std::vector<Fault> faults() {
 /// A supervisor that halts, in a state; with a gentle fault latched in those that follow one, if asked for.
 Supervisor in(State s, AfterHalt end = AfterHalt::hold, Fault why = Fault::none) {
   const AfterHalt way = s == State::holding ? AfterHalt::hold : (s == State::lowering ? AfterHalt::lower : end);
-  Supervisor v({.can_halt = true, .after_halt = way});
+  Supervisor v({.can_halt = true, .after_halt = way, .sign_test = s == State::testing});
   if (s == State::disabled) return v;
   v.begin_tick(Command::enable, {});
   if (s != State::enabling && s != State::fault) v.begin_tick(Command::none, {.all_ready = true});
@@ -52,7 +52,7 @@ Supervisor in(State s, AfterHalt end = AfterHalt::hold, Fault why = Fault::none)
 }
 
 /// Next state for (ready, idle, stage done) = 000, 001, ..., 111 in that order of bits; D disabled, E enabling,
-/// R running, H halting, O holding, L lowering, S stopping, F fault, X what after_halt says (release: S).
+/// T testing, R running, H halting, O holding, L lowering, S stopping, F fault, X what after_halt says (release: S).
 struct Row {
   State from;
   Command command;
@@ -64,6 +64,9 @@ const Row table[] = {
     {State::disabled, Command::reset, "DDDDDDDD"},  {State::enabling, Command::none, "EEEERRRR"},
     {State::enabling, Command::enable, "EEEERRRR"}, {State::enabling, Command::stop, "SSSSSSSS"},
     {State::enabling, Command::halt, "SSSSSSSS"},   {State::enabling, Command::reset, "EEEERRRR"},
+    {State::testing, Command::none, "TRTRTRTR"},    {State::testing, Command::enable, "TRTRTRTR"},
+    {State::testing, Command::stop, "SSSSSSSS"},    {State::testing, Command::halt, "SSSSSSSS"},
+    {State::testing, Command::reset, "TRTRTRTR"},
     {State::running, Command::none, "RRRRRRRR"},    {State::running, Command::enable, "RRRRRRRR"},
     {State::running, Command::stop, "SSSSSSSS"},    {State::running, Command::halt, "HHHHHHHH"},
     {State::running, Command::reset, "RRRRRRRR"},   {State::halting, Command::none, "HXHXHXHX"},
@@ -84,6 +87,7 @@ State state_of(char c, AfterHalt end) {
   switch (c) {
     case 'D': return State::disabled;
     case 'E': return State::enabling;
+    case 'T': return State::testing;
     case 'R': return State::running;
     case 'H': return State::halting;
     case 'O': return State::holding;
@@ -114,12 +118,12 @@ TEST(Supervisor, FollowsTheTable) {
   EXPECT_EQ(seen.size(), states.size() * commands.size());
 }
 
-TEST(Supervisor, ThereIsTorqueInFourStatesOnly) {
-  const std::set<State> torque{State::running, State::halting, State::holding, State::lowering};
+TEST(Supervisor, ThereIsTorqueInFiveStatesOnly) {
+  const std::set<State> torque{State::testing, State::running, State::halting, State::holding, State::lowering};
   for (const State s : states) {
     const Supervisor v = in(s);
     EXPECT_EQ(v.powered(), torque.count(s) == 1) << name(s);
-    EXPECT_EQ(v.retreating(), v.powered() && s != State::running) << name(s);
+    EXPECT_EQ(v.retreating(), v.powered() && s != State::running && s != State::testing) << name(s);
   }
 }
 

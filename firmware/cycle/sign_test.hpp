@@ -1,0 +1,97 @@
+#pragma once
+/// Each motor in turn gets a small torque, and its joint must move as the model says: a motor that turns the wrong
+/// way, or commands that reach another motor than the one whose encoder is read, end here and not in a run-away.
+
+#include <cstdint>
+
+#include "firmware/cycle/estimate.hpp"
+#include "firmware/types.hpp"
+
+namespace esmc {
+
+/// On top of the weight, motor i gets +pulse until its joint should have moved by `move`, then -pulse for as long, which
+/// takes the speed away again. The answer of both joints after the first half is compared with the model's, along the
+/// model's direction: it must be a quarter to four times as large, friction and wrong masses included. In a pose where
+/// the mechanism is its own mirror image, swapped nodes answer alike: test in another one.
+template <class M>
+class SignTest {
+ public:
+  using S = typename M::Scalar;
+  static constexpr S share_max = S(0.05F);         ///< of the torque limit
+  static constexpr std::uint32_t ticks_max = 200;  ///< of one half; a joint that needs longer cannot be tested
+
+  enum class Verdict : std::uint8_t { going_on, passed, failed };
+
+  SignTest() = default;
+  /// `move`: rad, > 0; several steps of the encoder.
+  SignTest(S move, S sample_time) : move_(move), sample_time_(sample_time) {}
+
+  void reset() {
+    motor_ = 0;
+    tick_ = half_ = 0;
+  }
+
+  /// One tick. `angle`, `rate`: of the base joints as measured; `torque`: in, what balances the weight; out, with the
+  /// pulse. `limit`: of the base motors, N m.
+  Verdict step(const M& m, const Estimate<M>& now, const Vec2<S>& angle, const Vec2<S>& rate, const Vec2<S>& limit,
+               Vec2<S>& torque) {
+    if (half_ > 0 && tick_ == 2 * half_) {
+      tick_ = 0;
+      if (++motor_ == 2) return Verdict::passed;
+    }
+    if (tick_ == 0 && !begin(m, now, angle, rate, limit, torque)) return Verdict::failed;
+    if (ran_away(angle) || (tick_ == half_ && !moved(angle))) return Verdict::failed;
+    torque[motor_] += tick_ < half_ ? pulse_ : -pulse_;
+    ++tick_;
+    return Verdict::going_on;
+  }
+
+ private:
+  bool begin(const M& m, const Estimate<M>& now, const Vec2<S>& angle, const Vec2<S>& rate, const Vec2<S>& limit,
+             const Vec2<S>& weight) {
+    // H, base to base: torques that unit accelerations take beyond the weight. Its inverse is what a pulse does.
+    Vec2<S> column[2];
+    typename M::Rates still{};
+    if constexpr (M::joints == 2) still.setZero();
+    for (int i = 0; i < 2; ++i) {
+      const Vec2<S> unit(S(i == 0), S(i == 1));
+      const typename M::Rates a = m.base_accelerations(now.pose, still, unit);
+      column[i] = m.base_torque(now.pose, m.force(m.channel_accelerations(now.pose, still, a), still)) - weight;
+    }
+    const S determinant = column[0][0] * column[1][1] - column[1][0] * column[0][1];
+    pulse_ = limit[motor_] * share_max;
+    answer_ = motor_ == 0 ? Vec2<S>(column[1][1], -column[0][1]) : Vec2<S>(-column[1][0], column[0][0]);
+    answer_ *= pulse_ / determinant;  // rad/s2
+    const S own = answer_[motor_];
+    if (!(own > S(0))) return false;  // no model answers a torque backwards; NaN ends here too
+    half_ = 1;
+    while (half_ < ticks_max && half_time() * half_time() * own * S(0.5) < move_) ++half_;
+    from_ = angle;
+    rate_ = rate;
+    return half_ < ticks_max;
+  }
+  [[nodiscard]] S half_time() const { return S(half_) * sample_time_; }
+
+  /// Four times as far as both joints should go in the half: no need to wait for its end.
+  [[nodiscard]] bool ran_away(const Vec2<S>& angle) const {
+    const S t = half_time(), passed = S(tick_) * sample_time_;
+    const Vec2<S> seen = angle - from_ - rate_ * passed;
+    const S most = S(4) * square_root(dot(answer_, answer_)) * (t * t * S(0.5));
+    return !(dot(seen, seen) <= most * most);
+  }
+  [[nodiscard]] bool moved(const Vec2<S>& angle) const {
+    const S t = half_time();
+    const Vec2<S> expected = answer_ * (t * t * S(0.5));
+    const Vec2<S> seen = angle - from_ - rate_ * t;
+    const S along = dot(seen, expected), size = dot(expected, expected);
+    const S own = seen[motor_] / expected[motor_];
+    return along >= size * S(0.25) && along <= size * S(4) && own >= S(0.25) && own <= S(4);
+  }
+
+  S move_{}, sample_time_{1}, pulse_{};
+  Vec2<S> answer_ = Vec2<S>::Zero(), from_ = Vec2<S>::Zero(), rate_ = Vec2<S>::Zero();
+  std::uint32_t tick_ = 0, half_ = 0;
+  int motor_ = 0;
+};
+
+}  // namespace esmc
