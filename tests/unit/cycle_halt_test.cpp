@@ -239,7 +239,7 @@ TEST(SignTest, AMotorWithoutTorqueIsFound) {
 }
 
 TEST(SignTest, WrongMassesPass) {
-  for (const double factor : {0.6, 1.6}) {
+  for (const double factor : {0.7, 1.4}) {
     const Tested t = sign_test([&](LoopSetup& s) {
       s.truth.g = s.believed.g = 0.0;
       s.believed = esmc::test::scaled_bars(s.truth, factor);
