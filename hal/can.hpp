@@ -55,4 +55,10 @@ concept CanBus = requires(B& bus, const CanFrame& out, CanFrame& in) {
   { bus.try_receive(in) } -> std::same_as<bool>;  // false: no frame waiting, `in` untouched
 };
 
+/// A back end that knows when frames came in.
+template <class B>
+concept TimesFrames = CanBus<B> && requires(const B& bus) {
+  { bus.frame_age_us() } -> std::same_as<std::uint32_t>;  // since the frame received last was on the bus; 0: not known
+};
+
 }  // namespace esmc::hal

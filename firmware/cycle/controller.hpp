@@ -9,8 +9,8 @@
 #include "firmware/control/law.hpp"
 #include "firmware/control/reference.hpp"
 #include "firmware/cycle/estimate.hpp"
+#include "firmware/cycle/plausibility.hpp"
 #include "firmware/cycle/retreat.hpp"
-#include "firmware/cycle/sample.hpp"
 #include "firmware/cycle/sign_test.hpp"
 #include "firmware/safety/guards.hpp"
 #include "firmware/safety/supervisor.hpp"
@@ -34,6 +34,7 @@ struct ControllerConfig {
   Vec<S, M::joints> torque_limit = Vec<S, M::joints>::Zero();       ///< N m at the joint, >= 0
   Vec<S, M::joints> torque_weight = Vec<S, M::joints>::Ones();      ///< W of [F26], > 0; four motors only
   S sample_time{};                                                  ///< s, > 0
+  S torque_lead{};               ///< s, >= 0: from the instant of a tick to the one at which its torque acts
   std::uint32_t join_ticks = 0;  ///< time to join the reference from the measured pose; 0: at once
   std::uint32_t ramp_ticks = 0;  ///< over which the torque rises to what the law asks for; 0: at once
   S sign_test_move{};            ///< rad that each base joint must move in the sign test; 0: no test. Two motors only
@@ -110,7 +111,9 @@ class Controller {
       if (age == 0 && !consistency_.plausible(joint, measured, limits.feedback_jump, config_.sample_time)) {
         return {Fault::feedback_jump, {}};
       }
-      angle[joint] += measured.rate[joint] * (S(age) * config_.sample_time);
+      // To the instant at which the torque of this tick acts, at constant speed.
+      angle[joint] += measured.rate[joint] * (S(age) * config_.sample_time +
+                                              measured.phase[static_cast<unsigned>(joint)] + config_.torque_lead);
     }
     const Vec2<S> base_angle = at_base(angle), base_rate = at_base(measured.rate);
     if (config_.sensors == Sensors::base) {

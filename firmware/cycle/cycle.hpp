@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "firmware/cycle/controller.hpp"
+#include "firmware/cycle/plausibility.hpp"
 #include "firmware/drive/axis.hpp"
 #include "hal/can.hpp"
 
@@ -35,11 +36,16 @@ class Cycle {
     typename D::Line line{};
     int axis_count = 2;
     std::uint32_t heartbeat_age_ticks_max = 0;
+    bool zero_absolute = true;               ///< encoders keep their zero without power; false: confirm_zero first
+    Vec<S, M::joints> zero_pose = Vec<S, M::joints>::Zero();  ///< rad: the joints as confirm_zero finds them
+    S torque_mismatch{};                     ///< N m at the joint between a drive's torque and its command; 0: any
+    S torque_time{};                         ///< s: in which a drive follows its command
   };
 
   explicit Cycle(const Config& config)
       : controller_(config.controller), supervisor_(controller_.supervision()), axes_(config.axes), line_(config.line), axis_count_(config.axis_count),
-        heartbeat_age_ticks_max_(config.heartbeat_age_ticks_max) {}
+        heartbeat_age_ticks_max_(config.heartbeat_age_ticks_max), zero_(config.zero_absolute, config.zero_pose),
+        echo_(config.torque_mismatch, config.torque_time, config.controller.sample_time) {}
 
   /// Takes effect at the next tick. A stop is not overwritten by what is asked after it.
   void command(Command c) {
@@ -80,7 +86,13 @@ class Cycle {
   void receive(Bus& bus) {
     open();
     hal::CanFrame f;
-    for (; taken_ < frames_per_tick_max && bus.try_receive(f); ++taken_) take(f);
+    for (; taken_ < frames_per_tick_max && bus.try_receive(f); ++taken_) {
+      if constexpr (hal::TimesFrames<Bus>) {
+        take(f, S(bus.frame_age_us()) * S(1e-6F));
+      } else {
+        take(f, S(0));
+      }
+    }
     // What is left unread makes every later sample older than it looks.
     flooded_ = flooded_ || taken_ == frames_per_tick_max;
   }
@@ -101,9 +113,10 @@ class Cycle {
     const bool acknowledged = command_ == Command::reset && supervisor_.fault() == Fault::emergency_stop;
     supervisor_.begin_tick(command_, status_, stage_done_);
     if (acknowledged) acknowledge();
+    gather();
+    if (command_ == Command::confirm_zero && supervisor_.state() == State::disabled) confirm_zero();
     command_ = Command::none;
     supervisor_.raise(drive_fault());
-    gather();
     TickResult<M> result = controller_.tick(sample_, supervisor_);
     check_shafts(result);
     stage_done_ = result.stage_done;
@@ -122,10 +135,15 @@ class Cycle {
     taken_ = 0;
   }
 
-  void take(const hal::CanFrame& f) {
+  /// `age`: s that the frame has waited.
+  void take(const hal::CanFrame& f, S age) {
     for (int i = 0; i < axis_count_; ++i) {
-      switch (axes_[static_cast<unsigned>(i)].receive(f)) {
-        case drive::Received::accepted: ++counters_.received; return;
+      D& a = axes_[static_cast<unsigned>(i)];
+      switch (a.receive(f)) {
+        case drive::Received::accepted:
+          ++counters_.received;
+          if (a.sample_age_ticks() == 0) phase_[static_cast<unsigned>(i)] = age;
+          return;
         case drive::Received::malformed: ++counters_.malformed; malformed_ = true; return;
         case drive::Received::impostor: ++counters_.impostor; impostor_ = true; return;
         case drive::Received::not_mine: break;
@@ -156,6 +174,7 @@ class Cycle {
     if (flooded) return Fault::bus_overload;
     if (impostor) return Fault::foreign_controller;
     if (malformed) return Fault::malformed_frame;
+    if (!zero_.confirmed()) return Fault::zero_not_confirmed;
     for (int i = 0; i < motor_count(); ++i) {
       if (axis(motor_axis(i)).contradicted()) return Fault::drive_configuration;
     }
@@ -165,6 +184,9 @@ class Cycle {
       if (a.error()) return Fault::drive_error;
       if (!a.closed_loop()) return Fault::drive_disarmed;
       if (a.heartbeat_age_ticks() > heartbeat_age_ticks_max_) return Fault::heartbeat_lost;
+      if constexpr (requires { a.observed_torque(); }) {
+        if (!echo_.plausible(joint_of_motor(i), a.observed_torque())) return Fault::torque_mismatch;
+      }
     }
     return Fault::none;
   }
@@ -193,10 +215,26 @@ class Cycle {
       const int joint = ControllerConfig<M>::joint_of(i, c.sensor_count());
       const D& a = axis(axis_of_joint(joint));
       const auto s = a.template sample<S>();
-      sample_.angle[joint] = s.angle;
+      sample_.angle[joint] = s.angle + zero_.shift(joint);
       sample_.rate[joint] = s.rate;
       sample_.age_ticks[static_cast<unsigned>(joint)] = a.sample_age_ticks();
+      sample_.phase[static_cast<unsigned>(joint)] = phase_[static_cast<unsigned>(axis_of_joint(joint))];
+      // A drive that was away may have restarted, and then its count began anew.
+      if (a.alive() && a.heartbeat_age_ticks() != drive::age_max &&
+          a.heartbeat_age_ticks() > heartbeat_age_ticks_max_) {
+        zero_.forget();
+      }
     }
+  }
+
+  /// Nothing unless every encoder has just been heard.
+  void confirm_zero() {
+    const auto& c = controller_.config();
+    for (int i = 0; i < c.sensor_count(); ++i) {
+      const auto joint = static_cast<unsigned>(ControllerConfig<M>::joint_of(i, c.sensor_count()));
+      if (sample_.age_ticks[joint] > c.limits.max_age_ticks || !finite(sample_.angle[static_cast<int>(joint)])) return;
+    }
+    zero_.confirm(sample_.angle);
   }
 
   template <hal::CanBus Bus>
@@ -209,6 +247,7 @@ class Cycle {
       if ((leave && !a.idle()) || (result.state == State::disabled && a.must_be_released())) a.disable(send);
       if (answer) send(a.torque_frame(result.torque[joint_of_motor(i)]));
     }
+    echo_.told(result.torque);
     line_.end_tick(send, result.state != State::fault);
   }
 
@@ -238,6 +277,9 @@ class Cycle {
   typename D::Line line_;
   int axis_count_;
   std::uint32_t heartbeat_age_ticks_max_;
+  ZeroPose<M> zero_;
+  TorqueEcho<M> echo_;
+  std::array<S, static_cast<unsigned>(axes_max)> phase_{};
   Command command_ = Command::none;
   DriveStatus status_{};
   Sample<M> sample_{};

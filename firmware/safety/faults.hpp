@@ -18,6 +18,8 @@ enum class [[nodiscard]] Fault : std::uint8_t {
   bus_overload,           ///< more frames in a tick than the controller reads: samples would be older than they look
   foreign_controller,     ///< somebody else commands our drives
   drive_configuration,    ///< what a drive let us read back is not what it must be
+  zero_not_confirmed,     ///< relative encoders, and nobody has confirmed their zero since power-up
+  torque_mismatch,        ///< a drive reports another torque than it was told
   bus_off,                ///< our CAN controller left the bus
   loop_not_closed,        ///< the base angles fit no closed mechanism, or the passive encoders contradict them
   type1_singularity,      ///< |sin theta_j2| below min_abs_sin_type1
@@ -48,6 +50,8 @@ inline constexpr int fault_count = static_cast<int>(Fault::torque_not_finite) + 
     case Fault::bus_overload: return "bus_overload";
     case Fault::foreign_controller: return "foreign_controller";
     case Fault::drive_configuration: return "drive_configuration";
+    case Fault::zero_not_confirmed: return "zero_not_confirmed";
+    case Fault::torque_mismatch: return "torque_mismatch";
     case Fault::bus_off: return "bus_off";
     case Fault::loop_not_closed: return "loop_not_closed";
     case Fault::type1_singularity: return "type1_singularity";

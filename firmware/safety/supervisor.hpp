@@ -50,6 +50,7 @@ enum class Command : std::uint8_t {
   enable,
   stop,  ///< zero torque, drives to idle
   halt,  ///< to rest under control first, where the configuration allows it
+  confirm_zero,  ///< the mechanism stands in its zero pose; heard while disabled
   reset
 };
 

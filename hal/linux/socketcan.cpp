@@ -6,14 +6,34 @@
 #include <net/if.h>
 #include <sys/ioctl.h>
 #include <sys/socket.h>
+#include <sys/time.h>
+#include <sys/uio.h>
 #include <unistd.h>
 
 #include <algorithm>
+#include <array>
 #include <cerrno>
 #include <cstring>
 #include <utility>
 
 namespace esmc::hal {
+namespace {
+
+/// From the kernel's stamp, on the clock that people set: a step of it must not make an age that never was.
+std::uint32_t age_of(msghdr& message) {
+  for (cmsghdr* c = CMSG_FIRSTHDR(&message); c != nullptr; c = CMSG_NXTHDR(&message, c)) {
+    if (c->cmsg_level != SOL_SOCKET || c->cmsg_type != SCM_TIMESTAMP) continue;
+    timeval then{}, now{};
+    std::memcpy(&then, CMSG_DATA(c), sizeof then);
+    if (::gettimeofday(&now, nullptr) != 0) return 0;
+    const std::int64_t us = (static_cast<std::int64_t>(now.tv_sec) - then.tv_sec) * 1'000'000 + (now.tv_usec - then.tv_usec);
+    constexpr std::int64_t second = 1'000'000;
+    return us > 0 && us < second ? static_cast<std::uint32_t>(us) : 0U;
+  }
+  return 0;
+}
+
+}  // namespace
 
 SocketCan SocketCan::open(const std::string& interface, std::error_code& error) {
   const auto fail = [&](int code) {
@@ -29,6 +49,7 @@ SocketCan SocketCan::open(const std::string& interface, std::error_code& error) 
   const can_err_mask_t errors = CAN_ERR_BUSOFF | CAN_ERR_RESTARTED;
   (void)::setsockopt(s.fd_, SOL_CAN_RAW, CAN_RAW_FD_FRAMES, &on, sizeof on);
   (void)::setsockopt(s.fd_, SOL_CAN_RAW, CAN_RAW_ERR_FILTER, &errors, sizeof errors);
+  (void)::setsockopt(s.fd_, SOL_SOCKET, SO_TIMESTAMP, &on, sizeof on);
 
   ifreq request{};
   interface.copy(request.ifr_name, IFNAMSIZ - 1);
@@ -46,6 +67,7 @@ SocketCan SocketCan::open(const std::string& interface, std::error_code& error) 
 SocketCan& SocketCan::operator=(SocketCan&& other) noexcept {
   std::swap(fd_, other.fd_);
   bus_off_ = other.bus_off_;
+  frame_age_us_ = other.frame_age_us_;
   return *this;
 }
 
@@ -86,7 +108,14 @@ SendStatus SocketCan::try_send(const CanFrame& f) {
 bool SocketCan::try_receive(CanFrame& f) {
   for (int skipped = 0; skipped < 64; ++skipped) {  // a flood of error frames must not hold the caller
     canfd_frame raw{};
-    const ssize_t n = ::recv(fd_, &raw, sizeof raw, MSG_DONTWAIT);
+    iovec part{&raw, sizeof raw};
+    alignas(cmsghdr) std::array<char, CMSG_SPACE(sizeof(timeval))> control{};
+    msghdr message{};
+    message.msg_iov = &part;
+    message.msg_iovlen = 1;
+    message.msg_control = control.data();
+    message.msg_controllen = control.size();
+    const ssize_t n = ::recvmsg(fd_, &message, MSG_DONTWAIT);
     const bool fd = n == static_cast<ssize_t>(CANFD_MTU);
     if (!fd && n != static_cast<ssize_t>(CAN_MTU)) return false;
     if ((raw.can_id & CAN_ERR_FLAG) != 0U) {
@@ -103,6 +132,7 @@ bool SocketCan::try_receive(CanFrame& f) {
     if (!well_formed(out)) continue;
     std::copy_n(raw.data, out.size, out.data.begin());
     f = out;
+    frame_age_us_ = age_of(message);
     return true;
   }
   return false;

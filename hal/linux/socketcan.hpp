@@ -1,6 +1,7 @@
 #pragma once
 /// SocketCAN: the Linux kernel's CAN as a CanBus. Non-blocking; classic and FD frames.
 
+#include <cstdint>
 #include <string>
 #include <system_error>
 
@@ -28,14 +29,17 @@ class SocketCan {
   [[nodiscard]] SendStatus try_send(const CanFrame& f);
   /// Error frames are taken in: bus-off makes every later try_send say so until recover().
   [[nodiscard]] bool try_receive(CanFrame& f);
+  /// How long the frame received last had been waiting, by the kernel's time stamp, us; 0 where there is none.
+  [[nodiscard]] std::uint32_t frame_age_us() const { return frame_age_us_; }
   /// The controller has been restarted (ip link set ... up); an operator's decision, never automatic.
   void recover() { bus_off_ = false; }
 
  private:
   int fd_ = -1;
   bool bus_off_ = false;
+  std::uint32_t frame_age_us_ = 0;
 };
 
-static_assert(CanBus<SocketCan>);
+static_assert(TimesFrames<SocketCan>);
 
 }  // namespace esmc::hal

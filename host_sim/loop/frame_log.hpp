@@ -59,6 +59,11 @@ class Tapped {
     log_->frame(f);
     return true;
   }
+  [[nodiscard]] std::uint32_t frame_age_us() const
+    requires hal::TimesFrames<Bus>
+  {
+    return bus_->frame_age_us();
+  }
   [[nodiscard]] Bus& bus() { return *bus_; }
   [[nodiscard]] std::uint64_t lost() const { return lost_; }
 

@@ -18,6 +18,7 @@ using esmc::State;
 using esmc::Supervisor;
 
 const std::vector<Command> commands{Command::none, Command::enable, Command::stop, Command::halt, Command::reset};
+// confirm_zero is the cycle's: to the supervisor it is none.
 const std::vector<State> states{State::disabled, State::enabling, State::testing,  State::running, State::halting,
                                 State::holding,  State::lowering, State::stopping, State::fault};
 const std::vector<AfterHalt> ends{AfterHalt::release, AfterHalt::hold, AfterHalt::lower};
