@@ -174,11 +174,12 @@ class Cycle {
     if (flooded) return Fault::bus_overload;
     if (impostor) return Fault::foreign_controller;
     if (malformed) return Fault::malformed_frame;
-    if (!zero_.confirmed()) return Fault::zero_not_confirmed;
     for (int i = 0; i < motor_count(); ++i) {
       if (axis(motor_axis(i)).contradicted()) return Fault::drive_configuration;
     }
-    if (!supervisor_.powered()) return Fault::none;  // other errors of a drive that is being enabled are expected
+    if (!supervisor_.powered()) {  // other errors of a drive that is being enabled are expected
+      return zero_.confirmed() ? Fault::none : Fault::zero_not_confirmed;
+    }
     for (int i = 0; i < motor_count(); ++i) {
       const D& a = axis(motor_axis(i));
       if (a.error()) return Fault::drive_error;

@@ -267,6 +267,10 @@ ControllerConfig<M> make_controller(const Scene& scene, Pacing pacing,
   const auto ticks = [&](double seconds) { return static_cast<std::uint32_t>(std::llround(seconds * scene.rate_hz)); };
   c.ramp_ticks = ticks(scene.torque_ramp.value_or(pacing == Pacing::realtime ? 0.2 : 0.0));
   c.halt_ticks = scene.limits.halt_time > 0.0 ? std::max(1U, ticks(scene.limits.halt_time)) : 0U;
+  if (scene.drives.sign_test.value_or(scene.hardware && !scene.all_motors)) {
+    c.sign_test_move = static_cast<S>(scene.drives.sign_test_move);
+  }
+  c.torque_lead = static_cast<S>(scene.drives.torque_lead);
   c.lower_ticks = ticks(scene.limits.lower_time);
   c.after_halt = scene.limits.after_halt == AfterHalt::hold
                      ? esmc::AfterHalt::hold
@@ -307,6 +311,18 @@ C cycle_of(const Scene& scene, Pacing pacing, const ReferenceBundle<double>& ref
   c.controller = make_controller<typename C::Mechanism>(scene, pacing, reference);
   c.axis_count = static_cast<int>(scene.drives.nodes.size());
   c.heartbeat_age_ticks_max = static_cast<std::uint32_t>(std::ceil(scene.drives.heartbeat_timeout * scene.rate_hz));
+  using S = typename C::S;
+  c.torque_mismatch = static_cast<S>(scene.drives.torque_mismatch);
+  c.torque_time = static_cast<S>(scene.drives.torque_time);
+  // Emulated drives know their angle, whatever the scene's real ones do.
+  c.zero_absolute = scene.drives.zero == Zero::absolute || !scene.hardware;
+  for (int i = 0, n = c.controller.sensor_count(); i < n; ++i) {
+    const int joint = ControllerConfig<typename C::Mechanism>::joint_of(i, n);
+    const auto at = static_cast<std::size_t>(i);
+    c.zero_pose[joint] = static_cast<S>(scene.drives.zero_pose.empty()
+                                            ? scene.start_angle[static_cast<std::size_t>(joint)]
+                                            : scene.drives.zero_pose[at]);
+  }
   for (std::size_t i = 0; i < scene.drives.nodes.size(); ++i) c.axes[axis_of(scene, i)] = make_axis(i);
   return C(c);
 }

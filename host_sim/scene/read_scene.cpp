@@ -340,6 +340,20 @@ void read_drives(Section s, Scene& scene) {
   d.protocol = s.text("protocol") == "odrive" ? Protocol::odrive : Protocol::odrive_0_5;
   const std::string zero = s.text("zero");
   d.zero = zero == "absolute" ? Zero::absolute : (zero == "pose" ? Zero::pose : Zero::end_stop);
+  if (const auto pose = s.optional_numbers("zero_pose", {2, 4})) {
+    if (pose->size() != (scene.all_sensors ? static_cast<std::size_t>(scene.joints()) : 2U)) {
+      s.fail("zero_pose", "must have one angle per sensed joint");
+    }
+    d.zero_pose = *pose;
+  }
+  if (s.has("sign_test")) d.sign_test = s.boolean("sign_test");
+  if (d.sign_test.value_or(false) && scene.all_motors) {
+    s.fail("sign_test", "is for two motors: with four, each moves all the others");
+  }
+  d.sign_test_move = s.number("sign_test_move");
+  d.torque_mismatch = s.number("torque_mismatch");
+  d.torque_time = s.number("torque_time");
+  d.torque_lead = s.number("torque_lead");
   d.heartbeat_timeout = s.number("heartbeat_timeout");
   // A slow loop must not starve the default between two of its ticks.
   d.watchdog_timeout = s.optional_number("watchdog_timeout").value_or(std::max(0.01, 3.0 * scene.tick()));

@@ -69,6 +69,11 @@ struct DriveScene {
   std::vector<int> nodes;
   std::vector<double> direction, gear_ratio, offset;
   Zero zero = Zero::absolute;
+  std::vector<double> zero_pose;       // rad, per sensed joint in the order of the joints; empty: the start
+  std::optional<bool> sign_test;       // unset: only where the bus can carry real drives
+  double sign_test_move = 0.0;         // rad
+  double torque_mismatch = 0.0, torque_time = 0.0;  // N m at the joint, s
+  double torque_lead = 0.0;            // s
   double heartbeat_timeout = 0.0;  // s
   double watchdog_timeout = 0.0;   // s
   std::string
@@ -121,6 +126,7 @@ struct Scene {
   Method method = Method::rk4;
   std::vector<Effect> effects;
   std::uint64_t seed = 1;  ///< of everything random; from --seed
+  bool hardware = false;   ///< the bus of this run may carry real drives
 
   /// True state at t = 0: joint angles and rates (four for the five-bar, two for RR).
   std::vector<double> start_angle, start_rate;
