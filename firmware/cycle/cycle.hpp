@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cstdint>
+#include <type_traits>
 #include <utility>
 
 #include "firmware/cycle/controller.hpp"
@@ -29,6 +30,8 @@ class Cycle {
   using S = typename M::Scalar;
   static constexpr int axes_max = M::joints;
   static constexpr int frames_per_tick_max = 1024;  ///< what one tick reads from the bus at most
+  /// The drives send samples when asked to by request(), and not by themselves.
+  static constexpr bool samples_on_demand = !std::is_same_v<typename D::Line, drive::NoLine>;
 
   struct Config {
     ControllerConfig<M> controller{};

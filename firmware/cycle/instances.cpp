@@ -10,5 +10,9 @@ template class Cycle<FiveBar<double>, drive::OdriveAxis>;
 template class Cycle<FiveBar<float>, drive::OdriveAxis>;
 template class Cycle<Rr<double>, drive::OdriveAxis>;
 template class Cycle<Rr<float>, drive::OdriveAxis>;
+template class Cycle<FiveBar<double>, drive::Cia402Axis>;
+template class Cycle<FiveBar<float>, drive::Cia402Axis>;
+template class Cycle<Rr<double>, drive::Cia402Axis>;
+template class Cycle<Rr<float>, drive::Cia402Axis>;
 
 }  // namespace esmc

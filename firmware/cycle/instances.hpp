@@ -2,12 +2,15 @@
 /// The controllers that exist: every mechanism in both scalar types, compiled once into the control archive.
 
 #include "firmware/cycle/cycle.hpp"
+#include "firmware/drive/cia402_axis.hpp"
 #include "firmware/drive/odrive_axis.hpp"
 
 namespace esmc {
 
 template <class M>
 using OdriveCycle = Cycle<M, drive::OdriveAxis>;
+template <class M>
+using Cia402Cycle = Cycle<M, drive::Cia402Axis>;
 
 extern template class Controller<FiveBar<double>>;
 extern template class Controller<FiveBar<float>>;
@@ -17,5 +20,9 @@ extern template class Cycle<FiveBar<double>, drive::OdriveAxis>;
 extern template class Cycle<FiveBar<float>, drive::OdriveAxis>;
 extern template class Cycle<Rr<double>, drive::OdriveAxis>;
 extern template class Cycle<Rr<float>, drive::OdriveAxis>;
+extern template class Cycle<FiveBar<double>, drive::Cia402Axis>;
+extern template class Cycle<FiveBar<float>, drive::Cia402Axis>;
+extern template class Cycle<Rr<double>, drive::Cia402Axis>;
+extern template class Cycle<Rr<float>, drive::Cia402Axis>;
 
 }  // namespace esmc

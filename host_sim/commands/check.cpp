@@ -358,6 +358,25 @@ void judge(const Scene& s, const Start& at, const Margins& m, Findings& f) {
   judge_gains(s, f);
 }
 
+/// What the loop puts on the bus, with the most stuff bits there can be.
+struct Traffic {
+  double tick_bits;         ///< in every tick
+  double other_bits_per_s;  ///< heartbeats
+  double other_bits;        ///< of them, what may fall into one tick
+};
+Traffic traffic_of(const Scene& scene) {
+  const auto axes = static_cast<double>(scene.drives.nodes.size()), motors = static_cast<double>(scene.motors());
+  constexpr double beats_per_s = 100.0;  // of every drive
+  if (scene.drives.protocol == Protocol::cia402) {
+    // SYNC; status, position and torque, then speed and mode of every axis; controlword and torque to every motor.
+    const double beat = worst_bits(1), ours = scene.rate_hz / heartbeat_ticks(scene);
+    return {worst_bits(0) + axes * (worst_bits(8) + worst_bits(5)) + motors * worst_bits(4),
+            (axes * beats_per_s + ours) * beat, (axes + 1.0) * beat};
+  }
+  // An encoder estimate from every axis, a torque to every motor.
+  return {(axes + motors) * worst_bits(8), axes * worst_bits(8) * beats_per_s, axes * worst_bits(8)};
+}
+
 template <class World>
 int report(const Scene& scene, const RunOptions& o) {
   OutputDirectory out(o.out);
@@ -366,12 +385,9 @@ int report(const Scene& scene, const RunOptions& o) {
   log.close();
   Findings f;
   judge(scene, start_of<World>(scene), m, f);
-  // Frames of 8 bytes: per tick an encoder estimate from every axis and a torque to every motor, and a
-  // heartbeat from every axis each 10 ms.
-  const auto axes = static_cast<double>(scene.drives.nodes.size());
-  const double tick_bits = (axes + static_cast<double>(scene.motors())) * worst_bits(8);
-  const double load = (tick_bits * scene.rate_hz + axes * worst_bits(8) * 100.0) / scene.bitrate;
-  const double latency_s = (tick_bits + axes * worst_bits(8)) / scene.bitrate;
+  const Traffic traffic = traffic_of(scene);
+  const double load = (traffic.tick_bits * scene.rate_hz + traffic.other_bits_per_s) / scene.bitrate;
+  const double latency_s = (traffic.tick_bits + traffic.other_bits) / scene.bitrate;
   if (load > 1.0) {
     f.error(
         fmt::format("the bus cannot carry the loop: load {:.0f} % at {} bit/s", 100.0 * load, scene.bitrate));
@@ -384,7 +400,7 @@ int report(const Scene& scene, const RunOptions& o) {
         "nobody has "
         "given a number may be 0; take 1 or more");
   }
-  if (scene.rate_hz > 1000.0) f.warning("ODrive sends encoder estimates at 1 kHz at most");
+  if (scene.rate_hz > 1000.0 && scene.drives.protocol != Protocol::cia402) f.warning("ODrive sends encoder estimates at 1 kHz at most");
   const std::string obstacle = bus_obstacle(scene).what;
   Json j;
   j["scene"] = scene.name;

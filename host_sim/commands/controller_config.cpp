@@ -306,8 +306,10 @@ namespace {
 
 /// A cycle of axes that `make_axis(i)` makes, i in the order of the scene.
 template <class C, class MakeAxis>
-C cycle_of(const Scene& scene, Pacing pacing, const ReferenceBundle<double>& reference, const MakeAxis& make_axis) {
+C cycle_of(const Scene& scene, Pacing pacing, const ReferenceBundle<double>& reference, const MakeAxis& make_axis,
+           const decltype(C::Config::line)& line = {}) {
   typename C::Config c;
+  c.line = line;
   c.controller = make_controller<typename C::Mechanism>(scene, pacing, reference);
   c.axis_count = static_cast<int>(scene.drives.nodes.size());
   c.heartbeat_age_ticks_max = static_cast<std::uint32_t>(std::ceil(scene.drives.heartbeat_timeout * scene.rate_hz));
@@ -327,7 +329,33 @@ C cycle_of(const Scene& scene, Pacing pacing, const ReferenceBundle<double>& ref
   return C(c);
 }
 
+[[nodiscard]] drive::Cia402Settings cia402_settings(const Scene& scene, std::size_t i) {
+  const DriveScene& d = scene.drives;
+  const auto ticks = [&](double seconds) {
+    return static_cast<std::uint16_t>(std::clamp(std::round(seconds * scene.rate_hz), 1.0, 65535.0));
+  };
+  drive::Cia402Settings s;
+  if (i < d.rated_torque.size()) {  // a motor
+    s.rated_torque = static_cast<float>(d.rated_torque[i]);
+    s.torque_limit = static_cast<float>(scene.torque_limit[i] / d.gear_ratio[i]);
+  }
+  s.rated_torque_unit = static_cast<float>(d.rated_torque_unit);
+  s.counts_per_turn = static_cast<std::uint32_t>(d.counts_per_turn);
+  s.velocity_unit = static_cast<float>(d.velocity_unit);
+  s.period_us = static_cast<std::uint32_t>(std::llround(1e6 / scene.rate_hz));
+  s.consumer_ms = static_cast<std::uint16_t>(std::ceil(1e3 * d.watchdog_timeout - 1e-9));
+  s.master_node = static_cast<std::uint8_t>(d.controller_node);
+  s.retry_ticks = ticks(0.5);  // a transition of a real drive may take most of that: brakes, capacitors
+  s.sdo_ticks = ticks(0.1);
+  return s;
+}
+
 }  // namespace
+
+/// A third of the time after which the drives miss us, so that one may be lost.
+std::uint32_t heartbeat_ticks(const Scene& scene) {
+  return static_cast<std::uint32_t>(std::max(1.0, std::floor(scene.drives.watchdog_timeout * scene.rate_hz / 3.0)));
+}
 
 template <class M>
 AnyCycle<M> make_cycle(const Scene& scene, Pacing pacing, const ReferenceBundle<double>& reference) {
@@ -337,6 +365,10 @@ AnyCycle<M> make_cycle(const Scene& scene, Pacing pacing, const ReferenceBundle<
     case Protocol::odrive:
     case Protocol::odrive_0_5:
       break;
+    case Protocol::cia402:
+      return cycle_of<Cia402Cycle<M>>(
+          scene, pacing, reference, [&](std::size_t i) { return drive::Cia402Axis(mount(d, i), cia402_settings(scene, i)); },
+          {static_cast<std::uint8_t>(d.controller_node), heartbeat_ticks(scene)});
   }
   const auto version =
       d.protocol == Protocol::odrive ? drive::odrive::Version::v0_6 : drive::odrive::Version::v0_5_6;

@@ -50,7 +50,7 @@ class PlantHalf {
         tap_(bus, frames),
         frames_(frames),
         recorder_(scene, o.realtime ? Pacing::realtime : Pacing::lockstep, log_path, with_controller),
-        node_(make_motion<World>(scene), scene),
+        node_(make_motion<World>(scene), scene, !o.realtime),
         ticks_(tick_count(scene)),
         substeps_(std::max(1, static_cast<int>(std::ceil(scene.tick() / scene.step - 1e-9)))) {}
 
@@ -151,6 +151,7 @@ class ControllerHalf {
   ControllerHalf(const Scene& scene, Pacing pacing, Bus& bus)
       : reference_(make_reference(scene, pacing)),
         bus_(bus),
+        lockstep_(pacing == Pacing::lockstep),
         parting_ticks_(static_cast<int>(
                            std::ceil(std::clamp(scene.drives.heartbeat_timeout, 0.05, 1.0) * scene.rate_hz)) +
                        1),
@@ -197,8 +198,17 @@ class ControllerHalf {
   void tick(bool answer) {
     with([&](auto& c) {
       result_ = c.tick(bus_, answer);
-      c.request(bus_);
+      if (lockstep_) c.request(bus_);
     });
+  }
+  /// Against the clock a tick begins with this: takes what has come and, where the drives sample on demand, asks
+  /// them and waits for their answers, no longer than `patience`.
+  void sample(std::chrono::microseconds patience) {
+    receive();
+    if (!with([](const auto& c) { return c.samples_on_demand; })) return;
+    with([&](auto& c) { c.request(bus_); });
+    const auto deadline = std::chrono::steady_clock::now() + patience;
+    while (!take_set() && std::chrono::steady_clock::now() < deadline) (void)wait_for_frame(bus_, 0);
   }
   /// Asks the drives to arm without being asked for a torque: nobody is there yet.
   void knock() {
@@ -251,6 +261,7 @@ class ControllerHalf {
 
   ReferenceBundle<double> reference_;
   Bus& bus_;
+  bool lockstep_;
   int parting_ticks_;
   AnyCycle<M> cycle_;
   TickResult<M> result_{};

@@ -72,17 +72,20 @@ template <class World, class Bus, class Done>
 std::uint64_t pace_controller(const Scene& scene, ControllerHalf<World, Bus>& controller,
                               ControllerRecorder<World>& recorder, const Done& done) {
   Pace pace(scene.tick());
+  // Samples that are later than this are the next tick's, one tick old.
+  const auto patience =
+      std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::duration<double>(0.4 * scene.tick()));
   const auto part = [&] {
     controller.part([&] {
       pace.wait();
-      controller.receive();
+      controller.sample(patience);
       return true;
     });
   };
   const auto begin = std::chrono::steady_clock::now();
   while (!done() && !stop_requested()) {
     pace.wait();
-    controller.receive();
+    controller.sample(patience);
     controller.tick(true);
     recorder.tick(controller.result(), controller.sample());
     const bool never = recorder.ticks() == 0 &&

@@ -4,6 +4,7 @@
 #include <memory>
 #include <vector>
 
+#include "host_sim/drives/cia402_axis.hpp"
 #include "host_sim/drives/odrive_axis.hpp"
 #include "host_sim/scene/scene.hpp"
 
@@ -13,6 +14,7 @@ struct PlacedAxis {
   AxisMount mount;
   int joint = 0;       ///< index into the joints of the plant
   bool motor = false;  ///< false: a passive encoder
+  std::size_t entry = 0;  ///< in the lists of [drives]
 };
 
 /// Motors first (base joints first), then passive encoders: the order of the scene.
@@ -24,14 +26,25 @@ inline std::vector<PlacedAxis> placed_axes(const Scene& s) {
     const int joint = !motor ? 2 * (at - motors) + 1 : at * s.joints() / motors;
     out.push_back({{s.drives.nodes[i], s.drives.direction[i], s.drives.gear_ratio[i], s.drives.offset[i]},
                    joint,
-                   motor});
+                   motor,
+                   i});
   }
   return out;
 }
 
-/// The axis as the real drive would be configured for a scene.
-inline std::unique_ptr<EmulatedAxis> make_axis(const Scene& s, const PlacedAxis& a) {
+/// The axis as the real drive would be configured for a scene. `lockstep`: its ticks are the controller's.
+inline std::unique_ptr<EmulatedAxis> make_axis(const Scene& s, const PlacedAxis& a, bool lockstep = true) {
   const SensorEffects sensor(s.effects);
+  if (s.drives.protocol == Protocol::cia402) {
+    Cia402Axis::Settings settings;
+    settings.lockstep = lockstep;
+    settings.period = s.tick();
+    if (a.motor) settings.rated_torque = s.drives.rated_torque[a.entry];
+    settings.rated_torque_unit = s.drives.rated_torque_unit;
+    settings.counts_per_turn = s.drives.counts_per_turn;
+    settings.velocity_unit = s.drives.velocity_unit;
+    return std::make_unique<Cia402Axis>(a.mount, settings, sensor, a.joint, s.seed);
+  }
   OdriveAxis::Settings settings;
   settings.version =
       s.drives.protocol == Protocol::odrive ? OdriveAxis::Version::v0_6 : OdriveAxis::Version::v0_5_6;

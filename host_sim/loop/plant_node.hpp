@@ -20,13 +20,14 @@ class PlantNode {
  public:
   using Joints = typename Plant::Joints;
 
-  PlantNode(Motion<Plant> motion, const Scene& scene)
+  /// `lockstep`: a tick of the drives is one of the controller's.
+  PlantNode(Motion<Plant> motion, const Scene& scene, bool lockstep = true)
       : motion_(std::move(motion)),
         actuators_(scene.effects, scene.motor_joints(), scene.seed),
         tick_(scene.tick()) {
     const Joints angle = Plant::joint_angles(motion_.state().angle);
     for (const PlacedAxis& a : placed_axes(scene)) {
-      axes_.push_back({a, make_axis(scene, a), false});
+      axes_.push_back({a, make_axis(scene, a, lockstep), false});
       axes_.back().axis->settle(angle[static_cast<std::size_t>(a.joint)]);
     }
   }

@@ -331,13 +331,46 @@ void check_axes(const Section& s, const DriveScene& d) {
       if (d.nodes[i] == d.nodes[k]) s.fail("nodes", fmt::format("names node {} twice", d.nodes[i]));
     }
     if (std::abs(d.direction[i]) != 1.0) s.fail("direction", "must be 1 or -1 for every axis");
+    const bool canopen = d.protocol == Protocol::cia402;
+    if (canopen ? d.nodes[i] < 1 : d.nodes[i] > 62) {
+      s.fail("nodes", fmt::format("names node {}: {} are allowed with this protocol", d.nodes[i],
+                                  canopen ? "1 to 127" : "0 to 62"));
+    }
+    if (canopen && d.nodes[i] == d.controller_node) {
+      s.fail("nodes", fmt::format("names node {}, which is drives.controller_node", d.nodes[i]));
+    }
+  }
+}
+
+/// Units of CiA 402 are the drive's choice. Without a torque limit (open_loop, none) no drive is commanded.
+void read_cia402(Section& s, const Scene& scene, DriveScene& d) {
+  const auto n = static_cast<std::size_t>(scene.motors());
+  d.rated_torque.assign(n, 1.0);
+  for (std::size_t i = 0; i < scene.torque_limit.size(); ++i) {
+    d.rated_torque[i] = scene.torque_limit[i] / d.gear_ratio[i];
+  }
+  if (s.has("rated_torque")) d.rated_torque = s.each("rated_torque", n);
+  d.rated_torque_unit = s.number("rated_torque_unit");
+  d.counts_per_turn = s.integer("counts_per_turn");
+  d.velocity_unit = s.number("velocity_unit");
+  d.controller_node = s.integer("controller_node");
+  if (d.protocol != Protocol::cia402) return;
+  for (const double rated : d.rated_torque) {
+    const double raw = rated / d.rated_torque_unit;
+    if (!(raw >= 100.0 && raw <= 4e9)) {
+      s.fail("rated_torque_unit", fmt::format("makes a rated torque of {:g} N m the number {:g}: 100 to 4e9 are "
+                                              "allowed in object 6076, so that it can be told to 1 %", rated, raw));
+    }
   }
 }
 
 void read_drives(Section s, Scene& scene) {
   DriveScene& d = scene.drives;
   const auto n = static_cast<std::size_t>(scene.motors());
-  d.protocol = s.text("protocol") == "odrive" ? Protocol::odrive : Protocol::odrive_0_5;
+  const std::string protocol = s.text("protocol");
+  d.protocol = protocol == "odrive"       ? Protocol::odrive
+               : protocol == "odrive_0.5" ? Protocol::odrive_0_5
+                                          : Protocol::cia402;
   const std::string zero = s.text("zero");
   d.zero = zero == "absolute" ? Zero::absolute : (zero == "pose" ? Zero::pose : Zero::end_stop);
   if (const auto pose = s.optional_numbers("zero_pose", {2, 4})) {
@@ -377,6 +410,7 @@ void read_drives(Section s, Scene& scene) {
     d.missing = "[drives] must name all four motors for control.motors = \"all\"";
   if (nodes) d.nodes = *nodes;
   add_free_nodes(d.nodes, n);
+  read_cia402(s, scene, d);
   check_axes(s, d);
   s.finish();
 }
@@ -389,6 +423,9 @@ void read_sensors(const std::optional<Section>& given, Section& root, Scene& sce
     if (given && !given->empty())
       root.fail("sensors", "is only for control.sensors = \"all\" with motors = \"base\"");
     return;
+  }
+  if (d.protocol == Protocol::cia402) {
+    d.missing = "passive encoders ([sensors]) exist for the ODrive protocols only";
   }
   if (!given) {
     d.missing = "control.sensors = \"all\" needs a table [sensors] with the nodes of the passive encoders";

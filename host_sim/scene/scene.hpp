@@ -18,7 +18,7 @@ enum class MechanismType { five_bar, rr };
 enum class LawChoice { esmc, esmc_projected, smc, ctc, pd, open_loop, none };
 enum class ReachingChoice { sign, saturation, tanh, implicit };
 enum class ReferenceType { none, circle, line, polyline, joint_sine, hold, file };
-enum class Protocol { odrive, odrive_0_5 };
+enum class Protocol { odrive, odrive_0_5, cia402 };
 enum class Zero { absolute, pose, end_stop };
 enum class AfterHalt { release, hold, lower };
 
@@ -76,6 +76,11 @@ struct DriveScene {
   double torque_lead = 0.0;            // s
   double heartbeat_timeout = 0.0;  // s
   double watchdog_timeout = 0.0;   // s
+  std::vector<double> rated_torque;  // cia402, per motor: N m at the shaft
+  double rated_torque_unit = 0.0;    // cia402: N m per LSB of object 6076
+  double velocity_unit = 0.0;        // cia402: rad/s per LSB of object 606C
+  int counts_per_turn = 0;           // cia402: of object 6064
+  int controller_node = 0;           // cia402: whose heartbeat the drives watch
   std::string
       missing;  ///< what a loop on a bus would still need to be told; esmc sim has no drives and needs none
 };

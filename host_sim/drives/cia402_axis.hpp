@@ -1,0 +1,112 @@
+#pragma once
+/// An emulated CiA 402 drive on CANopen: object dictionary behind an SDO server, PDOs as they are mapped, network
+/// management, heartbeats both ways, emergency messages, and the power state machine.
+
+#include <array>
+#include <cstdint>
+#include <map>
+
+#include "hal/can.hpp"
+#include "host_sim/drives/emulated_axis.hpp"
+#include "host_sim/effects/shaft_sensor.hpp"
+
+namespace esmc::host {
+
+class Cia402Axis final : public EmulatedAxis {
+ public:
+  struct Settings {
+    /// In lockstep publish() begins a tick and says one thing: that it is not operational, or its PDOs with what it
+    /// reads now, for the SYNC that ended the last tick. By its own clock it answers SYNC at once with its last
+    /// reading, and beats only as object 1017 says.
+    bool lockstep = true;
+    double period = 1e-3;             ///< s of virtual time between calls of publish()
+    double rated_torque = 1.0;        ///< N m at the shaft
+    double rated_torque_unit = 1e-3;  ///< N m per LSB of object 6076
+    double max_torque = 3.0;          ///< object 6072, in rated torques
+    double counts_per_turn = 1048576.0;
+    double velocity_unit = 1.0471976e-4;  ///< rad/s per LSB of object 606C
+  };
+
+  /// `joint`: which one of the model the shaft turns; `seed`: of its sensor noise.
+  Cia402Axis(const AxisMount& mount, const Settings& settings, const SensorEffects& sensor, int joint,
+             std::uint64_t seed);
+
+  void settle(double joint_angle) override;
+  void publish(double joint_angle, double joint_rate, const Send& send) override;
+  /// True: in lockstep, the controller's tick is over. That is its torque frame (RPDO1) while not operational, and
+  /// the SYNC after it when operational.
+  bool receive(const hal::CanFrame& f, const Send& send) override;
+  [[nodiscard]] bool commanded_by(const hal::CanFrame& f) const override;
+  [[nodiscard]] double joint_torque() const override;
+  [[nodiscard]] bool closed_loop() const override;
+  /// Object 603F.
+  [[nodiscard]] std::uint32_t error() const override { return value(0x603F, 0); }
+  /// Statuswords sent in a row that said operation enabled.
+  [[nodiscard]] int confirmations() const override { return confirmations_; }
+
+  /// What an object holds, as many bytes as it has; 0 for none.
+  [[nodiscard]] std::uint32_t value(std::uint16_t index, std::uint8_t sub) const;
+
+ private:
+  enum class Power { not_ready, disabled, ready, on, enabled, quick_stop, fault_reaction, fault };
+  struct Entry {
+    std::uint32_t value = 0;
+    std::uint8_t bytes = 4;
+    bool writable = false;
+  };
+  static constexpr std::uint32_t key(std::uint16_t index, std::uint8_t sub) { return (std::uint32_t{index} << 8U) | sub; }
+
+  void define_communication();
+  void define_drive();
+  void define(std::uint16_t index, std::uint8_t sub, std::uint8_t bytes, std::uint32_t value, bool writable);
+  void set(std::uint16_t index, std::uint8_t sub, std::uint32_t value);
+
+  void serve(const hal::CanFrame& request, const Send& send);
+  /// The reason not to, or 0.
+  [[nodiscard]] std::uint32_t objection(std::uint16_t index, std::uint8_t sub, std::uint32_t value) const;
+  [[nodiscard]] std::uint32_t objection_to_pdo(std::uint16_t index, std::uint8_t sub, std::uint32_t value) const;
+  void write(std::uint16_t index, std::uint8_t sub, std::uint32_t value, const Send& send);
+
+  void manage(const hal::CanFrame& f, const Send& send);
+  void leave_operational(const Send& send);
+  void report_state(const Send& send);
+  void watch_master(const Send& send);
+  void connection_lost(const Send& send);
+  void synchronise(const Send& send);
+  void send_pdo(unsigned number, const Send& send);
+  void receive_pdo(unsigned number, const hal::CanFrame& f, const Send& send);
+  void emergency(std::uint16_t code, const Send& send);
+
+  void control(std::uint16_t word, const Send& send);
+  void go(Power to);
+  void quick_stop();
+  void fail(std::uint16_t code, const Send& send);
+  [[nodiscard]] std::uint16_t statusword() const;
+  void refresh();
+  [[nodiscard]] ShaftReading truth(double angle, double rate) const;
+  [[nodiscard]] std::uint8_t node() const { return static_cast<std::uint8_t>(mount_.node); }
+  /// Target torque after the drive's limit, thousandths of the rated torque; 0 unless it acts.
+  [[nodiscard]] double acting_torque() const;
+
+  static constexpr unsigned pdos = 4;
+
+  AxisMount mount_;
+  Settings settings_;
+  ShaftSensor sensor_;
+  ShaftReading reading_{};
+  std::map<std::uint32_t, Entry> objects_;
+  Power power_ = Power::disabled;
+  std::uint8_t nmt_ = 0x7F;        // as in its heartbeat
+  bool booted_ = false;            // the boot-up message has been sent
+  std::uint16_t last_control_ = 0;
+  std::array<unsigned, pdos> syncs_{};  // since a TPDO was sent
+  std::array<bool, pdos> due_{};        // lockstep: a SYNC has asked for it
+  double since_heartbeat_ = 0.0;
+  double since_master_ = 0.0;
+  bool watching_ = false;          // a heartbeat of the master has been heard
+  bool lost_ = false;              // and then none for too long
+  bool told_ = false;              // lockstep: the torque frame of the tick has come
+  int confirmations_ = 0;
+};
+
+}  // namespace esmc::host
