@@ -362,7 +362,7 @@ class Cia402Axis {
     const std::uint32_t value = reply.value & used;
     if (e.task == cia402::Task::rated) {
       rated_torque_ = static_cast<float>(value) * settings_.rated_torque_unit;
-      const float off = rated_torque_ - settings_.rated_torque, allowed = 0.01F * settings_.rated_torque;
+      const float off = rated_torque_ - settings_.rated_torque, allowed = 0.01F * rated_torque_;
       return rated_torque_ > 0.0F && off <= allowed && -off <= allowed;
     }
     if (e.task == cia402::Task::at_least) {
