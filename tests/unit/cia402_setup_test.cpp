@@ -248,6 +248,12 @@ TEST(Cia402Axis, AnswersToNobodysQuestionDoNothing) {
     EXPECT_EQ(b.count(0x600U + node), 0) << "still waiting";
     EXPECT_FALSE(b.axis.contradicted());
   }
+  EXPECT_EQ(b.hear(sdo(0x580 + node, 0x43, 0x6502, 0, 0x200)), Received::accepted);
+  EXPECT_EQ(b.hear(sdo(0x580 + node, 0x43, 0x6502, 0, 0)), Received::accepted) << "answered already";
+  EXPECT_FALSE(b.axis.contradicted());
+  EXPECT_TRUE(b.make_ready());
+  EXPECT_EQ(b.hear(sdo(0x580 + node, 0x43, 0x6502, 0, 0)), Received::accepted);
+  EXPECT_TRUE(b.axis.ready());
   Bench fresh;
   fresh.axis.begin_tick();
   EXPECT_EQ(fresh.hear(sdo(0x580 + node, 0x60, 0x6040, 0)), Received::accepted);
