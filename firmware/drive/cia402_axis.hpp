@@ -121,12 +121,10 @@ class Cia402Axis {
     if (ready() || contradicted_) return;
     if (wait_ticks_ > 0) --wait_ticks_;
     if (step_ > Step::setup && wait_ticks_ == 0) return restart();
-    switch (step_) {
-      case Step::call: call(send); break;
-      case Step::setup: configure(send); break;
-      case Step::start: start(send); break;
-      case Step::operate: operate(); break;
-    }
+    if (step_ == Step::call) return call(send);
+    if (step_ == Step::setup) return configure(send);
+    if (step_ == Step::start) return start(send);
+    operate();
   }
 
   void ask_again() { wait_ticks_ = 0; }
@@ -336,8 +334,9 @@ class Cia402Axis {
   Received take(const std::optional<canopen::Sdo>& reply) {
     if (!reply) return Received::malformed;
     alive_ = true;
+    if (step_ != Step::setup || !in_flight_) return Received::accepted;
     const cia402::Entry& e = cia402::setup[entry_];
-    if (step_ != Step::setup || !in_flight_ || !(reply->object == e.object)) return Received::accepted;
+    if (!(reply->object == e.object)) return Received::accepted;
     if (reply->kind == canopen::SdoKind::abort) {
       if (e.optional && cia402::absent(reply->value)) {
         next_entry();
@@ -362,7 +361,7 @@ class Cia402Axis {
     const std::uint32_t value = reply.value & used;
     if (e.task == cia402::Task::rated) {
       rated_torque_ = static_cast<float>(value) * settings_.rated_torque_unit;
-      const float off = rated_torque_ - settings_.rated_torque, allowed = 0.01F * settings_.rated_torque;
+      const float off = rated_torque_ - settings_.rated_torque, allowed = 0.01F * rated_torque_;
       return rated_torque_ > 0.0F && off <= allowed && -off <= allowed;
     }
     if (e.task == cia402::Task::at_least) {

@@ -148,7 +148,6 @@ inline constexpr std::array setup{
 [[nodiscard]] constexpr std::uint32_t value_of(const Entry& e, const Cia402Settings& s, std::uint8_t node) {
   const auto low16 = [](std::int16_t v) { return std::uint32_t{static_cast<std::uint16_t>(v)}; };
   switch (e.source) {
-    case Source::constant: break;
     case Source::plus_node: return e.constant + node;
     case Source::heartbeat: return s.heartbeat_ms;
     case Source::consumer: return (std::uint32_t{s.master_node} << 16U) | s.consumer_ms;
@@ -158,8 +157,8 @@ inline constexpr std::array setup{
     case Source::period_value: return interpolation(s.period_us).value;
     case Source::period_index: return static_cast<std::uint8_t>(interpolation(s.period_us).index);
     case Source::period_us: return s.period_us;
+    default: return e.constant;
   }
-  return e.constant;
 }
 [[nodiscard]] constexpr bool absent(std::uint32_t abort_code) {
   return abort_code == canopen::abort_no_object || abort_code == canopen::abort_no_sub_index;

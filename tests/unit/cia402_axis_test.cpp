@@ -1,0 +1,324 @@
+/// One CiA 402 axis as the controller sees it: state machine, what counts as alive, ready and idle. Expectations are
+/// those of the profile.
+
+#include <gtest/gtest.h>
+
+#include <cstdint>
+
+#include "tests/support/cia402_bench.hpp"
+
+namespace esmc::test {
+namespace {
+
+// ---- state machine ----------------------------------------------------------------------------------------------
+
+TEST(Cia402Axis, EveryControlwordWaitsForTheStatuswordBefore) {
+  Bench b;
+  b.slave.obeys = false;
+  ASSERT_TRUE(b.until([&] { return b.slave.state == 5; }));
+  EXPECT_EQ(b.control(), 0U) << "no statusword yet";
+  struct Step { unsigned status, control; };
+  for (const Step s : {Step{0x0250, 0x06}, Step{0x0250, 0x06}, Step{0x0231, 0x07}, Step{0x0231, 0x07}, Step{0x0233, 0x0F},
+                       Step{0x0233, 0x0F}}) {
+    b.slave.status = s.status;
+    b.tick();
+    EXPECT_EQ(b.control(), s.control) << std::hex << s.status;
+    EXPECT_EQ(b.axis.must_be_released(), s.control == 0x0F);
+    EXPECT_FALSE(b.axis.ready());
+  }
+  b.slave.status = 0x0237;
+  b.tick();
+  EXPECT_FALSE(b.axis.ready()) << "once";
+  EXPECT_TRUE(b.axis.closed_loop());
+  b.tick();
+  EXPECT_TRUE(b.axis.ready());
+  b.tick();
+  EXPECT_EQ(b.sent.size(), 1U) << "nothing more to ask for";
+  EXPECT_EQ(b.control(), 0x0FU);
+}
+
+TEST(Cia402Axis, AnyStateOnTheWayIsAnsweredByWhatItNeeds) {
+  struct Case { unsigned status, control; };
+  for (const Case c : {Case{0x0200, 0x00}, Case{0x020F, 0x00}, Case{0x0207, 0x00}, Case{0x0250, 0x06}, Case{0x0231, 0x07},
+                       Case{0x0233, 0x0F}, Case{0x0237, 0x00}, Case{0x0208, 0x80}, Case{0x0201, 0x00}, Case{0x026F, 0x00}}) {
+    Bench b;
+    b.slave.obeys = false;
+    b.slave.status = c.status;
+    ASSERT_TRUE(b.until([&] { return b.slave.state == 5; }));
+    b.tick();
+    EXPECT_EQ(b.control(), c.control) << std::hex << c.status;
+  }
+}
+
+TEST(Cia402Axis, AFaultIsResetByAnEdgeAndOncePerTry) {
+  Bench b;
+  b.slave.obeys = false;
+  b.slave.status = 0x0233;
+  ASSERT_TRUE(b.until([&] { return b.control() == 0x0F; }));
+  b.slave.status = 0x0218;
+  b.slave.waiting.push_back(emergency_of(node, 0x8130));
+  b.tick();
+  EXPECT_EQ(b.control(), 0x00U) << "bit 7 must have been 0";
+  EXPECT_TRUE(b.axis.error());
+  EXPECT_EQ(b.axis.error_code(), 0x8130U);
+  for (int i = 0; i < retry; ++i) {
+    b.tick();
+    ASSERT_EQ(b.control(), 0x80U) << i;
+    EXPECT_EQ(b.axis.error_code(), 0U) << "what comes now is new";
+    EXPECT_TRUE(b.axis.error());
+  }
+  b.tick();
+  EXPECT_EQ(b.control(), 0x00U) << "it stays: everything from the start";
+  b.slave.obeys = true;
+  EXPECT_TRUE(b.make_ready());
+  EXPECT_FALSE(b.axis.error());
+}
+
+TEST(Cia402Axis, AnErrorReportedByEmergencyKeepsTheAxisFromBeingReady) {
+  Bench b;
+  b.slave.obeys = false;
+  b.slave.status = 0x0233;
+  ASSERT_TRUE(b.until([&] { return b.control() == 0x0F; }));
+  b.slave.status = 0x0237;
+  b.slave.waiting.push_back(emergency_of(node, 0x4210));
+  for (int i = 0; i < 5; ++i) b.tick();
+  EXPECT_TRUE(b.axis.error());
+  EXPECT_FALSE(b.axis.ready());
+  b.slave.waiting.push_back(emergency_of(node, 0));
+  b.tick();
+  EXPECT_FALSE(b.axis.error());
+  EXPECT_FALSE(b.axis.ready()) << "once since";
+  b.tick();
+  EXPECT_TRUE(b.axis.ready());
+  EXPECT_EQ(b.hear(emergency_of(node, 0x2310)), Received::accepted);
+  EXPECT_FALSE(b.axis.ready());
+  EXPECT_EQ(b.axis.error_code(), 0x2310U);
+}
+
+TEST(Cia402Axis, AnotherModeIsNoTorqueControl) {
+  for (const int mode : {0, 1, 4, -1, 9, 11}) {
+    Bench b;
+    b.slave.mode = mode;
+    b.until([&] { return b.slave.status == 0x1237; });
+    for (int i = 0; i < 3; ++i) b.tick();
+    EXPECT_FALSE(b.axis.closed_loop());
+    EXPECT_FALSE(b.axis.ready()) << mode;
+    b.slave.mode = 10;
+    EXPECT_TRUE(b.make_ready());
+    b.slave.mode = mode;
+    b.tick(false);
+    EXPECT_FALSE(b.axis.closed_loop()) << "seen in the tick in which it changes";
+  }
+}
+
+TEST(Cia402Axis, NoProgressLeadsBackToTheStart) {
+  Bench b;
+  b.slave.obeys = false;  // a drive without power stays in switch on disabled
+  ASSERT_TRUE(b.until([&] { return b.control() == 0x06; }));
+  for (int i = 0; i < retry - 1; ++i) {
+    b.tick();
+    ASSERT_EQ(b.control(), 0x06U) << i;
+  }
+  b.tick();
+  EXPECT_EQ(b.control(), 0x00U) << "first the voltage off, while it listens";
+  EXPECT_EQ(b.count(0x000), 0);
+  b.tick();
+  EXPECT_EQ(b.sent[0], nmt(0x80, node));
+  // NMT start that leads to nothing.
+  Bench deaf;
+  ASSERT_TRUE(deaf.until([&] { return deaf.slave.writes.size() == setup_writes; }));
+  deaf.tick();
+  deaf.tick();
+  EXPECT_EQ(deaf.sent[0], nmt(0x01, node));
+  for (int i = 0; i < retry - 1; ++i) {
+    deaf.slave.state = 0x7F;
+    deaf.tick();
+    EXPECT_EQ(deaf.count(0x000), 0) << i;
+  }
+  deaf.tick();
+  EXPECT_EQ(deaf.count(0x000), 1);
+}
+
+TEST(Cia402Axis, ADriveThatFallsBackWhileEnablingIsSetUpAgain) {
+  for (const int state : {0x00, 0x7F, 0x04}) {
+    Bench b;
+    b.slave.obeys = false;
+    ASSERT_TRUE(b.until([&] { return b.control() == 0x06; }));
+    b.slave.state = state;
+    b.tick();
+    EXPECT_EQ(b.control(), 0x00U);
+    EXPECT_FALSE(b.axis.closed_loop());
+    b.slave.obeys = true;
+    EXPECT_TRUE(b.make_ready());
+    EXPECT_GT(b.slave.writes.size(), setup_writes);
+  }
+}
+
+TEST(Cia402Axis, OperationalIsAlsoWhatItsHeartbeatSays) {
+  Bench b;
+  ASSERT_TRUE(b.until([&] { return b.slave.state == 5; }));
+  b.axis.begin_tick();
+  EXPECT_EQ(b.hear(heartbeat_of(node, 5)), Received::accepted);
+  EXPECT_FALSE(b.axis.heard_this_tick()) << "its PDOs are its word of the tick";
+  b.command(true);
+  EXPECT_EQ(b.control(), 0U);
+  EXPECT_TRUE(b.make_ready());
+}
+
+// ---- what it says -------------------------------------------------------------------------------------------------
+
+TEST(Cia402Axis, BothPdosMakeASampleAndASet) {
+  Bench b;
+  ASSERT_TRUE(b.make_ready());
+  for (const bool report_first : {true, false}) {
+    b.axis.begin_tick();
+    EXPECT_EQ(b.axis.sample_age_ticks(), 1U);
+    EXPECT_FALSE(b.axis.heard_this_tick());
+    const float before = b.axis.sample<float>().angle;
+    const CanFrame report = report_of(node, 0x0237, report_first ? 1024 : 2048), motion = motion_of(node, 7);
+    EXPECT_EQ(b.hear(report_first ? report : motion), Received::accepted);
+    EXPECT_FALSE(b.axis.heard_this_tick());
+    EXPECT_EQ(b.axis.sample_age_ticks(), 1U);
+    EXPECT_EQ(b.axis.sample<float>().angle, before) << "half a sample is none";
+    EXPECT_EQ(b.hear(report_first ? motion : report), Received::accepted);
+    EXPECT_TRUE(b.axis.heard_this_tick());
+    EXPECT_EQ(b.axis.sample_age_ticks(), 0U);
+    EXPECT_NE(b.axis.sample<float>().angle, before);
+  }
+}
+
+TEST(Cia402Axis, AgesCountTicksAndBeginAtNever) {
+  Bench b;
+  EXPECT_EQ(b.axis.sample_age_ticks(), drive::age_max);
+  EXPECT_EQ(b.axis.heartbeat_age_ticks(), drive::age_max);
+  b.axis.begin_tick();
+  EXPECT_EQ(b.axis.sample_age_ticks(), drive::age_max);
+  ASSERT_TRUE(b.make_ready());
+  EXPECT_EQ(b.axis.sample_age_ticks(), 0U);
+  EXPECT_GT(b.axis.heartbeat_age_ticks(), 1U) << "PDOs are no heartbeat";
+  (void)b.hear(heartbeat_of(node, 5));
+  EXPECT_EQ(b.axis.heartbeat_age_ticks(), 0U);
+  for (unsigned i = 1; i < 5; ++i) {
+    b.axis.begin_tick();
+    EXPECT_EQ(b.axis.sample_age_ticks(), i);
+    EXPECT_EQ(b.axis.heartbeat_age_ticks(), i);
+  }
+}
+
+TEST(Cia402Axis, APdoSeenTwiceInATickConfirmsOnce) {
+  Bench b;
+  b.slave.obeys = false;
+  b.slave.status = 0x0233;
+  ASSERT_TRUE(b.until([&] { return b.control() == 0x0F; }));
+  b.slave.status = 0x0237;
+  b.listen();
+  for (int i = 0; i < 4; ++i) {
+    (void)b.hear(report_of(node, 0x0237));
+    (void)b.hear(motion_of(node));
+  }
+  EXPECT_FALSE(b.axis.ready());
+  b.listen();
+  EXPECT_TRUE(b.axis.ready());
+}
+
+TEST(Cia402Axis, PdosBeforeTheMappingMayBeAnything) {
+  Bench b;
+  b.axis.begin_tick();
+  EXPECT_EQ(b.hear(report_of(node, 0x0237)), Received::not_mine);
+  EXPECT_EQ(b.hear(can(0x180 + node, {0x37, 0x02})), Received::not_mine);
+  EXPECT_EQ(b.hear(can(0x280 + node, {1, 2, 3})), Received::not_mine);
+  EXPECT_FALSE(b.axis.closed_loop());
+  EXPECT_FALSE(b.axis.alive());
+}
+
+TEST(Cia402Axis, LeavingTorqueControlIsNoticed) {
+  for (const unsigned status : {0x0250U, 0x0231U, 0x0233U, 0x0207U, 0x021FU, 0x0218U, 0x0200U}) {
+    Bench b;
+    ASSERT_TRUE(b.make_ready());
+    b.slave.obeys = false;
+    b.slave.status = status;
+    b.tick(false);
+    EXPECT_FALSE(b.axis.closed_loop()) << std::hex << status;
+    EXPECT_FALSE(b.axis.ready());
+    EXPECT_EQ(b.axis.error(), status == 0x021F || status == 0x0218);
+    EXPECT_EQ(b.control(), 0x0FU) << "that is for disable()";
+  }
+  for (const int state : {0x00, 0x04, 0x7F}) {
+    Bench b;
+    ASSERT_TRUE(b.make_ready());
+    b.slave.state = state;
+    b.tick(false);
+    EXPECT_FALSE(b.axis.closed_loop());
+    EXPECT_FALSE(b.axis.ready());
+    EXPECT_TRUE(b.axis.heard_this_tick());
+    EXPECT_TRUE(b.axis.must_be_released());
+    EXPECT_FALSE(b.axis.idle()) << "asked into torque control, and not out of it";
+  }
+}
+
+// ---- disabling ------------------------------------------------------------------------------------------------------
+
+TEST(Cia402Axis, DisablingTakesTheVoltageAwayAndWaitsForTwoReports) {
+  Bench b;
+  ASSERT_TRUE(b.make_ready());
+  b.disable();
+  EXPECT_EQ(b.sent.size(), 1U);
+  EXPECT_EQ(b.sent[0], can(0x200 + node, {0, 0, 0, 0}));
+  EXPECT_FALSE(b.axis.idle());
+  b.disable();
+  EXPECT_FALSE(b.axis.idle()) << "one report";
+  EXPECT_TRUE(b.axis.must_be_released());
+  b.disable();
+  EXPECT_TRUE(b.axis.idle());
+  EXPECT_FALSE(b.axis.must_be_released());
+  EXPECT_EQ(b.slave.state, 5) << "NMT stays as it is";
+  EXPECT_TRUE(b.make_ready()) << "and set up again";
+  EXPECT_GT(b.slave.writes.size(), 2 * setup_writes - 2);
+}
+
+TEST(Cia402Axis, OnlyStatesWithoutTorqueAreIdle) {
+  for (const unsigned status : {0x0200U, 0x0250U, 0x0231U, 0x0218U, 0x0233U, 0x0237U, 0x0207U, 0x021FU, 0x0201U}) {
+    Bench b;
+    ASSERT_TRUE(b.make_ready());
+    b.slave.obeys = false;
+    b.slave.status = status;
+    for (int i = 0; i < 6; ++i) b.disable();
+    const bool free = status == 0x0200 || status == 0x0250 || status == 0x0231 || status == 0x0218;
+    EXPECT_EQ(b.axis.idle(), free) << std::hex << status;
+    EXPECT_EQ(b.axis.must_be_released(), !free);
+  }
+}
+
+TEST(Cia402Axis, ADriveThatIsNotOperationalIsIdle) {
+  for (const int state : {0x00, 0x04, 0x7F}) {
+    Bench b;
+    ASSERT_TRUE(b.make_ready());
+    b.disable();
+    b.slave.state = state;
+    b.disable();
+    EXPECT_TRUE(b.axis.idle());
+    EXPECT_FALSE(b.axis.must_be_released());
+  }
+  Bench fresh;
+  EXPECT_FALSE(fresh.axis.idle()) << "never heard";
+  fresh.tick(false);
+  EXPECT_TRUE(fresh.axis.idle());
+}
+
+/// Somebody else's PDOs: it would not understand our controlword.
+TEST(Cia402Axis, ADriveWhosePdosAreNotOursIsAtLeastMadePreOperational) {
+  Bench b;
+  b.slave.state = 5;
+  b.axis.begin_tick();
+  (void)b.hear(heartbeat_of(node, 5));
+  b.axis.disable([&](const CanFrame& f) {
+    EXPECT_EQ(f, nmt(0x80, node));
+    b.slave.take(f);
+    return true;
+  });
+  b.tick(false);
+  EXPECT_TRUE(b.axis.idle());
+}
+
+}  // namespace
+}  // namespace esmc::test
