@@ -94,7 +94,8 @@ constexpr Entry map(std::uint16_t mapping, std::uint8_t sub, Object o, std::uint
 
 /// A PDO is remapped in this order only: off, no entries, transmission, entries, their count, on. It is off before
 /// its transmission type changes, and the type of a drive that was used asynchronously loads the bus until then.
-inline constexpr std::array setup{
+// Not by class template argument deduction: gcc 12 puts such a constant into writable data.
+inline constexpr auto setup = std::to_array<Entry>({
     Entry{controlword, 2, Task::write, control_disable_voltage},
     Entry{producer_heartbeat, 2, Task::verify, 0, Source::heartbeat},
     Entry{consumer_heartbeat, 4, Task::verify, 0, Source::consumer},
@@ -142,7 +143,7 @@ inline constexpr std::array setup{
     Entry{{tpdo_mapping + 1, 0}, 1, Task::verify, 2},
     Entry{{tpdo_communication + 1, 1}, 4, Task::verify, canopen::cob_no_rtr | canopen::id_tpdo2, Source::plus_node, false,
           detail::cob_mask},
-};
+});
 
 /// What an entry writes or is compared with, as many bytes of it as the object has.
 [[nodiscard]] constexpr std::uint32_t value_of(const Entry& e, const Cia402Settings& s, std::uint8_t node) {
