@@ -54,6 +54,18 @@ class Cycle {
   void command(Command c) {
     if (command_ != Command::stop) command_ = c;
   }
+  /// The normally closed contact `enable` of the board, before each tick; open is a fault. Closed where there is none.
+  void enable_input(bool closed) { enable_closed_ = closed; }
+  /// The output `drive_enable`: drives may have power. Low before the first enabling and in a fault.
+  [[nodiscard]] bool drive_enable() const {
+    return supervisor_.state() != State::disabled && supervisor_.state() != State::fault;
+  }
+  /// The output of a brake that opens with power: only while there may be torque.
+  [[nodiscard]] bool release_brake() const { return supervisor_.powered(); }
+  /// The last tick put out what its state allows: finite, within its limit, and zero where there may be none. Nothing
+  /// but broken memory makes it false; the board's watchdog is refreshed only while it holds.
+  [[nodiscard]] bool good() const { return good_; }
+
   [[nodiscard]] const Supervisor& supervisor() const { return supervisor_; }
   [[nodiscard]] const Controller<M>& controller() const { return controller_; }
   [[nodiscard]] const BusCounters& counters() const { return counters_; }
@@ -123,6 +135,7 @@ class Cycle {
     TickResult<M> result = controller_.tick(sample_, supervisor_);
     check_shafts(result);
     stage_done_ = result.stage_done;
+    good_ = allowed(result);
     transmit(bus, result, answer);
     status_ = status();
     opened_ = false;
@@ -173,6 +186,7 @@ class Cycle {
     for (int i = 0; i < axis_count_; ++i) {
       if (axis(i).emergency_stopped()) return Fault::emergency_stop;
     }
+    if (!enable_closed_) return Fault::enable_open;
     if (off) return Fault::bus_off;
     if (flooded) return Fault::bus_overload;
     if (impostor) return Fault::foreign_controller;
@@ -211,6 +225,15 @@ class Cycle {
     result.state = supervisor_.state();
     result.fault = supervisor_.fault();
     result.torque.setZero();
+  }
+
+  [[nodiscard]] bool allowed(const TickResult<M>& result) const {
+    bool ok = true;
+    for (int j = 0; j < M::joints; ++j) {
+      const S most = supervisor_.powered() ? controller_.config().torque_limit[j] : S(0);
+      ok = ok && result.torque[j] <= most && -result.torque[j] <= most;
+    }
+    return ok;
   }
 
   void gather() {
@@ -289,6 +312,8 @@ class Cycle {
   Sample<M> sample_{};
   BusCounters counters_{};
   bool stage_done_ = false;
+  bool enable_closed_ = true;
+  bool good_ = false;
   bool opened_ = false;
   bool malformed_ = false;
   bool bus_off_ = false;

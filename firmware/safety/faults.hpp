@@ -12,6 +12,7 @@ enum class [[nodiscard]] Fault : std::uint8_t {
   stale_feedback,         ///< more than max_age_ticks without a sample from an axis
   malformed_frame,        ///< a frame of a drive of ours had the wrong length or format
   heartbeat_lost,         ///< an axis has not said that it lives for longer than heartbeat_timeout
+  enable_open,            ///< the enable input of the board is open
   emergency_stop,         ///< seen on the bus or reported by an axis; never cleared without an operator's reset
   drive_error,            ///< an axis reported an error
   drive_disarmed,         ///< an axis left closed-loop control by itself
@@ -44,6 +45,7 @@ inline constexpr int fault_count = static_cast<int>(Fault::torque_not_finite) + 
     case Fault::stale_feedback: return "stale_feedback";
     case Fault::malformed_frame: return "malformed_frame";
     case Fault::heartbeat_lost: return "heartbeat_lost";
+    case Fault::enable_open: return "enable_open";
     case Fault::emergency_stop: return "emergency_stop";
     case Fault::drive_error: return "drive_error";
     case Fault::drive_disarmed: return "drive_disarmed";

@@ -1,0 +1,74 @@
+/// The pins of a board: the enable contact, drive_enable, the brake, and when the watchdog may be refreshed.
+
+#include <gtest/gtest.h>
+
+#include "hal/io.hpp"
+#include "tests/support/cycle_rig.hpp"
+
+namespace {
+
+using esmc::Command;
+using esmc::Fault;
+using esmc::State;
+using Five = esmc::FiveBar<double>;
+using Rig = esmc::test::Rig<Five>;
+
+struct Pin {
+  bool high = false;
+  void set(bool v) { high = v; }
+  [[nodiscard]] bool closed() const { return high; }
+  void refresh() {}
+};
+static_assert(esmc::hal::DigitalInput<Pin> && esmc::hal::DigitalOutput<Pin> && esmc::hal::Watchdog<Pin>);
+
+TEST(Io, AnOpenEnableContactTakesTheTorqueInTheSameTickAndIsLatched) {
+  Rig rig;
+  ASSERT_TRUE(rig.start());
+  ASSERT_FALSE(rig.all_zero());
+  rig.cycle.enable_input(false);
+  EXPECT_EQ(rig.tick().fault, Fault::enable_open);
+  EXPECT_TRUE(rig.all_zero());
+  rig.cycle.enable_input(true);
+  for (int i = 0; i < 10; ++i) EXPECT_EQ(rig.tick().state, State::fault);
+  rig.tick(Command::reset);
+  EXPECT_TRUE(rig.start());
+}
+
+TEST(Io, WithTheContactOpenNothingArms) {
+  Rig rig;
+  rig.cycle.enable_input(false);
+  rig.tick(Command::enable);
+  EXPECT_EQ(rig.cycle.supervisor().fault(), Fault::enable_open);
+}
+
+TEST(Io, DrivesHavePowerFromEnablingOnAndTheBrakeOpensForTorqueOnly) {
+  Rig rig;
+  EXPECT_FALSE(rig.cycle.drive_enable());
+  EXPECT_FALSE(rig.cycle.release_brake());
+  rig.tick(Command::enable);
+  EXPECT_TRUE(rig.cycle.drive_enable());
+  EXPECT_FALSE(rig.cycle.release_brake());
+  ASSERT_TRUE(rig.until(State::running));
+  EXPECT_TRUE(rig.cycle.release_brake());
+  rig.tick(Command::stop);
+  EXPECT_TRUE(rig.cycle.drive_enable()) << "they still have to say that they are idle";
+  EXPECT_FALSE(rig.cycle.release_brake());
+  ASSERT_TRUE(rig.until(State::disabled));
+  EXPECT_FALSE(rig.cycle.drive_enable());
+  ASSERT_TRUE(rig.start());
+  rig.cycle.enable_input(false);
+  rig.tick();
+  EXPECT_FALSE(rig.cycle.drive_enable());
+  EXPECT_FALSE(rig.cycle.release_brake());
+}
+
+TEST(Io, TicksAreGoodInEveryStateAndNoneHasBeenBeforeTheFirst) {
+  Rig rig;
+  EXPECT_FALSE(rig.cycle.good());
+  for (const Command c : {Command::none, Command::enable, Command::none, Command::none, Command::stop, Command::none}) {
+    rig.tick(c);
+    EXPECT_TRUE(rig.cycle.good());
+  }
+}
+
+}  // namespace
