@@ -1,6 +1,7 @@
 #pragma once
 /// Which drive of the scene sits on which joint, and how.
 
+#include <algorithm>
 #include <memory>
 #include <vector>
 
@@ -39,7 +40,12 @@ inline std::unique_ptr<EmulatedAxis> make_axis(const Scene& s, const PlacedAxis&
     Cia402Axis::Settings settings;
     settings.lockstep = lockstep;
     settings.period = s.tick();
-    if (a.motor) settings.rated_torque = s.drives.rated_torque[a.entry];
+    if (a.motor) {
+      settings.rated_torque = s.drives.rated_torque[a.entry];
+      // A drive of this motor gives what the controller may ask for.
+      const double asked = s.torque_limit[a.entry] / s.drives.gear_ratio[a.entry];
+      settings.max_torque = std::max(settings.max_torque, 1.01 * asked / settings.rated_torque);
+    }
     settings.rated_torque_unit = s.drives.rated_torque_unit;
     settings.counts_per_turn = s.drives.counts_per_turn;
     settings.velocity_unit = s.drives.velocity_unit;
