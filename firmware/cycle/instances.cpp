@@ -14,5 +14,9 @@ template class Cycle<FiveBar<double>, drive::Cia402Axis>;
 template class Cycle<FiveBar<float>, drive::Cia402Axis>;
 template class Cycle<Rr<double>, drive::Cia402Axis>;
 template class Cycle<Rr<float>, drive::Cia402Axis>;
+template class Cycle<FiveBar<double>, drive::MitAxis>;
+template class Cycle<FiveBar<float>, drive::MitAxis>;
+template class Cycle<Rr<double>, drive::MitAxis>;
+template class Cycle<Rr<float>, drive::MitAxis>;
 
 }  // namespace esmc

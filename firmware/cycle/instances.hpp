@@ -3,6 +3,7 @@
 
 #include "firmware/cycle/cycle.hpp"
 #include "firmware/drive/cia402_axis.hpp"
+#include "firmware/drive/mit_axis.hpp"
 #include "firmware/drive/odrive_axis.hpp"
 
 namespace esmc {
@@ -11,6 +12,8 @@ template <class M>
 using OdriveCycle = Cycle<M, drive::OdriveAxis>;
 template <class M>
 using Cia402Cycle = Cycle<M, drive::Cia402Axis>;
+template <class M>
+using MitCycle = Cycle<M, drive::MitAxis>;
 
 extern template class Controller<FiveBar<double>>;
 extern template class Controller<FiveBar<float>>;
@@ -24,5 +27,9 @@ extern template class Cycle<FiveBar<double>, drive::Cia402Axis>;
 extern template class Cycle<FiveBar<float>, drive::Cia402Axis>;
 extern template class Cycle<Rr<double>, drive::Cia402Axis>;
 extern template class Cycle<Rr<float>, drive::Cia402Axis>;
+extern template class Cycle<FiveBar<double>, drive::MitAxis>;
+extern template class Cycle<FiveBar<float>, drive::MitAxis>;
+extern template class Cycle<Rr<double>, drive::MitAxis>;
+extern template class Cycle<Rr<float>, drive::MitAxis>;
 
 }  // namespace esmc

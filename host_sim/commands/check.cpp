@@ -373,7 +373,8 @@ Traffic traffic_of(const Scene& scene) {
     return {worst_bits(0) + axes * (worst_bits(8) + worst_bits(5)) + motors * worst_bits(4),
             (axes * beats_per_s + ours) * beat, (axes + 1.0) * beat};
   }
-  // An encoder estimate from every axis, a torque to every motor.
+  // A reply (MIT) or an encoder estimate from every axis, a torque to every motor; a reply is its own heartbeat.
+  if (scene.drives.protocol == Protocol::mit) return {(axes + motors) * worst_bits(8), 0.0, 0.0};
   return {(axes + motors) * worst_bits(8), axes * worst_bits(8) * beats_per_s, axes * worst_bits(8)};
 }
 
@@ -385,6 +386,7 @@ int report(const Scene& scene, const RunOptions& o) {
   log.close();
   Findings f;
   judge(scene, start_of<World>(scene), m, f);
+  const bool odrive = scene.drives.protocol == Protocol::odrive || scene.drives.protocol == Protocol::odrive_0_5;
   const Traffic traffic = traffic_of(scene);
   const double load = (traffic.tick_bits * scene.rate_hz + traffic.other_bits_per_s) / scene.bitrate;
   const double latency_s = (traffic.tick_bits + traffic.other_bits) / scene.bitrate;
@@ -394,13 +396,13 @@ int report(const Scene& scene, const RunOptions& o) {
   } else if (load > 0.8) {
     f.warning(fmt::format("bus load {:.0f} %: above 80 % frames wait for each other", 100.0 * load));
   }
-  if (std::find(scene.drives.nodes.begin(), scene.drives.nodes.end(), 0) != scene.drives.nodes.end()) {
+  if (odrive && std::find(scene.drives.nodes.begin(), scene.drives.nodes.end(), 0) != scene.drives.nodes.end()) {
     f.warning(
         "drives.nodes names node 0: its command 0 has the identifier of CANopen's NMT, and a drive that "
         "nobody has "
         "given a number may be 0; take 1 or more");
   }
-  if (scene.rate_hz > 1000.0 && scene.drives.protocol != Protocol::cia402) f.warning("ODrive sends encoder estimates at 1 kHz at most");
+  if (odrive && scene.rate_hz > 1000.0) f.warning("ODrive sends encoder estimates at 1 kHz at most");
   const std::string obstacle = bus_obstacle(scene).what;
   Json j;
   j["scene"] = scene.name;

@@ -4,6 +4,8 @@
 #include <array>
 #include <stdexcept>
 
+#include "host_sim/drives/placed_axes.hpp"
+
 namespace esmc::host {
 namespace {
 
@@ -369,6 +371,16 @@ AnyCycle<M> make_cycle(const Scene& scene, Pacing pacing, const ReferenceBundle<
       return cycle_of<Cia402Cycle<M>>(
           scene, pacing, reference, [&](std::size_t i) { return drive::Cia402Axis(mount(d, i), cia402_settings(scene, i)); },
           {static_cast<std::uint8_t>(d.controller_node), heartbeat_ticks(scene)});
+    case Protocol::mit:
+      return cycle_of<MitCycle<M>>(scene, pacing, reference, [&](std::size_t i) {
+        drive::MitAxis::Settings s;
+        s.ranges = {static_cast<float>(d.position_range[i]), static_cast<float>(d.velocity_range[i]),
+                    static_cast<float>(d.torque_range[i])};
+        s.dialect = dialect_of(scene);
+        s.master_id = static_cast<std::uint16_t>(d.master_id[i]);
+        s.retry_ticks = std::max(3U, retry);
+        return drive::MitAxis(mount(d, i), s);
+      });
   }
   const auto version =
       d.protocol == Protocol::odrive ? drive::odrive::Version::v0_6 : drive::odrive::Version::v0_5_6;

@@ -87,7 +87,7 @@ std::uint32_t heartbeat_ticks(const Scene& scene);
 
 /// The cycle as a board has it, for whichever protocol the scene names.
 template <class M>
-using AnyCycle = std::variant<OdriveCycle<M>, Cia402Cycle<M>>;
+using AnyCycle = std::variant<OdriveCycle<M>, Cia402Cycle<M>, MitCycle<M>>;
 
 /// With one axis per motor and passive encoder.
 template <class M>

@@ -40,6 +40,11 @@ BusObstacle bus_obstacle(const Scene& scene) {
     return {scene.simulation_where,
             "'simulation.accuracy' is for esmc sim; a loop on a bus needs simulation.step"};
   }
+  if (scene.drives.protocol == Protocol::mit && scene.all_sensors && !scene.all_motors) {
+    return {scene.control_where,
+            "passive encoders (control.sensors = \"all\" with two motors) need 'drives.protocol' = odrive or "
+            "odrive_0.5: a drive in MIT mode speaks only when it is commanded"};
+  }
   return {scene.control_where, scene.drives.missing};
 }
 

@@ -2,10 +2,12 @@
 /// Which drive of the scene sits on which joint, and how.
 
 #include <algorithm>
+#include <cmath>
 #include <memory>
 #include <vector>
 
 #include "host_sim/drives/cia402_axis.hpp"
+#include "host_sim/drives/mit_axis.hpp"
 #include "host_sim/drives/odrive_axis.hpp"
 #include "host_sim/scene/scene.hpp"
 
@@ -33,9 +35,39 @@ inline std::vector<PlacedAxis> placed_axes(const Scene& s) {
   return out;
 }
 
+/// MIT mode as a scene has it.
+inline drive::mit::Dialect dialect_of(const Scene& s) {
+  switch (s.drives.dialect) {
+    case MitDialect::mini_cheetah:
+      break;
+    case MitDialect::cubemars:
+      return drive::mit::Dialect::cubemars;
+    case MitDialect::damiao:
+      return drive::mit::Dialect::damiao;
+  }
+  return drive::mit::Dialect::mini_cheetah;
+}
+inline MitAxis::Settings mit_settings(const Scene& s, std::size_t motor, bool lockstep) {
+  const DriveScene& d = s.drives;
+  MitAxis::Settings out;
+  out.dialect = dialect_of(s);
+  out.master_id = static_cast<std::uint16_t>(d.master_id[motor]);
+  out.reply_size = out.dialect == drive::mit::Dialect::mini_cheetah ? 6 : 8;
+  out.position_range = d.position_range[motor];
+  out.velocity_range = d.velocity_range[motor];
+  out.torque_range = d.torque_range[motor];
+  out.period = s.tick();
+  out.timeout_cycles = static_cast<int>(std::llround(d.watchdog_timeout / out.control_period));
+  out.realtime = !lockstep;
+  return out;
+}
+
 /// The axis as the real drive would be configured for a scene. `lockstep`: its ticks are the controller's.
 inline std::unique_ptr<EmulatedAxis> make_axis(const Scene& s, const PlacedAxis& a, bool lockstep = true) {
   const SensorEffects sensor(s.effects);
+  if (s.drives.protocol == Protocol::mit && a.motor) {
+    return std::make_unique<MitAxis>(a.mount, mit_settings(s, a.entry, lockstep), sensor, a.joint, s.seed);
+  }
   if (s.drives.protocol == Protocol::cia402) {
     Cia402Axis::Settings settings;
     settings.lockstep = lockstep;

@@ -364,13 +364,49 @@ void read_cia402(Section& s, const Scene& scene, DriveScene& d) {
   }
 }
 
+/// The keys of MIT drives are read whatever the protocol, so that --set drives.protocol is enough to compare.
+void read_mit(Section& s, Scene& scene) {
+  DriveScene& d = scene.drives;
+  const auto n = static_cast<std::size_t>(scene.motors());
+  const std::string dialect = s.text("dialect");
+  d.dialect = dialect == "mini_cheetah"
+                  ? MitDialect::mini_cheetah
+                  : (dialect == "cubemars" ? MitDialect::cubemars : MitDialect::damiao);
+  for (const double id : s.each("master_id", n)) {
+    if (id != std::floor(id)) s.fail("master_id", "must be an integer from 0 to 2047, or one per motor");
+    d.master_id.push_back(static_cast<int>(id));
+  }
+  d.position_range = s.each("position_range", n);
+  d.velocity_range = s.each("velocity_range", n);
+  d.torque_range = s.each("torque_range", n);
+  if (d.protocol != Protocol::mit) return;
+  const int node_max = d.dialect == MitDialect::damiao ? 15 : 62;
+  for (std::size_t i = 0; i < n; ++i) {
+    if (d.nodes[i] < 1 || d.nodes[i] > node_max) {
+      s.fail("nodes", fmt::format("must be from 1 to {} for MIT drives of this dialect", node_max));
+    }
+    for (std::size_t k = 0; k < n; ++k) {
+      if (i != k && d.master_id[i] == d.nodes[k]) {
+        s.fail("master_id", fmt::format("is {}, the node of another motor: commands to it would look like replies",
+                                        d.master_id[i]));
+      }
+    }
+    if (scene.closed_loop() && scene.torque_limit[i] > d.torque_range[i] * d.gear_ratio[i]) {
+      s.fail("torque_range", fmt::format("must let control.torque_limit through: motor {} may be asked for {} N m at "
+                                         "the joint, its field ends at {}",
+                                         i + 1, scene.torque_limit[i], d.torque_range[i] * d.gear_ratio[i]));
+    }
+  }
+}
+
 void read_drives(Section s, Scene& scene) {
   DriveScene& d = scene.drives;
   const auto n = static_cast<std::size_t>(scene.motors());
   const std::string protocol = s.text("protocol");
   d.protocol = protocol == "odrive"       ? Protocol::odrive
                : protocol == "odrive_0.5" ? Protocol::odrive_0_5
-                                          : Protocol::cia402;
+               : protocol == "cia402"     ? Protocol::cia402
+                                          : Protocol::mit;
   const std::string zero = s.text("zero");
   d.zero = zero == "absolute" ? Zero::absolute : (zero == "pose" ? Zero::pose : Zero::end_stop);
   if (const auto pose = s.optional_numbers("zero_pose", {2, 4})) {
@@ -412,6 +448,7 @@ void read_drives(Section s, Scene& scene) {
   add_free_nodes(d.nodes, n);
   read_cia402(s, scene, d);
   check_axes(s, d);
+  read_mit(s, scene);
   s.finish();
 }
 

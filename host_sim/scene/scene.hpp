@@ -18,7 +18,8 @@ enum class MechanismType { five_bar, rr };
 enum class LawChoice { esmc, esmc_projected, smc, ctc, pd, open_loop, none };
 enum class ReachingChoice { sign, saturation, tanh, implicit };
 enum class ReferenceType { none, circle, line, polyline, joint_sine, hold, file };
-enum class Protocol { odrive, odrive_0_5, cia402 };
+enum class Protocol { odrive, odrive_0_5, cia402, mit };
+enum class MitDialect { mini_cheetah, cubemars, damiao };
 enum class Zero { absolute, pose, end_stop };
 enum class AfterHalt { release, hold, lower };
 
@@ -81,6 +82,9 @@ struct DriveScene {
   double velocity_unit = 0.0;        // cia402: rad/s per LSB of object 606C
   int counts_per_turn = 0;           // cia402: of object 6064
   int controller_node = 0;           // cia402: whose heartbeat the drives watch
+  MitDialect dialect = MitDialect::mini_cheetah;
+  std::vector<int> master_id;  // mit, per motor
+  std::vector<double> position_range, velocity_range, torque_range;  // mit, per motor: rad, rad/s, N m
   std::string
       missing;  ///< what a loop on a bus would still need to be told; esmc sim has no drives and needs none
 };

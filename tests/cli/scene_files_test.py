@@ -81,6 +81,17 @@ class Scenes(unittest.TestCase):
                              ("drives.direction=[0.5, 1]", "'drives.direction' must be 1 or -1"),
                              ("drives.nodes=[1, 1]", "'drives.nodes' names node 1 twice")):
             self.says(self.circle, value, words=[words])
+        mit = "drives.protocol=mit"
+        for value, words in (("drives.master_id=1.5", "'drives.master_id' must be an integer from 0 to 2047"),
+                             ("drives.master_id=2048", "'drives.master_id' must be an integer or integers"),
+                             ("drives.master_id=2", "'drives.master_id' is 2, the node of another motor"),
+                             ("drives.torque_range=1.0", "motor 1 may be asked for 2 N m at the joint, its field ends at 1"),
+                             ("drives.velocity_range=[1.0]", "'drives.velocity_range' must be"),
+                             ("drives.position_range=0", "'drives.position_range' must be"),
+                             ("drives.dialect=mit", "must be one of: mini_cheetah | cubemars | damiao"),
+                             ("drives.nodes=[0, 1]", "'drives.nodes' must be from 1")):
+            self.says(self.circle, mit, value, words=[words])
+        self.says(self.circle, mit, "drives.dialect=damiao", "drives.nodes=[1, 16]", words=["must be from 1 to 15"])
         self.says(self.rr, 'mechanism.working_mode="-"', words=['must be ["+"] or ["-"]'])
         self.says(SCENES, words=["is a directory"])
         run = esmc("sim", self.circle, "--out", self.circle)

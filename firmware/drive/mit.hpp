@@ -1,0 +1,145 @@
+#pragma once
+/// MIT mode on the wire (mini cheetah, T-Motor AK, Damiao and their kin): one frame of eight bytes asks a drive for
+/// kp (p - q) + kd (v - dq) + t, and is answered by one frame. Big-endian bit fields, each a range cut into 2^n - 1
+/// steps; rad, rad/s and N m at the drive's output shaft.
+///
+///   command  p 16 | v 12 | kp 12 | kd 12 | t 12                  identifier: the drive's node
+///   special  seven bytes FF, then FC (enter motor mode), FD (leave it) or FE (take this as zero)
+///   reply    node 8 | p 16 | v 12 | t 12 | what the maker adds   identifier: the master's, or the drive's node
+///
+/// Zero is no multiple of a step: the two codes next to it are half a step away, so "no torque" is
+/// range / 4095 (4.4 mN m of 18 N m). `code` rounds to nearest and zero up.
+
+#include <cstdint>
+#include <optional>
+
+#include "hal/can.hpp"
+
+namespace esmc::drive::mit {
+
+/// Who made the drive, as far as replies differ.
+enum class Dialect : std::uint8_t {
+  mini_cheetah,  ///< 5 bytes (the last eight bits of the torque are missing), 6, or 7 (then the supply voltage)
+  cubemars,      ///< 8 bytes: ... temperature, error
+  damiao,        ///< 8 bytes: error in the high half of byte 0, node in the low half; ... two temperatures
+};
+
+/// Half widths: a quantity runs from -range to +range. What they are is the drive's configuration and cannot be
+/// asked for; with a wrong one every number is wrong by its factor.
+struct Ranges {
+  float position = 12.5F;  ///< rad
+  float velocity = 50.0F;  ///< rad/s
+  float torque = 18.0F;    ///< N m
+};
+
+enum class Special : std::uint8_t { enter = 0xFC, leave = 0xFD, set_zero = 0xFE };
+
+inline constexpr std::uint16_t code_max_16 = 0xFFFF, code_max_12 = 0x0FFF;
+inline constexpr std::uint16_t middle_16 = 0x8000, middle_12 = 0x0800;
+
+/// Fields as they are on the wire.
+struct Command {
+  std::uint16_t position = middle_16, velocity = middle_12, kp = 0, kd = 0, torque = middle_12;
+};
+struct Reply {
+  std::uint16_t position = middle_16, velocity = middle_12;
+  std::uint16_t torque = middle_12;
+  std::uint8_t error = 0;    ///< in the words of the drive; 0 where the reply has none
+  bool whole_torque = true;  ///< false of a reply of 5 bytes: its last eight bits are missing
+};
+
+/// The code nearest to a value, clamped to the range; the middle for a NaN or where the range is no number above 0.
+[[nodiscard]] constexpr std::uint16_t code(float value, float range, std::uint16_t code_max) {
+  if (!(range > 0.0F)) return static_cast<std::uint16_t>(code_max / 2U + 1U);
+  if (value >= range) return code_max;
+  if (value <= -range) return 0;
+  if (!(value < range)) return static_cast<std::uint16_t>(code_max / 2U + 1U);
+  const float steps = (value / range + 1.0F) * (0.5F * static_cast<float>(code_max));
+  return static_cast<std::uint16_t>(steps + 0.5F);
+}
+[[nodiscard]] constexpr float value(std::uint16_t code, float range, std::uint16_t code_max) {
+  return (2.0F * static_cast<float>(code) - static_cast<float>(code_max)) / static_cast<float>(code_max) * range;
+}
+
+[[nodiscard]] constexpr hal::CanFrame encode_command(std::uint32_t node, const Command& c) {
+  hal::CanFrame f;
+  f.id = node;
+  f.size = 8;
+  f.data[0] = static_cast<std::uint8_t>(c.position >> 8U);
+  f.data[1] = static_cast<std::uint8_t>(c.position);
+  f.data[2] = static_cast<std::uint8_t>(c.velocity >> 4U);
+  f.data[3] = static_cast<std::uint8_t>(c.velocity << 4U | c.kp >> 8U);
+  f.data[4] = static_cast<std::uint8_t>(c.kp);
+  f.data[5] = static_cast<std::uint8_t>(c.kd >> 4U);
+  f.data[6] = static_cast<std::uint8_t>(c.kd << 4U | c.torque >> 8U);
+  f.data[7] = static_cast<std::uint8_t>(c.torque);
+  return f;
+}
+[[nodiscard]] constexpr hal::CanFrame encode_special(std::uint32_t node, Special s) {
+  hal::CanFrame f;
+  f.id = node;
+  f.size = 8;
+  for (unsigned i = 0; i < 7; ++i) f.data[i] = 0xFF;
+  f.data[7] = static_cast<std::uint8_t>(s);
+  return f;
+}
+
+/// Whether this dialect has replies of `size` bytes.
+[[nodiscard]] constexpr bool has_reply_size(std::uint8_t size, Dialect d) {
+  return d == Dialect::mini_cheetah ? size >= 5 && size <= 7 : size == 8;
+}
+/// Whether the first byte of a reply names a drive. Damiao keeps four bits of the node.
+[[nodiscard]] constexpr bool names(std::uint8_t first, std::uint8_t node, Dialect d) {
+  return d == Dialect::damiao ? ((first ^ node) & 0x0FU) == 0 : first == node;
+}
+
+/// Empty: a length that the dialect does not have, remote or FD. Identifier and first byte are the caller's business.
+[[nodiscard]] constexpr std::optional<Reply> decode_reply(const hal::CanFrame& f, Dialect d) {
+  if (f.remote || f.fd || !has_reply_size(f.size, d)) return std::nullopt;
+  Reply r;
+  r.position = static_cast<std::uint16_t>(f.data[1] << 8U | f.data[2]);
+  r.velocity = static_cast<std::uint16_t>(f.data[3] << 4U | f.data[4] >> 4U);
+  r.torque = static_cast<std::uint16_t>((f.data[4] & 0x0FU) << 8U | (f.size > 5 ? f.data[5] : 0U));
+  r.whole_torque = f.size > 5;
+  if (d == Dialect::cubemars) r.error = f.data[7];
+  if (d == Dialect::damiao) r.error = static_cast<std::uint8_t>(f.data[0] >> 4U);
+  return r;
+}
+
+/// For the drive's side of the wire. `size` bytes of the reply are filled as far as they are given here.
+[[nodiscard]] constexpr hal::CanFrame encode_reply(std::uint32_t id, std::uint8_t node, const Reply& r, Dialect d,
+                                                   std::uint8_t size) {
+  hal::CanFrame f;
+  f.id = id;
+  f.size = size;
+  f.data[0] = d == Dialect::damiao ? static_cast<std::uint8_t>(r.error << 4U | (node & 0x0FU)) : node;
+  f.data[1] = static_cast<std::uint8_t>(r.position >> 8U);
+  f.data[2] = static_cast<std::uint8_t>(r.position);
+  f.data[3] = static_cast<std::uint8_t>(r.velocity >> 4U);
+  f.data[4] = static_cast<std::uint8_t>(r.velocity << 4U | r.torque >> 8U);
+  f.data[5] = static_cast<std::uint8_t>(r.torque);
+  if (d == Dialect::cubemars) f.data[7] = r.error;
+  return f;
+}
+/// The drive's reading of eight bytes.
+[[nodiscard]] constexpr Command decode_command(const hal::CanFrame& f) {
+  return {static_cast<std::uint16_t>(f.data[0] << 8U | f.data[1]),
+          static_cast<std::uint16_t>(f.data[2] << 4U | f.data[3] >> 4U),
+          static_cast<std::uint16_t>((f.data[3] & 0x0FU) << 8U | f.data[4]),
+          static_cast<std::uint16_t>(f.data[5] << 4U | f.data[6] >> 4U),
+          static_cast<std::uint16_t>((f.data[6] & 0x0FU) << 8U | f.data[7])};
+}
+/// Empty: eight bytes that are an ordinary command.
+[[nodiscard]] constexpr std::optional<Special> decode_special(const hal::CanFrame& f) {
+  for (unsigned i = 0; i < 7; ++i) {
+    if (f.data[i] != 0xFF) return std::nullopt;
+  }
+  if (f.data[7] < 0xFC || f.data[7] > 0xFE) return std::nullopt;
+  return static_cast<Special>(f.data[7]);
+}
+
+// Worked out by hand from the field table: node 3, 9 of 18 N m is code 3071 = 0xBFF (3071.25 rounded).
+static_assert(encode_command(3, {.torque = code(9.0F, 18.0F, code_max_12)}) ==
+              hal::CanFrame{.id = 3, .size = 8, .data = {0x80, 0x00, 0x80, 0x00, 0x00, 0x00, 0x0B, 0xFF}});
+
+}  // namespace esmc::drive::mit

@@ -1,0 +1,227 @@
+#pragma once
+/// One drive in MIT mode seen from the controller.
+///
+/// A drive speaks only when it is spoken to: each command is answered by one reply, which is sample and heartbeat in
+/// one. The torque command that the cycle sends every tick, in every state, is therefore also the request for the
+/// next sample; while the supervisor allows no torque it is the zero command that enabling and disabling rely on.
+/// enable() and disable() add the special frames only: a zero command of their own would be a second command in
+/// a tick, and lockstep counts commands.
+///
+/// What cannot be known: a reply says neither whether the drive is in motor mode nor that it has done what it was
+/// asked (most firmware answers before it acts). `idle()` and `closed_loop()` therefore mean: the frame was taken by the
+/// bus, and the drive has answered two ticks that came after it. Damiao reports its mode in the error field; where it has
+/// been seen to, it must agree. Nothing can be read back: ranges, zero and time-out are the word of whoever configured
+/// the drive. Errors of a drive are not cleared from here.
+
+#include <cstdint>
+#include <optional>
+
+#include "firmware/drive/axis.hpp"
+#include "firmware/drive/mit.hpp"
+
+namespace esmc::drive {
+
+class MitAxis {
+ public:
+  using Dialect = mit::Dialect;
+  using Line = NoLine;
+
+  struct Settings {
+    mit::Ranges ranges{};
+    Dialect dialect = Dialect::mini_cheetah;
+    std::uint16_t master_id = 0;  ///< identifier of the replies; the node itself: drives that answer on their own
+    std::uint32_t retry_ticks = 150;  ///< how long to wait for replies before asking again, > 2
+  };
+
+  /// error_code(): the drive's own error in the low eight bits, and what is wrong with its reply.
+  static constexpr std::uint32_t position_at_rail = 0x100;  ///< first or last code: the shaft is anywhere beyond it
+  static constexpr std::uint32_t velocity_at_rail = 0x200;  ///< likewise
+  /// The position moved by more than half of its span between two replies: firmware that does not clamp has wrapped
+  /// around, and what it says from now on is wrong by the span. Latched until the controller restarts.
+  static constexpr std::uint32_t position_lost = 0x400;
+
+  MitAxis() = default;
+  MitAxis(const AxisConfig& config, const Settings& settings) : config_(config), settings_(settings) {}
+
+  /// Takes a frame from the bus. No side effect unless `accepted`. Where replies come on the node's own identifier,
+  /// whatever is no reply of this axis is a command, and we send those.
+  Received receive(const hal::CanFrame& f) {
+    if (f.extended || f.remote) return Received::not_mine;
+    if (f.id == settings_.master_id && f.size > 0 && mit::names(f.data[0], config_.node, settings_.dialect)) {
+      if (const auto reply = mit::decode_reply(f, settings_.dialect)) {
+        take(*reply);
+        return Received::accepted;
+      }
+      if (f.id != config_.node) return Received::malformed;
+    }
+    return f.id == config_.node ? Received::impostor : Received::not_mine;
+  }
+
+  void begin_tick() {
+    counted_ = false;
+    if (age_ticks_ < age_max) ++age_ticks_;
+  }
+
+  [[nodiscard]] bool heard_this_tick() const { return age_ticks_ == 0; }
+  [[nodiscard]] std::uint32_t sample_age_ticks() const { return age_ticks_; }
+  [[nodiscard]] std::uint32_t heartbeat_age_ticks() const { return age_ticks_; }
+
+  /// Of the last reply, with an error or without. Steps of range / 32767.5 in angle and range / 2047.5 in rate.
+  template <class S>
+  [[nodiscard]] JointSample<S> sample() const {
+    const S per_rad = S(config_.direction) / S(config_.gear_ratio);
+    const auto& r = settings_.ranges;
+    return {S(mit::value(last_.position, r.position, mit::code_max_16)) * per_rad + S(config_.offset),
+            S(mit::value(last_.velocity, r.velocity, mit::code_max_12)) * per_rad};
+  }
+
+  /// What the drive says it gives, N m at the joint, model convention; none where the reply has it cut.
+  [[nodiscard]] std::optional<float> observed_torque() const {
+    if (!last_.whole_torque) return std::nullopt;
+    return mit::value(last_.torque, settings_.ranges.torque, mit::code_max_12) * config_.direction * config_.gear_ratio;
+  }
+
+  /// The bus took the frame that enters motor mode, and replies without error came in two ticks since.
+  [[nodiscard]] bool ready() const { return step_ == Step::entered && replies_ >= replies_wanted; }
+  /// The bus took the frame that leaves motor mode, and replies came in two ticks since.
+  [[nodiscard]] bool idle() const { return step_ == Step::left && replies_ >= replies_wanted; }
+  [[nodiscard]] bool must_be_released() const { return owed_; }
+  [[nodiscard]] bool alive() const { return alive_; }
+  [[nodiscard]] bool error() const { return error_ != 0; }
+  [[nodiscard]] std::uint32_t error_code() const { return error_; }
+  /// As far as is known: it was asked into motor mode and not out of it, and does not deny being there.
+  [[nodiscard]] bool closed_loop() const { return step_ == Step::entered && !says(mode_off); }
+  /// There is no emergency stop in this protocol.
+  [[nodiscard]] bool emergency_stopped() const { return false; }
+  void acknowledge() {}
+  /// Nothing can be read back.
+  [[nodiscard]] bool contradicted() const { return false; }
+
+  /// Frames that bring the drive into motor mode; call every tick while enabling, and send torque_frame(0) after it.
+  ///
+  ///   leave motor mode  ->  replies in two ticks, so that a zero command has arrived: a drive that enters motor mode
+  ///   acts on the last command it has  ->  enter motor mode, if no error is reported  ->  replies in two ticks: ready()
+  ///
+  /// To a silent drive the first frame is a call. What leads to nothing is repeated from the start every retry_ticks.
+  template <class Send>
+  void enable(Send&& send) {
+    if (ready()) return;
+    const bool due = wait_ticks_ == 0;
+    if (!due) --wait_ticks_;
+    if (step_ == Step::left && replies_ >= replies_wanted && !error()) {
+      if (!send(mit::encode_special(config_.node, mit::Special::enter))) return;
+      step_ = Step::entered;
+      replies_ = 0;
+      owed_ = true;
+      wait();
+      return;
+    }
+    if (due) step_ = Step::unknown;
+    if (step_ == Step::unknown && (alive_ || due)) leave(send);
+  }
+
+  void ask_again() { wait_ticks_ = 0; }
+
+  /// Frames that take the drive out of motor mode, from the second tick on: the first one is for the zero command,
+  /// because a drive keeps its last command.
+  template <class Send>
+  void disable(Send&& send) {
+    wait_ticks_ = 0;
+    if (step_ == Step::unknown || step_ == Step::entered) {
+      step_ = Step::leaving;
+      return;
+    }
+    const bool first = step_ == Step::leaving;
+    const bool taken = send(mit::encode_special(config_.node, mit::Special::leave));
+    if (!first || !taken) return;
+    step_ = Step::left;
+    replies_ = 0;
+  }
+
+  /// Whether what this joint torque (N m, model convention) becomes at the shaft may go on the bus.
+  template <class S>
+  [[nodiscard]] bool can_carry(S joint_torque) const {
+    return drive::can_carry(shaft_torque(config_, joint_torque));
+  }
+  /// Torque at the joint, N m, model convention, rounded to the nearest step and clamped to the range of the drive; zero
+  /// (to half a step) for a torque that cannot be carried. Gains are zero, so position and speed do not matter.
+  template <class S>
+  [[nodiscard]] hal::CanFrame torque_frame(S joint_torque) const {
+    const float torque = can_carry(joint_torque) ? shaft_torque(config_, joint_torque) : 0.0F;
+    return mit::encode_command(config_.node,
+                               {.torque = mit::code(torque, settings_.ranges.torque, mit::code_max_12)});
+  }
+
+  static constexpr std::uint32_t age_max = drive::age_max;
+
+ private:
+  enum class Step : std::uint8_t {
+    unknown,  ///< nothing was asked yet, or what was asked led to nothing
+    leaving,  ///< the next frame leaves motor mode
+    left,     ///< the bus took it
+    entered,  ///< the bus took the frame that enters motor mode
+  };
+  /// A reply on its way when we ask for something else answers an older command; the second one does not.
+  static constexpr std::uint8_t replies_wanted = 2;
+  static constexpr std::uint8_t mode_off = 0, mode_on = 1;  ///< Damiao's error field without an error
+
+  /// False where the mode is not reported.
+  [[nodiscard]] bool says(std::uint8_t mode) const { return reports_mode_ && last_.error == mode; }
+
+  void wait() { wait_ticks_ = settings_.retry_ticks > 0 ? settings_.retry_ticks - 1 : 0; }
+
+  template <class Send>
+  void leave(Send&& send) {
+    const bool taken = send(mit::encode_special(config_.node, mit::Special::leave));
+    if (taken || !alive_) wait();
+    if (!taken || !alive_) return;
+    step_ = Step::left;
+    replies_ = 0;
+  }
+
+  void take(const mit::Reply& r) {
+    if (alive_ && span(r.position, last_.position) > mit::code_max_16 / 2U) lost_ = position_lost;
+    last_ = r;
+    alive_ = true;
+    age_ticks_ = 0;
+    if (settings_.dialect == Dialect::damiao && r.error == mode_on) reports_mode_ = true;
+    error_ = lost_ | fault_of(r);
+    if (step_ == Step::entered && (error() || !closed_loop())) {
+      replies_ = 0;
+    } else if (step_ == Step::left && says(mode_on)) {
+      replies_ = 0;
+    } else if (replies_ < replies_wanted && !counted_) {  // two replies in a tick are one
+      ++replies_;
+      counted_ = true;
+    }
+    if (idle()) owed_ = false;
+  }
+  [[nodiscard]] static std::uint32_t span(std::uint16_t a, std::uint16_t b) {
+    return a > b ? std::uint32_t{a} - b : std::uint32_t{b} - a;
+  }
+  [[nodiscard]] std::uint32_t fault_of(const mit::Reply& r) const {
+    const bool mode = settings_.dialect == Dialect::damiao && r.error <= mode_on;
+    std::uint32_t e = mode ? 0U : std::uint32_t{r.error};
+    if (r.position == 0 || r.position == mit::code_max_16) e |= position_at_rail;
+    if (r.velocity == 0 || r.velocity == mit::code_max_12) e |= velocity_at_rail;
+    return e;
+  }
+
+  AxisConfig config_{};
+  Settings settings_{};
+  mit::Reply last_{};
+  std::uint32_t wait_ticks_ = 0;  // until the sequence is repeated
+  std::uint32_t age_ticks_ = age_max;
+  std::uint32_t error_ = 0;
+  std::uint32_t lost_ = 0;
+  std::uint8_t replies_ = 0;  // ticks with a reply since the bus took the last special frame
+  Step step_ = Step::unknown;
+  bool alive_ = false;
+  bool owed_ = false;          // asked into motor mode, not seen out of it since
+  bool counted_ = false;       // a reply of this tick has been counted
+  bool reports_mode_ = false;  // has said that it is in motor mode
+};
+
+static_assert(Drive<MitAxis>);
+
+}  // namespace esmc::drive

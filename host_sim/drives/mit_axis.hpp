@@ -1,0 +1,78 @@
+#pragma once
+/// An emulated drive in MIT mode, as the original firmware has it: one reply per command, sent before the command
+/// is acted on; codes truncated and not clamped, so that what is out of range wraps around; a time-out that sets the
+/// command to zero and leaves the drive in motor mode.
+
+#include <cstdint>
+
+#include "firmware/drive/mit.hpp"
+#include "hal/can.hpp"
+#include "host_sim/drives/emulated_axis.hpp"
+#include "host_sim/effects/shaft_sensor.hpp"
+
+namespace esmc::host {
+
+class MitAxis final : public EmulatedAxis {
+ public:
+  using Dialect = drive::mit::Dialect;
+
+  struct Settings {
+    Dialect dialect = Dialect::mini_cheetah;
+    std::uint16_t master_id = 0;     ///< identifier of the replies; the node itself: on its own identifier
+    std::uint8_t reply_size = 6;     ///< bytes; mini_cheetah: 5 to 7, the others: 8
+    double position_range = 12.5;    ///< rad, velocity_range rad/s, torque_range N m: half widths, at the shaft
+    double velocity_range = 50.0;
+    double torque_range = 18.0;
+    double period = 1e-3;            ///< s of virtual time between calls of publish()
+    double control_period = 25e-6;   ///< s, of the drive's own loop: the unit of its time-out
+    int timeout_cycles = 1000;
+    bool realtime = false;  ///< replies at once, with the last reading; else one reply per publish()
+  };
+
+  /// `joint`: which one of the model the shaft turns; `seed`: of its sensor noise.
+  MitAxis(const AxisMount& mount, const Settings& settings, const SensorEffects& sensor, int joint,
+          std::uint64_t seed);
+
+  void settle(double joint_angle) override;
+  /// In lockstep this sends the reply that reports the tick: the answer to the command that ended the tick before,
+  /// sampled now. The first one is sent unasked.
+  void publish(double joint_angle, double joint_rate, const Send& send) override;
+  bool receive(const hal::CanFrame& f, const Send& send) override;
+  [[nodiscard]] bool commanded_by(const hal::CanFrame& f) const override;
+  [[nodiscard]] double joint_torque() const override;
+  /// In motor mode.
+  [[nodiscard]] bool closed_loop() const override { return enabled_; }
+  [[nodiscard]] std::uint32_t error() const override { return 0; }
+  /// Replies since it entered motor mode, one per period counted.
+  [[nodiscard]] int confirmations() const override { return confirmations_; }
+
+  /// The last command has been set to zero because no other came.
+  [[nodiscard]] bool timed_out() const { return timed_out_; }
+
+ private:
+  struct Demand {  // of the last command; rad, rad/s, N m/rad, N m s/rad, N m
+    double position = 0.0, velocity = 0.0, kp = 0.0, kd = 0.0, torque = 0.0;
+  };
+
+  [[nodiscard]] bool mine(const hal::CanFrame& f) const;
+  [[nodiscard]] ShaftReading truth(double angle, double rate) const;
+  [[nodiscard]] double shaft_angle() const;  ///< rad, of the last reading, from the drive's zero
+  [[nodiscard]] double shaft_rate() const;
+  [[nodiscard]] double shaft_torque() const;
+  void reply(const Send& send);
+  void act(drive::mit::Special s);
+
+  AxisMount mount_;
+  Settings settings_;
+  ShaftSensor sensor_;
+  ShaftReading reading_{};
+  Demand demand_{};
+  double zero_rev_ = 0.0;
+  double since_command_ = 0.0;
+  int confirmations_ = 0;
+  bool enabled_ = false;
+  bool timed_out_ = false;
+  bool counted_ = false;  // a confirmation of this period
+};
+
+}  // namespace esmc::host
