@@ -82,6 +82,12 @@ class Cia402Axis {
     return {S(position_) * per_count * per_shaft + S(config_.offset), S(velocity_) * S(settings_.velocity_unit) * per_shaft};
   }
 
+  /// Torque at the joint as the drive reported it in this tick, N m, model convention; empty without a report.
+  [[nodiscard]] std::optional<float> observed_torque() const {
+    if (!has_report_) return std::nullopt;
+    return static_cast<float>(torque_) * torque_lsb() * config_.direction * config_.gear_ratio;
+  }
+
   /// Operation enabled in cyclic torque mode, reported without error in two ticks after it was asked for.
   [[nodiscard]] bool ready() const { return confirmations_ >= 2; }
   /// Torque-free states reported in two ticks after the voltage was disabled, or not operational since: a drive
@@ -104,8 +110,11 @@ class Cia402Axis {
   /// An object that we read, or that the drive would not let us write, is not what it must be. Stays for a tick
   /// after nobody asks for torque any more.
   [[nodiscard]] bool contradicted() const { return contradicted_; }
-  /// Which entry of cia402::setup that is, or is being worked on.
-  [[nodiscard]] std::uint8_t setup_entry() const { return entry_; }
+  [[nodiscard]] std::optional<canopen::Object> contradicting_object() const {
+    if (!contradicted_) return std::nullopt;
+    return cia402::setup[entry_].object;
+  }
+  [[nodiscard]] std::uint8_t node() const { return config_.node; }
   /// N m per thousandth, as the drive said; 0 before.
   [[nodiscard]] float torque_lsb() const { return rated_torque_ / 1000.0F; }
 
@@ -296,6 +305,7 @@ class Cia402Axis {
   Received take(const std::optional<cia402::Report>& r) {
     if (!r) return Received::malformed;
     pending_position_ = r->position;
+    torque_ = r->torque;
     state_ = cia402::state_of(r->status);
     return take_pdo(has_report_);
   }
@@ -381,6 +391,7 @@ class Cia402Axis {
   std::int32_t pending_position_ = 0, pending_velocity_ = 0;
   std::uint32_t sample_age_ticks_ = age_max;
   std::uint32_t heartbeat_age_ticks_ = age_max;
+  std::int16_t torque_ = 0;       // thousandths of the rated torque
   std::uint16_t wait_ticks_ = 0;  // for an answer, or for progress
   std::uint16_t control_ = 0;
   std::uint16_t emergency_ = 0;

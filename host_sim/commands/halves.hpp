@@ -152,6 +152,7 @@ class ControllerHalf {
       : reference_(make_reference(scene, pacing)),
         bus_(bus),
         lockstep_(pacing == Pacing::lockstep),
+        axis_count_(static_cast<int>(scene.drives.nodes.size())),
         parting_ticks_(static_cast<int>(
                            std::ceil(std::clamp(scene.drives.heartbeat_timeout, 0.05, 1.0) * scene.rate_hz)) +
                        1),
@@ -173,6 +174,20 @@ class ControllerHalf {
     return with([](const auto& c) { return c.overloaded(); });
   }
   [[nodiscard]] const TickResult<M>& result() const { return result_; }
+  /// Why it did not arm: the fault and, where a drive said so, its node and object.
+  [[nodiscard]] std::string refusal() const {
+    std::string out = name(supervisor().fault());
+    with([&](const auto& c) {
+      for (int i = 0; i < axis_count_; ++i) {
+        if constexpr (requires { c.axis(i).contradicting_object(); }) {
+          if (const auto o = c.axis(i).contradicting_object()) {
+            out += fmt::format(" (node {}, object {:04X}:{:02X})", c.axis(i).node(), o->index, o->sub);
+          }
+        }
+      }
+    });
+    return out;
+  }
   [[nodiscard]] ControllerView<M> view() const { return {&result_, &sample()}; }
 
   /// Takes frames until every axis has sent its sample, or more came than a tick may read: that is a set as
@@ -262,6 +277,7 @@ class ControllerHalf {
   ReferenceBundle<double> reference_;
   Bus& bus_;
   bool lockstep_;
+  int axis_count_;
   int parting_ticks_;
   AnyCycle<M> cycle_;
   TickResult<M> result_{};

@@ -40,9 +40,9 @@ int run_lockstep(const Scene& scene, const RunOptions& o, PlantBus& plant_bus, C
     if (stop) controller.stop();
     controller.tick(true);
     if (controller.supervisor().state() == State::fault && !plant.released()) {
-      const Fault fault = controller.supervisor().fault();
+      const std::string why = controller.refusal();
       controller.part(next);
-      throw RunError(fmt::format("the controller refused to arm: {}", name(fault)));
+      throw RunError("the controller refused to arm: " + why);
     }
     if (!plant.await_torques()) {
       stop = true;

@@ -66,9 +66,9 @@ int controller_lockstep(const Scene& scene, const RunOptions& o, hal::SocketCan&
     frames.tick(static_cast<double>(++sets) * scene.tick());
     recorder.tick(controller.result(), controller.sample());
     if (controller.supervisor().state() == State::fault && recorder.ticks() == 0) {
-      const Fault fault = controller.supervisor().fault();
+      const std::string why = controller.refusal();
       controller.shut_down();
-      throw RunError(fmt::format("the controller refused to arm: {}", name(fault)));
+      throw RunError("the controller refused to arm: " + why);
     }
   }
   if (stop) controller.shut_down();

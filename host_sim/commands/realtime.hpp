@@ -91,9 +91,9 @@ std::uint64_t pace_controller(const Scene& scene, ControllerHalf<World, Bus>& co
     const bool never = recorder.ticks() == 0 &&
                        std::chrono::steady_clock::now() - begin > std::chrono::milliseconds(silence_ms);
     if (controller.supervisor().state() == State::fault && recorder.ticks() == 0) {
-      const Fault fault = controller.supervisor().fault();
+      const std::string why = controller.refusal();
       part();
-      throw RunError(fmt::format("the controller refused to arm: {}", name(fault)));
+      throw RunError("the controller refused to arm: " + why);
     }
     if (never) {
       part();

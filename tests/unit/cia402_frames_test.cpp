@@ -166,6 +166,18 @@ TEST(Cia402Axis, TorqueIsInThousandthsOfWhatTheDriveSaysIsRated) {
   EXPECT_EQ(thousandths(b.axis, -100.0F), -32767);
 }
 
+TEST(Cia402Axis, TheReportedTorqueIsThatOfTheJointAndOfThisTick) {
+  Bench b;
+  b.axis = Cia402Axis({.node = node, .direction = -1.0F, .gear_ratio = 3.0F}, settings());
+  EXPECT_FALSE(b.axis.observed_torque());
+  ASSERT_TRUE(b.make_ready());
+  b.axis.begin_tick();
+  EXPECT_FALSE(b.axis.observed_torque());
+  (void)b.hear(report_of(node, 0x0237, 0, -250));
+  ASSERT_TRUE(b.axis.observed_torque());
+  EXPECT_NEAR(*b.axis.observed_torque(), 0.25F * 2.0F * 3.0F, 1e-6F);
+}
+
 TEST(Cia402Axis, WhatNoMotorHasIsNotCarried) {
   Bench b;
   b.axis = Cia402Axis({.node = node, .direction = -1.0F, .gear_ratio = 0.5F}, settings());

@@ -162,8 +162,12 @@ TEST(Cia402Axis, WhatIsOnlyReadMustBeRight) {
                        Case{entry(0x6076, 0), 1979}, Case{entry(0x6076, 0), 2021}, Case{entry(0x6072, 0), 1249}}) {
     Bench b;
     b.slave.says[c.object] = c.value;
+    EXPECT_FALSE(b.axis.contradicting_object());
     b.until([&] { return b.axis.ready() || b.axis.contradicted(); });
     EXPECT_TRUE(b.axis.contradicted()) << std::hex << c.object << " " << c.value;
+    ASSERT_TRUE(b.axis.contradicting_object());
+    EXPECT_EQ(entry(b.axis.contradicting_object()->index, b.axis.contradicting_object()->sub), c.object);
+    EXPECT_EQ(b.axis.node(), node);
   }
   for (const Case c : {Case{entry(0x6076, 0), 1981}, Case{entry(0x6076, 0), 2019}, Case{entry(0x6072, 0), 1251}}) {
     Bench b;
