@@ -16,6 +16,7 @@
 
 #include "host_sim/commands/accuracy.hpp"
 #include "host_sim/commands/check.hpp"
+#include "host_sim/commands/drive.hpp"
 #include "host_sim/commands/eval.hpp"
 #include "host_sim/commands/init.hpp"
 #include "host_sim/commands/run.hpp"
@@ -115,6 +116,35 @@ void add_bus_options(CLI::App& c, RunOptions& o, bool required) {
   c.add_flag("--realtime", o.realtime, "wall-clock ticks instead of lockstep");
 }
 
+void add_drive_options(CLI::App& c, DriveOptions& d) {
+  c.add_option("--protocol", d.protocol, "odrive | odrive_0.5 | cia402 | mit")
+      ->required()
+      ->check(CLI::IsMember({"odrive", "odrive_0.5", "cia402", "mit"}));
+  c.add_option("--bus", d.bus, "socketcan:INTERFACE")->required();
+  c.add_option("--node", d.node, "of the drive")->capture_default_str();
+  c.add_option("--duration", d.duration, "s; else until Ctrl-C");
+  c.add_option("--inertia", d.shaft.inertia, "of the shaft, kg m2")->capture_default_str();
+  c.add_option("--friction", d.shaft.friction, "viscous, N m s/rad")->capture_default_str();
+  c.add_option("--load", d.shaft.load, "torque against the positive direction, N m")->capture_default_str();
+  c.add_option("--angle", d.shaft.angle, "of the shaft at the start, rad")->capture_default_str();
+  c.add_option("--rate", d.rate_hz, "samples and steps of the shaft, Hz")->capture_default_str();
+  c.add_option("--watchdog", d.watchdog, "the drive's time-out, s (cia402: object 1016 says it)")->capture_default_str();
+  c.add_option("--defect", d.defects, "what the drive does wrong, see below; may be repeated")
+      ->type_name("NAME")
+      ->expected(1)
+      ->take_all();
+  c.add_option("--dialect", d.dialect, "mit: mini_cheetah | cubemars | damiao")
+      ->check(CLI::IsMember({"mini_cheetah", "cubemars", "damiao"}))
+      ->capture_default_str();
+  c.add_option("--master-id", d.master_id, "mit: identifier of the replies")->capture_default_str();
+  c.add_option("--position-range", d.position_range, "mit: half width of the field, rad")->capture_default_str();
+  c.add_option("--velocity-range", d.velocity_range, "mit: likewise, rad/s")->capture_default_str();
+  c.add_option("--torque-range", d.torque_range, "mit: likewise, N m")->capture_default_str();
+  c.add_option("--rated-torque", d.rated_torque, "cia402: N m")->capture_default_str();
+  c.add_flag("--json", d.json, "print the summary as one JSON document, and nothing else");
+  c.footer(defects_text());
+}
+
 /// The first word after the program must be a subcommand or an option.
 void require_subcommand(const CLI::App& app, int argc, char** argv) {
   if (argc < 2 || argv[1][0] == '-') return;
@@ -200,6 +230,14 @@ int run(int argc, char** argv) {
   controller->callback([&] {
     handle_signals();
     status = run_controller(o);
+  });
+
+  DriveOptions d;
+  auto* drive = app.add_subcommand("drive", "an emulated drive alone on a CAN interface, with a shaft of its own, in real time");
+  add_drive_options(*drive, d);
+  drive->callback([&] {
+    handle_signals();
+    status = run_drive(d);
   });
 
   auto* check = app.add_subcommand("check",

@@ -46,7 +46,7 @@ void MitAxis::publish(double joint_angle, double joint_rate, const Send& send) {
   since_command_ += settings_.period;
   // Half a period of slack: sums of periods must not expire it by rounding.
   const double timeout = settings_.timeout_cycles * settings_.control_period;
-  if (since_command_ > timeout + 0.5 * settings_.period) {
+  if (since_command_ > timeout + 0.5 * settings_.period && !settings_.defects.watchdog_off) {
     demand_ = {};
     timed_out_ = true;
   }
@@ -57,15 +57,18 @@ bool MitAxis::mine(const hal::CanFrame& f) const {
   return !f.extended && !f.fd && !f.remote && f.id == static_cast<std::uint32_t>(mount_.node);
 }
 
-bool MitAxis::receive(const hal::CanFrame& f, const Send& send) {
-  if (!mine(f) || f.size != 8) return false;
+bool MitAxis::receive(const hal::CanFrame& received, const Send& send) {
+  if (!mine(received)) return false;
+  const hal::CanFrame f = settings_.defects.short_frames_stale ? stale_.fill(received) : received;
+  if (f.size != 8) return false;
   if (settings_.realtime) reply(send);
   since_command_ = 0.0;
-  timed_out_ = false;
   if (const auto special = wire::decode_special(f)) {
     act(*special);
     return false;
   }
+  if (timed_out_ && settings_.defects.latched_timeout) return true;
+  timed_out_ = false;
   const wire::Command c = wire::decode_command(f);
   demand_.position = from_field(c.position, -settings_.position_range, settings_.position_range, 16);
   demand_.velocity = from_field(c.velocity, -settings_.velocity_range, settings_.velocity_range, 12);
@@ -79,6 +82,7 @@ void MitAxis::act(wire::Special s) {
   switch (s) {
     case wire::Special::enter:
       enabled_ = true;
+      timed_out_ = false;
       confirmations_ = 0;
       counted_ = false;
       return;

@@ -7,6 +7,7 @@
 
 #include "firmware/drive/mit.hpp"
 #include "hal/can.hpp"
+#include "host_sim/drives/defects.hpp"
 #include "host_sim/drives/emulated_axis.hpp"
 #include "host_sim/effects/shaft_sensor.hpp"
 
@@ -27,6 +28,7 @@ class MitAxis final : public EmulatedAxis {
     double control_period = 25e-6;   ///< s, of the drive's own loop: the unit of its time-out
     int timeout_cycles = 1000;
     bool realtime = false;  ///< replies at once, with the last reading; else one reply per publish()
+    Defects defects{};
   };
 
   /// `joint`: which one of the model the shaft turns; `seed`: of its sensor noise.
@@ -37,7 +39,7 @@ class MitAxis final : public EmulatedAxis {
   /// In lockstep this sends the reply that reports the tick: the answer to the command that ended the tick before,
   /// sampled now. The first one is sent unasked.
   void publish(double joint_angle, double joint_rate, const Send& send) override;
-  bool receive(const hal::CanFrame& f, const Send& send) override;
+  bool receive(const hal::CanFrame& received, const Send& send) override;
   [[nodiscard]] bool commanded_by(const hal::CanFrame& f) const override;
   [[nodiscard]] double joint_torque() const override;
   /// In motor mode.
@@ -67,6 +69,7 @@ class MitAxis final : public EmulatedAxis {
   ShaftSensor sensor_;
   ShaftReading reading_{};
   Demand demand_{};
+  StaleBytes stale_;
   double zero_rev_ = 0.0;
   double since_command_ = 0.0;
   int confirmations_ = 0;

@@ -16,13 +16,15 @@ std::uint32_t estop_error(wire::Version v) {
   return v == wire::Version::v0_6 ? wire::error_estop_0_6 : wire::error_estop_0_5_6;
 }
 constexpr std::uint32_t error_bad_setpoint = 0x2;  // SYSTEM_LEVEL
+constexpr double clock_error = 1e-4;               // of an unsynchronised drive: periods per period
 }  // namespace
 
 OdriveAxis::OdriveAxis(const AxisMount& mount, const Settings& settings, const SensorEffects& sensor,
                        int joint, std::uint64_t seed)
     : mount_(mount),
       settings_(settings),
-      sensor_(sensor, settings.period, mount.rev_per_rad(), joint, seed) {}
+      sensor_(sensor, settings.period, mount.rev_per_rad(), joint, seed),
+      phase_(0.3 + 0.4 * (joint % 2)) {}
 
 ShaftReading OdriveAxis::truth(double angle, double rate) const {
   return {(angle - mount_.offset) * mount_.rev_per_rad(), rate * mount_.rev_per_rad()};
@@ -31,12 +33,10 @@ ShaftReading OdriveAxis::truth(double angle, double rate) const {
 void OdriveAxis::settle(double joint_angle) { sensor_.settle(truth(joint_angle, 0.0)); }
 
 void OdriveAxis::publish(double joint_angle, double joint_rate, const Send& send) {
-  reading_ = sensor_.read(truth(joint_angle, joint_rate));
+  reading_ = sampled(joint_angle, joint_rate);
   since_fed_ += settings_.period;
   // Half a period of slack: sums of periods must not expire a watchdog by rounding.
-  if (closed_loop() && since_fed_ > settings_.watchdog_timeout + 0.5 * settings_.period) {
-    disarm(watchdog_error(settings_.version));
-  }
+  if (closed_loop() && since_fed_ > settings_.watchdog_timeout + 0.5 * settings_.period) expire();
   since_heartbeat_ += settings_.period;
   if (since_heartbeat_ > settings_.heartbeat_period - 0.5 * settings_.period) {
     since_heartbeat_ = 0.0;
@@ -46,8 +46,30 @@ void OdriveAxis::publish(double joint_angle, double joint_rate, const Send& send
   send(estimates());
 }
 
-bool OdriveAxis::receive(const hal::CanFrame& f, const Send& send) {
-  if (f.extended || f.fd || (f.id >> 5U) != static_cast<std::uint32_t>(mount_.node)) return false;
+ShaftReading OdriveAxis::sampled(double joint_angle, double joint_rate) {
+  ShaftReading r = sensor_.read(truth(joint_angle, joint_rate));
+  if (settings_.defects.unsynchronised) {
+    r.position_rev -= phase_ * settings_.period * r.velocity_rev_s;
+    phase_ = std::fmod(phase_ + clock_error, 1.0);
+  }
+  return r;
+}
+
+void OdriveAxis::expire() {
+  if (settings_.defects.watchdog_off) return;
+  if (settings_.defects.timeout_stays_enabled) {
+    input_torque_ = 0.0F;
+    return;
+  }
+  disarm(watchdog_error(settings_.version));
+  dead_ = settings_.defects.latched_timeout;
+}
+
+bool OdriveAxis::receive(const hal::CanFrame& received, const Send& send) {
+  if (received.extended || received.fd || (received.id >> 5U) != static_cast<std::uint32_t>(mount_.node)) return false;
+  const bool stale = settings_.defects.short_frames_stale && !received.remote;
+  const hal::CanFrame f = stale ? stale_.fill(received) : received;
+  if (settings_.defects.watchdog_any_frame) since_fed_ = 0.0;
   const auto message = static_cast<wire::Message>(f.id & 0x1FU);
   if (f.remote) {
     if (message == wire::Message::heartbeat) send(heartbeat());
@@ -72,7 +94,7 @@ bool OdriveAxis::receive(const hal::CanFrame& f, const Send& send) {
       }
       return false;
     case wire::Message::clear_errors:
-      error_ = 0;
+      if (!dead_) error_ = 0;
       return false;
     case wire::Message::estop:
       disarm(estop_error(settings_.version));
@@ -93,7 +115,10 @@ bool OdriveAxis::commanded_by(const hal::CanFrame& f) const {
 
 double OdriveAxis::joint_torque() const {
   if (!closed_loop() || !torque_mode_) return 0.0;
-  return static_cast<double>(input_torque_) * mount_.direction * mount_.gear_ratio;
+  double torque = static_cast<double>(input_torque_);
+  // Only without a check; fmax(fmin(NaN, limit), -limit) = limit.
+  if (!std::isfinite(torque)) torque = std::fmax(std::fmin(torque, settings_.torque_max), -settings_.torque_max);
+  return torque * mount_.direction * mount_.gear_ratio;
 }
 
 hal::CanFrame OdriveAxis::heartbeat() const {
@@ -127,7 +152,7 @@ void OdriveAxis::request_state(std::uint32_t state) {
 
 void OdriveAxis::setpoint(float torque) {
   since_fed_ = 0.0;
-  if (!std::isfinite(torque)) {
+  if (!std::isfinite(torque) && !settings_.defects.no_nan_check) {
     disarm(error_bad_setpoint);
     return;
   }

@@ -6,6 +6,7 @@
 
 #include "firmware/drive/odrive.hpp"
 #include "hal/can.hpp"
+#include "host_sim/drives/defects.hpp"
 #include "host_sim/drives/emulated_axis.hpp"
 #include "host_sim/effects/shaft_sensor.hpp"
 
@@ -20,6 +21,8 @@ class OdriveAxis final : public EmulatedAxis {
     double period = 1e-3;            ///< s of virtual time between calls of publish(): encoder_msg_rate
     double heartbeat_period = 0.01;  ///< s, heartbeat_msg_rate
     double watchdog_timeout = 0.01;  ///< s; config.enable_watchdog is set
+    double torque_max = 10.0;        ///< N m at the shaft: what full torque is
+    Defects defects{};
   };
 
   /// `joint`: which one of the model the shaft turns; `seed`: of its sensor noise.
@@ -29,7 +32,7 @@ class OdriveAxis final : public EmulatedAxis {
   void settle(double joint_angle) override;
   void publish(double joint_angle, double joint_rate, const Send& send) override;
   /// RTR requests are answered.
-  bool receive(const hal::CanFrame& f, const Send& send) override;
+  bool receive(const hal::CanFrame& received, const Send& send) override;
   [[nodiscard]] bool commanded_by(const hal::CanFrame& f) const override;
   [[nodiscard]] double joint_torque() const override;
   [[nodiscard]] bool closed_loop() const override {
@@ -41,6 +44,8 @@ class OdriveAxis final : public EmulatedAxis {
 
  private:
   [[nodiscard]] ShaftReading truth(double angle, double rate) const;
+  [[nodiscard]] ShaftReading sampled(double joint_angle, double joint_rate);
+  void expire();
   [[nodiscard]] hal::CanFrame heartbeat() const;
   [[nodiscard]] hal::CanFrame estimates() const;
   void disarm(std::uint32_t error);
@@ -56,6 +61,9 @@ class OdriveAxis final : public EmulatedAxis {
   bool torque_mode_ = false;
   float input_torque_ = 0.0F;
   double since_heartbeat_ = 0.0, since_fed_ = 0.0;
+  double phase_;  // of its own clock: periods that a sample is old
+  StaleBytes stale_;
+  bool dead_ = false;  // until it is restarted
   int confirmations_ = 0;
 };
 
