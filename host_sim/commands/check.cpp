@@ -9,10 +9,10 @@
 #include <nlohmann/json.hpp>
 #include <numbers>
 
+#include "host_sim/bus/response.hpp"
 #include "host_sim/commands/finish.hpp"
 #include "host_sim/commands/halves.hpp"
 #include "host_sim/commands/recorder.hpp"
-#include "host_sim/loop/bus_load.hpp"
 
 namespace esmc::host {
 namespace {
@@ -171,6 +171,7 @@ bool guarded_type2(const Scene& s) {
 /// How late, in ticks, a torque acts on what it was computed from.
 struct Delay {
   double certain = 0.0;  ///< compute_delay and delay
+  double bus = 0.0;      ///< from sample to torque at worst, with bit_timing
   double lag =
       0.0;  ///< of the drive's observer and of torque_lag: a delay for everything slower than they are
 };
@@ -183,6 +184,7 @@ Delay delay_of(const Scene& s) {
   // Two poles at the bandwidth: each is late by its inverse.
   if (encoder || noise) d.lag += 2.0 / (encoder ? encoder->bandwidth : noise->bandwidth) * s.rate_hz;
   if (const auto e = find_effect<TorqueLag>(s.effects)) d.lag += e->time_constant * s.rate_hz;
+  if (find_effect<BitTiming>(s.effects)) d.bus = analyse_bus(s).loop_s.value_or(s.tick()) * s.rate_hz;
   return d;
 }
 
@@ -191,7 +193,7 @@ void judge_gains(const Scene& s, Findings& f) {
   const bool sliding =
       s.law == LawChoice::esmc || s.law == LawChoice::esmc_projected || s.law == LawChoice::smc;
   if (!sliding) return;
-  const Delay d = delay_of(s);
+  Delay d = delay_of(s);
   if (s.reaching == ReachingChoice::sign)
     f.warning("reaching = \"sign\" chatters in a sampled loop; \"implicit\" does not");
   if (s.reaching == ReachingChoice::implicit) {
@@ -215,6 +217,7 @@ void judge_gains(const Scene& s, Findings& f) {
   const std::string cure =
       "a larger control.layer, a smaller gain or lambda (docs/theory.md, \"Boundary layers and the implicit "
       "law\")";
+  d.certain += d.bus;
   if (kappa_t > half_bound(d.certain)) {
     f.error(fmt::format("{}, at most {:.2g} with a delay of {:.2g} ticks, or the loop rings by itself: {}",
                         is, half_bound(d.certain), d.certain, cure));
@@ -358,24 +361,41 @@ void judge(const Scene& s, const Start& at, const Margins& m, Findings& f) {
   judge_gains(s, f);
 }
 
-/// What the loop puts on the bus, with the most stuff bits there can be.
-struct Traffic {
-  double tick_bits;         ///< in every tick
-  double other_bits_per_s;  ///< heartbeats
-  double other_bits;        ///< of them, what may fall into one tick
-};
-Traffic traffic_of(const Scene& scene) {
-  const auto axes = static_cast<double>(scene.drives.nodes.size()), motors = static_cast<double>(scene.motors());
-  constexpr double beats_per_s = 100.0;  // of every drive
-  if (scene.drives.protocol == Protocol::cia402) {
-    // SYNC; status, position and torque, then speed and mode of every axis; controlword and torque to every motor.
-    const double beat = worst_bits(1), ours = scene.rate_hz / heartbeat_ticks(scene);
-    return {worst_bits(0) + axes * (worst_bits(8) + worst_bits(5)) + motors * worst_bits(4),
-            (axes * beats_per_s + ours) * beat, (axes + 1.0) * beat};
+void judge_bus(const Scene& s, const BusAnalysis& bus, Findings& f) {
+  if (bus.load > 1.0) {
+    f.error(fmt::format("the bus cannot carry the loop: load {:.0f} % at {} bit/s", 100.0 * bus.load, s.bitrate));
+    return;
   }
-  // A reply (MIT) or an encoder estimate from every axis, a torque to every motor; a reply is its own heartbeat.
-  if (scene.drives.protocol == Protocol::mit) return {(axes + motors) * worst_bits(8), 0.0, 0.0};
-  return {(axes + motors) * worst_bits(8), axes * worst_bits(8) * beats_per_s, axes * worst_bits(8)};
+  if (bus.load > 0.8) f.warning(fmt::format("bus load {:.0f} %: above 80 % frames wait for each other", 100.0 * bus.load));
+  for (const BusAnalysis::Message& m : bus.messages) {
+    if (m.name == "babbling_node" || (m.response_s && *m.response_s <= s.tick())) continue;
+    f.warning(fmt::format("the frame \"{}\" (identifier 0x{:X}) can be {}, and a tick is {:.0f} us", m.name, m.id,
+                          m.response_s ? fmt::format("{:.0f} us late", 1e6 * *m.response_s) : "late without bound",
+                          1e6 * s.tick()));
+  }
+}
+
+Json bus_json(const BusAnalysis& bus) {
+  const auto known = [](const std::optional<double>& v) { return v ? Json(*v) : Json(nullptr); };
+  Json j = {{"load", bus.load}, {"tick_frames_s", bus.tick_s}, {"worst_latency_s", known(bus.loop_s)}};
+  j["messages"] = Json::array();
+  for (const BusAnalysis::Message& m : bus.messages) {
+    j["messages"].push_back({{"name", m.name},
+                             {"id", m.id},
+                             {"extended", m.extended},
+                             {"period_s", m.period_s},
+                             {"bits", m.bits},
+                             {"response_s", known(m.response_s)}});
+  }
+  return j;
+}
+
+std::string bus_text(const BusAnalysis& bus) {
+  const auto us = [](const std::optional<double>& v) { return v ? fmt::format("{:.0f}", 1e6 * *v) : "no bound"; };
+  std::string out = fmt::format("bus: load {:.0f} %, frames of one tick take {} us at worst\nlatency at worst, us:",
+                                100.0 * bus.load, us(bus.tick_s));
+  for (const BusAnalysis::Message& m : bus.messages) out += fmt::format(" {} {},", m.name, us(m.response_s));
+  return out + fmt::format(" from sample to torque {}\n", us(bus.loop_s));
 }
 
 template <class World>
@@ -387,15 +407,8 @@ int report(const Scene& scene, const RunOptions& o) {
   Findings f;
   judge(scene, start_of<World>(scene), m, f);
   const bool odrive = scene.drives.protocol == Protocol::odrive || scene.drives.protocol == Protocol::odrive_0_5;
-  const Traffic traffic = traffic_of(scene);
-  const double load = (traffic.tick_bits * scene.rate_hz + traffic.other_bits_per_s) / scene.bitrate;
-  const double latency_s = (traffic.tick_bits + traffic.other_bits) / scene.bitrate;
-  if (load > 1.0) {
-    f.error(
-        fmt::format("the bus cannot carry the loop: load {:.0f} % at {} bit/s", 100.0 * load, scene.bitrate));
-  } else if (load > 0.8) {
-    f.warning(fmt::format("bus load {:.0f} %: above 80 % frames wait for each other", 100.0 * load));
-  }
+  const BusAnalysis bus = analyse_bus(scene);
+  judge_bus(scene, bus, f);
   if (odrive && std::find(scene.drives.nodes.begin(), scene.drives.nodes.end(), 0) != scene.drives.nodes.end()) {
     f.warning(
         "drives.nodes names node 0: its command 0 has the identifier of CANopen's NMT, and a drive that "
@@ -414,7 +427,7 @@ int report(const Scene& scene, const RunOptions& o) {
       {"min_abs_sin_type2", scene.type == MechanismType::five_bar ? Json(m.sin_type2) : Json(nullptr)},
       {"max_joint_speed", m.joint_speed},
       {"max_torque_nm", m.torque}};
-  j["bus"] = {{"load", load}, {"worst_latency_s", latency_s}};
+  j["bus"] = bus_json(bus);
   j["findings"] = f.list();
   if (out.wanted()) {
     write_scene(scene, out);
@@ -433,8 +446,7 @@ int report(const Scene& scene, const RunOptions& o) {
                type2, m.joint_speed);
     for (std::size_t i = 0; i < m.torque.size(); ++i)
       fmt::print("motor {}: <= {:.3g} N m\n", i + 1, m.torque[i]);
-    fmt::print("bus: load {:.0f} %, frames of one tick take {:.0f} us at worst\n", 100.0 * load,
-               1e6 * latency_s);
+    fmt::print("{}", bus_text(bus));
     for (const Json& item : f.list()) {
       fmt::print("{}: {}\n", item["level"].get<std::string>(), item["text"].get<std::string>());
     }

@@ -354,11 +354,6 @@ C cycle_of(const Scene& scene, Pacing pacing, const ReferenceBundle<double>& ref
 
 }  // namespace
 
-/// A third of the time after which the drives miss us, so that one may be lost.
-std::uint32_t heartbeat_ticks(const Scene& scene) {
-  return static_cast<std::uint32_t>(std::max(1.0, std::floor(scene.drives.watchdog_timeout * scene.rate_hz / 3.0)));
-}
-
 template <class M>
 AnyCycle<M> make_cycle(const Scene& scene, Pacing pacing, const ReferenceBundle<double>& reference) {
   const DriveScene& d = scene.drives;

@@ -82,9 +82,6 @@ template <class M>
 ControllerConfig<M> make_controller(const Scene& scene, Pacing pacing,
                                     const ReferenceBundle<double>& reference);
 
-/// CiA 402: ticks between two heartbeats of ours.
-std::uint32_t heartbeat_ticks(const Scene& scene);
-
 /// The cycle as a board has it, for whichever protocol the scene names.
 template <class M>
 using AnyCycle = std::variant<OdriveCycle<M>, Cia402Cycle<M>, MitCycle<M>>;

@@ -2,7 +2,9 @@
 /// The two halves of hardware in the loop, each on its own CAN node: used in one process (hil) or in two.
 
 #include <chrono>
+#include <span>
 #include <string>
+#include <vector>
 
 #include "host_sim/commands/progress.hpp"
 #include "host_sim/commands/recorder.hpp"
@@ -10,6 +12,7 @@
 #include "host_sim/loop/frame_log.hpp"
 #include "host_sim/loop/plant_node.hpp"
 #include "host_sim/loop/waiting.hpp"
+#include "host_sim/scene/read_effects.hpp"
 
 namespace esmc::host {
 
@@ -63,6 +66,11 @@ class PlantHalf {
   void publish() {
     frames_.tick(node_.time());
     node_.publish(tap_);
+    look_at_arming();
+  }
+  [[nodiscard]] PlantNode<Plant>& node() { return node_; }
+  /// Throws RunError when the drives take too long to arm.
+  void look_at_arming() const {
     if (!node_.released() && node_.time() > arming_time_max) {
       throw RunError(fmt::format("the drives were not in closed-loop control after {} s of virtual time",
                                  arming_time_max));
@@ -97,6 +105,31 @@ class PlantHalf {
     disarmed_ = disarmed_ || node_.disarmed();
     recorder_.tick(done_, node_.motion(), torque, clipped, seen, disarmed_);
     node_.advance(done_ * scene_.tick(), scene_.tick(), scene_.tick() / substeps_, torque);
+    ++done_;
+  }
+  /// What the drives were told, from an instant of the tick on.
+  struct Told {
+    double since;  ///< s since the tick began
+    Joints torque;
+  };
+  /// The same where torques arrive within the tick. The first of `told` holds from its beginning; what holds at its
+  /// end is what is recorded.
+  void advance(std::span<const Told> told, const ControllerView<M>& seen) {
+    if (!node_.released()) return;
+    bool clipped = false;
+    delivered_.clear();
+    const auto length = [&](std::size_t i) {
+      return (i + 1 < told.size() ? told[i + 1].since : scene_.tick()) - told[i].since;
+    };
+    for (std::size_t i = 0; i < told.size(); ++i)
+      delivered_.push_back(node_.deliver(told[i].torque, length(i), clipped));
+    disarmed_ = disarmed_ || node_.disarmed();
+    recorder_.tick(done_, node_.motion(), delivered_.back(), clipped, seen, disarmed_);
+    for (std::size_t i = 0; i < told.size(); ++i) {
+      if (length(i) > 0.0) {
+        node_.advance(done_ * scene_.tick() + told[i].since, length(i), scene_.tick() / substeps_, delivered_[i]);
+      }
+    }
     ++done_;
   }
   /// Real time: a part of the tick, with whatever torque is in force.
@@ -141,6 +174,7 @@ class PlantHalf {
   std::uint32_t ticks_, done_ = 0;
   int substeps_;
   bool disarmed_ = false;
+  std::vector<Joints> delivered_;
 };
 
 template <class World, class Bus>

@@ -1,10 +1,12 @@
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <chrono>
 #include <memory>
 
 #include "host_sim/commands/finish.hpp"
 #include "host_sim/commands/halves.hpp"
+#include "host_sim/commands/hil_timed.hpp"
 #include "host_sim/commands/realtime.hpp"
 
 namespace esmc::host {
@@ -66,6 +68,9 @@ int run_lockstep(const Scene& scene, const RunOptions& o, PlantBus& plant_bus, C
 template <class World>
 int run_hil(const Scene& scene, const RunOptions& o) {
   require_reachable<World>(scene, o.realtime ? Pacing::realtime : Pacing::lockstep);
+  const bool on_bus = std::ranges::any_of(scene.effects, acts_on_bus);
+  if (on_bus && (o.realtime || o.bus != "virtual")) refuse_bus_effects(scene, "a CAN interface is not ours to disturb");
+  if (on_bus) return run_hil_timed<World>(scene, o);
   if (o.realtime) return run_hil_realtime<World>(scene, o);
   if (o.bus == "virtual") {
     const auto bus = std::make_unique<hal::VirtualBus<2>>();

@@ -102,11 +102,13 @@ int controller(const Scene& scene, const RunOptions& o) {
 
 int run_plant(const RunOptions& o) {
   const Scene scene = read_loop_scene(o);
+  refuse_bus_effects(scene, "a CAN interface is not ours to disturb");
   return scene.type == MechanismType::five_bar ? plant<FiveBarWorld>(scene, o) : plant<RrWorld>(scene, o);
 }
 
 int run_controller(const RunOptions& o) {
   const Scene scene = read_loop_scene(o);
+  refuse_bus_effects(scene, "a CAN interface is not ours to disturb");
   return scene.type == MechanismType::five_bar ? controller<FiveBarWorld>(scene, o)
                                                : controller<RrWorld>(scene, o);
 }

@@ -10,6 +10,7 @@
 #include "host_sim/commands/trace.hpp"
 #include "host_sim/drives/actuators.hpp"
 #include "host_sim/drives/placed_axes.hpp"
+#include "host_sim/scene/read_effects.hpp"
 
 namespace esmc::host {
 namespace {
@@ -241,6 +242,7 @@ int simulate(Scene scene, const RunOptions& o) {
 
 int run_sim(const RunOptions& o) {
   Scene scene = read_scene(o.scene, o.sets);
+  refuse_bus_effects(scene, "esmc sim has no bus");
   scene.seed = o.seed;
   return scene.type == MechanismType::five_bar ? simulate<FiveBarWorld>(scene, o)
                                                : simulate<RrWorld>(scene, o);

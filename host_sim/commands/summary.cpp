@@ -91,6 +91,31 @@ const char* law_name(LawChoice l) {
 }
 }  // namespace
 
+namespace {
+void add_disturbances(const BusSummary::Disturbances& d, Json& bus) {
+  bus["timed"] = d.timed;
+  bus["errors"] = d.errors;
+  bus["missed"] = d.missed;
+  bus["duplicated"] = d.duplicated;
+  bus["corrupted"] = d.corrupted;
+  bus["messages"] = Json::array();
+  for (const BusSummary::Message& m : d.messages) {
+    bus["messages"].push_back({{"id", m.id},
+                               {"extended", m.extended},
+                               {"count", m.frames},
+                               {"latency_mean_s", m.mean_s},
+                               {"latency_max_s", m.max_s}});
+  }
+  bus["nodes"] = Json::array();
+  for (const BusSummary::Node& n : d.nodes) {
+    bus["nodes"].push_back({{"name", n.name},
+                            {"error_state", n.state},
+                            {"tec", n.transmit_errors},
+                            {"rec", n.receive_errors}});
+  }
+}
+}  // namespace
+
 Json make_summary(const Scene& scene, const Statistics& s, const RunEnd& end) {
   const double simulated = static_cast<double>(s.ticks()) * scene.tick();
   Json effects = Json::array();
@@ -113,6 +138,7 @@ Json make_summary(const Scene& scene, const Statistics& s, const RunEnd& end) {
   j["energy"] = {{"relative_error", s.energy_error}};
   j["bus"] = nullptr;
   if (end.bus) j["bus"] = {{"frames", end.bus->frames}, {"load", end.bus->load}, {"lost", end.bus->lost}};
+  if (end.bus && end.bus->disturbances) add_disturbances(*end.bus->disturbances, j["bus"]);
   j["supervisor"] = {{"final_state", end.final_state}, {"faults", end.faults}, {"fault_t_s", nullptr}};
   const auto fault_t = s.fault_time() ? s.fault_time() : end.fault_t;
   if (!end.faults.empty() && fault_t) j["supervisor"]["fault_t_s"] = *fault_t;
@@ -145,6 +171,20 @@ std::string fault_text(const Json& supervisor) {
   return out;
 }
 
+std::string disturbance_text(const Json& bus) {
+  std::string out = fmt::format("bus: {}, {} missed, {} duplicated, {} corrupted",
+                                plural(bus["errors"].get<std::uint64_t>(), "error frame"), bus["missed"].get<std::uint64_t>(),
+                                bus["duplicated"].get<std::uint64_t>(), bus["corrupted"].get<std::uint64_t>());
+  double latency = 0.0;
+  for (const Json& m : bus["messages"]) latency = std::max(latency, m["latency_max_s"].get<double>());
+  if (bus["timed"].get<bool>()) out += fmt::format(", latency {:.0f} us at most", 1e6 * latency);
+  for (const Json& n : bus["nodes"]) {
+    if (n["error_state"] != "active")
+      out += fmt::format("; {} is error-{}", n["name"].get<std::string>(), n["error_state"].get<std::string>());
+  }
+  return out + "\n";
+}
+
 std::string tracking_text(const Json& t) {
   if (t.is_null() || t["max_m"].is_null()) return "";
   const bool settled = !t["settled_max_m"].is_null();
@@ -174,7 +214,8 @@ std::vector<std::string> concerns(const Json& s) {
     out.push_back(fmt::format("saturated in {} of {}: the torque limit decides what happens, not the law",
                               saturated, plural(ticks, "tick")));
   }
-  if (!s["bus"].is_null() && s["bus"]["load"].get<double>() > 1.0) {
+  const bool timed = !s["bus"].is_null() && s["bus"].contains("timed") && s["bus"]["timed"].get<bool>();
+  if (!s["bus"].is_null() && !timed && s["bus"]["load"].get<double>() > 1.0) {
     out.push_back(
         fmt::format("bus load {:.0f} %: a real bus cannot carry this loop; here frames take no time",
                     100.0 * s["bus"]["load"].get<double>()));
@@ -205,6 +246,7 @@ std::string summary_text(const Json& s) {
     out += fmt::format("bus: {} frames, {} lost, load {:.0f} %\n", s["bus"]["frames"].get<std::uint64_t>(),
                        s["bus"]["lost"].get<std::uint64_t>(), 100.0 * s["bus"]["load"].get<double>());
   }
+  if (!s["bus"].is_null() && s["bus"].contains("errors")) out += disturbance_text(s["bus"]);
   for (const std::string& text : concerns(s)) out += text + "\n";
   if (s["real_time_factor"].is_number()) {
     out += fmt::format("{:.0f} x real time", s["real_time_factor"].get<double>());

@@ -64,8 +64,26 @@ class ErrorStatistics {
 };
 
 struct BusSummary {
+  /// What only a bus with effects knows.
+  struct Message {
+    std::uint32_t id = 0;
+    bool extended = false;
+    std::uint64_t frames = 0;
+    double mean_s = 0.0, max_s = 0.0;  ///< from the request to send to the last bit
+  };
+  struct Node {
+    std::string name, state;
+    int transmit_errors = 0, receive_errors = 0;
+  };
+  struct Disturbances {
+    std::uint64_t errors = 0, missed = 0, duplicated = 0, corrupted = 0;
+    bool timed = false;
+    std::vector<Message> messages;
+    std::vector<Node> nodes;
+  };
   std::uint64_t frames = 0, lost = 0;
-  double load = 0.0;  ///< fraction of the bus time, worst-case bit stuffing
+  double load = 0.0;  ///< fraction of the bus time, worst-case bit stuffing; exact with bit_timing
+  std::optional<Disturbances> disturbances{};
 };
 
 /// One tick as the statistics see it. `torque` per motor, N m at the joint.

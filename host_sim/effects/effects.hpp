@@ -3,6 +3,7 @@
 /// made from this list is empty then.
 
 #include <array>
+#include <cstdint>
 #include <optional>
 #include <string>
 #include <variant>
@@ -126,9 +127,64 @@ struct ComputeDelay {
   double time = 0.0;  ///< s
 };
 
+// ---- bus: `from`, `to` in s since t = 0; while arming only what begins before 0 acts ----
+
+/// A span of time in which something acts.
+struct Span {
+  double from = 0.0, to = 0.0;  ///< s
+};
+/// Frames take as long as their bits, one at a time, the smallest identifier first.
+struct BitTiming {
+  static constexpr const char* type = "bit_timing";
+};
+/// A receiver misses a frame that everybody else has: its buffer was full. Nobody notices.
+struct Loss {
+  static constexpr const char* type = "loss";
+  double probability = 0.0;  ///< per frame and receiver
+  bool at_controller = true, at_drives = true;
+  Span when{};
+};
+/// The sender sees an error in the last bit of a frame that the receivers have accepted, and sends it again.
+struct Duplication {
+  static constexpr const char* type = "duplication";
+  double probability = 0.0;  ///< per frame
+  Span when{};
+};
+/// Disturbed bits: seen, and the frame is repeated; or not seen by the CRC, which hardly ever happens on a real bus.
+struct Corruption {
+  static constexpr const char* type = "corruption";
+  double detected = 0.0;    ///< probability per transmission
+  double undetected = 0.0;  ///< probability per frame
+  int bits = 1;             ///< of the payload that are flipped without anybody noticing
+  Span when{};
+};
+/// A node that sends what nobody needs, with random data.
+struct BabblingNode {
+  static constexpr const char* type = "babbling_node";
+  std::uint32_t identifier = 0;
+  bool extended = false;
+  int size = 8;
+  double rate_hz = 0.0;  ///< more than the bus carries: it is always ready with the next one
+  Span when{};
+};
+/// The CAN controller of a node gives up.
+struct BusOff {
+  static constexpr const char* type = "bus_off";
+  double at = 0.0;       ///< s
+  int drive = 0;         ///< 1, 2, ...: of this entry in [drives]; 0: of the controller
+  bool restart = false;  ///< it is told to come back, and does after 128 times 11 recessive bits
+};
+/// A drive that is cut off from the bus.
+struct DriveDropout {
+  static constexpr const char* type = "drive_dropout";
+  int drive = 1;  ///< entry in [drives], from 1
+  Span when{};
+};
+
 using Effect = std::variant<ViscousFriction, CoulombFriction, JointFlexibility, Backlash, EndStops, Payload,
                             ExternalForce, TorqueLag, TorqueSaturation, TorqueRipple, ThermalLimit, Encoder,
-                            SensorNoise, SensorBias, SensorDelay, Jitter, ComputeDelay>;
+                            SensorNoise, SensorBias, SensorDelay, Jitter, ComputeDelay, BitTiming, Loss,
+                            Duplication, Corruption, BabblingNode, BusOff, DriveDropout>;
 
 [[nodiscard]] inline const char* type_name(const Effect& e) {
   return std::visit([](const auto& x) { return x.type; }, e);
@@ -140,6 +196,14 @@ template <class T>
     if (const T* found = std::get_if<T>(&e)) return *found;
   }
   return std::nullopt;
+}
+
+/// Effects that need a bus to act on, and one that this program carries frame by frame.
+[[nodiscard]] inline bool acts_on_bus(const Effect& e) {
+  return std::holds_alternative<BitTiming>(e) || std::holds_alternative<Loss>(e) ||
+         std::holds_alternative<Duplication>(e) || std::holds_alternative<Corruption>(e) ||
+         std::holds_alternative<BabblingNode>(e) || std::holds_alternative<BusOff>(e) ||
+         std::holds_alternative<DriveDropout>(e);
 }
 
 }  // namespace esmc::host

@@ -1,11 +1,26 @@
 #pragma once
-/// Normal deviates that are the same everywhere for one seed.
+/// Random numbers that are the same everywhere for one seed.
 
 #include <cmath>
 #include <cstdint>
 #include <random>
 
 namespace esmc::host {
+
+/// Users of one seed, set apart (of Normal: sensors have their joint's number, actuators 1000).
+enum class Stream : std::uint64_t { bus_loss = 2000, bus_duplication, bus_corruption, babbling_node };
+
+/// In [0, 1), in steps of 2^-53.
+class Uniform {
+ public:
+  Uniform(std::uint64_t seed, Stream stream) : bits_(seed * 0x9E3779B97F4A7C15ULL + static_cast<std::uint64_t>(stream)) {}
+  [[nodiscard]] double operator()() { return static_cast<double>(bits_() >> 11U) * 0x1p-53; }
+  /// 0 .. n - 1.
+  [[nodiscard]] std::uint32_t below(std::uint32_t n) { return static_cast<std::uint32_t>((*this)() * n); }
+
+ private:
+  std::mt19937_64 bits_;
+};
 
 /// The standard fixes the bits of mt19937_64 but not those of its normal distribution; Box and Muller's is.
 class Normal {

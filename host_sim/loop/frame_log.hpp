@@ -27,12 +27,16 @@ class FrameLog {
     time_us_ = now > time_us_ ? now : time_us_;
   }
   void frame(const hal::CanFrame& f);
+  /// Of a bus that knows when its frames were through and how long they were.
+  void frame_at(double time_s, std::uint32_t bits, const hal::CanFrame& f);
   void close();
 
   [[nodiscard]] std::uint64_t frames() const { return frames_; }
-  [[nodiscard]] std::uint64_t bits() const { return bits_; }  ///< with worst-case stuffing
+  [[nodiscard]] std::uint64_t bits() const { return bits_; }  ///< with worst-case stuffing, or as given
 
  private:
+  void write(const hal::CanFrame& f);
+
   std::FILE* file_ = nullptr;
   std::string interface_;
   std::uint32_t bitrate_ = 1'000'000;

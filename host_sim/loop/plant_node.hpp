@@ -43,17 +43,27 @@ class PlantNode {
   /// Begins a tick: every drive says how it is and where its shaft stands.
   template <hal::CanBus Bus>
   void publish(Bus& bus) {
+    publish_from([&](std::size_t, const hal::CanFrame& f) { (void)bus.try_send(f); });  // the tap counts losses
+  }
+  /// The same where every drive has an end of the bus of its own: `send(axis, frame)`.
+  template <class Send>
+  void publish_from(const Send& send) {
     released_ = released_ || armed();
-    const auto send = [&](const hal::CanFrame& f) {
-      (void)bus.try_send(f);
-    };  // losses are counted by the tap
-    for (Axis& a : axes_) {
+    for (std::size_t i = 0; i < axes_.size(); ++i) {
+      Axis& a = axes_[i];
       a.answered = false;
       const auto shaft = motion_.shaft(static_cast<std::size_t>(a.placed.joint));
-      a.axis->publish(shaft.angle, released_ ? shaft.rate : 0.0, send);
+      a.axis->publish(shaft.angle, released_ ? shaft.rate : 0.0, [&](const hal::CanFrame& f) { send(i, f); });
     }
     ++published_;
   }
+  /// A frame that one drive has received.
+  template <class Send>
+  void hand_over(std::size_t axis, const hal::CanFrame& f, const Send& send) {
+    Axis& a = axes_[axis];
+    a.answered = a.axis->receive(f, [&](const hal::CanFrame& reply) { send(axis, reply); }) || a.answered;
+  }
+  [[nodiscard]] std::size_t axes() const { return axes_.size(); }
 
   static constexpr int frames_at_once = 4096;  ///< then the caller looks at its deadline again
 
@@ -85,12 +95,18 @@ class PlantNode {
 
   /// Torque at the joints for the next `seconds`, after what the drives can deliver. Call once before
   /// advance().
-  [[nodiscard]] Joints torque(double seconds, bool& clipped) {
-    Joints asked{};
-    for (const Axis& a : axes_) {
-      if (a.placed.motor) asked[static_cast<std::size_t>(a.placed.joint)] = a.axis->joint_torque();
-    }
+  [[nodiscard]] Joints torque(double seconds, bool& clipped) { return deliver(asked(), seconds, clipped); }
+  /// The same for what the drives were told at another time.
+  [[nodiscard]] Joints deliver(const Joints& asked, double seconds, bool& clipped) {
     return actuators_.deliver(asked, seconds, clipped);
+  }
+  /// What the drives have been told, N m at the joints.
+  [[nodiscard]] Joints asked() const {
+    Joints out{};
+    for (const Axis& a : axes_) {
+      if (a.placed.motor) out[static_cast<std::size_t>(a.placed.joint)] = a.axis->joint_torque();
+    }
+    return out;
   }
 
   /// Moves over `seconds` in steps no longer than `step`; the brake holds until released.

@@ -42,7 +42,8 @@ class EffectReader {
     if (type == SensorBias::type) return SensorBias{per_joint("angle")};
     if (type == SensorDelay::type) return SensorDelay{s_.integer("ticks")};
     if (type == Jitter::type) return Jitter{s_.number("sigma")};
-    return ComputeDelay{s_.number("time")};
+    if (type == ComputeDelay::type) return ComputeDelay{s_.number("time")};
+    return on_bus(type);
   }
 
  private:
@@ -62,6 +63,47 @@ class EffectReader {
     const double from = s_.number("from"), to = s_.number("to");
     if (!(from < to)) s_.fail("to", "must be later than from");
     return {from, to};
+  }
+  Span span() {
+    const auto [from, to] = interval();
+    return {from, to};
+  }
+  int drive() {
+    const int n = s_.integer("drive"), drives = static_cast<int>(scene_.drives.nodes.size());
+    if (n > drives) s_.fail("drive", fmt::format("is {}, and there are {} entries in [drives] and [sensors]", n, drives));
+    return n;
+  }
+  Effect on_bus(const std::string& type) {
+    if (type == Loss::type) {
+      const std::string at = s_.text("at");
+      return Loss{s_.number("probability"), at != "drives", at != "controller", span()};
+    }
+    if (type == Duplication::type) return Duplication{s_.number("probability"), span()};
+    if (type == Corruption::type) {
+      const double detected = s_.number("detected"), undetected = s_.number("undetected");
+      if (!(detected > 0.0 || undetected > 0.0)) s_.fail("", "needs detected > 0 or undetected > 0");
+      return Corruption{detected, undetected, s_.integer("bits"), span()};
+    }
+    if (type == BabblingNode::type) return babbling_node();
+    if (type == BusOff::type) {
+      const double at = s_.number("at");
+      return BusOff{at, drive(), s_.boolean("restart")};
+    }
+    if (type == DriveDropout::type) {
+      const int which = drive();
+      return DriveDropout{which, span()};
+    }
+    return BitTiming{};
+  }
+  Effect babbling_node() {
+    BabblingNode b;
+    b.identifier = static_cast<std::uint32_t>(s_.integer("identifier"));
+    b.extended = s_.boolean("extended");
+    if (!b.extended && b.identifier > 0x7FF) s_.fail("identifier", "is at most 2047 (0x7FF) without extended = true");
+    b.size = s_.integer("size");
+    b.rate_hz = s_.number("rate_hz");
+    b.when = span();
+    return b;
   }
   Effect end_stops() {
     const EndStops e{s_.pair("lower"), s_.pair("upper"), s_.optional_number("stiffness"),
@@ -115,7 +157,19 @@ std::vector<Effect> read_effects(Section& root, const Scene& scene) {
               "backlash beside joint_flexibility takes that one's stiffness, damping and rotor_inertia: give "
               "its gap only");
   }
+  if (find_effect<BabblingNode>(out) && !find_effect<BitTiming>(out)) {
+    root.fail("effects", "babbling_node needs bit_timing beside it: without it frames take no time, and nobody is in the way");
+  }
   return out;
+}
+
+void refuse_bus_effects(const Scene& scene, const std::string& why) {
+  for (const Effect& e : scene.effects) {
+    if (!acts_on_bus(e)) continue;
+    throw InputError(scene.bus_effects_where, fmt::format("effect '{}' cannot act: {}; allowed on the virtual bus: esmc "
+                                                          "hil SCENE, without --realtime",
+                                                          type_name(e), why));
+  }
 }
 
 }  // namespace esmc::host

@@ -546,6 +546,7 @@ Scene scene_of(toml::table table, const std::string& file) {
   set_start(scene, root.where("initial", {"mechanism", "reference"}),
             root.where("reference", {"mechanism", "initial"}));
   scene.effects = read_effects(root, scene);
+  scene.bus_effects_where = root.where("effects");
   root.finish();
   if (!scene.reference.csv.empty()) table["reference"].as_table()->insert_or_assign("path", reference_copy);
   scene.toml = toml_text(table);

@@ -2,7 +2,9 @@
 /// Everything that decides a run, as read from a scene file. Plain values; who uses what is decided
 /// elsewhere.
 
+#include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstdint>
 #include <optional>
 #include <string>
@@ -103,7 +105,7 @@ struct Scene {
   std::string file;
   std::string name;
   std::string toml;  ///< as run: the file with every --set merged in; a reference file is `reference_copy`
-  std::string control_where, reference_where, simulation_where;  ///< FILE:LINE, for errors found later
+  std::string control_where, reference_where, simulation_where, bus_effects_where;  ///< FILE:LINE, for errors found later
 
   MechanismType type = MechanismType::five_bar;
   FiveBarParams<double> mechanism;  ///< RR uses legs[0] and g only
@@ -153,6 +155,12 @@ struct Scene {
   }
   [[nodiscard]] RrParams<double> arm() const { return {mechanism.legs[0], mechanism.g}; }
 };
+
+/// Ticks between heartbeats of ours (CANopen): a third of the time after which the drives miss us, so that one may be
+/// lost.
+[[nodiscard]] inline std::uint32_t heartbeat_ticks(const Scene& scene) {
+  return static_cast<std::uint32_t>(std::max(1.0, std::floor(scene.drives.watchdog_timeout * scene.rate_hz / 3.0)));
+}
 
 /// Reads a scene. `sets` are "section.key=value" overrides. Throws InputError naming file, line, key, what is
 /// allowed. Nothing is left half-read: the scene returned is possible and its start is reachable.

@@ -1,0 +1,223 @@
+#include "host_sim/bus/response.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "firmware/drive/canopen.hpp"
+#include "firmware/drive/odrive.hpp"
+#include "host_sim/bus/wire.hpp"
+
+namespace esmc::host {
+namespace {
+
+using Role = BusMessage::Role;
+constexpr int iterations_max = 100'000;
+
+/// Smallest solution of w = f(w) above `from`, f growing; empty when there is none below `limit`.
+template <class F>
+std::optional<double> fixed_point(double from, double limit, const F& f) {
+  double w = from;
+  for (int n = 0; n < iterations_max; ++n) {
+    const double next = f(w);
+    if (next == w) return w;
+    if (!(next <= limit)) return std::nullopt;
+    w = next;
+  }
+  return std::nullopt;
+}
+
+/// Rounding must not turn a whole number of periods into one more.
+double arrivals(double window, double period) { return std::ceil(window / period - 1e-9); }
+
+BusMessage message(std::string name, std::uint32_t id, std::uint32_t size, double period, Role role, bool extended = false) {
+  hal::CanFrame f;
+  f.id = id;
+  f.extended = extended;
+  const std::uint32_t least = (extended ? 54 : 34) + 8 * size + trailer_bits;
+  return {std::move(name), id, extended, arbitration(f), worst_bits(size, extended), least, period, 0.0, role};
+}
+
+}  // namespace
+
+std::optional<double> response_time(const std::vector<BusMessage>& all, const BusMessage& of) {
+  double blocking = 0.0, longest = 0.0, demand = 0.0;
+  for (const BusMessage& m : all) {
+    longest = std::max(longest, m.period);
+    if (m.key > of.key) {
+      blocking = std::max(blocking, static_cast<double>(m.bits));
+    } else {
+      demand += m.bits / m.period;
+    }
+  }
+  if (demand > 1.0) return std::nullopt;
+  const double limit = 20.0 * longest;
+  // Bits of what is more urgent (and, with `own`, of the message itself) asked for in a window.
+  const auto urgent = [&](double window, bool own) {
+    double bits = 0.0;
+    for (const BusMessage& m : all) {
+      if (&m == &of ? own : m.key <= of.key) bits += arrivals(window + m.jitter, m.period) * m.bits;
+    }
+    return bits;
+  };
+  const auto busy = fixed_point(of.bits, limit, [&](double t) { return blocking + urgent(t, true); });
+  if (!busy) return std::nullopt;
+  const double instances = arrivals(*busy + of.jitter, of.period);
+  double worst = 0.0;
+  for (double q = 0.0; q < instances; ++q) {
+    // A frame asked for within the first bit of ours still wins: one bit time more.
+    const auto wait = fixed_point(blocking + q * of.bits, limit,
+                                  [&](double w) { return blocking + q * of.bits + urgent(w + 1.0, false); });
+    if (!wait) return std::nullopt;
+    worst = std::max(worst, of.jitter + *wait - q * of.period + of.bits);
+  }
+  return worst;
+}
+
+namespace {
+
+constexpr double beats_per_s = 100.0;  // of every emulated drive
+
+void add_odrive(const Scene& s, std::vector<BusMessage>& out) {
+  namespace wire = drive::odrive;
+  const double tick = s.tick() * s.bitrate;
+  for (std::size_t i = 0; i < s.drives.nodes.size(); ++i) {
+    const auto node = static_cast<std::uint8_t>(s.drives.nodes[i]);
+    const auto add = [&](const char* what, wire::Message m, double period, Role role) {
+      out.push_back(message(fmt::format("{} {}", what, node), wire::identifier(node, m), 8, period, role));
+    };
+    add("heartbeat", wire::Message::heartbeat, std::max(s.bitrate / beats_per_s, tick), Role::other);
+    add("sample", wire::Message::encoder_estimates, tick, Role::sample);
+    if (i < static_cast<std::size_t>(s.motors())) add("torque", wire::Message::set_input_torque, tick, Role::command);
+  }
+}
+
+void add_cia402(const Scene& s, std::vector<BusMessage>& out) {
+  namespace wire = drive::canopen;
+  const double tick = s.tick() * s.bitrate, beat = std::max(s.bitrate / beats_per_s, tick);
+  out.push_back(message("sync", wire::id_sync, 0, tick, Role::command));
+  for (std::size_t i = 0; i < s.drives.nodes.size(); ++i) {
+    const auto node = static_cast<std::uint32_t>(s.drives.nodes[i]);
+    const auto add = [&](const char* what, std::uint32_t id, std::uint32_t size, double period, Role role) {
+      out.push_back(message(fmt::format("{} {}", what, node), id + node, size, period, role));
+    };
+    add("sample", wire::id_tpdo1, 8, tick, Role::sample);  // status, position, torque
+    add("speed", wire::id_tpdo2, 5, tick, Role::sample);   // and mode
+    if (i < static_cast<std::size_t>(s.motors())) add("torque", wire::id_rpdo1, 4, tick, Role::command);
+    add("heartbeat", wire::id_heartbeat, 1, beat, Role::other);
+  }
+  out.push_back(message("our heartbeat", wire::id_heartbeat + static_cast<std::uint32_t>(s.drives.controller_node), 1,
+                        heartbeat_ticks(s) * tick, Role::other));
+}
+
+void add_mit(const Scene& s, std::vector<BusMessage>& out) {
+  const double tick = s.tick() * s.bitrate;
+  for (std::size_t i = 0; i < s.drives.nodes.size(); ++i) {
+    const auto node = static_cast<std::uint32_t>(s.drives.nodes[i]);
+    out.push_back(message(fmt::format("reply {}", node), static_cast<std::uint32_t>(s.drives.master_id[i]), 8, tick, Role::sample));
+    out.push_back(message(fmt::format("torque {}", node), node, 8, tick, Role::command));
+  }
+}
+
+}  // namespace
+
+std::vector<BusMessage> bus_messages(const Scene& s) {
+  std::vector<BusMessage> out;
+  switch (s.drives.protocol) {
+    case Protocol::odrive:
+    case Protocol::odrive_0_5:
+      add_odrive(s, out);
+      break;
+    case Protocol::cia402:
+      add_cia402(s, out);
+      break;
+    case Protocol::mit:
+      add_mit(s, out);
+      break;
+  }
+  if (const auto b = find_effect<BabblingNode>(s.effects)) {
+    out.push_back(message("babbling_node", b->identifier, static_cast<std::uint32_t>(b->size),
+                          s.bitrate / b->rate_hz, Role::other, b->extended));
+  }
+  std::ranges::stable_sort(out, {}, &BusMessage::key);
+  return out;
+}
+
+namespace {
+
+/// All frames of a tick, one after the other, with what a stranger puts between them. Empty: they do not fit in a tick,
+/// and the next tick finds the bus taken.
+std::optional<double> whole_tick(const std::vector<BusMessage>& all, double tick) {
+  double own = 0.0;
+  for (const BusMessage& m : all) own += m.name == "babbling_node" ? 0.0 : m.bits;
+  if (own > tick) return std::nullopt;
+  return fixed_point(own, tick, [&](double w) {
+    double bits = own;
+    for (const BusMessage& m : all) {
+      if (m.name == "babbling_node") bits += (arrivals(w, m.period) + 1.0) * m.bits;  // one was on its way
+    }
+    return bits;
+  });
+}
+
+/// Commands are asked for when the samples are through: how much that instant varies is their jitter, which delays the
+/// samples in turn. Returns the latest such instant after the tick's beginning; empty: there is none.
+std::optional<double> settle_jitter(std::vector<BusMessage>& all, std::optional<double> whole, double latest_max) {
+  double earliest = 0.0, commands = 0.0;
+  for (const BusMessage& m : all) {
+    if (m.role == Role::sample) earliest += m.least;
+    if (m.role == Role::command) commands += m.bits;
+  }
+  double latest = 0.0;
+  for (int n = 0; n < 100; ++n) {
+    double next = 0.0;
+    for (const BusMessage& m : all) {
+      if (m.role != Role::sample) continue;
+      const auto r = response_time(all, m);
+      if (!r) return std::nullopt;
+      next = std::max(next, *r);
+    }
+    // In a loop that is through before the next tick begins, nothing of another tick is in the way.
+    if (whole) next = std::min(next, *whole - commands);
+    if (next == latest) return latest;
+    if (next > latest_max) return std::nullopt;
+    latest = next;
+    for (BusMessage& m : all) {
+      if (m.role == Role::command) m.jitter = std::max(0.0, latest - earliest);
+    }
+  }
+  return std::nullopt;
+}
+
+}  // namespace
+
+BusAnalysis analyse_bus(const Scene& scene) {
+  std::vector<BusMessage> all = bus_messages(scene);
+  const double bit = 1.0 / scene.bitrate;
+  BusAnalysis out;
+  double frames = 0.0;
+  for (const BusMessage& m : all) {
+    out.load += m.bits / m.period;
+    if (m.name != "babbling_node") frames += m.bits;
+  }
+  const auto whole = whole_tick(all, scene.tick() * scene.bitrate);
+  out.tick_s = whole.value_or(frames) * bit;
+  const auto latest = settle_jitter(all, whole, 5.0 * scene.tick() * scene.bitrate);
+  double slowest = 0.0;
+  bool bounded = latest.has_value();
+  for (const BusMessage& m : all) {
+    auto r = latest || m.role != Role::command ? response_time(all, m) : std::nullopt;
+    if (r) r = *r - m.jitter;
+    if (m.role == Role::command) {
+      bounded = bounded && r.has_value();
+      slowest = std::max(slowest, r.value_or(0.0));
+    }
+    out.messages.push_back({m.name, m.id, m.extended, m.period * bit, m.bits,
+                            r ? std::optional(*r * bit) : std::nullopt});
+  }
+  if (bounded) out.loop_s = (whole ? std::min(*whole, *latest + slowest) : *latest + slowest) * bit;
+  return out;
+}
+
+}  // namespace esmc::host

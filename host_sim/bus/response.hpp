@@ -1,0 +1,55 @@
+#pragma once
+/// How late the frames of a bus can be at worst, computed before anything runs.
+///
+/// Response-time analysis for frames with fixed priorities that cannot be interrupted: K. Tindell, A. Burns and
+/// A. Wellings, "Calculating controller area network (CAN) message response times", Control Engineering Practice 3 (1995)
+/// 1163-1169, in the form corrected by R. I. Davis, A. Burns, R. J. Bril and J. J. Lukkien, "Controller Area Network (CAN)
+/// schedulability analysis: Refuted, revisited and revised", Real-Time Systems 35 (2007) 239-272. Without bus errors;
+/// every node offers its most urgent frame first.
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "host_sim/scene/scene.hpp"
+
+namespace esmc::host {
+
+/// Times in bit times.
+struct BusMessage {
+  enum class Role : std::uint8_t { sample, command, other };
+  std::string name;
+  std::uint32_t id = 0;
+  bool extended = false;
+  std::uint32_t key = 0;  ///< arbitration(); whoever shares it counts as more urgent
+  std::uint32_t bits = 0;   ///< with the most stuff bits there can be
+  std::uint32_t least = 0;  ///< to its last bit, with none
+  double period = 0.0;
+  double jitter = 0.0;  ///< how much later than periodically it may be asked for
+  Role role = Role::other;
+};
+
+/// `of` is an element of `all`. From the instant a message should be asked for (its jitter included) to its last bit and interframe space. Empty:
+/// there is no bound, or none below twenty of the longest periods.
+[[nodiscard]] std::optional<double> response_time(const std::vector<BusMessage>& all, const BusMessage& of);
+
+struct BusAnalysis {
+  struct Message {
+    std::string name;
+    std::uint32_t id = 0;
+    bool extended = false;
+    double period_s = 0.0;
+    std::uint32_t bits = 0;
+    std::optional<double> response_s;  ///< from its request to its last bit, as the loop asks for it
+  };
+  std::vector<Message> messages;
+  double load = 0.0;
+  double tick_s = 0.0;                 ///< all frames that one tick may have, one after the other
+  std::optional<double> loop_s;        ///< from the tick's samples to its last torque
+};
+/// The messages of a scene's loop and what becomes of them.
+[[nodiscard]] std::vector<BusMessage> bus_messages(const Scene& scene);
+[[nodiscard]] BusAnalysis analyse_bus(const Scene& scene);
+
+}  // namespace esmc::host

@@ -1,0 +1,182 @@
+#pragma once
+/// A classic CAN bus in virtual time, bit by bit where that matters: one frame at a time, the smallest identifier
+/// first, error counters and bus-off after ISO 11898-1, and the disturbances a scene names. No clock, no threads: the
+/// caller moves time. Deterministic for a seed.
+
+#include <cstddef>
+#include <cstdint>
+#include <deque>
+#include <optional>
+#include <vector>
+
+#include "hal/can.hpp"
+#include "host_sim/bus/wire.hpp"
+#include "host_sim/effects/effects.hpp"
+#include "host_sim/effects/random.hpp"
+
+namespace esmc::host {
+
+/// Fault confinement of one node.
+class ErrorCounters {
+ public:
+  enum class State : std::uint8_t { active, passive, off };
+  [[nodiscard]] int transmit() const { return transmit_; }
+  [[nodiscard]] int receive() const { return receive_; }
+  [[nodiscard]] State state() const {
+    if (transmit_ > 255) return State::off;
+    return transmit_ > 127 || receive_ > 127 ? State::passive : State::active;
+  }
+  void sent() { transmit_ -= transmit_ > 0 ? 1 : 0; }
+  void transmit_error() { transmit_ += 8; }
+  /// Back below the limit after one good frame, however much was counted.
+  void received() { receive_ = receive_ > 127 ? 119 : receive_ - (receive_ > 0 ? 1 : 0); }
+  void receive_error() { receive_ += receive_ < 255 ? 1 : 0; }
+  void give_up() { transmit_ = 256; }
+  void reset() { transmit_ = receive_ = 0; }
+
+ private:
+  int transmit_ = 0, receive_ = 0;
+};
+
+class TimedBus {
+ public:
+  using Time = std::int64_t;  ///< bit times since the bus began
+  static constexpr std::size_t nodes_max = 16;
+  static constexpr std::size_t controller = 0;    ///< node; drive i of the scene is node i + 1
+  static constexpr std::size_t queue_frames = 10;  ///< that wait in a node: Linux's default for a CAN interface
+  static constexpr std::uint32_t error_frame_bits = 12 + 8 + interframe_bits;  ///< two flags, one after the other
+  static constexpr std::uint32_t suspend_bits = 8;  ///< that a passive node waits after its own frame
+
+  struct Config {
+    std::size_t drives = 0;  ///< <= nodes_max - 2
+    double bitrate = 1e6;    ///< bit/s
+    std::vector<Effect> effects;
+    std::uint64_t seed = 1;
+  };
+  struct Delivery {
+    Time at = 0;                  ///< the last bit of the frame; its interframe space follows
+    hal::CanFrame frame;          ///< as received
+    std::uint32_t receivers = 0;  ///< bit i: node i has it
+    std::uint32_t bits = 0;       ///< on the wire
+    Time asked = 0;               ///< when it was asked for
+  };
+  /// Latency of the frames of one identifier: from the request to send to the last bit.
+  struct Latency {
+    std::uint32_t key = 0, id = 0;
+    bool extended = false;
+    std::uint64_t frames = 0;
+    Time largest = 0, sum = 0;
+  };
+  struct Counts {
+    std::uint64_t refused = 0;     ///< the node's queue was full, or it was not on the bus
+    std::uint64_t errors = 0;      ///< error frames: each is a transmission that is repeated
+    std::uint64_t missed = 0;      ///< frames times receivers that did not get them
+    std::uint64_t duplicated = 0;
+    std::uint64_t corrupted = 0;   ///< accepted with flipped bits
+  };
+
+  explicit TimedBus(const Config& config);
+
+  [[nodiscard]] Time now() const { return now_; }
+  [[nodiscard]] double seconds(Time t) const { return static_cast<double>(t) / bitrate_; }
+  /// t = 0 of the scene is now.
+  void begin_run() { origin_ = now_; }
+
+  /// Asks `node` to send. The frame waits in the node, behind what it has of the same identifier.
+  hal::SendStatus send(std::size_t node, const hal::CanFrame& f);
+  /// The next frame that is through, not later than `until`. Empty: it is `until` now.
+  std::optional<Delivery> next(Time until);
+  /// Nothing is on the way, and nobody has something to send now.
+  [[nodiscard]] bool quiet();
+
+  /// Tells a node that is off to come back. It does after 128 times 11 recessive bits.
+  void restart(std::size_t node);
+  [[nodiscard]] ErrorCounters counters(std::size_t node);
+  [[nodiscard]] const Counts& counts() const { return counts_; }
+  [[nodiscard]] const std::vector<Latency>& latencies() const { return latency_; }
+  [[nodiscard]] std::uint64_t busy_bits() const { return busy_; }  ///< frames and error frames
+
+ private:
+  struct Pending {
+    hal::CanFrame frame;
+    std::uint32_t key = 0;
+    Time asked = 0;
+    bool again = false;  ///< the receivers have it already
+  };
+  struct Node {
+    std::vector<Pending> queue;
+    ErrorCounters errors;
+    Time not_before = 0;  ///< suspended until then
+    bool restarting = false;
+    int sequences = 0;        ///< of 11 recessive bits, since it was told to come back
+    Time recessive_from = 0;  ///< the bus is recessive, and not yet counted, from here on
+  };
+  enum class Outcome : std::uint8_t { good, disturbed, unacknowledged, collided };
+  struct Flight {
+    Time begin = 0, end = 0;  ///< end: of the last bit, or of the bit in which the error is seen
+    std::uint32_t senders = 0, receivers = 0;
+    std::uint32_t losers = 0;  ///< dropped out of a collision
+    std::uint32_t bits = 0;
+    Pending what;
+    Outcome outcome = Outcome::good;
+  };
+
+  [[nodiscard]] bool during(const Span& s) const;
+  [[nodiscard]] bool connected(std::size_t node) const;
+  [[nodiscard]] bool online(std::size_t node);
+  void refresh(std::size_t node);
+  [[nodiscard]] std::optional<Time> babble_time() const;
+  void babble();
+  [[nodiscard]] static Pending* front(Node& n);
+  [[nodiscard]] std::optional<Time> next_start();
+  void start();
+  [[nodiscard]] Time settle_collision(Flight& f);
+  std::optional<Delivery> finish();
+  Delivery deliver(const Flight& f);
+  void blame(std::size_t node);
+  void end_frame(const Flight& f, std::uint32_t trailing);
+  void account(const Pending& p);
+  void corrupt(hal::CanFrame& f);
+
+  double bitrate_;
+  bool timed_;
+  std::optional<Loss> loss_;
+  std::optional<Duplication> duplication_;
+  std::optional<Corruption> corruption_;
+  std::optional<BabblingNode> babbler_;
+  std::optional<BusOff> off_;
+  std::optional<DriveDropout> dropout_;
+  Uniform loss_random_, duplication_random_, corruption_random_, babble_random_;
+  std::vector<Node> nodes_;
+  std::optional<Flight> flight_;
+  std::optional<Time> origin_;
+  Time now_ = 0, free_ = 0;    ///< free_: the first bit that a frame may begin in
+  Time babble_at_ = 0;
+  bool was_off_ = false;
+  Counts counts_;
+  std::vector<Latency> latency_;
+  std::uint64_t busy_ = 0;
+};
+
+/// A node's end of the bus as the firmware sees it. What has been delivered waits here.
+class BusPort {
+ public:
+  BusPort(TimedBus& bus, std::size_t node) : bus_(&bus), node_(node) {}
+  [[nodiscard]] hal::SendStatus try_send(const hal::CanFrame& f) { return bus_->send(node_, f); }
+  [[nodiscard]] bool try_receive(hal::CanFrame& f) {
+    if (waiting_.empty()) return false;
+    f = waiting_.front();
+    waiting_.pop_front();
+    return true;
+  }
+  [[nodiscard]] std::size_t waiting() const { return waiting_.size(); }
+  void deliver(const hal::CanFrame& f) { waiting_.push_back(f); }
+
+ private:
+  TimedBus* bus_;
+  std::size_t node_;
+  std::deque<hal::CanFrame> waiting_;
+};
+static_assert(hal::CanBus<BusPort>);
+
+}  // namespace esmc::host

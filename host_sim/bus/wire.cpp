@@ -1,0 +1,66 @@
+#include "host_sim/bus/wire.hpp"
+
+namespace esmc::host {
+namespace {
+
+/// Takes the bits of a frame in order: keeps the CRC over them and puts the stuff bits in.
+class Writer {
+ public:
+  void put(std::uint32_t value, int bits) {
+    for (int i = bits - 1; i >= 0; --i) put(((value >> static_cast<unsigned>(i)) & 1U) != 0);
+  }
+  void put(bool bit) {
+    const bool next = bit != ((crc_ & 0x4000U) != 0);
+    crc_ = (crc_ << 1U) & 0x7FFFU;
+    if (next) crc_ ^= 0x4599U;  // x^15 + x^14 + x^10 + x^8 + x^7 + x^4 + x^3 + 1
+    send(bit);
+  }
+  [[nodiscard]] const WireFrame& finish() {
+    const std::uint32_t crc = crc_;
+    for (unsigned i = 15; i-- > 0;) send(((crc >> i) & 1U) != 0);
+    return out_;
+  }
+
+ private:
+  void append(bool bit) { out_.bit[out_.size++] = bit; }
+  void send(bool bit) {
+    append(bit);
+    run_ = bit == last_ ? run_ + 1 : 1;
+    last_ = bit;
+    if (run_ < 5) return;
+    append(!bit);  // also behind the last bit of the CRC
+    ++out_.stuffed;
+    last_ = !bit;
+    run_ = 1;
+  }
+
+  WireFrame out_;
+  std::uint32_t crc_ = 0;
+  int run_ = 0;
+  bool last_ = true;  // idle
+};
+
+}  // namespace
+
+WireFrame on_the_wire(const hal::CanFrame& f) {
+  Writer w;
+  w.put(false);  // start of frame
+  if (f.extended) {
+    w.put(f.id >> 18U, 11);
+    w.put(0b11, 2);  // SRR, IDE
+    w.put(f.id & 0x3'FFFFU, 18);
+    w.put(f.remote);
+    w.put(0, 2);  // r1, r0
+  } else {
+    w.put(f.id, 11);
+    w.put(f.remote);
+    w.put(0, 2);  // IDE, r0
+  }
+  w.put(f.size, 4);
+  if (!f.remote) {
+    for (const std::uint8_t byte : f.payload()) w.put(byte, 8);
+  }
+  return w.finish();
+}
+
+}  // namespace esmc::host
