@@ -11,10 +11,12 @@
 #include <cstring>
 #include <filesystem>
 #include <fstream>
+#include <functional>
 #include <iostream>
 #include <sstream>
 
 #include "host_sim/commands/accuracy.hpp"
+#include "host_sim/commands/campaign.hpp"
 #include "host_sim/commands/check.hpp"
 #include "host_sim/commands/drive.hpp"
 #include "host_sim/commands/eval.hpp"
@@ -81,11 +83,11 @@ std::string joined(int argc, char** argv) {
   return out;
 }
 
-std::uint64_t read_seed(const std::string& text) {
+std::uint64_t read_integer(const std::string& text, const std::string& option = "--seed") {
   std::uint64_t seed = 0;
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), seed);
   if (error != std::errc() || end != text.data() + text.size())
-    throw InputError("", "--seed " + text + ": an integer from 0 to 18446744073709551615 is needed");
+    throw InputError("", option + " " + text + ": an integer from 0 to 18446744073709551615 is needed");
   return seed;
 }
 
@@ -102,7 +104,7 @@ void add_scene_options(CLI::App& c, RunOptions& o, const std::string& files) {
 void add_run_options(CLI::App& c, RunOptions& o) {
   add_scene_options(c, o, "scene.toml, summary.json, log.csv, report.html");
   c.add_option_function<std::string>(
-       "--seed", [&o](const std::string& text) { o.seed = read_seed(text); },
+       "--seed", [&o](const std::string& text) { o.seed = read_integer(text); },
        "of the effects noise and jitter; the same seed gives the same run")
       ->type_name("UINT")
       ->default_str("1");
@@ -143,6 +145,35 @@ void add_drive_options(CLI::App& c, DriveOptions& d) {
   c.add_option("--rated-torque", d.rated_torque, "cia402: N m")->capture_default_str();
   c.add_flag("--json", d.json, "print the summary as one JSON document, and nothing else");
   c.footer(defects_text());
+}
+
+void add_campaign(CLI::App& app, CampaignOptions& o, const std::function<void()>& run) {
+  auto* c = app.add_subcommand(
+      "campaign", "faults on a virtual bus, episode after episode, each judged against the invariants of safety");
+  c->add_option("SCENE", o.scene, "scene file (TOML); without it, variants of the five-bar on a circle");
+  c->add_option("--set", o.sets, "section.key=value instead of what the scene says; may be repeated")
+      ->type_name("KEY=VALUE")
+      ->expected(1)
+      ->take_all();
+  c->add_option_function<std::string>(
+       "--episodes", [&o](const std::string& text) { o.episodes = read_integer(text, "--episodes"); }, "how many")
+      ->type_name("UINT")
+      ->default_str("10000");
+  c->add_option_function<std::string>(
+       "--seed", [&o](const std::string& text) { o.seed = read_integer(text); },
+       "of the first episode; the next one has the next")
+      ->type_name("UINT")
+      ->default_str("1");
+  c->add_option("--jobs", o.jobs, "threads; the result does not depend on it; default: as many as processors")
+      ->check(CLI::Range(1, 1024));
+  c->add_option("--protocol", o.protocol, "instead of the scene's drives.protocol");
+  c->add_option_function<std::string>(
+       "--replay", [&o](const std::string& text) { o.replay = read_integer(text, "--replay"); },
+       "run the episode of this seed alone, twice, and print its ticks")
+      ->type_name("SEED");
+  c->add_option("--out", o.out, "directory for campaign.json and campaign.md")->type_name("DIR");
+  c->add_flag("--json", o.json, "print the result as one JSON document");
+  c->callback(run);
 }
 
 /// The first word after the program must be a subcommand or an option.
@@ -259,6 +290,13 @@ int run(int argc, char** argv) {
   accuracy->callback([&] {
     a.command_line = o.command_line;
     status = run_accuracy(a);
+  });
+
+  CampaignOptions f;
+  add_campaign(app, f, [&] {
+    handle_signals();
+    f.command_line = o.command_line;
+    status = run_campaign(f);
   });
 
   auto* keys = app.add_subcommand("keys", "print the table of scene keys (Markdown)");

@@ -31,6 +31,7 @@ class Digest {
     }
   }
   [[nodiscard]] std::string text() const;
+  [[nodiscard]] std::uint64_t value() const { return hash_; }
 
  private:
   std::uint64_t hash_ = 0xCBF29CE484222325ULL;

@@ -1,0 +1,127 @@
+#pragma once
+/// What a campaign does to a loop: one row per fault, with what has to come of it. Written from the drives'
+/// side; nothing here knows the controller.
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <string>
+#include <string_view>
+
+#include "host_sim/campaign/dialect.hpp"
+#include "host_sim/campaign/draw.hpp"
+
+namespace esmc::host {
+
+enum class Phase : std::uint8_t { arming, joining, running, halting, stopping };
+inline constexpr std::size_t phase_count = 5;
+[[nodiscard]] const char* name(Phase p);
+
+enum class Injected : std::uint8_t {
+  nothing,
+  // frames of a drive on their way to the controller
+  loss,
+  scattered_loss,
+  duplication,
+  delay,
+  reordering,
+  corruption,
+  not_finite,
+  denormal,
+  huge,
+  wrong_length,
+  remote,
+  flexible_rate,
+  extended,
+  // what a drive knows of its shaft
+  frozen_sensor,
+  sensor_jump,
+  sensor_step,
+  sensor_flipped,
+  swapped_nodes,
+  // drives
+  drive_error,
+  drive_disarm,
+  drive_reset,
+  drive_silent,
+  heartbeat_lost,
+  drive_bus_off,
+  watchdog_off,
+  // controller
+  controller_death,
+  controller_late,
+  controller_bus_off,
+  commands_lost,
+  queue_full,
+  // bus
+  babbling,
+  flood,
+  foreign_controller,
+  emergency_stop,
+};
+
+/// What may or must come of a fault.
+struct InjectionRow {
+  std::string_view name;
+  Injected kind;
+  unsigned phases;        ///< bit per phase in which it can begin
+  int shortest, longest;  ///< ticks; 0, 0: until the end
+  /// Names of controller faults that fit, separated by blanks; "none": it may be borne without one; "*": any
+  /// name, because the fault may turn a frame into any other.
+  std::string_view fits;
+  /// It makes the measured motion wrong in a way no single frame shows: what then trips is a limit of the
+  /// motion.
+  bool wrong_motion = false;
+  /// Ticks from its beginning within which the controller has latched it, while there is torque;
+  /// not_demanded: it need not.
+  int notice_ticks = not_demanded;
+  /// Then the torque is zero at all drives that hear, ms from its beginning.
+  double safe_ms = 0.0;
+  static constexpr int not_demanded = -1;
+};
+
+/// Faults of the measured motion: what a sensor that lies ends in, sooner or later.
+inline constexpr std::string_view motion_faults =
+    "feedback_jump loop_not_closed type1_singularity type2_singularity working_mode workspace joint_speed "
+    "joint_angle "
+    "reference_unreachable join_infeasible halt_failed";
+
+[[nodiscard]] std::span<const InjectionRow> injection_rows();
+/// Whether a drive of this protocol can show it.
+[[nodiscard]] bool possible(const InjectionRow& row, const Dialect& d);
+/// Whether it keeps samples from the controller.
+[[nodiscard]] bool takes_samples(Injected k);
+/// Whether a blank-separated list holds a word.
+[[nodiscard]] bool lists(std::string_view list, std::string_view word);
+
+/// What decides the times of an episode, from its scene.
+struct EpisodeTimes {
+  double tick = 1e-3;  ///< s
+  int join_ticks = 0, halt_ticks = 0;
+  int max_age_ticks = 0;
+  int heartbeat_ticks = 0;           ///< of the time-out
+  int off_after_halt_ticks = 0;      ///< a halt ends without torque within so many ticks; 0: it holds
+  std::size_t motors = 2, axes = 2;  ///< axes: with passive encoders
+};
+
+/// A fault as drawn.
+struct Injection {
+  const InjectionRow* row = nullptr;
+  Phase phase = Phase::running;
+  int offset = 0;  ///< ticks into the phase
+  int length = 0;  ///< ticks; a large number where it stays
+  std::size_t drive = 0;
+  double amount = 0.0;
+  int choice = 0;          ///< among variants of a fault
+  std::uint64_t bits = 0;  ///< of a generator of its own
+  int notice_ticks = InjectionRow::not_demanded;
+  double safe_ms = 0.0;
+  bool may_pass = true;  ///< it may be borne without a fault
+
+  [[nodiscard]] Injected kind() const { return row->kind; }
+};
+
+[[nodiscard]] Injection draw_injection(Draw& draw, const EpisodeTimes& times, const Dialect& dialect);
+[[nodiscard]] std::string describe(const Injection& i);
+
+}  // namespace esmc::host

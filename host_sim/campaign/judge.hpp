@@ -1,0 +1,222 @@
+#pragma once
+/// The invariants of an episode, from what happens at the drives and in the mechanism. Of the controller only
+/// its word is taken: whether it says that it holds a fault, which, and whether it says that there may be
+/// torque.
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <string_view>
+
+#include "host_sim/campaign/injections.hpp"
+
+namespace esmc::host {
+
+/// What a judge needs to know of a motor.
+struct MotorState {
+  double torque = 0.0;          ///< N m at the joint, as the drive applies it over the tick
+  double limit = 0.0;           ///< N m at the joint
+  double heard_ms = -1e9;       ///< when its last command from our controller arrived
+  double zero_ms = 0.0;         ///< since when its torque has been zero; meaningless while it is not
+  bool heard_now = false;       ///< a command of our controller arrived in this tick
+  bool heard_stranger = false;  ///< and one of somebody else
+  bool strangers = false;       ///< the same, ever
+};
+
+/// What the operator asks for before a tick.
+enum class Operator : std::uint8_t { nothing, enable, stop, halt, reset };
+
+/// The controller's word at the end of a tick.
+struct ControllerWord {
+  bool ticked = false;
+  bool powered = false;  ///< it says that there may be torque
+  bool faulted = false;  ///< it holds a latched fault and has taken the torque away
+  std::string_view fault = "none";
+};
+
+struct Verdict {
+  std::string_view invariant;  ///< empty: all hold
+  std::uint64_t tick = 0;
+};
+
+/// What is measured of an episode; negative: did not occur.
+struct Reaction {
+  double notice_ms = -1.0;  ///< from the beginning of the fault to the controller's latched fault
+  double safe_ms = -1.0;    ///< from there to zero torque at the last of the drives that hear
+  double death_ms = -1.0;   ///< from the last command of a dead controller to zero torque
+};
+
+/// A world has motors(), motor(i), turned(i), released() and a motion() with energy() and work(); a wire
+/// hears(i).
+class Judge {
+ public:
+  static constexpr double watchdog_ms = 12.0;  ///< from the last command to zero torque
+
+  /// `bare`: nothing but motors and gravity acts on the mechanism.
+  Judge(const Injection& injection, const EpisodeTimes& times, bool bare)
+      : injection_(&injection), times_(times), bare_(bare) {}
+
+  [[nodiscard]] const Verdict& verdict() const { return verdict_; }
+  [[nodiscard]] const Reaction& reaction() const { return reaction_; }
+  /// "": none.
+  [[nodiscard]] std::string_view first_fault() const { return first_fault_; }
+
+  /// After the frames of a tick have arrived and before the mechanism moves. `first`: the fault begins.
+  template <class AnyWorld, class AnyWire>
+  void look(std::uint64_t tick, Operator asked, const ControllerWord& word, const AnyWorld& world,
+            const AnyWire& wire, bool first) {
+    tick_ = tick;
+    now_ms_ = static_cast<double>(tick) * times_.tick * 1e3;
+    if (first) {
+      begun_ = true;
+      begin_ms_ = now_ms_;
+      needed_ = powered_;
+      energy_begin_ = world.motion().energy();
+    }
+    // A regular end of the torque takes the need to notice anything away.
+    needed_ = needed_ && (!word.ticked || word.powered || word.faulted);
+    obey(asked, word);
+    for (std::size_t i = 0; i < world.motors(); ++i) at_drive(world.motor(i), word, world.released());
+    latch(word);
+    if (begun_) react(word, world, wire);
+    energy(world);
+    if (word.ticked) powered_ = word.powered;
+  }
+  /// After the last tick.
+  void end() {
+    if (first_fault_.empty()) return;
+    const InjectionRow& row = *injection_->row;
+    // While arming is held up, the mechanism may have begun to fall: the brake knows what the drives said,
+    // and not what of it was lost.
+    const bool moved = row.wrong_motion || injection_->phase == Phase::arming;
+    const bool fitting =
+        row.fits == "*" || lists(row.fits, first_fault_) || (moved && lists(motion_faults, first_fault_));
+    if (!fitting) broken("fault_name");
+  }
+
+ private:
+  void broken(std::string_view invariant) {
+    if (verdict_.invariant.empty()) verdict_ = {invariant, tick_};
+  }
+
+  /// What the operator's commands allow, whatever the controller makes of them.
+  void obey(Operator asked, const ControllerWord& word) {
+    if (halt_left_ > 0 && --halt_left_ == 0) allowed_ = false;
+    if (!word.ticked) return;
+    switch (asked) {
+      case Operator::enable:
+        allowed_ = allowed_ || !latched_;
+        break;
+      case Operator::stop:
+        allowed_ = false;
+        break;
+      case Operator::halt:
+        halt_left_ = times_.off_after_halt_ticks;
+        break;
+      case Operator::reset:
+        latched_ = allowed_ = false;
+        halt_left_ = 0;
+        break;
+      case Operator::nothing:
+        break;
+    }
+  }
+
+  void at_drive(const MotorState& m, const ControllerWord& word, bool released) {
+    if (m.torque == 0.0) return;
+    if (!std::isfinite(m.torque)) broken("torque_finite");
+    if (!(std::abs(m.torque) <= m.limit * (1.0 + 1e-6))) broken("torque_limit");
+    if (!released && !m.strangers) broken("torque_before_armed");
+    // A drive to which nobody but our controller has spoken in this tick.
+    if (m.heard_now && !m.heard_stranger) {
+      if (!allowed_) broken("torque_not_allowed");
+      if (word.ticked && !word.powered) broken("torque_without_power");
+      if (latched_) broken("torque_after_fault");
+    }
+    if (injection_->kind() != Injected::watchdog_off && now_ms_ - m.heard_ms > watchdog_ms)
+      broken("watchdog");
+  }
+
+  void latch(const ControllerWord& word) {
+    if (!word.ticked || word.fault == "none") return;
+    if (first_fault_.empty()) {
+      first_fault_ = word.fault;
+      if (!begun_ && injection_->kind() != Injected::nothing) broken("fault_without_cause");
+      if (begun_) reaction_.notice_ms = now_ms_ - begin_ms_;
+    }
+    latched_ = latched_ || word.faulted;
+    ever_latched_ = ever_latched_ || word.faulted;
+  }
+
+  /// In time, and down to the drives.
+  template <class AnyWorld, class AnyWire>
+  void react(const ControllerWord& word, const AnyWorld& world, const AnyWire& wire) {
+    const double since = now_ms_ - begin_ms_;
+    bool zero = true, hearing_zero = true;
+    double safe = 0.0, death = 0.0;
+    for (std::size_t i = 0; i < world.motors(); ++i) {
+      const MotorState& m = world.motor(i);
+      zero = zero && m.torque == 0.0;
+      death = std::max(death, m.zero_ms - m.heard_ms);
+      if (!wire.hears(i)) continue;
+      hearing_zero = hearing_zero && m.torque == 0.0;
+      safe = std::max(safe, m.zero_ms - begin_ms_);
+    }
+    const int due = injection_->notice_ticks;
+    if (due >= 0 && needed_ && word.ticked && first_fault_.empty() &&
+        since > (due - 0.5) * times_.tick * 1e3) {
+      broken("notice_time");
+    }
+    if (due >= 0 && needed_ && reaction_.safe_ms < 0.0) {
+      if (hearing_zero && ever_latched_) reaction_.safe_ms = std::max(0.0, safe);
+      if (reaction_.safe_ms > injection_->safe_ms || (!hearing_zero && since >= injection_->safe_ms)) {
+        broken("safe_time");
+      }
+    }
+    const bool dead = injection_->kind() == Injected::controller_death && needed_;
+    if (dead && zero && reaction_.death_ms < 0.0) reaction_.death_ms = death;
+  }
+
+  template <class AnyWorld>
+  void energy(const AnyWorld& world) {
+    const double total = world.motion().energy(), work = world.motion().work();
+    if (!std::isfinite(total)) return broken("finite");
+    bool any = false;
+    for (std::size_t i = 0; i < world.motors(); ++i) {
+      any = any || world.motor(i).torque != 0.0;
+      allowance_ += begun_ ? world.motor(i).limit * world.turned(i) : 0.0;
+    }
+    scale_ = std::max({scale_, std::abs(total), std::abs(work)});
+    const double slack = energy_slack * scale_ + 1e-9;
+    // Without torque the mechanism only falls: what it has is what it had, and what its surroundings give.
+    if (any || !world.released()) {
+      free_ = false;
+    } else if (!free_) {
+      free_ = true;
+      energy_free_ = total - work;
+    } else if (total - work - energy_free_ > slack) {
+      broken("energy_without_torque");
+    }
+    // And until then the motors have given no more than their limits over the way they turned.
+    if (begun_ && bare_ && total - energy_begin_ > allowance_ + slack) broken("energy_after_fault");
+  }
+  static constexpr double energy_slack = 1e-3;  ///< of the largest energy or work so far: integration at 1 ms
+
+  const Injection* injection_;
+  EpisodeTimes times_;
+  bool bare_;
+  Verdict verdict_;
+  Reaction reaction_;
+  std::uint64_t tick_ = 0;
+  std::string_view first_fault_;
+  bool begun_ = false;    ///< the fault has begun
+  bool powered_ = false;  ///< the controller's word at the end of the last tick
+  bool needed_ = false;   ///< there has been torque to take away since the fault began
+  bool allowed_ = false;  ///< by the operator
+  bool latched_ = false, ever_latched_ = false, free_ = false;
+  int halt_left_ = 0;
+  double now_ms_ = 0.0, begin_ms_ = 0.0;
+  double energy_begin_ = 0.0, energy_free_ = 0.0, allowance_ = 0.0, scale_ = 0.0;
+};
+
+}  // namespace esmc::host

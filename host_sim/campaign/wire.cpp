@@ -1,0 +1,161 @@
+#include "host_sim/campaign/wire.hpp"
+
+#include <algorithm>
+#include <bit>
+#include <limits>
+
+#include "host_sim/loop/bus_load.hpp"
+
+namespace esmc::host {
+namespace {
+
+constexpr double bits_per_ms = 1000.0;  // of a bus of 1 Mbit/s
+
+}  // namespace
+
+void Wire::begin_tick(bool active) {
+  active_ = active;
+  ++tick_;
+  ms_ = 0.0;
+  to_drives_.clear();
+}
+
+bool Wire::is_sample(const hal::CanFrame& f) const {
+  return dialect_->is_sample(f, (*nodes_)[injection_->drive]);
+}
+
+void Wire::up(const hal::CanFrame& f) {
+  ++frames_;
+  to_controller_.push_back(f);
+}
+
+void Wire::from_drive(std::size_t axis, const hal::CanFrame& f) {
+  const Injected kind = injection_->kind();
+  if (active_ && (kind == Injected::controller_bus_off || kind == Injected::babbling)) return;
+  if (active_ && kind == Injected::scattered_loss && draw_.uniform() < injection_->amount) return;
+  if (active_ && axis == injection_->drive) return faulty(f);
+  up(f);
+}
+
+/// A frame of the afflicted drive.
+void Wire::faulty(const hal::CanFrame& f) {
+  const auto twice = [&](const hal::CanFrame& g) { up(g), up(g); };
+  switch (injection_->kind()) {
+    case Injected::loss:
+    case Injected::drive_silent:
+    case Injected::drive_bus_off:
+      return;
+    case Injected::heartbeat_lost:
+      if (!dialect_->is_heartbeat(f, (*nodes_)[injection_->drive])) up(f);
+      return;
+    case Injected::duplication:
+      return twice(f);
+    case Injected::delay:
+      late_.push_back({tick_ + static_cast<std::uint64_t>(injection_->amount), f});
+      return;
+    case Injected::reordering:  // every second one is overtaken by the next
+      if (tick_ % 2 == 0) {
+        late_.push_back({tick_ + 1, f});
+      } else {
+        up(f);
+      }
+      return;
+    default:
+      return up(mangled(f));
+  }
+}
+
+hal::CanFrame Wire::mangled(hal::CanFrame f) {
+  constexpr float inf = std::numeric_limits<float>::infinity();
+  constexpr std::array<float, 4> not_numbers{std::numeric_limits<float>::quiet_NaN(), inf, -inf,
+                                             std::bit_cast<float>(0xFFA0'0001U)};
+  const auto choice = static_cast<unsigned>(injection_->choice);
+  const int which = injection_->choice % 2;
+  switch (injection_->kind()) {
+    case Injected::corruption:
+      for (int n = draw_.between(1, 8); n > 0 && f.size > 0; --n) {
+        f.data[draw_.below(f.size)] ^= static_cast<std::uint8_t>(1U << draw_.below(8));
+      }
+      break;
+    case Injected::not_finite:
+      if (is_sample(f)) dialect_->put_number(f, which, not_numbers[choice / 2 % 4]);
+      break;
+    case Injected::denormal:
+    case Injected::huge:
+      if (is_sample(f)) dialect_->put_number(f, which, static_cast<float>(injection_->amount));
+      break;
+    case Injected::wrong_length:
+      if (is_sample(f)) f.size = static_cast<std::uint8_t>((f.size + 1 + draw_.below(8)) % 9);
+      break;
+    case Injected::remote:
+      if (is_sample(f)) f.remote = true;
+      break;
+    case Injected::flexible_rate:
+      if (is_sample(f)) {
+        f.fd = true;
+        f.bit_rate_switch = which == 0;
+        if (choice % 4 > 1) f.size = hal::can_fd_size_max;
+      }
+      break;
+    case Injected::extended:
+      f.extended = true;
+      break;
+    default:
+      break;
+  }
+  return f;
+}
+
+void Wire::from_stranger(const hal::CanFrame& f) {
+  up(f);
+  to_drives_.push_back({f, ms_, false});
+}
+
+void Wire::strangers_before_tick() {
+  while (!late_.empty() && late_.front().due <= tick_) {
+    up(late_.front().frame);
+    late_.pop_front();
+  }
+  if (!active_ || injection_->kind() != Injected::flood) return;
+  for (int n = 0; n < static_cast<int>(injection_->amount); ++n) {
+    hal::CanFrame f;
+    f.id = static_cast<std::uint32_t>(draw_.below(16));  // of nobody, but urgent
+    f.size = static_cast<std::uint8_t>(draw_.below(9));
+    up(f);
+  }
+}
+
+void Wire::strangers_after_tick(float torque) {
+  if (!active_) return;
+  const int node = (*nodes_)[injection_->drive];
+  if (injection_->kind() == Injected::emergency_stop) from_stranger(dialect_->emergency_stop(node));
+  if (injection_->kind() == Injected::foreign_controller) {
+    const bool pushes = injection_->choice % 2 == 0;
+    from_stranger(pushes ? dialect_->foreign_torque(node, torque)
+                         : dialect_->foreign_command(node, injection_->choice / 2));
+  }
+}
+
+hal::SendStatus Wire::try_send(const hal::CanFrame& f) {
+  if (!hal::well_formed(f)) return hal::SendStatus::refused;
+  const Injected kind = injection_->kind();
+  if (active_ && kind == Injected::controller_bus_off) return hal::SendStatus::bus_off;
+  if (jammed() || (active_ && kind == Injected::queue_full)) return hal::SendStatus::bus_full;
+  ++frames_;
+  ms_ += worst_bits(f.size) / bits_per_ms;
+  const bool lost = (kind == Injected::scattered_loss && active_ && draw_.uniform() < injection_->amount) ||
+                    (kind == Injected::commands_lost && active_);
+  if (lost) return hal::SendStatus::ok;
+  to_drives_.push_back({f, ms_, true});
+  if (active_ && kind == Injected::duplication) to_drives_.push_back({f, ms_, true});
+  return hal::SendStatus::ok;
+}
+
+bool Wire::try_receive(hal::CanFrame& f) {
+  if (to_controller_.empty()) return false;
+  f = to_controller_.front();
+  to_controller_.pop_front();
+  return true;
+}
+
+}  // namespace esmc::host

@@ -1,0 +1,72 @@
+#pragma once
+/// The bus of an episode, with faults: every frame of the drives and of the controller goes through here. In
+/// lockstep with the ticks of the episode; frames of a tick arrive within it, one after the other.
+
+#include <cstddef>
+#include <cstdint>
+#include <deque>
+#include <vector>
+
+#include "hal/can.hpp"
+#include "host_sim/campaign/injections.hpp"
+
+namespace esmc::host {
+
+class Wire {
+ public:
+  /// `nodes` of the drives, motors first; all live as long as the wire.
+  Wire(const Injection& injection, const Dialect& dialect, const std::vector<int>& nodes)
+      : injection_(&injection), dialect_(&dialect), nodes_(&nodes), draw_(injection.bits) {}
+
+  /// `active`: the fault acts in this tick.
+  void begin_tick(bool active);
+
+  /// A drive sends.
+  void from_drive(std::size_t axis, const hal::CanFrame& f);
+  /// Somebody else sends: the controller and the drives hear it.
+  void from_stranger(const hal::CanFrame& f);
+  /// After the frames of the drives: what strangers send in this tick. `torque`: at the shaft.
+  void strangers_before_tick();
+  void strangers_after_tick(float torque);
+
+  /// The controller's end; satisfies hal::CanBus.
+  [[nodiscard]] hal::SendStatus try_send(const hal::CanFrame& f);
+  [[nodiscard]] bool try_receive(hal::CanFrame& f);
+
+  /// What goes to the drives in this tick, and when it arrives.
+  struct Delivery {
+    hal::CanFrame frame;
+    double ms;  ///< after the beginning of the tick
+    bool ours;  ///< from the controller under test
+  };
+  [[nodiscard]] const std::vector<Delivery>& to_drives() const { return to_drives_; }
+  /// Whether a drive hears anything now.
+  [[nodiscard]] bool hears(std::size_t axis) const {
+    return !(active_ && injection_->kind() == Injected::drive_bus_off && axis == injection_->drive);
+  }
+  [[nodiscard]] std::uint64_t frames() const { return frames_; }
+
+ private:
+  [[nodiscard]] bool jammed() const { return active_ && injection_->kind() == Injected::babbling; }
+  [[nodiscard]] bool is_sample(const hal::CanFrame& f) const;
+  void up(const hal::CanFrame& f);
+  void faulty(const hal::CanFrame& f);
+  hal::CanFrame mangled(hal::CanFrame f);
+
+  const Injection* injection_;
+  const Dialect* dialect_;
+  const std::vector<int>* nodes_;
+  Draw draw_;
+  bool active_ = false;
+  std::uint64_t tick_ = 0, frames_ = 0;
+  double ms_ = 0.0;
+  std::deque<hal::CanFrame> to_controller_;
+  std::vector<Delivery> to_drives_;
+  struct Late {
+    std::uint64_t due;
+    hal::CanFrame frame;
+  };
+  std::deque<Late> late_;
+};
+
+}  // namespace esmc::host

@@ -1,0 +1,186 @@
+#pragma once
+/// Mechanism and drives of an episode, with what can be wrong with a drive or its sensor. The brake holds the
+/// mechanism until every motor has confirmed torque control.
+
+#include <cmath>
+#include <cstddef>
+#include <memory>
+#include <utility>
+#include <vector>
+
+#include "host_sim/campaign/judge.hpp"
+#include "host_sim/campaign/wire.hpp"
+#include "host_sim/drives/actuators.hpp"
+#include "host_sim/drives/placed_axes.hpp"
+#include "host_sim/plant/motion.hpp"
+
+namespace esmc::host {
+
+template <class Plant>
+class World {
+ public:
+  using Joints = typename Plant::Joints;
+
+  /// `unwatched`: the same scene with drives whose watchdog is off.
+  World(Motion<Plant> motion, const Scene& scene, const Scene& unwatched, const Injection& injection,
+        const Dialect& dialect)
+      : motion_(std::move(motion)),
+        actuators_(scene.effects, scene.motor_joints(), scene.seed),
+        scene_(&scene),
+        injection_(&injection),
+        dialect_(&dialect) {
+    const Joints angle = Plant::joint_angles(motion_.state().angle);
+    const auto places = placed_axes(scene);
+    for (std::size_t i = 0; i < places.size(); ++i) {
+      const bool off = injection.kind() == Injected::watchdog_off && i == injection.drive;
+      axes_.push_back({places[i],
+                       make_axis(off ? unwatched : scene, places[i]),
+                       {},
+                       places[i].joint,
+                       {},
+                       angle[static_cast<std::size_t>(places[i].joint)]});
+      nodes_.push_back(places[i].mount.node);
+      if (places[i].motor) axes_[i].state.limit = scene.torque_limit[i];
+    }
+    if (injection.kind() == Injected::swapped_nodes) std::swap(axes_[0].joint, axes_[1].joint);
+    for (Axis& a : axes_) a.axis->settle(angle[static_cast<std::size_t>(a.joint)]);
+  }
+
+  [[nodiscard]] const std::vector<int>& nodes() const { return nodes_; }
+  [[nodiscard]] const Motion<Plant>& motion() const { return motion_; }
+  [[nodiscard]] bool released() const { return released_; }
+  [[nodiscard]] std::size_t motors() const { return static_cast<std::size_t>(scene_->motors()); }
+  [[nodiscard]] const MotorState& motor(std::size_t i) const { return axes_[i].state; }
+  /// A torque at the joint of a motor, as its shaft is told.
+  [[nodiscard]] double at_shaft(std::size_t i, double torque) const {
+    const AxisMount& m = axes_[i].placed.mount;
+    return torque * m.direction / m.gear_ratio;
+  }
+  /// Distance a motor's joint has turned since the last tick, rad.
+  [[nodiscard]] double turned(std::size_t i) const { return axes_[i].turned; }
+
+  /// Every drive says how it is and where its shaft stands. `active`: the fault acts; `first`: it begins now.
+  void publish(Wire& wire, bool active, bool first) {
+    released_ = released_ || armed();
+    if (first) strike();
+    for (std::size_t i = 0; i < axes_.size(); ++i) {
+      Axis& a = axes_[i];
+      const auto shaft = motion_.shaft(static_cast<std::size_t>(a.joint));
+      Shown s{shaft.angle, released_ ? shaft.rate : 0.0};
+      a.turned = std::abs(shaft.angle - a.last_angle);
+      a.last_angle = shaft.angle;
+      if (i == injection_->drive) s = sensed(a, s, active, first);
+      a.axis->publish(s.angle, s.rate, [&](const hal::CanFrame& f) { wire.from_drive(i, f); });
+    }
+  }
+
+  /// Hands the frames of the tick to the drives, which began at `now_ms`.
+  void deliver(Wire& wire, double now_ms) {
+    for (Axis& a : axes_) {
+      a.state.heard_now = a.state.heard_stranger = false;
+      settle_zero(a, now_ms);  // what a watchdog did when the tick began
+    }
+    for (const Wire::Delivery& d : wire.to_drives()) {
+      for (std::size_t i = 0; i < axes_.size(); ++i) {
+        if (!wire.hears(i)) continue;
+        Axis& a = axes_[i];
+        const bool command = a.axis->commanded_by(d.frame);
+        (void)a.axis->receive(d.frame, [&](const hal::CanFrame& f) { wire.from_drive(i, f); });
+        if (command && !d.ours) a.state.heard_stranger = a.state.strangers = true;
+        if (command && d.ours) {
+          a.state.heard_now = true;
+          a.state.heard_ms = now_ms + d.ms;
+        }
+        settle_zero(a, now_ms + d.ms);
+      }
+    }
+  }
+
+  /// Over the tick that began at `t` seconds.
+  void advance(double t) {
+    if (!released_) return;
+    Joints asked{};
+    bool clipped = false;
+    for (const Axis& a : axes_) {
+      if (a.placed.motor) asked[static_cast<std::size_t>(a.joint)] = a.state.torque;
+    }
+    const double tick = scene_->tick();
+    actuators_.advance(motion_, t, tick, scene_->step, actuators_.deliver(asked, tick, clipped));
+  }
+
+ private:
+  struct Shown {
+    double angle, rate;
+  };
+  struct Axis {
+    PlacedAxis placed;
+    std::unique_ptr<EmulatedAxis> axis;
+    Shown kept;  ///< what a frozen sensor shows
+    int joint;   ///< that it really sits on
+    MotorState state;
+    double last_angle = 0.0, turned = 0.0;
+  };
+
+  /// Faults that happen to a drive once.
+  void strike() {
+    Axis& a = axes_[injection_->drive];
+    const auto silent = [](const hal::CanFrame&) {};
+    const int node = a.placed.mount.node;
+    switch (injection_->kind()) {
+      case Injected::drive_error:
+        (void)a.axis->receive(dialect_->fail(node), silent);
+        break;
+      case Injected::drive_disarm:
+        (void)a.axis->receive(dialect_->disarm(node), silent);
+        break;
+      case Injected::drive_reset:
+        a.axis = make_axis(*scene_, a.placed);
+        a.axis->settle(motion_.shaft(static_cast<std::size_t>(a.joint)).angle);
+        break;
+      default:
+        break;
+    }
+  }
+
+  Shown sensed(Axis& a, Shown s, bool active, bool first) const {
+    if (first) a.kept = s;
+    if (!active) return s;
+    switch (injection_->kind()) {
+      case Injected::frozen_sensor:
+        // The angle alone, or both; the speed of a stuck counter may be shown as zero as well.
+        if (injection_->choice % 3 == 0) return {a.kept.angle, s.rate};
+        return {a.kept.angle, injection_->choice % 3 == 1 ? a.kept.rate : 0.0};
+      case Injected::sensor_jump:
+      case Injected::sensor_step:
+        return {s.angle + injection_->amount, s.rate};
+      case Injected::sensor_flipped:
+        return {-s.angle, -s.rate};
+      default:
+        return s;
+    }
+  }
+
+  static void settle_zero(Axis& a, double now_ms) {
+    const double torque = a.axis->joint_torque();
+    if (torque == 0.0 && a.state.torque != 0.0) a.state.zero_ms = now_ms;
+    a.state.torque = torque;
+  }
+
+  [[nodiscard]] bool armed() const {
+    for (const Axis& a : axes_) {
+      if (a.placed.motor && a.axis->confirmations() < 2) return false;
+    }
+    return true;
+  }
+
+  Motion<Plant> motion_;
+  Actuators<Plant> actuators_;
+  const Scene* scene_;
+  const Injection* injection_;
+  const Dialect* dialect_;
+  std::vector<Axis> axes_;
+  std::vector<int> nodes_;
+  bool released_ = false;
+};
+
+}  // namespace esmc::host

@@ -1,0 +1,225 @@
+#include "host_sim/commands/campaign.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <atomic>
+#include <exception>
+#include <memory>
+#include <mutex>
+#include <nlohmann/json.hpp>
+#include <thread>
+
+#include "host_sim/commands/campaign_totals.hpp"
+#include "host_sim/commands/episode.hpp"
+#include "host_sim/commands/init.hpp"
+#include "host_sim/commands/output.hpp"
+#include "host_sim/commands/progress.hpp"
+#include "host_sim/commands/run.hpp"
+#include "host_sim/error.hpp"
+
+namespace esmc::host {
+namespace {
+
+using Sets = std::vector<std::string>;
+
+/// A loop of the built-in campaign: what tells it from the scene that `esmc init` prints.
+struct Variant {
+  const char* scene = "five_bar";
+  Sets sets;
+};
+
+/// What all of them have: short phases.
+const Sets& short_phases() {
+  static const Sets sets{"simulation.step=1e-3", "reference.join=0.05", "limits.halt_time=0.03",
+                         "limits.lower_time=0.03"};
+  return sets;
+}
+/// Where a circle begins, turned from variant to variant.
+std::string phase(double share) { return fmt::format("reference.phase={}", 6.28 * share); }
+
+const std::vector<Variant>& variants() {
+  constexpr const char *bar = "five_bar", *arm = "rr";
+  static const std::vector<Variant> list{
+      {bar, {}},
+      {bar, {phase(0.1), "reference.speed=3.0", "limits.after_halt=\"release\""}},
+      {bar, {phase(0.2), "reference.speed=-6.0", "limits.after_halt=\"hold\""}},
+      {bar, {phase(0.3), "reference.speed=-10.0", "control.law=\"esmc_projected\""}},
+      {bar, {phase(0.4), "reference.speed=5.0", "control.law=\"smc\""}},
+      {bar,
+       {phase(0.5), "reference.speed=8.0", "control.law=\"ctc\"", "mechanism.gravity=0",
+        "limits.after_halt=\"release\""}},
+      {bar, {phase(0.6), "control.law=\"pd\"", "control.kp=20", "control.kd=0.5", "reference.speed=2.0"}},
+      {bar, {phase(0.7), "control.reaching=\"saturation\"", "control.layer=0.5"}},
+      {bar, {phase(0.8), "control.reaching=\"tanh\"", "control.layer=0.5", "reference.speed=-4.0"}},
+      {bar, {phase(0.9), "control.reaching=\"sign\"", "reference.speed=3.0"}},
+      {bar, {phase(0.15), "control.torque_ramp=0.02", "reference.speed=4.0"}},
+      {bar, {"reference.type=\"hold\"", "initial.position=[0.03, 0.2]", "limits.after_halt=\"lower\""}},
+      {bar,
+       {phase(0.25), "drives.gear_ratio=[4.0, 9.0]", "drives.direction=[-1, 1]",
+        "drives.offset=[0.3, -1.0]"}},
+      {bar, {phase(0.35), "limits.halt_time=0", "reference.speed=7.0"}},
+      {bar, {phase(0.45), "reference.join=0"}},
+      {bar, {phase(0.55), "control.sensors=\"all\"", "sensors.nodes=[3, 4]"}},
+      {bar, {phase(0.65), "control.sensors=\"all\"", "control.motors=\"all\"", "drives.nodes=[1, 2, 3, 4]"}},
+      {arm, {}},
+      {arm, {"limits.after_halt=\"hold\"", "control.law=\"smc\""}},
+  };
+  return list;
+}
+
+class AnyKind {
+ public:
+  virtual ~AnyKind() = default;
+  [[nodiscard]] virtual EpisodeResult run(std::uint64_t seed, const Draw& draw,
+                                          EpisodeTrace* trace) const = 0;
+
+ protected:
+  AnyKind() = default;
+  AnyKind(const AnyKind&) = default;
+  AnyKind& operator=(const AnyKind&) = default;
+};
+template <class World_>
+class KindOf final : public AnyKind {
+ public:
+  explicit KindOf(const Scene& scene) : kind_(scene) {}
+  [[nodiscard]] EpisodeResult run(std::uint64_t seed, const Draw& draw, EpisodeTrace* trace) const override {
+    return kind_.run(seed, draw, trace);
+  }
+
+ private:
+  EpisodeKind<World_> kind_;
+};
+
+std::unique_ptr<AnyKind> make_kind(const Scene& scene) {
+  const BusObstacle obstacle = bus_obstacle(scene);
+  if (!obstacle.what.empty()) throw InputError(obstacle.where, obstacle.what);
+  if (scene.type == MechanismType::five_bar) return std::make_unique<KindOf<FiveBarWorld>>(scene);
+  return std::make_unique<KindOf<RrWorld>>(scene);
+}
+
+/// Everything an episode may run on. An episode is a function of its seed and of these.
+class Campaign {
+ public:
+  explicit Campaign(const CampaignOptions& o) {
+    Sets sets = o.sets;
+    if (!o.protocol.empty()) sets.push_back("drives.protocol=\"" + o.protocol + "\"");
+    if (!o.scene.empty()) {
+      kinds_.push_back(make_kind(read_scene(o.scene, sets)));
+      return;
+    }
+    for (const Variant& v : variants()) {
+      Sets all = short_phases();
+      all.insert(all.end(), v.sets.begin(), v.sets.end());
+      all.insert(all.end(), sets.begin(), sets.end());
+      kinds_.push_back(
+          make_kind(read_scene_text(std::string(starting_scene(v.scene)), "built-in scene", all)));
+    }
+  }
+  [[nodiscard]] EpisodeResult run(std::uint64_t seed, EpisodeTrace* trace = nullptr) const {
+    Draw draw(seed);
+    const std::size_t variant = draw.below(kinds_.size());
+    EpisodeResult e = kinds_[variant]->run(seed, draw, trace);
+    e.variant = variant;
+    return e;
+  }
+
+ private:
+  std::vector<std::unique_ptr<AnyKind>> kinds_;
+};
+
+CampaignTotals run_all(const Campaign& campaign, const CampaignOptions& o) {
+  const auto processors = static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
+  const int jobs = o.jobs > 0 ? o.jobs : processors;
+  constexpr std::uint64_t at_once = 64;
+  std::atomic<std::uint64_t> next{0};
+  std::mutex mutex;
+  CampaignTotals totals;
+  std::exception_ptr failure;
+  Progress progress(o.episodes);
+  const auto work = [&](bool draws) {
+    CampaignTotals mine;
+    try {
+      for (std::uint64_t from = next.fetch_add(at_once); from < o.episodes && !stop_requested();
+           from = next.fetch_add(at_once)) {
+        if (draws) progress.at(from);
+        for (std::uint64_t i = from; i < std::min(o.episodes, from + at_once); ++i)
+          mine.add(campaign.run(o.seed + i));
+      }
+    } catch (...) {
+      const std::lock_guard lock(mutex);
+      failure = std::current_exception();
+      next = o.episodes;
+    }
+    const std::lock_guard lock(mutex);
+    totals.add(mine);
+  };
+  std::vector<std::thread> threads;
+  for (int i = 1; i < jobs; ++i) threads.emplace_back(work, false);
+  work(true);
+  for (std::thread& t : threads) t.join();
+  if (failure) std::rethrow_exception(failure);
+  return totals;
+}
+
+int replay(const Campaign& campaign, const CampaignOptions& o) {
+  EpisodeTrace trace;
+  const EpisodeResult e = campaign.run(*o.replay, &trace), again = campaign.run(*o.replay);
+  const bool equal = e.digest == again.digest && e.ticks == again.ticks;
+  const bool held = e.verdict.invariant.empty();
+  nlohmann::ordered_json j;
+  j["seed"] = e.seed;
+  j["variant"] = e.variant;
+  j["fault"] = e.injection.row->name;
+  j["phase"] = name(e.injection.phase);
+  j["injection"] = describe(e.injection);
+  j["invariant"] = held ? nlohmann::ordered_json(nullptr) : nlohmann::ordered_json(e.verdict.invariant);
+  j["violation_tick"] = held ? nlohmann::ordered_json(nullptr) : nlohmann::ordered_json(e.verdict.tick);
+  j["latched"] = e.first_fault.empty() ? "none" : e.first_fault;
+  j["notice_ms"] = e.reaction.notice_ms;
+  j["safe_ms"] = e.reaction.safe_ms;
+  j["host_death_ms"] = e.reaction.death_ms;
+  j["ticks"] = e.ticks;
+  j["digest"] = fmt::format("{:016x}", e.digest);
+  j["bit_equal"] = equal;
+  OutputDirectory out(o.out);
+  if (out.wanted()) {
+    std::string lines;
+    for (const std::string& line : trace) lines += line + "\n";
+    out.write("episode.txt", lines);
+    out.write("episode.json", j.dump(2) + "\n");
+    out.commit();
+  }
+  if (o.json) {
+    fmt::print("{}\n", j.dump(2));
+  } else {
+    for (const std::string& line : trace) fmt::print("{}\n", line);
+    fmt::print("seed {} on variant {}: {}\n", e.seed, e.variant, describe(e.injection));
+    fmt::print("latched {}; {}\n", j["latched"].get<std::string>(),
+               held ? "every invariant held"
+                    : fmt::format("{} broken at tick {}", e.verdict.invariant, e.verdict.tick));
+    fmt::print("digest {:016x}, run twice: {}\n", e.digest, equal ? "bit-equal" : "different");
+  }
+  return held && equal ? 0 : 1;
+}
+
+}  // namespace
+
+int run_campaign(const CampaignOptions& o) {
+  const Campaign campaign(o);
+  if (o.replay) return replay(campaign, o);
+  OutputDirectory out(o.out);
+  const CampaignTotals totals = run_all(campaign, o);
+  nlohmann::ordered_json j = totals.json();
+  j["seed"] = o.seed;
+  j["interrupted"] = totals.episodes() < o.episodes;
+  if (out.wanted()) {
+    out.write("campaign.json", j.dump(2) + "\n");
+    out.write("campaign.md", totals.markdown());
+    out.commit();
+  }
+  fmt::print("{}", o.json ? j.dump(2) + "\n" : totals.text());
+  return totals.violation_count() == 0 && totals.episodes() == o.episodes ? 0 : 1;
+}
+
+}  // namespace esmc::host

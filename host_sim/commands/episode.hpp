@@ -1,0 +1,204 @@
+#pragma once
+/// One episode of a campaign: controller, drives and mechanism in lockstep on a faulty wire, in virtual time.
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "host_sim/campaign/judge.hpp"
+#include "host_sim/campaign/world.hpp"
+#include "host_sim/commands/halves.hpp"
+#include "host_sim/commands/recorder.hpp"
+
+namespace esmc::host {
+
+struct EpisodeResult {
+  std::uint64_t seed = 0;
+  std::size_t variant = 0;
+  Injection injection;
+  Verdict verdict;
+  Reaction reaction;
+  std::string_view first_fault;  ///< "": none
+  std::uint64_t ticks = 0, digest = 0;
+  double tick_s = 1e-3;
+  bool stale = false;  ///< the fault took samples away for longer than is extrapolated
+  bool ran = false;    ///< there was torque before the fault
+};
+
+/// A line per tick, where somebody wants to read them.
+using EpisodeTrace = std::vector<std::string>;
+
+/// What episodes on one scene share; read only.
+template <class World_>
+class EpisodeKind {
+ public:
+  using Plant = typename World_::Plant;
+  using M = typename World_::Mechanism;
+
+  explicit EpisodeKind(const Scene& scene)
+      : scene_(scene),
+        unwatched_(scene),
+        reference_(make_reference(scene_, Pacing::lockstep)),
+        cycle_(make_cycle<M>(scene_, Pacing::lockstep, reference_)) {
+    unwatched_.drives.watchdog_timeout = 1e9;
+    const auto ticks = [&](double seconds) {
+      return static_cast<int>(std::llround(seconds * scene_.rate_hz));
+    };
+    times_.tick = scene_.tick();
+    times_.join_ticks = static_cast<int>(reference_.join_ticks);
+    times_.halt_ticks = ticks(scene_.limits.halt_time);
+    times_.max_age_ticks = scene_.limits.max_age_ticks;
+    times_.heartbeat_ticks = ticks(scene_.drives.heartbeat_timeout);
+    times_.motors = static_cast<std::size_t>(scene_.motors());
+    times_.axes = scene_.drives.nodes.size();
+    if (scene_.limits.after_halt != AfterHalt::hold) {
+      times_.off_after_halt_ticks = 4 * times_.halt_ticks + ticks(scene_.limits.lower_time) + 4;
+    }
+  }
+  EpisodeKind(const EpisodeKind&) = delete;
+  EpisodeKind& operator=(const EpisodeKind&) = delete;
+
+  [[nodiscard]] EpisodeResult run(std::uint64_t seed, Draw draw, EpisodeTrace* trace = nullptr) const;
+
+ private:
+  Scene scene_, unwatched_;
+  ReferenceBundle<double> reference_;
+  AnyCycle<M> cycle_;
+  EpisodeTimes times_;
+};
+
+/// When what happens, as far as that is known before.
+class EpisodeScript {
+ public:
+  EpisodeScript(const Injection& i, const EpisodeTimes& t, Draw& draw)
+      : injection_(i),
+        join_(t.join_ticks),
+        orders_at_(join_ + draw.between(1, 15)),
+        after_(draw.between(0, 3)) {}
+
+  /// What the operator asks for. `run`: ticks since the brake was released, -1 before; `latched`: since the
+  /// controller has taken the torque away, -1 before.
+  [[nodiscard]] Operator at(std::uint64_t tick, int run, int latched) const {
+    if (tick == 0) return Operator::enable;
+    if (latched == 5 && after_ == 1) return Operator::enable;  // not without a reset
+    if (latched == 5 && after_ >= 2) return Operator::reset;
+    if (latched == 10 && after_ == 3) return Operator::enable;
+    if (latched >= 0 || run != orders_at_) return Operator::nothing;
+    if (injection_.phase == Phase::halting) return Operator::halt;
+    return injection_.phase == Phase::stopping ? Operator::stop : Operator::nothing;
+  }
+  /// Whether the fault begins in this tick or has begun.
+  [[nodiscard]] bool begins(std::uint64_t tick, int run) const {
+    switch (injection_.phase) {
+      case Phase::arming:
+        return tick >= static_cast<std::uint64_t>(injection_.offset);
+      case Phase::joining:
+        return run >= injection_.offset;
+      case Phase::running:
+        return run >= join_ + injection_.offset;
+      case Phase::halting:
+      case Phase::stopping:
+        break;
+    }
+    return run >= orders_at_ + injection_.offset;
+  }
+
+ private:
+  const Injection& injection_;
+  int join_, orders_at_, after_;
+};
+
+template <class World_>
+EpisodeResult EpisodeKind<World_>::run(std::uint64_t seed, Draw draw, EpisodeTrace* trace) const {
+  constexpr int watch_ticks = 30, most_ticks = 600;
+  EpisodeResult out;
+  out.seed = seed;
+  const Dialect& words = dialect(scene_.drives.protocol);
+  const Injection injection = draw_injection(draw, times_, words);
+  const EpisodeScript script(injection, times_, draw);
+  World<Plant> world(make_motion<World_>(scene_), scene_, unwatched_, injection, words);
+  Wire wire(injection, words, world.nodes());
+  Judge judge(injection, times_, scene_.effects.empty());
+  AnyCycle<M> cycle = cycle_;
+  Digest digest;
+  Operator pending = Operator::nothing;
+  ControllerWord word;
+  int run = -1, latched = -1, since = -1;
+  const int watch = watch_ticks + std::max(std::min(injection.length, watch_ticks), injection.notice_ticks);
+  std::uint64_t tick = 0;
+  for (; since < watch && tick < most_ticks; ++tick) {
+    if (since >= 0 || script.begins(tick, run)) ++since;
+    const bool first = since == 0, active = since >= 0 && since < injection.length;
+    wire.begin_tick(active);
+    world.publish(wire, active, first);
+    wire.strangers_before_tick();
+    if (const Operator o = script.at(tick, run, latched); o != Operator::nothing) pending = o;
+
+    if (first) out.ran = word.powered;
+    const bool absent = active && (injection.kind() == Injected::controller_death ||
+                                   injection.kind() == Injected::controller_late);
+    const Operator asked = absent ? Operator::nothing : std::exchange(pending, Operator::nothing);
+    word.ticked = !absent;
+    if (!absent) {
+      std::visit(
+          [&](auto& c) {
+            c.receive(wire);
+            switch (asked) {
+              case Operator::enable:
+                c.command(Command::enable);
+                break;
+              case Operator::stop:
+                c.command(Command::stop);
+                break;
+              case Operator::halt:
+                c.command(Command::halt);
+                break;
+              case Operator::reset:
+                c.command(Command::reset);
+                break;
+              case Operator::nothing:
+                break;
+            }
+            const TickResult<M> r = c.tick(wire);
+            c.request(wire);
+            word.powered = c.supervisor().powered();
+            word.faulted = r.state == State::fault;
+            word.fault = esmc::name(r.fault);
+          },
+          cycle);
+    }
+    wire.strangers_after_tick(static_cast<float>(
+        world.at_shaft(injection.drive, injection.amount * world.motor(injection.drive).limit)));
+    world.deliver(wire, static_cast<double>(tick) * times_.tick * 1e3);
+    judge.look(tick, asked, word, world, wire, first);
+    if (latched >= 0 || word.faulted) ++latched;
+
+    const auto now = world.motion().output();
+    digest.add(now.q);
+    digest.add(now.qd);
+    for (std::size_t i = 0; i < world.motors(); ++i) digest.add(std::array{world.motor(i).torque});
+    if (trace != nullptr) {
+      std::string line =
+          fmt::format("{:4} {}{:>5} {:<9} {:<22}", tick, active ? '*' : ' ', word.ticked ? "tick" : "-",
+                      word.powered ? "powered" : (word.faulted ? "fault" : "off"), word.fault);
+      for (std::size_t i = 0; i < world.motors(); ++i)
+        line += fmt::format(" {:10.6f}", world.motor(i).torque);
+      for (const double q : now.q) line += fmt::format(" {:9.5f}", q);
+      trace->push_back(line);
+    }
+    world.advance(static_cast<double>(tick) * times_.tick);
+    if (run >= 0 || world.released()) ++run;
+  }
+  judge.end();
+  out.injection = injection;
+  out.stale = injection.notice_ticks == times_.max_age_ticks && takes_samples(injection.kind());
+  out.verdict = judge.verdict();
+  out.reaction = judge.reaction();
+  out.first_fault = judge.first_fault();
+  out.ticks = tick;
+  out.tick_s = times_.tick;
+  out.digest = digest.value();
+  return out;
+}
+
+}  // namespace esmc::host

@@ -1,0 +1,114 @@
+#!/usr/bin/env python3
+"""esmc campaign from outside: the contract of its document, the same result whatever the number of threads, replay,
+and as many episodes as fit into a test run, without a violation. Usage: campaign_test.py ESMC SCENES EPISODES"""
+
+import json
+import pathlib
+import subprocess
+import sys
+import tempfile
+
+ESMC, SCENES, EPISODES = sys.argv[1], pathlib.Path(sys.argv[2]), int(sys.argv[3])
+FAULTS = """nothing frame_loss burst_loss scattered_loss duplication delay reordering corruption not_finite denormal huge
+ wrong_length remote_frame fd_frame extended_frame frozen_sensor sensor_jump sensor_step sensor_flipped swapped_nodes
+ drive_error drive_disarm drive_reset drive_silent heartbeat_lost drive_bus_off watchdog_off controller_death
+ controller_late controller_bus_off commands_lost queue_full babbling_node flood foreign_controller
+ emergency_stop""".split()
+PHASES = ["arming", "joining", "running", "halting", "stopping"]
+failed = 0
+
+
+def check(condition, what):
+    global failed
+    if not condition:
+        failed += 1
+        print(f"campaign_test: {what}")
+
+
+def esmc(*arguments, status=0):
+    run = subprocess.run([ESMC, *arguments], capture_output=True, text=True, check=False)
+    check(run.returncode == status, f"{arguments}: status {run.returncode}, {run.stderr.strip()} {run.stdout[:2000]}")
+    return run
+
+
+def campaign(*arguments):
+    return json.loads(esmc("campaign", *arguments, "--json").stdout)
+
+
+def main_run():
+    j = campaign("--episodes", str(EPISODES))
+    check(j["episodes"] == EPISODES and j["violations"] == [] and not j["interrupted"], "episodes and violations")
+    r = j["reaction_ms"]
+    check(0 < r["stale_max"] <= 2.0 + 1e-9, f"stale feedback noticed in {r['stale_max']} ms")
+    check(r["stale_max"] < r["safe_max"] <= 3.0, f"safe torque in {r['safe_max']} ms")
+    check(9.0 < r["host_death_max"] <= 12.0, f"host death: {r['host_death_max']} ms")
+    check(j["simulated_s"] > 0.05 * EPISODES, "simulated time")
+    check(sorted(j["faults"]) == sorted(FAULTS), "every fault occurs, and no other")
+    check(sum(f["episodes"] for f in j["faults"].values()) == EPISODES, "the faults' counts add up")
+    phases = [sum(f["phases"][p] for f in j["faults"].values()) for p in PHASES]
+    check(sum(phases) == EPISODES and min(phases) > EPISODES / 20, f"phases {phases}")
+    for name, f in j["faults"].items():
+        check(sum(f["latched"].values()) == f["episodes"], f"{name}: names add up")
+    for name in ("stale", "safe", "host_death"):
+        bins = j["histograms"][name]
+        top = {"stale": "stale_max", "safe": "safe_max", "host_death": "host_death_max"}[name]
+        check(sum(b["count"] for b in bins) > EPISODES / 200 and bins[-1]["up_to_ms"] >= r[top] - 1e-9, f"histogram {name}")
+    check(j["faults"]["not_finite"]["latched"].get("feedback_not_finite", 0) > EPISODES / 100, "not_finite has its name")
+
+
+def threads_and_seeds():
+    one, three = (campaign("--episodes", "1000", "--seed", "77", "--jobs", n) for n in ("1", "3"))
+    check(one == three, "the result depends on --jobs")
+    other = campaign("--episodes", "1000", "--seed", "78")
+    check(one["digest"] != other["digest"], "the result does not depend on --seed")
+    old = campaign("--episodes", "300", "--protocol", "odrive_0.5")
+    check(old["violations"] == [], "odrive_0.5")
+
+
+def scenes_of_ones_own():
+    for scene in ("rr_line.toml", "five_bar_circle.toml"):
+        j = campaign(str(SCENES / scene), "--set", "simulation.step=1e-3", "--episodes", "300")
+        check(j["violations"] == [], f"{scene}: {j['violations'][:3]}")
+
+
+def replay():
+    runs = [campaign("--replay", str(2**64 - 1)) for _ in range(2)]
+    check(runs[0] == runs[1] and runs[0]["bit_equal"] and runs[0]["seed"] == 2**64 - 1, "replay")
+    text = esmc("campaign", "--replay", "5").stdout
+    check("bit-equal" in text and text.count("\n") > 30, "replay prints its ticks")
+    with tempfile.TemporaryDirectory() as d:
+        esmc("campaign", "--replay", "5", "--out", d + "/r")
+        lines = (pathlib.Path(d) / "r/episode.txt").read_text().splitlines()
+        check(len(lines) == json.loads((pathlib.Path(d) / "r/episode.json").read_text())["ticks"], "a line per tick")
+
+
+def violations_are_told():
+    # The watchdog of these drives is slower than what the campaign demands of a dead controller.
+    slow = ["--episodes", "400", "--set", "drives.watchdog_timeout=0.03"]
+    with tempfile.TemporaryDirectory() as d:
+        run = esmc("campaign", *slow, "--json", "--out", d + "/c", status=1)
+        j = json.loads(run.stdout)
+        check(len(j["violations"]) > 3, "a slow watchdog is no violation")
+        check(all(v["invariant"] == "watchdog" for v in j["violations"]), f"{j['violations'][:3]}")
+        check(json.loads((pathlib.Path(d) / "c/campaign.json").read_text()) == j, "campaign.json")
+        check("controller_death" in (pathlib.Path(d) / "c/campaign.md").read_text(), "campaign.md")
+    first = j["violations"][0]
+    again = json.loads(esmc("campaign", *slow[2:], "--replay", str(first["seed"]), "--json", status=1).stdout)
+    check(again["digest"] == first["digest"] and again["violation_tick"] == first["tick"]
+          and again["invariant"] == first["invariant"] and again["fault"] == first["fault"], "replay of a violation")
+    text = esmc("campaign", *slow, status=1).stdout
+    check(f"--replay {first['seed']}" in text, "the text tells how to replay")
+
+
+def bad_input():
+    for arguments in (["--episodes", "-1"], ["--episodes", "many"], ["--jobs", "0"], ["--replay", "x"], ["--seed", "1.5"],
+                      ["--protocol", "canopen"], ["no_such.toml"], ["--set", "control.law=\"open_loop\""], ["--fast"]):
+        run = esmc("campaign", *arguments, status=2)
+        check(run.stdout == "" and run.stderr.startswith("esmc: ") and run.stderr.count("\n") == 1,
+              f"{arguments}: {run.stderr!r}")
+
+
+for part in (main_run, threads_and_seeds, scenes_of_ones_own, replay, violations_are_told, bad_input):
+    part()
+print("campaign_test: " + ("passed" if failed == 0 else f"{failed} checks failed"))
+sys.exit(1 if failed else 0)
