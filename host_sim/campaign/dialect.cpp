@@ -3,6 +3,7 @@
 #include <bit>
 
 #include "firmware/drive/odrive.hpp"
+#include "host_sim/error.hpp"
 
 namespace esmc::host {
 namespace {
@@ -48,9 +49,12 @@ const Dialect& dialect(Protocol p) {
   switch (p) {
     case Protocol::odrive:
     case Protocol::odrive_0_5:
+      return odrive_dialect;
+    case Protocol::cia402:
+    case Protocol::mit:
       break;
   }
-  return odrive_dialect;
+  throw InputError("", "esmc campaign speaks odrive and odrive_0.5 only");
 }
 
 }  // namespace esmc::host

@@ -4,7 +4,7 @@
 #include <bit>
 #include <limits>
 
-#include "host_sim/loop/bus_load.hpp"
+#include "host_sim/bus/wire.hpp"
 
 namespace esmc::host {
 namespace {
