@@ -43,12 +43,14 @@ class Cycle {
     Vec<S, M::joints> zero_pose = Vec<S, M::joints>::Zero();  ///< rad: the joints as confirm_zero finds them
     S torque_mismatch{};                     ///< N m at the joint between a drive's torque and its command; 0: any
     S torque_time{};                         ///< s: in which a drive follows its command
+    bool samples_timed = true;               ///< false where time is counted in sets: how long a frame waited says nothing
   };
 
   explicit Cycle(const Config& config)
       : controller_(config.controller), supervisor_(controller_.supervision()), axes_(config.axes), line_(config.line), axis_count_(config.axis_count),
         heartbeat_age_ticks_max_(config.heartbeat_age_ticks_max), zero_(config.zero_absolute, config.zero_pose),
-        echo_(config.torque_mismatch, config.torque_time, config.controller.sample_time) {}
+        echo_(config.torque_mismatch, config.torque_time, config.controller.sample_time),
+        samples_timed_(config.samples_timed) {}
 
   /// Takes effect at the next tick. A stop is not overwritten by what is asked after it.
   void command(Command c) {
@@ -103,7 +105,7 @@ class Cycle {
     hal::CanFrame f;
     for (; taken_ < frames_per_tick_max && bus.try_receive(f); ++taken_) {
       if constexpr (hal::TimesFrames<Bus>) {
-        take(f, S(bus.frame_age_us()) * S(1e-6F));
+        take(f, samples_timed_ ? S(bus.frame_age_us()) * S(1e-6F) : S(0));
       } else {
         take(f, S(0));
       }
@@ -306,6 +308,7 @@ class Cycle {
   std::uint32_t heartbeat_age_ticks_max_;
   ZeroPose<M> zero_;
   TorqueEcho<M> echo_;
+  bool samples_timed_;
   std::array<S, static_cast<unsigned>(axes_max)> phase_{};
   Command command_ = Command::none;
   DriveStatus status_{};

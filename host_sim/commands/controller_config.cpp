@@ -318,6 +318,7 @@ C cycle_of(const Scene& scene, Pacing pacing, const ReferenceBundle<double>& ref
   using S = typename C::S;
   c.torque_mismatch = static_cast<S>(scene.drives.torque_mismatch);
   c.torque_time = static_cast<S>(scene.drives.torque_time);
+  c.samples_timed = pacing == Pacing::realtime;
   // Emulated drives know their angle, whatever the scene's real ones do.
   c.zero_absolute = scene.drives.zero == Zero::absolute || !scene.hardware;
   for (int i = 0, n = c.controller.sensor_count(); i < n; ++i) {

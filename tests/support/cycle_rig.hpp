@@ -31,6 +31,7 @@ struct Setup {
   drive::odrive::Version version = drive::odrive::Version::v0_6;
   std::uint32_t retry_ticks = 150;
   std::uint32_t heartbeat_age_ticks_max = 20;
+  bool samples_timed = true;
   bool zero_absolute = true;
   Vec<typename M::Scalar, M::joints> zero_pose = Vec<typename M::Scalar, M::joints>::Zero();
   std::array<double, 4> gear{mountings[0].gear, mountings[1].gear, mountings[2].gear, mountings[3].gear};
@@ -230,6 +231,7 @@ class Rig {
     }
     c.axis_count = static_cast<int>(axes);
     c.heartbeat_age_ticks_max = s.heartbeat_age_ticks_max;
+    c.samples_timed = s.samples_timed;
     c.zero_absolute = s.zero_absolute;
     c.zero_pose = s.zero_pose;
     return c;

@@ -178,6 +178,13 @@ TEST(Phase, ABusThatStampsItsFramesGivesItToTheSample) {
   ASSERT_TRUE(rig.start());
   EXPECT_NEAR(rig.cycle.sample().phase[0], 7e-4, 1e-9);
   EXPECT_NEAR(rig.cycle.sample().phase[2], 7e-4, 1e-9);
+
+  // In lockstep a frame waits for the scheduler, and the result must not depend on that.
+  auto counted = esmc::test::setup<Five>();
+  counted.samples_timed = false;
+  esmc::test::Rig<Five, Stamped> lockstep(counted);
+  ASSERT_TRUE(lockstep.start());
+  EXPECT_EQ(lockstep.cycle.sample().phase[0], 0.0);
 }
 
 }  // namespace
