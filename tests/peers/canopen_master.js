@@ -52,7 +52,16 @@ async function mapPdo(id, communication, cob, type, entries) {
   await write(id, communication + 0x200, 0, UNSIGNED8, entries.length);
   await write(id, communication, 1, UNSIGNED32, cob);
 }
+// Until it is there.
+async function call(id) {
+  for (;;) {
+    try {
+      return await master.sdo.upload({ deviceId: id, index: 0x1000, dataType: UNSIGNED32, timeout: 500 });
+    } catch (error) { /* silent so far */ }
+  }
+}
 async function setUp(id) {
+  await call(id);
   const refused = async (what) => what.then(() => 0, (error) => error.code ?? error.message);
   seen.aborts[id] = [await refused(read(id, 0x2FFF, 0, UNSIGNED32)), await refused(read(id, 0x1018, 9, UNSIGNED32)),
     await refused(write(id, 0x6041, 0, UNSIGNED16, 0)), await refused(write(id, 0x1A00, 1, UNSIGNED32, 0x60410010))];
@@ -66,7 +75,7 @@ async function setUp(id) {
   await mapPdo(id, 0x1801, 0x280 + id, 1, [0x606C0020, 0x60610008]);
 }
 async function main() {
-  for (const id of ids) await setUp(id);
+  await Promise.all(ids.map(setUp));
   for (const id of ids) master.nmt.startNode(id);
   master.nmt.startNode(127);
   // SYNC, then the controlwords that the last statuswords ask for.
