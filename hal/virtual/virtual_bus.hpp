@@ -22,7 +22,8 @@ class VirtualBus {
       if (count_ == 0) return false;
       f = queue_[first_];
       first_ = (first_ + 1) % capacity;
-      --count_;
+      // Back to the slots that are in the cache: a queue is mostly emptied between ticks.
+      if (--count_ == 0) first_ = 0;
       return true;
     }
     [[nodiscard]] std::size_t waiting() const { return count_; }

@@ -79,8 +79,11 @@ class TimedBus {
 
   [[nodiscard]] Time now() const { return now_; }
   [[nodiscard]] double seconds(Time t) const { return static_cast<double>(t) / bitrate_; }
-  /// t = 0 of the scene is now.
-  void begin_run() { origin_ = now_; }
+  /// t = 0 of the scene is now. Latencies count from here on: arming takes frames of its own.
+  void begin_run() {
+    origin_ = now_;
+    latency_.clear();
+  }
 
   /// Asks `node` to send. The frame waits in the node, behind what it has of the same identifier.
   hal::SendStatus send(std::size_t node, const hal::CanFrame& f);

@@ -367,11 +367,18 @@ void judge_bus(const Scene& s, const BusAnalysis& bus, Findings& f) {
     return;
   }
   if (bus.load > 0.8) f.warning(fmt::format("bus load {:.0f} %: above 80 % frames wait for each other", 100.0 * bus.load));
+  const BusAnalysis::Message* before = nullptr;
   for (const BusAnalysis::Message& m : bus.messages) {
-    if (m.name == "babbling_node" || (m.response_s && *m.response_s <= s.tick())) continue;
-    f.warning(fmt::format("the frame \"{}\" (identifier 0x{:X}) can be {}, and a tick is {:.0f} us", m.name, m.id,
-                          m.response_s ? fmt::format("{:.0f} us late", 1e6 * *m.response_s) : "late without bound",
-                          1e6 * s.tick()));
+    if (before != nullptr && before->id == m.id && before->extended == m.extended) {
+      f.warning(fmt::format("the frames \"{}\" and \"{}\" share the identifier 0x{:X}: sent at the same time they destroy "
+                            "each other; give each its own",
+                            before->name, m.name, m.id));
+    }
+    before = &m;
+    if (m.name == "babbling_node" || (m.response_s && *m.response_s <= m.period_s)) continue;
+    f.warning(fmt::format("the frame \"{}\" (identifier 0x{:X}) can be {}, and the next one is due after {:.0f} us", m.name,
+                          m.id, m.response_s ? fmt::format("{:.0f} us late", 1e6 * *m.response_s) : "late without bound",
+                          1e6 * m.period_s));
   }
 }
 

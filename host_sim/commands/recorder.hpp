@@ -143,8 +143,12 @@ class Recorder {
   void tick(std::uint32_t n, Motion<Plant>& motion, const typename Plant::Joints& torque, bool saturated,
             const ControllerView<M>& seen, bool disarmed = false) {
     const typename Plant::Output o = motion.output();
-    require_finite(o.q, n * scene_.tick());
-    require_finite(o.qd, n * scene_.tick());
+    const std::span<const double> q(o.q), qd(o.qd);
+    constexpr std::size_t half = Plant::outputs / 2;
+    Digest& digest = statistics_.digest;
+    digest.add(q.first(half));
+    require_finite(q, n * scene_.tick());
+    require_finite(qd, n * scene_.tick());
     const V2 x = o.effector;
     if (n == 0) {
       track_.start(x, o.effector_rate, {World::angle(o, 0), World::angle(o, M::joints / 2)},
@@ -152,14 +156,14 @@ class Recorder {
     }
     TickRecord r;
     r.t = n * scene_.tick();
-    r.q = o.q;
-    r.qd = o.qd;
     for (std::size_t i = 0; i < torque_.size(); ++i) torque_[i] = torque[joint(static_cast<int>(i))];
     r.torque = torque_;
     r.saturated = saturated || (seen.result != nullptr && seen.result->saturated);
     r.faulted = seen.result != nullptr ? seen.result->fault != Fault::none : disarmed;
+    digest.add(q.subspan(half));
     const auto reference = track_.present() ? track_.at(n, seen.result) : std::nullopt;
     r.has_reference = reference.has_value();
+    digest.add(qd.first(half));
     if (reference) {
       r.effector_error = std::hypot(x.x - reference->effector.x, x.y - reference->effector.y);
       for (int i = 0; i < 2; ++i) {
@@ -167,6 +171,7 @@ class Recorder {
         r.base_error[u] = wrap_to_pi(World::angle(o, i * M::joints / 2) - reference->base[u]);
       }
     }
+    digest.add(qd.subspan(half));
     statistics_.add(r);
     statistics_.closure_max = larger(statistics_.closure_max, o.closure);
     if (n % energy_stride == 0)

@@ -18,10 +18,18 @@ namespace esmc::host {
 /// The larger of two, or NaN where there is one: std::max may drop it.
 [[nodiscard]] inline double larger(double a, double b) { return b > a || std::isnan(b) ? b : a; }
 
+[[noreturn]] void throw_diverged(double t);
 /// Throws Diverged where a state at time t is not finite.
-void require_finite(std::span<const double> state, double t);
+inline void require_finite(std::span<const double> state, double t) {
+  double zero = 0.0;  // unless something is not
+  for (const double v : state) zero += v * 0.0;
+  if (zero != 0.0) throw_diverged(t);
+}
 
 /// FNV-1a 64 over the little-endian doubles of q then qd at every tick from t = 0.
+///
+/// A chain of multiplications that each wait for the one before. Given in portions with other work between them, the
+/// processor does that work meanwhile.
 class Digest {
  public:
   void add(std::span<const double> values) {
@@ -90,7 +98,6 @@ struct BusSummary {
 /// One tick as the statistics see it. `torque` per motor, N m at the joint.
 struct TickRecord {
   double t = 0.0;
-  std::span<const double> q, qd;
   std::span<const double> torque;
   bool has_reference = false;
   double effector_error = 0.0;         ///< m

@@ -34,19 +34,22 @@ void FrameLog::frame(const hal::CanFrame& f) {
   const std::uint32_t bits = worst_bits(f.remote ? 0U : f.size, f.extended);
   ++frames_;
   bits_ += bits;
-  time_us_ += (std::int64_t{bits} * 1'000'000 + bitrate_ - 1) / bitrate_;
-  write(f);
+  if (bits != last_bits_) {  // a division saved is a frame's time
+    last_bits_ = bits;
+    last_us_ = (std::int64_t{bits} * 1'000'000 + bitrate_ - 1) / bitrate_;
+  }
+  time_us_ += last_us_;
+  if (file_ != nullptr) write(f);
 }
 
 void FrameLog::frame_at(double time_s, std::uint32_t bits, const hal::CanFrame& f) {
   ++frames_;
   bits_ += bits;
   tick(time_s);
-  write(f);
+  if (file_ != nullptr) write(f);
 }
 
 void FrameLog::write(const hal::CanFrame& f) {
-  if (file_ == nullptr) return;
   const std::string line = candump_line(time_us_, interface_, f) + "\n";
   std::fwrite(line.data(), 1, line.size(), file_);
 }

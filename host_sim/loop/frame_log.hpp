@@ -40,7 +40,8 @@ class FrameLog {
   std::FILE* file_ = nullptr;
   std::string interface_;
   std::uint32_t bitrate_ = 1'000'000;
-  std::int64_t time_us_ = 0;
+  std::int64_t time_us_ = 0, last_us_ = 0;
+  std::uint32_t last_bits_ = 0;
   std::uint64_t frames_ = 0, bits_ = 0;
 };
 

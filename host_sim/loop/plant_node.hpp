@@ -71,8 +71,7 @@ class PlantNode {
   /// belongs to the next tick.
   template <hal::CanBus Bus>
   void collect(Bus& bus) {
-    int commands = 0;
-    for (int n = 0; n < frames_at_once && !answered() && take(bus, commands); ++n) {
+    for (int n = 0; n < frames_at_once && !answered() && take(bus); ++n) {
     }
   }
   /// Hands over all that waits. Returns how many commands to our drives were among it: frames of others are no
@@ -80,7 +79,10 @@ class PlantNode {
   template <hal::CanBus Bus>
   int drain(Bus& bus) {
     int commands = 0;
-    for (int n = 0; n < frames_at_once && take(bus, commands); ++n) {
+    const auto count = [&](const hal::CanFrame& f) {
+      for (const Axis& a : axes_) commands += a.axis->commanded_by(f) ? 1 : 0;
+    };
+    for (int n = 0; n < frames_at_once && take(bus, count); ++n) {
     }
     return commands;
   }
@@ -130,10 +132,14 @@ class PlantNode {
     bool answered;
   };
   template <hal::CanBus Bus>
-  bool take(Bus& bus, int& commands) {
+  bool take(Bus& bus) {
+    return take(bus, [](const hal::CanFrame&) {});
+  }
+  template <hal::CanBus Bus, class Look>
+  bool take(Bus& bus, const Look& look) {
     hal::CanFrame f;
     if (!bus.try_receive(f)) return false;
-    for (const Axis& a : axes_) commands += a.axis->commanded_by(f) ? 1 : 0;
+    look(f);
     const auto send = [&](const hal::CanFrame& reply) { (void)bus.try_send(reply); };
     for (Axis& a : axes_) a.answered = a.axis->receive(f, send) || a.answered;
     return true;

@@ -107,6 +107,22 @@ class Bus(unittest.TestCase):
                 self.assertLessEqual(seen[identifier]["latency_max_s"], limit)
                 self.assertLessEqual(seen[identifier]["latency_mean_s"], seen[identifier]["latency_max_s"])
 
+    def test_every_protocol_runs_on_a_bus_that_takes_time(self):
+        for protocol in ("odrive_0.5", "cia402", "mit"):
+            sets = [f"drives.protocol={protocol}"] + (["drives.master_id=[16, 17]"] if protocol == "mit" else [])
+            summary, status = hil(TIMED, sets=sets)
+            self.assertEqual((status, summary["bus"]["errors"], summary["bus"]["lost"]), (0, 0, 0), protocol)
+            bound = {m["id"]: m["response_s"] for m in json.loads(
+                esmc("check", CIRCLE, "--json", *[a for s in sets for a in ("--set", s)]).stdout)["bus"]["messages"]}
+            for m in summary["bus"]["messages"]:
+                if m["id"] in bound:  # not what arming takes
+                    self.assertLessEqual(m["latency_max_s"], bound[m["id"]], (protocol, hex(m["id"])))
+
+    def test_two_drives_that_answer_alike_collide(self):
+        summary, status = hil(TIMED, sets=["drives.protocol=mit"])
+        self.assertNotEqual(status, 0)
+        self.assertGreaterEqual(summary["bus"]["errors"], 16)
+
     def test_a_few_losses_are_bridged(self):
         summary, status = hil('{type="loss", probability=0.01}')
         self.assertEqual((status, summary["supervisor"]["faults"]), (0, []))
@@ -201,7 +217,10 @@ class Bus(unittest.TestCase):
             arguments = [a for s in sets for a in ("--set", s)]
             return [f["text"] for f in json.loads(esmc("check", CIRCLE, "--json", *arguments).stdout)["findings"]]
         self.assertEqual(findings(), [])
-        self.assertTrue(any("identifier 0x4E" in f and "a tick is 1000 us" in f for f in findings("bus.bitrate=800000")))
+        self.assertTrue(any("identifier 0x4E" in f and "due after 1000 us" in f for f in findings("bus.bitrate=800000")))
+        self.assertFalse(any("0x21" in f for f in findings("bus.bitrate=800000")))  # heartbeats have ten ticks
+        self.assertTrue(any("share the identifier 0x0" in f for f in findings("drives.protocol=mit")))
+        self.assertEqual(findings("drives.protocol=mit", "drives.master_id=[16, 17]"), [])
         self.assertTrue(any("above 80 %" in f for f in findings("bus.bitrate=700000")))
 
 
