@@ -17,48 +17,61 @@ constexpr int never = InjectionRow::not_demanded;
 // samples away: what is due then depends on how many, see draw_injection.
 constexpr std::array rows{
     InjectionRow{"nothing", Injected::nothing, everywhere, 1, 1, "none"},
-    InjectionRow{"frame_loss", Injected::loss, everywhere, 1, 2, "none stale_feedback"},
+    InjectionRow{"frame_loss", Injected::loss, everywhere, 1, 2, "stale_feedback"},
     InjectionRow{"burst_loss", Injected::loss, everywhere, 3, 25, "stale_feedback"},
     InjectionRow{"scattered_loss", Injected::scattered_loss, everywhere, 5, 40,
-                 "none stale_feedback drive_error drive_disarmed"},
+                 "none stale_feedback heartbeat_lost drive_error drive_disarmed torque_mismatch sign_test"},
     InjectionRow{"duplication", Injected::duplication, everywhere, 1, 40, "none"},
-    InjectionRow{"delay", Injected::delay, everywhere, 1, 40, "none stale_feedback", true},
-    InjectionRow{"reordering", Injected::reordering, everywhere, 1, 40, "none stale_feedback", true},
+    InjectionRow{"delay", Injected::delay, everywhere, 1, 40,
+                 "none stale_feedback drive_disarmed torque_mismatch", true},
+    InjectionRow{"reordering", Injected::reordering, everywhere, 1, 40,
+                 "none stale_feedback drive_disarmed torque_mismatch", true},
     InjectionRow{"corruption", Injected::corruption, everywhere, 1, 5, "*"},
     InjectionRow{"not_finite", Injected::not_finite, everywhere, 1, 20, "feedback_not_finite", false, 0, 1},
     InjectionRow{"denormal", Injected::denormal, everywhere, 1, 20, "none", true},
     InjectionRow{"huge", Injected::huge, everywhere, 1, 20, "feedback_jump joint_speed", true, 0, 1},
+    InjectionRow{"end_of_range", Injected::end_of_range, everywhere, 1, 20,
+                 "feedback_jump joint_speed drive_error", true, 0, 1},
     InjectionRow{"wrong_length", Injected::wrong_length, everywhere, 1, 20, "malformed_frame", false, 0, 1},
-    InjectionRow{"remote_frame", Injected::remote, everywhere, 1, 20, "malformed_frame", false, 0, 1},
+    InjectionRow{"remote_frame", Injected::remote, everywhere, 1, 20, "malformed_frame stale_feedback", false,
+                 0, 1},
     InjectionRow{"fd_frame", Injected::flexible_rate, everywhere, 1, 20, "malformed_frame", false, 0, 1},
-    InjectionRow{"extended_frame", Injected::extended, everywhere, 1, 20, "none stale_feedback"},
+    InjectionRow{"extended_frame", Injected::extended, everywhere, 1, 20, "stale_feedback"},
     InjectionRow{"frozen_sensor", Injected::frozen_sensor, everywhere, 1, 60, "none", true},
-    InjectionRow{"sensor_jump", Injected::sensor_jump, everywhere, 0, 0, "feedback_jump", true, 0, 1},
+    InjectionRow{"sensor_jump", Injected::sensor_jump, everywhere, 0, 0, "feedback_jump drive_error", true, 0,
+                 1},
     InjectionRow{"sensor_step", Injected::sensor_step, everywhere, 0, 0, "none", true},
-    InjectionRow{"sensor_flipped", Injected::sensor_flipped, everywhere, 0, 0, "none", true},
+    InjectionRow{"sensor_flipped", Injected::sensor_flipped, everywhere, 0, 0, "none drive_error", true},
     InjectionRow{"swapped_nodes", Injected::swapped_nodes, at_start, 0, 0, "none", true},
     InjectionRow{"drive_error", Injected::drive_error, everywhere, 1, 1, "drive_error drive_disarmed", false,
                  12, 13},
-    InjectionRow{"drive_disarm", Injected::drive_disarm, everywhere, 1, 1, "drive_disarmed", false, 12, 13},
-    InjectionRow{"drive_reset", Injected::drive_reset, everywhere, 1, 1, "drive_disarmed", false, 12, 13},
+    InjectionRow{"drive_disarm", Injected::drive_disarm, everywhere, 1, 1, "drive_disarmed torque_mismatch",
+                 true, 12, 13},
+    InjectionRow{"drive_reset", Injected::drive_reset, everywhere, 1, 1,
+                 "drive_disarmed stale_feedback torque_mismatch drive_configuration", true, 12, 13},
     InjectionRow{"drive_silent", Injected::drive_silent, everywhere, 0, 0, "stale_feedback"},
     InjectionRow{"heartbeat_lost", Injected::heartbeat_lost, everywhere, 0, 0, "heartbeat_lost", false, 52,
                  53},
-    InjectionRow{"drive_bus_off", Injected::drive_bus_off, everywhere, 1, 40, "none stale_feedback"},
+    InjectionRow{"drive_bus_off", Injected::drive_bus_off, everywhere, 1, 40,
+                 "stale_feedback drive_error drive_disarmed"},
     InjectionRow{"watchdog_off", Injected::watchdog_off, at_start, 0, 0, "none drive_configuration"},
     InjectionRow{"controller_death", Injected::controller_death, everywhere, 0, 0, "none"},
     InjectionRow{"controller_late", Injected::controller_late, everywhere, 1, 30,
-                 "none drive_error drive_disarmed feedback_jump"},
+                 "none drive_error drive_disarmed feedback_jump torque_mismatch sign_test"},
     InjectionRow{"controller_bus_off", Injected::controller_bus_off, everywhere, 1, 40,
                  "bus_off stale_feedback", false, 1, 12},
     InjectionRow{"commands_lost", Injected::commands_lost, everywhere, 1, 40,
-                 "none drive_error drive_disarmed"},
-    InjectionRow{"queue_full", Injected::queue_full, everywhere, 1, 40, "none drive_error drive_disarmed"},
-    InjectionRow{"babbling_node", Injected::babbling, everywhere, 1, 40, "none stale_feedback"},
+                 "none drive_error drive_disarmed stale_feedback torque_mismatch sign_test"},
+    InjectionRow{"torque_lost", Injected::torque_lost, everywhere, 1, 40,
+                 "none drive_error drive_disarmed torque_mismatch", true},
+    InjectionRow{"queue_full", Injected::queue_full, everywhere, 1, 40,
+                 "none drive_error drive_disarmed stale_feedback torque_mismatch sign_test"},
+    InjectionRow{"babbling_node", Injected::babbling, everywhere, 1, 40, "stale_feedback"},
     InjectionRow{"flood", Injected::flood, everywhere, 1, 5, "bus_overload", false, 0, 1},
     InjectionRow{"foreign_controller", Injected::foreign_controller, everywhere, 1, 30, "foreign_controller",
                  false, 1, 2},
     InjectionRow{"emergency_stop", Injected::emergency_stop, everywhere, 1, 1, "emergency_stop", false, 1, 2},
+    InjectionRow{"enable_open", Injected::enable_open, everywhere, 1, 20, "enable_open", false, 0, 1},
 };
 
 /// Of a passive encoder only the samples count.
@@ -153,6 +166,8 @@ bool possible(const InjectionRow& row, const Dialect& d) {
     case Injected::denormal:
     case Injected::huge:
       return d.put_number != nullptr;
+    case Injected::end_of_range:
+      return d.put_end != nullptr;
     case Injected::heartbeat_lost:
       return d.is_heartbeat != nullptr;
     case Injected::drive_error:
@@ -197,18 +212,25 @@ Injection draw_injection(Draw& draw, const EpisodeTimes& times, const Dialect& d
 
   i.notice_ticks = i.row->notice_ticks;
   i.safe_ms = i.row->safe_ms;
-  i.may_pass = lists(i.row->fits, "none") || i.row->fits == "*";
   if (i.row->kind == Injected::heartbeat_lost) {
     i.notice_ticks = times.heartbeat_ticks + 2;
     i.safe_ms = i.notice_ticks + 1;
   }
-  if (takes_samples(i.row->kind)) {
-    const bool stale = i.length > times.max_age_ticks;
-    i.may_pass = !stale;
-    i.notice_ticks = stale ? times.max_age_ticks : never;
+  if (takes_samples(i.row->kind) || (i.row->kind == Injected::remote && dialect.remote_is_nothing)) {
+    i.stale = i.length > times.max_age_ticks;
+    // Where the request for the next sample is lost with the last one, one more is missing.
+    const bool asked = dialect.samples_on_demand &&
+                       (i.row->kind == Injected::babbling || i.row->kind == Injected::drive_bus_off);
+    i.must_pass = i.length + (asked ? 1 : 0) <= times.max_age_ticks;
+    i.notice_ticks = i.stale ? times.max_age_ticks : never;
     // A jammed bus carries no command either: there the drives' watchdogs end it.
     i.safe_ms = i.row->kind == Injected::babbling ? 12.0 : times.max_age_ticks + 1.0;
   }
+  i.unwatched = i.row->kind == Injected::watchdog_off ||
+                (i.row->kind == Injected::torque_lost && !dialect.watches_setpoints);
+  const bool lets_go = i.row->kind == Injected::drive_disarm || i.row->kind == Injected::drive_reset;
+  if (lets_go && !dialect.tells_its_state) i.notice_ticks = never;
+  if (i.row->kind == Injected::foreign_controller) i.safe_ms += dialect.ticks_to_let_go;
   return i;
 }
 

@@ -29,6 +29,7 @@ enum class Injected : std::uint8_t {
   not_finite,
   denormal,
   huge,
+  end_of_range,
   wrong_length,
   remote,
   flexible_rate,
@@ -52,12 +53,14 @@ enum class Injected : std::uint8_t {
   controller_late,
   controller_bus_off,
   commands_lost,
+  torque_lost,
   queue_full,
   // bus
   babbling,
   flood,
   foreign_controller,
   emergency_stop,
+  enable_open,
 };
 
 /// What may or must come of a fault.
@@ -84,7 +87,7 @@ struct InjectionRow {
 inline constexpr std::string_view motion_faults =
     "feedback_jump loop_not_closed type1_singularity type2_singularity working_mode workspace joint_speed "
     "joint_angle "
-    "reference_unreachable join_infeasible halt_failed";
+    "reference_unreachable join_infeasible halt_failed sign_test";
 
 [[nodiscard]] std::span<const InjectionRow> injection_rows();
 /// Whether a drive of this protocol can show it.
@@ -97,7 +100,7 @@ inline constexpr std::string_view motion_faults =
 /// What decides the times of an episode, from its scene.
 struct EpisodeTimes {
   double tick = 1e-3;  ///< s
-  int join_ticks = 0, halt_ticks = 0;
+  int arming_ticks = 40, join_ticks = 0, halt_ticks = 0;
   int max_age_ticks = 0;
   int heartbeat_ticks = 0;           ///< of the time-out
   int off_after_halt_ticks = 0;      ///< a halt ends without torque within so many ticks; 0: it holds
@@ -116,7 +119,9 @@ struct Injection {
   std::uint64_t bits = 0;  ///< of a generator of its own
   int notice_ticks = InjectionRow::not_demanded;
   double safe_ms = 0.0;
-  bool may_pass = true;  ///< it may be borne without a fault
+  bool stale = false;      ///< takes away more samples than are extrapolated
+  bool unwatched = false;  ///< no watchdog of a drive ends it
+  bool must_pass = false;  ///< so few that no fault fits
 
   [[nodiscard]] Injected kind() const { return row->kind; }
 };

@@ -16,6 +16,8 @@ namespace esmc::host {
 struct MotorState {
   double torque = 0.0;          ///< N m at the joint, as the drive applies it over the tick
   double limit = 0.0;           ///< N m at the joint
+  double step = 0.0;            ///< between neighbouring torques of the protocol
+  double none = 0.0;            ///< no more than this is no torque
   double heard_ms = -1e9;       ///< when its last command from our controller arrived
   double zero_ms = 0.0;         ///< since when its torque has been zero; meaningless while it is not
   bool heard_now = false;       ///< a command of our controller arrived in this tick
@@ -52,9 +54,13 @@ class Judge {
  public:
   static constexpr double watchdog_ms = 12.0;  ///< from the last command to zero torque
 
-  /// `bare`: nothing but motors and gravity acts on the mechanism.
-  Judge(const Injection& injection, const EpisodeTimes& times, bool bare)
-      : injection_(&injection), times_(times), bare_(bare) {}
+  /// `bare`: nothing but motors and gravity acts on the mechanism. `told`: drives say whether they are armed,
+  /// so that the controller can know.
+  Judge(const Injection& injection, const EpisodeTimes& times, bool bare, bool told)
+      : injection_(&injection),
+        times_(times),
+        bare_(bare),
+        told_(told || injection.kind() == Injected::nothing) {}
 
   [[nodiscard]] const Verdict& verdict() const { return verdict_; }
   [[nodiscard]] const Reaction& reaction() const { return reaction_; }
@@ -89,12 +95,15 @@ class Judge {
     // While arming is held up, the mechanism may have begun to fall: the brake knows what the drives said,
     // and not what of it was lost.
     const bool moved = row.wrong_motion || injection_->phase == Phase::arming;
+    if (injection_->must_pass && !moved) return broken("fault_name");
     const bool fitting =
         row.fits == "*" || lists(row.fits, first_fault_) || (moved && lists(motion_faults, first_fault_));
     if (!fitting) broken("fault_name");
   }
 
  private:
+  static bool is_none(const MotorState& m) { return std::abs(m.torque) <= m.none; }
+
   void broken(std::string_view invariant) {
     if (verdict_.invariant.empty()) verdict_ = {invariant, tick_};
   }
@@ -123,18 +132,17 @@ class Judge {
   }
 
   void at_drive(const MotorState& m, const ControllerWord& word, bool released) {
-    if (m.torque == 0.0) return;
+    if (is_none(m)) return;
     if (!std::isfinite(m.torque)) broken("torque_finite");
-    if (!(std::abs(m.torque) <= m.limit * (1.0 + 1e-6))) broken("torque_limit");
-    if (!released && !m.strangers) broken("torque_before_armed");
+    if (!(std::abs(m.torque) <= m.limit * (1.0 + 1e-6) + 0.5 * m.step)) broken("torque_limit");
+    if (!released && told_ && !m.strangers) broken("torque_before_armed");
     // A drive to which nobody but our controller has spoken in this tick.
     if (m.heard_now && !m.heard_stranger) {
       if (!allowed_) broken("torque_not_allowed");
       if (word.ticked && !word.powered) broken("torque_without_power");
       if (latched_) broken("torque_after_fault");
     }
-    if (injection_->kind() != Injected::watchdog_off && now_ms_ - m.heard_ms > watchdog_ms)
-      broken("watchdog");
+    if (!injection_->unwatched && now_ms_ - m.heard_ms > watchdog_ms) broken("watchdog");
   }
 
   void latch(const ControllerWord& word) {
@@ -156,10 +164,10 @@ class Judge {
     double safe = 0.0, death = 0.0;
     for (std::size_t i = 0; i < world.motors(); ++i) {
       const MotorState& m = world.motor(i);
-      zero = zero && m.torque == 0.0;
+      zero = zero && is_none(m);
       death = std::max(death, m.zero_ms - m.heard_ms);
       if (!wire.hears(i)) continue;
-      hearing_zero = hearing_zero && m.torque == 0.0;
+      hearing_zero = hearing_zero && is_none(m);
       safe = std::max(safe, m.zero_ms - begin_ms_);
     }
     const int due = injection_->notice_ticks;
@@ -204,7 +212,7 @@ class Judge {
 
   const Injection* injection_;
   EpisodeTimes times_;
-  bool bare_;
+  bool bare_, told_;
   Verdict verdict_;
   Reaction reaction_;
   std::uint64_t tick_ = 0;

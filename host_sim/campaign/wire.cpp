@@ -84,8 +84,11 @@ hal::CanFrame Wire::mangled(hal::CanFrame f) {
     case Injected::huge:
       if (is_sample(f)) dialect_->put_number(f, which, static_cast<float>(injection_->amount));
       break;
+    case Injected::end_of_range:
+      if (is_sample(f)) dialect_->put_end(f, choice);
+      break;
     case Injected::wrong_length:
-      if (is_sample(f)) f.size = static_cast<std::uint8_t>((f.size + 1 + draw_.below(8)) % 9);
+      if (is_sample(f)) f.size = dialect_->wrong_size(f, draw_.bits());
       break;
     case Injected::remote:
       if (is_sample(f)) f.remote = true;
@@ -119,21 +122,19 @@ void Wire::strangers_before_tick() {
   if (!active_ || injection_->kind() != Injected::flood) return;
   for (int n = 0; n < static_cast<int>(injection_->amount); ++n) {
     hal::CanFrame f;
-    f.id = static_cast<std::uint32_t>(draw_.below(16));  // of nobody, but urgent
+    f.id = static_cast<std::uint32_t>(draw_.below(16));
+    f.extended = true;  // nobody's: no protocol here has 29 bits
     f.size = static_cast<std::uint8_t>(draw_.below(9));
     up(f);
   }
 }
 
-void Wire::strangers_after_tick(float torque) {
+void Wire::strangers_after_tick(const hal::CanFrame& foreign) {
   if (!active_) return;
-  const int node = (*nodes_)[injection_->drive];
-  if (injection_->kind() == Injected::emergency_stop) from_stranger(dialect_->emergency_stop(node));
-  if (injection_->kind() == Injected::foreign_controller) {
-    const bool pushes = injection_->choice % 2 == 0;
-    from_stranger(pushes ? dialect_->foreign_torque(node, torque)
-                         : dialect_->foreign_command(node, injection_->choice / 2));
+  if (injection_->kind() == Injected::emergency_stop) {
+    from_stranger(dialect_->emergency_stop((*nodes_)[injection_->drive]));
   }
+  if (injection_->kind() == Injected::foreign_controller) from_stranger(foreign);
 }
 
 hal::SendStatus Wire::try_send(const hal::CanFrame& f) {
@@ -143,8 +144,10 @@ hal::SendStatus Wire::try_send(const hal::CanFrame& f) {
   if (jammed() || (active_ && kind == Injected::queue_full)) return hal::SendStatus::bus_full;
   ++frames_;
   ms_ += worst_bits(f.size) / bits_per_ms;
-  const bool lost = (kind == Injected::scattered_loss && active_ && draw_.uniform() < injection_->amount) ||
-                    (kind == Injected::commands_lost && active_);
+  const bool lost =
+      (kind == Injected::scattered_loss && active_ && draw_.uniform() < injection_->amount) ||
+      (kind == Injected::commands_lost && active_) ||
+      (kind == Injected::torque_lost && active_ && dialect_->is_torque(f, (*nodes_)[injection_->drive]));
   if (lost) return hal::SendStatus::ok;
   to_drives_.push_back({f, ms_, true});
   if (active_ && kind == Injected::duplication) to_drives_.push_back({f, ms_, true});

@@ -25,9 +25,9 @@ class Wire {
   void from_drive(std::size_t axis, const hal::CanFrame& f);
   /// Somebody else sends: the controller and the drives hear it.
   void from_stranger(const hal::CanFrame& f);
-  /// After the frames of the drives: what strangers send in this tick. `torque`: at the shaft.
+  /// After the frames of the drives: what strangers send in this tick. `foreign`: a command that is not ours.
   void strangers_before_tick();
-  void strangers_after_tick(float torque);
+  void strangers_after_tick(const hal::CanFrame& foreign);
 
   /// The controller's end; satisfies hal::CanBus.
   [[nodiscard]] hal::SendStatus try_send(const hal::CanFrame& f);

@@ -40,7 +40,11 @@ class World {
                        {},
                        angle[static_cast<std::size_t>(places[i].joint)]});
       nodes_.push_back(places[i].mount.node);
-      if (places[i].motor) axes_[i].state.limit = scene.torque_limit[i];
+      if (!places[i].motor) continue;
+      MotorState& m = axes_[i].state;
+      m.limit = scene.torque_limit[i];
+      m.step = dialect.torque_step(scene, i);
+      m.none = dialect.zero_is_a_step ? 0.0 : 0.5 * m.step * (1.0 + 1e-6);
     }
     if (injection.kind() == Injected::swapped_nodes) std::swap(axes_[0].joint, axes_[1].joint);
     for (Axis& a : axes_) a.axis->settle(angle[static_cast<std::size_t>(a.joint)]);
@@ -51,18 +55,13 @@ class World {
   [[nodiscard]] bool released() const { return released_; }
   [[nodiscard]] std::size_t motors() const { return static_cast<std::size_t>(scene_->motors()); }
   [[nodiscard]] const MotorState& motor(std::size_t i) const { return axes_[i].state; }
-  /// A torque at the joint of a motor, as its shaft is told.
-  [[nodiscard]] double at_shaft(std::size_t i, double torque) const {
-    const AxisMount& m = axes_[i].placed.mount;
-    return torque * m.direction / m.gear_ratio;
-  }
   /// Distance a motor's joint has turned since the last tick, rad.
   [[nodiscard]] double turned(std::size_t i) const { return axes_[i].turned; }
 
   /// Every drive says how it is and where its shaft stands. `active`: the fault acts; `first`: it begins now.
   void publish(Wire& wire, bool active, bool first) {
     released_ = released_ || armed();
-    if (first) strike();
+    if (first) strike(wire);
     for (std::size_t i = 0; i < axes_.size(); ++i) {
       Axis& a = axes_[i];
       const auto shaft = motion_.shaft(static_cast<std::size_t>(a.joint));
@@ -122,16 +121,21 @@ class World {
   };
 
   /// Faults that happen to a drive once.
-  void strike() {
+  void strike(Wire& wire) {
     Axis& a = axes_[injection_->drive];
-    const auto silent = [](const hal::CanFrame&) {};
     const int node = a.placed.mount.node;
+    const auto told = [&](const FewFrames& frames) {
+      for (const hal::CanFrame& f : frames.all()) {
+        (void)a.axis->receive(f,
+                              [&](const hal::CanFrame& reply) { wire.from_drive(injection_->drive, reply); });
+      }
+    };
     switch (injection_->kind()) {
       case Injected::drive_error:
-        (void)a.axis->receive(dialect_->fail(node), silent);
+        told(dialect_->fail(node));
         break;
       case Injected::drive_disarm:
-        (void)a.axis->receive(dialect_->disarm(node), silent);
+        told(dialect_->disarm(node));
         break;
       case Injected::drive_reset:
         a.axis = make_axis(*scene_, a.placed);
@@ -162,7 +166,8 @@ class World {
 
   static void settle_zero(Axis& a, double now_ms) {
     const double torque = a.axis->joint_torque();
-    if (torque == 0.0 && a.state.torque != 0.0) a.state.zero_ms = now_ms;
+    const auto none = [&](double t) { return std::abs(t) <= a.state.none; };
+    if (none(torque) && !none(a.state.torque)) a.state.zero_ms = now_ms;
     a.state.torque = torque;
   }
 

@@ -27,6 +27,7 @@ using Sets = std::vector<std::string>;
 struct Variant {
   const char* scene = "five_bar";
   Sets sets;
+  bool passive_encoders = false;
 };
 
 /// What all of them have: short phases.
@@ -60,8 +61,9 @@ const std::vector<Variant>& variants() {
         "drives.offset=[0.3, -1.0]"}},
       {bar, {phase(0.35), "limits.halt_time=0", "reference.speed=7.0"}},
       {bar, {phase(0.45), "reference.join=0"}},
-      {bar, {phase(0.55), "control.sensors=\"all\"", "sensors.nodes=[3, 4]"}},
+      {bar, {phase(0.55), "control.sensors=\"all\"", "sensors.nodes=[3, 4]"}, true},
       {bar, {phase(0.65), "control.sensors=\"all\"", "control.motors=\"all\"", "drives.nodes=[1, 2, 3, 4]"}},
+      {bar, {phase(0.75), "drives.sign_test=true"}},
       {arm, {}},
       {arm, {"limits.after_halt=\"hold\"", "control.law=\"smc\""}},
   };
@@ -98,22 +100,48 @@ std::unique_ptr<AnyKind> make_kind(const Scene& scene) {
   return std::make_unique<KindOf<RrWorld>>(scene);
 }
 
+/// The drives of the built-in loops.
+struct DriveVariant {
+  const char* protocol;
+  Sets sets;
+};
+const std::vector<DriveVariant>& drive_variants() {
+  static const std::vector<DriveVariant> list{
+      {"odrive", {}},
+      {"odrive_0.5", {}},
+      {"cia402", {"drives.torque_mismatch=0.5", "drives.torque_time=0"}},
+      {"mit",
+       {"drives.dialect=\"mini_cheetah\"", "drives.position_range=40.0", "drives.velocity_range=200.0"}},
+      {"mit",
+       {"drives.dialect=\"cubemars\"", "drives.torque_mismatch=0.5", "drives.torque_time=0",
+        "drives.position_range=40.0", "drives.velocity_range=200.0"}},
+      {"mit",
+       {"drives.dialect=\"damiao\"", "drives.torque_mismatch=0.5", "drives.torque_time=0",
+        "drives.position_range=40.0", "drives.velocity_range=200.0"}},
+  };
+  return list;
+}
+std::string protocol_set(std::string_view protocol) {
+  return fmt::format("drives.protocol=\"{}\"", protocol);
+}
+
 /// Everything an episode may run on. An episode is a function of its seed and of these.
 class Campaign {
  public:
   explicit Campaign(const CampaignOptions& o) {
-    Sets sets = o.sets;
-    if (!o.protocol.empty()) sets.push_back("drives.protocol=\"" + o.protocol + "\"");
     if (!o.scene.empty()) {
+      Sets sets = o.sets;
+      if (!o.protocol.empty()) sets.push_back(protocol_set(o.protocol));
       kinds_.push_back(make_kind(read_scene(o.scene, sets)));
       return;
     }
-    for (const Variant& v : variants()) {
-      Sets all = short_phases();
-      all.insert(all.end(), v.sets.begin(), v.sets.end());
-      all.insert(all.end(), sets.begin(), sets.end());
-      kinds_.push_back(
-          make_kind(read_scene_text(std::string(starting_scene(v.scene)), "built-in scene", all)));
+    for (const DriveVariant& d : drive_variants()) {
+      if (!o.protocol.empty() && o.protocol != d.protocol) continue;
+      for (const Variant& v : variants()) add(o, d, v);
+    }
+    if (kinds_.empty()) {
+      throw InputError(
+          "", "--protocol " + printable(o.protocol) + ": allowed are odrive, odrive_0.5, cia402, mit");
     }
   }
   [[nodiscard]] EpisodeResult run(std::uint64_t seed, EpisodeTrace* trace = nullptr) const {
@@ -125,6 +153,14 @@ class Campaign {
   }
 
  private:
+  void add(const CampaignOptions& o, const DriveVariant& d, const Variant& v) {
+    if (v.passive_encoders && !std::string_view(d.protocol).starts_with("odrive")) return;
+    Sets all = short_phases();
+    for (const Sets* more : {&v.sets, &d.sets, &o.sets}) all.insert(all.end(), more->begin(), more->end());
+    all.push_back(protocol_set(d.protocol));
+    kinds_.push_back(make_kind(read_scene_text(std::string(starting_scene(v.scene)), "built-in scene", all)));
+  }
+
   std::vector<std::unique_ptr<AnyKind>> kinds_;
 };
 

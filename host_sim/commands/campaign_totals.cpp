@@ -46,8 +46,8 @@ void CampaignTotals::add(const EpisodeResult& e) {
   const bool demanded = e.injection.notice_ticks != InjectionRow::not_demanded && e.ran;
   if (demanded && e.reaction.notice_ms >= 0.0) f.notice.add(e.reaction.notice_ms);
   if (e.reaction.safe_ms >= 0.0) f.safe.add(e.reaction.safe_ms);
-  if (e.stale && e.ran && e.reaction.notice_ms >= 0.0) stale_.add(e.reaction.notice_ms);
-  if (e.stale && e.reaction.safe_ms >= 0.0 && e.injection.kind() != Injected::babbling) {
+  if (e.injection.stale && e.ran && e.reaction.notice_ms >= 0.0) stale_.add(e.reaction.notice_ms);
+  if (e.injection.stale && e.reaction.safe_ms >= 0.0 && e.injection.kind() != Injected::babbling) {
     safe_.add(e.reaction.safe_ms);
   }
   if (e.reaction.death_ms >= 0.0) death_.add(e.reaction.death_ms);

@@ -21,8 +21,7 @@ struct EpisodeResult {
   std::string_view first_fault;  ///< "": none
   std::uint64_t ticks = 0, digest = 0;
   double tick_s = 1e-3;
-  bool stale = false;  ///< the fault took samples away for longer than is extrapolated
-  bool ran = false;    ///< there was torque before the fault
+  bool ran = false;  ///< there was torque before the fault
 };
 
 /// A line per tick, where somebody wants to read them.
@@ -40,7 +39,7 @@ class EpisodeKind {
         unwatched_(scene),
         reference_(make_reference(scene_, Pacing::lockstep)),
         cycle_(make_cycle<M>(scene_, Pacing::lockstep, reference_)) {
-    unwatched_.drives.watchdog_timeout = 1e9;
+    unwatched_.drives.watchdog_timeout = 1e3;
     const auto ticks = [&](double seconds) {
       return static_cast<int>(std::llround(seconds * scene_.rate_hz));
     };
@@ -54,6 +53,7 @@ class EpisodeKind {
     if (scene_.limits.after_halt != AfterHalt::hold) {
       times_.off_after_halt_ticks = 4 * times_.halt_ticks + ticks(scene_.limits.lower_time) + 4;
     }
+    times_.arming_ticks = arming_ticks();
   }
   EpisodeKind(const EpisodeKind&) = delete;
   EpisodeKind& operator=(const EpisodeKind&) = delete;
@@ -61,6 +61,9 @@ class EpisodeKind {
   [[nodiscard]] EpisodeResult run(std::uint64_t seed, Draw draw, EpisodeTrace* trace = nullptr) const;
 
  private:
+  /// Ticks from the command to enable to the release of the brake, without a fault.
+  [[nodiscard]] int arming_ticks() const;
+
   Scene scene_, unwatched_;
   ReferenceBundle<double> reference_;
   AnyCycle<M> cycle_;
@@ -108,9 +111,16 @@ class EpisodeScript {
   int join_, orders_at_, after_;
 };
 
+/// What the stranger of a fault sends; nothing in other faults.
+inline hal::CanFrame foreign_command(const Dialect& words, const Scene& scene, const Injection& i) {
+  if (i.kind() != Injected::foreign_controller) return {};
+  if (i.choice % 2 == 0) return words.foreign_torque(scene, i.drive, i.amount * scene.torque_limit[i.drive]);
+  return words.foreign_command(scene.drives.nodes[i.drive], static_cast<unsigned>(i.choice / 2));
+}
+
 template <class World_>
 EpisodeResult EpisodeKind<World_>::run(std::uint64_t seed, Draw draw, EpisodeTrace* trace) const {
-  constexpr int watch_ticks = 30, most_ticks = 600;
+  constexpr int watch_ticks = 30, most_ticks = 2000;
   EpisodeResult out;
   out.seed = seed;
   const Dialect& words = dialect(scene_.drives.protocol);
@@ -118,8 +128,9 @@ EpisodeResult EpisodeKind<World_>::run(std::uint64_t seed, Draw draw, EpisodeTra
   const EpisodeScript script(injection, times_, draw);
   World<Plant> world(make_motion<World_>(scene_), scene_, unwatched_, injection, words);
   Wire wire(injection, words, world.nodes());
-  Judge judge(injection, times_, scene_.effects.empty());
+  Judge judge(injection, times_, scene_.effects.empty(), words.tells_its_state);
   AnyCycle<M> cycle = cycle_;
+  const hal::CanFrame foreign = foreign_command(words, scene_, injection);
   Digest digest;
   Operator pending = Operator::nothing;
   ControllerWord word;
@@ -143,6 +154,7 @@ EpisodeResult EpisodeKind<World_>::run(std::uint64_t seed, Draw draw, EpisodeTra
       std::visit(
           [&](auto& c) {
             c.receive(wire);
+            c.enable_input(!(active && injection.kind() == Injected::enable_open));
             switch (asked) {
               case Operator::enable:
                 c.command(Command::enable);
@@ -167,8 +179,7 @@ EpisodeResult EpisodeKind<World_>::run(std::uint64_t seed, Draw draw, EpisodeTra
           },
           cycle);
     }
-    wire.strangers_after_tick(static_cast<float>(
-        world.at_shaft(injection.drive, injection.amount * world.motor(injection.drive).limit)));
+    wire.strangers_after_tick(foreign);
     world.deliver(wire, static_cast<double>(tick) * times_.tick * 1e3);
     judge.look(tick, asked, word, world, wire, first);
     if (latched >= 0 || word.faulted) ++latched;
@@ -191,7 +202,6 @@ EpisodeResult EpisodeKind<World_>::run(std::uint64_t seed, Draw draw, EpisodeTra
   }
   judge.end();
   out.injection = injection;
-  out.stale = injection.notice_ticks == times_.max_age_ticks && takes_samples(injection.kind());
   out.verdict = judge.verdict();
   out.reaction = judge.reaction();
   out.first_fault = judge.first_fault();
@@ -199,6 +209,31 @@ EpisodeResult EpisodeKind<World_>::run(std::uint64_t seed, Draw draw, EpisodeTra
   out.tick_s = times_.tick;
   out.digest = digest.value();
   return out;
+}
+
+template <class World_>
+int EpisodeKind<World_>::arming_ticks() const {
+  constexpr int patience = 2000;
+  const Injection nothing{.row = &injection_rows()[0]};
+  const Dialect& words = dialect(scene_.drives.protocol);
+  World<Plant> world(make_motion<World_>(scene_), scene_, unwatched_, nothing, words);
+  Wire wire(nothing, words, world.nodes());
+  AnyCycle<M> cycle = cycle_;
+  std::visit([](auto& c) { c.command(Command::enable); }, cycle);
+  for (int tick = 0; tick < patience; ++tick) {
+    wire.begin_tick(false);
+    world.publish(wire, false, false);
+    if (world.released()) return tick;
+    std::visit(
+        [&](auto& c) {
+          c.receive(wire);
+          (void)c.tick(wire);
+          c.request(wire);
+        },
+        cycle);
+    world.deliver(wire, tick * times_.tick * 1e3);
+  }
+  throw RunError(scene_.name + ": the drives do not arm");
 }
 
 }  // namespace esmc::host
