@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "firmware/cycle/controller.hpp"
+#include "firmware/cycle/linked.hpp"
 #include "firmware/cycle/plausibility.hpp"
 #include "firmware/drive/axis.hpp"
 #include "hal/can.hpp"
@@ -43,12 +44,15 @@ class Cycle {
     Vec<S, M::joints> zero_pose = Vec<S, M::joints>::Zero();  ///< rad: the joints as confirm_zero finds them
     S torque_mismatch{};                     ///< N m at the joint between a drive's torque and its command; 0: any
     S torque_time{};                         ///< s: in which a drive follows its command
+    link::LinkConfig link{};                 ///< to a supervisor computer; without a base_id: none
+    S delay_ticks{};                         ///< as in the layers of controller.gains; for gains that come by the link
   };
 
   explicit Cycle(const Config& config)
       : controller_(config.controller), supervisor_(controller_.supervision()), axes_(config.axes), line_(config.line), axis_count_(config.axis_count),
         heartbeat_age_ticks_max_(config.heartbeat_age_ticks_max), zero_(config.zero_absolute, config.zero_pose),
-        echo_(config.torque_mismatch, config.torque_time, config.controller.sample_time) {}
+        echo_(config.torque_mismatch, config.torque_time, config.controller.sample_time),
+        link_(config.link), delay_ticks_(config.delay_ticks) {}
 
   /// Takes effect at the next tick. A stop is not overwritten by what is asked after it.
   void command(Command c) {
@@ -70,6 +74,7 @@ class Cycle {
   [[nodiscard]] const Controller<M>& controller() const { return controller_; }
   [[nodiscard]] const BusCounters& counters() const { return counters_; }
   [[nodiscard]] const Sample<M>& sample() const { return sample_; }
+  [[nodiscard]] const link::CommandLink& link() const { return link_; }
   [[nodiscard]] const D& axis(int i) const { return axes_[static_cast<unsigned>(i)]; }
 
   /// No axis has been heard yet: the enabling sequence is repeated at the next tick instead of after its time.
@@ -124,6 +129,7 @@ class Cycle {
   template <hal::CanBus Bus>
   TickResult<M> tick(Bus& bus, bool answer = true) {
     open();
+    if (link_.active()) heed_link();
     // The drives' word of the tick before: a tick in which the last axis confirms is still one of enabling.
     const bool acknowledged = command_ == Command::reset && supervisor_.fault() == Fault::emergency_stop;
     supervisor_.begin_tick(command_, status_, stage_done_);
@@ -132,11 +138,13 @@ class Cycle {
     if (command_ == Command::confirm_zero && supervisor_.state() == State::disabled) confirm_zero();
     command_ = Command::none;
     supervisor_.raise(drive_fault());
+    if (link_.lost()) supervisor_.raise(Fault::command_lost);
     TickResult<M> result = controller_.tick(sample_, supervisor_);
     check_shafts(result);
     stage_done_ = result.stage_done;
     good_ = allowed(result);
     transmit(bus, result, answer);
+    if (link_.active()) tell_link(bus, result);
     status_ = status();
     opened_ = false;
     return result;
@@ -147,6 +155,7 @@ class Cycle {
   void open() {
     if (opened_) return;
     for (int i = 0; i < axis_count_; ++i) axes_[static_cast<unsigned>(i)].begin_tick();
+    link_.begin_tick();
     opened_ = true;
     taken_ = 0;
   }
@@ -165,7 +174,29 @@ class Cycle {
         case drive::Received::not_mine: break;
       }
     }
+    if (link_.active()) {
+      const link::Outcome o = link_.receive(f);
+      impostor_ = impostor_ || o == link::Outcome::impostor;
+      if (o != link::Outcome::not_mine) return;
+    }
     ++counters_.not_mine;
+  }
+
+  /// What the supervisor computer wants of this tick. A stop of our own program is not overwritten.
+  void heed_link() {
+    const Command c = heed(link_, controller_, delay_ticks_);
+    if (c != Command::none) command(c);
+  }
+  template <hal::CanBus Bus>
+  void tell_link(Bus& bus, const TickResult<M>& result) {
+    link::Report r = report_of(controller_, result, sample_);
+    for (int i = motor_count() - 1; i >= 0; --i) {
+      const D& a = axis(motor_axis(i));
+      if (!a.error()) continue;
+      r.axis = static_cast<std::uint8_t>(i);
+      r.drive_error = a.error_code();
+    }
+    link_.transmit(supervisor_, r, [&](const hal::CanFrame& f) { return put(bus, f); });
   }
 
   [[nodiscard]] DriveStatus status() const {
@@ -306,6 +337,8 @@ class Cycle {
   std::uint32_t heartbeat_age_ticks_max_;
   ZeroPose<M> zero_;
   TorqueEcho<M> echo_;
+  link::CommandLink link_;
+  S delay_ticks_;
   std::array<S, static_cast<unsigned>(axes_max)> phase_{};
   Command command_ = Command::none;
   DriveStatus status_{};

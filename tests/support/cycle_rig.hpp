@@ -33,6 +33,7 @@ struct Setup {
   std::uint32_t heartbeat_age_ticks_max = 20;
   bool zero_absolute = true;
   Vec<typename M::Scalar, M::joints> zero_pose = Vec<typename M::Scalar, M::joints>::Zero();
+  link::LinkConfig link{};
   std::array<double, 4> gear{mountings[0].gear, mountings[1].gear, mountings[2].gear, mountings[3].gear};
 };
 
@@ -232,6 +233,7 @@ class Rig {
     c.heartbeat_age_ticks_max = s.heartbeat_age_ticks_max;
     c.zero_absolute = s.zero_absolute;
     c.zero_pose = s.zero_pose;
+    c.link = s.link;
     return c;
   }
   void obey() {
