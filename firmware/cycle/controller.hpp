@@ -9,6 +9,8 @@
 #include "firmware/control/law.hpp"
 #include "firmware/control/reference.hpp"
 #include "firmware/cycle/estimate.hpp"
+#include "firmware/cycle/guide.hpp"
+#include "firmware/cycle/link_gains.hpp"
 #include "firmware/cycle/plausibility.hpp"
 #include "firmware/cycle/retreat.hpp"
 #include "firmware/cycle/sign_test.hpp"
@@ -41,6 +43,7 @@ struct ControllerConfig {
   std::uint32_t halt_ticks = 0;  ///< time to come to rest after a halt; 0: a halt takes the torque away
   std::uint32_t lower_ticks = 0; ///< time to let the weight down
   AfterHalt after_halt = AfterHalt::release;
+  S guide_speed{1}, guide_acceleration{1};  ///< > 0, of each coordinate of the reference's space: for set points
   Motors motors = Motors::base;
   Sensors sensors = Sensors::base;
 
@@ -79,7 +82,9 @@ class Controller {
         relaxed_(config.limits.while_halting()),
         reference_(config.reference, config.join_ticks, config.sample_time),
         retreat_(config.halt_ticks, config.sample_time),
-        sign_test_(config.sign_test_move, config.sample_time) {}
+        sign_test_(config.sign_test_move, config.sample_time),
+        guide_(config.guide_speed, config.guide_acceleration, config.sample_time,
+               config.reference.space == ReferenceSpace::base_joints) {}
 
   [[nodiscard]] const Config& config() const { return config_; }
   /// For the supervisor that goes with this controller.
@@ -87,6 +92,13 @@ class Controller {
     return {config_.halt_ticks > 0, config_.after_halt,
             config_.sign_test_move > S(0) && config_.motors == Motors::base};
   }
+
+  /// Set points and samples instead of the reference, while it leads.
+  [[nodiscard]] Guide<S>& guide() { return guide_; }
+  /// Whether the mechanism can stand there: effector or base joints, as the reference has it.
+  [[nodiscard]] bool reachable(const Vec2<S>& position) const;
+  /// While disabled only.
+  void set_gains(const link::Parameters& p, S delay_ticks);
 
   /// One tick, in the order of the data: sample -> estimate -> guards -> reference -> law -> allocation ->
   /// limits. Whatever goes wrong is raised at the supervisor, and every torque of the tick is then zero.
@@ -179,7 +191,7 @@ class Controller {
   /// known before it has gone far: speed of the base joints, and torque, within their limits.
   [[nodiscard]] bool joinable() const {
     constexpr std::uint32_t outlook = 16;
-    if (config_.join_ticks == 0 || running_tick_ >= outlook || running_tick_ >= config_.join_ticks) return true;
+    if (guide_.leads() || config_.join_ticks == 0 || running_tick_ >= outlook || running_tick_ >= config_.join_ticks) return true;
     const auto ahead = static_cast<std::uint32_t>(
         (static_cast<std::uint64_t>(config_.join_ticks) * (running_tick_ + 1)) / (outlook + 1));
     const Motion2<S> m = reference_.at(ahead);
@@ -238,10 +250,12 @@ class Controller {
   bool desire(const Estimate<M>& now, Tracking<M>& t) {
     const bool at_effector = config_.reference.space == ReferenceSpace::effector;
     if (running_tick_ == 0) {
-      reference_.start(at_effector ? now.pose.effector : M::base_angles(now.pose),
-                       at_effector ? config_.mechanism.tip_rate(now.pose, now.rates) : M::base(now.rates));
+      const Vec2<S> position = at_effector ? now.pose.effector : M::base_angles(now.pose);
+      const Vec2<S> velocity = at_effector ? config_.mechanism.tip_rate(now.pose, now.rates) : M::base(now.rates);
+      reference_.start(position, velocity);
+      guide_.start(position, velocity);
     }
-    const auto d = desired(reference_.at(running_tick_));
+    const auto d = desired(guide_.leads() ? guide_.at() : reference_.at(running_tick_));
     if (!d) return false;
     t.desired_pose = d->pose;
     t.desired_rates = d->rates;
@@ -316,9 +330,20 @@ class Controller {
   JoinedReference<S> reference_{};
   Retreat<S> retreat_{};
   SignTest<M> sign_test_{};
+  Guide<S> guide_{};
   Consistency<M> consistency_{};
   std::uint32_t running_tick_ = 0, lowered_ticks_ = 0;
 };
+
+template <class M>
+bool Controller<M>::reachable(const Vec2<S>& position) const {
+  return desired({position, Vec2<S>::Zero(), Vec2<S>::Zero()}).has_value();
+}
+
+template <class M>
+void Controller<M>::set_gains(const link::Parameters& p, S delay_ticks) {
+  esmc::set_gains(config_.gains, p, config_.reaching, config_.sample_time, delay_ticks);
+}
 
 // Not inline: the archive (instances.cpp) is the only place that compiles it, so that whoever links the archive
 // runs the very code that was tested.
@@ -349,6 +374,7 @@ TickResult<M> Controller<M>::tick(const Sample<M>& measured, Supervisor& supervi
   if (supervisor.powered()) {
     if (supervisor.state() != State::testing) ++running_tick_;
     retreat_.advance();
+    guide_.advance();
   } else {
     out.torque.setZero();
     out.stage_done = false;

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "firmware/cycle/controller.hpp"
+#include "firmware/cycle/linked.hpp"
 #include "firmware/cycle/plausibility.hpp"
 #include "firmware/drive/axis.hpp"
 #include "hal/can.hpp"
@@ -44,13 +45,15 @@ class Cycle {
     S torque_mismatch{};                     ///< N m at the joint between a drive's torque and its command; 0: any
     S torque_time{};                         ///< s: in which a drive follows its command
     bool samples_timed = true;               ///< false where time is counted in sets: how long a frame waited says nothing
+    link::LinkConfig link{};                 ///< to a supervisor computer; without a base_id: none
+    S delay_ticks{};                         ///< as in the layers of controller.gains; for gains that come by the link
   };
 
   explicit Cycle(const Config& config)
       : controller_(config.controller), supervisor_(controller_.supervision()), axes_(config.axes), line_(config.line), axis_count_(config.axis_count),
         heartbeat_age_ticks_max_(config.heartbeat_age_ticks_max), zero_(config.zero_absolute, config.zero_pose),
         echo_(config.torque_mismatch, config.torque_time, config.controller.sample_time),
-        samples_timed_(config.samples_timed) {}
+        samples_timed_(config.samples_timed), link_(config.link), delay_ticks_(config.delay_ticks) {}
 
   /// Takes effect at the next tick. A stop is not overwritten by what is asked after it.
   void command(Command c) {
@@ -72,6 +75,7 @@ class Cycle {
   [[nodiscard]] const Controller<M>& controller() const { return controller_; }
   [[nodiscard]] const BusCounters& counters() const { return counters_; }
   [[nodiscard]] const Sample<M>& sample() const { return sample_; }
+  [[nodiscard]] const link::CommandLink& link() const { return link_; }
   [[nodiscard]] const D& axis(int i) const { return axes_[static_cast<unsigned>(i)]; }
 
   /// No axis has been heard yet: the enabling sequence is repeated at the next tick instead of after its time.
@@ -126,6 +130,7 @@ class Cycle {
   template <hal::CanBus Bus>
   TickResult<M> tick(Bus& bus, bool answer = true) {
     open();
+    if (link_.active()) heed_link();
     // The drives' word of the tick before: a tick in which the last axis confirms is still one of enabling.
     const bool acknowledged = command_ == Command::reset && supervisor_.fault() == Fault::emergency_stop;
     supervisor_.begin_tick(command_, status_, stage_done_);
@@ -134,11 +139,13 @@ class Cycle {
     if (command_ == Command::confirm_zero && supervisor_.state() == State::disabled) confirm_zero();
     command_ = Command::none;
     supervisor_.raise(drive_fault());
+    if (link_.lost()) supervisor_.raise(Fault::command_lost);
     TickResult<M> result = controller_.tick(sample_, supervisor_);
     check_shafts(result);
     stage_done_ = result.stage_done;
     good_ = allowed(result);
     transmit(bus, result, answer);
+    if (link_.active()) tell_link(bus, result);
     status_ = status();
     opened_ = false;
     return result;
@@ -149,6 +156,7 @@ class Cycle {
   void open() {
     if (opened_) return;
     for (int i = 0; i < axis_count_; ++i) axes_[static_cast<unsigned>(i)].begin_tick();
+    link_.begin_tick();
     opened_ = true;
     taken_ = 0;
   }
@@ -167,7 +175,29 @@ class Cycle {
         case drive::Received::not_mine: break;
       }
     }
+    if (link_.active()) {
+      const link::Outcome o = link_.receive(f);
+      impostor_ = impostor_ || o == link::Outcome::impostor;
+      if (o != link::Outcome::not_mine) return;
+    }
     ++counters_.not_mine;
+  }
+
+  /// What the supervisor computer wants of this tick. A stop of our own program is not overwritten.
+  void heed_link() {
+    const Command c = heed(link_, controller_, delay_ticks_);
+    if (c != Command::none) command(c);
+  }
+  template <hal::CanBus Bus>
+  void tell_link(Bus& bus, const TickResult<M>& result) {
+    link::Report r = report_of(controller_, result, sample_);
+    for (int i = motor_count() - 1; i >= 0; --i) {
+      const D& a = axis(motor_axis(i));
+      if (!a.error()) continue;
+      r.axis = static_cast<std::uint8_t>(i);
+      r.drive_error = a.error_code();
+    }
+    link_.transmit(supervisor_, r, [&](const hal::CanFrame& f) { return put(bus, f); });
   }
 
   [[nodiscard]] DriveStatus status() const {
@@ -309,6 +339,8 @@ class Cycle {
   ZeroPose<M> zero_;
   TorqueEcho<M> echo_;
   bool samples_timed_;
+  link::CommandLink link_;
+  S delay_ticks_;
   std::array<S, static_cast<unsigned>(axes_max)> phase_{};
   Command command_ = Command::none;
   DriveStatus status_{};

@@ -32,6 +32,7 @@ enum class [[nodiscard]] Fault : std::uint8_t {
   reference_unreachable,  ///< the reference lies outside the workspace
   sign_test,              ///< a motor did not answer a small torque as the model says
   join_infeasible,        ///< joining the reference would take more speed or torque than is allowed
+  command_lost,           ///< the supervisor computer, or the stream it sends, is not heard any more
   halt_failed,            ///< the mechanism did not come to rest under control
   torque_not_finite,      ///< the law produced NaN or infinity, or a shaft torque that no motor has
 };
@@ -65,6 +66,7 @@ inline constexpr int fault_count = static_cast<int>(Fault::torque_not_finite) + 
     case Fault::reference_unreachable: return "reference_unreachable";
     case Fault::sign_test: return "sign_test";
     case Fault::join_infeasible: return "join_infeasible";
+    case Fault::command_lost: return "command_lost";
     case Fault::halt_failed: return "halt_failed";
     case Fault::torque_not_finite: return "torque_not_finite";
   }
@@ -82,6 +84,7 @@ enum class Reaction : std::uint8_t {
     case Fault::workspace:
     case Fault::joint_angle:
     case Fault::reference_unreachable:
+    case Fault::command_lost:
     case Fault::join_infeasible: return Reaction::halt;
     default: return Reaction::zero_torque;
   }

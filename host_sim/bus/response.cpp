@@ -120,6 +120,26 @@ void add_mit(const Scene& s, std::vector<BusMessage>& out) {
   }
 }
 
+/// A supervisor computer's, where there is one: docs/esmc.dbc.
+void add_link(const Scene& s, std::vector<BusMessage>& out) {
+  if (!s.command) return;
+  const CommandScene& c = *s.command;
+  const double tick = s.tick() * s.bitrate;
+  const auto add = [&](const char* what, std::uint32_t offset, double ticks) {
+    if (ticks > 0.0) {
+      out.push_back(message(what, static_cast<std::uint32_t>(c.base_id) + offset, 8, ticks * tick, Role::other));
+    }
+  };
+  if (c.source == CommandSource::stream) {
+    add("stream position", 0x02, 1);
+    add("stream velocity", 0x03, 1);
+  }
+  add("status", 0x10, c.status_ticks);
+  // One of a set in a tick.
+  const int set = 2 + s.motors();
+  add("telemetry", 0x16, c.telemetry_ticks > 0 ? std::max(1.0, static_cast<double>(c.telemetry_ticks) / set) : 0.0);
+}
+
 }  // namespace
 
 std::vector<BusMessage> bus_messages(const Scene& s) {
@@ -136,6 +156,7 @@ std::vector<BusMessage> bus_messages(const Scene& s) {
       add_mit(s, out);
       break;
   }
+  add_link(s, out);
   if (const auto b = find_effect<BabblingNode>(s.effects)) {
     out.push_back(message("babbling_node", b->identifier, static_cast<std::uint32_t>(b->size),
                           s.bitrate / b->rate_hz, Role::other, b->extended));

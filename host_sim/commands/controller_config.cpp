@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
+#include <random>
 #include <stdexcept>
 
 #include "host_sim/drives/placed_axes.hpp"
@@ -272,6 +274,10 @@ ControllerConfig<M> make_controller(const Scene& scene, Pacing pacing,
   if (scene.drives.sign_test.value_or(scene.hardware && !scene.all_motors)) {
     c.sign_test_move = static_cast<S>(scene.drives.sign_test_move);
   }
+  if (scene.command) {
+    c.guide_speed = static_cast<S>(scene.command->speed);
+    c.guide_acceleration = static_cast<S>(scene.command->acceleration);
+  }
   c.torque_lead = static_cast<S>(scene.drives.torque_lead);
   c.lower_ticks = ticks(scene.limits.lower_time);
   c.after_halt = scene.limits.after_halt == AfterHalt::hold
@@ -306,6 +312,43 @@ namespace {
           static_cast<float>(d.gear_ratio[i]), static_cast<float>(d.offset[i])};
 }
 
+/// What a supervisor computer may ask for, and what it is told.
+link::LinkConfig make_link(const Scene& scene, Pacing pacing, ReferenceSpace space) {
+  const CommandScene& k = *scene.command;
+  const auto real = [](double v) { return static_cast<float>(v); };
+  const auto ticks = [&](double seconds) { return std::ceil(seconds * scene.rate_hz); };
+  const auto count = [](int n) { return static_cast<std::uint32_t>(n); };
+  link::LinkConfig c;
+  c.base_id = count(k.base_id);
+  // A recording of one run is worth nothing in the next; in lockstep runs are to be repeatable.
+  const std::uint32_t draw = pacing == Pacing::realtime ? std::random_device{}() : static_cast<std::uint32_t>(scene.seed);
+  c.session = static_cast<std::uint8_t>(draw % 255U + 1U);
+  c.counter_jump_max = static_cast<std::uint8_t>(k.counter_jump);
+  c.command_age_ticks_max = static_cast<std::uint16_t>(std::min(ticks(k.order_age), 65535.0 / 2.0));
+  c.status_ticks = count(k.status_ticks);
+  c.telemetry_ticks = count(k.telemetry_ticks);
+  c.table_ticks = static_cast<std::uint32_t>(std::max(1.0, ticks(1.0)));
+  c.period_ns = static_cast<std::uint32_t>(std::llround(1e9 / scene.rate_hz));
+  c.source = static_cast<link::Source>(k.source);
+  const bool joints = space == ReferenceSpace::base_joints;
+  c.space = joints ? link::Space::base_joints : link::Space::effector;
+  const auto& box = joints ? scene.limits.joint_angle : scene.limits.workspace;
+  for (std::size_t i = 0; i < 2; ++i) {
+    c.position[i] = box ? link::Bounds{real((*box)[i][0]), real((*box)[i][1])} : link::Bounds{-1e3F, 1e3F};
+  }
+  const auto bounds = [&](const std::array<double, 2>& r) { return link::Bounds{real(r[0]), real(r[1])}; };
+  const link::Parameters::Values values{
+      real(scene.lambda.position), real(scene.lambda.angle), real(scene.gain.position), real(scene.gain.angle),
+      real(scene.tick()), real(scene.torque_limit[0]), real(scene.torque_limit[static_cast<std::size_t>(scene.motors()) / 2]),
+      real(scene.limits.joint_speed), real(k.speed), real(k.acceleration), static_cast<float>(k.stream_age_ticks),
+      real(ticks(k.timeout))};
+  c.parameters = link::Parameters(values, {bounds(k.lambda), bounds(k.lambda), bounds(k.gain), bounds(k.gain)});
+  return c;
+}
+static_assert(static_cast<int>(link::Source::hold) == static_cast<int>(CommandSource::hold) &&
+              static_cast<int>(link::Source::reference) == static_cast<int>(CommandSource::reference) &&
+              static_cast<int>(link::Source::stream) == static_cast<int>(CommandSource::stream));
+
 /// A cycle of axes that `make_axis(i)` makes, i in the order of the scene.
 template <class C, class MakeAxis>
 C cycle_of(const Scene& scene, Pacing pacing, const ReferenceBundle<double>& reference, const MakeAxis& make_axis,
@@ -327,6 +370,10 @@ C cycle_of(const Scene& scene, Pacing pacing, const ReferenceBundle<double>& ref
     c.zero_pose[joint] = static_cast<S>(scene.drives.zero_pose.empty()
                                             ? scene.start_angle[static_cast<std::size_t>(joint)]
                                             : scene.drives.zero_pose[at]);
+  }
+  if (scene.command) {
+    c.link = make_link(scene, pacing, c.controller.reference.space);
+    c.delay_ticks = static_cast<S>(delay_ticks(scene, pacing));
   }
   for (std::size_t i = 0; i < scene.drives.nodes.size(); ++i) c.axes[axis_of(scene, i)] = make_axis(i);
   return C(c);

@@ -18,7 +18,12 @@ namespace esmc::host {
 
 inline constexpr int silence_ms = 5000;         ///< without a word from the other half: the run has failed
 inline constexpr int parting_ms = 20;           ///< per tick, for the other half after a stop
-inline constexpr double arming_time_max = 5.0;  ///< s of virtual time
+/// Who arms, and resets: this program, which gives up when it cannot, or a supervisor computer.
+[[nodiscard]] inline bool armed_by_link(const Scene& s) { return s.command && s.command->arm_by_link; }
+/// s (in lockstep: of virtual time) until the drives must be armed; a supervisor computer is given longer.
+[[nodiscard]] inline double arming_time_max(const Scene& s) {
+  return armed_by_link(s) ? 60.0 : 5.0;
+}
 
 /// "socketcan:vcan0" -> "vcan0". Throws InputError for anything else.
 std::string socketcan_interface(const std::string& bus);
@@ -71,9 +76,9 @@ class PlantHalf {
   [[nodiscard]] PlantNode<Plant>& node() { return node_; }
   /// Throws RunError when the drives take too long to arm.
   void look_at_arming() const {
-    if (!node_.released() && node_.time() > arming_time_max) {
+    if (!node_.released() && node_.time() > arming_time_max(scene_)) {
       throw RunError(fmt::format("the drives were not in closed-loop control after {} s of virtual time",
-                                 arming_time_max));
+                                 arming_time_max(scene_)));
     }
   }
   /// False: Ctrl-C. Throws RunError when the controller says nothing.
@@ -191,7 +196,7 @@ class ControllerHalf {
                            std::ceil(std::clamp(scene.drives.heartbeat_timeout, 0.05, 1.0) * scene.rate_hz)) +
                        1),
         cycle_(make_cycle<M>(scene, pacing, reference_)) {
-    with([](auto& c) { c.command(Command::enable); });
+    if (!armed_by_link(scene)) with([](auto& c) { c.command(Command::enable); });
   }
 
   [[nodiscard]] const Supervisor& supervisor() const {

@@ -41,7 +41,7 @@ int run_lockstep(const Scene& scene, const RunOptions& o, PlantBus& plant_bus, C
     overloaded = controller.overloaded();
     if (stop) controller.stop();
     controller.tick(true);
-    if (controller.supervisor().state() == State::fault && !plant.released()) {
+    if (controller.supervisor().state() == State::fault && !plant.released() && !armed_by_link(scene)) {
       const std::string why = controller.refusal();
       controller.part(next);
       throw RunError("the controller refused to arm: " + why);

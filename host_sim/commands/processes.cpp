@@ -98,16 +98,25 @@ int controller(const Scene& scene, const RunOptions& o) {
                     : controller_lockstep<World>(scene, o, bus, interface);
 }
 
+/// In lockstep the halves find each other by the request to arm.
+Scene read_half_scene(const RunOptions& o) {
+  Scene scene = read_loop_scene(o);
+  if (armed_by_link(scene) && !o.realtime) {
+    throw InputError(scene.control_where, "command.arm = \"link\" with two processes needs --realtime");
+  }
+  return scene;
+}
+
 }  // namespace
 
 int run_plant(const RunOptions& o) {
-  const Scene scene = read_loop_scene(o);
+  const Scene scene = read_half_scene(o);
   refuse_bus_effects(scene, "a CAN interface is not ours to disturb");
   return scene.type == MechanismType::five_bar ? plant<FiveBarWorld>(scene, o) : plant<RrWorld>(scene, o);
 }
 
 int run_controller(const RunOptions& o) {
-  const Scene scene = read_loop_scene(o);
+  const Scene scene = read_half_scene(o);
   refuse_bus_effects(scene, "a CAN interface is not ours to disturb");
   return scene.type == MechanismType::five_bar ? controller<FiveBarWorld>(scene, o)
                                                : controller<RrWorld>(scene, o);

@@ -41,14 +41,16 @@ template <class World, class Bus, class Over>
 RunEnd pace_plant(const Scene& scene, PlantHalf<World, Bus>& plant, const Over& over) {
   const auto begin = std::chrono::steady_clock::now();
   const auto silence = std::chrono::milliseconds(silence_ms);
+  const auto arming = std::chrono::duration<double>(arming_time_max(scene));
   auto heard = begin;
   Pace pace(scene.tick() / plant.substeps());
   std::uint64_t late = 0;
   Progress progress(tick_count(scene));
   while (!plant.finished() && !stop_requested() && !over()) {
     progress.at(plant.done());
-    if (!plant.released() && std::chrono::steady_clock::now() - begin > silence) {
-      throw RunError("the drives were not in closed-loop control after 5 s (controller dead or not started)");
+    if (!plant.released() && std::chrono::steady_clock::now() - begin > arming) {
+      throw RunError(fmt::format("the drives were not in closed-loop control after {} s (controller dead or not started)",
+                                 arming_time_max(scene)));
     }
     plant.publish();
     const std::uint64_t before = pace.late();
@@ -89,15 +91,17 @@ std::uint64_t pace_controller(const Scene& scene, ControllerHalf<World, Bus>& co
     controller.tick(true);
     recorder.tick(controller.result(), controller.sample());
     const bool never = recorder.ticks() == 0 &&
-                       std::chrono::steady_clock::now() - begin > std::chrono::milliseconds(silence_ms);
-    if (controller.supervisor().state() == State::fault && recorder.ticks() == 0) {
+                       std::chrono::steady_clock::now() - begin > std::chrono::duration<double>(arming_time_max(scene));
+    if (controller.supervisor().state() == State::fault && recorder.ticks() == 0 && !armed_by_link(scene)) {
       const std::string why = controller.refusal();
       part();
       throw RunError("the controller refused to arm: " + why);
     }
     if (never) {
       part();
-      throw RunError("the drives were not in closed-loop control after 5 s (plant dead or not started)");
+      throw RunError(fmt::format("the drives were not in closed-loop control after {} s ({})", arming_time_max(scene),
+                                 armed_by_link(scene) ? "no supervisor computer armed them"
+                                                      : "plant dead or not started"));
     }
   }
   const std::uint64_t late = pace.late();

@@ -8,6 +8,7 @@
 #include <sstream>
 
 #include "host_sim/plant/kinematics.hpp"
+#include "host_sim/scene/read_command.hpp"
 #include "host_sim/scene/read_effects.hpp"
 #include "host_sim/scene/reader.hpp"
 #include "host_sim/scene/scene.hpp"
@@ -536,6 +537,7 @@ Scene scene_of(toml::table table, const std::string& file) {
   read_limits(or_empty("limits"), scene);
   read_drives(or_empty("drives"), scene);
   read_sensors(root.section("sensors"), root, scene);
+  if (const auto s = root.section("command")) scene.command = read_command(*s, scene);
   Section bus = or_empty("bus");
   scene.bitrate = bus.integer("bitrate");
   bus.finish();

@@ -91,6 +91,20 @@ struct DriveScene {
       missing;  ///< what a loop on a bus would still need to be told; esmc sim has no drives and needs none
 };
 
+enum class CommandSource { hold, reference, stream };
+
+/// The interface to a supervisor computer.
+struct CommandScene {
+  int base_id = 0;
+  CommandSource source = CommandSource::reference;
+  bool arm_by_link = false;
+  double speed = 0.0, acceleration = 0.0;  // m/s or rad/s, of each coordinate
+  int stream_age_ticks = 0, counter_jump = 0, status_ticks = 0, telemetry_ticks = 0;
+  double timeout = 0.0;                       // s; 0: not watched
+  double order_age = 0.0;                     // s
+  std::array<double, 2> lambda{}, gain{};     // lower, upper; equal: cannot be written
+};
+
 struct LimitsScene {
   double min_abs_sin_type1 = 0, min_abs_sin_type2 = 0, joint_speed = 0, closure = 0;
   std::optional<std::array<std::array<double, 2>, 2>> workspace;    // x, y: lower, upper
@@ -129,6 +143,7 @@ struct Scene {
   InitialScene initial;
   LimitsScene limits;
   DriveScene drives;  ///< motors first, then the passive encoders of [sensors]
+  std::optional<CommandScene> command;
   int bitrate = 0;
 
   double duration = 0.0;

@@ -8,6 +8,7 @@
   firmware/control      the same and control
   firmware/safety       std, safety
   firmware/drive        std, hal/*.hpp, drive
+  firmware/link         std, hal/*.hpp, safety, link
   firmware/cycle        std, Eigen (through types), all firmware, hal/*.hpp
   host_sim/studies      std, host_sim without commands, of firmware types, numeric, mechanism: more mechanisms from the same parts
   host_sim, else not commands   never the controller: of firmware only types, numeric, parameters and the wire format;
@@ -37,12 +38,13 @@ RULES = [
     ("firmware/control", True, rf"{MODEL}|firmware/control/.*"),
     ("firmware/safety", True, rf"{STD}|firmware/safety/.*"),
     ("firmware/drive", True, rf"{STD}|{HAL}|firmware/drive/.*"),
+    ("firmware/link", True, rf"{STD}|{HAL}|firmware/(safety|link)/.*"),
     ("firmware/cycle", True, rf"{STD}|{HAL}|firmware/.*"),
     ("host_sim", False, rf"<.*>|hal/.*|host_sim/(?!studies/).*|{SHARED}"),
     ("host_sim/studies", True, rf"{MODEL}|host_sim/(?!commands/).*"),
     ("host_sim/commands", True, r"<.*>|hal/.*|host_sim/.*|firmware/.*"),
 ]
-NEVER_EIGEN = ("hal", "firmware/safety", "firmware/drive", "firmware/numeric")
+NEVER_EIGEN = ("hal", "firmware/safety", "firmware/drive", "firmware/link", "firmware/numeric")
 HOSTED = re.compile(r"<(iostream|[io]?fstream|[io]?sstream|cstdio|cstdlib|new|memory|string|string_view|vector|deque|list|"
                     r"map|set|unordered_map|unordered_set|functional|exception|stdexcept|system_error|typeinfo|typeindex|"
                     r"any|regex|locale|random|thread|mutex|atomic|condition_variable|future|filesystem|format)>")
@@ -119,6 +121,9 @@ def self_test(root):
         ("firmware/safety/guards.hpp", '#include "hal/can.hpp"'),
         ("firmware/drive/odrive.hpp", '#include "firmware/types.hpp"'),
         ("firmware/drive/odrive.hpp", '#include "firmware/safety/faults.hpp"'),
+        ("firmware/link/codec.hpp", '#include "firmware/types.hpp"'),
+        ("firmware/link/codec.hpp", '#include "firmware/drive/odrive.hpp"'),
+        ("firmware/link/command_link.hpp", '#include "firmware/cycle/guide.hpp"'),
         ("firmware/cycle/cycle.hpp", '#include "hal/virtual/virtual_bus.hpp"'),
         ("firmware/cycle/cycle.hpp", '#include "boards/linux/main.hpp"'),
         ("firmware/cycle/cycle.hpp", "#include <cstdio>"),

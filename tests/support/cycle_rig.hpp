@@ -34,6 +34,7 @@ struct Setup {
   bool samples_timed = true;
   bool zero_absolute = true;
   Vec<typename M::Scalar, M::joints> zero_pose = Vec<typename M::Scalar, M::joints>::Zero();
+  link::LinkConfig link{};
   std::array<double, 4> gear{mountings[0].gear, mountings[1].gear, mountings[2].gear, mountings[3].gear};
 };
 
@@ -234,6 +235,7 @@ class Rig {
     c.samples_timed = s.samples_timed;
     c.zero_absolute = s.zero_absolute;
     c.zero_pose = s.zero_pose;
+    c.link = s.link;
     return c;
   }
   void obey() {

@@ -1,0 +1,50 @@
+#pragma once
+/// Between the command interface and the controller: wishes in, telemetry out.
+
+#include "firmware/cycle/controller.hpp"
+#include "firmware/link/command_link.hpp"
+
+namespace esmc {
+
+/// Does what is asked of the controller and returns what is asked of the supervisor.
+template <class M>
+Command heed(link::CommandLink& link, Controller<M>& controller, typename M::Scalar delay_ticks) {
+  using S = typename M::Scalar;
+  const link::Request r = link.take();
+  const auto vec = [](const std::array<float, 2>& a) { return Vec2<S>(S(a[0]), S(a[1])); };
+  Guide<S>& guide = controller.guide();
+  guide.lead(r.source != link::Source::reference);
+  if (r.has_gains) controller.set_gains(link.parameters(), delay_ticks);
+  if (r.hold) guide.hold();
+  if (r.has_sample) guide.follow(vec(r.position), vec(r.velocity));
+  if (r.has_point) {
+    if (controller.reachable(vec(r.position))) {
+      guide.go_to(vec(r.position));
+    } else {
+      link.refuse();
+    }
+  }
+  return r.command;
+}
+
+/// What the supervisor computer is told of a tick.
+template <class M>
+[[nodiscard]] link::Report report_of(const Controller<M>& controller, const TickResult<M>& t, const Sample<M>& sample) {
+  link::Report r;
+  const auto& c = controller.config();
+  r.joints = static_cast<std::uint8_t>(c.motor_count());
+  for (int i = 0; i < c.motor_count(); ++i) {
+    const int joint = ControllerConfig<M>::joint_of(i, c.motor_count());
+    r.angle[static_cast<unsigned>(i)] = static_cast<float>(sample.angle[joint]);
+    r.torque[static_cast<unsigned>(i)] = static_cast<float>(t.torque[joint]);
+  }
+  for (int i = 0; i < 2; ++i) {
+    r.effector[static_cast<unsigned>(i)] = static_cast<float>(t.effector[i]);
+    if (t.state == State::running) {
+      r.error[static_cast<unsigned>(i)] = static_cast<float>(t.desired_effector[i] - t.effector[i]);
+    }
+  }
+  return r;
+}
+
+}  // namespace esmc

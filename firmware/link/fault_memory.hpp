@@ -1,0 +1,57 @@
+#pragma once
+/// What the supervisor computer can read about faults: how often, when last, and what the drives said.
+
+#include <array>
+#include <cstdint>
+
+#include "firmware/link/codec.hpp"
+
+namespace esmc::link {
+
+class FaultMemory {
+ public:
+  /// Once per tick. `axis`, `drive_error`: what a motor says now, for faults that are new in this tick.
+  void look(const Supervisor& s, std::uint32_t time_us, std::uint8_t axis, std::uint32_t drive_error) {
+    for (unsigned i = 1; i < count; ++i) {
+      FaultRecord& r = records_[i];
+      const std::uint16_t n = s.count(r.fault = static_cast<Fault>(i));
+      if (n == r.count) continue;
+      r = {r.fault, axis, n, time_us, drive_error};
+      pending_[i] = true;
+    }
+  }
+  /// Every fault there has been, and the end mark.
+  void read_out() {
+    for (unsigned i = 1; i < count; ++i) pending_[i] = pending_[i] || records_[i].count > 0;
+    pending_[0] = true;
+  }
+  /// Sends at most one record: the one of `first` before others.
+  template <class Send>
+  void transmit(std::uint32_t base, Fault first, Send&& send) {
+    unsigned i = static_cast<unsigned>(first);
+    if (i == 0 || !pending_[i]) {
+      for (i = 1; i < count && !pending_[i]; ++i) {
+      }
+      if (i == count) i = 0;
+    }
+    if (!pending_[i]) return;
+    FaultRecord r = records_[i];
+    if (i == 0) r.count = distinct();
+    if (!send(encode_fault_record(base, r))) return;
+    if (i != 0 && !send(encode_fault_detail(base, r))) return;
+    pending_[i] = false;
+  }
+
+ private:
+  static constexpr unsigned count = static_cast<unsigned>(fault_count);
+  [[nodiscard]] std::uint16_t distinct() const {
+    std::uint16_t n = 0;
+    for (const FaultRecord& r : records_) n = static_cast<std::uint16_t>(n + (r.count > 0 ? 1 : 0));
+    return n;
+  }
+
+  std::array<FaultRecord, count> records_{};
+  std::array<bool, count> pending_{};
+};
+
+}  // namespace esmc::link

@@ -1,0 +1,76 @@
+#pragma once
+/// The table of parameters that the supervisor computer can read, and in part write.
+
+#include <array>
+#include <bit>
+#include <cstdint>
+
+#include "firmware/link/codec.hpp"
+
+namespace esmc::link {
+
+/// Index in the table. Gains apply to every channel of their kind.
+enum class Index : std::uint8_t {
+  lambda_position,  ///< 1/s
+  lambda_angle,     ///< 1/s
+  gain_position,    ///< m/s2
+  gain_angle,       ///< rad/s2
+  sample_time,      ///< s
+  torque_limit_1,   ///< N m, first base joint
+  torque_limit_2,   ///< N m, second base joint
+  joint_speed,      ///< rad/s, limit of the base joints
+  speed,            ///< m/s or rad/s, of a set point's quintic
+  acceleration,     ///< m/s2 or rad/s2
+  stream_age,       ///< ticks without a sample after which a stream is lost
+  silence,          ///< ticks without any frame after which the supervisor computer is lost; 0: any
+};
+inline constexpr std::uint8_t parameter_count = static_cast<std::uint8_t>(Index::silence) + 1;
+inline constexpr std::uint8_t gain_count = 4;  ///< the first ones; only these can be written
+
+struct Bounds {
+  float lower = 0, upper = 0;
+};
+
+class Parameters {
+ public:
+  using Values = std::array<float, parameter_count>;
+
+  Parameters() { sum(); }
+  /// A gain whose upper bound is not above its lower one cannot be written.
+  Parameters(const Values& values, const std::array<Bounds, gain_count>& bounds) : values_(values), bounds_(bounds) {
+    sum();
+  }
+
+  [[nodiscard]] float operator[](Index i) const { return values_[static_cast<unsigned>(i)]; }
+  [[nodiscard]] float at(std::uint8_t i) const { return values_[i]; }
+  [[nodiscard]] bool writable(std::uint8_t i) const { return i < gain_count && bounds_[i].upper > bounds_[i].lower; }
+
+  Answer write(std::uint8_t i, float value, bool disabled) {
+    if (i >= parameter_count) return Answer::unknown_index;
+    if (!writable(i)) return Answer::read_only;
+    if (!disabled) return Answer::not_now;
+    if (!(value >= bounds_[i].lower && value <= bounds_[i].upper)) return Answer::out_of_bounds;
+    values_[i] = value;
+    sum();
+    return Answer::ok;
+  }
+
+  /// CRC-32/ISO-HDLC over the binary32 values in the order of their indices, little endian.
+  [[nodiscard]] std::uint32_t crc() const { return crc_; }
+
+ private:
+  void sum() {
+    std::uint32_t c = crc32_start;
+    for (const float v : values_) {
+      const auto word = std::bit_cast<std::uint32_t>(v);
+      for (unsigned i = 0; i < 4; ++i) c = crc32_part(c, static_cast<std::uint8_t>(word >> (8U * i)));
+    }
+    crc_ = ~c;
+  }
+
+  Values values_{};
+  std::array<Bounds, gain_count> bounds_{};
+  std::uint32_t crc_ = 0;
+};
+
+}  // namespace esmc::link

@@ -1,0 +1,92 @@
+#include "host_sim/scene/read_command.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+
+namespace esmc::host {
+namespace {
+
+constexpr std::uint32_t block = 32;  // identifiers, as docs/esmc.dbc has them
+
+/// [low, high] around the scene's own values, which the controller starts with.
+std::array<double, 2> gain_range(Section& s, const char* key, const PerKind& own) {
+  const auto given = s.optional_numbers(key, {2});
+  if (!given) return {0.0, 0.0};
+  const std::array<double, 2> r{(*given)[0], (*given)[1]};
+  if (!(r[0] < r[1])) s.fail(key, "must be [lower, upper] with lower < upper");
+  for (const double v : {own.position, own.angle}) {
+    if (!(r[0] <= v && v <= r[1])) {
+      s.fail(key, fmt::format("must contain what [control] has, {:g}", v));
+    }
+  }
+  return r;
+}
+
+void check_identifiers(const Section& s, const Scene& scene, int base) {
+  if (base % static_cast<int>(block) != 0) s.fail("base_id", fmt::format("must be a multiple of {}", block));
+  for (const std::uint32_t id : drive_identifiers(scene)) {
+    if (id / block == static_cast<std::uint32_t>(base) / block) {
+      s.fail("base_id", fmt::format("takes the identifiers 0x{:03x} to 0x{:03x}, and the drives of this scene have 0x{:03x}",
+                                    base, base + static_cast<int>(block) - 1, id));
+    }
+  }
+}
+
+}  // namespace
+
+std::vector<std::uint32_t> drive_identifiers(const Scene& scene) {
+  std::vector<std::uint32_t> out;
+  const DriveScene& d = scene.drives;
+  const auto nodes = [&](std::initializer_list<std::uint32_t> functions) {
+    for (const int n : d.nodes) {
+      for (const std::uint32_t f : functions) out.push_back(f + static_cast<std::uint32_t>(n));
+    }
+  };
+  switch (d.protocol) {
+    case Protocol::odrive:
+    case Protocol::odrive_0_5:
+      for (const int n : d.nodes) out.push_back(static_cast<std::uint32_t>(n) * block);
+      out.push_back(0x3F * block);  // 0.6: to all, and unaddressed ones
+      break;
+    case Protocol::cia402:  // the predefined connection set: EMCY, four PDO each way, SDO, heartbeat
+      nodes({0x080, 0x180, 0x200, 0x280, 0x300, 0x380, 0x400, 0x480, 0x500, 0x580, 0x600, 0x700});
+      for (const std::uint32_t id : {0x000U, 0x080U, 0x100U, 0x7E4U, 0x7E5U}) out.push_back(id);  // NMT, SYNC, TIME, LSS
+      out.push_back(0x700U + static_cast<std::uint32_t>(d.controller_node));
+      break;
+    case Protocol::mit:
+      nodes({0});
+      for (const int id : d.master_id) out.push_back(static_cast<std::uint32_t>(id));
+      break;
+  }
+  return out;
+}
+
+CommandScene read_command(Section s, const Scene& scene) {
+  CommandScene c;
+  c.base_id = s.integer("base_id");
+  check_identifiers(s, scene, c.base_id);
+  const std::string source = s.text("source");
+  c.source = source == "hold" ? CommandSource::hold
+                              : (source == "stream" ? CommandSource::stream : CommandSource::reference);
+  c.arm_by_link = s.text("arm") == "link";
+  c.speed = s.number("speed");
+  c.acceleration = s.number("acceleration");
+  c.stream_age_ticks = s.integer("stream_age_ticks");
+  c.timeout = s.number("timeout");
+  c.order_age = s.number("order_age");
+  c.counter_jump = s.integer("counter_jump");
+  c.status_ticks = s.integer("status_ticks");
+  c.telemetry_ticks = s.integer("telemetry_ticks");
+  c.lambda = gain_range(s, "lambda", scene.lambda);
+  c.gain = gain_range(s, "gain", scene.gain);
+  const bool sliding =
+      scene.law == LawChoice::esmc || scene.law == LawChoice::esmc_projected || scene.law == LawChoice::smc;
+  for (const char* key : {"lambda", "gain"}) {
+    if (s.has(key) && !sliding) s.fail(key, "is for the laws esmc, esmc_projected and smc");
+  }
+  s.finish();
+  return c;
+}
+
+}  // namespace esmc::host

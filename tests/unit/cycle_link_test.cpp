@@ -1,0 +1,272 @@
+/// The whole cycle with a supervisor computer on its bus, made of bytes: what is armed, led and stopped by frames
+/// alone, and what is not.
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <optional>
+#include <random>
+#include <vector>
+
+#include "tests/support/cycle_rig.hpp"
+#include "tests/support/link_bytes.hpp"
+
+namespace {
+
+using namespace esmc;
+using test::Desk;
+using test::Rig;
+using test::Setup;
+using test::setup;
+
+template <class M>
+link::LinkConfig link_of() {
+  link::LinkConfig c;
+  c.base_id = 0x780;
+  c.session = 5;
+  c.command_age_ticks_max = 100;
+  c.status_ticks = 5;
+  c.telemetry_ticks = 10;
+  c.period_ns = 1'000'000;
+  c.space = M::joints == 4 ? link::Space::effector : link::Space::base_joints;
+  c.position = {link::Bounds{-3.0F, 3.0F}, link::Bounds{-3.0F, 3.0F}};
+  c.parameters = link::Parameters({20, 20, 8, 8, 1e-3F, 2, 2, 50, 2.0F, 40.0F, 5, 0},
+                                  {link::Bounds{10, 60}, link::Bounds{10, 60}, link::Bounds{1, 20}, link::Bounds{1, 20}});
+  return c;
+}
+
+template <class M>
+Setup<M> with_link() {
+  Setup<M> s = setup<M>();
+  s.link = link_of<M>();
+  s.controller.guide_speed = 2;
+  s.controller.guide_acceleration = 40;
+  return s;
+}
+
+/// The mechanism does not move; what it is asked to do is looked at.
+template <class M>
+struct Linked {
+  explicit Linked(const Setup<M>& s = with_link<M>()) : rig(s) {}
+
+  TickResult<M> tick(const std::vector<hal::CanFrame>& frames = {}) {
+    for (const auto& f : frames) rig.bus.push(f);
+    const auto r = rig.tick();
+    for (const auto& f : rig.bus.sent()) desk.hear(f);
+    return r;
+  }
+  void until_told(unsigned state, int ticks = 40) {
+    for (int i = 0; i < ticks && desk.state != state; ++i) tick();
+    ASSERT_EQ(desk.state, state);
+  }
+  Rig<M> rig;
+  Desk desk;
+};
+
+TEST(CycleLink, WithoutOneNothingIsDifferent) {
+  Rig<FiveBar<double>> without;
+  auto s = with_link<FiveBar<double>>();
+  s.link.source = link::Source::reference;
+  Rig<FiveBar<double>> with(s);
+  ASSERT_TRUE(without.start());
+  ASSERT_TRUE(with.start());
+  for (int i = 0; i < 200; ++i) {
+    const auto a = without.tick(), b = with.tick();
+    ASSERT_EQ(a.torque, b.torque);
+    std::vector<hal::CanFrame> rest;
+    for (const auto& f : with.bus.sent()) {
+      if (f.id < 0x780 || f.id >= 0x7A0) rest.push_back(f);
+    }
+    ASSERT_TRUE(std::ranges::equal(rest, without.bus.sent()));
+  }
+}
+
+template <class M>
+void live_by_frames() {
+  Linked<M> l;
+  Desk& desk = l.desk;
+  for (int i = 0; i < 6; ++i) l.tick();
+  l.tick({desk.ask(2)});
+  l.tick({desk.order(Desk::stream)});
+  l.tick({desk.order(Desk::arm)});
+  l.until_told(static_cast<unsigned>(State::running));
+  EXPECT_EQ(desk.source, 2U);
+  // It holds where it is, then takes a set point 20 mm or mrad away, along a way without jumps.
+  const auto here = l.tick();
+  const auto where = [](const TickResult<M>& r) -> Vec2<double> {
+    return (M::joints == 4 ? r.desired_effector : r.desired_base).template cast<double>();
+  };
+  const Vec2<double> start = where(here);
+  EXPECT_NEAR((start - where(l.tick())).norm(), 0.0, 1e-6);
+  const auto um = [](double v) { return static_cast<int>(std::lround(v * 1e6)); };
+  const unsigned space = M::joints == 4 ? 0 : 1;
+  auto r = l.tick({desk.pair(Desk::point, um(start[0] - 0.02), um(start[1] + 0.01), space)});
+  auto before = where(r);
+  for (int i = 0; i < 120; ++i) {
+    r = l.tick();
+    EXPECT_LE(std::abs(where(r)[0] - before[0]), 2e-3);
+    before = where(r);
+  }
+  EXPECT_NEAR(where(r)[0], start[0] - 0.02, 2e-6);
+  EXPECT_NEAR(where(r)[1], start[1] + 0.01, 2e-6);
+  // A stream that begins there and stops: the stream's end without a word is a fault with a name.
+  for (int i = 0; i < 50; ++i) {
+    const double t = i * 1e-3, x = start[0] - 0.02 + 0.01 * (1 - std::cos(20 * t)), v = 0.2 * std::sin(20 * t);
+    desk.counter[Desk::velocity] = desk.counter[Desk::position];
+    r = l.tick({desk.pair(Desk::position, um(x), um(start[1] + 0.01), space),
+                desk.pair(Desk::velocity, static_cast<int>(std::lround(v * 1e5)), 0, space)});
+    EXPECT_NEAR(where(r)[0], x, 3e-6) << i;
+  }
+  EXPECT_EQ(r.state, State::running);
+  for (int i = 0; i < 5; ++i) EXPECT_EQ(l.tick().state, State::running);
+  EXPECT_EQ(l.tick().fault, Fault::command_lost);
+  EXPECT_TRUE(l.rig.all_zero());
+  for (int i = 0; i < 5; ++i) l.tick();
+  EXPECT_EQ(desk.fault, static_cast<unsigned>(Fault::command_lost));
+  EXPECT_EQ(desk.last(Desk::record).data[0], static_cast<unsigned>(Fault::command_lost));
+  // Reset, arm once more, disarm.
+  l.tick({desk.order(Desk::reset)});
+  l.until_told(static_cast<unsigned>(State::disabled));
+  l.tick({desk.order(Desk::arm)});
+  l.until_told(static_cast<unsigned>(State::running));
+  l.tick({desk.order(Desk::disarm)});
+  l.until_told(static_cast<unsigned>(State::disabled));
+  EXPECT_TRUE(l.rig.all_zero());
+}
+
+TEST(CycleLink, FiveBarLivesByFramesAlone) { live_by_frames<FiveBar<double>>(); }
+TEST(CycleLink, RrInFloatLivesByFramesAlone) { live_by_frames<Rr<float>>(); }
+
+TEST(CycleLink, TheReferenceRunsUnlessTheComputerChoosesOtherwise) {
+  Linked<FiveBar<double>> l;
+  for (int i = 0; i < 6; ++i) l.tick();
+  l.tick({l.desk.ask(2)});
+  l.tick({l.desk.order(Desk::arm)});
+  l.until_told(static_cast<unsigned>(State::running));
+  const auto a = l.tick(), b = l.tick();
+  EXPECT_NE(a.desired_effector, b.desired_effector) << "the circle turns";
+  l.tick({l.desk.order(Desk::off)});
+  l.until_told(static_cast<unsigned>(State::disabled));
+  l.tick({l.desk.order(Desk::hold)});
+  l.tick({l.desk.order(Desk::arm)});
+  l.until_told(static_cast<unsigned>(State::running));
+  const auto c = l.tick(), d = l.tick();
+  EXPECT_EQ(c.desired_effector, d.desired_effector);
+}
+
+TEST(CycleLink, ASetPointOutOfReachIsNotFollowed) {
+  Linked<FiveBar<double>> l;
+  for (int i = 0; i < 6; ++i) l.tick();
+  l.tick({l.desk.ask(2)});
+  l.tick({l.desk.order(Desk::stream)});
+  l.tick({l.desk.order(Desk::arm)});
+  l.until_told(static_cast<unsigned>(State::running));
+  const auto before = l.tick();
+  const auto refused = l.rig.cycle.link().counters().refused;
+  l.tick({l.desk.pair(Desk::point, 900'000, 900'000)});
+  for (int i = 0; i < 50; ++i) l.tick();
+  const auto after = l.tick();
+  EXPECT_EQ(after.state, State::running);
+  EXPECT_EQ(after.desired_effector, before.desired_effector);
+  EXPECT_EQ(l.rig.cycle.link().counters().refused, refused + 1);
+}
+
+TEST(CycleLink, SomebodyWhoSpeaksInOurNameIsAForeignController) {
+  Linked<FiveBar<double>> l;
+  ASSERT_TRUE(l.rig.start());
+  hal::CanFrame f = l.desk.make(0, 0);
+  f.id = 0x790;
+  EXPECT_EQ(l.tick({f}).fault, Fault::foreign_controller);
+}
+
+TEST(CycleLink, GainsReachTheLaw) {
+  const auto torque = [](std::optional<float> lambda) {
+    Linked<FiveBar<double>> l;
+    for (int i = 0; i < 6; ++i) l.tick();
+    if (lambda) {
+      for (const unsigned i : {0U, 1U}) l.tick({l.desk.set_gain(i, *lambda)});
+      for (const unsigned i : {2U, 3U}) l.tick({l.desk.set_gain(i, 8.0F)});
+    }
+    l.tick({l.desk.ask(2)});
+    l.tick({l.desk.order(Desk::arm)});
+    l.until_told(static_cast<unsigned>(State::running));
+    for (int i = 0; i < 20; ++i) l.tick();
+    const auto& g = l.rig.cycle.controller().config().gains;
+    EXPECT_EQ(g.lambda.minCoeff(), lambda.value_or(20.0F));
+    EXPECT_EQ(g.lambda.maxCoeff(), lambda.value_or(20.0F));
+    EXPECT_EQ(g.independent.lambda, lambda.value_or(20.0F));
+    if (lambda) {
+      EXPECT_NEAR(g.layer.maxCoeff(), 8.0e-3, 1e-15) << "implicit: h k";
+    }
+    return l.tick().torque;
+  };
+  EXPECT_NE(torque(20.0F), torque(40.0F));
+}
+
+TEST(CycleLink, DriveErrorsAreToldWithTheirAxis) {
+  Linked<FiveBar<double>> l;
+  ASSERT_TRUE(l.rig.start());
+  l.rig.error[1] = 0x1234;
+  l.tick();
+  EXPECT_EQ(l.desk.last(Desk::record).data[1], 1);
+  EXPECT_EQ(Desk::word(l.desk.last(Desk::detail), 4, 4), 0x1234U);
+}
+
+TEST(CycleLink, TelemetryIsWhatTheTickDid) {
+  Linked<FiveBar<double>> l;
+  ASSERT_TRUE(l.rig.start());
+  TickResult<FiveBar<double>> r;
+  for (int i = 0; i < 30; ++i) {
+    l.desk.heard.clear();
+    r = l.tick();
+    if (l.desk.count(Desk::effector) == 0) continue;
+    EXPECT_EQ(Desk::real(l.desk.last(Desk::effector), 0), static_cast<float>(r.effector[0]));
+    for (int k = 0; k < 3; ++k) l.tick();  // the rest of the set, of the same tick
+    EXPECT_EQ(Desk::real(l.desk.last(Desk::error), 4), static_cast<float>(r.desired_effector[1] - r.effector[1]));
+    EXPECT_EQ(Desk::real(l.desk.last(Desk::joint + 1), 4), static_cast<float>(r.torque[2]));
+    EXPECT_NEAR(Desk::real(l.desk.last(Desk::joint), 0), l.rig.angle[0], 1e-6);
+    EXPECT_EQ(l.desk.count(Desk::joint + 2), 0);
+    return;
+  }
+  FAIL() << "no telemetry";
+}
+
+/// Frames of every kind, damaged in every way that a bus and a program can: nothing is armed, nothing moves. Good
+/// ones of another session are among them.
+TEST(CycleLink, DamagedFramesNeverMoveAnything) {
+  std::mt19937 random(3);
+  const auto draw = [&](unsigned n) { return static_cast<unsigned>(random() % n); };
+  for (const bool running : {false, true}) {
+    Linked<FiveBar<double>> l;
+    for (int i = 0; i < 6; ++i) l.tick();
+    l.tick({l.desk.ask(2)});
+    l.tick({l.desk.order(Desk::stream)});
+    if (running) {
+      l.tick({l.desk.order(Desk::arm)});
+      l.until_told(static_cast<unsigned>(State::running));
+    }
+    const auto still = l.tick().desired_effector;
+    Desk other = l.desk;
+    other.session = static_cast<std::uint8_t>(l.desk.session + 1 + draw(200));
+    for (int n = 0; n < 20'000; ++n) {
+      other.tick = l.desk.tick;
+      other.crc32 = l.desk.crc32;
+      const unsigned what = draw(4);
+      // Not the two that take torque away.
+      const unsigned orders[] = {Desk::arm, Desk::reset, Desk::confirm_zero, Desk::hold, Desk::reference, Desk::stream};
+      hal::CanFrame f = what == 0   ? other.order(orders[draw(6)])
+                        : what == 1 ? other.pair(Desk::point, static_cast<int>(draw(20'000)), 170'000)
+                        : what == 2 ? other.pair(Desk::position, static_cast<int>(draw(20'000)), 170'000)
+                                    : other.pair(Desk::velocity, 0, 0);
+      f.data[0] = static_cast<std::uint8_t>(f.data[0] + (draw(3) == 0 ? 1 + draw(255) : 0));
+      if (f.data[0] == l.desk.seal(f, l.desk.session).data[0]) continue;  // a random sum is right once in 256
+      if (draw(20) == 0) f.size = static_cast<std::uint8_t>(draw(8));
+      const auto r = l.tick({f});
+      ASSERT_EQ(r.state, running ? State::running : State::disabled);
+      ASSERT_EQ(r.desired_effector, still);
+    }
+  }
+}
+
+}  // namespace

@@ -1,0 +1,190 @@
+/// Command interface: set points, streams, and what becomes of recordings.
+
+#include <gtest/gtest.h>
+
+#include <utility>
+#include <vector>
+
+#include "tests/support/link_bench.hpp"
+
+namespace {
+
+using namespace esmc;
+using namespace esmc::link;
+using test::Bench;
+using test::Desk;
+using test::link_config;
+
+TEST(Link, WhatIsAskedForBeforeItRunsDoesNotWait) {
+  Bench b;
+  b.listen();
+  for (const unsigned source : {Desk::stream, Desk::reference, Desk::hold}) {
+    ASSERT_EQ(b.one(b.desk.order(source)), Outcome::obeyed);
+    EXPECT_EQ(b.one(b.desk.pair(Desk::point, 0, 170'000)), Outcome::refused);
+    EXPECT_EQ(b.one(b.desk.pair(Desk::position, 0, 170'000)), Outcome::refused);
+    EXPECT_EQ(b.one(b.desk.pair(Desk::velocity, 0, 0)), Outcome::refused);
+  }
+  ASSERT_EQ(b.one(b.desk.order(Desk::arm)), Outcome::obeyed);
+  const Request r = b.tick();
+  ASSERT_EQ(b.supervisor.state(), State::running);
+  EXPECT_FALSE(r.has_point || r.has_sample || r.hold);
+  EXPECT_EQ(r.source, Source::hold);
+  EXPECT_EQ(b.one(b.desk.pair(Desk::point, 0, 170'000)), Outcome::refused) << "hold takes no set point";
+}
+
+TEST(Link, SetPointsWithinTheirBounds) {
+  Bench b;
+  b.run();
+  const Request r = b.tick({b.desk.pair(Desk::point, -123'456, 170'000)});
+  EXPECT_TRUE(r.has_point);
+  EXPECT_FALSE(r.has_sample);
+  EXPECT_FLOAT_EQ(r.position[0], -0.123456F);
+  EXPECT_FLOAT_EQ(r.position[1], 0.17F);
+  for (const auto& [x, y] : {std::pair{300'001, 0}, {-300'001, 0}, {0, -1}, {0, 300'001}, {-8'388'608, 8'388'607}}) {
+    EXPECT_EQ(b.one(b.desk.pair(Desk::point, x, y)), Outcome::refused) << x << ' ' << y;
+  }
+  EXPECT_EQ(b.one(b.desk.pair(Desk::point, 0, 170'000, 1)), Outcome::refused) << "joints where the effector is led";
+  EXPECT_FALSE(b.tick().has_point) << "once";
+  b.link.refuse();
+  EXPECT_EQ(b.link.counters().refused, 7);
+}
+
+TEST(Link, ASampleIsAPositionAndItsVelocity) {
+  Bench b;
+  b.run();
+  Request r = b.tick(b.sample(10'000, 170'000, 50'000, -20'000));
+  EXPECT_TRUE(r.has_sample);
+  EXPECT_FLOAT_EQ(r.position[0], 0.01F);
+  EXPECT_FLOAT_EQ(r.velocity[0], 0.5F);
+  EXPECT_FLOAT_EQ(r.velocity[1], -0.2F);
+  b.tick();
+  EXPECT_TRUE(b.desk.streaming || b.link.counters().obeyed > 0);
+  // A velocity alone, twice, or of another sample.
+  EXPECT_EQ(b.one(b.desk.pair(Desk::velocity, 50'000, -20'000)), Outcome::refused);
+  b.desk.counter[Desk::position] = b.desk.counter[Desk::velocity] = 3;
+  Bench c;
+  c.run();
+  const auto p = c.desk.pair(Desk::position, 10'000, 170'000);
+  c.desk.counter[Desk::velocity] = c.desk.counter[Desk::position];
+  EXPECT_FALSE(c.tick({p, c.desk.pair(Desk::velocity, 0, 0)}).has_sample) << "another counter";
+  EXPECT_EQ(c.outcomes[1], Outcome::refused);
+  // In another space.
+  Bench d;
+  d.run();
+  EXPECT_EQ(d.one(d.desk.pair(Desk::position, 0, 170'000, 1)), Outcome::refused);
+  Bench e;
+  e.run();
+  e.tick({e.desk.pair(Desk::position, 0, 170'000), e.desk.pair(Desk::velocity, 0, 0, 1)});
+  EXPECT_EQ(e.outcomes[1], Outcome::refused);
+  // Out of bounds.
+  Bench f;
+  f.run();
+  EXPECT_EQ(f.one(f.desk.pair(Desk::position, 400'000, 170'000)), Outcome::refused);
+}
+
+TEST(Link, SpeedOfASampleIsLimited) {
+  for (const auto& [vx, vy] : {std::pair{100'001, 0}, {-100'001, 0}, {0, 100'001}, {0, -100'001}}) {
+    Bench b;
+    b.run();
+    b.tick(b.sample(0, 170'000, vx, vy));
+    EXPECT_EQ(b.outcomes[1], Outcome::refused);
+  }
+  Bench b;
+  b.run();
+  b.tick(b.sample(0, 170'000, 100'000, -100'000));
+  EXPECT_EQ(b.outcomes[1], Outcome::obeyed);
+}
+
+/// At 1 m/s and 10 m/s2, 1 ms apart: 1 mm and 0.01 m/s, twice that for the time on the way.
+TEST(Link, SamplesDoNotJump) {
+  const auto second = [](int x, int y, int vx, int vy, int gap = 0) {
+    Bench b;
+    b.run();
+    b.tick(b.sample(0, 170'000, 0, 0));
+    for (int i = 0; i < gap; ++i) b.tick();
+    b.tick(b.sample(x, y, vx, vy));
+    return b.outcomes[1];
+  };
+  EXPECT_EQ(second(1'900, 170'000, 1'900, 0), Outcome::obeyed);
+  EXPECT_EQ(second(2'100, 170'000, 0, 0), Outcome::refused);
+  EXPECT_EQ(second(-2'100, 170'000, 0, 0), Outcome::refused);
+  EXPECT_EQ(second(0, 172'100, 0, 0), Outcome::refused);
+  EXPECT_EQ(second(0, 167'900, 0, 0), Outcome::refused);
+  EXPECT_EQ(second(0, 170'000, 2'100, 0), Outcome::refused);
+  EXPECT_EQ(second(0, 170'000, 0, -2'100), Outcome::refused);
+  EXPECT_EQ(second(2'900, 170'000, 2'900, 0, 1), Outcome::obeyed) << "after a lost one";
+}
+
+TEST(Link, AStreamThatDiesIsAFault) {
+  Bench b;
+  b.run();
+  b.tick(b.sample(0, 170'000, 0, 0));
+  for (int i = 0; i < 3; ++i) b.tick();
+  EXPECT_EQ(b.supervisor.state(), State::running) << "three ticks old, as configured";
+  b.tick();
+  EXPECT_EQ(b.supervisor.fault(), Fault::command_lost);
+  EXPECT_EQ(b.supervisor.state(), State::fault);
+  for (int i = 0; i < 5; ++i) b.tick();
+  EXPECT_EQ(b.supervisor.count(Fault::command_lost), 1);
+}
+
+TEST(Link, AStreamEndsWithASetPointOrHold) {
+  for (const bool hold : {true, false}) {
+    Bench b;
+    b.run();
+    b.tick(b.sample(0, 170'000, 0, 0));
+    const Request r = b.tick({hold ? b.desk.order(Desk::hold) : b.desk.pair(Desk::point, 0, 170'000)});
+    EXPECT_EQ(r.hold, hold);
+    EXPECT_EQ(r.has_point, !hold);
+    for (int i = 0; i < 20; ++i) b.tick();
+    EXPECT_EQ(b.supervisor.state(), State::running);
+  }
+  // The last one of a tick counts.
+  Bench b;
+  b.run();
+  auto frames = b.sample(0, 170'000, 0, 0);
+  frames.insert(frames.begin(), {b.desk.pair(Desk::point, 0, 170'000), b.desk.order(Desk::hold)});
+  const Request r = b.tick(frames);
+  EXPECT_TRUE(r.has_sample && !r.hold && !r.has_point);
+}
+
+TEST(Link, ASilentComputerIsAFaultWhereItIsWatched) {
+  LinkConfig c = link_config();
+  c.parameters = Parameters({40, 40, 150, 300, 1e-3F, 2, 2, 50, 1.0F, 10.0F, 3, 10}, {});
+  Bench b(c);
+  b.run();
+  for (int i = 0; i < 30; ++i) b.one(b.desk.order(Desk::none));
+  EXPECT_EQ(b.supervisor.state(), State::running);
+  const hal::CanFrame last = b.desk.order(Desk::none);
+  b.tick({last});
+  for (int i = 0; i < 10; ++i) b.tick({last});  // a repeated frame is no life
+  EXPECT_EQ(b.supervisor.state(), State::running);
+  b.tick({last});
+  EXPECT_EQ(b.supervisor.fault(), Fault::command_lost);
+}
+
+TEST(Link, RecordedFramesOfAnotherEpisodeMoveNothing) {
+  Bench b;
+  b.run();
+  std::vector<hal::CanFrame> recording;
+  for (int i = 0; i < 48; ++i) {
+    for (const auto& f : {b.desk.order(Desk::none), b.desk.pair(Desk::point, 100 * i, 170'000),
+                          b.desk.pair(Desk::position, 100 * i, 170'000), b.desk.pair(Desk::velocity, 0, 0),
+                          b.desk.set_gain(0, 30.0F), b.desk.ask(2)}) {
+      recording.push_back(f);
+    }
+  }
+  b.tick({b.desk.order(Desk::off)});
+  b.tick();
+  b.tick({b.desk.order(Desk::stream)});
+  b.tick({b.desk.order(Desk::arm)});
+  b.tick();
+  ASSERT_EQ(b.supervisor.state(), State::running);
+  for (const auto& f : recording) {
+    const Request r = b.tick({f});
+    EXPECT_EQ(b.outcomes[0], Outcome::bad_crc);
+    EXPECT_FALSE(r.has_point || r.has_sample || r.hold || r.has_gains);
+  }
+}
+
+}  // namespace

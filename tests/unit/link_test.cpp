@@ -1,0 +1,231 @@
+/// Command interface: checksums, format, counters, orders.
+
+#include <gtest/gtest.h>
+
+#include <string_view>
+#include <vector>
+
+#include "tests/support/link_bench.hpp"
+
+namespace {
+
+using namespace esmc;
+using namespace esmc::link;
+using test::Bench;
+using test::Desk;
+using test::link_config;
+
+TEST(Crc, CheckValuesOfTheCatalogue) {
+  constexpr std::string_view digits = "123456789";
+  std::vector<std::uint8_t> bytes(digits.begin(), digits.end());
+  EXPECT_EQ(crc8(bytes), 0x4B);
+  EXPECT_EQ(test::j1850(bytes), 0x4B);
+  EXPECT_EQ(crc32(bytes), 0xCBF43926U);
+  EXPECT_EQ(crc8({}), 0x00);
+}
+
+TEST(Link, IsNotThereWithoutABase) {
+  CommandLink none;
+  EXPECT_FALSE(none.active());
+  none.begin_tick();
+  Desk desk;
+  EXPECT_EQ(none.receive(desk.order(Desk::off)), Outcome::not_mine);
+  EXPECT_FALSE(none.lost());
+  EXPECT_EQ(none.take().command, Command::none);
+}
+
+TEST(Link, FramesOfOthersAreNotItsBusiness) {
+  Bench b;
+  hal::CanFrame f = b.desk.order(Desk::off);
+  f.extended = true;
+  EXPECT_EQ(b.one(f), Outcome::not_mine);
+  for (const unsigned id : {0x77FU, 0x7A0U, 0U, 0x7FFU}) {
+    f = b.desk.order(Desk::off);
+    f.id = id;
+    EXPECT_EQ(b.one(f), Outcome::not_mine) << id;
+  }
+  f = b.desk.order(Desk::off);
+  f.id = 0x790;
+  EXPECT_EQ(b.one(f), Outcome::impostor);
+  f.remote = true;
+  EXPECT_EQ(b.one(f), Outcome::not_mine);
+  const Counters c = b.link.counters();
+  EXPECT_EQ(c.obeyed + c.bad_crc + c.bad_counter + c.refused, 0);
+}
+
+TEST(Link, FormatIsCheckedBeforeAnythingElse) {
+  Bench b;
+  b.run();
+  const int before = b.link.counters().refused;
+  for (unsigned message = 0; message < 16; ++message) {
+    for (int kind = 0; kind < 4; ++kind) {
+      hal::CanFrame f = b.desk.make(0, 3);
+      f.id = 0x780 + message;
+      if (kind == 0) f.size = 7;
+      if (kind == 1) f.remote = true;
+      if (kind == 2) f.fd = true;
+      if (kind == 3) {
+        if (message < 6) continue;
+        f = b.desk.seal(f, b.desk.session);
+      }
+      EXPECT_EQ(b.one(f), Outcome::malformed) << message << ' ' << kind;
+    }
+  }
+  EXPECT_EQ(b.supervisor.state(), State::running);
+  EXPECT_EQ(b.link.counters().refused, before + 16 * 3 + 10);
+}
+
+TEST(Link, BitsWithoutAMeaningAreMalformed) {
+  Bench b;
+  b.run();
+  const auto with = [&](unsigned message, std::uint64_t payload, unsigned tag) {
+    return b.one(b.desk.make(message, payload, tag));
+  };
+  EXPECT_EQ(with(Desk::command, 9, 0), Outcome::malformed);
+  EXPECT_EQ(with(Desk::command, 3, 1), Outcome::malformed);
+  EXPECT_EQ(with(Desk::command, 3 | 0x100, 0), Outcome::malformed);
+  EXPECT_EQ(with(Desk::point, 0, 2), Outcome::malformed);
+  EXPECT_EQ(with(Desk::position, 0, 4), Outcome::malformed);
+  EXPECT_EQ(with(Desk::velocity, 0, 8), Outcome::malformed);
+  EXPECT_EQ(with(Desk::write, 0, 1), Outcome::malformed);
+  EXPECT_EQ(with(Desk::write, 0x100, 0), Outcome::malformed);
+  EXPECT_EQ(with(Desk::request, 0, 1), Outcome::malformed);
+  EXPECT_EQ(with(Desk::request, 3, 0), Outcome::malformed);
+  EXPECT_EQ(with(Desk::request, 0x10000, 0), Outcome::malformed);
+  EXPECT_EQ(b.supervisor.state(), State::running);
+}
+
+TEST(Link, EveryFlippedBitIsFound) {
+  Bench b;
+  b.run();
+  for (const unsigned message : {0U, 1U, 2U, 3U, 4U, 5U}) {
+    const hal::CanFrame good = message == 0 ? b.desk.order(Desk::off) : b.desk.make(message, 0);
+    for (unsigned bit = 0; bit < 64; ++bit) {
+      hal::CanFrame f = good;
+      f.data[bit / 8] = static_cast<std::uint8_t>(f.data[bit / 8] ^ (1U << (bit % 8)));
+      EXPECT_EQ(b.one(f), Outcome::bad_crc) << message << ' ' << bit;
+    }
+    hal::CanFrame f = good;
+    f.id = 0x780 + (message + 1) % 6;  // the same bytes under another identifier
+    EXPECT_EQ(b.one(f), Outcome::bad_crc);
+  }
+  EXPECT_EQ(b.link.counters().bad_crc, 6 * 65);
+  EXPECT_EQ(b.supervisor.state(), State::running);
+}
+
+TEST(Link, ArmsDisarmsAndResets) {
+  Bench b;
+  b.listen();
+  EXPECT_EQ(b.one(b.desk.order(Desk::none)), Outcome::obeyed);
+  EXPECT_EQ(b.supervisor.state(), State::disabled);
+  EXPECT_EQ(b.one(b.desk.order(Desk::arm)), Outcome::obeyed);
+  EXPECT_EQ(b.supervisor.state(), State::enabling);
+  EXPECT_EQ(b.desk.state, 1U) << "a change of state is told at once";
+  b.tick();
+  EXPECT_EQ(b.supervisor.state(), State::running);
+  EXPECT_EQ(b.one(b.desk.order(Desk::arm)), Outcome::refused);
+  EXPECT_EQ(b.one(b.desk.order(Desk::confirm_zero)), Outcome::refused);
+  EXPECT_EQ(b.one(b.desk.order(Desk::reference)), Outcome::refused);
+  EXPECT_EQ(b.one(b.desk.order(Desk::stream)), Outcome::refused);
+  EXPECT_EQ(b.one(b.desk.order(Desk::hold)), Outcome::refused) << "the reference leads";
+  EXPECT_EQ(b.tick({b.desk.order(Desk::disarm)}).command, Command::halt);
+  EXPECT_EQ(b.supervisor.state(), State::stopping);
+  b.tick();
+  EXPECT_EQ(b.supervisor.state(), State::disabled);
+  EXPECT_EQ(b.desk.session, 78) << "another session after every episode";
+  EXPECT_EQ(b.tick({b.desk.order(Desk::confirm_zero)}).command, Command::confirm_zero);
+  b.tick({b.desk.order(Desk::arm)});
+  b.tick();
+  b.tick({}, Fault::drive_error);
+  EXPECT_EQ(b.desk.state, static_cast<unsigned>(State::fault));
+  EXPECT_EQ(b.desk.fault, static_cast<unsigned>(Fault::drive_error));
+  EXPECT_EQ(b.desk.reaction, 1U);
+  b.tick({b.desk.order(Desk::reset)});
+  EXPECT_EQ(b.supervisor.state(), State::disabled);
+}
+
+TEST(Link, OffIsNotSoftenedAndNotOverruled) {
+  Bench b;
+  b.run();
+  EXPECT_EQ(b.tick({b.desk.order(Desk::disarm), b.desk.order(Desk::off), b.desk.order(Desk::disarm)}).command, Command::stop);
+  b.tick();
+  ASSERT_EQ(b.supervisor.state(), State::disabled);
+  EXPECT_EQ(b.tick({b.desk.order(Desk::off), b.desk.order(Desk::arm)}).command, Command::stop);
+  EXPECT_EQ(b.outcomes[1], Outcome::refused);
+  EXPECT_EQ(b.tick({b.desk.order(Desk::arm), b.desk.order(Desk::off)}).command, Command::stop);
+  EXPECT_EQ(b.supervisor.state(), State::disabled);
+}
+
+TEST(Link, TakingTorqueAwayNeedsNeitherCounterNorSession) {
+  Bench b;
+  b.run();
+  const hal::CanFrame good = b.desk.order(Desk::off);
+  EXPECT_EQ(b.one(good), Outcome::obeyed);
+  EXPECT_EQ(b.one(good), Outcome::obeyed) << "repeated";
+  b.tick();
+  for (const unsigned what : {Desk::disarm, Desk::off}) {
+    hal::CanFrame f;
+    f.id = 0x780;
+    f.size = 8;
+    f.data[2] = static_cast<std::uint8_t>(what);
+    EXPECT_EQ(b.one(b.desk.seal(f, 0)), Outcome::obeyed);
+  }
+  for (const unsigned what : {Desk::none, Desk::arm, Desk::reset, Desk::hold, 9U}) {
+    hal::CanFrame f = b.desk.order(what);
+    EXPECT_EQ(b.one(b.desk.seal(f, 0)), Outcome::refused) << what;
+  }
+  EXPECT_EQ(b.one(b.desk.seal(b.desk.pair(Desk::point, 0, 0), 0)), Outcome::bad_crc);
+}
+
+TEST(Link, AnOrderAnswersARecentStatus) {
+  Bench b;
+  b.listen();
+  const std::uint32_t tick = b.desk.tick;
+  for (int i = 0; i < 60; ++i) b.tick();
+  const std::uint32_t now = b.desk.tick;
+  b.desk.tick = tick;
+  EXPECT_EQ(b.one(b.desk.order(Desk::arm)), Outcome::refused);
+  b.desk.tick = now + 10;
+  EXPECT_EQ(b.one(b.desk.order(Desk::arm)), Outcome::refused) << "from the future";
+  b.desk.tick = now;
+  b.desk.crc32 ^= 1;
+  EXPECT_EQ(b.one(b.desk.order(Desk::arm)), Outcome::refused) << "other parameters";
+  b.desk.crc32 ^= 1;
+  EXPECT_EQ(b.one(b.desk.order(Desk::arm)), Outcome::obeyed);
+}
+
+TEST(Link, CounterRules) {
+  for (int step = 0; step < 16; ++step) {
+    Bench b;
+    b.run();
+    ASSERT_EQ(b.one(b.desk.pair(Desk::point, 0, 170'000)), Outcome::obeyed);
+    b.desk.counter[Desk::point] = static_cast<std::uint8_t>((b.desk.counter[Desk::point] + step - 1) & 15);
+    const bool good = step == 1 || step == 2;
+    EXPECT_EQ(b.one(b.desk.pair(Desk::point, 10'000, 170'000)), good ? Outcome::obeyed : Outcome::bad_counter) << step;
+    EXPECT_EQ(b.link.counters().bad_counter, good ? 0 : 1);
+    EXPECT_TRUE(good || !b.tick().has_point);
+  }
+}
+
+TEST(Link, AComputerThatStartsAnewIsInStepAfterFifteenFrames) {
+  Bench b;
+  b.listen();
+  b.desk.counter[0] = static_cast<std::uint8_t>(b.desk.counter[0] + 7);
+  ASSERT_EQ(b.one(b.desk.order(Desk::none)), Outcome::obeyed);
+  b.desk.counter[0] = 15;
+  int n = 1;
+  while (b.one(b.desk.order(Desk::none)) != Outcome::obeyed) ++n;
+  EXPECT_LE(n, 15);
+}
+
+TEST(Link, SessionsSkipTheOneThatIsForAll) {
+  LinkConfig c = link_config();
+  c.session = 255;
+  Bench b(c);
+  b.run();
+  b.tick({b.desk.order(Desk::off)});
+  b.tick();
+  EXPECT_EQ(b.link.session(), 1);
+}
+
+}  // namespace

@@ -1,0 +1,180 @@
+/// Command interface: gains, parameters, status, faults, telemetry.
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <vector>
+
+#include "tests/support/link_bench.hpp"
+
+namespace {
+
+using namespace esmc;
+using namespace esmc::link;
+using test::Bench;
+using test::Desk;
+using test::link_config;
+
+TEST(Link, GainsWithinBoundsWhileDisabled) {
+  Bench b;
+  b.listen();
+  const std::uint32_t before = b.desk.crc32;
+  const Request r = b.tick({b.desk.set_gain(0, 55.5F)});
+  EXPECT_EQ(b.outcomes[0], Outcome::obeyed);
+  EXPECT_TRUE(r.has_gains);
+  EXPECT_EQ(b.link.parameters()[Index::lambda_position], 55.5F);
+  EXPECT_NE(b.desk.crc32, before) << "told at once";
+  EXPECT_EQ(Desk::real(b.desk.last(Desk::value), 4), 55.5F);
+  struct Case {
+    unsigned index;
+    float value;
+    Answer answer;
+  };
+  for (const Case& c : {Case{0, 9.9F, Answer::out_of_bounds}, Case{1, 80.1F, Answer::out_of_bounds},
+                        Case{2, NAN, Answer::out_of_bounds}, Case{2, -INFINITY, Answer::out_of_bounds},
+                        Case{3, 10.0F, Answer::read_only}, Case{4, 1e-3F, Answer::read_only},
+                        Case{12, 0.0F, Answer::unknown_index}, Case{255, 0.0F, Answer::unknown_index}}) {
+    EXPECT_EQ(b.one(b.desk.set_gain(c.index, c.value)), Outcome::refused);
+    const auto answer = b.desk.last(Desk::value);
+    EXPECT_EQ(answer.data[0], c.index);
+    EXPECT_EQ(answer.data[1], static_cast<unsigned>(c.answer)) << c.index;
+    EXPECT_EQ(answer.data[2], c.index < 3 ? 1 : 0);
+  }
+  b.run();
+  EXPECT_EQ(b.one(b.desk.set_gain(0, 50.0F)), Outcome::refused);
+  EXPECT_EQ(b.desk.last(Desk::value).data[1], static_cast<unsigned>(Answer::not_now));
+  EXPECT_EQ(b.link.parameters()[Index::lambda_position], 55.5F);
+}
+
+TEST(Link, TheTableAndItsChecksum) {
+  Bench b;
+  std::vector<std::uint8_t> bytes;
+  for (unsigned i = 0; i < 12; ++i) {
+    b.tick({b.desk.ask(1, i)});
+    const auto f = b.desk.last(Desk::value);
+    ASSERT_EQ(f.data[0], i);
+    ASSERT_EQ(f.data[1], 0);
+    EXPECT_EQ(Desk::real(f, 4), b.link.parameters().at(static_cast<std::uint8_t>(i)));
+    for (std::size_t k = 4; k < 8; ++k) bytes.push_back(f.data[k]);
+  }
+  EXPECT_EQ(b.desk.heard.size(), 12U + 3U) << "one answer each, a Status every fourth tick";
+  b.tick({b.desk.ask(1, 12)});
+  EXPECT_EQ(b.desk.last(Desk::value).data[1], static_cast<unsigned>(Answer::unknown_index));
+  b.tick({b.desk.ask(2)});
+  EXPECT_EQ(b.desk.crc32, crc32(bytes));
+  EXPECT_EQ(b.desk.last(Desk::table).data[4], 12);
+  EXPECT_EQ(Desk::word(b.desk.last(Desk::counts), 0, 2), 14U);
+  EXPECT_NE(Parameters().crc(), 0U);
+}
+
+TEST(Link, StatusEveryFewTicksAndAtEveryChange) {
+  Bench b;
+  for (int i = 0; i < 40; ++i) b.tick();
+  EXPECT_EQ(b.desk.count(Desk::status), 10);
+  const auto f = b.desk.last(Desk::status);
+  EXPECT_EQ(f, b.desk.seal(f, f.data[7]));
+  EXPECT_EQ(b.desk.tick, 40U);
+  EXPECT_EQ(f.data[1] & 15, 10);
+  // What the bus did not take is told in the next tick.
+  b.tick({b.desk.ask(2)});
+  b.bus_takes = false;
+  b.tick({b.desk.order(Desk::arm), b.desk.ask(1, 0), b.desk.ask(2)});
+  b.bus_takes = true;
+  b.desk.heard.clear();
+  b.tick();
+  EXPECT_EQ(b.desk.count(Desk::status), 1);
+  EXPECT_EQ(b.desk.count(Desk::value), 1);
+  EXPECT_EQ(b.desk.count(Desk::table), 1);
+  EXPECT_EQ(b.desk.state, 2U + 1U) << "already running";
+}
+
+TEST(Link, ReactionsInStatus) {
+  Bench b;
+  b.supervisor = Supervisor({.can_halt = true, .after_halt = AfterHalt::hold});
+  b.run();
+  b.tick({}, Fault::workspace);
+  EXPECT_EQ(b.desk.state, static_cast<unsigned>(State::halting));
+  EXPECT_EQ(b.desk.reaction, 2U);
+  EXPECT_EQ(b.desk.source, 2U);
+}
+
+TEST(Link, FaultRecordsAreSentOnceAndReadOutOnRequest) {
+  Bench b;
+  b.run();
+  b.report.axis = 1;
+  b.report.drive_error = 0xDEADBEEF;
+  b.desk.heard.clear();
+  b.tick({}, Fault::drive_error);
+  const auto r = b.desk.last(Desk::record), d = b.desk.last(Desk::detail);
+  EXPECT_EQ(r.data[0], static_cast<unsigned>(Fault::drive_error));
+  EXPECT_EQ(r.data[1], 1);
+  EXPECT_EQ(Desk::word(r, 2, 2), 1U);
+  EXPECT_EQ(Desk::word(r, 4, 4), 1000 * b.desk.tick);
+  EXPECT_EQ(d.data[0], r.data[0]);
+  EXPECT_EQ(Desk::word(d, 4, 4), 0xDEADBEEFU);
+  b.tick({}, Fault::bus_off);
+  b.desk.heard.clear();
+  for (int i = 0; i < 8; ++i) b.tick();
+  EXPECT_EQ(b.desk.count(Desk::record), 1) << "the later one, in its turn";
+  EXPECT_EQ(b.desk.last(Desk::record).data[0], static_cast<unsigned>(Fault::bus_off));
+  b.desk.heard.clear();
+  b.tick({b.desk.ask(0)});
+  b.bus_takes = false;
+  for (int i = 0; i < 8; ++i) b.tick();
+  b.bus_takes = true;
+  for (int i = 0; i < 16; ++i) b.tick();
+  EXPECT_EQ(b.desk.count(Desk::record), 3);
+  EXPECT_EQ(b.desk.count(Desk::detail), 2);
+  const auto end = b.desk.last(Desk::record);
+  EXPECT_EQ(end.data[0], 0);
+  EXPECT_EQ(Desk::word(end, 2, 2), 2U);
+}
+
+TEST(Link, ADetailThatTheBusRefusesIsSentAgainWithItsRecord) {
+  Bench b;
+  b.run();
+  b.link.begin_tick();
+  b.supervisor.begin_tick(Command::none, {});
+  b.supervisor.raise(Fault::drive_error);
+  int n = 0;
+  b.link.transmit(b.supervisor, {}, [&](const hal::CanFrame& f) { return f.id != 0x780 + Desk::detail || n++ > 0; });
+  EXPECT_EQ(n, 1);
+  b.desk.heard.clear();
+  for (int i = 0; i < 4; ++i) b.tick();
+  EXPECT_EQ(b.desk.count(Desk::record), 1);
+  EXPECT_EQ(b.desk.count(Desk::detail), 1);
+}
+
+TEST(Link, Telemetry) {
+  LinkConfig c = link_config();
+  c.telemetry_ticks = 5;
+  c.table_ticks = 10;
+  Bench b(c);
+  b.report = {{0.1F, 0.2F}, {1e-3F, -2e-3F}, {0.5F, 1.5F, 2.5F, 3.5F}, {1, 2, 3, 4}, 3, no_axis, 0};
+  b.bus_takes = false;
+  for (int i = 0; i < 9; ++i) b.tick();  // the first set begins in tick 5 and waits
+  b.bus_takes = true;
+  for (int i = 0; i < 20; ++i) {
+    const auto before = b.desk.count(Desk::effector) + b.desk.count(Desk::error) + b.desk.count(Desk::joint);
+    b.tick();
+    EXPECT_LE(b.desk.count(Desk::effector) + b.desk.count(Desk::error) + b.desk.count(Desk::joint), before + 1);
+  }
+  EXPECT_EQ(b.desk.count(Desk::effector), 4);
+  EXPECT_EQ(b.desk.count(Desk::error), 4);
+  EXPECT_EQ(b.desk.count(Desk::table), 2);
+  EXPECT_EQ(b.desk.count(Desk::counts), 2);
+  EXPECT_EQ(Desk::real(b.desk.last(Desk::error), 4), -2e-3F);
+  for (unsigned i = 0; i < 4; ++i) EXPECT_EQ(b.desk.count(Desk::joint + i), i < 3 ? 4 : 0);
+  EXPECT_EQ(Desk::real(b.desk.last(Desk::joint + 2), 0), 2.5F);
+  EXPECT_EQ(Desk::real(b.desk.last(Desk::joint + 2), 4), 3.0F);
+}
+
+TEST(Link, CountersStopAtTheTop) {
+  Bench b;
+  hal::CanFrame f = b.desk.order(Desk::none);
+  f.size = 3;
+  for (int i = 0; i < 70'000; ++i) (void)b.link.receive(f);
+  EXPECT_EQ(b.link.counters().refused, 0xFFFF);
+}
+
+}  // namespace
