@@ -8,7 +8,6 @@
 #include "firmware/drive/cia402.hpp"
 #include "firmware/drive/mit.hpp"
 #include "firmware/drive/odrive.hpp"
-#include "host_sim/error.hpp"
 
 namespace esmc::host {
 namespace {
@@ -213,12 +212,9 @@ const Dialect& dialect(Protocol p) {
       return mit_dialect;
     case Protocol::odrive:
     case Protocol::odrive_0_5:
-      return odrive_dialect;
-    case Protocol::cia402:
-    case Protocol::mit:
       break;
   }
-  throw InputError("", "esmc campaign speaks odrive and odrive_0.5 only");
+  return odrive_dialect;
 }
 
 }  // namespace esmc::host
