@@ -3,6 +3,7 @@
 /// id = node << 5 | command; little endian; floats IEEE binary32; revolutions and N m at the motor shaft.
 /// Firmware 0.6 and 0.5.6 differ in the last bytes of the heartbeat only, as far as is used here.
 
+#include <array>
 #include <bit>
 #include <cstdint>
 #include <optional>
@@ -14,8 +15,12 @@ namespace esmc::drive::odrive {
 enum class Version : std::uint8_t { v0_6, v0_5_6 };
 
 enum class Message : std::uint8_t {
+  get_version = 0x00,        ///< 0.6, drive -> us, cyclic or on request (RTR): protocol, hardware, firmware
   heartbeat = 0x01,          ///< drive -> us: u32 axis_error, u8 axis_state, ...
   estop = 0x02,              ///< anybody -> drive, no payload: disarm with an error
+  get_error = 0x03,          ///< 0.6, drive -> us: u32 active errors, u32 disarm reason
+  rx_sdo = 0x04,             ///< 0.6, us -> drive: u8 0 read, 1 write, u16 endpoint, u8 0, value
+  tx_sdo = 0x05,             ///< 0.6, drive -> us: u8 0, u16 endpoint, u8 0, value
   set_axis_state = 0x07,     ///< us -> drive: u32 AxisState, 4 bytes unused
   encoder_estimates = 0x09,  ///< drive -> us: f32 position rev, f32 velocity rev/s
   set_controller_mode = 0x0B,///< us -> drive: u32 control mode, u32 input mode
@@ -136,6 +141,56 @@ struct ControllerMode {
 [[nodiscard]] constexpr std::optional<ControllerMode> decode_controller_mode(const hal::CanFrame& f) {
   if (!has_size(f, 8)) return std::nullopt;
   return ControllerMode{detail::get_u32(f, 0), detail::get_u32(f, 4)};
+}
+
+/// Types of endpoints, as far as they are read.
+enum class ValueType : std::uint8_t { u8, u32, f32 };  ///< booleans are u8
+
+[[nodiscard]] constexpr hal::CanFrame encode_version_request(std::uint8_t node) {
+  hal::CanFrame f = detail::frame(node, Message::get_version, 8);
+  f.remote = true;
+  return f;
+}
+[[nodiscard]] constexpr hal::CanFrame encode_read(std::uint8_t node, std::uint16_t endpoint) {
+  hal::CanFrame f = detail::frame(node, Message::rx_sdo, 8);
+  detail::put_u32(f, 0, std::uint32_t{endpoint} << 8U);
+  return f;
+}
+/// Of an RxSdo or TxSdo of four bytes or more.
+[[nodiscard]] constexpr std::uint16_t endpoint_of(const hal::CanFrame& f) {
+  return static_cast<std::uint16_t>(detail::get_u32(f, 0) >> 8U);
+}
+/// Major, minor and revision of the firmware. Empty: wrong length or format.
+[[nodiscard]] constexpr std::optional<std::array<std::uint8_t, 3>> decode_version(const hal::CanFrame& f) {
+  if (!has_size(f, 8)) return std::nullopt;
+  return std::array{f.data[4], f.data[5], f.data[6]};
+}
+/// Value of a TxSdo. Empty: too short for its type, remote or FD. Integers beyond 2^24 are rounded.
+[[nodiscard]] constexpr std::optional<float> decode_value(const hal::CanFrame& f, ValueType type) {
+  if (!has_at_least(f, type == ValueType::u8 ? 5 : 8)) return std::nullopt;
+  if (type == ValueType::u8) return static_cast<float>(f.data[4]);
+  const std::uint32_t raw = detail::get_u32(f, 4);
+  return type == ValueType::u32 ? static_cast<float>(raw) : std::bit_cast<float>(raw);
+}
+
+/// For the drive's side of the wire.
+[[nodiscard]] constexpr hal::CanFrame encode_version(std::uint8_t node, const std::array<std::uint8_t, 3>& firmware) {
+  hal::CanFrame f = detail::frame(node, Message::get_version, 8);
+  f.data[0] = 2;  // version of the protocol
+  for (unsigned i = 0; i < 3; ++i) f.data[4 + i] = firmware[i];
+  return f;
+}
+[[nodiscard]] constexpr hal::CanFrame encode_errors(std::uint8_t node, std::uint32_t active, std::uint32_t disarm_reason) {
+  hal::CanFrame f = detail::frame(node, Message::get_error, 8);
+  detail::put_u32(f, 0, active);
+  detail::put_u32(f, 4, disarm_reason);
+  return f;
+}
+[[nodiscard]] constexpr hal::CanFrame encode_value(std::uint8_t node, std::uint16_t endpoint, std::uint32_t raw) {
+  hal::CanFrame f = detail::frame(node, Message::tx_sdo, 8);
+  detail::put_u32(f, 0, std::uint32_t{endpoint} << 8U);
+  detail::put_u32(f, 4, raw);
+  return f;
 }
 
 // Worked out by hand from the message table: node 3, 1.5 N m.

@@ -2,9 +2,11 @@
 /// One ODrive axis seen from the controller: what it last said, how it is enabled, how a torque reaches it.
 
 #include <cstdint>
+#include <optional>
 
 #include "firmware/drive/axis.hpp"
 #include "firmware/drive/odrive.hpp"
+#include "firmware/drive/odrive_read_back.hpp"
 
 namespace esmc::drive {
 
@@ -15,8 +17,10 @@ class OdriveAxis {
 
   OdriveAxis() = default;
   /// `retry_ticks`: how long to wait for closed-loop control before asking again, > 0.
-  OdriveAxis(const AxisConfig& config, Version version, std::uint32_t retry_ticks)
-      : config_(config), version_(version), retry_ticks_(retry_ticks) {}
+  /// `table`: what must be read back before the axis is armed; firmware 0.6 only.
+  OdriveAxis(const AxisConfig& config, Version version, std::uint32_t retry_ticks, const OdriveTable& table = {})
+      : config_(config), version_(version), retry_ticks_(retry_ticks),
+        read_back_(version == Version::v0_6 ? table : OdriveTable{}) {}
 
   /// Takes a frame from the bus. No side effect unless `accepted`. An emergency stop that somebody sends to this
   /// axis, or to all, is taken whatever its length and format.
@@ -34,6 +38,9 @@ class OdriveAxis {
       case odrive::Message::set_controller_mode:
       case odrive::Message::set_input_torque:
       case odrive::Message::clear_errors: return f.remote ? Received::not_mine : Received::impostor;
+      case odrive::Message::get_version: return read_back_.take_version(f);
+      case odrive::Message::tx_sdo: return read_back_.take_value(f);
+      case odrive::Message::rx_sdo: return writes(f) ? Received::impostor : Received::not_mine;
       default: return Received::not_mine;  // other cyclic messages a user may have switched on
     }
   }
@@ -60,7 +67,9 @@ class OdriveAxis {
   /// without power shows it once and drops out again.
   [[nodiscard]] bool ready() const { return confirmations_ >= 2; }
   /// Idle as far as is known: only what it said after the last request counts.
-  [[nodiscard]] bool idle() const { return answered_ && !asked_ && last_.axis_state == odrive::AxisState::idle; }
+  [[nodiscard]] bool idle() const { 
+    return answered_ && !asked_ && !contradicted() && last_.axis_state == odrive::AxisState::idle;
+  }
   /// It was asked into closed loop once and has not been seen idle after being asked out of it.
   [[nodiscard]] bool must_be_released() const { return owed_; }
   /// The axis itself has said something: an old setpoint or a frame of another controller is no life.
@@ -78,24 +87,30 @@ class OdriveAxis {
     return heard_ && last_.axis_state == odrive::AxisState::closed_loop_control;
   }
   [[nodiscard]] std::uint32_t error_code() const { return last_.axis_error; }
-  /// CANSimple 0.5.6 lets nothing be read back.
-  [[nodiscard]] bool contradicted() const { return false; }
+  /// What was read back is not what it must be, or was not answered; forgotten by disable(). CANSimple 0.5.6 lets
+  /// nothing be read back.
+  [[nodiscard]] bool contradicted() const { return read_back_.contradicted(); }
+  /// The endpoint that was contradicted last; OdriveReadBack::version_endpoint for the version.
+  [[nodiscard]] std::optional<std::uint16_t> refused_endpoint() const { return read_back_.refused(); }
+  [[nodiscard]] std::uint8_t node() const { return config_.node; }
 
   /// Frames that bring the axis to closed-loop torque control; call every tick while enabling. `send` says whether
   /// the bus took the frame; what it did not take is sent again.
   ///
   ///   controller mode  ->  a heartbeat that is newer  ->  clear errors, if it reports some (and no emergency stop)
-  ///                    ->  a heartbeat without error  ->  closed-loop control  ->  two heartbeats: ready()
+  ///                    ->  a heartbeat without error, and all read back  ->  closed-loop control
+  ///                    ->  two heartbeats: ready()
   ///
   /// Identifiers are priorities: a full transmit queue would let the request for closed loop overtake the mode,
   /// and the axis would arm in the mode it has stored. So there is a heartbeat between the two. What leads to
   /// nothing is repeated from the start every `retry_ticks`.
   template <class Send>
   void enable(Send&& send) {
-    if (ready()) return;
+    if (ready() || contradicted()) return;
     if (clear_wait_ticks_ > 0) --clear_wait_ticks_;
     const bool due = wait_ticks_ == 0;
     if (!due) --wait_ticks_;
+    if (step_ == Step::request) read_back_.ask(config_.node, send);
     if (step_ == Step::request && news_ && request(send)) return;
     if (step_ != Step::configure && due) repeat();
     if (step_ == Step::configure && (alive_ || due)) configure(send);
@@ -116,6 +131,7 @@ class OdriveAxis {
     news_ = false;
     asked_ = false;
     answered_ = false;
+    read_back_.restart();
     send(odrive::encode_set_axis_state(config_.node, odrive::AxisState::idle));
   }
 
@@ -146,6 +162,10 @@ class OdriveAxis {
     return ((f.id >> 5U) == config_.node || everybody) &&
            static_cast<odrive::Message>(f.id & 0x1FU) == odrive::Message::estop;
   }
+  /// A remote frame asks for nothing here, and a shorter one has no value to write.
+  [[nodiscard]] bool writes(const hal::CanFrame& f) const {
+    return version_ == Version::v0_6 && !f.remote && f.size > 0 && f.data[0] != 0;
+  }
   [[nodiscard]] bool reports_emergency_stop() const {
     const std::uint32_t bit = version_ == Version::v0_6 ? odrive::error_estop_0_6 : odrive::error_estop_0_5_6;
     return (last_.axis_error & bit) != 0;
@@ -172,9 +192,8 @@ class OdriveAxis {
       acknowledged_ = false;
       return false;
     }
-    if (stopped_ || !send(odrive::encode_set_axis_state(config_.node, odrive::AxisState::closed_loop_control))) {
-      return false;
-    }
+    if (stopped_ || !read_back_.done()) return false;
+    if (!send(odrive::encode_set_axis_state(config_.node, odrive::AxisState::closed_loop_control))) return false;
     step_ = Step::confirm;
     confirmations_ = 0;
     asked_ = true;
@@ -226,6 +245,7 @@ class OdriveAxis {
   odrive::Heartbeat last_{};
   odrive::EncoderEstimates estimates_{};
   std::uint32_t retry_ticks_ = 150;
+  OdriveReadBack read_back_{};
   std::uint32_t wait_ticks_ = 0;        // until the sequence is repeated
   std::uint32_t clear_wait_ticks_ = 0;  // until errors may be cleared again
   std::uint32_t sample_age_ticks_ = age_max;

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <random>
 #include <stdexcept>
 
@@ -379,6 +380,54 @@ C cycle_of(const Scene& scene, Pacing pacing, const ReferenceBundle<double>& ref
   return C(c);
 }
 
+/// What the configuration of motor i must hold, as far as the scene says it and the table of endpoints has it.
+[[nodiscard]] drive::OdriveTable odrive_table(const Scene& scene, std::size_t i) {
+  drive::OdriveTable t;
+  const DriveScene& d = scene.drives;
+  if (!d.endpoints) return t;
+  t.check_version = true;
+  t.firmware = d.endpoints->firmware;
+  constexpr float most = std::numeric_limits<float>::max();
+  constexpr double slack = 1e-3;  // of numbers that somebody typed
+  const auto check = [&](const OdriveEndpoint& e, float lower, float upper) {
+    t.checks[t.count++] = {e.id, e.type, lower, upper};
+  };
+  for (const OdriveEndpoint& e : d.endpoints->list) {
+    switch (e.value) {
+      case OdriveValue::enable_watchdog:
+      case OdriveValue::overspeed_error:
+        check(e, 1.0F, 1.0F);
+        break;
+      case OdriveValue::watchdog_timeout:
+        check(e, 1e-3F, static_cast<float>(d.watchdog_timeout * (1.0 + slack)));
+        break;
+      case OdriveValue::control_mode:
+        check(e, drive::odrive::control_mode_torque, drive::odrive::control_mode_torque);
+        break;
+      case OdriveValue::input_mode:
+        check(e, drive::odrive::input_mode_passthrough, drive::odrive::input_mode_passthrough);
+        break;
+      case OdriveValue::torque_mode_limit:
+        check(e, 0.0F, 0.0F);
+        break;
+      case OdriveValue::vel_limit:
+        check(e, static_cast<float>(odrive_vel_limit(scene, i) * (1.0 - slack)), most);
+        break;
+      case OdriveValue::torque_constant:
+        if (d.torque_constant.empty()) break;
+        check(e, static_cast<float>(d.torque_constant[i] * (1.0 - 10.0 * slack)),
+              static_cast<float>(d.torque_constant[i] * (1.0 + 10.0 * slack)));
+        break;
+      case OdriveValue::current_limit:
+        if (d.torque_constant.empty()) break;
+        check(e, static_cast<float>(odrive_current(scene, i, d.torque_constant[i]) * (1.0 - slack)), most);
+        break;
+    }
+  }
+  return t;
+}
+static_assert(odrive_values.size() <= drive::OdriveTable::checks_max);
+
 [[nodiscard]] drive::Cia402Settings cia402_settings(const Scene& scene, std::size_t i) {
   const DriveScene& d = scene.drives;
   const auto ticks = [&](double seconds) {
@@ -427,8 +476,10 @@ AnyCycle<M> make_cycle(const Scene& scene, Pacing pacing, const ReferenceBundle<
   }
   const auto version =
       d.protocol == Protocol::odrive ? drive::odrive::Version::v0_6 : drive::odrive::Version::v0_5_6;
-  return cycle_of<OdriveCycle<M>>(scene, pacing, reference,
-                                  [&](std::size_t i) { return drive::OdriveAxis(mount(d, i), version, retry); });
+  return cycle_of<OdriveCycle<M>>(scene, pacing, reference, [&](std::size_t i) {
+    const bool motor = i < static_cast<std::size_t>(scene.motors());
+    return drive::OdriveAxis(mount(d, i), version, retry, motor ? odrive_table(scene, i) : drive::OdriveTable{});
+  });
 }
 
 template ControllerConfig<FiveBar<double>> make_controller<FiveBar<double>>(const Scene&, Pacing,

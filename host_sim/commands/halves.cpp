@@ -1,6 +1,7 @@
 #include "host_sim/commands/halves.hpp"
 
 #include <cerrno>
+#include <filesystem>
 
 namespace esmc::host {
 
@@ -46,6 +47,51 @@ BusObstacle bus_obstacle(const Scene& scene) {
             "odrive_0.5: a drive in MIT mode speaks only when it is commanded"};
   }
   return {scene.control_where, scene.drives.missing};
+}
+
+bool carries_real_drives(const std::string& interface) {
+  std::error_code error;
+  return std::filesystem::exists("/sys/class/net/" + interface + "/device", error);
+}
+
+std::string to_confirm(const Scene& scene) {
+  const DriveScene& d = scene.drives;
+  std::string out;
+  const auto list = [&](const char* what) { out += (out.empty() ? "" : "; ") + std::string(what); };
+  switch (d.protocol) {
+    case Protocol::odrive:
+    case Protocol::odrive_0_5: {
+      const auto unread = [&](OdriveValue v) { return !d.endpoints || !d.endpoints->has(v); };
+      const bool constant = d.torque_constant.empty();
+      if (unread(OdriveValue::enable_watchdog) || unread(OdriveValue::watchdog_timeout)) {
+        list("enable_watchdog, and watchdog_timeout as in drives.watchdog_timeout");
+      }
+      if (unread(OdriveValue::torque_mode_limit)) list("enable_torque_mode_vel_limit is off");
+      if (unread(OdriveValue::vel_limit) || unread(OdriveValue::overspeed_error)) {
+        list("vel_limit above limits.joint_speed at the shaft, and overspeed trips");
+      }
+      if (unread(OdriveValue::torque_constant) || constant) list("torque_constant is the motor's");
+      if (unread(OdriveValue::current_limit) || constant) list("the current limit allows control.torque_limit");
+      break;
+    }
+    case Protocol::cia402:
+      list("the unit of object 6076 is drives.rated_torque_unit");
+      break;
+    case Protocol::mit:
+      list("position_range, velocity_range and torque_range are the drives'");
+      list("their time-out is drives.watchdog_timeout");
+      list("their zero: the joints stay inside position_range of it");
+      break;
+  }
+  return out;
+}
+
+void require_confirmed(const Scene& scene) {
+  const std::string open = to_confirm(scene);
+  if (open.empty() || scene.drives.confirmed.value_or(!scene.hardware)) return;
+  throw InputError(scene.drives.where,
+                   "'drives.confirmed' must be true before these drives are armed, once somebody has checked what cannot be "
+                   "read back: " + open);
 }
 
 Scene read_loop_scene(const RunOptions& o) {

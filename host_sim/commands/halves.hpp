@@ -34,6 +34,12 @@ struct BusObstacle {
   std::string where, what;
 };
 BusObstacle bus_obstacle(const Scene& scene);
+/// Whether an interface is more than software: a CAN controller stands behind it.
+bool carries_real_drives(const std::string& interface);
+/// What decides over torque, cannot be read back from these drives and must be checked by hand; one line.
+std::string to_confirm(const Scene& scene);
+/// Throws InputError that says what to confirm, where the scene does not and must.
+void require_confirmed(const Scene& scene);
 /// Reads a scene for a command with a bus in it; open_loop and none are refused.
 Scene read_loop_scene(const RunOptions& o);
 
@@ -192,6 +198,7 @@ class ControllerHalf {
         bus_(bus),
         lockstep_(pacing == Pacing::lockstep),
         axis_count_(static_cast<int>(scene.drives.nodes.size())),
+        endpoints_(scene.drives.endpoints),
         parting_ticks_(static_cast<int>(
                            std::ceil(std::clamp(scene.drives.heartbeat_timeout, 0.05, 1.0) * scene.rate_hz)) +
                        1),
@@ -218,6 +225,11 @@ class ControllerHalf {
     std::string out = name(supervisor().fault());
     with([&](const auto& c) {
       for (int i = 0; i < axis_count_; ++i) {
+        if constexpr (requires { c.axis(i).refused_endpoint(); }) {
+          if (const auto e = c.axis(i).refused_endpoint()) {
+            out += fmt::format(" (node {}, {})", c.axis(i).node(), endpoint_path(*e));
+          }
+        }
         if constexpr (requires { c.axis(i).contradicting_object(); }) {
           if (const auto o = c.axis(i).contradicting_object()) {
             out += fmt::format(" (node {}, object {:04X}:{:02X})", c.axis(i).node(), o->index, o->sub);
@@ -316,7 +328,19 @@ class ControllerHalf {
   ReferenceBundle<double> reference_;
   Bus& bus_;
   bool lockstep_;
+  /// The vendor's name of an endpoint of the scene.
+  [[nodiscard]] std::string endpoint_path(std::uint16_t id) const {
+    if (id == drive::OdriveReadBack::version_endpoint) return "version of the firmware";
+    if (endpoints_) {
+      for (const OdriveEndpoint& e : endpoints_->list) {
+        if (e.id == id) return odrive_values[static_cast<std::size_t>(e.value)].path;
+      }
+    }
+    return fmt::format("endpoint {}", id);
+  }
+
   int axis_count_;
+  std::optional<OdriveEndpoints> endpoints_;
   int parting_ticks_;
   AnyCycle<M> cycle_;
   TickResult<M> result_{};

@@ -116,8 +116,10 @@ int run_plant(const RunOptions& o) {
 }
 
 int run_controller(const RunOptions& o) {
-  const Scene scene = read_half_scene(o);
+  Scene scene = read_half_scene(o);
   refuse_bus_effects(scene, "a CAN interface is not ours to disturb");
+  scene.hardware = o.realtime && carries_real_drives(socketcan_interface(o.bus));
+  require_confirmed(scene);
   return scene.type == MechanismType::five_bar ? controller<FiveBarWorld>(scene, o)
                                                : controller<RrWorld>(scene, o);
 }

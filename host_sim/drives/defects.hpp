@@ -17,6 +17,7 @@ struct Defects {
   bool unsynchronised = false;
   bool timeout_stays_enabled = false;
   bool latched_timeout = false;
+  bool torque_mode_limit = false;
 };
 
 struct DefectName {
@@ -40,6 +41,8 @@ inline constexpr std::array defect_names{
                "a time-out zeroes the torque, and the next command acts at once (MIT drives always do)"},
     DefectName{"latched_timeout", &Defects::latched_timeout, true, true,
                "after a time-out the drive is dead until it is restarted (odrive) or enters motor mode anew (mit)"},
+    DefectName{"torque_mode_limit", &Defects::torque_mode_limit, true, false,
+               "torque is cut to (2 rev/s - speed) / 6 N m s/rev, as ODrive 0.5 does by default"},
 };
 
 /// The bytes of the frame received last, and of those before it where they were longer.

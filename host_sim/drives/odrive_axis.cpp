@@ -1,5 +1,7 @@
 #include "host_sim/drives/odrive_axis.hpp"
 
+#include <algorithm>
+#include <bit>
 #include <cmath>
 #include <numbers>
 
@@ -74,6 +76,10 @@ bool OdriveAxis::receive(const hal::CanFrame& received, const Send& send) {
   if (f.remote) {
     if (message == wire::Message::heartbeat) send(heartbeat());
     if (message == wire::Message::encoder_estimates) send(estimates());
+    if (settings_.version != wire::Version::v0_6) return false;
+    const auto node = static_cast<std::uint8_t>(mount_.node);
+    if (message == wire::Message::get_version) send(wire::encode_version(node, settings_.endpoints.firmware));
+    if (message == wire::Message::get_error) send(wire::encode_errors(node, error_, disarm_reason_));
     return false;
   }
   // 0.5.6 feeds its watchdog with any message to the axis, 0.6 with setpoints only.
@@ -84,7 +90,8 @@ bool OdriveAxis::receive(const hal::CanFrame& received, const Send& send) {
       return false;
     case wire::Message::set_controller_mode:
       if (const auto m = wire::decode_controller_mode(f)) {
-        torque_mode_ = m->control == wire::control_mode_torque && m->input == wire::input_mode_passthrough;
+        control_mode_ = m->control;
+        input_mode_ = m->input;
       }
       return false;
     case wire::Message::set_input_torque:
@@ -99,11 +106,50 @@ bool OdriveAxis::receive(const hal::CanFrame& received, const Send& send) {
     case wire::Message::estop:
       disarm(estop_error(settings_.version));
       return false;
+    case wire::Message::rx_sdo:
+      serve(f, send);
+      return false;
+    case wire::Message::get_version:
+    case wire::Message::get_error:
+    case wire::Message::tx_sdo:
     case wire::Message::heartbeat:
     case wire::Message::encoder_estimates:
       return false;
   }
   return false;
+}
+
+/// Reading only: nothing of ours writes, and a configuration is not changed behind the scene's back.
+void OdriveAxis::serve(const hal::CanFrame& request, const Send& send) const {
+  if (settings_.version != wire::Version::v0_6 || request.size < 4 || request.data[0] != 0) return;
+  for (const OdriveEndpoint& e : settings_.endpoints.list) {
+    if (e.id == wire::endpoint_of(request)) send(wire::encode_value(static_cast<std::uint8_t>(mount_.node), e.id, raw(e.value)));
+  }
+}
+
+std::uint32_t OdriveAxis::raw(OdriveValue v) const {
+  const auto real = [](double x) { return std::bit_cast<std::uint32_t>(static_cast<float>(x)); };
+  switch (v) {
+    case OdriveValue::enable_watchdog:
+      return settings_.defects.watchdog_off ? 0 : 1;
+    case OdriveValue::watchdog_timeout:
+      return real(settings_.watchdog_timeout);
+    case OdriveValue::control_mode:
+      return control_mode_;
+    case OdriveValue::input_mode:
+      return input_mode_;
+    case OdriveValue::torque_mode_limit:
+      return settings_.defects.torque_mode_limit ? 1 : 0;
+    case OdriveValue::vel_limit:
+      return real(settings_.vel_limit);
+    case OdriveValue::overspeed_error:
+      return settings_.overspeed_error ? 1 : 0;
+    case OdriveValue::torque_constant:
+      return real(settings_.torque_constant);
+    case OdriveValue::current_limit:
+      return real(settings_.current_limit);
+  }
+  return 0;
 }
 
 bool OdriveAxis::commanded_by(const hal::CanFrame& f) const {
@@ -114,10 +160,17 @@ bool OdriveAxis::commanded_by(const hal::CanFrame& f) const {
 }
 
 double OdriveAxis::joint_torque() const {
-  if (!closed_loop() || !torque_mode_) return 0.0;
+  const bool torque_mode =
+      control_mode_ == wire::control_mode_torque && input_mode_ == wire::input_mode_passthrough;
+  if (!closed_loop() || !torque_mode) return 0.0;
   double torque = static_cast<double>(input_torque_);
   // Only without a check; fmax(fmin(NaN, limit), -limit) = limit.
   if (!std::isfinite(torque)) torque = std::fmax(std::fmin(torque, settings_.torque_max), -settings_.torque_max);
+  if (settings_.defects.torque_mode_limit) {
+    const double speed = reading_.velocity_rev_s;
+    torque = std::clamp(torque, (-settings_.vel_limit - speed) * settings_.vel_gain,
+                        (settings_.vel_limit - speed) * settings_.vel_gain);
+  }
   return torque * mount_.direction * mount_.gear_ratio;
 }
 
@@ -133,6 +186,7 @@ hal::CanFrame OdriveAxis::estimates() const {
 
 void OdriveAxis::disarm(std::uint32_t error) {
   error_ |= error;
+  disarm_reason_ = error;
   state_ = wire::AxisState::idle;
   input_torque_ = 0.0F;
   confirmations_ = 0;

@@ -8,6 +8,7 @@
 #include "hal/can.hpp"
 #include "host_sim/drives/defects.hpp"
 #include "host_sim/drives/emulated_axis.hpp"
+#include "host_sim/drives/odrive_endpoints.hpp"
 #include "host_sim/effects/shaft_sensor.hpp"
 
 namespace esmc::host {
@@ -22,6 +23,12 @@ class OdriveAxis final : public EmulatedAxis {
     double heartbeat_period = 0.01;  ///< s, heartbeat_msg_rate
     double watchdog_timeout = 0.01;  ///< s; config.enable_watchdog is set
     double torque_max = 10.0;        ///< N m at the shaft: what full torque is
+    double vel_limit = 2.0;          ///< rev/s, with vel_gain in N m s/rev what defects.torque_mode_limit cuts to
+    double vel_gain = 1.0 / 6.0;
+    double torque_constant = 0.1;    ///< N m/A; reported, like the next, and of no effect
+    double current_limit = 100.0;    ///< A
+    bool overspeed_error = true;     ///< reported
+    OdriveEndpoints endpoints{};     ///< 0.6: what it answers to, and its version
     Defects defects{};
   };
 
@@ -46,6 +53,8 @@ class OdriveAxis final : public EmulatedAxis {
   [[nodiscard]] ShaftReading truth(double angle, double rate) const;
   [[nodiscard]] ShaftReading sampled(double joint_angle, double joint_rate);
   void expire();
+  void serve(const hal::CanFrame& request, const Send& send) const;
+  [[nodiscard]] std::uint32_t raw(OdriveValue v) const;
   [[nodiscard]] hal::CanFrame heartbeat() const;
   [[nodiscard]] hal::CanFrame estimates() const;
   void disarm(std::uint32_t error);
@@ -58,7 +67,8 @@ class OdriveAxis final : public EmulatedAxis {
   ShaftReading reading_{};
   drive::odrive::AxisState state_ = drive::odrive::AxisState::idle;
   std::uint32_t error_ = 0;
-  bool torque_mode_ = false;
+  std::uint32_t control_mode_ = 3, input_mode_ = 1;  // position and pass-through, as delivered
+  std::uint32_t disarm_reason_ = 0;
   float input_torque_ = 0.0F;
   double since_heartbeat_ = 0.0, since_fed_ = 0.0;
   double phase_;  // of its own clock: periods that a sample is old

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <memory>
+#include <numbers>
 #include <vector>
 
 #include "host_sim/drives/cia402_axis.hpp"
@@ -62,6 +63,15 @@ inline MitAxis::Settings mit_settings(const Scene& s, std::size_t motor, bool lo
   return out;
 }
 
+/// The speed that an ODrive must allow, rev/s of the shaft, and the current for the largest torque that the controller may ask
+/// for, A.
+inline double odrive_vel_limit(const Scene& s, std::size_t motor) {
+  return s.limits.joint_speed * s.drives.gear_ratio[motor] / (2.0 * std::numbers::pi);
+}
+inline double odrive_current(const Scene& s, std::size_t motor, double torque_constant) {
+  return s.torque_limit[motor] / s.drives.gear_ratio[motor] / torque_constant;
+}
+
 /// The axis as the real drive would be configured for a scene. `lockstep`: its ticks are the controller's.
 inline std::unique_ptr<EmulatedAxis> make_axis(const Scene& s, const PlacedAxis& a, bool lockstep = true) {
   const SensorEffects sensor(s.effects);
@@ -88,6 +98,14 @@ inline std::unique_ptr<EmulatedAxis> make_axis(const Scene& s, const PlacedAxis&
       s.drives.protocol == Protocol::odrive ? OdriveAxis::Version::v0_6 : OdriveAxis::Version::v0_5_6;
   settings.period = s.tick();
   settings.watchdog_timeout = s.drives.watchdog_timeout;
+  if (s.drives.endpoints) settings.endpoints = *s.drives.endpoints;
+  if (!s.drives.confirmed.value_or(true)) {  // as delivered
+    settings.defects.watchdog_off = settings.defects.torque_mode_limit = true;
+  } else if (a.motor) {
+    if (!s.drives.torque_constant.empty()) settings.torque_constant = s.drives.torque_constant[a.entry];
+    settings.vel_limit = odrive_vel_limit(s, a.entry);
+    settings.current_limit = odrive_current(s, a.entry, settings.torque_constant);
+  }
   return std::make_unique<OdriveAxis>(a.mount, settings, sensor, a.joint, s.seed);
 }
 

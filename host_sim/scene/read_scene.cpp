@@ -365,6 +365,19 @@ void read_cia402(Section& s, const Scene& scene, DriveScene& d) {
   }
 }
 
+/// What has to be known of ODrives before they are armed.
+void read_odrive(Section& s, Scene& scene) {
+  DriveScene& d = scene.drives;
+  if (s.has("confirmed")) d.confirmed = s.boolean("confirmed");
+  if (s.has("torque_constant")) d.torque_constant = s.each("torque_constant", static_cast<std::size_t>(scene.motors()));
+  d.where = s.where();
+  const auto name = s.optional_text("endpoints");
+  if (!name) return;
+  if (d.protocol == Protocol::odrive_0_5) s.fail("endpoints", "is for firmware 0.6: 0.5 lets nothing be read back");
+  d.endpoints = read_odrive_endpoints(s.where("endpoints"),
+                                      (std::filesystem::path(scene.file).parent_path() / *name).string());
+}
+
 /// The keys of MIT drives are read whatever the protocol, so that --set drives.protocol is enough to compare.
 void read_mit(Section& s, Scene& scene) {
   DriveScene& d = scene.drives;
@@ -449,6 +462,7 @@ void read_drives(Section s, Scene& scene) {
   add_free_nodes(d.nodes, n);
   read_cia402(s, scene, d);
   check_axes(s, d);
+  read_odrive(s, scene);
   read_mit(s, scene);
   s.finish();
 }
@@ -550,6 +564,11 @@ Scene scene_of(toml::table table, const std::string& file) {
   scene.effects = read_effects(root, scene);
   scene.bus_effects_where = root.where("effects");
   root.finish();
+  if (scene.drives.endpoints) {  // the scene as run stands in another folder
+    const auto name = *table["drives"]["endpoints"].value<std::string>();
+    const auto path = std::filesystem::absolute(std::filesystem::path(file).parent_path() / name);
+    table["drives"].as_table()->insert_or_assign("endpoints", path.string());
+  }
   if (!scene.reference.csv.empty()) table["reference"].as_table()->insert_or_assign("path", reference_copy);
   scene.toml = toml_text(table);
   return scene;

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "firmware/mechanism/params.hpp"
+#include "host_sim/drives/odrive_endpoints.hpp"
 #include "host_sim/effects/effects.hpp"
 #include "host_sim/plant/motion.hpp"
 
@@ -84,6 +85,10 @@ struct DriveScene {
   double velocity_unit = 0.0;        // cia402: rad/s per LSB of object 606C
   int counts_per_turn = 0;           // cia402: of object 6064
   int controller_node = 0;           // cia402: whose heartbeat the drives watch
+  std::optional<OdriveEndpoints> endpoints;  // odrive
+  std::vector<double> torque_constant;       // odrive, per motor: N m/A; empty: not told
+  std::optional<bool> confirmed;             // unset: unless the bus can carry real drives
+  std::string where;                         // FILE:LINE
   MitDialect dialect = MitDialect::mini_cheetah;
   std::vector<int> master_id;  // mit, per motor
   std::vector<double> position_range, velocity_range, torque_range;  // mit, per motor: rad, rad/s, N m

@@ -122,6 +122,45 @@ TEST(DriveDefects, Unsynchronised) {
   EXPECT_NEAR(most, 0.01, 2e-6);
 }
 
+/// (limit - speed) gain and (-limit - speed) gain, 2 rev/s and 1/6 N m s/rev: 0.33 N m at rest, 0.12 at 1.3 rev/s.
+TEST(DriveDefects, TorqueModeLimit) {
+  constexpr double turn = 2.0 * std::numbers::pi;
+  for (const double speed : {0.0, 1.3, -1.3, 1.9, 2.5}) {
+    for (const float asked : {5.0F, -5.0F, 0.05F}) {
+      Bench b({.torque_mode_limit = true});
+      b.pass(1, 0.0, speed * turn);
+      b.torque(asked);
+      const double upper = (2.0 - speed) / 6.0, lower = (-2.0 - speed) / 6.0;
+      EXPECT_NEAR(b.axis.joint_torque(), std::fmin(std::fmax(static_cast<double>(asked), lower), upper), 1e-9) << speed;
+    }
+  }
+}
+
+TEST(DriveDefects, AnswersToRequestsOf06AndNotOf05) {
+  const auto requests = [](OdriveAxis::Version v) {
+    OdriveAxis::Settings s{.version = v};
+    s.endpoints = {{0, 6, 10}, {{OdriveValue::watchdog_timeout, 0x1234, drive::odrive::ValueType::f32}}};
+    OdriveAxis a({.node = static_cast<int>(node)}, s, SensorEffects({}), 0, 1);
+    std::vector<hal::CanFrame> sent;
+    for (const unsigned command : {0x00U, 0x03U}) {
+      hal::CanFrame f = test::message(node, command, 0, 0);
+      f.remote = true;
+      (void)a.receive(f, [&](const hal::CanFrame& r) { sent.push_back(r); });
+    }
+    for (const unsigned endpoint : {0x1234U, 0x1235U}) {
+      (void)a.receive(test::message(node, 0x04, endpoint * 256, 0), [&](const hal::CanFrame& r) { sent.push_back(r); });
+    }
+    (void)a.receive(test::message(node, 0x04, 0x1234 * 256 + 1, 0), [&](const hal::CanFrame& r) { sent.push_back(r); });
+    return sent;
+  };
+  const auto now = requests(OdriveAxis::Version::v0_6);
+  ASSERT_EQ(now.size(), 3U);
+  EXPECT_EQ(now[0], test::message(node, 0x00, 2, 0x000A0600)) << "0.6.10";
+  EXPECT_EQ(now[1], test::message(node, 0x03, 0, 0));
+  EXPECT_EQ(now[2], test::message(node, 0x05, 0x123400, std::bit_cast<std::uint32_t>(0.01F)));
+  EXPECT_TRUE(requests(OdriveAxis::Version::v0_5_6).empty());
+}
+
 TEST(DriveDefects, TimeoutStaysEnabled) {
   Bench b({.timeout_stays_enabled = true});
   b.torque(1.5F);

@@ -1,0 +1,124 @@
+#pragma once
+/// What an ODrive of firmware 0.6 lets be read back before it is armed: its version, and endpoints of its configuration,
+/// asked for one by one. The numbers of endpoints change with every version of the firmware, so they come from the table
+/// that belongs to it, and the version is asked for first.
+
+#include <array>
+#include <cstdint>
+#include <optional>
+
+#include "firmware/drive/axis.hpp"
+#include "firmware/drive/odrive.hpp"
+
+namespace esmc::drive {
+
+/// An endpoint and what it must hold.
+struct OdriveCheck {
+  std::uint16_t endpoint = 0;
+  odrive::ValueType type = odrive::ValueType::f32;
+  float lower = 0.0F, upper = 0.0F;  ///< both allowed; a NaN is not
+};
+
+struct OdriveTable {
+  static constexpr std::uint8_t checks_max = 12;
+  std::array<OdriveCheck, checks_max> checks{};
+  std::uint8_t count = 0;                       ///< of `checks`
+  bool check_version = false;
+  std::array<std::uint8_t, 3> firmware{};       ///< major, minor, revision
+};
+
+class OdriveReadBack {
+ public:
+  static constexpr std::uint32_t patience_ticks = 25;  ///< for an answer, then the question is repeated
+  static constexpr std::uint8_t attempts = 4;
+
+  OdriveReadBack() = default;
+  explicit OdriveReadBack(const OdriveTable& table) : table_(table) {}
+
+  /// All of it was answered and as it must be.
+  [[nodiscard]] bool done() const { return next_ == questions(); }
+  /// Something was not as it must be, or was not answered.
+  [[nodiscard]] bool contradicted() const { return contradicted_; }
+  /// The endpoint that was contradicted, until the next question: for a message. 0xFFFF for the version.
+  [[nodiscard]] std::optional<std::uint16_t> refused() const { return refused_; }
+  static constexpr std::uint16_t version_endpoint = 0xFFFF;
+
+  /// From the first question.
+  void restart() {
+    next_ = 0;
+    contradicted_ = false;
+    withdraw();
+  }
+
+  /// The next question, or the last one again; every tick until done() or contradicted().
+  template <class Send>
+  void ask(std::uint8_t node, Send&& send) {
+    if (done() || contradicted_) return;
+    if (asked_ && wait_ticks_ > 0) {
+      --wait_ticks_;
+      return;
+    }
+    if (tries_ == attempts) {
+      refuse();
+      return;
+    }
+    if (!send(asks_version() ? odrive::encode_version_request(node) : odrive::encode_read(node, check().endpoint))) return;
+    asked_ = true;
+    refused_.reset();
+    ++tries_;
+    wait_ticks_ = patience_ticks - 1;
+  }
+
+  /// Get_Version of the axis; also sent cyclically, unasked.
+  Received take_version(const hal::CanFrame& f) {
+    if (!asked_ || !asks_version() || f.remote) return Received::not_mine;
+    const auto v = odrive::decode_version(f);
+    if (!v) return Received::malformed;
+    judge(*v == table_.firmware);
+    return Received::accepted;
+  }
+  /// TxSdo of the axis; an answer to somebody else's question is no answer to ours.
+  Received take_value(const hal::CanFrame& f) {
+    if (!asked_ || asks_version() || f.remote || f.size < 4 || odrive::endpoint_of(f) != check().endpoint) {
+      return Received::not_mine;
+    }
+    const auto v = odrive::decode_value(f, check().type);
+    if (!v) return Received::malformed;
+    judge(check().lower <= *v && *v <= check().upper);
+    return Received::accepted;
+  }
+
+ private:
+  [[nodiscard]] std::uint8_t questions() const {
+    return static_cast<std::uint8_t>((table_.check_version ? 1 : 0) + table_.count);
+  }
+  [[nodiscard]] bool asks_version() const { return table_.check_version && next_ == 0; }
+  [[nodiscard]] const OdriveCheck& check() const { return table_.checks[next_ - (table_.check_version ? 1U : 0U)]; }
+  void withdraw() {
+    asked_ = false;
+    tries_ = 0;
+    wait_ticks_ = 0;
+  }
+  void judge(bool good) {
+    withdraw();
+    if (good) {
+      ++next_;
+    } else {
+      refuse();
+    }
+  }
+  void refuse() {
+    contradicted_ = true;
+    refused_ = asks_version() ? version_endpoint : check().endpoint;
+  }
+
+  OdriveTable table_{};
+  std::optional<std::uint16_t> refused_;
+  std::uint32_t wait_ticks_ = 0;
+  std::uint8_t next_ = 0;
+  std::uint8_t tries_ = 0;
+  bool asked_ = false;  // and not answered
+  bool contradicted_ = false;
+};
+
+}  // namespace esmc::drive

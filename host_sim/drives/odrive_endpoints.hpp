@@ -1,0 +1,64 @@
+#pragma once
+/// Endpoints of an ODrive's configuration: what decides over torque and can be read over CAN with firmware 0.6.
+
+#include <array>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "firmware/drive/odrive.hpp"
+
+namespace esmc::host {
+
+enum class OdriveValue : std::uint8_t {
+  enable_watchdog,
+  watchdog_timeout,  // s
+  control_mode,
+  input_mode,
+  torque_mode_limit,  // whether torque is cut to vel_gain (vel_limit - speed)
+  vel_limit,          // rev/s
+  overspeed_error,    // whether it trips above vel_limit
+  torque_constant,    // N m/A
+  current_limit,      // A
+};
+struct OdriveValueName {
+  OdriveValue value;
+  const char* path;
+  drive::odrive::ValueType type;
+};
+inline constexpr std::array odrive_values{
+    OdriveValueName{OdriveValue::enable_watchdog, "axis0.config.enable_watchdog", drive::odrive::ValueType::u8},
+    OdriveValueName{OdriveValue::watchdog_timeout, "axis0.config.watchdog_timeout", drive::odrive::ValueType::f32},
+    OdriveValueName{OdriveValue::control_mode, "axis0.controller.config.control_mode", drive::odrive::ValueType::u8},
+    OdriveValueName{OdriveValue::input_mode, "axis0.controller.config.input_mode", drive::odrive::ValueType::u8},
+    OdriveValueName{OdriveValue::torque_mode_limit, "axis0.controller.config.enable_torque_mode_vel_limit",
+                    drive::odrive::ValueType::u8},
+    OdriveValueName{OdriveValue::vel_limit, "axis0.controller.config.vel_limit", drive::odrive::ValueType::f32},
+    OdriveValueName{OdriveValue::overspeed_error, "axis0.controller.config.enable_overspeed_error",
+                    drive::odrive::ValueType::u8},
+    OdriveValueName{OdriveValue::torque_constant, "axis0.config.motor.torque_constant", drive::odrive::ValueType::f32},
+    OdriveValueName{OdriveValue::current_limit, "axis0.config.motor.current_soft_max", drive::odrive::ValueType::f32},
+};
+
+struct OdriveEndpoint {
+  OdriveValue value;
+  std::uint16_t id;
+  drive::odrive::ValueType type;
+};
+/// Of one version of the firmware.
+struct OdriveEndpoints {
+  std::array<std::uint8_t, 3> firmware{};  ///< major, minor, revision
+  std::vector<OdriveEndpoint> list;        ///< of `odrive_values`, those that the file has
+
+  [[nodiscard]] bool has(OdriveValue v) const {
+    for (const OdriveEndpoint& e : list) {
+      if (e.value == v) return true;
+    }
+    return false;
+  }
+};
+
+/// Reads the vendor's flat_endpoints.json. Throws InputError at `where`.
+OdriveEndpoints read_odrive_endpoints(const std::string& where, const std::string& path);
+
+}  // namespace esmc::host

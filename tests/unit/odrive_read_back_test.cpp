@@ -1,0 +1,271 @@
+/// What an ODrive of firmware 0.6 is asked before it is armed. Frames are packed by hand.
+
+#include "firmware/drive/odrive_read_back.hpp"
+
+#include <gtest/gtest.h>
+
+#include <bit>
+#include <cmath>
+#include <cstdint>
+#include <limits>
+#include <vector>
+
+#include "firmware/drive/odrive_axis.hpp"
+#include "tests/support/odrive_bytes.hpp"
+
+namespace {
+
+using esmc::drive::OdriveAxis;
+using esmc::drive::OdriveReadBack;
+using esmc::drive::OdriveTable;
+using esmc::drive::Received;
+using esmc::drive::odrive::ValueType;
+using esmc::drive::odrive::Version;
+using esmc::hal::CanFrame;
+namespace test = esmc::test;
+
+constexpr std::uint8_t node = 3;
+constexpr unsigned version = 0x00, read = 0x04, value = 0x05;
+
+/// u8 0 (read), u16 endpoint, u8 0, value.
+CanFrame answer(std::uint16_t endpoint, std::uint32_t raw, std::uint8_t size = 8) {
+  return test::message(node, value, endpoint * 0x100U, raw, size);
+}
+CanFrame answer(std::uint16_t endpoint, float v) { return answer(endpoint, std::bit_cast<std::uint32_t>(v)); }
+CanFrame firmware(std::uint8_t major, std::uint8_t minor, std::uint8_t revision) {
+  return test::message(node, version, 2, major + 0x100U * minor + 0x10000U * revision);
+}
+
+OdriveTable table() {
+  OdriveTable t;
+  t.check_version = true;
+  t.firmware = {0, 6, 10};
+  t.checks[0] = {0x1234, ValueType::u8, 1.0F, 1.0F};
+  t.checks[1] = {77, ValueType::f32, 0.5F, 2.0F};
+  t.checks[2] = {78, ValueType::u32, 1000.0F, 1000.0F};
+  t.count = 3;
+  return t;
+}
+
+std::vector<CanFrame> ask(OdriveReadBack& r, bool taken = true) {
+  std::vector<CanFrame> sent;
+  r.ask(node, [&](const CanFrame& f) {
+    sent.push_back(f);
+    return taken;
+  });
+  return sent;
+}
+
+TEST(OdriveReadBack, AsksForTheVersionAndThenForOneEndpointAfterTheOther) {
+  OdriveReadBack r(table());
+  EXPECT_FALSE(r.done());
+  auto sent = ask(r);
+  ASSERT_EQ(sent.size(), 1U);
+  EXPECT_TRUE(sent[0].remote);
+  EXPECT_EQ(sent[0].id, 0x060U);
+  EXPECT_TRUE(ask(r).empty()) << "one at a time";
+  EXPECT_EQ(r.take_version(firmware(0, 6, 10)), Received::accepted);
+  sent = ask(r);
+  ASSERT_EQ(sent.size(), 1U);
+  EXPECT_EQ(sent[0], test::message(node, read, 0x123400, 0));
+  EXPECT_EQ(r.take_value(answer(0x1234, 1U, 5)), Received::accepted);
+  EXPECT_EQ(ask(r)[0], test::message(node, read, 77 * 256, 0));
+  EXPECT_EQ(r.take_value(answer(77, 1.5F)), Received::accepted);
+  EXPECT_EQ(ask(r)[0], test::message(node, read, 78 * 256, 0));
+  EXPECT_FALSE(r.done());
+  EXPECT_EQ(r.take_value(answer(78, 1000U)), Received::accepted);
+  EXPECT_TRUE(r.done());
+  EXPECT_FALSE(r.contradicted());
+  EXPECT_FALSE(r.refused());
+  EXPECT_TRUE(ask(r).empty());
+}
+
+TEST(OdriveReadBack, NothingToAskIsDone) {
+  OdriveReadBack r;
+  EXPECT_TRUE(r.done());
+  EXPECT_TRUE(ask(r).empty());
+  OdriveTable t = table();
+  t.check_version = false;
+  OdriveReadBack without(t);
+  EXPECT_EQ(ask(without)[0], test::message(node, read, 0x123400, 0));
+}
+
+TEST(OdriveReadBack, AnotherVersionIsAContradiction) {
+  for (int i = 0; i < 3; ++i) {
+    OdriveReadBack r(table());
+    (void)ask(r);
+    EXPECT_EQ(r.take_version(firmware(i == 0, i == 1 ? 5 : 6, i == 2 ? 11 : 10)), Received::accepted);
+    EXPECT_TRUE(r.contradicted());
+    EXPECT_FALSE(r.done());
+    EXPECT_EQ(r.refused(), OdriveReadBack::version_endpoint);
+    EXPECT_TRUE(ask(r).empty()) << "and that is the end";
+    r.restart();
+    EXPECT_FALSE(r.contradicted());
+    EXPECT_TRUE(r.refused()) << "for a message";
+    EXPECT_EQ(ask(r).size(), 1U);
+    EXPECT_FALSE(r.refused());
+  }
+}
+
+TEST(OdriveReadBack, BoundsAreAllowedAndWhatIsOutsideOrNoNumberIsAContradiction) {
+  constexpr float inf = std::numeric_limits<float>::infinity();
+  for (const float v : {0.5F, 1.0F, 2.0F, 0.4999F, 2.0001F, -1.0F, inf, -inf, std::nanf("")}) {
+    OdriveReadBack r(table());
+    (void)ask(r);
+    (void)r.take_version(firmware(0, 6, 10));
+    (void)ask(r);
+    (void)r.take_value(answer(0x1234, 1U));
+    (void)ask(r);
+    EXPECT_EQ(r.take_value(answer(77, v)), Received::accepted);
+    EXPECT_EQ(r.contradicted(), !(v >= 0.5F && v <= 2.0F)) << v;
+  }
+}
+
+TEST(OdriveReadBack, SilenceIsAContradictionAfterFourQuestions) {
+  OdriveReadBack r(table());
+  int asked = 0, ticks = 0;
+  while (!r.contradicted() && ticks < 1000) {
+    asked += static_cast<int>(ask(r).size());
+    ++ticks;
+  }
+  EXPECT_EQ(asked, 4);
+  EXPECT_EQ(ticks, 101) << "25 ticks each";
+  EXPECT_EQ(r.refused(), OdriveReadBack::version_endpoint);
+}
+
+TEST(OdriveReadBack, WhatTheBusDidNotTakeIsNoQuestion) {
+  OdriveReadBack r(table());
+  for (int i = 0; i < 50; ++i) EXPECT_EQ(ask(r, false).size(), 1U);
+  EXPECT_EQ(r.take_version(firmware(0, 6, 9)), Received::not_mine) << "sent cyclically, unasked";
+  EXPECT_FALSE(r.contradicted());
+  EXPECT_EQ(ask(r).size(), 1U);
+}
+
+TEST(OdriveReadBack, AnswersToOtherQuestionsAndUnaskedOnesAreNotOurs) {
+  OdriveReadBack r(table());
+  EXPECT_EQ(r.take_value(answer(0x1234, 0U)), Received::not_mine);
+  (void)ask(r);
+  EXPECT_EQ(r.take_value(answer(0x1234, 0U)), Received::not_mine);
+  CanFrame request = firmware(0, 6, 10);
+  request.remote = true;
+  EXPECT_EQ(r.take_version(request), Received::not_mine);
+  (void)r.take_version(firmware(0, 6, 10));
+  (void)ask(r);
+  EXPECT_EQ(r.take_version(firmware(0, 5, 6)), Received::not_mine);
+  EXPECT_EQ(r.take_value(answer(0x1235, 0U)), Received::not_mine);
+  EXPECT_EQ(r.take_value(answer(0x1234, 0U, 3)), Received::not_mine) << "it names no endpoint";
+  request = answer(0x1234, 0U);
+  request.remote = true;
+  EXPECT_EQ(r.take_value(request), Received::not_mine);
+  EXPECT_FALSE(r.contradicted());
+}
+
+TEST(OdriveReadBack, AnswersOfAWrongLengthOrFormatAreMalformed) {
+  for (std::uint8_t size = 0; size <= 7; ++size) {
+    OdriveReadBack r(table());
+    (void)ask(r);
+    CanFrame f = firmware(0, 6, 10);
+    f.size = size;
+    EXPECT_EQ(r.take_version(f), Received::malformed);
+    f.size = 8;
+    f.fd = true;
+    EXPECT_EQ(r.take_version(f), Received::malformed);
+    (void)r.take_version(firmware(0, 6, 10));
+    (void)ask(r);
+    if (size >= 4) {
+      EXPECT_EQ(r.take_value(answer(0x1234, 1U, size)), size >= 5 ? Received::accepted : Received::malformed) << int{size};
+    }
+    (void)r.take_value(answer(0x1234, 1U));
+    (void)ask(r);
+    if (size >= 4) {
+      EXPECT_EQ(r.take_value(answer(77, 0x3FC00000U, size)), Received::malformed) << int{size};
+    }
+    f = answer(77, 1.5F);
+    f.fd = true;
+    EXPECT_EQ(r.take_value(f), Received::malformed);
+    EXPECT_FALSE(r.contradicted());
+  }
+}
+
+// ---- in the axis -----------------------------------------------------------------------------------------------
+
+std::vector<CanFrame> enable(OdriveAxis& a) {
+  std::vector<CanFrame> sent;
+  a.enable([&](const CanFrame& f) {
+    sent.push_back(f);
+    return true;
+  });
+  return sent;
+}
+void hear(OdriveAxis& a, std::uint8_t state = 1, std::uint32_t error = 0) {
+  a.begin_tick();
+  ASSERT_EQ(a.receive(test::heartbeat(node, state, error)), Received::accepted);
+}
+std::vector<unsigned> commands(const std::vector<CanFrame>& sent) {
+  std::vector<unsigned> out;
+  for (const CanFrame& f : sent) out.push_back(test::command_of(f));
+  return out;
+}
+using Commands = std::vector<unsigned>;
+
+OdriveTable one_check() {
+  OdriveTable t;
+  t.checks[0] = {77, ValueType::f32, 0.5F, 2.0F};
+  t.count = 1;
+  return t;
+}
+
+TEST(OdriveReadBack, ClosedLoopIsAskedForWhenAllOfItWasAnswered) {
+  OdriveAxis a({.node = node}, Version::v0_6, 150, one_check());
+  hear(a);
+  EXPECT_EQ(commands(enable(a)), Commands{test::cmd_mode});
+  for (int i = 0; i < 5; ++i) {
+    hear(a);
+    EXPECT_EQ(commands(enable(a)), i == 0 ? Commands{read} : Commands{});
+  }
+  hear(a);
+  EXPECT_EQ(a.receive(answer(77, 1.0F)), Received::accepted);
+  EXPECT_EQ(commands(enable(a)), Commands{test::cmd_axis_state});
+}
+
+TEST(OdriveReadBack, AContradictedAxisIsNotArmedAndForgetsItWhenItIsDisabled) {
+  OdriveAxis a({.node = node}, Version::v0_6, 150, one_check());
+  hear(a);
+  (void)enable(a);
+  hear(a);
+  (void)enable(a);
+  EXPECT_EQ(a.receive(answer(77, 3.0F)), Received::accepted);
+  EXPECT_TRUE(a.contradicted());
+  EXPECT_EQ(a.refused_endpoint(), 77);
+  EXPECT_EQ(a.node(), node);
+  EXPECT_FALSE(a.idle()) << "so that it is disabled once";
+  for (int i = 0; i < 200; ++i) {
+    hear(a);
+    EXPECT_TRUE(enable(a).empty());
+  }
+  a.disable([](const CanFrame&) {});
+  EXPECT_FALSE(a.contradicted());
+  hear(a);
+  EXPECT_TRUE(a.idle());
+  EXPECT_EQ(commands(enable(a)), Commands{test::cmd_mode});
+}
+
+TEST(OdriveReadBack, WritingToAConfigurationIsSomebodyElses) {
+  OdriveAxis a({.node = node}, Version::v0_6, 150), old({.node = node}, Version::v0_5_6, 150, one_check());
+  CanFrame write = test::message(node, read, 77 * 256 + 1, 0);
+  EXPECT_EQ(a.receive(write), Received::impostor);
+  EXPECT_EQ(old.receive(write), Received::not_mine) << "0.5.6 sends encoder errors with this number";
+  EXPECT_EQ(a.receive(test::message(node, read, 77 * 256, 0)), Received::not_mine) << "somebody reads";
+  write.size = 0;
+  EXPECT_EQ(a.receive(write), Received::not_mine);
+  write.size = 8;
+  write.remote = true;
+  EXPECT_EQ(a.receive(write), Received::not_mine);
+  EXPECT_EQ(a.receive(firmware(0, 6, 10)), Received::not_mine);
+  hear(old);
+  (void)enable(old);
+  hear(old);
+  EXPECT_EQ(commands(enable(old)), Commands{test::cmd_axis_state}) << "0.5.6 cannot be asked";
+}
+
+}  // namespace
