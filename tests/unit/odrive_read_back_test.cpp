@@ -47,13 +47,19 @@ OdriveTable table() {
   return t;
 }
 
-std::vector<CanFrame> ask(OdriveReadBack& r, bool taken = true) {
+/// A bus that takes all of it, or nothing.
+struct Sink {
   std::vector<CanFrame> sent;
-  r.ask(node, [&](const CanFrame& f) {
+  bool taken = true;
+  bool operator()(const CanFrame& f) {
     sent.push_back(f);
     return taken;
-  });
-  return sent;
+  }
+};
+std::vector<CanFrame> ask(OdriveReadBack& r, bool taken = true) {
+  Sink sink{.sent = {}, .taken = taken};
+  r.ask(node, sink);
+  return sink.sent;
 }
 
 TEST(OdriveReadBack, AsksForTheVersionAndThenForOneEndpointAfterTheOther) {
@@ -190,12 +196,9 @@ TEST(OdriveReadBack, AnswersOfAWrongLengthOrFormatAreMalformed) {
 // ---- in the axis -----------------------------------------------------------------------------------------------
 
 std::vector<CanFrame> enable(OdriveAxis& a) {
-  std::vector<CanFrame> sent;
-  a.enable([&](const CanFrame& f) {
-    sent.push_back(f);
-    return true;
-  });
-  return sent;
+  Sink sink;
+  a.enable(sink);
+  return sink.sent;
 }
 void hear(OdriveAxis& a, std::uint8_t state = 1, std::uint32_t error = 0) {
   a.begin_tick();
