@@ -304,7 +304,7 @@ class Cycle {
       if (result.state == State::enabling) a.enable(send);
       const bool leave = result.state == State::fault || result.state == State::stopping;
       if ((leave && !a.idle()) || (result.state == State::disabled && a.must_be_released())) a.disable(send);
-      if (answer) send(a.torque_frame(result.torque[joint_of_motor(i)]));
+      if (answer && !a.muted()) send(a.torque_frame(result.torque[joint_of_motor(i)]));
     }
     echo_.told(result.torque);
     line_.end_tick(send, result.state != State::fault);

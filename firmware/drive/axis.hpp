@@ -82,6 +82,7 @@ concept Drive = requires(D& d, const D& c, const hal::CanFrame& f, bool (*send)(
   { c.must_be_released() } -> std::same_as<bool>;        ///< asked into torque control, not seen idle since
   { c.emergency_stopped() } -> std::same_as<bool>;
   { c.contradicted() } -> std::same_as<bool>;            ///< what it let us read back is not what it must be
+  { c.muted() } -> std::same_as<bool>;                   ///< nothing is sent to it: its watchdog is being starved
   d.acknowledge();                                       ///< the operator's reset of an emergency stop
   d.ask_again();                                         ///< nobody can have heard the last request
   d.enable(send);

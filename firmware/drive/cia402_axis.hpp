@@ -97,6 +97,8 @@ class Cia402Axis {
   [[nodiscard]] bool alive() const { return alive_; }
   /// CiA 402 has no message for it: a drive's own input shows as fault or as a disabled drive.
   [[nodiscard]] bool emergency_stopped() const { return false; }
+  /// Its watchdog is the heartbeat of all axes, and its time is read back.
+  [[nodiscard]] bool muted() const { return false; }
   void acknowledge() {}
   [[nodiscard]] bool error() const {
     return emergency_ != 0 || state_ == cia402::State::fault || state_ == cia402::State::fault_reaction_active;

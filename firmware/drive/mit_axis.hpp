@@ -93,6 +93,8 @@ class MitAxis {
   [[nodiscard]] bool closed_loop() const { return step_ == Step::entered && !says(mode_off); }
   /// There is no emergency stop in this protocol.
   [[nodiscard]] bool emergency_stopped() const { return false; }
+  /// A time-out does not show in the replies.
+  [[nodiscard]] bool muted() const { return false; }
   void acknowledge() {}
   /// Nothing can be read back.
   [[nodiscard]] bool contradicted() const { return false; }

@@ -21,6 +21,9 @@ class OdriveAxis {
   OdriveAxis(const AxisConfig& config, Version version, std::uint32_t retry_ticks, const OdriveTable& table = {})
       : config_(config), version_(version), retry_ticks_(retry_ticks),
         read_back_(version == Version::v0_6 ? table : OdriveTable{}) {}
+  /// Before the axis is ready for the first time, its watchdog is starved at zero torque and must expire within so many
+  /// ticks; 0: it is believed.
+  void prove_watchdog(std::uint32_t ticks) { starve_ticks_ = ticks; }
 
   /// Takes a frame from the bus. No side effect unless `accepted`. An emergency stop that somebody sends to this
   /// axis, or to all, is taken whatever its length and format.
@@ -75,6 +78,7 @@ class OdriveAxis {
   /// The axis itself has said something: an old setpoint or a frame of another controller is no life.
   [[nodiscard]] bool alive() const { return alive_; }
   /// An emergency stop was seen on the bus or reported by the axis, and no operator has acknowledged it since.
+  [[nodiscard]] bool muted() const { return step_ == Step::starve; }
   [[nodiscard]] bool emergency_stopped() const { return stopped_; }
   /// The operator's reset of an emergency stop: what the axis still reports of it may be cleared, once. Anything
   /// newer stops again.
@@ -89,7 +93,9 @@ class OdriveAxis {
   [[nodiscard]] std::uint32_t error_code() const { return last_.axis_error; }
   /// What was read back is not what it must be, or was not answered; forgotten by disable(). CANSimple 0.5.6 lets
   /// nothing be read back.
-  [[nodiscard]] bool contradicted() const { return read_back_.contradicted(); }
+  [[nodiscard]] bool contradicted() const { return read_back_.contradicted() || unfed_; }
+  /// Its watchdog did not expire when it was starved.
+  [[nodiscard]] bool watchdog_is_off() const { return unfed_; }
   /// The endpoint that was contradicted last; OdriveReadBack::version_endpoint for the version.
   [[nodiscard]] std::optional<std::uint16_t> refused_endpoint() const { return read_back_.refused(); }
   [[nodiscard]] std::uint8_t node() const { return config_.node; }
@@ -99,13 +105,15 @@ class OdriveAxis {
   ///
   ///   controller mode  ->  a heartbeat that is newer  ->  clear errors, if it reports some (and no emergency stop)
   ///                    ->  a heartbeat without error, and all read back  ->  closed-loop control
-  ///                    ->  two heartbeats: ready()
+  ///                    ->  two heartbeats: ready(); the first time, if a watchdog is to be proven, nothing is sent
+  ///                        from here until the axis reports that it expired, and then all of it again
   ///
   /// Identifiers are priorities: a full transmit queue would let the request for closed loop overtake the mode,
   /// and the axis would arm in the mode it has stored. So there is a heartbeat between the two. What leads to
   /// nothing is repeated from the start every `retry_ticks`.
   template <class Send>
   void enable(Send&& send) {
+    if (step_ == Step::starve) return starve();
     if (ready() || contradicted()) return;
     if (clear_wait_ticks_ > 0) --clear_wait_ticks_;
     const bool due = wait_ticks_ == 0;
@@ -131,6 +139,7 @@ class OdriveAxis {
     news_ = false;
     asked_ = false;
     answered_ = false;
+    unfed_ = false;
     read_back_.restart();
     send(odrive::encode_set_axis_state(config_.node, odrive::AxisState::idle));
   }
@@ -155,6 +164,7 @@ class OdriveAxis {
     configure,  ///< the controller mode has to be sent
     request,    ///< the bus has taken it: a newer heartbeat decides what comes next
     confirm,    ///< closed-loop control has been asked for
+    starve,     ///< confirmed; the watchdog has to expire
   };
 
   [[nodiscard]] bool is_emergency_stop(const hal::CanFrame& f) const {
@@ -169,6 +179,21 @@ class OdriveAxis {
   [[nodiscard]] bool reports_emergency_stop() const {
     const std::uint32_t bit = version_ == Version::v0_6 ? odrive::error_estop_0_6 : odrive::error_estop_0_5_6;
     return (last_.axis_error & bit) != 0;
+  }
+
+  [[nodiscard]] bool reports_watchdog() const {
+    const std::uint32_t bit = version_ == Version::v0_6 ? odrive::error_watchdog_0_6 : odrive::error_watchdog_0_5_6;
+    return (last_.axis_error & bit) != 0;
+  }
+  /// One tick of silence. Any other end than the watchdog's is none: the sequence begins anew, watchdog included.
+  void starve() {
+    if (!closed_loop() || error()) {
+      proven_ = reports_watchdog();
+      step_ = Step::configure;
+      wait_ticks_ = 0;
+      return;
+    }
+    unfed_ = ++starved_ticks_ > starve_ticks_;
   }
 
   /// Sent to a silent axis as well, for it to be heard on the bus; but it counts only once the axis lives.
@@ -230,6 +255,11 @@ class OdriveAxis {
       ++confirmations_;
       counted_ = true;
     }
+    if (ready() && starve_ticks_ > 0 && !proven_) {
+      step_ = Step::starve;
+      starved_ticks_ = 0;
+      confirmations_ = 0;
+    }
     return Received::accepted;
   }
   Received take(const std::optional<odrive::EncoderEstimates>& e) {
@@ -250,6 +280,7 @@ class OdriveAxis {
   std::uint32_t clear_wait_ticks_ = 0;  // until errors may be cleared again
   std::uint32_t sample_age_ticks_ = age_max;
   std::uint32_t heartbeat_age_ticks_ = age_max;
+  std::uint32_t starve_ticks_ = 0, starved_ticks_ = 0;
   std::uint8_t confirmations_ = 0;
   Step step_ = Step::configure;
   bool heard_ = false;         // a heartbeat
@@ -261,6 +292,8 @@ class OdriveAxis {
   bool owed_ = false;          // asked into closed loop, not seen idle since
   bool stopped_ = false;       // emergency stop, not acknowledged
   bool acknowledged_ = false;  // what the axis reports of it may be cleared
+  bool proven_ = false;        // the watchdog has expired once
+  bool unfed_ = false;         // starved for too long
   bool counted_ = false;       // a heartbeat of this tick has been counted
 };
 

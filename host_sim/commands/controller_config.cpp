@@ -478,7 +478,12 @@ AnyCycle<M> make_cycle(const Scene& scene, Pacing pacing, const ReferenceBundle<
       d.protocol == Protocol::odrive ? drive::odrive::Version::v0_6 : drive::odrive::Version::v0_5_6;
   return cycle_of<OdriveCycle<M>>(scene, pacing, reference, [&](std::size_t i) {
     const bool motor = i < static_cast<std::size_t>(scene.motors());
-    return drive::OdriveAxis(mount(d, i), version, retry, motor ? odrive_table(scene, i) : drive::OdriveTable{});
+    drive::OdriveAxis axis(mount(d, i), version, retry, motor ? odrive_table(scene, i) : drive::OdriveTable{});
+    // In lockstep a drive without its torque would keep everybody waiting.
+    if (motor && pacing == Pacing::realtime && d.watchdog_test.value_or(scene.hardware)) {
+      axis.prove_watchdog(static_cast<std::uint32_t>(std::ceil((3.0 * d.watchdog_timeout + 0.1) * scene.rate_hz)));
+    }
+    return axis;
   });
 }
 

@@ -433,6 +433,7 @@ void read_drives(Section s, Scene& scene) {
   if (d.sign_test.value_or(false) && scene.all_motors) {
     s.fail("sign_test", "is for two motors: with four, each moves all the others");
   }
+  if (s.has("watchdog_test")) d.watchdog_test = s.boolean("watchdog_test");
   d.sign_test_move = s.number("sign_test_move");
   d.torque_mismatch = s.number("torque_mismatch");
   d.torque_time = s.number("torque_time");

@@ -75,6 +75,7 @@ struct DriveScene {
   Zero zero = Zero::absolute;
   std::vector<double> zero_pose;       // rad, per sensed joint in the order of the joints; empty: the start
   std::optional<bool> sign_test;       // unset: only where the bus can carry real drives
+  std::optional<bool> watchdog_test;   // likewise
   double sign_test_move = 0.0;         // rad
   double torque_mismatch = 0.0, torque_time = 0.0;  // N m at the joint, s
   double torque_lead = 0.0;            // s

@@ -603,4 +603,85 @@ TEST(OdriveAxis, ATorqueThatNoShaftHasIsNotPutIntoAFrame) {
   EXPECT_EQ(test::real(a.torque_frame(1e4F), 0), 1e4F);
 }
 
+// ---- the watchdog has to bite once ------------------------------------------------------------------------------
+
+constexpr std::uint32_t watchdog_bit(Version v) { return v == Version::v0_6 ? 0x01000000U : 0x00000800U; }
+
+/// An axis with a watchdog to prove, in closed loop and confirmed twice.
+OdriveAxis starving(Version v, std::uint32_t ticks = 20) {
+  OdriveAxis a = axis(v);
+  a.prove_watchdog(ticks);
+  hear(a, 1);
+  ask(a);
+  hear(a, 8);
+  a.begin_tick();
+  hear(a, 8);
+  return a;
+}
+
+TEST(OdriveAxis, AWatchdogToBeProvenIsStarvedOnceBeforeTheAxisIsReady) {
+  for (const Version v : {Version::v0_6, Version::v0_5_6}) {
+    OdriveAxis a = starving(v);
+    EXPECT_TRUE(a.muted());
+    EXPECT_FALSE(a.ready());
+    for (int n = 0; n < 5; ++n) {
+      a.begin_tick();
+      hear(a, 8);
+      EXPECT_TRUE(enable(a).empty()) << "nothing may feed it";
+      EXPECT_TRUE(a.muted());
+      EXPECT_FALSE(a.ready());
+    }
+    a.begin_tick();
+    hear(a, 1, watchdog_bit(v));
+    (void)enable(a);
+    EXPECT_FALSE(a.muted());
+    EXPECT_FALSE(a.contradicted());
+    // All of it once more, and then it is ready at the second heartbeat.
+    for (int n = 0; n < 10 && !a.closed_loop(); ++n) {
+      a.begin_tick();
+      hear(a, 1, n < 2 ? watchdog_bit(v) : 0);
+      for (const CanFrame& f : enable(a)) {
+        if ((f.id & 0x1FU) == test::cmd_axis_state) hear(a, 8);
+      }
+    }
+    a.begin_tick();
+    hear(a, 8);
+    EXPECT_TRUE(a.ready());
+    EXPECT_FALSE(a.muted());
+  }
+}
+
+TEST(OdriveAxis, AWatchdogThatDoesNotExpireIsAContradictionUntilTheAxisIsReleased) {
+  OdriveAxis a = starving(Version::v0_6, 20);
+  for (int n = 1; n <= 21; ++n) {
+    EXPECT_FALSE(a.contradicted()) << n;
+    a.begin_tick();
+    hear(a, 8);
+    (void)enable(a);
+  }
+  EXPECT_TRUE(a.contradicted());
+  EXPECT_TRUE(a.watchdog_is_off());
+  EXPECT_FALSE(a.ready());
+  (void)disable(a);
+  EXPECT_FALSE(a.contradicted());
+  EXPECT_FALSE(a.muted());
+}
+
+TEST(OdriveAxis, AnotherErrorIsNoProofOfAWatchdog) {
+  OdriveAxis a = starving(Version::v0_6);
+  a.begin_tick();
+  hear(a, 1, 0x40);
+  (void)enable(a);
+  EXPECT_FALSE(a.muted());
+  for (int n = 0; n < 400 && !a.muted(); ++n) {
+    a.begin_tick();
+    hear(a, a.closed_loop() ? 8 : 1);
+    for (const CanFrame& f : enable(a)) {
+      if ((f.id & 0x1FU) == test::cmd_axis_state) hear(a, 8);
+    }
+  }
+  EXPECT_TRUE(a.muted()) << "it is starved again";
+  EXPECT_FALSE(a.ready());
+}
+
 }  // namespace
