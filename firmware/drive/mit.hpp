@@ -112,7 +112,7 @@ struct Reply {
   hal::CanFrame f;
   f.id = id;
   f.size = size;
-  f.data[0] = d == Dialect::damiao ? static_cast<std::uint8_t>((unsigned{r.error} << 4U) | (node & 0x0FU)) : node;
+  f.data[0] = d == Dialect::damiao ? static_cast<std::uint8_t>((std::uint32_t{r.error} << 4U) | (node & 0x0FU)) : node;
   f.data[1] = static_cast<std::uint8_t>(r.position >> 8U);
   f.data[2] = static_cast<std::uint8_t>(r.position);
   f.data[3] = static_cast<std::uint8_t>(r.velocity >> 4U);

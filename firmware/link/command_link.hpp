@@ -73,12 +73,8 @@ class CommandLink {
   [[nodiscard]] std::uint8_t session() const { return session_; }
   [[nodiscard]] Source source() const { return source_; }
 
-  /// Counts the ages; once per tick, before its frames.
-  void begin_tick() {
-    ++tick_;
-    if (sample_age_ < age_max) ++sample_age_;
-    if (silence_ < age_max) ++silence_;
-  }
+  /// Once per tick, before its frames.
+  void begin_tick() { ++tick_; }
 
   Outcome receive(const hal::CanFrame& f) {
     if (!active() || f.extended || f.id - config_.base_id >= block_size) return Outcome::not_mine;
@@ -104,8 +100,8 @@ class CommandLink {
   [[nodiscard]] bool lost() const {
     const auto silence = static_cast<std::uint32_t>(parameters_[Index::silence]);
     return state_ == State::running &&
-           ((streaming_ && sample_age_ > static_cast<std::uint32_t>(parameters_[Index::stream_age])) ||
-            (silence > 0 && silence_ > silence));
+           ((streaming_ && tick_ - sample_tick_ > static_cast<std::uint32_t>(parameters_[Index::stream_age])) ||
+            (silence > 0 && tick_ - heard_tick_ > silence));
   }
 
   /// At the end of a tick. `send` says whether the bus took the frame.
@@ -131,7 +127,6 @@ class CommandLink {
   }
 
  private:
-  static constexpr std::uint32_t age_max = 0xFFFF'FFFF;
   static constexpr std::uint8_t counter_never = 0xFF;
   static constexpr unsigned telemetry_first = 2;  // effector and tracking error, then the joints
 
@@ -146,7 +141,7 @@ class CommandLink {
     const bool in_order = ahead(m, counter_of(f));
     if (in_order) {  // whatever becomes of it, it has been heard
       last_[m] = counter_of(f);
-      silence_ = 0;
+      heard_tick_ = tick_;
     }
     if (message == Message::command) {
       const auto c = decode_command(f);
@@ -264,7 +259,7 @@ class CommandLink {
       return Outcome::refused;
     }
     streaming_ = true;
-    sample_age_ = 0;
+    sample_tick_ = tick_;
     request_.hold = request_.has_point = false;
     request_.has_sample = true;
     request_.position = last_position_ = half_position_;
@@ -274,7 +269,7 @@ class CommandLink {
   /// No further from the sample before than speed and acceleration allow, with one tick for the time on the way.
   [[nodiscard]] bool continuous(const std::array<float, 2>& v) const {
     if (!streaming_) return true;  // the first one is joined by a quintic
-    const float time = static_cast<float>(sample_age_ + 1) * parameters_[Index::sample_time];
+    const float time = static_cast<float>(tick_ - sample_tick_ + 1) * parameters_[Index::sample_time];
     return below(difference(half_position_, last_position_), parameters_[Index::speed] * time + position_unit) &&
            below(difference(v, last_velocity_), parameters_[Index::acceleration] * time + velocity_unit);
   }
@@ -294,7 +289,7 @@ class CommandLink {
     switch (q->subject) {
       case Subject::faults: faults_.read_out(); break;
       case Subject::table: asked_table_ = true; break;
-      case Subject::parameter:
+      default:
         asked_parameter_ = true;
         asked_index_ = q->index;
         answer_ = q->index < parameter_count ? Answer::ok : Answer::unknown_index;
@@ -319,7 +314,7 @@ class CommandLink {
   void follow(State now) {
     if (now == State::disabled && state_ != State::disabled) session_ = session_ == 0xFF ? 1 : session_ + 1;
     if (now != State::running) streaming_ = half_ = false;
-    if (now == State::running && state_ != State::running) silence_ = 0;
+    if (now == State::running && state_ != State::running) heard_tick_ = tick_;
     state_ = now;
   }
   [[nodiscard]] Status status(const Supervisor& s) const {
@@ -362,7 +357,7 @@ class CommandLink {
   std::array<std::uint8_t, incoming_count> last_ = {counter_never, counter_never, counter_never,
                                                     counter_never, counter_never, counter_never};
   std::uint64_t tick_ = 0;
-  std::uint32_t sample_age_ = age_max, silence_ = 0;
+  std::uint64_t sample_tick_ = 0, heard_tick_ = 0;
   std::uint8_t session_ = 1;
   std::uint8_t counter_ = 0;  // of Status
   Source source_ = Source::reference;

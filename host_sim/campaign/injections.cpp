@@ -57,15 +57,15 @@ constexpr std::array rows{
     InjectionRow{"watchdog_off", Injected::watchdog_off, at_start, 0, 0, "none drive_configuration"},
     InjectionRow{"controller_death", Injected::controller_death, everywhere, 0, 0, "none"},
     InjectionRow{"controller_late", Injected::controller_late, everywhere, 1, 30,
-                 "none drive_error drive_disarmed feedback_jump torque_mismatch sign_test"},
+                 "none drive_error drive_disarmed feedback_jump torque_mismatch sign_test", true},
     InjectionRow{"controller_bus_off", Injected::controller_bus_off, everywhere, 1, 40,
                  "bus_off stale_feedback", false, 1, 12},
     InjectionRow{"commands_lost", Injected::commands_lost, everywhere, 1, 40,
-                 "none drive_error drive_disarmed stale_feedback torque_mismatch sign_test"},
+                 "none drive_error drive_disarmed stale_feedback torque_mismatch sign_test", true},
     InjectionRow{"torque_lost", Injected::torque_lost, everywhere, 1, 40,
                  "none drive_error drive_disarmed torque_mismatch", true},
     InjectionRow{"queue_full", Injected::queue_full, everywhere, 1, 40,
-                 "none drive_error drive_disarmed stale_feedback torque_mismatch sign_test"},
+                 "none drive_error drive_disarmed stale_feedback torque_mismatch sign_test", true},
     InjectionRow{"babbling_node", Injected::babbling, everywhere, 1, 40, "stale_feedback"},
     InjectionRow{"flood", Injected::flood, everywhere, 1, 5, "bus_overload", false, 0, 1},
     InjectionRow{"foreign_controller", Injected::foreign_controller, everywhere, 1, 30, "foreign_controller",
@@ -106,7 +106,7 @@ void draw_amount(Draw& draw, Injection& i) {
       i.amount = draw.signed_magnitude(1e3, 3e38);
       break;
     case Injected::sensor_jump:
-      i.amount = draw.signed_magnitude(0.15, 10.0);
+      i.amount = draw.signed_magnitude(0.15, 3.0);
       break;
     case Injected::sensor_step:
       i.amount = draw.signed_magnitude(1e-5, 0.04);

@@ -74,6 +74,7 @@ class ReferenceTrack {
         mechanism_(make_mechanism(scene.mechanism, static_cast<M*>(nullptr))),
         mode_(mode_of(scene, static_cast<M*>(nullptr))),
         joined_(bundle_->get(), bundle_->join_ticks, scene.tick()),
+        same_(bundle_->join_ticks == 0 && bundle_->get().kind != ReferenceKind::hold_start),
         true_lengths_(scene.model.half_base == 1.0 && scene.model.l1 == 1.0 && scene.model.l2 == 1.0) {}
 
   [[nodiscard]] bool present() const { return present_; }
@@ -88,11 +89,15 @@ class ReferenceTrack {
   /// Empty: out of reach. `solved`: a controller's tick; its inverse kinematics of the very same point, with the
   /// true lengths, is not repeated.
   [[nodiscard]] std::optional<Point> at(std::uint32_t tick, const TickResult<M>* solved = nullptr) const {
-    const Motion2<double> m = joined_.at(tick);
     const bool at_effector = joined_.reference().space == ReferenceSpace::effector;
+    const bool followed = solved != nullptr && true_lengths_ && at_effector && solved->state == State::running;
+    if (same_ && followed && solved->running_tick == tick) {
+      return Point{{solved->desired_effector.x(), solved->desired_effector.y()},
+                   {solved->desired_base[0], solved->desired_base[1]}};
+    }
+    const Motion2<double> m = joined_.at(tick);
     if (at_effector) {
-      if (solved != nullptr && true_lengths_ && solved->state == State::running &&
-          solved->desired_effector == m.position) {
+      if (followed && solved->desired_effector == m.position) {
         return Point{{m.position.x(), m.position.y()}, {solved->desired_base[0], solved->desired_base[1]}};
       }
       const auto pose = mechanism_.inverse(m.position, mode_);
@@ -111,6 +116,7 @@ class ReferenceTrack {
   M mechanism_;
   typename M::Mode mode_;
   JoinedReference<double> joined_;
+  bool same_;          // whatever start the controller has measured, its reference is this one
   bool true_lengths_;  // of what the controller believes
 };
 
@@ -165,7 +171,8 @@ class Recorder {
     r.has_reference = reference.has_value();
     digest.add(qd.first(half));
     if (reference) {
-      r.effector_error = std::hypot(x.x - reference->effector.x, x.y - reference->effector.y);
+      const V2 miss = x - reference->effector;
+      r.effector_error = std::sqrt(dot(miss, miss));
       for (int i = 0; i < 2; ++i) {
         const auto u = static_cast<std::size_t>(i);
         r.base_error[u] = wrap_to_pi(World::angle(o, i * M::joints / 2) - reference->base[u]);

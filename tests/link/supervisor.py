@@ -5,6 +5,7 @@ goes to the start of a circle, streams it, disarms.
 usage: supervisor.py INTERFACE OUT.json [circle | dies]   dies: stops sending in the middle of the circle"""
 import json
 import math
+import select
 import socket
 import struct
 import sys
@@ -31,7 +32,7 @@ class Desk:
         self.base, self.session, self.tick, self.parameters = base, 0, 0, None
         self.counter = [0] * 6
         self.state, self.fault, self.source = None, 0, 0
-        self.effector, self.error, self.records, self.counters = None, None, [], None
+        self.effector, self.error, self.desired, self.records, self.counters = None, None, None, [], None
 
     def seal(self, message, payload, tag=0):
         self.counter[message] = (self.counter[message] + 1) % 16
@@ -69,6 +70,7 @@ class Desk:
             self.effector = struct.unpack("<ff", data)
         elif message == 0x17:
             self.error = struct.unpack("<ff", data)
+            self.desired = [a + b for a, b in zip(self.effector, self.error)] if self.effector else None
 
 
 class Bus:
@@ -83,13 +85,13 @@ class Bus:
         self.socket.send(self.FRAME.pack(frame[0], 8, frame[1]))
 
     def hear(self, desk):
-        """Until the next Status."""
-        while True:
+        """Until the next Status, and whatever else has come by then."""
+        told = False
+        while not told or select.select([self.socket], [], [], 0)[0]:
             identifier, size, data = self.FRAME.unpack(self.socket.recv(16))
             if desk.base <= identifier < desk.base + 32 and size == 8:
                 desk.hear(identifier, data)
-                if identifier == desk.base + 0x10:
-                    return
+                told = told or identifier == desk.base + 0x10
 
 
 def until(bus, desk, done, what, seconds=60):
@@ -103,7 +105,7 @@ def until(bus, desk, done, what, seconds=60):
 
 
 def main():
-    bus, desk, report = Bus(sys.argv[1]), Desk(), {"errors": []}
+    bus, desk, report = Bus(sys.argv[1]), Desk(), {"errors": [], "radii": []}
     dies = sys.argv[3:] == ["dies"]
     bus.hear(desk)
     bus.send(desk.ask(2))
@@ -130,10 +132,10 @@ def main():
     x0, y0 = desk.effector
     report["start"] = [x0, y0]
     radius, centre, speed = 0.02, (x0 - 0.02, y0), 3.0
-    bus.send(desk.pair(1, (centre[0], centre[1] + radius), 1e-6))
-    seen = desk.tick
-    until(bus, desk, lambda: (desk.tick - seen) % 2**24 > 60 or desk.state != "running", "the way to the circle")
-    report["at_set_point"] = [desk.effector[0] - centre[0], desk.effector[1] - centre[1] - radius]
+    target = (centre[0], centre[1] + radius)
+    bus.send(desk.pair(1, target, 1e-6))
+    until(bus, desk, lambda: desk.desired and math.dist(desk.desired, target) < 3e-6, "the way to the circle")
+    report["at_set_point"] = [desk.desired[0] - centre[0], desk.desired[1] - centre[1] - radius]
     bus.hear(desk)
     first = last = desk.tick
     while desk.state == "running":
@@ -148,6 +150,7 @@ def main():
             bus.send(frame)
         if desk.error is not None:
             report["errors"].append(math.hypot(*desk.error))
+            report["radii"].append(math.hypot(desk.desired[0] - centre[0], desk.desired[1] - centre[1]) - radius)
         last = desk.tick
         while desk.tick == last:
             bus.hear(desk)

@@ -40,6 +40,7 @@ struct Bench {
     supervisor.raise(f);
     if (link.lost()) supervisor.raise(Fault::command_lost);
     link.transmit(supervisor, report, [&](const hal::CanFrame& frame) {
+      if (refused > 0 && frame.id == refused_id) return --refused, false;
       if (bus_takes) desk.hear(frame);
       return bus_takes;
     });
@@ -73,6 +74,8 @@ struct Bench {
   Report report;
   std::vector<Outcome> outcomes;
   bool bus_takes = true;
+  std::uint32_t refused_id = 0;  ///< the bus does not take the next `refused` frames with this identifier
+  int refused = 0;
 };
 
 }  // namespace esmc::test

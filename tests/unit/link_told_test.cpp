@@ -96,6 +96,17 @@ TEST(Link, ReactionsInStatus) {
   EXPECT_EQ(b.desk.state, static_cast<unsigned>(State::halting));
   EXPECT_EQ(b.desk.reaction, 2U);
   EXPECT_EQ(b.desk.source, 2U);
+  // A fault that changes no state is told at once as well.
+  Bench c;
+  c.supervisor = Supervisor({.can_halt = true, .after_halt = AfterHalt::hold});
+  c.run();
+  c.tick({c.desk.order(Desk::disarm)});
+  ASSERT_EQ(c.supervisor.state(), State::halting);
+  while (c.desk.tick % 4 != 0) c.tick();
+  c.tick({}, Fault::workspace);
+  EXPECT_EQ(c.desk.state, static_cast<unsigned>(State::halting));
+  EXPECT_EQ(c.desk.fault, static_cast<unsigned>(Fault::workspace));
+  EXPECT_EQ(c.desk.reaction, 2U);
 }
 
 TEST(Link, FaultRecordsAreSentOnceAndReadOutOnRequest) {
@@ -130,15 +141,25 @@ TEST(Link, FaultRecordsAreSentOnceAndReadOutOnRequest) {
   EXPECT_EQ(Desk::word(end, 2, 2), 2U);
 }
 
+TEST(Link, AReadoutIncludesWhatIsStillWaiting) {
+  Bench b;
+  b.run();
+  b.tick({}, Fault::drive_error);
+  while (b.desk.tick % 4 != 0) b.tick();
+  b.tick({}, Fault::bus_off);  // waits for the next Status
+  b.desk.heard.clear();
+  b.tick({b.desk.ask(0)});
+  for (int i = 0; i < 16; ++i) b.tick();
+  EXPECT_EQ(b.desk.count(Desk::record), 3);
+}
+
 TEST(Link, ADetailThatTheBusRefusesIsSentAgainWithItsRecord) {
   Bench b;
   b.run();
-  b.link.begin_tick();
-  b.supervisor.begin_tick(Command::none, {});
-  b.supervisor.raise(Fault::drive_error);
-  int n = 0;
-  b.link.transmit(b.supervisor, {}, [&](const hal::CanFrame& f) { return f.id != 0x780 + Desk::detail || n++ > 0; });
-  EXPECT_EQ(n, 1);
+  b.refused_id = 0x780 + Desk::detail;
+  b.refused = 1;
+  b.tick({}, Fault::drive_error);
+  EXPECT_EQ(b.refused, 0);
   b.desk.heard.clear();
   for (int i = 0; i < 4; ++i) b.tick();
   EXPECT_EQ(b.desk.count(Desk::record), 1);

@@ -80,9 +80,10 @@ TEST(MitCodec, WhatIsOutOfRangeIsClampedAndWhatIsNoNumberIsTheMiddle) {
 
 TEST(MitCodec, EveryCodeSurvivesTheWayThereAndBack) {
   for (const float range : {5.0F, 7.3F, 12.5F, 18.0F, 95.5F, 144.0F}) {
+    const auto wide = static_cast<double>(range);
     for (unsigned c = 0; c <= 4095; ++c) {
       const float v = value(static_cast<std::uint16_t>(c), range, code_max_12);
-      ASSERT_NEAR(v, c * (2.0 * double{range}) / 4095 - double{range}, 2e-7 * double{range}) << c;
+      ASSERT_NEAR(static_cast<double>(v), c * (2.0 * wide) / 4095 - wide, 2e-7 * wide) << c;
       ASSERT_EQ(code(v, range, code_max_12), c);
     }
     for (unsigned c = 0; c <= 65535; ++c) {
@@ -95,7 +96,7 @@ TEST(MitCodec, EveryCodeSurvivesTheWayThereAndBack) {
 TEST(MitCodec, TheErrorOfACodeIsHalfAStep) {
   for (int i = -10000; i <= 10000; ++i) {
     const double x = 18.0 * i / 10000;
-    const double back = double{value(code(static_cast<float>(x), 18.0F, code_max_12), 18.0F, code_max_12)};
+    const double back = static_cast<double>(value(code(static_cast<float>(x), 18.0F, code_max_12), 18.0F, code_max_12));
     ASSERT_LE(std::abs(back - x), 18.0 / 4095 + 1e-5) << x;
   }
 }

@@ -1,0 +1,107 @@
+/// Corners of the drive layer that ordinary enabling never meets. Frames are packed by hand.
+
+#include <gtest/gtest.h>
+
+#include <cstdint>
+#include <vector>
+
+#include "firmware/drive/axis.hpp"
+#include "firmware/drive/cia402_setup.hpp"
+#include "firmware/drive/odrive_axis.hpp"
+#include "tests/support/odrive_bytes.hpp"
+
+namespace {
+
+using namespace esmc::drive;
+namespace test = esmc::test;
+using esmc::hal::CanFrame;
+
+constexpr std::uint8_t node = 3;
+
+std::vector<CanFrame> enable(OdriveAxis& a, bool taken = true) {
+  std::vector<CanFrame> sent;
+  a.enable([&](const CanFrame& f) {
+    sent.push_back(f);
+    return taken;
+  });
+  return sent;
+}
+bool only(const std::vector<CanFrame>& sent, unsigned command) {
+  return sent.size() == 1 && test::command_of(sent[0]) == command;
+}
+void hear(OdriveAxis& a, std::uint8_t state) {
+  a.begin_tick();
+  ASSERT_EQ(a.receive(test::heartbeat(node, state)), Received::accepted);
+}
+
+TEST(NoLine, SaysNothing) {
+  NoLine line;
+  int sent = 0;
+  const auto send = [&](const CanFrame&) { return ++sent > 0; };
+  line.request(send);
+  line.end_tick(send, true);
+  line.end_tick(send, false);
+  EXPECT_EQ(sent, 0);
+}
+
+/// The bus takes nothing and nobody has been heard: called again after retry_ticks, not in every tick.
+TEST(OdriveAxisCorners, ASilentAxisOnABusThatTakesNothing) {
+  OdriveAxis a({.node = node}, OdriveAxis::Version::v0_6, 4);
+  for (int i = 0; i < 12; ++i) {
+    a.begin_tick();
+    EXPECT_EQ(enable(a, false).size(), i % 4 == 0 ? 1U : 0U) << i;
+  }
+}
+
+/// A retry time of zero asks again in every tick and waits for no heartbeat that could be missed.
+TEST(OdriveAxisCorners, WithoutARetryTimeEveryTickAsks) {
+  OdriveAxis a({.node = node}, OdriveAxis::Version::v0_6, 0);
+  hear(a, 1);
+  EXPECT_TRUE(only(enable(a), test::cmd_mode));
+  hear(a, 1);
+  EXPECT_TRUE(only(enable(a), test::cmd_axis_state));
+  hear(a, 8);
+  EXPECT_TRUE(enable(a).empty()) << "confirmed once: its second heartbeat may come";
+  hear(a, 8);
+  EXPECT_TRUE(a.ready());
+  EXPECT_TRUE(enable(a).empty());
+}
+
+/// Pressed between the mode and the request, on an axis that reports no error yet.
+TEST(OdriveAxisCorners, AnEmergencyStopSeenOnTheBusStopsTheRequest) {
+  OdriveAxis a({.node = node}, OdriveAxis::Version::v0_6, 10);
+  hear(a, 1);
+  EXPECT_TRUE(only(enable(a), test::cmd_mode));
+  EXPECT_EQ(a.receive(test::message(node, 0x02, 0, 0, 0)), Received::accepted);
+  for (int i = 0; i < 8; ++i) {
+    hear(a, 1);
+    EXPECT_TRUE(enable(a).empty()) << i;
+  }
+  EXPECT_FALSE(a.must_be_released());
+}
+
+/// Entries of the set-up table from the words of the object dictionary.
+TEST(Cia402Entries, ArePackedAsTheProfileHasThem) {
+  // Not constants, so that the functions run here.
+  std::uint16_t communication = 0x1801, mapping = 0x1A01;
+  std::uint32_t id = 0x280;
+  const cia402::Entry off = cia402::detail::disabled(communication, id);
+  EXPECT_TRUE((off.object == canopen::Object{0x1801, 1}));
+  EXPECT_EQ(off.constant, 0x8000'0280U) << "bit 31: the PDO does not exist";
+  EXPECT_EQ(off.mask, 0x8000'0000U);
+  EXPECT_TRUE(off.optional);
+  const cia402::Entry entry = cia402::detail::map(mapping, 2, {0x606C, 0}, 32);
+  EXPECT_TRUE((entry.object == canopen::Object{0x1A01, 2}));
+  EXPECT_EQ(entry.constant, 0x606C'0020U);
+  EXPECT_FALSE(entry.optional);
+}
+
+TEST(CanopenObjects, DifferInIndexOrSubIndex) {
+  std::uint16_t index = 0x6041;
+  const canopen::Object a{index, 0};
+  EXPECT_TRUE((a == canopen::Object{0x6041, 0}));
+  EXPECT_FALSE((a == canopen::Object{0x6041, 1}));
+  EXPECT_FALSE((a == canopen::Object{0x6040, 0}));
+}
+
+}  // namespace
