@@ -293,8 +293,8 @@ std::string wanted(const Key& k) {
     // The bounds hold for each of the two values.
     return "a number, or a table {position, angle} of numbers," + out.substr(k.kind.size());
   }
-  const bool plural = k.kind.ends_with('s');
-  return plural ? out : (k.kind == "integer" ? "an " : "a ") + out;
+  const bool plural = k.kind.ends_with('s') && k.kind.find(" or ") == std::string_view::npos;
+  return plural ? out : (k.kind.starts_with("integer") ? "an " : "a ") + out;
 }
 
 std::string keys_markdown() {
