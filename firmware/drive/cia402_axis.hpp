@@ -88,8 +88,9 @@ class Cia402Axis {
     return static_cast<float>(torque_) * torque_lsb() * config_.direction * config_.gear_ratio;
   }
 
-  /// Operation enabled in cyclic torque mode, reported without error in two ticks after it was asked for.
-  [[nodiscard]] bool ready() const { return confirmations_ >= 2; }
+  /// Operation enabled in cyclic torque mode, reported without error in two ticks after it was asked for, and nothing
+  /// else since: a tick is judged once both PDOs are there, but one of them is enough to be not ready.
+  [[nodiscard]] bool ready() const { return confirmations_ >= 2 && closed_loop(); }
   /// Torque-free states reported in two ticks after the voltage was disabled, or not operational since: a drive
   /// that leaves NMT operational gives no torque by its abort-connection option.
   [[nodiscard]] bool idle() const { return control_ == 0 && quiet_ >= 2; }

@@ -95,6 +95,19 @@ TEST(Cia402Axis, AnErrorReportedByEmergencyKeepsTheAxisFromBeingReady) {
   EXPECT_EQ(b.axis.error_code(), 0x2310U);
 }
 
+/// A tick is judged with both PDOs of it; what one of them denies is not ready all the same.
+TEST(Cia402Axis, OnePdoIsEnoughToBeNotReady) {
+  Bench b;
+  ASSERT_TRUE(b.make_ready());
+  b.axis.begin_tick();
+  EXPECT_EQ(b.hear(report_of(node, 0x0218)), Received::accepted) << "a fault, and the other PDO is lost";
+  EXPECT_FALSE(b.axis.ready());
+  EXPECT_EQ(b.hear(report_of(node, 0x1237)), Received::accepted);
+  EXPECT_TRUE(b.axis.ready());
+  EXPECT_EQ(b.hear(motion_of(node, 0, 1)), Received::accepted) << "another mode";
+  EXPECT_FALSE(b.axis.ready());
+}
+
 TEST(Cia402Axis, AnotherModeIsNoTorqueControl) {
   for (const int mode : {0, 1, 4, -1, 9, 11}) {
     Bench b;

@@ -1,0 +1,213 @@
+/// MIT mode: codec and axis, all dialects, under received frames of any kind and any order of calls.
+
+#include <array>
+#include <cmath>
+#include <optional>
+
+#include "firmware/drive/mit_axis.hpp"
+#include "tests/fuzz/bytes.hpp"
+#include "tests/support/mit_bytes.hpp"
+
+namespace {
+
+using namespace esmc;
+using drive::MitAxis;
+using drive::Received;
+using drive::mit::Dialect;
+using fuzz::require;
+using hal::CanFrame;
+
+constexpr std::array<float, 8> half_widths{12.5F, 50.0F, 18.0F, 0.5F, 95.5F, 1e4F, 1e-3F, 6.2831853F};
+
+/// Codes and values of any width of range, and frames as the digits of one number.
+void codec(fuzz::Bytes& in) {
+  const float range = half_widths[in.below(8)];
+  const std::uint16_t c16 = in.u16(), c12 = in.u16() & 0xFFF;
+  using drive::mit::code;
+  using drive::mit::value;
+  require(code(value(c16, range, 0xFFFF), range, 0xFFFF) == c16, "a code of 16 bits comes back");
+  require(code(value(c12, range, 0xFFF), range, 0xFFF) == c12, "a code of 12 bits comes back");
+  const float v = in.f32();
+  const std::uint16_t c = code(v, range, 0xFFF);
+  require(c <= 0xFFF, "a code fits its field");
+  const double w = static_cast<double>(range), back = (2.0 * c - 4095) / 4095 * w;
+  if (std::isnan(v)) {
+    require(c == 0x800, "no number: the middle");
+  } else {
+    const double wanted = std::fmin(std::fmax(static_cast<double>(v), -w), w);
+    require(std::fabs(back - wanted) <= w / 4095 * 1.001, "the nearest code");
+  }
+  require(code(v, in.f32(), 0xFFF) <= 0xFFF, "whatever the range, a code fits its field");
+  const auto cmd = drive::mit::encode_command(3, {c16, c12, c, 0x5A5, 0xA5A});
+  require(cmd == test::mit_command(3, c16, c12, c, 0x5A5, 0xA5A), "a command, digit by digit");
+  const auto d = drive::mit::decode_command(cmd);
+  require(d.position == c16 && d.velocity == c12 && d.kp == c && d.kd == 0x5A5 && d.torque == 0xA5A, "a command comes back");
+}
+
+class Run {
+ public:
+  explicit Run(fuzz::Bytes& in) : in_(in) {
+    const unsigned choice = in_.u8();
+    settings_.dialect = static_cast<Dialect>(choice % 3);
+    settings_.master_id = (choice & 4U) != 0 ? 5 : 0x7E;
+    settings_.retry_ticks = 6;
+    config_ = {.node = 5, .direction = (choice & 8U) != 0 ? -1.0F : 1.0F, .gear_ratio = (choice & 16U) != 0 ? 9.0F : 1.0F,
+               .offset = -0.5F};
+    axis_ = MitAxis(config_, settings_);
+  }
+  void go() {
+    while (!in_.empty()) {
+      step();
+      hold();
+    }
+  }
+
+ private:
+  void step() {
+    switch (in_.below(9)) {
+      case 0: tick(); break;
+      case 1: hear(in_.frame()); break;
+      case 2: hear(in_.frame(settings_.master_id)); break;
+      case 3: hear(reply(in_.u16(), in_.u16() & 0xFFFU, in_.u16() & 0xFFFU, in_.u8())); break;
+      case 4: enable(in_.below(8) != 7); break;
+      case 5: disable(in_.below(8) != 7); break;
+      case 6: torque(in_.f64()); break;
+      case 7: axis_.ask_again(); break;
+      default:
+        tick();
+        hear(reply(0x8000, 0x800, 0x800, settings_.dialect == Dialect::damiao && asked_ == 0xFC ? 1 : 0));
+        enable(true);
+        break;
+    }
+  }
+  [[nodiscard]] CanFrame reply(unsigned p, unsigned v, unsigned t, unsigned error) const {
+    const bool damiao = settings_.dialect == Dialect::damiao;
+    CanFrame f = test::mit_reply(settings_.master_id, damiao ? 5 + error % 16 * 16 : 5, p, v, t,
+                                 settings_.dialect == Dialect::mini_cheetah ? 6 : 8);
+    if (settings_.dialect == Dialect::cubemars) f.data[7] = static_cast<std::uint8_t>(error);
+    return f;
+  }
+
+  void tick() {
+    axis_.begin_tick();
+    fresh_ = false;
+    if (age_ && *age_ < drive::age_max) ++*age_;
+  }
+
+  void hear(const CanFrame& f) {
+    const fuzz::Image<MitAxis> before(axis_);
+    const Received r = axis_.receive(f);
+    if (r != Received::accepted) {
+      require(before.is(axis_), "no side effect unless accepted");
+      const bool ours = !f.extended && !f.remote && f.id == 5;
+      require((r == Received::impostor) == ours, "what comes on the node and is no reply is a command of somebody");
+      return;
+    }
+    const bool long_enough = settings_.dialect == Dialect::mini_cheetah ? f.size >= 5 && f.size <= 7 : f.size == 8;
+    require(!f.extended && !f.remote && !f.fd && f.id == settings_.master_id && long_enough, "a reply of this dialect");
+    const unsigned mask = settings_.dialect == Dialect::damiao ? 15 : 255;
+    require((f.data[0] & mask) == 5, "a reply of this drive");
+    const auto decoded = drive::mit::decode_reply(f, settings_.dialect);
+    require(decoded.has_value(), "an accepted reply is read");
+    CanFrame again = drive::mit::encode_reply(f.id, 5, *decoded, settings_.dialect, f.size);
+    if (settings_.dialect == Dialect::cubemars) again.data[6] = f.data[6];  // temperatures, supply voltage
+    if (settings_.dialect == Dialect::damiao) std::copy(f.data.begin() + 6, f.data.begin() + 8, again.data.begin() + 6);
+    if (f.size == 7) again.data[6] = f.data[6];
+    require(fuzz::same_bytes(again, f, f.size), "a reply is written as it is read");
+    take(f);
+  }
+  void take(const CanFrame& f) {
+    const unsigned p = test::mit_p(f), v = test::mit_v(f);
+    const bool damiao = settings_.dialect == Dialect::damiao;
+    const unsigned word = damiao ? f.data[0] / 16U : settings_.dialect == Dialect::cubemars ? f.data[7] : 0U;
+    if (age_.has_value() && (p > position_ ? p - position_ : position_ - p) > 0x7FFF) lost_ = true;
+    position_ = p;
+    age_ = 0;
+    error_ = (damiao ? word > 1 : word != 0) || p == 0 || p == 0xFFFF || v == 0 || v == 0xFFF || lost_;
+    if (damiao && word == 1) knows_mode_ = true;
+    const bool denies = knows_mode_ && word == 0;
+    if (asked_ == 0xFC && (error_ || denies)) {
+      replies_ = 0;
+      fresh_ = false;
+    } else if (!fresh_) {
+      ++replies_;
+      fresh_ = true;
+    }
+    const auto s = axis_.sample<double>();
+    const double per = static_cast<double>(config_.direction) / static_cast<double>(config_.gear_ratio);
+    require(std::fabs(s.angle + 0.5 - (2.0 * p - 65535) / 65535 * 12.5 * per) < 1e-5, "angle in the model's units");
+    require(std::fabs(s.rate - (2.0 * v - 4095) / 4095 * 50 * per) < 1e-5, "rate in the model's units");
+  }
+
+  void enable(bool takes) {
+    axis_.enable([&](const CanFrame& f) {
+      special(f, takes);
+      return takes;
+    });
+  }
+  void disable(bool takes) {
+    axis_.disable([&](const CanFrame& f) {
+      require(test::is_special(f, 0xFD), "disabling asks out of motor mode");
+      special(f, takes);
+      return takes;
+    });
+  }
+  void special(const CanFrame& f, bool taken) {
+    require(hal::well_formed(f) && f.id == 5 && !f.extended && !f.remote, "frames for this node only");
+    const bool enter = test::is_special(f, 0xFC);
+    require(enter || test::is_special(f, 0xFD), "no other frame than enter and leave");
+    if (enter) {
+      require(asked_ == 0xFD && replies_ >= 2, "motor mode is asked for after two replies outside it");
+      require(!error_, "only a drive without error is asked into motor mode");
+    }
+    // A repeated request to leave does not make what was heard before worthless.
+    if (taken && (enter || asked_ != 0xFD)) {
+      asked_ = f.data[7];
+      replies_ = 0;
+      fresh_ = false;
+    }
+  }
+
+  void torque(double joint) {
+    const CanFrame f = axis_.torque_frame(joint);
+    require(f.id == 5 && f.size == 8 && !f.extended && !f.remote && !f.fd, "a command of this drive");
+    require(test::mit_number(f, 0, 2) == 0x8000 && test::mit_number(f, 2, 4) / 256 == 0x800000, "no position, no speed, no gains");
+    require(test::mit_number(f, 5, 2) / 16 == 0, "no damping");
+    const unsigned code = static_cast<unsigned>(test::mit_number(f, 6, 2) % 4096);
+    const double told = (2.0 * code - 4095) / 4095 * 18, step = 18.0 / 4095;
+    const double shaft = joint * static_cast<double>(config_.direction) / static_cast<double>(config_.gear_ratio);
+    const double wanted = std::fabs(shaft) < 9999 ? std::fmin(std::fmax(shaft, -18.0), 18.0) : 0;
+    if (!(std::fabs(shaft) >= 9999 && std::fabs(shaft) <= 10001)) {
+      require(std::fabs(told - wanted) <= step * 1.001, "the torque that was meant, or none");
+    }
+  }
+
+  void hold() {
+    require(axis_.sample_age_ticks() == age_.value_or(drive::age_max), "age of the sample");
+    require(axis_.error() == error_, "errors as reported");
+    if (lost_) require((axis_.error_code() & MitAxis::position_lost) != 0, "a lost position stays lost");
+    if (axis_.ready()) require(asked_ == 0xFC && replies_ >= 2 && !error_, "ready: asked for, two replies without error");
+    if (axis_.idle()) require(asked_ == 0xFD && replies_ >= 2, "idle: asked for, two replies");
+  }
+
+  fuzz::Bytes& in_;
+  drive::AxisConfig config_{};
+  MitAxis::Settings settings_{};
+  MitAxis axis_;
+  std::optional<std::uint32_t> age_;
+  unsigned asked_ = 0;  // last special frame that the bus took
+  unsigned replies_ = 0, position_ = 0;
+  bool fresh_ = false, error_ = false, lost_ = false, knows_mode_ = false;
+};
+
+}  // namespace
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  fuzz::Bytes in(data, size);
+  if (in.below(4) == 3) {
+    codec(in);
+  } else {
+    Run(in).go();
+  }
+  return 0;
+}
