@@ -70,15 +70,16 @@ class OdriveAxis {
   /// without power shows it once and drops out again.
   [[nodiscard]] bool ready() const { return confirmations_ >= 2; }
   /// Idle as far as is known: only what it said after the last request counts.
-  [[nodiscard]] bool idle() const { 
+  [[nodiscard]] bool idle() const {
     return answered_ && !asked_ && !contradicted() && last_.axis_state == odrive::AxisState::idle;
   }
   /// It was asked into closed loop once and has not been seen idle after being asked out of it.
   [[nodiscard]] bool must_be_released() const { return owed_; }
   /// The axis itself has said something: an old setpoint or a frame of another controller is no life.
   [[nodiscard]] bool alive() const { return alive_; }
-  /// An emergency stop was seen on the bus or reported by the axis, and no operator has acknowledged it since.
+  /// Its watchdog is being starved: nothing may be sent to it.
   [[nodiscard]] bool muted() const { return step_ == Step::starve; }
+  /// An emergency stop was seen on the bus or reported by the axis, and no operator has acknowledged it since.
   [[nodiscard]] bool emergency_stopped() const { return stopped_; }
   /// The operator's reset of an emergency stop: what the axis still reports of it may be cleared, once. Anything
   /// newer stops again.

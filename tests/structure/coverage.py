@@ -41,13 +41,19 @@ def starts(file):
     return [(n, len(line) - len(line.lstrip()) + 1) for n, line in enumerate(text.splitlines(), 1) if line.strip(" {}\t;")]
 
 
+@functools.cache
+def relative(file, root):
+    """Path below the root, or None."""
+    path = pathlib.Path(file).resolve()
+    return str(path.relative_to(root)) if path.is_relative_to(root) else None
+
+
 def gather(functions, root, folders):
     """Per file: counts of lines and branches, summed over instantiations."""
     lines = collections.defaultdict(lambda: collections.defaultdict(int))
     branches = collections.defaultdict(lambda: collections.defaultdict(lambda: [0, 0]))
     for f in functions:
-        names = [str(pathlib.Path(n).resolve().relative_to(root)) if pathlib.Path(n).resolve().is_relative_to(root) else None
-                 for n in f["filenames"]]
+        names = [relative(n, root) for n in f["filenames"]]
         if not any(n and n.startswith(folders) for n in names):
             continue
         regions = collections.defaultdict(list)
@@ -55,7 +61,10 @@ def gather(functions, root, folders):
             if kind in (CODE, GAP) and names[file] and names[file].startswith(folders):
                 regions[names[file]].append(((first, begin), (last, end), count, kind))
         for name, list_ in regions.items():
+            low, high = min(r[0][0] for r in list_), max(r[1][0] for r in list_)
             for line, column in starts(root / name):
+                if not low <= line <= high:
+                    continue
                 # Of the regions around the first character of the line, the innermost; else the first that begins on it.
                 around = [r for r in list_ if r[0] <= (line, column) < r[1]]
                 begins = sorted(r for r in list_ if r[0][0] == line)
@@ -79,14 +88,14 @@ def without_comments(text):
 
 def functions_of(text):
     """Lines on which the body of a function opens: `) {`, `) const {`, `) : member(1) {`."""
-    for m in re.finditer(r"\)\s*(const\s*)?(noexcept\s*)?(->[^{;]*)?(:\s*[\w\s(){},.:<>*&]*?)?\{", without_comments(text)):
-        head = without_comments(text)[:m.start() + 1].rsplit(";", 1)[-1].rsplit("}", 1)[-1]
+    text = without_comments(text)
+    for m in re.finditer(r"\)\s*(const\s*)?(noexcept\s*)?(->[^{;]*)?(:\s*[\w\s(){},.:<>*&]*?)?\{", text):
+        head = text[:m.start() + 1].rsplit(";", 1)[-1].rsplit("}", 1)[-1]
         if not re.search(r"\b(if|for|while|switch|requires)\b", head.rsplit("{", 1)[-1]):
             yield text.count("\n", 0, m.end()) + 1
 
 
-def violations(functions, root, folders):
-    lines, branches = gather(functions, root, folders)
+def violations(lines, branches, root, folders):
     files = sorted(f for folder in folders for f in (root / folder).rglob("*.hpp"))
     if not files:
         yield "no file to look at"
@@ -132,8 +141,13 @@ inline int all(E e) {
 template <class T>
 bool either(T a) { return a > T(0); }
 """
-EXPECTED = [":5: never run", ":4:16: never true", ":7:10: never true", ":9: never run", ":11: no test instantiates",
-            ":19: never run"]
+FORGOTTEN = """#pragma once
+inline int forgotten() {
+  return 1;
+}
+"""
+EXPECTED = ["a.hpp:5: never run", "a.hpp:4:16: never true", "a.hpp:7:10: never true", "a.hpp:9: never run",
+            "a.hpp:11: no test instantiates", "a.hpp:19: never run", "b.hpp:2: no test instantiates"]
 
 
 def self_test(tools):
@@ -141,11 +155,13 @@ def self_test(tools):
         root = pathlib.Path(scratch).resolve()
         (root / "safety").mkdir()
         (root / "safety/a.hpp").write_text(SEEDED)
+        (root / "safety/b.hpp").write_text(FORGOTTEN)
         (root / "main.cpp").write_text('#include "safety/a.hpp"\nint main() { run(1, 0); run(0, 0); all(E::a); all(E::b);'
                                        " return either(1.0) && !either(-1) ? 0 : 1; }\n")
         subprocess.run([tools.cxx, "-std=c++20", "-O0", "-fprofile-instr-generate", "-fcoverage-mapping", f"-I{root}",
                         root / "main.cpp", "-o", root / "tests"], check=True)
-        found = list(violations(export(root / "tests", tools, root), root, ("safety",)))
+        counted = gather(export(root / "tests", tools, root), root, ("safety",))
+        found = list(violations(*counted, root, ("safety",)))
         missing = [e for e in EXPECTED if not any(e in f for f in found)]
         extra = [f for f in found if not any(e in f for e in EXPECTED)]
         for line in [f"not found: {m}" for m in missing] + [f"found, wrongly: {e}" for e in extra]:
@@ -165,8 +181,8 @@ def main():
         return self_test(tools)
     with tempfile.TemporaryDirectory() as scratch:
         functions = export(pathlib.Path(tools.tests).resolve(), tools, pathlib.Path(scratch))
-    found = list(violations(functions, ROOT, FOLDERS))
     lines, branches = gather(functions, ROOT, FOLDERS)
+    found = list(violations(lines, branches, ROOT, FOLDERS))
     for f in found:
         print(f)
     print(f"{sum(map(len, lines.values()))} lines, {2 * sum(map(len, branches.values()))} branches of "

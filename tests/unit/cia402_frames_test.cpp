@@ -190,6 +190,7 @@ TEST(Cia402Axis, WhatNoMotorHasIsNotCarried) {
   }
   EXPECT_TRUE(b.axis.can_carry(4999.0F));
   EXPECT_FALSE(b.axis.emergency_stopped());
+  EXPECT_FALSE(b.axis.muted());
   b.axis.acknowledge();
 }
 

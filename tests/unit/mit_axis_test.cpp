@@ -416,7 +416,7 @@ TEST(MitAxis, EnablingAfterDisablingBeginsAtOnce) {
 TEST(MitAxis, ThereIsNoEmergencyStopAndNothingToReadBack) {
   MitAxis a = ready_axis();
   a.acknowledge();
-  EXPECT_FALSE(a.emergency_stopped() || a.contradicted());
+  EXPECT_FALSE(a.emergency_stopped() || a.contradicted() || a.muted());
   EXPECT_TRUE(a.ready());
 }
 

@@ -154,6 +154,13 @@ TEST(OdriveAxis, TwoHeartbeatsInClosedLoopMakeItReady) {
   hear(a, 8);
   EXPECT_TRUE(a.ready());
   EXPECT_TRUE(enable(a).empty()) << "nothing more to ask for";
+  for (int i = 0; i < 300; ++i) {
+    hear(a, 8);
+    ASSERT_TRUE(a.ready()) << i;
+  }
+  hear(a, 1);
+  hear(a, 8);
+  EXPECT_FALSE(a.ready()) << "twice, however often before";
 }
 
 TEST(OdriveAxis, AnythingButClosedLoopWithoutErrorStartsTheCountAgain) {
@@ -413,6 +420,19 @@ TEST(OdriveAxis, ErrorsAreClearedInTheTickOfTheirReportOrNotAtAll) {
   EXPECT_TRUE(only(enable(a), test::cmd_clear_errors));
 }
 
+/// An error with a cause comes back at once: it is cleared once per retry time, not at the pace of the heartbeats.
+TEST(OdriveAxis, AnErrorThatStaysIsClearedOncePerRetryTime) {
+  OdriveAxis a = axis();
+  std::vector<int> cleared;
+  for (int tick = 0; tick < 45; ++tick) {
+    hear(a, 1, 0x200);
+    for (const CanFrame& f : enable(a)) {
+      if (test::command_of(f) == test::cmd_clear_errors) cleared.push_back(tick);
+    }
+  }
+  EXPECT_EQ(cleared, (std::vector<int>{1, 11, 21, 31, 41}));
+}
+
 TEST(OdriveAxis, AnAcknowledgedEmergencyStopIsClearedOnce) {
   for (const Version v : {Version::v0_6, Version::v0_5_6}) {
     OdriveAxis a = axis(v);
@@ -527,14 +547,18 @@ TEST(OdriveAxis, AgesCountTicksSinceTheLastFrameOfTheirKind) {
   a.begin_tick();
   EXPECT_EQ(a.sample_age_ticks(), OdriveAxis::age_max) << "does not wrap to a fresh sample";
   EXPECT_EQ(a.heartbeat_age_ticks(), OdriveAxis::age_max);
+  EXPECT_FALSE(a.heard_this_tick());
   (void)a.receive(test::encoder(node, 0, 0));
+  EXPECT_TRUE(a.heard_this_tick());
   EXPECT_EQ(a.sample_age_ticks(), 0U);
   EXPECT_EQ(a.heartbeat_age_ticks(), OdriveAxis::age_max);
   for (std::uint32_t tick = 1; tick <= 20; ++tick) {
     a.begin_tick();
     EXPECT_EQ(a.sample_age_ticks(), tick);
+    EXPECT_FALSE(a.heard_this_tick());
   }
   (void)a.receive(test::heartbeat(node, 1));
+  EXPECT_FALSE(a.heard_this_tick()) << "a heartbeat is no sample";
   EXPECT_EQ(a.heartbeat_age_ticks(), 0U);
   EXPECT_EQ(a.sample_age_ticks(), 20U);
   for (std::uint32_t tick = 1; tick <= 20; ++tick) {
@@ -682,6 +706,22 @@ TEST(OdriveAxis, AnotherErrorIsNoProofOfAWatchdog) {
   }
   EXPECT_TRUE(a.muted()) << "it is starved again";
   EXPECT_FALSE(a.ready());
+}
+
+/// An axis may report an error and stay in closed loop: no proof, and no reason to go on starving it.
+TEST(OdriveAxis, AnErrorInClosedLoopEndsTheStarvingWithoutAProof) {
+  OdriveAxis a = starving(Version::v0_6);
+  hear(a, 8, 0x40);
+  EXPECT_TRUE(enable(a).empty());
+  EXPECT_FALSE(a.muted());
+  EXPECT_FALSE(a.contradicted());
+  hear(a, 1);
+  EXPECT_TRUE(only(enable(a), test::cmd_mode)) << "from the start";
+  hear(a, 1);
+  EXPECT_TRUE(only(enable(a), test::cmd_axis_state));
+  hear(a, 8);
+  hear(a, 8);
+  EXPECT_TRUE(a.muted()) << "it is starved again";
 }
 
 }  // namespace

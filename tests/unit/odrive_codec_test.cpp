@@ -122,6 +122,20 @@ TEST(OdriveCodec, EncodersOfTheDriveSideMatchBytesPackedByHand) {
   EXPECT_TRUE(plain(e) && plain(h));
 }
 
+/// 0.6: Get_Version, Get_Error and TxSdo, each 8 bytes.
+TEST(OdriveCodec, WhatADriveOf06AnswersMatchesBytesPackedByHand) {
+  const CanFrame v = encode_version(0x3E, {6, 7, 8});
+  EXPECT_EQ(v.id, 0x7C0U);
+  EXPECT_EQ(payload(v), (Bytes{2, 0, 0, 0, 6, 7, 8, 0}));
+  const CanFrame e = encode_errors(4, 0x01020304, 0xA0B0C0D0);
+  EXPECT_EQ(e.id, 0x083U);
+  EXPECT_EQ(payload(e), (Bytes{4, 3, 2, 1, 0xD0, 0xC0, 0xB0, 0xA0}));
+  const CanFrame a = encode_value(4, 0x1234, 0x3FC00001);
+  EXPECT_EQ(a.id, 0x085U);
+  EXPECT_EQ(payload(a), (Bytes{0, 0x34, 0x12, 0, 0x01, 0x00, 0xC0, 0x3F}));
+  EXPECT_TRUE(plain(v) && plain(e) && plain(a));
+}
+
 // ---- decoding --------------------------------------------------------------------------------------------------
 
 TEST(OdriveCodec, HeartbeatFieldsAreWhereTheTableSays) {

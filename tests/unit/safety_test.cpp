@@ -45,7 +45,7 @@ class Guards : public testing::Test {
   static constexpr S a0 = S(-1.5), a1 = S(2.5), b0 = S(0.5), b1 = S(3);
 
   static esmc::Limits<S> limits() {
-    return {type1, type2, speed, closure, {x0, x1}, {y0, y1}, {{{a0, a1}, {b0, b1}}}, 2};
+    return {type1, type2, speed, closure, {x0, x1}, {y0, y1}, {{{a0, a1}, {b0, b1}}}, 2, S(0.125)};
   }
   static esmc::Measured<S> good() { return {S(0.5), S(0.6), S(0), S(0), S(0.2), true, {S(1), S(1)}, {S(3), S(-3)}}; }
 
@@ -154,6 +154,22 @@ TYPED_TEST(Guards, DefaultLimitsOfSpeedAllowOnlyRest) {
   using S = TypeParam;
   auto m = this->good();
   EXPECT_NE(guard(esmc::Limits<S>{}, m), Fault::none);
+}
+
+/// On the way to rest a mechanism may be where it may not go; all else is guarded as before.
+TYPED_TEST(Guards, WhileHaltingOnlyBoxAndJointRangesAreOpen) {
+  using S = TypeParam;
+  const esmc::Limits<S> l = this->limits().while_halting();
+  EXPECT_EQ(l.max_age_ticks, this->limits().max_age_ticks);
+  EXPECT_EQ(l.feedback_jump, this->limits().feedback_jump);
+  for (const auto& q : this->quantities()) {
+    for (const S v : q.values) {
+      esmc::Measured<S> m = this->good();
+      q.of(m) = v;
+      const bool open = q.fault == Fault::workspace || q.fault == Fault::joint_angle;
+      EXPECT_EQ(guard(l, m), (open ? std::isfinite(v) : q.allowed(v)) ? Fault::none : q.fault) << name(q.fault) << ' ' << v;
+    }
+  }
 }
 
 TYPED_TEST(Guards, FiniteMeansFinite) {
