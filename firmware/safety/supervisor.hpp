@@ -155,7 +155,6 @@ class Supervisor {
     if (f == Fault::none || state_ == State::disabled) return;
     std::uint16_t& n = counts_[static_cast<unsigned>(f)];
     if (n < count_max) ++n;
-    if (state_ == State::fault) return;
     const bool halt = config_.can_halt && (running() || retreating()) && reaction(f) == Reaction::halt;
     if (fault_ == Fault::none) {
       fault_ = f;

@@ -150,6 +150,14 @@ TYPED_TEST(Guards, WithoutGivenRangesEveryFiniteValueIsInsideAndNothingElse) {
   for (const S v : around<S>({S(1)})) EXPECT_EQ(open.contains(v), std::isfinite(v)) << v;
 }
 
+/// Both mechanisms have two base joints; nobody has confirmed a mode, and no sample may be missed, unless told.
+TYPED_TEST(Guards, DefaultsAllowNothing) {
+  using S = TypeParam;
+  EXPECT_EQ(esmc::Measured<S>{}.joint_angle.size(), 2U);
+  EXPECT_EQ(esmc::Limits<S>{}.max_age_ticks, 0U);
+  EXPECT_EQ(guard(esmc::Limits<S>{}, esmc::Measured<S>{}), Fault::working_mode);
+}
+
 TYPED_TEST(Guards, DefaultLimitsOfSpeedAllowOnlyRest) {
   using S = TypeParam;
   auto m = this->good();

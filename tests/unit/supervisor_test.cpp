@@ -134,7 +134,25 @@ TEST(Supervisor, StartsDisabledWithoutFault) {
   EXPECT_EQ(v.state(), State::disabled);
   EXPECT_EQ(v.fault(), Fault::none);
   EXPECT_EQ(v.tick(), 0U);
+  EXPECT_EQ(v.fault_tick(), 0U);
   for (const Fault f : faults()) EXPECT_EQ(v.count(f), 0U);
+}
+
+/// What nobody says or configures is the cautious answer.
+TEST(Supervisor, SilenceIsNeitherReadyNorIdleNorAtRest) {
+  for (const State s : {State::enabling, State::testing, State::stopping, State::halting, State::lowering}) {
+    Supervisor v = in(s);
+    v.begin_tick(Command::none, {});
+    EXPECT_EQ(v.state(), s) << name(v.state());
+  }
+  Supervisor v({.can_halt = true});
+  v.begin_tick(Command::enable, {});
+  v.begin_tick(Command::none, {.all_ready = true});
+  EXPECT_EQ(v.state(), State::running) << "no sign test";
+  v.begin_tick(Command::halt, {});
+  EXPECT_EQ(v.state(), State::halting);
+  v.begin_tick(Command::none, {}, true);
+  EXPECT_EQ(v.state(), State::stopping) << "released";
 }
 
 TEST(Supervisor, EveryFaultStrikesAtOnceInEveryStateButDisabled) {

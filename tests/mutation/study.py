@@ -1,0 +1,323 @@
+#!/usr/bin/env python3
+"""Mutation study: is every line of a folder not only run by its tests, but judged by them?
+
+usage: study.py BUILD [--only TEXT] [--again] [--page FILE]     BUILD: a folder for what is compiled, and for results
+       study.py --self-test
+
+All mutants of a folder are compiled into one test program and chosen by the environment variable MUTANT. A mutant is killed
+when the tests fail, crash or do not end. What survives, and what only the compiler evaluates (constants, tables), is
+then compiled by itself, so that static assertions and constant expressions have their say; not to compile is death as
+well. What survives that must be listed in equivalent.txt with a reason why no test can tell it from the original; an entry
+there that fits no surviving mutant is an error.
+
+--again: only what was not killed the last time, against tests that have changed since (not for the record).
+--page: writes docs/mutants.md."""
+
+import argparse
+import functools
+import json
+import os
+import pathlib
+import re
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+
+import mutants
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+HERE = pathlib.Path(__file__).resolve().parent
+FOLDERS = {
+    "firmware/safety": ("safety", "supervisor"),
+    "firmware/drive": ("drive_corners", "odrive_codec", "odrive_axis", "odrive_read_back", "canopen_codec", "cia402_axis",
+                       "cia402_frames", "cia402_setup", "mit_codec", "mit_axis"),
+    "firmware/control": ("reaching", "reference", "allocation", "law"),
+}
+SLOW = "*Random*"  # tests by the hundred thousand frames come last
+FLAGS = ["-std=c++20", "-isystem", "/usr/include/eigen3", "-DEIGEN_DONT_VECTORIZE", "-DEIGEN_NO_DEBUG", "-ffp-contract=off",
+         "-Wno-c++11-narrowing", "-Wno-invalid-constexpr", "-w"]
+OPTIMISED = {"firmware/control": "-O1"}  # its oracles are long double by the million
+NO_MUTANT = 77
+
+
+class Bench:
+    """Tests of one folder, compiled against changed headers."""
+
+    def __init__(self, root, folder, tests, build, cxx="clang++"):
+        self.root, self.folder, self.cxx = root, folder, cxx
+        self.tests = [f"tests/unit/{t}_test.cpp" for t in tests]
+        self.build = build / folder
+        self.build.mkdir(parents=True, exist_ok=True)
+        self.flags = [*FLAGS, OPTIMISED.get(folder, "-O0")]
+        self.pch = self.build / "gtest.pch"
+        head = self.build / "gtest.hpp"
+        head.write_text("#include <gtest/gtest.h>\n#include <cmath>\n#include <random>\n#include <set>\n#include <vector>\n" +
+                        ("#include <Eigen/Dense>\n" if folder == "firmware/control" else ""))
+        subprocess.run([cxx, *self.flags, "-x", "c++-header", head, "-o", self.pch], check=True)
+        self.patience = 60.0
+
+    def compile(self, overlay, test, out):
+        return subprocess.run([self.cxx, *self.flags, "-include-pch", self.pch, f"-I{overlay}", f"-I{HERE}", f"-I{self.root}",
+                               "-c", self.root / test, "-o", out], capture_output=True, text=True, check=False)
+
+    def link(self, objects, out):
+        subprocess.run([self.cxx, *objects, "-o", out, "-lgtest", "-lgtest_main", "-lpthread"], check=True)
+
+    def suites(self, tests):
+        """gtest's pattern for what is in these files."""
+        text = "".join((self.root / t).read_text() for t in tests)
+        names = sorted(set(re.findall(r"^(?:TYPED_)?TEST(?:_F|_P)?\((\w+),", text, re.M)))
+        return ":".join(f"{n}.*:{n}/*" for n in names)
+
+    def run(self, program, number=None, file=None):
+        """Exit status, -1 for a time-out. Of a file's mutants: by the tests that include it, those of its name first."""
+        environment = {"PATH": os.environ["PATH"], **({} if number is None else {"MUTANT": str(number)})}
+        limit = lambda: resource.setrlimit(resource.RLIMIT_AS, (4 << 30, 4 << 30))  # noqa: E731
+        filters = [f"-{SLOW}", SLOW]
+        if file:
+            mine = [t for t in self.tests if file in self.includes(t)]
+            stem = pathlib.Path(file).stem.split("_")[0]
+            first = [t for t in mine if pathlib.Path(t).stem.startswith(stem)]
+            filters = [f"{self.suites(some)}-{SLOW}" for some in (first, [t for t in mine if t not in first]) if some] + [SLOW]
+        for tests in filters:
+            try:
+                done = subprocess.run([program, "--gtest_brief=1", "--gtest_fail_fast", f"--gtest_filter={tests}"],
+                                      env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+                                      timeout=self.patience, preexec_fn=limit, check=False)
+            except subprocess.TimeoutExpired:
+                return -1
+            if done.returncode != 0:
+                return done.returncode
+        return 0
+
+    def together(self, all_):
+        """One program with all mutants; those that it cannot have lose their form."""
+        overlay = self.build / "together"
+        files = sorted({m.file for m in all_})
+        for attempt in range(12):
+            for file in files:
+                target = overlay / file
+                target.parent.mkdir(parents=True, exist_ok=True)
+                text = mutants.together((self.root / file).read_text(), [m for m in all_ if m.file == file])
+                if not target.exists() or target.read_text() != text:
+                    target.write_text(text)
+            bad, objects = set(), []
+            for test in self.tests:
+                objects.append(self.build / (pathlib.Path(test).stem + ".o"))
+                done = self.compile(overlay, test, objects[-1])
+                if done.returncode != 0:
+                    bad |= {(f, int(n)) for f, n in re.findall(r"(firmware/[\w/]+\.hpp):(\d+):\d+: (?:error|note)", done.stderr)}
+                    self.trouble = done.stderr
+                    break
+            if not bad:
+                break
+            hit = [m for m in all_ if m.form and (m.file, m.line) in bad]
+            if not hit:
+                sys.exit(f"{self.folder}: tests do not compile:\n{self.trouble[:3000]}")
+            for m in hit:
+                m.form = ""
+        program = self.build / "together.out"
+        self.link(objects, program)
+        start = time.monotonic()
+        if self.run(program) != 0:
+            sys.exit(f"{self.folder}: tests fail without a mutant")
+        self.patience = 5.0 + 5.0 * (time.monotonic() - start)
+        return program
+
+    @functools.cache  # noqa: B019
+    def includes(self, test):
+        """Files of the project that a test is made of."""
+        seen, waiting = set(), [test]
+        while waiting:
+            for name in re.findall(r'^#include "([^"]+)"', (self.root / waiting.pop()).read_text(), re.M):
+                if name not in seen and (self.root / name).exists():
+                    seen.add(name)
+                    waiting.append(name)
+        return seen
+
+    def alone(self, m):
+        """How a mutant dies when it is compiled by itself; "" if it does not."""
+        overlay = self.build / "alone"
+        target = overlay / m.file
+        target.parent.mkdir(parents=True, exist_ok=True)
+        for old in target.parent.glob("*"):
+            old.unlink()
+        target.write_text(mutants.alone((self.root / m.file).read_text(), m))
+        stem = pathlib.Path(m.file).stem
+        for test in sorted((t for t in self.tests if m.file in self.includes(t)), key=lambda t: stem not in t):
+            if self.compile(overlay, test, self.build / "alone.o").returncode != 0:
+                return "not compiled"
+            self.link([self.build / "alone.o"], self.build / "alone.out")
+            if self.run(self.build / "alone.out") != 0:
+                return "failed"
+        return ""
+
+
+def judge(bench, all_, told=print):
+    """Mutants that survive. Those that do not exist are dropped from `all_`."""
+    for i, m in enumerate(all_):
+        m.number = i
+    program = bench.together(all_)
+    told(f"{bench.folder}: {len(all_)} mutants, {sum(not m.form for m in all_)} by themselves")
+    suspects = []
+    for m in list(all_):
+        status = bench.run(program, m.number, m.file) if m.form else 0
+        if status == NO_MUTANT:
+            all_.remove(m)
+        elif status == 0:
+            suspects.append(m)
+    told(f"{bench.folder}: {len(suspects)} to be compiled by themselves")
+    survivors = []
+    for i, m in enumerate(suspects):
+        if i % 50 == 49:
+            told(f"{bench.folder}: {i + 1}")
+        if not bench.alone(m):
+            survivors.append(m)
+            told(f"  survives: {m}")
+    return survivors
+
+
+def equivalents(text):
+    """{(file, source line, change): reason}: paragraphs of three lines."""
+    out = {}
+    for paragraph in re.split(r"\n\s*\n", "\n".join(n for n in text.splitlines() if not n.startswith("#"))):
+        lines = [n.strip() for n in paragraph.strip().splitlines()]
+        if not lines:
+            continue
+        if len(lines) < 3 or ": " not in lines[0]:
+            sys.exit(f"equivalent.txt: not three lines: {lines}")
+        file, source = lines[0].split(": ", 1)
+        out[file, source, lines[1]] = " ".join(lines[2:])
+    return out
+
+
+def study(root, folders, build, known, again=False, only="", cxx="clang++", told=print):
+    record = build / "survivors.json"
+    last = {tuple(k) for k in json.loads(record.read_text())} if again else None
+    figures, left, used, open_ = {}, [], set(), []
+    for folder, tests in folders.items():
+        if only and not folder.startswith(only.rsplit("/", 1)[0] if only.endswith(".hpp") else only):
+            continue
+        all_ = []
+        for file in sorted((root / folder).glob("*.hpp")):
+            name = str(file.relative_to(root))
+            if name.startswith(only) or only in folder:
+                all_ += mutants.Reader(root, name, [f for f in FLAGS if f != "-w"], cxx).mutants()
+        if again:
+            all_ = [m for m in all_ if m.key in last]
+        if not all_:
+            continue
+        survivors = judge(Bench(root, folder, tests, build, cxx), all_, told)
+        open_ += survivors
+        for m in all_:
+            f = figures.setdefault(m.file, [0, 0, 0])
+            f[0] += 1
+            f[1] += m not in survivors
+        for m in survivors:
+            if m.key in known:
+                figures[m.file][2] += 1
+                used.add(m.key)
+            else:
+                left.append(m)
+    record.write_text(json.dumps([m.key for m in open_]))
+    unused = [k for k in known if k not in used and k[0] in figures] if not again else []
+    return figures, left, unused
+
+
+def page(figures, known):
+    rows = [f"| `{f}` | {n} | {k} | {e} |" for f, (n, k, e) in sorted(figures.items())]
+    total = [sum(v[i] for v in figures.values()) for i in range(3)]
+    text = (HERE / "page.md").read_text().replace("TABLE", "\n".join([
+        "| file | mutants | killed | equivalent |", "|---|---|---|---|", *rows,
+        f"| all | {total[0]} | {total[1]} | {total[2]} |"]))
+    parts = []
+    for file in sorted(figures):
+        mine = [(s, c, why) for (f, s, c), why in known.items() if f == file]
+        if mine:
+            parts.append(f"### {file}\n")
+            parts += [f"* `{s}`: `{c}`. {why}" for s, c, why in mine]
+            parts.append("")
+    return text.replace("LIST", "\n".join(parts).rstrip())
+
+
+def self_test():
+    header = """#pragma once
+namespace esmc {
+inline constexpr int most = 3;
+static_assert(most < 10);
+inline bool allowed(int v) { return v >= 0 && v < most; }
+inline int clamped(int v) {
+  if (v > most) v = most;  // 1 + 1 here is no mutant
+  return v;
+}
+}
+"""
+    test = """#include <gtest/gtest.h>
+#include "firmware/seeded/seeded.hpp"
+TEST(Seeded, All) {
+  EXPECT_TRUE(esmc::allowed(0) && esmc::allowed(1));
+  EXPECT_FALSE(esmc::allowed(-1) || esmc::allowed(3));
+  EXPECT_EQ(esmc::clamped(9), 3);
+  EXPECT_EQ(esmc::clamped(2), 2);
+}
+"""
+    with tempfile.TemporaryDirectory() as scratch:
+        root = pathlib.Path(scratch).resolve()
+        for name, text in (("firmware/seeded/seeded.hpp", header), ("tests/unit/seeded_test.cpp", test)):
+            (root / name).parent.mkdir(parents=True)
+            (root / name).write_text(text)
+        known = equivalents("# the bound itself\nfirmware/seeded/seeded.hpp: if (v > most) v = most;  // 1 + 1 here is no mutant\n"
+                            "  v > most => v >= most\n  most is clamped to most\n\n"
+                            "firmware/seeded/seeded.hpp: gone\n  a => b\n  fits nothing\n")
+        build = root / "build"
+        build.mkdir()
+        figures, left, unused = study(root, {"firmware/seeded": ("seeded",)}, build, known, told=lambda _: None)
+        n, killed, equivalent = figures["firmware/seeded/seeded.hpp"]
+        found = [(m.line, m.change) for m in left]
+        wrong = []
+        if found != []:
+            wrong.append(f"survivors {found}")
+        if [k[1] for k in unused] != ["gone"] or equivalent != 1 or killed != n - 1 or n < 12:
+            wrong.append(f"unused {unused}, of {n} mutants {killed} killed, {equivalent} equivalent")
+        weaker = test.replace(" || esmc::allowed(3)", "")
+        (root / "tests/unit/seeded_test.cpp").write_text(weaker)
+        _, left, _ = study(root, {"firmware/seeded": ("seeded",)}, build, known, told=lambda _: None)
+        found = [(m.line, m.change) for m in left]
+        for expected in ((5, "v < most => v <= most"), (5, "v >= 0 && v < most => v >= 0")):
+            if expected not in found:
+                wrong.append(f"not found: {expected} among {found}")
+        for line in wrong:
+            print(line)
+        return 1 if wrong else 0
+
+
+def main():
+    p = argparse.ArgumentParser()
+    p.add_argument("build", nargs="?", type=pathlib.Path)
+    p.add_argument("--self-test", action="store_true")
+    p.add_argument("--only", default="")
+    p.add_argument("--again", action="store_true")
+    p.add_argument("--page", type=pathlib.Path)
+    p.add_argument("--cxx", default="clang++")
+    a = p.parse_args()
+    if a.self_test:
+        return self_test()
+    a.build.mkdir(parents=True, exist_ok=True)
+    known = equivalents((HERE / "equivalent.txt").read_text())
+    told = lambda line: print(line, flush=True)  # noqa: E731
+    figures, left, unused = study(ROOT, FOLDERS, a.build, known, a.again, a.only, a.cxx, told)
+    for m in left:
+        print(f"{m}")
+    for k in unused:
+        print(f"equivalent.txt: fits no surviving mutant: {k}")
+    n, killed, equivalent = (sum(v[i] for v in figures.values()) for i in range(3))
+    print(f"{n} mutants, {killed} killed, {equivalent} equivalent, {len(left)} left")
+    if a.page and not a.only and not a.again:
+        a.page.write_text(page(figures, known))
+    return 1 if left or unused else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
