@@ -31,7 +31,8 @@ class ControllerRecorder {
   [[nodiscard]] Log& log() { return log_; }
 
   /// Ticks before the controller runs are not recorded; from then on every one is, faults included.
-  void tick(const TickResult<M>& r, const Sample<M>& sample) {
+  /// `delay_s`: from the instant of the tick to the last frame it sent; 0 where a tick takes no time.
+  void tick(const TickResult<M>& r, const Sample<M>& sample, double delay_s = 0.0) {
     started_ = started_ || r.state == State::running;
     if (!started_) return;
     const std::vector<double> q = pose(sample);
@@ -59,6 +60,11 @@ class ControllerRecorder {
                 {r.desired_effector.x(), r.desired_effector.y(), r.desired_base[0], r.desired_base[1]});
     for (int i = 0; i < M::channels; ++i) row_.push_back(r.sliding[i]);
     for (int i = 0; i < M::joints; i += step()) row_.push_back(sample.rate[i]);
+    for (int i = 0; i < M::joints; i += step()) {
+      row_.push_back(sample.age_ticks[static_cast<std::size_t>(i)]);
+      row_.push_back(sample.phase[static_cast<std::size_t>(i)]);
+    }
+    row_.push_back(delay_s);
     log_.row(row_, name(r.state));
   }
 
@@ -91,7 +97,11 @@ class ControllerRecorder {
     for (int i = 0; i < M::joints; i += s.all_sensors ? 1 : M::joints / 2) {
       c.push_back(std::string(World::joint_names[static_cast<std::size_t>(i)]) + "_rate_meas");
     }
-    c.emplace_back("state");
+    for (int i = 0; i < M::joints; i += s.all_sensors ? 1 : M::joints / 2) {
+      const std::string joint = World::joint_names[static_cast<std::size_t>(i)];
+      c.insert(c.end(), {joint + "_age_ticks", joint + "_phase"});
+    }
+    c.insert(c.end(), {"delay", "state"});
     return c;
   }
   /// All joint angles: as measured, the passive ones by closure of what the controller believes.

@@ -28,6 +28,8 @@ class Pace {
     std::this_thread::sleep_until(next_);
   }
   [[nodiscard]] std::uint64_t late() const { return late_; }
+  /// s since the instant that wait() waited for.
+  [[nodiscard]] double since() const { return std::chrono::duration<double>(Clock::now() - next_).count(); }
 
  private:
   using Clock = std::chrono::steady_clock;
@@ -89,7 +91,7 @@ std::uint64_t pace_controller(const Scene& scene, ControllerHalf<World, Bus>& co
     pace.wait();
     controller.sample(patience);
     controller.tick(true);
-    recorder.tick(controller.result(), controller.sample());
+    recorder.tick(controller.result(), controller.sample(), pace.since());
     const bool never = recorder.ticks() == 0 &&
                        std::chrono::steady_clock::now() - begin > std::chrono::duration<double>(arming_time_max(scene));
     if (controller.supervisor().state() == State::fault && recorder.ticks() == 0 && !armed_by_link(scene)) {
