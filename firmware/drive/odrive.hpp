@@ -42,6 +42,15 @@ inline constexpr std::uint32_t error_estop_0_5_6 = 0x0000'4000;
   return (std::uint32_t{node} << 5U) | static_cast<std::uint32_t>(m);
 }
 
+/// What only a controller sends to an axis, the messages that we never use included: the set-points of position and speed
+/// carry a torque that acts in torque mode too (0C, 0D), limits (0F), trajectories and anticogging (10..13), reboot (16),
+/// another zero (19), gains (1A, 1B); 0.5.6: another node (06); 0.6: firmware update (1F).
+[[nodiscard]] constexpr bool is_command(std::uint32_t message, Version v) {
+  constexpr std::uint32_t both = 1U << 0x07U | 0x1FU << 0x0BU | 0xFU << 0x10U | 1U << 0x16U | 0xFU << 0x18U;
+  const std::uint32_t all = both | (v == Version::v0_6 ? 1U << 0x1FU : 1U << 0x06U);
+  return (all >> (message & 0x1FU) & 1U) != 0;
+}
+
 namespace detail {
 constexpr void put_u32(hal::CanFrame& f, std::size_t at, std::uint32_t v) {
   for (unsigned i = 0; i < 4; ++i) f.data[at + i] = static_cast<std::uint8_t>(v >> (8U * i));

@@ -33,17 +33,15 @@ class OdriveAxis {
       stopped_ = true;
       return Received::accepted;
     }
-    if ((f.id >> 5U) != config_.node) return Received::not_mine;
+    const bool own = (f.id >> 5U) == config_.node;
+    if (!own && !is_for_all(f)) return Received::not_mine;
+    if (commands(f)) return Received::impostor;
+    if (!own) return Received::not_mine;
     switch (static_cast<odrive::Message>(f.id & 0x1FU)) {
       case odrive::Message::heartbeat: return take(odrive::decode_heartbeat(f, version_));
       case odrive::Message::encoder_estimates: return take(odrive::decode_encoder_estimates(f));
-      case odrive::Message::set_axis_state:
-      case odrive::Message::set_controller_mode:
-      case odrive::Message::set_input_torque:
-      case odrive::Message::clear_errors: return f.remote ? Received::not_mine : Received::impostor;
       case odrive::Message::get_version: return read_back_.take_version(f);
       case odrive::Message::tx_sdo: return read_back_.take_value(f);
-      case odrive::Message::rx_sdo: return writes(f) ? Received::impostor : Received::not_mine;
       default: return Received::not_mine;  // other cyclic messages a user may have switched on
     }
   }
@@ -169,13 +167,20 @@ class OdriveAxis {
   };
 
   [[nodiscard]] bool is_emergency_stop(const hal::CanFrame& f) const {
-    const bool everybody = version_ == Version::v0_6 && (f.id >> 5U) == odrive::node_broadcast;
-    return ((f.id >> 5U) == config_.node || everybody) &&
+    return ((f.id >> 5U) == config_.node || is_for_all(f)) &&
            static_cast<odrive::Message>(f.id & 0x1FU) == odrive::Message::estop;
   }
-  /// A remote frame asks for nothing here, and a shorter one has no value to write.
-  [[nodiscard]] bool writes(const hal::CanFrame& f) const {
-    return version_ == Version::v0_6 && !f.remote && f.size > 0 && f.data[0] != 0;
+  [[nodiscard]] bool is_for_all(const hal::CanFrame& f) const {
+    return version_ == Version::v0_6 && (f.id >> 5U) == odrive::node_broadcast;
+  }
+  /// What only we may send. 0.5.6 does not look at RTR before it obeys; with 0.6 a remote frame asks for nothing here, and
+  /// a write to an endpoint is told by its first byte.
+  [[nodiscard]] bool commands(const hal::CanFrame& f) const {
+    const std::uint32_t message = f.id & 0x1FU;
+    if (version_ == Version::v0_5_6) return odrive::is_command(message, version_);
+    if (f.remote) return false;
+    if (static_cast<odrive::Message>(message) == odrive::Message::rx_sdo) return f.size > 0 && f.data[0] != 0;
+    return odrive::is_command(message, version_);
   }
   [[nodiscard]] bool reports_emergency_stop() const {
     const std::uint32_t bit = version_ == Version::v0_6 ? odrive::error_estop_0_6 : odrive::error_estop_0_5_6;

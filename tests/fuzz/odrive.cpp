@@ -94,6 +94,13 @@ class Run {
       stopped_ = true;
       return;
     }
+    const bool for_all = newer_ && to == 0x3F;
+    const bool command = test::is_command(message, newer_) && !(newer_ && f.remote);
+    if (!f.extended && command && (to == config_.node || for_all)) {
+      require(r == Received::impostor, "only we command this axis");
+      return;
+    }
+    if (!f.extended && for_all && message == 4) return;  // a write to everybody, or a question
     if (f.extended || to != config_.node) {
       require(r == Received::not_mine, "what is for another node is not ours");
       return;
@@ -107,9 +114,6 @@ class Run {
       require(r == (plain ? Received::accepted : Received::malformed), "samples have eight bytes");
       if (plain) take_sample(f);
     }
-    const bool command = message == test::cmd_axis_state || message == test::cmd_mode || message == test::cmd_torque ||
-                         message == test::cmd_clear_errors;
-    if (command && !f.remote) require(r == Received::impostor, "only we command this axis");
     if (r == Received::accepted && (message == 0 || message == 5)) take_answer(f);
   }
 

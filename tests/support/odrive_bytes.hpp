@@ -15,6 +15,17 @@ inline constexpr unsigned cmd_heartbeat = 0x01, cmd_axis_state = 0x07, cmd_encod
                           cmd_torque = 0x0E, cmd_clear_errors = 0x18;
 inline constexpr std::uint8_t axis_idle = 1, axis_closed_loop = 8;
 
+/// Messages that only a controller sends, by the vendor's tables of both versions: 0x10 to 0x13 are 0.5.6's.
+inline bool is_command(unsigned command, bool newer) {
+  switch (command) {
+    case 0x07: case 0x0B: case 0x0C: case 0x0D: case 0x0E: case 0x0F: case 0x10: case 0x11: case 0x12: case 0x13:
+    case 0x16: case 0x18: case 0x19: case 0x1A: case 0x1B: return true;
+    case 0x06: return !newer;
+    case 0x1F: return newer;
+    default: return false;
+  }
+}
+
 inline unsigned node_of(const hal::CanFrame& f) { return f.id / 32; }
 inline unsigned command_of(const hal::CanFrame& f) { return f.id % 32; }
 

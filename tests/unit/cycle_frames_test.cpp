@@ -49,7 +49,7 @@ TYPED_TEST(CycleFrames, FramesOfOthersAreCountedAndChangeNothing) {
     for (std::size_t i = 0; i < 2; ++i) ours = ours || id / 32 == rig.node(i);
     if (ours && (command == test::cmd_heartbeat || command == test::cmd_encoder)) continue;
     if (command == 0x02 && (ours || id / 32 == 0x3F)) continue;  // emergency stops
-    if (ours && (command == 0x07 || command == 0x0B || command == 0x0E || command == 0x18)) continue;  // commands
+    if ((ours || id / 32 == 0x3F) && test::is_command(command, true)) continue;
     for (const bool extended : {false, true}) {
       hal::CanFrame f = test::message(0, 0, 0x7FC00000, 0x7FC00000, static_cast<std::uint8_t>(id % 9));
       f.id = id;
@@ -70,7 +70,8 @@ TYPED_TEST(CycleFrames, FramesOfOthersAreCountedAndChangeNothing) {
 }
 
 TYPED_TEST(CycleFrames, ACommandToOurDrivesThatWeDidNotSendIsAForeignController) {
-  for (const unsigned command : {0x07U, 0x0BU, 0x0EU, 0x18U}) {
+  // Set-points of position (0C) and speed (0D) carry a torque; 0F moves the limits, 19 the zero.
+  for (const unsigned command : {0x07U, 0x0BU, 0x0CU, 0x0DU, 0x0EU, 0x0FU, 0x16U, 0x18U, 0x19U}) {
     for (std::size_t axis = 0; axis < 2; ++axis) {
       Rig<TypeParam> rig;
       ASSERT_TRUE(rig.start());

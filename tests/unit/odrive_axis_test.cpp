@@ -483,18 +483,23 @@ TEST(OdriveAxis, EmergencyStopsToItOrToAllAreItsOwnInAnyFormat) {
 // ---- which frames ----------------------------------------------------------------------------------------------
 
 TEST(OdriveAxis, TakesItsHeartbeatItsEncoderAndEmergencyStopsAmongAllIdentifiers) {
-  for (const unsigned command : {test::cmd_heartbeat, test::cmd_encoder}) {
-    for (std::uint32_t id = 0; id <= 0x7FF; ++id) {
-      CanFrame f = test::message(node, command, 0, 0);
-      f.id = id;
-      OdriveAxis a = axis();
-      const bool mine = id == 0x061 || id == 0x069 || id == 0x062 || id == 0x7E2;
-      const bool ours = id == 0x067 || id == 0x06B || id == 0x06E || id == 0x078;  // what we alone may send
-      EXPECT_EQ(a.receive(f), mine ? Received::accepted : (ours ? Received::impostor : Received::not_mine))
-          << std::hex << id;
-      f.remote = true;  // a request is no command
-      if (ours) {
-        EXPECT_EQ(a.receive(f), Received::not_mine) << std::hex << id;
+  for (const Version v : {Version::v0_6, Version::v0_5_6}) {
+    const bool newer = v == Version::v0_6;
+    for (const unsigned command : {test::cmd_heartbeat, test::cmd_encoder}) {
+      for (std::uint32_t id = 0; id <= 0x7FF; ++id) {
+        CanFrame f = test::message(node, command, 0, 0);
+        f.id = id;
+        OdriveAxis a = axis(v);
+        const bool to_us = id / 32 == node || (newer && id / 32 == 0x3F);  // 0.5.6 has no node for all
+        const bool mine = id == 0x061 || id == 0x069 || (to_us && id % 32 == 0x02);
+        const bool ours = to_us && test::is_command(id % 32, newer);  // what we alone may send
+        EXPECT_EQ(a.receive(f), mine ? Received::accepted : (ours ? Received::impostor : Received::not_mine))
+            << std::hex << id;
+        f.remote = true;
+        if (ours) {
+          EXPECT_EQ(a.receive(f), newer ? Received::not_mine : Received::impostor)
+              << std::hex << id << ": a request is no command, but 0.5.6 does not look";
+        }
       }
     }
   }
