@@ -21,8 +21,8 @@ class OdriveAxis {
   OdriveAxis(const AxisConfig& config, Version version, std::uint32_t retry_ticks, const OdriveTable& table = {})
       : config_(config), version_(version), retry_ticks_(retry_ticks),
         read_back_(version == Version::v0_6 ? table : OdriveTable{}) {}
-  /// Before the axis is ready for the first time, its watchdog is starved at zero torque and must expire within so many
-  /// ticks; 0: it is believed.
+  /// Before the axis is ready for the first time, and again after it was silent for `retry_ticks`, its watchdog is starved
+  /// at zero torque and must expire within so many ticks; 0: it is believed.
   void prove_watchdog(std::uint32_t ticks) { starve_ticks_ = ticks; }
 
   /// Takes a frame from the bus. No side effect unless `accepted`. An emergency stop that somebody sends to this
@@ -51,6 +51,9 @@ class OdriveAxis {
     counted_ = false;
     if (sample_age_ticks_ < age_max) ++sample_age_ticks_;
     if (heartbeat_age_ticks_ < age_max) ++heartbeat_age_ticks_;
+    // A drive that was silent for so long may have restarted, and with what it has stored: a watchdog that was switched
+    // on and not saved is off again.
+    if (heartbeat_age_ticks_ > retry_ticks_) proven_ = false;
   }
 
   [[nodiscard]] bool heard_this_tick() const { return sample_age_ticks_ == 0; }
@@ -191,10 +194,11 @@ class OdriveAxis {
     const std::uint32_t bit = version_ == Version::v0_6 ? odrive::error_watchdog_0_6 : odrive::error_watchdog_0_5_6;
     return (last_.axis_error & bit) != 0;
   }
-  /// One tick of silence. Any other end than the watchdog's is none: the sequence begins anew, watchdog included.
+  /// One tick of silence. Any other end than the watchdog's, which disarms, is none: the sequence begins anew, watchdog
+  /// included.
   void starve() {
     if (!closed_loop() || error()) {
-      proven_ = reports_watchdog();
+      proven_ = reports_watchdog() && !closed_loop();
       step_ = Step::configure;
       wait_ticks_ = 0;
       return;

@@ -680,6 +680,23 @@ TEST(OdriveAxis, AWatchdogToBeProvenIsStarvedOnceBeforeTheAxisIsReady) {
   }
 }
 
+/// A watchdog that was switched on and not saved is off after a restart, and 0.5.6 cannot be asked.
+TEST(OdriveAxis, AnAxisThatWasSilentHasToProveItsWatchdogAgain) {
+  for (const std::uint32_t silent : {retry, retry + 1}) {
+    OdriveAxis a = starving(Version::v0_5_6);
+    hear(a, 1, watchdog_bit(Version::v0_5_6));
+    (void)enable(a);
+    (void)disable(a);
+    hear(a, 1);
+    for (std::uint32_t n = 1; n < silent; ++n) a.begin_tick();
+    ask(a);
+    hear(a, 8);
+    hear(a, 8);
+    EXPECT_EQ(a.muted(), silent > retry) << silent;
+    EXPECT_EQ(a.ready(), silent <= retry) << silent;
+  }
+}
+
 TEST(OdriveAxis, AWatchdogThatDoesNotExpireIsAContradictionUntilTheAxisIsReleased) {
   OdriveAxis a = starving(Version::v0_6, 20);
   for (int n = 1; n <= 21; ++n) {
@@ -715,18 +732,20 @@ TEST(OdriveAxis, AnotherErrorIsNoProofOfAWatchdog) {
 
 /// An axis may report an error and stay in closed loop: no proof, and no reason to go on starving it.
 TEST(OdriveAxis, AnErrorInClosedLoopEndsTheStarvingWithoutAProof) {
-  OdriveAxis a = starving(Version::v0_6);
-  hear(a, 8, 0x40);
-  EXPECT_TRUE(enable(a).empty());
-  EXPECT_FALSE(a.muted());
-  EXPECT_FALSE(a.contradicted());
-  hear(a, 1);
-  EXPECT_TRUE(only(enable(a), test::cmd_mode)) << "from the start";
-  hear(a, 1);
-  EXPECT_TRUE(only(enable(a), test::cmd_axis_state));
-  hear(a, 8);
-  hear(a, 8);
-  EXPECT_TRUE(a.muted()) << "it is starved again";
+  for (const std::uint32_t error : {0x40U, watchdog_bit(Version::v0_6)}) {
+    OdriveAxis a = starving(Version::v0_6);
+    hear(a, 8, error);
+    EXPECT_TRUE(enable(a).empty());
+    EXPECT_FALSE(a.muted());
+    EXPECT_FALSE(a.contradicted());
+    hear(a, 1);
+    EXPECT_TRUE(only(enable(a), test::cmd_mode)) << "from the start";
+    hear(a, 1);
+    EXPECT_TRUE(only(enable(a), test::cmd_axis_state));
+    hear(a, 8);
+    hear(a, 8);
+    EXPECT_TRUE(a.muted()) << "it is starved again";
+  }
 }
 
 }  // namespace
