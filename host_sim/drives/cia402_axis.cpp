@@ -191,7 +191,11 @@ std::uint32_t Cia402Axis::objection_to_pdo(std::uint16_t index, std::uint8_t sub
   }
   if (value > entries_max) return wire::abort_pdo_length;
   unsigned bytes = 0;
-  for (std::uint8_t i = 1; i <= value; ++i) bytes += mapped(this->value(map, i)).bytes;
+  for (std::uint8_t i = 1; i <= value; ++i) {
+    const Mapped m = mapped(this->value(map, i));
+    if (!objects_.contains(key(m.index, m.sub))) return wire::abort_not_mappable;  // an entry that was never written
+    bytes += m.bytes;
+  }
   return bytes > 8 ? wire::abort_pdo_length : 0;
 }
 

@@ -142,6 +142,7 @@ TEST_F(Drive, RefusesToBeRemappedInTheWrongOrder) {
   for (const std::uint32_t map : {0x6071'0020U, 0x6099'0010U, 0x6041'0010U, 0x1000'0020U, 0x6040'0008U}) {
     EXPECT_EQ(abort_of_write(entry(0x1600, 1), map, 4), 0x0604'0041U) << std::hex << map;
   }
+  EXPECT_EQ(abort_of_write(entry(0x1600, 0), 2, 1), 0x0604'0041U) << "the second entry was never written";
   for (unsigned i = 1; i <= 5; ++i) write(entry(0x1600, i), 0x6071'0010, 4);
   EXPECT_EQ(abort_of_write(entry(0x1600, 0), 5, 1), 0x0604'0042U) << "ten bytes";
   EXPECT_EQ(abort_of_write(entry(0x1600, 0), 9, 1), 0x0604'0042U);
