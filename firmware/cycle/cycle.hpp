@@ -168,7 +168,7 @@ class Cycle {
       switch (a.receive(f)) {
         case drive::Received::accepted:
           ++counters_.received;
-          if (a.sample_age_ticks() == 0) phase_[static_cast<unsigned>(i)] = age;
+          if (a.brought_sample()) phase_[static_cast<unsigned>(i)] = age;
           return;
         case drive::Received::malformed: ++counters_.malformed; malformed_ = true; return;
         case drive::Received::impostor: ++counters_.impostor; impostor_ = true; return;

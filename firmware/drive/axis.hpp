@@ -72,6 +72,7 @@ concept Drive = requires(D& d, const D& c, const hal::CanFrame& f, bool (*send)(
   { d.receive(f) } -> std::same_as<Received>;
   { c.heard_this_tick() } -> std::same_as<bool>;         ///< its frame of the tick: the last one completes a set
   { c.sample_age_ticks() } -> std::same_as<std::uint32_t>;     ///< 0: arrived in this tick; age_max before the first
+  { c.brought_sample() } -> std::same_as<bool>;          ///< the frame accepted last did, or completed one
   { c.heartbeat_age_ticks() } -> std::same_as<std::uint32_t>;
   { c.ready() } -> std::same_as<bool>;                   ///< torque control confirmed twice, without error
   { c.idle() } -> std::same_as<bool>;                    ///< no torque, as far as is known

@@ -55,6 +55,7 @@ class Cia402Axis {
 
   /// Takes a frame from the bus. No side effect unless `accepted`.
   Received receive(const hal::CanFrame& f) {
+    sampled_ = false;
     if (f.extended) return Received::not_mine;
     if (is_command(f)) return f.remote ? Received::not_mine : Received::impostor;
     if ((f.id & canopen::node_mask) != config_.node) return Received::not_mine;
@@ -73,6 +74,7 @@ class Cia402Axis {
   /// when it likes, and a set that it completed would not be one of this tick.
   [[nodiscard]] bool heard_this_tick() const { return reported_ || (has_report_ && has_motion_); }
   [[nodiscard]] std::uint32_t sample_age_ticks() const { return sample_age_ticks_; }
+  [[nodiscard]] bool brought_sample() const { return sampled_; }
   [[nodiscard]] std::uint32_t heartbeat_age_ticks() const { return heartbeat_age_ticks_; }
 
   template <class S>
@@ -328,6 +330,7 @@ class Cia402Axis {
       position_ = pending_position_;
       velocity_ = pending_velocity_;
       sample_age_ticks_ = 0;
+      sampled_ = true;
       if (first) judge();
     }
     return Received::accepted;
@@ -416,6 +419,7 @@ class Cia402Axis {
   bool reported_ = false;           // said in this tick that it is not operational
   bool heard_ = false;              // a heartbeat or boot-up
   bool alive_ = false;
+  bool sampled_ = false;            // by the last frame
   bool asking_ = false;             // enable() was called in this tick
   bool owed_ = false;               // asked into torque control, not seen idle since
   bool contradicted_ = false;

@@ -64,6 +64,7 @@ class MitAxis {
 
   [[nodiscard]] bool heard_this_tick() const { return age_ticks_ == 0; }
   [[nodiscard]] std::uint32_t sample_age_ticks() const { return age_ticks_; }
+  [[nodiscard]] bool brought_sample() const { return true; }  // every reply does
   [[nodiscard]] std::uint32_t heartbeat_age_ticks() const { return age_ticks_; }
 
   /// Of the last reply, with an error or without. Steps of range / 32767.5 in angle and range / 2047.5 in rate.

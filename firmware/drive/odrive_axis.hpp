@@ -28,6 +28,7 @@ class OdriveAxis {
   /// Takes a frame from the bus. No side effect unless `accepted`. An emergency stop that somebody sends to this
   /// axis, or to all, is taken whatever its length and format.
   Received receive(const hal::CanFrame& f) {
+    sampled_ = false;
     if (f.extended) return Received::not_mine;
     if (is_emergency_stop(f)) {
       stopped_ = true;
@@ -58,6 +59,7 @@ class OdriveAxis {
 
   [[nodiscard]] bool heard_this_tick() const { return sample_age_ticks_ == 0; }
   [[nodiscard]] std::uint32_t sample_age_ticks() const { return sample_age_ticks_; }
+  [[nodiscard]] bool brought_sample() const { return sampled_; }
   [[nodiscard]] std::uint32_t heartbeat_age_ticks() const { return heartbeat_age_ticks_; }
 
   template <class S>
@@ -275,7 +277,7 @@ class OdriveAxis {
   Received take(const std::optional<odrive::EncoderEstimates>& e) {
     if (!e) return Received::malformed;
     estimates_ = *e;
-    alive_ = true;
+    alive_ = sampled_ = true;
     sample_age_ticks_ = 0;
     return Received::accepted;
   }
@@ -295,6 +297,7 @@ class OdriveAxis {
   Step step_ = Step::configure;
   bool heard_ = false;         // a heartbeat
   bool alive_ = false;         // a heartbeat or a sample
+  bool sampled_ = false;       // by the last frame
   bool news_ = false;          // a heartbeat since the bus took the mode
   bool patient_ = false;       // the next repetition may wait for a second confirmation
   bool asked_ = false;         // the last request was for closed-loop control

@@ -193,10 +193,14 @@ TEST(Cia402Axis, BothPdosMakeASampleAndASet) {
     EXPECT_FALSE(b.axis.heard_this_tick());
     EXPECT_EQ(b.axis.sample_age_ticks(), 1U);
     EXPECT_EQ(b.axis.sample<float>().angle, before) << "half a sample is none";
+    EXPECT_FALSE(b.axis.brought_sample());
     EXPECT_EQ(b.hear(report_first ? motion : report), Received::accepted);
     EXPECT_TRUE(b.axis.heard_this_tick());
     EXPECT_EQ(b.axis.sample_age_ticks(), 0U);
     EXPECT_NE(b.axis.sample<float>().angle, before);
+    EXPECT_TRUE(b.axis.brought_sample());
+    EXPECT_EQ(b.hear(heartbeat_of(node, 5)), Received::accepted);
+    EXPECT_FALSE(b.axis.brought_sample());
   }
 }
 

@@ -157,6 +157,12 @@ TEST(MitAxis, WrongLengthsAndFormatsOfItsRepliesAreMalformedAndChangeNothing) {
   }
 }
 
+TEST(MitAxis, EveryReplyBringsASample) {
+  MitAxis a = axis();
+  hear(a);
+  EXPECT_TRUE(a.brought_sample());
+}
+
 TEST(MitAxis, AReplyIsSampleAndHeartbeat) {
   MitAxis a = axis();
   EXPECT_FALSE(a.alive() || a.heard_this_tick() || a.error() || a.idle() || a.ready() || a.closed_loop());

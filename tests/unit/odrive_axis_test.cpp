@@ -349,6 +349,21 @@ TEST(OdriveAxis, BeforeTheFirstHeartbeatNothingIsKnown) {
   EXPECT_EQ(a.sample_age_ticks(), OdriveAxis::age_max);
 }
 
+TEST(OdriveAxis, OnlyAnEncoderFrameBringsASample) {
+  OdriveAxis a = axis();
+  EXPECT_FALSE(a.brought_sample());
+  for (int n = 0; n < 2; ++n) {
+    hear(a, 1);
+    EXPECT_FALSE(a.brought_sample());
+    ASSERT_EQ(a.receive(test::encoder(node, 0, 0)), Received::accepted);
+    EXPECT_TRUE(a.brought_sample());
+    ASSERT_EQ(a.receive(test::encoder(node, 0, 0)), Received::accepted);
+    EXPECT_TRUE(a.brought_sample());
+  }
+  ASSERT_EQ(a.receive(test::message(node, 0x02, 0, 0, 0)), Received::accepted);
+  EXPECT_FALSE(a.brought_sample()) << "an emergency stop";
+}
+
 TEST(OdriveAxis, ComponentErrorsOf056AreErrorsAndTrajectoryDoneIsNot) {
   for (std::size_t at = 0; at < 3; ++at) {
     for (unsigned bit = 0; bit < 8; ++bit) {

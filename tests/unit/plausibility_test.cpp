@@ -179,6 +179,25 @@ TEST(Phase, ABusThatStampsItsFramesGivesItToTheSample) {
   EXPECT_NEAR(rig.cycle.sample().phase[0], 7e-4, 1e-9);
   EXPECT_NEAR(rig.cycle.sample().phase[2], 7e-4, 1e-9);
 
+  // What comes after the sample, a heartbeat, has an age of its own; another sample counts from its own arrival.
+  struct Aging : esmc::test::FakeBus {
+    std::uint32_t age_us = 900;
+    [[nodiscard]] std::uint32_t frame_age_us() const { return age_us; }
+    bool try_receive(esmc::hal::CanFrame& f) {
+      age_us -= 100;
+      return esmc::test::FakeBus::try_receive(f);
+    }
+  };
+  esmc::test::Rig<Five, Aging> aging;
+  aging.push_encoder(0);
+  aging.push_encoder(1);
+  aging.push_heartbeat(0);
+  aging.push_heartbeat(1);
+  aging.push_encoder(1);
+  aging.bare_tick();
+  EXPECT_NEAR(aging.cycle.sample().phase[0], 8e-4, 1e-9);
+  EXPECT_NEAR(aging.cycle.sample().phase[2], 4e-4, 1e-9);
+
   // In lockstep a frame waits for the scheduler, and the result must not depend on that.
   auto counted = esmc::test::setup<Five>();
   counted.samples_timed = false;
