@@ -278,11 +278,11 @@ class Cycle {
       sample_.rate[joint] = s.rate;
       sample_.age_ticks[static_cast<unsigned>(joint)] = a.sample_age_ticks();
       sample_.phase[static_cast<unsigned>(joint)] = phase_[static_cast<unsigned>(axis_of_joint(joint))];
-      // A drive that was away may have restarted, and then its count began anew.
-      if (a.alive() && a.heartbeat_age_ticks() != drive::age_max &&
-          a.heartbeat_age_ticks() > heartbeat_age_ticks_max_) {
-        zero_.forget();
-      }
+      // A drive that was away may have restarted, and then its count began anew. Of a passive encoder, and of a drive
+      // that has never sent one, heartbeats say nothing.
+      const bool beats = joint % (M::joints / motor_count()) == 0 && a.heartbeat_age_ticks() != drive::age_max;
+      const std::uint32_t silent = beats ? a.heartbeat_age_ticks() : a.sample_age_ticks();
+      if (silent != drive::age_max && silent > heartbeat_age_ticks_max_) zero_.forget();
     }
   }
 

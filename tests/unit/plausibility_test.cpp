@@ -93,6 +93,30 @@ TEST(ZeroPose, ADriveThatWasAwayHasLostIt) {
   EXPECT_EQ(rig.cycle.supervisor().fault(), Fault::zero_not_confirmed);
 }
 
+/// The heartbeats of passive encoders are not looked at, and may be off or slower than ours must be: what tells that one
+/// was away is its samples.
+TEST(ZeroPose, APassiveEncoderThatWasAwayHasLostItWhateverItsHeartbeat) {
+  for (const bool beaten : {false, true}) {
+    for (const int silent : {0, 20, 21}) {
+      auto s = relative();
+      s.controller.sensors = esmc::Sensors::all;
+      s.controller.limits.closure = 1e-3;
+      Rig rig(s);
+      rig.sends_heartbeat[1] = rig.sends_heartbeat[3] = beaten;
+      rig.tick();
+      rig.sends_heartbeat[1] = rig.sends_heartbeat[3] = false;
+      rig.tick(Command::confirm_zero);
+      for (int n = 0; n < 30; ++n) rig.tick();
+      rig.sends_encoder[3] = false;
+      for (int n = 0; n < silent; ++n) rig.tick();
+      rig.sends_encoder[3] = true;
+      rig.tick();
+      EXPECT_EQ(rig.start(), silent <= 20) << beaten << ' ' << silent;
+      EXPECT_EQ(rig.cycle.supervisor().fault(), silent > 20 ? Fault::zero_not_confirmed : Fault::none);
+    }
+  }
+}
+
 TEST(ZeroPose, AbsoluteEncodersHaveNothingToConfirm) {
   Rig rig;
   rig.tick();
