@@ -55,9 +55,9 @@ class Cycle {
         echo_(config.torque_mismatch, config.torque_time, config.controller.sample_time),
         samples_timed_(config.samples_timed), link_(config.link), delay_ticks_(config.delay_ticks) {}
 
-  /// Takes effect at the next tick. A stop is not overwritten by what is asked after it.
+  /// Takes effect at the next tick. A stop is not overwritten by what is asked after it, and a halt by a stop only.
   void command(Command c) {
-    if (command_ != Command::stop) command_ = c;
+    if (command_ != Command::stop && (command_ != Command::halt || c == Command::stop)) command_ = c;
   }
   /// The normally closed contact `enable` of the board, before each tick; open is a fault. Closed where there is none.
   void enable_input(bool closed) { enable_closed_ = closed; }

@@ -317,6 +317,18 @@ TYPED_TEST(ControlCycle, AStopIsNotOverwrittenByALaterCommandOfTheSameTick) {
   }
 }
 
+TYPED_TEST(ControlCycle, AHaltIsOverwrittenByAStopOnly) {
+  for (const Command later : {Command::none, Command::enable, Command::reset, Command::halt, Command::stop}) {
+    auto s = test::setup<TypeParam>();
+    s.controller.halt_ticks = 50;
+    Rig<TypeParam> rig(s);
+    ASSERT_TRUE(rig.start());
+    rig.cycle.command(Command::halt);
+    rig.cycle.command(later);
+    EXPECT_EQ(rig.tick().state, later == Command::stop ? State::stopping : State::halting) << static_cast<int>(later);
+  }
+}
+
 /// Lockstep without a complete set: nobody waits for an answer.
 TYPED_TEST(ControlCycle, AnUnansweredTickSendsNoTorque) {
   Rig<TypeParam> rig;
