@@ -356,6 +356,16 @@ void read_cia402(Section& s, const Scene& scene, DriveScene& d) {
   d.velocity_unit = s.number("velocity_unit");
   d.controller_node = s.integer("controller_node");
   if (d.protocol != Protocol::cia402) return;
+  if (d.watchdog_timeout < 1e-3) {
+    s.fail("watchdog_timeout", "must be at least 0.001 s with cia402: object 1016 counts whole ms, and 0 switches it off");
+  }
+  for (const double ratio : d.gear_ratio) {
+    const double raw = scene.limits.joint_speed * ratio / d.velocity_unit;
+    if (!(raw <= 2147483647.0)) {
+      s.fail("velocity_unit", fmt::format("makes limits.joint_speed the number {:g}: at most 2147483647 fits into object 606C, "
+                                          "and a faster joint would not be seen", raw));
+    }
+  }
   for (const double rated : d.rated_torque) {
     const double raw = rated / d.rated_torque_unit;
     if (!(raw >= 100.0 && raw <= 4e9)) {

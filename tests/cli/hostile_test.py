@@ -133,6 +133,12 @@ class Hostile(unittest.TestCase):
         self.refused(*slow, "reference.speed=1e-7", "control.rate_hz=100000", words=["at most 40000 s"])
         self.refused("control.layer=1e400", words=["--set control.layer=1e400"])
 
+    def test_what_a_cia402_drive_cannot_count(self):
+        for timeout in ("1e-13", "9e-4"):
+            self.refused("drives.protocol=cia402", f"drives.watchdog_timeout={timeout}", words=["'drives.watchdog_timeout' must be at least 0.001 s"])
+        for unit in ("1e-300", "2e-8"):
+            self.refused("drives.protocol=cia402", f"drives.velocity_unit={unit}", words=["'drives.velocity_unit' makes limits.joint_speed the number"])
+
     def test_seeds(self):
         for seed in ("-1", "1e23", "18446744073709551616", "", "1.5", "0x10", " 1", "+1"):
             self.failed(esmc("sim", self.circle, f"--seed={seed}" if seed else "--seed=", *sets("simulation.duration=0.01")), 2, "--seed")
