@@ -132,6 +132,7 @@ class Cia402Axis {
   template <class Send>
   void enable(Send&& send) {
     asking_ = true;
+    disobeyed_ticks_ = 0;
     if (ready() || contradicted_) return;
     if (wait_ticks_ > 0) --wait_ticks_;
     if (step_ > Step::setup && wait_ticks_ == 0) return restart();
@@ -144,11 +145,14 @@ class Cia402Axis {
   void ask_again() { wait_ticks_ = 0; }
 
   /// The voltage is disabled by the controlword of the torque frame, which goes out in every tick. A drive that does
-  /// not listen to it, because its PDOs are not ours, is at least taken out of NMT operational.
+  /// not listen to it, because its PDOs are not ours, is at least taken out of NMT operational; so is one that has not
+  /// obeyed for retry_ticks, for our heartbeat may go on and would let it keep its torque.
   template <class Send>
   void disable(Send&& send) {
     restart();
-    if (!mapped_) send(canopen::encode_nmt(canopen::NmtCommand::enter_pre_operational, config_.node));
+    if (mapped_ && ++disobeyed_ticks_ < settings_.retry_ticks) return;
+    disobeyed_ticks_ = 0;
+    send(canopen::encode_nmt(canopen::NmtCommand::enter_pre_operational, config_.node));
   }
 
   /// Whether this joint torque (N m, model convention) may go on the bus. What is more than the frame can say is
@@ -399,6 +403,7 @@ class Cia402Axis {
   std::uint32_t heartbeat_age_ticks_ = age_max;
   std::int16_t torque_ = 0;       // thousandths of the rated torque
   std::uint16_t wait_ticks_ = 0;  // for an answer, or for progress
+  std::uint16_t disobeyed_ticks_ = 0;  // since it was told to leave torque control, or last told by NMT
   std::uint16_t control_ = 0;
   std::uint16_t emergency_ = 0;
   Step step_ = Step::call;

@@ -322,6 +322,32 @@ TEST(Cia402Axis, ADriveThatIsNotOperationalIsIdle) {
   EXPECT_TRUE(fresh.axis.idle());
 }
 
+/// RPDO1 does not reach it, and our heartbeat does: nothing else would end its torque after a stop.
+TEST(Cia402Axis, ADriveThatDoesNotObeyItsControlwordIsMadePreOperational) {
+  Bench b;
+  for (int round = 0; round < 2; ++round) {
+    ASSERT_TRUE(b.make_ready());
+    b.slave.obeys = false;
+    for (int n = 1; n <= 2 * test::retry; ++n) {
+      b.listen();
+      std::vector<CanFrame> sent;
+      b.axis.disable([&](const CanFrame& f) {
+        sent.push_back(f);
+        return true;
+      });
+      EXPECT_EQ(sent.size(), n % test::retry == 0 ? 1U : 0U) << n;
+      for (const CanFrame& f : sent) EXPECT_EQ(f, nmt(0x80, node));
+      EXPECT_FALSE(b.axis.idle());
+    }
+    b.disable();
+    b.slave.take(nmt(0x80, node));
+    b.tick(false);
+    EXPECT_TRUE(b.axis.idle());
+    b.slave.obeys = true;
+    b.slave.status = 0x0250;
+  }
+}
+
 /// Somebody else's PDOs: it would not understand our controlword.
 TEST(Cia402Axis, ADriveWhosePdosAreNotOursIsAtLeastMadePreOperational) {
   Bench b;
