@@ -1,4 +1,4 @@
-/// CANopen and CiA 402: codec, set-up and axis under received frames of any kind and any order of calls. The model
+/// CANopen and CiA 402: set-up and axis under received frames of any kind and any order of calls. The model
 /// beside it keeps what the drive has been asked, what it answered, and in which state it said it is.
 
 #include <array>
@@ -21,50 +21,6 @@ using test::entry;
 using test::little;
 
 constexpr unsigned node = 3, master = 100;
-
-/// Whatever bytes arrive: what is accepted is written again as it was read.
-void codec(fuzz::Bytes& in) {
-  namespace co = drive::canopen;
-  const CanFrame f = in.frame(0x580 + node);
-  const bool eight = f.size == 8 && !f.remote && !f.fd;
-  const auto reply = co::decode_sdo_reply(f);
-  require(reply.has_value() == eight, "an SDO reply has eight bytes");
-  if (reply) {
-    const unsigned command = f.data[0];
-    require(entry(reply->object.index, reply->object.sub) == entry(f.data[1] + 256U * f.data[2], f.data[3]), "object");
-    CanFrame again = f;
-    std::size_t n = 8;
-    if (reply->kind == co::SdoKind::written) again = co::encode_sdo_written(node, reply->object), n = 4;
-    if (reply->kind == co::SdoKind::abort) again = co::encode_sdo_abort(node, reply->object, reply->value);
-    if (reply->kind == co::SdoKind::value && reply->size > 0) {
-      again = co::encode_sdo_value(node, reply->object, reply->value, reply->size);
-      n = 4U + reply->size;
-    }
-    if (reply->kind == co::SdoKind::value) require(command / 32 == 2 && (command & 2U) != 0, "expedited upload");
-    require(fuzz::same_bytes(again, f, n), "an SDO reply is written as it is read");
-  }
-  const auto request = co::decode_sdo_request(f);
-  require(request.has_value() == eight, "an SDO request has eight bytes");
-  if (request && request->kind == co::SdoKind::write && request->size > 0) {
-    const auto again = co::encode_sdo_write(node, request->object, request->value, request->size);
-    require(fuzz::same_bytes(again, f, 4U + request->size), "an SDO write is written as it is read");
-  }
-  if (const auto e = co::decode_emergency(f)) {
-    require(eight && fuzz::same_bytes(co::encode_emergency(node, *e), f, 3), "an emergency is written as it is read");
-  }
-  if (const auto h = co::decode_heartbeat(f)) {
-    require(f.size == 1 && co::encode_heartbeat(node, *h).data[0] == f.data[0], "a heartbeat is written as it is read");
-  }
-  if (const auto n = co::decode_nmt(f)) {
-    require(f.size == 2 && fuzz::same_bytes(co::encode_nmt(n->command, n->node), f, 2), "NMT is written as it is read");
-  }
-  if (const auto r = drive::cia402::decode_report(f)) {
-    require(test::report_of(node, r->status, r->position, r->torque).data == f.data || !eight || f.size != 8, "TPDO1");
-  }
-  if (const auto m = drive::cia402::decode_motion(f)) {
-    require(f.size == 5 && m->velocity == static_cast<std::int32_t>(little(f, 0, 4)) && static_cast<std::uint8_t>(m->mode) == f.data[4], "TPDO2");
-  }
-}
 
 /// Values by object: few, so a search is quick.
 class Objects {
@@ -333,10 +289,6 @@ class Run {
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   fuzz::Bytes in(data, size);
-  if (in.below(4) == 3) {
-    codec(in);
-  } else {
-    Run(in).go();
-  }
+  Run(in).go();
   return 0;
 }

@@ -251,15 +251,19 @@ class CycleRun {
       for (std::size_t i = 0; i < axes_ && obey_; ++i) drives_[i].hear(f);
     }
     desk_.heard.clear();
-    silent_ = true;
-    impostor_ = ordered_enable_ = ordered_reset_ = false;
+    if (bus_.waiting.empty()) {  // else a flood: the rest comes in the next ticks
+      silent_ = true;
+      impostor_ = ordered_enable_ = ordered_reset_ = false;
+    }
     refused_off_ = bus_.refused && bus_.status == hal::SendStatus::bus_off;
   }
 
   void judge(const TickResult<M>& r, State before, Fault fault_before, bool answer) {
     const Supervisor& s = cycle_.supervisor();
     require(r.state == s.state() && r.fault == s.fault(), "the result says what the supervisor says");
-    require(may_follow(before, r.state, asked_enable_, asked_reset_), "a transition that the table has");
+    const bool allowed = may_follow(before, r.state, asked_enable_, asked_reset_);
+    if (!allowed) std::fprintf(stderr, "%s -> %s (%s)\n", name(before), name(r.state), name(r.fault));
+    require(allowed, "a transition that the table has");
     if (r.state == State::fault) require(r.fault != Fault::none, "a fault has a name");
     if (before == State::fault && r.state == State::fault) require(r.fault == fault_before, "the first fault keeps its name");
     if (before == State::fault && !asked_reset_) require(r.state == State::fault, "a fault stays until the operator's reset");

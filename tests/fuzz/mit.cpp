@@ -1,4 +1,4 @@
-/// MIT mode: codec and axis, all dialects, under received frames of any kind and any order of calls.
+/// MIT mode: the axis, all dialects, under received frames of any kind and any order of calls.
 
 #include <array>
 #include <cmath>
@@ -16,33 +16,6 @@ using drive::Received;
 using drive::mit::Dialect;
 using fuzz::require;
 using hal::CanFrame;
-
-constexpr std::array<float, 8> half_widths{12.5F, 50.0F, 18.0F, 0.5F, 95.5F, 1e4F, 1e-3F, 6.2831853F};
-
-/// Codes and values of any width of range, and frames as the digits of one number.
-void codec(fuzz::Bytes& in) {
-  const float range = half_widths[in.below(8)];
-  const std::uint16_t c16 = in.u16(), c12 = in.u16() & 0xFFF;
-  using drive::mit::code;
-  using drive::mit::value;
-  require(code(value(c16, range, 0xFFFF), range, 0xFFFF) == c16, "a code of 16 bits comes back");
-  require(code(value(c12, range, 0xFFF), range, 0xFFF) == c12, "a code of 12 bits comes back");
-  const float v = in.f32();
-  const std::uint16_t c = code(v, range, 0xFFF);
-  require(c <= 0xFFF, "a code fits its field");
-  const double w = static_cast<double>(range), back = (2.0 * c - 4095) / 4095 * w;
-  if (std::isnan(v)) {
-    require(c == 0x800, "no number: the middle");
-  } else {
-    const double wanted = std::fmin(std::fmax(static_cast<double>(v), -w), w);
-    require(std::fabs(back - wanted) <= w / 4095 * 1.001, "the nearest code");
-  }
-  require(code(v, in.f32(), 0xFFF) <= 0xFFF, "whatever the range, a code fits its field");
-  const auto cmd = drive::mit::encode_command(3, {c16, c12, c, 0x5A5, 0xA5A});
-  require(cmd == test::mit_command(3, c16, c12, c, 0x5A5, 0xA5A), "a command, digit by digit");
-  const auto d = drive::mit::decode_command(cmd);
-  require(d.position == c16 && d.velocity == c12 && d.kp == c && d.kd == 0x5A5 && d.torque == 0xA5A, "a command comes back");
-}
 
 class Run {
  public:
@@ -204,10 +177,6 @@ class Run {
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   fuzz::Bytes in(data, size);
-  if (in.below(4) == 3) {
-    codec(in);
-  } else {
-    Run(in).go();
-  }
+  Run(in).go();
   return 0;
 }
