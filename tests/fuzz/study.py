@@ -6,7 +6,8 @@ usage: study.py BUILD_DIR_OF_THE_TARGETS [--scale X] [--keep] [TARGET...]
 Each target runs twice: optimised and without sanitizers (`fast`), where most of the executions are, and then sanitized on
 what was found, for the executions in the table below, times X (1). `quiet` says how many times as many executions as had
 found the last new feature followed without another one: from 10 on, the coverage of a target no longer grows.
-Writes BUILD_DIR/study.md, a table. --keep replaces tests/fuzz/corpus by the minimised inputs, up to KEPT for a target.
+Writes BUILD_DIR/study.md, a table. --keep replaces tests/fuzz/corpus by the minimised inputs: with all features, or with all
+edges where that would be more than KEPT.
 A failing input ends the study; it is left in the build folder and printed."""
 import base64
 import re
