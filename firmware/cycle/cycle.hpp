@@ -226,9 +226,9 @@ class Cycle {
     for (int i = 0; i < motor_count(); ++i) {
       if (axis(motor_axis(i)).contradicted()) return Fault::drive_configuration;
     }
-    if (!supervisor_.powered()) {  // other errors of a drive that is being enabled are expected
-      return zero_.confirmed() ? Fault::none : Fault::zero_not_confirmed;
-    }
+    // Some drives say where they are only once they have been set up: enabling may get that far, and no further.
+    if (!zero_.confirmed() && (supervisor_.powered() || sensed())) return Fault::zero_not_confirmed;
+    if (!supervisor_.powered()) return Fault::none;  // other errors of a drive that is being enabled are expected
     for (int i = 0; i < motor_count(); ++i) {
       const D& a = axis(motor_axis(i));
       if (a.error()) return Fault::drive_error;
@@ -286,14 +286,25 @@ class Cycle {
     }
   }
 
-  /// Nothing unless every encoder has just been heard.
+  /// Whether every encoder has just been heard.
+  [[nodiscard]] bool sensed() const {
+    const auto& c = controller_.config();
+    bool all = true;
+    for (int i = 0; i < c.sensor_count(); ++i) {
+      const int joint = ControllerConfig<M>::joint_of(i, c.sensor_count());
+      all = all && sample_.age_ticks[static_cast<unsigned>(joint)] <= c.limits.max_age_ticks;
+    }
+    return all;
+  }
+
+  /// Nothing unless every encoder has just said a number.
   void confirm_zero() {
     const auto& c = controller_.config();
+    bool numbers = sensed();
     for (int i = 0; i < c.sensor_count(); ++i) {
-      const auto joint = static_cast<unsigned>(ControllerConfig<M>::joint_of(i, c.sensor_count()));
-      if (sample_.age_ticks[joint] > c.limits.max_age_ticks || !finite(sample_.angle[static_cast<int>(joint)])) return;
+      numbers = numbers && finite(sample_.angle[ControllerConfig<M>::joint_of(i, c.sensor_count())]);
     }
-    zero_.confirm(sample_.angle);
+    if (numbers) zero_.confirm(sample_.angle);
   }
 
   template <hal::CanBus Bus>

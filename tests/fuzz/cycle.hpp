@@ -58,15 +58,18 @@ class CycleRun {
     desk_.session = 77;
   }
 
-  /// Enabled and under torque.
+  /// Enabled and under torque. CiA 402 drives are heard only once they were enabled, so their zero takes two attempts.
   void start() {
-    for (int i = 0; i < 150 && !has_torque(cycle_.supervisor().state()); ++i) {
-      command_ = i < 3 ? Command::confirm_zero : i == 3 ? Command::enable : Command::none;
+    for (int i = 0; i < 300 && !has_torque(cycle_.supervisor().state()); ++i) {
+      const State state = cycle_.supervisor().state();
+      const bool unconfirmed = cycle_.supervisor().fault() == Fault::zero_not_confirmed;
+      command_ = state == State::disabled      ? (i % 4 == 3 ? Command::enable : Command::confirm_zero)
+                 : state == State::fault && unconfirmed ? Command::reset
+                                                        : Command::none;
       speak(0);
       end(true);
     }
-    const bool confirmed = cycle_.supervisor().fault() != Fault::zero_not_confirmed;  // CiA 402 has no samples while disabled
-    require(has_torque(cycle_.supervisor().state()) || !confirmed, "obedient drives bring it to torque");
+    require(has_torque(cycle_.supervisor().state()), "obedient drives bring it to torque");
   }
 
   void go(Bytes& in) {

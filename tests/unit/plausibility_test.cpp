@@ -78,6 +78,26 @@ TEST(ZeroPose, IsNotConfirmedBySilentEncodersNorWhileRunningNorTwiceAsFar) {
   EXPECT_NEAR(twice.cycle.sample().angle[0], esmc::test::setup<Five>().angle[0] + 0.01, 1e-6);
 }
 
+/// Drives that say where they are only once they are set up (CiA 402): enabling gets that far, not to a torque.
+TEST(ZeroPose, EncodersThatAreSilentUntilEnabledAreWaitedForAndThenToBeConfirmed) {
+  Rig late(relative());
+  late.sends_encoder.fill(false);
+  late.tick(Command::enable);
+  EXPECT_EQ(late.cycle.supervisor().state(), State::enabling);
+  late.sends_encoder.fill(true);
+  late.tick();
+  EXPECT_EQ(late.cycle.supervisor().fault(), Fault::zero_not_confirmed);
+  late.tick(Command::reset);
+  late.tick(Command::confirm_zero);
+  EXPECT_TRUE(late.start());
+
+  Rig never(relative());
+  never.sends_encoder.fill(false);
+  EXPECT_FALSE(never.start());
+  EXPECT_NE(never.cycle.supervisor().fault(), Fault::none);
+  EXPECT_TRUE(never.all_zero());
+}
+
 TEST(ZeroPose, ADriveThatWasAwayHasLostIt) {
   Rig rig(relative());
   rig.tick();
