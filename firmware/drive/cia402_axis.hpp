@@ -326,7 +326,6 @@ class Cia402Axis {
   }
   /// Position and velocity count once both are there, of the same SYNC. PDOs come from operational nodes only.
   Received take_pdo(bool& has) {
-    alive_ = true;
     nmt_ = canopen::NmtState::operational;
     const bool first = !has;
     has = true;

@@ -90,10 +90,8 @@ class OdriveAxis {
     stopped_ = false;
     acknowledged_ = reports_emergency_stop();
   }
-  [[nodiscard]] bool error() const { return heard_ && (last_.axis_error != 0 || last_.component_flags != 0); }
-  [[nodiscard]] bool closed_loop() const {
-    return heard_ && last_.axis_state == odrive::AxisState::closed_loop_control;
-  }
+  [[nodiscard]] bool error() const { return last_.axis_error != 0 || last_.component_flags != 0; }
+  [[nodiscard]] bool closed_loop() const { return last_.axis_state == odrive::AxisState::closed_loop_control; }
   [[nodiscard]] std::uint32_t error_code() const { return last_.axis_error; }
   /// What was read back is not what it must be, or was not answered; forgotten by disable(). CANSimple 0.5.6 lets
   /// nothing be read back.
@@ -124,7 +122,7 @@ class OdriveAxis {
     if (!due) --wait_ticks_;
     if (step_ == Step::request) read_back_.ask(config_.node, send);
     if (step_ == Step::request && news_ && request(send)) return;
-    if (step_ != Step::configure && due) repeat();
+    if (due) repeat();
     if (step_ == Step::configure && (alive_ || due)) configure(send);
   }
 
@@ -140,7 +138,6 @@ class OdriveAxis {
     confirmations_ = 0;
     wait_ticks_ = 0;
     step_ = Step::configure;
-    news_ = false;
     asked_ = false;
     answered_ = false;
     unfed_ = false;
@@ -202,49 +199,53 @@ class OdriveAxis {
     if (!closed_loop() || error()) {
       proven_ = reports_watchdog() && !closed_loop();
       step_ = Step::configure;
-      wait_ticks_ = 0;
       return;
     }
     unfed_ = ++starved_ticks_ > starve_ticks_;
   }
 
+  void wait() { wait_ticks_ = retry_ticks_ > 0 ? retry_ticks_ - 1 : 0; }
+
   /// Sent to a silent axis as well, for it to be heard on the bus; but it counts only once the axis lives.
   template <class Send>
   void configure(Send&& send) {
     const bool taken = send(odrive::encode_set_controller_mode(config_.node));
-    if (taken || !alive_) wait_ticks_ = retry_ticks_ > 0 ? retry_ticks_ - 1 : 0;
+    if (taken || !alive_) wait();
     if (!taken || !alive_) return;
     step_ = Step::request;
     news_ = false;
   }
-  /// With a heartbeat that is newer than the mode. True when there is nothing more to do in this tick.
+  /// With a heartbeat that is newer than the mode. Whether closed-loop control was asked for in this tick.
   template <class Send>
   bool request(Send&& send) {
     if (error()) {
-      news_ = false;
-      // Only in the tick of the report, so that nothing can have been added to it that we do not know of.
-      if (heartbeat_age_ticks_ > 0 || clear_wait_ticks_ > 0 || stopped_) return false;
-      if (!send(odrive::encode_clear_errors(config_.node, version_))) return false;
-      clear_wait_ticks_ = retry_ticks_;
-      acknowledged_ = false;
+      clear(send);
       return false;
     }
-    if (stopped_ || !read_back_.done()) return false;
-    if (!send(odrive::encode_set_axis_state(config_.node, odrive::AxisState::closed_loop_control))) return false;
+    if (stopped_ || !read_back_.done() ||
+        !send(odrive::encode_set_axis_state(config_.node, odrive::AxisState::closed_loop_control))) {
+      return false;
+    }
     step_ = Step::confirm;
-    confirmations_ = 0;
     asked_ = true;
-    answered_ = false;
     owed_ = true;
     patient_ = true;
-    wait_ticks_ = retry_ticks_ > 0 ? retry_ticks_ - 1 : 0;
+    wait();
     return true;
+  }
+  /// Only in the tick of the report, so that nothing can have been added to it that we do not know of.
+  template <class Send>
+  void clear(Send&& send) {
+    if (heartbeat_age_ticks_ > 0 || clear_wait_ticks_ > 0 || stopped_) return;
+    if (!send(odrive::encode_clear_errors(config_.node, version_))) return;
+    clear_wait_ticks_ = retry_ticks_;
+    acknowledged_ = false;
   }
   /// From the start, but an axis that has confirmed once gets the time for its second heartbeat.
   void repeat() {
-    if (step_ == Step::confirm && confirmations_ > 0 && patient_) {
+    if (confirmations_ > 0 && patient_) {
       patient_ = false;
-      wait_ticks_ = retry_ticks_ > 0 ? retry_ticks_ - 1 : 0;
+      wait();
       return;
     }
     step_ = Step::configure;
@@ -253,7 +254,6 @@ class OdriveAxis {
   Received take(const std::optional<odrive::Heartbeat>& h) {
     if (!h) return Received::malformed;
     last_ = *h;
-    heard_ = true;
     alive_ = true;
     news_ = true;
     answered_ = true;
@@ -295,7 +295,6 @@ class OdriveAxis {
   std::uint32_t starve_ticks_ = 0, starved_ticks_ = 0;
   std::uint8_t confirmations_ = 0;
   Step step_ = Step::configure;
-  bool heard_ = false;         // a heartbeat
   bool alive_ = false;         // a heartbeat or a sample
   bool sampled_ = false;       // by the last frame
   bool news_ = false;          // a heartbeat since the bus took the mode

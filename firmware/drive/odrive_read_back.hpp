@@ -54,7 +54,7 @@ class OdriveReadBack {
   template <class Send>
   void ask(std::uint8_t node, Send&& send) {
     if (done() || contradicted_) return;
-    if (asked_ && wait_ticks_ > 0) {
+    if (wait_ticks_ > 0) {
       --wait_ticks_;
       return;
     }

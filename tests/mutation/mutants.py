@@ -34,6 +34,7 @@ class Mutant:
     line: int = 0
     source: str = ""  # the line, without indentation
     change: str = ""  # old -> new, on one line
+    sure: bool = False  # nothing here is evaluated while compiling
     number: int = -1
 
     @property
@@ -70,7 +71,7 @@ class Reader:
             self.place, self.seen = None, str(root / file)
             self.locate(tree)
             self.enums(tree)
-            self.visit(tree, {"constant": False, "result": None, "body": False})
+            self.visit(tree, {"constant": False, "result": None, "body": False, "sure": False})
 
     # ---- the tree -------------------------------------------------------------------------------------------------
 
@@ -105,7 +106,7 @@ class Reader:
     def add(self, begin, end, text, form, old=None, new=None):
         if (begin, end, text) in self.found:
             return
-        m = Mutant(self.file, begin, end, text, form)
+        m = Mutant(self.file, begin, end, text, form, sure=self.sure)
         m.line = self.text.count("\n", 0, begin) + 1
         m.source = self.text.splitlines()[m.line - 1].strip()
         m.change = f"{one_line(old if old is not None else self.text[begin:end])} => {one_line(new if new is not None else text)}"
@@ -125,7 +126,9 @@ class Reader:
             c = {**c, "result": None}
         if kind in ("FunctionDecl", "CXXMethodDecl", "CXXConstructorDecl"):
             result = node.get("type", {}).get("qualType", "").split("(")[0].strip()
-            c = {**c, "constant": False, "result": result, "body": True}
+            c = {**c, "constant": False, "result": result, "body": True, "sure": not node.get("constexpr")}
+        if kind == "VarDecl" and node.get("type", {}).get("qualType", "").startswith("const"):
+            c = {**c, "sure": False}
         if kind == "VarDecl" and (node.get("constexpr") or not c["body"]) or kind in ("EnumConstantDecl", "ConstantExpr"):
             c = {**c, "constant": True}
         if kind == "FieldDecl" and node.get("isBitfield"):
@@ -140,6 +143,7 @@ class Reader:
 
     def mutate(self, kind, node, inner, extent, c):
         begin, end = extent
+        self.sure = c["sure"]
         text = self.text[begin:end]
         form = "" if c["constant"] else "expression"
         if kind in ("BinaryOperator", "CXXOperatorCallExpr", "CXXRewrittenBinaryOperator") and len(inner) >= 2:
@@ -173,7 +177,7 @@ class Reader:
         elif kind == "ReturnStmt":
             self.result(inner, begin, end, c)
         self.conditions(kind, node, inner, form)
-        self.statements(kind, inner)
+        self.statements(kind, inner, c["result"])
 
     def binary(self, inner, begin, end, form):
         left, right = self.extent(inner[-2]), self.extent(inner[-1])
@@ -244,7 +248,7 @@ class Reader:
         if body.get("kind") == "BreakStmt":
             self.idle.add(self.extent(body))
 
-    def statements(self, kind, inner):
+    def statements(self, kind, inner, result):
         if kind == "SwitchStmt":
             self.last_break(inner[-1])
         if kind == "CompoundStmt":
@@ -256,17 +260,12 @@ class Reader:
         for n in all_:
             extent = self.extent(n)
             if extent is None or extent in self.idle or not (n["kind"] in STATEMENTS or n["kind"] == "BreakStmt" or
-                                      n["kind"] == "ReturnStmt" and self.void(n)):
+                                      n["kind"] == "ReturnStmt" and (result == "void" or not n.get("inner"))):
                 continue
             end = self.text.index(";", extent[1]) + 1
             if self.text[extent[1]:end - 1].strip():
                 continue  # no statement: a condition
             self.add(extent[0], end, "{}", "statement", new="deleted")
-
-    @staticmethod
-    def void(node):
-        expression = node.get("inner", [{}])[0]
-        return not node.get("inner") or expression.get("type", {}).get("qualType") == "void"
 
     def mutants(self):
         return sorted(self.found.values(), key=lambda m: (m.begin, -m.end, m.text))

@@ -5,8 +5,8 @@ usage: study.py BUILD [--only TEXT] [--again] [--page FILE]     BUILD: a folder 
        study.py --self-test
 
 All mutants of a folder are compiled into one test program and chosen by the environment variable MUTANT. A mutant is killed
-when the tests fail, crash or do not end. What survives, and what only the compiler evaluates (constants, tables), is
-then compiled by itself, so that static assertions and constant expressions have their say; not to compile is death as
+when the tests fail, crash or do not end. What only the compiler evaluates (constants, tables), and what survives in a function
+that it may evaluate, is then compiled by itself, so that static assertions and constant expressions have their say; not to compile is death as
 well. What survives that must be listed in equivalent.txt with a reason why no test can tell it from the original; an entry
 there that fits no surviving mutant is an error.
 
@@ -32,13 +32,12 @@ HERE = pathlib.Path(__file__).resolve().parent
 FOLDERS = {
     "firmware/safety": ("safety", "supervisor"),
     "firmware/drive": ("drive_corners", "odrive_codec", "odrive_axis", "odrive_read_back", "canopen_codec", "cia402_axis",
-                       "cia402_frames", "cia402_setup", "mit_codec", "mit_axis"),
+                       "cia402_corners", "cia402_frames", "cia402_setup", "mit_codec", "mit_axis"),
     "firmware/control": ("reaching", "reference", "allocation", "law"),
 }
 SLOW = "*Random*"  # tests by the hundred thousand frames come last
 FLAGS = ["-std=c++20", "-isystem", "/usr/include/eigen3", "-DEIGEN_DONT_VECTORIZE", "-DEIGEN_NO_DEBUG", "-ffp-contract=off",
          "-Wno-c++11-narrowing", "-Wno-invalid-constexpr", "-w"]
-OPTIMISED = {"firmware/control": "-O1"}  # its oracles are long double by the million
 NO_MUTANT = 77
 
 
@@ -50,16 +49,24 @@ class Bench:
         self.tests = [f"tests/unit/{t}_test.cpp" for t in tests]
         self.build = build / folder
         self.build.mkdir(parents=True, exist_ok=True)
-        self.flags = [*FLAGS, OPTIMISED.get(folder, "-O0")]
-        self.pch = self.build / "gtest.pch"
-        head = self.build / "gtest.hpp"
-        head.write_text("#include <gtest/gtest.h>\n#include <cmath>\n#include <random>\n#include <set>\n#include <vector>\n" +
-                        ("#include <Eigen/Dense>\n" if folder == "firmware/control" else ""))
-        subprocess.run([cxx, *self.flags, "-x", "c++-header", head, "-o", self.pch], check=True)
+        # All mutants in one program: compiled once and run often. One mutant by itself: the other way round, but for tests
+        # that take minutes without optimisation.
+        self.together_level = "-O0" if "safety" in folder else "-O1"
+        self.alone_level = "-O1" if "control" in folder else "-O0"
+        for level in {self.together_level, self.alone_level}:
+            self.precompile(level)
         self.patience = 60.0
 
-    def compile(self, overlay, test, out):
-        return subprocess.run([self.cxx, *self.flags, "-include-pch", self.pch, f"-I{overlay}", f"-I{HERE}", f"-I{self.root}",
+    def precompile(self, level):
+        head = self.build / f"gtest{level}.hpp"
+        text = (f"// {self.cxx} {' '.join(FLAGS)}\n#include <gtest/gtest.h>\n#include <cmath>\n#include <random>\n#include <set>\n#include <vector>\n" +
+                ("#include <Eigen/Dense>\n" if "control" in self.folder else ""))
+        if not head.with_suffix(".pch").exists() or head.read_text() != text:
+            head.write_text(text)
+            subprocess.run([self.cxx, *FLAGS, level, "-x", "c++-header", head, "-o", head.with_suffix(".pch")], check=True)
+
+    def compile(self, overlay, test, out, level):
+        return subprocess.run([self.cxx, *FLAGS, level, "-include-pch", self.build / f"gtest{level}.pch", f"-I{overlay}", f"-I{HERE}", f"-I{self.root}",
                                "-c", self.root / test, "-o", out], capture_output=True, text=True, check=False)
 
     def link(self, objects, out):
@@ -96,7 +103,7 @@ class Bench:
         """One program with all mutants; those that it cannot have lose their form."""
         overlay = self.build / "together"
         files = sorted({m.file for m in all_})
-        for attempt in range(12):
+        for _ in range(12):
             for file in files:
                 target = overlay / file
                 target.parent.mkdir(parents=True, exist_ok=True)
@@ -106,16 +113,15 @@ class Bench:
             bad, objects = set(), []
             for test in self.tests:
                 objects.append(self.build / (pathlib.Path(test).stem + ".o"))
-                done = self.compile(overlay, test, objects[-1])
+                done = self.compile(overlay, test, objects[-1], self.together_level)
                 if done.returncode != 0:
                     bad |= {(f, int(n)) for f, n in re.findall(r"(firmware/[\w/]+\.hpp):(\d+):\d+: (?:error|note)", done.stderr)}
-                    self.trouble = done.stderr
                     break
-            if not bad:
+            if done.returncode == 0:
                 break
             hit = [m for m in all_ if m.form and (m.file, m.line) in bad]
             if not hit:
-                sys.exit(f"{self.folder}: tests do not compile:\n{self.trouble[:3000]}")
+                sys.exit(f"{self.folder}: tests do not compile:\n{done.stderr[:3000]}")
             for m in hit:
                 m.form = ""
         program = self.build / "together.out"
@@ -147,7 +153,7 @@ class Bench:
         target.write_text(mutants.alone((self.root / m.file).read_text(), m))
         stem = pathlib.Path(m.file).stem
         for test in sorted((t for t in self.tests if m.file in self.includes(t)), key=lambda t: stem not in t):
-            if self.compile(overlay, test, self.build / "alone.o").returncode != 0:
+            if self.compile(overlay, test, self.build / "alone.o", self.alone_level).returncode != 0:
                 return "not compiled"
             self.link([self.build / "alone.o"], self.build / "alone.out")
             if self.run(self.build / "alone.out") != 0:
@@ -161,15 +167,19 @@ def judge(bench, all_, told=print):
         m.number = i
     program = bench.together(all_)
     told(f"{bench.folder}: {len(all_)} mutants, {sum(not m.form for m in all_)} by themselves")
-    suspects = []
-    for m in list(all_):
+    suspects, survivors = [], []
+    for i, m in enumerate(list(all_)):
+        if i % 200 == 199:
+            told(f"{bench.folder}: {i + 1}")
         status = bench.run(program, m.number, m.file) if m.form else 0
         if status == NO_MUTANT:
             all_.remove(m)
+        elif status == 0 and m.form and m.sure:
+            survivors.append(m)
+            told(f"  survives: {m}")
         elif status == 0:
             suspects.append(m)
     told(f"{bench.folder}: {len(suspects)} to be compiled by themselves")
-    survivors = []
     for i, m in enumerate(suspects):
         if i % 50 == 49:
             told(f"{bench.folder}: {i + 1}")
@@ -242,7 +252,7 @@ def page(figures, known):
     return text.replace("LIST", "\n".join(parts).rstrip())
 
 
-def self_test():
+def self_test(cxx):
     header = """#pragma once
 namespace esmc {
 inline constexpr int most = 3;
@@ -273,7 +283,7 @@ TEST(Seeded, All) {
                             "firmware/seeded/seeded.hpp: gone\n  a => b\n  fits nothing\n")
         build = root / "build"
         build.mkdir()
-        figures, left, unused = study(root, {"firmware/seeded": ("seeded",)}, build, known, told=lambda _: None)
+        figures, left, unused = study(root, {"firmware/seeded": ("seeded",)}, build, known, cxx=cxx, told=lambda _: None)
         n, killed, equivalent = figures["firmware/seeded/seeded.hpp"]
         found = [(m.line, m.change) for m in left]
         wrong = []
@@ -283,7 +293,7 @@ TEST(Seeded, All) {
             wrong.append(f"unused {unused}, of {n} mutants {killed} killed, {equivalent} equivalent")
         weaker = test.replace(" || esmc::allowed(3)", "")
         (root / "tests/unit/seeded_test.cpp").write_text(weaker)
-        _, left, _ = study(root, {"firmware/seeded": ("seeded",)}, build, known, told=lambda _: None)
+        _, left, _ = study(root, {"firmware/seeded": ("seeded",)}, build, known, cxx=cxx, told=lambda _: None)
         found = [(m.line, m.change) for m in left]
         for expected in ((5, "v < most => v <= most"), (5, "v >= 0 && v < most => v >= 0")):
             if expected not in found:
@@ -303,7 +313,7 @@ def main():
     p.add_argument("--cxx", default="clang++")
     a = p.parse_args()
     if a.self_test:
-        return self_test()
+        return self_test(a.cxx)
     a.build.mkdir(parents=True, exist_ok=True)
     known = equivalents((HERE / "equivalent.txt").read_text())
     told = lambda line: print(line, flush=True)  # noqa: E731

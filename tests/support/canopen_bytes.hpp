@@ -112,7 +112,10 @@ struct Slave {
     const unsigned size = size_of(object);
     hal::CanFrame reply = f;
     reply.id = 0x580 + node;
-    if (aborts.contains(object)) {
+    if (!reading && f.data[0] != 0x2F - 4 * (static_cast<int>(size) - 1)) {
+      reply.data[0] = 0x80;
+      put_little(reply, 4, 0x0607'0010, 4);  // the length does not match the object's
+    } else if (aborts.contains(object)) {
       reply.data[0] = 0x80;
       put_little(reply, 4, aborts[object], 4);
     } else if (reading) {

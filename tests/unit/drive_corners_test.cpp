@@ -73,11 +73,42 @@ TEST(OdriveAxisCorners, AnEmergencyStopSeenOnTheBusStopsTheRequest) {
   hear(a, 1);
   EXPECT_TRUE(only(enable(a), test::cmd_mode));
   EXPECT_EQ(a.receive(test::message(node, 0x02, 0, 0, 0)), Received::accepted);
-  for (int i = 0; i < 8; ++i) {
+  for (int i = 1; i < 30; ++i) {
     hear(a, 1);
-    EXPECT_TRUE(enable(a).empty()) << i;
+    const auto sent = enable(a);
+    EXPECT_TRUE(i % 10 == 0 ? only(sent, test::cmd_mode) : sent.empty()) << "from the start every ten ticks: " << i;
   }
   EXPECT_FALSE(a.must_be_released());
+}
+
+TEST(OdriveAxisCorners, WithoutARetryTimeSilenceIsAskedInEveryTick) {
+  OdriveAxis silent({.node = node}, OdriveAxis::Version::v0_6, 0);
+  for (int i = 0; i < 5; ++i) {
+    silent.begin_tick();
+    EXPECT_TRUE(only(enable(silent), test::cmd_mode)) << i;
+  }
+  OdriveAxis a({.node = node}, OdriveAxis::Version::v0_6, 0);
+  hear(a, 1);
+  (void)enable(a);
+  hear(a, 1);
+  EXPECT_TRUE(only(enable(a), test::cmd_axis_state));
+  a.begin_tick();
+  EXPECT_TRUE(only(enable(a), test::cmd_mode)) << "no confirmation: from the start";
+  hear(a, 1);
+  EXPECT_TRUE(only(enable(a), test::cmd_axis_state));
+  hear(a, 8);
+  EXPECT_TRUE(enable(a).empty()) << "confirmed once";
+  a.begin_tick();
+  EXPECT_TRUE(only(enable(a), test::cmd_mode)) << "and not a second time";
+}
+
+TEST(AxisConfig, IsAMotorThatTurnsWithItsJoint) {
+  const AxisConfig c;
+  EXPECT_EQ(c.node, 0);
+  EXPECT_EQ(c.direction, 1.0F);
+  EXPECT_EQ(c.gear_ratio, 1.0F);
+  EXPECT_EQ(c.offset, 0.0F);
+  EXPECT_EQ(shaft_torque(c, 2.5), 2.5F);
 }
 
 /// Entries of the set-up table from the words of the object dictionary.

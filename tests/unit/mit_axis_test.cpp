@@ -99,6 +99,14 @@ TEST(MitAxis, DamiaoHasTheNodeInTheLowHalfOfTheFirstByte) {
   }
 }
 
+TEST(MitAxis, AnEmptyFrameNamesNobody) {
+  MitAxis a({.node = 0x10}, {.dialect = Dialect::damiao, .master_id = 0x13, .retry_ticks = retry});
+  CanFrame f = test::bytes(0x13, {});
+  EXPECT_EQ(a.receive(f), Received::not_mine) << "nor do the bytes that it does not have";
+  f.size = 1;
+  EXPECT_EQ(a.receive(f), Received::malformed);
+}
+
 TEST(MitAxis, CommandsToItAreSomebodyElses) {
   MitAxis a = axis();
   for (const CanFrame& f : {test::mit_command(node, 0x8000, 0x800, 0, 0, 0xFFF), test::mit_special(node, enter),
@@ -250,6 +258,7 @@ TEST(MitAxis, APositionThatWrapsAroundIsLost) {
   hear(a, test::mit_reply(0, node, 0xFFF0 - 32767, 0x800, 0));
   EXPECT_FALSE(a.error()) << "half of the span is a jump, but no proof";
   hear(a, test::mit_reply(0, node, 0xFFF0, 0x800, 0));
+  EXPECT_FALSE(a.error());
   hear(a, test::mit_reply(0, node, 0x0010, 0x800, 0));
   EXPECT_EQ(a.error_code(), MitAxis::position_lost);
   for (int i = 0; i < 10; ++i) hear(a, test::mit_reply(0, node, 0x0010, 0x800, 0));
@@ -290,7 +299,11 @@ TEST(MitAxis, EnablingLeavesMotorModeWaitsForTheZeroCommandAndEnters) {
   EXPECT_TRUE(enable(a).empty());
   hear(a);
   EXPECT_TRUE(a.ready());
-  EXPECT_TRUE(enable(a).empty()) << "nothing more to ask for";
+  for (int i = 0; i < 300; ++i) {
+    ASSERT_TRUE(enable(a).empty()) << "nothing more to ask for: " << i;
+    hear(a);
+    ASSERT_TRUE(a.ready()) << i;
+  }
 }
 
 TEST(MitAxis, TwoRepliesInOneTickAreOne) {
@@ -354,8 +367,9 @@ TEST(MitAxis, ADriveThatFallsSilentIsAskedFromTheStart) {
   a.ask_again();
   EXPECT_TRUE(only(enable(a), leave));
   MitAxis b({.node = node}, {.retry_ticks = 0});
+  for (int i = 0; i < 3; ++i) EXPECT_TRUE(only(enable(b), leave)) << "silent: in every tick " << i;
   hear(b);
-  EXPECT_TRUE(only(enable(b), leave));
+  for (int i = 0; i < 3; ++i) EXPECT_TRUE(only(enable(b), leave)) << "no reply since " << i;
 }
 
 TEST(MitAxis, AnErrorKeepsItOutOfMotorModeAndCountsAgain) {
@@ -448,8 +462,43 @@ TEST(MitAxis, AReportedModeMustAgree) {
   for (int i = 0; i < 5; ++i) hear(a, mode(1));
   EXPECT_FALSE(a.idle()) << "it says that it is still there";
   hear(a, mode(0));
+  EXPECT_FALSE(a.idle()) << "once";
+  hear(a, mode(1));
+  hear(a, mode(0));
+  EXPECT_FALSE(a.idle()) << "once since";
   hear(a, mode(0));
   EXPECT_TRUE(a.idle());
+}
+
+/// A 1 of another maker is an error like any other, and its going away no change of mode.
+TEST(MitAxis, OnlyDamiaoReportsAMode) {
+  MitAxis a = axis(Dialect::cubemars);
+  ask(a, rest(node, 8));
+  CanFrame error = rest(node, 8);
+  error.data[7] = 1;
+  hear(a, error);
+  EXPECT_TRUE(a.error());
+  hear(a, rest(node, 8));
+  EXPECT_TRUE(a.closed_loop());
+  hear(a, rest(node, 8));
+  EXPECT_TRUE(a.ready());
+}
+
+/// What the bus did not take, or what a silent drive may not have heard, has not been asked.
+TEST(MitAxis, RepliesAreCountedFromAFrameThatWasTakenAndThatAnAxisCouldHear) {
+  MitAxis a = axis();
+  hear(a);
+  EXPECT_TRUE(only(enable(a, false), leave));
+  hear(a);
+  hear(a);
+  EXPECT_FALSE(a.idle());
+  EXPECT_TRUE(only(enable(a), leave)) << "again, not on to the next";
+  MitAxis b = axis();
+  EXPECT_TRUE(only(enable(b), leave));
+  hear(b);
+  hear(b);
+  EXPECT_FALSE(b.idle());
+  EXPECT_TRUE(only(enable(b), leave)) << "heard since: now it counts";
 }
 
 TEST(MitAxis, AModeThatIsNeverReportedIsNotAskedFor) {

@@ -315,6 +315,35 @@ TEST(OdriveAxis, DisablingAsksForIdleAndForgetsTheConfirmations) {
   EXPECT_FALSE(a.ready());
 }
 
+TEST(OdriveAxis, DisablingASilentAxisDoesNotDelayTheNextCall) {
+  OdriveAxis a = axis();
+  a.begin_tick();
+  EXPECT_TRUE(only(enable(a), test::cmd_mode));
+  (void)disable(a);
+  EXPECT_TRUE(only(enable(a), test::cmd_mode));
+}
+
+/// Owed from the request until it has said idle after being asked for it.
+TEST(OdriveAxis, MustBeReleasedFromTheRequestUntilItSaysIdle) {
+  OdriveAxis a = axis();
+  hear(a, 1);
+  (void)enable(a);
+  EXPECT_FALSE(a.must_be_released());
+  hear(a, 1);
+  EXPECT_TRUE(only(enable(a), test::cmd_axis_state));
+  EXPECT_TRUE(a.must_be_released());
+  hear(a, 1);
+  EXPECT_TRUE(a.must_be_released()) << "not yet there, or gone by itself";
+  hear(a, 8);
+  EXPECT_TRUE(a.must_be_released());
+  (void)disable(a);
+  EXPECT_TRUE(a.must_be_released());
+  hear(a, 8);
+  EXPECT_TRUE(a.must_be_released());
+  hear(a, 1);
+  EXPECT_FALSE(a.must_be_released());
+}
+
 TEST(OdriveAxis, DisablingWhileWaitingForARetryDoesNotDelayTheNextRequest) {
   OdriveAxis a = axis();
   ask(a);
@@ -438,13 +467,12 @@ TEST(OdriveAxis, ErrorsAreClearedInTheTickOfTheirReportOrNotAtAll) {
 /// An error with a cause comes back at once: it is cleared once per retry time, not at the pace of the heartbeats.
 TEST(OdriveAxis, AnErrorThatStaysIsClearedOncePerRetryTime) {
   OdriveAxis a = axis();
-  std::vector<int> cleared;
+  std::vector<int> cleared, begun;
   for (int tick = 0; tick < 45; ++tick) {
     hear(a, 1, 0x200);
-    for (const CanFrame& f : enable(a)) {
-      if (test::command_of(f) == test::cmd_clear_errors) cleared.push_back(tick);
-    }
+    for (const CanFrame& f : enable(a)) (test::command_of(f) == test::cmd_clear_errors ? cleared : begun).push_back(tick);
   }
+  EXPECT_EQ(begun, (std::vector<int>{0, 10, 20, 30, 40})) << "and all of it from the start";
   EXPECT_EQ(cleared, (std::vector<int>{1, 11, 21, 31, 41}));
 }
 
@@ -743,6 +771,47 @@ TEST(OdriveAxis, AnotherErrorIsNoProofOfAWatchdog) {
   }
   EXPECT_TRUE(a.muted()) << "it is starved again";
   EXPECT_FALSE(a.ready());
+}
+
+/// It may leave closed loop without a word: no proof either.
+TEST(OdriveAxis, LeavingClosedLoopEndsTheStarving) {
+  OdriveAxis a = starving(Version::v0_6);
+  hear(a, 1);
+  EXPECT_TRUE(enable(a).empty());
+  EXPECT_FALSE(a.muted());
+  ask(a);
+  hear(a, 8);
+  hear(a, 8);
+  EXPECT_TRUE(a.muted()) << "it is starved again";
+}
+
+/// In the tick after the last one that it has: in time.
+TEST(OdriveAxis, AWatchdogMayExpireInTheLastTick) {
+  OdriveAxis a = starving(Version::v0_6, 1);
+  ASSERT_TRUE(a.muted());
+  hear(a, 8);
+  EXPECT_TRUE(enable(a).empty());
+  EXPECT_FALSE(a.contradicted());
+  hear(a, 1, watchdog_bit(Version::v0_6));
+  EXPECT_TRUE(enable(a).empty());
+  EXPECT_FALSE(a.contradicted() || a.muted());
+}
+
+TEST(OdriveAxis, EveryStarvingHasAllItsTicks) {
+  OdriveAxis a = starving(Version::v0_6, 20);
+  for (int round = 0; round < 3; ++round) {
+    for (int n = 0; n < 15; ++n) {
+      hear(a, 8);
+      (void)enable(a);
+    }
+    EXPECT_TRUE(a.muted());
+    EXPECT_FALSE(a.contradicted()) << round;
+    hear(a, 1, 0x40);
+    (void)enable(a);
+    ask(a);
+    hear(a, 8);
+    hear(a, 8);
+  }
 }
 
 /// An axis may report an error and stay in closed loop: no proof, and no reason to go on starving it.

@@ -96,6 +96,21 @@ TEST(OdriveReadBack, NothingToAskIsDone) {
   EXPECT_EQ(ask(without)[0], test::message(node, read, 0x123400, 0));
 }
 
+/// The whole table is asked, up to its end and in its order.
+TEST(OdriveReadBack, ATableHoldsTwelveEndpoints) {
+  OdriveTable t;
+  ASSERT_EQ(t.checks.size(), 12U);
+  for (std::uint16_t i = 0; i < 12; ++i) t.checks[i] = {i, ValueType::u8, 0.0F, 0.0F};
+  t.count = 12;
+  OdriveReadBack r(t);
+  for (std::uint16_t i = 0; i < 12; ++i) {
+    EXPECT_FALSE(r.done());
+    ASSERT_EQ(ask(r).size(), 1U);
+    EXPECT_EQ(r.take_value(answer(i, 0U)), Received::accepted);
+  }
+  EXPECT_TRUE(r.done());
+}
+
 TEST(OdriveReadBack, AnotherVersionIsAContradiction) {
   for (int i = 0; i < 3; ++i) {
     OdriveReadBack r(table());
@@ -137,6 +152,33 @@ TEST(OdriveReadBack, SilenceIsAContradictionAfterFourQuestions) {
   EXPECT_EQ(asked, 4);
   EXPECT_EQ(ticks, 101) << "25 ticks each";
   EXPECT_EQ(r.refused(), OdriveReadBack::version_endpoint);
+}
+
+TEST(OdriveReadBack, EveryQuestionIsAskedFourTimes) {
+  OdriveReadBack r(table());
+  for (int i = 0; i < 60; ++i) (void)ask(r);
+  EXPECT_EQ(r.take_version(firmware(0, 6, 10)), Received::accepted) << "at the third time of asking";
+  EXPECT_EQ(r.take_value(answer(0x1234, 1U)), Received::not_mine) << "not asked yet";
+  EXPECT_EQ(ask(r).size(), 1U) << "at once";
+  int asked = 1;
+  while (!r.contradicted()) asked += static_cast<int>(ask(r).size());
+  EXPECT_EQ(asked, 4);
+  EXPECT_EQ(r.refused(), 0x1234);
+}
+
+TEST(OdriveReadBack, RestartingWithdrawsTheQuestionAndBeginsWithTheFirst) {
+  OdriveReadBack r(table());
+  (void)ask(r);
+  (void)r.take_version(firmware(0, 6, 10));
+  (void)ask(r);
+  r.restart();
+  EXPECT_EQ(r.take_value(answer(0x1234, 0U)), Received::not_mine);
+  EXPECT_EQ(r.take_version(firmware(0, 6, 9)), Received::not_mine);
+  const auto sent = ask(r);
+  ASSERT_EQ(sent.size(), 1U) << "at once";
+  EXPECT_TRUE(sent[0].remote) << "the version";
+  EXPECT_EQ(r.take_version(firmware(0, 6, 10)), Received::accepted);
+  EXPECT_FALSE(r.contradicted());
 }
 
 TEST(OdriveReadBack, WhatTheBusDidNotTakeIsNoQuestion) {
@@ -231,6 +273,20 @@ TEST(OdriveReadBack, ClosedLoopIsAskedForWhenAllOfItWasAnswered) {
   EXPECT_EQ(commands(enable(a)), Commands{test::cmd_axis_state});
 }
 
+TEST(OdriveReadBack, TheVersionReachesTheTable) {
+  OdriveTable t;
+  t.check_version = true;
+  t.firmware = {0, 6, 10};
+  OdriveAxis a({.node = node}, Version::v0_6, 150, t);
+  hear(a);
+  (void)enable(a);
+  hear(a);
+  EXPECT_EQ(commands(enable(a)), Commands{version});
+  EXPECT_EQ(a.receive(firmware(0, 6, 10)), Received::accepted);
+  hear(a);
+  EXPECT_EQ(commands(enable(a)), Commands{test::cmd_axis_state});
+}
+
 TEST(OdriveReadBack, AContradictedAxisIsNotArmedAndForgetsItWhenItIsDisabled) {
   OdriveAxis a({.node = node}, Version::v0_6, 150, one_check());
   hear(a);
@@ -259,6 +315,8 @@ TEST(OdriveReadBack, WritingToAConfigurationIsSomebodyElses) {
   EXPECT_EQ(a.receive(write), Received::impostor);
   EXPECT_EQ(old.receive(write), Received::not_mine) << "0.5.6 sends encoder errors with this number";
   EXPECT_EQ(a.receive(test::message(node, read, 77 * 256, 0)), Received::not_mine) << "somebody reads";
+  write.size = 1;
+  EXPECT_EQ(a.receive(write), Received::impostor) << "however short";
   write.size = 0;
   EXPECT_EQ(a.receive(write), Received::not_mine);
   write.size = 8;

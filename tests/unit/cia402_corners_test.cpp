@@ -1,0 +1,269 @@
+/// Corners of a CiA 402 axis: what is left of an earlier enabling, what comes late or at the wrong time, bounds to the
+/// last bit, and long times. Each was found as a change of the code that no other test noticed.
+
+#include <gtest/gtest.h>
+
+#include <cstdint>
+
+#include "tests/support/cia402_bench.hpp"
+
+namespace esmc::test {
+namespace {
+
+/// Disabled, so that the next enabling starts anew.
+void forget(Bench& b) {
+  for (int i = 0; i < 3; ++i) b.disable();
+}
+
+TEST(Cia402Corners, AReadyAxisStaysReadyHoweverLongOthersTake) {
+  Bench b;
+  ASSERT_TRUE(b.make_ready());
+  for (int i = 0; i < 10 * retry; ++i) {
+    b.tick();
+    ASSERT_TRUE(b.axis.ready()) << i;
+    ASSERT_EQ(b.sent.size(), 1U) << "the torque frame " << i;
+  }
+}
+
+TEST(Cia402Corners, AContradictionIsNotAskedAboutAgain) {
+  Bench b;
+  b.slave.says[entry(0x6076, 0)] = 1000;
+  ASSERT_TRUE(b.until([&] { return b.axis.contradicted(); }));
+  for (int i = 0; i < 10 * retry; ++i) {
+    b.tick();
+    ASSERT_TRUE(b.axis.contradicted()) << i;
+    ASSERT_EQ(b.sent.size(), 1U) << i;
+  }
+}
+
+TEST(Cia402Corners, AskingAgainOrAnewCallsASilentAxisAtOnce) {
+  Bench b;
+  b.command(true);
+  EXPECT_EQ(b.count(0x000), 1);
+  b.command(true);
+  EXPECT_EQ(b.count(0x000), 0);
+  b.axis.ask_again();
+  b.command(true);
+  EXPECT_EQ(b.count(0x000), 1);
+  for (int i = 0; i < 2; ++i) b.axis.begin_tick();
+  b.command(true);
+  EXPECT_EQ(b.count(0x000), 1) << "another enabling";
+}
+
+TEST(Cia402Corners, AgesThatHaveNeverBegunDoNotWrap) {
+  Bench b;
+  for (int i = 0; i < 3; ++i) {
+    b.axis.begin_tick();
+    EXPECT_EQ(b.axis.sample_age_ticks(), drive::age_max);
+    EXPECT_EQ(b.axis.heartbeat_age_ticks(), drive::age_max);
+  }
+}
+
+TEST(Cia402Corners, AnEmergencyIsALifeSign) {
+  Bench b;
+  EXPECT_EQ(b.hear(emergency_of(node, 0x8130)), Received::accepted);
+  EXPECT_TRUE(b.axis.alive());
+  EXPECT_TRUE(b.axis.error());
+  b.axis.begin_tick();
+  b.command(true);
+  EXPECT_FALSE(b.axis.error()) << "from before the enabling";
+}
+
+// ---- confirmations ------------------------------------------------------------------------------------------------
+
+TEST(Cia402Corners, ReadyEndsWithTheRequest) {
+  Bench b;
+  ASSERT_TRUE(b.make_ready());
+  b.disable();
+  EXPECT_FALSE(b.axis.ready());
+}
+
+/// On the way up the drive has reported states without torque all the time: they do not count.
+TEST(Cia402Corners, OnlyReportsAfterTheVoltageWasDisabledMakeItIdle) {
+  Bench b;
+  b.slave.obeys = false;
+  ASSERT_TRUE(b.until([&] { return b.control() == 0x06; }));
+  for (int i = 0; i < 5; ++i) b.tick();
+  b.axis.disable([](const CanFrame&) { return true; });
+  EXPECT_FALSE(b.axis.idle());
+  b.listen();
+  EXPECT_FALSE(b.axis.idle()) << "once";
+  b.listen();
+  EXPECT_TRUE(b.axis.idle());
+}
+
+TEST(Cia402Corners, AnEnabledDriveThatNobodyAskedIsNotReady) {
+  Bench b;
+  b.slave.obeys = false;
+  b.slave.status = 0x0237;
+  ASSERT_TRUE(b.until([&] { return b.slave.state == 5; }));
+  for (int i = 0; i < 5; ++i) {
+    b.tick();
+    EXPECT_FALSE(b.axis.ready());
+    EXPECT_EQ(b.control(), 0x00U);
+  }
+}
+
+TEST(Cia402Corners, AfterAnInterruptionItTakesTwoReports) {
+  Bench b;
+  ASSERT_TRUE(b.make_ready());
+  EXPECT_EQ(b.hear(heartbeat_of(node, 0x04)), Received::accepted);
+  EXPECT_FALSE(b.axis.ready());
+  b.tick(false);
+  EXPECT_FALSE(b.axis.ready()) << "once since";
+  b.tick(false);
+  EXPECT_TRUE(b.axis.ready());
+  EXPECT_EQ(b.hear(emergency_of(node, 0x4210)), Received::accepted);
+  EXPECT_EQ(b.hear(emergency_of(node, 0)), Received::accepted);
+  EXPECT_FALSE(b.axis.ready());
+  b.tick(false);
+  EXPECT_FALSE(b.axis.ready()) << "once since";
+  b.tick(false);
+  EXPECT_TRUE(b.axis.ready());
+}
+
+// ---- what is left of an earlier enabling --------------------------------------------------------------------------------
+
+/// The drive's word that it is pre-operational has to be newer than the call.
+TEST(Cia402Corners, AnEarlierAnswerIsNoAnswer) {
+  Bench b;
+  ASSERT_TRUE(b.make_ready());
+  forget(b);
+  const auto deaf = [](const CanFrame&) { return true; };  // the bus takes it, the drive does not hear it
+  for (int i = 0; i < 5; ++i) {
+    b.axis.begin_tick();
+    EXPECT_EQ(b.hear(report_of(node, 0x0250)), i == 0 ? Received::accepted : Received::not_mine) << "its PDOs are nobody's";
+    EXPECT_EQ(b.hear(heartbeat_of(node, 5)), Received::accepted);
+    int sdos = 0;
+    b.axis.enable([&](const CanFrame& f) {
+      sdos += f.id == 0x600U + node ? 1 : 0;
+      return deaf(f);
+    });
+    EXPECT_EQ(sdos, i == 0 ? 1 : 0) << "nothing but the call, in tick " << i;
+  }
+}
+
+TEST(Cia402Corners, AnEarlierStatuswordIsNotAnswered) {
+  Bench b;
+  b.slave.obeys = false;
+  b.slave.status = 0x0231;
+  ASSERT_TRUE(b.until([&] { return b.control() == 0x07; }));
+  forget(b);
+  const std::size_t writes = b.slave.writes.size();
+  ASSERT_TRUE(b.until([&] { return b.slave.state == 5 && b.slave.writes.size() > writes + 30; }));
+  b.axis.begin_tick();
+  EXPECT_EQ(b.hear(heartbeat_of(node, 5)), Received::accepted);
+  b.command(true);
+  EXPECT_EQ(b.control(), 0x00U) << "no statusword since";
+}
+
+TEST(Cia402Corners, AnEarlierModeIsNoMode) {
+  Bench b;
+  ASSERT_TRUE(b.make_ready());
+  forget(b);
+  b.slave.obeys = false;
+  const std::size_t writes = b.slave.writes.size();
+  ASSERT_TRUE(b.until([&] { return b.slave.state == 5 && b.slave.writes.size() > writes + 30; }));
+  b.axis.begin_tick();
+  EXPECT_EQ(b.hear(report_of(node, 0x0237)), Received::accepted);
+  EXPECT_FALSE(b.axis.closed_loop()) << "it has not said in which mode";
+}
+
+/// Operational because we started it, not because it said so while it was set up.
+TEST(Cia402Corners, OperationalDuringTheSetUpIsForgotten) {
+  Bench b;
+  b.slave.obeys = false;
+  ASSERT_TRUE(b.until([&] { return b.slave.writes.size() == setup_writes; }));
+  b.axis.begin_tick();
+  for (const CanFrame& f : b.slave.speak()) EXPECT_EQ(b.hear(f), Received::accepted);
+  b.command(true);  // reads the last entry back
+  b.axis.begin_tick();
+  EXPECT_EQ(b.hear(heartbeat_of(node, 5)), Received::accepted);
+  for (const CanFrame& f : b.slave.waiting) EXPECT_EQ(b.hear(f), Received::accepted);
+  b.slave.waiting.clear();
+  b.command(true);
+  EXPECT_EQ(b.sent[0], nmt(0x01, node));
+  EXPECT_FALSE(b.axis.closed_loop());
+  EXPECT_EQ(b.hear(report_of(node, 0x0250)), Received::accepted);
+  b.axis.begin_tick();
+  b.command(true);
+  EXPECT_EQ(b.control(), 0x06U);
+}
+
+// ---- answers at the wrong time ------------------------------------------------------------------------------------------
+
+TEST(Cia402Corners, AnAnswerAfterTheSequenceBeganAnewIsIgnored) {
+  Bench b;
+  b.slave.silent.insert(entry(0x6502, 0));
+  ASSERT_TRUE(b.make_ask(entry(0x6502, 0)));
+  forget(b);
+  EXPECT_EQ(b.hear(sdo(0x580 + node, 0x43, 0x6502, 0, 0)), Received::accepted);
+  EXPECT_FALSE(b.axis.contradicted());
+}
+
+TEST(Cia402Corners, AnAnswerBeforeTheQuestionWasTakenIsIgnored) {
+  Bench b;
+  ASSERT_TRUE(b.make_ask(entry(0x1005, 0)));
+  b.listen();
+  b.bus_takes = false;
+  b.command(true);  // 1006 is next
+  ASSERT_EQ(b.count(0x600U + node), 1);
+  EXPECT_EQ(b.hear(sdo(0x580 + node, 0x80, 0x1006, 0, 0x0601'0002)), Received::accepted);
+  EXPECT_FALSE(b.axis.contradicted());
+}
+
+TEST(Cia402Corners, AnAnswerOfAnotherLengthIsAContradiction) {
+  Bench b;
+  b.slave.command[entry(0x6060, 0)] = 0x4B;  // two bytes, with the right value in them
+  b.until([&] { return b.axis.ready() || b.axis.contradicted(); });
+  EXPECT_TRUE(b.axis.contradicted());
+}
+
+// ---- bounds -----------------------------------------------------------------------------------------------------------
+
+Bench with(float scene, std::uint32_t drive, float limit, std::uint32_t allowed) {
+  Bench b;
+  auto s = settings();
+  s.rated_torque = scene;
+  s.rated_torque_unit = 1.0F;
+  s.torque_limit = limit;
+  b.axis = Cia402Axis(AxisConfig{.node = node}, s);
+  b.slave.says[entry(0x6076, 0)] = drive;
+  b.slave.says[entry(0x6072, 0)] = allowed;
+  b.until([&] { return b.axis.ready() || b.axis.contradicted(); });
+  return b;
+}
+
+TEST(Cia402Corners, OnePerCentOfTheRatedTorqueIsAllowedToTheLastBit) {
+  EXPECT_TRUE(with(99.0F, 100, 0.0F, 0).axis.ready());
+  EXPECT_TRUE(with(101.0F, 100, 0.0F, 0).axis.ready()) << "and a limit of 0 needs nothing";
+  EXPECT_TRUE(with(98.99F, 100, 0.0F, 0).axis.contradicted());
+  EXPECT_TRUE(with(101.01F, 100, 0.0F, 0).axis.contradicted());
+  EXPECT_TRUE(with(0.0F, 0, 0.0F, 0).axis.contradicted()) << "no scale";
+}
+
+TEST(Cia402Corners, SmallMotorsAreMotors) {
+  Bench b;
+  auto s = settings();
+  s.rated_torque = 0.2F;
+  s.torque_limit = 0.25F;
+  b.axis = Cia402Axis(AxisConfig{.node = node}, s);
+  b.slave.objects[entry(0x6076, 0)] = 200;
+  b.slave.objects[entry(0x6072, 0)] = 1250;
+  EXPECT_TRUE(b.make_ready()) << "and exactly the torque that is asked for";
+}
+
+TEST(Cia402Corners, TheLastStepsOfTheTorqueFrame) {
+  Bench b;
+  ASSERT_TRUE(b.make_ready());
+  const auto thousandths = [&](float steps) {
+    return static_cast<std::int16_t>(little(b.axis.torque_frame(steps * 2e-3F), 2, 2));
+  };
+  EXPECT_EQ(thousandths(32766.2F), 32766);
+  EXPECT_EQ(thousandths(-32766.2F), -32766);
+  EXPECT_EQ(thousandths(32767.8F), 32767);
+  EXPECT_EQ(thousandths(-32767.8F), -32767);
+}
+
+}  // namespace
+}  // namespace esmc::test
