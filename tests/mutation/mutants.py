@@ -32,7 +32,7 @@ class Mutant:
     text: str         # what replaces it
     form: str         # how it is chosen at run time; "" if it cannot be
     line: int = 0
-    source: str = ""  # the line, without indentation
+    source: str = ""  # function and line, without indentation: what does not change when others are edited
     change: str = ""  # old -> new, on one line
     sure: bool = False  # nothing here is evaluated while compiling
     number: int = -1
@@ -71,7 +71,8 @@ class Reader:
             self.place, self.seen = None, str(root / file)
             self.locate(tree)
             self.enums(tree)
-            self.visit(tree, {"constant": False, "result": None, "body": False, "sure": False})
+            self.visit(tree, {"constant": False, "result": None, "body": False, "sure": False,
+                              "function": ""})
 
     # ---- the tree -------------------------------------------------------------------------------------------------
 
@@ -108,7 +109,7 @@ class Reader:
             return
         m = Mutant(self.file, begin, end, text, form, sure=self.sure)
         m.line = self.text.count("\n", 0, begin) + 1
-        m.source = self.text.splitlines()[m.line - 1].strip()
+        m.source = self.function + self.text.splitlines()[m.line - 1].strip()
         m.change = f"{one_line(old if old is not None else self.text[begin:end])} => {one_line(new if new is not None else text)}"
         self.found[begin, end, text] = m
 
@@ -126,7 +127,7 @@ class Reader:
             c = {**c, "result": None}
         if kind in ("FunctionDecl", "CXXMethodDecl", "CXXConstructorDecl"):
             result = node.get("type", {}).get("qualType", "").split("(")[0].strip()
-            c = {**c, "constant": False, "result": result, "body": True, "sure": not node.get("constexpr")}
+            c = {**c, "function": f"{node.get('name', '')}: ", "constant": False, "result": result, "body": True, "sure": not node.get("constexpr")}
         if kind == "VarDecl" and node.get("type", {}).get("qualType", "").startswith("const"):
             c = {**c, "sure": False}
         if kind == "VarDecl" and (node.get("constexpr") or not c["body"]) or kind in ("EnumConstantDecl", "ConstantExpr"):
@@ -143,7 +144,7 @@ class Reader:
 
     def mutate(self, kind, node, inner, extent, c):
         begin, end = extent
-        self.sure = c["sure"]
+        self.sure, self.function = c["sure"], c["function"]
         text = self.text[begin:end]
         form = "" if c["constant"] else "expression"
         if kind in ("BinaryOperator", "CXXOperatorCallExpr", "CXXRewrittenBinaryOperator") and len(inner) >= 2:

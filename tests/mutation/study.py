@@ -115,7 +115,8 @@ class Bench:
                 objects.append(self.build / (pathlib.Path(test).stem + ".o"))
                 done = self.compile(overlay, test, objects[-1], self.together_level)
                 if done.returncode != 0:
-                    bad |= {(f, int(n)) for f, n in re.findall(r"(firmware/[\w/]+\.hpp):(\d+):\d+: (?:error|note)", done.stderr)}
+                    for kind in ("error", "note"):
+                        bad = bad or {(f, int(n)) for f, n in re.findall(rf"together/(\S+):(\d+):\d+: {kind}", done.stderr)}
                     break
             if done.returncode == 0:
                 break
@@ -190,7 +191,7 @@ def judge(bench, all_, told=print):
 
 
 def equivalents(text):
-    """{(file, source line, change): reason}: paragraphs of three lines."""
+    """{(file, function: source line, change): reason}: paragraphs of three lines."""
     out = {}
     for paragraph in re.split(r"\n\s*\n", "\n".join(n for n in text.splitlines() if not n.startswith("#"))):
         lines = [n.strip() for n in paragraph.strip().splitlines()]
@@ -278,7 +279,7 @@ TEST(Seeded, All) {
         for name, text in (("firmware/seeded/seeded.hpp", header), ("tests/unit/seeded_test.cpp", test)):
             (root / name).parent.mkdir(parents=True)
             (root / name).write_text(text)
-        known = equivalents("# the bound itself\nfirmware/seeded/seeded.hpp: if (v > most) v = most;  // 1 + 1 here is no mutant\n"
+        known = equivalents("# the bound itself\nfirmware/seeded/seeded.hpp: clamped: if (v > most) v = most;  // 1 + 1 here is no mutant\n"
                             "  v > most => v >= most\n  most is clamped to most\n\n"
                             "firmware/seeded/seeded.hpp: gone\n  a => b\n  fits nothing\n")
         build = root / "build"

@@ -184,6 +184,12 @@ TEST(Cia402Corners, OperationalDuringTheSetUpIsForgotten) {
   b.command(true);
   EXPECT_EQ(b.sent[0], nmt(0x01, node));
   EXPECT_FALSE(b.axis.closed_loop());
+  b.axis.begin_tick();
+  EXPECT_EQ(b.hear(heartbeat_of(node, 0x7F)), Received::accepted) << "on its way when it was started";
+  b.command(true);
+  b.axis.begin_tick();
+  b.command(true);
+  EXPECT_EQ(b.count(0x000), 0) << "it is waited for";
   EXPECT_EQ(b.hear(report_of(node, 0x0250)), Received::accepted);
   b.axis.begin_tick();
   b.command(true);
