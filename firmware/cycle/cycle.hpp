@@ -228,7 +228,10 @@ class Cycle {
     }
     // Some drives say where they are only once they have been set up: enabling may get that far, and no further.
     if (!zero_.confirmed() && (supervisor_.powered() || sensed())) return Fault::zero_not_confirmed;
-    if (!supervisor_.powered()) return Fault::none;  // other errors of a drive that is being enabled are expected
+    if (!supervisor_.powered()) {
+      echo_.forget();
+      return Fault::none;  // other errors of a drive that is being enabled are expected
+    }
     for (int i = 0; i < motor_count(); ++i) {
       const D& a = axis(motor_axis(i));
       if (a.error()) return Fault::drive_error;
@@ -276,14 +279,26 @@ class Cycle {
       const auto s = a.template sample<S>();
       sample_.angle[joint] = s.angle + zero_.shift(joint);
       sample_.rate[joint] = s.rate;
-      sample_.age_ticks[static_cast<unsigned>(joint)] = a.sample_age_ticks();
-      sample_.phase[static_cast<unsigned>(joint)] = phase_[static_cast<unsigned>(axis_of_joint(joint))];
+      S phase = phase_[static_cast<unsigned>(axis_of_joint(joint))];
+      sample_.age_ticks[static_cast<unsigned>(joint)] = aged(a.sample_age_ticks(), phase, c.sample_time);
+      sample_.phase[static_cast<unsigned>(joint)] = phase;
       // A drive that was away may have restarted, and then its count began anew. Of a passive encoder, and of a drive
       // that has never sent one, heartbeats say nothing.
       const bool beats = joint % (M::joints / motor_count()) == 0 && a.heartbeat_age_ticks() != drive::age_max;
       const std::uint32_t silent = beats ? a.heartbeat_age_ticks() : a.sample_age_ticks();
       if (silent != drive::age_max && silent > heartbeat_age_ticks_max_) zero_.forget();
     }
+  }
+
+  /// A sample that waited in a queue for longer than a tick is not of this tick: whole ticks of its phase are age.
+  [[nodiscard]] static std::uint32_t aged(std::uint32_t age, S& phase, S sample_time) {
+    const S waited = phase / sample_time;
+    if (waited < S(1)) return age;
+    if (!(waited < S(1e6F))) return drive::age_max;
+    const auto whole = static_cast<std::uint32_t>(waited);
+    phase -= S(whole) * sample_time;
+    if (phase < S(0)) phase = S(0);
+    return age > drive::age_max - whole ? drive::age_max : age + whole;
   }
 
   /// Whether every encoder has just been heard.

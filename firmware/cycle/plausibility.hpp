@@ -65,6 +65,8 @@ class TorqueEcho {
   /// At the end of a tick: what goes to the joints from now on, N m.
   void told(const Vec<S, M::joints>& torque) { expected_ += (torque - expected_) * share_; }
 
+  /// What was off before there was torque says nothing.
+  void forget() { off_ = {}; }
   /// False once a joint's reported torque has been off for `patience` ticks in a row; none reported, none compared.
   [[nodiscard]] bool plausible(int joint, const std::optional<float>& reported) {
     auto& n = off_[static_cast<unsigned>(joint)];

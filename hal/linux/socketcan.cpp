@@ -14,12 +14,14 @@
 #include <array>
 #include <cerrno>
 #include <cstring>
+#include <limits>
 #include <utility>
 
 namespace esmc::hal {
 namespace {
 
-/// From the kernel's stamp, on the clock that people set: a step of it must not make an age that never was.
+/// From the kernel's stamp, on the clock that people set: a step of it forwards makes frames old that are not, and that
+/// is the safe side.
 std::uint32_t age_of(msghdr& message) {
   for (cmsghdr* c = CMSG_FIRSTHDR(&message); c != nullptr; c = CMSG_NXTHDR(&message, c)) {
     if (c->cmsg_level != SOL_SOCKET || c->cmsg_type != SCM_TIMESTAMP) continue;
@@ -27,8 +29,7 @@ std::uint32_t age_of(msghdr& message) {
     std::memcpy(&then, CMSG_DATA(c), sizeof then);
     if (::gettimeofday(&now, nullptr) != 0) return 0;
     const std::int64_t us = (static_cast<std::int64_t>(now.tv_sec) - then.tv_sec) * 1'000'000 + (now.tv_usec - then.tv_usec);
-    constexpr std::int64_t second = 1'000'000;
-    return us > 0 && us < second ? static_cast<std::uint32_t>(us) : 0U;
+    return static_cast<std::uint32_t>(std::clamp<std::int64_t>(us, 0, std::numeric_limits<std::uint32_t>::max()));
   }
   return 0;
 }

@@ -367,6 +367,17 @@ void judge_bus(const Scene& s, const BusAnalysis& bus, Findings& f) {
     return;
   }
   if (bus.load > 0.8) f.warning(fmt::format("bus load {:.0f} %: above 80 % frames wait for each other", 100.0 * bus.load));
+  if (s.command) {
+    std::uint32_t last = 0;
+    for (const BusMessage& m : bus_messages(s)) {
+      if (m.role != BusMessage::Role::other && !m.extended) last = std::max(last, m.id);
+    }
+    if (static_cast<std::uint32_t>(s.command->base_id) < last) {
+      f.warning(fmt::format("command.base_id 0x{:X} comes before drive frames (up to 0x{:X}) on the bus: orders that nobody "
+                            "foresees delay them, beyond the latencies stated here",
+                            s.command->base_id, last));
+    }
+  }
   const BusAnalysis::Message* before = nullptr;
   for (const BusAnalysis::Message& m : bus.messages) {
     if (before != nullptr && before->id == m.id && before->extended == m.extended) {

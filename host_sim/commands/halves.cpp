@@ -63,6 +63,7 @@ std::string to_confirm(const Scene& scene) {
     case Protocol::odrive_0_5: {
       const auto unread = [&](OdriveValue v) { return !d.endpoints || !d.endpoints->has(v); };
       const bool constant = d.torque_constant.empty();
+      if (d.protocol == Protocol::odrive_0_5) list("control_mode is torque and input_mode passthrough, as stored");
       if (unread(OdriveValue::enable_watchdog) || unread(OdriveValue::watchdog_timeout)) {
         list("enable_watchdog, and watchdog_timeout as in drives.watchdog_timeout");
       }

@@ -223,6 +223,27 @@ TEST(Phase, ABusThatStampsItsFramesGivesItToTheSample) {
   EXPECT_NEAR(rig.cycle.sample().phase[0], 7e-4, 1e-9);
   EXPECT_NEAR(rig.cycle.sample().phase[2], 7e-4, 1e-9);
 
+  // What waited for longer than a tick is not of this tick, and what is too old is no sample.
+  struct Queued : esmc::test::FakeBus {
+    std::uint32_t age_us = 0;
+    [[nodiscard]] std::uint32_t frame_age_us() const { return age_us; }
+  };
+  esmc::test::Rig<Five, Queued> queued;
+  ASSERT_TRUE(queued.start());
+  queued.bus.age_us = 1400;
+  queued.tick();
+  EXPECT_EQ(queued.cycle.sample().age_ticks[0], 1U);
+  EXPECT_NEAR(queued.cycle.sample().phase[0], 4e-4, 1e-9);
+  EXPECT_EQ(queued.cycle.supervisor().fault(), Fault::none);
+  for (const std::uint32_t us : {500'000U, 0xFFFF'FFFFU}) {
+    esmc::test::Rig<Five, Queued> old;
+    ASSERT_TRUE(old.start());
+    old.bus.age_us = us;
+    old.tick();
+    EXPECT_EQ(old.cycle.supervisor().fault(), Fault::stale_feedback) << us;
+    EXPECT_TRUE(old.all_zero()) << us;
+  }
+
   // What comes after the sample, a heartbeat, has an age of its own; another sample counts from its own arrival.
   struct Aging : esmc::test::FakeBus {
     std::uint32_t age_us = 900;
