@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Mutation study: is every line of a folder not only run by its tests, but judged by them?
 
-usage: study.py BUILD [--only TEXT] [--again] [--page FILE]     BUILD: a folder for what is compiled, and for results
+usage: study.py BUILD [--only FOLDER] [--again] [--page FILE]     BUILD: a folder for what is compiled, and for results
        study.py --self-test
 
 All mutants of a folder are compiled into one test program and chosen by the environment variable MUTANT. A mutant is killed
@@ -11,7 +11,7 @@ well. What survives that must be listed in equivalent.txt with a reason why no t
 there that fits no surviving mutant is an error.
 
 --again: only what was not killed the last time, against tests that have changed since (not for the record).
---page: writes docs/mutants.md."""
+--page: writes docs/mutants.md, of every folder what its last whole run has given."""
 
 import argparse
 import functools
@@ -233,6 +233,10 @@ def study(root, folders, build, known, again=False, only="", cxx="clang++", told
             else:
                 left.append(m)
     record.write_text(json.dumps([m.key for m in open_]))
+    if not again and only in ("", *folders):
+        kept = build / "figures.json"
+        old = json.loads(kept.read_text()) if kept.exists() else {}
+        kept.write_text(json.dumps({f: v for f, v in old.items() if only and not f.startswith(only)} | figures))
     unused = [k for k in known if k not in used and k[0] in figures] if not again else []
     return figures, left, unused
 
@@ -325,8 +329,8 @@ def main():
         print(f"equivalent.txt: fits no surviving mutant: {k}")
     n, killed, equivalent = (sum(v[i] for v in figures.values()) for i in range(3))
     print(f"{n} mutants, {killed} killed, {equivalent} equivalent, {len(left)} left")
-    if a.page and not a.only and not a.again:
-        a.page.write_text(page(figures, known))
+    if a.page:
+        a.page.write_text(page(json.loads((a.build / "figures.json").read_text()), known))
     return 1 if left or unused else 0
 
 

@@ -128,6 +128,29 @@ TEST(CanopenCodec, SdoReplies) {
   for (const CanFrame& f : spoilt(encode_sdo_written(5, {0x6071, 0}))) EXPECT_FALSE(decode_sdo_reply(f));
 }
 
+/// No byte but its own is read or written: while compiling, a shift or an index too far is an error.
+constexpr CanFrame reply_sdo(int command) {
+  return {.id = 0x585, .size = 8, .data = {static_cast<std::uint8_t>(command), 0x71, 0x60, 2, 0x11, 0x00, 0x09, 0x06}};
+}
+static_assert(encode_sdo_abort(5, {0x6071, 2}, 0x0609'0011) == reply_sdo(0x80));
+static_assert(decode_sdo_reply(reply_sdo(0x80))->value == 0x0609'0011);
+static_assert(decode_sdo_request(reply_sdo(0x80))->value == 0x0609'0011);
+static_assert(decode_sdo_reply(reply_sdo(0x42))->value == 0x0609'0011);
+static_assert(cia402::decode_report({.id = 0x183, .size = 8, .data = {1, 2, 3, 4, 5, 6, 7, 8}})->position == 0x0605'0403);
+
+TEST(CanopenCodec, WhatHasNoValueHasNoneAndAnAbortHasFourBytes) {
+  for (const int command : {0x40, 0x60, 0xA0}) {
+    for (const auto& s : {decode_sdo_request(reply_sdo(command)), decode_sdo_reply(reply_sdo(command))}) {
+      ASSERT_TRUE(s);
+      EXPECT_EQ(s->value, 0U);
+      EXPECT_EQ(s->size, 0);
+    }
+  }
+  EXPECT_EQ(decode_sdo_request(reply_sdo(0x80))->size, 4);
+  EXPECT_EQ(decode_sdo_reply(reply_sdo(0x80))->size, 4);
+  EXPECT_EQ(Object{}, (Object{0, 0}));
+}
+
 TEST(CanopenCodec, AbortCodesAreThoseOfTheStandard) {
   EXPECT_EQ(abort_time_out, 0x05040000U) << "SDO protocol timed out";
   EXPECT_EQ(abort_command, 0x05040001U) << "command specifier not valid or unknown";
@@ -193,6 +216,8 @@ TEST(Cia402Codec, ProcessData) {
   for (const CanFrame& f : spoilt(can(0x183, {0, 0, 0, 0, 0, 0, 0, 0}))) EXPECT_FALSE(cia402::decode_report(f));
   for (const CanFrame& f : spoilt(can(0x283, {0, 0, 0, 0, 0}))) EXPECT_FALSE(cia402::decode_motion(f));
   EXPECT_EQ(cia402::mapped({0x6064, 0}, 32), 0x6064'0020U);
+  EXPECT_EQ(cia402::mapped({0x1234, 0x56}, 0x78), 0x1234'5678U);
+  EXPECT_EQ(cia402::encode_command(3, {0x1234, 0x5678}), can(0x203, {0x34, 0x12, 0x78, 0x56}));
 }
 
 /// Every statusword against the table of masks; no two rows may claim the same word.

@@ -59,6 +59,37 @@ TEST(Cia402Corners, AgesThatHaveNeverBegunDoNotWrap) {
   }
 }
 
+TEST(Cia402Corners, AnAxisThatHasHeardNothingSaysNothing) {
+  const Cia402Axis a({.node = node, .offset = 0.5F}, settings());
+  EXPECT_FALSE(a.ready() || a.idle() || a.alive() || a.error() || a.closed_loop() || a.must_be_released() || a.contradicted());
+  EXPECT_EQ(a.sample<double>().angle, 0.5);
+  EXPECT_EQ(a.sample<double>().rate, 0.0);
+  EXPECT_EQ(a.torque_lsb(), 0.0F);
+  EXPECT_EQ(a.error_code(), 0U);
+  EXPECT_FALSE(a.observed_torque());
+}
+
+TEST(Cia402Corners, TheCallIsPreOperationalAndAHeartbeat) {
+  Bench b;
+  b.axis.begin_tick();
+  b.command(true);
+  ASSERT_EQ(b.sent.size(), 3U);
+  EXPECT_EQ(b.sent[0], nmt(0x80, node));
+  EXPECT_EQ(b.sent[1], sdo(0x600 + node, 0x2B, 0x1017, 0, 8));
+}
+
+TEST(Cia402Corners, AnUnconfiguredLineIsNode127AndSpeaksInEveryTick) {
+  drive::CanopenLine line;
+  for (int i = 0; i < 3; ++i) {
+    int sent = 0;
+    line.end_tick([&](const CanFrame& f) {
+      EXPECT_EQ(f, can(0x77F, {5}));
+      return ++sent > 0;
+    }, true);
+    EXPECT_EQ(sent, 1) << i;
+  }
+}
+
 TEST(Cia402Corners, AnEmergencyIsALifeSign) {
   Bench b;
   EXPECT_EQ(b.hear(emergency_of(node, 0x8130)), Received::accepted);
@@ -225,7 +256,56 @@ TEST(Cia402Corners, AnAnswerOfAnotherLengthIsAContradiction) {
   EXPECT_TRUE(b.axis.contradicted());
 }
 
+TEST(Cia402Corners, WhatALongAnswerHasBesidesTheObjectIsNoMatter) {
+  Bench b;
+  b.slave.command[entry(0x6060, 0)] = 0x42;  // four bytes, without saying how many count
+  b.slave.says[entry(0x6060, 0)] = 0xABCD'EF0A;
+  b.slave.command[entry(0x6007, 0)] = 0x42;
+  b.slave.says[entry(0x6007, 0)] = 0xABCD'0001;
+  EXPECT_TRUE(b.make_ready());
+}
+
 // ---- bounds -----------------------------------------------------------------------------------------------------------
+
+/// A drive that is left to these arms nothing: its rated torque is not 0.
+TEST(Cia402Corners, SettingsThatNobodyGave) {
+  const drive::Cia402Settings s;
+  EXPECT_EQ(s.rated_torque, 0.0F) << "arms nothing";
+  EXPECT_EQ(s.torque_limit, 0.0F);
+  EXPECT_EQ(s.counts_per_turn, 1U << 20U);
+  EXPECT_NEAR(s.velocity_unit, 2e-3 * 3.14159265358979 / 60, 1e-11) << "a thousandth of a turn per minute";
+  EXPECT_EQ(s.heartbeat_ms, 10);
+  EXPECT_EQ(s.consumer_ms, 10);
+  EXPECT_EQ(s.master_node, 127);
+  EXPECT_EQ(s.retry_ticks, 150);
+  EXPECT_EQ(s.sdo_ticks, 100);
+  const drive::cia402::Entry e{{0x6041, 0}, 2, drive::cia402::Task::write};
+  EXPECT_EQ(e.constant, 0U);
+  EXPECT_EQ(e.source, drive::cia402::Source::constant);
+  EXPECT_EQ(e.mask, 0xFFFF'FFFFU);
+}
+
+TEST(Cia402Corners, OptionCodesReachTheirObjects) {
+  Bench b;
+  auto s = settings();
+  s.abort_connection = 3;
+  s.fault_reaction = -2;
+  s.quick_stop = 6;
+  b.axis = Cia402Axis(AxisConfig{.node = node}, s);
+  ASSERT_TRUE(b.make_ready());
+  EXPECT_EQ(b.slave.objects[entry(0x6007, 0)], 3U);
+  EXPECT_EQ(b.slave.objects[entry(0x605E, 0)], 0xFFFEU);
+  EXPECT_EQ(b.slave.objects[entry(0x605A, 0)], 6U);
+}
+
+TEST(Cia402Corners, PeriodsAreRoundedHalfUpAndEndAt255Seconds) {
+  struct Case { std::uint32_t us; int value, index; };
+  for (const Case c : {Case{256, 26, -5}, Case{1285, 129, -5}, Case{1284, 128, -5}, Case{2'560'000'000, 255, 0},
+                       Case{4'000'000'000, 255, 0}}) {
+    EXPECT_EQ(drive::cia402::interpolation(c.us).value, c.value) << c.us;
+    EXPECT_EQ(drive::cia402::interpolation(c.us).index, c.index) << c.us;
+  }
+}
 
 Bench with(float scene, std::uint32_t drive, float limit, std::uint32_t allowed) {
   Bench b;
@@ -257,6 +337,7 @@ TEST(Cia402Corners, SmallMotorsAreMotors) {
   b.slave.objects[entry(0x6076, 0)] = 200;
   b.slave.objects[entry(0x6072, 0)] = 1250;
   EXPECT_TRUE(b.make_ready()) << "and exactly the torque that is asked for";
+  EXPECT_EQ(little(b.axis.torque_frame(0.1F), 2, 2), 500U);
 }
 
 TEST(Cia402Corners, TheLastStepsOfTheTorqueFrame) {

@@ -111,6 +111,22 @@ TEST(AxisConfig, IsAMotorThatTurnsWithItsJoint) {
   EXPECT_EQ(shaft_torque(c, 2.5), 2.5F);
 }
 
+TEST(OdriveAxisCorners, ADefaultAxisSpeaks06AndIsPatient) {
+  OdriveAxis a;
+  EXPECT_FALSE(a.must_be_released());
+  for (int i = 0; i < 301; ++i) {
+    a.begin_tick();
+    EXPECT_EQ(enable(a).size(), i % 150 == 0 ? 1U : 0U) << i;
+  }
+  EXPECT_EQ(a.receive(test::message(0x3F, 0x02, 0, 0, 0)), Received::accepted) << "to all";
+  EXPECT_TRUE(a.emergency_stopped());
+  const OdriveCheck c;
+  EXPECT_EQ(c.endpoint, 0);
+  EXPECT_EQ(c.type, odrive::ValueType::f32);
+  EXPECT_EQ(c.lower, 0.0F);
+  EXPECT_EQ(c.upper, 0.0F);
+}
+
 /// Entries of the set-up table from the words of the object dictionary.
 TEST(Cia402Entries, ArePackedAsTheProfileHasThem) {
   // Not constants, so that the functions run here.
@@ -121,10 +137,15 @@ TEST(Cia402Entries, ArePackedAsTheProfileHasThem) {
   EXPECT_EQ(off.constant, 0x8000'0280U) << "bit 31: the PDO does not exist";
   EXPECT_EQ(off.mask, 0x8000'0000U);
   EXPECT_TRUE(off.optional);
+  EXPECT_EQ(off.bytes, 4);
+  EXPECT_EQ(off.task, cia402::Task::verify);
+  EXPECT_EQ(off.source, cia402::Source::plus_node);
   const cia402::Entry entry = cia402::detail::map(mapping, 2, {0x606C, 0}, 32);
   EXPECT_TRUE((entry.object == canopen::Object{0x1A01, 2}));
   EXPECT_EQ(entry.constant, 0x606C'0020U);
   EXPECT_FALSE(entry.optional);
+  EXPECT_EQ(entry.bytes, 4);
+  EXPECT_EQ(entry.task, cia402::Task::verify);
 }
 
 TEST(CanopenObjects, DifferInIndexOrSubIndex) {

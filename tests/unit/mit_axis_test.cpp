@@ -357,6 +357,11 @@ TEST(MitAxis, ASilentDriveIsCalledEveryRetryTicksAndStartsAnewWhenHeard) {
   EXPECT_TRUE(only(enable(a), leave));
 }
 
+TEST(MitAxis, WhoSetsNoRetryTimeWaits150Ticks) {
+  MitAxis a({.node = node}, {});
+  for (int i = 0; i < 301; ++i) EXPECT_EQ(enable(a).size(), i % 150 == 0 ? 1U : 0U) << i;
+}
+
 TEST(MitAxis, ADriveThatFallsSilentIsAskedFromTheStart) {
   MitAxis a = axis();
   ask(a);

@@ -31,6 +31,24 @@ TEST(MitCodec, ACommandIsTheFieldsOneAfterTheOther) {
   EXPECT_EQ(back.torque, c.torque);
 }
 
+TEST(MitCodec, EveryBitOfACommandIsRead) {
+  const Command c = decode_command(test::mit_special(1, 0xFF));
+  EXPECT_EQ(c.position, 0xFFFF);
+  EXPECT_EQ(c.velocity, 0xFFF);
+  EXPECT_EQ(c.kp, 0xFFF);
+  EXPECT_EQ(c.kd, 0xFFF);
+  EXPECT_EQ(c.torque, 0xFFF);
+}
+
+/// Two turns, nearly, to each side; a command of 18 N m is the last code.
+TEST(MitCodec, RangesThatNobodyGave) {
+  const Ranges r;
+  EXPECT_EQ(r.position, 12.5F);
+  EXPECT_EQ(r.velocity, 50.0F);
+  EXPECT_EQ(r.torque, 18.0F);
+  EXPECT_TRUE(Reply{}.whole_torque);
+}
+
 TEST(MitCodec, SpecialFrames) {
   EXPECT_EQ(encode_special(2, Special::enter), test::bytes(2, {255, 255, 255, 255, 255, 255, 255, 0xFC}));
   EXPECT_EQ(encode_special(2, Special::leave), test::bytes(2, {255, 255, 255, 255, 255, 255, 255, 0xFD}));
@@ -114,6 +132,10 @@ TEST(MitCodec, RepliesOfEveryLength) {
   EXPECT_EQ(cut->position, 0xABCD);
   EXPECT_EQ(cut->velocity, 0x123);
   EXPECT_EQ(cut->torque, 0x400);
+  EXPECT_FALSE(cut->whole_torque);
+  CanFrame stale = six;
+  stale.size = 5;
+  EXPECT_EQ(decode_reply(stale, Dialect::mini_cheetah)->torque, 0x400) << "a byte that is not there";
   const auto seven = decode_reply(test::bytes(0, {0x05, 0xAB, 0xCD, 0x12, 0x34, 0x56, 0x99}), Dialect::mini_cheetah);
   ASSERT_TRUE(seven);
   EXPECT_EQ(seven->torque, 0x456);

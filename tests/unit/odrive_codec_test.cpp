@@ -130,10 +130,16 @@ TEST(OdriveCodec, EncodersOfTheDriveSideMatchBytesPackedByHand) {
   EXPECT_TRUE(plain(e) && plain(h));
 }
 
+/// While compiling, an index too far is an error.
+static_assert(encode_version(1, {6, 7, 8}).data[7] == 0);
+
 /// 0.6: Get_Version, Get_Error and TxSdo, each 8 bytes.
 TEST(OdriveCodec, WhatADriveOf06AnswersMatchesBytesPackedByHand) {
   const CanFrame v = encode_version(0x3E, {6, 7, 8});
   EXPECT_EQ(v.id, 0x7C0U);
+  EXPECT_EQ(encode_version_request(0x3E).id, 0x7C0U);
+  EXPECT_EQ(encode_version_request(0x3E).size, 8) << "what is asked for";
+  EXPECT_TRUE(encode_version_request(0x3E).remote);
   EXPECT_EQ(payload(v), (Bytes{2, 0, 0, 0, 6, 7, 8, 0}));
   const CanFrame e = encode_errors(4, 0x01020304, 0xA0B0C0D0);
   EXPECT_EQ(e.id, 0x083U);
