@@ -226,11 +226,10 @@ class Cycle {
     for (int i = 0; i < motor_count(); ++i) {
       if (axis(motor_axis(i)).contradicted()) return Fault::drive_configuration;
     }
-    // Some drives say where they are only once they have been set up: enabling may get that far, and no further.
-    if (!zero_.confirmed() && (supervisor_.powered() || sensed())) return Fault::zero_not_confirmed;
-    if (!supervisor_.powered()) {
+    if (!supervisor_.powered()) {  // other errors of a drive that is being enabled are expected
       echo_.forget();
-      return Fault::none;  // other errors of a drive that is being enabled are expected
+      // Some drives say where they are only once they have been set up: enabling may get that far, and no further.
+      return !zero_.confirmed() && sensed() ? Fault::zero_not_confirmed : Fault::none;
     }
     for (int i = 0; i < motor_count(); ++i) {
       const D& a = axis(motor_axis(i));
@@ -241,7 +240,7 @@ class Cycle {
         if (!echo_.plausible(joint_of_motor(i), a.observed_torque())) return Fault::torque_mismatch;
       }
     }
-    return Fault::none;
+    return zero_.confirmed() ? Fault::none : Fault::zero_not_confirmed;
   }
 
   /// The operator has seen the emergency stop: it is what the axes report now that may be cleared.
