@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <optional>
 #include <type_traits>
+#include <utility>
 
 #include "firmware/drive/axis.hpp"
 #include "firmware/drive/cia402_setup.hpp"
@@ -55,19 +56,10 @@ class Cia402Axis {
 
   /// Takes a frame from the bus. No side effect unless `accepted`.
   Received receive(const hal::CanFrame& f) {
-    sampled_ = false;
-    if (f.extended) return Received::not_mine;
-    if (is_command(f)) return f.remote ? Received::not_mine : Received::impostor;
-    if ((f.id & canopen::node_mask) != config_.node) return Received::not_mine;
-    switch (f.id & ~canopen::node_mask) {
-      case canopen::id_heartbeat: return take(canopen::decode_heartbeat(f));
-      case canopen::id_sdo_reply: return take(canopen::decode_sdo_reply(f));
-      case canopen::id_emergency: return take(canopen::decode_emergency(f));
-      // Before we have mapped them, these may be anything.
-      case canopen::id_tpdo1: return mapped_ ? take(cia402::decode_report(f)) : Received::not_mine;
-      case canopen::id_tpdo2: return mapped_ ? take(cia402::decode_motion(f)) : Received::not_mine;
-      default: return Received::not_mine;
-    }
+    const bool before = std::exchange(sampled_, false);
+    const Received r = sort(f);
+    if (r != Received::accepted) sampled_ = before;
+    return r;
   }
 
   /// Its frames of the tick: both PDOs once it is operational, a heartbeat before. An SDO reply is none: it comes
@@ -171,6 +163,21 @@ class Cia402Axis {
   }
 
  private:
+  Received sort(const hal::CanFrame& f) {
+    if (f.extended) return Received::not_mine;
+    if (is_command(f)) return f.remote ? Received::not_mine : Received::impostor;
+    if ((f.id & canopen::node_mask) != config_.node) return Received::not_mine;
+    switch (f.id & ~canopen::node_mask) {
+      case canopen::id_heartbeat: return take(canopen::decode_heartbeat(f));
+      case canopen::id_sdo_reply: return take(canopen::decode_sdo_reply(f));
+      case canopen::id_emergency: return take(canopen::decode_emergency(f));
+      // Before we have mapped them, these may be anything.
+      case canopen::id_tpdo1: return mapped_ ? take(cia402::decode_report(f)) : Received::not_mine;
+      case canopen::id_tpdo2: return mapped_ ? take(cia402::decode_motion(f)) : Received::not_mine;
+      default: return Received::not_mine;
+    }
+  }
+
   enum class Step : std::uint8_t {
     call,     ///< to pre-operational, with a heartbeat
     setup,    ///< object dictionary

@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <optional>
+#include <utility>
 
 #include "firmware/drive/axis.hpp"
 #include "firmware/drive/odrive.hpp"
@@ -28,23 +29,10 @@ class OdriveAxis {
   /// Takes a frame from the bus. No side effect unless `accepted`. An emergency stop that somebody sends to this
   /// axis, or to all, is taken whatever its length and format.
   Received receive(const hal::CanFrame& f) {
-    sampled_ = false;
-    if (f.extended) return Received::not_mine;
-    if (is_emergency_stop(f)) {
-      stopped_ = true;
-      return Received::accepted;
-    }
-    const bool own = (f.id >> 5U) == config_.node;
-    if (!own && !is_for_all(f)) return Received::not_mine;
-    if (commands(f)) return Received::impostor;
-    if (!own) return Received::not_mine;
-    switch (static_cast<odrive::Message>(f.id & 0x1FU)) {
-      case odrive::Message::heartbeat: return take(odrive::decode_heartbeat(f, version_));
-      case odrive::Message::encoder_estimates: return take(odrive::decode_encoder_estimates(f));
-      case odrive::Message::get_version: return read_back_.take_version(f);
-      case odrive::Message::tx_sdo: return read_back_.take_value(f);
-      default: return Received::not_mine;  // other cyclic messages a user may have switched on
-    }
+    const bool before = std::exchange(sampled_, false);
+    const Received r = sort(f);
+    if (r != Received::accepted) sampled_ = before;
+    return r;
   }
 
   /// Counts the ages; once per tick, before the frames of the tick are received.
@@ -161,6 +149,25 @@ class OdriveAxis {
   static constexpr std::uint32_t age_max = drive::age_max;
 
  private:
+  Received sort(const hal::CanFrame& f) {
+    if (f.extended) return Received::not_mine;
+    if (is_emergency_stop(f)) {
+      stopped_ = true;
+      return Received::accepted;
+    }
+    const bool own = (f.id >> 5U) == config_.node;
+    if (!own && !is_for_all(f)) return Received::not_mine;
+    if (commands(f)) return Received::impostor;
+    if (!own) return Received::not_mine;
+    switch (static_cast<odrive::Message>(f.id & 0x1FU)) {
+      case odrive::Message::heartbeat: return take(odrive::decode_heartbeat(f, version_));
+      case odrive::Message::encoder_estimates: return take(odrive::decode_encoder_estimates(f));
+      case odrive::Message::get_version: return read_back_.take_version(f);
+      case odrive::Message::tx_sdo: return read_back_.take_value(f);
+      default: return Received::not_mine;  // other cyclic messages a user may have switched on
+    }
+  }
+
   enum class Step : std::uint8_t {
     configure,  ///< the controller mode has to be sent
     request,    ///< the bus has taken it: a newer heartbeat decides what comes next
