@@ -300,7 +300,7 @@ TEST(Cia402Corners, OptionCodesReachTheirObjects) {
 
 TEST(Cia402Corners, PeriodsAreRoundedHalfUpAndEndAt255Seconds) {
   struct Case { std::uint32_t us; int value, index; };
-  for (const Case c : {Case{256, 26, -5}, Case{1285, 129, -5}, Case{1284, 128, -5}, Case{2'560'000'000, 255, 0},
+  for (const Case c : {Case{256, 26, -5}, Case{1285, 129, -5}, Case{1284, 128, -5}, Case{256'000'000, 255, 0},
                        Case{4'000'000'000, 255, 0}}) {
     EXPECT_EQ(drive::cia402::interpolation(c.us).value, c.value) << c.us;
     EXPECT_EQ(drive::cia402::interpolation(c.us).index, c.index) << c.us;
