@@ -88,7 +88,7 @@ class Controller {
 
   [[nodiscard]] const Config& config() const { return config_; }
   /// For the supervisor that goes with this controller.
-  [[nodiscard]] Supervisor::Config supervision() const { 
+  [[nodiscard]] Supervisor::Config supervision() const {
     return {config_.halt_ticks > 0, config_.after_halt,
             config_.sign_test_move > S(0) && config_.motors == Motors::base};
   }

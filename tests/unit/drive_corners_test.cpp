@@ -7,32 +7,17 @@
 
 #include "firmware/drive/axis.hpp"
 #include "firmware/drive/cia402_setup.hpp"
-#include "firmware/drive/odrive_axis.hpp"
-#include "tests/support/odrive_bytes.hpp"
+#include "tests/support/odrive_bench.hpp"
 
 namespace {
 
 using namespace esmc::drive;
 namespace test = esmc::test;
 using esmc::hal::CanFrame;
-
-constexpr std::uint8_t node = 3;
-
-std::vector<CanFrame> enable(OdriveAxis& a, bool taken = true) {
-  std::vector<CanFrame> sent;
-  a.enable([&](const CanFrame& f) {
-    sent.push_back(f);
-    return taken;
-  });
-  return sent;
-}
-bool only(const std::vector<CanFrame>& sent, unsigned command) {
-  return sent.size() == 1 && test::command_of(sent[0]) == command;
-}
-void hear(OdriveAxis& a, std::uint8_t state) {
-  a.begin_tick();
-  ASSERT_EQ(a.receive(test::heartbeat(node, state)), Received::accepted);
-}
+using test::enable;
+using test::hear;
+using test::node;
+using test::only;
 
 TEST(NoLine, SaysNothing) {
   NoLine line;

@@ -1,0 +1,207 @@
+#include "host_sim/scene/read_drives.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+
+namespace esmc::host {
+namespace {
+
+/// Extends a list of CAN nodes with the smallest ones that are free, from 1 on.
+void add_free_nodes(std::vector<int>& nodes, std::size_t count) {
+  for (int node = 1; nodes.size() < count; ++node) {
+    if (std::find(nodes.begin(), nodes.end(), node) == nodes.end()) nodes.push_back(node);
+  }
+}
+
+/// Every axis read so far has a node of its own and a direction.
+void check_axes(const Section& s, const DriveScene& d) {
+  for (std::size_t i = 0; i < d.nodes.size(); ++i) {
+    for (std::size_t k = 0; k < i; ++k) {
+      if (d.nodes[i] == d.nodes[k]) s.fail("nodes", fmt::format("names node {} twice", d.nodes[i]));
+    }
+    if (std::abs(d.direction[i]) != 1.0) s.fail("direction", "must be 1 or -1 for every axis");
+    const bool canopen = d.protocol == Protocol::cia402;
+    if (canopen ? d.nodes[i] < 1 : d.nodes[i] > 62) {
+      s.fail("nodes", fmt::format("names node {}: {} are allowed with this protocol", d.nodes[i],
+                                  canopen ? "1 to 127" : "0 to 62"));
+    }
+    if (canopen && d.nodes[i] == d.controller_node) {
+      s.fail("nodes", fmt::format("names node {}, which is drives.controller_node", d.nodes[i]));
+    }
+  }
+}
+
+/// Units of CiA 402 are the drive's choice. Without a torque limit (open_loop, none) no drive is commanded.
+void read_cia402(Section& s, const Scene& scene, DriveScene& d) {
+  const auto n = static_cast<std::size_t>(scene.motors());
+  d.rated_torque.assign(n, 1.0);
+  for (std::size_t i = 0; i < scene.torque_limit.size(); ++i) {
+    d.rated_torque[i] = scene.torque_limit[i] / d.gear_ratio[i];
+  }
+  if (s.has("rated_torque")) d.rated_torque = s.each("rated_torque", n);
+  d.rated_torque_unit = s.number("rated_torque_unit");
+  d.counts_per_turn = s.integer("counts_per_turn");
+  d.velocity_unit = s.number("velocity_unit");
+  d.controller_node = s.integer("controller_node");
+  if (d.protocol != Protocol::cia402) return;
+  if (d.watchdog_timeout < 1e-3) {
+    s.fail("watchdog_timeout", "must be at least 0.001 s with cia402: object 1016 counts whole ms, and 0 switches it off");
+  }
+  for (const double ratio : d.gear_ratio) {
+    const double raw = scene.limits.joint_speed * ratio / d.velocity_unit;
+    if (!(raw <= 2147483647.0)) {
+      s.fail("velocity_unit", fmt::format("makes limits.joint_speed the number {:g}: at most 2147483647 fits into object 606C, "
+                                          "and a faster joint would not be seen", raw));
+    }
+  }
+  for (const double rated : d.rated_torque) {
+    const double raw = rated / d.rated_torque_unit;
+    if (!(raw >= 100.0 && raw <= 4e9)) {
+      s.fail("rated_torque_unit", fmt::format("makes a rated torque of {:g} N m the number {:g}: 100 to 4e9 are "
+                                              "allowed in object 6076, so that it can be told to 1 %", rated, raw));
+    }
+  }
+}
+
+/// What has to be known of ODrives before they are armed.
+void read_odrive(Section& s, Scene& scene) {
+  DriveScene& d = scene.drives;
+  if (s.has("confirmed")) d.confirmed = s.boolean("confirmed");
+  if (s.has("torque_constant")) d.torque_constant = s.each("torque_constant", static_cast<std::size_t>(scene.motors()));
+  d.where = s.where();
+  const auto name = s.optional_text("endpoints");
+  if (!name) return;
+  if (d.protocol == Protocol::odrive_0_5) s.fail("endpoints", "is for firmware 0.6: 0.5 lets nothing be read back");
+  d.endpoints = read_odrive_endpoints(s.where("endpoints"),
+                                      (std::filesystem::path(scene.file).parent_path() / *name).string());
+}
+
+/// The keys of MIT drives are read whatever the protocol, so that --set drives.protocol is enough to compare.
+void read_mit(Section& s, Scene& scene) {
+  DriveScene& d = scene.drives;
+  const auto n = static_cast<std::size_t>(scene.motors());
+  const std::string dialect = s.text("dialect");
+  d.dialect = dialect == "mini_cheetah"
+                  ? MitDialect::mini_cheetah
+                  : (dialect == "cubemars" ? MitDialect::cubemars : MitDialect::damiao);
+  for (const double id : s.each("master_id", n)) {
+    if (id != std::floor(id)) s.fail("master_id", "must be an integer from 0 to 2047, or one per motor");
+    d.master_id.push_back(static_cast<int>(id));
+  }
+  d.position_range = s.each("position_range", n);
+  d.velocity_range = s.each("velocity_range", n);
+  d.torque_range = s.each("torque_range", n);
+  if (d.protocol != Protocol::mit) return;
+  const int node_max = d.dialect == MitDialect::damiao ? 15 : 62;
+  for (std::size_t i = 0; i < n; ++i) {
+    if (d.nodes[i] < 1 || d.nodes[i] > node_max) {
+      s.fail("nodes", fmt::format("must be from 1 to {} for MIT drives of this dialect", node_max));
+    }
+    for (std::size_t k = 0; k < n; ++k) {
+      if (i != k && d.master_id[i] == d.nodes[k]) {
+        s.fail("master_id", fmt::format("is {}, the node of another motor: commands to it would look like replies",
+                                        d.master_id[i]));
+      }
+    }
+    if (scene.closed_loop() && scene.torque_limit[i] > d.torque_range[i] * d.gear_ratio[i]) {
+      s.fail("torque_range", fmt::format("must let control.torque_limit through: motor {} may be asked for {} N m at "
+                                         "the joint, its field ends at {}",
+                                         i + 1, scene.torque_limit[i], d.torque_range[i] * d.gear_ratio[i]));
+    }
+  }
+}
+
+}  // namespace
+
+void read_drives(Section s, Scene& scene) {
+  DriveScene& d = scene.drives;
+  const auto n = static_cast<std::size_t>(scene.motors());
+  const std::string protocol = s.text("protocol");
+  d.protocol = protocol == "odrive"       ? Protocol::odrive
+               : protocol == "odrive_0.5" ? Protocol::odrive_0_5
+               : protocol == "cia402"     ? Protocol::cia402
+                                          : Protocol::mit;
+  const std::string zero = s.text("zero");
+  d.zero = zero == "absolute" ? Zero::absolute : (zero == "pose" ? Zero::pose : Zero::end_stop);
+  if (const auto pose = s.optional_numbers("zero_pose", {2, 4})) {
+    if (pose->size() != (scene.all_sensors ? static_cast<std::size_t>(scene.joints()) : 2U)) {
+      s.fail("zero_pose", "must have one angle per sensed joint");
+    }
+    d.zero_pose = *pose;
+  }
+  if (s.has("sign_test")) d.sign_test = s.boolean("sign_test");
+  if (d.sign_test.value_or(false) && scene.all_motors) {
+    s.fail("sign_test", "is for two motors: with four, each moves all the others");
+  }
+  if (s.has("watchdog_test")) d.watchdog_test = s.boolean("watchdog_test");
+  d.sign_test_move = s.number("sign_test_move");
+  d.torque_mismatch = s.number("torque_mismatch");
+  d.torque_time = s.number("torque_time");
+  d.torque_lead = s.number("torque_lead");
+  d.heartbeat_timeout = s.number("heartbeat_timeout");
+  // A slow loop must not starve the default between two of its ticks.
+  d.watchdog_timeout = s.optional_number("watchdog_timeout").value_or(std::max(0.01, 3.0 * scene.tick()));
+  // Lists for the base motors alone are enough where there is no bus.
+  const std::vector<std::size_t> sizes =
+      n == 2 ? std::vector<std::size_t>{2} : std::vector<std::size_t>{n, 2};
+  const auto filled = [&](std::vector<double> v, double rest) {
+    if (v.size() < n) d.missing = "[drives] must name all four motors for control.motors = \"all\"";
+    v.resize(n, rest);
+    return v;
+  };
+  const auto list = [&](const char* key, double rest) {
+    const auto given = s.optional_numbers(key, sizes);
+    return given ? filled(*given, rest) : std::vector<double>(n, rest);
+  };
+  d.direction = list("direction", 1.0);
+  d.gear_ratio = list("gear_ratio", 1.0);
+  d.offset = list("offset", 0.0);
+  const auto nodes = s.optional_integers("nodes", sizes);
+  if (nodes && nodes->size() < n)
+    d.missing = "[drives] must name all four motors for control.motors = \"all\"";
+  if (nodes) d.nodes = *nodes;
+  add_free_nodes(d.nodes, n);
+  read_cia402(s, scene, d);
+  check_axes(s, d);
+  read_odrive(s, scene);
+  read_mit(s, scene);
+  s.finish();
+}
+
+void read_sensors(const std::optional<Section>& given, Section& root, Scene& scene) {
+  const bool needed = scene.all_sensors && !scene.all_motors;
+  DriveScene& d = scene.drives;
+  if (!needed) {
+    if (given && !given->empty())
+      root.fail("sensors", "is only for control.sensors = \"all\" with motors = \"base\"");
+    return;
+  }
+  if (d.protocol == Protocol::cia402) {
+    d.missing = "passive encoders ([sensors]) exist for the ODrive protocols only";
+  }
+  if (!given) {
+    d.missing = "control.sensors = \"all\" needs a table [sensors] with the nodes of the passive encoders";
+    add_free_nodes(d.nodes, 4);
+    d.direction.resize(4, 1.0);
+    d.gear_ratio.resize(4, 1.0);
+    d.offset.resize(4, 0.0);
+    return;
+  }
+  Section s = *given;
+  const std::vector<int> nodes = *s.optional_integers("nodes", {2});
+  const auto direction = s.optional_numbers("direction", {2}).value_or(std::vector<double>(2, 1.0));
+  const auto offset = s.optional_numbers("offset", {2}).value_or(std::vector<double>(2, 0.0));
+  for (std::size_t i = 0; i < 2; ++i) {
+    d.nodes.push_back(nodes[i]);
+    d.direction.push_back(direction[i]);
+    d.gear_ratio.push_back(1.0);
+    d.offset.push_back(offset[i]);
+  }
+  check_axes(s, d);
+  s.finish();
+}
+
+}  // namespace esmc::host
