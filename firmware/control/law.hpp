@@ -55,12 +55,12 @@ template <class M>
   const Channels rate = m.channel_rates(t.pose, t.rates);
   const Channels acc_d = m.channel_accelerations(t.desired_pose, t.desired_rates, t.desired_acceleration);
   Demand<M> out;
-  unroll<M::channels>([&](auto i) {
+  for (int i = 0; i < M::channels; ++i) {
     const S ed = rate_d[i] - rate[i];
-    const S s = ed + gain.lambda[i] * e[i];
-    out.sliding[i] = s;
-    out.acceleration[i] = acc_d[i] + gain.lambda[i] * ed + gain.k[i] * switching(reaching, s, gain.layer[i]);
-  });
+    out.sliding[i] = ed + gain.lambda[i] * e[i];
+    out.acceleration[i] = acc_d[i] + gain.lambda[i] * ed;
+  }
+  add_switching(reaching, out.sliding, gain.k, gain.layer, out.acceleration);
   return out;
 }
 
@@ -78,12 +78,10 @@ template <class M>
       m.chain_rates(t.pose, Vec2<S>(M::independent(t.desired_acceleration) + ed * lambda));
   typename M::Rates acceleration = m.chain_bias(t.pose, t.rates, reference);
   add(acceleration, straight);
-  const typename M::Channels base = m.channel_accelerations(t.pose, t.rates, reference, acceleration);
   Demand<M> out;
   out.sliding = m.channel_rates(t.pose, sigma);
-  unroll<M::channels>([&](auto i) {
-    out.acceleration[i] = base[i] + gain.k[i] * switching(reaching, out.sliding[i], gain.layer[i]);
-  });
+  out.acceleration = m.channel_accelerations(t.pose, t.rates, reference, acceleration);
+  add_switching(reaching, out.sliding, gain.k, gain.layer, out.acceleration);
   return out;
 }
 

@@ -4,6 +4,7 @@
 #include <cstdint>
 
 #include "firmware/numeric/elementary.hpp"
+#include "firmware/types.hpp"
 
 namespace esmc {
 
@@ -20,14 +21,40 @@ template <class S>
   return (S(1) + delay_ticks) * sample_time * gain;
 }
 
+/// The two that compute more than a comparison; in [-1, 1], odd, NaN for NaN. Written without a jump where it
+/// can be, so that a loop over channels may take several at once.
+template <class S>
+[[nodiscard]] constexpr S sign_of(S s) {
+  return s > S(0) ? S(1) : (s < S(0) ? S(-1) : S(0) * s);
+}
+template <class S>
+[[nodiscard]] constexpr S saturated(S s, S layer) {
+  // An implicit channel without gain has no layer: nothing, not 0/0.
+  const S inside = layer == S(0) ? S(0) * s : s / layer;
+  return s > layer ? S(1) : (s < -layer ? S(-1) : inside);
+}
+
 /// In [-1, 1], odd. `layer` > 0 in the unit of s; ignored by `sign`. NaN stays NaN.
 template <class S>
 [[nodiscard]] S switching(Reaching law, S s, S layer) {
-  if (law == Reaching::sign) return s > S(0) ? S(1) : (s < S(0) ? S(-1) : S(0) * s);  // 0 for 0, NaN for NaN
-  if (law == Reaching::tanh) return hyperbolic_tangent(s / layer);
-  if (s > layer) return S(1);
-  if (s < -layer) return S(-1);
-  return layer == S(0) ? S(0) * s : s / layer;  // an implicit channel without gain has no layer: nothing, not 0/0
+  if (law == Reaching::sign) return sign_of(s);
+  return law == Reaching::tanh ? hyperbolic_tangent(s / layer) : saturated(s, layer);
+}
+
+/// to += k switching(s), channel by channel.
+template <class S, int N>
+void add_switching(Reaching law, const Vec<S, N>& s, const Vec<S, N>& k, const Vec<S, N>& layer, Vec<S, N>& to) {
+  switch (law) {  // once, not in every channel
+    case Reaching::sign:
+      for (int i = 0; i < N; ++i) to[i] += k[i] * sign_of(s[i]);
+      return;
+    case Reaching::tanh:
+      for (int i = 0; i < N; ++i) to[i] += k[i] * hyperbolic_tangent(s[i] / layer[i]);
+      return;
+    case Reaching::saturation:
+    case Reaching::implicit: break;
+  }
+  for (int i = 0; i < N; ++i) to[i] += k[i] * saturated(s[i], layer[i]);
 }
 
 }  // namespace esmc

@@ -345,7 +345,7 @@ void Controller<M>::set_gains(const link::Parameters& p, S delay_ticks) {
   esmc::set_gains(config_.gains, p, config_.reaching, config_.sample_time, delay_ticks);
 }
 
-// Not inline: the archive (instances.cpp) is the only place that compiles it, so that whoever links the archive
+// Not inline: the archive (instances_*.cpp) is the only place that compiles it, so that whoever links the archive
 // runs the very code that was tested.
 template <class M>
 TickResult<M> Controller<M>::tick(const Sample<M>& measured, Supervisor& supervisor) {

@@ -43,9 +43,10 @@ struct SinCos {
 
 namespace ieee {
 
-/// c0 + z (c1 + z (c2 + ...)). Overlapping shorter chains took longer on x86, and rounded worse.
-template <std::size_t I = 0, class S, std::size_t N>
-[[nodiscard]] constexpr S horner(S z, const std::array<S, N>& c) {
+/// c0 + z (c1 + z (c2 + ...)). Overlapping shorter chains took longer on x86, and rounded worse. z may be several
+/// numbers side by side.
+template <std::size_t I = 0, class V, class S, std::size_t N>
+[[nodiscard]] constexpr auto horner(V z, const std::array<S, N>& c) {
   if constexpr (I + 1 == N) {
     return c[I];
   } else {
@@ -60,11 +61,13 @@ struct Split {
   S tail;
 };
 
+/// Real: the type of one number; Bits: the pattern of an S. A host may add an S that is several numbers side by side.
 template <class S>
 struct Constants;
 
 template <>
 struct Constants<float> {
+  using Real = float;
   using Bits = std::uint32_t;
   static constexpr float kToInteger = 0x1.8p23F;  // adding it leaves a rounded integer in the low bits
 
@@ -96,6 +99,7 @@ struct Constants<float> {
 
 template <>
 struct Constants<double> {
+  using Real = double;
   using Bits = std::uint64_t;
   static constexpr double kToInteger = 0x1.8p52;
 
@@ -178,29 +182,30 @@ namespace ieee {
 
 /// Sine and cosine of an angle within kLargestAngle; without a branch, so that several can share vector
 /// registers.
-template <BinaryFloat S>
+template <class S>
 [[nodiscard]] inline SinCos<S> sin_cos_in_range(S angle) {
   using C = Constants<S>;
-  using Bits = BitsOf<S>;
+  using Real = typename C::Real;
+  using Bits = BitsOf<Real>;
   const S shifted = angle * C::kQuadrantsPerRadian + C::kToInteger;
-  const Bits quadrant = bits(shifted);  // modulo 4; the constant added is a multiple of it
+  const auto quadrant = bits(shifted);  // modulo 4; the constant added is a multiple of it
   const auto [r, tail] = minus_quadrants(angle, shifted - C::kToInteger);
 
   const S z = r * r;
-  const S half = S(0.5) * z;
-  const S rough = S(1) - half;
+  const S half = Real(0.5) * z;
+  const S rough = Real(1) - half;
   // sin(r - tail) = r - r^3 (1/6 - ...) - tail cos r
   // cos(r - tail) = 1 - r^2 / 2 + r^4 (1/24 - ...) + tail sin r, r standing for sin r
   const S sine = r - (tail * rough + r * z * horner(z, C::kSine));
   // (1 - rough) - half is what rounding took from `rough`.
-  const S cosine = rough + (((S(1) - rough) - half) + (z * z * horner(z, C::kCosine) + r * tail));
+  const S cosine = rough + (((Real(1) - rough) - half) + (z * z * horner(z, C::kCosine) + r * tail));
 
-  const Bits s = bits(sine);
-  const Bits c = bits(cosine);
-  const Bits swap = (s ^ c) & (Bits{0} - (quadrant & 1U));  // odd quadrants exchange the two
-  constexpr int kToSign = static_cast<int>(sizeof(S)) * 8 - 2;
-  const Bits sine_sign = (quadrant << kToSign) & kSign<S>;
-  const Bits cosine_sign = ((quadrant + 1U) << kToSign) & kSign<S>;
+  const auto s = bits(sine);
+  const auto c = bits(cosine);
+  const auto swap = (s ^ c) & (Bits{0} - (quadrant & Bits{1}));  // odd quadrants exchange the two
+  constexpr int kToSign = static_cast<int>(sizeof(Real)) * 8 - 2;
+  const auto sine_sign = (quadrant << kToSign) & kSign<Real>;
+  const auto cosine_sign = ((quadrant + Bits{1}) << kToSign) & kSign<Real>;
   return {from_bits<S>(s ^ swap ^ sine_sign), from_bits<S>(c ^ swap ^ cosine_sign)};
 }
 

@@ -14,39 +14,31 @@
 
 #include "firmware/mechanism/params.hpp"
 #include "firmware/numeric/elementary.hpp"
+#include "host_sim/plant/two.hpp"
 
 namespace esmc::host {
 
-/// A planar vector of plain doubles; the plant uses no matrix library.
-struct V2 {
-  double x = 0.0, y = 0.0;
-  friend V2 operator+(V2 a, V2 b) { return {a.x + b.x, a.y + b.y}; }
-  friend V2 operator-(V2 a, V2 b) { return {a.x - b.x, a.y - b.y}; }
-  friend V2 operator*(double k, V2 a) { return {k * a.x, k * a.y}; }
-  friend double dot(V2 a, V2 b) { return a.x * b.x + a.y * b.y; }
+/// A planar vector without a matrix library. T: double, or Two for both legs at once.
+template <class T>
+struct Planar {
+  T x{}, y{};
+  friend Planar operator+(Planar a, Planar b) { return {a.x + b.x, a.y + b.y}; }
+  friend Planar operator-(Planar a, Planar b) { return {a.x - b.x, a.y - b.y}; }
+  friend Planar operator*(T k, Planar a) { return {k * a.x, k * a.y}; }
+  friend T dot(Planar a, Planar b) { return a.x * b.x + a.y * b.y; }
 };
+using V2 = Planar<double>;
 
-/// Directions of N bars. Beyond the range of firmware/numeric (a day of turning) the C library takes over.
-template <std::size_t N>
-[[nodiscard]] inline SinCosLanes<double, N> directions(const std::array<double, N>& angle) {
-  SinCosLanes<double, N> d = sin_cos(angle);
-  bool known = true;
-  for (std::size_t i = 0; i < N; ++i) known = known & (d.sin[i] == d.sin[i]);
-  if (known) return d;
-  for (std::size_t i = 0; i < N; ++i) {
-    if (d.sin[i] == d.sin[i]) continue;
-    d.sin[i] = std::sin(angle[i]);
-    d.cos[i] = std::cos(angle[i]);
-  }
-  return d;
-}
-
-/// One leg in N, by Lagrange's equations in absolute bar angles. `side` is +1 for leg 1 (and the RR arm), -1
-/// for leg 2, whose model angles are mirrored: psi = pi - theta.
+/// One leg in N (T = double), or the two legs of a 5R side by side (T = Two: each operation once for both), by
+/// Lagrange's equations in absolute bar angles. `side` is +1 for leg 1 (and the RR arm), -1 for leg 2, whose model
+/// angles are mirrored: psi = pi - theta.
+template <class T>
 class LegDynamics {
  public:
+  using Vector = Planar<T>;
+
   LegDynamics() = default;
-  LegDynamics(const LegParams<double>& p, double gravity, double tip_mass, double base_x, double side)
+  LegDynamics(const LegParams<T>& p, double gravity, double tip_mass, T base_x, T side)
       : l1_(p.l1),
         l2_(p.l2),
         base_x_(base_x),
@@ -55,77 +47,85 @@ class LegDynamics {
         i2_(p.J2 + p.m2 * p.lg2 * p.lg2 + tip_mass * p.l2 * p.l2),
         coupling_((p.m2 * p.lg2 + tip_mass * p.l2) * p.l1),
         weight1_(gravity * (p.m1 * p.lg1 + (p.m2 + tip_mass) * p.l1)),
-        weight2_(gravity * (p.m2 * p.lg2 + tip_mass * p.l2)) {}
+        weight2_(gravity * (p.m2 * p.lg2 + tip_mass * p.l2)),
+        l11_(l1_ * l1_),
+        l12_(l1_ * l2_),
+        l22_(l2_ * l2_),
+        i12_(i1_ * i2_) {}
 
   /// Where both bars point, and the inverse of the leg's mass matrix.
   struct Pose {
-    V2 e1, e2;              // along the bars
-    double sin_difference;  // of psi1 - psi2
-    double m11, m12, m22;   // M^-1
+    Vector e1, e2;     // along the bars
+    T sin_difference;  // of psi1 - psi2
+    T m11, m12, m22;   // M^-1
   };
-  [[nodiscard]] Pose pose(double c1, double s1, double c2, double s2) const {
-    const double m12 = coupling_ * (c1 * c2 + s1 * s2);
-    const double inverse = 1.0 / (i1_ * i2_ - m12 * m12);
+  [[nodiscard]] Pose pose(const SinCos<T>& bar1, const SinCos<T>& bar2) const {
+    const T c1 = bar1.cos, s1 = bar1.sin, c2 = bar2.cos, s2 = bar2.sin;
+    const T m12 = coupling_ * (c1 * c2 + s1 * s2);
+    const T inverse = 1.0 / (i12_ - m12 * m12);
     return {{c1, s1}, {c2, s2}, s1 * c2 - c1 * s2, i2_ * inverse, -m12 * inverse, i1_ * inverse};
   }
 
   struct Pair {
-    double first, second;  // of the two bars
+    T first, second;  // of the two bars
+    friend Pair operator-(const Pair& a, const Pair& b) { return {a.first - b.first, a.second - b.second}; }
   };
-  /// Q: weight, inertia forces of the rates, joint torques (model convention: relative joints, mirrored for
-  /// leg 2).
-  [[nodiscard]] Pair force(const Pose& p, double w1, double w2, double tau1, double tau2) const {
-    const double k = coupling_ * p.sin_difference;
-    return {side_ * (tau1 - tau2) - k * w2 * w2 - weight1_ * p.e1.x,
-            side_ * tau2 + k * w1 * w1 - weight2_ * p.e2.x};
+  /// Joint torques (model convention: relative joints, mirrored for leg 2) as moments on the bars.
+  [[nodiscard]] Pair on_bars(T tau1, T tau2) const { return {side_ * (tau1 - tau2), side_ * tau2}; }
+  /// Q: weight, inertia forces of the rates, joint torques.
+  [[nodiscard]] Pair force(const Pose& p, T w1, T w2, T tau1, T tau2) const {
+    const T k = coupling_ * p.sin_difference;
+    const Pair motors = on_bars(tau1, tau2);
+    return {motors.first - k * w2 * w2 - weight1_ * p.e1.x, motors.second + k * w1 * w1 - weight2_ * p.e2.x};
   }
   /// M^-1 f.
   [[nodiscard]] static Pair solve(const Pose& p, Pair f) {
     return {p.m11 * f.first + p.m12 * f.second, p.m12 * f.first + p.m22 * f.second};
   }
   /// J a: what angular rates (or accelerations) of the bars give the tip.
-  [[nodiscard]] V2 tip_rate(const Pose& p, Pair w) const {
-    const double a = l1_ * w.first, b = l2_ * w.second;
+  [[nodiscard]] Vector tip_rate(const Pose& p, Pair w) const {
+    const T a = l1_ * w.first, b = l2_ * w.second;
     return {-a * p.e1.y - b * p.e2.y, a * p.e1.x + b * p.e2.x};
   }
   /// J^T f: what a force on the tip does to the bars.
-  [[nodiscard]] Pair tip_force(const Pose& p, V2 f) const {
+  [[nodiscard]] Pair tip_force(const Pose& p, Vector f) const {
     return {l1_ * (p.e1.x * f.y - p.e1.y * f.x), l2_ * (p.e2.x * f.y - p.e2.y * f.x)};
   }
   /// The tip's acceleration at constant rates.
-  [[nodiscard]] V2 tip_bias(const Pose& p, double w1, double w2) const {
-    const double a = l1_ * w1 * w1, b = l2_ * w2 * w2;
+  [[nodiscard]] Vector tip_bias(const Pose& p, T w1, T w2) const {
+    const T a = l1_ * w1 * w1, b = l2_ * w2 * w2;
     return {-a * p.e1.x - b * p.e2.x, -a * p.e1.y - b * p.e2.y};
   }
   /// A symmetric 2 x 2 matrix.
   struct Symmetric {
-    double xx, xy, yy;
+    T xx, xy, yy;
     friend Symmetric operator+(Symmetric a, Symmetric b) { return {a.xx + b.xx, a.xy + b.xy, a.yy + b.yy}; }
   };
   /// J M^-1 J^T: how the tip yields to a force.
   [[nodiscard]] Symmetric tip_mobility(const Pose& p) const {
-    const double a = l1_ * l1_ * p.m11, b = l2_ * l2_ * p.m22, c = l1_ * l2_ * p.m12;
-    const double ax = a * p.e1.x + c * p.e2.x, ay = a * p.e1.y + c * p.e2.y;
-    const double bx = b * p.e2.x + c * p.e1.x, by = b * p.e2.y + c * p.e1.y;
+    const T a = l11_ * p.m11, b = l22_ * p.m22, c = l12_ * p.m12;
+    const T ax = a * p.e1.x + c * p.e2.x, ay = a * p.e1.y + c * p.e2.y;
+    const T bx = b * p.e2.x + c * p.e1.x, by = b * p.e2.y + c * p.e1.y;
     return {ay * p.e1.y + by * p.e2.y, -(ax * p.e1.y + bx * p.e2.y), ax * p.e1.x + bx * p.e2.x};
   }
-  [[nodiscard]] V2 tip(V2 e1, V2 e2) const {
+  [[nodiscard]] Vector tip(Vector e1, Vector e2) const {
     return {base_x_ + l1_ * e1.x + l2_ * e2.x, l1_ * e1.y + l2_ * e2.y};
   }
   /// What a unit force on the tip, in x and in y, does as torques of the two joints (model convention).
-  [[nodiscard]] std::array<V2, 2> torque_per_force(const Pose& p) const {
-    const V2 bar1{-side_ * l1_ * p.e1.y, side_ * l1_ * p.e1.x},
+  [[nodiscard]] std::array<Vector, 2> torque_per_force(const Pose& p) const {
+    const Vector bar1{-side_ * l1_ * p.e1.y, side_ * l1_ * p.e1.x},
         bar2{-side_ * l2_ * p.e2.y, side_ * l2_ * p.e2.x};
     return {bar1 + bar2, bar2};
   }
-  [[nodiscard]] double kinetic(V2 e1, V2 e2, double w1, double w2) const {
+  [[nodiscard]] T kinetic(Vector e1, Vector e2, T w1, T w2) const {
     return 0.5 * (i1_ * w1 * w1 + i2_ * w2 * w2) + coupling_ * dot(e1, e2) * w1 * w2;
   }
-  [[nodiscard]] double potential(V2 e1, V2 e2) const { return weight1_ * e1.y + weight2_ * e2.y; }
+  [[nodiscard]] T potential(Vector e1, Vector e2) const { return weight1_ * e1.y + weight2_ * e2.y; }
 
  private:
-  double l1_{}, l2_{}, base_x_{}, side_{1.0};
-  double i1_{}, i2_{}, coupling_{}, weight1_{}, weight2_{};
+  T l1_{}, l2_{}, base_x_{}, side_{};
+  T i1_{}, i2_{}, coupling_{}, weight1_{}, weight2_{};
+  T l11_{}, l12_{}, l22_{}, i12_{};  // products of the above
 };
 
 /// The effector as a load sees it. Closure makes the tip of leg 1 stand for both.
@@ -152,8 +152,7 @@ class FiveBarPlant {
 
   /// `payload`: a further point mass at the effector, kg.
   explicit FiveBarPlant(const FiveBarParams<double>& p, double payload = 0.0)
-      : leg_{LegDynamics(p.legs[0], p.g, 0.5 * (p.m0 + payload), p.l0, 1.0),
-             LegDynamics(p.legs[1], p.g, 0.5 * (p.m0 + payload), -p.l0, -1.0)} {}
+      : legs_(side_by_side(p.legs[0], p.legs[1]), p.g, 0.5 * (p.m0 + payload), Two{p.l0, -p.l0}, Two{1.0, -1.0}) {}
 
   /// State from the model's joint angles and rates (leg 2 mirrored).
   [[nodiscard]] static State from_joints(const Joints& theta, const Joints& rate) {
@@ -182,9 +181,11 @@ class FiveBarPlant {
   [[nodiscard]] double potential_energy(const State& s) const;
 
  private:
-  struct Poses;
-  [[nodiscard]] Poses poses(const Angles& angle) const;
-  std::array<LegDynamics, 2> leg_;
+  using Legs = LegDynamics<Two>;
+  [[nodiscard]] Legs::Pose pose(const Angles& angle) const;
+  /// What the bars must give up so that the tips do not part by `gap`: along the shortest way in the mass metric.
+  [[nodiscard]] Legs::Pair closing(const Legs::Pose& p, V2 gap) const;
+  Legs legs_;
 };
 
 /// The true RR arm: one leg, nothing to close.
@@ -223,8 +224,8 @@ class RrPlant {
   [[nodiscard]] double potential_energy(const State& s) const;
 
  private:
-  [[nodiscard]] LegDynamics::Pose pose(const Angles& angle) const;
-  LegDynamics leg_;
+  [[nodiscard]] LegDynamics<double>::Pose pose(const Angles& angle) const;
+  LegDynamics<double> leg_;
 };
 
 }  // namespace esmc::host

@@ -25,7 +25,7 @@ RULES = [
     ("mutable static", r"\b(static|thread_local)\s+(?!constexpr\b|const\b|consteval\b|inline\s+constexpr\b|_?assert)"
                        r"(?=[^;{()]*[;{=])(?![^;{=]*\()", None, "constants only; state belongs to an object"),
     ("mutable", r"\bmutable\b", None, "const means constant"),
-    ("double", r"\bdouble\b", r"firmware/numeric/elementary\.hpp|firmware/cycle/instances\.[ch]pp", "S(...)"),
+    ("double", r"\bdouble\b", r"firmware/numeric/elementary\.hpp|firmware/cycle/instances(_\w+)?\.[ch]pp", "S(...)"),
     ("double literal", r"(?<!S\()(?<!S\(-)(?<![\w.])(\d+\.\d*|\.\d+|\d+e[+-]?\d+|\d+\.\d*e[+-]?\d+)(?![\w.])",
      r"firmware/numeric/elementary\.hpp", "S(0.5)"),
     ("todo", r"\b(TODO|FIXME|XXX)\b", None, "do it"),
