@@ -481,9 +481,7 @@ AnyCycle<M> make_cycle(const Scene& scene, Pacing pacing, const ReferenceBundle<
     drive::OdriveAxis axis(mount(d, i), version, retry, motor ? odrive_table(scene, i) : drive::OdriveTable{});
     // In lockstep a drive without its torque would keep everybody waiting.
     if (motor && pacing == Pacing::realtime && d.watchdog_test.value_or(scene.hardware)) {
-      // What it may take to trip, and then to be told of it.
-      axis.prove_watchdog(static_cast<std::uint32_t>(
-          std::ceil((1.01 * d.watchdog_timeout + d.heartbeat_timeout) * scene.rate_hz) + 2.0));
+      axis.prove_watchdog(watchdog_proof_ticks(d, scene.rate_hz));
     }
     return axis;
   });

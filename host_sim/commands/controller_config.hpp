@@ -86,6 +86,11 @@ ControllerConfig<M> make_controller(const Scene& scene, Pacing pacing,
 template <class M>
 using AnyCycle = std::variant<OdriveCycle<M>, Cia402Cycle<M>, MitCycle<M>>;
 
+/// Ticks in which an ODrive's starved watchdog has to have tripped, and to have been heard of.
+[[nodiscard]] inline std::uint32_t watchdog_proof_ticks(const DriveScene& d, double rate_hz) {
+  return static_cast<std::uint32_t>(std::ceil((1.01 * d.watchdog_timeout + d.heartbeat_timeout) * rate_hz) + 2.0);
+}
+
 /// With one axis per motor and passive encoder.
 template <class M>
 AnyCycle<M> make_cycle(const Scene& scene, Pacing pacing, const ReferenceBundle<double>& reference);

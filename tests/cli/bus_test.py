@@ -212,6 +212,15 @@ class Bus(unittest.TestCase):
             self.assertEqual((done.returncode, len(done.stderr.splitlines())), (2, 1), effects)
             self.assertIn(words, done.stderr)
 
+    def test_check_warns_of_orders_that_go_before_the_drives(self):
+        def warned(base, nodes):
+            sets = ["command={base_id=%d, speed=0.5, acceleration=5.0}" % base, "drives.nodes=%s" % nodes]
+            done = esmc("check", CIRCLE, "--json", *[a for s in sets for a in ("--set", s)])
+            return [f["text"] for f in json.loads(done.stdout)["findings"] if "command.base_id" in f["text"]]
+        self.assertEqual(len(warned(0x20, [5, 6])), 1)
+        self.assertIn("0x20 comes before drive frames", warned(0x20, [5, 6])[0])
+        self.assertEqual(warned(0x700, [5, 6]), [])
+
     def test_check_warns_where_a_message_is_later_than_a_tick(self):
         def findings(*sets):
             arguments = [a for s in sets for a in ("--set", s)]

@@ -53,7 +53,8 @@ def main_run():
         bins = j["histograms"][name]
         top = {"stale": "stale_max", "safe": "safe_max", "host_death": "host_death_max"}[name]
         check(sum(b["count"] for b in bins) > EPISODES / 200 and bins[-1]["up_to_ms"] >= r[top] - 1e-9, f"histogram {name}")
-    check(j["faults"]["not_finite"]["latched"].get("feedback_not_finite", 0) > EPISODES / 400, "not_finite has its name")
+    for fault, name in (("not_finite", "feedback_not_finite"), ("torque_lost", "torque_mismatch")):
+        check(j["faults"][fault]["latched"].get(name, 0) > EPISODES / 400, f"{fault} is seldom latched as {name}")
 
 
 def threads_and_seeds():

@@ -42,6 +42,19 @@ class Halves : public testing::Test {
   Socket here_{-1}, there_{-1};
 };
 
+TEST_F(Halves, AWatchdogWithMoreThanItsTimeIsNoProof) {
+  DriveScene d = scene_.drives;
+  for (const double rate : {250.0, 1000.0, 8000.0}) {
+    for (const double timeout : {0.01, 0.1}) {
+      d.watchdog_timeout = timeout;
+      d.heartbeat_timeout = 0.02;
+      const double given = watchdog_proof_ticks(d, rate) / rate;
+      EXPECT_GE(given, timeout + d.heartbeat_timeout) << "one that trips in time must be heard";
+      EXPECT_LE(given, 1.01 * timeout + d.heartbeat_timeout + 3.0 / rate) << timeout << " s at " << rate << " Hz";
+    }
+  }
+}
+
 TEST_F(Halves, ThePlantHearsAControllerOnlyInCommandsToItsDrives) {
   PlantHalf<FiveBarWorld, Socket> plant(scene_, options_, here_, frames_, "", false);
   hal::CanFrame request = test::message(1, test::cmd_torque, 0, 0);

@@ -176,6 +176,13 @@ TEST(TorqueEcho, FiveTicksOffInARowAreAFault) {
   for (int n = 1; n <= 5; ++n) EXPECT_EQ(echo.plausible(3, nan), n < 5);
 }
 
+TEST(TorqueEcho, WhatWasOffBeforeThereWasTorqueIsForgotten) {
+  Echo echo(0.05, 0.0, tick);
+  for (int n = 1; n <= 4; ++n) EXPECT_TRUE(echo.plausible(1, 1.0F));
+  echo.forget();
+  for (int n = 1; n <= 6; ++n) EXPECT_EQ(echo.plausible(1, 1.0F), n < 5) << n;
+}
+
 TEST(TorqueEcho, NothingReportedOrNoToleranceMeansNothingCompared) {
   Echo with(0.05, 0.0, tick), without(0.0, 0.0, tick);
   for (int n = 0; n < 20; ++n) {

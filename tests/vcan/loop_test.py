@@ -1,6 +1,7 @@
 #!/usr/bin/python3
 """The loop over a real vcan0: same digest as on the virtual bus, and a candump log that an independent decoder reads
 back to the values of log.csv. usage: loop_test.py ESMC SCENE"""
+import csv
 import json
 import subprocess
 import sys
@@ -34,6 +35,12 @@ def main():
             for key in ("digest", "final_state", "ticks"):
                 assert got[key] == want[key], f"{name}: {key} is {got[key]}, on the virtual bus {want[key]}"
         assert json.loads((out / "controller" / "summary.json").read_text())["supervisor"]["faults"] == []
+        with open(out / "controller" / "log.csv", newline="", encoding="utf-8") as f:
+            ages = list(csv.DictReader(f))
+        for row in ages:  # lockstep: every sample is of its own tick, every torque acts at once
+            for column in ("theta11_age_ticks", "theta21_age_ticks", "theta11_phase", "theta21_phase", "delay"):
+                assert float(row[column]) == 0.0, (column, row[column])
+        assert len(ages) == want["ticks"]
         realtime = json.loads((out / "realtime.json").read_text())
         faults = set(realtime["supervisor"]["faults"])
         print("realtime:", realtime["ticks"], "ticks, faults:", sorted(faults))
