@@ -6,6 +6,7 @@ install(TARGETS esmc_hal esmc_numerics esmc_firmware esmc_control EXPORT esmc_ta
 install(DIRECTORY ${PROJECT_SOURCE_DIR}/firmware DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/esmc FILES_MATCHING PATTERN "*.hpp")
 install(FILES ${PROJECT_SOURCE_DIR}/hal/can.hpp ${PROJECT_SOURCE_DIR}/hal/clock.hpp
         DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/esmc/hal)
+install(FILES ${PROJECT_SOURCE_DIR}/hal/slcan/slcan.hpp DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/esmc/hal/slcan)
 install(EXPORT esmc_targets NAMESPACE esmc:: FILE esmc-targets.cmake DESTINATION ${CMAKE_INSTALL_LIBDIR}/cmake/esmc)
 file(WRITE ${PROJECT_BINARY_DIR}/esmc-config.cmake "include(CMakeFindDependencyMacro)
 find_dependency(Eigen3 3.4 NO_MODULE)
