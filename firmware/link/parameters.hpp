@@ -43,6 +43,8 @@ class Parameters {
 
   [[nodiscard]] float operator[](Index i) const { return values_[static_cast<unsigned>(i)]; }
   [[nodiscard]] float at(std::uint8_t i) const { return values_[i]; }
+  [[nodiscard]] const Values& values() const { return values_; }
+  [[nodiscard]] const std::array<Bounds, gain_count>& bounds() const { return bounds_; }
   [[nodiscard]] bool writable(std::uint8_t i) const { return i < gain_count && bounds_[i].upper > bounds_[i].lower; }
 
   Answer write(std::uint8_t i, float value, bool disabled) {

@@ -416,17 +416,19 @@ std::string bus_text(const BusAnalysis& bus) {
   return out + fmt::format(" from sample to torque {}\n", us(bus.loop_s));
 }
 
+struct Verdict {
+  Margins margins;
+  BusAnalysis bus;
+  Findings findings;
+};
+
 template <class World>
-int report(const Scene& scene, const RunOptions& o) {
-  OutputDirectory out(o.out);
-  Log log(out.path("check.csv"), columns<World>(scene), tick_count(scene));
-  const Margins m = margins<World>(scene, log);
-  log.close();
-  Findings f;
-  judge(scene, start_of<World>(scene), m, f);
+Verdict judge(const Scene& scene, Log& log) {
+  Verdict v{margins<World>(scene, log), analyse_bus(scene), {}};
+  Findings& f = v.findings;
+  judge(scene, start_of<World>(scene), v.margins, f);
   const bool odrive = scene.drives.protocol == Protocol::odrive || scene.drives.protocol == Protocol::odrive_0_5;
-  const BusAnalysis bus = analyse_bus(scene);
-  judge_bus(scene, bus, f);
+  judge_bus(scene, v.bus, f);
   if (odrive && std::find(scene.drives.nodes.begin(), scene.drives.nodes.end(), 0) != scene.drives.nodes.end()) {
     f.warning(
         "drives.nodes names node 0: its command 0 has the identifier of CANopen's NMT, and a drive that "
@@ -434,6 +436,15 @@ int report(const Scene& scene, const RunOptions& o) {
         "given a number may be 0; take 1 or more");
   }
   if (odrive && scene.rate_hz > 1000.0) f.warning("ODrive sends encoder estimates at 1 kHz at most");
+  return v;
+}
+
+template <class World>
+int report(const Scene& scene, const RunOptions& o) {
+  OutputDirectory out(o.out);
+  Log log(out.path("check.csv"), columns<World>(scene), tick_count(scene));
+  const auto [m, bus, f] = judge<World>(scene, log);
+  log.close();
   const std::string obstacle = bus_obstacle(scene).what;
   Json j;
   j["scene"] = scene.name;
@@ -474,6 +485,16 @@ int report(const Scene& scene, const RunOptions& o) {
 }
 
 }  // namespace
+
+std::string refusal_of(const Scene& scene) {
+  Log log("", {}, 0);
+  const Findings f =
+      scene.type == MechanismType::five_bar ? judge<FiveBarWorld>(scene, log).findings : judge<RrWorld>(scene, log).findings;
+  for (const Json& item : f.list()) {
+    if (item["level"] == "error") return item["text"].get<std::string>();
+  }
+  return bus_obstacle(scene).what;
+}
 
 int run_check(const RunOptions& o) {
   const Scene scene = read_scene(o.scene, o.sets);

@@ -3,11 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <limits>
-#include <random>
 #include <stdexcept>
-
-#include "host_sim/drives/placed_axes.hpp"
 
 namespace esmc::host {
 namespace {
@@ -153,12 +149,12 @@ Limits<S> make_limits(const Scene& s) {
   return l;
 }
 
-Reference<double> in_scalar(const ReferenceBundle<double>& b, const double*) { return b.get(); }
-Reference<float> in_scalar(const ReferenceBundle<double>& b, const float*) {
-  if (!b.path.empty()) throw std::logic_error("references with a path exist in double only");
-  const Reference<double>& r = b.reference;
-  return {r.kind, r.space, r.centre.cast<float>(), r.amplitude.cast<float>(), r.speed.cast<float>(), r.phase,
-          {},     0};
+template <class S>
+Quintic<S> in_scalar(const Quintic<double>& q) {
+  Quintic<S> out;
+  out.duration = static_cast<S>(q.duration);
+  for (int i = 0; i < 6; ++i) out.c[i] = q.c[i].template cast<S>();
+  return out;
 }
 
 }  // namespace
@@ -185,7 +181,8 @@ FiveBarParams<double> believed_mechanism(const Scene& scene) {
   return p;
 }
 
-ReferenceBundle<double> make_reference(const Scene& scene, Pacing pacing) {
+template <>
+ReferenceBundle<double> make_reference<double>(const Scene& scene, Pacing pacing) {
   const ReferenceScene& r = scene.reference;
   ReferenceBundle<double> out;
   Reference<double>& ref = out.reference;
@@ -244,9 +241,23 @@ ReferenceBundle<double> make_reference(const Scene& scene, Pacing pacing) {
   return out;
 }
 
+template <>
+ReferenceBundle<float> make_reference<float>(const Scene& scene, Pacing pacing) {
+  const ReferenceBundle<double> exact = make_reference<double>(scene, pacing);
+  const Reference<double>& r = exact.reference;
+  ReferenceBundle<float> out;
+  out.reference = {r.kind, r.space, r.centre.cast<float>(), r.amplitude.cast<float>(), r.speed.cast<float>(), r.phase,
+                   {},     r.repeat_ticks};
+  for (const PathSegment<double>& s : exact.path) {
+    out.path.push_back({s.start_tick, static_cast<float>(s.offset), in_scalar<float>(s.curve)});
+  }
+  out.join_ticks = exact.join_ticks;
+  return out;
+}
+
 template <class M>
 ControllerConfig<M> make_controller(const Scene& scene, Pacing pacing,
-                                    const ReferenceBundle<double>& reference) {
+                                    const ReferenceBundle<typename M::Scalar>& reference) {
   using S = typename M::Scalar;
   ControllerConfig<M> c;
   c.mechanism = make_mechanism(believed_mechanism(scene), static_cast<M*>(nullptr));
@@ -267,7 +278,7 @@ ControllerConfig<M> make_controller(const Scene& scene, Pacing pacing,
       break;
   }
   set_gains(scene, delay_ticks(scene, pacing), c.gains);
-  c.reference = in_scalar(reference, static_cast<const S*>(nullptr));
+  c.reference = reference.get();
   c.join_ticks = reference.join_ticks;
   const auto ticks = [&](double seconds) { return static_cast<std::uint32_t>(std::llround(seconds * scene.rate_hz)); };
   c.ramp_ticks = ticks(scene.torque_ramp.value_or(pacing == Pacing::realtime ? 0.2 : 0.0));
@@ -300,203 +311,13 @@ ControllerConfig<M> make_controller(const Scene& scene, Pacing pacing,
   return c;
 }
 
-namespace {
-
-/// In the scene motors come first; in the cycle axes stand in the order of their joints.
-[[nodiscard]] std::size_t axis_of(const Scene& scene, std::size_t i) {
-  const bool mixed = scene.all_sensors && !scene.all_motors;
-  return mixed ? (i < 2 ? 2 * i : 2 * (i - 2) + 1) : i;
-}
-
-[[nodiscard]] drive::AxisConfig mount(const DriveScene& d, std::size_t i) {
-  return {static_cast<std::uint8_t>(d.nodes[i]), static_cast<float>(d.direction[i]),
-          static_cast<float>(d.gear_ratio[i]), static_cast<float>(d.offset[i])};
-}
-
-/// What a supervisor computer may ask for, and what it is told.
-link::LinkConfig make_link(const Scene& scene, Pacing pacing, ReferenceSpace space) {
-  const CommandScene& k = *scene.command;
-  const auto real = [](double v) { return static_cast<float>(v); };
-  const auto ticks = [&](double seconds) { return std::ceil(seconds * scene.rate_hz); };
-  const auto count = [](int n) { return static_cast<std::uint32_t>(n); };
-  link::LinkConfig c;
-  c.base_id = count(k.base_id);
-  // A recording of one run is worth nothing in the next; in lockstep runs are to be repeatable.
-  const std::uint32_t draw = pacing == Pacing::realtime ? std::random_device{}() : static_cast<std::uint32_t>(scene.seed);
-  c.session = static_cast<std::uint8_t>(draw % 255U + 1U);
-  c.counter_jump_max = static_cast<std::uint8_t>(k.counter_jump);
-  c.command_age_ticks_max = static_cast<std::uint16_t>(std::min(ticks(k.order_age), 65535.0 / 2.0));
-  c.status_ticks = count(k.status_ticks);
-  c.telemetry_ticks = count(k.telemetry_ticks);
-  c.table_ticks = static_cast<std::uint32_t>(std::max(1.0, ticks(1.0)));
-  c.period_ns = static_cast<std::uint32_t>(std::llround(1e9 / scene.rate_hz));
-  c.source = static_cast<link::Source>(k.source);
-  const bool joints = space == ReferenceSpace::base_joints;
-  c.space = joints ? link::Space::base_joints : link::Space::effector;
-  const auto& box = joints ? scene.limits.joint_angle : scene.limits.workspace;
-  for (std::size_t i = 0; i < 2; ++i) {
-    c.position[i] = box ? link::Bounds{real((*box)[i][0]), real((*box)[i][1])} : link::Bounds{-1e3F, 1e3F};
-  }
-  const auto bounds = [&](const std::array<double, 2>& r) { return link::Bounds{real(r[0]), real(r[1])}; };
-  const link::Parameters::Values values{
-      real(scene.lambda.position), real(scene.lambda.angle), real(scene.gain.position), real(scene.gain.angle),
-      real(scene.tick()), real(scene.torque_limit[0]), real(scene.torque_limit[static_cast<std::size_t>(scene.motors()) / 2]),
-      real(scene.limits.joint_speed), real(k.speed), real(k.acceleration), static_cast<float>(k.stream_age_ticks),
-      real(ticks(k.timeout))};
-  c.parameters = link::Parameters(values, {bounds(k.lambda), bounds(k.lambda), bounds(k.gain), bounds(k.gain)});
-  return c;
-}
-static_assert(static_cast<int>(link::Source::hold) == static_cast<int>(CommandSource::hold) &&
-              static_cast<int>(link::Source::reference) == static_cast<int>(CommandSource::reference) &&
-              static_cast<int>(link::Source::stream) == static_cast<int>(CommandSource::stream));
-
-/// A cycle of axes that `make_axis(i)` makes, i in the order of the scene.
-template <class C, class MakeAxis>
-C cycle_of(const Scene& scene, Pacing pacing, const ReferenceBundle<double>& reference, const MakeAxis& make_axis,
-           const decltype(C::Config::line)& line = {}) {
-  typename C::Config c;
-  c.line = line;
-  c.controller = make_controller<typename C::Mechanism>(scene, pacing, reference);
-  c.axis_count = static_cast<int>(scene.drives.nodes.size());
-  c.heartbeat_age_ticks_max = static_cast<std::uint32_t>(std::ceil(scene.drives.heartbeat_timeout * scene.rate_hz));
-  using S = typename C::S;
-  c.torque_mismatch = static_cast<S>(scene.drives.torque_mismatch);
-  c.torque_time = static_cast<S>(scene.drives.torque_time);
-  c.samples_timed = pacing == Pacing::realtime;
-  // Emulated drives know their angle, whatever the scene's real ones do.
-  c.zero_absolute = scene.drives.zero == Zero::absolute || !scene.hardware;
-  for (int i = 0, n = c.controller.sensor_count(); i < n; ++i) {
-    const int joint = ControllerConfig<typename C::Mechanism>::joint_of(i, n);
-    const auto at = static_cast<std::size_t>(i);
-    c.zero_pose[joint] = static_cast<S>(scene.drives.zero_pose.empty()
-                                            ? scene.start_angle[static_cast<std::size_t>(joint)]
-                                            : scene.drives.zero_pose[at]);
-  }
-  if (scene.command) {
-    c.link = make_link(scene, pacing, c.controller.reference.space);
-    c.delay_ticks = static_cast<S>(delay_ticks(scene, pacing));
-  }
-  for (std::size_t i = 0; i < scene.drives.nodes.size(); ++i) c.axes[axis_of(scene, i)] = make_axis(i);
-  return C(c);
-}
-
-/// What the configuration of motor i must hold, as far as the scene says it and the table of endpoints has it.
-[[nodiscard]] drive::OdriveTable odrive_table(const Scene& scene, std::size_t i) {
-  drive::OdriveTable t;
-  const DriveScene& d = scene.drives;
-  if (!d.endpoints) return t;
-  t.check_version = true;
-  t.firmware = d.endpoints->firmware;
-  constexpr float most = std::numeric_limits<float>::max();
-  constexpr double slack = 1e-3;  // of numbers that somebody typed
-  const auto check = [&](const OdriveEndpoint& e, float lower, float upper) {
-    t.checks[t.count++] = {e.id, e.type, lower, upper};
-  };
-  for (const OdriveEndpoint& e : d.endpoints->list) {
-    switch (e.value) {
-      case OdriveValue::enable_watchdog:
-      case OdriveValue::overspeed_error:
-        check(e, 1.0F, 1.0F);
-        break;
-      case OdriveValue::watchdog_timeout:
-        check(e, 1e-3F, static_cast<float>(d.watchdog_timeout * (1.0 + slack)));
-        break;
-      case OdriveValue::control_mode:
-        check(e, drive::odrive::control_mode_torque, drive::odrive::control_mode_torque);
-        break;
-      case OdriveValue::input_mode:
-        check(e, drive::odrive::input_mode_passthrough, drive::odrive::input_mode_passthrough);
-        break;
-      case OdriveValue::torque_mode_limit:
-        check(e, 0.0F, 0.0F);
-        break;
-      case OdriveValue::vel_limit:
-        check(e, static_cast<float>(odrive_vel_limit(scene, i) * (1.0 - slack)), most);
-        break;
-      case OdriveValue::torque_constant:
-        if (d.torque_constant.empty()) break;
-        check(e, static_cast<float>(d.torque_constant[i] * (1.0 - 10.0 * slack)),
-              static_cast<float>(d.torque_constant[i] * (1.0 + 10.0 * slack)));
-        break;
-      case OdriveValue::current_limit:
-        if (d.torque_constant.empty()) break;
-        check(e, static_cast<float>(odrive_current(scene, i, d.torque_constant[i]) * (1.0 - slack)), most);
-        break;
-    }
-  }
-  return t;
-}
-static_assert(odrive_values.size() <= drive::OdriveTable::checks_max);
-
-[[nodiscard]] drive::Cia402Settings cia402_settings(const Scene& scene, std::size_t i) {
-  const DriveScene& d = scene.drives;
-  const auto ticks = [&](double seconds) {
-    return static_cast<std::uint16_t>(std::clamp(std::round(seconds * scene.rate_hz), 1.0, 65535.0));
-  };
-  drive::Cia402Settings s;
-  if (i < d.rated_torque.size()) {  // a motor
-    s.rated_torque = static_cast<float>(d.rated_torque[i]);
-    s.torque_limit = static_cast<float>(scene.torque_limit[i] / d.gear_ratio[i]);
-  }
-  s.rated_torque_unit = static_cast<float>(d.rated_torque_unit);
-  s.counts_per_turn = static_cast<std::uint32_t>(d.counts_per_turn);
-  s.velocity_unit = static_cast<float>(d.velocity_unit);
-  s.period_us = static_cast<std::uint32_t>(std::llround(1e6 / scene.rate_hz));
-  s.consumer_ms = static_cast<std::uint16_t>(std::ceil(1e3 * d.watchdog_timeout - 1e-9));
-  s.master_node = static_cast<std::uint8_t>(d.controller_node);
-  s.retry_ticks = ticks(0.5);  // a transition of a real drive may take most of that: brakes, capacitors
-  s.sdo_ticks = ticks(0.1);
-  return s;
-}
-
-}  // namespace
-
-template <class M>
-AnyCycle<M> make_cycle(const Scene& scene, Pacing pacing, const ReferenceBundle<double>& reference) {
-  const DriveScene& d = scene.drives;
-  const auto retry = static_cast<std::uint32_t>(std::max(1.0, std::round(0.15 * scene.rate_hz)));
-  switch (d.protocol) {
-    case Protocol::odrive:
-    case Protocol::odrive_0_5:
-      break;
-    case Protocol::cia402:
-      return cycle_of<Cia402Cycle<M>>(
-          scene, pacing, reference, [&](std::size_t i) { return drive::Cia402Axis(mount(d, i), cia402_settings(scene, i)); },
-          {static_cast<std::uint8_t>(d.controller_node), heartbeat_ticks(scene)});
-    case Protocol::mit:
-      return cycle_of<MitCycle<M>>(scene, pacing, reference, [&](std::size_t i) {
-        drive::MitAxis::Settings s;
-        s.ranges = {static_cast<float>(d.position_range[i]), static_cast<float>(d.velocity_range[i]),
-                    static_cast<float>(d.torque_range[i])};
-        s.dialect = dialect_of(scene);
-        s.master_id = static_cast<std::uint16_t>(d.master_id[i]);
-        s.retry_ticks = std::max(3U, retry);
-        return drive::MitAxis(mount(d, i), s);
-      });
-  }
-  const auto version =
-      d.protocol == Protocol::odrive ? drive::odrive::Version::v0_6 : drive::odrive::Version::v0_5_6;
-  return cycle_of<OdriveCycle<M>>(scene, pacing, reference, [&](std::size_t i) {
-    const bool motor = i < static_cast<std::size_t>(scene.motors());
-    drive::OdriveAxis axis(mount(d, i), version, retry, motor ? odrive_table(scene, i) : drive::OdriveTable{});
-    // In lockstep a drive without its torque would keep everybody waiting.
-    if (motor && pacing == Pacing::realtime && d.watchdog_test.value_or(scene.hardware)) {
-      axis.prove_watchdog(watchdog_proof_ticks(d, scene.rate_hz));
-    }
-    return axis;
-  });
-}
-
 template ControllerConfig<FiveBar<double>> make_controller<FiveBar<double>>(const Scene&, Pacing,
                                                                             const ReferenceBundle<double>&);
 template ControllerConfig<FiveBar<float>> make_controller<FiveBar<float>>(const Scene&, Pacing,
-                                                                          const ReferenceBundle<double>&);
+                                                                          const ReferenceBundle<float>&);
 template ControllerConfig<Rr<float>> make_controller<Rr<float>>(const Scene&, Pacing,
-                                                                const ReferenceBundle<double>&);
+                                                                const ReferenceBundle<float>&);
 template ControllerConfig<Rr<double>> make_controller<Rr<double>>(const Scene&, Pacing,
                                                                   const ReferenceBundle<double>&);
-template AnyCycle<FiveBar<double>> make_cycle<FiveBar<double>>(const Scene&, Pacing,
-                                                               const ReferenceBundle<double>&);
-template AnyCycle<Rr<double>> make_cycle<Rr<double>>(const Scene&, Pacing, const ReferenceBundle<double>&);
 
 }  // namespace esmc::host

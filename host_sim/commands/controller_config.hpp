@@ -4,10 +4,9 @@
 #include <cmath>
 #include <cstdint>
 #include <numbers>
-#include <variant>
 #include <vector>
 
-#include "firmware/cycle/instances.hpp"
+#include "firmware/cycle/controller.hpp"
 #include "host_sim/scene/scene.hpp"
 
 namespace esmc::host {
@@ -30,7 +29,13 @@ struct ReferenceBundle {
   }
 };
 
-ReferenceBundle<double> make_reference(const Scene& scene, Pacing pacing);
+/// In double, or in float as a board has it.
+template <class S = double>
+ReferenceBundle<S> make_reference(const Scene& scene, Pacing pacing);
+template <>
+ReferenceBundle<double> make_reference<double>(const Scene& scene, Pacing pacing);
+template <>
+ReferenceBundle<float> make_reference<float>(const Scene& scene, Pacing pacing);
 
 /// The controller's belief: the true mechanism times the factors of [control.model].
 FiveBarParams<double> believed_mechanism(const Scene& scene);
@@ -76,23 +81,9 @@ typename Rr<S>::Mode mode_of(const Scene& s, const Rr<S>*) {
   return s.delay_ticks.value_or(pacing == Pacing::realtime ? 2.0 : 0.0);
 }
 
-/// `reference` must outlive the configuration. M in single precision: references without a path only (throws
-/// std::logic_error); studies use it, boards get theirs as baked constants.
+/// `reference` must outlive the configuration.
 template <class M>
 ControllerConfig<M> make_controller(const Scene& scene, Pacing pacing,
-                                    const ReferenceBundle<double>& reference);
-
-/// The cycle as a board has it, for whichever protocol the scene names.
-template <class M>
-using AnyCycle = std::variant<OdriveCycle<M>, Cia402Cycle<M>, MitCycle<M>>;
-
-/// Ticks in which an ODrive's starved watchdog has to have tripped, and to have been heard of.
-[[nodiscard]] inline std::uint32_t watchdog_proof_ticks(const DriveScene& d, double rate_hz) {
-  return static_cast<std::uint32_t>(std::ceil((1.01 * d.watchdog_timeout + d.heartbeat_timeout) * rate_hz) + 2.0);
-}
-
-/// With one axis per motor and passive encoder.
-template <class M>
-AnyCycle<M> make_cycle(const Scene& scene, Pacing pacing, const ReferenceBundle<double>& reference);
+                                    const ReferenceBundle<typename M::Scalar>& reference);
 
 }  // namespace esmc::host

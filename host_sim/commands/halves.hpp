@@ -6,6 +6,8 @@
 #include <string>
 #include <vector>
 
+#include "host_sim/commands/axes_config.hpp"
+#include "host_sim/commands/in_double.hpp"
 #include "host_sim/commands/progress.hpp"
 #include "host_sim/commands/recorder.hpp"
 #include "host_sim/commands/run.hpp"
@@ -188,13 +190,15 @@ class PlantHalf {
   std::vector<Joints> delivered_;
 };
 
-template <class World, class Bus>
+/// C: the mechanism in the controller's scalar type.
+template <class World, class Bus, class C = typename World::Mechanism>
 class ControllerHalf {
  public:
   using M = typename World::Mechanism;
+  using S = typename C::Scalar;
 
   ControllerHalf(const Scene& scene, Pacing pacing, Bus& bus)
-      : reference_(make_reference(scene, pacing)),
+      : reference_(make_reference<S>(scene, pacing)),
         bus_(bus),
         lockstep_(pacing == Pacing::lockstep),
         axis_count_(static_cast<int>(scene.drives.nodes.size())),
@@ -202,7 +206,7 @@ class ControllerHalf {
         parting_ticks_(static_cast<int>(
                            std::ceil(std::clamp(scene.drives.heartbeat_timeout, 0.05, 1.0) * scene.rate_hz)) +
                        1),
-        cycle_(make_cycle<M>(scene, pacing, reference_)) {
+        cycle_(make_cycle<C>(scene, pacing, reference_)) {
     if (!armed_by_link(scene)) with([](auto& c) { c.command(Command::enable); });
   }
 
@@ -210,7 +214,11 @@ class ControllerHalf {
     return with([](const auto& c) -> const Supervisor& { return c.supervisor(); });
   }
   [[nodiscard]] const Sample<M>& sample() const {
-    return with([](const auto& c) -> const Sample<M>& { return c.sample(); });
+    if constexpr (std::is_same_v<C, M>) {
+      return with([](const auto& c) -> const Sample<M>& { return c.sample(); });
+    } else {
+      return sample_;
+    }
   }
   /// Some drive has said something; more came in a tick than it may read.
   [[nodiscard]] bool heard() const {
@@ -239,7 +247,7 @@ class ControllerHalf {
     });
     return out;
   }
-  [[nodiscard]] ControllerView<M> view() const { return {&result_, &sample()}; }
+  [[nodiscard]] ControllerView<M> view() const { return {&result_, &sample(), std::is_same_v<C, M>}; }
 
   /// Takes frames until every axis has sent its sample, or more came than a tick may read: that is a set as
   /// well, for a tick that raises bus_overload.
@@ -263,7 +271,12 @@ class ControllerHalf {
   }
   void tick(bool answer) {
     with([&](auto& c) {
-      result_ = c.tick(bus_, answer);
+      if constexpr (std::is_same_v<C, M>) {
+        result_ = c.tick(bus_, answer);
+      } else {
+        result_ = in_double<M, C>(c.tick(bus_, answer));
+        sample_ = in_double<M, C>(c.sample());
+      }
       if (lockstep_) c.request(bus_);
     });
   }
@@ -325,7 +338,7 @@ class ControllerHalf {
     return std::visit(std::forward<F>(f), cycle_);
   }
 
-  ReferenceBundle<double> reference_;
+  ReferenceBundle<S> reference_;
   Bus& bus_;
   bool lockstep_;
   /// The vendor's name of an endpoint of the scene.
@@ -342,8 +355,9 @@ class ControllerHalf {
   int axis_count_;
   std::optional<OdriveEndpoints> endpoints_;
   int parting_ticks_;
-  AnyCycle<M> cycle_;
+  AnyCycle<C> cycle_;
   TickResult<M> result_{};
+  Sample<M> sample_{};  // of a controller in another scalar type
 };
 
 }  // namespace esmc::host

@@ -13,13 +13,13 @@ namespace esmc::host {
 namespace {
 
 /// Both halves in one process, in lockstep: publish, tick, collect, advance.
-template <class World, class PlantBus, class ControlBus>
+template <class World, class C = typename World::Mechanism, class PlantBus, class ControlBus>
 int run_lockstep(const Scene& scene, const RunOptions& o, PlantBus& plant_bus, ControlBus& control_bus,
                  const std::string& interface) {
   OutputDirectory out(o.out);
   FrameLog frames(out.path("frames.log"), interface, static_cast<std::uint32_t>(scene.bitrate));
   PlantHalf<World, PlantBus> plant(scene, o, plant_bus, frames, out.path("log.csv"), true);
-  ControllerHalf<World, ControlBus> controller(scene, Pacing::lockstep, control_bus);
+  ControllerHalf<World, ControlBus, C> controller(scene, Pacing::lockstep, control_bus);
   const auto begin = std::chrono::steady_clock::now();
   bool stop = false, overloaded = false;
   // One more tick of both halves after the run: time passes for the drives only.
@@ -70,10 +70,16 @@ int run_hil(const Scene& scene, const RunOptions& o) {
   require_reachable<World>(scene, o.realtime ? Pacing::realtime : Pacing::lockstep);
   const bool on_bus = std::ranges::any_of(scene.effects, acts_on_bus);
   if (on_bus && (o.realtime || o.bus != "virtual")) refuse_bus_effects(scene, "a CAN interface is not ours to disturb");
+  if (o.single_precision && (on_bus || o.realtime || o.bus != "virtual")) {
+    throw InputError("", "--scalar float: only in lockstep on the virtual bus without effects of the bus");
+  }
   if (on_bus) return run_hil_timed<World>(scene, o);
   if (o.realtime) return run_hil_realtime<World>(scene, o);
   if (o.bus == "virtual") {
     const auto bus = std::make_unique<hal::VirtualBus<2>>();
+    if (o.single_precision) {
+      return run_lockstep<World, typename World::SinglePrecision>(scene, o, bus->port(0), bus->port(1), "virtual");
+    }
     return run_lockstep<World>(scene, o, bus->port(0), bus->port(1), "virtual");
   }
   const std::string interface = socketcan_interface(o.bus);

@@ -16,6 +16,7 @@
 #include <sstream>
 
 #include "host_sim/commands/accuracy.hpp"
+#include "host_sim/commands/bake.hpp"
 #include "host_sim/commands/campaign.hpp"
 #include "host_sim/commands/check.hpp"
 #include "host_sim/commands/drive.hpp"
@@ -240,6 +241,11 @@ int run(int argc, char** argv) {
       "hil", "the loop through real CAN frames: controller on one node, drives and plant on the other");
   add_run_options(*hil, o);
   add_bus_options(*hil, o, false);
+  hil->add_option_function<std::string>(
+         "--scalar", [&o](const std::string& s) { o.single_precision = s == "float"; },
+         "double | float: of the controller; float is what a board without double computes")
+      ->check(CLI::IsMember({"double", "float"}))
+      ->default_str("double");
   hil->callback([&] {
     handle_signals();
     status = run_hil(o);
@@ -281,6 +287,20 @@ int run(int argc, char** argv) {
   });
 
   AccuracyOptions a;
+  auto* bake = app.add_subcommand("bake", "a scene as the constants of a board's image (C++); what check refuses is refused");
+  bake->add_option("SCENE", o.scene, "scene file (TOML)")->required();
+  bake->add_option("--set", o.sets, "section.key=value instead of what the scene says; may be repeated")
+      ->type_name("KEY=VALUE")
+      ->expected(1)
+      ->take_all();
+  bake->add_option("--out", o.out, "file to write instead of printing")->type_name("FILE");
+  bake->add_option_function<std::string>(
+          "--scalar", [&o](const std::string& t) { o.single_precision = t == "float"; }, "double | float: of the controller")
+      ->check(CLI::IsMember({"double", "float"}))
+      ->default_str("double");
+  bake->add_flag("--realtime", o.realtime, "ticks by the board's clock, for real drives; else lockstep with esmc plant");
+  bake->callback([&] { status = run_bake(o); });
+
   auto* accuracy =
       app.add_subcommand("accuracy", "what accuracy costs in time: integrators, tick rate, sensors, effects");
   accuracy->add_flag("--quick", a.quick, "a minute instead of several");

@@ -125,6 +125,7 @@ template <class M>
 struct ControllerView {
   const TickResult<M>* result = nullptr;
   const Sample<M>* sample = nullptr;
+  bool exact = true;  ///< false: rounded to a lesser scalar type, the reference included
 };
 
 template <class World>
@@ -167,7 +168,7 @@ class Recorder {
     r.saturated = saturated || (seen.result != nullptr && seen.result->saturated);
     r.faulted = seen.result != nullptr ? seen.result->fault != Fault::none : disarmed;
     digest.add(q.subspan(half));
-    const auto reference = track_.present() ? track_.at(n, seen.result) : std::nullopt;
+    const auto reference = track_.present() ? track_.at(n, seen.exact ? seen.result : nullptr) : std::nullopt;
     r.has_reference = reference.has_value();
     digest.add(qd.first(half));
     if (reference) {

@@ -86,7 +86,7 @@ class SimRun {
   /// type or the other.
   template <class C>
   void closed_loop(int substeps, RunEnd& end) {
-    const ReferenceBundle<double> reference = make_reference(scene_, Pacing::lockstep);
+    const auto reference = make_reference<typename C::Scalar>(scene_, Pacing::lockstep);
     Controller<C> controller(make_controller<C>(scene_, Pacing::lockstep, reference));
     Supervisor supervisor(controller.supervision());
     supervisor.begin_tick(Command::enable, {});  // there are no drives to wait for

@@ -1,0 +1,33 @@
+#pragma once
+/// What the file that `esmc bake` writes is made of.
+
+#include <span>
+#include <type_traits>
+
+#include "firmware/cycle/instances.hpp"
+
+namespace esmc::baked {
+
+/// An enumerator by its number: turns into whichever enumeration stands in its place.
+struct Enum {
+  int number;
+  template <class E>
+    requires std::is_enum_v<E>
+  constexpr operator E() const {
+    return static_cast<E>(number);
+  }
+};
+
+template <class... T>
+inline constexpr int size = 1 + static_cast<int>(sizeof...(T));
+
+template <class S, class... T>
+[[nodiscard]] Vec<S, size<T...>> column(S first, T... rest) {
+  Vec<S, size<T...>> v;
+  int i = 0;
+  v[i++] = first;
+  ((v[i++] = rest), ...);
+  return v;
+}
+
+}  // namespace esmc::baked

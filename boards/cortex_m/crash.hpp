@@ -1,0 +1,25 @@
+#pragma once
+/// What is known of the last time the processor could not go on. Kept over a reset, lost without power.
+
+#include <cstdint>
+
+namespace esmc {
+
+inline constexpr std::uint32_t stack_paint = 0xA5A5'5A5AU;
+
+struct CrashRecord {
+  static constexpr std::uint32_t mark = 0x45534D43U;  // "ESMC"
+  std::uint32_t valid;         ///< mark, turned with the sum of the rest
+  std::uint32_t exception;     ///< number: 3 hard fault, 4 memory management, 5 bus, 6 usage, 16 + n interrupt n
+  std::uint32_t fault_status;  ///< CFSR
+  std::uint32_t address;       ///< BFAR: meaningful where CFSR says so
+  std::uint32_t pc, lr;        ///< 0 where the stack could not be read
+
+  [[nodiscard]] std::uint32_t sum() const { return mark ^ (exception + 3U * fault_status + 5U * address + 7U * pc + 11U * lr); }
+  [[nodiscard]] bool sealed() const { return valid == sum(); }
+  void seal() { valid = sum(); }
+  void forget() { valid = 0; }
+};
+extern CrashRecord crash_record;
+
+}  // namespace esmc

@@ -1,0 +1,85 @@
+#pragma once
+/// The parts of an Arm MPS2 board that an image needs: UART0 carries CAN as slcan, the FPGA's counter tells the time.
+/// Application notes AN386 and AN500; QEMU's machines mps2-an386 and mps2-an500.
+
+#include <cstdint>
+#include <span>
+
+#include "boards/node.hpp"
+#include "hal/slcan/slcan.hpp"
+
+namespace esmc {
+
+[[nodiscard]] inline volatile std::uint32_t& reg(std::uint32_t address) {
+  return *reinterpret_cast<volatile std::uint32_t*>(address);
+}
+
+/// CMSDK APB UART, polled. What does not go out at once waits in a ring that the loop empties.
+class Uart {
+ public:
+  explicit Uart(std::uint32_t base) : base_(base) {
+    reg(base_ + bauddiv) = 217;  // 115 200 of 25 MHz; means nothing to an emulator
+    reg(base_ + control) = 3;    // transmitter and receiver on, no interrupts
+  }
+  bool try_write(std::span<const char> bytes) {
+    drain();
+    if (bytes.size() > ring_size - 1 - ((head_ - tail_) % ring_size)) return false;
+    for (const char c : bytes) {
+      ring_[head_ % ring_size] = c;
+      head_ = (head_ + 1) % ring_size;
+    }
+    drain();
+    return true;
+  }
+  bool try_read(char& byte) {
+    drain();
+    if ((reg(base_ + state) & 2U) == 0) return false;
+    byte = static_cast<char>(reg(base_ + data) & 0xFFU);
+    return true;
+  }
+
+ private:
+  static constexpr std::uint32_t data = 0, state = 4, control = 8, bauddiv = 16, ring_size = 512;
+  void drain() {
+    while (tail_ != head_ && (reg(base_ + state) & 1U) == 0) {
+      reg(base_ + data) = static_cast<std::uint8_t>(ring_[tail_]);
+      tail_ = (tail_ + 1) % ring_size;
+    }
+  }
+  std::uint32_t base_, head_ = 0, tail_ = 0;
+  char ring_[ring_size] = {};
+};
+
+class Mps2Board {
+ public:
+  Mps2Board() { reg(fpgaio + prescale) = 24; }  // 25 MHz to 1 MHz
+
+  [[nodiscard]] hal::SlcanBus<Uart>& bus() { return bus_; }
+  [[nodiscard]] std::uint32_t now_us() const { return reg(fpgaio + counter); }
+
+  /// Lockstep knows no time, so there is none in which it must be refreshed.
+  struct NoWatchdog {
+    void refresh() {}
+  };
+  /// No contact is wired to these boards.
+  struct NoContact {
+    [[nodiscard]] static bool closed() { return true; }
+  };
+  struct Led {
+    void set(bool on) { reg(fpgaio) = on ? 1U : 0U; }
+  };
+  [[nodiscard]] NoWatchdog& watchdog() { return watchdog_; }
+  [[nodiscard]] NoContact& enable() { return enable_; }
+  [[nodiscard]] Led& drive_enable() { return led_; }
+
+ private:
+  static constexpr std::uint32_t fpgaio = 0x4002'8000U, counter = 0x18, prescale = 0x1C;
+  Uart uart_{0x4000'4000U};
+  hal::SlcanBus<Uart> bus_{uart_};
+  NoWatchdog watchdog_;
+  NoContact enable_;
+  Led led_;
+};
+static_assert(Board<Mps2Board>);
+
+}  // namespace esmc

@@ -1,0 +1,149 @@
+#include "host_sim/commands/bake.hpp"
+
+#include <cstdio>
+#include <filesystem>
+#include <fstream>
+
+#include "host_sim/commands/bake_text.hpp"
+#include "host_sim/commands/check.hpp"
+#include "host_sim/commands/halves.hpp"
+#include "host_sim/version.hpp"
+
+namespace esmc::host {
+namespace {
+
+using bake::text;
+
+/// A table of points is kept in the image's memory.
+constexpr std::size_t segments_max = 64;
+
+/// The expressions that make the axes, in the order of the cycle.
+std::string axes_text(const Scene& scene, Pacing pacing) {
+  std::string out;
+  for (std::size_t i = 0; i < scene.drives.nodes.size(); ++i) {
+    const std::string place = fmt::format("  c.axes[{}]", axis_of(scene, i)), axis = text(mount(scene, i));
+    switch (scene.drives.protocol) {
+      case Protocol::cia402:
+        out += fmt::format("{} = drive::Cia402Axis({}, {});\n", place, axis, text(cia402_settings(scene, i)));
+        continue;
+      case Protocol::mit:
+        out += fmt::format("{} = drive::MitAxis({}, {});\n", place, axis, text(mit_settings(scene, i)));
+        continue;
+      case Protocol::odrive:
+      case Protocol::odrive_0_5:
+        break;
+    }
+    const OdriveSettings s = odrive_settings(scene, pacing, i);
+    out += fmt::format("{} = drive::OdriveAxis({}, {}, {}, {});\n", place, axis, text(s.version), text(s.retry_ticks),
+                       text(s.table));
+    if (s.proof_ticks > 0) out += fmt::format("{}.prove_watchdog({});\n", place, text(s.proof_ticks));
+  }
+  return out;
+}
+
+std::string line_text(const Scene& scene) {
+  return scene.drives.protocol == Protocol::cia402
+             ? fmt::format("drive::CanopenLine({}, {})", scene.drives.controller_node, heartbeat_ticks(scene))
+             : "{}";
+}
+
+template <class M>
+struct Names;
+template <class S>
+struct Names<FiveBar<S>> {
+  static constexpr const char* type = "FiveBar";
+  static std::string mechanism(const FiveBarParams<double>& p) {
+    return "Mechanism(FiveBarParams<Scalar>" + text(cast<S>(p)) + ")";
+  }
+};
+template <class S>
+struct Names<Rr<S>> {
+  static constexpr const char* type = "Rr";
+  static std::string mechanism(const FiveBarParams<double>& p) {
+    const FiveBarParams<S> c = cast<S>(p);
+    return "Mechanism(RrParams<Scalar>" + text(RrParams<S>{c.legs[0], c.g}) + ")";
+  }
+};
+
+/// `enabled`: the image arms by itself; emulators only.
+template <class M>
+std::string header(const Scene& scene, Pacing pacing) {
+  using S = typename M::Scalar;
+  const auto reference = make_reference<S>(scene, pacing);
+  if (reference.path.size() > segments_max) {
+    throw InputError(scene.reference_where, fmt::format("a path of {} pieces does not fit into a board's memory; allowed are {}",
+                                                        reference.path.size(), segments_max));
+  }
+  const char* axis = scene.drives.protocol == Protocol::cia402
+                         ? "Cia402Axis"
+                         : (scene.drives.protocol == Protocol::mit ? "MitAxis" : "OdriveAxis");
+  std::string path;
+  for (const PathSegment<S>& s : reference.path) path += "      " + text(s) + ",\n";
+  const auto body = std::visit(
+      [&](const auto& c) {
+        const auto& [controller, axes, line, count, heartbeat, absolute, zero, mismatch, torque_time, timed, link, delay] = c;
+        return "      " + text(controller, Names<M>::mechanism(believed_mechanism(scene))) + ",\n      {},\n      " +
+               line_text(scene) + ",\n      " + text(count) + ", " + text(heartbeat) + ", " + text(absolute) + ", " +
+               text(zero) + ", " + text(mismatch) + ", " + text(torque_time) + ", " + text(timed) + ",\n      " + text(link) +
+               ",\n      " + text(delay);
+      },
+      make_cycle_config<M>(scene, pacing, reference));
+  return fmt::format(
+      "// Made by esmc bake {} from the scene \"{}\". Not to be edited.\n"
+      "#pragma once\n\n"
+      "#include \"boards/baked.hpp\"\n\n"
+      "namespace esmc::baked {{\n\n"
+      "using Scalar = {};\n"
+      "using Mechanism = {}<Scalar>;\n"
+      "using Node = Cycle<Mechanism, drive::{}>;\n"
+      "inline constexpr std::uint32_t bitrate = {};      // bit/s\n"
+      "inline constexpr std::uint32_t period_ns = {};    // of a tick\n"
+      "inline constexpr bool lockstep = {};              // a tick is a complete set of samples, and not a time\n"
+      "inline constexpr bool armed_by_link = {};\n\n"
+      "inline Node::Config config() {{\n"
+      "{}"
+      "  Node::Config c{{\n{}}};\n"
+      "{}"
+      "  return c;\n"
+      "}}\n\n"
+      "}}  // namespace esmc::baked\n",
+      version, printable(scene.name), std::is_same_v<S, float> ? "float" : "double", Names<M>::type, axis,
+      static_cast<std::uint32_t>(scene.bitrate), static_cast<std::uint32_t>(std::llround(1e9 / scene.rate_hz)),
+      pacing == Pacing::lockstep, armed_by_link(scene),
+      path.empty() ? "  constexpr std::span<const PathSegment<Scalar>> path{};\n"
+                   : "  static const PathSegment<Scalar> path[] = {\n" + path + "  };\n",
+      body, axes_text(scene, pacing));
+}
+
+}  // namespace
+
+int run_bake(const RunOptions& o) {
+  Scene scene = read_loop_scene(o);
+  const Pacing pacing = o.realtime ? Pacing::realtime : Pacing::lockstep;
+  scene.hardware = o.realtime;
+  require_confirmed(scene);
+  if (const std::string why = refusal_of(scene); !why.empty()) {
+    throw InputError("", o.scene + ": esmc check refuses it: " + why);
+  }
+  const bool five_bar = scene.type == MechanismType::five_bar;
+  const std::string all =
+      o.single_precision ? (five_bar ? header<FiveBar<float>>(scene, pacing) : header<Rr<float>>(scene, pacing))
+                         : (five_bar ? header<FiveBar<double>>(scene, pacing) : header<Rr<double>>(scene, pacing));
+  if (o.out.empty()) {
+    fmt::print("{}", all);
+    return 0;
+  }
+  const std::filesystem::path to(o.out), part(o.out + ".part");
+  std::ofstream file(part, std::ios::binary);
+  file << all;
+  file.close();
+  std::error_code error;
+  if (file) std::filesystem::rename(part, to, error);
+  if (!file || error) {
+    std::filesystem::remove(part, error);
+    throw InputError("", o.out + ": cannot be written");
+  }
+  return 0;
+}
+
+}  // namespace esmc::host
