@@ -1,16 +1,15 @@
 #include "host_sim/commands/drive.hpp"
 
 #include <fmt/format.h>
-#include <poll.h>
 
 #include <algorithm>
 #include <chrono>
 #include <cmath>
-#include <ctime>
 #include <memory>
 #include <nlohmann/json.hpp>
 
 #include "host_sim/commands/halves.hpp"
+#include "host_sim/commands/open_bus.hpp"
 #include "host_sim/drives/cia402_axis.hpp"
 #include "host_sim/drives/defects.hpp"
 #include "host_sim/drives/mit_axis.hpp"
@@ -106,19 +105,14 @@ std::unique_ptr<EmulatedAxis> make_drive(const DriveOptions& o, const Defects& d
 }
 
 /// Returns at a frame, a signal or the instant.
-void wait_for_frame_until(hal::SocketCan& bus, Clock::time_point instant) {
-  const auto left = std::chrono::duration_cast<std::chrono::nanoseconds>(instant - Clock::now()).count();
-  if (left <= 0) return;
-  pollfd p{bus.descriptor(), POLLIN, 0};
-  const timespec patience{static_cast<time_t>(left / 1'000'000'000), static_cast<long>(left % 1'000'000'000)};
-  (void)::ppoll(&p, 1, &patience, nullptr);
-  // A dead interface is always "ready".
-  if ((p.revents & (POLLERR | POLLHUP | POLLNVAL)) != 0) (void)::poll(nullptr, 0, 1);
+void wait_for_frame_until(HostBus& bus, Clock::time_point instant) {
+  const auto left = instant - Clock::now();
+  if (left > Clock::duration::zero()) (void)wait_for_frame(bus, std::chrono::duration_cast<std::chrono::nanoseconds>(left));
 }
 
 class Drive {
  public:
-  Drive(const DriveOptions& o, hal::SocketCan& bus, std::unique_ptr<EmulatedAxis> axis)
+  Drive(const DriveOptions& o, HostBus& bus, std::unique_ptr<EmulatedAxis> axis)
       : options_(o), bus_(bus), axis_(std::move(axis)), shaft_(o.shaft), period_(1.0 / o.rate_hz) {
     axis_->settle(shaft_.angle);
   }
@@ -138,6 +132,7 @@ class Drive {
         take();
       }
       take();
+      if (bus_.gone()) throw RunError(gone_text);
       const double torque = axis_->joint_torque();
       max_torque_ = std::max(max_torque_, std::abs(torque));
       shaft_.advance(torque, period_);
@@ -203,7 +198,7 @@ class Drive {
   }
 
   const DriveOptions& options_;
-  hal::SocketCan& bus_;
+  HostBus& bus_;
   std::unique_ptr<EmulatedAxis> axis_;
   LoneShaft shaft_;
   double period_;
@@ -228,7 +223,7 @@ std::string defects_text() {
 int run_drive(const DriveOptions& o) {
   check(o);
   const Defects defects = read_defects(o);
-  hal::SocketCan bus = open_socketcan(socketcan_interface(o.bus));
+  HostBus bus = open_bus(o.bus, o.bit_rate);
   Drive drive(o, bus, make_drive(o, defects));
   drive.run();
   const Json s = drive.summary(defects);

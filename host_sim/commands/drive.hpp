@@ -12,6 +12,7 @@ namespace esmc::host {
 struct DriveOptions {
   std::string protocol, bus;
   int node = 1;
+  int bit_rate = 1'000'000;        ///< bit/s, slcan only
   std::optional<double> duration;  ///< s; else until Ctrl-C
   double rate_hz = 1000.0;         ///< of samples (odrive) and of the shaft's steps
   double watchdog = 0.1;           ///< s

@@ -1,36 +1,6 @@
 #include "host_sim/commands/halves.hpp"
 
-#include <cerrno>
-#include <filesystem>
-
 namespace esmc::host {
-
-std::string socketcan_interface(const std::string& bus) {
-  constexpr std::string_view prefix = "socketcan:";
-  if (!bus.starts_with(prefix) || bus.size() == prefix.size()) {
-    throw InputError("", "--bus " + bus + ": allowed are socketcan:INTERFACE and, for hil, virtual");
-  }
-  return bus.substr(prefix.size());
-}
-
-hal::SocketCan open_socketcan(const std::string& interface) {
-  std::error_code error;
-  hal::SocketCan bus = hal::SocketCan::open(interface, error);
-  if (bus.is_open()) return bus;
-  const std::string label = "--bus socketcan:" + interface + ": ";
-  switch (error.value()) {
-    case ENODEV:
-      throw InputError("", label + "no such CAN interface (ip link show type vcan, type can)");
-    case ENETDOWN:
-      throw InputError("", label + "the interface is down (ip link set up " + interface + ")");
-    case EAFNOSUPPORT:
-    case EPROTONOSUPPORT:
-      throw InputError(
-          "", label + "this kernel has no CAN; --bus virtual needs none, docs/hil.md shows a way to vcan");
-    default:
-      throw InputError("", label + error.message());
-  }
-}
 
 BusObstacle bus_obstacle(const Scene& scene) {
   if (!scene.closed_loop()) {
@@ -47,11 +17,6 @@ BusObstacle bus_obstacle(const Scene& scene) {
             "odrive_0.5: a drive in MIT mode speaks only when it is commanded"};
   }
   return {scene.control_where, scene.drives.missing};
-}
-
-bool carries_real_drives(const std::string& interface) {
-  std::error_code error;
-  return std::filesystem::exists("/sys/class/net/" + interface + "/device", error);
 }
 
 std::string to_confirm(const Scene& scene) {

@@ -20,6 +20,7 @@ namespace esmc::host {
 
 inline constexpr int silence_ms = 5000;         ///< without a word from the other half: the run has failed
 inline constexpr int parting_ms = 20;           ///< per tick, for the other half after a stop
+inline constexpr const char* gone_text = "the slcan adapter is gone: unplugged, or closed at its other end";
 /// Who arms, and resets: this program, which gives up when it cannot, or a supervisor computer.
 [[nodiscard]] inline bool armed_by_link(const Scene& s) { return s.command && s.command->arm_by_link; }
 /// s (in lockstep: of virtual time) until the drives must be armed; a supervisor computer is given longer.
@@ -27,17 +28,11 @@ inline constexpr int parting_ms = 20;           ///< per tick, for the other hal
   return armed_by_link(s) ? 60.0 : 5.0;
 }
 
-/// "socketcan:vcan0" -> "vcan0". Throws InputError for anything else.
-std::string socketcan_interface(const std::string& bus);
-/// Throws InputError with what to do about it.
-hal::SocketCan open_socketcan(const std::string& interface);
 /// Why a scene that esmc sim runs cannot run on a bus; empty: it can.
 struct BusObstacle {
   std::string where, what;
 };
 BusObstacle bus_obstacle(const Scene& scene);
-/// Whether an interface is more than software: a CAN controller stands behind it.
-bool carries_real_drives(const std::string& interface);
 /// What decides over torque, cannot be read back from these drives and must be checked by hand; one line.
 std::string to_confirm(const Scene& scene);
 /// Throws InputError that says what to confirm, where the scene does not and must.
@@ -45,11 +40,13 @@ void require_confirmed(const Scene& scene);
 /// Reads a scene for a command with a bus in it; open_loop and none are refused.
 Scene read_loop_scene(const RunOptions& o);
 
-/// Waits for the other half: until `done`, Ctrl-C or the end of our patience.
+/// Waits for the other half: until `done`, Ctrl-C or the end of our patience. Throws RunError when the bus is gone.
 template <class Bus, class Done>
 Waited wait_for(Bus& bus, const Done& done, int patience_ms = silence_ms) {
-  return wait_until(
-      bus, done, [] { return stop_requested().load(); }, std::chrono::milliseconds(patience_ms));
+  const Waited w = wait_until(
+      bus, done, [&] { return stop_requested().load() || is_gone(bus); }, std::chrono::milliseconds(patience_ms));
+  if (w != Waited::done && is_gone(bus)) throw RunError(gone_text);
+  return w;
 }
 
 template <class World, class Bus>

@@ -7,6 +7,7 @@
 #include "host_sim/commands/finish.hpp"
 #include "host_sim/commands/halves.hpp"
 #include "host_sim/commands/hil_timed.hpp"
+#include "host_sim/commands/open_bus.hpp"
 #include "host_sim/commands/realtime.hpp"
 
 namespace esmc::host {
@@ -82,9 +83,8 @@ int run_hil(const Scene& scene, const RunOptions& o) {
     }
     return run_lockstep<World>(scene, o, bus->port(0), bus->port(1), "virtual");
   }
-  const std::string interface = socketcan_interface(o.bus);
-  hal::SocketCan plant_bus = open_socketcan(interface), control_bus = open_socketcan(interface);
-  return run_lockstep<World>(scene, o, plant_bus, control_bus, interface);
+  BusEnds ends = open_both_ends(o.bus, scene.bitrate);
+  return run_lockstep<World>(scene, o, ends.plant, ends.control, ends.plant.interface());
 }
 
 }  // namespace

@@ -22,6 +22,7 @@
 #include "host_sim/commands/drive.hpp"
 #include "host_sim/commands/eval.hpp"
 #include "host_sim/commands/init.hpp"
+#include "host_sim/commands/open_bus.hpp"
 #include "host_sim/commands/run.hpp"
 #include "host_sim/error.hpp"
 #include "host_sim/scene/keys.hpp"
@@ -112,9 +113,9 @@ void add_run_options(CLI::App& c, RunOptions& o) {
 }
 void add_bus_options(CLI::App& c, RunOptions& o, bool required) {
   if (required) {
-    c.add_option("--bus", o.bus, "socketcan:INTERFACE")->required();
+    c.add_option("--bus", o.bus, bus_forms)->required();
   } else {
-    c.add_option("--bus", o.bus, "virtual | socketcan:INTERFACE")->capture_default_str();
+    c.add_option("--bus", o.bus, "virtual | socketcan:INTERFACE | slcan:PLANT,CONTROLLER")->capture_default_str();
   }
   c.add_flag("--realtime", o.realtime, "wall-clock ticks instead of lockstep");
 }
@@ -123,7 +124,8 @@ void add_drive_options(CLI::App& c, DriveOptions& d) {
   c.add_option("--protocol", d.protocol, "odrive | odrive_0.5 | cia402 | mit")
       ->required()
       ->check(CLI::IsMember({"odrive", "odrive_0.5", "cia402", "mit"}));
-  c.add_option("--bus", d.bus, "socketcan:INTERFACE")->required();
+  c.add_option("--bus", d.bus, bus_forms)->required();
+  c.add_option("--bitrate", d.bit_rate, "told to an slcan adapter, bit/s")->capture_default_str();
   c.add_option("--node", d.node, "of the drive")->capture_default_str();
   c.add_option("--duration", d.duration, "s; else until Ctrl-C");
   c.add_option("--inertia", d.shaft.inertia, "of the shaft, kg m2")->capture_default_str();

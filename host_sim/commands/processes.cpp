@@ -5,6 +5,7 @@
 #include "host_sim/commands/controller_recorder.hpp"
 #include "host_sim/commands/finish.hpp"
 #include "host_sim/commands/halves.hpp"
+#include "host_sim/commands/open_bus.hpp"
 #include "host_sim/commands/realtime.hpp"
 
 namespace esmc::host {
@@ -12,13 +13,12 @@ namespace {
 
 /// `esmc plant` in lockstep: waits for the controller's first frame, then sets the pace.
 template <class World>
-int plant_lockstep(const Scene& scene, const RunOptions& o, hal::SocketCan& bus,
-                   const std::string& interface) {
+int plant_lockstep(const Scene& scene, const RunOptions& o, HostBus& bus) {
   OutputDirectory out(o.out);
-  FrameLog frames(out.path("frames.log"), interface, static_cast<std::uint32_t>(scene.bitrate));
-  PlantHalf<World, hal::SocketCan> plant(scene, o, bus, frames, out.path("log.csv"), false);
+  FrameLog frames(out.path("frames.log"), bus.interface(), static_cast<std::uint32_t>(scene.bitrate));
+  PlantHalf<World, HostBus> plant(scene, o, bus, frames, out.path("log.csv"), false);
   if (wait_for(bus, [&] { return plant.drain() > 0; }) == Waited::silent) {
-    throw RunError("no controller was heard for 5 s on " + interface);
+    throw RunError("no controller was heard for 5 s on " + bus.name());
   }
   const auto begin = std::chrono::steady_clock::now();
   bool stop = stop_requested();
@@ -37,16 +37,15 @@ int plant_lockstep(const Scene& scene, const RunOptions& o, hal::SocketCan& bus,
 
 /// `esmc controller` in lockstep: asks the drives to arm until they answer, then answers every complete set.
 template <class World>
-int controller_lockstep(const Scene& scene, const RunOptions& o, hal::SocketCan& bus,
-                        const std::string& interface) {
+int controller_lockstep(const Scene& scene, const RunOptions& o, HostBus& bus) {
   OutputDirectory out(o.out);
-  FrameLog frames(out.path("frames.log"), interface, static_cast<std::uint32_t>(scene.bitrate));
-  Tapped<hal::SocketCan> tap(bus, frames);
-  ControllerHalf<World, Tapped<hal::SocketCan>> controller(scene, Pacing::lockstep, tap);
+  FrameLog frames(out.path("frames.log"), bus.interface(), static_cast<std::uint32_t>(scene.bitrate));
+  Tapped<HostBus> tap(bus, frames);
+  ControllerHalf<World, Tapped<HostBus>> controller(scene, Pacing::lockstep, tap);
   ControllerRecorder<World> recorder(scene, out.path("log.csv"));
   const auto begin = std::chrono::steady_clock::now();
   if (controller.await_drives(std::chrono::milliseconds(150)) == Waited::silent) {
-    throw RunError("no drive was heard for 5 s on " + interface);
+    throw RunError("no drive was heard for 5 s on " + bus.name());
   }
   bool stop = false, overloaded = false;
   std::uint64_t sets = 0;
@@ -83,19 +82,15 @@ int controller_lockstep(const Scene& scene, const RunOptions& o, hal::SocketCan&
 template <class World>
 int plant(const Scene& scene, const RunOptions& o) {
   require_reachable<World>(scene, o.realtime ? Pacing::realtime : Pacing::lockstep);
-  const std::string interface = socketcan_interface(o.bus);
-  hal::SocketCan bus = open_socketcan(interface);
-  return o.realtime ? plant_realtime<World>(scene, o, bus, interface)
-                    : plant_lockstep<World>(scene, o, bus, interface);
+  HostBus bus = open_bus(o.bus, scene.bitrate);
+  return o.realtime ? plant_realtime<World>(scene, o, bus) : plant_lockstep<World>(scene, o, bus);
 }
 
 template <class World>
 int controller(const Scene& scene, const RunOptions& o) {
   require_reachable<World>(scene, o.realtime ? Pacing::realtime : Pacing::lockstep);
-  const std::string interface = socketcan_interface(o.bus);
-  hal::SocketCan bus = open_socketcan(interface);
-  return o.realtime ? controller_realtime<World>(scene, o, bus, interface)
-                    : controller_lockstep<World>(scene, o, bus, interface);
+  HostBus bus = open_bus(o.bus, scene.bitrate);
+  return o.realtime ? controller_realtime<World>(scene, o, bus) : controller_lockstep<World>(scene, o, bus);
 }
 
 /// In lockstep the halves find each other by the request to arm.
@@ -118,7 +113,7 @@ int run_plant(const RunOptions& o) {
 int run_controller(const RunOptions& o) {
   Scene scene = read_half_scene(o);
   refuse_bus_effects(scene, "a CAN interface is not ours to disturb");
-  scene.hardware = o.realtime && carries_real_drives(socketcan_interface(o.bus));
+  scene.hardware = o.realtime && carries_real_drives(o.bus);
   require_confirmed(scene);
   return scene.type == MechanismType::five_bar ? controller<FiveBarWorld>(scene, o)
                                                : controller<RrWorld>(scene, o);

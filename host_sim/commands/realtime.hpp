@@ -9,6 +9,7 @@
 #include "host_sim/commands/controller_recorder.hpp"
 #include "host_sim/commands/finish.hpp"
 #include "host_sim/commands/halves.hpp"
+#include "host_sim/commands/open_bus.hpp"
 
 namespace esmc::host {
 
@@ -125,13 +126,12 @@ void linger(const Scene& scene, PlantHalf<World, Bus>& plant, const Done& done) 
 }
 
 template <class World>
-int plant_realtime(const Scene& scene, const RunOptions& o, hal::SocketCan& bus,
-                   const std::string& interface) {
+int plant_realtime(const Scene& scene, const RunOptions& o, HostBus& bus) {
   OutputDirectory out(o.out);
-  FrameLog frames(out.path("frames.log"), interface, static_cast<std::uint32_t>(scene.bitrate));
-  PlantHalf<World, hal::SocketCan> plant(scene, o, bus, frames, out.path("log.csv"), false);
+  FrameLog frames(out.path("frames.log"), bus.interface(), static_cast<std::uint32_t>(scene.bitrate));
+  PlantHalf<World, HostBus> plant(scene, o, bus, frames, out.path("log.csv"), false);
   if (wait_for(bus, [&] { return plant.drain() > 0; }) == Waited::silent) {
-    throw RunError("no controller was heard for 5 s on " + interface);
+    throw RunError("no controller was heard for 5 s on " + bus.name());
   }
   const RunEnd end = pace_plant(scene, plant, [] { return false; });
   frames.close();
@@ -139,12 +139,11 @@ int plant_realtime(const Scene& scene, const RunOptions& o, hal::SocketCan& bus,
 }
 
 template <class World>
-int controller_realtime(const Scene& scene, const RunOptions& o, hal::SocketCan& bus,
-                        const std::string& interface) {
+int controller_realtime(const Scene& scene, const RunOptions& o, HostBus& bus) {
   OutputDirectory out(o.out);
-  FrameLog frames(out.path("frames.log"), interface, static_cast<std::uint32_t>(scene.bitrate));
-  Tapped<hal::SocketCan> tap(bus, frames);
-  ControllerHalf<World, Tapped<hal::SocketCan>> controller(scene, Pacing::realtime, tap);
+  FrameLog frames(out.path("frames.log"), bus.interface(), static_cast<std::uint32_t>(scene.bitrate));
+  Tapped<HostBus> tap(bus, frames);
+  ControllerHalf<World, Tapped<HostBus>> controller(scene, Pacing::realtime, tap);
   ControllerRecorder<World> recorder(scene, out.path("log.csv"));
   const auto begin = std::chrono::steady_clock::now();
   const std::uint64_t late =
@@ -162,14 +161,13 @@ template <class World>
 int run_hil_realtime(const Scene& scene, const RunOptions& o) {
   if (o.bus == "virtual") {
     throw InputError("",
-                     "--realtime needs --bus socketcan:INTERFACE: the virtual bus has no clock of its own");
+                     "--realtime needs --bus socketcan:INTERFACE or slcan:PLANT,CONTROLLER: the virtual bus has no clock of its own");
   }
-  const std::string interface = socketcan_interface(o.bus);
-  hal::SocketCan plant_bus = open_socketcan(interface), control_bus = open_socketcan(interface);
+  BusEnds ends = open_both_ends(o.bus, scene.bitrate);
   OutputDirectory out(o.out);
-  FrameLog frames(out.path("frames.log"), interface, static_cast<std::uint32_t>(scene.bitrate));
-  PlantHalf<World, hal::SocketCan> plant(scene, o, plant_bus, frames, out.path("log.csv"), false);
-  ControllerHalf<World, hal::SocketCan> controller(scene, Pacing::realtime, control_bus);
+  FrameLog frames(out.path("frames.log"), ends.plant.interface(), static_cast<std::uint32_t>(scene.bitrate));
+  PlantHalf<World, HostBus> plant(scene, o, ends.plant, frames, out.path("log.csv"), false);
+  ControllerHalf<World, HostBus> controller(scene, Pacing::realtime, ends.control);
   ControllerRecorder<World> seen(scene, "");
   std::atomic<bool> over{false}, parted{false};
   std::exception_ptr plant_failure, controller_failure;

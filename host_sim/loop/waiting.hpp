@@ -7,22 +7,39 @@
 #include <chrono>
 #include <cstddef>
 #include <cstdint>
+#include <ctime>
 #include <thread>
 #include <type_traits>
 
 #include "hal/linux/socketcan.hpp"
 #include "hal/virtual/virtual_bus.hpp"
 #include "host_sim/loop/frame_log.hpp"
+#include "host_sim/loop/host_bus.hpp"
 
 namespace esmc::host {
 
-/// Up to `milliseconds` for a frame to receive; false when there is none.
-inline bool wait_for_frame(hal::SocketCan& bus, int milliseconds) {
-  pollfd p{bus.descriptor(), POLLIN, 0};
-  if (::poll(&p, 1, milliseconds) <= 0) return false;
+/// Up to `patience`; true: there is something to read.
+inline bool readable_within(pollfd p, std::chrono::nanoseconds patience) {
+  const auto seconds = std::chrono::floor<std::chrono::seconds>(patience);
+  const timespec time{static_cast<time_t>(seconds.count()), static_cast<long>((patience - seconds).count())};
+  if (::ppoll(&p, 1, &time, nullptr) <= 0) return false;
   // A dead interface is always "ready": whoever asks again at once would burn the processor.
   if ((p.revents & (POLLERR | POLLHUP | POLLNVAL)) != 0) std::this_thread::sleep_for(std::chrono::milliseconds(1));
   return (p.revents & POLLIN) != 0;
+}
+
+/// Up to `milliseconds` for a frame to receive; false when there is none.
+inline bool wait_for_frame(hal::SocketCan& bus, int milliseconds) {
+  return readable_within({bus.descriptor(), POLLIN, 0}, std::chrono::milliseconds(milliseconds));
+}
+inline bool wait_for_frame(HostBus& bus, std::chrono::nanoseconds patience) {
+  if (bus.has_input()) return true;
+  const bool input = readable_within(bus.polled(), patience);
+  bus.flush();
+  return input;
+}
+inline bool wait_for_frame(HostBus& bus, int milliseconds) {
+  return wait_for_frame(bus, std::chrono::milliseconds(milliseconds));
 }
 template <class Port>
   requires requires(const Port& p) { p.waiting(); }
@@ -35,9 +52,25 @@ bool wait_for_frame(Tapped<Bus>& tap, int milliseconds) {
   return wait_for_frame(tap.bus(), milliseconds);
 }
 
+/// Whether the bus is lost for good.
+template <class Bus>
+bool is_gone(Bus& bus) {
+  if constexpr (requires { bus.gone(); }) {
+    return bus.gone();
+  } else {
+    return false;
+  }
+}
+template <class Bus>
+bool is_gone(Tapped<Bus>& tap) {
+  return is_gone(tap.bus());
+}
+
 /// Whether a frame may still come while one waits.
 template <class Bus>
-inline constexpr bool can_wait = std::is_same_v<Bus, hal::SocketCan> || std::is_same_v<Bus, Tapped<hal::SocketCan>>;
+inline constexpr bool can_wait = std::is_same_v<Bus, hal::SocketCan> || std::is_same_v<Bus, HostBus>;
+template <class Bus>
+inline constexpr bool can_wait<Tapped<Bus>> = can_wait<Bus>;
 
 enum class Waited : std::uint8_t { done, stopped, silent };
 

@@ -3,6 +3,7 @@
 
   hal/*.hpp             std, hal/*.hpp
   hal/<back end>        hal, std and the headers of its OS or vendor
+  hal/slcan, virtual    hal, std: portable; linux uses slcan
   firmware/numeric      std
   firmware/mechanism    std, Eigen (through types), types, numeric, mechanism
   firmware/control      the same and control
@@ -30,7 +31,8 @@ SHARED = r"firmware/(types\.hpp|numeric/.*|mechanism/params\.hpp|drive/(odrive|c
 # folder, search below it too, what its files may include (a whole match)
 RULES = [
     ("hal", False, rf"{STD}|{HAL}"),
-    ("hal/linux", True, rf"<.*>|{HAL}|hal/linux/.*"),
+    ("hal/linux", True, rf"<.*>|{HAL}|hal/(linux|slcan)/.*"),
+    ("hal/slcan", True, rf"{STD}|{HAL}|hal/slcan/.*"),
     ("hal/virtual", True, rf"{STD}|{HAL}|hal/virtual/.*"),
     ("firmware", False, rf"{STD}|<Eigen/Core>|firmware/numeric/.*"),
     ("firmware/numeric", True, rf"{STD}|firmware/numeric/.*"),
@@ -62,7 +64,7 @@ def host_folders(root):
 
 
 def back_ends(root):
-    named = {"hal/linux", "hal/virtual"}
+    named = {"hal/linux", "hal/slcan", "hal/virtual"}
     return sorted(f"hal/{d.name}" for d in (root / "hal").glob("*") if d.is_dir() and f"hal/{d.name}" not in named)
 
 
@@ -109,6 +111,7 @@ def self_test(root):
         ("hal/linux/socketcan.hpp", '#include "firmware/types.hpp"'),
         ("hal/linux/socketcan.hpp", '#include "host_sim/error.hpp"'),
         ("hal/virtual/virtual_bus.hpp", '#include "hal/linux/socketcan.hpp"'),
+        ("hal/slcan/slcan.hpp", "#include <termios.h>"),
         ("firmware/types.hpp", '#include "hal/can.hpp"'),
         ("firmware/numeric/elementary.hpp", '#include "firmware/types.hpp"'),
         ("firmware/mechanism/rr.hpp", '#include "hal/can.hpp"'),
