@@ -1,0 +1,133 @@
+#!/usr/bin/python3
+"""Images of boards: built by their presets, run in QEMU where it has the processor.
+
+usage: board_test.py build ROOT BOARD ESMC       with the esmc command that bakes
+       board_test.py image ELF SCALAR               what must not be in it, and what it takes of the memories
+       board_test.py loop ELF MACHINE SCALAR ESMC SCENE
+                                                    closes the loop with `esmc plant` over slcan: the same digest as
+                                                    `esmc hil --scalar SCALAR`, to the last bit
+       board_test.py count ELF MACHINE DOCS [--update]
+                                                    instructions per tick: the table of docs/boards.md
+       board_test.py same ROOT BOARD BOARD          two boards link the same control archive, byte for byte"""
+import json
+import re
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+ICOUNT = "shift=6,sleep=off"  # an instruction is 64 ns; the emulator does not wait for anybody
+
+
+def run(*command, **more):
+    return subprocess.run([str(c) for c in command], capture_output=True, text=True, check=False, **more)
+
+
+def qemu(elf, machine, serial):
+    return subprocess.Popen(["qemu-system-arm", "-M", machine, "-display", "none", "-monitor", "none", "-icount", ICOUNT,
+                             "-kernel", elf, "-serial", serial], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+
+
+def build(root, board, esmc):
+    for step in (["cmake", "--preset", board, f"-DESMC_TOOL={esmc}"], ["cmake", "--build", "--preset", board]):
+        done = run(*step, cwd=root)
+        if done.returncode != 0:
+            print(done.stdout[-4000:], done.stderr[-4000:])
+            return 1
+    return 0
+
+
+def image(elf, scalar):
+    names = run("arm-none-eabi-nm", "-C", elf).stdout
+    hosted = (r"_?malloc\w*|_?free|_sbrk\w*|operator new.*|operator delete.*|__cxa_\w*|_Unwind\w*|__gxx_personality\w*|"
+              r"typeinfo .*|vtable .*|\w*printf\w*|_write|_read|.*aligned_malloc.*")
+    software = r"|__aeabi_d\w+" if scalar == "float" else ""  # of a processor that has no double
+    bad = re.findall(rf"^.* [tTwWbBdDrRvV] ({hosted}{software})$", names, re.M)
+    size = run("arm-none-eabi-size", elf).stdout.splitlines()[1].split()
+    print(f"forbidden symbols: {bad}; flash {int(size[0]) + int(size[1])} bytes, RAM {int(size[1]) + int(size[2])} bytes "
+          "with the stack")
+    return 1 if bad or "esmc_reset" not in names else 0
+
+
+def loop(elf, machine, scalar, esmc, scene):
+    duration = "simulation.duration=2.0"
+    with tempfile.TemporaryDirectory() as folder:
+        socket = f"{folder}/uart"
+        board = qemu(elf, machine, f"unix:{socket},server=on,wait=on")
+        try:
+            while not Path(socket).exists() and board.poll() is None:
+                pass
+            plant = run(esmc, "plant", scene, "--bus", f"slcan:unix:{socket}", "--json", "--set", duration, timeout=400)
+        finally:
+            board.kill()
+    if plant.returncode != 0:
+        print(plant.stdout[-500:], plant.stderr, board.communicate()[0])
+        return 1
+    got = json.loads(plant.stdout)
+    want = json.loads(run(esmc, "hil", scene, "--scalar", scalar, "--json", "--set", duration).stdout)
+    print(f"{got['ticks']} ticks, settled rms {got['tracking']['settled_rms_m']:.3g} m, digest {got['digest']}")
+    same = all(got[key] == want[key] for key in ("digest", "ticks", "final_state", "tracking"))
+    other = json.loads(run(esmc, "hil", scene, "--scalar", "float" if scalar == "double" else "double", "--json", "--set",
+                           duration).stdout)
+    if got["digest"] == other["digest"]:
+        print("the digest does not tell float from double: this test could not fail")
+        return 1
+    if not same or want["supervisor"]["faults"]:
+        print(f"esmc hil --scalar {scalar}: digest {want['digest']}, faults {want['supervisor']['faults']}")
+        return 1
+    return 0
+
+
+def count(elf, machine, docs, update):
+    rows = []
+    board = qemu(elf, machine, "stdio")
+    for line in board.stdout:
+        if line.startswith("done"):
+            break
+        m = re.fullmatch(r"(\w+) states (\d+) refused (\d+) least (\d+) mean (\d+) most (\d+)", line.strip())
+        if not m:
+            print("unexpected:", line)
+            board.kill()
+            return 1
+        law, states, refused, least, mean, most = m[1], *map(int, m.groups()[1:])
+        if refused or states < 1000:
+            print(f"{law}: {refused} states in which no tick was counted, {states} counted")
+            board.kill()
+            return 1
+        rows.append(f"| `{law}` | {least} | {mean} | {most} |")
+    board.kill()
+    table = "| law | least | mean | most |\n|---|---|---|---|\n" + "\n".join(rows) + "\n"
+    page = Path(docs).read_text(encoding="utf-8")
+    begin, end = f"<!-- count {machine} -->\n", f"<!-- /count {machine} -->"
+    head, rest = page.split(begin)
+    old, tail = rest.split(end)
+    print(table)
+    if update:
+        Path(docs).write_text(head + begin + table + end + tail, encoding="utf-8")
+        return 0
+    if old != table:
+        print(f"docs/boards.md says otherwise; regenerate it with --update:\n{old}")
+        return 1
+    return 0
+
+
+def same(root, one, other):
+    archives = [Path(root).resolve() / "build" / b / "firmware" / "libesmc_control.a" for b in (one, other)]
+    with tempfile.TemporaryDirectory() as folder:
+        members = []
+        for i, archive in enumerate(archives):
+            here = Path(folder, str(i))
+            here.mkdir()
+            run("arm-none-eabi-ar", "x", archive, cwd=here)
+            members.append({f.name: f.read_bytes() for f in sorted(here.iterdir())})
+    print(f"{one} and {other}: {', '.join(members[0])}")
+    return 0 if members[0] == members[1] and len(members[0]) >= 4 else 1
+
+
+if __name__ == "__main__":
+    what, *arguments = sys.argv[1:]
+    update = "--update" in arguments
+    arguments = [a for a in arguments if a != "--update"]
+    if what == "count":
+        sys.exit(count(*arguments, update))
+    sys.exit({"build": build, "image": image, "loop": loop, "same": same}[what](*arguments))
