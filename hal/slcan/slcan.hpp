@@ -73,7 +73,7 @@ inline constexpr char slcan_error = '\a';   ///< an adapter's "no": one byte, no
   const std::size_t id_digits = f.extended ? 8 : 3, data_at = 1 + id_digits + 1;
   std::uint32_t size = 0, value = 0;
   if (line.size() < data_at || !slcan_hex(line.subspan(1, id_digits), f.id) ||
-      !slcan_hex(line.subspan(1 + id_digits, 1), size) || size > can_classic_size_max) {
+      !slcan_hex(line.subspan(1 + id_digits, 1), size)) {
     return false;
   }
   f.size = static_cast<std::uint8_t>(size);
@@ -107,7 +107,7 @@ class SlcanDecoder {
     }
     const std::span<const char> line{line_.data(), length_};
     length_ = 0;
-    if (line.size() < line_.size() && slcan_decode(line, out)) return true;
+    if (slcan_decode(line, out)) return true;
     // Answers to a command (nothing) and to a frame that was sent (z, Z).
     const bool answer = line.empty() || (line.size() == 1 && (line[0] == 'z' || line[0] == 'Z'));
     count(answer ? answers_ : malformed_);
@@ -126,7 +126,7 @@ class SlcanDecoder {
     if (n != std::numeric_limits<std::uint32_t>::max()) ++n;
   }
 
-  std::array<char, slcan_line_max> line_{};  // a full one has no room for its CR: too long
+  std::array<char, slcan_line_max> line_{};  // full, and without its CR, it is longer than any frame
   std::size_t length_ = 0;
   std::uint32_t malformed_ = 0, answers_ = 0, errors_ = 0;
 };

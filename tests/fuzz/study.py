@@ -22,6 +22,7 @@ KEPT = 200
 # target: longest input, executions fast, executions sanitized
 TARGETS = {
     "codec": (64, 100_000_000, 4_000_000),
+    "slcan": (96, 10_000_000, 1_000_000),
     "odrive": (256, 2_500_000, 250_000),
     "mit": (256, 2_500_000, 250_000),
     "cia402": (256, 500_000, 40_000),
