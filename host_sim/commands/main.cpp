@@ -266,6 +266,7 @@ int run(int argc, char** argv) {
       app.add_subcommand("controller", "the controller's half of hil, as a process of its own");
   add_run_options(*controller, o);
   add_bus_options(*controller, o, true);
+  controller->add_flag("--observe", o.observe, "listen only: show joints, effector, modes and ages; nothing is sent, nothing armed");
   controller->callback([&] {
     handle_signals();
     status = run_controller(o);

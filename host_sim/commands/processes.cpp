@@ -5,6 +5,7 @@
 #include "host_sim/commands/controller_recorder.hpp"
 #include "host_sim/commands/finish.hpp"
 #include "host_sim/commands/halves.hpp"
+#include "host_sim/commands/observe.hpp"
 #include "host_sim/commands/open_bus.hpp"
 #include "host_sim/commands/realtime.hpp"
 
@@ -113,6 +114,10 @@ int run_plant(const RunOptions& o) {
 int run_controller(const RunOptions& o) {
   Scene scene = read_half_scene(o);
   refuse_bus_effects(scene, "a CAN interface is not ours to disturb");
+  if (o.observe) {
+    HostBus bus = open_bus(o.bus, scene.bitrate);
+    return run_observe(scene, o, bus);
+  }
   scene.hardware = o.realtime && carries_real_drives(o.bus);
   require_confirmed(scene);
   return scene.type == MechanismType::five_bar ? controller<FiveBarWorld>(scene, o)

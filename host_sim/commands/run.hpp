@@ -17,6 +17,7 @@ struct RunOptions {
   std::uint64_t seed = 1;
   bool json = false;
   bool realtime = false;
+  bool observe = false;  ///< controller only: listen, arm nothing, send nothing
   bool single_precision = false;  ///< of the controller, as on a board without double; hil only
 };
 

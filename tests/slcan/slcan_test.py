@@ -1,14 +1,17 @@
 #!/usr/bin/python3
 """slcan against the back end of python3-can, over pseudo terminals. usage: ESMC SLCAN_ECHO SCENE"""
 import json
+import math
 import os
 import random
 import shutil
 import signal
 import socket
+import struct
 import subprocess
 import sys
 import tempfile
+import time
 import unittest
 from pathlib import Path
 
@@ -149,6 +152,40 @@ class Loop(unittest.TestCase):
         self.assertEqual(summary["frames"]["commands"], 1)
         self.assertTrue(summary["state"]["closed_loop"])
         adapter.close()
+
+
+class Observe(unittest.TestCase):
+    def observed(self, nodes):
+        adapter = Adapter()
+        program = subprocess.Popen([ESMC, "controller", SCENE, "--bus", f"slcan:{adapter.path}", "--observe", "--json",
+                                    "--set", "simulation.duration=1.0"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        self.addCleanup(end, program)
+        adapter.until_program_said(b"O\r")
+        while program.poll() is None:
+            for node, angle in nodes.items():
+                data = struct.pack("<ff", angle / (2 * math.pi), 0.25)
+                adapter.bus.send(can.Message(arbitration_id=node << 5 | 0x09, is_extended_id=False, data=data))
+            time.sleep(0.002)
+        out, error = program.communicate(timeout=PATIENCE)
+        adapter.until_program_said(b"O\rC\r")
+        self.assertEqual(adapter.program, b"C\rS8\rO\rC\r", "nothing but the adapter's own commands")
+        return program.returncode, json.loads(out), error
+
+    def test_it_sees_the_mechanism_and_says_nothing(self):
+        status, j, error = self.observed({1: 0.339146, 2: 1.312760})  # at the start of the circle: (0.07, 0.17)
+        self.assertEqual((status, error), (0, ""))
+        self.assertEqual([(q["name"], q["node"]) for q in j["joints"]], [("theta11", 1), ("theta21", 2)])
+        self.assertAlmostEqual(j["joints"][0]["angle"], 0.339146, delta=1e-6)
+        self.assertAlmostEqual(j["joints"][1]["rate"], 0.25 * 2 * math.pi, delta=1e-6)
+        self.assertAlmostEqual(j["effector"][0], 0.07, delta=1e-5)
+        self.assertAlmostEqual(j["effector"][1], 0.17, delta=1e-5)
+        self.assertEqual((j["working_mode"], j["assembly_mode"], j["sent"]), (["+", "+"], "-", 0))
+
+    def test_a_silent_drive_is_named(self):
+        status, j, error = self.observed({1: 0.339146})
+        self.assertEqual(status, 1)
+        self.assertRegex(error, r"^esmc: not heard on \S+: node 2\n$")
+        self.assertIsNone(j["effector"])
 
 
 class Refused(unittest.TestCase):

@@ -14,6 +14,7 @@
   host_sim/studies      std, host_sim without commands, of firmware types, numeric, mechanism: more mechanisms from the same parts
   host_sim, else not commands   never the controller: of firmware only types, numeric, parameters and the wire format;
                         nor studies
+  boards                std, firmware, hal/*.hpp, hal/slcan, boards, the baked scene.hpp; never host_sim or tests
   nothing in firmware or hal includes host_sim, boards or tests; nothing in host_sim includes tests
 """
 
@@ -42,6 +43,7 @@ RULES = [
     ("firmware/drive", True, rf"{STD}|{HAL}|firmware/drive/.*"),
     ("firmware/link", True, rf"{STD}|{HAL}|firmware/(safety|link)/.*"),
     ("firmware/cycle", True, rf"{STD}|{HAL}|firmware/.*"),
+    ("boards", True, rf"{STD}|{HAL}|hal/slcan/.*|firmware/.*|boards/.*|scene\.hpp"),
     ("host_sim", False, rf"<.*>|hal/.*|host_sim/(?!studies/).*|{SHARED}"),
     ("host_sim/studies", True, rf"{MODEL}|host_sim/(?!commands/).*"),
     ("host_sim/commands", True, r"<.*>|hal/.*|host_sim/.*|firmware/.*"),
@@ -132,6 +134,9 @@ def self_test(root):
         ("firmware/cycle/cycle.hpp", "#include <cstdio>"),
         ("firmware/cycle/cycle.hpp", "#include SOME_MACRO"),
         ("firmware/cycle/cycle.hpp", '#include "guards.hpp"'),
+        ("boards/node.hpp", '#include "host_sim/error.hpp"'),
+        ("boards/node.hpp", '#include "hal/linux/socketcan.hpp"'),
+        ("boards/mps2/main.cpp", '#include "tests/support/odrive_bytes.hpp"'),
         ("host_sim/plant/plant.hpp", '#include "firmware/mechanism/five_bar.hpp"'),
         ("host_sim/plant/plant.hpp", '#include "firmware/control/reference.hpp"'),
         ("host_sim/plant/plant.hpp", '#include "firmware/drive/odrive_axis.hpp"'),
@@ -146,7 +151,7 @@ def self_test(root):
     failed = 0
     with tempfile.TemporaryDirectory() as scratch:
         copy = pathlib.Path(scratch)
-        for top in ("hal", "firmware", "host_sim"):
+        for top in ("boards", "hal", "firmware", "host_sim"):
             for file in files(root, top, True):
                 (copy / file.relative_to(root)).parent.mkdir(parents=True, exist_ok=True)
                 (copy / file.relative_to(root)).write_text(file.read_text(encoding="utf-8"), encoding="utf-8")
