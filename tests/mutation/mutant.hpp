@@ -8,8 +8,15 @@ namespace mutant {
 
 inline const int chosen = std::getenv("MUTANT") != nullptr ? std::atoi(std::getenv("MUTANT")) : -1;
 
-/// Never while compiling: a mutant there has to be compiled by itself.
-constexpr bool is(int number) { return !std::is_constant_evaluated() && chosen == number; }
+/// No constant expression: where the compiler evaluates this, it says so, and cannot choose the original unnoticed.
+constexpr bool is(int number) { return chosen == number; }
+
+/// In a function that the compiler has to evaluate somewhere: there, it takes the original. Such a mutant has to be compiled
+/// by itself as well.
+struct Folded {
+  int number;
+};
+constexpr bool is(Folded m) { return !std::is_constant_evaluated() && chosen == m.number; }
 
 template <class T>
 struct Plain {
@@ -25,8 +32,8 @@ struct Plain<T> {  // an expression of matrices has another type when its operat
 inline constexpr int does_not_exist = 77;
 
 #define MUTANT_BINARY(name, op, other)                                            \
-  template <class A, class B>                                                     \
-  constexpr typename Plain<decltype(std::declval<A>() op std::declval<B>())>::type name(int number, A&& a, B&& b) { \
+  template <class Number, class A, class B>                                       \
+  constexpr typename Plain<decltype(std::declval<A>() op std::declval<B>())>::type name(Number number, A&& a, B&& b) { \
     if (is(number)) {                                                             \
       if constexpr (requires { a other b; }) return a other b;                    \
       std::_Exit(does_not_exist);                                                 \

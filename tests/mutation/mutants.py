@@ -34,8 +34,13 @@ class Mutant:
     line: int = 0
     source: str = ""  # function and line, without indentation: what does not change when others are edited
     change: str = ""  # old -> new, on one line
-    sure: bool = False  # nothing here is evaluated while compiling
+    function: str = ""
+    folded: bool = False  # the compiler has to evaluate its function somewhere
     number: int = -1
+
+    @property
+    def chosen(self):
+        return f"::mutant::Folded{{{self.number}}}" if self.folded else str(self.number)
 
     @property
     def key(self):
@@ -71,8 +76,7 @@ class Reader:
             self.place, self.seen = None, str(root / file)
             self.locate(tree)
             self.enums(tree)
-            self.visit(tree, {"constant": False, "result": None, "body": False, "sure": False,
-                              "function": ""})
+            self.visit(tree, {"constant": False, "result": None, "body": False, "function": ""})
 
     # ---- the tree -------------------------------------------------------------------------------------------------
 
@@ -107,7 +111,7 @@ class Reader:
     def add(self, begin, end, text, form, old=None, new=None):
         if (begin, end, text) in self.found:
             return
-        m = Mutant(self.file, begin, end, text, form, sure=self.sure)
+        m = Mutant(self.file, begin, end, text, form, function=self.function)
         m.line = self.text.count("\n", 0, begin) + 1
         m.source = self.function + self.text.splitlines()[m.line - 1].strip()
         m.change = f"{one_line(old if old is not None else self.text[begin:end])} => {one_line(new if new is not None else text)}"
@@ -127,9 +131,7 @@ class Reader:
             c = {**c, "result": None}
         if kind in ("FunctionDecl", "CXXMethodDecl", "CXXConstructorDecl"):
             result = node.get("type", {}).get("qualType", "").split("(")[0].strip()
-            c = {**c, "function": f"{node.get('name', '')}: ", "constant": False, "result": result, "body": True, "sure": not node.get("constexpr")}
-        if kind == "VarDecl" and node.get("type", {}).get("qualType", "").startswith("const"):
-            c = {**c, "sure": False}
+            c = {**c, "function": f"{node.get('name', '')}: ", "constant": False, "result": result, "body": True}
         if kind == "VarDecl" and (node.get("constexpr") or not c["body"]) or kind in ("EnumConstantDecl", "ConstantExpr"):
             c = {**c, "constant": True}
         if kind == "FieldDecl" and node.get("isBitfield"):
@@ -144,7 +146,7 @@ class Reader:
 
     def mutate(self, kind, node, inner, extent, c):
         begin, end = extent
-        self.sure, self.function = c["sure"], c["function"]
+        self.function = c["function"]
         text = self.text[begin:end]
         form = "" if c["constant"] else "expression"
         if kind in ("BinaryOperator", "CXXOperatorCallExpr", "CXXRewrittenBinaryOperator") and len(inner) >= 2:
@@ -269,7 +271,14 @@ class Reader:
             self.add(extent[0], end, "{}", "statement", new="deleted")
 
     def mutants(self):
-        return sorted(self.found.values(), key=lambda m: (m.begin, -m.end, m.text))
+        """In the order of the file. The same change twice on one line, or on equal lines of a function, is told apart by its
+        number: an equivalent mutant must not excuse its neighbour."""
+        all_, seen = sorted(self.found.values(), key=lambda m: (m.begin, -m.end, m.text)), {}
+        for m in all_:
+            seen[m.key] = nth = seen.get(m.key, 0) + 1
+            if nth > 1:
+                m.change += f" (no. {nth})"
+        return all_
 
 
 def together(text, mutants):
@@ -281,7 +290,7 @@ def together(text, mutants):
     sites = sorted(groups, key=lambda s: (s[0], -s[1]))
 
     def chain(group, original):
-        choices = "".join(f"::mutant::is({m.number}) ? ({one_line(m.text)}) : " for m in group)
+        choices = "".join(f"::mutant::is({m.chosen}) ? ({one_line(m.text)}) : " for m in group)
         return f"({choices}({original}))"
 
     def render(begin, end, sites):
@@ -299,14 +308,14 @@ def together(text, mutants):
         group = groups[site]
         statements = [m for m in group if m.form == "statement"]
         if statements:
-            choices = "".join(f"if (::mutant::is({m.number})) {one_line(m.text)} else " for m in statements)
+            choices = "".join(f"if (::mutant::is({m.chosen})) {one_line(m.text)} else " for m in statements)
             return f"{{ {choices}{{ {render(*site, inside)} }} }}"
         binary = next((m for m in group if m.form not in ("expression", "condition")), None)
         if binary:
             name, left, right = binary.form.split()
             a = render(site[0], int(left), [s for s in inside if s[1] <= int(left)])
             b = render(int(right), site[1], [s for s in inside if s[0] >= int(right)])
-            original = f"::mutant::{name}({binary.number}, {a}, {b})"
+            original = f"::mutant::{name}({binary.chosen}, {a}, {b})"
         else:
             original = render(*site, inside)
         if any(m.form == "condition" for m in group):

@@ -92,6 +92,47 @@ TYPED_TEST(Allocation, MinimumNormSolvesItsOptimalityConditions) {
   met.expect_below(50 * kEpsilon<S>);
 }
 
+/// A long column that one motor has almost to itself: that motor must give next to nothing, and the small difference of
+/// large terms would not meet the force of this column. Bound: products and sums of four terms in three steps.
+TYPED_TEST(Allocation, ALongColumnOfOneMotorMeetsItsForceToo) {
+  using S = TypeParam;
+  Accuracy met("constraint");
+  for (std::uint64_t seed = 0; seed < kCases; ++seed) {
+    Random r(seed);
+    const int one = static_cast<int>(seed % 4);
+    Vec<S, 4> lonely = r.vector<S, 4>(1e-3), other = r.vector<S, 4>(1);
+    lonely[one] = S(r.sign());
+    other[one] = static_cast<S>(r.sign() * r.between(0.5, 1));
+    lonely *= static_cast<S>(std::pow(10.0L, r.between(2, 6)));
+    const Vec2<S> F = r.vector<S, 2>(5);
+    for (const bool first : {true, false}) {
+      Mat<S, 4, 2> R;
+      R << (first ? lonely : other), (first ? other : lonely);
+      const Vec<S, 4> tau = minimum_norm(R, F, Vec<S, 4>(Vec<S, 4>::Ones()));
+      const Vec<Real, 2> left = R.template cast<Real>().transpose() * tau.template cast<Real>();
+      const Vec<Real, 2> size =
+          R.template cast<Real>().cwiseAbs().transpose() * tau.template cast<Real>().cwiseAbs();
+      met.take(seed, (left - F.template cast<Real>()).cwiseAbs().cwiseQuotient(size).maxCoeff());
+    }
+  }
+  met.expect_below(12 * kEpsilon<S>);
+}
+
+/// W and 4^n W have the same minimum, to the bit, down to the smallest normal number.
+TYPED_TEST(Allocation, OnlyRatiosOfWeightsCount) {
+  using S = TypeParam;
+  Mat<S, 4, 2> R;
+  R << S(1), S(-0.5), S(0.5), S(1), S(-0.25), S(0.25), S(0.125), S(0.5);
+  const Vec2<S> F(300, -200);
+  const Vec<S, 4> weight(S(1), S(1.5), S(2), S(1.25)), want = minimum_norm(R, F, weight);
+  ASSERT_TRUE(want.allFinite());
+  constexpr int lowest = std::numeric_limits<S>::min_exponent - 1;
+  static_assert(lowest % 2 == 0);
+  for (int exponent = lowest; exponent <= 0; exponent += 2) {
+    EXPECT_EQ(minimum_norm(R, F, Vec<S, 4>(weight * std::ldexp(S(1), exponent))), want) << exponent;
+  }
+}
+
 /// One, two or three motors all but forbidden by their weight: the others do the work, as accurately.
 TYPED_TEST(Allocation, ExtremeWeights) {
   using S = TypeParam;
@@ -199,6 +240,44 @@ TYPED_TEST(Allocation, AllMotorsOfAFiveBarInAllPlaces) {
     weighted.expect_below(2000 * kEpsilon<S>);
     extreme.expect_below(5000 * kEpsilon<S>);
   }
+}
+
+/// Both forms are as well conditioned where |D2| is the smaller |sin theta_j2|; the documented one is taken, so that the bits
+/// are. A pose by hand: bars 1 and 2 of leg 1 along x and y, those of leg 2 along y and x.
+TYPED_TEST(Allocation, ATieIsWorkedOutInTheBaseJoints) {
+  using S = TypeParam;
+  using M = FiveBar<S>;
+  typename M::Params params{};
+  params.l0 = S(0.125);
+  params.legs[0].l1 = S(0.25);
+  params.legs[0].l2 = params.legs[1].l1 = S(0.375);
+  params.legs[1].l2 = S(0.5);
+  const M m(params);
+  typename M::Pose p{};
+  p.leg[0].axis[0] = p.leg[0].turn[0] = Vec2<S>(1, 0);
+  p.leg[0].axis[1] = p.leg[0].turn[1] = Vec2<S>(0, 1);
+  p.leg[1].axis[0] = p.leg[1].turn[0] = Vec2<S>(0, 1);
+  p.leg[1].axis[1] = Vec2<S>(-1, 0);  // in the mirrored frame
+  p.leg[1].turn[1] = Vec2<S>(0, 1);
+  p.effector = Vec2<S>(S(0.375), S(0.375));
+  p.sin_type2 = S(-1);
+  ASSERT_TRUE((m.closure_residual(p).array() == S(0)).all());
+  ASSERT_EQ(M::abs_sin_type2(p), M::min_abs_sin_type1(p));
+  Mat<S, 4, 2> base, effector;
+  for (int k = 0; k < 2; ++k) {
+    const auto b = m.base_rates(p, Vec2<S>::Unit(k)), e = m.chain_rates(p, Vec2<S>::Unit(k));
+    base.col(k) << b.leg[0], b.leg[1];
+    effector.col(k) << e.leg[0], e.leg[1];
+  }
+  int different = 0;
+  for (std::uint64_t seed = 0; seed < 32; ++seed) {
+    Random r(seed);
+    const Vec<S, 18> w = r.vector<S, 18>(2);
+    const Vec<S, 4> weight = random_weight<S>(r, 1), tau = allocate_all(m, p, w, weight);
+    EXPECT_EQ(tau, minimum_norm(base, m.base_torque(p, w), weight)) << "seed " << seed;
+    different += tau != minimum_norm(effector, m.platform_force(p, w), weight) ? 1 : 0;
+  }
+  EXPECT_GT(different, 0) << "the two forms round alike: this pose shows nothing";
 }
 
 /// Two motors and four do the same to the mechanism, and four never cost more.

@@ -61,6 +61,7 @@ TEST(Cia402Corners, AgesThatHaveNeverBegunDoNotWrap) {
 
 TEST(Cia402Corners, AnAxisThatHasHeardNothingSaysNothing) {
   const Cia402Axis a({.node = node, .offset = 0.5F}, settings());
+  EXPECT_FALSE(a.heard_this_tick());
   EXPECT_FALSE(a.ready() || a.idle() || a.alive() || a.error() || a.closed_loop() || a.must_be_released() || a.contradicted());
   EXPECT_EQ(a.sample<double>().angle, 0.5);
   EXPECT_EQ(a.sample<double>().rate, 0.0);

@@ -322,6 +322,18 @@ TEST(MitAxis, TwoRepliesInOneTickAreOne) {
   EXPECT_TRUE(a.ready());
 }
 
+/// A reply that says otherwise starts the count again within its tick, whatever was counted up to then.
+TEST(MitAxis, AReplyAfterAnErrorInTheSameTickIsTheFirstOfANewCount) {
+  MitAxis a = ready_axis();
+  hear(a);
+  EXPECT_EQ(a.receive(test::mit_reply(0, node, 0xFFFF, 0x800, 0x800)), Received::accepted);
+  EXPECT_FALSE(a.ready());
+  EXPECT_EQ(a.receive(rest()), Received::accepted);
+  EXPECT_FALSE(a.ready()) << "one tick without an error since";
+  hear(a);
+  EXPECT_TRUE(a.ready()) << "two";
+}
+
 TEST(MitAxis, WhatTheBusDidNotTakeIsSentAgain) {
   MitAxis a = axis();
   for (int i = 0; i < 5; ++i) {

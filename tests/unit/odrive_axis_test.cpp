@@ -203,6 +203,18 @@ TEST(OdriveAxis, AHeartbeatReceivedTwiceInATickConfirmsOnce) {
   EXPECT_FALSE(a.ready());
 }
 
+/// A heartbeat that says otherwise starts the count again within its tick, whatever was counted up to then.
+TEST(OdriveAxis, AConfirmationAfterAnErrorInTheSameTickIsTheFirstOfANewCount) {
+  OdriveAxis a = ready_axis();
+  hear(a, 8);
+  EXPECT_EQ(a.receive(heartbeat(node, 8, 1)), Received::accepted);
+  EXPECT_FALSE(a.ready());
+  EXPECT_EQ(a.receive(heartbeat(node, 8)), Received::accepted);
+  EXPECT_FALSE(a.ready()) << "one tick without an error since";
+  hear(a, 8);
+  EXPECT_TRUE(a.ready()) << "two";
+}
+
 TEST(OdriveAxis, TheWholeSequenceIsRepeatedRetryTicksAfterTheRequest) {
   OdriveAxis a = axis();
   for (std::uint32_t tick = 0; tick < 5 * (retry + 1); ++tick) {

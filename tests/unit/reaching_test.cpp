@@ -79,6 +79,26 @@ TYPED_TEST(ReachingLaw, ImplicitLayerIsTheOneOfF39) {
   EXPECT_EQ(implicit_layer(S(8), S(0.25), S(2)), S(6));
 }
 
+/// All channels at once: to + K sw(s), each with its own gain and layer; on the surface, nothing is added to the bit.
+TYPED_TEST(ReachingLaw, IsAddedChannelByChannel) {
+  using S = TypeParam;
+  const Vec<S, 5> s(S(-3), S(-0.25), S(0), S(0.5), S(2)), k(S(7), S(5), S(3), S(2), S(11)),
+      layer(S(0.5), S(0.75), S(0.25), S(4), S(1)), before(S(1), S(-2), S(0.1), S(-4), S(8));
+  for (const Reaching law : kAll) {
+    Vec<S, 5> to = before;
+    add_switching(law, s, k, layer, to);
+    for (int i = 0; i < 5; ++i) {
+      const Real z = Real(s[i]) / Real(layer[i]);
+      const Real sw = law == Reaching::sign   ? Real(z > 0) - Real(z < 0)
+                      : law == Reaching::tanh ? std::tanh(z)
+                                              : std::fmin(std::fmax(z, Real(-1)), Real(1));
+      const Real want = Real(before[i]) + Real(k[i]) * sw;
+      EXPECT_LE(std::fabs(Real(to[i]) - want), 20 * kEpsilon<S>) << int(law) << ' ' << i;
+    }
+    EXPECT_EQ(to[2], before[2]) << int(law);
+  }
+}
+
 /// A channel may have K = 0 (Gains: k >= 0). Its implicit layer is then 0, and at s = 0, where a mechanism at
 /// rest on its reference starts, K sw(s) must be 0 and not 0 * NaN.
 TYPED_TEST(ReachingLaw, AChannelWithoutGainAsksForNothing) {
