@@ -22,7 +22,7 @@ template <class S>
     bb += b[i] * b[i];
   });
   // The longer column first: its force is then met by one term, not by the difference of two, and what is left of
-  // the shorter one is made orthogonal to it.
+  // the shorter one is made orthogonal to it. Of equal ones the first.
   const bool swapped = bb > aa;
   const List<S, 4>&first = swapped ? b : a, &second = swapped ? a : b;
   const S norm1 = square_root(swapped ? bb : aa);

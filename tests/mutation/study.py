@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Mutation study: is every line of a folder not only run by its tests, but judged by them?
 
-usage: study.py BUILD [--only FOLDER] [--again] [--page FILE]     BUILD: a folder for what is compiled, and for results
+usage: study.py BUILD [--only FOLDER] [--page FILE]     BUILD: a folder for what is compiled, and for results
        study.py --self-test
 
 All mutants of a folder are compiled into one test program and chosen by the environment variable MUTANT. A mutant is killed
@@ -10,11 +10,14 @@ that it evaluates somewhere, is then compiled by itself, so that static assertio
 compile is death as well. The compiler itself says which functions these are: a mutant in any other is no constant expression. What survives that must be listed in equivalent.txt with a reason why no test can tell it from the original; an entry
 there that fits no surviving mutant is an error.
 
---again: only what was not killed the last time, against tests that have changed since (not for the record).
+A verdict is kept in BUILD, and holds while the tests that gave it, and all that they include, stay as they are: a study can be
+interrupted, and a new test in a file of its own costs what it judges.
+
 --page: writes docs/mutants.md, of every folder what its last whole run has given."""
 
 import argparse
 import functools
+import hashlib
 import json
 import os
 import pathlib
@@ -39,6 +42,7 @@ SLOW = "*Random*"  # tests by the hundred thousand frames come last
 FLAGS = ["-std=c++20", "-isystem", "/usr/include/eigen3", "-DEIGEN_DONT_VECTORIZE", "-DEIGEN_NO_DEBUG", "-ffp-contract=off",
          "-Wno-c++11-narrowing", "-Wno-invalid-constexpr", "-ferror-limit=0", "-w"]
 NO_MUTANT = 77
+TIMED_OUT = -1000
 
 
 class Bench:
@@ -67,73 +71,93 @@ class Bench:
 
     def compile(self, overlay, test, out, level):
         return subprocess.run([self.cxx, *FLAGS, level, "-include-pch", self.build / f"gtest{level}.pch", f"-I{overlay}", f"-I{HERE}", f"-I{self.root}",
-                               "-c", self.root / test, "-o", out], capture_output=True, text=True, check=False)
+                               *(["-c", "-o", out] if out else ["-fsyntax-only"]), self.root / test],
+                              capture_output=True, text=True, check=False)
 
     def link(self, objects, out):
         subprocess.run([self.cxx, *objects, "-o", out, "-lgtest", "-lgtest_main", "-lpthread"], check=True)
 
-    def suites(self, tests):
-        """gtest's pattern for what is in these files."""
-        text = "".join((self.root / t).read_text() for t in tests)
+    def filters(self, test):
+        """gtest's patterns for what is in a file: first all that is fast, then the rest."""
+        text = (self.root / test).read_text()
         names = sorted(set(re.findall(r"^(?:TYPED_)?TEST(?:_F|_P)?\((\w+),", text, re.M)))
-        return ":".join(f"{n}.*:{n}/*" for n in names)
+        out = [":".join(f"{n}.*:{n}/*" for n in names) + f"-{SLOW}"]
+        if re.search(r"^(?:TYPED_)?TEST(?:_F|_P)?\(\w+, *\w*Random", text, re.M):
+            out.append(":".join(f"{n}.{SLOW}:{n}/{SLOW}" for n in names))
+        return out
 
-    def run(self, program, number=None, file=None):
-        """Exit status, -1 for a time-out. Of a file's mutants: by the tests that include it, those of its name first."""
+    def judges(self, file):
+        """Tests that include it, those of its name first."""
+        stem = pathlib.Path(file).stem
+        mine = [t for t in self.tests if file in self.includes(t)]
+        return sorted(mine, key=lambda t: (stem not in t, stem.split("_")[0] not in t))
+
+    def once(self, program, tests, number=None):
+        """Exit status, or TIMED_OUT."""
         environment = {"PATH": os.environ["PATH"], **({} if number is None else {"MUTANT": str(number)})}
         limit = lambda: resource.setrlimit(resource.RLIMIT_AS, (4 << 30, 4 << 30))  # noqa: E731
-        filters = [f"-{SLOW}", SLOW]
-        if file:
-            mine = [t for t in self.tests if file in self.includes(t)]
-            stem = pathlib.Path(file).stem.split("_")[0]
-            first = [t for t in mine if pathlib.Path(t).stem.startswith(stem)]
-            filters = [f"{self.suites(some)}-{SLOW}" for some in (first, [t for t in mine if t not in first]) if some] + [SLOW]
-        for tests in filters:
-            try:
-                done = subprocess.run([program, "--gtest_brief=1", "--gtest_fail_fast", f"--gtest_filter={tests}"],
-                                      env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-                                      timeout=self.patience, preexec_fn=limit, check=False)
-            except subprocess.TimeoutExpired:
-                return -1
-            if done.returncode != 0:
-                return done.returncode
-        return 0
+        try:
+            return subprocess.run([program, "--gtest_brief=1", "--gtest_fail_fast", f"--gtest_filter={tests}"],
+                                  env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+                                  timeout=self.patience, preexec_fn=limit, check=False).returncode
+        except subprocess.TimeoutExpired:
+            return TIMED_OUT
+
+    def run(self, program, m):
+        """Status, and the test file that gave it; 0 if all pass."""
+        rounds = [(i, t, f) for t in self.judges(m.file) for i, f in enumerate(self.filters(t))]
+        for _, test, tests in sorted(rounds, key=lambda r: r[0]):
+            status = self.once(program, tests, m.number)
+            if status != 0:
+                return status, test
+        return 0, ""
+
+    def write(self, overlay, all_):
+        for file in sorted({m.file for m in all_}):
+            target = overlay / file
+            target.parent.mkdir(parents=True, exist_ok=True)
+            text = mutants.together((self.root / file).read_text(), [m for m in all_ if m.file == file])
+            if not target.exists() or target.read_text() != text:
+                target.write_text(text)
+
+    @staticmethod
+    def relent(all_, messages):
+        """Whether something can be done about it: functions that the compiler evaluates, or mutants without their form."""
+        folded = {(all_[int(n)].file, all_[int(n)].function) for n in re.findall(r"in call to 'is\((\d+)\)'", messages)}
+        hit = [m for m in all_ if not m.folded and (m.file, m.function) in folded]
+        for m in hit:
+            m.folded = True
+        if hit:
+            return True
+        for kind in ("error", "note"):
+            bad = {(f, int(n)) for f, n in re.findall(rf"together/(\S+):(\d+):\d+: {kind}", messages)}
+            hit = [m for m in all_ if m.form and (m.file, m.line) in bad]
+            if hit:
+                break
+        for m in hit:
+            m.form = ""
+        return bool(hit)
 
     def together(self, all_):
         """One program with all mutants; those that it cannot have lose their form."""
         overlay = self.build / "together"
-        files = sorted({m.file for m in all_})
-        for _ in range(100):
-            for file in files:
-                target = overlay / file
-                target.parent.mkdir(parents=True, exist_ok=True)
-                text = mutants.together((self.root / file).read_text(), [m for m in all_ if m.file == file])
-                if not target.exists() or target.read_text() != text:
-                    target.write_text(text)
-            bad, objects = set(), []
-            for test in self.tests:
-                objects.append(self.build / (pathlib.Path(test).stem + ".o"))
-                done = self.compile(overlay, test, objects[-1], self.together_level)
-                if done.returncode != 0:
-                    for kind in ("error", "note"):
-                        bad = bad or {(f, int(n)) for f, n in re.findall(rf"together/(\S+):(\d+):\d+: {kind}", done.stderr)}
+        self.write(overlay, all_)
+        for test in self.tests:  # what one test needs, the others can bear
+            for _ in range(100):
+                done = self.compile(overlay, test, None, self.together_level)
+                if done.returncode == 0:
                     break
-            if done.returncode == 0:
-                break
-            folded = {(all_[int(n)].file, all_[int(n)].function) for n in re.findall(r"in call to 'is\((\d+)\)'", done.stderr)}
-            if folded:
-                for m in all_:
-                    m.folded = m.folded or (m.file, m.function) in folded
-                continue
-            hit = [m for m in all_ if m.form and (m.file, m.line) in bad]
-            if not hit:
-                sys.exit(f"{self.folder}: tests do not compile:\n{done.stderr[:3000]}")
-            for m in hit:
-                m.form = ""
+                if not self.relent(all_, done.stderr):
+                    sys.exit(f"{self.folder}: tests do not compile:\n{done.stderr[:3000]}")
+                self.write(overlay, all_)
+        objects = [self.build / (pathlib.Path(test).stem + ".o") for test in self.tests]
+        for test, out in zip(self.tests, objects):
+            if self.compile(overlay, test, out, self.together_level).returncode != 0:
+                sys.exit(f"{self.folder}: {test} does not compile")
         program = self.build / "together.out"
         self.link(objects, program)
         start = time.monotonic()
-        if self.run(program) != 0:
+        if any(self.once(program, tests) != 0 for tests in (f"-{SLOW}", SLOW)):
             sys.exit(f"{self.folder}: tests fail without a mutant")
         self.patience = 5.0 + 5.0 * (time.monotonic() - start)
         return program
@@ -149,50 +173,94 @@ class Bench:
                     waiting.append(name)
         return seen
 
+    @functools.cache  # noqa: B019
+    def fingerprint(self, tests):
+        """Of everything that a verdict of these test files comes from, but for comments on lines of their own."""
+        files = sorted({*tests, *(n for t in tests for n in self.includes(t))})
+        parts = [self.cxx, *FLAGS, self.together_level, self.alone_level,
+                 *((HERE / n).read_text() for n in ("mutants.py", "mutant.hpp"))]
+        for name in files:
+            parts += [name, re.sub(r"^ *//.*\n", "", (self.root / name).read_text(), flags=re.M)]
+        return hashlib.sha256("\0".join(parts).encode()).hexdigest()
+
     def alone(self, m):
-        """How a mutant dies when it is compiled by itself; "" if it does not."""
+        """How a mutant dies when it is compiled by itself, and by which test file; "" if it does not."""
         overlay = self.build / "alone"
         target = overlay / m.file
         target.parent.mkdir(parents=True, exist_ok=True)
         for old in target.parent.glob("*"):
             old.unlink()
         target.write_text(mutants.alone((self.root / m.file).read_text(), m))
-        stem = pathlib.Path(m.file).stem
-        for test in sorted((t for t in self.tests if m.file in self.includes(t)), key=lambda t: stem not in t):
+        for test in self.judges(m.file):
             if self.compile(overlay, test, self.build / "alone.o", self.alone_level).returncode != 0:
-                return "not compiled"
+                return "not compiled", test
             self.link([self.build / "alone.o"], self.build / "alone.out")
-            if self.run(self.build / "alone.out") != 0:
-                return "failed"
-        return ""
+            status = self.once(self.build / "alone.out", "*")
+            if status != 0:
+                return "did not end" if status == TIMED_OUT else "failed", test
+        return "", ""
+
+
+class Memory:
+    """Verdicts of earlier runs. They hold as long as what they came from is the same, to the character."""
+
+    def __init__(self, bench):
+        self.bench, self.file = bench, bench.build / "verdicts.json"
+        self.all = json.loads(self.file.read_text()) if self.file.exists() else {}
+
+    def get(self, m):
+        verdict, tests, mark = self.all.get("\n".join(m.key), ("", [], ""))
+        same = verdict and all(t in self.bench.judges(m.file) for t in tests) and mark == self.bench.fingerprint(tuple(tests))
+        complete = verdict != "survives" or tests == self.bench.judges(m.file)
+        return verdict if same and complete else ""
+
+    def put(self, m, verdict, tests):
+        self.all["\n".join(m.key)] = verdict, tests, self.bench.fingerprint(tuple(tests))
+        new = self.file.with_suffix(".new")
+        new.write_text(json.dumps(self.all))
+        new.replace(self.file)
 
 
 def judge(bench, all_, told=print):
     """Mutants that survive. Those that do not exist are dropped from `all_`."""
+    memory, verdicts = Memory(bench), {}
     for i, m in enumerate(all_):
         m.number = i
-    program = bench.together(all_)
-    told(f"{bench.folder}: {len(all_)} mutants, {sum(not m.form for m in all_)} by themselves")
-    suspects, survivors = [], []
-    for i, m in enumerate(list(all_)):
+        verdicts[i] = memory.get(m)
+    new = [m for m in all_ if not verdicts[m.number]]
+    told(f"{bench.folder}: {len(all_)} mutants, {len(new)} to be judged")
+    program = bench.together(all_) if new else None
+
+    def conclude(m, verdict, tests, lasting=True):
+        verdicts[m.number] = verdict
+        if lasting:
+            memory.put(m, verdict, tests)
+        if verdict in ("survives", "did not end"):
+            told(f"  {verdict}: {m}")
+
+    def dies(m, status, test):
+        how = {NO_MUTANT: "does not exist", TIMED_OUT: "did not end"}.get(status, "failed")
+        conclude(m, how, [test], lasting=status != TIMED_OUT)  # a slow machine is no verdict for ever
+
+    suspects = []
+    for i, m in enumerate(new):
         if i % 200 == 199:
             told(f"{bench.folder}: {i + 1}")
-        status = bench.run(program, m.number, m.file) if m.form else 0
-        if status == NO_MUTANT:
-            all_.remove(m)
-        elif status == 0 and m.form and not m.folded:
-            survivors.append(m)
-            told(f"  survives: {m}")
-        elif status == 0:
+        status, test = bench.run(program, m) if m.form else (0, "")
+        if status != 0:
+            dies(m, status, test)
+        elif m.form and not m.folded:
+            conclude(m, "survives", bench.judges(m.file))
+        else:
             suspects.append(m)
     told(f"{bench.folder}: {len(suspects)} to be compiled by themselves")
     for i, m in enumerate(suspects):
         if i % 50 == 49:
             told(f"{bench.folder}: {i + 1}")
-        if not bench.alone(m):
-            survivors.append(m)
-            told(f"  survives: {m}")
-    return survivors
+        how, test = bench.alone(m)
+        conclude(m, how or "survives", [test] if how else bench.judges(m.file), lasting=how != "did not end")
+    all_[:] = [m for m in all_ if verdicts[m.number] != "does not exist"]
+    return [m for m in all_ if verdicts[m.number] == "survives"]
 
 
 def equivalents(text):
@@ -209,10 +277,8 @@ def equivalents(text):
     return out
 
 
-def study(root, folders, build, known, again=False, only="", cxx="clang++", told=print):
-    record = build / "survivors.json"
-    last = {tuple(k) for k in json.loads(record.read_text())} if again else None
-    figures, left, used, open_ = {}, [], set(), []
+def study(root, folders, build, known, only="", cxx="clang++", told=print):
+    figures, left, used = {}, [], set()
     for folder, tests in folders.items():
         if only and not folder.startswith(only.rsplit("/", 1)[0] if only.endswith(".hpp") else only):
             continue
@@ -221,12 +287,9 @@ def study(root, folders, build, known, again=False, only="", cxx="clang++", told
             name = str(file.relative_to(root))
             if name.startswith(only) or only in folder:
                 all_ += mutants.Reader(root, name, [f for f in FLAGS if f != "-w"], cxx).mutants()
-        if again:
-            all_ = [m for m in all_ if m.key in last]
         if not all_:
             continue
         survivors = judge(Bench(root, folder, tests, build, cxx), all_, told)
-        open_ += survivors
         for m in all_:
             f = figures.setdefault(m.file, [0, 0, 0])
             f[0] += 1
@@ -237,12 +300,11 @@ def study(root, folders, build, known, again=False, only="", cxx="clang++", told
                 used.add(m.key)
             else:
                 left.append(m)
-    record.write_text(json.dumps([m.key for m in open_]))
-    if not again and only in ("", *folders):
+    if only in ("", *folders):
         kept = build / "figures.json"
         old = json.loads(kept.read_text()) if kept.exists() else {}
         kept.write_text(json.dumps({f: v for f, v in old.items() if only and not f.startswith(only)} | figures))
-    unused = [k for k in known if k not in used and k[0] in figures] if not again else []
+    unused = [k for k in known if k not in used and k[0] in figures]
     return figures, left, unused
 
 
@@ -326,7 +388,6 @@ def main():
     p.add_argument("build", nargs="?", type=pathlib.Path)
     p.add_argument("--self-test", action="store_true")
     p.add_argument("--only", default="")
-    p.add_argument("--again", action="store_true")
     p.add_argument("--page", type=pathlib.Path)
     p.add_argument("--cxx", default="clang++")
     a = p.parse_args()
@@ -335,7 +396,7 @@ def main():
     a.build.mkdir(parents=True, exist_ok=True)
     known = equivalents((HERE / "equivalent.txt").read_text())
     told = lambda line: print(line, flush=True)  # noqa: E731
-    figures, left, unused = study(ROOT, FOLDERS, a.build, known, a.again, a.only, a.cxx, told)
+    figures, left, unused = study(ROOT, FOLDERS, a.build, known, a.only, a.cxx, told)
     for m in left:
         print(f"{m}")
     for k in unused:

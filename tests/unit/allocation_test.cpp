@@ -118,6 +118,26 @@ TYPED_TEST(Allocation, ALongColumnOfOneMotorMeetsItsForceToo) {
   met.expect_below(12 * kEpsilon<S>);
 }
 
+/// Of columns of the same length the first counts as the longer one: twice as long, with twice the force, it gives the same
+/// bits; the second gives others.
+TYPED_TEST(Allocation, OfEqualColumnsTheFirstIsTheLonger) {
+  using S = TypeParam;
+  const Vec<S, 4> a(1, 2, 3, 4), b(-4, 1, 3, 2), even = Vec<S, 4>::Ones();  // both are sqrt(30) long
+  int different = 0;
+  for (std::uint64_t seed = 0; seed < 32; ++seed) {
+    Random r(seed);
+    const Vec2<S> F = r.vector<S, 2>(5);
+    Mat<S, 4, 2> equal, first, second;
+    equal << a, b;
+    first << a * S(2), b;
+    second << a, b * S(2);
+    const Vec<S, 4> tau = minimum_norm(equal, F, even);
+    EXPECT_EQ(tau, minimum_norm(first, Vec2<S>(S(2) * F[0], F[1]), even)) << "seed " << seed;
+    different += tau != minimum_norm(second, Vec2<S>(F[0], S(2) * F[1]), even) ? 1 : 0;
+  }
+  EXPECT_GT(different, 0) << "the order does not show";
+}
+
 /// W and 4^n W have the same minimum, to the bit, down to the smallest normal number.
 TYPED_TEST(Allocation, OnlyRatiosOfWeightsCount) {
   using S = TypeParam;

@@ -27,6 +27,15 @@ Vec<S, 4> random_weight(std::uint64_t seed) {
   return w;
 }
 
+/// Whoever sets nothing gets no gain, and layers that nothing is divided by in vain.
+TYPED_TEST(Laws, GainsThatNobodySetsAreZeroAndLayersOne) {
+  using S = TypeParam;
+  const Gains<FiveBar<S>> g;
+  EXPECT_TRUE((g.lambda.array() == S(0)).all() && (g.k.array() == S(0)).all() && (g.layer.array() == S(1)).all());
+  const auto& i = g.independent;
+  EXPECT_TRUE(i.lambda == S(0) && i.k == S(0) && i.layer == S(1) && i.kp == S(0) && i.kd == S(0));
+}
+
 /// [F31]: C^T M (sdot + K sw s) = 0, with two motors and with four.
 TYPED_TEST(Laws, FullEsmcReachesInTheMassWeightedSum) {
   using S = TypeParam;
