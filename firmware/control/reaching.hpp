@@ -25,12 +25,12 @@ template <class S>
 /// can be, so that a loop over channels may take several at once.
 template <class S>
 [[nodiscard]] constexpr S sign_of(S s) {
-  return s > S(0) ? S(1) : (s < S(0) ? S(-1) : S(0) * s);
+  return s > S(0) ? S(1) : (s < S(0) ? S(-1) : s);
 }
 template <class S>
 [[nodiscard]] constexpr S saturated(S s, S layer) {
   // An implicit channel without gain has no layer: nothing, not 0/0.
-  const S inside = layer == S(0) ? S(0) * s : s / layer;
+  const S inside = layer == S(0) ? s : s / layer;
   return s > layer ? S(1) : (s < -layer ? S(-1) : inside);
 }
 

@@ -49,7 +49,7 @@ struct Quintic {
             {{a.position, a.velocity * d, a.acceleration * (d2 * S(0.5)), p * S(10) - v * S(4) + w * S(0.5),
               p * S(-15) + v * S(7) - w, p * S(6) - v * S(3) + w * S(0.5)}}};
   }
-  /// t is clamped to [0, duration].
+  /// t is clamped to [0, duration]; that is finite.
   [[nodiscard]] Motion2<S> at(S t) const {
     const S u = t <= S(0) ? S(0) : (t >= duration ? S(1) : t / duration), r = S(1) / duration;
     Motion2<S> m;

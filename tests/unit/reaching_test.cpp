@@ -105,6 +105,7 @@ TYPED_TEST(ReachingLaw, AChannelWithoutGainAsksForNothing) {
   using S = TypeParam;
   const S k = S(0), layer = implicit_layer(k, S(0.001), S(0));
   for (const S s : {S(0), S(1), S(-1)}) EXPECT_EQ(k * switching(Reaching::implicit, s, layer), S(0)) << s;
+  for (const S s : {S(0), S(-0.0)}) EXPECT_EQ(switching(Reaching::implicit, s, layer), S(0)) << "on the surface";
 }
 
 /// Backward Euler on sdot = -K sw(s): s falls by K h a step and lands on zero, to the last bit of it, at step
