@@ -53,24 +53,20 @@ class Bench:
         self.tests = [f"tests/unit/{t}_test.cpp" for t in tests]
         self.build = build / folder
         self.build.mkdir(parents=True, exist_ok=True)
-        # All mutants in one program: compiled once and run often. One mutant by itself: the other way round, but for tests
-        # that take minutes without optimisation.
-        self.together_level = "-O0" if "safety" in folder else "-O1"
-        self.alone_level = "-O1" if "control" in folder else "-O0"
-        for level in {self.together_level, self.alone_level}:
-            self.precompile(level)
+        self.level = "-O1" if "control" in folder else "-O0"  # its tests take minutes without optimisation, the others ms
+        self.precompile()
         self.patience = {}  # by pattern, s
 
-    def precompile(self, level):
-        head = self.build / f"gtest{level}.hpp"
+    def precompile(self):
+        head = self.build / f"gtest{self.level}.hpp"
         text = (f"// {self.cxx} {' '.join(FLAGS)}\n#include <gtest/gtest.h>\n#include <cmath>\n#include <random>\n#include <set>\n#include <vector>\n" +
                 ("#include <Eigen/Dense>\n" if "control" in self.folder else ""))
         if not head.with_suffix(".pch").exists() or head.read_text() != text:
             head.write_text(text)
-            subprocess.run([self.cxx, *FLAGS, level, "-x", "c++-header", head, "-o", head.with_suffix(".pch")], check=True)
+            subprocess.run([self.cxx, *FLAGS, self.level, "-x", "c++-header", head, "-o", head.with_suffix(".pch")], check=True)
 
-    def compile(self, overlay, test, out, level):
-        return subprocess.run([self.cxx, *FLAGS, level, "-include-pch", self.build / f"gtest{level}.pch", f"-I{overlay}", f"-I{HERE}", f"-I{self.root}",
+    def compile(self, overlay, test, out):
+        return subprocess.run([self.cxx, *FLAGS, self.level, "-include-pch", self.build / f"gtest{self.level}.pch", f"-I{overlay}", f"-I{HERE}", f"-I{self.root}",
                                *(["-c", "-o", out] if out else ["-fsyntax-only"]), self.root / test],
                               capture_output=True, text=True, check=False)
 
@@ -144,7 +140,7 @@ class Bench:
         self.write(overlay, all_)
         for test in self.tests:  # what one test needs, the others can bear
             for _ in range(100):
-                done = self.compile(overlay, test, None, self.together_level)
+                done = self.compile(overlay, test, None)
                 if done.returncode == 0:
                     break
                 if not self.relent(all_, done.stderr):
@@ -152,7 +148,7 @@ class Bench:
                 self.write(overlay, all_)
         objects = [self.build / (pathlib.Path(test).stem + ".o") for test in self.tests]
         for test, out in zip(self.tests, objects):
-            if self.compile(overlay, test, out, self.together_level).returncode != 0:
+            if self.compile(overlay, test, out).returncode != 0:
                 sys.exit(f"{self.folder}: {test} does not compile")
         program = self.build / "together.out"
         self.link(objects, program)
@@ -179,7 +175,7 @@ class Bench:
     def fingerprint(self, tests):
         """Of everything that a verdict of these test files comes from, but for comments on lines of their own."""
         files = sorted({*tests, *(n for t in tests for n in self.includes(t))})
-        parts = [self.cxx, *FLAGS, self.together_level, self.alone_level,
+        parts = [self.cxx, *FLAGS, self.level,
                  *((HERE / n).read_text() for n in ("mutants.py", "mutant.hpp"))]
         for name in files:
             parts += [name, re.sub(r"^ *//.*\n", "", (self.root / name).read_text(), flags=re.M)]
@@ -194,7 +190,7 @@ class Bench:
             old.unlink()
         target.write_text(mutants.alone((self.root / m.file).read_text(), m))
         for test in self.judges(m.file):
-            if self.compile(overlay, test, self.build / "alone.o", self.alone_level).returncode != 0:
+            if self.compile(overlay, test, self.build / "alone.o").returncode != 0:
                 return "not compiled", test
             self.link([self.build / "alone.o"], self.build / "alone.out")
             status = self.once(self.build / "alone.out", "*", patience=3 * sum(self.patience[f] for f in self.filters(test)))

@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <array>
 #include <cmath>
 
 #include "firmware/control/reference.hpp"
@@ -66,6 +67,36 @@ TYPED_TEST(ControlCorners, ARoundOfOneTickIsItsFirstTick) {
   ASSERT_NE(r.at(5, S(1)).position, r.at(0, S(1)).position);
   r.repeat_ticks = 1;
   for (std::uint32_t tick = 0; tick < 12; ++tick) EXPECT_EQ(r.at(tick, S(1)).position, r.at(0, S(1)).position) << tick;
+}
+
+/// The second piece begins in its start tick and not one later: here it begins elsewhere.
+TYPED_TEST(ControlCorners, APieceOfAPathBeginsInItsTick) {
+  using S = TypeParam;
+  const Vec2<S> nothing(S(0), S(0));
+  const auto resting = [&](S where) {
+    const Motion2<S> m{Vec2<S>(where, where), nothing, nothing};
+    return Quintic<S>::between(m, m, S(4));
+  };
+  const std::array<PathSegment<S>, 3> path{{{0, S(0), resting(S(1))}, {4, S(0), resting(S(2))}, {8, S(0), resting(S(3))}}};
+  Reference<S> r;
+  r.kind = ReferenceKind::path;
+  r.path = path;
+  for (std::uint32_t tick = 0; tick < 12; ++tick) {
+    EXPECT_EQ(r.at(tick, S(1)).position[0], tick < 4 ? S(1) : (tick < 8 ? S(2) : S(3))) << tick;
+  }
+}
+
+/// The shortest join: in its only tick it is where the mechanism is.
+TYPED_TEST(ControlCorners, AJoinOfOneTickStartsAtThePresent) {
+  using S = TypeParam;
+  Reference<S> r;
+  r.kind = ReferenceKind::circle;
+  r.centre = Vec2<S>(S(2), S(4));
+  JoinedReference<S> j(r, 1, S(0.5));
+  j.start(Vec2<S>(S(1), S(8)), Vec2<S>(S(0.25), S(-1)));
+  EXPECT_EQ(j.at(0).position, Vec2<S>(S(1), S(8)));
+  EXPECT_EQ(j.at(0).velocity, Vec2<S>(S(0.25), S(-1)));
+  EXPECT_EQ(j.at(1).position, r.centre);
 }
 
 /// A time is clamped to [0, duration], and -0 is 0: nothing of the curve turns its sign.
