@@ -1,0 +1,71 @@
+#!/usr/bin/python3
+"""esmc bake from outside: what it prints, and what it refuses without leaving anything behind. The numbers themselves are
+tested by the images (tests/boards). usage: bake_test.py ESMC SCENES"""
+import re
+import subprocess
+import sys
+import tempfile
+import unittest
+from pathlib import Path
+
+ESMC, SCENES = sys.argv.pop(1), Path(sys.argv.pop(1))
+CIRCLE, ARM = str(SCENES / "five_bar_circle.toml"), str(SCENES / "rr_line.toml")
+
+
+def bake(*arguments):
+    return subprocess.run([ESMC, "bake", *arguments], capture_output=True, text=True, check=False)
+
+
+def sets(*values):
+    return [a for v in values for a in ("--set", v)]
+
+
+class Bake(unittest.TestCase):
+    def refused(self, *arguments, text):
+        with tempfile.TemporaryDirectory() as folder:
+            done = bake(*arguments, "--out", folder + "/scene.hpp")
+            self.assertEqual((done.returncode, done.stdout, list(Path(folder).iterdir())), (2, "", []), done.stderr)
+            self.assertRegex(done.stderr, r"\Aesmc: [^\n]*" + text + r"[^\n]*\n\Z")
+
+    def test_every_scene_protocol_and_scalar(self):
+        mit = sets('drives.protocol="mit"', 'drives.dialect="mini_cheetah"', "drives.master_id=[11,12]",
+                   "drives.position_range=[12.5,12.5]", "drives.velocity_range=[50.0,50.0]", "drives.torque_range=[18.0,18.0]")
+        for scene, name in ((CIRCLE, "FiveBar"), (ARM, "Rr")):
+            for scalar in ("double", "float"):
+                for protocol, axis in (([], "OdriveAxis"), (mit, "MitAxis")):
+                    done = bake(scene, "--scalar", scalar, *protocol)
+                    self.assertEqual((done.returncode, done.stderr), (0, ""), (scene, scalar, axis))
+                    self.assertIn(f"using Scalar = {scalar};", done.stdout)
+                    self.assertIn(f"using Mechanism = {name}<Scalar>;", done.stdout)
+                    self.assertIn(f"drive::{axis}", done.stdout)
+                    floats = len(re.findall(r"0x[0-9a-f.]+p[+-]\d+F", done.stdout))
+                    doubles = len(re.findall(r"0x[0-9a-f.]+p[+-]\d+(?!\d*F)\b", done.stdout))
+                    self.assertGreater(floats if scalar == "float" else doubles, 100)
+                    if scalar == "float":
+                        self.assertEqual(doubles, 0, "a float image holds no double")
+
+    def test_a_file_is_what_is_printed_and_the_same_every_time(self):
+        with tempfile.TemporaryDirectory() as folder:
+            out = Path(folder, "scene.hpp")
+            self.assertEqual(bake(CIRCLE, "--out", str(out)).returncode, 0)
+            self.assertEqual(out.read_text(encoding="utf-8"), bake(CIRCLE).stdout)
+            self.assertEqual([p.name for p in Path(folder).iterdir()], ["scene.hpp"])
+
+    def test_what_check_refuses_is_not_baked(self):
+        self.refused(CIRCLE, *sets("control.torque_limit=0.2"), text="esmc check refuses it: .*torque")
+        self.refused(CIRCLE, *sets('control.law="open_loop"'), text="law")
+
+    def test_what_does_not_fit_is_not_baked(self):
+        corners = ",".join(f"[{0.05 * (-1) ** i},{0.15 + 0.0005 * i}]" for i in range(80))
+        self.refused(CIRCLE, *sets(f'reference={{type="polyline",points=[{corners}],speed=0.2}}',
+                                   'initial={at="reference"}'), text="allowed are 64")
+
+    def test_bad_input(self):
+        self.refused("no_such.toml", text="no_such.toml")
+        done = bake(CIRCLE, "--out", "/no/such/folder/scene.hpp")
+        self.assertEqual((done.returncode, done.stdout), (2, ""))
+        self.assertRegex(done.stderr, r"\Aesmc: /no/such/folder/scene.hpp: cannot be written\n\Z")
+
+
+if __name__ == "__main__":
+    unittest.main()
