@@ -28,12 +28,13 @@ extern const std::uint32_t esmc_data_image;
 /// Any exception that nobody expects: what the processor stacked is kept, then it starts anew, disabled.
 [[gnu::naked]] void esmc_fault() {
   asm volatile(
-      "tst lr, #4\n"
-      "ite eq\n"
-      "mrseq r0, msp\n"
-      "mrsne r0, psp\n"
-      "b esmc_crash\n");
+      "mrs r0, msp\n"
+      "ldr r1, =esmc_crash_stack + 256\n"  // the stack in use may be what has failed
+      "mov sp, r1\n"
+      "b esmc_crash\n"
+      ".ltorg\n");
 }
+[[gnu::section(".noinit"), gnu::used]] alignas(8) unsigned char esmc_crash_stack[256];
 [[gnu::used, noreturn]] void esmc_crash(const std::uint32_t* stacked) {
   const auto reg = [](std::uint32_t at) { return *reinterpret_cast<volatile std::uint32_t*>(at); };
   const std::uint32_t exception = reg(0xE000ED04U) & 0x1FFU;
@@ -45,6 +46,7 @@ extern const std::uint32_t esmc_data_image;
   esmc::crash_record.exception = exception;
   esmc::crash_record.fault_status = reg(0xE000ED28U);
   esmc::crash_record.address = reg(0xE000ED38U);
+  esmc::crash_record.sp = at;
   esmc::crash_record.pc = readable ? stacked[6] : 0;
   esmc::crash_record.lr = readable ? stacked[5] : 0;
   esmc::crash_record.seal();

@@ -1,4 +1,4 @@
 set(ESMC_SCALAR float)
 set(ESMC_BAKE_FLAGS "")  # lockstep
 set(ESMC_BOARD_SOURCES mps2/main.cpp cortex_m/startup.cpp)
-set(ESMC_COUNTS ON)
+set(ESMC_EMULATED ON)

@@ -8,6 +8,7 @@ usage: board_test.py build ROOT BOARD ESMC       with the esmc command that bake
                                                     `esmc hil --scalar SCALAR`, to the last bit
        board_test.py count ELF MACHINE DOCS [--update]
                                                     instructions per tick: the table of docs/boards.md
+       board_test.py crash ELF MACHINE              faults that it provokes leave their record
        board_test.py same ROOT BOARD BOARD          two boards link the same control archive, byte for byte"""
 import json
 import re
@@ -111,6 +112,28 @@ def count(elf, machine, docs, update):
     return 0
 
 
+def crash(elf, machine):
+    board = qemu(elf, machine, "stdio")
+    lines = []
+    for line in board.stdout:
+        lines.append(line.strip())
+        if line.startswith("done") or len(lines) > 8:
+            break
+    board.kill()
+    print("\n".join(lines))
+    symbols = {n: int(a, 16) for a, n in re.findall(r"^([0-9a-f]+) \w (\w+)$", run("arm-none-eabi-nm", elf).stdout, re.M)}
+    if len(lines) != 4 or lines[0] != "no record" or lines[-1] != "done":
+        return 1
+    records = [dict(re.findall(r"(\w+) ([0-9a-f]+)", line)) for line in lines[1:3]]
+    reading, stack = ({k: int(v, 16) for k, v in r.items()} for r in records)
+    # A hard fault, escalated from a precise bus error, in the function that read where nothing is.
+    begin = symbols["read_nowhere"] & ~1
+    ok = reading["exception"] == 3 and reading["status"] & 0x8200 == 0x8200 and begin <= reading["pc"] < begin + 16
+    # A hard fault as soon as the stack has left the memory at its lower end; what was stacked cannot be read.
+    ok = ok and stack["exception"] == 3 and 0x1FFF_F000 <= stack["sp"] < 0x2000_0000 and stack["pc"] == stack["lr"] == 0
+    return 0 if ok else 1
+
+
 def same(root, one, other):
     archives = [Path(root).resolve() / "build" / b / "firmware" / "libesmc_control.a" for b in (one, other)]
     with tempfile.TemporaryDirectory() as folder:
@@ -130,4 +153,4 @@ if __name__ == "__main__":
     arguments = [a for a in arguments if a != "--update"]
     if what == "count":
         sys.exit(count(*arguments, update))
-    sys.exit({"build": build, "image": image, "loop": loop, "same": same}[what](*arguments))
+    sys.exit({"build": build, "crash": crash, "image": image, "loop": loop, "same": same}[what](*arguments))
