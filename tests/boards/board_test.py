@@ -117,7 +117,7 @@ def crash(elf, machine):
     lines = []
     for line in board.stdout:
         lines.append(line.strip())
-        if line.startswith("done") or len(lines) > 8:
+        if line.strip().endswith("done") or len(lines) > 8:
             break
     board.kill()
     print("\n".join(lines))

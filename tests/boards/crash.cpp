@@ -39,7 +39,7 @@ std::uint32_t dig(std::uint32_t depth) {
 }  // namespace
 
 extern "C" [[gnu::noinline, gnu::used]] std::uint32_t read_nowhere() {
-  return *reinterpret_cast<volatile std::uint32_t*>(0xA000'0000U);
+  return *reinterpret_cast<volatile std::uint32_t*>(0x9000'0000U);
 }
 
 extern "C" [[noreturn]] void esmc_main() {
