@@ -12,11 +12,12 @@ struct CrashRecord {
   std::uint32_t valid;         ///< mark, turned with the sum of the rest
   std::uint32_t exception;     ///< number: 3 hard fault, 4 memory management, 5 bus, 6 usage, 16 + n interrupt n
   std::uint32_t fault_status;  ///< CFSR
+  std::uint32_t hard_status;   ///< HFSR
   std::uint32_t address;       ///< BFAR: meaningful where CFSR says so
   std::uint32_t sp;            ///< at the fault, the stacked registers included
   std::uint32_t pc, lr;        ///< 0 where the stack could not be read
 
-  [[nodiscard]] std::uint32_t sum() const { return mark ^ (exception + 3U * fault_status + 5U * address + 13U * sp + 7U * pc + 11U * lr); }
+  [[nodiscard]] std::uint32_t sum() const { return mark ^ (exception + 3U * fault_status + 5U * address + 13U * sp + 17U * hard_status + 7U * pc + 11U * lr); }
   [[nodiscard]] bool sealed() const { return valid == sum(); }
   void seal() { valid = sum(); }
   void forget() { valid = 0; }

@@ -14,6 +14,9 @@ extern const std::uint32_t esmc_data_image;
   // the host: the state after reset.
   auto* const cpacr = reinterpret_cast<volatile std::uint32_t*>(0xE000ED88U);
   *cpacr = *cpacr | 0x00F0'0000U;
+  // Bus, usage and memory faults under their own number.
+  auto* const shcsr = reinterpret_cast<volatile std::uint32_t*>(0xE000ED24U);
+  *shcsr = *shcsr | 0x0007'0000U;
   asm volatile("dsb\n isb" ::: "memory");
   const std::uint32_t* from = &esmc_data_image;
   for (std::uint32_t* to = &esmc_data_begin; to < &esmc_data_end;) *to++ = *from++;
@@ -49,7 +52,9 @@ extern const std::uint32_t esmc_data_image;
   esmc::crash_record.sp = at;
   esmc::crash_record.pc = readable ? stacked[6] : 0;
   esmc::crash_record.lr = readable ? stacked[5] : 0;
+  esmc::crash_record.hard_status = reg(0xE000ED2CU);
   esmc::crash_record.seal();
+  asm volatile("dsb" ::: "memory");
   *reinterpret_cast<volatile std::uint32_t*>(0xE000ED0CU) = 0x05FA'0004U;  // reset request
   for (;;) asm volatile("dsb");
 }

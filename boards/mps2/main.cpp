@@ -1,5 +1,6 @@
 /// The image of the emulated boards: arms by itself, for there is no steel, and runs in lockstep with `esmc plant`.
 
+#include "boards/cortex_m/crash.hpp"
 #include "boards/mps2/board.hpp"
 #include "scene.hpp"
 
@@ -7,8 +8,9 @@ extern "C" [[noreturn]] void esmc_main() {
   using namespace esmc;
   static_assert(baked::lockstep, "an emulator has no time of its own: bake without --realtime");
   static Mps2Board board;
-  static baked::Node node(baked::config());
-  if constexpr (!baked::armed_by_link) node.command(Command::enable);
+  static baked::Node node(baked::config(1));
+  // After a crash it stays disabled, and its record in memory for a debugger.
+  if (!crash_record.sealed()) node.command(Command::enable);
   LockstepLoop loop(node, board);
   for (;;) loop.turn();
 }

@@ -65,7 +65,6 @@ struct Names<Rr<S>> {
   }
 };
 
-/// `enabled`: the image arms by itself; emulators only.
 template <class M>
 std::string header(const Scene& scene, Pacing pacing) {
   using S = typename M::Scalar;
@@ -82,9 +81,11 @@ std::string header(const Scene& scene, Pacing pacing) {
   const auto body = std::visit(
       [&](const auto& c) {
         const auto& [controller, axes, line, count, heartbeat, absolute, zero, mismatch, torque_time, timed, link, delay] = c;
+        auto known = link;
+        known.session = 1;  // drawn anew by the host
         return "      " + text(controller, Names<M>::mechanism(believed_mechanism(scene))) + ",\n      {},\n      " +
                line_text(scene) + ",\n      " + text(count) + ", " + text(heartbeat) + ", " + text(absolute) + ", " +
-               text(zero) + ", " + text(mismatch) + ", " + text(torque_time) + ", " + text(timed) + ",\n      " + text(link) +
+               text(zero) + ", " + text(mismatch) + ", " + text(torque_time) + ", " + text(timed) + ",\n      " + text(known) +
                ",\n      " + text(delay);
       },
       make_cycle_config<M>(scene, pacing, reference));
@@ -100,10 +101,12 @@ std::string header(const Scene& scene, Pacing pacing) {
       "inline constexpr std::uint32_t period_ns = {};    // of a tick\n"
       "inline constexpr bool lockstep = {};              // a tick is a complete set of samples, and not a time\n"
       "inline constexpr bool armed_by_link = {};\n\n"
-      "inline Node::Config config() {{\n"
+      "/// `session`: of the link to a supervisor computer; another one at every power-up, 1 to 255.\n"
+      "inline Node::Config config([[maybe_unused]] std::uint8_t session) {{\n"
       "{}"
       "  Node::Config c{{\n{}}};\n"
       "{}"
+      "  c.link.session = session;\n"
       "  return c;\n"
       "}}\n\n"
       "}}  // namespace esmc::baked\n",
@@ -122,6 +125,9 @@ int run_bake(const RunOptions& o) {
   const Pacing pacing = o.realtime ? Pacing::realtime : Pacing::lockstep;
   scene.hardware = o.realtime;
   require_confirmed(scene);
+  if (armed_by_link(scene) && !o.realtime) {
+    throw InputError(scene.control_where, "command.arm = \"link\" needs --realtime: in lockstep nobody would arm the image");
+  }
   if (const std::string why = refusal_of(scene); !why.empty()) {
     throw InputError("", o.scene + ": esmc check refuses it: " + why);
   }
@@ -134,6 +140,10 @@ int run_bake(const RunOptions& o) {
     return 0;
   }
   const std::filesystem::path to(o.out), part(o.out + ".part");
+  for (const auto& p : {to, part}) {
+    if (exists(symlink_status(p)) && !is_regular_file(symlink_status(p)))
+      throw InputError("", p.string() + ": exists and is not a regular file");
+  }
   std::ofstream file(part, std::ios::binary);
   file << all;
   file.close();

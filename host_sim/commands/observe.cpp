@@ -18,7 +18,7 @@ using Json = nlohmann::ordered_json;
 class ListenOnly {
  public:
   explicit ListenOnly(HostBus& bus) : bus_(&bus) {}
-  hal::SendStatus try_send(const hal::CanFrame&) { return hal::SendStatus::ok; }
+  hal::SendStatus try_send(const hal::CanFrame&) { return hal::SendStatus::ok; }  // and that was all
   [[nodiscard]] bool try_receive(hal::CanFrame& f) { return bus_->try_receive(f); }
   [[nodiscard]] std::uint32_t frame_age_us() const { return bus_->frame_age_us(); }
 
@@ -68,13 +68,15 @@ class Observer {
     j["joints"] = joints();
     j["zero"] = scene_.drives.zero == Zero::absolute ? "absolute" : "not confirmed";
     std::optional<Estimate<M>> at;
-    if (silent().empty()) at = with([](const auto& c) { return located<M>(c.controller().config(), c.sample()); });
+    if (silent().empty() && scene_.drives.zero == Zero::absolute) at = with([](const auto& c) { return located<M>(c.controller().config(), c.sample()); });
     j["effector"] = at ? Json::array({at->pose.effector.x(), at->pose.effector.y()}) : Json(nullptr);
     j["working_mode"] = Json(nullptr);
     j["min_abs_sin_type1"] = at ? Json(M::min_abs_sin_type1(at->pose)) : Json(nullptr);
     if constexpr (M::has_type2) {
       if (at) j["working_mode"] = Json::array({sign_text(M::sin_type1(at->pose, 0)), sign_text(M::sin_type1(at->pose, 1))});
-      j["assembly_mode"] = at ? Json(sign_text(at->pose.sin_type2)) : Json(nullptr);
+      // From base joints alone both assembly modes are possible: the one of the scene is taken for granted, not seen.
+      j["assembly_mode"] = at && scene_.all_sensors ? Json(sign_text(at->pose.sin_type2)) : Json(nullptr);
+      j["assumed_assembly_mode"] = at && !scene_.all_sensors ? Json(sign_text(at->pose.sin_type2)) : Json(nullptr);
       j["sin_type2"] = at ? Json(at->pose.sin_type2) : Json(nullptr);
     } else if (at) {
       j["working_mode"] = Json::array({sign_text(at->pose.arm.turn[1].y())});
@@ -134,12 +136,15 @@ std::string line_of(const Json& j, double t) {
                        q["age_ticks"].is_null() ? "not heard" : fmt::format("{} ticks", q["age_ticks"].get<int>()));
     if (!q["error"].is_null()) out += fmt::format(" error 0x{:x};", q["error"].get<std::uint32_t>());
   }
+  if (j["zero"] != "absolute") return out + " zero not confirmed: angles are the encoders' own, no pose";
   if (j["effector"].is_null()) return out + " no pose";
   out += fmt::format(" effector {:.4f} {:.4f} m; working mode", j["effector"][0].get<double>(), j["effector"][1].get<double>());
   for (const Json& w : j["working_mode"]) out += fmt::format(" {}", w.get<std::string>());
   out += fmt::format(", |sin theta_j2| >= {:.3f}", j["min_abs_sin_type1"].get<double>());
   if (j.contains("assembly_mode")) {
-    out += fmt::format("; assembly mode {}, D2 {:.3f}", j["assembly_mode"].get<std::string>(), j["sin_type2"].get<double>());
+    const bool seen = !j["assembly_mode"].is_null();
+    out += fmt::format("; assembly mode {}{}, D2 {:.3f}", j[seen ? "assembly_mode" : "assumed_assembly_mode"].get<std::string>(),
+                       seen ? "" : " (assumed)", j["sin_type2"].get<double>());
   }
   return out;
 }
@@ -161,7 +166,7 @@ int observe(const Scene& scene, const RunOptions& o, HostBus& bus) {
     std::this_thread::sleep_until(begin + std::chrono::duration<double>(n * scene.tick()));
   }
   if (o.json) {
-    Json j = {{"scene", scene.name}, {"ticks", n}, {"sent", 0}};
+    Json j = {{"scene", scene.name}, {"ticks", n}};
     j.update(observer.look());
     fmt::print("{}\n", j.dump(2));
   }

@@ -12,9 +12,11 @@ usage: board_test.py build ROOT BOARD ESMC       with the esmc command that bake
        board_test.py same ROOT BOARD BOARD          two boards link the same control archive, byte for byte"""
 import json
 import re
+import socket
 import subprocess
 import sys
 import tempfile
+import time
 from pathlib import Path
 
 ICOUNT = "shift=6,sleep=off"  # an instruction is 64 ns; the emulator does not wait for anybody
@@ -24,9 +26,9 @@ def run(*command, **more):
     return subprocess.run([str(c) for c in command], capture_output=True, text=True, check=False, **more)
 
 
-def qemu(elf, machine, serial):
+def qemu(elf, machine, serial, *more):
     return subprocess.Popen(["qemu-system-arm", "-M", machine, "-display", "none", "-monitor", "none", "-icount", ICOUNT,
-                             "-kernel", elf, "-serial", serial], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+                             "-kernel", elf, "-serial", serial, *more], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
 
 
 def build(root, board, esmc):
@@ -50,15 +52,40 @@ def image(elf, scalar):
     return 1 if bad or "esmc_reset" not in names else 0
 
 
+def symbols_of(elf):
+    return {n: int(a, 16) for a, n in re.findall(r"^([0-9a-f]+) \w (\w+)$", run("arm-none-eabi-nm", elf).stdout, re.M)}
+
+
+def stack_used(elf, monitor, folder):
+    """Bytes of the stack that no longer hold the start-up's paint, of how many."""
+    at = symbols_of(elf)
+    bottom, top = at["esmc_stack_bottom"], at["esmc_stack_top"]
+    with socket.socket(socket.AF_UNIX) as qmp:
+        qmp.connect(monitor)
+        talk = qmp.makefile("rw")
+        for command in ({"execute": "qmp_capabilities"},
+                        {"execute": "pmemsave", "arguments": {"val": bottom, "size": top - bottom, "filename": f"{folder}/stack"}}):
+            talk.write(json.dumps(command) + "\n")
+            talk.flush()
+            while "return" not in json.loads(talk.readline()):
+                pass
+    memory = Path(folder, "stack").read_bytes()
+    painted = 0
+    while memory[painted:painted + 4] == bytes.fromhex("5a5aa5a5"):
+        painted += 4
+    return top - bottom - painted, top - bottom
+
+
 def loop(elf, machine, scalar, esmc, scene):
     duration = "simulation.duration=2.0"
     with tempfile.TemporaryDirectory() as folder:
-        socket = f"{folder}/uart"
-        board = qemu(elf, machine, f"unix:{socket},server=on,wait=on")
+        uart, monitor = f"{folder}/uart", f"{folder}/monitor"
+        board = qemu(elf, machine, f"unix:{uart},server=on,wait=on", "-qmp", f"unix:{monitor},server=on,wait=off")
         try:
-            while not Path(socket).exists() and board.poll() is None:
-                pass
-            plant = run(esmc, "plant", scene, "--bus", f"slcan:unix:{socket}", "--json", "--set", duration, timeout=400)
+            while not Path(uart).exists() and board.poll() is None:
+                time.sleep(0.05)
+            plant = run(esmc, "plant", scene, "--bus", f"slcan:unix:{uart}", "--json", "--set", duration, timeout=400)
+            used, reserved = stack_used(elf, monitor, folder)
         finally:
             board.kill()
     if plant.returncode != 0:
@@ -66,6 +93,9 @@ def loop(elf, machine, scalar, esmc, scene):
         return 1
     got = json.loads(plant.stdout)
     want = json.loads(run(esmc, "hil", scene, "--scalar", scalar, "--json", "--set", duration).stdout)
+    print(f"stack: {used} of {reserved} bytes used")
+    if not 500 < used <= reserved // 2:
+        return 1
     print(f"{got['ticks']} ticks, settled rms {got['tracking']['settled_rms_m']:.3g} m, digest {got['digest']}")
     same = all(got[key] == want[key] for key in ("digest", "ticks", "final_state", "tracking"))
     other = json.loads(run(esmc, "hil", scene, "--scalar", "float" if scalar == "double" else "double", "--json", "--set",
@@ -121,16 +151,17 @@ def crash(elf, machine):
             break
     board.kill()
     print("\n".join(lines))
-    symbols = {n: int(a, 16) for a, n in re.findall(r"^([0-9a-f]+) \w (\w+)$", run("arm-none-eabi-nm", elf).stdout, re.M)}
+    symbols = symbols_of(elf)
     if len(lines) != 4 or lines[0] != "no record" or lines[-1] != "done":
         return 1
     records = [dict(re.findall(r"(\w+) ([0-9a-f]+)", line)) for line in lines[1:3]]
     reading, stack = ({k: int(v, 16) for k, v in r.items()} for r in records)
-    # A hard fault, escalated from a precise bus error, in the function that read where nothing is.
+    # A precise bus fault in the function that read where nothing is.
     begin = symbols["read_nowhere"] & ~1
-    ok = reading["exception"] == 3 and reading["status"] & 0x8200 == 0x8200 and begin <= reading["pc"] < begin + 16
-    # A hard fault as soon as the stack has left the memory at its lower end; what was stacked cannot be read.
-    ok = ok and stack["exception"] == 3 and 0x1FFF_F000 <= stack["sp"] < 0x2000_0000 and stack["pc"] == stack["lr"] == 0
+    ok = reading["exception"] == 5 and reading["status"] & 0x8200 == 0x8200 and begin <= reading["pc"] < begin + 16
+    ok = ok and reading["address"] == 0x9000_0000
+    # Some fault as soon as the stack has left the memory at its lower end; what was stacked cannot be read.
+    ok = ok and stack["exception"] in (3, 4, 5, 6) and 0x1FFF_F000 <= stack["sp"] < 0x2000_0000 and stack["pc"] == stack["lr"] == 0
     return 0 if ok else 1
 
 

@@ -167,7 +167,7 @@ extern "C" [[noreturn]] void esmc_main() {
                           {"smc", LawKind::smc},
                           {"ctc", LawKind::ctc},
                           {"pd", LawKind::pd}};
-  static Node::Config config = baked::config();
+  static Node::Config config = baked::config(1);
   config.controller.limits.joint_speed = S(1e3F);
   config.controller.limits.workspace_x = config.controller.limits.workspace_y = {};
   config.controller.limits.joint_angle = {};

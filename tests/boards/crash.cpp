@@ -50,7 +50,7 @@ extern "C" [[noreturn]] void esmc_main() {
     boots = 0;
     out << "no record\n";
   } else {
-    out << "exception " << crash_record.exception << " status " << crash_record.fault_status << " sp " << crash_record.sp << " pc " << crash_record.pc
+    out << "exception " << crash_record.exception << " status " << crash_record.fault_status << " address " << crash_record.address << " sp " << crash_record.sp << " pc " << crash_record.pc
         << " lr " << crash_record.lr << "\n";
     crash_record.forget();
     ++boots;

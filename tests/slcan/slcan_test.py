@@ -1,5 +1,6 @@
 #!/usr/bin/python3
 """slcan against the back end of python3-can, over pseudo terminals. usage: ESMC SLCAN_ECHO SCENE"""
+import cmath
 import json
 import math
 import os
@@ -155,10 +156,10 @@ class Loop(unittest.TestCase):
 
 
 class Observe(unittest.TestCase):
-    def observed(self, nodes):
+    def observed(self, nodes, *sets):
         adapter = Adapter()
         program = subprocess.Popen([ESMC, "controller", SCENE, "--bus", f"slcan:{adapter.path}", "--observe", "--json",
-                                    "--set", "simulation.duration=1.0"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+                                    "--set", "simulation.duration=1.0", *sets], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         self.addCleanup(end, program)
         adapter.until_program_said(b"O\r")
         while program.poll() is None:
@@ -179,7 +180,32 @@ class Observe(unittest.TestCase):
         self.assertAlmostEqual(j["joints"][1]["rate"], 0.25 * 2 * math.pi, delta=1e-6)
         self.assertAlmostEqual(j["effector"][0], 0.07, delta=1e-5)
         self.assertAlmostEqual(j["effector"][1], 0.17, delta=1e-5)
-        self.assertEqual((j["working_mode"], j["assembly_mode"], j["sent"]), (["+", "+"], "-", 0))
+        # Of the assembly mode base encoders say nothing: it is the scene's.
+        self.assertEqual((j["working_mode"], j["assembly_mode"], j["assumed_assembly_mode"]), (["+", "+"], None, "-"))
+
+    def test_passive_encoders_show_the_assembly_mode_that_is_there(self):
+        sensors = ["--set", 'control.sensors="all"', "--set", "sensors.nodes=[3,4]"]
+        there = {1: 0.339146, 2: 1.312760}
+        for passive, effector, assembly in (((1.916690, 1.430018), (0.07, 0.17), "-"), self.other_assembly(there)):
+            status, j, error = self.observed({**there, 3: passive[0], 4: passive[1]}, *sensors)
+            self.assertEqual((status, error), (0, ""))
+            self.assertEqual((j["assembly_mode"], j["assumed_assembly_mode"]), (assembly, None))
+            self.assertAlmostEqual(j["effector"][0], effector[0], delta=1e-4)
+            self.assertAlmostEqual(j["effector"][1], effector[1], delta=1e-4)
+
+    def other_assembly(self, base):
+        """The elbows stay, the effector goes to the other side of the line between them."""
+        l0, l1, l2 = 0.05, 0.12, 0.16
+        elbow = (complex(l0, 0) + l1 * cmath.exp(1j * base[1]), complex(-l0, 0) - (l1 * cmath.exp(1j * base[2])).conjugate())
+        along = (elbow[1] - elbow[0]) / abs(elbow[1] - elbow[0])
+        tip = elbow[0] + along * ((complex(0.07, 0.17) - elbow[0]) / along).conjugate()
+        bars = (tip - elbow[0], -(tip - elbow[1]).conjugate())  # leg 2 in its mirrored frame
+        passive = [cmath.phase(b / cmath.exp(1j * base[i + 1])) for i, b in enumerate(bars)]
+        return passive, (tip.real, tip.imag), "+"
+
+    def test_without_a_confirmed_zero_there_is_no_pose(self):
+        status, j, _ = self.observed({1: 0.1, 2: 0.2}, "--set", 'drives.zero="pose"')
+        self.assertEqual((status, j["zero"], j["effector"]), (0, "not confirmed", None))
 
     def test_a_silent_drive_is_named(self):
         status, j, error = self.observed({1: 0.339146})
