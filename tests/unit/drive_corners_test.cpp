@@ -7,6 +7,7 @@
 
 #include "firmware/drive/axis.hpp"
 #include "firmware/drive/cia402_setup.hpp"
+#include "firmware/drive/mit_axis.hpp"
 #include "tests/support/odrive_bench.hpp"
 
 namespace {
@@ -85,6 +86,39 @@ TEST(OdriveAxisCorners, WithoutARetryTimeSilenceIsAskedInEveryTick) {
   EXPECT_TRUE(enable(a).empty()) << "confirmed once";
   a.begin_tick();
   EXPECT_TRUE(only(enable(a), test::cmd_mode)) << "and not a second time";
+}
+
+TEST(OdriveAxisCorners, AFrameThatIsNotTakenSaysNothingAboutTheLastSample) {
+  OdriveAxis a({.node = node}, OdriveAxis::Version::v0_6, 10);
+  a.begin_tick();
+  ASSERT_EQ(a.receive(test::encoder(node, 0, 0)), Received::accepted);
+  EXPECT_EQ(a.receive(test::heartbeat(node + 1, 1)), Received::not_mine);
+  EXPECT_TRUE(a.brought_sample());
+  CanFrame f = test::heartbeat(node, 1);
+  f.size = 7;
+  EXPECT_EQ(a.receive(f), Received::malformed);
+  EXPECT_TRUE(a.brought_sample());
+  EXPECT_EQ(a.receive(test::message(node, test::cmd_axis_state, 8, 8, 0)), Received::impostor);
+  EXPECT_TRUE(a.brought_sample());
+}
+
+/// An axis that is never asked again has proven its watchdog no more than others when it is ready for the first time.
+TEST(OdriveAxisCorners, TheLongestRetryTimeProvesNoWatchdog) {
+  OdriveAxis a({.node = node}, OdriveAxis::Version::v0_6, 0xFFFF'FFFF);
+  a.prove_watchdog(5);
+  test::ask(a);
+  hear(a, 8);
+  hear(a, 8);
+  EXPECT_FALSE(a.ready());
+  EXPECT_TRUE(a.muted()) << "its watchdog is being starved";
+}
+
+/// What is written in a log is read by people: the numbers are part of the interface.
+TEST(DriveNumbers, AreTheDocumentedOnes) {
+  EXPECT_EQ(OdriveReadBack::version_endpoint, 0xFFFF);
+  EXPECT_EQ(MitAxis::position_at_rail, 0x100U) << "the low eight bits are the drive's own";
+  EXPECT_EQ(MitAxis::velocity_at_rail, 0x200U);
+  EXPECT_EQ(MitAxis::position_lost, 0x400U);
 }
 
 TEST(AxisConfig, IsAMotorThatTurnsWithItsJoint) {
