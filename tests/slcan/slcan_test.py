@@ -186,22 +186,22 @@ class Observe(unittest.TestCase):
     def test_passive_encoders_show_the_assembly_mode_that_is_there(self):
         sensors = ["--set", 'control.sensors="all"', "--set", "sensors.nodes=[3,4]"]
         there = {1: 0.339146, 2: 1.312760}
-        for passive, effector, assembly in (((1.916690, 1.430018), (0.07, 0.17), "-"), self.other_assembly(there)):
+        tip = complex(0.07, 0.17)
+        elbows = self.elbows(there)
+        along = (elbows[1] - elbows[0]) / abs(elbows[1] - elbows[0])
+        mirrored = elbows[0] + along * ((tip - elbows[0]) / along).conjugate()  # across the line between the elbows
+        for effector, assembly in ((tip, "-"), (mirrored, "+")):
+            bars = (effector - elbows[0], -(effector - elbows[1]).conjugate())  # leg 2 in its mirrored frame
+            passive = [cmath.phase(b / cmath.exp(1j * there[i + 1])) for i, b in enumerate(bars)]
             status, j, error = self.observed({**there, 3: passive[0], 4: passive[1]}, *sensors)
             self.assertEqual((status, error), (0, ""))
             self.assertEqual((j["assembly_mode"], j["assumed_assembly_mode"]), (assembly, None))
-            self.assertAlmostEqual(j["effector"][0], effector[0], delta=1e-4)
-            self.assertAlmostEqual(j["effector"][1], effector[1], delta=1e-4)
+            self.assertAlmostEqual(j["effector"][0], effector.real, delta=1e-5)
+            self.assertAlmostEqual(j["effector"][1], effector.imag, delta=1e-5)
 
-    def other_assembly(self, base):
-        """The elbows stay, the effector goes to the other side of the line between them."""
-        l0, l1, l2 = 0.05, 0.12, 0.16
-        elbow = (complex(l0, 0) + l1 * cmath.exp(1j * base[1]), complex(-l0, 0) - (l1 * cmath.exp(1j * base[2])).conjugate())
-        along = (elbow[1] - elbow[0]) / abs(elbow[1] - elbow[0])
-        tip = elbow[0] + along * ((complex(0.07, 0.17) - elbow[0]) / along).conjugate()
-        bars = (tip - elbow[0], -(tip - elbow[1]).conjugate())  # leg 2 in its mirrored frame
-        passive = [cmath.phase(b / cmath.exp(1j * base[i + 1])) for i, b in enumerate(bars)]
-        return passive, (tip.real, tip.imag), "+"
+    def elbows(self, base):
+        l0, l1 = 0.05, 0.12
+        return l0 + l1 * cmath.exp(1j * base[1]), -l0 - (l1 * cmath.exp(1j * base[2])).conjugate()
 
     def test_without_a_confirmed_zero_there_is_no_pose(self):
         status, j, _ = self.observed({1: 0.1, 2: 0.2}, "--set", 'drives.zero="pose"')
