@@ -113,6 +113,8 @@ def main():
     # Frames that must not move anything: another session, a damaged one, an old tick.
     wrong = bytearray(desk.order("arm")[1])
     wrong[4] ^= 1
+    if crc8(desk.base, 0, wrong) == wrong[0]:  # of 255 sessions one: it would be an order without one, and refused as such
+        wrong[4] ^= 3
     bus.send((desk.base, bytes(wrong)))
     before, desk.session = desk.session, desk.session % 255 + 1
     bus.send(desk.order("arm"))
