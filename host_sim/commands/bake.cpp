@@ -17,26 +17,51 @@ using bake::text;
 /// A table of points is kept in the image's memory.
 constexpr std::size_t segments_max = 64;
 
-/// The expressions that make the axes, in the order of the cycle.
-std::string axes_text(const Scene& scene, Pacing pacing) {
-  std::string out;
+/// `name`[]: what `make(i)` says of drive i, in the order of the scene.
+template <class Make>
+std::string table_text(const Scene& scene, const char* type, const char* name, const Make& make) {
+  std::string out = fmt::format("inline constexpr {} {}[] = {{\n", type, name);
+  for (std::size_t i = 0; i < scene.drives.nodes.size(); ++i) out += "    " + text(make(i)) + ",\n";
+  return out + "};\n";
+}
+
+/// Settings of the drives as tables, and the expressions that make the axes from them.
+struct AxesText {
+  std::string tables, make;
+};
+AxesText axes_text(const Scene& scene, Pacing pacing) {
+  AxesText out;
+  out.tables = table_text(scene, "drive::AxisConfig", "mounts", [&](std::size_t i) { return mount(scene, i); });
+  switch (scene.drives.protocol) {
+    case Protocol::cia402:
+      out.tables += table_text(scene, "drive::Cia402Settings", "settings", [&](std::size_t i) { return cia402_settings(scene, i); });
+      break;
+    case Protocol::mit:
+      out.tables += table_text(scene, "drive::MitAxis::Settings", "settings", [&](std::size_t i) { return mit_settings(scene, i); });
+      break;
+    case Protocol::odrive:
+    case Protocol::odrive_0_5:
+      out.tables += table_text(scene, "drive::OdriveTable", "settings",
+                               [&](std::size_t i) { return odrive_settings(scene, pacing, i).table; });
+      break;
+  }
   for (std::size_t i = 0; i < scene.drives.nodes.size(); ++i) {
-    const std::string place = fmt::format("  c.axes[{}]", axis_of(scene, i)), axis = text(mount(scene, i));
+    const std::string place = fmt::format("  c.axes[{}]", axis_of(scene, i));
     switch (scene.drives.protocol) {
       case Protocol::cia402:
-        out += fmt::format("{} = drive::Cia402Axis({}, {});\n", place, axis, text(cia402_settings(scene, i)));
+        out.make += fmt::format("{} = drive::Cia402Axis(mounts[{}], settings[{}]);\n", place, i, i);
         continue;
       case Protocol::mit:
-        out += fmt::format("{} = drive::MitAxis({}, {});\n", place, axis, text(mit_settings(scene, i)));
+        out.make += fmt::format("{} = drive::MitAxis(mounts[{}], settings[{}]);\n", place, i, i);
         continue;
       case Protocol::odrive:
       case Protocol::odrive_0_5:
         break;
     }
     const OdriveSettings s = odrive_settings(scene, pacing, i);
-    out += fmt::format("{} = drive::OdriveAxis({}, {}, {}, {});\n", place, axis, text(s.version), text(s.retry_ticks),
-                       text(s.table));
-    if (s.proof_ticks > 0) out += fmt::format("{}.prove_watchdog({});\n", place, text(s.proof_ticks));
+    out.make += fmt::format("{} = drive::OdriveAxis(mounts[{}], {}, {}, settings[{}]);\n", place, i, text(s.version),
+                            text(s.retry_ticks), i);
+    if (s.proof_ticks > 0) out.make += fmt::format("{}.prove_watchdog({});\n", place, text(s.proof_ticks));
   }
   return out;
 }
@@ -52,16 +77,16 @@ struct Names;
 template <class S>
 struct Names<FiveBar<S>> {
   static constexpr const char* type = "FiveBar";
-  static std::string mechanism(const FiveBarParams<double>& p) {
-    return "Mechanism(FiveBarParams<Scalar>" + text(cast<S>(p)) + ")";
+  static std::string believed(const FiveBarParams<double>& p) {
+    return "inline constexpr FiveBarParams<Scalar> believed" + text(cast<S>(p)) + ";\n";
   }
 };
 template <class S>
 struct Names<Rr<S>> {
   static constexpr const char* type = "Rr";
-  static std::string mechanism(const FiveBarParams<double>& p) {
+  static std::string believed(const FiveBarParams<double>& p) {
     const FiveBarParams<S> c = cast<S>(p);
-    return "Mechanism(RrParams<Scalar>" + text(RrParams<S>{c.legs[0], c.g}) + ")";
+    return "inline constexpr RrParams<Scalar> believed" + text(RrParams<S>{c.legs[0], c.g}) + ";\n";
   }
 };
 
@@ -76,19 +101,11 @@ std::string header(const Scene& scene, Pacing pacing) {
   const char* axis = scene.drives.protocol == Protocol::cia402
                          ? "Cia402Axis"
                          : (scene.drives.protocol == Protocol::mit ? "MitAxis" : "OdriveAxis");
+  const AxesText axes = axes_text(scene, pacing);
   std::string path;
   for (const PathSegment<S>& s : reference.path) path += "      " + text(s) + ",\n";
-  const auto body = std::visit(
-      [&](const auto& c) {
-        const auto& [controller, axes, line, count, heartbeat, absolute, zero, mismatch, torque_time, timed, link, delay] = c;
-        auto known = link;
-        known.session = 1;  // drawn anew by the host
-        return "      " + text(controller, Names<M>::mechanism(believed_mechanism(scene))) + ",\n      {},\n      " +
-               line_text(scene) + ",\n      " + text(count) + ", " + text(heartbeat) + ", " + text(absolute) + ", " +
-               text(zero) + ", " + text(mismatch) + ", " + text(torque_time) + ", " + text(timed) + ",\n      " + text(known) +
-               ",\n      " + text(delay);
-      },
-      make_cycle_config<M>(scene, pacing, reference));
+  const std::string body = std::visit([&](const auto& c) { return bake::cycle_text(c, line_text(scene)); },
+                                      make_cycle_config<M>(scene, pacing, reference));
   return fmt::format(
       "// Made by esmc bake {} from the scene \"{}\". Not to be edited.\n"
       "#pragma once\n\n"
@@ -101,6 +118,7 @@ std::string header(const Scene& scene, Pacing pacing) {
       "inline constexpr std::uint32_t period_ns = {};    // of a tick\n"
       "inline constexpr bool lockstep = {};              // a tick is a complete set of samples, and not a time\n"
       "inline constexpr bool armed_by_link = {};\n\n"
+      "{}{}\n"
       "/// `session`: of the link to a supervisor computer; another one at every power-up, 1 to 255.\n"
       "inline Node::Config config([[maybe_unused]] std::uint8_t session) {{\n"
       "{}"
@@ -112,10 +130,10 @@ std::string header(const Scene& scene, Pacing pacing) {
       "}}  // namespace esmc::baked\n",
       version, printable(scene.name), std::is_same_v<S, float> ? "float" : "double", Names<M>::type, axis,
       static_cast<std::uint32_t>(scene.bitrate), static_cast<std::uint32_t>(std::llround(1e9 / scene.rate_hz)),
-      pacing == Pacing::lockstep, armed_by_link(scene),
+      pacing == Pacing::lockstep, armed_by_link(scene), Names<M>::believed(believed_mechanism(scene)), axes.tables,
       path.empty() ? "  constexpr std::span<const PathSegment<Scalar>> path{};\n"
                    : "  static const PathSegment<Scalar> path[] = {\n" + path + "  };\n",
-      body, axes_text(scene, pacing));
+      body, axes.make);
 }
 
 }  // namespace

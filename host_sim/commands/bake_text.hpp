@@ -160,17 +160,28 @@ inline std::string mode_text(const FiveBar<double>::Mode& v) {
 inline std::string mode_text(const Rr<float>::Mode& v) { return "{" + text(v.working) + "}"; }
 inline std::string mode_text(const Rr<double>::Mode& v) { return "{" + text(v.working) + "}"; }
 
-/// `mechanism`: its own initialiser.
+/// The mechanism is made from `believed` of the image.
 template <class M>
-std::string text(const ControllerConfig<M>& v, const std::string& mechanism) {
+std::string text(const ControllerConfig<M>& v) {
   const auto& [m, mode, law, reaching, gains, reference, limits, torque_limit, torque_weight, sample_time, torque_lead, join,
                ramp, sign_test, halt, lower, after_halt, guide_speed, guide_acceleration, motors, sensors] = v;
   const auto line = [](const std::string& s) { return "          " + s + ",\n"; };
-  return "{\n" + line(mechanism) + line(mode_text(mode)) + line(text(law)) + line(text(reaching)) + line(text(gains)) +
+  return "{\n" + line("Mechanism(believed)") + line(mode_text(mode)) + line(text(law)) + line(text(reaching)) + line(text(gains)) +
          line(text(reference)) + line(text(limits)) + line(text(torque_limit)) + line(text(torque_weight)) +
          line(text(sample_time)) + line(text(torque_lead)) + line(text(join)) + line(text(ramp)) + line(text(sign_test)) +
          line(text(halt)) + line(text(lower)) + line(text(after_halt)) + line(text(guide_speed)) +
          line(text(guide_acceleration)) + line(text(motors)) + line(text(sensors)) + "      }";
+}
+
+/// Of a cycle. The axes are made by themselves, by calls, and so is the line, by `line`; a session is drawn by the image.
+template <class Config>
+std::string cycle_text(const Config& v, const std::string& line) {
+  const auto& [controller, axes, its_line, count, heartbeat, absolute, zero, mismatch, torque_time, timed, link, delay] = v;
+  link::LinkConfig known = link;
+  known.session = 1;
+  return "      " + text(controller) + ",\n      {},\n      " + line + ",\n      " + text(count) + ", " + text(heartbeat) + ", " +
+         text(absolute) + ", " + text(zero) + ", " + text(mismatch) + ", " + text(torque_time) + ", " + text(timed) +
+         ",\n      " + text(known) + ",\n      " + text(delay);
 }
 
 }  // namespace esmc::host::bake
