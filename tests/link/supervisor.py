@@ -99,8 +99,8 @@ def until(bus, desk, done, what, seconds=60):
     while not done():
         bus.hear(desk)
         bus.send(desk.order("none"))
-        if time.monotonic() > end:
-            raise RuntimeError(f"waited {seconds} s for {what}; state {desk.state}, fault {desk.fault}, "
+        if time.monotonic() > end or desk.fault:
+            raise RuntimeError(f"no {what} within {seconds} s; state {desk.state}, fault {desk.fault}, "
                                f"obeyed, bad CRC, bad counter, refused: {desk.counters}")
 
 
@@ -133,7 +133,8 @@ def main():
     until(bus, desk, lambda: desk.effector is not None, "telemetry")
     x0, y0 = desk.effector
     report["start"] = [x0, y0]
-    radius, centre, speed = 0.02, (x0 - 0.02, y0), 3.0
+    # A small one: whoever is not scheduled for some seconds goes straight on for so long.
+    radius, centre, speed = 0.005, (x0 - 0.005, y0), 3.0
     target = (centre[0], centre[1] + radius)
     bus.send(desk.pair(1, target, 1e-6))
     until(bus, desk, lambda: desk.desired and math.dist(desk.desired, target) < 3e-6, "the way to the circle")
@@ -141,7 +142,7 @@ def main():
     bus.hear(desk)
     first = last = desk.tick
     while desk.state == "running":
-        t = (desk.tick - first) % 2**24 * 0.01  # 100 Hz
+        t = (desk.tick - first) % 2**24 * 0.04  # 25 Hz
         if t > 2 * math.pi / speed or (dies and t > 1.0):
             break
         # The circle turns faster and faster in its first half second: a stream need not begin at rest, this one does.

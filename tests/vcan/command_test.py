@@ -42,45 +42,79 @@ def in_order(wanted, found):
     return all(w in rest for w in wanted)
 
 
-def main():
-    esmc, scene = (str(Path(a).resolve()) for a in sys.argv[1:3])
+def circle(out, report):
+    states = words(out / "log", "State")
+    on_circle = sum(abs(r) < 3e-6 for r in report["radii"])
+    print("circle:", states, "on the circle:", on_circle, "of", len(report["radii"]), "ticks heard, tracking:",
+          median(report["errors"]), "m, counters:", report["counters"])
+    assert report["after_wrong_frames"] == "disabled", report
+    assert report["counters"][1] >= 2 and report["counters"][3] >= 1, report["counters"]
+    assert report["streamed_ticks"] >= 50 and report["state_after_stream"] == "running", report
+    # Where the controller was led to, to the unit of the wire: where a sample was heard in the tick. How many were, and how
+    # well it followed, is the machine's business.
+    assert max(map(abs, report["at_set_point"])) < 3e-6, report["at_set_point"]
+    assert on_circle >= 10, report["radii"]
+    assert report["state"] == "disabled" and report["fault"] == 0 and report["records"] == [], report
+    assert in_order(["disabled", "enabling", "running", "halting", "stopping", "disabled"], states), states
+    assert words(out / "log", "Fault") == ["none"]
+    assert (out / "controller_exit").read_text().strip() == "0", (out / "controller").read_text()
+
+
+def dies(out, report):
+    states, faults = words(out / "log", "State"), words(out / "log", "Fault")
+    print("dies:", states, faults)
+    assert faults == ["none", "command_lost"], faults
+    assert in_order(["running", "halting", "fault"], states), states
+    assert words(out / "log", "Reaction")[:2] == ["none", "halt"]
+    recorded = [str(v["Fault"].named_value) for name, v in frames(out / "log") if name == "Fault_Record"]
+    assert recorded[0] == "command_lost" and report["state"] == "fault", (recorded, report)
+    assert "command_lost" in (out / "controller").read_text()
+
+
+def late_ticks(out):
+    """Of controller and plant, by their own clocks: what the machine has stolen."""
+    late = 0
+    for half in ("controller", "plant"):
+        match = re.search(r'"late_ticks": (\d+)', (out / half).read_text() if (out / half).exists() else "")
+        late = max(late, int(match[1]) if match else 0)
+    return late
+
+
+def attempt(judge, esmc, scene):
+    """Whether the machine has no vcan."""
     with tempfile.TemporaryDirectory(dir=Path(esmc).parent) as folder:
         out = Path(folder)
-        job = subprocess.run([HERE / "with_vcan", "--timeout", "300", "--", HERE / "command_job", esmc, scene, folder,
-                              ROOT / "tests/link/supervisor.py"], capture_output=True, text=True)
+        job = subprocess.run([HERE / "with_vcan", "--timeout", "150", "--", HERE / "command_job", esmc, scene, folder,
+                              ROOT / "tests/link/supervisor.py", judge.__name__], capture_output=True, text=True)
         if job.returncode == SKIPPED:
             print(job.stdout.strip())
-            return SKIPPED
-        if job.returncode != 0:
-            print(job.stdout, job.stderr)
-            for name in ("circle.controller", "circle.plant", "dies.controller"):
-                print(name, (out / name).read_text()[-500:] if (out / name).exists() else "was not started")
-            return 1
-        circle = json.loads((out / "circle.json").read_text())
-        states = words(out / "circle.log", "State")
-        on_circle = sum(abs(r) < 3e-6 for r in circle["radii"])
-        print("circle:", states, "on the circle:", on_circle, "of", len(circle["radii"]), "ticks heard, tracking:",
-              median(circle["errors"]), "m, counters:", circle["counters"])
-        assert circle["after_wrong_frames"] == "disabled", circle
-        assert circle["counters"][1] >= 2 and circle["counters"][3] >= 1, circle["counters"]
-        assert circle["streamed_ticks"] >= 200 and circle["state_after_stream"] == "running", circle
-        # Where the controller was led to, to the unit of the wire: where a sample was heard in the tick. How many were, and how
-        # well it followed, is the machine's business.
-        assert max(map(abs, circle["at_set_point"])) < 3e-6, circle["at_set_point"]
-        assert on_circle >= 10, circle["radii"]
-        assert circle["state"] == "disabled" and circle["fault"] == 0 and circle["records"] == [], circle
-        assert in_order(["disabled", "enabling", "running", "halting", "stopping", "disabled"], states), states
-        assert words(out / "circle.log", "Fault") == ["none"]
-        assert (out / "circle.controller_exit").read_text().strip() == "0", (out / "circle.controller").read_text()
+            return True
+        try:
+            assert job.returncode == 0, (job.returncode, job.stdout, job.stderr)
+            judge(out, json.loads((out / "json").read_text()))
+        except AssertionError as e:
+            raise Wrong(late_ticks(out), e) from e
+    return False
 
-        dies = json.loads((out / "dies.json").read_text())
-        print("dies:", words(out / "dies.log", "State"), words(out / "dies.log", "Fault"))
-        assert words(out / "dies.log", "Fault") == ["none", "command_lost"]
-        assert in_order(["running", "halting", "fault"], words(out / "dies.log", "State"))
-        assert words(out / "dies.log", "Reaction")[:2] == ["none", "halt"]
-        recorded = [str(v["Fault"].named_value) for name, v in frames(out / "dies.log") if name == "Fault_Record"]
-        assert recorded[0] == "command_lost" and dies["state"] == "fault", (recorded, dies)
-        assert "command_lost" in (out / "dies.controller").read_text()
+
+class Wrong(Exception):
+    """args: ticks that came late, what was not as it should be"""
+
+
+def main():
+    esmc, scene = (str(Path(a).resolve()) for a in sys.argv[1:3])
+    for judge in (circle, dies):
+        # A loop in real time that was not scheduled for half a second (13 ticks) proves nothing: then, and only then, again.
+        for again in (True, True, False):
+            try:
+                if attempt(judge, esmc, scene):
+                    return SKIPPED
+                break
+            except Wrong as e:
+                late, why = e.args
+                print(f"{judge.__name__}: {late} late ticks, {str(why)[:300]}")
+                if late < 13 or not again:
+                    raise
     return 0
 
 
