@@ -301,7 +301,7 @@ std::string keys_markdown() {
   std::string out = "| key | allowed | default | meaning |\n|---|---|---|---|\n";
   for (const Key& k : keys) {
     std::string range = allowed(k), fallback(k.fallback);
-    for (std::size_t at = 0; (at = range.find(" | ", at)) != std::string::npos;) range.replace(at, 3, ", ");
+    for (std::size_t at = 0; (at = range.find(" | ", at)) != std::string::npos;) range.erase(at, 1)[at] = ',';
     if (fallback.empty()) fallback = "required";
     if (fallback == "-") fallback = "optional";
     out += fmt::format("| `{}` | {} | {} | {} |\n", k.path, range, fallback, k.meaning);
