@@ -1,0 +1,193 @@
+#pragma once
+/// CanBus on an STM32's FDCAN (Bosch M_CAN), polled: no interrupts, no heap, bounded work per call.
+
+#include <array>
+#include <concepts>
+#include <cstddef>
+#include <cstdint>
+
+#include "hal/can.hpp"
+#include "hal/fdcan/registers.hpp"
+#include "hal/fdcan/timing.hpp"
+
+namespace esmc::hal {
+
+/// Where the registers and the message memory are: on a board the addresses, in a test a model of them.
+template <class A>
+concept FdcanAccess = requires(A& a, const A& c, std::uint32_t at, std::uint32_t value) {
+  { c.read(at) } -> std::same_as<std::uint32_t>;      // register at a byte offset
+  a.write(at, value);
+  { c.read_ram(at) } -> std::same_as<std::uint32_t>;  // word of the message memory
+  a.write_ram(at, value);
+};
+
+/// Bytes of a frame by its data length code, and back.
+inline constexpr std::array<std::uint8_t, 16> fdcan_sizes{0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64};
+/// The smallest code whose frame holds `size` bytes, at most 64; what it holds beyond them is zero.
+[[nodiscard]] constexpr std::uint32_t fdcan_code(std::uint8_t size) {
+  std::uint32_t code = 0;
+  while (code < 15 && fdcan_sizes[code] < size) ++code;
+  return code;
+}
+
+/// `Part`: fdcan::G4 or fdcan::H7. Frames leave in the order of try_send(): one at a time is with the controller, the
+/// others wait here. So what the bus has not taken can be withdrawn, and no torque of an earlier tick is ever sent.
+template <class Part, FdcanAccess Access>
+class Fdcan {
+ public:
+  static constexpr std::uint32_t waiting_max = 32;  ///< frames
+
+  explicit Fdcan(const Access& access) : a_(access) {}
+
+  /// Takes the bus at `bit_rate` (bit/s) with a kernel clock of `clock` (Hz); `data_rate` 0: classic frames only. Accepts
+  /// every frame: whoever uses our identifiers must be heard. False where a rate cannot be had exactly or the controller
+  /// does not answer; it is then off the bus, and every try_send is bus_off.
+  [[nodiscard]] bool open(std::uint32_t clock, std::uint32_t bit_rate, std::uint32_t data_rate = 0) {
+    opened_ = false;
+    const fdcan::Timing slow = fdcan::bit_timing(clock, bit_rate, fdcan::nominal_limits);
+    const fdcan::Timing fast = data_rate == 0 ? fdcan::Timing{} : fdcan::bit_timing(clock, data_rate, fdcan::data_limits);
+    if (!slow.exact() || (data_rate != 0 && !fast.exact())) return false;
+    using namespace fdcan;
+    a_.write(cccr, a_.read(cccr) & ~cccr_bit::csr);
+    a_.write(cccr, cccr_bit::init);
+    if (!await(cccr_bit::init, cccr_bit::init)) return false;
+    a_.write(cccr, cccr_bit::init | cccr_bit::cce);
+    if (!await(cccr_bit::cce, cccr_bit::cce)) return false;
+    a_.write(nbtp, ((slow.jump_width - 1) << 25) | ((slow.prescaler - 1) << 16) | ((slow.segment1 - 1) << 8) | (slow.segment2 - 1));
+    Word mode = cccr_bit::init | cccr_bit::cce;
+    if (data_rate != 0) {
+      // The transmitter looks at its own bits where they are sampled: its loop through the transceiver is compensated, which
+      // the controller can do with quanta of one or two periods.
+      const Word offset = fast.prescaler * (1 + fast.segment1);
+      a_.write(dbtp, (fast.prescaler <= 2 ? 1U << 23 : 0U) | ((fast.prescaler - 1) << 16) | ((fast.segment1 - 1) << 8) | ((fast.segment2 - 1) << 4) |
+                         (fast.jump_width - 1));
+      a_.write(tdcr, (offset < 127 ? offset : 127) << 8);
+      mode |= cccr_bit::fdoe | cccr_bit::brse;
+    }
+    a_.write(cccr, mode);
+    a_.write(tscc, 1);  // counts bit times
+    Part::configure(a_);
+    for (Word at = 0; at < Part::ram_words; ++at) a_.write_ram(at, 0);  // its parity is undefined until then (AN5348)
+    a_.write(ie, 0);
+    a_.write(ir, ~Word{0});
+    a_.write(cccr, mode & ~(cccr_bit::init | cccr_bit::cce));
+    opened_ = await(cccr_bit::init, 0);
+    fd_ = data_rate != 0;
+    bit_rate_ = bit_rate;
+    head_ = tail_ = 0;
+    return opened_;
+  }
+
+  SendStatus try_send(const CanFrame& f) {
+    if (!well_formed(f) || (f.fd && !fd_) || (f.bit_rate_switch && !f.fd)) return SendStatus::refused;
+    if (off()) return SendStatus::bus_off;
+    pump();
+    if (head_ - tail_ == waiting_max) return SendStatus::bus_full;
+    waiting_[head_++ % waiting_max] = f;
+    pump();
+    return SendStatus::ok;
+  }
+
+  [[nodiscard]] bool try_receive(CanFrame& f) {
+    if (!opened_) return false;
+    pump();
+    const fdcan::Word state = a_.read(Part::rxf0s);
+    if ((state & fdcan::rx_lost) != 0) {
+      a_.write(fdcan::ir, Part::lost_flag);
+      ++lost_;
+    }
+    if ((state & Part::fill) == 0) return false;
+    const fdcan::Word index = (state >> 8) & Part::index;
+    read(Part::rx_fifo + index * fdcan::element::words, f);
+    a_.write(Part::rxf0a, index);
+    return true;
+  }
+
+  /// Since the end of the frame received last; at most 65 ms at 1 Mbit/s, after which the counter of bits is round.
+  [[nodiscard]] std::uint32_t frame_age_us() const { return age_us_; }
+
+  /// Takes back what the bus has not taken, the frame that is with the controller too unless it is just going out.
+  void withdraw() {
+    withdrawn_ += head_ - tail_;
+    head_ = tail_ = 0;
+    const fdcan::Word pending = opened_ ? a_.read(Part::txbrp) : 0;
+    if (pending == 0) return;
+    ++withdrawn_;
+    a_.write(Part::txbcr, pending);
+  }
+
+  /// The controller has left the bus, by 256 errors of its own or because it never got there.
+  [[nodiscard]] bool off() const { return !opened_ || (a_.read(fdcan::psr) & fdcan::psr_bit::bus_off) != 0; }
+  /// Asks it back after bus-off: it waits for 128 idle sequences by itself and is off() until then. What waits is withdrawn.
+  /// Torque does not resume by this: bus_off is a latched fault of the supervisor.
+  void recover() {
+    if (!opened_ || !off()) return;
+    withdraw();
+    const fdcan::Word mode = a_.read(fdcan::cccr);
+    if ((mode & fdcan::cccr_bit::init) != 0) a_.write(fdcan::cccr, mode & ~(fdcan::cccr_bit::init | fdcan::cccr_bit::cce));
+  }
+
+  /// How often frames were lost because nobody read them; frames that were withdrawn.
+  [[nodiscard]] std::uint32_t lost() const { return lost_; }
+  [[nodiscard]] std::uint32_t withdrawn() const { return withdrawn_; }
+  /// Transmit errors (0..255) in bits 7..0, receive errors (0..127) in bits 14..8: ECR.
+  [[nodiscard]] std::uint32_t error_counters() const { return a_.read(fdcan::ecr) & 0x7FFFU; }
+
+ private:
+  /// The controller's own clock domain follows after some of its periods; bounded, for it may have no clock.
+  [[nodiscard]] bool await(fdcan::Word mask, fdcan::Word value) const {
+    for (int n = 0; n < 100'000; ++n) {
+      if ((a_.read(fdcan::cccr) & mask) == value) return true;
+    }
+    return false;
+  }
+
+  /// Gives the controller the next frame when it has none.
+  void pump() {
+    if (tail_ == head_ || a_.read(Part::txbrp) != 0) return;
+    const CanFrame& f = waiting_[tail_ % waiting_max];
+    const fdcan::Word index = (a_.read(fdcan::txfqs) >> 16) & 0x1FU & Part::index;
+    if (index >= Part::tx_elements) return;
+    fdcan::Word at = Part::tx_buffers + index * fdcan::element::words;
+    const fdcan::Word code = fdcan_code(f.size);
+    a_.write_ram(at++, (f.extended ? f.id | fdcan::element::extended : f.id << fdcan::element::standard_shift) |
+                           (f.remote ? fdcan::element::remote : 0U));
+    a_.write_ram(at++, (code << fdcan::element::dlc_shift) | (f.fd ? fdcan::element::fd : 0U) |
+                           (f.bit_rate_switch ? fdcan::element::bit_rate_switch : 0U));
+    for (std::size_t i = 0; i < fdcan_sizes[code] && !f.remote; i += 4) {
+      fdcan::Word w = 0;
+      for (std::size_t k = 0; k < 4; ++k) {
+        if (i + k < f.size) w |= static_cast<fdcan::Word>(f.data[i + k]) << (8U * k);
+      }
+      a_.write_ram(at++, w);
+    }
+    a_.write(Part::txbar, 1U << index);
+    ++tail_;
+  }
+
+  void read(fdcan::Word at, CanFrame& f) {
+    const fdcan::Word first = a_.read_ram(at), second = a_.read_ram(at + 1);
+    f.extended = (first & fdcan::element::extended) != 0;
+    f.id = f.extended ? first & 0x1FFF'FFFFU : (first >> fdcan::element::standard_shift) & 0x7FFU;
+    f.remote = (first & fdcan::element::remote) != 0;
+    f.fd = (second & fdcan::element::fd) != 0;
+    f.bit_rate_switch = f.fd && (second & fdcan::element::bit_rate_switch) != 0;
+    const std::uint8_t size = fdcan_sizes[(second >> fdcan::element::dlc_shift) & 0xFU];
+    f.size = f.fd || size < can_classic_size_max ? size : can_classic_size_max;  // 9..15 are 8 bytes in a classic frame
+    for (std::size_t i = 0; i < f.size && !f.remote; i += 4) {
+      const fdcan::Word w = a_.read_ram(at + 2 + static_cast<fdcan::Word>(i / 4));
+      for (std::size_t k = 0; k < 4 && i + k < f.size; ++k) f.data[i + k] = static_cast<std::uint8_t>(w >> (8U * k));
+    }
+    // The stamp is of the frame's first bit; without bits that were stuffed it was this long.
+    const std::uint32_t bits = (f.extended ? 64U : 44U) + (f.remote ? 0U : 8U * f.size);
+    const std::uint32_t since = (a_.read(fdcan::tscv) - second) & 0xFFFFU;
+    age_us_ = since > bits ? static_cast<std::uint32_t>(std::uint64_t{since - bits} * 1'000'000U / bit_rate_) : 0U;
+  }
+
+  Access a_;
+  bool opened_ = false, fd_ = false;
+  std::uint32_t bit_rate_ = 1, head_ = 0, tail_ = 0, lost_ = 0, withdrawn_ = 0, age_us_ = 0;
+  std::array<CanFrame, waiting_max> waiting_{};
+};
+
+}  // namespace esmc::hal

@@ -1,0 +1,38 @@
+#pragma once
+/// Bit timing of an FDCAN (M_CAN) from its kernel clock.
+
+#include <cstdint>
+
+namespace esmc::hal::fdcan {
+
+/// Time quanta: a bit is 1 + segment1 + segment2 of them, each `prescaler` periods of the kernel clock. A prescaler of 0
+/// says that the bit rate cannot be had exactly.
+struct Timing {
+  std::uint32_t prescaler = 0, segment1 = 0, segment2 = 0, jump_width = 0;
+  [[nodiscard]] constexpr bool exact() const { return prescaler != 0; }
+};
+
+/// What the registers of a phase hold at most: NBTP, DBTP.
+struct TimingLimits {
+  std::uint32_t prescaler, segment1, segment2, jump_width;
+};
+inline constexpr TimingLimits nominal_limits{512, 256, 128, 128}, data_limits{32, 32, 16, 16};
+
+/// The finest quanta that give exactly `bit_rate` (bit/s) from `clock` (Hz), at least 8 of them; sampled at 80 % of the bit or at
+/// the first point after it, with fewer than 10 quanta two of them before its end; the widest resynchronisation that fits.
+[[nodiscard]] constexpr Timing bit_timing(std::uint32_t clock, std::uint32_t bit_rate, const TimingLimits& most) {
+  if (bit_rate == 0 || clock % bit_rate != 0) return {};
+  const std::uint32_t periods = clock / bit_rate;
+  for (std::uint32_t prescaler = 1; prescaler <= most.prescaler; ++prescaler) {
+    if (periods % prescaler != 0) continue;
+    const std::uint32_t quanta = periods / prescaler;
+    if (quanta < 8) break;
+    const std::uint32_t after = quanta / 5;  // the sample point
+    const std::uint32_t segment2 = after < 2 ? 2 : after, segment1 = quanta - 1 - segment2;
+    if (segment1 > most.segment1 || segment2 > most.segment2) continue;
+    return {prescaler, segment1, segment2, segment2 < most.jump_width ? segment2 : most.jump_width};
+  }
+  return {};
+}
+
+}  // namespace esmc::hal::fdcan

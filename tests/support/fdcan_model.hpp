@@ -1,0 +1,236 @@
+#pragma once
+/// An FDCAN as a program sees it, by the reference manuals (RM0440 ch. 44, RM0433 ch. 56): registers by their addresses there,
+/// write protection, message memory, receive FIFO 0, transmit queue, time stamps, error states. What a program must not do is
+/// noted in `wrong`. Shares nothing with hal/fdcan.
+
+#include <cstdint>
+#include <deque>
+#include <map>
+#include <optional>
+#include <set>
+#include <string>
+#include <vector>
+
+namespace esmc::test {
+
+struct WireFrame {
+  std::uint32_t id = 0;
+  bool extended = false, remote = false, fd = false, brs = false;
+  unsigned dlc = 0;
+  std::vector<std::uint8_t> bytes{};  // as many as the code says
+  friend bool operator==(const WireFrame&, const WireFrame&) = default;
+};
+
+class FdcanModel {
+ public:
+  enum class Chip { g4, h7 };
+  explicit FdcanModel(Chip chip) : chip_(chip) {
+    r_[0x18] = 0x1;          // CCCR: INIT
+    r_[0x1C] = 0x06000A03;   // NBTP
+    r_[0x0C] = 0x00000A33;   // DBTP
+    r_[0x44] = 0x707;        // PSR
+  }
+  std::vector<std::string> wrong;
+  bool clocked = true;       ///< without a kernel clock INIT never follows
+
+  // --- the program's side --------------------------------------------------------------------------------------------------
+  std::uint32_t read(std::uint32_t at) {
+    if (at == 0x18) {
+      if (clocked && settle_ > 0 && --settle_ == 0) init_ = wanted_init_;
+      return (r_[0x18] & ~1U) | (init_ ? 1U : 0U);
+    }
+    if (at == 0x24) return stamp_ / (((r_[0x20] >> 16) & 0xF) + 1) & 0xFFFF;
+    if (at == rxf0s()) {
+      const auto n = static_cast<std::uint32_t>(fill_);
+      return n | (get_ << 8) | (put_ << 16) | (n == depth() ? 1U << 24 : 0U) | ((r_[0x50] & lost_flag()) != 0 ? 1U << 25 : 0U);
+    }
+    if (at == txbrp()) return pending_;
+    if (at == 0xC4) {
+      std::uint32_t free = 0;
+      while (free < tx_depth() && (pending_ & (1U << free)) != 0) ++free;
+      return (free == tx_depth() ? 1U << 21 : free << 16);  // queue mode: fill level and get index read as zero
+    }
+    if (at == 0x40) return (rec_ << 8) | (tec_ & 0xFF);
+    if (at == 0x44) return r_[0x44] | (off_ ? 1U << 7 : 0U) | (tec_ > 127 || rec_ > 127 ? 1U << 5 : 0U);
+    return r_.contains(at) ? r_[at] : 0;
+  }
+  void write(std::uint32_t at, std::uint32_t v) {
+    const bool open = (r_[0x18] & 2U) != 0 && init_;
+    if (at == 0x18) {
+      if ((v & 2U) != 0 && !init_) fault("CCE without INIT");
+      const std::uint32_t guarded = 0x0000'B3E4;  // NISO..BRSE, FDOE, TEST, DAR, MON, ASM
+      if (((v ^ r_[0x18]) & guarded) != 0 && !open) fault("a protected bit of CCCR");
+      wanted_init_ = (v & 1U) != 0;
+      settle_ = 3;
+      r_[0x18] = (v & ~1U) & (wanted_init_ ? ~0U : ~2U);
+      return;
+    }
+    if (guarded_register(at) && !open) return fault("register " + std::to_string(at) + " while protected");
+    if (at == 0x50) {
+      r_[0x50] &= ~v;
+    } else if (at == rxf0a()) {
+      if (fill_ == 0 || v != get_) return fault("acknowledges what is not there");
+      get_ = (get_ + 1) % depth();
+      --fill_;
+    } else if (at == txbar()) {
+      if (init_) return fault("asks to send while not on the bus");
+      if ((v & pending_) != 0) fault("writes a buffer that is pending");
+      pending_ |= v;
+    } else if (at == txbcr()) {
+      if (!queue_mode()) fault("cancels in FIFO mode");
+      for (std::uint32_t i = 0; i < tx_depth(); ++i) {
+        if ((v & (1U << i)) != 0 && on_wire_ != static_cast<int>(i)) pending_ &= ~(1U << i);
+      }
+    } else {
+      r_[at] = v;
+    }
+  }
+  std::uint32_t read_ram(std::uint32_t word) {
+    if (!ram_.contains(word)) fault("reads memory that was never written");
+    return ram_[word];
+  }
+  void write_ram(std::uint32_t word, std::uint32_t v) {
+    if (word >= (chip_ == Chip::g4 ? 0x350U / 4 : 2560U)) fault("outside of the message memory");
+    for (std::uint32_t i = 0; i < tx_depth(); ++i) {
+      if ((pending_ & (1U << i)) != 0 && word >= tx_at(i) && word < tx_at(i) + 18) fault("changes a pending frame");
+    }
+    ram_[word] = v;
+  }
+
+  // --- the bus's side ------------------------------------------------------------------------------------------------------
+  [[nodiscard]] bool on_bus() const { return !init_ && !off_; }
+  void bits(std::uint32_t n) { stamp_ += n; }
+  /// The frame that wins the arbitration among those asked for; it stays pending until delivered().
+  std::optional<WireFrame> begin_frame() {
+    if (!on_bus() || pending_ == 0) return {};
+    std::uint64_t best = ~std::uint64_t{0};
+    for (std::uint32_t i = 0; i < tx_depth(); ++i) {
+      if ((pending_ & (1U << i)) == 0) continue;
+      const std::uint32_t t0 = ram_[tx_at(i)];
+      const std::uint64_t rank = (t0 & (1U << 30)) != 0 ? (std::uint64_t{t0 & 0x1FFFFFFF} << 1) | 1 : std::uint64_t{t0 & 0x1FFC0000} << 1;
+      if (rank < best) best = rank, on_wire_ = static_cast<int>(i);
+    }
+    return element(tx_at(static_cast<std::uint32_t>(on_wire_)));
+  }
+  void delivered() {
+    pending_ &= ~(1U << static_cast<unsigned>(on_wire_));
+    on_wire_ = -1;
+    if (tec_ > 0) --tec_;
+  }
+  std::optional<WireFrame> take() {
+    auto f = begin_frame();
+    if (f) delivered();
+    return f;
+  }
+  /// Nobody acknowledged, or the bits came back wrong: 8 more errors; above 255 off the bus.
+  void spoiled() {
+    on_wire_ = -1;
+    tec_ += 8;
+    if (tec_ > 255) off_ = true, init_ = wanted_init_ = true, settle_ = 0;
+  }
+  /// Recessive bits: 129 sequences of 11 of them after INIT was cleared bring it back.
+  void idle(std::uint32_t n) {
+    bits(n);
+    if (off_ && !init_ && (idle_ += n) >= 129 * 11) off_ = false, tec_ = rec_ = idle_ = 0;
+  }
+  void deliver(const WireFrame& f) {
+    if (!on_bus()) return;
+    const std::uint32_t gfc = r_.contains(0x80) ? r_[0x80] : 0;
+    if (f.remote && (gfc & (f.extended ? 1U : 2U)) != 0) return;
+    if (((gfc >> (f.extended ? 2 : 4)) & 3U) != 0) return;  // not into FIFO 0
+    if (f.fd && (r_[0x18] & (1U << 8)) == 0) return;        // a form error, there
+    if (depth() == 0 || fill_ == depth()) {
+      r_[0x50] |= lost_flag();
+      return;
+    }
+    const std::uint32_t at = rx_at(put_);
+    ram_[at] = (f.extended ? f.id | 1U << 30 : f.id << 18) | (f.remote ? 1U << 29 : 0U);
+    ram_[at + 1] = 1U << 31 | (f.fd ? 1U << 21 : 0U) | (f.brs ? 1U << 20 : 0U) | f.dlc << 16 | (read(0x24) & 0xFFFF);
+    for (std::uint32_t w = 0; 4 * w < f.bytes.size(); ++w) {
+      std::uint32_t v = 0;
+      for (std::uint32_t k = 0; k < 4 && 4 * w + k < f.bytes.size(); ++k) v |= std::uint32_t{f.bytes[4 * w + k]} << (8 * k);
+      ram_[at + 2 + w] = v;
+    }
+    put_ = (put_ + 1) % depth();
+    ++fill_;
+  }
+
+  struct Bit {
+    double rate, sample_point, quanta;
+  };
+  [[nodiscard]] Bit nominal(double clock) {
+    const std::uint32_t v = r_[0x1C];
+    return bit(clock, ((v >> 16) & 0x1FF) + 1, ((v >> 8) & 0xFF) + 1, (v & 0x7F) + 1);
+  }
+  [[nodiscard]] Bit data(double clock) {
+    const std::uint32_t v = r_[0x0C];
+    return bit(clock, ((v >> 16) & 0x1F) + 1, ((v >> 8) & 0x1F) + 1, ((v >> 4) & 0xF) + 1);
+  }
+
+ private:
+  static Bit bit(double clock, double prescaler, double before, double after) {
+    const double quanta = 1 + before + after;
+    return {clock / prescaler / quanta, (1 + before) / quanta, quanta};
+  }
+  void fault(const std::string& what) { wrong.push_back(what); }
+  [[nodiscard]] bool g4() const { return chip_ == Chip::g4; }
+  [[nodiscard]] std::uint32_t rxf0s() const { return g4() ? 0x90 : 0xA4; }
+  [[nodiscard]] std::uint32_t rxf0a() const { return g4() ? 0x94 : 0xA8; }
+  [[nodiscard]] std::uint32_t txbrp() const { return g4() ? 0xC8 : 0xCC; }
+  [[nodiscard]] std::uint32_t txbar() const { return g4() ? 0xCC : 0xD0; }
+  [[nodiscard]] std::uint32_t txbcr() const { return g4() ? 0xD0 : 0xD4; }
+  [[nodiscard]] std::uint32_t lost_flag() const { return g4() ? 1U << 2 : 1U << 3; }
+  [[nodiscard]] bool guarded_register(std::uint32_t at) const {
+    static const std::set<std::uint32_t> both{0x0C, 0x10, 0x14, 0x1C, 0x20, 0x28, 0x48, 0x80, 0xC0};
+    static const std::set<std::uint32_t> full{0x84, 0x88, 0x90, 0xA0, 0xAC, 0xB0, 0xBC, 0xC8, 0xF0};
+    return both.contains(at) || (g4() ? at == 0x84 || at == 0x100 : full.contains(at));
+  }
+  std::uint32_t reg(std::uint32_t at) { return r_.contains(at) ? r_[at] : 0; }
+  std::uint32_t depth() { return g4() ? 3 : (reg(0xA0) >> 16) & 0x7F; }
+  std::uint32_t tx_depth() { return g4() ? 3 : (reg(0xC0) >> 24) & 0x3F; }
+  bool queue_mode() { return (reg(0xC0) & (g4() ? 1U << 24 : 1U << 30)) != 0; }
+  /// Words of an element whose data field has the size that RXESC and TXESC give.
+  static std::uint32_t words(std::uint32_t code) {
+    static const std::uint32_t bytes[] = {8, 12, 16, 20, 24, 32, 48, 64};
+    return 2 + bytes[code & 7] / 4;
+  }
+  std::uint32_t rx_at(std::uint32_t i) {
+    return g4() ? 0xB0 / 4 + 18 * i : ((reg(0xA0) & 0xFFFC) >> 2) + words(reg(0xBC)) * i;
+  }
+  std::uint32_t tx_at(std::uint32_t i) {
+    return g4() ? 0x278 / 4 + 18 * i : ((reg(0xC0) & 0xFFFC) >> 2) + words(reg(0xC8)) * i;
+  }
+  WireFrame element(std::uint32_t at) {
+    static const unsigned sizes[] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64};
+    const std::uint32_t t0 = read_ram(at), t1 = read_ram(at + 1);
+    WireFrame f;
+    f.extended = (t0 >> 30 & 1) != 0;
+    f.remote = (t0 >> 29 & 1) != 0;
+    f.id = f.extended ? t0 & 0x1FFFFFFF : t0 >> 18 & 0x7FF;
+    f.dlc = t1 >> 16 & 0xF;
+    const bool fd_on = (r_[0x18] & (1U << 8)) != 0;
+    f.fd = fd_on && (t1 >> 21 & 1) != 0;
+    f.brs = f.fd && (t1 >> 20 & 1) != 0 && (r_[0x18] & (1U << 9)) != 0;
+    const unsigned n = f.fd ? sizes[f.dlc] : (f.dlc > 8 ? 8 : f.dlc);
+    for (unsigned i = 0; i < n && !f.remote; ++i) f.bytes.push_back(static_cast<std::uint8_t>(read_ram(at + 2 + i / 4) >> (8 * (i % 4))));
+    return f;
+  }
+
+  Chip chip_;
+  std::map<std::uint32_t, std::uint32_t> r_, ram_;
+  bool init_ = true, wanted_init_ = true, off_ = false;
+  int settle_ = 0, on_wire_ = -1;
+  std::uint32_t pending_ = 0, get_ = 0, put_ = 0, stamp_ = 0, tec_ = 0, rec_ = 0, idle_ = 0;
+  std::size_t fill_ = 0;
+};
+
+/// The driver's way to it.
+struct FdcanModelAccess {
+  FdcanModel* model;
+  [[nodiscard]] std::uint32_t read(std::uint32_t at) const { return model->read(at); }
+  void write(std::uint32_t at, std::uint32_t v) { model->write(at, v); }
+  [[nodiscard]] std::uint32_t read_ram(std::uint32_t at) const { return model->read_ram(at); }
+  void write_ram(std::uint32_t at, std::uint32_t v) { model->write_ram(at, v); }
+};
+
+}  // namespace esmc::test
