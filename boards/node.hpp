@@ -4,6 +4,7 @@
 #include <concepts>
 #include <cstdint>
 
+#include "firmware/safety/supervisor.hpp"
 #include "hal/can.hpp"
 #include "hal/clock.hpp"
 #include "hal/io.hpp"
@@ -19,6 +20,14 @@ concept Board = requires(B& b) {
   requires hal::DigitalOutput<std::remove_reference_t<decltype(b.drive_enable())>>;
   { b.now_us() } -> std::same_as<std::uint32_t>;  // wraps
 };
+
+/// Outputs follow the node's state, and the watchdog is refreshed after a good tick only.
+template <class Node, Board B>
+void finish_tick(Node& node, B& board) {
+  board.drive_enable().set(node.drive_enable());
+  if constexpr (requires { board.brake(); }) board.brake().set(node.release_brake());
+  if (node.good()) board.watchdog().refresh();
+}
 
 /// Lockstep: a tick is a complete set of samples, as `esmc plant` sends them. Until a drive is heard it is asked to arm
 /// every `knock_us`, as `esmc controller` does.
@@ -47,14 +56,76 @@ class LockstepLoop {
   void tick(bool answer) {
     node_.tick(board_.bus(), answer);
     node_.request(board_.bus());
-    board_.drive_enable().set(node_.drive_enable());
-    if (node_.good()) board_.watchdog().refresh();
+    finish_tick(node_, board_);
   }
 
   Node& node_;
   B& board_;
   bool knocked_ = false;
   std::uint32_t knocked_at_us_ = 0;
+};
+
+/// Against the clock: tick k begins at the instant k periods after the first. What the bus has not taken of a tick's frames
+/// by then is withdrawn, so that no torque is older than its tick. A tick that begins half a period late is counted and the
+/// instants go on from there; two in a row, and the mechanism is brought to rest.
+template <class Node, Board B>
+class TimedLoop {
+ public:
+  /// `period_ns`: up to a second. The drives' answers are waited for during `patience` of a period, where they are asked.
+  TimedLoop(Node& node, B& board, std::uint32_t period_ns, float patience = 0.4F)
+      : node_(node), board_(board), period_us_(period_ns / 1000U), period_rest_ns_(period_ns % 1000U),
+        patience_us_(static_cast<std::uint32_t>(static_cast<float>(period_us_) * patience)), next_us_(board.now_us()) {}
+
+  /// One turn; call for ever, as often as can be. True: a tick has been done.
+  bool turn() {
+    node_.enable_input(board_.enable().closed());
+    node_.receive(board_.bus());
+    const std::uint32_t now = board_.now_us(), since = now - next_us_;
+    if (since >= 0x8000'0000U) return false;  // before the instant; the counter goes round
+    if (!asked_) {
+      begin(since);
+      return false;
+    }
+    if (Node::samples_on_demand && !node_.complete() && !node_.overloaded() && now - began_us_ < patience_us_) return false;
+    node_.tick(board_.bus(), true);
+    finish_tick(node_, board_);
+    asked_ = false;
+    advance();
+    return true;
+  }
+
+  /// Ticks that began late, since the start.
+  [[nodiscard]] std::uint32_t late() const { return late_; }
+
+ private:
+  void begin(std::uint32_t since) {
+    if (since > period_us_ / 2) {
+      ++late_;
+      if (late_before_) node_.command(Command::halt);
+      late_before_ = true;
+      next_us_ += since;
+    } else {
+      late_before_ = false;
+    }
+    began_us_ = next_us_;
+    asked_ = true;
+    if constexpr (requires { board_.bus().withdraw(); }) board_.bus().withdraw();
+    if constexpr (requires { board_.bus().recover(); }) board_.bus().recover();
+    if (Node::samples_on_demand) node_.request(board_.bus());
+  }
+  void advance() {
+    next_us_ += period_us_;
+    rest_ns_ += period_rest_ns_;
+    if (rest_ns_ >= 1000U) {
+      rest_ns_ -= 1000U;
+      ++next_us_;
+    }
+  }
+
+  Node& node_;
+  B& board_;
+  std::uint32_t period_us_, period_rest_ns_, patience_us_, next_us_, began_us_ = 0, rest_ns_ = 0, late_ = 0;
+  bool asked_ = false, late_before_ = false;
 };
 
 }  // namespace esmc

@@ -1,4 +1,4 @@
-# ST NUCLEO-H743ZI2: Cortex-M7, double-precision FPU. So far the control archive only.
+# ST NUCLEO-H743ZI2: Cortex-M7, double-precision FPU.
 set(ESMC_BOARD nucleo_h743zi2 CACHE STRING "" FORCE)
 set(CMAKE_SYSTEM_PROCESSOR cortex-m7)
 set(ESMC_CPU_FLAGS "-mcpu=cortex-m7 -mthumb -mfpu=fpv5-d16 -mfloat-abi=hard")

@@ -2,7 +2,7 @@
 """Images of boards: built by their presets, run in QEMU where it has the processor.
 
 usage: board_test.py build ROOT BOARD ESMC       with the esmc command that bakes
-       board_test.py image ELF SCALAR               what must not be in it, and what it takes of the memories
+       board_test.py image ELF SCALAR [FLASH RAM]   what must not be in it, and what it takes of the memories, at most
        board_test.py loop ELF MACHINE SCALAR ESMC SCENE
                                                     closes the loop with `esmc plant` over slcan: the same digest as
                                                     `esmc hil --scalar SCALAR`, to the last bit
@@ -40,16 +40,25 @@ def build(root, board, esmc):
     return 0
 
 
-def image(elf, scalar):
+def image(elf, scalar, flash_max=1 << 20, ram_max=1 << 17):
     names = run("arm-none-eabi-nm", "-C", elf).stdout
     hosted = (r"_?malloc\w*|_?free|_sbrk\w*|operator new.*|operator delete.*|__cxa_\w*|_Unwind\w*|__gxx_personality\w*|"
               r"typeinfo .*|vtable .*|\w*printf\w*|_write|_read|.*aligned_malloc.*")
     software = r"|__aeabi_d\w+" if scalar == "float" else ""  # of a processor that has no double
     bad = re.findall(rf"^.* [tTwWbBdDrRvV] ({hosted}{software})$", names, re.M)
     size = run("arm-none-eabi-size", elf).stdout.splitlines()[1].split()
-    print(f"forbidden symbols: {bad}; flash {int(size[0]) + int(size[1])} bytes, RAM {int(size[1]) + int(size[2])} bytes "
-          "with the stack")
-    return 1 if bad or "esmc_reset" not in names else 0
+    flash, ram = int(size[0]) + int(size[1]), int(size[1]) + int(size[2])
+    print(f"forbidden symbols: {bad}; flash {flash} bytes, RAM {ram} bytes with the stack")
+    # The processor takes its stack from the first word of the flash, and its first instruction from the second.
+    with tempfile.TemporaryDirectory() as folder:
+        run("arm-none-eabi-objcopy", "-O", "binary", elf, f"{folder}/flash")
+        vectors = Path(folder, "flash").read_bytes()[:8]
+    stack, entry = int.from_bytes(vectors[:4], "little"), int.from_bytes(vectors[4:], "little")
+    at = symbols_of(elf)
+    if stack != at["esmc_stack_top"] or entry != at["esmc_reset"] | 1:
+        print(f"vectors: stack {stack:x}, entry {entry:x}")
+        return 1
+    return 1 if bad or flash > int(flash_max) or ram > int(ram_max) else 0
 
 
 def symbols_of(elf):

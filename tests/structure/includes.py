@@ -3,7 +3,7 @@
 
   hal/*.hpp             std, hal/*.hpp
   hal/<back end>        hal, std and the headers of its OS or vendor
-  hal/slcan, virtual    hal, std: portable; linux uses slcan
+  hal/slcan, fdcan, virtual   hal, std: portable; linux uses slcan
   firmware/numeric      std
   firmware/mechanism    std, Eigen (through types), types, numeric, mechanism
   firmware/control      the same and control
@@ -14,7 +14,7 @@
   host_sim/studies      std, host_sim without commands, of firmware types, numeric, mechanism: more mechanisms from the same parts
   host_sim, else not commands   never the controller: of firmware only types, numeric, parameters and the wire format;
                         nor studies
-  boards                std, firmware, hal/*.hpp, hal/slcan, boards, the baked scene.hpp; never host_sim or tests
+  boards                std, firmware, hal/*.hpp, hal/slcan, hal/fdcan, boards, the board's own chip.hpp, the baked scene.hpp; never host_sim or tests
   nothing in firmware or hal includes host_sim, boards or tests; nothing in host_sim includes tests
 """
 
@@ -34,6 +34,7 @@ RULES = [
     ("hal", False, rf"{STD}|{HAL}"),
     ("hal/linux", True, rf"<.*>|{HAL}|hal/(linux|slcan)/.*"),
     ("hal/slcan", True, rf"{STD}|{HAL}|hal/slcan/.*"),
+    ("hal/fdcan", True, rf"{STD}|{HAL}|hal/fdcan/.*"),
     ("hal/virtual", True, rf"{STD}|{HAL}|hal/virtual/.*"),
     ("firmware", False, rf"{STD}|<Eigen/Core>|firmware/numeric/.*"),
     ("firmware/numeric", True, rf"{STD}|firmware/numeric/.*"),
@@ -43,7 +44,7 @@ RULES = [
     ("firmware/drive", True, rf"{STD}|{HAL}|firmware/drive/.*"),
     ("firmware/link", True, rf"{STD}|{HAL}|firmware/(safety|link)/.*"),
     ("firmware/cycle", True, rf"{STD}|{HAL}|firmware/.*"),
-    ("boards", True, rf"{STD}|{HAL}|hal/slcan/.*|firmware/.*|boards/.*|scene\.hpp"),
+    ("boards", True, rf"{STD}|{HAL}|hal/(slcan|fdcan)/.*|firmware/.*|boards/.*|(chip|scene)\.hpp"),
     ("host_sim", False, rf"<.*>|hal/.*|host_sim/(?!studies/).*|{SHARED}"),
     ("host_sim/studies", True, rf"{MODEL}|host_sim/(?!commands/).*"),
     ("host_sim/commands", True, r"<.*>|hal/.*|host_sim/.*|firmware/.*"),

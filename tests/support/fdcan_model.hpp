@@ -212,7 +212,10 @@ class FdcanModel {
     f.fd = fd_on && (t1 >> 21 & 1) != 0;
     f.brs = f.fd && (t1 >> 20 & 1) != 0 && (r_[0x18] & (1U << 9)) != 0;
     const unsigned n = f.fd ? sizes[f.dlc] : (f.dlc > 8 ? 8 : f.dlc);
-    for (unsigned i = 0; i < n && !f.remote; ++i) f.bytes.push_back(static_cast<std::uint8_t>(read_ram(at + 2 + i / 4) >> (8 * (i % 4))));
+    const unsigned field = 4 * (words(g4() ? 7 : reg(0xC8)) - 2);  // what the element does not hold goes out as CC
+    for (unsigned i = 0; i < n && !f.remote; ++i) {
+      f.bytes.push_back(i < field ? static_cast<std::uint8_t>(read_ram(at + 2 + i / 4) >> (8 * (i % 4))) : std::uint8_t{0xCC});
+    }
     return f;
   }
 

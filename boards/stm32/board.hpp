@@ -1,0 +1,59 @@
+#pragma once
+/// A NUCLEO board as the loop sees it; "chip.hpp" is the board's own.
+
+#include "boards/node.hpp"
+#include "chip.hpp"
+
+namespace esmc::stm32 {
+
+class NucleoBoard {
+ public:
+  /// Pins first, so that outputs are low; clocks, then the bus. What went wrong, or none; the console tells in either case.
+  [[nodiscard]] StartFault start(Word bit_rate) {
+    Chip::start_pins();
+    cause_ = Chip::reset_cause();
+    StartFault fault = Chip::start_clocks();
+    if (fault == StartFault::none) {
+      start_microseconds(Chip::timer_clock_hz);
+      console_.start(Chip::console_clock_hz);
+      Chip::prepare_can();
+      if (!bus_.open(Chip::can_clock_hz, bit_rate)) fault = StartFault::can;
+    }
+    return fault;
+  }
+
+  struct Contact {
+    [[nodiscard]] static bool closed() { return Chip::enable.high(); }
+  };
+  struct DriveEnable {
+    static void set(bool on) { Chip::drive_enable.set(on); }
+  };
+  struct Brake {
+    static void set(bool on) { Chip::brake.set(on); }
+  };
+  struct Watchdog {
+    static void refresh() { Chip::watchdog.refresh(); }
+  };
+
+  [[nodiscard]] Chip::Can& bus() { return bus_; }
+  [[nodiscard]] Watchdog& watchdog() { return watchdog_; }
+  [[nodiscard]] Contact& enable() { return contact_; }
+  [[nodiscard]] DriveEnable& drive_enable() { return drive_enable_; }
+  [[nodiscard]] Brake& brake() { return brake_; }
+  [[nodiscard]] Word now_us() const { return microseconds(); }
+  [[nodiscard]] Console& console() { return console_; }
+  /// Flags of the reset that began this run, as the chip has them.
+  [[nodiscard]] Word reset_cause() const { return cause_; }
+
+ private:
+  Chip::Can bus_{Chip::CanMemory{}};
+  Console console_{Chip::console};
+  Watchdog watchdog_;
+  Contact contact_;
+  DriveEnable drive_enable_;
+  Brake brake_;
+  Word cause_ = 0;
+};
+static_assert(Board<NucleoBoard>);
+
+}  // namespace esmc::stm32

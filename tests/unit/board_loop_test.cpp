@@ -1,0 +1,158 @@
+/// The loops of boards/node.hpp on a clock and a node of the test's own.
+
+#include <gtest/gtest.h>
+
+#include <vector>
+
+#include "boards/node.hpp"
+
+namespace esmc::test {
+namespace {
+
+struct Bus {
+  int withdrawals = 0, recoveries = 0;
+  hal::SendStatus try_send(const hal::CanFrame&) { return hal::SendStatus::ok; }
+  bool try_receive(hal::CanFrame&) { return false; }
+  void withdraw() { ++withdrawals; }
+  void recover() { ++recoveries; }
+};
+struct Switch {
+  bool on = false;
+  [[nodiscard]] bool closed() const { return on; }
+  void set(bool v) { on = v; }
+};
+struct Dog {
+  int refreshed = 0;
+  void refresh() { ++refreshed; }
+};
+struct FakeBoard {
+  Bus bus_;
+  Dog dog;
+  Switch enable_{true}, drive, brake_;
+  std::uint32_t now = 0;
+  Bus& bus() { return bus_; }
+  Dog& watchdog() { return dog; }
+  Switch& enable() { return enable_; }
+  Switch& drive_enable() { return drive; }
+  Switch& brake() { return brake_; }
+  [[nodiscard]] std::uint32_t now_us() const { return now; }
+};
+static_assert(Board<FakeBoard>);
+
+template <bool on_demand>
+struct FakeNode {
+  static constexpr bool samples_on_demand = on_demand;
+  FakeBoard& board;
+  std::vector<std::uint32_t> ticks{}, requests{};
+  std::vector<Command> commands{};
+  bool set_complete = false, flooded = false, healthy = true, powered = false, enabled = true;
+  int withdrawn_before_request = 0;
+  void enable_input(bool closed) { enabled = closed; }
+  void receive(Bus&) {}
+  [[nodiscard]] bool complete() const { return set_complete; }
+  [[nodiscard]] bool overloaded() const { return flooded; }
+  void request(Bus& bus) {
+    requests.push_back(board.now);
+    withdrawn_before_request = bus.withdrawals;
+  }
+  void tick(Bus&, bool answer) {
+    EXPECT_TRUE(answer);
+    ticks.push_back(board.now);
+  }
+  void command(Command c) { commands.push_back(c); }
+  [[nodiscard]] bool good() const { return healthy; }
+  [[nodiscard]] bool drive_enable() const { return powered; }
+  [[nodiscard]] bool release_brake() const { return powered; }
+};
+
+/// Turns at every microsecond of `n`.
+template <class Loop>
+void run(FakeBoard& board, Loop& loop, std::uint32_t n) {
+  for (std::uint32_t i = 0; i < n; ++i, ++board.now) {
+    for (int k = 0; k < 3; ++k) loop.turn();
+  }
+}
+
+TEST(TimedLoop, TicksAtTheirInstantsAlsoWhenThePeriodIsNoWholeMicrosecond) {
+  FakeBoard board;
+  FakeNode<false> node{board};
+  TimedLoop loop(node, board, 333'333);
+  run(board, loop, 1'000'000);
+  ASSERT_EQ(node.ticks.size(), 3001U);  // 0, 333.333 us, ..., 999.999 ms
+  for (std::size_t k = 0; k < node.ticks.size(); ++k) {
+    EXPECT_NEAR(node.ticks[k], 333.333 * static_cast<double>(k), 1.0);
+  }
+  EXPECT_EQ(loop.late(), 0U);
+}
+
+TEST(TimedLoop, GoesOnWhereTheCounterGoesRound) {
+  FakeBoard board;
+  board.now = 0xFFFF'FF00U;
+  FakeNode<false> node{board};
+  TimedLoop loop(node, board, 1'000'000);
+  run(board, loop, 10'000);
+  EXPECT_EQ(node.ticks.size(), 10U);
+  EXPECT_EQ(loop.late(), 0U);
+}
+
+TEST(TimedLoop, AsksAtTheInstantAndWaitsNoLongerThanItsPatience) {
+  FakeBoard board;
+  FakeNode<true> node{board};
+  TimedLoop loop(node, board, 1'000'000);
+  run(board, loop, 1000);
+  EXPECT_EQ(node.requests, std::vector<std::uint32_t>{0});
+  EXPECT_EQ(node.ticks, std::vector<std::uint32_t>{400});
+  EXPECT_EQ(node.withdrawn_before_request, 1);
+  node.set_complete = true;  // the answers are there at once
+  run(board, loop, 1000);
+  EXPECT_EQ(node.requests.back(), 1000U);
+  EXPECT_EQ(node.ticks.back(), 1000U);
+  node.set_complete = false;
+  node.flooded = true;  // no set will be complete
+  run(board, loop, 1000);
+  EXPECT_EQ(node.ticks.back(), 2000U);
+  EXPECT_EQ(board.bus_.withdrawals, 3);
+  EXPECT_EQ(board.bus_.recoveries, 3);
+}
+
+TEST(TimedLoop, OneLateTickIsCountedTwoInARowHalt) {
+  FakeBoard board;
+  FakeNode<false> node{board};
+  TimedLoop loop(node, board, 1'000'000);
+  run(board, loop, 1);
+  board.now = 1500;  // half a period is not late yet
+  run(board, loop, 1);
+  EXPECT_EQ(loop.late(), 0U);
+  board.now = 2700;
+  run(board, loop, 1);
+  EXPECT_EQ(loop.late(), 1U);
+  EXPECT_TRUE(node.commands.empty());
+  run(board, loop, 3000);  // from there on in time
+  EXPECT_EQ(node.ticks.back(), 5700U);
+  EXPECT_EQ(loop.late(), 1U);
+  board.now = 7500;
+  run(board, loop, 1);
+  board.now = 9300;
+  run(board, loop, 1);
+  EXPECT_EQ(loop.late(), 3U);
+  EXPECT_EQ(node.commands, std::vector<Command>{Command::halt});
+}
+
+TEST(TimedLoop, OutputsFollowAndTheWatchdogIsFedByGoodTicksOnly) {
+  FakeBoard board;
+  FakeNode<false> node{board};
+  TimedLoop loop(node, board, 1'000'000);
+  run(board, loop, 3000);
+  EXPECT_EQ(board.dog.refreshed, 3);
+  EXPECT_FALSE(board.drive.on || board.brake_.on);
+  node.healthy = false;
+  node.powered = true;
+  board.enable_.on = false;
+  run(board, loop, 3000);
+  EXPECT_EQ(board.dog.refreshed, 3);
+  EXPECT_TRUE(board.drive.on && board.brake_.on);
+  EXPECT_FALSE(node.enabled);
+}
+
+}  // namespace
+}  // namespace esmc::test
