@@ -76,8 +76,10 @@ class TimedLoop {
       : node_(node), board_(board), period_us_(period_ns / 1000U), period_rest_ns_(period_ns % 1000U),
         patience_us_(static_cast<std::uint32_t>(static_cast<float>(period_us_) * patience)), next_us_(board.now_us()) {}
 
-  /// One turn; call for ever, as often as can be. True: a tick has been done.
-  bool turn() {
+  /// One turn; call for ever, as often as can be, or when a frame has come and at instant_us(). True: a tick has been done,
+  /// and `seen` was given its result.
+  template <class Seen>
+  bool turn(Seen&& seen) {
     node_.enable_input(board_.enable().closed());
     node_.receive(board_.bus());
     const std::uint32_t now = board_.now_us(), since = now - next_us_;
@@ -87,18 +89,29 @@ class TimedLoop {
       return false;
     }
     if (Node::samples_on_demand && !node_.complete() && !node_.overloaded() && now - began_us_ < patience_us_) return false;
-    node_.tick(board_.bus(), true);
+    const auto result = node_.tick(board_.bus(), true);
     finish_tick(node_, board_);
     asked_ = false;
     advance();
+    seen(result);
     return true;
   }
+  bool turn() {
+    return turn([](const auto&) {});
+  }
 
+  /// The next instant at which something is to be done, whatever comes on the bus, on the board's clock.
+  [[nodiscard]] std::uint32_t instant_us() const {
+    return !asked_ ? next_us_ : (Node::samples_on_demand ? began_us_ + patience_us_ : began_us_);
+  }
+  /// By how much the last tick began after its instant.
+  [[nodiscard]] std::uint32_t lateness_us() const { return lateness_us_; }
   /// Ticks that began late, since the start.
   [[nodiscard]] std::uint32_t late() const { return late_; }
 
  private:
   void begin(std::uint32_t since) {
+    lateness_us_ = since;
     if (since > period_us_ / 2) {
       ++late_;
       if (late_before_) node_.command(Command::halt);
@@ -110,7 +123,7 @@ class TimedLoop {
     began_us_ = next_us_;
     asked_ = true;
     if constexpr (requires { board_.bus().withdraw(); }) board_.bus().withdraw();
-    if constexpr (requires { board_.bus().recover(); }) board_.bus().recover();
+    if constexpr (requires { board_.bus().rejoin(); }) board_.bus().rejoin();
     if (Node::samples_on_demand) node_.request(board_.bus());
   }
   void advance() {
@@ -124,7 +137,8 @@ class TimedLoop {
 
   Node& node_;
   B& board_;
-  std::uint32_t period_us_, period_rest_ns_, patience_us_, next_us_, began_us_ = 0, rest_ns_ = 0, late_ = 0;
+  std::uint32_t period_us_, period_rest_ns_, patience_us_, next_us_, began_us_ = 0, rest_ns_ = 0, late_ = 0,
+      lateness_us_ = 0;
   bool asked_ = false, late_before_ = false;
 };
 

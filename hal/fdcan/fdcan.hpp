@@ -120,7 +120,7 @@ class Fdcan {
   [[nodiscard]] bool off() const { return !opened_ || (a_.read(fdcan::psr) & fdcan::psr_bit::bus_off) != 0; }
   /// Asks it back after bus-off: it waits for 128 idle sequences by itself and is off() until then. What waits is withdrawn.
   /// Torque does not resume by this: bus_off is a latched fault of the supervisor.
-  void recover() {
+  void rejoin() {
     if (!opened_ || !off()) return;
     withdraw();
     const fdcan::Word mode = a_.read(fdcan::cccr);

@@ -14,7 +14,8 @@
   host_sim/studies      std, host_sim without commands, of firmware types, numeric, mechanism: more mechanisms from the same parts
   host_sim, else not commands   never the controller: of firmware only types, numeric, parameters and the wire format;
                         nor studies
-  boards                std, firmware, hal/*.hpp, hal/slcan, hal/fdcan, boards, the board's own chip.hpp, the baked scene.hpp; never host_sim or tests
+  boards                std, firmware, hal/*.hpp, boards, the board's own chip.hpp, the baked scene.hpp; never host_sim or tests
+  boards/<board>        the same and hal/slcan, hal/fdcan; boards/linux: the same and hal/linux
   nothing in firmware or hal includes host_sim, boards or tests; nothing in host_sim includes tests
 """
 
@@ -28,6 +29,8 @@ STD = r"<[a-z_]+>"  # C++ headers have neither path nor suffix; C and OS headers
 HAL = r"hal/[a-z_]+\.hpp"
 MODEL = STD + r"|firmware/(types\.hpp|numeric/.*|mechanism/.*)"
 SHARED = r"firmware/(types\.hpp|numeric/.*|mechanism/params\.hpp|drive/(odrive|canopen|cia402|mit)\.hpp)"
+
+BOARDS = rf"{STD}|{HAL}|firmware/.*|boards/.*|(chip|scene)\.hpp"
 
 # folder, search below it too, what its files may include (a whole match)
 RULES = [
@@ -44,7 +47,8 @@ RULES = [
     ("firmware/drive", True, rf"{STD}|{HAL}|firmware/drive/.*"),
     ("firmware/link", True, rf"{STD}|{HAL}|firmware/(safety|link)/.*"),
     ("firmware/cycle", True, rf"{STD}|{HAL}|firmware/.*"),
-    ("boards", True, rf"{STD}|{HAL}|hal/(slcan|fdcan)/.*|firmware/.*|boards/.*|(chip|scene)\.hpp"),
+    ("boards", False, BOARDS),
+    ("boards/linux", True, rf"{BOARDS}|hal/linux/.*"),
     ("host_sim", False, rf"<.*>|hal/.*|host_sim/(?!studies/).*|{SHARED}"),
     ("host_sim/studies", True, rf"{MODEL}|host_sim/(?!commands/).*"),
     ("host_sim/commands", True, r"<.*>|hal/.*|host_sim/.*|firmware/.*"),
@@ -66,8 +70,12 @@ def host_folders(root):
     return sorted(f"host_sim/{d.name}" for d in (root / "host_sim").glob("*") if d.is_dir() and d.name not in named)
 
 
+def board_folders(root):
+    return sorted(f"boards/{d.name}" for d in (root / "boards").glob("*") if d.is_dir() and d.name != "linux")
+
+
 def back_ends(root):
-    named = {"hal/linux", "hal/slcan", "hal/virtual"}
+    named = {"hal/linux", "hal/slcan", "hal/fdcan", "hal/virtual"}
     return sorted(f"hal/{d.name}" for d in (root / "hal").glob("*") if d.is_dir() and f"hal/{d.name}" not in named)
 
 
@@ -76,6 +84,8 @@ def rules(root):
     yield from RULES
     for folder in host_folders(root):
         yield folder, True, host
+    for folder in board_folders(root):
+        yield folder, True, rf"{BOARDS}|hal/(slcan|fdcan)/.*"
     for folder in back_ends(root):
         yield folder, True, rf"<.*>|{HAL}|{folder}/.*|\"[^/]*\""
 
@@ -137,6 +147,9 @@ def self_test(root):
         ("firmware/cycle/cycle.hpp", '#include "guards.hpp"'),
         ("boards/node.hpp", '#include "host_sim/error.hpp"'),
         ("boards/node.hpp", '#include "hal/linux/socketcan.hpp"'),
+        ("boards/stm32/main.cpp", '#include "hal/linux/realtime.hpp"'),
+        ("boards/linux/main.cpp", '#include "hal/fdcan/fdcan.hpp"'),
+        ("hal/fdcan/fdcan.hpp", '#include "hal/slcan/slcan.hpp"'),
         ("boards/mps2/main.cpp", '#include "tests/support/odrive_bytes.hpp"'),
         ("host_sim/plant/plant.hpp", '#include "firmware/mechanism/five_bar.hpp"'),
         ("host_sim/plant/plant.hpp", '#include "firmware/control/reference.hpp"'),

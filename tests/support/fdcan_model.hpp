@@ -3,8 +3,8 @@
 /// write protection, message memory, receive FIFO 0, transmit queue, time stamps, error states. What a program must not do is
 /// noted in `wrong`. Shares nothing with hal/fdcan.
 
+#include <algorithm>
 #include <cstdint>
-#include <deque>
 #include <map>
 #include <optional>
 #include <set>
@@ -60,6 +60,12 @@ class FdcanModel {
       if ((v & 2U) != 0 && !init_) fault("CCE without INIT");
       const std::uint32_t guarded = 0x0000'B3E4;  // NISO..BRSE, FDOE, TEST, DAR, MON, ASM
       if (((v ^ r_[0x18]) & guarded) != 0 && !open) fault("a protected bit of CCCR");
+      if (init_ && (v & 1U) == 0 && !off_) {  // its memory has no defined parity before it is written
+        const std::uint32_t end = g4() ? 0x350U / 4 : std::max(rx_at(depth()), tx_at(tx_depth()));
+        for (std::uint32_t w = 0; w < end; ++w) {
+          if (!ram_.contains(w)) return fault("joins the bus with memory that was never written");
+        }
+      }
       wanted_init_ = (v & 1U) != 0;
       settle_ = 3;
       r_[0x18] = (v & ~1U) & (wanted_init_ ? ~0U : ~2U);
@@ -99,7 +105,7 @@ class FdcanModel {
 
   // --- the bus's side ------------------------------------------------------------------------------------------------------
   [[nodiscard]] bool on_bus() const { return !init_ && !off_; }
-  void bits(std::uint32_t n) { stamp_ += n; }
+  void bits(std::uint32_t n) { stamp_ += (reg(0x20) & 3U) == 1U ? n : 0U; }  // TSCC.TSS
   /// The frame that wins the arbitration among those asked for; it stays pending until delivered().
   std::optional<WireFrame> begin_frame() {
     if (!on_bus() || pending_ == 0) return {};

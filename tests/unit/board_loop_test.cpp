@@ -14,7 +14,7 @@ struct Bus {
   hal::SendStatus try_send(const hal::CanFrame&) { return hal::SendStatus::ok; }
   bool try_receive(hal::CanFrame&) { return false; }
   void withdraw() { ++withdrawals; }
-  void recover() { ++recoveries; }
+  void rejoin() { ++recoveries; }
 };
 struct Switch {
   bool on = false;
@@ -55,9 +55,10 @@ struct FakeNode {
     requests.push_back(board.now);
     withdrawn_before_request = bus.withdrawals;
   }
-  void tick(Bus&, bool answer) {
+  int tick(Bus&, bool answer) {
     EXPECT_TRUE(answer);
     ticks.push_back(board.now);
+    return 0;
   }
   void command(Command c) { commands.push_back(c); }
   [[nodiscard]] bool good() const { return healthy; }
@@ -124,8 +125,11 @@ TEST(TimedLoop, OneLateTickIsCountedTwoInARowHalt) {
   run(board, loop, 1);
   EXPECT_EQ(loop.late(), 0U);
   board.now = 2700;
+  EXPECT_EQ(loop.instant_us(), 2000U);
   run(board, loop, 1);
   EXPECT_EQ(loop.late(), 1U);
+  EXPECT_EQ(loop.lateness_us(), 700U);
+  EXPECT_EQ(loop.instant_us(), 3700U);
   EXPECT_TRUE(node.commands.empty());
   run(board, loop, 3000);  // from there on in time
   EXPECT_EQ(node.ticks.back(), 5700U);

@@ -1,6 +1,7 @@
 #!/usr/bin/python3
 """A supervisor computer over a real vcan0 (tests/link/supervisor.py): arms, leads, disarms by frames alone, and is missed
-when it dies. What went over the bus is read with docs/esmc.dbc. usage: command_test.py ESMC SCENE"""
+when it dies. What went over the bus is read with docs/esmc.dbc. usage: command_test.py ESMC SCENE [BOARD]
+BOARD: the program of boards/linux with this scene in it; then what it records is looked at, too."""
 import json
 import logging
 import re
@@ -80,18 +81,37 @@ def late_ticks(out):
     return late
 
 
-def attempt(judge, esmc, scene):
+def recorded(out):
+    """What a board writes down: every tick, and how late each began."""
+    lines = (out / "record.csv").read_text(encoding="ascii").splitlines()
+    header, rows = lines[0].split(","), [dict(zip(lines[0].split(","), line.split(","))) for line in lines[1:]]
+    end = json.loads((out / "controller").read_text())
+    print("board:", end)
+    assert end["rows_lost"] == 0 and len(rows) == end["ticks"] > 100, (len(rows), end)
+    assert {"t", "x", "torque_1", "lateness_us", "state", "fault"} <= set(header), header
+    assert all(abs(float(r["t"]) - 0.04 * k) < 1e-6 for k, r in enumerate(rows))
+    assert in_order(["disabled", "enabling", "running", "halting"], [r["state"] for r in rows])
+    assert any(float(r["torque_1"]) != 0 for r in rows if r["state"] == "running")
+    assert all(float(r["torque_1"]) == 0 for r in rows if r["state"] in ("disabled", "fault"))
+    counts = [line.split(",") for line in (out / "histogram.csv").read_text(encoding="ascii").splitlines()[1:]]
+    for what in ("lateness", "tick"):
+        assert sum(int(n) for w, _, n in counts if w == what) == end["ticks"], what
+
+
+def attempt(judge, esmc, scene, board):
     """Whether the machine has no vcan."""
     with tempfile.TemporaryDirectory(dir=Path(esmc).parent) as folder:
         out = Path(folder)
         job = subprocess.run([HERE / "with_vcan", "--timeout", "150", "--", HERE / "command_job", esmc, scene, folder,
-                              ROOT / "tests/link/supervisor.py", judge.__name__], capture_output=True, text=True)
+                              ROOT / "tests/link/supervisor.py", judge.__name__, *board], capture_output=True, text=True)
         if job.returncode == SKIPPED:
             print(job.stdout.strip())
             return True
         try:
             assert job.returncode == 0, (job.returncode, job.stdout, job.stderr)
             judge(out, json.loads((out / "json").read_text()))
+            if board:
+                recorded(out)
         except AssertionError as e:
             raise Wrong(late_ticks(out), e) from e
     return False
@@ -102,12 +122,12 @@ class Wrong(Exception):
 
 
 def main():
-    esmc, scene = (str(Path(a).resolve()) for a in sys.argv[1:3])
+    esmc, scene, *board = (str(Path(a).resolve()) for a in sys.argv[1:])
     for judge in (circle, dies):
         # A loop in real time that was not scheduled for half a second (13 ticks) proves nothing: then, and only then, again.
         for again in (True, True, False):
             try:
-                if attempt(judge, esmc, scene):
+                if attempt(judge, esmc, scene, board):
                     return SKIPPED
                 break
             except Wrong as e:

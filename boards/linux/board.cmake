@@ -1,0 +1,5 @@
+set(ESMC_SCALAR double)
+set(ESMC_BAKE_FLAGS --realtime)
+set(ESMC_BOARD_SOURCES linux/main.cpp)
+set(ESMC_DEFAULT_SCENE ${PROJECT_SOURCE_DIR}/boards/five_bar.toml)
+set(ESMC_HOSTED ON)

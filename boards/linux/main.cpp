@@ -1,0 +1,166 @@
+/// The controller as a program of a Linux computer on the drives' bus. Disabled until a supervisor computer arms it.
+
+#include <chrono>
+#include <csignal>
+#include <cstdlib>
+#include <cstring>
+
+#include "boards/linux/board.hpp"
+#include "boards/linux/record.hpp"
+#include "scene.hpp"
+
+namespace {
+using namespace esmc;
+
+volatile std::sig_atomic_t ended = 0;
+
+struct Options {
+  const char* interface = nullptr;
+  const char* record = nullptr;      ///< a row per tick
+  const char* histogram = nullptr;   ///< microseconds from instant to begin, and of a tick
+  int priority = 80;
+  bool best_effort = false;          ///< goes on without fixed priority and locked memory
+  std::uint64_t ticks = 0;           ///< 0: until a signal
+};
+
+[[noreturn]] void refuse(const char* why, const char* what) {
+  std::fprintf(stderr, "esmc board: %s%s\n", why, what);
+  std::exit(2);
+}
+
+Options read(int argc, char** argv) {
+  Options o;
+  const auto number = [](const char* name, const char* text, long least, long most) {
+    char* end = nullptr;
+    const long v = std::strtol(text, &end, 10);
+    if (end == text || *end != '\0' || v < least || v > most) {
+      std::fprintf(stderr, "esmc board: %s must be an integer from %ld to %ld, not '%s'\n", name, least, most, text);
+      std::exit(2);
+    }
+    return v;
+  };
+  for (int i = 1; i < argc; ++i) {
+    const char* a = argv[i];
+    const auto value = [&]() -> const char* {
+      if (i + 1 >= argc) refuse("a value is missing behind ", a);
+      return argv[++i];
+    };
+    if (std::strcmp(a, "--help") == 0) {
+      std::puts("usage: linux INTERFACE [--record FILE] [--histogram FILE] [--priority 1..99] [--best-effort] [--ticks N]\n"
+                "The scene that was baked into this program, on a CAN interface, until Ctrl-C. Armed by a supervisor computer.");
+      std::exit(0);
+    } else if (std::strcmp(a, "--record") == 0) {
+      o.record = value();
+    } else if (std::strcmp(a, "--histogram") == 0) {
+      o.histogram = value();
+    } else if (std::strcmp(a, "--priority") == 0) {
+      o.priority = static_cast<int>(number(a, value(), 1, 99));
+    } else if (std::strcmp(a, "--ticks") == 0) {
+      o.ticks = static_cast<std::uint64_t>(number(a, value(), 1, 2'000'000'000));
+    } else if (std::strcmp(a, "--best-effort") == 0) {
+      o.best_effort = true;
+    } else if (a[0] == '-' || o.interface != nullptr) {
+      refuse("unknown argument ", a);
+    } else {
+      o.interface = a;
+    }
+  }
+  if (o.interface == nullptr) refuse("which CAN interface? See --help", "");
+  return o;
+}
+
+std::FILE* create(const char* path) {
+  if (path == nullptr) return nullptr;
+  std::FILE* f = std::fopen(path, "w");
+  if (f == nullptr) refuse("cannot write ", path);
+  return f;
+}
+
+struct Row {
+  TickResult<baked::Mechanism> result;
+  Vec<baked::Scalar, baked::Mechanism::joints> angle;
+  std::uint64_t tick = 0;
+  std::uint32_t lateness_us = 0, tick_us = 0;
+};
+
+void write_row(std::FILE* f, const Row& r) {
+  std::fprintf(f, "%.9g", static_cast<double>(r.tick) * 1e-9 * baked::period_ns);
+  for (const auto v : {r.result.effector.x(), r.result.effector.y(), r.result.desired_effector.x(), r.result.desired_effector.y()}) {
+    std::fprintf(f, ",%.9g", static_cast<double>(v));
+  }
+  for (const auto v : r.angle) std::fprintf(f, ",%.9g", static_cast<double>(v));
+  for (const auto v : r.result.torque) std::fprintf(f, ",%.9g", static_cast<double>(v));
+  std::fprintf(f, ",%u,%u,%s,%s\n", r.lateness_us, r.tick_us, name(r.result.state), name(r.result.fault));
+}
+
+void write_header(std::FILE* f) {
+  std::fputs("t,x,y,x_ref,y_ref", f);
+  for (const char* what : {"angle", "torque"}) {
+    for (int i = 1; i <= baked::Mechanism::joints; ++i) std::fprintf(f, ",%s_%d", what, i);
+  }
+  std::fputs(",lateness_us,tick_us,state,fault\n", f);
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  static_assert(!baked::lockstep, "a board has its own time: bake with --realtime");
+  static_assert(baked::armed_by_link, "a board is armed by a supervisor computer: command.arm = \"link\" in the scene");
+  const Options o = read(argc, argv);
+  std::error_code error;
+  hal::SocketCan bus = hal::SocketCan::open(o.interface, error);
+  if (!bus.is_open()) refuse((std::string(o.interface) + ": ").c_str(), error.message().c_str());
+  std::FILE* const record = create(o.record);
+  std::FILE* const histogram = create(o.histogram);
+  if (record != nullptr) write_header(record);
+  Recorder<Row> recorder(record, write_row);  // its thread has the ordinary priority
+
+  for (const auto& [what, code] : {std::pair{"no locked memory: ", hal::lock_memory()},
+                                   std::pair{"no fixed priority: ", hal::fixed_priority(o.priority)}}) {
+    if (!code) continue;
+    if (!o.best_effort) refuse(what, (code.message() + " (as root, or see docs/boards.md; --best-effort goes on without)").c_str());
+    std::fprintf(stderr, "esmc board: %s%s\n", what, code.message().c_str());
+  }
+  for (const int s : {SIGINT, SIGTERM}) std::signal(s, [](int) { ended = 1; });
+
+  LinuxBoard board(bus);
+  const auto session = static_cast<std::uint8_t>(1U + std::chrono::system_clock::now().time_since_epoch().count() / 1'000'000 % 255);
+  static baked::Node node(baked::config(session));
+  TimedLoop loop(node, board, baked::period_ns);
+  static Histogram lateness, duration;
+  const hal::Alarm alarm;
+  std::uint64_t ticks = 0;
+  int farewell = 200;  // ticks in which the drives may say that they are idle
+  while (true) {
+    const std::uint64_t now = hal::monotonic_ns();
+    const auto left = static_cast<std::int32_t>(loop.instant_us() - static_cast<std::uint32_t>(now / 1000U));
+    if (left > 0) alarm.wait((now / 1000U + static_cast<std::uint32_t>(left)) * 1000U, bus.descriptor());
+    if (ended != 0) node.command(Command::stop);
+    const std::uint64_t begin = hal::monotonic_ns();
+    loop.turn([&](const TickResult<baked::Mechanism>& result) {
+      const auto took = static_cast<std::uint32_t>((hal::monotonic_ns() - begin) / 1000U);
+      lateness.add(loop.lateness_us());
+      duration.add(took);
+      recorder.push({result, node.sample().angle, ticks, loop.lateness_us(), took});
+      ++ticks;
+      if (ended != 0) --farewell;
+    });
+    if (ticks == o.ticks && o.ticks != 0) ended = 1;
+    if (ended != 0 && (farewell <= 0 || (farewell < 200 && node.all_idle()))) break;
+  }
+  recorder.close();
+  if (record != nullptr) std::fclose(record);
+  if (histogram != nullptr) {
+    std::fputs("what,us,count\n", histogram);
+    lateness.write(histogram, "lateness");
+    duration.write(histogram, "tick");
+    std::fclose(histogram);
+  }
+  const Fault fault = node.supervisor().fault();
+  std::printf("{\"ticks\": %llu, \"late_ticks\": %u, \"lateness_us\": {\"p50\": %u, \"p99\": %u, \"max\": %u}, "
+              "\"tick_us\": {\"p50\": %u, \"p99\": %u, \"max\": %u}, \"rows_lost\": %llu, \"state\": \"%s\", \"fault\": \"%s\"}\n",
+              static_cast<unsigned long long>(ticks), loop.late(), lateness.quantile(0.5), lateness.quantile(0.99), lateness.most(),
+              duration.quantile(0.5), duration.quantile(0.99), duration.most(), static_cast<unsigned long long>(recorder.lost()),
+              name(node.supervisor().state()), name(fault));
+  return fault == Fault::none ? 0 : 1;
+}

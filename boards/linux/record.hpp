@@ -1,0 +1,95 @@
+#pragma once
+/// What a tick leaves behind, carried out of the loop without waiting: a ring that another thread empties into a file.
+
+#include <array>
+#include <atomic>
+#include <cstdint>
+#include <cstdio>
+#include <string>
+#include <thread>
+#include <vector>
+
+namespace esmc {
+
+/// Counts of whole microseconds, up to a millisecond; what is above counts as that.
+class Histogram {
+ public:
+  void add(std::uint32_t us) {
+    ++bins_[us < bins_.size() ? us : bins_.size() - 1];
+    ++count_;
+    if (us > most_) most_ = us;
+  }
+  [[nodiscard]] std::uint64_t count() const { return count_; }
+  [[nodiscard]] std::uint32_t most() const { return most_; }
+  /// The value that a share `part` of all does not exceed; 1000: that or more.
+  [[nodiscard]] std::uint32_t quantile(double part) const {
+    std::uint64_t seen = 0;
+    for (std::uint32_t us = 0; us < bins_.size(); ++us) {
+      seen += bins_[us];
+      if (static_cast<double>(seen) >= part * static_cast<double>(count_)) return us;
+    }
+    return 0;
+  }
+  /// Rows "us,name" of the bins that are not empty.
+  void write(std::FILE* out, const char* name) const {
+    for (std::size_t us = 0; us < bins_.size(); ++us) {
+      if (bins_[us] > 0) std::fprintf(out, "%s,%zu,%llu\n", name, us, static_cast<unsigned long long>(bins_[us]));
+    }
+  }
+
+ private:
+  std::array<std::uint64_t, 1001> bins_{};
+  std::uint64_t count_ = 0;
+  std::uint32_t most_ = 0;
+};
+
+/// One writer, one reader; `push` takes a few instructions and never waits. Rows that find the ring full are counted.
+template <class Row, std::size_t size = 16384>
+class Recorder {
+ public:
+  /// `write(FILE*, row)` makes a line of a row.
+  template <class Write>
+  Recorder(std::FILE* file, const Write& write) : rows_(size) {
+    if (file == nullptr) return;
+    reader_ = std::thread([this, file, write] {
+      while (true) {
+        const bool last = over_.load(std::memory_order_acquire);
+        std::size_t tail = tail_.load(std::memory_order_relaxed);
+        for (; tail != head_.load(std::memory_order_acquire); tail_.store(++tail, std::memory_order_release)) {
+          write(file, rows_[tail % size]);
+        }
+        if (last) return;
+        std::this_thread::sleep_for(std::chrono::milliseconds(20));
+      }
+    });
+  }
+  ~Recorder() { close(); }
+  Recorder(const Recorder&) = delete;
+  Recorder& operator=(const Recorder&) = delete;
+
+  void push(const Row& row) {
+    if (!reader_.joinable()) return;
+    const std::size_t head = head_.load(std::memory_order_relaxed);
+    if (head - tail_.load(std::memory_order_acquire) == size) {
+      ++lost_;
+      return;
+    }
+    rows_[head % size] = row;
+    head_.store(head + 1, std::memory_order_release);
+  }
+  [[nodiscard]] std::uint64_t lost() const { return lost_; }
+  /// What is in the ring is in the file.
+  void close() {
+    over_.store(true, std::memory_order_release);
+    if (reader_.joinable()) reader_.join();
+  }
+
+ private:
+  std::vector<Row> rows_;
+  std::atomic<std::size_t> head_{0}, tail_{0};
+  std::atomic<bool> over_{false};
+  std::uint64_t lost_ = 0;
+  std::thread reader_;
+};
+
+}  // namespace esmc

@@ -1,0 +1,52 @@
+#include "hal/linux/realtime.hpp"
+
+#include <poll.h>
+#include <pthread.h>
+#include <sched.h>
+#include <sys/mman.h>
+#include <sys/timerfd.h>
+#include <time.h>
+#include <unistd.h>
+
+#include <array>
+#include <cerrno>
+
+namespace esmc::hal {
+namespace {
+std::error_code reason(int code) { return {code, std::generic_category()}; }
+}  // namespace
+
+std::uint64_t monotonic_ns() {
+  timespec t{};
+  (void)::clock_gettime(CLOCK_MONOTONIC, &t);
+  return static_cast<std::uint64_t>(t.tv_sec) * 1'000'000'000U + static_cast<std::uint64_t>(t.tv_nsec);
+}
+
+std::error_code fixed_priority(int priority) {
+  sched_param wanted{};
+  wanted.sched_priority = priority;
+  return reason(::pthread_setschedparam(::pthread_self(), SCHED_FIFO, &wanted));
+}
+
+std::error_code lock_memory() {
+  if (::mlockall(MCL_CURRENT | MCL_FUTURE) != 0) return reason(errno);
+  std::array<unsigned char, 256 * 1024> touched;
+  for (std::size_t i = 0; i < touched.size(); i += 1024) static_cast<volatile unsigned char&>(touched[i]) = 0;
+  return {};
+}
+
+Alarm::Alarm() : timer_(::timerfd_create(CLOCK_MONOTONIC, TFD_NONBLOCK | TFD_CLOEXEC)) {}
+Alarm::~Alarm() {
+  if (timer_ >= 0) ::close(timer_);
+}
+
+void Alarm::wait(std::uint64_t instant_ns, int descriptor) const {
+  itimerspec at{};
+  at.it_value.tv_sec = static_cast<time_t>(instant_ns / 1'000'000'000U);
+  at.it_value.tv_nsec = static_cast<long>(instant_ns % 1'000'000'000U);
+  (void)::timerfd_settime(timer_, TFD_TIMER_ABSTIME, &at, nullptr);
+  std::array<pollfd, 2> either{pollfd{timer_, POLLIN, 0}, pollfd{descriptor, POLLIN, 0}};
+  (void)::poll(either.data(), either.size(), -1);
+}
+
+}  // namespace esmc::hal
