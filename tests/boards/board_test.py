@@ -19,6 +19,8 @@ import tempfile
 import time
 from pathlib import Path
 
+import stack_bound
+
 ICOUNT = "shift=6,sleep=off"  # an instruction is 64 ns; the emulator does not wait for anybody
 
 
@@ -102,8 +104,9 @@ def loop(elf, machine, scalar, esmc, scene):
         return 1
     got = json.loads(plant.stdout)
     want = json.loads(run(esmc, "hil", scene, "--scalar", scalar, "--json", "--set", duration).stdout)
-    print(f"stack: {used} of {reserved} bytes used")
-    if not 500 < used <= reserved // 2:
+    most = stack_bound.of_image(elf, Path(elf).parent)[0]
+    print(f"stack: {used} of {reserved} bytes used, at most {most} by the call graph")
+    if not 500 < used <= most <= reserved:
         return 1
     print(f"{got['ticks']} ticks, settled rms {got['tracking']['settled_rms_m']:.3g} m, digest {got['digest']}")
     same = all(got[key] == want[key] for key in ("digest", "ticks", "final_state", "tracking"))

@@ -1,0 +1,133 @@
+#!/usr/bin/python3
+"""The deepest stack of an image, from the call graph that the compiler wrote beside each object (-fcallgraph-info=su).
+
+usage: stack_bound.py ELF BUILD_FOLDER
+       stack_bound.py --self-test
+
+Sums the frames along every path from esmc_reset. Refused: recursion, calls through pointers, frames whose size is known at run
+time only, functions that nobody knows. Frames of the C library's few functions are read from their instructions. On top comes what
+an exception pushes. Exit 1 where the bound is above what the image reserves."""
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+EXCEPTION = 112  # 26 registers with the FPU's, and 8 for alignment
+
+
+class Refused(Exception):
+    pass
+
+
+def read_graph(texts):
+    """{function: (bytes, kind)}, {function: set of called}. Definitions carry their file before their name, calls may not; of
+    functions of one name, templates or not, the largest frame and all calls count."""
+    frames, calls = {}, {}
+    for text in texts:
+        for m in re.finditer(r'node: \{ title: "([^"]+)" label: "([^"]*)"', text):
+            size = re.search(r"\\n(\d+) bytes \(([^)]*)\)", m[2])
+            if size:
+                name = m[1].rpartition(":")[2]
+                old, kind = frames.get(name, (0, "static"))
+                frames[name] = (max(old, int(size[1])), size[2] if kind == "static" else kind)
+        for m in re.finditer(r'edge: \{ sourcename: "([^"]+)" targetname: "([^"]+)"', text):
+            calls.setdefault(m[1].rpartition(":")[2], set()).add(m[2].rpartition(":")[2])
+    return frames, calls
+
+
+def library_frame(listing):
+    """Bytes that a function of the C library pushes, and whom it calls."""
+    if called := re.search(r"\tblx\t.*", listing):
+        raise Refused(f"a library function that calls through a pointer: {called[0]}")
+    words = 0
+    for m in re.finditer(r"\t(?:push|stmdb\tsp!,|v?push)(?:\.w)?\t?\s*\{([^}]*)\}", listing):
+        for part in m[1].split(","):
+            ends = re.fullmatch(r"\s*[rsd](\d+)-[rsd](\d+)\s*", part)
+            words += (int(ends[2]) - int(ends[1]) + 1 if ends else 1) * (2 if part.strip().startswith("d") else 1)
+    local = sum(int(m[1]) for m in re.finditer(r"\tsub\tsp, (?:sp, )?#(\d+)", listing))
+    single = 4 * len(re.findall(r"\tstr(?:\.w)?\t\w+, \[sp, #-4\]!", listing))
+    return 4 * words + local + single, set(re.findall(r"\tb(?:l|\.w)\t[0-9a-f]+ <(\w+)>", listing))
+
+
+def bound(frames, calls, start, library):
+    """(bytes, path) of the deepest path from `start`; `library(name)`: bytes and calls of what the graph does not know."""
+    known = {}
+
+    def deepest(f, above):
+        if f in above:
+            raise Refused("recursion: " + " -> ".join(above[above.index(f):] + [f]))
+        if f in known:
+            return known[f]
+        if f == "__indirect_call":
+            raise Refused("a call through a pointer in " + above[-1])
+        (size, kind), called = frames.get(f, (0, "static")), calls.get(f, ())
+        if f not in frames:
+            size, called = library(f)
+        if kind != "static" and "bounded" not in kind:
+            raise Refused(f"a frame of unknown size: {f} ({kind})")
+        best = max((deepest(c, above + [f]) for c in called), default=(0, []))
+        known[f] = (size + best[0], [(f, size)] + best[1])
+        return known[f]
+
+    return deepest(start, [])
+
+
+def run(*command):
+    return subprocess.run([str(c) for c in command], capture_output=True, text=True, check=True).stdout
+
+
+def of_image(elf, folder):
+    """(bytes at most, path, bytes reserved); raises Refused."""
+    frames, calls = read_graph(p.read_text() for p in sorted(Path(folder).rglob("*.ci")))
+    symbols = {n: int(a, 16) for a, n in re.findall(r"^([0-9a-f]+) \w (\S+)$", run("arm-none-eabi-nm", elf), re.M)}
+    # Of a function that several objects have the linker took one; what only another one calls is not in the image.
+    calls = {f: {c for c in called if c == "__indirect_call" or c in symbols} for f, called in calls.items()}
+
+    def library(name):
+        listing = run("arm-none-eabi-objdump", "-d", f"--disassemble={name}", "--no-show-raw-insn", elf)
+        if f"<{name}>:" not in listing:
+            raise Refused(f"{name}: no instructions")
+        size, called = library_frame(listing)
+        return size, called - {name}
+
+    total, path = bound(frames, calls, "esmc_reset", library)
+    if len(path) < 5:
+        raise Refused(f"the call graph ends after {path[-1][0]}")
+    return total + EXCEPTION, path, symbols["esmc_stack_top"] - symbols["esmc_stack_bottom"]
+
+
+def main(elf, folder):
+    try:
+        total, path, reserved = of_image(elf, folder)
+    except Refused as e:
+        print(e)
+        return 1
+    for name, size in path:
+        print(f"{size:6} {name[:100]}")
+    print(f"at most {total} of {reserved} bytes, {EXCEPTION} of them for an exception")
+    return 0 if total <= reserved else 1
+
+
+def self_test():
+    node = 'node: {{ title: "{0}" label: "x\\n{0}\\n{1} bytes ({2})" }}\n'
+    edge = 'edge: {{ sourcename: "{}" targetname: "{}" label: "x" }}\n'
+    tree = node.format("a", 8, "static") + node.format("b", 100, "static") + node.format("file.cpp:c", 16, "static")
+    tree += edge.format("a", "b") + edge.format("a", "c") + edge.format("c", "leaf")
+    deepest = bound(*read_graph([tree]), "a", lambda name: (200, set()))
+    wrong = [] if deepest == (224, [("a", 8), ("c", 16), ("leaf", 200)]) else [f"deepest path {deepest}"]
+    for what, more in (("recursion", edge.format("b", "a")), ("pointer", edge.format("b", "__indirect_call")),
+                       ("dynamic", node.format("d", 8, "dynamic") + edge.format("b", "d"))):
+        try:
+            bound(*read_graph([tree + more]), "a", lambda name: (200, set()))
+            wrong.append(f"{what} was not refused")
+        except Refused:
+            pass
+    listing = "\tpush\t{r4, r5, r7, lr}\n\tvpush\t{d8-d9}\n\tsub\tsp, #24\n\tstr.w\tlr, [sp, #-4]!\n"
+    if library_frame(listing + "\tbl\t800d2e4 <memset>\n") != (4 * 4 + 8 * 2 + 24 + 4, {"memset"}):
+        wrong.append(f"frame {library_frame(listing)}")
+    print("\n".join(wrong) if wrong else "5 of 5")
+    return 1 if wrong else 0
+
+
+if __name__ == "__main__":
+    sys.exit(self_test() if sys.argv[1:] == ["--self-test"] else main(*sys.argv[1:]))
