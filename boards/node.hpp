@@ -66,11 +66,14 @@ class LockstepLoop {
 };
 
 /// Against the clock: tick k begins at the instant k periods after the first. What the bus has not taken of a tick's frames
-/// by then is withdrawn, so that no torque is older than its tick. A tick that begins half a period late is counted and the
+/// by then is withdrawn where the bus can do that, so that no torque is older than its tick. Until it is armed for the first time
+/// since its start it sends no torque, not even zero: drives that a controller before it has left armed lose it by their watchdogs. A tick that begins half a period late is counted and the
 /// instants go on from there; two in a row, and the mechanism is brought to rest.
 template <class Node, Board B>
 class TimedLoop {
  public:
+  static constexpr std::uint32_t rejoin_us = 200'000;  ///< between attempts to come back to the bus
+
   /// `period_ns`: up to a second. The drives' answers are waited for during `patience` of a period, where they are asked.
   TimedLoop(Node& node, B& board, std::uint32_t period_ns, float patience = 0.4F)
       : node_(node), board_(board), period_us_(period_ns / 1000U), period_rest_ns_(period_ns % 1000U),
@@ -89,7 +92,8 @@ class TimedLoop {
       return false;
     }
     if (Node::samples_on_demand && !node_.complete() && !node_.overloaded() && now - began_us_ < patience_us_) return false;
-    const auto result = node_.tick(board_.bus(), true);
+    armed_ = armed_ || node_.drive_enable();
+    const auto result = node_.tick(board_.bus(), armed_);
     finish_tick(node_, board_);
     asked_ = false;
     advance();
@@ -120,10 +124,18 @@ class TimedLoop {
     } else {
       late_before_ = false;
     }
-    began_us_ = next_us_;
+    began_us_ = next_us_ + (since > period_us_ / 2 ? 0U : since);
     asked_ = true;
     if constexpr (requires { board_.bus().withdraw(); }) board_.bus().withdraw();
-    if constexpr (requires { board_.bus().rejoin(); }) board_.bus().rejoin();
+    if constexpr (requires { board_.bus().rejoin(); }) {
+      // Not at every tick: with a wrong bit rate it would disturb the others for ever.
+      if (!board_.bus().off()) {
+        on_bus_us_ = began_us_;
+      } else if (began_us_ - on_bus_us_ >= rejoin_us) {
+        on_bus_us_ = began_us_;
+        board_.bus().rejoin();
+      }
+    }
     if (Node::samples_on_demand) node_.request(board_.bus());
   }
   void advance() {
@@ -138,8 +150,8 @@ class TimedLoop {
   Node& node_;
   B& board_;
   std::uint32_t period_us_, period_rest_ns_, patience_us_, next_us_, began_us_ = 0, rest_ns_ = 0, late_ = 0,
-      lateness_us_ = 0;
-  bool asked_ = false, late_before_ = false;
+      lateness_us_ = 0, on_bus_us_ = 0;
+  bool asked_ = false, late_before_ = false, armed_ = false;
 };
 
 }  // namespace esmc

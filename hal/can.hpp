@@ -18,6 +18,7 @@ struct CanFrame {
   bool remote = false;      ///< classic remote transmission request: carries a size, no data
   bool fd = false;          ///< CAN FD format: up to 64 bytes
   bool bit_rate_switch = false;  ///< FD data phase at the fast bit rate
+  bool perishable = false;  ///< of one tick: a back end that can drops it at the next one. Not on the wire, not compared
   std::uint8_t size = 0;    ///< bytes used in `data`: 0..8, or 0..64 with `fd`
   std::array<std::uint8_t, can_fd_size_max> data{};
 

@@ -25,8 +25,17 @@ extern const std::uint32_t esmc_data_image;
   std::uint32_t* here = nullptr;
   asm volatile("mov %0, sp" : "=r"(here));
   for (std::uint32_t* to = &esmc_stack_bottom; to < here; ++to) *static_cast<volatile std::uint32_t*>(to) = esmc::stack_paint;
+  // The lowest part of the stack is its guard: no access at all, so that a stack that grows too far faults at once, whatever lies
+  // below it.
+  const auto mpu = [](std::uint32_t at) -> volatile std::uint32_t& { return *reinterpret_cast<volatile std::uint32_t*>(at); };
+  mpu(0xE000ED98U) = 0;                                                            // RNR
+  mpu(0xE000ED9CU) = static_cast<std::uint32_t>(reinterpret_cast<std::uintptr_t>(&esmc_stack_bottom));  // RBAR
+  mpu(0xE000EDA0U) = (1U << 28) | (7U << 1) | 1U;                                  // RASR: 256 bytes
+  mpu(0xE000ED94U) = 5;                                                            // CTRL: on, with the default map around it
+  asm volatile("dsb\n isb" ::: "memory");
   esmc_main();
 }
+constexpr std::uintptr_t stack_guard = 256;
 
 /// Any exception that nobody expects: what the processor stacked is kept, then it starts anew, disabled.
 [[gnu::naked]] void esmc_fault() {
@@ -43,7 +52,7 @@ extern const std::uint32_t esmc_data_image;
   const std::uint32_t exception = reg(0xE000ED04U) & 0x1FFU;
   // A stack that ran into its guard cannot be read again.
   const auto at = reinterpret_cast<std::uintptr_t>(stacked);
-  const bool readable = at >= reinterpret_cast<std::uintptr_t>(&esmc_stack_bottom) &&
+  const bool readable = at >= reinterpret_cast<std::uintptr_t>(&esmc_stack_bottom) + stack_guard &&
                         at + 32 <= reinterpret_cast<std::uintptr_t>(&esmc_stack_top);
   esmc::crash_record = {};
   esmc::crash_record.exception = exception;

@@ -1,4 +1,5 @@
-/// The controller as a program of a Linux computer on the drives' bus. Disabled until a supervisor computer arms it.
+/// The controller as a program of a Linux computer on the drives' bus. Disabled until a supervisor computer arms it, and ended by
+/// signals.
 
 #include <chrono>
 #include <csignal>
@@ -12,7 +13,10 @@
 namespace {
 using namespace esmc;
 
-volatile std::sig_atomic_t ended = 0;
+volatile std::sig_atomic_t ended = 0;  // signals: the first brings the mechanism to rest, the second takes the torque
+
+constexpr std::uint64_t rest_ns = 5'000'000'000U;  ///< after which a halt that was asked for becomes a stop
+constexpr std::uint64_t idle_ns = 2'000'000'000U;  ///< in which the drives must then say that they are idle
 
 struct Options {
   const char* interface = nullptr;
@@ -121,7 +125,7 @@ int main(int argc, char** argv) {
     if (!o.best_effort) refuse(what, (code.message() + " (as root, or see docs/boards.md; --best-effort goes on without)").c_str());
     std::fprintf(stderr, "esmc board: %s%s\n", what, code.message().c_str());
   }
-  for (const int s : {SIGINT, SIGTERM}) std::signal(s, [](int) { ended = 1; });
+  for (const int s : {SIGINT, SIGTERM, SIGHUP, SIGQUIT}) std::signal(s, [](int) { ended = ended + 1; });
 
   LinuxBoard board(bus);
   const auto session = static_cast<std::uint8_t>(1U + std::chrono::system_clock::now().time_since_epoch().count() / 1'000'000 % 255);
@@ -130,23 +134,29 @@ int main(int argc, char** argv) {
   static Histogram lateness, duration;
   const hal::Alarm alarm;
   std::uint64_t ticks = 0;
-  int farewell = 200;  // ticks in which the drives may say that they are idle
+  std::uint64_t asked_ns = 0;  // to end
+  bool idle = false;
   while (true) {
     const std::uint64_t now = hal::monotonic_ns();
     const auto left = static_cast<std::int32_t>(loop.instant_us() - static_cast<std::uint32_t>(now / 1000U));
     if (left > 0) alarm.wait((now / 1000U + static_cast<std::uint32_t>(left)) * 1000U, bus.descriptor());
-    if (ended != 0) node.command(Command::stop);
     const std::uint64_t begin = hal::monotonic_ns();
-    loop.turn([&](const TickResult<baked::Mechanism>& result) {
+    if (ended != 0) {
+      if (asked_ns == 0) asked_ns = begin;
+      node.command(ended > 1 || begin - asked_ns > rest_ns ? Command::stop : Command::halt);
+    }
+    const bool ticked = loop.turn([&](const TickResult<baked::Mechanism>& result) {
       const auto took = static_cast<std::uint32_t>((hal::monotonic_ns() - begin) / 1000U);
       lateness.add(loop.lateness_us());
       duration.add(took);
       recorder.push({result, node.sample().angle, ticks, loop.lateness_us(), took});
       ++ticks;
-      if (ended != 0) --farewell;
     });
-    if (ticks == o.ticks && o.ticks != 0) ended = 1;
-    if (ended != 0 && (farewell <= 0 || (farewell < 200 && node.all_idle()))) break;
+    if (ticks == o.ticks && o.ticks != 0 && ended == 0) ended = 1;
+    if (asked_ns == 0 || !ticked) continue;
+    const State state = node.supervisor().state();
+    idle = (state == State::disabled || state == State::fault) && node.all_idle();
+    if (idle || begin - asked_ns > rest_ns + idle_ns) break;
   }
   recorder.close();
   if (record != nullptr) std::fclose(record);
@@ -162,5 +172,6 @@ int main(int argc, char** argv) {
               static_cast<unsigned long long>(ticks), loop.late(), lateness.quantile(0.5), lateness.quantile(0.99), lateness.most(),
               duration.quantile(0.5), duration.quantile(0.99), duration.most(), static_cast<unsigned long long>(recorder.lost()),
               name(node.supervisor().state()), name(fault));
-  return fault == Fault::none ? 0 : 1;
+  if (!idle) std::fprintf(stderr, "esmc board: ended although not every drive has said that it is idle\n");
+  return fault == Fault::none && idle ? 0 : 1;
 }

@@ -9,6 +9,7 @@ namespace esmc::stm32 {
 struct NucleoG474re {
   static constexpr Word gpio_a = 0x4800'0000U, gpio_b = 0x4800'0400U, rcc = 0x4002'1000U;
   static constexpr Word can_clock_hz = 24'000'000U;  // the crystal: no PLL between it and the bus
+  static constexpr Word reset_clock_hz = 16'000'000U;  // its own oscillator, before start_clocks()
   static constexpr Word timer_clock_hz = 170'000'000U, console_clock_hz = 170'000'000U;
   using CanMemory = FdcanMemory<0x4000'6400U, 0x4000'A400U>;
   using Can = hal::Fdcan<hal::fdcan::G4, CanMemory>;
@@ -21,7 +22,9 @@ struct NucleoG474re {
 
   /// Outputs low before anything else.
   static void start_pins() {
-    set_bits(rcc + 0x4C, 3);  // AHB2ENR: ports A and B
+    set_bits(rcc + 0x4C, 3);           // AHB2ENR: ports A and B
+    set_bits(rcc + 0x58, 1U << 17);    // APB1ENR1: USART2
+    finish_access(rcc + 0x4C);
     drive_enable.output_low();
     brake.output_low();
     light.output_low();
@@ -49,10 +52,20 @@ struct NucleoG474re {
     set_field(rcc + 0x08, 0xFU << 4, 0);
     set_bits(rcc, 1U << 19);                               // CSSON
     set_field(rcc + 0x88, 3U << 24, 0);                    // CCIPR: FDCAN from HSE
-    set_bits(rcc + 0x58, (1U << 25) | (1U << 17) | 1U);    // APB1ENR1: FDCAN, USART2, TIM2
+    set_bits(rcc + 0x58, (1U << 25) | 1U);                 // APB1ENR1: FDCAN, TIM2
+    finish_access(rcc + 0x58);
     return StartFault::none;
   }
   static void prepare_can() {}
+
+  /// From the random number generator, on the 48 MHz oscillator.
+  [[nodiscard]] static Word random() {
+    set_bits(rcc + 0x98, 1);                     // CRRCR: HSI48
+    if (!await(rcc + 0x98, 2, 2)) return 0;
+    set_bits(rcc + 0x4C, 1U << 26);              // AHB2ENR: RNG
+    finish_access(rcc + 0x4C);
+    return random_word(0x5006'0800U);
+  }
 
   /// RCC_CSR, flags of the last reset, which are cleared: 31 low power, 30 window watchdog, 29 independent watchdog,
   /// 28 software, 27 brown-out, 26 pin.

@@ -9,6 +9,7 @@ namespace esmc::stm32 {
 struct NucleoH743zi2 {
   static constexpr Word gpio_b = 0x5802'0400U, gpio_d = 0x5802'0C00U, gpio_e = 0x5802'1000U, rcc = 0x5802'4400U,
                         pwr = 0x5802'4800U;
+  static constexpr Word reset_clock_hz = 64'000'000U;  // its own oscillator, before start_clocks()
   static constexpr Word can_clock_hz = 40'000'000U, timer_clock_hz = 200'000'000U, console_clock_hz = 100'000'000U;
   using CanMemory = FdcanMemory<0x4000'A000U, 0x4000'AC00U>;
   using Can = hal::Fdcan<hal::fdcan::H7, CanMemory>;
@@ -21,6 +22,7 @@ struct NucleoH743zi2 {
 
   static void start_pins() {
     set_bits(rcc + 0xE0, (1U << 1) | (1U << 3) | (1U << 4));  // AHB4ENR: ports B, D, E
+    set_bits(rcc + 0xE8, 1U << 18);                           // APB1LENR: USART3
     finish_access(rcc + 0xE0);
     drive_enable.output_low();
     brake.output_low();
@@ -55,7 +57,7 @@ struct NucleoH743zi2 {
     if (!await(rcc + 0x10, 7U << 3, 3U << 3)) return StartFault::clock_switch;
     set_bits(rcc, 1U << 19);                                  // HSECSSON
     set_field(rcc + 0x50, 3U << 28, 1U << 28);                // D2CCIP1R: FDCAN from PLL1 Q
-    set_bits(rcc + 0xE8, 1U | (1U << 18));                    // APB1LENR: TIM2, USART3
+    set_bits(rcc + 0xE8, 1U);                                 // APB1LENR: TIM2
     set_bits(rcc + 0xEC, 1U << 8);                            // APB1HENR: FDCAN
     finish_access(rcc + 0xEC);
     start_instruction_cache();
@@ -68,6 +70,15 @@ struct NucleoH743zi2 {
     (void)await(cccr, 1, 1);
     reg(cccr) = 3;
     reg(0x4000'A804U) = 1U << 6;
+  }
+
+  /// From the random number generator, on the 48 MHz oscillator.
+  [[nodiscard]] static Word random() {
+    set_bits(rcc, 1U << 12);                     // CR: HSI48ON
+    if (!await(rcc, 1U << 13, 1U << 13)) return 0;
+    set_bits(rcc + 0xDC, 1U << 6);               // AHB2ENR: RNG
+    finish_access(rcc + 0xDC);
+    return random_word(0x4802'1800U);
   }
 
   /// RCC_RSR, flags of the last reset, which are cleared: 28 window watchdog, 26 independent watchdog, 24 software, 23 power,

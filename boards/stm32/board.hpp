@@ -8,18 +8,19 @@ namespace esmc::stm32 {
 
 class NucleoBoard {
  public:
-  /// Pins first, so that outputs are low; clocks, then the bus. What went wrong, or none; the console tells in either case.
-  [[nodiscard]] StartFault start(Word bit_rate) {
+  /// Pins first, so that outputs are low; then a console that needs no crystal.
+  NucleoBoard() {
     Chip::start_pins();
     cause_ = Chip::reset_cause();
-    StartFault fault = Chip::start_clocks();
-    if (fault == StartFault::none) {
-      start_microseconds(Chip::timer_clock_hz);
-      console_.start(Chip::console_clock_hz);
-      Chip::prepare_can();
-      if (!bus_.open(Chip::can_clock_hz, bit_rate)) fault = StartFault::can;
-    }
-    return fault;
+    console_.start(Chip::reset_clock_hz);
+  }
+  /// Clocks, then the bus; what went wrong, or none.
+  [[nodiscard]] StartFault start(Word bit_rate) {
+    if (const StartFault fault = Chip::start_clocks(); fault != StartFault::none) return fault;
+    console_.start(Chip::console_clock_hz);
+    start_microseconds(Chip::timer_clock_hz);
+    Chip::prepare_can();
+    return bus_.open(Chip::can_clock_hz, bit_rate) ? StartFault::none : StartFault::can;
   }
 
   struct Contact {

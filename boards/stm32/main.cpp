@@ -1,4 +1,4 @@
-/// The image of a NUCLEO board. After any reset it is disabled: it listens, and is armed by a supervisor computer alone.
+/// The image of a NUCLEO board. After any reset it is disabled: it sends no torque, and is armed by a supervisor computer alone.
 
 #include "boards/cortex_m/crash.hpp"
 #include "boards/stm32/board.hpp"
@@ -7,7 +7,7 @@
 namespace {
 using namespace esmc;
 
-[[gnu::section(".noinit")]] std::uint32_t starts;  // any number without power, another one at each start
+[[gnu::section(".noinit")]] std::uint32_t starts;  // another number at each start
 
 void tell_start(stm32::Console& out, std::uint32_t cause) {
   out << "\r\nesmc; reset flags ";
@@ -22,10 +22,18 @@ void tell_start(stm32::Console& out, std::uint32_t cause) {
 
 template <class Loop>
 void tell_status(stm32::Console& out, const baked::Node& node, const Loop& loop, stm32::NucleoBoard& board) {
-  out << "state " << static_cast<std::uint32_t>(node.supervisor().state()) << " fault "
-      << static_cast<std::uint32_t>(node.supervisor().fault()) << " late " << loop.late() << " lost " << board.bus().lost()
-      << " withdrawn " << board.bus().withdrawn() << " bus errors ";
+  out << name(node.supervisor().state()) << ", fault " << name(node.supervisor().fault()) << ", enable "
+      << (board.enable().closed() ? "closed" : "open") << (board.bus().off() ? ", off the bus" : "") << ", late " << loop.late()
+      << ", overruns " << board.bus().overruns() << ", withdrawn " << board.bus().withdrawn() << ", bus errors ";
   out.hex(board.bus().error_counters()) << "\r\n";
+}
+
+/// Nothing runs and the outputs are low: says why, waits for a second or so, and begins again.
+[[noreturn]] void start_again(stm32::Console& out, stm32::StartFault why) {
+  out << "start: " << name(why) << "\r\n";
+  for (std::uint32_t n = 0; n < 3'000'000U || !out.idle(); ++n) out.pump();
+  stm32::reg(0xE000'ED0CU) = 0x05FA'0004U;  // reset request
+  for (;;) asm volatile("dsb");
 }
 }  // namespace
 
@@ -34,19 +42,18 @@ extern "C" [[noreturn]] void esmc_main() {
   static_assert(baked::armed_by_link, "a board is armed by a supervisor computer: command.arm = \"link\" in the scene");
   static_assert(baked::period_ns <= 100'000'000, "the watchdog of a board waits for half a second at most");
   static stm32::NucleoBoard board;
-  // Without clocks or bus nothing can be asked and nothing is: the outputs stay low. The fault number is for a debugger.
-  static volatile stm32::StartFault start_fault;
-  start_fault = board.start(baked::bitrate);
-  while (start_fault != stm32::StartFault::none) asm volatile("wfi");
-
-  ++starts;
-  static baked::Node node(baked::config(static_cast<std::uint8_t>(1U + starts % 255U)));
   tell_start(board.console(), board.reset_cause());
+  while (!board.console().idle()) board.console().pump();  // before its clock changes; some milliseconds
+  const stm32::StartFault fault = board.start(baked::bitrate);
+  if (fault != stm32::StartFault::none) start_again(board.console(), fault);
+
+  starts += 1U + stm32::Chip::random();
+  static baked::Node node(baked::config(static_cast<std::uint8_t>(1U + starts % 255U)));
   // After a crash it does not arm until the record is gone, with the power.
   const bool crashed = crash_record.sealed();
-  TimedLoop loop(node, board, baked::period_ns);
   constexpr std::uint32_t period_us = baked::period_ns / 1000U;
   stm32::Chip::watchdog.start(period_us < 1000U ? 5000U : 5U * period_us);
+  TimedLoop loop(node, board, baked::period_ns);
   std::uint32_t told_us = board.now_us();
   for (;;) {
     if (crashed) node.command(Command::stop);

@@ -13,7 +13,7 @@ inline void set_bits(Word address, Word bits) { reg(address) = reg(address) | bi
 inline void set_field(Word address, Word mask, Word value) { reg(address) = (reg(address) & ~mask) | value; }
 /// A clock that was switched on runs once its register has been read back.
 inline void finish_access(Word address) { [[maybe_unused]] const Word read_back = reg(address); }
-/// False: it has not happened within some tens of milliseconds.
+/// False: it has not happened within about half a second of a processor that runs on its own oscillator.
 [[nodiscard]] inline bool await(Word address, Word mask, Word value) {
   for (int n = 0; n < 1'000'000; ++n) {
     if ((reg(address) & mask) == value) return true;
@@ -79,6 +79,7 @@ class Console {
  public:
   explicit constexpr Console(Word base) : base_(base) {}
   void start(Word clock_hz) const {
+    reg(base_) = 0;                           // the rate is taken while it is off
     reg(base_ + 0x0C) = clock_hz / 115'200U;  // BRR
     reg(base_) = (1U << 3) | 1U;              // CR1: transmitter
   }
@@ -100,6 +101,7 @@ class Console {
     for (int shift = 28; shift >= 0; shift -= 4) put("0123456789abcdef"[(value >> static_cast<unsigned>(shift)) & 0xFU]);
     return *this;
   }
+  [[nodiscard]] bool idle() const { return tail_ == head_; }
   /// Gives the line its next byte when it takes one.
   void pump() {
     if (tail_ == head_ || (reg(base_ + 0x1C) & (1U << 7)) == 0) return;
@@ -124,7 +126,29 @@ struct FdcanMemory {
   void write_ram(Word at, Word value) { reg(ram + 4 * at) = value; }
 };
 
+/// A word of the random number generator at `base`, whose clock runs; 0 where it gives none.
+[[nodiscard]] inline Word random_word(Word base) {
+  set_bits(base, 1U << 2);  // RNGEN
+  for (int n = 0; n < 2; ++n) {  // the first one is thrown away
+    if (!await(base + 4, 1, 1)) return 0;
+    const Word value = reg(base + 8);
+    if (n == 1) return value;
+  }
+  return 0;
+}
+
 /// Why start-up went no further.
 enum class StartFault : std::uint8_t { none, oscillator, pll, core_voltage, clock_switch, can };
+[[nodiscard]] constexpr const char* name(StartFault f) {
+  switch (f) {
+    case StartFault::none: return "none";
+    case StartFault::oscillator: return "oscillator";
+    case StartFault::pll: return "pll";
+    case StartFault::core_voltage: return "core_voltage";
+    case StartFault::clock_switch: return "clock_switch";
+    case StartFault::can: return "can";
+  }
+  return "?";
+}
 
 }  // namespace esmc::stm32

@@ -114,15 +114,28 @@ class Cycle {
         take(f, S(0));
       }
     }
-    // What is left unread makes every later sample older than it looks.
+    // What is left unread makes every later sample older than it looks; what the controller had no room for is not known at all.
     flooded_ = flooded_ || taken_ == frames_per_tick_max;
+    if constexpr (requires { bus.overruns(); }) {
+      const std::uint32_t before = std::exchange(overruns_, bus.overruns());
+      flooded_ = flooded_ || before != overruns_;
+    }
   }
 
   /// Asks the drives for the samples of the next tick, where the protocol samples on demand. In lockstep at the
   /// end of a tick, against the clock at its beginning.
   template <hal::CanBus Bus>
   void request(Bus& bus) {
-    line_.request([&](const hal::CanFrame& f) { return put(bus, f); });
+    // Against the clock: what has come in this tick before it was asked for answers an earlier request.
+    if (opened_) {
+      for (D& a : axes_) {
+        if constexpr (requires { a.expect_set(); }) a.expect_set();
+      }
+    }
+    line_.request([&](hal::CanFrame f) {
+      f.perishable = true;
+      return put(bus, f);
+    });
   }
 
   /// One tick, read top to bottom: transitions, what the drives say, state to torque, torque to frames.
@@ -329,7 +342,11 @@ class Cycle {
       if (result.state == State::enabling) a.enable(send);
       const bool leave = result.state == State::fault || result.state == State::stopping;
       if ((leave && !a.idle()) || (result.state == State::disabled && a.must_be_released())) a.disable(send);
-      if (answer && !a.muted()) send(a.torque_frame(result.torque[joint_of_motor(i)]));
+      if (answer && !a.muted()) {
+        hal::CanFrame torque = a.torque_frame(result.torque[joint_of_motor(i)]);
+        torque.perishable = true;
+        send(torque);
+      }
     }
     echo_.told(result.torque);
     line_.end_tick(send, result.state != State::fault);
@@ -379,6 +396,7 @@ class Cycle {
   bool bus_off_ = false;
   bool impostor_ = false;
   bool flooded_ = false;
+  std::uint32_t overruns_ = 0;  // of the bus, as it counts them
   int taken_ = 0;
 };
 

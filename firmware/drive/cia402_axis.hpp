@@ -54,6 +54,12 @@ class Cia402Axis {
     if (heartbeat_age_ticks_ < age_max) ++heartbeat_age_ticks_;
   }
 
+  /// A SYNC goes out now: what came since begin_tick() answers an earlier one, and a sample among it is a tick old.
+  void expect_set() {
+    has_report_ = has_motion_ = reported_ = false;
+    if (sample_age_ticks_ == 0) sample_age_ticks_ = 1;
+  }
+
   /// Takes a frame from the bus. No side effect unless `accepted`.
   Received receive(const hal::CanFrame& f) {
     const bool before = std::exchange(sampled_, false);

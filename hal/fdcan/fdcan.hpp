@@ -31,7 +31,7 @@ inline constexpr std::array<std::uint8_t, 16> fdcan_sizes{0, 1, 2, 3, 4, 5, 6, 7
 }
 
 /// `Part`: fdcan::G4 or fdcan::H7. Frames leave in the order of try_send(): one at a time is with the controller, the
-/// others wait here. So what the bus has not taken can be withdrawn, and no torque of an earlier tick is ever sent.
+/// others wait here. So what the bus has not taken can be withdrawn: no torque of an earlier tick is sent.
 template <class Part, FdcanAccess Access>
 class Fdcan {
  public:
@@ -65,7 +65,7 @@ class Fdcan {
       mode |= cccr_bit::fdoe | cccr_bit::brse;
     }
     a_.write(cccr, mode);
-    a_.write(tscc, 1);  // counts bit times
+    a_.write(tscc, 1);  // counts bit times; with FD frames it would have to be another counter
     Part::configure(a_);
     for (Word at = 0; at < Part::ram_words; ++at) a_.write_ram(at, 0);  // its parity is undefined until then (AN5348)
     a_.write(ie, 0);
@@ -94,7 +94,7 @@ class Fdcan {
     const fdcan::Word state = a_.read(Part::rxf0s);
     if ((state & fdcan::rx_lost) != 0) {
       a_.write(fdcan::ir, Part::lost_flag);
-      ++lost_;
+      ++overruns_;
     }
     if ((state & Part::fill) == 0) return false;
     const fdcan::Word index = (state >> 8) & Part::index;
@@ -103,32 +103,39 @@ class Fdcan {
     return true;
   }
 
-  /// Since the end of the frame received last; at most 65 ms at 1 Mbit/s, after which the counter of bits is round.
+  /// Since the end of the frame received last, up to its stuff bits too much; at most 65 ms at 1 Mbit/s, after which the counter of
+  /// bits is round. 0, not known, where FD frames are open.
   [[nodiscard]] std::uint32_t frame_age_us() const { return age_us_; }
 
-  /// Takes back what the bus has not taken, the frame that is with the controller too unless it is just going out.
+  /// Takes back what is perishable and the bus has not taken; the frame that is with the controller too, unless it is just going
+  /// out. The others keep their order: whoever sent them counts on their being sent.
   void withdraw() {
-    withdrawn_ += head_ - tail_;
-    head_ = tail_ = 0;
-    const fdcan::Word pending = opened_ ? a_.read(Part::txbrp) : 0;
-    if (pending == 0) return;
-    ++withdrawn_;
-    a_.write(Part::txbcr, pending);
+    std::uint32_t kept = tail_;
+    for (std::uint32_t i = tail_; i != head_; ++i) {
+      const CanFrame& f = waiting_[i % waiting_max];
+      if (!f.perishable) waiting_[kept++ % waiting_max] = f;
+    }
+    withdrawn_ += head_ - kept;
+    head_ = kept;
+    if (perishable_) cancel();
   }
 
   /// The controller has left the bus, by 256 errors of its own or because it never got there.
   [[nodiscard]] bool off() const { return !opened_ || (a_.read(fdcan::psr) & fdcan::psr_bit::bus_off) != 0; }
-  /// Asks it back after bus-off: it waits for 128 idle sequences by itself and is off() until then. What waits is withdrawn.
+  /// Asks it back after bus-off: it waits for 128 idle sequences by itself and is off() until then. Everything that waits is
+  /// dropped.
   /// Torque does not resume by this: bus_off is a latched fault of the supervisor.
   void rejoin() {
     if (!opened_ || !off()) return;
-    withdraw();
+    withdrawn_ += head_ - tail_;
+    head_ = tail_;
+    cancel();
     const fdcan::Word mode = a_.read(fdcan::cccr);
     if ((mode & fdcan::cccr_bit::init) != 0) a_.write(fdcan::cccr, mode & ~(fdcan::cccr_bit::init | fdcan::cccr_bit::cce));
   }
 
   /// How often frames were lost because nobody read them; frames that were withdrawn.
-  [[nodiscard]] std::uint32_t lost() const { return lost_; }
+  [[nodiscard]] std::uint32_t overruns() const { return overruns_; }
   [[nodiscard]] std::uint32_t withdrawn() const { return withdrawn_; }
   /// Transmit errors (0..255) in bits 7..0, receive errors (0..127) in bits 14..8: ECR.
   [[nodiscard]] std::uint32_t error_counters() const { return a_.read(fdcan::ecr) & 0x7FFFU; }
@@ -142,9 +149,18 @@ class Fdcan {
     return false;
   }
 
-  /// Gives the controller the next frame when it has none.
+  /// Of the frame that is with the controller, if there is one.
+  void cancel() {
+    const fdcan::Word pending = opened_ ? a_.read(Part::txbrp) : 0;
+    if (pending == 0) return;
+    ++withdrawn_;
+    perishable_ = false;
+    a_.write(Part::txbcr, pending);
+  }
+
+  /// Gives the controller the next frame when it has none. A request is pending a few of its clocks after it was written.
   void pump() {
-    if (tail_ == head_ || a_.read(Part::txbrp) != 0) return;
+    if (tail_ == head_ || (a_.read(Part::txbrp) | a_.read(Part::txbar)) != 0) return;
     const CanFrame& f = waiting_[tail_ % waiting_max];
     const fdcan::Word index = (a_.read(fdcan::txfqs) >> 16) & 0x1FU & Part::index;
     if (index >= Part::tx_elements) return;
@@ -162,6 +178,7 @@ class Fdcan {
       a_.write_ram(at++, w);
     }
     a_.write(Part::txbar, 1U << index);
+    perishable_ = f.perishable;
     ++tail_;
   }
 
@@ -181,12 +198,12 @@ class Fdcan {
     // The stamp is of the frame's first bit; without bits that were stuffed it was this long.
     const std::uint32_t bits = (f.extended ? 64U : 44U) + (f.remote ? 0U : 8U * f.size);
     const std::uint32_t since = (a_.read(fdcan::tscv) - second) & 0xFFFFU;
-    age_us_ = since > bits ? static_cast<std::uint32_t>(std::uint64_t{since - bits} * 1'000'000U / bit_rate_) : 0U;
+    age_us_ = since > bits && !fd_ ? static_cast<std::uint32_t>(std::uint64_t{since - bits} * 1'000'000U / bit_rate_) : 0U;
   }
 
   Access a_;
-  bool opened_ = false, fd_ = false;
-  std::uint32_t bit_rate_ = 1, head_ = 0, tail_ = 0, lost_ = 0, withdrawn_ = 0, age_us_ = 0;
+  bool opened_ = false, fd_ = false, perishable_ = false;  // the last: of the frame that is with the controller
+  std::uint32_t bit_rate_ = 1, head_ = 0, tail_ = 0, overruns_ = 0, withdrawn_ = 0, age_us_ = 0;
   std::array<CanFrame, waiting_max> waiting_{};
 };
 

@@ -22,7 +22,7 @@ class Alarm {
   Alarm(const Alarm&) = delete;
   Alarm& operator=(const Alarm&) = delete;
   ~Alarm();
-  /// Until `instant_ns` of monotonic_ns(), or `descriptor` can be read, or a signal came.
+  /// Until `instant_ns` of monotonic_ns(), or `descriptor` can be read, or a signal came, or for a second.
   void wait(std::uint64_t instant_ns, int descriptor) const;
 
  private:

@@ -172,8 +172,9 @@ def crash(elf, machine):
     begin = symbols["read_nowhere"] & ~1
     ok = reading["exception"] == 5 and reading["status"] & 0x8200 == 0x8200 and begin <= reading["pc"] < begin + 16
     ok = ok and reading["address"] == 0x9000_0000
-    # Some fault as soon as the stack has left the memory at its lower end; what was stacked cannot be read.
-    ok = ok and stack["exception"] in (3, 4, 5, 6) and 0x1FFF_F000 <= stack["sp"] < 0x2000_0000 and stack["pc"] == stack["lr"] == 0
+    # A memory fault as soon as the stack has reached its guard; what was stacked cannot be read.
+    bottom = symbols["esmc_stack_bottom"]
+    ok = ok and stack["exception"] in (3, 4) and bottom - 0x1000 <= stack["sp"] < bottom + 256 and stack["pc"] == stack["lr"] == 0
     return 0 if ok else 1
 
 

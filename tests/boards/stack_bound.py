@@ -13,6 +13,7 @@ import sys
 from pathlib import Path
 
 EXCEPTION = 112  # 26 registers with the FPU's, and 8 for alignment
+GUARD = 256      # of what is reserved nobody may use the lowest part
 
 
 class Refused(Exception):
@@ -93,7 +94,7 @@ def of_image(elf, folder):
     total, path = bound(frames, calls, "esmc_reset", library)
     if len(path) < 5:
         raise Refused(f"the call graph ends after {path[-1][0]}")
-    return total + EXCEPTION, path, symbols["esmc_stack_top"] - symbols["esmc_stack_bottom"]
+    return total + EXCEPTION, path, symbols["esmc_stack_top"] - symbols["esmc_stack_bottom"] - GUARD
 
 
 def main(elf, folder):

@@ -178,6 +178,31 @@ TEST(Cia402Axis, OperationalIsAlsoWhatItsHeartbeatSays) {
   EXPECT_TRUE(b.make_ready());
 }
 
+// An answer that comes after the controller gave up waiting is of the SYNC before; the next SYNC's set does without it.
+TEST(Cia402Axis, LateAnswersAreNoPartOfTheNextSet) {
+  Bench b;
+  ASSERT_TRUE(b.make_ready());
+  b.axis.begin_tick();
+  EXPECT_EQ(b.hear(motion_of(node, 7)), Received::accepted);  // late
+  b.axis.expect_set();
+  EXPECT_EQ(b.hear(report_of(node, 0x0237, 1024)), Received::accepted);
+  EXPECT_FALSE(b.axis.heard_this_tick());
+  EXPECT_EQ(b.axis.sample_age_ticks(), 1U);
+  EXPECT_EQ(b.hear(motion_of(node, 9)), Received::accepted);
+  EXPECT_TRUE(b.axis.heard_this_tick());
+  EXPECT_EQ(b.axis.sample_age_ticks(), 0U);
+  // A whole set that is late is a sample, and a tick old.
+  b.axis.begin_tick();
+  EXPECT_EQ(b.hear(report_of(node, 0x0237, 2048)), Received::accepted);
+  EXPECT_EQ(b.hear(motion_of(node, 7)), Received::accepted);
+  b.axis.expect_set();
+  EXPECT_FALSE(b.axis.heard_this_tick());
+  EXPECT_EQ(b.axis.sample_age_ticks(), 1U);
+  b.axis.begin_tick();
+  b.axis.expect_set();
+  EXPECT_EQ(b.axis.sample_age_ticks(), 2U);
+}
+
 // ---- what it says -------------------------------------------------------------------------------------------------
 
 TEST(Cia402Axis, BothPdosMakeASampleAndASet) {

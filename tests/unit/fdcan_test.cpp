@@ -161,14 +161,14 @@ TYPED_TEST(Fdcan, AFullFifoKeepsTheOldestAndCountsWhatItLost) {
     EXPECT_EQ(f.data[0], i);
   }
   EXPECT_FALSE(this->bus.try_receive(f));
-  EXPECT_EQ(this->bus.lost(), 1U);
+  EXPECT_EQ(this->bus.overruns(), 1U);
   // Round and round.
   for (int i = 0; i < 200; ++i) {
     this->model.deliver(wire(0x41, {static_cast<std::uint8_t>(i)}));
     ASSERT_TRUE(this->bus.try_receive(f));
     EXPECT_EQ(f.data[0], i);
   }
-  EXPECT_EQ(this->bus.lost(), 1U);
+  EXPECT_EQ(this->bus.overruns(), 1U);
 }
 
 TYPED_TEST(Fdcan, AgeOfAFrame) {
@@ -187,25 +187,50 @@ TYPED_TEST(Fdcan, AgeOfAFrame) {
 
 TYPED_TEST(Fdcan, WhatTheBusHasNotTakenIsWithdrawn) {
   ASSERT_TRUE(this->bus.open(24'000'000, 1'000'000));
-  for (int i = 0; i < 5; ++i) EXPECT_EQ(this->bus.try_send(frame(0x10, {i})), SendStatus::ok);
+  const auto torque = [](int value) {
+    CanFrame f = frame(0x10, {value});
+    f.perishable = true;
+    return f;
+  };
+  for (int i = 0; i < 5; ++i) EXPECT_EQ(this->bus.try_send(torque(i)), SendStatus::ok);
   this->bus.withdraw();
   EXPECT_EQ(this->bus.withdrawn(), 5U);
   EXPECT_EQ(this->bus.try_send(frame(0x11, {77})), SendStatus::ok);
+  CanFrame none;
   auto f = this->model.take();
   ASSERT_TRUE(f);
   EXPECT_EQ(f->id, 0x11U);
   EXPECT_FALSE(this->model.take());
   // What is just going out cannot be called back, and nothing overtakes it.
-  EXPECT_EQ(this->bus.try_send(frame(0x20, {1})), SendStatus::ok);
+  EXPECT_EQ(this->bus.try_send(torque(1)), SendStatus::ok);
   ASSERT_TRUE(this->model.begin_frame());
   this->bus.withdraw();
   EXPECT_EQ(this->bus.try_send(frame(0x21, {2})), SendStatus::ok);
   this->model.delivered();
-  CanFrame none;
   (void)this->bus.try_receive(none);
   f = this->model.take();
   ASSERT_TRUE(f);
   EXPECT_EQ(f->id, 0x21U);
+}
+
+TYPED_TEST(Fdcan, WhatOthersCountOnIsNotWithdrawn) {
+  ASSERT_TRUE(this->bus.open(24'000'000, 1'000'000));
+  for (int i = 0; i < 12; ++i) {
+    CanFrame f = frame(0x700 - static_cast<std::uint32_t>(i), {i});
+    f.perishable = i % 3 != 0;
+    EXPECT_EQ(this->bus.try_send(f), SendStatus::ok);
+    if (i % 5 == 4) this->bus.withdraw();
+  }
+  this->bus.withdraw();
+  CanFrame none;
+  for (const std::uint32_t i : {0U, 3U, 6U, 9U}) {
+    const auto f = this->model.take();
+    ASSERT_TRUE(f);
+    EXPECT_EQ(f->id, 0x700 - i);
+    (void)this->bus.try_receive(none);
+  }
+  EXPECT_FALSE(this->model.take());
+  EXPECT_EQ(this->bus.withdrawn(), 8U);
 }
 
 TYPED_TEST(Fdcan, BusOffIsSaidAndComesBackOnlyWhenAsked) {
