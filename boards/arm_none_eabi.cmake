@@ -2,6 +2,6 @@
 set(CMAKE_SYSTEM_NAME Generic)
 set(CMAKE_CXX_COMPILER arm-none-eabi-g++)
 set(CMAKE_TRY_COMPILE_TARGET_TYPE STATIC_LIBRARY)
-set(CMAKE_CXX_FLAGS_INIT "${ESMC_CPU_FLAGS} -fno-exceptions -fno-rtti -fno-threadsafe-statics -ffunction-sections -fdata-sections -fcallgraph-info=su")
+set(CMAKE_CXX_FLAGS_INIT "${ESMC_CPU_FLAGS} -fno-exceptions -fno-rtti -fno-threadsafe-statics -ffunction-sections -fdata-sections")
 # Eigen is header-only: the host's copy serves.
 set(CMAKE_FIND_ROOT_PATH_MODE_PROGRAM NEVER)
