@@ -71,4 +71,44 @@ TEST(Io, TicksAreGoodInEveryStateAndNoneHasBeenBeforeTheFirst) {
   }
 }
 
+// A controller with a small FIFO: what it lost may have been an emergency stop.
+struct CountingBus : esmc::test::FakeBus {
+  std::uint32_t lost = 0;
+  [[nodiscard]] std::uint32_t overruns() const { return lost; }
+};
+
+TEST(Io, FramesThatTheControllerLostAreAFault) {
+  esmc::test::Rig<Five, CountingBus> rig;
+  rig.bus.lost = 7;  // before the cycle listened
+  rig.tick();
+  rig.tick(Command::reset);
+  ASSERT_TRUE(rig.start());
+  ASSERT_FALSE(rig.all_zero());
+  ++rig.bus.lost;
+  EXPECT_EQ(rig.tick().fault, Fault::bus_overload);
+  EXPECT_TRUE(rig.all_zero());
+  rig.tick(Command::reset);
+  EXPECT_TRUE(rig.start()) << "counted once";
+}
+
+TEST(Io, TorquesAreOfOneTickAndWhatArmsOrDisarmsIsNot) {
+  constexpr std::uint32_t set_input_torque = 0x0E;
+  Rig rig;
+  std::size_t torques = 0, others = 0;
+  const auto look = [&] {
+    for (const esmc::hal::CanFrame& f : rig.bus.sent()) {
+      const bool torque = (f.id & 0x1FU) == set_input_torque;
+      EXPECT_EQ(f.perishable, torque) << std::hex << f.id;
+      ++(torque ? torques : others);
+    }
+  };
+  rig.tick(Command::enable);
+  for (int i = 0; i < 50; ++i) look(), rig.tick();
+  EXPECT_EQ(rig.cycle.supervisor().state(), State::running);
+  rig.tick(Command::stop);
+  for (int i = 0; i < 10; ++i) look(), rig.tick();
+  EXPECT_GT(torques, 50U);
+  EXPECT_GT(others, 4U);
+}
+
 }  // namespace
