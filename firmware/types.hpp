@@ -5,6 +5,9 @@
 #include <array>
 #include <utility>
 
+/// Of lambdas that are the body of an unrolled loop: a call would put what it works on into memory.
+#define ESMC_INLINE __attribute__((always_inline))
+
 namespace esmc {
 
 template <class S, int N>
@@ -47,10 +50,42 @@ void add(Vec2<S>& to, const Vec2<S>& what) {
   to += what;
 }
 
+/// A sum that begins with its first term. A compiler that keeps the sign of zeros must not leave out 0 + x, and along
+/// chains of bodies every third addition is one; in unrolled code `empty` is a constant and costs nothing.
+template <class T>
+class Sum {
+ public:
+  void add(const T& x) {
+    if (empty_) {
+      value_ = x;
+    } else {
+      value_ += x;
+    }
+    empty_ = false;
+  }
+  void subtract(const T& x) {
+    if (empty_) {
+      value_ = -x;
+    } else {
+      value_ -= x;
+    }
+    empty_ = false;
+  }
+  [[nodiscard]] T plus(const T& x) const { return empty_ ? x : T(value_ + x); }
+  [[nodiscard]] T minus(const T& x) const { return empty_ ? T(-x) : T(value_ - x); }
+  [[nodiscard]] bool empty() const { return empty_; }
+  /// Not empty.
+  [[nodiscard]] const T& value() const { return value_; }
+
+ private:
+  T value_;
+  bool empty_ = true;
+};
+
 /// Calls f(integral_constant<int, 0>) .. f(integral_constant<int, N-1>): a loop whose index is a constant.
 template <int N, class F>
-constexpr void unroll(F&& f) {
-  [&]<int... I>(std::integer_sequence<int, I...>) {
+ESMC_INLINE constexpr void unroll(F&& f) {
+  [&]<int... I>(std::integer_sequence<int, I...>) ESMC_INLINE {
     (f(std::integral_constant<int, I>{}), ...);
   }(std::make_integer_sequence<int, N>{});
 }

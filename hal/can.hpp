@@ -53,7 +53,8 @@ enum class [[nodiscard]] SendStatus : std::uint8_t {
 template <class B>
 concept CanBus = requires(B& bus, const CanFrame& out, CanFrame& in) {
   { bus.try_send(out) } -> std::same_as<SendStatus>;
-  { bus.try_receive(in) } -> std::same_as<bool>;  // false: no frame waiting, `in` untouched
+  // false: no frame waiting, `in` untouched; true: every field is set, of `data` the first `size` bytes
+  { bus.try_receive(in) } -> std::same_as<bool>;
 };
 
 /// A back end that knows when frames came in.

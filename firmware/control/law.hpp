@@ -30,7 +30,17 @@ struct Gains {
   } independent{};
 };
 
-/// State and reference in the form every law takes. Poses are closed and rates belong to them.
+/// Rates of a mechanism at rest.
+template <class M>
+[[nodiscard]] typename M::Rates rest() {
+  if constexpr (requires { M::Rates::zero(); }) {
+    return M::Rates::zero();
+  } else {
+    return M::Rates::Zero();
+  }
+}
+
+/// State and reference in the form every law takes. Poses are closed and rates belong to them. Not initialised by itself.
 template <class M>
 struct Tracking {
   typename M::Pose pose, desired_pose;
@@ -38,36 +48,26 @@ struct Tracking {
   typename M::Rates desired_acceleration;
 };
 
-/// What a law asks for, and the sliding variables it saw (for the log; zero where a law has none).
-template <class M>
-struct Demand {
-  typename M::Channels acceleration = M::Channels::Zero();  ///< v'
-  typename M::Channels sliding = M::Channels::Zero();       ///< s of the channels
-};
-
 /// v' = qdd_d + Lambda e' + K sw(s), s = e' + Lambda e in every channel [F29].
 template <class M>
-[[nodiscard]] Demand<M> demand_esmc(const M& m, const Gains<M>& gain, Reaching reaching, const Tracking<M>& t) {
+void demand_esmc(const M& m, const Gains<M>& gain, Reaching reaching, const Tracking<M>& t,
+                 typename M::Channels& acceleration, typename M::Channels& sliding) {
   using S = typename M::Scalar;
-  using Channels = typename M::Channels;
-  const Channels e = m.error(t.desired_pose, t.pose);
-  const Channels rate_d = m.channel_rates(t.desired_pose, t.desired_rates);
-  const Channels rate = m.channel_rates(t.pose, t.rates);
-  const Channels acc_d = m.channel_accelerations(t.desired_pose, t.desired_rates, t.desired_acceleration);
-  Demand<M> out;
-  for (int i = 0; i < M::channels; ++i) {
-    const S ed = rate_d[i] - rate[i];
-    out.sliding[i] = ed + gain.lambda[i] * e[i];
-    out.acceleration[i] = acc_d[i] + gain.lambda[i] * ed;
-  }
-  add_switching(reaching, out.sliding, gain.k, gain.layer, out.acceleration);
-  return out;
+  const bool clamped = clamps(reaching);
+  m.compare(t.desired_pose, t.desired_rates, t.desired_acceleration, t.pose, t.rates,
+            [&](auto row, S e, S rate, S of_reference) {
+              const S lambda = gain.lambda[row], s = rate + lambda * e, layer = gain.layer[row];
+              sliding[row] = s;
+              acceleration[row] = of_reference + lambda * rate +
+                                  gain.k[row] * (clamped ? saturated(s, layer) : switching(reaching, s, layer));
+            });
 }
 
 /// v' = C a_r + Cdot v_r + K sw(C sigma), sigma = e' + lambda e in the independent coordinates,
 /// v_r = v_d + lambda e, a_r = a_d + lambda e' [F33]. V' <= 0 holds exactly for an exact model.
 template <class M>
-[[nodiscard]] Demand<M> demand_projected(const M& m, const Gains<M>& gain, Reaching reaching, const Tracking<M>& t) {
+void demand_projected(const M& m, const Gains<M>& gain, Reaching reaching, const Tracking<M>& t,
+                      typename M::Channels& acceleration, typename M::Channels& sliding) {
   using S = typename M::Scalar;
   const S lambda = gain.independent.lambda;
   const Vec2<S> e = M::independent_error(t.desired_pose, t.pose);
@@ -76,13 +76,11 @@ template <class M>
   const typename M::Rates sigma = m.chain_rates(t.pose, Vec2<S>(ed + e * lambda));
   const typename M::Rates straight =
       m.chain_rates(t.pose, Vec2<S>(M::independent(t.desired_acceleration) + ed * lambda));
-  typename M::Rates acceleration = m.chain_bias(t.pose, t.rates, reference);
-  add(acceleration, straight);
-  Demand<M> out;
-  out.sliding = m.channel_rates(t.pose, sigma);
-  out.acceleration = m.channel_accelerations(t.pose, t.rates, reference, acceleration);
-  add_switching(reaching, out.sliding, gain.k, gain.layer, out.acceleration);
-  return out;
+  typename M::Rates whole = m.chain_bias(t.pose, t.rates, reference);
+  add(whole, straight);
+  sliding = m.channel_rates(t.pose, sigma);
+  acceleration = m.channel_accelerations(t.pose, t.rates, reference, whole);
+  add_switching(reaching, sliding, gain.k, gain.layer, acceleration);
 }
 
 /// v' = C u + c, where u is the acceleration asked of the independent coordinates.
@@ -93,33 +91,33 @@ template <class M, class S = typename M::Scalar>
 
 /// u = a_d + lambda e' + k sw(e' + lambda e) [F27].
 template <class M>
-[[nodiscard]] Demand<M> demand_smc(const M& m, const Gains<M>& gain, Reaching reaching, const Tracking<M>& t) {
+void demand_smc(const M& m, const Gains<M>& gain, Reaching reaching, const Tracking<M>& t,
+                typename M::Channels& acceleration, typename M::Channels& sliding) {
   using S = typename M::Scalar;
   const auto& g = gain.independent;
   const Vec2<S> e = M::independent_error(t.desired_pose, t.pose);
   const Vec2<S> ed = M::independent(t.desired_rates) - M::independent(t.rates);
   Vec2<S> u = M::independent(t.desired_acceleration);
-  Demand<M> out;
+  sliding.setZero();
   unroll<2>([&](auto i) {
     const S s = ed[i] + g.lambda * e[i];
-    out.sliding[i] = s;
+    sliding[i] = s;
     u[i] += g.lambda * ed[i] + g.k * switching(reaching, s, g.layer);
   });
-  out.acceleration = demand_independent(m, t, u);
-  return out;
+  acceleration = demand_independent(m, t, u);
 }
 
 /// u = a_d + Kd e' + Kp e, model.md section 8.
 template <class M>
-[[nodiscard]] Demand<M> demand_ctc(const M& m, const Gains<M>& gain, const Tracking<M>& t) {
+void demand_ctc(const M& m, const Gains<M>& gain, const Tracking<M>& t, typename M::Channels& acceleration,
+                typename M::Channels& sliding) {
   using S = typename M::Scalar;
   const auto& g = gain.independent;
   const Vec2<S> e = M::independent_error(t.desired_pose, t.pose);
   const Vec2<S> ed = M::independent(t.desired_rates) - M::independent(t.rates);
-  Demand<M> out;
-  out.acceleration = demand_independent(
+  sliding.setZero();
+  acceleration = demand_independent(
       m, t, Vec2<S>(M::independent(t.desired_acceleration) + ed * g.kd + e * g.kp));
-  return out;
 }
 
 /// Base-joint torque of the model-free law: Kp e + Kd e', N m.
@@ -129,18 +127,33 @@ template <class M, class S = typename M::Scalar>
          (M::base(t.desired_rates) - M::base(t.rates)) * gain.independent.kd;
 }
 
-/// The demand of any model-based law (all but pd, which asks for a torque directly).
+/// The demand of any model-based law (all but pd, which asks for a torque directly: zeros): v' and, for the log, the
+/// sliding variables of the channels, zero where a law has none.
 template <class M>
-[[nodiscard]] Demand<M> demand(LawKind law, const M& m, const Gains<M>& gain, Reaching reaching,
-                               const Tracking<M>& t) {
+void demand(LawKind law, const M& m, const Gains<M>& gain, Reaching reaching, const Tracking<M>& t,
+            typename M::Channels& acceleration, typename M::Channels& sliding) {
   switch (law) {
-    case LawKind::esmc: return demand_esmc(m, gain, reaching, t);
-    case LawKind::esmc_projected: return demand_projected(m, gain, reaching, t);
-    case LawKind::smc: return demand_smc(m, gain, reaching, t);
-    case LawKind::ctc: return demand_ctc(m, gain, t);
+    case LawKind::esmc: return demand_esmc(m, gain, reaching, t, acceleration, sliding);
+    case LawKind::esmc_projected: return demand_projected(m, gain, reaching, t, acceleration, sliding);
+    case LawKind::smc: return demand_smc(m, gain, reaching, t, acceleration, sliding);
+    case LawKind::ctc: return demand_ctc(m, gain, t, acceleration, sliding);
     case LawKind::pd: break;
   }
-  return {};
+  acceleration.setZero();
+  sliding.setZero();
+}
+
+/// The same, for whoever has no place for it.
+template <class M>
+struct Demand {
+  typename M::Channels acceleration;  ///< v'
+  typename M::Channels sliding;       ///< s of the channels
+};
+template <class M>
+[[nodiscard]] Demand<M> demand(LawKind law, const M& m, const Gains<M>& gain, Reaching reaching, const Tracking<M>& t) {
+  Demand<M> out;
+  demand(law, m, gain, reaching, t, out.acceleration, out.sliding);
+  return out;
 }
 
 }  // namespace esmc

@@ -15,6 +15,9 @@ enum class Reaching : std::uint8_t {
   implicit,    ///< backward Euler [F39]: saturation whose layer (1 + d) h K follows from the sampling
 };
 
+/// Those of the shape of `saturation`.
+[[nodiscard]] constexpr bool clamps(Reaching law) { return law == Reaching::saturation || law == Reaching::implicit; }
+
 /// The layer that makes `saturation` the implicit step [F39]: sample time h (s), torque known to act d ticks late.
 template <class S>
 [[nodiscard]] constexpr S implicit_layer(S gain, S sample_time, S delay_ticks) {
@@ -28,17 +31,17 @@ template <class S>
   return s > S(0) ? S(1) : (s < S(0) ? S(-1) : s);
 }
 template <class S>
-[[nodiscard]] constexpr S saturated(S s, S layer) {
-  // An implicit channel without gain has no layer: nothing, not 0/0.
-  const S inside = layer == S(0) ? s : s / layer;
-  return s > layer ? S(1) : (s < -layer ? S(-1) : inside);
+[[nodiscard, gnu::always_inline]] constexpr S saturated(S s, S layer) {
+  if (s > layer) return S(1);
+  if (s < -layer) return S(-1);
+  return layer == S(0) ? s : s / layer;  // an implicit channel without gain has no layer: nothing, not 0/0
 }
 
 /// In [-1, 1], odd. `layer` > 0 in the unit of s; ignored by `sign`. NaN stays NaN.
 template <class S>
 [[nodiscard]] S switching(Reaching law, S s, S layer) {
-  if (law == Reaching::sign) return sign_of(s);
-  return law == Reaching::tanh ? hyperbolic_tangent(s / layer) : saturated(s, layer);
+  if (clamps(law)) return saturated(s, layer);
+  return law == Reaching::sign ? sign_of(s) : hyperbolic_tangent(s / layer);
 }
 
 /// to += k switching(s), channel by channel.

@@ -66,8 +66,15 @@ struct TickResult {
   Vec<S, M::joints> torque = Vec<S, M::joints>::Zero();  ///< N m at the joints, zero where there is no motor
   Vec2<S> effector = Vec2<S>::Zero();           ///< as estimated, m
   Vec2<S> desired_effector = Vec2<S>::Zero();   ///< m
-  Vec2<S> desired_base = Vec2<S>::Zero();       ///< rad, in (-pi, pi]
-  typename M::Channels sliding = M::Channels::Zero();
+  List<Vec2<S>, 2> desired_direction{{Vec2<S>::Zero(), Vec2<S>::Zero()}};  ///< cosine and sine of the base joints
+  typename M::Channels sliding;                 ///< of the channels; zero where nothing was asked of them
+
+  TickResult() { sliding.setZero(); }
+  struct Unset {};
+  explicit TickResult(Unset) {}  ///< whoever takes it sets the sliding variables
+
+  /// rad, in (-pi, pi]. Computed here: no torque needs it.
+  [[nodiscard]] Vec2<S> desired_base() const { return angles_of(desired_direction); }
 };
 
 template <class M>
@@ -105,57 +112,53 @@ class Controller {
   TickResult<M> tick(const Sample<M>& measured, Supervisor& supervisor);
 
  private:
-  struct Observation {
-    Fault fault = Fault::none;
-    Estimate<M> estimate{};
-  };
-
-  /// sample -> estimate -> guards.
-  Observation observe(const Sample<M>& measured, const Limits<S>& limits, TickResult<M>& out) const {
-    Observation o;
+  /// sample -> estimate -> guards. Pose and rates are filled in where there is no fault.
+  Fault observe(const Sample<M>& measured, const Limits<S>& limits, typename M::Pose& pose, typename M::Rates& rates,
+                TickResult<M>& out) const {
     const int n = config_.sensor_count();
     Vec<S, M::joints> angle = measured.angle;
     for (int i = 0; i < n; ++i) {
       const int joint = Config::joint_of(i, n);
       const std::uint32_t age = measured.age_ticks[static_cast<unsigned>(joint)];
-      if (age > limits.max_age_ticks) return {Fault::stale_feedback, {}};
-      if (!finite(measured.angle[joint]) || !finite(measured.rate[joint])) return {Fault::feedback_not_finite, {}};
+      if (age > limits.max_age_ticks) return Fault::stale_feedback;
+      if (!finite(measured.angle[joint]) || !finite(measured.rate[joint])) return Fault::feedback_not_finite;
       if (age == 0 && !consistency_.plausible(joint, measured, limits.feedback_jump, config_.sample_time)) {
-        return {Fault::feedback_jump, {}};
+        return Fault::feedback_jump;
       }
       // To the instant at which the torque of this tick acts, at constant speed.
       angle[joint] += measured.rate[joint] * (S(age) * config_.sample_time +
                                               measured.phase[static_cast<unsigned>(joint)] + config_.torque_lead);
     }
     const Vec2<S> base_angle = at_base(angle), base_rate = at_base(measured.rate);
-    if (config_.sensors == Sensors::base) {
-      const auto closed = estimate_from_base(config_.mechanism, config_.mode, base_angle, base_rate);
-      if (!closed) return {Fault::loop_not_closed, {}};
-      o.estimate = *closed;
-    } else {
-      o.estimate = everywhere(angle, measured.rate);
+    S closure(0);
+    if (config_.sensors == Sensors::base || M::joints == 2) {
+      if (!estimate_from_base(config_.mechanism, config_.mode, base_angle, base_rate, pose, rates)) return Fault::loop_not_closed;
+    } else if constexpr (M::joints == 4) {
+      const Estimate<M> e = estimate_from_all(config_.mechanism, angle, measured.rate);
+      pose = e.pose;
+      rates = e.rates;
+      closure = e.closure;
     }
-    out.effector = o.estimate.pose.effector;
-    o.fault = guard(limits, guarded(o.estimate, base_angle, base_rate));
-    return o;
+    out.effector = pose.effector;
+    return guard(limits, guarded(pose, closure, base_angle, base_rate));
   }
 
-  Fault compute(const Sample<M>& measured, State state, TickResult<M>& out) {
+  /// `acted`: whether there are sliding variables.
+  Fault compute(const Sample<M>& measured, State state, TickResult<M>& out, bool& acted) {
     const bool run = state == State::running;
     const bool retreating = !run && state != State::testing;
-    const Observation now = observe(measured, retreating ? relaxed_ : config_.limits, out);
-    if (now.fault != Fault::none) return now.fault;
-    Tracking<M> t{};
-    t.pose = now.estimate.pose;
-    t.rates = now.estimate.rates;
-    if (state == State::testing) return probe(now.estimate, out);
-    const Fault fault = run ? follow(now.estimate, t) : retreat(now.estimate, state, t, out);
+    Tracking<M> t;
+    Fault fault = observe(measured, retreating ? relaxed_ : config_.limits, t.pose, t.rates, out);
+    if (fault != Fault::none) return fault;
+    if (state == State::testing) return probe(t, out);
+    fault = run ? follow(t) : retreat(state, t, out);
     if (fault != Fault::none) return fault;
     out.desired_effector = t.desired_pose.effector;
-    out.desired_base = M::base_angles(t.desired_pose);
+    out.desired_direction = M::base_directions(t.desired_pose);
     if (state == State::lowering) {
       let_down(t, out);
     } else {
+      acted = true;
       act(t, out);
       if (run && running_tick_ < config_.ramp_ticks) {
         out.torque *= S(running_tick_ + 1) / S(config_.ramp_ticks);
@@ -165,10 +168,10 @@ class Controller {
   }
 
   /// One tick of the sign test.
-  Fault probe(const Estimate<M>& now, TickResult<M>& out) {
+  Fault probe(const Tracking<M>& now, TickResult<M>& out) {
     Vec2<S> torque = weight(now.pose);
     const Vec2<S> limits(config_.torque_limit[Config::joint_of(0, 2)], config_.torque_limit[Config::joint_of(1, 2)]);
-    const auto verdict = sign_test_.step(config_.mechanism, now, M::base_angles(now.pose), M::base(now.rates), limits, torque);
+    const auto verdict = sign_test_.step(config_.mechanism, now.pose, M::base_angles(now.pose), M::base(now.rates), limits, torque);
     if (verdict == SignTest<M>::Verdict::failed) return Fault::sign_test;
     out.stage_done = verdict == SignTest<M>::Verdict::passed;
     spread(torque, out);
@@ -177,13 +180,11 @@ class Controller {
 
   /// Torque of the base motors that balances the weight at rest.
   [[nodiscard]] Vec2<S> weight(const typename M::Pose& pose) const {
-    typename M::Rates still{};
-    if constexpr (M::joints == 2) still.setZero();
-    return config_.mechanism.base_torque(pose, config_.mechanism.force(M::Channels::Zero().eval(), still));
+    return config_.mechanism.base_torque(pose, config_.mechanism.force(M::Channels::Zero().eval(), rest<M>()));
   }
 
-  Fault follow(const Estimate<M>& now, Tracking<M>& t) {
-    if (!desire(now, t)) return Fault::reference_unreachable;
+  Fault follow(Tracking<M>& t) {
+    if (!desire(t)) return Fault::reference_unreachable;
     return joinable() ? Fault::none : Fault::join_infeasible;
   }
 
@@ -194,12 +195,11 @@ class Controller {
     if (guide_.leads() || config_.join_ticks == 0 || running_tick_ >= outlook || running_tick_ >= config_.join_ticks) return true;
     const auto ahead = static_cast<std::uint32_t>(
         (static_cast<std::uint64_t>(config_.join_ticks) * (running_tick_ + 1)) / (outlook + 1));
-    const Motion2<S> m = reference_.at(ahead);
-    const auto d = desired(m);
-    if (!d) return false;
-    const Vec2<S> rate = M::base(d->rates);
-    const typename M::Channels a = config_.mechanism.channel_accelerations(d->pose, d->rates, d->acceleration);
-    const Vec2<S> torque = config_.mechanism.base_torque(d->pose, config_.mechanism.force(a, d->rates));
+    Desired<M> d;
+    if (!desired(reference_.at(ahead), d.pose, d.rates, d.acceleration)) return false;
+    const Vec2<S> rate = M::base(d.rates);
+    const typename M::Channels a = config_.mechanism.channel_accelerations(d.pose, d.rates, d.acceleration);
+    const Vec2<S> torque = config_.mechanism.base_torque(d.pose, config_.mechanism.force(a, d.rates));
     for (int i = 0; i < 2; ++i) {
       const S most = config_.torque_limit[Config::joint_of(i, 2)];
       if (!(rate[i] <= config_.limits.joint_speed && -rate[i] <= config_.limits.joint_speed)) return false;
@@ -210,15 +210,14 @@ class Controller {
   }
 
   /// To rest where the mechanism is, and there it stays.
-  Fault retreat(const Estimate<M>& now, State state, Tracking<M>& t, TickResult<M>& out) {
-    const Vec2<S> angle = M::base_angles(now.pose), rate = M::base(now.rates);
+  Fault retreat(State state, Tracking<M>& t, TickResult<M>& out) {
+    const Vec2<S> angle = M::base_angles(t.pose), rate = M::base(t.rates);
     if (!retreat_.begun()) retreat_.begin(angle, rate);
     const Motion2<S> m = retreat_.at();
-    const auto d = desired_at_base(config_.mechanism, config_.mode, m.position, m.velocity, m.acceleration);
-    if (!d) return Fault::halt_failed;
-    t.desired_pose = d->pose;
-    t.desired_rates = d->rates;
-    t.desired_acceleration = d->acceleration;
+    if (!desired_at_base(config_.mechanism, config_.mode, m.position, m.velocity, m.acceleration, t.desired_pose,
+                         t.desired_rates, t.desired_acceleration)) {
+      return Fault::halt_failed;
+    }
     const S slow = config_.limits.joint_speed * S(0.02);
     const bool rest = rate[0] <= slow && -rate[0] <= slow && rate[1] <= slow && -rate[1] <= slow;
     if (state == State::halting) {
@@ -247,36 +246,34 @@ class Controller {
   }
 
   /// reference -> desired pose and motion, joined from where the mechanism was when it began to run.
-  bool desire(const Estimate<M>& now, Tracking<M>& t) {
+  bool desire(Tracking<M>& t) {
     const bool at_effector = config_.reference.space == ReferenceSpace::effector;
     if (running_tick_ == 0) {
-      const Vec2<S> position = at_effector ? now.pose.effector : M::base_angles(now.pose);
-      const Vec2<S> velocity = at_effector ? config_.mechanism.tip_rate(now.pose, now.rates) : M::base(now.rates);
+      const Vec2<S> position = at_effector ? t.pose.effector : M::base_angles(t.pose);
+      const Vec2<S> velocity = at_effector ? config_.mechanism.tip_rate(t.pose, t.rates) : M::base(t.rates);
       reference_.start(position, velocity);
       guide_.start(position, velocity);
     }
-    const auto d = desired(guide_.leads() ? guide_.at() : reference_.at(running_tick_));
-    if (!d) return false;
-    t.desired_pose = d->pose;
-    t.desired_rates = d->rates;
-    t.desired_acceleration = d->acceleration;
-    return true;
+    return desired(guide_.leads() ? guide_.at() : reference_.at(running_tick_), t.desired_pose, t.desired_rates,
+                   t.desired_acceleration);
   }
-  [[nodiscard]] std::optional<Desired<M>> desired(const Motion2<S>& m) const {
+  [[nodiscard]] bool desired(const Motion2<S>& m, typename M::Pose& pose, typename M::Rates& rates,
+                             typename M::Rates& acceleration) const {
     return config_.reference.space == ReferenceSpace::effector
-               ? desired_at_effector(config_.mechanism, config_.mode, m.position, m.velocity, m.acceleration)
-               : desired_at_base(config_.mechanism, config_.mode, m.position, m.velocity, m.acceleration);
+               ? desired_at_effector(config_.mechanism, config_.mode, m.position, m.velocity, m.acceleration, pose, rates, acceleration)
+               : desired_at_base(config_.mechanism, config_.mode, m.position, m.velocity, m.acceleration, pose, rates, acceleration);
   }
 
   /// law -> forces on the channels -> motor torques.
   void act(const Tracking<M>& t, TickResult<M>& out) const {
     if (config_.law == LawKind::pd) {
+      out.sliding.setZero();
       spread(torque_pd<M>(config_.gains, t), out);
       return;
     }
-    const Demand<M> d = demand(config_.law, config_.mechanism, config_.gains, config_.reaching, t);
-    out.sliding = d.sliding;
-    const typename M::Channels w = config_.mechanism.force(d.acceleration, t.rates);
+    typename M::Channels acceleration;
+    demand(config_.law, config_.mechanism, config_.gains, config_.reaching, t, acceleration, out.sliding);
+    const typename M::Channels w = config_.mechanism.force(acceleration, t.rates);
     if constexpr (M::joints == 4) {
       if (config_.motors == Motors::all) {
         out.torque = allocate_all(config_.mechanism, t.pose, w, config_.torque_weight);
@@ -288,7 +285,9 @@ class Controller {
 
   Fault limit(TickResult<M>& out) const {
     Fault fault = Fault::none;
-    for (int i = 0; i < M::joints; ++i) {
+    const int n = config_.motor_count();  // elsewhere it is zero
+    for (int k = 0; k < n; ++k) {
+      const int i = Config::joint_of(k, n);
       const TorqueCheck c = limit_torque(out.torque[i], config_.torque_limit[i]);
       if (c == TorqueCheck::not_finite) fault = Fault::torque_not_finite;
       out.saturated = out.saturated || c == TorqueCheck::limited;
@@ -301,25 +300,17 @@ class Controller {
   }
   static Vec2<S> at_base(const Vec<S, M::joints>& v) { return {v[Config::joint_of(0, 2)], v[Config::joint_of(1, 2)]}; }
 
-  Estimate<M> everywhere(const Vec<S, M::joints>& angle, const Vec<S, M::joints>& rate) const {
-    if constexpr (M::joints == 4) {
-      return estimate_from_all(config_.mechanism, angle, rate);
-    } else {
-      return *estimate_from_base(config_.mechanism, config_.mode, angle, rate);  // RR: base is all there is
-    }
-  }
-
-  Measured<S> guarded(const Estimate<M>& e, const Vec2<S>& angle, const Vec2<S>& rate) const {
+  Measured<S> guarded(const typename M::Pose& pose, S closure, const Vec2<S>& angle, const Vec2<S>& rate) const {
     Measured<S> m;
-    m.abs_sin_type1 = M::min_abs_sin_type1(e.pose);
+    m.abs_sin_type1 = M::min_abs_sin_type1(pose);
     // Four motors hold the mechanism at type 2 as well, if the state is measured there and not computed.
     const bool regular = config_.motors == Motors::all && config_.sensors == Sensors::all;
     // Otherwise the other assembly mode is as bad as type 2 itself, which lies between: the law may even rest there.
-    m.sin_type2 = regular ? S(1) : M::sin_type2_in_mode(e.pose, config_.mode);
-    m.closure = e.closure;
-    m.x = e.pose.effector.x();
-    m.y = e.pose.effector.y();
-    m.working_mode_kept = M::in_working_mode(e.pose, config_.mode);
+    m.sin_type2 = regular ? S(1) : M::sin_type2_in_mode(pose, config_.mode);
+    m.closure = closure;
+    m.x = pose.effector.x();
+    m.y = pose.effector.y();
+    m.working_mode_kept = M::in_working_mode(pose, config_.mode);
     m.joint_angle = {angle[0], angle[1]};
     m.joint_rate = {rate[0], rate[1]};
     return m;
@@ -337,7 +328,8 @@ class Controller {
 
 template <class M>
 bool Controller<M>::reachable(const Vec2<S>& position) const {
-  return desired({position, Vec2<S>::Zero(), Vec2<S>::Zero()}).has_value();
+  Desired<M> d;
+  return desired({position, Vec2<S>::Zero(), Vec2<S>::Zero()}, d.pose, d.rates, d.acceleration);
 }
 
 template <class M>
@@ -349,25 +341,28 @@ void Controller<M>::set_gains(const link::Parameters& p, S delay_ticks) {
 // runs the very code that was tested.
 template <class M>
 TickResult<M> Controller<M>::tick(const Sample<M>& measured, Supervisor& supervisor) {
-  TickResult<M> out;
+  TickResult<M> out{typename TickResult<M>::Unset{}};
   if (!supervisor.powered()) {
     running_tick_ = lowered_ticks_ = 0;
     retreat_.end();
     sign_test_.reset();
   }
   out.running_tick = running_tick_;
+  bool acted = false;
   if (supervisor.powered()) {
-    const bool ran = supervisor.running();
-    supervisor.raise(compute(measured, supervisor.state(), out));
     // A fault of this tick that leaves the state trustworthy: this very tick begins to bring it to rest.
-    if (ran && supervisor.retreating()) {
+    for (bool again = supervisor.running(); ; again = false) {
+      supervisor.raise(compute(measured, supervisor.state(), out, acted));
+      if (!(again && supervisor.retreating())) break;
       out.torque.setZero();
-      supervisor.raise(compute(measured, supervisor.state(), out));
     }
   } else if (supervisor.state() == State::enabling) {
-    const Fault fault = observe(measured, config_.limits, out).fault;
+    typename M::Pose pose;
+    typename M::Rates rates;
+    const Fault fault = observe(measured, config_.limits, pose, rates, out);
     supervisor.raise(fault == Fault::stale_feedback ? Fault::none : fault);
   }
+  if (!acted) out.sliding.setZero();
   consistency_.keep(measured);
   out.state = supervisor.state();
   out.fault = supervisor.fault();

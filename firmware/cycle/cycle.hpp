@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cstdint>
+#include <span>
 #include <type_traits>
 #include <utility>
 
@@ -53,7 +54,15 @@ class Cycle {
       : controller_(config.controller), supervisor_(controller_.supervision()), axes_(config.axes), line_(config.line), axis_count_(config.axis_count),
         heartbeat_age_ticks_max_(config.heartbeat_age_ticks_max), zero_(config.zero_absolute, config.zero_pose),
         echo_(config.torque_mismatch, config.torque_time, config.controller.sample_time),
-        samples_timed_(config.samples_timed), link_(config.link), delay_ticks_(config.delay_ticks) {}
+        samples_timed_(config.samples_timed), link_(config.link), delay_ticks_(config.delay_ticks),
+        motor_count_(config.controller.motor_count()), sensor_count_(config.controller.sensor_count()) {
+    using C = ControllerConfig<M>;
+    for (int i = 0; i < motor_count_; ++i) motors_[static_cast<unsigned>(i)] = place(C::joint_of(i, motor_count_), true);
+    for (int i = 0; i < sensor_count_; ++i) {
+      const int joint = C::joint_of(i, sensor_count_);
+      sensors_[static_cast<unsigned>(i)] = place(joint, joint % (M::joints / motor_count_) == 0);
+    }
+  }
 
   /// Takes effect at the next tick. A stop is not overwritten by what is asked after it, and a halt by a stop only.
   void command(Command c) {
@@ -106,12 +115,11 @@ class Cycle {
   template <hal::CanBus Bus>
   void receive(Bus& bus) {
     open();
-    hal::CanFrame f;
-    for (; taken_ < frames_per_tick_max && bus.try_receive(f); ++taken_) {
+    for (; taken_ < frames_per_tick_max && bus.try_receive(incoming_); ++taken_) {
       if constexpr (hal::TimesFrames<Bus>) {
-        take(f, samples_timed_ ? S(bus.frame_age_us()) * S(1e-6F) : S(0));
+        take(incoming_, samples_timed_ ? S(bus.frame_age_us()) * S(1e-6F) : S(0));
       } else {
-        take(f, S(0));
+        take(incoming_, S(0));
       }
     }
     // What is left unread makes every later sample older than it looks; what the controller had no room for is not known at all.
@@ -178,15 +186,19 @@ class Cycle {
   void take(const hal::CanFrame& f, S age) {
     for (int i = 0; i < axis_count_; ++i) {
       D& a = axes_[static_cast<unsigned>(i)];
-      switch (a.receive(f)) {
-        case drive::Received::accepted:
-          ++counters_.received;
-          if (a.brought_sample()) phase_[static_cast<unsigned>(i)] = age;
-          return;
-        case drive::Received::malformed: ++counters_.malformed; malformed_ = true; return;
-        case drive::Received::impostor: ++counters_.impostor; impostor_ = true; return;
-        case drive::Received::not_mine: break;
+      const drive::Received r = a.receive(f);
+      if (r == drive::Received::not_mine) continue;
+      if (r == drive::Received::accepted) {
+        ++counters_.received;
+        if (a.brought_sample()) phase_[static_cast<unsigned>(i)] = age;
+      } else if (r == drive::Received::malformed) {
+        ++counters_.malformed;
+        malformed_ = true;
+      } else {
+        ++counters_.impostor;
+        impostor_ = true;
       }
+      return;
     }
     if (link_.active()) {
       const link::Outcome o = link_.receive(f);
@@ -204,8 +216,8 @@ class Cycle {
   template <hal::CanBus Bus>
   void tell_link(Bus& bus, const TickResult<M>& result) {
     link::Report r = report_of(controller_, result, sample_);
-    for (int i = motor_count() - 1; i >= 0; --i) {
-      const D& a = axis(motor_axis(i));
+    for (int i = motor_count_ - 1; i >= 0; --i) {
+      const D& a = at(motors()[static_cast<unsigned>(i)]);
       if (!a.error()) continue;
       r.axis = static_cast<std::uint8_t>(i);
       r.drive_error = a.error_code();
@@ -215,8 +227,8 @@ class Cycle {
 
   [[nodiscard]] DriveStatus status() const {
     DriveStatus s{true, true};
-    for (int i = 0; i < motor_count(); ++i) {
-      const D& a = axis(motor_axis(i));
+    for (const Place& p : motors()) {
+      const D& a = at(p);
       s.all_ready = s.all_ready && a.ready();
       s.all_idle = s.all_idle && a.idle();
     }
@@ -236,21 +248,21 @@ class Cycle {
     if (flooded) return Fault::bus_overload;
     if (impostor) return Fault::foreign_controller;
     if (malformed) return Fault::malformed_frame;
-    for (int i = 0; i < motor_count(); ++i) {
-      if (axis(motor_axis(i)).contradicted()) return Fault::drive_configuration;
+    for (const Place& p : motors()) {
+      if (at(p).contradicted()) return Fault::drive_configuration;
     }
     if (!supervisor_.powered()) {  // other errors of a drive that is being enabled are expected
       echo_.forget();
       // Some drives say where they are only once they have been set up: enabling may get that far, and no further.
       return !zero_.confirmed() && sensed() ? Fault::zero_not_confirmed : Fault::none;
     }
-    for (int i = 0; i < motor_count(); ++i) {
-      const D& a = axis(motor_axis(i));
+    for (const Place& p : motors()) {
+      const D& a = at(p);
       if (a.error()) return Fault::drive_error;
       if (!a.closed_loop()) return Fault::drive_disarmed;
       if (a.heartbeat_age_ticks() > heartbeat_age_ticks_max_) return Fault::heartbeat_lost;
       if constexpr (requires { a.observed_torque(); }) {
-        if (!echo_.plausible(joint_of_motor(i), a.observed_torque())) return Fault::torque_mismatch;
+        if (!echo_.plausible(p.joint, a.observed_torque())) return Fault::torque_mismatch;
       }
     }
     return zero_.confirmed() ? Fault::none : Fault::zero_not_confirmed;
@@ -264,9 +276,7 @@ class Cycle {
   /// What is finite and within its limit at the joint may be neither at the shaft, in a float, behind a gear.
   void check_shafts(TickResult<M>& result) {
     bool carried = true;
-    for (int i = 0; i < motor_count(); ++i) {
-      carried = carried && axis(motor_axis(i)).can_carry(result.torque[joint_of_motor(i)]);
-    }
+    for (const Place& p : motors()) carried = carried && at(p).can_carry(result.torque[p.joint]);
     if (carried) return;
     supervisor_.raise(Fault::torque_not_finite);
     result.state = supervisor_.state();
@@ -275,28 +285,27 @@ class Cycle {
   }
 
   [[nodiscard]] bool allowed(const TickResult<M>& result) const {
-    bool ok = true;
+    const bool powered = supervisor_.powered();
     for (int j = 0; j < M::joints; ++j) {
-      const S most = supervisor_.powered() ? controller_.config().torque_limit[j] : S(0);
-      ok = ok && result.torque[j] <= most && -result.torque[j] <= most;
+      const S most = powered ? controller_.config().torque_limit[j] : S(0);
+      if (!(result.torque[j] <= most && -result.torque[j] <= most)) return false;
     }
-    return ok;
+    return true;
   }
 
   void gather() {
     const auto& c = controller_.config();
-    for (int i = 0; i < c.sensor_count(); ++i) {
-      const int joint = ControllerConfig<M>::joint_of(i, c.sensor_count());
-      const D& a = axis(axis_of_joint(joint));
+    for (const Place& p : sensors()) {
+      const D& a = at(p);
       const auto s = a.template sample<S>();
-      sample_.angle[joint] = s.angle + zero_.shift(joint);
-      sample_.rate[joint] = s.rate;
-      S phase = phase_[static_cast<unsigned>(axis_of_joint(joint))];
-      sample_.age_ticks[static_cast<unsigned>(joint)] = aged(a.sample_age_ticks(), phase, c.sample_time);
-      sample_.phase[static_cast<unsigned>(joint)] = phase;
+      sample_.angle[p.joint] = s.angle + zero_.shift(p.joint);
+      sample_.rate[p.joint] = s.rate;
+      S phase = phase_[p.axis];
+      sample_.age_ticks[p.joint] = aged(a.sample_age_ticks(), phase, c.sample_time);
+      sample_.phase[p.joint] = phase;
       // A drive that was away may have restarted, and then its count began anew. Of a passive encoder, and of a drive
       // that has never sent one, heartbeats say nothing.
-      const bool beats = joint % (M::joints / motor_count()) == 0 && a.heartbeat_age_ticks() != drive::age_max;
+      const bool beats = p.motor && a.heartbeat_age_ticks() != drive::age_max;
       const std::uint32_t silent = beats ? a.heartbeat_age_ticks() : a.sample_age_ticks();
       if (silent != drive::age_max && silent > heartbeat_age_ticks_max_) zero_.forget();
     }
@@ -304,8 +313,8 @@ class Cycle {
 
   /// A sample that waited in a queue for longer than a tick is not of this tick: whole ticks of its phase are age.
   [[nodiscard]] static std::uint32_t aged(std::uint32_t age, S& phase, S sample_time) {
+    if (phase < sample_time) return age;
     const S waited = phase / sample_time;
-    if (waited < S(1)) return age;
     if (!(waited < S(1e6F))) return drive::age_max;
     const auto whole = static_cast<std::uint32_t>(waited);
     phase -= S(whole) * sample_time;
@@ -317,33 +326,27 @@ class Cycle {
   [[nodiscard]] bool sensed() const {
     const auto& c = controller_.config();
     bool all = true;
-    for (int i = 0; i < c.sensor_count(); ++i) {
-      const int joint = ControllerConfig<M>::joint_of(i, c.sensor_count());
-      all = all && sample_.age_ticks[static_cast<unsigned>(joint)] <= c.limits.max_age_ticks;
-    }
+    for (const Place& p : sensors()) all = all && sample_.age_ticks[p.joint] <= c.limits.max_age_ticks;
     return all;
   }
 
   /// Nothing unless every encoder has just said a number.
   void confirm_zero() {
-    const auto& c = controller_.config();
     bool numbers = sensed();
-    for (int i = 0; i < c.sensor_count(); ++i) {
-      numbers = numbers && finite(sample_.angle[ControllerConfig<M>::joint_of(i, c.sensor_count())]);
-    }
+    for (const Place& p : sensors()) numbers = numbers && finite(sample_.angle[p.joint]);
     if (numbers) zero_.confirm(sample_.angle);
   }
 
   template <hal::CanBus Bus>
   void transmit(Bus& bus, const TickResult<M>& result, bool answer) {
     const auto send = [&](const hal::CanFrame& f) { return put(bus, f); };
-    for (int i = 0; i < motor_count(); ++i) {
-      D& a = axes_[static_cast<unsigned>(motor_axis(i))];
+    for (const Place& p : motors()) {
+      D& a = axes_[p.axis];
       if (result.state == State::enabling) a.enable(send);
       const bool leave = result.state == State::fault || result.state == State::stopping;
       if ((leave && !a.idle()) || (result.state == State::disabled && a.must_be_released())) a.disable(send);
       if (answer && !a.muted()) {
-        hal::CanFrame torque = a.torque_frame(result.torque[joint_of_motor(i)]);
+        hal::CanFrame torque = a.torque_frame(result.torque[p.joint]);
         torque.perishable = true;
         send(torque);
       }
@@ -364,13 +367,20 @@ class Cycle {
     return false;
   }
 
-  [[nodiscard]] int motor_count() const { return controller_.config().motor_count(); }
-  [[nodiscard]] int joint_of_motor(int i) const { return ControllerConfig<M>::joint_of(i, motor_count()); }
+  /// Where a motor or an encoder is: among the axes, and in the mechanism.
+  struct Place {
+    std::uint8_t axis = 0, joint = 0;
+    bool motor = false;
+  };
+  using Places = std::array<Place, static_cast<unsigned>(axes_max)>;
   /// Axes stand in the order of the joints that have one: those of the base only, or all.
-  [[nodiscard]] int axis_of_joint(int joint) const {
-    return axis_count_ == M::joints ? joint : joint / (M::joints / 2);
+  [[nodiscard]] Place place(int joint, bool motor) const {
+    const int axis = axis_count_ == M::joints ? joint : joint / (M::joints / 2);
+    return {static_cast<std::uint8_t>(axis), static_cast<std::uint8_t>(joint), motor};
   }
-  [[nodiscard]] int motor_axis(int i) const { return axis_of_joint(joint_of_motor(i)); }
+  [[nodiscard]] std::span<const Place> motors() const { return {motors_.data(), static_cast<unsigned>(motor_count_)}; }
+  [[nodiscard]] std::span<const Place> sensors() const { return {sensors_.data(), static_cast<unsigned>(sensor_count_)}; }
+  [[nodiscard]] const D& at(const Place& p) const { return axes_[p.axis]; }
 
   Controller<M> controller_{};
   Supervisor supervisor_{};
@@ -383,10 +393,13 @@ class Cycle {
   bool samples_timed_;
   link::CommandLink link_;
   S delay_ticks_;
+  int motor_count_, sensor_count_;
+  Places motors_{}, sensors_{};
   std::array<S, static_cast<unsigned>(axes_max)> phase_{};
   Command command_ = Command::none;
   DriveStatus status_{};
   Sample<M> sample_{};
+  hal::CanFrame incoming_{};
   BusCounters counters_{};
   bool stage_done_ = false;
   bool enable_closed_ = true;

@@ -11,25 +11,35 @@ namespace esmc {
 
 template <class M>
 struct Estimate {
-  typename M::Pose pose{};
-  typename M::Rates rates{};
-  typename M::Scalar closure{};  ///< m, distance between the leg tips as measured; 0 without passive encoders
+  typename M::Pose pose;
+  typename M::Rates rates;
+  typename M::Scalar closure;  ///< m, distance between the leg tips as measured; 0 without passive encoders
 };
 
 /// Base encoders only: the passive joints follow from closure in the given assembly mode [F18], [F23].
-/// Empty when the base angles fit no closed mechanism. The rates are not finite at type 2.
+/// False when the base angles fit no closed mechanism: pose and rates are then none. The rates are not finite at type 2.
 template <class S>
-[[nodiscard]] std::optional<Estimate<FiveBar<S>>> estimate_from_base(const FiveBar<S>& m,
-                                                                    const typename FiveBar<S>::Mode& mode,
-                                                                    const Vec2<S>& angle, const Vec2<S>& rate) {
-  const auto pose = m.forward(angle, mode.assembly);
-  if (!pose) return std::nullopt;
-  return Estimate<FiveBar<S>>{*pose, m.base_rates(*pose, rate), S(0)};
+[[nodiscard]] bool estimate_from_base(const FiveBar<S>& m, const typename FiveBar<S>::Mode& mode, const Vec2<S>& angle,
+                                      const Vec2<S>& rate, typename FiveBar<S>::Pose& pose,
+                                      typename FiveBar<S>::Rates& rates) {
+  if (!m.forward(angle, mode.assembly, pose)) return false;
+  rates = m.base_rates(pose, rate);
+  return true;
 }
 template <class S>
-[[nodiscard]] std::optional<Estimate<Rr<S>>> estimate_from_base(const Rr<S>& m, const typename Rr<S>::Mode&,
-                                                               const Vec2<S>& angle, const Vec2<S>& rate) {
-  return Estimate<Rr<S>>{m.pose(angle), rate, S(0)};
+[[nodiscard]] bool estimate_from_base(const Rr<S>& m, const typename Rr<S>::Mode&, const Vec2<S>& angle,
+                                      const Vec2<S>& rate, typename Rr<S>::Pose& pose, typename Rr<S>::Rates& rates) {
+  pose = m.pose(angle);
+  rates = rate;
+  return true;
+}
+/// The same, for whoever has no place for it.
+template <class M, class S = typename M::Scalar>
+[[nodiscard]] std::optional<Estimate<M>> estimate_from_base(const M& m, const typename M::Mode& mode, const Vec2<S>& angle,
+                                                            const Vec2<S>& rate) {
+  Estimate<M> e;
+  e.closure = S(0);
+  return estimate_from_base(m, mode, angle, rate, e.pose, e.rates) ? std::optional<Estimate<M>>(e) : std::nullopt;
 }
 
 /// Encoders on all joints (theta11, theta12, theta21, theta22): regular at type 2 as well. The effector is the
@@ -49,29 +59,47 @@ template <class S>
   return out;
 }
 
-/// The reference in the form the laws take. Empty: outside the workspace, or the base angles do not close.
+/// The reference in the form the laws take.
 template <class M>
 struct Desired {
-  typename M::Pose pose{};
-  typename M::Rates rates{};
-  typename M::Rates acceleration{};
+  typename M::Pose pose;
+  typename M::Rates rates;
+  typename M::Rates acceleration;
 };
 
+/// Effector at x (m) with velocity v and acceleration a. False: outside the workspace, and what is filled in is none.
 template <class M, class S = typename M::Scalar>
-[[nodiscard]] std::optional<Desired<M>> desired_at_effector(const M& m, const typename M::Mode& mode,
-                                                            const Vec2<S>& x, const Vec2<S>& v, const Vec2<S>& a) {
-  const auto pose = m.inverse(x, mode);
-  if (!pose) return std::nullopt;
-  const typename M::Rates rates = m.rates_of_effector(*pose, v);
-  return Desired<M>{*pose, rates, m.accelerations_of_effector(*pose, rates, a)};
+[[nodiscard]] bool desired_at_effector(const M& m, const typename M::Mode& mode, const Vec2<S>& x, const Vec2<S>& v,
+                                       const Vec2<S>& a, typename M::Pose& pose, typename M::Rates& rates,
+                                       typename M::Rates& acceleration) {
+  if (!m.inverse(x, mode, pose)) return false;
+  rates = m.rates_of_effector(pose, v);
+  acceleration = m.accelerations_of_effector(pose, rates, a);
+  return true;
 }
 
+/// Base joints at q (rad) with rates qd and accelerations qdd. False: they do not close, and what is filled in is none.
+template <class M, class S = typename M::Scalar>
+[[nodiscard]] bool desired_at_base(const M& m, const typename M::Mode& mode, const Vec2<S>& q, const Vec2<S>& qd,
+                                   const Vec2<S>& qdd, typename M::Pose& pose, typename M::Rates& rates,
+                                   typename M::Rates& acceleration) {
+  if (!estimate_from_base(m, mode, q, qd, pose, rates)) return false;
+  acceleration = m.base_accelerations(pose, rates, qdd);
+  return true;
+}
+
+/// The same, for whoever has no place for it.
+template <class M, class S = typename M::Scalar>
+[[nodiscard]] std::optional<Desired<M>> desired_at_effector(const M& m, const typename M::Mode& mode, const Vec2<S>& x,
+                                                            const Vec2<S>& v, const Vec2<S>& a) {
+  Desired<M> d;
+  return desired_at_effector(m, mode, x, v, a, d.pose, d.rates, d.acceleration) ? std::optional<Desired<M>>(d) : std::nullopt;
+}
 template <class M, class S = typename M::Scalar>
 [[nodiscard]] std::optional<Desired<M>> desired_at_base(const M& m, const typename M::Mode& mode, const Vec2<S>& q,
                                                         const Vec2<S>& qd, const Vec2<S>& qdd) {
-  const auto estimate = estimate_from_base(m, mode, q, qd);
-  if (!estimate) return std::nullopt;
-  return Desired<M>{estimate->pose, estimate->rates, m.base_accelerations(estimate->pose, estimate->rates, qdd)};
+  Desired<M> d;
+  return desired_at_base(m, mode, q, qd, qdd, d.pose, d.rates, d.acceleration) ? std::optional<Desired<M>>(d) : std::nullopt;
 }
 
 }  // namespace esmc

@@ -63,7 +63,9 @@ class TorqueEcho {
       : tolerance_(tolerance), share_(sample_time / (time + sample_time)) {}
 
   /// At the end of a tick: what goes to the joints from now on, N m.
-  void told(const Vec<S, M::joints>& torque) { expected_ += (torque - expected_) * share_; }
+  void told(const Vec<S, M::joints>& torque) {
+    if (tolerance_ > S(0)) expected_ += (torque - expected_) * share_;
+  }
 
   /// What was off before there was torque says nothing.
   void forget() { off_ = {}; }

@@ -33,7 +33,7 @@ class SignTest {
 
   /// One tick. `angle`, `rate`: of the base joints as measured; `torque`: in, what balances the weight; out, with the
   /// pulse. `limit`: of the base motors, N m.
-  Verdict step(const M& m, const Estimate<M>& now, const Vec2<S>& angle, const Vec2<S>& rate, const Vec2<S>& limit,
+  Verdict step(const M& m, const typename M::Pose& now, const Vec2<S>& angle, const Vec2<S>& rate, const Vec2<S>& limit,
                Vec2<S>& torque) {
     if (half_ > 0 && tick_ == 2 * half_) {
       tick_ = 0;
@@ -47,16 +47,15 @@ class SignTest {
   }
 
  private:
-  bool begin(const M& m, const Estimate<M>& now, const Vec2<S>& angle, const Vec2<S>& rate, const Vec2<S>& limit,
+  bool begin(const M& m, const typename M::Pose& now, const Vec2<S>& angle, const Vec2<S>& rate, const Vec2<S>& limit,
              const Vec2<S>& weight) {
     // H, base to base: torques that unit accelerations take beyond the weight. Its inverse is what a pulse does.
     Vec2<S> column[2];
-    typename M::Rates still{};
-    if constexpr (M::joints == 2) still.setZero();
+    const auto still = rest<M>();
     for (int i = 0; i < 2; ++i) {
       const Vec2<S> unit(S(i == 0), S(i == 1));
-      const typename M::Rates a = m.base_accelerations(now.pose, still, unit);
-      column[i] = m.base_torque(now.pose, m.force(m.channel_accelerations(now.pose, still, a), still)) - weight;
+      const typename M::Rates a = m.base_accelerations(now, still, unit);
+      column[i] = m.base_torque(now, m.force(m.channel_accelerations(now, still, a), still)) - weight;
     }
     const S determinant = column[0][0] * column[1][1] - column[1][0] * column[0][1];
     pulse_ = limit[motor_] * share_max;

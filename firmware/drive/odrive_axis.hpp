@@ -29,9 +29,19 @@ class OdriveAxis {
   /// Takes a frame from the bus. No side effect unless `accepted`. An emergency stop that somebody sends to this
   /// axis, or to all, is taken whatever its length and format.
   Received receive(const hal::CanFrame& f) {
-    const bool before = std::exchange(sampled_, false);
-    const Received r = sort(f);
-    if (r != Received::accepted) sampled_ = before;
+    const bool own = (f.id >> 5U) == config_.node;
+    if (f.extended || !(own || is_for_all(f))) return Received::not_mine;
+    const auto message = static_cast<odrive::Message>(f.id & 0x1FU);
+    if (own && message == odrive::Message::encoder_estimates) return take(odrive::decode_encoder_estimates(f));
+    Received r = Received::accepted;
+    if (own && message == odrive::Message::heartbeat) {
+      r = take(odrive::decode_heartbeat(f, version_));
+    } else if (message == odrive::Message::estop) {
+      stopped_ = true;
+    } else {
+      r = commands(f) ? Received::impostor : own ? answered(f, message) : Received::not_mine;
+    }
+    if (r == Received::accepted) sampled_ = false;
     return r;
   }
 
@@ -149,19 +159,9 @@ class OdriveAxis {
   static constexpr std::uint32_t age_max = drive::age_max;
 
  private:
-  Received sort(const hal::CanFrame& f) {
-    if (f.extended) return Received::not_mine;
-    if (is_emergency_stop(f)) {
-      stopped_ = true;
-      return Received::accepted;
-    }
-    const bool own = (f.id >> 5U) == config_.node;
-    if (!own && !is_for_all(f)) return Received::not_mine;
-    if (commands(f)) return Received::impostor;
-    if (!own) return Received::not_mine;
-    switch (static_cast<odrive::Message>(f.id & 0x1FU)) {
-      case odrive::Message::heartbeat: return take(odrive::decode_heartbeat(f, version_));
-      case odrive::Message::encoder_estimates: return take(odrive::decode_encoder_estimates(f));
+  /// What the axis says when it is asked.
+  Received answered(const hal::CanFrame& f, odrive::Message m) {
+    switch (m) {
       case odrive::Message::get_version: return read_back_.take_version(f);
       case odrive::Message::tx_sdo: return read_back_.take_value(f);
       default: return Received::not_mine;  // other cyclic messages a user may have switched on
@@ -175,10 +175,6 @@ class OdriveAxis {
     starve,     ///< confirmed; the watchdog has to expire
   };
 
-  [[nodiscard]] bool is_emergency_stop(const hal::CanFrame& f) const {
-    return ((f.id >> 5U) == config_.node || is_for_all(f)) &&
-           static_cast<odrive::Message>(f.id & 0x1FU) == odrive::Message::estop;
-  }
   [[nodiscard]] bool is_for_all(const hal::CanFrame& f) const {
     return version_ == Version::v0_6 && (f.id >> 5U) == odrive::node_broadcast;
   }
@@ -265,8 +261,11 @@ class OdriveAxis {
     news_ = true;
     answered_ = true;
     heartbeat_age_ticks_ = 0;
-    if (!reports_emergency_stop()) acknowledged_ = false;
-    stopped_ = stopped_ || (reports_emergency_stop() && !acknowledged_);
+    if (!reports_emergency_stop()) {
+      acknowledged_ = false;
+    } else if (!acknowledged_) {
+      stopped_ = true;
+    }
     if (idle()) owed_ = false;
     if (step_ != Step::confirm || !closed_loop() || error()) {
       confirmations_ = 0;

@@ -54,26 +54,27 @@ class Coupling {
   using Channels = Vec<S, channels>; ///< rows of p in the order of model.md section 4
   using Joints = Vec<S, joints>;
 
-  static List<typename Leg::Joints, Legs> zero_joints() {
-    List<typename Leg::Joints, Legs> z;
-    for (auto& j : z.items) j.setZero();
-    return z;
-  }
-
-  /// Velocities (or accelerations) of platform and joints together: what p# determines through C^.
+  /// Velocities (or accelerations) of platform and joints together: what p# determines through C^. Like a vector, not
+  /// initialised by itself.
   struct Rates {
-    Independent platform = Independent::Zero();
-    List<typename Leg::Joints, Legs> leg = zero_joints();
+    Independent platform;
+    List<typename Leg::Joints, Legs> leg;
 
+    [[nodiscard]] static Rates zero() {
+      Rates r;
+      r.platform.setZero();
+      for (auto& j : r.leg.items) j.setZero();
+      return r;
+    }
     friend void add(Rates& to, const Rates& what) {
       to.platform += what.platform;
-      unroll<Legs>([&](auto j) { to.leg[j] += what.leg[j]; });
+      unroll<Legs>([&](auto j) ESMC_INLINE { to.leg[j] += what.leg[j]; });
     }
   };
 
   struct LegPoses {
-    List<typename Leg::Pose, Legs> leg{};
-    [[no_unique_address]] typename Platform::Pose platform{};
+    List<typename Leg::Pose, Legs> leg;
+    [[no_unique_address]] typename Platform::Pose platform;
   };
 
   Coupling() = default;
@@ -87,8 +88,9 @@ class Coupling {
 
   /// C^ p#. Pole at type 1 of any leg.
   [[nodiscard]] Rates chain_rates(const LegPoses& p, const Independent& platform) const {
-    Rates out{platform, {}};
-    unroll<Legs>([&](auto j) {
+    Rates out;
+    out.platform = platform;
+    unroll<Legs>([&](auto j) ESMC_INLINE {
       out.leg[j] = leg_[j].tip_inverse(p.leg[j], frame_[j].to_leg(platform_.attachment_rate(p.platform, j, platform)));
     });
     return out;
@@ -97,8 +99,9 @@ class Coupling {
   /// d/dt (C^ p#): joint accelerations that go with a platform acceleration, closure kept. Pole at type 1.
   [[nodiscard]] Rates chain_accelerations(const LegPoses& p, const Rates& rates,
                                           const Independent& platform) const {
-    Rates out{platform, {}};
-    unroll<Legs>([&](auto j) {
+    Rates out;
+    out.platform = platform;
+    unroll<Legs>([&](auto j) ESMC_INLINE {
       const Vec2<S> tip = frame_[j].to_leg(platform_.attachment_rate(p.platform, j, platform)) -
                           leg_[j].tip_bias(p.leg[j], rates.leg[j], rates.leg[j]);
       if constexpr (Platform::turns) {
@@ -114,8 +117,9 @@ class Coupling {
   /// d/dt of C along motion a, applied to b: Cdot(a) b of all channels. Symmetric; c = bias(a, a) [F16].
   /// `ddq` are the joint accelerations C^dot(a) b, from chain_bias.
   [[nodiscard]] Rates chain_bias(const LegPoses& p, const Rates& a, const Rates& b) const {
-    Rates out{Independent::Zero(), {}};
-    unroll<Legs>([&](auto j) {
+    Rates out;
+    out.platform.setZero();
+    unroll<Legs>([&](auto j) ESMC_INLINE {
       if constexpr (Platform::turns) {
         const Vec2<S> drift = platform_.attachment_bias(p.platform, j, a.platform, b.platform);
         out.leg[j] = leg_[j].tip_inverse(
@@ -131,7 +135,7 @@ class Coupling {
   [[nodiscard]] Channels channel_rates(const LegPoses& p, const Rates& r) const {
     Channels out;
     out.template head<Platform::channels>() = r.platform;
-    unroll<Legs>([&](auto j) {
+    unroll<Legs>([&](auto j) ESMC_INLINE {
       out.template segment<Leg::channels>(row_leg(j)) = leg_[j].rates(p.leg[j], r.leg[j]);
     });
     return out;
@@ -142,7 +146,7 @@ class Coupling {
                                                const Rates& acceleration) const {
     Channels out;
     out.template head<Platform::channels>() = acceleration.platform;
-    unroll<Legs>([&](auto j) {
+    unroll<Legs>([&](auto j) ESMC_INLINE {
       out.template segment<Leg::channels>(row_leg(j)) =
           leg_[j].rates(p.leg[j], acceleration.leg[j]) + leg_[j].bias(p.leg[j], a.leg[j], b.leg[j]);
     });
@@ -153,10 +157,10 @@ class Coupling {
   }
 
   /// M v' + f + g, channel by channel [F11]; f from the joint rates.
-  [[nodiscard]] Channels force(const Channels& v, const Rates& r) const {
+  [[nodiscard, gnu::always_inline]] Channels force(const Channels& v, const Rates& r) const {
     Channels out;
     out.template head<Platform::channels>() = platform_.force(v.template head<Platform::channels>());
-    unroll<Legs>([&](auto j) {
+    unroll<Legs>([&](auto j) ESMC_INLINE {
       out.template segment<Leg::channels>(row_leg(j)) =
           leg_[j].force(v.template segment<Leg::channels>(row_leg(j)), r.leg[j]);
     });
@@ -167,14 +171,14 @@ class Coupling {
   [[nodiscard]] Channels mass() const {
     Channels out;
     out.template head<Platform::channels>() = platform_.weight();
-    unroll<Legs>([&](auto j) { out.template segment<Leg::channels>(row_leg(j)) = leg_[j].mass(); });
+    unroll<Legs>([&](auto j) ESMC_INLINE { out.template segment<Leg::channels>(row_leg(j)) = leg_[j].mass(); });
     return out;
   }
 
   /// C_j^T w: what forces on the channels of each leg do on its joints.
-  [[nodiscard]] List<typename Leg::Joints, Legs> leg_torques(const LegPoses& p, const Channels& w) const {
+  [[nodiscard, gnu::always_inline]] List<typename Leg::Joints, Legs> leg_torques(const LegPoses& p, const Channels& w) const {
     List<typename Leg::Joints, Legs> out;
-    unroll<Legs>([&](auto j) {
+    unroll<Legs>([&](auto j) ESMC_INLINE {
       out[j] = leg_[j].transposed(p.leg[j], w.template segment<Leg::channels>(row_leg(j)));
     });
     return out;
@@ -184,7 +188,7 @@ class Coupling {
   [[nodiscard]] Independent gather(const LegPoses& p, const Independent& w0,
                                    const List<typename Leg::Joints, Legs>& tau) const {
     Independent out = w0;
-    unroll<Legs>([&](auto j) {
+    unroll<Legs>([&](auto j) ESMC_INLINE {
       out += platform_.attachment_force(p.platform, j, frame_[j].from_leg(leg_[j].tip_force(p.leg[j], tau[j])));
     });
     return out;

@@ -18,24 +18,29 @@ template <class S>
 }
 
 /// Pose of a dyad whose tip is at `tip` (in its own frame), elbow bent so that sin theta_2 has the sign of
-/// `working_mode` (+1 or -1). Empty when the tip is out of reach or at the base. [F17], without its angles.
+/// `working_mode` (+1 or -1). False when the tip is out of reach or at the base: `p` is then not touched. [F17], without
+/// its angles.
 template <class S>
-[[nodiscard]] std::optional<typename Dyad<S>::Pose> dyad_inverse(const Dyad<S>& dyad, const Vec2<S>& tip,
-                                                                int working_mode) {
+[[nodiscard]] bool dyad_inverse(const Dyad<S>& dyad, const Vec2<S>& tip, int working_mode, typename Dyad<S>::Pose& p) {
   const S l1 = dyad.body(0).length, l2 = dyad.body(1).length;
   const S r2 = dot(tip, tip);
   const S stretched = (l1 + l2) * (l1 + l2) - r2, folded = r2 - (l1 - l2) * (l1 - l2);
-  if (!(stretched >= S(0) && folded >= S(0) && r2 > S(0))) return std::nullopt;
+  if (!(stretched >= S(0) && folded >= S(0) && r2 > S(0))) return false;
   const S scale = S(1) / (stretched + folded);  // = 1 / (4 l1 l2): cos^2 + sin^2 = 1 by construction
   const S c2 = (folded - stretched) * scale;
   const S s2 = S(working_mode) * S(2) * square_root(stretched * folded) * scale;
   const Vec2<S> z(l1 + l2 * c2, l2 * s2);  // the tip in a frame that turns with bar 1
-  typename Dyad<S>::Pose p;
   p.axis[0] = Vec2<S>(dot(z, tip), cross(z, tip)) * (S(1) / r2);
   p.axis[1] = Vec2<S>(p.axis[0].x() * c2 - p.axis[0].y() * s2, p.axis[0].y() * c2 + p.axis[0].x() * s2);
   p.turn[0] = p.axis[0];
   p.turn[1] = Vec2<S>(c2, s2);
-  return p;
+  return true;
+}
+
+/// The angles of two directions, each in (-pi, pi].
+template <class S>
+[[nodiscard]] Vec2<S> angles_of(const List<Vec2<S>, 2>& direction) {
+  return {arc_tangent2(direction[0].y(), direction[0].x()), arc_tangent2(direction[1].y(), direction[1].x())};
 }
 
 template <class S>
@@ -55,8 +60,8 @@ class FiveBar : public Coupling<S, PointMass<S>, Dyad<S>, 2> {
   };
 
   struct Pose : Base::LegPoses {
-    Vec2<S> effector = Vec2<S>::Zero();  ///< in N, m
-    S sin_type2{};  ///< D2 = sin(phi12 + phi22): 0 at type 2, its sign is the assembly mode [F18]
+    Vec2<S> effector;  ///< in N, m
+    S sin_type2;  ///< D2 = sin(phi12 + phi22): 0 at type 2, its sign is the assembly mode [F18]
   };
 
   FiveBar() = default;
@@ -68,7 +73,7 @@ class FiveBar : public Coupling<S, PointMass<S>, Dyad<S>, 2> {
   /// leg tips, which closure makes one; `closure_residual` says how far apart they are.
   [[nodiscard]] Pose pose(const Vec<S, 4>& theta) const {
     Pose p;
-    unroll<2>([&](auto j) { p.leg[j] = Leg::pose(theta.template segment<2>(2 * j)); });
+    unroll<2>([&](auto j) ESMC_INLINE { p.leg[j] = Leg::pose(theta.template segment<2>(2 * j)); });
     p.effector = (tip_in_base(p, 0) + tip_in_base(p, 1)) * S(0.5);
     p.sin_type2 = p.leg[0].axis[1].y() * p.leg[1].axis[1].x() + p.leg[0].axis[1].x() * p.leg[1].axis[1].y();
     return p;
@@ -80,24 +85,30 @@ class FiveBar : public Coupling<S, PointMass<S>, Dyad<S>, 2> {
   /// Inverse kinematics [F17] in the working mode; the assembly mode follows. Empty: out of reach.
   [[nodiscard]] std::optional<Pose> inverse(const Vec2<S>& effector, const Mode& mode) const {
     Pose p;
+    return inverse(effector, mode, p) ? std::optional<Pose>(p) : std::nullopt;
+  }
+  /// The same in place; false: out of reach, and `p` is not a pose.
+  [[nodiscard]] bool inverse(const Vec2<S>& effector, const Mode& mode, Pose& p) const {
     for (int j = 0; j < 2; ++j) {
-      const auto leg = dyad_inverse(this->leg(j), this->frame(j).point_to_leg(effector), mode.working[j]);
-      if (!leg) return std::nullopt;
-      p.leg[j] = *leg;
+      if (!dyad_inverse(this->leg(j), this->frame(j).point_to_leg(effector), mode.working[j], p.leg[j])) return false;
     }
     p.effector = effector;
     p.sin_type2 = p.leg[0].axis[1].y() * p.leg[1].axis[1].x() + p.leg[0].axis[1].x() * p.leg[1].axis[1].y();
-    return p;
+    return true;
   }
 
   /// Forward kinematics [F18] from the base joints, in the assembly mode `assembly_mode` = sign D2 (+1 or -1).
   /// Empty: the elbows are too far apart, too close, or on one another; the legs cannot be closed.
   [[nodiscard]] std::optional<Pose> forward(const Vec2<S>& base_angles, int assembly_mode) const {
     Pose p;
+    return forward(base_angles, assembly_mode, p) ? std::optional<Pose>(p) : std::nullopt;
+  }
+  /// The same in place; false: not closed, and `p` is not a pose.
+  [[nodiscard]] bool forward(const Vec2<S>& base_angles, int assembly_mode, Pose& p) const {
     List<Vec2<S>, 2> elbow;
-    unroll<2>([&](auto j) {
-      const SinCos<S> t = sin_cos(base_angles[j]);
-      p.leg[j].axis[0] = p.leg[j].turn[0] = Vec2<S>(t.cos, t.sin);
+    const auto t = sin_cos(std::array<S, 2>{base_angles[0], base_angles[1]});
+    unroll<2>([&](auto j) ESMC_INLINE {
+      p.leg[j].axis[0] = p.leg[j].turn[0] = Vec2<S>(t.cos[j], t.sin[j]);
       elbow[j] = this->frame(j).point_from_leg(p.leg[j].axis[0] * this->leg(j).body(0).length);
     });
     const S l12 = this->leg(0).body(1).length, l22 = this->leg(1).body(1).length;
@@ -105,35 +116,34 @@ class FiveBar : public Coupling<S, PointMass<S>, Dyad<S>, 2> {
     const S d2 = dot(w, w);
     const S sum = d2 + l22 * l22 - l12 * l12;  // 2 d a of [F18]
     const S square = S(4) * d2 * l22 * l22 - sum * sum;
-    if (!(d2 > S(0) && square >= S(0))) return std::nullopt;
+    if (!(d2 > S(0) && square >= S(0))) return false;
     const S half_inverse = S(0.5) / d2;
     const S along = sum * half_inverse, across = S(assembly_mode) * square_root(square) * half_inverse;
     const Vec2<S> from_elbow2 = w * along - perp(w) * across;
     p.effector = elbow[1] + from_elbow2;
     p.leg[0].axis[1] = this->frame(0).to_leg(from_elbow2 - w) * (S(1) / l12);
     p.leg[1].axis[1] = this->frame(1).to_leg(from_elbow2) * (S(1) / l22);
-    unroll<2>([&](auto j) {
+    unroll<2>([&](auto j) ESMC_INLINE {
       p.leg[j].turn[1] = Vec2<S>(dot(p.leg[j].axis[0], p.leg[j].axis[1]), cross(p.leg[j].axis[0], p.leg[j].axis[1]));
     });
     p.sin_type2 = across * d2 / (l12 * l22);
-    return p;
+    return true;
   }
 
   /// (theta11, theta12, theta21, theta22) of a pose, each in (-pi, pi].
   [[nodiscard]] static Vec<S, 4> angles(const Pose& p) {
     Vec<S, 4> out;
-    unroll<2>([&](auto j) {
+    unroll<2>([&](auto j) ESMC_INLINE {
       out[2 * j] = arc_tangent2(p.leg[j].turn[0].y(), p.leg[j].turn[0].x());
       out[2 * j + 1] = arc_tangent2(p.leg[j].turn[1].y(), p.leg[j].turn[1].x());
     });
     return out;
   }
 
+  /// Cosine and sine of theta11, of theta21.
+  [[nodiscard]] static List<Vec2<S>, 2> base_directions(const Pose& p) { return {{p.leg[0].turn[0], p.leg[1].turn[0]}}; }
   /// (theta11, theta21), each in (-pi, pi].
-  [[nodiscard]] static Vec2<S> base_angles(const Pose& p) {
-    return {arc_tangent2(p.leg[0].turn[0].y(), p.leg[0].turn[0].x()),
-            arc_tangent2(p.leg[1].turn[0].y(), p.leg[1].turn[0].x())};
-  }
+  [[nodiscard]] static Vec2<S> base_angles(const Pose& p) { return angles_of(base_directions(p)); }
 
   /// sin theta_j2: 0 at a type-1 (serial) singularity.
   [[nodiscard]] static S sin_type1(const Pose& p, int leg) { return p.leg[leg].turn[1].y(); }
@@ -160,7 +170,7 @@ class FiveBar : public Coupling<S, PointMass<S>, Dyad<S>, 2> {
   /// theta_d - theta of the base joints, in (-pi, pi].
   [[nodiscard]] static Vec2<S> base_error(const Pose& desired, const Pose& actual) {
     Vec2<S> out;
-    unroll<2>([&](auto j) {
+    unroll<2>([&](auto j) ESMC_INLINE {
       const Vec2<S>& a = actual.leg[j].axis[0];
       const Vec2<S>& d = desired.leg[j].axis[0];
       out[j] = arc_tangent2(cross(a, d), dot(a, d));
@@ -171,10 +181,24 @@ class FiveBar : public Coupling<S, PointMass<S>, Dyad<S>, 2> {
   [[nodiscard]] Channels error(const Pose& desired, const Pose& actual) const {
     Channels out;
     out.template head<2>() = independent_error(desired, actual);
-    unroll<2>([&](auto j) {
+    unroll<2>([&](auto j) ESMC_INLINE {
       out.template segment<Leg::channels>(Base::row_leg(j)) = this->leg(j).error(desired.leg[j], actual.leg[j]);
     });
     return out;
+  }
+
+  /// Calls f(row, e, e', q''_d) for every channel, see Serial::compare.
+  template <class F>
+  void compare(const Pose& desired, const Rates& desired_rates, const Rates& desired_acceleration, const Pose& actual,
+               const Rates& rates, F&& f) const {
+    const Vec2<S> e = independent_error(desired, actual);
+    unroll<2>([&](auto i) ESMC_INLINE { f(i, e[i], S(desired_rates.platform[i] - rates.platform[i]), desired_acceleration.platform[i]); });
+    unroll<2>([&](auto j) ESMC_INLINE {
+      this->leg(j).compare(desired.leg[j], desired_rates.leg[j], desired_acceleration.leg[j], actual.leg[j], rates.leg[j],
+                           [&](auto row, S of, S rate, S acceleration) {
+                             f(std::integral_constant<int, Base::row_leg(j) + row>{}, of, rate, acceleration);
+                           });
+    });
   }
 
   [[nodiscard]] static Vec2<S> tip_rate(const Pose&, const Rates& r) { return r.platform; }
@@ -189,14 +213,14 @@ class FiveBar : public Coupling<S, PointMass<S>, Dyad<S>, 2> {
   /// Everything that moves when the base joints turn at `base` [F23].
   [[nodiscard]] Rates base_rates(const Pose& p, const Vec2<S>& base) const {
     Vec2<S> closure;
-    unroll<2>([&](auto j) { closure[j] = this->leg(j).body(0).length * p.leg[j].turn[1].y() * base[j]; });
+    unroll<2>([&](auto j) ESMC_INLINE { closure[j] = this->leg(j).body(0).length * p.leg[j].turn[1].y() * base[j]; });
     return complete(p, base, closure, Vec2<S>::Zero());
   }
 
   /// Accelerations of everything, from those of the base joints and the present rates [F24].
   [[nodiscard]] Rates base_accelerations(const Pose& p, const Rates& r, const Vec2<S>& base) const {
     Vec2<S> closure, inner;
-    unroll<2>([&](auto j) {
+    unroll<2>([&](auto j) ESMC_INLINE {
       const S l1 = this->leg(j).body(0).length, l2 = this->leg(j).body(1).length;
       const S w1 = r.leg[j][0], w2 = r.leg[j][0] + r.leg[j][1];
       closure[j] = l1 * (p.leg[j].turn[1].y() * base[j] - p.leg[j].turn[1].x() * w1 * w1) - l2 * w2 * w2;
@@ -207,19 +231,19 @@ class FiveBar : public Coupling<S, PointMass<S>, Dyad<S>, 2> {
 
   /// F_a = C_a^T w: forces on all channels gathered on the two base joints. With only base motors this is the
   /// motor torque itself [F25].
-  [[nodiscard]] Vec2<S> base_torque(const Pose& p, const Channels& w) const {
+  [[nodiscard, gnu::always_inline]] Vec2<S> base_torque(const Pose& p, const Channels& w) const {
     return gather_on_base(p, w.template head<2>(), this->leg_torques(p, w));
   }
 
   /// C^_a^T [w0; tau]: a force at the effector and torques at all joints, gathered on the base joints.
   [[nodiscard]] Vec2<S> gather_on_base(const Pose& p, const Vec2<S>& w0, const List<Vec2<S>, 2>& tau) const {
     Vec2<S> f = w0;  // force on the effector once every distal bar hands its moment on
-    unroll<2>([&](auto j) {
+    unroll<2>([&](auto j) ESMC_INLINE {
       f += this->frame(j).from_leg(perp(p.leg[j].axis[1])) * (tau[j][1] / this->leg(j).body(1).length);
     });
     const Vec2<S> pushed = solve_closure_transposed(p, f);
     Vec2<S> out;
-    unroll<2>([&](auto j) {
+    unroll<2>([&](auto j) ESMC_INLINE {
       const S l1 = this->leg(j).body(0).length, l2 = this->leg(j).body(1).length;
       out[j] = tau[j][0] - tau[j][1] * (S(1) + l1 * p.leg[j].turn[1].x() / l2) +
                l1 * p.leg[j].turn[1].y() * pushed[j];
@@ -253,7 +277,7 @@ class FiveBar : public Coupling<S, PointMass<S>, Dyad<S>, 2> {
                                const Vec2<S>& inner) const {
     Rates out;
     out.platform = solve_closure(p, closure);
-    unroll<2>([&](auto j) {
+    unroll<2>([&](auto j) ESMC_INLINE {
       const S l1 = this->leg(j).body(0).length, l2 = this->leg(j).body(1).length;
       const S across = dot(perp(p.leg[j].axis[1]), this->frame(j).to_leg(out.platform));
       const S outer = (across - l1 * p.leg[j].turn[1].x() * base[j] - inner[j]) / l2;

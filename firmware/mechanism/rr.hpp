@@ -26,8 +26,8 @@ class Rr {
   };
 
   struct Pose {
-    typename Leg::Pose arm{};
-    Vec2<S> effector = Vec2<S>::Zero();
+    typename Leg::Pose arm;
+    Vec2<S> effector;
   };
 
   Rr() = default;
@@ -42,13 +42,17 @@ class Rr {
   }
   /// Inverse kinematics in the working mode. Empty: out of reach.
   [[nodiscard]] std::optional<Pose> inverse(const Vec2<S>& effector, const Mode& mode) const {
-    const auto arm = dyad_inverse(arm_, effector, mode.working);
-    if (!arm) return std::nullopt;
-    return Pose{*arm, effector};
+    Pose p;
+    return inverse(effector, mode, p) ? std::optional<Pose>(p) : std::nullopt;
   }
-  [[nodiscard]] static Vec2<S> angles(const Pose& p) {
-    return {arc_tangent2(p.arm.turn[0].y(), p.arm.turn[0].x()), arc_tangent2(p.arm.turn[1].y(), p.arm.turn[1].x())};
+  /// The same in place; false: out of reach, and `p` is not a pose.
+  [[nodiscard]] bool inverse(const Vec2<S>& effector, const Mode& mode, Pose& p) const {
+    p.effector = effector;
+    return dyad_inverse(arm_, effector, mode.working, p.arm);
   }
+  /// Cosine and sine of theta1, of theta2.
+  [[nodiscard]] static List<Vec2<S>, 2> base_directions(const Pose& p) { return p.arm.turn; }
+  [[nodiscard]] static Vec2<S> angles(const Pose& p) { return angles_of(base_directions(p)); }
   [[nodiscard]] static Vec2<S> base_angles(const Pose& p) { return angles(p); }
   [[nodiscard]] static S sin_type1(const Pose& p) { return p.arm.turn[1].y(); }
   static S min_abs_sin_type1(const Pose& p) { return sin_type1(p) < S(0) ? -sin_type1(p) : sin_type1(p); }
@@ -78,6 +82,12 @@ class Rr {
   }
   [[nodiscard]] Channels error(const Pose& desired, const Pose& actual) const {
     return arm_.error(desired.arm, actual.arm);
+  }
+  /// Calls f(row, e, e', q''_d) for every channel, see Serial::compare.
+  template <class F>
+  void compare(const Pose& desired, const Rates& desired_rates, const Rates& desired_acceleration, const Pose& actual,
+               const Rates& rates, F&& f) const {
+    arm_.compare(desired.arm, desired_rates, desired_acceleration, actual.arm, rates, f);
   }
   [[nodiscard]] Rates chain_rates(const Pose&, const Independent& p) const { return p; }
   [[nodiscard]] Rates chain_accelerations(const Pose&, const Rates&, const Independent& a) const { return a; }

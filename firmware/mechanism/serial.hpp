@@ -6,6 +6,8 @@
 /// The matrices C, A, M of model.md [F1], [F2] are never formed: `rates` is p = C p#, `bias` is c = Cdot p#,
 /// `transposed` is C^T w, each one pass along the chain.
 
+#include <type_traits>
+
 #include "firmware/numeric/elementary.hpp"
 #include "firmware/types.hpp"
 
@@ -47,11 +49,12 @@ class Serial {
   static constexpr int row_angle(int i) { return joints + i; }
   static constexpr int row_x(int i) { return 2 * joints + 2 * i; }
 
-  /// Where the bodies are. Unit vectors instead of angles: the model needs no angle, only its sine and cosine.
+  struct NoSlides {};
+  /// Where the bodies are; like a vector, not initialised by itself. Unit vectors instead of angles: the model needs no angle, only its sine and cosine.
   struct Pose {
-    List<Vec2<S>, joints> axis{};  ///< along body i, in the frame of the subsystem
-    List<Vec2<S>, joints> turn{};  ///< (cos, sin) of joint i; kept apart because sin theta decides type 1
-    Joints slide = Joints::Zero();       ///< displacement of joint i, m; 0 for a revolute joint
+    List<Vec2<S>, joints> axis;  ///< along body i, in the frame of the subsystem
+    List<Vec2<S>, joints> turn;  ///< (cos, sin) of joint i; kept apart because sin theta decides type 1
+    [[no_unique_address]] std::conditional_t<((Links::joint == Joint::prismatic) || ...), Joints, NoSlides> slide;  ///< of each joint, m
   };
 
   Serial() = default;
@@ -62,20 +65,21 @@ class Serial {
   /// q: joint angles (rad) and displacements (m).
   [[nodiscard]] static Pose pose(const Joints& q) {
     Pose p;
-    S angle(0);
+    Sum<S> angle;
     Vec2<S> axis(S(1), S(0));
-    unroll<joints>([&](auto i) {
+    unroll<joints>([&](auto i) ESMC_INLINE {
       if constexpr (joint(i) == Joint::revolute) {
         // The sum is rounded once and loses less than turning the unit vector by theta_i would: near type 2
         // every 1e-16 here is 1e-16 / D2 in a torque.
-        angle += q[i];
-        const SinCos<S> t = sin_cos(q[i]), a = sin_cos(angle);
+        const bool first = angle.empty();
+        angle.add(q[i]);
+        const SinCos<S> t = sin_cos(q[i]), a = first ? t : sin_cos(angle.value());
         p.turn[i] = Vec2<S>(t.cos, t.sin);
         axis = Vec2<S>(a.cos, a.sin);
       } else {
         p.turn[i] = Vec2<S>(S(1), S(0));
-        p.slide[i] = q[i];
       }
+      if constexpr (slides) p.slide[i] = joint(i) == Joint::prismatic ? q[i] : S(0);
       p.axis[i] = axis;
     });
     return p;
@@ -84,17 +88,8 @@ class Serial {
   /// p = C p#: all velocities from the joint rates. Also the part C a of all accelerations.
   [[nodiscard]] Channels rates(const Pose& p, const Joints& qd) const {
     Channels out;
-    S spin(0);
-    Vec2<S> v = Vec2<S>::Zero();
-    unroll<joints>([&](auto i) {
-      if constexpr (joint(i) == Joint::revolute) {
-        spin += qd[i];
-      } else {
-        v += p.axis[i] * qd[i] + perp(p.axis[i]) * (spin * p.slide[i]);
-      }
-      put(out, i, qd[i], spin, v + perp(arm(p, i)) * spin);
-      if constexpr (i + 1 < joints) v += perp(p.axis[i]) * (spin * bodies_[i].length);
-    });
+    RateWalk w;
+    unroll<joints>([&](auto i) ESMC_INLINE { put(out, i, step(w, i, p, qd)); });
     return out;
   }
 
@@ -102,38 +97,27 @@ class Serial {
   /// rates a, and c(a, b) is Cdot(a) b (symmetric: in the plane every entry of p is the rate of a coordinate).
   [[nodiscard]] Channels bias(const Pose& p, const Joints& a, const Joints& b) const {
     Channels out;
-    S spin_a(0), spin_b(0);
-    Vec2<S> acc = Vec2<S>::Zero();
-    unroll<joints>([&](auto i) {
-      if constexpr (joint(i) == Joint::revolute) {
-        spin_a += a[i];
-        spin_b += b[i];
-      } else {
-        acc += perp(p.axis[i]) * (spin_a * b[i] + spin_b * a[i]) - p.axis[i] * (spin_a * spin_b * p.slide[i]);
-      }
-      const S square = spin_a * spin_b;
-      put(out, i, S(0), S(0), acc - arm(p, i) * square);
-      if constexpr (i + 1 < joints) acc -= p.axis[i] * (square * bodies_[i].length);
-    });
+    BiasWalk w;
+    unroll<joints>([&](auto i) ESMC_INLINE { put(out, i, {S(0), S(0), step(w, i, p, a, b)}); });
     return out;
   }
 
   /// C^T w: what forces w, one per channel, do on the joints. The joint rows of w act on their own joint only.
-  [[nodiscard]] Joints transposed(const Pose& p, const Channels& w) const {
+  [[nodiscard, gnu::always_inline]] Joints transposed(const Pose& p, const Channels& w) const {
     Joints out;
-    S moment(0);                       // of everything further out, about the joint of the body in hand
-    Vec2<S> force = Vec2<S>::Zero();   // of everything further out
-    unroll<joints>([&](auto k) {
+    Sum<S> moment;       // of everything further out, about the joint of the body in hand
+    Sum<Vec2<S>> force;  // of everything further out
+    unroll<joints>([&](auto k) ESMC_INLINE {
       constexpr int i = joints - 1 - k;
       const Vec2<S> f(w[row_x(i)], w[row_x(i) + 1]);
-      if constexpr (i + 1 < joints) moment += bodies_[i].length * cross(p.axis[i], force);
-      moment += w[row_angle(i)] + cross(arm(p, std::integral_constant<int, i>{}), f);
-      force += f;
+      if constexpr (i + 1 < joints) moment.add(bodies_[i].length * cross(p.axis[i], force.value()));
+      moment.add(w[row_angle(i)] + cross(arm(p, std::integral_constant<int, i>{}), f));
+      force.add(f);
       if constexpr (joint(i) == Joint::revolute) {
-        out[i] = w[i] + moment;
+        out[i] = w[i] + moment.value();
       } else {
-        out[i] = w[i] + dot(p.axis[i], force);
-        moment += p.slide[i] * cross(p.axis[i], force);
+        out[i] = w[i] + dot(p.axis[i], force.value());
+        moment.add(p.slide[i] * cross(p.axis[i], force.value()));
       }
     });
     return out;
@@ -141,50 +125,46 @@ class Serial {
 
   /// Position of the tip in the frame of the subsystem, m.
   [[nodiscard]] Vec2<S> tip(const Pose& p) const {
-    Vec2<S> x = Vec2<S>::Zero();
-    unroll<joints>([&](auto i) { x += p.axis[i] * (bodies_[i].length + p.slide[i]); });
-    return x;
+    Sum<Vec2<S>> x;
+    unroll<joints>([&](auto i) ESMC_INLINE { x.add(p.axis[i] * reach(p, i)); });
+    return x.value();
   }
 
   [[nodiscard]] Vec2<S> tip_rate(const Pose& p, const Joints& qd) const {
-    Vec2<S> v = Vec2<S>::Zero();
-    S spin(0);
-    unroll<joints>([&](auto i) {
+    Sum<Vec2<S>> v;
+    Sum<S> spin;
+    unroll<joints>([&](auto i) ESMC_INLINE {
       if constexpr (joint(i) == Joint::revolute) {
-        spin += qd[i];
+        spin.add(qd[i]);
       } else {
-        v += p.axis[i] * qd[i];
+        v.add(p.axis[i] * qd[i]);
       }
-      v += perp(p.axis[i]) * (spin * (bodies_[i].length + p.slide[i]));
+      if (!spin.empty()) v.add(perp(p.axis[i]) * (spin.value() * reach(p, i)));
     });
-    return v;
+    return v.value();
   }
 
   /// Bilinear form of Jdot qd of the tip, m/s2; see `bias`.
   [[nodiscard]] Vec2<S> tip_bias(const Pose& p, const Joints& a, const Joints& b) const {
-    Vec2<S> acc = Vec2<S>::Zero();
-    S spin_a(0), spin_b(0);
-    unroll<joints>([&](auto i) {
+    Sum<Vec2<S>> acc;
+    Sum<S> spin_a, spin_b;
+    unroll<joints>([&](auto i) ESMC_INLINE {
       if constexpr (joint(i) == Joint::revolute) {
-        spin_a += a[i];
-        spin_b += b[i];
-      } else {
-        acc += perp(p.axis[i]) * (spin_a * b[i] + spin_b * a[i]);
+        spin_a.add(a[i]);
+        spin_b.add(b[i]);
+      } else if (!spin_a.empty()) {
+        acc.add(perp(p.axis[i]) * (spin_a.value() * b[i] + spin_b.value() * a[i]));
       }
-      acc -= p.axis[i] * (spin_a * spin_b * (bodies_[i].length + p.slide[i]));
+      if (!spin_a.empty()) acc.subtract(p.axis[i] * (spin_a.value() * spin_b.value() * reach(p, i)));
     });
-    return acc;
+    return acc.empty() ? Vec2<S>(Vec2<S>::Zero()) : acc.value();
   }
 
   /// Mass centre of body i in the frame of the subsystem, m.
   [[nodiscard]] List<Vec2<S>, joints> centres(const Pose& p) const {
     List<Vec2<S>, joints> out;
-    Vec2<S> origin = Vec2<S>::Zero();
-    unroll<joints>([&](auto i) {
-      origin += p.axis[i] * p.slide[i];
-      out[i] = origin + arm(p, i);
-      origin += p.axis[i] * bodies_[i].length;
-    });
+    CentreWalk w;
+    unroll<joints>([&](auto i) ESMC_INLINE { out[i] = step(w, i, p); });
     return out;
   }
 
@@ -192,26 +172,39 @@ class Serial {
   /// (model.md section 9: wrap consistently); the joint entries have no mass and serve display only.
   [[nodiscard]] Channels error(const Pose& desired, const Pose& actual) const {
     Channels out;
-    const List<Vec2<S>, joints> gd = centres(desired), g = centres(actual);
-    S before(0);
-    unroll<joints>([&](auto i) {
-      const S turned = arc_tangent2(cross(actual.axis[i], desired.axis[i]), dot(actual.axis[i], desired.axis[i]));
-      const S of_joint = joint(i) == Joint::revolute ? wrap_to_pi(turned - before)
-                                                     : S(desired.slide[i] - actual.slide[i]);
-      put(out, i, of_joint, turned, gd[i] - g[i]);
-      before = turned;
-    });
+    ErrorWalk w;
+    unroll<joints>([&](auto i) ESMC_INLINE { put(out, i, step(w, i, desired, actual)); });
     return out;
+  }
+
+  /// Calls f(row, e, e', q''_d) for every channel: what `error`, the difference of two `rates`, and `rates` + `bias` of the
+  /// desired motion say of it, body by body, so that no vector of channels is stored on the way.
+  template <class F>
+  void compare(const Pose& desired, const Joints& desired_rate, const Joints& desired_acceleration, const Pose& actual,
+               const Joints& rate, F&& f) const {
+    ErrorWalk error;
+    RateWalk fast, slow, push;
+    BiasWalk drift;
+    unroll<joints>([&](auto i) ESMC_INLINE {
+      const Row e = step(error, i, desired, actual);
+      const Row vd = step(fast, i, desired, desired_rate), v = step(slow, i, actual, rate);
+      const Row a = step(push, i, desired, desired_acceleration);
+      const Vec2<S> c = step(drift, i, desired, desired_rate, desired_rate);
+      f(std::integral_constant<int, row_joint(i)>{}, e.joint, S(vd.joint - v.joint), a.joint);
+      f(std::integral_constant<int, row_angle(i)>{}, e.angle, S(vd.angle - v.angle), a.angle);
+      f(std::integral_constant<int, row_x(i)>{}, e.centre.x(), S(vd.centre.x() - v.centre.x()), S(a.centre.x() + c.x()));
+      f(std::integral_constant<int, row_x(i) + 1>{}, e.centre.y(), S(vd.centre.y() - v.centre.y()), S(a.centre.y() + c.y()));
+    });
   }
 
   /// M v' + f + g with M, f, g of [F2]: the forces to be carried by C^T. The joint rows hold friction alone,
   /// because M is zero there: whatever v' says about them never reaches the joints (model.md section 9).
-  [[nodiscard]] Channels force(const Channels& v, const Joints& qd) const {
+  [[nodiscard, gnu::always_inline]] Channels force(const Channels& v, const Joints& qd) const {
     Channels out;
-    unroll<joints>([&](auto i) {
+    unroll<joints>([&](auto i) ESMC_INLINE {
       const Body<S>& b = bodies_[i];
-      put(out, i, b.viscous * qd[i] + b.coulomb * sign(qd[i]), b.inertia * v[row_angle(i)],
-          Vec2<S>(b.mass * v[row_x(i)], b.mass * (v[row_x(i) + 1] + gravity_)));
+      put(out, i, {b.viscous * qd[i] + b.coulomb * sign(qd[i]), b.inertia * v[row_angle(i)],
+                   Vec2<S>(b.mass * v[row_x(i)], b.mass * (v[row_x(i) + 1] + gravity_))});
     });
     return out;
   }
@@ -220,7 +213,7 @@ class Serial {
   [[nodiscard]] Channels mass() const {
     Channels out;
     unroll<joints>(
-        [&](auto i) { put(out, i, S(0), bodies_[i].inertia, Vec2<S>(bodies_[i].mass, bodies_[i].mass)); });
+        [&](auto i) ESMC_INLINE { put(out, i, {S(0), bodies_[i].inertia, Vec2<S>(bodies_[i].mass, bodies_[i].mass)}); });
     return out;
   }
 
@@ -246,10 +239,20 @@ class Serial {
  private:
   static constexpr List<Joint, joints> kinds_{{Links::joint...}};
   static constexpr List<Shape, joints> shapes_{{Links::shape...}};
+  static constexpr bool slides = ((Links::joint == Joint::prismatic) || ...);
   static constexpr Joint joint(int i) { return kinds_[i]; }
 
   static S sign(S v) { return S(v > S(0)) - S(v < S(0)); }  // sign(0) = 0, model.md section 12
 
+  /// From the joint of body i to its end, m.
+  template <int I>
+  [[nodiscard]] S reach(const Pose& p, std::integral_constant<int, I>) const {
+    if constexpr (joint(I) == Joint::revolute) {
+      return bodies_[I].length;
+    } else {
+      return bodies_[I].length + p.slide[I];
+    }
+  }
   /// From the joint of body i to its mass centre.
   template <int I>
   [[nodiscard]] Vec2<S> arm(const Pose& p, std::integral_constant<int, I>) const {
@@ -260,11 +263,87 @@ class Serial {
     }
   }
 
-  static void put(Channels& out, int i, const S& of_joint, const S& of_angle, const Vec2<S>& of_centre) {
-    out[row_joint(i)] = of_joint;
-    out[row_angle(i)] = of_angle;
-    out[row_x(i)] = of_centre.x();
-    out[row_x(i) + 1] = of_centre.y();
+  /// The channels of one body.
+  struct Row {
+    S joint, angle;
+    Vec2<S> centre;
+  };
+  static void put(Channels& out, int i, const Row& r) {
+    out[row_joint(i)] = r.joint;
+    out[row_angle(i)] = r.angle;
+    out[row_x(i)] = r.centre.x();
+    out[row_x(i) + 1] = r.centre.y();
+  }
+
+  // What is carried along a chain, from its base outwards: step() gives the rows of body I and goes on to its end.
+  // `at_end` is of the end of the body before.
+  struct RateWalk {
+    Sum<S> spin;
+    Sum<Vec2<S>> at_end;
+  };
+  template <int I>
+  [[nodiscard]] Row step(RateWalk& w, std::integral_constant<int, I> i, const Pose& p, const Joints& qd) const {
+    if constexpr (joint(I) == Joint::revolute) {
+      w.spin.add(qd[I]);
+    } else {
+      w.at_end.add(p.axis[I] * qd[I]);
+      if (!w.spin.empty()) w.at_end.add(perp(p.axis[I]) * (w.spin.value() * p.slide[I]));
+    }
+    if (w.spin.empty()) return {qd[I], S(0), w.at_end.value()};
+    const Row out{qd[I], w.spin.value(), w.at_end.plus(perp(arm(p, i)) * w.spin.value())};
+    if constexpr (I + 1 < joints) w.at_end.add(perp(p.axis[I]) * (w.spin.value() * bodies_[I].length));
+    return out;
+  }
+
+  struct BiasWalk {
+    Sum<S> spin_a, spin_b;
+    Sum<Vec2<S>> at_end;
+  };
+  /// Of the mass centre; joints and bars have none.
+  template <int I>
+  [[nodiscard]] Vec2<S> step(BiasWalk& w, std::integral_constant<int, I> i, const Pose& p, const Joints& a,
+                             const Joints& b) const {
+    if constexpr (joint(I) == Joint::revolute) {
+      w.spin_a.add(a[I]);
+      w.spin_b.add(b[I]);
+    } else if (!w.spin_a.empty()) {
+      w.at_end.add(perp(p.axis[I]) * (w.spin_a.value() * b[I] + w.spin_b.value() * a[I]));
+      w.at_end.subtract(p.axis[I] * (w.spin_a.value() * w.spin_b.value() * p.slide[I]));
+    }
+    if (w.spin_a.empty()) return Vec2<S>::Zero();
+    const S square = w.spin_a.value() * w.spin_b.value();
+    const Vec2<S> out = w.at_end.minus(arm(p, i) * square);
+    if constexpr (I + 1 < joints) w.at_end.subtract(p.axis[I] * (square * bodies_[I].length));
+    return out;
+  }
+
+  struct CentreWalk {
+    Sum<Vec2<S>> at_end;
+  };
+  template <int I>
+  [[nodiscard]] Vec2<S> step(CentreWalk& w, std::integral_constant<int, I> i, const Pose& p) const {
+    if constexpr (joint(I) == Joint::prismatic) w.at_end.add(p.axis[I] * p.slide[I]);
+    const Vec2<S> out = w.at_end.plus(arm(p, i));
+    if constexpr (I + 1 < joints) w.at_end.add(p.axis[I] * bodies_[I].length);
+    return out;
+  }
+
+  struct ErrorWalk {
+    Sum<S> turned;
+    CentreWalk desired, actual;
+  };
+  template <int I>
+  [[nodiscard]] Row step(ErrorWalk& w, std::integral_constant<int, I> i, const Pose& desired, const Pose& actual) const {
+    const S turned = arc_tangent2(cross(actual.axis[I], desired.axis[I]), dot(actual.axis[I], desired.axis[I]));
+    S of_joint;
+    if constexpr (joint(I) == Joint::revolute) {
+      of_joint = w.turned.empty() ? turned : wrap_to_pi(S(turned - w.turned.value()));
+    } else {
+      of_joint = desired.slide[I] - actual.slide[I];
+    }
+    w.turned = {};
+    w.turned.add(turned);
+    return {of_joint, turned, Vec2<S>(step(w.desired, i, desired) - step(w.actual, i, actual))};
   }
 
   List<Body<S>, joints> bodies_{};

@@ -82,12 +82,11 @@ struct Constants<float> {
 
   static constexpr float kSafe = 0x1p+80F;  // numbers from 1 / kSafe to kSafe may be added and divided
   // clang-format off
-  static constexpr std::array<float, 12> kAtanHead{
-      0.0F, 0x1.dac67p-2F, 0x1.921fb6p-1F, 0x1.921fb6p+0F, 0x1.1b6e1ap+0F, 0x1.921fb6p-1F,
-      0x1.921fb6p+1F, 0x1.56c6e8p+1F, 0x1.2d97c8p+1F, 0x1.921fb6p+0F, 0x1.0468a8p+1F, 0x1.2d97c8p+1F};
-  static constexpr std::array<float, 12> kAtanTail{
-      0.0F, 0x1.586ed4p-28F, -0x1.777a5cp-26F, -0x1.777a5cp-25F, -0x1.a28838p-25F, -0x1.777a5cp-26F,
-      -0x1.777a5cp-24F, -0x1.8d014ap-24F, -0x1.99bc5cp-28F, -0x1.777a5cp-25F, 0x1.59c9bep-24F, -0x1.99bc5cp-28F};
+  static constexpr std::array<Split<float>, 12> kAtanCentre{{
+      {0.0F, 0.0F}, {0x1.dac67p-2F, 0x1.586ed4p-28F}, {0x1.921fb6p-1F, -0x1.777a5cp-26F},
+      {0x1.921fb6p+0F, -0x1.777a5cp-25F}, {0x1.1b6e1ap+0F, -0x1.a28838p-25F}, {0x1.921fb6p-1F, -0x1.777a5cp-26F},
+      {0x1.921fb6p+1F, -0x1.777a5cp-24F}, {0x1.56c6e8p+1F, -0x1.8d014ap-24F}, {0x1.2d97c8p+1F, -0x1.99bc5cp-28F},
+      {0x1.921fb6p+0F, -0x1.777a5cp-25F}, {0x1.0468a8p+1F, 0x1.59c9bep-24F}, {0x1.2d97c8p+1F, -0x1.99bc5cp-28F}}};
   // clang-format on
 
   static constexpr std::array<float, 3> kSine{0x1.55554ep-3F, -0x1.110a74p-7F, 0x1.9a3f3ep-13F};
@@ -115,16 +114,13 @@ struct Constants<double> {
 
   static constexpr double kSafe = 0x1p+400;  // numbers from 1 / kSafe to kSafe may be added and divided
   // clang-format off
-  static constexpr std::array<double, 12> kAtanHead{
-      0.0, 0x1.dac670561bb4fp-2, 0x1.921fb54442d18p-1,
-      0x1.921fb54442d18p+0, 0x1.1b6e192ebbe44p+0, 0x1.921fb54442d18p-1,
-      0x1.921fb54442d18p+1, 0x1.56c6e7397f5aep+1, 0x1.2d97c7f3321d2p+1,
-      0x1.921fb54442d18p+0, 0x1.0468a8ace4df6p+1, 0x1.2d97c7f3321d2p+1};
-  static constexpr std::array<double, 12> kAtanTail{
-      0.0, 0x1.a2b7f222f65e2p-56, 0x1.1a62633145c07p-55,
-      0x1.1a62633145c07p-54, 0x1.b1b466a88828ep-54, 0x1.1a62633145c07p-55,
-      0x1.1a62633145c07p-53, 0x1.660b64ece6f4bp-53, 0x1.a79394c9e8a0ap-54,
-      0x1.1a62633145c07p-54, 0x1.0620bf7406affp-55, 0x1.a79394c9e8a0ap-54};
+  static constexpr std::array<Split<double>, 12> kAtanCentre{{
+      {0.0, 0.0}, {0x1.dac670561bb4fp-2, 0x1.a2b7f222f65e2p-56},
+      {0x1.921fb54442d18p-1, 0x1.1a62633145c07p-55}, {0x1.921fb54442d18p+0, 0x1.1a62633145c07p-54},
+      {0x1.1b6e192ebbe44p+0, 0x1.b1b466a88828ep-54}, {0x1.921fb54442d18p-1, 0x1.1a62633145c07p-55},
+      {0x1.921fb54442d18p+1, 0x1.1a62633145c07p-53}, {0x1.56c6e7397f5aep+1, 0x1.660b64ece6f4bp-53},
+      {0x1.2d97c7f3321d2p+1, 0x1.a79394c9e8a0ap-54}, {0x1.921fb54442d18p+0, 0x1.1a62633145c07p-54},
+      {0x1.0468a8ace4df6p+1, 0x1.0620bf7406affp-55}, {0x1.2d97c7f3321d2p+1, 0x1.a79394c9e8a0ap-54}}};
   // clang-format on
 
   static constexpr std::array<double, 6> kSine{0x1.555555555554bp-3,  -0x1.111111110fdc3p-7,
@@ -253,12 +249,15 @@ template <BinaryFloat S>
 [[nodiscard]] inline S arc_tangent2(S y, S x) {
   using C = ieee::Constants<S>;
   using Bits = ieee::BitsOf<S>;
-  const S ay = std::fabs(y);
-  const S ax = std::fabs(x);
-  const bool steep = ay > ax;
-  S large = steep ? ay : ax;
-  S small = steep ? ax : ay;
-  if (!(large >= S(1) / C::kSafe && large <= C::kSafe)) {  // rare: keep the sums below in range
+  // Magnitudes compare as their patterns do; a NaN is the largest of them.
+  constexpr Bits kMagnitude = static_cast<Bits>(~ieee::kSign<S>);
+  const Bits ay = ieee::bits(y) & kMagnitude, ax = ieee::bits(x) & kMagnitude;
+  const Bits steep = (ax - ay) & ieee::kSign<S>;  // ay > ax: neither has the bit
+  const Bits most = steep != 0U ? ay : ax;
+  S large = ieee::from_bits<S>(most);
+  S small = ieee::from_bits<S>(steep != 0U ? ax : ay);
+  constexpr Bits kFrom = ieee::bits(S(1) / C::kSafe), kTo = ieee::bits(C::kSafe);
+  if (static_cast<Bits>(most - kFrom) > kTo - kFrom) {  // rare: keep the sums below in range
     if (large == S(0)) {
       large = S(1);
     } else if (large > std::numeric_limits<S>::max()) {
@@ -273,19 +272,27 @@ template <BinaryFloat S>
   // Turned back by the arc tangent of 0, 1/2 or 1, which leaves |t| < 0.258; `small - centre * large` is
   // exact, as the two are within a factor of two of each other. The first bound lies just beyond tan(1/4):
   // the sum that cancels most, below, then has a result twice as coarse.
-  const int step =
-      static_cast<int>(small > S(0.2578125) * large) + static_cast<int>(small > S(0.71875) * large);
-  const S centre = S(0.5) * static_cast<S>(step);
-  const S t = (small - centre * large) / (large + centre * small);
+  Bits row = 0;
+  S t;
+  if (small > S(0.71875) * large) {
+    t = (small - large) / (large + small);
+    row = 2;
+  } else if (small > S(0.2578125) * large) {
+    t = (small - S(0.5) * large) / (large + S(0.5) * small);
+    row = 1;
+  } else {
+    t = small / large;
+  }
   const S z = t * t;
   const S turn = t - t * z * ieee::horner(z, C::kAtan);
 
   // atan t is added to, or if mirrored taken from, the direction of the centre: rows 0 to 2 for x > 0, 3 to 5
   // seen from the y axis, 6 to 11 the same for x < 0.
   const Bits left = ieee::bits(x) & ieee::kSign<S>;
-  const auto row = static_cast<std::size_t>(step) + (steep ? 3U : 0U) + (left != 0U ? 6U : 0U);
-  const Bits mirrored = left ^ (steep ? ieee::kSign<S> : Bits{0});
-  const S angle = C::kAtanHead[row] + (C::kAtanTail[row] + ieee::from_bits<S>(ieee::bits(turn) ^ mirrored));
+  constexpr int kTop = sizeof(S) * 8 - 1;
+  row += (steep >> kTop) * 3U + (left >> kTop) * 6U;
+  const ieee::Split<S>& centre = C::kAtanCentre[static_cast<std::size_t>(row)];
+  const S angle = centre.head + (centre.tail + ieee::from_bits<S>(ieee::bits(turn) ^ left ^ steep));
   return ieee::from_bits<S>(ieee::bits(angle) ^ (ieee::bits(y) & ieee::kSign<S>));
 }
 

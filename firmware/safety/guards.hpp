@@ -77,6 +77,7 @@ enum class TorqueCheck : std::uint8_t { passed, limited, not_finite };
 /// does every torque when the limit itself is none (NaN or negative).
 template <class S>
 constexpr TorqueCheck limit_torque(S& torque, S limit) {
+  if (torque <= limit && -torque <= limit && limit <= std::numeric_limits<S>::max()) return TorqueCheck::passed;
   if (!finite(torque) || !(limit >= S(0))) {
     torque = S(0);
     return TorqueCheck::not_finite;
@@ -89,7 +90,7 @@ constexpr TorqueCheck limit_torque(S& torque, S limit) {
     torque = -limit;
     return TorqueCheck::limited;
   }
-  return TorqueCheck::passed;
+  return TorqueCheck::passed;  // within a limit that is infinite
 }
 
 }  // namespace esmc

@@ -47,9 +47,10 @@ class ControllerRecorder {
     record.has_reference = r.state == State::running;
     record.effector_error =
         std::hypot(r.effector.x() - r.desired_effector.x(), r.effector.y() - r.desired_effector.y());
+    const Vec2<double> base = r.desired_base();
     for (int i = 0; i < 2; ++i) {
       const int joint = ControllerConfig<M>::joint_of(i, 2);
-      record.base_error[static_cast<std::size_t>(i)] = wrap_to_pi(sample.angle[joint] - r.desired_base[i]);
+      record.base_error[static_cast<std::size_t>(i)] = wrap_to_pi(sample.angle[joint] - base[i]);
     }
     statistics_.add(record);
     if (!log_.wanted()) return;
@@ -57,7 +58,7 @@ class ControllerRecorder {
     row_.insert(row_.end(), q.begin(), q.end());
     row_.insert(row_.end(), torque_.begin(), torque_.end());
     row_.insert(row_.end(),
-                {r.desired_effector.x(), r.desired_effector.y(), r.desired_base[0], r.desired_base[1]});
+                {r.desired_effector.x(), r.desired_effector.y(), base[0], base[1]});
     for (int i = 0; i < M::channels; ++i) row_.push_back(r.sliding[i]);
     for (int i = 0; i < M::joints; i += step()) row_.push_back(sample.rate[i]);
     for (int i = 0; i < M::joints; i += step()) {

@@ -145,7 +145,7 @@ Json law_block(const M& m, const Tracking<M>& t, const Gains<M>& gain, Reaching 
   out["e"] = to_json_array(m.error(t.desired_pose, t.pose));
   out["edot"] = to_json_array((rate_d - rate).eval());
   out["s"] = to_json_array(d.sliding);
-  out["vprime"] = to_json_array(demand_esmc(m, gain, reaching, t).acceleration);
+  out["vprime"] = to_json_array(demand(LawKind::esmc, m, gain, reaching, t).acceleration);
   return out;
 }
 
@@ -191,7 +191,7 @@ Json evaluate_rr(const Node& n) {
     const Vec2<S> theta_d = e.vector<S, 2>("theta_d");
     const Tracking<M> t{p, m.pose(theta_d), rate, e.vector<S, 2>("thetad_d"), e.vector<S, 2>("thetadd_d")};
     const Gains<M> gain = read_gains<M>(e);
-    const Demand<M> d = demand_esmc(m, gain, read_switch(e), t);
+    const Demand<M> d = demand(LawKind::esmc, m, gain, read_switch(e), t);
     Json block = law_block(m, t, gain, read_switch(e), leg_coordinates(m.arm(), p.arm, theta),
                            leg_coordinates(m.arm(), t.desired_pose.arm, theta_d), d);
     const Vec2<S> u = m.base_torque(p, m.force(d.acceleration, rate));
@@ -348,7 +348,7 @@ class FiveBarCase {
     t.desired_acceleration = m_.chain_accelerations(*desired, t.desired_rates, ref.vector<S, 2>("xdd"));
     const Gains<M> gain = read_gains<M>(e);
     const Reaching reaching = read_switch(e);
-    const Demand<M> d = demand_esmc(m_, gain, reaching, t);
+    const Demand<M> d = demand(LawKind::esmc, m_, gain, reaching, t);
     const Vec<S, 4> theta_d = ref.has("theta")
                                   ? unwrapped_like(M::angles(*desired), ref.vector<S, 4>("theta"))
                                   : M::angles(*desired);
@@ -372,7 +372,7 @@ class FiveBarCase {
       own.independent.lambda = gain.lambda[i];
       own.independent.k = gain.k[i];
       own.independent.layer = gain.layer[i];
-      v[i] = demand_smc(m_, own, reaching, t).acceleration[i];
+      v[i] = demand(LawKind::smc, m_, own, reaching, t).acceleration[i];
     }
     const auto w = m_.force(demand_independent(m_, t, v), r_);
     Json out;

@@ -20,7 +20,7 @@ TickResult<M> in_double(const TickResult<C>& r) {
   out.torque = r.torque.template cast<double>();
   out.effector = r.effector.template cast<double>();
   out.desired_effector = r.desired_effector.template cast<double>();
-  out.desired_base = r.desired_base.template cast<double>();
+  for (int i = 0; i < 2; ++i) out.desired_direction[i] = r.desired_direction[i].template cast<double>();
   out.sliding = r.sliding.template cast<double>();
   return out;
 }

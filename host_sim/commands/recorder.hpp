@@ -92,13 +92,14 @@ class ReferenceTrack {
     const bool at_effector = joined_.reference().space == ReferenceSpace::effector;
     const bool followed = solved != nullptr && true_lengths_ && at_effector && solved->state == State::running;
     if (same_ && followed && solved->running_tick == tick) {
-      return Point{{solved->desired_effector.x(), solved->desired_effector.y()},
-                   {solved->desired_base[0], solved->desired_base[1]}};
+      const Vec2<double> base = solved->desired_base();
+      return Point{{solved->desired_effector.x(), solved->desired_effector.y()}, {base[0], base[1]}};
     }
     const Motion2<double> m = joined_.at(tick);
     if (at_effector) {
       if (followed && solved->desired_effector == m.position) {
-        return Point{{m.position.x(), m.position.y()}, {solved->desired_base[0], solved->desired_base[1]}};
+        const Vec2<double> base = solved->desired_base();
+        return Point{{m.position.x(), m.position.y()}, {base[0], base[1]}};
       }
       const auto pose = mechanism_.inverse(m.position, mode_);
       if (!pose) return std::nullopt;

@@ -3,6 +3,7 @@
 /// virtual time and the 25 MHz timer counts 1.6 per instruction. Prints a line per law, then "done".
 
 #include <cstdint>
+#include <cstring>
 #include <new>
 #include <optional>
 
@@ -26,7 +27,11 @@ class ArrayBus {
   }
   bool try_receive(hal::CanFrame& f) {
     if (next == count) return false;
-    f = in[next++];
+    const hal::CanFrame& from = in[next++];  // as many bytes as a classic controller hands over
+    f.id = from.id;
+    f.extended = f.remote = f.fd = f.bit_rate_switch = false;
+    f.size = from.size;
+    std::memcpy(f.data.data(), from.data.data(), hal::can_classic_size_max);
     return true;
   }
   void offer(const hal::CanFrame& f) { in[count++] = f; }

@@ -306,7 +306,7 @@ TYPED_TEST(Allocation, TwoAndFourMotorsMoveTheMechanismAlike) {
   Accuracy same("acceleration"), force("force");
   for (std::uint64_t seed = 0; seed < 640; ++seed) {
     const auto c = random_tracking<S>(seed);
-    const auto d = demand_esmc(c.mechanism, c.gain, c.reaching, c.t);
+    const auto d = demand(LawKind::esmc, c.mechanism, c.gain, c.reaching, c.t);
     Random r(~seed);
     const Vec<S, 4> weight = random_weight<S>(r, 1);
     const Vec<S, 4> two = c.torque(d, false), four = c.torque(d, true, weight);

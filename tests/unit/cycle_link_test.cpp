@@ -95,7 +95,7 @@ void live_by_frames() {
   // It holds where it is, then takes a set point 20 mm or mrad away, along a way without jumps.
   const auto here = l.tick();
   const auto where = [](const TickResult<M>& r) -> Vec2<double> {
-    return (M::joints == 4 ? r.desired_effector : r.desired_base).template cast<double>();
+    return (M::joints == 4 ? r.desired_effector : r.desired_base()).template cast<double>();
   };
   const Vec2<double> start = where(here);
   EXPECT_NEAR((start - where(l.tick())).norm(), 0.0, 1e-6);

@@ -42,11 +42,11 @@ Vec<typename M::Scalar, M::joints> by_law(const ControllerConfig<M>& c, const Tr
   Vec2<S> base;
   Demand<M> d;
   switch (c.law) {
-    case LawKind::esmc: d = demand_esmc(c.mechanism, c.gains, c.reaching, t); break;
-    case LawKind::esmc_projected: d = demand_projected(c.mechanism, c.gains, c.reaching, t); break;
-    case LawKind::smc: d = demand_smc(c.mechanism, c.gains, c.reaching, t); break;
-    case LawKind::ctc: d = demand_ctc(c.mechanism, c.gains, t); break;
-    case LawKind::pd: break;
+    case LawKind::esmc: demand_esmc(c.mechanism, c.gains, c.reaching, t, d.acceleration, d.sliding); break;
+    case LawKind::esmc_projected: demand_projected(c.mechanism, c.gains, c.reaching, t, d.acceleration, d.sliding); break;
+    case LawKind::smc: demand_smc(c.mechanism, c.gains, c.reaching, t, d.acceleration, d.sliding); break;
+    case LawKind::ctc: demand_ctc(c.mechanism, c.gains, t, d.acceleration, d.sliding); break;
+    case LawKind::pd: d.acceleration.setZero(); break;
   }
   const typename M::Channels w = c.mechanism.force(d.acceleration, t.rates);
   if constexpr (M::joints == 4) {

@@ -186,7 +186,7 @@ Tracked track(LoopSetup s) {
     const auto& r = loop.tick();
     if (n >= 1000) {
       for (int i = 0; i < 2; ++i) {
-        const double off = loop.sample().angle[2 * i] - r.desired_base[i];
+        const double off = loop.sample().angle[2 * i] - r.desired_base()[i];
         out.error = std::max(out.error, std::abs(std::remainder(off, 2.0 * std::numbers::pi)));
       }
       out.chatter += 0.5 * (r.torque - last).cwiseAbs().sum() / 1000.0;

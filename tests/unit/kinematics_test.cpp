@@ -215,8 +215,9 @@ TYPED_TEST(Kinematics, DegeneratePointsAndNonNumbersAreEmpty) {
     if (!equal) p.legs[0].l2 = S(0.3);
     const FiveBar<S> m(p);
     EXPECT_FALSE(m.inverse(Vec2<S>(p.l0, S(0)), {{{1, 1}}, 1}));
-    EXPECT_FALSE(dyad_inverse(m.leg(0), Vec2<S>(S(0), -S(0)), 1));
-    const auto tiny = dyad_inverse(m.leg(0), Vec2<S>(Limits::denorm_min(), S(0)), 1);
+    typename Dyad<S>::Pose pose;
+    EXPECT_FALSE(dyad_inverse(m.leg(0), Vec2<S>(S(0), -S(0)), 1, pose));
+    const bool tiny = dyad_inverse(m.leg(0), Vec2<S>(Limits::denorm_min(), S(0)), 1, pose);
     EXPECT_FALSE(tiny);  // its square is 0: no direction either
   }
   // d = 0: both elbows in one point, exactly: l0 - l1 cos 0 on both sides.

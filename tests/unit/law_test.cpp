@@ -252,17 +252,17 @@ TYPED_TEST(Laws, InsideTheLayerSmcIsComputedTorque) {
     g.layer = static_cast<S>(s * 1.01L);
     g.kd = g.lambda + g.k / g.layer;
     g.kp = g.lambda * (g.k / g.layer);
-    const auto want = demand_ctc(c.mechanism, c.gain, c.t).acceleration;
+    const auto want = demand(LawKind::ctc, c.mechanism, c.gain, Reaching::sign, c.t).acceleration;
     for (const Reaching law : {Reaching::saturation, Reaching::implicit}) {
-      linear.compare(seed, demand_smc(c.mechanism, c.gain, law, c.t).acceleration, want);
+      linear.compare(seed, demand(LawKind::smc, c.mechanism, c.gain, law, c.t).acceleration, want);
     }
     g.layer = static_cast<S>(s * 100);
     g.kd = g.lambda + g.k / g.layer;
     g.kp = g.lambda * (g.k / g.layer);
     // k (z - tanh z) <= k z^3 / 3 in (x, y), and as much more in the channels as C says.
     const Real bound = Real(g.k) * 1e-6L / 3 * c.now.C().cwiseAbs().rowwise().sum().maxCoeff();
-    const Channels18 difference = (demand_smc(c.mechanism, c.gain, Reaching::tanh, c.t).acceleration -
-                                   demand_ctc(c.mechanism, c.gain, c.t).acceleration)
+    const Channels18 difference = (demand(LawKind::smc, c.mechanism, c.gain, Reaching::tanh, c.t).acceleration -
+                                   demand(LawKind::ctc, c.mechanism, c.gain, Reaching::sign, c.t).acceleration)
                                       .template cast<Real>();
     cubic.take(seed, difference.cwiseAbs().maxCoeff() /
                          (bound + 500 * kEpsilon<S> * want.template cast<Real>().cwiseAbs().maxCoeff()));
@@ -289,8 +289,8 @@ TEST(LawsNearRest, FullEsmcIsComputedTorqueToFirstOrder) {
       c.t.desired_pose = *c.mechanism.inverse(x, c.now.mode);
       c.t.desired_rates = c.mechanism.rates_of_effector(c.t.desired_pose, Vec2<double>::Zero());
       c.t.desired_acceleration = c.t.desired_rates;
-      const auto full = demand_esmc(c.mechanism, c.gain, Reaching::saturation, c.t).acceleration;
-      const auto plain = demand_ctc(c.mechanism, c.gain, c.t).acceleration;
+      const auto full = demand(LawKind::esmc, c.mechanism, c.gain, Reaching::saturation, c.t).acceleration;
+      const auto plain = demand(LawKind::ctc, c.mechanism, c.gain, Reaching::sign, c.t).acceleration;
       return c.mechanism.base_torque(c.t.pose, c.mechanism.mass().cwiseProduct(full - plain)).norm();
     };
     const double coarse = difference(1e-3), fine = difference(1e-4);
@@ -304,7 +304,7 @@ TEST(LawsAndTheirOptimum, AppliedForceGivesTheKktSolution) {
   Accuracy reached("v_projected"), reduced("C_a_plus_c");
   for (std::uint64_t seed = 0; seed < 160; ++seed) {
     const auto c = random_tracking<double>(seed);
-    const auto d = demand_esmc(c.mechanism, c.gain, c.reaching, c.t);
+    const auto d = demand(LawKind::esmc, c.mechanism, c.gain, c.reaching, c.t);
     const Channels18 v = d.acceleration.cast<Real>();
     const auto& q = c.now;
     const Mat<Real, 16, 18> A = matrix_A(c.mechanism, c.t.pose).cast<Real>();

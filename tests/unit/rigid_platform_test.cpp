@@ -234,11 +234,11 @@ struct Case {
       platform.at[j] = r.vector<S, 2>(0.12);
       oracle.at[k] = {Real(platform.at[j].x()), Real(platform.at[j].y())};
       const Vec2<S> point = pose.platform.centre + platform.arm(pose.platform, j);
-      const auto reached = dyad_inverse(leg[j], frame[j].point_to_leg(point), r.sign());
-      if (!reached || std::fabs(static_cast<double>(reached->turn[1].y())) < 0.25) return false;
-      pose.leg[j] = *reached;
+      auto& reached = pose.leg[j];
+      if (!dyad_inverse(leg[j], frame[j].point_to_leg(point), r.sign(), reached)) return false;
+      if (std::fabs(static_cast<double>(reached.turn[1].y())) < 0.25) return false;
       for (int b = 0; b < 2; ++b) {
-        const Real angle = std::atan2(Real(reached->axis[b].y()), Real(reached->axis[b].x()));
+        const Real angle = std::atan2(Real(reached.axis[b].y()), Real(reached.axis[b].x()));
         q[3 + 2 * k + static_cast<std::size_t>(b)] = j == 1 ? pi - angle : angle;
       }
     }
