@@ -112,26 +112,37 @@ class Controller {
   TickResult<M> tick(const Sample<M>& measured, Supervisor& supervisor);
 
  private:
+  /// The sample of a joint, and its angle at the instant at which the torque of this tick acts, at constant speed.
+  ESMC_INLINE Fault accept(int joint, const Sample<M>& measured, const Limits<S>& limits, S& angle) const {
+    const S phase = measured.phase[static_cast<unsigned>(joint)];
+    const std::uint32_t age = measured.age_ticks[static_cast<unsigned>(joint)];
+    if (age > limits.max_age_ticks) return Fault::stale_feedback;
+    if (!finite(measured.angle[joint]) || !finite(measured.rate[joint])) return Fault::feedback_not_finite;
+    if (age == 0 && !consistency_.plausible(joint, measured, limits.feedback_jump, config_.sample_time)) {
+      return Fault::feedback_jump;
+    }
+    angle = measured.angle[joint] + measured.rate[joint] * (S(age) * config_.sample_time + phase + config_.torque_lead);
+    return Fault::none;
+  }
+
   /// sample -> estimate -> guards. Pose and rates are filled in where there is no fault.
   Fault observe(const Sample<M>& measured, const Limits<S>& limits, typename M::Pose& pose, typename M::Rates& rates,
                 TickResult<M>& out) const {
-    const int n = config_.sensor_count();
-    Vec<S, M::joints> angle = measured.angle;
-    for (int i = 0; i < n; ++i) {
-      const int joint = Config::joint_of(i, n);
-      const std::uint32_t age = measured.age_ticks[static_cast<unsigned>(joint)];
-      if (age > limits.max_age_ticks) return Fault::stale_feedback;
-      if (!finite(measured.angle[joint]) || !finite(measured.rate[joint])) return Fault::feedback_not_finite;
-      if (age == 0 && !consistency_.plausible(joint, measured, limits.feedback_jump, config_.sample_time)) {
-        return Fault::feedback_jump;
-      }
-      // To the instant at which the torque of this tick acts, at constant speed.
-      angle[joint] += measured.rate[joint] * (S(age) * config_.sample_time +
-                                              measured.phase[static_cast<unsigned>(joint)] + config_.torque_lead);
+    Vec<S, M::joints> angle;
+    Fault wrong = Fault::none;
+    const bool from_base = config_.sensors == Sensors::base || M::joints == 2;
+    if (from_base) {
+      unroll<2>([&](auto i) ESMC_INLINE {
+        constexpr int joint = Config::joint_of(i, 2);
+        if (wrong == Fault::none) wrong = accept(joint, measured, limits, angle[joint]);
+      });
+    } else {
+      for (int i = 0; i < M::joints && wrong == Fault::none; ++i) wrong = accept(i, measured, limits, angle[i]);
     }
+    if (wrong != Fault::none) return wrong;
     const Vec2<S> base_angle = at_base(angle), base_rate = at_base(measured.rate);
     S closure(0);
-    if (config_.sensors == Sensors::base || M::joints == 2) {
+    if (from_base) {
       if (!estimate_from_base(config_.mechanism, config_.mode, base_angle, base_rate, pose, rates)) return Fault::loop_not_closed;
     } else if constexpr (M::joints == 4) {
       const Estimate<M> e = estimate_from_all(config_.mechanism, angle, measured.rate);
@@ -193,8 +204,10 @@ class Controller {
   [[nodiscard]] bool joinable() const {
     constexpr std::uint32_t outlook = 16;
     if (guide_.leads() || config_.join_ticks == 0 || running_tick_ >= outlook || running_tick_ >= config_.join_ticks) return true;
-    const auto ahead = static_cast<std::uint32_t>(
-        (static_cast<std::uint64_t>(config_.join_ticks) * (running_tick_ + 1)) / (outlook + 1));
+    return bearable(static_cast<std::uint32_t>(
+        (static_cast<std::uint64_t>(config_.join_ticks) * (running_tick_ + 1)) / (outlook + 1)));
+  }
+  [[nodiscard, gnu::noinline]] bool bearable(std::uint32_t ahead) const {
     Desired<M> d;
     if (!desired(reference_.at(ahead), d.pose, d.rates, d.acceleration)) return false;
     const Vec2<S> rate = M::base(d.rates);
@@ -202,9 +215,9 @@ class Controller {
     const Vec2<S> torque = config_.mechanism.base_torque(d.pose, config_.mechanism.force(a, d.rates));
     for (int i = 0; i < 2; ++i) {
       const S most = config_.torque_limit[Config::joint_of(i, 2)];
-      if (!(rate[i] <= config_.limits.joint_speed && -rate[i] <= config_.limits.joint_speed)) return false;
+      if (!within(rate[i], config_.limits.joint_speed)) return false;
       // Four motors share what two would have to give alone.
-      if (config_.motors == Motors::base && !(torque[i] <= most && -torque[i] <= most)) return false;
+      if (config_.motors == Motors::base && !within(torque[i], most)) return false;
     }
     return true;
   }
@@ -219,7 +232,7 @@ class Controller {
       return Fault::halt_failed;
     }
     const S slow = config_.limits.joint_speed * S(0.02);
-    const bool rest = rate[0] <= slow && -rate[0] <= slow && rate[1] <= slow && -rate[1] <= slow;
+    const bool rest = within(rate[0], slow) && within(rate[1], slow);
     if (state == State::halting) {
       out.stage_done = retreat_.over() && rest;
       if (retreat_.overdue() && !rest) return Fault::halt_failed;
@@ -363,7 +376,7 @@ TickResult<M> Controller<M>::tick(const Sample<M>& measured, Supervisor& supervi
     supervisor.raise(fault == Fault::stale_feedback ? Fault::none : fault);
   }
   if (!acted) out.sliding.setZero();
-  consistency_.keep(measured);
+  consistency_.keep(measured, M::joints / config_.sensor_count());
   out.state = supervisor.state();
   out.fault = supervisor.fault();
   if (supervisor.powered()) {

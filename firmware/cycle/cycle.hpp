@@ -3,7 +3,6 @@
 
 #include <array>
 #include <cstdint>
-#include <span>
 #include <type_traits>
 #include <utility>
 
@@ -55,14 +54,7 @@ class Cycle {
         heartbeat_age_ticks_max_(config.heartbeat_age_ticks_max), zero_(config.zero_absolute, config.zero_pose),
         echo_(config.torque_mismatch, config.torque_time, config.controller.sample_time),
         samples_timed_(config.samples_timed), link_(config.link), delay_ticks_(config.delay_ticks),
-        motor_count_(config.controller.motor_count()), sensor_count_(config.controller.sensor_count()) {
-    using C = ControllerConfig<M>;
-    for (int i = 0; i < motor_count_; ++i) motors_[static_cast<unsigned>(i)] = place(C::joint_of(i, motor_count_), true);
-    for (int i = 0; i < sensor_count_; ++i) {
-      const int joint = C::joint_of(i, sensor_count_);
-      sensors_[static_cast<unsigned>(i)] = place(joint, joint % (M::joints / motor_count_) == 0);
-    }
-  }
+        motors_(places(config.controller.motor_count())), sensors_(places(config.controller.sensor_count())) {}
 
   /// Takes effect at the next tick. A stop is not overwritten by what is asked after it, and a halt by a stop only.
   void command(Command c) {
@@ -216,8 +208,8 @@ class Cycle {
   template <hal::CanBus Bus>
   void tell_link(Bus& bus, const TickResult<M>& result) {
     link::Report r = report_of(controller_, result, sample_);
-    for (int i = motor_count_ - 1; i >= 0; --i) {
-      const D& a = at(motors()[static_cast<unsigned>(i)]);
+    for (int i = motors_.count - 1; i >= 0; --i) {
+      const D& a = axis(i * motors_.axis_step);
       if (!a.error()) continue;
       r.axis = static_cast<std::uint8_t>(i);
       r.drive_error = a.error_code();
@@ -227,8 +219,8 @@ class Cycle {
 
   [[nodiscard]] DriveStatus status() const {
     DriveStatus s{true, true};
-    for (const Place& p : motors()) {
-      const D& a = at(p);
+    for (int i = 0; i < motors_.count; ++i) {
+      const D& a = axis(i * motors_.axis_step);
       s.all_ready = s.all_ready && a.ready();
       s.all_idle = s.all_idle && a.idle();
     }
@@ -248,21 +240,21 @@ class Cycle {
     if (flooded) return Fault::bus_overload;
     if (impostor) return Fault::foreign_controller;
     if (malformed) return Fault::malformed_frame;
-    for (const Place& p : motors()) {
-      if (at(p).contradicted()) return Fault::drive_configuration;
+    for (int i = 0; i < motors_.count; ++i) {
+      if (axis(i * motors_.axis_step).contradicted()) return Fault::drive_configuration;
     }
     if (!supervisor_.powered()) {  // other errors of a drive that is being enabled are expected
       echo_.forget();
       // Some drives say where they are only once they have been set up: enabling may get that far, and no further.
       return !zero_.confirmed() && sensed() ? Fault::zero_not_confirmed : Fault::none;
     }
-    for (const Place& p : motors()) {
-      const D& a = at(p);
+    for (int i = 0; i < motors_.count; ++i) {
+      const D& a = axis(i * motors_.axis_step);
       if (a.error()) return Fault::drive_error;
       if (!a.closed_loop()) return Fault::drive_disarmed;
       if (a.heartbeat_age_ticks() > heartbeat_age_ticks_max_) return Fault::heartbeat_lost;
       if constexpr (requires { a.observed_torque(); }) {
-        if (!echo_.plausible(p.joint, a.observed_torque())) return Fault::torque_mismatch;
+        if (!echo_.plausible(i * motors_.joint_step, a.observed_torque())) return Fault::torque_mismatch;
       }
     }
     return zero_.confirmed() ? Fault::none : Fault::zero_not_confirmed;
@@ -276,7 +268,9 @@ class Cycle {
   /// What is finite and within its limit at the joint may be neither at the shaft, in a float, behind a gear.
   void check_shafts(TickResult<M>& result) {
     bool carried = true;
-    for (const Place& p : motors()) carried = carried && at(p).can_carry(result.torque[p.joint]);
+    for (int i = 0; i < motors_.count; ++i) {
+      carried = carried && axis(i * motors_.axis_step).can_carry(result.torque[i * motors_.joint_step]);
+    }
     if (carried) return;
     supervisor_.raise(Fault::torque_not_finite);
     result.state = supervisor_.state();
@@ -287,25 +281,25 @@ class Cycle {
   [[nodiscard]] bool allowed(const TickResult<M>& result) const {
     const bool powered = supervisor_.powered();
     for (int j = 0; j < M::joints; ++j) {
-      const S most = powered ? controller_.config().torque_limit[j] : S(0);
-      if (!(result.torque[j] <= most && -result.torque[j] <= most)) return false;
+      if (!within(result.torque[j], powered ? controller_.config().torque_limit[j] : S(0))) return false;
     }
     return true;
   }
 
   void gather() {
     const auto& c = controller_.config();
-    for (const Place& p : sensors()) {
-      const D& a = at(p);
+    for (int i = 0; i < sensors_.count; ++i) {
+      const int joint = i * sensors_.joint_step, at = i * sensors_.axis_step;
+      const D& a = axis(at);
       const auto s = a.template sample<S>();
-      sample_.angle[p.joint] = s.angle + zero_.shift(p.joint);
-      sample_.rate[p.joint] = s.rate;
-      S phase = phase_[p.axis];
-      sample_.age_ticks[p.joint] = aged(a.sample_age_ticks(), phase, c.sample_time);
-      sample_.phase[p.joint] = phase;
+      sample_.angle[joint] = s.angle + zero_.shift(joint);
+      sample_.rate[joint] = s.rate;
+      S phase = phase_[static_cast<unsigned>(at)];
+      sample_.age_ticks[static_cast<unsigned>(joint)] = aged(a.sample_age_ticks(), phase, c.sample_time);
+      sample_.phase[static_cast<unsigned>(joint)] = phase;
       // A drive that was away may have restarted, and then its count began anew. Of a passive encoder, and of a drive
       // that has never sent one, heartbeats say nothing.
-      const bool beats = p.motor && a.heartbeat_age_ticks() != drive::age_max;
+      const bool beats = joint % motors_.joint_step == 0 && a.heartbeat_age_ticks() != drive::age_max;
       const std::uint32_t silent = beats ? a.heartbeat_age_ticks() : a.sample_age_ticks();
       if (silent != drive::age_max && silent > heartbeat_age_ticks_max_) zero_.forget();
     }
@@ -326,27 +320,29 @@ class Cycle {
   [[nodiscard]] bool sensed() const {
     const auto& c = controller_.config();
     bool all = true;
-    for (const Place& p : sensors()) all = all && sample_.age_ticks[p.joint] <= c.limits.max_age_ticks;
+    for (int i = 0; i < sensors_.count; ++i) {
+      all = all && sample_.age_ticks[static_cast<unsigned>(i * sensors_.joint_step)] <= c.limits.max_age_ticks;
+    }
     return all;
   }
 
   /// Nothing unless every encoder has just said a number.
   void confirm_zero() {
     bool numbers = sensed();
-    for (const Place& p : sensors()) numbers = numbers && finite(sample_.angle[p.joint]);
+    for (int i = 0; i < sensors_.count; ++i) numbers = numbers && finite(sample_.angle[i * sensors_.joint_step]);
     if (numbers) zero_.confirm(sample_.angle);
   }
 
   template <hal::CanBus Bus>
   void transmit(Bus& bus, const TickResult<M>& result, bool answer) {
     const auto send = [&](const hal::CanFrame& f) { return put(bus, f); };
-    for (const Place& p : motors()) {
-      D& a = axes_[p.axis];
+    for (int i = 0; i < motors_.count; ++i) {
+      D& a = axes_[static_cast<unsigned>(i * motors_.axis_step)];
       if (result.state == State::enabling) a.enable(send);
       const bool leave = result.state == State::fault || result.state == State::stopping;
       if ((leave && !a.idle()) || (result.state == State::disabled && a.must_be_released())) a.disable(send);
       if (answer && !a.muted()) {
-        hal::CanFrame torque = a.torque_frame(result.torque[p.joint]);
+        hal::CanFrame torque = a.torque_frame(result.torque[i * motors_.joint_step]);
         torque.perishable = true;
         send(torque);
       }
@@ -367,20 +363,15 @@ class Cycle {
     return false;
   }
 
-  /// Where a motor or an encoder is: among the axes, and in the mechanism.
-  struct Place {
-    std::uint8_t axis = 0, joint = 0;
-    bool motor = false;
+  /// Where motors or encoders are: number i sits on axis i * axis_step and joint i * joint_step. Axes stand in the order of
+  /// the joints that have one: those of the base only, or all.
+  struct Places {
+    int count, axis_step, joint_step;
   };
-  using Places = std::array<Place, static_cast<unsigned>(axes_max)>;
-  /// Axes stand in the order of the joints that have one: those of the base only, or all.
-  [[nodiscard]] Place place(int joint, bool motor) const {
-    const int axis = axis_count_ == M::joints ? joint : joint / (M::joints / 2);
-    return {static_cast<std::uint8_t>(axis), static_cast<std::uint8_t>(joint), motor};
+  [[nodiscard]] Places places(int count) const {
+    const int joint_step = M::joints / count;
+    return {count, axis_count_ == M::joints ? joint_step : 1, joint_step};
   }
-  [[nodiscard]] std::span<const Place> motors() const { return {motors_.data(), static_cast<unsigned>(motor_count_)}; }
-  [[nodiscard]] std::span<const Place> sensors() const { return {sensors_.data(), static_cast<unsigned>(sensor_count_)}; }
-  [[nodiscard]] const D& at(const Place& p) const { return axes_[p.axis]; }
 
   Controller<M> controller_{};
   Supervisor supervisor_{};
@@ -393,8 +384,7 @@ class Cycle {
   bool samples_timed_;
   link::CommandLink link_;
   S delay_ticks_;
-  int motor_count_, sensor_count_;
-  Places motors_{}, sensors_{};
+  Places motors_, sensors_;
   std::array<S, static_cast<unsigned>(axes_max)> phase_{};
   Command command_ = Command::none;
   DriveStatus status_{};

@@ -25,12 +25,12 @@ class Consistency {
     if (!(jump > S(0)) || !known_[u]) return true;
     const S ticks = S(since_[u] + 1);
     const S off = now.angle[joint] - last_[joint] - now.rate[joint] * (sample_time * ticks);
-    return off <= jump * ticks && -off <= jump * ticks;
+    return within(off, jump * ticks);
   }
 
-  /// At the end of a tick.
-  void keep(const Sample<M>& now) {
-    for (int j = 0; j < M::joints; ++j) {
+  /// At the end of a tick. `step`: of the joints that have an encoder.
+  void keep(const Sample<M>& now, int step) {
+    for (int j = 0; j < M::joints; j += step) {
       const auto u = static_cast<unsigned>(j);
       if (now.age_ticks[u] == 0) {
         last_[j] = now.angle[j];
@@ -74,7 +74,7 @@ class TorqueEcho {
     auto& n = off_[static_cast<unsigned>(joint)];
     if (!(tolerance_ > S(0)) || !reported) return true;
     const S gap = S(*reported) - expected_[joint];
-    n = gap <= tolerance_ && -gap <= tolerance_ ? 0 : n + 1;
+    n = within(gap, tolerance_) ? 0 : n + 1;
     return n < patience;
   }
 

@@ -45,7 +45,7 @@ template <class S>
 }
 /// Whether a shaft torque may go on the bus: a finite float not above shaft_torque_max.
 [[nodiscard]] constexpr bool can_carry(float torque) {
-  return torque >= -shaft_torque_max && torque <= shaft_torque_max;
+  return __builtin_fabsf(torque) <= shaft_torque_max;
 }
 
 /// What a protocol needs once per bus and not per axis. Most need nothing.

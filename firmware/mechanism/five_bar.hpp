@@ -252,7 +252,13 @@ class FiveBar : public Coupling<S, PointMass<S>, Dyad<S>, 2> {
   }
 
  private:
-  static S magnitude(S v) { return v < S(0) ? -v : v; }
+  static S magnitude(S v) {
+    if constexpr (BinaryFloat<S>) {
+      return std::fabs(v);
+    } else {
+      return v < S(0) ? -v : v;
+    }
+  }
   [[nodiscard]] Vec2<S> tip_in_base(const Pose& p, int j) const {
     return this->frame(j).point_from_leg(this->leg(j).tip(p.leg[j]));
   }

@@ -12,6 +12,21 @@ namespace esmc {
 
 inline constexpr int base_joints = 2;
 
+/// -limit <= v <= limit, in one comparison; false where either is NaN.
+template <class S>
+[[nodiscard]] constexpr bool within(S v, S limit) {
+  if constexpr (sizeof(S) == sizeof(float)) {
+    return __builtin_fabsf(v) <= limit;
+  } else {
+    return __builtin_fabs(v) <= limit;
+  }
+}
+/// True for a number that is neither NaN nor infinite, without libm.
+template <class S>
+[[nodiscard]] constexpr bool finite(S v) {
+  return within(v, std::numeric_limits<S>::max());
+}
+
 template <class S>
 struct Range {
   S lower = -std::numeric_limits<S>::max();
@@ -54,7 +69,7 @@ template <class S>
 constexpr Fault guard(const Limits<S>& limit, const Measured<S>& m) {
   for (int i = 0; i < base_joints; ++i) {
     const auto u = static_cast<unsigned>(i);
-    if (!(m.joint_rate[u] <= limit.joint_speed && -m.joint_rate[u] <= limit.joint_speed)) return Fault::joint_speed;
+    if (!within(m.joint_rate[u], limit.joint_speed)) return Fault::joint_speed;
     if (!limit.joint_angle[u].contains(m.joint_angle[u])) return Fault::joint_angle;
   }
   if (!(m.closure <= limit.closure)) return Fault::loop_not_closed;
@@ -65,32 +80,19 @@ constexpr Fault guard(const Limits<S>& limit, const Measured<S>& m) {
   return Fault::none;
 }
 
-/// True for a number that is neither NaN nor infinite, without libm.
-template <class S>
-[[nodiscard]] constexpr bool finite(S v) {
-  return v >= -std::numeric_limits<S>::max() && v <= std::numeric_limits<S>::max();
-}
-
 enum class TorqueCheck : std::uint8_t { passed, limited, not_finite };
 
 /// Hard clamp to +-limit. A torque that is not finite becomes 0 and is reported, never clamped to the limit; so
 /// does every torque when the limit itself is none (NaN or negative).
 template <class S>
 constexpr TorqueCheck limit_torque(S& torque, S limit) {
-  if (torque <= limit && -torque <= limit && limit <= std::numeric_limits<S>::max()) return TorqueCheck::passed;
   if (!finite(torque) || !(limit >= S(0))) {
     torque = S(0);
     return TorqueCheck::not_finite;
   }
-  if (torque > limit) {
-    torque = limit;
-    return TorqueCheck::limited;
-  }
-  if (torque < -limit) {
-    torque = -limit;
-    return TorqueCheck::limited;
-  }
-  return TorqueCheck::passed;  // within a limit that is infinite
+  if (within(torque, limit)) return TorqueCheck::passed;
+  torque = torque < S(0) ? -limit : limit;
+  return TorqueCheck::limited;
 }
 
 }  // namespace esmc
