@@ -40,6 +40,7 @@ enum class Message : std::uint8_t {
   effector = 0x16,
   tracking_error = 0x17,
   joint_1 = 0x18,  ///< ..joint_4: in the order of the joints that have a motor
+  identity = 0x1C, ///< which scene the controller was made of
 };
 inline constexpr std::uint8_t incoming_count = 6;
 inline constexpr std::uint8_t outgoing_first = 0x10;
@@ -226,6 +227,22 @@ struct FaultRecord {
   detail::put(f, 0, crc, 4);
   f.data[4] = count;
   return f;
+}
+
+inline constexpr std::uint8_t interface_version = 1;
+/// `scene`: CRC-32 of what of the scene is in the controller; 0: not known.
+[[nodiscard]] constexpr hal::CanFrame encode_identity(std::uint32_t base, std::uint32_t scene) {
+  hal::CanFrame f = detail::frame(base, Message::identity);
+  detail::put(f, 0, scene, 4);
+  f.data[4] = interface_version;
+  return f;
+}
+/// Empty: not the controller's at this base. For whoever wants to know whom it is talking to.
+[[nodiscard]] constexpr std::optional<std::uint32_t> decode_identity(const hal::CanFrame& f, std::uint32_t base) {
+  if (f.id != base + static_cast<std::uint32_t>(Message::identity) || f.extended || f.remote || f.fd || f.size != 8) {
+    return std::nullopt;
+  }
+  return static_cast<std::uint32_t>(detail::get(f, 0, 4));
 }
 
 /// What came in, since power-up; each stops at 65535.

@@ -27,6 +27,7 @@ struct LinkConfig {
   Source source = Source::reference;
   Space space = Space::effector;
   std::array<Bounds, 2> position{};        ///< of set points and samples, m or rad
+  std::uint32_t scene = 0;                 ///< CRC-32 of what of the scene is in the controller; 0: not known
   Parameters parameters{};                 ///< and of these speed, acceleration, stream_age, silence, sample_time
 };
 
@@ -110,19 +111,20 @@ class CommandLink {
     follow(s.state());
     faults_.look(s, static_cast<std::uint32_t>(tick_ * config_.period_ns / 1000U), r.axis, r.drive_error);
     const bool news = s.state() != told_state_ || s.fault() != told_fault_;
-    if (news || due(config_.status_ticks)) {
+    const bool status_due = status_.due(config_.status_ticks), telemetry_due = telemetry_.due(config_.telemetry_ticks);
+    if (news || status_due) {
       if (send(encode_status(config_.base_id, status(s), ++counter_))) {
         told_state_ = s.state();
         told_fault_ = s.fault();
       }
       faults_.transmit(config_.base_id, s.fault(), send);
     }
-    if (due(config_.telemetry_ticks) && untold_ == 0) {
+    if (telemetry_due && untold_ == 0) {
       kept_ = r;
       untold_ = telemetry_first + r.joints;
     }
     if (untold_ > 0) telemetry(send);
-    if (due(config_.table_ticks)) asked_table_ = true;
+    if (table_.due(config_.table_ticks)) asked_table_ = asked_identity_ = true;
     answer(send);
   }
 
@@ -288,7 +290,7 @@ class CommandLink {
     if (!q) return Outcome::malformed;
     switch (q->subject) {
       case Subject::faults: faults_.read_out(); break;
-      case Subject::table: asked_table_ = true; break;
+      case Subject::table: asked_table_ = asked_identity_ = true; break;
       default:
         asked_parameter_ = true;
         asked_index_ = q->index;
@@ -308,7 +310,18 @@ class CommandLink {
 
   // ---- from the controller ------------------------------------------------------------------------------------
 
-  [[nodiscard]] bool due(std::uint32_t every) const { return every != 0 && tick_ % every == 0; }
+  /// Once in so many ticks, the first time after so many. A remainder of the tick's number would cost a division of 64 bits.
+  class Every {
+   public:
+    [[nodiscard]] bool due(std::uint32_t ticks) {
+      if (++passed_ < ticks || ticks == 0) return false;
+      passed_ = 0;
+      return true;
+    }
+
+   private:
+    std::uint32_t passed_ = 0;
+  };
 
   /// What a change of state does to the link: a recording of this episode is worth nothing in the next one.
   void follow(State now) {
@@ -347,6 +360,7 @@ class CommandLink {
       asked_table_ = !send(encode_parameter_table(config_.base_id, parameters_.crc(), parameter_count));
       (void)send(encode_counters(config_.base_id, counters_));
     }
+    if (asked_identity_) asked_identity_ = !send(encode_identity(config_.base_id, config_.scene));
   }
 
   LinkConfig config_{};
@@ -368,6 +382,8 @@ class CommandLink {
   std::uint8_t half_counter_ = 0;
   std::array<float, 2> half_position_{}, last_position_{}, last_velocity_{};
   bool asked_parameter_ = false, asked_table_ = false;
+  bool asked_identity_ = true;  // by nobody, at power-up
+  Every status_, telemetry_, table_;
   std::uint8_t asked_index_ = 0;
   Answer answer_ = Answer::ok;
   Report kept_{};        // of the tick that is being told

@@ -30,6 +30,7 @@ link::LinkConfig make_link(const Scene& scene, Pacing pacing, ReferenceSpace spa
   const auto count = [](int n) { return static_cast<std::uint32_t>(n); };
   link::LinkConfig c;
   c.base_id = count(k.base_id);
+  c.scene = scene.identity;
   // A recording of one run is worth nothing in the next; in lockstep runs are to be repeatable.
   const std::uint32_t draw = pacing == Pacing::realtime ? std::random_device{}() : static_cast<std::uint32_t>(scene.seed);
   c.session = static_cast<std::uint8_t>(draw % 255U + 1U);

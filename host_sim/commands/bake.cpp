@@ -3,6 +3,7 @@
 #include <cstdio>
 #include <filesystem>
 #include <fstream>
+#include <vector>
 
 #include "host_sim/commands/bake_text.hpp"
 #include "host_sim/commands/check.hpp"
@@ -90,14 +91,17 @@ struct Names<Rr<S>> {
   }
 };
 
+template <class S>
+void require_room(const Scene& scene, const ReferenceBundle<S>& reference) {
+  if (reference.path.size() <= segments_max) return;
+  throw InputError(scene.reference_where, fmt::format("a path of {} pieces does not fit into a board's memory; allowed are {}",
+                                                      reference.path.size(), segments_max));
+}
+
+/// All that the image is told of the scene.
 template <class M>
-std::string header(const Scene& scene, Pacing pacing) {
+std::string constants(const Scene& scene, Pacing pacing, const ReferenceBundle<typename M::Scalar>& reference) {
   using S = typename M::Scalar;
-  const auto reference = make_reference<S>(scene, pacing);
-  if (reference.path.size() > segments_max) {
-    throw InputError(scene.reference_where, fmt::format("a path of {} pieces does not fit into a board's memory; allowed are {}",
-                                                        reference.path.size(), segments_max));
-  }
   const char* axis = scene.drives.protocol == Protocol::cia402
                          ? "Cia402Axis"
                          : (scene.drives.protocol == Protocol::mit ? "MitAxis" : "OdriveAxis");
@@ -107,9 +111,6 @@ std::string header(const Scene& scene, Pacing pacing) {
   const std::string body = std::visit([&](const auto& c) { return bake::cycle_text(c, line_text(scene)); },
                                       make_cycle_config<M>(scene, pacing, reference));
   return fmt::format(
-      "// Made by esmc bake {} from the scene \"{}\". Not to be edited.\n"
-      "#pragma once\n\n"
-      "#include \"boards/baked.hpp\"\n\n"
       "namespace esmc::baked {{\n\n"
       "using Scalar = {};\n"
       "using Mechanism = {}<Scalar>;\n"
@@ -128,7 +129,7 @@ std::string header(const Scene& scene, Pacing pacing) {
       "  return c;\n"
       "}}\n\n"
       "}}  // namespace esmc::baked\n",
-      version, printable(scene.name), std::is_same_v<S, float> ? "float" : "double", Names<M>::type, axis,
+      std::is_same_v<S, float> ? "float" : "double", Names<M>::type, axis,
       static_cast<std::uint32_t>(scene.bitrate), static_cast<std::uint32_t>(std::llround(1e9 / scene.rate_hz)),
       pacing == Pacing::lockstep, armed_by_link(scene), Names<M>::believed(believed_mechanism(scene)), axes.tables,
       path.empty() ? "  constexpr std::span<const PathSegment<Scalar>> path{};\n"
@@ -136,7 +137,27 @@ std::string header(const Scene& scene, Pacing pacing) {
       body, axes.make);
 }
 
+template <class M>
+std::string header(const Scene& scene, Pacing pacing) {
+  const auto reference = make_reference<typename M::Scalar>(scene, pacing);
+  require_room(scene, reference);
+  return fmt::format(
+      "// Made by esmc bake {} from the scene \"{}\". Not to be edited.\n"
+      "#pragma once\n\n"
+      "#include \"boards/baked.hpp\"\n\n",
+      version, printable(scene.name)) + constants<M>(scene, pacing, reference);
+}
+
 }  // namespace
+
+std::uint32_t identity_of(Scene scene, Pacing pacing) {
+  scene.identity = 0;
+  const auto text_of = [&]<class M>(const M*) { return constants<M>(scene, pacing, make_reference<double>(scene, pacing)); };
+  const std::string text = scene.type == MechanismType::five_bar ? text_of(static_cast<FiveBar<double>*>(nullptr))
+                                                                : text_of(static_cast<Rr<double>*>(nullptr));
+  const std::vector<std::uint8_t> bytes(text.begin(), text.end());
+  return link::crc32(bytes);
+}
 
 int run_bake(const RunOptions& o) {
   Scene scene = read_loop_scene(o);

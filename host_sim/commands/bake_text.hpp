@@ -77,8 +77,9 @@ inline std::string text(const link::Parameters& v) {
   return "link::Parameters(" + text(v.values()) + ", " + text(v.bounds()) + ")";
 }
 inline std::string text(const link::LinkConfig& v) {
-  const auto& [base_id, session, jump, age, status, telemetry, table, period, source, space, position, parameters] = v;
-  return braces(base_id, session, jump, age, status, telemetry, table, period, source, space, position, parameters);
+  const auto& [base_id, session, jump, age, status, telemetry, table, period, source, space, position, scene, parameters] = v;
+  (void)session;  // drawn by the image
+  return braces(base_id, std::uint8_t{1}, jump, age, status, telemetry, table, period, source, space, position, scene, parameters);
 }
 inline std::string text(const drive::AxisConfig& v) {
   const auto& [node, direction, gear_ratio, offset] = v;

@@ -1,5 +1,7 @@
 #include "host_sim/commands/halves.hpp"
 
+#include "host_sim/commands/bake.hpp"
+
 namespace esmc::host {
 
 BusObstacle bus_obstacle(const Scene& scene) {
@@ -65,7 +67,16 @@ Scene read_loop_scene(const RunOptions& o) {
   scene.seed = o.seed;
   const BusObstacle obstacle = bus_obstacle(scene);
   if (!obstacle.what.empty()) throw InputError(obstacle.where, obstacle.what);
+  if (scene.command) scene.identity = identity_of(scene, o.realtime ? Pacing::realtime : Pacing::lockstep);
   return scene;
+}
+
+void require_same_scene(const Scene& scene, const hal::CanFrame& f) {
+  if (!scene.command || scene.identity == 0) return;
+  const auto other = link::decode_identity(f, static_cast<std::uint32_t>(scene.command->base_id));
+  if (!other || *other == 0 || *other == scene.identity) return;
+  throw RunError(fmt::format("the controller on the bus was made from another scene: it announces {:08x}, {} is {:08x}", *other,
+                             scene.file, scene.identity));
 }
 
 }  // namespace esmc::host

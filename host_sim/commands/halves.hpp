@@ -39,6 +39,8 @@ std::string to_confirm(const Scene& scene);
 void require_confirmed(const Scene& scene);
 /// Reads a scene for a command with a bus in it; open_loop and none are refused.
 Scene read_loop_scene(const RunOptions& o);
+/// Throws RunError if `f` announces a controller with this scene's command.base_id that was made from another scene.
+void require_same_scene(const Scene& scene, const hal::CanFrame& f);
 
 /// Waits for the other half: until `done`, Ctrl-C or the end of our patience. Throws RunError when the bus is gone.
 template <class Bus, class Done>
@@ -48,6 +50,21 @@ Waited wait_for(Bus& bus, const Done& done, int patience_ms = silence_ms) {
   if (w != Waited::done && is_gone(bus)) throw RunError(gone_text);
   return w;
 }
+
+/// What the plant hears, and from whom.
+template <hal::CanBus Bus>
+class PlantTap : public Tapped<Bus> {
+ public:
+  PlantTap(Bus& bus, FrameLog& log, const Scene& scene) : Tapped<Bus>(bus, log), scene_(scene) {}
+  [[nodiscard]] bool try_receive(hal::CanFrame& f) {
+    if (!Tapped<Bus>::try_receive(f)) return false;
+    require_same_scene(scene_, f);
+    return true;
+  }
+
+ private:
+  const Scene& scene_;
+};
 
 template <class World, class Bus>
 class PlantHalf {
@@ -60,7 +77,7 @@ class PlantHalf {
             bool with_controller)
       : scene_(scene),
         options_(o),
-        tap_(bus, frames),
+        tap_(bus, frames, scene),
         frames_(frames),
         recorder_(scene, o.realtime ? Pacing::realtime : Pacing::lockstep, log_path, with_controller),
         node_(make_motion<World>(scene), scene, !o.realtime),
@@ -177,7 +194,7 @@ class PlantHalf {
  private:
   const Scene& scene_;
   const RunOptions& options_;
-  Tapped<Bus> tap_;
+  PlantTap<Bus> tap_;
   FrameLog& frames_;
   Recorder<World> recorder_;
   PlantNode<Plant> node_;

@@ -7,6 +7,7 @@
 #include <thread>
 
 #include "host_sim/commands/axes_config.hpp"
+#include "host_sim/commands/halves.hpp"
 #include "host_sim/commands/recorder.hpp"
 
 namespace esmc::host {
@@ -17,13 +18,18 @@ using Json = nlohmann::ordered_json;
 /// Everything is heard, nothing is said.
 class ListenOnly {
  public:
-  explicit ListenOnly(HostBus& bus) : bus_(&bus) {}
+  ListenOnly(HostBus& bus, const Scene& scene) : bus_(&bus), scene_(&scene) {}
   hal::SendStatus try_send(const hal::CanFrame&) { return hal::SendStatus::ok; }  // and that was all
-  [[nodiscard]] bool try_receive(hal::CanFrame& f) { return bus_->try_receive(f); }
+  [[nodiscard]] bool try_receive(hal::CanFrame& f) {
+    if (!bus_->try_receive(f)) return false;
+    require_same_scene(*scene_, f);
+    return true;
+  }
   [[nodiscard]] std::uint32_t frame_age_us() const { return bus_->frame_age_us(); }
 
  private:
   HostBus* bus_;
+  const Scene* scene_;
 };
 static_assert(hal::TimesFrames<ListenOnly>);
 
@@ -47,7 +53,7 @@ class Observer {
   using Config = ControllerConfig<M>;
 
   Observer(const Scene& scene, HostBus& bus)
-      : scene_(scene), bus_(bus), reference_(make_reference(scene, Pacing::realtime)), cycle_(make_cycle<M>(scene, Pacing::realtime, reference_)) {}
+      : scene_(scene), bus_(bus, scene), reference_(make_reference(scene, Pacing::realtime)), cycle_(make_cycle<M>(scene, Pacing::realtime, reference_)) {}
 
   void tick() {
     with([&](auto& c) {

@@ -125,6 +125,7 @@ struct Scene {
   std::string file;
   std::string name;
   std::string toml;  ///< as run: the file with every --set merged in; a reference file is `reference_copy`
+  std::uint32_t identity = 0;  ///< CRC-32 of what a controller is made of; 0: not computed
   std::string control_where, reference_where, simulation_where, bus_effects_where;  ///< FILE:LINE, for errors found later
 
   MechanismType type = MechanismType::five_bar;

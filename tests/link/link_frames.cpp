@@ -138,6 +138,7 @@ void encode() {
           {{"Index", number(index)}, {"Answer", number(i % 5)}, {"Writable", i % 3 == 0 ? 1.0 : 0.0}, {"Value", number(x)}});
     print("Parameter_Table", encode_parameter_table(base, r.drive_error, static_cast<std::uint8_t>(6 * i)),
           {{"Crc32", number(r.drive_error)}, {"Count", number(6 * i)}});
+    print("Identity", encode_identity(base, ~r.drive_error), {{"Scene", number(~r.drive_error)}, {"Version", number(1)}});
     const Counters c{static_cast<std::uint16_t>(1680 * i), static_cast<std::uint16_t>(65535 - i),
                      static_cast<std::uint16_t>(i), static_cast<std::uint16_t>(256 * i)};
     print("Link_Counters", encode_counters(base, c),

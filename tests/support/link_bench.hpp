@@ -20,6 +20,7 @@ inline LinkConfig link_config() {
   c.command_age_ticks_max = 50;
   c.status_ticks = 4;
   c.period_ns = 1'000'000;
+  c.scene = 0x89ABCDEFU;
   c.position = {Bounds{-0.3F, 0.3F}, Bounds{0.0F, 0.3F}};
   c.parameters = Parameters({40, 40, 150, 300, 1e-3F, 2, 2, 50, 1.0F, 10.0F, 3, 0},
                             {Bounds{10, 80}, Bounds{10, 80}, Bounds{0, 200}, Bounds{0, 0}});

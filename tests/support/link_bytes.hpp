@@ -33,7 +33,7 @@ struct Desk {
   static constexpr unsigned none = 0, arm = 1, disarm = 2, off = 3, reset = 4, confirm_zero = 5, hold = 6,
                             reference = 7, stream = 8;
   static constexpr unsigned status = 0x10, record = 0x11, detail = 0x12, value = 0x13, table = 0x14, counts = 0x15,
-                            effector = 0x16, error = 0x17, joint = 0x18;
+                            effector = 0x16, error = 0x17, joint = 0x18, identity = 0x1C;
 
   unsigned base = 0x780;
   std::uint8_t session = 1;

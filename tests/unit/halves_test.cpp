@@ -9,6 +9,8 @@
 #include <atomic>
 #include <chrono>
 #include <memory>
+#include <optional>
+#include <string>
 #include <thread>
 
 #include "tests/support/odrive_bytes.hpp"
@@ -71,6 +73,56 @@ TEST_F(Halves, ThePlantHearsAControllerOnlyInCommandsToItsDrives) {
     ASSERT_EQ(there_.try_send(test::message(2, command, 1, 0)), hal::SendStatus::ok);
     EXPECT_EQ(plant.drain(), 1) << command;
   }
+}
+
+/// What a controller is made of decides, and nothing else: not what only the plant knows.
+TEST_F(Halves, ASceneIsKnownByWhatAControllerIsMadeOf) {
+  options_.scene = ESMC_COMMAND_SCENE;
+  const auto identity = [&](const char* set) {
+    RunOptions o = options_;
+    if (*set != '\0') o.sets = {set};
+    return read_loop_scene(o).identity;
+  };
+  const std::uint32_t own = identity("");
+  EXPECT_NE(own, 0U);
+  EXPECT_EQ(identity(""), own);
+  for (const char* same : {"simulation.step=1e-4", "simulation.duration=0.5", "simulation.integrator=\"dopri5\""}) EXPECT_EQ(identity(same), own) << same;
+  for (const char* other : {"control.gain=45.0", "control.rate_hz=250.0", "drives.nodes=[2, 1]", "mechanism.gravity=9.7",
+                            "limits.joint_speed=7.5", "command.speed=0.05"}) {
+    EXPECT_NE(identity(other), own) << other;
+  }
+  EXPECT_EQ(scene_.identity, 0U) << "without a command interface nobody can say it";
+}
+
+TEST_F(Halves, ThePlantRefusesAControllerOfAnotherScene) {
+  options_.scene = ESMC_COMMAND_SCENE;
+  scene_ = read_loop_scene(options_);
+  const auto base = static_cast<std::uint32_t>(scene_.command->base_id);
+  PlantHalf<FiveBarWorld, Socket> plant(scene_, options_, here_, frames_, "", false);
+  for (const hal::CanFrame& f : {link::encode_identity(base, scene_.identity), link::encode_identity(base, 0),
+                                 link::encode_identity(base + 32, scene_.identity + 1)}) {
+    ASSERT_EQ(there_.try_send(f), hal::SendStatus::ok);
+    EXPECT_EQ(plant.drain(), 0);
+  }
+  ASSERT_EQ(there_.try_send(link::encode_identity(base, scene_.identity + 1)), hal::SendStatus::ok);
+  try {
+    plant.drain();
+    FAIL() << "not noticed";
+  } catch (const RunError& e) {
+    EXPECT_NE(std::string(e.what()).find("made from another scene"), std::string::npos) << e.what();
+  }
+}
+
+TEST_F(Halves, TheControllerSaysWhichSceneItWasMadeOf) {
+  options_.scene = ESMC_COMMAND_SCENE;
+  scene_ = read_loop_scene(options_);
+  ControllerHalf<FiveBarWorld, Socket> controller(scene_, Pacing::lockstep, here_);
+  controller.knock();
+  std::optional<std::uint32_t> said;
+  for (hal::CanFrame f; there_.try_receive(f);) {
+    if (const auto id = link::decode_identity(f, static_cast<std::uint32_t>(scene_.command->base_id))) said = id;
+  }
+  EXPECT_EQ(said, scene_.identity);
 }
 
 /// A stranger speaks at once and all the time; the drive comes late.

@@ -57,7 +57,7 @@ TEST(Link, TheTableAndItsChecksum) {
     EXPECT_EQ(Desk::real(f, 4), b.link.parameters().at(static_cast<std::uint8_t>(i)));
     for (std::size_t k = 4; k < 8; ++k) bytes.push_back(f.data[k]);
   }
-  EXPECT_EQ(b.desk.heard.size(), 12U + 3U) << "one answer each, a Status every fourth tick";
+  EXPECT_EQ(b.desk.heard.size(), 12U + 3U + 1U) << "one answer each, a Status every fourth tick, who it is in the first";
   b.tick({b.desk.ask(1, 12)});
   EXPECT_EQ(b.desk.last(Desk::value).data[1], static_cast<unsigned>(Answer::unknown_index));
   b.tick({b.desk.ask(2)});
@@ -65,6 +65,37 @@ TEST(Link, TheTableAndItsChecksum) {
   EXPECT_EQ(b.desk.last(Desk::table).data[4], 12);
   EXPECT_EQ(Desk::word(b.desk.last(Desk::counts), 0, 2), 14U);
   EXPECT_NE(Parameters().crc(), 0U);
+}
+
+TEST(Link, WhichSceneItWasMadeOfIsToldAtOnceOnRequestAndWithTheTable) {
+  LinkConfig c = link_config();
+  c.table_ticks = 7;
+  Bench b(c);
+  b.bus_takes = false;
+  b.tick();
+  b.bus_takes = true;
+  b.tick();
+  const auto f = b.desk.last(Desk::identity);
+  EXPECT_EQ(b.desk.count(Desk::identity), 1);
+  EXPECT_EQ(f.size, 8);
+  EXPECT_EQ(Desk::word(f, 0, 4), 0x89ABCDEFU);
+  EXPECT_EQ(f.data[4], 1);
+  EXPECT_EQ(Desk::word(f, 5, 3), 0U);
+  EXPECT_EQ(decode_identity(f, c.base_id), 0x89ABCDEFU);
+  EXPECT_FALSE(decode_identity(f, c.base_id + 32));
+  for (int wrong = 0; wrong < 4; ++wrong) {
+    hal::CanFrame w = f;
+    w.extended = wrong == 0;
+    w.remote = wrong == 1;
+    w.fd = wrong == 2;
+    w.size = wrong == 3 ? 7 : 8;
+    EXPECT_FALSE(decode_identity(w, c.base_id)) << wrong;
+  }
+  b.tick({b.desk.ask(2)});
+  EXPECT_EQ(b.desk.count(Desk::identity), 2);
+  while (b.desk.count(Desk::table) < 4) b.tick();
+  EXPECT_EQ(b.desk.count(Desk::identity), 5) << "in tick 7, 14 and 21";
+  EXPECT_EQ(b.link.receive(f), Outcome::impostor) << "somebody else in our place";
 }
 
 TEST(Link, StatusEveryFewTicksAndAtEveryChange) {
