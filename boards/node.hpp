@@ -68,7 +68,7 @@ class LockstepLoop {
 /// Against the clock: tick k begins at the instant k periods after the first. What the bus has not taken of a tick's frames
 /// by then is withdrawn where the bus can do that, so that no torque is older than its tick. Until it is armed for the first time
 /// since its start it sends no torque, not even zero: drives that a controller before it has left armed lose it by their watchdogs. A tick that begins half a period late is counted and the
-/// instants go on from there; two in a row, and the mechanism is brought to rest.
+/// instants go on from there; two in a row are the fault `tick_late`, and the mechanism is brought to rest.
 template <class Node, Board B>
 class TimedLoop {
  public:
@@ -118,7 +118,7 @@ class TimedLoop {
     lateness_us_ = since;
     if (since > period_us_ / 2) {
       ++late_;
-      if (late_before_) node_.command(Command::halt);
+      if (late_before_) node_.tick_late();
       late_before_ = true;
       next_us_ += since;
     } else {

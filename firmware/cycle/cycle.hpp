@@ -62,6 +62,8 @@ class Cycle {
   }
   /// The normally closed contact `enable` of the board, before each tick; open is a fault. Closed where there is none.
   void enable_input(bool closed) { enable_closed_ = closed; }
+  /// Two ticks in a row began late: this one is a fault. What keeps the clock says so, before the tick.
+  void tick_late() { late_ = true; }
   /// The output `drive_enable`: drives may have power. Low before the first enabling and in a fault.
   [[nodiscard]] bool drive_enable() const {
     return supervisor_.state() != State::disabled && supervisor_.state() != State::fault;
@@ -153,6 +155,7 @@ class Cycle {
     command_ = Command::none;
     supervisor_.raise(drive_fault());
     if (link_.lost()) supervisor_.raise(Fault::command_lost);
+    if (std::exchange(late_, false)) supervisor_.raise(Fault::tick_late);
     TickResult<M> result = controller_.tick(sample_, supervisor_);
     check_shafts(result);
     stage_done_ = result.stage_done;
@@ -399,6 +402,7 @@ class Cycle {
   bool bus_off_ = false;
   bool impostor_ = false;
   bool flooded_ = false;
+  bool late_ = false;
   std::uint32_t overruns_ = 0;  // of the bus, as it counts them
   int taken_ = 0;
 };

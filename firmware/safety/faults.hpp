@@ -35,8 +35,9 @@ enum class [[nodiscard]] Fault : std::uint8_t {
   command_lost,           ///< the supervisor computer, or the stream it sends, is not heard any more
   halt_failed,            ///< the mechanism did not come to rest under control
   torque_not_finite,      ///< the law produced NaN or infinity, or a shaft torque that no motor has
+  tick_late,              ///< two ticks in a row began half a period late or more
 };
-inline constexpr int fault_count = static_cast<int>(Fault::torque_not_finite) + 1;
+inline constexpr int fault_count = static_cast<int>(Fault::tick_late) + 1;
 
 [[nodiscard]] constexpr const char* name(Fault f) {
   switch (f) {
@@ -69,6 +70,7 @@ inline constexpr int fault_count = static_cast<int>(Fault::torque_not_finite) + 
     case Fault::command_lost: return "command_lost";
     case Fault::halt_failed: return "halt_failed";
     case Fault::torque_not_finite: return "torque_not_finite";
+    case Fault::tick_late: return "tick_late";
   }
   return "unknown";
 }
@@ -85,6 +87,7 @@ enum class Reaction : std::uint8_t {
     case Fault::joint_angle:
     case Fault::reference_unreachable:
     case Fault::command_lost:
+    case Fault::tick_late:
     case Fault::join_infeasible: return Reaction::halt;
     default: return Reaction::zero_torque;
   }

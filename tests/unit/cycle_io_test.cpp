@@ -91,6 +91,22 @@ TEST(Io, FramesThatTheControllerLostAreAFault) {
   EXPECT_TRUE(rig.start()) << "counted once";
 }
 
+TEST(Io, TicksThatBeginLateAreAFaultOfTheirOwn) {
+  Rig rig;
+  rig.cycle.tick_late();  // nothing to bring to rest, nothing to remember
+  EXPECT_EQ(rig.tick().fault, Fault::none);
+  ASSERT_TRUE(rig.start());
+  ASSERT_FALSE(rig.all_zero());
+  rig.cycle.tick_late();
+  EXPECT_EQ(rig.tick().fault, Fault::tick_late);
+  EXPECT_TRUE(rig.all_zero()) << "this rig cannot halt";
+  EXPECT_EQ(rig.tick().state, State::fault);
+  EXPECT_EQ(rig.cycle.supervisor().count(Fault::tick_late), 1U);
+  EXPECT_EQ(reaction(Fault::tick_late), esmc::Reaction::halt);
+  rig.tick(Command::reset);
+  EXPECT_TRUE(rig.start()) << "counted once";
+}
+
 TEST(Io, TorquesAreOfOneTickAndWhatArmsOrDisarmsIsNot) {
   constexpr std::uint32_t set_input_torque = 0x0E;
   Rig rig;

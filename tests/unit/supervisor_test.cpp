@@ -24,7 +24,7 @@ const std::vector<State> states{State::disabled, State::enabling, State::testing
 const std::vector<AfterHalt> ends{AfterHalt::release, AfterHalt::hold, AfterHalt::lower};
 /// After these the state is known and the drives obey.
 const std::set<Fault> gentle{Fault::workspace, Fault::joint_angle, Fault::reference_unreachable, Fault::join_infeasible,
-                             Fault::command_lost};
+                             Fault::command_lost, Fault::tick_late};
 
 std::vector<Fault> faults() {
   std::vector<Fault> all;
