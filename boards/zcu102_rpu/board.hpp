@@ -1,6 +1,7 @@
 #pragma once
-/// The parts of a ZCU102 that the image needs: CAN1, which has the board's transceiver (UG1182), and the core's cycle counter.
-/// Clocks and pins are those that the first-stage boot loader has set up. Sources: UG1085, UG1087, Cortex-R5 TRM (DDI 0460).
+/// The parts of a ZCU102 that the image needs: CAN1, which has the board's transceiver (UG1182), and the core's cycle
+/// counter. Clocks and pins are those that the first-stage boot loader has set up. Sources: UG1085, UG1087, Cortex-R5 TRM
+/// (DDI 0460).
 
 #include <cstdint>
 

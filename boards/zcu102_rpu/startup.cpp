@@ -10,8 +10,8 @@ extern const std::uint32_t esmc_data_image;
 
 [[noreturn]] void esmc_main();
 
-/// The exception vectors, at address 0: the processor takes exceptions in Arm state, whatever the rest is. Number n is the word
-/// at 4 n; it goes into the crash record.
+/// The exception vectors, at address 0: the processor takes exceptions in Arm state, whatever the rest is. Number n is the
+/// word at 4 n; it goes into the crash record.
 [[gnu::naked, gnu::target("arm"), gnu::section(".vectors"), gnu::used]] void esmc_vectors() {
   asm volatile(
       "ldr pc, [pc, #24]\n"  // reset
@@ -22,7 +22,8 @@ extern const std::uint32_t esmc_data_image;
       "ldr pc, [pc, #24]\n"  // not used
       "ldr pc, [pc, #24]\n"  // interrupt
       "ldr pc, [pc, #24]\n"  // fast interrupt
-      ".word esmc_entry, esmc_undefined, esmc_call, esmc_prefetch_abort, esmc_data_abort, esmc_unused, esmc_irq, esmc_fiq\n");
+      ".word esmc_entry, esmc_undefined, esmc_call, esmc_prefetch_abort\n"
+      ".word esmc_data_abort, esmc_unused, esmc_irq, esmc_fiq\n");
 }
 
 /// Of what ran before, nothing is counted on. Subnormal numbers are kept and rounding is to nearest, as on the host.
@@ -55,7 +56,7 @@ extern const std::uint32_t esmc_data_image;
   // Painted up to here, so that the deepest use can be read from memory.
   std::uint32_t* here = nullptr;
   asm volatile("mov %0, sp" : "=r"(here));
-  for (std::uint32_t* to = &esmc_stack_bottom; to < here; ++to) *static_cast<volatile std::uint32_t*>(to) = esmc::stack_paint;
+  for (volatile std::uint32_t* to = &esmc_stack_bottom; to < here; ++to) *to = esmc::stack_paint;
   // The lowest part of the stack is its guard: no access at all, so that a stack that grows too far faults at once.
   asm volatile("mcr p15, 0, %0, c6, c2, 0" ::"r"(0U));                    // RGNR
   asm volatile("mcr p15, 0, %0, c6, c1, 0" ::"r"(&esmc_stack_bottom));    // DRBAR

@@ -1,6 +1,6 @@
 #pragma once
-/// Registers of the CAN 2.0B controllers of a Zynq UltraScale+: offsets in bytes from CAN0 (0xFF060000) or CAN1 (0xFF070000).
-/// Sources: UG1085, chapter "CAN Controller"; UG1087, module CAN, whose names are in the comments.
+/// Registers of the CAN 2.0B controllers of a Zynq UltraScale+: offsets in bytes from CAN0 (0xFF060000) or CAN1
+/// (0xFF070000). Sources: UG1085, chapter "CAN Controller"; UG1087, module CAN, whose names are in the comments.
 
 #include <cstdint>
 
@@ -37,6 +37,7 @@ inline constexpr Word txok = 1U << 1, rxoflw = 1U << 6, rxnemp = 1U << 7, bsoff 
 // A message in its four words.
 inline constexpr Word srrrtr = 1U << 20, ide = 1U << 19, rtr = 1U << 0;
 inline constexpr unsigned idh_shift = 21, idl_shift = 1, idl_bits = 18, dlc_shift = 28;
+inline constexpr Word idl_mask = (1U << idl_bits) - 1U;
 
 /// BRPR, BTR: TS1, TS2, SJW.
 inline constexpr BitTimingLimits limits{256, 16, 8, 4};

@@ -19,9 +19,9 @@ concept ZynqmpCanAccess = requires(A& a, const A& c, std::uint32_t at, std::uint
   a.write(at, value);
 };
 
-/// `layout`: that of the manual; that of the emulator for an image that runs there and nowhere else. Frames leave in the order of
-/// try_send(): one at a time is with the controller, whose FIFO cannot give one back, the others wait here.
-/// The controller stamps frames with a counter that nobody can read: when a frame came is not known.
+/// `layout`: that of the manual; that of the emulator for an image that runs there and nowhere else. Frames leave in the
+/// order of try_send(): one at a time is with the controller, whose FIFO cannot give one back, the others wait here. The
+/// controller stamps frames with a counter that nobody can read: when a frame came is not known.
 template <zynqmp_can::Layout layout, ZynqmpCanAccess Access>
 class ZynqmpCan {
  public:
@@ -63,15 +63,17 @@ class ZynqmpCan {
       ++overruns_;
     }
     if ((events & event::rxnemp) == 0) return false;
-    const Word id = a_.read(rx_fifo), length = a_.read(rx_fifo + 4), first = a_.read(rx_fifo + 8), second = a_.read(rx_fifo + 12);
+    const Word id = a_.read(rx_fifo), length = a_.read(rx_fifo + 4);  // all four, in this order
+    const Word first = a_.read(rx_fifo + 8), second = a_.read(rx_fifo + 12);
     a_.write(icr, event::rxnemp);  // set again at once while there are more
     decode(id, length, first, second, f);
     return true;
   }
 
-  /// Takes back what is perishable and waits here; the others keep their order: whoever sent them counts on their being sent. The
-  /// frame that is with the controller can be taken back by a reset of all of it only, which costs its error counters and, if it
-  /// is just sending, an error frame: where the bus has not taken a perishable frame from one withdraw() to the next, that is done.
+  /// Takes back what is perishable and waits here; the others keep their order: whoever sent them counts on their being
+  /// sent. The frame that is with the controller can be taken back by a reset of all of it only, which costs its error
+  /// counters and, if it is just sending, an error frame: where the bus has not taken a perishable frame from one withdraw()
+  /// to the next, that is done.
   void withdraw() {
     if (!opened_) return;
     pump();
@@ -85,7 +87,7 @@ class ZynqmpCan {
     if (!sending_ || !perishable_ || left_) return;
     if (!stale_) {
       stale_ = true;
-    } else if ((a_.read(zynqmp_can::isr) & zynqmp_can::event::rxnemp) == 0) {  // what has been received would be lost with it
+    } else if ((a_.read(zynqmp_can::isr) & zynqmp_can::event::rxnemp) == 0) {  // received frames would be lost with it
       ++withdrawn_;
       if (!restart()) left_ = true;
     }
@@ -97,9 +99,10 @@ class ZynqmpCan {
     const zynqmp_can::Word state = a_.read(zynqmp_can::sr);
     return bus_off(state, a_.read(zynqmp_can::isr)) || (left_ && (!rejoining_ || (state & zynqmp_can::sr_bit::config) != 0));
   }
-  /// Asks it back after bus-off, until which it is kept from the bus: by itself it would come back and send what its FIFO held.
-  /// It then takes part after 11 recessive bits, not after 128 times as many: leave 2 ms or more between its leaving and this.
-  /// Everything that waits is dropped. Torque does not resume by this: bus_off is a latched fault of the supervisor.
+  /// Asks it back after bus-off, until which it is kept from the bus: by itself it would come back and send what its FIFO
+  /// held. It then takes part after 11 recessive bits, not after 128 times as many: leave 2 ms or more between its leaving
+  /// and this. Everything that waits is dropped. Torque does not resume by this: bus_off is a latched fault of the
+  /// supervisor.
   void rejoin() {
     if (!opened_ || !off()) return;
     leave();
@@ -113,6 +116,8 @@ class ZynqmpCan {
   [[nodiscard]] std::uint32_t error_counters() const { return a_.read(zynqmp_can::ecr) & 0xFFFFU; }
 
  private:
+  using Word = zynqmp_can::Word;
+
   /// Bounded, for the controller may have no clock.
   [[nodiscard]] bool await(zynqmp_can::Word mask, zynqmp_can::Word value) const {
     for (int n = 0; n < 100'000; ++n) {
@@ -121,7 +126,8 @@ class ZynqmpCan {
     return false;
   }
 
-  /// Empty FIFOs, normal mode, no acceptance filters; on the bus after 11 recessive bits, when SR.CONFIG is 0. False: no answer.
+  /// Empty FIFOs, normal mode, no acceptance filters; on the bus after 11 recessive bits, when SR.CONFIG is 0. False: no
+  /// answer.
   [[nodiscard]] bool restart() {
     using namespace zynqmp_can;
     sending_ = stale_ = false;
@@ -158,7 +164,6 @@ class ZynqmpCan {
     if (bus_off(state, events)) return leave();
     if ((state & sr_bit::config) != 0) return;
     if (rejoining_) left_ = rejoining_ = false;
-    if (left_) return;
     if (sending_ && (events & event::txok) != 0) sending_ = stale_ = false;
     if (sending_ || tail_ == head_) return;
     const CanFrame& f = waiting_[tail_++ % waiting_max];
@@ -179,7 +184,7 @@ class ZynqmpCan {
     if constexpr (layout == Layout::qemu_7_2) {
       id = f.id | (f.extended ? 1U << 31 : 0U) | (f.remote ? 1U << 30 : 0U);
     } else if (f.extended) {
-      id = ((f.id >> idl_bits) << idh_shift) | srrrtr | ide | ((f.id & ((1U << idl_bits) - 1U)) << idl_shift) | (f.remote ? rtr : 0U);
+      id = ((f.id >> idl_bits) << idh_shift) | ((f.id & idl_mask) << idl_shift) | srrrtr | ide | (f.remote ? rtr : 0U);
     } else {
       id = (f.id << idh_shift) | (f.remote ? srrrtr : 0U);
     }
@@ -191,7 +196,7 @@ class ZynqmpCan {
     a_.write(tx_fifo + 12, data[1]);  // the message is complete with its fourth word, used or not
   }
 
-  static void decode(zynqmp_can::Word id, zynqmp_can::Word length, zynqmp_can::Word first, zynqmp_can::Word second, CanFrame& f) {
+  static void decode(Word id, Word length, Word first, Word second, CanFrame& f) {
     using namespace zynqmp_can;
     f = CanFrame{};
     if constexpr (layout == Layout::qemu_7_2) {
@@ -202,11 +207,13 @@ class ZynqmpCan {
       f.extended = (id & ide) != 0;
       f.remote = (id & (f.extended ? rtr : srrrtr)) != 0;
       f.id = id >> idh_shift;
-      if (f.extended) f.id = (f.id << idl_bits) | ((id >> idl_shift) & ((1U << idl_bits) - 1U));
+      if (f.extended) f.id = (f.id << idl_bits) | ((id >> idl_shift) & idl_mask);
     }
     const Word code = length >> dlc_shift;  // above 8 it means 8
     f.size = code < can_classic_size_max ? static_cast<std::uint8_t>(code) : can_classic_size_max;
-    for (std::size_t i = 0; i < f.size && !f.remote; ++i) f.data[i] = static_cast<std::uint8_t>((i < 4 ? first : second) >> shift_of(i));
+    for (std::size_t i = 0; i < f.size && !f.remote; ++i) {
+      f.data[i] = static_cast<std::uint8_t>((i < 4 ? first : second) >> shift_of(i));
+    }
   }
 
   Access a_;

@@ -1,5 +1,6 @@
 #pragma once
-/// What the images that provoke faults have in common: text on a port, a stack that runs out of its memory, and the order of events.
+/// What the images that provoke faults have in common: text on a port, a stack that runs out of its memory, and the order of
+/// events.
 
 #include <cstdint>
 
@@ -31,7 +32,8 @@ inline std::uint32_t dig(std::uint32_t depth) {
   return depth < floor_at ? dig(depth + 1) + here[depth % 32] : 0;
 }
 
-/// Tells the record of the last crash and provokes the next one: `fault`, then the stack, then no more. `boots` outlives a restart.
+/// Tells the record of the last crash and provokes the next one: `fault`, then the stack, then no more. `boots` outlives a
+/// restart.
 template <class Port, class F>
 [[noreturn]] void crash_again(Port& port, std::uint32_t& boots, F&& fault) {
   Text<Port> out{port};
@@ -39,8 +41,9 @@ template <class Port, class F>
     boots = 0;
     out << "no record\n";
   } else {
-    out << "exception " << crash_record.exception << " status " << crash_record.fault_status << " address " << crash_record.address
-        << " sp " << crash_record.sp << " pc " << crash_record.pc << " lr " << crash_record.lr << "\n";
+    const CrashRecord& r = crash_record;
+    out << "exception " << r.exception << " status " << r.fault_status << " address " << r.address << " sp " << r.sp
+        << " pc " << r.pc << " lr " << r.lr << "\n";
     crash_record.forget();
     ++boots;
   }

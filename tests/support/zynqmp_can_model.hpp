@@ -1,7 +1,7 @@
 #pragma once
 /// The CAN controller of a Zynq UltraScale+ as a program sees it, by UG1085 and UG1087: registers by their addresses there,
-/// modes, FIFOs of four-word messages, events that are kept until they are cleared, error states. What a program must not do is
-/// noted in `wrong`. `Words::qemu` lays messages out as QEMU 7.2's model does. Shares nothing with hal/zynqmp_can.
+/// modes, FIFOs of four-word messages, events that are kept until they are cleared, error states. What a program must not do
+/// is noted in `wrong`. `Words::qemu` lays messages out as QEMU 7.2's model does. Shares nothing with hal/zynqmp_can.
 
 #include <cstdint>
 #include <deque>
@@ -29,14 +29,14 @@ class ZynqmpCanModel {
   bool stuck = false;       ///< a dominant bus: no 11 recessive bits, no way onto it
   int resets = 0;
 
-  // --- the program's side --------------------------------------------------------------------------------------------------
+  // --- the program's side ----------------------------------------------------------------------------------------------
   std::uint32_t read(std::uint32_t at) {
     if (!clocked) return 0;
     switch (at) {
       case 0x00: return enabled_ ? 2U : 0U;
       case 0x10: return rec_ << 8 | (tec_ & 0xFFU);
       case 0x18: return status();
-      case 0x1C: return events_ | (rx_.empty() ? 0U : 1U << 7);
+      case 0x1C: return events_;
       case 0x50: case 0x54: case 0x58: case 0x5C: return take_word((at - 0x50) / 4);
       default: return r_.contains(at) ? r_[at] : 0U;
     }
@@ -58,7 +58,7 @@ class ZynqmpCanModel {
         break;
       case 0x10: case 0x18: case 0x1C: return fault("writes a register that is for reading");
       case 0x20: if (v != 0) fault("asks for interrupts that nobody serves"); break;
-      case 0x24: events_ &= ~v; return;
+      case 0x24: events_ = (events_ & ~v) | (rx_.empty() ? 0U : 1U << 7); return;
       case 0x60: if ((v & ~0xFU) != 0) fault("reserved bits of AFR"); break;
       case 0x30: case 0x34: case 0x38: case 0x3C: return put_word((at - 0x30) / 4, v);
       default: fault("register " + std::to_string(at)); return;
@@ -66,7 +66,7 @@ class ZynqmpCanModel {
     r_[at] = v;
   }
 
-  // --- the bus's side ------------------------------------------------------------------------------------------------------
+  // --- the bus's side --------------------------------------------------------------------------------------------------
   [[nodiscard]] bool on_bus() const { return enabled_ && joined_ && !off_; }
   /// The frame that is being sent: the oldest one, again and again until it is acknowledged.
   std::optional<Message> begin_frame() {
@@ -103,7 +103,7 @@ class ZynqmpCanModel {
       return;
     }
     rx_.push_back(words(f));
-    events_ |= 1U << 4;
+    events_ |= 1U << 4 | 1U << 7;
   }
   struct Bit {
     double rate, sample_point, quanta, jump;

@@ -109,7 +109,8 @@ TYPED_TEST(ZynqmpCan, EverythingIsHeard) {
   this->open();
   Message remote{.id = 0x123, .remote = true, .dlc = 5}, long_code = wire(0x7FE, {1, 2, 3, 4, 5, 6, 7, 8});
   long_code.dlc = 15;  // a classic frame has 8 bytes with every code above
-  for (const Message& w : {wire(0, {}), wire(0x7FF, {9, 8, 7, 6, 5, 4, 3, 2}), wire(0x1ABCDEF1, {1, 2, 3, 4, 5}, true), remote, long_code}) {
+  for (const Message& w : {wire(0, {}), wire(0x7FF, {9, 8, 7, 6, 5, 4, 3, 2}), wire(0x1ABCDEF1, {1, 2, 3, 4, 5}, true),
+                           remote, long_code}) {
     this->model.deliver(w);
     CanFrame f = frame(0x55, {1, 1, 1, 1, 1, 1, 1, 1});
     ASSERT_TRUE(this->bus.try_receive(f));
@@ -125,15 +126,17 @@ TYPED_TEST(ZynqmpCan, EverythingIsHeard) {
 
 TYPED_TEST(ZynqmpCan, OrderIsKeptAndFullIsSaid) {
   this->open();
+  const auto number = [](int i) { return frame(0x700 - static_cast<std::uint32_t>(i), {i}); };
   int taken = 0;
-  while (taken < 100 && this->bus.try_send(frame(0x700 - static_cast<std::uint32_t>(taken), {taken})) == SendStatus::ok) ++taken;
+  while (taken < 100 && this->bus.try_send(number(taken)) == SendStatus::ok) ++taken;
   EXPECT_EQ(taken, 33);  // one with the controller
+  EXPECT_EQ(this->bus.try_send(number(0)), SendStatus::bus_full);
   for (int i = 0; i < taken; ++i) {
     const auto f = this->model.take();
     ASSERT_TRUE(f);
     EXPECT_EQ(f->bytes, std::vector<std::uint8_t>{static_cast<std::uint8_t>(i)});
     EXPECT_FALSE(this->model.begin_frame()) << "one at a time";
-    this->poll();
+    for (int n = 0; n < 3; ++n) this->poll();
   }
   EXPECT_FALSE(this->model.take());
 }
@@ -260,6 +263,21 @@ TYPED_TEST(ZynqmpCan, BusOffIsSaidAndComesBackOnlyWhenAsked) {
   ASSERT_TRUE(f);
   EXPECT_EQ(f->bytes[0], 5);
   EXPECT_EQ(this->bus.withdrawn(), 2U);
+  const int resets = this->model.resets;
+  this->bus.rejoin();
+  EXPECT_EQ(this->model.resets, resets) << "it is there";
+}
+
+TYPED_TEST(ZynqmpCan, BusOffWithoutAnAnswerToTheResetIsBusOff) {
+  this->open();
+  EXPECT_EQ(this->bus.try_send(frame(0x10, {1})), SendStatus::ok);
+  for (int i = 0; i < 32; ++i) this->model.spoiled();
+  EXPECT_EQ(this->bus.try_send(frame(0x10, {2})), SendStatus::bus_off);
+  this->model.clocked = false;
+  EXPECT_EQ(this->bus.try_send(frame(0x10, {3})), SendStatus::bus_off);
+  this->bus.rejoin();
+  EXPECT_TRUE(this->bus.off());
+  EXPECT_EQ(this->bus.try_send(frame(0x10, {4})), SendStatus::bus_off);
 }
 
 TYPED_TEST(ZynqmpCan, BusOffThatNobodySawIsBusOff) {

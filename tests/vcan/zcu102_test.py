@@ -1,6 +1,6 @@
 #!/usr/bin/python3
-"""The image of zcu102_rpu closes the loop over its CAN controller and vcan0 with `esmc plant`: the same digest as `esmc hil`, to
-the last bit. QEMU runs inside with_vcan, with that controller on vcan0.
+"""The image of zcu102_rpu closes the loop over its CAN controller and vcan0 with `esmc plant`: the same digest as
+`esmc hil`, to the last bit. QEMU runs inside with_vcan, with that controller on vcan0.
 
 usage: zcu102_test.py ESMC SCENE ELF SECONDS      of the scene"""
 import json
@@ -33,8 +33,9 @@ def inside(esmc, scene, elf, seconds, out):
     bus.settimeout(1.0)
     with tempfile.TemporaryDirectory(dir="/dev/shm") as folder:  # a socket lives in this kernel
         monitor = f"{folder}/monitor"
-        board = zcu102.qemu(elf, folder, "-object", "can-bus,id=bus", "-object", "can-host-socketcan,id=host,if=vcan0,canbus=bus",
-                            "-serial", "none", "-qmp", f"unix:{monitor},server=on,wait=off", machine="xlnx-zcu102,canbus1=bus")
+        board = zcu102.qemu(elf, folder, "-object", "can-bus,id=bus", "-object",
+                            "can-host-socketcan,id=host,if=vcan0,canbus=bus", "-serial", "none", "-qmp",
+                            f"unix:{monitor},server=on,wait=off", machine="xlnx-zcu102,canbus1=bus")
         try:
             give_up = time.monotonic() + limit(0)
             while True:  # until it asks for drives
@@ -47,7 +48,8 @@ def inside(esmc, scene, elf, seconds, out):
                         print("the image was not heard on vcan0:", board.communicate()[0])
                         return 1
             bus.close()
-            plant = subprocess.run([esmc, "plant", scene, "--bus", "socketcan:vcan0", "--json", "--set", f"simulation.duration={seconds}"],
+            plant = subprocess.run([esmc, "plant", scene, "--bus", "socketcan:vcan0", "--json", "--set",
+                                    f"simulation.duration={seconds}"],
                                    capture_output=True, text=True, timeout=limit(seconds))
             stack = board_test.stack_used(elf, monitor, folder)
         finally:
@@ -73,8 +75,9 @@ def main(esmc, scene, elf, seconds):
     assert want["supervisor"]["faults"] == [], want["supervisor"]
     assert want["digest"] != other["digest"], "the digest does not tell float from double: this test could not fail"
     with tempfile.TemporaryDirectory(dir=Path(esmc).parent) as out:
-        job = subprocess.run([HERE / "with_vcan", "--timeout", str(int(limit(0) + limit(seconds) + 20)), "--", sys.executable, __file__, "--inside", esmc, scene, elf,
-                              seconds, out], capture_output=True, text=True, env=dict(os.environ, VCAN_MEMORY_MB="512"))
+        job = subprocess.run([HERE / "with_vcan", "--timeout", str(int(limit(0) + limit(seconds) + 20)), "--",
+                              sys.executable, __file__, "--inside", esmc, scene, elf, seconds, out],
+                             capture_output=True, text=True, env=dict(os.environ, VCAN_MEMORY_MB="512"))
         if job.returncode == SKIPPED:
             print(job.stdout.strip())
             return SKIPPED
