@@ -10,7 +10,7 @@ inline constexpr std::uint32_t stack_paint = 0xA5A5'5A5AU;
 struct CrashRecord {
   static constexpr std::uint32_t mark = 0x45534D43U;  // "ESMC"
   std::uint32_t valid;         ///< mark, turned with the sum of the rest
-  std::uint32_t exception;     ///< M: 3 hard fault, 4 memory management, 5 bus, 6 usage, 16 + n interrupt n; R: number of its vector
+  std::uint32_t exception;     ///< M: 2 NMI (a watchdog's warning), 3 hard fault, 4 memory management, 5 bus, 6 usage, 16 + n interrupt n; R: number of its vector
   std::uint32_t fault_status;  ///< CFSR; R: DFSR
   std::uint32_t hard_status;   ///< HFSR; R: IFSR
   std::uint32_t address;       ///< BFAR: meaningful where CFSR says so; R: DFAR, IFAR

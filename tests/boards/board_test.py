@@ -176,10 +176,10 @@ def crash(elf, machine):
         board.kill()
     print("\n".join(lines))
     symbols = symbols_of(elf)
-    if len(lines) != 4 or lines[0] != "no record" or lines[-1] != "done":
+    if len(lines) != (4 if r5f else 5) or lines[0] != "no record" or lines[-1] != "done":
         return 1
-    records = [dict(re.findall(r"(\w+) ([0-9a-f]+)", line)) for line in lines[1:3]]
-    first, stack = ({k: int(v, 16) for k, v in r.items()} for r in records)
+    records = [dict(re.findall(r"(\w+) ([0-9a-f]+)", line)) for line in lines[1:-1]]
+    first, stack, *bites = ({k: int(v, 16) for k, v in r.items()} for r in records)
     bottom = symbols["esmc_stack_bottom"]
     if r5f:
         # The instruction that does not exist, itself.
@@ -196,6 +196,9 @@ def crash(elf, machine):
     ok = ok and first["address"] == 0x9000_0000
     # A memory fault as soon as the stack has reached its guard; what was stacked cannot be read.
     ok = ok and stack["exception"] in (3, 4) and bottom - 0x1000 <= stack["sp"] < bottom + 256 and stack["pc"] == stack["lr"] == 0
+    # The watchdog's warning, where the program hung.
+    begin = symbols["hang"] & ~1
+    ok = ok and bites[0]["exception"] == 2 and begin <= bites[0]["pc"] < begin + 32
     return 0 if ok else 1
 
 

@@ -32,10 +32,9 @@ inline std::uint32_t dig(std::uint32_t depth) {
   return depth < floor_at ? dig(depth + 1) + here[depth % 32] : 0;
 }
 
-/// Tells the record of the last crash and provokes the next one: `fault`, then the stack, then no more. `boots` outlives a
-/// restart.
-template <class Port, class F>
-[[noreturn]] void crash_again(Port& port, std::uint32_t& boots, F&& fault) {
+/// Tells the record of the last crash and provokes the next one, in their order, then no more. `boots` outlives a restart.
+template <class Port, class... F>
+[[noreturn]] void crash_again(Port& port, std::uint32_t& boots, F&&... provocations) {
   Text<Port> out{port};
   if (!crash_record.sealed()) {
     boots = 0;
@@ -47,8 +46,8 @@ template <class Port, class F>
     crash_record.forget();
     ++boots;
   }
-  if (boots == 0) out << fault();
-  if (boots == 1) out << dig(0);
+  std::uint32_t n = 0;
+  ((boots == n++ ? void(out << provocations()) : void()), ...);
   out << "done\n";
   for (;;) {
   }

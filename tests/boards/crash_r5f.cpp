@@ -28,5 +28,5 @@ extern "C" [[gnu::noinline, gnu::used]] std::uint32_t not_an_instruction() {
 
 extern "C" [[noreturn]] void esmc_main() {
   static Port port;
-  esmc::test::crash_again(port, boots, not_an_instruction);
+  esmc::test::crash_again(port, boots, not_an_instruction, [] { return esmc::test::dig(0); });
 }
