@@ -351,6 +351,27 @@ TYPED_TEST(Laws, PdIsSpringAndDamperOnTheBaseJoints) {
   torque.expect_below(100 * kEpsilon<S>);
 }
 
+TYPED_TEST(Laws, WithoutAModelNothingIsDemanded) {
+  using S = TypeParam;
+  auto c = random_tracking<S>(1);
+  auto v = FiveBar<S>::Channels::Ones().eval(), s = v;
+  demand(LawKind::pd, c.mechanism, c.gain, c.reaching, c.t, v, s);
+  EXPECT_TRUE(v.isZero(0) && s.isZero(0));
+}
+
+[[gnu::noinline]] double leave_numbers_on_the_stack() {
+  volatile double here[64];
+  for (int i = 0; i < 64; ++i) here[i] = 1.0 + i;
+  return here[7];
+}
+TYPED_TEST(Laws, AtRestNothingMoves) {
+  EXPECT_EQ(leave_numbers_on_the_stack(), 8.0);
+  const auto r = rest<FiveBar<TypeParam>>();
+  EXPECT_TRUE(r.platform.isZero(0) && r.leg[0].isZero(0) && r.leg[1].isZero(0));
+  EXPECT_EQ(leave_numbers_on_the_stack(), 8.0);
+  EXPECT_TRUE(rest<Rr<TypeParam>>().isZero(0));
+}
+
 /// A NaN anywhere in the state must come out as a NaN torque (the limiter then stops the motors), never as a
 /// number.
 TYPED_TEST(Laws, NotANumberIsNeverSwallowed) {
