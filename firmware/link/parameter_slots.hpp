@@ -8,7 +8,7 @@
 #include <optional>
 #include <span>
 
-#include "firmware/link/codec.hpp"
+#include "firmware/link/command_link.hpp"
 #include "firmware/link/parameters.hpp"
 #include "hal/slot_memory.hpp"
 
@@ -208,5 +208,24 @@ class ParameterSlots {
   Step step_ = Step::erase;
   bool second_ = false;
 };
+
+/// At power-up, before the first tick: the stored gains, where there are some that can be used.
+template <class Memory>
+void restore(CommandLink& link, ParameterSlots<Memory>& slots) {
+  if (!link.active()) return;  // nobody could order anything of it
+  if (const auto gains = slots.load()) (void)link.restore(*gains);  // judged by the bounds that the link has
+  link.store_status(slots.status());
+}
+/// Between two ticks: what the supervisor computer wants of the store, and one step of it.
+template <class Memory>
+void serve(CommandLink& link, ParameterSlots<Memory>& slots) {
+  switch (link.take_store_wish()) {
+    case StoreWish::none: break;
+    case StoreWish::store: slots.store(link.parameters().gains()); break;
+    case StoreWish::forget: slots.forget(); break;
+  }
+  slots.poll();
+  link.store_status(slots.status());
+}
 
 }  // namespace esmc::link
