@@ -267,6 +267,29 @@ enum class SlotContent : std::uint8_t {
   other_scene,    ///< intact, of an image that was made of another scene
   out_of_bounds,  ///< a value is not finite, not within the baked bounds, or not writable and another one
 };
+[[nodiscard]] constexpr const char* name(StoreState s) {
+  switch (s) {
+    case StoreState::none: return "none";
+    case StoreState::idle: return "idle";
+    case StoreState::storing: return "storing";
+    case StoreState::stored: return "stored";
+    case StoreState::forgetting: return "forgetting";
+    case StoreState::forgotten: return "forgotten";
+    case StoreState::failed: return "failed";
+  }
+  return "unknown";
+}
+[[nodiscard]] constexpr const char* name(SlotContent c) {
+  switch (c) {
+    case SlotContent::empty: return "empty";
+    case SlotContent::valid: return "valid";
+    case SlotContent::damaged: return "damaged";
+    case SlotContent::other_format: return "other_format";
+    case SlotContent::other_scene: return "other_scene";
+    case SlotContent::out_of_bounds: return "out_of_bounds";
+  }
+  return "unknown";
+}
 struct StoreStatus {
   StoreState state = StoreState::none;
   std::uint8_t used = 0;  ///< slot that the gains were taken from at power-up, 1 or 2; 0: none, they were the baked ones

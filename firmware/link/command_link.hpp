@@ -28,6 +28,7 @@ class CommandLink {
   [[nodiscard]] const Counters& counters() const { return counters_; }
   [[nodiscard]] std::uint8_t session() const { return session_; }
   [[nodiscard]] Source source() const { return source_; }
+  [[nodiscard]] std::uint32_t scene() const { return config_.scene; }
 
   /// Once per tick, before its frames.
   void begin_tick() { ++tick_; }

@@ -10,8 +10,8 @@ using Word = std::uint32_t;
 
 /// On a board the addresses, in a test a model of what is there.
 template <class A>
-concept Access = requires(A& a, Word at, Word value, Word& word) {
-  { a.read(at) } -> std::same_as<Word>;      // register at a byte offset from the flash interface
+concept Access = requires(A& a, const A& c, Word at, Word value, Word& word) {
+  { c.read(at) } -> std::same_as<Word>;      // register at a byte offset from the flash interface
   a.write(at, value);
   // A word of the memory. False: its error correction gave up (two bits), which on these chips is an exception: the board sees to
   // it that it is none here. A word whose programming was cut short may read like that for ever.

@@ -1,6 +1,6 @@
 #pragma once
 /// Two pages of bank 2 of an STM32G471/473/474/483/484 with 512 KiB as a SlotMemory. Source: RM0440, chapter 3 (embedded flash
-/// memory, category 3 devices), errata sheet ES0430.
+/// memory, category 3 devices).
 ///
 /// Code runs in bank 1, which can be read while bank 2 is erased or programmed (read while write): that needs the option DBANK,
 /// as it is delivered, and the image below 0x0804'0000. A page of 2 KiB is erased in some 25 ms, a double word of 64 bits is
@@ -78,8 +78,8 @@ class G4Slots {
   }
   [[nodiscard]] bool busy() const { return (a_.read(g4::sr) & g4::sr_bsy) != 0; }
 
-  /// Unlocked, without old errors, and without the data cache: that does not see what is erased or programmed, and may take damage
-  /// when one bank is read while the other is written (ES0430). Without it the constants of the code come at the speed of the flash.
+  /// Unlocked, without old errors, and without the data cache: it does not see what is erased or programmed, and ST's own library
+  /// does the same against "data misbehavior". Until it is done the constants of the code come at the speed of the flash.
   [[nodiscard]] bool open() {
     if (operating_ || !available() || busy()) return false;
     if ((a_.read(g4::cr) & g4::cr_lock) != 0) {
