@@ -48,7 +48,7 @@ constexpr std::uintptr_t stack_guard = 256;
 }
 /// A board whose chip has a non-maskable interrupt that is none to crash for has its own; it begins with the stack as it finds it and
 /// ends in esmc_fault for all others.
-[[gnu::weak, gnu::alias("esmc_fault")]] void esmc_nmi();
+[[gnu::weak, gnu::alias("esmc_fault"), gnu::nothrow]] void esmc_nmi();
 [[gnu::section(".noinit"), gnu::used]] alignas(8) unsigned char esmc_crash_stack[256];
 [[gnu::used, noreturn]] void esmc_crash(const std::uint32_t* stacked) {
   const auto reg = [](std::uint32_t at) { return *reinterpret_cast<volatile std::uint32_t*>(at); };

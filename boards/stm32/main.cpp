@@ -10,7 +10,7 @@ using namespace esmc;
 
 [[gnu::section(".noinit")]] std::uint32_t starts;  // another number at each start
 
-void tell_start(stm32::Console& out, std::uint32_t cause) {
+[[gnu::cold, gnu::noinline]] void tell_start(stm32::Console& out, std::uint32_t cause) {
   out << "\r\nesmc; reset flags ";
   out.hex(cause) << "\r\n";
   if (!crash_record.sealed()) return;
@@ -22,14 +22,15 @@ void tell_start(stm32::Console& out, std::uint32_t cause) {
 }
 
 template <class Loop>
-void tell_status(stm32::Console& out, const baked::Node& node, const Loop& loop, stm32::NucleoBoard& board) {
+[[gnu::cold, gnu::noinline]] void tell_status(stm32::Console& out, const baked::Node& node, const Loop& loop, stm32::NucleoBoard& board) {
   out << name(node.supervisor().state()) << ", fault " << name(node.supervisor().fault()) << ", enable "
       << (board.enable().closed() ? "closed" : "open") << (board.bus().off() ? ", off the bus" : "") << ", late " << loop.late()
       << ", overruns " << board.bus().overruns() << ", withdrawn " << board.bus().withdrawn() << ", bus errors ";
   out.hex(board.bus().error_counters()) << "\r\n";
 }
 
-void tell_store(stm32::Console& out, const link::StoreStatus& s) {
+// Texts need not be fast: cold code is made small.
+[[gnu::cold, gnu::noinline]] void tell_store(stm32::Console& out, const link::StoreStatus& s) {
   out << "parameters: " << name(s.state) << ", at start ";
   if (s.used == 0) {
     out << "baked";

@@ -110,7 +110,7 @@ class ParameterSlots {
   /// Sequence numbers go round: of two records the one less than half a round ahead.
   static bool later(std::uint32_t a, std::uint32_t b) { return static_cast<std::int32_t>(a - b) > 0; }
 
-  [[nodiscard]] Slot judge(unsigned slot) {
+  [[nodiscard, gnu::noinline]] Slot judge(unsigned slot) {
     SlotRecord::Words w{};
     Slot s;
     bool readable = true, erased = true;

@@ -50,9 +50,9 @@ struct Store {
 
 template <class M>
 struct Slots : testing::Test {
-  M memory;
+  M nvm;
   ~Slots() override {
-    for (const std::string& w : memory.wrong) ADD_FAILURE() << w;
+    for (const std::string& w : nvm.wrong) ADD_FAILURE() << w;
   }
 };
 using Memories = testing::Types<SlotMemory<2>, SlotMemory<8>>;
@@ -62,20 +62,20 @@ using Contents = std::vector<SlotContent>;
 TYPED_TEST(Slots, ARecordWordByWord) {
   // Checksums by another program, zlib's.
   const std::vector<std::uint32_t> seven{0x45534D01, 7, 0x89ABCDEF, 0x425E0000, 0x42200000, 0x43160000, 0x43960000, 0x27074A0F};
-  this->memory.put(1, seven);
-  Store s(this->memory);
+  this->nvm.put(1, seven);
+  Store s(this->nvm);
   EXPECT_EQ(s.taken, (Gains{55.5F, 40, 150, 300}));
   EXPECT_EQ(s.slots.status().used, 2);
   EXPECT_EQ(s.slots.status().sequence, 7U);
   s.slots.store({20, 30, 100, 300});
   s.finish();
   const std::vector<std::uint32_t> eight{0x45534D01, 8, 0x89ABCDEF, 0x41A00000, 0x41F00000, 0x42C80000, 0x43960000, 0xA897C34C};
-  EXPECT_EQ(std::vector<std::uint32_t>(this->memory.slots[0].begin(), this->memory.slots[0].begin() + 8), eight);
-  EXPECT_EQ(std::vector<std::uint32_t>(this->memory.slots[1].begin(), this->memory.slots[1].begin() + 8), seven);
+  EXPECT_EQ(std::vector<std::uint32_t>(this->nvm.slots[0].begin(), this->nvm.slots[0].begin() + 8), eight);
+  EXPECT_EQ(std::vector<std::uint32_t>(this->nvm.slots[1].begin(), this->nvm.slots[1].begin() + 8), seven);
 }
 
 TYPED_TEST(Slots, AnEmptyMemoryTakesTheFirstRecordAndThenTurnAbout) {
-  Store first(this->memory);
+  Store first(this->nvm);
   EXPECT_FALSE(first.taken);
   EXPECT_EQ(first.slots.status(), (StoreStatus{.state = StoreState::idle}));
   for (std::uint32_t n = 1; n <= 5; ++n) {
@@ -86,7 +86,7 @@ TYPED_TEST(Slots, AnEmptyMemoryTakesTheFirstRecordAndThenTurnAbout) {
     EXPECT_EQ(first.slots.status().state, StoreState::stored);
     EXPECT_EQ(first.slots.status().used, 0) << "at power-up it was none";
     EXPECT_EQ(first.slots.status().sequence, n);
-    Store again(this->memory);
+    Store again(this->nvm);
     EXPECT_EQ(again.taken, g);
     EXPECT_EQ(again.slots.status().used, 1 + (n + 1) % 2);
     EXPECT_EQ(again.contents(), (Contents{SlotContent::valid, n == 1 ? SlotContent::empty : SlotContent::valid}));
@@ -114,11 +114,11 @@ TYPED_TEST(Slots, TheNewestCountsAlsoWhereNumbersGoRound) {
 }
 
 TYPED_TEST(Slots, WithoutAStoreNothingHappens) {
-  this->memory.put(0, record(1, newer));
-  Store unknown(this->memory, 0);
+  this->nvm.put(0, record(1, newer));
+  Store unknown(this->nvm, 0);
   EXPECT_FALSE(unknown.taken);
-  this->memory.usable = false;
-  Store unavailable(this->memory);
+  this->nvm.usable = false;
+  Store unavailable(this->nvm);
   EXPECT_FALSE(unavailable.taken);
   for (Store<TypeParam>* s : {&unknown, &unavailable}) {
     s->slots.store(wanted);
@@ -127,7 +127,7 @@ TYPED_TEST(Slots, WithoutAStoreNothingHappens) {
     s->slots.poll();
     EXPECT_EQ(s->slots.status(), StoreStatus{});
   }
-  EXPECT_EQ(this->memory.begun, 0);
+  EXPECT_EQ(this->nvm.begun, 0);
 }
 
 TYPED_TEST(Slots, WhatIsWrongIsIgnoredAsAWhole) {
@@ -201,9 +201,9 @@ TYPED_TEST(Slots, EveryFlippedBitIsFoundAndEveryUnreadableWord) {
 }
 
 TYPED_TEST(Slots, BothBadLeavesTheBakedOnesAndCanBeMended) {
-  this->memory.put(0, record(9, newer, scene + 1));
-  this->memory.put(1, std::vector<std::uint32_t>(8, 0x1234'5678U));
-  Store s(this->memory);
+  this->nvm.put(0, record(9, newer, scene + 1));
+  this->nvm.put(1, std::vector<std::uint32_t>(8, 0x1234'5678U));
+  Store s(this->nvm);
   EXPECT_FALSE(s.taken);
   EXPECT_EQ(s.contents(), (Contents{SlotContent::other_scene, SlotContent::damaged}));
   EXPECT_EQ(s.slots.status().sequence, 0U);
@@ -211,7 +211,7 @@ TYPED_TEST(Slots, BothBadLeavesTheBakedOnesAndCanBeMended) {
   s.finish();
   EXPECT_EQ(s.slots.status().sequence, 10U) << "newer than that of the other scene";
   EXPECT_EQ(s.contents(), (Contents{SlotContent::other_scene, SlotContent::valid}));
-  EXPECT_EQ(Store(this->memory, scene + 1).taken, newer) << "whose image finds its own";
+  EXPECT_EQ(Store(this->nvm, scene + 1).taken, newer) << "whose image finds its own";
 }
 
 TYPED_TEST(Slots, OfTwoOtherScenesTheOlderOneIsGivenUp) {
@@ -299,34 +299,34 @@ TYPED_TEST(Slots, PowerLostAtAnyStepOfForgettingDoesNotBringAnOlderOneBack) {
 }
 
 TYPED_TEST(Slots, ForgettingLeavesBothEmpty) {
-  this->memory.put(0, record(6, newer));
-  this->memory.put(1, record(5, older, scene + 1));
-  Store s(this->memory);
+  this->nvm.put(0, record(6, newer));
+  this->nvm.put(1, record(5, older, scene + 1));
+  Store s(this->nvm);
   s.slots.forget();
   EXPECT_EQ(s.slots.status().state, StoreState::forgetting);
   s.finish();
   EXPECT_EQ(s.slots.status(), (StoreStatus{.state = StoreState::forgotten, .used = 1}));
-  EXPECT_FALSE(Store(this->memory).taken);
+  EXPECT_FALSE(Store(this->nvm).taken);
   s.slots.store(wanted);
   s.finish();
-  EXPECT_EQ(Store(this->memory).taken, wanted);
+  EXPECT_EQ(Store(this->nvm).taken, wanted);
 }
 
 TYPED_TEST(Slots, OneStepPerPollAndOneOrderAtATime) {
-  this->memory.put(0, record(6, newer));
-  Store s(this->memory);
+  this->nvm.put(0, record(6, newer));
+  Store s(this->nvm);
   s.slots.store(wanted);
   for (int n = 0; s.slots.busy() && n < 1000; ++n) {
-    const int before = this->memory.begun;
+    const int before = this->nvm.begun;
     s.slots.poll();
-    EXPECT_LE(this->memory.begun, before + 1);
+    EXPECT_LE(this->nvm.begun, before + 1);
     if (!s.slots.busy()) break;
     s.slots.store(older);
     s.slots.forget();
-    EXPECT_LE(this->memory.begun, before + 1);
+    EXPECT_LE(this->nvm.begun, before + 1);
   }
-  EXPECT_EQ(this->memory.begun, 1 + 8 / static_cast<int>(TypeParam::unit_words));
-  EXPECT_EQ(Store(this->memory).taken, wanted);
+  EXPECT_EQ(this->nvm.begun, 1 + 8 / static_cast<int>(TypeParam::unit_words));
+  EXPECT_EQ(Store(this->nvm).taken, wanted);
 }
 
 TYPED_TEST(Slots, AMemoryThatFailsIsToldAndTheOldRecordStays) {
@@ -366,9 +366,9 @@ TYPED_TEST(Slots, AMemoryThatFailsIsToldAndTheOldRecordStays) {
 }
 
 TYPED_TEST(Slots, AMemoryThatStaysBusyIsNotWaitedForForEver) {
-  this->memory.put(0, record(6, newer));
-  Store s(this->memory);
-  this->memory.duration = 1000;
+  this->nvm.put(0, record(6, newer));
+  Store s(this->nvm);
+  this->nvm.duration = 1000;
   s.slots.store(wanted);
   EXPECT_EQ(s.finish(), 1 + 51) << "one begins it, and 50 may be busy";
   EXPECT_EQ(s.slots.status().state, StoreState::failed);
@@ -384,10 +384,10 @@ TYPED_TEST(Slots, AMemoryThatStaysBusyIsNotWaitedForForEver) {
 
 TYPED_TEST(Slots, ARecordThatFailedOnlyAtTheEndIsToldAsItIs) {
   // All of it was programmed, and then the memory reported an error: the next power-up will take it.
-  this->memory.put(0, record(6, newer));
-  this->memory.put(1, record(7, wanted));
-  Store s(this->memory);
-  this->memory.fails_at = 0;
+  this->nvm.put(0, record(6, newer));
+  this->nvm.put(1, record(7, wanted));
+  Store s(this->nvm);
+  this->nvm.fails_at = 0;
   s.slots.store(older);
   s.finish();
   EXPECT_EQ(s.slots.status().state, StoreState::failed);
