@@ -79,7 +79,10 @@ class ParameterSlots {
 
   /// One step: begins an operation, or compares a word, or finds the memory busy.
   void poll() {
-    if (!busy()) return;
+    if (!busy()) {
+      (void)memory_.poll();  // an operation that was given up may end after all, and leaves the memory as it should be
+      return;
+    }
     switch (memory_.poll()) {
       case hal::MemoryStatus::ready: polls_ = 0; break;
       case hal::MemoryStatus::busy:
