@@ -121,7 +121,7 @@ class ParameterSlots {
       readable = memory_.read(slot, i, w[i]) && readable;
       erased = erased && w[i] == hal::erased_word;
     }
-    s.content = readable && erased ? SlotContent::empty : SlotContent::damaged;
+    s.content = erased ? SlotContent::empty : SlotContent::damaged;  // a word that cannot be read stays 0
     if (!readable || (w[0] & ~SlotRecord::format_mask) != SlotRecord::mark) return s;
     if ((w[0] & SlotRecord::format_mask) != SlotRecord::format) {
       s.content = SlotContent::other_format;

@@ -42,9 +42,7 @@ class H7Slots {
   /// A read of a bank that is being written would halt the processor until it is done: it is not tried.
   [[nodiscard]] bool read(unsigned slot, unsigned at, std::uint32_t& word) {
     if (slot >= memory_slots || at >= h7::sector_bytes / 4 || operating_ || busy()) return false;
-    const bool good = a_.load(address(slot, at), word);
-    if (!good) a_.write(h7::ccr2, h7::ccr_all);
-    return good;
+    return a_.load(address(slot, at), word);
   }
 
   [[nodiscard]] bool begin_erase(unsigned slot) {

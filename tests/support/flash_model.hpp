@@ -22,6 +22,7 @@ class FlashModel {
   std::uint32_t options = 0;   ///< bits of OPTR (G4) or OPTCR (H7) that are turned over
   std::uint32_t spoil = 0;     ///< error flags that the next operation ends with
   std::uint32_t begun = 0;     ///< operations, of either kind
+  int loses = 0;               ///< the store with this number from now on does not arrive
 
   [[nodiscard]] bool g4() const { return chip_ == Chip::g4; }
   [[nodiscard]] std::uint32_t slot(unsigned i) const { return g4() ? 0x0807'F000U + 0x800U * i : 0x081C'0000U + 0x2'0000U * i; }
@@ -98,6 +99,7 @@ class FlashModel {
     return true;
   }
   void store(std::uint32_t address, std::uint32_t word) {
+    if (loses > 0 && --loses == 0) return;
     if (locked_ || pg_ == 0 || busy_ > 0 || (status_ & errors()) != 0) {
       note("programs without PG, or with errors that were not cleared");
       status_ |= pgserr();
@@ -135,7 +137,7 @@ class FlashModel {
   [[nodiscard]] std::uint32_t errors() const { return g4() ? 0xC3FAU : 0x006E'0000U; }
 
   void reset() {
-    status_ = g4() ? 1U << 7 : 1U << 23;  // left over by whatever ran before: PGSERR, RDPERR
+    status_ = g4() ? 1U << 7 : (1U << 18) | (1U << 23);  // left over by whatever ran before: PGSERR; RDPERR
     control_ = g4() ? 0 : 0x30;
     acr_ = 4U | (7U << 8);
     locked_ = true;
@@ -153,7 +155,7 @@ class FlashModel {
     pg_ = v & (g4() ? 1U : 2U);
     if (!g4() && (v & 0x30U) != 0x30U) note("a parallelism other than 64 bits");
     if ((v & (g4() ? 0x0000'8004U : 0x8U)) != 0) note("a mass erase");
-    if (pg_ == 0) buffer_.clear();
+    if (pg_ == 0 && g4()) buffer_.clear();  // of an H7 the manual does not say so
     if ((v & lock_bit()) != 0) locked_ = true;
     if ((v & start_bit) == 0) return;
     if ((v & erase_bit) == 0) return note("starts nothing");

@@ -25,8 +25,9 @@ struct SlotMemory {
   bool usable = true;
   int duration = 2;            ///< polls that an operation is busy
   int fails_at = -1;           ///< the operation with this number does nothing and says failed
-  int refused_at = -1;         ///< is not begun
-  int flips_at = -1;           ///< programs another word and says nothing
+  int refused_at = -1;         ///< is not begun the first time
+  int flips_at = -1;           ///< programs another word, number flips_word of the unit, and says nothing
+  unsigned flips_word = 0;
   int begun = 0;
 
   static Slot filled(std::uint32_t w) {
@@ -76,7 +77,7 @@ struct SlotMemory {
       if (programmed.at(slot).at(i)) wrong.emplace_back("programs what is not erased");
     }
     next_.assign(u.begin(), u.end());
-    if (begun - 1 == flips_at) next_[0] ^= 0x100U;
+    if (begun - 1 == flips_at) next_[flips_word] ^= 0x100U;
     erases_ = false;
     return true;
   }
@@ -93,7 +94,11 @@ struct SlotMemory {
 
  private:
   bool begin(unsigned slot, unsigned from, unsigned to) {
-    if (busy_ > 0 || begun == refused_at) return false;
+    if (busy_ > 0) return false;
+    if (begun == refused_at) {
+      refused_at = -1;
+      return false;
+    }
     if (slot > 1 || to > words) wrong.emplace_back("writes outside");
     ++begun;
     slot_ = slot;

@@ -194,6 +194,12 @@ TYPED_TEST(Slots, EveryFlippedBitIsFoundAndEveryUnreadableWord) {
     Store s(memory);
     EXPECT_FALSE(s.taken);
     EXPECT_EQ(s.contents()[0], SlotContent::damaged);
+    // Not even where the word would have been 0.
+    TypeParam zeros;
+    zeros.put(0, record(0, {60, 42, 0, 300}));
+    EXPECT_EQ(Store(zeros).contents()[0], SlotContent::valid);
+    zeros.unreadable[0][i] = true;
+    EXPECT_EQ(Store(zeros).contents()[0], SlotContent::damaged) << i;
     TypeParam blank;
     blank.unreadable[1][i] = true;
     EXPECT_EQ(Store(blank).contents()[1], SlotContent::damaged) << "not taken for an empty one";
@@ -212,6 +218,29 @@ TYPED_TEST(Slots, BothBadLeavesTheBakedOnesAndCanBeMended) {
   EXPECT_EQ(s.slots.status().sequence, 10U) << "newer than that of the other scene";
   EXPECT_EQ(s.contents(), (Contents{SlotContent::other_scene, SlotContent::valid}));
   EXPECT_EQ(Store(this->nvm, scene + 1).taken, newer) << "whose image finds its own";
+}
+
+TYPED_TEST(Slots, TheRecordThatCountsIsSparedWhateverItsNumber) {
+  for (unsigned in = 0; in < 2; ++in) {
+    TypeParam memory;
+    memory.put(in, record(4, newer));
+    memory.put(1 - in, record(9, older, scene + 1));
+    Store s(memory);
+    EXPECT_EQ(s.taken, newer);
+    s.slots.store(wanted);
+    s.finish();
+    EXPECT_EQ(s.contents(), (Contents{SlotContent::valid, SlotContent::valid}));
+    EXPECT_EQ(s.slots.status().sequence, 10U);
+    EXPECT_EQ(memory.slots[in][1], 4U);
+  }
+  // What is not whole has no number.
+  TypeParam memory;
+  memory.put(0, record(0xFFFF'FFF0U, newer));
+  memory.put(1, std::vector<std::uint32_t>(8, 0));
+  Store s(memory);
+  s.slots.store(wanted);
+  s.finish();
+  EXPECT_EQ(s.slots.status().sequence, 0xFFFF'FFF1U);
 }
 
 TYPED_TEST(Slots, OfTwoOtherScenesTheOlderOneIsGivenUp) {
@@ -309,6 +338,7 @@ TYPED_TEST(Slots, ForgettingLeavesBothEmpty) {
   EXPECT_FALSE(Store(this->nvm).taken);
   s.slots.store(wanted);
   s.finish();
+  EXPECT_EQ(s.contents(), (Contents{SlotContent::valid, SlotContent::empty})) << "none of them is to be spared any more";
   EXPECT_EQ(Store(this->nvm).taken, wanted);
 }
 
@@ -331,12 +361,13 @@ TYPED_TEST(Slots, OneStepPerPollAndOneOrderAtATime) {
 
 TYPED_TEST(Slots, AMemoryThatFailsIsToldAndTheOldRecordStays) {
   const int operations = 1 + 8 / static_cast<int>(TypeParam::unit_words);
-  for (int kind = 0; kind < 3; ++kind) {
+  for (int kind = 0; kind < 4; ++kind) {
     for (int n = 0; n < operations; ++n) {
       TypeParam memory;
       memory.put(0, record(6, newer));
       memory.put(1, record(5, older));
-      if (kind == 2 && n == 0) continue;
+      if (kind >= 2 && n == 0) continue;
+      memory.flips_word = kind == 2 ? 0 : TypeParam::unit_words - 1;
       (kind == 0 ? memory.fails_at : kind == 1 ? memory.refused_at : memory.flips_at) = n;
       Store s(memory);
       s.slots.store(wanted);
@@ -350,6 +381,7 @@ TYPED_TEST(Slots, AMemoryThatFailsIsToldAndTheOldRecordStays) {
       s.finish();
       EXPECT_EQ(s.slots.status().state, StoreState::stored) << "another time";
       EXPECT_EQ(Store(memory).taken, wanted);
+      EXPECT_TRUE(memory.wrong.empty()) << kind << ' ' << n << ' ' << memory.wrong[0];
     }
   }
   // An erasure that does nothing and says that it has.
