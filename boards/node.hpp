@@ -30,7 +30,7 @@ void finish_tick(Node& node, B& board) {
 }
 
 /// Lockstep: a tick is a complete set of samples, as `esmc plant` sends them. Until a drive is heard it is asked to arm
-/// every `knock_us`, as `esmc controller` does.
+/// every `knock_us`, as `esmc controller` does. To wait for a set is no hang: the watchdog is refreshed then as well.
 template <class Node, Board B>
 class LockstepLoop {
  public:
@@ -49,19 +49,22 @@ class LockstepLoop {
       knocked_at_us_ = board_.now_us();
       node_.ask_again();
       tick(false);
+    } else if (node_.good() || !ticked_) {
+      board_.watchdog().refresh();
     }
   }
 
  private:
   void tick(bool answer) {
     node_.tick(board_.bus(), answer);
+    ticked_ = true;
     node_.request(board_.bus());
     finish_tick(node_, board_);
   }
 
   Node& node_;
   B& board_;
-  bool knocked_ = false;
+  bool knocked_ = false, ticked_ = false;
   std::uint32_t knocked_at_us_ = 0;
 };
 

@@ -50,17 +50,33 @@ class Uart {
   char ring_[ring_size] = {};
 };
 
+/// CMSDK APB watchdog. Its first time-out is the NMI, which keeps a record of where the program was and restarts it; a second one
+/// without a refresh in between resets the processor.
+class Watchdog {
+ public:
+  void start(std::uint32_t time_us) {
+    reg(base + lock) = 0x1ACC'E551U;
+    reg(base + load) = 25U * time_us;
+    reg(base + control) = 3;
+  }
+  void refresh() { reg(base + clear) = 1; }
+
+ private:
+  static constexpr std::uint32_t base = 0x4000'8000U, load = 0, control = 8, clear = 0xC, lock = 0xC00;
+};
+
 class Mps2Board {
  public:
-  Mps2Board() { reg(fpgaio + prescale) = 24; }  // 25 MHz to 1 MHz
+  static constexpr std::uint32_t watchdog_us = 100'000;  ///< of the emulator's time; a tick takes less than a millisecond of it
+
+  Mps2Board() {
+    reg(fpgaio + prescale) = 24;  // 25 MHz to 1 MHz
+    watchdog_.start(watchdog_us);
+  }
 
   [[nodiscard]] hal::SlcanBus<Uart>& bus() { return bus_; }
   [[nodiscard]] std::uint32_t now_us() const { return reg(fpgaio + counter); }
 
-  /// Lockstep knows no time, so there is none in which it must be refreshed.
-  struct NoWatchdog {
-    void refresh() {}
-  };
   /// No contact is wired to these boards.
   struct NoContact {
     [[nodiscard]] static bool closed() { return true; }
@@ -68,7 +84,7 @@ class Mps2Board {
   struct Led {
     void set(bool on) { reg(fpgaio) = on ? 1U : 0U; }
   };
-  [[nodiscard]] NoWatchdog& watchdog() { return watchdog_; }
+  [[nodiscard]] Watchdog& watchdog() { return watchdog_; }
   [[nodiscard]] NoContact& enable() { return enable_; }
   [[nodiscard]] Led& drive_enable() { return led_; }
 
@@ -76,7 +92,7 @@ class Mps2Board {
   static constexpr std::uint32_t fpgaio = 0x4002'8000U, counter = 0x18, prescale = 0x1C;
   Uart uart_{0x4000'4000U};
   hal::SlcanBus<Uart> bus_{uart_};
-  NoWatchdog watchdog_;
+  Watchdog watchdog_;
   NoContact enable_;
   Led led_;
 };

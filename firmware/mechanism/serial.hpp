@@ -79,7 +79,7 @@ class Serial {
       } else {
         p.turn[i] = Vec2<S>(S(1), S(0));
       }
-      if constexpr (slides) p.slide[i] = joint(i) == Joint::prismatic ? q[i] : S(0);
+      put_slide(p, i, q[i]);
       p.axis[i] = axis;
     });
     return p;
@@ -117,7 +117,7 @@ class Serial {
         out[i] = w[i] + moment.value();
       } else {
         out[i] = w[i] + dot(p.axis[i], force.value());
-        moment.add(p.slide[i] * cross(p.axis[i], force.value()));
+        moment.add(slid(p, std::integral_constant<int, i>{}) * cross(p.axis[i], force.value()));
       }
     });
     return out;
@@ -244,13 +244,26 @@ class Serial {
 
   static S sign(S v) { return S(v > S(0)) - S(v < S(0)); }  // sign(0) = 0, model.md section 12
 
+  /// Displacement of joint i, m: a chain without a prismatic joint stores none.
+  template <int I>
+  [[nodiscard]] static S slid(const Pose& p, std::integral_constant<int, I>) {
+    if constexpr (slides) {
+      return p.slide[I];
+    } else {
+      return S(0);
+    }
+  }
+  template <int I>
+  static void put_slide(Pose& p, std::integral_constant<int, I>, S q) {
+    if constexpr (slides) p.slide[I] = joint(I) == Joint::prismatic ? q : S(0);
+  }
   /// From the joint of body i to its end, m.
   template <int I>
   [[nodiscard]] S reach(const Pose& p, std::integral_constant<int, I>) const {
     if constexpr (joint(I) == Joint::revolute) {
       return bodies_[I].length;
     } else {
-      return bodies_[I].length + p.slide[I];
+      return bodies_[I].length + slid(p, std::integral_constant<int, I>{});
     }
   }
   /// From the joint of body i to its mass centre.
@@ -287,7 +300,7 @@ class Serial {
       w.spin.add(qd[I]);
     } else {
       w.at_end.add(p.axis[I] * qd[I]);
-      if (!w.spin.empty()) w.at_end.add(perp(p.axis[I]) * (w.spin.value() * p.slide[I]));
+      if (!w.spin.empty()) w.at_end.add(perp(p.axis[I]) * (w.spin.value() * slid(p, i)));
     }
     if (w.spin.empty()) return {qd[I], S(0), w.at_end.value()};
     const Row out{qd[I], w.spin.value(), w.at_end.plus(perp(arm(p, i)) * w.spin.value())};
@@ -308,7 +321,7 @@ class Serial {
       w.spin_b.add(b[I]);
     } else if (!w.spin_a.empty()) {
       w.at_end.add(perp(p.axis[I]) * (w.spin_a.value() * b[I] + w.spin_b.value() * a[I]));
-      w.at_end.subtract(p.axis[I] * (w.spin_a.value() * w.spin_b.value() * p.slide[I]));
+      w.at_end.subtract(p.axis[I] * (w.spin_a.value() * w.spin_b.value() * slid(p, i)));
     }
     if (w.spin_a.empty()) return Vec2<S>::Zero();
     const S square = w.spin_a.value() * w.spin_b.value();
@@ -322,7 +335,7 @@ class Serial {
   };
   template <int I>
   [[nodiscard]] Vec2<S> step(CentreWalk& w, std::integral_constant<int, I> i, const Pose& p) const {
-    if constexpr (joint(I) == Joint::prismatic) w.at_end.add(p.axis[I] * p.slide[I]);
+    if constexpr (joint(I) == Joint::prismatic) w.at_end.add(p.axis[I] * slid(p, i));
     const Vec2<S> out = w.at_end.plus(arm(p, i));
     if constexpr (I + 1 < joints) w.at_end.add(p.axis[I] * bodies_[I].length);
     return out;
@@ -339,7 +352,7 @@ class Serial {
     if constexpr (joint(I) == Joint::revolute) {
       of_joint = w.turned.empty() ? turned : wrap_to_pi(S(turned - w.turned.value()));
     } else {
-      of_joint = desired.slide[I] - actual.slide[I];
+      of_joint = slid(desired, i) - slid(actual, i);
     }
     w.turned = {};
     w.turned.add(turned);

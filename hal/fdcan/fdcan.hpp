@@ -6,9 +6,9 @@
 #include <cstddef>
 #include <cstdint>
 
+#include "hal/bit_timing.hpp"
 #include "hal/can.hpp"
 #include "hal/fdcan/registers.hpp"
-#include "hal/fdcan/timing.hpp"
 
 namespace esmc::hal {
 
@@ -44,8 +44,8 @@ class Fdcan {
   /// does not answer; it is then off the bus, and every try_send is bus_off.
   [[nodiscard]] bool open(std::uint32_t clock, std::uint32_t bit_rate, std::uint32_t data_rate = 0) {
     opened_ = false;
-    const fdcan::Timing slow = fdcan::bit_timing(clock, bit_rate, fdcan::nominal_limits);
-    const fdcan::Timing fast = data_rate == 0 ? fdcan::Timing{} : fdcan::bit_timing(clock, data_rate, fdcan::data_limits);
+    const BitTiming slow = bit_timing(clock, bit_rate, fdcan::nominal_limits);
+    const BitTiming fast = data_rate == 0 ? BitTiming{} : bit_timing(clock, data_rate, fdcan::data_limits);
     if (!slow.exact() || (data_rate != 0 && !fast.exact())) return false;
     using namespace fdcan;
     a_.write(cccr, a_.read(cccr) & ~cccr_bit::csr);

@@ -4,6 +4,8 @@
 
 #include <cstdint>
 
+#include "hal/bit_timing.hpp"
+
 namespace esmc::hal::fdcan {
 
 using Word = std::uint32_t;
@@ -11,6 +13,9 @@ using Word = std::uint32_t;
 // The same in both.
 inline constexpr Word dbtp = 0x0C, cccr = 0x18, nbtp = 0x1C, tscc = 0x20, tscv = 0x24, ecr = 0x40, psr = 0x44, tdcr = 0x48,
                       ir = 0x50, ie = 0x54, txbc = 0xC0, txfqs = 0xC4;
+
+/// Of NBTP and DBTP.
+inline constexpr BitTimingLimits nominal_limits{512, 256, 128, 128}, data_limits{32, 32, 16, 16};
 
 namespace cccr_bit {
 inline constexpr Word init = 1U << 0, cce = 1U << 1, csr = 1U << 4, fdoe = 1U << 8, brse = 1U << 9;

@@ -13,6 +13,7 @@ usage: board_test.py build ROOT BOARD ESMC       with the esmc command that bake
 import json
 import re
 import socket
+import struct
 import subprocess
 import sys
 import tempfile
@@ -20,6 +21,7 @@ import time
 from pathlib import Path
 
 import stack_bound
+import zcu102
 
 ICOUNT = "shift=6,sleep=off"  # an instruction is 64 ns; the emulator does not wait for anybody
 
@@ -51,16 +53,22 @@ def image(elf, scalar, flash_max=1 << 20, ram_max=1 << 17):
     size = run("arm-none-eabi-size", elf).stdout.splitlines()[1].split()
     flash, ram = int(size[0]) + int(size[1]), int(size[1]) + int(size[2])
     print(f"forbidden symbols: {bad}; flash {flash} bytes, RAM {ram} bytes with the stack")
-    # The processor takes its stack from the first word of the flash, and its first instruction from the second.
     with tempfile.TemporaryDirectory() as folder:
         run("arm-none-eabi-objcopy", "-O", "binary", elf, f"{folder}/flash")
-        vectors = Path(folder, "flash").read_bytes()[:8]
-    stack, entry = int.from_bytes(vectors[:4], "little"), int.from_bytes(vectors[4:], "little")
-    at = symbols_of(elf)
-    if stack != at["esmc_stack_top"] or entry != at["esmc_reset"] | 1:
-        print(f"vectors: stack {stack:x}, entry {entry:x}")
+        first = struct.unpack("<16I", Path(folder, "flash").read_bytes()[:64])
+    if not starts(first, symbols_of(elf)):
+        print("vectors:", " ".join(f"{word:x}" for word in first))
         return 1
     return 1 if bad or flash > int(flash_max) or ram > int(ram_max) else 0
+
+
+def starts(first, at):
+    """Whether the processor begins where it should with these first words of the flash."""
+    if "esmc_entry" not in at:  # Cortex-M: its stack, then its first instruction
+        return first[0] == at["esmc_stack_top"] and first[1] == at["esmc_reset"] | 1
+    # Cortex-R: eight times "ldr pc, [pc, #24]", Arm instructions, and where each of them goes: Arm code, so even addresses.
+    handlers = ("entry", "undefined", "call", "prefetch_abort", "data_abort", "unused", "irq", "fiq")
+    return first[:8] == (0xE59FF018,) * 8 and first[8:] == tuple(at[f"esmc_{h}"] for h in handlers)
 
 
 def symbols_of(elf):
@@ -155,26 +163,42 @@ def count(elf, machine, docs, update):
 
 
 def crash(elf, machine):
-    board = qemu(elf, machine, "stdio")
-    lines = []
-    for line in board.stdout:
-        lines.append(line.strip())
-        if line.strip().endswith("done") or len(lines) > 8:
-            break
-    board.kill()
+    """MACHINE zcu102: the Cortex-R5F of that one."""
+    r5f = machine == "zcu102"
+    with tempfile.TemporaryDirectory() as folder:
+        board = zcu102.qemu(elf, folder, "-serial", "stdio") if r5f else qemu(elf, machine, "stdio")
+        lines = []
+        for line in board.stdout:
+            if re.match("no record|exception|done", line):  # not what the emulator says of itself
+                lines.append(line.strip())
+            if line.strip().endswith("done") or len(lines) > 8:
+                break
+        board.kill()
     print("\n".join(lines))
     symbols = symbols_of(elf)
-    if len(lines) != 4 or lines[0] != "no record" or lines[-1] != "done":
+    if len(lines) != (4 if r5f else 5) or lines[0] != "no record" or lines[-1] != "done":
         return 1
-    records = [dict(re.findall(r"(\w+) ([0-9a-f]+)", line)) for line in lines[1:3]]
-    reading, stack = ({k: int(v, 16) for k, v in r.items()} for r in records)
+    records = [dict(re.findall(r"(\w+) ([0-9a-f]+)", line)) for line in lines[1:-1]]
+    first, stack, *bites = ({k: int(v, 16) for k, v in r.items()} for r in records)
+    bottom = symbols["esmc_stack_bottom"]
+    if r5f:
+        # The instruction that does not exist, itself.
+        ok = first["exception"] == 1 and first["pc"] == symbols["not_an_instruction"] & ~1
+        # A data abort, no permission (DFSR 0xD), as soon as the stack has reached its guard.
+        ok = ok and stack["exception"] == 4 and stack["status"] & 0x40F == 0xD and bottom <= stack["address"] < bottom + 256
+        # In the function that digs, or in what it calls to clear its memory.
+        begin = symbols["_ZN4esmc4test3digEm"] & ~1
+        ok = ok and any(begin <= stack[at] < begin + 256 for at in ("pc", "lr"))
+        return 0 if ok and bottom - 0x1000 <= stack["sp"] < bottom + 256 else 1
     # A precise bus fault in the function that read where nothing is.
     begin = symbols["read_nowhere"] & ~1
-    ok = reading["exception"] == 5 and reading["status"] & 0x8200 == 0x8200 and begin <= reading["pc"] < begin + 16
-    ok = ok and reading["address"] == 0x9000_0000
+    ok = first["exception"] == 5 and first["status"] & 0x8200 == 0x8200 and begin <= first["pc"] < begin + 16
+    ok = ok and first["address"] == 0x9000_0000
     # A memory fault as soon as the stack has reached its guard; what was stacked cannot be read.
-    bottom = symbols["esmc_stack_bottom"]
     ok = ok and stack["exception"] in (3, 4) and bottom - 0x1000 <= stack["sp"] < bottom + 256 and stack["pc"] == stack["lr"] == 0
+    # The watchdog's warning, where the program hung.
+    begin = symbols["hang"] & ~1
+    ok = ok and bites[0]["exception"] == 2 and begin <= bites[0]["pc"] < begin + 32
     return 0 if ok else 1
 
 

@@ -10,6 +10,7 @@
 #include <cstdlib>
 #include <cstring>
 #include <type_traits>
+#include <span>
 #include <vector>
 
 #include "hal/can.hpp"
@@ -75,6 +76,8 @@ class Bytes {
 /// A bus under the hand of the input. Frames wait without limit; what was sent stays until clear().
 class Bus {
  public:
+  /// Of `waiting`, what has not been taken.
+  [[nodiscard]] std::span<const hal::CanFrame> unread() const { return std::span(waiting).subspan(next_); }
   std::vector<hal::CanFrame> waiting, sent;
   hal::SendStatus status = hal::SendStatus::ok;
   std::uint32_t age_us = 0;  ///< of every frame

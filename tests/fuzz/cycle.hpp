@@ -3,6 +3,7 @@
 /// frames of any kind, silence, floods, ages, a bus that refuses, pins, commands. What leaves is read with the
 /// tests' own layouts and judged by the table of states of docs/safety.md, written out below.
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <optional>
@@ -228,7 +229,13 @@ class CycleRun {
       case 3: cycle_.ask_again(); break;
       case 4: cycle_.request(bus_); break;
       case 5: cycle_.receive(bus_); break;
-      case 6: bus_ = {}; rate_ = {}; angle_ = setup_.angle; cycle_.enable_input(closed_ = true); break;
+      case 6:
+        if (!bus_.unread().empty()) impostor_ = false;  // it may never have been heard
+        bus_ = {};
+        rate_ = {};
+        angle_ = setup_.angle;
+        cycle_.enable_input(closed_ = true);
+        break;
       default: obey_ = in.yes(); break;
     }
   }
@@ -256,8 +263,9 @@ class CycleRun {
     desk_.heard.clear();
     if (bus_.waiting.empty()) {  // else a flood: the rest comes in the next ticks
       silent_ = true;
-      impostor_ = ordered_enable_ = ordered_reset_ = false;
+      ordered_enable_ = ordered_reset_ = false;
     }
+    impostor_ = std::ranges::any_of(bus_.unread(), P::is_torque_command);
     refused_off_ = bus_.refused && bus_.status == hal::SendStatus::bus_off;
   }
 

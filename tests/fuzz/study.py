@@ -1,11 +1,11 @@
 #!/usr/bin/python3
-"""Every fuzz target for a fixed large number of executions, and when it found something new for the last time.
+"""Every fuzz target until its coverage does not grow any more, and when it found a new edge for the last time.
 
 usage: study.py BUILD_DIR_OF_THE_TARGETS [--scale X] [--keep] [TARGET...]
 
 Each target runs twice: optimised and without sanitizers (`fast`), where most of the executions are, and then sanitized on
-what was found, for the executions in the table below, times X (1). `quiet` says how many times as many executions as had
-found the last new feature followed without another one: from 10 on, the coverage of a target no longer grows.
+what was found. It runs for the executions in the table below, and on until ten times as many as had found the last new edge have
+followed without another one (`quiet`), but not for more than X (20) times the executions of the table.
 Writes BUILD_DIR/study.md, a table. --keep replaces tests/fuzz/corpus by the minimised inputs: with all features, or with all
 edges where that would be more than KEPT.
 A failing input ends the study; it is left in the build folder and printed."""
@@ -19,6 +19,7 @@ from corpus import pack, unpack
 
 HERE = Path(__file__).resolve().parent
 KEPT = 200
+QUIET = 10
 # target: longest input, executions fast, executions sanitized
 TARGETS = {
     "codec": (64, 100_000_000, 4_000_000),
@@ -35,7 +36,7 @@ TARGETS = {
 
 
 def run_round(program, folder, runs, seed, longest):
-    """(executions, execution of the last new input or 0, coverage, features) of one process."""
+    """(executions, the one that found the last new edge or 0, edges, features) of one process."""
     arguments = [program, f"-runs={runs}", f"-seed={seed}", f"-max_len={longest}", f"-artifact_prefix={folder.parent}/artifact-",
                  "-print_final_stats=1", "-len_control=0", "-timeout=60", "-rss_limit_mb=2048"]
     dictionary = HERE / (program.name.removeprefix("fuzz_").removesuffix("_fast") + ".dict")
@@ -47,22 +48,30 @@ def run_round(program, folder, runs, seed, longest):
         for artifact in folder.parent.glob("artifact-*"):
             print(f"failing input: {artifact}\n  {base64.b64encode(artifact.read_bytes()).decode()}\n  again: {program} {artifact}")
         sys.exit(1)
-    new = [int(n) for n in re.findall(r"^#(\d+)\s+NEW", run.stdout, re.M)]
+    edges = int(re.search(r"^#\d+\s+INITED\s+cov: (\d+)", run.stdout, re.M)[1])
+    last = 0
+    for at, cov in re.findall(r"^#(\d+)\s+(?:NEW|REDUCE)\s+cov: (\d+)", run.stdout, re.M):
+        if int(cov) > edges:
+            edges, last = int(cov), int(at)
     done = re.search(r"^#(\d+)\s+DONE\s+cov: (\d+) ft: (\d+)", run.stdout, re.M)
-    return int(done[1]), max(new, default=0), int(done[2]), int(done[3])
+    return int(done[1]), last, int(done[2]), int(done[3])
 
 
-def study(program, folder, most, longest):
+def study(program, folder, least, most, longest):
     total = last = 0
-    runs, seed = min(100_000, most), 1
-    while total < most:
+    runs, seed = min(100_000, least), 1
+    while total < least or (total - last < QUIET * last and total < most):
         executed, new, cov, ft = run_round(program, folder, runs, seed, longest)
         if new:
             last = total + new
         total += executed
-        print(f"{program.name}: {total} executions, {cov} edges, {ft} features, the last new one at {last}", flush=True)
-        runs, seed = min(2 * runs, most - total), seed + 1
+        print(f"{program.name}: {total} executions, {cov} edges, {ft} features, the last new edge at {last}", flush=True)
+        runs, seed = min(2 * runs, max(least - total, least)), seed + 1
     return {"total": total, "last": last, "cov": cov, "ft": ft, "quiet": (total - last) / max(last, 1) if last else float("inf")}
+
+
+def quiet_text(r):
+    return f"{r['quiet']:.1f}" if r["last"] else "none new"
 
 
 def keep(program, folder, name):
@@ -80,14 +89,14 @@ def keep(program, folder, name):
 def main():
     arguments = sys.argv[1:]
     build = Path(arguments.pop(0)).resolve()
-    scale = 1.0
+    scale = 20.0
     if "--scale" in arguments:
         at = arguments.index("--scale")
         scale = float(arguments[at + 1])
         del arguments[at:at + 2]
     keeps = "--keep" in arguments
     names = [a for a in arguments if a != "--keep"] or list(TARGETS)
-    rows = ["| target | build | executions | edges | features | last new feature at | quiet | inputs |", "|---|---|---|---|---|---|---|---|"]
+    rows = ["| target | build | executions | edges | features | last new edge at | quiet | inputs |", "|---|---|---|---|---|---|---|---|"]
     whole = 0
     for name in names:
         longest, fast, sanitized = TARGETS[name]
@@ -96,9 +105,9 @@ def main():
         for kind, most in (("_fast", fast), ("", sanitized)):
             if most == 0:
                 continue
-            r = study(build / f"fuzz_{name}{kind}", folder, max(1, int(most * scale)), longest)
+            r = study(build / f"fuzz_{name}{kind}", folder, most, int(most * scale), longest)
             whole += r["total"]
-            rows.append(f"| `{name}` | {'fast' if kind else 'sanitized'} | {r['total']:,} | {r['cov']} | {r['ft']} | {r['last']:,} | {r['quiet']:.1f} | "
+            rows.append(f"| `{name}` | {'fast' if kind else 'sanitized'} | {r['total']:,} | {r['cov']} | {r['ft']} | {r['last']:,} | {quiet_text(r)} | "
                         f"{len(list(folder.iterdir()))} |".replace(",", " "))
             (build / "study.md").write_text("\n".join(rows) + f"\n\n{whole:,} executions\n".replace(",", " "), encoding="utf-8")
         if keeps:

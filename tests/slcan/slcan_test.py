@@ -121,7 +121,8 @@ class Loop(unittest.TestCase):
             self.assertIn(" slcan ", Path(folder, "frames.log").read_text().splitlines()[0])
 
     def test_an_adapter_that_goes_ends_the_run(self):
-        for command in (["controller", SCENE], ["plant", SCENE], ["drive", "--protocol", "odrive"]):
+        for command in (["controller", SCENE], ["plant", SCENE], ["drive", "--protocol", "odrive"],
+                        ["controller", SCENE, "--observe", "--set", "simulation.duration=100.0"]):
             with self.subTest(command=command[0]), tempfile.TemporaryDirectory() as folder:
                 path = str(Path(folder, "line"))
                 with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as server:

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include "hal/io.hpp"
+#include "tests/support/canopen_bytes.hpp"
 #include "tests/support/cycle_rig.hpp"
 
 namespace {
@@ -105,6 +106,30 @@ TEST(Io, TicksThatBeginLateAreAFaultOfTheirOwn) {
   EXPECT_EQ(reaction(Fault::tick_late), esmc::Reaction::halt);
   rig.tick(Command::reset);
   EXPECT_TRUE(rig.start()) << "counted once";
+}
+
+/// What came before the drives were asked for the samples of this tick answers an earlier request: no set of this one.
+TEST(Io, ARequestMakesWhatCameBeforeItLate) {
+  using Node = esmc::Cia402Cycle<Five>;
+  Node::Config c;
+  c.controller = esmc::test::setup<Five>().controller;
+  for (unsigned i = 0; i < 2; ++i) {
+    esmc::drive::AxisConfig mount;
+    mount.node = static_cast<std::uint8_t>(i + 1);
+    c.axes[i] = esmc::drive::Cia402Axis(mount, {});
+  }
+  Node cycle(c);
+  esmc::test::FakeBus bus;
+  const auto hear = [&] {
+    for (unsigned i = 1; i <= 2; ++i) bus.push(esmc::test::heartbeat_of(i, 127));
+    cycle.receive(bus);
+  };
+  hear();
+  EXPECT_TRUE(cycle.complete()) << "of drives that are not operational a heartbeat is their word of the tick";
+  cycle.request(bus);
+  EXPECT_FALSE(cycle.complete());
+  hear();
+  EXPECT_TRUE(cycle.complete());
 }
 
 TEST(Io, TorquesAreOfOneTickAndWhatArmsOrDisarmsIsNot) {

@@ -1,0 +1,17 @@
+/// The image of the emulated Cortex-R5F: arms by itself, for there is no steel, and runs in lockstep with `esmc plant`.
+
+#include "boards/cortex_m/crash.hpp"
+#include "boards/zcu102_rpu/board.hpp"
+#include "scene.hpp"
+
+extern "C" [[noreturn]] void esmc_main() {
+  using namespace esmc;
+  static_assert(baked::lockstep, "an emulator has no time of its own: bake without --realtime");
+  static Zcu102Board board;
+  static baked::Node node(baked::config(1));
+  const bool on_bus = board.start(baked::bitrate);
+  // After a crash it stays disabled, and its record in memory for a debugger.
+  if (on_bus && !crash_record.sealed()) node.command(Command::enable);
+  LockstepLoop loop(node, board);
+  for (;;) loop.turn();
+}

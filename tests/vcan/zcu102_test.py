@@ -1,0 +1,99 @@
+#!/usr/bin/python3
+"""The image of zcu102_rpu closes the loop over its CAN controller and vcan0 with `esmc plant`: the same digest as
+`esmc hil`, to the last bit. QEMU runs inside with_vcan, with that controller on vcan0.
+
+usage: zcu102_test.py ESMC SCENE ELF SECONDS      of the scene"""
+import json
+import os
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE.parent / "boards"))
+import board_test  # noqa: E402  (beside the other images)
+import stack_bound  # noqa: E402
+import zcu102  # noqa: E402
+
+SKIPPED = 77
+
+
+def limit(seconds):
+    """For the plant, in seconds: of a machine that hangs, not of a test that judges speed."""
+    return 150 + 60 * float(seconds)
+
+
+def inside(esmc, scene, elf, seconds, out):
+    """Beside vcan0: the plant's summary and the stack that the image has used, as files in `out`."""
+    bus = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
+    bus.bind(("vcan0",))
+    bus.settimeout(1.0)
+    with tempfile.TemporaryDirectory(dir="/dev/shm") as folder:  # a socket lives in this kernel
+        monitor = f"{folder}/monitor"
+        board = zcu102.qemu(elf, folder, "-object", "can-bus,id=bus", "-object",
+                            "can-host-socketcan,id=host,if=vcan0,canbus=bus", "-serial", "none", "-qmp",
+                            f"unix:{monitor},server=on,wait=off", machine="xlnx-zcu102,canbus1=bus")
+        try:
+            give_up = time.monotonic() + limit(0)
+            while True:  # until it asks for drives
+                try:
+                    bus.recv(16)
+                    break
+                except TimeoutError:
+                    if board.poll() is not None or time.monotonic() > give_up:
+                        board.kill()
+                        print("the image was not heard on vcan0:", board.communicate()[0])
+                        return 1
+            bus.close()
+            plant = subprocess.run([esmc, "plant", scene, "--bus", "socketcan:vcan0", "--json", "--set",
+                                    f"simulation.duration={seconds}"],
+                                   capture_output=True, text=True, timeout=limit(seconds))
+            stack = board_test.stack_used(elf, monitor, folder)
+        finally:
+            board.kill()
+        if plant.returncode != 0:
+            print(plant.stdout[-500:], plant.stderr, board.communicate()[0])
+            return 1
+    Path(out, "plant.json").write_text(plant.stdout, encoding="utf-8")
+    Path(out, "stack.json").write_text(json.dumps(stack), encoding="utf-8")
+    return 0
+
+
+def main(esmc, scene, elf, seconds):
+    esmc, scene, elf = (str(Path(a).resolve()) for a in (esmc, scene, elf))
+
+    def hil(scalar):
+        done = subprocess.run([esmc, "hil", scene, "--scalar", scalar, "--json", "--set", f"simulation.duration={seconds}"],
+                              capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+        return json.loads(done.stdout)
+
+    want, other = hil("double"), hil("float")
+    assert want["supervisor"]["faults"] == [], want["supervisor"]
+    assert want["digest"] != other["digest"], "the digest does not tell float from double: this test could not fail"
+    with tempfile.TemporaryDirectory(dir=Path(esmc).parent) as out:
+        job = subprocess.run([HERE / "with_vcan", "--timeout", str(int(limit(0) + limit(seconds) + 20)), "--",
+                              sys.executable, __file__, "--inside", esmc, scene, elf, seconds, out],
+                             capture_output=True, text=True, env=dict(os.environ, VCAN_MEMORY_MB="512"))
+        if job.returncode == SKIPPED:
+            print(job.stdout.strip())
+            return SKIPPED
+        if job.returncode != 0:
+            print(job.stdout, job.stderr)
+            return 1
+        got = json.loads(Path(out, "plant.json").read_text(encoding="utf-8"))
+        used, reserved = json.loads(Path(out, "stack.json").read_text(encoding="utf-8"))
+    for key in ("digest", "final_state", "ticks", "tracking"):
+        assert got[key] == want[key], f"{key} is {got[key]}, of esmc hil {want[key]}"
+    most = stack_bound.of_image(elf, Path(elf).parent)[0]
+    print(f"{got['ticks']} ticks in {got['wall_s']:.1f} s, digest {got['digest']}; "
+          f"stack: {used} of {reserved} bytes used, at most {most} by the call graph")
+    assert 500 < used <= most <= reserved
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(inside(*sys.argv[2:]) if sys.argv[1] == "--inside" else main(*sys.argv[1:]))
