@@ -46,6 +46,9 @@ constexpr std::uintptr_t stack_guard = 256;
       "b esmc_crash\n"
       ".ltorg\n");
 }
+/// A board whose chip has a non-maskable interrupt that is none to crash for has its own; it begins with the stack as it finds it and
+/// ends in esmc_fault for all others.
+[[gnu::weak, gnu::alias("esmc_fault"), gnu::nothrow]] void esmc_nmi();
 [[gnu::section(".noinit"), gnu::used]] alignas(8) unsigned char esmc_crash_stack[256];
 [[gnu::used, noreturn]] void esmc_crash(const std::uint32_t* stacked) {
   const auto reg = [](std::uint32_t at) { return *reinterpret_cast<volatile std::uint32_t*>(at); };
@@ -84,6 +87,7 @@ constexpr Table table() {
   Table t{&esmc_stack_top, {}};
   for (Vector& v : t.handler) v = esmc_fault;
   t.handler[0] = esmc_reset;
+  t.handler[1] = esmc_nmi;
   return t;
 }
 }  // namespace

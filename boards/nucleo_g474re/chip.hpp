@@ -3,8 +3,28 @@
 
 #include "boards/stm32/parts.hpp"
 #include "hal/fdcan/fdcan.hpp"
+#include "hal/flash/g4.hpp"
+
+/// Set by the non-maskable interrupt of a read of bank 2 whose error correction gave up: damaged_flash.cpp.
+extern "C" volatile std::uint32_t esmc_flash_damaged;
 
 namespace esmc::stm32 {
+
+inline constexpr Word flash_base = 0x4002'2000U;
+
+/// A double word whose programming, or a page whose erasure, was cut short gives a non-maskable interrupt when it is read (RM0440,
+/// 3.3.4): at every start, if that were a crash. It may come some cycles late; what is read then does not pass its checksum.
+struct DamagedFlash {
+  [[nodiscard]] static bool load(Word address, Word& word) {
+    esmc_flash_damaged = 0;
+    const Word value = reg(address);
+    asm volatile("dsb\n isb" ::: "memory");
+    const bool reported = (reg(flash_base + 0x18) & (1U << 31)) != 0;  // ECCR.ECCD, which the interrupt clears
+    if (reported || esmc_flash_damaged != 0) return false;
+    word = value;
+    return true;
+  }
+};
 
 struct NucleoG474re {
   static constexpr Word gpio_a = 0x4800'0000U, gpio_b = 0x4800'0400U, rcc = 0x4002'1000U;
@@ -13,6 +33,7 @@ struct NucleoG474re {
   static constexpr Word timer_clock_hz = 170'000'000U, console_clock_hz = 170'000'000U;
   using CanMemory = FdcanMemory<0x4000'6400U, 0x4000'A400U>;
   using Can = hal::Fdcan<hal::fdcan::G4, CanMemory>;
+  using Slots = hal::flash::G4Slots<FlashMemory<flash_base, DamagedFlash>>;  // the last two pages of bank 2
   static constexpr IndependentWatchdog watchdog{0x4000'3000U};
   static constexpr Word console = 0x4000'4400U;     // USART2, to the ST-LINK
   static constexpr Pin enable{gpio_a, 8};           // D7

@@ -2,6 +2,7 @@
 
 #include "boards/cortex_m/crash.hpp"
 #include "boards/stm32/board.hpp"
+#include "firmware/link/parameter_slots.hpp"
 #include "scene.hpp"
 
 namespace {
@@ -9,7 +10,7 @@ using namespace esmc;
 
 [[gnu::section(".noinit")]] std::uint32_t starts;  // another number at each start
 
-void tell_start(stm32::Console& out, std::uint32_t cause) {
+[[gnu::cold, gnu::noinline]] void tell_start(stm32::Console& out, std::uint32_t cause) {
   out << "\r\nesmc; reset flags ";
   out.hex(cause) << "\r\n";
   if (!crash_record.sealed()) return;
@@ -21,11 +22,22 @@ void tell_start(stm32::Console& out, std::uint32_t cause) {
 }
 
 template <class Loop>
-void tell_status(stm32::Console& out, const baked::Node& node, const Loop& loop, stm32::NucleoBoard& board) {
+[[gnu::cold, gnu::noinline]] void tell_status(stm32::Console& out, const baked::Node& node, const Loop& loop, stm32::NucleoBoard& board) {
   out << name(node.supervisor().state()) << ", fault " << name(node.supervisor().fault()) << ", enable "
       << (board.enable().closed() ? "closed" : "open") << (board.bus().off() ? ", off the bus" : "") << ", late " << loop.late()
       << ", overruns " << board.bus().overruns() << ", withdrawn " << board.bus().withdrawn() << ", bus errors ";
   out.hex(board.bus().error_counters()) << "\r\n";
+}
+
+// Texts need not be fast: cold code is made small.
+[[gnu::cold, gnu::noinline]] void tell_store(stm32::Console& out, const link::StoreStatus& s) {
+  out << "parameters: " << name(s.state) << ", at start ";
+  if (s.used == 0) {
+    out << "baked";
+  } else {
+    out << "slot " << s.used;
+  }
+  out << "; slot 1 " << name(s.slots[0]) << ", slot 2 " << name(s.slots[1]) << ", sequence " << s.sequence << "\r\n";
 }
 
 /// Nothing runs and the outputs are low: says why, waits for a second or so, and begins again.
@@ -49,6 +61,12 @@ extern "C" [[noreturn]] void esmc_main() {
 
   starts += 1U + stm32::Chip::random();
   static baked::Node node(baked::config(static_cast<std::uint8_t>(1U + starts % 255U)));
+  // An operation of the flash takes four seconds at most; one step of it per tick.
+  constexpr auto store_ticks_max = static_cast<std::uint32_t>(8'000'000'000ULL / baked::period_ns);
+  static link::ParameterSlots slots(board.slots(), node.link().parameters(), node.link().scene(), store_ticks_max);
+  link::restore(node.link(), slots);
+  tell_store(board.console(), slots.status());
+  link::StoreState told = slots.status().state;
   // After a crash it does not arm until the record is gone, with the power.
   const bool crashed = crash_record.sealed();
   constexpr std::uint32_t period_us = baked::period_ns / 1000U;
@@ -57,7 +75,14 @@ extern "C" [[noreturn]] void esmc_main() {
   std::uint32_t told_us = board.now_us();
   for (;;) {
     if (crashed) node.command(Command::stop);
-    if (loop.turn()) stm32::Chip::light.set(node.drive_enable());
+    if (loop.turn()) {
+      stm32::Chip::light.set(node.drive_enable());
+      link::serve(node.link(), slots);
+    }
+    if (slots.status().state != told) {
+      told = slots.status().state;
+      tell_store(board.console(), slots.status());
+    }
     board.console().pump();
     if (board.now_us() - told_us >= 1'000'000U) {
       told_us += 1'000'000U;

@@ -126,6 +126,21 @@ struct FdcanMemory {
   void write_ram(Word at, Word value) { reg(ram + 4 * at) = value; }
 };
 
+/// The flash interface at `base`, and the memory. `Guard::load` reads a word that may be damaged: false instead of an exception.
+template <Word base, class Guard>
+struct FlashMemory {
+  [[nodiscard]] Word read(Word at) const { return reg(base + at); }
+  void write(Word at, Word value) {
+    reg(base + at) = value;
+    asm volatile("dsb" ::: "memory");
+  }
+  [[nodiscard]] bool load(Word address, Word& word) { return Guard::load(address, word); }
+  void store(Word address, Word value) {
+    reg(address) = value;
+    asm volatile("dsb" ::: "memory");  // not merged with the next one
+  }
+};
+
 /// A word of the random number generator at `base`, whose clock runs; 0 where it gives none.
 [[nodiscard]] inline Word random_word(Word base) {
   set_bits(base, 1U << 2);  // RNGEN

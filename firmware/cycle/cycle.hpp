@@ -79,6 +79,8 @@ class Cycle {
   [[nodiscard]] const BusCounters& counters() const { return counters_; }
   [[nodiscard]] const Sample<M>& sample() const { return sample_; }
   [[nodiscard]] const link::CommandLink& link() const { return link_; }
+  /// For the store of parameters that a board may have: link::restore() before the first tick, link::serve() between ticks.
+  [[nodiscard]] link::CommandLink& link() { return link_; }
   [[nodiscard]] const D& axis(int i) const { return axes_[static_cast<unsigned>(i)]; }
 
   /// No axis has been heard yet: the enabling sequence is repeated at the next tick instead of after its time.

@@ -41,6 +41,7 @@ enum class Message : std::uint8_t {
   tracking_error = 0x17,
   joint_1 = 0x18,  ///< ..joint_4: in the order of the joints that have a motor
   identity = 0x1C, ///< which scene the controller was made of
+  parameter_slots = 0x1D,
 };
 inline constexpr std::uint8_t incoming_count = 6;
 inline constexpr std::uint8_t outgoing_first = 0x10;
@@ -56,8 +57,10 @@ enum class Order : std::uint8_t {
   hold,          ///< where the mechanism is: from the next start on, or at once while it is guided
   reference,     ///< the reference of the configuration: from the next start on
   stream,        ///< set points and samples: from the next start on
+  store,         ///< the gains as they are, for power-ups to come
+  forget,        ///< the baked gains, now and for power-ups to come
 };
-inline constexpr std::uint8_t order_count = 9;
+inline constexpr std::uint8_t order_count = 11;
 
 /// Where the reference comes from.
 enum class Source : std::uint8_t { hold, reference, stream };
@@ -243,6 +246,65 @@ inline constexpr std::uint8_t interface_version = 1;
     return std::nullopt;
   }
   return static_cast<std::uint32_t>(detail::get(f, 0, 4));
+}
+
+/// What has become of the last order to the store of parameters.
+enum class StoreState : std::uint8_t {
+  none,  ///< there is no store, or it cannot be used
+  idle,  ///< nothing was ordered since power-up
+  storing,
+  stored,
+  forgetting,
+  forgotten,
+  failed,
+};
+/// What is in a slot of the store.
+enum class SlotContent : std::uint8_t {
+  empty,
+  valid,
+  damaged,        ///< torn, or never one of our records
+  other_format,   ///< of another version of the firmware
+  other_scene,    ///< intact, of an image that was made of another scene
+  out_of_bounds,  ///< a value is not finite, not within the baked bounds, or not writable and another one
+};
+[[nodiscard]] constexpr const char* name(StoreState s) {
+  switch (s) {
+    case StoreState::none: return "none";
+    case StoreState::idle: return "idle";
+    case StoreState::storing: return "storing";
+    case StoreState::stored: return "stored";
+    case StoreState::forgetting: return "forgetting";
+    case StoreState::forgotten: return "forgotten";
+    case StoreState::failed: return "failed";
+  }
+  return "unknown";
+}
+[[nodiscard]] constexpr const char* name(SlotContent c) {
+  switch (c) {
+    case SlotContent::empty: return "empty";
+    case SlotContent::valid: return "valid";
+    case SlotContent::damaged: return "damaged";
+    case SlotContent::other_format: return "other_format";
+    case SlotContent::other_scene: return "other_scene";
+    case SlotContent::out_of_bounds: return "out_of_bounds";
+  }
+  return "unknown";
+}
+struct StoreStatus {
+  StoreState state = StoreState::none;
+  std::uint8_t used = 0;  ///< slot that the gains were taken from at power-up, 1 or 2; 0: none, they were the baked ones
+  std::array<SlotContent, 2> slots{};
+  std::uint32_t sequence = 0;  ///< of the newest valid record
+  friend constexpr bool operator==(const StoreStatus&, const StoreStatus&) = default;
+};
+[[nodiscard]] constexpr hal::CanFrame encode_parameter_slots(std::uint32_t base, const StoreStatus& s) {
+  hal::CanFrame f = detail::frame(base, Message::parameter_slots);
+  f.data[0] = static_cast<std::uint8_t>(s.state);
+  f.data[1] = s.used;
+  f.data[2] = static_cast<std::uint8_t>(s.slots[0]);
+  f.data[3] = static_cast<std::uint8_t>(s.slots[1]);
+  detail::put(f, 4, s.sequence, 4);
+  return f;
 }
 
 /// What came in, since power-up; each stops at 65535.

@@ -8,59 +8,14 @@
 #include <array>
 #include <cstdint>
 #include <type_traits>
+#include <utility>
 
 #include "firmware/link/codec.hpp"
 #include "firmware/link/fault_memory.hpp"
+#include "firmware/link/link_types.hpp"
 #include "firmware/link/parameters.hpp"
 
 namespace esmc::link {
-
-struct LinkConfig {
-  std::uint32_t base_id = 0;               ///< of the block of identifiers, a multiple of block_size; 0: no link
-  std::uint8_t session = 1;                ///< 1..255; another one at every power-up, as far as the machine can
-  std::uint8_t counter_jump_max = 2;       ///< frames of an identifier, this one included, since the last one that was in order
-  std::uint16_t command_age_ticks_max = 0; ///< how old the Status may be that an order answers
-  std::uint32_t status_ticks = 1;          ///< between two Status, > 0
-  std::uint32_t telemetry_ticks = 0;       ///< between two sets of telemetry; 0: none
-  std::uint32_t table_ticks = 0;           ///< between two Parameter_Table and Link_Counters; 0: on request only
-  std::uint32_t period_ns = 0;             ///< of a tick
-  Source source = Source::reference;
-  Space space = Space::effector;
-  std::array<Bounds, 2> position{};        ///< of set points and samples, m or rad
-  std::uint32_t scene = 0;                 ///< CRC-32 of what of the scene is in the controller; 0: not known
-  Parameters parameters{};                 ///< and of these speed, acceleration, stream_age, silence, sample_time
-};
-
-enum class Outcome : std::uint8_t {
-  not_mine,
-  obeyed,
-  malformed,    ///< not a classic data frame of 8 bytes, or with a value that has no meaning
-  bad_crc,
-  bad_counter,  ///< repeated, or further ahead than counter_jump_max
-  refused,      ///< out of bounds, too old, or not in this state
-  impostor,     ///< what only we may send
-};
-
-/// What the supervisor computer wants of the next tick. Set points and samples are in the controller's space.
-struct Request {
-  Command command = Command::none;
-  Source source = Source::reference;
-  bool hold = false;           ///< come to rest
-  bool has_point = false;
-  bool has_sample = false;
-  bool has_gains = false;
-  std::array<float, 2> position{};  ///< of the set point or the sample
-  std::array<float, 2> velocity{};  ///< of the sample
-};
-
-/// What the cycle knows at the end of a tick.
-struct Report {
-  std::array<float, 2> effector{}, error{};               ///< m
-  std::array<float, joints_max> angle{}, torque{};        ///< rad, N m
-  std::uint8_t joints = 0;
-  std::uint8_t axis = no_axis;    ///< a motor whose drive reports an error
-  std::uint32_t drive_error = 0;  ///< which
-};
 
 class CommandLink {
  public:
@@ -73,6 +28,7 @@ class CommandLink {
   [[nodiscard]] const Counters& counters() const { return counters_; }
   [[nodiscard]] std::uint8_t session() const { return session_; }
   [[nodiscard]] Source source() const { return source_; }
+  [[nodiscard]] std::uint32_t scene() const { return config_.scene; }
 
   /// Once per tick, before its frames.
   void begin_tick() { ++tick_; }
@@ -92,6 +48,19 @@ class CommandLink {
     request_ = {};
     r.source = source_;
     return r;
+  }
+  /// At power-up, before the first tick: gains of an earlier one. The next take() has them. False: not acceptable, none is taken.
+  bool restore(const Gains& g) {
+    const bool good = parameters_.restore(g);
+    request_.has_gains = request_.has_gains || good;
+    return good;
+  }
+  /// What is wanted of the store since the last call, and what has become of it: told as soon as it changes. Without a word of
+  /// a store there is none.
+  [[nodiscard]] StoreWish take_store_wish() { return std::exchange(store_wish_, StoreWish::none); }
+  void store_status(const StoreStatus& s) {
+    asked_slots_ = asked_slots_ || s != store_;
+    store_ = s;
   }
   /// A set point that take() gave could not be followed.
   void refuse() { count(Outcome::refused); }
@@ -124,7 +93,10 @@ class CommandLink {
       untold_ = telemetry_first + r.joints;
     }
     if (untold_ > 0) telemetry(send);
-    if (table_.due(config_.table_ticks)) asked_table_ = asked_identity_ = true;
+    if (table_.due(config_.table_ticks)) {
+      asked_table_ = asked_identity_ = true;
+      asked_slots_ = asked_slots_ || store_.state != StoreState::none;
+    }
     answer(send);
   }
 
@@ -189,9 +161,11 @@ class CommandLink {
     const bool disabled = state_ == State::disabled;
     switch (c.order) {
       case Order::arm:
-        if (!disabled || c.parameters != static_cast<std::uint16_t>(parameters_.crc())) return Outcome::refused;
+        if (!disabled || storing() || !known_table(c)) return Outcome::refused;
         request_.command = Command::enable;
         return Outcome::obeyed;
+      case Order::store: return known_table(c) ? keep(StoreWish::store) : Outcome::refused;
+      case Order::forget: return keep(StoreWish::forget);
       case Order::reset: request_.command = Command::reset; return Outcome::obeyed;
       case Order::confirm_zero:
         if (!disabled) return Outcome::refused;
@@ -203,6 +177,27 @@ class CommandLink {
         source_ = c.order == Order::stream ? Source::stream : Source::reference;
         return Outcome::obeyed;
     }
+  }
+  /// What is armed or stored is what the operator's program has seen.
+  [[nodiscard]] bool known_table(const CommandFrame& c) const {
+    return c.parameters == static_cast<std::uint16_t>(parameters_.crc());
+  }
+  /// Until it is done neither arming nor another value: what is stored is one table and not two, and no tick with torque has a
+  /// flash memory at work beside it (on an STM32G4 the data cache is off meanwhile, which makes ticks longer).
+  [[nodiscard]] bool storing() const {
+    return store_.state == StoreState::storing || store_.state == StoreState::forgetting;
+  }
+  Outcome keep(StoreWish wish) {
+    if (state_ != State::disabled || storing() || store_.state == StoreState::none) return Outcome::refused;
+    store_wish_ = wish;
+    StoreStatus s = store_;
+    s.state = wish == StoreWish::store ? StoreState::storing : StoreState::forgetting;
+    store_status(s);
+    if (wish == StoreWish::forget) {
+      parameters_ = config_.parameters;
+      request_.has_gains = asked_table_ = true;
+    }
+    return Outcome::obeyed;
   }
   Outcome hold() {
     if (state_ == State::disabled) {
@@ -278,7 +273,7 @@ class CommandLink {
 
   Outcome write(const std::optional<ParameterWrite>& w) {
     if (!w) return Outcome::malformed;
-    answer_ = parameters_.write(w->index, w->value, state_ == State::disabled);
+    answer_ = parameters_.write(w->index, w->value, state_ == State::disabled && !storing());
     asked_parameter_ = true;
     asked_index_ = w->index;
     if (answer_ != Answer::ok) return Outcome::refused;
@@ -290,7 +285,7 @@ class CommandLink {
     if (!q) return Outcome::malformed;
     switch (q->subject) {
       case Subject::faults: faults_.read_out(); break;
-      case Subject::table: asked_table_ = asked_identity_ = true; break;
+      case Subject::table: asked_table_ = asked_identity_ = asked_slots_ = true; break;
       default:
         asked_parameter_ = true;
         asked_index_ = q->index;
@@ -361,6 +356,7 @@ class CommandLink {
       (void)send(encode_counters(config_.base_id, counters_));
     }
     if (asked_identity_) asked_identity_ = !send(encode_identity(config_.base_id, config_.scene));
+    if (asked_slots_) asked_slots_ = !send(encode_parameter_slots(config_.base_id, store_));
   }
 
   LinkConfig config_{};
@@ -381,11 +377,13 @@ class CommandLink {
   bool half_ = false;       // a position that waits for its velocity
   std::uint8_t half_counter_ = 0;
   std::array<float, 2> half_position_{}, last_position_{}, last_velocity_{};
-  bool asked_parameter_ = false, asked_table_ = false;
+  bool asked_parameter_ = false, asked_table_ = false, asked_slots_ = false;
   bool asked_identity_ = true;  // by nobody, at power-up
   Every status_, telemetry_, table_;
   std::uint8_t asked_index_ = 0;
   Answer answer_ = Answer::ok;
+  StoreStatus store_{};
+  StoreWish store_wish_ = StoreWish::none;
   Report kept_{};        // of the tick that is being told
   unsigned untold_ = 0;  // frames of it
 };

@@ -30,6 +30,7 @@ inline constexpr std::uint8_t gain_count = 4;  ///< the first ones; only these c
 struct Bounds {
   float lower = 0, upper = 0;
 };
+using Gains = std::array<float, gain_count>;
 
 class Parameters {
  public:
@@ -55,6 +56,24 @@ class Parameters {
     values_[i] = value;
     sum();
     return Answer::ok;
+  }
+
+  [[nodiscard]] Gains gains() const { return {values_[0], values_[1], values_[2], values_[3]}; }
+  /// Every one within its bounds; what cannot be written is as it is, bit by bit.
+  [[nodiscard]] bool acceptable(const Gains& g) const {
+    bool good = true;
+    for (std::uint8_t i = 0; i < gain_count; ++i) {
+      good = good && (writable(i) ? g[i] >= bounds_[i].lower && g[i] <= bounds_[i].upper
+                                  : std::bit_cast<std::uint32_t>(g[i]) == std::bit_cast<std::uint32_t>(values_[i]));
+    }
+    return good;
+  }
+  /// All of them, or, where one is not acceptable, none.
+  bool restore(const Gains& g) {
+    if (!acceptable(g)) return false;
+    for (unsigned i = 0; i < gain_count; ++i) values_[i] = g[i];
+    sum();
+    return true;
   }
 
   /// CRC-32/ISO-HDLC over the binary32 values in the order of their indices, little endian.

@@ -62,9 +62,10 @@ link::LinkConfig config(unsigned choice) {
 class Run {
  public:
   explicit Run(fuzz::Bytes& in)
-      : in_(in), config_(config(in.u8())), link_(config_), supervisor_({.can_halt = true, .after_halt = AfterHalt::hold, .sign_test = false}) {
+      : in_(in), choice_(in.u8()), config_(config(choice_)), has_store_((choice_ & 64U) != 0), link_(config_), supervisor_({.can_halt = true, .after_halt = AfterHalt::hold, .sign_test = false}) {
     desk_.base = base;
     desk_.session = config_.session;
+    if (has_store_) link_.store_status({.state = link::StoreState::idle});
     begin();
   }
   void go() {
@@ -79,7 +80,7 @@ class Run {
       case 1: receive(in_.frame()); break;
       case 2: receive(in_.frame(base + in_.below(32))); break;
       case 3: sealed(in_.frame(base + in_.below(7)), in_.u8()); break;
-      case 4: receive(order(in_.below(10))); break;
+      case 4: receive(order(in_.below(12))); break;
       case 5: point(); break;
       case 6: sample(); break;
       case 7: write(in_.below(16), in_.yes() ? in_.f32() : static_cast<float>(in_.u8())); break;
@@ -183,16 +184,23 @@ class Run {
       if (in_order) known_[which] = true, heard_[which] = count;
     }
     if (o == Outcome::obeyed) obeyed(f);
-    if (o != Outcome::obeyed || f.id != base + Desk::write) require(values() == parameters, "parameters are written by an obeyed write");
+    const bool forgets = f.id == base + Desk::command && f.data[2] == Desk::forget;
+    if (o != Outcome::obeyed || (f.id != base + Desk::write && !forgets)) require(values() == parameters, "parameters are written by an obeyed write");
   }
   void obeyed(const CanFrame& f) {
     if (f.id == base + Desk::command) {
       if (f.data[2] == Desk::off) stopped_ = true;
       if (f.data[2] == Desk::arm) require(supervisor_.state() == State::disabled, "armed while disabled only");
-      if (f.data[2] == Desk::arm) require(test::Desk::word(f, 6, 2) == (link_.parameters().crc() & 0xFFFFU), "armed with a known table");
+      if (f.data[2] == Desk::arm || f.data[2] == Desk::store) require(test::Desk::word(f, 6, 2) == (link_.parameters().crc() & 0xFFFFU), "armed and stored with a known table");
+      const bool keeps = f.data[2] == Desk::store || f.data[2] == Desk::forget;
+      if (keeps) require(has_store_ && supervisor_.state() == State::disabled, "stored while disabled only, where there is a store");
+      if (keeps || f.data[2] == Desk::arm) require(storing_ == 0, "one thing at a time");
+      if (f.data[2] == Desk::forget) require(link_.parameters().values() == config_.parameters.values(), "baked values");
+      if (keeps) storing_ = 3;
     }
     if (f.id == base + Desk::write) {
       require(supervisor_.state() == State::disabled && f.data[2] < 3, "gains are written while disabled");
+      require(storing_ == 0, "what is being stored is not changed");
       const float v = test::Desk::real(f, 4);
       require(v >= (f.data[2] < 2 ? 10.0F : 0.0F) && v <= (f.data[2] < 2 ? 80.0F : 200.0F), "gains stay within their bounds");
       require(link_.parameters().at(f.data[2]) == v, "an obeyed write is written");
@@ -220,6 +228,11 @@ class Run {
     }
     require(int{r.has_point} + int{r.has_sample} + int{r.hold} <= 1, "one motion at a time");
     if (r.has_point || r.has_sample || r.hold) require(supervisor_.state() == State::running, "guided while running only");
+    const link::StoreWish wish = link_.take_store_wish();
+    require(wish == link::StoreWish::none || storing_ == 3, "nothing is stored that nobody asked for");
+    if (storing_ > 0 && --storing_ == 0) {
+      link_.store_status({.state = (choice_ & 1U) != 0 ? link::StoreState::stored : link::StoreState::failed});
+    }
     const unsigned drives = in_.u8();
     supervisor_.begin_tick(r.command, {(drives & 1U) == 0, (drives & 2U) == 0}, (drives & 4U) != 0);
     if ((drives & 0xF0U) == 0xF0U) supervisor_.raise(static_cast<Fault>(in_.below(fault_count)));
@@ -238,12 +251,12 @@ class Run {
       if (takes) desk_.hear(f);
       return takes;
     });
-    require(frames <= 8, "a few frames per tick");
+    require(frames <= 9, "a few frames per tick");
     if (desk_.heard.size() > 16) desk_.heard.clear();
   }
   void told(const CanFrame& f) const {
     require(hal::well_formed(f) && !f.extended && !f.remote && !f.fd && f.size == 8, "classic frames of eight bytes");
-    require(f.id >= base + 0x10 && f.id <= base + 0x1B, "telemetry");
+    require(f.id >= base + 0x10 && f.id <= base + 0x1D, "telemetry");
     if (f.id != base + Desk::status) return;
     require(f.data[7] != 0 && f.data[0] == seal_of(f, f.data[7]), "Status has a session and a checksum");
     require(f.data[1] / 16 == static_cast<unsigned>(supervisor_.state()) && f.data[2] == static_cast<unsigned>(supervisor_.fault()),
@@ -253,7 +266,10 @@ class Run {
   }
 
   fuzz::Bytes& in_;
+  unsigned choice_;
   link::LinkConfig config_;
+  bool has_store_;
+  unsigned storing_ = 0;  // ticks that it will take
   link::CommandLink link_;
   Supervisor supervisor_;
   Desk desk_;

@@ -33,6 +33,8 @@ const char* word(Order o) {
     case Order::hold: return "hold";
     case Order::reference: return "reference";
     case Order::stream: return "stream";
+    case Order::store: return "store";
+    case Order::forget: return "forget";
   }
   return nullptr;
 }
@@ -95,6 +97,8 @@ const char* word(Index i) {
   return nullptr;
 }
 const char* word(State s) { return name(s); }
+const char* word(StoreState s) { return name(s); }
+const char* word(SlotContent c) { return name(c); }
 const char* word(Fault f) { return name(f); }
 
 /// Every value of an enumeration that has a name.
@@ -139,6 +143,11 @@ void encode() {
     print("Parameter_Table", encode_parameter_table(base, r.drive_error, static_cast<std::uint8_t>(6 * i)),
           {{"Crc32", number(r.drive_error)}, {"Count", number(6 * i)}});
     print("Identity", encode_identity(base, ~r.drive_error), {{"Scene", number(~r.drive_error)}, {"Version", number(1)}});
+    const StoreStatus t{static_cast<StoreState>(i % 7), static_cast<std::uint8_t>(i % 3),
+                        {static_cast<SlotContent>(i % 6), static_cast<SlotContent>((i + 2) / 3 % 6)}, ~r.drive_error};
+    print("Parameter_Slots", encode_parameter_slots(base, t),
+          {{"Store", number(t.state)}, {"Used", number(t.used)}, {"Slot_1", number(t.slots[0])}, {"Slot_2", number(t.slots[1])},
+           {"Sequence", number(t.sequence)}});
     const Counters c{static_cast<std::uint16_t>(1680 * i), static_cast<std::uint16_t>(65535 - i),
                      static_cast<std::uint16_t>(i), static_cast<std::uint16_t>(256 * i)};
     print("Link_Counters", encode_counters(base, c),
@@ -214,6 +223,9 @@ int main(int argc, char** argv) {
     table<Answer>("Answer");
     table<Subject>("Subject");
     table<Index>("Index");
+    table<StoreState>("Store");
+    table<SlotContent>("Slot_1");
+    table<SlotContent>("Slot_2");
     return 0;
   }
   if (mode != "decode") return 2;

@@ -11,7 +11,8 @@ import struct
 import sys
 import time
 
-ORDERS = ["none", "arm", "disarm", "off", "reset", "confirm_zero", "hold", "reference", "stream"]
+ORDERS = ["none", "arm", "disarm", "off", "reset", "confirm_zero", "hold", "reference", "stream", "store",
+          "forget"]
 STATES = ["disabled", "enabling", "testing", "running", "halting", "holding", "lowering", "stopping", "fault"]
 
 

@@ -3,7 +3,7 @@
 
   hal/*.hpp             std, hal/*.hpp
   hal/<back end>        hal, std and the headers of its OS or vendor
-  hal/slcan, fdcan, zynqmp_can, virtual   hal, std: portable; linux uses slcan
+  hal/slcan, fdcan, zynqmp_can, flash, virtual   hal, std: portable; linux uses slcan
   firmware/numeric      std
   firmware/mechanism    std, Eigen (through types), types, numeric, mechanism
   firmware/control      the same and control
@@ -15,7 +15,7 @@
   host_sim, else not commands   never the controller: of firmware only types, numeric, parameters and the wire format;
                         nor studies
   boards                std, firmware, hal/*.hpp, boards, the board's own chip.hpp, the baked scene.hpp; never host_sim or tests
-  boards/<board>        the same and hal/slcan, hal/fdcan, hal/zynqmp_can; boards/linux: the same and hal/linux
+  boards/<board>        the same and hal/slcan, hal/fdcan, hal/zynqmp_can, hal/flash; boards/linux: the same and hal/linux
   nothing in firmware or hal includes host_sim, boards or tests; nothing in host_sim includes tests
 """
 
@@ -38,6 +38,7 @@ RULES = [
     ("hal/linux", True, rf"<.*>|{HAL}|hal/(linux|slcan)/.*"),
     ("hal/slcan", True, rf"{STD}|{HAL}|hal/slcan/.*"),
     ("hal/fdcan", True, rf"{STD}|{HAL}|hal/fdcan/.*"),
+    ("hal/flash", True, rf"{STD}|{HAL}|hal/flash/.*"),
     ("hal/zynqmp_can", True, rf"{STD}|{HAL}|hal/zynqmp_can/.*"),
     ("hal/virtual", True, rf"{STD}|{HAL}|hal/virtual/.*"),
     ("firmware", False, rf"{STD}|<Eigen/Core>|firmware/numeric/.*"),
@@ -76,7 +77,7 @@ def board_folders(root):
 
 
 def back_ends(root):
-    named = {"hal/linux", "hal/slcan", "hal/fdcan", "hal/zynqmp_can", "hal/virtual"}
+    named = {"hal/linux", "hal/slcan", "hal/fdcan", "hal/zynqmp_can", "hal/flash", "hal/virtual"}
     return sorted(f"hal/{d.name}" for d in (root / "hal").glob("*") if d.is_dir() and f"hal/{d.name}" not in named)
 
 
@@ -86,7 +87,7 @@ def rules(root):
     for folder in host_folders(root):
         yield folder, True, host
     for folder in board_folders(root):
-        yield folder, True, rf"{BOARDS}|hal/(slcan|fdcan|zynqmp_can)/.*"
+        yield folder, True, rf"{BOARDS}|hal/(slcan|fdcan|zynqmp_can|flash)/.*"
     for folder in back_ends(root):
         yield folder, True, rf"<.*>|{HAL}|{folder}/.*|\"[^/]*\""
 
@@ -151,6 +152,8 @@ def self_test(root):
         ("boards/stm32/main.cpp", '#include "hal/linux/realtime.hpp"'),
         ("boards/linux/main.cpp", '#include "hal/fdcan/fdcan.hpp"'),
         ("hal/fdcan/fdcan.hpp", '#include "hal/slcan/slcan.hpp"'),
+        ("hal/flash/g4.hpp", '#include "hal/fdcan/registers.hpp"'),
+        ("boards/linux/main.cpp", '#include "hal/flash/g4.hpp"'),
         ("hal/zynqmp_can/zynqmp_can.hpp", '#include "hal/fdcan/registers.hpp"'),
         ("boards/mps2/main.cpp", '#include "tests/support/odrive_bytes.hpp"'),
         ("host_sim/plant/plant.hpp", '#include "firmware/mechanism/five_bar.hpp"'),

@@ -9,8 +9,10 @@
 #include <random>
 #include <vector>
 
+#include "firmware/link/parameter_slots.hpp"
 #include "tests/support/cycle_rig.hpp"
 #include "tests/support/link_bytes.hpp"
+#include "tests/support/slot_memory.hpp"
 
 namespace {
 
@@ -63,6 +65,33 @@ struct Linked {
   Rig<M> rig;
   Desk desk;
 };
+
+TEST(CycleLink, StoredGainsAreTheControllersBeforeAnythingCanBeArmed) {
+  test::SlotMemory<2> memory;
+  for (const bool stored : {false, true}) {
+    auto s = with_link<FiveBar<double>>();
+    s.link.scene = 7;
+    Linked<FiveBar<double>> l(s);
+    link::ParameterSlots slots(memory, l.rig.cycle.link().parameters(), l.rig.cycle.link().scene(), 100);
+    link::restore(l.rig.cycle.link(), slots);
+    l.tick();
+    const auto& g = l.rig.cycle.controller().config().gains;
+    EXPECT_EQ(g.lambda[0] == 33.0, stored);
+    EXPECT_EQ(g.k[0] == 11.0, stored);
+    if (stored) break;
+    for (int i = 0; i < 10; ++i) l.tick({l.desk.ask(2)});
+    for (const unsigned i : {0U, 1U}) l.tick({l.desk.set_gain(i, 33.0F)});
+    for (const unsigned i : {2U, 3U}) l.tick({l.desk.set_gain(i, 11.0F)});
+    l.tick({l.desk.order(Desk::store)});
+    for (int i = 0; i < 100; ++i) {
+      link::serve(l.rig.cycle.link(), slots);
+      l.tick();
+    }
+    EXPECT_EQ(slots.status().state, link::StoreState::stored);
+    l.tick({l.desk.order(Desk::forget)});
+    EXPECT_NE(g.lambda[0], 33.0) << "baked ones in use at once; the power goes before they are forgotten";
+  }
+}
 
 TEST(CycleLink, WithoutOneNothingIsDifferent) {
   Rig<FiveBar<double>> without;
