@@ -38,7 +38,7 @@ struct Motion2 {
 template <class S>
 struct Quintic {
   S duration{1};  ///< s, > 0
-  List<Vec2<S>, 6> c{};
+  List<Vec2<S>, 6> c{{{Vec2<S>::Zero(), Vec2<S>::Zero(), Vec2<S>::Zero(), Vec2<S>::Zero(), Vec2<S>::Zero(), Vec2<S>::Zero()}}};
 
   [[nodiscard]] static Quintic between(const Motion2<S>& a, const Motion2<S>& b, S duration) {
     const S d = duration, d2 = duration * duration;

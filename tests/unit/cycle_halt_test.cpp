@@ -211,6 +211,30 @@ TEST(SignTest, AMechanismThatAnswersAsItsModelRuns) {
   EXPECT_LE(t.torque, 2 * 0.05 * 2.0 + 0.02) << "5 % of the limit, up and down again";
 }
 
+/// A supervisor that does not go on, although both motors have answered.
+TEST(SignTest, NothingMoreIsTestedAfterItHasPassed) {
+  LoopSetup setup;
+  setup.adjust = [](Config& c) { c.sign_test_move = 2e-3; };
+  ControlLoop l(setup);
+  while (l.supervisor().state() != State::running) {
+    l.tick();
+    ASSERT_LT(l.ticks(), 2000U);
+    ASSERT_NE(l.supervisor().state(), State::fault);
+  }
+  esmc::Controller<FiveBar<double>> c = l.controller();
+  esmc::Supervisor stuck(c.supervision());
+  stuck.begin_tick(esmc::Command::enable, {});
+  stuck.begin_tick(esmc::Command::none, {.all_ready = true, .all_idle = false});
+  ASSERT_EQ(stuck.state(), State::testing);
+  const auto first = c.tick(l.sample(), stuck);
+  for (int i = 0; i < 300; ++i) {
+    const auto again = c.tick(l.sample(), stuck);
+    EXPECT_TRUE(again.stage_done);
+    EXPECT_EQ(again.torque, first.torque) << "the weight, and no pulse";
+  }
+  EXPECT_EQ(stuck.state(), State::testing);
+}
+
 TEST(SignTest, AMotorThatTurnsTheOtherWayIsFound) {
   for (const int joint : {0, 2}) {
     const Tested t = sign_test([&](LoopSetup& s) {
