@@ -133,7 +133,7 @@ double number24(const CanFrame& f, std::size_t at) {
 void command_link(fuzz::Bytes& in) {
   const CanFrame f = in.frame(0x780 + in.below(6));
   if (const auto c = link::decode_command(f)) {
-    require(f.data[1] < 16 && f.data[2] < 9 && f.data[3] == 0, "an order that there is");
+    require(f.data[1] < 16 && f.data[2] < 11 && f.data[3] == 0, "an order that there is");
     require(static_cast<unsigned>(c->order) == f.data[2] && c->tick == little(f, 4, 2) && c->parameters == little(f, 6, 2), "an order");
   }
   if (const auto p = link::decode_pair(f, link::position_unit)) {
