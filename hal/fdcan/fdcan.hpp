@@ -9,6 +9,7 @@
 #include "hal/bit_timing.hpp"
 #include "hal/can.hpp"
 #include "hal/fdcan/registers.hpp"
+#include "hal/waiting_frames.hpp"
 
 namespace esmc::hal {
 
@@ -35,7 +36,7 @@ inline constexpr std::array<std::uint8_t, 16> fdcan_sizes{0, 1, 2, 3, 4, 5, 6, 7
 template <class Part, FdcanAccess Access>
 class Fdcan {
  public:
-  static constexpr std::uint32_t waiting_max = 32;  ///< frames
+  static constexpr std::uint32_t waiting_max = WaitingFrames::most;  ///< frames
 
   explicit Fdcan(const Access& access) : a_(access) {}
 
@@ -74,7 +75,7 @@ class Fdcan {
     opened_ = await(cccr_bit::init, 0);
     fd_ = data_rate != 0;
     bit_rate_ = bit_rate;
-    head_ = tail_ = 0;
+    waiting_.clear();
     return opened_;
   }
 
@@ -82,8 +83,7 @@ class Fdcan {
     if (!well_formed(f) || (f.fd && !fd_) || (f.bit_rate_switch && !f.fd)) return SendStatus::refused;
     if (off()) return SendStatus::bus_off;
     pump();
-    if (head_ - tail_ == waiting_max) return SendStatus::bus_full;
-    waiting_[head_++ % waiting_max] = f;
+    if (!waiting_.push(f)) return SendStatus::bus_full;
     pump();
     return SendStatus::ok;
   }
@@ -110,13 +110,7 @@ class Fdcan {
   /// Takes back what is perishable and the bus has not taken; the frame that is with the controller too, unless it is just going
   /// out. The others keep their order: whoever sent them counts on their being sent.
   void withdraw() {
-    std::uint32_t kept = tail_;
-    for (std::uint32_t i = tail_; i != head_; ++i) {
-      const CanFrame& f = waiting_[i % waiting_max];
-      if (!f.perishable) waiting_[kept++ % waiting_max] = f;
-    }
-    withdrawn_ += head_ - kept;
-    head_ = kept;
+    withdrawn_ += waiting_.withdraw();
     if (perishable_) cancel();
   }
 
@@ -127,8 +121,7 @@ class Fdcan {
   /// Torque does not resume by this: bus_off is a latched fault of the supervisor.
   void rejoin() {
     if (!opened_ || !off()) return;
-    withdrawn_ += head_ - tail_;
-    head_ = tail_;
+    withdrawn_ += waiting_.clear();
     cancel();
     const fdcan::Word mode = a_.read(fdcan::cccr);
     if ((mode & fdcan::cccr_bit::init) != 0) a_.write(fdcan::cccr, mode & ~(fdcan::cccr_bit::init | fdcan::cccr_bit::cce));
@@ -160,8 +153,8 @@ class Fdcan {
 
   /// Gives the controller the next frame when it has none. A request is pending a few of its clocks after it was written.
   void pump() {
-    if (tail_ == head_ || (a_.read(Part::txbrp) | a_.read(Part::txbar)) != 0) return;
-    const CanFrame& f = waiting_[tail_ % waiting_max];
+    if (waiting_.empty() || (a_.read(Part::txbrp) | a_.read(Part::txbar)) != 0) return;
+    const CanFrame& f = waiting_.front();
     const fdcan::Word index = (a_.read(fdcan::txfqs) >> 16) & 0x1FU & Part::index;
     if (index >= Part::tx_elements) return;
     fdcan::Word at = Part::tx_buffers + index * fdcan::element::words;
@@ -179,7 +172,7 @@ class Fdcan {
     }
     a_.write(Part::txbar, 1U << index);
     perishable_ = f.perishable;
-    ++tail_;
+    waiting_.pop();
   }
 
   void read(fdcan::Word at, CanFrame& f) {
@@ -203,8 +196,8 @@ class Fdcan {
 
   Access a_;
   bool opened_ = false, fd_ = false, perishable_ = false;  // the last: of the frame that is with the controller
-  std::uint32_t bit_rate_ = 1, head_ = 0, tail_ = 0, overruns_ = 0, withdrawn_ = 0, age_us_ = 0;
-  std::array<CanFrame, waiting_max> waiting_{};
+  std::uint32_t bit_rate_ = 1, overruns_ = 0, withdrawn_ = 0, age_us_ = 0;
+  WaitingFrames waiting_{};
 };
 
 }  // namespace esmc::hal

@@ -8,6 +8,7 @@
 
 #include "hal/bit_timing.hpp"
 #include "hal/can.hpp"
+#include "hal/waiting_frames.hpp"
 #include "hal/zynqmp_can/registers.hpp"
 
 namespace esmc::hal {
@@ -25,7 +26,7 @@ concept ZynqmpCanAccess = requires(A& a, const A& c, std::uint32_t at, std::uint
 template <zynqmp_can::Layout layout, ZynqmpCanAccess Access>
 class ZynqmpCan {
  public:
-  static constexpr std::uint32_t waiting_max = 32;  ///< frames
+  static constexpr std::uint32_t waiting_max = WaitingFrames::most;  ///< frames
 
   explicit ZynqmpCan(const Access& access) : a_(access) {}
 
@@ -35,7 +36,7 @@ class ZynqmpCan {
   [[nodiscard]] bool open(std::uint32_t clock, std::uint32_t bit_rate) {
     opened_ = left_ = false;
     timing_ = bit_timing(clock, bit_rate, zynqmp_can::limits);
-    head_ = tail_ = 0;
+    waiting_.clear();
     if (!timing_.exact() || !restart()) return false;
     opened_ = await(zynqmp_can::sr_bit::config, 0);
     return opened_;
@@ -46,8 +47,7 @@ class ZynqmpCan {
     if (!opened_) return SendStatus::bus_off;
     pump();
     if (left_) return SendStatus::bus_off;
-    if (head_ - tail_ == waiting_max) return SendStatus::bus_full;
-    waiting_[head_++ % waiting_max] = f;
+    if (!waiting_.push(f)) return SendStatus::bus_full;
     pump();
     return SendStatus::ok;
   }
@@ -70,20 +70,13 @@ class ZynqmpCan {
     return true;
   }
 
-  /// Takes back what is perishable and waits here; the others keep their order: whoever sent them counts on their being
-  /// sent. The frame that is with the controller can be taken back by a reset of all of it only, which costs its error
+  /// Takes back what is perishable and waits here. The frame that is with the controller can be taken back by a reset of all of it only, which costs its error
   /// counters and, if it is just sending, an error frame: where the bus has not taken a perishable frame from one withdraw()
   /// to the next, that is done.
   void withdraw() {
     if (!opened_) return;
     pump();
-    std::uint32_t kept = tail_;
-    for (std::uint32_t i = tail_; i != head_; ++i) {
-      const CanFrame& f = waiting_[i % waiting_max];
-      if (!f.perishable) waiting_[kept++ % waiting_max] = f;
-    }
-    withdrawn_ += head_ - kept;
-    head_ = kept;
+    withdrawn_ += waiting_.withdraw();
     if (!sending_ || !perishable_ || left_) return;
     if (!stale_) {
       stale_ = true;
@@ -151,8 +144,7 @@ class ZynqmpCan {
   /// Configuration mode with empty FIFOs.
   void leave() {
     a_.write(zynqmp_can::srr, zynqmp_can::srr_bit::srst);
-    withdrawn_ += head_ - tail_ + (sending_ ? 1U : 0U);
-    head_ = tail_;
+    withdrawn_ += waiting_.clear() + (sending_ ? 1U : 0U);
     sending_ = stale_ = rejoining_ = false;
     left_ = true;
   }
@@ -165,12 +157,13 @@ class ZynqmpCan {
     if ((state & sr_bit::config) != 0) return;
     if (rejoining_) left_ = rejoining_ = false;
     if (sending_ && (events & event::txok) != 0) sending_ = stale_ = false;
-    if (sending_ || tail_ == head_) return;
-    const CanFrame& f = waiting_[tail_++ % waiting_max];
+    if (sending_ || waiting_.empty()) return;
+    const CanFrame& f = waiting_.front();
     a_.write(icr, event::txok);
     encode(f);
     sending_ = true;
     perishable_ = f.perishable;
+    waiting_.pop();
   }
 
   /// Bytes i to i + 3 as one word.
@@ -220,8 +213,8 @@ class ZynqmpCan {
   BitTiming timing_{};
   bool opened_ = false, left_ = false, rejoining_ = false;   // off the bus and kept there; on the way back
   bool sending_ = false, perishable_ = false, stale_ = false;  // of the frame that is with the controller
-  std::uint32_t head_ = 0, tail_ = 0, overruns_ = 0, withdrawn_ = 0;
-  std::array<CanFrame, waiting_max> waiting_{};
+  std::uint32_t overruns_ = 0, withdrawn_ = 0;
+  WaitingFrames waiting_{};
 };
 
 }  // namespace esmc::hal

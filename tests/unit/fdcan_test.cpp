@@ -236,6 +236,7 @@ TYPED_TEST(Fdcan, WhatOthersCountOnIsNotWithdrawn) {
 TYPED_TEST(Fdcan, BusOffIsSaidAndComesBackOnlyWhenAsked) {
   ASSERT_TRUE(this->bus.open(24'000'000, 1'000'000));
   EXPECT_EQ(this->bus.try_send(frame(0x10, {1})), SendStatus::ok);
+  EXPECT_EQ(this->bus.try_send(frame(0x10, {9})), SendStatus::ok);  // waits behind it
   for (int i = 0; i < 31; ++i) {
     ASSERT_TRUE(this->model.begin_frame());
     this->model.spoiled();
@@ -253,6 +254,8 @@ TYPED_TEST(Fdcan, BusOffIsSaidAndComesBackOnlyWhenAsked) {
   EXPECT_EQ(this->bus.try_send(frame(0x10, {3})), SendStatus::bus_off);
   this->model.idle(129 * 11);
   EXPECT_FALSE(this->bus.off());
+  CanFrame nothing;
+  EXPECT_FALSE(this->bus.try_receive(nothing));  // turns the driver
   EXPECT_FALSE(this->model.take()) << "what was meant before it left must not go out";
   EXPECT_EQ(this->bus.try_send(frame(0x10, {4})), SendStatus::ok);
   const auto f = this->model.take();
