@@ -178,8 +178,10 @@ class Controller {
     return limit(out);
   }
 
+  // What happens seldom, and never while the law runs, is compiled for size: the flash of a small board is full.
+
   /// One tick of the sign test.
-  Fault probe(const Tracking<M>& now, TickResult<M>& out) {
+  [[gnu::cold]] Fault probe(const Tracking<M>& now, TickResult<M>& out) {
     Vec2<S> torque = weight(now.pose);
     const Vec2<S> limits(config_.torque_limit[Config::joint_of(0, 2)], config_.torque_limit[Config::joint_of(1, 2)]);
     const auto verdict = sign_test_.step(config_.mechanism, now.pose, M::base_angles(now.pose), M::base(now.rates), limits, torque);
@@ -207,7 +209,7 @@ class Controller {
     return bearable(static_cast<std::uint32_t>(
         (static_cast<std::uint64_t>(config_.join_ticks) * (running_tick_ + 1)) / (outlook + 1)));
   }
-  [[nodiscard, gnu::noinline]] bool bearable(std::uint32_t ahead) const {
+  [[nodiscard, gnu::noinline, gnu::cold]] bool bearable(std::uint32_t ahead) const {
     Desired<M> d;
     if (!desired(reference_.at(ahead), d.pose, d.rates, d.acceleration)) return false;
     const Vec2<S> rate = M::base(d.rates);
@@ -223,7 +225,7 @@ class Controller {
   }
 
   /// To rest where the mechanism is, and there it stays.
-  Fault retreat(State state, Tracking<M>& t, TickResult<M>& out) {
+  [[gnu::cold]] Fault retreat(State state, Tracking<M>& t, TickResult<M>& out) {
     const Vec2<S> angle = M::base_angles(t.pose), rate = M::base(t.rates);
     if (!retreat_.begun()) retreat_.begin(angle, rate);
     const Motion2<S> m = retreat_.at();
@@ -244,7 +246,7 @@ class Controller {
 
   /// Weight compensation that fades, and damping that alone would balance the torque limit at a tenth of the
   /// allowed speed.
-  void let_down(const Tracking<M>& t, TickResult<M>& out) {
+  [[gnu::cold]] void let_down(const Tracking<M>& t, TickResult<M>& out) {
     const S left = lowered_ticks_ < config_.lower_ticks
                        ? S(1) - S(lowered_ticks_) / S(config_.lower_ticks) : S(0);
     const Vec2<S> held = weight(t.pose);

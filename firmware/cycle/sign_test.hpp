@@ -50,7 +50,7 @@ class SignTest {
   }
 
  private:
-  bool begin(const M& m, const typename M::Pose& now, const Vec2<S>& angle, const Vec2<S>& rate, const Vec2<S>& limit,
+  [[gnu::cold]] bool begin(const M& m, const typename M::Pose& now, const Vec2<S>& angle, const Vec2<S>& rate, const Vec2<S>& limit,
              const Vec2<S>& weight) {
     // H, base to base: torques that unit accelerations take beyond the weight. Its inverse is what a pulse does.
     Vec2<S> column[2];

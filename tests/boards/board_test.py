@@ -20,6 +20,7 @@ import tempfile
 import time
 from pathlib import Path
 
+import page_table
 import stack_bound
 import zcu102
 
@@ -148,18 +149,7 @@ def count(elf, machine, docs, update):
         rows.append(f"| `{law}` | {least} | {mean} | {most} |")
     board.kill()
     table = "| law | least | mean | most |\n|---|---|---|---|\n" + "\n".join(rows) + "\n"
-    page = Path(docs).read_text(encoding="utf-8")
-    begin, end = f"<!-- count {machine} -->\n", f"<!-- /count {machine} -->"
-    head, rest = page.split(begin)
-    old, tail = rest.split(end)
-    print(table)
-    if update:
-        Path(docs).write_text(head + begin + table + end + tail, encoding="utf-8")
-        return 0
-    if old != table:
-        print(f"docs/boards.md says otherwise; regenerate it with --update:\n{old}")
-        return 1
-    return 0
+    return page_table.check(docs, f"count {machine}", table, update)
 
 
 def crash(elf, machine):

@@ -12,6 +12,8 @@ import tempfile
 import time
 from pathlib import Path
 
+import page_table
+
 STAGES = ("decode", "checks", "closure", "reference", "law", "model", "allocation", "limits", "encode")
 # By function, the innermost one that is named here. What is named nowhere (sine, arc tangent, a part of a formula that is a
 # function of its own) belongs to the stage that called it.
@@ -134,17 +136,7 @@ def stages(elf, machine, scalar, esmc, scene, docs, update):
     lines.append("| tracking error on the circle, um rms | "
                  + " | ".join(f"{1e6 * error_of(esmc, scene, scalar, law):.3g}" for law in LAWS) + " |")
     table = "\n".join(lines) + "\n"
-    page = Path(docs).read_text(encoding="utf-8")
-    begin, end = f"<!-- stages {machine} -->\n", f"<!-- /stages {machine} -->"
-    head, rest = page.split(begin)
-    old, tail = rest.split(end)
-    print(table)
-    if update:
-        Path(docs).write_text(head + begin + table + end + tail, encoding="utf-8")
-    elif old != table:
-        print(f"docs/boards.md says otherwise; regenerate it with --update:\n{old}")
-        return 1
-    return 0
+    return page_table.check(docs, f"stages {machine}", table, update)
 
 
 def self_test():
