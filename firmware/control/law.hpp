@@ -48,19 +48,35 @@ struct Tracking {
   typename M::Rates desired_acceleration;
 };
 
-/// v' = qdd_d + Lambda e' + K sw(s), s = e' + Lambda e in every channel [F29].
-template <class M>
+/// Which rows of v' are asked for. What has no mass takes no force: on the way to a torque its rows are never read.
+enum class Rows : std::uint8_t { all, with_mass };
+
+/// v' = qdd_d + Lambda e' + K sw(s), s = e' + Lambda e in every channel [F29]. With Rows::with_mass the other rows of
+/// `acceleration` are not set; those of `sliding` always are.
+template <class M, Rows rows = Rows::all>
+void demand_esmc(const M& m, const Gains<M>& gain, const Tracking<M>& t, typename M::Channels& acceleration,
+                 typename M::Channels& sliding) {
+  using S = typename M::Scalar;
+  m.compare(t.desired_pose, t.desired_rates, t.desired_acceleration, t.pose, t.rates,
+            [&](auto row, S e, S rate, S of_reference) ESMC_INLINE {
+              const S lambda = gain.lambda[row], s = rate + lambda * e;
+              sliding[row] = s;
+              if constexpr (rows == Rows::all || M::has_mass(row)) {
+                acceleration[row] = of_reference + lambda * rate + gain.k[row] * saturated(s, gain.layer[row]);
+              }
+            });
+}
+/// The same for any reaching law. A tick of those that do not clamp may take longer: they have their term added in a
+/// second pass, so that the first one asks nothing in every channel.
+template <class M, Rows rows = Rows::all>
 void demand_esmc(const M& m, const Gains<M>& gain, Reaching reaching, const Tracking<M>& t,
                  typename M::Channels& acceleration, typename M::Channels& sliding) {
-  using S = typename M::Scalar;
-  const bool clamped = clamps(reaching);
-  m.compare(t.desired_pose, t.desired_rates, t.desired_acceleration, t.pose, t.rates,
-            [&](auto row, S e, S rate, S of_reference) {
-              const S lambda = gain.lambda[row], s = rate + lambda * e, layer = gain.layer[row];
-              sliding[row] = s;
-              acceleration[row] = of_reference + lambda * rate +
-                                  gain.k[row] * (clamped ? saturated(s, layer) : switching(reaching, s, layer));
-            });
+  if (clamps(reaching)) return demand_esmc<M, rows>(m, gain, t, acceleration, sliding);
+  Gains<M> without = gain;
+  without.k.setZero();
+  acceleration.setZero();
+  demand_esmc<M, rows>(m, without, t, acceleration, sliding);
+  add_switching(reaching, sliding, gain.k, gain.layer, acceleration);
 }
 
 /// v' = C a_r + Cdot v_r + K sw(C sigma), sigma = e' + lambda e in the independent coordinates,
@@ -129,11 +145,11 @@ template <class M, class S = typename M::Scalar>
 
 /// The demand of any model-based law (all but pd, which asks for a torque directly: zeros): v' and, for the log, the
 /// sliding variables of the channels, zero where a law has none.
-template <class M>
+template <class M, Rows rows = Rows::all>
 void demand(LawKind law, const M& m, const Gains<M>& gain, Reaching reaching, const Tracking<M>& t,
             typename M::Channels& acceleration, typename M::Channels& sliding) {
   switch (law) {
-    case LawKind::esmc: return demand_esmc(m, gain, reaching, t, acceleration, sliding);
+    case LawKind::esmc: return demand_esmc<M, rows>(m, gain, reaching, t, acceleration, sliding);
     case LawKind::esmc_projected: return demand_projected(m, gain, reaching, t, acceleration, sliding);
     case LawKind::smc: return demand_smc(m, gain, reaching, t, acceleration, sliding);
     case LawKind::ctc: return demand_ctc(m, gain, t, acceleration, sliding);

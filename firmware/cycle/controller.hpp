@@ -287,7 +287,7 @@ class Controller {
       return;
     }
     typename M::Channels acceleration;
-    demand(config_.law, config_.mechanism, config_.gains, config_.reaching, t, acceleration, out.sliding);
+    demand<M, Rows::with_mass>(config_.law, config_.mechanism, config_.gains, config_.reaching, t, acceleration, out.sliding);
     const typename M::Channels w = config_.mechanism.force(acceleration, t.rates);
     if constexpr (M::joints == 4) {
       if (config_.motors == Motors::all) {

@@ -272,11 +272,9 @@ class Cycle {
 
   /// What is finite and within its limit at the joint may be neither at the shaft, in a float, behind a gear.
   void check_shafts(TickResult<M>& result) {
-    bool carried = true;
-    for (int i = 0; i < motors_.count; ++i) {
-      carried = carried && axis(i * motors_.axis_step).can_carry(result.torque[i * motors_.joint_step]);
-    }
-    if (carried) return;
+    int i = 0;
+    while (i < motors_.count && axis(i * motors_.axis_step).can_carry(result.torque[i * motors_.joint_step])) ++i;
+    if (i == motors_.count) return;
     supervisor_.raise(Fault::torque_not_finite);
     result.state = supervisor_.state();
     result.fault = supervisor_.fault();
@@ -285,10 +283,11 @@ class Cycle {
 
   [[nodiscard]] bool allowed(const TickResult<M>& result) const {
     const bool powered = supervisor_.powered();
-    for (int j = 0; j < M::joints; ++j) {
-      if (!within(result.torque[j], powered ? controller_.config().torque_limit[j] : S(0))) return false;
-    }
-    return true;
+    bool within_limits = true;
+    unroll<M::joints>([&](auto j) ESMC_INLINE {
+      within_limits = within_limits && within(result.torque[j], powered ? controller_.config().torque_limit[j] : S(0));
+    });
+    return within_limits;
   }
 
   void gather() {
@@ -347,9 +346,8 @@ class Cycle {
       const bool leave = result.state == State::fault || result.state == State::stopping;
       if ((leave && !a.idle()) || (result.state == State::disabled && a.must_be_released())) a.disable(send);
       if (answer && !a.muted()) {
-        hal::CanFrame torque = a.torque_frame(result.torque[i * motors_.joint_step]);
-        torque.perishable = true;
-        send(torque);
+        a.put_torque(outgoing_, result.torque[i * motors_.joint_step]);
+        send(outgoing_);
       }
     }
     echo_.told(result.torque);
@@ -394,7 +392,7 @@ class Cycle {
   Command command_ = Command::none;
   DriveStatus status_{};
   Sample<M> sample_{};
-  hal::CanFrame incoming_{};
+  hal::CanFrame incoming_{}, outgoing_{.perishable = true};  // kept: a frame has 76 bytes to clear
   BusCounters counters_{};
   bool stage_done_ = false;
   bool enable_closed_ = true;

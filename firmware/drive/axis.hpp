@@ -64,9 +64,9 @@ struct NoLine {
 ///   receive        takes a frame; no side effect unless `accepted`
 ///   enable         frames that bring the axis to torque control, one step further; every tick while enabling
 ///   disable        frames that take it out of torque control; every tick until idle()
-///   torque_frame   the command of a tick, one frame, in every state; zero unless the cycle says otherwise
+///   put_torque     the command of a tick into a classic data frame, in every state; zero unless the cycle says otherwise
 template <class D>
-concept Drive = requires(D& d, const D& c, const hal::CanFrame& f, bool (*send)(const hal::CanFrame&), float torque,
+concept Drive = requires(D& d, const D& c, const hal::CanFrame& f, hal::CanFrame& out, bool (*send)(const hal::CanFrame&), float torque,
                          typename D::Line& line) {
   d.begin_tick();
   { d.receive(f) } -> std::same_as<Received>;
@@ -89,7 +89,7 @@ concept Drive = requires(D& d, const D& c, const hal::CanFrame& f, bool (*send)(
   d.enable(send);
   d.disable(send);
   { c.can_carry(torque) } -> std::same_as<bool>;
-  { c.torque_frame(torque) } -> std::same_as<hal::CanFrame>;
+  c.put_torque(out, torque);
   c.template sample<float>();
   line.request(send);
   line.end_tick(send, true);

@@ -98,10 +98,16 @@ struct Motion {
   std::int8_t mode;
 };
 
-[[nodiscard]] constexpr hal::CanFrame encode_command(std::uint8_t node, Command c) {
-  hal::CanFrame f = canopen::frame(canopen::id_rpdo1 + node, 4);
+/// Into a classic data frame.
+constexpr void put_command(hal::CanFrame& f, std::uint8_t node, Command c) {
+  f.id = canopen::id_rpdo1 + node;
+  f.size = 4;
   canopen::put(f, 0, c.control, 2);
   canopen::put(f, 2, static_cast<std::uint16_t>(c.torque), 2);
+}
+[[nodiscard]] constexpr hal::CanFrame encode_command(std::uint8_t node, Command c) {
+  hal::CanFrame f;
+  put_command(f, node, c);
   return f;
 }
 [[nodiscard]] constexpr std::optional<Report> decode_report(const hal::CanFrame& f) {

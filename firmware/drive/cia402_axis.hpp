@@ -162,10 +162,10 @@ class Cia402Axis {
   /// Torque at the joint, N m, model convention, in thousandths of the rated torque, rounded half away from zero.
   /// Zero for a torque that cannot be carried, and while the scale is not known.
   template <class S>
-  [[nodiscard]] hal::CanFrame torque_frame(S joint_torque) const {
+  void put_torque(hal::CanFrame& f, S joint_torque) const {
     const bool carried = can_carry(joint_torque) && rated_torque_ > 0.0F;
     const float thousandths = carried ? shaft_torque(config_, joint_torque) / rated_torque_ * 1000.0F : 0.0F;
-    return cia402::encode_command(config_.node, {control_, rounded(thousandths)});
+    cia402::put_command(f, config_.node, {control_, rounded(thousandths)});
   }
 
  private:

@@ -61,8 +61,8 @@ struct Reply {
   return (2.0F * static_cast<float>(code) - static_cast<float>(code_max)) / static_cast<float>(code_max) * range;
 }
 
-[[nodiscard]] constexpr hal::CanFrame encode_command(std::uint32_t node, const Command& c) {
-  hal::CanFrame f;
+/// Into a classic data frame.
+constexpr void put_command(hal::CanFrame& f, std::uint32_t node, const Command& c) {
   f.id = node;
   f.size = 8;
   f.data[0] = static_cast<std::uint8_t>(c.position >> 8U);
@@ -73,6 +73,10 @@ struct Reply {
   f.data[5] = static_cast<std::uint8_t>(c.kd >> 4U);
   f.data[6] = static_cast<std::uint8_t>(c.kd << 4U | c.torque >> 8U);
   f.data[7] = static_cast<std::uint8_t>(c.torque);
+}
+[[nodiscard]] constexpr hal::CanFrame encode_command(std::uint32_t node, const Command& c) {
+  hal::CanFrame f;
+  put_command(f, node, c);
   return f;
 }
 [[nodiscard]] constexpr hal::CanFrame encode_special(std::uint32_t node, Special s) {

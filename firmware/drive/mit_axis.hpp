@@ -100,7 +100,7 @@ class MitAxis {
   /// Nothing can be read back.
   [[nodiscard]] bool contradicted() const { return false; }
 
-  /// Frames that bring the drive into motor mode; call every tick while enabling, and send torque_frame(0) after it.
+  /// Frames that bring the drive into motor mode; call every tick while enabling, and send put_torque(0) after it.
   ///
   ///   leave motor mode  ->  replies in two ticks, so that a zero command has arrived: a drive that enters motor mode
   ///   acts on the last command it has  ->  enter motor mode, if no error is reported  ->  replies in two ticks: ready()
@@ -149,10 +149,9 @@ class MitAxis {
   /// Torque at the joint, N m, model convention, rounded to the nearest step and clamped to the range of the drive; zero
   /// (to half a step) for a torque that cannot be carried. Gains are zero, so position and speed do not matter.
   template <class S>
-  [[nodiscard]] hal::CanFrame torque_frame(S joint_torque) const {
+  void put_torque(hal::CanFrame& f, S joint_torque) const {
     const float torque = can_carry(joint_torque) ? shaft_torque(config_, joint_torque) : 0.0F;
-    return mit::encode_command(config_.node,
-                               {.torque = mit::code(torque, settings_.ranges.torque, mit::code_max_12)});
+    mit::put_command(f, config_.node, {.torque = mit::code(torque, settings_.ranges.torque, mit::code_max_12)});
   }
 
   static constexpr std::uint32_t age_max = drive::age_max;

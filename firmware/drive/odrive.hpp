@@ -86,10 +86,16 @@ constexpr hal::CanFrame frame(std::uint8_t node, Message m, std::uint8_t size) {
 [[nodiscard]] constexpr hal::CanFrame encode_estop(std::uint8_t node) {
   return detail::frame(node, Message::estop, 0);
 }
-/// Torque at the motor shaft, N m.
-[[nodiscard]] constexpr hal::CanFrame encode_torque(std::uint8_t node, float torque) {
-  hal::CanFrame f = detail::frame(node, Message::set_input_torque, 8);
+/// Torque at the motor shaft, N m, into a classic data frame.
+constexpr void put_torque(hal::CanFrame& f, std::uint8_t node, float torque) {
+  f.id = identifier(node, Message::set_input_torque);
+  f.size = 8;
   detail::put_u32(f, 0, std::bit_cast<std::uint32_t>(torque));
+  detail::put_u32(f, 4, 0);
+}
+[[nodiscard]] constexpr hal::CanFrame encode_torque(std::uint8_t node, float torque) {
+  hal::CanFrame f;
+  put_torque(f, node, torque);
   return f;
 }
 [[nodiscard]] constexpr hal::CanFrame encode_encoder_estimates(std::uint8_t node, float position_rev,

@@ -152,8 +152,9 @@ class OdriveAxis {
   /// Torque at the joint, N m, model convention. What the drive receives is rounded to float; zero for a torque
   /// that cannot be carried.
   template <class S>
-  [[nodiscard]] hal::CanFrame torque_frame(S joint_torque) const {
-    return odrive::encode_torque(config_.node, can_carry(joint_torque) ? shaft_torque(config_, joint_torque) : 0.0F);
+  void put_torque(hal::CanFrame& f, S joint_torque) const {
+    const float torque = shaft_torque(config_, joint_torque);
+    odrive::put_torque(f, config_.node, drive::can_carry(torque) ? torque : 0.0F);
   }
 
   static constexpr std::uint32_t age_max = drive::age_max;

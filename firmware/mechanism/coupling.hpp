@@ -85,6 +85,9 @@ class Coupling {
   [[nodiscard]] const LegFrame<S>& frame(int j) const { return frame_[j]; }
   [[nodiscard]] const Platform& platform() const { return platform_; }
   static constexpr int row_leg(int j) { return Platform::channels + j * Leg::channels; }
+  static constexpr bool has_mass(int row) {
+    return row < Platform::channels || Leg::has_mass((row - Platform::channels) % Leg::channels);
+  }
 
   /// C^ p#. Pole at type 1 of any leg.
   [[nodiscard]] Rates chain_rates(const LegPoses& p, const Independent& platform) const {

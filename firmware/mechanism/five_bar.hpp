@@ -195,7 +195,7 @@ class FiveBar : public Coupling<S, PointMass<S>, Dyad<S>, 2> {
     unroll<2>([&](auto i) ESMC_INLINE { f(i, e[i], S(desired_rates.platform[i] - rates.platform[i]), desired_acceleration.platform[i]); });
     unroll<2>([&](auto j) ESMC_INLINE {
       this->leg(j).compare(desired.leg[j], desired_rates.leg[j], desired_acceleration.leg[j], actual.leg[j], rates.leg[j],
-                           [&](auto row, S of, S rate, S acceleration) {
+                           [&](auto row, S of, S rate, S acceleration) ESMC_INLINE {
                              f(std::integral_constant<int, Base::row_leg(j) + row>{}, of, rate, acceleration);
                            });
     });

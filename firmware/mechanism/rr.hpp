@@ -17,6 +17,7 @@ class Rr {
   static constexpr int dof = 2;
   static constexpr int channels = Leg::channels;
   static constexpr bool has_type2 = false;
+  static constexpr bool has_mass(int row) { return Leg::has_mass(row); }
   using Independent = Vec2<S>;  ///< joint rates
   using Channels = typename Leg::Channels;
   using Rates = Vec2<S>;

@@ -48,6 +48,8 @@ class Serial {
   static constexpr int row_joint(int i) { return i; }
   static constexpr int row_angle(int i) { return joints + i; }
   static constexpr int row_x(int i) { return 2 * joints + 2 * i; }
+  /// Joint rows have none: see `force`.
+  static constexpr bool has_mass(int row) { return row >= joints; }
 
   struct NoSlides {};
   /// Where the bodies are; like a vector, not initialised by itself. Unit vectors instead of angles: the model needs no angle, only its sine and cosine.

@@ -26,7 +26,7 @@ OF = {stage: names.split() for stage, names in {
     "model": "force",
     "allocation": "act base_torque gather_on_base allocate_all spread",
     "limits": "guard guarded limit limit_torque allowed",
-    "encode": "transmit torque_frame try_send",
+    "encode": "transmit put_torque try_send",
 }.items()}
 STAGE_OF = {name: stage for stage, names in OF.items() for name in names}
 LAWS = ("esmc", "esmc_projected", "smc", "ctc", "pd")

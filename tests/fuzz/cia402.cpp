@@ -9,6 +9,7 @@
 #include "firmware/drive/cia402_axis.hpp"
 #include "tests/fuzz/bytes.hpp"
 #include "tests/support/canopen_bytes.hpp"
+#include "tests/support/torque_frame.hpp"
 
 namespace {
 
@@ -99,7 +100,7 @@ class Run {
   void obey() {
     tick();
     if (nmt_ == 5) {
-      const unsigned control = little(axis_.torque_frame(0.0), 0, 2);
+      const unsigned control = little(test::torque_frame(axis_, 0.0), 0, 2);
       if (control == 0) status_ = 0x250;
       if (control == 6) status_ = 0x231;
       if (control == 7 && status_ == 0x231) status_ = 0x233;
@@ -245,10 +246,10 @@ class Run {
     });
     require(control() == 0, "disabled: no voltage");
   }
-  [[nodiscard]] unsigned control() const { return little(axis_.torque_frame(0.0), 0, 2); }
+  [[nodiscard]] unsigned control() const { return little(test::torque_frame(axis_, 0.0), 0, 2); }
 
   void torque(double joint) {
-    const CanFrame f = axis_.torque_frame(joint);
+    const CanFrame f = test::torque_frame(axis_, joint);
     require(f.id == 0x200 + node && f.size == 4, "RPDO1");
     const double told = static_cast<std::int16_t>(little(f, 2, 2));
     const auto lsb = static_cast<double>(axis_.torque_lsb());
@@ -265,7 +266,7 @@ class Run {
     require(axis_.heartbeat_age_ticks() == heartbeat_age_.value_or(drive::age_max), "age of the heartbeat");
     const unsigned c = control();
     require(c == 0 || c == 6 || c == 7 || c == 15 || c == 0x80, "a controlword that means something");
-    require(little(axis_.torque_frame(0.0), 2, 2) == 0, "no torque is no torque");
+    require(little(test::torque_frame(axis_, 0.0), 2, 2) == 0, "no torque is no torque");
     if (axis_.closed_loop()) require((state_ & 0x6FU) == 0x27 && mode_ == 10 && nmt_ == 5, "torque control as said");
     if (axis_.ready()) require(c == 15 && axis_.closed_loop() && !axis_.error(), "ready: enabled, without error");
     if (axis_.idle()) require(c == 0, "idle: no voltage");

@@ -7,6 +7,7 @@
 #include "firmware/drive/mit_axis.hpp"
 #include "tests/fuzz/bytes.hpp"
 #include "tests/support/mit_bytes.hpp"
+#include "tests/support/torque_frame.hpp"
 
 namespace {
 
@@ -142,7 +143,7 @@ class Run {
   }
 
   void torque(double joint) {
-    const CanFrame f = axis_.torque_frame(joint);
+    const CanFrame f = test::torque_frame(axis_, joint);
     require(f.id == 5 && f.size == 8 && !f.extended && !f.remote && !f.fd, "a command of this drive");
     require(test::mit_number(f, 0, 2) == 0x8000 && test::mit_number(f, 2, 4) / 256 == 0x800000, "no position, no speed, no gains");
     require(test::mit_number(f, 5, 2) / 16 == 0, "no damping");

@@ -8,6 +8,7 @@
 #include "firmware/drive/odrive_axis.hpp"
 #include "tests/fuzz/bytes.hpp"
 #include "tests/support/odrive_bytes.hpp"
+#include "tests/support/torque_frame.hpp"
 
 namespace {
 
@@ -255,7 +256,7 @@ class Run {
     forgiven_ = reports_stop_;
   }
   void torque(double joint) {
-    const CanFrame f = axis_.torque_frame(joint);
+    const CanFrame f = test::torque_frame(axis_, joint);
     require(test::node_of(f) == config_.node && test::command_of(f) == test::cmd_torque && f.size == 8, "a torque command");
     const double shaft = joint * static_cast<double>(config_.direction) / static_cast<double>(config_.gear_ratio);
     const double told = static_cast<double>(test::real(f, 0));

@@ -8,6 +8,7 @@
 
 #include "firmware/drive/cia402_axis.hpp"
 #include "tests/support/canopen_bytes.hpp"
+#include "tests/support/torque_frame.hpp"
 
 namespace esmc::test {
 
@@ -53,7 +54,7 @@ struct Bench {
       return bus_takes;
     };
     if (enabling) axis.enable(send);
-    (void)send(axis.torque_frame(0.0F));
+    (void)send(test::torque_frame(axis, 0.0F));
     if (!bus_takes) sent.pop_back();
   }
   void tick(bool enabling = true) {
@@ -69,7 +70,7 @@ struct Bench {
       return true;
     };
     if (!axis.idle()) axis.disable(send);
-    (void)send(axis.torque_frame(0.0F));
+    (void)send(test::torque_frame(axis, 0.0F));
   }
   template <class Done>
   bool until(const Done& done, int ticks = 400) {
@@ -91,7 +92,7 @@ struct Bench {
     for (const CanFrame& f : sent) n += f.id == id ? 1 : 0;
     return n;
   }
-  [[nodiscard]] unsigned control() const { return little(axis.torque_frame(0.0F), 0, 2); }
+  [[nodiscard]] unsigned control() const { return little(test::torque_frame(axis, 0.0F), 0, 2); }
 };
 
 }  // namespace esmc::test

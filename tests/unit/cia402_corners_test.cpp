@@ -338,14 +338,14 @@ TEST(Cia402Corners, SmallMotorsAreMotors) {
   b.slave.objects[entry(0x6076, 0)] = 200;
   b.slave.objects[entry(0x6072, 0)] = 1250;
   EXPECT_TRUE(b.make_ready()) << "and exactly the torque that is asked for";
-  EXPECT_EQ(little(b.axis.torque_frame(0.1F), 2, 2), 500U);
+  EXPECT_EQ(little(test::torque_frame(b.axis, 0.1F), 2, 2), 500U);
 }
 
 TEST(Cia402Corners, TheLastStepsOfTheTorqueFrame) {
   Bench b;
   ASSERT_TRUE(b.make_ready());
   const auto thousandths = [&](float steps) {
-    return static_cast<std::int16_t>(little(b.axis.torque_frame(steps * 2e-3F), 2, 2));
+    return static_cast<std::int16_t>(little(test::torque_frame(b.axis, steps * 2e-3F), 2, 2));
   };
   EXPECT_EQ(thousandths(32766.2F), 32766);
   EXPECT_EQ(thousandths(-32766.2F), -32766);

@@ -115,7 +115,7 @@ TEST(Cia402Axis, RandomFramesNeverEnableAnything) {
     f.fd = !f.remote && random(50) == 0;
     f.extended = random(50) == 0;
     (void)b.axis.receive(f);
-    const CanFrame t = b.axis.torque_frame(1.0F);
+    const CanFrame t = test::torque_frame(b.axis, 1.0F);
     ASSERT_TRUE(hal::well_formed(t) && t.size == 4 && t.id == 0x203);
     ASSERT_TRUE(controls.contains(little(t, 0, 2)));
     ASSERT_FALSE(b.axis.ready() && b.axis.idle());
@@ -142,7 +142,7 @@ TEST(Cia402Axis, CountsAndSpeedsBecomeAnglesAndRates) {
 }
 
 std::int16_t thousandths(const Cia402Axis& a, float torque) {
-  return static_cast<std::int16_t>(little(a.torque_frame(torque), 2, 2));
+  return static_cast<std::int16_t>(little(test::torque_frame(a, torque), 2, 2));
 }
 
 TEST(Cia402Axis, TorqueIsInThousandthsOfWhatTheDriveSaysIsRated) {

@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "tests/support/mit_bytes.hpp"
+#include "tests/support/torque_frame.hpp"
 
 namespace {
 
@@ -206,20 +207,20 @@ TEST(MitAxis, TorqueIsTurnedRoundedAndClamped) {
   const AxisConfig mounting{.node = node, .direction = -1.0F, .gear_ratio = 2.0F};
   const MitAxis a(mounting, {.ranges = {.torque = 10.0F}});
   // (-t/2 + 10) 4095 / 20: 4 N m at the joint is -2 at the shaft, code 1638.
-  EXPECT_EQ(a.torque_frame(4.0), test::mit_command(node, 0x8000, 0x800, 0, 0, 1638));
-  EXPECT_EQ(a.torque_frame(-4.0F), test::mit_command(node, 0x8000, 0x800, 0, 0, 2457));
-  EXPECT_EQ(a.torque_frame(0.0), test::mit_command(node, 0x8000, 0x800, 0, 0, 2048));
-  EXPECT_EQ(a.torque_frame(30.0), test::mit_command(node, 0x8000, 0x800, 0, 0, 0));
-  EXPECT_EQ(a.torque_frame(-30.0), test::mit_command(node, 0x8000, 0x800, 0, 0, 4095));
+  EXPECT_EQ(test::torque_frame(a, 4.0), test::mit_command(node, 0x8000, 0x800, 0, 0, 1638));
+  EXPECT_EQ(test::torque_frame(a, -4.0F), test::mit_command(node, 0x8000, 0x800, 0, 0, 2457));
+  EXPECT_EQ(test::torque_frame(a, 0.0), test::mit_command(node, 0x8000, 0x800, 0, 0, 2048));
+  EXPECT_EQ(test::torque_frame(a, 30.0), test::mit_command(node, 0x8000, 0x800, 0, 0, 0));
+  EXPECT_EQ(test::torque_frame(a, -30.0), test::mit_command(node, 0x8000, 0x800, 0, 0, 4095));
 }
 
 TEST(MitAxis, WhatCannotBeCarriedIsZero) {
   const MitAxis a = axis();
   for (const double bad : {std::nan(""), HUGE_VAL, -HUGE_VAL, 1.1e4, -1.1e4}) {
     EXPECT_FALSE(a.can_carry(bad));
-    EXPECT_EQ(a.torque_frame(bad), test::mit_command(node, 0x8000, 0x800, 0, 0, 2048)) << bad;
+    EXPECT_EQ(test::torque_frame(a, bad), test::mit_command(node, 0x8000, 0x800, 0, 0, 2048)) << bad;
   }
-  EXPECT_EQ(a.torque_frame(std::nanf("")), test::mit_command(node, 0x8000, 0x800, 0, 0, 2048));
+  EXPECT_EQ(test::torque_frame(a, std::nanf("")), test::mit_command(node, 0x8000, 0x800, 0, 0, 2048));
   EXPECT_TRUE(a.can_carry(1e4) && a.can_carry(-1e4) && a.can_carry(0.0F));
 }
 

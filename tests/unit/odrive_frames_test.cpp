@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "tests/support/odrive_bench.hpp"
+#include "tests/support/torque_frame.hpp"
 
 namespace esmc::test {
 namespace {
@@ -148,11 +149,11 @@ TEST(OdriveAxis, JointTorqueBecomesShaftTorqueOfTheSamePower) {
     for (const float gear : {1.0F, 0.5F, 6.0F, 9.75F}) {
       OdriveAxis a({node, direction, gear, 0.3F}, Version::v0_6, retry);
       for (const double torque : {0.0, 1.5, -0.2, 20.0}) {
-        const CanFrame f = a.torque_frame(torque);
+        const CanFrame f = test::torque_frame(a, torque);
         EXPECT_EQ(f.id, 0x06EU);
         const auto shaft = static_cast<double>(real(f, 0));
         EXPECT_NEAR(shaft, torque * static_cast<double>(direction) / static_cast<double>(gear), 2e-7 * std::abs(torque));
-        EXPECT_EQ(word(a.torque_frame(static_cast<float>(torque)), 0), word(f, 0));
+        EXPECT_EQ(word(test::torque_frame(a, static_cast<float>(torque)), 0), word(f, 0));
         (void)a.receive(encoder(node, 0, 1));
         EXPECT_NEAR(a.sample<double>().rate * torque, 2 * 3.14159265358979 * shaft, 1e-5);
       }
@@ -167,14 +168,14 @@ TEST(OdriveAxis, ATorqueThatNoShaftHasIsNotPutIntoAFrame) {
     for (const double torque : {2.0, -2.0, static_cast<double>(NAN), static_cast<double>(INFINITY)}) {
       if (gear == INFINITY && std::abs(torque) == 2.0) continue;  // a zero
       EXPECT_FALSE(a.can_carry(torque)) << gear << ' ' << torque;
-      EXPECT_EQ(real(a.torque_frame(torque), 0), 0.0F) << gear << ' ' << torque;
-      EXPECT_EQ(real(a.torque_frame(static_cast<float>(torque)), 0), 0.0F) << gear << ' ' << torque;
+      EXPECT_EQ(real(test::torque_frame(a, torque), 0), 0.0F) << gear << ' ' << torque;
+      EXPECT_EQ(real(test::torque_frame(a, static_cast<float>(torque)), 0), 0.0F) << gear << ' ' << torque;
     }
   }
   const OdriveAxis a = axis();
   EXPECT_TRUE(a.can_carry(1e4) && a.can_carry(-1e4F));
   EXPECT_FALSE(a.can_carry(1.0001e4) || a.can_carry(-1.0001e4F));
-  EXPECT_EQ(real(a.torque_frame(1e4F), 0), 1e4F);
+  EXPECT_EQ(real(test::torque_frame(a, 1e4F), 0), 1e4F);
 }
 
 }  // namespace
