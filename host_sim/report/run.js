@@ -1,0 +1,195 @@
+// The page of one run: its data, verdict, plots, mechanism.
+"use strict";
+
+// ---- Data -----------------------------------------------------------------------------------------------------------
+const data = (() => { try { return JSON.parse(byId("data").textContent) ?? {}; } catch { return {}; } })();
+const { rows = [], columns = [], scene_toml: scene = "" } = data, summary = data.summary ?? {}, mechanism = data.mechanism ?? {};
+const count = rows.length, perRow = (f) => Float64Array.from({ length: count }, (_, row) => f(row));
+/** Values of a column as numbers, gaps as NaN; undefined when the log does not have it. */
+function column(name) {
+  const index = columns.indexOf(name);
+  return index < 0 || count === 0 ? undefined : perRow((row) => rows[row][index] ?? NaN);
+}
+/** Smallest and largest of some columns over rows [from, to). */
+function extent(lists, from = 0, to = count) {
+  let lo = Infinity, hi = -Infinity;
+  for (const values of lists)
+    for (let row = from; row < to; ++row) { if (values[row] < lo) lo = values[row]; if (values[row] > hi) hi = values[row]; }
+  return [lo, hi];
+}
+const time = column("t") ?? perRow((row) => row);
+const [x, y, xRef, yRef] = ["x", "y", "x_ref", "y_ref"].map(column), hasReference = x && y && xRef && yRef;
+const torqueLimits = data.torque_limit ?? [], oneLimit = new Set(torqueLimits).size === 1;
+const faultNames = (summary.supervisor?.faults ?? []).map((fault) => fault?.name ?? String(fault)).join(", ");
+const faultTime = summary.supervisor?.fault_t_s ?? Infinity;
+/** The first row that the fault has spoilt: what comes later is a fall without torque. */
+const faultRow = (() => { const row = time.findIndex((t) => t >= faultTime); return row < 0 ? count : row; })();
+const fiveBar = mechanism.type === "five_bar", baseJoints = fiveBar ? ["theta11", "theta21"] : ["theta1", "theta2"];
+const joints = (fiveBar ? ["theta11", "theta12", "theta21", "theta22"] : ["theta1", "theta2"]).map(column);
+const motors = ["tau1", "tau11", "tau2", "tau21", "tau12", "tau22"].filter((name) => columns.includes(name));
+const tintOf = (name) => ({ tau1: "c0", tau11: "c0", tau2: "c1", tau21: "c1", tau12: "c2" })[name] ?? "c3";
+const drawable = x && y && joints.every((values) => values) && joints[0].some(Number.isFinite);
+/** Where the mechanism is, row by row; the effector as logged. */
+const poses = drawable ? Array.from({ length: count }, (_, row) => (
+  { ...Mechanism.pose(mechanism, joints.map((values) => values[row])), effector: [x[row], y[row]] })) : [];
+const reference = hasReference ? Array.from({ length: count }, (_, row) => [xRef[row], yRef[row]]) : [];
+/** The path of the reference without its later laps, whose dashes would fill the gaps of the first. */
+const firstLap = (() => {
+  const visits = new Map(), box = Mechanism.box(reference), cell = Math.max(box.x[1] - box.x[0], box.y[1] - box.y[0], 1e-9) / 80;
+  let length = 0, last;
+  return reference.map((point) => {
+    const [cx, cy] = point.map((v) => Math.round(v / cell));
+    length += last ? Math.hypot(point[0] - last[0], point[1] - last[1]) || 0 : 0;
+    last = point;
+    let old = false;
+    for (let i = cx - 1; i <= cx + 1; ++i) for (let j = cy - 1; j <= cy + 1; ++j) old ||= length - (visits.get(`${i},${j}`) ?? length) > 8 * cell;
+    if (!visits.has(`${cx},${cy}`)) visits.set(`${cx},${cy}`, length);
+    return old ? [NaN, NaN] : point;
+  });
+})();
+const mode = (label, formula, values) => {
+  const [lo, hi] = extent([values], 0, Math.max(faultRow, 1));
+  return { label, formula, values, margin: lo < 0 && hi > 0 ? 0 : Math.min(Math.abs(lo), Math.abs(hi)) };
+};
+const modes = !drawable ? [] : (() => {
+  const sines = Array.from({ length: count }, (_, row) => Mechanism.modes(mechanism, joints.map((values) => values[row])));
+  const list = (fiveBar ? ["1", "2"] : [""]).map((name, j) => (
+    mode(`Working mode${name && " "}${name}`, `sin ${symbol(`theta${name}2`)}`, sines.map(({ working }) => working[j]))));
+  if (fiveBar) list.push(mode("Assembly mode", "sin(φ₁₂+φ₂₂)", sines.map(({ assembly }) => assembly)));
+  return list;
+})();
+
+// ---- Verdict and facts ----------------------------------------------------------------------------------------------
+function showVerdict() {
+  const { tracking, torque, bus, supervisor } = summary, settled = tracking?.settled_max_m ?? NaN;
+  const pathSize = Math.max(0, ...(hasReference ? [xRef, yRef] : []).map((v) => extent([v])[1] - extent([v])[0])) || Infinity;
+  const faults = supervisor?.faults ?? [];
+  const [faultWhen, within] = faultTime < Infinity ? [` at t = ${sig(faultTime)} s`, "until the fault, "] : ["", ""];
+  const { saturated_ticks: saturated = 0 } = torque ?? {}, limited = `the torque was at its limit for ${plural(saturated, "tick")}`;
+  const concerns = [!data.summary && "the summary is missing", ...(data.concerns ?? []), saturated > 0.05 * summary.ticks && limited,
+    bus?.lost > 0 && `${plural(bus.lost, "frame")} lost on the bus`, summary.real_time_factor < 0.99 && "the loop ran slower than real time",
+    tracking && !within && !(settled < 0.05 * pathSize) && "the error is above 5 % of the path or not a number",
+    ...modes.map((mode) => mode.margin === 0 && `${mode.label.toLowerCase()} changed its sign`)].filter(Boolean);
+  const level = faults.length || /fault/i.test(supervisor?.final_state) ? "bad" : concerns.length ? "warn" : "ok";
+  const [mark, word] = { ok: ["✓", "OK"], warn: ["!", "CHECK"], bad: ["✕", "FAULT"] }[level];
+  const followed = !tracking ? "there was no reference to follow" : !(settled >= 0)
+    ? (within ? "the fault came before tracking had settled, in the first 0.25 s" : "the settled tracking error is unknown")
+    : `${within}after the first 0.25 s, the effector stayed within ${amount(settled, "mm", 1e3)} of the reference`;
+  const put = (selector, ...content) => query(`#verdict ${selector}`).append(...content);
+  byId("verdict").dataset.level = level;
+  put(".symbol", mark);
+  put(".headline", el("b", {}, word), " ", level !== "bad" ? sentence([followed, "no fault"])
+    : `${plural(faults.length, "fault")}: ${faultNames || supervisor.final_state}${faultWhen}`);
+  if (saturated && !concerns.includes(limited)) concerns.push(limited);
+  put(".detail", sentence(level === "bad" ? [followed, ...concerns] : concerns));
+  const error = (name, unit, suffix, scale) => [name, amount(tracking?.[`settled_rms_${suffix}`], unit, scale),
+    tracking ? `RMS settled, max ${amount(tracking[`settled_max_${suffix}`], unit, scale)}` : "no reference"];
+  const tiles = [error("Effector error", "mm", "m", 1e3), error("Base joint error", "rad", "rad", 1),
+    ["Faults", faults.length, faultNames ? faultNames + faultWhen : "none"],
+    ["Real-time factor", `${sig(summary.real_time_factor)}×`, `${amount(summary.simulated_s, "s")} in ${amount(summary.wall_s, "s")}`],
+    ["Largest torque", amount(torque?.max_nm, "N m"), torqueLimits.length
+      ? oneLimit ? `limit ${amount(torqueLimits[0], "N m")}` : `limits ${torqueLimits.map((v) => sig(v)).join(", ")} N m` : "no limit set"],
+    bus && ["Bus load", amount(bus.load, "%", 100), `${plural(bus.frames, "frame")}, ${bus.lost} lost`],
+    ["Digest", el("span", { class: "mono", style: "font-size: 14px" }, summary.digest ?? "–"), `seed ${summary.seed ?? "–"}`]];
+  for (const [name, value, note] of tiles.filter(Boolean))
+    put(".tiles", el("div", {}, el("dt", { class: "note" }, name), el("dd", {}, value), el("dd", { class: "note" }, note)));
+}
+function showFacts() {
+  const words = { five_bar: "planar 5R five-bar", rr: "two-link RR arm", sim: "simulated without a bus", hil: "through CAN frames" };
+  const { law, ticks: logged } = summary, facts = [words[mechanism.type], law && `law ${law}`, words[data.kind], logged && plural(logged, "tick")];
+  const texts = { subtitle: facts.filter(Boolean).join(" · "), scene, thinned: logged > count && `Drawn from ${count} of ${logged} ticks.`,
+    version: data.version, command: data.command };
+  for (const [id, text] of Object.entries(texts)) byId(id).textContent = text || "";
+  document.title = query("h1").textContent = summary.scene ?? "esmc report";
+  const show = (name, value) => {
+    if (value?.constructor === Object) for (const [key, inner] of Object.entries(value)) show(name ? `${name}.${key}` : key, inner);
+    else byId("summary").append(el("tr", {}, el("th", {}, name), el("td", {}, typeof value === "string" ? value : JSON.stringify(value))));
+  };
+  show("", summary);
+}
+
+// ---- Plots ----------------------------------------------------------------------------------------------------------
+const plots = [];
+function buildPlots(axis) {
+  const host = byId("plots"), states = columns.includes("state") ? rows.map((row) => String(row[columns.indexOf("state")])) : undefined;
+  const marks = faultTime < Infinity ? [{ t: faultTime, label: `fault: ${faultNames || "latched"}`, colour: "bad" }] : [];
+  const trace = (name, tint, style = "line", values = column(name), label = symbol(name)) => ({ label, values, colour: tint, style });
+  const add = (title, unit, series, options) => {
+    const known = series.filter((s) => s.values?.some(Number.isFinite));
+    if (known.length) plots.push(new TimePlot(host, axis, { title, unit, series: known, marks, until: faultTime, ...options }));
+  };
+  const angleError = (a, b) => a && b && perRow((row) => Math.abs(Math.atan2(Math.sin(a[row] - b[row]), Math.cos(a[row] - b[row]))));
+  const distance = hasReference && perRow((row) => 1e3 * Math.hypot(xRef[row] - x[row], yRef[row] - y[row]));
+  add("Effector error", "mm from the reference", [trace("|e|", "c6", "line", distance)], { log: true });
+  add("Base joints", "rad", baseJoints.flatMap((name, k) => [
+    trace(`${name}_meas`, `c${k}`, "under"), trace(name, `c${k}`), trace(`${name}_ref`, "ink", "ref")]));
+  add("Base joint error", "rad", baseJoints.map((name, k) => (
+    trace(`|e| ${name}`, `c${k}`, "line", angleError(column(`${name}_ref`), column(name))))), { log: true });
+  const limits = oneLimit ? [{ value: torqueLimits[0], label: "limit", colour: "bad" }]
+    : torqueLimits.map((value, k) => ({ value, label: `limit ${symbol(motors[k] ?? "")}`, colour: tintOf(motors[k]) }));
+  add("Torque", "N m", motors.flatMap((name) => [trace(`${name}_cmd`, tintOf(name), "under"), trace(name, tintOf(name))]), { limits });
+  for (const [unit, angular] of [["m/s", false], ["rad/s", true]])
+    add("Sliding variables |s|", `${unit}; click a name to show it`, columns
+      .filter((name) => name.startsWith("s_") && /phi|theta|^s_\d/.test(name) === angular).map((name) => [name, column(name).map(Math.abs)])
+      .filter(([, values]) => values.some((v) => v > 0))  // a law leaves channels that it does not use at zero
+      .map(([name, values], k) => ({ ...trace(name, `c${k % 8}`, k < 8 ? "line" : "ref", values, symbol(name.slice(2))), hidden: k > 1 })),
+      { log: true });
+  if (states) plots.push(new TimePlot(host, axis, { title: "Supervisor", height: 52, bands: states, marks }));
+}
+
+// ---- Mechanism ------------------------------------------------------------------------------------------------------
+class MechanismView {
+  constructor(axis) {
+    this.axis = axis;
+    this.box = Mechanism.box([...poses.flatMap(({ bases, elbows, effector }) => [...bases, ...elbows, effector]), ...reference]);
+    const size = Math.max(...[this.box.x, this.box.y].map(([lo, hi]) => hi - lo)), worst = summary.tracking?.settled_max_m;
+    this.factor = hasReference && worst > 0 ? Math.max(1, 10 ** Math.floor(Math.log10(0.1 * size / worst))) : 1;
+    byId("magnify").parentNode.hidden = this.factor === 1;
+    byId("magnify").after(` deviation from the reference drawn ${this.factor}× larger`);
+    on(byId("magnify"), "change", () => this.draw());
+    axis.on("now", () => this.show());
+    this.show();
+  }
+  show() {
+    const row = this.axis.row();
+    byId("modes").replaceChildren(...modes.map(({ label, formula, values, margin }) => el("tr", {}, el("th", {}, label),
+      ...[values[row] > 0 ? "+" : "−", `${formula} = ${sig(values[row])}`, margin ? `margin ${sig(margin, 2)}` : "changes sign"]
+        .map((text) => el("td", {}, text)))));
+    this.draw();
+  }
+  draw() {
+    const { c, width, height } = prepare(byId("mechanism")), row = this.axis.row(), thin = Math.ceil(count / 2000);
+    const view = Mechanism.fit(this.box, width, height - 34, 26), step = Mechanism.drawGrid(c, view, colour);
+    const more = byId("magnify").checked ? this.factor - 1 : 0, from = more ? this.axis.row(time[0] + 0.25) : 0;
+    const trail = [];
+    for (let k = from; k <= row; k += k + thin > row ? 1 : thin) {
+      const [px, py] = poses[k].effector, [rx, ry] = reference[k] ?? [px, py];
+      trail.push(more ? [px + more * (px - rx), py + more * (py - ry)] : [px, py]);
+    }
+    Mechanism.drawPath(c, view, trail, { strokeStyle: colour("c6"), lineWidth: 1.8 });
+    if (hasReference) Mechanism.drawPath(c, view, firstLap, { strokeStyle: colour("ink"), lineWidth: 1.2 }, [5, 4]);
+    Mechanism.drawPose(c, view, poses[row], colour);
+    write(c, { fillStyle: colour("muted"), textBaseline: "bottom", textAlign: "right" },
+      `${hasReference ? "dashed: reference; " : ""}grid ${sig(1e3 * step)} mm`, width, height);
+    const readout = `t = ${time[row].toFixed(4)} s    x = ${(1e3 * poses[row].effector[0]).toFixed(2)} mm    y = ${(1e3 * poses[row].effector[1]).toFixed(2)} mm`;
+    write(c, { fillStyle: colour("ink"), textAlign: "left" }, readout.replaceAll("-", "−"), 0, height - 16);
+  }
+}
+
+// ---- Start ----------------------------------------------------------------------------------------------------------
+showVerdict();
+showFacts();
+if (count > 0) {
+  const axis = new TimeAxis(Array.from(time));
+  if (typeof uPlot === "undefined") byId("plots").append(el("p", { class: "note" },
+    "There are no plots: this esmc was built without uPlot. host_sim/setup demo fetches it; then build again."));
+  const view = drawable ? new MechanismView(axis) : undefined;
+  if (!drawable) byId("drawing").remove();
+  const player = new Player(axis, { play: byId("play"), scrub: byId("scrub"), speed: byId("speed") });
+  buildPlots(axis);
+  on(query(".bench"), "keydown", (event) => player.key(event));
+  const redraw = () => { plots.forEach((plot) => plot.draw()); view?.draw(); };
+  onLook(redraw);
+  new ResizeObserver(() => view?.draw()).observe(byId("drawing"));
+  axis.setNow(axis.end);
+} else query(".bench").replaceWith(el("p", { class: "panel empty" }, "No tick was recorded: there is nothing to plot."));
