@@ -53,6 +53,11 @@ class ControllerRecorder {
       record.base_error[static_cast<std::size_t>(i)] = wrap_to_pi(sample.angle[joint] - base[i]);
     }
     statistics_.add(record);
+    for (int i = 0; i < M::joints; i += step()) {
+      const auto u = static_cast<std::size_t>(i);
+      feedback_.add(sample.age_ticks[u] * scene_.tick() + sample.phase[u]);
+    }
+    command_.add(delay_s);
     if (!log_.wanted()) return;
     row_.assign({record.t, r.effector.x(), r.effector.y()});
     row_.insert(row_.end(), q.begin(), q.end());
@@ -79,7 +84,14 @@ class ControllerRecorder {
     e.bus =
         BusSummary{frames.frames(), lost,
                    bus_time > 0.0 ? static_cast<double>(frames.bits()) / (scene_.bitrate * bus_time) : 0.0};
+    e.histograms = latencies();
     return e;
+  }
+  /// As far as a controller sees them; none in lockstep, where a tick takes no time.
+  [[nodiscard]] std::vector<NamedHistogram> latencies() const {
+    if (!(command_.largest() > 0.0)) return {};
+    return {{"Feedback latency", "from the arrival of a sample to the instant of the tick that uses it", feedback_},
+            {"Command latency", "from the instant of a tick to the last frame that it sent", command_}};
   }
 
  private:
@@ -123,6 +135,7 @@ class ControllerRecorder {
   const Scene& scene_;
   Log log_;
   Statistics statistics_;
+  Histogram feedback_, command_;
   M mechanism_;
   typename M::Mode mode_;
   std::vector<double> torque_, row_;

@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "host_sim/report/report.hpp"
+#include "host_sim/report/workspace.hpp"
 #include "host_sim/version.hpp"
 
 namespace esmc::host {
@@ -25,14 +26,101 @@ Json mechanism_json(const Scene& s) {
   return m;
 }
 
+/// A number with so many digits as a picture needs; a gap where there is none.
+Json rounded(double v, int digits) {
+  return std::isfinite(v) ? Json(std::stod(fmt::format("{:.{}g}", v, digits))) : Json(nullptr);
+}
+
+Json paths_json(const std::vector<WorkspaceMap::Path>& paths) {
+  Json out = Json::array();
+  for (const WorkspaceMap::Path& path : paths) {
+    Json points = Json::array();
+    for (const V2 p : path) points.push_back({rounded(p.x, 5), rounded(p.y, 5)});
+    out.push_back(std::move(points));
+  }
+  return out;
+}
+
+/// Of the true mechanism, in the working mode of the scene.
+Json workspace_json(const Scene& s) {
+  constexpr int nodes = 81;
+  std::vector<MotorLimit> motors;
+  if (s.closed_loop()) {
+    const auto joints = s.motor_joints();
+    for (std::size_t i = 0; i < joints.size() && i < s.torque_limit.size(); ++i)
+      motors.push_back({joints[i], s.torque_limit[i]});
+  }
+  const WorkspaceMap map = s.type == MechanismType::five_bar
+                               ? workspace_map(s.mechanism, s.working_mode, motors, nodes)
+                               : workspace_map(s.arm(), s.working_mode[0], motors, nodes);
+  const auto field = [](const std::vector<double>& values) {
+    Json out = Json::array();
+    for (const double v : values) out.push_back(rounded(v, 3));
+    return out;
+  };
+  return {{"x", {map.x0, map.x1}},
+          {"y", {map.y0, map.y1}},
+          {"columns", map.columns},
+          {"rows", map.rows},
+          {"force", field(map.force)},
+          {"type2_sine", field(map.type2_sine)},
+          {"type1", paths_json(map.type1)},
+          {"type2", paths_json(map.type2)}};
+}
+
+Json histogram_json(const NamedHistogram& named) {
+  const Histogram& h = named.histogram;
+  std::size_t first = 0, last = Histogram::bins;
+  while (first < last && h.counts()[first] == 0) ++first;
+  while (last > first && h.counts()[last - 1] == 0) --last;
+  Json counts = Json::array();
+  for (std::size_t i = first; i < last; ++i) counts.push_back(h.counts()[i]);
+  return {{"title", named.title},
+          {"note", named.note},
+          {"first_s", Histogram::edge(first)},
+          {"per_decade", Histogram::per_decade},
+          {"counts", std::move(counts)},
+          {"total", h.total()},
+          {"mean_s", h.mean()},
+          {"p99_s", h.quantile(0.99)},
+          {"max_s", h.largest()}};
+}
+
+Json histograms_json(const RunEnd& end, const Log& log) {
+  Json out = Json::array();
+  for (const NamedHistogram& h : end.histograms)
+    if (h.histogram.total() > 0) out.push_back(histogram_json(h));
+  if (log.tick_time().total() > 0) {
+    const char* what = end.late_ticks ? "wall clock, from one tick to the next"
+                                      : "wall clock, a tick with all its simulation and its row of the log";
+    out.push_back(histogram_json({"Tick time", what, log.tick_time()}));
+  }
+  return out;
+}
+
+/// Share of the bus time that frames took, in bins of equally many ticks.
+Json load_json(const Scene& s, const RunEnd& end) {
+  if (end.load.bins().empty() || s.bitrate <= 0) return nullptr;
+  Json values = Json::array();
+  const auto stride = static_cast<double>(end.load.stride());
+  for (std::size_t i = 0; i < end.load.bins().size(); ++i) {
+    const bool last = i + 1 == end.load.bins().size();
+    const double ticks = last ? static_cast<double>(end.load.last_ticks()) : stride;
+    values.push_back(rounded(end.load.bins()[i] / (ticks * s.tick() * s.bitrate), 4));
+  }
+  return {{"start_s", -static_cast<double>(end.load_ticks) * s.tick()},
+          {"bin_s", stride * s.tick()},
+          {"load", std::move(values)}};
+}
+
 /// Ten digits show an error of 1e-9 on an angle; all seventeen would double the file.
 Json rows_json(const Log& log) {
   Json rows = Json::array();
   for (const Log::Row& r : log.thinned()) {
     Json row = Json::array();
-    for (const double v : r.values)
-      row.push_back(std::isfinite(v) ? Json(std::stod(fmt::format("{:.10g}", v))) : Json(nullptr));
+    for (const double v : r.values) row.push_back(rounded(v, 10));
     if (!r.state.empty()) row.push_back(r.state);
+    row.push_back(rounded(r.chatter, 4));
     rows.push_back(std::move(row));
   }
   return rows;
@@ -63,7 +151,13 @@ int finish_run(const RunOptions& o, const Scene& scene, const char* kind, const 
     data["concerns"] = concerns(summary);
     data["torque_limit"] = scene.closed_loop() ? scene.torque_limit : std::vector<double>{};
     data["mechanism"] = mechanism_json(scene);
+    data["working_mode"] = scene.working_mode;
+    data["assembly_mode"] = scene.assembly_mode;
+    data["workspace"] = workspace_json(scene);
+    data["histograms"] = histograms_json(end, log);
+    data["bus_load"] = load_json(scene, end);
     data["columns"] = log.columns();
+    data["columns"].push_back("chatter");
     data["rows"] = rows_json(log);
     out.write("report.html", render_report(data));
     out.commit();

@@ -91,7 +91,7 @@ class PlantHalf {
   [[nodiscard]] int substeps() const { return substeps_; }
 
   void publish() {
-    frames_.tick(node_.time());
+    frames_.begin_tick(node_.time());
     node_.publish(tap_);
     look_at_arming();
   }
@@ -183,6 +183,8 @@ class PlantHalf {
     e.bus =
         BusSummary{frames_.frames(), tap_.lost(),
                    bus_time > 0.0 ? static_cast<double>(frames_.bits()) / (scene_.bitrate * bus_time) : 0.0};
+    e.load = frames_.load();
+    e.load_ticks = e.load.ticks() > done_ ? e.load.ticks() - done_ + 1 : 0;
     e.final_state = disarmed_ ? "drives_disarmed" : "drives_armed";
     if (disarmed_)
       e.faults.emplace_back(fmt::format("drives_disarmed (axis errors 0x{:x})", node_.drive_errors()));

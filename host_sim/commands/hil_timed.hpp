@@ -44,6 +44,7 @@ class TimedLoop {
     const bool released = plant_.released();
     begin_ = end_;
     end_ = std::llround(static_cast<double>(++ticks_) * scene_.tick() * static_cast<double>(scene_.bitrate));
+    frames_.begin_tick(bus_.seconds(begin_));
     // The last frame that an axis sends by itself is its report of the tick.
     due_.assign(plant_.node().axes(), std::nullopt);
     plant_.node().publish_from([&](std::size_t axis, const hal::CanFrame& f) {
@@ -66,6 +67,10 @@ class TimedLoop {
   }
   /// What the drives were told in the tick.
   [[nodiscard]] std::span<const Told> told() const { return told_; }
+  [[nodiscard]] std::vector<NamedHistogram> latencies() const {
+    return {{"Feedback latency", "drives' frames, from the request to send to the last bit; virtual time", feedback_},
+            {"Command latency", "controller's frames, likewise", command_}};
+  }
 
  private:
   /// One frame further; false: the tick is over.
@@ -73,7 +78,9 @@ class TimedLoop {
     const auto d = bus_.next(end_);
     if (!d) return false;
     frames_.frame_at(bus_.seconds(d->at), d->bits, d->frame);
-    if ((d->receivers & 1U) != 0) port_.deliver(d->frame);
+    const bool to_controller = (d->receivers & 1U) != 0;
+    (to_controller ? feedback_ : command_).add(bus_.seconds(d->at - d->asked));
+    if (to_controller) port_.deliver(d->frame);
     for (auto& report : due_) {
       if (d->asked >= begin_ && report == arbitration(d->frame)) report.reset();
     }
@@ -96,6 +103,7 @@ class TimedLoop {
   TimedBus::Time begin_ = 0, end_ = 0;
   std::uint64_t ticks_ = 0;
   std::vector<Told> told_;
+  Histogram feedback_, command_;
   std::vector<std::optional<std::uint32_t>> due_;  ///< arbitration of each axis' report, until it is through
 };
 
@@ -136,6 +144,7 @@ int run_hil_timed(const Scene& scene, const RunOptions& o) {
   RunEnd end = plant.end(begin);
   end.interrupted = stop;
   end.bus = bus_summary(bus, scene, frames.frames());
+  end.histograms = loop.latencies();
   if (stop) controller.part(next);
   end.final_state = name(controller.supervisor().state());
   end.faults.clear();

@@ -3,6 +3,7 @@
 #include <fmt/compile.h>
 
 #include <algorithm>
+#include <cmath>
 #include <cstring>
 #include <iterator>
 #include <utility>
@@ -18,6 +19,9 @@ constexpr std::size_t flush_bytes = 1U << 16U;
 Log::Log(const std::string& path, std::vector<std::string> columns, std::size_t rows)
     : columns_(std::move(columns)), stride_((rows + report_rows - 1) / report_rows) {
   if (stride_ == 0) stride_ = 1;
+  const auto is_torque = [](const std::string& c) { return c.starts_with("tau") && !c.ends_with("_cmd"); };
+  torque_ = static_cast<std::size_t>(std::ranges::find_if(columns_, is_torque) - columns_.begin());
+  motors_ = static_cast<std::size_t>(std::ranges::count_if(columns_, is_torque));
   if (path.empty()) return;
   file_ = std::fopen(path.c_str(), "wb");
   if (file_ == nullptr) throw InputError("", path + ": cannot be written");
@@ -33,6 +37,13 @@ Log& Log::operator=(Log&& other) noexcept {
   std::swap(thinned_, other.thinned_);
   std::swap(stride_, other.stride_);
   std::swap(written_, other.written_);
+  std::swap(torque_, other.torque_);
+  std::swap(motors_, other.motors_);
+  std::swap(last_torque_, other.last_torque_);
+  std::swap(change_, other.change_);
+  std::swap(changes_, other.changes_);
+  std::swap(last_row_, other.last_row_);
+  std::swap(tick_time_, other.tick_time_);
   return *this;
 }
 
@@ -56,12 +67,30 @@ void Log::row(const std::vector<double>& values, const char* state) {
   }
   *at++ = '\n';
   buffer_.resize(static_cast<std::size_t>(at - buffer_.data()));
-  if (written_ % stride_ == 0) thinned_.push_back({values, state});
+  feel(values);
+  if (written_ % stride_ == 0) {
+    thinned_.push_back({values, state, changes_ > 0 ? change_ / static_cast<double>(changes_) : 0.0});
+    change_ = 0.0;
+    changes_ = 0;
+  }
   ++written_;
   if (buffer_.size() >= flush_bytes) {
     std::fwrite(buffer_.data(), 1, buffer_.size(), file_);
     buffer_.clear();
   }
+}
+
+/// What would be lost by leaving rows out, and what is in no row.
+void Log::feel(const std::vector<double>& values) {
+  const auto now = std::chrono::steady_clock::now();
+  const auto first = values.begin() + static_cast<std::ptrdiff_t>(torque_);
+  if (written_ > 0) {
+    tick_time_.add(std::chrono::duration<double>(now - last_row_).count());
+    for (std::size_t i = 0; i < motors_; ++i) change_ += std::abs(values[torque_ + i] - last_torque_[i]);
+    changes_ += motors_;
+  }
+  last_row_ = now;
+  last_torque_.assign(first, first + static_cast<std::ptrdiff_t>(motors_));
 }
 
 void Log::close() {

@@ -3,9 +3,12 @@
 
 #include <fmt/format.h>
 
+#include <chrono>
 #include <cstdio>
 #include <string>
 #include <vector>
+
+#include "host_sim/report/series.hpp"
 
 namespace esmc::host {
 
@@ -30,16 +33,27 @@ class Log {
   [[nodiscard]] const std::vector<std::string>& columns() const { return columns_; }
   struct Row {
     std::vector<double> values;
-    std::string state;  ///< empty when there is no such column
+    std::string state;     ///< empty when there is no such column
+    double chatter = 0.0;  ///< N m: change of torque from tick to tick, mean over motors and ticks since the row before
   };
   [[nodiscard]] const std::vector<Row>& thinned() const { return thinned_; }
+  /// Wall time from one row to the next.
+  [[nodiscard]] const Histogram& tick_time() const { return tick_time_; }
 
  private:
+  void feel(const std::vector<double>& values);
+
   std::FILE* file_ = nullptr;
   fmt::memory_buffer buffer_;
   std::vector<std::string> columns_;
   std::vector<Row> thinned_;
   std::size_t stride_ = 1, written_ = 0;
+  std::size_t torque_ = 0, motors_ = 0;  ///< where the torques are
+  std::vector<double> last_torque_;
+  double change_ = 0.0;
+  std::size_t changes_ = 0;
+  std::chrono::steady_clock::time_point last_row_;
+  Histogram tick_time_;
 };
 
 }  // namespace esmc::host

@@ -195,6 +195,7 @@ int run_hil_realtime(const Scene& scene, const RunOptions& o) {
   if (plant_failure) std::rethrow_exception(plant_failure);
   end.late_ticks = end.late_ticks.value_or(0) + late;
   end.fault_t = seen.statistics().fault_time();
+  end.histograms = seen.latencies();
   const Supervisor& supervisor = controller.supervisor();
   end.final_state = name(supervisor.state());
   end.faults.clear();

@@ -11,6 +11,7 @@
 #include <string>
 #include <vector>
 
+#include "host_sim/report/series.hpp"
 #include "host_sim/scene/scene.hpp"
 
 namespace esmc::host {
@@ -145,6 +146,10 @@ struct RunEnd {
   int state_dimension = 0;
   Method method = Method::rk4;  ///< that integrated the plant
   std::uint64_t seed = 1;
+  // For the report alone.
+  std::vector<NamedHistogram> histograms;
+  Binned load;                  ///< bits on the bus per tick; empty where it was not seen
+  std::uint64_t load_ticks = 0;  ///< of its entries that lie before t = 0
 };
 
 nlohmann::ordered_json make_summary(const Scene& scene, const Statistics& s, const RunEnd& end);

@@ -6,6 +6,7 @@
 #include <string>
 
 #include "hal/can.hpp"
+#include "host_sim/report/series.hpp"
 
 namespace esmc::host {
 
@@ -26,6 +27,13 @@ class FrameLog {
     const auto now = static_cast<std::int64_t>(time_s * 1e6 + 0.5);
     time_us_ = now > time_us_ ? now : time_us_;
   }
+  /// The same where every tick of the run says so once: the load of the tick before is known then.
+  void begin_tick(double time_s) {
+    tick(time_s);
+    if (file_ == nullptr) return;
+    load_.add(static_cast<double>(bits_ - seen_bits_));
+    seen_bits_ = bits_;
+  }
   void frame(const hal::CanFrame& f);
   /// Of a bus that knows when its frames were through and how long they were.
   void frame_at(double time_s, std::uint32_t bits, const hal::CanFrame& f);
@@ -33,6 +41,8 @@ class FrameLog {
 
   [[nodiscard]] std::uint64_t frames() const { return frames_; }
   [[nodiscard]] std::uint64_t bits() const { return bits_; }  ///< with worst-case stuffing, or as given
+  /// Bits before the first tick, then of each tick but the last. Empty where nothing is written.
+  [[nodiscard]] const Binned& load() const { return load_; }
 
  private:
   void write(const hal::CanFrame& f);
@@ -42,7 +52,8 @@ class FrameLog {
   std::uint32_t bitrate_ = 1'000'000;
   std::int64_t time_us_ = 0, last_us_ = 0;
   std::uint32_t last_bits_ = 0;
-  std::uint64_t frames_ = 0, bits_ = 0;
+  std::uint64_t frames_ = 0, bits_ = 0, seen_bits_ = 0;
+  Binned load_;
 };
 
 /// A bus whose traffic, as one node sees it, goes through a FrameLog.

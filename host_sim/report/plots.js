@@ -54,7 +54,7 @@ const plotMargin = { left: 64, right: 12 };
     options: title, unit; time: seconds per row (default: of the axis); height, px;
     series: [{label, values, colour, style: "line" | "ref" | "under" | "bars", hidden}], values may hold NaN: a gap;
     limits: [{value, label, colour}], lines at +-value; marks: [{t, label, colour}], instants;
-    log: logarithmic, what is not positive falls out below; until: rows that scale the axis end there (s);
+    zero: the axis shows it; log: logarithmic, what is not positive falls out below; until: rows that scale the axis end there (s);
     fixed: [lo, hi], a range that stays; bands: a name per row, drawn as named stretches instead of lines. */
 class TimePlot {
   constructor(host, axis, options) {
@@ -165,6 +165,7 @@ class TimePlot {
     if (!(lo <= hi)) [lo, hi] = [0, 1];
     const largest = Math.max(-lo, hi);
     for (const { value } of this.limits) if (largest > 0.25 * value) [lo, hi] = [Math.min(lo, -value), Math.max(hi, value)];
+    if (this.zero) [lo, hi] = [Math.min(lo, 0), Math.max(hi, 0)];
     const pad = hi - lo > 1e-9 * Math.abs(hi) ? 0.07 * (hi - lo) : 0.1 * Math.abs(hi) || 1;
     return [lo - pad, hi + pad];
   }

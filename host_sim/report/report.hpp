@@ -17,7 +17,12 @@ namespace esmc::host {
 ///   concerns  sentences about the run that a person should read
 ///   torque_limit  per motor, N m, in the order of the columns tau...; empty: none
 ///   mechanism {type: "five_bar" | "rr", half_base, legs: [{l1, l2}, ...]}; one entry in legs stands for both
-///   columns   names of the columns of log.csv
+///   working_mode [sign, ...], assembly_mode sign or 0: of the scene
+///   workspace {x: [lo, hi], y, columns, rows, force: [N, ...], type2_sine: [...], type1: [[[x, y], ...], ...], type2}:
+///             a WorkspaceMap; null out of reach
+///   histograms [{title, note, first_s, per_decade, counts, total, mean_s, p99_s, max_s}], bins of equal ratio from first_s
+///   bus_load  {start_s, bin_s, load: [share of the bus time, ...]}
+///   columns   names of the columns of log.csv, and "chatter": N m, mean change of torque per tick
 ///   rows      their values; a few thousand rows are enough, the page says so when ticks were left out
 ///
 /// Never throws on the content of `data`: invalid UTF-8 is replaced, NaN and infinity become gaps.

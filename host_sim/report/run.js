@@ -134,6 +134,15 @@ function buildPlots(axis) {
       .filter(([, values]) => values.some((v) => v > 0))  // a law leaves channels that it does not use at zero
       .map(([name, values], k) => ({ ...trace(name, `c${k % 8}`, k < 8 ? "line" : "ref", values, symbol(name.slice(2))), hidden: k > 1 })),
       { log: true });
+  add("Chatter", "N m, mean change of torque from tick to tick", [trace("|Δτ|", "c3", "line", column("chatter"))], { log: true });
+  add("Modes", "their signs", modes.map(({ label, formula, values }, k) => (
+    { label: formula, values, colour: `c${k % 2 ? 1 : k ? 6 : 0}`, title: label })), { zero: true });
+  const { start_s: first, bin_s: bin, load = [] } = data.bus_load ?? {};
+  if (load.some((share) => share > 0)) {
+    const values = load.map((share) => 100 * (share ?? NaN)), times = load.map((_, k) => first + k * bin);
+    plots.push(new TimePlot(host, axis, { title: "Bus load", unit: `% of the bus time, over ${duration(bin)}`, time: times, marks, zero: true,
+      series: [{ label: "load", values, colour: "c5" }] }));
+  }
   if (states) plots.push(new TimePlot(host, axis, { title: "Supervisor", height: 52, bands: states, marks }));
 }
 
@@ -176,6 +185,24 @@ class MechanismView {
   }
 }
 
+// ---- Workspace and durations ----------------------------------------------------------------------------------------
+function buildMap(axis) {
+  const map = data.workspace;
+  if (!map?.force || !(map.columns > 1 && map.rows > 1)) return void byId("workspace").remove();
+  const view = new WorkspaceMap.View(byId("map"), { map, geometry: mechanism, side: fiveBar ? data.assembly_mode ?? 0 : 0, reference: firstLap,
+    pose: () => (axis && drawable ? poses[axis.row()] : undefined), legend: byId("map-legend"), output: byId("map-now") });
+  byId("map-note").textContent = [map.force.length ? "Colour: force that the motors can exert in every direction beside holding the mechanism at rest"
+    : "No torque limit: reach alone", ...(data.working_mode ?? []).length ? [`working mode ${data.working_mode.map((s) => (s > 0 ? "+" : "−")).join(" ")}`] : []].join("; ");
+  axis?.on("now", () => view.show());
+  return view;
+}
+function buildHistograms() {
+  const list = data.histograms ?? [];
+  byId("histograms").append(...list.map(histogramFigure));
+  if (!list.some(({ title }) => /latency/i.test(title))) byId("histograms").append(el("p", { class: "note" }, data.kind === "sim"
+    ? "No latency: torques were applied directly, without a bus." : "No latency: in lockstep frames take no time, unless the scene names the effect bit_timing."));
+}
+
 // ---- Start ----------------------------------------------------------------------------------------------------------
 showVerdict();
 showFacts();
@@ -183,13 +210,19 @@ if (count > 0) {
   const axis = new TimeAxis(Array.from(time));
   if (typeof uPlot === "undefined") byId("plots").append(el("p", { class: "note" },
     "There are no plots: this esmc was built without uPlot. host_sim/setup demo fetches it; then build again."));
-  const view = drawable ? new MechanismView(axis) : undefined;
+  const map = buildMap(axis), view = drawable ? new MechanismView(axis) : undefined;
   if (!drawable) byId("drawing").remove();
   const player = new Player(axis, { play: byId("play"), scrub: byId("scrub"), speed: byId("speed") });
   buildPlots(axis);
   on(query(".bench"), "keydown", (event) => player.key(event));
-  const redraw = () => { plots.forEach((plot) => plot.draw()); view?.draw(); };
+  const redraw = () => { plots.forEach((plot) => plot.draw()); view?.draw(); map?.draw(); };
   onLook(redraw);
-  new ResizeObserver(() => view?.draw()).observe(byId("drawing"));
+  if (view) new ResizeObserver(() => view.draw()).observe(byId("mechanism"));
+  if (map) new ResizeObserver(() => map.draw()).observe(byId("map"));
   axis.setNow(axis.end);
-} else query(".bench").replaceWith(el("p", { class: "panel empty" }, "No tick was recorded: there is nothing to plot."));
+} else {
+  query(".bench").replaceWith(el("p", { class: "panel empty" }, "No tick was recorded: there is nothing to plot."));
+  const map = buildMap();
+  if (map) { onLook(() => map.draw()); new ResizeObserver(() => map.draw()).observe(byId("map")); }
+}
+buildHistograms();

@@ -1,0 +1,84 @@
+#pragma once
+/// What a report shows besides the rows of the log: distributions of durations, and a load over time.
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+namespace esmc::host {
+
+/// Durations counted in bins of equal ratio, from 1 ns to 1000 s; fixed size.
+class Histogram {
+ public:
+  static constexpr int first_decade = -9, last_decade = 3, per_decade = 20;
+  static constexpr std::size_t bins = static_cast<std::size_t>(last_decade - first_decade) * per_decade;
+
+  /// What is no duration (negative, NaN) is left out; what is outside the bins counts in the outermost.
+  void add(double seconds) {
+    if (!(seconds >= 0.0)) return;
+    const double at = (std::log10(std::max(seconds, 1e-9)) - first_decade) * per_decade;
+    ++counts_[std::min(bins - 1, static_cast<std::size_t>(at))];
+    largest_ = std::max(largest_, seconds);
+    sum_ += seconds;
+    ++total_;
+  }
+  [[nodiscard]] std::uint64_t total() const { return total_; }
+  [[nodiscard]] double largest() const { return largest_; }
+  [[nodiscard]] double mean() const { return total_ > 0 ? sum_ / static_cast<double>(total_) : 0.0; }
+  [[nodiscard]] const std::array<std::uint64_t, bins>& counts() const { return counts_; }
+  /// Lower edge of a bin, s.
+  [[nodiscard]] static double edge(std::size_t bin) {
+    return std::pow(10.0, first_decade + static_cast<double>(bin) / per_decade);
+  }
+  /// A duration that the share `q` of all does not exceed: the upper edge of its bin, or the largest.
+  [[nodiscard]] double quantile(double q) const {
+    std::uint64_t seen = 0;
+    for (std::size_t i = 0; i < bins; ++i) {
+      seen += counts_[i];
+      if (static_cast<double>(seen) >= q * static_cast<double>(total_)) return std::min(edge(i + 1), largest_);
+    }
+    return largest_;
+  }
+
+ private:
+  std::array<std::uint64_t, bins> counts_{};
+  std::uint64_t total_ = 0;
+  double largest_ = 0.0, sum_ = 0.0;
+};
+
+struct NamedHistogram {
+  std::string title, note;  ///< what was measured, from where to where
+  Histogram histogram;
+};
+
+/// A sum per tick, kept in at most 512 bins of equally many ticks each: when they are full, two become one.
+class Binned {
+ public:
+  static constexpr std::size_t most = 512;
+
+  /// One more tick, with its amount.
+  void add(double amount) {
+    if (ticks_ == most * stride_) {
+      for (std::size_t i = 0; i < most / 2; ++i) bins_[i] = bins_[2 * i] + bins_[2 * i + 1];
+      bins_.resize(most / 2);
+      stride_ *= 2;
+    }
+    if (ticks_++ % stride_ == 0) bins_.push_back(0.0);
+    bins_.back() += amount;
+  }
+  [[nodiscard]] std::uint64_t ticks() const { return ticks_; }
+  [[nodiscard]] std::uint64_t stride() const { return stride_; }  ///< ticks per bin
+  [[nodiscard]] const std::vector<double>& bins() const { return bins_; }
+  /// Ticks in the last bin, which may not be full.
+  [[nodiscard]] std::uint64_t last_ticks() const { return ticks_ == 0 ? 0 : (ticks_ - 1) % stride_ + 1; }
+
+ private:
+  std::vector<double> bins_;
+  std::uint64_t ticks_ = 0, stride_ = 1;
+};
+
+}  // namespace esmc::host
