@@ -1,0 +1,81 @@
+// Debian's chromium, headless, on pages of esmc: what every test of such a page needs.
+//
+//   const { launch, esmc, open, drawn } = require("./browser");
+//
+// Exit status 77 (a skipped test) where playwright-core, chromium or a program given is missing.
+"use strict";
+
+const { execFileSync } = require("node:child_process");
+const fs = require("node:fs");
+const os = require("node:os");
+const path = require("node:path");
+
+function skip(why) {
+  console.log(`skipped: ${why}; host_sim/setup tests provides it`);
+  process.exit(77);
+}
+
+const playwright = (() => { try { return require("playwright-core"); } catch { return skip("playwright-core is missing"); } })();
+const executable = process.env.CHROMIUM ?? "/usr/bin/chromium";
+if (!fs.existsSync(executable)) skip(`${executable} is missing`);
+
+/** One browser for all pages of a test. Without a sandbox of its own, which root and containers do not have: it opens our pages only. */
+const launch = () => playwright.chromium.launch({ executablePath: executable, args: ["--no-sandbox", "--force-color-profile=srgb"] });
+
+/** Runs esmc; the exit status must be `status`. Returns what it printed. */
+function esmc(program, args, status = 0) {
+  try {
+    const out = execFileSync(program, args, { encoding: "utf8", stdio: ["ignore", "pipe", "pipe"] });
+    if (status !== 0) throw new Error(`esmc ${args.join(" ")}: exit status 0 instead of ${status}`);
+    return out;
+  } catch (error) {
+    if (error.status === status && status !== 0) return error.stdout;
+    throw new Error(`esmc ${args.join(" ")}: ${error.stderr || error.message}`);
+  }
+}
+
+/** A folder of its own that goes with the process. */
+function folder() {
+  const made = fs.mkdtempSync(path.join(os.tmpdir(), "esmc-browser-"));
+  process.on("exit", () => fs.rmSync(made, { recursive: true, force: true }));
+  return made;
+}
+
+/** Opens a file or an address. `page.troubles`: messages of errors and warnings on the console, uncaught exceptions;
+    `page.asked`: addresses that were requested besides the page's own. */
+async function open(browser, where, { colorScheme = "light", width = 1440, height = 900 } = {}) {
+  const context = await browser.newContext({ colorScheme, viewport: { width, height } });
+  const page = await context.newPage(), address = /^\w+:\/\//.test(where) ? where : `file://${path.resolve(where)}`;
+  page.troubles = [];
+  page.asked = [];
+  page.on("console", (message) => { if (["error", "warning"].includes(message.type())) page.troubles.push(message.text()); });
+  page.on("pageerror", (error) => page.troubles.push(String(error.stack ?? error)));
+  page.on("request", (request) => { if (request.url() !== address) page.asked.push(request.url()); });
+  await page.goto(address);
+  await frames(page);
+  return page;
+}
+
+/** Waits until the page has been painted twice. */
+const frames = (page) => page.evaluate(() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => done()))));
+
+/** Of every canvas that matches: its pixels, how many of them have a colour (axes, grids and letters are nearly grey), and
+    a number that changes with the picture. */
+function drawn(page, selector) {
+  return page.$$eval(selector, (list) => list.map((canvas) => {
+    const { width, height } = canvas, copy = new OffscreenCanvas(width, height).getContext("2d", { willReadFrequently: true });
+    copy.drawImage(canvas, 0, 0);
+    const words = new Uint32Array(copy.getImageData(0, 0, width, height).data.buffer);
+    let coloured = 0, hash = 0;
+    for (let k = 0; k < words.length; ++k) {
+      const word = words[k];
+      if (word === 0) continue;
+      const r = word & 255, g = (word >> 8) & 255, b = (word >> 16) & 255;
+      if (Math.max(r, g, b) - Math.min(r, g, b) > 40) ++coloured;
+      hash = (Math.imul(hash, 31) + word + k) | 0;
+    }
+    return { pixels: words.length, coloured, hash };
+  }));
+}
+
+module.exports = { launch, esmc, folder, open, frames, drawn };
