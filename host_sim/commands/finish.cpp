@@ -55,7 +55,7 @@ Json workspace_json(const Scene& s) {
                                : workspace_map(s.arm(), s.working_mode[0], motors, nodes);
   const auto field = [](const std::vector<double>& values) {
     Json out = Json::array();
-    for (const double v : values) out.push_back(rounded(v, 3));
+    for (const double v : values) out.push_back(rounded(v, 4));
     return out;
   };
   return {{"x", {map.x0, map.x1}},

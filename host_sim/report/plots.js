@@ -172,7 +172,7 @@ class TimePlot {
   /** Whole decades. Zero crossings reach down for ever: the axis ends a little below the usual value. */
   logRange(shown, from, to) {
     const until = this.until < Infinity ? this.time.findIndex((t) => t >= this.until) : -1;
-    const last = until > from + 1 ? Math.min(to + 1, until) : to + 1;
+    const last = until - from > 0.05 * (to - from) ? Math.min(to + 1, until) : to + 1;
     const lists = shown.map(({ values }) => Array.from(values).slice(from, last).filter((v) => v > 0).sort((a, b) => a - b)).filter((list) => list.length);
     if (!lists.length) return [1e-3, 1];
     const usual = Math.max(1e-12, ...lists.map((list) => list[list.length >> 1])), lo = Math.min(...lists.map((list) => list[0]));
@@ -201,7 +201,11 @@ class TimePlot {
     for (const { t, label, colour: tint } of this.marks) {
       const x = u.valToPos(t, "x", true), near = x > right - 90 * ratio;
       rule([[x, top], [x, bottom]], colour(tint), [4, 3]);
-      if (!this.bands) write(c, { fillStyle: colour(tint), textAlign: near ? "right" : "left", textBaseline: "top" }, label, x + (near ? -5 : 5) * ratio, top + 2 * ratio);
+      if (this.bands || !label) continue;
+      const wide = c.measureText(label).width, at = near ? x - wide - 9 * ratio : x + ratio;
+      c.fillStyle = colour("panel");
+      c.fillRect(at, top + ratio, wide + 8 * ratio, 15 * ratio);
+      write(c, { fillStyle: colour(tint), textAlign: "left", textBaseline: "top" }, label, at + 4 * ratio, top + 3 * ratio);
     }
     c.restore();
   }

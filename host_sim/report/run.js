@@ -83,7 +83,7 @@ function showVerdict() {
   if (saturated && !concerns.includes(limited)) concerns.push(limited);
   put(".detail", sentence(level === "bad" ? [followed, ...concerns] : concerns));
   const error = (name, unit, suffix, scale) => [name, amount(tracking?.[`settled_rms_${suffix}`], unit, scale),
-    tracking ? `RMS settled, max ${amount(tracking[`settled_max_${suffix}`], unit, scale)}` : "no reference"];
+    !tracking ? "no reference" : tracking[`settled_max_${suffix}`] >= 0 ? `RMS settled, max ${amount(tracking[`settled_max_${suffix}`], unit, scale)}` : "not settled"];
   const tiles = [error("Effector error", "mm", "m", 1e3), error("Base joint error", "rad", "rad", 1),
     ["Faults", faults.length, faultNames ? faultNames + faultWhen : "none"],
     ["Real-time factor", `${sig(summary.real_time_factor)}×`, `${amount(summary.simulated_s, "s")} in ${amount(summary.wall_s, "s")}`],
@@ -102,7 +102,10 @@ function showFacts() {
   for (const [id, text] of Object.entries(texts)) byId(id).textContent = text || "";
   document.title = query("h1").textContent = summary.scene ?? "esmc report";
   const show = (name, value) => {
-    if (value?.constructor === Object) for (const [key, inner] of Object.entries(value)) show(name ? `${name}.${key}` : key, inner);
+    if (Array.isArray(value) && value.length && value.every((one) => one?.constructor === Object)) {
+      value.forEach((one, k) => byId("summary").append(el("tr", {}, el("th", {}, `${name}[${k}]`),
+        el("td", {}, Object.entries(one).map(([key, inner]) => `${key} ${typeof inner === "number" ? sig(inner, 4) : inner}`).join(", ")))));
+    } else if (value?.constructor === Object) for (const [key, inner] of Object.entries(value)) show(name ? `${name}.${key}` : key, inner);
     else byId("summary").append(el("tr", {}, el("th", {}, name), el("td", {}, typeof value === "string" ? value : JSON.stringify(value))));
   };
   show("", summary);
@@ -113,10 +116,11 @@ const plots = [];
 function buildPlots(axis) {
   const host = byId("plots"), states = columns.includes("state") ? rows.map((row) => String(row[columns.indexOf("state")])) : undefined;
   const marks = faultTime < Infinity ? [{ t: faultTime, label: `fault: ${faultNames || "latched"}`, colour: "bad" }] : [];
+  const unnamed = marks.map(({ t, colour: tint }) => ({ t, label: "", colour: tint }));
   const trace = (name, tint, style = "line", values = column(name), label = symbol(name)) => ({ label, values, colour: tint, style });
   const add = (title, unit, series, options) => {
-    const known = series.filter((s) => s.values?.some(Number.isFinite));
-    if (known.length) plots.push(new TimePlot(host, axis, { title, unit, series: known, marks, until: faultTime, ...options }));
+    const known = series.filter((s) => s.values?.some(options?.log ? (v) => v > 0 : Number.isFinite));
+    if (known.length) plots.push(new TimePlot(host, axis, { title, unit, series: known, marks: plots.length ? unnamed : marks, until: faultTime, ...options }));
   };
   const angleError = (a, b) => a && b && perRow((row) => Math.abs(Math.atan2(Math.sin(a[row] - b[row]), Math.cos(a[row] - b[row]))));
   const distance = hasReference && perRow((row) => 1e3 * Math.hypot(xRef[row] - x[row], yRef[row] - y[row]));
@@ -135,12 +139,12 @@ function buildPlots(axis) {
       .map(([name, values], k) => ({ ...trace(name, `c${k % 8}`, k < 8 ? "line" : "ref", values, symbol(name.slice(2))), hidden: k > 1 })),
       { log: true });
   add("Chatter", "N m, mean change of torque from tick to tick", [trace("|Δτ|", "c3", "line", column("chatter"))], { log: true });
-  add("Modes", "their signs", modes.map(({ label, formula, values }, k) => (
-    { label: formula, values, colour: `c${k % 2 ? 1 : k ? 6 : 0}`, title: label })), { zero: true });
+  add("Modes", fiveBar ? "the sign of each: working modes of the legs, assembly mode" : "sin θ₂, whose sign is the working mode",
+    modes.map(({ formula, values }, k) => ({ label: formula, values, colour: `c${k % 2 ? 1 : k ? 6 : 0}` })), { zero: true });
   const { start_s: first, bin_s: bin, load = [] } = data.bus_load ?? {};
   if (load.some((share) => share > 0)) {
     const values = load.map((share) => 100 * (share ?? NaN)), times = load.map((_, k) => first + k * bin);
-    plots.push(new TimePlot(host, axis, { title: "Bus load", unit: `% of the bus time, over ${duration(bin)}`, time: times, marks, zero: true,
+    plots.push(new TimePlot(host, axis, { title: "Bus load", unit: `% of the bus time, over ${duration(bin)}`, time: times, marks: unnamed, zero: true,
       series: [{ label: "load", values, colour: "c5" }] }));
   }
   if (states) plots.push(new TimePlot(host, axis, { title: "Supervisor", height: 52, bands: states, marks }));
@@ -192,7 +196,7 @@ function buildMap(axis) {
   const view = new WorkspaceMap.View(byId("map"), { map, geometry: mechanism, side: fiveBar ? data.assembly_mode ?? 0 : 0, reference: firstLap,
     pose: () => (axis && drawable ? poses[axis.row()] : undefined), legend: byId("map-legend"), output: byId("map-now") });
   byId("map-note").textContent = [map.force.length ? "Colour: force that the motors can exert in every direction beside holding the mechanism at rest"
-    : "No torque limit: reach alone", ...(data.working_mode ?? []).length ? [`working mode ${data.working_mode.map((s) => (s > 0 ? "+" : "−")).join(" ")}`] : []].join("; ");
+    : "No torque limit: reach alone", `working mode ${(data.working_mode ?? []).slice(0, fiveBar ? 2 : 1).map((s) => (s > 0 ? "+" : "−")).join(" ")}`].join("; ");
   axis?.on("now", () => view.show());
   return view;
 }

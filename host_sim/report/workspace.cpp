@@ -37,28 +37,59 @@ struct Mechanism {
   double gravity = 0.0, effector_mass = 0.0;
 };
 
+/// Between two points of a path that are further apart than `widest`: more of it.
+template <class Point>
+void refine(const Point& point, double u0, double u1, V2 to, double widest, WorkspaceMap::Path& path, int depth = 6) {
+  const double mid = 0.5 * (u0 + u1);
+  std::optional<V2> p;
+  if (depth > 0 && length(to - path.back()) > widest) p = point(mid);
+  if (p) {
+    refine(point, u0, mid, *p, widest, path, depth - 1);
+    refine(point, mid, u1, to, widest, path, depth - 1);
+  } else {
+    path.push_back(to);
+  }
+}
+
 /// The path point(u) over a turn of u, in pieces where there is none; their ends are found by halving.
 template <class Point>
-void trace(const Point& point, std::vector<WorkspaceMap::Path>& out) {
-  constexpr int steps = 720, halvings = 40;
+void trace(const Point& point, double widest, std::vector<WorkspaceMap::Path>& out) {
+  constexpr int steps = 360, halvings = 40;
+  struct End {
+    double u;
+    V2 p;
+  };
   const auto end = [&](double in, double beyond) {
-    V2 last = *point(in);
+    End last{in, *point(in)};
     for (int i = 0; i < halvings; ++i) {
-      const double mid = 0.5 * (in + beyond);
+      const double mid = 0.5 * (last.u + beyond);
       const std::optional<V2> p = point(mid);
-      (p ? in : beyond) = mid;
-      if (p) last = *p;
+      if (p) {
+        last = {mid, *p};
+      } else {
+        beyond = mid;
+      }
     }
     return last;
   };
   WorkspaceMap::Path path;
   std::optional<V2> before;
+  double reached = 0.0;
   for (int k = 0; k <= steps; ++k) {
     const double u = turn * k / steps, former = turn * (k - 1) / steps;
     const std::optional<V2> p = point(u);
-    if (p && !before && k > 0) path.push_back(end(u, former));
-    if (p) path.push_back(*p);
-    if (!p && before) path.push_back(end(former, u));
+    if (p && path.empty()) {
+      const End first = k > 0 ? end(u, former) : End{u, *p};
+      path.push_back(first.p);
+      reached = first.u;
+    }
+    if (p) {
+      refine(point, reached, u, *p, widest, path);
+      reached = u;
+    } else if (before) {
+      const End last = end(former, u);
+      refine(point, reached, last.u, last.p, widest, path);
+    }
     if ((!p || k == steps) && path.size() > 1) out.push_back(std::move(path));
     if (!p || k == steps) path = {};
     before = p;
@@ -66,7 +97,7 @@ void trace(const Point& point, std::vector<WorkspaceMap::Path>& out) {
 }
 
 /// A leg is stretched or folded where its tip is on the rim of its annulus. Only what the other leg reaches exists.
-void trace_type1(const Mechanism& m, std::vector<WorkspaceMap::Path>& out) {
+void trace_type1(const Mechanism& m, double widest, std::vector<WorkspaceMap::Path>& out) {
   for (const Leg& leg : m.legs) {
     for (const double radius : {leg.p.l1 + leg.p.l2, std::abs(leg.p.l1 - leg.p.l2)}) {
       const double slack = 1e-12 * radius;
@@ -77,7 +108,7 @@ void trace_type1(const Mechanism& m, std::vector<WorkspaceMap::Path>& out) {
             if (!std::ranges::all_of(m.legs, [&](const Leg& l) { return l.reaches(p, slack); })) return std::nullopt;
             return p;
           },
-          out);
+          widest, out);
     }
   }
 }
@@ -85,7 +116,7 @@ void trace_type1(const Mechanism& m, std::vector<WorkspaceMap::Path>& out) {
 /// Both outer bars on one line, whose direction is u: the second elbow is `span` further along it than the first, which so
 /// lies on a circle about the first base and on one about the second base less the span. Regular also where the elbows
 /// coincide (span = 0, equal outer bars).
-void trace_type2(const Leg& a, const Leg& b, std::vector<WorkspaceMap::Path>& out) {
+void trace_type2(const Leg& a, const Leg& b, double widest, std::vector<WorkspaceMap::Path>& out) {
   const auto bends_rightly = [](const Leg& leg, V2 elbow, V2 tip) {
     const V2 e = leg.local(elbow);
     return cross(e, leg.local(tip) - e) * leg.bend > 0.0;
@@ -104,7 +135,7 @@ void trace_type2(const Leg& a, const Leg& b, std::vector<WorkspaceMap::Path>& ou
             if (!bends_rightly(a, elbow, tip) || !bends_rightly(b, elbow + span * line, tip)) return std::nullopt;
             return tip;
           },
-          out);
+          widest, out);
     }
   }
 }
@@ -168,8 +199,9 @@ WorkspaceMap map_of(const Mechanism& m, const std::vector<MotorLimit>& motors, i
       if (m.legs.size() == 2) out.type2_sine.push_back(n.type2);
     }
   }
-  trace_type1(m, out.type1);
-  if (m.legs.size() == 2) trace_type2(m.legs[0], m.legs[1], out.type2);
+  const double widest = 0.01 * std::max(width, height);
+  trace_type1(m, widest, out.type1);
+  if (m.legs.size() == 2) trace_type2(m.legs[0], m.legs[1], widest, out.type2);
   return out;
 }
 
