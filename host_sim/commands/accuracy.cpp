@@ -173,6 +173,24 @@ std::vector<std::pair<std::string, Rows>> sections(const Study& s) {
           {"Effects on the comparison scenario", effect_rows(s)}};
 }
 
+StudyVerdict verdict(const Study& s) {
+  std::size_t hold = 0, judged = 0;
+  for (const OrderFound& found : s.work.orders) {
+    judged += found.judged() ? 1U : 0U;
+    hold += found.judged() && found.holds() ? 1U : 0U;
+  }
+  const bool good = judged > 0 && hold == judged;
+  return {good ? StudyVerdict::Level::ok : StudyVerdict::Level::bad,
+          good ? "Every integrator shows its order, within 0.2"
+               : fmt::format("{} of {} measured orders are not within 0.2", judged - hold, judged),
+          "",
+          {{{"Orders measured", fmt::format("{}", judged), fmt::format("{} hold", hold)},
+            {"Runs of integrators", fmt::format("{}", s.work.points.size()), "each a point of the curves"},
+            {"Runs of the comparison scenario", fmt::format("{}", s.tracking.size() + s.effects.size()),
+             "tracking and effects"},
+            {"CPU time", fmt::format("{:.1f} s", s.seconds), ""}}}};
+}
+
 void write_files(const Study& s, const AccuracyOptions& o, OutputDirectory& out) {
   if (!out.wanted()) return;
   out.write("work_precision.csv", csv_table(work_rows(s)));
@@ -180,17 +198,19 @@ void write_files(const Study& s, const AccuracyOptions& o, OutputDirectory& out)
   out.write("tracking.csv", csv_table(tracking_rows(s)));
   out.write("effects.csv", csv_table(effect_rows(s)));
   out.write("accuracy.json", document(s).dump(2) + "\n");
-  std::string page, markdown;
+  std::string tables, markdown;
+  std::vector<std::string> drawings;
   for (const auto& [problem, drawing] : figures(s)) {
-    page += drawing;
+    drawings.push_back(drawing);
     out.write("work_" + file_name(problem) + ".svg", standalone(drawing));
   }
   for (const auto& [title, rows] : sections(s)) {
-    page += "<h2>" + title + "</h2>" + html_table(rows);
+    tables += table_html(title, rows);
     markdown += "### " + title + "\n\n" + markdown_table(rows) + "\n";
   }
   out.write("accuracy.md", markdown);
-  out.write("report.html", study_page("What accuracy costs in time", o.command_line, page));
+  out.write("report.html",
+            study_page("What accuracy costs in time", o.command_line, figures_html(drawings) + tables, verdict(s)));
   out.commit();
 }
 

@@ -252,6 +252,7 @@ int run_campaign(const CampaignOptions& o) {
   if (out.wanted()) {
     out.write("campaign.json", j.dump(2) + "\n");
     out.write("campaign.md", totals.markdown());
+    out.write("report.html", totals.page(o.command_line, o.episodes));
     out.commit();
   }
   fmt::print("{}", o.json ? j.dump(2) + "\n" : totals.text());

@@ -6,6 +6,7 @@
 #include <map>
 #include <nlohmann/json_fwd.hpp>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "host_sim/commands/episode.hpp"
@@ -54,8 +55,12 @@ class CampaignTotals {
   [[nodiscard]] std::string text() const;
   /// Tables for a page.
   [[nodiscard]] std::string markdown() const;
+  /// The page that --out leaves; `wanted`: episodes that were asked for.
+  [[nodiscard]] std::string page(const std::string& command, std::uint64_t wanted) const;
 
  private:
+  [[nodiscard]] std::vector<std::vector<std::string>> fault_rows() const;
+  [[nodiscard]] std::vector<std::pair<const char*, const Times*>> reactions() const;
   static constexpr std::size_t violations_max = 1000;
   void keep_lowest();
 

@@ -1,6 +1,7 @@
 #pragma once
-/// Log-log plots as SVG, for the pages of studies.
+/// Pages of studies, in the look of a run's report, and their figures as SVG.
 
+#include <array>
 #include <string>
 #include <utility>
 #include <vector>
@@ -19,8 +20,25 @@ std::string log_log_svg(const std::string& title, const std::string& x_label, co
 /// A figure as a file of its own, on white.
 std::string standalone(const std::string& svg);
 
-/// A page around figures and tables that needs nothing but a browser.
-std::string study_page(const std::string& title, const std::string& command, const std::string& body);
+struct Bar {
+  double from = 0.0, to = 0.0, count = 0.0;
+};
+/// Counts per interval; heights are logarithms, so that one in a million is seen. Empty where there is nothing to show.
+std::string bar_svg(const std::string& title, const std::string& x_label, const std::vector<Bar>& bars);
+
+/// What a study found, in a line; nothing is shown without a headline.
+struct StudyVerdict {
+  enum class Level { ok, warn, bad } level = Level::ok;
+  std::string headline, detail;
+  std::vector<std::array<std::string, 3>> tiles;  ///< name, value, note
+};
+
+/// A page around panels (below) that needs nothing but a browser. Texts are escaped; `body` is markup.
+std::string study_page(const std::string& title, const std::string& command, const std::string& body,
+                       const StudyVerdict& verdict = {});
+/// Panels of a page: figures side by side; a table under its title.
+std::string figures_html(const std::vector<std::string>& drawings);
+std::string table_html(const std::string& title, const std::vector<std::vector<std::string>>& rows);
 
 /// Rows of text as an HTML table; the first row is its head.
 std::string html_table(const std::vector<std::vector<std::string>>& rows);
