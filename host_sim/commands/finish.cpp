@@ -14,6 +14,12 @@ namespace esmc::host {
 using Json = nlohmann::ordered_json;
 
 namespace {
+#ifdef __clang__
+constexpr const char* compiler = "clang " __clang_version__;
+#else
+constexpr const char* compiler = "gcc " __VERSION__;
+#endif
+
 Json mechanism_json(const Scene& s) {
   Json m;
   const bool five_bar = s.type == MechanismType::five_bar;
@@ -146,6 +152,7 @@ int finish_run(const RunOptions& o, const Scene& scene, const char* kind, const 
     data["kind"] = kind;
     data["command"] = o.command_line;
     data["version"] = version;
+    data["compiler"] = compiler;
     data["scene_toml"] = scene.toml;
     data["summary"] = summary;
     data["concerns"] = concerns(summary);

@@ -11,7 +11,7 @@ namespace esmc::host {
 /// `data`, all keys optional (the page shows what it finds):
 ///   kind      "sim" | "hil"
 ///   command   what to type to repeat the run
-///   version   of this program
+///   version   of this program; compiler: that built it
 ///   scene_toml  text of the scene as run
 ///   summary   the object of summary.json
 ///   concerns  sentences about the run that a person should read

@@ -98,7 +98,9 @@ function showFacts() {
   const words = { five_bar: "planar 5R five-bar", rr: "two-link RR arm", sim: "simulated without a bus", hil: "through CAN frames" };
   const { law, ticks: logged } = summary, facts = [words[mechanism.type], law && `law ${law}`, words[data.kind], logged && plural(logged, "tick")];
   const texts = { subtitle: facts.filter(Boolean).join(" · "), scene, thinned: logged > count && `Drawn from ${count} of ${logged} ticks.`,
-    version: data.version, command: data.command };
+    version: data.version && `esmc ${data.version}`, command: data.command,
+    versions: [summary.seed !== undefined && `seed ${summary.seed}`, data.version && `esmc ${data.version}`, data.compiler, summary.integrator && `integrator ${summary.integrator}`]
+      .filter(Boolean).join("; ") };
   for (const [id, text] of Object.entries(texts)) byId(id).textContent = text || "";
   document.title = query("h1").textContent = summary.scene ?? "esmc report";
   const show = (name, value) => {
@@ -225,7 +227,8 @@ if (count > 0) {
   if (map) new ResizeObserver(() => map.draw()).observe(byId("map"));
   axis.setNow(axis.end);
 } else {
-  query(".bench").replaceWith(el("p", { class: "panel empty" }, "No tick was recorded: there is nothing to plot."));
+  for (const one of [".mechanism", ".plots"]) query(one).remove();
+  query(".bench").before(el("p", { class: "panel empty" }, "No tick was recorded: there is nothing to plot."));
   const map = buildMap();
   if (map) { onLook(() => map.draw()); new ResizeObserver(() => map.draw()).observe(byId("map")); }
 }

@@ -226,6 +226,19 @@ test("runs that are not as usual: a fault, no reference, no controller, four mot
   }
 });
 
+test("pages of studies: the same look, quiet, nothing fetched", async () => {
+  const file = report("campaign", ["campaign", "--episodes", "40"]), shades = [];
+  for (const [colorScheme, width] of [["light", 1440], ["dark", 390]]) {
+    const page = await open(browser, file, { colorScheme, width });
+    await sound(page);
+    assert.match(await page.textContent("#verdict .headline, .verdict .headline"), /^OK 0 violations of an invariant in 40 episodes$/);
+    assert.ok(await page.locator("svg rect").count() > 0 && await page.locator("table tr").count() > 10);
+    shades.push(await page.evaluate(() => getComputedStyle(document.querySelector(".panel")).backgroundColor));
+    await page.context().close();
+  }
+  assert.deepEqual(shades, ["rgb(255, 255, 255)", "rgb(20, 27, 34)"]);
+});
+
 test("hostile data: markup in every text, gaps, one row, no row, nothing at all", async () => {
   const bad = "</script><img src=x onerror=\"fetch('https://example.invalid')\"><script>throw 1</script>";
   const scene = path.join(out, "bad.toml");
