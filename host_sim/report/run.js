@@ -197,7 +197,7 @@ function buildMap(axis) {
   if (!map?.force || !(map.columns > 1 && map.rows > 1)) return void byId("workspace").remove();
   const view = new WorkspaceMap.View(byId("map"), { map, geometry: mechanism, side: fiveBar ? data.assembly_mode ?? 0 : 0, reference: firstLap,
     pose: () => (axis && drawable ? poses[axis.row()] : undefined), legend: byId("map-legend"), output: byId("map-now") });
-  byId("map-note").textContent = [map.force.length ? "Colour: force that the motors can exert in every direction beside holding the mechanism at rest"
+  byId("map-note").textContent = [map.force.length ? "Colour: force that the motors can exert in every direction, beside gravity"
     : "No torque limit: reach alone", `working mode ${(data.working_mode ?? []).slice(0, fiveBar ? 2 : 1).map((s) => (s > 0 ? "+" : "−")).join(" ")}`].join("; ");
   axis?.on("now", () => view.show());
   return view;
