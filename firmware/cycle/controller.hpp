@@ -64,7 +64,7 @@ struct TickResult {
   bool saturated = false;          ///< a torque was clamped
   bool stage_done = false;         ///< halting: at rest; lowering: let down. For the supervisor's next tick
   Vec<S, M::joints> torque = Vec<S, M::joints>::Zero();  ///< N m at the joints, zero where there is no motor
-  Vec2<S> effector = Vec2<S>::Zero();           ///< as estimated, m
+  Vec2<S> effector = Vec2<S>::Zero();           ///< as estimated, m; zero where there is no estimate
   Vec2<S> desired_effector = Vec2<S>::Zero();   ///< m
   List<Vec2<S>, 2> desired_direction{{Vec2<S>::Zero(), Vec2<S>::Zero()}};  ///< cosine and sine of the base joints
   typename M::Channels sliding;                 ///< of the channels; zero where nothing was asked of them
@@ -371,11 +371,11 @@ TickResult<M> Controller<M>::tick(const Sample<M>& measured, Supervisor& supervi
       if (!(again && supervisor.retreating())) break;
       out.torque.setZero();
     }
-  } else if (supervisor.state() == State::enabling) {
+  } else {  // in every state it is told where the mechanism is; before it runs it must also be where it may be
     typename M::Pose pose;
     typename M::Rates rates;
     const Fault fault = observe(measured, config_.limits, pose, rates, out);
-    supervisor.raise(fault == Fault::stale_feedback ? Fault::none : fault);
+    if (supervisor.state() == State::enabling && fault != Fault::stale_feedback) supervisor.raise(fault);
   }
   if (!acted) out.sliding.setZero();
   consistency_.keep(measured, M::joints / config_.sensor_count());

@@ -121,6 +121,29 @@ TYPED_TEST(ControlCycle, RunsInTheTickAfterEveryAxisBecameReady) {
   EXPECT_EQ(rig.tick().running_tick, 1U);
 }
 
+/// What it observes before it is armed and after a fault is what it will run from; without samples it says nothing.
+TYPED_TEST(ControlCycle, TellsWhereTheMechanismIsInEveryState) {
+  Rig<TypeParam> rig;
+  const auto disabled = rig.tick();
+  ASSERT_EQ(disabled.state, State::disabled);
+  EXPECT_TRUE((disabled.torque.array() == typename TypeParam::Scalar(0)).all());
+  ASSERT_TRUE(rig.start());
+  rig.tick(Command::stop);
+  const auto stopping = rig.tick();
+  EXPECT_NE(stopping.state, State::running);
+  Rig<TypeParam> other;
+  ASSERT_TRUE(other.start());
+  const auto running = other.tick();
+  ASSERT_EQ(running.state, State::running);
+  EXPECT_TRUE((running.effector.array() != typename TypeParam::Scalar(0)).any());
+  for (int i = 0; i < 2; ++i) {
+    EXPECT_NEAR(disabled.effector[i], running.effector[i], 1e-6);
+    EXPECT_NEAR(stopping.effector[i], running.effector[i], 1e-6);
+  }
+  Rig<TypeParam> silent;
+  EXPECT_TRUE((silent.bare_tick().effector.array() == typename TypeParam::Scalar(0)).all());
+}
+
 TYPED_TEST(ControlCycle, OneReadyAxisIsNeverEnough) {
   for (const std::size_t dead : {0U, 1U}) {
     Rig<TypeParam> rig;
