@@ -2,6 +2,7 @@
 /// A single-board computer with a CAN interface as the loop sees it.
 
 #include "boards/node.hpp"
+#include "hal/linux/gpio_line.hpp"
 #include "hal/linux/realtime.hpp"
 #include "hal/linux/socketcan.hpp"
 
@@ -11,12 +12,18 @@ class LinuxBoard {
  public:
   explicit LinuxBoard(hal::SocketCan& bus) : bus_(bus) {}
 
-  /// No contact and no output is wired: use the drives' own enable inputs.
-  struct NoContact {
-    [[nodiscard]] static bool closed() { return true; }
-  };
-  struct NoOutput {
-    static void set(bool) {}
+  /// An output that costs a system call when it changes and not in every tick.
+  class Output {
+   public:
+    void set(bool high) {
+      if (!known_ || high != high_) known_ = line_.set(high);
+      high_ = high;
+    }
+    [[nodiscard]] hal::GpioLine& line() { return line_; }
+
+   private:
+    hal::GpioLine line_;
+    bool known_ = false, high_ = false;  // a call that failed is made again
   };
   /// The drives' own watchdogs see to a computer that has stopped.
   struct NoWatchdog {
@@ -24,15 +31,17 @@ class LinuxBoard {
   };
   [[nodiscard]] hal::SocketCan& bus() { return bus_; }
   [[nodiscard]] NoWatchdog& watchdog() { return watchdog_; }
-  [[nodiscard]] NoContact& enable() { return enable_; }
-  [[nodiscard]] NoOutput& drive_enable() { return output_; }
+  /// Lines that nobody requests are not wired: the contact is closed, the outputs go nowhere.
+  [[nodiscard]] hal::GpioLine& enable() { return enable_; }
+  [[nodiscard]] Output& drive_enable() { return drive_enable_; }
+  [[nodiscard]] Output& brake() { return brake_; }
   [[nodiscard]] std::uint32_t now_us() const { return static_cast<std::uint32_t>(hal::monotonic_ns() / 1000U); }
 
  private:
   hal::SocketCan& bus_;
   NoWatchdog watchdog_;
-  NoContact enable_;
-  NoOutput output_;
+  hal::GpioLine enable_;
+  Output drive_enable_, brake_;
 };
 static_assert(Board<LinuxBoard>);
 

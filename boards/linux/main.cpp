@@ -22,6 +22,9 @@ struct Options {
   const char* interface = nullptr;
   const char* record = nullptr;      ///< a row per tick
   const char* histogram = nullptr;   ///< microseconds from instant to begin, and of a tick
+  const char* enable = nullptr;      ///< GPIO lines, "gpiochip0:17"
+  const char* drive_enable = nullptr;
+  const char* brake = nullptr;
   int priority = 80;
   bool best_effort = false;          ///< goes on without fixed priority and locked memory
   std::uint64_t ticks = 0;           ///< 0: until a signal
@@ -50,13 +53,20 @@ Options read(int argc, char** argv) {
       return argv[++i];
     };
     if (std::strcmp(a, "--help") == 0) {
-      std::puts("usage: linux INTERFACE [--record FILE] [--histogram FILE] [--priority 1..99] [--best-effort] [--ticks N]\n"
+      std::puts("usage: linux INTERFACE [--enable CHIP:LINE] [--drive-enable CHIP:LINE] [--brake CHIP:LINE] [--record FILE]\n"
+                "             [--histogram FILE] [--priority 1..99] [--best-effort] [--ticks N]\n"
                 "The scene that was baked into this program, on a CAN interface, until Ctrl-C. Armed by a supervisor computer.");
       std::exit(0);
     } else if (std::strcmp(a, "--record") == 0) {
       o.record = value();
     } else if (std::strcmp(a, "--histogram") == 0) {
       o.histogram = value();
+    } else if (std::strcmp(a, "--enable") == 0) {
+      o.enable = value();
+    } else if (std::strcmp(a, "--drive-enable") == 0) {
+      o.drive_enable = value();
+    } else if (std::strcmp(a, "--brake") == 0) {
+      o.brake = value();
     } else if (std::strcmp(a, "--priority") == 0) {
       o.priority = static_cast<int>(number(a, value(), 1, 99));
     } else if (std::strcmp(a, "--ticks") == 0) {
@@ -78,6 +88,14 @@ std::FILE* create(const char* path) {
   std::FILE* f = std::fopen(path, "w");
   if (f == nullptr) refuse("cannot write ", path);
   return f;
+}
+
+void wire(hal::GpioLine& line, const char* option, const char* place, hal::GpioLine::Use use) {
+  if (place == nullptr) return;
+  const std::error_code wrong = line.request(place, use, option + 2);  // without its dashes
+  if (!wrong) return;
+  std::fprintf(stderr, "esmc board: %s %s: %s; allowed is a free line of a chip, as gpiochip0:17\n", option, place, wrong.message().c_str());
+  std::exit(2);
 }
 
 struct Row {
@@ -114,6 +132,10 @@ int main(int argc, char** argv) {
   std::error_code error;
   hal::SocketCan bus = hal::SocketCan::open(o.interface, error);
   if (!bus.is_open()) refuse((std::string(o.interface) + ": ").c_str(), error.message().c_str());
+  LinuxBoard board(bus);
+  wire(board.enable(), "--enable", o.enable, hal::GpioLine::Use::contact);
+  wire(board.drive_enable().line(), "--drive-enable", o.drive_enable, hal::GpioLine::Use::output);
+  wire(board.brake().line(), "--brake", o.brake, hal::GpioLine::Use::output);
   std::FILE* const record = create(o.record);
   std::FILE* const histogram = create(o.histogram);
   if (record != nullptr) write_header(record);
@@ -127,7 +149,6 @@ int main(int argc, char** argv) {
   }
   for (const int s : {SIGINT, SIGTERM, SIGHUP, SIGQUIT}) std::signal(s, [](int) { ended = ended + 1; });
 
-  LinuxBoard board(bus);
   const auto session = static_cast<std::uint8_t>(1U + std::chrono::system_clock::now().time_since_epoch().count() / 1'000'000 % 255);
   static baked::Node node(baked::config(session));
   TimedLoop loop(node, board, baked::period_ns);
@@ -158,6 +179,8 @@ int main(int argc, char** argv) {
     idle = (state == State::disabled || state == State::fault) && node.all_idle();
     if (idle || begin - asked_ns > rest_ns + idle_ns) break;
   }
+  board.drive_enable().set(false);  // not every chip lets go of a line that is given back
+  board.brake().set(false);
   recorder.close();
   if (record != nullptr) std::fclose(record);
   if (histogram != nullptr) {
