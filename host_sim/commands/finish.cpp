@@ -79,12 +79,12 @@ Json histogram_json(const NamedHistogram& named) {
   std::size_t first = 0, last = Histogram::bins;
   while (first < last && h.counts()[first] == 0) ++first;
   while (last > first && h.counts()[last - 1] == 0) --last;
-  Json counts = Json::array();
+  Json counts = Json::array(), edges = Json::array();
   for (std::size_t i = first; i < last; ++i) counts.push_back(h.counts()[i]);
+  for (std::size_t i = first; i <= last; ++i) edges.push_back(rounded(Histogram::edge(i), 6));
   return {{"title", named.title},
           {"note", named.note},
-          {"first_s", Histogram::edge(first)},
-          {"per_decade", Histogram::per_decade},
+          {"edges_s", std::move(edges)},
           {"counts", std::move(counts)},
           {"total", h.total()},
           {"mean_s", h.mean()},

@@ -85,7 +85,7 @@ void Log::feel(const std::vector<double>& values) {
   const auto now = std::chrono::steady_clock::now();
   const auto first = values.begin() + static_cast<std::ptrdiff_t>(torque_);
   if (written_ > 0) {
-    tick_time_.add(std::chrono::duration<double>(now - last_row_).count());
+    tick_time_.add(1e-9 * static_cast<double>(std::chrono::nanoseconds(now - last_row_).count()));
     for (std::size_t i = 0; i < motors_; ++i) change_ += std::abs(values[torque_ + i] - last_torque_[i]);
     changes_ += motors_;
   }

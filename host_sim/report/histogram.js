@@ -1,9 +1,9 @@
 // Durations as bars over a logarithmic axis, as SVG: sharp on paper, coloured by look.css.
 "use strict";
 
-/** {title, note, first_s, per_decade, counts, total, mean_s, p99_s, max_s} as a figure. Heights are logarithms of counts, so
+/** {title, note, edges_s, counts, total, mean_s, p99_s, max_s} as a figure. Heights are logarithms of counts, so
     that one late tick in a million is seen. */
-function histogramFigure({ title, note, first_s: first, per_decade: perDecade, counts, total, mean_s: mean, p99_s: p99, max_s: max }) {
+function histogramFigure({ title, note, edges_s: edges, counts, total, mean_s: mean, p99_s: p99, max_s: max }) {
   const [width, height, left, right, top, bottom] = [560, 170, 44, 14, 16, 26], base = height - bottom;
   const svg = (tag, attributes, ...children) => {
     const node = document.createElementNS("http://www.w3.org/2000/svg", tag);
@@ -11,7 +11,7 @@ function histogramFigure({ title, note, first_s: first, per_decade: perDecade, c
     node.append(...children);
     return node;
   };
-  const edge = (k) => Math.log10(first) + k / perDecade;
+  const edge = (k) => Math.log10(edges[k]);
   let [lo, hi] = [edge(0), edge(counts.length)];
   if (hi - lo < 1) [lo, hi] = [(lo + hi) / 2 - 0.5, (lo + hi) / 2 + 0.5];
   const decades = Math.max(1, Math.ceil(Math.log10(Math.max(...counts) + 0.5)));

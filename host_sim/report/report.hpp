@@ -20,7 +20,7 @@ namespace esmc::host {
 ///   working_mode [sign, ...], assembly_mode sign or 0: of the scene
 ///   workspace {x: [lo, hi], y, columns, rows, force: [N, ...], type2_sine: [...], type1: [[[x, y], ...], ...], type2}:
 ///             a WorkspaceMap; null out of reach
-///   histograms [{title, note, first_s, per_decade, counts, total, mean_s, p99_s, max_s}], bins of equal ratio from first_s
+///   histograms [{title, note, edges_s, counts, total, mean_s, p99_s, max_s}], one edge more than counts
 ///   bus_load  {start_s, bin_s, load: [share of the bus time, ...]}
 ///   columns   names of the columns of log.csv, and "chatter": N m, mean change of torque per tick
 ///   rows      their values; a few thousand rows are enough, the page says so when ticks were left out

@@ -3,7 +3,7 @@
 
 #include <algorithm>
 #include <array>
-#include <cmath>
+#include <bit>
 #include <cstddef>
 #include <cstdint>
 #include <string>
@@ -11,17 +11,17 @@
 
 namespace esmc::host {
 
-/// Durations counted in bins of equal ratio, from 1 ns to 1000 s; fixed size.
+/// Durations counted in eighths of octaves, from 2^-30 s (1 ns) to 2^10 s; fixed size. A bin is the exponent and the first
+/// three bits of the mantissa: counting is to cost a loop next to nothing.
 class Histogram {
  public:
-  static constexpr int first_decade = -9, last_decade = 3, per_decade = 20;
-  static constexpr std::size_t bins = static_cast<std::size_t>(last_decade - first_decade) * per_decade;
+  static constexpr std::size_t octaves = 40, per_octave = 8, bins = octaves * per_octave;
 
   /// What is no duration (negative, NaN) is left out; what is outside the bins counts in the outermost.
   void add(double seconds) {
     if (!(seconds >= 0.0)) return;
-    const double at = (std::log10(std::max(seconds, 1e-9)) - first_decade) * per_decade;
-    ++counts_[std::min(bins - 1, static_cast<std::size_t>(at))];
+    const std::uint64_t at = std::bit_cast<std::uint64_t>(seconds) >> shift;
+    ++counts_[std::min<std::uint64_t>(bins - 1, std::max(at, offset) - offset)];
     largest_ = std::max(largest_, seconds);
     sum_ += seconds;
     ++total_;
@@ -32,7 +32,7 @@ class Histogram {
   [[nodiscard]] const std::array<std::uint64_t, bins>& counts() const { return counts_; }
   /// Lower edge of a bin, s.
   [[nodiscard]] static double edge(std::size_t bin) {
-    return std::pow(10.0, first_decade + static_cast<double>(bin) / per_decade);
+    return std::bit_cast<double>((offset + bin) << shift);
   }
   /// A duration that the share `q` of all does not exceed: the upper edge of its bin, or the largest.
   [[nodiscard]] double quantile(double q) const {
@@ -45,6 +45,9 @@ class Histogram {
   }
 
  private:
+  static constexpr unsigned shift = 49;
+  static constexpr std::uint64_t offset = std::bit_cast<std::uint64_t>(0x1p-30) >> shift;
+
   std::array<std::uint64_t, bins> counts_{};
   std::uint64_t total_ = 0;
   double largest_ = 0.0, sum_ = 0.0;

@@ -258,8 +258,15 @@ TEST(Histogram, CountsAndQuantiles) {
   EXPECT_NEAR(h.mean(), 500.5e-6, 1e-12);
   EXPECT_EQ(h.largest(), 1e-3);
   EXPECT_GE(h.quantile(0.5), 500e-6);
-  EXPECT_LE(h.quantile(0.5), 500e-6 * std::pow(10.0, 1.0 / Histogram::per_decade));
+  EXPECT_LE(h.quantile(0.5), 500e-6 * (1.0 + 1.0 / Histogram::per_octave));
   EXPECT_EQ(h.quantile(1.0), 1e-3);
+  for (std::size_t i = 0; i < Histogram::bins; ++i) {  // an edge belongs to the bin that it begins
+    Histogram one;
+    one.add(Histogram::edge(i));
+    EXPECT_EQ(one.counts()[i], 1U);
+  }
+  EXPECT_EQ(Histogram::edge(0), 0x1p-30);
+  EXPECT_EQ(Histogram::edge(Histogram::bins), 0x1p10);
   std::uint64_t sum = 0;
   for (const std::uint64_t n : h.counts()) sum += n;
   EXPECT_EQ(sum, 1000U);
