@@ -11,8 +11,8 @@
 
 namespace esmc::host {
 
-/// Durations counted in eighths of octaves, from 2^-30 s (1 ns) to 2^10 s; fixed size. A bin is the exponent and the first
-/// three bits of the mantissa: counting is to cost a loop next to nothing.
+/// Durations counted in eighths of octaves, from 2^-30 s (1 ns) to 2^10 s; fixed size. A bin is the exponent
+/// and the first three bits of the mantissa: counting is to cost a loop next to nothing.
 class Histogram {
  public:
   static constexpr std::size_t octaves = 40, per_octave = 8, bins = octaves * per_octave;
@@ -31,15 +31,14 @@ class Histogram {
   [[nodiscard]] double mean() const { return total_ > 0 ? sum_ / static_cast<double>(total_) : 0.0; }
   [[nodiscard]] const std::array<std::uint64_t, bins>& counts() const { return counts_; }
   /// Lower edge of a bin, s.
-  [[nodiscard]] static double edge(std::size_t bin) {
-    return std::bit_cast<double>((offset + bin) << shift);
-  }
+  [[nodiscard]] static double edge(std::size_t bin) { return std::bit_cast<double>((offset + bin) << shift); }
   /// A duration that the share `q` of all does not exceed: the upper edge of its bin, or the largest.
   [[nodiscard]] double quantile(double q) const {
     std::uint64_t seen = 0;
     for (std::size_t i = 0; i < bins; ++i) {
       seen += counts_[i];
-      if (static_cast<double>(seen) >= q * static_cast<double>(total_)) return std::min(edge(i + 1), largest_);
+      if (static_cast<double>(seen) >= q * static_cast<double>(total_))
+        return std::min(edge(i + 1), largest_);
     }
     return largest_;
   }

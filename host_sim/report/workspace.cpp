@@ -39,7 +39,8 @@ struct Mechanism {
 
 /// Between two points of a path that are further apart than `widest`: more of it.
 template <class Point>
-void refine(const Point& point, double u0, double u1, V2 to, double widest, WorkspaceMap::Path& path, int depth = 6) {
+void refine(const Point& point, double u0, double u1, V2 to, double widest, WorkspaceMap::Path& path,
+            int depth = 6) {
   const double mid = 0.5 * (u0 + u1);
   std::optional<V2> p;
   if (depth > 0 && length(to - path.back()) > widest) p = point(mid);
@@ -96,7 +97,8 @@ void trace(const Point& point, double widest, std::vector<WorkspaceMap::Path>& o
   }
 }
 
-/// A leg is stretched or folded where its tip is on the rim of its annulus. Only what the other leg reaches exists.
+/// A leg is stretched or folded where its tip is on the rim of its annulus. Only what the other leg reaches
+/// exists.
 void trace_type1(const Mechanism& m, double widest, std::vector<WorkspaceMap::Path>& out) {
   for (const Leg& leg : m.legs) {
     for (const double radius : {leg.p.l1 + leg.p.l2, std::abs(leg.p.l1 - leg.p.l2)}) {
@@ -105,7 +107,8 @@ void trace_type1(const Mechanism& m, double widest, std::vector<WorkspaceMap::Pa
       trace(
           [&](double u) -> std::optional<V2> {
             const V2 p = V2{leg.x, 0.0} + radius * along(u);
-            if (!std::ranges::all_of(m.legs, [&](const Leg& l) { return l.reaches(p, slack); })) return std::nullopt;
+            if (!std::ranges::all_of(m.legs, [&](const Leg& l) { return l.reaches(p, slack); }))
+              return std::nullopt;
             return p;
           },
           widest, out);
@@ -113,9 +116,9 @@ void trace_type1(const Mechanism& m, double widest, std::vector<WorkspaceMap::Pa
   }
 }
 
-/// Both outer bars on one line, whose direction is u: the second elbow is `span` further along it than the first, which so
-/// lies on a circle about the first base and on one about the second base less the span. Regular also where the elbows
-/// coincide (span = 0, equal outer bars).
+/// Both outer bars on one line, whose direction is u: the second elbow is `span` further along it than the
+/// first, which so lies on a circle about the first base and on one about the second base less the span.
+/// Regular also where the elbows coincide (span = 0, equal outer bars).
 void trace_type2(const Leg& a, const Leg& b, double widest, std::vector<WorkspaceMap::Path>& out) {
   const auto bends_rightly = [](const Leg& leg, V2 elbow, V2 tip) {
     const V2 e = leg.local(elbow);
@@ -132,7 +135,8 @@ void trace_type2(const Leg& a, const Leg& b, double widest, std::vector<Workspac
             const V2 unit = (1.0 / d) * to, normal{-unit.y, unit.x};
             const V2 elbow = base + middle * unit + (branch * std::sqrt(height2)) * normal;
             const V2 tip = elbow + a.p.l2 * line;
-            if (!bends_rightly(a, elbow, tip) || !bends_rightly(b, elbow + span * line, tip)) return std::nullopt;
+            if (!bends_rightly(a, elbow, tip) || !bends_rightly(b, elbow + span * line, tip))
+              return std::nullopt;
             return tip;
           },
           widest, out);
@@ -155,22 +159,25 @@ Node node(const Mechanism& m, V2 point, const std::vector<MotorLimit>& motors) {
     if (!theta) return {};
     const double outer = (*theta)[0] + (*theta)[1];
     phi += outer;
-    const auto by_x = joint_rates(leg.p, *theta, {leg.side, 0.0}), by_y = joint_rates(leg.p, *theta, {0.0, 1.0});
+    const auto by_x = joint_rates(leg.p, *theta, {leg.side, 0.0}),
+               by_y = joint_rates(leg.p, *theta, {0.0, 1.0});
     const V2 r1{by_x[0], by_y[0]}, r2{by_x[1], by_y[1]};
     gradient[2 * j] = r1;
     gradient[2 * j + 1] = r2;
-    weight = weight + (m.gravity * (leg.p.m1 * leg.p.lg1 + leg.p.m2 * leg.p.l1) * std::cos((*theta)[0])) * r1 +
+    weight = weight +
+             (m.gravity * (leg.p.m1 * leg.p.lg1 + leg.p.m2 * leg.p.l1) * std::cos((*theta)[0])) * r1 +
              (m.gravity * leg.p.m2 * leg.p.lg2 * std::cos(outer)) * (r1 + r2);
   }
   Node out;
   if (m.legs.size() == 2) out.type2 = std::sin(phi);
-  // Forces of the motors fill a zonotope; the edges of its rim are parallel to the gradients. Its distance from the weight
-  // is least across one of them.
+  // Forces of the motors fill a zonotope; the edges of its rim are parallel to the gradients. Its distance
+  // from the weight is least across one of them.
   for (const MotorLimit& edge : motors) {
     const V2 g = gradient[edge.joint];
     const V2 normal = (1.0 / length(g)) * V2{-g.y, g.x};
     double support = -std::abs(dot(weight, normal));
-    for (const MotorLimit& motor : motors) support += motor.torque * std::abs(dot(gradient[motor.joint], normal));
+    for (const MotorLimit& motor : motors)
+      support += motor.torque * std::abs(dot(gradient[motor.joint], normal));
     if (!(support >= out.force)) out.force = support;
   }
   return out;
@@ -188,13 +195,14 @@ WorkspaceMap map_of(const Mechanism& m, const std::vector<MotorLimit>& motors, i
     out.y1 = std::min(out.y1, r);
   }
   if (!(out.x1 > out.x0)) return out;  // bases too far apart
-  const double width = out.x1 - out.x0, height = out.y1 - out.y0, cell = std::max(width, height) / (nodes - 1);
+  const double width = out.x1 - out.x0, height = out.y1 - out.y0,
+               cell = std::max(width, height) / (nodes - 1);
   out.columns = std::max(2, static_cast<int>(std::ceil(width / cell - 1e-9)) + 1);
   out.rows = std::max(2, static_cast<int>(std::ceil(height / cell - 1e-9)) + 1);
   for (int row = 0; row < out.rows; ++row) {
     for (int column = 0; column < out.columns; ++column) {
-      const Node n =
-          node(m, {out.x0 + width * column / (out.columns - 1), out.y0 + height * row / (out.rows - 1)}, motors);
+      const Node n = node(
+          m, {out.x0 + width * column / (out.columns - 1), out.y0 + height * row / (out.rows - 1)}, motors);
       if (!motors.empty()) out.force.push_back(n.force);
       if (m.legs.size() == 2) out.type2_sine.push_back(n.type2);
     }
@@ -209,10 +217,12 @@ WorkspaceMap map_of(const Mechanism& m, const std::vector<MotorLimit>& motors, i
 
 WorkspaceMap workspace_map(const FiveBarParams<double>& m, const std::array<int, 2>& bend,
                            const std::vector<MotorLimit>& motors, int nodes) {
-  return map_of({{{m.legs[0], m.l0, 1.0, bend[0]}, {m.legs[1], -m.l0, -1.0, bend[1]}}, m.g, m.m0}, motors, nodes);
+  return map_of({{{m.legs[0], m.l0, 1.0, bend[0]}, {m.legs[1], -m.l0, -1.0, bend[1]}}, m.g, m.m0}, motors,
+                nodes);
 }
 
-WorkspaceMap workspace_map(const RrParams<double>& m, int bend, const std::vector<MotorLimit>& motors, int nodes) {
+WorkspaceMap workspace_map(const RrParams<double>& m, int bend, const std::vector<MotorLimit>& motors,
+                           int nodes) {
   return map_of({{{m.arm, 0.0, 1.0, bend}}, m.g, 0.0}, motors, nodes);
 }
 

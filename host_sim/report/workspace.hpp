@@ -1,5 +1,6 @@
 #pragma once
-/// Where a mechanism can be, where it is singular, and what its motors can do there. For a report: a coarse map.
+/// Where a mechanism can be, where it is singular, and what its motors can do there. For a report: a coarse
+/// map.
 
 #include <array>
 #include <vector>
@@ -18,9 +19,10 @@ struct WorkspaceMap {
   using Path = std::vector<V2>;
 
   double x0 = 0, x1 = 0, y0 = 0, y1 = 0;  ///< corners of the grid, m
-  int columns = 0, rows = 0;              ///< nodes of the grid; a node is at x0 + (x1 - x0) column / (columns - 1)
-  /// Row by row from y0, NaN out of reach: the largest force (N) that the motors can exert on the world in every
-  /// direction, beside holding the mechanism at rest. Below 0: they cannot hold it. Empty without motors.
+  int columns = 0, rows = 0;  ///< nodes of the grid; a node is at x0 + (x1 - x0) column / (columns - 1)
+  /// Row by row from y0, NaN out of reach: the largest force (N) that the motors can exert on the world in
+  /// every direction, beside holding the mechanism at rest. Below 0: they cannot hold it. Empty without
+  /// motors.
   std::vector<double> force;
   /// The same for sin(phi12 + phi22), whose sign is the assembly mode; empty for RR.
   std::vector<double> type2_sine;
@@ -31,7 +33,7 @@ struct WorkspaceMap {
 [[nodiscard]] WorkspaceMap workspace_map(const FiveBarParams<double>& m, const std::array<int, 2>& bend,
                                          const std::vector<MotorLimit>& motors, int nodes);
 /// Of the RR arm.
-[[nodiscard]] WorkspaceMap workspace_map(const RrParams<double>& m, int bend, const std::vector<MotorLimit>& motors,
-                                         int nodes);
+[[nodiscard]] WorkspaceMap workspace_map(const RrParams<double>& m, int bend,
+                                         const std::vector<MotorLimit>& motors, int nodes);
 
 }  // namespace esmc::host

@@ -1,5 +1,5 @@
-// The map of a report against derivations of its own: elbows as intersections of circles, joint angles by differences,
-// torques by solving for them.
+// The map of a report against derivations of its own: elbows as intersections of circles, joint angles by
+// differences, torques by solving for them.
 
 #include "host_sim/report/workspace.hpp"
 
@@ -17,8 +17,8 @@ namespace {
 
 double cross(V2 a, V2 b) { return a.x * b.y - a.y * b.x; }
 
-/// Elbow of a leg with its base at (x, 0), of the two the one whose outer bar turns left (+1) or right (-1) of the inner
-/// one, seen from the front.
+/// Elbow of a leg with its base at (x, 0), of the two the one whose outer bar turns left (+1) or right (-1)
+/// of the inner one, seen from the front.
 V2 elbow(const LegParams<double>& leg, double x, V2 tip, int left) {
   const V2 to = tip - V2{x, 0.0};
   const double d2 = dot(to, to), a = (d2 + leg.l1 * leg.l1 - leg.l2 * leg.l2) / (2.0 * d2);
@@ -47,7 +47,8 @@ struct Case {
   [[nodiscard]] bool reaches(V2 tip, double slack) const {
     for (std::size_t j = 0; j < 2; ++j) {
       const double r = std::hypot(tip.x - (j == 0 ? m.l0 : -m.l0), tip.y);
-      if (!(r <= m.legs[j].l1 + m.legs[j].l2 + slack && r >= std::abs(m.legs[j].l1 - m.legs[j].l2) - slack)) return false;
+      if (!(r <= m.legs[j].l1 + m.legs[j].l2 + slack && r >= std::abs(m.legs[j].l1 - m.legs[j].l2) - slack))
+        return false;
     }
     return true;
   }
@@ -81,10 +82,16 @@ std::vector<Case> cases() {
     m.m0 = between(0.0, 0.3);
     m.g = n % 3 == 0 ? 0.0 : 9.8;
     for (LegParams<double>& p : m.legs)
-      p = {.l1 = between(0.1, 0.2), .l2 = between(0.1, 0.2), .lg1 = between(0.02, 0.1), .lg2 = between(0.02, 0.1),
-           .m1 = between(0.05, 0.3), .m2 = between(0.05, 0.3), .J1 = 2e-4, .J2 = 7e-4};
-    if (n % 4 == 1) m.legs[1] = m.legs[0];                      // outer bars that can lie on each other
-    if (n % 4 == 2) m.legs[1].l2 = m.legs[0].l2 + 1e-7;         // nearly
+      p = {.l1 = between(0.1, 0.2),
+           .l2 = between(0.1, 0.2),
+           .lg1 = between(0.02, 0.1),
+           .lg2 = between(0.02, 0.1),
+           .m1 = between(0.05, 0.3),
+           .m2 = between(0.05, 0.3),
+           .J1 = 2e-4,
+           .J2 = 7e-4};
+    if (n % 4 == 1) m.legs[1] = m.legs[0];               // outer bars that can lie on each other
+    if (n % 4 == 2) m.legs[1].l2 = m.legs[0].l2 + 1e-7;  // nearly
     for (const int a : {-1, 1})
       for (const int b : {-1, 1}) out.push_back({m, {a, b}});
   }
@@ -122,7 +129,8 @@ TEST(Workspace, LociAreSingular) {
   }
 }
 
-/// Nothing is left out: where the sign of a field changes between neighbours, a locus passes. The rim is always traced.
+/// Nothing is left out: where the sign of a field changes between neighbours, a locus passes. The rim is
+/// always traced.
 TEST(Workspace, LociAreWhole) {
   int crossings = 0, rims = 0;
   for (const Case& c : cases()) {
@@ -148,7 +156,8 @@ TEST(Workspace, LociAreWhole) {
           ++rims;
           EXPECT_TRUE(near(map.type1, 0.5 * (p + q), dx));
         }
-        if (!in_p || !in_q || std::min({c.rim(0, p), c.rim(1, p), c.rim(0, q), c.rim(1, q)}) < 0.1 * dx) continue;
+        if (!in_p || !in_q || std::min({c.rim(0, p), c.rim(1, p), c.rim(0, q), c.rim(1, q)}) < 0.1 * dx)
+          continue;
         if ((c.between(p) > 0) == (c.between(q) > 0)) continue;
         ++crossings;
         EXPECT_TRUE(near(map.type2, 0.5 * (p + q), dx)) << p.x << " " << p.y;
@@ -168,7 +177,8 @@ TEST(Workspace, FieldsAreThoseOfTheMechanism) {
     for (int j = 0; j < map.rows; ++j) {
       for (int i = 0; i < map.columns; ++i) {
         const auto k = static_cast<std::size_t>(j * map.columns + i);
-        const V2 p{map.x0 + (map.x1 - map.x0) * i / (map.columns - 1), map.y0 + (map.y1 - map.y0) * j / (map.rows - 1)};
+        const V2 p{map.x0 + (map.x1 - map.x0) * i / (map.columns - 1),
+                   map.y0 + (map.y1 - map.y0) * j / (map.rows - 1)};
         if (std::min(c.rim(0, p), c.rim(1, p)) < 1e-3) continue;
         if (!c.reaches(p, 0.0)) {
           EXPECT_TRUE(std::isnan(map.force[k]) && std::isnan(map.type2_sine[k]));
@@ -178,12 +188,16 @@ TEST(Workspace, FieldsAreThoseOfTheMechanism) {
         const auto theta = c.angles(p);
         EXPECT_NEAR(map.type2_sine[k], std::sin(theta[0] + theta[1] + theta[2] + theta[3]), 1e-9);
         EXPECT_NEAR(std::abs(map.type2_sine[k]), std::abs(c.between(p)), 1e-9);
-        // Torques that a force takes: tau = J^T (F + weight), J the velocity of the effector by the base joints.
+        // Torques that a force takes: tau = J^T (F + weight), J the velocity of the effector by the base
+        // joints.
         const auto by = [&](auto f) {
-          return V2{(f(p + V2{h, 0}) - f(p - V2{h, 0})) / (2 * h), (f(p + V2{0, h}) - f(p - V2{0, h})) / (2 * h)};
+          return V2{(f(p + V2{h, 0}) - f(p - V2{h, 0})) / (2 * h),
+                    (f(p + V2{0, h}) - f(p - V2{0, h})) / (2 * h)};
         };
         const auto angle = [&](std::size_t joint) {
-          return by([&](V2 q) { return std::remainder(c.angles(q)[joint] - theta[joint], 2.0 * std::numbers::pi); });
+          return by([&](V2 q) {
+            return std::remainder(c.angles(q)[joint] - theta[joint], 2.0 * std::numbers::pi);
+          });
         };
         const V2 r1 = angle(0), r2 = angle(2), weight = by([&](V2 q) { return c.potential(q); });
         const double det = cross(r1, r2);
@@ -215,7 +229,8 @@ TEST(Workspace, FieldsAreThoseOfTheMechanism) {
 TEST(Workspace, MoreMotorsAreNotWeaker) {
   const std::vector<MotorLimit> all{{0, 2.0}, {1, 0.5}, {2, 1.5}, {3, 0.5}};
   for (const Case& c : cases()) {
-    const WorkspaceMap two = workspace_map(c.m, c.bend, base_motors, 15), four = workspace_map(c.m, c.bend, all, 15);
+    const WorkspaceMap two = workspace_map(c.m, c.bend, base_motors, 15),
+                       four = workspace_map(c.m, c.bend, all, 15);
     for (std::size_t k = 0; k < two.force.size(); ++k) {
       if (!std::isnan(two.force[k])) {
         EXPECT_GE(four.force[k], two.force[k] - 1e-9);
@@ -226,16 +241,19 @@ TEST(Workspace, MoreMotorsAreNotWeaker) {
 
 /// Closed form: stretched sideways by a right angle without gravity, each motor pulls across the other bar.
 TEST(Workspace, Arm) {
-  const RrParams<double> arm{{.l1 = 0.3, .l2 = 0.4, .lg1 = 0.15, .lg2 = 0.2, .m1 = 1, .m2 = 1, .J1 = 0.01, .J2 = 0.01}, 0.0};
+  const RrParams<double> arm{
+      {.l1 = 0.3, .l2 = 0.4, .lg1 = 0.15, .lg2 = 0.2, .m1 = 1, .m2 = 1, .J1 = 0.01, .J2 = 0.01}, 0.0};
   const WorkspaceMap map = workspace_map(arm, 1, {{0, 7.0}, {1, 3.0}}, 71);
   EXPECT_TRUE(map.type2.empty());
   EXPECT_TRUE(map.type2_sine.empty());
   ASSERT_EQ(map.type1.size(), 2U);
   for (const V2 p : map.type1[0]) EXPECT_NEAR(std::hypot(p.x, p.y), 0.7, 1e-12);
   for (const V2 p : map.type1[1]) EXPECT_NEAR(std::hypot(p.x, p.y), 0.1, 1e-12);
-  // At (0.3, 0.4): theta1 = 0, theta2 = pi/2. Virtual work: F = tau1 r1 + tau2 r2 with r1 = (0, 1/0.3), r2 = (-1/0.4, -1/0.3).
-  // Across r1 only motor 2 counts: 3 * 2.5 = 7.5 N; across r2 only motor 1: 7 |r1 x r2| / |r2| = 14 N.
-  const auto column = static_cast<std::size_t>(std::lround((0.3 - map.x0) / (map.x1 - map.x0) * (map.columns - 1)));
+  // At (0.3, 0.4): theta1 = 0, theta2 = pi/2. Virtual work: F = tau1 r1 + tau2 r2 with r1 = (0, 1/0.3), r2 =
+  // (-1/0.4, -1/0.3). Across r1 only motor 2 counts: 3 * 2.5 = 7.5 N; across r2 only motor 1: 7 |r1 x r2| /
+  // |r2| = 14 N.
+  const auto column =
+      static_cast<std::size_t>(std::lround((0.3 - map.x0) / (map.x1 - map.x0) * (map.columns - 1)));
   const auto row = static_cast<std::size_t>(std::lround((0.4 - map.y0) / (map.y1 - map.y0) * (map.rows - 1)));
   EXPECT_NEAR(map.force[row * static_cast<std::size_t>(map.columns) + column], 7.5, 1e-9);
 }
@@ -243,7 +261,8 @@ TEST(Workspace, Arm) {
 TEST(Workspace, BasesTooFarApart) {
   FiveBarParams<double> m;
   m.l0 = 1.0;
-  for (LegParams<double>& p : m.legs) p = {.l1 = 0.1, .l2 = 0.1, .lg1 = 0, .lg2 = 0, .m1 = 1, .m2 = 1, .J1 = 1, .J2 = 1};
+  for (LegParams<double>& p : m.legs)
+    p = {.l1 = 0.1, .l2 = 0.1, .lg1 = 0, .lg2 = 0, .m1 = 1, .m2 = 1, .J1 = 1, .J2 = 1};
   const WorkspaceMap map = workspace_map(m, {1, 1}, base_motors, 11);
   EXPECT_EQ(map.columns * map.rows, 0);
   EXPECT_TRUE(map.type1.empty() && map.type2.empty());
