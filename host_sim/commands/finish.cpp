@@ -34,6 +34,7 @@ Json mechanism_json(const Scene& s) {
 
 /// A number with so many digits as a picture needs; a gap where there is none.
 Json rounded(double v, int digits) {
+  if (std::abs(v) < 1e-300) return 0.0;  // what stod refuses
   return std::isfinite(v) ? Json(std::stod(fmt::format("{:.{}g}", v, digits))) : Json(nullptr);
 }
 

@@ -58,13 +58,14 @@ const WorkspaceMap = (() => {
       this.legs = Mechanism.legs(geometry);
       this.steps = levels(map, side);
       this.box = { x: [Math.min(map.x[0], ...this.legs.map(({ base }) => base)), Math.max(map.x[1], ...this.legs.map(({ base }) => base))], y: map.y };
-      on(canvas, "pointermove", (event) => this.tell([event.offsetX, event.offsetY]));
-      on(canvas, "pointerleave", () => { this.output.value = ""; });
+      on(canvas, "pointermove", (event) => { this.pointer = [event.offsetX, event.offsetY]; this.tell(); });
+      on(canvas, "pointerleave", () => { this.pointer = undefined; this.tell(); });
     }
-    tell(pixel) {
-      const at = this.view?.toWorld(pixel);
-      if (!at) return;
-      const where = `x ${(1e3 * at[0]).toFixed(0)}, y ${(1e3 * at[1]).toFixed(0)} mm: `.replaceAll("-", "−");
+    /** Values under the pointer; without one, at the effector. */
+    tell() {
+      const effector = this.pose()?.effector, at = this.pointer ? this.view?.toWorld(this.pointer) : effector;
+      if (!at || !Number.isFinite(at[0] + at[1])) { this.output.value = ""; return; }
+      const where = `${this.pointer ? "" : "effector at "}x ${(1e3 * at[0]).toFixed(0)}, y ${(1e3 * at[1]).toFixed(0)} mm: `.replaceAll("-", "−");
       const { map } = this, parts = [];
       if (map.force.length) parts.push(amount(sample(map, map.force, at), "N"));
       if (map.type2_sine.length) parts.push(`sin(φ₁₂+φ₂₂) = ${sig(sample(map, map.type2_sine, at), 2)}`);
@@ -106,6 +107,7 @@ const WorkspaceMap = (() => {
       }
       Mechanism.drawPath(c, view, this.reference, { strokeStyle: colour("panel"), lineWidth: 4, globalAlpha: 0.7 });
       Mechanism.drawPath(c, view, this.reference, { strokeStyle: colour("c6"), lineWidth: 2 });
+      this.tell();
       const pose = this.pose();
       if (pose) {
         pose.bases.forEach((base, j) => Mechanism.drawPath(c, view, [base, pose.elbows[j], pose.effector], { strokeStyle: colour("ink"), lineWidth: 1.5 }));

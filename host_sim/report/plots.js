@@ -95,9 +95,13 @@ class TimePlot {
   settings() {
     const font = `11px ${getComputedStyle(document.body).fontFamily}`;
     const axis = { font, stroke: () => colour("muted"), grid: { stroke: () => colour("rule"), width: 1 }, ticks: { show: false } };
-    const marks = (lo, hi, wanted, unit = "") => {
-      const list = ticks(lo, hi, wanted);
-      return { splits: list.map(({ value }) => value), texts: list.map(({ text }) => text + unit) };
+    const linear = (wanted, unit = "") => {  // round numbers, printed with the digits that tell them apart
+      let texts = [];
+      return { values: () => texts, splits: (u, i, lo, hi) => {
+        const list = ticks(lo, hi, wanted(u));
+        texts = list.map(({ text }) => text + unit);
+        return list.map(({ value }) => value);
+      } };
     };
     const styles = { line: { width: 1.6 }, ref: { width: 1.2, dash: [5, 4] }, under: { width: 6, alpha: 0.3 } };
     const lines = this.bands ? [{ show: false }] : this.series.map((s) => ({ stroke: () => colour(s.colour), show: !s.hidden, points: { show: this.time.length < 3 },
@@ -112,14 +116,11 @@ class TimePlot {
       scales: { x: { time: false, range: () => this.axis.view }, y: { distr: this.log ? 3 : 1, range: (u, lo, hi) => this.range(lo, hi) } },
       series: [{}, ...lines],
       axes: [
-        { ...axis, size: 22, gap: 4, splits: (u, i, lo, hi) => marks(lo, hi, u.width / 85).splits,
-          values: (u) => marks(...this.axis.view, u.width / 85, " s").texts },
+        { ...axis, size: 22, gap: 4, ...linear((u) => u.width / 85, " s") },
         this.bands ? { show: true, size: plotMargin.left, splits: () => [], values: () => [] }
           : this.log ? { ...axis, size: plotMargin.left, filter: (u, splits) => splits, splits: (u, i, lo, hi) => decades(lo, hi),
             values: (u, splits) => splits.map((v) => power(Math.round(Math.log10(v)))) }
-            : { ...axis, size: plotMargin.left, splits: (u, i, lo, hi) => marks(lo, hi, this.height / 32).splits,
-              values: (u, splits) => marks(splits[0], splits[splits.length - 1], Math.max(1, splits.length - 1)).texts.length === splits.length
-                ? marks(splits[0], splits[splits.length - 1], Math.max(1, splits.length - 1)).texts : splits.map((v) => sig(v, 3)) }],
+            : { ...axis, size: plotMargin.left, ...linear(() => this.height / 32) }],
       hooks: { draw: [(u) => this.decorate(u)], setSelect: [(u) => this.selected(u)] },
     };
   }

@@ -205,8 +205,10 @@ function buildMap(axis) {
 function buildHistograms() {
   const list = data.histograms ?? [];
   byId("histograms").append(...list.map(histogramFigure));
-  if (!list.some(({ title }) => /latency/i.test(title))) byId("histograms").append(el("p", { class: "note" }, data.kind === "sim"
-    ? "No latency: torques were applied directly, without a bus." : "No latency: in lockstep frames take no time, unless the scene names the effect bit_timing."));
+  if (!list.some(({ title }) => /latency/i.test(title))) byId("histograms").append(el("p", { class: "note" },
+    data.kind === "sim" ? "No latency: torques were applied directly, without a bus."
+      : data.kind === "plant" ? "No latency: the controller's report has it, where it runs in real time."
+        : "No latency: in lockstep frames take no time, unless the scene names the effect bit_timing."));
 }
 
 // ---- Start ----------------------------------------------------------------------------------------------------------

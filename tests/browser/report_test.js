@@ -152,6 +152,7 @@ test("dragging over one plot zooms them all, a double click shows all, a name of
 test("the pointer reads values of the map", async () => {
   const page = await open(browser, report("map", ["sim", five, ...sets("simulation.duration=0.5")]));
   await page.locator("#map").scrollIntoViewIfNeeded();
+  assert.match(await page.textContent("#map-now"), /^effector at x .* mm: [\d.]+ N, /);
   const box = await page.locator("#map").boundingBox();
   await page.mouse.move(box.x + box.width / 2, box.y + box.height / 4);
   assert.match(await page.textContent("#map-now"), /^x −?\d+, y −?\d+ mm: [\d.]+ N, sin\(φ₁₂\+φ₂₂\) = −?[\d.]+$/);
