@@ -1,0 +1,36 @@
+# cmake -DESMC=PROGRAM -DOUT=esmc.1 -P manual_page.cmake: the manual page, from what `esmc --help` and the --help of
+# every subcommand print.
+function(ask out)
+  execute_process(COMMAND ${ESMC} ${ARGN} OUTPUT_VARIABLE text COMMAND_ERROR_IS_FATAL ANY)
+  string(STRIP "${text}" text)
+  set(${out} "${text}" PARENT_SCOPE)
+endfunction()
+
+# Text as it is: a backslash, and a dot or quote that begins a line, mean something to roff; a plain - is a hyphen.
+function(verbatim out text)
+  string(REPLACE "\\" "\\e" text "${text}")
+  string(REPLACE "-" "\\-" text "${text}")
+  string(REGEX REPLACE "(^|\n)([.'])" "\\1\\\\&\\2" text "${text}")
+  set(${out} ".nf\n${text}\n.fi\n" PARENT_SCOPE)
+endfunction()
+
+ask(version --version)
+ask(help --help)
+string(REGEX MATCH "^[^\n]+" summary "${help}")
+verbatim(body "${help}")
+string(CONCAT page ".TH ESMC 1 \"\" \"esmc ${version}\" \"User Commands\"\n.SH NAME\nesmc \\- ${summary}\n"
+         ".SH SYNOPSIS\n.B esmc\n.I SUBCOMMAND\n.RI [ OPTIONS ]\n.SH DESCRIPTION\n${body}")
+string(REGEX REPLACE "^.*\nSubcommands:\n" "" listed "${help}")
+string(REGEX MATCHALL "(^|\n)  [a-z]+" names "${listed}")
+if(NOT names)
+  message(FATAL_ERROR "manual page: no subcommands in what ${ESMC} --help prints")
+endif()
+foreach(name IN LISTS names)
+  string(STRIP "${name}" name)
+  ask(help ${name} --help)
+  verbatim(body "${help}")
+  string(TOUPPER "${name}" title)
+  string(APPEND page ".SH ESMC ${title}\n${body}")
+endforeach()
+string(APPEND page ".SH EXIT STATUS\n0; 1 when a run failed or ended in a fault; 2 for bad input, which one line on standard error describes.\n")
+file(WRITE ${OUT} "${page}")
