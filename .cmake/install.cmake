@@ -4,7 +4,7 @@ include(CMakePackageConfigHelpers)
 
 install(TARGETS esmc_hal esmc_numerics esmc_firmware esmc_control EXPORT esmc_targets)
 install(DIRECTORY ${PROJECT_SOURCE_DIR}/firmware DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/esmc FILES_MATCHING PATTERN "*.hpp")
-file(GLOB concepts CONFIGURE_DEPENDS ${PROJECT_SOURCE_DIR}/hal/*.hpp)
+file(GLOB concepts ${PROJECT_SOURCE_DIR}/hal/*.hpp)
 install(FILES ${concepts} DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/esmc/hal)
 install(FILES ${PROJECT_SOURCE_DIR}/hal/slcan/slcan.hpp DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/esmc/hal/slcan)
 install(EXPORT esmc_targets NAMESPACE esmc:: FILE esmc-targets.cmake DESTINATION ${CMAKE_INSTALL_LIBDIR}/cmake/esmc)

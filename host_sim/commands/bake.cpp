@@ -1,13 +1,11 @@
 #include "host_sim/commands/bake.hpp"
 
-#include <cstdio>
-#include <filesystem>
-#include <fstream>
 #include <vector>
 
 #include "host_sim/commands/bake_text.hpp"
 #include "host_sim/commands/check.hpp"
 #include "host_sim/commands/halves.hpp"
+#include "host_sim/commands/output.hpp"
 #include "host_sim/version.hpp"
 
 namespace esmc::host {
@@ -174,24 +172,7 @@ int run_bake(const RunOptions& o) {
   const std::string all =
       o.single_precision ? (five_bar ? header<FiveBar<float>>(scene, pacing) : header<Rr<float>>(scene, pacing))
                          : (five_bar ? header<FiveBar<double>>(scene, pacing) : header<Rr<double>>(scene, pacing));
-  if (o.out.empty()) {
-    fmt::print("{}", all);
-    return 0;
-  }
-  const std::filesystem::path to(o.out), part(o.out + ".part");
-  for (const auto& p : {to, part}) {
-    if (exists(symlink_status(p)) && !is_regular_file(symlink_status(p)))
-      throw InputError("", p.string() + ": exists and is not a regular file");
-  }
-  std::ofstream file(part, std::ios::binary);
-  file << all;
-  file.close();
-  std::error_code error;
-  if (file) std::filesystem::rename(part, to, error);
-  if (!file || error) {
-    std::filesystem::remove(part, error);
-    throw InputError("", o.out + ": cannot be written");
-  }
+  print_or_write(all, o.out);
   return 0;
 }
 

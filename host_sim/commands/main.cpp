@@ -21,6 +21,7 @@
 #include "host_sim/commands/check.hpp"
 #include "host_sim/commands/drive.hpp"
 #include "host_sim/commands/eval.hpp"
+#include "host_sim/commands/export.hpp"
 #include "host_sim/commands/init.hpp"
 #include "host_sim/commands/open_bus.hpp"
 #include "host_sim/commands/run.hpp"
@@ -93,13 +94,18 @@ std::uint64_t read_integer(const std::string& text, const std::string& option = 
   return seed;
 }
 
-/// Options of everything that reads a scene.
-void add_scene_options(CLI::App& c, RunOptions& o, const std::string& files) {
-  c.add_option("SCENE", o.scene, "scene file (TOML)")->required();
-  c.add_option("--set", o.sets, "section.key=value instead of what the scene says; may be repeated")
+/// --set, of everything that reads a scene.
+void add_sets(CLI::App& c, std::vector<std::string>& sets) {
+  c.add_option("--set", sets, "section.key=value instead of what the scene says; may be repeated")
       ->type_name("KEY=VALUE")
       ->expected(1)
       ->take_all();
+}
+
+/// And the other options of most of them.
+void add_scene_options(CLI::App& c, RunOptions& o, const std::string& files) {
+  c.add_option("SCENE", o.scene, "scene file (TOML)")->required();
+  add_sets(c, o.sets);
   c.add_option("--out", o.out, "directory for " + files)->type_name("DIR");
   c.add_flag("--json", o.json, "print the result as one JSON document");
 }
@@ -154,10 +160,7 @@ void add_campaign(CLI::App& app, CampaignOptions& o, const std::function<void()>
   auto* c = app.add_subcommand(
       "campaign", "faults on a virtual bus, episode after episode, each judged against the invariants of safety");
   c->add_option("SCENE", o.scene, "scene file (TOML); without it, variants of the five-bar on a circle");
-  c->add_option("--set", o.sets, "section.key=value instead of what the scene says; may be repeated")
-      ->type_name("KEY=VALUE")
-      ->expected(1)
-      ->take_all();
+  add_sets(*c, o.sets);
   c->add_option_function<std::string>(
        "--episodes", [&o](const std::string& text) { o.episodes = read_integer(text, "--episodes"); }, "how many")
       ->type_name("UINT")
@@ -292,10 +295,7 @@ int run(int argc, char** argv) {
   AccuracyOptions a;
   auto* bake = app.add_subcommand("bake", "a scene as the constants of a board's image (C++); what check refuses is refused");
   bake->add_option("SCENE", o.scene, "scene file (TOML)")->required();
-  bake->add_option("--set", o.sets, "section.key=value instead of what the scene says; may be repeated")
-      ->type_name("KEY=VALUE")
-      ->expected(1)
-      ->take_all();
+  add_sets(*bake, o.sets);
   bake->add_option("--out", o.out, "file to write instead of printing")->type_name("FILE");
   bake->add_option_function<std::string>(
           "--scalar", [&o](const std::string& t) { o.single_precision = t == "float"; }, "double | float: of the controller")
@@ -303,6 +303,14 @@ int run(int argc, char** argv) {
       ->default_str("double");
   bake->add_flag("--realtime", o.realtime, "ticks by the board's clock, for real drives; else lockstep with esmc plant");
   bake->callback([&] { status = run_bake(o); });
+
+  std::string format;
+  auto* to = app.add_subcommand("export", "the scene's mechanism for other programs: MJCF, its loop closed, or URDF, its loop cut");
+  to->add_option("SCENE", o.scene, "scene file (TOML)")->required();
+  to->add_option("--format", format, "mjcf | urdf")->required()->check(CLI::IsMember({"mjcf", "urdf"}));
+  add_sets(*to, o.sets);
+  to->add_option("--out", o.out, "file to write instead of printing")->type_name("FILE");
+  to->callback([&] { status = run_export(o, format); });
 
   auto* accuracy =
       app.add_subcommand("accuracy", "what accuracy costs in time: integrators, tick rate, sensors, effects");

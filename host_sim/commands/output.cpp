@@ -2,6 +2,7 @@
 
 #include <unistd.h>
 
+#include <cstdio>
 #include <fstream>
 #include <system_error>
 
@@ -106,6 +107,27 @@ void OutputDirectory::commit() {
   std::error_code ignored;
   fs::remove_all(partial_, ignored);
   partial_.clear();
+}
+
+void print_or_write(const std::string& text, const std::string& file) {
+  if (file.empty()) {
+    std::fwrite(text.data(), 1, text.size(), stdout);  // main looks at what became of it
+    return;
+  }
+  const fs::path to(file), part(file + ".part");
+  for (const auto& p : {to, part}) {
+    if (exists(symlink_status(p)) && !is_regular_file(symlink_status(p)))
+      throw InputError("", p.string() + ": exists and is not a regular file");
+  }
+  std::ofstream out(part, std::ios::binary);
+  out << text;
+  out.close();
+  std::error_code error;
+  if (out) fs::rename(part, to, error);
+  if (!out || error) {
+    fs::remove(part, error);
+    throw InputError("", file + ": cannot be written");
+  }
 }
 
 }  // namespace esmc::host

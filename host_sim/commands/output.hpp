@@ -33,4 +33,8 @@ class OutputDirectory {
   std::vector<std::filesystem::path> created_;  ///< folders that did not exist, outermost first
 };
 
+/// Prints `text`, or makes it the content of `file` if that is not empty: all of it or nothing. Throws InputError when the file
+/// cannot be written.
+void print_or_write(const std::string& text, const std::string& file);
+
 }  // namespace esmc::host

@@ -1,0 +1,38 @@
+#pragma once
+/// What MJCF and URDF both say: bars, their joints, and the words around them.
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "host_sim/scene/scene.hpp"
+
+namespace esmc::host {
+
+/// One bar and the joint that it turns about. Its frame lies in that joint, x along the bar, z along the
+/// axis.
+struct Bar {
+  std::string name, joint;
+  double length, mass, centre, inertia;        ///< m, kg, m along the bar, kg m2 about the centre
+  double damping, dry_friction;                ///< of the joint: N m s/rad, N m
+  std::optional<std::array<double, 2>> stops;  ///< rad
+  std::optional<double> torque_limit;          ///< N m; of the joints with a motor
+  double angle, rate;                          ///< at the start: rad, rad/s
+};
+
+/// Two bars, the proximal one first. Throws InputError for a bar without mass or inertia.
+struct Chain {
+  std::vector<Bar> bars;
+  double base;    ///< x of the base joint, m
+  bool mirrored;  ///< its frame is turned by half a turn about the vertical
+};
+std::vector<Chain> chains_of(const Scene& scene);
+
+/// For the inside of a comment: conventions, and the effects of the scene that the format cannot express.
+/// `expressed`: those it can.
+std::string preamble(const Scene& scene, const std::vector<std::string>& expressed);
+
+/// For an attribute or a comment: no markup, no control characters, no "--".
+std::string xml_text(const std::string& text);
+
+}  // namespace esmc::host
