@@ -8,6 +8,7 @@
 /// Of lambdas that are the body of an unrolled loop: a call would put what it works on into memory.
 #define ESMC_INLINE __attribute__((always_inline))
 
+/// The controller library.
 namespace esmc {
 
 template <class S, int N>

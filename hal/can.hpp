@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <span>
 
+/// What the library needs of a machine, and back ends.
 namespace esmc::hal {
 
 inline constexpr std::uint8_t can_classic_size_max = 8;
@@ -42,6 +43,7 @@ struct CanFrame {
   return f.id <= id_max && f.size <= size_max && !(f.fd && f.remote);
 }
 
+/// What became of a frame to be sent.
 enum class [[nodiscard]] SendStatus : std::uint8_t {
   ok,
   bus_full,  ///< transient: not queued; the next tick sends a newer frame

@@ -16,6 +16,7 @@ struct ClockBase {
 };
 using Instant = std::chrono::time_point<ClockBase, Duration>;
 
+/// A monotonic clock.
 template <class C>
 concept Clock = requires(const C& clock) {
   { clock.now() } -> std::same_as<Instant>;

@@ -10,6 +10,7 @@ namespace esmc::hal {
 inline constexpr unsigned memory_slots = 2;
 inline constexpr std::uint32_t erased_word = 0xFFFF'FFFFU;
 
+/// What became of an operation.
 enum class [[nodiscard]] MemoryStatus : std::uint8_t {
   ready,
   busy,

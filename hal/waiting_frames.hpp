@@ -9,6 +9,7 @@
 
 namespace esmc::hal {
 
+/// First in, first out.
 class WaitingFrames {
  public:
   static constexpr std::uint32_t most = 32;

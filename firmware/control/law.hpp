@@ -9,6 +9,7 @@
 
 namespace esmc {
 
+/// Laws, see docs/theory.md.
 enum class LawKind : std::uint8_t {
   esmc,            ///< [F29]: an error, a surface and a switching term in every channel
   esmc_projected,  ///< [F33]: one surface in the independent coordinates, switching in every channel
@@ -24,6 +25,7 @@ struct Gains {
   Channels lambda = Channels::Zero();  ///< Lambda, 1/s, > 0
   Channels k = Channels::Zero();       ///< K, unit of the channel / s2, >= 0
   Channels layer = Channels::Ones();   ///< epsilon, unit of the channel / s, > 0
+  /// Gains of the laws that act in the independent coordinates.
   struct Independent {                 ///< of (x, y) for the 5R, of the joints for RR
     S lambda{}, k{}, layer{S(1)};
     S kp{}, kd{};  ///< ctc: 1/s2 and 1/s; pd: N m/rad and N m s/rad

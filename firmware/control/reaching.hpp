@@ -8,6 +8,7 @@
 
 namespace esmc {
 
+/// What stands in place of sgn s.
 enum class Reaching : std::uint8_t {
   sign,        ///< sgn s, sgn 0 = 0. Chatters by +-K h in a sampled loop.
   saturation,  ///< clamp(s / layer, -1, 1)

@@ -69,14 +69,17 @@ struct PathSegment {
   Quintic<S> curve{};
 };
 
+/// Shapes of a reference.
 enum class ReferenceKind : std::uint8_t {
   hold_start,   ///< stay where the mechanism is when it starts to run
   circle,       ///< centre + radius (cos, sin)(phase)
   sine,         ///< per coordinate: offset + amplitude sin(phase_i)
   path,         ///< quintic segments, then rest at the end (or again from the start with repeat_ticks)
 };
+/// What a reference is given in: metres or radians.
 enum class ReferenceSpace : std::uint8_t { effector, base_joints };
 
+/// A reference as a function of the tick number. Fields that a kind does not use are ignored.
 template <class S>
 struct Reference {
   ReferenceKind kind = ReferenceKind::hold_start;

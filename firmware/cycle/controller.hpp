@@ -19,7 +19,9 @@
 
 namespace esmc {
 
+/// Which joints have a motor.
 enum class Motors : std::uint8_t { base, all };   ///< all (5R only): motors on the passive joints too
+/// Which joints have an encoder.
 enum class Sensors : std::uint8_t { base, all };  ///< all (5R only): encoders on the passive joints too
 
 /// Everything that decides what the controller does. The mechanism is what the controller believes.
@@ -77,6 +79,7 @@ struct TickResult {
   [[nodiscard]] Vec2<S> desired_base() const { return angles_of(desired_direction); }
 };
 
+/// Joint samples in, joint torques out, once per tick. M: Rr or FiveBar.
 template <class M>
 class Controller {
  public:

@@ -24,6 +24,7 @@ struct BusCounters {
   std::uint32_t send_failed = 0;    ///< queue full: the frame was dropped
 };
 
+/// A control tick with its frames. M: Rr or FiveBar; D: the drives' protocol.
 template <class M, drive::Drive D>
 class Cycle {
  public:
@@ -34,6 +35,7 @@ class Cycle {
   /// The drives send samples when asked to by request(), and not by themselves.
   static constexpr bool samples_on_demand = !std::is_same_v<typename D::Line, drive::NoLine>;
 
+  /// What the controller, the axes, the line and the link are told.
   struct Config {
     ControllerConfig<M> controller{};
     std::array<D, static_cast<unsigned>(axes_max)> axes{};  ///< one per joint with a motor or a sensor, in the order of the joints

@@ -9,6 +9,7 @@
 
 namespace esmc {
 
+/// Configuration and rates of the whole mechanism, from what the encoders say.
 template <class M>
 struct Estimate {
   typename M::Pose pose;

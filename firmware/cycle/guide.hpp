@@ -24,6 +24,7 @@ template <class S>
   return by_speed > by_acceleration ? by_speed : by_acceleration;
 }
 
+/// Leads the mechanism to rest, to set points, or along a stream; see the top of the file.
 template <class S>
 class Guide {
  public:

@@ -7,6 +7,7 @@
 
 namespace esmc {
 
+/// The way to rest after a halt.
 template <class S>
 class Retreat {
  public:

@@ -22,6 +22,7 @@ class SignTest {
 
   static constexpr int motors = 2;
 
+  /// How far the test is.
   enum class Verdict : std::uint8_t { going_on, passed, failed };
 
   SignTest() = default;

@@ -8,6 +8,7 @@
 
 #include "hal/can.hpp"
 
+/// Motor drives, as the controller sees them.
 namespace esmc::drive {
 
 /// How a motor sits in the mechanism. Angles and torques of the model on one side, of the shaft on the other.
@@ -18,6 +19,7 @@ struct AxisConfig {
   float offset = 0.0F;      ///< joint angle at encoder zero, rad
 };
 
+/// What a frame was to an axis.
 enum class Received : std::uint8_t {
   not_mine,
   accepted,

@@ -9,6 +9,7 @@
 
 #include "hal/can.hpp"
 
+/// CANopen on the wire.
 namespace esmc::drive::canopen {
 
 inline constexpr std::uint8_t node_max = 127;  ///< nodes are 1..127; 0 addresses all in network management
@@ -24,6 +25,7 @@ inline constexpr std::uint32_t node_mask = 0x7F, function_mask = 0x780;
 inline constexpr std::uint32_t cob_invalid = 0x8000'0000;  ///< the PDO does not exist
 inline constexpr std::uint32_t cob_no_rtr = 0x4000'0000;   ///< TPDO: not on remote frames
 
+/// Orders to a node.
 enum class NmtCommand : std::uint8_t {
   start = 0x01,
   stop = 0x02,
@@ -31,6 +33,7 @@ enum class NmtCommand : std::uint8_t {
   reset_node = 0x81,
   reset_communication = 0x82,
 };
+/// What a heartbeat says.
 enum class NmtState : std::uint8_t { boot_up = 0x00, stopped = 0x04, operational = 0x05, pre_operational = 0x7F };
 
 /// An entry of the object dictionary.
@@ -69,6 +72,7 @@ constexpr void put(hal::CanFrame& f, std::size_t at, std::uint32_t value, std::s
 
 // ---- network management, SYNC, heartbeat, emergency --------------------------------------------------------------
 
+/// An NMT frame.
 struct Nmt {
   NmtCommand command;  ///< may hold a value without a name here
   std::uint8_t node;   ///< 0: all
@@ -106,6 +110,7 @@ struct Nmt {
   return std::nullopt;
 }
 
+/// An EMCY frame.
 struct Emergency {
   std::uint16_t code;           ///< 0: no error any more
   std::uint8_t error_register;  ///< object 1001
@@ -169,6 +174,7 @@ namespace detail {
   return f;
 }
 
+/// Kinds of SDO frame.
 enum class SdoKind : std::uint8_t {
   read,     ///< request
   write,    ///< request, expedited
@@ -177,6 +183,7 @@ enum class SdoKind : std::uint8_t {
   abort,    ///< either way; `value` is the reason
   other,    ///< segmented and block transfers
 };
+/// An expedited SDO, request or answer.
 struct Sdo {
   SdoKind kind;
   Object object;

@@ -6,6 +6,7 @@
 
 #include "firmware/drive/canopen.hpp"
 
+/// CiA 402 on the wire.
 namespace esmc::drive::cia402 {
 
 using canopen::Object;
@@ -42,6 +43,7 @@ inline constexpr std::uint32_t supports_cyclic_torque = 1U << 9U;  ///< in suppo
 
 // ---- state machine -----------------------------------------------------------------------------------------------
 
+/// States of the drive's machine.
 enum class State : std::uint8_t {
   not_ready,
   switch_on_disabled,

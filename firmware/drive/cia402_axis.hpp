@@ -37,6 +37,7 @@ class CanopenLine {
   std::uint32_t wait_ticks_ = 0;
 };
 
+/// One motor behind CiA 402, as the controller sees it. Satisfies Drive.
 class Cia402Axis {
  public:
   using Line = CanopenLine;

@@ -49,6 +49,7 @@ struct Interpolation {
 static_assert(interpolation(1000).value == 1 && interpolation(1000).index == -3);
 static_assert(interpolation(250).value == 25 && interpolation(250).index == -5);
 
+/// What is done with an entry.
 enum class Task : std::uint8_t {
   write,     ///< not read back: the object says something else, or the next entries do
   verify,    ///< write, read back, compare under the mask
@@ -70,6 +71,7 @@ enum class Source : std::uint8_t {
   period_us,
 };
 
+/// An object of the drive and what it has to hold.
 struct Entry {
   Object object;
   std::uint8_t bytes;

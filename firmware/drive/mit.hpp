@@ -15,6 +15,7 @@
 
 #include "hal/can.hpp"
 
+/// MIT mode on the wire.
 namespace esmc::drive::mit {
 
 /// Who made the drive, as far as replies differ.
@@ -32,6 +33,7 @@ struct Ranges {
   float torque = 18.0F;    ///< N m
 };
 
+/// Last byte of the frames that are no commands.
 enum class Special : std::uint8_t { enter = 0xFC, leave = 0xFD, set_zero = 0xFE };
 
 inline constexpr std::uint16_t code_max_16 = 0xFFFF, code_max_12 = 0x0FFF;
@@ -41,6 +43,7 @@ inline constexpr std::uint16_t middle_16 = 0x8000, middle_12 = 0x0800;
 struct Command {
   std::uint16_t position = middle_16, velocity = middle_12, kp = 0, kd = 0, torque = middle_12;
 };
+/// What a drive answers, as integers of the wire.
 struct Reply {
   std::uint16_t position = middle_16, velocity = middle_12;
   std::uint16_t torque = middle_12;

@@ -21,11 +21,13 @@
 
 namespace esmc::drive {
 
+/// One motor in MIT mode, as the controller sees it. Satisfies Drive.
 class MitAxis {
  public:
   using Dialect = mit::Dialect;
   using Line = NoLine;
 
+  /// How the drive is set up.
   struct Settings {
     mit::Ranges ranges{};
     Dialect dialect = Dialect::mini_cheetah;

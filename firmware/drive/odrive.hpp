@@ -11,10 +11,13 @@
 
 #include "hal/can.hpp"
 
+/// ODrive CANSimple on the wire.
 namespace esmc::drive::odrive {
 
+/// Generations of the protocol.
 enum class Version : std::uint8_t { v0_6, v0_5_6 };
 
+/// Command numbers.
 enum class Message : std::uint8_t {
   get_version = 0x00,        ///< 0.6, drive -> us, cyclic or on request (RTR): protocol, hardware, firmware
   heartbeat = 0x01,          ///< drive -> us: u32 axis_error, u8 axis_state, ...
@@ -29,6 +32,7 @@ enum class Message : std::uint8_t {
   clear_errors = 0x18,       ///< us -> drive: 0.6 u8 identify, 0.5.6 none
 };
 
+/// States of an axis that are used here.
 enum class AxisState : std::uint8_t { undefined = 0, idle = 1, closed_loop_control = 8 };
 inline constexpr std::uint32_t control_mode_torque = 1;
 inline constexpr std::uint32_t input_mode_passthrough = 1;
@@ -114,11 +118,13 @@ constexpr void put_torque(hal::CanFrame& f, std::uint8_t node, float torque) {
   return f;
 }
 
+/// What a drive says cyclically.
 struct Heartbeat {
   std::uint32_t axis_error;
   AxisState axis_state;  ///< may hold a value without a name here: the drive has more states
   std::uint8_t component_flags;  ///< 0.5.6: motor, encoder or controller in error; 0.6: 0
 };
+/// Get_Encoder_Estimates: motor turns and turns per second.
 struct EncoderEstimates {
   float position_rev, velocity_rev_s;
 };
@@ -151,6 +157,7 @@ struct EncoderEstimates {
   if (!has_at_least(f, 4)) return std::nullopt;
   return detail::get_u32(f, 0);
 }
+/// Set_Controller_Mode.
 struct ControllerMode {
   std::uint32_t control, input;
 };

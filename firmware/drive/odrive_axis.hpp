@@ -11,6 +11,7 @@
 
 namespace esmc::drive {
 
+/// One motor behind an ODrive, as the controller sees it. Satisfies Drive.
 class OdriveAxis {
  public:
   using Version = odrive::Version;

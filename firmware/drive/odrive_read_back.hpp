@@ -19,6 +19,7 @@ struct OdriveCheck {
   float lower = 0.0F, upper = 0.0F;  ///< both allowed; a NaN is not
 };
 
+/// What a drive's configuration has to be.
 struct OdriveTable {
   static constexpr std::uint8_t checks_max = 12;
   std::array<OdriveCheck, checks_max> checks{};
@@ -27,6 +28,7 @@ struct OdriveTable {
   std::array<std::uint8_t, 3> firmware{};       ///< major, minor, revision
 };
 
+/// Asks a drive for its configuration before it is armed, entry by entry.
 class OdriveReadBack {
  public:
   static constexpr std::uint32_t patience_ticks = 25;  ///< for an answer, then the question is repeated

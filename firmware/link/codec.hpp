@@ -18,10 +18,12 @@
 #include "firmware/safety/supervisor.hpp"
 #include "hal/can.hpp"
 
+/// Command interface to a supervisor computer.
 namespace esmc::link {
 
 inline constexpr std::uint32_t block_size = 32;  ///< identifiers: as many as one node of CANSimple has
 
+/// Offsets from the base identifier.
 enum class Message : std::uint8_t {
   // supervisor computer -> controller
   command = 0x00,          ///< Order; also the sign of life
@@ -47,6 +49,7 @@ inline constexpr std::uint8_t incoming_count = 6;
 inline constexpr std::uint8_t outgoing_first = 0x10;
 inline constexpr std::uint8_t joints_max = 4;
 
+/// Orders.
 enum class Order : std::uint8_t {
   none,          ///< a sign of life
   arm,           ///< Command::enable
@@ -65,8 +68,10 @@ inline constexpr std::uint8_t order_count = 11;
 /// Where the reference comes from.
 enum class Source : std::uint8_t { hold, reference, stream };
 
+/// What a set point is given in: metres or radians.
 enum class Space : std::uint8_t { effector, base_joints };
 
+/// What became of a write.
 enum class Answer : std::uint8_t {
   ok,
   unknown_index,
@@ -75,6 +80,7 @@ enum class Answer : std::uint8_t {
   not_now,  ///< only while disabled
 };
 
+/// What can be asked for.
 enum class Subject : std::uint8_t { faults, parameter, table };
 inline constexpr std::uint8_t subject_count = 3;
 
@@ -126,6 +132,7 @@ constexpr void put_float(Frame& f, unsigned at, float v) { put(f, at, std::bit_c
 
 // ---- to the controller: empty where a bit that has no meaning is set, or a value has none ------------------------
 
+/// An order, and the sign of life.
 struct CommandFrame {
   Order order = Order::none;
   std::uint16_t tick = 0;        ///< of the last Status heard, its low 16 bits
@@ -149,6 +156,7 @@ struct Pair {
               {static_cast<float>(detail::get_i24(f, 2)) * unit, static_cast<float>(detail::get_i24(f, 5)) * unit}};
 }
 
+/// A new value for a gain.
 struct ParameterWrite {
   std::uint8_t index = 0;
   float value = 0;
@@ -158,6 +166,7 @@ struct ParameterWrite {
   return ParameterWrite{f.data[2], detail::get_float(f, 4)};
 }
 
+/// A question.
 struct RequestFrame {
   Subject subject = Subject::faults;
   std::uint8_t index = 0;  ///< of a parameter
@@ -172,6 +181,7 @@ struct RequestFrame {
 /// What stands in Status about the reaction to the latched fault.
 enum class Reacted : std::uint8_t { none, zero_torque, halt };
 
+/// What the controller says cyclically.
 struct Status {
   State state = State::disabled;
   Fault fault = Fault::none;
@@ -193,6 +203,7 @@ struct Status {
   return f;
 }
 
+/// A fault as it is reported.
 struct FaultRecord {
   Fault fault = Fault::none;    ///< none: the end of a readout, `count` of them were sent
   std::uint8_t axis = no_axis;  ///< motor that had something to say about it
@@ -290,6 +301,7 @@ enum class SlotContent : std::uint8_t {
   }
   return "unknown";
 }
+/// The slots of parameters.
 struct StoreStatus {
   StoreState state = StoreState::none;
   std::uint8_t used = 0;  ///< slot that the gains were taken from at power-up, 1 or 2; 0: none, they were the baked ones

@@ -17,6 +17,7 @@
 
 namespace esmc::link {
 
+/// The controller's end of the interface to a supervisor computer.
 class CommandLink {
  public:
   CommandLink() = default;

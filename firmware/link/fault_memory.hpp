@@ -8,6 +8,7 @@
 
 namespace esmc::link {
 
+/// One record per fault: how often, and of its last occurrence time, motor and what that said.
 class FaultMemory {
  public:
   /// Once per tick. `axis`, `drive_error`: what a motor says now, for faults that are new in this tick.

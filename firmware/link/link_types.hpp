@@ -9,6 +9,7 @@
 
 namespace esmc::link {
 
+/// Identifiers, times and rights of the link.
 struct LinkConfig {
   std::uint32_t base_id = 0;               ///< of the block of identifiers, a multiple of block_size; 0: no link
   std::uint8_t session = 1;                ///< 1..255; another one at every power-up, as far as the machine can
@@ -25,6 +26,7 @@ struct LinkConfig {
   Parameters parameters{};                 ///< and of these speed, acceleration, stream_age, silence, sample_time
 };
 
+/// What became of a frame.
 enum class Outcome : std::uint8_t {
   not_mine,
   obeyed,

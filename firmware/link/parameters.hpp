@@ -27,11 +27,13 @@ enum class Index : std::uint8_t {
 inline constexpr std::uint8_t parameter_count = static_cast<std::uint8_t>(Index::silence) + 1;
 inline constexpr std::uint8_t gain_count = 4;  ///< the first ones; only these can be written
 
+/// Of a gain that may be written.
 struct Bounds {
   float lower = 0, upper = 0;
 };
 using Gains = std::array<float, gain_count>;
 
+/// Gains that a supervisor computer may change.
 class Parameters {
  public:
   using Values = std::array<float, parameter_count>;

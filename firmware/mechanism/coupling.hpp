@@ -42,6 +42,7 @@ struct LegFrame {
   [[nodiscard]] Vec2<S> point_from_leg(const Vec2<S>& p) const { return base + from_leg(p); }
 };
 
+/// A platform held by `Legs` serial chains (37)-(47). S: scalar type; see the top of the file.
 template <class S, class Platform, class Leg, int Legs>
 class Coupling {
  public:
@@ -72,6 +73,7 @@ class Coupling {
     }
   };
 
+  /// Configuration of the legs and of the platform.
   struct LegPoses {
     List<typename Leg::Pose, Legs> leg;
     [[no_unique_address]] typename Platform::Pose platform;

@@ -43,6 +43,7 @@ template <class S>
   return {arc_tangent2(direction[0].y(), direction[0].x()), arc_tangent2(direction[1].y(), direction[1].x())};
 }
 
+/// The 5R five-bar; see the top of the file. Lengths in m, angles in rad, torques in N m.
 template <class S>
 class FiveBar : public Coupling<S, PointMass<S>, Dyad<S>, 2> {
  public:
@@ -59,6 +60,7 @@ class FiveBar : public Coupling<S, PointMass<S>, Dyad<S>, 2> {
     int assembly = 0;        ///< sign of D2, +1 or -1
   };
 
+  /// A configuration: the legs', the effector, the distance to type 2.
   struct Pose : Base::LegPoses {
     Vec2<S> effector;  ///< in N, m
     S sin_type2;  ///< D2 = sin(phi12 + phi22): 0 at type 2, its sign is the assembly mode [F18]

@@ -18,12 +18,14 @@ struct LegParams {
   S gamma1{}, gamma2{};  ///< Coulomb friction of the joints, N m, >= 0
 };
 
+/// Parameters of the arm.
 template <class S>
 struct RrParams {
   LegParams<S> arm{};
   S g{};  ///< gravity along -y, m/s2, >= 0; 0 for a horizontal mechanism
 };
 
+/// Parameters of the five-bar.
 template <class S>
 struct FiveBarParams {
   S l0{};  ///< half the distance between the base joints, m, > 0: leg 1 at (+l0, 0), leg 2 at (-l0, 0)

@@ -7,6 +7,7 @@
 
 namespace esmc {
 
+/// The RR arm; see the top of the file. Lengths in m, angles in rad, torques in N m.
 template <class S>
 class Rr {
  public:
@@ -22,10 +23,12 @@ class Rr {
   using Channels = typename Leg::Channels;
   using Rates = Vec2<S>;
 
+  /// Which solution of inverse kinematics the arm is in.
   struct Mode {
     int working = 0;  ///< sign of sin theta_2, +1 or -1
   };
 
+  /// A configuration: unit vectors of the bars, and the effector in m.
   struct Pose {
     typename Leg::Pose arm;
     Vec2<S> effector;

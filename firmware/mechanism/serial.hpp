@@ -13,7 +13,9 @@
 
 namespace esmc {
 
+/// How a body moves on the one before it.
 enum class Joint { revolute, prismatic };
+/// Where the mass centre of a body may lie.
 enum class Shape { bar, plate };  ///< bar: the mass centre lies on the axis; plate: anywhere
 
 /// One body and the joint that carries it. A prismatic joint slides the body along its own axis.
@@ -35,6 +37,7 @@ struct Body {
   S coulomb{};           ///< of its joint, N m or N
 };
 
+/// A planar chain of N bodies (1)-(7); see the top of the file.
 template <class S, class... Links>
 class Serial {
  public:

@@ -32,9 +32,11 @@ static_assert(FLT_EVAL_METHOD == 0 || FLT_EVAL_METHOD == 16, "float and double n
 
 namespace esmc {
 
+/// The two types that these functions are written for.
 template <class S>
 concept BinaryFloat = std::same_as<S, float> || std::same_as<S, double>;
 
+/// Sine and cosine of one angle.
 template <class S>
 struct SinCos {
   S sin;
@@ -65,6 +67,7 @@ struct Split {
 template <class S>
 struct Constants;
 
+/// Bits of a float.
 template <>
 struct Constants<float> {
   using Real = float;
@@ -96,6 +99,7 @@ struct Constants<float> {
                                               -0x1.94da74p-4F};
 };
 
+/// Bits of a double.
 template <>
 struct Constants<double> {
   using Real = double;

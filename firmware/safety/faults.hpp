@@ -5,6 +5,7 @@
 
 namespace esmc {
 
+/// Everything that takes the torque away; each is latched until an operator's reset.
 enum class [[nodiscard]] Fault : std::uint8_t {
   none,
   feedback_not_finite,    ///< a drive sent NaN or infinity

@@ -27,6 +27,7 @@ template <class S>
   return within(v, std::numeric_limits<S>::max());
 }
 
+/// A closed interval.
 template <class S>
 struct Range {
   S lower = -std::numeric_limits<S>::max();
@@ -34,6 +35,7 @@ struct Range {
   [[nodiscard]] constexpr bool contains(S v) const { return lower <= v && v <= upper; }
 };
 
+/// What must not be crossed; each a latched fault.
 template <class S>
 struct Limits {
   S min_abs_sin_type1{};               ///< of sin theta_j2, dimensionless
@@ -80,6 +82,7 @@ constexpr Fault guard(const Limits<S>& limit, const Measured<S>& m) {
   return Fault::none;
 }
 
+/// What became of a torque at the clamp.
 enum class TorqueCheck : std::uint8_t { passed, limited, not_finite };
 
 /// Hard clamp to +-limit. A torque that is not finite becomes 0 and is reported, never clamped to the limit; so

@@ -17,6 +17,7 @@
 
 namespace esmc {
 
+/// States. Disabled, enabling, stopping and fault: torque 0.
 enum class State : std::uint8_t {
   disabled,
   enabling,
@@ -45,6 +46,7 @@ inline constexpr int state_count = static_cast<int>(State::fault) + 1;
   return "unknown";
 }
 
+/// What an operator asks for.
 enum class Command : std::uint8_t {
   none,
   enable,
@@ -67,8 +69,10 @@ struct DriveStatus {
   bool all_idle = false;   ///< every axis reported idle
 };
 
+/// States, latched faults and reactions: whether there may be torque.
 class Supervisor {
  public:
+  /// What it may do instead of taking the torque away.
   struct Config {
     bool can_halt = false;  ///< false: every fault, and every halt, takes the torque away at once
     AfterHalt after_halt = AfterHalt::release;

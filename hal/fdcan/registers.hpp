@@ -6,6 +6,7 @@
 
 #include "hal/bit_timing.hpp"
 
+/// CAN controller of STM32 (FDCAN).
 namespace esmc::hal::fdcan {
 
 using Word = std::uint32_t;

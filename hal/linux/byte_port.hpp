@@ -14,7 +14,7 @@ namespace esmc::hal {
 /// Never blocks once it is open. When the other end is gone (end of file, hang-up) it stays so.
 class SerialPort {
  public:
-  /// ENDPOINT: the path of a tty, with @BAUD behind it where the speed matters (default 115200; an adapter on USB
+  /// ENDPOINT: the path of a tty, with `@BAUD` behind it where the speed matters (default 115200; an adapter on USB
   /// ignores it), unix:PATH or tcp:HOST:PORT, for which it waits 5 s at most. A tty is locked and made
   /// raw, 8N1, without flow control. On failure is_open() is false and `why` says why; else `why` is empty.
   static SerialPort open(const std::string& endpoint, std::string& why);

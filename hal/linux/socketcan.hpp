@@ -9,6 +9,7 @@
 
 namespace esmc::hal {
 
+/// A CAN interface of Linux.
 class SocketCan {
  public:
   /// Opens a raw socket on an interface ("can0", "vcan0"). On failure `error` says why and is_open() is false:

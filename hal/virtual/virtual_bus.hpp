@@ -9,6 +9,7 @@
 
 namespace esmc::hal {
 
+/// Nodes that hear each other, in one process.
 template <std::size_t Ports>
 class VirtualBus {
  public:

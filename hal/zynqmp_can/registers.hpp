@@ -6,6 +6,7 @@
 
 #include "hal/bit_timing.hpp"
 
+/// CAN controller of Zynq UltraScale+.
 namespace esmc::hal::zynqmp_can {
 
 using Word = std::uint32_t;

@@ -120,7 +120,7 @@ class Statistics {
   double closure_max = 0.0, energy_error = 0.0;
   bool has_truth = true;  ///< false for a controller on its own: no closure, energy, final state, digest
 
-  /// The document of design.md section 4, without what only the loop knows (wall time, bus, supervisor).
+  /// The document of the command, without what only the loop knows (wall time, bus, supervisor).
   [[nodiscard]] nlohmann::ordered_json tracking() const;
   [[nodiscard]] nlohmann::ordered_json torque() const;
 

@@ -1,0 +1,21 @@
+# Target api_docs: the reference of firmware/ and hal/ as HTML in build/<preset>/api, where Doxygen is installed. A warning is an
+# error.
+find_package(Doxygen 1.9 QUIET)
+if(NOT DOXYGEN_FOUND)
+  return()
+endif()
+set(DOXYGEN_PROJECT_NAME esmc)
+set(DOXYGEN_FILE_PATTERNS *.hpp)
+set(DOXYGEN_USE_MDFILE_AS_MAINPAGE ${PROJECT_SOURCE_DIR}/docs/api.md)
+set(DOXYGEN_FILTER_PATTERNS *.hpp=${CMAKE_CURRENT_LIST_DIR}/api_docs.py *.md=${CMAKE_CURRENT_LIST_DIR}/api_docs.py)
+set(DOXYGEN_STRIP_FROM_PATH ${PROJECT_SOURCE_DIR})
+set(DOXYGEN_HTML_OUTPUT api)
+set(DOXYGEN_JAVADOC_AUTOBRIEF YES)
+set(DOXYGEN_BUILTIN_STL_SUPPORT YES)
+set(DOXYGEN_SORT_MEMBER_DOCS NO)
+set(DOXYGEN_VERBATIM_HEADERS NO)
+set(DOXYGEN_HAVE_DOT NO)
+set(DOXYGEN_QUIET YES)
+set(DOXYGEN_WARN_IF_UNDOCUMENTED NO)  # a member whose name and type say everything has no comment
+set(DOXYGEN_WARN_AS_ERROR FAIL_ON_WARNINGS)
+doxygen_add_docs(api_docs firmware hal docs/api.md docs/model.md COMMENT "Reference of the library: ${PROJECT_BINARY_DIR}/api/index.html")
