@@ -8,7 +8,8 @@ usage: docs_test.py ESMC [BUILD_DIR]    BUILD_DIR: also installs it and builds t
 Checked: the key table of docs/scenes.md; every relative link and heading that is linked to; every fault named in
 docs/safety.md; every column and summary key in docs/output.md; every line `build/host/esmc ...` of a ```sh block ends
 with 0; every ```console block prints what it shows (numbers within 0.6 %). Lines with `socketcan` need a CAN interface
-and are not run. Blocks of one page run in their order, in a scratch folder."""
+and are not run; lines with `build/host/tests/` need BUILD_DIR. Blocks of one page run in their order, in a scratch folder.
+A block whose first line names a file (```cpp firmware/types.hpp) quotes lines of that file, indented as it likes."""
 import csv
 import os
 import re
@@ -21,6 +22,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 PROGRAM = "build/host/esmc"
 BEGIN, END = "<!-- keys -->\n", "<!-- /keys -->"
+QUOTE = re.compile(r"^```\w+ (\S+)\n(.*?)^```$", re.M | re.S)
 FENCE = re.compile(r"^```(\w*)[^\n]*\n(.*?)^```$", re.M | re.S)
 UPDATE = "--update" in sys.argv
 NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
@@ -120,19 +122,37 @@ def console_parts(block):
         yield command, output
 
 
-def scratch_folder(folder, root, esmc):
+def plain_lines(text):
+    """Without indentation, and without the lines that say nothing."""
+    return "\n" + "".join(line.strip() + "\n" for line in text.splitlines() if line.strip())
+
+
+def quotes(root):
+    for page in pages(root):
+        for name, block in QUOTE.findall(page.read_text(encoding="utf-8")):
+            source = root / name
+            text = plain_lines(source.read_text(encoding="utf-8")) if source.is_file() else ""
+            for part in re.split(r"^\s*\.\.\.\s*$", block, flags=re.M):  # a line of three dots leaves lines out
+                if plain_lines(part) not in text:
+                    first = part.strip().split("\n")[0]
+                    yield f"{page.relative_to(root)}: this is not what stands in {name}: {first}"
+
+
+def scratch_folder(folder, root, esmc, build):
     (folder / "build/host").mkdir(parents=True)
     (folder / PROGRAM).symlink_to(esmc)
+    if build:
+        (folder / "build/host/tests").symlink_to(build / "tests")
     for name in ("host_sim", "tests"):
         (folder / name).symlink_to(root / name)
 
 
-def commands(root, esmc):
+def commands(root, esmc, build=None):
     for page in pages(root):
         text = page.read_text(encoding="utf-8")
         updated = text
         with tempfile.TemporaryDirectory() as folder:
-            scratch_folder(Path(folder), root, esmc)
+            scratch_folder(Path(folder), root, esmc, build)
             for kind, block in FENCE.findall(text):
                 if kind == "sh":
                     lines = block.replace("\\\n", "").splitlines()
@@ -140,7 +160,7 @@ def commands(root, esmc):
                 else:
                     todo = console_parts(block) if kind == "console" else ()
                 for command, shown in todo:
-                    if "socketcan" in command:
+                    if "socketcan" in command or ("build/host/tests/" in command and not build):
                         continue
                     run = subprocess.run(["bash", "-c", command], cwd=folder, capture_output=True, text=True, timeout=120)
                     printed = run.stdout + run.stderr
@@ -187,6 +207,10 @@ case "$1" in keys) echo '| key |';; *) exit 1;; esac
         (lambda r: list(commands(r, r / "esmc")), "docs/a.md", f"```console\n$ {PROGRAM} keys\n| keys |\n```\n", "something else"),
         (lambda r: list(commands(r, r / "esmc")), "docs/a.md", f"```console\n$ {PROGRAM} keys\n| key |\n```\n", None),
         (lambda r: list(commands(r, r / "esmc")), "docs/a.md", f"```sh\n{PROGRAM} hil --bus socketcan:x\n```\n", None),
+        (lambda r: list(quotes(r)), "docs/a.md", "```cpp firmware/safety/faults.hpp\nnone,\n  first,\n```\n", None),
+        (lambda r: list(quotes(r)), "docs/a.md", "```cpp firmware/safety/faults.hpp\nnone,\n...\nsecond,\n```\n", None),
+        (lambda r: list(quotes(r)), "docs/a.md", "```cpp firmware/safety/faults.hpp\nnone,\nsecond,\n```\n", "not what stands"),
+        (lambda r: list(quotes(r)), "docs/a.md", "```cpp gone.hpp\nnone,\n```\n", "not what stands"),
         (lambda r: list(links(r)), "docs/a.md", "[x](safety.md#safety-first) [y](https://example.org)", None),
     ]
     failed = 0
@@ -223,9 +247,10 @@ def main():
     if UPDATE:
         print(*commands(ROOT, esmc), sep="\n")
         return 1 if found else 0
-    found += [*links(ROOT), *faults(ROOT), *output_files(ROOT, esmc), *commands(ROOT, esmc)]
-    if len(arguments) == 2:
-        found += example(ROOT, Path(arguments[1]).resolve())
+    build = Path(arguments[1]).resolve() if len(arguments) == 2 else None
+    found += [*links(ROOT), *faults(ROOT), *quotes(ROOT), *output_files(ROOT, esmc), *commands(ROOT, esmc, build)]
+    if build:
+        found += example(ROOT, build)
     for problem in found:
         print(problem.rstrip())
     print(f"{len(pages(ROOT))} pages, {len(found)} problems")
