@@ -17,6 +17,7 @@ extern const GpioKernel gpio_kernel;
 /// One line, given back when this ends; what an output does then is the chip's affair.
 class GpioLine {
  public:
+  /// What the line is for.
   enum class Use {
     contact,  ///< input, with the pull-down of the chip if it has one (the kernel does not tell): open reads low
     output,   ///< low from the instant of the request on

@@ -76,15 +76,13 @@ class AcmeAxis {
     return esmc::drive::can_carry(esmc::drive::shaft_torque(config_, joint_torque));
   }
   template <class S>
-  [[nodiscard]] CanFrame torque_frame(S joint_torque) const {
-    CanFrame f;
+  void put_torque(CanFrame& f, S joint_torque) const {
+    const float torque = can_carry(joint_torque) ? esmc::drive::shaft_torque(config_, joint_torque) : 0.0F;
+    const auto bits = std::bit_cast<std::uint32_t>(torque);
     f.id = 0x100U + config_.node;
     f.size = 5;
     f.data[0] = asked_ ? 1 : 0;
-    const auto bits = std::bit_cast<std::uint32_t>(
-        can_carry(joint_torque) ? esmc::drive::shaft_torque(config_, joint_torque) : 0.0F);
     for (unsigned i = 0; i < 4; ++i) f.data[1 + i] = static_cast<std::uint8_t>(bits >> 8 * i);
-    return f;
   }
 
  private:
