@@ -161,7 +161,7 @@ Quintic<S> in_scalar(const Quintic<double>& q) {
 
 FiveBarParams<double> believed_mechanism(const Scene& scene) {
   const ModelFactors& f = scene.model;
-  FiveBarParams<double> p = scene.mechanism;
+  FiveBarParams<double> p = scene.believed.value_or(scene.mechanism);
   p.l0 *= f.half_base;
   p.m0 *= f.effector_mass;
   p.g *= f.gravity;
@@ -179,6 +179,12 @@ FiveBarParams<double> believed_mechanism(const Scene& scene) {
     }
   }
   return p;
+}
+
+bool same_lengths(const FiveBarParams<double>& a, const FiveBarParams<double>& b) {
+  bool same = a.l0 == b.l0;
+  for (std::size_t j = 0; j < 2; ++j) same = same && a.legs[j].l1 == b.legs[j].l1 && a.legs[j].l2 == b.legs[j].l2;
+  return same;
 }
 
 template <>

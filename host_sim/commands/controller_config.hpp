@@ -39,6 +39,8 @@ ReferenceBundle<float> make_reference<float>(const Scene& scene, Pacing pacing);
 
 /// The controller's belief: the true mechanism times the factors of [control.model].
 FiveBarParams<double> believed_mechanism(const Scene& scene);
+/// Whether poses of one are poses of the other.
+[[nodiscard]] bool same_lengths(const FiveBarParams<double>& a, const FiveBarParams<double>& b);
 
 /// The same numbers in another scalar type.
 template <class S>

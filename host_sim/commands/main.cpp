@@ -25,6 +25,7 @@
 #include "host_sim/commands/init.hpp"
 #include "host_sim/commands/open_bus.hpp"
 #include "host_sim/commands/run.hpp"
+#include "host_sim/commands/sweep.hpp"
 #include "host_sim/error.hpp"
 #include "host_sim/scene/keys.hpp"
 #include "host_sim/version.hpp"
@@ -182,6 +183,19 @@ void add_campaign(CLI::App& app, CampaignOptions& o, const std::function<void()>
   c->callback(run);
 }
 
+void add_sweep(CLI::App& app, SweepOptions& o, const std::function<void()>& run) {
+  auto* c = app.add_subcommand("sweep", "parameters, gains and uncertainties: many runs of one scene over all cores, or under mpirun");
+  c->add_option("SPEC", o.spec, "what to vary and what to judge by (TOML), see docs/sweep.md")->required();
+  c->add_option("--jobs", o.jobs, "threads of each process; default: all processors, under mpirun one")
+      ->check(CLI::Range(1, 1024));
+  c->add_option("--out", o.out, "directory for cases.csv, summary.json, report.html, timing.json; an unfinished sweep there goes on")
+      ->type_name("DIR");
+  c->add_flag("--restart", o.restart, "throw away what an unfinished sweep has left in DIR");
+  c->add_flag("--scalar", o.scalar, "no SIMD lanes: slower, the same numbers");
+  c->add_flag("--json", o.json, "print the summary as one JSON document");
+  c->callback(run);
+}
+
 /// The first word after the program must be a subcommand or an option.
 void require_subcommand(const CLI::App& app, int argc, char** argv) {
   if (argc < 2 || argv[1][0] == '-') return;
@@ -328,6 +342,13 @@ int run(int argc, char** argv) {
     handle_signals();
     f.command_line = o.command_line;
     status = run_campaign(f);
+  });
+
+  SweepOptions w;
+  add_sweep(app, w, [&] {
+    handle_signals();
+    w.command_line = o.command_line;
+    status = run_sweep(w);
   });
 
   auto* keys = app.add_subcommand("keys", "print the table of scene keys (Markdown)");

@@ -17,7 +17,8 @@ namespace {
 
 /// Every name that a command may leave.
 constexpr const char* output_names[] = {"scene.toml",  "summary.json", "log.csv",     "frames.log",
-                                        "report.html", "check.csv",    reference_copy};
+                                        "report.html", "check.csv",    reference_copy, "sweep.toml",
+                                        "cases.csv",   "timing.json",  "timing.csv"};
 
 /// Of two files that are moved, so that it can be undone.
 struct Move {

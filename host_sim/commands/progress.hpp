@@ -12,7 +12,9 @@ namespace esmc::host {
 
 class Progress {
  public:
-  explicit Progress(std::uint64_t ticks) : ticks_(::isatty(STDERR_FILENO) != 0 ? ticks : 0) {}
+  /// `before`: done before this run began. With a `unit` their rate is shown as well.
+  explicit Progress(std::uint64_t ticks, std::uint64_t before = 0, const char* unit = nullptr)
+      : ticks_(::isatty(STDERR_FILENO) != 0 ? ticks : 0), before_(before), unit_(unit) {}
   Progress(const Progress&) = delete;
   Progress& operator=(const Progress&) = delete;
   ~Progress() {
@@ -21,7 +23,11 @@ class Progress {
 
   /// Call at every tick; looks at the clock at every 64th.
   void at(std::uint64_t tick) {
-    if (ticks_ == 0 || tick % 64 != 0) return;
+    if (tick % 64 == 0) show(tick);
+  }
+  /// Looks at the clock every time.
+  void show(std::uint64_t tick) {
+    if (ticks_ == 0) return;
     const auto now = Clock::now();
     if (now < next_) return;
     next_ = now + std::chrono::milliseconds(200);
@@ -29,16 +35,20 @@ class Progress {
     constexpr std::size_t width = 30;
     const double done = static_cast<double>(tick) / static_cast<double>(ticks_);
     const auto filled = static_cast<std::size_t>(done * width);
-    const double left =
-        done > 0.0 ? std::chrono::duration<double>(now - begin_).count() * (1.0 / done - 1.0) : 0.0;
+    const double rate = static_cast<double>(tick - before_) / std::chrono::duration<double>(now - begin_).count();
+    const double left = rate > 0.0 ? static_cast<double>(ticks_ - tick) / rate : 0.0;
     const std::string bar = std::string(filled, '#') + std::string(width - filled, ' ');
-    std::fprintf(stderr, "\r[%s] %3.0f %%, about %.0f s left\033[K", bar.c_str(), 100.0 * done, left);
+    std::fprintf(stderr, "\r[%s] %3.0f %%", bar.c_str(), 100.0 * done);
+    if (unit_ != nullptr) std::fprintf(stderr, ", %.0f %s/s", rate, unit_);
+    std::fprintf(stderr, ", about %.0f s left\033[K", left);
     std::fflush(stderr);
   }
 
  private:
   using Clock = std::chrono::steady_clock;
   std::uint64_t ticks_;  ///< 0: nothing is drawn
+  std::uint64_t before_;
+  const char* unit_;
   Clock::time_point begin_ = Clock::now(), next_ = begin_ + std::chrono::seconds(2);
   bool drawn_ = false;
 };

@@ -75,7 +75,7 @@ class ReferenceTrack {
         mode_(mode_of(scene, static_cast<M*>(nullptr))),
         joined_(bundle_->get(), bundle_->join_ticks, scene.tick()),
         same_(bundle_->join_ticks == 0 && bundle_->get().kind != ReferenceKind::hold_start),
-        true_lengths_(scene.model.half_base == 1.0 && scene.model.l1 == 1.0 && scene.model.l2 == 1.0) {}
+        true_lengths_(same_lengths(believed_mechanism(scene), scene.mechanism)) {}
 
   [[nodiscard]] bool present() const { return present_; }
   [[nodiscard]] const ReferenceBundle<double>& bundle() const { return *bundle_; }
@@ -145,6 +145,7 @@ class Recorder {
   [[nodiscard]] ReferenceTrack<World>& track() { return track_; }
   [[nodiscard]] Statistics& statistics() { return statistics_; }
   [[nodiscard]] Log& log() { return log_; }
+  void without_digest() { digest_ = false; }
 
   /// A tick that begins in the plant's present state, under `torque` per joint until the next.
   /// `disarmed`: a drive has left closed loop, for a plant that does not see the supervisor.
@@ -153,8 +154,10 @@ class Recorder {
     const typename Plant::Output o = motion.output();
     const std::span<const double> q(o.q), qd(o.qd);
     constexpr std::size_t half = Plant::outputs / 2;
-    Digest& digest = statistics_.digest;
-    digest.add(q.first(half));
+    const auto add_to_digest = [&](std::span<const double> values) {
+      if (digest_) statistics_.digest.add(values);
+    };
+    add_to_digest(q.first(half));
     require_finite(q, n * scene_.tick());
     require_finite(qd, n * scene_.tick());
     const V2 x = o.effector;
@@ -164,14 +167,18 @@ class Recorder {
     }
     TickRecord r;
     r.t = n * scene_.tick();
-    for (std::size_t i = 0; i < torque_.size(); ++i) torque_[i] = torque[joint(static_cast<int>(i))];
+    for (std::size_t i = 0; i < torque_.size(); ++i) {
+      const std::size_t j = joint(static_cast<int>(i));
+      torque_[i] = torque[j];
+      r.power += std::abs(torque[j] * World::rate(o, static_cast<int>(j)));
+    }
     r.torque = torque_;
     r.saturated = saturated || (seen.result != nullptr && seen.result->saturated);
     r.faulted = seen.result != nullptr ? seen.result->fault != Fault::none : disarmed;
-    digest.add(q.subspan(half));
+    add_to_digest(q.subspan(half));
     const auto reference = track_.present() ? track_.at(n, seen.exact ? seen.result : nullptr) : std::nullopt;
     r.has_reference = reference.has_value();
-    digest.add(qd.first(half));
+    add_to_digest(qd.first(half));
     if (reference) {
       const V2 miss = x - reference->effector;
       r.effector_error = std::sqrt(dot(miss, miss));
@@ -180,7 +187,7 @@ class Recorder {
         r.base_error[u] = wrap_to_pi(World::angle(o, i * M::joints / 2) - reference->base[u]);
       }
     }
-    digest.add(qd.subspan(half));
+    add_to_digest(qd.subspan(half));
     statistics_.add(r);
     statistics_.closure_max = larger(statistics_.closure_max, o.closure);
     if (n % energy_stride == 0)
@@ -252,7 +259,7 @@ class Recorder {
 
   const Scene& scene_;
   ReferenceTrack<World> track_;
-  bool with_controller_;
+  bool with_controller_, digest_ = true;
   Log log_;
   Statistics statistics_;
   std::vector<double> torque_, row_;

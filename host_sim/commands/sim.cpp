@@ -34,6 +34,8 @@ class SimRun {
   /// Where the effector was at every tick, for studies.
   void keep_path(std::vector<V2>* path) { path_ = path; }
   void use_single_precision() { single_precision_ = true; }
+  /// For who shows the progress of many runs.
+  void without_progress() { progress_ = false; }
 
   RunEnd run(int substeps) {
     const auto begin = std::chrono::steady_clock::now();
@@ -67,7 +69,7 @@ class SimRun {
     if (const auto saturation = find_effect<TorqueSaturation>(scene_.effects)) wave.limit = saturation->limit;
     const MotorTorques<Joints> torque{{}, scene_.torque.empty() ? nullptr : &wave};
     const std::uint32_t ticks = tick_count(scene_);
-    Progress progress(ticks);
+    Progress progress(progress_ ? ticks : 0);
     for (std::uint32_t n = 0; n < ticks; ++n) {
       progress.at(n);
       if (stop_requested()) {
@@ -95,7 +97,7 @@ class SimRun {
     TickResult<C> result;
     const double tick = scene_.tick(), step = tick / substeps;
     const std::uint32_t ticks = tick_count(scene_);
-    Progress progress(ticks);
+    Progress progress(progress_ ? ticks : 0);
     for (std::uint32_t n = 0; n < ticks; ++n) {
       progress.at(n);
       const bool stop = stop_requested();
@@ -164,7 +166,7 @@ class SimRun {
   Recorder<World> recorder_;
   Motion<Plant> motion_;
   Actuators<Plant> actuators_;
-  bool exact_ = true, single_precision_ = false;
+  bool exact_ = true, single_precision_ = false, progress_ = true;
   std::vector<V2>* path_ = nullptr;
 };
 
@@ -249,13 +251,20 @@ int run_sim(const RunOptions& o) {
 }
 
 namespace {
+enum class Purpose { study, study_in_single_precision, sweep };
 template <class World>
-Trace trace_of(const Scene& scene, bool single_precision) {
+Trace trace_of(const Scene& scene, Purpose purpose) {
   Trace out;
   const RunOptions none;
   SimRun<World> run(scene, none, "");
-  run.keep_path(&out.effector);
-  if (single_precision) run.use_single_precision();
+  if (purpose == Purpose::sweep) {
+    require_reachable<World>(scene, Pacing::lockstep);
+    run.recorder().without_digest();
+    run.without_progress();
+  } else {
+    run.keep_path(&out.effector);
+  }
+  if (purpose == Purpose::study_in_single_precision) run.use_single_precision();
   try {
     out.end = run.run(steps_per_tick(scene));
   } catch (const Diverged&) {  // a study wants to know, not to end
@@ -268,8 +277,14 @@ Trace trace_of(const Scene& scene, bool single_precision) {
 }  // namespace
 
 Trace trace(const Scene& scene, bool single_precision) {
-  return scene.type == MechanismType::five_bar ? trace_of<FiveBarWorld>(scene, single_precision)
-                                               : trace_of<RrWorld>(scene, single_precision);
+  const Purpose purpose = single_precision ? Purpose::study_in_single_precision : Purpose::study;
+  return scene.type == MechanismType::five_bar ? trace_of<FiveBarWorld>(scene, purpose)
+                                               : trace_of<RrWorld>(scene, purpose);
+}
+
+Trace run_case(const Scene& scene) {
+  return scene.type == MechanismType::five_bar ? trace_of<FiveBarWorld>(scene, Purpose::sweep)
+                                               : trace_of<RrWorld>(scene, Purpose::sweep);
 }
 
 std::atomic<bool>& stop_requested() {

@@ -31,6 +31,7 @@ void Statistics::add(const TickRecord& r) {
     for (const double e : r.base_error) base_.add(settled, std::abs(e));
   }
   if (r.saturated) ++saturated_;
+  power_sum_ += r.power;
   for (std::size_t i = 0; i < r.torque.size(); ++i) {
     torque_max_ = larger(torque_max_, std::abs(r.torque[i]));
     if (last_torque_.size() == r.torque.size()) {
@@ -61,7 +62,7 @@ Json Statistics::tracking() const {
 Json Statistics::torque() const {
   Json t;
   t["max_nm"] = torque_max_;
-  t["mean_abs_delta_nm"] = deltas_ > 0 ? delta_sum_ / static_cast<double>(deltas_) : 0.0;
+  t["mean_abs_delta_nm"] = torque_activity();
   t["saturated_ticks"] = saturated_;
   return t;
 }

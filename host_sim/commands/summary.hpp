@@ -103,6 +103,7 @@ struct TickRecord {
   bool has_reference = false;
   double effector_error = 0.0;         ///< m
   std::array<double, 2> base_error{};  ///< rad
+  double power = 0.0;                  ///< sum of |torque rate| over the motors, W
   bool saturated = false;
   bool faulted = false;  ///< the supervisor has latched a fault (plant alone: a drive has left closed loop)
 };
@@ -124,10 +125,18 @@ class Statistics {
   [[nodiscard]] nlohmann::ordered_json tracking() const;
   [[nodiscard]] nlohmann::ordered_json torque() const;
 
+  [[nodiscard]] const ErrorStatistics& effector() const { return effector_; }
+  [[nodiscard]] const ErrorStatistics& base() const { return base_; }
+  [[nodiscard]] double torque_max() const { return torque_max_; }  ///< N m
+  /// Mean change of a motor's torque from tick to tick, N m.
+  [[nodiscard]] double torque_activity() const { return deltas_ > 0 ? delta_sum_ / static_cast<double>(deltas_) : 0.0; }
+  [[nodiscard]] std::uint64_t saturated_ticks() const { return saturated_; }
+  [[nodiscard]] double power_sum() const { return power_sum_; }  ///< over the ticks, W
+
  private:
   ErrorStatistics effector_, base_;
   std::vector<double> last_torque_;
-  double torque_max_ = 0.0, delta_sum_ = 0.0;
+  double torque_max_ = 0.0, delta_sum_ = 0.0, power_sum_ = 0.0;
   std::uint64_t ticks_ = 0, deltas_ = 0, saturated_ = 0;
   bool has_reference_ = false;
   std::optional<double> fault_time_;

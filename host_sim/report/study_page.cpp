@@ -121,7 +121,7 @@ std::string log_log_svg(const std::string& title, const std::string& x_label, co
     for (const auto& p : series[i].points) {
       if (!drawable(p)) continue;
       const double px = x.at(p.first), py = y.at(p.second);
-      line += fmt::format("{}{:.1f} {:.1f}", line.empty() ? "M" : "L", px, py);
+      if (series[i].line) line += fmt::format("{}{:.1f} {:.1f}", line.empty() ? "M" : "L", px, py);
       marks += marker(i, px, py);
     }
     const double ly = top + 10 + 18.0 * static_cast<double>(i);

@@ -11,6 +11,7 @@ namespace esmc::host {
 struct Series {
   std::string name;
   std::vector<std::pair<double, double>> points;  ///< > 0; others are left out
+  bool line = true;                               ///< from point to point
 };
 
 /// A figure with its legend. Lines differ in colour and marker.

@@ -348,8 +348,7 @@ void read_simulation(Section s, Scene& scene) {
 
 }  // namespace
 
-namespace {
-Scene scene_of(toml::table table, const std::string& file) {
+Scene read_scene_table(toml::table table, const std::string& file) {
   Section root(table, file, "", "");
   Scene scene;
   scene.file = file;
@@ -391,15 +390,14 @@ Scene scene_of(toml::table table, const std::string& file) {
   scene.toml = toml_text(table);
   return scene;
 }
-}  // namespace
 
 Scene read_scene(const std::string& file, const std::vector<std::string>& sets) {
-  return scene_of(parse_scene_file(file, sets), file);
+  return read_scene_table(parse_scene_file(file, sets), file);
 }
 
 Scene read_scene_text(const std::string& text, const std::string& name,
                       const std::vector<std::string>& sets) {
-  return scene_of(parse_scene_text(text, name, sets), name);
+  return read_scene_table(parse_scene_text(text, name, sets), name);
 }
 
 }  // namespace esmc::host

@@ -194,10 +194,9 @@ std::string_view child(std::string_view path, const std::string& schema) {
 
 }  // namespace
 
-toml::table parse_scene_file(const std::string& file, const std::vector<std::string>& sets) {
-  if (std::filesystem::is_directory(file))
-    throw InputError("", file + ": is a directory, a scene file is needed");
-  if (!std::filesystem::is_regular_file(file)) throw InputError("", file + ": no such scene file");
+std::string read_text_file(const std::string& file, const std::string& what) {
+  if (std::filesystem::is_directory(file)) throw InputError("", fmt::format("{}: is a directory, a {} is needed", file, what));
+  if (!std::filesystem::is_regular_file(file)) throw InputError("", fmt::format("{}: no such {}", file, what));
   std::ifstream in(file, std::ios::binary);
   std::string text(text_max + 1, '\0');
   in.read(text.data(), static_cast<std::streamsize>(text.size()));
@@ -205,7 +204,11 @@ toml::table parse_scene_file(const std::string& file, const std::vector<std::str
   if (in.gcount() > static_cast<std::streamsize>(text_max))
     throw InputError("", fmt::format("{}: more than {} bytes, no scene is that long", file, text_max));
   text.resize(static_cast<std::size_t>(in.gcount()));
-  return parse_scene_text(text, file, sets);
+  return text;
+}
+
+toml::table parse_scene_file(const std::string& file, const std::vector<std::string>& sets) {
+  return parse_scene_text(read_text_file(file, "scene file"), file, sets);
 }
 
 toml::table parse_scene_text(const std::string& text, const std::string& name,

@@ -17,8 +17,14 @@ namespace esmc::host {
 /// Parses a file and merges "section.key=value" overrides into it. An override that changes a `type` drops the
 /// file's keys of the former type, one that gives a start drops the file's other ways to give it, and accuracy drops
 /// integrator and step as they drop it. Throws InputError.
+/// The bytes of a file that is no longer than any scene; `what` it should be, for errors. Throws InputError.
+std::string read_text_file(const std::string& file, const std::string& what);
 toml::table parse_scene_file(const std::string& file, const std::vector<std::string>& sets);
 toml::table parse_scene_text(const std::string& text, const std::string& name, const std::vector<std::string>& sets);
+
+struct Scene;
+/// The scene of a table, with the checks and the errors of read_scene; `file` stands for it in errors.
+Scene read_scene_table(toml::table table, const std::string& file);
 
 /// Where a node was written: "FILE:LINE", or "--set key=value".
 std::string place(const toml::node& node, const std::string& file);

@@ -130,6 +130,7 @@ struct Scene {
 
   MechanismType type = MechanismType::five_bar;
   FiveBarParams<double> mechanism;  ///< RR uses legs[0] and g only
+  std::optional<FiveBarParams<double>> believed;  ///< what control.model's factors go onto, where that is not `mechanism`
   std::array<int, 2> working_mode{};
   int assembly_mode = 0;  ///< 0 in the file: taken from the initial pose
 

@@ -1,0 +1,28 @@
+#pragma once
+/// The processes of a sweep over machines. MPI is behind this interface, in a module that is loaded only where `mpirun`
+/// has started the program: nobody else pays for it, or needs it installed.
+
+#include <memory>
+#include <string>
+
+namespace esmc::host {
+
+class Ranks {
+ public:
+  virtual ~Ranks() = default;
+  [[nodiscard]] virtual int rank() const = 0;
+  [[nodiscard]] virtual int size() const = 0;
+  virtual void send(int to, const std::string& bytes) = 0;
+  /// The next message from anyone, and whose it is. `wait` = false: -1 where there is none yet.
+  [[nodiscard]] virtual int receive(std::string& bytes, bool wait) = 0;
+
+ protected:
+  Ranks() = default;
+  Ranks(const Ranks&) = default;
+  Ranks& operator=(const Ranks&) = default;
+};
+
+/// Null where the program was started alone. Throws RunError where mpirun has started several and MPI is not there.
+[[nodiscard]] std::unique_ptr<Ranks> join_ranks();
+
+}  // namespace esmc::host

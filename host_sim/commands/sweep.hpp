@@ -1,0 +1,19 @@
+#pragma once
+/// esmc sweep SPEC: parameter, gain and uncertainty studies.
+
+#include <string>
+
+namespace esmc::host {
+
+struct SweepOptions {
+  std::string spec, out, command_line;
+  int jobs = 0;  ///< threads of this process; 0: all processors, under mpirun one
+  bool json = false;
+  bool restart = false;  ///< what an unfinished sweep has left in --out is thrown away
+  bool scalar = false;   ///< no SIMD lanes: every case on its own. The same result
+};
+
+/// Exit status: 0, or 1 for one that was interrupted.
+int run_sweep(const SweepOptions& o);
+
+}  // namespace esmc::host

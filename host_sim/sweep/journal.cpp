@@ -1,0 +1,146 @@
+#include "host_sim/sweep/journal.hpp"
+
+#include <fcntl.h>
+#include <sys/file.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <array>
+#include <cerrno>
+#include <cstring>
+#include <fstream>
+
+#include "host_sim/error.hpp"
+
+namespace esmc::host {
+namespace {
+
+constexpr std::array<char, 8> magic{'e', 's', 'm', 'c', 's', 'w', 'p', '1'};
+constexpr std::size_t head_size = 32;  // magic, identity, cases, objectives
+
+/// CRC-32 of Ethernet and zip, a table entry per byte.
+std::uint32_t crc32(const char* data, std::size_t size) {
+  static const auto table = [] {
+    std::array<std::uint32_t, 256> t{};
+    for (std::uint32_t i = 0; i < t.size(); ++i) {
+      std::uint32_t c = i;
+      for (int bit = 0; bit < 8; ++bit) c = (c & 1U) != 0 ? (c >> 1U) ^ 0xEDB88320U : c >> 1U;
+      t[i] = c;
+    }
+    return t;
+  }();
+  std::uint32_t c = 0xFFFFFFFFU;
+  for (std::size_t i = 0; i < size; ++i) c = table[(c ^ static_cast<unsigned char>(data[i])) & 0xFFU] ^ (c >> 8U);
+  return ~c;
+}
+
+template <class T>
+void put(std::string& out, const T& v) {
+  std::array<char, sizeof(T)> bytes{};
+  std::memcpy(bytes.data(), &v, sizeof(T));
+  out.append(bytes.data(), bytes.size());
+}
+template <class T>
+T get(const char* from) {
+  T v;
+  std::memcpy(&v, from, sizeof(T));
+  return v;
+}
+
+bool write_all(int descriptor, const std::string& bytes) {
+  std::size_t done = 0;
+  while (done < bytes.size()) {
+    const ssize_t n = ::write(descriptor, bytes.data() + done, bytes.size() - done);
+    if (n < 0 && errno == EINTR) continue;
+    if (n <= 0) return false;
+    done += static_cast<std::size_t>(n);
+  }
+  return true;
+}
+
+}  // namespace
+
+std::uint64_t fnv(std::uint64_t hash, const std::string& text) {
+  for (const char c : text) hash = (hash ^ static_cast<unsigned char>(c)) * 0x100000001B3ULL;
+  return hash;
+}
+
+std::uint64_t program_hash() {
+  std::ifstream program("/proc/self/exe", std::ios::binary);
+  std::uint64_t hash = fnv_start;
+  std::string block(1U << 16U, '\0');
+  while (program.read(block.data(), static_cast<std::streamsize>(block.size())) || program.gcount() > 0) {
+    hash = fnv(hash, block.substr(0, static_cast<std::size_t>(program.gcount())));
+  }
+  return program.eof() ? hash : 0;
+}
+
+std::size_t Journal::record_size() const { return 16 + 8 * objectives_; }
+
+void Journal::refuse(const std::string& why) {
+  if (descriptor_ >= 0) ::close(descriptor_);
+  throw InputError("", file_ + ": " + why);
+}
+
+Journal::Journal(const std::string& file, std::uint64_t identity, std::uint64_t cases, std::size_t objectives)
+    : file_(file), cases_(cases), objectives_(objectives) {
+  descriptor_ = ::open(file.c_str(), O_RDWR | O_CREAT | O_APPEND | O_CLOEXEC, 0666);  // NOLINT(*-vararg)
+  if (descriptor_ < 0) refuse(std::string("cannot be written: ") + std::strerror(errno));
+  if (::flock(descriptor_, LOCK_EX | LOCK_NB) != 0) refuse("another sweep is writing here");
+  std::string head(magic.begin(), magic.end());
+  put(head, identity);
+  put(head, cases);
+  put(head, static_cast<std::uint64_t>(objectives));
+  std::string there(head_size, '\0');
+  const ssize_t size = ::pread(descriptor_, there.data(), head_size, 0);
+  if (size == static_cast<ssize_t>(head_size)) {
+    if (there != head) {
+      refuse(
+          "is the journal of another sweep: specification, scene or program have changed since; take another --out, or "
+          "--restart");
+    }
+    read_back();
+  } else if (size < 0 || ::ftruncate(descriptor_, 0) != 0 || !write_all(descriptor_, head)) {
+    refuse(std::string("cannot be written: ") + std::strerror(errno));
+  }
+}
+
+Journal::~Journal() {
+  if (descriptor_ >= 0) ::close(descriptor_);
+}
+
+void Journal::read_back() {
+  std::vector<bool> known(cases_, false);
+  std::string record(record_size(), '\0');
+  off_t at = head_size;
+  const auto size = static_cast<ssize_t>(record.size());
+  for (; ::pread(descriptor_, record.data(), record.size(), at) == size; at += size) {
+    const std::size_t checked = record.size() - 4;
+    if (get<std::uint32_t>(record.data() + checked) != crc32(record.data(), checked)) break;
+    Finished f{get<std::uint64_t>(record.data()), get<std::uint32_t>(record.data() + 8), std::vector<double>(objectives_)};
+    for (std::size_t i = 0; i < objectives_; ++i) f.values[i] = get<double>(record.data() + 12 + 8 * i);
+    if (f.index >= cases_ || known[f.index]) continue;
+    known[f.index] = true;
+    found_.push_back(std::move(f));
+  }
+  if (::ftruncate(descriptor_, at) != 0) refuse(std::string("cannot be written: ") + std::strerror(errno));
+}
+
+void Journal::append(const std::vector<Finished>& cases) {
+  std::string bytes;
+  bytes.reserve(cases.size() * record_size());
+  for (const Finished& f : cases) {
+    const std::size_t begin = bytes.size();
+    put(bytes, f.index);
+    put(bytes, f.outcome);
+    for (const double v : f.values) put(bytes, v);
+    put(bytes, crc32(bytes.data() + begin, bytes.size() - begin));
+  }
+  if (!write_all(descriptor_, bytes)) {
+    throw RunError(file_ + ": cannot be written: " + std::strerror(errno) + "; the same command goes on from here");
+  }
+}
+
+void Journal::remove() { ::unlink(file_.c_str()); }
+
+}  // namespace esmc::host

@@ -1,0 +1,63 @@
+#pragma once
+/// Which cases a sweep has: every number is a function of seed, axis and case alone, so that nothing depends on who
+/// computes it, or when.
+
+#include <cstdint>
+#include <vector>
+
+namespace esmc::host {
+
+enum class Sampling { grid, random, latin_hypercube };
+
+/// What one key of the scene goes through.
+struct Axis {
+  std::uint64_t listed = 0;  ///< number of listed values; 0: a range
+  double from = 0.0, to = 0.0;
+  bool logarithmic = false;
+  std::uint64_t steps = 0;   ///< of a range that is crossed: points, both ends among them
+  bool crossed = false;      ///< every value with every sample; the others are sampled
+
+  [[nodiscard]] std::uint64_t points() const { return listed > 0 ? listed : steps; }
+  /// The range at u in [0, 1].
+  [[nodiscard]] double at(double u) const;
+};
+
+/// 64 random bits, a function of its arguments (SplitMix64 at a random place of its sequence).
+[[nodiscard]] std::uint64_t random_bits(std::uint64_t seed, std::uint64_t stream, std::uint64_t index);
+
+inline constexpr std::uint64_t noise_stream = 0x4000'0000'0000'0000ULL;  ///< apart from those of axes
+
+/// A random permutation of 0 .. size - 1 that is never stored: a Feistel network, walked until it is back in range.
+[[nodiscard]] std::uint64_t permuted(std::uint64_t seed, std::uint64_t stream, std::uint64_t index, std::uint64_t size);
+
+/// `samples` cases of the sampled axes for every point of the grid of crossed ones; the last crossed axis changes
+/// fastest, and the same samples stand at each of its points.
+class Design {
+ public:
+  static constexpr std::uint64_t most_cases = 10'000'000;
+
+  Design() = default;
+  /// `samples` >= 1. Of a grid it is 1.
+  Design(Sampling method, std::uint64_t samples, std::uint64_t seed, std::vector<Axis> axes);
+
+  /// 0 where it would be more than most_cases.
+  [[nodiscard]] std::uint64_t cases() const { return cases_; }
+  [[nodiscard]] std::uint64_t samples() const { return samples_; }
+  [[nodiscard]] const std::vector<Axis>& axes() const { return axes_; }
+  /// Of a listed axis: which of its values.
+  [[nodiscard]] std::uint64_t chosen(std::uint64_t index, std::size_t axis) const;
+  /// Of a range: the number.
+  [[nodiscard]] double value(std::uint64_t index, std::size_t axis) const;
+
+ private:
+  [[nodiscard]] std::uint64_t crossed_point(std::uint64_t index, std::size_t axis) const;
+  /// In [0, 1).
+  [[nodiscard]] double sampled(std::uint64_t index, std::size_t axis) const;
+
+  Sampling method_ = Sampling::grid;
+  std::uint64_t samples_ = 1, seed_ = 1, cases_ = 0;
+  std::vector<Axis> axes_;
+  std::vector<std::uint64_t> stride_;  ///< of crossed axes, in points of the grid
+};
+
+}  // namespace esmc::host
