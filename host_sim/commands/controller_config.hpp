@@ -78,6 +78,11 @@ typename Rr<S>::Mode mode_of(const Scene& s, const Rr<S>*) {
   return static_cast<std::uint32_t>(std::llround(s.duration * s.rate_hz));
 }
 
+/// Steps of a fixed-step integrator in a tick.
+[[nodiscard]] inline int steps_per_tick(const Scene& s) {
+  return std::max(1, static_cast<int>(std::ceil(s.tick() / s.step - 1e-9)));
+}
+
 /// Known torque delay the implicit law is told, in ticks.
 [[nodiscard]] inline double delay_ticks(const Scene& s, Pacing pacing) {
   return s.delay_ticks.value_or(pacing == Pacing::realtime ? 2.0 : 0.0);

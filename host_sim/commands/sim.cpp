@@ -170,10 +170,6 @@ class SimRun {
   std::vector<V2>* path_ = nullptr;
 };
 
-[[nodiscard]] int steps_per_tick(const Scene& s) {
-  return std::max(1, static_cast<int>(std::ceil(s.tick() / s.step - 1e-9)));
-}
-
 [[nodiscard]] double largest_difference(const std::vector<double>& a, const std::vector<double>& b) {
   double d = 0.0;
   for (std::size_t i = 0; i < a.size(); ++i) {

@@ -1,6 +1,8 @@
 #include "host_sim/commands/sweep.hpp"
 
 #include <fmt/format.h>
+#include <time.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <chrono>
@@ -26,13 +28,21 @@ namespace fs = std::filesystem;
 
 constexpr const char* journal_name = "sweep.journal";
 
+/// Of all threads of this process.
+double cpu_time() {
+  timespec t{};
+  ::clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
+  return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
+}
+
 std::uint64_t identity_of(const SweepSpec& spec, const Scene& scene) {
   const std::uint64_t text = fnv(fnv(fnv(fnv_start, spec.text), scene.toml), scene.reference.csv);
   return fnv(text, fmt::format("{} {}", version, program_hash()));
 }
 
 /// Wall-clock figures, apart from everything that is repeatable.
-Json timing(const SweepOptions& o, const Crew& crew, const Ranks* ranks, std::size_t cases, double duration, double wall_s) {
+Json timing(const SweepOptions& o, const Crew& crew, const Ranks* ranks, std::size_t cases, double duration, double wall_s,
+            double cpu_s) {
   const int processes = ranks != nullptr ? ranks->size() : 1, workers = processes * crew.jobs;
   const double simulated = static_cast<double>(cases) * duration;
   return {{"command", o.command_line},
@@ -41,8 +51,11 @@ Json timing(const SweepOptions& o, const Crew& crew, const Ranks* ranks, std::si
           {"processes", processes},
           {"threads_each", crew.jobs},
           {"threads", thread_library()},
+          {"lanes", crew.kernel != nullptr ? fmt::format("{} x {}", crew.kernel->lanes, crew.kernel->name) : "none"},
           {"cases_per_s", static_cast<double>(cases) / wall_s},
-          {"simulated_s_per_core_s", simulated / wall_s / workers}};
+          {"simulated_s_per_core_s", simulated / wall_s / workers},
+          {"cpu_s", ranks == nullptr ? Json(cpu_s) : Json(nullptr)},
+          {"simulated_s_per_cpu_s", ranks == nullptr ? Json(simulated / cpu_s) : Json(nullptr)}};
 }
 
 class Sweep {
@@ -59,6 +72,10 @@ class Sweep {
     std::error_code ignored;
     if (o.restart) fs::remove(file, ignored);
     journal_.emplace(file, identity, cases, table_.columns);
+    for (const fs::directory_entry& e : fs::directory_iterator(o.out)) {  // of a sweep that was killed: we have the lock
+      const std::string name = e.path().filename();
+      if (name.starts_with(".partial-") && name != ".partial-" + std::to_string(::getpid())) fs::remove_all(e.path(), ignored);
+    }
     keep(journal_->found());
     found_ = journal_->found().size();
   }
@@ -67,6 +84,7 @@ class Sweep {
     if (found_ > 0 && !o_.json) fmt::print("{} of {} cases were done before\n", found_, done_.size());
     std::fflush(stdout);
     const auto begin = std::chrono::steady_clock::now();
+    const double cpu_before = cpu_time();
     const auto workers = static_cast<std::size_t>(crew.jobs * (ranks != nullptr ? ranks->size() : 1));
     std::size_t now = found_;
     {
@@ -82,7 +100,7 @@ class Sweep {
       throw RunError(fmt::format("interrupted after {} of {} cases{}", now, done_.size(),
                                  journal_ ? "; the same command goes on from there" : ""));
     }
-    finish(timing(o_, crew, ranks, now - found_, scenes_.nominal().duration, wall_s));
+    finish(timing(o_, crew, ranks, now - found_, scenes_.nominal().duration, wall_s, cpu_time() - cpu_before));
     return 0;
   }
 
@@ -115,10 +133,10 @@ class Sweep {
       return;
     }
     fmt::print("{}", sweep_text(summary));
-    fmt::print("{:.3g} s: {:.0f} cases/s, {:.0f} simulated seconds per core-second ({} x {} {})\n",
-               timing["wall_s"].get<double>(), timing["cases_per_s"].get<double>(),
-               timing["simulated_s_per_core_s"].get<double>(), timing["processes"].get<int>(),
-               timing["threads_each"].get<int>(), timing["threads"].get<std::string>());
+    const Json& rate = timing[timing["cpu_s"].is_null() ? "simulated_s_per_core_s" : "simulated_s_per_cpu_s"];
+    fmt::print("{:.3g} s: {:.0f} cases/s, {:.0f} simulated seconds per core-second ({} x {} {}, lanes: {})\n",
+               timing["wall_s"].get<double>(), timing["cases_per_s"].get<double>(), rate.get<double>(), timing["processes"].get<int>(),
+               timing["threads_each"].get<int>(), timing["threads"].get<std::string>(), timing["lanes"].get<std::string>());
     if (out_.wanted()) fmt::print("report: {}\n", (fs::path(out_.directory()) / "report.html").string());
   }
 
@@ -137,7 +155,8 @@ int run_with(const SweepOptions& o, Ranks* ranks, bool& called) {
   const SweepSpec spec = read_sweep(o.spec);
   const CaseScenes scenes(spec);
   const auto processors = static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
-  const Crew crew{&spec, &scenes, o.jobs > 0 ? o.jobs : (ranks != nullptr ? 1 : processors), !o.scalar};
+  const Crew crew{&spec, &scenes, o.jobs > 0 ? o.jobs : (ranks != nullptr ? 1 : processors),
+                  o.scalar ? nullptr : &lane_kernels().front()};
   const std::uint64_t identity = identity_of(spec, scenes.nominal());
   if (ranks != nullptr && ranks->rank() > 0) {
     serve(crew, *ranks, identity);

@@ -1,10 +1,12 @@
 #include "host_sim/commands/sweep_runner.hpp"
 
+#include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <limits>
 
 #include "firmware/safety/faults.hpp"
+#include "host_sim/commands/run.hpp"
 #include "host_sim/commands/trace.hpp"
 #include "host_sim/error.hpp"
 
@@ -94,11 +96,62 @@ bool CaseRunner::run_alone(std::uint64_t index, std::vector<Finished>& out) {
   return true;
 }
 
-bool CaseRunner::run(const Package& package, std::vector<Finished>& out) {
-  for (const std::uint64_t index : package.cases) {
-    if (!run_alone(index, out)) return false;
+CaseRunner::CaseRunner(const SweepSpec& spec, const CaseScenes& scenes, const LaneKernel* kernel)
+    : spec_(&spec), scenes_(scenes), kernel_(kernel) {
+  for (const Vary& v : spec.vary) {
+    if (v.key.starts_with("reference.") || v.key == "control.rate_hz") one_reference_ = false;
   }
-  return true;
+}
+
+void CaseRunner::run_together(std::vector<LaneJob>& jobs, std::vector<Finished>& out) {
+  if (jobs.empty()) return;
+  const auto begin = std::chrono::steady_clock::now();
+  run_lane_jobs(*kernel_, jobs, scores_);
+  const double wall = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+  for (std::size_t i = 0; i < jobs.size(); ++i) {
+    if (!scores_[i].ok) {
+      (void)run_alone(jobs[i].index, out);
+      continue;
+    }
+    Score score = score_of(scores_[i], jobs[i].settings);
+    score[static_cast<std::size_t>(Objective::tick_ns)] =
+        wall * 1e9 / static_cast<double>(jobs.size()) / jobs[i].settings.ticks;
+    out.push_back(finished(jobs[i].index, outcome_ok, score));
+  }
+  jobs.clear();
+}
+
+bool CaseRunner::run(const Package& package, std::vector<Finished>& out) {
+  for (auto& g : groups_) g.clear();
+  for (const std::uint64_t index : package.cases) {
+    if (stop_requested()) return false;
+    if (kernel_ == nullptr) {
+      if (!run_alone(index, out)) return false;
+      continue;
+    }
+    LaneJob job;
+    job.index = index;
+    job.bundle = bundle_;
+    bool fits = false;
+    try {
+      fits = make_lane_job(scenes_.at(index), spec_->wanted, one_reference_, job);
+    } catch (const InputError&) {
+      fits = false;
+    }
+    if (!fits) {
+      if (!run_alone(index, out)) return false;
+      continue;
+    }
+    if (one_reference_) bundle_ = job.bundle;
+    auto group = std::find_if(groups_.begin(), groups_.end(), [&](const std::vector<LaneJob>& g) {
+      return g.empty() || g.front().settings == job.settings;
+    });
+    if (group == groups_.end()) group = groups_.insert(group, std::vector<LaneJob>());
+    group->push_back(std::move(job));
+    if (group->size() == static_cast<std::size_t>(kernel_->lanes)) run_together(*group, out);
+  }
+  for (auto& g : groups_) run_together(g, out);
+  return !stop_requested();
 }
 
 }  // namespace esmc::host

@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "host_sim/commands/lane_cases.hpp"
 #include "host_sim/commands/sweep_scene.hpp"
 #include "host_sim/sweep/journal.hpp"
 
@@ -26,9 +27,8 @@ struct Package {
 
 class CaseRunner {
  public:
-  /// `lanes`: several cases at once where the program can; the same numbers to the last bit.
-  CaseRunner(const SweepSpec& spec, const CaseScenes& scenes, bool lanes)
-      : spec_(&spec), scenes_(scenes), lanes_(lanes) {}
+  /// `kernel`: several cases at once where it covers them, the same numbers to the last bit; null: each alone.
+  CaseRunner(const SweepSpec& spec, const CaseScenes& scenes, const LaneKernel* kernel);
 
   /// False where Ctrl-C came in between: `out` is then not complete.
   [[nodiscard]] bool run(const Package& package, std::vector<Finished>& out);
@@ -39,7 +39,14 @@ class CaseRunner {
 
   const SweepSpec* spec_;
   CaseScenes scenes_;
-  bool lanes_;
+  /// The cases of a package that go together, until a kernel is full.
+  void run_together(std::vector<LaneJob>& jobs, std::vector<Finished>& out);
+
+  const LaneKernel* kernel_;
+  bool one_reference_ = true;
+  std::vector<std::vector<LaneJob>> groups_;  ///< of equal settings
+  std::vector<LaneScore> scores_;
+  std::shared_ptr<const ReferenceBundle<double>> bundle_;  ///< of all cases, with one_reference_
 };
 
 }  // namespace esmc::host

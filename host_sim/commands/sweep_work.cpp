@@ -73,7 +73,7 @@ std::vector<Finished> read_results(const std::string& in, std::size_t objectives
 /// This process's threads, until the list is empty.
 void compute(WorkList& list, const Crew& crew) {
   run_jobs(crew.jobs, [&](int) {
-    CaseRunner runner(*crew.spec, *crew.scenes, crew.lanes);
+    CaseRunner runner(*crew.spec, *crew.scenes, crew.kernel);
     Package package;
     std::vector<Finished> out;
     try {
@@ -213,7 +213,7 @@ void serve(const Crew& crew, Ranks& ranks, std::uint64_t identity) {
   }
   try {
     std::vector<std::unique_ptr<CaseRunner>> runners;
-    for (int i = 0; i < crew.jobs; ++i) runners.push_back(std::make_unique<CaseRunner>(*crew.spec, *crew.scenes, crew.lanes));
+    for (int i = 0; i < crew.jobs; ++i) runners.push_back(std::make_unique<CaseRunner>(*crew.spec, *crew.scenes, crew.kernel));
     std::vector<std::vector<Finished>> each(runners.size());
     while (true) {
       ranks.send(0, results_message(results));

@@ -43,7 +43,7 @@ struct Crew {
   const SweepSpec* spec = nullptr;
   const CaseScenes* scenes = nullptr;
   int jobs = 1;
-  bool lanes = true;
+  const LaneKernel* kernel = nullptr;  ///< null: no lanes
 };
 
 /// Works the list off with this process's threads and, as the first of several processes, serves the others.

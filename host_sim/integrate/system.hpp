@@ -15,7 +15,8 @@
 namespace esmc::host {
 
 /// y' = slope(t, y), where y lies on a manifold that project restores.
-///   static constexpr std::size_t capacity;  State = std::array<double, capacity>
+///   static constexpr std::size_t capacity;  State = std::array<double, capacity>; of several systems side by side, where
+///                                           a method allows it, a type that is several numbers
 ///   std::size_t size() const                entries in use, <= capacity; the rest are never read or written
 ///   static constexpr std::size_t positions  y[0, positions) are positions, y[positions, 2 positions) their
 ///   rates,
@@ -31,7 +32,7 @@ namespace esmc::host {
 /// const, with J[i][j] the derivative of slope i by y[j].
 template <class S>
 concept System = requires(const S& s, double t, const typename S::State& y, typename S::State& out) {
-  requires std::same_as<typename S::State, std::array<double, S::capacity>>;
+  requires std::same_as<typename S::State, std::array<typename S::State::value_type, S::capacity>>;
   requires 2 * S::positions <= S::capacity;
   { s.size() } -> std::convertible_to<std::size_t>;
   s.slope(t, y, out);
@@ -110,10 +111,11 @@ template <class State>
 template <class State, bool compensated>
 class Accumulator {
  public:
-  void add(double& y, std::size_t i, double dy) {
+  template <class Number>
+  void add(Number& y, std::size_t i, const Number& dy) {
     if constexpr (compensated) {
-      const double wanted = dy + carry_[i], sum = y + wanted;
-      const double lost = wanted - (sum - y);
+      const Number wanted = dy + carry_[i], sum = y + wanted;
+      const Number lost = wanted - (sum - y);
       carry_[i] = std::isfinite(lost) ? lost : 0.0;
       y = sum;
     } else {

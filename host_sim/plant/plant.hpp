@@ -18,7 +18,7 @@
 
 namespace esmc::host {
 
-/// A planar vector without a matrix library. T: double, or Two for both legs at once.
+/// A planar vector without a matrix library. T: double, or both legs at once.
 template <class T>
 struct Planar {
   T x{}, y{};
@@ -29,7 +29,8 @@ struct Planar {
 };
 using V2 = Planar<double>;
 
-/// One leg in N (T = double), or the two legs of a 5R side by side (T = Two: each operation once for both), by
+/// One leg in N (T = double), or the two legs of a 5R side by side (T = Two: each operation once for both; or two legs of
+/// several mechanisms), by
 /// Lagrange's equations in absolute bar angles. `side` is +1 for leg 1 (and the RR arm), -1 for leg 2, whose model
 /// angles are mirrored: psi = pi - theta.
 template <class T>
@@ -38,7 +39,8 @@ class LegDynamics {
   using Vector = Planar<T>;
 
   LegDynamics() = default;
-  LegDynamics(const LegParams<T>& p, double gravity, double tip_mass, T base_x, T side)
+  template <class Number>
+  LegDynamics(const LegParams<T>& p, const Number& gravity, const Number& tip_mass, T base_x, T side)
       : l1_(p.l1),
         l2_(p.l2),
         base_x_(base_x),
@@ -129,30 +131,35 @@ class LegDynamics {
 };
 
 /// The effector as a load sees it. Closure makes the tip of leg 1 stand for both.
-struct EffectorPoint {
-  V2 position, rate;
-  std::array<V2, 2> torque_per_force;  ///< torque of joint i of leg 1 (or the arm) = dot(this[i], force)
+template <class S>
+struct EffectorPointOf {
+  Planar<S> position, rate;
+  std::array<Planar<S>, 2> torque_per_force;  ///< torque of joint i of leg 1 (or the arm) = dot(this[i], force)
 };
+using EffectorPoint = EffectorPointOf<double>;
 
-class FiveBarPlant {
+/// Both: the two legs side by side, [0] and [1] being numbers of type S.
+template <class Both, class S>
+class FiveBarPlantOf {
  public:
+  using Scalar = S;
   static constexpr int coordinates = 4;  ///< psi11, psi12, psi21, psi22
   static constexpr int joints = 4;       ///< theta11, theta12, theta21, theta22
   static constexpr int outputs = 6;      ///< x, y and the joints: final_state.q
-  using Angles = std::array<double, 4>;
-  using Joints = std::array<double, 4>;
+  using Angles = std::array<S, 4>;
+  using Joints = std::array<S, 4>;
   struct State {
     Angles angle{}, rate{};
   };
   struct Output {
-    std::array<double, 6> q{}, qd{};
-    V2 effector, effector_rate;
-    double closure = 0.0;  ///< |tip 1 - tip 2|, m
+    std::array<S, 6> q{}, qd{};
+    Planar<S> effector, effector_rate;
+    S closure{};  ///< |tip 1 - tip 2|, m
   };
 
   /// `payload`: a further point mass at the effector, kg.
-  explicit FiveBarPlant(const FiveBarParams<double>& p, double payload = 0.0)
-      : legs_(side_by_side(p.legs[0], p.legs[1]), p.g, 0.5 * (p.m0 + payload), Two{p.l0, -p.l0}, Two{1.0, -1.0}) {}
+  explicit FiveBarPlantOf(const FiveBarParams<S>& p, S payload = 0.0)
+      : legs_(side_by_side<Both>(p.legs[0], p.legs[1]), p.g, S(0.5 * (p.m0 + payload)), Both{p.l0, -p.l0}, Both{1.0, -1.0}) {}
 
   /// State from the model's joint angles and rates (leg 2 mirrored).
   [[nodiscard]] static State from_joints(const Joints& theta, const Joints& rate) {
@@ -173,24 +180,27 @@ class FiveBarPlant {
   [[nodiscard]] Angles response(const Angles& angle, const Joints& torque) const;
   /// Moves angles and rates onto the closure, along the shortest way in the mass metric.
   void project(Angles& angle, Angles& rate) const;
-  [[nodiscard]] EffectorPoint effector_point(const Angles& angle, const Angles& rate) const;
+  [[nodiscard]] EffectorPointOf<S> effector_point(const Angles& angle, const Angles& rate) const;
   [[nodiscard]] Output output(const State& s) const;
-  [[nodiscard]] V2 effector(const Angles& angle) const;
-  [[nodiscard]] V2 effector_rate(const Angles& angle, const Angles& rate) const;
-  [[nodiscard]] double kinetic_energy(const State& s) const;
-  [[nodiscard]] double potential_energy(const State& s) const;
+  [[nodiscard]] Planar<S> effector(const Angles& angle) const;
+  [[nodiscard]] Planar<S> effector_rate(const Angles& angle, const Angles& rate) const;
+  [[nodiscard]] S kinetic_energy(const State& s) const;
+  [[nodiscard]] S potential_energy(const State& s) const;
 
  private:
-  using Legs = LegDynamics<Two>;
-  [[nodiscard]] Legs::Pose pose(const Angles& angle) const;
+  using Legs = LegDynamics<Both>;
+  [[nodiscard]] typename Legs::Pose pose(const Angles& angle) const;
   /// What the bars must give up so that the tips do not part by `gap`: along the shortest way in the mass metric.
-  [[nodiscard]] Legs::Pair closing(const Legs::Pose& p, V2 gap) const;
+  [[nodiscard]] typename Legs::Pair closing(const typename Legs::Pose& p, Planar<S> gap) const;
   Legs legs_;
 };
+using FiveBarPlant = FiveBarPlantOf<Two, double>;
+extern template class FiveBarPlantOf<Two, double>;
 
 /// The true RR arm: one leg, nothing to close.
 class RrPlant {
  public:
+  using Scalar = double;
   static constexpr int coordinates = 2;
   static constexpr int joints = 2;
   static constexpr int outputs = 2;

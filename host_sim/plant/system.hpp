@@ -21,7 +21,8 @@ class MechanismState {
   static constexpr std::size_t positions = Plant::coordinates;
   static constexpr std::size_t work = 2 * positions;
   static constexpr std::size_t capacity = work + 1 + Extra;
-  using State = std::array<double, capacity>;
+  using Scalar = typename Plant::Scalar;
+  using State = std::array<Scalar, capacity>;
   using Angles = typename Plant::Angles;
   using Joints = typename Plant::Joints;
 
@@ -49,7 +50,7 @@ class MechanismState {
   void mechanism_slope(const Angles& angle, const Angles& rate, const Joints& torque, State& dy) const {
     put(dy, rate, plant_->acceleration(angle, rate, torque));
     const Joints w = Plant::joint_rates(rate);
-    double power = 0.0;
+    Scalar power = 0.0;
     for (std::size_t i = 0; i < w.size(); ++i) power += torque[i] * w[i];
     dy[work] = power;
   }

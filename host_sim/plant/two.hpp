@@ -43,10 +43,12 @@ namespace esmc::host {
   return near ? ieee::sin_cos_in_range(angle) : far_direction(angle);
 }
 
-[[nodiscard]] inline LegParams<Two> side_by_side(const LegParams<double>& a, const LegParams<double>& b) {
-  return {Two{a.l1, b.l1}, Two{a.l2, b.l2}, Two{a.lg1, b.lg1}, Two{a.lg2, b.lg2}, Two{a.m1, b.m1},
-          Two{a.m2, b.m2}, Two{a.J1, b.J1}, Two{a.J2, b.J2},   Two{a.d1, b.d1},   Two{a.d2, b.d2},
-          Two{a.gamma1, b.gamma1}, Two{a.gamma2, b.gamma2}};
+/// Both: Two, or the like of another S.
+template <class Both, class S>
+[[nodiscard]] LegParams<Both> side_by_side(const LegParams<S>& a, const LegParams<S>& b) {
+  return {Both{a.l1, b.l1}, Both{a.l2, b.l2}, Both{a.lg1, b.lg1}, Both{a.lg2, b.lg2}, Both{a.m1, b.m1},
+          Both{a.m2, b.m2}, Both{a.J1, b.J1}, Both{a.J2, b.J2},   Both{a.d1, b.d1},   Both{a.d2, b.d2},
+          Both{a.gamma1, b.gamma1}, Both{a.gamma2, b.gamma2}};
 }
 
 }  // namespace esmc::host

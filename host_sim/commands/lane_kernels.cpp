@@ -1,0 +1,19 @@
+#include "host_sim/commands/lane_kernel.hpp"
+
+namespace esmc::host {
+
+const std::vector<LaneKernel>& lane_kernels() {
+  static const std::vector<LaneKernel> list = [] {
+    std::vector<LaneKernel> out;
+#ifdef __x86_64__
+    if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl"))
+      out.push_back(lane_kernel_v4());
+    if (__builtin_cpu_supports("avx2")) out.push_back(lane_kernel_v3());
+#endif
+    out.push_back(lane_kernel_baseline());
+    return out;
+  }();
+  return list;
+}
+
+}  // namespace esmc::host

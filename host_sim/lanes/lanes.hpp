@@ -1,0 +1,276 @@
+#pragma once
+/// Several doubles side by side as one number: what the templates of firmware and plant compute for one mechanism, they
+/// compute for N at once, each with the bits that it would have alone. Only operations that IEEE 754 rounds exactly are
+/// used, one after the other as for one number.
+///
+/// `Tag` tells apart the instructions a file is compiled for, so that no two files give the linker the same function to
+/// choose from.
+///
+/// A condition that would end the computation for one number (out of reach, not closed) must not end it for the others: an
+/// `if` on a comparison is never taken here. The lanes it would have been taken in are noted in `stray`; the computation
+/// goes on in all of them, and what it gives in those lanes from then on is nobody's.
+
+#include <array>
+#include <bit>
+#include <cstddef>
+#include <cstdint>
+
+#include "firmware/numeric/elementary.hpp"
+
+#if defined(__AVX512F__) || defined(__AVX2__)
+#include <immintrin.h>
+#endif
+
+namespace esmc::host {
+
+// For single lanes in which a function needs its seldom branches. Compiled for every processor.
+[[gnu::cold]] void arc_tangent2_each(const double* y, const double* x, double* out, int n);
+[[gnu::cold]] void wrap_to_pi_each(const double* angle, double* out, int n);
+void hyperbolic_tangent_each(const double* x, double* out, int n);
+
+/// What gcc and clang call vectors.
+template <int N>
+struct LaneVectors;
+template <>
+struct LaneVectors<2> {
+  using Reals = double __attribute__((vector_size(16)));
+  using Masks = std::int64_t __attribute__((vector_size(16)));
+  using Bits = std::uint64_t __attribute__((vector_size(16)));
+};
+template <>
+struct LaneVectors<4> {
+  using Reals = double __attribute__((vector_size(32)));
+  using Masks = std::int64_t __attribute__((vector_size(32)));
+  using Bits = std::uint64_t __attribute__((vector_size(32)));
+};
+template <>
+struct LaneVectors<8> {
+  using Reals = double __attribute__((vector_size(64)));
+  using Masks = std::int64_t __attribute__((vector_size(64)));
+  using Bits = std::uint64_t __attribute__((vector_size(64)));
+};
+
+template <int N, class Tag>
+struct LaneBits {
+  using V = typename LaneVectors<N>::Bits;
+  V v;
+  LaneBits() = default;
+  LaneBits(V x) : v(x) {}                                // NOLINT(google-explicit-constructor)
+  LaneBits(std::uint64_t x) : v(V{} + x) {}              // NOLINT(google-explicit-constructor)
+  friend LaneBits operator^(LaneBits a, LaneBits b) { return V(a.v ^ b.v); }
+  friend LaneBits operator&(LaneBits a, LaneBits b) { return V(a.v & b.v); }
+  friend LaneBits operator|(LaneBits a, LaneBits b) { return V(a.v | b.v); }
+  friend LaneBits operator+(LaneBits a, LaneBits b) { return V(a.v + b.v); }
+  friend LaneBits operator-(LaneBits a, LaneBits b) { return V(a.v - b.v); }
+  friend LaneBits operator<<(LaneBits a, int n) { return V(a.v << static_cast<std::uint64_t>(n)); }
+  friend LaneBits operator>>(LaneBits a, int n) { return V(a.v >> static_cast<std::uint64_t>(n)); }
+};
+
+/// All bits of a lane, or none.
+template <int N, class Tag>
+struct LaneMask {
+  using V = typename LaneVectors<N>::Masks;
+  V v;
+  LaneMask() = default;
+  LaneMask(V x) : v(x) {}  // NOLINT(google-explicit-constructor)
+  explicit LaneMask(bool all) : v(V{} - (all ? 1 : 0)) {}
+  friend LaneMask operator!(LaneMask a) { return V(~a.v); }
+  friend LaneMask operator&&(LaneMask a, LaneMask b) { return V(a.v & b.v); }
+  friend LaneMask operator||(LaneMask a, LaneMask b) { return V(a.v | b.v); }
+  friend bool none(LaneMask a) {
+#ifdef __AVX512DQ__
+    if constexpr (N == 8) return _mm512_movepi64_mask((__m512i)a.v) == 0;
+#endif
+#ifdef __AVX2__
+    if constexpr (N == 4) return _mm256_testz_si256((__m256i)a.v, (__m256i)a.v) != 0;
+#endif
+    std::int64_t some = 0;
+    for (int i = 0; i < N; ++i) some |= a.v[i];
+    return some == 0;
+  }
+  [[nodiscard]] bool operator[](int i) const { return v[i] != 0; }
+
+  /// Lanes in which an `if` of a template should have been taken, since whoever asks has last cleared it.
+  static inline thread_local constinit V stray{};
+  explicit operator bool() const {
+    stray |= v;
+    return false;
+  }
+};
+
+template <int N, class Tag>
+struct Lanes {
+  using V = typename LaneVectors<N>::Reals;
+  using Mask = LaneMask<N, Tag>;
+  using Bits = LaneBits<N, Tag>;
+  static constexpr int count = N;
+  static constexpr std::size_t size = N;
+  V v;
+
+  Lanes() = default;
+  Lanes(V x) : v(x) {}            // NOLINT(google-explicit-constructor)
+  Lanes(double x) : v(x - V{}) {}  // NOLINT(google-explicit-constructor): x - 0 is x, that of -0 included
+  explicit Lanes(Mask m) : v(std::bit_cast<V>(m.v & std::bit_cast<typename Mask::V>(Lanes(1.0).v))) {}
+  [[nodiscard]] static Lanes load(const double* from) {
+    Lanes out;
+    for (int i = 0; i < N; ++i) out.v[i] = from[i];
+    return out;
+  }
+  void store(double* to) const {
+    for (int i = 0; i < N; ++i) to[i] = v[i];
+  }
+  [[nodiscard]] double operator[](int i) const { return v[i]; }
+
+  friend Lanes operator-(Lanes a) { return V(-a.v); }
+  friend Lanes operator+(Lanes a, Lanes b) { return V(a.v + b.v); }
+  friend Lanes operator-(Lanes a, Lanes b) { return V(a.v - b.v); }
+  friend Lanes operator*(Lanes a, Lanes b) { return V(a.v * b.v); }
+  friend Lanes operator/(Lanes a, Lanes b) { return V(a.v / b.v); }
+  Lanes& operator+=(Lanes b) { return *this = *this + b; }
+  Lanes& operator-=(Lanes b) { return *this = *this - b; }
+  Lanes& operator*=(Lanes b) { return *this = *this * b; }
+  Lanes& operator/=(Lanes b) { return *this = *this / b; }
+  friend Mask operator<(Lanes a, Lanes b) { return mask(a.v < b.v); }
+  friend Mask operator<=(Lanes a, Lanes b) { return mask(a.v <= b.v); }
+  friend Mask operator>(Lanes a, Lanes b) { return mask(a.v > b.v); }
+  friend Mask operator>=(Lanes a, Lanes b) { return mask(a.v >= b.v); }
+  friend Mask operator==(Lanes a, Lanes b) { return mask(a.v == b.v); }
+
+  friend Lanes choose(Mask c, Lanes yes, Lanes no) {
+    using B = typename Mask::V;
+    return std::bit_cast<V>(B((std::bit_cast<B>(yes.v) & c.v) | (std::bit_cast<B>(no.v) & ~c.v)));
+  }
+  friend Lanes magnitude(Lanes a) { return from(bits_of(a) & ~sign_bit); }
+  friend Lanes square_root(Lanes a) {
+#ifdef __AVX512F__
+    if constexpr (N == 8) return V(_mm512_mask_sqrt_pd((__m512d)a.v, 0xFF, (__m512d)a.v));
+#endif
+#ifdef __AVX2__
+    if constexpr (N == 4) return V(_mm256_sqrt_pd((__m256d)a.v));
+#endif
+    Lanes out;
+    for (int i = 0; i < N; ++i) out.v[i] = __builtin_sqrt(a.v[i]);
+    return out;
+  }
+
+  // ---- firmware/numeric, for several: the same operations, and selections where there are branches ----
+  friend SinCos<Lanes> sin_cos(Lanes angle) {
+    (void)static_cast<bool>(!(magnitude(angle) <= Lanes(ieee::Constants<double>::kLargestAngle)));
+    return ieee::sin_cos_in_range(angle);
+  }
+  friend Lanes arc_tangent2(Lanes y, Lanes x) {
+    using C = ieee::Constants<double>;
+    const Bits ay = bits_of(y) & ~sign_bit, ax = bits_of(x) & ~sign_bit;
+    const Bits steep = (ax - ay) & Bits(sign_bit);  // ay > ax: neither has the bit
+    const Mask is_steep = mask(steep.v != 0U);
+    const Lanes large = choose(is_steep, from(ay), from(ax)), small = choose(is_steep, from(ax), from(ay));
+    if (!none(!(large >= Lanes(1.0 / C::kSafe) && large <= Lanes(C::kSafe)))) {
+      std::array<double, size> a{}, b{};
+      y.store(a.data());
+      x.store(b.data());
+      arc_tangent2_each(a.data(), b.data(), a.data(), N);
+      return load(a.data());
+    }
+    const Mask one = small > 0.71875 * large, half = small > 0.2578125 * large;
+    const Lanes above = choose(one, small - large, choose(half, small - 0.5 * large, small));
+    const Lanes below = choose(one, large + small, choose(half, large + 0.5 * small, large));
+    const Lanes t = above / below;
+    const Lanes z = t * t;
+    const Lanes turn = t - t * z * ieee::horner(z, C::kAtan);
+    const Bits left = bits_of(x) & Bits(sign_bit);
+    // The row of C::kAtanCentre: 0 to 2 for the centre, 3 more where it is steep, 6 more to the left.
+    const Bits row = Bits(std::bit_cast<typename Bits::V>(-one.v - half.v)) + ((steep >> 63) + ((steep >> 62) & Bits(2))) +
+                     ((left >> 62) & Bits(2)) + ((left >> 61) & Bits(4));
+    const Lanes angle = entry(heads, row) + (entry(tails, row) + from(bits_of(turn) ^ left ^ steep));
+    return from(bits_of(angle) ^ (bits_of(y) & Bits(sign_bit)));
+  }
+  struct SinCosPair {
+    std::array<Lanes, 2> sin, cos;
+  };
+  friend SinCosPair sin_cos(const std::array<Lanes, 2>& angle) {
+    const SinCos<Lanes> a = sin_cos(angle[0]), b = sin_cos(angle[1]);
+    return {{a.sin, b.sin}, {a.cos, b.cos}};
+  }
+  friend Lanes wrap_to_pi(Lanes angle) {
+    constexpr double pi = ieee::Constants<double>::kPi.head;
+    if (none(!(angle > Lanes(-pi) && angle <= Lanes(pi)))) return angle;
+    std::array<double, size> a{};
+    angle.store(a.data());
+    wrap_to_pi_each(a.data(), a.data(), N);
+    return load(a.data());
+  }
+  friend Lanes hyperbolic_tangent(Lanes x) {
+    std::array<double, size> a{};
+    x.store(a.data());
+    hyperbolic_tangent_each(a.data(), a.data(), N);
+    return load(a.data());
+  }
+
+  // ---- firmware/control/reaching.hpp ----
+  friend Lanes sign_of(Lanes s) { return choose(s > Lanes(0.0), Lanes(1.0), choose(s < Lanes(0.0), Lanes(-1.0), s)); }
+  friend Lanes saturated(Lanes s, Lanes layer) {
+    const Lanes inside = choose(layer == Lanes(0.0), s, s / layer);
+    return choose(s > layer, Lanes(1.0), choose(s < -layer, Lanes(-1.0), inside));
+  }
+
+ private:
+  static constexpr std::uint64_t sign_bit = std::uint64_t{1} << 63U;
+  template <class C>
+  static Mask mask(C comparison) {
+    return std::bit_cast<typename Mask::V>(comparison);
+  }
+  /// C::kAtanCentre, its heads and its tails.
+  static constexpr std::size_t rows = 16;
+  template <double ieee::Split<double>::*part>
+  static constexpr std::array<double, rows> column() {
+    std::array<double, rows> out{};
+    for (std::size_t i = 0; i < ieee::Constants<double>::kAtanCentre.size(); ++i)
+      out[i] = ieee::Constants<double>::kAtanCentre[i].*part;
+    return out;
+  }
+  alignas(64) static constexpr std::array<double, rows> heads = column<&ieee::Split<double>::head>();
+  alignas(64) static constexpr std::array<double, rows> tails = column<&ieee::Split<double>::tail>();
+  static Lanes entry(const std::array<double, rows>& table, Bits row) {
+#ifdef __AVX512F__
+    if constexpr (N == 8) {
+      const __m512d low = _mm512_load_pd(&table[0]), high = _mm512_load_pd(&table[8]);
+      return V(_mm512_permutex2var_pd(low, (__m512i)row.v, high));
+    }
+#endif
+#ifdef __AVX2__
+    if constexpr (N == 4) return V(_mm256_i64gather_pd(&table[0], (__m256i)row.v, 8));
+#endif
+    Lanes out;
+    for (int i = 0; i < N; ++i) out.v[i] = table[static_cast<std::size_t>(row.v[i])];
+    return out;
+  }
+  static Bits bits_of(Lanes a) { return std::bit_cast<typename Bits::V>(a.v); }
+  static Lanes from(Bits b) { return std::bit_cast<V>(b.v); }
+};
+
+/// The two legs of N mechanisms: [0] and [1].
+template <class L>
+struct BothLegs {
+  L leg[2];  // NOLINT(*-avoid-c-arrays): braces around it would be wanted everywhere
+  [[nodiscard]] const L& operator[](int i) const { return leg[i]; }
+
+  friend BothLegs operator-(const BothLegs& a) { return {-a[0], -a[1]}; }
+  friend BothLegs operator+(const BothLegs& a, const BothLegs& b) { return {a[0] + b[0], a[1] + b[1]}; }
+  friend BothLegs operator-(const BothLegs& a, const BothLegs& b) { return {a[0] - b[0], a[1] - b[1]}; }
+  friend BothLegs operator*(const BothLegs& a, const BothLegs& b) { return {a[0] * b[0], a[1] * b[1]}; }
+  friend BothLegs operator+(const BothLegs& a, L b) { return {a[0] + b, a[1] + b}; }
+  friend BothLegs operator*(L a, const BothLegs& b) { return {a * b[0], a * b[1]}; }
+  friend BothLegs operator*(const BothLegs& a, L b) { return {a[0] * b, a[1] * b}; }
+  friend BothLegs operator/(L a, const BothLegs& b) { return {a / b[0], a / b[1]}; }
+  friend SinCos<BothLegs> direction(const BothLegs& angle) {
+    const SinCos<L> a = sin_cos(angle[0]), b = sin_cos(angle[1]);
+    return {{a.sin, b.sin}, {a.cos, b.cos}};
+  }
+};
+
+}  // namespace esmc::host
+
+template <int N, class Tag>
+struct esmc::ieee::Constants<esmc::host::Lanes<N, Tag>> : esmc::ieee::Constants<double> {
+  using Bits = esmc::host::LaneBits<N, Tag>;
+};
