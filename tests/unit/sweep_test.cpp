@@ -77,7 +77,9 @@ TEST(SweepDesign, LatinHypercubePutsOneSampleIntoEveryStratumOfEveryAxis) {
     }
     EXPECT_EQ(*std::min_element(count.begin(), count.end()), 1) << n;
     EXPECT_EQ(*std::min_element(second.begin(), second.end()), 1) << n;
-    if (n % 4 == 0) EXPECT_EQ(listed, std::vector<std::uint64_t>(4, n / 4)) << n;
+    if (n % 4 == 0) {
+      EXPECT_EQ(listed, std::vector<std::uint64_t>(4, n / 4)) << n;
+    }
   }
 }
 
@@ -218,7 +220,7 @@ TEST(SweepJournal, IsRefusedToAnotherSweepAndToASecondProcess) {
 }
 
 struct Here {};
-using Four = Lanes<4, Here>;
+using Pair = Lanes<2, Here>;  // what every processor has; the wider ones show in whole runs, below
 
 TEST(SweepLanes, ElementaryFunctionsHaveTheBitsOfOneNumber) {
   std::vector<double> numbers{0.0, -0.0, 1.0, -1.0, 1e-310, -1e-310, 1e300, 1e-300, INFINITY, -INFINITY, NAN, 3.2, -3.2, 1e4, 0.5, 2.0};
@@ -228,12 +230,12 @@ TEST(SweepLanes, ElementaryFunctionsHaveTheBitsOfOneNumber) {
     return std::bit_cast<std::uint64_t>(a) == std::bit_cast<std::uint64_t>(b) || (std::isnan(a) && std::isnan(b));
   };
   for (std::size_t i = 0; i < numbers.size(); ++i) {
-    const std::array<double, 4> y{numbers[i], 0.25, numbers[(i * 7 + 3) % numbers.size()], -2.0};
-    const std::array<double, 4> x{numbers[(i * 5 + 1) % numbers.size()], 0.5, -numbers[i], numbers[i]};
-    const Four a = arc_tangent2(Four::load(y.data()), Four::load(x.data())), w = wrap_to_pi(Four::load(y.data())),
-               t = hyperbolic_tangent(Four::load(y.data())), s = sign_of(Four::load(y.data())),
-               c = saturated(Four::load(y.data()), magnitude(Four::load(x.data()))), m = -Four::load(y.data());
-    for (int k = 0; k < 4; ++k) {
+    const std::array<double, 2> y{numbers[i], numbers[(i * 7 + 3) % numbers.size()]};
+    const std::array<double, 2> x{numbers[(i * 5 + 1) % numbers.size()], -numbers[i]};
+    const Pair a = arc_tangent2(Pair::load(y.data()), Pair::load(x.data())), w = wrap_to_pi(Pair::load(y.data())),
+               t = hyperbolic_tangent(Pair::load(y.data())), s = sign_of(Pair::load(y.data())),
+               c = saturated(Pair::load(y.data()), magnitude(Pair::load(x.data()))), m = -Pair::load(y.data());
+    for (int k = 0; k < 2; ++k) {
       const double yk = y[static_cast<std::size_t>(k)], xk = x[static_cast<std::size_t>(k)];
       EXPECT_TRUE(same(a[k], arc_tangent2(yk, xk))) << yk << " " << xk;
       EXPECT_TRUE(same(w[k], wrap_to_pi(yk))) << yk;
@@ -242,22 +244,22 @@ TEST(SweepLanes, ElementaryFunctionsHaveTheBitsOfOneNumber) {
       EXPECT_TRUE(same(c[k], saturated(yk, std::abs(xk)))) << yk << " " << xk;
       EXPECT_TRUE(same(m[k], -yk)) << yk;
       if (!(std::abs(yk) <= 1e4)) continue;
-      const SinCos<Four> sc = sin_cos(Four::load(y.data()));
+      const SinCos<Pair> sc = sin_cos(Pair::load(y.data()));
       EXPECT_TRUE(same(sc.sin[k], sin_cos(yk).sin) && same(sc.cos[k], sin_cos(yk).cos)) << yk;
     }
   }
 }
 
 TEST(SweepLanes, ABranchThatIsNotTakenIsNoted) {
-  using Mask = Four::Mask;
+  using Mask = Pair::Mask;
   Mask::stray = Mask::V{};
-  const std::array<double, 4> v{1.0, -1.0, 2.0, -2.0};
+  const std::array<double, 2> v{1.0, -1.0};
   bool taken = false;
-  if (!(Four::load(v.data()) > Four(0.0))) taken = true;
+  if (!(Pair::load(v.data()) > Pair(0.0))) taken = true;
   EXPECT_FALSE(taken);
   const Mask noted(Mask::stray);
-  EXPECT_FALSE(noted[0] || noted[2]);
-  EXPECT_TRUE(noted[1] && noted[3]);
+  EXPECT_FALSE(noted[0]);
+  EXPECT_TRUE(noted[1]);
 }
 
 /// Every law and reaching law, a plant that is not what the controller believes, and settings bad enough for some cases
@@ -306,7 +308,9 @@ TEST(SweepLanes, EveryKernelGivesTheBitsOfEachCaseAlone) {
   const std::string circles = vary("reference.radius", "from = 0.03\nto = 0.09") + vary("reference.speed", "from = -9\nto = 9") +
                               vary("mechanism.leg.l1", "from = 0.11\nto = 0.13");
   for (const std::string& axes : {laws + kinds + plant(), joint_springs + plant(), circles + plant()}) {
-    const SweepSpec spec = read_sweep(scratch.write("spec.toml", specification(uncertain + axes)));
+    std::string text = specification(uncertain + axes);
+    if (axes.starts_with(joint_springs)) text.insert(text.find("'simulation.step"), "'control.kp=20', 'control.kd=0.5', ");
+    const SweepSpec spec = read_sweep(scratch.write("spec.toml", text));
     const CaseScenes scenes(spec);
     const auto alone = run_all(spec, scenes, nullptr);
     EXPECT_GT(std::count_if(alone.begin(), alone.end(), [](const Finished& f) { return f.outcome == outcome_ok; }), 0);

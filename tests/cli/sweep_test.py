@@ -1,0 +1,236 @@
+#!/usr/bin/env python3
+"""esmc sweep from outside: bad specifications, the same files whatever the number of threads and processes, a kill in the
+middle and the same command again. Usage: sweep_test.py ESMC HOST_SIM"""
+
+import csv
+import json
+import os
+import pathlib
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+
+ESMC, HOST_SIM = str(pathlib.Path(sys.argv[1]).resolve()), pathlib.Path(sys.argv[2]).resolve()
+SCENE = HOST_SIM / "scenes" / "five_bar_circle.toml"
+ALONE = {k: v for k, v in os.environ.items() if not k.startswith(("OMPI_", "PMIX_", "PMI_"))}
+failed = 0
+
+GOOD = f"""scene = "{SCENE}"
+set = ["simulation.duration=0.3", "simulation.step=1e-3"]
+objectives = ["settled_rms_m", "torque_activity_nm", "energy_j", "faulted"]
+pareto = [["settled_rms_m", "torque_activity_nm"]]
+[sample]
+method = "latin_hypercube"
+count = 240
+[[vary]]
+key = "plant.legs.1.m1"
+factor = [0.8, 1.2]
+[[vary]]
+key = "control.gain"
+from = 10.0
+to = 400.0
+log = true
+[[vary]]
+key = "control.law"
+values = ["esmc", "ctc"]
+cross = true
+"""
+
+
+def check(condition, what):
+    global failed
+    if not condition:
+        failed += 1
+        print(f"sweep_test: {what}")
+
+
+def run(*command, status=0):
+    r = subprocess.run(list(map(str, command)), capture_output=True, text=True, check=False, env=ALONE)
+    check(r.returncode == status, f"{command}: status {r.returncode}, {r.stderr.strip()[:600]}")
+    return r
+
+
+def sweep(*arguments, status=0):
+    return run(ESMC, "sweep", *arguments, status=status)
+
+
+def refused(folder, text, *wanted):
+    """One line on stderr with these words, nothing on stdout, nothing left behind."""
+    spec = folder / "bad.toml"
+    spec.write_text(text, encoding="utf-8")
+    out = folder / "refused"
+    r = sweep(spec, "--out", out, status=2)
+    check(r.stdout == "" and r.stderr.count("\n") == 1 and r.stderr.startswith("esmc: "), f"not one line: {r.stderr!r}")
+    for w in wanted:
+        check(w in r.stderr, f"{w!r} is not in {r.stderr!r}")
+    check(not out.exists(), f"{out} was left behind for {wanted}")
+
+
+def bad_specifications(folder):
+    line = lambda what: f"bad.toml:{GOOD[: GOOD.index(what)].count(chr(10)) + 1}"
+    change = lambda a, b: GOOD.replace(a, b, 1)
+    refused(folder, change("objectives", "objektives"), line("objectives"), "did you mean objectives")
+    refused(folder, change('"energy_j"', '"energy"'), "unknown objective 'energy'")
+    refused(folder, change('"energy_j"', '"settled_rms_m"'), "none twice")
+    refused(folder, change("count = 240", "count = 0"), line("count = 240"), "1 to 10000000")
+    refused(folder, change("count = 240", "count = 1000000000000"), "1 to 10000000")
+    refused(folder, change("count = 240", "count = 240.5"), "an integer")
+    refused(folder, change("count = 240", ""), "missing 'sample.count'")
+    refused(folder, change('"latin_hypercube"', '"lhs"'), "grid | random | latin_hypercube")
+    refused(folder, change('method = "latin_hypercube"', 'method = "grid"'), "leave out count")
+    refused(folder, change("plant.legs.1.m1", "plant.legs.1.m7"), line("[[vary]]"), "m7")
+    refused(folder, change("plant.legs.1.m1", "plant.legs.3.m1"), "plant.legs.3.m1")
+    refused(folder, change("plant.legs.1.m1", "plant.mass"), "plant.mass")
+    refused(folder, change("control.gain", "contrl.gain"), "contrl")
+    refused(folder, change("control.gain", "effects.encoder.bits"), "effects")
+    refused(folder, change("control.gain", "control.reaching"), "control.reaching = 10")
+    refused(folder, change("control.gain", "plant.legs.1.m1"), "varies twice")
+    refused(folder, change("[0.8, 1.2]", "[-0.8, 1.2]"), "m1")
+    refused(folder, change("[0.8, 1.2]", "[0.8]"), "two numbers")
+    refused(folder, change("[0.8, 1.2]", "[1.2, 0.8]"), "from < to")
+    refused(folder, change("from = 10.0", "from = nan"), "a finite number")
+    refused(folder, change("to = 400.0", "to = inf"), "a finite number")
+    refused(folder, change("from = 10.0", "from = 0.0"), "log needs from > 0")
+    refused(folder, change("to = 400.0\n", ""), "needs both from and to")
+    refused(folder, change('"esmc", "ctc"', '"esmc", "esmc"'), "none twice")
+    refused(folder, change('"esmc", "ctc"', '"esmc", "lqr"'), "control.law = lqr")
+    refused(folder, change('values = ["esmc", "ctc"]', "values = []"), "1 to 100000 values")
+    refused(folder, change("log = true", "log = true\nsteps = 5"), "steps goes with a grid")
+    refused(folder, change("log = true", "log = true\ncross = true"), "steps says in how many points")
+    refused(folder, change("log = true", "log = 1"), "true or false")
+    refused(folder, change('["settled_rms_m", "torque_activity_nm"]]', '["settled_rms_m"]]'), "two or more")
+    refused(folder, change('"torque_activity_nm"]]', '"max_m"]]'), "two or more of the objectives")
+    refused(folder, change(str(SCENE), "nowhere.toml"), "nowhere.toml: no such scene file")
+    refused(folder, change("simulation.step=1e-3", "simulation.accuracy=1e-6"), "step, not accuracy")
+    refused(folder, change("simulation.step=1e-3", "simulation.stp=1"), "stp")
+    grid = change('method = "latin_hypercube"\ncount = 240', 'method = "grid"').replace("factor = [0.8, 1.2]", "factor = [0.8, 1.2]\nsteps = 90000")
+    refused(folder, grid.replace("log = true", "log = true\nsteps = 90000"), "more than 10000000 cases")
+    refused(folder, "scene = [", "not valid TOML")
+    r = sweep(folder / "nowhere.toml", status=2)
+    check("no such sweep specification" in r.stderr, r.stderr)
+
+
+def same(a, b, what):
+    for name in ("cases.csv", "summary.json", "report.html", "scene.toml", "sweep.toml"):
+        check((a / name).read_bytes() == (b / name).read_bytes(), f"{what}: {name} differs")
+
+
+def threads_and_processes(folder, spec):
+    one = folder / "one"
+    sweep(spec, "--out", one, "--jobs", 1)
+    check(sorted(f.name for f in one.iterdir()) == ["cases.csv", "report.html", "scene.toml", "summary.json", "sweep.toml", "timing.json"],
+          f"files: {sorted(f.name for f in one.iterdir())}")
+    sweep(spec, "--out", folder / "two", "--jobs", 2)
+    same(one, folder / "two", "two threads")
+    sweep(spec, "--out", folder / "scalar", "--jobs", 2, "--scalar")
+    same(one, folder / "scalar", "without lanes")
+    j = json.loads(sweep(spec, "--json").stdout)
+    check(j == json.loads((one / "summary.json").read_text()), "--json is not summary.json")
+    module = pathlib.Path(ESMC).parent / "esmc_mpi.so"
+    if not (shutil.which("mpirun") and module.exists()):
+        check(not os.environ.get("CI"), "no MPI, and CI demands it")
+        return print("sweep_test: MPI is not here, its part was left out")
+    for n in (1, 2, 3):
+        mpirun = ["mpirun", "--allow-run-as-root", "--oversubscribe", "-n", n, ESMC, "sweep"]
+        run(*mpirun, spec, "--out", folder / f"mpi{n}")
+        same(one, folder / f"mpi{n}", f"{n} processes")
+    bad = folder / "bad.toml"
+    bad.write_text("scene = 1", encoding="utf-8")
+    r = subprocess.run(list(map(str, [*mpirun, bad])), capture_output=True, text=True, check=False, timeout=60, env=ALONE)
+    check(r.returncode != 0 and r.stderr.count("bad.toml:1") == 1, f"under mpirun: {r.stderr}")
+
+
+def what_the_table_says(folder):
+    """A case of the table is what esmc sim says of that scene, and the design is what was asked for."""
+    rows = list(csv.DictReader((folder / "one" / "cases.csv").open(encoding="utf-8")))
+    check(len(rows) == 480 and [r["case"] for r in rows] == [str(i) for i in range(480)], "rows of cases.csv")
+    gains = sorted(float(r["control.gain"]) for r in rows[:240])
+    check(all(10 * 40 ** (i / 240) <= g * (1 + 1e-12) and g <= 10 * 40 ** ((i + 1) / 240) * (1 + 1e-12) for i, g in enumerate(gains)), "strata of the gains")
+    check({r["control.law"] for r in rows[:240]} == {"esmc"} and {r["control.law"] for r in rows[240:]} == {"ctc"}, "crossed")
+    check([r["control.gain"] for r in rows[:240]] == [r["control.gain"] for r in rows[240:]], "the same samples for both")
+    spec = folder / "believed.toml"
+    text = GOOD.replace("plant.legs.1.m1", "mechanism.leg.m1").replace("count = 240", "count = 3")
+    spec.write_text(text, encoding="utf-8")
+    sweep(spec, "--out", folder / "believed")
+    for r in csv.DictReader((folder / "believed" / "cases.csv").open(encoding="utf-8")):
+        mass = float(r["mechanism.leg.m1"]) * 0.1
+        s = json.loads(run(ESMC, "sim", SCENE, "--json", "--set", "simulation.duration=0.3", "--set", "simulation.step=1e-3", "--set",
+                           f"mechanism.leg.m1={mass!r}", "--set", f"control.gain={r['control.gain']}", "--set",
+                           f"control.law={r['control.law']}").stdout)
+        check(float(r["settled_rms_m"]) == s["tracking"]["settled_rms_m"], f"case {r['case']}: settled_rms_m")
+        check(float(r["torque_activity_nm"]) == s["torque"]["mean_abs_delta_nm"], f"case {r['case']}: torque_activity_nm")
+    summary = json.loads((folder / "one" / "summary.json").read_text())
+    front = summary["fronts"][0]["cases"]
+    points = [(float(rows[i]["settled_rms_m"]), float(rows[i]["torque_activity_nm"])) for i in front]
+    check(points == sorted(points) and all(a[1] > b[1] for a, b in zip(points, points[1:])), "the front is not one")
+    for r in rows:
+        p = (float(r["settled_rms_m"]), float(r["torque_activity_nm"]))
+        check(any(q[0] <= p[0] and q[1] <= p[1] for q in points), f"case {r['case']} is beyond the front")
+    check(sum(summary["outcomes"].values()) == 480, "outcomes")
+
+
+def kill_and_go_on(folder):
+    """-9 at some moment, three times, then to the end."""
+    spec, whole, killed = folder / "long.toml", folder / "whole", folder / "killed"
+    spec.write_text(GOOD.replace("count = 240", "count = 1500").replace("duration=0.3", "duration=1"), encoding="utf-8")
+    sweep(spec, "--out", whole)
+    for _ in range(3):
+        with subprocess.Popen([ESMC, "sweep", spec, "--out", killed, "--scalar"], stdout=subprocess.DEVNULL, env=ALONE) as p:
+            journal = killed / "sweep.journal"
+            before = journal.stat().st_size if journal.exists() else 0
+            for _ in range(3000):
+                if p.poll() is not None or (journal.exists() and journal.stat().st_size > max(before, 100)):
+                    break
+                time.sleep(0.01)
+            p.send_signal(signal.SIGKILL)
+    check((killed / "sweep.journal").exists(), "it was over before the kill")
+    with (killed / "sweep.journal").open("ab") as f:
+        f.write(b"\x07" * 11)
+    changed = folder / "changed.toml"
+    changed.write_text(spec.read_text().replace("0.8", "0.81"), encoding="utf-8")
+    r = sweep(changed, "--out", killed, status=2)
+    check("another sweep" in r.stderr and r.stderr.count("\n") == 1, r.stderr)
+    r = sweep(spec, "--out", killed)
+    check("of 3000 cases were done before" in r.stdout, "it did not go on")
+    same(whole, killed, "after three kills")
+    check(sorted(f.name for f in whole.iterdir()) == sorted(f.name for f in killed.iterdir()), "something is left of the killed ones")
+
+
+def places_that_cannot_be_written(folder, spec):
+    file = folder / "file"
+    file.write_text("")
+    check("--out" in sweep(spec, "--out", file, status=2).stderr, "a file instead of a folder")
+    if pathlib.Path("/dev/full").exists():
+        r = subprocess.run([ESMC, "sweep", spec], stdout=open("/dev/full", "w"), stderr=subprocess.PIPE, text=True, check=False, env=ALONE)
+        check(r.returncode == 1 and "standard output" in r.stderr, f"full stdout: {r.stderr}")
+
+
+def impossible_cases(folder):
+    """A sample that makes no possible scene is an answer, not the end."""
+    spec = folder / "impossible.toml"
+    spec.write_text(GOOD.replace("plant.legs.1.m1", "plant.legs.1.l2").replace("[0.8, 1.2]", "[0.75, 1.0]").replace("240", "40"), encoding="utf-8")
+    j = json.loads(sweep(spec, "--json").stdout)
+    check(0 < j["outcomes"].get("impossible", 0) < 80 and sum(j["outcomes"].values()) == 80, f"outcomes {j['outcomes']}")
+
+
+def examples():
+    for spec in sorted((HOST_SIM / "sweeps").glob("*.toml")):
+        text = spec.read_text(encoding="utf-8")
+        check("scene" in text and "[[vary]]" in text, f"{spec.name} is no specification")
+
+
+with tempfile.TemporaryDirectory() as scratch:
+    here = pathlib.Path(scratch)
+    good = here / "good.toml"
+    good.write_text(GOOD, encoding="utf-8")
+    bad_specifications(here)
+    threads_and_processes(here, good)
+    what_the_table_says(here)
+    impossible_cases(here)
+    places_that_cannot_be_written(here, good)
+    kill_and_go_on(here)
+    examples()
+sys.exit(1 if failed else 0)
