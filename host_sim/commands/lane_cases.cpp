@@ -60,6 +60,10 @@ void put_start(const Scene& scene, LaneCase& out) {
 
 }  // namespace
 
+bool wants_base_errors(const std::vector<Objective>& wanted) {
+  return std::any_of(wanted.begin(), wanted.end(), is_of_base);
+}
+
 bool fits_lanes(const Scene& s) {
   return s.type == MechanismType::five_bar && s.closed_loop() && s.effects.empty() && !s.all_motors && !s.all_sensors &&
          s.method == Method::rk4 && s.reference.type != ReferenceType::joint_sine &&
@@ -88,7 +92,7 @@ bool make_lane_job(const Scene& scene, const std::vector<Objective>& wanted, boo
   n.believed = believed_mechanism(scene);
   n.plant = scene.mechanism;
   s.true_lengths = same_lengths(n.believed, n.plant);
-  s.base_errors = std::any_of(wanted.begin(), wanted.end(), is_of_base);
+  s.base_errors = wants_base_errors(wanted);
   s.one_reference = one_reference;
   for (int i = 0; i < M::channels; ++i) {
     const auto u = static_cast<std::size_t>(i);

@@ -27,6 +27,8 @@ struct LaneJob {
 /// Runs jobs of equal settings, at most kernel.lanes of them. `out[i].ok` = false: job i is to be run alone.
 void run_lane_jobs(const LaneKernel& kernel, const std::vector<LaneJob>& jobs, std::vector<LaneScore>& out);
 
+/// Whether one of them is of the base joints.
+[[nodiscard]] bool wants_base_errors(const std::vector<Objective>& wanted);
 [[nodiscard]] Score score_of(const LaneScore& lane, const LaneSettings& settings);
 
 }  // namespace esmc::host

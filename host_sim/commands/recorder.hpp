@@ -79,6 +79,12 @@ class ReferenceTrack {
 
   [[nodiscard]] bool present() const { return present_; }
   [[nodiscard]] const ReferenceBundle<double>& bundle() const { return *bundle_; }
+  /// Whoever does not look at them: Point::base is then 0.
+  void without_base() { with_base_ = false; }
+  /// Whether no point at this tick is the scene's fault, and not that of a way onto the reference.
+  [[nodiscard]] bool must_reach(std::uint32_t tick) const {
+    return tick >= bundle_->join_ticks && joined_.reference().kind != ReferenceKind::hold_start;
+  }
 
   /// Where the mechanism is at t = 0.
   void start(V2 effector, V2 velocity, const std::array<double, 2>& base, const std::array<double, 2>& rate) {
@@ -92,18 +98,18 @@ class ReferenceTrack {
     const bool at_effector = joined_.reference().space == ReferenceSpace::effector;
     const bool followed = solved != nullptr && true_lengths_ && at_effector && solved->state == State::running;
     if (same_ && followed && solved->running_tick == tick) {
-      const Vec2<double> base = solved->desired_base();
+      const Vec2<double> base = with_base_ ? solved->desired_base() : Vec2<double>(0, 0);
       return Point{{solved->desired_effector.x(), solved->desired_effector.y()}, {base[0], base[1]}};
     }
     const Motion2<double> m = joined_.at(tick);
     if (at_effector) {
       if (followed && solved->desired_effector == m.position) {
-        const Vec2<double> base = solved->desired_base();
+        const Vec2<double> base = with_base_ ? solved->desired_base() : Vec2<double>(0, 0);
         return Point{{m.position.x(), m.position.y()}, {base[0], base[1]}};
       }
       const auto pose = mechanism_.inverse(m.position, mode_);
       if (!pose) return std::nullopt;
-      const Vec2<double> base = M::base_angles(*pose);
+      const Vec2<double> base = with_base_ ? M::base_angles(*pose) : Vec2<double>(0, 0);
       return Point{{m.position.x(), m.position.y()}, {base[0], base[1]}};
     }
     const auto e = estimate_from_base(mechanism_, mode_, m.position, m.velocity);
@@ -119,6 +125,7 @@ class ReferenceTrack {
   JoinedReference<double> joined_;
   bool same_;          // whatever start the controller has measured, its reference is this one
   bool true_lengths_;  // of what the controller believes
+  bool with_base_ = true;
 };
 
 /// What the controller of a tick saw and did; null pointers where it runs elsewhere.
@@ -146,6 +153,13 @@ class Recorder {
   [[nodiscard]] Statistics& statistics() { return statistics_; }
   [[nodiscard]] Log& log() { return log_; }
   void without_digest() { digest_ = false; }
+  /// The errors of the base joints then say nothing.
+  void without_base_errors() {
+    base_errors_ = false;
+    track_.without_base();
+  }
+  /// Whether the reference has left the reach of the true mechanism.
+  [[nodiscard]] bool reference_left() const { return reference_left_; }
 
   /// A tick that begins in the plant's present state, under `torque` per joint until the next.
   /// `disarmed`: a drive has left closed loop, for a plant that does not see the supervisor.
@@ -178,11 +192,12 @@ class Recorder {
     add_to_digest(q.subspan(half));
     const auto reference = track_.present() ? track_.at(n, seen.exact ? seen.result : nullptr) : std::nullopt;
     r.has_reference = reference.has_value();
+    reference_left_ = reference_left_ || (track_.present() && !reference && track_.must_reach(n));
     add_to_digest(qd.first(half));
     if (reference) {
       const V2 miss = x - reference->effector;
       r.effector_error = std::sqrt(dot(miss, miss));
-      for (int i = 0; i < 2; ++i) {
+      for (int i = 0; i < 2 && base_errors_; ++i) {
         const auto u = static_cast<std::size_t>(i);
         r.base_error[u] = wrap_to_pi(World::angle(o, i * M::joints / 2) - reference->base[u]);
       }
@@ -259,7 +274,7 @@ class Recorder {
 
   const Scene& scene_;
   ReferenceTrack<World> track_;
-  bool with_controller_, digest_ = true;
+  bool with_controller_, digest_ = true, base_errors_ = true, reference_left_ = false;
   Log log_;
   Statistics statistics_;
   std::vector<double> torque_, row_;

@@ -247,14 +247,15 @@ int run_sim(const RunOptions& o) {
 }
 
 namespace {
-enum class Purpose { study, study_in_single_precision, sweep };
+enum class Purpose { study, study_in_single_precision, sweep, sweep_without_base };
 template <class World>
 Trace trace_of(const Scene& scene, Purpose purpose) {
   Trace out;
   const RunOptions none;
   SimRun<World> run(scene, none, "");
-  if (purpose == Purpose::sweep) {
-    require_reachable<World>(scene, Pacing::lockstep);
+  const bool sweep = purpose == Purpose::sweep || purpose == Purpose::sweep_without_base;
+  if (sweep) {
+    if (purpose == Purpose::sweep_without_base) run.recorder().without_base_errors();
     run.recorder().without_digest();
     run.without_progress();
   } else {
@@ -267,6 +268,8 @@ Trace trace_of(const Scene& scene, Purpose purpose) {
     out.end.q.assign(World::Plant::outputs, std::numeric_limits<double>::quiet_NaN());
     out.end.qd = out.end.q;
   }
+  if (sweep && run.recorder().reference_left())
+    throw InputError(scene.reference_where, "the reference leaves the reach of the mechanism");
   out.statistics = run.recorder().statistics();
   return out;
 }
@@ -278,9 +281,10 @@ Trace trace(const Scene& scene, bool single_precision) {
                                                : trace_of<RrWorld>(scene, purpose);
 }
 
-Trace run_case(const Scene& scene) {
-  return scene.type == MechanismType::five_bar ? trace_of<FiveBarWorld>(scene, Purpose::sweep)
-                                               : trace_of<RrWorld>(scene, Purpose::sweep);
+Trace run_case(const Scene& scene, bool base_errors) {
+  const Purpose purpose = base_errors ? Purpose::sweep : Purpose::sweep_without_base;
+  return scene.type == MechanismType::five_bar ? trace_of<FiveBarWorld>(scene, purpose)
+                                               : trace_of<RrWorld>(scene, purpose);
 }
 
 std::atomic<bool>& stop_requested() {

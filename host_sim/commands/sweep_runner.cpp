@@ -83,7 +83,7 @@ bool CaseRunner::run_alone(std::uint64_t index, std::vector<Finished>& out) {
   try {
     const Scene& scene = scenes_.at(index);
     const auto begin = std::chrono::steady_clock::now();
-    const Trace trace = run_case(scene);
+    const Trace trace = run_case(scene, wants_base_errors(spec_->wanted));
     const double wall = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
     if (trace.end.interrupted) return false;
     score = score_of(trace, scene.tick(), outcome);
