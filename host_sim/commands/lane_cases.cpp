@@ -14,7 +14,8 @@ using M = FiveBar<double>;
 
 class References final : public LaneReference {
  public:
-  References(const LaneKernel& kernel, const std::vector<LaneJob>& jobs) : lanes_(kernel.lanes), jobs_(jobs) {}
+  References(const LaneKernel& kernel, const std::vector<LaneJob>& jobs)
+      : lanes_(kernel.lanes), jobs_(jobs) {}
   void fill(std::uint32_t first, std::uint32_t count, double* out) const override {
     const bool one = jobs_.front().settings.one_reference;
     const int columns = one ? 1 : lanes_;
@@ -65,12 +66,14 @@ bool wants_base_errors(const std::vector<Objective>& wanted) {
 }
 
 bool fits_lanes(const Scene& s) {
-  return s.type == MechanismType::five_bar && s.closed_loop() && s.effects.empty() && !s.all_motors && !s.all_sensors &&
-         s.method == Method::rk4 && s.reference.type != ReferenceType::joint_sine &&
-         s.reference.type != ReferenceType::none && (s.reference.type != ReferenceType::hold || s.reference.position);
+  return s.type == MechanismType::five_bar && s.closed_loop() && s.effects.empty() && !s.all_motors &&
+         !s.all_sensors && s.method == Method::rk4 && s.reference.type != ReferenceType::joint_sine &&
+         s.reference.type != ReferenceType::none &&
+         (s.reference.type != ReferenceType::hold || s.reference.position);
 }
 
-bool make_lane_job(const Scene& scene, const std::vector<Objective>& wanted, bool one_reference, LaneJob& out) {
+bool make_lane_job(const Scene& scene, const std::vector<Objective>& wanted, bool one_reference,
+                   LaneJob& out) {
   if (!fits_lanes(scene)) return false;
   if (!out.bundle || !one_reference)
     out.bundle = std::make_shared<const ReferenceBundle<double>>(make_reference(scene, Pacing::lockstep));
@@ -86,7 +89,8 @@ bool make_lane_job(const Scene& scene, const std::vector<Objective>& wanted, boo
   s.ticks = tick_count(scene);
   s.settled_from = settled_from(scene);
   s.tick = scene.tick();
-  s.steps = std::max(1, static_cast<int>(std::ceil(s.tick / (s.tick / steps_per_tick(scene)) - 1e-9)));  // as Actuators
+  s.steps = std::max(
+      1, static_cast<int>(std::ceil(s.tick / (s.tick / steps_per_tick(scene)) - 1e-9)));  // as Actuators
   s.step = s.tick / s.steps;
   LaneCase& n = out.numbers;
   n.believed = believed_mechanism(scene);
@@ -109,7 +113,8 @@ bool make_lane_job(const Scene& scene, const std::vector<Objective>& wanted, boo
   n.lead = c.torque_lead;
   n.workspace = {{{c.limits.workspace_x.lower, c.limits.workspace_x.upper},
                   {c.limits.workspace_y.lower, c.limits.workspace_y.upper}}};
-  for (std::size_t i = 0; i < 2; ++i) n.joint_angle[i] = {c.limits.joint_angle[i].lower, c.limits.joint_angle[i].upper};
+  for (std::size_t i = 0; i < 2; ++i)
+    n.joint_angle[i] = {c.limits.joint_angle[i].lower, c.limits.joint_angle[i].upper};
   n.torque_limit = {c.torque_limit[0], c.torque_limit[2]};
   put_start(scene, n);
   return true;
@@ -118,7 +123,8 @@ bool make_lane_job(const Scene& scene, const std::vector<Objective>& wanted, boo
 void run_lane_jobs(const LaneKernel& kernel, const std::vector<LaneJob>& jobs, std::vector<LaneScore>& out) {
   const auto lanes = static_cast<std::size_t>(kernel.lanes);
   std::vector<LaneCase> cases;
-  for (std::size_t i = 0; i < lanes; ++i) cases.push_back(jobs[std::min(i, jobs.size() - 1)].numbers);  // the rest for nothing
+  for (std::size_t i = 0; i < lanes; ++i)
+    cases.push_back(jobs[std::min(i, jobs.size() - 1)].numbers);  // the rest for nothing
   out.assign(lanes, {});
   kernel.run(jobs.front().settings, cases.data(), References(kernel, jobs), out.data());
   out.resize(jobs.size());
@@ -136,10 +142,13 @@ Score score_of(const LaneScore& lane, const LaneSettings& s) {
   };
   const std::uint64_t settled = s.ticks > s.settled_from ? s.ticks - s.settled_from : 0;
   moments(Objective::rms_m, Objective::max_m, lane.square, lane.largest, s.ticks);
-  moments(Objective::settled_rms_m, Objective::settled_max_m, lane.settled_square, lane.settled_largest, settled);
+  moments(Objective::settled_rms_m, Objective::settled_max_m, lane.settled_square, lane.settled_largest,
+          settled);
   if (s.base_errors) {
-    moments(Objective::rms_rad, Objective::max_rad, lane.base_square, lane.base_largest, std::uint64_t{2} * s.ticks);
-    moments(Objective::settled_rms_rad, Objective::settled_max_rad, lane.base_settled_square, lane.base_settled_largest, 2 * settled);
+    moments(Objective::rms_rad, Objective::max_rad, lane.base_square, lane.base_largest,
+            std::uint64_t{2} * s.ticks);
+    moments(Objective::settled_rms_rad, Objective::settled_max_rad, lane.base_settled_square,
+            lane.base_settled_largest, 2 * settled);
   }
   set(Objective::torque_max_nm, lane.torque_max);
   const double deltas = 2.0 * (s.ticks - 1.0);

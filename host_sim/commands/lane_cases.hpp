@@ -18,11 +18,12 @@ struct LaneJob {
   JoinedReference<double> reference;
 };
 
-/// False where the scene holds something that the lanes do not cover: another mechanism, effects, four motors or sensors,
-/// joining, a ramp, a sign test, a reference of the joints or one that begins where the mechanism happens to be.
-/// `wanted`: objectives; `one_reference`: no key of [reference] varies.
+/// False where the scene holds something that the lanes do not cover: another mechanism, effects, four motors
+/// or sensors, joining, a ramp, a sign test, a reference of the joints or one that begins where the mechanism
+/// happens to be. `wanted`: objectives; `one_reference`: no key of [reference] varies.
 [[nodiscard]] bool fits_lanes(const Scene& scene);
-[[nodiscard]] bool make_lane_job(const Scene& scene, const std::vector<Objective>& wanted, bool one_reference, LaneJob& out);
+[[nodiscard]] bool make_lane_job(const Scene& scene, const std::vector<Objective>& wanted, bool one_reference,
+                                 LaneJob& out);
 
 /// Runs jobs of equal settings, at most kernel.lanes of them. `out[i].ok` = false: job i is to be run alone.
 void run_lane_jobs(const LaneKernel& kernel, const std::vector<LaneJob>& jobs, std::vector<LaneScore>& out);

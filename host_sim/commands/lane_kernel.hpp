@@ -1,7 +1,7 @@
 #pragma once
-/// The closed loop of `esmc sim` for several five-bars side by side, each with the bits it has alone: sensors, controller
-/// and plant without effects. What the code does once for all lanes is in lane_loop.hpp; it is compiled for several
-/// instruction sets, and the widest that this machine has is taken.
+/// The closed loop of `esmc sim` for several five-bars side by side, each with the bits it has alone:
+/// sensors, controller and plant without effects. What the code does once for all lanes is in lane_loop.hpp;
+/// it is compiled for several instruction sets, and the widest that this machine has is taken.
 
 #include <array>
 #include <cstdint>
@@ -51,8 +51,8 @@ struct LaneScore {
   double torque_max = 0.0, delta_sum = 0.0, power_sum = 0.0, saturated = 0.0;
 };
 
-/// Position, velocity, acceleration of the effector's reference: out[tick * 6 + coordinate] with one for all lanes, else
-/// out[(tick * 6 + coordinate) * lanes + lane].
+/// Position, velocity, acceleration of the effector's reference: out[tick * 6 + coordinate] with one for all
+/// lanes, else out[(tick * 6 + coordinate) * lanes + lane].
 class LaneReference {
  public:
   virtual ~LaneReference() = default;
@@ -72,10 +72,8 @@ struct LaneKernel {
 
 // Each in a file of its own, lane_kernel_*.cpp.
 [[nodiscard]] LaneKernel lane_kernel_baseline();
-#ifdef __x86_64__
-[[nodiscard]] LaneKernel lane_kernel_v3();
+[[nodiscard]] LaneKernel lane_kernel_v3();  // x86 alone
 [[nodiscard]] LaneKernel lane_kernel_v4();
-#endif
 /// Those that this machine can run, the fastest first.
 [[nodiscard]] const std::vector<LaneKernel>& lane_kernels();
 

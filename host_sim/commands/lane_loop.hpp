@@ -1,7 +1,7 @@
 #pragma once
-/// One loop for several five-bars: what Controller::tick, Motion::advance, Recorder::tick and Statistics::add do in a tick
-/// without effects, faults or joining, with the same templates underneath and in the same order. Whatever else happens in
-/// a lane takes it out: its case is run alone.
+/// One loop for several five-bars: what Controller::tick, Motion::advance, Recorder::tick and Statistics::add
+/// do in a tick without effects, faults or joining, with the same templates underneath and in the same order.
+/// Whatever else happens in a lane takes it out: its case is run alone.
 
 #include <cstddef>
 
@@ -19,7 +19,15 @@ struct Eigen::NumTraits<esmc::host::Lanes<N, Tag>> : Eigen::GenericNumTraits<dou
   using NonInteger = Real;
   using Nested = Real;
   using Literal = Real;
-  enum { IsComplex = 0, IsInteger = 0, IsSigned = 1, RequireInitialization = 0, ReadCost = 1, AddCost = 1, MulCost = 1 };
+  enum {
+    IsComplex = 0,
+    IsInteger = 0,
+    IsSigned = 1,
+    RequireInitialization = 0,
+    ReadCost = 1,
+    AddCost = 1,
+    MulCost = 1
+  };
 };
 
 namespace esmc::host {
@@ -58,8 +66,9 @@ class LaneLoop {
     y_.fill(L(0.0));
     System::put(y_, angle, rate);
     last_torque_ = last_angle_ = {L(0.0), L(0.0)};
-    for (L* sum : {&square_, &settled_square_, &base_square_, &base_settled_square_, &largest_, &settled_largest_, &base_largest_,
-                   &base_settled_largest_, &torque_max_, &delta_sum_, &power_sum_, &saturated_}) {
+    for (L* sum :
+         {&square_, &settled_square_, &base_square_, &base_settled_square_, &largest_, &settled_largest_,
+          &base_largest_, &base_settled_largest_, &torque_max_, &delta_sum_, &power_sum_, &saturated_}) {
       *sum = L(0.0);
     }
     Mask::stray = typename Mask::V{};
@@ -93,9 +102,9 @@ class LaneLoop {
     p.g = each([&](const LaneCase& c) { return (c.*of).g; });
     using Leg = LegParams<double>;
     using Legs = LegParams<L>;
-    constexpr double Leg::*from[] = {&Leg::l1, &Leg::l2, &Leg::lg1, &Leg::lg2, &Leg::m1, &Leg::m2,
+    constexpr double Leg::*from[] = {&Leg::l1, &Leg::l2, &Leg::lg1, &Leg::lg2, &Leg::m1,     &Leg::m2,
                                      &Leg::J1, &Leg::J2, &Leg::d1,  &Leg::d2,  &Leg::gamma1, &Leg::gamma2};
-    constexpr L Legs::*to[] = {&Legs::l1, &Legs::l2, &Legs::lg1, &Legs::lg2, &Legs::m1, &Legs::m2,
+    constexpr L Legs::*to[] = {&Legs::l1, &Legs::l2, &Legs::lg1, &Legs::lg2, &Legs::m1,     &Legs::m2,
                                &Legs::J1, &Legs::J2, &Legs::d1,  &Legs::d2,  &Legs::gamma1, &Legs::gamma2};
     for (std::size_t j = 0; j < 2; ++j) {
       for (std::size_t i = 0; i < std::size(from); ++i)
@@ -107,13 +116,15 @@ class LaneLoop {
     return each([&](const LaneCase& c) { return c.*of; });
   }
   [[nodiscard]] Mask within(L v, std::array<std::array<double, 2>, 2> LaneCase::*of, std::size_t i) const {
-    return each([&](const LaneCase& c) { return (c.*of)[i][0]; }) <= v && v <= each([&](const LaneCase& c) { return (c.*of)[i][1]; });
+    return each([&](const LaneCase& c) { return (c.*of)[i][0]; }) <= v &&
+           v <= each([&](const LaneCase& c) { return (c.*of)[i][1]; });
   }
   void require(Mask allowed) { fine_ = fine_ && allowed; }
   /// Finite, and no angle for which the plant's sine would take the C library's.
   void require_in_range(const typename Plant::Angles& angle, const typename Plant::Angles& rate) {
     for (std::size_t i = 0; i < angle.size(); ++i)
-      require(magnitude(angle[i]) <= L(0.9 * ieee::Constants<double>::kLargestAngle) && magnitude(rate[i]) <= L(1e100));
+      require(magnitude(angle[i]) <= L(0.9 * ieee::Constants<double>::kLargestAngle) &&
+              magnitude(rate[i]) <= L(1e100));
   }
 
   void tick(std::uint32_t number, const double* reference) {
@@ -145,9 +156,11 @@ class LaneLoop {
   }
 
   /// Controller::observe: sample -> estimate -> guards.
-  void observe(std::uint32_t number, const std::array<L, 2>& measured, const std::array<L, 2>& rate, Tracking<M>& t) {
+  void observe(std::uint32_t number, const std::array<L, 2>& measured, const std::array<L, 2>& rate,
+               Tracking<M>& t) {
     Vec2<L> angle;
-    const L jump = limit(&LaneCase::feedback_jump), lead = limit(&LaneCase::lead), speed = limit(&LaneCase::joint_speed);
+    const L jump = limit(&LaneCase::feedback_jump), lead = limit(&LaneCase::lead),
+            speed = limit(&LaneCase::joint_speed);
     for (int i = 0; i < 2; ++i) {
       const auto u = static_cast<std::size_t>(i);
       if (number > 0) {
@@ -181,8 +194,8 @@ class LaneLoop {
   }
 
   /// Recorder::tick and Statistics::add.
-  void record(std::uint32_t number, const typename Plant::Output& o, const Vec2<L>& position, const Tracking<M>& t,
-              const Vec2<L>& torque, Mask clamped) {
+  void record(std::uint32_t number, const typename Plant::Output& o, const Vec2<L>& position,
+              const Tracking<M>& t, const Vec2<L>& torque, Mask clamped) {
     const bool settled = number >= settings_.settled_from;
     const Planar<L> miss = o.effector - Planar<L>{position.x(), position.y()};
     add(square_root(dot(miss, miss)), settled, square_, largest_, settled_square_, settled_largest_);
@@ -191,8 +204,8 @@ class LaneLoop {
     if (settings_.base_errors) {
       const Vec2<L> base = angles_of(M::base_directions(settings_.true_lengths ? t.desired_pose : true_pose));
       for (std::size_t i = 0; i < 2; ++i) {
-        add(magnitude(wrap_to_pi(L(o.q[2 + 2 * i] - base[static_cast<int>(i)]))), settled, base_square_, base_largest_,
-            base_settled_square_, base_settled_largest_);
+        add(magnitude(wrap_to_pi(L(o.q[2 + 2 * i] - base[static_cast<int>(i)]))), settled, base_square_,
+            base_largest_, base_settled_square_, base_settled_largest_);
       }
     }
     saturated_ += L(clamped);
@@ -217,9 +230,19 @@ class LaneLoop {
 
   void put(LaneScore* out) const {
     for (int i = 0; i < n; ++i) {
-      out[i] = {fine_[i],        square_[i],       largest_[i],   settled_square_[i],      settled_largest_[i],
-                base_square_[i], base_largest_[i], base_settled_square_[i], base_settled_largest_[i],
-                torque_max_[i],  delta_sum_[i],    power_sum_[i], saturated_[i]};
+      out[i] = {fine_[i],
+                square_[i],
+                largest_[i],
+                settled_square_[i],
+                settled_largest_[i],
+                base_square_[i],
+                base_largest_[i],
+                base_settled_square_[i],
+                base_settled_largest_[i],
+                torque_max_[i],
+                delta_sum_[i],
+                power_sum_[i],
+                saturated_[i]};
     }
   }
 

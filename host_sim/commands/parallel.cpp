@@ -21,7 +21,8 @@ const char* thread_library() { return "oneTBB"; }
 
 void run_jobs(int jobs, const std::function<void(int)>& work) {
   namespace tbb = oneapi::tbb;
-  const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, static_cast<std::size_t>(jobs));
+  const tbb::global_control limit(tbb::global_control::max_allowed_parallelism,
+                                  static_cast<std::size_t>(jobs));
   tbb::task_arena arena(jobs);
   arena.execute([&] { tbb::parallel_for(0, jobs, 1, work, tbb::simple_partitioner()); });
 }

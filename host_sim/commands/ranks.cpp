@@ -27,7 +27,9 @@ std::unique_ptr<Ranks> join_ranks() {
   const auto folder = std::filesystem::read_symlink("/proc/self/exe", error).parent_path();
   void* module = ::dlopen((folder / "esmc_mpi.so").c_str(), RTLD_NOW | RTLD_GLOBAL);
   if (module == nullptr) {
-    throw RunError("mpirun has started several processes, but this program was built without MPI: install libopenmpi-dev and build again");
+    throw RunError(
+        "mpirun has started several processes, but this program was built without MPI: install "
+        "libopenmpi-dev and build again");
   }
   using Join = Ranks* (*)();
   auto* join = reinterpret_cast<Join>(::dlsym(module, "esmc_join_ranks"));  // NOLINT(*-reinterpret-cast)

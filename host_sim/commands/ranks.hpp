@@ -1,6 +1,6 @@
 #pragma once
-/// The processes of a sweep over machines. MPI is behind this interface, in a module that is loaded only where `mpirun`
-/// has started the program: nobody else pays for it, or needs it installed.
+/// The processes of a sweep over machines. MPI is behind this interface, in a module that is loaded only
+/// where `mpirun` has started the program: nobody else pays for it, or needs it installed.
 
 #include <memory>
 #include <string>
@@ -22,7 +22,8 @@ class Ranks {
   Ranks& operator=(const Ranks&) = default;
 };
 
-/// Null where the program was started alone. Throws RunError where mpirun has started several and MPI is not there.
+/// Null where the program was started alone. Throws RunError where mpirun has started several and MPI is not
+/// there.
 [[nodiscard]] std::unique_ptr<Ranks> join_ranks();
 
 }  // namespace esmc::host

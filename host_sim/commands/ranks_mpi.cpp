@@ -47,4 +47,6 @@ class MpiRanks final : public esmc::host::Ranks {
 
 }  // namespace
 
-extern "C" __attribute__((visibility("default"))) esmc::host::Ranks* esmc_join_ranks() { return new MpiRanks; }
+extern "C" __attribute__((visibility("default"))) esmc::host::Ranks* esmc_join_ranks() {
+  return new MpiRanks;
+}

@@ -41,8 +41,8 @@ std::uint64_t identity_of(const SweepSpec& spec, const Scene& scene) {
 }
 
 /// Wall-clock figures, apart from everything that is repeatable.
-Json timing(const SweepOptions& o, const Crew& crew, const Ranks* ranks, std::size_t cases, double duration, double wall_s,
-            double cpu_s) {
+Json timing(const SweepOptions& o, const Crew& crew, const Ranks* ranks, std::size_t cases, double duration,
+            double wall_s, double cpu_s) {
   const int processes = ranks != nullptr ? ranks->size() : 1, workers = processes * crew.jobs;
   const double simulated = static_cast<double>(cases) * duration;
   return {{"command", o.command_line},
@@ -51,7 +51,8 @@ Json timing(const SweepOptions& o, const Crew& crew, const Ranks* ranks, std::si
           {"processes", processes},
           {"threads_each", crew.jobs},
           {"threads", thread_library()},
-          {"lanes", crew.kernel != nullptr ? fmt::format("{} x {}", crew.kernel->lanes, crew.kernel->name) : "none"},
+          {"lanes",
+           crew.kernel != nullptr ? fmt::format("{} x {}", crew.kernel->lanes, crew.kernel->name) : "none"},
           {"cases_per_s", static_cast<double>(cases) / wall_s},
           {"simulated_s_per_core_s", simulated / wall_s / workers},
           {"cpu_s", ranks == nullptr ? Json(cpu_s) : Json(nullptr)},
@@ -72,9 +73,11 @@ class Sweep {
     std::error_code ignored;
     if (o.restart) fs::remove(file, ignored);
     journal_.emplace(file, identity, cases, table_.columns);
-    for (const fs::directory_entry& e : fs::directory_iterator(o.out)) {  // of a sweep that was killed: we have the lock
+    for (const fs::directory_entry& e :
+         fs::directory_iterator(o.out)) {  // of a sweep that was killed: we have the lock
       const std::string name = e.path().filename();
-      if (name.starts_with(".partial-") && name != ".partial-" + std::to_string(::getpid())) fs::remove_all(e.path(), ignored);
+      if (name.starts_with(".partial-") && name != ".partial-" + std::to_string(::getpid()))
+        fs::remove_all(e.path(), ignored);
     }
     keep(journal_->found());
     found_ = journal_->found().size();
@@ -100,14 +103,16 @@ class Sweep {
       throw RunError(fmt::format("interrupted after {} of {} cases{}", now, done_.size(),
                                  journal_ ? "; the same command goes on from there" : ""));
     }
-    finish(timing(o_, crew, ranks, now - found_, scenes_.nominal().duration, wall_s, cpu_time() - cpu_before));
+    finish(
+        timing(o_, crew, ranks, now - found_, scenes_.nominal().duration, wall_s, cpu_time() - cpu_before));
     return 0;
   }
 
  private:
   void keep(const std::vector<Finished>& cases) {
     for (const Finished& f : cases) {
-      std::copy(f.values.begin(), f.values.end(), table_.values.begin() + static_cast<std::ptrdiff_t>(f.index * table_.columns));
+      std::copy(f.values.begin(), f.values.end(),
+                table_.values.begin() + static_cast<std::ptrdiff_t>(f.index * table_.columns));
       table_.outcome[f.index] = f.outcome;
       done_[f.index] = true;
     }
@@ -118,13 +123,15 @@ class Sweep {
     if (out_.wanted()) {
       out_.write("sweep.toml", spec_.text);
       out_.write("scene.toml", scenes_.nominal().toml);
-      if (!scenes_.nominal().reference.csv.empty()) out_.write(reference_copy, scenes_.nominal().reference.csv);
+      if (!scenes_.nominal().reference.csv.empty())
+        out_.write(reference_copy, scenes_.nominal().reference.csv);
       write_cases(out_.path("cases.csv"), spec_, scenes_, table_);
       out_.write("summary.json", summary.dump(2) + "\n");
       out_.write("report.html", sweep_page(spec_, scenes_, table_, summary));
       out_.write("timing.json", timing.dump(2) + "\n");
       const auto& w = spec_.wanted;
-      if (std::find(w.begin(), w.end(), Objective::tick_ns) != w.end()) write_timing(out_.path("timing.csv"), spec_, table_);
+      if (std::find(w.begin(), w.end(), Objective::tick_ns) != w.end())
+        write_timing(out_.path("timing.csv"), spec_, table_);
       out_.commit();
       journal_->remove();
     }
@@ -135,8 +142,9 @@ class Sweep {
     fmt::print("{}", sweep_text(summary));
     const Json& rate = timing[timing["cpu_s"].is_null() ? "simulated_s_per_core_s" : "simulated_s_per_cpu_s"];
     fmt::print("{:.3g} s: {:.0f} cases/s, {:.0f} simulated seconds per core-second ({} x {} {}, lanes: {})\n",
-               timing["wall_s"].get<double>(), timing["cases_per_s"].get<double>(), rate.get<double>(), timing["processes"].get<int>(),
-               timing["threads_each"].get<int>(), timing["threads"].get<std::string>(), timing["lanes"].get<std::string>());
+               timing["wall_s"].get<double>(), timing["cases_per_s"].get<double>(), rate.get<double>(),
+               timing["processes"].get<int>(), timing["threads_each"].get<int>(),
+               timing["threads"].get<std::string>(), timing["lanes"].get<std::string>());
     if (out_.wanted()) fmt::print("report: {}\n", (fs::path(out_.directory()) / "report.html").string());
   }
 
@@ -187,7 +195,9 @@ int run_sweep(const SweepOptions& o) {
   } catch (const std::exception&) {  // the first process has found the same, and says so
     std::string message;
     (void)ranks->receive(message, true);
-    if (message[0] != 'x') ranks->send(0, "eprocess " + std::to_string(ranks->rank()) + " cannot read what the first one has read");
+    if (message[0] != 'x')
+      ranks->send(0,
+                  "eprocess " + std::to_string(ranks->rank()) + " cannot read what the first one has read");
     return 2;
   }
 }

@@ -1,5 +1,5 @@
-/// Numbers of a Scene that a sweep sets without reading the scene again. For each of them the reader checks nothing but
-/// the range and what CaseScenes::bind checks again: legs that can move, and the start.
+/// Numbers of a Scene that a sweep sets without reading the scene again. For each of them the reader checks
+/// nothing but the range and what CaseScenes::bind checks again: legs that can move, and the start.
 
 #include <string>
 #include <string_view>
@@ -33,11 +33,11 @@ void per_kind(Scene& s, double v) {
   s.*member = {v, v};
 }
 
-#define ESMC_LEG(x)                                                                                                 \
-  {"mechanism.leg." #x, "mechanism.leg." #x, both<&LegParams<double>::x>},                                          \
-      {"mechanism.legs.1." #x, "mechanism.leg." #x, one<0, &LegParams<double>::x>},                                 \
-      {"mechanism.legs.2." #x, "mechanism.leg." #x, one<1, &LegParams<double>::x>}, {                               \
-    "control.model." #x, "control.model." #x, factor<&ModelFactors::x>                                              \
+#define ESMC_LEG(x)                                                                   \
+  {"mechanism.leg." #x, "mechanism.leg." #x, both<&LegParams<double>::x>},            \
+      {"mechanism.legs.1." #x, "mechanism.leg." #x, one<0, &LegParams<double>::x>},   \
+      {"mechanism.legs.2." #x, "mechanism.leg." #x, one<1, &LegParams<double>::x>}, { \
+    "control.model." #x, "control.model." #x, factor<&ModelFactors::x>                \
   }
 
 constexpr Row rows[] = {
@@ -75,7 +75,8 @@ Binding find_binding(const std::string& key, const Scene& nominal) {
     if (r.key != name) continue;
     const bool circle = nominal.reference.type == ReferenceType::circle;
     if (name.starts_with("reference.") && !circle) return {};
-    if (!five_bar && (name.starts_with("mechanism.legs") || name == "mechanism.half_base" || name == "mechanism.effector_mass"))
+    if (!five_bar && (name.starts_with("mechanism.legs") || name == "mechanism.half_base" ||
+                      name == "mechanism.effector_mass"))
       return {};
     const Key& k = find_key(r.path);
     return {r.set, k.low, k.high, k.low_open};

@@ -59,7 +59,8 @@ std::string number(double v) { return std::isfinite(v) ? fmt::format("{}", v) : 
 /// What several rows of cases.csv share: number, values of the axes.
 std::string axes_of(const SweepSpec& spec, const CaseScenes& scenes, std::uint64_t index) {
   std::string out = std::to_string(index);
-  for (std::size_t a = 0; a < spec.vary.size(); ++a) out.append(1, ',').append(field(text_of(scenes.value(index, a))));
+  for (std::size_t a = 0; a < spec.vary.size(); ++a)
+    out.append(1, ',').append(field(text_of(scenes.value(index, a))));
   return out;
 }
 
@@ -111,7 +112,8 @@ Json sweep_summary(const SweepSpec& spec, const CaseScenes& scenes, const SweepT
     Json d{{"key", spec.vary[a].key}, {"crossed", axis.crossed}};
     if (axis.listed > 0) {
       d["values"] = Json::array();
-      for (const SweepValue& v : spec.vary[a].values) std::visit([&](const auto& x) { d["values"].push_back(x); }, v);
+      for (const SweepValue& v : spec.vary[a].values)
+        std::visit([&](const auto& x) { d["values"].push_back(x); }, v);
     } else {
       d[spec.vary[a].factor ? "factor" : "range"] = {axis.from, axis.to};
       d["log"] = axis.logarithmic;
@@ -130,9 +132,11 @@ Json sweep_summary(const SweepSpec& spec, const CaseScenes& scenes, const SweepT
     if (v.empty()) continue;
     double sum = 0.0;
     for (const double x : v) sum += x;
-    const auto quantile = [&](double p) { return v[static_cast<std::size_t>(p * static_cast<double>(v.size() - 1) + 0.5)]; };
-    o = {{"min", v.front()}, {"p05", quantile(0.05)}, {"median", quantile(0.5)}, {"p95", quantile(0.95)},
-         {"max", v.back()},  {"mean", sum / static_cast<double>(v.size())}};
+    const auto quantile = [&](double p) {
+      return v[static_cast<std::size_t>(p * static_cast<double>(v.size() - 1) + 0.5)];
+    };
+    o = {{"min", v.front()},      {"p05", quantile(0.05)}, {"median", quantile(0.5)},
+         {"p95", quantile(0.95)}, {"max", v.back()},       {"mean", sum / static_cast<double>(v.size())}};
   }
   j["fronts"] = Json::array();
   const auto fronts = fronts_of(spec, table);
@@ -157,18 +161,21 @@ std::string sweep_text(const Json& s) {
   for (const auto& [name, o] : s["objectives"].items()) {
     if (o.is_null()) continue;
     out += fmt::format("{:<20}", name);
-    for (const char* q : {"min", "p05", "median", "p95", "max"}) out += fmt::format("{:>12.4g}", o[q].get<double>());
+    for (const char* q : {"min", "p05", "median", "p95", "max"})
+      out += fmt::format("{:>12.4g}", o[q].get<double>());
     out += "\n";
   }
   for (const Json& f : s["fronts"]) {
     std::string names;
-    for (const Json& n : f["objectives"]) names.append(names.empty() ? "" : " / ").append(n.get<std::string>());
+    for (const Json& n : f["objectives"])
+      names.append(names.empty() ? "" : " / ").append(n.get<std::string>());
     out += fmt::format("Pareto front of {}: {} cases\n", names, f["cases"].size());
   }
   return out;
 }
 
-void write_cases(const std::string& file, const SweepSpec& spec, const CaseScenes& scenes, const SweepTable& table) {
+void write_cases(const std::string& file, const SweepSpec& spec, const CaseScenes& scenes,
+                 const SweepTable& table) {
   TextFile out(file);
   std::string head = "case";
   for (const Vary& v : spec.vary) head.append(1, ',').append(field(v.key));
@@ -186,14 +193,17 @@ void write_cases(const std::string& file, const SweepSpec& spec, const CaseScene
 }
 
 void write_timing(const std::string& file, const SweepSpec& spec, const SweepTable& table) {
-  const auto c = static_cast<std::size_t>(std::find(spec.wanted.begin(), spec.wanted.end(), Objective::tick_ns) - spec.wanted.begin());
+  const auto c = static_cast<std::size_t>(
+      std::find(spec.wanted.begin(), spec.wanted.end(), Objective::tick_ns) - spec.wanted.begin());
   TextFile out(file);
   out.line("case,tick_ns");
-  for (std::uint64_t i = 0; i < table.outcome.size(); ++i) out.line(fmt::format("{},{}", i, number(table.at(i, c))));
+  for (std::uint64_t i = 0; i < table.outcome.size(); ++i)
+    out.line(fmt::format("{},{}", i, number(table.at(i, c))));
   out.close();
 }
 
-std::string sweep_page(const SweepSpec& spec, const CaseScenes& scenes, const SweepTable& table, const Json& summary) {
+std::string sweep_page(const SweepSpec& spec, const CaseScenes& scenes, const SweepTable& table,
+                       const Json& summary) {
   constexpr std::size_t most_points = 4000, most_rows = 50;
   std::string body;
   std::vector<std::vector<std::string>> rows{{"objective", "min", "p05", "median", "p95", "max", "mean"}};
@@ -204,7 +214,8 @@ std::string sweep_page(const SweepSpec& spec, const CaseScenes& scenes, const Sw
       rows.back().push_back(fmt::format("{:.4g}", o[q].get<double>()));
   }
   std::vector<std::vector<std::string>> ends{{"outcome", "cases"}};
-  for (const auto& [name, n] : summary["outcomes"].items()) ends.push_back({name, std::to_string(n.get<std::uint64_t>())});
+  for (const auto& [name, n] : summary["outcomes"].items())
+    ends.push_back({name, std::to_string(n.get<std::uint64_t>())});
   body += html_table(ends) + html_table(rows);
   const auto fronts = fronts_of(spec, table);
   for (std::size_t f = 0; f < fronts.size(); ++f) {
@@ -213,9 +224,11 @@ std::string sweep_page(const SweepSpec& spec, const CaseScenes& scenes, const Sw
     Series all{"cases", {}, false}, front{"Pareto front", {}, columns.size() == 2};
     const std::size_t every = table.outcome.size() / most_points + 1;
     for (std::uint64_t i = 0; i < table.outcome.size(); i += every) {
-      if (table.outcome[i] == outcome_ok) all.points.emplace_back(table.at(i, columns[0]), table.at(i, columns[1]));
+      if (table.outcome[i] == outcome_ok)
+        all.points.emplace_back(table.at(i, columns[0]), table.at(i, columns[1]));
     }
-    for (const std::uint64_t i : fronts[f]) front.points.emplace_back(table.at(i, columns[0]), table.at(i, columns[1]));
+    for (const std::uint64_t i : fronts[f])
+      front.points.emplace_back(table.at(i, columns[0]), table.at(i, columns[1]));
     body += log_log_svg(x + " against " + y, x, y, {all, front});
     if (every > 1) body += fmt::format("<p>One case in {} is drawn; the front is of all.</p>", every);
     std::vector<std::vector<std::string>> best{{"case"}};
@@ -237,7 +250,8 @@ std::string sweep_page(const SweepSpec& spec, const CaseScenes& scenes, const Sw
   for (const std::size_t c : repeatable(spec)) {
     const auto v = sorted_column(table, c);
     if (v.size() > 1 && v.front() < v.back())
-      body += histogram_svg(std::string(name_of(spec.wanted[c])), std::string(objectives[static_cast<std::size_t>(spec.wanted[c])].meaning), v);
+      body += histogram_svg(std::string(name_of(spec.wanted[c])),
+                            std::string(objectives[static_cast<std::size_t>(spec.wanted[c])].meaning), v);
   }
   return study_page("Sweep: " + scenes.nominal().name, "esmc sweep " + spec.file, body);
 }

@@ -14,7 +14,8 @@ namespace esmc::host {
 struct Trace;
 
 /// How a case ended: these, or `outcome_fault` + the number of the fault.
-inline constexpr std::uint32_t outcome_ok = 0, outcome_diverged = 1, outcome_impossible = 2, outcome_fault = 16;
+inline constexpr std::uint32_t outcome_ok = 0, outcome_diverged = 1, outcome_impossible = 2,
+                               outcome_fault = 16;
 [[nodiscard]] std::string outcome_name(std::uint32_t outcome);
 
 /// Cases of a sweep that are done together.
@@ -27,7 +28,8 @@ struct Package {
 
 class CaseRunner {
  public:
-  /// `kernel`: several cases at once where it covers them, the same numbers to the last bit; null: each alone.
+  /// `kernel`: several cases at once where it covers them, the same numbers to the last bit; null: each
+  /// alone.
   CaseRunner(const SweepSpec& spec, const CaseScenes& scenes, const LaneKernel* kernel);
 
   /// False where Ctrl-C came in between: `out` is then not complete.

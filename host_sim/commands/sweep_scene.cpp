@@ -63,7 +63,8 @@ toml::node* child(toml::node& of, const std::string& part) {
 
 /// The node that holds the last part of a key; tables on the way are made.
 toml::node& holder(toml::table& root, const std::vector<std::string>& parts, const std::string& key) {
-  if (parts.size() > 2 && parts[0] == "mechanism" && parts[1] == "legs" && root["mechanism"].as_table() != nullptr)
+  if (parts.size() > 2 && parts[0] == "mechanism" && parts[1] == "legs" &&
+      root["mechanism"].as_table() != nullptr)
     spell_out_legs(*root["mechanism"].as_table());
   toml::node* at = &root;
   for (std::size_t i = 0; i + 1 < parts.size(); ++i) {
@@ -72,7 +73,8 @@ toml::node& holder(toml::table& root, const std::vector<std::string>& parts, con
       at->as_table()->insert_or_assign(parts[i], toml::table{});
       next = at->as_table()->get(parts[i]);
     }
-    if (next == nullptr) throw InputError("", fmt::format("the scene has no {} to go into for '{}'", parts[i], key));
+    if (next == nullptr)
+      throw InputError("", fmt::format("the scene has no {} to go into for '{}'", parts[i], key));
     at = next;
   }
   return *at;
@@ -83,8 +85,13 @@ void put(toml::table& root, const std::string& key, const SweepValue& v) {
   toml::node& at = holder(root, parts, key);
   if (toml::table* t = at.as_table()) {
     std::visit([&](const auto& x) { t->insert_or_assign(parts.back(), x); }, v);
-  } else if (toml::array* a = at.as_array(); a != nullptr && entry(parts.back()) && *entry(parts.back()) < a->size()) {
-    std::visit([&](const auto& x) { a->replace(a->cbegin() + static_cast<std::ptrdiff_t>(*entry(parts.back())), x); }, v);
+  } else if (toml::array* a = at.as_array();
+             a != nullptr && entry(parts.back()) && *entry(parts.back()) < a->size()) {
+    std::visit(
+        [&](const auto& x) {
+          a->replace(a->cbegin() + static_cast<std::ptrdiff_t>(*entry(parts.back())), x);
+        },
+        v);
   } else {
     throw InputError("", fmt::format("the scene has no '{}'", key));
   }
@@ -99,7 +106,8 @@ double nominal_number(toml::table root, const Vary& v) {
 }
 
 bool possible(const Scene& s) {
-  return check(s.mechanism.legs[0]) != ParamError::no_inertia && check(s.mechanism.legs[1]) != ParamError::no_inertia;
+  return check(s.mechanism.legs[0]) != ParamError::no_inertia &&
+         check(s.mechanism.legs[1]) != ParamError::no_inertia;
 }
 
 }  // namespace

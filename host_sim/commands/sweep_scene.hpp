@@ -1,5 +1,6 @@
 #pragma once
-/// From a case of a sweep to the scene that runs: the same scene, with the same checks, as `esmc sim --set` makes.
+/// From a case of a sweep to the scene that runs: the same scene, with the same checks, as `esmc sim --set`
+/// makes.
 
 #include <memory>
 #include <string>
@@ -13,7 +14,7 @@ namespace esmc::host {
 /// How a number of a Scene is set without reading the scene again; see sweep_bind.cpp.
 struct Binding {
   using Set = void (*)(Scene&, double);
-  Set set = nullptr;       ///< null: the scene is read again
+  Set set = nullptr;             ///< null: the scene is read again
   double low = 0.0, high = 0.0;  ///< allowed
   bool low_open = false;
 };
@@ -21,11 +22,12 @@ struct Binding {
 /// Scenes of a specification, one at a time. Not for several threads at once; a copy starts afresh.
 ///
 /// Keys "plant...." change the true mechanism alone, the controller goes on believing what [mechanism] and
-/// control.model say. What is only a number in the Scene is set there; for any other key the scene is read again,
-/// which takes some 100 times as long.
+/// control.model say. What is only a number in the Scene is set there; for any other key the scene is read
+/// again, which takes some 100 times as long.
 class CaseScenes {
  public:
-  /// Reads the scene and tries the ends of every axis. Throws InputError naming the [[vary]] that does not fit.
+  /// Reads the scene and tries the ends of every axis. Throws InputError naming the [[vary]] that does not
+  /// fit.
   explicit CaseScenes(const SweepSpec& spec);
   CaseScenes(const CaseScenes& o);
   CaseScenes& operator=(const CaseScenes&) = delete;

@@ -2,12 +2,12 @@
 
 #include <fmt/format.h>
 
+#include <toml++/toml.h>
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
 #include <optional>
 #include <set>
-#include <toml++/toml.h>
 
 #include "host_sim/error.hpp"
 #include "host_sim/scene/keys.hpp"
@@ -32,7 +32,8 @@ class Table {
   [[noreturn]] void wrong(const std::string& key, const std::string& allowed) const {
     const toml::node* node = table_->get(key);
     const std::string full = name_.empty() ? key : name_ + "." + key;
-    throw InputError(where(node), fmt::format("{} '{}' ({})", node != nullptr ? "wrong" : "missing", full, allowed));
+    throw InputError(where(node),
+                     fmt::format("{} '{}' ({})", node != nullptr ? "wrong" : "missing", full, allowed));
   }
   [[noreturn]] void fail(const std::string& what) const { throw InputError(where(), what); }
 
@@ -63,7 +64,8 @@ class Table {
     if (!node->is_string()) wrong(key, "a string");
     return node->value<std::string>();
   }
-  std::vector<std::string> texts(const std::string& key, const toml::array* list, const std::string& allowed) const {
+  std::vector<std::string> texts(const std::string& key, const toml::array* list,
+                                 const std::string& allowed) const {
     std::vector<std::string> out;
     if (list == nullptr) wrong(key, allowed);
     for (const toml::node& item : *list) {
@@ -77,9 +79,10 @@ class Table {
       const std::string key(k.str());
       if (std::find(asked_.begin(), asked_.end(), key) != asked_.end()) continue;
       const std::string close = nearest(key, asked_);
-      throw InputError(where(&node), fmt::format("unknown key '{}'; {}", name_.empty() ? key : name_ + "." + key,
-                                                 close.empty() ? fmt::format("allowed: {}", fmt::join(asked_, ", "))
-                                                               : "did you mean " + close + "?"));
+      throw InputError(where(&node),
+                       fmt::format("unknown key '{}'; {}", name_.empty() ? key : name_ + "." + key,
+                                   close.empty() ? fmt::format("allowed: {}", fmt::join(asked_, ", "))
+                                                 : "did you mean " + close + "?"));
     }
   }
 
@@ -94,7 +97,8 @@ SweepValue value_of(const toml::node& node, const Table& t) {
   if (const auto i = node.is_integer() ? node.value<std::int64_t>() : std::nullopt) return *i;
   if (const auto s = node.is_string() ? node.value<std::string>() : std::nullopt) return *s;
   const auto d = node.is_floating_point() ? node.value<double>() : std::nullopt;
-  if (!d || !std::isfinite(*d)) t.wrong("values", "an array of finite numbers, strings or booleans, none twice");
+  if (!d || !std::isfinite(*d))
+    t.wrong("values", "an array of finite numbers, strings or booleans, none twice");
   return *d;
 }
 
@@ -141,7 +145,8 @@ void read_axis(Table& t, Sampling method, Vary& v, Axis& axis) {
     t.fail(fmt::format("'{}': the range must have finite ends, from < to", v.key));
   if (axis.logarithmic && !(axis.from > 0.0)) t.fail(fmt::format("'{}': log needs from > 0", v.key));
   if (axis.crossed && !steps) t.fail(fmt::format("'{}' is crossed: steps says in how many points", v.key));
-  if (!axis.crossed && steps) t.fail(fmt::format("'{}' is sampled: steps goes with a grid or with cross = true", v.key));
+  if (!axis.crossed && steps)
+    t.fail(fmt::format("'{}' is sampled: steps goes with a grid or with cross = true", v.key));
   axis.steps = steps.value_or(0);
 }
 
@@ -152,8 +157,9 @@ std::size_t find_objective(const Table& t, const std::string& name) {
     if (known.back() == name) return i;
   }
   const std::string close = nearest(name, known);
-  t.fail(fmt::format("unknown objective '{}'; {}", name,
-                     close.empty() ? fmt::format("known: {}", fmt::join(known, ", ")) : "did you mean " + close + "?"));
+  t.fail(fmt::format(
+      "unknown objective '{}'; {}", name,
+      close.empty() ? fmt::format("known: {}", fmt::join(known, ", ")) : "did you mean " + close + "?"));
 }
 
 void read_objectives(Table& root, SweepSpec& spec) {
@@ -161,7 +167,7 @@ void read_objectives(Table& root, SweepSpec& spec) {
   const toml::node* list = root.get("objectives");
   if (list == nullptr) {
     spec.wanted = {Objective::settled_rms_m, Objective::settled_max_m, Objective::torque_activity_nm,
-                   Objective::torque_max_nm, Objective::energy_j, Objective::faulted};
+                   Objective::torque_max_nm, Objective::energy_j,      Objective::faulted};
   } else {
     for (const std::string& name : root.texts("objectives", list->as_array(), allowed)) {
       const auto o = static_cast<Objective>(find_objective(root, name));
@@ -173,7 +179,8 @@ void read_objectives(Table& root, SweepSpec& spec) {
   }
   const toml::node* fronts = root.get("pareto");
   if (fronts == nullptr) return;
-  const std::string want = "an array of arrays, each of two or more of the objectives, tick_ns not among them";
+  const std::string want =
+      "an array of arrays, each of two or more of the objectives, tick_ns not among them";
   if (fronts->as_array() == nullptr) root.wrong("pareto", want);
   for (const toml::node& item : *fronts->as_array()) {
     std::vector<std::size_t> front;
@@ -201,7 +208,9 @@ std::vector<Axis> read_axes(Table& root, SweepSpec& spec, Sampling method) {
     Vary v;
     v.key = t.text("key").value_or("");
     v.where = t.where();
-    if (v.key.empty()) t.wrong("key", "a key of the scene, \"control.gain\", or of the true mechanism alone, \"plant.leg.m1\"");
+    if (v.key.empty())
+      t.wrong("key",
+              "a key of the scene, \"control.gain\", or of the true mechanism alone, \"plant.leg.m1\"");
     for (const Vary& other : spec.vary) {
       if (other.key == v.key) t.fail(fmt::format("'{}' varies twice, first at {}", v.key, other.where));
     }
@@ -232,13 +241,16 @@ SweepSpec read_sweep(const std::string& file) {
   if (!scene) root.wrong("scene", "the scene file, relative to this one");
   spec.scene = (std::filesystem::path(file).parent_path() / *scene).string();
   if (const toml::node* sets = root.get("set"))
-    spec.sets = root.texts("set", sets->as_array(), "an array of \"section.key=value\", as --set of esmc sim takes them");
+    spec.sets = root.texts("set", sets->as_array(),
+                           "an array of \"section.key=value\", as --set of esmc sim takes them");
   const toml::node* node = root.get("sample");
-  if (node == nullptr || node->as_table() == nullptr) root.wrong("sample", "a table: method, and count unless that is grid");
+  if (node == nullptr || node->as_table() == nullptr)
+    root.wrong("sample", "a table: method, and count unless that is grid");
   Table sample(*node->as_table(), file, "sample");
   const auto name = sample.text("method");
   const bool grid = name == "grid", random = name == "random";
-  if (!grid && !random && name != "latin_hypercube") sample.wrong("method", "grid | random | latin_hypercube");
+  if (!grid && !random && name != "latin_hypercube")
+    sample.wrong("method", "grid | random | latin_hypercube");
   const auto count = sample.count("count", 1, Design::most_cases);
   if (grid && count) sample.fail("a grid has as many cases as it has points: leave out count");
   if (!grid && !count) sample.wrong("count", fmt::format("an integer from 1 to {}", Design::most_cases));

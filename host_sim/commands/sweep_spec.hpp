@@ -15,8 +15,20 @@ namespace esmc::host {
 
 /// What a case is judged by; smaller is better in all of them. The order is that of `objectives`.
 enum class Objective : std::uint8_t {
-  rms_m, max_m, settled_rms_m, settled_max_m, rms_rad, max_rad, settled_rms_rad, settled_max_rad,
-  torque_max_nm, torque_activity_nm, saturated_ticks, energy_j, faulted, tick_ns,
+  rms_m,
+  max_m,
+  settled_rms_m,
+  settled_max_m,
+  rms_rad,
+  max_rad,
+  settled_rms_rad,
+  settled_max_rad,
+  torque_max_nm,
+  torque_activity_nm,
+  saturated_ticks,
+  energy_j,
+  faulted,
+  tick_ns,
 };
 inline constexpr std::size_t objective_count = static_cast<std::size_t>(Objective::tick_ns) + 1;
 
@@ -35,9 +47,11 @@ inline constexpr std::array<ObjectiveText, objective_count> objectives{{
     {"torque_max_nm", "peak torque, N m"},
     {"torque_activity_nm", "mean change of a motor's torque from tick to tick, N m"},
     {"saturated_ticks", "ticks in which a torque was at its limit"},
-    {"energy_j", "work of the motors, braking counted as spent: sum over ticks and motors of |torque x rate| x tick, J"},
+    {"energy_j",
+     "work of the motors, braking counted as spent: sum over ticks and motors of |torque x rate| x tick, J"},
     {"faulted", "1 where the run ended in a fault, else 0"},
-    {"tick_ns", "wall-clock time per control tick of the whole simulation, ns; not repeatable, goes to timing.csv"},
+    {"tick_ns",
+     "wall-clock time per control tick of the whole simulation, ns; not repeatable, goes to timing.csv"},
 }};
 using Score = std::array<double, objective_count>;
 
@@ -63,7 +77,8 @@ struct SweepSpec {
   std::vector<std::vector<std::size_t>> pareto;  ///< of the fronts: places in `wanted`
 };
 
-/// Throws InputError naming file, line, key and what is allowed. Whether the scene has the keys is not looked at here.
+/// Throws InputError naming file, line, key and what is allowed. Whether the scene has the keys is not looked
+/// at here.
 [[nodiscard]] SweepSpec read_sweep(const std::string& file);
 
 }  // namespace esmc::host

@@ -14,8 +14,9 @@ namespace {
 
 constexpr std::size_t largest_package = 128;
 
-// Messages. To the others: 'g' + identity: begin; 'p' + cases: do these; 'x': no more. From them: 'r' + results, which
-// asks for more; 'e' + text: something is wrong there. Same machine architecture on all sides, as MPI_CHAR has it.
+// Messages. To the others: 'g' + identity: begin; 'p' + cases: do these; 'x': no more. From them: 'r' +
+// results, which asks for more; 'e' + text: something is wrong there. Same machine architecture on all sides,
+// as MPI_CHAR has it.
 template <class T>
 void put(std::string& out, const T& v) {
   const std::size_t at = out.size();
@@ -144,8 +145,8 @@ class Conversation {
 WorkList::WorkList(std::vector<bool> done, std::size_t workers, Sink sink)
     : done_(std::move(done)),
       finished_(static_cast<std::size_t>(std::count(done_.begin(), done_.end(), true))),
-      package_size_(std::clamp<std::size_t>((done_.size() - finished_) / (16 * std::max<std::size_t>(1, workers)), 1,
-                                            largest_package)),
+      package_size_(std::clamp<std::size_t>(
+          (done_.size() - finished_) / (16 * std::max<std::size_t>(1, workers)), 1, largest_package)),
       sink_(std::move(sink)),
       progress_(done_.size(), finished_, "cases") {}
 
@@ -208,12 +209,14 @@ void serve(const Crew& crew, Ranks& ranks, std::uint64_t identity) {
   if (message[0] == 'x') return;
   std::size_t at = 1;
   if (take<std::uint64_t>(message, at) != identity) {
-    ranks.send(0, "eprocess " + std::to_string(ranks.rank()) + " has another program, specification or scene than the first one");
+    ranks.send(0, "eprocess " + std::to_string(ranks.rank()) +
+                      " has another program, specification or scene than the first one");
     return;
   }
   try {
     std::vector<std::unique_ptr<CaseRunner>> runners;
-    for (int i = 0; i < crew.jobs; ++i) runners.push_back(std::make_unique<CaseRunner>(*crew.spec, *crew.scenes, crew.kernel));
+    for (int i = 0; i < crew.jobs; ++i)
+      runners.push_back(std::make_unique<CaseRunner>(*crew.spec, *crew.scenes, crew.kernel));
     std::vector<std::vector<Finished>> each(runners.size());
     while (true) {
       ranks.send(0, results_message(results));

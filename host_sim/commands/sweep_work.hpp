@@ -1,6 +1,6 @@
 #pragma once
-/// Who computes which cases: threads of this process, and of others where mpirun has started them. The result does not
-/// depend on it.
+/// Who computes which cases: threads of this process, and of others where mpirun has started them. The result
+/// does not depend on it.
 
 #include <chrono>
 #include <cstdint>
@@ -18,8 +18,8 @@ namespace esmc::host {
 class WorkList {
  public:
   using Sink = std::function<void(const std::vector<Finished>&)>;
-  /// `done[i]`: case i needs no work. `sink` gets every finished package, one at a time. `workers`: so that each gets
-  /// its share of a short sweep.
+  /// `done[i]`: case i needs no work. `sink` gets every finished package, one at a time. `workers`: so that
+  /// each gets its share of a short sweep.
   WorkList(std::vector<bool> done, std::size_t workers, Sink sink);
 
   /// False: nothing left, or the sweep is to stop. Any thread.
@@ -48,7 +48,8 @@ struct Crew {
 
 /// Works the list off with this process's threads and, as the first of several processes, serves the others.
 void work_off(WorkList& list, const Crew& crew, Ranks* ranks);
-/// What the other processes do: ask, compute, deliver, until there is no more. `identity` must be the first's.
+/// What the other processes do: ask, compute, deliver, until there is no more. `identity` must be the
+/// first's.
 void serve(const Crew& crew, Ranks& ranks, std::uint64_t identity);
 /// Tells the others what to work on, before work_off; or, without, that there is nothing to do.
 void call_together(Ranks& ranks, std::uint64_t identity);

@@ -1,14 +1,15 @@
 #pragma once
-/// Several doubles side by side as one number: what the templates of firmware and plant compute for one mechanism, they
-/// compute for N at once, each with the bits that it would have alone. Only operations that IEEE 754 rounds exactly are
-/// used, one after the other as for one number.
+/// Several doubles side by side as one number: what the templates of firmware and plant compute for one
+/// mechanism, they compute for N at once, each with the bits that it would have alone. Only operations that
+/// IEEE 754 rounds exactly are used, one after the other as for one number.
 ///
-/// `Tag` tells apart the instructions a file is compiled for, so that no two files give the linker the same function to
-/// choose from.
+/// `Tag` tells apart the instructions a file is compiled for, so that no two files give the linker the same
+/// function to choose from.
 ///
-/// A condition that would end the computation for one number (out of reach, not closed) must not end it for the others: an
-/// `if` on a comparison is never taken here. The lanes it would have been taken in are noted in `stray`; the computation
-/// goes on in all of them, and what it gives in those lanes from then on is nobody's.
+/// A condition that would end the computation for one number (out of reach, not closed) must not end it for
+/// the others: an `if` on a comparison is never taken here. The lanes it would have been taken in are noted
+/// in `stray`; the computation goes on in all of them, and what it gives in those lanes from then on is
+/// nobody's.
 
 #include <array>
 #include <bit>
@@ -55,8 +56,8 @@ struct LaneBits {
   using V = typename LaneVectors<N>::Bits;
   V v;
   LaneBits() = default;
-  LaneBits(V x) : v(x) {}                                // NOLINT(google-explicit-constructor)
-  LaneBits(std::uint64_t x) : v(V{} + x) {}              // NOLINT(google-explicit-constructor)
+  LaneBits(V x) : v(x) {}                    // NOLINT(google-explicit-constructor)
+  LaneBits(std::uint64_t x) : v(V{} + x) {}  // NOLINT(google-explicit-constructor)
   friend LaneBits operator^(LaneBits a, LaneBits b) { return V(a.v ^ b.v); }
   friend LaneBits operator&(LaneBits a, LaneBits b) { return V(a.v & b.v); }
   friend LaneBits operator|(LaneBits a, LaneBits b) { return V(a.v | b.v); }
@@ -108,7 +109,7 @@ struct Lanes {
   V v;
 
   Lanes() = default;
-  Lanes(V x) : v(x) {}            // NOLINT(google-explicit-constructor)
+  Lanes(V x) : v(x) {}             // NOLINT(google-explicit-constructor)
   Lanes(double x) : v(x - V{}) {}  // NOLINT(google-explicit-constructor): x - 0 is x, that of -0 included
   explicit Lanes(Mask m) : v(std::bit_cast<V>(m.v & std::bit_cast<typename Mask::V>(Lanes(1.0).v))) {}
   [[nodiscard]] static Lanes load(const double* from) {
@@ -179,8 +180,9 @@ struct Lanes {
     const Lanes turn = t - t * z * ieee::horner(z, C::kAtan);
     const Bits left = bits_of(x) & Bits(sign_bit);
     // The row of C::kAtanCentre: 0 to 2 for the centre, 3 more where it is steep, 6 more to the left.
-    const Bits row = Bits(std::bit_cast<typename Bits::V>(-one.v - half.v)) + ((steep >> 63) + ((steep >> 62) & Bits(2))) +
-                     ((left >> 62) & Bits(2)) + ((left >> 61) & Bits(4));
+    const Bits row = Bits(std::bit_cast<typename Bits::V>(-one.v - half.v)) +
+                     ((steep >> 63) + ((steep >> 62) & Bits(2))) + ((left >> 62) & Bits(2)) +
+                     ((left >> 61) & Bits(4));
     const Lanes angle = entry(heads, row) + (entry(tails, row) + from(bits_of(turn) ^ left ^ steep));
     return from(bits_of(angle) ^ (bits_of(y) & Bits(sign_bit)));
   }
@@ -207,7 +209,9 @@ struct Lanes {
   }
 
   // ---- firmware/control/reaching.hpp ----
-  friend Lanes sign_of(Lanes s) { return choose(s > Lanes(0.0), Lanes(1.0), choose(s < Lanes(0.0), Lanes(-1.0), s)); }
+  friend Lanes sign_of(Lanes s) {
+    return choose(s > Lanes(0.0), Lanes(1.0), choose(s < Lanes(0.0), Lanes(-1.0), s));
+  }
   friend Lanes saturated(Lanes s, Lanes layer) {
     const Lanes inside = choose(layer == Lanes(0.0), s, s / layer);
     return choose(s > layer, Lanes(1.0), choose(s < -layer, Lanes(-1.0), inside));

@@ -30,7 +30,8 @@ std::uint32_t crc32(const char* data, std::size_t size) {
     return t;
   }();
   std::uint32_t c = 0xFFFFFFFFU;
-  for (std::size_t i = 0; i < size; ++i) c = table[(c ^ static_cast<unsigned char>(data[i])) & 0xFFU] ^ (c >> 8U);
+  for (std::size_t i = 0; i < size; ++i)
+    c = table[(c ^ static_cast<unsigned char>(data[i])) & 0xFFU] ^ (c >> 8U);
   return ~c;
 }
 
@@ -96,7 +97,8 @@ Journal::Journal(const std::string& file, std::uint64_t identity, std::uint64_t 
   if (size == static_cast<ssize_t>(head_size)) {
     if (there != head) {
       refuse(
-          "is the journal of another sweep: specification, scene or program have changed since; take another --out, or "
+          "is the journal of another sweep: specification, scene or program have changed since; take another "
+          "--out, or "
           "--restart");
     }
     read_back();
@@ -117,7 +119,8 @@ void Journal::read_back() {
   for (; ::pread(descriptor_, record.data(), record.size(), at) == size; at += size) {
     const std::size_t checked = record.size() - 4;
     if (get<std::uint32_t>(record.data() + checked) != crc32(record.data(), checked)) break;
-    Finished f{get<std::uint64_t>(record.data()), get<std::uint32_t>(record.data() + 8), std::vector<double>(objectives_)};
+    Finished f{get<std::uint64_t>(record.data()), get<std::uint32_t>(record.data() + 8),
+               std::vector<double>(objectives_)};
     for (std::size_t i = 0; i < objectives_; ++i) f.values[i] = get<double>(record.data() + 12 + 8 * i);
     if (f.index >= cases_ || known[f.index]) continue;
     known[f.index] = true;
@@ -137,7 +140,8 @@ void Journal::append(const std::vector<Finished>& cases) {
     put(bytes, crc32(bytes.data() + begin, bytes.size() - begin));
   }
   if (!write_all(descriptor_, bytes)) {
-    throw RunError(file_ + ": cannot be written: " + std::strerror(errno) + "; the same command goes on from here");
+    throw RunError(file_ + ": cannot be written: " + std::strerror(errno) +
+                   "; the same command goes on from here");
   }
 }
 

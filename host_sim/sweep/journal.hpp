@@ -1,8 +1,8 @@
 #pragma once
 /// The finished cases of a sweep in a file that only grows, so that a killed sweep goes on where it was.
 ///
-/// A head that says whose journal it is, then records of one size, each with a CRC-32 of its own. What a kill or a
-/// full disk has left half-written at the end is cut off when the file is opened again.
+/// A head that says whose journal it is, then records of one size, each with a CRC-32 of its own. What a kill
+/// or a full disk has left half-written at the end is cut off when the file is opened again.
 
 #include <cstdint>
 #include <string>
@@ -20,8 +20,8 @@ struct Finished {
 class Journal {
  public:
   /// Opens or creates FILE and takes hold of it: a second process that tries gets an error. `identity`: of
-  /// everything that decides a result. Throws InputError where the file is another sweep's, in use or cannot be
-  /// written.
+  /// everything that decides a result. Throws InputError where the file is another sweep's, in use or cannot
+  /// be written.
   Journal(const std::string& file, std::uint64_t identity, std::uint64_t cases, std::size_t objectives);
   Journal(const Journal&) = delete;
   Journal& operator=(const Journal&) = delete;

@@ -70,7 +70,8 @@ double Design::sampled(std::uint64_t index, std::size_t axis) const {
   const std::uint64_t sample = index % samples_;
   const double u = unit(random_bits(seed_, axis, sample));
   if (method_ != Sampling::latin_hypercube) return u;
-  const double v = (static_cast<double>(permuted(seed_, axis, sample, samples_)) + u) / static_cast<double>(samples_);
+  const double v =
+      (static_cast<double>(permuted(seed_, axis, sample, samples_)) + u) / static_cast<double>(samples_);
   return v < 1.0 ? v : std::nextafter(1.0, 0.0);
 }
 
@@ -82,8 +83,9 @@ std::uint64_t Design::chosen(std::uint64_t index, std::size_t axis) const {
 double Design::value(std::uint64_t index, std::size_t axis) const {
   const Axis& a = axes_[axis];
   if (!a.crossed) return a.at(sampled(index, axis));
-  return a.steps < 2 ? a.from
-                     : a.at(static_cast<double>(crossed_point(index, axis)) / static_cast<double>(a.steps - 1));
+  return a.steps < 2
+             ? a.from
+             : a.at(static_cast<double>(crossed_point(index, axis)) / static_cast<double>(a.steps - 1));
 }
 
 }  // namespace esmc::host

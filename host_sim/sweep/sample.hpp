@@ -1,6 +1,6 @@
 #pragma once
-/// Which cases a sweep has: every number is a function of seed, axis and case alone, so that nothing depends on who
-/// computes it, or when.
+/// Which cases a sweep has: every number is a function of seed, axis and case alone, so that nothing depends
+/// on who computes it, or when.
 
 #include <cstdint>
 #include <vector>
@@ -14,8 +14,8 @@ struct Axis {
   std::uint64_t listed = 0;  ///< number of listed values; 0: a range
   double from = 0.0, to = 0.0;
   bool logarithmic = false;
-  std::uint64_t steps = 0;   ///< of a range that is crossed: points, both ends among them
-  bool crossed = false;      ///< every value with every sample; the others are sampled
+  std::uint64_t steps = 0;  ///< of a range that is crossed: points, both ends among them
+  bool crossed = false;     ///< every value with every sample; the others are sampled
 
   [[nodiscard]] std::uint64_t points() const { return listed > 0 ? listed : steps; }
   /// The range at u in [0, 1].
@@ -27,11 +27,13 @@ struct Axis {
 
 inline constexpr std::uint64_t noise_stream = 0x4000'0000'0000'0000ULL;  ///< apart from those of axes
 
-/// A random permutation of 0 .. size - 1 that is never stored: a Feistel network, walked until it is back in range.
-[[nodiscard]] std::uint64_t permuted(std::uint64_t seed, std::uint64_t stream, std::uint64_t index, std::uint64_t size);
+/// A random permutation of 0 .. size - 1 that is never stored: a Feistel network, walked until it is back in
+/// range.
+[[nodiscard]] std::uint64_t permuted(std::uint64_t seed, std::uint64_t stream, std::uint64_t index,
+                                     std::uint64_t size);
 
-/// `samples` cases of the sampled axes for every point of the grid of crossed ones; the last crossed axis changes
-/// fastest, and the same samples stand at each of its points.
+/// `samples` cases of the sampled axes for every point of the grid of crossed ones; the last crossed axis
+/// changes fastest, and the same samples stand at each of its points.
 class Design {
  public:
   static constexpr std::uint64_t most_cases = 10'000'000;

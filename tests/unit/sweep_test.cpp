@@ -66,7 +66,8 @@ TEST(SweepDesign, ALogarithmicRangeHasEqualRatiosAndItsEnds) {
 
 TEST(SweepDesign, LatinHypercubePutsOneSampleIntoEveryStratumOfEveryAxis) {
   for (const std::uint64_t n : {1U, 2U, 7U, 64U, 1000U}) {
-    const Design d(Sampling::latin_hypercube, n, 42, {range(0.0, 1.0), range(-1.0, 1.0), {4, 0, 0, false, 0, false}});
+    const Design d(Sampling::latin_hypercube, n, 42,
+                   {range(0.0, 1.0), range(-1.0, 1.0), {4, 0, 0, false, 0, false}});
     ASSERT_EQ(d.cases(), n);
     std::vector<int> count(n, 0), second(n, 0);
     std::vector<std::uint64_t> listed(4, 0);
@@ -159,7 +160,8 @@ TEST(SweepPareto, IsWhatNothingDominates) {
 
 std::vector<Finished> some_cases(std::uint64_t first, std::uint64_t count) {
   std::vector<Finished> out;
-  for (std::uint64_t i = first; i < first + count; ++i) out.push_back({i, static_cast<std::uint32_t>(i % 3), {0.1 * double(i), -1.0}});
+  for (std::uint64_t i = first; i < first + count; ++i)
+    out.push_back({i, static_cast<std::uint32_t>(i % 3), {0.1 * double(i), -1.0}});
   return out;
 }
 
@@ -223,18 +225,23 @@ struct Here {};
 using Pair = Lanes<2, Here>;  // what every processor has; the wider ones show in whole runs, below
 
 TEST(SweepLanes, ElementaryFunctionsHaveTheBitsOfOneNumber) {
-  std::vector<double> numbers{0.0, -0.0, 1.0, -1.0, 1e-310, -1e-310, 1e300, 1e-300, HUGE_VAL, -HUGE_VAL, std::nan(""), 3.2, -3.2, 1e4, 0.5, 2.0};
+  std::vector<double> numbers{0.0,      -0.0,      1.0,          -1.0, 1e-310, -1e-310, 1e300, 1e-300,
+                              HUGE_VAL, -HUGE_VAL, std::nan(""), 3.2,  -3.2,   1e4,     0.5,   2.0};
   for (std::uint64_t i = 0; i < 400; ++i)
-    numbers.push_back((static_cast<double>(random_bits(1, 2, i) >> 11U) * 0x1p-52 - 1.0) * (i % 2 == 0 ? 1.0 : 20.0));
+    numbers.push_back((static_cast<double>(random_bits(1, 2, i) >> 11U) * 0x1p-52 - 1.0) *
+                      (i % 2 == 0 ? 1.0 : 20.0));
   const auto same = [](double a, double b) {
-    return std::bit_cast<std::uint64_t>(a) == std::bit_cast<std::uint64_t>(b) || (std::isnan(a) && std::isnan(b));
+    return std::bit_cast<std::uint64_t>(a) == std::bit_cast<std::uint64_t>(b) ||
+           (std::isnan(a) && std::isnan(b));
   };
   for (std::size_t i = 0; i < numbers.size(); ++i) {
     const std::array<double, 2> y{numbers[i], numbers[(i * 7 + 3) % numbers.size()]};
     const std::array<double, 2> x{numbers[(i * 5 + 1) % numbers.size()], -numbers[i]};
-    const Pair a = arc_tangent2(Pair::load(y.data()), Pair::load(x.data())), w = wrap_to_pi(Pair::load(y.data())),
-               t = hyperbolic_tangent(Pair::load(y.data())), s = sign_of(Pair::load(y.data())),
-               c = saturated(Pair::load(y.data()), magnitude(Pair::load(x.data()))), m = -Pair::load(y.data());
+    const Pair a = arc_tangent2(Pair::load(y.data()), Pair::load(x.data())),
+               w = wrap_to_pi(Pair::load(y.data())), t = hyperbolic_tangent(Pair::load(y.data())),
+               s = sign_of(Pair::load(y.data())),
+               c = saturated(Pair::load(y.data()), magnitude(Pair::load(x.data()))),
+               m = -Pair::load(y.data());
     for (int k = 0; k < 2; ++k) {
       const double yk = y[static_cast<std::size_t>(k)], xk = x[static_cast<std::size_t>(k)];
       EXPECT_TRUE(same(a[k], arc_tangent2(yk, xk))) << yk << " " << xk;
@@ -262,15 +269,20 @@ TEST(SweepLanes, ABranchThatIsNotTakenIsNoted) {
   EXPECT_TRUE(noted[1]);
 }
 
-/// Every law and reaching law, a plant that is not what the controller believes, and settings bad enough for some cases
-/// to fault.
+/// Every law and reaching law, a plant that is not what the controller believes, and settings bad enough for
+/// some cases to fault.
 std::string specification(const std::string& more) {
-  return "scene = '" ESMC_SCENE "'\nset = ['simulation.duration=0.4', 'simulation.step=1e-3', 'control.layer=0.5']\n"
-         "objectives = ['rms_m', 'max_m', 'settled_rms_m', 'settled_max_m', 'rms_rad', 'max_rad', 'settled_rms_rad', "
-         "'settled_max_rad', 'torque_max_nm', 'torque_activity_nm', 'saturated_ticks', 'energy_j', 'faulted']\n" +
+  return "scene = '" ESMC_SCENE
+         "'\nset = ['simulation.duration=0.4', 'simulation.step=1e-3', 'control.layer=0.5']\n"
+         "objectives = ['rms_m', 'max_m', 'settled_rms_m', 'settled_max_m', 'rms_rad', 'max_rad', "
+         "'settled_rms_rad', "
+         "'settled_max_rad', 'torque_max_nm', 'torque_activity_nm', 'saturated_ticks', 'energy_j', "
+         "'faulted']\n" +
          more;
 }
-std::string vary(const std::string& key, const std::string& how) { return "[[vary]]\nkey = '" + key + "'\n" + how + "\n"; }
+std::string vary(const std::string& key, const std::string& how) {
+  return "[[vary]]\nkey = '" + key + "'\n" + how + "\n";
+}
 
 std::vector<Finished> run_all(const SweepSpec& spec, const CaseScenes& scenes, const LaneKernel* kernel) {
   CaseRunner runner(spec, scenes, kernel);
@@ -287,33 +299,41 @@ void expect_same(const std::vector<Finished>& a, const std::vector<Finished>& b)
   for (std::size_t i = 0; i < a.size(); ++i) {
     EXPECT_EQ(a[i].outcome, b[i].outcome) << i;
     for (std::size_t c = 0; c < a[i].values.size(); ++c)
-      EXPECT_EQ(std::bit_cast<std::uint64_t>(a[i].values[c]), std::bit_cast<std::uint64_t>(b[i].values[c])) << i << " " << c;
+      EXPECT_EQ(std::bit_cast<std::uint64_t>(a[i].values[c]), std::bit_cast<std::uint64_t>(b[i].values[c]))
+          << i << " " << c;
   }
 }
 
-const char* const uncertain =
-    "[sample]\nmethod = 'latin_hypercube'\ncount = 3\nseed = 4\n";
+const char* const uncertain = "[sample]\nmethod = 'latin_hypercube'\ncount = 3\nseed = 4\n";
 std::string plant() {
   return vary("plant.legs.1.m1", "factor = [0.5, 1.5]") + vary("plant.legs.2.l2", "factor = [0.97, 1.03]") +
-         vary("plant.effector_mass", "from = 0.0\nto = 0.3") + vary("control.gain", "from = 1\nto = 2000\nlog = true") +
+         vary("plant.effector_mass", "from = 0.0\nto = 0.3") +
+         vary("control.gain", "from = 1\nto = 2000\nlog = true") +
          vary("control.lambda", "from = 5\nto = 200");
 }
 
 TEST(SweepLanes, EveryKernelGivesTheBitsOfEachCaseAlone) {
   const Scratch scratch;
-  const std::string laws = vary("control.law", "values = ['esmc', 'esmc_projected', 'smc', 'ctc']\ncross = true");
-  const std::string kinds = vary("control.reaching", "values = ['sign', 'saturation', 'tanh', 'implicit']\ncross = true");
-  const std::string joint_springs = vary("control.law", "values = ['pd']\ncross = true") + vary("control.kp", "from = 1\nto = 60") +
+  const std::string laws =
+      vary("control.law", "values = ['esmc', 'esmc_projected', 'smc', 'ctc']\ncross = true");
+  const std::string kinds =
+      vary("control.reaching", "values = ['sign', 'saturation', 'tanh', 'implicit']\ncross = true");
+  const std::string joint_springs = vary("control.law", "values = ['pd']\ncross = true") +
+                                    vary("control.kp", "from = 1\nto = 60") +
                                     vary("control.kd", "from = 0.05\nto = 2");
-  const std::string circles = vary("reference.radius", "from = 0.03\nto = 0.09") + vary("reference.speed", "from = -9\nto = 9") +
+  const std::string circles = vary("reference.radius", "from = 0.03\nto = 0.09") +
+                              vary("reference.speed", "from = -9\nto = 9") +
                               vary("mechanism.leg.l1", "from = 0.11\nto = 0.13");
   for (const std::string& axes : {laws + kinds + plant(), joint_springs + plant(), circles + plant()}) {
     std::string text = specification(uncertain + axes);
-    if (axes.starts_with(joint_springs)) text.insert(text.find("'simulation.step"), "'control.kp=20', 'control.kd=0.5', ");
+    if (axes.starts_with(joint_springs))
+      text.insert(text.find("'simulation.step"), "'control.kp=20', 'control.kd=0.5', ");
     const SweepSpec spec = read_sweep(scratch.write("spec.toml", text));
     const CaseScenes scenes(spec);
     const auto alone = run_all(spec, scenes, nullptr);
-    EXPECT_GT(std::count_if(alone.begin(), alone.end(), [](const Finished& f) { return f.outcome == outcome_ok; }), 0);
+    EXPECT_GT(
+        std::count_if(alone.begin(), alone.end(), [](const Finished& f) { return f.outcome == outcome_ok; }),
+        0);
     for (const LaneKernel& kernel : lane_kernels()) {
       SCOPED_TRACE(kernel.name);
       expect_same(alone, run_all(spec, scenes, &kernel));
@@ -336,11 +356,14 @@ TEST(SweepLanes, CoverTheBenchmarkCase) {
 
 TEST(SweepScenes, SettingANumberIsReadingTheSceneAgain) {
   const Scratch scratch;
-  std::string axes = plant() + vary("mechanism.half_base", "from = 0.04\nto = 0.06") + vary("plant.legs.2.J1", "factor = [0.5, 2]") +
-                     vary("mechanism.leg.lg1", "from = 0.05\nto = 0.07") + vary("control.model.m2", "from = 0.5\nto = 2") +
-                     vary("control.model.gravity", "from = 0.5\nto = 1.2") + vary("control.delay_ticks", "from = 0\nto = 2") +
-                     vary("control.layer", "from = 0.01\nto = 1") + vary("reference.phase", "from = 0\nto = 6");
-  const SweepSpec spec = read_sweep(scratch.write("spec.toml", specification("[sample]\nmethod = 'random'\ncount = 12\n" + axes)));
+  std::string axes =
+      plant() + vary("mechanism.half_base", "from = 0.04\nto = 0.06") +
+      vary("plant.legs.2.J1", "factor = [0.5, 2]") + vary("mechanism.leg.lg1", "from = 0.05\nto = 0.07") +
+      vary("control.model.m2", "from = 0.5\nto = 2") + vary("control.model.gravity", "from = 0.5\nto = 1.2") +
+      vary("control.delay_ticks", "from = 0\nto = 2") + vary("control.layer", "from = 0.01\nto = 1") +
+      vary("reference.phase", "from = 0\nto = 6");
+  const SweepSpec spec = read_sweep(
+      scratch.write("spec.toml", specification("[sample]\nmethod = 'random'\ncount = 12\n" + axes)));
   const CaseScenes set(spec);
   CaseScenes read(spec);
   read.read_always();
