@@ -71,8 +71,7 @@ class Sweep {
     if (!out_.wanted()) return;
     const std::string file = (fs::path(o.out) / journal_name).string();
     std::error_code ignored;
-    if (o.restart) fs::remove(file, ignored);
-    journal_.emplace(file, identity, cases, table_.columns);
+    journal_.emplace(file, identity, cases, table_.columns, o.restart);
     for (const fs::directory_entry& e :
          fs::directory_iterator(o.out)) {  // of a sweep that was killed: we have the lock
       const std::string name = e.path().filename();

@@ -83,11 +83,13 @@ void Journal::refuse(const std::string& why) {
   throw InputError("", file_ + ": " + why);
 }
 
-Journal::Journal(const std::string& file, std::uint64_t identity, std::uint64_t cases, std::size_t objectives)
+Journal::Journal(const std::string& file, std::uint64_t identity, std::uint64_t cases, std::size_t objectives,
+                 bool restart)
     : file_(file), cases_(cases), objectives_(objectives) {
   descriptor_ = ::open(file.c_str(), O_RDWR | O_CREAT | O_APPEND | O_CLOEXEC, 0666);  // NOLINT(*-vararg)
   if (descriptor_ < 0) refuse(std::string("cannot be written: ") + std::strerror(errno));
   if (::flock(descriptor_, LOCK_EX | LOCK_NB) != 0) refuse("another sweep is writing here");
+  if (restart && ::ftruncate(descriptor_, 0) != 0) refuse(std::string("cannot be written: ") + std::strerror(errno));
   std::string head(magic.begin(), magic.end());
   put(head, identity);
   put(head, cases);

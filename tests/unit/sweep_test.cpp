@@ -215,9 +215,12 @@ TEST(SweepJournal, IsRefusedToAnotherSweepAndToASecondProcess) {
     const Journal held(file, 1, 100, 2);
     EXPECT_THROW(Journal(file, 1, 100, 2), InputError);
   }
+  { Journal(file, 1, 100, 2).append(some_cases(0, 5)); }
   EXPECT_THROW(Journal(file, 2, 100, 2), InputError);
   EXPECT_THROW(Journal(file, 1, 101, 2), InputError);
   EXPECT_THROW(Journal(file, 1, 100, 3), InputError);
+  EXPECT_TRUE(Journal(file, 2, 100, 2, true).found().empty());
+  EXPECT_TRUE(Journal(file, 2, 100, 2).found().empty());
   EXPECT_THROW(Journal(scratch.file("no/such/folder"), 1, 100, 2), InputError);
 }
 
