@@ -11,6 +11,9 @@ function histogramFigure({ title, note, edges_s: edges, counts, total, mean_s: m
     node.append(...children);
     return node;
   };
+  // What is shorter than the first bin (1 ns) is zero and would stretch the axis.
+  const zeros = edges[0] < 1e-9 && counts.length > 1 ? counts[0] : 0, first = zeros ? 1 + counts.slice(1).findIndex((n) => n > 0) : 0;
+  [edges, counts] = [edges.slice(first), counts.slice(first)];
   const edge = (k) => Math.log10(edges[k]);
   let [lo, hi] = [edge(0), edge(counts.length)];
   if (hi - lo < 1) [lo, hi] = [(lo + hi) / 2 - 0.5, (lo + hi) / 2 + 0.5];
@@ -37,5 +40,5 @@ function histogramFigure({ title, note, edges_s: edges, counts, total, mean_s: m
       height: base - toY(count) }, svg("title", {}, `${duration(10 ** edge(k))} to ${duration(10 ** edge(k + 1))}: ${count} of ${total}`)));
   });
   return el("figure", {}, el("figcaption", {}, el("h2", {}, title), el("span", { class: "note" }, note)), picture,
-    el("p", { class: "note" }, `${total} counted: mean ${duration(mean)}, 99 % within ${duration(p99)}, largest ${duration(max)}`));
+    el("p", { class: "note" }, `${total} counted${zeros ? `, ${zeros} of them zero` : ""}: mean ${duration(mean)}, 99 % within ${duration(p99)}, largest ${duration(max)}`));
 }

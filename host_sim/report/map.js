@@ -65,7 +65,7 @@ const WorkspaceMap = (() => {
     tell() {
       const effector = this.pose()?.effector, at = this.pointer ? this.view?.toWorld(this.pointer) : effector;
       if (!at || !Number.isFinite(at[0] + at[1])) { this.output.value = ""; return; }
-      const where = `${this.pointer ? "" : "effector at "}x ${(1e3 * at[0]).toFixed(0)}, y ${(1e3 * at[1]).toFixed(0)} mm: `.replaceAll("-", "−");
+      const where = `${this.pointer ? "" : "effector at "}x ${Math.round(1e3 * at[0]) || 0}, y ${Math.round(1e3 * at[1]) || 0} mm: `.replaceAll("-", "−");
       const { map } = this, parts = [];
       if (map.force.length) parts.push(amount(sample(map, map.force, at), "N"));
       if (map.type2_sine.length) parts.push(`sin(φ₁₂+φ₂₂) = ${sig(sample(map, map.type2_sine, at), 2)}`);
