@@ -108,6 +108,8 @@ test("keys: one row, twenty, zoom, all, play", async () => {
   assert.equal(await row(), end - 21);
   await page.keyboard.press("Home");
   assert.equal(await row(), 0);
+  assert.ok(await page.evaluate(() => plots.every(({ cursor }) => cursor.style.left === "0%")), "cursors of the plots");
+  assert.ok(await page.evaluate(() => plots[1].series.every(({ output, values }) => output.value === sig(values[0], 4))), "values of the legend");
   const whole = (await view(page))[0];
   await page.keyboard.press("+");
   const half = await view(page);
