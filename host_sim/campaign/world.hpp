@@ -53,6 +53,14 @@ class World {
   [[nodiscard]] const std::vector<int>& nodes() const { return nodes_; }
   [[nodiscard]] const Motion<Plant>& motion() const { return motion_; }
   [[nodiscard]] bool released() const { return released_; }
+  /// The mechanism goes on as `motion`, with the effects of `scene`, which lives as long; the drives notice nothing.
+  void go_on(Motion<Plant> motion, const Scene& scene) {
+    motion_ = std::move(motion);
+    actuators_ = Actuators<Plant>(scene.effects, scene.motor_joints(), scene.seed);
+    scene_ = &scene;
+  }
+  /// The brake closes, and opens when every motor has confirmed torque control again.
+  void hold() { released_ = false; }
   [[nodiscard]] std::size_t motors() const { return static_cast<std::size_t>(scene_->motors()); }
   [[nodiscard]] const MotorState& motor(std::size_t i) const { return axes_[i].state; }
   /// Distance a motor's joint has turned since the last tick, rad.

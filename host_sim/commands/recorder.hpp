@@ -45,17 +45,27 @@ struct RrWorld {
   static double rate(const Plant::Output& o, int joint) { return o.qd[static_cast<std::size_t>(joint)]; }
 };
 
+/// The plant of a scene in a state, with its effects as at t = 0. `hand`: one that may pull at the effector.
+template <class World>
+Motion<typename World::Plant> make_motion(const Scene& s, const typename World::Plant::State& state,
+                                          const Hand* hand = nullptr) {
+  const auto payload = find_effect<Payload>(s.effects);
+  return Motion<typename World::Plant>({World::plant(s), World::plant(s, payload ? payload->mass : 0.0), s.effects,
+                                        s.motor_joints(), s.method, hand},
+                                       state);
+}
+/// Its state at t = 0.
+template <class World>
+typename World::Plant::State initial_state(const Scene& s) {
+  typename World::Plant::Joints angle{}, rate{};
+  std::copy_n(s.start_angle.begin(), angle.size(), angle.begin());
+  std::copy_n(s.start_rate.begin(), rate.size(), rate.begin());
+  return World::Plant::from_joints(angle, rate);
+}
 /// The plant of a scene at t = 0, with its effects.
 template <class World>
 Motion<typename World::Plant> make_motion(const Scene& s) {
-  using Plant = typename World::Plant;
-  typename Plant::Joints angle{}, rate{};
-  std::copy_n(s.start_angle.begin(), angle.size(), angle.begin());
-  std::copy_n(s.start_rate.begin(), rate.size(), rate.begin());
-  const auto payload = find_effect<Payload>(s.effects);
-  return Motion<Plant>({World::plant(s), World::plant(s, payload ? payload->mass : 0.0), s.effects,
-                        s.motor_joints(), s.method},
-                       Plant::from_joints(angle, rate));
+  return make_motion<World>(s, initial_state<World>(s));
 }
 
 /// The reference as the true mechanism would have to follow it, tick by tick.

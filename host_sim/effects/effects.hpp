@@ -96,22 +96,26 @@ struct Encoder {
   static constexpr const char* type = "encoder";
   int bits = 0;
   double bandwidth = 1000.0;  ///< rad/s, critically damped
+  bool operator==(const Encoder&) const = default;
 };
 /// White noise on every reading of the shaft, before the observer.
 struct SensorNoise {
   static constexpr const char* type = "noise";
   double sigma = 0.0;         ///< rad at the joint
   double bandwidth = 1000.0;  ///< rad/s, of the observer where no encoder is named
+  bool operator==(const SensorNoise&) const = default;
 };
 /// Constant error of the zero of each sensed joint.
 struct SensorBias {
   static constexpr const char* type = "bias";
   PerJoint angle{};  ///< rad, per joint
+  bool operator==(const SensorBias&) const = default;
 };
 /// What the drive reports is old.
 struct SensorDelay {
   static constexpr const char* type = "delay";
   int ticks = 0;
+  bool operator==(const SensorDelay&) const = default;
 };
 
 // ---- timing ----

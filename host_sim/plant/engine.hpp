@@ -4,6 +4,7 @@
 #include <memory>
 #include <utility>
 
+#include "host_sim/effects/hand.hpp"
 #include "host_sim/integrate/dopri5.hpp"
 #include "host_sim/integrate/dopri8.hpp"
 #include "host_sim/integrate/radau5.hpp"
@@ -98,9 +99,10 @@ class EngineOf final : public Engine<Plant> {
 template <class Plant>
 std::unique_ptr<Engine<Plant>> make_engine(const Plant& plant, const std::vector<Effect>& effects,
                                            const std::vector<std::size_t>& motor_joint, Method method,
-                                           const typename Plant::State& initial) {
+                                           const typename Plant::State& initial, const Hand* hand = nullptr) {
   auto attached = std::make_unique<Attachments>();
   attached->loads = make_loads(effects);
+  if (hand != nullptr) attached->loads.effector.push_back(std::make_unique<HandLoad>(*hand));
   attached->motor_joint = motor_joint;
   for (std::size_t m = 0; m < motor_joint.size(); ++m) {
     Drivetrain d(effects, m);

@@ -30,7 +30,7 @@ template <class Plant>
 Motion<Plant>::Motion(const Setup& setup, const State& initial)
     : setup_(std::make_unique<Setup>(setup)), state_(initial), payload_(find_effect<Payload>(setup.effects)) {
   setup_->plant.project(state_.angle, state_.rate);
-  engine_ = make_engine<Plant>(setup_->plant, setup_->effects, setup_->motor_joint, setup_->method, state_);
+  engine_ = make_engine<Plant>(setup_->plant, setup_->effects, setup_->motor_joint, setup_->method, state_, setup_->hand);
   breaks_ = engine_->breaks();
   if (payload_) breaks_.insert(breaks_.end(), {payload_->from, payload_->to});
   std::sort(breaks_.begin(), breaks_.end());

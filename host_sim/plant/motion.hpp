@@ -20,6 +20,8 @@ enum class Method { semi_implicit_euler, rk4, dopri5, dopri8, radau5, moreau_jea
 template <class Plant>
 class Engine;
 
+struct Hand;
+
 template <class Plant>
 class Motion {
  public:
@@ -33,6 +35,7 @@ class Motion {
     std::vector<Effect> effects;
     std::vector<std::size_t> motor_joint;  ///< joint of each motor
     Method method = Method::rk4;           ///< ignored where effects are set-valued
+    const Hand* hand = nullptr;            ///< one that may pull at the effector; outlives the motion
   };
 
   Motion(const Setup& setup, const State& initial);

@@ -1,0 +1,43 @@
+#include "host_sim/live/access.hpp"
+
+#include <sys/random.h>
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+
+#include "host_sim/error.hpp"
+
+namespace esmc::host {
+
+std::string make_token() {
+  std::array<std::uint8_t, 16> bytes{};
+  if (::getrandom(bytes.data(), bytes.size(), 0) != static_cast<ssize_t>(bytes.size())) {
+    throw RunError("the operating system gives no random bytes for a token");
+  }
+  constexpr const char* digits = "0123456789abcdef";
+  std::string out;
+  for (const std::uint8_t b : bytes) out += {digits[b >> 4U], digits[b & 0xFU]};
+  return out;
+}
+
+bool same_token(std::string_view given, std::string_view token) {
+  if (given.size() != token.size()) return false;
+  unsigned different = 0;
+  for (std::size_t i = 0; i < token.size(); ++i) {
+    different |= static_cast<unsigned char>(given[i]) ^ static_cast<unsigned>(static_cast<unsigned char>(token[i]));
+  }
+  return different == 0;
+}
+
+bool own_host(std::string_view host, int port) {
+  const std::string at = ":" + std::to_string(port);
+  return host == "127.0.0.1" + at || host == "localhost" + at;
+}
+
+bool own_origin(std::string_view origin, int port) {
+  constexpr std::string_view scheme = "http://";
+  return origin.starts_with(scheme) && own_host(origin.substr(scheme.size()), port);
+}
+
+}  // namespace esmc::host

@@ -1,0 +1,82 @@
+#pragma once
+/// HTTP and WebSocket on the loopback interface, in the calling thread, by libwebsockets. Knows bytes, tokens and origins;
+/// what they mean is the desk's.
+
+#include <atomic>
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <string>
+#include <string_view>
+
+namespace esmc::host {
+
+/// A file that a page may load.
+struct Served {
+  const char* type;  ///< as in Content-Type
+  std::string body;
+};
+
+/// One page that is connected.
+class Visitor {
+ public:
+  virtual ~Visitor() = default;
+  Visitor(const Visitor&) = delete;
+  Visitor& operator=(const Visitor&) = delete;
+  /// What the page is to be told next; empty: nothing now. Asked again only once the last message has gone out: a slow page
+  /// gets fewer.
+  [[nodiscard]] virtual std::string next() = 0;
+  virtual void hear(std::string_view message) = 0;
+
+ protected:
+  Visitor() = default;
+};
+
+/// Who answers.
+class Desk {
+ public:
+  virtual ~Desk() = default;
+  Desk(const Desk&) = delete;
+  Desk& operator=(const Desk&) = delete;
+  [[nodiscard]] virtual std::unique_ptr<Visitor> welcome() = 0;
+  /// Now and then, about 50 times a second.
+  virtual void turn() = 0;
+
+ protected:
+  Desk() = default;
+};
+
+struct ServerOptions {
+  int port = 0;  ///< 0: one that is free
+  std::string token;
+  std::map<std::string, Served, std::less<>> files;  ///< by path; "/" is the page
+};
+
+/// What the server has done so far.
+struct ServerCounts {
+  std::uint64_t pages = 0, refused = 0, messages = 0, too_long = 0;
+};
+
+class Server {
+ public:
+  static constexpr std::size_t visitors_max = 8;
+  static constexpr std::size_t message_max = 64 * 1024;  ///< bytes, from a page
+  static constexpr int connections_max = 64;
+
+  virtual ~Server() = default;
+  Server(const Server&) = delete;
+  Server& operator=(const Server&) = delete;
+  [[nodiscard]] virtual int port() const = 0;
+  /// Serves until `stop`, which it looks at about 50 times a second.
+  virtual void run(const std::atomic<bool>& stop) = 0;
+  [[nodiscard]] virtual ServerCounts counts() const = 0;
+
+ protected:
+  Server() = default;
+};
+
+/// Bound to 127.0.0.1 and listening. Throws InputError where the port is taken, or where this program was built without a
+/// web server. The desk lives longer.
+std::unique_ptr<Server> open_server(const ServerOptions& options, Desk& desk);
+
+}  // namespace esmc::host
