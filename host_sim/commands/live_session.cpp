@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <optional>
@@ -181,7 +182,9 @@ void Session<World_>::take(const SceneOrder& o) {
     scene_ = bench_->scene = o.scene;
     return say("scene", o.what + ": from now on; states of effects begin anew");
   }
+  const Takes before = next_ ? next_->takes : Takes::nothing;
   next_ = o;
+  next_->takes = std::max(before, o.takes);
   if (s == State::fault) return say("scene", o.what + ": in force after the reset");
   start_ = start_ || s != State::disabled;
   if (s != State::disabled && s != State::stopping) halt();

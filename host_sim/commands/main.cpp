@@ -23,6 +23,7 @@
 #include "host_sim/commands/eval.hpp"
 #include "host_sim/commands/export.hpp"
 #include "host_sim/commands/init.hpp"
+#include "host_sim/commands/live.hpp"
 #include "host_sim/commands/open_bus.hpp"
 #include "host_sim/commands/run.hpp"
 #include "host_sim/commands/sweep.hpp"
@@ -193,6 +194,21 @@ void add_sweep(CLI::App& app, SweepOptions& o, const std::function<void()>& run)
   c->add_flag("--restart", o.restart, "throw away what an unfinished sweep has left in DIR");
   c->add_flag("--scalar", o.scalar, "no SIMD lanes: slower, the same numbers");
   c->add_flag("--json", o.json, "print the summary as one JSON document");
+void add_live(CLI::App& app, LiveOptions& o, const std::function<void()>& run) {
+  auto* c = app.add_subcommand("live", "a bench in the browser: the running loop, drawn; pull at it, change it, break it");
+  c->add_option("SCENE", o.run.scene, "scene file (TOML)")->required();
+  c->add_option("--set", o.run.sets, "section.key=value instead of what the scene says; may be repeated")
+      ->type_name("KEY=VALUE")
+      ->expected(1)
+      ->take_all();
+  c->add_option_function<std::string>(
+       "--seed", [&o](const std::string& text) { o.run.seed = read_integer(text); }, "of the effects noise and jitter")
+      ->type_name("UINT")
+      ->default_str("1");
+  c->add_option("--port", o.port, "on 127.0.0.1; 0: one that is free")->check(CLI::Range(0, 65535))->capture_default_str();
+  c->add_option("--duration", o.duration, "s; else until Ctrl-C")->check(CLI::PositiveNumber);
+  c->add_option("--bus", o.run.bus, "virtual")->capture_default_str();
+  c->add_flag("--json", o.run.json, "print the summary as one JSON document, and the URL on stderr");
   c->callback(run);
 }
 
@@ -349,6 +365,11 @@ int run(int argc, char** argv) {
     handle_signals();
     w.command_line = o.command_line;
     status = run_sweep(w);
+  LiveOptions l;
+  add_live(app, l, [&] {
+    handle_signals();
+    l.run.command_line = o.command_line;
+    status = run_live(l);
   });
 
   auto* keys = app.add_subcommand("keys", "print the table of scene keys (Markdown)");

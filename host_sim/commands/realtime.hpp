@@ -10,34 +10,9 @@
 #include "host_sim/commands/finish.hpp"
 #include "host_sim/commands/halves.hpp"
 #include "host_sim/commands/open_bus.hpp"
+#include "host_sim/commands/pace.hpp"
 
 namespace esmc::host {
-
-/// Absolute instants k * period after the first call; late ones are counted and not made up for.
-class Pace {
- public:
-  explicit Pace(double period_s)
-      : period_(std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(period_s))),
-        next_(Clock::now()) {}
-  void wait() {
-    next_ += period_;
-    const auto now = Clock::now();
-    if (now > next_ + period_) {
-      ++late_;
-      next_ = now;
-    }
-    std::this_thread::sleep_until(next_);
-  }
-  [[nodiscard]] std::uint64_t late() const { return late_; }
-  /// s since the instant that wait() waited for.
-  [[nodiscard]] double since() const { return std::chrono::duration<double>(Clock::now() - next_).count(); }
-
- private:
-  using Clock = std::chrono::steady_clock;
-  Clock::duration period_;
-  Clock::time_point next_;
-  std::uint64_t late_ = 0;
-};
 
 /// The plant's ticks until the scene's duration, Ctrl-C, `over` or 5 s without a command from the controller.
 template <class World, class Bus, class Over>

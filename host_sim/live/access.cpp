@@ -2,6 +2,7 @@
 
 #include <sys/random.h>
 
+#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <cstdint>
@@ -31,8 +32,9 @@ bool same_token(std::string_view given, std::string_view token) {
 }
 
 bool own_host(std::string_view host, int port) {
-  const std::string at = ":" + std::to_string(port);
-  return host == "127.0.0.1" + at || host == "localhost" + at;
+  const std::size_t colon = std::min(host.rfind(':'), host.size());
+  const std::string_view name = host.substr(0, colon);
+  return (name == "127.0.0.1" || name == "localhost") && host.substr(colon) == std::string(":").append(std::to_string(port));
 }
 
 bool own_origin(std::string_view origin, int port) {

@@ -1,0 +1,135 @@
+// The page: what comes from the loop goes to drawing, plots and panels; what is done here goes back.
+"use strict";
+
+(() => {
+  const hand = {}, wanted = { hand: null };
+  let socket = null, now = null, stale = true, strips = [], kept = null, answerTimer = 0;
+
+  const say = (message) => { if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message)); };
+  const drawing = new Drawing(byId("mechanism"), ({ at, push, strong }) => { wanted.hand = { at, push, strong }; });
+  const control = new ControlPanel(byId("control"), say), effects = new EffectsPanel(byId("effects"), byId("add"), say);
+  const faults = new FaultsPanel(byId("faults"), byId("end"), say), keys = new KeysPanel(byId("set"), byId("given"), byId("sets"), say);
+  const events = new EventsPanel(byId("events"));
+
+  document.querySelectorAll("[data-do]").forEach((button) => on(button, "click", () => {
+    say({ do: button.dataset.do });
+    if (button.dataset.do === "home") drawing.frame();
+  }));
+  for (const name of ["stiffness", "damping", "most"]) {
+    on(byId(name), "change", () => { const v = Number(byId(name).value); if (v >= 0) hand[name] = v; });
+  }
+
+  function greet(hello) {
+    Object.assign(hand, hello.hand);
+    for (const name of ["stiffness", "damping", "most"]) byId(name).value = Number(hand[name].toPrecision(3));
+    faults.show(hello);
+    byId("line").textContent = `esmc ${hello.version}, ${hello.bus} bus`;
+    const motors = Array.from({ length: hello.motors }, (_, i) => `tau${i + 1}`), tint = (i) => ["c0", "c1", "c3", "c4"][i];
+    kept = new Thinned(["error", ...motors, "s1", "s2", "force"]);
+    byId("plots").replaceChildren();
+    const strip = (options) => new Strip(byId("plots"), kept, options);
+    strips = [
+      strip({ title: "Tracking error", unit: "mm", scale: 1e3, zero: true, least: 1e-3, series: [{ name: "error", label: "", colour: "c6" }] }),
+      strip({ title: "Torque", unit: "N m", least: 1e-3, series: motors.map((name, i) => ({ name, label: `motor ${i + 1}`, colour: tint(i) })) }),
+      strip({ title: "Sliding variables", unit: hello.channels[0] === "x" ? "m/s" : "rad/s", least: 1e-9,
+        series: ["s1", "s2"].map((name, i) => ({ name, label: symbol(hello.channels[i]), colour: tint(i) })) }),
+      strip({ title: "Force of the hand", unit: "N", zero: true, least: 0.1, series: [{ name: "force", label: "", colour: "c1" }] })];
+  }
+  function showScene(scene) {
+    byId("name").textContent = scene.name || "esmc live";
+    byId("subtitle").textContent = `${scene.mechanism.type === "rr" ? "RR arm" : "5R five-bar"}; law ${scene.law}, ${scene.reaching}; ${scene.rate_hz} Hz`;
+    document.title = `${scene.name || "esmc"} · live`;
+    if (JSON.stringify(drawing.geometry) !== JSON.stringify(scene.mechanism)) drawing.setGeometry(scene.mechanism);
+    control.show(scene);
+    effects.show(scene);
+    keys.show(scene);
+  }
+  function answer(text) {
+    const box = byId("answer");
+    box.textContent = text;
+    box.hidden = false;
+    events.add(now?.t, "refused", text);
+    clearTimeout(answerTimer);
+    answerTimer = setTimeout(() => { box.hidden = true; }, 15000);
+  }
+  function hear(message) {
+    if (message.hello) greet(message.hello);
+    if (message.scene) showScene(message.scene);
+    for (const { t, kind, text } of message.events ?? []) events.add(t, kind, text);
+    for (const text of message.answers ?? []) answer(text);
+    if (!message.samples) return;
+    kept.add(message.samples);
+    drawing.add(message.samples);
+    const { error, force } = message.samples, last = error.length - 1;
+    now = { ...message.now, error: error[last], size: force[last], taus: Object.keys(message.samples).filter((k) => k.startsWith("tau")).map((k) => message.samples[k][last]) };
+    stale = true;
+  }
+
+  /** What a state means to the person in front of it. */
+  const meanings = {
+    disabled: ["warn", "‖", "off", "The brake is closed. Start arms the drives."],
+    enabling: ["warn", "…", "arming", "The drives are being set up and armed."],
+    testing: ["warn", "…", "testing", "Each motor gets a little torque and must answer as the model says."],
+    running: ["ok", "▶", "running", ""],
+    halting: ["warn", "‖", "halting", "To rest under control."],
+    holding: ["warn", "‖", "holding", "At rest, held by the law."],
+    lowering: ["warn", "‖", "lowering", "The weight is let down."],
+    stopping: ["warn", "‖", "stopping", "Torque off, drives to idle."],
+    fault: ["bad", "!", "fault", "Torque off, latched. Reset clears it and arms again from where the mechanism is; Home puts it back to the beginning."],
+  };
+  function showState() {
+    const [level, sign, word, detail] = meanings[now.state] ?? ["warn", "?", now.state, ""], verdict = byId("verdict");
+    verdict.dataset.level = now.injecting && level === "ok" ? "warn" : level;
+    const put = (node, text) => { if (node.textContent !== text) node.textContent = text; };
+    put(query(".symbol"), sign);
+    put(byId("state"), word);
+    put(byId("why"), now.fault === "none" ? "" : now.fault.replaceAll("_", " "));
+    put(byId("detail"), now.injecting ? "A fault acts." : detail || (now.saturated ? "A torque is at its limit." : ""));
+    for (const button of document.querySelectorAll("[data-do]")) {
+      const fits = { start: now.state === "disabled", halt: /running|enabling|testing/.test(now.state), stop: !/disabled|fault/.test(now.state), reset: now.state === "fault" }[button.dataset.do];
+      button.disabled = fits === false;
+      button.classList.toggle("wanted", (button.dataset.do === "reset" && now.state === "fault") || (button.dataset.do === "start" && now.state === "disabled"));
+    }
+    put(byId("time"), `${now.t.toFixed(1)} s`);
+    put(byId("error"), now.error === null ? "–" : amount(now.error, "mm", 1e3));
+    put(byId("force"), amount(now.size, "N"));
+    put(byId("torque"), `${now.taus.map((v) => sig(v, 2)).join(", ")} N m`);
+    put(byId("late"), String(now.late));
+  }
+
+  /** The hand as it is now, at most once per picture. */
+  function tellHand() {
+    if (!wanted.hand) return;
+    const { at, push, strong } = wanted.hand, size = hand.most * (strong ? 1 : 0.5);
+    wanted.hand = null;
+    say({ hand: { ...hand, at: at ?? null, push: push ? push.map((v) => v * size) : [0, 0] } });
+  }
+  let pictures = 0;
+  function picture() {
+    tellHand();
+    if (stale && now) {
+      stale = false;
+      drawing.draw(now, hand.most);
+      if (++pictures % 2 === 0) strips.forEach((strip) => strip.show());
+      showState();
+    }
+    requestAnimationFrame(picture);
+  }
+
+  function connect() {
+    const token = new URLSearchParams(location.search).get("token") ?? "";
+    socket = new WebSocket(`ws://${location.host}/bench?token=${encodeURIComponent(token)}`);
+    on(socket, "message", ({ data }) => hear(JSON.parse(data)));
+    on(socket, "close", () => {
+      byId("verdict").dataset.level = "bad";
+      byId("state").textContent = "not connected";
+      byId("why").textContent = "";
+      byId("detail").textContent = "The bench has ended, or it serves enough pages already.";
+      query(".symbol").textContent = "!";
+      setTimeout(connect, 2000);
+    });
+  }
+  onLook(() => { stale = true; strips.forEach((strip) => strip.redraw()); });
+  connect();
+  requestAnimationFrame(picture);
+})();
