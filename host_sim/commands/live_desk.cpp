@@ -21,7 +21,7 @@ namespace {
 constexpr std::size_t samples_kept = 20'000, events_kept = 200;
 constexpr std::uint64_t samples_at_once = 2000;
 
-/// What a page may ask for, and no message says.
+/// A message that no page of ours sends.
 struct Malformed {};
 
 double number(const Json& j) {
@@ -147,10 +147,12 @@ void LiveDesk::set(const std::vector<std::string>& sets) {
 
 std::string LiveDesk::scene_json() const {
   const Scene& s = *scene_;
+  Json effects = Json::array();
+  for (const EffectText& e : effect_texts(s.toml)) effects.push_back({{"type", e.type}, {"parameters", e.parameters}});
   Json j{{"name", printable(s.name)}, {"mechanism", mechanism_json(s)}, {"law", law_name(s.law)},
          {"reaching", reaching_name(s.reaching)}, {"lambda", per_kind(s.lambda)}, {"gain", per_kind(s.gain)},
          {"layer", per_kind(s.layer)}, {"kp", s.kp ? fmt::format("{}", *s.kp) : ""}, {"kd", s.kd ? fmt::format("{}", *s.kd) : ""},
-         {"rate_hz", s.rate_hz}, {"torque_limit", s.torque_limit}, {"effects", effect_texts(s.toml)}, {"sets", options_.sets}};
+         {"rate_hz", s.rate_hz}, {"torque_limit", s.torque_limit}, {"effects", std::move(effects)}, {"sets", options_.sets}};
   return dump(j);
 }
 

@@ -64,8 +64,11 @@ class LiveDesk final : public Desk {
   Hand grip_;  ///< stiffness, damping and strength of a hand on this mechanism
 };
 
-/// The effects of a scene as run, each as the inside of an inline table: type = "payload", mass = 0.3.
-std::vector<std::string> effect_texts(const std::string& toml);
+/// An effect as a scene as run has it: payload, and `mass = 0.3`.
+struct EffectText {
+  std::string type, parameters;
+};
+std::vector<EffectText> effect_texts(const std::string& toml);
 /// Sets with one more: the earlier one of the same key goes.
 std::vector<std::string> with_set(std::vector<std::string> sets, const std::string& set);
 /// A hand that this mechanism can be moved by: a fraction of what its motors can hold at full reach.

@@ -1,5 +1,5 @@
 #include <algorithm>
-#include <cmath>
+#include <iterator>
 
 #include "host_sim/commands/halves.hpp"
 #include "host_sim/commands/live_desk.hpp"
@@ -25,26 +25,43 @@ std::vector<std::string> inline_tables(const std::string& list) {
   return out;
 }
 
+/// `mass = 0.3, type = 'payload'` in its two parts.
+EffectText in_parts(std::string text) {
+  constexpr std::string_view key = "type = ";
+  const std::size_t at = std::min(text.find(key), text.size()), end = std::min(text.find(", ", at), text.size());
+  EffectText out;
+  if (at + key.size() + 1 < end) out.type = text.substr(at + key.size() + 1, end - at - key.size() - 2);  // without its quotes
+  text.erase(at, std::min(end + 2, text.size()) - at);
+  if (text.ends_with(", ")) text.erase(text.size() - 2);
+  out.parameters = text;
+  return out;
+}
+
 }  // namespace
 
-std::vector<std::string> effect_texts(const std::string& toml) {
+std::vector<EffectText> effect_texts(const std::string& toml) {
   constexpr std::string_view in_line = "effects = [", heading = "[[effects]]";
-  std::vector<std::string> out;
+  std::vector<std::string> found;
   bool inside = false;
   for (std::size_t at = 0; at < toml.size();) {
     const std::size_t end = std::min(toml.find('\n', at), toml.size());
     const std::string line = toml.substr(at, end - at);
     at = end + 1;
-    if (line.starts_with(in_line)) return inline_tables(line);
+    if (line.starts_with(in_line)) {
+      found = inline_tables(line);
+      break;
+    }
     if (line == heading) {
-      out.emplace_back();
+      found.emplace_back();
       inside = true;
     } else if (line.starts_with("[")) {
       inside = false;
     } else if (inside && !line.empty()) {
-      out.back() += (out.back().empty() ? "" : ", ") + line;
+      found.back() += (found.back().empty() ? "" : ", ") + line;
     }
   }
+  std::vector<EffectText> out;
+  std::ranges::transform(found, std::back_inserter(out), in_parts);
   return out;
 }
 

@@ -54,9 +54,7 @@ class EffectsPanel {
   tell() { this.say({ effects: this.rows.filter((row) => row.on).map(({ type, text }) => `type = "${type}"${text ? `, ${text}` : ""}`) }); }
   show({ effects }) {
     for (const row of this.rows) row.on = false;
-    for (const effect of effects) {
-      const [, type, text] = /type = "(\w+)"(?:, )?(.*)$/.exec(effect) ?? [];
-      if (!type) continue;
+    for (const { type, parameters: text } of effects) {
       const row = this.rows.find((r) => r.type === type && !r.on) ?? this.rows[this.rows.push({ type }) - 1];
       Object.assign(row, { text, on: true });
     }

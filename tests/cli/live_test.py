@@ -1,0 +1,374 @@
+#!/usr/bin/env python3
+"""esmc live from outside, as those see it who must not get in and those who may: tokens, origins, hosts, sizes, floods.
+
+Usage: live_test.py ESMC SCENE
+"""
+
+import base64
+import json
+import os
+import pathlib
+import signal
+import socket
+import struct
+import subprocess
+import sys
+import time
+import urllib.parse
+
+PATIENCE = 60  # s, for what must happen; nothing here measures time
+
+
+class Bench:
+    """A running bench."""
+
+    def __init__(self, esmc, scene, *options):
+        self.process = subprocess.Popen([esmc, "live", scene, "--json", *options], stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+                                        text=True)
+        self.url = self.process.stderr.readline().strip()
+        parts = urllib.parse.urlsplit(self.url)
+        assert parts.scheme == "http" and parts.hostname == "127.0.0.1" and parts.path == "/", self.url
+        self.port = parts.port
+        self.token = urllib.parse.parse_qs(parts.query)["token"][0]
+        self.own = f"http://127.0.0.1:{self.port}"
+
+    def connect(self):
+        return socket.create_connection(("127.0.0.1", self.port), PATIENCE)
+
+    def end(self):
+        self.process.send_signal(signal.SIGINT)
+        out, err = self.process.communicate(timeout=PATIENCE)
+        assert self.process.returncode == 0, (self.process.returncode, err)
+        return json.loads(out)
+
+
+def request(bench, target=None, method="GET", host=None, headers=()):
+    """Status, headers and body; status 0: closed without a word."""
+    target = f"/?token={bench.token}" if target is None else target
+    host = f"127.0.0.1:{bench.port}" if host is None else host
+    lines = [f"{method} {target} HTTP/1.1", *([f"Host: {host}"] if host else []), "Connection: close", *headers, "", ""]
+    with bench.connect() as s:
+        s.sendall("\r\n".join(lines).encode())
+        data = b""
+        try:
+            while part := s.recv(65536):
+                data += part
+        except ConnectionResetError:
+            pass
+    head, _, body = data.partition(b"\r\n\r\n")
+    first, *rest = head.decode("latin-1").split("\r\n")
+    return int(first.split()[1]) if first else 0, {k.lower(): v.strip() for k, v in (line.split(":", 1) for line in rest)}, body
+
+
+class Page:
+    """A WebSocket as a browser speaks it, and as none would."""
+
+    def __init__(self, bench, origin="own", target=None, host=None):
+        self.s = bench.connect()
+        self.data = b""
+        key = base64.b64encode(os.urandom(16)).decode()
+        lines = [f"GET {target or '/bench?token=' + bench.token} HTTP/1.1", f"Host: {host or f'127.0.0.1:{bench.port}'}", "Upgrade: websocket",
+                 "Connection: Upgrade", f"Sec-WebSocket-Key: {key}", "Sec-WebSocket-Version: 13"]
+        if origin is not None:
+            lines.append(f"Origin: {bench.own if origin == 'own' else origin}")
+        self.s.sendall("\r\n".join([*lines, "", ""]).encode())
+        try:
+            while b"\r\n\r\n" not in self.data:
+                part = self.s.recv(4096)
+                if not part:
+                    break
+                self.data += part
+        except ConnectionResetError:
+            pass
+        head, _, self.data = self.data.partition(b"\r\n\r\n")
+        self.status = int(head.split()[1]) if head else 0
+
+    def take(self, n):
+        while len(self.data) < n:
+            part = self.s.recv(65536)
+            if not part:
+                raise EOFError
+            self.data += part
+        out, self.data = self.data[:n], self.data[n:]
+        return out
+
+    def frame(self):
+        """Opcode and payload."""
+        first, second = self.take(2)
+        size = second & 0x7F
+        if size == 126:
+            size = struct.unpack(">H", self.take(2))[0]
+        elif size == 127:
+            size = struct.unpack(">Q", self.take(8))[0]
+        return first & 0xF, self.take(size)
+
+    def hear(self):
+        """The next message."""
+        while True:
+            opcode, payload = self.frame()
+            if opcode == 1:
+                return json.loads(payload)
+            if opcode == 8:
+                raise EOFError
+
+    def wait(self, wanted, what):
+        give_up = time.monotonic() + PATIENCE
+        while time.monotonic() < give_up:
+            message = self.hear()
+            if wanted(message):
+                return message
+        raise AssertionError(f"never came: {what}")
+
+    def closed(self):
+        """Waits until the server ends it; the code it gives, or 0."""
+        try:
+            while True:
+                opcode, payload = self.frame()
+                if opcode == 8:
+                    return struct.unpack(">H", payload[:2])[0] if len(payload) >= 2 else 0
+        except (EOFError, ConnectionResetError):
+            return 0
+
+    def send(self, payload, opcode=1, last=True, masked=True, says=None):
+        payload = payload if isinstance(payload, bytes) else payload.encode()
+        size = len(payload) if says is None else says
+        head = bytes([opcode | (0x80 if last else 0)])
+        mask = 0x80 if masked else 0
+        head += bytes([mask | size]) if size < 126 else bytes([mask | 126]) + struct.pack(">H", size) if size < 65536 else \
+            bytes([mask | 127]) + struct.pack(">Q", size)
+        if masked:
+            key = os.urandom(4)
+            payload = bytes(b ^ key[i % 4] for i, b in enumerate(payload))
+            head += key
+        try:
+            self.s.sendall(head + payload)
+        except (BrokenPipeError, ConnectionResetError):
+            pass
+
+    def say(self, **message):
+        self.send(json.dumps(message))
+
+    def close(self):
+        self.s.close()
+
+
+def now(page):
+    return page.wait(lambda m: "now" in m, "a sample")["now"]
+
+
+def goes_on(page):
+    """The loop still ticks, and still controls."""
+    before = now(page)["t"]
+    after = page.wait(lambda m: "now" in m and m["now"]["t"] > before + 0.1, "a later sample")["now"]
+    assert after["dropped"] == 0, after
+    return after
+
+
+def who_may_see_the_page(bench):
+    status, headers, body = request(bench)
+    assert status == 200 and headers["content-type"].startswith("text/html"), (status, headers)
+    for name in ("content-security-policy", "referrer-policy", "cache-control", "x-content-type-options"):
+        assert name in headers, name
+    body_of_the_page = body
+    assert b"{{" not in body and bench.token.encode() in body
+    assert "unsafe" not in headers["content-security-policy"]
+    for file in ("live.js", "live.css"):
+        status, _, text = request(bench, f"/{file}?token={bench.token}")
+        assert status == 200 and len(text) > 1000 and b"ESMC_INCLUDE" not in text, (file, status)
+        assert request(bench, f"/{file}")[0] == 403, file
+
+    wrong = bench.token[:-1] + ("0" if bench.token[-1] != "0" else "1")
+    for token in ("", "0", wrong, bench.token + "0", bench.token[:-1], bench.token.upper() + "g", "%00" + bench.token, "x" * 3000):
+        status = request(bench, f"/?token={token}")[0]
+        assert status in (403, 0) and (status == 403 or len(token) > 1000 or "%" in token), (token, status)
+    assert request(bench, "/")[0] == 403
+    for host in ("evil.example", f"evil.example:{bench.port}", "127.0.0.1", f"127.0.0.1:{bench.port + 1}", f"127.0.0.1.evil.example:{bench.port}",
+                 f"[::1]:{bench.port}", ""):
+        assert request(bench, host=host)[0] != 200, host
+    assert request(bench, host=f"localhost:{bench.port}")[0] == 200
+    for origin in ("http://evil.example", "null", f"https://127.0.0.1:{bench.port}", f"http://127.0.0.1:{bench.port + 1}"):
+        assert request(bench, headers=[f"Origin: {origin}"])[0] == 403, origin
+    for method in ("POST", "PUT", "DELETE", "OPTIONS", "HEAD", "BREW"):
+        status, _, body = request(bench, method=method)
+        assert status != 200 and bench.token.encode() not in body, (method, status)
+    for path in ("/../../../../etc/passwd", "/..%2f..%2fetc/passwd", "//", "/live.js/..", "/bench", "/etc/passwd", "/%00"):
+        status, _, text = request(bench, f"{path}?token={bench.token}")
+        assert status != 200 or text == body_of_the_page, (path, status)  # another way to say /
+
+
+def who_may_open_a_socket(bench):
+    for origin in (None, "null", "http://evil.example", f"https://127.0.0.1:{bench.port}", f"http://127.0.0.1:{bench.port + 1}",
+                   f"http://127.0.0.1:{bench.port}.evil.example", "http://127.0.0.1", "file://"):
+        page = Page(bench, origin=origin)
+        assert page.status != 101, origin
+        page.close()
+    for target in ("/bench", "/bench?token=", f"/bench?token={bench.token[:-1]}", f"/?token={bench.token}", f"/other?token={bench.token}"):
+        page = Page(bench, target=target)
+        assert page.status != 101, target
+        page.close()
+    page = Page(bench, host="evil.example")
+    assert page.status != 101
+    page.close()
+    pages = [Page(bench) for _ in range(8)]
+    assert [p.status for p in pages] == [101] * 8
+    ninth = Page(bench)
+    assert ninth.status == 503, ninth.status
+    for p in [*pages, ninth]:
+        p.close()
+    # Their places are free again.
+    give_up = time.monotonic() + PATIENCE
+    while (page := Page(bench)).status != 101:
+        assert time.monotonic() < give_up
+        page.close()
+    return page
+
+
+def nonsense(bench, page):
+    for text in ("", "{", "null", "[]", "3", '"do"', '{"do":"explode"}', '{"do":3}', '{"hand":1}', '{"hand":{"at":[1]}}', '{"hand":{"at":[1e999,0]}}',
+                 '{"hand":{"at":["a","b"]}}', '{"inject":5}', '{"set":"control.law=pd"}', '{"set":[5]}', '{"effects":[5]}', '{"unknown":1}', "[" * 20000,
+                 '{"a":' * 5000, "\x00\x01", "\xff" * 100):
+        page.send(text)
+    page.send(b"\xff\xfe\x00", opcode=2)
+    page.send(b"", opcode=9)
+    goes_on(page)
+    for says in ({"set": ["control.lambda=-1"]}, {"set": ["control.law=wish"]}, {"set": ["nothing"]}, {"set": ["mechanism.type=rr"]},
+                 {"effects": ['type = "bit_timing"']}, {"effects": ["}, {"]}, {"set": ["reference.radius=5.0"]}, {"inject": {"fault": "gremlin"}},
+                 {"inject": {"fault": "drive_error", "drive": 9}}, {"set": ["a=1\n\x1b[31mb"]}):
+        page.say(**says)
+        answer = page.wait(lambda m: "answers" in m, f"a refusal of {says}")["answers"]
+        assert len(answer) == 1 and "\n" not in answer[0] and "\x1b" not in answer[0] and len(answer[0]) > 10, answer
+    assert goes_on(page)["state"] == "running"
+
+    long = Page(bench)
+    long.send("x" * (64 * 1024 + 1))
+    assert long.closed() in (1009, 0)
+    lies = Page(bench)
+    lies.send(b"x" * 100, says=1 << 40)
+    assert lies.closed() in (1009, 1002, 0)
+    pieces = Page(bench)
+    pieces.send("[", last=False)
+    for _ in range(70):
+        pieces.send("1," * 500, opcode=0, last=False)
+    assert pieces.closed() in (1009, 0)
+    for opcode in (3, 11, 15):
+        odd = Page(bench)
+        odd.send("x", opcode=opcode)
+        odd.closed()
+    goes_on(page)
+
+
+def crowds(bench, page):
+    slow = []
+    for _ in range(100):  # more than the server has places for: some wait in the system's queue
+        s = bench.connect()
+        s.sendall(b"GET / HTTP/1.1\r\nHost: ")
+        slow.append(s)
+    goes_on(page)
+    # Whoever does not finish a request is shown out.
+    for s in slow[:20]:
+        s.settimeout(PATIENCE)
+        try:
+            while s.recv(4096):
+                pass
+        except ConnectionResetError:
+            pass
+    for s in slow:
+        s.close()
+    for _ in range(300):  # and whoever hangs up at once
+        bench.connect().close()
+    deaf = Page(bench)  # reads nothing, while the loop goes on
+    goes_on(page)
+    for _ in range(50):
+        page.say(hand={"at": [0.0, 0.2]})
+        page.say(set=["control.lambda=-1"])
+    page.say(hand={})
+    goes_on(page)
+    deaf.close()
+    give_up = time.monotonic() + PATIENCE
+    while request(bench)[0] != 200:
+        assert time.monotonic() < give_up, "no room for a page after the crowd"
+
+
+def what_a_page_can_do(page):
+    page.say(hand={"at": [0.1, 0.3]})
+    pulled = page.wait(lambda m: "now" in m and m["now"]["anchor"] == [0.1, 0.3], "the hand")["now"]
+    assert sum(f * f for f in pulled["force"]) > 0.01, pulled
+    page.say(hand={})
+    page.wait(lambda m: "now" in m and m["now"]["force"] == [0.0, 0.0], "no hand")
+    page.say(set=["control.law=smc", "control.gain=60.0"])
+    page.wait(lambda m: m.get("scene", {}).get("law") == "smc", "another law")
+    page.wait(lambda m: "now" in m and m["now"]["state"] == "enabling", "a restart")
+    page.wait(lambda m: "now" in m and m["now"]["state"] == "running", "the new law at work")
+    page.say(effects=['type = "payload", mass = 0.1'])
+    assert page.wait(lambda m: "scene" in m, "the scene with an effect")["scene"]["effects"] == [{"type": "payload", "parameters": "mass = 0.1"}]
+    page.say(inject={"fault": "drive_error", "drive": 2})
+    fault = page.wait(lambda m: "now" in m and m["now"]["state"] == "fault", "the fault")["now"]
+    assert fault["fault"] == "drive_error", fault
+    page.say(do="home")
+    page.wait(lambda m: "now" in m and m["now"]["state"] == "running", "home")
+    page.say(set=[])
+    scene = page.wait(lambda m: "scene" in m, "the scene as given")["scene"]
+    assert scene["law"] == "esmc" and scene["effects"] == [] and scene["sets"] == [], scene
+    page.wait(lambda m: "now" in m and m["now"]["state"] == "running", "the scene as given at work")
+
+
+def a_hand_goes_with_its_page(bench, page):
+    other = Page(bench)
+    other.say(hand={"at": [0.1, 0.3]})
+    page.wait(lambda m: "now" in m and m["now"]["anchor"] is not None, "the other's hand")
+    other.close()
+    page.wait(lambda m: "now" in m and m["now"]["anchor"] is None and m["now"]["force"] == [0.0, 0.0], "its end")
+
+
+def only_on_loopback(bench):
+    listening = [line.split() for line in pathlib.Path(f"/proc/{bench.process.pid}/net/tcp").read_text().splitlines()[1:]]
+    places = [f[1] for f in listening if f[3] == "0A" and f[1].endswith(f":{bench.port:04X}")]
+    assert places == [f"0100007F:{bench.port:04X}"], places
+    six = pathlib.Path(f"/proc/{bench.process.pid}/net/tcp6")
+    if six.exists():
+        assert not [line for line in six.read_text().splitlines()[1:] if line.split()[3] == "0A" and f":{bench.port:04X} " in line]
+
+
+def the_command(esmc, scene):
+    """What it prints, and when it refuses."""
+    run = lambda *options: subprocess.run([esmc, "live", scene, *options], capture_output=True, text=True, timeout=PATIENCE)
+    done = run("--duration", "0.2")
+    lines = done.stdout.splitlines()
+    assert done.returncode == 0 and len(lines) == 2 and lines[0].startswith("http://127.0.0.1:") and "?token=" in lines[0], done
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        refused = run("--port", str(taken.getsockname()[1]))
+    assert refused.returncode == 2 and refused.stdout == "" and "--port" in refused.stderr, refused
+    for options in (["--port", "70000"], ["--duration", "0"], ["--set", "control.law=none"], ["--bus", "nowhere"], ["--set", "control.lambda=-1"]):
+        refused = run(*options)
+        assert refused.returncode == 2 and refused.stdout == "" and refused.stderr.count("\n") == 1, (options, refused)
+    # No two benches have one token.
+    assert run("--duration", "0.01").stdout.split("token=")[1] != run("--duration", "0.01").stdout.split("token=")[1]
+
+
+def main():
+    esmc, scene = sys.argv[1:3]
+    the_command(esmc, scene)
+    bench = Bench(esmc, scene)
+    try:
+        only_on_loopback(bench)
+        who_may_see_the_page(bench)
+        page = who_may_open_a_socket(bench)
+        page.wait(lambda m: "now" in m and m["now"]["state"] == "running", "the loop at work")
+        nonsense(bench, page)
+        crowds(bench, page)
+        what_a_page_can_do(page)
+        a_hand_goes_with_its_page(bench, page)
+        assert goes_on(page)["state"] == "running"
+    except BaseException:
+        bench.process.kill()
+        print(bench.process.communicate()[1], file=sys.stderr)
+        raise
+    summary = bench.end()
+    assert summary["samples_dropped"] == 0 and summary["final_state"] == "disabled", summary
+    assert [f["fault"] for f in summary["faults"]] == ["drive_error"], summary
+    assert summary["server"]["malformed"] >= 20 and summary["server"]["too_long"] >= 2 and summary["server"]["refused"] > 40, summary
+    print("live bench: refuses who must not get in, and goes on")
+
+
+if __name__ == "__main__":
+    main()
