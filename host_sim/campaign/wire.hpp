@@ -40,6 +40,8 @@ class Wire {
     bool ours;  ///< from the controller under test
   };
   [[nodiscard]] const std::vector<Delivery>& to_drives() const { return to_drives_; }
+  /// The drives have them.
+  void taken() { to_drives_.clear(); }
   /// Whether a drive hears anything now.
   [[nodiscard]] bool hears(std::size_t axis) const {
     return !(active_ && injection_->kind() == Injected::drive_bus_off && axis == injection_->drive);

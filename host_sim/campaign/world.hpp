@@ -2,6 +2,7 @@
 /// Mechanism and drives of an episode, with what can be wrong with a drive or its sensor. The brake holds the
 /// mechanism until every motor has confirmed torque control.
 
+#include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <memory>
@@ -21,20 +22,22 @@ class World {
  public:
   using Joints = typename Plant::Joints;
 
-  /// `unwatched`: the same scene with drives whose watchdog is off.
+  /// `unwatched`: the same scene with drives whose watchdog is off. `lockstep`: a tick of the drives is one of the
+  /// controller's.
   World(Motion<Plant> motion, const Scene& scene, const Scene& unwatched, const Injection& injection,
-        const Dialect& dialect)
+        const Dialect& dialect, bool lockstep = true)
       : motion_(std::move(motion)),
         actuators_(scene.effects, scene.motor_joints(), scene.seed),
         scene_(&scene),
         injection_(&injection),
-        dialect_(&dialect) {
+        dialect_(&dialect),
+        lockstep_(lockstep) {
     const Joints angle = Plant::joint_angles(motion_.state().angle);
     const auto places = placed_axes(scene);
     for (std::size_t i = 0; i < places.size(); ++i) {
       const bool off = injection.kind() == Injected::watchdog_off && i == injection.drive;
       axes_.push_back({places[i],
-                       make_axis(off ? unwatched : scene, places[i]),
+                       make_axis(off ? unwatched : scene, places[i], lockstep),
                        {},
                        places[i].joint,
                        {},
@@ -58,6 +61,14 @@ class World {
     motion_ = std::move(motion);
     actuators_ = Actuators<Plant>(scene.effects, scene.motor_joints(), scene.seed);
     scene_ = &scene;
+  }
+  /// Every motor is in torque control.
+  [[nodiscard]] bool closed_loop() const {
+    return std::all_of(axes_.begin(), axes_.end(), [](const Axis& a) { return !a.placed.motor || a.axis->closed_loop(); });
+  }
+  /// A drive reports an error.
+  [[nodiscard]] bool failed() const {
+    return std::any_of(axes_.begin(), axes_.end(), [](const Axis& a) { return a.axis->error() != 0; });
   }
   /// The brake closes, and opens when every motor has confirmed torque control again.
   void hold() { released_ = false; }
@@ -104,15 +115,16 @@ class World {
   }
 
   /// Over the tick that began at `t` seconds.
-  void advance(double t) {
+  void advance(double t) { advance(t, scene_->tick()); }
+  /// Over a part of it.
+  void advance(double t, double seconds) {
     if (!released_) return;
     Joints asked{};
     bool clipped = false;
     for (const Axis& a : axes_) {
       if (a.placed.motor) asked[static_cast<std::size_t>(a.joint)] = a.state.torque;
     }
-    const double tick = scene_->tick();
-    actuators_.advance(motion_, t, tick, scene_->step, actuators_.deliver(asked, tick, clipped));
+    actuators_.advance(motion_, t, seconds, scene_->step, actuators_.deliver(asked, seconds, clipped));
   }
 
  private:
@@ -146,7 +158,7 @@ class World {
         told(dialect_->disarm(node));
         break;
       case Injected::drive_reset:
-        a.axis = make_axis(*scene_, a.placed);
+        a.axis = make_axis(*scene_, a.placed, lockstep_);
         a.axis->settle(motion_.shaft(static_cast<std::size_t>(a.joint)).angle);
         break;
       default:
@@ -191,6 +203,7 @@ class World {
   const Scene* scene_;
   const Injection* injection_;
   const Dialect* dialect_;
+  bool lockstep_;
   std::vector<Axis> axes_;
   std::vector<int> nodes_;
   bool released_ = false;

@@ -9,6 +9,7 @@
 
 #include "host_sim/commands/live_desk.hpp"
 #include "host_sim/commands/live_session.hpp"
+#include "host_sim/commands/open_bus.hpp"
 #include "host_sim/commands/pace.hpp"
 #include "host_sim/error.hpp"
 #include "host_sim/live/access.hpp"
@@ -39,9 +40,9 @@ class Runner {
     const auto over = [&] { return stop_requested() || (seconds && session_.sample().t >= *seconds); };
     while (!over()) {
       // Another scene may have another tick.
-      const double tick = session_.scene().tick();
-      Pace pace(tick);
-      while (!over() && session_.scene().tick() == tick) {
+      const double period = session_.period();
+      Pace pace(period);
+      while (!over() && session_.period() == period) {
         LiveOrder o;
         while (exchange_.orders.pop(o)) session_.order(o);
         step();
@@ -61,7 +62,8 @@ class Runner {
     session_.tick();
     // A page plots no more than 1000 points a second.
     const auto stride = std::max<std::uint64_t>(1, static_cast<std::uint64_t>(session_.scene().rate_hz / 1000.0));
-    if (session_.ticks() % stride == 0) {
+    if (const std::uint64_t n = session_.ticks(); n != shown_ && n % stride == 0) {
+      shown_ = n;
       LiveSample s = session_.sample();
       if (!exchange_.samples.push(std::move(s))) ++told_.dropped;
     }
@@ -76,6 +78,7 @@ class Runner {
   Exchange& exchange_;
   LiveDesk::Loop& told_;
   std::vector<LiveEvent> faults_;
+  std::uint64_t shown_ = 0;
 };
 
 Json summary(const LiveSession& session, const Runner& runner, const LiveDesk::Loop& loop, const ServerCounts& served,
@@ -98,8 +101,10 @@ Json summary(const LiveSession& session, const Runner& runner, const LiveDesk::L
 }  // namespace
 
 int run_live(const LiveOptions& o) {
-  if (o.run.bus != "virtual") throw InputError("", "--bus " + o.run.bus + ": esmc live has the virtual bus only");
+  const bool here = o.run.bus == "virtual";  // the controller
   const auto scene = read_live_scene(o.run);
+  std::optional<HostBus> bus;
+  if (!here) bus.emplace(open_bus(o.run.bus, scene->bitrate));
   auto exchange = std::make_unique<Exchange>();
   LiveDesk desk(o.run, scene, *exchange);
   ServerOptions options;
@@ -109,7 +114,7 @@ int run_live(const LiveOptions& o) {
   options.files["/live.css"] = {"text/css; charset=utf-8", std::string(live_css)};
   options.files["/live.js"] = {"text/javascript; charset=utf-8", std::string(live_js)};
   const auto server = open_server(options, desk);
-  const auto session = make_live_session(scene);
+  const auto session = here ? make_live_session(scene) : make_live_plant(scene, *bus);
 
   std::FILE* told = o.run.json ? stderr : stdout;
   fmt::print(told, "http://127.0.0.1:{}/?token={}\n", server->port(), options.token);

@@ -57,10 +57,11 @@ double usual_join(const ReferenceScene& r) {
 
 }  // namespace
 
-void prepare_live_scene(Scene& scene) {
+void prepare_live_scene(Scene& scene, bool controller_elsewhere) {
   if (std::ranges::any_of(scene.effects, acts_on_bus)) {
     refuse_bus_effects(scene, "a live bench disturbs its bus by faults that are injected");
   }
+  if (controller_elsewhere) return;
   if (armed_by_link(scene)) {
     throw InputError(scene.control_where,
                      "'command.arm_by_link': a live bench has no supervisor computer that could arm it; set it to false");
@@ -112,6 +113,20 @@ InjectOrder usual_injection(const InjectionRow& row, std::size_t drive) {
 bool can_inject(const InjectionRow& row, Protocol protocol) {
   const bool begins_later = (row.phases & (1U << static_cast<unsigned>(Phase::running))) != 0;
   return row.kind != Injected::nothing && begins_later && possible(row, dialect(protocol));
+}
+
+bool can_inject_from_outside(const InjectionRow& row) {
+  switch (row.kind) {
+    case Injected::controller_death:
+    case Injected::controller_late:
+    case Injected::controller_bus_off:
+    case Injected::queue_full:
+    case Injected::enable_open:
+    case Injected::flood:  // of a real interface: not through one of its nodes
+      return false;
+    default:
+      return true;
+  }
 }
 
 }  // namespace esmc::host

@@ -137,6 +137,9 @@ void LiveDesk::set(const std::vector<std::string>& sets) {
   if (sets.empty()) o.sets = given_, what = "the scene as given";
   const auto scene = read_live_scene(o);
   const Takes takes = what_it_takes(*scene_, *scene);
+  if (!controller_here() && takes != Takes::nothing) {
+    throw InputError("", "the controller is on " + options_.bus + " and keeps its scene: only effects of plant and drives, and 'simulation', can change");
+  }
   constexpr std::size_t line = 120;
   if (what.size() > line) what = what.substr(0, line) + " …";
   send(SceneOrder{scene, takes, printable(what)});
@@ -159,12 +162,12 @@ std::string LiveDesk::scene_json() const {
 std::string LiveDesk::hello_json() const {
   Json faults = Json::array();
   for (const InjectionRow& r : injection_rows()) {
-    if (!can_inject(r, scene_->drives.protocol)) continue;
+    if (!can_inject(r, scene_->drives.protocol) || (!controller_here() && !can_inject_from_outside(r))) continue;
     const InjectOrder usual = usual_injection(r, 0);
     Json ms = r.longest == 0 ? Json(nullptr) : Json(1e3 * usual.ticks * scene_->tick());
     faults.push_back({{"name", r.name}, {"ms", std::move(ms)}});
   }
-  const Json hello{{"version", version}, {"bus", options_.bus}, {"motors", scene_->motors()},
+  const Json hello{{"version", version}, {"bus", options_.bus}, {"controller", controller_here()}, {"motors", scene_->motors()},
                    {"drives", scene_->drives.nodes.size()},
                    {"channels", scene_->type == MechanismType::five_bar ? Json{"x", "y"} : Json{"theta1", "theta2"}},
                    {"faults", std::move(faults)},
@@ -290,7 +293,8 @@ void Page::inject(const Json& j) {
   const Scene& scene = *desk_.scene_;
   const auto rows = injection_rows();
   const auto row = std::ranges::find(rows, name, &InjectionRow::name);
-  if (row == rows.end() || !can_inject(*row, scene.drives.protocol)) throw InputError("", printable(name) + ": no fault of these drives");
+  if (row == rows.end() || !can_inject(*row, scene.drives.protocol) ||
+      (!desk_.controller_here() && !can_inject_from_outside(*row))) throw InputError("", printable(name) + ": no fault of these drives");
   const double drive = j.contains("drive") ? number(j["drive"]) : 1.0;
   if (!(drive >= 1.0 && drive <= static_cast<double>(scene.motors())) || drive != std::floor(drive)) {
     throw InputError("", fmt::format("drive: 1 to {}", scene.motors()));

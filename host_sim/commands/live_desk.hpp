@@ -50,6 +50,7 @@ class LiveDesk final : public Desk {
   /// Each throws InputError with the line that the page shows.
   void set(const std::vector<std::string>& sets);
   void send(LiveOrder o);
+  [[nodiscard]] bool controller_here() const { return options_.bus == "virtual"; }
   [[nodiscard]] std::string scene_json() const;
   [[nodiscard]] std::string hello_json() const;
 

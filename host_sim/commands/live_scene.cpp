@@ -84,8 +84,10 @@ Hand usual_hand(const Scene& scene) {
 }
 
 std::shared_ptr<const Scene> read_live_scene(const RunOptions& o) {
-  auto scene = std::make_shared<Scene>(read_loop_scene(o));
-  prepare_live_scene(*scene);
+  RunOptions paced = o;
+  paced.realtime = o.bus != "virtual";  // as the controller on the other end is made
+  auto scene = std::make_shared<Scene>(read_loop_scene(paced));
+  prepare_live_scene(*scene, paced.realtime);
   require_confirmed(*scene);
   if (scene->type == MechanismType::five_bar) {
     require_reachable<FiveBarWorld>(*scene, Pacing::lockstep);

@@ -8,9 +8,8 @@
 #include <optional>
 #include <utility>
 
-#include "host_sim/campaign/world.hpp"
-#include "host_sim/commands/episode.hpp"
 #include "host_sim/commands/halves.hpp"
+#include "host_sim/commands/live_parts.hpp"
 #include "host_sim/commands/recorder.hpp"
 
 namespace esmc::host {
@@ -80,9 +79,8 @@ class Session final : public LiveSession {
 
   /// Drives and controller as after power-up, the mechanism in `at`.
   void build(const State_& at) {
-    injection_ = {.row = &injection_rows()[0]};
-    since_ = -1;
-    bench_ = std::make_unique<Bench>(scene_, at, hand_, injection_);
+    fault_.clear();
+    bench_ = std::make_unique<Bench>(scene_, at, hand_, fault_.injection());
     result_ = {};
     told_ = State::disabled;
     armed_since_ = ticks_;
@@ -113,16 +111,13 @@ class Session final : public LiveSession {
 
   /// What the operator's wishes mean in the state that the controller is in.
   void steer();
-  void control(bool absent);
+  void control();
   void look();
 
   std::shared_ptr<const Scene> scene_;
   std::optional<SceneOrder> next_;  ///< waits until the mechanism is at rest
   Hand hand_{.most = 1.0};
-  Injection injection_;
-  int since_ = -1;  ///< ticks since the fault began; -1: none
-  bool first_ = false;
-  hal::CanFrame foreign_{};
+  LiveFault fault_;
   std::unique_ptr<Bench> bench_;
   TickResult<M> result_{};
   LiveSample sample_;
@@ -162,16 +157,8 @@ void Session<World_>::take(LiveCommand c) {
 
 template <class World_>
 void Session<World_>::take(const InjectOrder& o) {
-  if (o.row == nullptr) {
-    if (since_ >= 0) say("order", fmt::format("{}: over", injection_.row->name));
-    since_ = -1;
-    return;
-  }
-  injection_ = {.row = o.row, .length = o.ticks, .drive = o.drive, .amount = o.amount, .choice = o.choice};
-  since_ = 0;
-  first_ = true;
-  foreign_ = foreign_command(bench_->words, *scene_, injection_);
-  say("order", fmt::format("{} at drive {} for {:g} ms", o.row->name, o.drive + 1, 1e3 * o.ticks * scene_->tick()));
+  std::string what = fault_.order(o, bench_->words, *scene_);
+  if (!what.empty()) say("order", std::move(what));
 }
 
 template <class World_>
@@ -209,11 +196,11 @@ void Session<World_>::steer() {
 }
 
 template <class World_>
-void Session<World_>::control(bool absent) {
-  if (absent) return;
+void Session<World_>::control() {
+  if (fault_.kind() == Injected::controller_death || fault_.kind() == Injected::controller_late) return;
   with([&](auto& c) {
     c.receive(bench_->wire);
-    c.enable_input(!(since_ >= 0 && injection_.kind() == Injected::enable_open));
+    c.enable_input(fault_.kind() != Injected::enable_open);
     result_ = c.tick(bench_->wire);
     c.request(bench_->wire);
   });
@@ -221,15 +208,14 @@ void Session<World_>::control(bool absent) {
 
 template <class World_>
 void Session<World_>::tick() {
-  if (since_ >= injection_.length && injection_.length > 0) since_ = -1;
   steer();
   Bench& b = *bench_;
-  const bool active = since_ >= 0, first = std::exchange(first_, false) && active;
+  const bool first = fault_.begin_tick(), active = fault_.active();
   b.wire.begin_tick(active);
   b.world.publish(b.wire, active, first);
   b.wire.strangers_before_tick();
-  control(active && (injection_.kind() == Injected::controller_death || injection_.kind() == Injected::controller_late));
-  b.wire.strangers_after_tick(foreign_);
+  control();
+  b.wire.strangers_after_tick(fault_.foreign());
   b.world.deliver(b.wire, now() * 1e3);
   look();
   // A holding brake: closed while the controller is off, open in a fault, as in esmc hil, to show what comes of it.
@@ -243,41 +229,30 @@ void Session<World_>::tick() {
     ++run_ticks_;
   }
   ++ticks_;
-  if (since_ >= 0) ++since_;
+  fault_.end_tick();
 }
 
 template <class World_>
 void Session<World_>::look() {
   const World<Plant>& world = bench_->world;
-  const typename Plant::Output o = world.motion().output();
   if (world.released()) {
+    const typename Plant::Output o = world.motion().output();
     digest_.add(o.q);
     digest_.add(o.qd);
   }
-  bool finite = true;
-  for (const double v : o.q) finite = finite && std::isfinite(v);
-  if (!finite && !diverged_) {
-    diverged_ = true;
+  LiveSample& s = sample_;
+  if (!show_mechanism(s, world, hand_) && !std::exchange(diverged_, true)) {
     say("fault", "the simulated state is not finite any more: home");
   }
-  LiveSample& s = sample_;
   s.t = now();
   s.state = esmc::name(supervisor().state());
   s.fault = esmc::name(supervisor().fault());
-  std::copy(o.q.begin(), o.q.end(), s.q.begin());
-  s.effector = {o.effector.x, o.effector.y};
   const State state = supervisor().state();
   const bool desires = state == State::running || state == State::halting || state == State::holding;
   s.desired = desires ? std::array{result_.desired_effector.x(), result_.desired_effector.y()} : std::array{none, none};
-  for (std::size_t i = 0; i < world.motors(); ++i) s.torque[i] = world.motor(i).torque;
   s.sliding = {result_.sliding[0], result_.sliding[1]};
   s.saturated = result_.saturated;
-  const V2 f = hand_.force(o.effector, o.effector_rate);
-  s.force = {f.x, f.y};
-  s.anchor = {hand_.anchor.x, hand_.anchor.y};
-  s.holding = hand_.holding;
-  s.brake = !world.released();
-  s.injecting = since_ >= 0;
+  s.injecting = fault_.active();
   if (state == State::enabling && static_cast<double>(ticks_ - armed_since_) * scene_->tick() > arming_patience_s) {
     say("note", fmt::format("the drives did not arm within {} s", arming_patience_s));
     command(Command::stop);

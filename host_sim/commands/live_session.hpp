@@ -13,6 +13,8 @@
 
 namespace esmc::host {
 
+class HostBus;
+
 class LiveSession {
  public:
   virtual ~LiveSession() = default;
@@ -34,6 +36,8 @@ class LiveSession {
   /// Ticks since the session began, and those of them that the digest is of.
   [[nodiscard]] virtual std::uint64_t ticks() const = 0;
   [[nodiscard]] virtual std::uint64_t run_ticks() const = 0;
+  /// s between calls of tick(): a tick, or a part of one where somebody else keeps the ticks.
+  [[nodiscard]] virtual double period() const { return scene().tick(); }
 
  protected:
   LiveSession() = default;
@@ -42,11 +46,14 @@ class LiveSession {
 /// A loop on the virtual bus. It asks for the start itself. Throws InputError where the scene cannot be run so.
 std::unique_ptr<LiveSession> make_live_session(std::shared_ptr<const Scene> scene);
 
+/// Drives and mechanism alone, in real time, for a controller on `bus`: another process or a board. `bus` lives longer.
+std::unique_ptr<LiveSession> make_live_plant(std::shared_ptr<const Scene> scene, HostBus& bus);
+
 /// The scene of a bench as it runs: where it does not say otherwise, the reference is joined in 1 s, as on hardware, or as
 /// fast as it turns. A bench starts again and again, from wherever the mechanism stands.
 /// Throws InputError for what a bench cannot do: effects of the bus (faults are injected instead), no closed loop, a
-/// supervisor computer that arms.
-void prepare_live_scene(Scene& scene);
+/// supervisor computer that arms. `controller_elsewhere`: only the first of these is ours to decide.
+void prepare_live_scene(Scene& scene, bool controller_elsewhere = false);
 
 /// What it takes to go from one scene to the next. Throws InputError where another bench is needed.
 Takes what_it_takes(const Scene& from, const Scene& to);
@@ -55,5 +62,7 @@ Takes what_it_takes(const Scene& from, const Scene& to);
 InjectOrder usual_injection(const InjectionRow& row, std::size_t drive);
 /// Whether a fault can begin while the loop runs on these drives.
 bool can_inject(const InjectionRow& row, Protocol protocol);
+/// And where the controller is out of our reach.
+bool can_inject_from_outside(const InjectionRow& row);
 
 }  // namespace esmc::host

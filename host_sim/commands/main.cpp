@@ -207,7 +207,8 @@ void add_live(CLI::App& app, LiveOptions& o, const std::function<void()>& run) {
       ->default_str("1");
   c->add_option("--port", o.port, "on 127.0.0.1; 0: one that is free")->check(CLI::Range(0, 65535))->capture_default_str();
   c->add_option("--duration", o.duration, "s; else until Ctrl-C")->check(CLI::PositiveNumber);
-  c->add_option("--bus", o.run.bus, "virtual")->capture_default_str();
+  c->add_option("--bus", o.run.bus, "virtual | socketcan:INTERFACE | slcan:ENDPOINT; not virtual: for a controller there, in real time")
+      ->capture_default_str();
   c->add_flag("--json", o.run.json, "print the summary as one JSON document, and the URL on stderr");
   c->callback(run);
 }

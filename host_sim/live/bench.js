@@ -3,7 +3,7 @@
 
 (() => {
   const hand = {}, wanted = { hand: null };
-  let socket = null, now = null, stale = true, strips = [], kept = null, answerTimer = 0;
+  let socket = null, now = null, scene = null, stale = true, strips = [], kept = null, answerTimer = 0;
 
   const say = (message) => { if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message)); };
   const drawing = new Drawing(byId("mechanism"), ({ at, push, strong }) => { wanted.hand = { at, push, strong }; });
@@ -23,21 +23,23 @@
     Object.assign(hand, hello.hand);
     for (const name of ["stiffness", "damping", "most"]) byId(name).value = Number(hand[name].toPrecision(3));
     faults.show(hello);
-    byId("line").textContent = `esmc ${hello.version}, ${hello.bus} bus`;
+    byId("line").textContent = `esmc ${hello.version}, ${hello.bus === "virtual" ? "virtual bus" : hello.bus}`;
+    for (const node of document.querySelectorAll("#control, [data-do]:not([data-do=home])")) node.hidden = !hello.controller;
     const motors = Array.from({ length: hello.motors }, (_, i) => `tau${i + 1}`), tint = (i) => ["c0", "c1", "c3", "c4"][i];
     kept = new Thinned(["error", ...motors, "s1", "s2", "force"]);
     byId("plots").replaceChildren();
     const strip = (options) => new Strip(byId("plots"), kept, options);
     strips = [
-      strip({ title: "Tracking error", unit: "mm", scale: 1e3, zero: true, least: 1e-3, series: [{ name: "error", label: "", colour: "c6" }] }),
+      ...(!hello.controller ? [] : [strip({ title: "Tracking error", unit: "mm", scale: 1e3, zero: true, least: 1e-3, series: [{ name: "error", label: "", colour: "c6" }] })]),
       strip({ title: "Torque", unit: "N m", least: 1e-3, series: motors.map((name, i) => ({ name, label: `motor ${i + 1}`, colour: tint(i) })) }),
-      strip({ title: "Sliding variables", unit: hello.channels[0] === "x" ? "m/s" : "rad/s", least: 1e-9,
-        series: ["s1", "s2"].map((name, i) => ({ name, label: symbol(hello.channels[i]), colour: tint(i) })) }),
+      ...(!hello.controller ? [] : [strip({ title: "Sliding variables", unit: hello.channels[0] === "x" ? "m/s" : "rad/s", least: 1e-9,
+        series: ["s1", "s2"].map((name, i) => ({ name, label: symbol(hello.channels[i]), colour: tint(i) })) })]),
       strip({ title: "Force of the hand", unit: "N", zero: true, least: 0.1, series: [{ name: "force", label: "", colour: "c1" }] })];
   }
-  function showScene(scene) {
+  function showScene(next) {
+    scene = next;
     byId("name").textContent = scene.name || "esmc live";
-    byId("subtitle").textContent = `${scene.mechanism.type === "rr" ? "RR arm" : "5R five-bar"}; law ${scene.law}, ${scene.reaching}; ${scene.rate_hz} Hz`;
+    byId("subtitle").textContent = `${scene.mechanism.type === "rr" ? "RR arm" : "5R five-bar"}; law ${scene.law}${/smc/.test(scene.law) ? `, ${scene.reaching}` : ""}; ${scene.rate_hz} Hz`;
     document.title = `${scene.name || "esmc"} · live`;
     if (JSON.stringify(drawing.geometry) !== JSON.stringify(scene.mechanism)) drawing.setGeometry(scene.mechanism);
     control.show(scene);
@@ -48,6 +50,7 @@
     const box = byId("answer");
     box.textContent = text;
     box.hidden = false;
+    effects.show(scene);  // nothing has changed
     events.add(now?.t, "refused", text);
     clearTimeout(answerTimer);
     answerTimer = setTimeout(() => { box.hidden = true; }, 15000);
@@ -75,6 +78,9 @@
     holding: ["warn", "‖", "holding", "At rest, held by the law."],
     lowering: ["warn", "‖", "lowering", "The weight is let down."],
     stopping: ["warn", "‖", "stopping", "Torque off, drives to idle."],
+    waiting: ["warn", "…", "waiting", "The brake is closed until a controller on the bus has armed every drive."],
+    armed: ["ok", "▶", "armed", "The drives obey the controller on the bus."],
+    disarmed: ["bad", "!", "disarmed", "A drive is off with an error. The controller clears it, or Home puts everything back."],
     fault: ["bad", "!", "fault", "Torque off, latched. Reset clears it and arms again from where the mechanism is; Home puts it back to the beginning."],
   };
   function showState() {

@@ -13,6 +13,8 @@ import socket
 import struct
 import subprocess
 import sys
+import tempfile
+import threading
 import time
 import urllib.parse
 
@@ -329,6 +331,68 @@ def only_on_loopback(bench):
         assert not [line for line in six.read_text().splitlines()[1:] if line.split()[3] == "0A" and f":{bench.port:04X} " in line]
 
 
+def join_lines(folder):
+    """Two ends of a serial line, as paths of sockets: what one program says the other hears."""
+    paths, servers = [f"{folder}/{name}" for name in ("plant", "controller")], []
+    for path in paths:
+        server = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        server.bind(path)
+        server.listen()
+        servers.append(server)
+
+    def carry(source, sink):
+        try:
+            while part := source.recv(65536):
+                sink.sendall(part)
+        except OSError:
+            pass
+
+    def serve():
+        plant = servers[0].accept()[0]
+        while True:  # one controller after the other
+            controller = servers[1].accept()[0]
+            back = threading.Thread(target=carry, args=(plant, controller), daemon=True)
+            back.start()
+            carry(controller, plant)
+    threading.Thread(target=serve, daemon=True).start()
+    return paths
+
+
+def a_controller_elsewhere(esmc, scene):
+    """Drives and mechanism on a bus; the controller is another process, which comes, and goes."""
+    patient = ["--set", "control.rate_hz=200", "--set", "limits.max_age_ticks=100", "--set", "drives.watchdog_timeout=5.0",
+               "--set", "drives.heartbeat_timeout=5.0", "--set", "reference.speed=1.0",
+               "--set", "drives.confirmed=true", "--set", "drives.sign_test=false", "--set", "drives.watchdog_test=false"]  # of a machine that does other things as well
+    with tempfile.TemporaryDirectory() as folder:
+        plant, controller = join_lines(folder)
+        bench = Bench(esmc, scene, "--bus", f"slcan:unix:{plant}", *patient)
+        page = Page(bench)
+        hello = page.wait(lambda m: "hello" in m, "the greeting")["hello"]
+        assert hello["controller"] is False and "controller_death" not in [f["name"] for f in hello["faults"]], hello
+        assert now(page)["state"] == "waiting" and now(page)["brake"]
+        other = subprocess.Popen([esmc, "controller", scene, "--realtime", "--bus", f"slcan:unix:{controller}", "--json", *patient,
+                                  "--set", "simulation.duration=1000"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        try:
+            armed = page.wait(lambda m: "now" in m and m["now"]["state"] == "armed", "drives that are armed")["now"]
+            page.wait(lambda m: "now" in m and abs(m["now"]["effector"][0] - armed["effector"][0]) > 0.005, "the reference followed")
+            page.say(hand={"push": [0.5, 0.0]})
+            page.wait(lambda m: "now" in m and m["now"]["force"] == [0.5, 0.0], "a push")
+            page.say(hand={})
+            page.say(set=["control.lambda=20.0"])
+            assert "controller is on" in page.wait(lambda m: "answers" in m, "a refusal")["answers"][0]
+            page.say(effects=['type = "payload", mass = 0.05'])
+            page.wait(lambda m: "scene" in m, "an effect")
+            page.say(inject={"fault": "drive_error", "drive": 1})
+            page.wait(lambda m: any(e["kind"] == "fault" and "drive_error" in e["text"] for e in m.get("events", [])), "the fault of a drive")
+        finally:
+            other.send_signal(signal.SIGINT)
+            out, err = other.communicate(timeout=PATIENCE)
+        assert json.loads(out)["supervisor"]["faults"] == ["drive_error"], (out, err)
+        page.say(do="home")
+        page.wait(lambda m: "now" in m and m["now"]["state"] == "waiting" and m["now"]["brake"], "home")
+        bench.end()
+
+
 def the_command(esmc, scene):
     """What it prints, and when it refuses."""
     run = lambda *options: subprocess.run([esmc, "live", scene, *options], capture_output=True, text=True, timeout=PATIENCE)
@@ -348,6 +412,7 @@ def the_command(esmc, scene):
 def main():
     esmc, scene = sys.argv[1:3]
     the_command(esmc, scene)
+    a_controller_elsewhere(esmc, scene)
     bench = Bench(esmc, scene)
     try:
         only_on_loopback(bench)

@@ -1,0 +1,188 @@
+// The live bench as a person uses it: in a browser, with mouse and keyboard; and as a foreign page would.
+// usage: live_test.js ESMC SCENES [--shot FILE]   with --shot: only the screenshot of docs/live.md
+"use strict";
+
+const assert = require("node:assert/strict");
+const { spawn } = require("node:child_process");
+const http = require("node:http");
+const path = require("node:path");
+const readline = require("node:readline");
+const { test, before, after } = require("node:test");
+const { launch, open, frames, drawn } = require("./browser");
+
+const [program, scenes, , shot] = process.argv.slice(2);
+const five = path.join(scenes, "five_bar_circle.toml"), rr = path.join(scenes, "rr_line.toml");
+let browser;
+
+/** A bench: its address, and how to end it. */
+async function bench(scene, ...options) {
+  const child = spawn(program, ["live", scene, ...options], { stdio: ["ignore", "pipe", "inherit"] });
+  const lines = readline.createInterface({ input: child.stdout })[Symbol.asyncIterator](), { value: url } = await lines.next();
+  const ended = new Promise((done) => child.on("exit", (code) => done(code)));
+  return { url, async end() { child.kill("SIGINT"); assert.equal(await ended, 0); } };
+}
+const text = (page, id) => page.textContent(`#${id}`);
+/** Waits for what a person would wait for; 30 s are for a machine with other things to do. */
+const until = (page, condition, argument) => page.waitForFunction(condition, argument, { timeout: 30000 });
+const state = (page, wanted) => until(page, (word) => document.getElementById("state").textContent === word, wanted);
+const event = (page, wanted) => until(page, (words) => document.getElementById("events").textContent.includes(words), wanted);
+const forceOver = (page, least) => until(page, (n) => parseFloat(document.getElementById("force").textContent) > n, least);
+const noForce = (page) => until(page, () => parseFloat(document.getElementById("force").textContent) === 0);
+const time = async (page) => parseFloat(await text(page, "time"));
+async function pull(page, x, y) {
+  const box = await page.locator("#mechanism").boundingBox();
+  await page.mouse.move(box.x + box.width / 2, box.y + box.height / 2);
+  await page.mouse.down();
+  await page.mouse.move(box.x + x * box.width, box.y + y * box.height, { steps: 4 });
+}
+async function sound(page) {
+  assert.deepEqual(page.troubles, []);
+  const own = new URL(page.url()).origin;
+  assert.deepEqual(page.asked.filter((url) => new URL(url).origin !== own && !url.startsWith("data:")), []);
+  assert.ok(await page.evaluate(() => document.documentElement.scrollWidth <= innerWidth), "the page is wider than its window");
+}
+/** An attribute or a rule for everything that can be reached and has no name. */
+const nameless = (page) => page.$$eval("input, select, button, canvas[tabindex]", (list) => list.filter((e) =>
+  !e.closest("label") && !e.getAttribute("aria-label") && !e.textContent.trim() && !(e.id && document.querySelector(`label[for="${e.id}"]`))).map((e) => e.outerHTML));
+
+before(async () => { browser = await launch(); });
+after(() => browser.close());
+
+if (shot) {
+  test("screenshot", async () => {
+    const b = await bench(five), page = await open(browser, b.url, { width: 1440, height: 1160 });
+    await state(page, "running");
+    await page.selectOption("#add", "payload");
+    await until(page, () => parseFloat(document.getElementById("time").textContent) > 8);
+    await pull(page, 0.78, 0.2);
+    await until(page, () => parseFloat(document.getElementById("time").textContent) > 10.5);
+    await page.screenshot({ path: shot, fullPage: true });
+    await b.end();
+  });
+} else {
+  test("the loop is drawn, and goes on", async () => {
+    const b = await bench(five), page = await open(browser, b.url);
+    await state(page, "running");
+    await until(page, () => parseFloat(document.getElementById("time").textContent) > 2);
+    const [first] = await drawn(page, "#mechanism"), before = await time(page);
+    assert.ok(first.coloured > 1000, `${first.coloured} coloured pixels of the mechanism`);
+    const plots = await drawn(page, "#plots canvas");
+    assert.equal(plots.length, 4);
+    for (const [k, plot] of plots.entries()) assert.ok(plot.coloured > 50, `plot ${k}: ${plot.coloured} coloured pixels`);
+    await until(page, (t) => parseFloat(document.getElementById("time").textContent) > t + 0.5, before);
+    assert.notEqual((await drawn(page, "#mechanism"))[0].hash, first.hash);
+    (await drawn(page, "#plots canvas")).forEach((plot, k) => { if (k < 3) assert.notEqual(plot.hash, plots[k].hash, `plot ${k}`); });
+    assert.deepEqual(await nameless(page), []);
+    await sound(page);
+    await b.end();
+    await state(page, "not connected");
+  });
+
+  test("pulled by the mouse, pushed by the keyboard", async () => {
+    const b = await bench(five), page = await open(browser, b.url);
+    await state(page, "running");
+    assert.equal(parseFloat(await text(page, "force")), 0);
+    await pull(page, 0.8, 0.3);
+    await forceOver(page, 1);
+    const [held] = await drawn(page, "#mechanism");
+    assert.ok(held.coloured > 1000);
+    await page.mouse.up();
+    await noForce(page);
+    await page.focus("#mechanism");
+    await page.keyboard.down("ArrowRight");
+    await forceOver(page, 1);
+    const half = parseFloat(await text(page, "force"));
+    await page.keyboard.down("Shift");
+    await page.keyboard.down("ArrowRight");
+    await forceOver(page, 1.5 * half);
+    await page.keyboard.up("ArrowRight");
+    await page.keyboard.up("Shift");
+    await noForce(page);
+    await page.keyboard.down("ArrowUp");
+    await forceOver(page, 1);
+    await page.evaluate(() => document.activeElement.blur());  // whoever looks away lets go
+    await noForce(page);
+    assert.equal(await text(page, "state"), "running");
+    await sound(page);
+    await b.end();
+  });
+
+  test("law, effects and keys change while it runs", async () => {
+    const b = await bench(five), page = await open(browser, b.url, { colorScheme: "dark" });
+    await state(page, "running");
+    await page.selectOption("#control [name=law]", "smc");
+    await page.fill("#control [name=gain]", "60.0");
+    await page.click("#control [type=submit]");
+    await event(page, "control.law=smc, control.gain=60.0: halt, new controller, start");
+    await event(page, "halting");
+    await until(page, () => document.getElementById("subtitle").textContent.includes("law smc"));
+    await state(page, "running");
+    await page.selectOption("#add", "payload");
+    await event(page, "from now on");
+    assert.ok(await page.isChecked("#effects input[type=checkbox]"));
+    await page.uncheck("#effects input[type=checkbox]");
+    await event(page, "effects=[]: from now on");
+    await page.fill("#effects li input:not([type=checkbox])", "mass = -1.0");
+    await page.check("#effects input[type=checkbox]");
+    await until(page, () => document.getElementById("answer").textContent.includes("mass"));
+    assert.equal(await page.isChecked("#effects input[type=checkbox]"), false);  // refused: nothing has changed
+    await page.fill("#set [name=set]", "control.lambda=-3");
+    await page.click("#set [type=submit]");
+    await until(page, () => /control\.lambda.*greater/s.test(document.getElementById("answer").textContent) || document.getElementById("answer").textContent.includes("control.lambda"));
+    assert.equal(await text(page, "state"), "running");
+    await page.fill("#set [name=set]", "reference.radius=0.04");
+    await page.click("#set [type=submit]");
+    await event(page, "reference.radius=0.04: halt");
+    await state(page, "running");
+    assert.match(await text(page, "sets"), /--set reference\.radius=0\.04/);
+    await page.click("#given");
+    await until(page, () => document.getElementById("subtitle").textContent.includes("law esmc"));
+    await sound(page);
+    await b.end();
+  });
+
+  test("faults are named, reset and gone", async () => {
+    const b = await bench(rr), page = await open(browser, b.url, { width: 420, height: 800 });
+    await state(page, "running");
+    assert.ok(await page.isDisabled("[data-do=reset]"));
+    await page.selectOption("#faults [name=fault]", "drive_error");
+    await page.click("#faults [type=submit]");
+    await state(page, "fault");
+    assert.equal(await text(page, "why"), "drive error");
+    await event(page, "drive_error: torque off");
+    await page.click("[data-do=home]");
+    await state(page, "running");
+    await page.click("[data-do=halt]");
+    await state(page, "off");
+    await page.click("[data-do=start]");
+    await state(page, "running");
+    await sound(page);
+    await b.end();
+  });
+
+  test("a wrong token and a foreign page are refused", async () => {
+    const b = await bench(five), url = new URL(b.url), token = url.searchParams.get("token");
+    const page = await (await browser.newContext()).newPage();
+    for (const wrong of ["", "0".repeat(32), token.slice(1)]) {
+      url.searchParams.set("token", wrong);
+      assert.equal((await page.goto(url.href)).status(), 403);
+    }
+    // A page of somebody else, in the same browser, which even knows the token.
+    const foreign = http.createServer((_, answer) => answer.setHeader("content-type", "text/html").end("<!doctype html><title>foreign</title>"));
+    await new Promise((done) => foreign.listen(0, "127.0.0.1", done));
+    await page.goto(`http://127.0.0.1:${foreign.address().port}/`);
+    const knock = (address) => page.evaluate((to) => new Promise((done) => {
+      const socket = new WebSocket(to);
+      socket.onopen = () => done("open");
+      socket.onclose = () => done("refused");
+    }), address);
+    assert.equal(await knock(`ws://${url.host}/bench?token=${token}`), "refused");
+    assert.equal(await page.evaluate((to) => fetch(to).then(() => "read", () => "refused"), b.url), "refused");
+    // The same knock from a page of the bench is let in: it is the origin that was refused.
+    await page.goto(b.url);
+    assert.equal(await knock(`ws://${url.host}/bench?token=${token}`), "open");
+    assert.equal(await knock(`ws://${url.host}/bench?token=${"0".repeat(32)}`), "refused");
+    await new Promise((done) => foreign.close(done));
+    await b.end();
+  });
+}
