@@ -46,8 +46,9 @@ class LiveFault {
     if (since_ >= injection_.length) since_ = -1;
     return std::exchange(first_, false) && active();
   }
+  /// One that was ordered within the tick has not begun.
   void end_tick() {
-    if (active()) ++since_;
+    if (active() && !first_) ++since_;
   }
 
  private:
