@@ -25,14 +25,16 @@ using Json = nlohmann::ordered_json;
 std::string with_token(std::string_view page, const std::string& token) {
   constexpr std::string_view place = "{{token}}";
   std::string out(page);
-  for (std::size_t at = 0; (at = out.find(place, at)) != std::string::npos;) out.replace(at, place.size(), token);
+  for (std::size_t at = 0; (at = out.find(place, at)) != std::string::npos;)
+    out.replace(at, place.size(), token);
   return out;
 }
 
 /// The loop: orders, tick, samples, and then sleep until the next tick. Never waits for anything else.
 class Runner {
  public:
-  Runner(LiveSession& session, Exchange& exchange, LiveDesk::Loop& told) : session_(session), exchange_(exchange), told_(told) {}
+  Runner(LiveSession& session, Exchange& exchange, LiveDesk::Loop& told)
+      : session_(session), exchange_(exchange), told_(told) {}
 
   /// Until Ctrl-C or `seconds` of ticks have passed; then the drives are idle.
   void run(std::optional<double> seconds) {
@@ -61,7 +63,8 @@ class Runner {
   void step() {
     session_.tick();
     // A page plots no more than 1000 points a second.
-    const auto stride = std::max<std::uint64_t>(1, static_cast<std::uint64_t>(session_.scene().rate_hz / 1000.0));
+    const auto stride =
+        std::max<std::uint64_t>(1, static_cast<std::uint64_t>(session_.scene().rate_hz / 1000.0));
     if (const std::uint64_t n = session_.ticks(); n != shown_ && n % stride == 0) {
       shown_ = n;
       LiveSample s = session_.sample();
@@ -81,10 +84,11 @@ class Runner {
   std::uint64_t shown_ = 0;
 };
 
-Json summary(const LiveSession& session, const Runner& runner, const LiveDesk::Loop& loop, const ServerCounts& served,
-             std::uint64_t malformed) {
+Json summary(const LiveSession& session, const Runner& runner, const LiveDesk::Loop& loop,
+             const ServerCounts& served, std::uint64_t malformed) {
   Json faults = Json::array();
-  for (const LiveEvent& e : runner.faults()) faults.push_back({{"t", e.t}, {"fault", e.text.substr(0, e.text.find(':'))}});
+  for (const LiveEvent& e : runner.faults())
+    faults.push_back({{"t", e.t}, {"fault", e.text.substr(0, e.text.find(':'))}});
   return {{"scene", printable(session.scene().name)},
           {"duration_s", static_cast<double>(session.ticks()) * session.scene().tick()},
           {"ticks", session.ticks()},
@@ -92,8 +96,12 @@ Json summary(const LiveSession& session, const Runner& runner, const LiveDesk::L
           {"final_state", session.sample().state},
           {"faults", std::move(faults)},
           {"samples_dropped", loop.dropped.load()},
-          {"server", {{"pages", served.pages}, {"refused", served.refused}, {"messages", served.messages}, {"malformed", malformed},
-                      {"too_long", served.too_long}}},
+          {"server",
+           {{"pages", served.pages},
+            {"refused", served.refused},
+            {"messages", served.messages},
+            {"malformed", malformed},
+            {"too_long", served.too_long}}},
           {"run_ticks", session.run_ticks()},
           {"digest", session.digest()}};
 }
@@ -137,9 +145,10 @@ int run_live(const LiveOptions& o) {
     fmt::print("{}\n", s.dump(2));
     return 0;
   }
-  fmt::print("{}: {:.3f} s, {} ticks, {} late; {}, {} faults; {} pages, {} requests refused\n", s["scene"].get<std::string>(),
-             s["duration_s"].get<double>(), session->ticks(), desk.loop().late.load(), session->sample().state, runner.faults().size(),
-             server->counts().pages, server->counts().refused);
+  fmt::print("{}: {:.3f} s, {} ticks, {} late; {}, {} faults; {} pages, {} requests refused\n",
+             s["scene"].get<std::string>(), s["duration_s"].get<double>(), session->ticks(),
+             desk.loop().late.load(), session->sample().state, runner.faults().size(), server->counts().pages,
+             server->counts().refused);
   return 0;
 }
 

@@ -46,8 +46,8 @@ bool same_sensors(const Scene& from, const Scene& to) {
   return a.encoder == b.encoder && a.noise == b.noise && a.bias == b.bias && a.delay == b.delay;
 }
 
-/// s, at most 1. On the way onto a reference that turns, the speed that is missing at first is made up for; where that takes
-/// longer than half a turn, the way leads far off.
+/// s, at most 1. On the way onto a reference that turns, the speed that is missing at first is made up for;
+/// where that takes longer than half a turn, the way leads far off.
 double usual_join(const ReferenceScene& r) {
   constexpr double turn = 3.0;  // rad
   double fastest = r.type == ReferenceType::circle ? std::abs(r.speed) : 0.0;
@@ -63,8 +63,9 @@ void prepare_live_scene(Scene& scene, bool controller_elsewhere) {
   }
   if (controller_elsewhere) return;
   if (armed_by_link(scene)) {
-    throw InputError(scene.control_where,
-                     "'command.arm_by_link': a live bench has no supervisor computer that could arm it; set it to false");
+    throw InputError(
+        scene.control_where,
+        "'command.arm_by_link': a live bench has no supervisor computer that could arm it; set it to false");
   }
   if (!scene.reference.join) scene.reference.join = usual_join(scene.reference);
 }
@@ -74,8 +75,10 @@ Takes what_it_takes(const Scene& from, const Scene& to) {
   const auto changed = changed_tables(from, to);
   if (changed.contains("mechanism") || changed.contains("initial")) return Takes::home;
   static const std::set<std::string> of_the_plant{"effects", "simulation", "name"};
-  const bool plant = std::ranges::all_of(changed, [](const std::string& t) { return of_the_plant.contains(t); });
-  if (!plant || !same_sensors(from, to) || (to.model.exact_friction && changed.contains("effects"))) return Takes::restart;
+  const bool plant =
+      std::ranges::all_of(changed, [](const std::string& t) { return of_the_plant.contains(t); });
+  if (!plant || !same_sensors(from, to) || (to.model.exact_friction && changed.contains("effects")))
+    return Takes::restart;
   return Takes::nothing;
 }
 

@@ -50,7 +50,10 @@ std::string dump(const Json& j) { return j.dump(-1, ' ', false, Json::error_hand
 /// Samples as columns: shorter than rows with names, and what a plot wants.
 class Columns {
  public:
-  void begin(const char* name) { fmt::format_to(std::back_inserter(out_), "{}\"{}\":[", first_ ? "{" : ",", name), first_ = false, comma_ = false; }
+  void begin(const char* name) {
+    fmt::format_to(std::back_inserter(out_), "{}\"{}\":[", first_ ? "{" : ",", name), first_ = false,
+                                                                                      comma_ = false;
+  }
   void add(double v, int digits) {
     if (std::exchange(comma_, true)) out_.push_back(',');
     if (std::isfinite(v)) {
@@ -70,8 +73,11 @@ class Columns {
 Json mechanism_json(const Scene& s) {
   const bool five_bar = s.type == MechanismType::five_bar;
   Json legs = Json::array();
-  for (std::size_t j = 0; j < (five_bar ? 2U : 1U); ++j) legs.push_back({{"l1", s.mechanism.legs[j].l1}, {"l2", s.mechanism.legs[j].l2}});
-  return {{"type", five_bar ? "five_bar" : "rr"}, {"half_base", five_bar ? Json(s.mechanism.l0) : Json(nullptr)}, {"legs", std::move(legs)}};
+  for (std::size_t j = 0; j < (five_bar ? 2U : 1U); ++j)
+    legs.push_back({{"l1", s.mechanism.legs[j].l1}, {"l2", s.mechanism.legs[j].l2}});
+  return {{"type", five_bar ? "five_bar" : "rr"},
+          {"half_base", five_bar ? Json(s.mechanism.l0) : Json(nullptr)},
+          {"legs", std::move(legs)}};
 }
 
 const char* law_name(LawChoice l) {
@@ -83,7 +89,8 @@ const char* reaching_name(ReachingChoice r) {
   return names[static_cast<std::size_t>(r)];
 }
 std::string per_kind(const PerKind& k) {
-  return k.position == k.angle ? fmt::format("{}", k.position) : fmt::format("{{ position = {}, angle = {} }}", k.position, k.angle);
+  return k.position == k.angle ? fmt::format("{}", k.position)
+                               : fmt::format("{{ position = {}, angle = {} }}", k.position, k.angle);
 }
 
 }  // namespace
@@ -112,7 +119,11 @@ class Page final : public Visitor {
 };
 
 LiveDesk::LiveDesk(const RunOptions& options, std::shared_ptr<const Scene> scene, Exchange& exchange)
-    : options_(options), given_(options.sets), scene_(std::move(scene)), exchange_(exchange), grip_(usual_hand(*scene_)) {}
+    : options_(options),
+      given_(options.sets),
+      scene_(std::move(scene)),
+      exchange_(exchange),
+      grip_(usual_hand(*scene_)) {}
 
 std::unique_ptr<Visitor> LiveDesk::welcome() { return std::make_unique<Page>(*this); }
 
@@ -124,7 +135,8 @@ void LiveDesk::turn() {
 }
 
 void LiveDesk::send(LiveOrder o) {
-  if (!exchange_.orders.push(std::move(o))) throw InputError("", "the loop is behind with its orders: once more, please");
+  if (!exchange_.orders.push(std::move(o)))
+    throw InputError("", "the loop is behind with its orders: once more, please");
 }
 
 void LiveDesk::set(const std::vector<std::string>& sets) {
@@ -138,7 +150,9 @@ void LiveDesk::set(const std::vector<std::string>& sets) {
   const auto scene = read_live_scene(o);
   const Takes takes = what_it_takes(*scene_, *scene);
   if (!controller_here() && takes != Takes::nothing) {
-    throw InputError("", "the controller is on " + options_.bus + " and keeps its scene: only effects of plant and drives, and 'simulation', can change");
+    throw InputError(
+        "", "the controller is on " + options_.bus +
+                " and keeps its scene: only effects of plant and drives, and 'simulation', can change");
   }
   constexpr std::size_t line = 120;
   if (what.size() > line) what = what.substr(0, line) + " …";
@@ -151,27 +165,42 @@ void LiveDesk::set(const std::vector<std::string>& sets) {
 std::string LiveDesk::scene_json() const {
   const Scene& s = *scene_;
   Json effects = Json::array();
-  for (const EffectText& e : effect_texts(s.toml)) effects.push_back({{"type", e.type}, {"parameters", e.parameters}});
-  Json j{{"name", printable(s.name)}, {"mechanism", mechanism_json(s)}, {"law", law_name(s.law)},
-         {"reaching", reaching_name(s.reaching)}, {"lambda", per_kind(s.lambda)}, {"gain", per_kind(s.gain)},
-         {"layer", per_kind(s.layer)}, {"kp", s.kp ? fmt::format("{}", *s.kp) : ""}, {"kd", s.kd ? fmt::format("{}", *s.kd) : ""},
-         {"rate_hz", s.rate_hz}, {"torque_limit", s.torque_limit}, {"effects", std::move(effects)}, {"sets", options_.sets}};
+  for (const EffectText& e : effect_texts(s.toml))
+    effects.push_back({{"type", e.type}, {"parameters", e.parameters}});
+  Json j{{"name", printable(s.name)},
+         {"mechanism", mechanism_json(s)},
+         {"law", law_name(s.law)},
+         {"reaching", reaching_name(s.reaching)},
+         {"lambda", per_kind(s.lambda)},
+         {"gain", per_kind(s.gain)},
+         {"layer", per_kind(s.layer)},
+         {"kp", s.kp ? fmt::format("{}", *s.kp) : ""},
+         {"kd", s.kd ? fmt::format("{}", *s.kd) : ""},
+         {"rate_hz", s.rate_hz},
+         {"torque_limit", s.torque_limit},
+         {"effects", std::move(effects)},
+         {"sets", options_.sets}};
   return dump(j);
 }
 
 std::string LiveDesk::hello_json() const {
   Json faults = Json::array();
   for (const InjectionRow& r : injection_rows()) {
-    if (!can_inject(r, scene_->drives.protocol) || (!controller_here() && !can_inject_from_outside(r))) continue;
+    if (!can_inject(r, scene_->drives.protocol) || (!controller_here() && !can_inject_from_outside(r)))
+      continue;
     const InjectOrder usual = usual_injection(r, 0);
     Json ms = r.longest == 0 ? Json(nullptr) : Json(1e3 * usual.ticks * scene_->tick());
     faults.push_back({{"name", r.name}, {"ms", std::move(ms)}});
   }
-  const Json hello{{"version", version}, {"bus", options_.bus}, {"controller", controller_here()}, {"motors", scene_->motors()},
-                   {"drives", scene_->drives.nodes.size()},
-                   {"channels", scene_->type == MechanismType::five_bar ? Json{"x", "y"} : Json{"theta1", "theta2"}},
-                   {"faults", std::move(faults)},
-                   {"hand", {{"stiffness", grip_.stiffness}, {"damping", grip_.damping}, {"most", grip_.most}}}};
+  const Json hello{
+      {"version", version},
+      {"bus", options_.bus},
+      {"controller", controller_here()},
+      {"motors", scene_->motors()},
+      {"drives", scene_->drives.nodes.size()},
+      {"channels", scene_->type == MechanismType::five_bar ? Json{"x", "y"} : Json{"theta1", "theta2"}},
+      {"faults", std::move(faults)},
+      {"hand", {{"stiffness", grip_.stiffness}, {"damping", grip_.damping}, {"most", grip_.most}}}};
   return dump(hello);
 }
 
@@ -190,7 +219,9 @@ std::string Page::samples() {
   column("y", 6, [](const LiveSample& s) { return s.effector[1]; });
   column("xd", 6, [](const LiveSample& s) { return s.desired[0]; });
   column("yd", 6, [](const LiveSample& s) { return s.desired[1]; });
-  column("error", 5, [](const LiveSample& s) { return std::hypot(s.effector[0] - s.desired[0], s.effector[1] - s.desired[1]); });
+  column("error", 5, [](const LiveSample& s) {
+    return std::hypot(s.effector[0] - s.desired[0], s.effector[1] - s.desired[1]);
+  });
   for (std::size_t m = 0; m < static_cast<std::size_t>(desk_.scene_->motors()); ++m) {
     column(fmt::format("tau{}", m + 1).c_str(), 4, [m](const LiveSample& s) { return s.torque[m]; });
   }
@@ -206,7 +237,9 @@ std::string Page::next() {
   const bool scene = scene_ != desk_.scene_number_, event = event_ < desk_.events_.end();
   if (greeted_ && !scene && !event && answers_.empty() && sample_ >= kept.end()) return {};
   std::string out = "{";
-  const auto part = [&](const char* name, const std::string& json) { out += fmt::format("{}\"{}\":{}", out.size() > 1 ? "," : "", name, json); };
+  const auto part = [&](const char* name, const std::string& json) {
+    out += fmt::format("{}\"{}\":{}", out.size() > 1 ? "," : "", name, json);
+  };
   if (!std::exchange(greeted_, true)) part("hello", desk_.hello_json());
   if (scene) part("scene", desk_.scene_json());
   scene_ = desk_.scene_number_;
@@ -222,10 +255,19 @@ std::string Page::next() {
   if (sample_ < kept.end()) {
     part("samples", samples());
     const LiveSample& s = kept.list.back();
-    const Json now{{"t", s.t}, {"state", s.state}, {"fault", s.fault}, {"q", s.q}, {"effector", s.effector},
-                   {"desired", s.desired}, {"force", s.force}, {"anchor", s.holding ? Json(s.anchor) : Json(nullptr)},
-                   {"brake", s.brake}, {"injecting", s.injecting}, {"saturated", s.saturated},
-                   {"late", desk_.loop_.late.load()}, {"dropped", desk_.loop_.dropped.load()}};
+    const Json now{{"t", s.t},
+                   {"state", s.state},
+                   {"fault", s.fault},
+                   {"q", s.q},
+                   {"effector", s.effector},
+                   {"desired", s.desired},
+                   {"force", s.force},
+                   {"anchor", s.holding ? Json(s.anchor) : Json(nullptr)},
+                   {"brake", s.brake},
+                   {"injecting", s.injecting},
+                   {"saturated", s.saturated},
+                   {"late", desk_.loop_.late.load()},
+                   {"dropped", desk_.loop_.dropped.load()}};
     part("now", dump(now));
   }
   return out + "}";
@@ -246,10 +288,13 @@ void Page::hear(std::string_view message) {
 void Page::obey(const Json& j) {
   for (const auto& [key, value] : j.items()) {
     if (key == "do") {
-      constexpr std::pair<const char*, LiveCommand> words[] = {{"start", LiveCommand::start}, {"halt", LiveCommand::halt},
-                                                               {"stop", LiveCommand::stop}, {"reset", LiveCommand::reset},
+      constexpr std::pair<const char*, LiveCommand> words[] = {{"start", LiveCommand::start},
+                                                               {"halt", LiveCommand::halt},
+                                                               {"stop", LiveCommand::stop},
+                                                               {"reset", LiveCommand::reset},
                                                                {"home", LiveCommand::home}};
-      const auto word = std::ranges::find(words, text(value), [](const auto& w) { return std::string(w.first); });
+      const auto word =
+          std::ranges::find(words, text(value), [](const auto& w) { return std::string(w.first); });
       if (word == std::end(words)) throw Malformed();
       desk_.send(word->second);
     } else if (key == "hand") {
@@ -294,7 +339,8 @@ void Page::inject(const Json& j) {
   const auto rows = injection_rows();
   const auto row = std::ranges::find(rows, name, &InjectionRow::name);
   if (row == rows.end() || !can_inject(*row, scene.drives.protocol) ||
-      (!desk_.controller_here() && !can_inject_from_outside(*row))) throw InputError("", printable(name) + ": no fault of these drives");
+      (!desk_.controller_here() && !can_inject_from_outside(*row)))
+    throw InputError("", printable(name) + ": no fault of these drives");
   const double drive = j.contains("drive") ? number(j["drive"]) : 1.0;
   if (!(drive >= 1.0 && drive <= static_cast<double>(scene.motors())) || drive != std::floor(drive)) {
     throw InputError("", fmt::format("drive: 1 to {}", scene.motors()));

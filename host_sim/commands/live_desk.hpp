@@ -1,6 +1,6 @@
 #pragma once
-/// What a live bench tells its pages and understands of them; JSON text both ways, docs/live.md has the messages. Runs in the
-/// server's thread: reads scenes there, so that the loop gets only what is possible.
+/// What a live bench tells its pages and understands of them; JSON text both ways, docs/live.md has the
+/// messages. Runs in the server's thread: reads scenes there, so that the loop gets only what is possible.
 
 #include <deque>
 #include <memory>

@@ -9,14 +9,16 @@
 namespace esmc::host {
 namespace {
 
-/// As esmc plant --realtime: a torque acts from the part of the tick in which it arrives. The campaign's wire stands between
-/// the drives and the bus.
+/// As esmc plant --realtime: a torque acts from the part of the tick in which it arrives. The campaign's wire
+/// stands between the drives and the bus.
 template <class World_>
 class PlantSession final : public LiveSession {
  public:
   using Plant = typename World_::Plant;
 
-  PlantSession(std::shared_ptr<const Scene> scene, HostBus& bus) : scene_(std::move(scene)), bus_(bus) { build(); }
+  PlantSession(std::shared_ptr<const Scene> scene, HostBus& bus) : scene_(std::move(scene)), bus_(bus) {
+    build();
+  }
 
   void order(const LiveOrder& o) override {
     std::visit([&](const auto& x) { take(x); }, o);
@@ -35,13 +37,16 @@ class PlantSession final : public LiveSession {
   static constexpr int parts = 4, frames_at_once = 4096;
 
   void say(const char* kind, std::string text) { events_.push_back({now(), kind, std::move(text)}); }
-  [[nodiscard]] double now() const { return (static_cast<double>(ticks_) + static_cast<double>(part_) / parts) * scene_->tick(); }
+  [[nodiscard]] double now() const {
+    return (static_cast<double>(ticks_) + static_cast<double>(part_) / parts) * scene_->tick();
+  }
   [[nodiscard]] const Dialect& words() const { return dialect(scene_->drives.protocol); }
 
   void build() {
     fault_.clear();
-    world_ = std::make_unique<World<Plant>>(make_motion<World_>(*scene_, initial_state<World_>(*scene_), &hand_), *scene_, *scene_,
-                                            fault_.injection(), words(), false);
+    world_ =
+        std::make_unique<World<Plant>>(make_motion<World_>(*scene_, initial_state<World_>(*scene_), &hand_),
+                                       *scene_, *scene_, fault_.injection(), words(), false);
     wire_ = std::make_unique<Wire>(fault_.injection(), words(), world_->nodes());
     run_ticks_ = 0;
     diverged_ = false;
@@ -50,7 +55,8 @@ class PlantSession final : public LiveSession {
   void take(const Hand& h) { hand_ = h; }
   void take(LiveCommand c) {
     if (c == LiveCommand::stop) return;  // of this program: there is nothing to stop here
-    if (c != LiveCommand::home) return say("note", "the controller is on the bus and takes its orders elsewhere");
+    if (c != LiveCommand::home)
+      return say("note", "the controller is on the bus and takes its orders elsewhere");
     build();
     say("order", "home: mechanism and drives as when the bench began");
   }
@@ -59,7 +65,8 @@ class PlantSession final : public LiveSession {
     if (!what.empty()) say("order", std::move(what));
   }
   void take(const SceneOrder& o) {
-    if (o.takes != Takes::nothing) return say("note", o.what + ": the controller is on the bus and keeps its scene");
+    if (o.takes != Takes::nothing)
+      return say("note", o.what + ": the controller is on the bus and keeps its scene");
     world_->go_on(make_motion<World_>(*o.scene, world_->motion().state(), &hand_), *o.scene);
     scene_ = o.scene;
     say("scene", o.what + ": from now on; states of effects begin anew");
@@ -144,13 +151,15 @@ void PlantSession<World_>::look() {
   s.fault = world_->failed() ? "drive_error" : "none";
   if (s.state == told_) return;
   told_ = s.state;
-  say(world_->failed() ? "fault" : "state", world_->failed() ? std::string("drive_error: drives off") : s.state);
+  say(world_->failed() ? "fault" : "state",
+      world_->failed() ? std::string("drive_error: drives off") : s.state);
 }
 
 }  // namespace
 
 std::unique_ptr<LiveSession> make_live_plant(std::shared_ptr<const Scene> scene, HostBus& bus) {
-  if (scene->type == MechanismType::five_bar) return std::make_unique<PlantSession<FiveBarWorld>>(std::move(scene), bus);
+  if (scene->type == MechanismType::five_bar)
+    return std::make_unique<PlantSession<FiveBarWorld>>(std::move(scene), bus);
   return std::make_unique<PlantSession<RrWorld>>(std::move(scene), bus);
 }
 

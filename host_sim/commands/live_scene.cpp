@@ -28,9 +28,11 @@ std::vector<std::string> inline_tables(const std::string& list) {
 /// `mass = 0.3, type = 'payload'` in its two parts.
 EffectText in_parts(std::string text) {
   constexpr std::string_view key = "type = ";
-  const std::size_t at = std::min(text.find(key), text.size()), end = std::min(text.find(", ", at), text.size());
+  const std::size_t at = std::min(text.find(key), text.size()),
+                    end = std::min(text.find(", ", at), text.size());
   EffectText out;
-  if (at + key.size() + 1 < end) out.type = text.substr(at + key.size() + 1, end - at - key.size() - 2);  // without its quotes
+  if (at + key.size() + 1 < end)
+    out.type = text.substr(at + key.size() + 1, end - at - key.size() - 2);  // without its quotes
   text.erase(at, std::min(end + 2, text.size()) - at);
   if (text.ends_with(", ")) text.erase(text.size() - 2);
   out.parameters = text;

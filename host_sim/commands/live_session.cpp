@@ -105,9 +105,7 @@ class Session final : public LiveSession {
     start_ = true;
     say("order", why);
   }
-  void halt() {
-    command(supervisor().state() == State::enabling ? Command::stop : Command::halt);
-  }
+  void halt() { command(supervisor().state() == State::enabling ? Command::stop : Command::halt); }
 
   /// What the operator's wishes mean in the state that the controller is in.
   void steer();
@@ -218,7 +216,8 @@ void Session<World_>::tick() {
   b.wire.strangers_after_tick(fault_.foreign());
   b.world.deliver(b.wire, now() * 1e3);
   look();
-  // A holding brake: closed while the controller is off, open in a fault, as in esmc hil, to show what comes of it.
+  // A holding brake: closed while the controller is off, open in a fault, as in esmc hil, to show what comes
+  // of it.
   const State s = supervisor().state();
   if (b.world.released() && (s == State::stopping || s == State::disabled)) {
     b.world.go_on(make_motion<World_>(*scene_, resting(), &hand_), *scene_);
@@ -249,11 +248,13 @@ void Session<World_>::look() {
   s.fault = esmc::name(supervisor().fault());
   const State state = supervisor().state();
   const bool desires = state == State::running || state == State::halting || state == State::holding;
-  s.desired = desires ? std::array{result_.desired_effector.x(), result_.desired_effector.y()} : std::array{none, none};
+  s.desired = desires ? std::array{result_.desired_effector.x(), result_.desired_effector.y()}
+                      : std::array{none, none};
   s.sliding = {result_.sliding[0], result_.sliding[1]};
   s.saturated = result_.saturated;
   s.injecting = fault_.active();
-  if (state == State::enabling && static_cast<double>(ticks_ - armed_since_) * scene_->tick() > arming_patience_s) {
+  if (state == State::enabling &&
+      static_cast<double>(ticks_ - armed_since_) * scene_->tick() > arming_patience_s) {
     say("note", fmt::format("the drives did not arm within {} s", arming_patience_s));
     command(Command::stop);
   }
@@ -271,7 +272,8 @@ void Session<World_>::look() {
 }  // namespace
 
 std::unique_ptr<LiveSession> make_live_session(std::shared_ptr<const Scene> scene) {
-  if (scene->type == MechanismType::five_bar) return std::make_unique<Session<FiveBarWorld>>(std::move(scene));
+  if (scene->type == MechanismType::five_bar)
+    return std::make_unique<Session<FiveBarWorld>>(std::move(scene));
   return std::make_unique<Session<RrWorld>>(std::move(scene));
 }
 

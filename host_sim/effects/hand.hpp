@@ -1,5 +1,6 @@
 #pragma once
-/// A hand at the effector that moves while the simulation runs: no effect of a scene, which is known beforehand.
+/// A hand at the effector that moves while the simulation runs: no effect of a scene, which is known
+/// beforehand.
 
 #include <cmath>
 

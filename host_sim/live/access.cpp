@@ -26,7 +26,8 @@ bool same_token(std::string_view given, std::string_view token) {
   if (given.size() != token.size()) return false;
   unsigned different = 0;
   for (std::size_t i = 0; i < token.size(); ++i) {
-    different |= static_cast<unsigned char>(given[i]) ^ static_cast<unsigned>(static_cast<unsigned char>(token[i]));
+    different |=
+        static_cast<unsigned char>(given[i]) ^ static_cast<unsigned>(static_cast<unsigned char>(token[i]));
   }
   return different == 0;
 }
@@ -34,7 +35,8 @@ bool same_token(std::string_view given, std::string_view token) {
 bool own_host(std::string_view host, int port) {
   const std::size_t colon = std::min(host.rfind(':'), host.size());
   const std::string_view name = host.substr(0, colon);
-  return (name == "127.0.0.1" || name == "localhost") && host.substr(colon) == std::string(":").append(std::to_string(port));
+  return (name == "127.0.0.1" || name == "localhost") &&
+         host.substr(colon) == std::string(":").append(std::to_string(port));
 }
 
 bool own_origin(std::string_view origin, int port) {

@@ -1,9 +1,9 @@
 #pragma once
 /// Who may speak with a server on this machine: whoever knows its token, from a page of its own.
 ///
-/// A browser lets any page send requests to 127.0.0.1. What keeps them out: the token, which only the terminal shows; the
-/// `Origin` of a WebSocket, which a page cannot choose; and `Host`, which names another machine when a foreign name has been
-/// made to resolve to this one (DNS rebinding).
+/// A browser lets any page send requests to 127.0.0.1. What keeps them out: the token, which only the
+/// terminal shows; the `Origin` of a WebSocket, which a page cannot choose; and `Host`, which names another
+/// machine when a foreign name has been made to resolve to this one (DNS rebinding).
 
 #include <string>
 #include <string_view>

@@ -16,16 +16,16 @@ namespace esmc::host {
 
 /// A tick as a page sees it. Plain values: made 1000 times a second.
 struct LiveSample {
-  double t = 0.0;                          ///< s since the bench began, by ticks
-  const char* state = "";                  ///< of the supervisor, or of the plant where there is none
+  double t = 0.0;          ///< s since the bench began, by ticks
+  const char* state = "";  ///< of the supervisor, or of the plant where there is none
   const char* fault = "none";
-  std::array<double, 6> q{};               ///< final_state.q of the scene's mechanism
-  std::array<double, 2> effector{};        ///< m, the truth
-  std::array<double, 2> desired{};         ///< m; NaN while nothing is desired
-  std::array<double, 4> torque{};          ///< N m at the joint, per motor, as the drives apply it
-  std::array<double, 2> sliding{};         ///< s of the first two channels; 0 where the law has none
-  std::array<double, 2> force{};           ///< N of the hand, as it acts on the effector
-  std::array<double, 2> anchor{};          ///< m; of the hand while it holds
+  std::array<double, 6> q{};         ///< final_state.q of the scene's mechanism
+  std::array<double, 2> effector{};  ///< m, the truth
+  std::array<double, 2> desired{};   ///< m; NaN while nothing is desired
+  std::array<double, 4> torque{};    ///< N m at the joint, per motor, as the drives apply it
+  std::array<double, 2> sliding{};   ///< s of the first two channels; 0 where the law has none
+  std::array<double, 2> force{};     ///< N of the hand, as it acts on the effector
+  std::array<double, 2> anchor{};    ///< m; of the hand while it holds
   bool holding = false, brake = true, injecting = false, saturated = false;
 };
 

@@ -4,7 +4,9 @@
 namespace esmc::host {
 
 std::unique_ptr<Server> open_server(const ServerOptions&, Desk&) {
-  throw InputError("", "esmc live was built without its web server: install libwebsockets-dev (host_sim/setup live) and build again");
+  throw InputError("",
+                   "esmc live was built without its web server: install libwebsockets-dev (host_sim/setup "
+                   "live) and build again");
 }
 
 }  // namespace esmc::host

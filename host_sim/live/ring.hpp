@@ -1,6 +1,6 @@
 #pragma once
-/// A bounded queue from one thread to one other, without locks: neither side ever waits. What does not fit is refused, and
-/// the sender decides what that means.
+/// A bounded queue from one thread to one other, without locks: neither side ever waits. What does not fit is
+/// refused, and the sender decides what that means.
 
 #include <array>
 #include <atomic>

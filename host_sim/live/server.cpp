@@ -129,7 +129,9 @@ class LwsServer final : public Server {
     if ((page || told) && !own_origin(header(wsi, WSI_TOKEN_ORIGIN), port_)) return HTTP_STATUS_FORBIDDEN;
     std::array<char, 256> text{};
     const char* token = lws_get_urlarg_by_name(wsi, "token=", text.data(), static_cast<int>(text.size()));
-    return token != nullptr && same_token(token, options_.token) ? 0U : static_cast<unsigned>(HTTP_STATUS_FORBIDDEN);
+    return token != nullptr && same_token(token, options_.token)
+               ? 0U
+               : static_cast<unsigned>(HTTP_STATUS_FORBIDDEN);
   }
   int refuse(lws* wsi, unsigned status, const char* why) {
     ++counts_.refused;
@@ -138,9 +140,11 @@ class LwsServer final : public Server {
 
   int serve(lws* wsi, Connection& c, const char* path) {
     c = {};
-    if (lws_hdr_total_length(wsi, WSI_TOKEN_GET_URI) <= 0) return refuse(wsi, HTTP_STATUS_METHOD_NOT_ALLOWED, "GET only") | -1;
+    if (lws_hdr_total_length(wsi, WSI_TOKEN_GET_URI) <= 0)
+      return refuse(wsi, HTTP_STATUS_METHOD_NOT_ALLOWED, "GET only") | -1;
     if (const unsigned status = refusal(wsi, false)) {
-      (void)refuse(wsi, status, "the URL that esmc live printed has the token, and only that opens the bench");
+      (void)refuse(wsi, status,
+                   "the URL that esmc live printed has the token, and only that opens the bench");
       return -1;
     }
     const auto file = options_.files.find(std::string_view(path));
@@ -150,12 +154,15 @@ class LwsServer final : public Server {
     }
     c.file = &file->second;
     std::array<unsigned char, LWS_PRE + 2048> buffer{};
-    unsigned char *at = buffer.data() + LWS_PRE, *const begin = at, *const end = buffer.data() + buffer.size() - 1;
-    if (lws_add_http_common_headers(wsi, HTTP_STATUS_OK, c.file->type, c.file->body.size(), &at, end) != 0) return -1;
+    unsigned char *at = buffer.data() + LWS_PRE, *const begin = at,
+                  *const end = buffer.data() + buffer.size() - 1;
+    if (lws_add_http_common_headers(wsi, HTTP_STATUS_OK, c.file->type, c.file->body.size(), &at, end) != 0)
+      return -1;
     for (const auto& [name, value] : headers) {
-      if (lws_add_http_header_by_name(wsi, reinterpret_cast<const unsigned char*>(name),  // NOLINT(*-reinterpret-cast)
-                                      reinterpret_cast<const unsigned char*>(value),      // NOLINT(*-reinterpret-cast)
-                                      static_cast<int>(std::strlen(value)), &at, end) != 0) {
+      if (lws_add_http_header_by_name(
+              wsi, reinterpret_cast<const unsigned char*>(name),  // NOLINT(*-reinterpret-cast)
+              reinterpret_cast<const unsigned char*>(value),      // NOLINT(*-reinterpret-cast)
+              static_cast<int>(std::strlen(value)), &at, end) != 0) {
         return -1;
       }
     }
@@ -181,7 +188,9 @@ class LwsServer final : public Server {
     const std::size_t n = std::min(portion, c.file->body.size() - c.sent);
     std::memcpy(buffer.data() + LWS_PRE, c.file->body.data() + c.sent, n);
     const bool last = c.sent + n == c.file->body.size();
-    if (lws_write(wsi, buffer.data() + LWS_PRE, n, last ? LWS_WRITE_HTTP_FINAL : LWS_WRITE_HTTP) < static_cast<int>(n)) return -1;
+    if (lws_write(wsi, buffer.data() + LWS_PRE, n, last ? LWS_WRITE_HTTP_FINAL : LWS_WRITE_HTTP) <
+        static_cast<int>(n))
+      return -1;
     c.sent += n;
     if (!last) {
       lws_callback_on_writable(wsi);
@@ -209,7 +218,10 @@ class LwsServer final : public Server {
     if (text.empty()) return 0;
     std::vector<unsigned char> buffer(LWS_PRE + text.size());
     std::memcpy(buffer.data() + LWS_PRE, text.data(), text.size());
-    return lws_write(wsi, buffer.data() + LWS_PRE, text.size(), LWS_WRITE_TEXT) < static_cast<int>(text.size()) ? -1 : 0;
+    return lws_write(wsi, buffer.data() + LWS_PRE, text.size(), LWS_WRITE_TEXT) <
+                   static_cast<int>(text.size())
+               ? -1
+               : 0;
   }
 
   int receive(lws* wsi, Connection& c, std::string_view part) {

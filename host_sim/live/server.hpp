@@ -1,6 +1,6 @@
 #pragma once
-/// HTTP and WebSocket on the loopback interface, in the calling thread, by libwebsockets. Knows bytes, tokens and origins;
-/// what they mean is the desk's.
+/// HTTP and WebSocket on the loopback interface, in the calling thread, by libwebsockets. Knows bytes, tokens
+/// and origins; what they mean is the desk's.
 
 #include <atomic>
 #include <cstdint>
@@ -23,8 +23,8 @@ class Visitor {
   virtual ~Visitor() = default;
   Visitor(const Visitor&) = delete;
   Visitor& operator=(const Visitor&) = delete;
-  /// What the page is to be told next; empty: nothing now. Asked again only once the last message has gone out: a slow page
-  /// gets fewer.
+  /// What the page is to be told next; empty: nothing now. Asked again only once the last message has gone
+  /// out: a slow page gets fewer.
   [[nodiscard]] virtual std::string next() = 0;
   virtual void hear(std::string_view message) = 0;
 
@@ -75,8 +75,8 @@ class Server {
   Server() = default;
 };
 
-/// Bound to 127.0.0.1 and listening. Throws InputError where the port is taken, or where this program was built without a
-/// web server. The desk lives longer.
+/// Bound to 127.0.0.1 and listening. Throws InputError where the port is taken, or where this program was
+/// built without a web server. The desk lives longer.
 std::unique_ptr<Server> open_server(const ServerOptions& options, Desk& desk);
 
 }  // namespace esmc::host

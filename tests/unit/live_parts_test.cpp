@@ -1,4 +1,5 @@
-// The parts of a live bench that have no loop: the queue between its threads, who may get in, what a page's changes become.
+// The parts of a live bench that have no loop: the queue between its threads, who may get in, what a page's
+// changes become.
 
 #include <gtest/gtest.h>
 
@@ -59,7 +60,8 @@ TEST(LiveAccess, TokensAreLongAndNeverTheSame) {
     EXPECT_TRUE(seen.insert(token).second);
   }
   EXPECT_TRUE(same_token("0123", "0123"));
-  for (const char* wrong : {"", "012", "01234", "0124", "1123"}) EXPECT_FALSE(same_token(wrong, "0123")) << wrong;
+  for (const char* wrong : {"", "012", "01234", "0124", "1123"})
+    EXPECT_FALSE(same_token(wrong, "0123")) << wrong;
   EXPECT_FALSE(same_token(std::string_view("0123\0", 5), "0123"));
 }
 
@@ -70,8 +72,10 @@ TEST(LiveAccess, OnlyThisMachineByItsOwnNames) {
     EXPECT_FALSE(own_origin(std::string("https://") + host, 8000)) << host;
     EXPECT_FALSE(own_origin(host, 8000)) << host;
   }
-  for (const char* host : {"", ":8000", "127.0.0.1", "127.0.0.1:", "127.0.0.1:80", "127.0.0.1:80001", "127.0.0.1:08000", "127.0.0.1:8000/",
-                           "evil.example:8000", "localhost.evil.example:8000", "127.0.0.1:8000:8000", "[::1]:8000", "LOCALHOST:8000 "}) {
+  for (const char* host :
+       {"", ":8000", "127.0.0.1", "127.0.0.1:", "127.0.0.1:80", "127.0.0.1:80001", "127.0.0.1:08000",
+        "127.0.0.1:8000/", "evil.example:8000", "localhost.evil.example:8000", "127.0.0.1:8000:8000",
+        "[::1]:8000", "LOCALHOST:8000 "}) {
     EXPECT_FALSE(own_host(host, 8000)) << host;
     EXPECT_FALSE(own_origin(std::string("http://") + host, 8000)) << host;
   }
@@ -96,11 +100,17 @@ TEST(LiveDesk, EffectsAsText) {
     }
   };
   same("name = 'x'\n[control]\nlaw = 'pd'\n", {});
-  same("[[effects]]\nmass = 0.3\ntype = 'payload'\n\n[[effects]]\nbits = 12\ntype = 'encoder'\n\n[limits]\ntype = 'no'\n",
-       {{"payload", "mass = 0.3"}, {"encoder", "bits = 12"}});
-  same("effects = [{ from = 1.0, mass = 0.3, type = 'payload' }, { force = [1.0, 0.0], kind = 'pulse', to = 2.0, type = 'external_force' }]\n",
-       {{"payload", "from = 1.0, mass = 0.3"}, {"external_force", "force = [1.0, 0.0], kind = 'pulse', to = 2.0"}});
-  same("effects = [{ time_constant = 0.1, type = 'torque_lag', z = 1 }]\n", {{"torque_lag", "time_constant = 0.1, z = 1"}});
+  same(
+      "[[effects]]\nmass = 0.3\ntype = 'payload'\n\n[[effects]]\nbits = 12\ntype = "
+      "'encoder'\n\n[limits]\ntype = 'no'\n",
+      {{"payload", "mass = 0.3"}, {"encoder", "bits = 12"}});
+  same(
+      "effects = [{ from = 1.0, mass = 0.3, type = 'payload' }, { force = [1.0, 0.0], kind = 'pulse', to = "
+      "2.0, type = 'external_force' }]\n",
+      {{"payload", "from = 1.0, mass = 0.3"},
+       {"external_force", "force = [1.0, 0.0], kind = 'pulse', to = 2.0"}});
+  same("effects = [{ time_constant = 0.1, type = 'torque_lag', z = 1 }]\n",
+       {{"torque_lag", "time_constant = 0.1, z = 1"}});
   same("effects = []\n", {});
 }
 

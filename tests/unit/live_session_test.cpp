@@ -1,5 +1,5 @@
-// The loop of a live bench, without a clock and without a page: it is the loop of esmc hil, and what an operator orders
-// in between does what it says.
+// The loop of a live bench, without a clock and without a page: it is the loop of esmc hil, and what an
+// operator orders in between does what it says.
 
 #include "host_sim/commands/live_session.hpp"
 
@@ -45,7 +45,9 @@ int ticks_until(LiveSession& s, const std::string& state, int most = 5000) {
   }
   return most;
 }
-double miss(const LiveSample& s) { return std::hypot(s.effector[0] - s.desired[0], s.effector[1] - s.desired[1]); }
+double miss(const LiveSample& s) {
+  return std::hypot(s.effector[0] - s.desired[0], s.effector[1] - s.desired[1]);
+}
 double size(const std::array<double, 2>& v) { return std::hypot(v[0], v[1]); }
 bool told(LiveSession& s, const std::string& text) {
   bool found = false;
@@ -161,7 +163,8 @@ TEST(LiveSession, AHandIsFeltAndAnswered) {
   s->order(hand);
   run(*s, 500);
   const auto pulled = s->sample();
-  EXPECT_NEAR(pulled.force[0], 60.0 * (0.05 - pulled.effector[0]), 1e-9 + 0.5 * 0.05);  // at rest nearly: no damping
+  EXPECT_NEAR(pulled.force[0], 60.0 * (0.05 - pulled.effector[0]),
+              1e-9 + 0.5 * 0.05);  // at rest nearly: no damping
   EXPECT_GT(pulled.force[0], 2.0);
   EXPECT_GT(std::abs(pulled.torque[0] - rest.torque[0]) + std::abs(pulled.torque[1] - rest.torque[1]), 0.1);
   hand.anchor = {1.0, 0.2};
