@@ -194,6 +194,9 @@ void add_sweep(CLI::App& app, SweepOptions& o, const std::function<void()>& run)
   c->add_flag("--restart", o.restart, "throw away what an unfinished sweep has left in DIR");
   c->add_flag("--scalar", o.scalar, "no SIMD lanes: slower, the same numbers");
   c->add_flag("--json", o.json, "print the summary as one JSON document");
+  c->callback(run);
+}
+
 void add_live(CLI::App& app, LiveOptions& o, const std::function<void()>& run) {
   auto* c = app.add_subcommand("live", "a bench in the browser: the running loop, drawn; pull at it, change it, break it");
   c->add_option("SCENE", o.run.scene, "scene file (TOML)")->required();
@@ -366,6 +369,8 @@ int run(int argc, char** argv) {
     handle_signals();
     w.command_line = o.command_line;
     status = run_sweep(w);
+  });
+
   LiveOptions l;
   add_live(app, l, [&] {
     handle_signals();
