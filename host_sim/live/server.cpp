@@ -102,7 +102,7 @@ class LwsServer final : public Server {
         case LWS_CALLBACK_RECEIVE:
           return s->receive(wsi, *c, {static_cast<const char*>(in), length});
         case LWS_CALLBACK_CLOSED:
-          --s->visitors_;
+          if (c->visitor != nullptr) --s->visitors_;
           delete c->visitor;
           delete c->heard;
           return 0;
@@ -140,8 +140,10 @@ class LwsServer final : public Server {
 
   int serve(lws* wsi, Connection& c, const char* path) {
     c = {};
-    if (lws_hdr_total_length(wsi, WSI_TOKEN_GET_URI) <= 0)
-      return refuse(wsi, HTTP_STATUS_METHOD_NOT_ALLOWED, "GET only") | -1;
+    if (lws_hdr_total_length(wsi, WSI_TOKEN_GET_URI) <= 0) {
+      (void)refuse(wsi, HTTP_STATUS_METHOD_NOT_ALLOWED, "GET only");
+      return -1;
+    }
     if (const unsigned status = refusal(wsi, false)) {
       (void)refuse(wsi, status,
                    "the URL that esmc live printed has the token, and only that opens the bench");
