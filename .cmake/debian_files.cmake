@@ -6,6 +6,22 @@ if(DEFINED ENV{SOURCE_DATE_EPOCH})
 endif()
 execute_process(COMMAND date -R ${date} OUTPUT_VARIABLE now OUTPUT_STRIP_TRAILING_WHITESPACE COMMAND_ERROR_IS_FATAL ANY)
 
+set(uplot ${CMAKE_CURRENT_LIST_DIR}/../host_sim/report/node_modules/uplot/LICENSE)  # in the command, for its reports
+set(inlined "")
+if(EXISTS ${uplot})
+  file(READ ${uplot} licence)
+  string(STRIP "${licence}" licence)
+  string(REGEX MATCH "Copyright \\(c\\) ([^\n]*)" holder "${licence}")
+  set(holder "${CMAKE_MATCH_1}")
+  string(REGEX REPLACE "\n[ \t]*" "\n " licence "${licence}")
+  string(REGEX REPLACE "\n \n" "\n .\n" licence "${licence}")
+  set(inlined "
+Files: host_sim/report/node_modules/uplot/*
+Copyright: ${holder}
+License: Expat
+ ${licence}
+")
+endif()
 file(WRITE ${doc}/copyright
 "Format: https://www.debian.org/doc/packaging-manuals/copyright-format/1.0/
 Upstream-Name: esmc
@@ -13,7 +29,7 @@ Upstream-Name: esmc
 Files: *
 Copyright: 2026 the esmc authors
 License: Apache-2.0
-
+${inlined}
 License: Apache-2.0
  On Debian systems the text of this licence is in
  /usr/share/common-licenses/Apache-2.0.

@@ -51,6 +51,7 @@ for (const [name, scene] of [["five_bar", five], ["rr", rr]]) {
     test(`${command} of ${name}: everything drawn, nothing said, nothing fetched, light and dark`, async () => {
       const file = report(`${command}_${name}`, [command, scene, ...sets("simulation.duration=0.5")]), shades = [];
       assert.ok(fs.statSync(file).size < 3e6);
+      assert.match(fs.readFileSync(file, "utf8"), /Copyright \(c\) \d+ Leon Sorokin[^]*Permission is hereby granted/, "the licence of uPlot");
       for (const colorScheme of ["light", "dark"]) {
         const page = await open(browser, file, { colorScheme });
         await sound(page);
