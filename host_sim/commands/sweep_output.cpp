@@ -216,7 +216,7 @@ std::string sweep_page(const SweepSpec& spec, const CaseScenes& scenes, const Sw
   std::vector<std::vector<std::string>> ends{{"outcome", "cases"}};
   for (const auto& [name, n] : summary["outcomes"].items())
     ends.push_back({name, std::to_string(n.get<std::uint64_t>())});
-  body += html_table(ends) + html_table(rows);
+  body += table_html("Outcomes", ends) + table_html("Objectives", rows);
   const auto fronts = fronts_of(spec, table);
   for (std::size_t f = 0; f < fronts.size(); ++f) {
     const auto& columns = spec.pareto[f];
@@ -229,8 +229,9 @@ std::string sweep_page(const SweepSpec& spec, const CaseScenes& scenes, const Sw
     }
     for (const std::uint64_t i : fronts[f])
       front.points.emplace_back(table.at(i, columns[0]), table.at(i, columns[1]));
-    body += log_log_svg(x + " against " + y, x, y, {all, front});
-    if (every > 1) body += fmt::format("<p>One case in {} is drawn; the front is of all.</p>", every);
+    body += figures_html({log_log_svg(x + " against " + y, x, y, {all, front})});
+    if (every > 1)
+      body += fmt::format("<p class='note'>One case in {} is drawn; the front is of all.</p>", every);
     std::vector<std::vector<std::string>> best{{"case"}};
     for (const Vary& v : spec.vary) best[0].push_back(v.key);
     for (const std::size_t c : columns) best[0].emplace_back(name_of(spec.wanted[c]));
@@ -245,14 +246,16 @@ std::string sweep_page(const SweepSpec& spec, const CaseScenes& scenes, const Sw
       }
       for (const std::size_t c : columns) best.back().push_back(fmt::format("{:.4g}", table.at(i, c)));
     }
-    body += html_table(best);
+    body += table_html("Pareto front", best);
   }
+  std::vector<std::string> histograms;
   for (const std::size_t c : repeatable(spec)) {
     const auto v = sorted_column(table, c);
     if (v.size() > 1 && v.front() < v.back())
-      body += histogram_svg(std::string(name_of(spec.wanted[c])),
-                            std::string(objectives[static_cast<std::size_t>(spec.wanted[c])].meaning), v);
+      histograms.push_back(histogram_svg(std::string(name_of(spec.wanted[c])),
+                                         std::string(objectives[static_cast<std::size_t>(spec.wanted[c])].meaning), v));
   }
+  if (!histograms.empty()) body += figures_html(histograms);
   return study_page("Sweep: " + scenes.nominal().name, "esmc sweep " + spec.file, body);
 }
 

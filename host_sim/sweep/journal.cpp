@@ -83,9 +83,9 @@ void Journal::refuse(const std::string& why) {
   throw InputError("", file_ + ": " + why);
 }
 
-Journal::Journal(const std::string& file, std::uint64_t identity, std::uint64_t cases, std::size_t objectives,
+Journal::Journal(const std::string& file, std::uint64_t identity, std::uint64_t cases, std::size_t columns,
                  bool restart)
-    : file_(file), cases_(cases), objectives_(objectives) {
+    : file_(file), cases_(cases), objectives_(columns) {
   descriptor_ = ::open(file.c_str(), O_RDWR | O_CREAT | O_APPEND | O_CLOEXEC, 0666);  // NOLINT(*-vararg)
   if (descriptor_ < 0) refuse(std::string("cannot be written: ") + std::strerror(errno));
   if (::flock(descriptor_, LOCK_EX | LOCK_NB) != 0) refuse("another sweep is writing here");
@@ -93,7 +93,7 @@ Journal::Journal(const std::string& file, std::uint64_t identity, std::uint64_t 
   std::string head(magic.begin(), magic.end());
   put(head, identity);
   put(head, cases);
-  put(head, static_cast<std::uint64_t>(objectives));
+  put(head, static_cast<std::uint64_t>(columns));
   std::string there(head_size, '\0');
   const ssize_t size = ::pread(descriptor_, there.data(), head_size, 0);
   if (size == static_cast<ssize_t>(head_size)) {
