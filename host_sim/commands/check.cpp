@@ -205,6 +205,14 @@ void judge_gains(const Scene& s, Findings& f) {
                       "chatter; set control.delay_ticks = {}",
                       late, late == 1.0 ? "" : "s", told, late));
     }
+    // Its layer makes gain / layer * tick = 1 / (1 + told); the bound is that of the delay there is [F39].
+    const double loop = 1.0 / (1.0 + told) + std::max(s.lambda.position, s.lambda.angle) * s.tick();
+    const double bound = 2.0 * std::sin(std::numbers::pi / (4.0 * std::max(told, late) + 2.0));
+    if (loop > 0.85 * bound) {
+      f.warning(fmt::format("1 / (1 + delay_ticks) + lambda * tick = {:.3g}, better below {:.2g}; beyond {:.2g} the loop "
+                            "rings by itself: a smaller lambda",
+                            loop, 0.85 * bound, bound));
+    }
     return;
   }
   if (s.reaching == ReachingChoice::sign) return;
@@ -219,7 +227,7 @@ void judge_gains(const Scene& s, Findings& f) {
       "law\")";
   d.certain += d.bus;
   if (kappa_t > half_bound(d.certain)) {
-    f.error(fmt::format("{}, at most {:.2g} with a delay of {:.2g} ticks, or the loop rings by itself: {}",
+    f.error(fmt::format("{}, at most {:.2g}, half of what makes the loop ring by itself with a delay of {:.2g} ticks: {}",
                         is, half_bound(d.certain), d.certain, cure));
   } else if (const double allowed = std::min(0.3, half_bound(d.certain + d.lag)); kappa_t > allowed) {
     f.warning(fmt::format("{}, better below {:.2g}: {}", is, allowed, cure));

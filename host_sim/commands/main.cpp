@@ -179,7 +179,7 @@ void add_campaign(CLI::App& app, CampaignOptions& o, const std::function<void()>
        "--replay", [&o](const std::string& text) { o.replay = read_integer(text, "--replay"); },
        "run the episode of this seed alone, twice, and print its ticks")
       ->type_name("SEED");
-  c->add_option("--out", o.out, "directory for campaign.json and campaign.md")->type_name("DIR");
+  c->add_option("--out", o.out, "directory for campaign.json, campaign.md, report.html and the scene and frames of what failed")->type_name("DIR");
   c->add_flag("--json", o.json, "print the result as one JSON document");
   c->callback(run);
 }

@@ -229,7 +229,7 @@ std::string sweep_page(const SweepSpec& spec, const CaseScenes& scenes, const Sw
     }
     for (const std::uint64_t i : fronts[f])
       front.points.emplace_back(table.at(i, columns[0]), table.at(i, columns[1]));
-    body += figures_html({log_log_svg(x + " against " + y, x, y, {all, front})});
+    body += figures_html({log_log_svg(y + " against " + x, x, y, {all, front})});
     if (every > 1)
       body += fmt::format("<p class='note'>One case in {} is drawn; the front is of all.</p>", every);
     std::vector<std::vector<std::string>> best{{"case"}};
