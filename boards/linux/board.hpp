@@ -15,9 +15,11 @@ class LinuxBoard {
   /// An output that costs a system call when it changes and not in every tick.
   class Output {
    public:
-    void set(bool high) {
+    /// False: the kernel refused; the next call tries again.
+    bool set(bool high) {
       if (!known_ || high != high_) known_ = line_.set(high);
       high_ = high;
+      return known_;
     }
     [[nodiscard]] hal::GpioLine& line() { return line_; }
 

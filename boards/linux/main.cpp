@@ -1,6 +1,9 @@
 /// The controller as a program of a Linux computer on the drives' bus. Disabled until a supervisor computer arms it, and ended by
 /// signals.
 
+#include <unistd.h>
+
+#include <cerrno>
 #include <chrono>
 #include <csignal>
 #include <cstdlib>
@@ -79,13 +82,16 @@ Options read(int argc, char** argv) {
       o.interface = a;
     }
   }
+  if (o.record != nullptr && o.histogram != nullptr && std::strcmp(o.record, o.histogram) == 0) {
+    refuse("--record and --histogram are the same file: ", o.record);
+  }
   if (o.interface == nullptr) refuse("which CAN interface? See --help", "");
   return o;
 }
 
 std::FILE* create(const char* path) {
   if (path == nullptr) return nullptr;
-  std::FILE* f = std::fopen(path, "w");
+  std::FILE* f = std::fopen(path, "a");  // emptied when the run begins, not before it is refused
   if (f == nullptr) refuse("cannot write ", path);
   return f;
 }
@@ -138,7 +144,6 @@ int main(int argc, char** argv) {
   wire(board.brake().line(), "--brake", o.brake, hal::GpioLine::Use::output);
   std::FILE* const record = create(o.record);
   std::FILE* const histogram = create(o.histogram);
-  if (record != nullptr) write_header(record);
   Recorder<Row> recorder(record, write_row);  // its thread has the ordinary priority
 
   for (const auto& [what, code] : {std::pair{"no locked memory: ", hal::lock_memory()},
@@ -147,6 +152,10 @@ int main(int argc, char** argv) {
     if (!o.best_effort) refuse(what, (code.message() + " (as root, or see docs/boards.md; --best-effort goes on without)").c_str());
     std::fprintf(stderr, "esmc board: %s%s\n", what, code.message().c_str());
   }
+  for (std::FILE* f : {record, histogram}) {
+    if (f != nullptr && ::ftruncate(::fileno(f), 0) != 0) refuse("cannot write: ", std::strerror(errno));
+  }
+  if (record != nullptr) write_header(record);
   for (const int s : {SIGINT, SIGTERM, SIGHUP, SIGQUIT}) std::signal(s, [](int) { ended = ended + 1; });
 
   const auto session = static_cast<std::uint8_t>(1U + std::chrono::system_clock::now().time_since_epoch().count() / 1'000'000 % 255);
@@ -179,15 +188,27 @@ int main(int argc, char** argv) {
     idle = (state == State::disabled || state == State::fault) && node.all_idle();
     if (idle || begin - asked_ns > rest_ns + idle_ns) break;
   }
-  board.drive_enable().set(false);  // not every chip lets go of a line that is given back
-  board.brake().set(false);
+  bool complete = true;
+  for (LinuxBoard::Output* out : {&board.drive_enable(), &board.brake()}) {  // not every chip lets go of a line that is given back
+    int attempts = 100;
+    while (!out->set(false) && --attempts > 0) {}
+    if (attempts > 0) continue;
+    std::fprintf(stderr, "esmc board: a GPIO output cannot be set low: %s\n", std::strerror(errno));
+    complete = false;
+  }
   recorder.close();
-  if (record != nullptr) std::fclose(record);
+  const auto finish = [&](std::FILE* f, const char* path) {
+    const bool failed = std::ferror(f) != 0;
+    if (std::fclose(f) == 0 && !failed) return;
+    std::fprintf(stderr, "esmc board: %s could not be written completely (disk full?)\n", path);
+    complete = false;
+  };
+  if (record != nullptr) finish(record, o.record);
   if (histogram != nullptr) {
     std::fputs("what,us,count\n", histogram);
     lateness.write(histogram, "lateness");
     duration.write(histogram, "tick");
-    std::fclose(histogram);
+    finish(histogram, o.histogram);
   }
   const Fault fault = node.supervisor().fault();
   std::printf("{\"ticks\": %llu, \"late_ticks\": %u, \"lateness_us\": {\"p50\": %u, \"p99\": %u, \"max\": %u}, "
@@ -196,5 +217,5 @@ int main(int argc, char** argv) {
               duration.quantile(0.5), duration.quantile(0.99), duration.most(), static_cast<unsigned long long>(recorder.lost()),
               name(node.supervisor().state()), name(fault));
   if (!idle) std::fprintf(stderr, "esmc board: ended although not every drive has said that it is idle\n");
-  return fault == Fault::none && idle ? 0 : 1;
+  return fault == Fault::none && idle && complete ? 0 : 1;
 }

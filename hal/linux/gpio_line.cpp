@@ -22,7 +22,8 @@ struct Place {
 Place parse(const std::string& text) {
   Place p{{}, 0};
   const std::size_t colon = text.rfind(':');
-  if (colon == std::string::npos || colon == 0 || text.find('/') != std::string::npos) return p;
+  // Only such chips: other devices may act on being opened.
+  if (colon == std::string::npos || !text.starts_with("gpiochip") || text.find('/') != std::string::npos) return p;
   const char* const end = text.data() + text.size();
   const auto [stop, wrong] = std::from_chars(text.data() + colon + 1, end, p.offset);
   if (wrong == std::errc{} && stop == end) p.path = "/dev/" + text.substr(0, colon);

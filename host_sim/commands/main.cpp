@@ -165,6 +165,7 @@ void add_campaign(CLI::App& app, CampaignOptions& o, const std::function<void()>
   add_sets(*c, o.sets);
   c->add_option_function<std::string>(
        "--episodes", [&o](const std::string& text) { o.episodes = read_integer(text, "--episodes"); }, "how many")
+      ->check(CLI::Range(std::uint64_t{1}, std::uint64_t{1} << 62U))
       ->type_name("UINT")
       ->default_str("10000");
   c->add_option_function<std::string>(
@@ -179,7 +180,7 @@ void add_campaign(CLI::App& app, CampaignOptions& o, const std::function<void()>
        "--replay", [&o](const std::string& text) { o.replay = read_integer(text, "--replay"); },
        "run the episode of this seed alone, twice, and print its ticks")
       ->type_name("SEED");
-  c->add_option("--out", o.out, "directory for campaign.json, campaign.md, report.html and the scene and frames of what failed")->type_name("DIR");
+  c->add_option("--out", o.out, "directory for campaign.json, campaign.md, report.html; with --replay episode.json, episode.txt")->type_name("DIR");
   c->add_flag("--json", o.json, "print the result as one JSON document");
   c->callback(run);
 }
@@ -209,7 +210,12 @@ void add_live(CLI::App& app, LiveOptions& o, const std::function<void()>& run) {
       ->type_name("UINT")
       ->default_str("1");
   c->add_option("--port", o.port, "on 127.0.0.1; 0: one that is free")->check(CLI::Range(0, 65535))->capture_default_str();
-  c->add_option("--duration", o.duration, "s; else until Ctrl-C")->check(CLI::PositiveNumber);
+  c->add_option("--duration", o.duration, "s; else until Ctrl-C")
+      ->check([](const std::string& text) {
+        char* end = nullptr;
+        const double v = std::strtod(text.c_str(), &end);
+        return *end == '\0' && std::isfinite(v) && v > 0.0 ? std::string() : "must be a number > 0, not " + text;
+      });
   c->add_option("--bus", o.run.bus, "virtual | socketcan:INTERFACE | slcan:ENDPOINT; not virtual: for a controller there, in real time")
       ->capture_default_str();
   c->add_flag("--json", o.run.json, "print the summary as one JSON document, and the URL on stderr");

@@ -1,8 +1,12 @@
 #include "host_sim/commands/output.hpp"
 
+#include <signal.h>
 #include <unistd.h>
 
+#include <algorithm>
+#include <cerrno>
 #include <cstdio>
+#include <cstdlib>
 #include <fstream>
 #include <system_error>
 
@@ -20,6 +24,20 @@ constexpr const char* output_names[] = {"scene.toml",  "summary.json", "log.csv"
                                         "report.html", "check.csv",    reference_copy, "sweep.toml",
                                         "cases.csv",   "timing.json",  "timing.csv"};
 
+constexpr const char* partial_prefix = ".partial-";
+
+/// What a process that was killed has left. Not what belongs to a living one or to somebody else, and not what was
+/// interrupted while files were moved: what stood there before may be in it.
+bool abandoned(const fs::path& p) {
+  const std::string name = p.filename();
+  if (!name.starts_with(partial_prefix)) return false;
+  const std::string pid = name.substr(std::string(partial_prefix).size());
+  if (pid.empty() || pid.size() > 9 || !std::all_of(pid.begin(), pid.end(), [](char c) { return c >= '0' && c <= '9'; })) return false;
+  const bool dead = ::kill(static_cast<pid_t>(std::atol(pid.c_str())), 0) != 0 && errno == ESRCH;
+  std::error_code error;
+  return dead && fs::is_directory(fs::symlink_status(p, error)) && !fs::exists(p / "former", error);
+}
+
 /// Of two files that are moved, so that it can be undone.
 struct Move {
   fs::path from, to;
@@ -35,11 +53,12 @@ OutputDirectory::OutputDirectory(const std::string& directory) {
     throw InputError("", "--out " + directory + ": " + why);
   };
   std::error_code error;
-  for (fs::path p = final_; !p.empty() && !fs::exists(p, error) && !error; p = p.parent_path()) {
+  for (fs::path p = final_; !p.empty() && !fs::exists(fs::symlink_status(p, error)); p = p.parent_path()) {
     if (p.has_filename()) created_.insert(created_.begin(), p);
     if (p == p.parent_path()) break;
   }
-  if (!error && !created_.empty()) fs::create_directories(final_, error);
+  error.clear();  // that there is nothing is no error
+  if (!created_.empty()) fs::create_directories(final_, error);
   if (!error && !fs::is_directory(final_, error) && !error)
     error = std::make_error_code(std::errc::not_a_directory);
   if (error) refuse("no such directory can be made: " + error.message());
@@ -47,8 +66,12 @@ OutputDirectory::OutputDirectory(const std::string& directory) {
     if (fs::is_directory(final_ / name, error))
       refuse(std::string(name) + " is a directory there, a file is to replace it");
   }
-  const fs::path partial = final_ / (".partial-" + std::to_string(::getpid()));
-  fs::remove_all(partial, error);  // of a process that was killed long ago
+  std::error_code ignored;
+  for (const fs::directory_entry& e : fs::directory_iterator(final_, error)) {
+    if (abandoned(e.path())) fs::remove_all(e.path(), ignored);
+  }
+  const fs::path partial = final_ / (partial_prefix + std::to_string(::getpid()));
+  if (!error) fs::remove_all(partial, error);  // of a process of this number that was killed long ago
   if (!error) fs::create_directory(partial, error);
   if (error) refuse("cannot be written: " + error.message());
   partial_ = partial;
@@ -69,6 +92,14 @@ OutputDirectory::~OutputDirectory() {
 
 std::string OutputDirectory::path(const std::string& name) const {
   return wanted() ? (partial_ / name).string() : std::string();
+}
+
+void OutputDirectory::spare(const std::string& input) const {
+  std::error_code error;
+  for (const char* name : output_names) {
+    if (wanted() && fs::equivalent(final_ / name, input, error))
+      throw InputError("", "--out " + final_.string() + ": " + name + " would replace " + input + ", which is read; take another directory");
+  }
 }
 
 void OutputDirectory::write(const std::string& name, const std::string& text) const {
@@ -115,7 +146,7 @@ void print_or_write(const std::string& text, const std::string& file) {
     std::fwrite(text.data(), 1, text.size(), stdout);  // main looks at what became of it
     return;
   }
-  const fs::path to(file), part(file + ".part");
+  const fs::path to(file), part(file + ".part-" + std::to_string(::getpid()));
   for (const auto& p : {to, part}) {
     if (exists(symlink_status(p)) && !is_regular_file(symlink_status(p)))
       throw InputError("", p.string() + ": exists and is not a regular file");

@@ -21,6 +21,8 @@ class OutputDirectory {
   /// Path to write a file under for now; empty when nothing is wanted.
   [[nodiscard]] std::string path(const std::string& name) const;
   void write(const std::string& name, const std::string& text) const;
+  /// Throws InputError where a file of the run would replace this one.
+  void spare(const std::string& input) const;
   /// Moves everything into place, or nothing: what stood there comes back when one of the files cannot be
   /// replaced.
   void commit();

@@ -40,6 +40,9 @@ std::uint64_t identity_of(const SweepSpec& spec, const Scene& scene) {
   return fnv(text, fmt::format("{} {}", version, program_hash()));
 }
 
+/// Names of files may be no UTF-8.
+std::string json_text(const Json& j) { return j.dump(2, ' ', false, Json::error_handler_t::replace); }
+
 /// Wall-clock figures, apart from everything that is repeatable.
 Json timing(const SweepOptions& o, const Crew& crew, const Ranks* ranks, std::size_t cases, double duration,
             double wall_s, double cpu_s) {
@@ -69,15 +72,10 @@ class Sweep {
     table_.outcome.resize(cases);
     done_.assign(cases, false);
     if (!out_.wanted()) return;
+    out_.spare(o.spec);
+    out_.spare(spec.scene);
     const std::string file = (fs::path(o.out) / journal_name).string();
-    std::error_code ignored;
     journal_.emplace(file, identity, cases, table_.columns, o.restart);
-    for (const fs::directory_entry& e :
-         fs::directory_iterator(o.out)) {  // of a sweep that was killed: we have the lock
-      const std::string name = e.path().filename();
-      if (name.starts_with(".partial-") && name != ".partial-" + std::to_string(::getpid()))
-        fs::remove_all(e.path(), ignored);
-    }
     keep(journal_->found());
     found_ = journal_->found().size();
   }
@@ -125,9 +123,9 @@ class Sweep {
       if (!scenes_.nominal().reference.csv.empty())
         out_.write(reference_copy, scenes_.nominal().reference.csv);
       write_cases(out_.path("cases.csv"), spec_, scenes_, table_);
-      out_.write("summary.json", summary.dump(2) + "\n");
+      out_.write("summary.json", json_text(summary) + "\n");
       out_.write("report.html", sweep_page(spec_, scenes_, table_, summary));
-      out_.write("timing.json", timing.dump(2) + "\n");
+      out_.write("timing.json", json_text(timing) + "\n");
       const auto& w = spec_.wanted;
       if (std::find(w.begin(), w.end(), Objective::tick_ns) != w.end())
         write_timing(out_.path("timing.csv"), spec_, table_);
@@ -135,7 +133,7 @@ class Sweep {
       journal_->remove();
     }
     if (o_.json) {
-      fmt::print("{}\n", summary.dump(2));
+      fmt::print("{}\n", json_text(summary));
       return;
     }
     fmt::print("{}", sweep_text(summary));

@@ -196,6 +196,30 @@ void read_objectives(Table& root, SweepSpec& spec) {
   }
 }
 
+/// The entries that a key sets: `leg` stands for both legs.
+std::vector<std::string> places_of(const std::string& key) {
+  for (const char* side : {"mechanism.", "plant."}) {
+    const std::string leg = std::string(side) + "leg";
+    if (key != leg && !key.starts_with(leg + ".")) continue;
+    const std::string rest = key.substr(leg.size());
+    return {std::string(side) + "legs.1" + rest, std::string(side) + "legs.2" + rest};
+  }
+  return {key};
+}
+
+/// Whether one of two keys sets what the other one sets, too.
+bool overlap(const std::string& a, const std::string& b) {
+  const auto in = [](const std::string& inner, const std::string& outer) {
+    return inner == outer || inner.starts_with(outer + ".");
+  };
+  for (const std::string& x : places_of(a)) {
+    for (const std::string& y : places_of(b)) {
+      if (in(x, y) || in(y, x)) return true;
+    }
+  }
+  return false;
+}
+
 std::vector<Axis> read_axes(Table& root, SweepSpec& spec, Sampling method) {
   const toml::node* list = root.get("vary");
   const toml::array* tables = list != nullptr ? list->as_array() : nullptr;
@@ -213,6 +237,7 @@ std::vector<Axis> read_axes(Table& root, SweepSpec& spec, Sampling method) {
               "a key of the scene, \"control.gain\", or of the true mechanism alone, \"plant.leg.m1\"");
     for (const Vary& other : spec.vary) {
       if (other.key == v.key) t.fail(fmt::format("'{}' varies twice, first at {}", v.key, other.where));
+      if (overlap(v.key, other.key)) t.fail(fmt::format("'{}' sets what '{}' at {} sets, too", v.key, other.key, other.where));
     }
     Axis axis;
     read_axis(t, method, v, axis);

@@ -125,7 +125,7 @@ TEST_F(Gpio, TheLineIsGivenBackAndTheChipIsNotKept) {
 
 TEST_F(Gpio, WhatIsNoPlaceIsRefused) {
   for (const char* place : {"", ":", "gpiochip0", "gpiochip0:", ":4", "gpiochip0:x", "gpiochip0:4x", "gpiochip0:-1", "../mem:1",
-                            "/dev/gpiochip0:4", "gpiochip0:4294967296"}) {
+                            "/dev/gpiochip0:4", "gpiochip0:4294967296", "watchdog:0"}) {
     GpioLine line;
     EXPECT_EQ(line.request(place, GpioLine::Use::output, "brake", model), std::errc::invalid_argument) << place;
   }
