@@ -3,7 +3,7 @@ import math
 
 # Colour says the law (Okabe and Ito's palette, told apart by colour-blind eyes), the marker says the reaching.
 COLOURS = {"esmc": "#0072b2", "esmc_projected": "#56b4e9", "smc": "#009e73", "ctc": "#d55e00", "pd": "#000000"}
-PANEL, GAP, LEFT, TOP, HEIGHT, BOTTOM, RIGHT = 300, 22, 66, 64, 300, 46, 14
+PANEL, GAP, LEFT, TOP, HEIGHT, BELOW, RIGHT = 420, 24, 72, 66, 300, 72, 14
 
 
 def marker(shape, x, y, colour, size):
@@ -24,22 +24,22 @@ def decades(low, high):
     return range(math.floor(low), math.ceil(high) + 1)
 
 
-def panel(left, title, scale_x, scale_y, laws, points, fronts):
+def panel(left, top, title, scale_x, scale_y, laws, points, fronts):
     """points: {law: [(activity, error)]}, all of them, faint; fronts: the same, of each law its own front, joined."""
     x0, x1 = scale_x
     y0, y1 = scale_y
     x = lambda v: left + (math.log10(v) - x0) / (x1 - x0) * PANEL
-    y = lambda v: TOP + (y1 - math.log10(v)) / (y1 - y0) * HEIGHT
-    out = [f'<text x="{left + PANEL / 2:.0f}" y="{TOP - 8}" text-anchor="middle" font-weight="bold">{title}</text>']
+    y = lambda v: top + (y1 - math.log10(v)) / (y1 - y0) * HEIGHT
+    out = [f'<text x="{left + PANEL / 2:.0f}" y="{top - 8}" text-anchor="middle" font-weight="bold">{title}</text>']
     for d in decades(x0, x1):
         if x0 <= d <= x1:
-            out += [f'<path d="M{x(10**d):.1f} {TOP}V{TOP + HEIGHT}" stroke="#e4e4e4"/>',
-                    f'<text x="{x(10**d):.1f}" y="{TOP + HEIGHT + 16}" text-anchor="middle">{10.0**d:g}</text>']
+            out += [f'<path d="M{x(10**d):.1f} {top}V{top + HEIGHT}" stroke="#e4e4e4"/>',
+                    f'<text x="{x(10**d):.1f}" y="{top + HEIGHT + 16}" text-anchor="middle">{10.0**d:g}</text>']
     for d in decades(y0, y1):
         if y0 <= d <= y1:
             out.append(f'<path d="M{left} {y(10**d):.1f}H{left + PANEL}" stroke="#e4e4e4"/>')
-    out.append(f'<rect x="{left}" y="{TOP}" width="{PANEL}" height="{HEIGHT}" fill="none" stroke="#9a9a9a"/>')
-    out.append(f'<text x="{left + PANEL / 2:.0f}" y="{TOP + HEIGHT + 36}" text-anchor="middle">torque activity, N m per tick</text>')
+    out.append(f'<rect x="{left}" y="{top}" width="{PANEL}" height="{HEIGHT}" fill="none" stroke="#9a9a9a"/>')
+    out.append(f'<text x="{left + PANEL / 2:.0f}" y="{top + HEIGHT + 36}" text-anchor="middle">torque activity, N m per tick</text>')
     for law, (colour, _) in laws.items():
         dots = "".join(f"M{x(a):.1f} {y(e):.1f}h0" for a, e in points[law])
         out.append(f'<path d="{dots}" stroke="{colour}" stroke-width="3" stroke-linecap="round" opacity="0.25"/>')
@@ -56,8 +56,8 @@ def picture(title, laws, panels):
     pad = 0.08
     scale_x = (math.log10(min(a for a, _ in every)) - pad, math.log10(max(a for a, _ in every)) + pad)
     scale_y = (math.log10(min(e for _, e in every)) - pad, math.log10(max(e for _, e in every)) + pad)
-    width = LEFT + len(panels) * (PANEL + GAP) - GAP + RIGHT
-    height = TOP + HEIGHT + BOTTOM
+    width = LEFT + 2 * PANEL + GAP + RIGHT
+    height = TOP + (len(panels) + 1) // 2 * (HEIGHT + BELOW) - 26
     out = [f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" font-family="sans-serif" font-size="12">',
            f"<title>{title}</title>", f'<rect width="{width}" height="{height}" fill="#ffffff"/>']
     step = (width - LEFT - RIGHT) / 5
@@ -65,11 +65,13 @@ def picture(title, laws, panels):
         left, top = LEFT + (k % 5) * step, 14 + 18 * (k // 5)
         out += [f'<path d="M{left:.0f} {top}h22" stroke="{colour}"/>', marker(shape, left + 11, top, colour, 3.6),
                 f'<text x="{left + 28:.0f}" y="{top + 4}">{law}</text>']
-    for d in decades(*scale_y):
-        if scale_y[0] <= d <= scale_y[1]:
-            at = TOP + (scale_y[1] - d) / (scale_y[1] - scale_y[0]) * HEIGHT
-            out.append(f'<text x="{LEFT - 6}" y="{at + 4:.1f}" text-anchor="end">{10.0**d:g}</text>')
-    out.append(f'<text transform="translate(14 {TOP + HEIGHT // 2}) rotate(-90)" text-anchor="middle">settled error, m rms</text>')
     for k, (name, points, fronts) in enumerate(panels):
-        out += panel(LEFT + k * (PANEL + GAP), name, scale_x, scale_y, laws, points, fronts)
+        top = TOP + k // 2 * (HEIGHT + BELOW)
+        if k % 2 == 0:
+            for d in decades(*scale_y):
+                if scale_y[0] <= d <= scale_y[1]:
+                    at = top + (scale_y[1] - d) / (scale_y[1] - scale_y[0]) * HEIGHT
+                    out.append(f'<text x="{LEFT - 6}" y="{at + 4:.1f}" text-anchor="end">{10.0**d:g}</text>')
+            out.append(f'<text transform="translate(14 {top + HEIGHT // 2}) rotate(-90)" text-anchor="middle">settled error, m rms</text>')
+        out += panel(LEFT + k % 2 * (PANEL + GAP), top, name, scale_x, scale_y, laws, points, fronts)
     return "\n".join(out) + "\n</svg>\n"

@@ -21,7 +21,7 @@ BUDGETS = (0.004, 0.008, 0.02, ANY)  # N m per tick
 LEVEL = 1.1                          # a factor below which two numbers count as equal
 OURS = ("esmc", "esmc_projected")
 WORLD = {"ideal": "ideal", "encoders": "16-bit encoders, 1 ms delay", "friction": "encoders, delay, friction"}
-MECHANISM = {"exact": "exact", "masses": "masses ±20 %", "lengths": "masses ±20 %, lengths ±1 %"}
+MECHANISM = {"exact": "exact", "joined": "exact, start joined", "masses": "masses ±20 %", "lengths": "masses ±20 %, lengths ±1 %"}
 
 
 def ours(law):
@@ -162,8 +162,12 @@ def sentences(s, where):
     yield f"**`ctc`**, with both of its poles searched for, reaches {span(values)} times the best error of ESMC."
     values = [s.best(("pd",), c)[0] / s.best(filter(ours, study.LAWS), c)[0] for c in study.CONDITIONS]
     yield f"**`pd`**, which needs no model, reaches {span(values)} times the best error of ESMC."
+    factor = lambda c, b: "none" if (value := ratio(s, c, b)[0]) in (None, ANY, 0.0) else f"{value:.2f}"
     for world in study.WORLDS:
-        exact, masses, both = (s.best(study.LAWS, (world, m))[0] for m in study.MECHANISMS)
+        parts = [f"{factor((world, 'exact'), b)} and {factor((world, 'joined'), b)} ({budget_name(b)} N m)" for b in BUDGETS]
+        yield (f"**What the start does** ({WORLD[world]}): others / ESMC with the scene's start and with a joined one is " + listed(parts) + ".")
+    for world in study.WORLDS:
+        exact, masses, both = (s.best(study.LAWS, (world, m))[0] for m in ("exact", "masses", "lengths"))
         yield (f"**What a wrong model costs** ({WORLD[world]}): the smallest error of any law is {sizes(exact)} with the exact mechanism, "
                f"{sizes(masses)} with wrong masses, {sizes(both)} with wrong lengths as well.")
 
@@ -181,7 +185,7 @@ def second_name(law, value):
 
 
 def table(s, world):
-    head = "| law | " + " | ".join(f"{MECHANISM[m]} | at | with" for m in study.MECHANISMS) + " |\n|---" + "|---" * 9 + "|\n"
+    head = "| law | " + " | ".join(f"{MECHANISM[m]} | at | with" for m in study.MECHANISMS) + " |\n|---" + "|---" * (3 * len(study.MECHANISMS)) + "|\n"
     least = {m: s.best(study.LAWS, (world, m))[0] for m in study.MECHANISMS}
     rows = ""
     for law in study.LAWS:

@@ -36,8 +36,10 @@ WORLDS = {"ideal": [],
           "friction": [f"effects=[{READ}, {RUB}]", "control.delay_ticks=3"]}
 MASSES = [(k, 0.2) for k in ("m1", "m2", "J1", "J2")]
 LENGTHS = [(k, 0.01) for k in ("l1", "l2", "lg1", "lg2")]
-# name: what of each bar of each leg is not as believed, and by what share
-MECHANISMS = {"exact": [], "masses": MASSES, "lengths": MASSES + LENGTHS}
+# name: what of each bar of each leg is not as believed, and by what share. "joined" is exact, with another start: the
+# scene's own, at rest beside a reference that moves, shakes the torques of every law, the more the stiffer it is.
+MECHANISMS = {"exact": [], "joined": [], "masses": MASSES, "lengths": MASSES + LENGTHS}
+JOIN = "reference.join=0.25"
 CONDITIONS = list(itertools.product(WORLDS, MECHANISMS))
 
 
@@ -62,6 +64,7 @@ def specification(law, world, mechanism, fixed, crossed):
     kind, reaching, _ = LAWS[law]
     sets = [f"control.law={kind}"] + ([f"control.reaching={reaching}"] if reaching else []) + WORLDS[world]
     sets += [f"control.{k}={v!r}" for k, v in fixed.items()]
+    sets += [JOIN] if mechanism == "joined" else []
     text = [f'scene = "{SCENE}"', "set = [" + ", ".join(f"'{s}'" for s in sets) + "]",
             'objectives = ["settled_rms_m", "torque_activity_nm"]', "[sample]"]
     wrong = MECHANISMS[mechanism]
