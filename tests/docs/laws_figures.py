@@ -31,10 +31,15 @@ def panel(left, top, title, scale_x, scale_y, laws, points, fronts):
     x = lambda v: left + (math.log10(v) - x0) / (x1 - x0) * PANEL
     y = lambda v: top + (y1 - math.log10(v)) / (y1 - y0) * HEIGHT
     out = [f'<text x="{left + PANEL / 2:.0f}" y="{top - 8}" text-anchor="middle" font-weight="bold">{title}</text>']
-    for d in decades(x0, x1):
+    for d in decades(x0 - 1, x1):
         if x0 <= d <= x1:
             out += [f'<path d="M{x(10**d):.1f} {top}V{top + HEIGHT}" stroke="#e4e4e4"/>',
                     f'<text x="{x(10**d):.1f}" y="{top + HEIGHT + 16}" text-anchor="middle">{10.0**d:g}</text>']
+        for part in (2, 5) if x1 - x0 < 3.5 else ():
+            if x0 <= d + math.log10(part) <= x1:
+                at = x(part * 10.0**d)
+                out += [f'<path d="M{at:.1f} {top}V{top + HEIGHT}" stroke="#f2f2f2"/>',
+                        f'<text x="{at:.1f}" y="{top + HEIGHT + 16}" text-anchor="middle" fill="#777777">{part * 10.0**d:g}</text>']
     for d in decades(y0, y1):
         if y0 <= d <= y1:
             out.append(f'<path d="M{left} {y(10**d):.1f}H{left + PANEL}" stroke="#e4e4e4"/>')
