@@ -26,6 +26,7 @@ MECHANISM = {"exact": "exact", "joined": "exact, start joined", "masses": "masse
 
 MINE = tuple(law for law in study.LAWS if study.LAWS[law][0] in OURS)
 OTHERS = tuple(law for law in study.LAWS if law not in MINE)
+DEFAULT = (("esmc implicit",), ("ctc",))
 
 
 def code(law):
@@ -120,7 +121,7 @@ def comparisons(s, *sides):
 
 
 def verdicts(found):
-    out = "| world | mechanism | " + " | ".join(budget_name(b) for b in BUDGETS) + " |\n|---|---" + "|---" * len(BUDGETS) + "|\n"
+    out = "| world | mechanism | " + " | ".join("any" if b == ANY else f"<= {b:g}" for b in BUDGETS) + " |\n|---|---" + "|---" * len(BUDGETS) + "|\n"
     for condition in study.CONDITIONS:
         cells = {c.budget: c.cell() for c in found if c.condition == condition}
         out += f"| {WORLD[condition[0]]} | {MECHANISM[condition[1]]} | " + " | ".join(cells.get(b, "") for b in BUDGETS) + " |\n"
@@ -145,10 +146,12 @@ def sentences(s, counted):
     share = lambda law: " and ".join(f"{100 * a / b:.0f} %" for a, b in zip(counted[law], counted["esmc"]))
     yield (f"**Level is no win for ESMC either**: `smc` takes {share('smc')} of the instructions of `esmc` per tick (M4F, M7), `ctc` {share('ctc')}, "
            f"`esmc_projected` {share('esmc_projected')}.")
-    alone = comparisons(s, ("esmc implicit",), ("ctc",))
-    for verdict in ("ahead", "behind"):
-        of = [c for c in alone if c.verdict == verdict]
-        yield (f"**The default alone**, `esmc` `implicit`, against `ctc` with two poles to choose: {verdict} in {len(of)} of {len(alone)}:" + lines(of))
+    alone = comparisons(s, *DEFAULT)
+    at = lambda verdict: listed(budget_name(b) for b in BUDGETS if any(c.verdict == verdict and c.budget == b for c in alone)) \
+        if any(c.verdict == verdict for c in alone) else "no bound"
+    count = lambda verdict: sum(c.verdict == verdict for c in alone)
+    yield (f"**The default alone**, `esmc` `implicit`, whose stiffness nobody chooses, against `ctc`, of which both poles were searched for "
+           f"([table](#the-default-alone)): ahead in {count('ahead')} of {len(alone)} (at {at('ahead')}), behind in {count('behind')} (at {at('behind')}).")
     parts = []
     for world in study.WORLDS:
         values = [s.best(("esmc implicit",), (world, m))[0] / s.best((o,), (world, m))[0]
@@ -256,7 +259,8 @@ def text(s, counted):
     out = "## What the numbers say\n\n" + "".join(f"* {line}\n" for line in sentences(s, counted))
     out += ("\n### Who is ahead\n\nBest of the others over best of ESMC (`esmc` and `esmc_projected`, any reaching), above 1 ESMC is better, for bounds on the "
             f"activity in N m per tick. Level: within {100 * (LEVEL - 1):.0f} %, where the worse may use {100 * (LEVEL - 1):.0f} % more activity.\n\n")
-    out += verdicts(comparisons(s)) + "\n### The front of all laws\n\n" + (
+    out += verdicts(comparisons(s)) + "\n### The default alone\n\nThe same for `esmc` `implicit` and `ctc`; no number: one of them has no such quiet setting.\n\n"
+    out += verdicts(comparisons(s, *DEFAULT)) + "\n### The front of all laws\n\n" + (
         f"A setting is on it if no other is as good in both and {100 * (LEVEL - 1):.0f} % better in one.\n\n") + fronts(s)
     for world in study.WORLDS:
         out += (f"\n### World: {WORLD[world]}\n\n![Error against torque activity](images/laws_{world}.svg)\n\n"
