@@ -137,9 +137,11 @@ def span(values):
 def sentences(s, counted):
     found = comparisons(s)
     where = {v: [c for c in found if c.verdict == v] for v in ("ahead", "level", "behind")}
+    count = lambda v: sum(c.condition[1] == "joined" for c in where[v])
     yield (f"**The short of it**: in {len(where['level'])} of {len(found)} comparisons (world, mechanism, bound on the activity) the best setting of ESMC "
            f"and the best of the other laws are level, within {100 * (LEVEL - 1):.0f} %; ESMC is ahead in {len(where['ahead'])} and behind in "
-           f"{len(where['behind'])}.")
+           f"{len(where['behind'])}. Where the start is joined it is ahead in {count('ahead')} of "
+           f"{sum(c.condition[1] == 'joined' for c in found)} and behind in {count('behind')}.")
     lines = lambda of: "".join(f"\n  * {c.words()}" for c in of) or " nowhere."
     yield "**Where ESMC wins**:" + lines(where["ahead"])
     yield "**Where another law is better**:" + lines(where["behind"])
