@@ -90,7 +90,7 @@ std::string preamble(const Scene& scene, const std::vector<std::string>& express
 std::string xml_text(const std::string& text) {
   std::string out, legal = printable(text);
   for (const char* none : {"\xEF\xBF\xBE", "\xEF\xBF\xBF"}) {  // U+FFFE, U+FFFF: no characters of XML
-    for (std::size_t at = 0; (at = legal.find(none, at)) != std::string::npos;) legal.replace(at, 3, "?");
+    for (std::size_t at = 0; (at = legal.find(none, at)) != std::string::npos;) legal.replace(at, 3, 1, '?');
   }
   for (const char c : legal) {
     switch (c) {
