@@ -1,8 +1,6 @@
 /// The controller as a program of a Linux computer on the drives' bus. Disabled until a supervisor computer arms it, and ended by
 /// signals.
 
-#include <unistd.h>
-
 #include <cerrno>
 #include <chrono>
 #include <csignal>
@@ -152,8 +150,8 @@ int main(int argc, char** argv) {
     if (!o.best_effort) refuse(what, (code.message() + " (as root, or see docs/boards.md; --best-effort goes on without)").c_str());
     std::fprintf(stderr, "esmc board: %s%s\n", what, code.message().c_str());
   }
-  for (std::FILE* f : {record, histogram}) {
-    if (f != nullptr && ::ftruncate(::fileno(f), 0) != 0) refuse("cannot write: ", std::strerror(errno));
+  for (const auto& [f, path] : {std::pair{record, o.record}, std::pair{histogram, o.histogram}}) {
+    if (f != nullptr && std::freopen(path, "w", f) == nullptr) refuse("cannot write ", path);
   }
   if (record != nullptr) write_header(record);
   for (const int s : {SIGINT, SIGTERM, SIGHUP, SIGQUIT}) std::signal(s, [](int) { ended = ended + 1; });

@@ -10,7 +10,7 @@
 namespace esmc::host {
 namespace {
 
-void require_inertia(const Scene& scene, const Bar& b) {
+void require_inertia(const Scene& scene, const RigidBar& b) {
   if (b.mass > 0.0 && b.inertia > 0.0) return;
   throw InputError(
       "",
@@ -34,7 +34,7 @@ std::vector<Chain> chains_of(const Scene& scene) {
     for (std::size_t k = 0; k < 2; ++k) {
       const std::size_t i = 2 * leg + k;
       const std::string number = arm ? std::to_string(k + 1) : fmt::format("{}{}", leg + 1, k + 1);
-      Bar b{.name = "bar" + number,
+      RigidBar b{.name = "bar" + number,
             .joint = "theta" + number,
             .length = k == 0 ? p.l1 : p.l2,
             .mass = k == 0 ? p.m1 : p.m2,

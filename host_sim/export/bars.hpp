@@ -11,7 +11,7 @@ namespace esmc::host {
 
 /// One bar and the joint that it turns about. Its frame lies in that joint, x along the bar, z along the
 /// axis.
-struct Bar {
+struct RigidBar {
   std::string name, joint;
   double length, mass, centre, inertia;        ///< m, kg, m along the bar, kg m2 about the centre
   double damping, dry_friction;                ///< of the joint: N m s/rad, N m
@@ -22,7 +22,7 @@ struct Bar {
 
 /// Two bars, the proximal one first. Throws InputError for a bar without mass or inertia.
 struct Chain {
-  std::vector<Bar> bars;
+  std::vector<RigidBar> bars;
   double base;    ///< x of the base joint, m
   bool mirrored;  ///< its frame is turned by half a turn about the vertical
 };

@@ -14,7 +14,7 @@ std::string hard(const Scene& scene, const char* suffix) {
   return fmt::format("solref{0}=\"{1} 1\" solimp{0}=\"0.9999 0.9999 0.001 0.5 2\"", suffix, 4.0 * scene.step);
 }
 
-std::string joint(const Scene& scene, const Bar& b) {
+std::string joint(const Scene& scene, const RigidBar& b) {
   std::string out =
       fmt::format("<joint name=\"{}\" type=\"hinge\" axis=\"0 0 1\" ref=\"{}\"", b.joint, b.angle);
   if (b.damping > 0.0) out += fmt::format(" damping=\"{}\"", b.damping);
@@ -34,7 +34,7 @@ std::string chain_text(const Scene& scene, const Chain& chain) {
                        chain.base, chain.mirrored ? " quat=\"0 0 1 0\"" : "");
     indent += "  ";
   }
-  for (const Bar& b : chain.bars) {
+  for (const RigidBar& b : chain.bars) {
     out += fmt::format("{}<body name=\"{}\" pos=\"{} 0 0\" axisangle=\"0 0 1 {}\">\n", indent, b.name, x,
                        b.angle);
     indent += "  ";
@@ -65,7 +65,7 @@ std::string motors(const Scene& scene, const std::vector<Chain>& chains) {
   std::string out;
   int number = 0;
   for (const std::size_t joint : scene.motor_joints()) {
-    const Bar& b = chains[joint / 2].bars[joint % 2];
+    const RigidBar& b = chains[joint / 2].bars[joint % 2];
     out += fmt::format("    <motor name=\"motor{}\" joint=\"{}\"", ++number, b.joint);
     if (b.torque_limit)
       out += fmt::format(" ctrllimited=\"true\" ctrlrange=\"{} {}\"", -*b.torque_limit, *b.torque_limit);
@@ -84,7 +84,7 @@ std::string mjcf(const Scene& scene) {
   std::string bodies, angles, rates;
   for (const Chain& c : chains) {
     bodies += chain_text(scene, c);
-    for (const Bar& b : c.bars) {
+    for (const RigidBar& b : c.bars) {
       angles += fmt::format("{}{}", angles.empty() ? "" : " ", b.angle);
       rates += fmt::format("{}{}", rates.empty() ? "" : " ", b.rate);
     }

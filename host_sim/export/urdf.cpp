@@ -23,7 +23,7 @@ std::string fixed(const std::string& name, const std::string& parent, const std:
       name, parent, child, x);
 }
 
-std::string hinge(const Scene& scene, const Bar& b, const std::string& parent, double x, bool mirrored) {
+std::string hinge(const Scene& scene, const RigidBar& b, const std::string& parent, double x, bool mirrored) {
   std::string out = fmt::format(
       "  <joint name=\"{}\" type=\"{}\">\n    <parent link=\"{}\"/>\n    <child link=\"{}\"/>\n"
       "    <origin xyz=\"{} 0 0\" rpy=\"0 {} 0\"/>\n    <axis xyz=\"0 0 1\"/>\n",
@@ -63,7 +63,7 @@ std::string urdf(const Scene& scene) {
   for (const Chain& c : chains) {
     std::string parent = "base";
     double x = c.base;
-    for (const Bar& b : c.bars) {
+    for (const RigidBar& b : c.bars) {
       out += link(b.name, b.mass, b.centre, b.inertia);
       out += hinge(scene, b, parent, x, c.mirrored && parent == "base");
       parent = b.name;

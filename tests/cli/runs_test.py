@@ -95,12 +95,13 @@ class Told(unittest.TestCase):
         noise = 'effects=[{type="noise",sigma=1e-4,bandwidth=500}]'
         self.assertIn("set control.delay_ticks = 4", self.check(self.circle, noise)[1])
         self.assertEqual(self.check(self.circle, noise, "control.law=ctc")[1], "")
-        self.assertIn("error: (gain / layer + lambda) * tick = 3.04, at most 1 ", self.check(self.circle, "control.reaching=saturation", code=1)[1])
+        self.assertIn("1 / (1 + delay_ticks) + lambda * tick = 0.813, better below 0.53", self.check(self.friction, "control.lambda=480")[1])
+        self.assertIn("error: (gain / layer + lambda) * tick = 3.04, at most 1, half of what makes", self.check(self.circle, "control.reaching=saturation", code=1)[1])
         layer = ("control.reaching=tanh", "control.layer=0.4")
         self.assertIn("warning: (gain / layer + lambda) * tick = 0.415, better below 0.3", self.check(self.circle, *layer)[1])
         self.assertEqual(self.check(self.circle, *layer, "control.gain=90")[1], "")
         late = 'effects=[{type="delay",ticks=1},{type="compute_delay",time=1e-3}]'
-        self.assertIn("at most 0.31 with a delay of 2 ticks", self.check(self.circle, *layer, late, code=1)[1])
+        self.assertIn("at most 0.31, half of what makes the loop ring by itself with a delay of 2 ticks", self.check(self.circle, *layer, late, code=1)[1])
         self.assertIn("node 0", self.check(self.circle, "drives.nodes=[0, 1]")[1])
 
     def test_check_tells_sim_from_a_bus_as_hil_does(self):
