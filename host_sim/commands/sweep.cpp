@@ -101,7 +101,7 @@ class Sweep {
                                  journal_ ? "; the same command goes on from there" : ""));
     }
     finish(
-        timing(o_, crew, ranks, now - found_, scenes_.nominal().duration, wall_s, cpu_time() - cpu_before));
+        timing(o_, crew, ranks, now - found_, scenes_.mean_duration(), wall_s, cpu_time() - cpu_before));
     return 0;
   }
 

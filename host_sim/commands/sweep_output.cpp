@@ -105,7 +105,7 @@ Json sweep_summary(const SweepSpec& spec, const CaseScenes& scenes, const SweepT
   j["version"] = version;
   j["seed"] = spec.seed;
   j["cases"] = table.outcome.size();
-  j["simulated_s"] = static_cast<double>(table.outcome.size()) * scenes.nominal().duration;
+  j["simulated_s"] = static_cast<double>(table.outcome.size()) * scenes.mean_duration();
   j["axes"] = Json::array();
   for (std::size_t a = 0; a < spec.vary.size(); ++a) {
     const Axis& axis = spec.design.axes()[a];

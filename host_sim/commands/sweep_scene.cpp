@@ -178,6 +178,17 @@ SweepValue CaseScenes::value(std::uint64_t index, std::size_t axis) const {
   return spec_->design.value(index, axis);
 }
 
+double CaseScenes::mean_duration() const {
+  for (std::size_t a = 0; a < spec_->vary.size(); ++a) {
+    if (spec_->vary[a].key != "simulation.duration") continue;
+    const std::uint64_t cases = spec_->design.cases();
+    double sum = 0.0;
+    for (std::uint64_t i = 0; i < cases; ++i) sum += number(i, a);
+    return sum / static_cast<double>(cases);
+  }
+  return nominal().duration;
+}
+
 double CaseScenes::number(std::uint64_t index, std::size_t axis) const {
   const SweepValue v = value(index, axis);
   const double x = std::holds_alternative<double>(v) ? std::get<double>(v)

@@ -39,6 +39,8 @@ class CaseScenes {
   [[nodiscard]] const Scene& nominal() const;
   /// Value of an axis in a case: what cases.csv shows. A factor is shown as such.
   [[nodiscard]] SweepValue value(std::uint64_t index, std::size_t axis) const;
+  /// s, of a case that nothing ends: the mean over all cases, for a sweep may vary simulation.duration, too.
+  [[nodiscard]] double mean_duration() const;
   /// For tests: every scene is read again.
   void read_always();
 

@@ -404,7 +404,7 @@ def the_command(esmc, scene):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         refused = run("--port", str(taken.getsockname()[1]))
     assert refused.returncode == 2 and refused.stdout == "" and "--port" in refused.stderr, refused
-    for options in (["--port", "70000"], ["--duration", "0"], ["--set", "control.law=none"], ["--bus", "nowhere"], ["--set", "control.lambda=-1"]):
+    for options in (["--port", "70000"], ["--duration", "0"], ["--duration", "nan"], ["--set", "control.law=none"], ["--bus", "nowhere"], ["--set", "control.lambda=-1"]):
         refused = run(*options)
         assert refused.returncode == 2 and refused.stdout == "" and refused.stderr.count("\n") == 1, (options, refused)
     # No two benches have one token.

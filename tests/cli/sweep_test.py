@@ -88,6 +88,9 @@ def bad_specifications(folder):
     refused(folder, change("control.gain", "effects.encoder.bits"), "effects")
     refused(folder, change("control.gain", "control.reaching"), "control.reaching = 10")
     refused(folder, change("control.gain", "plant.legs.1.m1"), "varies twice")
+    both = '[[vary]]\nkey = "plant.leg.m1"\nfactor = [0.9, 1.1]\n'
+    refused(folder, GOOD + both, "'plant.leg.m1' sets what 'plant.legs.1.m1'")
+    refused(folder, GOOD + both.replace("plant.leg.m1", "control.gain.angle"), "'control.gain.angle' sets what 'control.gain'")
     refused(folder, change("[0.8, 1.2]", "[-0.8, 1.2]"), "m1")
     refused(folder, change("[0.8, 1.2]", "[0.8]"), "two numbers")
     refused(folder, change("[0.8, 1.2]", "[1.2, 0.8]"), "from < to")
@@ -210,6 +213,55 @@ def places_that_cannot_be_written(folder, spec):
         check(r.returncode == 1 and "standard output" in r.stderr, f"full stdout: {r.stderr}")
 
 
+def what_is_not_its_own(folder):
+    """A sweep replaces its own files and no others."""
+    few = GOOD.replace("240", "4").replace("duration=0.3", "duration=0.26")
+    spec, out = folder / "few.toml", folder / "shared"
+    spec.write_text(few, encoding="utf-8")
+    mine = out / ".partial-mine" / "file"
+    living = out / f".partial-{os.getpid()}" / "file"
+    killed = subprocess.Popen(["true"])
+    killed.wait()
+    dead = out / f".partial-{killed.pid}" / "file"
+    for f in (mine, living, dead):
+        f.parent.mkdir(parents=True)
+        f.write_text("precious")
+    sweep(spec, "--out", out)
+    check(mine.exists() and living.exists(), "a folder of somebody else was deleted")
+    check(not dead.parent.exists(), "the rest of a killed process was left")
+
+    link = folder / "dangling"
+    link.symlink_to(folder / "not" / "mounted")
+    sweep(spec, "--out", link, status=2)
+    check(link.is_symlink(), "a link was deleted")
+
+    own = folder / "own"
+    own.mkdir()
+    (own / "scene.toml").write_text(pathlib.Path(SCENE).read_text())
+    (own / "study.toml").write_text(few.replace(str(SCENE), "scene.toml"), encoding="utf-8")
+    before = (own / "scene.toml").read_bytes()
+    check("would replace" in sweep(own / "study.toml", "--out", own, status=2).stderr, "its own scene")
+    check((own / "scene.toml").read_bytes() == before, "its own scene was replaced")
+
+    for name, options in (("text", []), ("text", ["--restart"]), ("link", ["--restart"])):
+        there = folder / f"journal-{name}-{len(options)}"
+        there.mkdir()
+        victim = there / ("victim" if name == "link" else "sweep.journal")
+        victim.write_text("hello")
+        if name == "link":
+            (there / "sweep.journal").symlink_to("victim")
+        sweep(spec, "--out", there, *options, status=2)
+        check(victim.read_text() == "hello", f"{name} {options}: a file that is no journal was overwritten")
+
+    odd = folder / b"o\xff".decode("utf-8", "surrogateescape")
+    sweep(spec, "--out", odd, "--json")
+    check((odd / "cases.csv").exists(), "a name that is no UTF-8")
+
+    spec.write_text(few + '[[vary]]\nkey = "simulation.duration"\nvalues = [0.3, 0.6]\ncross = true\n', encoding="utf-8")
+    j = json.loads(sweep(spec, "--json").stdout)
+    check(abs(j["simulated_s"] - 0.45 * j["cases"]) < 1e-9, f"simulated {j['simulated_s']} s in {j['cases']} cases")
+
+
 def impossible_cases(folder):
     """A sample that makes no possible scene is an answer, not the end."""
     spec = folder / "impossible.toml"
@@ -232,6 +284,7 @@ with tempfile.TemporaryDirectory() as scratch:
     threads_and_processes(here, good)
     what_the_table_says(here)
     impossible_cases(here)
+    what_is_not_its_own(here)
     places_that_cannot_be_written(here, good)
     kill_and_go_on(here)
     examples()
