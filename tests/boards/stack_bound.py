@@ -5,8 +5,10 @@ usage: stack_bound.py ELF BUILD_FOLDER
        stack_bound.py --self-test
 
 Sums the frames along every path from esmc_reset. Refused: recursion, calls through pointers, frames whose size is known at run
-time only, functions that nobody knows. Frames of the C library's few functions are read from their instructions. On top comes what
-an exception pushes. Exit 1 where the bound is above what the image reserves."""
+time only, functions that nobody knows. One exception: what the controller calls through a pointer is an optional part, a function
+of namespace esmc::part, or nothing (null). Such a call counts as one of every part that is in the image; without any it calls
+nobody. Frames of the C library's few functions are read from their instructions. On top comes what an exception pushes.
+Exit 1 where the bound is above what the image reserves."""
 import re
 import subprocess
 import sys
@@ -14,6 +16,9 @@ from pathlib import Path
 
 EXCEPTION = 112  # 26 registers with the FPU's, and 8 for alignment
 GUARD = 256      # of what is reserved nobody may use the lowest part
+INDIRECT = "__indirect_call"                # as gcc names the target of a call through a pointer
+PART = re.compile(r"_ZN4esmc4part")         # mangled: functions of esmc::part
+CALLER = re.compile(r"_Z+NK?4esmc10ControllerI")  # and of esmc::Controller, lambdas within them too
 
 
 class Refused(Exception):
@@ -34,6 +39,12 @@ def read_graph(texts):
         for m in re.finditer(r'edge: \{ sourcename: "([^"]+)" targetname: "([^"]+)"', text):
             calls.setdefault(m[1].rpartition(":")[2], set()).add(m[2].rpartition(":")[2])
     return frames, calls
+
+
+def with_parts(calls, image):
+    """The same calls, where the controller's through pointers are of all optional parts in the image."""
+    parts = {f for f in image if PART.match(f)}
+    return {f: (called - {INDIRECT}) | parts if INDIRECT in called and CALLER.match(f) else called for f, called in calls.items()}
 
 
 def library_frame(listing):
@@ -59,7 +70,7 @@ def bound(frames, calls, start, library):
             raise Refused("recursion: " + " -> ".join(above[above.index(f):] + [f]))
         if f in known:
             return known[f]
-        if f == "__indirect_call":
+        if f == INDIRECT:
             raise Refused("a call through a pointer in " + above[-1])
         (size, kind), called = frames.get(f, (0, "static")), calls.get(f, ())
         if f not in frames:
@@ -83,10 +94,11 @@ def of_image(elf, folder):
     """(bytes at most, path, bytes reserved); raises Refused."""
     frames, calls = read_graph(p.read_text() for p in sorted(Path(folder).rglob("*.ci")))
     symbols = {n: int(a, 16) for a, n in re.findall(r"^([0-9a-f]+) \w (\S+)$", run("arm-none-eabi-nm", elf), re.M)}
+    calls = with_parts(calls, symbols)
     # Of a function that several objects have the linker took one; what only another one calls is not in the image.
     # A function may have several names, a constructor always has: the graph knows the frame of one of them.
     framed = {symbols[f]: f for f in frames if f in symbols}
-    calls = {f: {framed.get(symbols.get(c), c) for c in called if c == "__indirect_call" or c in symbols} for f, called in calls.items()}
+    calls = {f: {framed.get(symbols.get(c), c) for c in called if c == INDIRECT or c in symbols} for f, called in calls.items()}
 
     def library(name):
         listing = run("arm-none-eabi-objdump", "-d", f"--disassemble={name}", "--no-show-raw-insn", elf)
@@ -120,7 +132,22 @@ def self_test():
     tree += edge.format("a", "b") + edge.format("a", "c") + edge.format("c", "leaf")
     deepest = bound(*read_graph([tree]), "a", lambda name: (200, set()))
     wrong = [] if deepest == (224, [("a", 8), ("c", 16), ("leaf", 200)]) else [f"deepest path {deepest}"]
-    for what, more in (("recursion", edge.format("b", "a")), ("pointer", edge.format("b", "__indirect_call")),
+    # An image with a controller that calls through a pointer: no part in it, two of them, a part that does the same, somebody else.
+    tick, big, small = "_ZNK4esmc10ControllerINS_2RrIfEEE3actEv", "_ZN4esmc4part3bigINS_2RrIfEEEEvv", "_ZN4esmc4part5smallEv"
+    frames = dict(zip(("a", tick, big, small), ((8, "static"), (16, "static"), (64, "static"), (4, "static"))))
+    plain = {"a": {tick}, tick: {INDIRECT}}
+    for what, calls, image, want in (("no part", plain, {tick}, 24), ("two parts", plain, {tick, big, small}, 88),
+                                     ("a small part", plain, {tick, small}, 28),
+                                     ("of a part", plain | {big: {INDIRECT}}, {tick, big}, None),
+                                     ("of another", {"a": {INDIRECT}}, {big}, None),
+                                     ("around", plain | {big: {tick}}, {tick, big}, None)):
+        try:
+            got = bound(frames, with_parts(calls, image), "a", lambda name: (0, set()))[0]
+        except Refused:
+            got = None
+        if got != want:
+            wrong.append(f"a call through a pointer, {what}: {got}, not {want}")
+    for what, more in (("recursion", edge.format("b", "a")), ("pointer", edge.format("b", INDIRECT)),
                        ("a function of ours that is not in the graph", edge.format("b", "esmc_other")),
                        ("dynamic", node.format("d", 8, "dynamic") + edge.format("b", "d"))):
         try:
@@ -131,7 +158,7 @@ def self_test():
     listing = "\tpush\t{r4, r5, r7, lr}\n\tvpush\t{d8-d9}\n\tsub\tsp, #24\n\tstr.w\tlr, [sp, #-4]!\n"
     if library_frame(listing + "\tbl\t800d2e4 <memset>\n") != (4 * 4 + 8 * 2 + 24 + 4, {"memset"}):
         wrong.append(f"frame {library_frame(listing)}")
-    print("\n".join(wrong) if wrong else "6 of 6")
+    print("\n".join(wrong) if wrong else "12 of 12")
     return 1 if wrong else 0
 
 
