@@ -100,6 +100,13 @@ class CycleRun {
     c.join_ticks = choice % 4 == 1 ? 500 : 0;
     c.ramp_ticks = choice % 4 == 2 ? 5 : 0;
     c.law = static_cast<LawKind>(choice % 5);
+    c.reaching = static_cast<Reaching>(choice * 5 / 4 % 4);
+    if (choice == 0) c.reference.kind = ReferenceKind::hold_start;
+    if (choice == 3) {  // up and down on a straight line
+      static const std::array<PathSegment<S>, 2> way{segment(0, c.reference.centre, S(0.02F)), segment(40, c.reference.centre, S(-0.02F))};
+      c.reference.kind = ReferenceKind::path;
+      c.reference.path = way;
+    }
     c.torque_lead = choice % 4 == 3 ? S(1e-3F) : S(0);
     if (choice % 4 == 3) c.limits.feedback_jump = S(0.1F);
     if (choice == 5 || choice == 11) c.sign_test_move = S(1e-3F);
@@ -116,6 +123,10 @@ class CycleRun {
       if (choice >= 10 || !P::passive_encoders) c.motors = Motors::all;
     }
     return s;
+  }
+  static PathSegment<S> segment(std::uint32_t start, const Vec2<S>& from, S far) {
+    const Vec2<S> still = Vec2<S>::Zero();
+    return {start, S(0), Quintic<S>::between({from, still, still}, {from + Vec2<S>(S(0), far), still, still}, S(0.04F))};
   }
   [[nodiscard]] bool all() const {
     return setup_.controller.motors == Motors::all || setup_.controller.sensors == Sensors::all;
@@ -227,8 +238,8 @@ class CycleRun {
       case 1: bus_.age_us = in.u32(); break;
       case 2: cycle_.enable_input(closed_ = in.yes()); break;
       case 3: cycle_.ask_again(); break;
-      case 4: cycle_.request(bus_); break;
-      case 5: cycle_.receive(bus_); break;
+      case 4: in.yes() ? cycle_.request(bus_) : cycle_.tick_late(); break;
+      case 5: in.yes() ? cycle_.receive(bus_) : void(yields_ = static_cast<std::int8_t>(in.u8()) * 0.02); break;
       case 6:
         if (!bus_.unread().empty()) impostor_ = false;  // it may never have been heard
         bus_ = {};
@@ -254,6 +265,10 @@ class CycleRun {
     kept_ = Command::none;
     bus_.clear();
     const TickResult<M> r = cycle_.tick(bus_, answer);
+    for (std::size_t j = 0; j < joints && r.state == State::testing; ++j) {  // joints give way to a torque, or turn against it
+      rate_[j] += static_cast<double>(r.torque[static_cast<int>(j)]) * yields_;
+      angle_[j] += rate_[j] * 1e-3;
+    }
     require(drive_enable_before == (before != State::disabled && before != State::fault), "drive_enable as the table has it");
     judge(r, before, fault_before, answer);
     for (const auto& f : bus_.sent) {
@@ -345,6 +360,7 @@ class CycleRun {
   bool closed_ = true, obey_ = true, silent_ = true, impostor_ = false, refused_off_ = false;
   bool ordered_enable_ = false, ordered_reset_ = false, asked_enable_ = false, asked_reset_ = false;
   unsigned quiet_ticks_ = 0;
+  double yields_ = 1;  ///< in the sign test: rad/s of a joint for each N m and tick
 };
 
 /// From power-up, or from a copy of a cycle that runs.

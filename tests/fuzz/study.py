@@ -1,13 +1,15 @@
 #!/usr/bin/python3
-"""Every fuzz target until its coverage does not grow any more, and when it found a new edge for the last time.
+"""Every fuzz target until what it reaches of the source does not grow any more.
 
 usage: study.py BUILD_DIR_OF_THE_TARGETS [--scale X] [--keep] [TARGET...]
 
-Each target runs twice: optimised and without sanitizers (`fast`), where most of the executions are, and then sanitized on
-what was found. It runs for the executions in the table below, and on until ten times as many as had found the last new edge have
-followed without another one (`quiet`), but not for more than X (20) times the executions of the table.
-Writes BUILD_DIR/study.md, a table. --keep replaces tests/fuzz/corpus by the minimised inputs: with all features, or with all
-edges where that would be more than KEPT.
+Each target runs optimised and without sanitizers (`fast`), where most of the executions are, and then sanitized on what was
+found. The measure are the outcomes of conditions in the source (branches.py), looked at after each round of executions, each
+round as long as all before it. A target runs for the executions in the table below, and on until QUIET times as many as it had
+when its measure last grew, but not for more than X (20) times the executions of the table.
+Writes BUILD_DIR/study.md, a table, and BUILD_DIR/study/<target>/missing.txt: conditions of functions that ran which were never
+true or never false. --keep replaces tests/fuzz/corpus by the minimised inputs: with all features, or with all edges where that
+would be more than KEPT.
 A failing input ends the study; it is left in the build folder and printed."""
 import base64
 import re
@@ -15,11 +17,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+from branches import measure
 from corpus import pack, unpack
 
 HERE = Path(__file__).resolve().parent
 KEPT = 200
-QUIET = 10
+QUIET = 4
 # target: longest input, executions fast, executions sanitized
 TARGETS = {
     "codec": (64, 100_000_000, 4_000_000),
@@ -36,7 +39,7 @@ TARGETS = {
 
 
 def run_round(program, folder, runs, seed, longest):
-    """(executions, the one that found the last new edge or 0, edges, features) of one process."""
+    """(executions, edges) of one process."""
     arguments = [program, f"-runs={runs}", f"-seed={seed}", f"-max_len={longest}", f"-artifact_prefix={folder.parent}/artifact-",
                  "-print_final_stats=1", "-len_control=0", "-timeout=60", "-rss_limit_mb=2048"]
     dictionary = HERE / (program.name.removeprefix("fuzz_").removesuffix("_fast") + ".dict")
@@ -48,30 +51,25 @@ def run_round(program, folder, runs, seed, longest):
         for artifact in folder.parent.glob("artifact-*"):
             print(f"failing input: {artifact}\n  {base64.b64encode(artifact.read_bytes()).decode()}\n  again: {program} {artifact}")
         sys.exit(1)
-    edges = int(re.search(r"^#\d+\s+INITED\s+cov: (\d+)", run.stdout, re.M)[1])
-    last = 0
-    for at, cov in re.findall(r"^#(\d+)\s+(?:NEW|REDUCE)\s+cov: (\d+)", run.stdout, re.M):
-        if int(cov) > edges:
-            edges, last = int(cov), int(at)
-    done = re.search(r"^#(\d+)\s+DONE\s+cov: (\d+) ft: (\d+)", run.stdout, re.M)
-    return int(done[1]), last, int(done[2]), int(done[3])
+    done = re.search(r"^#(\d+)\s+DONE\s+cov: (\d+)", run.stdout, re.M)
+    return int(done[1]), int(done[2])
 
 
-def study(program, folder, least, most, longest):
-    total = last = 0
-    runs, seed = min(100_000, least), 1
-    while total < least or (total - last < QUIET * last and total < most):
-        executed, new, cov, ft = run_round(program, folder, runs, seed, longest)
-        if new:
-            last = total + new
+def study(program, looker, folder, least, most, longest):
+    reached, all_, _ = measure(looker, folder)
+    total, last = 0, 0
+    runs, seed = max(1, least // 8), 1
+    while total < least or (total < QUIET * last and total < most):
+        executed, edges = run_round(program, folder, runs, seed, longest)
         total += executed
-        print(f"{program.name}: {total} executions, {cov} edges, {ft} features, the last new edge at {last}", flush=True)
-        runs, seed = min(2 * runs, max(least - total, least)), seed + 1
-    return {"total": total, "last": last, "cov": cov, "ft": ft, "quiet": (total - last) / max(last, 1) if last else float("inf")}
-
-
-def quiet_text(r):
-    return f"{r['quiet']:.1f}" if r["last"] else "none new"
+        now, of, missing = measure(looker, folder)
+        if now - reached:
+            last = total
+        reached, all_ = reached | now, all_ | of
+        print(f"{program.name}: {total} executions, {edges} edges, {len(reached)} of {len(all_)} outcomes, grew last within {last}", flush=True)
+        runs, seed = total, seed + 1
+    (folder.parent / "missing.txt").write_text("\n".join(missing) + "\n", encoding="utf-8")
+    return {"total": total, "last": last, "edges": edges, "reached": len(reached), "of": len(all_)}
 
 
 def keep(program, folder, name):
@@ -96,19 +94,19 @@ def main():
         del arguments[at:at + 2]
     keeps = "--keep" in arguments
     names = [a for a in arguments if a != "--keep"] or list(TARGETS)
-    rows = ["| target | build | executions | edges | features | last new edge at | quiet | inputs |", "|---|---|---|---|---|---|---|---|"]
+    rows = ["| target | build | executions | edges | outcomes reached | of | grew last within | inputs |", "|---|---|---|---|---|---|---|---|"]
     whole = 0
     for name in names:
         longest, fast, sanitized = TARGETS[name]
         folder = build / "study" / name / "corpus"
         unpack(HERE / "corpus" / f"{name}.txt", folder)
-        for kind, most in (("_fast", fast), ("", sanitized)):
-            if most == 0:
+        for kind, least in (("_fast", fast), ("", sanitized)):
+            if least == 0:
                 continue
-            r = study(build / f"fuzz_{name}{kind}", folder, most, int(most * scale), longest)
+            r = study(build / f"fuzz_{name}{kind}", build / f"fuzz_{name}_branches", folder, least, int(least * scale), longest)
             whole += r["total"]
-            rows.append(f"| `{name}` | {'fast' if kind else 'sanitized'} | {r['total']:,} | {r['cov']} | {r['ft']} | {r['last']:,} | {quiet_text(r)} | "
-                        f"{len(list(folder.iterdir()))} |".replace(",", " "))
+            rows.append(f"| `{name}` | {'fast' if kind else 'sanitized'} | {r['total']:,} | {r['edges']} | {r['reached']} | {r['of']} | "
+                        f"{r['last']:,} | {len(list(folder.iterdir()))} |".replace(",", " "))
             (build / "study.md").write_text("\n".join(rows) + f"\n\n{whole:,} executions\n".replace(",", " "), encoding="utf-8")
         if keeps:
             keep(build / f"fuzz_{name}", folder, name)

@@ -1,0 +1,45 @@
+"""What inputs reach of the source: which conditions were true and which false, by clang's own count.
+
+Edges of a program depend on what the optimiser made of it, and each instantiation of a template has its own; here a condition
+is what the source text says, in whichever instantiation."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / "tests/structure"))
+from coverage import gather, violations  # noqa: E402
+
+FOLDERS = ("firmware", "hal", "host_sim/scene")
+
+
+def tools(program):
+    """llvm-profdata and llvm-cov of the clang that made it, or those without a number."""
+    version = subprocess.run(["readelf", "-p", ".comment", program], capture_output=True, text=True, check=True).stdout
+    number = next((w.split(".")[0] for line in version.splitlines() if "clang" in line for w in line.split() if w[0].isdigit()), "")
+    found = lambda name: next(n for n in (f"{name}-{number}", name) if any((Path(d) / n).exists() for d in os.environ["PATH"].split(":")))  # noqa: E731
+    return found("llvm-profdata"), found("llvm-cov")
+
+
+def measure(program, folder):
+    """({outcome reached}, {outcome of a function that ran}, [text of what is not reached]) of all inputs of a folder."""
+    raw, merged = folder.parent / "branches.profraw", folder.parent / "branches.profdata"
+    subprocess.run([program, "-runs=0", folder], env=os.environ | {"LLVM_PROFILE_FILE": str(raw)}, stdout=subprocess.DEVNULL,
+                   stderr=subprocess.DEVNULL, check=True)
+    profdata, cov = tools(program)
+    subprocess.run([profdata, "merge", "-sparse", raw, "-o", merged], check=True)
+    text = subprocess.run([cov, "export", program, f"-instr-profile={merged}"], capture_output=True, check=True).stdout
+    functions = [f for f in json.loads(text)["data"][0]["functions"] if f["count"] > 0]
+    lines, branches = gather(functions, ROOT, FOLDERS)
+    reached, all_ = set(), set()
+    for file, of_file in branches.items():
+        for place, counts in of_file.items():
+            for outcome, count in enumerate(counts):
+                all_.add((file, place, outcome))
+                if count > 0:
+                    reached.add((file, place, outcome))
+    missing = [v for v in violations(lines, branches, ROOT, FOLDERS) if "never true" in v or "never false" in v]
+    return reached, all_, missing
