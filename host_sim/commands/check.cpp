@@ -450,7 +450,7 @@ Verdict judge(const Scene& scene, Log& log) {
 template <class World>
 int report(const Scene& scene, const RunOptions& o) {
   OutputDirectory out(o.out);
-  Log log(out.path("check.csv"), columns<World>(scene), tick_count(scene));
+  Log log(out.open("check.csv"), columns<World>(scene), tick_count(scene));
   const auto [m, bus, f] = judge<World>(scene, log);
   log.close();
   const std::string obstacle = bus_obstacle(scene).what;
@@ -495,7 +495,7 @@ int report(const Scene& scene, const RunOptions& o) {
 }  // namespace
 
 std::string refusal_of(const Scene& scene) {
-  Log log("", {}, 0);
+  Log log(nullptr, {}, 0);
   const Findings f =
       scene.type == MechanismType::five_bar ? judge<FiveBarWorld>(scene, log).findings : judge<RrWorld>(scene, log).findings;
   for (const Json& item : f.list()) {

@@ -17,9 +17,9 @@ class ControllerRecorder {
  public:
   using M = typename World::Mechanism;
 
-  ControllerRecorder(const Scene& scene, const std::string& log_path)
+  ControllerRecorder(const Scene& scene, std::FILE* log)
       : scene_(scene),
-        log_(log_path, columns(scene), tick_count(scene)),
+        log_(log, columns(scene), tick_count(scene)),
         mechanism_(make_mechanism(believed_mechanism(scene), static_cast<M*>(nullptr))),
         mode_(mode_of(scene, static_cast<M*>(nullptr))),
         torque_(static_cast<std::size_t>(scene.motors())) {

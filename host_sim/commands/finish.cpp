@@ -5,6 +5,8 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
+#include "host_sim/commands/comparison.hpp"
+#include "host_sim/commands/recording.hpp"
 #include "host_sim/report/report.hpp"
 #include "host_sim/report/workspace.hpp"
 #include "host_sim/version.hpp"
@@ -145,7 +147,16 @@ int finish_run(const RunOptions& o, const Scene& scene, const char* kind, const 
   const double t = static_cast<double>(statistics.ticks()) * scene.tick();
   require_finite(end.q, t);
   require_finite(end.qd, t);
-  const Json summary = make_summary(scene, statistics, end);
+  Json summary = make_summary(scene, statistics, end);
+  if (o.again.comparison != nullptr) {
+    o.again.comparison->summary(summary, *o.again.recorded);
+    return 0;
+  }
+  summary["run"] = {{"command", kind},
+                    {"realtime", o.realtime},
+                    {"scalar", o.single_precision ? "float" : "double"},
+                    {"version", version},
+                    {"scene_digest", scene_digest(scene.toml, scene.reference.csv)}};
   if (out.wanted()) {
     write_scene(scene, out);
     out.write("summary.json", summary.dump(2) + "\n");

@@ -8,6 +8,11 @@
 
 namespace esmc::host {
 
+/// Where a run writes, or is compared.
+inline OutputDirectory output_of(const RunOptions& o) {
+  return o.again.comparison != nullptr ? OutputDirectory(*o.again.comparison) : OutputDirectory(o.out);
+}
+
 /// The scene as run, and the file of its reference if it has one.
 void write_scene(const Scene& scene, const OutputDirectory& out);
 

@@ -73,13 +73,13 @@ class PlantHalf {
   using M = typename World::Mechanism;
   using Joints = typename Plant::Joints;
 
-  PlantHalf(const Scene& scene, const RunOptions& o, Bus& bus, FrameLog& frames, const std::string& log_path,
+  PlantHalf(const Scene& scene, const RunOptions& o, Bus& bus, FrameLog& frames, std::FILE* log,
             bool with_controller)
       : scene_(scene),
         options_(o),
         tap_(bus, frames, scene),
         frames_(frames),
-        recorder_(scene, o.realtime ? Pacing::realtime : Pacing::lockstep, log_path, with_controller),
+        recorder_(scene, o.realtime ? Pacing::realtime : Pacing::lockstep, log, with_controller),
         node_(make_motion<World>(scene), scene, !o.realtime),
         ticks_(tick_count(scene)),
         substeps_(std::max(1, static_cast<int>(std::ceil(scene.tick() / scene.step - 1e-9)))) {}
@@ -122,7 +122,10 @@ class PlantHalf {
                std::chrono::milliseconds(parting_ms)) == Waited::done;
   }
   /// Frames that wait, without waiting for more: how many of them a controller sent to our drives.
-  int drain() { return node_.drain(tap_); }
+  int drain() {
+    tap_.look();
+    return node_.drain(tap_);
+  }
 
   /// Records the tick (from t = 0 on) and moves to the next.
   void advance(const ControllerView<M>& seen) {
@@ -299,6 +302,7 @@ class ControllerHalf {
   /// Against the clock a tick begins with this: takes what has come and, where the drives sample on demand, asks
   /// them and waits for their answers, no longer than `patience`.
   void sample(std::chrono::microseconds patience) {
+    if constexpr (requires { bus_.look(); }) bus_.look();
     receive();
     if (!with([](const auto& c) { return c.samples_on_demand; })) return;
     with([&](auto& c) { c.request(bus_); });

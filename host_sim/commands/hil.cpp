@@ -17,9 +17,9 @@ namespace {
 template <class World, class C = typename World::Mechanism, class PlantBus, class ControlBus>
 int run_lockstep(const Scene& scene, const RunOptions& o, PlantBus& plant_bus, ControlBus& control_bus,
                  const std::string& interface) {
-  OutputDirectory out(o.out);
-  FrameLog frames(out.path("frames.log"), interface, static_cast<std::uint32_t>(scene.bitrate));
-  PlantHalf<World, PlantBus> plant(scene, o, plant_bus, frames, out.path("log.csv"), true);
+  OutputDirectory out = output_of(o);
+  FrameLog frames(out.open("frames.log"), interface, static_cast<std::uint32_t>(scene.bitrate));
+  PlantHalf<World, PlantBus> plant(scene, o, plant_bus, frames, out.open("log.csv"), true);
   ControllerHalf<World, ControlBus, C> controller(scene, Pacing::lockstep, control_bus);
   const auto begin = std::chrono::steady_clock::now();
   bool stop = false, overloaded = false;
@@ -38,7 +38,7 @@ int run_lockstep(const Scene& scene, const RunOptions& o, PlantBus& plant_bus, C
       throw RunError("the drives' frames did not reach the controller within 5 s: lost on " + interface +
                      "?");
     }
-    stop = stop_requested();
+    stop = must_stop(o, plant.done() + (plant.released() ? 1U : 0U));
     overloaded = controller.overloaded();
     if (stop) controller.stop();
     controller.tick(true);
@@ -77,11 +77,12 @@ int run_hil(const Scene& scene, const RunOptions& o) {
   if (on_bus) return run_hil_timed<World>(scene, o);
   if (o.realtime) return run_hil_realtime<World>(scene, o);
   if (o.bus == "virtual") {
+    const std::string interface = o.again.comparison != nullptr ? o.again.interface : "virtual";
     const auto bus = std::make_unique<hal::VirtualBus<2>>();
     if (o.single_precision) {
-      return run_lockstep<World, typename World::SinglePrecision>(scene, o, bus->port(0), bus->port(1), "virtual");
+      return run_lockstep<World, typename World::SinglePrecision>(scene, o, bus->port(0), bus->port(1), interface);
     }
-    return run_lockstep<World>(scene, o, bus->port(0), bus->port(1), "virtual");
+    return run_lockstep<World>(scene, o, bus->port(0), bus->port(1), interface);
   }
   BusEnds ends = open_both_ends(o.bus, scene.bitrate);
   return run_lockstep<World>(scene, o, ends.plant, ends.control, ends.plant.interface());

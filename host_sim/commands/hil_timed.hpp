@@ -109,11 +109,11 @@ class TimedLoop {
 
 template <class World>
 int run_hil_timed(const Scene& scene, const RunOptions& o) {
-  OutputDirectory out(o.out);
-  FrameLog frames(out.path("frames.log"), "virtual", static_cast<std::uint32_t>(scene.bitrate));
+  OutputDirectory out = output_of(o);
+  FrameLog frames(out.open("frames.log"), "virtual", static_cast<std::uint32_t>(scene.bitrate));
   TimedBus bus(bus_config(scene));
   BusPort port(bus, TimedBus::controller);
-  PlantHalf<World, BusPort> plant(scene, o, port, frames, out.path("log.csv"), true);
+  PlantHalf<World, BusPort> plant(scene, o, port, frames, out.open("log.csv"), true);
   ControllerHalf<World, BusPort> controller(scene, Pacing::lockstep, port);
   TimedLoop<World> loop(scene, bus, port, plant, controller, frames);
   const auto begin = std::chrono::steady_clock::now();
@@ -130,7 +130,7 @@ int run_hil_timed(const Scene& scene, const RunOptions& o) {
     progress.at(plant.done());
     loop.begin();
     loop.listen();
-    stop = stop_requested();
+    stop = must_stop(o, plant.done() + (plant.released() ? 1U : 0U));
     if (stop) controller.stop();
     controller.tick(true);
     if (controller.supervisor().state() == State::fault && !plant.released()) {

@@ -16,15 +16,13 @@ constexpr std::size_t report_rows = 2000;
 constexpr std::size_t flush_bytes = 1U << 16U;
 }  // namespace
 
-Log::Log(const std::string& path, std::vector<std::string> columns, std::size_t rows)
-    : columns_(std::move(columns)), stride_((rows + report_rows - 1) / report_rows) {
+Log::Log(std::FILE* file, std::vector<std::string> columns, std::size_t rows)
+    : file_(file), columns_(std::move(columns)), stride_((rows + report_rows - 1) / report_rows) {
   if (stride_ == 0) stride_ = 1;
   const auto is_torque = [](const std::string& c) { return c.starts_with("tau") && !c.ends_with("_cmd"); };
   torque_ = static_cast<std::size_t>(std::ranges::find_if(columns_, is_torque) - columns_.begin());
   motors_ = static_cast<std::size_t>(std::ranges::count_if(columns_, is_torque));
-  if (path.empty()) return;
-  file_ = std::fopen(path.c_str(), "wb");
-  if (file_ == nullptr) throw InputError("", path + ": cannot be written");
+  if (file_ == nullptr) return;
   fmt::format_to(std::back_inserter(buffer_), "{}\n", fmt::join(columns_, ","));
 }
 

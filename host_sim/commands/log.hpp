@@ -16,8 +16,8 @@ namespace esmc::host {
 class Log {
  public:
   Log() = default;
-  /// `path` empty: nothing is written. `rows` expected decides how far the report's copy is thinned.
-  Log(const std::string& path, std::vector<std::string> columns, std::size_t rows);
+  /// `file` is closed at the end; null: nothing is written. `rows` expected decides how far the report's copy is thinned.
+  Log(std::FILE* file, std::vector<std::string> columns, std::size_t rows);
   Log(Log&& other) noexcept;
   Log& operator=(Log&& other) noexcept;
   Log(const Log&) = delete;

@@ -25,6 +25,7 @@
 #include "host_sim/commands/init.hpp"
 #include "host_sim/commands/live.hpp"
 #include "host_sim/commands/open_bus.hpp"
+#include "host_sim/commands/replay.hpp"
 #include "host_sim/commands/run.hpp"
 #include "host_sim/commands/sweep.hpp"
 #include "host_sim/error.hpp"
@@ -313,6 +314,16 @@ int run(int argc, char** argv) {
   controller->callback([&] {
     handle_signals();
     status = run_controller(o);
+  });
+
+  ReplayOptions p;
+  auto* replay = app.add_subcommand("replay", "a recorded run again, from its scene, seed and frames: is it equal to the last bit?");
+  replay->add_option("DIR", p.directory, "what sim, hil, plant or controller has left with --out")->required();
+  replay->add_flag("--any-version", p.any_version, "also where another version of esmc has recorded");
+  replay->add_flag("--json", p.json, "print the result as one JSON document");
+  replay->callback([&] {
+    handle_signals();
+    status = run_replay(p);
   });
 
   DriveOptions d;

@@ -10,6 +10,7 @@
 #include <fstream>
 #include <system_error>
 
+#include "host_sim/commands/comparison.hpp"
 #include "host_sim/error.hpp"
 #include "host_sim/scene/scene.hpp"
 
@@ -20,7 +21,7 @@ namespace fs = std::filesystem;
 namespace {
 
 /// Every name that a command may leave.
-constexpr const char* output_names[] = {"scene.toml",  "summary.json", "log.csv",     "frames.log",
+constexpr const char* output_names[] = {"scene.toml",  "summary.json", "log.csv",     "frames.log",   "frames.csv",
                                         "report.html", "check.csv",    reference_copy, "sweep.toml",
                                         "cases.csv",   "timing.json",  "timing.csv"};
 
@@ -92,6 +93,14 @@ OutputDirectory::~OutputDirectory() {
 
 std::string OutputDirectory::path(const std::string& name) const {
   return wanted() ? (partial_ / name).string() : std::string();
+}
+
+std::FILE* OutputDirectory::open(const std::string& name) const {
+  if (against_ != nullptr) return against_->open(name);
+  if (!wanted()) return nullptr;
+  std::FILE* const f = std::fopen(path(name).c_str(), "wb");
+  if (f == nullptr) throw InputError("", path(name) + ": cannot be written");
+  return f;
 }
 
 void OutputDirectory::spare(const std::string& input) const {

@@ -10,10 +10,12 @@ namespace esmc::host {
 /// Absolute instants k * period after the first call; late ones are counted and not made up for.
 class Pace {
  public:
-  explicit Pace(double period_s)
-      : period_(std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(period_s))),
+  /// `waits` false: ticks follow each other at once, for what is repeated.
+  explicit Pace(double period_s, bool waits = true)
+      : waits_(waits), period_(std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(period_s))),
         next_(Clock::now()) {}
   void wait() {
+    if (!waits_) return;
     next_ += period_;
     const auto now = Clock::now();
     if (now > next_ + period_) {
@@ -28,6 +30,7 @@ class Pace {
 
  private:
   using Clock = std::chrono::steady_clock;
+  bool waits_;
   Clock::duration period_;
   Clock::time_point next_;
   std::uint64_t late_ = 0;

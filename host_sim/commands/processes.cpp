@@ -15,9 +15,9 @@ namespace {
 /// `esmc plant` in lockstep: waits for the controller's first frame, then sets the pace.
 template <class World>
 int plant_lockstep(const Scene& scene, const RunOptions& o, HostBus& bus) {
-  OutputDirectory out(o.out);
-  FrameLog frames(out.path("frames.log"), bus.interface(), static_cast<std::uint32_t>(scene.bitrate));
-  PlantHalf<World, HostBus> plant(scene, o, bus, frames, out.path("log.csv"), false);
+  OutputDirectory out = output_of(o);
+  FrameLog frames(out.open("frames.log"), bus.interface(), static_cast<std::uint32_t>(scene.bitrate), out.open("frames.csv"));
+  PlantHalf<World, HostBus> plant(scene, o, bus, frames, out.open("log.csv"), false);
   if (wait_for(bus, [&] { return plant.drain() > 0; }) == Waited::silent) {
     throw RunError("no controller was heard for 5 s on " + bus.name());
   }
@@ -27,7 +27,7 @@ int plant_lockstep(const Scene& scene, const RunOptions& o, HostBus& bus) {
   while (!plant.finished() && !stop) {
     progress.at(plant.done());
     plant.publish();
-    stop = !plant.await_torques();
+    stop = (o.again.ticks && plant.done() >= *o.again.ticks) || !plant.await_torques();
     if (!stop) plant.advance({});
   }
   RunEnd end = plant.end(begin);
@@ -39,11 +39,11 @@ int plant_lockstep(const Scene& scene, const RunOptions& o, HostBus& bus) {
 /// `esmc controller` in lockstep: asks the drives to arm until they answer, then answers every complete set.
 template <class World>
 int controller_lockstep(const Scene& scene, const RunOptions& o, HostBus& bus) {
-  OutputDirectory out(o.out);
-  FrameLog frames(out.path("frames.log"), bus.interface(), static_cast<std::uint32_t>(scene.bitrate));
+  OutputDirectory out = output_of(o);
+  FrameLog frames(out.open("frames.log"), bus.interface(), static_cast<std::uint32_t>(scene.bitrate), out.open("frames.csv"));
   Tapped<HostBus> tap(bus, frames);
   ControllerHalf<World, Tapped<HostBus>> controller(scene, Pacing::lockstep, tap);
-  ControllerRecorder<World> recorder(scene, out.path("log.csv"));
+  ControllerRecorder<World> recorder(scene, out.open("log.csv"));
   const auto begin = std::chrono::steady_clock::now();
   if (controller.await_drives(std::chrono::milliseconds(150)) == Waited::silent) {
     throw RunError("no drive was heard for 5 s on " + bus.name());
@@ -55,11 +55,11 @@ int controller_lockstep(const Scene& scene, const RunOptions& o, HostBus& bus) {
   while (recorder.ticks() < tick_count(scene) && !stop && !overloaded) {
     progress.at(recorder.ticks());
     const Waited set = controller.await_set();
-    if (set == Waited::silent) {
+    stop = set == Waited::stopped || must_stop(o, recorder.ticks() + 1);
+    if (set == Waited::silent && !stop) {
       controller.shut_down();
       throw RunError("the drives sent no complete set of encoder frames for 5 s (plant dead or not started)");
     }
-    stop = set == Waited::stopped || stop_requested();
     overloaded = controller.overloaded();
     if (stop) controller.stop();
     controller.tick(true);
@@ -80,17 +80,21 @@ int controller_lockstep(const Scene& scene, const RunOptions& o, HostBus& bus) {
   return finish_run(o, scene, "controller", recorder.statistics(), end, recorder.log(), out);
 }
 
+HostBus bus_of(const RunOptions& o, const Scene& scene) {
+  return o.again.bus != nullptr ? HostBus(*o.again.bus) : open_bus(o.bus, scene.bitrate);
+}
+
 template <class World>
 int plant(const Scene& scene, const RunOptions& o) {
   require_reachable<World>(scene, o.realtime ? Pacing::realtime : Pacing::lockstep);
-  HostBus bus = open_bus(o.bus, scene.bitrate);
+  HostBus bus = bus_of(o, scene);
   return o.realtime ? plant_realtime<World>(scene, o, bus) : plant_lockstep<World>(scene, o, bus);
 }
 
 template <class World>
 int controller(const Scene& scene, const RunOptions& o) {
   require_reachable<World>(scene, o.realtime ? Pacing::realtime : Pacing::lockstep);
-  HostBus bus = open_bus(o.bus, scene.bitrate);
+  HostBus bus = bus_of(o, scene);
   return o.realtime ? controller_realtime<World>(scene, o, bus) : controller_lockstep<World>(scene, o, bus);
 }
 
@@ -118,8 +122,10 @@ int run_controller(const RunOptions& o) {
     HostBus bus = open_bus(o.bus, scene.bitrate);
     return run_observe(scene, o, bus);
   }
-  scene.hardware = o.realtime && carries_real_drives(o.bus);
-  require_confirmed(scene);
+  if (o.again.bus == nullptr) {
+    scene.hardware = o.realtime && carries_real_drives(o.bus);
+    require_confirmed(scene);
+  }
   return scene.type == MechanismType::five_bar ? controller<FiveBarWorld>(scene, o)
                                                : controller<RrWorld>(scene, o);
 }

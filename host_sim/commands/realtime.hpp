@@ -16,15 +16,15 @@ namespace esmc::host {
 
 /// The plant's ticks until the scene's duration, Ctrl-C, `over` or 5 s without a command from the controller.
 template <class World, class Bus, class Over>
-RunEnd pace_plant(const Scene& scene, PlantHalf<World, Bus>& plant, const Over& over) {
+RunEnd pace_plant(const Scene& scene, const RunOptions& o, PlantHalf<World, Bus>& plant, const Over& over) {
   const auto begin = std::chrono::steady_clock::now();
   const auto silence = std::chrono::milliseconds(silence_ms);
   const auto arming = std::chrono::duration<double>(arming_time_max(scene));
   auto heard = begin;
-  Pace pace(scene.tick() / plant.substeps());
+  Pace pace(scene.tick() / plant.substeps(), o.again.bus == nullptr);
   std::uint64_t late = 0;
   Progress progress(tick_count(scene));
-  while (!plant.finished() && !stop_requested() && !over()) {
+  while (!plant.finished() && !must_stop(o, plant.done()) && !over()) {
     progress.at(plant.done());
     if (!plant.released() && std::chrono::steady_clock::now() - begin > arming) {
       throw RunError(fmt::format("the drives were not in closed-loop control after {} s (controller dead or not started)",
@@ -50,9 +50,9 @@ RunEnd pace_plant(const Scene& scene, PlantHalf<World, Bus>& plant, const Over& 
 
 /// The controller's ticks; `done` tells when to end. Returns how many were late.
 template <class World, class Bus, class Done>
-std::uint64_t pace_controller(const Scene& scene, ControllerHalf<World, Bus>& controller,
+std::uint64_t pace_controller(const Scene& scene, const RunOptions& o, ControllerHalf<World, Bus>& controller,
                               ControllerRecorder<World>& recorder, const Done& done) {
-  Pace pace(scene.tick());
+  Pace pace(scene.tick(), o.again.bus == nullptr);
   // Samples that are later than this are the next tick's, one tick old.
   const auto patience =
       std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::duration<double>(0.4 * scene.tick()));
@@ -64,7 +64,7 @@ std::uint64_t pace_controller(const Scene& scene, ControllerHalf<World, Bus>& co
     });
   };
   const auto begin = std::chrono::steady_clock::now();
-  while (!done() && !stop_requested()) {
+  while (!done() && !must_stop(o, recorder.ticks())) {
     pace.wait();
     controller.sample(patience);
     controller.tick(true);
@@ -103,27 +103,27 @@ void linger(const Scene& scene, PlantHalf<World, Bus>& plant, const Done& done) 
 
 template <class World>
 int plant_realtime(const Scene& scene, const RunOptions& o, HostBus& bus) {
-  OutputDirectory out(o.out);
-  FrameLog frames(out.path("frames.log"), bus.interface(), static_cast<std::uint32_t>(scene.bitrate));
-  PlantHalf<World, HostBus> plant(scene, o, bus, frames, out.path("log.csv"), false);
-  if (!armed_by_link(scene) && wait_for(bus, [&] { return plant.drain() > 0; }) == Waited::silent) {
+  OutputDirectory out = output_of(o);
+  FrameLog frames(out.open("frames.log"), bus.interface(), static_cast<std::uint32_t>(scene.bitrate), out.open("frames.csv"));
+  PlantHalf<World, HostBus> plant(scene, o, bus, frames, out.open("log.csv"), false);
+  if (!armed_by_link(scene) && !o.again.of_hil && wait_for(bus, [&] { return plant.drain() > 0; }) == Waited::silent) {
     throw RunError("no controller was heard for 5 s on " + bus.name());
   }
-  const RunEnd end = pace_plant(scene, plant, [] { return false; });
+  const RunEnd end = pace_plant(scene, o, plant, [] { return false; });
   frames.close();
   return finish_run(o, scene, "plant", plant.recorder().statistics(), end, plant.recorder().log(), out);
 }
 
 template <class World>
 int controller_realtime(const Scene& scene, const RunOptions& o, HostBus& bus) {
-  OutputDirectory out(o.out);
-  FrameLog frames(out.path("frames.log"), bus.interface(), static_cast<std::uint32_t>(scene.bitrate));
+  OutputDirectory out = output_of(o);
+  FrameLog frames(out.open("frames.log"), bus.interface(), static_cast<std::uint32_t>(scene.bitrate), out.open("frames.csv"));
   Tapped<HostBus> tap(bus, frames);
   ControllerHalf<World, Tapped<HostBus>> controller(scene, Pacing::realtime, tap);
-  ControllerRecorder<World> recorder(scene, out.path("log.csv"));
+  ControllerRecorder<World> recorder(scene, out.open("log.csv"));
   const auto begin = std::chrono::steady_clock::now();
   const std::uint64_t late =
-      pace_controller(scene, controller, recorder, [&] { return recorder.ticks() >= tick_count(scene); });
+      pace_controller(scene, o, controller, recorder, [&] { return recorder.ticks() >= tick_count(scene); });
   RunEnd end = recorder.end(begin, o, controller.supervisor(), frames, tap.lost(),
                             std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count());
   end.interrupted = stop_requested();
@@ -140,17 +140,17 @@ int run_hil_realtime(const Scene& scene, const RunOptions& o) {
                      "--realtime needs --bus socketcan:INTERFACE or slcan:PLANT,CONTROLLER: the virtual bus has no clock of its own");
   }
   BusEnds ends = open_both_ends(o.bus, scene.bitrate);
-  OutputDirectory out(o.out);
-  FrameLog frames(out.path("frames.log"), ends.plant.interface(), static_cast<std::uint32_t>(scene.bitrate));
-  PlantHalf<World, HostBus> plant(scene, o, ends.plant, frames, out.path("log.csv"), false);
+  OutputDirectory out = output_of(o);
+  FrameLog frames(out.open("frames.log"), ends.plant.interface(), static_cast<std::uint32_t>(scene.bitrate), out.open("frames.csv"));
+  PlantHalf<World, HostBus> plant(scene, o, ends.plant, frames, out.open("log.csv"), false);
   ControllerHalf<World, HostBus> controller(scene, Pacing::realtime, ends.control);
-  ControllerRecorder<World> seen(scene, "");
+  ControllerRecorder<World> seen(scene, nullptr);
   std::atomic<bool> over{false}, parted{false};
   std::exception_ptr plant_failure, controller_failure;
   std::uint64_t late = 0;
   std::thread thread([&] {
     try {
-      late = pace_controller(scene, controller, seen, [&] { return over.load(); });
+      late = pace_controller(scene, o, controller, seen, [&] { return over.load(); });
     } catch (...) {
       controller_failure = std::current_exception();
     }
@@ -158,7 +158,7 @@ int run_hil_realtime(const Scene& scene, const RunOptions& o) {
   });
   RunEnd end;
   try {
-    end = pace_plant(scene, plant, [&] { return parted.load(); });
+    end = pace_plant(scene, o, plant, [&] { return parted.load(); });
     over = true;
     linger(scene, plant, [&] { return parted.load(); });
   } catch (...) {

@@ -152,11 +152,11 @@ class Recorder {
   using Plant = typename World::Plant;
   using M = typename World::Mechanism;
 
-  Recorder(const Scene& scene, Pacing pacing, const std::string& log_path, bool with_controller)
+  Recorder(const Scene& scene, Pacing pacing, std::FILE* log, bool with_controller)
       : scene_(scene),
         track_(scene, pacing),
         with_controller_(with_controller),
-        log_(log_path, columns(), tick_count(scene)),
+        log_(log, columns(), tick_count(scene)),
         torque_(static_cast<std::size_t>(scene.motors())) {}
 
   [[nodiscard]] ReferenceTrack<World>& track() { return track_; }

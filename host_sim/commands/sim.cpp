@@ -23,10 +23,10 @@ class SimRun {
   using M = typename World::Mechanism;
   using Joints = typename Plant::Joints;
 
-  SimRun(const Scene& scene, const RunOptions& options, const std::string& log_path)
+  SimRun(const Scene& scene, const RunOptions& options, std::FILE* log)
       : scene_(scene),
         options_(options),
-        recorder_(scene, Pacing::lockstep, log_path, scene.closed_loop()),
+        recorder_(scene, Pacing::lockstep, log, scene.closed_loop()),
         motion_(make_motion<World>(scene)),
         actuators_(scene.effects, scene.motor_joints(), scene.seed) {}
 
@@ -72,7 +72,7 @@ class SimRun {
     Progress progress(progress_ ? ticks : 0);
     for (std::uint32_t n = 0; n < ticks; ++n) {
       progress.at(n);
-      if (stop_requested()) {
+      if (must_stop(options_, n)) {
         end.interrupted = true;
         return;
       }
@@ -100,7 +100,7 @@ class SimRun {
     Progress progress(progress_ ? ticks : 0);
     for (std::uint32_t n = 0; n < ticks; ++n) {
       progress.at(n);
-      const bool stop = stop_requested();
+      const bool stop = must_stop(options_, n + 1);
       supervisor.begin_tick(stop ? Command::stop : Command::none, {true, false}, result.stage_done);
       measure(sensors, sample);
       result = controller.tick(sample, supervisor);
@@ -193,12 +193,12 @@ template <class World>
 int simulate(Scene scene, const RunOptions& o) {
   if (scene.accuracy) scene.method = method_for(scene);
   require_reachable<World>(scene, Pacing::lockstep);
-  OutputDirectory out(o.out);
+  OutputDirectory out = output_of(o);
   const auto finish = [&](SimRun<World>& run, const RunEnd& end) {
     return finish_run(o, scene, "sim", run.recorder().statistics(), end, run.recorder().log(), out);
   };
   if (!scene.accuracy) {
-    SimRun<World> run(scene, o, out.path("log.csv"));
+    SimRun<World> run(scene, o, out.open("log.csv"));
     const RunEnd end = run.run(steps_per_tick(scene));
     return finish(run, end);
   }
@@ -208,7 +208,7 @@ int simulate(Scene scene, const RunOptions& o) {
   std::vector<double> before;
   double change = std::numeric_limits<double>::infinity();
   for (int substeps = 1; substeps <= finest; substeps *= 2) {
-    SimRun<World> run(scene, o, out.path("log.csv"));
+    SimRun<World> run(scene, o, out.open("log.csv"));
     RunEnd end;
     try {
       end = run.run(substeps);
@@ -252,7 +252,7 @@ template <class World>
 Trace trace_of(const Scene& scene, Purpose purpose) {
   Trace out;
   const RunOptions none;
-  SimRun<World> run(scene, none, "");
+  SimRun<World> run(scene, none, nullptr);
   const bool sweep = purpose == Purpose::sweep || purpose == Purpose::sweep_without_base;
   if (sweep) {
     if (purpose == Purpose::sweep_without_base) run.recorder().without_base_errors();

@@ -19,15 +19,15 @@ std::string candump_line(std::int64_t time_us, const std::string& interface, con
   return out;
 }
 
-FrameLog::FrameLog(const std::string& path, std::string interface, std::uint32_t bitrate)
-    : interface_(std::move(interface)), bitrate_(bitrate) {
-  if (path.empty()) return;
-  file_ = std::fopen(path.c_str(), "wb");
-  if (file_ == nullptr) throw InputError("", path + ": cannot be written");
+FrameLog::FrameLog(std::FILE* file, std::string interface, std::uint32_t bitrate, std::FILE* passage)
+    : file_(file), passage_(passage), interface_(std::move(interface)), bitrate_(bitrate) {
+  if (passage_ != nullptr) std::fputs("look,sent,age_us\n", passage_);
 }
 
 FrameLog::~FrameLog() {
-  if (file_ != nullptr) std::fclose(file_);
+  for (std::FILE* f : {file_, passage_}) {
+    if (f != nullptr) std::fclose(f);
+  }
 }
 
 void FrameLog::frame(const hal::CanFrame& f) {
@@ -54,10 +54,16 @@ void FrameLog::write(const hal::CanFrame& f) {
   std::fwrite(line.data(), 1, line.size(), file_);
 }
 
+void FrameLog::pass(bool sent, std::uint32_t age_us) {
+  const std::string row = fmt::format("{},{},{}\n", looks_, sent ? 1 : 0, age_us);
+  std::fwrite(row.data(), 1, row.size(), passage_);
+}
+
 void FrameLog::close() {
-  if (file_ == nullptr) return;
-  if (std::fclose(std::exchange(file_, nullptr)) != 0) {
-    throw RunError("frames.log could not be written completely (disk full?)");
+  for (const auto& [file, what] : {std::pair{&file_, "frames.log"}, std::pair{&passage_, "frames.csv"}}) {
+    if (*file != nullptr && std::fclose(std::exchange(*file, nullptr)) != 0) {
+      throw RunError(std::string(what) + " could not be written completely (disk full?)");
+    }
   }
 }
 

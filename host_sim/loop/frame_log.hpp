@@ -16,8 +16,9 @@ std::string candump_line(std::int64_t time_us, const std::string& interface, con
 class FrameLog {
  public:
   FrameLog() = default;
-  /// `path` empty: nothing is written.
-  FrameLog(const std::string& path, std::string interface, std::uint32_t bitrate);
+  /// `file` is closed at the end; null: nothing is written. `passage`: likewise, a row for each line of it, for who feeds the
+  /// frames to one of the halves again: in which look at the bus, sent or received, how long it had waited.
+  FrameLog(std::FILE* file, std::string interface, std::uint32_t bitrate, std::FILE* passage = nullptr);
   FrameLog(const FrameLog&) = delete;
   FrameLog& operator=(const FrameLog&) = delete;
   ~FrameLog();
@@ -34,7 +35,16 @@ class FrameLog {
     load_.add(static_cast<double>(bits_ - seen_bits_));
     seen_bits_ = bits_;
   }
-  void frame(const hal::CanFrame& f);
+  /// The node looks at the bus anew: what it receives from here on it did not know before.
+  void look() { ++looks_; }
+  void sent(const hal::CanFrame& f) {
+    frame(f);
+    if (passage_ != nullptr) pass(true, 0);
+  }
+  void received(const hal::CanFrame& f, std::uint32_t age_us) {
+    frame(f);
+    if (passage_ != nullptr) pass(false, age_us);
+  }
   /// Of a bus that knows when its frames were through and how long they were.
   void frame_at(double time_s, std::uint32_t bits, const hal::CanFrame& f);
   void close();
@@ -45,14 +55,17 @@ class FrameLog {
   [[nodiscard]] const Binned& load() const { return load_; }
 
  private:
+  void frame(const hal::CanFrame& f);
   void write(const hal::CanFrame& f);
+  void pass(bool sent, std::uint32_t age_us);
 
-  std::FILE* file_ = nullptr;
+  std::FILE *file_ = nullptr, *passage_ = nullptr;
   std::string interface_;
   std::uint32_t bitrate_ = 1'000'000;
   std::int64_t time_us_ = 0, last_us_ = 0;
   std::uint32_t last_bits_ = 0;
   std::uint64_t frames_ = 0, bits_ = 0, seen_bits_ = 0;
+  std::uint64_t looks_ = 0;
   Binned load_;
 };
 
@@ -64,7 +77,7 @@ class Tapped {
   [[nodiscard]] hal::SendStatus try_send(const hal::CanFrame& f) {
     const hal::SendStatus s = bus_->try_send(f);
     if (s == hal::SendStatus::ok) {
-      log_->frame(f);
+      log_->sent(f);
     } else {
       ++lost_;
     }
@@ -72,8 +85,12 @@ class Tapped {
   }
   [[nodiscard]] bool try_receive(hal::CanFrame& f) {
     if (!bus_->try_receive(f)) return false;
-    log_->frame(f);
+    log_->received(f, age_us());
     return true;
+  }
+  void look() {
+    log_->look();
+    if constexpr (requires { bus_->look(); }) bus_->look();
   }
   [[nodiscard]] std::uint32_t frame_age_us() const
     requires hal::TimesFrames<Bus>
@@ -81,9 +98,18 @@ class Tapped {
     return bus_->frame_age_us();
   }
   [[nodiscard]] Bus& bus() { return *bus_; }
+  [[nodiscard]] const Bus& bus() const { return *bus_; }
   [[nodiscard]] std::uint64_t lost() const { return lost_; }
 
  private:
+  [[nodiscard]] std::uint32_t age_us() const {
+    if constexpr (hal::TimesFrames<Bus>) {
+      return bus_->frame_age_us();
+    } else {
+      return 0;
+    }
+  }
+
   Bus* bus_;
   FrameLog* log_;
   std::uint64_t lost_ = 0;

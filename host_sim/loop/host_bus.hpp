@@ -10,6 +10,7 @@
 
 #include "hal/linux/byte_port.hpp"
 #include "hal/linux/socketcan.hpp"
+#include "host_sim/loop/recorded_bus.hpp"
 
 namespace esmc::host {
 
@@ -18,20 +19,31 @@ class HostBus {
   /// `name`: as it was given, for messages.
   HostBus(std::string name, hal::SocketCan socket) : name_(std::move(name)), bus_(std::move(socket)) {}
   HostBus(std::string name, std::unique_ptr<hal::SlcanAdapter> adapter) : name_(std::move(name)), bus_(std::move(adapter)) {}
+  /// What was on a bus once.
+  explicit HostBus(RecordedBus& recorded) : name_(recorded.interface()), bus_(&recorded) {}
 
   [[nodiscard]] const std::string& name() const { return name_; }
   /// For frames.log, whose readers want a word and no path.
   [[nodiscard]] std::string interface() const { return serial() ? "slcan" : name_; }
 
   hal::SendStatus try_send(const hal::CanFrame& f) {
+    if (RecordedBus* r = recorded()) return r->try_send(f);
     return serial() ? adapter().try_send(f) : std::get<hal::SocketCan>(bus_).try_send(f);
   }
   [[nodiscard]] bool try_receive(hal::CanFrame& f) {
+    if (RecordedBus* r = recorded()) return r->try_receive(f);
     return serial() ? adapter().try_receive(f) : std::get<hal::SocketCan>(bus_).try_receive(f);
   }
   /// 0, not known, on a serial line.
   [[nodiscard]] std::uint32_t frame_age_us() const {
+    if (const RecordedBus* r = recorded()) return r->frame_age_us();
     return serial() ? 0U : std::get<hal::SocketCan>(bus_).frame_age_us();
+  }
+
+  /// Null: a bus of the present.
+  [[nodiscard]] RecordedBus* recorded() const { return bus_.index() == 2 ? std::get<RecordedBus*>(bus_) : nullptr; }
+  void look() {
+    if (RecordedBus* r = recorded()) r->look();
   }
 
   /// The line's other end is gone for good; nothing more is heard or said here. An interface may come up again.
@@ -55,7 +67,7 @@ class HostBus {
   [[nodiscard]] hal::SlcanAdapter& adapter() { return *std::get<1>(bus_); }
 
   std::string name_;
-  std::variant<hal::SocketCan, std::unique_ptr<hal::SlcanAdapter>> bus_;
+  std::variant<hal::SocketCan, std::unique_ptr<hal::SlcanAdapter>, RecordedBus*> bus_;
 };
 
 static_assert(hal::TimesFrames<HostBus>);

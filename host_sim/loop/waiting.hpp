@@ -33,6 +33,7 @@ inline bool wait_for_frame(hal::SocketCan& bus, int milliseconds) {
   return readable_within({bus.descriptor(), POLLIN, 0}, std::chrono::milliseconds(milliseconds));
 }
 inline bool wait_for_frame(HostBus& bus, std::chrono::nanoseconds patience) {
+  if (const RecordedBus* r = bus.recorded()) return r->has_input();
   if (bus.has_input()) return true;
   const bool input = readable_within(bus.polled(), patience);
   bus.flush();
@@ -72,6 +73,14 @@ inline constexpr bool can_wait = std::is_same_v<Bus, hal::SocketCan> || std::is_
 template <class Bus>
 inline constexpr bool can_wait<Tapped<Bus>> = can_wait<Bus>;
 
+/// Whether it is worth while to wait on this very bus.
+template <class Bus>
+bool may_come(const Bus&) {
+  return can_wait<Bus>;
+}
+inline bool may_come(const HostBus& bus) { return bus.recorded() == nullptr; }
+inline bool may_come(const Tapped<HostBus>& tap) { return may_come(tap.bus()); }
+
 enum class Waited : std::uint8_t { done, stopped, silent };
 
 /// Waits until `done`, which takes what has arrived and is asked again after each arrival. `stop` (Ctrl-C) and the
@@ -88,7 +97,7 @@ Waited wait_until(Bus& bus, const Done& done, const Stop& stop, std::chrono::mil
     const auto left = std::chrono::ceil<std::chrono::milliseconds>(deadline - Clock::now());
     if (left.count() <= 0) return Waited::silent;
     const bool frame = wait_for_frame(bus, static_cast<int>(std::min(left, slice).count()));
-    if (!frame && !can_wait<Bus>) return Waited::silent;
+    if (!frame && !may_come(bus)) return Waited::silent;
   } while (!done());
   return Waited::done;
 }

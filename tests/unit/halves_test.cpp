@@ -58,7 +58,7 @@ TEST_F(Halves, AWatchdogWithMoreThanItsTimeIsNoProof) {
 }
 
 TEST_F(Halves, ThePlantHearsAControllerOnlyInCommandsToItsDrives) {
-  PlantHalf<FiveBarWorld, Socket> plant(scene_, options_, here_, frames_, "", false);
+  PlantHalf<FiveBarWorld, Socket> plant(scene_, options_, here_, frames_, nullptr, false);
   hal::CanFrame request = test::message(1, test::cmd_torque, 0, 0);
   request.remote = true;
   hal::CanFrame wide = test::message(1, test::cmd_mode, 1, 1);
@@ -98,7 +98,7 @@ TEST_F(Halves, ThePlantRefusesAControllerOfAnotherScene) {
   options_.scene = ESMC_COMMAND_SCENE;
   scene_ = read_loop_scene(options_);
   const auto base = static_cast<std::uint32_t>(scene_.command->base_id);
-  PlantHalf<FiveBarWorld, Socket> plant(scene_, options_, here_, frames_, "", false);
+  PlantHalf<FiveBarWorld, Socket> plant(scene_, options_, here_, frames_, nullptr, false);
   for (const hal::CanFrame& f : {link::encode_identity(base, scene_.identity), link::encode_identity(base, 0),
                                  link::encode_identity(base + 32, scene_.identity + 1)}) {
     ASSERT_EQ(there_.try_send(f), hal::SendStatus::ok);
@@ -162,7 +162,7 @@ TEST_F(Halves, AFloodInsteadOfASetIsAFaultAndNotAWait) {
 class Loop {
  public:
   Loop(const Scene& scene, const RunOptions& o, FrameLog& frames)
-      : plant(scene, o, bus->port(0), frames, "", true), controller(scene, Pacing::lockstep, bus->port(1)) {}
+      : plant(scene, o, bus->port(0), frames, nullptr, true), controller(scene, Pacing::lockstep, bus->port(1)) {}
   void tick() {
     plant.publish();
     EXPECT_EQ(controller.await_set(), Waited::done);

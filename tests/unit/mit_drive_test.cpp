@@ -172,7 +172,7 @@ class MitLoop : public testing::Test {
     FrameLog frames;
     const auto bus = std::make_unique<hal::VirtualBus<3>>();
     using Port = hal::VirtualBus<3>::Port;
-    PlantHalf<FiveBarWorld, Port> plant(scene, o, bus->port(0), frames, "", true);
+    PlantHalf<FiveBarWorld, Port> plant(scene, o, bus->port(0), frames, nullptr, true);
     ControllerHalf<FiveBarWorld, Port> controller(scene, Pacing::lockstep, bus->port(1));
     int ticks = 0, zeros = 0, entered = 0;
     const unsigned node = static_cast<unsigned>(scene.drives.nodes[0]);

@@ -1,0 +1,89 @@
+#pragma once
+/// A bus that hands out what one of its nodes has received before, and compares what the node sends with what it sent then.
+
+#include <cstdint>
+#include <functional>
+#include <optional>
+#include <string>
+#include <utility>
+
+#include "hal/can.hpp"
+
+namespace esmc::host {
+
+/// A frame as one node saw it pass.
+struct PassedFrame {
+  std::int64_t time_us = 0;
+  std::uint64_t look = 0;     ///< of the node at the bus, counted from 0
+  bool sent = false;          ///< by the node
+  std::uint32_t age_us = 0;   ///< of a received one: how long it had waited
+  hal::CanFrame frame{};
+};
+
+class RecordedBus {
+ public:
+  /// `next`: the frames in their order, one with each call; none: no more.
+  using Source = std::function<std::optional<PassedFrame>()>;
+  RecordedBus(std::string interface, Source next) : interface_(std::move(interface)), source_(std::move(next)), head_(source_()) {}
+
+  /// Of the frames that the node sends, the first that is another than it was.
+  struct Deviation {
+    std::uint64_t line;                     ///< of the recording, from 1
+    std::optional<hal::CanFrame> recorded;  ///< none: it received something then, or the recording is over
+    std::optional<hal::CanFrame> computed;  ///< none: it sends nothing
+    std::int64_t time_us;
+  };
+
+  [[nodiscard]] hal::SendStatus try_send(const hal::CanFrame& f) {
+    if (!hal::well_formed(f)) return hal::SendStatus::refused;
+    const bool then = head_ && head_->sent;
+    if (!then || !(head_->frame == f)) deviate(then ? std::optional(head_->frame) : std::nullopt, f);
+    if (then) advance();
+    return hal::SendStatus::ok;
+  }
+  [[nodiscard]] bool try_receive(hal::CanFrame& f) {
+    if (!has_input() || head_->look > looks_) return false;
+    f = head_->frame;
+    age_us_ = head_->age_us;
+    advance();
+    return true;
+  }
+  [[nodiscard]] std::uint32_t frame_age_us() const { return age_us_; }
+  /// The node looks anew: it may receive what came until then.
+  void look() { ++looks_; }
+
+  /// The next thing that happened was that the node received a frame, at this look or at a later one.
+  [[nodiscard]] bool has_input() const { return head_ && !head_->sent; }
+  [[nodiscard]] bool over() const { return !head_; }
+  [[nodiscard]] const std::string& interface() const { return interface_; }
+  [[nodiscard]] std::uint64_t passed() const { return line_ - 1; }
+  /// Call when the node is done: what it had sent beyond that is a deviation, too.
+  void end() {
+    for (; head_; advance()) {
+      if (head_->sent) return deviate(head_->frame, std::nullopt);
+    }
+  }
+  [[nodiscard]] const std::optional<Deviation>& deviation() const { return deviation_; }
+
+ private:
+  void advance() {
+    time_us_ = head_->time_us;
+    head_ = source_();
+    ++line_;
+  }
+  void deviate(std::optional<hal::CanFrame> recorded, std::optional<hal::CanFrame> computed) {
+    if (!deviation_) deviation_ = Deviation{line_, recorded, computed, head_ ? head_->time_us : time_us_};
+  }
+
+  std::string interface_;
+  Source source_;
+  std::optional<PassedFrame> head_;
+  std::uint64_t line_ = 1, looks_ = 0;
+  std::int64_t time_us_ = 0;
+  std::uint32_t age_us_ = 0;
+  std::optional<Deviation> deviation_;
+};
+
+static_assert(hal::TimesFrames<RecordedBus>);
+
+}  // namespace esmc::host
