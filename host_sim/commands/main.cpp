@@ -6,8 +6,10 @@
 #include <algorithm>
 #include <cerrno>
 #include <charconv>
+#include <cmath>
 #include <csignal>
 #include <cstdio>
+#include <cstdlib>
 #include <cstring>
 #include <filesystem>
 #include <fstream>
@@ -17,6 +19,7 @@
 
 #include "host_sim/commands/accuracy.hpp"
 #include "host_sim/commands/bake.hpp"
+#include "host_sim/commands/calibrate.hpp"
 #include "host_sim/commands/campaign.hpp"
 #include "host_sim/commands/check.hpp"
 #include "host_sim/commands/drive.hpp"
@@ -223,6 +226,33 @@ void add_live(CLI::App& app, LiveOptions& o, const std::function<void()>& run) {
   c->callback(run);
 }
 
+/// A number that is finite and > 0.
+std::string above_zero(const std::string& text) {
+  char* end = nullptr;
+  const double v = std::strtod(text.c_str(), &end);
+  return !text.empty() && *end == '\0' && std::isfinite(v) && v > 0.0 ? std::string() : "must be a number > 0, not " + text;
+}
+
+void add_calibrate(CLI::App& app, CalibrateOptions& o, const std::function<void()>& run) {
+  auto* c = app.add_subcommand("calibrate", "lengths and encoder offsets from the log of a run with redundant encoders, with their uncertainty");
+  c->add_option("LOG", o.log, "directory of a run (log.csv, scene.toml), or a log.csv")->required();
+  c->add_option("--scene", o.scene, "nominal mechanism; default scene.toml beside the log")->type_name("FILE");
+  c->add_option("--half-base", o.half_base, "m, measured: the scale of everything")->check(above_zero);
+  c->add_flag("--trust-half-base", o.trust_half_base, "the scene's half_base is right")->excludes("--half-base");
+  c->add_option("--effector", o.effector, "CSV t,x,y: measured positions of the effector, s and m")->type_name("FILE");
+  c->add_option("--effector-sigma", o.effector_sigma, "standard deviation of each of their coordinates, m")
+      ->check(above_zero)
+      ->capture_default_str();
+  c->add_flag("--free-frame", o.free_frame, "they are in a frame of their own, not in that of the base")->needs("--effector");
+  c->add_flag("--keep-nominal", o.keep_nominal, "what the log does not determine stays nominal, instead of an error");
+  c->add_option("--within", o.within, "relative change of a length beyond which it is another mechanism")
+      ->check(above_zero)
+      ->capture_default_str();
+  c->add_option("--write", o.write, "scene file to write: the nominal one, corrected")->type_name("FILE");
+  c->add_flag("--json", o.json, "print the result as one JSON document");
+  c->callback(run);
+}
+
 /// The first word after the program must be a subcommand or an option.
 void require_subcommand(const CLI::App& app, int argc, char** argv) {
   if (argc < 2 || argv[1][0] == '-') return;
@@ -387,6 +417,9 @@ int run(int argc, char** argv) {
     w.command_line = o.command_line;
     status = run_sweep(w);
   });
+
+  CalibrateOptions g;
+  add_calibrate(app, g, [&] { status = run_calibrate(g); });
 
   LiveOptions l;
   add_live(app, l, [&] {

@@ -219,7 +219,7 @@ void CaseScenes::read(std::uint64_t index) {
   fill(false);
   auto scene = std::make_unique<Scene>(read_scene_table(table, spec_->scene));
   if (plant) {
-    const FiveBarParams<double> believed = scene->mechanism;
+    const FiveBarParams<double> believed = scene->believed.value_or(scene->mechanism);
     fill(true);
     *scene = read_scene_table(std::move(table), spec_->scene);
     scene->believed = believed;

@@ -51,6 +51,7 @@ constexpr std::array keys{
     Key{"control.torque_weight", "numbers", "-", "", 0, 1e12, true, "", "four motors: diagonal of W, minimised is tau^T W tau; default 1/torque_limit^2"},
     Key{"control.model", "table", "-", "", -inf, inf, false, "", "what the controller believes, as factors on [mechanism]"},
     Key{"control.torque", "tables", "-", "", -inf, inf, false, "", "open_loop: per motor { offset, terms = [{ amp, omega, phase }] }"},
+    Key{"control.model.mechanism", "string", "-", "", -inf, inf, false, "", "scene file whose [mechanism] the controller believes in instead of this one's, relative to the scene file; the factors go onto that"},
     Key{"control.model.half_base", "number", "1.0", "", 0, 100, true, "", "factor"},
     Key{"control.model.effector_mass", "number", "1.0", "", 0, 100, false, "", "factor"},
     Key{"control.model.gravity", "number", "1.0", "", 0, 100, false, "", "factor"},

@@ -62,8 +62,21 @@ void read_mechanism(Section s, Scene& scene) {
   s.finish();
 }
 
-ModelFactors read_model(Section s) {
+/// The [mechanism] of another scene, in place of what the true one is believed to be.
+FiveBarParams<double> read_belief(const Section& s, const std::string& name, const Scene& scene) {
+  const std::filesystem::path path = std::filesystem::path(scene.file).parent_path() / name;
+  if (name.find('\0') != std::string::npos) s.fail("mechanism", "must be a file name, without NUL");
+  const toml::table table = parse_scene_file(path.string(), {});
+  Section root(table, path.string(), "", "");
+  Scene other;
+  read_mechanism(root.required_section("mechanism"), other);
+  if (other.type != scene.type) s.fail("mechanism", "names a scene of another type of mechanism: " + path.string());
+  return other.mechanism;
+}
+
+ModelFactors read_model(Section s, Scene& scene) {
   ModelFactors f;
+  if (const auto name = s.optional_text("mechanism")) scene.believed = read_belief(s, *name, scene);
   f.half_base = s.number("half_base");
   f.effector_mass = s.number("effector_mass");
   f.gravity = s.number("gravity");
@@ -142,7 +155,7 @@ void read_control(Section s, Scene& scene) {
   const auto motors = static_cast<std::size_t>(scene.motors());
   if (scene.closed_loop() || s.has("torque_limit")) scene.torque_limit = s.each("torque_limit", motors);
   scene.torque_weight = s.optional_numbers("torque_weight", {motors}).value_or(std::vector<double>{});
-  if (const auto model = s.section("model")) scene.model = read_model(*model);
+  if (const auto model = s.section("model")) scene.model = read_model(*model, scene);
   if (scene.law == LawChoice::open_loop || s.has("torque")) {
     const auto torque = read_waveforms(s, motors);
     if (scene.law == LawChoice::open_loop) scene.torque = torque;
@@ -385,6 +398,10 @@ Scene read_scene_table(toml::table table, const std::string& file) {
     const auto name = *table["drives"]["endpoints"].value<std::string>();
     const auto path = std::filesystem::absolute(std::filesystem::path(file).parent_path() / name);
     table["drives"].as_table()->insert_or_assign("endpoints", path.string());
+  }
+  if (const auto name = table["control"]["model"]["mechanism"].value<std::string>()) {
+    const auto path = std::filesystem::absolute(std::filesystem::path(file).parent_path() / *name);
+    table["control"]["model"].as_table()->insert_or_assign("mechanism", path.string());
   }
   if (!scene.reference.csv.empty()) table["reference"].as_table()->insert_or_assign("path", reference_copy);
   scene.toml = toml_text(table);
