@@ -75,7 +75,8 @@ std::string calibrated_snippet(const Scene& scene, const Unknowns& value) {
   toml::table out{{"mechanism", toml::table{}}};
   correct_lengths(*out["mechanism"].as_table(), scene, value);
   correct_offsets(out, scene, value);
-  return toml_text(out);
+  const std::string text = toml_text(out);
+  return text.substr(text.find_first_not_of('\n'));
 }
 
 std::string calibrated_scene(const RecordedRun& run, const Unknowns& value) {
