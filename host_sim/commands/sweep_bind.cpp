@@ -55,7 +55,11 @@ constexpr Row rows[] = {
     {"control.model.effector_mass", "control.model.effector_mass", factor<&ModelFactors::effector_mass>},
     {"control.model.gravity", "control.model.gravity", factor<&ModelFactors::gravity>},
     {"control.lambda", "control.lambda", per_kind<&Scene::lambda>},
-    {"control.gain", "control.gain", per_kind<&Scene::gain>},
+    {"control.gain", "control.gain",
+     [](Scene& s, double v) {
+       s.gain = {v, v};
+       s.robust_gain = false;
+     }},
     {"control.layer", "control.layer", per_kind<&Scene::layer>},
     {"control.kp", "control.kp", [](Scene& s, double v) { s.kp = v; }},
     {"control.kd", "control.kd", [](Scene& s, double v) { s.kd = v; }},

@@ -38,7 +38,7 @@ constexpr std::array keys{
     Key{"control.law", "string", "", "", -inf, inf, false, "esmc | esmc_projected | smc | ctc | pd | open_loop | none", "control law"},
     Key{"control.reaching", "string", "\"implicit\"", "", -inf, inf, false, "sign | saturation | tanh | implicit", "what replaces sgn s"},
     Key{"control.lambda", "number or {position, angle}", "", "1/s", 0, 1e5, true, "", "esmc, esmc_projected, smc: slope of the surface; ctc: K_p = lambda^2, K_d = 2 lambda unless kp, kd are given"},
-    Key{"control.gain", "number or {position, angle}", "", "m/s2, rad/s2", 0, 1e9, false, "", "esmc, esmc_projected, smc: switching gain k"},
+    Key{"control.gain", "number, {position, angle} or \"robust\"", "", "m/s2, rad/s2", 0, 1e9, false, "", "esmc, esmc_projected, smc: switching gain k; \"robust\": one per channel, from [uncertainty]"},
     Key{"control.layer", "number or {position, angle}", "0.05", "m/s, rad/s", 0, 1e6, true, "", "boundary layer of saturation and tanh"},
     Key{"control.kp", "number", "-", "1/s2 (ctc), N m/rad (pd)", 0, 1e9, false, "", "proportional gain; required for pd"},
     Key{"control.kd", "number", "-", "1/s (ctc), N m s/rad (pd)", 0, 1e9, false, "", "derivative gain; required for pd"},
@@ -69,6 +69,24 @@ constexpr std::array keys{
     Key{"control.torque.terms.amp", "number", "", "N m", -big, big, false, "", "amplitude"},
     Key{"control.torque.terms.omega", "number", "", "rad/s", -big, big, false, "", "angular frequency"},
     Key{"control.torque.terms.phase", "number", "0.0", "rad", -big, big, false, "", "phase"},
+
+    Key{"uncertainty", "table", "-", "", -inf, inf, false, "", "where the truth lies around what the controller believes; `esmc design`, gain = \"robust\""},
+    Key{"uncertainty.m1", "number or [lower, upper]", "-", "", 0, 100, false, "", "true over believed mass of the proximal bars: 0.1 is [0.9, 1.1]; default [1, 1]"},
+    Key{"uncertainty.m2", "number or [lower, upper]", "-", "", 0, 100, false, "", "of the distal bars, likewise"},
+    Key{"uncertainty.J1", "number or [lower, upper]", "-", "", 0, 100, false, "", "inertia of the proximal bars, likewise"},
+    Key{"uncertainty.J2", "number or [lower, upper]", "-", "", 0, 100, false, "", "inertia of the distal bars, likewise"},
+    Key{"uncertainty.lg1", "number or [lower, upper]", "-", "m", -1e3, 1e3, false, "", "true less believed place of the mass centre: 0.005 is [-0.005, 0.005]; default [0, 0]"},
+    Key{"uncertainty.lg2", "number or [lower, upper]", "-", "m", -1e3, 1e3, false, "", "of the distal bars, likewise"},
+    Key{"uncertainty.gravity", "number or [lower, upper]", "-", "", 0, 100, false, "", "true over believed; default [1, 1]"},
+    Key{"uncertainty.payload", "numbers", "-", "kg", -big, big, false, "", "[lower, upper]: point mass at the effector beyond what the controller believes; default [0, 0]"},
+    Key{"uncertainty.viscous", "number pairs", "-", "N m s/rad", 0, big, false, "", "[lower, upper] per joint of a leg, four: the legs differ; default what the controller believes"},
+    Key{"uncertainty.coulomb", "number pairs", "-", "N m", 0, big, false, "", "dry friction, likewise"},
+    Key{"uncertainty.l1", "number", "0.0", "", 0, 0.5, false, "", "half width as a share, for simulated plants only: no gain answers for lengths"},
+    Key{"uncertainty.l2", "number", "0.0", "", 0, 0.5, false, "", "likewise"},
+    Key{"uncertainty.half_base", "number", "0.0", "", 0, 0.5, false, "", "likewise, five_bar"},
+    Key{"uncertainty.tube", "number", "-", "m or rad", 0, 10, true, "", "largest error the gains are made for, effector (five_bar) or joints (rr); default computed"},
+    Key{"uncertainty.reaching_time", "number", "0.1", "s", 0, 60, true, "", "in which the sliding surface is reached from the edge of the tube"},
+    Key{"uncertainty.over", "string", "\"reference\"", "", -inf, inf, false, "reference | workspace", "where the gains hold"},
 
     Key{"reference.type", "string", "", "", -inf, inf, false, "circle | line | polyline | joint_sine | hold | file", "kind of reference"},
     Key{"reference.join", "number", "-", "s", 0, 60, false, "", "from the measured pose onto the reference by a quintic; default 0 in sim and lockstep, 1.0 on hardware"},
@@ -290,9 +308,10 @@ std::string allowed(const Key& k) {
 std::string wanted(const Key& k) {
   std::string out = allowed(k);
   if (!k.choices.empty()) return out;
-  if (k.kind == "number or {position, angle}") {
+  if (k.kind.find("{position, angle}") != std::string_view::npos) {
     // The bounds hold for each of the two values.
-    return "a number, or a table {position, angle} of numbers," + out.substr(k.kind.size());
+    return "a number, or a table {position, angle} of numbers," + out.substr(k.kind.size()) +
+           (k.kind.ends_with("\"robust\"") ? "; or \"robust\"" : "");
   }
   const bool plural = k.kind.ends_with('s') && k.kind.find(" or ") == std::string_view::npos;
   return plural ? out : (k.kind.starts_with("integer") ? "an " : "a ") + out;

@@ -64,6 +64,10 @@ std::vector<std::uint32_t> drive_identifiers(const Scene& scene) {
 
 CommandScene read_command(Section s, const Scene& scene) {
   CommandScene c;
+  if (scene.robust_gain) {  // its orders set one gain per kind of channel, and "forget" would set those of the scene
+    s.fail("", "[command] and control.gain = \"robust\" exclude each other: the interface has one gain per kind of channel, the "
+               "design one per channel; give control.gain as numbers (esmc design says which)");
+  }
   c.base_id = s.integer("base_id");
   check_identifiers(s, scene, c.base_id);
   const std::string source = s.text("source");

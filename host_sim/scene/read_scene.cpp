@@ -11,6 +11,7 @@
 #include "host_sim/scene/read_command.hpp"
 #include "host_sim/scene/read_drives.hpp"
 #include "host_sim/scene/read_effects.hpp"
+#include "host_sim/scene/read_uncertainty.hpp"
 #include "host_sim/scene/reader.hpp"
 #include "host_sim/scene/scene.hpp"
 #include "host_sim/scene/start.hpp"
@@ -133,7 +134,9 @@ void read_gains(Section& s, Scene& scene) {
   const bool own_gains = scene.kp && scene.kd;
   if (sliding || (scene.law == LawChoice::ctc && !own_gains) || s.has("lambda"))
     scene.lambda = kinds("lambda");
-  if (sliding || s.has("gain")) scene.gain = kinds("gain");
+  scene.robust_gain = s.is_word("gain", "robust");
+  if (scene.robust_gain && !sliding) s.fail("gain", "\"robust\" is for the laws esmc, esmc_projected and smc");
+  if (!scene.robust_gain && (sliding || s.has("gain"))) scene.gain = kinds("gain");
   scene.layer = kinds("layer");
   if (scene.law == LawChoice::pd && !own_gains) s.fail("", "law = \"pd\" needs control.kp and control.kd");
 }
@@ -368,6 +371,10 @@ Scene read_scene_table(toml::table table, const std::string& file) {
   scene.name = root.text("name");
   read_mechanism(root.required_section("mechanism"), scene);
   read_control(root.required_section("control"), scene);
+  if (const auto s = root.section("uncertainty")) scene.uncertainty = read_uncertainty(*s, scene);
+  if (scene.robust_gain && !scene.uncertainty) {
+    throw InputError(root.where("control"), "'control.gain' = \"robust\" needs the table [uncertainty], which says what against");
+  }
   if (const auto s = root.section("reference")) read_reference(*s, scene);
   if (scene.closed_loop() && scene.reference.type == ReferenceType::none) {
     root.fail("", "missing table [reference]: a closed loop needs one");
@@ -393,6 +400,7 @@ Scene read_scene_table(toml::table table, const std::string& file) {
             root.where("reference", {"mechanism", "initial"}));
   scene.effects = read_effects(root, scene);
   scene.bus_effects_where = root.where("effects");
+  scene.uncertainty_where = root.where("uncertainty", {"control"});
   root.finish();
   if (scene.drives.endpoints) {  // the scene as run stands in another folder
     const auto name = *table["drives"]["endpoints"].value<std::string>();

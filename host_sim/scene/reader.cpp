@@ -418,6 +418,18 @@ std::array<double, 2> Section::per_kind(const std::string& key) {
   return {checked(*table->get("position"), key), checked(*table->get("angle"), key)};
 }
 
+bool Section::is_word(const std::string& key, const std::string& word) {
+  const toml::node* node = find(key, false);
+  return node != nullptr && node->is_string() && node->value<std::string>() == word;
+}
+
+std::optional<std::vector<double>> Section::number_or_pair(const std::string& key) {
+  const toml::node* node = find(key, false);
+  if (node == nullptr) return std::nullopt;
+  if (node->is_array()) return optional_numbers(key, {2});
+  return std::vector<double>{checked(*node, key)};
+}
+
 std::vector<double> Section::each(const std::string& key, std::size_t count) {
   const Key& k = spec(key);
   const toml::node* node = find(key, k.fallback.empty());

@@ -59,6 +59,10 @@ class Section {
   std::vector<std::string> texts(const std::string& key, std::size_t size);
   /// A number, or a table { position, angle }.
   std::array<double, 2> per_kind(const std::string& key);
+  /// Whether the key is given as the text `word` (a key of numbers that knows one word).
+  bool is_word(const std::string& key, const std::string& word);
+  /// One number, or [lower, upper]; nothing where it is not given.
+  std::optional<std::vector<double>> number_or_pair(const std::string& key);
   /// A number for all, or one each.
   std::vector<double> each(const std::string& key, std::size_t count);
 

@@ -14,6 +14,7 @@
 #include "host_sim/drives/odrive_endpoints.hpp"
 #include "host_sim/effects/effects.hpp"
 #include "host_sim/plant/motion.hpp"
+#include "host_sim/scene/uncertainty.hpp"
 
 namespace esmc::host {
 
@@ -126,7 +127,7 @@ struct Scene {
   std::string name;
   std::string toml;  ///< as run: the file with every --set merged in; a reference file is `reference_copy`
   std::uint32_t identity = 0;  ///< CRC-32 of what a controller is made of; 0: not computed
-  std::string control_where, reference_where, simulation_where, bus_effects_where;  ///< FILE:LINE, for errors found later
+  std::string control_where, reference_where, simulation_where, bus_effects_where, uncertainty_where;  ///< FILE:LINE, for errors found later
 
   MechanismType type = MechanismType::five_bar;
   FiveBarParams<double> mechanism;  ///< RR uses legs[0] and g only
@@ -137,6 +138,8 @@ struct Scene {
   LawChoice law = LawChoice::esmc;
   ReachingChoice reaching = ReachingChoice::implicit;
   PerKind lambda, gain, layer;
+  bool robust_gain = false;  ///< one gain per channel, designed for `uncertainty`; `gain` is then 0
+  std::optional<UncertaintyScene> uncertainty;
   std::optional<double> kp, kd;
   std::optional<double> torque_ramp;  ///< s; unset: 0 in sim and lockstep, 0.2 in real time
   std::optional<double> delay_ticks;  ///< unset: 0 in sim and lockstep, 2 in real time

@@ -1,0 +1,174 @@
+#pragma once
+/// Worst cases of what rows cannot tell one by one: inertia H = C^T M C and force C^T delta together, over corners of all
+/// uncertain parameters. A search from corner to corner, from several starts: each parameter set belongs to one bar (or the
+/// payload, or a joint's friction), whose share of H and of the force adds to those of the others.
+
+#include "host_sim/design/extremes.hpp"
+
+namespace esmc::host::design {
+
+/// Symmetric part of a 2 x 2 matrix: eigenvalues in ascending order.
+[[nodiscard]] inline Vec2<double> eigenvalues(const Mat<double, 2, 2>& m) {
+  const double mean = 0.5 * (m(0, 0) + m(1, 1)), half = 0.5 * (m(0, 0) - m(1, 1)), off = 0.5 * (m(0, 1) + m(1, 0));
+  const double r = std::hypot(half, off);
+  return {mean - r, mean + r};
+}
+[[nodiscard]] inline Mat<double, 2, 2> inverse(const Mat<double, 2, 2>& m) {
+  Mat<double, 2, 2> out;
+  out << m(1, 1), -m(0, 1), -m(1, 0), m(0, 0);
+  return out / (m(0, 0) * m(1, 1) - m(0, 1) * m(1, 0));
+}
+/// Upper triangular R with R^T R = m > 0: |R v| is the length of v in the metric m.
+[[nodiscard]] inline Mat<double, 2, 2> root(const Mat<double, 2, 2>& m) {
+  Mat<double, 2, 2> r = Mat<double, 2, 2>::Zero();
+  r(0, 0) = std::sqrt(m(0, 0));
+  r(0, 1) = m(0, 1) / r(0, 0);
+  r(1, 1) = std::sqrt(std::max(0.0, m(1, 1) - r(0, 1) * r(0, 1)));
+  return r;
+}
+
+/// Share of a part in inertia and force.
+struct Share {
+  Mat<double, 2, 2> H;
+  Vec2<double> F;
+};
+
+template <class M>
+class Worst {
+ public:
+  static constexpr int parts_max = 2 * M::joints + 1, corners_max = 8;
+
+  Worst(const Uncertain<M>& u, const State<M>& s, double swing) : believed_(Mat<double, 2, 2>::Zero()) {
+    const Mat<double, 2, 2> tip = u.tip_columns(s);
+    believed_ += tip.transpose() * tip * u.own_tip();
+    for (int b = 0; b < M::joints; ++b) believed_ += Uncertain<M>::inertia(Uncertain<M>::bar(s, b), u.box(b).believed);
+    const Interval g = u.gravity();
+    for (const double now : {g.lower, g.upper}) {
+      fill(u, s, swing, now, tip);
+      ++gravities_;
+      if (g.lower == g.upper) break;
+    }
+  }
+
+  [[nodiscard]] const Mat<double, 2, 2>& believed() const { return believed_; }
+
+  /// Largest of f(H, F), as far as corners tell and the search finds it.
+  template <class F>
+  [[nodiscard]] double largest(const F& f) const {
+    double best = -1e300;
+    for (int g = 0; g < gravities_; ++g) {
+      for (int start = 0; start < 6; ++start) best = std::max(best, climb(g, start, f));
+    }
+    return best;
+  }
+
+  /// Extremes of v . (C^T delta): exact over corners, because parts add.
+  [[nodiscard]] Span along(const Vec2<double>& v) const {
+    Span out = nothing;
+    for (int g = 0; g < gravities_; ++g) {
+      Span sum;
+      for (int k = 0; k < parts_; ++k) {
+        Span part = nothing;
+        for (int c = 0; c < count_[k]; ++c) part.hold(dot(v, share(g, k, c).F));
+        sum.add(part.low, part.high);
+      }
+      out.low = std::min(out.low, sum.low);
+      out.high = std::max(out.high, sum.high);
+    }
+    return out;
+  }
+  /// Extremes of v . H v.
+  [[nodiscard]] Span energy(const Vec2<double>& v) const {
+    Span sum;
+    for (int k = 0; k < parts_; ++k) {
+      Span part = nothing;
+      for (int c = 0; c < count_[k]; ++c) part.hold(v.dot(share(0, k, c).H * v));
+      sum.add(part.low, part.high);
+    }
+    return sum;
+  }
+
+ private:
+  [[nodiscard]] const Share& share(int g, int part, int corner) const { return shares_[g][part][corner]; }
+
+  void fill(const Uncertain<M>& u, const State<M>& s, double swing, double g, const Mat<double, 2, 2>& tip) {
+    parts_ = 0;
+    for (int b = 0; b < M::joints; ++b) {
+      const Bar bar = Uncertain<M>::bar(s, b);
+      const Box& box = u.box(b);
+      int n = 0;
+      for (const double m : ends(box.m)) {
+        for (const double J : ends(box.J)) {
+          for (const double o : ends(box.offset)) {
+            const Corner c{m, J, o};
+            const Wrench w = u.lack(bar, box, c, g);
+            put(n++, {Uncertain<M>::inertia(bar, c), bar.A.transpose() * w.force + bar.turn * w.moment});
+          }
+        }
+      }
+      close(n);
+    }
+    int n = 0;
+    for (const double load : ends(u.payload()))
+      put(n++, {tip.transpose() * tip * (u.own_tip() + load), tip.transpose() * u.tip_lack(s, load, g)});
+    close(n);
+    for (int j = 0; j < M::joints; ++j) {
+      const Span f = u.friction(s, j, swing);
+      const int row = Uncertain<M>::first + 8 * (j / 2) + j % 2;
+      const Vec2<double> turn(s.column[0][row], s.column[1][row]);
+      n = 0;
+      for (const double v : ends({f.low, f.high})) put(n++, {Mat<double, 2, 2>::Zero(), turn * v});
+      close(n);
+    }
+  }
+  struct Ends {
+    double v[2];
+    int n;
+    [[nodiscard]] const double* begin() const { return v; }
+    [[nodiscard]] const double* end() const { return v + n; }
+  };
+  static Ends ends(const Interval& i) { return {{i.lower, i.upper}, i.lower == i.upper ? 1 : 2}; }
+  void put(int corner, const Share& s) { shares_[gravities_][parts_][corner] = s; }
+  void close(int n) { count_[parts_++] = n; }
+
+  /// Start 0..3: every part at the corner that pushes most along a direction; 4, 5: first and last corners.
+  template <class F>
+  [[nodiscard]] double climb(int g, int start, const F& f) const {
+    List<int, parts_max> at{};
+    Share sum{Mat<double, 2, 2>::Zero(), Vec2<double>::Zero()};
+    const double angle = 0.7853981633974483 * start;
+    const Vec2<double> v(std::cos(angle), std::sin(angle));
+    for (int k = 0; k < parts_; ++k) {
+      at[k] = start == 4 ? 0 : count_[k] - 1;
+      for (int c = 0; start < 4 && c < count_[k]; ++c) {
+        if (dot(v, share(g, k, c).F) > dot(v, share(g, k, at[k]).F)) at[k] = c;
+      }
+      sum.H += share(g, k, at[k]).H;
+      sum.F += share(g, k, at[k]).F;
+    }
+    double best = f(sum.H, sum.F);
+    for (bool better = true; better;) {
+      better = false;
+      for (int k = 0; k < parts_; ++k) {
+        for (int c = 0; c < count_[k]; ++c) {
+          if (c == at[k]) continue;
+          const Share tried{sum.H - share(g, k, at[k]).H + share(g, k, c).H, sum.F - share(g, k, at[k]).F + share(g, k, c).F};
+          const double value = f(tried.H, tried.F);
+          if (!(value > best + 1e-12 * std::abs(best))) continue;
+          best = value;
+          sum = tried;
+          at[k] = c;
+          better = true;
+        }
+      }
+    }
+    return best;
+  }
+
+  Mat<double, 2, 2> believed_;
+  int parts_ = 0, gravities_ = 0;
+  List<int, parts_max> count_{};
+  Share shares_[2][parts_max][corners_max];
+};
+
+}  // namespace esmc::host::design

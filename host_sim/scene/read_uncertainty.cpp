@@ -1,0 +1,73 @@
+#include "host_sim/scene/read_uncertainty.hpp"
+
+#include <fmt/format.h>
+
+namespace esmc::host {
+namespace {
+
+Interval ordered(const Section& s, const char* key, const std::array<double, 2>& r) {
+  if (!(r[0] <= r[1])) s.fail(key, fmt::format("must be [lower, upper] with lower <= upper, not [{:g}, {:g}]", r[0], r[1]));
+  return {r[0], r[1]};
+}
+
+/// Truth over belief: a number h stands for [1 - h, 1 + h].
+Interval factor(Section& s, const char* key) {
+  const auto r = s.number_or_pair(key);
+  if (!r) return {1, 1};
+  if (r->size() == 2) return ordered(s, key, {(*r)[0], (*r)[1]});
+  const double h = r->front();
+  if (!(h < 1.0)) s.fail(key, fmt::format("is a share: a half width below 1 (0.1 is 10 %), or [lower, upper] as factors; not {:g}", h));
+  return {1.0 - h, 1.0 + h};
+}
+
+/// Truth less belief: a number h stands for [-h, h].
+Interval offset(Section& s, const char* key) {
+  const auto r = s.number_or_pair(key);
+  if (!r) return {};
+  if (r->size() == 2) return ordered(s, key, {(*r)[0], (*r)[1]});
+  if (!(r->front() >= 0.0)) s.fail(key, fmt::format("must be a half width >= 0, or [lower, upper]; not {:g}", r->front()));
+  return {-r->front(), r->front()};
+}
+
+std::optional<std::array<Interval, 4>> per_joint(Section& s, const char* key, bool five_bar) {
+  if (!s.has(key)) return std::nullopt;
+  const auto given = s.pairs(key, 2);
+  if (given.size() != 2 && !(five_bar && given.size() == 4)) {
+    s.fail(key, five_bar ? "must have [lower, upper] for each of the two joints of a leg, or for all four"
+                         : "must have [lower, upper] for each of the two joints");
+  }
+  std::array<Interval, 4> out;
+  for (std::size_t i = 0; i < 4; ++i) out[i] = ordered(s, key, given[given.size() == 4 ? i : i % 2]);
+  return out;
+}
+
+}  // namespace
+
+UncertaintyScene read_uncertainty(Section s, const Scene& scene) {
+  const bool five_bar = scene.type == MechanismType::five_bar;
+  UncertaintyScene u;
+  u.m1 = factor(s, "m1");
+  u.m2 = factor(s, "m2");
+  u.J1 = factor(s, "J1");
+  u.J2 = factor(s, "J2");
+  u.lg1 = offset(s, "lg1");
+  u.lg2 = offset(s, "lg2");
+  u.gravity = factor(s, "gravity");
+  if (const auto r = s.optional_numbers("payload", {2})) u.payload = ordered(s, "payload", {(*r)[0], (*r)[1]});
+  const double carried = five_bar ? scene.mechanism.m0 * scene.model.effector_mass : 0.0;
+  if (!(carried + u.payload.lower >= 0.0)) {
+    s.fail("payload", fmt::format("takes away more than the {:g} kg that the controller believes at the effector", carried));
+  }
+  u.viscous = per_joint(s, "viscous", five_bar);
+  u.coulomb = per_joint(s, "coulomb", five_bar);
+  u.l1 = s.number("l1");
+  u.l2 = s.number("l2");
+  if (five_bar) u.half_base = s.number("half_base");
+  u.tube = s.optional_number("tube");
+  u.reaching_time = s.number("reaching_time");
+  u.workspace = s.text("over") == "workspace";
+  s.finish();
+  return u;
+}
+
+}  // namespace esmc::host
