@@ -4,6 +4,9 @@
 #include <array>
 #include <cmath>
 #include <stdexcept>
+#include <type_traits>
+
+#include "host_sim/commands/robust.hpp"
 
 namespace esmc::host {
 namespace {
@@ -123,6 +126,18 @@ void set_gains(const Scene& s, double delay, Gains<M>& g) {
   own.layer = static_cast<S>(layer(k, angles ? s.layer.angle : s.layer.position));
   own.kp = static_cast<S>(s.kp.value_or(lambda * lambda));
   own.kd = static_cast<S>(s.kd.value_or(2.0 * lambda));
+}
+
+/// In the scalar of the controller; designed in double whatever that is.
+template <class M>
+void take_robust(const Scene& scene, Pacing pacing, Gains<M>& g) {
+  using S = typename M::Scalar;
+  using Designed = std::conditional_t<M::has_type2, FiveBar<double>, Rr<double>>;
+  const Gains<Designed> d = robust_gains<Designed>(scene, pacing);
+  g.k = d.k.template cast<S>();
+  g.layer = d.layer.template cast<S>();
+  g.independent.k = static_cast<S>(d.independent.k);
+  g.independent.layer = static_cast<S>(d.independent.layer);
 }
 
 template <class S>
@@ -284,6 +299,7 @@ ControllerConfig<M> make_controller(const Scene& scene, Pacing pacing,
       break;
   }
   set_gains(scene, delay_ticks(scene, pacing), c.gains);
+  if (scene.robust_gain) take_robust(scene, pacing, c.gains);
   c.reference = reference.get();
   c.join_ticks = reference.join_ticks;
   const auto ticks = [&](double seconds) { return static_cast<std::uint32_t>(std::llround(seconds * scene.rate_hz)); };

@@ -22,6 +22,7 @@
 #include "host_sim/commands/calibrate.hpp"
 #include "host_sim/commands/campaign.hpp"
 #include "host_sim/commands/check.hpp"
+#include "host_sim/commands/design.hpp"
 #include "host_sim/commands/drive.hpp"
 #include "host_sim/commands/eval.hpp"
 #include "host_sim/commands/export.hpp"
@@ -199,6 +200,22 @@ void add_sweep(CLI::App& app, SweepOptions& o, const std::function<void()>& run)
   c->add_flag("--restart", o.restart, "throw away what an unfinished sweep has left in DIR");
   c->add_flag("--scalar", o.scalar, "no SIMD lanes: slower, the same numbers");
   c->add_flag("--json", o.json, "print the summary as one JSON document");
+  c->callback(run);
+}
+
+void add_design(CLI::App& app, DesignOptions& o, const std::function<void()>& run) {
+  auto* c = app.add_subcommand("design", "switching gains from stated uncertainty: per channel, with what they promise and cost");
+  c->add_option("SCENE", o.run.scene, "scene file (TOML) with a table [uncertainty], see docs/robust-design.md")->required();
+  add_sets(*c, o.run.sets);
+  c->add_flag("--workspace", o.workspace, "for every place of the workspace, at the speed and acceleration of the reference");
+  c->add_option("--simulate", o.simulate, "plants out of the intervals to run as `esmc sim` does, with these gains")
+      ->check(CLI::Range(std::uint64_t{1}, std::uint64_t{1'000'000}))
+      ->type_name("UINT");
+  c->add_option_function<std::string>(
+       "--seed", [&o](const std::string& text) { o.run.seed = read_integer(text); }, "of the simulated plants")
+      ->type_name("UINT")
+      ->default_str("1");
+  c->add_flag("--json", o.run.json, "print the result as one JSON document");
   c->callback(run);
 }
 
@@ -409,6 +426,12 @@ int run(int argc, char** argv) {
     handle_signals();
     f.command_line = o.command_line;
     status = run_campaign(f);
+  });
+
+  DesignOptions g;
+  add_design(app, g, [&] {
+    handle_signals();
+    status = run_design(g);
   });
 
   SweepOptions w;

@@ -168,7 +168,7 @@ class Worst {
   Mat<double, 2, 2> believed_;
   int parts_ = 0, gravities_ = 0;
   List<int, parts_max> count_{};
-  Share shares_[2][parts_max][corners_max];
+  List<List<List<Share, corners_max>, parts_max>, 2> shares_;
 };
 
 }  // namespace esmc::host::design

@@ -11,6 +11,7 @@
   firmware/drive        std, hal/*.hpp, drive
   firmware/link         std, hal/*.hpp, safety, link
   firmware/cycle        std, Eigen (through types), all firmware, hal/*.hpp
+  host_sim/design       std, fmt, firmware, what is uncertain in a scene: the controller's side alone, never the plant
   host_sim/studies      std, host_sim without commands, of firmware types, numeric, mechanism: more mechanisms from the same parts
   host_sim, else not commands   never the controller: of firmware only types, numeric, parameters and the wire format;
                         nor studies
@@ -53,6 +54,7 @@ RULES = [
     ("boards/linux", True, rf"{BOARDS}|hal/linux/.*"),
     ("host_sim", False, rf"<.*>|hal/.*|host_sim/(?!studies/).*|{SHARED}"),
     ("host_sim/studies", True, rf"{MODEL}|host_sim/(?!commands/).*"),
+    ("host_sim/design", True, rf"{STD}|<fmt/.*>|firmware/.*|host_sim/(design/.*|scene/uncertainty\.hpp)"),
     ("host_sim/commands", True, r"<.*>|hal/.*|host_sim/.*|firmware/.*"),
 ]
 NEVER_EIGEN = ("hal", "firmware/safety", "firmware/drive", "firmware/link", "firmware/numeric")
@@ -68,7 +70,7 @@ def files(root, folder, below):
 
 def host_folders(root):
     """Every other folder of host_sim follows the rule of its top level, those that do not exist yet included."""
-    named = {"commands", "studies"}
+    named = {"commands", "design", "studies"}
     return sorted(f"host_sim/{d.name}" for d in (root / "host_sim").glob("*") if d.is_dir() and d.name not in named)
 
 
@@ -165,6 +167,8 @@ def self_test(root):
         ("host_sim/studies/chain_system.hpp", '#include "firmware/control/law.hpp"'),
         ("host_sim/studies/chain_system.hpp", '#include "host_sim/commands/run.hpp"'),
         ("host_sim/studies/chain_system.hpp", "#include <Eigen/LU>"),
+        ("host_sim/design/problem.hpp", '#include "host_sim/plant/plant.hpp"'),
+        ("host_sim/design/problem.hpp", '#include "host_sim/scene/scene.hpp"'),
         ("host_sim/commands/eval.hpp", '#include "tests/support/fake_bus.hpp"'),
     ]
     failed = 0

@@ -1,0 +1,481 @@
+#include "host_sim/design/design.hpp"
+
+#include <fmt/format.h>
+
+#include <limits>
+#include <numbers>
+
+#include "host_sim/design/linear_zone.hpp"
+
+namespace esmc::host::design {
+namespace {
+
+constexpr int directions = 6;
+constexpr double room = 1.2;           ///< tube over the band that it must hold, where the tube is computed
+constexpr std::size_t coarse_max = 256;  ///< points of a first look
+
+template <class M>
+class Designer {
+ public:
+  using Channels = typename M::Channels;
+  Designer(const Problem<M>& p, double tube, std::size_t points_max)
+      : p_(p), u_(p), lambda_(p.controller.gains.independent.lambda), tube_(tube), swing_(2.0 * lambda_ * tube),
+        smc_(p.controller.law == LawKind::smc), stride_(std::max<std::size_t>(1, (p.points.size() + points_max - 1) / points_max)) {
+    d_.tube = tube;
+  }
+
+  Design<M> run() {
+    if (!look() || !payable()) return d_;
+    if (!smc_) {
+      for (int i = 0; i < M::channels; ++i) refine(i);
+    }
+    inertia();
+    if (!rates_of_reaching()) return d_;
+    linear_zone();
+    choose();
+    bands();
+    torque();
+    return d_;
+  }
+  /// Size of tube that the band of the layer asks for; 0: none does.
+  [[nodiscard]] double asked_tube() const { return asked_tube_; }
+  [[nodiscard]] bool left() const { return left_; }
+
+ private:
+  /// Calls f(place, state) for the centre of the tube and its edge, point by point. False: a place that cannot be.
+  template <class F>
+  bool everywhere(bool poses_only, const F& f) {
+    State<M> s;
+    for (std::size_t n = 0; n < p_.points.size(); n += stride_) {
+      const auto visit = [&](double angle_e, double share_e, double angle_s, double share_s) {
+        const Place at{n, angle_e, share_e, angle_s, share_s};
+        ++d_.states;
+        if (!state_at(p_, at, tube_, s)) {
+          left_ = true;
+          d_.refused = fmt::format("a tube of {:.3g} {} around the motion leaves the reach of the mechanism, or passes "
+                                   "limits.min_abs_sin_type1 or type2, {}", tube_, unit(), where(at));
+          return false;
+        }
+        f(at, s);
+        return true;
+      };
+      const auto angle = [](int k) { return 2.0 * std::numbers::pi * k / directions; };
+      const auto possible = [&] {
+        for (int a = 0; a < directions; ++a) {
+          if (!state_at(p_, {n, angle(a), 1, 0, 0}, tube_, s)) return false;
+        }
+        return true;
+      };
+      if (!p_.along_time && !possible()) continue;  // a place of the workspace has its tube around it
+      bool within = visit(0, 0, 0, 0);
+      for (int a = 0; a < directions && within; ++a) {
+        within = visit(angle(a), 1, 0, 0);
+        if (poses_only) continue;
+        within = within && visit(0, 0, angle(a), 1);
+        for (int b = 0; b < directions && within; ++b) within = visit(angle(a), 1, angle(b), 1);
+      }
+      if (!within) return false;
+    }
+    return true;
+  }
+  [[nodiscard]] static const char* unit() { return Uncertain<M>::first > 0 ? "m" : "rad"; }
+  [[nodiscard]] std::string where(const Place& at) const {
+    const Point& n = p_.points[at.point];
+    return p_.along_time ? fmt::format("at t = {:.3f} s", n.time)
+                         : fmt::format("at ({:.3g}, {:.3g})", n.now.position.x(), n.now.position.y());
+  }
+
+  /// Needs of the rows (or of the two coordinates, for smc), lengths of the rows of C.
+  bool look() {
+    smc_need_ = 0.0;
+    return everywhere(false, [&](const Place& at, const State<M>& s) {
+      for (int i = 0; i < M::channels; ++i) {
+        span_[i] = std::max(span_[i], std::hypot(s.column[0][i], s.column[1][i]));
+      }
+      if (smc_) {
+        const Worst<M> w(u_, s, swing_);
+        const auto& believed = w.believed();
+        const auto norms = [&](const Mat<double, 2, 2>& H, const Vec2<double>& F) {
+          const Mat<double, 2, 2> inv = inverse(H), E = inv * believed - Mat<double, 2, 2>::Identity();
+          const double e = std::max(std::abs(E(0, 0)) + std::abs(E(0, 1)), std::abs(E(1, 0)) + std::abs(E(1, 1)));
+          const Vec2<double> d = inv * F;
+          return std::pair{e, std::max(std::abs(d[0]), std::abs(d[1]))};
+        };
+        const double e = w.largest([&](const auto& H, const auto& F) { return norms(H, F).first; });
+        if (e > d_.mismatch) {
+          d_.mismatch = e;
+          mismatch_at_ = at;
+        }
+        if (e >= 1.0) return;
+        const double need = w.largest([&](const auto& H, const auto& F) {
+          const auto [share, d] = norms(H, F);
+          return d / (1.0 - share);
+        });
+        if (need > smc_need_) {
+          smc_need_ = need;
+          for (auto& r : d_.row) r.place = at;
+        }
+      } else {
+        if (p_.controller.law == LawKind::esmc && at.share_s > 0.0) d_.beyond_range = std::max(d_.beyond_range, beyond(s));
+        const auto rows = u_.rows(s, swing_);
+        for (int i = 0; i < M::channels; ++i) {
+          const auto k = static_cast<std::size_t>(i);
+          const double size = rows[k].size();
+          if (size > force_[k]) {
+            force_[k] = size;
+            d_.row[k].place = at;
+          }
+        }
+      }
+    });
+  }
+
+  /// Share of s that no motion follows, in the metric of the believed M.
+  [[nodiscard]] double beyond(const State<M>& s) const {
+    Mat<double, 2, 2> H;
+    Vec2<double> f;
+    const auto weigh = [&](const Channels& a, const Channels& b) {
+      double sum = 0.0;
+      for (int i = 0; i < M::channels; ++i) sum += u_.mass()[i] * a[i] * b[i];
+      return sum;
+    };
+    for (int i = 0; i < 2; ++i) {
+      f[i] = weigh(s.column[i], s.sliding);
+      for (int j = 0; j < 2; ++j) H(i, j) = weigh(s.column[i], s.column[j]);
+    }
+    const Vec2<double> sigma = inverse(H) * f;
+    const Channels r = s.sliding - s.column[0] * sigma[0] - s.column[1] * sigma[1];
+    return std::sqrt(weigh(r, r) / weigh(s.sliding, s.sliding));
+  }
+
+  /// A row without believed mass has no switching term to pay with.
+  bool payable() {
+    if (smc_) {
+      if (d_.mismatch < 1.0) return true;
+      d_.refused = fmt::format("smc: ||H^-1 H_believed - 1|| reaches {:.3g} {}, and its gain condition [F37] needs less than 1: no "
+                               "gain works; narrower masses, or the law esmc_projected, whose condition has no such bound",
+                               d_.mismatch, where(mismatch_at_));
+      return false;
+    }
+    for (int i = 0; i < M::channels; ++i) {
+      const auto k = static_cast<std::size_t>(i);
+      if (force_[k] == 0.0 || u_.mass()[i] > 0.0) continue;
+      d_.refused = fmt::format("row {} of the condition has to stand {:.3g} {}, and the controller believes no {} there to switch "
+                               "with: give control.model or [mechanism] one",
+                               i, force_[k], M::is_angle(i) ? "N m" : "N", M::is_angle(i) ? "inertia" : "mass");
+      return false;
+    }
+    return true;
+  }
+
+  /// From the worst place of a row to a worse one nearby, by halving steps.
+  void refine(int row) {
+    const auto k = static_cast<std::size_t>(row);
+    if (force_[k] <= 0.0) return;
+    Place best = d_.row[k].place;
+    double most = force_[k];
+    State<M> s;
+    const auto attempt = [&](Place at) {
+      ++d_.states;
+      if (at.point >= p_.points.size() || !state_at(p_, at, tube_, s)) return false;
+      const double now = u_.rows(s, swing_)[k].size();
+      if (!(now > most)) return false;
+      most = now;
+      best = at;
+      return true;
+    };
+    double turn = std::numbers::pi / directions;
+    auto along = static_cast<std::ptrdiff_t>(p_.along_time ? stride_ / 2 : 0);
+    for (int halvings = 0; halvings < 8;) {
+      bool better = false;
+      for (const int sign : {-1, 1}) {
+        Place at = best;
+        at.angle_e += sign * turn;
+        better = attempt(at) || better;
+        at = best;
+        at.angle_s += sign * turn;
+        better = attempt(at) || better;
+        if (along == 0) continue;
+        at = best;
+        at.point = static_cast<std::size_t>(static_cast<std::ptrdiff_t>(at.point) + sign * along);  // may wrap: then too large
+        better = attempt(at) || better;
+      }
+      if (better) continue;
+      ++halvings;
+      turn *= 0.5;
+      along /= 2;
+    }
+    force_[k] = most;
+    Row<M>& r = d_.row[k];
+    r.place = best;
+    if (!state_at(p_, best, tube_, s)) return;
+    double share = -1.0;
+    for (int c = 0; c < static_cast<int>(Cause::count); ++c) {
+      const double own = u_.rows(s, swing_, static_cast<Cause>(c))[k].size();
+      if (own > share) {
+        share = own;
+        r.cause = static_cast<Cause>(c);
+      }
+    }
+  }
+
+  /// Bounds of true inertia over poses and plants.
+  void inertia() {
+    heavy_ = 0.0;
+    light_ = std::numeric_limits<double>::infinity();
+    (void)everywhere(true, [&](const Place&, const State<M>& s) {
+      const Worst<M> w(u_, s, swing_);
+      for (int k = 0; k < 12; ++k) {
+        const double a = std::numbers::pi * k / 12.0;
+        const Span e = w.energy(Vec2<double>(std::cos(a), std::sin(a)));
+        heavy_ = std::max(heavy_, e.high);
+        light_ = std::min(light_, e.low);
+      }
+    });
+    heavy_ *= margin;  // between the directions
+    light_ /= margin;
+    d_.inside = smc_ ? std::numbers::sqrt2 / 2.0 : std::sqrt(light_ / heavy_);
+  }
+
+  /// eta of every row so that the surface is reached in time: eta_i = (largest |s_i|) / tau.
+  bool rates_of_reaching() {
+    const double edge = lambda_ * tube_;
+    if (smc_) {
+      d_.eta_independent = edge / p_.uncertainty.reaching_time;
+      d_.reaching_time = p_.uncertainty.reaching_time;
+      return true;
+    }
+    double least = std::numeric_limits<double>::infinity();  // of sum M (largest |s_i|) |c_i v| / sqrt(v H v)
+    (void)everywhere(true, [&](const Place&, const State<M>& s) {
+      const Worst<M> w(u_, s, swing_);
+      for (int kink = 0; kink < M::channels; ++kink) {  // the least lies where a term vanishes
+        if (u_.mass()[kink] == 0.0) continue;
+        const Vec2<double> v(-s.column[1][kink], s.column[0][kink]);
+        if (dot(v, v) == 0.0) continue;
+        double sum = 0.0;
+        for (int i = 0; i < M::channels; ++i) {
+          sum += u_.mass()[i] * span_[i] * edge * std::abs(s.column[0][i] * v[0] + s.column[1][i] * v[1]);
+        }
+        least = std::min(least, sum / std::sqrt(w.energy(v).high));
+      }
+    });
+    if (!(least > 0.0) || !std::isfinite(least)) {
+      d_.refused = "the believed masses leave a direction in which no switching term acts";
+      return false;
+    }
+    const double tau = p_.uncertainty.reaching_time * least / (std::sqrt(heavy_) * edge);
+    for (int i = 0; i < M::channels; ++i) {
+      if (u_.mass()[i] > 0.0) d_.row[static_cast<std::size_t>(i)].eta = span_[i] * edge / tau;
+    }
+    d_.reach_margin = least / tau / margin;
+    d_.reaching_time = p_.uncertainty.reaching_time;
+    return true;
+  }
+
+  /// What the implicit step's linear zone holds, and asks of the gains.
+  void linear_zone() {
+    const LinearZone<M> z = linear_zone_of(p_, u_, swing_, stride_);
+    d_.disturbance = z.disturbance;
+    if (!smc_) d_.mismatch = z.mismatch;
+    if (p_.controller.reaching != Reaching::implicit) return;
+    if (!z.holds) {
+      d_.warnings.push_back(fmt::format(
+          "sampled, nothing is promised: a mass matrix wrong by {:.0f} % meets a loop that answers an acceleration {:.2f}-fold: "
+          "their product must stay below 0.95; smaller lambda, shorter tick, less delay, or narrower masses",
+          100.0 * z.mismatch, z.peak.command));
+      return;
+    }
+    for (int i = 0; i < M::channels; ++i) {
+      if (u_.mass()[i] > 0.0) d_.row[static_cast<std::size_t>(i)].linear = z.gain[i];
+    }
+    linear_independent_ = z.gain_independent;
+    d_.sampled = Band{margin * z.band.error, margin * z.band.sliding};
+  }
+
+  void choose() {
+    if (smc_) {
+      d_.k_independent = margin * std::max(smc_need_ + d_.eta_independent / (1.0 - d_.mismatch), linear_independent_);
+      return;
+    }
+    for (int i = 0; i < M::channels; ++i) {
+      Row<M>& r = d_.row[static_cast<std::size_t>(i)];
+      if (!(u_.mass()[i] > 0.0)) continue;
+      r.need = force_[static_cast<std::size_t>(i)] / u_.mass()[i];
+      r.k = margin * std::max(r.need + r.eta, r.linear);
+    }
+  }
+
+  /// What a layer leaves [F38], and whether the tube holds it.
+  void bands() {
+    const auto& c = p_.controller;
+    if (c.reaching == Reaching::sign) return;
+    Gains<M> g = c.gains;
+    apply(p_, d_, g);
+    double sigma = 0.0, level = 0.0;  // level: of |sigma| in a tube that holds it
+    if (smc_) {  // the larger of |s_1|, |s_2| falls while it is beyond the layer
+      sigma = g.independent.layer * std::numbers::sqrt2;
+      level = sigma;
+    } else {
+      const double lost = c.reaching == Reaching::tanh ? 0.2785 : 0.25;
+      double sum = 0.0;
+      for (int i = 0; i < M::channels; ++i) sum += u_.mass()[i] * g.k[i] * g.layer[i];
+      sigma = lost * sum / d_.reach_margin / std::sqrt(light_);
+      level = sigma;
+    }
+    d_.layer = Band{sigma / lambda_, sigma};
+    asked_tube_ = level / lambda_;
+    if (level <= lambda_ * tube_) return;
+    d_.refused = fmt::format("the layer of the reaching law leaves a band of {:.3g} {} [F38], and the tube is {:.3g} {}: what holds in the "
+                             "tube says nothing of the band; a larger uncertainty.tube, a shorter tick, a smaller layer or delay, "
+                             "narrower intervals", asked_tube_, unit(), tube_, unit());
+  }
+
+  void torque() {
+    const auto& c = p_.controller;
+    State<M> s;
+    const auto n = c.motor_count();
+    for (std::size_t at = 0; at < p_.points.size(); at += stride_) {
+      if (!state_at(p_, {at}, 0.0, s)) continue;
+      const Worst<M> w(u_, s, swing_);
+      const Vec<double, M::joints> own = torques(p_, s.track.pose, c.mechanism.force(s.wanted, s.track.rates));
+      Channels unit = Channels::Zero();
+      List<Vec<double, M::joints>, 2> map;
+      for (int k = 0; k < 2; ++k) {
+        unit.setZero();
+        unit[k] = 1.0;  // a force on independent coordinate k: effector, or joint of the RR
+        map[k] = torques(p_, s.track.pose, unit);
+      }
+      for (int i = 0; i < n; ++i) {
+        const int joint = ControllerConfig<M>::joint_of(i, n);
+        const Span d = w.along(Vec2<double>(map[0][joint], map[1][joint]));
+        const double most = std::max(std::abs(own[joint] - d.low), std::abs(own[joint] - d.high));
+        keep(d_.hold, d_.hold_place, joint, most, {at});
+      }
+    }
+    Gains<M> g = c.gains;
+    apply(p_, d_, g);
+    (void)everywhere(false, [&](const Place& at, const State<M>& t) {
+      Channels a, sliding;
+      demand(c.law, c.mechanism, g, c.reaching, t.track, a, sliding);
+      const Vec<double, M::joints> tau = torques(p_, t.track.pose, c.mechanism.force(a, t.track.rates));
+      for (int i = 0; i < n; ++i) {
+        const int joint = ControllerConfig<M>::joint_of(i, n);
+        keep(d_.peak, d_.peak_place, joint, std::abs(tau[joint]), at);
+      }
+    });
+    for (int i = 0; i < n; ++i) {
+      const int joint = ControllerConfig<M>::joint_of(i, n);
+      const auto k = static_cast<std::size_t>(joint);
+      const double limit = c.torque_limit[joint];
+      if (d_.hold[k] > limit && d_.refused.empty()) {
+        d_.refused = fmt::format("motor {}: the worst plant takes {:.3g} N m on the motion itself ({}), torque_limit is {:.3g} N m: "
+                                 "no gain works", i + 1, d_.hold[k], where(d_.hold_place), limit);
+      } else if (d_.peak[k] > limit) {
+        d_.warnings.push_back(fmt::format("motor {}: at the edge of the tube the law asks for up to {:.3g} N m ({}), torque_limit is {:.3g} "
+                                          "N m: while it is clamped nothing is promised",
+                                          i + 1, d_.peak[k], where(d_.peak_place), limit));
+      }
+    }
+  }
+  void keep(std::array<double, M::joints>& most, Place& place, int joint, double value, const Place& at) const {
+    double& here = most[static_cast<std::size_t>(joint)];
+    if (!(value > here)) return;
+    here = value;
+    double share = value / p_.controller.torque_limit[joint];
+    for (int j = 0; j < M::joints; ++j) {
+      if (p_.controller.torque_limit[j] > 0.0 && most[static_cast<std::size_t>(j)] / p_.controller.torque_limit[j] > share) return;
+    }
+    place = at;
+  }
+
+  const Problem<M>& p_;
+  Uncertain<M> u_;
+  double lambda_, tube_, swing_;
+  bool smc_;
+  std::size_t stride_;
+  Design<M> d_;
+  std::array<double, M::channels> force_{};  ///< largest |delta|, N or N m
+  Channels span_ = Channels::Zero();         ///< largest |c_i|
+  double smc_need_ = 0.0, linear_independent_ = 0.0;
+  double heavy_ = 0.0, light_ = 0.0;         ///< bounds of the true inertia
+  double asked_tube_ = 0.0;
+  bool left_ = false;
+  Place mismatch_at_{};
+};
+
+/// Size of the tube that would hold the start.
+template <class M>
+double start_size(const Problem<M>& p) {
+  Tracking<M> t;
+  if (p.points.empty() || !desired(p, p.points.front().now, t)) return 0.0;
+  const auto& c = p.controller;
+  Tracking<M> at = t;
+  if (!desired(p, p.start, at)) return 0.0;
+  const Vec2<double> e = M::independent_error(t.desired_pose, at.desired_pose);
+  const Vec2<double> sigma = M::independent(t.desired_rates) - M::independent(at.desired_rates) + e * c.gains.independent.lambda;
+  return std::max(std::sqrt(dot(e, e)), std::sqrt(dot(sigma, sigma)) / c.gains.independent.lambda);
+}
+
+/// A tube that holds its own band with some room, found by steps between it and what the band asks for.
+template <class M>
+double computed_tube(const Problem<M>& p) {
+  const auto& leg = p.believed.legs[0];
+  const double size = Uncertain<M>::first > 0 ? leg.l1 + leg.l2 : 1.0;
+  double tube = 0.02 * size;
+  const double most = 0.2 * size;
+  if (p.controller.reaching == Reaching::sign) return tube;
+  for (int pass = 0; pass < 12; ++pass) {
+    Designer<M> d(p, tube, coarse_max / 8);
+    (void)d.run();
+    if (d.left()) {
+      tube *= 0.5;
+      continue;
+    }
+    const double asked = room * d.asked_tube();
+    if (!(asked > 0.0)) return tube;
+    if (asked <= tube && tube <= 1.3 * asked) return tube;
+    tube = std::clamp(std::sqrt(tube * asked) * (asked > tube ? 1.05 : 1.0), 0.2 * tube, std::min(5.0 * tube, most));
+  }
+  return tube;
+}
+
+}  // namespace
+
+template <class M>
+Design<M> design(const Problem<M>& p) {
+  if (p.points.empty()) {
+    Design<M> none;
+    none.refused = "there is no motion to design for: no place of the workspace is within reach and limits";
+    return none;
+  }
+  const double tube = p.uncertainty.tube.value_or(0.0) > 0.0 ? *p.uncertainty.tube : computed_tube(p);
+  Design<M> d = Designer<M>(p, tube, coarse_max).run();
+  d.tube_given = p.uncertainty.tube.has_value();
+  if (!p.along_time) return d;
+  d.start = start_size(p);
+  if (d.refused.empty() && d.start > d.tube * d.inside) {
+    d.warnings.push_back(fmt::format("the start is {:.3g} times as far from the motion as the promise reaches: it holds from the "
+                                     "instant at which the error has come within; reference.join begins within",
+                                     d.start / (d.tube * d.inside)));
+  }
+  return d;
+}
+
+template <class M>
+void apply(const Problem<M>& p, const Design<M>& d, Gains<M>& g) {
+  const auto& c = p.controller;
+  const bool implicit = c.reaching == Reaching::implicit;
+  for (int i = 0; i < M::channels; ++i) {
+    g.k[i] = d.row[static_cast<std::size_t>(i)].k;
+    if (implicit && g.k[i] > 0.0) g.layer[i] = implicit_layer(g.k[i], c.sample_time, p.told_ticks);
+  }
+  g.independent.k = d.k_independent;
+  if (implicit && g.independent.k > 0.0) g.independent.layer = implicit_layer(g.independent.k, c.sample_time, p.told_ticks);
+}
+
+template Design<FiveBar<double>> design(const Problem<FiveBar<double>>&);
+template Design<Rr<double>> design(const Problem<Rr<double>>&);
+template void apply(const Problem<FiveBar<double>>&, const Design<FiveBar<double>>&, Gains<FiveBar<double>>&);
+template void apply(const Problem<Rr<double>>&, const Design<Rr<double>>&, Gains<Rr<double>>&);
+
+}  // namespace esmc::host::design

@@ -1,0 +1,92 @@
+#pragma once
+/// The sampled loop while no row of the switching term is at its end: with the implicit step K_i / layer_i is the same 1 / (1 + d) h
+/// in all rows, so that C^T M K sw(C sigma) = H_believed sigma / ((1 + d) h) [F28], and what is left is a scalar loop with a
+/// disturbance H^-1 C^T delta and a gain that is wrong by H^-1 H_believed - 1: small gain, with peak gains.
+
+#include "host_sim/design/design.hpp"
+#include "host_sim/design/sampled_loop.hpp"
+#include "host_sim/design/worst.hpp"
+
+namespace esmc::host::design {
+
+template <class M>
+struct LinearZone {
+  double disturbance = 0.0;  ///< largest |H^-1 C^T delta|, m/s2 or rad/s2
+  double mismatch = 0.0;     ///< largest |H^-1 H_believed - 1|, in the metric of H_believed
+  PeakGains peak;            ///< worst of all delays up to the one that is told
+  bool holds = false;        ///< small gain
+  Band band;                 ///< where the error stays
+  typename M::Channels gain = M::Channels::Zero();  ///< that keeps every row off its end
+  double gain_independent = 0.0;
+};
+
+/// Acceleration by which a torque misses that was computed for an earlier instant of the motion.
+template <class M>
+[[nodiscard]] Vec2<double> stale_acceleration(const Problem<M>& p, const Point& n, const State<M>& s, const Mat<double, 2, 2>& H) {
+  State<M> old;
+  if (!desired(p, n.before, old.track)) return Vec2<double>::Zero();
+  old.track.pose = old.track.desired_pose;
+  old.track.rates = old.track.desired_rates;
+  ask(p, old);
+  const auto& m = p.controller.mechanism;
+  const Vec2<double> miss = m.base_torque(s.track.pose, m.force(s.wanted, s.track.rates)) -
+                            m.base_torque(old.track.pose, m.force(old.wanted, old.track.rates));
+  Vec2<double> f;
+  for (int k = 0; k < 2; ++k) {
+    const Vec2<double> unit(k == 0 ? 1.0 : 0.0, k == 0 ? 0.0 : 1.0);
+    f[k] = dot(M::base(m.chain_rates(s.track.pose, unit)), miss);
+  }
+  return inverse(H) * f;
+}
+
+/// Of every `stride`th point of the motion, the error small.
+template <class M>
+[[nodiscard]] LinearZone<M> linear_zone_of(const Problem<M>& p, const Uncertain<M>& u, double swing, std::size_t stride) {
+  LinearZone<M> out;
+  double worst = 0.0, smallest = std::numeric_limits<double>::infinity(), reach_independent = 0.0;
+  typename M::Channels reach = M::Channels::Zero();  // |c_i| in the metric of H_believed
+  State<M> s;
+  for (std::size_t n = 0; n < p.points.size(); n += stride) {
+    if (!state_at(p, {n}, 0.0, s)) continue;
+    const Worst<M> w(u, s, swing);
+    const Mat<double, 2, 2> R = root(w.believed()), back = inverse(R), inv = inverse(w.believed());
+    const auto length = [&](const Vec2<double>& v) {
+      const Vec2<double> r = R * v;
+      return std::sqrt(dot(r, r));
+    };
+    const double stale = length(stale_acceleration(p, p.points[n], s, w.believed()));
+    worst = std::max(worst, stale + w.largest([&](const auto& H, const auto& F) { return length(inverse(H) * F); }));
+    out.disturbance = std::max(out.disturbance, w.largest([&](const auto& H, const auto& F) {
+      const Vec2<double> d = inverse(H) * F;
+      return std::sqrt(dot(d, d));
+    }));
+    out.mismatch = std::max(out.mismatch, w.largest([&](const auto& H, const auto&) {
+      const Vec2<double> mu = eigenvalues(back.transpose() * H * back);
+      return mu[0] > 0.0 ? std::max(std::abs(1.0 / mu[0] - 1.0), std::abs(1.0 / mu[1] - 1.0)) : 1e300;
+    }));
+    smallest = std::min(smallest, eigenvalues(w.believed())[0]);
+    for (int i = 0; i < M::channels; ++i) {
+      const Vec2<double> c(s.column[0][i], s.column[1][i]);
+      reach[i] = std::max(reach[i], std::sqrt(dot(c, Vec2<double>(inv * c))));
+    }
+    for (int i = 0; i < 2; ++i) reach_independent = std::max(reach_independent, std::sqrt(inv(i, i)));
+  }
+  if (p.controller.reaching != Reaching::implicit) return out;
+  const double h = p.controller.sample_time, layer_time = (1.0 + p.told_ticks) * h;
+  for (int late = 0; late <= static_cast<int>(std::ceil(p.told_ticks)); ++late) {
+    const PeakGains now = peak_gains(p.controller.gains.independent.lambda, 1.0 / layer_time, h, late);
+    out.peak = {std::max(out.peak.error, now.error), std::max(out.peak.sliding, now.sliding), std::max(out.peak.command, now.command),
+                out.peak.stable && now.stable};
+  }
+  constexpr double least = 0.05;  // of 1 that the small gain must leave
+  const double left = 1.0 - out.peak.command * out.mismatch;
+  out.holds = out.peak.stable && left > least;
+  if (!out.holds) return out;
+  const double metric = worst / left;
+  out.gain = reach * (out.peak.sliding * metric / layer_time);
+  out.gain_independent = reach_independent * out.peak.sliding * metric / layer_time;
+  out.band = {out.peak.error * metric / std::sqrt(smallest), out.peak.sliding * metric / std::sqrt(smallest)};
+  return out;
+}
+
+}  // namespace esmc::host::design

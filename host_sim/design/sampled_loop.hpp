@@ -1,0 +1,46 @@
+#pragma once
+/// The scalar loop that all laws are in their linear zone [F28]: a double integrator, e'' = w - u, with
+/// u = (lambda + kappa) e' + lambda kappa e, sampled and held, acting some ticks late. Its peak gains from an acceleration w that is
+/// as bad as it can be, |w| <= 1 in every tick: sums of the absolute impulse response.
+
+#include <cmath>
+#include <vector>
+
+namespace esmc::host::design {
+
+/// Largest |e| (s2), |e' + lambda e| (s) and |u| per |w|.
+struct PeakGains {
+  double error = 0.0, sliding = 0.0, command = 0.0;
+  bool stable = true;
+};
+
+/// `kappa` = K / layer, 1/s; `delay` in whole ticks.
+[[nodiscard]] inline PeakGains peak_gains(double lambda, double kappa, double tick, int delay) {
+  PeakGains out;
+  std::vector<double> held(static_cast<std::size_t>(delay) + 1, 0.0);
+  double e = 0.0, rate = 0.0;
+  constexpr int longest = 2'000'000;
+  double recent = 0.0;
+  int quiet = 0;
+  for (int n = 0; n < longest; ++n) {
+    const double u = (lambda + kappa) * rate + lambda * kappa * e;
+    const auto slot = static_cast<std::size_t>(n % (delay + 1));
+    held[slot] = u;  // acts `delay` ticks from now
+    const double acting = held[static_cast<std::size_t>((n + 1) % (delay + 1))];
+    const double now = delay == 0 ? u : acting;
+    out.command += std::abs(now);
+    const double a = (n == 0 ? 1.0 : 0.0) - now;
+    e += tick * (rate + 0.5 * tick * a);
+    rate += tick * a;
+    out.error += std::abs(e);
+    out.sliding += std::abs(rate + lambda * e);
+    recent = std::abs(rate) + lambda * std::abs(e);
+    if (!(recent < 1e6 * tick)) return {0, 0, 0, false};
+    quiet = recent < 1e-12 * tick ? quiet + 1 : 0;
+    if (quiet > 2 * delay + 2) return out;
+  }
+  out.stable = false;
+  return out;
+}
+
+}  // namespace esmc::host::design
