@@ -1,0 +1,137 @@
+#pragma once
+/// One tick of control in space: from what is measured to the inputs of a free body (force, moment) or of a platform on six
+/// legs (one force per motor). Whatever it cannot answer for is a latched fault with a name, and every input 0.
+
+#include <cmath>
+#include <cstdint>
+
+#include "firmware/control/spatial_law.hpp"
+#include "firmware/control/spatial_reference.hpp"
+#include "firmware/mechanism/hexapod.hpp"
+
+namespace esmc {
+
+/// Why there is no input any more.
+enum class SpatialFault : std::uint8_t {
+  none,
+  not_finite,      ///< a measured or computed value is not a number
+  not_unit,        ///< the measured quaternion has another norm than 1, by more than a tenth
+  type1,           ///< a leg does not reach the reference or what was measured
+  type2,           ///< the motors' forces hold the platform no longer
+  euler_singular,  ///< smc_euler at pitch = +-90 degrees
+};
+
+/// What is measured: the attitude may come as q or -q, and its norm may be off by rounding and noise.
+template <class S>
+struct SpatialSample {
+  Vec3<S> position, velocity;  ///< of the mass centre, in N
+  Quaternion<S> attitude;
+  Vec3<S> turning;             ///< omega in the frame of the body, rad/s
+};
+
+template <class M, class S = typename M::Scalar>
+struct SpatialConfig {
+  M mechanism{};  ///< as the controller believes it to be
+  SpatialLaw law = SpatialLaw::esmc;
+  Reaching reaching = Reaching::implicit;
+  SpatialGains<S> gains{};
+  S hysteresis{S(0.1)};  ///< of the way round, see AttitudeChoice
+  S force_limit{};       ///< of each entry of the force or each motor, N, > 0
+  S moment_limit{};      ///< free body: of each entry, N m, > 0
+  S length{S(1)};        ///< platform: of its size, m, > 0; makes moments comparable with forces for least_pivot
+  S least_pivot{S(0.02)};  ///< platform: of the motors' map, below which it is type 2
+};
+
+template <class S>
+struct SpatialResult {
+  Vec<S, 6> input = Vec<S, 6>::Zero();    ///< [force in N; moment in the frame of the body], or motors' forces
+  Vec<S, 6> sliding = Vec<S, 6>::Zero();  ///< s of the platform's own channels
+  bool saturated = false;
+  SpatialFault fault = SpatialFault::none;
+};
+
+/// M: FreeBody or Hexapod. About 30 kB of double for the hexapod, on the stack while it works.
+template <class M>
+class SpatialController {
+ public:
+  using S = typename M::Scalar;
+
+  explicit SpatialController(const SpatialConfig<M>& config) : config_(config), choice_(config.hysteresis) {}
+
+  [[nodiscard]] SpatialResult<S> tick(const SpatialSample<S>& sample, const SpatialMotion<S>& reference) {
+    SpatialResult<S> out;
+    if (fault_ == SpatialFault::none) fault_ = work(sample, reference, out);
+    if (fault_ != SpatialFault::none) {
+      out = {};
+      out.fault = fault_;
+    }
+    return out;
+  }
+  [[nodiscard]] SpatialFault fault() const { return fault_; }
+
+ private:
+  [[nodiscard]] SpatialFault work(const SpatialSample<S>& sample, const SpatialMotion<S>& reference, SpatialResult<S>& out) {
+    const M& m = config_.mechanism;
+    const S norm = sample.attitude.squared_norm();
+    const S zero = norm * S(0) + sum_of_zeros(sample.position, sample.velocity) + sum_of_zeros(sample.turning, reference.position);
+    if (!(zero == S(0))) return SpatialFault::not_finite;
+    if (!(norm > S(0.81) && norm < S(1.21))) return SpatialFault::not_unit;
+    SpatialTracking<M> t;
+    if (!m.pose(sample.position, normalised(sample.attitude), t.pose)) return SpatialFault::type1;
+    if (!m.pose(reference.position, reference.attitude, t.desired_pose)) return SpatialFault::type1;
+    t.turn = choice_.choose(t.pose.attitude.conjugate() * reference.attitude);
+    t.rates = m.chain_rates(t.pose, M::joined(sample.velocity, sample.turning));
+    t.desired_rates = m.chain_rates(t.desired_pose, M::joined(reference.velocity, reference.turning));
+    t.desired_acceleration =
+        m.chain_accelerations(t.desired_pose, t.desired_rates, M::joined(reference.acceleration, reference.turning_rate));
+    SpatialDemand<M> demand;
+    switch (config_.law) {
+      case SpatialLaw::esmc: demand = demand_esmc(m, config_.gains, config_.reaching, t); break;
+      case SpatialLaw::esmc_projected: demand = demand_projected(m, config_.gains, config_.reaching, t); break;
+      case SpatialLaw::smc_euler:
+        if (!demand_euler(m, config_.gains, config_.reaching, t, demand)) return SpatialFault::euler_singular;
+        break;
+    }
+    const Vec<S, 6> force = m.gather(t.pose, m.force(demand.acceleration, m.channel_rates(t.pose, t.rates)));
+    for (int i = 0; i < 6; ++i) out.sliding[i] = demand.sliding[i];
+    out.input = force;
+    if constexpr (M::legs > 0) {
+      const S pivot = m.template motor_forces<UpsLeg<S>::slide>(t.pose, force, config_.length, out.input);
+      if (!(pivot > config_.least_pivot)) return SpatialFault::type2;
+    }
+    for (int i = 0; i < 6; ++i) {
+      const S limit = M::legs == 0 && i >= 3 ? config_.moment_limit : config_.force_limit;
+      if (!(std::fabs(out.input[i]) <= std::numeric_limits<S>::max())) return SpatialFault::not_finite;
+      if (out.input[i] > limit || out.input[i] < -limit) {
+        out.input[i] = out.input[i] > S(0) ? limit : -limit;
+        out.saturated = true;
+      }
+    }
+    return SpatialFault::none;
+  }
+  /// 0, or NaN where an entry is not finite.
+  [[nodiscard]] static S sum_of_zeros(const Vec3<S>& a, const Vec3<S>& b) {
+    S sum(0);
+    for (int i = 0; i < 3; ++i) sum += a[i] * S(0) + b[i] * S(0);
+    return sum;
+  }
+
+  SpatialConfig<M> config_;
+  AttitudeChoice<S> choice_;
+  SpatialFault fault_ = SpatialFault::none;
+};
+
+/// As messages and logs have it.
+[[nodiscard]] constexpr const char* name(SpatialFault fault) {
+  switch (fault) {
+    case SpatialFault::none: return "none";
+    case SpatialFault::not_finite: return "not_finite";
+    case SpatialFault::not_unit: return "not_unit";
+    case SpatialFault::type1: return "type1";
+    case SpatialFault::type2: return "type2";
+    case SpatialFault::euler_singular: return "euler_singular";
+  }
+  return "?";
+}
+
+}  // namespace esmc

@@ -1,0 +1,233 @@
+#pragma once
+/// The coupling algorithm of the report, eqs. (37)-(47), in space: a rigid platform, oriented by a unit quaternion, on any
+/// number of serial legs that hold points of it by spherical joints. Without legs it is a free body. `coupling.hpp` is the
+/// same for the plane.
+///
+///   q0 = [x; q], seven coordinates; p0# = [velocity of the mass centre, in N; omega, in the frame of the platform], six
+///   q0' = D+ p0#:   x' = v,   q' = 1/2 q (0, omega)
+/// Rows of p: p0#, then every leg as SpatialSerial has it. M is diagonal; v = omega x I omega for the platform as well.
+
+#include "firmware/mechanism/linear.hpp"
+#include "firmware/mechanism/spatial.hpp"
+#include "firmware/mechanism/spatial_params.hpp"
+
+namespace esmc {
+
+/// What a law sees of one channel of p in which an error is formed.
+template <class S>
+struct ChannelError {
+  S e;             ///< of the coordinate; of an attitude 2 vec q_e: m, rad
+  S e_rate;        ///< e'
+  S rate;          ///< desired less actual, of p; for an attitude not e'
+  S of_reference;  ///< acceleration that keeps `rate` as it is
+};
+
+/// `Leg` is a SpatialSerial with `reach(tip, pose)`: its own inverse kinematics. See the top of the file.
+template <class S, class Leg, int Legs>
+class SpatialCoupling {
+ public:
+  using Scalar = S;
+  static constexpr int legs = Legs;
+  static constexpr int dof = 6;
+  static constexpr int leg_channels = Leg::channels;
+  static constexpr int channels = dof + Legs * leg_channels;
+  using Independent = Vec<S, dof>;
+  using Channels = Vec<S, channels>;
+
+  /// Platform and legs together: what p# determines through C^. Like a vector, not initialised by itself.
+  struct Rates {
+    Independent platform;
+    List<typename Leg::Joints, Legs> leg;
+  };
+  struct Pose {
+    Vec3<S> position;
+    Quaternion<S> attitude;
+    Rotation<S> frame;
+    List<Vec3<S>, Legs> arm;  ///< from the mass centre to the spherical joints, in N, m
+    List<typename Leg::Pose, Legs> leg;
+  };
+
+  SpatialCoupling() = default;
+  /// `joint`: where each leg holds the platform, from its mass centre in its frame, m.
+  SpatialCoupling(const RigidBodyParams<S>& platform, const List<Vec3<S>, Legs>& joint, const List<Leg, Legs>& leg, S gravity)
+      : platform_(platform), joint_(joint), leg_(leg), gravity_(gravity) {}
+
+  [[nodiscard]] const Leg& leg(int j) const { return leg_[j]; }
+  static constexpr int row_leg(int j) { return dof + j * leg_channels; }
+  /// Rows that are an angular velocity; the others of rigid bodies are velocities of points, of joints neither.
+  static constexpr bool is_turn(int row) {
+    return row < dof ? row >= 3 : Leg::is_turn((row - dof) % leg_channels);
+  }
+  static constexpr bool has_mass(int row) { return row < dof || (row - dof) % leg_channels >= Leg::joints; }
+
+  /// The pose of everything from that of the platform. `attitude` has norm 1. False where a leg does not reach or has no
+  /// joint angles (type 1); `out` is of no use then.
+  [[nodiscard]] bool pose(const Vec3<S>& position, const Quaternion<S>& attitude, Pose& out) const {
+    out.position = position;
+    out.attitude = attitude;
+    out.frame = rotation(attitude);
+    for (int j = 0; j < Legs; ++j) {
+      out.arm[j] = out.frame.out(joint_[j]);
+      if (!leg_[j].reach(Vec3<S>(position + out.arm[j]), out.leg[j])) return false;
+    }
+    return true;
+  }
+
+  /// C^ p# (39). Pole at type 1 of any leg.
+  [[nodiscard]] Rates chain_rates(const Pose& p, const Independent& v) const {
+    Rates out;
+    out.platform = v;
+    const Vec3<S> omega = p.frame.out(turn_of(v));
+    for (int j = 0; j < Legs; ++j)
+      out.leg[j] = leg_[j].tip_inverse(p.leg[j], Vec3<S>(point_of(v) + cross(omega, p.arm[j])));
+    return out;
+  }
+
+  /// d/dt of C^ along motion a, applied to b. Its platform part is zero: p0# are the independent velocities themselves.
+  [[nodiscard]] Rates chain_bias(const Pose& p, const Rates& a, const Rates& b) const {
+    Rates out;
+    out.platform.setZero();
+    const Vec3<S> wa = p.frame.out(turn_of(a.platform)), wb = p.frame.out(turn_of(b.platform));
+    for (int j = 0; j < Legs; ++j) {
+      // b is held in the frame of the platform, which turns with a.
+      const Vec3<S> drift = cross(cross(wa, wb), p.arm[j]) + cross(wb, cross(wa, p.arm[j]));
+      out.leg[j] = leg_[j].tip_inverse(p.leg[j], Vec3<S>(drift - leg_[j].tip_bias(p.leg[j], a.leg[j], b.leg[j])));
+    }
+    return out;
+  }
+
+  /// d/dt (C^ p#): joint accelerations that go with a platform acceleration, closure kept.
+  [[nodiscard]] Rates chain_accelerations(const Pose& p, const Rates& rates, const Independent& acceleration) const {
+    Rates out = chain_bias(p, rates, rates), straight = chain_rates(p, acceleration);
+    out.platform = acceleration;
+    for (int j = 0; j < Legs; ++j) out.leg[j] += straight.leg[j];
+    return out;
+  }
+
+  /// blkdiag(C_j): all channels from platform and joint rates (40).
+  [[nodiscard]] Channels channel_rates(const Pose& p, const Rates& r) const {
+    Channels out;
+    put(out, r.platform);
+    for (int j = 0; j < Legs; ++j) put(out, j, leg_[j].rates(p.leg[j], r.leg[j]));
+    return out;
+  }
+
+  /// blkdiag(C_j) times `acceleration` plus Cdot_j(a) b: all channel accelerations.
+  [[nodiscard]] Channels channel_accelerations(const Pose& p, const Rates& a, const Rates& b, const Rates& acceleration) const {
+    Channels out;
+    put(out, acceleration.platform);
+    for (int j = 0; j < Legs; ++j) {
+      const typename Leg::Channels straight = leg_[j].rates(p.leg[j], acceleration.leg[j]);
+      put(out, j, typename Leg::Channels(straight + leg_[j].bias(p.leg[j], a.leg[j], b.leg[j])));
+    }
+    return out;
+  }
+
+  /// M v' + v + f + g of (37). `rates`: of all channels, as they are.
+  [[nodiscard]] Channels force(const Channels& v, const Channels& rates) const {
+    Channels out;
+    const BodyRows<S> w = body_force(platform_.mass, platform_.inertia, gravity_,
+                                     BodyRows<S>{Vec3<S>(v[3], v[4], v[5]), Vec3<S>(v[0], v[1], v[2])},
+                                     Vec3<S>(rates[3], rates[4], rates[5]));
+    put(out, joined(w.centre, w.turn));
+    for (int j = 0; j < Legs; ++j) put(out, j, leg_[j].force(part(v, j), part(rates, j)));
+    return out;
+  }
+
+  /// Diagonal of M.
+  [[nodiscard]] Channels mass() const {
+    Channels out;
+    put(out, joined(Vec3<S>(platform_.mass, platform_.mass, platform_.mass), platform_.inertia));
+    for (int j = 0; j < Legs; ++j) put(out, j, leg_[j].mass());
+    return out;
+  }
+
+  /// C^T w of (37): [force in N; moment in the frame of the platform]. Pole at type 1.
+  [[nodiscard]] Independent gather(const Pose& p, const Channels& w) const {
+    Independent out;
+    for (int i = 0; i < dof; ++i) out[i] = w[i];
+    for (int j = 0; j < Legs; ++j)
+      out += at_joint(p, j, leg_[j].tip_force(p.leg[j], leg_[j].transposed(p.leg[j], part(w, j))));
+    return out;
+  }
+
+  /// Motor forces, one at joint `Actuated` of each of six legs, that do on p0# what F does: C^^T u = F. The smallest pivot of
+  /// that system, its moments divided by `length`: near 0 at type 2, where u is of no use.
+  template <int Actuated>
+  [[nodiscard]] S motor_forces(const Pose& p, Independent F, S length, Vec<S, Legs>& u) const
+    requires(Legs == dof)
+  {
+    Mat<S, dof, dof> B;
+    for (int j = 0; j < Legs; ++j) {
+      const Independent column = at_joint(p, j, leg_[j].tip_force(p.leg[j], Leg::Joints::Unit(Actuated)));
+      for (int i = 0; i < dof; ++i) B(i, j) = i < 3 ? column[i] : column[i] / length;
+    }
+    for (int i = 3; i < dof; ++i) F[i] /= length;
+    u = F;
+    return solve(B, u);
+  }
+
+  /// Calls f(row, ChannelError) for every row with mass: the errors of position, attitude, mass centres and attitudes of the
+  /// legs' bodies. `turn` is q_e of the platform, its sign chosen; bodies of legs take the short way (they cannot turn over).
+  template <class F>
+  void compare(const Pose& desired, const Rates& desired_rates, const Rates& desired_acceleration, const Pose& actual, const Rates& rates,
+               const Quaternion<S>& turn, F&& f) const {
+    const Independent &vd = desired_rates.platform, &ad = desired_acceleration.platform, &v = rates.platform;
+    const Vec3<S> e = desired.position - actual.position;
+    for (int i = 0; i < 3; ++i) f(i, ChannelError<S>{e[i], vd[i] - v[i], vd[i] - v[i], ad[i]});
+    of_turn(3, attitude_error(turn, turn_of(vd), turn_of(ad), turn_of(v)), f);
+    for (int j = 0; j < Legs; ++j) {
+      const Leg& leg = leg_[j];
+      const auto &there = desired.leg[j], &here = actual.leg[j];
+      const typename Leg::Channels fast = leg.rates(there, desired_rates.leg[j]), slow = leg.rates(here, rates.leg[j]);
+      const typename Leg::Channels push = leg.rates(there, desired_acceleration.leg[j]) +
+                                          leg.bias(there, desired_rates.leg[j], desired_rates.leg[j]);
+      for (int i = 0; i < Leg::joints; ++i) {
+        const BodyRows<S> rd = Leg::rows_of(fast, i), r = Leg::rows_of(slow, i), a = Leg::rows_of(push, i);
+        const Vec3<S> off = there.origin[i] + there.arm[i] - here.origin[i] - here.arm[i];
+        for (int k = 0; k < 3; ++k) {
+          const S rate = rd.centre[k] - r.centre[k];
+          f(row_leg(j) + Leg::row_centre(i) + k, ChannelError<S>{off[k], rate, rate, a.centre[k]});
+        }
+        const Quaternion<S> left = shortest(here.attitude[i].conjugate() * there.attitude[i]);
+        of_turn(row_leg(j) + Leg::row_turn(i), attitude_error(left, rd.turn, a.turn, r.turn), f);
+      }
+    }
+  }
+
+  [[nodiscard]] static Vec3<S> point_of(const Independent& v) { return Vec3<S>(v[0], v[1], v[2]); }
+  [[nodiscard]] static Vec3<S> turn_of(const Independent& v) { return Vec3<S>(v[3], v[4], v[5]); }
+  [[nodiscard]] static Independent joined(const Vec3<S>& point, const Vec3<S>& turn) {
+    Independent out;
+    out << point, turn;
+    return out;
+  }
+
+ private:
+  static void put(Channels& out, const Independent& v) {
+    for (int i = 0; i < dof; ++i) out[i] = v[i];
+  }
+  static void put(Channels& out, int j, const typename Leg::Channels& v) {
+    for (int i = 0; i < leg_channels; ++i) out[row_leg(j) + i] = v[i];
+  }
+  [[nodiscard]] static typename Leg::Channels part(const Channels& v, int j) {
+    typename Leg::Channels out;
+    for (int i = 0; i < leg_channels; ++i) out[i] = v[row_leg(j) + i];
+    return out;
+  }
+  /// A force on joint j of the platform, as p0# feels it.
+  [[nodiscard]] static Independent at_joint(const Pose& p, int j, const Vec3<S>& force) {
+    return joined(force, p.frame.in(cross(p.arm[j], force)));
+  }
+  template <class F>
+  static void of_turn(int row, const AttitudeError<S>& a, F&& f) {
+    for (int k = 0; k < 3; ++k) f(row + k, ChannelError<S>{a.e[k], a.e_rate[k], a.rate[k], a.of_reference[k]});
+  }
+
+  RigidBodyParams<S> platform_{};
+  List<Vec3<S>, Legs> joint_{};
+  List<Leg, Legs> leg_{};
+  S gravity_{};
+};
+
+}  // namespace esmc
