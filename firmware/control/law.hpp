@@ -54,19 +54,18 @@ struct Tracking {
 enum class Rows : std::uint8_t { all, with_mass };
 
 /// v' = qdd_d + Lambda e' + K sw(s), s = e' + Lambda e in every channel [F29]. With Rows::with_mass the other rows of
-/// `acceleration` are not set; those of `sliding` always are.
+/// `acceleration` are not set; those of `sliding` are then the differences of the bars', for a log.
 template <class M, Rows rows = Rows::all>
 void demand_esmc(const M& m, const Gains<M>& gain, const Tracking<M>& t, typename M::Channels& acceleration,
                  typename M::Channels& sliding) {
   using S = typename M::Scalar;
-  m.compare(t.desired_pose, t.desired_rates, t.desired_acceleration, t.pose, t.rates,
-            [&](auto row, S e, S rate, S of_reference) ESMC_INLINE {
-              const S lambda = gain.lambda[row], s = rate + lambda * e;
-              sliding[row] = s;
-              if constexpr (rows == Rows::all || M::has_mass(row)) {
-                acceleration[row] = of_reference + lambda * rate + gain.k[row] * saturated(s, gain.layer[row]);
-              }
-            });
+  m.template compare<rows == Rows::all>(t.desired_pose, t.desired_rates, t.desired_acceleration, t.pose, t.rates,
+                                        [&](auto row, S e, S rate, S of_reference) ESMC_INLINE {
+                                          const S lambda = gain.lambda[row], s = rate + lambda * e;
+                                          sliding[row] = s;
+                                          acceleration[row] = of_reference + lambda * rate + gain.k[row] * saturated(s, gain.layer[row]);
+                                        });
+  if constexpr (rows == Rows::with_mass) M::follow_bars(sliding);
 }
 /// The same for any reaching law. A tick of those that do not clamp may take longer: they have their term added in a
 /// second pass, so that the first one asks nothing in every channel.

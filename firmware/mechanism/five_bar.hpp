@@ -190,17 +190,22 @@ class FiveBar : public Coupling<S, PointMass<S>, Dyad<S>, 2> {
   }
 
   /// Calls f(row, e, e', q''_d) for every channel, see Serial::compare.
-  template <class F>
-  void compare(const Pose& desired, const Rates& desired_rates, const Rates& desired_acceleration, const Pose& actual,
+  template <bool with_joints = true, class F>
+  ESMC_INLINE void compare(const Pose& desired, const Rates& desired_rates, const Rates& desired_acceleration, const Pose& actual,
                const Rates& rates, F&& f) const {
     const Vec2<S> e = independent_error(desired, actual);
     unroll<2>([&](auto i) ESMC_INLINE { f(i, e[i], S(desired_rates.platform[i] - rates.platform[i]), desired_acceleration.platform[i]); });
     unroll<2>([&](auto j) ESMC_INLINE {
-      this->leg(j).compare(desired.leg[j], desired_rates.leg[j], desired_acceleration.leg[j], actual.leg[j], rates.leg[j],
-                           [&](auto row, S of, S rate, S acceleration) ESMC_INLINE {
-                             f(std::integral_constant<int, Base::row_leg(j) + row>{}, of, rate, acceleration);
-                           });
+      this->leg(j).template compare<with_joints>(
+          desired.leg[j], desired_rates.leg[j], desired_acceleration.leg[j], actual.leg[j], rates.leg[j],
+          [&](auto row, S of, S rate, S acceleration) ESMC_INLINE {
+            f(std::integral_constant<int, Base::row_leg(j) + row>{}, of, rate, acceleration);
+          });
     });
+  }
+  /// The joint rows from those of the bars, see Serial::follow_bars.
+  static void follow_bars(Channels& s) {
+    unroll<2>([&](auto j) ESMC_INLINE { Leg::follow_bars(s, Base::row_leg(j)); });
   }
 
   [[nodiscard]] static Vec2<S> tip_rate(const Pose&, const Rates& r) { return r.platform; }

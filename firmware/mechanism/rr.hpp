@@ -88,11 +88,13 @@ class Rr {
     return arm_.error(desired.arm, actual.arm);
   }
   /// Calls f(row, e, e', q''_d) for every channel, see Serial::compare.
-  template <class F>
-  void compare(const Pose& desired, const Rates& desired_rates, const Rates& desired_acceleration, const Pose& actual,
+  template <bool with_joints = true, class F>
+  ESMC_INLINE void compare(const Pose& desired, const Rates& desired_rates, const Rates& desired_acceleration, const Pose& actual,
                const Rates& rates, F&& f) const {
-    arm_.compare(desired.arm, desired_rates, desired_acceleration, actual.arm, rates, f);
+    arm_.template compare<with_joints>(desired.arm, desired_rates, desired_acceleration, actual.arm, rates, f);
   }
+  /// The joint rows from those of the bars, see Serial::follow_bars.
+  static void follow_bars(Channels& s) { Leg::follow_bars(s); }
   [[nodiscard]] Rates chain_rates(const Pose&, const Independent& p) const { return p; }
   [[nodiscard]] Rates chain_accelerations(const Pose&, const Rates&, const Independent& a) const { return a; }
   [[nodiscard]] Rates chain_bias(const Pose&, const Rates&, const Rates&) const { return Rates::Zero(); }

@@ -182,10 +182,24 @@ class Serial {
     return out;
   }
 
-  /// Calls f(row, e, e', q''_d) for every channel: what `error`, the difference of two `rates`, and `rates` + `bias` of the
-  /// desired motion say of it, body by body, so that no vector of channels is stored on the way.
-  template <class F>
-  void compare(const Pose& desired, const Joints& desired_rate, const Joints& desired_acceleration, const Pose& actual,
+  /// Where all joints turn, what is said of a joint is the difference of what is said of its bodies: `follow_bars`.
+  static constexpr bool joints_follow = ((Links::joint == Joint::revolute) && ...);
+  /// The joint rows of something linear in errors and rates, sliding variables say, from the rows of the bars (model.md
+  /// section 10: s_theta2 = s_phi2 - s_phi1). Not wrapped.
+  template <int N>
+  static void follow_bars(Vec<S, N>& s, int first = 0)
+    requires joints_follow
+  {
+    unroll<joints>([&](auto i) ESMC_INLINE {
+      const S of_bar = s[first + row_angle(i)];
+      s[first + row_joint(i)] = i == 0 ? of_bar : S(of_bar - s[first + row_angle(i) - 1]);
+    });
+  }
+
+  /// Calls f(row, e, e', q''_d) for every channel, or for all but the joints': what `error`, the difference of two `rates`,
+  /// and `rates` + `bias` of the desired motion say of it, body by body, so that no vector of channels is stored on the way.
+  template <bool with_joints = true, class F>
+  ESMC_INLINE void compare(const Pose& desired, const Joints& desired_rate, const Joints& desired_acceleration, const Pose& actual,
                const Joints& rate, F&& f) const {
     ErrorWalk error;
     RateWalk fast, slow, push;
@@ -195,7 +209,7 @@ class Serial {
       const Row vd = step(fast, i, desired, desired_rate), v = step(slow, i, actual, rate);
       const Row a = step(push, i, desired, desired_acceleration);
       const Vec2<S> c = step(drift, i, desired, desired_rate, desired_rate);
-      f(std::integral_constant<int, row_joint(i)>{}, e.joint, S(vd.joint - v.joint), a.joint);
+      if constexpr (with_joints) f(std::integral_constant<int, row_joint(i)>{}, e.joint, S(vd.joint - v.joint), a.joint);
       f(std::integral_constant<int, row_angle(i)>{}, e.angle, S(vd.angle - v.angle), a.angle);
       f(std::integral_constant<int, row_x(i)>{}, e.centre.x(), S(vd.centre.x() - v.centre.x()), S(a.centre.x() + c.x()));
       f(std::integral_constant<int, row_x(i) + 1>{}, e.centre.y(), S(vd.centre.y() - v.centre.y()), S(a.centre.y() + c.y()));

@@ -57,6 +57,15 @@ Gains<M> gains() {
   return g;
 }
 
+/// As the controller's tick has it. The sliding variables are for a log.
+template <LawKind Law, class M>
+[[nodiscard]] Vec2<typename M::Scalar> torque_of(const M& m, const Gains<M>& g, const Tracking<M>& t) {
+  typename M::Channels acceleration, sliding;
+  demand<M, Rows::with_mass>(Law, m, g, Reaching::implicit, t, acceleration, sliding);
+  benchmark::DoNotOptimize(sliding);
+  return m.base_torque(t.pose, m.force(acceleration, t.rates));
+}
+
 /// State and reference, as poses and rates, to base-joint torque.
 template <LawKind Law, class S>
 void law_five_bar(benchmark::State& state) {
@@ -65,20 +74,26 @@ void law_five_bar(benchmark::State& state) {
   const auto g = gains<FiveBar<S>>();
   int i = 0;
   for (auto _ : state) {
-    const auto& t = states[static_cast<std::size_t>(i++ % state_count)];
-    const auto d = demand(Law, m, g, Reaching::implicit, t);
-    benchmark::DoNotOptimize(m.base_torque(t.pose, m.force(d.acceleration, t.rates)).eval());
+    benchmark::DoNotOptimize(torque_of<Law>(m, g, states[static_cast<std::size_t>(i++ % state_count)]));
   }
 }
 
-void law_rr(benchmark::State& state) {
-  using M = Rr<double>;
-  const M m(RrParams<double>{leg<double>, 9.8});
-  const auto g = gains<M>();
-  std::vector<Tracking<M>> states;
+/// The same from generated code.
+template <class Straight>
+void straight_five_bar(benchmark::State& state) {
+  const auto states = five_bar_states(FiveBar<double>(five_bar<double>));
+  const Straight straight(five_bar<double>, gains<FiveBar<double>>());
+  int i = 0;
+  for (auto _ : state) {
+    benchmark::DoNotOptimize(straight(states[static_cast<std::size_t>(i++ % state_count)]));
+  }
+}
+
+std::vector<Tracking<Rr<double>>> rr_states(const Rr<double>& m) {
+  std::vector<Tracking<Rr<double>>> states;
   for (int i = 0; i < state_count; ++i) {
     const double a = 0.0981748 * i;
-    Tracking<M> t;
+    Tracking<Rr<double>> t;
     t.pose = m.pose({a, 1.0});
     t.desired_pose = m.pose({a + 0.01, 1.01});
     t.rates = {1.0, -0.5};
@@ -86,11 +101,26 @@ void law_rr(benchmark::State& state) {
     t.desired_acceleration = {2.0, 3.0};
     states.push_back(t);
   }
+  return states;
+}
+const RrParams<double> arm{leg<double>, 9.8};
+
+void law_rr(benchmark::State& state) {
+  const Rr<double> m(arm);
+  const auto g = gains<Rr<double>>();
+  const auto states = rr_states(m);
   int i = 0;
   for (auto _ : state) {
-    const auto& t = states[static_cast<std::size_t>(i++ % state_count)];
-    const auto d = demand(LawKind::esmc, m, g, Reaching::implicit, t);
-    benchmark::DoNotOptimize(m.base_torque(t.pose, m.force(d.acceleration, t.rates)).eval());
+    benchmark::DoNotOptimize(torque_of<LawKind::esmc>(m, g, states[static_cast<std::size_t>(i++ % state_count)]));
+  }
+}
+
+void straight_rr(benchmark::State& state) {
+  const auto states = rr_states(Rr<double>(arm));
+  const test::StraightArm straight(arm, gains<Rr<double>>());
+  int i = 0;
+  for (auto _ : state) {
+    benchmark::DoNotOptimize(straight(states[static_cast<std::size_t>(i++ % state_count)]));
   }
 }
 
@@ -211,6 +241,9 @@ int main(int argc, char** argv) {
   benchmark::RegisterBenchmark("law/five_bar/esmc_projected/float",
                                law_five_bar<LawKind::esmc_projected, float>);
   benchmark::RegisterBenchmark("law/rr/esmc/double", law_rr);
+  benchmark::RegisterBenchmark("law/five_bar/straight_line_esmc/double", straight_five_bar<test::StraightEsmc>);
+  benchmark::RegisterBenchmark("law/five_bar/straight_line_esmc_projected/double", straight_five_bar<test::StraightProjected>);
+  benchmark::RegisterBenchmark("law/rr/straight_line_esmc/double", straight_rr);
   add_ticks<LawKind::esmc>("esmc");
   add_ticks<LawKind::esmc_projected>("esmc_projected");
   add_ticks<LawKind::smc>("smc");

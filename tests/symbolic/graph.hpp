@@ -17,7 +17,8 @@
 
 namespace esmc::test {
 
-enum class Op { constant, parameter, variable, add, subtract, multiply, negate, invert, sine, cosine, step };
+enum class Op { constant, parameter, variable, add, subtract, multiply, negate, invert, sine, cosine, step, saturate, arc_tangent };
+[[nodiscard]] constexpr bool takes_two(Op op) { return (op >= Op::add && op <= Op::multiply) || op >= Op::saturate; }
 
 struct Node {
   Op op = Op::constant;
@@ -88,6 +89,13 @@ class Expression {
   friend SinCos<Expression> sin_cos(Expression angle) {
     return {make({.op = Op::sine, .a = angle.id_}), make({.op = Op::cosine, .a = angle.id_})};
   }
+  // What a law calls by these names and the program calls again.
+  friend Expression arc_tangent2(Expression y, Expression x) { return make({.op = Op::arc_tangent, .a = y.id_, .b = x.id_}); }
+  friend Expression saturated(Expression s, Expression layer) { return make({.op = Op::saturate, .a = s.id_, .b = layer.id_}); }
+  // What the laws name but what is generated does not use.
+  friend Expression sign_of(Expression s) { return s > Expression(0); }
+  friend Expression hyperbolic_tangent(Expression s) { return s > Expression(0); }
+  friend Expression wrap_to_pi(Expression angle) { return angle; }  // of joints, which have no mass: display only
 
  private:
   static std::vector<Node>& nodes() {
@@ -101,7 +109,7 @@ class Expression {
     mix(std::bit_cast<std::uint64_t>(n.value));
     for (const char c : n.name) mix(static_cast<unsigned char>(c));
     if (n.op >= Op::add) mix(nodes()[static_cast<std::size_t>(n.a)].key);
-    if (n.op >= Op::add && n.op <= Op::multiply) mix(nodes()[static_cast<std::size_t>(n.b)].key);
+    if (takes_two(n.op)) mix(nodes()[static_cast<std::size_t>(n.b)].key);
     return h;
   }
   static int intern(Node n) {
