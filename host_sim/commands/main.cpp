@@ -428,10 +428,10 @@ int run(int argc, char** argv) {
     status = run_campaign(f);
   });
 
-  DesignOptions g;
-  add_design(app, g, [&] {
+  DesignOptions design;
+  add_design(app, design, [&] {
     handle_signals();
-    status = run_design(g);
+    status = run_design(design);
   });
 
   SweepOptions w;
@@ -441,8 +441,8 @@ int run(int argc, char** argv) {
     status = run_sweep(w);
   });
 
-  CalibrateOptions g;
-  add_calibrate(app, g, [&] { status = run_calibrate(g); });
+  CalibrateOptions calibrate;
+  add_calibrate(app, calibrate, [&] { status = run_calibrate(calibrate); });
 
   LiveOptions l;
   add_live(app, l, [&] {

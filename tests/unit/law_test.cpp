@@ -36,6 +36,29 @@ TYPED_TEST(Laws, GainsThatNobodySetsAreZeroAndLayersOne) {
   EXPECT_TRUE(i.lambda == S(0) && i.k == S(0) && i.layer == S(1) && i.kp == S(0) && i.kd == S(0));
 }
 
+/// What a tick asks for: the rows with mass are those of the whole demand to the last bit, s of a joint is what the bars
+/// beside it say (model.md section 10).
+TYPED_TEST(Laws, ATickAsksForTheRowsWithMass) {
+  using S = TypeParam;
+  using M = FiveBar<S>;
+  Accuracy joints("joints");
+  for (std::uint64_t seed = 0; seed < kCases; ++seed) {
+    const auto c = random_tracking<S>(seed);
+    const auto whole = demand(LawKind::esmc, c.mechanism, c.gain, c.reaching, c.t);
+    typename M::Channels acceleration, sliding;
+    demand_esmc<M, Rows::with_mass>(c.mechanism, c.gain, c.reaching, c.t, acceleration, sliding);
+    for (int i = 0; i < M::channels; ++i) {
+      if (!M::has_mass(i)) continue;
+      EXPECT_EQ(acceleration[i], whole.acceleration[i]) << seed << " row " << i;
+      EXPECT_EQ(sliding[i], whole.sliding[i]) << seed << " row " << i;
+    }
+    const Channels18 s = c.sliding();
+    const Vec<Real, 4> bars(s[4], s[5] - s[4], s[12], s[13] - s[12]);
+    joints.compare(seed, Vec<S, 4>(sliding[2], sliding[3], sliding[10], sliding[11]), bars);
+  }
+  joints.expect_below(1000 * kEpsilon<S>);
+}
+
 /// [F31]: C^T M (sdot + K sw s) = 0, with two motors and with four.
 TYPED_TEST(Laws, FullEsmcReachesInTheMassWeightedSum) {
   using S = TypeParam;

@@ -1,11 +1,12 @@
 // The generated five-bar (tests/symbolic/straight_line.cpp) against the plant, which is Lagrange's equations
-// with multipliers in other coordinates.
+// with multipliers in other coordinates; the generated laws against those they are yardsticks of.
 
 #include <gtest/gtest.h>
 
 #include "host_sim/plant/plant.hpp"
 #include "tests/benchmarks/straight_line.hpp"
 #include "tests/support/random_mechanism.hpp"
+#include "tests/support/tracking.hpp"
 
 namespace esmc::test {
 namespace {
@@ -31,6 +32,39 @@ TEST(StraightLine, IsThePlant) {
     acceleration.compare(seed, Vec<double, 4>(got[0], got[1], got[2], got[3]), want, 1);
   }
   acceleration.expect_below(1e-12);
+}
+
+TEST(StraightLine, LawsAreTheLaws) {
+  Accuracy five_bar("five_bar"), arm("arm");
+  for (std::uint64_t seed = 0; seed < 500; ++seed) {
+    auto c = random_tracking<double>(seed);
+    auto p = c.now.params;
+    for (auto& leg : p.legs) leg.d1 = leg.d2 = leg.gamma1 = leg.gamma2 = 0;
+    const FiveBar<double> m(p);
+    const auto want = [&](LawKind law) {
+      return m.base_torque(c.t.pose, m.force(demand(law, m, c.gain, Reaching::implicit, c.t).acceleration, c.t.rates)).eval();
+    };
+    const auto full = StraightEsmc(p, c.gain)(c.t), projected = StraightProjected(p, c.gain)(c.t);
+    const Vec2<double> a = want(LawKind::esmc), b = want(LawKind::esmc_projected);
+    five_bar.compare(seed, Vec<double, 4>(full[0], full[1], projected[0], projected[1]), Vec<double, 4>(a[0], a[1], b[0], b[1]), 1);
+
+    const RrParams<double> q{p.legs[0], p.g};
+    const Rr<double> rr(q);
+    Random r(seed);
+    Tracking<Rr<double>> t{rr.pose(r.vector<double, 2>(3)), {}, r.vector<double, 2>(5), r.vector<double, 2>(5), r.vector<double, 2>(50)};
+    t.desired_pose = rr.pose(Rr<double>::angles(t.pose) + r.vector<double, 2>(0.5));
+    Gains<Rr<double>> g;
+    for (int i = 0; i < Rr<double>::channels; ++i) {
+      g.lambda[i] = c.gain.lambda[i];
+      g.k[i] = c.gain.k[i];
+      g.layer[i] = c.gain.layer[i];
+    }
+    const auto got = StraightArm(q, g)(t);
+    const Vec2<double> of_law = rr.base_torque(t.pose, rr.force(demand(LawKind::esmc, rr, g, Reaching::implicit, t).acceleration, t.rates));
+    arm.compare(seed, Vec2<double>(got[0], got[1]), of_law, 1);
+  }
+  five_bar.expect_below(1e-11);
+  arm.expect_below(1e-11);
 }
 
 }  // namespace
