@@ -31,6 +31,7 @@
 #include "host_sim/commands/open_bus.hpp"
 #include "host_sim/commands/replay.hpp"
 #include "host_sim/commands/run.hpp"
+#include "host_sim/commands/spatial.hpp"
 #include "host_sim/commands/sweep.hpp"
 #include "host_sim/error.hpp"
 #include "host_sim/scene/keys.hpp"
@@ -123,6 +124,13 @@ void add_run_options(CLI::App& c, RunOptions& o) {
        "of the effects noise and jitter; the same seed gives the same run")
       ->type_name("UINT")
       ->default_str("1");
+}
+void add_scalar_option(CLI::App& c, RunOptions& o) {
+  c.add_option_function<std::string>(
+       "--scalar", [&o](const std::string& s) { o.single_precision = s == "float"; },
+       "double | float: of the controller; float is what a board without double computes")
+      ->check(CLI::IsMember({"double", "float"}))
+      ->default_str("double");
 }
 void add_bus_options(CLI::App& c, RunOptions& o, bool required) {
   if (required) {
@@ -334,11 +342,7 @@ int run(int argc, char** argv) {
       "hil", "the loop through real CAN frames: controller on one node, drives and plant on the other");
   add_run_options(*hil, o);
   add_bus_options(*hil, o, false);
-  hil->add_option_function<std::string>(
-         "--scalar", [&o](const std::string& s) { o.single_precision = s == "float"; },
-         "double | float: of the controller; float is what a board without double computes")
-      ->check(CLI::IsMember({"double", "float"}))
-      ->default_str("double");
+  add_scalar_option(*hil, o);
   hil->callback([&] {
     handle_signals();
     status = run_hil(o);
@@ -451,8 +455,22 @@ int run(int argc, char** argv) {
     status = run_live(l);
   });
 
+  auto* spatial = app.add_subcommand("spatial", "closed loop in space, orientation by unit quaternion: a free body, or a platform on six legs");
+  add_scene_options(*spatial, o, "scene.toml, summary.json, log.csv");
+  spatial->add_option_function<std::string>(
+             "--seed", [&o](const std::string& text) { o.seed = read_integer(text); }, "of the noise in [measurement]")
+      ->type_name("UINT")
+      ->default_str("1");
+  add_scalar_option(*spatial, o);
+  spatial->callback([&] {
+    handle_signals();
+    status = run_spatial(o);
+  });
+
+  std::string of = "scene";
   auto* keys = app.add_subcommand("keys", "print the table of scene keys (Markdown)");
-  keys->callback([&] { fmt::print("{}", keys_markdown()); });
+  keys->add_option("OF", of, "scene | spatial")->check(CLI::IsMember({"scene", "spatial"}))->capture_default_str();
+  keys->callback([&] { fmt::print("{}", keys_markdown(of == "spatial" ? spatial_keys() : scene_keys())); });
 
   require_subcommand(app, argc, argv);
   try {

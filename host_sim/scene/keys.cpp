@@ -280,8 +280,8 @@ std::string nearest(std::string_view word, const std::vector<std::string>& known
 
 std::span<const Key> scene_keys() { return keys; }
 
-const Key& find_key(std::string_view path) {
-  for (const Key& k : keys) {
+const Key& find_key(std::string_view path, std::span<const Key> among) {
+  for (const Key& k : among) {
     if (k.path == path) return k;
   }
   throw std::logic_error("no entry in the key table: " + std::string(path));
@@ -317,9 +317,9 @@ std::string wanted(const Key& k) {
   return plural ? out : (k.kind.starts_with("integer") ? "an " : "a ") + out;
 }
 
-std::string keys_markdown() {
+std::string keys_markdown(std::span<const Key> of) {
   std::string out = "| key | allowed | default | meaning |\n|---|---|---|---|\n";
-  for (const Key& k : keys) {
+  for (const Key& k : of) {
     std::string range = allowed(k), fallback(k.fallback);
     for (std::size_t at = 0; (at = range.find(" | ", at)) != std::string::npos;) range.erase(at, 1)[at] = ',';
     if (fallback.empty()) fallback = "required";

@@ -22,8 +22,10 @@ struct Key {
 };
 
 std::span<const Key> scene_keys();
+/// Of the scenes of `esmc spatial`.
+std::span<const Key> spatial_keys();
 /// The entry of a key; ends the program's logic with std::logic_error when a reader asks for one that is missing.
-const Key& find_key(std::string_view path);
+const Key& find_key(std::string_view path, std::span<const Key> keys = scene_keys());
 /// "number > 0, rad", for the table.
 std::string allowed(const Key& k);
 /// "a number > 0, rad", for a message: "'key' must be ..."
@@ -31,6 +33,6 @@ std::string wanted(const Key& k);
 /// The known word that `word` is a slip of the pen away from (edit distance at most 2); empty: none.
 std::string nearest(std::string_view word, const std::vector<std::string>& known);
 /// The table as Markdown.
-std::string keys_markdown();
+std::string keys_markdown(std::span<const Key> keys = scene_keys());
 
 }  // namespace esmc::host

@@ -445,7 +445,7 @@ std::optional<Section> Section::section(const std::string& key, const std::strin
     throw InputError(place(*node, file_), fmt::format("'{}' must be a table", full(key)));
   }
   return Section(*node->as_table(), file_, full(key),
-                 schema.empty() ? (schema_.empty() ? key : schema_ + "." + key) : schema);
+                 schema.empty() ? (schema_.empty() ? key : schema_ + "." + key) : schema, keys_);
 }
 
 Section Section::required_section(const std::string& key) {
@@ -471,7 +471,7 @@ std::vector<Section> Section::sections(const std::string& key, const std::string
                        fmt::format("'{}' must be an array of tables", full(key)));
     }
     out.emplace_back(*table, file_, fmt::format("{}[{}]", full(key), i),
-                     schema.empty() ? (schema_.empty() ? key : schema_ + "." + key) : schema);
+                     schema.empty() ? (schema_.empty() ? key : schema_ + "." + key) : schema, keys_);
   }
   return out;
 }
@@ -482,7 +482,7 @@ void Section::reject(const std::string& key, const std::vector<std::string>& kno
   // reference[circle].center, where the type is another one
   std::string_view owner;
   const std::string common = schema_.substr(0, schema_.find('['));
-  for (const Key& k : scene_keys()) {
+  for (const Key& k : keys_) {
     if (common != schema_ && k.path.starts_with(common + "[") && k.path.ends_with("]." + key)) owner = k.path;
   }
   if (!close.empty()) {
@@ -499,7 +499,7 @@ void Section::reject(const std::string& key, const std::vector<std::string>& kno
 void Section::reject_misspelt() const {
   std::set<std::string> known;
   for (const std::string& schema : schemas_) {
-    for (const Key& k : scene_keys()) {
+    for (const Key& k : keys_) {
       if (const std::string_view name = child(k.path, schema); !name.empty()) known.emplace(name);
     }
   }

@@ -5,6 +5,7 @@
 #include <memory>
 #include <optional>
 #include <set>
+#include <span>
 #include <string>
 #include <toml++/toml.h>
 #include <vector>
@@ -29,11 +30,13 @@ Scene read_scene_table(toml::table table, const std::string& file);
 /// Where a node was written: "FILE:LINE", or "--set key=value".
 std::string place(const toml::node& node, const std::string& file);
 
-/// A table being read. `schema` is the prefix in the key table. Ask for every key, then call finish().
+/// A table being read. `schema` is the prefix in the key table, which is that of scenes unless told otherwise. Ask for every key,
+/// then call finish().
 class Section {
  public:
-  Section(const toml::table& table, std::string file, std::string name, std::string schema)
-      : table_(&table), file_(std::move(file)), name_(std::move(name)), schema_(std::move(schema)), schemas_{schema_} {}
+  Section(const toml::table& table, std::string file, std::string name, std::string schema,
+          std::span<const Key> keys = scene_keys())
+      : table_(&table), file_(std::move(file)), name_(std::move(name)), schema_(std::move(schema)), schemas_{schema_}, keys_(keys) {}
 
   [[nodiscard]] bool has(const std::string& key) const { return table_->contains(key); }
   [[nodiscard]] bool empty() const { return table_->empty(); }
@@ -83,7 +86,7 @@ class Section {
 
  private:
   const toml::node* find(const std::string& key, bool required);
-  const Key& spec(const std::string& key) const { return find_key(schema_.empty() ? key : schema_ + "." + key); }
+  const Key& spec(const std::string& key) const { return find_key(schema_.empty() ? key : schema_ + "." + key, keys_); }
   [[nodiscard]] std::string full(const std::string& key) const { return name_.empty() ? key : name_ + "." + key; }
   double checked(const toml::node& node, const std::string& key) const;
   /// Throws for a key of the table that the key table does not have here.
@@ -94,6 +97,7 @@ class Section {
   const toml::table* table_;
   std::string file_, name_, schema_;
   std::vector<std::string> schemas_;  ///< all that were in use
+  std::span<const Key> keys_;
   std::set<std::string> asked_;
 };
 

@@ -1,0 +1,356 @@
+#include "host_sim/commands/spatial.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <nlohmann/json.hpp>
+
+#include "firmware/control/spatial_controller.hpp"
+#include "host_sim/commands/log.hpp"
+#include "host_sim/commands/output.hpp"
+#include "host_sim/commands/progress.hpp"
+#include "host_sim/commands/summary.hpp"
+#include "host_sim/effects/random.hpp"
+#include "host_sim/error.hpp"
+#include "host_sim/plant/spatial_plant.hpp"
+#include "host_sim/scene/spatial_scene.hpp"
+
+namespace esmc::host {
+namespace {
+
+using Json = nlohmann::ordered_json;
+using V3 = Vec3<double>;
+using Q = Quaternion<double>;
+
+constexpr double degrees = 57.295779513082320877;
+constexpr double turn_of_phase = 18446744073709551616.0;  // 2^64
+
+Q attitude_of(const SpatialState& s) { return {s.attitude[0], s.attitude.tail<3>()}; }
+
+std::uint32_t tick_count(const SpatialScene& s) { return static_cast<std::uint32_t>(std::llround(s.duration * s.rate_hz)); }
+
+PhaseClock clock_of(double rate, double tick) {
+  const double turns = rate * tick / 6.283185307179586477, part = turns - std::floor(turns);
+  return {0, static_cast<std::uint64_t>(std::min(part * turn_of_phase, turn_of_phase * (1.0 - 0x1p-53)))};
+}
+
+V3 start_position(const SpatialScene& s) { return V3((s.platform ? s.platform->home : V3::Zero()) + s.reference.position); }
+
+template <class S>
+SpatialReference<S> make_spatial_reference(const SpatialScene& s) {
+  const auto& r = s.reference;
+  SpatialReference<S> out;
+  switch (r.type) {
+    case SpatialReferenceName::hold: out.kind = SpatialReferenceKind::hold; break;
+    case SpatialReferenceName::turn: out.kind = SpatialReferenceKind::turn; break;
+    case SpatialReferenceName::spin: out.kind = SpatialReferenceKind::spin; break;
+    case SpatialReferenceName::tumble: out.kind = SpatialReferenceKind::tumble; break;
+    case SpatialReferenceName::sway: out.kind = SpatialReferenceKind::sway; break;
+  }
+  const Q start = exponential(r.rotation);
+  const double rate = r.type == SpatialReferenceName::sway ? 6.283185307179586477 * r.frequency : r.rate;
+  out.position = start_position(s).cast<S>();
+  out.attitude = normalised(Quaternion<S>{S(start.w), start.v.cast<S>()});
+  out.axis = r.axis.cast<S>();
+  out.second_axis = r.second_axis.cast<S>();
+  out.angle = S(r.angle);
+  out.shift = r.shift.cast<S>();
+  out.duration = S(r.duration);
+  out.rate = S(rate);
+  out.second_rate = S(r.second_rate);
+  out.phase = clock_of(rate, s.tick());
+  out.second_phase = clock_of(r.second_rate, s.tick());
+  return out;
+}
+
+/// The mechanism as the controller believes it to be.
+template <class S>
+RigidBodyParams<S> believed(const RigidBodyParams<double>& p, const SpatialScene::Model& m) {
+  return {S(p.mass * m.mass), (p.inertia * m.inertia).cast<S>()};
+}
+template <class S>
+void believed_mechanism(const SpatialScene& s, FreeBody<S>& out) {
+  out = make_free_body(believed<S>(s.body, s.model), S(s.gravity));
+}
+template <class S>
+void believed_mechanism(const SpatialScene& s, Hexapod<S>& out) {
+  const HexapodParams<double>& p = *s.platform;
+  HexapodParams<S> b;
+  b.platform = believed<S>(p.platform, s.model);
+  for (int j = 0; j < 6; ++j) {
+    b.base[j] = p.base[j].cast<S>();
+    b.joint[j] = p.joint[j].cast<S>();
+  }
+  b.home = p.home.cast<S>();
+  const auto strut = [&](const StrutParams<double>& x) {
+    const double f = s.model.legs;
+    return StrutParams<S>{S(x.centre), S(x.mass * f), S(x.transverse * f), S(x.axial * f), S(x.viscous)};
+  };
+  b.cylinder = strut(p.cylinder);
+  b.rod = strut(p.rod);
+  b.gravity = S(p.gravity);
+  out = make_hexapod(b);
+}
+
+template <class M>
+SpatialConfig<M> make_spatial_config(const SpatialScene& s) {
+  using S = typename M::Scalar;
+  SpatialConfig<M> c;
+  believed_mechanism(s, c.mechanism);
+  c.law = s.law == SpatialLawName::esmc_projected ? SpatialLaw::esmc_projected
+          : s.law == SpatialLawName::smc_euler    ? SpatialLaw::smc_euler
+                                                  : SpatialLaw::esmc;
+  c.reaching = s.reaching == "sign"         ? Reaching::sign
+               : s.reaching == "saturation" ? Reaching::saturation
+               : s.reaching == "tanh"       ? Reaching::tanh
+                                            : Reaching::implicit;
+  const auto kind = [&](std::size_t i) {
+    const bool implicit = c.reaching == Reaching::implicit;
+    return typename SpatialGains<S>::Kind{S(s.lambda[i]), S(s.gain[i]),
+                                          implicit ? implicit_layer(S(s.gain[i]), S(s.tick()), S(0)) : S(s.layer[i])};
+  };
+  c.gains.point = kind(0);
+  c.gains.turn = kind(1);
+  c.hysteresis = S(s.hysteresis);
+  c.force_limit = S(s.force_limit);
+  c.moment_limit = S(s.moment_limit);
+  if (s.platform) c.length = S(s.platform->joint[0].head<2>().norm());
+  return c;
+}
+
+/// What the summary needs of a run.
+struct Account {
+  ErrorStatistics angle, distance;  ///< rad, m; settled: the last quarter
+  Digest digest;
+  double force_max = 0.0, moment_max = 0.0, change = 0.0, norm_drift = 0.0;
+  double start_energy = 0.0, work = 0.0, balance = 0.0, scale = 0.0, momentum = 0.0;
+  std::uint64_t ticks = 0, saturated = 0;
+  std::string fault;
+  double fault_t = 0.0, wall_s = 0.0;
+  bool interrupted = false;
+  SpatialState end;
+};
+
+class Energy {
+ public:
+  Energy(const SpatialPlant& plant, const SpatialState& s) : plant_(plant), start_(plant.energy(s)) {}
+  void look(const SpatialState& s, Account& a) const {
+    const SpatialEnergy e = plant_.energy(s);
+    const double rise = e.potential - start_.potential, left = e.kinetic - start_.kinetic + rise - a.work;
+    a.scale = std::max({a.scale, e.kinetic, std::abs(rise), std::abs(a.work)});
+    a.balance = larger(a.balance, std::abs(left));
+  }
+
+ private:
+  const SpatialPlant& plant_;
+  SpatialEnergy start_;
+};
+
+/// Noise and signs between the plant and the controller.
+class Measuring {
+ public:
+  Measuring(const SpatialScene::Measurement& m, std::uint64_t seed) : m_(m), noise_(seed, 3000) {}
+  template <class S>
+  SpatialSample<S> operator()(const SpatialState& s, std::uint32_t n) {
+    Q q = attitude_of(s);
+    V3 position = s.position, velocity = s.velocity, turning = rotated(q.conjugate(), s.turning);
+    if (m_.position_noise > 0.0) position += draw() * m_.position_noise;
+    if (m_.attitude_noise > 0.0) q = q * exponential(V3(draw() * m_.attitude_noise));
+    if (m_.rate_noise > 0.0) {
+      velocity += draw() * m_.rate_noise;
+      turning += draw() * m_.rate_noise;
+    }
+    if (m_.alternate_sign && n % 2 == 1) q = q.negative();
+    return {position.cast<S>(), velocity.cast<S>(), {S(q.w), q.v.cast<S>()}, turning.cast<S>()};
+  }
+
+ private:
+  V3 draw() {
+    const double x = noise_(), y = noise_(), z = noise_();
+    return {x, y, z};
+  }
+  SpatialScene::Measurement m_;
+  Normal noise_;
+};
+
+std::vector<std::string> log_columns() {
+  std::vector<std::string> c{"t"};
+  for (const char* of : {"", "_ref"})
+    for (const char* name : {"x", "y", "z", "qw", "qx", "qy", "qz"}) c.push_back(std::string(name) + of);
+  for (const char* name : {"vx", "vy", "vz", "wx", "wy", "wz", "angle_deg", "distance"}) c.emplace_back(name);
+  for (const char* name : {"u", "s"})
+    for (int i = 1; i <= 6; ++i) c.push_back(name + std::to_string(i));
+  return c;
+}
+
+template <class M>
+Account simulate(const SpatialScene& scene, const RunOptions& o, const std::string& log_path) {
+  using S = typename M::Scalar;
+  const auto begin = std::chrono::steady_clock::now();
+  const SpatialPlant plant = scene.platform ? SpatialPlant(*scene.platform) : SpatialPlant(scene.body, scene.gravity);
+  const SpatialReference<S> reference = make_spatial_reference<S>(scene);
+  SpatialController<M> controller(make_spatial_config<M>(scene));
+  SpatialState s;
+  s.position = start_position(scene) + scene.initial.position;
+  const Q start = exponential(scene.reference.rotation) * exponential(scene.initial.rotation);
+  s.attitude << start.w, start.v;
+  s.attitude.normalize();
+  s.velocity = scene.initial.velocity;
+  s.turning = rotated(attitude_of(s), scene.initial.turning);
+  const V3 momentum = plant.angular_momentum(s);
+
+  Account a;
+  const Energy energy(plant, s);
+  Measuring measure(scene.measurement, o.seed);
+  const std::uint32_t ticks = tick_count(scene);
+  const double tick = scene.tick();
+  const int steps = std::max(1, static_cast<int>(std::ceil(tick / scene.step - 1e-9)));
+  Log log(log_path, log_columns(), ticks);
+  Progress progress(ticks);
+  Vec<double, 6> before = Vec<double, 6>::Zero();
+  for (std::uint32_t n = 0; n < ticks && !a.interrupted; ++n) {
+    progress.at(n);
+    const double t = n * tick;
+    const SpatialMotion<S> wanted = reference.at(n, S(tick));
+    SpatialResult<S> result;
+    if (scene.law != SpatialLawName::none) result = controller.tick(measure.operator()<S>(s, n), wanted);
+    if (result.fault != SpatialFault::none && a.fault.empty()) {
+      a.fault = name(result.fault);
+      a.fault_t = t;
+    }
+    const Vec<double, 6> u = result.input.template cast<double>();
+    const Q desired{double(wanted.attitude.w), wanted.attitude.v.template cast<double>()}, q = attitude_of(s);
+    const V3 there = wanted.position.template cast<double>();
+    const V3 left = logarithm(Q(q.conjugate() * desired));
+    const double angle = std::sqrt(dot(left, left)), distance = (there - s.position).norm();
+    if (a.fault.empty()) {
+      a.angle.add(n >= ticks - ticks / 4, angle);
+      a.distance.add(n >= ticks - ticks / 4, distance);
+    }
+    a.force_max = larger(a.force_max, (scene.platform ? u : Vec<double, 6>(u.cwiseProduct(Vec<double, 6>(1, 1, 1, 0, 0, 0)))).cwiseAbs().maxCoeff());
+    a.moment_max = larger(a.moment_max, u.tail<3>().cwiseAbs().maxCoeff());
+    if (n > 0) a.change += (u - before).cwiseAbs().mean();
+    before = u;
+    if (result.saturated) ++a.saturated;
+    const std::array<double, 13> state{s.position[0], s.position[1], s.position[2], s.attitude[0], s.attitude[1], s.attitude[2], s.attitude[3],
+                                       s.velocity[0], s.velocity[1], s.velocity[2], s.turning[0],  s.turning[1],  s.turning[2]};
+    require_finite(state, t);
+    a.digest.add(state);
+    if (!log_path.empty()) {
+      const V3 turning = rotated(q.conjugate(), s.turning);
+      std::vector<double> row{t, state[0], state[1], state[2], q.w, q.v[0], q.v[1], q.v[2], there[0], there[1], there[2], desired.w, desired.v[0],
+                              desired.v[1], desired.v[2], s.velocity[0], s.velocity[1], s.velocity[2], turning[0], turning[1], turning[2],
+                              angle * degrees, distance};
+      for (int i = 0; i < 6; ++i) row.push_back(u[i]);
+      for (int i = 0; i < 6; ++i) row.push_back(double(result.sliding[i]));
+      log.row(row, "");
+    }
+    if (n % 16 == 0) energy.look(s, a);
+    ++a.ticks;
+    for (int k = 0; k < steps; ++k)
+      a.norm_drift = larger(a.norm_drift, plant.step(s, {u[0], u[1], u[2], u[3], u[4], u[5]}, tick / steps, a.work));
+    a.interrupted = stop_requested();
+  }
+  log.close();
+  energy.look(s, a);
+  const double size = momentum.norm();
+  a.momentum = size > 0.0 ? (plant.angular_momentum(s) - momentum).norm() / size : 0.0;
+  a.end = s;
+  a.wall_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+  return a;
+}
+
+template <class V>
+std::vector<double> listed(const V& v) {
+  return {v.data(), v.data() + v.size()};
+}
+
+Json tracking_json(const Account& a) {
+  const auto &turn = a.angle.all(), &settled_turn = a.angle.settled(), &distance = a.distance.all(), &settled = a.distance.settled();
+  return {{"rms_deg", turn.rms() * degrees},
+          {"max_deg", turn.largest * degrees},
+          {"settled_rms_deg", settled_turn.rms() * degrees},
+          {"settled_max_deg", settled_turn.largest * degrees},
+          {"rms_m", distance.rms()},
+          {"max_m", distance.largest},
+          {"settled_rms_m", settled.rms()},
+          {"settled_max_m", settled.largest}};
+}
+
+Json summary_of(const SpatialScene& s, const RunOptions& o, const Account& a) {
+  const bool driven = s.law != SpatialLawName::none;
+  Json j;
+  j["scene"] = s.name;
+  j["seed"] = o.seed;
+  j["mechanism"] = s.platform ? "platform" : "body";
+  j["law"] = s.law_name;
+  j["scalar"] = o.single_precision ? "float" : "double";
+  j["duration_s"] = s.duration;
+  j["simulated_s"] = static_cast<double>(a.ticks) * s.tick();
+  j["ticks"] = a.ticks;
+  if (a.interrupted) j["interrupted"] = true;
+  j["wall_s"] = a.wall_s;
+  j["real_time_factor"] = a.wall_s > 0.0 ? static_cast<double>(a.ticks) * s.tick() / a.wall_s : 0.0;
+  j["tracking"] = driven && a.angle.all().count > 0 ? tracking_json(a) : Json(nullptr);
+  j["input"] = {{"force_max_n", a.force_max},
+                {"moment_max_nm", s.platform ? Json(nullptr) : Json(a.moment_max)},
+                {"mean_abs_delta", a.ticks > 1 ? a.change / static_cast<double>(a.ticks - 1) : 0.0},
+                {"saturated_ticks", a.saturated}};
+  j["norm"] = {{"drift_max", a.norm_drift}};
+  j["energy"] = {{"relative_error", a.scale > 0.0 ? a.balance / a.scale : 0.0}};
+  j["momentum"] = {{"relative_error", driven || s.platform ? Json(nullptr) : Json(a.momentum)}};
+  j["fault"] = a.fault.empty() ? Json(nullptr) : Json{{"name", a.fault}, {"t", a.fault_t}};
+  j["final_state"] = {{"position", listed(a.end.position)},
+                      {"attitude", listed(a.end.attitude)},
+                      {"velocity", listed(a.end.velocity)},
+                      {"turning", listed(V3(rotated(attitude_of(a.end).conjugate(), a.end.turning)))}};
+  j["digest"] = a.digest.text();
+  return j;
+}
+
+std::string text_of(const Json& j) {
+  const auto number = [](const Json& v) { return fmt::format("{:.3g}", v.get<double>()); };
+  std::string out = fmt::format("{}: {} on a {}, {} ticks ({} s{})\n", printable(j["scene"].get<std::string>()), j["law"].get<std::string>(),
+                                j["mechanism"].get<std::string>(), j["ticks"].get<std::uint64_t>(), j["simulated_s"].get<double>(),
+                                j.contains("interrupted") ? ", interrupted" : "");
+  if (!j["fault"].is_null()) {
+    out += fmt::format("fault: {} at {} s, no force from there on\n", j["fault"]["name"].get<std::string>(), j["fault"]["t"].get<double>());
+  }
+  if (const Json& t = j["tracking"]; !t.is_null()) {
+    out += fmt::format("attitude: {} deg rms, {} deg max; last quarter {} deg rms, {} deg max\n", number(t["rms_deg"]), number(t["max_deg"]),
+                       number(t["settled_rms_deg"]), number(t["settled_max_deg"]));
+    out += fmt::format("position: {} m rms, {} m max; last quarter {} m rms, {} m max\n", number(t["rms_m"]), number(t["max_m"]),
+                       number(t["settled_rms_m"]), number(t["settled_max_m"]));
+    const Json& u = j["input"];
+    out += fmt::format("{} N max{}, {} mean change per tick, saturated in {} ticks\n", number(u["force_max_n"]),
+                       u["moment_max_nm"].is_null() ? "" : ", " + number(u["moment_max_nm"]) + " N m max", number(u["mean_abs_delta"]),
+                       u["saturated_ticks"].get<std::uint64_t>());
+  }
+  out += fmt::format("norm drift per step {:.1g}, energy balance {:.1g}", j["norm"]["drift_max"].get<double>(), j["energy"]["relative_error"].get<double>());
+  if (const Json& m = j["momentum"]["relative_error"]; !m.is_null()) out += fmt::format(", angular momentum kept to {:.1g}", m.get<double>());
+  return out + fmt::format("\n{:.0f} x real time, digest {}\n", j["real_time_factor"].get<double>(), j["digest"].get<std::string>());
+}
+
+}  // namespace
+
+int run_spatial(const RunOptions& o) {
+  const SpatialScene scene = read_spatial_scene(o.scene, o.sets);
+  OutputDirectory out(o.out);
+  out.spare(o.scene);
+  const std::string log = out.path("log.csv");
+  const Account a = scene.platform
+                        ? (o.single_precision ? simulate<Hexapod<float>>(scene, o, log) : simulate<Hexapod<double>>(scene, o, log))
+                        : (o.single_precision ? simulate<FreeBody<float>>(scene, o, log) : simulate<FreeBody<double>>(scene, o, log));
+  const Json summary = summary_of(scene, o, a);
+  if (out.wanted()) {
+    out.write("scene.toml", scene.toml);
+    out.write("summary.json", summary.dump(2) + "\n");
+    out.commit();
+  }
+  fmt::print("{}{}", o.json ? summary.dump(2) : text_of(summary), o.json ? "\n" : "");
+  return a.fault.empty() ? 0 : 1;
+}
+
+}  // namespace esmc::host

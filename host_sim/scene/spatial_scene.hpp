@@ -1,0 +1,50 @@
+#pragma once
+/// What a scene of `esmc spatial` says.
+
+#include <array>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "firmware/mechanism/spatial_params.hpp"
+
+namespace esmc::host {
+
+enum class SpatialLawName { esmc, esmc_projected, smc_euler, none };
+enum class SpatialReferenceName { hold, turn, spin, tumble, sway };
+
+struct SpatialScene {
+  std::string name, toml;  ///< toml: as run, with every --set
+  RigidBodyParams<double> body;
+  std::optional<HexapodParams<double>> platform;  ///< its `platform` is `body`
+  double gravity = 0.0;
+
+  SpatialLawName law = SpatialLawName::esmc;
+  std::string law_name, reaching;
+  std::array<double, 2> lambda{}, gain{}, layer{};  ///< of positions, of angles
+  double rate_hz = 1000.0, hysteresis = 0.1, force_limit = 0.0, moment_limit = 0.0;
+  struct Model {
+    double mass = 1.0, inertia = 1.0, legs = 1.0;
+  } model;
+
+  struct Reference {
+    SpatialReferenceName type = SpatialReferenceName::hold;
+    Vec<double, 3> position, rotation, axis{0, 0, 1}, second_axis{1, 0, 0}, shift{0, 0, 0};  ///< axes of length 1
+    double angle = 0.0, duration = 1.0, rate = 0.0, second_rate = 0.0, frequency = 1.0;
+  } reference;
+  struct Initial {
+    Vec<double, 3> position, rotation, velocity, turning;
+  } initial;
+  struct Measurement {
+    double position_noise = 0.0, attitude_noise = 0.0, rate_noise = 0.0;
+    bool alternate_sign = false;
+  } measurement;
+  double duration = 0.0, step = 1e-3;
+
+  [[nodiscard]] double tick() const { return 1.0 / rate_hz; }
+};
+
+/// Throws InputError with file, line and key.
+SpatialScene read_spatial_scene(const std::string& file, const std::vector<std::string>& sets);
+
+}  // namespace esmc::host
