@@ -9,11 +9,12 @@ namespace esmc {
 
 /// Chooses between q_e and -q_e, the two ways round to the same attitude, with memory.
 ///
-/// The way in use is kept until the turn that is left is longer than 180 degrees by a margin: until the scalar part of the
-/// chosen quaternion is below -hysteresis. With hysteresis = 0 noise at 180 degrees changes the way at every sample and
-/// the torque dithers; without the change at all a body may be turned the long way round (it unwinds).
-/// Signs that come in do not matter: of each sample the representative next to the last one is taken, so a sensor
-/// or a reference that jumps from q to -q gives the same result to the last bit.
+/// The way in use is kept until the turn that is left is longer than 180 degrees by a margin: until the
+/// scalar part of the chosen quaternion is below -hysteresis. With hysteresis = 0 noise at 180 degrees
+/// changes the way at every sample and the torque dithers; without the change at all a body may be turned the
+/// long way round (it unwinds). Signs that come in do not matter: of each sample the representative next to
+/// the last one is taken, so a sensor or a reference that jumps from q to -q gives the same result to the
+/// last bit.
 template <class S>
 class AttitudeChoice {
  public:
@@ -42,7 +43,8 @@ class AttitudeChoice {
   bool known_ = false;
 };
 
-/// Yaw, pitch, roll: three coordinates of orientation, R = Rz(yaw) Ry(pitch) Rx(roll). As rates and accelerations too.
+/// Yaw, pitch, roll: three coordinates of orientation, R = Rz(yaw) Ry(pitch) Rx(roll). As rates and
+/// accelerations too.
 template <class S>
 struct EulerAngles {
   S roll, pitch, yaw;  ///< rad
@@ -59,7 +61,8 @@ struct EulerChart {
     EulerChart c;
     // cos pitch from the two entries that carry it: the sine alone loses half its digits next to 90 degrees.
     const S level = square_root(r.x.x() * r.x.x() + r.x.y() * r.x.y());
-    c.angle = {arc_tangent2(r.y.z(), r.z.z()), arc_tangent2(S(-r.x.z()), level), arc_tangent2(r.x.y(), r.x.x())};
+    c.angle = {arc_tangent2(r.y.z(), r.z.z()), arc_tangent2(S(-r.x.z()), level),
+               arc_tangent2(r.x.y(), r.x.x())};
     c.roll = sin_cos(c.angle.roll);
     c.pitch = {-r.x.z(), level};
     return c;

@@ -1,9 +1,11 @@
 #pragma once
-/// One tick of control in space: from what is measured to the inputs of a free body (force, moment) or of a platform on six
-/// legs (one force per motor). Whatever it cannot answer for is a latched fault with a name, and every input 0.
+/// One tick of control in space: from what is measured to the inputs of a free body (force, moment) or of a
+/// platform on six legs (one force per motor). Whatever it cannot answer for is a latched fault with a name,
+/// and every input 0.
 
 #include <cmath>
 #include <cstdint>
+#include <limits>
 
 #include "firmware/control/spatial_law.hpp"
 #include "firmware/control/spatial_reference.hpp"
@@ -26,7 +28,7 @@ template <class S>
 struct SpatialSample {
   Vec3<S> position, velocity;  ///< of the mass centre, in N
   Quaternion<S> attitude;
-  Vec3<S> turning;             ///< omega in the frame of the body, rad/s
+  Vec3<S> turning;  ///< omega in the frame of the body, rad/s
 };
 
 template <class M, class S = typename M::Scalar>
@@ -38,19 +40,20 @@ struct SpatialConfig {
   S hysteresis{S(0.1)};  ///< of the way round, see AttitudeChoice
   S force_limit{};       ///< of each entry of the force or each motor, N, > 0
   S moment_limit{};      ///< free body: of each entry, N m, > 0
-  S length{S(1)};        ///< platform: of its size, m, > 0; makes moments comparable with forces for least_pivot
+  S length{S(1)};  ///< platform: of its size, m, > 0; makes moments comparable with forces for least_pivot
   S least_pivot{S(0.02)};  ///< platform: of the motors' map, below which it is type 2
 };
 
 template <class S>
 struct SpatialResult {
-  Vec<S, 6> input = Vec<S, 6>::Zero();    ///< [force in N; moment in the frame of the body], or motors' forces
+  Vec<S, 6> input = Vec<S, 6>::Zero();  ///< [force in N; moment in the frame of the body], or motors' forces
   Vec<S, 6> sliding = Vec<S, 6>::Zero();  ///< s of the platform's own channels
   bool saturated = false;
   SpatialFault fault = SpatialFault::none;
 };
 
-/// M: FreeBody or Hexapod. About 30 kB of double for the hexapod, on the stack while it works.
+/// M: FreeBody or Hexapod. State and reference of the hexapod's legs alone are 8 kB of double, on the stack
+/// while it works.
 template <class M>
 class SpatialController {
  public:
@@ -70,10 +73,12 @@ class SpatialController {
   [[nodiscard]] SpatialFault fault() const { return fault_; }
 
  private:
-  [[nodiscard]] SpatialFault work(const SpatialSample<S>& sample, const SpatialMotion<S>& reference, SpatialResult<S>& out) {
+  [[nodiscard]] SpatialFault work(const SpatialSample<S>& sample, const SpatialMotion<S>& reference,
+                                  SpatialResult<S>& out) {
     const M& m = config_.mechanism;
     const S norm = sample.attitude.squared_norm();
-    const S zero = norm * S(0) + sum_of_zeros(sample.position, sample.velocity) + sum_of_zeros(sample.turning, reference.position);
+    const S zero = norm * S(0) + sum_of_zeros(sample.position, sample.velocity) +
+                   sum_of_zeros(sample.turning, reference.position);
     if (!(zero == S(0))) return SpatialFault::not_finite;
     if (!(norm > S(0.81) && norm < S(1.21))) return SpatialFault::not_unit;
     SpatialTracking<M> t;
@@ -82,12 +87,16 @@ class SpatialController {
     t.turn = choice_.choose(t.pose.attitude.conjugate() * reference.attitude);
     t.rates = m.chain_rates(t.pose, M::joined(sample.velocity, sample.turning));
     t.desired_rates = m.chain_rates(t.desired_pose, M::joined(reference.velocity, reference.turning));
-    t.desired_acceleration =
-        m.chain_accelerations(t.desired_pose, t.desired_rates, M::joined(reference.acceleration, reference.turning_rate));
+    t.desired_acceleration = m.chain_accelerations(t.desired_pose, t.desired_rates,
+                                                   M::joined(reference.acceleration, reference.turning_rate));
     SpatialDemand<M> demand;
     switch (config_.law) {
-      case SpatialLaw::esmc: demand = demand_esmc(m, config_.gains, config_.reaching, t); break;
-      case SpatialLaw::esmc_projected: demand = demand_projected(m, config_.gains, config_.reaching, t); break;
+      case SpatialLaw::esmc:
+        demand = demand_esmc(m, config_.gains, config_.reaching, t);
+        break;
+      case SpatialLaw::esmc_projected:
+        demand = demand_projected(m, config_.gains, config_.reaching, t);
+        break;
       case SpatialLaw::smc_euler:
         if (!demand_euler(m, config_.gains, config_.reaching, t, demand)) return SpatialFault::euler_singular;
         break;
@@ -124,12 +133,18 @@ class SpatialController {
 /// As messages and logs have it.
 [[nodiscard]] constexpr const char* name(SpatialFault fault) {
   switch (fault) {
-    case SpatialFault::none: return "none";
-    case SpatialFault::not_finite: return "not_finite";
-    case SpatialFault::not_unit: return "not_unit";
-    case SpatialFault::type1: return "type1";
-    case SpatialFault::type2: return "type2";
-    case SpatialFault::euler_singular: return "euler_singular";
+    case SpatialFault::none:
+      return "none";
+    case SpatialFault::not_finite:
+      return "not_finite";
+    case SpatialFault::not_unit:
+      return "not_unit";
+    case SpatialFault::type1:
+      return "type1";
+    case SpatialFault::type2:
+      return "type2";
+    case SpatialFault::euler_singular:
+      return "euler_singular";
   }
   return "?";
 }

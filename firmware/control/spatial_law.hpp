@@ -1,6 +1,6 @@
 #pragma once
-/// ESMC in space: from state and reference to the acceleration v' asked of every channel; the force on the platform is then
-/// C^T (M v' + v + f + g), as in law.hpp for the plane. M: a SpatialCoupling.
+/// ESMC in space: from state and reference to the acceleration v' asked of every channel; the force on the
+/// platform is then C^T (M v' + v + f + g), as in law.hpp for the plane. M: a SpatialCoupling.
 
 #include <cstdint>
 
@@ -43,33 +43,41 @@ struct SpatialDemand {
   typename M::Channels acceleration = M::Channels::Zero(), sliding = M::Channels::Zero();
 };
 
-/// v' = q''_d + Lambda e' + K sw(s), s = rate + Lambda e in every channel [F29]. In the channels of an attitude e = 2 vec q_e,
-/// `rate` = R_e w_d - w, and e' is not `rate`: see AttitudeError. With an exact model C^T M (s' + K sw s) = 0 [F31].
+/// v' = q''_d + Lambda e' + K sw(s), s = rate + Lambda e in every channel [F29]. In the channels of an
+/// attitude e = 2 vec q_e, `rate` = R_e w_d - w, and e' is not `rate`: see AttitudeError. With an exact model
+/// C^T M (s' + K sw s) = 0 [F31].
 template <class M, class S = typename M::Scalar>
-[[nodiscard]] SpatialDemand<M> demand_esmc(const M& m, const SpatialGains<S>& gain, Reaching reaching, const SpatialTracking<M>& t) {
+[[nodiscard]] SpatialDemand<M> demand_esmc(const M& m, const SpatialGains<S>& gain, Reaching reaching,
+                                           const SpatialTracking<M>& t) {
   SpatialDemand<M> out;
-  m.compare(t.desired_pose, t.desired_rates, t.desired_acceleration, t.pose, t.rates, t.turn, [&](int row, const ChannelError<S>& c) {
-    const auto& g = M::is_turn(row) ? gain.turn : gain.point;
-    const S s = c.rate + g.lambda * c.e;
-    out.sliding[row] = s;
-    out.acceleration[row] = c.of_reference + g.lambda * c.e_rate + g.k * switching(reaching, s, g.layer);
-  });
+  m.compare(t.desired_pose, t.desired_rates, t.desired_acceleration, t.pose, t.rates, t.turn,
+            [&](int row, const ChannelError<S>& c) {
+              const auto& g = M::is_turn(row) ? gain.turn : gain.point;
+              const S s = c.rate + g.lambda * c.e;
+              out.sliding[row] = s;
+              out.acceleration[row] =
+                  c.of_reference + g.lambda * c.e_rate + g.k * switching(reaching, s, g.layer);
+            });
   return out;
 }
 
-/// v' = C v_r' + Cdot v_r + K sw(C sigma), sigma = v_r - p0#, v_r = [x'_d + lambda e_x; R_e w_d + lambda e] [F33]. With an exact
-/// model V = 1/2 sigma^T H sigma falls by V' = -sum M_i K_i |(C sigma)_i|, whatever the errors.
+/// v' = C v_r' + Cdot v_r + K sw(C sigma), sigma = v_r - p0#, v_r = [x'_d + lambda e_x; R_e w_d + lambda e]
+/// [F33]. With an exact model V = 1/2 sigma^T H sigma falls by V' = -sum M_i K_i |(C sigma)_i|, whatever the
+/// errors.
 template <class M, class S = typename M::Scalar>
 [[nodiscard]] SpatialDemand<M> demand_projected(const M& m, const SpatialGains<S>& gain, Reaching reaching,
                                                 const SpatialTracking<M>& t) {
   using Independent = typename M::Independent;
-  const Independent &vd = t.desired_rates.platform, &ad = t.desired_acceleration.platform, &v = t.rates.platform;
+  const Independent &vd = t.desired_rates.platform, &ad = t.desired_acceleration.platform,
+                    &v = t.rates.platform;
   const AttitudeError<S> a = attitude_error(t.turn, M::turn_of(vd), M::turn_of(ad), M::turn_of(v));
   const Vec3<S> e = t.desired_pose.position - t.pose.position, ed = M::point_of(vd) - M::point_of(v);
   const Vec3<S> point = ed + e * gain.point.lambda, turn = a.rate + a.e * gain.turn.lambda;
   const Independent sigma = M::joined(point, turn), reference = v + sigma;
-  const Independent push = M::joined(Vec3<S>(M::point_of(ad) + ed * gain.point.lambda), Vec3<S>(a.of_reference + a.e_rate * gain.turn.lambda));
-  const typename M::Rates of_reference = m.chain_rates(t.pose, reference), straight = m.chain_rates(t.pose, push);
+  const Independent push = M::joined(Vec3<S>(M::point_of(ad) + ed * gain.point.lambda),
+                                     Vec3<S>(a.of_reference + a.e_rate * gain.turn.lambda));
+  const typename M::Rates of_reference = m.chain_rates(t.pose, reference),
+                          straight = m.chain_rates(t.pose, push);
   typename M::Rates whole = m.chain_bias(t.pose, t.rates, of_reference);
   whole.platform = push;
   for (int j = 0; j < M::legs; ++j) whole.leg[j] += straight.leg[j];
@@ -83,13 +91,16 @@ template <class M, class S = typename M::Scalar>
   return out;
 }
 
-/// Sliding mode in six minimal coordinates: x and Euler angles phi, u = phi''_d + lambda e' + k sw(e' + lambda e), asked of the
-/// body as B u + Bdot phi'. False where the angles, here or in the reference, are next to their singularity.
+/// Sliding mode in six minimal coordinates: x and Euler angles phi, u = phi''_d + lambda e' + k sw(e' +
+/// lambda e), asked of the body as B u + Bdot phi'. False where the angles, here or in the reference, are
+/// next to their singularity.
 template <class M, class S = typename M::Scalar>
-[[nodiscard]] bool demand_euler(const M& m, const SpatialGains<S>& gain, Reaching reaching, const SpatialTracking<M>& t,
-                                SpatialDemand<M>& out) {
-  const typename M::Independent &vd = t.desired_rates.platform, &ad = t.desired_acceleration.platform, &v = t.rates.platform;
-  const EulerChart<S> here = EulerChart<S>::at(t.pose.attitude), there = EulerChart<S>::at(t.desired_pose.attitude);
+[[nodiscard]] bool demand_euler(const M& m, const SpatialGains<S>& gain, Reaching reaching,
+                                const SpatialTracking<M>& t, SpatialDemand<M>& out) {
+  const typename M::Independent &vd = t.desired_rates.platform, &ad = t.desired_acceleration.platform,
+                                &v = t.rates.platform;
+  const EulerChart<S> here = EulerChart<S>::at(t.pose.attitude),
+                      there = EulerChart<S>::at(t.desired_pose.attitude);
   if (!(here.pitch.cos > gain.least_cos_pitch) || !(there.pitch.cos > gain.least_cos_pitch)) return false;
   const EulerAngles<S> rate = here.rates(M::turn_of(v)), rate_d = there.rates(M::turn_of(vd)),
                        push_d = there.rates(Vec3<S>(M::turn_of(ad) - there.drift(rate_d)));
@@ -101,13 +112,17 @@ template <class M, class S = typename M::Scalar>
   };
   Vec3<S> point;
   for (int i = 0; i < 3; ++i)
-    point[i] = channel(i, gain.point, S(t.desired_pose.position[i] - t.pose.position[i]), S(vd[i] - v[i]), S(ad[i]));
-  const EulerAngles<S> u{
-      channel(3, gain.turn, wrap_to_pi(S(there.angle.roll - here.angle.roll)), S(rate_d.roll - rate.roll), push_d.roll),
-      channel(4, gain.turn, wrap_to_pi(S(there.angle.pitch - here.angle.pitch)), S(rate_d.pitch - rate.pitch), push_d.pitch),
-      channel(5, gain.turn, wrap_to_pi(S(there.angle.yaw - here.angle.yaw)), S(rate_d.yaw - rate.yaw), push_d.yaw)};
+    point[i] =
+        channel(i, gain.point, S(t.desired_pose.position[i] - t.pose.position[i]), S(vd[i] - v[i]), S(ad[i]));
+  const EulerAngles<S> u{channel(3, gain.turn, wrap_to_pi(S(there.angle.roll - here.angle.roll)),
+                                 S(rate_d.roll - rate.roll), push_d.roll),
+                         channel(4, gain.turn, wrap_to_pi(S(there.angle.pitch - here.angle.pitch)),
+                                 S(rate_d.pitch - rate.pitch), push_d.pitch),
+                         channel(5, gain.turn, wrap_to_pi(S(there.angle.yaw - here.angle.yaw)),
+                                 S(rate_d.yaw - rate.yaw), push_d.yaw)};
   const Vec3<S> turn = here.turning(u) + here.drift(rate);
-  out.acceleration = m.channel_accelerations(t.pose, t.rates, t.rates, m.chain_accelerations(t.pose, t.rates, M::joined(point, turn)));
+  out.acceleration = m.channel_accelerations(t.pose, t.rates, t.rates,
+                                             m.chain_accelerations(t.pose, t.rates, M::joined(point, turn)));
   return true;
 }
 

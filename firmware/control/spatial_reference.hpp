@@ -1,5 +1,6 @@
 #pragma once
-/// Reference motions of a body in space, as functions of the tick number; see reference.hpp for how time is counted.
+/// Reference motions of a body in space, as functions of the tick number; see reference.hpp for how time is
+/// counted.
 
 #include <cstdint>
 
@@ -19,13 +20,15 @@ struct SpatialMotion {
 /// Shapes of a reference in space.
 enum class SpatialReferenceKind : std::uint8_t {
   hold,    ///< stay at the start
-  turn,    ///< once, rest to rest by a quintic: `angle` about `axis` along the great circle (slerp), `shift` along a line
+  turn,    ///< once, rest to rest by a quintic: `angle` about `axis` along the great circle (slerp), `shift`
+           ///< along a line
   spin,    ///< `rate` about `axis`, for ever
   tumble,  ///< that, and `second_rate` about `second_axis`, which the first turns
   sway,    ///< there and back: (1 - cos)/2 of the phase times `angle` about `axis` and `shift`
 };
 
-/// A reference in space. Fields that a kind does not use are ignored. Axes have length 1, in the frame of the body.
+/// A reference in space. Fields that a kind does not use are ignored. Axes have length 1, in the frame of the
+/// body.
 template <class S>
 struct SpatialReference {
   SpatialReferenceKind kind = SpatialReferenceKind::hold;
@@ -44,7 +47,8 @@ struct SpatialReference {
     m.position = position;
     m.attitude = attitude;
     switch (kind) {
-      case SpatialReferenceKind::hold: break;
+      case SpatialReferenceKind::hold:
+        break;
       case SpatialReferenceKind::turn: {
         const S t = S(tick) * sample_time, u = t < duration ? t / duration : S(1), f = S(1) / duration;
         move(m, {u * u * u * (S(10) - u * (S(15) - S(6) * u)), S(30) * u * u * (S(1) - u) * (S(1) - u) * f,
@@ -56,7 +60,9 @@ struct SpatialReference {
         move(m, {S(0.5) * (S(1) - p.cos), S(0.5) * rate * p.sin, S(0.5) * rate * rate * p.cos});
         break;
       }
-      case SpatialReferenceKind::spin: rotate(m, axis, {phase.template angle<S>(tick), rate, S(0)}); break;
+      case SpatialReferenceKind::spin:
+        rotate(m, axis, {phase.template angle<S>(tick), rate, S(0)});
+        break;
       case SpatialReferenceKind::tumble:
         rotate(m, axis, {phase.template angle<S>(tick), rate, S(0)});
         rotate(m, second_axis, {second_phase.template angle<S>(tick), second_rate, S(0)});

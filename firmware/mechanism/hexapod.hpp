@@ -1,12 +1,14 @@
 #pragma once
-/// Two mechanisms from the parts of spatial_coupling.hpp: the free rigid body and the Gough-Stewart platform (6-UPS).
+/// Two mechanisms from the parts of spatial_coupling.hpp: the free rigid body and the Gough-Stewart platform
+/// (6-UPS).
 
 #include "firmware/mechanism/spatial_coupling.hpp"
 
 namespace esmc {
 
-/// Universal joint, slide, spherical joint. Bodies: the cross (without mass), the cylinder, the rod. In the frame of the base
-/// joint, whose z axis is the leg's direction at home, the leg points along (sin b, -sin a cos b, cos a cos b).
+/// Universal joint, slide, spherical joint. Bodies: the cross (without mass), the cylinder, the rod. In the
+/// frame of the base joint, whose z axis is the leg's direction at home, the leg points along (sin b, -sin a
+/// cos b, cos a cos b).
 template <class S>
 class UpsLeg : public SpatialSerial<S, Joint::revolute, Joint::revolute, Joint::prismatic> {
  public:
@@ -17,10 +19,12 @@ class UpsLeg : public SpatialSerial<S, Joint::revolute, Joint::revolute, Joint::
 
   UpsLeg() = default;
   /// base: m, in N; home: direction of the leg at home, any length, not straight down.
-  UpsLeg(const Vec3<S>& base, const Vec3<S>& home, const StrutParams<S>& cylinder, const StrutParams<S>& rod, S gravity)
+  UpsLeg(const Vec3<S>& base, const Vec3<S>& home, const StrutParams<S>& cylinder, const StrutParams<S>& rod,
+         S gravity)
       : Chain(bodies(base, home, cylinder, rod), Vec3<S>::Zero(), gravity) {}
 
-  /// Puts the tip there. False within rounding of the first axis of the universal joint, and for what is not a number.
+  /// Puts the tip there. False within rounding of the first axis of the universal joint, and for what is not
+  /// a number.
   [[nodiscard]] bool reach(const Vec3<S>& tip, Pose& out) const {
     const SpatialBody<S>& first = this->body(0);
     const Vec3<S> r = rotated(first.mount.conjugate(), Vec3<S>(tip - first.offset));
@@ -32,12 +36,14 @@ class UpsLeg : public SpatialSerial<S, Joint::revolute, Joint::revolute, Joint::
   }
 
  private:
-  [[nodiscard]] static List<SpatialBody<S>, 3> bodies(const Vec3<S>& base, const Vec3<S>& home, const StrutParams<S>& cylinder,
+  [[nodiscard]] static List<SpatialBody<S>, 3> bodies(const Vec3<S>& base, const Vec3<S>& home,
+                                                      const StrutParams<S>& cylinder,
                                                       const StrutParams<S>& rod) {
     List<SpatialBody<S>, 3> b;
     const Vec3<S> z = home / square_root(dot(home, home));
     b[0].offset = base;
-    b[0].mount = normalised(Quaternion<S>{S(1) + z.z(), Vec3<S>(-z.y(), z.x(), S(0))});  // the shortest turn of z
+    b[0].mount =
+        normalised(Quaternion<S>{S(1) + z.z(), Vec3<S>(-z.y(), z.x(), S(0))});  // the shortest turn of z
     b[0].axis = Vec3<S>::UnitX();
     b[1].axis = Vec3<S>::UnitY();
     b[1].centre = Vec3<S>(S(0), S(0), cylinder.centre);
@@ -66,7 +72,8 @@ template <class S>
 template <class S>
 [[nodiscard]] Hexapod<S> make_hexapod(const HexapodParams<S>& p) {
   List<UpsLeg<S>, 6> leg;
-  for (int j = 0; j < 6; ++j) leg[j] = UpsLeg<S>(p.base[j], p.home_direction(j), p.cylinder, p.rod, p.gravity);
+  for (int j = 0; j < 6; ++j)
+    leg[j] = UpsLeg<S>(p.base[j], p.home_direction(j), p.cylinder, p.rod, p.gravity);
   return Hexapod<S>(p.platform, p.joint, leg, p.gravity);
 }
 

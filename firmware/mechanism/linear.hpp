@@ -7,8 +7,8 @@
 
 namespace esmc {
 
-/// Solves A x = b by elimination with row pivoting; x replaces b. The smallest pivot, or 0 where one vanishes or is not a
-/// number: then b is of no use.
+/// Solves A x = b by elimination with row pivoting; x replaces b. The smallest pivot, or 0 where one vanishes
+/// or is not a number: then b is of no use.
 template <class S, int N>
 [[nodiscard]] S solve(Mat<S, N, N> A, Vec<S, N>& b) {
   S smallest = S(0);

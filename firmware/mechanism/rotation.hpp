@@ -1,9 +1,9 @@
 #pragma once
 /// Vectors of space and orientation by unit quaternions.
 ///
-/// q turns components in a body's frame into components in the frame it is given in: a_N = rotated(q, a_B). q and -q are the
-/// same orientation, and every function here that returns something other than a quaternion gives the same bits for both.
-/// Sums are written out in one order (see types.hpp).
+/// q turns components in a body's frame into components in the frame it is given in: a_N = rotated(q, a_B). q
+/// and -q are the same orientation, and every function here that returns something other than a quaternion
+/// gives the same bits for both. Sums are written out in one order (see types.hpp).
 
 #include "firmware/numeric/elementary.hpp"
 #include "firmware/types.hpp"
@@ -74,13 +74,14 @@ template <class S>
   return {t.cos, Vec3<S>(rotation * (t.sin / angle))};
 }
 
-/// The rotation vector of q, the short way: of length at most pi. At 180 degrees, where both signs are as short, the one
-/// `shortest` takes.
+/// The rotation vector of q, the short way: of length at most pi. At 180 degrees, where both signs are as
+/// short, the one `shortest` takes.
 template <class S>
 [[nodiscard]] Vec3<S> logarithm(const Quaternion<S>& q);
 
-/// The orientation that constant angular velocity (rad/s, components in the body's frame) leads to in h seconds. Kept on the
-/// unit sphere by the first term of 1 / sqrt: its error is the square of what one product rounds off.
+/// The orientation that constant angular velocity (rad/s, components in the body's frame) leads to in h
+/// seconds. Kept on the unit sphere by the first term of 1 / sqrt: its error is the square of what one
+/// product rounds off.
 template <class S>
 [[nodiscard]] Quaternion<S> advanced(const Quaternion<S>& q, const Vec3<S>& rate, S h) {
   const Quaternion<S> next = q * exponential(Vec3<S>(rate * h));
@@ -88,8 +89,8 @@ template <class S>
   return {next.w * f, Vec3<S>(next.v * f)};
 }
 
-/// Of q and -q the one with w > 0. At w = 0, a turn by 180 degrees, the one whose first entry that is not zero is positive,
-/// so that the choice is defined and does not depend on the sign that came in.
+/// Of q and -q the one with w > 0. At w = 0, a turn by 180 degrees, the one whose first entry that is not
+/// zero is positive, so that the choice is defined and does not depend on the sign that came in.
 template <class S>
 [[nodiscard]] Quaternion<S> shortest(const Quaternion<S>& q) {
   const S entries[] = {q.w, q.v.x(), q.v.y(), q.v.z()};
@@ -108,7 +109,8 @@ template <class S>
   return p.v * (S(2) * arc_tangent2(sine, p.w) / sine);
 }
 
-/// Columns: the axes of the body in the frame q is given in. Nine multiplications to turn a vector, where `rotated` takes 18.
+/// Columns: the axes of the body in the frame q is given in. Nine multiplications to turn a vector, where
+/// `rotated` takes 18.
 template <class S>
 struct Rotation {
   Vec3<S> x = Vec3<S>(S(1), S(0), S(0)), y = Vec3<S>(S(0), S(1), S(0)), z = Vec3<S>(S(0), S(0), S(1));
@@ -134,20 +136,21 @@ template <class S>
   return a + t * q.w + cross(q.v, t);
 }
 
-/// The attitude error of a body that is at q with angular velocity w and should be at q_d with w_d. Angular velocities are in
-/// the own frame of each; everything here is in the frame of the body as it is.
+/// The attitude error of a body that is at q with angular velocity w and should be at q_d with w_d. Angular
+/// velocities are in the own frame of each; everything here is in the frame of the body as it is.
 ///
 ///   q_e = q* q_d,   e = 2 vec q_e,   w~ = R_e w_d - w,   e' = q_e0 w~ + w~ x vec q_e
 ///
-/// e is 2 sin(angle / 2) about the axis of the turn that is left: the rotation vector to first order, of length 2 at 180
-/// degrees, and smooth there, but q_e and -q_e pull opposite ways (see control/attitude.hpp for the choice).
+/// e is 2 sin(angle / 2) about the axis of the turn that is left: the rotation vector to first order, of
+/// length 2 at 180 degrees, and smooth there, but q_e and -q_e pull opposite ways (see control/attitude.hpp
+/// for the choice).
 template <class S>
 struct AttitudeError {
-  Quaternion<S> turn;        ///< q_e
-  Vec3<S> e;                 ///< rad, to first order
-  Vec3<S> e_rate;            ///< e', exact, not only to first order
-  Vec3<S> rate;              ///< w~, rad/s
-  Vec3<S> of_reference;      ///< d/dt (R_e w_d): the angular acceleration that keeps w~ as it is, rad/s2
+  Quaternion<S> turn;    ///< q_e
+  Vec3<S> e;             ///< rad, to first order
+  Vec3<S> e_rate;        ///< e', exact, not only to first order
+  Vec3<S> rate;          ///< w~, rad/s
+  Vec3<S> of_reference;  ///< d/dt (R_e w_d): the angular acceleration that keeps w~ as it is, rad/s2
 };
 
 /// `turn` is q_e or -q_e, as the caller chooses; see AttitudeError.

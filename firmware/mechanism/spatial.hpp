@@ -1,12 +1,13 @@
 #pragma once
-/// The serial algorithm of the report, eqs. (1)-(7), for a chain of bodies in space, each joined to the one before by a
-/// revolute or a prismatic joint about or along any axis. `serial.hpp` is the same for the plane.
+/// The serial algorithm of the report, eqs. (1)-(7), for a chain of bodies in space, each joined to the one
+/// before by a revolute or a prismatic joint about or along any axis. `serial.hpp` is the same for the plane.
 ///
-/// p = [p#; p°]: p# the joint rates, p° = [omega of every body, in its own frame; velocity of every mass centre, in N].
-/// Frames of bodies are parallel to their principal axes, so M (6) is diagonal and constant, and (7) leaves
+/// p = [p#; p°]: p# the joint rates, p° = [omega of every body, in its own frame; velocity of every mass
+/// centre, in N]. Frames of bodies are parallel to their principal axes, so M (6) is diagonal and constant,
+/// and (7) leaves
 ///   v = [0; omega x I omega; 0]
-/// C, A, M are never formed: `rates` is C p#, `bias` is Cdot(a) b, `transposed` is C^T w. omega is a quasi-velocity, so
-/// Cdot(a) b is not symmetric in a and b; c of [F1] is bias(p#, p#).
+/// C, A, M are never formed: `rates` is C p#, `bias` is Cdot(a) b, `transposed` is C^T w. omega is a
+/// quasi-velocity, so Cdot(a) b is not symmetric in a and b; c of [F1] is bias(p#, p#).
 
 #include <type_traits>
 
@@ -15,11 +16,13 @@
 
 namespace esmc {
 
-/// Constants of one body in space, SI units. The frame of the body: origin at its joint, axes parallel to the principal ones.
+/// Constants of one body in space, SI units. The frame of the body: origin at its joint, axes parallel to the
+/// principal ones.
 template <class S>
 struct SpatialBody {
-  Vec3<S> offset = Vec3<S>::Zero();  ///< of this joint from the one before, in the frame of the body before (of the first: N), m
-  Quaternion<S> mount{};             ///< from the frame of this body to that of the body before, joint at zero
+  Vec3<S> offset = Vec3<S>::Zero();  ///< of this joint from the one before, in the frame of the body before
+                                     ///< (of the first: N), m
+  Quaternion<S> mount{};  ///< from the frame of this body to that of the body before, joint at zero
   Vec3<S> axis = Vec3<S>(S(0), S(0), S(1));  ///< of the joint, in the frame of this body; length 1
   Vec3<S> centre = Vec3<S>::Zero();          ///< mass centre, m
   S mass{};                                  ///< kg
@@ -37,7 +40,8 @@ struct BodyRows {
 
 /// I of a body in space as M and v of (6), (7) have it: what carries the rows w' and omega to forces.
 template <class S>
-[[nodiscard]] BodyRows<S> body_force(S mass, const Vec3<S>& inertia, S gravity, const BodyRows<S>& acceleration, const Vec3<S>& omega) {
+[[nodiscard]] BodyRows<S> body_force(S mass, const Vec3<S>& inertia, S gravity,
+                                     const BodyRows<S>& acceleration, const Vec3<S>& omega) {
   const Vec3<S> a = acceleration.centre;
   return {times(inertia, acceleration.turn) + cross(omega, times(inertia, omega)),
           Vec3<S>(mass * a.x(), mass * a.y(), mass * (a.z() + gravity))};
@@ -62,12 +66,12 @@ class SpatialSerial {
   /// Where the bodies are, in N. Not initialised by itself.
   struct Pose {
     List<Quaternion<S>, joints> attitude;
-    List<Rotation<S>, joints> frame;   ///< the same as a matrix
-    List<Vec3<S>, joints> origin;      ///< of the frames, m
-    List<Vec3<S>, joints> axis;        ///< of the joints
-    List<Vec3<S>, joints> arm;         ///< from the origin of a body to its mass centre, m
-    Vec3<S> tip;                       ///< m
-    Joints joint;                      ///< rad, m
+    List<Rotation<S>, joints> frame;  ///< the same as a matrix
+    List<Vec3<S>, joints> origin;     ///< of the frames, m
+    List<Vec3<S>, joints> axis;       ///< of the joints
+    List<Vec3<S>, joints> arm;        ///< from the origin of a body to its mass centre, m
+    Vec3<S> tip;                      ///< m
+    Joints joint;                     ///< rad, m
   };
 
   SpatialSerial() = default;
@@ -120,8 +124,9 @@ class SpatialSerial {
     unroll<joints>([&](auto i) ESMC_INLINE {
       step(wa, wb, d, i, p, a, b);
       // In the frame of the body, which turns with a: the quasi-velocity's own term.
-      put(out, i, S(0), {p.frame[i].in(d.omega - cross(wa.omega, wb.omega)),
-                         d.origin + cross(d.omega, p.arm[i]) + cross(wb.omega, cross(wa.omega, p.arm[i]))});
+      put(out, i, S(0),
+          {p.frame[i].in(d.omega - cross(wa.omega, wb.omega)),
+           d.origin + cross(d.omega, p.arm[i]) + cross(wb.omega, cross(wa.omega, p.arm[i]))});
     });
     return out;
   }
@@ -149,7 +154,8 @@ class SpatialSerial {
   /// C^T w: what moments (in the frames of the bodies) and forces (in N) on the bodies do on the joints.
   [[nodiscard]] Joints transposed(const Pose& p, const Channels& w) const {
     Joints out;
-    Vec3<S> moment = Vec3<S>::Zero(), force = Vec3<S>::Zero();  // of everything further out, about the joint in hand
+    Vec3<S> moment = Vec3<S>::Zero(),
+            force = Vec3<S>::Zero();  // of everything further out, about the joint in hand
     unroll<joints>([&](auto k) ESMC_INLINE {
       constexpr int i = joints - 1 - k;
       if constexpr (i + 1 < joints) moment += cross(Vec3<S>(p.origin[i + 1] - p.origin[i]), force);
@@ -167,7 +173,8 @@ class SpatialSerial {
     unroll<joints>([&](auto i) ESMC_INLINE {
       const SpatialBody<S>& b = bodies_[i];
       const S friction = b.viscous * rates[i] + b.coulomb * (S(rates[i] > S(0)) - S(rates[i] < S(0)));
-      put(out, i, friction, body_force(b.mass, b.inertia, gravity_, rows_of(v, i), rows_at(rates, row_turn(i))));
+      put(out, i, friction,
+          body_force(b.mass, b.inertia, gravity_, rows_of(v, i), rows_at(rates, row_turn(i))));
     });
     return out;
   }
@@ -189,42 +196,39 @@ class SpatialSerial {
       out[row_centre(i) + k] = r.centre[k];
     }
   }
-  [[nodiscard]] static BodyRows<S> rows_of(const Channels& c, int i) { return {rows_at(c, row_turn(i)), rows_at(c, row_centre(i))}; }
+  [[nodiscard]] static BodyRows<S> rows_of(const Channels& c, int i) {
+    return {rows_at(c, row_turn(i)), rows_at(c, row_centre(i))};
+  }
 
-  /// Joint rates of a tip velocity, for a chain of three joints: columns by their cofactors. Pole at type 1, where the three
-  /// directions in which the tip can go lie in a plane.
-  [[nodiscard]] Joints tip_inverse(const Pose& p, const Vec3<S>& v) const
-    requires(joints == 3)
-  {
+  /// Joint rates of a tip velocity, for a chain of three joints: columns by their cofactors. Pole at type 1,
+  /// where the three directions in which the tip can go lie in a plane.
+  [[nodiscard]] Joints tip_inverse(const Pose& p, const Vec3<S>& v) const requires(joints == 3) {
     const Cofactors c = cofactors(p);
     return Joints(dot(c.a, v), dot(c.b, v), dot(c.c, v)) / c.volume;
   }
   /// Transpose of tip_inverse: the tip force that balances joint torques tau. Pole at type 1.
-  [[nodiscard]] Vec3<S> tip_force(const Pose& p, const Joints& tau) const
-    requires(joints == 3)
-  {
+  [[nodiscard]] Vec3<S> tip_force(const Pose& p, const Joints& tau) const requires(joints == 3) {
     const Cofactors c = cofactors(p);
     return (c.a * tau[0] + c.b * tau[1] + c.c * tau[2]) / c.volume;
   }
   /// Determinant of the Jacobian of the tip: 0 at type 1.
-  [[nodiscard]] S tip_volume(const Pose& p) const
-    requires(joints == 3)
-  {
-    return cofactors(p).volume;
-  }
+  [[nodiscard]] S tip_volume(const Pose& p) const requires(joints == 3) { return cofactors(p).volume; }
 
  private:
   static constexpr List<Joint, joints> kinds_{{Kinds...}};
   static constexpr Joint kind(int i) { return kinds_[i]; }
 
-  [[nodiscard]] static Vec3<S> rows_at(const Channels& c, int at) { return Vec3<S>(c[at], c[at + 1], c[at + 2]); }
+  [[nodiscard]] static Vec3<S> rows_at(const Channels& c, int at) {
+    return Vec3<S>(c[at], c[at + 1], c[at + 2]);
+  }
 
   struct Cofactors {
     Vec3<S> a, b, c;
     S volume;
   };
   [[nodiscard]] Cofactors cofactors(const Pose& p) const {
-    const Vec3<S> x = tip_column(p, std::integral_constant<int, 0>{}), y = tip_column(p, std::integral_constant<int, 1>{}),
+    const Vec3<S> x = tip_column(p, std::integral_constant<int, 0>{}),
+                  y = tip_column(p, std::integral_constant<int, 1>{}),
                   z = tip_column(p, std::integral_constant<int, 2>{});
     Cofactors out{cross(y, z), cross(z, x), cross(x, y), S(0)};
     out.volume = dot(x, out.a);
@@ -254,7 +258,8 @@ class SpatialSerial {
     Vec3<S> omega = Vec3<S>::Zero(), origin = Vec3<S>::Zero();
   };
   template <int I>
-  void step(Walk& wa, Walk& wb, Drift& d, std::integral_constant<int, I> i, const Pose& p, const Joints& a, const Joints& b) const {
+  void step(Walk& wa, Walk& wb, Drift& d, std::integral_constant<int, I> i, const Pose& p, const Joints& a,
+            const Joints& b) const {
     if constexpr (I > 0) {
       const Vec3<S> r = reach(p, i);
       // The origin of body I as a point of body I - 1; what slides along it adds its own rate to r.

@@ -1,11 +1,12 @@
 #pragma once
-/// The coupling algorithm of the report, eqs. (37)-(47), in space: a rigid platform, oriented by a unit quaternion, on any
-/// number of serial legs that hold points of it by spherical joints. Without legs it is a free body. `coupling.hpp` is the
-/// same for the plane.
+/// The coupling algorithm of the report, eqs. (37)-(47), in space: a rigid platform, oriented by a unit
+/// quaternion, on any number of serial legs that hold points of it by spherical joints. Without legs it is a
+/// free body. `coupling.hpp` is the same for the plane.
 ///
-///   q0 = [x; q], seven coordinates; p0# = [velocity of the mass centre, in N; omega, in the frame of the platform], six
-///   q0' = D+ p0#:   x' = v,   q' = 1/2 q (0, omega)
-/// Rows of p: p0#, then every leg as SpatialSerial has it. M is diagonal; v = omega x I omega for the platform as well.
+///   q0 = [x; q], seven coordinates; p0# = [velocity of the mass centre, in N; omega, in the frame of the
+///   platform], six q0' = D+ p0#:   x' = v,   q' = 1/2 q (0, omega)
+/// Rows of p: p0#, then every leg as SpatialSerial has it. M is diagonal; v = omega x I omega for the
+/// platform as well.
 
 #include "firmware/mechanism/linear.hpp"
 #include "firmware/mechanism/spatial.hpp"
@@ -49,19 +50,20 @@ class SpatialCoupling {
 
   SpatialCoupling() = default;
   /// `joint`: where each leg holds the platform, from its mass centre in its frame, m.
-  SpatialCoupling(const RigidBodyParams<S>& platform, const List<Vec3<S>, Legs>& joint, const List<Leg, Legs>& leg, S gravity)
+  SpatialCoupling(const RigidBodyParams<S>& platform, const List<Vec3<S>, Legs>& joint,
+                  const List<Leg, Legs>& leg, S gravity)
       : platform_(platform), joint_(joint), leg_(leg), gravity_(gravity) {}
 
   [[nodiscard]] const Leg& leg(int j) const { return leg_[j]; }
   static constexpr int row_leg(int j) { return dof + j * leg_channels; }
-  /// Rows that are an angular velocity; the others of rigid bodies are velocities of points, of joints neither.
+  /// Rows that are an angular velocity; the others of rigid bodies are velocities of points, of joints
+  /// neither.
   static constexpr bool is_turn(int row) {
     return row < dof ? row >= 3 : Leg::is_turn((row - dof) % leg_channels);
   }
-  static constexpr bool has_mass(int row) { return row < dof || (row - dof) % leg_channels >= Leg::joints; }
 
-  /// The pose of everything from that of the platform. `attitude` has norm 1. False where a leg does not reach or has no
-  /// joint angles (type 1); `out` is of no use then.
+  /// The pose of everything from that of the platform. `attitude` has norm 1. False where a leg does not
+  /// reach or has no joint angles (type 1); `out` is of no use then.
   [[nodiscard]] bool pose(const Vec3<S>& position, const Quaternion<S>& attitude, Pose& out) const {
     out.position = position;
     out.attitude = attitude;
@@ -83,7 +85,8 @@ class SpatialCoupling {
     return out;
   }
 
-  /// d/dt of C^ along motion a, applied to b. Its platform part is zero: p0# are the independent velocities themselves.
+  /// d/dt of C^ along motion a, applied to b. Its platform part is zero: p0# are the independent velocities
+  /// themselves.
   [[nodiscard]] Rates chain_bias(const Pose& p, const Rates& a, const Rates& b) const {
     Rates out;
     out.platform.setZero();
@@ -91,13 +94,15 @@ class SpatialCoupling {
     for (int j = 0; j < Legs; ++j) {
       // b is held in the frame of the platform, which turns with a.
       const Vec3<S> drift = cross(cross(wa, wb), p.arm[j]) + cross(wb, cross(wa, p.arm[j]));
-      out.leg[j] = leg_[j].tip_inverse(p.leg[j], Vec3<S>(drift - leg_[j].tip_bias(p.leg[j], a.leg[j], b.leg[j])));
+      out.leg[j] =
+          leg_[j].tip_inverse(p.leg[j], Vec3<S>(drift - leg_[j].tip_bias(p.leg[j], a.leg[j], b.leg[j])));
     }
     return out;
   }
 
   /// d/dt (C^ p#): joint accelerations that go with a platform acceleration, closure kept.
-  [[nodiscard]] Rates chain_accelerations(const Pose& p, const Rates& rates, const Independent& acceleration) const {
+  [[nodiscard]] Rates chain_accelerations(const Pose& p, const Rates& rates,
+                                          const Independent& acceleration) const {
     Rates out = chain_bias(p, rates, rates), straight = chain_rates(p, acceleration);
     out.platform = acceleration;
     for (int j = 0; j < Legs; ++j) out.leg[j] += straight.leg[j];
@@ -113,7 +118,8 @@ class SpatialCoupling {
   }
 
   /// blkdiag(C_j) times `acceleration` plus Cdot_j(a) b: all channel accelerations.
-  [[nodiscard]] Channels channel_accelerations(const Pose& p, const Rates& a, const Rates& b, const Rates& acceleration) const {
+  [[nodiscard]] Channels channel_accelerations(const Pose& p, const Rates& a, const Rates& b,
+                                               const Rates& acceleration) const {
     Channels out;
     put(out, acceleration.platform);
     for (int j = 0; j < Legs; ++j) {
@@ -151,12 +157,11 @@ class SpatialCoupling {
     return out;
   }
 
-  /// Motor forces, one at joint `Actuated` of each of six legs, that do on p0# what F does: C^^T u = F. The smallest pivot of
-  /// that system, its moments divided by `length`: near 0 at type 2, where u is of no use.
+  /// Motor forces, one at joint `Actuated` of each of six legs, that do on p0# what F does: C^^T u = F. The
+  /// smallest pivot of that system, its moments divided by `length`: near 0 at type 2, where u is of no use.
   template <int Actuated>
   [[nodiscard]] S motor_forces(const Pose& p, Independent F, S length, Vec<S, Legs>& u) const
-    requires(Legs == dof)
-  {
+      requires(Legs == dof) {
     Mat<S, dof, dof> B;
     for (int j = 0; j < Legs; ++j) {
       const Independent column = at_joint(p, j, leg_[j].tip_force(p.leg[j], Leg::Joints::Unit(Actuated)));
@@ -167,11 +172,12 @@ class SpatialCoupling {
     return solve(B, u);
   }
 
-  /// Calls f(row, ChannelError) for every row with mass: the errors of position, attitude, mass centres and attitudes of the
-  /// legs' bodies. `turn` is q_e of the platform, its sign chosen; bodies of legs take the short way (they cannot turn over).
+  /// Calls f(row, ChannelError) for every row but the joints', which have no mass: the errors of position,
+  /// attitude, mass centres and attitudes of the legs' bodies. `turn` is q_e of the platform, its sign
+  /// chosen; bodies of legs take the short way (they cannot turn over).
   template <class F>
-  void compare(const Pose& desired, const Rates& desired_rates, const Rates& desired_acceleration, const Pose& actual, const Rates& rates,
-               const Quaternion<S>& turn, F&& f) const {
+  void compare(const Pose& desired, const Rates& desired_rates, const Rates& desired_acceleration,
+               const Pose& actual, const Rates& rates, const Quaternion<S>& turn, F&& f) const {
     const Independent &vd = desired_rates.platform, &ad = desired_acceleration.platform, &v = rates.platform;
     const Vec3<S> e = desired.position - actual.position;
     for (int i = 0; i < 3; ++i) f(i, ChannelError<S>{e[i], vd[i] - v[i], vd[i] - v[i], ad[i]});
@@ -179,7 +185,8 @@ class SpatialCoupling {
     for (int j = 0; j < Legs; ++j) {
       const Leg& leg = leg_[j];
       const auto &there = desired.leg[j], &here = actual.leg[j];
-      const typename Leg::Channels fast = leg.rates(there, desired_rates.leg[j]), slow = leg.rates(here, rates.leg[j]);
+      const typename Leg::Channels fast = leg.rates(there, desired_rates.leg[j]),
+                                   slow = leg.rates(here, rates.leg[j]);
       const typename Leg::Channels push = leg.rates(there, desired_acceleration.leg[j]) +
                                           leg.bias(there, desired_rates.leg[j], desired_rates.leg[j]);
       for (int i = 0; i < Leg::joints; ++i) {
@@ -221,7 +228,8 @@ class SpatialCoupling {
   }
   template <class F>
   static void of_turn(int row, const AttitudeError<S>& a, F&& f) {
-    for (int k = 0; k < 3; ++k) f(row + k, ChannelError<S>{a.e[k], a.e_rate[k], a.rate[k], a.of_reference[k]});
+    for (int k = 0; k < 3; ++k)
+      f(row + k, ChannelError<S>{a.e[k], a.e_rate[k], a.rate[k], a.of_reference[k]});
   }
 
   RigidBodyParams<S> platform_{};

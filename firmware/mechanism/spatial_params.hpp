@@ -1,41 +1,44 @@
 #pragma once
-/// Constants of the mechanisms in space: plain values, shared by controller and plant. SI units; z up, gravity along -z.
+/// Constants of the mechanisms in space: plain values, shared by controller and plant. SI units; z up,
+/// gravity along -z.
 
 #include "firmware/types.hpp"
 
 namespace esmc {
 
-/// A rigid body whose mass centre is the point that is positioned and whose frame lies along its principal axes.
+/// A rigid body whose mass centre is the point that is positioned and whose frame lies along its principal
+/// axes.
 template <class S>
 struct RigidBodyParams {
-  S mass{};                                         ///< kg, > 0
-  Vec<S, 3> inertia = Vec<S, 3>::Zero();            ///< principal, about the mass centre, kg m2, > 0
+  S mass{};                               ///< kg, > 0
+  Vec<S, 3> inertia = Vec<S, 3>::Zero();  ///< principal, about the mass centre, kg m2, > 0
 };
 
 /// One half of a leg: a body whose mass centre lies on the axis of the leg.
 template <class S>
 struct StrutParams {
-  S centre{};         ///< cylinder: from the base joint up the leg; rod: from the platform's joint down the leg, m
-  S mass{};           ///< kg
-  S transverse{};     ///< inertia across the leg, about the mass centre, kg m2
-  S axial{};          ///< about the axis of the leg, kg m2
-  S viscous{};        ///< rod alone: friction of the slide, N s/m
+  S centre{};  ///< cylinder: from the base joint up the leg; rod: from the platform's joint down the leg, m
+  S mass{};    ///< kg
+  S transverse{};  ///< inertia across the leg, about the mass centre, kg m2
+  S axial{};       ///< about the axis of the leg, kg m2
+  S viscous{};     ///< rod alone: friction of the slide, N s/m
 };
 
-/// 6-UPS, the Gough-Stewart platform: each leg a universal joint on the base, a slide that a motor drives, a spherical
-/// joint at the platform. The cross of the universal joint has no mass.
+/// 6-UPS, the Gough-Stewart platform: each leg a universal joint on the base, a slide that a motor drives, a
+/// spherical joint at the platform. The cross of the universal joint has no mass.
 template <class S>
 struct HexapodParams {
   static constexpr int legs = 6;
   RigidBodyParams<S> platform{};
-  List<Vec<S, 3>, legs> base{};      ///< universal joints, in N, m
-  List<Vec<S, 3>, legs> joint{};     ///< spherical joints, from the mass centre of the platform in its frame, m
-  Vec<S, 3> home = Vec<S, 3>::Zero();  ///< mass centre of the platform about which it works, m; see home_direction
+  List<Vec<S, 3>, legs> base{};   ///< universal joints, in N, m
+  List<Vec<S, 3>, legs> joint{};  ///< spherical joints, from the mass centre of the platform in its frame, m
+  Vec<S, 3> home =
+      Vec<S, 3>::Zero();  ///< mass centre of the platform about which it works, m; see home_direction
   StrutParams<S> cylinder{}, rod{};
-  S gravity{};                       ///< m/s2, >= 0
+  S gravity{};  ///< m/s2, >= 0
 
-  /// The leg as it is at home, the platform level. The first axis of its universal joint is the x axis of N after the
-  /// shortest turn that lays the z axis along this.
+  /// The leg as it is at home, the platform level. The first axis of its universal joint is the x axis of N
+  /// after the shortest turn that lays the z axis along this.
   [[nodiscard]] Vec<S, 3> home_direction(int j) const { return home + joint[j] - base[j]; }
 };
 

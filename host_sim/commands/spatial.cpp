@@ -6,16 +6,17 @@
 #include <chrono>
 #include <cmath>
 #include <nlohmann/json.hpp>
+#include <tuple>
+#include <utility>
 
-#include "firmware/control/spatial_controller.hpp"
 #include "host_sim/commands/log.hpp"
 #include "host_sim/commands/output.hpp"
 #include "host_sim/commands/progress.hpp"
+#include "host_sim/commands/spatial_setup.hpp"
 #include "host_sim/commands/summary.hpp"
 #include "host_sim/effects/random.hpp"
 #include "host_sim/error.hpp"
 #include "host_sim/plant/spatial_plant.hpp"
-#include "host_sim/scene/spatial_scene.hpp"
 
 namespace esmc::host {
 namespace {
@@ -25,100 +26,8 @@ using V3 = Vec3<double>;
 using Q = Quaternion<double>;
 
 constexpr double degrees = 57.295779513082320877;
-constexpr double turn_of_phase = 18446744073709551616.0;  // 2^64
 
 Q attitude_of(const SpatialState& s) { return {s.attitude[0], s.attitude.tail<3>()}; }
-
-std::uint32_t tick_count(const SpatialScene& s) { return static_cast<std::uint32_t>(std::llround(s.duration * s.rate_hz)); }
-
-PhaseClock clock_of(double rate, double tick) {
-  const double turns = rate * tick / 6.283185307179586477, part = turns - std::floor(turns);
-  return {0, static_cast<std::uint64_t>(std::min(part * turn_of_phase, turn_of_phase * (1.0 - 0x1p-53)))};
-}
-
-V3 start_position(const SpatialScene& s) { return V3((s.platform ? s.platform->home : V3::Zero()) + s.reference.position); }
-
-template <class S>
-SpatialReference<S> make_spatial_reference(const SpatialScene& s) {
-  const auto& r = s.reference;
-  SpatialReference<S> out;
-  switch (r.type) {
-    case SpatialReferenceName::hold: out.kind = SpatialReferenceKind::hold; break;
-    case SpatialReferenceName::turn: out.kind = SpatialReferenceKind::turn; break;
-    case SpatialReferenceName::spin: out.kind = SpatialReferenceKind::spin; break;
-    case SpatialReferenceName::tumble: out.kind = SpatialReferenceKind::tumble; break;
-    case SpatialReferenceName::sway: out.kind = SpatialReferenceKind::sway; break;
-  }
-  const Q start = exponential(r.rotation);
-  const double rate = r.type == SpatialReferenceName::sway ? 6.283185307179586477 * r.frequency : r.rate;
-  out.position = start_position(s).cast<S>();
-  out.attitude = normalised(Quaternion<S>{S(start.w), start.v.cast<S>()});
-  out.axis = r.axis.cast<S>();
-  out.second_axis = r.second_axis.cast<S>();
-  out.angle = S(r.angle);
-  out.shift = r.shift.cast<S>();
-  out.duration = S(r.duration);
-  out.rate = S(rate);
-  out.second_rate = S(r.second_rate);
-  out.phase = clock_of(rate, s.tick());
-  out.second_phase = clock_of(r.second_rate, s.tick());
-  return out;
-}
-
-/// The mechanism as the controller believes it to be.
-template <class S>
-RigidBodyParams<S> believed(const RigidBodyParams<double>& p, const SpatialScene::Model& m) {
-  return {S(p.mass * m.mass), (p.inertia * m.inertia).cast<S>()};
-}
-template <class S>
-void believed_mechanism(const SpatialScene& s, FreeBody<S>& out) {
-  out = make_free_body(believed<S>(s.body, s.model), S(s.gravity));
-}
-template <class S>
-void believed_mechanism(const SpatialScene& s, Hexapod<S>& out) {
-  const HexapodParams<double>& p = *s.platform;
-  HexapodParams<S> b;
-  b.platform = believed<S>(p.platform, s.model);
-  for (int j = 0; j < 6; ++j) {
-    b.base[j] = p.base[j].cast<S>();
-    b.joint[j] = p.joint[j].cast<S>();
-  }
-  b.home = p.home.cast<S>();
-  const auto strut = [&](const StrutParams<double>& x) {
-    const double f = s.model.legs;
-    return StrutParams<S>{S(x.centre), S(x.mass * f), S(x.transverse * f), S(x.axial * f), S(x.viscous)};
-  };
-  b.cylinder = strut(p.cylinder);
-  b.rod = strut(p.rod);
-  b.gravity = S(p.gravity);
-  out = make_hexapod(b);
-}
-
-template <class M>
-SpatialConfig<M> make_spatial_config(const SpatialScene& s) {
-  using S = typename M::Scalar;
-  SpatialConfig<M> c;
-  believed_mechanism(s, c.mechanism);
-  c.law = s.law == SpatialLawName::esmc_projected ? SpatialLaw::esmc_projected
-          : s.law == SpatialLawName::smc_euler    ? SpatialLaw::smc_euler
-                                                  : SpatialLaw::esmc;
-  c.reaching = s.reaching == "sign"         ? Reaching::sign
-               : s.reaching == "saturation" ? Reaching::saturation
-               : s.reaching == "tanh"       ? Reaching::tanh
-                                            : Reaching::implicit;
-  const auto kind = [&](std::size_t i) {
-    const bool implicit = c.reaching == Reaching::implicit;
-    return typename SpatialGains<S>::Kind{S(s.lambda[i]), S(s.gain[i]),
-                                          implicit ? implicit_layer(S(s.gain[i]), S(s.tick()), S(0)) : S(s.layer[i])};
-  };
-  c.gains.point = kind(0);
-  c.gains.turn = kind(1);
-  c.hysteresis = S(s.hysteresis);
-  c.force_limit = S(s.force_limit);
-  c.moment_limit = S(s.moment_limit);
-  if (s.platform) c.length = S(s.platform->joint[0].head<2>().norm());
-  return c;
-}
 
 /// What the summary needs of a run.
 struct Account {
@@ -189,11 +98,12 @@ template <class M>
 Account simulate(const SpatialScene& scene, const RunOptions& o, const std::string& log_path) {
   using S = typename M::Scalar;
   const auto begin = std::chrono::steady_clock::now();
-  const SpatialPlant plant = scene.platform ? SpatialPlant(*scene.platform) : SpatialPlant(scene.body, scene.gravity);
+  const SpatialPlant plant =
+      scene.platform ? SpatialPlant(*scene.platform) : SpatialPlant(scene.body, scene.gravity);
   const SpatialReference<S> reference = make_spatial_reference<S>(scene);
   SpatialController<M> controller(make_spatial_config<M>(scene));
   SpatialState s;
-  s.position = start_position(scene) + scene.initial.position;
+  s.position = spatial_start(scene) + scene.initial.position;
   const Q start = exponential(scene.reference.rotation) * exponential(scene.initial.rotation);
   s.attitude << start.w, start.v;
   s.attitude.normalize();
@@ -204,7 +114,7 @@ Account simulate(const SpatialScene& scene, const RunOptions& o, const std::stri
   Account a;
   const Energy energy(plant, s);
   Measuring measure(scene.measurement, o.seed);
-  const std::uint32_t ticks = tick_count(scene);
+  const std::uint32_t ticks = spatial_ticks(scene);
   const double tick = scene.tick();
   const int steps = std::max(1, static_cast<int>(std::ceil(tick / scene.step - 1e-9)));
   Log log(log_path, log_columns(), ticks);
@@ -229,20 +139,45 @@ Account simulate(const SpatialScene& scene, const RunOptions& o, const std::stri
       a.angle.add(n >= ticks - ticks / 4, angle);
       a.distance.add(n >= ticks - ticks / 4, distance);
     }
-    a.force_max = larger(a.force_max, (scene.platform ? u : Vec<double, 6>(u.cwiseProduct(Vec<double, 6>(1, 1, 1, 0, 0, 0)))).cwiseAbs().maxCoeff());
+    a.force_max = larger(
+        a.force_max, (scene.platform ? u : Vec<double, 6>(u.cwiseProduct(Vec<double, 6>(1, 1, 1, 0, 0, 0))))
+                         .cwiseAbs()
+                         .maxCoeff());
     a.moment_max = larger(a.moment_max, u.tail<3>().cwiseAbs().maxCoeff());
     if (n > 0) a.change += (u - before).cwiseAbs().mean();
     before = u;
     if (result.saturated) ++a.saturated;
-    const std::array<double, 13> state{s.position[0], s.position[1], s.position[2], s.attitude[0], s.attitude[1], s.attitude[2], s.attitude[3],
-                                       s.velocity[0], s.velocity[1], s.velocity[2], s.turning[0],  s.turning[1],  s.turning[2]};
+    const std::array<double, 13> state{s.position[0], s.position[1], s.position[2], s.attitude[0],
+                                       s.attitude[1], s.attitude[2], s.attitude[3], s.velocity[0],
+                                       s.velocity[1], s.velocity[2], s.turning[0],  s.turning[1],
+                                       s.turning[2]};
     require_finite(state, t);
     a.digest.add(state);
     if (!log_path.empty()) {
       const V3 turning = rotated(q.conjugate(), s.turning);
-      std::vector<double> row{t, state[0], state[1], state[2], q.w, q.v[0], q.v[1], q.v[2], there[0], there[1], there[2], desired.w, desired.v[0],
-                              desired.v[1], desired.v[2], s.velocity[0], s.velocity[1], s.velocity[2], turning[0], turning[1], turning[2],
-                              angle * degrees, distance};
+      std::vector<double> row{t,
+                              state[0],
+                              state[1],
+                              state[2],
+                              q.w,
+                              q.v[0],
+                              q.v[1],
+                              q.v[2],
+                              there[0],
+                              there[1],
+                              there[2],
+                              desired.w,
+                              desired.v[0],
+                              desired.v[1],
+                              desired.v[2],
+                              s.velocity[0],
+                              s.velocity[1],
+                              s.velocity[2],
+                              turning[0],
+                              turning[1],
+                              turning[2],
+                              angle * degrees,
+                              distance};
       for (int i = 0; i < 6; ++i) row.push_back(u[i]);
       for (int i = 0; i < 6; ++i) row.push_back(double(result.sliding[i]));
       log.row(row, "");
@@ -250,7 +185,8 @@ Account simulate(const SpatialScene& scene, const RunOptions& o, const std::stri
     if (n % 16 == 0) energy.look(s, a);
     ++a.ticks;
     for (int k = 0; k < steps; ++k)
-      a.norm_drift = larger(a.norm_drift, plant.step(s, {u[0], u[1], u[2], u[3], u[4], u[5]}, tick / steps, a.work));
+      a.norm_drift =
+          larger(a.norm_drift, plant.step(s, {u[0], u[1], u[2], u[3], u[4], u[5]}, tick / steps, a.work));
     a.interrupted = stop_requested();
   }
   log.close();
@@ -268,15 +204,21 @@ std::vector<double> listed(const V& v) {
 }
 
 Json tracking_json(const Account& a) {
-  const auto &turn = a.angle.all(), &settled_turn = a.angle.settled(), &distance = a.distance.all(), &settled = a.distance.settled();
-  return {{"rms_deg", turn.rms() * degrees},
-          {"max_deg", turn.largest * degrees},
-          {"settled_rms_deg", settled_turn.rms() * degrees},
-          {"settled_max_deg", settled_turn.largest * degrees},
-          {"rms_m", distance.rms()},
-          {"max_m", distance.largest},
-          {"settled_rms_m", settled.rms()},
-          {"settled_max_m", settled.largest}};
+  // A run that ends in a fault before its last quarter has nothing settled.
+  const auto moments = [](const ErrorStatistics::Moments& m, double unit) {
+    return m.count > 0 ? std::pair<Json, Json>(m.rms() * unit, m.largest * unit)
+                       : std::pair<Json, Json>(nullptr, nullptr);
+  };
+  const auto turn = moments(a.angle.all(), degrees), settled_turn = moments(a.angle.settled(), degrees),
+             distance = moments(a.distance.all(), 1.0), settled = moments(a.distance.settled(), 1.0);
+  return {{"rms_deg", turn.first},
+          {"max_deg", turn.second},
+          {"settled_rms_deg", settled_turn.first},
+          {"settled_max_deg", settled_turn.second},
+          {"rms_m", distance.first},
+          {"max_m", distance.second},
+          {"settled_rms_m", settled.first},
+          {"settled_max_m", settled.second}};
 }
 
 Json summary_of(const SpatialScene& s, const RunOptions& o, const Account& a) {
@@ -312,25 +254,36 @@ Json summary_of(const SpatialScene& s, const RunOptions& o, const Account& a) {
 
 std::string text_of(const Json& j) {
   const auto number = [](const Json& v) { return fmt::format("{:.3g}", v.get<double>()); };
-  std::string out = fmt::format("{}: {} on a {}, {} ticks ({} s{})\n", printable(j["scene"].get<std::string>()), j["law"].get<std::string>(),
-                                j["mechanism"].get<std::string>(), j["ticks"].get<std::uint64_t>(), j["simulated_s"].get<double>(),
-                                j.contains("interrupted") ? ", interrupted" : "");
+  std::string out = fmt::format(
+      "{}: {} on a {}, {} ticks ({} s{})\n", printable(j["scene"].get<std::string>()),
+      j["law"].get<std::string>(), j["mechanism"].get<std::string>(), j["ticks"].get<std::uint64_t>(),
+      j["simulated_s"].get<double>(), j.contains("interrupted") ? ", interrupted" : "");
   if (!j["fault"].is_null()) {
-    out += fmt::format("fault: {} at {} s, no force from there on\n", j["fault"]["name"].get<std::string>(), j["fault"]["t"].get<double>());
+    out += fmt::format("fault: {} at {} s, no force from there on\n", j["fault"]["name"].get<std::string>(),
+                       j["fault"]["t"].get<double>());
   }
   if (const Json& t = j["tracking"]; !t.is_null()) {
-    out += fmt::format("attitude: {} deg rms, {} deg max; last quarter {} deg rms, {} deg max\n", number(t["rms_deg"]), number(t["max_deg"]),
-                       number(t["settled_rms_deg"]), number(t["settled_max_deg"]));
-    out += fmt::format("position: {} m rms, {} m max; last quarter {} m rms, {} m max\n", number(t["rms_m"]), number(t["max_m"]),
-                       number(t["settled_rms_m"]), number(t["settled_max_m"]));
+    for (const auto& [what, unit, suffix] :
+         {std::tuple("attitude", "deg", "_deg"), std::tuple("position", "m", "_m")}) {
+      const auto at = [&](const char* key) -> const Json& { return t[key + std::string(suffix)]; };
+      out += fmt::format("{}: {} {} rms, {} {} max", what, number(at("rms")), unit, number(at("max")), unit);
+      if (!at("settled_rms").is_null())
+        out += fmt::format("; last quarter {} {} rms, {} {} max", number(at("settled_rms")), unit,
+                           number(at("settled_max")), unit);
+      out += "\n";
+    }
     const Json& u = j["input"];
-    out += fmt::format("{} N max{}, {} mean change per tick, saturated in {} ticks\n", number(u["force_max_n"]),
-                       u["moment_max_nm"].is_null() ? "" : ", " + number(u["moment_max_nm"]) + " N m max", number(u["mean_abs_delta"]),
-                       u["saturated_ticks"].get<std::uint64_t>());
+    out +=
+        fmt::format("{} N max{}, {} mean change per tick, saturated in {} ticks\n", number(u["force_max_n"]),
+                    u["moment_max_nm"].is_null() ? "" : ", " + number(u["moment_max_nm"]) + " N m max",
+                    number(u["mean_abs_delta"]), u["saturated_ticks"].get<std::uint64_t>());
   }
-  out += fmt::format("norm drift per step {:.1g}, energy balance {:.1g}", j["norm"]["drift_max"].get<double>(), j["energy"]["relative_error"].get<double>());
-  if (const Json& m = j["momentum"]["relative_error"]; !m.is_null()) out += fmt::format(", angular momentum kept to {:.1g}", m.get<double>());
-  return out + fmt::format("\n{:.0f} x real time, digest {}\n", j["real_time_factor"].get<double>(), j["digest"].get<std::string>());
+  out += fmt::format("norm drift per step {:.1g}, energy balance {:.1g}",
+                     j["norm"]["drift_max"].get<double>(), j["energy"]["relative_error"].get<double>());
+  if (const Json& m = j["momentum"]["relative_error"]; !m.is_null())
+    out += fmt::format(", angular momentum kept to {:.1g}", m.get<double>());
+  return out + fmt::format("\n{:.0f} x real time, digest {}\n", j["real_time_factor"].get<double>(),
+                           j["digest"].get<std::string>());
 }
 
 }  // namespace
@@ -340,9 +293,10 @@ int run_spatial(const RunOptions& o) {
   OutputDirectory out(o.out);
   out.spare(o.scene);
   const std::string log = out.path("log.csv");
-  const Account a = scene.platform
-                        ? (o.single_precision ? simulate<Hexapod<float>>(scene, o, log) : simulate<Hexapod<double>>(scene, o, log))
-                        : (o.single_precision ? simulate<FreeBody<float>>(scene, o, log) : simulate<FreeBody<double>>(scene, o, log));
+  const Account a = scene.platform ? (o.single_precision ? simulate<Hexapod<float>>(scene, o, log)
+                                                         : simulate<Hexapod<double>>(scene, o, log))
+                                   : (o.single_precision ? simulate<FreeBody<float>>(scene, o, log)
+                                                         : simulate<FreeBody<double>>(scene, o, log));
   const Json summary = summary_of(scene, o, a);
   if (out.wanted()) {
     out.write("scene.toml", scene.toml);

@@ -29,19 +29,21 @@ V3d down(double gravity) { return V3d(0, 0, -gravity); }
 
 /// Where the two bodies of a leg are and how they move, in N. Both have the same axes and angular velocity.
 struct SpatialPlant::Leg {
-  V3d base, joint;     ///< ends of the leg, m
-  V3d arm;             ///< from the mass centre of the platform to the joint, m
-  V3d first;           ///< axis of the universal joint that the base holds
-  M3d frame;           ///< second axis of the universal joint is column 1, the leg itself column 2
-  V3d omega;           ///< rad/s
-  V3d cylinder, rod;   ///< mass centres
+  V3d base, joint;    ///< ends of the leg, m
+  V3d arm;            ///< from the mass centre of the platform to the joint, m
+  V3d first;          ///< axis of the universal joint that the base holds
+  M3d frame;          ///< second axis of the universal joint is column 1, the leg itself column 2
+  V3d omega;          ///< rad/s
+  V3d cylinder, rod;  ///< mass centres
   V3d cylinder_rate, rod_rate;
   double length_rate;  ///< m/s
 };
 
-SpatialPlant::SpatialPlant(const RigidBodyParams<double>& body, double gravity) : body_(body), gravity_(gravity) {}
+SpatialPlant::SpatialPlant(const RigidBodyParams<double>& body, double gravity)
+    : body_(body), gravity_(gravity) {}
 
-SpatialPlant::SpatialPlant(const HexapodParams<double>& p) : body_(p.platform), p_(p), gravity_(p.gravity), legs_(true) {}
+SpatialPlant::SpatialPlant(const HexapodParams<double>& p)
+    : body_(p.platform), p_(p), gravity_(p.gravity), legs_(true) {}
 
 /// The x axis of N after the shortest turn that lays z along the leg at home.
 V3d SpatialPlant::slide_axis_of_home(int j) const {
@@ -121,7 +123,8 @@ SpatialPlant::Acceleration SpatialPlant::acceleration(const SpatialState& s, con
     K.block<9, 12>(12, 0) = J;
     Mat<double, 21, 4> right = Mat<double, 21, 4>::Zero();
     const V3d drive = (u[static_cast<std::size_t>(j)] - p_.rod.viscous * l.length_rate) * n;
-    right.col(0) << p_.cylinder.mass * down(gravity_) - drive, -w.cross(Ic * w), p_.rod.mass * down(gravity_) + drive, -w.cross(Ir * w), gamma;
+    right.col(0) << p_.cylinder.mass * down(gravity_) - drive, -w.cross(Ic * w),
+        p_.rod.mass * down(gravity_) + drive, -w.cross(Ir * w), gamma;
     right.block<3, 3>(6, 1) = M3d::Identity();
     right.block<3, 3>(9, 1) = tilde(to_joint);
     const Mat<double, 21, 4> x = K.partialPivLu().solve(right);
@@ -143,13 +146,15 @@ SpatialPlant::Acceleration SpatialPlant::acceleration(const SpatialState& s, con
 SpatialEnergy SpatialPlant::energy(const SpatialState& s) const {
   const V3d in_body = axes(s.attitude).transpose() * s.turning;
   SpatialEnergy e;
-  e.kinetic = 0.5 * body_.mass * s.velocity.squaredNorm() + 0.5 * in_body.dot(body_.inertia.cwiseProduct(in_body));
+  e.kinetic =
+      0.5 * body_.mass * s.velocity.squaredNorm() + 0.5 * in_body.dot(body_.inertia.cwiseProduct(in_body));
   e.potential = body_.mass * gravity_ * s.position.z();
   for (int j = 0; legs_ && j < 6; ++j) {
     const Leg l = leg(s, j);
     const V3d w = l.frame.transpose() * l.omega;
     const auto add = [&](const StrutParams<double>& p, const V3d& at, const V3d& rate) {
-      e.kinetic += 0.5 * p.mass * rate.squaredNorm() + 0.5 * (p.transverse * (w.x() * w.x() + w.y() * w.y()) + p.axial * w.z() * w.z());
+      e.kinetic += 0.5 * p.mass * rate.squaredNorm() +
+                   0.5 * (p.transverse * (w.x() * w.x() + w.y() * w.y()) + p.axial * w.z() * w.z());
       e.potential += p.mass * gravity_ * at.z();
     };
     add(p_.cylinder, l.cylinder, l.cylinder_rate);
@@ -191,11 +196,14 @@ double SpatialPlant::step(SpatialState& s, const Input& u, double h, double& wor
     return r;
   };
   const auto moved = [&](const Rate& r, double dt) {
-    return SpatialState{s.position + dt * r.position, s.attitude + dt * r.attitude, s.velocity + dt * r.velocity,
-                        s.turning + dt * r.turning};
+    return SpatialState{s.position + dt * r.position, s.attitude + dt * r.attitude,
+                        s.velocity + dt * r.velocity, s.turning + dt * r.turning};
   };
-  const Rate k1 = rate(s), k2 = rate(moved(k1, 0.5 * h)), k3 = rate(moved(k2, 0.5 * h)), k4 = rate(moved(k3, h));
-  const auto mean = []<class T>(const T& a, const T& b, const T& c, const T& d) -> T { return (a + 2.0 * b + 2.0 * c + d) / 6.0; };
+  const Rate k1 = rate(s), k2 = rate(moved(k1, 0.5 * h)), k3 = rate(moved(k2, 0.5 * h)),
+             k4 = rate(moved(k3, h));
+  const auto mean = []<class T>(const T& a, const T& b, const T& c, const T& d) -> T {
+    return (a + 2.0 * b + 2.0 * c + d) / 6.0;
+  };
   s.position += h * mean(k1.position, k2.position, k3.position, k4.position);
   s.attitude += h * mean(k1.attitude, k2.attitude, k3.attitude, k4.attitude);
   s.velocity += h * mean(k1.velocity, k2.velocity, k3.velocity, k4.velocity);

@@ -1,10 +1,12 @@
 #pragma once
-/// The true mechanism in space: a free rigid body, or a platform on six legs (universal joint, slide, spherical joint).
+/// The true mechanism in space: a free rigid body, or a platform on six legs (universal joint, slide,
+/// spherical joint).
 ///
-/// Nothing of the controller's model is in here. Every body is described for itself, by the acceleration of its mass centre
-/// and its angular acceleration, both in N; Newton's and Euler's equations, and one multiplier for each equation of a joint:
-/// nine inside a leg, three at the platform. Positions and velocities of legs follow from the platform, so that closure does
-/// not drift; the quaternion is scaled back to norm 1 after every step.
+/// Nothing of the controller's model is in here. Every body is described for itself, by the acceleration of
+/// its mass centre and its angular acceleration, both in N; Newton's and Euler's equations, and one
+/// multiplier for each equation of a joint: nine inside a leg, three at the platform. Positions and
+/// velocities of legs follow from the platform, so that closure does not drift; the quaternion is scaled back
+/// to norm 1 after every step.
 
 #include <array>
 
@@ -16,10 +18,10 @@ using V3d = Vec<double, 3>;
 
 /// What the plant integrates.
 struct SpatialState {
-  V3d position = V3d::Zero();            ///< mass centre, m
-  Vec<double, 4> attitude{1, 0, 0, 0};   ///< w, x, y, z; from the frame of the body to N
-  V3d velocity = V3d::Zero();            ///< in N, m/s
-  V3d turning = V3d::Zero();             ///< angular velocity in N, rad/s
+  V3d position = V3d::Zero();           ///< mass centre, m
+  Vec<double, 4> attitude{1, 0, 0, 0};  ///< w, x, y, z; from the frame of the body to N
+  V3d velocity = V3d::Zero();           ///< in N, m/s
+  V3d turning = V3d::Zero();            ///< angular velocity in N, rad/s
 };
 
 struct SpatialEnergy {
@@ -35,7 +37,8 @@ class SpatialPlant {
 
   /// A free body. Input: force in N, moment in the frame of the body (N, N m). Masses and inertias > 0.
   SpatialPlant(const RigidBodyParams<double>& body, double gravity);
-  /// A platform on legs. Input: the force of each motor, that drives its slide outwards (N). Every part has mass.
+  /// A platform on legs. Input: the force of each motor, that drives its slide outwards (N). Every part has
+  /// mass.
   explicit SpatialPlant(const HexapodParams<double>& p);
 
   [[nodiscard]] Acceleration acceleration(const SpatialState& s, const Input& u) const;
@@ -45,8 +48,8 @@ class SpatialPlant {
   /// Angular momentum about the mass centre, of a free body, in N.
   [[nodiscard]] V3d angular_momentum(const SpatialState& s) const;
 
-  /// RK4 over one step of h seconds with the input held; `work` gains what the input did, J. How far the norm of the
-  /// quaternion was from 1 before it was scaled back.
+  /// RK4 over one step of h seconds with the input held; `work` gains what the input did, J. How far the norm
+  /// of the quaternion was from 1 before it was scaled back.
   double step(SpatialState& s, const Input& u, double h, double& work) const;
 
  private:

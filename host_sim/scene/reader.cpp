@@ -36,7 +36,8 @@ void drop(toml::table& table, const Wanted& wanted) {
 }
 
 bool is_key(const std::string& path) {
-  return std::ranges::any_of(scene_keys(), [&](const Key& k) { return k.path == path; });
+  const auto is = [&](const Key& k) { return k.path == path; };
+  return std::ranges::any_of(scene_keys(), is) || std::ranges::any_of(spatial_keys(), is);
 }
 
 constexpr std::size_t text_max = 1U << 20U;  // bytes of a scene; its largest table is a polyline

@@ -27,7 +27,8 @@ RigidBodyParams<double> read_inertia(Section& s) {
   p.inertia = vector(s, "inertia");
   const V3& i = p.inertia;
   const double most = i.maxCoeff();
-  if (i.sum() - most < most * (1.0 - 1e-9)) s.fail("inertia", "is of no body: none may be larger than the sum of the other two");
+  if (i.sum() - most < most * (1.0 - 1e-9))
+    s.fail("inertia", "is of no body: none may be larger than the sum of the other two");
   return p;
 }
 
@@ -46,8 +47,8 @@ void read_platform(Section s, SpatialScene& scene) {
   HexapodParams<double> p;
   scene.body = p.platform = read_inertia(s);
   scene.gravity = p.gravity = s.number("gravity");
-  const double base = s.number("base_radius"), base_spread = s.number("base_spread"), radius = s.number("radius"),
-               spread = s.number("spread"), height = s.number("joint_height");
+  const double base = s.number("base_radius"), base_spread = s.number("base_spread"),
+               radius = s.number("radius"), spread = s.number("spread"), height = s.number("joint_height");
   for (int j = 0; j < 6; ++j) {
     const double pair = j / 2 * 2.0943951023931953, side = j % 2 == 0 ? -1.0 : 1.0;
     const double low = pair + side * base_spread, high = pair + side * spread;
@@ -55,7 +56,8 @@ void read_platform(Section s, SpatialScene& scene) {
     p.joint[j] = {radius * std::cos(high), radius * std::sin(high), height};
   }
   if (std::abs(base_spread - spread) < 1e-3)
-    s.fail("spread", "must differ from base_spread: similar hexagons that face each other are a singular platform");
+    s.fail("spread",
+           "must differ from base_spread: similar hexagons that face each other are a singular platform");
   p.home = {0.0, 0.0, s.number("home")};
   if (!(p.home.z() + height > 0.0)) s.fail("joint_height", "must leave the joints above the base at home");
   p.cylinder = read_strut(s.required_section("cylinder"), false);
@@ -89,8 +91,10 @@ void read_control(Section s, SpatialScene& scene) {
     scene.gain = s.per_kind("gain");
     scene.force_limit = s.number("force_limit");
     const auto moment = s.optional_number("moment_limit");
-    if (!scene.platform && !moment) s.fail("", "missing key 'control.moment_limit' (number > 0, N m): a free body needs it");
-    if (scene.platform && moment) s.fail("moment_limit", "is of a free body; the motors of a platform have force_limit");
+    if (!scene.platform && !moment)
+      s.fail("", "missing key 'control.moment_limit' (number > 0, N m): a free body needs it");
+    if (scene.platform && moment)
+      s.fail("moment_limit", "is of a free body; the motors of a platform have force_limit");
     scene.moment_limit = moment.value_or(0.0);
   }
   s.finish();
@@ -150,10 +154,12 @@ SpatialScene read_spatial_scene(const std::string& file, const std::vector<std::
     return s ? *s : Section(empty, file, key, key, spatial_keys());
   };
   Section initial = or_empty("initial");
-  scene.initial = {vector(initial, "position"), vector(initial, "rotation"), vector(initial, "velocity"), vector(initial, "turning")};
+  scene.initial = {vector(initial, "position"), vector(initial, "rotation"), vector(initial, "velocity"),
+                   vector(initial, "turning")};
   initial.finish();
   Section m = or_empty("measurement");
-  scene.measurement = {m.number("position_noise"), m.number("attitude_noise"), m.number("rate_noise"), m.boolean("alternate_sign")};
+  scene.measurement = {m.number("position_noise"), m.number("attitude_noise"), m.number("rate_noise"),
+                       m.boolean("alternate_sign")};
   m.finish();
   Section simulation = root.required_section("simulation");
   scene.duration = simulation.number("duration");

@@ -29,7 +29,8 @@ struct SpatialScene {
 
   struct Reference {
     SpatialReferenceName type = SpatialReferenceName::hold;
-    Vec<double, 3> position, rotation, axis{0, 0, 1}, second_axis{1, 0, 0}, shift{0, 0, 0};  ///< axes of length 1
+    Vec<double, 3> position, rotation, axis{0, 0, 1}, second_axis{1, 0, 0},
+        shift{0, 0, 0};  ///< axes of length 1
     double angle = 0.0, duration = 1.0, rate = 0.0, second_rate = 0.0, frequency = 1.0;
   } reference;
   struct Initial {

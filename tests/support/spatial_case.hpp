@@ -1,5 +1,6 @@
 #pragma once
-/// Random mechanisms in space with random states, for the firmware's scalar S and, exactly the same, for the oracles.
+/// Random mechanisms in space with random states, for the firmware's scalar S and, exactly the same, for the
+/// oracles.
 
 #include "firmware/mechanism/hexapod.hpp"
 #include "host_sim/plant/spatial_plant.hpp"
@@ -35,12 +36,15 @@ HexapodParams<S> random_hexapod(Random& r) {
   for (int j = 0; j < 6; ++j) {
     const double pair = 2.0943951 * (j / 2), side = j % 2 == 0 ? -1.0 : 1.0;
     const double low = pair + side * r.in<double>(0.75, 0.95), high = pair + side * r.in<double>(0.1, 0.3);
-    p.base[j] = Vec3<double>(0.4 * std::cos(low), 0.4 * std::sin(low), r.in<double>(-0.03, 0.03)).template cast<S>();
-    p.joint[j] = Vec3<double>(0.2 * std::cos(high), 0.2 * std::sin(high), r.in<double>(-0.08, 0.0)).template cast<S>();
+    p.base[j] =
+        Vec3<double>(0.4 * std::cos(low), 0.4 * std::sin(low), r.in<double>(-0.03, 0.03)).template cast<S>();
+    p.joint[j] =
+        Vec3<double>(0.2 * std::cos(high), 0.2 * std::sin(high), r.in<double>(-0.08, 0.0)).template cast<S>();
   }
   p.home = Vec3<S>(r.in<S>(-0.03, 0.03), r.in<S>(-0.03, 0.03), r.in<S>(0.45, 0.6));
   p.cylinder = {r.in<S>(0.05, 0.2), r.in<S>(0.2, 0.8), r.in<S>(0.001, 0.005), r.in<S>(0.0001, 0.001), S(0)};
-  p.rod = {r.in<S>(0.05, 0.2), r.in<S>(0.1, 0.5), r.in<S>(0.001, 0.005), r.in<S>(0.0001, 0.001), r.in<S>(0, 3)};
+  p.rod = {r.in<S>(0.05, 0.2), r.in<S>(0.1, 0.5), r.in<S>(0.001, 0.005), r.in<S>(0.0001, 0.001),
+           r.in<S>(0, 3)};
   p.gravity = r.chance(0.2) ? S(0) : r.in<S>(1, 10);
   return p;
 }
@@ -55,7 +59,8 @@ HexapodParams<double> in_double(const HexapodParams<S>& p) {
   }
   d.home = p.home.template cast<double>();
   const auto strut = [](const StrutParams<S>& s) {
-    return StrutParams<double>{double(s.centre), double(s.mass), double(s.transverse), double(s.axial), double(s.viscous)};
+    return StrutParams<double>{double(s.centre), double(s.mass), double(s.transverse), double(s.axial),
+                               double(s.viscous)};
   };
   d.cylinder = strut(p.cylinder);
   d.rod = strut(p.rod);
@@ -86,7 +91,8 @@ struct PlatformState {
 };
 
 /// p0#' of the plant's acceleration: its angular part in the frame of the platform.
-inline Vec<double, 6> independent_acceleration(const host::SpatialState& s, const host::SpatialPlant::Acceleration& a) {
+inline Vec<double, 6> independent_acceleration(const host::SpatialState& s,
+                                               const host::SpatialPlant::Acceleration& a) {
   const Quaternion<double> q{s.attitude[0], s.attitude.tail<3>()};
   Vec<double, 6> out;
   out << a.point, rotated(q.conjugate(), a.turning);

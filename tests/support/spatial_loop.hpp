@@ -9,7 +9,10 @@ namespace esmc::test {
 template <class S>
 SpatialSample<S> sample_of(const host::SpatialState& s) {
   const Quaternion<double> q{s.attitude[0], s.attitude.tail<3>()};
-  return {s.position.cast<S>(), s.velocity.cast<S>(), {S(q.w), q.v.cast<S>()}, rotated(q.conjugate(), s.turning).template cast<S>()};
+  return {s.position.cast<S>(),
+          s.velocity.cast<S>(),
+          {S(q.w), q.v.cast<S>()},
+          rotated(q.conjugate(), s.turning).template cast<S>()};
 }
 
 template <class S>
@@ -29,8 +32,8 @@ struct SpatialLoop {
   host::SpatialState state{};
   std::uint32_t n = 0;
   double work = 0.0;
-  SpatialSample<S> sample{};     ///< of the last tick
-  SpatialMotion<S> motion{};     ///< wanted at the last tick
+  SpatialSample<S> sample{};  ///< of the last tick
+  SpatialMotion<S> motion{};  ///< wanted at the last tick
   SpatialResult<S> result{};
 
   /// `touch(sample, motion)` may change what the controller gets to see.
@@ -51,7 +54,8 @@ struct SpatialLoop {
   /// Angle between the plant's attitude and the wanted one of the next tick, rad.
   [[nodiscard]] double angle() const {
     const auto m = reference.at(n, S(tick));
-    const Quaternion<double> d{double(m.attitude.w), m.attitude.v.template cast<double>()}, q{state.attitude[0], state.attitude.tail<3>()};
+    const Quaternion<double> d{double(m.attitude.w), m.attitude.v.template cast<double>()},
+        q{state.attitude[0], state.attitude.tail<3>()};
     return logarithm(Quaternion<double>(q.conjugate() * d)).norm();
   }
 };

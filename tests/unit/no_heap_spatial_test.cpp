@@ -16,7 +16,8 @@ HexapodParams<double> platform() {
   HexapodParams<double> p;
   p.platform = {2, {0.03, 0.03, 0.05}};
   for (int j = 0; j < 6; ++j) {
-    const double pair = 2.0943951 * (j / 2), side = j % 2 == 0 ? -1 : 1, low = pair + side * 0.85, high = pair + side * 0.2;
+    const double pair = 2.0943951 * (j / 2), side = j % 2 == 0 ? -1 : 1, low = pair + side * 0.85,
+                 high = pair + side * 0.2;
     p.base[j] = {0.4 * std::cos(low), 0.4 * std::sin(low), 0};
     p.joint[j] = {0.2 * std::cos(high), 0.2 * std::sin(high), -0.03};
   }
@@ -30,7 +31,8 @@ HexapodParams<double> platform() {
 template <class M>
 void live(const M& mechanism, const Vec3<double>& home) {
   for (const SpatialLaw law : {SpatialLaw::esmc, SpatialLaw::esmc_projected, SpatialLaw::smc_euler}) {
-    for (const Reaching reaching : {Reaching::sign, Reaching::saturation, Reaching::tanh, Reaching::implicit}) {
+    for (const Reaching reaching :
+         {Reaching::sign, Reaching::saturation, Reaching::tanh, Reaching::implicit}) {
       SpatialConfig<M> c;
       c.mechanism = mechanism;
       c.law = law;
@@ -50,7 +52,8 @@ void live(const M& mechanism, const Vec3<double>& home) {
       SpatialFault end{};
       {
         const HeapGuard guard;
-        for (std::uint32_t n = 0; n < 20; ++n) alive += controller->tick(sample, reference.at(n, 1e-3)).fault == SpatialFault::none ? 1 : 0;
+        for (std::uint32_t n = 0; n < 20; ++n)
+          alive += controller->tick(sample, reference.at(n, 1e-3)).fault == SpatialFault::none ? 1 : 0;
         sample.position[0] = std::numeric_limits<double>::quiet_NaN();
         end = controller->tick(sample, reference.at(20, 1e-3)).fault;
       }

@@ -1,5 +1,5 @@
-// What is particular to a unit quaternion: two signs for one attitude, turns by 180 degrees, a norm that may drift, and no
-// singularity where minimal coordinates have one.
+// What is particular to a unit quaternion: two signs for one attitude, turns by 180 degrees, a norm that may
+// drift, and no singularity where minimal coordinates have one.
 
 #include <gtest/gtest.h>
 
@@ -58,11 +58,13 @@ TYPED_TEST(Attitude, SignsThatComeInDoNotMatter) {
   }
 }
 
-/// By exactly 180 degrees about any axis: finite, in full strength, the same way for both signs, and it arrives.
+/// By exactly 180 degrees about any axis: finite, in full strength, the same way for both signs, and it
+/// arrives.
 TYPED_TEST(Attitude, HalfATurnIsDefined) {
   using S = TypeParam;
   using M = FreeBody<S>;
-  const Vec3<D> axes[] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}, {-1, 0, 0}, {0, -1, 0}, {0, 0, -1}, {0.6, -0.8, 0}, {0, -0.6, 0.8}};
+  const Vec3<D> axes[] = {{1, 0, 0},  {0, 1, 0},  {0, 0, 1},      {-1, 0, 0},
+                          {0, -1, 0}, {0, 0, -1}, {0.6, -0.8, 0}, {0, -0.6, 0.8}};
   for (const Vec3<D>& axis : axes) {
     Vec<S, 6> input[2];
     for (int sign = 0; sign < 2; ++sign) {
@@ -71,7 +73,8 @@ TYPED_TEST(Attitude, HalfATurnIsDefined) {
       loop.state.attitude << 0, s * axis;
       input[sign] = loop.step().input;
       ASSERT_EQ(loop.result.fault, SpatialFault::none);
-      EXPECT_GT(input[sign].norm(), S(0.99 * 0.02 * 60)) << "as strong as anywhere: k times the least inertia";
+      EXPECT_GT(input[sign].norm(), S(0.99 * 0.02 * 60))
+          << "as strong as anywhere: k times the least inertia";
       for (int n = 0; n < 1500; ++n) loop.step();
       EXPECT_LT(loop.angle(), 1e-3);
     }
@@ -91,7 +94,8 @@ int dithers(D hysteresis) {
   for (int n = 0; n < 300; ++n) {
     loop.state = {};  // held at the half turn, as by a hand
     loop.state.attitude << 0, 0, 0, 1;
-    loop.step([&](auto& sample, auto&) { sample.attitude = sample.attitude * exponential(r.vector<D, 3>(0.01)); });
+    loop.step(
+        [&](auto& sample, auto&) { sample.attitude = sample.attitude * exponential(r.vector<D, 3>(0.01)); });
     const D now = loop.result.input[5];
     if (n > 0 && (now > 0) != (last > 0)) ++changes;
     last = now;
@@ -104,8 +108,8 @@ TEST(HalfATurn, HysteresisKeepsNoiseFromDithering) {
   EXPECT_EQ(dithers(0.1), 0);
 }
 
-/// A body that comes past the half turn is turned on, not back all the way it came: no unwinding. And the long way is taken
-/// up to the margin alone.
+/// A body that comes past the half turn is turned on, not back all the way it came: no unwinding. And the
+/// long way is taken up to the margin alone.
 TEST(HalfATurn, TheWayChangesOnceAndNotBack) {
   AttitudeChoice<D> choice(0.1);
   int changes = 0;
@@ -124,8 +128,8 @@ TEST(HalfATurn, TheWayChangesOnceAndNotBack) {
   }
 }
 
-/// 90 degrees of pitch: the Euler law ends with the fault of its name, the quaternion laws do what they do elsewhere. The same
-/// motion in a frame of reference in which nothing is singular gives the same moments.
+/// 90 degrees of pitch: the Euler law ends with the fault of its name, the quaternion laws do what they do
+/// elsewhere. The same motion in a frame of reference in which nothing is singular gives the same moments.
 TEST(Singularity, OfEulerAnglesIsNoneOfTheQuaternion) {
   using M = FreeBody<D>;
   SpatialReference<D> over;
@@ -137,8 +141,10 @@ TEST(Singularity, OfEulerAnglesIsNoneOfTheQuaternion) {
     auto config = body_config<D>();
     config.law = law;
     SpatialReference<D> elsewhere = over;
-    elsewhere.attitude = about(Vec3<D>(1, 0, 0), 1.5707963267948966);  // its y axis is N's z: the turn is all yaw
-    SpatialLoop<M> here{SpatialController<M>(config), over, body_plant()}, there{SpatialController<M>(config), elsewhere, body_plant()};
+    elsewhere.attitude =
+        about(Vec3<D>(1, 0, 0), 1.5707963267948966);  // its y axis is N's z: the turn is all yaw
+    SpatialLoop<M> here{SpatialController<M>(config), over, body_plant()},
+        there{SpatialController<M>(config), elsewhere, body_plant()};
     there.state.attitude << elsewhere.attitude.w, elsewhere.attitude.v;
     D most = 0, error = 0, apart = 0;
     for (int n = 0; n < 2000; ++n) {
@@ -173,16 +179,20 @@ TYPED_TEST(Attitude, NormDoesNotDrift) {
   for (int n = 0; n < 1000000; ++n) {
     steady = advanced(steady, rate, h);
     random = advanced(random, r.vector<S, 3>(50), h);
-    worst = std::fmax(worst, std::fmax(std::fabs(Real(steady.squared_norm()) - 1), std::fabs(Real(random.squared_norm()) - 1)));
+    worst = std::fmax(worst, std::fmax(std::fabs(Real(steady.squared_norm()) - 1),
+                                       std::fabs(Real(random.squared_norm()) - 1)));
   }
   EXPECT_LT(worst, 8 * kEpsilon<S>);
   const Vec3<D> exact_rate = rate.template cast<D>();
-  const Quaternion<D> exact = about(Vec3<D>(exact_rate.normalized()), std::remainder(exact_rate.norm() * D(h) * 1e6, 4 * 3.14159265358979323846));
+  const Quaternion<D> exact =
+      about(Vec3<D>(exact_rate.normalized()),
+            std::remainder(exact_rate.norm() * D(h) * 1e6, 4 * 3.14159265358979323846));
   const Quaternion<D> got{D(steady.w), steady.v.template cast<D>()};
   EXPECT_LT(logarithm(Quaternion<D>(got.conjugate() * exact)).norm(), static_cast<D>(1e6L * kEpsilon<S>));
 }
 
-/// Of the reference of a spin too, which is a function of the tick and integrates nothing; of the plant, scaled every step.
+/// Of the reference of a spin too, which is a function of the tick and integrates nothing; of the plant,
+/// scaled every step.
 TEST(AttitudeOfLongRuns, StaysOnTheSphere) {
   auto spin = tumbling<FreeBody<float>>({0, 0, 0});
   Real worst = 0;
@@ -211,9 +221,10 @@ TYPED_TEST(Attitude, WhatIsNotANumberIsAFault) {
       SpatialLoop<M> loop{SpatialController<M>(body_config<S>(S(9))), {}, body_plant(9.0)};
       EXPECT_NE(loop.step().input.norm(), S(0));
       loop.step([&](SpatialSample<S>& x, auto&) {
-        S* const entries[] = {&x.attitude.w, &x.attitude.v[0], &x.attitude.v[1], &x.attitude.v[2], &x.position[0],
-                              &x.position[1], &x.position[2],  &x.velocity[0],   &x.velocity[1],   &x.velocity[2],
-                              &x.turning[0],  &x.turning[1],   &x.turning[2]};
+        S* const entries[] = {&x.attitude.w,  &x.attitude.v[0], &x.attitude.v[1], &x.attitude.v[2],
+                              &x.position[0], &x.position[1],   &x.position[2],   &x.velocity[0],
+                              &x.velocity[1], &x.velocity[2],   &x.turning[0],    &x.turning[1],
+                              &x.turning[2]};
         *entries[entry] = bad;
       });
       EXPECT_EQ(loop.result.fault, SpatialFault::not_finite) << entry;
@@ -249,7 +260,8 @@ TEST(Singularity, OfThePlatformIsNamed) {
   SpatialLoop<M> at_joint = loop;
   at_joint.step([&](auto&, auto& wanted) { wanted.position = p.base[2] - p.joint[2]; });
   EXPECT_EQ(at_joint.result.fault, SpatialFault::type1);
-  // Similar hexagons, one turned by 90 degrees: the legs lie in one linear complex, the motors cannot hold the platform.
+  // Similar hexagons, one turned by 90 degrees: the legs lie in one linear complex, the motors cannot hold
+  // the platform.
   for (int j = 0; j < 6; ++j) {
     p.joint[j] = p.base[j] * 0.5;
     p.joint[j].z() = 0;

@@ -1,4 +1,5 @@
-// ESMC in space: what the closed loop does, from the plant's accelerations and difference quotients along its motion.
+// ESMC in space: what the closed loop does, from the plant's accelerations and difference quotients along its
+// motion.
 
 #include <gtest/gtest.h>
 
@@ -19,8 +20,13 @@ struct Wanted {
   D rate, change;
 
   Wanted(const Vec3<D>& home, const Quaternion<D>& start, Random& r)
-      : position(home + r.vector<D, 3>(0.02)), velocity(r.vector<D, 3>(0.5)), acceleration(r.vector<D, 3>(2)), attitude(start),
-        axis(r.vector<D, 3>(1).normalized()), rate(r.in<D>(-2, 2)), change(r.in<D>(-5, 5)) {}
+      : position(home + r.vector<D, 3>(0.02)),
+        velocity(r.vector<D, 3>(0.5)),
+        acceleration(r.vector<D, 3>(2)),
+        attitude(start),
+        axis(r.vector<D, 3>(1).normalized()),
+        rate(r.in<D>(-2, 2)),
+        change(r.in<D>(-5, 5)) {}
   [[nodiscard]] SpatialMotion<D> at(D t) const {
     SpatialMotion<D> m;
     m.position = position + velocity * t + acceleration * (0.5 * t * t);
@@ -37,10 +43,12 @@ template <class M>
 SpatialTracking<M> tracking(const M& m, const host::SpatialState& s, const SpatialMotion<D>& d) {
   SpatialTracking<M> t;
   const auto x = sample_of<D>(s);
-  EXPECT_TRUE(m.pose(x.position, normalised(x.attitude), t.pose) && m.pose(d.position, d.attitude, t.desired_pose));
+  EXPECT_TRUE(m.pose(x.position, normalised(x.attitude), t.pose) &&
+              m.pose(d.position, d.attitude, t.desired_pose));
   t.rates = m.chain_rates(t.pose, M::joined(x.velocity, x.turning));
   t.desired_rates = m.chain_rates(t.desired_pose, M::joined(d.velocity, d.turning));
-  t.desired_acceleration = m.chain_accelerations(t.desired_pose, t.desired_rates, M::joined(d.acceleration, d.turning_rate));
+  t.desired_acceleration =
+      m.chain_accelerations(t.desired_pose, t.desired_rates, M::joined(d.acceleration, d.turning_rate));
   t.turn = shortest(x.attitude.conjugate() * d.attitude);
   return t;
 }
@@ -58,7 +66,8 @@ host::SpatialPlant::Input input(const M& m, const SpatialTracking<M>& t, const S
 
 /// d/dt at t = 0 of f(state, wanted motion), the input held.
 template <class F>
-auto derivative(const host::SpatialPlant& plant, const host::SpatialState& s, const Wanted& wanted, const host::SpatialPlant::Input& u, F&& f) {
+auto derivative(const host::SpatialPlant& plant, const host::SpatialState& s, const Wanted& wanted,
+                const host::SpatialPlant::Input& u, F&& f) {
   const auto at = [&](D t) {
     host::SpatialState moved = s;
     D work = 0;
@@ -79,7 +88,9 @@ struct Body {
   host::SpatialState s;
   Wanted wanted;
   explicit Body(Random& r)
-      : p(random_body<D>(r)), m(make_free_body(p, 9.0)), plant(p, 9.0),
+      : p(random_body<D>(r)),
+        m(make_free_body(p, 9.0)),
+        plant(p, 9.0),
         s(PlatformState<D>{r.vector<D, 3>(1), random_attitude<D>(r), r.vector<D, 6>(3)}.plant()),
         wanted(s.position, random_attitude<D>(r), r) {}
 };
@@ -91,7 +102,10 @@ struct Six {
   host::SpatialState s;
   Wanted wanted;
   explicit Six(Random& r)
-      : p(random_hexapod<D>(r)), m(make_hexapod(p)), plant(p), s(PlatformState<D>::near_home(p, r).plant()),
+      : p(random_hexapod<D>(r)),
+        m(make_hexapod(p)),
+        plant(p),
+        s(PlatformState<D>::near_home(p, r).plant()),
         wanted(p.home, exponential(r.vector<D, 3>(0.3)), r) {}
 };
 
@@ -105,10 +119,14 @@ TEST(AttitudeErrorInSpace, RatesAreDerivatives) {
       return attitude_error(x.attitude.conjugate() * d.attitude, d.turning, d.turning_rate, x.turning);
     };
     const auto a = error(b.s, b.wanted.at(0));
-    rate.compare(seed, a.e_rate, derivative(b.plant, b.s, b.wanted, {}, [&](const auto& s, const auto& d) { return error(s, d).e; }), 1);
+    rate.compare(
+        seed, a.e_rate,
+        derivative(b.plant, b.s, b.wanted, {}, [&](const auto& s, const auto& d) { return error(s, d).e; }),
+        1);
     // What is left of d/dt w~ when the body's own angular acceleration is taken out.
     const Vec3<D> own = independent_acceleration(b.s, b.plant.acceleration(b.s, {})).tail<3>();
-    const Vec3<D> change = derivative(b.plant, b.s, b.wanted, {}, [&](const auto& s, const auto& d) { return error(s, d).rate; });
+    const Vec3<D> change = derivative(b.plant, b.s, b.wanted, {},
+                                      [&](const auto& s, const auto& d) { return error(s, d).rate; });
     feed.compare(seed, a.of_reference, Vec3<D>(change + own), 10);
   }
   rate.expect_below(1e-9);
@@ -124,10 +142,14 @@ TEST(EsmcInSpace, FreeBodySlidesRowByRow) {
     const Body b(r);
     const auto t = tracking(b.m, b.s, b.wanted.at(0));
     for (const bool projected : {false, true}) {
-      const auto law = [&](const auto& at) { return projected ? demand_projected(b.m, g, Reaching::sign, at) : demand_esmc(b.m, g, Reaching::sign, at); };
+      const auto law = [&](const auto& at) {
+        return projected ? demand_projected(b.m, g, Reaching::sign, at)
+                         : demand_esmc(b.m, g, Reaching::sign, at);
+      };
       const auto now = law(t);
-      const Vec<D, 6> rate = derivative(b.plant, b.s, b.wanted, input(b.m, t, now),
-                                        [&](const auto& s, const auto& d) { return law(tracking(b.m, s, d)).sliding; });
+      const Vec<D, 6> rate =
+          derivative(b.plant, b.s, b.wanted, input(b.m, t, now),
+                     [&](const auto& s, const auto& d) { return law(tracking(b.m, s, d)).sliding; });
       rows.compare(seed, rate, Vec<D, 6>(now.sliding.unaryExpr([](D s) { return s > 0 ? -7.0 : 7.0; })));
     }
   }
@@ -144,7 +166,8 @@ Mat<D, 6, 6> mass_matrix(const M& m, const typename M::Pose& p) {
   return H;
 }
 
-/// C^T M (s' + K sgn s) = 0 [F31] and V' of [F32] for the platform on legs: 132 channels, six degrees of freedom.
+/// C^T M (s' + K sgn s) = 0 [F31] and V' of [F32] for the platform on legs: 132 channels, six degrees of
+/// freedom.
 TEST(EsmcInSpace, PlatformObeysTheIdentitiesOfTheClosedLoop) {
   Accuracy identity("F31"), fall("F32");
   const auto g = gains<D>(15, 7, 1);
@@ -165,13 +188,16 @@ TEST(EsmcInSpace, PlatformObeysTheIdentitiesOfTheClosedLoop) {
       reaching += M0[i] * 7.0 * std::fabs(now.sliding[i]);
     }
     const Vec<D, 6> zero = b.m.gather(t.pose, M::Channels(left.cwiseProduct(M0)));
-    identity.compare(seed, zero, Vec<D, 6>(Vec<D, 6>::Zero()), Real(b.m.gather(t.pose, M::Channels(rate.cwiseProduct(M0))).norm()));
-    const Vec<D, 6> sigma = mass_matrix(b.m, t.pose).inverse() * b.m.gather(t.pose, M::Channels(now.sliding.cwiseProduct(M0)));
+    identity.compare(seed, zero, Vec<D, 6>(Vec<D, 6>::Zero()),
+                     Real(b.m.gather(t.pose, M::Channels(rate.cwiseProduct(M0))).norm()));
+    const Vec<D, 6> sigma =
+        mass_matrix(b.m, t.pose).inverse() * b.m.gather(t.pose, M::Channels(now.sliding.cwiseProduct(M0)));
     const M::Channels rest = now.sliding - b.m.channel_rates(t.pose, b.m.chain_rates(t.pose, sigma));
     Vec<D, 1> got, want;
     got << (now.sliding.cwiseProduct(M0)).dot(rate);
     want << -reaching + rest.cwiseProduct(M0).dot(left);
-    EXPECT_GT(std::fabs(rest.cwiseProduct(M0).dot(left)), 1e-6) << "nothing left over: the identity is not put to the test";
+    EXPECT_GT(std::fabs(rest.cwiseProduct(M0).dot(left)), 1e-6)
+        << "nothing left over: the identity is not put to the test";
     fall.compare(seed, got, want);
   }
   identity.expect_below(1e-7);
@@ -209,7 +235,8 @@ TEST(EulerAnglesInSpace, RatesTurningAndDriftBelongTogether) {
     const Vec3<D> a = r.vector<D, 3>(1.4), d = r.vector<D, 3>(2), dd = r.vector<D, 3>(3);
     const auto attitude = [&](D t) {
       const Vec3<D> x = a + d * t + dd * (0.5 * t * t);
-      return Quaternion<D>(about(Vec3<D>::UnitZ().eval(), x[2]) * about(Vec3<D>::UnitY().eval(), x[1]) * about(Vec3<D>::UnitX().eval(), x[0]));
+      return Quaternion<D>(about(Vec3<D>::UnitZ().eval(), x[2]) * about(Vec3<D>::UnitY().eval(), x[1]) *
+                           about(Vec3<D>::UnitX().eval(), x[0]));
     };
     const auto chart = EulerChart<D>::at(attitude(0));
     back.compare(seed, Vec3<D>(chart.angle.roll, chart.angle.pitch, chart.angle.yaw), a, 1);
@@ -232,8 +259,8 @@ TEST(EulerAnglesInSpace, RatesTurningAndDriftBelongTogether) {
   drift.expect_below(1e-8);
 }
 
-/// About a reference at rest and inside the layer the three laws are one, to first order in the error: what they differ by
-/// falls with its square.
+/// About a reference at rest and inside the layer the three laws are one, to first order in the error: what
+/// they differ by falls with its square.
 template <class Case>
 void same_to_first_order(std::uint64_t seed) {
   Random r(seed);
@@ -246,7 +273,8 @@ void same_to_first_order(std::uint64_t seed) {
   rest.attitude = level;
   const auto g = gains<D>(15, 30, 60);  // kappa = 0.5 1/s in every row
   const auto differences = [&](D size) {
-    const PlatformState<D> x{rest.position + offset * size, Quaternion<D>(level * exponential(Vec3<D>(turn * size))), rate * size};
+    const PlatformState<D> x{rest.position + offset * size,
+                             Quaternion<D>(level * exponential(Vec3<D>(turn * size))), rate * size};
     const auto t = tracking(b.m, x.plant(), rest);
     const auto force = [&](const auto& demand) {
       const auto u = input(b.m, t, demand);
@@ -284,7 +312,8 @@ TEST(EsmcInSpace, ReachesInTheTimeItSays) {
   loop.state.position = {0.1, -0.05, 0.02};
   const Vec<D, 6> first = loop.step().sliding;
   const D k = 60, h = 1e-3;
-  for (int i = 0; i < 6; ++i) EXPECT_GT(std::fabs(first[i]), i == 4 ? -1.0 : 0.3) << i;  // the axis of the turn has no y
+  for (int i = 0; i < 6; ++i)
+    EXPECT_GT(std::fabs(first[i]), i == 4 ? -1.0 : 0.3) << i;  // the axis of the turn has no y
   int reached = 0;
   for (int n = 1; n < 1000; ++n) {
     const Vec<D, 6> s = loop.step().sliding;

@@ -1,5 +1,6 @@
-// The serial and the coupling algorithm in space. Oracles: for chains, positions and rotation matrices differentiated twice
-// (Lagrange, tests/support/lagrange.hpp); for the platform on legs, the plant's Newton-Euler equations body by body.
+// The serial and the coupling algorithm in space. Oracles: for chains, positions and rotation matrices
+// differentiated twice (Lagrange, tests/support/lagrange.hpp); for the platform on legs, the plant's
+// Newton-Euler equations body by body.
 
 #include <gtest/gtest.h>
 
@@ -10,8 +11,8 @@ namespace {
 
 constexpr std::uint64_t kCases = 100;
 
-/// Positions only: mass centre and the nine entries of the rotation matrix of every body, in N. An inertia is a spread of
-/// mass along the body's axes: I_x = e_y + e_z and so on.
+/// Positions only: mass centre and the nine entries of the rotation matrix of every body, in N. An inertia is
+/// a spread of mass along the body's axes: I_x = e_y + e_z and so on.
 template <std::size_t N>
 struct SpatialChain {
   static constexpr std::size_t n = N, rows = 12 * N;
@@ -58,11 +59,13 @@ struct SpatialChain {
         shift(p.axis, q[b]);
       } else {  // Rodrigues
         const T c = cosine(q[b]), s = sine(q[b]);
-        const Real u[3][3] = {{0, -p.axis[2], p.axis[1]}, {p.axis[2], 0, -p.axis[0]}, {-p.axis[1], p.axis[0], 0}};
+        const Real u[3][3] = {
+            {0, -p.axis[2], p.axis[1]}, {p.axis[2], 0, -p.axis[0]}, {-p.axis[1], p.axis[0], 0}};
         M3<T> joint{};
         for (std::size_t i = 0; i < 3; ++i)
           for (std::size_t j = 0; j < 3; ++j)
-            joint[i][j] = T(Real(i == j ? 1 : 0)) * c + T(u[i][j]) * s + T(p.axis[i] * p.axis[j]) * (T(Real(1)) - c);
+            joint[i][j] =
+                T(Real(i == j ? 1 : 0)) * c + T(u[i][j]) * s + T(p.axis[i] * p.axis[j]) * (T(Real(1)) - c);
         turn(joint);
       }
       const std::array<T, 3> origin = x;
@@ -96,7 +99,8 @@ struct SpatialChain {
     return inertial(q);
   }
   /// omega of body b in its frame from R^T Rdot.
-  static Vec<Real, 3> omega(const std::array<Real, rows>& x, const std::array<Real, rows>& rate, std::size_t b) {
+  static Vec<Real, 3> omega(const std::array<Real, rows>& x, const std::array<Real, rows>& rate,
+                            std::size_t b) {
     const auto entry = [&](std::size_t i, std::size_t j) {
       Real sum = 0;
       for (std::size_t k = 0; k < 3; ++k) sum += x[12 * b + 3 + 3 * k + i] * rate[12 * b + 3 + 3 * k + j];
@@ -132,7 +136,8 @@ struct ChainCase {
       b.inertia = body.inertia;
       b.viscous = r.in<S>(0, 0.1);
       b.coulomb = r.in<S>(0, 0.1);
-      const Rotation<Real> mount = rotation(Quaternion<Real>{Real(b.mount.w), b.mount.v.template cast<Real>()});
+      const Rotation<Real> mount =
+          rotation(Quaternion<Real>{Real(b.mount.w), b.mount.v.template cast<Real>()});
       const Vec<Real, 3> I = b.inertia.template cast<Real>();
       for (int k = 0; k < 3; ++k) {
         const auto u = static_cast<std::size_t>(k);
@@ -172,15 +177,18 @@ void rates_and_drift(std::uint64_t seed, Accuracy& rates, Accuracy& drift) {
   const auto got = c.chain.rates(pose, c.qd), bias = c.chain.bias(pose, c.qd, c.qdd);
   const Row<n> q = Case::row(c.q), a = Case::row(c.qd), b = Case::row(c.qdd);
   const auto x = c.oracle.inertial(q);
-  const auto v = channel_rates(c.oracle, q, a), vb = channel_rates(c.oracle, q, b), change = channel_accelerations(c.oracle, q, a, b, Row<n>{});
+  const auto v = channel_rates(c.oracle, q, a), vb = channel_rates(c.oracle, q, b),
+             change = channel_accelerations(c.oracle, q, a, b, Row<n>{});
   for (std::size_t i = 0; i < n; ++i) {
-    const auto rows = Chain::rows_of(got, static_cast<int>(i)), drifts = Chain::rows_of(bias, static_cast<int>(i));
+    const auto rows = Chain::rows_of(got, static_cast<int>(i)),
+               drifts = Chain::rows_of(bias, static_cast<int>(i));
     rates.compare(seed, rows.turn, c.oracle.omega(x, v, i), 1);
     rates.compare(seed, rows.centre, Vec<Real, 3>(v[12 * i], v[12 * i + 1], v[12 * i + 2]), 1);
     // d/dt along a of vee(R^T R'(b)) = vee(R^T R''(a, b) + R'(a)^T R'(b))
     const Vec<Real, 3> second = c.oracle.omega(x, change, i), first = c.oracle.omega(v, vb, i);
     drift.compare(seed, drifts.turn, Vec<Real, 3>(second + first), 10);
-    drift.compare(seed, drifts.centre, Vec<Real, 3>(change[12 * i], change[12 * i + 1], change[12 * i + 2]), 10);
+    drift.compare(seed, drifts.centre, Vec<Real, 3>(change[12 * i], change[12 * i + 1], change[12 * i + 2]),
+                  10);
   }
 }
 
@@ -274,7 +282,8 @@ TYPED_TEST(PlatformInSpace, FreeBodyObeysEuler) {
     const auto s = state.plant();
     const auto a = independent_acceleration(s, plant.acceleration(s, u));
     const auto rates = m.chain_rates(pose, state.rate);
-    const auto v = m.channel_accelerations(pose, rates, rates, m.chain_accelerations(pose, rates, Vec<S, 6>(a.template cast<S>())));
+    const auto v = m.channel_accelerations(
+        pose, rates, rates, m.chain_accelerations(pose, rates, Vec<S, 6>(a.template cast<S>())));
     Vec<S, 6> got = m.gather(pose, m.force(v, m.channel_rates(pose, rates)));
     wrench.compare(seed, got, Vec<double, 6>(u.data()), 10);
   }
@@ -296,7 +305,8 @@ TYPED_TEST(PlatformInSpace, KineticEnergyIsThatOfThePlant) {
     const auto M = m.mass();
     Vec<S, 1> got = Vec<S, 1>::Zero();
     for (int i = 0; i < p.size(); ++i) got[0] += S(0.5) * M[i] * p[i] * p[i];
-    energy.compare(seed, got, Vec<double, 1>(host::SpatialPlant(in_double(params)).energy(state.plant()).kinetic));
+    energy.compare(seed, got,
+                   Vec<double, 1>(host::SpatialPlant(in_double(params)).energy(state.plant()).kinetic));
   }
   energy.expect_below(50 * kEpsilon<S>);
 }
@@ -317,17 +327,20 @@ TEST(PlatformInSpaceDrift, IsTheDerivativeOfC) {
     const auto at = [&](double t) {
       const Vec3<double> v = state.rate.head<3>(), w = state.rate.tail<3>();
       Hexapod<double>::Pose there;
-      EXPECT_TRUE(m.pose(Vec3<double>(state.position + v * t), Quaternion<double>(state.attitude * exponential(Vec3<double>(w * t))), there));
+      EXPECT_TRUE(m.pose(Vec3<double>(state.position + v * t),
+                         Quaternion<double>(state.attitude * exponential(Vec3<double>(w * t))), there));
       return m.channel_rates(there, m.chain_rates(there, b));
     };
     const double h = 1e-4;
-    const Hexapod<double>::Channels near = at(h) - at(-h), far = at(2 * h) - at(-2 * h), want = (near * 8 - far) / (12 * h);
+    const Hexapod<double>::Channels near = at(h) - at(-h), far = at(2 * h) - at(-2 * h),
+                                    want = (near * 8 - far) / (12 * h);
     drift.compare(seed, got, want, 1);
   }
   drift.expect_below(1e-9);
 }
 
-/// A leg that points along the first axis of its universal joint has no joint angles; what is not a number neither.
+/// A leg that points along the first axis of its universal joint has no joint angles; what is not a number
+/// neither.
 TEST(PlatformInSpaceReach, TypeOneIsRefused) {
   const StrutParams<double> strut{0.1, 1, 0.01, 0.01, 0};
   const UpsLeg<double> leg({0, 0, 0}, {0, 0, 1}, strut, strut, 9.8);

@@ -1,4 +1,5 @@
-// The plant in space against closed forms and what has to be conserved: the torque-free top, and a platform let go.
+// The plant in space against closed forms and what has to be conserved: the torque-free top, and a platform
+// let go.
 
 #include <gtest/gtest.h>
 
@@ -29,8 +30,8 @@ Jacobi jacobi(Real u, Real k) {
   return {std::sin(phi), std::cos(phi), std::cos(phi) / std::cos(before - phi)};
 }
 
-/// A top of Dzhanibekov's: spun about the middle axis with a little of the others it turns over, again and again, as Jacobi's
-/// functions say.
+/// A top of Dzhanibekov's: spun about the middle axis with a little of the others it turns over, again and
+/// again, as Jacobi's functions say.
 TEST(TorqueFreeTop, TurnsOverAsJacobiSays) {
   const Vec3<double> I(0.01, 0.02, 0.035);
   const host::SpatialPlant plant({1.0, I}, 0.0);
@@ -39,10 +40,12 @@ TEST(TorqueFreeTop, TurnsOverAsJacobiSays) {
   host::SpatialState s;
   s.turning = {first, 0, third};
   const Real I1 = Real(I[0]), I2 = Real(I[1]), I3 = Real(I[2]);
-  const Real T2 = I1 * first * first + I3 * third * third, L2 = I1 * I1 * first * first + I3 * I3 * third * third;
+  const Real T2 = I1 * first * first + I3 * third * third,
+             L2 = I1 * I1 * first * first + I3 * I3 * third * third;
   ASSERT_LT(L2, T2 * I2);
   // Landau and Lifshitz, section 37, with the axes named from the other end, as L2 < 2 E I2 asks.
-  const Real a1 = std::sqrt((T2 * I3 - L2) / (I1 * (I3 - I1))), a2 = std::sqrt((L2 - T2 * I1) / (I2 * (I2 - I1))),
+  const Real a1 = std::sqrt((T2 * I3 - L2) / (I1 * (I3 - I1))),
+             a2 = std::sqrt((L2 - T2 * I1) / (I2 * (I2 - I1))),
              a3 = std::sqrt((L2 - T2 * I1) / (I3 * (I3 - I1)));
   const Real k = std::sqrt((I3 - I2) * (L2 - T2 * I1) / ((I2 - I1) * (T2 * I3 - L2)));
   ASSERT_LT(k, 1);
@@ -57,19 +60,22 @@ TEST(TorqueFreeTop, TurnsOverAsJacobiSays) {
     const Jacobi j = jacobi(rate * 5e-4L * n, k);
     const Quaternion<double> q{s.attitude[0], s.attitude.tail<3>()};
     const Vec3<double> omega = rotated(q.conjugate(), s.turning);
-    const Vec3<double> want(static_cast<double>(a1 * j.dn), static_cast<double>(a2 * j.sn), static_cast<double>(a3 * j.cn));
+    const Vec3<double> want(static_cast<double>(a1 * j.dn), static_cast<double>(a2 * j.sn),
+                            static_cast<double>(a3 * j.cn));
     worst = std::fmax(worst, (omega - want).cwiseAbs().maxCoeff());
     if ((omega.z() > 0) != (last > 0)) ++over;
     last = omega.z();
   }
   EXPECT_LT(worst, 1e-8);
   EXPECT_GT(over, 5);
-  EXPECT_LT((plant.angular_momentum(s) - momentum).norm(), 1e-9 * momentum.norm());  // in N: judges the attitude too
+  EXPECT_LT((plant.angular_momentum(s) - momentum).norm(),
+            1e-9 * momentum.norm());  // in N: judges the attitude too
   EXPECT_NEAR(plant.energy(s).kinetic, energy, 1e-10 * energy);
   EXPECT_EQ(work, 0);
 }
 
-/// A platform with motors that push as they like: what they do is what energy changes by, for each of 13 bodies.
+/// A platform with motors that push as they like: what they do is what energy changes by, for each of 13
+/// bodies.
 TEST(PlatformOnLegs, EnergyIsWhatTheMotorsDid) {
   for (std::uint64_t seed = 0; seed < 5; ++seed) {
     Random r(seed);
