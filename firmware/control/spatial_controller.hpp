@@ -31,6 +31,7 @@ struct SpatialSample {
   Vec3<S> turning;  ///< omega in the frame of the body, rad/s
 };
 
+/// What a controller in space is told once.
 template <class M, class S = typename M::Scalar>
 struct SpatialConfig {
   M mechanism{};  ///< as the controller believes it to be
@@ -44,6 +45,7 @@ struct SpatialConfig {
   S least_pivot{S(0.02)};  ///< platform: of the motors' map, below which it is type 2
 };
 
+/// What one tick gives.
 template <class S>
 struct SpatialResult {
   Vec<S, 6> input = Vec<S, 6>::Zero();  ///< [force in N; moment in the frame of the body], or motors' forces

@@ -20,6 +20,7 @@ enum class SpatialLaw : std::uint8_t {
 /// Gains, one set for velocities of points and one for angular velocities.
 template <class S>
 struct SpatialGains {
+  /// Of one kind of channel.
   struct Kind {
     S lambda{};  ///< 1/s, > 0
     S k{};       ///< m/s2 or rad/s2, >= 0

@@ -40,6 +40,7 @@ class SpatialCoupling {
     Independent platform;
     List<typename Leg::Joints, Legs> leg;
   };
+  /// Where everything is. Not initialised by itself; `pose` makes one.
   struct Pose {
     Vec3<S> position;
     Quaternion<S> attitude;

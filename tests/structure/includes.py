@@ -159,6 +159,7 @@ def self_test(root):
         ("hal/zynqmp_can/zynqmp_can.hpp", '#include "hal/fdcan/registers.hpp"'),
         ("boards/mps2/main.cpp", '#include "tests/support/odrive_bytes.hpp"'),
         ("host_sim/plant/plant.hpp", '#include "firmware/mechanism/five_bar.hpp"'),
+        ("host_sim/plant/spatial_plant.hpp", '#include "firmware/mechanism/rotation.hpp"'),
         ("host_sim/plant/plant.hpp", '#include "firmware/control/reference.hpp"'),
         ("host_sim/plant/plant.hpp", '#include "firmware/drive/odrive_axis.hpp"'),
         ("host_sim/scene/scene.hpp", '#include "firmware/safety/guards.hpp"'),
