@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <cstdio>
 #include <nlohmann/json.hpp>
 #include <tuple>
 #include <utility>
@@ -95,7 +96,7 @@ std::vector<std::string> log_columns() {
 }
 
 template <class M>
-Account simulate(const SpatialScene& scene, const RunOptions& o, const std::string& log_path) {
+Account simulate(const SpatialScene& scene, const RunOptions& o, std::FILE* log_file) {
   using S = typename M::Scalar;
   const auto begin = std::chrono::steady_clock::now();
   const SpatialPlant plant =
@@ -117,7 +118,7 @@ Account simulate(const SpatialScene& scene, const RunOptions& o, const std::stri
   const std::uint32_t ticks = spatial_ticks(scene);
   const double tick = scene.tick();
   const int steps = std::max(1, static_cast<int>(std::ceil(tick / scene.step - 1e-9)));
-  Log log(log_path, log_columns(), ticks);
+  Log log(log_file, log_columns(), ticks);
   Progress progress(ticks);
   Vec<double, 6> before = Vec<double, 6>::Zero();
   for (std::uint32_t n = 0; n < ticks && !a.interrupted; ++n) {
@@ -153,7 +154,7 @@ Account simulate(const SpatialScene& scene, const RunOptions& o, const std::stri
                                        s.turning[2]};
     require_finite(state, t);
     a.digest.add(state);
-    if (!log_path.empty()) {
+    if (log.wanted()) {
       const V3 turning = rotated(q.conjugate(), s.turning);
       std::vector<double> row{t,
                               state[0],
@@ -292,7 +293,7 @@ int run_spatial(const RunOptions& o) {
   const SpatialScene scene = read_spatial_scene(o.scene, o.sets);
   OutputDirectory out(o.out);
   out.spare(o.scene);
-  const std::string log = out.path("log.csv");
+  std::FILE* const log = out.open("log.csv");
   const Account a = scene.platform ? (o.single_precision ? simulate<Hexapod<float>>(scene, o, log)
                                                          : simulate<Hexapod<double>>(scene, o, log))
                                    : (o.single_precision ? simulate<FreeBody<float>>(scene, o, log)
