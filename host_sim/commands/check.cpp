@@ -13,6 +13,7 @@
 #include "host_sim/commands/finish.hpp"
 #include "host_sim/commands/halves.hpp"
 #include "host_sim/commands/recorder.hpp"
+#include "host_sim/commands/robust.hpp"
 
 namespace esmc::host {
 namespace {
@@ -189,6 +190,20 @@ Delay delay_of(const Scene& s) {
 }
 
 /// The sampled loop near the surface: docs/theory.md, "Boundary layers and the implicit law".
+/// Largest K / layer + lambda, 1/s.
+double stiffness(const Scene& s) {
+  if (!s.robust_gain) {
+    return std::max(s.gain.position / s.layer.position + s.lambda.position, s.gain.angle / s.layer.angle + s.lambda.angle);
+  }
+  const auto of = [&]<class M>(const M*) {
+    const Gains<M> g = robust_gains<M>(s, Pacing::lockstep);
+    double most = g.independent.k / g.independent.layer + g.independent.lambda;
+    for (int i = 0; i < M::channels; ++i) most = std::max(most, g.k[i] / g.layer[i] + g.lambda[i]);
+    return most;
+  };
+  return s.type == MechanismType::five_bar ? of(static_cast<FiveBar<double>*>(nullptr)) : of(static_cast<Rr<double>*>(nullptr));
+}
+
 void judge_gains(const Scene& s, Findings& f) {
   const bool sliding =
       s.law == LawChoice::esmc || s.law == LawChoice::esmc_projected || s.law == LawChoice::smc;
@@ -217,9 +232,7 @@ void judge_gains(const Scene& s, Findings& f) {
   }
   if (s.reaching == ReachingChoice::sign) return;
   // kappa T <= 0.3, and below half of the bound on stability 2 sin(pi/(4 d + 2)) [F39]
-  const double kappa_t = std::max(s.gain.position / s.layer.position + s.lambda.position,
-                                  s.gain.angle / s.layer.angle + s.lambda.angle) *
-                         s.tick();
+  const double kappa_t = stiffness(s) * s.tick();
   const auto half_bound = [](double ticks) { return std::sin(std::numbers::pi / (4.0 * ticks + 2.0)); };
   const std::string is = fmt::format("(gain / layer + lambda) * tick = {:.3g}", kappa_t);
   const std::string cure =

@@ -172,7 +172,7 @@ std::string LiveDesk::scene_json() const {
          {"law", law_name(s.law)},
          {"reaching", reaching_name(s.reaching)},
          {"lambda", per_kind(s.lambda)},
-         {"gain", per_kind(s.gain)},
+         {"gain", s.robust_gain ? std::string("robust") : per_kind(s.gain)},
          {"layer", per_kind(s.layer)},
          {"kp", s.kp ? fmt::format("{}", *s.kp) : ""},
          {"kd", s.kd ? fmt::format("{}", *s.kd) : ""},

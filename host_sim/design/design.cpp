@@ -6,29 +6,23 @@
 #include <numbers>
 
 #include "host_sim/design/linear_zone.hpp"
+#include "host_sim/design/search.hpp"
 
 namespace esmc::host::design {
 namespace {
 
-constexpr int directions = 6;
 constexpr double room = 1.2;           ///< tube over the band that it must hold, where the tube is computed
 constexpr std::size_t coarse_max = 256;  ///< points of a first look
 
 template <class M>
-class Designer {
+class Designer : private Search<M> {
  public:
-  using Channels = typename M::Channels;
-  Designer(const Problem<M>& p, double tube, std::size_t points_max)
-      : p_(p), u_(p), lambda_(p.controller.gains.independent.lambda), tube_(tube), swing_(2.0 * lambda_ * tube),
-        smc_(p.controller.law == LawKind::smc), stride_(std::max<std::size_t>(1, (p.points.size() + points_max - 1) / points_max)) {
-    d_.tube = tube;
-  }
+  using Search<M>::Search;
+  using Search<M>::left;
 
   Design<M> run() {
     if (!look() || !payable()) return d_;
-    if (!smc_) {
-      for (int i = 0; i < M::channels; ++i) refine(i);
-    }
+    for (int i = 0; i < (smc_ ? 1 : M::channels); ++i) refine(i);
     inertia();
     if (!rates_of_reaching()) return d_;
     linear_zone();
@@ -39,114 +33,12 @@ class Designer {
   }
   /// Size of tube that the band of the layer asks for; 0: none does.
   [[nodiscard]] double asked_tube() const { return asked_tube_; }
-  [[nodiscard]] bool left() const { return left_; }
 
  private:
-  /// Calls f(place, state) for the centre of the tube and its edge, point by point. False: a place that cannot be.
-  template <class F>
-  bool everywhere(bool poses_only, const F& f) {
-    State<M> s;
-    for (std::size_t n = 0; n < p_.points.size(); n += stride_) {
-      const auto visit = [&](double angle_e, double share_e, double angle_s, double share_s) {
-        const Place at{n, angle_e, share_e, angle_s, share_s};
-        ++d_.states;
-        if (!state_at(p_, at, tube_, s)) {
-          left_ = true;
-          d_.refused = fmt::format("a tube of {:.3g} {} around the motion leaves the reach of the mechanism, or passes "
-                                   "limits.min_abs_sin_type1 or type2, {}", tube_, unit(), where(at));
-          return false;
-        }
-        f(at, s);
-        return true;
-      };
-      const auto angle = [](int k) { return 2.0 * std::numbers::pi * k / directions; };
-      const auto possible = [&] {
-        for (int a = 0; a < directions; ++a) {
-          if (!state_at(p_, {n, angle(a), 1, 0, 0}, tube_, s)) return false;
-        }
-        return true;
-      };
-      if (!p_.along_time && !possible()) continue;  // a place of the workspace has its tube around it
-      bool within = visit(0, 0, 0, 0);
-      for (int a = 0; a < directions && within; ++a) {
-        within = visit(angle(a), 1, 0, 0);
-        if (poses_only) continue;
-        within = within && visit(0, 0, angle(a), 1);
-        for (int b = 0; b < directions && within; ++b) within = visit(angle(a), 1, angle(b), 1);
-      }
-      if (!within) return false;
-    }
-    return true;
-  }
-  [[nodiscard]] static const char* unit() { return Uncertain<M>::first > 0 ? "m" : "rad"; }
-  [[nodiscard]] std::string where(const Place& at) const {
-    const Point& n = p_.points[at.point];
-    return p_.along_time ? fmt::format("at t = {:.3f} s", n.time)
-                         : fmt::format("at ({:.3g}, {:.3g})", n.now.position.x(), n.now.position.y());
-  }
-
-  /// Needs of the rows (or of the two coordinates, for smc), lengths of the rows of C.
-  bool look() {
-    smc_need_ = 0.0;
-    return everywhere(false, [&](const Place& at, const State<M>& s) {
-      for (int i = 0; i < M::channels; ++i) {
-        span_[i] = std::max(span_[i], std::hypot(s.column[0][i], s.column[1][i]));
-      }
-      if (smc_) {
-        const Worst<M> w(u_, s, swing_);
-        const auto& believed = w.believed();
-        const auto norms = [&](const Mat<double, 2, 2>& H, const Vec2<double>& F) {
-          const Mat<double, 2, 2> inv = inverse(H), E = inv * believed - Mat<double, 2, 2>::Identity();
-          const double e = std::max(std::abs(E(0, 0)) + std::abs(E(0, 1)), std::abs(E(1, 0)) + std::abs(E(1, 1)));
-          const Vec2<double> d = inv * F;
-          return std::pair{e, std::max(std::abs(d[0]), std::abs(d[1]))};
-        };
-        const double e = w.largest([&](const auto& H, const auto& F) { return norms(H, F).first; });
-        if (e > d_.mismatch) {
-          d_.mismatch = e;
-          mismatch_at_ = at;
-        }
-        if (e >= 1.0) return;
-        const double need = w.largest([&](const auto& H, const auto& F) {
-          const auto [share, d] = norms(H, F);
-          return d / (1.0 - share);
-        });
-        if (need > smc_need_) {
-          smc_need_ = need;
-          for (auto& r : d_.row) r.place = at;
-        }
-      } else {
-        if (p_.controller.law == LawKind::esmc && at.share_s > 0.0) d_.beyond_range = std::max(d_.beyond_range, beyond(s));
-        const auto rows = u_.rows(s, swing_);
-        for (int i = 0; i < M::channels; ++i) {
-          const auto k = static_cast<std::size_t>(i);
-          const double size = rows[k].size();
-          if (size > force_[k]) {
-            force_[k] = size;
-            d_.row[k].place = at;
-          }
-        }
-      }
-    });
-  }
-
-  /// Share of s that no motion follows, in the metric of the believed M.
-  [[nodiscard]] double beyond(const State<M>& s) const {
-    Mat<double, 2, 2> H;
-    Vec2<double> f;
-    const auto weigh = [&](const Channels& a, const Channels& b) {
-      double sum = 0.0;
-      for (int i = 0; i < M::channels; ++i) sum += u_.mass()[i] * a[i] * b[i];
-      return sum;
-    };
-    for (int i = 0; i < 2; ++i) {
-      f[i] = weigh(s.column[i], s.sliding);
-      for (int j = 0; j < 2; ++j) H(i, j) = weigh(s.column[i], s.column[j]);
-    }
-    const Vec2<double> sigma = inverse(H) * f;
-    const Channels r = s.sliding - s.column[0] * sigma[0] - s.column[1] * sigma[1];
-    return std::sqrt(weigh(r, r) / weigh(s.sliding, s.sliding));
-  }
+  using Channels = typename M::Channels;
+  using Base = Search<M>;
+  using Base::p_, Base::u_, Base::d_, Base::lambda_, Base::tube_, Base::swing_, Base::smc_, Base::stride_, Base::force_, Base::span_,
+      Base::mismatch_at_, Base::everywhere, Base::unit, Base::where, Base::look, Base::refine;
 
   /// A row without believed mass has no switching term to pay with.
   bool payable() {
@@ -166,57 +58,6 @@ class Designer {
       return false;
     }
     return true;
-  }
-
-  /// From the worst place of a row to a worse one nearby, by halving steps.
-  void refine(int row) {
-    const auto k = static_cast<std::size_t>(row);
-    if (force_[k] <= 0.0) return;
-    Place best = d_.row[k].place;
-    double most = force_[k];
-    State<M> s;
-    const auto attempt = [&](Place at) {
-      ++d_.states;
-      if (at.point >= p_.points.size() || !state_at(p_, at, tube_, s)) return false;
-      const double now = u_.rows(s, swing_)[k].size();
-      if (!(now > most)) return false;
-      most = now;
-      best = at;
-      return true;
-    };
-    double turn = std::numbers::pi / directions;
-    auto along = static_cast<std::ptrdiff_t>(p_.along_time ? stride_ / 2 : 0);
-    for (int halvings = 0; halvings < 8;) {
-      bool better = false;
-      for (const int sign : {-1, 1}) {
-        Place at = best;
-        at.angle_e += sign * turn;
-        better = attempt(at) || better;
-        at = best;
-        at.angle_s += sign * turn;
-        better = attempt(at) || better;
-        if (along == 0) continue;
-        at = best;
-        at.point = static_cast<std::size_t>(static_cast<std::ptrdiff_t>(at.point) + sign * along);  // may wrap: then too large
-        better = attempt(at) || better;
-      }
-      if (better) continue;
-      ++halvings;
-      turn *= 0.5;
-      along /= 2;
-    }
-    force_[k] = most;
-    Row<M>& r = d_.row[k];
-    r.place = best;
-    if (!state_at(p_, best, tube_, s)) return;
-    double share = -1.0;
-    for (int c = 0; c < static_cast<int>(Cause::count); ++c) {
-      const double own = u_.rows(s, swing_, static_cast<Cause>(c))[k].size();
-      if (own > share) {
-        share = own;
-        r.cause = static_cast<Cause>(c);
-      }
-    }
   }
 
   /// Bounds of true inertia over poses and plants.
@@ -294,7 +135,7 @@ class Designer {
 
   void choose() {
     if (smc_) {
-      d_.k_independent = margin * std::max(smc_need_ + d_.eta_independent / (1.0 - d_.mismatch), linear_independent_);
+      d_.k_independent = margin * std::max(force_[0], linear_independent_);
       return;
     }
     for (int i = 0; i < M::channels; ++i) {
@@ -338,12 +179,12 @@ class Designer {
       if (!state_at(p_, {at}, 0.0, s)) continue;
       const Worst<M> w(u_, s, swing_);
       const Vec<double, M::joints> own = torques(p_, s.track.pose, c.mechanism.force(s.wanted, s.track.rates));
-      Channels unit = Channels::Zero();
+      Channels push = Channels::Zero();
       List<Vec<double, M::joints>, 2> map;
       for (int k = 0; k < 2; ++k) {
-        unit.setZero();
-        unit[k] = 1.0;  // a force on independent coordinate k: effector, or joint of the RR
-        map[k] = torques(p_, s.track.pose, unit);
+        push.setZero();
+        push[k] = 1.0;  // a force on independent coordinate k: effector, or joint of the RR
+        map[k] = torques(p_, s.track.pose, push);
       }
       for (int i = 0; i < n; ++i) {
         const int joint = ControllerConfig<M>::joint_of(i, n);
@@ -388,19 +229,9 @@ class Designer {
     place = at;
   }
 
-  const Problem<M>& p_;
-  Uncertain<M> u_;
-  double lambda_, tube_, swing_;
-  bool smc_;
-  std::size_t stride_;
-  Design<M> d_;
-  std::array<double, M::channels> force_{};  ///< largest |delta|, N or N m
-  Channels span_ = Channels::Zero();         ///< largest |c_i|
-  double smc_need_ = 0.0, linear_independent_ = 0.0;
-  double heavy_ = 0.0, light_ = 0.0;         ///< bounds of the true inertia
+  double linear_independent_ = 0.0;
+  double heavy_ = 0.0, light_ = 0.0;  ///< bounds of the true inertia
   double asked_tube_ = 0.0;
-  bool left_ = false;
-  Place mismatch_at_{};
 };
 
 /// Size of the tube that would hold the start.
@@ -416,7 +247,8 @@ double start_size(const Problem<M>& p) {
   return std::max(std::sqrt(dot(e, e)), std::sqrt(dot(sigma, sigma)) / c.gains.independent.lambda);
 }
 
-/// A tube that holds its own band with some room, found by steps between it and what the band asks for.
+/// A tube that holds its own band with some room, found by steps between it and what the band asks for. 0: there is none of a
+/// size that means anything.
 template <class M>
 double computed_tube(const Problem<M>& p) {
   const auto& leg = p.believed.legs[0];
@@ -432,11 +264,11 @@ double computed_tube(const Problem<M>& p) {
       continue;
     }
     const double asked = room * d.asked_tube();
-    if (!(asked > 0.0)) return tube;
+    if (!(asked > 0.0)) return tube;  // refused for another reason, which is then told
     if (asked <= tube && tube <= 1.3 * asked) return tube;
     tube = std::clamp(std::sqrt(tube * asked) * (asked > tube ? 1.05 : 1.0), 0.2 * tube, std::min(5.0 * tube, most));
   }
-  return tube;
+  return 0.0;
 }
 
 }  // namespace
@@ -448,7 +280,13 @@ Design<M> design(const Problem<M>& p) {
     none.refused = "there is no motion to design for: no place of the workspace is within reach and limits";
     return none;
   }
-  const double tube = p.uncertainty.tube.value_or(0.0) > 0.0 ? *p.uncertainty.tube : computed_tube(p);
+  const double tube = p.uncertainty.tube ? *p.uncertainty.tube : computed_tube(p);
+  if (!(tube > 0.0)) {
+    Design<M> none;
+    none.refused = "no tube around the motion holds the band that the layer of the reaching law leaves in it [F38]: a shorter tick, less "
+                   "delay, a smaller layer, narrower intervals, or the law smc, whose bound is narrower";
+    return none;
+  }
   Design<M> d = Designer<M>(p, tube, coarse_max).run();
   d.tube_given = p.uncertainty.tube.has_value();
   if (!p.along_time) return d;

@@ -134,9 +134,9 @@ void read_gains(Section& s, Scene& scene) {
   const bool own_gains = scene.kp && scene.kd;
   if (sliding || (scene.law == LawChoice::ctc && !own_gains) || s.has("lambda"))
     scene.lambda = kinds("lambda");
-  scene.robust_gain = s.is_word("gain", "robust");
-  if (scene.robust_gain && !sliding) s.fail("gain", "\"robust\" is for the laws esmc, esmc_projected and smc");
-  if (!scene.robust_gain && (sliding || s.has("gain"))) scene.gain = kinds("gain");
+  const bool robust = s.is_word("gain", "robust");
+  scene.robust_gain = robust && sliding;  // the others take no gain, and it may stay in the file
+  if (!robust && (sliding || s.has("gain"))) scene.gain = kinds("gain");
   scene.layer = kinds("layer");
   if (scene.law == LawChoice::pd && !own_gains) s.fail("", "law = \"pd\" needs control.kp and control.kd");
 }

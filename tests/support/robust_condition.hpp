@@ -71,7 +71,7 @@ inline FiveBarParams<double> truth_of(const FiveBarParams<double>& believed, con
   return p;
 }
 
-// The same questions to either mechanism: state from independent coordinates, true inertia, acceleration, believed channels.
+// The same questions to either mechanism: state from independent coordinates, true energy and acceleration, believed channels.
 struct FiveBarOracle {
   using M = FiveBar<double>;
   using Q = FiveBarModel::Q;
@@ -88,21 +88,12 @@ struct FiveBarOracle {
     q = truth.close(q, FiveBarModel::by_effector);
     qd = truth.rates(q, FiveBarModel::by_effector, Real(rate[0]), Real(rate[1]));
   }
-  [[nodiscard]] Mat<Real, 2, 2> inertia(Real ahead) const {
+  /// 1/2 v^T H v, where the motion will be in `ahead` seconds.
+  [[nodiscard]] Real energy(Real ahead, const Vec<Real, 2>& v) const {
     Q at = q;
     for (std::size_t i = 0; i < 6; ++i) at[i] += ahead * qd[i];
-    at = truth.close(at, FiveBarModel::by_effector);
-    const auto mass = lagrange(truth, at, Q{}).mass;
-    const std::array<Q, 2> c{truth.rates(at, FiveBarModel::by_effector, 1, 0), truth.rates(at, FiveBarModel::by_effector, 0, 1)};
-    Mat<Real, 2, 2> H = Mat<Real, 2, 2>::Zero();
-    for (std::size_t i = 0; i < 6; ++i) {
-      for (std::size_t j = 0; j < 6; ++j) {
-        for (int a = 0; a < 2; ++a) {
-          for (int b = 0; b < 2; ++b) H(a, b) += c[static_cast<std::size_t>(a)][i] * mass[i][j] * c[static_cast<std::size_t>(b)][j];
-        }
-      }
-    }
-    return H;
+    if (ahead != 0) at = truth.close(at, FiveBarModel::by_effector);
+    return kinetic<FiveBarModel, Real>(truth, at, truth.rates(at, FiveBarModel::by_effector, v[0], v[1]));
   }
   [[nodiscard]] Vec<Real, 2> acceleration(const Vec<double, 4>& tau) const {
     const Q a = truth.accelerate(q, qd, {Real(tau[0]), Real(tau[1]), Real(tau[2]), Real(tau[3])});
@@ -129,11 +120,8 @@ struct RrOracle {
     q = {Real(a[0]), Real(a[1])};
     qd = {Real(rate[0]), Real(rate[1])};
   }
-  [[nodiscard]] Mat<Real, 2, 2> inertia(Real ahead) const {
-    const auto mass = lagrange(truth, {q[0] + ahead * qd[0], q[1] + ahead * qd[1]}, {}).mass;
-    Mat<Real, 2, 2> H;
-    H << mass[0][0], mass[0][1], mass[1][0], mass[1][1];
-    return H;
+  [[nodiscard]] Real energy(Real ahead, const Vec<Real, 2>& v) const {
+    return kinetic<Chain<2>, Real>(truth, {q[0] + ahead * qd[0], q[1] + ahead * qd[1]}, {v[0], v[1]});
   }
   [[nodiscard]] Vec<Real, 2> acceleration(const Vec<double, 2>& tau) const {
     const Row<2> a = truth.accelerate(q, qd, {Real(tau[0]), Real(tau[1])});
@@ -185,8 +173,9 @@ class Trials {
       return {true, slack};
     }
     constexpr Real step = 1e-5L;
-    const Mat<Real, 2, 2> H = oracle.inertia(0), grown = (oracle.inertia(step) - oracle.inertia(-step)) / (2 * step);
-    const Real falls = slip.dot(H * slip_rate) + slip.dot(grown * slip) / 2;
+    // d/dt of 1/2 sigma^T H sigma: H grows along the motion, sigma changes
+    const Real grown = (oracle.energy(step, slip) - oracle.energy(-step, slip)) / (2 * step);
+    const Real falls = grown + (oracle.energy(0, slip + slip_rate) - oracle.energy(0, slip - slip_rate)) / 2;
     const auto channel = oracle.believed_channels(slip);
     const typename M::Channels mass = c.mechanism.mass();
     Real promised = 0, spent = 0;

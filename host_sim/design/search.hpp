@@ -1,0 +1,222 @@
+#pragma once
+/// The search for the worst places of the tube: a grid over motion and tube, then climbs from its worst points. What it finds is a
+/// lower bound; `margin` of design.hpp is for what lies between, and docs/robust-design.md has a test of it from outside.
+
+#include <fmt/format.h>
+
+#include <array>
+#include <numbers>
+#include <string>
+#include <utility>
+
+#include "host_sim/design/design.hpp"
+#include "host_sim/design/worst.hpp"
+
+namespace esmc::host::design {
+
+template <class M>
+class Search {
+ public:
+  Search(const Problem<M>& p, double tube, std::size_t points_max)
+      : p_(p), u_(p), lambda_(p.controller.gains.independent.lambda), tube_(tube), swing_(2.0 * lambda_ * tube),
+        smc_(p.controller.law == LawKind::smc), stride_(std::max<std::size_t>(1, (p.points.size() + points_max - 1) / points_max)) {
+    d_.tube = tube;
+  }
+  /// Whether the tube has left the reach, or what is guarded.
+  [[nodiscard]] bool left() const { return left_; }
+
+ protected:
+  using Channels = typename M::Channels;
+  static constexpr int directions = 6;
+  static constexpr std::size_t parts = 4;  ///< of a motion, each with a worst place of its own
+  struct Found {
+    double need = 0.0;
+    Place place{};
+  };
+
+  /// Calls f(place, state) for the centre of the tube and its edge, point by point. False: a place that cannot be.
+  template <class F>
+  bool everywhere(bool poses_only, const F& f) {
+    State<M> s;
+    for (std::size_t n = 0; n < p_.points.size(); n += stride_) {
+      const auto visit = [&](double angle_e, double share_e, double angle_s, double share_s) {
+        const Place at{n, angle_e, share_e, angle_s, share_s};
+        ++d_.states;
+        if (!state_at(p_, at, tube_, s)) {
+          left_ = true;
+          d_.refused = fmt::format("a tube of {:.3g} {} around the motion leaves the reach of the mechanism, or passes "
+                                   "limits.min_abs_sin_type1 or type2, {}", tube_, unit(), where(at));
+          return false;
+        }
+        f(at, s);
+        return true;
+      };
+      const auto angle = [](int k) { return 2.0 * std::numbers::pi * k / directions; };
+      const auto possible = [&] {
+        for (int a = 0; a < directions; ++a) {
+          if (!state_at(p_, {n, angle(a), 1, 0, 0}, tube_, s)) return false;
+        }
+        return true;
+      };
+      if (!p_.along_time && !possible()) continue;  // a place of the workspace has its tube around it
+      bool within = visit(0, 0, 0, 0);
+      for (int a = 0; a < directions && within; ++a) {
+        within = visit(angle(a), 1, 0, 0);
+        if (poses_only) continue;
+        within = within && visit(0, 0, angle(a), 1);
+        for (int b = 0; b < directions && within; ++b) within = visit(angle(a), 1, angle(b), 1);
+      }
+      if (!within) return false;
+    }
+    return true;
+  }
+  [[nodiscard]] static const char* unit() { return Uncertain<M>::first > 0 ? "m" : "rad"; }
+  [[nodiscard]] std::string where(const Place& at) const {
+    const Point& n = p_.points[at.point];
+    return p_.along_time ? fmt::format("at t = {:.3f} s", n.time)
+                         : fmt::format("at ({:.3g}, {:.3g})", n.now.position.x(), n.now.position.y());
+  }
+
+  /// Needs of the rows (for smc: of the gain, in place of row 0), lengths of the rows of C.
+  bool look() {
+    return everywhere(false, [&](const Place& at, const State<M>& s) {
+      for (int i = 0; i < M::channels; ++i) {
+        span_[i] = std::max(span_[i], std::hypot(s.column[0][i], s.column[1][i]));
+      }
+      if (smc_) {
+        const double wrong = smc_mismatch(Worst<M>(u_, s, swing_));
+        if (wrong > d_.mismatch) {
+          d_.mismatch = wrong;
+          mismatch_at_ = at;
+        }
+        if (wrong < 1.0) note(0, at, smc_need(s));
+      } else {
+        if (p_.controller.law == LawKind::esmc && at.share_s > 0.0) d_.beyond_range = std::max(d_.beyond_range, beyond(s));
+        const auto rows = u_.rows(s, swing_);
+        for (int i = 0; i < M::channels; ++i) {
+          const auto k = static_cast<std::size_t>(i);
+          note(k, at, rows[k].size());
+        }
+      }
+    });
+  }
+
+  /// Share of s that no motion follows, in the metric of the believed M.
+  [[nodiscard]] double beyond(const State<M>& s) const {
+    Mat<double, 2, 2> H;
+    Vec2<double> f;
+    const auto weigh = [&](const Channels& a, const Channels& b) {
+      double sum = 0.0;
+      for (int i = 0; i < M::channels; ++i) sum += u_.mass()[i] * a[i] * b[i];
+      return sum;
+    };
+    for (int i = 0; i < 2; ++i) {
+      f[i] = weigh(s.column[i], s.sliding);
+      for (int j = 0; j < 2; ++j) H(i, j) = weigh(s.column[i], s.column[j]);
+    }
+    const Vec2<double> sigma = inverse(H) * f;
+    const Channels r = s.sliding - s.column[0] * sigma[0] - s.column[1] * sigma[1];
+    return std::sqrt(weigh(r, r) / weigh(s.sliding, s.sliding));
+  }
+
+  /// Keeps the worst place of each part of the motion: a climb begins at each.
+  void note(std::size_t row, const Place& at, double need) {
+    const std::size_t part = at.point * parts / p_.points.size();
+    Found& f = found_[row][part];
+    if (!(need > f.need)) return;
+    f = {need, at};
+    force_[row] = std::max(force_[row], need);
+  }
+
+  /// [F37]: the maximum norm of H^-1 H_believed - 1, and the gain that a state asks for, at the worst corners.
+  static std::pair<double, double> smc_norms(const Mat<double, 2, 2>& believed, const Mat<double, 2, 2>& H, const Vec2<double>& F) {
+    const Mat<double, 2, 2> inv = inverse(H), E = inv * believed - Mat<double, 2, 2>::Identity();
+    const Vec2<double> d = inv * F;
+    return {std::max(std::abs(E(0, 0)) + std::abs(E(0, 1)), std::abs(E(1, 0)) + std::abs(E(1, 1))),
+            std::max(std::abs(d[0]), std::abs(d[1]))};
+  }
+  [[nodiscard]] static double smc_mismatch(const Worst<M>& w) {
+    return w.largest([&](const auto& H, const auto& F) { return smc_norms(w.believed(), H, F).first; });
+  }
+  [[nodiscard]] double smc_need(const State<M>& s) const {
+    const Worst<M> w(u_, s, swing_);
+    const double eta = lambda_ * tube_ / p_.uncertainty.reaching_time;
+    return w.largest([&](const auto& H, const auto& F) {
+      const auto [wrong, d] = smc_norms(w.believed(), H, F);
+      return wrong < 1.0 ? (d + eta) / (1.0 - wrong) : 0.0;
+    });
+  }
+
+  /// From the worst places of a row to worse ones nearby.
+  void refine(int row) {
+    const auto k = static_cast<std::size_t>(row);
+    if (force_[k] <= 0.0) return;
+    Row<M>& r = d_.row[k];
+    force_[k] = 0.0;
+    for (Found f : found_[k]) {
+      if (!(f.need > 0.0)) continue;
+      climb(f, [&](const State<M>& s) { return smc_ ? smc_need(s) : u_.rows(s, swing_)[k].size(); });
+      if (!(f.need > force_[k])) continue;
+      force_[k] = f.need;
+      r.place = f.place;
+    }
+    State<M> s;
+    if (smc_ || !state_at(p_, r.place, tube_, s)) return;
+    double share = -1.0;
+    for (int c = 0; c < static_cast<int>(Cause::count); ++c) {
+      const double own = u_.rows(s, swing_, static_cast<Cause>(c))[k].size();
+      if (own > share) {
+        share = own;
+        r.cause = static_cast<Cause>(c);
+      }
+    }
+  }
+  /// By halving steps of angles and time.
+  template <class F>
+  void climb(Found& best, const F& need) {
+    State<M> s;
+    const auto attempt = [&](const Place& at) {
+      ++d_.states;
+      if (at.point >= p_.points.size() || !state_at(p_, at, tube_, s)) return false;
+      const double now = need(s);
+      if (!(now > best.need * (1.0 + 1e-9))) return false;
+      best = {now, at};
+      return true;
+    };
+    double turn = std::numbers::pi / directions;
+    auto along = static_cast<std::ptrdiff_t>(p_.along_time ? std::max<std::size_t>(1, stride_) : 0);
+    for (int halvings = 0; halvings < 8;) {
+      bool better = false;
+      for (const int sign : {-1, 1}) {
+        Place at = best.place;
+        at.angle_e += sign * turn;
+        better = attempt(at) || better;
+        at = best.place;
+        at.angle_s += sign * turn;
+        better = attempt(at) || better;
+        if (along == 0) continue;
+        at = best.place;
+        at.point = static_cast<std::size_t>(static_cast<std::ptrdiff_t>(at.point) + sign * along);  // may wrap: then too large
+        better = attempt(at) || better;
+      }
+      if (better) continue;
+      ++halvings;
+      turn *= 0.5;
+      along /= 2;
+    }
+  }
+
+  const Problem<M>& p_;
+  Uncertain<M> u_;
+  double lambda_, tube_, swing_;
+  bool smc_;
+  std::size_t stride_;
+  Design<M> d_;
+  std::array<std::array<Found, parts>, M::channels> found_{};
+  std::array<double, M::channels> force_{};  ///< largest |delta|, N or N m; smc: the gain, first
+  Channels span_ = Channels::Zero();         ///< largest |c_i|
+  bool left_ = false;
+  Place mismatch_at_{};
+};
+
+}  // namespace esmc::host::design

@@ -1,0 +1,154 @@
+#!/usr/bin/python3
+"""`esmc design` and gain = "robust", from outside. usage: design_test.py ESMC SCENES"""
+import json
+import re
+import subprocess
+import sys
+import unittest
+from pathlib import Path
+
+ESMC, SCENES = sys.argv[1], Path(sys.argv[2])
+SCENE = str(SCENES / "five_bar_robust.toml")
+CIRCLE = str(SCENES / "five_bar_circle.toml")
+RR = str(SCENES / "rr_line.toml")
+
+
+def run(*arguments):
+    return subprocess.run([ESMC, *arguments], capture_output=True, text=True, check=False)
+
+
+def sets(*values):
+    return [word for v in values for word in ("--set", v)]
+
+
+def design(scene, *values, expect=0, more=()):
+    done = run("design", scene, "--json", *more, *sets(*values))
+    assert done.returncode == expect, done
+    return json.loads(done.stdout)
+
+
+def need(d, channel):
+    return next(g["need"] for g in d["gains"] if g["channel"] == channel)
+
+
+AT_REST = ["reference={type='hold', position=[0.0, 0.17]}", "simulation.duration=0.02", "control.reaching=sign", "control.law=esmc_projected"]
+
+
+class Design(unittest.TestCase):
+    def refused_line(self, done, *words):
+        self.assertEqual(done.returncode, 2, done)
+        self.assertEqual(done.stdout, "")
+        self.assertEqual(done.stderr.count("\n"), 1, done.stderr)
+        self.assertTrue(done.stderr.startswith("esmc: "))
+        for word in words:
+            self.assertIn(word, done.stderr)
+
+    def test_runs_use_the_gains_that_design_prints(self):
+        for scene, values in ((SCENE, []), (SCENE, ["control.law=smc"]), (RR, ["control.gain=robust", "uncertainty.m2=0.1"])):
+            d = design(scene, *values)
+            baked = run("bake", scene, *sets(*values, "control.torque_limit=20.0"))
+            self.assertEqual(baked.returncode, 0, baked.stderr)
+            columns = [[float.fromhex(x) for x in c.split(",")] for c in
+                       re.findall(r"column\(([^)]*)\)", baked.stdout) if len(c.split(",")) in (8, 18)]
+            k = columns[1]  # after lambda
+            if d["gain_independent"] is not None:
+                own = re.search(r"\), \{(\S+), (\S+), ", baked.stdout)
+                self.assertEqual(float.fromhex(own[2].rstrip("F")), d["gain_independent"])
+            else:
+                self.assertEqual([v for v in k if v != 0.0], [g["k"] for g in d["gains"]])
+
+    def test_the_promised_band_is_held_by_sampled_plants(self):
+        for values in ([], ["control.law=esmc"], ["control.law=smc"], ["control.law=smc", "control.delay_ticks=2"],
+                       ["control.motors=all", "control.sensors=all", "drives={nodes=[1,2,3,4]}"]):
+            d = design(SCENE, *values, "simulation.duration=0.8", "uncertainty.l1=0.0", "uncertainty.l2=0.0", more=("--simulate", "4"))
+            p = d["simulated"]["exact_lengths"]
+            self.assertEqual((p["outside_band"], p["stopped"]), (0, 0), (values, p))
+            self.assertGreater(p["largest_error"], 0.05 * d["band"]["sampled"]["error"])  # else the band says nothing
+            self.assertIsNone(d["simulated"]["lengths"])
+
+    def test_lengths_are_simulated_and_no_gain_answers_for_them(self):
+        a = design(SCENE, "simulation.duration=0.6", expect=0, more=("--simulate", "4", "--seed", "7"))
+        b = design(SCENE, "simulation.duration=0.6", expect=0, more=("--simulate", "4", "--seed", "7"))
+        self.assertEqual(a, b)
+        self.assertGreater(a["simulated"]["lengths"]["outside_band"], 0)
+        plain = design(SCENE, "simulation.duration=0.6", "uncertainty.l1=0.0", "uncertainty.l2=0.0")
+        self.assertEqual([g["k"] for g in plain["gains"]], [g["k"] for g in a["gains"]])
+
+    def test_need_at_rest_is_what_the_condition_says(self):
+        # a mass wrong by 10 % under gravity: K >= 0.1 g in the vertical rows, nothing in the horizontal ones
+        d = design(CIRCLE, *AT_REST, "uncertainty={m1=0.1, m2=0.2, tube=1e-5}")
+        self.assertAlmostEqual(need(d, "Yg11"), 0.98, delta=0.01)
+        self.assertAlmostEqual(need(d, "Yg22"), 1.96, delta=0.02)
+        self.assertLess(need(d, "Xg11"), 0.01)
+        # dry friction of the outer joint loads both bars, that of the inner one its own
+        d = design(CIRCLE, *AT_REST, "uncertainty={coulomb=[[0.0, 0.01], [0.0, 0.004]], tube=1e-5}")
+        self.assertAlmostEqual(need(d, "phi11"), 0.014 / 2e-4, delta=0.01 * 70)
+        self.assertAlmostEqual(need(d, "phi12"), 0.004 / 7e-4, delta=0.01 * 6)
+        # a payload where no mass is believed: half of it in each distal bar, moved to its mass centre
+        d = design(CIRCLE, *AT_REST, "uncertainty={payload=[0.0, 0.05], tube=1e-5}")
+        self.assertAlmostEqual(need(d, "Yg12"), 0.5 * 0.05 * 9.8 / 0.1, delta=0.03)
+        # and where one is: its own row
+        d = design(CIRCLE, *AT_REST, "mechanism.effector_mass=0.05", "uncertainty={payload=[0.0, 0.05], tube=1e-5}")
+        self.assertAlmostEqual(need(d, "y"), 9.8, delta=0.1)
+        # gravity wrong by 2 %
+        d = design(CIRCLE, *AT_REST, "uncertainty={gravity=0.02, tube=1e-5}")
+        self.assertAlmostEqual(need(d, "Yg21"), 0.196, delta=0.002)
+        # a mass centre 4 mm off, at rest: a moment m g times the horizontal arm, at most
+        d = design(CIRCLE, *AT_REST, "uncertainty={lg2=0.004, tube=1e-5}")
+        self.assertLess(need(d, "phi12"), 0.1 * 9.8 * 0.004 / 7e-4)
+        self.assertGreater(need(d, "phi12"), 0.2 * 0.1 * 9.8 * 0.004 / 7e-4)
+
+    def test_more_uncertainty_needs_more(self):
+        narrow, wide = design(SCENE, "uncertainty.tube=0.02"), design(SCENE, "uncertainty.tube=0.02", "uncertainty.m1=0.3")
+        self.assertGreater(need(wide, "Yg11"), 1.5 * need(narrow, "Yg11"))
+        self.assertGreater(wide["torque"][0]["hold_nm"], narrow["torque"][0]["hold_nm"])
+        there = design(SCENE, "uncertainty.tube=0.007", "limits.workspace={x=[-0.06,0.06], y=[0.11,0.23]}", more=("--workspace",))
+        self.assertEqual(there["over"], "workspace")
+        self.assertGreater(need(there, "phi11"), need(design(SCENE, "uncertainty.tube=0.007"), "phi11"))
+
+    def test_refusals_have_a_reason(self):
+        for values, word in ((["control.torque_limit=0.3"], "torque_limit"),
+                             (["control.law=smc", "uncertainty.m2=0.8", "uncertainty.J2=0.8"], "no gain works"),
+                             (["control.delay_ticks=3"], "[F38]"),
+                             (["uncertainty.tube=1e-4"], "tube"),
+                             (["uncertainty.tube=0.09"], "leaves the reach"),
+                             (["mechanism.leg.J1=0.0"], "believes no inertia")):
+            d = design(SCENE, *values, expect=1)
+            self.assertIn(word, d["refused"])
+            self.assertEqual(run("design", SCENE, *sets(*values)).returncode, 1)
+            self.refused_line(run("sim", SCENE, *sets(*values)), word, "robust")
+
+    def test_bad_input(self):
+        for scene, values, words in (
+                (CIRCLE, ["control.gain=robust"], ["[uncertainty]"]),
+                (SCENE, ["control.gain=robus"], ["control.gain", "robust"]),
+                (SCENE, ["uncertainty.m1=1.5"], ["uncertainty.m1", "0.1 is 10 %"]),
+                (SCENE, ["uncertainty.m1=[1.1, 0.9]"], ["lower <= upper"]),
+                (SCENE, ["uncertainty.m1=-0.1"], ["uncertainty.m1"]),
+                (SCENE, ["uncertainty.lg1=-0.1"], ["uncertainty.lg1"]),
+                (SCENE, ["uncertainty.lg1=nan"], ["uncertainty.lg1"]),
+                (SCENE, ["uncertainty.payload=[-0.2, 0.1]"], ["uncertainty.payload", "takes away"]),
+                (SCENE, ["uncertainty.viscous=[[0.0, 0.1]]"], ["uncertainty.viscous"]),
+                (SCENE, ["uncertainty.viscous=[[0.0, 0.1],[0.2,0.1]]"], ["uncertainty.viscous"]),
+                (SCENE, ["uncertainty.tube=0.0"], ["uncertainty.tube"]),
+                (SCENE, ["uncertainty.mass=0.1"], ["uncertainty.mass"]),
+                (SCENE, ["uncertainty.over=here"], ["reference | workspace"]),
+                (SCENE, ["command={speed=0.1, acceleration=1.0}"], ["[command]", "robust"]),
+                (RR, ["control.gain=robust", "uncertainty.half_base=0.1"], ["half_base"])):
+            self.refused_line(run("sim", scene, *sets(*values)), *words)
+        self.refused_line(run("design", CIRCLE), "[uncertainty]")
+        self.refused_line(run("design", SCENE, *sets("control.law=ctc")), "esmc_projected")
+        self.refused_line(run("design", SCENE, "--simulate", "0"), "--simulate")
+
+    def test_a_law_without_gain_may_keep_the_key(self):
+        self.assertEqual(run("sim", SCENE, *sets("control.law=ctc", "simulation.duration=0.05")).returncode, 0)
+
+    def test_a_plant_outside_its_intervals_is_named(self):
+        d = design(SCENE, "uncertainty.m1=0.01")
+        self.assertTrue(any("m1 of leg 1" in w for w in d["warnings"]))
+        self.assertFalse(any("outside" in w for w in design(SCENE)["warnings"]))
+        self.assertTrue(any("encoder" in w for w in design(SCENE, "effects=[{type='encoder', bits=14}]")["warnings"]))
+
+
+if __name__ == "__main__":
+    unittest.main(argv=sys.argv[:1])
