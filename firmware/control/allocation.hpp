@@ -45,13 +45,21 @@ template <class S>
   return tau;
 }
 
-/// Torques of all four motors of a 5R that do what the forces w on its channels ask, least tau^T W tau.
-/// Works in the form that is better conditioned here: base-joint near type 1, (x, y) near type 2. Base-joint at a tie.
+/// What four motors of a 5R have to do: R^T tau = F.
 template <class S>
-[[nodiscard]] Vec<S, 4> allocate_all(const FiveBar<S>& m, const typename FiveBar<S>::Pose& p,
-                                     const typename FiveBar<S>::Channels& w, const Vec<S, 4>& weight) {
+struct FourMotors {
   Mat<S, 4, 2> rows;
   Vec2<S> F;
+};
+
+/// Of the forces w on the channels, in the form that is better conditioned here: base-joint near type 1, (x, y) near type 2.
+/// Base-joint at a tie.
+template <class S>
+[[nodiscard]] FourMotors<S> four_motors(const FiveBar<S>& m, const typename FiveBar<S>::Pose& p,
+                                        const typename FiveBar<S>::Channels& w) {
+  FourMotors<S> out;
+  Mat<S, 4, 2>& rows = out.rows;
+  Vec2<S>& F = out.F;
   if (FiveBar<S>::abs_sin_type2(p) >= FiveBar<S>::min_abs_sin_type1(p)) {
     F = m.base_torque(p, w);
     unroll<2>([&](auto k) {
@@ -65,7 +73,15 @@ template <class S>
       rows.col(int(k)) << r.leg[0], r.leg[1];
     });
   }
-  return minimum_norm(rows, F, weight);
+  return out;
+}
+
+/// Torques of all four motors of a 5R that do what the forces w on its channels ask, least tau^T W tau.
+template <class S>
+[[nodiscard]] Vec<S, 4> allocate_all(const FiveBar<S>& m, const typename FiveBar<S>::Pose& p,
+                                     const typename FiveBar<S>::Channels& w, const Vec<S, 4>& weight) {
+  const FourMotors<S> four = four_motors(m, p, w);
+  return minimum_norm(four.rows, four.F, weight);
 }
 
 }  // namespace esmc

@@ -5,7 +5,6 @@
 #include <array>
 #include <cstdint>
 
-#include "firmware/control/allocation.hpp"
 #include "firmware/control/law.hpp"
 #include "firmware/control/reference.hpp"
 #include "firmware/cycle/estimate.hpp"
@@ -48,6 +47,10 @@ struct ControllerConfig {
   S guide_speed{1}, guide_acceleration{1};  ///< > 0, of each coordinate of the reference's space: for set points
   Motors motors = Motors::base;
   Sensors sensors = Sensors::base;
+  Vec<S, M::joints> preload = Vec<S, M::joints>::Zero();  ///< N m, |preload| <= torque_limit; four motors only: see allocate_within
+  /// Optional part, part::four_motors: forces on the channels to torques of all motors, true where they are less than asked.
+  /// Null: what the law asks for comes from the base motors, also where others are.
+  bool (*allocate)(const ControllerConfig&, const typename M::Pose&, const typename M::Channels&, Vec<S, M::joints>&) = nullptr;
 
   [[nodiscard]] constexpr int motor_count() const { return motors == Motors::base ? 2 : M::joints; }
   [[nodiscard]] constexpr int sensor_count() const { return sensors == Sensors::base ? 2 : M::joints; }
@@ -293,8 +296,8 @@ class Controller {
     demand<M, Rows::with_mass>(config_.law, config_.mechanism, config_.gains, config_.reaching, t, acceleration, out.sliding);
     const typename M::Channels w = config_.mechanism.force(acceleration, t.rates);
     if constexpr (M::joints == 4) {
-      if (config_.motors == Motors::all) {
-        out.torque = allocate_all(config_.mechanism, t.pose, w, config_.torque_weight);
+      if (config_.allocate != nullptr) {
+        out.saturated = config_.allocate(config_, t.pose, w, out.torque);
         return;
       }
     }

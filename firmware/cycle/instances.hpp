@@ -2,6 +2,7 @@
 /// The controllers that exist: every mechanism in both scalar types, compiled once into the control archive.
 
 #include "firmware/cycle/cycle.hpp"
+#include "firmware/cycle/four_motors.hpp"
 #include "firmware/drive/cia402_axis.hpp"
 #include "firmware/drive/mit_axis.hpp"
 #include "firmware/drive/odrive_axis.hpp"

@@ -9,6 +9,7 @@
 #include <nlohmann/json.hpp>
 #include <numbers>
 
+#include "firmware/control/box_allocation.hpp"
 #include "host_sim/bus/response.hpp"
 #include "host_sim/commands/finish.hpp"
 #include "host_sim/commands/halves.hpp"
@@ -27,6 +28,7 @@ struct Margins {
   std::vector<double> torque;                               ///< largest per motor, N m
   double x[2] = {1e300, -1e300}, y[2] = {1e300, -1e300};    ///< extent of the effector's path, m
   double angle[2][2] = {{1e300, -1e300}, {1e300, -1e300}};  ///< of the base joints, rad
+  double preload = 1.0, preload_t = 0.0;                    ///< smallest share of it that can be had, and when
   std::string unreachable;                                  ///< when the reference cannot be followed
 };
 
@@ -129,6 +131,15 @@ Margins margins(const Scene& scene, Log& log) {
       if (scene.all_motors) {
         tau = allocate_all(m, d->pose, w, weight);
         allocated = true;
+        if (!scene.preload.empty()) {
+          const auto each = [](const std::vector<double>& v) { return Vec<double, 4>(v[0], v[1], v[2], v[3]); };
+          const auto a = allocate_all_within(m, d->pose, w, weight, each(scene.torque_limit), each(scene.preload));
+          if (!(a.force < 1.0)) tau = a.torque;  // else what the reference takes is told as it is
+          if (a.preload < out.preload) {
+            out.preload = a.preload;
+            out.preload_t = n * scene.tick();
+          }
+        }
       }
     }
     if (!allocated) {
@@ -367,6 +378,11 @@ void judge(const Scene& s, const Start& at, const Margins& m, Findings& f) {
           "base joint {} spans [{:.3g}, {:.3g}] rad along the reference, beyond limits.joint_angle", i + 1,
           m.angle[i][0], m.angle[i][1]));
     }
+  }
+  if (m.preload < 1.0) {
+    f.warning(fmt::format("control.preload yields along the reference, at t = {:.3f} s {:.0f} % of the way to no preload: other signs, less of "
+                          "it, or a higher torque_limit",
+                          m.preload_t, 100.0 * (1.0 - m.preload)));
   }
   for (std::size_t i = 0; i < m.torque.size(); ++i) {
     const double share = m.torque[i] / s.torque_limit[i];

@@ -8,6 +8,8 @@
 
 #include "host_sim/commands/robust.hpp"
 
+#include "firmware/cycle/four_motors.hpp"
+
 namespace esmc::host {
 namespace {
 
@@ -321,11 +323,13 @@ ControllerConfig<M> make_controller(const Scene& scene, Pacing pacing,
   c.limits = make_limits<S>(scene);
   c.motors = scene.all_motors ? Motors::all : Motors::base;
   c.sensors = scene.all_sensors ? Sensors::all : Sensors::base;
+  c.allocate = allocation_for<M>(c.motors);
   c.sample_time = static_cast<S>(scene.tick());
   for (int i = 0; i < c.motor_count(); ++i) {
     const auto u = static_cast<std::size_t>(i);
     const int joint = ControllerConfig<M>::joint_of(i, c.motor_count());
     const double limit = scene.torque_limit[u];
+    if (!scene.preload.empty()) c.preload[joint] = static_cast<S>(scene.preload[u]);
     c.torque_limit[joint] = static_cast<S>(limit);
     c.torque_weight[joint] =
         static_cast<S>(scene.torque_weight.empty() ? 1.0 / (limit * limit) : scene.torque_weight[u]);

@@ -158,6 +158,13 @@ void read_control(Section s, Scene& scene) {
   const auto motors = static_cast<std::size_t>(scene.motors());
   if (scene.closed_loop() || s.has("torque_limit")) scene.torque_limit = s.each("torque_limit", motors);
   scene.torque_weight = s.optional_numbers("torque_weight", {motors}).value_or(std::vector<double>{});
+  scene.preload = s.optional_numbers("preload", {motors}).value_or(std::vector<double>{});
+  if (!scene.preload.empty() && !scene.all_motors)
+    s.fail("preload", "needs control.motors = \"all\": two motors have no torque that moves nothing");
+  for (std::size_t i = 0; i < scene.preload.size() && i < scene.torque_limit.size(); ++i) {
+    if (std::abs(scene.preload[i]) > scene.torque_limit[i])
+      s.fail("preload", fmt::format("must be within torque_limit: motor {} has {} N m of {} N m", i + 1, scene.preload[i], scene.torque_limit[i]));
+  }
   if (const auto model = s.section("model")) scene.model = read_model(*model, scene);
   if (scene.law == LawChoice::open_loop || s.has("torque")) {
     const auto torque = read_waveforms(s, motors);

@@ -147,6 +147,7 @@ struct Scene {
   bool all_motors = false, all_sensors = false;
   std::vector<double> torque_limit;   ///< per motor
   std::vector<double> torque_weight;  ///< per motor, W of [F26]
+  std::vector<double> preload;        ///< per motor, N m, signed; empty: none
   ModelFactors model;
   std::vector<Waveform> torque;  ///< open_loop, per motor
 

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "firmware/cycle/cycle.hpp"
+#include "firmware/cycle/four_motors.hpp"
 #include "tests/fuzz/bytes.hpp"
 #include "tests/support/cycle_setup.hpp"
 #include "tests/support/link_bytes.hpp"
@@ -121,6 +122,7 @@ class CycleRun {
     if (choice >= 8 && joints == 4) {
       c.sensors = Sensors::all;
       if (choice >= 10 || !P::passive_encoders) c.motors = Motors::all;
+      c.allocate = allocation_for<M>(c.motors);
     }
     return s;
   }

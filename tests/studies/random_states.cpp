@@ -118,6 +118,7 @@ class Episode {
     } else {
       c.mode = {{{(mode & 1U) != 0 ? 1 : -1, (mode & 2U) != 0 ? 1 : -1}}, (mode & 4U) != 0 ? 1 : -1};
       if (draw_.one_in(3)) c.motors = Motors::all;
+      c.allocate = allocation_for<M>(c.motors);
       if (draw_.one_in(3)) c.sensors = Sensors::all;
     }
     c.law = static_cast<LawKind>(draw_.below(5));

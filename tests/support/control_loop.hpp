@@ -83,6 +83,7 @@ inline ControllerConfig<FiveBar<double>> controller_of(const LoopSetup& s) {
   c.torque_weight.setConstant(0.25);
   c.sample_time = s.tick;
   c.motors = s.motors;
+  c.allocate = allocation_for<FiveBar<double>>(s.motors);
   c.sensors = s.sensors;
   if (s.adjust) s.adjust(c);
   return c;

@@ -124,6 +124,7 @@ class Rig {
   static typename OdriveCycle<M>::Config config(const Setup<M>& s, std::size_t axes) {
     typename OdriveCycle<M>::Config c;
     c.controller = s.controller;
+    c.controller.allocate = allocation_for<M>(c.controller.motors);
     for (std::size_t i = 0; i < axes; ++i) {
       const Mounting& m = mountings[i];
       c.axes[i] = drive::OdriveAxis({m.node, static_cast<float>(m.direction), static_cast<float>(s.gear[i]),

@@ -284,6 +284,81 @@ TYPED_TEST(CycleLimit, TorqueIsClampedPerJointAndFlagged) {
   }
 }
 
+/// Four motors: what one may not give the others do, and what the effector feels is what it was. Where they cannot, it is
+/// less of the same.
+TEST(CycleTorque, FourMotorsShareWhatOneMayNotGive) {
+  auto free = setup<Five>();
+  free.controller.motors = Motors::all;
+  free.controller.sensors = Sensors::all;
+  free.controller.torque_limit.setConstant(1000.0);
+  Rig<Five> open(free);
+  ASSERT_TRUE(open.start());
+  const auto unlimited = open.tick();
+  const auto& m = open.controller().mechanism;
+  const auto pose = tracking(open.controller(), open.cycle.sample(), 0).pose;
+  const auto felt = [&](const Vec<double, 4>& torque) {  // power at unit rates of the base joints
+    Vec2<double> out;
+    for (int k = 0; k < 2; ++k) {
+      const auto r = m.base_rates(pose, Vec2<double>::Unit(k));
+      out[k] = torque[0] * r.leg[0][0] + torque[1] * r.leg[0][1] + torque[2] * r.leg[1][0] + torque[3] * r.leg[1][1];
+    }
+    return out;
+  };
+  const Vec2<double> want = felt(unlimited.torque);
+  int met = 0, short_of_it = 0;
+  for (int limited = 0; limited < 4; ++limited) {
+    for (const double part : {0.9, 0.5, 0.0}) {
+      for (const double others : {1000.0, 0.5 * unlimited.torque.cwiseAbs().maxCoeff()}) {
+        auto s = free;
+        s.controller.torque_limit.setConstant(others);
+        s.controller.torque_limit[limited] = std::abs(unlimited.torque[limited]) * part;
+        Rig<Five> rig(s);
+        ASSERT_TRUE(rig.start());
+        const auto r = rig.tick();
+        const Vec2<double> got = felt(r.torque);
+        const double share = got.dot(want) / want.squaredNorm();
+        EXPECT_LT((got - want * share).norm(), 1e-9 * want.norm()) << "another direction";
+        EXPECT_EQ(r.saturated, share < 1.0 - 1e-9);
+        if (others == 1000.0) EXPECT_NEAR(share, 1.0, 1e-9);
+        ++(share < 1.0 - 1e-9 ? short_of_it : met);
+        for (int i = 0; i < 4; ++i) EXPECT_LE(std::abs(r.torque[i]), s.controller.torque_limit[i]);
+      }
+    }
+  }
+  EXPECT_GE(met, 12);
+  EXPECT_GT(short_of_it, 0);
+}
+
+/// A preload is there from the first tick on, and the effector feels nothing of it.
+TEST(CycleTorque, APreloadKeepsTheSigns) {
+  auto s = setup<Five>();
+  s.controller.motors = Motors::all;
+  s.controller.sensors = Sensors::all;
+  s.controller.torque_limit.setConstant(1000.0);
+  Rig<Five> plain(s);
+  ASSERT_TRUE(plain.start());
+  const auto without = plain.tick();
+  const double most = 2.0 * without.torque.cwiseAbs().maxCoeff();
+  const auto pose = tracking(plain.controller(), plain.cycle.sample(), 0).pose;
+  int kept = 0;
+  for (unsigned signs = 0; signs < 16; ++signs) {
+    for (int i = 0; i < 4; ++i) s.controller.preload[i] = (signs >> static_cast<unsigned>(i) & 1U) != 0 ? most : -most;
+    Rig<Five> rig(s);
+    ASSERT_TRUE(rig.start());
+    const auto r = rig.tick();
+    bool all = true;
+    for (int i = 0; i < 4; ++i) all = all && r.torque[i] * s.controller.preload[i] >= most * most * (1.0 - 1e-12);
+    kept += all ? 1 : 0;
+    for (int k = 0; k < 2; ++k) {
+      const auto rate = plain.controller().mechanism.base_rates(pose, Vec2<double>::Unit(k));
+      const Vec<double, 4> rates(rate.leg[0][0], rate.leg[0][1], rate.leg[1][0], rate.leg[1][1]);
+      EXPECT_NEAR(r.torque.dot(rates), without.torque.dot(rates), 1e-9 * r.torque.cwiseAbs().maxCoeff());
+    }
+    EXPECT_FALSE(r.saturated);
+  }
+  EXPECT_EQ(kept, 8) << "of sixteen patterns a plane of torques has eight, opposite ones together";
+}
+
 TYPED_TEST(CycleLimit, ALimitOfZeroIsObeyed) {
   auto s = setup<TypeParam>();
   s.controller.torque_limit.setZero();

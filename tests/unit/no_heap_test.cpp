@@ -62,6 +62,7 @@ TYPED_TEST(NoHeap, InEveryLawReachingAndArrangement) {
           s.controller.law = law;
           s.controller.reaching = reaching;
           s.controller.motors = motors;
+          s.controller.allocate = allocation_for<TypeParam>(motors);
           s.controller.sensors = sensors;
           s.controller.join_ticks = 300;
           s.controller.torque_limit.setConstant(S(5));
