@@ -6,15 +6,10 @@
 namespace esmc::part {
 
 /// Motor torques that do what the forces w on the channels ask (box_allocation.hpp). Returns whether they do less: saturated.
-/// For ControllerConfig::allocate.
+/// For ControllerConfig::allocate. Compiled into the archive, for FiveBar.
 template <class M>
 bool four_motors(const ControllerConfig<M>& c, const typename M::Pose& p, const typename M::Channels& w,
                  Vec<typename M::Scalar, M::joints>& torque);
-
-extern template bool four_motors(const ControllerConfig<FiveBar<double>>&, const FiveBar<double>::Pose&,
-                                 const FiveBar<double>::Channels&, Vec<double, 4>&);
-extern template bool four_motors(const ControllerConfig<FiveBar<float>>&, const FiveBar<float>::Pose&,
-                                 const FiveBar<float>::Channels&, Vec<float, 4>&);
 
 }  // namespace esmc::part
 

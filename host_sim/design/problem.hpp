@@ -6,6 +6,7 @@
 #include <cmath>
 #include <vector>
 
+#include "firmware/control/allocation.hpp"
 #include "firmware/cycle/controller.hpp"
 #include "host_sim/scene/uncertainty.hpp"
 
@@ -105,7 +106,8 @@ template <class M>
   return true;
 }
 
-/// Motor torques (at the joints) that do what forces w on the channels do, as the controller shares them out.
+/// Motor torques (at the joints) that do what forces w on the channels do, as the controller shares them out where its limits and a
+/// preload leave it alone.
 template <class M>
 [[nodiscard]] Vec<double, M::joints> torques(const Problem<M>& p, const typename M::Pose& pose, const typename M::Channels& w) {
   const auto& c = p.controller;
