@@ -21,6 +21,7 @@ struct TorqueBox {
   Vec<S, 4> lower, upper;
 };
 
+/// Torques, and what of force and preload they keep.
 template <class S>
 struct BoxAllocation {
   Vec<S, 4> torque;  ///< N m, within the limits
