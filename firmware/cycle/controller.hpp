@@ -10,6 +10,7 @@
 #include "firmware/cycle/estimate.hpp"
 #include "firmware/cycle/guide.hpp"
 #include "firmware/cycle/link_gains.hpp"
+#include "firmware/cycle/part_fusion.hpp"
 #include "firmware/cycle/plausibility.hpp"
 #include "firmware/cycle/retreat.hpp"
 #include "firmware/cycle/sign_test.hpp"
@@ -51,6 +52,8 @@ struct ControllerConfig {
   /// Optional part, part::four_motors: forces on the channels to torques of all motors, true where they are less than asked.
   /// Null: what the law asks for comes from the base motors, also where others are.
   bool (*allocate)(const ControllerConfig&, const typename M::Pose&, const typename M::Channels&, Vec<S, M::joints>&) = nullptr;
+  Vec<S, M::joints> encoder_variance = Vec<S, M::joints>::Ones();  ///< > 0, relative to each other: for `fuse`
+  FusionPart<M> fuse = nullptr;  ///< sensors = all: how four encoders become a state
 
   [[nodiscard]] constexpr int motor_count() const { return motors == Motors::base ? 2 : M::joints; }
   [[nodiscard]] constexpr int sensor_count() const { return sensors == Sensors::base ? 2 : M::joints; }
@@ -100,6 +103,9 @@ class Controller {
                config.reference.space == ReferenceSpace::base_joints) {}
 
   [[nodiscard]] const Config& config() const { return config_; }
+  /// 1 + the joint of the last encoder that alone explained a gap above limits.closure; 0: there was none, or nobody looks (without
+  /// `fuse`).
+  [[nodiscard]] std::uint8_t odd_encoder() const { return odd_encoder_; }
   /// For the supervisor that goes with this controller.
   [[nodiscard]] Supervisor::Config supervision() const {
     return {config_.halt_ticks > 0, config_.after_halt,
@@ -133,7 +139,7 @@ class Controller {
 
   /// sample -> estimate -> guards. Pose and rates are filled in where there is no fault.
   Fault observe(const Sample<M>& measured, const Limits<S>& limits, typename M::Pose& pose, typename M::Rates& rates,
-                TickResult<M>& out) const {
+                TickResult<M>& out) {
     Vec<S, M::joints> angle;
     Fault wrong = Fault::none;
     const bool from_base = config_.sensors == Sensors::base || M::joints == 2;
@@ -151,7 +157,13 @@ class Controller {
     if (from_base) {
       if (!estimate_from_base(config_.mechanism, config_.mode, base_angle, base_rate, pose, rates)) return Fault::loop_not_closed;
     } else if constexpr (M::joints == 4) {
-      const Estimate<M> e = estimate_from_all(config_.mechanism, angle, measured.rate);
+      Estimate<M> e;
+      if (config_.fuse != nullptr) {
+        const std::uint8_t odd = config_.fuse(config_, angle, measured.rate, e);
+        if (odd != 0) odd_encoder_ = odd;
+      } else {
+        e = estimate_from_all(config_.mechanism, angle, measured.rate);
+      }
       pose = e.pose;
       rates = e.rates;
       closure = e.closure;
@@ -345,6 +357,7 @@ class Controller {
   Guide<S> guide_{};
   Consistency<M> consistency_{};
   std::uint32_t running_tick_ = 0, lowered_ticks_ = 0;
+  std::uint8_t odd_encoder_ = 0;
 };
 
 template <class M>

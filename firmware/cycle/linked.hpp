@@ -38,6 +38,11 @@ template <class M>
     r.angle[static_cast<unsigned>(i)] = static_cast<float>(sample.angle[joint]);
     r.torque[static_cast<unsigned>(i)] = static_cast<float>(t.torque[joint]);
   }
+  // Encoders are counted as the drives are: motors first, base joints before passive ones.
+  if (t.fault == Fault::loop_not_closed && controller.odd_encoder() != 0) {
+    const int joint = controller.odd_encoder() - 1, step = M::joints / c.motor_count();
+    r.axis = static_cast<std::uint8_t>(joint % step == 0 ? joint / step : c.motor_count() + joint / step);
+  }
   for (int i = 0; i < 2; ++i) {
     r.effector[static_cast<unsigned>(i)] = static_cast<float>(t.effector[i]);
     if (t.state == State::running) {

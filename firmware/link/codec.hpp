@@ -206,7 +206,7 @@ struct Status {
 /// A fault as it is reported.
 struct FaultRecord {
   Fault fault = Fault::none;    ///< none: the end of a readout, `count` of them were sent
-  std::uint8_t axis = no_axis;  ///< motor that had something to say about it
+  std::uint8_t axis = no_axis;  ///< motor that had something to say about it; loop_not_closed: the encoder, after the motors where it is passive
   std::uint16_t count = 0;      ///< since power-up
   std::uint32_t time_us = 0;    ///< of the last one, since power-up, modulo 2^32
   std::uint32_t drive_error = 0;  ///< in the words of the drive

@@ -57,7 +57,7 @@ struct Report {
   std::array<float, 2> effector{}, error{};               ///< m
   std::array<float, joints_max> angle{}, torque{};        ///< rad, N m
   std::uint8_t joints = 0;
-  std::uint8_t axis = no_axis;    ///< a motor whose drive reports an error
+  std::uint8_t axis = no_axis;    ///< a motor whose drive reports an error, or the encoder that contradicts the others
   std::uint32_t drive_error = 0;  ///< which
 };
 

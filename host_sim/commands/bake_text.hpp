@@ -165,14 +165,15 @@ inline std::string mode_text(const Rr<double>::Mode& v) { return "{" + text(v.wo
 template <class M>
 std::string text(const ControllerConfig<M>& v) {
   const auto& [m, mode, law, reaching, gains, reference, limits, torque_limit, torque_weight, sample_time, torque_lead, join,
-               ramp, sign_test, halt, lower, after_halt, guide_speed, guide_acceleration, motors, sensors, preload, allocate] = v;
+               ramp, sign_test, halt, lower, after_halt, guide_speed, guide_acceleration, motors, sensors, preload, allocate, variance, fuse] = v;
   const auto line = [](const std::string& s) { return "          " + s + ",\n"; };
   return "{\n" + line("Mechanism(believed)") + line(mode_text(mode)) + line(text(law)) + line(text(reaching)) + line(text(gains)) +
          line(text(reference)) + line(text(limits)) + line(text(torque_limit)) + line(text(torque_weight)) +
          line(text(sample_time)) + line(text(torque_lead)) + line(text(join)) + line(text(ramp)) + line(text(sign_test)) +
          line(text(halt)) + line(text(lower)) + line(text(after_halt)) + line(text(guide_speed)) +
          line(text(guide_acceleration)) + line(text(motors)) + line(text(sensors)) + line(text(preload)) +
-         line(allocate != nullptr ? "&part::four_motors<Mechanism>" : "nullptr") + "      }";
+         line(allocate != nullptr ? "&part::four_motors<Mechanism>" : "nullptr") +
+         line(text(variance)) + line(fuse != nullptr ? "&part::closure_projection<Mechanism>" : "nullptr") + "      }";
 }
 
 /// Of a cycle. The axes are made by themselves, by calls, and so is the line, by `line`; a session is drawn by the image.

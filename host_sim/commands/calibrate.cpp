@@ -13,6 +13,7 @@
 #include "host_sim/commands/output.hpp"
 #include "host_sim/commands/recorded_run.hpp"
 #include "host_sim/error.hpp"
+#include "host_sim/recorded/derivatives.hpp"
 
 namespace esmc::host {
 namespace {
@@ -43,6 +44,24 @@ Log read_log(const RecordedRun& run) {
     throw InputError("", fmt::format("{}: {} rows are too few: {} or more are needed", run.log, log.table.rows(), rows_min));
   }
   return log;
+}
+
+/// The log as it was before observers of this bandwidth followed it (critically damped: late by acceleration / bandwidth^2), or a
+/// share of that. Rows must stand at equal distances, as every tick of a run does.
+Log before_observer(const Log& log, double bandwidth, double share) {
+  Log out = log;
+  const std::size_t rows = log.table.rows();
+  if (rows < 2) return out;
+  const std::vector<double>& t = log.table.columns[0];
+  const double tick = (t.back() - t.front()) / static_cast<double>(rows - 1);
+  const auto weights = curvature_weights();
+  for (std::size_t c = 1; c < log.table.columns.size(); ++c) {
+    const std::vector<double>& angle = log.table.columns[c];
+    for (std::size_t i = 0; i < rows; ++i) {
+      out.table.columns[c][i] += share / std::pow(bandwidth * tick, 2) * curvature(weights, rows, i, [&](std::size_t row) { return angle[row]; });
+    }
+  }
+  return out;
 }
 
 /// Readings of the effector, with the angles of their instants.
@@ -97,6 +116,22 @@ void require_scale(const CalibrationProblem& p, const CalibrateOptions& o) {
                          "unknown: give the readings in the frame of the base");
   }
   if (!p.five_bar && (o.half_base || o.trust_half_base)) throw InputError("", "--half-base: an RR arm has none");
+}
+
+/// The problem of a log. Throws InputError.
+CalibrationProblem problem_of(const RecordedRun& run, const CalibrateOptions& o, const Log& log) {
+  CalibrationProblem p;
+  p.five_bar = run.scene.type == MechanismType::five_bar;
+  p.nominal = nominal_of(believed_mechanism(run.scene), p.five_bar);
+  p.half_base_known = p.five_bar && (o.trust_half_base || o.half_base);
+  if (o.half_base) p.nominal[unknown_l0] = *o.half_base;
+  p.free_frame = o.free_frame;
+  p.effector_sigma = o.effector_sigma;
+  p.effector = read_effector(o.effector, log);
+  require_scale(p, o);
+  const std::size_t stride = (log.table.rows() + rows_used_max - 1) / rows_used_max;
+  for (std::size_t i = 0; i < log.table.rows(); i += stride) p.angles.push_back(log.angles(i));
+  return p;
 }
 
 /// Throws where the result is no calibration of this mechanism.
@@ -206,21 +241,18 @@ void print(const Calibration& c, const CalibrationProblem& p, const RecordedRun&
 int run_calibrate(const CalibrateOptions& o) {
   const RecordedRun run = open_run(o.log, o.scene);
   if (!o.write.empty()) refuse_overwrite(o.write, {run.log, run.scene_file, o.effector});
-  const Log log = read_log(run);
-  CalibrationProblem p;
-  p.five_bar = run.scene.type == MechanismType::five_bar;
-  p.nominal = nominal_of(believed_mechanism(run.scene), p.five_bar);
-  p.half_base_known = p.five_bar && (o.trust_half_base || o.half_base);
-  if (o.half_base) p.nominal[unknown_l0] = *o.half_base;
-  p.free_frame = o.free_frame;
-  p.effector_sigma = o.effector_sigma;
-  p.effector = read_effector(o.effector, log);
-  require_scale(p, o);
-  const std::size_t stride = (log.table.rows() + rows_used_max - 1) / rows_used_max;
-  for (std::size_t i = 0; i < log.table.rows(); i += stride) p.angles.push_back(log.angles(i));
-
-  const Calibration c = calibrate(p);
+  const Log read = read_log(run);
+  // Nobody knows whether the drives' observers are late: halfway, and the whole range as evenly distributed.
+  const bool late = o.observer_bandwidth > 0.0;
+  const Log log = late ? before_observer(read, o.observer_bandwidth, 0.5) : read;
+  const CalibrationProblem p = problem_of(run, o, log);
+  Calibration c = calibrate(p);
   judge(c, p, run, o);
+  if (late) {
+    const Calibration none = calibrate(problem_of(run, o, read)), whole = calibrate(problem_of(run, o, before_observer(read, o.observer_bandwidth, 1.0)));
+    const Unknowns range = whole.value - none.value;
+    c.covariance += range * range.transpose() / 12.0;
+  }
   const EffectorError e = effector_error(c, p, log);
   const std::string snippet = calibrated_snippet(run.scene, c.value);
   if (!o.write.empty()) print_or_write(calibrated_scene(run, c.value), o.write);

@@ -13,6 +13,7 @@ struct CalibrateOptions {
   bool trust_half_base = false;     ///< the scene's is exact
   bool free_frame = false;          ///< effector readings in a frame of their own
   double effector_sigma = 1e-4;     ///< m
+  double observer_bandwidth = 1000.0;  ///< rad/s; 0: angles are not late
   double within = 0.2;              ///< relative distance from a nominal length that is still the same mechanism
   bool keep_nominal = false;        ///< of what the log does not determine, instead of refusing
   bool json = false;

@@ -324,6 +324,13 @@ ControllerConfig<M> make_controller(const Scene& scene, Pacing pacing,
   c.motors = scene.all_motors ? Motors::all : Motors::base;
   c.sensors = scene.all_sensors ? Sensors::all : Sensors::base;
   c.allocate = allocation_for<M>(c.motors);
+  if constexpr (M::joints == 4) {
+    for (int i = 0; i < 4 && !scene.encoder_sigma.empty(); ++i) {
+      const double sigma = scene.encoder_sigma[static_cast<std::size_t>(i)] / scene.encoder_sigma[0];
+      c.encoder_variance[i] = static_cast<S>(sigma * sigma);
+      c.fuse = &part::closure_projection<M>;
+    }
+  }
   c.sample_time = static_cast<S>(scene.tick());
   for (int i = 0; i < c.motor_count(); ++i) {
     const auto u = static_cast<std::size_t>(i);

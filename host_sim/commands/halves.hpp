@@ -247,9 +247,15 @@ class ControllerHalf {
     return with([](const auto& c) { return c.overloaded(); });
   }
   [[nodiscard]] const TickResult<M>& result() const { return result_; }
+  /// Joint whose encoder contradicts the others, after a fault loop_not_closed; empty: not known.
+  [[nodiscard]] std::string odd_encoder() const {
+    const int odd = with([](const auto& c) -> int { return c.controller().odd_encoder(); });
+    return supervisor().fault() == Fault::loop_not_closed && odd != 0 ? World::joint_names[odd - 1] : "";
+  }
   /// Why it did not arm: the fault and, where a drive said so, its node and object.
   [[nodiscard]] std::string refusal() const {
     std::string out = name(supervisor().fault());
+    if (!odd_encoder().empty()) out += " (the encoder of " + odd_encoder() + " contradicts the others)";
     with([&](const auto& c) {
       for (int i = 0; i < axis_count_; ++i) {
         if constexpr (requires { c.axis(i).refused_endpoint(); }) {

@@ -60,6 +60,7 @@ int run_lockstep(const Scene& scene, const RunOptions& o, PlantBus& plant_bus, C
   end.faults.clear();
   if (controller.supervisor().fault() != Fault::none)
     end.faults.emplace_back(name(controller.supervisor().fault()));
+  end.odd_encoder = controller.odd_encoder();
   if (!stop) controller.part([] { return false; });
   plant.drain();
   frames.close();

@@ -150,6 +150,7 @@ int run_hil_timed(const Scene& scene, const RunOptions& o) {
   end.faults.clear();
   if (controller.supervisor().fault() != Fault::none)
     end.faults.emplace_back(name(controller.supervisor().fault()));
+  end.odd_encoder = controller.odd_encoder();
   if (!stop) controller.part(next);
   frames.close();
   return finish_run(o, scene, "hil", plant.recorder().statistics(), end, plant.recorder().log(), out);

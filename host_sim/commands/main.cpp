@@ -26,6 +26,7 @@
 #include "host_sim/commands/drive.hpp"
 #include "host_sim/commands/eval.hpp"
 #include "host_sim/commands/export.hpp"
+#include "host_sim/commands/identify.hpp"
 #include "host_sim/commands/init.hpp"
 #include "host_sim/commands/live.hpp"
 #include "host_sim/commands/open_bus.hpp"
@@ -258,6 +259,13 @@ std::string above_zero(const std::string& text) {
   return !text.empty() && *end == '\0' && std::isfinite(v) && v > 0.0 ? std::string() : "must be a number > 0, not " + text;
 }
 
+void add_observer(CLI::App& c, double& bandwidth) {
+  c.add_option("--observer-bandwidth", bandwidth,
+               "rad/s, of the drives' observers at least: what they may hide goes into the uncertainties; 0: there are none")
+      ->check(CLI::Range(0.0, 1e6))
+      ->capture_default_str();
+}
+
 void add_calibrate(CLI::App& app, CalibrateOptions& o, const std::function<void()>& run) {
   auto* c = app.add_subcommand("calibrate", "lengths and encoder offsets from the log of a run with redundant encoders, with their uncertainty");
   c->add_option("LOG", o.log, "directory of a run (log.csv, scene.toml), or a log.csv")->required();
@@ -270,10 +278,22 @@ void add_calibrate(CLI::App& app, CalibrateOptions& o, const std::function<void(
       ->capture_default_str();
   c->add_flag("--free-frame", o.free_frame, "they are in a frame of their own, not in that of the base")->needs("--effector");
   c->add_flag("--keep-nominal", o.keep_nominal, "what the log does not determine stays nominal, instead of an error");
+  add_observer(*c, o.observer_bandwidth);
   c->add_option("--within", o.within, "relative change of a length beyond which it is another mechanism")
       ->check(above_zero)
       ->capture_default_str();
   c->add_option("--write", o.write, "scene file to write: the nominal one, corrected")->type_name("FILE");
+  c->add_flag("--json", o.json, "print the result as one JSON document");
+  c->callback(run);
+}
+
+void add_identify(CLI::App& app, IdentifyOptions& o, const std::function<void()>& run) {
+  auto* c = app.add_subcommand("identify", "base inertial parameters, friction and torque delay from the log of a run, with intervals");
+  c->add_option("LOG", o.log, "directory of a run (log.csv, scene.toml), or a log.csv")->required();
+  c->add_option("--scene", o.scene, "lengths and nominal parameters; default scene.toml beside the log")->type_name("FILE");
+  c->add_option("--window", o.window, "s under which the equations are taken")->check(above_zero)->capture_default_str();
+  add_observer(*c, o.observer_bandwidth);
+  c->add_option("--coverage", o.coverage, "half width of the intervals, in standard uncertainties")->check(above_zero)->capture_default_str();
   c->add_flag("--json", o.json, "print the result as one JSON document");
   c->callback(run);
 }
@@ -447,6 +467,9 @@ int run(int argc, char** argv) {
 
   CalibrateOptions calibrate;
   add_calibrate(app, calibrate, [&] { status = run_calibrate(calibrate); });
+
+  IdentifyOptions n;
+  add_identify(app, n, [&] { status = run_identify(n); });
 
   LiveOptions l;
   add_live(app, l, [&] {

@@ -124,6 +124,8 @@ class SimRun {
     }
     end.final_state = name(supervisor.state());
     if (supervisor.fault() != Fault::none) end.faults.emplace_back(name(supervisor.fault()));
+    if (supervisor.fault() == Fault::loop_not_closed && controller.odd_encoder() != 0)
+      end.odd_encoder = World::joint_names[controller.odd_encoder() - 1];
   }
 
   struct Sensor {

@@ -140,6 +140,7 @@ Json make_summary(const Scene& scene, const Statistics& s, const RunEnd& end) {
   j["supervisor"] = {{"final_state", end.final_state}, {"faults", end.faults}, {"fault_t_s", nullptr}};
   const auto fault_t = s.fault_time() ? s.fault_time() : end.fault_t;
   if (!end.faults.empty() && fault_t) j["supervisor"]["fault_t_s"] = *fault_t;
+  if (!end.odd_encoder.empty()) j["supervisor"]["odd_encoder"] = end.odd_encoder;
   j["final_state"] = {{"q", end.q}, {"qd", end.qd}};
   j["digest"] = s.digest.text();
   if (!s.has_truth) {
@@ -160,6 +161,7 @@ std::string fault_text(const Json& supervisor) {
   std::string out;
   for (const Json& f : supervisor["faults"]) {
     out += "fault " + f.get<std::string>();
+    if (supervisor.contains("odd_encoder")) out += fmt::format(" (the encoder of {} contradicts the others)", supervisor["odd_encoder"].get<std::string>());
     if (supervisor["fault_t_s"].is_number()) {
       out +=
           fmt::format(" at t = {:.3f} s; tracking counts until then", supervisor["fault_t_s"].get<double>());

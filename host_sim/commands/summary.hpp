@@ -148,6 +148,7 @@ struct RunEnd {
   bool interrupted = false;  ///< Ctrl-C
   std::string final_state = "off";
   std::vector<std::string> faults;
+  std::string odd_encoder;                  ///< joint whose encoder contradicts the others; empty: not known
   std::optional<double> fault_t;            ///< where the recorder of the run does not see the supervisor
   std::optional<std::uint64_t> late_ticks;  ///< against the wall clock; none in lockstep
   std::optional<BusSummary> bus;

@@ -155,6 +155,10 @@ void read_control(Section s, Scene& scene) {
   scene.rate_hz = s.number("rate_hz");
   scene.all_motors = s.text("motors") == "all" && five_bar;
   scene.all_sensors = s.text("sensors") == "all" && five_bar;
+  if (s.has("encoder_sigma")) {
+    if (!scene.all_sensors) s.fail("encoder_sigma", "is for a five_bar with control.sensors = \"all\"");
+    scene.encoder_sigma = s.each("encoder_sigma", 4);
+  }
   const auto motors = static_cast<std::size_t>(scene.motors());
   if (scene.closed_loop() || s.has("torque_limit")) scene.torque_limit = s.each("torque_limit", motors);
   scene.torque_weight = s.optional_numbers("torque_weight", {motors}).value_or(std::vector<double>{});

@@ -145,6 +145,7 @@ struct Scene {
   std::optional<double> delay_ticks;  ///< unset: 0 in sim and lockstep, 2 in real time
   double rate_hz = 1000.0;
   bool all_motors = false, all_sensors = false;
+  std::vector<double> encoder_sigma;  ///< rad, per joint; empty: the four encoders are not fused
   std::vector<double> torque_limit;   ///< per motor
   std::vector<double> torque_weight;  ///< per motor, W of [F26]
   std::vector<double> preload;        ///< per motor, N m, signed; empty: none

@@ -273,6 +273,28 @@ def hostile(bench):
     bench.bad("does not determine", out, "--effector", scale, "--free-frame")  # two readings of the same point
 
 
+def fusion(bench):
+    """The wrong encoder is named, by every way to run; the key is for four encoders only; an image has the part only if named."""
+    scene = bench.nominal.parent / "five_bar_fusion.toml"
+    for joint, name in enumerate(("theta11", "theta12", "theta21", "theta22")):
+        bias = [0.04 if i == joint else 0.0 for i in range(4)]
+        wrong = ["--set", f'effects=[{{type="bias", angle={bias}}}]', "--json"]
+        run = bench.run("sim", scene, *wrong)
+        told = json.loads(run.stdout)["supervisor"] if run.stdout else {}
+        expect(run.returncode == 1 and told.get("faults") == ["loop_not_closed"] and told.get("odd_encoder") == name, f"{name} is off: {told}")
+        run = bench.run("hil", scene, *wrong)
+        expect(run.returncode == 1 and f"the encoder of {name} contradicts" in run.stderr, f"hil, {name} is off: {run.stderr}")
+        run = bench.run("sim", scene, *wrong, "--set", "limits.closure=0.05")
+        expect(run.returncode == 0 and "odd_encoder" not in run.stdout, f"{name} is off, within the limit: {run.stderr}")
+    for what, change in (("encoder_sigma", "control.encoder_sigma=0.0"), ("encoder_sigma", "control.encoder_sigma=[1e-4, 1e-4]")):
+        run = bench.run("sim", scene, "--set", change)
+        expect(run.returncode == 2 and what in run.stderr, f"{change}: {run.stderr}")
+    run = bench.run("sim", bench.arm, "--set", "control.encoder_sigma=1e-4")
+    expect(run.returncode == 2 and "is for a five_bar" in run.stderr, f"an arm: {run.stderr}")
+    fused, plain = bench.run("bake", scene), bench.run("bake", bench.nominal)
+    expect("part::closure_projection" in fused.stdout and "part::" not in plain.stdout and plain.returncode == 0, "the part in a baked scene")
+
+
 def main():
     if len(sys.argv) != 3:
         print(__doc__, file=sys.stderr)
@@ -282,6 +304,7 @@ def main():
         beside = accuracy(bench)
         before, after = closed_loop(bench)
         arm(bench)
+        fusion(bench)
         hostile(bench)
     for what in failures:
         print("FAILED:", what)

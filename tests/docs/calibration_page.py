@@ -1,13 +1,15 @@
 #!/usr/bin/python3
 """Tables of docs/calibration.md. Python's standard library only.
 
-usage: calibration_page.py ESMC             makes all runs and writes the tables anew
+usage: calibration_page.py ESMC [TABLE]     makes all runs, or those of one table, and writes what they say
        calibration_page.py ESMC --check     makes a few of the runs again; they must lie within what the tables say
 
 The runs, mechanisms and judges are those of tests/cli."""
+import json
 import random
 import re
 import statistics
+import subprocess
 import sys
 import tempfile
 from concurrent.futures import ThreadPoolExecutor
@@ -17,6 +19,7 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests/cli"))
 sys.dont_write_bytecode = True
 import calibrate_test as geometry  # noqa: E402
+import identify_test as dynamics  # noqa: E402
 
 PAGE, SCENES = ROOT / "docs/calibration.md", ROOT / "host_sim/scenes"
 CASES = 30
@@ -75,19 +78,96 @@ def check_calibration(esmc, table):
                     yield f"{bits} bits, case {case}: {1e3 * after} mm, the table's largest is {largest}"
 
 
-TABLES = {"calibrate": (lambda esmc: calibration_table(esmc, CASES), check_calibration)}
+SENSING = [("base encoders alone", ['control.sensors="base"']), ("four, mean of the tips", []), ("four, fused", ["control.encoder_sigma=3e-4"]),
+           ("fused, passive ones 10 x better", ["control.encoder_sigma=[3e-3, 3e-4, 3e-3, 3e-4]"])]
+NOISE = 'type="noise", sigma=3e-4'
+WORLDS = [("ideal", []), ("noise 3e-4 rad", [NOISE]), ("noise, theta11 off by 1 mrad", [NOISE, 'type="bias", angle=[1e-3, 0.0, 0.0, 0.0]']),
+          ("noise, theta12 off by 1 mrad", [NOISE, 'type="bias", angle=[0.0, 1e-3, 0.0, 0.0]']),
+          ("noise, all off by 1 mrad, signs + - + -", [NOISE, 'type="bias", angle=[1e-3, -1e-3, 1e-3, -1e-3]']),
+          ("16-bit encoders", ['type="encoder", bits=16'])]
+SEEDS = 8
+
+
+def tracking(esmc, sensing, world, seed):
+    """Effector rms after 0.25 s, m. Without the two tables that sensors = "base" has no use for."""
+    text = (SCENES / "five_bar_fusion.toml").read_text(encoding="utf-8")
+    text = text.replace("encoder_sigma = 3e-4           # rad: equal ones; four values where they differ\n", "")
+    if 'control.sensors="base"' in sensing:
+        text = text.replace("[sensors]\nnodes = [3, 4]\n", "")
+    with tempfile.TemporaryDirectory() as folder:
+        scene = Path(folder) / "scene.toml"
+        scene.write_text(text, encoding="utf-8")
+        sets = [*sensing, "effects=[" + ", ".join("{" + e + "}" for e in world) + "]", "control.delay_ticks=2"]
+        run = subprocess.run([esmc, "sim", scene, "--json", "--seed", str(seed), *[a for s in sets for a in ("--set", s)]],
+                             capture_output=True, text=True)
+        if run.returncode != 0:
+            geometry.failures.append(f"{sensing} {world}: {run.stderr}{run.stdout[-300:]}")
+            return 0.0
+        return json.loads(run.stdout)["tracking"]["settled_rms_m"]
+
+
+def fusion_rows(esmc, seeds):
+    out = ["| effector rms, mm | " + " | ".join(n for n, _ in SENSING) + " |", "|---|" + "---|" * len(SENSING)]
+    jobs = [(s, w, seed) for _, w in WORLDS for _, s in SENSING for seed in range(1, seeds + 1)]
+    with ThreadPoolExecutor(2) as pool:
+        found = list(pool.map(lambda j: tracking(esmc, *j), jobs))
+    for name, _ in WORLDS:
+        cells = []
+        for _ in SENSING:
+            mine, found = found[:seeds], found[seeds:]
+            cells.append(f"{1e3 * statistics.mean(mine):.3f}")
+        out.append(f"| {name} | " + " | ".join(cells) + " |")
+    return "\n".join(out) + "\n"
+
+
+def check_fusion(esmc, table):
+    """One run of each cell, within a quarter of the table's mean."""
+    again = fusion_rows(esmc, 1).splitlines()
+    for have, want in zip(again[2:], table.splitlines()[2:], strict=True):
+        for a, b in zip(have.split("|")[2:-1], want.split("|")[2:-1], strict=True):
+            if not abs(float(a) - float(b)) <= 0.25 * float(b) + 2e-3:
+                yield f"fusion: {have} is not near {want}"
+
+
+def identify_table(esmc, seeds):
+    with tempfile.TemporaryDirectory() as folder:
+        bench = dynamics.Bench(esmc, SCENES, folder)
+        inside, widths, runs = dynamics.five_bar(bench, seeds)
+        geometry.failures += dynamics.failures
+    out = [f"| parameter | half width of the interval | truth inside, of {runs} runs |", "|---|---|---|"]
+    for name in inside:
+        out.append(f"| {name} | {widths[name]:.2g} ticks | {inside[name]} |" if name == "delay" else
+                   f"| `{name}` | {100 * widths[name]:.2g} % | {inside[name]} |")
+    return "\n".join(out) + "\n"
+
+
+def check_identify(esmc, table):
+    """Two runs; interval widths within a factor of two."""
+    again = identify_table(esmc, 2)
+    for have, want in zip(again.splitlines()[2:], table.splitlines()[2:], strict=True):
+        a, b = (float(row.split("|")[2].split()[0]) for row in (have, want))
+        if not 0.5 * b <= a <= 2 * b:
+            yield f"identify: {have} is not near {want}"
+
+
+TABLES = {"calibrate": (lambda esmc: calibration_table(esmc, CASES), check_calibration),
+          "fusion": (lambda esmc: fusion_rows(esmc, SEEDS), check_fusion),
+          "identify": (lambda esmc: identify_table(esmc, 60), check_identify)}
 
 
 def main():
-    if len(sys.argv) not in (2, 3) or (len(sys.argv) == 3 and sys.argv[2] != "--check"):
+    if len(sys.argv) not in (2, 3) or (len(sys.argv) == 3 and sys.argv[2] not in ("--check", *TABLES)):
         print(__doc__, file=sys.stderr)
         return 2
-    esmc, check = sys.argv[1], len(sys.argv) == 3
+    esmc, check = sys.argv[1], sys.argv[2:] == ["--check"]
+    only = set(sys.argv[2:]) & set(TABLES) or set(TABLES)
     text, wrong = PAGE.read_text(encoding="utf-8"), []
     for name, (make, verify) in TABLES.items():
         block = re.compile(rf"(<!-- {name} -->\n)(.*?)(<!-- /{name} -->)", re.S)
         if len(block.findall(text)) != 1:
             wrong.append(f"the markers of {name} are gone")
+        elif name not in only:
+            continue
         elif check:
             wrong += list(verify(esmc, block.search(text)[2]))
         else:

@@ -1,0 +1,222 @@
+#!/usr/bin/python3
+"""`esmc identify` from outside: mechanisms whose inertia, friction and delay are known here, runs with noise, and whether the stated
+intervals hold the truth; what is refused. usage: identify_test.py ESMC SCENES_DIR"""
+import csv
+import json
+import random
+import subprocess
+import sys
+import tempfile
+import tomllib
+from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+failures = []
+SEEDS = 12
+
+
+def expect(truth, what):
+    if not truth:
+        failures.append(what)
+
+
+def leg_text(leg):
+    return "{ " + ", ".join(f"{k} = {v!r}" for k, v in leg.items()) + " }"
+
+
+def standard(leg):
+    """What the equations of motion are linear in, written down anew."""
+    return {"a": leg["J1"] + leg["m1"] * leg["lg1"] ** 2 + leg["m2"] * leg["l1"] ** 2, "c": leg["J2"] + leg["m2"] * leg["lg2"] ** 2,
+            "h": leg["m2"] * leg["lg2"], "s": leg["m1"] * leg["lg1"] + leg["m2"] * leg["l1"]}
+
+
+ONE = {"l1": 0.12, "l2": 0.16, "lg1": 0.06, "lg2": 0.068, "m1": 0.1, "m2": 0.1, "J1": 2e-4, "J2": 7e-4}
+TWO = {"l1": 0.118, "l2": 0.163, "lg1": 0.05, "lg2": 0.08, "m1": 0.12, "m2": 0.09, "J1": 3e-4, "J2": 6e-4}
+M0 = 0.05
+VISCOUS, COULOMB, DELAY = [0.01, 0.002, 0.008, 0.003], [0.02, 0.004, 0.015, 0.005], 0.7
+
+
+class Bench:
+    def __init__(self, esmc, scenes, folder):
+        self.esmc, self.scenes, self.folder = esmc, scenes, Path(folder)
+
+    def run(self, *arguments):
+        return subprocess.run([self.esmc, *map(str, arguments)], capture_output=True, text=True)
+
+    def record(self, name, scene, *more):
+        out = self.folder / name
+        run = self.run("sim", scene, "--json", "--out", out, *more)
+        expect(run.returncode == 0, f"{name}: exit {run.returncode}: {run.stderr}")
+        return out
+
+    def good(self, *arguments):
+        run = self.run("identify", *arguments, "--json")
+        expect(run.returncode == 0 and not run.stderr, f"identify {arguments}: exit {run.returncode}: {run.stderr}")
+        return json.loads(run.stdout) if run.returncode == 0 else None
+
+    def bad(self, what, *arguments):
+        run = self.run("identify", *arguments)
+        expect(run.returncode == 2 and not run.stdout and run.stderr.startswith("esmc: ") and run.stderr.count("\n") == 1 and
+               what in run.stderr, f"{what!r}: {arguments}: exit {run.returncode}: {run.stderr}")
+
+
+def effects(viscous, coulomb, noise=2e-5):
+    return (f'effects=[{{type="viscous_friction", coefficient={viscous}}}, {{type="coulomb_friction", torque={coulomb}}}, '
+            f'{{type="compute_delay", time={DELAY}e-3}}, {{type="encoder", bits=16}}, {{type="noise", sigma={noise}}}]')
+
+
+def unequal_scene(bench):
+    """Unequal legs and a mass at the effector, of which the controller believes something else."""
+    text = (bench.scenes / "five_bar_identification.toml").read_text(encoding="utf-8")
+    lines = []
+    for line in text.split("[[effects]]")[0].splitlines():
+        line = f"legs = [{leg_text(ONE)}, {leg_text(TWO)}]\neffector_mass = {M0}" if line.startswith("leg = ") else line
+        lines.append(line.replace("[control]", "[control]\nmodel = { m1 = 0.9, m2 = 1.1, J2 = 0.8 }"))
+    path = bench.folder / "unequal.toml"
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return path
+
+
+def true_values():
+    truth = {"m0": M0}
+    for j, leg in enumerate((ONE, TWO), 1):
+        truth |= {k + str(j): v for k, v in standard(leg).items()}
+    for i, joint in enumerate(("11", "12", "21", "22")):
+        truth |= {f"viscous theta{joint}": VISCOUS[i], f"coulomb theta{joint}": COULOMB[i]}
+    return truth
+
+
+def five_bar(bench, seeds):
+    scene, truth = unequal_scene(bench), true_values()
+
+    def one(seed):
+        return bench.good(bench.record(f"run{seed}", scene, "--set", effects(VISCOUS, COULOMB), "--seed", seed))
+
+    with ThreadPoolExecutor(2) as pool:
+        results = [r for r in pool.map(one, range(1, seeds + 1)) if r]
+    inside, widths = Counter(), {}
+    for r in results:
+        expect(sum(p["inertial"] for p in r["parameters"]) == 7, "a five-bar has seven inertial base parameters")
+        for p in r["parameters"]:
+            name = next(iter(p["share"]))
+            value = sum(share * truth[k] for k, share in p["share"].items())
+            inside[name] += p["lower"] <= value <= p["upper"]
+            widths[name] = (p["upper"] - p["lower"]) / 2 / abs(value)
+        inside["delay"] += r["delay"]["lower"] <= DELAY <= r["delay"]["upper"]
+        widths["delay"] = (r["delay"]["upper"] - r["delay"]["lower"]) / 2
+    expect(len(inside) == 16, f"parameters: {sorted(inside)}")
+    for name, n in inside.items():
+        expect(n >= 0.9 * len(results), f"{name}: the truth is inside in {n} of {len(results)} runs")
+    expect(sum(inside.values()) >= 0.97 * 16 * len(results), f"intervals hold the truth too seldom: {dict(inside)} of {len(results)}")
+    for name, width in widths.items():
+        expect(width < 0.25, f"{name}: +- {width} of it says nothing")
+    # A mass may be moved from the tip of one leg to that of the other, or to the effector: the closed forms of what that does.
+    share = {p["name"].split()[0]: p["share"] for p in results[0]["parameters"] if p["inertial"]}
+    for name, k, of in (("a1", ONE["l1"] ** 2, 1), ("c1", ONE["l2"] ** 2, 1), ("h1", ONE["l2"], 1), ("s1", ONE["l1"], 1),
+                        ("a2", TWO["l1"] ** 2, -1), ("c2", TWO["l2"] ** 2, -1), ("h2", TWO["l2"], -1)):
+        expect(abs(share[name]["s2"] - of * k / TWO["l1"]) < 1e-6, f"share of s2 in {name}: {share[name]}")
+        expect(of < 0 or abs(share[name]["m0"] - k) < 1e-6, f"share of m0 in {name}: {share[name]}")
+    return inside, widths, len(results)
+
+
+def snippet(bench):
+    """Equal legs: the factors of [uncertainty] are the true ones over the believed ones."""
+    scene = bench.scenes / "five_bar_identification.toml"
+    out = bench.record("equal", scene, "--set", "control.model={m1=0.9, m2=1.1, J1=1.2, J2=0.8}")
+    table = tomllib.loads(bench.good(out)["toml"])["uncertainty"]
+    for name, believed in (("m1", 0.9), ("m2", 1.1), ("J1", 1.2), ("J2", 0.8)):
+        lower, upper = table[name]
+        expect(lower <= 1 / believed <= upper and upper - lower < 0.3, f"[uncertainty] {name} = {table[name]}, true {1 / believed}")
+    for kind, true in (("viscous", [0.01, 0.002] * 2), ("coulomb", [0.02, 0.004] * 2)):
+        for (lower, upper), t in zip(table[kind], true, strict=True):
+            expect(lower <= t <= upper, f"[uncertainty] {kind} = {table[kind]}, true {true}")
+    told = bench.run("identify", out)
+    expect(told.returncode == 0 and "torque delay" in told.stdout and "[uncertainty]" in told.stdout, "the table for people")
+
+
+def arm(bench):
+    rr = bench.scenes / "rr_line.toml"
+    leg = {"l1": 0.30, "l2": 0.25, "lg1": 0.15, "lg2": 0.11, "m1": 1.2, "m2": 0.8, "J1": 1.0e-2, "J2": 4.5e-3}
+    truth = standard(leg) | {"viscous theta1": 0.1, "viscous theta2": 0.05, "coulomb theta1": 0.2, "coulomb theta2": 0.1}
+    inside = total = 0
+    for seed in range(1, 5):
+        out = bench.record(f"arm{seed}", rr, "--seed", seed, "--set", effects([0.1, 0.05], [0.2, 0.1]), "--set",
+                           "control.model={m2=0.9}", "--set", "control.delay_ticks=3", "--set", "simulation.duration=4.0", "--set",
+                           'reference={type="joint_sine", offset=[0.3, 1.5], amplitude=[0.5, 0.7], omega=[5.3, 8.9], join=0.3}')
+        for p in bench.good(out)["parameters"]:
+            expect(p["name"] in truth, f"RR: no parameter {p['name']}")
+            total += 1
+            inside += p["lower"] <= truth.get(p["name"], 0) <= p["upper"]
+    expect(total == 32 and inside >= 31, f"RR: {inside} of {total} intervals hold the truth")
+    bench.bad("no column theta11_meas", out, "--scene", bench.scenes / "five_bar_identification.toml")
+    return rr
+
+
+def hostile(bench):
+    scene = bench.scenes / "five_bar_identification.toml"
+    out = bench.record("plain", scene)
+    log = (out / "log.csv").read_text(encoding="utf-8").splitlines()
+    place = bench.folder / "hostile.csv"
+
+    def with_log(lines, what, *more, end="\n"):
+        place.write_text("\n".join(lines) + end, encoding="utf-8")
+        bench.bad(what, place, "--scene", scene, *more)
+
+    with_log(log[:1500], "rows are too few")
+    with_log(log[:1], "rows are too few")
+    with_log(log, "torn off", end="")
+    with_log(log[:900] + log[950:], "hostile.csv:901: t = ")
+    at = log[0].split(",").index("tau21_cmd")
+    for word in ("nan", "-inf", "x"):
+        fields = log[700].split(",")
+        fields[at] = word
+        with_log(log[:700] + [",".join(fields)] + log[701:], "hostile.csv:701: tau21_cmd must be a finite number")
+    with_log([log[0].replace("tau21_cmd", "other")] + log[1:], "no column tau21_cmd")
+    bench.bad("--window", out, "--window", "0.001")
+    bench.bad("too few", out, "--window", "1.0")
+    bench.bad("must be a number > 0", out, "--coverage", "nan")
+    bench.bad("fit no closed mechanism", out, "--scene", heavy_scene(bench, scene))
+    # Torques that are not those of the motion.
+    draw = random.Random(5)
+    wild = [log[0]]
+    for line in log[1:]:
+        fields = line.split(",")
+        fields[at] = str(draw.uniform(-1, 1))
+        wild.append(",".join(fields))
+    with_log(wild, "stay unexplained")
+    for name, change in (("rest", 'reference={type="hold"}'), ("slow", "reference.omega=[0.3, 0.2]")):
+        more = ["--set", "initial.position=[0.0, 0.17]"] if name == "rest" else []
+        still = bench.record(name, scene, "--set", change, *more)
+        run = bench.run("identify", still)
+        expect(run.returncode == 2 and ("does not determine" in run.stderr or "unexplained" in run.stderr), f"{name}: {run.returncode} {run.stderr}")
+
+
+def heavy_scene(bench, scene):
+    """Lengths that those angles do not close, or whose motion those torques do not explain."""
+    path = bench.folder / "other.toml"
+    path.write_text(scene.read_text(encoding="utf-8").replace("half_base = 0.05", "half_base = 0.09"), encoding="utf-8")
+    return path
+
+
+def main():
+    if len(sys.argv) != 3:
+        print(__doc__, file=sys.stderr)
+        return 2
+    with tempfile.TemporaryDirectory() as folder:
+        bench = Bench(sys.argv[1], Path(sys.argv[2]).resolve(), folder)
+        inside, widths, runs = five_bar(bench, SEEDS)
+        snippet(bench)
+        arm(bench)
+        hostile(bench)
+    for what in failures:
+        print("FAILED:", what)
+    for name in inside:
+        print(f"{name:18} inside {inside[name]} of {runs}, half width {widths[name]:.3g}")
+    if not failures:
+        print("identify: all checks hold")
+    return 1 if failures else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
