@@ -28,7 +28,8 @@ struct Normal {
   Matrix H, H_effector;
   Vector gradient;
   double cost = 0.0, cost_effector = 0.0;
-  Matrix blocks;  ///< sum over blocks of the closure's gradients, each about their mean: its outer product with itself
+  Matrix blocks;  ///< sum over blocks of the closure's gradients, each about their mean: its outer product
+                  ///< with itself
   int block_count = 0;
 };
 
@@ -37,7 +38,8 @@ class Fit {
   Fit(const CalibrationProblem& p, double encoder_sigma) : p_(p), sigma_(encoder_sigma) {}
 
   /// `correct`: derivatives at the corrected angles, which a start that is far off has not got.
-  [[nodiscard]] Normal normal(const Unknowns& u, const Matrix& basis, bool correct, bool with_effector, bool with_blocks) const {
+  [[nodiscard]] Normal normal(const Unknowns& u, const Matrix& basis, bool correct, bool with_effector,
+                              bool with_blocks) const {
     const Eigen::Index k = basis.cols();
     Normal n{Matrix::Zero(k, k), Matrix::Zero(k, k), Vector::Zero(k), 0.0, 0.0, Matrix::Zero(k, k), 0};
     const std::size_t rows = p_.five_bar ? p_.angles.size() : 0;
@@ -45,7 +47,7 @@ class Fit {
     std::vector<Vector> of_block(with_blocks ? blocks : 0, Vector::Zero(k));
     Eigen::Matrix<double, 2, Eigen::Dynamic> J(2, k);
     for (std::size_t i = 0; i < rows; ++i) {
-      const WhiteRow r = white(closure_row, u, p_.angles[i], nullptr, correct);
+      const ResidualRow r = white(closure_row, u, p_.angles[i], nullptr, correct);
       J.noalias() = r.J * basis;
       n.H.selfadjointView<Eigen::Lower>().rankUpdate(J.transpose());
       const Vector g = J.transpose() * r.residual;
@@ -54,7 +56,7 @@ class Fit {
       if (with_blocks) of_block[i * blocks / rows] += g;
     }
     for (std::size_t i = 0; with_effector && i < p_.effector.size(); ++i) {
-      const WhiteRow r = white(effector_row, u, p_.effector[i].angle, &p_.effector[i], correct);
+      const ResidualRow r = white(effector_row, u, p_.effector[i].angle, &p_.effector[i], correct);
       J.noalias() = r.J * basis;
       n.H_effector.selfadjointView<Eigen::Lower>().rankUpdate(J.transpose());
       n.gradient += J.transpose() * r.residual;
@@ -81,7 +83,8 @@ class Fit {
       double damping = 1e-6;
       for (int i = 0; i < 100; ++i) {
         Matrix H = n.H;
-        H.diagonal() += damping * n.H.diagonal() + Vector::Constant(H.rows(), 1e-12 * n.H.diagonal().maxCoeff() + 1e-300);
+        H.diagonal() +=
+            damping * n.H.diagonal() + Vector::Constant(H.rows(), 1e-12 * n.H.diagonal().maxCoeff() + 1e-300);
         const Vector step = -H.ldlt().solve(n.gradient);
         const Unknowns next = u + basis * step;
         const bool possible = step.allFinite() && (next.head<5>().array() >= 0.0).all();
@@ -109,8 +112,8 @@ class Fit {
 
  private:
   template <class RowOf>
-  [[nodiscard]] WhiteRow white(RowOf row_of, const Unknowns& u, const MeasuredAngles& angle, const EffectorReading* reading,
-                               bool correct) const {
+  [[nodiscard]] ResidualRow white(RowOf row_of, const Unknowns& u, const MeasuredAngles& angle,
+                                  const EffectorReading* reading, bool correct) const {
     const double own = reading != nullptr ? p_.effector_sigma : 0.0;
     return whitened(row_of, u, p_.five_bar, angle, reading, sigma_, own, correct);
   }
@@ -124,12 +127,14 @@ Matrix columns_of(const std::vector<int>& estimated, double mean_length) {
   Matrix basis = Matrix::Zero(unknowns, static_cast<Eigen::Index>(estimated.size()));
   for (std::size_t i = 0; i < estimated.size(); ++i) {
     const int u = estimated[i];
-    basis(u, static_cast<Eigen::Index>(i)) = is_length(u) || u == unknown_fx || u == unknown_fy ? mean_length : 1.0;
+    basis(u, static_cast<Eigen::Index>(i)) =
+        is_length(u) || u == unknown_fx || u == unknown_fy ? mean_length : 1.0;
   }
   return basis;
 }
 
-/// The loop is linear in the complex numbers l e^{i offset}: a start that needs no nominal lengths. Empty: not determined.
+/// The loop is linear in the complex numbers l e^{i offset}: a start that needs no nominal lengths. Empty:
+/// not determined.
 std::optional<Unknowns> linear_start(const CalibrationProblem& p) {
   const auto rows = static_cast<Eigen::Index>(p.five_bar ? p.angles.size() : p.effector.size());
   const Eigen::Index n = p.five_bar ? 4 : 2;
@@ -196,26 +201,31 @@ void place(const CalibrationProblem& p, Unknowns& u) {
 std::string combination(const Unknowns& along, bool five_bar, const Unknowns& value, double mean_length) {
   Unknowns scale = Unknowns::Zero();
   scale.head<5>() = value.head<5>() / mean_length;
-  if (five_bar && std::abs(along.dot(scale.normalized())) > 0.98) return "half_base and all lengths together (the scale)";
+  if (five_bar && std::abs(along.dot(scale.normalized())) > 0.98)
+    return "half_base and all lengths together (the scale)";
   std::string text;
   std::vector<int> order(unknowns);
   std::iota(order.begin(), order.end(), 0);
-  std::stable_sort(order.begin(), order.end(), [&](int a, int b) { return std::abs(along[a]) > std::abs(along[b]); });
+  std::stable_sort(order.begin(), order.end(),
+                   [&](int a, int b) { return std::abs(along[a]) > std::abs(along[b]); });
   const double sign = along[order[0]] < 0.0 ? -1.0 : 1.0;
   for (const int i : order) {
     const double c = sign * along[i];
     if (std::abs(c) < 0.2) break;
-    text += fmt::format("{}{:.2f} {}", text.empty() ? "" : (c < 0.0 ? " - " : " + "), std::abs(c), name_of(i, five_bar));
+    text += fmt::format("{}{:.2f} {}", text.empty() ? "" : (c < 0.0 ? " - " : " + "), std::abs(c),
+                        name_of(i, five_bar));
   }
   return text;
 }
 
-/// Covariance of the coefficients of a basis: what the blocks of the loop say of themselves, and the readings' own.
+/// Covariance of the coefficients of a basis: what the blocks of the loop say of themselves, and the
+/// readings' own.
 Matrix covariance_of(const Normal& n, std::size_t effector_rows) {
   const Matrix inverse = n.H.completeOrthogonalDecomposition().pseudoInverse();
   const auto k = static_cast<double>(n.H.rows());
   const double blocks = n.block_count;
-  Matrix meat = n.block_count > 0 ? Matrix(n.blocks * (blocks / std::max(1.0, blocks - k))) : Matrix(Matrix::Zero(n.H.rows(), n.H.rows()));
+  Matrix meat = n.block_count > 0 ? Matrix(n.blocks * (blocks / std::max(1.0, blocks - k)))
+                                  : Matrix(Matrix::Zero(n.H.rows(), n.H.rows()));
   const double free = 2.0 * static_cast<double>(effector_rows) - (n.block_count > 0 ? 1.0 : k);
   const double factor = free > 0.0 ? std::max(1.0, n.cost_effector / free) : 1.0;
   meat += factor * n.H_effector;
@@ -225,20 +235,26 @@ Matrix covariance_of(const Normal& n, std::size_t effector_rows) {
 }  // namespace
 
 const char* name_of(int unknown, bool five_bar) {
-  static constexpr std::array five{"half_base",      "leg 1 l1",       "leg 1 l2",       "leg 2 l1", "leg 2 l2", "offset theta11",
-                                   "offset theta12", "offset theta21", "offset theta22", "frame x",  "frame y",  "frame angle"};
-  static constexpr std::array arm{"", "l1", "l2", "", "", "offset theta1", "offset theta2", "", "", "frame x", "frame y", "frame angle"};
+  static constexpr std::array five{"half_base",      "leg 1 l1",       "leg 1 l2",       "leg 2 l1",
+                                   "leg 2 l2",       "offset theta11", "offset theta12", "offset theta21",
+                                   "offset theta22", "frame x",        "frame y",        "frame angle"};
+  static constexpr std::array arm{
+      "", "l1", "l2", "", "", "offset theta1", "offset theta2", "", "", "frame x", "frame y", "frame angle"};
   return five_bar ? five[static_cast<std::size_t>(unknown)] : arm[static_cast<std::size_t>(unknown)];
 }
 
-double Calibration::sigma(int unknown) const { return std::sqrt(std::max(0.0, covariance(unknown, unknown))); }
+double Calibration::sigma(int unknown) const {
+  return std::sqrt(std::max(0.0, covariance(unknown, unknown)));
+}
 
 Calibration calibrate(const CalibrationProblem& p) {
   Calibration out;
   for (int u = 0; u < unknowns; ++u) {
     const bool frame = u >= unknown_fx, base = u == unknown_l0;
     const bool second = u == unknown_l21 || u == unknown_l22 || u == unknown_o21 || u == unknown_o22;
-    if ((frame && !(p.free_frame && !p.effector.empty())) || (base && (p.half_base_known || !p.five_bar)) || (second && !p.five_bar)) continue;
+    if ((frame && !(p.free_frame && !p.effector.empty())) || (base && (p.half_base_known || !p.five_bar)) ||
+        (second && !p.five_bar))
+      continue;
     out.estimated.push_back(u);
   }
   const int lengths = p.five_bar ? 5 : 2;
@@ -252,7 +268,8 @@ Calibration calibrate(const CalibrationProblem& p) {
   if (const auto linear = linear_start(p)) starts.push_back(*linear);
   if (p.five_bar) {
     std::vector<int> shape;
-    std::copy_if(out.estimated.begin(), out.estimated.end(), std::back_inserter(shape), [](int u) { return u > unknown_l0 && u < unknown_fx; });
+    std::copy_if(out.estimated.begin(), out.estimated.end(), std::back_inserter(shape),
+                 [](int u) { return u > unknown_l0 && u < unknown_fx; });
     const Matrix basis = columns_of(shape, out.mean_length);
     const Fit fit(p, sigma);
     double best = std::numeric_limits<double>::infinity();
@@ -265,7 +282,8 @@ Calibration calibrate(const CalibrationProblem& p) {
         start = u;
       }
     }
-    sigma = std::max(sigma_floor, sigma * std::sqrt(best / std::max(1.0, 2.0 * rows - static_cast<double>(shape.size()))));
+    sigma = std::max(sigma_floor,
+                     sigma * std::sqrt(best / std::max(1.0, 2.0 * rows - static_cast<double>(shape.size()))));
     place(p, start);
   } else {
     start = starts.back();
@@ -281,8 +299,10 @@ Calibration calibrate(const CalibrationProblem& p) {
   Matrix strong(basis.cols(), 0);
   for (Eigen::Index i = 0; i < basis.cols(); ++i) {
     const Vector v = modes.eigenvectors().col(i);
-    const double of_effector = v.dot(n.H_effector * v), of_loop = std::max(0.0, modes.eigenvalues()[i] - of_effector);
-    const double information = of_effector + (of_loop >= excitation_min * excitation_min * rows ? of_loop : 0.0);
+    const double of_effector = v.dot(n.H_effector * v),
+                 of_loop = std::max(0.0, modes.eigenvalues()[i] - of_effector);
+    const double information =
+        of_effector + (of_loop >= excitation_min * excitation_min * rows ? of_loop : 0.0);
     const double s = std::max(1.0 / std::sqrt(information), std::sqrt(std::max(0.0, v.dot(covariance * v))));
     if (s <= weak_sigma) {
       strong.conservativeResize(Eigen::NoChange, strong.cols() + 1);
@@ -309,7 +329,8 @@ Calibration calibrate(const CalibrationProblem& p) {
     now += closure_row(out.value, true, p.angles[i], nullptr).residual.squaredNorm();
     nominal += closure_row(p.nominal, true, p.angles[i], nullptr).residual.squaredNorm();
   }
-  for (const EffectorReading& r : p.effector) tips += effector_row(out.value, p.five_bar, r.angle, &r).residual.squaredNorm();
+  for (const EffectorReading& r : p.effector)
+    tips += effector_row(out.value, p.five_bar, r.angle, &r).residual.squaredNorm();
   out.closure_rms = rms(now, rows);
   out.closure_rms_nominal = rms(nominal, rows);
   out.effector_rms = rms(tips, static_cast<double>(p.effector.size()));
@@ -318,14 +339,16 @@ Calibration calibrate(const CalibrationProblem& p) {
 
 std::optional<Complex> effector_from_base(const Unknowns& u, bool five_bar, const MeasuredAngles& angle) {
   const double a1 = angle[0] + u[unknown_o11], a2 = a1 + angle[1] + u[unknown_o12];
-  const Complex elbow1 = u[unknown_l0] + std::polar(u[unknown_l11], a1), tip1 = elbow1 + std::polar(u[unknown_l12], a2);
+  const Complex elbow1 = u[unknown_l0] + std::polar(u[unknown_l11], a1),
+                tip1 = elbow1 + std::polar(u[unknown_l12], a2);
   if (!five_bar) return tip1 - u[unknown_l0];
   const Complex elbow2 = -u[unknown_l0] - std::polar(u[unknown_l21], -(angle[2] + u[unknown_o21]));
   const Complex w = elbow1 - elbow2;
   const double d = std::abs(w), l1 = u[unknown_l12], l2 = u[unknown_l22];
   const double along = (d * d + l2 * l2 - l1 * l1) / (2.0 * d), square = l2 * l2 - along * along;
   if (!(d > 0.0 && square >= 0.0)) return std::nullopt;
-  const Complex above = elbow2 + w / d * Complex(along, std::sqrt(square)), below = elbow2 + w / d * Complex(along, -std::sqrt(square));
+  const Complex above = elbow2 + w / d * Complex(along, std::sqrt(square)),
+                below = elbow2 + w / d * Complex(along, -std::sqrt(square));
   return std::abs(above - tip1) < std::abs(below - tip1) ? above : below;
 }
 

@@ -1,5 +1,6 @@
 #pragma once
-/// What one reading says of the unknowns: a complex equation, its derivatives, and both in units of its own uncertainty.
+/// What one reading says of the unknowns: a complex equation, its derivatives, and both in units of its own
+/// uncertainty.
 
 #include <Eigen/Cholesky>
 #include <cmath>
@@ -8,19 +9,18 @@
 
 namespace esmc::host {
 
-/// residual(unknowns, angles) = 0, two rows. J: by the unknowns; its columns of the offsets are those by the angles as well.
-struct Row {
+/// residual(unknowns, angles) = 0, two rows. J: by the unknowns; its columns of the offsets are those by the
+/// angles as well.
+struct ResidualRow {
   Eigen::Vector2d residual;
   Eigen::Matrix<double, 2, unknowns> J = Eigen::Matrix<double, 2, unknowns>::Zero();
 };
-/// Divided by the standard deviation of the residual.
-using WhiteRow = Row;
-
 namespace detail {
 
 inline Eigen::Vector2d pair_of(const std::complex<double>& z) { return {z.real(), z.imag()}; }
 
-/// The bars as complex numbers in the base frame; those of leg 2, whose own frame is mirrored, from tip to base.
+/// The bars as complex numbers in the base frame; those of leg 2, whose own frame is mirrored, from tip to
+/// base.
 struct Bars {
   std::complex<double> direction[4], bar[4];
   Bars(const Unknowns& u, const MeasuredAngles& a) {
@@ -35,11 +35,12 @@ struct Bars {
 
 }  // namespace detail
 
-/// Tip of leg 1 less tip of leg 2: 2 l0 + l11 e^{i phi11} + l12 e^{i phi12} + l21 e^{-i phi21} + l22 e^{-i phi22}.
-inline Row closure_row(const Unknowns& u, bool, const MeasuredAngles& a, const EffectorReading*) {
+/// Tip of leg 1 less tip of leg 2: 2 l0 + l11 e^{i phi11} + l12 e^{i phi12} + l21 e^{-i phi21} + l22 e^{-i
+/// phi22}.
+inline ResidualRow closure_row(const Unknowns& u, bool, const MeasuredAngles& a, const EffectorReading*) {
   const detail::Bars b(u, a);
   const std::complex<double> i(0.0, 1.0);
-  Row r;
+  ResidualRow r;
   r.residual = detail::pair_of(2.0 * u[unknown_l0] + b.bar[0] + b.bar[1] + b.bar[2] + b.bar[3]);
   r.J.col(unknown_l0) << 2.0, 0.0;
   for (int k = 0; k < 4; ++k) r.J.col(unknown_l11 + k) = detail::pair_of(b.direction[k]);
@@ -51,15 +52,18 @@ inline Row closure_row(const Unknowns& u, bool, const MeasuredAngles& a, const E
 }
 
 /// The reading, brought into the base frame, less the effector: the mean of both tips (RR: its tip).
-inline Row effector_row(const Unknowns& u, bool five_bar, const MeasuredAngles& a, const EffectorReading* reading) {
+inline ResidualRow effector_row(const Unknowns& u, bool five_bar, const MeasuredAngles& a,
+                                const EffectorReading* reading) {
   const detail::Bars b(u, a);
   const std::complex<double> i(0.0, 1.0);
   const double half = five_bar ? 0.5 : 1.0, other = five_bar ? 0.5 : 0.0;
-  const std::complex<double> turned = std::polar(1.0, u[unknown_fa]) * std::complex<double>(reading->x, reading->y);
+  const std::complex<double> turned =
+      std::polar(1.0, u[unknown_fa]) * std::complex<double>(reading->x, reading->y);
   const std::complex<double> frame(u[unknown_fx], u[unknown_fy]);
-  Row r;
+  ResidualRow r;
   r.residual = detail::pair_of(frame + turned - half * (b.bar[0] + b.bar[1]) + other * (b.bar[2] + b.bar[3]));
-  for (int k = 0; k < 4; ++k) r.J.col(unknown_l11 + k) = detail::pair_of((k < 2 ? -half : other) * b.direction[k]);
+  for (int k = 0; k < 4; ++k)
+    r.J.col(unknown_l11 + k) = detail::pair_of((k < 2 ? -half : other) * b.direction[k]);
   r.J.col(unknown_o11) = detail::pair_of(-half * i * (b.bar[0] + b.bar[1]));
   r.J.col(unknown_o12) = detail::pair_of(-half * i * b.bar[1]);
   r.J.col(unknown_o21) = detail::pair_of(-other * i * (b.bar[2] + b.bar[3]));
@@ -69,14 +73,14 @@ inline Row effector_row(const Unknowns& u, bool five_bar, const MeasuredAngles& 
   return r;
 }
 
-/// A row in units of its uncertainty: angles with standard deviation `sigma`, and `own` of each coordinate. `correct`: at the
-/// angles as corrected to fulfil it, where the derivatives are free of the readings' noise.
+/// A row in units of its uncertainty: angles with standard deviation `sigma`, and `own` of each coordinate.
+/// `correct`: at the angles as corrected to fulfil it, where the derivatives are free of the readings' noise.
 template <class RowOf>
-WhiteRow whitened(RowOf row_of, const Unknowns& u, bool five_bar, MeasuredAngles angle, const EffectorReading* reading,
-                  double sigma, double own, bool correct) {
+ResidualRow whitened(RowOf row_of, const Unknowns& u, bool five_bar, MeasuredAngles angle,
+                     const EffectorReading* reading, double sigma, double own, bool correct) {
   using Angles = Eigen::Vector4d;
   Angles by = Angles::Zero();
-  Row r = row_of(u, five_bar, angle, reading);
+  ResidualRow r = row_of(u, five_bar, angle, reading);
   Eigen::LLT<Eigen::Matrix2d> root;
   for (int pass = 0;; ++pass) {
     const auto A = r.J.template middleCols<4>(unknown_o11);

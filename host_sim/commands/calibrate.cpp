@@ -23,7 +23,7 @@ using Json = nlohmann::ordered_json;
 constexpr std::size_t rows_min = 200, rows_used_max = 40'000;
 constexpr double encoder_sigma_max = 0.02;  // rad; lengths that fit no better than this are none
 
-struct Log {
+struct JointLog {
   RecordedTable table;  ///< t, then the joints
   [[nodiscard]] MeasuredAngles angles(std::size_t row) const {
     MeasuredAngles a{};
@@ -32,24 +32,26 @@ struct Log {
   }
 };
 
-Log read_log(const RecordedRun& run) {
+JointLog read_log(const RecordedRun& run) {
   std::vector<std::string> names{"t"};
   for (const std::string& j : joint_names(run.scene.type)) names.push_back(j + "_meas");
   const bool five_bar = run.scene.type == MechanismType::five_bar;
-  Log log{read_table(run.log, names,
-                     five_bar ? ": what four encoders say is needed, of a five-bar that ran with control.sensors = \"all\""
-                              : ": the log of an RR arm that ran under its controller is needed")};
+  JointLog log{read_table(
+      run.log, names,
+      five_bar ? ": what four encoders say is needed, of a five-bar that ran with control.sensors = \"all\""
+               : ": the log of an RR arm that ran under its controller is needed")};
   require_ascending(log.table, 0);
   if (five_bar && log.table.rows() < rows_min) {
-    throw InputError("", fmt::format("{}: {} rows are too few: {} or more are needed", run.log, log.table.rows(), rows_min));
+    throw InputError("", fmt::format("{}: {} rows are too few: {} or more are needed", run.log,
+                                     log.table.rows(), rows_min));
   }
   return log;
 }
 
-/// The log as it was before observers of this bandwidth followed it (critically damped: late by acceleration / bandwidth^2), or a
-/// share of that. Rows must stand at equal distances, as every tick of a run does.
-Log before_observer(const Log& log, double bandwidth, double share) {
-  Log out = log;
+/// The log as it was before observers of this bandwidth followed it (critically damped: late by acceleration
+/// / bandwidth^2), or a share of that. Rows must stand at equal distances, as every tick of a run does.
+JointLog before_observer(const JointLog& log, double bandwidth, double share) {
+  JointLog out = log;
   const std::size_t rows = log.table.rows();
   if (rows < 2) return out;
   const std::vector<double>& t = log.table.columns[0];
@@ -58,23 +60,26 @@ Log before_observer(const Log& log, double bandwidth, double share) {
   for (std::size_t c = 1; c < log.table.columns.size(); ++c) {
     const std::vector<double>& angle = log.table.columns[c];
     for (std::size_t i = 0; i < rows; ++i) {
-      out.table.columns[c][i] += share / std::pow(bandwidth * tick, 2) * curvature(weights, rows, i, [&](std::size_t row) { return angle[row]; });
+      out.table.columns[c][i] += share / std::pow(bandwidth * tick, 2) *
+                                 curvature(weights, rows, i, [&](std::size_t row) { return angle[row]; });
     }
   }
   return out;
 }
 
 /// Readings of the effector, with the angles of their instants.
-std::vector<EffectorReading> read_effector(const std::string& file, const Log& log) {
+std::vector<EffectorReading> read_effector(const std::string& file, const JointLog& log) {
   if (file.empty()) return {};
-  const RecordedTable readings = read_table(file, {"t", "x", "y"}, ": the header of effector readings is t,x,y");
+  const RecordedTable readings =
+      read_table(file, {"t", "x", "y"}, ": the header of effector readings is t,x,y");
   const std::vector<double>& t = log.table.columns[0];
   std::vector<EffectorReading> out;
   for (std::size_t i = 0; i < readings.rows(); ++i) {
     const double at = readings.columns[0][i];
     if (t.size() < 2 || !(at >= t.front() && at <= t.back())) {
-      throw InputError(readings.where(i), fmt::format("t = {} s is outside the log, which goes from {} to {} s", at,
-                                                      t.empty() ? 0.0 : t.front(), t.empty() ? 0.0 : t.back()));
+      throw InputError(readings.where(i),
+                       fmt::format("t = {} s is outside the log, which goes from {} to {} s", at,
+                                   t.empty() ? 0.0 : t.front(), t.empty() ? 0.0 : t.back()));
     }
     const auto after = std::clamp<std::ptrdiff_t>(std::upper_bound(t.begin(), t.end(), at) - t.begin(), 1,
                                                   static_cast<std::ptrdiff_t>(t.size()) - 1);
@@ -101,25 +106,33 @@ Unknowns nominal_of(const FiveBarParams<double>& p, bool five_bar) {
 void require_scale(const CalibrationProblem& p, const CalibrateOptions& o) {
   const std::size_t n = p.effector.size();
   if (!o.effector.empty() && n < (p.five_bar ? 2U : 3U)) {
-    throw InputError(o.effector, fmt::format("{} readings of the effector are too few: {} or more are needed", n, p.five_bar ? 2 : 3));
+    throw InputError(o.effector, fmt::format("{} readings of the effector are too few: {} or more are needed",
+                                             n, p.five_bar ? 2 : 3));
   }
   if (p.five_bar && o.effector.empty() && !p.half_base_known) {
-    throw InputError("", "encoders tell the shape of the mechanism but not its scale: --half-base M (measured), --trust-half-base "
-                         "(the scene's is right) or --effector FILE with two or more readings is needed");
+    throw InputError("",
+                     "encoders tell the shape of the mechanism but not its scale: --half-base M (measured), "
+                     "--trust-half-base "
+                     "(the scene's is right) or --effector FILE with two or more readings is needed");
   }
   if (!p.five_bar && o.effector.empty()) {
-    throw InputError("", "an RR arm has no loop whose closure its encoders could contradict: --effector FILE with three or more "
-                         "readings is needed");
+    throw InputError("",
+                     "an RR arm has no loop whose closure its encoders could contradict: --effector FILE "
+                     "with three or more "
+                     "readings is needed");
   }
   if (!p.five_bar && o.free_frame) {
-    throw InputError("", "--free-frame: the angle of the readings' frame and the offset of an RR arm's first joint are the same "
-                         "unknown: give the readings in the frame of the base");
+    throw InputError("",
+                     "--free-frame: the angle of the readings' frame and the offset of an RR arm's first "
+                     "joint are the same "
+                     "unknown: give the readings in the frame of the base");
   }
-  if (!p.five_bar && (o.half_base || o.trust_half_base)) throw InputError("", "--half-base: an RR arm has none");
+  if (!p.five_bar && (o.half_base || o.trust_half_base))
+    throw InputError("", "--half-base: an RR arm has none");
 }
 
 /// The problem of a log. Throws InputError.
-CalibrationProblem problem_of(const RecordedRun& run, const CalibrateOptions& o, const Log& log) {
+CalibrationProblem problem_of(const RecordedRun& run, const CalibrateOptions& o, const JointLog& log) {
   CalibrationProblem p;
   p.five_bar = run.scene.type == MechanismType::five_bar;
   p.nominal = nominal_of(believed_mechanism(run.scene), p.five_bar);
@@ -135,25 +148,35 @@ CalibrationProblem problem_of(const RecordedRun& run, const CalibrateOptions& o,
 }
 
 /// Throws where the result is no calibration of this mechanism.
-void judge(const Calibration& c, const CalibrationProblem& p, const RecordedRun& run, const CalibrateOptions& o) {
+void judge(const Calibration& c, const CalibrationProblem& p, const RecordedRun& run,
+           const CalibrateOptions& o) {
   if (c.encoder_sigma > encoder_sigma_max) {
-    throw InputError("", fmt::format("{}: no lengths make the loop close better than {:.2g} mm rms: is it the log of this mechanism?",
-                                     run.log, 1e3 * c.closure_rms));
+    throw InputError(
+        "",
+        fmt::format(
+            "{}: no lengths make the loop close better than {:.2g} mm rms: is it the log of this mechanism?",
+            run.log, 1e3 * c.closure_rms));
   }
   if (!c.weak.empty() && !o.keep_nominal) {
     std::string names;
-    for (std::size_t i = 0; i < std::min<std::size_t>(c.weak.size(), 3); ++i) names += (i > 0 ? "; " : "") + c.weak[i].text;
+    for (std::size_t i = 0; i < std::min<std::size_t>(c.weak.size(), 3); ++i)
+      names += (i > 0 ? "; " : "") + c.weak[i].text;
     if (c.weak.size() > 3) names += fmt::format("; and {} more", c.weak.size() - 3);
-    throw InputError("", fmt::format("{}: does not determine {}: let the mechanism move further, in both legs; --keep-nominal "
-                                     "leaves these as they are", run.log, names));
+    throw InputError(
+        "",
+        fmt::format("{}: does not determine {}: let the mechanism move further, in both legs; --keep-nominal "
+                    "leaves these as they are",
+                    run.log, names));
   }
   if (!c.converged) throw RunError("the least-squares fit did not converge");
   for (const int u : c.estimated) {
     const double change = is_length(u) ? std::abs(c.value[u] / p.nominal[u] - 1.0) : 0.0;
     if (change > o.within) {
-      throw InputError("", fmt::format("{}: {} would be {:.4g} m, {:.0f} % from the nominal {:.4g} m: is it the log of this "
-                                       "mechanism? --within allows more than {:g}",
-                                       run.log, name_of(u, p.five_bar), c.value[u], 100.0 * change, p.nominal[u], o.within));
+      throw InputError(
+          "",
+          fmt::format("{}: {} would be {:.4g} m, {:.0f} % from the nominal {:.4g} m: is it the log of this "
+                      "mechanism? --within allows more than {:g}",
+                      run.log, name_of(u, p.five_bar), c.value[u], 100.0 * change, p.nominal[u], o.within));
     }
   }
 }
@@ -162,13 +185,14 @@ void judge(const Calibration& c, const CalibrationProblem& p, const RecordedRun&
 struct EffectorError {
   double rms = 0.0, max = 0.0, sigma = 0.0;  // m
 };
-EffectorError effector_error(const Calibration& c, const CalibrationProblem& p, const Log& log) {
+EffectorError effector_error(const Calibration& c, const CalibrationProblem& p, const JointLog& log) {
   EffectorError e;
   double sum = 0.0, count = 0.0;
   const std::size_t stride = std::max<std::size_t>(1, log.table.rows() / 500);
   for (std::size_t i = 0; i < log.table.rows(); i += stride) {
     const MeasuredAngles a = log.angles(i);
-    const auto before = effector_from_base(p.nominal, p.five_bar, a), after = effector_from_base(c.value, p.five_bar, a);
+    const auto before = effector_from_base(p.nominal, p.five_bar, a),
+               after = effector_from_base(c.value, p.five_bar, a);
     if (!before || !after) continue;
     const double d = std::abs(*before - *after);
     sum += d * d;
@@ -189,8 +213,8 @@ std::string scale_text(const CalibrationProblem& p) {
   return text;
 }
 
-Json json_of(const Calibration& c, const CalibrationProblem& p, const RecordedRun& run, const Log& log, const EffectorError& e,
-             const std::string& snippet) {
+Json json_of(const Calibration& c, const CalibrationProblem& p, const RecordedRun& run, const JointLog& log,
+             const EffectorError& e, const std::string& snippet) {
   Json j;
   j["scene"] = run.scene.name;
   j["log"] = run.log;
@@ -207,32 +231,38 @@ Json json_of(const Calibration& c, const CalibrationProblem& p, const RecordedRu
   }
   j["kept_nominal"] = Json::array();
   for (const WeakDirection& w : c.weak) {
-    j["kept_nominal"].push_back({{"direction", w.text}, {"sigma", std::isfinite(w.sigma) ? Json(w.sigma) : Json(nullptr)}});
+    j["kept_nominal"].push_back(
+        {{"direction", w.text}, {"sigma", std::isfinite(w.sigma) ? Json(w.sigma) : Json(nullptr)}});
   }
   j["encoder_sigma_rad"] = p.five_bar ? Json(c.encoder_sigma) : Json(nullptr);
-  j["closure"] = p.five_bar ? Json{{"nominal_rms_m", c.closure_rms_nominal}, {"rms_m", c.closure_rms}} : Json(nullptr);
+  j["closure"] =
+      p.five_bar ? Json{{"nominal_rms_m", c.closure_rms_nominal}, {"rms_m", c.closure_rms}} : Json(nullptr);
   j["effector_readings_rms_m"] = p.effector.empty() ? Json(nullptr) : Json(c.effector_rms);
   j["effector"] = {{"nominal_rms_m", e.rms}, {"nominal_max_m", e.max}, {"sigma_m", e.sigma}};
   j["toml"] = snippet;
   return j;
 }
 
-void print(const Calibration& c, const CalibrationProblem& p, const RecordedRun& run, const Log& log, const EffectorError& e,
-           const std::string& snippet) {
+void print(const Calibration& c, const CalibrationProblem& p, const RecordedRun& run, const JointLog& log,
+           const EffectorError& e, const std::string& snippet) {
   fmt::print("{}: {} rows, {}\n", printable(run.scene.name), log.table.rows(), scale_text(p));
   fmt::print("{:<16}{:>12}{:>14}{:>12}\n", "", "nominal", "estimate", "+-");
   for (const int u : c.estimated) {
-    fmt::print("{:<16}{:>12.6g}{:>14.8g}{:>12.2g} {}\n", name_of(u, p.five_bar), p.nominal[u], c.value[u], c.sigma(u),
-               is_length(u) || u == unknown_fx || u == unknown_fy ? "m" : "rad");
+    fmt::print("{:<16}{:>12.6g}{:>14.8g}{:>12.2g} {}\n", name_of(u, p.five_bar), p.nominal[u], c.value[u],
+               c.sigma(u), is_length(u) || u == unknown_fx || u == unknown_fy ? "m" : "rad");
   }
-  for (const WeakDirection& w : c.weak) fmt::print("kept nominal, the log does not determine it: {}\n", w.text);
+  for (const WeakDirection& w : c.weak)
+    fmt::print("kept nominal, the log does not determine it: {}\n", w.text);
   if (p.five_bar) {
-    fmt::print("loop closes to {:.3g} mm rms, with nominal values {:.3g} mm; encoders: {:.2g} rad rms\n", 1e3 * c.closure_rms,
-               1e3 * c.closure_rms_nominal, c.encoder_sigma);
+    fmt::print("loop closes to {:.3g} mm rms, with nominal values {:.3g} mm; encoders: {:.2g} rad rms\n",
+               1e3 * c.closure_rms, 1e3 * c.closure_rms_nominal, c.encoder_sigma);
   }
   if (!p.effector.empty()) fmt::print("effector readings are met to {:.3g} mm rms\n", 1e3 * c.effector_rms);
-  fmt::print("effector from the base encoders: nominal values put it {:.3g} mm rms, {:.3g} mm max beside these; these are good for "
-             "{:.2g} mm (standard uncertainty)\n", 1e3 * e.rms, 1e3 * e.max, 1e3 * e.sigma);
+  fmt::print(
+      "effector from the base encoders: nominal values put it {:.3g} mm rms, {:.3g} mm max beside these; "
+      "these are good for "
+      "{:.2g} mm (standard uncertainty)\n",
+      1e3 * e.rms, 1e3 * e.max, 1e3 * e.sigma);
   fmt::print("\n{}", snippet);
 }
 
@@ -241,15 +271,16 @@ void print(const Calibration& c, const CalibrationProblem& p, const RecordedRun&
 int run_calibrate(const CalibrateOptions& o) {
   const RecordedRun run = open_run(o.log, o.scene);
   if (!o.write.empty()) refuse_overwrite(o.write, {run.log, run.scene_file, o.effector});
-  const Log read = read_log(run);
+  const JointLog read = read_log(run);
   // Nobody knows whether the drives' observers are late: halfway, and the whole range as evenly distributed.
   const bool late = o.observer_bandwidth > 0.0;
-  const Log log = late ? before_observer(read, o.observer_bandwidth, 0.5) : read;
+  const JointLog log = late ? before_observer(read, o.observer_bandwidth, 0.5) : read;
   const CalibrationProblem p = problem_of(run, o, log);
   Calibration c = calibrate(p);
   judge(c, p, run, o);
   if (late) {
-    const Calibration none = calibrate(problem_of(run, o, read)), whole = calibrate(problem_of(run, o, before_observer(read, o.observer_bandwidth, 1.0)));
+    const Calibration none = calibrate(problem_of(run, o, read)),
+                      whole = calibrate(problem_of(run, o, before_observer(read, o.observer_bandwidth, 1.0)));
     const Unknowns range = whole.value - none.value;
     c.covariance += range * range.transpose() / 12.0;
   }

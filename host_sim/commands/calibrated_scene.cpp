@@ -14,7 +14,8 @@ namespace esmc::host {
 namespace {
 
 toml::table leg_table(LegParams<double> p, double l1, double l2) {
-  toml::table t{{"l1", l1}, {"l2", l2}, {"lg1", p.lg1}, {"lg2", p.lg2}, {"m1", p.m1}, {"m2", p.m2}, {"J1", p.J1}, {"J2", p.J2}};
+  toml::table t{{"l1", l1},   {"l2", l2},   {"lg1", p.lg1}, {"lg2", p.lg2},
+                {"m1", p.m1}, {"m2", p.m2}, {"J1", p.J1},   {"J2", p.J2}};
   t.is_inline(true);
   return t;
 }
@@ -25,7 +26,8 @@ toml::array numbers(const std::vector<double>& values) {
   return out;
 }
 
-/// The offsets of what [drives] and [sensors] name, in their order; or, where the zero is set in a pose, the angles of that pose.
+/// The offsets of what [drives] and [sensors] name, in their order; or, where the zero is set in a pose, the
+/// angles of that pose.
 void correct_offsets(toml::table& into, const Scene& scene, const Unknowns& value) {
   const auto section = [&](const char* name) -> toml::table& {
     if (into[name].as_table() == nullptr) into.insert_or_assign(name, toml::table{});
@@ -40,7 +42,8 @@ void correct_offsets(toml::table& into, const Scene& scene, const Unknowns& valu
     std::size_t sensed = 0;
     for (std::size_t j = 0; j < joints; ++j) {
       if (!all && j % 2 == 1) continue;
-      const double was = scene.drives.zero_pose.empty() ? scene.start_angle[j] : scene.drives.zero_pose[sensed];
+      const double was =
+          scene.drives.zero_pose.empty() ? scene.start_angle[j] : scene.drives.zero_pose[sensed];
       pose.push_back(was + correction(j));
       ++sensed;
     }
@@ -49,7 +52,9 @@ void correct_offsets(toml::table& into, const Scene& scene, const Unknowns& valu
   }
   std::vector<double> drives, sensors;
   const std::vector<std::size_t> motors = scene.motor_joints();
-  const auto offset = [&](std::size_t i) { return i < scene.drives.offset.size() ? scene.drives.offset[i] : 0.0; };
+  const auto offset = [&](std::size_t i) {
+    return i < scene.drives.offset.size() ? scene.drives.offset[i] : 0.0;
+  };
   for (std::size_t m = 0; m < motors.size(); ++m) drives.push_back(offset(m) + correction(motors[m]));
   section("drives").insert_or_assign("offset", numbers(drives));
   if (!(five_bar && scene.all_sensors && !scene.all_motors)) return;
@@ -65,8 +70,9 @@ void correct_lengths(toml::table& mechanism, const Scene& scene, const Unknowns&
   }
   mechanism.insert_or_assign("half_base", value[unknown_l0]);
   mechanism.erase("leg");
-  mechanism.insert_or_assign("legs", toml::array{leg_table(p.legs[0], value[unknown_l11], value[unknown_l12]),
-                                                 leg_table(p.legs[1], value[unknown_l21], value[unknown_l22])});
+  mechanism.insert_or_assign("legs",
+                             toml::array{leg_table(p.legs[0], value[unknown_l11], value[unknown_l12]),
+                                         leg_table(p.legs[1], value[unknown_l21], value[unknown_l22])});
 }
 
 }  // namespace
@@ -100,7 +106,8 @@ std::string calibrated_scene(const RecordedRun& run, const Unknowns& value) {
   try {
     (void)read_scene_text(text, "calibrated scene", {});
   } catch (const InputError& e) {
-    throw InputError("", std::string("--write: the scene does not fit its calibrated mechanism: ") + e.what());
+    throw InputError("",
+                     std::string("--write: the scene does not fit its calibrated mechanism: ") + e.what());
   }
   return text;
 }

@@ -41,18 +41,24 @@ IdentifyProblem read_problem(const RecordedRun& run, const IdentifyOptions& o) {
   std::vector<std::string> names{"t", joints[0] + "_meas", joints[second] + "_meas"};
   const std::vector<std::size_t> motors = scene.motor_joints();
   for (const std::size_t m : motors) names.push_back("tau" + joints[m].substr(5) + "_cmd");
-  const RecordedTable log = read_table(run.log, names, std::string(": the log of ") + (p.five_bar ? "a five-bar" : "an RR arm") +
-                                                           " that ran under its controller is needed");
+  const RecordedTable log =
+      read_table(run.log, names,
+                 std::string(": the log of ") + (p.five_bar ? "a five-bar" : "an RR arm") +
+                     " that ran under its controller is needed");
   require_ascending(log, 0);
   const std::size_t needed = ticks_needed(p);
   if (log.rows() < needed) {
-    throw InputError("", fmt::format("{}: {} rows are too few: twenty windows of {:g} s need {}", run.log, log.rows(), o.window, needed));
+    throw InputError("", fmt::format("{}: {} rows are too few: twenty windows of {:g} s need {}", run.log,
+                                     log.rows(), o.window, needed));
   }
   for (std::size_t i = 0; i < log.rows(); ++i) {
     const double t = log.columns[0][i];
     if (std::abs(t - log.columns[0][0] - static_cast<double>(i) * p.tick) > 0.01 * p.tick) {
-      throw InputError(log.where(i), fmt::format("t = {} s is not {} ticks of {:g} s after the first row: every tick is needed, at the "
-                                                 "scene's control.rate_hz", t, i, p.tick));
+      throw InputError(
+          log.where(i),
+          fmt::format("t = {} s is not {} ticks of {:g} s after the first row: every tick is needed, at the "
+                      "scene's control.rate_hz",
+                      t, i, p.tick));
     }
     p.angle.push_back({log.columns[1][i], log.columns[2][i]});
     std::array<double, 4> torque{};
@@ -64,25 +70,35 @@ IdentifyProblem read_problem(const RecordedRun& run, const IdentifyOptions& o) {
 
 void judge(const Identification& r, const RecordedRun& run) {
   const auto refuse_weak = [&] {
-    throw InputError("", fmt::format("{}: the motion does not determine {}{}: move faster, and both joints differently", run.log, r.weak.front(),
-                                     r.weak.size() > 1 ? fmt::format(", nor {} more combination{}", r.weak.size() - 1, r.weak.size() > 2 ? "s" : "") : ""));
+    throw InputError(
+        "", fmt::format("{}: the motion does not determine {}{}: move faster, and both joints differently",
+                        run.log, r.weak.front(),
+                        r.weak.size() > 1 ? fmt::format(", nor {} more combination{}", r.weak.size() - 1,
+                                                        r.weak.size() > 2 ? "s" : "")
+                                          : ""));
   };
   if (!r.weak.empty() && r.covariance.size() == 0) refuse_weak();
   for (std::size_t j = 0; j < 2; ++j) {
     if (!(r.residual[j] <= unexplained_max * std::max(r.effort[0], r.effort[1]))) {
-      throw InputError("", fmt::format("{}: {:.2g} of {:.2g} N m rms stay unexplained: is it the log of this mechanism, and are its "
-                                       "lengths calibrated?", run.log, r.residual[j], r.effort[j]));
+      throw InputError(
+          "",
+          fmt::format(
+              "{}: {:.2g} of {:.2g} N m rms stay unexplained: is it the log of this mechanism, and are its "
+              "lengths calibrated?",
+              run.log, r.residual[j], r.effort[j]));
     }
   }
   if (!r.weak.empty()) refuse_weak();
 }
 
 constexpr const char* legend(bool five_bar) {
-  return five_bar ? "per leg j: aj = J1 + m1 lg1^2 + m2 l1^2, cj = J2 + m2 lg2^2, hj = m2 lg2, sj = m1 lg1 + m2 l1; m0 the effector's mass"
+  return five_bar ? "per leg j: aj = J1 + m1 lg1^2 + m2 l1^2, cj = J2 + m2 lg2^2, hj = m2 lg2, sj = m1 lg1 + "
+                    "m2 l1; m0 the effector's mass"
                   : "a = J1 + m1 lg1^2 + m2 l1^2, c = J2 + m2 lg2^2, h = m2 lg2, s = m1 lg1 + m2 l1";
 }
 
-Json json_of(const Identification& r, const RecordedRun& run, const IdentifyProblem& p, const IdentifyOptions& o, const std::string& snippet) {
+Json json_of(const Identification& r, const RecordedRun& run, const IdentifyProblem& p,
+             const IdentifyOptions& o, const std::string& snippet) {
   const auto standard = standard_parameters(p.five_bar);
   Json j;
   j["scene"] = run.scene.name;
@@ -97,11 +113,19 @@ Json json_of(const Identification& r, const RecordedRun& run, const IdentifyProb
     for (std::size_t i = 0; i < b.share.size(); ++i) {
       if (b.share[i] != 0.0) share[standard[i].name] = b.share[i];
     }
-    j["parameters"].push_back({{"name", b.text}, {"unit", s.unit}, {"inertial", s.inertial}, {"share", share}, {"nominal", b.nominal},
-                               {"value", b.value}, {"sigma", b.sigma}, {"lower", b.value - o.coverage * b.sigma},
+    j["parameters"].push_back({{"name", b.text},
+                               {"unit", s.unit},
+                               {"inertial", s.inertial},
+                               {"share", share},
+                               {"nominal", b.nominal},
+                               {"value", b.value},
+                               {"sigma", b.sigma},
+                               {"lower", b.value - o.coverage * b.sigma},
                                {"upper", b.value + o.coverage * b.sigma}});
   }
-  j["delay"] = {{"ticks", r.delay_ticks}, {"sigma", r.delay_sigma}, {"lower", r.delay_ticks - o.coverage * r.delay_sigma},
+  j["delay"] = {{"ticks", r.delay_ticks},
+                {"sigma", r.delay_sigma},
+                {"lower", r.delay_ticks - o.coverage * r.delay_sigma},
                 {"upper", r.delay_ticks + o.coverage * r.delay_sigma}};
   j["residual_nm_rms"] = r.residual;
   j["torque_nm_rms"] = r.effort;
@@ -109,23 +133,27 @@ Json json_of(const Identification& r, const RecordedRun& run, const IdentifyProb
   return j;
 }
 
-void print(const Identification& r, const RecordedRun& run, const IdentifyProblem& p, const IdentifyOptions& o, const std::string& snippet) {
+void print(const Identification& r, const RecordedRun& run, const IdentifyProblem& p,
+           const IdentifyOptions& o, const std::string& snippet) {
   const auto standard = standard_parameters(p.five_bar);
-  fmt::print("{}: {} ticks, {} windows of {:g} s, {} base parameters; intervals are {:g} standard uncertainties to either side\n",
-             printable(run.scene.name), p.angle.size(), r.windows, o.window, r.parameters.size(), o.coverage);
+  fmt::print(
+      "{}: {} ticks, {} windows of {:g} s, {} base parameters; intervals are {:g} standard uncertainties to "
+      "either side\n",
+      printable(run.scene.name), p.angle.size(), r.windows, o.window, r.parameters.size(), o.coverage);
   fmt::print("{:<18}{:>12}{:>12}{:>12}{:>12}\n", "", "nominal", "estimate", "from", "to");
   std::string sums;
   for (const BaseParameter& b : r.parameters) {
     const StandardParameter& s = standard[static_cast<std::size_t>(b.of)];
     const bool sum = b.text != s.name;
     if (sum) sums += fmt::format("{}*: {}\n", s.name, b.text);
-    fmt::print("{:<18}{:>12.4g}{:>12.4g}{:>12.4g}{:>12.4g} {}\n", s.name + (sum ? "*" : ""), b.nominal, b.value, b.value - o.coverage * b.sigma,
-               b.value + o.coverage * b.sigma, s.unit);
+    fmt::print("{:<18}{:>12.4g}{:>12.4g}{:>12.4g}{:>12.4g} {}\n", s.name + (sum ? "*" : ""), b.nominal,
+               b.value, b.value - o.coverage * b.sigma, b.value + o.coverage * b.sigma, s.unit);
   }
-  fmt::print("{:<18}{:>12}{:>12.4g}{:>12.4g}{:>12.4g} ticks\n", "torque delay", "", r.delay_ticks, r.delay_ticks - o.coverage * r.delay_sigma,
-             r.delay_ticks + o.coverage * r.delay_sigma);
+  fmt::print("{:<18}{:>12}{:>12.4g}{:>12.4g}{:>12.4g} ticks\n", "torque delay", "", r.delay_ticks,
+             r.delay_ticks - o.coverage * r.delay_sigma, r.delay_ticks + o.coverage * r.delay_sigma);
   fmt::print("{}\n{}", legend(p.five_bar), sums);
-  fmt::print("unexplained: {:.2g} and {:.2g} N m rms of {:.2g} and {:.2g}\n", r.residual[0], r.residual[1], r.effort[0], r.effort[1]);
+  fmt::print("unexplained: {:.2g} and {:.2g} N m rms of {:.2g} and {:.2g}\n", r.residual[0], r.residual[1],
+             r.effort[0], r.effort[1]);
   fmt::print("\n{}", snippet);
 }
 
@@ -134,7 +162,8 @@ void print(const Identification& r, const RecordedRun& run, const IdentifyProble
 int run_identify(const IdentifyOptions& o) {
   const RecordedRun run = open_run(o.log, o.scene);
   if (o.window < 20.0 * run.scene.tick() || o.window > 10.0)
-    throw InputError("", fmt::format("--window {:g}: from 20 ticks ({:g} s) to 10 s are allowed", o.window, 20.0 * run.scene.tick()));
+    throw InputError("", fmt::format("--window {:g}: from 20 ticks ({:g} s) to 10 s are allowed", o.window,
+                                     20.0 * run.scene.tick()));
   const IdentifyProblem p = read_problem(run, o);
   const Identification r = [&] {
     try {

@@ -15,7 +15,9 @@ RecordedRun open_run(const std::string& log, const std::string& scene) {
   if (!fs::exists(out.log, ignored)) throw InputError("", out.log + ": there is no such log");
   out.scene_file = scene.empty() ? (fs::path(out.log).parent_path() / "scene.toml").string() : scene;
   if (scene.empty() && !fs::exists(out.scene_file, ignored))
-    throw InputError("", out.scene_file + ": there is no scene beside the log: --scene FILE says which mechanism it is of");
+    throw InputError(
+        "",
+        out.scene_file + ": there is no scene beside the log: --scene FILE says which mechanism it is of");
   out.scene = read_scene(out.scene_file, {});
   return out;
 }

@@ -13,7 +13,8 @@ struct RecordedRun {
   Scene scene;
 };
 
-/// `log`: a directory of `esmc sim|hil|controller --out`, or a log.csv. `scene` empty: the scene.toml beside it. Throws InputError.
+/// `log`: a directory of `esmc sim|hil|controller --out`, or a log.csv. `scene` empty: the scene.toml beside
+/// it. Throws InputError.
 RecordedRun open_run(const std::string& log, const std::string& scene);
 
 /// "theta11", ...: the joints of a mechanism, in the order of the model.

@@ -10,13 +10,14 @@
 namespace esmc::host {
 namespace {
 
-constexpr std::array<double LegParams<double>::*, 4> factored{&LegParams<double>::m1, &LegParams<double>::m2, &LegParams<double>::J1,
-                                                               &LegParams<double>::J2};
+constexpr std::array<double LegParams<double>::*, 4> factored{&LegParams<double>::m1, &LegParams<double>::m2,
+                                                              &LegParams<double>::J1, &LegParams<double>::J2};
 constexpr std::array factor_names{"m1", "m2", "J1", "J2"};
 constexpr double useless = 1.0;  // an uncertainty of 100 %
 
 /// Of the base parameters, the inertial ones.
-Eigen::VectorXd base_values(const Identification& r, const Eigen::VectorXd& standard, const std::vector<std::size_t>& which) {
+Eigen::VectorXd base_values(const Identification& r, const Eigen::VectorXd& standard,
+                            const std::vector<std::size_t>& which) {
   Eigen::VectorXd out(static_cast<Eigen::Index>(which.size()));
   for (std::size_t i = 0; i < which.size(); ++i) {
     double sum = 0.0;
@@ -27,7 +28,9 @@ Eigen::VectorXd base_values(const Identification& r, const Eigen::VectorXd& stan
   return out;
 }
 
-std::string interval(double lower, double upper) { return fmt::format("[{:.6g}, {:.6g}]", std::max(0.0, lower), std::max(0.0, upper)); }
+std::string interval(double lower, double upper) {
+  return fmt::format("[{:.6g}, {:.6g}]", std::max(0.0, lower), std::max(0.0, upper));
+}
 
 }  // namespace
 
@@ -36,8 +39,8 @@ Eigen::VectorXd standard_values(const FiveBarParams<double>& p, bool five_bar) {
   Eigen::VectorXd out = Eigen::VectorXd::Zero(inertial + 4 * legs);
   for (int leg = 0; leg < legs; ++leg) {
     const LegParams<double>& l = p.legs[static_cast<std::size_t>(leg)];
-    out.segment<4>(4 * leg) << l.J1 + l.m1 * l.lg1 * l.lg1 + l.m2 * l.l1 * l.l1, l.J2 + l.m2 * l.lg2 * l.lg2, l.m2 * l.lg2,
-        l.m1 * l.lg1 + l.m2 * l.l1;
+    out.segment<4>(4 * leg) << l.J1 + l.m1 * l.lg1 * l.lg1 + l.m2 * l.l1 * l.l1, l.J2 + l.m2 * l.lg2 * l.lg2,
+        l.m2 * l.lg2, l.m1 * l.lg1 + l.m2 * l.l1;
     out.segment<2>(inertial + 2 * leg) << l.d1, l.d2;
     out.segment<2>(inertial + 2 * legs + 2 * leg) << l.gamma1, l.gamma2;
   }
@@ -45,7 +48,8 @@ Eigen::VectorXd standard_values(const FiveBarParams<double>& p, bool five_bar) {
   return out;
 }
 
-std::string uncertainty_snippet(const Identification& r, const IdentifyProblem& p, const FiveBarParams<double>& believed, double coverage) {
+std::string uncertainty_snippet(const Identification& r, const IdentifyProblem& p,
+                                const FiveBarParams<double>& believed, double coverage) {
   const auto standard = standard_parameters(p.five_bar);
   std::vector<std::size_t> inertial;
   for (std::size_t i = 0; i < r.parameters.size(); ++i) {
@@ -56,7 +60,8 @@ std::string uncertainty_snippet(const Identification& r, const IdentifyProblem& 
   for (std::size_t f = 0; f < factored.size(); ++f) {  // linear in each of them
     FiveBarParams<double> without = believed;
     for (auto& leg : without.legs) leg.*factored[f] = 0.0;
-    B.col(static_cast<Eigen::Index>(f)) = base_values(r, standard_values(believed, p.five_bar) - standard_values(without, p.five_bar), inertial);
+    B.col(static_cast<Eigen::Index>(f)) = base_values(
+        r, standard_values(believed, p.five_bar) - standard_values(without, p.five_bar), inertial);
   }
   Eigen::VectorXd change(n);
   for (Eigen::Index i = 0; i < n; ++i) {
@@ -67,12 +72,14 @@ std::string uncertainty_snippet(const Identification& r, const IdentifyProblem& 
                              static_cast<Eigen::Index>(inertial[static_cast<std::size_t>(k)]));
     }
   }
-  // Weighted by what is known of each; the legs may differ more than that, and then the intervals are as wide.
-  const Eigen::VectorXd size = C.diagonal().cwiseSqrt().cwiseMax(1e-9 * B.cwiseAbs().rowwise().maxCoeff()).cwiseMax(1e-15);
+  // Weighted by what is known of each; the legs may differ more than that, and then the intervals are as
+  // wide.
+  const Eigen::VectorXd size =
+      C.diagonal().cwiseSqrt().cwiseMax(1e-9 * B.cwiseAbs().rowwise().maxCoeff()).cwiseMax(1e-15);
   const Eigen::MatrixXd white = size.cwiseInverse().asDiagonal() * C * size.cwiseInverse().asDiagonal();
   const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> modes(white);
-  const Eigen::MatrixXd root = modes.eigenvalues().cwiseMax(1e-9).cwiseSqrt().cwiseInverse().asDiagonal() * modes.eigenvectors().transpose() *
-                               size.cwiseInverse().asDiagonal();
+  const Eigen::MatrixXd root = modes.eigenvalues().cwiseMax(1e-9).cwiseSqrt().cwiseInverse().asDiagonal() *
+                               modes.eigenvectors().transpose() * size.cwiseInverse().asDiagonal();
   const Eigen::MatrixXd A = root * B;
   const Eigen::VectorXd b = root * change;
   const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> normal(A.transpose() * A);
@@ -83,7 +90,8 @@ std::string uncertainty_snippet(const Identification& r, const IdentifyProblem& 
     const Eigen::VectorXd v = normal.eigenvectors().col(m);
     const double information = normal.eigenvalues()[m];
     if (!(information > 1.0 / (useless * useless))) {
-      for (std::size_t f = 0; f < told.size(); ++f) told[f] = told[f] && std::abs(v[static_cast<Eigen::Index>(f)]) < 0.2;
+      for (std::size_t f = 0; f < told.size(); ++f)
+        told[f] = told[f] && std::abs(v[static_cast<Eigen::Index>(f)]) < 0.2;
       continue;
     }
     factor += v * (v.dot(right) / information);
@@ -92,18 +100,21 @@ std::string uncertainty_snippet(const Identification& r, const IdentifyProblem& 
   const double misfit = n > 4 ? (b - A * factor).squaredNorm() / static_cast<double>(n - 4) : 1.0;
   variance *= std::max(1.0, misfit);
 
-  std::string out = "[uncertainty]                  # true over believed, both legs; mass centres as believed\n";
+  std::string out =
+      "[uncertainty]                  # true over believed, both legs; mass centres as believed\n";
   for (std::size_t f = 0; f < factored.size(); ++f) {
     const auto i = static_cast<Eigen::Index>(f);
     const double half = coverage * std::sqrt(variance[i]);
-    const std::string line = fmt::format("{} = {}", factor_names[f], interval(1.0 + factor[i] - half, 1.0 + factor[i] + half));
+    const std::string line =
+        fmt::format("{} = {}", factor_names[f], interval(1.0 + factor[i] - half, 1.0 + factor[i] + half));
     out += told[f] ? line + "\n" : fmt::format("# {}: not told apart by this motion\n", factor_names[f]);
   }
   for (const char* kind : {"viscous", "coulomb"}) {
     std::string list;
     for (const BaseParameter& v : r.parameters) {
       if (!standard[static_cast<std::size_t>(v.of)].name.starts_with(kind)) continue;
-      list += (list.empty() ? "" : ", ") + interval(v.value - coverage * v.sigma, v.value + coverage * v.sigma);
+      list +=
+          (list.empty() ? "" : ", ") + interval(v.value - coverage * v.sigma, v.value + coverage * v.sigma);
     }
     if (!list.empty()) out += fmt::format("{} = [{}]\n", kind, list);
   }

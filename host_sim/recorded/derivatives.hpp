@@ -1,6 +1,6 @@
 #pragma once
-/// Derivatives of what was recorded at equal distances: of the cubic through 2 n + 1 points by least squares, at its middle.
-/// Symmetric, so that nothing is late.
+/// Derivatives of what was recorded at equal distances: of the cubic through 2 n + 1 points by least squares,
+/// at its middle. Symmetric, so that nothing is late.
 
 #include <cstddef>
 #include <vector>
@@ -40,7 +40,8 @@ inline std::vector<double> curvature_weights() {
   return w;
 }
 
-/// Second derivative of `at(row)` per row squared, rows 0 .. rows-1; 0 where there are not n rows on either side.
+/// Second derivative of `at(row)` per row squared, rows 0 .. rows-1; 0 where there are not n rows on either
+/// side.
 template <class At>
 double curvature(const std::vector<double>& weights, std::size_t rows, std::size_t row, At&& at) {
   if (row < derivative_half || row + derivative_half >= rows) return 0.0;

@@ -42,7 +42,8 @@ std::vector<std::string_view> fields_of(std::string_view line) {
 
 }  // namespace
 
-RecordedTable read_table(const std::string& file, const std::vector<std::string>& names, const std::string& hint) {
+RecordedTable read_table(const std::string& file, const std::vector<std::string>& names,
+                         const std::string& hint) {
   const std::string bytes = bytes_of(file);
   std::string_view rest = bytes;
   RecordedTable out;
@@ -52,8 +53,9 @@ RecordedTable read_table(const std::string& file, const std::vector<std::string>
     ++number;
     const std::size_t end = rest.find('\n');
     if (end == std::string_view::npos) {
-      throw InputError(file + ":" + std::to_string(number), rest.empty() ? "is empty: a header and rows are needed"
-                                                                        : "the last line has no end: the file was torn off");
+      throw InputError(file + ":" + std::to_string(number),
+                       rest.empty() ? "is empty: a header and rows are needed"
+                                    : "the last line has no end: the file was torn off");
     }
     std::string_view text = rest.substr(0, end);
     rest.remove_prefix(end + 1);
@@ -82,7 +84,8 @@ RecordedTable read_table(const std::string& file, const std::vector<std::string>
       double v = 0.0;
       const auto [end, error] = std::from_chars(f.data(), f.data() + f.size(), v);
       if (error != std::errc() || end != f.data() + f.size() || !std::isfinite(v))
-        throw InputError(where(), names[i] + " must be a finite number, not '" + std::string(f.substr(0, 40)) + "'");
+        throw InputError(where(),
+                         names[i] + " must be a finite number, not '" + std::string(f.substr(0, 40)) + "'");
       out.columns[i].push_back(v);
     }
   }

@@ -17,10 +17,11 @@ struct RecordedTable {
   [[nodiscard]] std::string where(std::size_t row) const { return file + ":" + std::to_string(row + 2); }
 };
 
-/// Reads the columns `names` of a CSV with a header. Only they need be numbers: finite, in every row. Every row must have as many
-/// fields as the header, and the last line its end: a log that was torn is refused. `hint` follows "there is no column X".
-/// Throws InputError that names file and line.
-RecordedTable read_table(const std::string& file, const std::vector<std::string>& names, const std::string& hint);
+/// Reads the columns `names` of a CSV with a header. Only they need be numbers: finite, in every row. Every
+/// row must have as many fields as the header, and the last line its end: a log that was torn is refused.
+/// `hint` follows "there is no column X". Throws InputError that names file and line.
+RecordedTable read_table(const std::string& file, const std::vector<std::string>& names,
+                         const std::string& hint);
 
 /// Throws InputError unless the values ascend strictly: `column` of the table, a time.
 void require_ascending(const RecordedTable& table, std::size_t column);

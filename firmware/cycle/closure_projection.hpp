@@ -1,8 +1,9 @@
+#pragma once
+/// What part_fusion.hpp declares; compiled by instances_fusion.cpp alone.
+
 #include "firmware/cycle/controller.hpp"
 
 namespace esmc::part {
-namespace {
-
 /// The gap between the tips, linear in small turns of the joints: column i is tip 1 less tip 2 per rad of joint i, m in N.
 template <class S>
 class Closure {
@@ -71,8 +72,6 @@ class Closure {
   S xx_, xy_, yy_;
 };
 
-}  // namespace
-
 template <class M>
 std::uint8_t closure_projection(const ControllerConfig<M>& config, const Vec<typename M::Scalar, M::joints>& angle,
                                 const Vec<typename M::Scalar, M::joints>& rate, Estimate<M>& out) {
@@ -101,10 +100,5 @@ std::uint8_t closure_projection(const ControllerConfig<M>& config, const Vec<typ
   });
   return odd;
 }
-
-template std::uint8_t closure_projection(const ControllerConfig<FiveBar<double>>&, const Vec<double, 4>&, const Vec<double, 4>&,
-                                         Estimate<FiveBar<double>>&);
-template std::uint8_t closure_projection(const ControllerConfig<FiveBar<float>>&, const Vec<float, 4>&, const Vec<float, 4>&,
-                                         Estimate<FiveBar<float>>&);
 
 }  // namespace esmc::part
