@@ -11,6 +11,7 @@
 #include "firmware/cycle/guide.hpp"
 #include "firmware/cycle/link_gains.hpp"
 #include "firmware/cycle/part_fusion.hpp"
+#include "firmware/cycle/parts.hpp"
 #include "firmware/cycle/plausibility.hpp"
 #include "firmware/cycle/retreat.hpp"
 #include "firmware/cycle/sign_test.hpp"
@@ -54,6 +55,12 @@ struct ControllerConfig {
   bool (*allocate)(const ControllerConfig&, const typename M::Pose&, const typename M::Channels&, Vec<S, M::joints>&) = nullptr;
   Vec<S, M::joints> encoder_variance = Vec<S, M::joints>::Ones();  ///< > 0, relative to each other: for `fuse`
   FusionPart<M> fuse = nullptr;  ///< sensors = all: how four encoders become a state
+  S delay_ticks{};                      ///< >= 0, whole: of the torque, as known, for the parts
+  S lag_ticks{};                        ///< >= 0: of what is measured, as known, for the parts
+  S observer_bandwidth{};               ///< 1/s, >= 0
+  ReachingPart<M> reach = nullptr;      ///< in place of `reaching`
+  ObserverPart<M> observer = nullptr;   ///< what it observes is compensated
+  PredictorPart<M> predict = nullptr;   ///< the law acts on what it predicts, towards the reference of that instant
 
   [[nodiscard]] constexpr int motor_count() const { return motors == Motors::base ? 2 : M::joints; }
   [[nodiscard]] constexpr int sensor_count() const { return sensors == Sensors::base ? 2 : M::joints; }
@@ -100,7 +107,9 @@ class Controller {
         retreat_(config.halt_ticks, config.sample_time),
         sign_test_(config.sign_test_move, config.sample_time),
         guide_(config.guide_speed, config.guide_acceleration, config.sample_time,
-               config.reference.space == ReferenceSpace::base_joints) {}
+               config.reference.space == ReferenceSpace::base_joints),
+        lead_ticks_(config.predict != nullptr ? static_cast<std::uint32_t>(config.delay_ticks + S(0.5)) : 0U),
+        remembers_(config.reach != nullptr || config.observer != nullptr || config.predict != nullptr) {}
 
   [[nodiscard]] const Config& config() const { return config_; }
   /// 1 + the joint of the last encoder that alone explained a gap above limits.closure; 0: there was none, or nobody looks (without
@@ -180,8 +189,10 @@ class Controller {
     Fault fault = observe(measured, retreating ? relaxed_ : config_.limits, t.pose, t.rates, out);
     if (fault != Fault::none) return fault;
     if (state == State::testing) return probe(t, out);
+    if (config_.observer != nullptr) [[unlikely]] config_.observer(config_, t, memory_);
     fault = run ? follow(t) : retreat(state, t, out);
     if (fault != Fault::none) return fault;
+    if (remembers_) [[unlikely]] out.effector = t.pose.effector;  // a predictor has moved it
     out.desired_effector = t.desired_pose.effector;
     out.desired_direction = M::base_directions(t.desired_pose);
     if (state == State::lowering) {
@@ -193,7 +204,9 @@ class Controller {
         out.torque *= S(running_tick_ + 1) / S(config_.ramp_ticks);
       }
     }
-    return limit(out);
+    fault = limit(out);
+    if (remembers_) [[unlikely]] memory_.keep(out.torque, !out.saturated && (!run || running_tick_ >= config_.ramp_ticks));
+    return fault;
   }
 
   // What happens seldom, and never while the law runs, is compiled for size: the flash of a small board is full.
@@ -216,6 +229,7 @@ class Controller {
 
   Fault follow(Tracking<M>& t) {
     if (!desire(t)) return Fault::reference_unreachable;
+    if (config_.predict != nullptr) [[unlikely]] config_.predict(config_, memory_, t);
     return joinable() ? Fault::none : Fault::join_infeasible;
   }
 
@@ -245,7 +259,10 @@ class Controller {
   /// To rest where the mechanism is, and there it stays.
   [[gnu::cold]] Fault retreat(State state, Tracking<M>& t, TickResult<M>& out) {
     const Vec2<S> angle = M::base_angles(t.pose), rate = M::base(t.rates);
-    if (!retreat_.begun()) retreat_.begin(angle, rate);
+    if (!retreat_.begun()) {
+      retreat_.begin(angle, rate);
+      memory_.reset();
+    }
     const Motion2<S> m = retreat_.at();
     if (!desired_at_base(config_.mechanism, config_.mode, m.position, m.velocity, m.acceleration, t.desired_pose,
                          t.desired_rates, t.desired_acceleration)) {
@@ -287,7 +304,7 @@ class Controller {
       reference_.start(position, velocity);
       guide_.start(position, velocity);
     }
-    return desired(guide_.leads() ? guide_.at() : reference_.at(running_tick_), t.desired_pose, t.desired_rates,
+    return desired(guide_.leads() ? guide_.at() : reference_.at(running_tick_ + lead_ticks_), t.desired_pose, t.desired_rates,
                    t.desired_acceleration);
   }
   [[nodiscard]] bool desired(const Motion2<S>& m, typename M::Pose& pose, typename M::Rates& rates,
@@ -298,22 +315,38 @@ class Controller {
   }
 
   /// law -> forces on the channels -> motor torques.
-  void act(const Tracking<M>& t, TickResult<M>& out) const {
+  void act(const Tracking<M>& t, TickResult<M>& out) {
     if (config_.law == LawKind::pd) {
       out.sliding.setZero();
       spread(torque_pd<M>(config_.gains, t), out);
       return;
     }
     typename M::Channels acceleration;
-    demand<M, Rows::with_mass>(config_.law, config_.mechanism, config_.gains, config_.reaching, t, acceleration, out.sliding);
-    const typename M::Channels w = config_.mechanism.force(acceleration, t.rates);
+    if (config_.reach != nullptr) [[unlikely]] {
+      config_.reach(config_, t, memory_, acceleration, out.sliding);
+    } else {
+      demand<M, Rows::with_mass>(config_.law, config_.mechanism, config_.gains, config_.reaching, t, acceleration, out.sliding);
+    }
+    typename M::Channels w = config_.mechanism.force(acceleration, t.rates);
+    if (config_.observer != nullptr) [[unlikely]] compensate(w);
     if constexpr (M::joints == 4) {
       if (config_.allocate != nullptr) {
         out.saturated = config_.allocate(config_, t.pose, w, out.torque);
+        if (remembers_) [[unlikely]] memory_.asked = config_.mechanism.base_torque(t.pose, w);
         return;
       }
     }
     spread(config_.mechanism.base_torque(t.pose, w), out);
+    if (remembers_) [[unlikely]] memory_.asked = at_base(out.torque);
+  }
+
+  /// On the rows of the base joints, which C^T leaves as they are.
+  [[gnu::cold]] void compensate(typename M::Channels& w) const {
+    if constexpr (M::joints == 4) {
+      for (int j = 0; j < 2; ++j) w[M::row_leg(j)] -= memory_.disturbance[j];
+    } else {
+      w.template head<2>() -= memory_.disturbance;
+    }
   }
 
   Fault limit(TickResult<M>& out) const {
@@ -356,6 +389,9 @@ class Controller {
   SignTest<M> sign_test_{};
   Guide<S> guide_{};
   Consistency<M> consistency_{};
+  PartMemory<M> memory_{};
+  std::uint32_t lead_ticks_ = 0;  ///< by which the reference is ahead: the predictor's
+  bool remembers_ = false;        ///< there are parts that need the memory
   std::uint32_t running_tick_ = 0, lowered_ticks_ = 0;
   std::uint8_t odd_encoder_ = 0;
 };
@@ -380,6 +416,7 @@ TickResult<M> Controller<M>::tick(const Sample<M>& measured, Supervisor& supervi
     running_tick_ = lowered_ticks_ = 0;
     retreat_.end();
     sign_test_.reset();
+    memory_.reset();
   }
   out.running_tick = running_tick_;
   bool acted = false;

@@ -84,7 +84,7 @@ typename C::Config config_of(const Scene& scene, Pacing pacing, const ReferenceB
   }
   if (scene.command) {
     c.link = make_link(scene, pacing, c.controller.reference.space);
-    c.delay_ticks = static_cast<S>(delay_ticks(scene, pacing));
+    c.delay_ticks = static_cast<S>(borne_delay(scene, pacing));
   }
   for (std::size_t i = 0; i < scene.drives.nodes.size(); ++i) c.axes[axis_of(scene, i)] = make_axis(i);
   return c;

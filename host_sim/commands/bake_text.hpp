@@ -161,11 +161,20 @@ inline std::string mode_text(const FiveBar<double>::Mode& v) {
 inline std::string mode_text(const Rr<float>::Mode& v) { return "{" + text(v.working) + "}"; }
 inline std::string mode_text(const Rr<double>::Mode& v) { return "{" + text(v.working) + "}"; }
 
+/// The optional part that applies, as the address of its function; null where none does.
+inline std::string part_text(std::initializer_list<std::pair<bool, const char*>> parts) {
+  for (const auto& [applies, name] : parts) {
+    if (applies) return fmt::format("&part::{}<Mechanism>", name);
+  }
+  return "nullptr";
+}
+
 /// The mechanism is made from `believed` of the image.
 template <class M>
 std::string text(const ControllerConfig<M>& v) {
   const auto& [m, mode, law, reaching, gains, reference, limits, torque_limit, torque_weight, sample_time, torque_lead, join,
-               ramp, sign_test, halt, lower, after_halt, guide_speed, guide_acceleration, motors, sensors, preload, allocate, variance, fuse] = v;
+               ramp, sign_test, halt, lower, after_halt, guide_speed, guide_acceleration, motors, sensors, preload, allocate, variance, fuse,
+               delay, lag, bandwidth, reach, observer, predict] = v;
   const auto line = [](const std::string& s) { return "          " + s + ",\n"; };
   return "{\n" + line("Mechanism(believed)") + line(mode_text(mode)) + line(text(law)) + line(text(reaching)) + line(text(gains)) +
          line(text(reference)) + line(text(limits)) + line(text(torque_limit)) + line(text(torque_weight)) +
@@ -173,7 +182,11 @@ std::string text(const ControllerConfig<M>& v) {
          line(text(halt)) + line(text(lower)) + line(text(after_halt)) + line(text(guide_speed)) +
          line(text(guide_acceleration)) + line(text(motors)) + line(text(sensors)) + line(text(preload)) +
          line(allocate != nullptr ? "&part::four_motors<Mechanism>" : "nullptr") +
-         line(text(variance)) + line(fuse != nullptr ? "&part::closure_projection<Mechanism>" : "nullptr") + "      }";
+         line(text(variance)) + line(fuse != nullptr ? "&part::closure_projection<Mechanism>" : "nullptr") +
+
+         line(text(delay)) + line(text(lag)) + line(text(bandwidth)) +
+         line(part_text({{reach == &part::super_twisting<M>, "super_twisting"}, {reach == &part::implicit_coupled<M>, "implicit_coupled"}})) +
+         line(part_text({{observer != nullptr, "momentum_observer"}})) + line(part_text({{predict != nullptr, "predictor"}})) + "      }";
 }
 
 /// Of a cycle. The axes are made by themselves, by calls, and so is the line, by `line`; a session is drawn by the image.

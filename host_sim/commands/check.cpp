@@ -222,8 +222,9 @@ void judge_gains(const Scene& s, Findings& f) {
   Delay d = delay_of(s);
   if (s.reaching == ReachingChoice::sign)
     f.warning("reaching = \"sign\" chatters in a sampled loop; \"implicit\" does not");
-  if (s.reaching == ReachingChoice::implicit) {
-    const double late = std::round(d.certain + d.lag), told = s.delay_ticks.value_or(0.0);
+  const bool bridges = s.predictor || s.reaching == ReachingChoice::super_twisting;
+  if (bridges || s.reaching == ReachingChoice::implicit || s.reaching == ReachingChoice::implicit_coupled) {
+    const double late = std::round(d.certain + d.lag), told = s.delay_ticks.value_or(0.0) + s.sensor_lag_ticks;
     if (late > told) {
       f.warning(
           fmt::format("sensors and drives of this scene are late by about {} tick{}, the implicit law is "
@@ -232,8 +233,9 @@ void judge_gains(const Scene& s, Findings& f) {
                       late, late == 1.0 ? "" : "s", told, late));
     }
     // Its layer makes gain / layer * tick = 1 / (1 + told); the bound is that of the delay there is [F39].
-    const double loop = 1.0 / (1.0 + told) + std::max(s.lambda.position, s.lambda.angle) * s.tick();
-    const double bound = 2.0 * std::sin(std::numbers::pi / (4.0 * std::max(told, late) + 2.0));
+    const double bridged = bridges ? s.delay_ticks.value_or(0.0) : 0.0;
+    const double loop = 1.0 / (1.0 + told - bridged) + std::max(s.lambda.position, s.lambda.angle) * s.tick();
+    const double bound = 2.0 * std::sin(std::numbers::pi / (4.0 * (std::max(told, late) - bridged) + 2.0));
     if (loop > 0.85 * bound) {
       f.warning(fmt::format("1 / (1 + delay_ticks) + lambda * tick = {:.3g}, better below {:.2g}; beyond {:.2g} the loop "
                             "rings by itself: a smaller lambda",

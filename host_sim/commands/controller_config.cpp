@@ -109,7 +109,8 @@ void set_gains(const Scene& s, double delay, Gains<M>& g) {
   using S = typename M::Scalar;
   const auto layer = [&](double gain, double given) {
     // Without switching gain the layer does nothing, but it must not be zero: s / layer is taken.
-    return s.reaching == ReachingChoice::implicit && gain > 0.0 ? implicit_layer(gain, s.tick(), delay)
+    const bool implicit = s.reaching == ReachingChoice::implicit || s.reaching == ReachingChoice::implicit_coupled;
+    return implicit && gain > 0.0 ? implicit_layer(gain, s.tick(), delay)
                                                                 : given;
   };
   for (int i = 0; i < M::channels; ++i) {
@@ -286,6 +287,7 @@ ControllerConfig<M> make_controller(const Scene& scene, Pacing pacing,
   c.mechanism = make_mechanism(believed_mechanism(scene), static_cast<M*>(nullptr));
   c.mode = mode_of(scene, static_cast<M*>(nullptr));
   c.law = law_kind(scene.law);
+  const bool sliding = c.law == LawKind::esmc || c.law == LawKind::esmc_projected || c.law == LawKind::smc;
   switch (scene.reaching) {
     case ReachingChoice::sign:
       c.reaching = Reaching::sign;
@@ -299,8 +301,19 @@ ControllerConfig<M> make_controller(const Scene& scene, Pacing pacing,
     case ReachingChoice::implicit:
       c.reaching = Reaching::implicit;
       break;
+    case ReachingChoice::super_twisting:
+      if (sliding) c.reach = &part::super_twisting<M>;
+      break;
+    case ReachingChoice::implicit_coupled:
+      if (sliding) c.reach = &part::implicit_coupled<M>;
+      break;
   }
-  set_gains(scene, delay_ticks(scene, pacing), c.gains);
+  c.delay_ticks = static_cast<S>(delay_ticks(scene, pacing));
+  c.lag_ticks = static_cast<S>(scene.sensor_lag_ticks);
+  c.observer_bandwidth = static_cast<S>(scene.disturbance_observer);
+  if (scene.disturbance_observer > 0.0) c.observer = &part::momentum_observer<M>;
+  if (scene.predictor) c.predict = &part::predictor<M>;
+  set_gains(scene, borne_delay(scene, pacing), c.gains);
   if (scene.robust_gain) take_robust(scene, pacing, c.gains);
   c.reference = reference.get();
   c.join_ticks = reference.join_ticks;

@@ -88,6 +88,11 @@ typename Rr<S>::Mode mode_of(const Scene& s, const Rr<S>*) {
   return s.delay_ticks.value_or(pacing == Pacing::realtime ? 2.0 : 0.0);
 }
 
+/// What the reaching law has to bear: the sensors' lag, and the delay where no predictor bridges it.
+[[nodiscard]] inline double borne_delay(const Scene& s, Pacing pacing) {
+  return s.sensor_lag_ticks + (s.predictor ? 0.0 : delay_ticks(s, pacing));
+}
+
 /// `reference` must outlive the configuration.
 template <class M>
 ControllerConfig<M> make_controller(const Scene& scene, Pacing pacing,

@@ -245,6 +245,11 @@ int run_design(const DesignOptions& o) {
   if (scene.law != LawChoice::esmc && scene.law != LawChoice::esmc_projected && scene.law != LawChoice::smc) {
     throw InputError(scene.control_where, "this law has no switching gain to design: control.law must be esmc, esmc_projected or smc");
   }
+  if (scene.reaching == ReachingChoice::super_twisting || scene.reaching == ReachingChoice::implicit_coupled || scene.disturbance_observer > 0.0 ||
+      scene.predictor) {
+    throw InputError(scene.control_where, "esmc design promises for the plain laws: control.reaching must be sign, saturation, tanh or implicit, "
+                                          "without disturbance_observer and predictor");
+  }
   if (o.simulate > 0) refuse_bus_effects(scene, "esmc design simulates without a bus");
   scene.seed = o.run.seed;
   return scene.type == MechanismType::five_bar ? Report<FiveBarWorld>(scene, o).print() : Report<RrWorld>(scene, o).print();

@@ -22,6 +22,9 @@ Reaching read_switch(const Node& n) {
   if (s == "sign") return Reaching::sign;
   if (s == "sat") return Reaching::saturation;
   if (s == "tanh") return Reaching::tanh;
+  if (s == "super_twisting" || s == "implicit" || s == "implicit_coupled") {
+    n.at("switch").fail("'esmc.switch' must be sign, sat or tanh: " + s + " depends on the sample time, and a case has none");
+  }
   n.at("switch").fail("'esmc.switch' must be sign, sat or tanh");
 }
 

@@ -85,7 +85,7 @@ const char* law_name(LawChoice l) {
   return names[static_cast<std::size_t>(l)];
 }
 const char* reaching_name(ReachingChoice r) {
-  constexpr const char* names[] = {"sign", "saturation", "tanh", "implicit"};
+  constexpr const char* names[] = {"sign", "saturation", "tanh", "implicit", "super_twisting", "implicit_coupled"};
   return names[static_cast<std::size_t>(r)];
 }
 std::string per_kind(const PerKind& k) {

@@ -84,7 +84,7 @@ class ReferenceTrack {
         mechanism_(make_mechanism(scene.mechanism, static_cast<M*>(nullptr))),
         mode_(mode_of(scene, static_cast<M*>(nullptr))),
         joined_(bundle_->get(), bundle_->join_ticks, scene.tick()),
-        same_(bundle_->join_ticks == 0 && bundle_->get().kind != ReferenceKind::hold_start),
+        same_(bundle_->join_ticks == 0 && bundle_->get().kind != ReferenceKind::hold_start && !scene.predictor),
         true_lengths_(same_lengths(believed_mechanism(scene), scene.mechanism)) {}
 
   [[nodiscard]] bool present() const { return present_; }

@@ -150,7 +150,7 @@ Problem<M> design_problem(const Scene& scene, Pacing pacing) {
   p.controller = make_controller<M>(plain, pacing, reference);
   p.believed = believed_mechanism(scene);
   p.uncertainty = *scene.uncertainty;
-  p.told_ticks = delay_ticks(scene, pacing);
+  p.told_ticks = borne_delay(scene, pacing);
   p.start = start_of(scene, p.controller);
   along_reference(scene, p, reference.join_ticks);
   if (scene.uncertainty->workspace) over_workspace(scene, p);

@@ -141,6 +141,32 @@ void read_gains(Section& s, Scene& scene) {
   if (scene.law == LawChoice::pd && !own_gains) s.fail("", "law = \"pd\" needs control.kp and control.kd");
 }
 
+/// What the optional parts of the controller ask of the rest of [control].
+void require_parts_fit(Section& s, const Scene& scene) {
+  const bool sliding = scene.law == LawChoice::esmc || scene.law == LawChoice::esmc_projected || scene.law == LawChoice::smc;
+  const bool modelled = sliding || scene.law == LawChoice::ctc, observes = scene.disturbance_observer > 0.0;
+  const bool twists = sliding && scene.reaching == ReachingChoice::super_twisting;
+  const bool couples = sliding && scene.reaching == ReachingChoice::implicit_coupled;
+  if (couples && scene.law == LawChoice::smc) {
+    s.fail("reaching", "must not be implicit_coupled with law = \"smc\", whose two coordinates are not coupled: implicit is the same");
+  }
+  if (observes && !modelled) s.fail("disturbance_observer", "needs a law with a model: esmc, esmc_projected, smc or ctc");
+  if (scene.predictor && !modelled) s.fail("predictor", "needs a law with a model: esmc, esmc_projected, smc or ctc");
+  if (scene.robust_gain && (twists || couples || observes || scene.predictor)) {
+    s.fail("gain", "must be numbers with super_twisting, implicit_coupled, disturbance_observer and predictor: \"robust\" is designed for the plain laws");
+  }
+  const bool part = observes || scene.predictor || twists || couples;
+  if (part && scene.all_motors && scene.all_sensors) {
+    s.fail("sensors", "must be \"base\" with super_twisting, implicit_coupled, disturbance_observer and predictor where motors = \"all\": "
+                      "they work in the base joints, which lose the mechanism at type 2");
+  }
+  const double told = scene.delay_ticks.value_or(0.0);
+  if ((observes || scene.predictor || twists) && (told > 8.0 || told != std::round(told))) {
+    s.fail("delay_ticks", "must be a whole number from 0 to 8 with super_twisting, disturbance_observer and predictor");
+  }
+  if (scene.predictor && scene.delay_ticks && told < 1.0) s.fail("delay_ticks", "must be at least 1 with predictor = true: there is nothing to predict");
+}
+
 void read_control(Section s, Scene& scene) {
   const bool five_bar = scene.type == MechanismType::five_bar;
   scene.law = law_of(s.text("law"));
@@ -148,9 +174,14 @@ void read_control(Section s, Scene& scene) {
   scene.reaching = reaching == "sign"         ? ReachingChoice::sign
                    : reaching == "saturation" ? ReachingChoice::saturation
                    : reaching == "tanh"       ? ReachingChoice::tanh
-                                              : ReachingChoice::implicit;
+                   : reaching == "implicit"   ? ReachingChoice::implicit
+                   : reaching == "super_twisting" ? ReachingChoice::super_twisting
+                                                  : ReachingChoice::implicit_coupled;
   read_gains(s, scene);
   scene.delay_ticks = s.optional_number("delay_ticks");
+  scene.sensor_lag_ticks = s.number("sensor_lag_ticks");
+  scene.disturbance_observer = s.number("disturbance_observer");
+  scene.predictor = s.boolean("predictor");
   scene.torque_ramp = s.optional_number("torque_ramp");
   scene.rate_hz = s.number("rate_hz");
   scene.all_motors = s.text("motors") == "all" && five_bar;
@@ -159,6 +190,7 @@ void read_control(Section s, Scene& scene) {
     if (!scene.all_sensors) s.fail("encoder_sigma", "is for a five_bar with control.sensors = \"all\"");
     scene.encoder_sigma = s.each("encoder_sigma", 4);
   }
+  require_parts_fit(s, scene);
   const auto motors = static_cast<std::size_t>(scene.motors());
   if (scene.closed_loop() || s.has("torque_limit")) scene.torque_limit = s.each("torque_limit", motors);
   scene.torque_weight = s.optional_numbers("torque_weight", {motors}).value_or(std::vector<double>{});

@@ -20,7 +20,7 @@ namespace esmc::host {
 
 enum class MechanismType { five_bar, rr };
 enum class LawChoice { esmc, esmc_projected, smc, ctc, pd, open_loop, none };
-enum class ReachingChoice { sign, saturation, tanh, implicit };
+enum class ReachingChoice { sign, saturation, tanh, implicit, super_twisting, implicit_coupled };
 enum class ReferenceType { none, circle, line, polyline, joint_sine, hold, file };
 enum class Protocol { odrive, odrive_0_5, cia402, mit };
 enum class MitDialect { mini_cheetah, cubemars, damiao };
@@ -143,6 +143,9 @@ struct Scene {
   std::optional<double> kp, kd;
   std::optional<double> torque_ramp;  ///< s; unset: 0 in sim and lockstep, 0.2 in real time
   std::optional<double> delay_ticks;  ///< unset: 0 in sim and lockstep, 2 in real time
+  double sensor_lag_ticks = 0.0;
+  double disturbance_observer = 0.0;  ///< bandwidth, 1/s; 0: none
+  bool predictor = false;
   double rate_hz = 1000.0;
   bool all_motors = false, all_sensors = false;
   std::vector<double> encoder_sigma;  ///< rad, per joint; empty: the four encoders are not fused

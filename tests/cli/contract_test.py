@@ -183,6 +183,14 @@ class BadInput(unittest.TestCase):
             ('l1 = 0.12,', 'l1 = 0.0,', ["l1"], True),
             ('working_mode = ["+", "+"]', 'working_mode = ["+", "x"]', ["working_mode", "+"], True),
             ('law = "esmc"', 'law = "pid"', ["control.law", "esmc_projected"], True),
+            ('reaching = "implicit"', 'reaching = "twisting"', ["control.reaching", "super_twisting"], True),
+            ('law = "esmc"', 'law = "pd"\nkp = 40.0\nkd = 1.0\npredictor = true', ["control.predictor", "with a model"], False),
+            ('law = "esmc"', 'law = "pd"\nkp = 40.0\nkd = 1.0\ndisturbance_observer = 50.0', ["control.disturbance_observer"], False),
+            ('law = "esmc"', 'law = "esmc"\npredictor = true\ndelay_ticks = 1.5', ["control.delay_ticks", "whole number"], False),
+            ('law = "esmc"', 'law = "esmc"\npredictor = true\ndelay_ticks = 0', ["control.delay_ticks", "at least 1"], False),
+            ('law = "esmc"', 'law = "esmc"\ndisturbance_observer = 50.0\ndelay_ticks = 9', ["control.delay_ticks", "0 to 8"], False),
+            ('law = "esmc"', 'law = "esmc"\ndisturbance_observer = 50.0\nmotors = "all"\nsensors = "all"', ["control.sensors", "type 2"], False),
+            ('law = "esmc"', 'law = "esmc"\ndisturbance_observer = -1.0', ["control.disturbance_observer"], False),
             ('torque_limit = 2.0', 'torque_limit = 0.0', ["torque_limit"], True),
             ('torque_limit = 2.0', '', ["torque_limit"], False),
             ('radius = 0.07', 'radius = 0.7', ["reach"], False),
@@ -232,6 +240,7 @@ class BadInput(unittest.TestCase):
         self.refused("eval", broken(lambda c: c["params"]["legs"][1].update(l1=-1)), words=["cases.json:"])
         self.refused("eval", broken(lambda c: c["state"].update(x=9.0)), words=["reach"])
         self.refused("eval", broken(lambda c: c["esmc"].update(switch="loud")), words=["esmc.switch", "sat"])
+        self.refused("eval", broken(lambda c: c["esmc"].update(switch="super_twisting")), words=["esmc.switch", "sample time"])
         self.refused("eval", broken(lambda c: c["forward"].update(tau4=[1, 2])), words=["forward.tau4"])
         path = self.tmp / "x.json"
         path.write_text('{"cases": [\n{"id": }')

@@ -73,6 +73,21 @@ TYPED_TEST(NoHeap, InEveryLawReachingAndArrangement) {
   }
 }
 
+TYPED_TEST(NoHeap, WithEveryOptionalPart) {
+  if (!test::heap_is_guarded) GTEST_SKIP() << "AddressSanitizer owns the allocator";
+  using S = typename TypeParam::Scalar;
+  for (const ReachingPart<TypeParam> reach : {&part::super_twisting<TypeParam>, &part::implicit_coupled<TypeParam>}) {
+    auto s = setup<TypeParam>();
+    s.controller.reach = reach;
+    s.controller.observer = &part::momentum_observer<TypeParam>;
+    s.controller.observer_bandwidth = S(50);
+    s.controller.delay_ticks = S(2);
+    s.controller.predict = &part::predictor<TypeParam>;
+    s.controller.torque_limit.setConstant(S(5));
+    live(s);
+  }
+}
+
 TYPED_TEST(NoHeap, OnEveryKindOfReference) {
   if (!test::heap_is_guarded) GTEST_SKIP() << "AddressSanitizer owns the allocator";
   using S = typename TypeParam::Scalar;

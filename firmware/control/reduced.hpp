@@ -1,0 +1,58 @@
+#pragma once
+/// The two degrees of freedom that all channels share, at one pose, in the base-joint form (regular at type 1): for
+/// what needs the mass matrix. A control tick without optional parts forms none of this.
+
+#include "firmware/types.hpp"
+
+namespace esmc {
+
+/// C_a, M and H_a = C_a^T M C_a of [F25]. M: Rr or FiveBar.
+template <class M>
+class Reduced {
+ public:
+  using S = typename M::Scalar;
+  using Channels = typename M::Channels;
+
+  Reduced(const M& m, const typename M::Pose& pose) : mass_(m.mass()) {
+    for (int k = 0; k < 2; ++k) column_[k] = m.channel_rates(pose, m.base_rates(pose, Vec2<S>::Unit(k)));
+    h00_ = weighed(column_[0], column_[0]);
+    h01_ = weighed(column_[0], column_[1]);
+    h11_ = weighed(column_[1], column_[1]);
+    inverse_ = S(1) / (h00_ * h11_ - h01_ * h01_);
+  }
+
+  /// C_a: the channels while base joint k turns at 1 rad/s.
+  [[nodiscard]] const Channels& column(int k) const { return column_[k]; }
+  [[nodiscard]] const Channels& mass() const { return mass_; }
+  /// H_a v.
+  [[nodiscard]] Vec2<S> times(const Vec2<S>& v) const {
+    return {h00_ * v[0] + h01_ * v[1], h01_ * v[0] + h11_ * v[1]};
+  }
+  /// H_a^-1 F: accelerations of the base joints by torques on them.
+  [[nodiscard]] Vec2<S> solve(const Vec2<S>& F) const {
+    return {(h11_ * F[0] - h01_ * F[1]) * inverse_, (h00_ * F[1] - h01_ * F[0]) * inverse_};
+  }
+  /// C_a^T M v, v on the channels.
+  [[nodiscard]] Vec2<S> momentum(const Channels& v) const { return {weighed(column_[0], v), weighed(column_[1], v)}; }
+  /// sigma of s = C_a sigma + r with C_a^T M r = 0 [F32]: the motion of the base joints that is next to s.
+  [[nodiscard]] Vec2<S> nearest(const Channels& s) const { return solve(momentum(s)); }
+  /// C_a v.
+  [[nodiscard]] Channels channels(const Vec2<S>& v) const {
+    Channels out;
+    for (int i = 0; i < M::channels; ++i) out[i] = column_[0][i] * v[0] + column_[1][i] * v[1];
+    return out;
+  }
+
+ private:
+  [[nodiscard]] S weighed(const Channels& a, const Channels& b) const {
+    S sum(0);
+    for (int i = 0; i < M::channels; ++i) sum += a[i] * mass_[i] * b[i];
+    return sum;
+  }
+
+  Channels mass_;
+  List<Channels, 2> column_;
+  S h00_, h01_, h11_, inverse_;
+};
+
+}  // namespace esmc

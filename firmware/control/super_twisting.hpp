@@ -1,0 +1,88 @@
+#pragma once
+/// The super-twisting law, discretised implicitly (Brogliato, Polyakov, Efimov: The implicit discretization of the
+/// super-twisting sliding-mode control algorithm, IEEE Transactions on Automatic Control 65, 2020), for what the
+/// mechanism can do: its two degrees of freedom. An integrator in every one of redundant channels would wind up in
+/// directions in which nothing can move. docs/reaching.md.
+
+#include <cstdint>
+
+#include "firmware/numeric/elementary.hpp"
+#include "firmware/types.hpp"
+
+namespace esmc {
+
+/// One backward-Euler step of s' = -k1 |s|^1/2 sgn s - zeta, zeta' = k2 sgn s, where zeta = z - phi is what the integral
+/// z has too much of the disturbance phi. `ahead` is s + T (phi - z); T, s: how far the step looks ahead, h where nothing
+/// is late; k1, k2 >= 0. Sets z to what it is h seconds on and returns w = k1 |s+|^1/2 sgn s+ + z+. NaN stays NaN.
+///
+/// s+ + T k1 |s+|^1/2 sgn s+ + T h k2 Sgn s+ contains `ahead`: within T h k2 it is s+ = 0, outside a quadratic in |s+|^1/2.
+template <class S>
+[[nodiscard]] S super_twisting_step(S ahead, S T, S h, S k1, S k2, S& z) {
+  const S zone = T * h * k2;
+  const S beyond = ahead > zone ? ahead - zone : (ahead < -zone ? -ahead - zone : S(0));
+  if (!(beyond > S(0))) return z += ahead / T;  // on the surface after this step
+  const S side = ahead > S(0) ? S(1) : S(-1), damp = T * k1;
+  // The positive root of x^2 + damp x - beyond = 0, without its cancellation.
+  const S root = S(2) * beyond / (damp + square_root(damp * damp + S(4) * beyond));
+  z += side * h * k2;
+  return side * k1 * root + z;
+}
+
+/// What is told of a loop in which something is late.
+template <class S>
+struct Lateness {
+  int delay = 0;  ///< ticks, 0 .. SuperTwisting::most_delay: of the torque
+  S lag{};        ///< ticks, >= 0: of what is measured
+};
+
+/// The law on two coordinates, with what it remembers. The disturbance is known up to the last tick: what s did less
+/// what was done about it. A delay of the torque is bridged by the w that are on their way; a lag of the sensors makes the
+/// step longer, as [F39], and the disturbance is then believed by and by.
+template <class S>
+class SuperTwisting {
+ public:
+  static constexpr int most_delay = 8;  ///< ticks
+
+  /// As at the first tick: the integral is zero, nothing is under way.
+  void reset() { ticks_ = 0; }
+
+  /// Acceleration w for the sliding variables s, to be taken off s'. `rate`: L >= 0, bound of the disturbance's rate of
+  /// change, unit of s / s2; h: sample time, s. `lost`: of the w of the last tick, what did
+  /// not become torque. While something is lost the integral stands still.
+  [[nodiscard]] Vec2<S> step(const Vec2<S>& s, const Vec2<S>& lost, S rate, S h, Lateness<S> late) {
+    const int delay = late.delay;
+    const S slower = S(1) + late.lag, T = h * slower, trust = S(1) / (slower * slower);
+    if (ticks_ == 0) {
+      z_.setZero();
+      phi_.setZero();
+    } else {
+      if (!(lost[0] == S(0) && lost[1] == S(0))) z_ = before_;
+      acted_[0] -= lost;
+    }
+    const int under_way = ticks_ < delay ? ticks_ : delay;
+    const S k1 = S(1.5) * square_root(rate), k2 = S(1.1) * rate;
+    before_ = z_;
+    Vec2<S> w;
+    for (int i = 0; i < 2; ++i) {
+      if (ticks_ > delay) phi_[i] += trust * ((s[i] - last_[i]) / h + acted_[delay][i] - phi_[i]);
+      S ahead = s[i] + T * (phi_[i] - z_[i]);
+      for (int k = 0; k < under_way; ++k) ahead += h * (phi_[i] - acted_[k][i]);
+      w[i] = super_twisting_step(ahead, T, h, k1, k2, z_[i]);
+    }
+    last_ = s;
+    for (int k = delay; k > 0; --k) acted_[k] = acted_[k - 1];
+    acted_[0] = w;
+    if (ticks_ <= most_delay) ++ticks_;
+    return w;
+  }
+
+  /// The integral: the disturbance that is compensated.
+  [[nodiscard]] const Vec2<S>& integral() const { return z_; }
+
+ private:
+  Vec2<S> z_, before_, last_, phi_;
+  List<Vec2<S>, most_delay + 1> acted_;  ///< w of the last tick first
+  int ticks_ = 0;                        ///< so many are remembered
+};
+
+}  // namespace esmc

@@ -1,0 +1,26 @@
+#pragma once
+/// The coupled implicit step on the mechanism: firmware/control/coupled.hpp with its gains and its told delay.
+
+#include "firmware/control/coupled.hpp"
+#include "firmware/cycle/part_law.hpp"
+
+namespace esmc::part {
+
+template <class M>
+void implicit_coupled(const ControllerConfig<M>& config, const Tracking<M>& t, PartMemory<M>&,
+                      typename M::Channels& acceleration, typename M::Channels& sliding) {
+  using S = typename M::Scalar;
+  without_switching(config, t, acceleration, sliding);
+  const Reduced<M> reduced(config.mechanism, t.pose);
+  const S T = implicit_layer(S(1), config.sample_time, S(borne_delay(config)) + config.lag_ticks);
+  typename M::Channels weight;
+  for (int i = 0; i < M::channels; ++i) weight[i] = T * reduced.mass()[i] * config.gains.k[i];
+  Vec2<S> q;
+  if (CoupledStep<M>(reduced, sliding, weight).solve(q)) {
+    acceleration += reduced.channels(q * (S(-1) / T));
+  } else {
+    add_switching(Reaching::implicit, sliding, config.gains.k, config.gains.layer, acceleration);
+  }
+}
+
+}  // namespace esmc::part

@@ -1,0 +1,45 @@
+#pragma once
+/// What several optional parts need.
+
+#include <type_traits>
+
+#include "firmware/control/reduced.hpp"
+#include "firmware/cycle/controller.hpp"
+
+namespace esmc::part {
+
+/// v' and s of the configured law, without K sw(s).
+template <class M>
+void without_switching(const ControllerConfig<M>& config, const Tracking<M>& t, typename M::Channels& acceleration,
+                       typename M::Channels& sliding) {
+  Gains<M> gain = config.gains;
+  gain.k.setZero();
+  gain.independent.k = typename M::Scalar(0);
+  demand<M>(config.law, config.mechanism, gain, Reaching::saturation, t, acceleration, sliding);
+}
+
+/// Torques at all joints, gathered on the base joints.
+template <class S>
+[[nodiscard]] Vec2<S> on_base(const FiveBar<S>& m, const typename FiveBar<S>::Pose& p,
+                              const std::type_identity_t<Vec<S, 4>>& torque) {
+  return m.gather_on_base(p, Vec2<S>::Zero(), {{torque.template head<2>(), torque.template tail<2>()}});
+}
+template <class S>
+[[nodiscard]] Vec2<S> on_base(const Rr<S>&, const typename Rr<S>::Pose&, const std::type_identity_t<Vec2<S>>& torque) {
+  return torque;
+}
+
+/// The told delay in whole ticks, at most what can be remembered.
+template <class M>
+[[nodiscard]] int whole_delay(const ControllerConfig<M>& config) {
+  using S = typename M::Scalar;
+  constexpr int most = SuperTwisting<S>::most_delay;
+  return config.delay_ticks < S(most) ? static_cast<int>(config.delay_ticks + S(0.5)) : most;
+}
+/// What of it the reaching law still has to bear: nothing where the state is predicted.
+template <class M>
+[[nodiscard]] int borne_delay(const ControllerConfig<M>& config) {
+  return config.predict != nullptr ? 0 : whole_delay(config);
+}
+
+}  // namespace esmc::part

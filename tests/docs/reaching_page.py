@@ -1,0 +1,154 @@
+#!/usr/bin/python3
+"""The tables of docs/reaching.md: what laws and optional parts make of four worlds, and their instructions per tick. Python's
+standard library; valgrind for the instructions.
+
+usage: reaching_page.py ESMC             makes all runs and writes the tables
+       reaching_page.py ESMC --check     makes a few of the runs again; they must be what the page shows"""
+import json
+import re
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE, SCENE = ROOT / "docs/reaching.md", ROOT / "host_sim/scenes/five_bar_super_twisting.toml"
+TOLERANCE = 0.006
+FRICTION = '{type="viscous_friction",coefficient=[0.01,0.002]}'
+DELAY = '{type="compute_delay",time=0.002}'
+ENCODER = '{type="encoder",bits=16}'
+WORLDS = {  # effects, control.delay_ticks, control.sensor_lag_ticks
+    "masses": ([], 0, 0),
+    "friction": ([FRICTION], 0, 0),
+    "delay": ([FRICTION, DELAY], 2, 0),
+    "encoders": ([FRICTION, DELAY, ENCODER], 2, 2),
+}
+LAWS = ("implicit", "implicit_coupled", "super_twisting")
+PARTS = {"none": [], "observer": ["control.disturbance_observer=100.0"], "predictor": ["control.predictor=true"],
+         "both": ["control.disturbance_observer=100.0", "control.predictor=true"]}
+TICKS = 200  # counted
+
+
+def options(world, law, part):
+    effects, delay, lag = WORLDS[world]
+    out = [f"control.reaching={law}", f"control.delay_ticks={delay}", f"control.sensor_lag_ticks={lag}",
+           f"effects=[{','.join(effects)}]", *PARTS[part]]
+    return [word for o in out for word in ("--set", o)]
+
+
+def run(esmc, world, law, part):
+    """(settled rms m, mean |change of torque| N m per tick); None where it ends in a fault."""
+    job = subprocess.run([esmc, "sim", SCENE, "--json", *options(world, law, part)], capture_output=True, text=True, check=False)
+    if job.returncode not in (0, 1) or not job.stdout:
+        sys.exit(f"{world} {law} {part}: {job.stderr}")
+    s = json.loads(job.stdout)
+    if s["supervisor"]["faults"]:
+        return None
+    return s["tracking"]["settled_rms_m"], s["torque"]["mean_abs_delta_nm"]
+
+
+def instructions(esmc, law, part):
+    """Of Controller::tick with all it calls, mean over TICKS, double, counted by callgrind."""
+    with tempfile.TemporaryDirectory() as folder:
+        out = f"{folder}/calls"
+        subprocess.run(["valgrind", "--tool=callgrind", f"--callgrind-out-file={out}", "--collect-atstart=no",
+                        "--toggle-collect=esmc::Controller<esmc::FiveBar<double> >::tick*", esmc, "sim", SCENE, "--json",
+                        *options("delay", law, part), "--set", f"simulation.duration={TICKS / 1000}"],
+                       capture_output=True, text=True, check=True)
+        total = int(re.search(r"^(?:summary|totals): (\d+)", Path(out).read_text(encoding="utf-8"), re.M)[1])
+    return total / TICKS
+
+
+def cell(scored):
+    return "fault" if scored is None else f"{scored[0] * 1e6:.3g} um, {scored[1] * 1e3:.3g} mN m"
+
+
+def rows(esmc, cases):
+    return {case: cell(run(esmc, *case)) for case in cases}
+
+
+def cases(world):
+    return [(world, law, part) for law in LAWS for part in PARTS if part in ("none", "observer") or WORLDS[world][1]]
+
+
+def table(esmc):
+    lines = ["| law | part | " + " | ".join(f"{w}" for w in WORLDS) + " | instructions |", "|---|---|" + "---|" * (len(WORLDS) + 1)]
+    found = rows(esmc, [case for world in WORLDS for case in cases(world)])
+    for law in LAWS:
+        for part in PARTS:
+            shown = [found.get((world, law, part), "") for world in WORLDS]
+            lines.append(f"| `{law}` | {part} | " + " | ".join(shown) + f" | {instructions(esmc, law, part):.0f} |")
+    return "\n".join(lines) + "\n"
+
+
+def lambdas(esmc, part):
+    out = []
+    for value in (40, 100, 200, 300):
+        job = subprocess.run([esmc, "sim", SCENE, "--json", *options("delay", "implicit", part), "--set", f"control.lambda={value}.0"],
+                             capture_output=True, text=True, check=False)
+        s = json.loads(job.stdout)
+        out.append("fault" if s["supervisor"]["faults"] else cell((s["tracking"]["settled_rms_m"], s["torque"]["mean_abs_delta_nm"])))
+    return out
+
+
+def lambda_table(esmc):
+    lines = ["| part | lambda = 40 | 100 | 200 | 300 |", "|---|---|---|---|---|"]
+    for part in PARTS:
+        lines.append(f"| {part} | " + " | ".join(lambdas(esmc, part)) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def coupled_table(esmc):
+    """The clamp and the coupled step with gains that agree and that do not, on the scene of the coupled step."""
+    scene = ROOT / "host_sim/scenes/five_bar_coupled.toml"
+    lines = ["| gain of positions, of angles | `implicit` | `implicit_coupled` |", "|---|---|---|"]
+    for gain in ("{position=150.0,angle=150.0}", "{position=4.0,angle=150.0}", "{position=15.0,angle=15.0}", "{position=4.0,angle=4.0}"):
+        cells = []
+        for law in ("implicit", "implicit_coupled"):
+            job = subprocess.run([esmc, "sim", scene, "--json", "--set", f"control.reaching={law}", "--set", f"control.gain={gain}"],
+                                 capture_output=True, text=True, check=False)
+            s = json.loads(job.stdout)
+            cells.append("fault" if s["supervisor"]["faults"] else cell((s["tracking"]["settled_rms_m"], s["torque"]["mean_abs_delta_nm"])))
+        lines.append(f"| {', '.join(re.findall(r'[0-9.]+', gain))} | " + " | ".join(cells) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def replace(text, name, new):
+    begin, end = f"<!-- {name} -->\n", f"<!-- /{name} -->"
+    before, rest = text.split(begin)
+    return before + begin + new + end + rest.split(end, 1)[1]
+
+
+def numbers(text):
+    return [float(x) for x in re.findall(r"\d+\.?\d*(?:e[-+]?\d+)?", text)]
+
+
+def check(esmc):
+    shown = {}
+    for line in PAGE.read_text(encoding="utf-8").split("<!-- parts -->\n")[1].split("<!-- /parts -->")[0].splitlines()[2:]:
+        fields = [f.strip() for f in line.strip("|").split("|")]
+        for world, text in zip(WORLDS, fields[2:]):
+            shown[world, fields[0].strip("`"), fields[1]] = text
+    wrong = []
+    for case in (("friction", "implicit", "none"), ("friction", "implicit", "observer"), ("delay", "super_twisting", "none"),
+                 ("delay", "implicit_coupled", "both"), ("encoders", "implicit", "predictor")):
+        now = cell(run(esmc, *case))
+        a, b = numbers(now), numbers(shown[case])
+        if len(a) != len(b) or any(abs(x - y) > TOLERANCE * max(x, y) for x, y in zip(a, b)):
+            wrong.append(f"{' '.join(case)}: {now}, the page has {shown[case]}")
+    print("\n".join(wrong) or "5 of 5")
+    return 1 if wrong else 0
+
+
+def main(esmc):
+    if "--check" in sys.argv:
+        return check(esmc)
+    text = PAGE.read_text(encoding="utf-8")
+    for name, make in (("coupled", coupled_table), ("parts", table), ("lambda", lambda_table)):
+        text = replace(text, name, make(esmc))
+    PAGE.write_text(text, encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1]))
