@@ -25,7 +25,7 @@ struct Plants {
   std::uint64_t count = 0, outside_band = 0, stopped = 0;
   double largest = 0.0;  ///< settled error, m or rad
   std::uint64_t worst = 0;
-  std::string fault;     ///< of the first that stopped
+  std::string fault;  ///< of the first that stopped
 };
 
 Plants simulate(const Scene& scene, std::uint64_t seed, std::uint64_t count, bool lengths, double band) {
@@ -77,7 +77,10 @@ class Report {
  public:
   using M = typename World::Mechanism;
   Report(const Scene& scene, const DesignOptions& o)
-      : scene_(scene), o_(o), problem_(design_problem<M>(scene, Pacing::lockstep)), d_(design::design(problem_)) {
+      : scene_(scene),
+        o_(o),
+        problem_(design_problem<M>(scene, Pacing::lockstep)),
+        d_(design::design(problem_)) {
     findings();
     if (o.simulate > 0 && d_.refused.empty()) plants();
   }
@@ -98,15 +101,19 @@ class Report {
 
   void findings() {
     warnings_ = d_.warnings;
-    for (const std::string& s : outside(scene_)) warnings_.push_back("the scene's own mechanism is outside: " + s);
+    for (const std::string& s : outside(scene_))
+      warnings_.push_back("the scene's own mechanism is outside: " + s);
     if (scene_.uncertainty->l1 > 0.0 || scene_.uncertainty->l2 > 0.0 || scene_.uncertainty->half_base > 0.0) {
-      warnings_.emplace_back("lengths: no gain answers for l1, l2, half_base; --simulate shows what their tolerances do");
+      warnings_.emplace_back(
+          "lengths: no gain answers for l1, l2, half_base; --simulate shows what their tolerances do");
     }
-    if (const auto rest = not_covered(scene_); !rest.empty()) warnings_.push_back("the promise knows nothing of: " + joined(rest));
+    if (const auto rest = not_covered(scene_); !rest.empty())
+      warnings_.push_back("the promise knows nothing of: " + joined(rest));
     if (scene_.law == LawChoice::esmc && d_.beyond_range > 0.0) {
-      warnings_.push_back(fmt::format("law esmc: the condition is that of s in the range of C; at the edge of the tube {:.0f} % of s "
-                                      "is not (r of [F32]); esmc_projected has none",
-                                      100.0 * d_.beyond_range));
+      warnings_.push_back(fmt::format(
+          "law esmc: the condition is that of s in the range of C; at the edge of the tube {:.0f} % of s "
+          "is not (r of [F32]); esmc_projected has none",
+          100.0 * d_.beyond_range));
     }
   }
 
@@ -116,10 +123,13 @@ class Report {
     const double band = promised();
     exact_ = simulate(s, o_.run.seed, o_.simulate, false, band);
     const auto& u = *scene_.uncertainty;
-    if (u.l1 > 0.0 || u.l2 > 0.0 || u.half_base > 0.0) lengths_ = simulate(s, o_.run.seed, o_.simulate, true, band);
+    if (u.l1 > 0.0 || u.l2 > 0.0 || u.half_base > 0.0)
+      lengths_ = simulate(s, o_.run.seed, o_.simulate, true, band);
   }
   /// The band that a sampled loop is held against, m or rad.
-  [[nodiscard]] double promised() const { return d_.sampled ? d_.sampled->error : (d_.layer ? d_.layer->error : d_.tube); }
+  [[nodiscard]] double promised() const {
+    return d_.sampled ? d_.sampled->error : (d_.layer ? d_.layer->error : d_.tube);
+  }
 
   /// What asks for the gain of a row.
   [[nodiscard]] std::string dictates(const design::Row<M>& r) const {
@@ -128,7 +138,8 @@ class Report {
   }
   [[nodiscard]] Json at(const design::Place& place) const {
     const design::Point& p = problem_.points[place.point];
-    return {{"t", problem_.along_time ? Json(p.time) : Json(nullptr)}, {"position", {p.now.position.x(), p.now.position.y()}}};
+    return {{"t", problem_.along_time ? Json(p.time) : Json(nullptr)},
+            {"position", {p.now.position.x(), p.now.position.y()}}};
   }
   [[nodiscard]] std::string where(const design::Place& place) const {
     const design::Point& p = problem_.points[place.point];
@@ -141,8 +152,9 @@ class Report {
   }
   static Json plants_json(const std::optional<Plants>& p) {
     if (!p) return nullptr;
-    return {{"plants", p->count}, {"largest_error", p->largest}, {"worst", p->worst},
-            {"outside_band", p->outside_band}, {"stopped", p->stopped}, {"fault", p->fault.empty() ? Json(nullptr) : Json(p->fault)}};
+    return {{"plants", p->count},    {"largest_error", p->largest},
+            {"worst", p->worst},     {"outside_band", p->outside_band},
+            {"stopped", p->stopped}, {"fault", p->fault.empty() ? Json(nullptr) : Json(p->fault)}};
   }
   [[nodiscard]] Json json() const {
     Json j;
@@ -151,13 +163,23 @@ class Report {
     j["reaching"] = reaching_name(scene_.reaching);
     j["over"] = scene_.uncertainty->workspace ? "workspace" : "reference";
     j["refused"] = d_.refused.empty() ? Json(nullptr) : Json(d_.refused);
-    j["tube"] = {{"error", d_.tube}, {"unit", unit()}, {"given", d_.tube_given}, {"inside", d_.tube * d_.inside}, {"start", d_.start}};
+    j["tube"] = {{"error", d_.tube},
+                 {"unit", unit()},
+                 {"given", d_.tube_given},
+                 {"inside", d_.tube * d_.inside},
+                 {"start", d_.start}};
     j["gains"] = Json::array();
     for (int i = 0; i < M::channels && !smc(); ++i) {
       const auto& r = d_.row[static_cast<std::size_t>(i)];
       if (r.k == 0.0) continue;
-      j["gains"].push_back({{"channel", World::channel_names[i]}, {"unit", M::is_angle(i) ? "rad/s2" : "m/s2"}, {"k", r.k},
-                            {"need", r.need}, {"eta", r.eta}, {"layer", r.linear}, {"dictated_by", dictates(r)}, {"at", at(r.place)}});
+      j["gains"].push_back({{"channel", World::channel_names[i]},
+                            {"unit", M::is_angle(i) ? "rad/s2" : "m/s2"},
+                            {"k", r.k},
+                            {"need", r.need},
+                            {"eta", r.eta},
+                            {"layer", r.linear},
+                            {"dictated_by", dictates(r)},
+                            {"at", at(r.place)}});
     }
     j["gain_independent"] = smc() ? Json(d_.k_independent) : Json(nullptr);
     j["reaching_time_s"] = d_.reaching_time;
@@ -168,7 +190,9 @@ class Report {
     j["torque"] = Json::array();
     for (int m = 0; m < scene_.motors(); ++m) {
       const auto joint = static_cast<std::size_t>(ControllerConfig<M>::joint_of(m, scene_.motors()));
-      j["torque"].push_back({{"motor", m + 1}, {"hold_nm", d_.hold[joint]}, {"peak_nm", d_.peak[joint]},
+      j["torque"].push_back({{"motor", m + 1},
+                             {"hold_nm", d_.hold[joint]},
+                             {"peak_nm", d_.peak[joint]},
                              {"limit_nm", scene_.torque_limit[static_cast<std::size_t>(m)]}});
     }
     j["states"] = d_.states;
@@ -181,45 +205,55 @@ class Report {
     return M::has_type2 ? fmt::format("{:.3g} mm", 1e3 * v) : fmt::format("{:.3g} mrad", 1e3 * v);
   }
   [[nodiscard]] std::string plants_text(const Plants& p, const char* what) const {
-    std::string out = fmt::format("{} plants{}: largest error {} (plant {}), {} outside the band", p.count, what, quantity(p.largest),
-                                  p.worst, p.outside_band);
+    std::string out = fmt::format("{} plants{}: largest error {} (plant {}), {} outside the band", p.count,
+                                  what, quantity(p.largest), p.worst, p.outside_band);
     if (p.stopped > 0) out += fmt::format(", {} stopped ({})", p.stopped, p.fault);
     return out + "\n";
   }
   [[nodiscard]] std::string text() const {
-    std::string out = fmt::format("{}: {} law, {} reaching, over {}\n", printable(scene_.name), law_name(scene_.law),
-                                  reaching_name(scene_.reaching), scene_.uncertainty->workspace ? "the workspace" : "the reference");
-    out += fmt::format("tube: error up to {} ({}); what begins within {} never leaves it\n", quantity(d_.tube),
-                       d_.tube_given ? "given" : "computed", quantity(d_.tube * d_.inside));
+    std::string out = fmt::format("{}: {} law, {} reaching, over {}\n", printable(scene_.name),
+                                  law_name(scene_.law), reaching_name(scene_.reaching),
+                                  scene_.uncertainty->workspace ? "the workspace" : "the reference");
+    out +=
+        fmt::format("tube: error up to {} ({}); what begins within {} never leaves it\n", quantity(d_.tube),
+                    d_.tube_given ? "given" : "computed", quantity(d_.tube * d_.inside));
     if (!d_.refused.empty()) return out + "refused: " + d_.refused + "\n";
     if (smc()) {
-      out += fmt::format("gain {:.4g} {}/s2; mass matrix wrong by {:.2f} in the maximum norm [F37], {}\n", d_.k_independent, unit(),
-                         d_.mismatch, where(d_.row[0].place));
+      out += fmt::format("gain {:.4g} {}/s2; mass matrix wrong by {:.2f} in the maximum norm [F37], {}\n",
+                         d_.k_independent, unit(), d_.mismatch, where(d_.row[0].place));
     } else {
-      out += fmt::format("{:<6} {:>10} {:>10} {:>10} {:>10}  dictated by\n", "", "gain", "condition", "reaching", "layer");
+      out += fmt::format("{:<6} {:>10} {:>10} {:>10} {:>10}  dictated by\n", "", "gain", "condition",
+                         "reaching", "layer");
       for (int i = 0; i < M::channels; ++i) {
         const auto& r = d_.row[static_cast<std::size_t>(i)];
         if (r.k == 0.0) continue;
-        out += fmt::format("{:<6} {:>10.4g} {:>10.4g} {:>10.4g} {:>10.4g}  {}, {}\n", World::channel_names[i], r.k, r.need, r.eta, r.linear,
+        out += fmt::format("{:<6} {:>10.4g} {:>10.4g} {:>10.4g} {:>10.4g}  {}, {}\n", World::channel_names[i],
+                           r.k, r.need, r.eta, r.linear,
                            dictates(r) == "reaching_time" ? "reaching time" : dictates(r), where(r.place));
       }
       out += "(positions m/s2, angles rad/s2; gain = 1.05 max(condition + reaching, layer))\n";
     }
     out += fmt::format("surface reached from the edge of the tube within {:.3g} s\n", d_.reaching_time);
     if (d_.layer) {
-      out += fmt::format("cost of the layer [F38]: in continuous time the error stays within {} instead of 0\n", quantity(d_.layer->error));
+      out +=
+          fmt::format("cost of the layer [F38]: in continuous time the error stays within {} instead of 0\n",
+                      quantity(d_.layer->error));
     }
     if (d_.sampled) {
-      out += fmt::format("sampled every {:.3g} ms, up to {:g} tick{} late: the promise is a band, |e| <= {}, |e' + lambda e| <= {}/s\n",
-                         1e3 * scene_.tick(), problem_.told_ticks, problem_.told_ticks == 1.0 ? "" : "s", quantity(d_.sampled->error),
-                         quantity(d_.sampled->sliding));
+      out += fmt::format(
+          "sampled every {:.3g} ms, up to {:g} tick{} late: the promise is a band, |e| <= {}, |e' + lambda "
+          "e| <= {}/s\n",
+          1e3 * scene_.tick(), problem_.told_ticks, problem_.told_ticks == 1.0 ? "" : "s",
+          quantity(d_.sampled->error), quantity(d_.sampled->sliding));
     } else {
       out += "sampled: no band is promised\n";
     }
     for (int m = 0; m < scene_.motors(); ++m) {
       const auto joint = static_cast<std::size_t>(ControllerConfig<M>::joint_of(m, scene_.motors()));
-      out += fmt::format("motor {}: {:.3g} N m hold the worst plant on the motion, the law asks for up to {:.3g} in the tube, limit {:.3g}\n",
-                         m + 1, d_.hold[joint], d_.peak[joint], scene_.torque_limit[static_cast<std::size_t>(m)]);
+      out += fmt::format(
+          "motor {}: {:.3g} N m hold the worst plant on the motion, the law asks for up to {:.3g} in the "
+          "tube, limit {:.3g}\n",
+          m + 1, d_.hold[joint], d_.peak[joint], scene_.torque_limit[static_cast<std::size_t>(m)]);
     }
     if (exact_) out += plants_text(*exact_, "");
     if (lengths_) out += plants_text(*lengths_, " with other lengths");
@@ -241,9 +275,12 @@ int run_design(const DesignOptions& o) {
   std::vector<std::string> sets = o.run.sets;
   if (o.workspace) sets.emplace_back("uncertainty.over=\"workspace\"");
   Scene scene = read_scene(o.run.scene, sets);
-  if (!scene.uncertainty) throw InputError("", o.run.scene + ": a design needs the table [uncertainty], which says what against");
+  if (!scene.uncertainty)
+    throw InputError("", o.run.scene + ": a design needs the table [uncertainty], which says what against");
   if (scene.law != LawChoice::esmc && scene.law != LawChoice::esmc_projected && scene.law != LawChoice::smc) {
-    throw InputError(scene.control_where, "this law has no switching gain to design: control.law must be esmc, esmc_projected or smc");
+    throw InputError(
+        scene.control_where,
+        "this law has no switching gain to design: control.law must be esmc, esmc_projected or smc");
   }
   if (scene.reaching == ReachingChoice::super_twisting || scene.reaching == ReachingChoice::implicit_coupled || scene.disturbance_observer > 0.0 ||
       scene.predictor) {
@@ -252,7 +289,8 @@ int run_design(const DesignOptions& o) {
   }
   if (o.simulate > 0) refuse_bus_effects(scene, "esmc design simulates without a bus");
   scene.seed = o.run.seed;
-  return scene.type == MechanismType::five_bar ? Report<FiveBarWorld>(scene, o).print() : Report<RrWorld>(scene, o).print();
+  return scene.type == MechanismType::five_bar ? Report<FiveBarWorld>(scene, o).print()
+                                               : Report<RrWorld>(scene, o).print();
 }
 
 }  // namespace esmc::host

@@ -9,8 +9,8 @@ namespace esmc::host {
 
 struct DesignOptions {
   RunOptions run;
-  bool workspace = false;        ///< as uncertainty.over = "workspace"
-  std::uint64_t simulate = 0;    ///< plants out of the intervals that are simulated
+  bool workspace = false;      ///< as uncertainty.over = "workspace"
+  std::uint64_t simulate = 0;  ///< plants out of the intervals that are simulated
 };
 
 /// 0: gains are given (and every simulated plant stayed in the band); 1: refused, or one did not.

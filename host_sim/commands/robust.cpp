@@ -30,7 +30,8 @@ Motion2<double> start_of(const Scene& scene, const ControllerConfig<M>& c) {
   typename M::Pose pose;
   typename M::Rates rates;
   if (!estimate_from_base(c.mechanism, c.mode, angle, rate, pose, rates)) {
-    throw InputError(scene.control_where, "the mechanism that the controller believes cannot stand where the scene starts");
+    throw InputError(scene.control_where,
+                     "the mechanism that the controller believes cannot stand where the scene starts");
   }
   return {pose.effector, c.mechanism.tip_rate(pose, rates), Vec2<double>::Zero()};
 }
@@ -47,11 +48,13 @@ void along_reference(const Scene& scene, Problem<M>& p, std::uint32_t join_ticks
   Tracking<M> t;
   for (const Point& at : p.points) {
     if (desired(p, at.now, t)) continue;
-    throw InputError(scene.reference_where, fmt::format("the reference leaves the reach of the mechanism at t = {:.3f} s", at.time));
+    throw InputError(scene.reference_where,
+                     fmt::format("the reference leaves the reach of the mechanism at t = {:.3f} s", at.time));
   }
 }
 
-/// Every place of the workspace within the limits, at the highest speed and acceleration of the reference, in eight directions.
+/// Every place of the workspace within the limits, at the highest speed and acceleration of the reference, in
+/// eight directions.
 template <class M>
 void over_workspace(const Scene& scene, Problem<M>& p) {
   auto& c = p.controller;
@@ -78,12 +81,15 @@ void over_workspace(const Scene& scene, Problem<M>& p) {
   p.along_time = false;
   for (int i = 0; i <= grid; ++i) {
     for (int j = 0; j <= grid; ++j) {
-      const Vec2<double> x(box[0][0] + (box[0][1] - box[0][0]) * i / grid, box[1][0] + (box[1][1] - box[1][0]) * j / grid);
+      const Vec2<double> x(box[0][0] + (box[0][1] - box[0][0]) * i / grid,
+                           box[1][0] + (box[1][1] - box[1][0]) * j / grid);
       std::array<Point, 8> star{};
       bool within = true;
       for (std::size_t k = 0; k < star.size() && within; ++k) {
-        const double a = std::numbers::pi * static_cast<double>(k) / 4.0, b = a + (k % 2 == 0 ? 0.5 : 1.0) * std::numbers::pi;
-        star[k].now = {x, Vec2<double>(std::cos(a), std::sin(a)) * speed, Vec2<double>(std::cos(b), std::sin(b)) * push};
+        const double a = std::numbers::pi * static_cast<double>(k) / 4.0,
+                     b = a + (k % 2 == 0 ? 0.5 : 1.0) * std::numbers::pi;
+        star[k].now = {x, Vec2<double>(std::cos(a), std::sin(a)) * speed,
+                       Vec2<double>(std::cos(b), std::sin(b)) * push};
         star[k].before = star[k].now;
         within = desired(p, star[k].now, t);
         if (!within) break;
@@ -103,14 +109,22 @@ void put(std::vector<double>& to, const Interval& i) { to.insert(to.end(), {i.lo
 template <class M>
 std::vector<double> numbers_of(const Problem<M>& p) {
   const auto& c = p.controller;
-  std::vector<double> out{static_cast<double>(c.law), static_cast<double>(c.reaching), c.sample_time, p.told_ticks,
-                          static_cast<double>(c.motors), static_cast<double>(c.sensors), static_cast<double>(c.reference.space),
-                          c.limits.min_abs_sin_type1, c.limits.min_abs_sin_type2, p.along_time ? 1.0 : 0.0};
+  std::vector<double> out{static_cast<double>(c.law),
+                          static_cast<double>(c.reaching),
+                          c.sample_time,
+                          p.told_ticks,
+                          static_cast<double>(c.motors),
+                          static_cast<double>(c.sensors),
+                          static_cast<double>(c.reference.space),
+                          c.limits.min_abs_sin_type1,
+                          c.limits.min_abs_sin_type2,
+                          p.along_time ? 1.0 : 0.0};
   for (int i = 0; i < M::channels; ++i) out.insert(out.end(), {c.gains.lambda[i], c.gains.layer[i]});
   out.insert(out.end(), {c.gains.independent.lambda, c.gains.independent.layer});
   for (int i = 0; i < M::joints; ++i) out.insert(out.end(), {c.torque_limit[i], c.torque_weight[i]});
   if constexpr (M::joints == 4) {
-    out.insert(out.end(), {static_cast<double>(c.mode.working[0]), static_cast<double>(c.mode.working[1]), static_cast<double>(c.mode.assembly)});
+    out.insert(out.end(), {static_cast<double>(c.mode.working[0]), static_cast<double>(c.mode.working[1]),
+                           static_cast<double>(c.mode.assembly)});
   } else {
     out.push_back(c.mode.working);
   }
@@ -130,7 +144,8 @@ std::vector<double> numbers_of(const Problem<M>& p) {
   }
   out.insert(out.end(), {u.tube.value_or(0.0), u.reaching_time});
   const auto motion = [&](const Motion2<double>& m) {
-    out.insert(out.end(), {m.position.x(), m.position.y(), m.velocity.x(), m.velocity.y(), m.acceleration.x(), m.acceleration.y()});
+    out.insert(out.end(), {m.position.x(), m.position.y(), m.velocity.x(), m.velocity.y(), m.acceleration.x(),
+                           m.acceleration.y()});
   };
   for (const Point& at : p.points) {
     motion(at.now);
@@ -166,7 +181,8 @@ Gains<M> robust_gains(const Scene& scene, Pacing pacing) {
     Gains<M> gains;
   };
   static std::mutex mutex;
-  static std::deque<Known> known;  // a loop makes its controller several times, a campaign and a sweep thousands of times
+  static std::deque<Known>
+      known;  // a loop makes its controller several times, a campaign and a sweep thousands of times
   constexpr std::size_t known_max = 32;
   const Problem<M> p = design_problem<M>(scene, pacing);
   const std::vector<double> key = numbers_of(p);

@@ -6,8 +6,9 @@
 
 namespace esmc::host {
 
-/// A controller of the scene without its gains, its motion (or its workspace) and its uncertainty. The scene must have
-/// [uncertainty] and a law with a switching gain. Throws InputError where the reference leaves the reach.
+/// A controller of the scene without its gains, its motion (or its workspace) and its uncertainty. The scene
+/// must have [uncertainty] and a law with a switching gain. Throws InputError where the reference leaves the
+/// reach.
 template <class M>
 design::Problem<M> design_problem(const Scene& scene, Pacing pacing);
 

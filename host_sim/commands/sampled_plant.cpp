@@ -72,7 +72,8 @@ Scene sampled_plant(const Scene& scene, std::uint64_t seed, std::uint64_t index,
   truth.g *= draw.in(u.gravity);
   const double load = draw.in(u.payload);
   std::erase_if(out.effects, [](const Effect& e) {
-    return std::holds_alternative<ViscousFriction>(e) || std::holds_alternative<CoulombFriction>(e) || std::holds_alternative<Payload>(e);
+    return std::holds_alternative<ViscousFriction>(e) || std::holds_alternative<CoulombFriction>(e) ||
+           std::holds_alternative<Payload>(e);
   });
   if (rr) {
     if (load > 0.0) out.effects.emplace_back(Payload{load, 0.0, 1e6});
@@ -99,7 +100,9 @@ std::vector<std::string> outside(const Scene& scene) {
   const FiveBarParams<double>& truth = scene.mechanism;
   std::vector<std::string> out;
   const auto judge = [&](const std::string& what, double is, const Interval& allowed) {
-    if (!within(is, allowed)) out.push_back(fmt::format("{} = {:.4g}, [uncertainty] has [{:.4g}, {:.4g}]", what, is, allowed.lower, allowed.upper));
+    if (!within(is, allowed))
+      out.push_back(fmt::format("{} = {:.4g}, [uncertainty] has [{:.4g}, {:.4g}]", what, is, allowed.lower,
+                                allowed.upper));
   };
   const auto share = [&](const std::string& what, double is, double believed, const Interval& allowed) {
     if (believed == 0.0 && is == 0.0) return;
@@ -126,8 +129,11 @@ std::vector<std::string> outside(const Scene& scene) {
   const double added = (load ? load->mass : 0.0) + (rr ? 0.0 : truth.m0 - belief.m0);
   judge("mass at the effector beyond the believed one", added, u.payload);
   for (std::size_t j = 0; j < (rr ? 2U : 4U); ++j) {
-    const auto known = [&](const auto& given, bool is_dry) { return given ? (*given)[j] : believed_friction(belief, is_dry)[j]; };
-    judge(fmt::format("viscous friction of joint {}", j + 1), viscous ? viscous->coefficient[j] : 0.0, known(u.viscous, false));
+    const auto known = [&](const auto& given, bool is_dry) {
+      return given ? (*given)[j] : believed_friction(belief, is_dry)[j];
+    };
+    judge(fmt::format("viscous friction of joint {}", j + 1), viscous ? viscous->coefficient[j] : 0.0,
+          known(u.viscous, false));
     judge(fmt::format("dry friction of joint {}", j + 1), dry ? dry->torque[j] : 0.0, known(u.coulomb, true));
   }
   return out;
@@ -137,7 +143,8 @@ std::vector<std::string> not_covered(const Scene& scene) {
   std::vector<std::string> out;
   for (const Effect& e : scene.effects) {
     const std::string type = type_name(e);
-    if (type != ViscousFriction::type && type != CoulombFriction::type && type != Payload::type) out.push_back(type);
+    if (type != ViscousFriction::type && type != CoulombFriction::type && type != Payload::type)
+      out.push_back(type);
   }
   return out;
 }

@@ -11,7 +11,7 @@
 namespace esmc::host::design {
 namespace {
 
-constexpr double room = 1.2;           ///< tube over the band that it must hold, where the tube is computed
+constexpr double room = 1.2;             ///< tube over the band that it must hold, where the tube is computed
 constexpr std::size_t coarse_max = 256;  ///< points of a first look
 
 template <class M>
@@ -37,24 +37,28 @@ class Designer : private Search<M> {
  private:
   using Channels = typename M::Channels;
   using Base = Search<M>;
-  using Base::p_, Base::u_, Base::d_, Base::lambda_, Base::tube_, Base::swing_, Base::smc_, Base::stride_, Base::force_, Base::span_,
-      Base::mismatch_at_, Base::everywhere, Base::unit, Base::where, Base::look, Base::refine;
+  using Base::p_, Base::u_, Base::d_, Base::lambda_, Base::tube_, Base::swing_, Base::smc_, Base::stride_,
+      Base::force_, Base::span_, Base::mismatch_at_, Base::everywhere, Base::unit, Base::where, Base::look,
+      Base::refine;
 
   /// A row without believed mass has no switching term to pay with.
   bool payable() {
     if (smc_) {
       if (d_.mismatch < 1.0) return true;
-      d_.refused = fmt::format("smc: ||H^-1 H_believed - 1|| reaches {:.3g} {}, and its gain condition [F37] needs less than 1: no "
-                               "gain works; narrower masses, or the law esmc_projected, whose condition has no such bound",
-                               d_.mismatch, where(mismatch_at_));
+      d_.refused = fmt::format(
+          "smc: ||H^-1 H_believed - 1|| reaches {:.3g} {}, and its gain condition [F37] needs less than 1: "
+          "no "
+          "gain works; narrower masses, or the law esmc_projected, whose condition has no such bound",
+          d_.mismatch, where(mismatch_at_));
       return false;
     }
     for (int i = 0; i < M::channels; ++i) {
       const auto k = static_cast<std::size_t>(i);
       if (force_[k] == 0.0 || u_.mass()[i] > 0.0) continue;
-      d_.refused = fmt::format("row {} of the condition has to stand {:.3g} {}, and the controller believes no {} there to switch "
-                               "with: give control.model or [mechanism] one",
-                               i, force_[k], M::is_angle(i) ? "N m" : "N", M::is_angle(i) ? "inertia" : "mass");
+      d_.refused = fmt::format(
+          "row {} of the condition has to stand {:.3g} {}, and the controller believes no {} there to switch "
+          "with: give control.model or [mechanism] one",
+          i, force_[k], M::is_angle(i) ? "N m" : "N", M::is_angle(i) ? "inertia" : "mass");
       return false;
     }
     return true;
@@ -121,7 +125,8 @@ class Designer : private Search<M> {
     if (p_.controller.reaching != Reaching::implicit) return;
     if (!z.holds) {
       d_.warnings.push_back(fmt::format(
-          "sampled, nothing is promised: a mass matrix wrong by {:.0f} % meets a loop that answers an acceleration {:.2f}-fold: "
+          "sampled, nothing is promised: a mass matrix wrong by {:.0f} % meets a loop that answers an "
+          "acceleration {:.2f}-fold: "
           "their product must stay below 0.95; smaller lambda, shorter tick, less delay, or narrower masses",
           100.0 * z.mismatch, z.peak.command));
       return;
@@ -153,7 +158,7 @@ class Designer : private Search<M> {
     Gains<M> g = c.gains;
     apply(p_, d_, g);
     double sigma = 0.0, level = 0.0;  // level: of |sigma| in a tube that holds it
-    if (smc_) {  // the larger of |s_1|, |s_2| falls while it is beyond the layer
+    if (smc_) {                       // the larger of |s_1|, |s_2| falls while it is beyond the layer
       sigma = g.independent.layer * std::numbers::sqrt2;
       level = sigma;
     } else {
@@ -166,9 +171,12 @@ class Designer : private Search<M> {
     d_.layer = Band{sigma / lambda_, sigma};
     asked_tube_ = level / lambda_;
     if (level <= lambda_ * tube_) return;
-    d_.refused = fmt::format("the layer of the reaching law leaves a band of {:.3g} {} [F38], and the tube is {:.3g} {}: what holds in the "
-                             "tube says nothing of the band; a larger uncertainty.tube, a shorter tick, a smaller layer or delay, "
-                             "narrower intervals", asked_tube_, unit(), tube_, unit());
+    d_.refused = fmt::format(
+        "the layer of the reaching law leaves a band of {:.3g} {} [F38], and the tube is {:.3g} {}: what "
+        "holds in the "
+        "tube says nothing of the band; a larger uncertainty.tube, a shorter tick, a smaller layer or delay, "
+        "narrower intervals",
+        asked_tube_, unit(), tube_, unit());
   }
 
   void torque() {
@@ -178,7 +186,8 @@ class Designer : private Search<M> {
     for (std::size_t at = 0; at < p_.points.size(); at += stride_) {
       if (!state_at(p_, {at}, 0.0, s)) continue;
       const Worst<M> w(u_, s, swing_);
-      const Vec<double, M::joints> own = torques(p_, s.track.pose, c.mechanism.force(s.wanted, s.track.rates));
+      const Vec<double, M::joints> own =
+          torques(p_, s.track.pose, c.mechanism.force(s.wanted, s.track.rates));
       Channels push = Channels::Zero();
       List<Vec<double, M::joints>, 2> map;
       for (int k = 0; k < 2; ++k) {
@@ -209,22 +218,33 @@ class Designer : private Search<M> {
       const auto k = static_cast<std::size_t>(joint);
       const double limit = c.torque_limit[joint];
       if (d_.hold[k] > limit && d_.refused.empty()) {
-        d_.refused = fmt::format("motor {}: the worst plant takes {:.3g} N m on the motion itself ({}), torque_limit is {:.3g} N m: "
-                                 "no gain works", i + 1, d_.hold[k], where(d_.hold_place), limit);
+        const std::string text = fmt::format(
+            "motor {}: the worst plant takes {:.3g} N m on the motion itself ({}), torque_limit is {:.3g} N m", i + 1,
+            d_.hold[k], where(d_.hold_place), limit);
+        if (c.motors == Motors::all) {  // others may take over what one cannot give
+          d_.warnings.push_back(text + ", shared out by least norm");
+        } else {
+          d_.refused = text + ": no gain works";
+        }
       } else if (d_.peak[k] > limit) {
-        d_.warnings.push_back(fmt::format("motor {}: at the edge of the tube the law asks for up to {:.3g} N m ({}), torque_limit is {:.3g} "
-                                          "N m: while it is clamped nothing is promised",
-                                          i + 1, d_.peak[k], where(d_.peak_place), limit));
+        d_.warnings.push_back(
+            fmt::format("motor {}: at the edge of the tube the law asks for up to {:.3g} N m ({}), "
+                        "torque_limit is {:.3g} "
+                        "N m: while it is clamped nothing is promised",
+                        i + 1, d_.peak[k], where(d_.peak_place), limit));
       }
     }
   }
-  void keep(std::array<double, M::joints>& most, Place& place, int joint, double value, const Place& at) const {
+  void keep(std::array<double, M::joints>& most, Place& place, int joint, double value,
+            const Place& at) const {
     double& here = most[static_cast<std::size_t>(joint)];
     if (!(value > here)) return;
     here = value;
     double share = value / p_.controller.torque_limit[joint];
     for (int j = 0; j < M::joints; ++j) {
-      if (p_.controller.torque_limit[j] > 0.0 && most[static_cast<std::size_t>(j)] / p_.controller.torque_limit[j] > share) return;
+      if (p_.controller.torque_limit[j] > 0.0 &&
+          most[static_cast<std::size_t>(j)] / p_.controller.torque_limit[j] > share)
+        return;
     }
     place = at;
   }
@@ -243,12 +263,13 @@ double start_size(const Problem<M>& p) {
   Tracking<M> at = t;
   if (!desired(p, p.start, at)) return 0.0;
   const Vec2<double> e = M::independent_error(t.desired_pose, at.desired_pose);
-  const Vec2<double> sigma = M::independent(t.desired_rates) - M::independent(at.desired_rates) + e * c.gains.independent.lambda;
+  const Vec2<double> sigma =
+      M::independent(t.desired_rates) - M::independent(at.desired_rates) + e * c.gains.independent.lambda;
   return std::max(std::sqrt(dot(e, e)), std::sqrt(dot(sigma, sigma)) / c.gains.independent.lambda);
 }
 
-/// A tube that holds its own band with some room, found by steps between it and what the band asks for. 0: there is none of a
-/// size that means anything.
+/// A tube that holds its own band with some room, found by steps between it and what the band asks for. 0:
+/// there is none of a size that means anything.
 template <class M>
 double computed_tube(const Problem<M>& p) {
   const auto& leg = p.believed.legs[0];
@@ -266,7 +287,8 @@ double computed_tube(const Problem<M>& p) {
     const double asked = room * d.asked_tube();
     if (!(asked > 0.0)) return tube;  // refused for another reason, which is then told
     if (asked <= tube && tube <= 1.3 * asked) return tube;
-    tube = std::clamp(std::sqrt(tube * asked) * (asked > tube ? 1.05 : 1.0), 0.2 * tube, std::min(5.0 * tube, most));
+    tube = std::clamp(std::sqrt(tube * asked) * (asked > tube ? 1.05 : 1.0), 0.2 * tube,
+                      std::min(5.0 * tube, most));
   }
   return 0.0;
 }
@@ -283,8 +305,10 @@ Design<M> design(const Problem<M>& p) {
   const double tube = p.uncertainty.tube ? *p.uncertainty.tube : computed_tube(p);
   if (!(tube > 0.0)) {
     Design<M> none;
-    none.refused = "no tube around the motion holds the band that the layer of the reaching law leaves in it [F38]: a shorter tick, less "
-                   "delay, a smaller layer, narrower intervals, or the law smc, whose bound is narrower";
+    none.refused =
+        "no tube around the motion holds the band that the layer of the reaching law leaves in it [F38]: a "
+        "shorter tick, less "
+        "delay, a smaller layer, narrower intervals, or the law smc, whose bound is narrower";
     return none;
   }
   Design<M> d = Designer<M>(p, tube, coarse_max).run();
@@ -292,9 +316,10 @@ Design<M> design(const Problem<M>& p) {
   if (!p.along_time) return d;
   d.start = start_size(p);
   if (d.refused.empty() && d.start > d.tube * d.inside) {
-    d.warnings.push_back(fmt::format("the start is {:.3g} times as far from the motion as the promise reaches: it holds from the "
-                                     "instant at which the error has come within; reference.join begins within",
-                                     d.start / (d.tube * d.inside)));
+    d.warnings.push_back(fmt::format(
+        "the start is {:.3g} times as far from the motion as the promise reaches: it holds from the "
+        "instant at which the error has come within; reference.join begins within",
+        d.start / (d.tube * d.inside)));
   }
   return d;
 }
@@ -308,7 +333,8 @@ void apply(const Problem<M>& p, const Design<M>& d, Gains<M>& g) {
     if (implicit && g.k[i] > 0.0) g.layer[i] = implicit_layer(g.k[i], c.sample_time, p.told_ticks);
   }
   g.independent.k = d.k_independent;
-  if (implicit && g.independent.k > 0.0) g.independent.layer = implicit_layer(g.independent.k, c.sample_time, p.told_ticks);
+  if (implicit && g.independent.k > 0.0)
+    g.independent.layer = implicit_layer(g.independent.k, c.sample_time, p.told_ticks);
 }
 
 template Design<FiveBar<double>> design(const Problem<FiveBar<double>>&);

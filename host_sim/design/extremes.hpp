@@ -1,7 +1,8 @@
 #pragma once
-/// The worst that the uncertain parameters can do at one state: delta of [F34], with [F36] for the mass centres.
-/// Every row of delta depends on the parameters of one bar (and on payload and gravity), and on each of them linearly, but for
-/// the place of the mass centre, which enters row phi as a square: so its extremes lie in corners, and there.
+/// The worst that the uncertain parameters can do at one state: delta of [F34], with [F36] for the mass
+/// centres. Every row of delta depends on the parameters of one bar (and on payload and gravity), and on each
+/// of them linearly, but for the place of the mass centre, which enters row phi as a square: so its extremes
+/// lie in corners, and there.
 
 #include <array>
 
@@ -43,12 +44,12 @@ struct Box {
 
 /// A bar in a state: the rows it has, and what is asked of them.
 struct Bar {
-  int angle = 0, x = 0;       ///< rows
-  Vec2<double> along;         ///< axis
-  Vec2<double> a;             ///< wanted, of the believed mass centre
+  int angle = 0, x = 0;  ///< rows
+  Vec2<double> along;    ///< axis
+  Vec2<double> a;        ///< wanted, of the believed mass centre
   double alpha = 0, omega = 0, omega_r = 0;
-  Mat<double, 2, 2> A;        ///< d velocity of that point / d independent rates
-  Vec2<double> turn;          ///< d omega / d independent rates
+  Mat<double, 2, 2> A;  ///< d velocity of that point / d independent rates
+  Vec2<double> turn;    ///< d omega / d independent rates
 };
 
 /// Forces and a moment at the point that the controller takes for the mass centre.
@@ -72,7 +73,8 @@ class Uncertain {
       const auto& leg = p.believed.legs[static_cast<std::size_t>(b / 2)];
       const bool outer = b % 2 == 1;
       const double m = outer ? leg.m2 : leg.m1, J = outer ? leg.J2 : leg.J1;
-      box_[b] = {times(outer ? u.m2 : u.m1, m), times(outer ? u.J2 : u.J1, J), outer ? u.lg2 : u.lg1, {m, J, 0.0}};
+      box_[b] = {
+          times(outer ? u.m2 : u.m1, m), times(outer ? u.J2 : u.J1, J), outer ? u.lg2 : u.lg1, {m, J, 0.0}};
       const auto j = static_cast<std::size_t>(b);
       const double d = outer ? leg.d2 : leg.d1, dry = outer ? leg.gamma2 : leg.gamma1;
       viscous_[j] = u.viscous ? (*u.viscous)[j] : Interval{d, d};
@@ -138,12 +140,13 @@ class Uncertain {
     return l.l2 - l.lg2;
   }
 
-  /// Believed less true friction of a joint, N m. `swing`: by how much the independent rates vary in the tube: where the joint may
-  /// come to rest, dry friction may be anything up to its limit.
+  /// Believed less true friction of a joint, N m. `swing`: by how much the independent rates vary in the
+  /// tube: where the joint may come to rest, dry friction may be anything up to its limit.
   [[nodiscard]] Span friction(const State<M>& s, int joint, double swing) const {
     const auto& leg = p_->believed.legs[static_cast<std::size_t>(joint / 2)];
     const bool outer = joint % 2 == 1;
-    const double rate = joint_rate(s.track.rates, joint), d = outer ? leg.d2 : leg.d1, dry = outer ? leg.gamma2 : leg.gamma1;
+    const double rate = joint_rate(s.track.rates, joint), d = outer ? leg.d2 : leg.d1,
+                 dry = outer ? leg.gamma2 : leg.gamma1;
     const auto j = static_cast<std::size_t>(joint);
     Span out = nothing;
     for (const double v : {viscous_[j].lower, viscous_[j].upper}) out.hold((d - v) * rate);
@@ -161,24 +164,28 @@ class Uncertain {
 
   /// Extremes of delta, row by row [F35]; rows without mass are empty, their friction is paid by the bars.
   /// `only`: of one cause, the others as believed.
-  [[nodiscard]] std::array<Span, M::channels> rows(const State<M>& s, double swing, Cause only = Cause::count) const {
+  [[nodiscard]] std::array<Span, M::channels> rows(const State<M>& s, double swing,
+                                                   Cause only = Cause::count) const {
     std::array<Span, M::channels> out{};
     const auto at = [&](int row) -> Span& { return out[static_cast<std::size_t>(row)]; };
     const auto open = [&](Cause c, const Interval& v, double closed) {
       return only == Cause::count || only == c ? v : Interval{closed, closed};
     };
-    const Interval g = open(Cause::gravity, gravity(), p_->believed.g), load = open(Cause::payload, payload(), 0.0);
+    const Interval g = open(Cause::gravity, gravity(), p_->believed.g),
+                   load = open(Cause::payload, payload(), 0.0);
     for (int b = 0; b < bars; ++b) {
       const Bar bar_at = bar(s, b);
       const Box& of = box_[b];
-      const Interval m = open(Cause::mass, of.m, of.believed.m), J = open(Cause::inertia, of.J, of.believed.J),
+      const Interval m = open(Cause::mass, of.m, of.believed.m),
+                     J = open(Cause::inertia, of.J, of.believed.J),
                      off = open(Cause::mass_centre, of.offset, 0.0);
       const Vec2<double> n = perp(bar_at.along);
       const bool carries = b % 2 == 1 && !effector_rows();
       Span x = nothing, y = nothing, turn = nothing;
       for (const double gravity_now : {g.lower, g.upper}) {
         const double pull = dot(n, Vec2<double>(bar_at.a.x(), bar_at.a.y() + gravity_now));
-        const double bend = bar_at.alpha != 0.0 ? std::clamp(-0.5 * pull / bar_at.alpha, off.lower, off.upper) : off.lower;
+        const double bend =
+            bar_at.alpha != 0.0 ? std::clamp(-0.5 * pull / bar_at.alpha, off.lower, off.upper) : off.lower;
         for (const double load_now : {load.lower, load.upper}) {
           Wrench tip;
           if (carries) {

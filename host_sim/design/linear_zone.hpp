@@ -1,7 +1,8 @@
 #pragma once
-/// The sampled loop while no row of the switching term is at its end: with the implicit step K_i / layer_i is the same 1 / (1 + d) h
-/// in all rows, so that C^T M K sw(C sigma) = H_believed sigma / ((1 + d) h) [F28], and what is left is a scalar loop with a
-/// disturbance H^-1 C^T delta and a gain that is wrong by H^-1 H_believed - 1: small gain, with peak gains.
+/// The sampled loop while no row of the switching term is at its end: with the implicit step K_i / layer_i is
+/// the same 1 / (1 + d) h in all rows, so that C^T M K sw(C sigma) = H_believed sigma / ((1 + d) h) [F28],
+/// and what is left is a scalar loop with a disturbance H^-1 C^T delta and a gain that is wrong by H^-1
+/// H_believed - 1: small gain, with peak gains.
 
 #include "host_sim/design/design.hpp"
 #include "host_sim/design/sampled_loop.hpp"
@@ -22,7 +23,8 @@ struct LinearZone {
 
 /// Acceleration by which a torque misses that was computed for an earlier instant of the motion.
 template <class M>
-[[nodiscard]] Vec2<double> stale_acceleration(const Problem<M>& p, const Point& n, const State<M>& s, const Mat<double, 2, 2>& H) {
+[[nodiscard]] Vec2<double> stale_acceleration(const Problem<M>& p, const Point& n, const State<M>& s,
+                                              const Mat<double, 2, 2>& H) {
   State<M> old;
   if (!desired(p, n.before, old.track)) return Vec2<double>::Zero();
   old.track.pose = old.track.desired_pose;
@@ -41,7 +43,8 @@ template <class M>
 
 /// Of every `stride`th point of the motion, the error small.
 template <class M>
-[[nodiscard]] LinearZone<M> linear_zone_of(const Problem<M>& p, const Uncertain<M>& u, double swing, std::size_t stride) {
+[[nodiscard]] LinearZone<M> linear_zone_of(const Problem<M>& p, const Uncertain<M>& u, double swing,
+                                           std::size_t stride) {
   LinearZone<M> out;
   double worst = 0.0, smallest = std::numeric_limits<double>::infinity(), reach_independent = 0.0;
   typename M::Channels reach = M::Channels::Zero();  // |c_i| in the metric of H_believed
@@ -55,7 +58,8 @@ template <class M>
       return std::sqrt(dot(r, r));
     };
     const double stale = length(stale_acceleration(p, p.points[n], s, w.believed()));
-    worst = std::max(worst, stale + w.largest([&](const auto& H, const auto& F) { return length(inverse(H) * F); }));
+    worst = std::max(worst,
+                     stale + w.largest([&](const auto& H, const auto& F) { return length(inverse(H) * F); }));
     out.disturbance = std::max(out.disturbance, w.largest([&](const auto& H, const auto& F) {
       const Vec2<double> d = inverse(H) * F;
       return std::sqrt(dot(d, d));
@@ -75,8 +79,8 @@ template <class M>
   const double h = p.controller.sample_time, layer_time = (1.0 + p.told_ticks) * h;
   for (int late = 0; late <= static_cast<int>(std::ceil(p.told_ticks)); ++late) {
     const PeakGains now = peak_gains(p.controller.gains.independent.lambda, 1.0 / layer_time, h, late);
-    out.peak = {std::max(out.peak.error, now.error), std::max(out.peak.sliding, now.sliding), std::max(out.peak.command, now.command),
-                out.peak.stable && now.stable};
+    out.peak = {std::max(out.peak.error, now.error), std::max(out.peak.sliding, now.sliding),
+                std::max(out.peak.command, now.command), out.peak.stable && now.stable};
   }
   constexpr double least = 0.05;  // of 1 that the small gain must leave
   const double left = 1.0 - out.peak.command * out.mismatch;

@@ -1,6 +1,6 @@
 #pragma once
-/// What a design starts from: a controller without its gains, a motion, what is uncertain. And one place in the tube
-/// around that motion, in the terms of the law. Controller side only: nothing of the plant.
+/// What a design starts from: a controller without its gains, a motion, what is uncertain. And one place in
+/// the tube around that motion, in the terms of the law. Controller side only: nothing of the plant.
 
 #include <algorithm>
 #include <cmath>
@@ -21,16 +21,17 @@ struct Point {
 
 template <class M>
 struct Problem {
-  ControllerConfig<M> controller;   ///< its k and layers are not read; layers of saturation and tanh are
-  FiveBarParams<double> believed;   ///< RR: legs[0] and g
+  ControllerConfig<M> controller;  ///< its k and layers are not read; layers of saturation and tanh are
+  FiveBarParams<double> believed;  ///< RR: legs[0] and g
   UncertaintyScene uncertainty;
   std::vector<Point> points;
-  bool along_time = true;           ///< neighbours in `points` are neighbours in time
-  double told_ticks = 0.0;          ///< delay that the implicit law is told
-  Motion2<double> start;            ///< of the mechanism, in the reference's own space
+  bool along_time = true;   ///< neighbours in `points` are neighbours in time
+  double told_ticks = 0.0;  ///< delay that the implicit law is told
+  Motion2<double> start;    ///< of the mechanism, in the reference's own space
 };
 
-/// Where in the tube: |e| = share_e E in direction angle_e, sigma = e' + lambda e likewise, |sigma| = share_s lambda E.
+/// Where in the tube: |e| = share_e E in direction angle_e, sigma = e' + lambda e likewise, |sigma| = share_s
+/// lambda E.
 struct Place {
   std::size_t point = 0;
   double angle_e = 0.0, share_e = 0.0, angle_s = 0.0, share_s = 0.0;
@@ -41,11 +42,11 @@ template <class M>
 struct State {
   using Channels = typename M::Channels;
   Tracking<M> track;
-  Vec2<double> error, error_rate;      ///< of the independent coordinates
-  Channels wanted;                     ///< q''_r: what the law asks for without its switching term
-  Channels sliding;                    ///< s
-  Channels rates;                      ///< of the channels
-  List<Channels, 2> column;            ///< C
+  Vec2<double> error, error_rate;  ///< of the independent coordinates
+  Channels wanted;                 ///< q''_r: what the law asks for without its switching term
+  Channels sliding;                ///< s
+  Channels rates;                  ///< of the channels
+  List<Channels, 2> column;        ///< C
 };
 
 /// Desired pose and motion at a point. False: out of reach.
@@ -53,8 +54,8 @@ template <class M>
 [[nodiscard]] bool desired(const Problem<M>& p, const Motion2<double>& m, Tracking<M>& t) {
   const auto& c = p.controller;
   return c.reference.space == ReferenceSpace::effector
-             ? desired_at_effector(c.mechanism, c.mode, m.position, m.velocity, m.acceleration, t.desired_pose,
-                                   t.desired_rates, t.desired_acceleration)
+             ? desired_at_effector(c.mechanism, c.mode, m.position, m.velocity, m.acceleration,
+                                   t.desired_pose, t.desired_rates, t.desired_acceleration)
              : desired_at_base(c.mechanism, c.mode, m.position, m.velocity, m.acceleration, t.desired_pose,
                                t.desired_rates, t.desired_acceleration);
 }
@@ -63,7 +64,8 @@ inline bool displaced(const FiveBar<double>& m, const FiveBar<double>::Mode& mod
                       Tracking<FiveBar<double>>& t) {
   return m.inverse(t.desired_pose.effector - e, mode, t.pose);
 }
-inline bool displaced(const Rr<double>& m, const Rr<double>::Mode& mode, const Vec2<double>& e, Tracking<Rr<double>>& t) {
+inline bool displaced(const Rr<double>& m, const Rr<double>::Mode& mode, const Vec2<double>& e,
+                      Tracking<Rr<double>>& t) {
   t.pose = m.pose(Rr<double>::base_angles(t.desired_pose) - e);
   return Rr<double>::in_working_mode(t.pose, mode);
 }
@@ -86,30 +88,34 @@ void ask(const Problem<M>& p, State<M>& s) {
   demand(c.law, c.mechanism, without, Reaching::saturation, s.track, s.wanted, s.sliding);
 }
 
-/// The state at a place of a tube of size E (m or rad). False: out of reach, or beyond what the controller guards.
+/// The state at a place of a tube of size E (m or rad). False: out of reach, or beyond what the controller
+/// guards.
 template <class M>
 [[nodiscard]] bool state_at(const Problem<M>& p, const Place& at, double tube, State<M>& s) {
   const auto& c = p.controller;
   const double lambda = c.gains.independent.lambda;
   if (!desired(p, p.points[at.point].now, s.track)) return false;
   s.error = Vec2<double>(std::cos(at.angle_e), std::sin(at.angle_e)) * (at.share_e * tube);
-  const Vec2<double> sigma = Vec2<double>(std::cos(at.angle_s), std::sin(at.angle_s)) * (at.share_s * lambda * tube);
+  const Vec2<double> sigma =
+      Vec2<double>(std::cos(at.angle_s), std::sin(at.angle_s)) * (at.share_s * lambda * tube);
   s.error_rate = sigma - s.error * lambda;
   if (!displaced(c.mechanism, c.mode, s.error, s.track)) return false;
   const bool all = c.motors == Motors::all && c.sensors == Sensors::all;
   if (!(M::min_abs_sin_type1(s.track.pose) >= c.limits.min_abs_sin_type1)) return false;
   if (!all && !(M::sin_type2_in_mode(s.track.pose, c.mode) >= c.limits.min_abs_sin_type2)) return false;
-  s.track.rates = c.mechanism.chain_rates(s.track.pose, Vec2<double>(M::independent(s.track.desired_rates) - s.error_rate));
+  s.track.rates = c.mechanism.chain_rates(s.track.pose,
+                                          Vec2<double>(M::independent(s.track.desired_rates) - s.error_rate));
   s.rates = c.mechanism.channel_rates(s.track.pose, s.track.rates);
   s.column = columns(c.mechanism, s.track.pose);
   ask(p, s);
   return true;
 }
 
-/// Motor torques (at the joints) that do what forces w on the channels do, as the controller shares them out where its limits and a
-/// preload leave it alone.
+/// Motor torques (at the joints) that do what forces w on the channels do. Four motors: the least in norm, which is what the
+/// controller asks for where that is within the limits and there is no preload.
 template <class M>
-[[nodiscard]] Vec<double, M::joints> torques(const Problem<M>& p, const typename M::Pose& pose, const typename M::Channels& w) {
+[[nodiscard]] Vec<double, M::joints> torques(const Problem<M>& p, const typename M::Pose& pose,
+                                             const typename M::Channels& w) {
   const auto& c = p.controller;
   if constexpr (M::joints == 4) {
     if (c.motors == Motors::all) return allocate_all(c.mechanism, pose, w, c.torque_weight);

@@ -1,7 +1,7 @@
 #pragma once
 /// The scalar loop that all laws are in their linear zone [F28]: a double integrator, e'' = w - u, with
-/// u = (lambda + kappa) e' + lambda kappa e, sampled and held, acting some ticks late. Its peak gains from an acceleration w that is
-/// as bad as it can be, |w| <= 1 in every tick: sums of the absolute impulse response.
+/// u = (lambda + kappa) e' + lambda kappa e, sampled and held, acting some ticks late. Its peak gains from an
+/// acceleration w that is as bad as it can be, |w| <= 1 in every tick: sums of the absolute impulse response.
 
 #include <cmath>
 #include <vector>

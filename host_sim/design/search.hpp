@@ -1,6 +1,7 @@
 #pragma once
-/// The search for the worst places of the tube: a grid over motion and tube, then climbs from its worst points. What it finds is a
-/// lower bound; `margin` of design.hpp is for what lies between, and docs/robust-design.md has a test of it from outside.
+/// The search for the worst places of the tube: a grid over motion and tube, then climbs from its worst
+/// points. What it finds is a lower bound; `margin` of design.hpp is for what lies between, and
+/// docs/robust-design.md has a test of it from outside.
 
 #include <fmt/format.h>
 
@@ -18,8 +19,13 @@ template <class M>
 class Search {
  public:
   Search(const Problem<M>& p, double tube, std::size_t points_max)
-      : p_(p), u_(p), lambda_(p.controller.gains.independent.lambda), tube_(tube), swing_(2.0 * lambda_ * tube),
-        smc_(p.controller.law == LawKind::smc), stride_(std::max<std::size_t>(1, (p.points.size() + points_max - 1) / points_max)) {
+      : p_(p),
+        u_(p),
+        lambda_(p.controller.gains.independent.lambda),
+        tube_(tube),
+        swing_(2.0 * lambda_ * tube),
+        smc_(p.controller.law == LawKind::smc),
+        stride_(std::max<std::size_t>(1, (p.points.size() + points_max - 1) / points_max)) {
     d_.tube = tube;
   }
   /// Whether the tube has left the reach, or what is guarded.
@@ -34,7 +40,8 @@ class Search {
     Place place{};
   };
 
-  /// Calls f(place, state) for the centre of the tube and its edge, point by point. False: a place that cannot be.
+  /// Calls f(place, state) for the centre of the tube and its edge, point by point. False: a place that
+  /// cannot be.
   template <class F>
   bool everywhere(bool poses_only, const F& f) {
     State<M> s;
@@ -44,8 +51,10 @@ class Search {
         ++d_.states;
         if (!state_at(p_, at, tube_, s)) {
           left_ = true;
-          d_.refused = fmt::format("a tube of {:.3g} {} around the motion leaves the reach of the mechanism, or passes "
-                                   "limits.min_abs_sin_type1 or type2, {}", tube_, unit(), where(at));
+          d_.refused = fmt::format(
+              "a tube of {:.3g} {} around the motion leaves the reach of the mechanism, or passes "
+              "limits.min_abs_sin_type1 or type2, {}",
+              tube_, unit(), where(at));
           return false;
         }
         f(at, s);
@@ -91,7 +100,8 @@ class Search {
         }
         if (wrong < 1.0) note(0, at, smc_need(s));
       } else {
-        if (p_.controller.law == LawKind::esmc && at.share_s > 0.0) d_.beyond_range = std::max(d_.beyond_range, beyond(s));
+        if (p_.controller.law == LawKind::esmc && at.share_s > 0.0)
+          d_.beyond_range = std::max(d_.beyond_range, beyond(s));
         const auto rows = u_.rows(s, swing_);
         for (int i = 0; i < M::channels; ++i) {
           const auto k = static_cast<std::size_t>(i);
@@ -128,8 +138,10 @@ class Search {
     force_[row] = std::max(force_[row], need);
   }
 
-  /// [F37]: the maximum norm of H^-1 H_believed - 1, and the gain that a state asks for, at the worst corners.
-  static std::pair<double, double> smc_norms(const Mat<double, 2, 2>& believed, const Mat<double, 2, 2>& H, const Vec2<double>& F) {
+  /// [F37]: the maximum norm of H^-1 H_believed - 1, and the gain that a state asks for, at the worst
+  /// corners.
+  static std::pair<double, double> smc_norms(const Mat<double, 2, 2>& believed, const Mat<double, 2, 2>& H,
+                                             const Vec2<double>& F) {
     const Mat<double, 2, 2> inv = inverse(H), E = inv * believed - Mat<double, 2, 2>::Identity();
     const Vec2<double> d = inv * F;
     return {std::max(std::abs(E(0, 0)) + std::abs(E(0, 1)), std::abs(E(1, 0)) + std::abs(E(1, 1))),
@@ -196,7 +208,8 @@ class Search {
         better = attempt(at) || better;
         if (along == 0) continue;
         at = best.place;
-        at.point = static_cast<std::size_t>(static_cast<std::ptrdiff_t>(at.point) + sign * along);  // may wrap: then too large
+        at.point = static_cast<std::size_t>(static_cast<std::ptrdiff_t>(at.point) +
+                                            sign * along);  // may wrap: then too large
         better = attempt(at) || better;
       }
       if (better) continue;

@@ -1,7 +1,8 @@
 #pragma once
-/// Worst cases of what rows cannot tell one by one: inertia H = C^T M C and force C^T delta together, over corners of all
-/// uncertain parameters. A search from corner to corner, from several starts: each parameter set belongs to one bar (or the
-/// payload, or a joint's friction), whose share of H and of the force adds to those of the others.
+/// Worst cases of what rows cannot tell one by one: inertia H = C^T M C and force C^T delta together, over
+/// corners of all uncertain parameters. A search from corner to corner, from several starts: each parameter
+/// set belongs to one bar (or the payload, or a joint's friction), whose share of H and of the force adds to
+/// those of the others.
 
 #include "host_sim/design/extremes.hpp"
 
@@ -9,7 +10,8 @@ namespace esmc::host::design {
 
 /// Symmetric part of a 2 x 2 matrix: eigenvalues in ascending order.
 [[nodiscard]] inline Vec2<double> eigenvalues(const Mat<double, 2, 2>& m) {
-  const double mean = 0.5 * (m(0, 0) + m(1, 1)), half = 0.5 * (m(0, 0) - m(1, 1)), off = 0.5 * (m(0, 1) + m(1, 0));
+  const double mean = 0.5 * (m(0, 0) + m(1, 1)), half = 0.5 * (m(0, 0) - m(1, 1)),
+               off = 0.5 * (m(0, 1) + m(1, 0));
   const double r = std::hypot(half, off);
   return {mean - r, mean + r};
 }
@@ -41,7 +43,8 @@ class Worst {
   Worst(const Uncertain<M>& u, const State<M>& s, double swing) : believed_(Mat<double, 2, 2>::Zero()) {
     const Mat<double, 2, 2> tip = u.tip_columns(s);
     believed_ += tip.transpose() * tip * u.own_tip();
-    for (int b = 0; b < M::joints; ++b) believed_ += Uncertain<M>::inertia(Uncertain<M>::bar(s, b), u.box(b).believed);
+    for (int b = 0; b < M::joints; ++b)
+      believed_ += Uncertain<M>::inertia(Uncertain<M>::bar(s, b), u.box(b).believed);
     const Interval g = u.gravity();
     for (const double now : {g.lower, g.upper}) {
       fill(u, s, swing, now, tip);
@@ -152,7 +155,8 @@ class Worst {
       for (int k = 0; k < parts_; ++k) {
         for (int c = 0; c < count_[k]; ++c) {
           if (c == at[k]) continue;
-          const Share tried{sum.H - share(g, k, at[k]).H + share(g, k, c).H, sum.F - share(g, k, at[k]).F + share(g, k, c).F};
+          const Share tried{sum.H - share(g, k, at[k]).H + share(g, k, c).H,
+                            sum.F - share(g, k, at[k]).F + share(g, k, c).F};
           const double value = f(tried.H, tried.F);
           if (!(value > best + 1e-12 * std::abs(best))) continue;
           best = value;

@@ -6,7 +6,8 @@ namespace esmc::host {
 namespace {
 
 Interval ordered(const Section& s, const char* key, const std::array<double, 2>& r) {
-  if (!(r[0] <= r[1])) s.fail(key, fmt::format("must be [lower, upper] with lower <= upper, not [{:g}, {:g}]", r[0], r[1]));
+  if (!(r[0] <= r[1]))
+    s.fail(key, fmt::format("must be [lower, upper] with lower <= upper, not [{:g}, {:g}]", r[0], r[1]));
   return {r[0], r[1]};
 }
 
@@ -16,7 +17,10 @@ Interval factor(Section& s, const char* key) {
   if (!r) return {1, 1};
   if (r->size() == 2) return ordered(s, key, {(*r)[0], (*r)[1]});
   const double h = r->front();
-  if (!(h < 1.0)) s.fail(key, fmt::format("is a share: a half width below 1 (0.1 is 10 %), or [lower, upper] as factors; not {:g}", h));
+  if (!(h < 1.0))
+    s.fail(key,
+           fmt::format(
+               "is a share: a half width below 1 (0.1 is 10 %), or [lower, upper] as factors; not {:g}", h));
   return {1.0 - h, 1.0 + h};
 }
 
@@ -25,7 +29,8 @@ Interval offset(Section& s, const char* key) {
   const auto r = s.number_or_pair(key);
   if (!r) return {};
   if (r->size() == 2) return ordered(s, key, {(*r)[0], (*r)[1]});
-  if (!(r->front() >= 0.0)) s.fail(key, fmt::format("must be a half width >= 0, or [lower, upper]; not {:g}", r->front()));
+  if (!(r->front() >= 0.0))
+    s.fail(key, fmt::format("must be a half width >= 0, or [lower, upper]; not {:g}", r->front()));
   return {-r->front(), r->front()};
 }
 
@@ -53,10 +58,13 @@ UncertaintyScene read_uncertainty(Section s, const Scene& scene) {
   u.lg1 = offset(s, "lg1");
   u.lg2 = offset(s, "lg2");
   u.gravity = factor(s, "gravity");
-  if (const auto r = s.optional_numbers("payload", {2})) u.payload = ordered(s, "payload", {(*r)[0], (*r)[1]});
+  if (const auto r = s.optional_numbers("payload", {2}))
+    u.payload = ordered(s, "payload", {(*r)[0], (*r)[1]});
   const double carried = five_bar ? scene.mechanism.m0 * scene.model.effector_mass : 0.0;
   if (!(carried + u.payload.lower >= 0.0)) {
-    s.fail("payload", fmt::format("takes away more than the {:g} kg that the controller believes at the effector", carried));
+    s.fail("payload",
+           fmt::format("takes away more than the {:g} kg that the controller believes at the effector",
+                       carried));
   }
   u.viscous = per_joint(s, "viscous", five_bar);
   u.coulomb = per_joint(s, "coulomb", five_bar);

@@ -18,13 +18,15 @@ struct UncertaintyScene {
   Interval m1{1, 1}, m2{1, 1}, J1{1, 1}, J2{1, 1};  ///< truth / belief
   Interval lg1, lg2;                                ///< truth - belief, m
   Interval gravity{1, 1};                           ///< truth / belief
-  Interval payload;                                 ///< point mass at the effector beyond the believed one, kg
+  Interval payload;  ///< point mass at the effector beyond the believed one, kg
   /// Of the four joints (RR: the first two), N m s/rad and N m; unset: as the controller believes.
   std::optional<std::array<Interval, 4>> viscous, coulomb;
-  /// Half widths of lengths, as shares of the believed ones: for simulated plants only, no gain answers for them.
+  /// Half widths of lengths, as shares of the believed ones: for simulated plants only, no gain answers for
+  /// them.
   double l1 = 0.0, l2 = 0.0, half_base = 0.0;
 
-  std::optional<double> tube;  ///< largest error of the independent coordinates: m (five_bar), rad (rr); unset: computed
+  std::optional<double>
+      tube;  ///< largest error of the independent coordinates: m (five_bar), rad (rr); unset: computed
   double reaching_time = 0.0;  ///< s, from the edge of the tube to the surface
   bool workspace = false;      ///< gains for every place of the workspace, not only for the reference
 };

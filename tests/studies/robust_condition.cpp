@@ -1,5 +1,6 @@
-// The promise of robust designs against plants from outside, at length: random trials and climbs to worse ones, per law and
-// mechanism. Prints rows of a table; docs/robust-design.md has them. usage: robust_condition TRIALS
+// The promise of robust designs against plants from outside, at length: random trials and climbs to worse
+// ones, per law and mechanism. Prints rows of a table; docs/robust-design.md has them. usage:
+// robust_condition TRIALS
 
 #include <fmt/format.h>
 
@@ -37,15 +38,18 @@ void study(const char* mechanism, const char* name, LawKind law, int trials) {
       }
     };
     for (int i = 0; i < trials / designs; ++i) take(random_trial(r, p.points.size()), random);
-    for (int i = 0; i < climbs; ++i) take(judge.worst_near(i == 0 ? from : random_trial(r, p.points.size()), rounds), climbed);
+    for (int i = 0; i < climbs; ++i)
+      take(judge.worst_near(i == 0 ? from : random_trial(r, p.points.size()), rounds), climbed);
     need.push_back(1 + worst);
   }
   std::sort(need.begin(), need.end());
   const auto at = [&](double share) {
-    return need.empty() ? 0.0 : static_cast<double>(need[static_cast<std::size_t>(share * static_cast<double>(need.size() - 1))]);
+    return need.empty() ? 0.0
+                        : static_cast<double>(
+                              need[static_cast<std::size_t>(share * static_cast<double>(need.size() - 1))]);
   };
-  fmt::print("| {} | `{}` | {} | {} | {} | {} | {:.2f} | {:.2f} | {:.3f} |\n", mechanism, name, made, random, climbed, broken, at(0), at(0.5),
-             at(1));
+  fmt::print("| {} | `{}` | {} | {} | {} | {} | {:.2f} | {:.2f} | {:.3f} |\n", mechanism, name, made, random,
+             climbed, broken, at(0), at(0.5), at(1));
   std::fflush(stdout);
 }
 

@@ -1,8 +1,8 @@
 #pragma once
-/// What a robust design promises, judged from outside: a true plant out of the intervals, as Lagrange's equations of its positions
-/// (tests/support/lagrange.hpp), is driven by the firmware's law with the designed gains, and the decrease of
-/// V = 1/2 sigma^T H sigma, H the true inertia, is compared with -sum M eta |s|. Nothing of host_sim/design is used but its
-/// gains and the size of its tube.
+/// What a robust design promises, judged from outside: a true plant out of the intervals, as Lagrange's
+/// equations of its positions (tests/support/lagrange.hpp), is driven by the firmware's law with the designed
+/// gains, and the decrease of V = 1/2 sigma^T H sigma, H the true inertia, is compared with -sum M eta |s|.
+/// Nothing of host_sim/design is used but its gains and the size of its tube.
 
 #include <algorithm>
 
@@ -14,12 +14,14 @@ namespace esmc::test {
 /// A plant and a place in the tube: numbers in [0, 1] (parameters between their ends), angles and shares.
 struct Trial {
   static constexpr int parameters = 24;
-  std::array<double, parameters> at{};  ///< per leg m1 m2 J1 J2 lg1 lg2, then gravity, payload, viscous, dry friction
+  std::array<double, parameters>
+      at{};  ///< per leg m1 m2 J1 J2 lg1 lg2, then gravity, payload, viscous, dry friction
   std::size_t point = 0;
   double angle_e = 0, share_e = 0, angle_s = 0, share_s = 0;
 };
 
-/// Of one trial. `slack`: (V' + sum M eta |s|) / sum M K |s|, promised to be <= 0; the gains could be scaled by 1 + slack.
+/// Of one trial. `slack`: (V' + sum M eta |s|) / sum M K |s|, promised to be <= 0; the gains could be scaled
+/// by 1 + slack.
 struct Verdict {
   bool valid = false;
   Real slack = 0;
@@ -42,14 +44,15 @@ inline void load(Bar& b, Real mass) {
   const Real whole = b.mass + mass;
   if (!(mass != 0) || !(whole > 0)) return;
   const Real centre = (b.mass * b.centre + mass * b.length) / whole;
-  b.inertia += b.mass * (b.centre - centre) * (b.centre - centre) + mass * (b.length - centre) * (b.length - centre);
+  b.inertia +=
+      b.mass * (b.centre - centre) * (b.centre - centre) + mass * (b.length - centre) * (b.length - centre);
   b.mass = whole;
   b.centre = centre;
 }
 
 /// The true parameters of a trial.
-inline FiveBarParams<double> truth_of(const FiveBarParams<double>& believed, const host::UncertaintyScene& u, const Trial& t,
-                                      double& payload) {
+inline FiveBarParams<double> truth_of(const FiveBarParams<double>& believed, const host::UncertaintyScene& u,
+                                      const Trial& t, double& payload) {
   std::size_t next = 0;
   const auto in = [&](const host::Interval& i) { return i.lower + t.at[next++] * (i.upper - i.lower); };
   FiveBarParams<double> p = believed;
@@ -71,7 +74,8 @@ inline FiveBarParams<double> truth_of(const FiveBarParams<double>& believed, con
   return p;
 }
 
-// The same questions to either mechanism: state from independent coordinates, true energy and acceleration, believed channels.
+// The same questions to either mechanism: state from independent coordinates, true energy and acceleration,
+// believed channels.
 struct FiveBarOracle {
   using M = FiveBar<double>;
   using Q = FiveBarModel::Q;
@@ -83,8 +87,8 @@ struct FiveBarOracle {
   }
   void place(const M::Pose& pose, const Vec2<double>& rate) {
     const Vec<double, 4> a = M::angles(pose);
-    q = {Real(pose.effector.x()), Real(pose.effector.y()), Real(a[0]), Real(a[0]) + Real(a[1]),
-         detail::kPi - Real(a[2]), detail::kPi - Real(a[2]) - Real(a[3])};
+    q = {Real(pose.effector.x()), Real(pose.effector.y()),  Real(a[0]),
+         Real(a[0]) + Real(a[1]), detail::kPi - Real(a[2]), detail::kPi - Real(a[2]) - Real(a[3])};
     q = truth.close(q, FiveBarModel::by_effector);
     qd = truth.rates(q, FiveBarModel::by_effector, Real(rate[0]), Real(rate[1]));
   }
@@ -139,7 +143,8 @@ using OracleOf = std::conditional_t<M::has_type2, FiveBarOracle, RrOracle>;
 template <class M>
 class Trials {
  public:
-  Trials(const host::design::Problem<M>& p, const host::design::Design<M>& d) : p_(p), d_(d), gains_(p.controller.gains) {
+  Trials(const host::design::Problem<M>& p, const host::design::Design<M>& d)
+      : p_(p), d_(d), gains_(p.controller.gains) {
     host::design::apply(p, d, gains_);
   }
 
@@ -149,7 +154,8 @@ class Trials {
     Tracking<M> k;
     if (!host::design::desired(p_, p_.points[t.point].now, k)) return {};
     const Vec2<double> e = Vec2<double>(std::cos(t.angle_e), std::sin(t.angle_e)) * (t.share_e * E);
-    const Vec2<double> sigma = Vec2<double>(std::cos(t.angle_s), std::sin(t.angle_s)) * (t.share_s * lambda * E);
+    const Vec2<double> sigma =
+        Vec2<double>(std::cos(t.angle_s), std::sin(t.angle_s)) * (t.share_s * lambda * E);
     const Vec2<double> ed = sigma - e * lambda;
     if (!host::design::displaced(c.mechanism, c.mode, e, k)) return {};
     const Vec2<double> rate = M::independent(k.desired_rates) - ed;
@@ -162,12 +168,15 @@ class Trials {
     const FiveBarParams<double> truth = truth_of(p_.believed, p_.uncertainty, t, payload);
     OracleOf<M> oracle(truth, p_.believed, payload);
     oracle.place(k.pose, rate);
-    const Vec<Real, 2> wanted = M::independent(k.desired_acceleration).template cast<Real>(), slip = sigma.template cast<Real>();
-    const Vec<Real, 2> slip_rate = wanted - oracle.acceleration(tau) + Real(lambda) * ed.template cast<Real>();
+    const Vec<Real, 2> wanted = M::independent(k.desired_acceleration).template cast<Real>(),
+                       slip = sigma.template cast<Real>();
+    const Vec<Real, 2> slip_rate =
+        wanted - oracle.acceleration(tau) + Real(lambda) * ed.template cast<Real>();
     if (c.law == LawKind::smc) {
       Real slack = -1e9L;
       for (int i = 0; i < 2; ++i) {
-        const Real size = std::fabs(slip[i]), falls = slip[i] * slip_rate[i] + Real(d_.eta_independent) * size;
+        const Real size = std::fabs(slip[i]),
+                   falls = slip[i] * slip_rate[i] + Real(d_.eta_independent) * size;
         slack = std::max(slack, falls / (Real(d_.k_independent) * size));
       }
       return {true, slack};
@@ -221,7 +230,8 @@ class Trials {
         attempt(t);
         t = best;
         const auto moved = static_cast<std::ptrdiff_t>(t.point) + static_cast<std::ptrdiff_t>(sign) * along;
-        if (moved >= 0 && moved < static_cast<std::ptrdiff_t>(p_.points.size())) t.point = static_cast<std::size_t>(moved);
+        if (moved >= 0 && moved < static_cast<std::ptrdiff_t>(p_.points.size()))
+          t.point = static_cast<std::size_t>(moved);
         attempt(t);
       }
       turn *= 0.6;

@@ -1,5 +1,6 @@
 #pragma once
-/// Random problems of robust design: any mechanism, mode and motion, friction and payload or none, narrow or wide intervals.
+/// Random problems of robust design: any mechanism, mode and motion, friction and payload or none, narrow or
+/// wide intervals.
 
 #include "tests/support/robust_condition.hpp"
 
@@ -9,7 +10,8 @@ inline host::Interval random_interval(Random& r, double centre, double half) {
   return {centre - half * r.in<double>(0, 1), centre + half * r.in<double>(0, 1)};
 }
 
-/// Every second seed of one cause alone, the six in turn: where others are as large, a term could be missing and nobody would see.
+/// Every second seed of one cause alone, the six in turn: where others are as large, a term could be missing
+/// and nobody would see.
 inline host::UncertaintyScene random_uncertainty(std::uint64_t seed, Random& r, double size, bool friction) {
   using host::design::Cause;
   const auto alone = static_cast<Cause>((seed / 2) % static_cast<std::uint64_t>(Cause::count));
@@ -69,7 +71,8 @@ host::design::Problem<M> around(Random& r, const Vec2<double>& centre, double si
 }
 
 /// `law` esmc, esmc_projected or smc. Eight seeds in a row have all modes of the five-bar.
-inline host::design::Problem<FiveBar<double>> random_problem(std::uint64_t seed, LawKind law, const FiveBar<double>*) {
+inline host::design::Problem<FiveBar<double>> random_problem(std::uint64_t seed, LawKind law,
+                                                             const FiveBar<double>*) {
   const auto of = random_five_bar<double>(seed, {.min_sin1 = 0.4, .min_sin2 = 0.4});
   Random r(seed ^ 0xd5U);
   auto p = around<FiveBar<double>>(r, of.position, 0.015, ReferenceSpace::effector);

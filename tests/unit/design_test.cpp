@@ -44,7 +44,8 @@ Outcome try_designs(LawKind law, std::uint64_t first, int designs, int random, i
 
 template <class M>
 void expect_kept(LawKind law, int random, int climbs) {
-  const Outcome o = try_designs<M>(law, 1, 12, random, climbs);  // all modes of the five-bar, every cause alone
+  const Outcome o =
+      try_designs<M>(law, 1, 12, random, climbs);  // all modes of the five-bar, every cause alone
   EXPECT_GE(o.designs, 8);
   EXPECT_GE(o.trials, 6 * random);
   EXPECT_LE(o.worst, 0) << "seed " << o.seed;
@@ -52,8 +53,12 @@ void expect_kept(LawKind law, int random, int climbs) {
   EXPECT_GE(o.worst, -0.95L) << "gains twenty times too large would pass every trial";
 }
 
-TEST(Design, PromiseOfTheProjectedLawIsKeptByTruePlantsFiveBar) { expect_kept<FiveBar<double>>(LawKind::esmc_projected, 40, 1); }
-TEST(Design, PromiseOfTheProjectedLawIsKeptByTruePlantsRr) { expect_kept<Rr<double>>(LawKind::esmc_projected, 100, 2); }
+TEST(Design, PromiseOfTheProjectedLawIsKeptByTruePlantsFiveBar) {
+  expect_kept<FiveBar<double>>(LawKind::esmc_projected, 40, 1);
+}
+TEST(Design, PromiseOfTheProjectedLawIsKeptByTruePlantsRr) {
+  expect_kept<Rr<double>>(LawKind::esmc_projected, 100, 2);
+}
 TEST(Design, PromiseOfSmcIsKeptByTruePlantsFiveBar) { expect_kept<FiveBar<double>>(LawKind::smc, 40, 1); }
 TEST(Design, PromiseOfSmcIsKeptByTruePlantsRr) { expect_kept<Rr<double>>(LawKind::smc, 100, 2); }
 
