@@ -7,7 +7,6 @@
 #include <cmath>
 #include <cstdio>
 #include <nlohmann/json.hpp>
-#include <tuple>
 #include <utility>
 
 #include "host_sim/commands/log.hpp"
@@ -264,15 +263,16 @@ std::string text_of(const Json& j) {
                        j["fault"]["t"].get<double>());
   }
   if (const Json& t = j["tracking"]; !t.is_null()) {
-    for (const auto& [what, unit, suffix] :
-         {std::tuple("attitude", "deg", "_deg"), std::tuple("position", "m", "_m")}) {
-      const auto at = [&](const char* key) -> const Json& { return t[key + std::string(suffix)]; };
+    const auto errors = [&](const std::string& what, const std::string& unit) {
+      const auto at = [&](const char* key) -> const Json& { return t[key + ("_" + unit)]; };
       out += fmt::format("{}: {} {} rms, {} {} max", what, number(at("rms")), unit, number(at("max")), unit);
       if (!at("settled_rms").is_null())
         out += fmt::format("; last quarter {} {} rms, {} {} max", number(at("settled_rms")), unit,
                            number(at("settled_max")), unit);
       out += "\n";
-    }
+    };
+    errors("attitude", "deg");
+    errors("position", "m");
     const Json& u = j["input"];
     out +=
         fmt::format("{} N max{}, {} mean change per tick, saturated in {} ticks\n", number(u["force_max_n"]),
