@@ -319,7 +319,9 @@ TEST(CycleTorque, FourMotorsShareWhatOneMayNotGive) {
         const double share = got.dot(want) / want.squaredNorm();
         EXPECT_LT((got - want * share).norm(), 1e-9 * want.norm()) << "another direction";
         EXPECT_EQ(r.saturated, share < 1.0 - 1e-9);
-        if (others == 1000.0) EXPECT_NEAR(share, 1.0, 1e-9);
+        if (others == 1000.0) {
+          EXPECT_NEAR(share, 1.0, 1e-9);
+        }
         ++(share < 1.0 - 1e-9 ? short_of_it : met);
         for (int i = 0; i < 4; ++i) EXPECT_LE(std::abs(r.torque[i]), s.controller.torque_limit[i]);
       }
