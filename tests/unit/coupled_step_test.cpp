@@ -1,5 +1,6 @@
-// The coupled implicit step against a solver that knows nothing of it (nested ternary search in long double), and what
-// backward Euler promises: s^T M s falls, the surface in one step where the gains reach it, no chatter, any gain.
+// The coupled implicit step against a solver that knows nothing of it (nested ternary search in long double),
+// and what backward Euler promises: s^T M s falls, the surface in one step where the gains reach it, no
+// chatter, any gain.
 
 #include "firmware/control/coupled.hpp"
 
@@ -83,20 +84,24 @@ TYPED_TEST(Coupled, FindsWhatASearchFinds) {
         const Vec2<Real> best = k.objective.search(4 * (std::fabs(far[0]) + std::fabs(far[1])) + 1e-3L);
         const Real got = k.objective.at(Real(q[0]), Real(q[1])), want = k.objective.at(best[0], best[1]);
         const Real scale = k.objective.weight.dot(k.objective.s.cwiseAbs());
-        EXPECT_LE(got - want, 200 * kEpsilon<S> * scale) << "seed " << seed << " size " << double(size) << projected;
+        EXPECT_LE(got - want, 200 * kEpsilon<S> * scale)
+            << "seed " << seed << " size " << double(size) << projected;
       }
     }
   }
   EXPECT_EQ(solved, cases);
 }
 
-/// V = s^T M s / 2 of what can be reached falls by the dissipation of the gains, step after step, until s is zero.
+/// V = s^T M s / 2 of what can be reached falls by the dissipation of the gains, step after step, until s is
+/// zero.
 TYPED_TEST(Coupled, ProjectedVFallsToZeroInFinitelyManyStepsAndStays) {
   using S = TypeParam;
   for (std::uint64_t seed = 0; seed < 40; ++seed) {
     const Case<S> k(seed, 0.05L, true);
     Vec<S, 18> s = k.s;
-    const auto V = [&] { return (k.objective.mass.array() * s.template cast<Real>().array().square()).sum() / 2; };
+    const auto V = [&] {
+      return (k.objective.mass.array() * s.template cast<Real>().array().square()).sum() / 2;
+    };
     const Real first = V();
     bool zero = false;
     int steps = 0;
@@ -115,7 +120,8 @@ TYPED_TEST(Coupled, ProjectedVFallsToZeroInFinitelyManyStepsAndStays) {
   }
 }
 
-/// Inside: in one step, however large the gains. The clamp does that too, but only where no channel is at its bound.
+/// Inside: in one step, however large the gains. The clamp does that too, but only where no channel is at its
+/// bound.
 TYPED_TEST(Coupled, InsideItIsZeroAfterOneStepWithAnyGain) {
   using S = TypeParam;
   int more = 0;
@@ -137,7 +143,8 @@ TYPED_TEST(Coupled, InsideItIsZeroAfterOneStepWithAnyGain) {
       if (k.weight[i] > S(0)) large = std::max(large, k.weight[i] / k.reduced.mass()[i]);
     }
     ASSERT_TRUE(step.solve(q)) << "seed " << seed;
-    EXPECT_LE((k.s + k.reduced.channels(q)).cwiseAbs().maxCoeff(), S(200) * std::numeric_limits<S>::epsilon() * large)
+    EXPECT_LE((k.s + k.reduced.channels(q)).cwiseAbs().maxCoeff(),
+              S(200) * std::numeric_limits<S>::epsilon() * large)
         << "seed " << seed;
   }
   EXPECT_GE(more, 20);  // cases in which other channels do what one at its bound cannot

@@ -1,5 +1,6 @@
-// The optional parts of the controller, each against something that was not written with it: the two reaching laws against
-// the oracle's C and M in all modes, observer and predictor against the simulator's plant, all of them in the closed loop.
+// The optional parts of the controller, each against something that was not written with it: the two reaching
+// laws against the oracle's C and M in all modes, observer and predictor against the simulator's plant, all
+// of them in the closed loop.
 
 #include <gtest/gtest.h>
 
@@ -27,8 +28,8 @@ template <class S>
 class Parts : public testing::Test {};
 TYPED_TEST_SUITE(Parts, Scalars, ScalarName);
 
-/// First tick: v' less the law without switching is C w, w from sigma = (C^T M C)^-1 C^T M s of the oracle and the
-/// quadratic, solved here by bisection.
+/// First tick: v' less the law without switching is C w, w from sigma = (C^T M C)^-1 C^T M s of the oracle
+/// and the quadratic, solved here by bisection.
 TYPED_TEST(Parts, SuperTwistingActsOnWhatTheChannelsHaveInCommon) {
   using S = TypeParam;
   Accuracy error("acceleration");
@@ -53,7 +54,8 @@ TYPED_TEST(Parts, SuperTwistingActsOnWhatTheChannelsHaveInCommon) {
         sigma = {(H(1, 1) * p[0] - H(0, 1) * p[1]) / det, (H(0, 0) * p[1] - H(1, 0) * p[0]) / det};
       }
       Vec<Real, 2> w;
-      const Real h = Real(config.sample_time), L = Real(config.gains.independent.k), k1 = 1.5L * std::sqrt(L), k2 = 1.1L * L;
+      const Real h = Real(config.sample_time), L = Real(config.gains.independent.k), k1 = 1.5L * std::sqrt(L),
+                 k2 = 1.1L * L;
       for (int i = 0; i < 2; ++i) {
         Real low = 0, high = std::fabs(sigma[i]);
         for (int n = 0; n < 200; ++n) {
@@ -64,13 +66,15 @@ TYPED_TEST(Parts, SuperTwistingActsOnWhatTheChannelsHaveInCommon) {
       }
       const Channels18 got = (acceleration - without.acceleration).template cast<Real>(), want = C * w;
       // sigma / h: what sigma loses in cancellation is magnified by the root near zero.
-      error.compare(seed, got, want, Real(without.acceleration.cwiseAbs().maxCoeff()) + want.cwiseAbs().maxCoeff());
+      error.compare(seed, got, want,
+                    Real(without.acceleration.cwiseAbs().maxCoeff()) + want.cwiseAbs().maxCoeff());
     }
   }
   error.expect_below(4e4L * kEpsilon<S>);
 }
 
-/// The force of the coupled step is C^T M K sw with every sw_i in Sgn s_i+, s+ = s + C q: complementarity, from the oracle.
+/// The force of the coupled step is C^T M K sw with every sw_i in Sgn s_i+, s+ = s + C q: complementarity,
+/// from the oracle.
 TYPED_TEST(Parts, CoupledStepIsTheComplementarityProblem) {
   using S = TypeParam;
   int bound = 0;
@@ -83,7 +87,8 @@ TYPED_TEST(Parts, CoupledStepIsTheComplementarityProblem) {
     Random r(seed);
     const Channels18 sliding_now = c.sliding();
     for (int i = 0; i < 18; ++i) {  // some channels inside their layers, some far outside
-      config.gains.k[i] = static_cast<S>(std::fabs(sliding_now[i]) / Real(T) * std::pow(10.0L, r.between(-1.5, 1)));
+      config.gains.k[i] =
+          static_cast<S>(std::fabs(sliding_now[i]) / Real(T) * std::pow(10.0L, r.between(-1.5, 1)));
     }
     part::implicit_coupled(config, c.t, memory, acceleration, sliding);
     auto plain = config.gains;
@@ -93,8 +98,8 @@ TYPED_TEST(Parts, CoupledStepIsTheComplementarityProblem) {
     const Channels18 added = (acceleration - without.acceleration).template cast<Real>();
     const Channels18 after = s - Real(T) * added;  // s+ of the model, for what is added is -C q / T
     const auto C = c.now.C();
-    // F less what the channels away from zero give must come from those at zero: it is in their zonotope, seen from
-    // every direction.
+    // F less what the channels away from zero give must come from those at zero: it is in their zonotope,
+    // seen from every direction.
     Vec<Real, 2> rest = C.transpose() * mass.cwiseProduct(added);
     Real size = 0;
     std::vector<Vec<Real, 2>> held;
@@ -109,7 +114,8 @@ TYPED_TEST(Parts, CoupledStepIsTheComplementarityProblem) {
       }
     }
     for (int a = 0; a < 360; ++a) {
-      const Vec<Real, 2> u(std::cos(a * std::numbers::pi_v<Real> / 180), std::sin(a * std::numbers::pi_v<Real> / 180));
+      const Vec<Real, 2> u(std::cos(a * std::numbers::pi_v<Real> / 180),
+                           std::sin(a * std::numbers::pi_v<Real> / 180));
       Real reach = 0;
       for (const auto& force : held) reach += std::fabs(force.dot(u));
       ASSERT_LE(rest.dot(u), reach + 2e4L * kEpsilon<S> * size) << "seed " << seed << " angle " << a;
@@ -147,7 +153,8 @@ TYPED_TEST(Parts, SuperTwistingOnTheArmActsOnItsJoints) {
   }
 }
 
-// ---- on the plant --------------------------------------------------------------------------------------------------------
+// ---- on the plant
+// --------------------------------------------------------------------------------------------------------
 
 struct Score {
   double rms = 0.0, chatter = 0.0;
@@ -161,7 +168,8 @@ Score follow(const LoopSetup& s, int ticks = 800, int from = 400) {
   for (int n = 0; n < ticks; ++n) {
     const Vec2<double> at = loop.effector();
     const double phase = s.speed * s.tick * n;
-    const Vec2<double> miss = at - Vec2<double>(s.radius * std::cos(phase), 0.17 + s.radius * std::sin(phase));
+    const Vec2<double> miss =
+        at - Vec2<double>(s.radius * std::cos(phase), 0.17 + s.radius * std::sin(phase));
     const auto& r = loop.tick();
     out.fine = out.fine && r.fault == Fault::none;
     if (n >= from) {
@@ -226,7 +234,8 @@ TEST(PartsOnThePlant, ObserverTakesATenthAndThePredictorBridgesTheDelay) {
   };
   EXPECT_LT(follow(s).rms, plain / 8);
 
-  // A delay of 2 ms, an exact model and lambda = 300: the law that bears it rings, the one that has it bridged does not.
+  // A delay of 2 ms, an exact model and lambda = 300: the law that bears it rings, the one that has it
+  // bridged does not.
   LoopSetup late;
   late.lambda = 300.0;
   late.effects = {host::ComputeDelay{0.002}};
@@ -243,7 +252,8 @@ TEST(PartsOnThePlant, ObserverTakesATenthAndThePredictorBridgesTheDelay) {
   EXPECT_LT(bridged.chatter, borne.chatter / 5);
 }
 
-/// Told torques that nobody sent: what the cables add on one base joint is what the observer finds there, to its sign.
+/// Told torques that nobody sent: what the cables add on one base joint is what the observer finds there, to
+/// its sign.
 TEST(PartsOnThePlant, ObserverFindsTheTorqueThatIsThere) {
   LoopSetup s;
   const Vec2<double> extra(0.11, -0.07);
@@ -259,7 +269,8 @@ TEST(PartsOnThePlant, ObserverFindsTheTorqueThatIsThere) {
   for (int n = 0; n < 600; ++n) {
     const auto& r = loop.tick();
     Tracking<M5> t;
-    const Vec2<double> angle(loop.sample().angle[0], loop.sample().angle[2]), rate(loop.sample().rate[0], loop.sample().rate[2]);
+    const Vec2<double> angle(loop.sample().angle[0], loop.sample().angle[2]),
+        rate(loop.sample().rate[0], loop.sample().rate[2]);
     ASSERT_TRUE(estimate_from_base(config.mechanism, config.mode, angle, rate, t.pose, t.rates));
     part::momentum_observer(config, t, memory);
     memory.keep(r.torque, true);
@@ -286,14 +297,16 @@ TEST(PartsOnThePlant, PredictorSaysWhereThePlantWillBe) {
     for (int n = 0; n < 300; ++n) {
       const auto& r = loop.tick();
       Tracking<M5> t;
-      const Vec2<double> angle(loop.sample().angle[0], loop.sample().angle[2]), rate(loop.sample().rate[0], loop.sample().rate[2]);
+      const Vec2<double> angle(loop.sample().angle[0], loop.sample().angle[2]),
+          rate(loop.sample().rate[0], loop.sample().rate[2]);
       ASSERT_TRUE(estimate_from_base(config.mechanism, config.mode, angle, rate, t.pose, t.rates));
       if (n >= 100 + delay) {
         const auto& then = predicted[static_cast<std::size_t>(n - delay)];
         for (int i = 0; i < 2; ++i) {
           worst_angle = std::max(worst_angle, std::abs(wrap_to_pi(angle[i] - then[i])));
           worst_rate = std::max(worst_rate, std::abs(rate[i] - then[2 + i]));
-          worst_without = std::max(worst_without, std::abs(rate[i] - held[static_cast<std::size_t>(n - delay)][i]));
+          worst_without =
+              std::max(worst_without, std::abs(rate[i] - held[static_cast<std::size_t>(n - delay)][i]));
         }
       }
       held.push_back(rate);
@@ -307,7 +320,8 @@ TEST(PartsOnThePlant, PredictorSaysWhereThePlantWillBe) {
   }
 }
 
-/// Disabled and enabled again a controller with parts does what a new one does; a NaN is a fault and no torque.
+/// Disabled and enabled again a controller with parts does what a new one does; a NaN is a fault and no
+/// torque.
 TEST(PartsInTheController, ForgetAndFault) {
   LoopSetup s;
   s.adjust = [](Config& c) {
@@ -361,7 +375,8 @@ TEST(PartsInTheController, NanComesOutAgain) {
     memory.keep(Vec<double, 4>::Zero(), true);
     M5::Channels acceleration, sliding;
     const auto broken = [&] {
-      const Vec2<double> tau = config.mechanism.base_torque(c.t.pose, config.mechanism.force(acceleration, t.rates));
+      const Vec2<double> tau =
+          config.mechanism.base_torque(c.t.pose, config.mechanism.force(acceleration, t.rates));
       return std::isnan(tau[0]) || std::isnan(tau[1]);
     };
     part::super_twisting(config, t, memory, acceleration, sliding);

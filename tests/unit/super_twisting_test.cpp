@@ -1,6 +1,6 @@
-// The implicit super-twisting law on s' = phi(t) - w: the inclusion of a step, V = k2 |s| + (z - phi)^2 / 2 that falls in
-// every step, zero in finitely many, what a disturbance of bounded rate leaves, delay, lag, saturation. The recursion and
-// its bounds are written here, in long double; docs/reaching.md derives them.
+// The implicit super-twisting law on s' = phi(t) - w: the inclusion of a step, V = k2 |s| + (z - phi)^2 / 2
+// that falls in every step, zero in finitely many, what a disturbance of bounded rate leaves, delay, lag,
+// saturation. The recursion and its bounds are written here, in long double; docs/reaching.md derives them.
 
 #include "firmware/control/super_twisting.hpp"
 
@@ -34,14 +34,16 @@ TYPED_TEST(Twisting, AStepSolvesItsInclusion) {
   using S = TypeParam;
   for (std::uint64_t seed = 0; seed < 20000; ++seed) {
     Random r(seed);
-    const S h = r.in<S>(1e-4, 1e-2), T = h * r.in<S>(1, 5), L = static_cast<S>(std::pow(10.0L, r.between(-1, 4)));
+    const S h = r.in<S>(1e-4, 1e-2), T = h * r.in<S>(1, 5),
+            L = static_cast<S>(std::pow(10.0L, r.between(-1, 4)));
     const S k1 = S(1.5) * static_cast<S>(std::sqrt(Real(L))), k2 = S(1.1) * L, z0 = r.in<S>(-20, 20);
     const S b = static_cast<S>(Real(T * h * k2) * std::pow(10.0L, r.between(-3, 4)) * r.sign());
     S z = z0;
     const S w = super_twisting_step(b, T, h, k1, k2, z);
     const Real next = next_by_bisection(Real(b), Real(T), Real(h), Real(k1), Real(k2));
     // w = z0 + (b - s+) / T, and z moves by h k2 sgn s+, or by what makes s+ zero.
-    const Real want = Real(z0) + (Real(b) - next) / Real(T), scale = std::fabs(Real(z0)) + std::fabs(Real(b) / Real(T));
+    const Real want = Real(z0) + (Real(b) - next) / Real(T),
+               scale = std::fabs(Real(z0)) + std::fabs(Real(b) / Real(T));
     ASSERT_LE(std::fabs(Real(w) - want), 20 * kEpsilon<S> * scale) << "seed " << seed;
     const Real moved = next == 0 ? Real(b) / Real(T) : (b > S(0) ? 1 : -1) * Real(h) * Real(k2);
     ASSERT_LE(std::fabs(Real(z) - Real(z0) - moved), 8 * kEpsilon<S> * scale) << "seed " << seed;
@@ -93,17 +95,20 @@ TYPED_TEST(Twisting, UndisturbedVFallsInEveryStepUntilZeroAndThereNothingChatter
       const Real zeta = Real(loop.law.integral()[i]) - constant[i];
       return k2 * std::fabs(loop.s[i]) + zeta * zeta / 2;
     };
-    const Real size = std::max(V(0), V(1)) + 1, tiny = 40 * kEpsilon<S>;  // tiny: s that is zero but for rounding
+    const Real size = std::max(V(0), V(1)) + 1,
+               tiny = 40 * kEpsilon<S>;  // tiny: s that is zero but for rounding
     int reached = 0;
     for (int n = 0; n < 100000 && reached == 0; ++n) {
       const Real before[2] = {V(0), V(1)};
       loop.tick();
       bool zero = true;
       for (int i = 0; i < 2; ++i) {
-        const Real fall =
-            std::fabs(loop.s[i]) <= tiny ? 0 : h * 1.5L * std::sqrt(Real(loop.L)) * k2 * std::sqrt(std::fabs(loop.s[i]));
+        const Real fall = std::fabs(loop.s[i]) <= tiny
+                              ? 0
+                              : h * 1.5L * std::sqrt(Real(loop.L)) * k2 * std::sqrt(std::fabs(loop.s[i]));
         ASSERT_LE(V(i), before[i] - fall + 200 * kEpsilon<S> * size) << "seed " << seed << " tick " << n;
-        zero = zero && std::fabs(loop.s[i]) <= tiny && std::fabs(Real(loop.law.integral()[i]) - constant[i]) <= tiny / h;
+        zero = zero && std::fabs(loop.s[i]) <= tiny &&
+               std::fabs(Real(loop.law.integral()[i]) - constant[i]) <= tiny / h;
       }
       if (zero) reached = n;
     }
@@ -121,8 +126,8 @@ TYPED_TEST(Twisting, UndisturbedVFallsInEveryStepUntilZeroAndThereNothingChatter
   }
 }
 
-/// Largest |s| once reached, under a disturbance whose rate is at most 1/3 of L. Per tick phi may move by h L / 3: a worst
-/// one, up and down at the bound, and a slow sine.
+/// Largest |s| once reached, under a disturbance whose rate is at most 1/3 of L. Per tick phi may move by h L
+/// / 3: a worst one, up and down at the bound, and a slow sine.
 template <class S>
 Real left(Loop<S>& loop, int pattern, int ticks = 4000) {
   const Real step = Real(loop.h) * Real(loop.L) / 3;
@@ -168,7 +173,8 @@ TYPED_TEST(Twisting, MoreGainThanNeededChangesNothingOnTheSurface) {
   }
 }
 
-/// A torque d ticks late, told: s at the instant at which it acts is zero but for what phi did since. Not told it rings.
+/// A torque d ticks late, told: s at the instant at which it acts is zero but for what phi did since. Not
+/// told it rings.
 TYPED_TEST(Twisting, AToldDelayIsBridged) {
   using S = TypeParam;
   for (int delay = 1; delay <= SuperTwisting<S>::most_delay; ++delay) {
@@ -181,7 +187,8 @@ TYPED_TEST(Twisting, AToldDelayIsBridged) {
   }
 }
 
-/// What is measured l ticks late, told: the linear zone is stable, a constant disturbance leaves nothing. Not told: it rings.
+/// What is measured l ticks late, told: the linear zone is stable, a constant disturbance leaves nothing. Not
+/// told: it rings.
 TYPED_TEST(Twisting, AToldLagDoesNotRing) {
   using S = TypeParam;
   for (int lag = 1; lag <= 4; ++lag) {
@@ -204,8 +211,8 @@ TYPED_TEST(Twisting, AToldLagDoesNotRing) {
   }
 }
 
-/// While the torque is at its limit the integral stands still: the way back does not go past zero by what it would have
-/// wound up.
+/// While the torque is at its limit the integral stands still: the way back does not go past zero by what it
+/// would have wound up.
 TYPED_TEST(Twisting, TheIntegralDoesNotWindUp) {
   using S = TypeParam;
   Real past[2] = {0, 0};
