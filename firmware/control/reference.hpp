@@ -92,7 +92,8 @@ struct Reference {
   std::uint32_t repeat_ticks = 0;          ///< length of one round of the path; 0: once
 
   /// Motion at a tick. `sample_time` in s, > 0. hold_start and an empty path give the centre at rest.
-  [[nodiscard]] Motion2<S> at(std::uint32_t tick, S sample_time) const {
+  /// One copy in an image.
+  [[nodiscard, gnu::noinline]] Motion2<S> at(std::uint32_t tick, S sample_time) const {
     Motion2<S> m;
     m.position = centre;
     switch (kind) {

@@ -307,8 +307,9 @@ class Controller {
     return desired(guide_.leads() ? guide_.at() : reference_.at(running_tick_ + lead_ticks_), t.desired_pose, t.desired_rates,
                    t.desired_acceleration);
   }
-  [[nodiscard]] bool desired(const Motion2<S>& m, typename M::Pose& pose, typename M::Rates& rates,
-                             typename M::Rates& acceleration) const {
+  /// One copy in an image: long, and asked for in four places.
+  [[nodiscard, gnu::noinline]] bool desired(const Motion2<S>& m, typename M::Pose& pose, typename M::Rates& rates,
+                                            typename M::Rates& acceleration) const {
     return config_.reference.space == ReferenceSpace::effector
                ? desired_at_effector(config_.mechanism, config_.mode, m.position, m.velocity, m.acceleration, pose, rates, acceleration)
                : desired_at_base(config_.mechanism, config_.mode, m.position, m.velocity, m.acceleration, pose, rates, acceleration);

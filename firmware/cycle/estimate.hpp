@@ -45,8 +45,9 @@ template <class M, class S = typename M::Scalar>
 
 /// Encoders on all joints (theta11, theta12, theta21, theta22): regular at type 2 as well. The effector is the
 /// mean of the two leg tips, and so is its velocity.
+/// For size: every image has it, few use it.
 template <class S>
-[[nodiscard]] Estimate<FiveBar<S>> estimate_from_all(const FiveBar<S>& m, const Vec<S, 4>& angle,
+[[nodiscard, gnu::cold]] Estimate<FiveBar<S>> estimate_from_all(const FiveBar<S>& m, const Vec<S, 4>& angle,
                                                      const Vec<S, 4>& rate) {
   Estimate<FiveBar<S>> out;
   out.pose = m.pose(angle);

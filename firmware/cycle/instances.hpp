@@ -32,9 +32,11 @@ extern template class Cycle<FiveBar<double>, drive::MitAxis>;
 extern template class Cycle<FiveBar<float>, drive::MitAxis>;
 extern template class Cycle<Rr<double>, drive::MitAxis>;
 extern template class Cycle<Rr<float>, drive::MitAxis>;
+/// @cond
 extern template bool part::four_motors(const ControllerConfig<FiveBar<double>>&, const FiveBar<double>::Pose&,
                                        const FiveBar<double>::Channels&, Vec<double, 4>&);
 extern template bool part::four_motors(const ControllerConfig<FiveBar<float>>&, const FiveBar<float>::Pose&,
                                        const FiveBar<float>::Channels&, Vec<float, 4>&);
+/// @endcond
 
 }  // namespace esmc

@@ -40,7 +40,9 @@ template <class S>
 /// The angles of two directions, each in (-pi, pi].
 template <class S>
 [[nodiscard]] Vec2<S> angles_of(const List<Vec2<S>, 2>& direction) {
-  return {arc_tangent2(direction[0].y(), direction[0].x()), arc_tangent2(direction[1].y(), direction[1].x())};
+  Vec2<S> out;
+  for (int i = 0; i < 2; ++i) out[i] = arc_tangent2(direction[i].y(), direction[i].x());  // a loop: one copy of it in an image
+  return out;
 }
 
 /// The 5R five-bar; see the top of the file. Lengths in m, angles in rad, torques in N m.
@@ -75,7 +77,7 @@ class FiveBar : public Coupling<S, PointMass<S>, Dyad<S>, 2> {
   /// leg tips, which closure makes one; `closure_residual` says how far apart they are.
   [[nodiscard]] Pose pose(const Vec<S, 4>& theta) const {
     Pose p;
-    unroll<2>([&](auto j) ESMC_INLINE { p.leg[j] = Leg::pose(theta.template segment<2>(2 * j)); });
+    for (int j = 0; j < 2; ++j) p.leg[j] = Leg::pose(theta.template segment<2>(2 * j));
     p.effector = (tip_in_base(p, 0) + tip_in_base(p, 1)) * S(0.5);
     p.sin_type2 = p.leg[0].axis[1].y() * p.leg[1].axis[1].x() + p.leg[0].axis[1].x() * p.leg[1].axis[1].y();
     return p;
@@ -172,11 +174,11 @@ class FiveBar : public Coupling<S, PointMass<S>, Dyad<S>, 2> {
   /// theta_d - theta of the base joints, in (-pi, pi].
   [[nodiscard]] static Vec2<S> base_error(const Pose& desired, const Pose& actual) {
     Vec2<S> out;
-    unroll<2>([&](auto j) ESMC_INLINE {
+    for (int j = 0; j < 2; ++j) {
       const Vec2<S>& a = actual.leg[j].axis[0];
       const Vec2<S>& d = desired.leg[j].axis[0];
       out[j] = arc_tangent2(cross(a, d), dot(a, d));
-    });
+    }
     return out;
   }
   /// e = q_d - q of all channels, angles wrapped (model.md section 9).
