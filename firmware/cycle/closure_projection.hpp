@@ -52,7 +52,7 @@ class Closure {
   /// 1 + the joint that explains the gap, if one does (within 12 degrees of its direction, in units of the encoders' deviations) and
   /// no other comes near.
   [[nodiscard, gnu::noinline]] std::uint8_t odd(const Vec2<S>& gap) const {
-    constexpr S explained(0.04F), margin(0.01F);
+    constexpr S explained = S(0.04F), margin = S(0.01F);
     int best = 0;
     Vec<S, 4> left;
     for (int i = 0; i < 4; ++i) {
