@@ -28,7 +28,7 @@ def split(text, name):
 
 def tables(ns):
     """Rows of times, rows of ratios; ns: {name: ns per call}."""
-    times = ["| benchmark | ns per call |", "|---|---|"] + [f"| `{name}` | {value:.0f} |" for name, value in ns.items()]
+    times = ["| benchmark | ns per call |", "|---|---|"] + [f"| `{name}` | {value:.0f} |" for name, value in sorted(ns.items())]
     ratios = ["| this | beside | takes |", "|---|---|---|"]
     ratios += [f"| `{name}` | `{yard}` | {round(ns[name]) / round(ns[yard]):.2f} |" for name, yard in YARDSTICKS.items()]
     return "\n".join(times) + "\n", "\n".join(ratios) + "\n"
