@@ -8,20 +8,15 @@ import csv
 import json
 import math
 import random
-import subprocess
 import sys
 import tempfile
 from pathlib import Path
 
-failures = []
+from log_bench import LogBench, expect, failures
+
 NOMINAL = {"half_base": 0.05, "legs": [(0.12, 0.16), (0.12, 0.16)]}
 REST = "lg1 = 0.06, lg2 = 0.068, m1 = 0.1, m2 = 0.1, J1 = 2e-4, J2 = 7e-4"
 OFFSETS = ("offset theta11", "offset theta12", "offset theta21", "offset theta22")
-
-
-def expect(truth, what):
-    if not truth:
-        failures.append(what)
 
 
 def effector(half_base, legs, a11, a21, near):
@@ -35,30 +30,11 @@ def effector(half_base, legs, a11, a21, near):
     return min((two + w / d * complex(along, s * across) for s in (1, -1)), key=lambda p: abs(p - near))
 
 
-class Bench:
+class Bench(LogBench):
     def __init__(self, esmc, scenes, folder):
-        self.esmc, self.folder = esmc, Path(folder)
+        super().__init__("calibrate", esmc, scenes, folder)
         self.nominal = scenes / "five_bar_calibration.toml"
         self.arm = scenes / "rr_line.toml"
-
-    def run(self, *arguments):
-        return subprocess.run([self.esmc, *map(str, arguments)], capture_output=True, text=True)
-
-    def record(self, name, command, scene, *more):
-        out = self.folder / name
-        run = self.run(command, scene, "--json", "--out", out, *more)
-        expect(run.returncode == 0, f"{name}: exit {run.returncode}: {run.stderr}")
-        return out, json.loads(run.stdout) if run.returncode == 0 else None
-
-    def good(self, *arguments):
-        run = self.run("calibrate", *arguments, "--json")
-        expect(run.returncode == 0 and not run.stderr, f"calibrate {arguments}: exit {run.returncode}: {run.stderr}")
-        return json.loads(run.stdout) if run.returncode == 0 else None
-
-    def bad(self, what, *arguments):
-        run = self.run("calibrate", *arguments)
-        expect(run.returncode == 2 and not run.stdout and run.stderr.startswith("esmc: ") and run.stderr.count("\n") == 1 and
-               what in run.stderr, f"{what!r}: {arguments}: exit {run.returncode}: {run.stderr}")
 
     def true_scene(self, name, mechanism, bias, base=None):
         """The scene with another plant, and encoders whose zero is off; its controller believes the nominal one."""

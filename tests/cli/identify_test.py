@@ -2,9 +2,7 @@
 """`esmc identify` from outside: mechanisms whose inertia, friction and delay are known here, runs with noise, and whether the stated
 intervals hold the truth; what is refused. usage: identify_test.py ESMC SCENES_DIR"""
 import csv
-import json
 import random
-import subprocess
 import sys
 import tempfile
 import tomllib
@@ -12,13 +10,9 @@ from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-failures = []
+from log_bench import LogBench, expect, failures
+
 SEEDS = 12
-
-
-def expect(truth, what):
-    if not truth:
-        failures.append(what)
 
 
 def leg_text(leg):
@@ -35,30 +29,6 @@ ONE = {"l1": 0.12, "l2": 0.16, "lg1": 0.06, "lg2": 0.068, "m1": 0.1, "m2": 0.1, 
 TWO = {"l1": 0.118, "l2": 0.163, "lg1": 0.05, "lg2": 0.08, "m1": 0.12, "m2": 0.09, "J1": 3e-4, "J2": 6e-4}
 M0 = 0.05
 VISCOUS, COULOMB, DELAY = [0.01, 0.002, 0.008, 0.003], [0.02, 0.004, 0.015, 0.005], 0.7
-
-
-class Bench:
-    def __init__(self, esmc, scenes, folder):
-        self.esmc, self.scenes, self.folder = esmc, scenes, Path(folder)
-
-    def run(self, *arguments):
-        return subprocess.run([self.esmc, *map(str, arguments)], capture_output=True, text=True)
-
-    def record(self, name, scene, *more):
-        out = self.folder / name
-        run = self.run("sim", scene, "--json", "--out", out, *more)
-        expect(run.returncode == 0, f"{name}: exit {run.returncode}: {run.stderr}")
-        return out
-
-    def good(self, *arguments):
-        run = self.run("identify", *arguments, "--json")
-        expect(run.returncode == 0 and not run.stderr, f"identify {arguments}: exit {run.returncode}: {run.stderr}")
-        return json.loads(run.stdout) if run.returncode == 0 else None
-
-    def bad(self, what, *arguments):
-        run = self.run("identify", *arguments)
-        expect(run.returncode == 2 and not run.stdout and run.stderr.startswith("esmc: ") and run.stderr.count("\n") == 1 and
-               what in run.stderr, f"{what!r}: {arguments}: exit {run.returncode}: {run.stderr}")
 
 
 def effects(viscous, coulomb, noise=2e-5):
@@ -91,7 +61,7 @@ def five_bar(bench, seeds):
     scene, truth = unequal_scene(bench), true_values()
 
     def one(seed):
-        return bench.good(bench.record(f"run{seed}", scene, "--set", effects(VISCOUS, COULOMB), "--seed", seed))
+        return bench.good(bench.record(f"run{seed}", "sim", scene, "--set", effects(VISCOUS, COULOMB), "--seed", seed)[0])
 
     with ThreadPoolExecutor(2) as pool:
         results = [r for r in pool.map(one, range(1, seeds + 1)) if r]
@@ -123,7 +93,7 @@ def five_bar(bench, seeds):
 def snippet(bench):
     """Equal legs: the factors of [uncertainty] are the true ones over the believed ones."""
     scene = bench.scenes / "five_bar_identification.toml"
-    out = bench.record("equal", scene, "--set", "control.model={m1=0.9, m2=1.1, J1=1.2, J2=0.8}")
+    out, _ = bench.record("equal", "sim", scene, "--set", "control.model={m1=0.9, m2=1.1, J1=1.2, J2=0.8}")
     table = tomllib.loads(bench.good(out)["toml"])["uncertainty"]
     for name, believed in (("m1", 0.9), ("m2", 1.1), ("J1", 1.2), ("J2", 0.8)):
         lower, upper = table[name]
@@ -141,7 +111,7 @@ def arm(bench):
     truth = standard(leg) | {"viscous theta1": 0.1, "viscous theta2": 0.05, "coulomb theta1": 0.2, "coulomb theta2": 0.1}
     inside = total = 0
     for seed in range(1, 5):
-        out = bench.record(f"arm{seed}", rr, "--seed", seed, "--set", effects([0.1, 0.05], [0.2, 0.1]), "--set",
+        out, _ = bench.record(f"arm{seed}", "sim", rr, "--seed", seed, "--set", effects([0.1, 0.05], [0.2, 0.1]), "--set",
                            "control.model={m2=0.9}", "--set", "control.delay_ticks=3", "--set", "simulation.duration=4.0", "--set",
                            'reference={type="joint_sine", offset=[0.3, 1.5], amplitude=[0.5, 0.7], omega=[5.3, 8.9], join=0.3}')
         for p in bench.good(out)["parameters"]:
@@ -155,7 +125,7 @@ def arm(bench):
 
 def hostile(bench):
     scene = bench.scenes / "five_bar_identification.toml"
-    out = bench.record("plain", scene)
+    out, _ = bench.record("plain", "sim", scene)
     log = (out / "log.csv").read_text(encoding="utf-8").splitlines()
     place = bench.folder / "hostile.csv"
 
@@ -187,7 +157,7 @@ def hostile(bench):
     with_log(wild, "stay unexplained")
     for name, change in (("rest", 'reference={type="hold"}'), ("slow", "reference.omega=[0.3, 0.2]")):
         more = ["--set", "initial.position=[0.0, 0.17]"] if name == "rest" else []
-        still = bench.record(name, scene, "--set", change, *more)
+        still, _ = bench.record(name, "sim", scene, "--set", change, *more)
         run = bench.run("identify", still)
         expect(run.returncode == 2 and ("does not determine" in run.stderr or "unexplained" in run.stderr), f"{name}: {run.returncode} {run.stderr}")
 
@@ -204,7 +174,7 @@ def main():
         print(__doc__, file=sys.stderr)
         return 2
     with tempfile.TemporaryDirectory() as folder:
-        bench = Bench(sys.argv[1], Path(sys.argv[2]).resolve(), folder)
+        bench = LogBench("identify", sys.argv[1], Path(sys.argv[2]).resolve(), folder)
         inside, widths, runs = five_bar(bench, SEEDS)
         snippet(bench)
         arm(bench)

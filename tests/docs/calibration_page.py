@@ -131,9 +131,8 @@ def check_fusion(esmc, table):
 
 def identify_table(esmc, seeds):
     with tempfile.TemporaryDirectory() as folder:
-        bench = dynamics.Bench(esmc, SCENES, folder)
+        bench = dynamics.LogBench("identify", esmc, SCENES, folder)
         inside, widths, runs = dynamics.five_bar(bench, seeds)
-        geometry.failures += dynamics.failures
     out = [f"| parameter | half width of the interval | truth inside, of {runs} runs |", "|---|---|---|"]
     for name in inside:
         out.append(f"| {name} | {widths[name]:.2g} ticks | {inside[name]} |" if name == "delay" else

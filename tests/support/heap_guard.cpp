@@ -24,16 +24,6 @@ HeapGuard::HeapGuard() { ++guards; }
 HeapGuard::~HeapGuard() { --guards; }
 }  // namespace esmc::test
 
-#if defined(__has_feature)
-#if __has_feature(address_sanitizer)
-#define ESMC_NO_HOOKS
-#endif
-#endif
-#if defined(__SANITIZE_ADDRESS__)
-#define ESMC_NO_HOOKS
-#endif
-
-#ifndef ESMC_NO_HOOKS
 // glibc's own entries, under the names that a program may take over. operator new ends up in malloc, or in
 // aligned_alloc for over-aligned types. free is left alone: it belongs to both.
 extern "C" {
@@ -68,4 +58,3 @@ int posix_memalign(void** out, std::size_t alignment, std::size_t size) {
   return *out == nullptr ? ENOMEM : 0;
 }
 }
-#endif

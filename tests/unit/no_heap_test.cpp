@@ -52,7 +52,6 @@ using Machines = testing::Types<FiveBar<double>, Rr<float>>;
 TYPED_TEST_SUITE(NoHeap, Machines);
 
 TYPED_TEST(NoHeap, InEveryLawReachingAndArrangement) {
-  if (!test::heap_is_guarded) GTEST_SKIP() << "AddressSanitizer owns the allocator";
   using S = typename TypeParam::Scalar;
   for (const LawKind law : {LawKind::esmc, LawKind::esmc_projected, LawKind::smc, LawKind::ctc, LawKind::pd}) {
     for (const Reaching reaching : {Reaching::sign, Reaching::saturation, Reaching::tanh, Reaching::implicit}) {
@@ -74,7 +73,6 @@ TYPED_TEST(NoHeap, InEveryLawReachingAndArrangement) {
 }
 
 TYPED_TEST(NoHeap, WithEveryOptionalPart) {
-  if (!test::heap_is_guarded) GTEST_SKIP() << "AddressSanitizer owns the allocator";
   using S = typename TypeParam::Scalar;
   for (const ReachingPart<TypeParam> reach : {&part::super_twisting<TypeParam>, &part::implicit_coupled<TypeParam>}) {
     auto s = setup<TypeParam>();
@@ -89,7 +87,6 @@ TYPED_TEST(NoHeap, WithEveryOptionalPart) {
 }
 
 TYPED_TEST(NoHeap, OnEveryKindOfReference) {
-  if (!test::heap_is_guarded) GTEST_SKIP() << "AddressSanitizer owns the allocator";
   using S = typename TypeParam::Scalar;
   std::vector<PathSegment<S>> path(3);
   const Vec2<S> p = TypeParam::joints == 4 ? Vec2<S>(S(0), S(0.17)) : Vec2<S>(S(0.2), S(0.2));
@@ -115,7 +112,6 @@ TYPED_TEST(NoHeap, OnEveryKindOfReference) {
 void* volatile kept = nullptr;
 
 TEST(HeapGuardDeathTest, CatchesEveryWayToAllocate) {
-  if (!test::heap_is_guarded) GTEST_SKIP() << "AddressSanitizer owns the allocator";
   testing::FLAGS_gtest_death_test_style = "threadsafe";
   struct alignas(128) Wide {
     char c[128];

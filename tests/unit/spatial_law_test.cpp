@@ -156,6 +156,32 @@ TEST(EsmcInSpace, FreeBodySlidesRowByRow) {
   rows.expect_below(1e-7);
 }
 
+/// The law in Euler angles does so in its own six coordinates, moving as it likes.
+TEST(EsmcInSpace, MinimalCoordinatesSlideRowByRow) {
+  Accuracy rows("s' + K sgn s");
+  const auto g = gains<D>(15, 7, 1);
+  int taken = 0;
+  for (std::uint64_t seed = 0; seed < 100; ++seed) {
+    Random r(seed);
+    const Body b(r);
+    const auto t = tracking(b.m, b.s, b.wanted.at(0));
+    const auto far_from_pole = [](const Quaternion<D>& q) { return EulerChart<D>::at(q).pitch.cos > 0.5; };
+    if (!far_from_pole(t.pose.attitude) || !far_from_pole(t.desired_pose.attitude)) continue;
+    ++taken;
+    SpatialDemand<Body::M> now;
+    ASSERT_TRUE(demand_euler(b.m, g, Reaching::sign, t, now));
+    const auto sliding = [&](const auto& s, const auto& d) {
+      SpatialDemand<Body::M> there;
+      EXPECT_TRUE(demand_euler(b.m, g, Reaching::sign, tracking(b.m, s, d), there));
+      return there.sliding;
+    };
+    const Vec<D, 6> rate = derivative(b.plant, b.s, b.wanted, input(b.m, t, now), sliding);
+    rows.compare(seed, rate, Vec<D, 6>(now.sliding.unaryExpr([](D s) { return s > 0 ? -7.0 : 7.0; })));
+  }
+  EXPECT_GT(taken, 30);
+  rows.expect_below(1e-6);
+}
+
 template <class M>
 Mat<D, 6, 6> mass_matrix(const M& m, const typename M::Pose& p) {
   Mat<D, 6, 6> H;

@@ -229,6 +229,19 @@ TYPED_TEST(Twisting, TheIntegralDoesNotWindUp) {
   EXPECT_LE(past[1], past[0] / 5);
 }
 
+/// What went out counts, not what was asked: the disturbance is computed from it. In the linear zone of a large gain both
+/// steps are written out.
+TYPED_TEST(Twisting, WhatWasLostIsNotTakenForDone) {
+  using S = TypeParam;
+  const S h = S(0.0078125), s0 = S(0.5), s1 = S(0.25), lost = S(3);  // numbers that do not round
+  SuperTwisting<S> law;
+  EXPECT_EQ(law.step({s0, s0}, Vec2<S>::Zero(), S(1e7), h, {})[0], s0 / h);
+  const Vec2<S> w = law.step({s1, s1}, {lost, S(0)}, S(1e7), h, {});
+  const S disturbance = (s1 - s0) / h + s0 / h;
+  EXPECT_EQ(w[0], s1 / h + disturbance - lost);
+  EXPECT_EQ(w[1], s1 / h + disturbance);
+}
+
 TYPED_TEST(Twisting, NanStaysNanAndAResetForgetsIt) {
   using S = TypeParam;
   constexpr S nan = std::numeric_limits<S>::quiet_NaN();
