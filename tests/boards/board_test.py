@@ -3,6 +3,7 @@
 
 usage: board_test.py build ROOT BOARD ESMC       with the esmc command that bakes
        board_test.py image ELF SCALAR [FLASH RAM]   what must not be in it, and what it takes of the memories, at most
+       board_test.py parts ELF [NAME...]         the optional parts of the controller in it are these, and no others
        board_test.py loop ELF MACHINE SCALAR ESMC SCENE
                                                     closes the loop with `esmc plant` over slcan: the same digest as
                                                     `esmc hil --scalar SCALAR`, to the last bit
@@ -61,6 +62,14 @@ def image(elf, scalar, flash_max=1 << 20, ram_max=1 << 17):
         print("vectors:", " ".join(f"{word:x}" for word in first))
         return 1
     return 1 if bad or flash > int(flash_max) or ram > int(ram_max) else 0
+
+
+def parts(elf, *names):
+    known = ("super_twisting", "implicit_coupled", "momentum_observer", "predictor", "four_motors", "closure_projection")
+    symbols = run("arm-none-eabi-nm", "-C", elf).stdout
+    found = {part for part in known if re.search(rf"\besmc::part::{part}<", symbols)}
+    print("optional parts:", " ".join(sorted(found)) or "none")
+    return 0 if "esmc::Controller<" in symbols and found == set(names) else 1
 
 
 def starts(first, at):
@@ -202,7 +211,7 @@ def same(root, one, other):
             run("arm-none-eabi-ar", "x", archive, cwd=here)
             members.append({f.name: f.read_bytes() for f in sorted(here.iterdir())})
     print(f"{one} and {other}: {', '.join(members[0])}")
-    return 0 if members[0] == members[1] and len(members[0]) >= 4 else 1
+    return 0 if members[0] == members[1] and len(members[0]) >= 3 else 1
 
 
 if __name__ == "__main__":
@@ -211,4 +220,4 @@ if __name__ == "__main__":
     arguments = [a for a in arguments if a != "--update"]
     if what == "count":
         sys.exit(count(*arguments, update))
-    sys.exit({"build": build, "crash": crash, "image": image, "loop": loop, "same": same}[what](*arguments))
+    sys.exit({"build": build, "crash": crash, "image": image, "loop": loop, "parts": parts, "same": same}[what](*arguments))

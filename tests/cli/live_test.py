@@ -384,6 +384,9 @@ def a_controller_elsewhere(esmc, scene):
             page.wait(lambda m: "scene" in m, "an effect")
             page.say(inject={"fault": "drive_error", "drive": 1})
             page.wait(lambda m: any(e["kind"] == "fault" and "drive_error" in e["text"] for e in m.get("events", [])), "the fault of a drive")
+            # The drives say so at once; the controller learns it from the next heartbeat, and has its own turn on this machine.
+            until = now(page)["t"] + 2.0
+            page.wait(lambda m: "now" in m and m["now"]["t"] > until, "the controller's turn")
         finally:
             other.send_signal(signal.SIGINT)
             out, err = other.communicate(timeout=PATIENCE)

@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "firmware/cycle/cycle.hpp"
-#include "firmware/cycle/four_motors.hpp"
+#include "firmware/cycle/part_four_motors.hpp"
 #include "tests/fuzz/bytes.hpp"
 #include "tests/support/cycle_setup.hpp"
 #include "tests/support/link_bytes.hpp"

@@ -1,6 +1,8 @@
-#include "firmware/cycle/four_motors.hpp"
+#pragma once
+/// What four_motors.hpp declares; compiled by instances_parts.hpp alone.
 
 #include "firmware/control/box_allocation.hpp"
+#include "firmware/cycle/four_motors.hpp"
 
 namespace esmc::part {
 
@@ -12,10 +14,5 @@ bool four_motors(const ControllerConfig<M>& c, const typename M::Pose& p, const 
   torque = a.torque;
   return a.force < S(1);
 }
-
-template bool four_motors(const ControllerConfig<FiveBar<double>>&, const FiveBar<double>::Pose&,
-                          const FiveBar<double>::Channels&, Vec<double, 4>&);
-template bool four_motors(const ControllerConfig<FiveBar<float>>&, const FiveBar<float>::Pose&,
-                          const FiveBar<float>::Channels&, Vec<float, 4>&);
 
 }  // namespace esmc::part
