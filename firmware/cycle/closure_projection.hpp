@@ -1,5 +1,5 @@
 #pragma once
-/// What part_fusion.hpp declares; compiled by instances_parts.hpp alone.
+/// What part_fusion.hpp declares; compiled by instances_part_fusion.cpp alone.
 
 #include "firmware/cycle/controller.hpp"
 

@@ -211,7 +211,7 @@ def same(root, one, other):
             run("arm-none-eabi-ar", "x", archive, cwd=here)
             members.append({f.name: f.read_bytes() for f in sorted(here.iterdir())})
     print(f"{one} and {other}: {', '.join(members[0])}")
-    return 0 if members[0] == members[1] and len(members[0]) >= 3 else 1
+    return 0 if members[0] == members[1] and len(members[0]) >= 8 else 1
 
 
 if __name__ == "__main__":

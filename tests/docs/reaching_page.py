@@ -36,9 +36,10 @@ def options(world, law, part):
     return [word for o in out for word in ("--set", o)]
 
 
-def run(esmc, world, law, part):
+def run(esmc, world, law, part, *more):
     """(settled rms m, mean |change of torque| N m per tick); None where it ends in a fault."""
-    job = subprocess.run([esmc, "sim", SCENE, "--json", *options(world, law, part)], capture_output=True, text=True, check=False)
+    job = subprocess.run([esmc, "sim", SCENE, "--json", *options(world, law, part),
+                          *(word for o in more for word in ("--set", o))], capture_output=True, text=True, check=False)
     if job.returncode not in (0, 1) or not job.stdout:
         sys.exit(f"{world} {law} {part}: {job.stderr}")
     s = json.loads(job.stdout)
@@ -81,20 +82,20 @@ def table(esmc):
     return "\n".join(lines) + "\n"
 
 
-def lambdas(esmc, part):
-    out = []
-    for value in (40, 100, 200, 300):
-        job = subprocess.run([esmc, "sim", SCENE, "--json", *options("delay", "implicit", part), "--set", f"control.lambda={value}.0"],
-                             capture_output=True, text=True, check=False)
-        s = json.loads(job.stdout)
-        out.append("fault" if s["supervisor"]["faults"] else cell((s["tracking"]["settled_rms_m"], s["torque"]["mean_abs_delta_nm"])))
-    return out
-
-
 def lambda_table(esmc):
-    lines = ["| part | lambda = 40 | 100 | 200 | 300 |", "|---|---|---|---|---|"]
+    values = (40.0, 100.0, 200.0, 300.0, 600.0, 900.0)
+    lines = ["| part | lambda = " + " | ".join(f"{v:g}" for v in values) + " |", "|---|" + "---|" * len(values)]
     for part in PARTS:
-        lines.append(f"| {part} | " + " | ".join(lambdas(esmc, part)) + " |")
+        lines.append(f"| {part} | " + " | ".join(cell(run(esmc, "delay", "implicit", part, f"control.lambda={v}")) for v in values) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def gain_table(esmc):
+    """What L too large and too small does to the super-twisting law."""
+    values = (15.0, 150.0, 1500.0, 15000.0)
+    lines = ["| world | L = " + " | ".join(f"{v:g}" for v in values) + " |", "|---|" + "---|" * len(values)]
+    for world in ("friction", "delay"):
+        lines.append(f"| {world} | " + " | ".join(cell(run(esmc, world, "super_twisting", "none", f"control.gain={v}")) for v in values) + " |")
     return "\n".join(lines) + "\n"
 
 
@@ -144,7 +145,7 @@ def main(esmc):
     if "--check" in sys.argv:
         return check(esmc)
     text = PAGE.read_text(encoding="utf-8")
-    for name, make in (("coupled", coupled_table), ("parts", table), ("lambda", lambda_table)):
+    for name, make in (("coupled", coupled_table), ("parts", table), ("lambda", lambda_table), ("gain", gain_table)):
         text = replace(text, name, make(esmc))
     PAGE.write_text(text, encoding="utf-8")
     return 0
