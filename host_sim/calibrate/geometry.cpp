@@ -80,6 +80,7 @@ class Fit {
     converged = false;
     for (const bool correct : {false, true}) {
       Normal n = normal(u, basis, correct, with_effector, false);
+      if (basis.cols() == 0 || !n.H.allFinite() || !std::isfinite(n.cost)) return u;  // nothing to look for, or nowhere to begin
       double damping = 1e-6;
       for (int i = 0; i < 100; ++i) {
         Matrix H = n.H;
@@ -294,6 +295,10 @@ Calibration calibrate(const CalibrationProblem& p) {
   Matrix basis = columns_of(out.estimated, out.mean_length);
   out.value = fit.solve(start, basis, true, out.converged);
   Normal n = fit.normal(out.value, basis, true, true, true);
+  if (!out.value.allFinite() || !n.H.allFinite() || !n.blocks.allFinite() || !std::isfinite(n.cost)) {
+    out.in_numbers = false;
+    return out;
+  }
   Matrix covariance = covariance_of(n, p.effector.size());
   const Eigen::SelfAdjointEigenSolver<Matrix> modes(n.H);
   Matrix strong(basis.cols(), 0);
@@ -315,13 +320,17 @@ Calibration calibrate(const CalibrationProblem& p) {
     w.text = combination(w.along, p.five_bar, p.nominal, out.mean_length);
     out.weak.push_back(w);
   }
-  if (!out.weak.empty()) {  // along these nothing moves away from the nominal values
-    basis = basis * strong;
-    out.value = fit.solve(p.nominal, basis, true, out.converged);
-    n = fit.normal(out.value, basis, true, true, true);
-    covariance = covariance_of(n, p.effector.size());
+  if (strong.cols() == 0) {  // nothing is determined
+    out.value = p.nominal;
+  } else {
+    if (!out.weak.empty()) {  // along these nothing moves away from the nominal values
+      basis = basis * strong;
+      out.value = fit.solve(p.nominal, basis, true, out.converged);
+      n = fit.normal(out.value, basis, true, true, true);
+      covariance = covariance_of(n, p.effector.size());
+    }
+    out.covariance = basis * covariance * basis.transpose();
   }
-  out.covariance = basis * covariance * basis.transpose();
 
   const auto rms = [](double sum, double count) { return count > 0.0 ? std::sqrt(sum / count) : 0.0; };
   double now = 0.0, nominal = 0.0, tips = 0.0;

@@ -73,6 +73,7 @@ struct Calibration {
   double closure_rms_nominal = 0.0;  ///< m, with the unknowns as they were
   double effector_rms = 0.0;         ///< m, of the position readings
   bool converged = false;
+  bool in_numbers = true;  ///< false: the readings are so far from any mechanism that there is nothing but `value`
 
   [[nodiscard]] double sigma(int unknown) const;
 };
@@ -80,7 +81,7 @@ struct Calibration {
 /// Least squares in which angles and positions carry the errors (a Gauss-Helmert model): the correction of
 /// all readings by as little as makes the loop close, weighted by their standard deviations. The covariance
 /// is that of the estimator for residuals that are correlated in time (blocks of consecutive rows), not that
-/// of white noise.
+/// of white noise. Where the data determine nothing at all, every direction is weak and `value` nominal.
 [[nodiscard]] Calibration calibrate(const CalibrationProblem& problem);
 
 /// Effector from the base encoders (RR: both) of a row: the solution next to the one that the passive

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <filesystem>
 #include <nlohmann/json.hpp>
+#include <numbers>
 
 #include "host_sim/calibrate/geometry.hpp"
 #include "host_sim/commands/calibrated_scene.hpp"
@@ -67,8 +68,8 @@ JointLog before_observer(const JointLog& log, double bandwidth, double share) {
   return out;
 }
 
-/// Readings of the effector, with the angles of their instants.
-std::vector<EffectorReading> read_effector(const std::string& file, const JointLog& log) {
+/// Readings of the effector, with the angles of their instants. `reach`: the mechanism's, m, by its nominal lengths.
+std::vector<EffectorReading> read_effector(const std::string& file, const JointLog& log, double reach, bool free_frame) {
   if (file.empty()) return {};
   const RecordedTable readings =
       read_table(file, {"t", "x", "y"}, ": the header of effector readings is t,x,y");
@@ -86,6 +87,11 @@ std::vector<EffectorReading> read_effector(const std::string& file, const JointL
     const auto k = static_cast<std::size_t>(after);
     const double u = (at - t[k - 1]) / (t[k] - t[k - 1]);
     EffectorReading r{{}, readings.columns[1][i], readings.columns[2][i]};
+    if (!free_frame && std::hypot(r.x, r.y) > 2.0 * reach) {
+      throw InputError(readings.where(i), fmt::format("({:g}, {:g}) m is {:.3g} m from the base, and the mechanism reaches {:.3g} m: metres are "
+                                                      "needed, in the frame of the base (else --free-frame)",
+                                                      r.x, r.y, std::hypot(r.x, r.y), reach));
+    }
     const MeasuredAngles a = log.angles(k - 1), b = log.angles(k);
     for (std::size_t j = 0; j < a.size(); ++j) r.angle[j] = a[j] + u * (b[j] - a[j]);
     out.push_back(r);
@@ -128,7 +134,7 @@ void require_scale(const CalibrationProblem& p, const CalibrateOptions& o) {
                      "unknown: give the readings in the frame of the base");
   }
   if (!p.five_bar && (o.half_base || o.trust_half_base))
-    throw InputError("", "--half-base: an RR arm has none");
+    throw InputError("", std::string(o.half_base ? "--half-base" : "--trust-half-base") + ": an RR arm has none");
 }
 
 /// The problem of a log. Throws InputError.
@@ -140,7 +146,7 @@ CalibrationProblem problem_of(const RecordedRun& run, const CalibrateOptions& o,
   if (o.half_base) p.nominal[unknown_l0] = *o.half_base;
   p.free_frame = o.free_frame;
   p.effector_sigma = o.effector_sigma;
-  p.effector = read_effector(o.effector, log);
+  p.effector = read_effector(o.effector, log, p.nominal.head<5>().sum(), o.free_frame);
   require_scale(p, o);
   const std::size_t stride = (log.table.rows() + rows_used_max - 1) / rows_used_max;
   for (std::size_t i = 0; i < log.table.rows(); i += stride) p.angles.push_back(log.angles(i));
@@ -150,6 +156,10 @@ CalibrationProblem problem_of(const RecordedRun& run, const CalibrateOptions& o,
 /// Throws where the result is no calibration of this mechanism.
 void judge(const Calibration& c, const CalibrationProblem& p, const RecordedRun& run,
            const CalibrateOptions& o) {
+  if (!c.in_numbers) {
+    throw InputError("", fmt::format("{}: no lengths near the nominal ones fit it even roughly: is it the log of this mechanism, in s and rad{}?",
+                                     run.log, o.effector.empty() ? "" : ", and the effector readings in m"));
+  }
   if (c.encoder_sigma > encoder_sigma_max) {
     throw InputError(
         "",
@@ -167,6 +177,14 @@ void judge(const Calibration& c, const CalibrationProblem& p, const RecordedRun&
         fmt::format("{}: does not determine {}: let the mechanism move further, in both legs; --keep-nominal "
                     "leaves these as they are",
                     run.log, names));
+  }
+  // What readings of this accuracy, and angles of that of the encoders, may be beside; five times of it is another cause.
+  const double reach = p.nominal.head<5>().sum(), expected = std::numbers::sqrt2 * p.effector_sigma + 2.0 * reach * c.encoder_sigma;
+  if (!(c.effector_rms <= 5.0 * expected)) {
+    throw InputError(o.effector, fmt::format("no lengths meet the effector readings better than {:.3g} mm rms, {:.2g} mm are to be expected of "
+                                             "--effector-sigma and the encoders: are they in m, in the frame of the base (else --free-frame), "
+                                             "and on the clock of the log?",
+                                             1e3 * c.effector_rms, 1e3 * expected));
   }
   if (!c.converged) throw RunError("the least-squares fit did not converge");
   for (const int u : c.estimated) {

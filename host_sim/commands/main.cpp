@@ -262,7 +262,12 @@ std::string above_zero(const std::string& text) {
 void add_observer(CLI::App& c, double& bandwidth) {
   c.add_option("--observer-bandwidth", bandwidth,
                "rad/s, of the drives' observers at least: what they may hide goes into the uncertainties; 0: there are none")
-      ->check(CLI::Range(0.0, 1e6))
+      ->check([](const std::string& text) {
+        char* end = nullptr;
+        const double v = std::strtod(text.c_str(), &end);
+        const bool allowed = v == 0.0 || (v >= 1.0 && v <= 1e6);  // slower ones would hide every motion
+        return !text.empty() && *end == '\0' && allowed ? std::string() : "must be 0, or 1 to 1e6, not " + text;
+      })
       ->capture_default_str();
 }
 

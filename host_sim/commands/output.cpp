@@ -8,6 +8,7 @@
 #include <cstdio>
 #include <cstdlib>
 #include <fstream>
+#include <iterator>
 #include <system_error>
 
 #include "host_sim/commands/comparison.hpp"
@@ -66,6 +67,14 @@ OutputDirectory::OutputDirectory(const std::string& directory) {
   for (const char* name : output_names) {
     if (fs::is_directory(final_ / name, error))
       refuse(std::string(name) + " is a directory there, a file is to replace it");
+  }
+  // What an earlier run left has one of these; without them a file of such a name is somebody's own.
+  constexpr const char* signs[] = {"summary.json", "check.csv", "campaign.json", "accuracy.json"};
+  if (std::none_of(std::begin(signs), std::end(signs), [&](const char* sign) { return fs::exists(final_ / sign, error); })) {
+    for (const char* name : output_names) {
+      if (fs::exists(fs::symlink_status(final_ / name, error)))
+        refuse(std::string(name) + " is there, which no earlier run has left: take another directory");
+    }
   }
   std::error_code ignored;
   for (const fs::directory_entry& e : fs::directory_iterator(final_, error)) {

@@ -26,9 +26,20 @@ bool number(std::string_view text, T& out, int base = 10) {
   return error == std::errc() && end == text.data() + text.size();
 }
 
-std::string text_of(const std::string& path) {
+/// Throws where `path` is no regular file that can be opened: a pipe would wait, a device would never end.
+std::ifstream opened(const std::string& path) {
+  std::error_code error;
+  if (!std::filesystem::is_regular_file(path, error)) {
+    const bool there = std::filesystem::exists(path, error);
+    throw InputError("", path + (there ? ": is not a regular file" : ": there is no such file"));
+  }
   std::ifstream in(path, std::ios::binary);
-  if (!in || std::filesystem::is_directory(path)) throw InputError("", path + ": cannot be read");
+  if (!in) throw InputError("", path + ": cannot be read");
+  return in;
+}
+
+std::string text_of(const std::string& path) {
+  std::ifstream in = opened(path);
   std::ostringstream text;
   text << in.rdbuf();
   return text.str();
@@ -37,8 +48,7 @@ std::string text_of(const std::string& path) {
 /// Whole lines; every line of frames.log is one of candump -L. Returns how many.
 std::uint64_t count_lines(const Recording& r, const char* name, bool frames) {
   const std::string path = r.file(name);
-  std::ifstream in(path, std::ios::binary);
-  if (!in || std::filesystem::is_directory(path)) throw InputError("", path + ": cannot be read");
+  std::ifstream in = opened(path);
   std::string line;
   std::uint64_t n = 0;
   while (std::getline(in, line)) {

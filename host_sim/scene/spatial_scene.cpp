@@ -1,5 +1,7 @@
 #include "host_sim/scene/spatial_scene.hpp"
 
+#include <fmt/format.h>
+
 #include <cmath>
 
 #include "host_sim/scene/reader.hpp"
@@ -164,7 +166,10 @@ SpatialScene read_spatial_scene(const std::string& file, const std::vector<std::
   Section simulation = root.required_section("simulation");
   scene.duration = simulation.number("duration");
   scene.step = simulation.number("step");
-  if (scene.duration * scene.rate_hz > 4e9) simulation.fail("duration", "must be at most 4e9 ticks");
+  const double ticks = scene.duration * scene.rate_hz;
+  if (ticks < 0.5 || ticks > 4e9) simulation.fail("duration", "must hold between 1 and 4e9 control ticks");
+  if (scene.tick() / scene.step > 1e6)
+    simulation.fail("step", fmt::format("cuts a control tick of {:g} s into more than 1e6 steps: {:g} s or more is needed", scene.tick(), scene.tick() / 1e6));
   simulation.finish();
   root.finish();
   scene.toml = toml_text(table);

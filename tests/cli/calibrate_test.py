@@ -226,6 +226,21 @@ def hostile(bench):
                           ("t,x,y\n0.1,nan,0.17\n", ":2: x must be")):
         (bench.folder / "readings.csv").write_text(content, encoding="utf-8")
         bench.bad(what, out, "--effector", bench.folder / "readings.csv")
+    # Readings of another unit, in another frame, of another time; encoders that say nothing; observers that would hide all.
+    good = write_readings(bench.folder / "good.csv", rows_of(out), range(100, 1900, 200), 2e-5, random.Random(3))
+    bench.good(out, "--effector", good, "--trust-half-base")
+    for how, what in ((lambda t, x, y: (t, 1e3 * x, 1e3 * y), "m from the base"), (lambda t, x, y: (t, x + 0.02, y), "--effector-sigma"),
+                      (lambda t, x, y: (t - 0.05, x, y), "--effector-sigma"), (lambda t, x, y: (t, 1e300, 1e300), "m from the base")):
+        lines = good.read_text(encoding="utf-8").splitlines()
+        place.write_text("\n".join(lines[:1] + [",".join(repr(v) for v in how(*map(float, l.split(",")))) for l in lines[1:]]) + "\n", encoding="utf-8")
+        bench.bad(what, out, "--effector", place, "--trust-half-base")
+    for word in ("0", "1e300"):
+        dead = [log[0]] + [",".join(l.split(",")[:at] + [word] + l.split(",")[at + 1:]) for l in log[1:]]
+        for more in ((), ("--keep-nominal",)):
+            with_log("\n".join(dead) + "\n", "is it the log of this mechanism", *known, *more)
+    bench.bad("is it the log of this mechanism", out, "--half-base", "1e300")
+    bench.bad("is it the log of this mechanism", out, *known, "--observer-bandwidth", "1")
+    bench.bad("must be 0, or 1 to 1e6", out, *known, "--observer-bandwidth", "nan")
     # Another mechanism's angles fit no lengths.
     shuffled = [log[0]] + [",".join(l.split(",")[:at] + [str(math.sin(3.7 * i * i))] + l.split(",")[at + 1:]) for i, l in enumerate(log[1:])]
     with_log("\n".join(shuffled) + "\n", "is it the log of this mechanism?", *known)

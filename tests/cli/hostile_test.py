@@ -281,6 +281,18 @@ class Hostile(unittest.TestCase):
             if name in before:
                 (out / name).write_bytes(before[name])
 
+    def test_files_of_others_stay(self):
+        short = sets("simulation.duration=0.01")
+        for name in ("scene.toml", "log.csv", "cases.csv"):
+            out = self.tmp / f"of_others_{name}"
+            out.mkdir()
+            (out / name).write_text("mine")
+            self.failed(esmc("sim", self.circle, "--out", out, *short), 2, f"{name} is there, which no earlier run has left")
+            self.assertEqual({p.name: p.read_text() for p in out.iterdir()}, {name: "mine"})
+        out = self.tmp / "again"
+        for command in (("check", self.circle), ("sim", self.circle, *short), ("check", self.circle), ("sim", self.rr, *short)):
+            self.assertEqual(esmc(*command, "--out", out).returncode, 0, command)
+
     def test_a_target_that_turns_bad_during_the_run(self):
         out = self.tmp / "o"
         self.assertEqual(esmc("sim", self.circle, "--out", out, *sets("simulation.duration=0.01")).returncode, 0)

@@ -193,13 +193,16 @@ class Replay(unittest.TestCase):
         self.refused(out / "log.csv", "no such directory")
         empty = self.tmp / "empty"
         empty.mkdir()
-        self.refused(empty, "summary.json: cannot be read")
+        self.refused(empty, "summary.json: there is no such file")
         for name in ("summary.json", "scene.toml", "log.csv", "frames.log"):
             copy = self.edited(out, name, lambda d: d)
             (copy / name).unlink()
-            self.refused(copy, f"{name}: cannot be read")
+            self.refused(copy, f"{name}: there is no such file")
             (copy / name).mkdir()
-            self.refused(copy, f"{name}: cannot be read")
+            self.refused(copy, f"{name}: is not a regular file")
+            (copy / name).rmdir()
+            os.mkfifo(copy / name)  # would wait for ever
+            self.refused(copy, f"{name}: is not a regular file")
         for name, edit, words in (
                 ("frames.log", lambda d: b"", ["no frames"]),
                 ("frames.log", lambda d: d[:-3], ["torn"]),
@@ -222,7 +225,7 @@ class Replay(unittest.TestCase):
         self.assertEqual(esmc("replay", newer, "--any-version").returncode, 0)
         check = self.tmp / "check"
         esmc("check", self.circle, "--out", check)
-        self.refused(check, "summary.json: cannot be read")
+        self.refused(check, "summary.json: there is no such file")
 
     def test_the_file_of_a_reference_belongs_to_the_recording(self):
         (self.tmp / "path.csv").write_text("t,x,y\n0,0.07,0.17\n0.05,0.069,0.172\n0.1,0.07,0.174\n")

@@ -67,6 +67,8 @@ class Spatial(unittest.TestCase):
                 line = text[:text.index(old)].count("\n") + 1 + new.count("\n")
                 self.refused(bad, words=words + [f"bad.toml:{line}:"])
         self.refused(SCENES / BODY, *sets("control.model.legs=2", "platform.mass=1"), words=["either [body] or [platform]"])
+        self.refused(SCENES / BODY, *sets("simulation.step=1e-300"), words=["simulation.step", "1e6 steps"])
+        self.refused(SCENES / BODY, *sets("simulation.duration=1e-300"), words=["simulation.duration", "control ticks"])
         self.refused(SCENES / ".." / "rr_line.toml", words=["rr_line.toml", "either [body] or [platform]"])
         self.refused(self.tmp / "nowhere.toml", words=["nowhere.toml"])
         without = self.tmp / "without.toml"
