@@ -42,28 +42,6 @@ class Closure {
     return out;
   }
 
-  /// What is left of the gap's weight without encoder i, as a part of it: 0 where i alone explains the gap.
-  [[nodiscard]] S left_without(int i, const Vec2<S>& gap) const {
-    const Vec2<S> multiplier = weighed(gap);
-    const S along = dot(column_[i], multiplier);
-    return S(1) - along * along / (dot(column_[i], weighed(column_[i])) * dot(gap, multiplier));
-  }
-
-  /// 1 + the joint that explains the gap, if one does (within 12 degrees of its direction, in units of the encoders' deviations) and
-  /// no other comes near.
-  [[nodiscard, gnu::noinline]] std::uint8_t odd(const Vec2<S>& gap) const {
-    constexpr S explained = S(0.04F), margin = S(0.01F);
-    int best = 0;
-    Vec<S, 4> left;
-    for (int i = 0; i < 4; ++i) {
-      left[i] = left_without(i, gap);
-      if (left[i] < left[best]) best = i;
-    }
-    bool clear = left[best] <= explained;
-    for (int i = 0; i < 4; ++i) clear = clear && (i == best || left[i] >= S(4) * left[best] + margin);
-    return clear ? static_cast<std::uint8_t>(best + 1) : std::uint8_t{0};
-  }
-
  private:
   [[nodiscard]] Vec2<S> weighed(const Vec2<S>& v) const { return {xx_ * v.x() + xy_ * v.y(), xy_ * v.x() + yy_ * v.y()}; }
 
@@ -71,6 +49,34 @@ class Closure {
   const Vec<S, 4>& variance_;
   S xx_, xy_, yy_;
 };
+
+/// How far apart the tips stay, m, when joint i (0 to 3: theta11, theta12, theta21, theta22) alone turns as it likes and the other
+/// three are as read. Its leg's tip goes round it on a circle; what is left is the distance of the other leg's tip from that circle.
+/// Exact for turns of any size: neither the centre nor the radius depends on the reading of joint i.
+template <class S>
+[[nodiscard]] S gap_left_by(const FiveBar<S>& m, const typename FiveBar<S>::Pose& p, int i) {
+  const int leg = i / 2, other = 1 - leg;
+  const Vec2<S> tip = m.leg(leg).tip(p.leg[leg]);
+  const Vec2<S> joint = i % 2 == 0 ? Vec2<S>(Vec2<S>::Zero()) : Vec2<S>(p.leg[leg].axis[0] * m.leg(leg).body(0).length);
+  const Vec2<S> target = m.frame(leg).point_to_leg(m.frame(other).point_from_leg(m.leg(other).tip(p.leg[other])));
+  const Vec2<S> arm = tip - joint, wanted = target - joint;
+  const S left = square_root(dot(wanted, wanted)) - square_root(dot(arm, arm));
+  return left < S(0) ? -left : left;
+}
+
+/// 1 + the one joint whose turning alone brings the tips together, else 0: none does, or another one nearly does as well. `allowed`
+/// is the gap, m, that readings in order stay below. Together is a quarter of it, and every other joint must leave a half: what is
+/// named is then wrong only where the readings of the other three encoders miss each other by half of the limit.
+template <class S>
+[[nodiscard, gnu::noinline]] std::uint8_t odd_one(const FiveBar<S>& m, const typename FiveBar<S>::Pose& p, S allowed) {
+  int named = 0, apart = 0;
+  for (int i = 0; i < 4; ++i) {
+    const S left = gap_left_by(m, p, i);
+    if (left <= S(0.25F) * allowed) named = i + 1;
+    if (left > S(0.5F) * allowed) ++apart;  // not so for a NaN
+  }
+  return apart == 3 ? static_cast<std::uint8_t>(named) : std::uint8_t{0};
+}
 
 template <class M>
 std::uint8_t closure_projection(const ControllerConfig<M>& config, const Vec<typename M::Scalar, M::joints>& angle,
@@ -86,7 +92,7 @@ std::uint8_t closure_projection(const ControllerConfig<M>& config, const Vec<typ
     const Closure<S> closure(m, out.pose, variance);
     if (step == 0) {
       out.closure = square_root(dot(gap, gap));
-      if (!(out.closure <= config.limits.closure)) odd = closure.odd(gap);
+      if (!(out.closure <= config.limits.closure)) odd = odd_one(m, out.pose, config.limits.closure);
     }
     turns = closure.correction(gap - closure.rate(turns));  // the smallest in all, not the next small step
     out.pose = m.pose(angle + turns);

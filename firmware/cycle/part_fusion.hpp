@@ -12,7 +12,8 @@ template <class M>
 struct ControllerConfig;
 
 /// A closed pose and rates that close, from angles (rad) and rates (rad/s) of all joints; `out.closure` is the gap as measured.
-/// Returns 1 + the joint whose encoder alone explains a gap above limits.closure, 0 where none is needed, or none does.
+/// Returns 1 + the joint whose encoder alone explains a gap above limits.closure, however far off it is; 0 where the gap is within
+/// the limit, no single joint explains it, or more than one nearly does.
 template <class M>
 using FusionPart = std::uint8_t (*)(const ControllerConfig<M>& config, const Vec<typename M::Scalar, M::joints>& angle,
                                     const Vec<typename M::Scalar, M::joints>& rate, Estimate<M>& out);

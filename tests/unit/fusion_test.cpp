@@ -3,6 +3,8 @@
 
 #include <gtest/gtest.h>
 
+#include <array>
+
 #include "firmware/cycle/controller.hpp"
 #include "tests/support/random_mechanism.hpp"
 
@@ -139,45 +141,60 @@ Real best_without(const FiveBarCase<S>& c, Vec<Real, 4> angle, int i) {
                    bar[3].length * std::sin(a[2] + a[3]);
     return std::hypot(x, y);
   };
-  Real lower = -0.2L, upper = 0.2L;
-  for (int k = 0; k < 60; ++k) {
+  // One least over a full turn: the square of the gap is a constant and a sine of the turn.
+  constexpr Real step = detail::kPi / 4;
+  Real near = 0, least = gap(0);
+  for (int k = 1; k < 8; ++k) {
+    const Real there = gap(step * k);
+    if (there < least) near = step * k;
+    least = std::fmin(least, there);
+  }
+  Real lower = near - step, upper = near + step;
+  for (int k = 0; k < 40; ++k) {
     const Real a = lower + (upper - lower) * 0.382L, b = lower + (upper - lower) * 0.618L;
-    (gap(a) < gap(b) ? upper : lower) = gap(a) < gap(b) ? b : a;
+    const bool left = gap(a) < gap(b);
+    (left ? upper : lower) = left ? b : a;
   }
   return gap((lower + upper) / 2);
 }
 
-TYPED_TEST(Fusion, NamesTheEncoderThatAloneIsOffAndNoOther) {
+constexpr Real kAllowed = 1e-3L;  // limits.closure of config_of
+
+/// Slipped couplings and lost teeth are far from small. Named is the right one or nobody, and nobody only where another joint closes
+/// the loop to half the limit as well: one case in eight at 0.02 rad, one in a hundred from 0.3 rad on.
+TYPED_TEST(Fusion, NamesTheEncoderThatAloneIsOffAndNoOtherHoweverFar) {
   using S = TypeParam;
-  int named = 0, cases = 0, doubtful = 0;
+  constexpr std::array<Real, 7> size{0.02L, 0.05L, 0.1L, 0.2L, 0.3L, 0.5L, 1.0L}, open_at_most{0.15L, 0.06L, 0.03L, 0.02L, 0.02L, 0.02L, 0.02L};
+  std::array<int, 7> open{}, cases{};
   for (std::uint64_t seed = 0; seed < 1000; ++seed) {
     Random r(~seed);
     const auto c = random_five_bar<S>(seed);
+    const auto config = config_of(c, Vec<S, 4>::Ones().eval());
     const int odd = static_cast<int>(seed / 8 % 4);
-    Vec<S, 4> angle = c.theta;
-    angle[odd] += S(r.sign()) * r.in<S>(0.01, 0.04);
-    for (int i = 0; i < 4; ++i) angle[i] += r.in<S>(-2e-5, 2e-5);
-    Estimate<FiveBar<S>> e;
-    const int got = part::closure_projection(config_of(c, Vec<S, 4>::Ones().eval()), angle, c.theta_rate, e);
-    if (!(e.closure > S(1e-3))) {
-      EXPECT_EQ(got, 0) << "seed " << seed << ": nothing is wrong enough";
-      continue;
-    }
-    ++cases;
-    Vec<Real, 4> left;
-    for (int i = 0; i < 4; ++i) left[i] = best_without(c, angle.template cast<Real>(), i) / static_cast<Real>(e.closure);
-    Real other = 1;
-    for (int i = 0; i < 4; ++i) other = i == odd ? other : std::fmin(other, left[i]);
-    if (got == odd + 1) {
-      ++named;
-    } else {
-      EXPECT_EQ(got, 0) << "seed " << seed << ": " << got - 1 << " instead of " << odd;
-      ++doubtful;
-      EXPECT_LT(other, 0.35L) << "seed " << seed << ": nobody else comes near, and it is not named";
+    for (std::size_t k = 0; k < size.size(); ++k) {
+      Vec<S, 4> angle = c.theta;
+      angle[odd] += S(r.sign()) * static_cast<S>(size[k]);
+      for (int i = 0; i < 4; ++i) angle[i] += r.in<S>(-2e-5, 2e-5);
+      Estimate<FiveBar<S>> e;
+      const int got = part::closure_projection(config, angle, c.theta_rate, e);
+      const auto what = [&] { return "seed " + std::to_string(seed) + ", " + std::to_string(static_cast<double>(size[k])) + " rad"; };
+      if (!(e.closure > static_cast<S>(kAllowed))) {
+        EXPECT_EQ(got, 0) << what() << ": nothing is wrong enough";
+        continue;
+      }
+      ++cases[k];
+      open[k] += got == 0 ? 1 : 0;
+      EXPECT_TRUE(got == 0 || got == odd + 1) << what() << ": " << got - 1 << " instead of " << odd;
+      Real other = 1;
+      for (int i = 0; i < 4; ++i) other = i == odd ? other : std::fmin(other, best_without(c, angle.template cast<Real>(), i));
+      if (other > 0.51L * kAllowed) { EXPECT_EQ(got, odd + 1) << what() << ": nobody else comes near"; }
+      if (other < 0.49L * kAllowed) { EXPECT_EQ(got, 0) << what() << ": another closes it as well"; }
     }
   }
-  EXPECT_GT(cases, 750);
-  EXPECT_GT(named, 4 * cases / 5) << doubtful << " doubtful";
+  for (std::size_t k = 0; k < size.size(); ++k) {
+    EXPECT_GT(cases[k], 990);
+    EXPECT_LE(open[k], open_at_most[k] * cases[k]) << size[k] << " rad: left open, of " << cases[k];
+  }
 }
 
 TYPED_TEST(Fusion, BlamesNobodyWhereTwoAreOff) {
@@ -193,11 +210,11 @@ TYPED_TEST(Fusion, BlamesNobodyWhereTwoAreOff) {
     Estimate<FiveBar<S>> e;
     const int got = part::closure_projection(config_of(c, Vec<S, 4>::Ones().eval()), angle, c.theta_rate, e);
     if (got == 0) continue;
-    // Whoever is blamed must at least explain most of it alone.
-    EXPECT_LT(best_without(c, angle.template cast<Real>(), got - 1), 0.5L * static_cast<Real>(e.closure)) << "seed " << seed;
+    // Whoever is blamed must at least explain it alone.
+    EXPECT_LT(best_without(c, angle.template cast<Real>(), got - 1), 0.26L * kAllowed) << "seed " << seed;
     ++blamed;
   }
-  EXPECT_LT(blamed, 500);
+  EXPECT_LT(blamed, 150);
 }
 
 TYPED_TEST(Fusion, WithoutANumberThereIsNoState) {
