@@ -264,9 +264,9 @@ Json json_of(const Calibration& c, const CalibrationProblem& p, const RecordedRu
 void print(const Calibration& c, const CalibrationProblem& p, const RecordedRun& run, const JointLog& log,
            const EffectorError& e, const std::string& snippet) {
   fmt::print("{}: {} rows, {}\n", printable(run.scene.name), log.table.rows(), scale_text(p));
-  fmt::print("{:<16}{:>12}{:>14}{:>12}\n", "", "nominal", "estimate", "+-");
+  fmt::print("{:<16} {:>12} {:>16} {:>12}\n", "", "nominal", "estimate", "+-");
   for (const int u : c.estimated) {
-    fmt::print("{:<16}{:>12.6g}{:>14.8g}{:>12.2g} {}\n", name_of(u, p.five_bar), p.nominal[u], c.value[u],
+    fmt::print("{:<16} {:>12.6g} {:>16.8g} {:>12.2g} {}\n", name_of(u, p.five_bar), p.nominal[u], c.value[u],
                c.sigma(u), is_length(u) || u == unknown_fx || u == unknown_fy ? "m" : "rad");
   }
   for (const WeakDirection& w : c.weak)

@@ -28,9 +28,11 @@ struct Margins {
   std::vector<double> torque;                               ///< largest per motor, N m
   double x[2] = {1e300, -1e300}, y[2] = {1e300, -1e300};    ///< extent of the effector's path, m
   double angle[2][2] = {{1e300, -1e300}, {1e300, -1e300}};  ///< of the base joints, rad
-  double preload = 1.0, preload_t = 0.0;                    ///< smallest share of it that can be had, and when
+  std::vector<double> preload, preload_t;  ///< least torque towards control.preload per motor, N m, and when; where none is asked, 0
   std::string unreachable;                                  ///< when the reference cannot be followed
 };
+
+double sign_of(double v) { return std::copysign(1.0, v); }
 
 /// Where the run begins: the first tick is guarded like every other.
 struct Start {
@@ -100,6 +102,8 @@ Margins margins(const Scene& scene, Log& log) {
     reference.centre = start.pose(q).effector;
   }
   const std::uint32_t ticks = std::min<std::uint32_t>(tick_count(scene), 2'000'000U);
+  for (const double asked : scene.preload) out.preload.push_back(std::abs(asked));
+  out.preload_t.assign(out.preload.size(), 0.0);
   std::vector<double> row;
   for (std::uint32_t n = 0; n < ticks; ++n) {
     if (stop_requested()) throw RunError("interrupted");
@@ -135,9 +139,11 @@ Margins margins(const Scene& scene, Log& log) {
           const auto each = [](const std::vector<double>& v) { return Vec<double, 4>(v[0], v[1], v[2], v[3]); };
           const auto a = allocate_all_within(m, d->pose, w, weight, each(scene.torque_limit), each(scene.preload));
           if (!(a.force < 1.0)) tau = a.torque;  // else what the reference takes is told as it is
-          if (a.preload < out.preload) {
-            out.preload = a.preload;
-            out.preload_t = n * scene.tick();
+          for (std::size_t i = 0; i < out.preload.size(); ++i) {
+            const double towards = sign_of(scene.preload[i]) * a.torque[static_cast<int>(i)];
+            if (scene.preload[i] == 0.0 || !(towards < out.preload[i])) continue;
+            out.preload[i] = towards;
+            out.preload_t[i] = n * scene.tick();
           }
         }
       }
@@ -381,10 +387,13 @@ void judge(const Scene& s, const Start& at, const Margins& m, Findings& f) {
           m.angle[i][0], m.angle[i][1]));
     }
   }
-  if (m.preload < 1.0) {
-    f.warning(fmt::format("control.preload yields along the reference, at t = {:.3f} s {:.0f} % of the way to no preload: other signs, less of "
-                          "it, or a higher torque_limit",
-                          m.preload_t, 100.0 * (1.0 - m.preload)));
+  for (std::size_t i = 0; i < m.preload.size(); ++i) {
+    const double asked = std::abs(s.preload[i]);
+    if (!(m.preload[i] < asked * (1.0 - 1e-9))) continue;
+    f.warning(fmt::format("motor {}: of control.preload = {:g} N m {:.3g} N m are left at t = {:.3f} s{}: other signs, less of it, or a higher "
+                          "torque_limit",
+                          i + 1, s.preload[i], sign_of(s.preload[i]) * m.preload[i], m.preload_t[i],
+                          m.preload[i] > 0.0 ? "" : ", its sign is lost and the gear changes sides"));
   }
   for (std::size_t i = 0; i < m.torque.size(); ++i) {
     const double share = m.torque[i] / s.torque_limit[i];
@@ -494,7 +503,8 @@ int report(const Scene& scene, const RunOptions& o) {
       {"min_abs_sin_type1", m.sin_type1},
       {"min_abs_sin_type2", scene.type == MechanismType::five_bar ? Json(m.sin_type2) : Json(nullptr)},
       {"max_joint_speed", m.joint_speed},
-      {"max_torque_nm", m.torque}};
+      {"max_torque_nm", m.torque},
+      {"least_preload_nm", m.preload.empty() ? Json(nullptr) : Json(m.preload)}};
   j["bus"] = bus_json(bus);
   j["findings"] = f.list();
   if (out.wanted()) {

@@ -98,7 +98,7 @@ constexpr const char* legend(bool five_bar) {
 }
 
 Json json_of(const Identification& r, const RecordedRun& run, const IdentifyProblem& p,
-             const IdentifyOptions& o, const std::string& snippet) {
+             const IdentifyOptions& o, const UncertaintyTable& table) {
   const auto standard = standard_parameters(p.five_bar);
   Json j;
   j["scene"] = run.scene.name;
@@ -129,12 +129,13 @@ Json json_of(const Identification& r, const RecordedRun& run, const IdentifyProb
                 {"upper", r.delay_ticks + o.coverage * r.delay_sigma}};
   j["residual_nm_rms"] = r.residual;
   j["torque_nm_rms"] = r.effort;
-  j["toml"] = snippet;
+  j["warnings"] = table.warnings;
+  j["toml"] = table.toml;
   return j;
 }
 
 void print(const Identification& r, const RecordedRun& run, const IdentifyProblem& p,
-           const IdentifyOptions& o, const std::string& snippet) {
+           const IdentifyOptions& o, const UncertaintyTable& table) {
   const auto standard = standard_parameters(p.five_bar);
   fmt::print(
       "{}: {} ticks, {} windows of {:g} s, {} base parameters; intervals are {:g} standard uncertainties to "
@@ -154,7 +155,8 @@ void print(const Identification& r, const RecordedRun& run, const IdentifyProble
   fmt::print("{}\n{}", legend(p.five_bar), sums);
   fmt::print("unexplained: {:.2g} and {:.2g} N m rms of {:.2g} and {:.2g}\n", r.residual[0], r.residual[1],
              r.effort[0], r.effort[1]);
-  fmt::print("\n{}", snippet);
+  for (const std::string& w : table.warnings) fmt::print("warning: {}\n", w);
+  fmt::print("\n{}", table.toml);
 }
 
 }  // namespace
@@ -173,11 +175,11 @@ int run_identify(const IdentifyOptions& o) {
     }
   }();
   judge(r, run);
-  const std::string snippet = uncertainty_snippet(r, p, believed_mechanism(run.scene), o.coverage);
+  const UncertaintyTable table = uncertainty_table(r, p, believed_mechanism(run.scene), o.coverage);
   if (o.json) {
-    fmt::print("{}\n", json_of(r, run, p, o, snippet).dump(2));
+    fmt::print("{}\n", json_of(r, run, p, o, table).dump(2));
   } else {
-    print(r, run, p, o, snippet);
+    print(r, run, p, o, table);
   }
   return 0;
 }

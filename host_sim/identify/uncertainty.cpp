@@ -14,6 +14,8 @@ constexpr std::array<double LegParams<double>::*, 4> factored{&LegParams<double>
                                                               &LegParams<double>::J1, &LegParams<double>::J2};
 constexpr std::array factor_names{"m1", "m2", "J1", "J2"};
 constexpr double useless = 1.0;  // an uncertainty of 100 %
+constexpr double told_apart = 0.1;  // what a payload and factors may take of each other's place, as a factor, and still be two things
+constexpr double near_lower = 0.5, near_upper = 2.0;  // true over believed; beyond, what was believed is of another kind
 
 /// Of the base parameters, the inertial ones.
 Eigen::VectorXd base_values(const Identification& r, const Eigen::VectorXd& standard,
@@ -32,6 +34,83 @@ std::string interval(double lower, double upper) {
   return fmt::format("[{:.6g}, {:.6g}]", std::max(0.0, lower), std::max(0.0, upper));
 }
 
+using Factors = Eigen::Vector4d;  // on m1, m2, J1, J2: true over believed, less 1
+
+/// Least squares A x = b, rows already divided by their deviations. What the rows hardly determine stays 0.
+struct Fit {
+  Factors value = Factors::Zero();
+  Eigen::Matrix4d covariance = Eigen::Matrix4d::Zero();  // of unit rows
+  std::array<bool, 4> told{true, true, true, true};
+  double payload = 0.0, payload_variance = 0.0;  // kg, kg^2
+  bool with_payload = false, payload_apart = true;
+  double misfit = 1.0;  // mean square of what stays
+};
+
+Fit fit(const Eigen::MatrixXd& A, const Eigen::VectorXd& b) {
+  Fit out;
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> normal(A.transpose() * A);
+  const Eigen::VectorXd right = A.transpose() * b;
+  for (Eigen::Index m = 0; m < 4; ++m) {
+    const Eigen::VectorXd v = normal.eigenvectors().col(m);
+    const double information = normal.eigenvalues()[m];
+    if (!(information > 1.0 / (useless * useless))) {
+      for (std::size_t f = 0; f < out.told.size(); ++f)
+        out.told[f] = out.told[f] && std::abs(v[static_cast<Eigen::Index>(f)]) < 0.2;
+      continue;
+    }
+    out.value += v * (v.dot(right) / information);
+    out.covariance += v * v.transpose() / information;
+  }
+  const auto n = A.rows();
+  out.misfit = n > 4 ? std::max(1.0, (b - A * out.value).squaredNorm() / static_cast<double>(n - 4)) : 1.0;
+  return out;
+}
+
+/// The same with a payload, whose column is p (per kg). A mass at the effector of equal legs does what a mass at the tip of each does:
+/// where the rows cannot tell them apart, the payload is the one that leaves the factors nearest to 1.
+Fit fit_with_payload(const Eigen::MatrixXd& A, const Eigen::VectorXd& b, const Eigen::VectorXd& p) {
+  Fit out = fit(A, b);
+  out.with_payload = true;
+  const Factors g = fit(A, p).value;  // what factors make of 1 kg
+  const Eigen::VectorXd apart = p - A * g;
+  const double information = apart.squaredNorm();
+  const auto n = A.rows();
+  if (n > 4 && information > 0.0 && g.norm() / std::sqrt(information) < told_apart) {
+    out.payload = apart.dot(b) / information;
+    out.payload_variance = 1.0 / information;
+    out.covariance += g * g.transpose() / information;
+    out.value -= g * out.payload;
+  } else {
+    const double size = g.squaredNorm();
+    if (!(size > 0.0)) return out;
+    out.payload_apart = false;
+    out.payload = g.dot(out.value) / size;
+    out.payload_variance = g.dot(out.covariance * g) / (size * size);
+    const Eigen::Matrix4d across = Eigen::Matrix4d::Identity() - g * g.transpose() / size;
+    out.covariance = (across * out.covariance * across).eval();
+    out.value -= g * out.payload;
+  }
+  const double left = (b - A * out.value - p * out.payload).squaredNorm();
+  out.misfit = n > 5 ? std::max(1.0, left / static_cast<double>(n - 5)) : 1.0;
+  return out;
+}
+
+double half_width(const Fit& f, Eigen::Index i, double coverage) {
+  return coverage * std::sqrt(std::max(0.0, f.covariance(i, i)) * f.misfit);
+}
+
+/// The factors that are no masses or inertias of this mechanism: below 0, or far from 1 by more than is uncertain. "" where none is.
+std::string far_factors(const Fit& f, double coverage) {
+  std::string out;
+  for (std::size_t k = 0; k < factored.size(); ++k) {
+    const auto i = static_cast<Eigen::Index>(k);
+    const double is = 1.0 + f.value[i], half = half_width(f, i, coverage);
+    if (f.told[k] && (is < 0.0 || is + half < near_lower || is - half > near_upper))
+      out += fmt::format("{}{} = {:.3g}", out.empty() ? "" : ", ", factor_names[k], is);
+  }
+  return out;
+}
+
 }  // namespace
 
 Eigen::VectorXd standard_values(const FiveBarParams<double>& p, bool five_bar) {
@@ -48,8 +127,8 @@ Eigen::VectorXd standard_values(const FiveBarParams<double>& p, bool five_bar) {
   return out;
 }
 
-std::string uncertainty_snippet(const Identification& r, const IdentifyProblem& p,
-                                const FiveBarParams<double>& believed, double coverage) {
+UncertaintyTable uncertainty_table(const Identification& r, const IdentifyProblem& p,
+                                   const FiveBarParams<double>& believed, double coverage) {
   const auto standard = standard_parameters(p.five_bar);
   std::vector<std::size_t> inertial;
   for (std::size_t i = 0; i < r.parameters.size(); ++i) {
@@ -82,32 +161,63 @@ std::string uncertainty_snippet(const Identification& r, const IdentifyProblem& 
                                modes.eigenvectors().transpose() * size.cwiseInverse().asDiagonal();
   const Eigen::MatrixXd A = root * B;
   const Eigen::VectorXd b = root * change;
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> normal(A.transpose() * A);
-  Eigen::VectorXd factor = Eigen::VectorXd::Zero(4), variance = Eigen::VectorXd::Zero(4);
-  std::array<bool, 4> told{true, true, true, true};
-  const Eigen::VectorXd right = A.transpose() * b;
-  for (Eigen::Index m = 0; m < 4; ++m) {
-    const Eigen::VectorXd v = normal.eigenvectors().col(m);
-    const double information = normal.eigenvalues()[m];
-    if (!(information > 1.0 / (useless * useless))) {
-      for (std::size_t f = 0; f < told.size(); ++f)
-        told[f] = told[f] && std::abs(v[static_cast<Eigen::Index>(f)]) < 0.2;
-      continue;
-    }
-    factor += v * (v.dot(right) / information);
-    variance += v.cwiseAbs2() / information;
+  Eigen::VectorXd tip = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(standard.size()));  // 1 kg at the effector
+  if (p.five_bar) {
+    tip[8] = 1.0;
+  } else {
+    const double l1 = p.l1[0], l2 = p.l2[0];
+    tip.head<4>() << l1 * l1, l2 * l2, l2, l1;
   }
-  const double misfit = n > 4 ? (b - A * factor).squaredNorm() / static_cast<double>(n - 4) : 1.0;
-  variance *= std::max(1.0, misfit);
+  const Eigen::VectorXd payload = base_values(r, tip, inertial);
 
-  std::string out =
-      "[uncertainty]                  # true over believed, both legs; mass centres as believed\n";
-  for (std::size_t f = 0; f < factored.size(); ++f) {
-    const auto i = static_cast<Eigen::Index>(f);
-    const double half = coverage * std::sqrt(variance[i]);
-    const std::string line =
-        fmt::format("{} = {}", factor_names[f], interval(1.0 + factor[i] - half, 1.0 + factor[i] + half));
-    out += told[f] ? line + "\n" : fmt::format("# {}: not told apart by this motion\n", factor_names[f]);
+  UncertaintyTable table;
+  std::string& out = table.toml;
+  Fit f = fit(A, b);
+  if (const std::string far = far_factors(f, coverage); !far.empty()) {
+    const Fit with = fit_with_payload(A, b, root * payload);
+    const std::string still = far_factors(with, coverage);
+    if (still.empty() && with.misfit <= 2.0 * f.misfit) {
+      f = with;
+      table.warnings.push_back(fmt::format(
+          "factors alone would be {} of what is believed, outside [{:g}, {:g}]: the table has a payload of {:.3g} kg instead{}", far,
+          near_lower, near_upper, f.payload,
+          f.payload_apart ? "" : ", the one with factors nearest to 1: this mechanism's motion does not tell it from heavier legs"));
+    } else {
+      table.warnings.push_back(fmt::format(
+          "{} of what is believed lies outside [{:g}, {:g}], and a payload does not mend it: [mechanism] is another one; do not use "
+          "the factors",
+          far, near_lower, near_upper));
+    }
+  }
+  out = "[uncertainty]                  # true over believed, both legs; mass centres as believed\n";
+  Eigen::VectorXd middle = Eigen::VectorXd::Zero(n), reach = Eigen::VectorXd::Zero(n);  // of the base parameters, by the table
+  for (std::size_t k = 0; k < factored.size(); ++k) {
+    const auto i = static_cast<Eigen::Index>(k);
+    const double half = half_width(f, i, coverage), is = 1.0 + f.value[i];
+    out += f.told[k] ? fmt::format("{} = {}\n", factor_names[k], interval(is - half, is + half))
+                     : fmt::format("# {}: not told apart by this motion\n", factor_names[k]);
+    if (!f.told[k]) continue;
+    const double lower = std::max(0.0, is - half), upper = std::max(0.0, is + half);
+    middle += B.col(i) * (0.5 * (lower + upper) - 1.0);
+    reach += B.col(i).cwiseAbs() * (0.5 * (upper - lower));
+  }
+  if (f.with_payload) {
+    const double half = coverage * std::sqrt(f.payload_variance * f.misfit);
+    out += fmt::format("payload = [{:.6g}, {:.6g}]\n", f.payload - half, f.payload + half);
+    middle += payload * f.payload;
+    reach += payload.cwiseAbs() * half;
+  }
+  std::string missed;
+  for (Eigen::Index i = 0; i < n; ++i) {
+    if (std::abs(change[i] - middle[i]) <= reach[i] + coverage * std::sqrt(C(i, i))) continue;
+    missed += (missed.empty() ? "" : ", ") + standard[static_cast<std::size_t>(r.parameters[inertial[static_cast<std::size_t>(i)]].of)].name;
+  }
+  if (!missed.empty())
+    table.warnings.push_back(fmt::format("the table does not contain what was found, of {}: factors common to both legs do not explain it", missed));
+  for (const BaseParameter& v : r.parameters) {
+    const StandardParameter& of = standard[static_cast<std::size_t>(v.of)];
+    if (!of.inertial && v.value + coverage * v.sigma < 0.0)
+      table.warnings.push_back(fmt::format("{} = {:.3g} {} is below 0: no friction is, the table has 0", of.name, v.value, of.unit));
   }
   for (const char* kind : {"viscous", "coulomb"}) {
     std::string list;
@@ -120,7 +230,7 @@ std::string uncertainty_snippet(const Identification& r, const IdentifyProblem& 
   }
   out += fmt::format("# torque delay: control.delay_ticks = {:.2f}, from {:.2f} to {:.2f}\n", r.delay_ticks,
                      r.delay_ticks - coverage * r.delay_sigma, r.delay_ticks + coverage * r.delay_sigma);
-  return out;
+  return table;
 }
 
 }  // namespace esmc::host

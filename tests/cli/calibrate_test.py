@@ -268,6 +268,12 @@ def fusion(bench):
     """The wrong encoder is named, by every way to run; the key is for four encoders only; an image has the part only if named."""
     scene = bench.nominal.parent / "five_bar_fusion.toml"
     for joint, name in enumerate(("theta11", "theta12", "theta21", "theta22")):
+        for size in (-0.5, -0.2, -0.1, 0.1, 0.2, 0.5):  # a slipped coupling, a lost tooth: never a wrong name
+            bias = [size if i == joint else 0.0 for i in range(4)]
+            run = bench.run("sim", scene, "--json", "--set", "limits.closure=0.01", "--set",
+                            f'effects=[{{type="noise", sigma=3e-4}}, {{type="bias", angle={bias}}}]')
+            told = json.loads(run.stdout)["supervisor"] if run.stdout else {}
+            expect(told.get("faults") == ["loop_not_closed"] and told.get("odd_encoder") == name, f"{name} is off by {size}: {told}")
         bias = [0.04 if i == joint else 0.0 for i in range(4)]
         wrong = ["--set", f'effects=[{{type="bias", angle={bias}}}]', "--json"]
         run = bench.run("sim", scene, *wrong)

@@ -105,6 +105,30 @@ def snippet(bench):
     expect(told.returncode == 0 and "torque delay" in told.stdout and "[uncertainty]" in told.stdout, "the table for people")
 
 
+def payload(bench):
+    """A mass nobody has told of: no table that is impossible; a payload, where factors near 1 explain the rest. Neither: said so."""
+    scene = bench.scenes / "five_bar_identification.toml"
+    known = effects([0.01, 0.002] * 2, [0.02, 0.004] * 2)
+    for mass in (0.05, 0.1):
+        out, _ = bench.record(f"payload{mass}", "sim", scene, "--set", known[:-1] + f', {{type="payload", mass={mass}}}]')
+        found = bench.good(out)
+        table = tomllib.loads(found["toml"])["uncertainty"]
+        expect(table.get("payload", [1, 0])[0] - 1e-3 <= mass <= table.get("payload", [1, 0])[1] + 1e-3, f"payload of {mass} kg: {table}")
+        for name in ("m1", "m2", "J1", "J2"):
+            expect(table[name][1] > table[name][0] > 0.7 and table[name][1] < 1.4, f"payload of {mass} kg: {name} = {table[name]}")
+        expect(len(found["warnings"]) == 1 and "outside [0.5, 2]" in found["warnings"][0], f"payload of {mass} kg: {found['warnings']}")
+        told = bench.run("identify", out).stdout
+        expect(told.count("warning: ") == 1 and f"a payload of {mass}" in told, f"payload of {mass} kg, for people: {told[-900:]}")
+        run = bench.run("sim", scene, "--json", "--set", "uncertainty={payload=" + str(table["payload"]) + "}", "--set", "simulation.duration=0.1")
+        expect(run.returncode == 0, f"the table cannot be pasted: {run.stderr}")
+    heavy, _ = bench.record("five times", "sim", scene, "--set", "control.model={J1=5.0, J2=0.2}", "--set", known)
+    found = bench.good(heavy)
+    expect(any("do not use the factors" in w for w in found["warnings"]), f"J1 5 times too large, J2 5 times too small: {found['warnings']}")
+    plain, _ = bench.record("as believed", "sim", scene, "--set", known)
+    found = bench.good(plain)
+    expect(found["warnings"] == [] and "payload" not in found["toml"], f"as believed: {found['warnings']}")
+
+
 def arm(bench):
     rr = bench.scenes / "rr_line.toml"
     leg = {"l1": 0.30, "l2": 0.25, "lg1": 0.15, "lg2": 0.11, "m1": 1.2, "m2": 0.8, "J1": 1.0e-2, "J2": 4.5e-3}
@@ -177,6 +201,7 @@ def main():
         bench = LogBench("identify", sys.argv[1], Path(sys.argv[2]).resolve(), folder)
         inside, widths, runs = five_bar(bench, SEEDS)
         snippet(bench)
+        payload(bench)
         arm(bench)
         hostile(bench)
     for what in failures:

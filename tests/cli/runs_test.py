@@ -135,6 +135,26 @@ class Told(unittest.TestCase):
             for a, b in list(zip(csv.DictReader(f), rows))[300:700:50]:
                 self.assertAlmostEqual(float(a["tau1"]), float(b["tau1"]), delta=0.02)
 
+    def test_check_tells_how_much_preload_is_left(self):
+        scene = self.circle.parent / "five_bar_preload.toml"
+        j, text = self.check(scene)
+        self.assertNotIn("preload", text)
+        self.assertEqual(j["margins"]["least_preload_nm"], [0.05] * 4)
+        asked, out = [0.1, -0.1, 0.1, -0.1], self.tmp / "preload"
+        j = json.loads(esmc("check", scene, "--out", out, "--json", *sets(f"control.preload={asked}")).stdout)
+        text = "\n".join(f["text"] for f in j["findings"])
+        with open(out / "check.csv", newline="", encoding="utf-8") as f:
+            rows = list(csv.DictReader(f))
+        for i, motor in enumerate(("tau11", "tau12", "tau21", "tau22")):
+            towards = asked[i] / abs(asked[i])
+            left = min(towards * float(r[motor]) for r in rows)
+            self.assertLess(left, 0.1)
+            self.assertAlmostEqual(j["margins"]["least_preload_nm"][i], left, delta=1e-9)
+            line, = [x for x in text.splitlines() if x.startswith(f"motor {i + 1}: of control.preload")]
+            self.assertIn(f" = {asked[i]:g} N m {towards * left:.3g} N m are left", line)
+            self.assertEqual("its sign is lost" in line, left <= 0)
+        self.assertEqual(text.count("its sign is lost"), 2)  # of the base motors
+
     def test_arguments(self):
         for args, words in ((["simm", "x"], ["unknown subcommand 'simm'", "did you mean sim?"]),
                             (["bogus", "--help"], ["unknown subcommand 'bogus'"]),
