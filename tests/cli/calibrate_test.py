@@ -136,6 +136,16 @@ def accuracy(bench):
     return beside
 
 
+def table(bench):
+    """The table for people: a name, three numbers, a unit, with blanks between, also of negative offsets that are next to nothing."""
+    out, _ = bench.record("as drawn", "sim", bench.nominal)
+    found, lines = values(bench.good(out, "--trust-half-base")), bench.run("calibrate", out, "--trust-half-base").stdout.splitlines()
+    expect(any(-1e-4 < value < 0 for value, _ in found.values()), f"no negative offset next to nothing: {found}")
+    for name, (value, sigma) in found.items():
+        fields = next((line for line in lines if line.startswith(name)), "")[len(name):].split()
+        expect(len(fields) == 4 and abs(float(fields[1]) - value) <= 1e-7 * abs(value) and fields[3] in ("m", "rad"), f"{name}: {fields}")
+
+
 def closed_loop(bench):
     """The controller on its circle, believing the drawing and then the calibrated scene."""
     # The worst corner of +-1 % for the circle of the comparison scenario: 14 mm by the lengths alone.
@@ -299,6 +309,7 @@ def main():
     with tempfile.TemporaryDirectory() as folder:
         bench = Bench(sys.argv[1], Path(sys.argv[2]).resolve(), folder)
         beside = accuracy(bench)
+        table(bench)
         before, after = closed_loop(bench)
         arm(bench)
         fusion(bench)
