@@ -18,6 +18,7 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 constexpr double unexplained_max = 0.3;  // of the torque
+constexpr double delay_half_max = 2.0;   // ticks, half of the interval
 
 IdentifyProblem read_problem(const RecordedRun& run, const IdentifyOptions& o) {
   IdentifyProblem p;
@@ -44,12 +45,19 @@ IdentifyProblem read_problem(const RecordedRun& run, const IdentifyOptions& o) {
   const RecordedTable log =
       read_table(run.log, names,
                  std::string(": the log of ") + (p.five_bar ? "a five-bar" : "an RR arm") +
-                     " that ran under its controller is needed");
+                     " that ran under its controller is needed",
+                 "state");
   require_ascending(log, 0);
+  for (std::size_t i = 0; i < log.words.size(); ++i) {  // before and after, the torques are not those of the columns
+    if (log.words[i] != "running") {
+      throw InputError(log.where(i), "state is '" + printable(log.words[i].substr(0, 40)) +
+                                         "': only rows of a running controller tell torques, leave the others out");
+    }
+  }
   const std::size_t needed = ticks_needed(p);
   if (log.rows() < needed) {
-    throw InputError("", fmt::format("{}: {} rows are too few: twenty windows of {:g} s need {}", run.log,
-                                     log.rows(), o.window, needed));
+    throw InputError("", fmt::format("{}: {} rows are too few: twenty windows of {:g} s need {}, {:.3g} s of motion", run.log,
+                                     log.rows(), o.window, needed, static_cast<double>(needed) * p.tick));
   }
   for (std::size_t i = 0; i < log.rows(); ++i) {
     const double t = log.columns[0][i];
@@ -68,7 +76,8 @@ IdentifyProblem read_problem(const RecordedRun& run, const IdentifyOptions& o) {
   return p;
 }
 
-void judge(const Identification& r, const RecordedRun& run) {
+void judge(const Identification& r, const RecordedRun& run, const IdentifyProblem& p, const IdentifyOptions& o) {
+  const auto standard = standard_parameters(p.five_bar);
   const auto refuse_weak = [&] {
     throw InputError(
         "", fmt::format("{}: the motion does not determine {}{}: move faster, and both joints differently",
@@ -79,6 +88,7 @@ void judge(const Identification& r, const RecordedRun& run) {
   };
   if (!r.weak.empty() && r.covariance.size() == 0) refuse_weak();
   for (std::size_t j = 0; j < 2; ++j) {
+    if (!(r.effort[j] > 0.0)) throw InputError("", fmt::format("{}: motor {} has no torque at all in this log", run.log, j + 1));
     if (!(r.residual[j] <= unexplained_max * std::max(r.effort[0], r.effort[1]))) {
       throw InputError(
           "",
@@ -89,6 +99,20 @@ void judge(const Identification& r, const RecordedRun& run) {
     }
   }
   if (!r.weak.empty()) refuse_weak();
+  const double half = o.coverage * r.delay_sigma;
+  if (!(half <= delay_half_max && r.delay_ticks + half >= -1.0)) {
+    throw InputError("", fmt::format("{}: the torque would be {:.3g} +- {:.2g} ticks late: are the torques those that moved it, with their "
+                                     "signs?",
+                                     run.log, r.delay_ticks, half));
+  }
+  for (const BaseParameter& b : r.parameters) {
+    const StandardParameter& s = standard[static_cast<std::size_t>(b.of)];
+    if (!s.inertial && b.value + 2.0 * o.coverage * b.sigma < 0.0) {
+      throw InputError("", fmt::format("{}: {} would be {:.3g} {}, and friction brakes: are the torques those that moved it, with their "
+                                       "signs, and is nothing else in the way?",
+                                       run.log, s.name, b.value, s.unit));
+    }
+  }
 }
 
 constexpr const char* legend(bool five_bar) {
@@ -174,7 +198,7 @@ int run_identify(const IdentifyOptions& o) {
       throw InputError("", run.log + ": " + e.what());
     }
   }();
-  judge(r, run);
+  judge(r, run, p, o);
   const UncertaintyTable table = uncertainty_table(r, p, believed_mechanism(run.scene), o.coverage);
   if (o.json) {
     fmt::print("{}\n", json_of(r, run, p, o, table).dump(2));

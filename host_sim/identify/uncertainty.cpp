@@ -228,7 +228,8 @@ UncertaintyTable uncertainty_table(const Identification& r, const IdentifyProble
     }
     if (!list.empty()) out += fmt::format("{} = [{}]\n", kind, list);
   }
-  out += fmt::format("# torque delay: control.delay_ticks = {:.2f}, from {:.2f} to {:.2f}\n", r.delay_ticks,
+  out += fmt::format("# of the torque; what sensors lag is not in it: control.delay_ticks = {:.2f}, from {:.2f} to {:.2f}\n",
+                     std::max(0.0, r.delay_ticks),
                      r.delay_ticks - coverage * r.delay_sigma, r.delay_ticks + coverage * r.delay_sigma);
   return table;
 }

@@ -43,7 +43,7 @@ std::vector<std::string_view> fields_of(std::string_view line) {
 }  // namespace
 
 RecordedTable read_table(const std::string& file, const std::vector<std::string>& names,
-                         const std::string& hint) {
+                         const std::string& hint, const std::string& word) {
   const std::string bytes = bytes_of(file);
   std::string_view rest = bytes;
   RecordedTable out;
@@ -71,6 +71,7 @@ RecordedTable read_table(const std::string& file, const std::vector<std::string>
       throw InputError(file + ":1", "there are two columns " + name);
     wanted.push_back(static_cast<std::size_t>(at - out.header.begin()));
   }
+  const auto word_at = word.empty() ? out.header.end() : std::find(out.header.begin(), out.header.end(), word);
   out.columns.resize(names.size());
   while (!rest.empty()) {
     const auto fields = fields_of(line());
@@ -79,6 +80,8 @@ RecordedTable read_table(const std::string& file, const std::vector<std::string>
       throw InputError(where(), std::to_string(fields.size()) + " fields where the header has " +
                                     std::to_string(out.header.size()));
     }
+    if (word_at != out.header.end())
+      out.words.emplace_back(fields[static_cast<std::size_t>(word_at - out.header.begin())]);
     for (std::size_t i = 0; i < wanted.size(); ++i) {
       const std::string_view f = fields[wanted[i]];
       double v = 0.0;

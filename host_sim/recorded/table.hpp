@@ -12,6 +12,7 @@ struct RecordedTable {
   std::string file;
   std::vector<std::string> header;           ///< of all columns of the file
   std::vector<std::vector<double>> columns;  ///< finite
+  std::vector<std::string> words;            ///< of one column more, where there is one of that name
   [[nodiscard]] std::size_t rows() const { return columns.empty() ? 0 : columns.front().size(); }
   /// FILE:LINE of a row.
   [[nodiscard]] std::string where(std::size_t row) const { return file + ":" + std::to_string(row + 2); }
@@ -19,9 +20,10 @@ struct RecordedTable {
 
 /// Reads the columns `names` of a CSV with a header. Only they need be numbers: finite, in every row. Every
 /// row must have as many fields as the header, and the last line its end: a log that was torn is refused.
-/// `hint` follows "there is no column X". Throws InputError that names file and line.
+/// `hint` follows "there is no column X"; `word` names a column of words, which need not be there. Throws InputError that names file
+/// and line.
 RecordedTable read_table(const std::string& file, const std::vector<std::string>& names,
-                         const std::string& hint);
+                         const std::string& hint, const std::string& word = "");
 
 /// Throws InputError unless the values ascend strictly: `column` of the table, a time.
 void require_ascending(const RecordedTable& table, std::size_t column);

@@ -158,6 +158,14 @@ def hostile(bench):
         bench.bad(what, place, "--scene", scene, *more)
 
     with_log(log[:1500], "rows are too few")
+    head = log[0].split(",")
+
+    def changed(column, change):
+        at = head.index(column)
+        return [log[0]] + [",".join([*(f := l.split(",")[:at]), change(float(f[0]) if at else 0.0, l.split(",")[at]), *l.split(",")[at + 1:]]) for l in log[1:]]
+    with_log(changed("tau11_cmd", lambda t, v: repr(-float(v))), "with their signs?")
+    with_log(changed("tau11_cmd", lambda t, v: "0"), "motor 1 has no torque at all")
+    with_log(changed("state", lambda t, v: "fault" if t > 1.0 else v), "state is 'fault': only rows of a running controller")
     with_log(log[:1], "rows are too few")
     with_log(log, "torn off", end="")
     with_log(log[:900] + log[950:], "hostile.csv:901: t = ")
