@@ -15,6 +15,7 @@ constexpr std::array<double LegParams<double>::*, 4> factored{&LegParams<double>
 constexpr std::array factor_names{"m1", "m2", "J1", "J2"};
 constexpr double useless = 1.0;  // an uncertainty of 100 %
 constexpr double told_apart = 0.1;  // what a payload and factors may take of each other's place, as a factor, and still be two things
+constexpr double explains_better = 10.0;  // what a payload must take of the misfit to be believed where the factors alone are possible
 constexpr double near_lower = 0.5, near_upper = 2.0;  // true over believed; beyond, what was believed is of another kind
 
 /// Of the base parameters, the inertial ones.
@@ -173,21 +174,25 @@ UncertaintyTable uncertainty_table(const Identification& r, const IdentifyProble
   UncertaintyTable table;
   std::string& out = table.toml;
   Fit f = fit(A, b);
+  const Fit with = fit_with_payload(A, b, root * payload);
+  const bool possible = far_factors(with, coverage).empty();
   if (const std::string far = far_factors(f, coverage); !far.empty()) {
-    const Fit with = fit_with_payload(A, b, root * payload);
-    const std::string still = far_factors(with, coverage);
-    if (still.empty() && with.misfit <= 2.0 * f.misfit) {
-      f = with;
+    if (possible && with.misfit <= 2.0 * f.misfit) {
       table.warnings.push_back(fmt::format(
           "factors alone would be {} of what is believed, outside [{:g}, {:g}]: the table has a payload of {:.3g} kg instead{}", far,
-          near_lower, near_upper, f.payload,
-          f.payload_apart ? "" : ", the one with factors nearest to 1: this mechanism's motion does not tell it from heavier legs"));
+          near_lower, near_upper, with.payload,
+          with.payload_apart ? "" : ", the one with factors nearest to 1: this mechanism's motion does not tell it from heavier legs"));
+      f = with;
     } else {
       table.warnings.push_back(fmt::format(
-          "{} of what is believed lies outside [{:g}, {:g}], and a payload does not mend it: [mechanism] is another one; do not use "
-          "the factors",
+          "{} of what is believed lies outside [{:g}, {:g}], and a payload does not mend it: check [mechanism] (masses, mass centres, "
+          "legs that are alike) before using the factors",
           far, near_lower, near_upper));
     }
+  } else if (possible && with.payload_apart && f.misfit >= explains_better * with.misfit) {
+    table.warnings.push_back(
+        fmt::format("factors alone do not explain what was found, with a payload of {:.3g} kg they do: the table has it", with.payload));
+    f = with;
   }
   out = "[uncertainty]                  # true over believed, both legs; mass centres as believed\n";
   Eigen::VectorXd middle = Eigen::VectorXd::Zero(n), reach = Eigen::VectorXd::Zero(n);  // of the base parameters, by the table
@@ -210,10 +215,12 @@ UncertaintyTable uncertainty_table(const Identification& r, const IdentifyProble
   std::string missed;
   for (Eigen::Index i = 0; i < n; ++i) {
     if (std::abs(change[i] - middle[i]) <= reach[i] + coverage * std::sqrt(C(i, i))) continue;
-    missed += (missed.empty() ? "" : ", ") + standard[static_cast<std::size_t>(r.parameters[inertial[static_cast<std::size_t>(i)]].of)].name;
+    const BaseParameter& of = r.parameters[inertial[static_cast<std::size_t>(i)]];
+    missed += (missed.empty() ? "" : ", ") + standard[static_cast<std::size_t>(of.of)].name;
   }
   if (!missed.empty())
-    table.warnings.push_back(fmt::format("the table does not contain what was found, of {}: factors common to both legs do not explain it", missed));
+    table.warnings.push_back(
+        fmt::format("the table does not contain what was found, of {}: factors common to both legs do not explain it", missed));
   for (const BaseParameter& v : r.parameters) {
     const StandardParameter& of = standard[static_cast<std::size_t>(v.of)];
     if (!of.inertial && v.value + coverage * v.sigma < 0.0)

@@ -2,6 +2,7 @@
 """`esmc identify` from outside: mechanisms whose inertia, friction and delay are known here, runs with noise, and whether the stated
 intervals hold the truth; what is refused. usage: identify_test.py ESMC SCENES_DIR"""
 import csv
+import json
 import random
 import sys
 import tempfile
@@ -121,9 +122,27 @@ def payload(bench):
         expect(told.count("warning: ") == 1 and f"a payload of {mass}" in told, f"payload of {mass} kg, for people: {told[-900:]}")
         run = bench.run("sim", scene, "--json", "--set", "uncertainty={payload=" + str(table["payload"]) + "}", "--set", "simulation.duration=0.1")
         expect(run.returncode == 0, f"the table cannot be pasted: {run.stderr}")
+    # Unequal legs as believed: the motion tells a payload from factors, also where those alone are not impossible, only wide.
+    legs, friction = bench.folder / "legs.toml", effects(VISCOUS, COULOMB)
+    legs.write_text(unequal_scene(bench).read_text(encoding="utf-8").replace("model = { m1 = 0.9, m2 = 1.1, J2 = 0.8 }\n", ""), encoding="utf-8")
+    for mass in (0.0, 0.05):
+        more = f', {{type="payload", mass={mass}}}]' if mass else "]"
+        found = bench.good(bench.record(f"unequal{mass}", "sim", legs, "--set", friction[:-1] + more)[0])
+        table = tomllib.loads(found["toml"])["uncertainty"]
+        expect(len(found["warnings"]) == (mass > 0) == ("payload" in table), f"unequal legs, {mass} kg: {found['warnings']}")
+        lower, upper = table.get("payload", [0, 0])
+        expect(lower <= mass <= upper and upper - lower < 0.005, f"unequal legs: payload {table.get('payload')}, true {mass}")
+        for name in ("m1", "m2", "J1", "J2"):
+            expect(table[name][0] <= 1 <= table[name][1] < 1.1, f"unequal legs, {mass} kg: {name} = {table[name]}")
     heavy, _ = bench.record("five times", "sim", scene, "--set", "control.model={J1=5.0, J2=0.2}", "--set", known)
     found = bench.good(heavy)
-    expect(any("do not use the factors" in w for w in found["warnings"]), f"J1 5 times too large, J2 5 times too small: {found['warnings']}")
+    expect(any("a payload does not mend it" in w for w in found["warnings"]), f"J1 5 times too large, J2 5 times too small: {found['warnings']}")
+    # A mass centre far from where it is believed: factors that would have to be below 0, so that no table contains what was found.
+    centre = bench.folder / "centre.toml"
+    centre.write_text(scene.read_text(encoding="utf-8").replace("lg2 = 0.068", "lg2 = 0.02"), encoding="utf-8")
+    told = bench.run("identify", heavy, "--scene", centre, "--json")
+    words = json.loads(told.stdout)["warnings"] if told.returncode == 0 else [told.stderr]
+    expect(any("does not contain what was found" in w for w in words), f"lg2 believed 0.02 m: {words}")
     plain, _ = bench.record("as believed", "sim", scene, "--set", known)
     found = bench.good(plain)
     expect(found["warnings"] == [] and "payload" not in found["toml"], f"as believed: {found['warnings']}")
