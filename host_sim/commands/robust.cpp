@@ -15,8 +15,10 @@ namespace {
 using design::Point;
 using design::Problem;
 
-constexpr std::uint32_t points_max = 2048;  ///< of a reference
-constexpr int grid = 14;                    ///< places of a workspace per axis
+constexpr std::uint32_t stretch_points = 1024;   ///< of the way onto a reference, and of one period of it
+constexpr std::uint32_t segment_points = 64;     ///< of a piece of a path, where that makes more
+constexpr std::uint32_t reference_points = 32768;  ///< at most
+constexpr int grid = 14;                         ///< places of a workspace per axis
 
 template <class M>
 Motion2<double> start_of(const Scene& scene, const ControllerConfig<M>& c) {
@@ -36,15 +38,51 @@ Motion2<double> start_of(const Scene& scene, const ControllerConfig<M>& c) {
   return {pose.effector, c.mechanism.tip_rate(pose, rates), Vec2<double>::Zero()};
 }
 
+/// Ticks after which a reference begins again; 0: never.
+std::uint32_t period_of(const Reference<double>& r, double tick) {
+  const auto turn = [&](double speed) { return std::ceil(2.0 * std::numbers::pi / (std::abs(speed) * tick)); };
+  double ticks = 0.0;
+  if (r.kind == ReferenceKind::path) ticks = r.repeat_ticks;
+  if (r.kind == ReferenceKind::circle && r.speed[0] != 0.0) ticks = turn(r.speed[0]);
+  if (r.kind == ReferenceKind::sine) {
+    const double slow = std::min(std::abs(r.speed[0]), std::abs(r.speed[1])),
+                 fast = std::max(std::abs(r.speed[0]), std::abs(r.speed[1]));
+    for (int n = 1; n <= 32 && slow > 0.0 && ticks == 0.0; ++n) {  // the fast one turns whole times in n slow turns
+      const double turns = n * fast / slow;
+      if (std::abs(turns - std::round(turns)) < 1e-9 * turns) ticks = n * turn(slow);
+    }
+    if (slow == 0.0 && fast > 0.0) ticks = turn(fast);
+  }
+  return ticks < 4e9 ? static_cast<std::uint32_t>(ticks) : 0U;
+}
+
+/// The way onto the reference, then one period of it: what a scene lasts beyond that changes nothing.
 template <class M>
 void along_reference(const Scene& scene, Problem<M>& p, std::uint32_t join_ticks) {
   const auto& c = p.controller;
   JoinedReference<double> reference(c.reference, join_ticks, c.sample_time);
   reference.start(p.start.position, p.start.velocity);
-  const std::uint32_t ticks = std::max(1U, tick_count(scene)), stride = (ticks + points_max - 1) / points_max;
   const auto late = 1U + static_cast<std::uint32_t>(std::ceil(p.told_ticks));
-  for (std::uint32_t n = 0; n < ticks; n += stride)
-    p.points.push_back({n * scene.tick(), reference.at(n), reference.at(n > late ? n - late : 0)});
+  // Where not every tick is looked at, those that are stand at uneven distances: even ones may keep step with the motion.
+  const auto look = [&](std::uint32_t from, std::uint32_t to, std::uint32_t most) {
+    const double width = std::max(1.0, static_cast<double>(to - from) / most);
+    constexpr double golden = 0.6180339887498949;
+    for (std::uint32_t k = 0; k * width < to - from; ++k) {
+      const double uneven = width > 1.0 && k > 0 ? k * golden - std::floor(k * golden) : 0.0;
+      const auto n = std::min(to - 1U, from + static_cast<std::uint32_t>((k + uneven) * width));
+      p.points.push_back({n * scene.tick(), reference.at(n), reference.at(n > late ? n - late : 0)});
+    }
+  };
+  const std::uint32_t ticks = std::max(1U, tick_count(scene)), joined = std::min(join_ticks, ticks),
+                      period = period_of(c.reference, c.sample_time);
+  look(0, joined, stretch_points);
+  p.joining = p.points.size();
+  // `late` more: until then the torque that acts is still one of the way there.
+  const std::uint32_t end = period > 0 && period + late < ticks - joined ? joined + period + late : ticks;
+  const double pieces = period == 0 && c.reference.kind == ReferenceKind::sine
+                            ? (end - joined) * c.sample_time * c.reference.speed.cwiseAbs().maxCoeff() / 6.28
+                            : static_cast<double>(c.reference.path.size());
+  look(joined, end, std::max(stretch_points, static_cast<std::uint32_t>(std::min<double>(pieces * segment_points, reference_points))));
   Tracking<M> t;
   for (const Point& at : p.points) {
     if (desired(p, at.now, t)) continue;
@@ -53,8 +91,8 @@ void along_reference(const Scene& scene, Problem<M>& p, std::uint32_t join_ticks
   }
 }
 
-/// Every place of the workspace within the limits, at the highest speed and acceleration of the reference, in
-/// eight directions.
+/// Every place of the workspace within the limits, at the highest speed and acceleration of the reference, each in any
+/// direction.
 template <class M>
 void over_workspace(const Scene& scene, Problem<M>& p) {
   auto& c = p.controller;
@@ -78,27 +116,24 @@ void over_workspace(const Scene& scene, Problem<M>& p) {
   if (scene.limits.workspace) box = *scene.limits.workspace;
   c.reference.space = ReferenceSpace::effector;
   p.points.clear();
+  p.joining = 0;
   p.along_time = false;
+  p.bounds = {speed, push, c.sample_time * (1.0 + std::ceil(p.told_ticks))};
   for (int i = 0; i <= grid; ++i) {
     for (int j = 0; j <= grid; ++j) {
       const Vec2<double> x(box[0][0] + (box[0][1] - box[0][0]) * i / grid,
                            box[1][0] + (box[1][1] - box[1][0]) * j / grid);
-      std::array<Point, 8> star{};
       bool within = true;
-      for (std::size_t k = 0; k < star.size() && within; ++k) {
-        const double a = std::numbers::pi * static_cast<double>(k) / 4.0,
-                     b = a + (k % 2 == 0 ? 0.5 : 1.0) * std::numbers::pi;
-        star[k].now = {x, Vec2<double>(std::cos(a), std::sin(a)) * speed,
-                       Vec2<double>(std::cos(b), std::sin(b)) * push};
-        star[k].before = star[k].now;
-        within = desired(p, star[k].now, t);
+      for (int k = 0; k < 8 && within; ++k) {
+        within = desired(p, {x, design::towards(std::numbers::pi * k / 4.0) * speed, Vec2<double>::Zero()}, t);
         if (!within) break;
         const Vec2<double> rate = M::base(t.desired_rates);
         within = M::min_abs_sin_type1(t.desired_pose) >= 2.0 * c.limits.min_abs_sin_type1 &&
                  M::sin_type2_in_mode(t.desired_pose, c.mode) >= 2.0 * c.limits.min_abs_sin_type2 &&
                  std::abs(rate[0]) <= c.limits.joint_speed && std::abs(rate[1]) <= c.limits.joint_speed;
       }
-      if (within) p.points.insert(p.points.end(), star.begin(), star.end());
+      const Motion2<double> there{x, Vec2<double>::Zero(), Vec2<double>::Zero()};
+      if (within) p.points.push_back({0.0, there, there});
     }
   }
 }
@@ -118,7 +153,11 @@ std::vector<double> numbers_of(const Problem<M>& p) {
                           static_cast<double>(c.reference.space),
                           c.limits.min_abs_sin_type1,
                           c.limits.min_abs_sin_type2,
-                          p.along_time ? 1.0 : 0.0};
+                          p.along_time ? 1.0 : 0.0,
+                          static_cast<double>(p.joining),
+                          p.bounds.speed,
+                          p.bounds.acceleration,
+                          p.bounds.late};
   for (int i = 0; i < M::channels; ++i) out.insert(out.end(), {c.gains.lambda[i], c.gains.layer[i]});
   out.insert(out.end(), {c.gains.independent.lambda, c.gains.independent.layer});
   for (int i = 0; i < M::joints; ++i) out.insert(out.end(), {c.torque_limit[i], c.torque_weight[i]});

@@ -37,9 +37,11 @@ class Designer : private Search<M> {
  private:
   using Channels = typename M::Channels;
   using Base = Search<M>;
-  using Base::p_, Base::u_, Base::d_, Base::lambda_, Base::tube_, Base::swing_, Base::smc_, Base::stride_,
+  using Base::p_, Base::u_, Base::d_, Base::lambda_, Base::tube_, Base::swing_, Base::smc_, Base::looks_,
       Base::force_, Base::span_, Base::mismatch_at_, Base::everywhere, Base::unit, Base::where, Base::look,
-      Base::refine;
+      Base::refine, Base::note, Base::worst;
+  using typename Base::Found;
+  using typename Base::Worsts;
 
   /// A row without believed mass has no switching term to pay with.
   bool payable() {
@@ -119,7 +121,7 @@ class Designer : private Search<M> {
 
   /// What the implicit step's linear zone holds, and asks of the gains.
   void linear_zone() {
-    const LinearZone<M> z = linear_zone_of(p_, u_, swing_, stride_);
+    const LinearZone<M> z = linear_zone_of(p_, u_, swing_, looks_);
     d_.disturbance = z.disturbance;
     if (!smc_) d_.mismatch = z.mismatch;
     if (p_.controller.reaching != Reaching::implicit) return;
@@ -179,40 +181,55 @@ class Designer : private Search<M> {
         asked_tube_, unit(), tube_, unit());
   }
 
+  using Joints = Vec<double, M::joints>;
+
+  /// What the worst plant takes of every joint on the motion itself, N m.
+  [[nodiscard]] Joints holding(const State<M>& s) const {
+    const auto& c = p_.controller;
+    const Worst<M> w(u_, s, swing_);
+    const Joints own = torques(p_, s.track.pose, c.mechanism.force(s.wanted, s.track.rates));
+    Channels push = Channels::Zero();
+    List<Joints, 2> map;
+    for (int k = 0; k < 2; ++k) {
+      push.setZero();
+      push[k] = 1.0;  // a force on independent coordinate k: effector, or joint of the RR
+      map[k] = torques(p_, s.track.pose, push);
+    }
+    Joints out;
+    for (int j = 0; j < M::joints; ++j) {
+      const Span d = w.along(Vec2<double>(map[0][j], map[1][j]));
+      out[j] = std::max(std::abs(own[j] - d.low), std::abs(own[j] - d.high));
+    }
+    return out;
+  }
+  /// What the law with those gains asks for, N m.
+  [[nodiscard]] Joints asking(const Gains<M>& g, const State<M>& s) const {
+    const auto& c = p_.controller;
+    Channels a, sliding;
+    demand(c.law, c.mechanism, g, c.reaching, s.track, a, sliding);
+    return torques(p_, s.track.pose, c.mechanism.force(a, s.track.rates)).cwiseAbs();
+  }
+
   void torque() {
     const auto& c = p_.controller;
     State<M> s;
     const auto n = c.motor_count();
-    for (std::size_t at = 0; at < p_.points.size(); at += stride_) {
-      if (!state_at(p_, {at}, 0.0, s)) continue;
-      const Worst<M> w(u_, s, swing_);
-      const Vec<double, M::joints> own =
-          torques(p_, s.track.pose, c.mechanism.force(s.wanted, s.track.rates));
-      Channels push = Channels::Zero();
-      List<Vec<double, M::joints>, 2> map;
-      for (int k = 0; k < 2; ++k) {
-        push.setZero();
-        push[k] = 1.0;  // a force on independent coordinate k: effector, or joint of the RR
-        map[k] = torques(p_, s.track.pose, push);
-      }
-      for (int i = 0; i < n; ++i) {
-        const int joint = ControllerConfig<M>::joint_of(i, n);
-        const Span d = w.along(Vec2<double>(map[0][joint], map[1][joint]));
-        const double most = std::max(std::abs(own[joint] - d.low), std::abs(own[joint] - d.high));
-        keep(d_.hold, d_.hold_place, joint, most, {at});
-      }
+    std::array<Worsts, M::joints> hold{}, peak{};
+    const auto note_all = [&](std::array<Worsts, M::joints>& to, const Place& at, const Joints& tau) {
+      for (int j = 0; j < M::joints; ++j) note(to[static_cast<std::size_t>(j)], at, tau[j]);
+    };
+    for (const Place& at : looks_) {
+      if (state_at(p_, at, 0.0, s)) note_all(hold, at, holding(s));
     }
     Gains<M> g = c.gains;
     apply(p_, d_, g);
-    (void)everywhere(false, [&](const Place& at, const State<M>& t) {
-      Channels a, sliding;
-      demand(c.law, c.mechanism, g, c.reaching, t.track, a, sliding);
-      const Vec<double, M::joints> tau = torques(p_, t.track.pose, c.mechanism.force(a, t.track.rates));
-      for (int i = 0; i < n; ++i) {
-        const int joint = ControllerConfig<M>::joint_of(i, n);
-        keep(d_.peak, d_.peak_place, joint, std::abs(tau[joint]), at);
-      }
-    });
+    (void)everywhere(false, [&](const Place& at, const State<M>& t) { note_all(peak, at, asking(g, t)); });
+    for (int i = 0; i < n; ++i) {
+      const int joint = ControllerConfig<M>::joint_of(i, n);
+      const auto k = static_cast<std::size_t>(joint);
+      keep(d_.hold, d_.hold_place, joint, worst(hold[k], [&](const State<M>& t) { return holding(t)[joint]; }));
+      keep(d_.peak, d_.peak_place, joint, worst(peak[k], [&](const State<M>& t) { return asking(g, t)[joint]; }));
+    }
     for (int i = 0; i < n; ++i) {
       const int joint = ControllerConfig<M>::joint_of(i, n);
       const auto k = static_cast<std::size_t>(joint);
@@ -235,18 +252,14 @@ class Designer : private Search<M> {
       }
     }
   }
-  void keep(std::array<double, M::joints>& most, Place& place, int joint, double value,
-            const Place& at) const {
-    double& here = most[static_cast<std::size_t>(joint)];
-    if (!(value > here)) return;
-    here = value;
-    double share = value / p_.controller.torque_limit[joint];
-    for (int j = 0; j < M::joints; ++j) {
-      if (p_.controller.torque_limit[j] > 0.0 &&
-          most[static_cast<std::size_t>(j)] / p_.controller.torque_limit[j] > share)
-        return;
+  /// The place is that of the joint which is nearest to its limit.
+  void keep(std::array<double, M::joints>& most, Place& place, int joint, const Found& f) const {
+    most[static_cast<std::size_t>(joint)] = f.need;
+    for (int j = 0; j < joint; ++j) {
+      const double limit = p_.controller.torque_limit[j];
+      if (limit > 0.0 && most[static_cast<std::size_t>(j)] / limit > f.need / p_.controller.torque_limit[joint]) return;
     }
-    place = at;
+    place = f.place;
   }
 
   double linear_independent_ = 0.0;

@@ -23,10 +23,10 @@ struct LinearZone {
 
 /// Acceleration by which a torque misses that was computed for an earlier instant of the motion.
 template <class M>
-[[nodiscard]] Vec2<double> stale_acceleration(const Problem<M>& p, const Point& n, const State<M>& s,
+[[nodiscard]] Vec2<double> stale_acceleration(const Problem<M>& p, const Place& at, const State<M>& s,
                                               const Mat<double, 2, 2>& H) {
   State<M> old;
-  if (!desired(p, n.before, old.track)) return Vec2<double>::Zero();
+  if (!desired(p, motion_before(p, at), old.track)) return Vec2<double>::Zero();
   old.track.pose = old.track.desired_pose;
   old.track.rates = old.track.desired_rates;
   ask(p, old);
@@ -41,23 +41,23 @@ template <class M>
   return inverse(H) * f;
 }
 
-/// Of every `stride`th point of the motion, the error small.
+/// At those places of the motion, the error small.
 template <class M>
 [[nodiscard]] LinearZone<M> linear_zone_of(const Problem<M>& p, const Uncertain<M>& u, double swing,
-                                           std::size_t stride) {
+                                           const std::vector<Place>& places) {
   LinearZone<M> out;
   double worst = 0.0, smallest = std::numeric_limits<double>::infinity(), reach_independent = 0.0;
   typename M::Channels reach = M::Channels::Zero();  // |c_i| in the metric of H_believed
   State<M> s;
-  for (std::size_t n = 0; n < p.points.size(); n += stride) {
-    if (!state_at(p, {n}, 0.0, s)) continue;
+  for (const Place& at : places) {
+    if (!state_at(p, at, 0.0, s)) continue;
     const Worst<M> w(u, s, swing);
     const Mat<double, 2, 2> R = root(w.believed()), back = inverse(R), inv = inverse(w.believed());
     const auto length = [&](const Vec2<double>& v) {
       const Vec2<double> r = R * v;
       return std::sqrt(dot(r, r));
     };
-    const double stale = length(stale_acceleration(p, p.points[n], s, w.believed()));
+    const double stale = length(stale_acceleration(p, at, s, w.believed()));
     worst = std::max(worst,
                      stale + w.largest([&](const auto& H, const auto& F) { return length(inverse(H) * F); }));
     out.disturbance = std::max(out.disturbance, w.largest([&](const auto& H, const auto& F) {

@@ -19,23 +19,55 @@ struct Point {
   Motion2<double> before;  ///< when the torque that acts now was computed, at worst
 };
 
+/// Fastest motion through a place of a workspace; its directions are in Place.
+struct Bounds {
+  double speed = 0.0, acceleration = 0.0;  ///< of the effector, m/s and m/s2, >= 0
+  double late = 0.0;  ///< s, >= 0: how old the torque is that acts now, at worst
+};
+
 template <class M>
 struct Problem {
   ControllerConfig<M> controller;  ///< its k and layers are not read; layers of saturation and tanh are
   FiveBarParams<double> believed;  ///< RR: legs[0] and g
   UncertaintyScene uncertainty;
   std::vector<Point> points;
-  bool along_time = true;   ///< neighbours in `points` are neighbours in time
+  std::size_t joining = 0;  ///< how many of the points, from the first, are the way onto the motion
+  bool along_time = true;   ///< neighbours in `points` are neighbours in time; else places of a workspace
+  Bounds bounds;            ///< of a workspace
   double told_ticks = 0.0;  ///< delay that the implicit law is told
   Motion2<double> start;    ///< of the mechanism, in the reference's own space
 };
 
 /// Where in the tube: |e| = share_e E in direction angle_e, sigma = e' + lambda e likewise, |sigma| = share_s
-/// lambda E.
+/// lambda E. In a workspace also the directions of the reference's velocity and acceleration, and the share of its
+/// speed.
 struct Place {
   std::size_t point = 0;
   double angle_e = 0.0, share_e = 0.0, angle_s = 0.0, share_s = 0.0;
+  double angle_v = 0.0, share_v = 0.0, angle_a = 0.0;
 };
+
+[[nodiscard]] inline Vec2<double> towards(double angle) { return {std::cos(angle), std::sin(angle)}; }
+
+/// Reference at a place: in a workspace as fast as it may be, in the place's directions. And the one for which the
+/// torque was computed that acts now.
+template <class M>
+[[nodiscard]] Motion2<double> motion_at(const Problem<M>& p, const Place& at) {
+  Motion2<double> m = p.points[at.point].now;
+  if (p.along_time) return m;
+  m.velocity = towards(at.angle_v) * (at.share_v * p.bounds.speed);
+  m.acceleration = towards(at.angle_a) * p.bounds.acceleration;
+  return m;
+}
+template <class M>
+[[nodiscard]] Motion2<double> motion_before(const Problem<M>& p, const Place& at) {
+  if (p.along_time) return p.points[at.point].before;
+  Motion2<double> m = motion_at(p, at);
+  const double t = p.bounds.late;
+  m.position += m.acceleration * (0.5 * t * t) - m.velocity * t;
+  m.velocity -= m.acceleration * t;
+  return m;
+}
 
 /// One place, and what the law makes of it.
 template <class M>
@@ -94,10 +126,9 @@ template <class M>
 [[nodiscard]] bool state_at(const Problem<M>& p, const Place& at, double tube, State<M>& s) {
   const auto& c = p.controller;
   const double lambda = c.gains.independent.lambda;
-  if (!desired(p, p.points[at.point].now, s.track)) return false;
-  s.error = Vec2<double>(std::cos(at.angle_e), std::sin(at.angle_e)) * (at.share_e * tube);
-  const Vec2<double> sigma =
-      Vec2<double>(std::cos(at.angle_s), std::sin(at.angle_s)) * (at.share_s * lambda * tube);
+  if (!desired(p, motion_at(p, at), s.track)) return false;
+  s.error = towards(at.angle_e) * (at.share_e * tube);
+  const Vec2<double> sigma = towards(at.angle_s) * (at.share_s * lambda * tube);
   s.error_rate = sigma - s.error * lambda;
   if (!displaced(c.mechanism, c.mode, s.error, s.track)) return false;
   const bool all = c.motors == Motors::all && c.sensors == Sensors::all;

@@ -18,15 +18,22 @@ namespace esmc::host::design {
 template <class M>
 class Search {
  public:
-  Search(const Problem<M>& p, double tube, std::size_t points_max)
+  /// `looks`: about how many points of the motion are looked at before the climbs.
+  Search(const Problem<M>& p, double tube, std::size_t looks)
       : p_(p),
         u_(p),
         lambda_(p.controller.gains.independent.lambda),
         tube_(tube),
         swing_(2.0 * lambda_ * tube),
-        smc_(p.controller.law == LawKind::smc),
-        stride_(std::max<std::size_t>(1, (p.points.size() + points_max - 1) / points_max)) {
+        smc_(p.controller.law == LawKind::smc) {
     d_.tube = tube;
+    if (p.along_time) {  // the way onto the motion is short, and no less steep than the motion
+      pick(0, p.joining, looks / 2);
+      pick(p.joining, p.points.size(), std::max(looks, p.points.size() * looks / 2048));
+      step_ = p.points.size() / 32;
+    } else {
+      star(looks / 4);
+    }
   }
   /// Whether the tube has left the reach, or what is guarded.
   [[nodiscard]] bool left() const { return left_; }
@@ -34,20 +41,44 @@ class Search {
  protected:
   using Channels = typename M::Channels;
   static constexpr int directions = 6;
-  static constexpr std::size_t parts = 4;  ///< of a motion, each with a worst place of its own
+  /// Of a motion, each with a worst place of its own: two of the way onto it, four of the rest.
+  static constexpr std::size_t parts_joining = 2, parts = 6;
   struct Found {
     double need = 0.0;
     Place place{};
   };
+
+  void pick(std::size_t from, std::size_t to, std::size_t most) {
+    if (from >= to) return;
+    const std::size_t stride = (to - from + most - 1) / most;
+    for (std::size_t n = from; n < to; n += stride) looks_.push_back({n});
+  }
+  /// Places of a workspace, each with all its directions: those of velocity and acceleration have nothing to do with
+  /// each other. And at rest, where dry friction is whatever it likes.
+  void star(std::size_t most) {
+    const std::size_t stride = std::max<std::size_t>(1, (p_.points.size() + most - 1) / most);
+    for (std::size_t n = 0; n < p_.points.size(); n += stride) {
+      for (int a = 0; a < directions; ++a) {
+        for (int v = 0; v <= directions; ++v)
+          looks_.push_back({n, 0, 0, 0, 0, turned(v), v < directions ? 1.0 : 0.0, turned(a)});
+      }
+    }
+  }
+  static double turned(int k) { return 2.0 * std::numbers::pi * k / directions; }
 
   /// Calls f(place, state) for the centre of the tube and its edge, point by point. False: a place that
   /// cannot be.
   template <class F>
   bool everywhere(bool poses_only, const F& f) {
     State<M> s;
-    for (std::size_t n = 0; n < p_.points.size(); n += stride_) {
+    const Place* last = nullptr;
+    bool room = true;
+    for (const Place& look : looks_) {
+      const bool moved = last == nullptr || last->point != look.point;
+      last = &look;
+      if (poses_only && !moved) continue;
       const auto visit = [&](double angle_e, double share_e, double angle_s, double share_s) {
-        const Place at{n, angle_e, share_e, angle_s, share_s};
+        const Place at = edge(look, angle_e, share_e, angle_s, share_s);
         ++d_.states;
         if (!state_at(p_, at, tube_, s)) {
           left_ = true;
@@ -60,24 +91,31 @@ class Search {
         f(at, s);
         return true;
       };
-      const auto angle = [](int k) { return 2.0 * std::numbers::pi * k / directions; };
       const auto possible = [&] {
         for (int a = 0; a < directions; ++a) {
-          if (!state_at(p_, {n, angle(a), 1, 0, 0}, tube_, s)) return false;
+          if (!state_at(p_, edge(look, turned(a), 1, 0, 0), tube_, s)) return false;
         }
         return true;
       };
-      if (!p_.along_time && !possible()) continue;  // a place of the workspace has its tube around it
+      if (!p_.along_time && moved) room = possible();  // a place of the workspace has its tube around it
+      if (!room) continue;
       bool within = visit(0, 0, 0, 0);
       for (int a = 0; a < directions && within; ++a) {
-        within = visit(angle(a), 1, 0, 0);
+        within = visit(turned(a), 1, 0, 0);
         if (poses_only) continue;
-        within = within && visit(0, 0, angle(a), 1);
-        for (int b = 0; b < directions && within; ++b) within = visit(angle(a), 1, angle(b), 1);
+        within = within && visit(0, 0, turned(a), 1);
+        for (int b = 0; b < directions && within; ++b) within = visit(turned(a), 1, turned(b), 1);
       }
       if (!within) return false;
     }
     return true;
+  }
+  static Place edge(Place at, double angle_e, double share_e, double angle_s, double share_s) {
+    at.angle_e = angle_e;
+    at.share_e = share_e;
+    at.angle_s = angle_s;
+    at.share_s = share_s;
+    return at;
   }
   [[nodiscard]] static const char* unit() { return Uncertain<M>::first > 0 ? "m" : "rad"; }
   [[nodiscard]] std::string where(const Place& at) const {
@@ -130,12 +168,27 @@ class Search {
   }
 
   /// Keeps the worst place of each part of the motion: a climb begins at each.
+  using Worsts = std::array<Found, parts>;
   void note(std::size_t row, const Place& at, double need) {
-    const std::size_t part = at.point * parts / p_.points.size();
-    Found& f = found_[row][part];
-    if (!(need > f.need)) return;
-    f = {need, at};
+    note(found_[row], at, need);
     force_[row] = std::max(force_[row], need);
+  }
+  void note(Worsts& of, const Place& at, double need) const {
+    const std::size_t j = p_.joining, n = at.point,
+                      part = n < j ? n * parts_joining / j
+                                   : parts_joining + (n - j) * (parts - parts_joining) / (p_.points.size() - j);
+    if (need > of[part].need) of[part] = {need, at};
+  }
+  /// The worst of them, after a climb from each.
+  template <class F>
+  Found worst(const Worsts& of, const F& need) {
+    Found best;
+    for (Found f : of) {
+      if (!(f.need > 0.0)) continue;
+      climb(f, need);
+      if (f.need > best.need) best = f;
+    }
+    return best;
   }
 
   /// [F37]: the maximum norm of H^-1 H_believed - 1, and the gain that a state asks for, at the worst
@@ -164,14 +217,10 @@ class Search {
     const auto k = static_cast<std::size_t>(row);
     if (force_[k] <= 0.0) return;
     Row<M>& r = d_.row[k];
-    force_[k] = 0.0;
-    for (Found f : found_[k]) {
-      if (!(f.need > 0.0)) continue;
-      climb(f, [&](const State<M>& s) { return smc_ ? smc_need(s) : u_.rows(s, swing_)[k].size(); });
-      if (!(f.need > force_[k])) continue;
-      force_[k] = f.need;
-      r.place = f.place;
-    }
+    const Found f =
+        worst(found_[k], [&](const State<M>& s) { return smc_ ? smc_need(s) : u_.rows(s, swing_)[k].size(); });
+    force_[k] = f.need;
+    r.place = f.place;
     State<M> s;
     if (smc_ || !state_at(p_, r.place, tube_, s)) return;
     double share = -1.0;
@@ -183,7 +232,7 @@ class Search {
       }
     }
   }
-  /// By halving steps of angles and time.
+  /// By halving steps of angles, and of time or place.
   template <class F>
   void climb(Found& best, const F& need) {
     State<M> s;
@@ -196,9 +245,14 @@ class Search {
       return true;
     };
     double turn = std::numbers::pi / directions;
-    auto along = static_cast<std::ptrdiff_t>(p_.along_time ? std::max<std::size_t>(1, stride_) : 0);
+    auto along = static_cast<std::ptrdiff_t>(step_);
     for (int halvings = 0; halvings < 8;) {
       bool better = false;
+      for (std::size_t n = 0; !p_.along_time && halvings % 4 == 0 && n < p_.points.size(); ++n) {
+        Place at = best.place;  // neighbours in a list of places need not be neighbours
+        at.point = n;
+        better = attempt(at) || better;
+      }
       for (const int sign : {-1, 1}) {
         Place at = best.place;
         at.angle_e += sign * turn;
@@ -206,6 +260,14 @@ class Search {
         at = best.place;
         at.angle_s += sign * turn;
         better = attempt(at) || better;
+        if (!p_.along_time) {
+          at = best.place;
+          at.angle_v += sign * turn;
+          better = attempt(at) || better;
+          at = best.place;
+          at.angle_a += sign * turn;
+          better = attempt(at) || better;
+        }
         if (along == 0) continue;
         at = best.place;
         at.point = static_cast<std::size_t>(static_cast<std::ptrdiff_t>(at.point) +
@@ -223,9 +285,10 @@ class Search {
   Uncertain<M> u_;
   double lambda_, tube_, swing_;
   bool smc_;
-  std::size_t stride_;
+  std::vector<Place> looks_;  ///< centres of the tube
+  std::size_t step_ = 0;      ///< first step of a climb along time, in points
   Design<M> d_;
-  std::array<std::array<Found, parts>, M::channels> found_{};
+  std::array<Worsts, M::channels> found_{};
   std::array<double, M::channels> force_{};  ///< largest |delta|, N or N m; smc: the gain, first
   Channels span_ = Channels::Zero();         ///< largest |c_i|
   bool left_ = false;

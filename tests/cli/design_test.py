@@ -31,6 +31,10 @@ def need(d, channel):
     return next(g["need"] for g in d["gains"] if g["channel"] == channel)
 
 
+WORKSPACE = "limits.workspace={x=[-0.06,0.06], y=[0.11,0.23]}"  # holds the circle of SCENE
+# nothing is uncertain
+EXACT = [f"uncertainty.{k}=0.0" for k in ("m1", "m2", "J1", "J2", "lg1", "lg2", "l1", "l2")] + [
+    "uncertainty.payload=[0.0, 0.0]", "uncertainty.viscous=[[0.0, 0.0], [0.0, 0.0]]", "uncertainty.coulomb=[[0.0, 0.0], [0.0, 0.0]]"]
 AT_REST = ["reference={type='hold', position=[0.0, 0.17]}", "simulation.duration=0.02", "control.reaching=sign", "control.law=esmc_projected"]
 
 
@@ -102,9 +106,36 @@ class Design(unittest.TestCase):
         narrow, wide = design(SCENE, "uncertainty.tube=0.02"), design(SCENE, "uncertainty.tube=0.02", "uncertainty.m1=0.3")
         self.assertGreater(need(wide, "Yg11"), 1.5 * need(narrow, "Yg11"))
         self.assertGreater(wide["torque"][0]["hold_nm"], narrow["torque"][0]["hold_nm"])
-        there = design(SCENE, "uncertainty.tube=0.007", "limits.workspace={x=[-0.06,0.06], y=[0.11,0.23]}", more=("--workspace",))
+        there = design(SCENE, "uncertainty.tube=0.007", "control.reaching=sign", WORKSPACE, more=("--workspace",))
         self.assertEqual(there["over"], "workspace")
-        self.assertGreater(need(there, "phi11"), need(design(SCENE, "uncertainty.tube=0.007"), "phi11"))
+        self.assertGreater(need(there, "phi11"), need(design(SCENE, "uncertainty.tube=0.007", "control.reaching=sign"), "phi11"))
+
+    def test_a_workspace_needs_all_that_a_reference_in_it_needs(self):
+        for law in ("esmc_projected", "smc"):
+            values = ["control.reaching=sign", "uncertainty.tube=0.003", f"control.law={law}"]
+            here, there = design(SCENE, *values), design(SCENE, *values, WORKSPACE, more=("--workspace",))
+            if law == "smc":
+                self.assertGreaterEqual(there["gain_independent"], here["gain_independent"])
+            for a, b in zip(here["gains"], there["gains"]):
+                self.assertGreaterEqual(b["need"], a["need"], a["channel"])
+            for a, b in zip(here["torque"], there["torque"]):
+                self.assertGreaterEqual(b["hold_nm"], a["hold_nm"])
+
+    def test_a_late_torque_of_exact_plants_has_a_band_over_a_workspace_too(self):
+        d = design(SCENE, *EXACT, "control.law=smc", "control.delay_ticks=2", "uncertainty.tube=0.006", "simulation.duration=0.6", WORKSPACE,
+                   more=("--workspace", "--simulate", "2"))
+        p = d["simulated"]["exact_lengths"]
+        self.assertGreater(d["band"]["sampled"]["error"], 1e-6)
+        self.assertEqual((p["outside_band"], p["stopped"]), (0, 0), p)
+
+    def test_how_long_a_scene_lasts_changes_no_gain(self):
+        short, *longer = (design(SCENE, "uncertainty.tube=0.00466", f"simulation.duration={t}") for t in (1.5, 60, 600))
+        for d in longer:
+            self.assertEqual((d["gains"], d["torque"]), (short["gains"], short["torque"]))
+        # a motion that looks at regular distances would keep step with
+        fast = ["reference.speed=21.4443866", "reference.radius=0.02", "control.law=smc", "control.reaching=sign", "uncertainty.tube=0.004"]
+        for t in (3, 600):
+            self.assertIn("0.683 N m", design(SCENE, *fast, "control.torque_limit=0.6", f"simulation.duration={t}", expect=1)["refused"])
 
     def test_refusals_have_a_reason(self):
         for values, word in ((["control.torque_limit=0.3"], "torque_limit"),
