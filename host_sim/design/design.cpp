@@ -160,8 +160,11 @@ class Designer : private Search<M> {
     Gains<M> g = c.gains;
     apply(p_, d_, g);
     double sigma = 0.0, level = 0.0;  // level: of |sigma| in a tube that holds it
-    if (smc_) {                       // the larger of |s_1|, |s_2| falls while it is beyond the layer
-      sigma = g.independent.layer * std::numbers::sqrt2;
+    if (smc_) {  // the larger of |s_1|, |s_2| falls while k (1 - ||E||) times what the layer lets through is more than d
+      // [F37] says k (1 - ||E||) >= d + eta: all is let through at the edge of a saturation, of a tanh the share
+      // d / (k (1 - ||E||)) <= 1 - eta / k must be.
+      const double widths = c.reaching == Reaching::tanh ? std::atanh(1.0 - d_.eta_independent / g.independent.k) : 1.0;
+      sigma = g.independent.layer * widths * std::numbers::sqrt2;
       level = sigma;
     } else {
       const double lost = c.reaching == Reaching::tanh ? 0.2785 : 0.25;

@@ -77,8 +77,10 @@ template <class M>
   }
   if (p.controller.reaching != Reaching::implicit) return out;
   const double h = p.controller.sample_time, layer_time = (1.0 + p.told_ticks) * h;
-  for (int late = 0; late <= static_cast<int>(std::ceil(p.told_ticks)); ++late) {
-    const PeakGains now = peak_gains(p.controller.gains.independent.lambda, 1.0 / layer_time, h, late);
+  const int latest = static_cast<int>(std::ceil(p.told_ticks));
+  for (int late = 0; late <= latest; ++late) {
+    const PeakGains now = peak_gains(p.controller.gains.independent.lambda, 1.0 / layer_time, h,
+                                     std::min<double>(late, p.told_ticks));
     out.peak = {std::max(out.peak.error, now.error), std::max(out.peak.sliding, now.sliding),
                 std::max(out.peak.command, now.command), out.peak.stable && now.stable};
   }

@@ -14,30 +14,34 @@ struct PeakGains {
   bool stable = true;
 };
 
-/// `kappa` = K / layer, 1/s; `delay` in whole ticks.
-[[nodiscard]] inline PeakGains peak_gains(double lambda, double kappa, double tick, int delay) {
+/// `kappa` = K / layer, 1/s; `tick` in s, > 0; `delay` in ticks and parts of ticks, >= 0.
+[[nodiscard]] inline PeakGains peak_gains(double lambda, double kappa, double tick, double delay) {
   PeakGains out;
-  std::vector<double> held(static_cast<std::size_t>(delay) + 1, 0.0);
+  const int whole = static_cast<int>(std::floor(delay)), oldest = whole + 1;
+  const double part = delay - whole;  // of a tick, for which the command before acts still
+  std::vector<double> held(static_cast<std::size_t>(oldest) + 1, 0.0);
   double e = 0.0, rate = 0.0;
   constexpr int longest = 2'000'000;
   double recent = 0.0;
   int quiet = 0;
   for (int n = 0; n < longest; ++n) {
     const double u = (lambda + kappa) * rate + lambda * kappa * e;
-    const auto slot = static_cast<std::size_t>(n % (delay + 1));
-    held[slot] = u;  // acts `delay` ticks from now
-    const double acting = held[static_cast<std::size_t>((n + 1) % (delay + 1))];
-    const double now = delay == 0 ? u : acting;
-    out.command += std::abs(now);
-    const double a = (n == 0 ? 1.0 : 0.0) - now;
-    e += tick * (rate + 0.5 * tick * a);
-    rate += tick * a;
+    const auto slot = [&](int ago) { return static_cast<std::size_t>((n - ago + oldest + 1) % (oldest + 1)); };
+    held[slot(0)] = u;
+    out.command += std::abs(u);
+    const auto advance = [&](double share, double acting) {
+      const double a = (n == 0 ? 1.0 : 0.0) - acting, t = share * tick;
+      e += t * (rate + 0.5 * t * a);
+      rate += t * a;
+    };
+    advance(part, held[slot(oldest)]);
+    advance(1.0 - part, held[slot(whole)]);
     out.error += std::abs(e);
     out.sliding += std::abs(rate + lambda * e);
     recent = std::abs(rate) + lambda * std::abs(e);
     if (!(recent < 1e6 * tick)) return {0, 0, 0, false};
     quiet = recent < 1e-12 * tick ? quiet + 1 : 0;
-    if (quiet > 2 * delay + 2) return out;
+    if (quiet > 2 * oldest + 2) return out;
   }
   out.stable = false;
   return out;

@@ -137,6 +137,20 @@ class Design(unittest.TestCase):
         for t in (3, 600):
             self.assertIn("0.683 N m", design(SCENE, *fast, "control.torque_limit=0.6", f"simulation.duration={t}", expect=1)["refused"])
 
+    def test_the_band_of_a_smooth_layer_is_held(self):
+        for reaching in ("tanh", "saturation"):
+            d = design(SCENE, *EXACT, "control.law=smc", f"control.reaching={reaching}", "control.layer=0.05", "uncertainty.gravity=[0.8, 1.2]",
+                       "uncertainty.reaching_time=5.0", "reference.radius=0.01", "reference.speed=1.0", more=("--simulate", "4"))
+            p = d["simulated"]["exact_lengths"]
+            self.assertEqual((p["outside_band"], p["stopped"]), (0, 0), p)
+            self.assertGreater(p["largest_error"], 0.3 * d["band"]["layer"]["error"])
+
+    def test_a_delay_of_parts_of_a_tick_lies_between_its_neighbours(self):
+        late = [design(SCENE, "control.law=smc", f"control.delay_ticks={t}") for t in (0, 0.25, 0.5, 1, 1.5, 2)]
+        for what in (lambda d: d["gain_independent"], lambda d: d["band"]["sampled"]["error"]):
+            found = [what(d) for d in late]
+            self.assertEqual(found, sorted(found))
+
     def test_refusals_have_a_reason(self):
         for values, word in ((["control.torque_limit=0.3"], "torque_limit"),
                              (["control.law=smc", "uncertainty.m2=0.8", "uncertainty.J2=0.8"], "no gain works"),
