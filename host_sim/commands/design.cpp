@@ -126,7 +126,10 @@ class Report {
     if (u.l1 > 0.0 || u.l2 > 0.0 || u.half_base > 0.0)
       lengths_ = simulate(s, o_.run.seed, o_.simulate, true, band);
   }
-  /// The band that a sampled loop is held against, m or rad.
+  /// What a simulated plant is held against; m or rad.
+  [[nodiscard]] const char* judge() const {
+    return d_.sampled ? "the band" : (d_.layer ? "the band of the layer in continuous time" : "the tube");
+  }
   [[nodiscard]] double promised() const {
     return d_.sampled ? d_.sampled->error : (d_.layer ? d_.layer->error : d_.tube);
   }
@@ -184,6 +187,7 @@ class Report {
     j["gain_independent"] = smc() ? Json(d_.k_independent) : Json(nullptr);
     j["reaching_time_s"] = d_.reaching_time;
     j["band"] = {{"layer", band_json(d_.layer)}, {"sampled", band_json(d_.sampled)}};
+    j["ahead"] = d_.ahead;
     j["mismatch"] = d_.mismatch;
     j["disturbance"] = d_.disturbance;
     j["beyond_range"] = d_.beyond_range;
@@ -196,7 +200,8 @@ class Report {
                              {"limit_nm", scene_.torque_limit[static_cast<std::size_t>(m)]}});
     }
     j["states"] = d_.states;
-    j["simulated"] = {{"exact_lengths", plants_json(exact_)}, {"lengths", plants_json(lengths_)}};
+    j["simulated"] = {{"judged_by", d_.sampled ? "sampled" : (d_.layer ? "layer" : "tube")},
+                      {"exact_lengths", plants_json(exact_)}, {"lengths", plants_json(lengths_)}};
     j["warnings"] = warnings_;
     return j;
   }
@@ -205,8 +210,8 @@ class Report {
     return M::has_type2 ? fmt::format("{:.3g} mm", 1e3 * v) : fmt::format("{:.3g} mrad", 1e3 * v);
   }
   [[nodiscard]] std::string plants_text(const Plants& p, const char* what) const {
-    std::string out = fmt::format("{} plants{}: largest error {} (plant {}), {} outside the band", p.count,
-                                  what, quantity(p.largest), p.worst, p.outside_band);
+    std::string out = fmt::format("{} plants{}: largest error {} (plant {}), {} outside {}", p.count,
+                                  what, quantity(p.largest), p.worst, p.outside_band, judge());
     if (p.stopped > 0) out += fmt::format(", {} stopped ({})", p.stopped, p.fault);
     return out + "\n";
   }
@@ -214,9 +219,10 @@ class Report {
     std::string out = fmt::format("{}: {} law, {} reaching, over {}\n", printable(scene_.name),
                                   law_name(scene_.law), reaching_name(scene_.reaching),
                                   scene_.uncertainty->workspace ? "the workspace" : "the reference");
-    out +=
-        fmt::format("tube: error up to {} ({}); what begins within {} never leaves it\n", quantity(d_.tube),
-                    d_.tube_given ? "given" : "computed", quantity(d_.tube * d_.inside));
+    if (d_.tube > 0.0)
+      out += fmt::format("tube: error up to {} ({})", quantity(d_.tube), d_.tube_given ? "given" : "computed");
+    if (d_.inside > 0.0) out += fmt::format("; what begins within {} never leaves it", quantity(d_.tube * d_.inside));
+    if (d_.tube > 0.0) out += "\n";
     if (!d_.refused.empty()) return out + "refused: " + d_.refused + "\n";
     if (smc()) {
       out += fmt::format("gain {:.4g} {}/s2; mass matrix wrong by {:.2f} in the maximum norm [F37], {}\n",
@@ -233,7 +239,9 @@ class Report {
       }
       out += "(positions m/s2, angles rad/s2; gain = 1.05 max(condition + reaching, layer))\n";
     }
-    out += fmt::format("surface reached from the edge of the tube within {:.3g} s\n", d_.reaching_time);
+    out += fmt::format(
+        "reaching, in continuous time: what begins within {} {} on the surface after {:.3g} s{}\n", quantity(d_.tube * d_.inside),
+        d_.layer ? "would be" : "is", d_.reaching_time, d_.layer ? " without its layer, and comes into the band of [F38] with it" : "");
     if (d_.layer) {
       out +=
           fmt::format("cost of the layer [F38]: in continuous time the error stays within {} instead of 0\n",
@@ -245,8 +253,13 @@ class Report {
           "e| <= {}/s\n",
           1e3 * scene_.tick(), problem_.told_ticks, problem_.told_ticks == 1.0 ? "" : "s",
           quantity(d_.sampled->error), quantity(d_.sampled->sliding));
+      if (d_.ahead > 0.0) {
+        out += fmt::format("of that {} are what the motion goes on while what is measured is {:g} tick{} late: no gain makes that less\n",
+                           quantity(d_.ahead), scene_.sensor_lag_ticks, scene_.sensor_lag_ticks == 1.0 ? "" : "s");
+      }
     } else {
-      out += "sampled: no band is promised\n";
+      out += fmt::format("sampled: no band is promised{}; --simulate judges by {}\n",
+                         scene_.reaching == ReachingChoice::implicit ? "" : " but for implicit reaching", judge());
     }
     for (int m = 0; m < scene_.motors(); ++m) {
       const auto joint = static_cast<std::size_t>(ControllerConfig<M>::joint_of(m, scene_.motors()));

@@ -148,6 +148,7 @@ std::vector<double> numbers_of(const Problem<M>& p) {
                           static_cast<double>(c.reaching),
                           c.sample_time,
                           p.told_ticks,
+                          p.lag,
                           static_cast<double>(c.motors),
                           static_cast<double>(c.sensors),
                           static_cast<double>(c.reference.space),
@@ -205,6 +206,7 @@ Problem<M> design_problem(const Scene& scene, Pacing pacing) {
   p.believed = believed_mechanism(scene);
   p.uncertainty = *scene.uncertainty;
   p.told_ticks = borne_delay(scene, pacing);
+  p.lag = scene.sensor_lag_ticks * scene.tick();
   p.start = start_of(scene, p.controller);
   along_reference(scene, p, reference.join_ticks);
   if (scene.uncertainty->workspace) over_workspace(scene, p);

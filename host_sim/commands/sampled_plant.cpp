@@ -40,6 +40,25 @@ bool within(double v, const Interval& i) {
   return v >= i.lower - slack && v <= i.upper + slack;
 }
 
+/// s; and ticks.
+double told_torque_delay(const Scene& s) { return delay_ticks(s, Pacing::lockstep) * s.tick(); }
+int told_sensor_delay(const Scene& s) { return static_cast<int>(std::floor(s.sensor_lag_ticks)); }
+
+/// Lets the plant have the delays that the controller is told.
+void delay(Scene& s) {
+  const auto own = find_effect<ComputeDelay>(s.effects);
+  if (const double late = told_torque_delay(s); late > (own ? own->time : 0.0)) {
+    std::erase_if(s.effects, [](const Effect& e) { return std::holds_alternative<ComputeDelay>(e); });
+    s.effects.emplace_back(ComputeDelay{late});
+  }
+  if (find_effect<Encoder>(s.effects) || find_effect<SensorNoise>(s.effects)) return;
+  const auto old = find_effect<SensorDelay>(s.effects);
+  if (const int late = told_sensor_delay(s); late > (old ? old->ticks : 0)) {
+    std::erase_if(s.effects, [](const Effect& e) { return std::holds_alternative<SensorDelay>(e); });
+    s.effects.emplace_back(SensorDelay{late});
+  }
+}
+
 }  // namespace
 
 Scene sampled_plant(const Scene& scene, std::uint64_t seed, std::uint64_t index, bool lengths) {
@@ -90,6 +109,7 @@ Scene sampled_plant(const Scene& scene, std::uint64_t seed, std::uint64_t index,
   const auto any = [](const PerJoint& v) { return std::ranges::any_of(v, [](double x) { return x > 0.0; }); };
   if (any(viscous)) out.effects.emplace_back(ViscousFriction{viscous});
   if (any(dry)) out.effects.emplace_back(CoulombFriction{dry, 0.0});
+  delay(out);
   set_start(out, scene.control_where, scene.reference_where);
   return out;
 }
@@ -141,8 +161,13 @@ std::vector<std::string> outside(const Scene& scene) {
 
 std::vector<std::string> not_covered(const Scene& scene) {
   std::vector<std::string> out;
+  const bool implicit = scene.reaching == ReachingChoice::implicit;  // the others are promised nothing sampled
   for (const Effect& e : scene.effects) {
     const std::string type = type_name(e);
+    const auto* torque = std::get_if<ComputeDelay>(&e);
+    const auto* sensor = std::get_if<SensorDelay>(&e);
+    if (implicit && torque != nullptr && torque->time <= told_torque_delay(scene) * (1.0 + 1e-9)) continue;
+    if (implicit && sensor != nullptr && sensor->ticks <= told_sensor_delay(scene)) continue;
     if (type != ViscousFriction::type && type != CoulombFriction::type && type != Payload::type)
       out.push_back(type);
   }

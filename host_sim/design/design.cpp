@@ -1,6 +1,7 @@
 #include "host_sim/design/design.hpp"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <limits>
 #include <numbers>
@@ -12,7 +13,8 @@ namespace esmc::host::design {
 namespace {
 
 constexpr double room = 1.2;             ///< tube over the band that it must hold, where the tube is computed
-constexpr std::size_t coarse_max = 256;  ///< points of a first look
+constexpr std::size_t looks_max = 256;   ///< points of a first look
+constexpr std::size_t looks_few = looks_max / 8;  ///< where many designs are tried
 
 template <class M>
 class Designer : private Search<M> {
@@ -33,6 +35,8 @@ class Designer : private Search<M> {
   }
   /// Size of tube that the band of the layer asks for; 0: none does.
   [[nodiscard]] double asked_tube() const { return asked_tube_; }
+  /// Refused for what another law, layer or rate may not mind.
+  [[nodiscard]] bool curable() const { return curable_; }
 
  private:
   using Channels = typename M::Channels;
@@ -49,9 +53,9 @@ class Designer : private Search<M> {
       if (d_.mismatch < 1.0) return true;
       d_.refused = fmt::format(
           "smc: ||H^-1 H_believed - 1|| reaches {:.3g} {}, and its gain condition [F37] needs less than 1: "
-          "no "
-          "gain works; narrower masses, or the law esmc_projected, whose condition has no such bound",
+          "no gain works; narrower masses",
           d_.mismatch, where(mismatch_at_));
+      curable_ = true;
       return false;
     }
     for (int i = 0; i < M::channels; ++i) {
@@ -137,7 +141,10 @@ class Designer : private Search<M> {
       if (u_.mass()[i] > 0.0) d_.row[static_cast<std::size_t>(i)].linear = z.gain[i];
     }
     linear_independent_ = z.gain_independent;
-    d_.sampled = Band{margin * z.band.error, margin * z.band.sliding};
+    // What is measured late keeps to the motion; the mechanism is ahead of it by what the motion does in the meantime.
+    d_.ahead = p_.lag * z.speed;
+    d_.sampled = Band{margin * (z.band.error + d_.ahead),
+                      margin * (z.band.sliding + p_.lag * (z.acceleration + lambda_ * z.speed))};
   }
 
   void choose() {
@@ -179,9 +186,9 @@ class Designer : private Search<M> {
     d_.refused = fmt::format(
         "the layer of the reaching law leaves a band of {:.3g} {} [F38], and the tube is {:.3g} {}: what "
         "holds in the "
-        "tube says nothing of the band; a larger uncertainty.tube, a shorter tick, a smaller layer or delay, "
-        "narrower intervals",
+        "tube says nothing of the band; a larger uncertainty.tube, a smaller layer or delay, narrower intervals",
         asked_tube_, unit(), tube_, unit());
+    curable_ = true;
   }
 
   using Joints = Vec<double, M::joints>;
@@ -268,6 +275,7 @@ class Designer : private Search<M> {
   double linear_independent_ = 0.0;
   double heavy_ = 0.0, light_ = 0.0;  ///< bounds of the true inertia
   double asked_tube_ = 0.0;
+  bool curable_ = false;
 };
 
 /// Size of the tube that would hold the start.
@@ -294,7 +302,7 @@ double computed_tube(const Problem<M>& p) {
   const double most = 0.2 * size;
   if (p.controller.reaching == Reaching::sign) return tube;
   for (int pass = 0; pass < 12; ++pass) {
-    Designer<M> d(p, tube, coarse_max / 8);
+    Designer<M> d(p, tube, looks_few);
     (void)d.run();
     if (d.left()) {
       tube *= 0.5;
@@ -309,6 +317,49 @@ double computed_tube(const Problem<M>& p) {
   return 0.0;
 }
 
+template <class M>
+bool works(const Problem<M>& p) {
+  const double tube = p.uncertainty.tube ? *p.uncertainty.tube : computed_tube(p);
+  return tube > 0.0 && Designer<M>(p, tube, looks_few).run().refused.empty();
+}
+/// What else was tried, one by one, and which of it gives a design.
+template <class M>
+std::string what_helps(const Problem<M>& p) {
+  std::vector<std::string> helps, fails;
+  const auto attempt = [&](const std::string& what, const auto& change) {
+    Problem<M> q = p;
+    change(q.controller);
+    (works(q) ? helps : fails).push_back(what);
+  };
+  const auto& now = p.controller;
+  const LawKind other = now.law == LawKind::smc ? LawKind::esmc_projected : LawKind::smc;
+  const std::string law = other == LawKind::smc ? "law smc" : "law esmc_projected";
+  const auto others = [&](LawKind kind, const std::string& first) {
+    if (now.reaching != Reaching::sign) {
+      attempt(first + "reaching sign (it chatters)", [&](auto& c) {
+        c.law = kind;
+        c.reaching = Reaching::sign;
+      });
+    }
+    attempt(fmt::format("{}lambda {:.3g}", first, 0.5 * now.gains.independent.lambda), [&](auto& c) {
+      c.law = kind;
+      c.gains.lambda *= 0.5;
+      c.gains.independent.lambda *= 0.5;
+    });
+    attempt(fmt::format("{}rate_hz {:.5g}", first, 2.0 / now.sample_time), [&](auto& c) {
+      c.law = kind;
+      c.sample_time *= 0.5;
+    });
+  };
+  attempt(law, [&](auto& c) { c.law = other; });
+  others(now.law, "");
+  if (helps.empty()) others(other, law + " with ");
+  std::string out;
+  if (!helps.empty()) out += fmt::format("; tried and helps: {}", fmt::join(helps, ", "));
+  if (!fails.empty()) out += fmt::format("; tried in vain: {}", fmt::join(fails, ", "));
+  return out;
+}
+
 }  // namespace
 
 template <class M>
@@ -318,16 +369,25 @@ Design<M> design(const Problem<M>& p) {
     none.refused = "there is no motion to design for: no place of the workspace is within reach and limits";
     return none;
   }
-  const double tube = p.uncertainty.tube ? *p.uncertainty.tube : computed_tube(p);
+  double tube = p.uncertainty.tube ? *p.uncertainty.tube : computed_tube(p);
   if (!(tube > 0.0)) {
     Design<M> none;
     none.refused =
-        "no tube around the motion holds the band that the layer of the reaching law leaves in it [F38]: a "
-        "shorter tick, less "
-        "delay, a smaller layer, narrower intervals, or the law smc, whose bound is narrower";
+        "no tube around the motion holds the band that the layer of the reaching law leaves in it [F38]: less delay, "
+        "a smaller layer or narrower intervals are needed" +
+        what_helps(p);
     return none;
   }
-  Design<M> d = Designer<M>(p, tube, coarse_max).run();
+  Design<M> d;
+  bool curable = false;
+  for (int pass = 0; pass < 6; ++pass) {  // a tube from few looks may be too small for what more looks find
+    Designer<M> full(p, tube, looks_max);
+    d = full.run();
+    curable = full.curable();
+    if (p.uncertainty.tube || d.refused.empty() || !(full.asked_tube() > tube)) break;
+    tube = room * full.asked_tube();
+  }
+  if (curable) d.refused += what_helps(p);
   d.tube_given = p.uncertainty.tube.has_value();
   if (!p.along_time) return d;
   d.start = start_size(p);

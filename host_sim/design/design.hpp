@@ -46,6 +46,7 @@ struct Design {
   double reach_margin = 0.0;  ///< decrease promised: V' <= -sum M eta |s|; here the least of it per sqrt(2 V)
   std::optional<Band> layer;  ///< [F38]: in continuous time; none for `sign`: s = 0
   std::optional<Band> sampled;  ///< linear zone, sampled, delayed; none where nothing is promised
+  double ahead = 0.0;  ///< part of `sampled`: how far the motion goes while what is measured is late, m or rad
   double mismatch =
       0.0;  ///< largest |H^-1 H_believed - 1|, in the metric of H_believed; smc: its maximum norm
   double disturbance = 0.0;  ///< largest |H^-1 C^T delta|, m/s2 or rad/s2

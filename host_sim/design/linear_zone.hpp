@@ -16,7 +16,8 @@ struct LinearZone {
   double mismatch = 0.0;     ///< largest |H^-1 H_believed - 1|, in the metric of H_believed
   PeakGains peak;            ///< worst of all delays up to the one that is told
   bool holds = false;        ///< small gain
-  Band band;                 ///< where the error stays
+  Band band;                 ///< where the error stays that is measured
+  double speed = 0.0, acceleration = 0.0;  ///< largest of the motion, of the independent coordinates
   typename M::Channels gain = M::Channels::Zero();  ///< that keeps every row off its end
   double gain_independent = 0.0;
 };
@@ -51,6 +52,10 @@ template <class M>
   State<M> s;
   for (const Place& at : places) {
     if (!state_at(p, at, 0.0, s)) continue;
+    const Vec2<double> velocity = M::independent(s.track.desired_rates),
+                       acceleration = M::independent(s.track.desired_acceleration);
+    out.speed = std::max(out.speed, std::sqrt(dot(velocity, velocity)));
+    out.acceleration = std::max(out.acceleration, std::sqrt(dot(acceleration, acceleration)));
     const Worst<M> w(u, s, swing);
     const Mat<double, 2, 2> R = root(w.believed()), back = inverse(R), inv = inverse(w.believed());
     const auto length = [&](const Vec2<double>& v) {

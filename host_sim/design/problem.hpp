@@ -34,7 +34,8 @@ struct Problem {
   std::size_t joining = 0;  ///< how many of the points, from the first, are the way onto the motion
   bool along_time = true;   ///< neighbours in `points` are neighbours in time; else places of a workspace
   Bounds bounds;            ///< of a workspace
-  double told_ticks = 0.0;  ///< delay that the implicit law is told
+  double told_ticks = 0.0;  ///< delay that the implicit law is told, of torque and of what is measured together
+  double lag = 0.0;         ///< s, >= 0: part of it by which what is measured is late
   Motion2<double> start;    ///< of the mechanism, in the reference's own space
 };
 

@@ -151,6 +151,54 @@ class Design(unittest.TestCase):
             found = [what(d) for d in late]
             self.assertEqual(found, sorted(found))
 
+    def test_a_told_lag_of_what_is_measured_is_in_the_band(self):
+        lag, speed = 2 / 5000, 0.05 * 11.27
+        values = ["effects=[{type='delay', ticks=2}]", "control.law=smc", "control.lambda=68", "control.rate_hz=5000", "control.torque_limit=20",
+                  "reference.speed=11.27", "mechanism.gravity=0.0", "uncertainty={lg2=0.005}", "simulation.duration=0.6"]
+        d = design(SCENE, *values, "control.sensor_lag_ticks=2", more=("--simulate", "2"))
+        self.assertEqual(d["simulated"]["exact_lengths"]["outside_band"], 0)
+        self.assertGreater(d["band"]["sampled"]["error"], lag * speed)
+        self.assertFalse(any("knows nothing" in w for w in d["warnings"]))
+        for told in ("control.sensor_lag_ticks=1", "control.delay_ticks=2"):  # a lag told as a delay of torques has no such term
+            self.assertTrue(any("knows nothing of: delay" in w for w in design(SCENE, *values, told)["warnings"]))
+
+    def test_a_told_delay_of_torques_is_known_and_simulated(self):
+        late = ["effects=[{type='compute_delay', time=1e-3}]", "control.law=smc"]
+        for told, known in ((0, False), (1, True), (2, True)):
+            d = design(SCENE, *late, f"control.delay_ticks={told}")
+            self.assertEqual(any("knows nothing of: compute_delay" in w for w in d["warnings"]), not known)
+        # plants have the longer of the scene's delay and the told one
+        short = ["control.law=smc", "simulation.duration=0.6", "uncertainty.l1=0.0", "uncertainty.l2=0.0"]
+        told, given, more = (design(SCENE, *short, f"control.delay_ticks={t}", *e, more=("--simulate", "2"))["simulated"]["exact_lengths"]
+                             for t, e in ((1, []), (1, [late[0]]), (1, ["effects=[{type='compute_delay', time=2e-3}]"])))
+        self.assertEqual(told, given)
+        self.assertNotEqual(told["largest_error"], more["largest_error"])
+
+    def test_exact_plants_have_a_design(self):
+        d = design(SCENE, *EXACT, "simulation.duration=0.6", more=("--simulate", "1"))
+        self.assertLess(d["tube"]["error"], 1e-4)
+        self.assertEqual(d["simulated"]["exact_lengths"]["outside_band"], 0)
+
+    def test_advice_of_a_refusal_helps(self):
+        wide = ["control.gain=robust", "control.law=esmc_projected", "uncertainty={m1=0.1, m2=0.1, lg1=0.01, lg2=0.01, payload=[0.0, 0.3], coulomb=[[0.0, 0.3], [0.0, 0.1]]}",
+                "control.torque_limit=100.0"]
+        for scene, values in ((RR, wide), (RR, [*wide, "control.law=smc"]), (SCENE, ["control.delay_ticks=2"])):
+            refused = design(scene, *values, expect=1)["refused"]
+            advice = re.search(r"; tried and helps: ([^;]*)", refused)[1].replace(" (it chatters)", "").split(", ")
+            for one in advice:
+                keys = ["control." + pair.replace(" ", "=") for pair in one.split(" with ")]
+                self.assertIsNone(design(scene, *values, *keys)["refused"], one)
+            for one in re.search(r"; tried in vain: (.*)", refused)[1].replace(" (it chatters)", "").split(", "):
+                keys = ["control." + pair.replace(" ", "=") for pair in one.split(" with ")]
+                self.assertIsNotNone(design(scene, *values, *keys, expect=1)["refused"], one)
+
+    def test_what_plants_are_judged_by_is_said(self):
+        for values, judge, word in (([], "sampled", "outside the band"), (["control.reaching=sign"], "tube", "outside the tube"),
+                                    (["control.law=smc", "control.reaching=tanh", "control.layer=0.01"], "layer", "outside the band of the layer")):
+            values = [*values, "simulation.duration=0.4", "uncertainty.l1=0.0", "uncertainty.l2=0.0"]
+            self.assertEqual(design(SCENE, *values)["simulated"]["judged_by"], judge)
+            self.assertIn(word, run("design", SCENE, "--simulate", "1", *sets(*values)).stdout)
+
     def test_refusals_have_a_reason(self):
         for values, word in ((["control.torque_limit=0.3"], "torque_limit"),
                              (["control.law=smc", "uncertainty.m2=0.8", "uncertainty.J2=0.8"], "no gain works"),
