@@ -318,9 +318,30 @@ double computed_tube(const Problem<M>& p) {
 }
 
 template <class M>
-bool works(const Problem<M>& p) {
-  const double tube = p.uncertainty.tube ? *p.uncertainty.tube : computed_tube(p);
-  return tube > 0.0 && Designer<M>(p, tube, looks_few).run().refused.empty();
+struct Answer {
+  Design<M> design;
+  bool curable = false;  ///< what_helps may know more
+};
+/// In the tube that is given, or one that is computed.
+template <class M>
+Answer<M> answer(const Problem<M>& p) {
+  double tube = p.uncertainty.tube ? *p.uncertainty.tube : computed_tube(p);
+  Answer<M> out;
+  if (!(tube > 0.0)) {
+    out.design.refused =
+        "no tube around the motion holds the band that the layer of the reaching law leaves in it [F38]: less delay, "
+        "a smaller layer or narrower intervals are needed";
+    out.curable = true;
+    return out;
+  }
+  for (int pass = 0; pass < 6; ++pass) {  // a tube from few looks may be too small for what more looks find
+    Designer<M> full(p, tube, looks_max);
+    out = {full.run(), full.curable()};
+    if (p.uncertainty.tube || out.design.refused.empty() || !(full.asked_tube() > tube)) break;
+    tube = room * full.asked_tube();
+  }
+  out.design.tube_given = p.uncertainty.tube.has_value();
+  return out;
 }
 /// What else was tried, one by one, and which of it gives a design.
 template <class M>
@@ -329,7 +350,7 @@ std::string what_helps(const Problem<M>& p) {
   const auto attempt = [&](const std::string& what, const auto& change) {
     Problem<M> q = p;
     change(q.controller);
-    (works(q) ? helps : fails).push_back(what);
+    (answer(q).design.refused.empty() ? helps : fails).push_back(what);
   };
   const auto& now = p.controller;
   const LawKind other = now.law == LawKind::smc ? LawKind::esmc_projected : LawKind::smc;
@@ -369,26 +390,8 @@ Design<M> design(const Problem<M>& p) {
     none.refused = "there is no motion to design for: no place of the workspace is within reach and limits";
     return none;
   }
-  double tube = p.uncertainty.tube ? *p.uncertainty.tube : computed_tube(p);
-  if (!(tube > 0.0)) {
-    Design<M> none;
-    none.refused =
-        "no tube around the motion holds the band that the layer of the reaching law leaves in it [F38]: less delay, "
-        "a smaller layer or narrower intervals are needed" +
-        what_helps(p);
-    return none;
-  }
-  Design<M> d;
-  bool curable = false;
-  for (int pass = 0; pass < 6; ++pass) {  // a tube from few looks may be too small for what more looks find
-    Designer<M> full(p, tube, looks_max);
-    d = full.run();
-    curable = full.curable();
-    if (p.uncertainty.tube || d.refused.empty() || !(full.asked_tube() > tube)) break;
-    tube = room * full.asked_tube();
-  }
+  auto [d, curable] = answer(p);
   if (curable) d.refused += what_helps(p);
-  d.tube_given = p.uncertainty.tube.has_value();
   if (!p.along_time) return d;
   d.start = start_size(p);
   if (d.refused.empty() && d.start > d.tube * d.inside) {

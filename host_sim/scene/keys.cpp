@@ -89,8 +89,8 @@ constexpr std::array keys{
     Key{"uncertainty.l1", "number", "0.0", "", 0, 0.5, false, "", "half width as a share, for simulated plants only: no gain answers for lengths"},
     Key{"uncertainty.l2", "number", "0.0", "", 0, 0.5, false, "", "likewise"},
     Key{"uncertainty.half_base", "number", "0.0", "", 0, 0.5, false, "", "likewise, five_bar"},
-    Key{"uncertainty.tube", "number", "-", "m or rad", 0, 10, true, "", "largest error the gains are made for, effector (five_bar) or joints (rr); default computed"},
-    Key{"uncertainty.reaching_time", "number", "0.1", "s", 0, 60, true, "", "in which the sliding surface is reached from the edge of the tube"},
+    Key{"uncertainty.tube", "number", "-", "m or rad", 0, 10, true, "", "largest error the gains are made for, effector (five_bar) or joints (rr); default computed: one that holds the band of the layer"},
+    Key{"uncertainty.reaching_time", "number", "0.1", "s", 0, 60, true, "", "in which what cannot leave the tube reaches the sliding surface (in continuous time, without a layer)"},
     Key{"uncertainty.over", "string", "\"reference\"", "", -inf, inf, false, "reference | workspace", "where the gains hold"},
 
     Key{"reference.type", "string", "", "", -inf, inf, false, "circle | line | polyline | joint_sine | hold | file", "kind of reference"},

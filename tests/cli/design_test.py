@@ -182,7 +182,8 @@ class Design(unittest.TestCase):
     def test_advice_of_a_refusal_helps(self):
         wide = ["control.gain=robust", "control.law=esmc_projected", "uncertainty={m1=0.1, m2=0.1, lg1=0.01, lg2=0.01, payload=[0.0, 0.3], coulomb=[[0.0, 0.3], [0.0, 0.1]]}",
                 "control.torque_limit=100.0"]
-        for scene, values in ((RR, wide), (RR, [*wide, "control.law=smc"]), (SCENE, ["control.delay_ticks=2"])):
+        for scene, values in ((RR, wide), (RR, [*wide, "control.law=smc"]),
+                              (SCENE, ["control.law=smc", "uncertainty.m2=0.6", "uncertainty.J2=0.6"]), (SCENE, ["control.delay_ticks=2"])):
             refused = design(scene, *values, expect=1)["refused"]
             advice = re.search(r"; tried and helps: ([^;]*)", refused)[1].replace(" (it chatters)", "").split(", ")
             for one in advice:
