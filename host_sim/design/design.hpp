@@ -42,7 +42,7 @@ struct Design {
   bool tube_given = false;
   double inside = 0.0;         ///< share of the tube that is never left again
   double start = 0.0;          ///< size of the tube that would hold the start, m or rad
-  double reaching_time = 0.0;  ///< s, from `inside` to the surface at most
+  double reaching_time = 0.0;  ///< s, from `inside` to the surface at most: in continuous time, without a layer
   double reach_margin = 0.0;  ///< decrease promised: V' <= -sum M eta |s|; here the least of it per sqrt(2 V)
   std::optional<Band> layer;  ///< [F38]: in continuous time; none for `sign`: s = 0
   std::optional<Band> sampled;  ///< linear zone, sampled, delayed; none where nothing is promised
