@@ -2,7 +2,8 @@
 /// The sampled loop while no row of the switching term is at its end: with the implicit step K_i / layer_i is
 /// the same 1 / (1 + d) h in all rows, so that C^T M K sw(C sigma) = H_believed sigma / ((1 + d) h) [F28],
 /// and what is left is a scalar loop with a disturbance H^-1 C^T delta and a gain that is wrong by H^-1
-/// H_believed - 1: small gain, with peak gains.
+/// H_believed - 1: small gain, with peak gains. To first order: the metric of H_believed is taken as the same over the
+/// memory of the loop, about 1 / lambda.
 
 #include "host_sim/design/design.hpp"
 #include "host_sim/design/sampled_loop.hpp"
