@@ -232,7 +232,7 @@ void judge_gains(const Scene& s, Findings& f) {
   if (bridges || s.reaching == ReachingChoice::implicit || s.reaching == ReachingChoice::implicit_coupled) {
     const double late = std::round(d.certain + d.lag), told = s.delay_ticks.value_or(0.0) + s.sensor_lag_ticks;
     if (s.predictor && s.delay_ticks.value_or(0.0) > late) {
-      f.warning(fmt::format("control.predictor looks {:g} ticks ahead, and this scene is late by about {}: what it foresees has happened "
+      f.warning(fmt::format("control.predictor looks {:g} tick(s) ahead, and this scene is late by about {}: what it foresees has happened "
                             "already, and the loop may ring; set control.delay_ticks to what there is",
                             s.delay_ticks.value_or(0.0), late));
     }

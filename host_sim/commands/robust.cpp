@@ -113,7 +113,10 @@ void over_workspace(const Scene& scene, Problem<M>& p) {
   }
   for (const auto& leg : p.believed.legs) reach = std::max(reach, leg.l1 + leg.l2);
   std::array<std::array<double, 2>, 2> box{{{-reach, reach}, {-reach, reach}}};
-  if (scene.limits.workspace) box = *scene.limits.workspace;
+  if (scene.limits.workspace) {  // of a generous one only what can be reached: the grid would miss the mechanism otherwise
+    for (std::size_t i = 0; i < 2; ++i)
+      box[i] = {std::max(box[i][0], (*scene.limits.workspace)[i][0]), std::min(box[i][1], (*scene.limits.workspace)[i][1])};
+  }
   c.reference.space = ReferenceSpace::effector;
   p.points.clear();
   p.joining = 0;

@@ -121,6 +121,14 @@ class Design(unittest.TestCase):
             for a, b in zip(here["torque"], there["torque"]):
                 self.assertGreaterEqual(b["hold_nm"], a["hold_nm"])
 
+    def test_a_workspace_beyond_reach_is_what_can_be_reached(self):
+        values = ("uncertainty.tube=0.003", "control.reaching=sign", "control.law=smc")
+        boxes = ([], ["limits.workspace={x=[-0.5,0.5], y=[-0.5,0.5]}"], ["limits.workspace={x=[-3.0,3.0], y=[-3.0,3.0]}"])
+        # Near its edges it takes more torque than there is: refused, and by the same places whatever the box.
+        found = [design(SCENE, *values, *box, more=("--workspace",), expect=1) for box in boxes]
+        for other in found[1:]:
+            self.assertEqual([other[k] for k in ("refused", "gain_independent", "states")], [found[0][k] for k in ("refused", "gain_independent", "states")])
+
     def test_a_late_torque_of_exact_plants_has_a_band_over_a_workspace_too(self):
         d = design(SCENE, *EXACT, "control.law=smc", "control.delay_ticks=2", "uncertainty.tube=0.006", "simulation.duration=0.6", WORKSPACE,
                    more=("--workspace", "--simulate", "2"))
