@@ -5,6 +5,7 @@
 #include "firmware/mechanism/five_bar.hpp"
 #include "firmware/mechanism/rr.hpp"
 
+/// @cond
 #ifdef ESMC_ONLY_FLOAT
 #define ESMC_IN_DOUBLE(DEFINE, MECHANISM) static_assert(true)
 #else
@@ -17,3 +18,4 @@
 #endif
 #define ESMC_EACH_REDUNDANT(DEFINE) ESMC_IN_DOUBLE(DEFINE, FiveBar); ESMC_IN_FLOAT(DEFINE, FiveBar)
 #define ESMC_EACH(DEFINE) ESMC_EACH_REDUNDANT(DEFINE); ESMC_IN_DOUBLE(DEFINE, Rr); ESMC_IN_FLOAT(DEFINE, Rr)
+/// @endcond

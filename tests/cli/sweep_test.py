@@ -243,6 +243,8 @@ def what_is_not_its_own(folder):
     (own / "scene.toml").write_text(pathlib.Path(SCENE).read_text())
     (own / "study.toml").write_text(few.replace(str(SCENE), "scene.toml"), encoding="utf-8")
     before = (own / "scene.toml").read_bytes()
+    check("no earlier run has left" in sweep(own / "study.toml", "--out", own, status=2).stderr, "a scene of somebody")
+    (own / "summary.json").write_text("{}")
     check("would replace" in sweep(own / "study.toml", "--out", own, status=2).stderr, "its own scene")
     check((own / "scene.toml").read_bytes() == before, "its own scene was replaced")
 
