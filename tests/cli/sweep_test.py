@@ -16,7 +16,7 @@ import time
 ESMC, HOST_SIM = str(pathlib.Path(sys.argv[1]).resolve()), pathlib.Path(sys.argv[2]).resolve()
 SCENE = HOST_SIM / "scenes" / "five_bar_circle.toml"
 SANITIZED = sys.argv[3:] == ["sanitized"]  # slow, and MPI has leaks of its own
-N = 24 if SANITIZED else 240
+N = 8 if SANITIZED else 240
 ALONE = {k: v for k, v in os.environ.items() if not k.startswith(("OMPI_", "PMIX_", "PMI_"))}
 failed = 0
 
@@ -182,7 +182,7 @@ def what_the_table_says(folder):
 def kill_and_go_on(folder):
     """-9 at some moment, three times, then to the end."""
     spec, whole, killed = folder / "long.toml", folder / "whole", folder / "killed"
-    count, duration = (40, 0.3) if SANITIZED else (400, 1)
+    count, duration = (16, 0.3) if SANITIZED else (400, 1)
     spec.write_text(GOOD.replace(f"count = {N}", f"count = {count}").replace("duration=0.3", f"duration={duration}"), encoding="utf-8")
     sweep(spec, "--out", whole)
     for _ in range(3):
