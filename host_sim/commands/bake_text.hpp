@@ -12,13 +12,14 @@
 #include <type_traits>
 
 #include "host_sim/commands/axes_config.hpp"
+#include "host_sim/error.hpp"
 
 namespace esmc::host::bake {
 
 template <std::floating_point T>
 std::string text(T v) {
   constexpr bool single = std::is_same_v<T, float>;
-  if (!std::isfinite(v)) throw std::logic_error("a number of a baked scene is not finite");
+  if (!std::isfinite(v)) throw InputError("", "a number of this scene, or the quotient of two, is beyond what the scalar type of the image holds");
   return fmt::format("{:a}{}", v, single ? "F" : "");
 }
 inline std::string text(bool v) { return v ? "true" : "false"; }

@@ -109,6 +109,13 @@ Unknowns nominal_of(const FiveBarParams<double>& p, bool five_bar) {
   return u;
 }
 
+/// Farther from the base's centre than this, m, no effector can be.
+double reach_of(const CalibrationProblem& p) {
+  const Unknowns& u = p.nominal;
+  const double one = u[unknown_l11] + u[unknown_l12], two = u[unknown_l21] + u[unknown_l22];
+  return p.five_bar ? std::min(one, two) + u[unknown_l0] : one;
+}
+
 void require_scale(const CalibrationProblem& p, const CalibrateOptions& o) {
   const std::size_t n = p.effector.size();
   if (!o.effector.empty() && n < (p.five_bar ? 2U : 3U)) {
@@ -146,7 +153,7 @@ CalibrationProblem problem_of(const RecordedRun& run, const CalibrateOptions& o,
   if (o.half_base) p.nominal[unknown_l0] = *o.half_base;
   p.free_frame = o.free_frame;
   p.effector_sigma = o.effector_sigma;
-  p.effector = read_effector(o.effector, log, p.nominal.head<5>().sum(), o.free_frame);
+  p.effector = read_effector(o.effector, log, reach_of(p), o.free_frame);
   require_scale(p, o);
   const std::size_t stride = (log.table.rows() + rows_used_max - 1) / rows_used_max;
   for (std::size_t i = 0; i < log.table.rows(); i += stride) p.angles.push_back(log.angles(i));
@@ -179,7 +186,7 @@ void judge(const Calibration& c, const CalibrationProblem& p, const RecordedRun&
                     run.log, names));
   }
   // What readings of this accuracy, and angles of that of the encoders, may be beside; five times of it is another cause.
-  const double reach = p.nominal.head<5>().sum(), expected = std::numbers::sqrt2 * p.effector_sigma + 2.0 * reach * c.encoder_sigma;
+  const double expected = std::numbers::sqrt2 * p.effector_sigma + 4.0 * reach_of(p) * c.encoder_sigma;
   if (!(c.effector_rms <= 5.0 * expected)) {
     throw InputError(o.effector, fmt::format("no lengths meet the effector readings better than {:.3g} mm rms, {:.2g} mm are to be expected of "
                                              "--effector-sigma and the encoders: are they in m, in the frame of the base (else --free-frame), "

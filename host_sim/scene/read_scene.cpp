@@ -91,7 +91,22 @@ ModelFactors read_model(Section s, Scene& scene) {
   f.J2 = s.number("J2");
   f.exact_friction = s.text("friction") == "exact";
   s.finish();
+  for (LegParams<double> leg : scene.believed ? scene.believed->legs : scene.mechanism.legs) {
+    leg.m1 *= f.m1;
+    leg.m2 *= f.m2;
+    leg.J1 *= f.J1;
+    leg.J2 *= f.J2;
+    if (check(leg) == ParamError::no_inertia)
+      s.fail("", "'control.model' believes in a bar without mass and inertia, which no torque could be computed for: m1, m2, J1, J2 must leave some");
+  }
   return f;
+}
+
+/// Their squares become weights, which both scalar types must hold. Fails where they are further apart than that.
+void require_alike(const Section& s, const char* key, const std::vector<double>& values, double most) {
+  if (values.empty()) return;
+  const auto [least, largest] = std::minmax_element(values.begin(), values.end());
+  if (*largest > most * *least) s.fail(key, fmt::format("must not differ by more than a factor of {:g}: {:g} and {:g}", most, *least, *largest));
 }
 
 std::vector<Waveform> read_waveforms(Section& control, std::size_t motors) {
@@ -189,11 +204,16 @@ void read_control(Section s, Scene& scene) {
   if (s.has("encoder_sigma")) {
     if (!scene.all_sensors) s.fail("encoder_sigma", "is for a five_bar with control.sensors = \"all\"");
     scene.encoder_sigma = s.each("encoder_sigma", 4);
+    require_alike(s, "encoder_sigma", scene.encoder_sigma, 1e3);
   }
   require_parts_fit(s, scene);
   const auto motors = static_cast<std::size_t>(scene.motors());
   if (scene.closed_loop() || s.has("torque_limit")) scene.torque_limit = s.each("torque_limit", motors);
   scene.torque_weight = s.optional_numbers("torque_weight", {motors}).value_or(std::vector<double>{});
+  if (scene.all_motors) {
+    require_alike(s, "torque_weight", scene.torque_weight, 1e8);
+    if (scene.torque_weight.empty()) require_alike(s, "torque_limit", scene.torque_limit, 1e4);
+  }
   scene.preload = s.optional_numbers("preload", {motors}).value_or(std::vector<double>{});
   if (!scene.preload.empty() && !scene.all_motors)
     s.fail("preload", "needs control.motors = \"all\": two motors have no torque that moves nothing");

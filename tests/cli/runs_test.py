@@ -155,6 +155,16 @@ class Told(unittest.TestCase):
             self.assertEqual("its sign is lost" in line, left <= 0)
         self.assertEqual(text.count("its sign is lost"), 2)  # of the base motors
 
+    def test_check_warns_of_a_prediction_beyond_the_delay(self):
+        observer, predict = self.circle.parent / "five_bar_observer.toml", ("control.predictor=true", "control.delay_ticks=2")
+        beyond = "what it foresees has happened already"
+        self.assertNotIn(beyond, self.check(observer)[1])  # two ticks late, and told so
+        self.assertIn(beyond, self.check(observer, "effects=[]")[1])
+        self.assertIn(beyond, self.check(self.rr, *predict)[1])
+        ringing, quiet = (json.loads(esmc("sim", self.rr, "--json", *sets(*more)).stdout)["torque"]["saturated_ticks"] for more in (predict, predict[1:]))
+        self.assertGreater(ringing, 1000)
+        self.assertEqual(quiet, 0)
+
     def test_arguments(self):
         for args, words in ((["simm", "x"], ["unknown subcommand 'simm'", "did you mean sim?"]),
                             (["bogus", "--help"], ["unknown subcommand 'bogus'"]),
