@@ -80,7 +80,6 @@ class Fit {
     converged = false;
     for (const bool correct : {false, true}) {
       Normal n = normal(u, basis, correct, with_effector, false);
-      if (basis.cols() == 0 || !n.H.allFinite() || !std::isfinite(n.cost)) return u;  // nothing to look for, or nowhere to begin
       double damping = 1e-6;
       for (int i = 0; i < 100; ++i) {
         Matrix H = n.H;

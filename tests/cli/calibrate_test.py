@@ -248,7 +248,7 @@ def hostile(bench):
         dead = [log[0]] + [",".join(l.split(",")[:at] + [word] + l.split(",")[at + 1:]) for l in log[1:]]
         for more in ((), ("--keep-nominal",)):
             with_log("\n".join(dead) + "\n", "is it the log of this mechanism", *known, *more)
-    bench.bad("is it the log of this mechanism", out, "--half-base", "1e300")
+    bench.bad("no lengths near the nominal ones fit it even roughly", out, "--half-base", "1e300")
     bench.bad("is it the log of this mechanism", out, *known, "--observer-bandwidth", "1")
     bench.bad("must be 0, or 1 to 1e6", out, *known, "--observer-bandwidth", "nan")
     # Another mechanism's angles fit no lengths.

@@ -184,6 +184,11 @@ def hostile(bench):
         return [log[0]] + [",".join([*(f := l.split(",")[:at]), change(float(f[0]) if at else 0.0, l.split(",")[at]), *l.split(",")[at + 1:]]) for l in log[1:]]
     with_log(changed("tau11_cmd", lambda t, v: repr(-float(v))), "with their signs?")
     with_log(changed("tau11_cmd", lambda t, v: "0"), "motor 1 has no torque at all")
+    tau, rate, driven = head.index("tau11_cmd"), head.index("theta11_rate_meas"), [log[0]]
+    for fields in (l.split(",") for l in log[1:]):  # something else drives the joint with its motion
+        fields[tau] = repr(float(fields[tau]) - 0.03 * float(fields[rate]))
+        driven.append(",".join(fields))
+    with_log(driven, "friction brakes")
     with_log(changed("state", lambda t, v: "fault" if t > 1.0 else v), "state is 'fault': only rows of a running controller")
     with_log(log[:1], "rows are too few")
     with_log(log, "torn off", end="")
