@@ -3,7 +3,9 @@
 
 #include <array>
 #include <concepts>
+#include <cstddef>
 #include <cstdint>
+#include <cstring>
 #include <span>
 
 /// What the library needs of a machine, and back ends.
@@ -21,7 +23,7 @@ struct CanFrame {
   bool bit_rate_switch = false;  ///< FD data phase at the fast bit rate
   bool perishable = false;  ///< of one tick: a back end that can drops it at the next one. Not on the wire, not compared
   std::uint8_t size = 0;    ///< bytes used in `data`: 0..8, or 0..64 with `fd`
-  std::array<std::uint8_t, can_fd_size_max> data{};
+  alignas(4) std::array<std::uint8_t, can_fd_size_max> data{};  ///< aligned for whoever reads or writes words
 
   [[nodiscard]] constexpr std::span<const std::uint8_t> payload() const { return {data.data(), size}; }
   friend constexpr bool operator==(const CanFrame& a, const CanFrame& b) {
@@ -35,6 +37,15 @@ struct CanFrame {
     return true;
   }
 };
+
+/// `to` = `from` as far as frames are compared: of the data only what is used, or 8 bytes, which cost no loop.
+inline void copy_used(const CanFrame& from, CanFrame& to) {
+  if (from.size > can_classic_size_max) {
+    to = from;
+    return;
+  }
+  std::memcpy(static_cast<void*>(&to), &from, offsetof(CanFrame, data) + can_classic_size_max);
+}
 
 /// A frame that a controller may put on the wire: identifier in range, size allowed by its format.
 [[nodiscard]] constexpr bool well_formed(const CanFrame& f) {

@@ -67,24 +67,11 @@ void demand_esmc(const M& m, const Gains<M>& gain, const Tracking<M>& t, typenam
                                         });
   if constexpr (rows == Rows::with_mass) M::follow_bars(sliding);
 }
-/// The same for any reaching law. A tick of those that do not clamp may take longer: they have their term added in a
-/// second pass, so that the first one asks nothing in every channel.
-template <class M, Rows rows = Rows::all>
-void demand_esmc(const M& m, const Gains<M>& gain, Reaching reaching, const Tracking<M>& t,
-                 typename M::Channels& acceleration, typename M::Channels& sliding) {
-  if (clamps(reaching)) return demand_esmc<M, rows>(m, gain, t, acceleration, sliding);
-  Gains<M> without = gain;
-  without.k.setZero();
-  acceleration.setZero();
-  demand_esmc<M, rows>(m, without, t, acceleration, sliding);
-  add_switching(reaching, sliding, gain.k, gain.layer, acceleration);
-}
-
 /// v' = C a_r + Cdot v_r + K sw(C sigma), sigma = e' + lambda e in the independent coordinates,
-/// v_r = v_d + lambda e, a_r = a_d + lambda e' [F33]. V' <= 0 holds exactly for an exact model.
-template <class M>
-void demand_projected(const M& m, const Gains<M>& gain, Reaching reaching, const Tracking<M>& t,
-                      typename M::Channels& acceleration, typename M::Channels& sliding) {
+/// v_r = v_d + lambda e, a_r = a_d + lambda e' [F33]. V' <= 0 holds exactly for an exact model. Rows as for demand_esmc.
+template <class M, Rows rows = Rows::all>
+void demand_projected(const M& m, const Gains<M>& gain, const Tracking<M>& t, typename M::Channels& acceleration,
+                      typename M::Channels& sliding) {
   using S = typename M::Scalar;
   const S lambda = gain.independent.lambda;
   const Vec2<S> e = M::independent_error(t.desired_pose, t.pose);
@@ -95,9 +82,54 @@ void demand_projected(const M& m, const Gains<M>& gain, Reaching reaching, const
       m.chain_rates(t.pose, Vec2<S>(M::independent(t.desired_acceleration) + ed * lambda));
   typename M::Rates whole = m.chain_bias(t.pose, t.rates, reference);
   add(whole, straight);
-  sliding = m.channel_rates(t.pose, sigma);
-  acceleration = m.channel_accelerations(t.pose, t.rates, reference, whole);
+  m.template resolve<rows == Rows::all>(t.pose, sigma, whole, t.rates, reference, [&](auto row, S s, S asked) ESMC_INLINE {
+    sliding[row] = s;
+    acceleration[row] = asked + gain.k[row] * saturated(s, gain.layer[row]);
+  });
+  if constexpr (rows == Rows::with_mass) M::follow_bars(sliding);
+}
+
+/// The laws that have a term in every channel.
+enum class Channelwise : std::uint8_t { esmc, projected };
+template <Channelwise law, class M, Rows rows>
+ESMC_INLINE inline void demand_clamped(const M& m, const Gains<M>& gain, const Tracking<M>& t,
+                                       typename M::Channels& acceleration, typename M::Channels& sliding) {
+  if constexpr (law == Channelwise::esmc) {
+    demand_esmc<M, rows>(m, gain, t, acceleration, sliding);
+  } else {
+    demand_projected<M, rows>(m, gain, t, acceleration, sliding);
+  }
+}
+/// With a reaching law that does not clamp. A tick of those may take longer: they have their term added in a second pass, so
+/// that the first one asks nothing in every channel.
+template <Channelwise law, class M, Rows rows>
+[[gnu::noinline]] void demand_unclamped(const M& m, const Gains<M>& gain, Reaching reaching, const Tracking<M>& t,
+                                        typename M::Channels& acceleration, typename M::Channels& sliding) {
+  Gains<M> without = gain;
+  without.k.setZero();
+  acceleration.setZero();
+  demand_clamped<law, M, rows>(m, without, t, acceleration, sliding);
   add_switching(reaching, sliding, gain.k, gain.layer, acceleration);
+}
+/// Either of them with any reaching law.
+template <Channelwise law, class M, Rows rows>
+ESMC_INLINE inline void demand_channelwise(const M& m, const Gains<M>& gain, Reaching reaching, const Tracking<M>& t,
+                                           typename M::Channels& acceleration, typename M::Channels& sliding) {
+  if (clamps(reaching)) {
+    demand_clamped<law, M, rows>(m, gain, t, acceleration, sliding);
+  } else {
+    demand_unclamped<law, M, rows>(m, gain, reaching, t, acceleration, sliding);
+  }
+}
+template <class M, Rows rows = Rows::all>
+void demand_esmc(const M& m, const Gains<M>& gain, Reaching reaching, const Tracking<M>& t,
+                 typename M::Channels& acceleration, typename M::Channels& sliding) {
+  demand_channelwise<Channelwise::esmc, M, rows>(m, gain, reaching, t, acceleration, sliding);
+}
+template <class M, Rows rows = Rows::all>
+void demand_projected(const M& m, const Gains<M>& gain, Reaching reaching, const Tracking<M>& t,
+                      typename M::Channels& acceleration, typename M::Channels& sliding) {
+  demand_channelwise<Channelwise::projected, M, rows>(m, gain, reaching, t, acceleration, sliding);
 }
 
 /// v' = C u + c, where u is the acceleration asked of the independent coordinates.
@@ -150,8 +182,9 @@ template <class M, Rows rows = Rows::all>
 void demand(LawKind law, const M& m, const Gains<M>& gain, Reaching reaching, const Tracking<M>& t,
             typename M::Channels& acceleration, typename M::Channels& sliding) {
   switch (law) {
-    case LawKind::esmc: return demand_esmc<M, rows>(m, gain, reaching, t, acceleration, sliding);
-    case LawKind::esmc_projected: return demand_projected(m, gain, reaching, t, acceleration, sliding);
+    case LawKind::esmc: return demand_channelwise<Channelwise::esmc, M, rows>(m, gain, reaching, t, acceleration, sliding);
+    case LawKind::esmc_projected:
+      return demand_channelwise<Channelwise::projected, M, rows>(m, gain, reaching, t, acceleration, sliding);
     case LawKind::smc: return demand_smc(m, gain, reaching, t, acceleration, sliding);
     case LawKind::ctc: return demand_ctc(m, gain, t, acceleration, sliding);
     case LawKind::pd: break;

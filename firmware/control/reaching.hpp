@@ -19,10 +19,11 @@ enum class Reaching : std::uint8_t {
 /// Those of the shape of `saturation`.
 [[nodiscard]] constexpr bool clamps(Reaching law) { return law == Reaching::saturation || law == Reaching::implicit; }
 
-/// The layer that makes `saturation` the implicit step [F39]: sample time h (s), torque known to act d ticks late.
+/// The layer that makes `saturation` the implicit step [F39]: sample time h (s), torque known to act d ticks late. Any layer
+/// does in a channel without gain; that of gain 1 is none that divides 0 by 0.
 template <class S>
 [[nodiscard]] constexpr S implicit_layer(S gain, S sample_time, S delay_ticks) {
-  return (S(1) + delay_ticks) * sample_time * gain;
+  return (S(1) + delay_ticks) * sample_time * (gain > S(0) ? gain : S(1));
 }
 
 /// The two that compute more than a comparison; in [-1, 1], odd, NaN for NaN. Written without a jump where it
@@ -35,7 +36,7 @@ template <class S>
 [[nodiscard, gnu::always_inline]] constexpr S saturated(S s, S layer) {
   if (s > layer) return S(1);
   if (s < -layer) return S(-1);
-  return layer == S(0) ? s : s / layer;  // an implicit channel without gain has no layer: nothing, not 0/0
+  return s / layer;
 }
 
 /// In [-1, 1], odd. `layer` > 0 in the unit of s; ignored by `sign`. NaN stays NaN.

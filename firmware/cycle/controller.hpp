@@ -78,15 +78,27 @@ struct TickResult {
   std::uint32_t running_tick = 0;  ///< ticks since the controller runs; 0 in the first one
   bool saturated = false;          ///< a torque was clamped
   bool stage_done = false;         ///< halting: at rest; lowering: let down. For the supervisor's next tick
-  Vec<S, M::joints> torque = Vec<S, M::joints>::Zero();  ///< N m at the joints, zero where there is no motor
-  Vec2<S> effector = Vec2<S>::Zero();           ///< as estimated, m; zero where there is no estimate
-  Vec2<S> desired_effector = Vec2<S>::Zero();   ///< m
-  List<Vec2<S>, 2> desired_direction{{Vec2<S>::Zero(), Vec2<S>::Zero()}};  ///< cosine and sine of the base joints
+  Vec<S, M::joints> torque;        ///< N m at the joints, zero where there is no motor
+  Vec2<S> effector;                             ///< as estimated, m; zero where there is no estimate
+  Vec2<S> desired_effector;                     ///< m
+  List<Vec2<S>, 2> desired_direction;           ///< cosine and sine of the base joints
   typename M::Channels sliding;                 ///< of the channels; zero where nothing was asked of them
 
-  TickResult() { sliding.setZero(); }
   struct Unset {};
-  explicit TickResult(Unset) {}  ///< whoever takes it sets the sliding variables
+  TickResult() : TickResult(Unset{}) {
+    nothing_seen();
+    nothing_desired();
+    sliding.setZero();
+  }
+  /// No torque; whoever takes it sets what has no value otherwise.
+  explicit TickResult(Unset) {
+    unroll<M::joints>([&](auto i) ESMC_INLINE { torque[i] = S(0); });
+  }
+  void nothing_seen() { effector.setZero(); }
+  void nothing_desired() {
+    desired_effector.setZero();
+    for (auto& d : desired_direction.items) d.setZero();
+  }
 
   /// rad, in (-pi, pi]. Computed here: no torque needs it.
   [[nodiscard]] Vec2<S> desired_base() const { return angles_of(desired_direction); }
@@ -138,11 +150,11 @@ class Controller {
     const S phase = measured.phase[static_cast<unsigned>(joint)];
     const std::uint32_t age = measured.age_ticks[static_cast<unsigned>(joint)];
     if (age > limits.max_age_ticks) return Fault::stale_feedback;
-    if (!finite(measured.angle[joint]) || !finite(measured.rate[joint])) return Fault::feedback_not_finite;
+    angle = measured.angle[joint] + measured.rate[joint] * (S(age) * config_.sample_time + phase + config_.torque_lead);
+    if (!finite(angle)) return Fault::feedback_not_finite;  // also where one of the two is not, even times zero
     if (age == 0 && !consistency_.plausible(joint, measured, limits.feedback_jump, config_.sample_time)) {
       return Fault::feedback_jump;
     }
-    angle = measured.angle[joint] + measured.rate[joint] * (S(age) * config_.sample_time + phase + config_.torque_lead);
     return Fault::none;
   }
 
@@ -160,11 +172,17 @@ class Controller {
     } else {
       for (int i = 0; i < M::joints && wrong == Fault::none; ++i) wrong = accept(i, measured, limits, angle[i]);
     }
-    if (wrong != Fault::none) return wrong;
+    if (wrong != Fault::none) {
+      out.nothing_seen();
+      return wrong;
+    }
     const Vec2<S> base_angle = at_base(angle), base_rate = at_base(measured.rate);
     S closure(0);
     if (from_base) {
-      if (!estimate_from_base(config_.mechanism, config_.mode, base_angle, base_rate, pose, rates)) return Fault::loop_not_closed;
+      if (!estimate_from_base(config_.mechanism, config_.mode, base_angle, base_rate, pose, rates)) {
+        out.nothing_seen();
+        return Fault::loop_not_closed;
+      }
     } else if constexpr (M::joints == 4) {
       Estimate<M> e;
       if (config_.fuse != nullptr) {
@@ -187,14 +205,19 @@ class Controller {
     const bool retreating = !run && state != State::testing;
     Tracking<M> t;
     Fault fault = observe(measured, retreating ? relaxed_ : config_.limits, t.pose, t.rates, out);
-    if (fault != Fault::none) return fault;
-    if (state == State::testing) return probe(t, out);
+    if (fault != Fault::none || state == State::testing) {
+      out.nothing_desired();
+      return fault != Fault::none ? fault : probe(t, out);
+    }
     if (config_.observer != nullptr) [[unlikely]] config_.observer(config_, t, memory_);
     fault = run ? follow(t) : retreat(state, t, out);
-    if (fault != Fault::none) return fault;
+    if (fault != Fault::none) {
+      out.nothing_desired();
+      return fault;
+    }
     if (remembers_) [[unlikely]] out.effector = t.pose.effector;  // a predictor has moved it
     out.desired_effector = t.desired_pose.effector;
-    out.desired_direction = M::base_directions(t.desired_pose);
+    M::base_directions(t.desired_pose, out.desired_direction);
     if (state == State::lowering) {
       let_down(t, out);
     } else {
@@ -432,6 +455,7 @@ TickResult<M> Controller<M>::tick(const Sample<M>& measured, Supervisor& supervi
     typename M::Pose pose;
     typename M::Rates rates;
     const Fault fault = observe(measured, config_.limits, pose, rates, out);
+    out.nothing_desired();
     if (supervisor.state() == State::enabling && fault != Fault::stale_feedback) supervisor.raise(fault);
   }
   if (!acted) out.sliding.setZero();

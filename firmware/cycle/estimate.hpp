@@ -71,9 +71,9 @@ struct Desired {
 
 /// Effector at x (m) with velocity v and acceleration a. False: outside the workspace, and what is filled in is none.
 template <class M, class S = typename M::Scalar>
-[[nodiscard]] bool desired_at_effector(const M& m, const typename M::Mode& mode, const Vec2<S>& x, const Vec2<S>& v,
-                                       const Vec2<S>& a, typename M::Pose& pose, typename M::Rates& rates,
-                                       typename M::Rates& acceleration) {
+[[nodiscard]] ESMC_INLINE inline bool desired_at_effector(const M& m, const typename M::Mode& mode, const Vec2<S>& x,
+                                                          const Vec2<S>& v, const Vec2<S>& a, typename M::Pose& pose,
+                                                          typename M::Rates& rates, typename M::Rates& acceleration) {
   if (!m.inverse(x, mode, pose)) return false;
   rates = m.rates_of_effector(pose, v);
   acceleration = m.accelerations_of_effector(pose, rates, a);

@@ -145,9 +145,15 @@ class FiveBar : public Coupling<S, PointMass<S>, Dyad<S>, 2> {
   }
 
   /// Cosine and sine of theta11, of theta21.
-  [[nodiscard]] static List<Vec2<S>, 2> base_directions(const Pose& p) { return {{p.leg[0].turn[0], p.leg[1].turn[0]}}; }
+  static void base_directions(const Pose& p, List<Vec2<S>, 2>& out) {
+    unroll<2>([&](auto j) ESMC_INLINE { out[j] = p.leg[j].turn[0]; });
+  }
   /// (theta11, theta21), each in (-pi, pi].
-  [[nodiscard]] static Vec2<S> base_angles(const Pose& p) { return angles_of(base_directions(p)); }
+  [[nodiscard]] static Vec2<S> base_angles(const Pose& p) {
+    List<Vec2<S>, 2> direction;
+    base_directions(p, direction);
+    return angles_of(direction);
+  }
 
   /// sin theta_j2: 0 at a type-1 (serial) singularity.
   [[nodiscard]] static S sin_type1(const Pose& p, int leg) { return p.leg[leg].turn[1].y(); }
@@ -177,7 +183,7 @@ class FiveBar : public Coupling<S, PointMass<S>, Dyad<S>, 2> {
     for (int j = 0; j < 2; ++j) {
       const Vec2<S>& a = actual.leg[j].axis[0];
       const Vec2<S>& d = desired.leg[j].axis[0];
-      out[j] = arc_tangent2(cross(a, d), dot(a, d));
+      out[j] = angle_of_unit(cross(a, d), dot(a, d));
     }
     return out;
   }
@@ -203,6 +209,17 @@ class FiveBar : public Coupling<S, PointMass<S>, Dyad<S>, 2> {
           [&](auto row, S of, S rate, S acceleration) ESMC_INLINE {
             f(std::integral_constant<int, Base::row_leg(j) + row>{}, of, rate, acceleration);
           });
+    });
+  }
+  /// Calls f(row, rate, acceleration) for every channel, see Serial::resolve.
+  template <bool with_joints = true, class F>
+  ESMC_INLINE void resolve(const Pose& p, const Rates& speed, const Rates& acceleration, const Rates& a, const Rates& b, F&& f) const {
+    unroll<2>([&](auto i) ESMC_INLINE { f(i, speed.platform[i], acceleration.platform[i]); });
+    unroll<2>([&](auto j) ESMC_INLINE {
+      this->leg(j).template resolve<with_joints>(p.leg[j], speed.leg[j], acceleration.leg[j], a.leg[j], b.leg[j],
+                                                 [&](auto row, S of_speed, S of_acceleration) ESMC_INLINE {
+                                                   f(std::integral_constant<int, Base::row_leg(j) + row>{}, of_speed, of_acceleration);
+                                                 });
     });
   }
   /// The joint rows from those of the bars, see Serial::follow_bars.

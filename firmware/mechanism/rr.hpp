@@ -55,8 +55,8 @@ class Rr {
     return dyad_inverse(arm_, effector, mode.working, p.arm);
   }
   /// Cosine and sine of theta1, of theta2.
-  [[nodiscard]] static List<Vec2<S>, 2> base_directions(const Pose& p) { return p.arm.turn; }
-  [[nodiscard]] static Vec2<S> angles(const Pose& p) { return angles_of(base_directions(p)); }
+  static void base_directions(const Pose& p, List<Vec2<S>, 2>& out) { out = p.arm.turn; }
+  [[nodiscard]] static Vec2<S> angles(const Pose& p) { return angles_of(p.arm.turn); }
   [[nodiscard]] static Vec2<S> base_angles(const Pose& p) { return angles(p); }
   [[nodiscard]] static S sin_type1(const Pose& p) { return p.arm.turn[1].y(); }
   static S min_abs_sin_type1(const Pose& p) { return sin_type1(p) < S(0) ? -sin_type1(p) : sin_type1(p); }
@@ -77,7 +77,7 @@ class Rr {
     unroll<2>([&](auto i) {
       const Vec2<S>& a = actual.arm.turn[i];
       const Vec2<S>& d = desired.arm.turn[i];
-      out[i] = arc_tangent2(cross(a, d), dot(a, d));
+      out[i] = angle_of_unit(cross(a, d), dot(a, d));
     });
     return out;
   }
@@ -92,6 +92,11 @@ class Rr {
   ESMC_INLINE void compare(const Pose& desired, const Rates& desired_rates, const Rates& desired_acceleration, const Pose& actual,
                const Rates& rates, F&& f) const {
     arm_.template compare<with_joints>(desired.arm, desired_rates, desired_acceleration, actual.arm, rates, f);
+  }
+  /// Calls f(row, rate, acceleration) for every channel, see Serial::resolve.
+  template <bool with_joints = true, class F>
+  ESMC_INLINE void resolve(const Pose& p, const Rates& speed, const Rates& acceleration, const Rates& a, const Rates& b, F&& f) const {
+    arm_.template resolve<with_joints>(p.arm, speed, acceleration, a, b, f);
   }
   /// The joint rows from those of the bars, see Serial::follow_bars.
   static void follow_bars(Channels& s) { Leg::follow_bars(s); }

@@ -216,13 +216,30 @@ class Serial {
     });
   }
 
+  /// Calls f(row, rate, acceleration) for every channel, or for all but the joints': what `rates` says of `speed`, and what
+  /// `rates` of `acceleration` and `bias(a, b)` say together; body by body, as `compare` does.
+  template <bool with_joints = true, class F>
+  ESMC_INLINE void resolve(const Pose& p, const Joints& speed, const Joints& acceleration, const Joints& a, const Joints& b,
+                           F&& f) const {
+    RateWalk fast, push;
+    BiasWalk drift;
+    unroll<joints>([&](auto i) ESMC_INLINE {
+      const Row v = step(fast, i, p, speed), r = step(push, i, p, acceleration);
+      const Vec2<S> c = step(drift, i, p, a, b);
+      if constexpr (with_joints) f(std::integral_constant<int, row_joint(i)>{}, v.joint, r.joint);
+      f(std::integral_constant<int, row_angle(i)>{}, v.angle, r.angle);
+      f(std::integral_constant<int, row_x(i)>{}, v.centre.x(), S(r.centre.x() + c.x()));
+      f(std::integral_constant<int, row_x(i) + 1>{}, v.centre.y(), S(r.centre.y() + c.y()));
+    });
+  }
+
   /// M v' + f + g with M, f, g of [F2]: the forces to be carried by C^T. The joint rows hold friction alone,
   /// because M is zero there: whatever v' says about them never reaches the joints (model.md section 9).
   [[nodiscard, gnu::always_inline]] Channels force(const Channels& v, const Joints& qd) const {
     Channels out;
     unroll<joints>([&](auto i) ESMC_INLINE {
       const Body<S>& b = bodies_[i];
-      put(out, i, {b.viscous * qd[i] + b.coulomb * sign(qd[i]), b.inertia * v[row_angle(i)],
+      put(out, i, {b.viscous * qd[i] + against(b.coulomb, qd[i]), b.inertia * v[row_angle(i)],
                    Vec2<S>(b.mass * v[row_x(i)], b.mass * (v[row_x(i) + 1] + gravity_))});
     });
     return out;
@@ -261,7 +278,14 @@ class Serial {
   static constexpr bool slides = ((Links::joint == Joint::prismatic) || ...);
   static constexpr Joint joint(int i) { return kinds_[i]; }
 
-  static S sign(S v) { return S(v > S(0)) - S(v < S(0)); }  // sign(0) = 0, model.md section 12
+  /// coulomb * sign(v), with sign(0) = 0 (model.md section 12). v of a NaN counts as 0: the viscous term has it.
+  static S against(S coulomb, S v) {
+    if constexpr (BinaryFloat<S>) {
+      return v > S(0) ? coulomb : v < S(0) ? -coulomb : S(0);
+    } else {
+      return coulomb * (S(v > S(0)) - S(v < S(0)));
+    }
+  }
 
   /// Displacement of joint i, m: a chain without a prismatic joint stores none.
   template <int I>
@@ -314,15 +338,22 @@ class Serial {
     Sum<Vec2<S>> at_end;
   };
   template <int I>
-  [[nodiscard]] Row step(RateWalk& w, std::integral_constant<int, I> i, const Pose& p, const Joints& qd) const {
+  [[nodiscard, gnu::always_inline]] Row step(RateWalk& w, std::integral_constant<int, I> i, const Pose& p, const Joints& qd) const {
     if constexpr (joint(I) == Joint::revolute) {
       w.spin.add(qd[I]);
     } else {
       w.at_end.add(p.axis[I] * qd[I]);
       if (!w.spin.empty()) w.at_end.add(perp(p.axis[I]) * (w.spin.value() * slid(p, i)));
     }
-    if (w.spin.empty()) return {qd[I], S(0), w.at_end.value()};
-    const Row out{qd[I], w.spin.value(), w.at_end.plus(perp(arm(p, i)) * w.spin.value())};
+    Row out;  // one name for all returns, or it would be copied
+    out.joint = qd[I];
+    if (w.spin.empty()) {
+      out.angle = S(0);
+      out.centre = w.at_end.value();
+      return out;
+    }
+    out.angle = w.spin.value();
+    out.centre = w.at_end.plus(perp(arm(p, i)) * w.spin.value());
     if constexpr (I + 1 < joints) w.at_end.add(perp(p.axis[I]) * (w.spin.value() * bodies_[I].length));
     return out;
   }
@@ -333,7 +364,7 @@ class Serial {
   };
   /// Of the mass centre; joints and bars have none.
   template <int I>
-  [[nodiscard]] Vec2<S> step(BiasWalk& w, std::integral_constant<int, I> i, const Pose& p, const Joints& a,
+  [[nodiscard, gnu::always_inline]] Vec2<S> step(BiasWalk& w, std::integral_constant<int, I> i, const Pose& p, const Joints& a,
                              const Joints& b) const {
     if constexpr (joint(I) == Joint::revolute) {
       w.spin_a.add(a[I]);
@@ -342,9 +373,13 @@ class Serial {
       w.at_end.add(perp(p.axis[I]) * (w.spin_a.value() * b[I] + w.spin_b.value() * a[I]));
       w.at_end.subtract(p.axis[I] * (w.spin_a.value() * w.spin_b.value() * slid(p, i)));
     }
-    if (w.spin_a.empty()) return Vec2<S>::Zero();
+    Vec2<S> out;
+    if (w.spin_a.empty()) {
+      out.setZero();
+      return out;
+    }
     const S square = w.spin_a.value() * w.spin_b.value();
-    const Vec2<S> out = w.at_end.minus(arm(p, i) * square);
+    out = w.at_end.minus(arm(p, i) * square);
     if constexpr (I + 1 < joints) w.at_end.subtract(p.axis[I] * (square * bodies_[I].length));
     return out;
   }
@@ -353,7 +388,7 @@ class Serial {
     Sum<Vec2<S>> at_end;
   };
   template <int I>
-  [[nodiscard]] Vec2<S> step(CentreWalk& w, std::integral_constant<int, I> i, const Pose& p) const {
+  [[nodiscard, gnu::always_inline]] Vec2<S> step(CentreWalk& w, std::integral_constant<int, I> i, const Pose& p) const {
     if constexpr (joint(I) == Joint::prismatic) w.at_end.add(p.axis[I] * slid(p, i));
     const Vec2<S> out = w.at_end.plus(arm(p, i));
     if constexpr (I + 1 < joints) w.at_end.add(p.axis[I] * bodies_[I].length);
@@ -365,8 +400,8 @@ class Serial {
     CentreWalk desired, actual;
   };
   template <int I>
-  [[nodiscard]] Row step(ErrorWalk& w, std::integral_constant<int, I> i, const Pose& desired, const Pose& actual) const {
-    const S turned = arc_tangent2(cross(actual.axis[I], desired.axis[I]), dot(actual.axis[I], desired.axis[I]));
+  [[nodiscard, gnu::always_inline]] Row step(ErrorWalk& w, std::integral_constant<int, I> i, const Pose& desired, const Pose& actual) const {
+    const S turned = angle_of_unit(cross(actual.axis[I], desired.axis[I]), dot(actual.axis[I], desired.axis[I]));
     S of_joint;
     if constexpr (joint(I) == Joint::revolute) {
       of_joint = w.turned.empty() ? turned : wrap_to_pi(S(turned - w.turned.value()));

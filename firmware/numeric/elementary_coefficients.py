@@ -7,19 +7,20 @@ contribution to the result, relative to the result, before rounding of the coeff
 """
 import struct
 
-from mpmath import atan, chebyfit, coth, cos, log, mp, mpf, pi, polyval, sin, sqrt, floor, frexp, ldexp
+from mpmath import asin, atan, chebyfit, coth, cos, log, mp, mpf, pi, polyval, sin, sqrt, floor, frexp, ldexp
 
 mp.dps = 60
 ROUND = {"float": lambda v: struct.unpack("f", struct.pack("f", float(v)))[0], "double": float}
 DIGITS = {"float": 24, "double": 53}
 SLACK = mpf("1.001")  # the quotient that picks the interval is itself rounded
 
-# name: (f(z), relative weight of an error of f(z), largest argument, terms for float, double)
+# name: (f(z), relative weight of an error of f(z), largest argument (of each, where they differ), terms for float, double)
 FITS = {
     "sine": (lambda z: (1 - sin(sqrt(z)) / sqrt(z)) / z, lambda z: z, pi / 4 * SLACK, 3, 6),
     "cosine": (lambda z: (cos(sqrt(z)) - 1 + z / 2) / z**2, lambda z: z**2 * 1.42, pi / 4 * SLACK, 3, 6),
     "tanh": (lambda z: (sqrt(z) * coth(sqrt(z)) - 1) / z, lambda z: z, log(2) / 4 * SLACK, 2, 5),
     "atan": (lambda z: (1 - atan(sqrt(z)) / sqrt(z)) / z, lambda z: z, mpf(33) / 128, 4, 8),
+    "asin": (lambda z: (asin(sqrt(z)) / sqrt(z) - 1) / z, lambda z: z, {"float": mpf("0.7072"), "double": mpf("0.26")}, 7, 8),
 }
 
 
@@ -45,6 +46,7 @@ for kind, near in ROUND.items():
         return near(value), value - near(value)
 
     for name, (f, weight, limit, few, many) in FITS.items():
+        limit = limit[kind] if isinstance(limit, dict) else limit
         terms = chebyfit(f, [limit**2 / 10, limit**2],  # the weight vanishes at 0
                           few if kind == "float" else many)
         grid = [limit**2 * (i + mpf(1)) / 400 for i in range(400)]

@@ -21,7 +21,7 @@ class VirtualBus {
     [[nodiscard]] SendStatus try_send(const CanFrame& f) { return bus_->send(*this, f); }
     [[nodiscard]] bool try_receive(CanFrame& f) {
       if (count_ == 0) return false;
-      f = queue_[first_];
+      copy_used(queue_[first_], f);
       first_ = (first_ + 1) % capacity;
       // Back to the slots that are in the cache: a queue is mostly emptied between ticks.
       if (--count_ == 0) first_ = 0;
@@ -52,7 +52,7 @@ class VirtualBus {
     }
     for (Port& p : ports_) {
       if (&p == &from) continue;
-      p.queue_[(p.first_ + p.count_) % Port::capacity] = f;
+      copy_used(f, p.queue_[(p.first_ + p.count_) % Port::capacity]);
       ++p.count_;
     }
     return SendStatus::ok;

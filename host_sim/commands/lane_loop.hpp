@@ -202,7 +202,7 @@ class LaneLoop {
     typename M::Pose true_pose;
     if (!settings_.true_lengths) (void)true_.inverse(position, mode_, true_pose);
     if (settings_.base_errors) {
-      const Vec2<L> base = angles_of(M::base_directions(settings_.true_lengths ? t.desired_pose : true_pose));
+      const Vec2<L> base = M::base_angles(settings_.true_lengths ? t.desired_pose : true_pose);
       for (std::size_t i = 0; i < 2; ++i) {
         add(magnitude(wrap_to_pi(L(o.q[2 + 2 * i] - base[static_cast<int>(i)]))), settled, base_square_,
             base_largest_, base_settled_square_, base_settled_largest_);

@@ -26,6 +26,7 @@ namespace esmc::host {
 
 // For single lanes in which a function needs its seldom branches. Compiled for every processor.
 [[gnu::cold]] void arc_tangent2_each(const double* y, const double* x, double* out, int n);
+[[gnu::cold]] void angle_of_unit_each(const double* y, const double* x, double* out, int n);
 [[gnu::cold]] void wrap_to_pi_each(const double* angle, double* out, int n);
 void hyperbolic_tangent_each(const double* x, double* out, int n);
 
@@ -186,6 +187,17 @@ struct Lanes {
     const Lanes angle = entry(heads, row) + (entry(tails, row) + from(bits_of(turn) ^ left ^ steep));
     return from(bits_of(angle) ^ (bits_of(y) & Bits(sign_bit)));
   }
+  friend Lanes angle_of_unit(Lanes y, Lanes x) {
+    const Mask near = magnitude(y) <= Lanes(ieee::Constants<double>::kAsinReach), ahead = x > Lanes(0.0);
+    return none(!near) && none(!ahead) ? ieee::arc_sine_in_reach(y) : angle_of_unit_apart(y, x);
+  }
+  [[gnu::cold, gnu::noinline]] static Lanes angle_of_unit_apart(Lanes y, Lanes x) {
+    std::array<double, size> a{}, b{};
+    y.store(a.data());
+    x.store(b.data());
+    angle_of_unit_each(a.data(), b.data(), a.data(), N);
+    return load(a.data());
+  }
   struct SinCosPair {
     std::array<Lanes, 2> sin, cos;
   };
@@ -213,8 +225,7 @@ struct Lanes {
     return choose(s > Lanes(0.0), Lanes(1.0), choose(s < Lanes(0.0), Lanes(-1.0), s));
   }
   friend Lanes saturated(Lanes s, Lanes layer) {
-    const Lanes inside = choose(layer == Lanes(0.0), s, s / layer);
-    return choose(s > layer, Lanes(1.0), choose(s < -layer, Lanes(-1.0), inside));
+    return choose(s > layer, Lanes(1.0), choose(s < -layer, Lanes(-1.0), s / layer));
   }
 
  private:

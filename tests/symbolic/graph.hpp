@@ -90,7 +90,7 @@ class Expression {
     return {make({.op = Op::sine, .a = angle.id_}), make({.op = Op::cosine, .a = angle.id_})};
   }
   // What a law calls by these names and the program calls again.
-  friend Expression arc_tangent2(Expression y, Expression x) { return make({.op = Op::arc_tangent, .a = y.id_, .b = x.id_}); }
+  friend Expression angle_of_unit(Expression y, Expression x) { return make({.op = Op::arc_tangent, .a = y.id_, .b = x.id_}); }
   friend Expression saturated(Expression s, Expression layer) { return make({.op = Op::saturate, .a = s.id_, .b = layer.id_}); }
   // What the laws name but what is generated does not use.
   friend Expression sign_of(Expression s) { return s > Expression(0); }

@@ -142,7 +142,7 @@ class Program {
       case Op::saturate:
         return "saturated(" + name(n.a) + ", " + name(n.b) + ")";
       case Op::arc_tangent:
-        return "arc_tangent2(" + name(n.a) + ", " + name(n.b) + ")";
+        return "angle_of_unit(" + name(n.a) + ", " + name(n.b) + ")";
       case Op::negate:
         return "-" + name(n.a);
       case Op::invert:

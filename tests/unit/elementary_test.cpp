@@ -13,6 +13,7 @@
 
 namespace {
 
+using esmc::angle_of_unit;
 using esmc::arc_tangent2;
 using esmc::hyperbolic_tangent;
 using esmc::sin_cos;
@@ -208,6 +209,48 @@ TYPED_TEST(Elementary, ArcTangent) {
   worst.check("arc_tangent2", 1.7);
 }
 
+TYPED_TEST(Elementary, AngleOfUnitVector) {
+  using S = TypeParam;
+  const Wide<S> pi = std::acos(Wide<S>(-1));
+  Worst<S> worst;
+  const auto compare = [&](Wide<S> angle) {
+    const S y = static_cast<S>(std::sin(angle)), x = static_cast<S>(std::cos(angle));
+    const S got = angle_of_unit(y, x);
+    // Rounded, it is no unit vector any more, and the angle follows one component.
+    const Wide<S> want = std::atan2(static_cast<Wide<S>>(y), static_cast<Wide<S>>(x));
+    worst.take(ulp(got, want), y, x);
+    ASSERT_LE(std::fabs(got), static_cast<S>(pi)) << y << ' ' << x;
+    ASSERT_EQ(angle_of_unit(-y, x), -got) << y << ' ' << x;
+  };
+  Random random;
+  for (int i = 0; i < 600000; ++i) {
+    compare(random.between(-pi, pi));
+    compare(random.between(Wide<S>(-0.3), Wide<S>(0.3)));
+    compare(random.between(Wide<S>(-1), Wide<S>(1)) * std::pow(Wide<S>(10), -random.between(Wide<S>(0), Wide<S>(30))));
+  }
+  for (const Wide<S> where : {pi / 4, pi / 2, pi * 3 / 4, std::asin(Wide<S>(0.26)), std::asin(Wide<S>(0.7072))}) {
+    for (int i = -2000; i <= 2000; ++i) compare(where + i * Wide<S>(1e-7));  // where one way takes over from another
+  }
+  compare(pi);
+  worst.check("angle_of_unit", 2.4);
+}
+
+TYPED_TEST(Elementary, AngleOfUnitVectorOfSpecialArguments) {
+  using S = TypeParam;
+  const S zero(0), one(1), nan = Limits<S>::quiet_NaN(), infinity = Limits<S>::infinity();
+  for (const S y : {zero, -zero}) {
+    EXPECT_EQ(angle_of_unit(y, one), y);
+    EXPECT_EQ(std::signbit(angle_of_unit(y, one)), std::signbit(y));
+    EXPECT_EQ(angle_of_unit(y, -one), std::copysign(arc_tangent2(zero, -one), y));
+    EXPECT_EQ(angle_of_unit(one, y), arc_tangent2(one, zero));
+    EXPECT_EQ(angle_of_unit(-one, y), arc_tangent2(-one, zero));
+  }
+  for (const S other : {zero, -zero, one, -one, S(0.1), S(-0.1), S(0.7071), S(5), infinity, nan}) {
+    EXPECT_TRUE(std::isnan(angle_of_unit(nan, other))) << other;
+    EXPECT_TRUE(std::isnan(angle_of_unit(other, nan))) << other;
+  }
+}
+
 TYPED_TEST(Elementary, ArcTangentOfSpecialArguments) {
   using S = TypeParam;
   const S infinity = Limits<S>::infinity();
@@ -316,6 +359,7 @@ template <class S>
 struct Digests {
   Digest sin_cos;
   Digest arc_tangent2;
+  Digest angle_of_unit;
   Digest hyperbolic_tangent;
   Digest wrap_to_pi;
 
@@ -329,6 +373,7 @@ struct Digests {
       sin_cos.take(both.sin);
       sin_cos.take(both.cos);
       arc_tangent2.take(esmc::arc_tangent2(b, a));
+      angle_of_unit.take(esmc::angle_of_unit(both.sin, both.cos));
       hyperbolic_tangent.take(esmc::hyperbolic_tangent(b));
       wrap_to_pi.take(esmc::wrap_to_pi(a));
     }
@@ -339,6 +384,7 @@ TEST(ElementaryDigest, Float) {
   const Digests<float> digests;
   EXPECT_EQ(digests.sin_cos.value(), 0x260dc2c1d97abc43U);
   EXPECT_EQ(digests.arc_tangent2.value(), 0x8b5af90bfe18789fU);
+  EXPECT_EQ(digests.angle_of_unit.value(), 0x1ac0b7c84b24da61U);
   EXPECT_EQ(digests.hyperbolic_tangent.value(), 0x1ad0b6cf57feb218U);
   EXPECT_EQ(digests.wrap_to_pi.value(), 0x86a7b28a01f4d1d3U);
 }
@@ -347,6 +393,7 @@ TEST(ElementaryDigest, Double) {
   const Digests<double> digests;
   EXPECT_EQ(digests.sin_cos.value(), 0x508b8dc760a2ddb3U);
   EXPECT_EQ(digests.arc_tangent2.value(), 0xbaca6cd0237424c9U);
+  EXPECT_EQ(digests.angle_of_unit.value(), 0xa1a6aef5896b834bU);
   EXPECT_EQ(digests.hyperbolic_tangent.value(), 0xf0e9f7f4ae39332dU);
   EXPECT_EQ(digests.wrap_to_pi.value(), 0x75cb452210f67b6dU);
 }

@@ -99,8 +99,8 @@ TYPED_TEST(ReachingLaw, IsAddedChannelByChannel) {
   }
 }
 
-/// A channel may have K = 0 (Gains: k >= 0). Its implicit layer is then 0, and at s = 0, where a mechanism at
-/// rest on its reference starts, K sw(s) must be 0 and not 0 * NaN.
+/// A channel may have K = 0 (Gains: k >= 0). At s = 0, where a mechanism at rest on its reference starts, K sw(s) must be 0
+/// and not 0 * NaN: its implicit layer is not 0.
 TYPED_TEST(ReachingLaw, AChannelWithoutGainAsksForNothing) {
   using S = TypeParam;
   const S k = S(0), layer = implicit_layer(k, S(0.001), S(0));

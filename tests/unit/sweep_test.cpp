@@ -242,12 +242,13 @@ TEST(SweepLanes, ElementaryFunctionsHaveTheBitsOfOneNumber) {
     const std::array<double, 2> x{numbers[(i * 5 + 1) % numbers.size()], -numbers[i]};
     const Pair a = arc_tangent2(Pair::load(y.data()), Pair::load(x.data())),
                w = wrap_to_pi(Pair::load(y.data())), t = hyperbolic_tangent(Pair::load(y.data())),
-               s = sign_of(Pair::load(y.data())),
+               u = angle_of_unit(Pair::load(y.data()), Pair::load(x.data())), s = sign_of(Pair::load(y.data())),
                c = saturated(Pair::load(y.data()), magnitude(Pair::load(x.data()))),
                m = -Pair::load(y.data());
     for (int k = 0; k < 2; ++k) {
       const double yk = y[static_cast<std::size_t>(k)], xk = x[static_cast<std::size_t>(k)];
       EXPECT_TRUE(same(a[k], arc_tangent2(yk, xk))) << yk << " " << xk;
+      EXPECT_TRUE(same(u[k], angle_of_unit(yk, xk))) << yk << " " << xk;
       EXPECT_TRUE(same(w[k], wrap_to_pi(yk))) << yk;
       EXPECT_TRUE(same(t[k], hyperbolic_tangent(yk))) << yk;
       EXPECT_TRUE(same(s[k], sign_of(yk))) << yk;
