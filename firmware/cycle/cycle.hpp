@@ -56,7 +56,8 @@ class Cycle {
         heartbeat_age_ticks_max_(config.heartbeat_age_ticks_max), zero_(config.zero_absolute, config.zero_pose),
         echo_(config.torque_mismatch, config.torque_time, config.controller.sample_time),
         samples_timed_(config.samples_timed), link_(config.link), delay_ticks_(config.delay_ticks),
-        motors_(places(config.controller.motor_count())), sensors_(places(config.controller.sensor_count())) {}
+        motors_(places(config.controller.motor_count())), sensors_(places(config.controller.sensor_count())),
+        shafts_hold_(carried(config.controller.torque_limit) == motors_.count) {}
 
   /// Takes effect at the next tick. A stop is not overwritten by what is asked after it, and a halt by a stop only.
   void command(Command c) {
@@ -107,24 +108,26 @@ class Cycle {
   [[nodiscard]] bool all_idle() const { return status().all_idle; }
   /// receive() reads no more before the next tick, which will raise bus_overload: whoever waits for a complete()
   /// set must not wait on.
-  [[nodiscard]] bool overloaded() const { return flooded_; }
+  [[nodiscard]] bool overloaded() const { return (news_ & flooded) != 0; }
 
   /// Takes what waits on the bus, at most frames_per_tick_max frames. May be called several times per tick.
   template <hal::CanBus Bus>
   void receive(Bus& bus) {
     open();
-    for (; taken_ < frames_per_tick_max && bus.try_receive(incoming_); ++taken_) {
+    int taken = taken_;
+    for (; taken < frames_per_tick_max && bus.try_receive(incoming_); ++taken) {
       if constexpr (hal::TimesFrames<Bus>) {
         take(incoming_, samples_timed_ ? S(bus.frame_age_us()) * S(1e-6F) : S(0));
       } else {
         take(incoming_, S(0));
       }
     }
+    taken_ = taken;
     // What is left unread makes every later sample older than it looks; what the controller had no room for is not known at all.
-    flooded_ = flooded_ || taken_ == frames_per_tick_max;
+    if (taken_ == frames_per_tick_max) news_ |= flooded;
     if constexpr (requires { bus.overruns(); }) {
       const std::uint32_t before = std::exchange(overruns_, bus.overruns());
-      flooded_ = flooded_ || before != overruns_;
+      if (before != overruns_) news_ |= flooded;
     }
   }
 
@@ -166,12 +169,15 @@ class Cycle {
     good_ = allowed(result);
     transmit(bus, result, answer);
     if (link_.active()) tell_link(bus, result);
-    status_ = status();
+    if (!supervisor_.powered()) status_ = status();  // of no use before
     opened_ = false;
     return result;
   }
 
  private:
+  /// What happened on the bus since the last tick, bits of news_. In one word, as mostly there is none.
+  static constexpr std::uint8_t bus_off = 1, flooded = 2, impostor = 4, malformed = 8;
+
   /// The first call of a tick ages what is known.
   void open() {
     if (opened_) return;
@@ -192,16 +198,16 @@ class Cycle {
         if (a.brought_sample()) phase_[static_cast<unsigned>(i)] = age;
       } else if (r == drive::Received::malformed) {
         ++counters_.malformed;
-        malformed_ = true;
+        news_ |= malformed;
       } else {
         ++counters_.impostor;
-        impostor_ = true;
+        news_ |= impostor;
       }
       return;
     }
     if (link_.active()) {
       const link::Outcome o = link_.receive(f);
-      impostor_ = impostor_ || o == link::Outcome::impostor;
+      if (o == link::Outcome::impostor) news_ |= impostor;
       if (o != link::Outcome::not_mine) return;
     }
     ++counters_.not_mine;
@@ -236,33 +242,33 @@ class Cycle {
 
   /// What is wrong on the bus or in a drive, before anything is computed.
   Fault drive_fault() {
-    // Latched by the supervisor; here they are news of the last tick.
-    const bool off = std::exchange(bus_off_, false), malformed = std::exchange(malformed_, false),
-               flooded = std::exchange(flooded_, false), impostor = std::exchange(impostor_, false);
+    const std::uint8_t news = std::exchange(news_, std::uint8_t{0});  // latched by the supervisor
     for (int i = 0; i < axis_count_; ++i) {
       if (axis(i).emergency_stopped()) return Fault::emergency_stop;
     }
     if (!enable_closed_) return Fault::enable_open;
-    if (off) return Fault::bus_off;
-    if (flooded) return Fault::bus_overload;
-    if (impostor) return Fault::foreign_controller;
-    if (malformed) return Fault::malformed_frame;
-    for (int i = 0; i < motors_.count; ++i) {
-      if (axis(i * motors_.axis_step).contradicted()) return Fault::drive_configuration;
+    if (news != 0) {
+      return (news & bus_off) != 0    ? Fault::bus_off
+             : (news & flooded) != 0  ? Fault::bus_overload
+             : (news & impostor) != 0 ? Fault::foreign_controller
+                                      : Fault::malformed_frame;
     }
-    if (!supervisor_.powered()) {  // other errors of a drive that is being enabled are expected
-      echo_.forget();
-      // Some drives say where they are only once they have been set up: enabling may get that far, and no further.
-      return !zero_.confirmed() && sensed() ? Fault::zero_not_confirmed : Fault::none;
-    }
+    const bool powered = supervisor_.powered();
     for (int i = 0; i < motors_.count; ++i) {
       const D& a = axis(i * motors_.axis_step);
+      if (a.contradicted()) return Fault::drive_configuration;
+      if (!powered) continue;  // other errors of a drive that is being enabled are expected
       if (a.error()) return Fault::drive_error;
       if (!a.closed_loop()) return Fault::drive_disarmed;
       if (a.heartbeat_age_ticks() > heartbeat_age_ticks_max_) return Fault::heartbeat_lost;
       if constexpr (requires { a.observed_torque(); }) {
         if (!echo_.plausible(i * motors_.joint_step, a.observed_torque())) return Fault::torque_mismatch;
       }
+    }
+    if (!powered) {
+      echo_.forget();
+      // Some drives say where they are only once they have been set up: enabling may get that far, and no further.
+      return !zero_.confirmed() && sensed() ? Fault::zero_not_confirmed : Fault::none;
     }
     return zero_.confirmed() ? Fault::none : Fault::zero_not_confirmed;
   }
@@ -272,11 +278,16 @@ class Cycle {
     for (int i = 0; i < axis_count_; ++i) axes_[static_cast<unsigned>(i)].acknowledge();
   }
 
-  /// What is finite and within its limit at the joint may be neither at the shaft, in a float, behind a gear.
-  void check_shafts(TickResult<M>& result) {
+  /// How many motors, counted from the first, can carry what their joint is to get.
+  [[nodiscard]] int carried(const Vec<S, M::joints>& torque) const {
     int i = 0;
-    while (i < motors_.count && axis(i * motors_.axis_step).can_carry(result.torque[i * motors_.joint_step])) ++i;
-    if (i == motors_.count) return;
+    while (i < motors_.count && axis(i * motors_.axis_step).can_carry(torque[i * motors_.joint_step])) ++i;
+    return i;
+  }
+  /// What is finite and within its limit at the joint may be neither at the shaft, in a float, behind a gear. A shaft that
+  /// can carry the limit carries what is below.
+  void check_shafts(TickResult<M>& result) {
+    if (shafts_hold_ || carried(result.torque) == motors_.count) return;
     supervisor_.raise(Fault::torque_not_finite);
     result.state = supervisor_.state();
     result.fault = supervisor_.fault();
@@ -360,7 +371,7 @@ class Cycle {
   bool put(Bus& bus, const hal::CanFrame& f) {
     switch (bus.try_send(f)) {
       case hal::SendStatus::ok: ++counters_.sent; return true;
-      case hal::SendStatus::bus_off: bus_off_ = true; break;
+      case hal::SendStatus::bus_off: news_ |= bus_off; break;
       case hal::SendStatus::bus_full:
       case hal::SendStatus::refused: break;
     }
@@ -390,6 +401,7 @@ class Cycle {
   link::CommandLink link_;
   S delay_ticks_;
   Places motors_, sensors_;
+  bool shafts_hold_;  ///< all can carry their torque limit
   std::array<S, static_cast<unsigned>(axes_max)> phase_{};
   Command command_ = Command::none;
   DriveStatus status_{};
@@ -400,10 +412,7 @@ class Cycle {
   bool enable_closed_ = true;
   bool good_ = false;
   bool opened_ = false;
-  bool malformed_ = false;
-  bool bus_off_ = false;
-  bool impostor_ = false;
-  bool flooded_ = false;
+  std::uint8_t news_ = 0;
   bool late_ = false;
   std::uint32_t overruns_ = 0;  // of the bus, as it counts them
   int taken_ = 0;

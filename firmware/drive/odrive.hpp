@@ -131,7 +131,7 @@ struct EncoderEstimates {
 
 /// Length of a data frame of this message as the drive sends it.
 [[nodiscard]] constexpr bool has_size(const hal::CanFrame& f, std::uint8_t size) {
-  return f.size == size && !f.remote && !f.fd;
+  return ((f.size ^ size) | f.remote | f.fd) == 0;
 }
 
 /// Empty: wrong length, remote or FD. The identifier is the caller's business.

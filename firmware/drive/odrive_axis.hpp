@@ -30,20 +30,9 @@ class OdriveAxis {
   /// Takes a frame from the bus. No side effect unless `accepted`. An emergency stop that somebody sends to this
   /// axis, or to all, is taken whatever its length and format.
   Received receive(const hal::CanFrame& f) {
-    const bool own = (f.id >> 5U) == config_.node;
-    if (f.extended || !(own || is_for_all(f))) return Received::not_mine;
-    const auto message = static_cast<odrive::Message>(f.id & 0x1FU);
-    if (own && message == odrive::Message::encoder_estimates) return take(odrive::decode_encoder_estimates(f));
-    Received r = Received::accepted;
-    if (own && message == odrive::Message::heartbeat) {
-      r = take(odrive::decode_heartbeat(f, version_));
-    } else if (message == odrive::Message::estop) {
-      stopped_ = true;
-    } else {
-      r = commands(f) ? Received::impostor : own ? answered(f, message) : Received::not_mine;
-    }
-    if (r == Received::accepted) sampled_ = false;
-    return r;
+    if (f.extended) return Received::not_mine;
+    if ((f.id >> 5U) == config_.node) return to_this(f);
+    return is_for_all(f) ? to_all(f) : Received::not_mine;
   }
 
   /// Counts the ages; once per tick, before the frames of the tick are received.
@@ -161,6 +150,29 @@ class OdriveAxis {
   static constexpr std::uint32_t age_max = drive::age_max;
 
  private:
+  // Not inlined, so that a frame of another axis costs two comparisons.
+  [[gnu::noinline]] Received to_this(const hal::CanFrame& f) {
+    const auto message = static_cast<odrive::Message>(f.id & 0x1FU);
+    if (message == odrive::Message::encoder_estimates) return take(odrive::decode_encoder_estimates(f));
+    Received r = Received::accepted;
+    if (message == odrive::Message::heartbeat) {
+      r = take(odrive::decode_heartbeat(f, version_));
+    } else if (message == odrive::Message::estop) {
+      stopped_ = true;
+    } else {
+      r = commands(f) ? Received::impostor : answered(f, message);
+    }
+    if (r == Received::accepted) sampled_ = false;
+    return r;
+  }
+  [[gnu::noinline]] Received to_all(const hal::CanFrame& f) {
+    if (static_cast<odrive::Message>(f.id & 0x1FU) != odrive::Message::estop) {
+      return commands(f) ? Received::impostor : Received::not_mine;
+    }
+    stopped_ = true;
+    sampled_ = false;
+    return Received::accepted;
+  }
   /// What the axis says when it is asked.
   Received answered(const hal::CanFrame& f, odrive::Message m) {
     switch (m) {

@@ -30,18 +30,18 @@ class ArrayBus {
     return hal::SendStatus::ok;
   }
   bool try_receive(hal::CanFrame& f) {
-    if (next == count) return false;
-    const hal::CanFrame& from = in[next++];  // as many bytes as a classic controller hands over
+    if (next == end) return false;
+    const hal::CanFrame& from = *next++;  // as many bytes as a classic controller hands over
     f.id = from.id;
     f.extended = f.remote = f.fd = f.bit_rate_switch = false;
     f.size = from.size;
     std::memcpy(f.data.data(), from.data.data(), hal::can_classic_size_max);
     return true;
   }
-  void offer(const hal::CanFrame& f) { in[count++] = f; }
-  void clear() { next = count = 0; }
+  void offer(const hal::CanFrame& f) { *end++ = f; }
+  void clear() { next = end = in; }
   hal::CanFrame in[8], out[8];
-  int next = 0, count = 0;
+  hal::CanFrame *next = in, *end = in;
   unsigned sent = 0;
 };
 
@@ -112,7 +112,9 @@ std::optional<State<M>> draw(const M& m, Random& r) {
     s.mode.working = r.coin() ? 1 : -1;
     s.angle = Vec2<S>(r.between(S(-3), S(3)), r.between(S(0.3F), S(2.8F)) * S(s.mode.working));
   }
-  s.rate = Vec2<S>(r.between(S(-2), S(2)), r.between(S(-2), S(2)));
+  // Thrown off the reference, every channel at its limit, or on it, every channel within its layer.
+  const S fastest = r.coin() ? S(2) : S(0.002F);
+  s.rate = Vec2<S>(r.between(-fastest, fastest), r.between(-fastest, fastest));
   return s;
 }
 
