@@ -107,6 +107,7 @@ template <Channelwise law, class M, Rows rows>
                                         typename M::Channels& acceleration, typename M::Channels& sliding) {
   Gains<M> without = gain;
   without.k.setZero();
+  without.layer.setOnes();  // `sign` has none
   acceleration.setZero();
   demand_clamped<law, M, rows>(m, without, t, acceleration, sliding);
   add_switching(reaching, sliding, gain.k, gain.layer, acceleration);

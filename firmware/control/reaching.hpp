@@ -19,11 +19,12 @@ enum class Reaching : std::uint8_t {
 /// Those of the shape of `saturation`.
 [[nodiscard]] constexpr bool clamps(Reaching law) { return law == Reaching::saturation || law == Reaching::implicit; }
 
-/// The layer that makes `saturation` the implicit step [F39]: sample time h (s), torque known to act d ticks late. Any layer
-/// does in a channel without gain; that of gain 1 is none that divides 0 by 0.
+/// The layer that makes `saturation` the implicit step [F39]: sample time h (s), torque known to act d ticks late. Where the
+/// gain is 0, or so small that its layer would be, it is the layer of gain 1: any positive one does there.
 template <class S>
 [[nodiscard]] constexpr S implicit_layer(S gain, S sample_time, S delay_ticks) {
-  return (S(1) + delay_ticks) * sample_time * (gain > S(0) ? gain : S(1));
+  const S of_unit = (S(1) + delay_ticks) * sample_time, layer = of_unit * gain;
+  return layer > S(0) ? layer : of_unit;
 }
 
 /// The two that compute more than a comparison; in [-1, 1], odd, NaN for NaN. Written without a jump where it

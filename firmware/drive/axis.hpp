@@ -90,7 +90,7 @@ concept Drive = requires(D& d, const D& c, const hal::CanFrame& f, hal::CanFrame
   d.ask_again();                                         ///< nobody can have heard the last request
   d.enable(send);
   d.disable(send);
-  { c.can_carry(torque) } -> std::same_as<bool>;
+  { c.can_carry(torque) } -> std::same_as<bool>;         ///< of configuration alone; whoever can carry a torque can carry less, either way
   c.put_torque(out, torque);
   c.template sample<float>();
   line.request(send);

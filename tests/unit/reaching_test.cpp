@@ -5,6 +5,8 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cmath>
+#include <limits>
 #include <vector>
 
 #include "tests/support/random_mechanism.hpp"
@@ -103,9 +105,12 @@ TYPED_TEST(ReachingLaw, IsAddedChannelByChannel) {
 /// and not 0 * NaN: its implicit layer is not 0.
 TYPED_TEST(ReachingLaw, AChannelWithoutGainAsksForNothing) {
   using S = TypeParam;
-  const S k = S(0), layer = implicit_layer(k, S(0.001), S(0));
-  for (const S s : {S(0), S(1), S(-1)}) EXPECT_EQ(k * switching(Reaching::implicit, s, layer), S(0)) << s;
-  for (const S s : {S(0), S(-0.0)}) EXPECT_EQ(switching(Reaching::implicit, s, layer), S(0)) << "on the surface";
+  for (const S k : {S(0), std::numeric_limits<S>::denorm_min()}) {  // the layer of the second would be 0, too
+    const S layer = implicit_layer(k, S(0.001), S(0));
+    EXPECT_GT(layer, S(0));
+    for (const S s : {S(0), S(1), S(-1)}) EXPECT_LE(std::fabs(k * switching(Reaching::implicit, s, layer)), k) << s;
+    for (const S s : {S(0), S(-0.0)}) EXPECT_EQ(switching(Reaching::implicit, s, layer), S(0)) << "on the surface";
+  }
 }
 
 /// Backward Euler on sdot = -K sw(s): s falls by K h a step and lands on zero, to the last bit of it, at step
