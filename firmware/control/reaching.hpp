@@ -27,8 +27,7 @@ template <class S>
   return layer > S(0) ? layer : of_unit;
 }
 
-/// The two that compute more than a comparison; in [-1, 1], odd, NaN for NaN. Written without a jump where it
-/// can be, so that a loop over channels may take several at once.
+/// In [-1, 1], odd, NaN for NaN; `saturated` with layer > 0.
 template <class S>
 [[nodiscard]] constexpr S sign_of(S s) {
   return s > S(0) ? S(1) : (s < S(0) ? S(-1) : s);

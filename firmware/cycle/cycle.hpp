@@ -169,7 +169,7 @@ class Cycle {
     good_ = allowed(result);
     transmit(bus, result, answer);
     if (link_.active()) tell_link(bus, result);
-    if (!supervisor_.powered()) status_ = status();  // of no use before
+    if (!supervisor_.powered()) status_ = status();  // no way out of a state with torque asks the drives
     opened_ = false;
     return result;
   }

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <stdexcept>
 #include <type_traits>
 
@@ -110,15 +111,15 @@ void set_gains(const Scene& s, double delay, Gains<M>& g) {
   const auto layer = [&](double gain, double given) {
     // Without switching gain the layer does nothing, but it must not be zero: s / layer is taken.
     const bool implicit = s.reaching == ReachingChoice::implicit || s.reaching == ReachingChoice::implicit_coupled;
-    return implicit && gain > 0.0 ? implicit_layer(gain, s.tick(), delay)
-                                                                : given;
+    const double width = implicit && gain > 0.0 ? implicit_layer(gain, s.tick(), delay) : given;
+    return std::max(static_cast<S>(width), std::numeric_limits<S>::min());  // a scalar type may not hold so small a one
   };
   for (int i = 0; i < M::channels; ++i) {
     const bool angle = M::is_angle(i);
     const double k = angle ? s.gain.angle : s.gain.position;
     g.lambda[i] = static_cast<S>(angle ? s.lambda.angle : s.lambda.position);
     g.k[i] = static_cast<S>(k);
-    g.layer[i] = static_cast<S>(layer(k, angle ? s.layer.angle : s.layer.position));
+    g.layer[i] = layer(k, angle ? s.layer.angle : s.layer.position);
   }
   const bool angles = !M::has_type2;  // the independent coordinates of RR are its joints
   auto& own = g.independent;
@@ -126,7 +127,7 @@ void set_gains(const Scene& s, double delay, Gains<M>& g) {
                k = angles ? s.gain.angle : s.gain.position;
   own.lambda = static_cast<S>(lambda);
   own.k = static_cast<S>(k);
-  own.layer = static_cast<S>(layer(k, angles ? s.layer.angle : s.layer.position));
+  own.layer = layer(k, angles ? s.layer.angle : s.layer.position);
   own.kp = static_cast<S>(s.kp.value_or(lambda * lambda));
   own.kd = static_cast<S>(s.kd.value_or(2.0 * lambda));
 }

@@ -8,6 +8,9 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <cmath>
+
 #include "firmware/mechanism/matrices.hpp"
 #include "tests/support/tracking.hpp"
 
@@ -57,6 +60,28 @@ TYPED_TEST(Laws, ATickAsksForTheRowsWithMass) {
     joints.compare(seed, Vec<S, 4>(sliding[2], sliding[3], sliding[10], sliding[11]), bars);
   }
   joints.expect_below(1000 * kEpsilon<S>);
+}
+
+TYPED_TEST(Laws, ATickAsksForTheRowsWithMassOfTheProjectedLaw) {
+  using S = TypeParam;
+  using M = FiveBar<S>;
+  Accuracy joints("joints");
+  for (std::uint64_t seed = 0; seed < kCases; ++seed) {
+    const auto c = random_tracking<S>(seed);
+    const auto whole = demand(LawKind::esmc_projected, c.mechanism, c.gain, c.reaching, c.t);
+    typename M::Channels acceleration, sliding;
+    demand_projected<M, Rows::with_mass>(c.mechanism, c.gain, c.reaching, c.t, acceleration, sliding);
+    for (int i = 0; i < M::channels; ++i) {
+      if (!M::has_mass(i)) continue;
+      EXPECT_EQ(acceleration[i], whole.acceleration[i]) << seed << " row " << i;
+      EXPECT_EQ(sliding[i], whole.sliding[i]) << seed << " row " << i;
+    }
+    // Relative to the bars, of which the joints are differences.
+    const Channels18 s = whole.sliding.template cast<Real>();
+    joints.compare(seed, Vec<S, 4>(sliding[2], sliding[3], sliding[10], sliding[11]), Vec<Real, 4>(s[2], s[3], s[10], s[11]),
+                   std::max({std::fabs(s[4]), std::fabs(s[5]), std::fabs(s[12]), std::fabs(s[13])}));
+  }
+  joints.expect_below(4 * kEpsilon<S>);
 }
 
 /// [F31]: C^T M (sdot + K sw s) = 0, with two motors and with four.
