@@ -1,0 +1,48 @@
+#pragma once
+/// What a controller says after each tick.
+
+#include <cstdint>
+
+#include "firmware/mechanism/five_bar.hpp"
+#include "firmware/safety/faults.hpp"
+#include "firmware/safety/supervisor.hpp"
+
+namespace esmc {
+
+/// What a tick did; everything a log needs. Torques are zero unless `state` is testing, running, halting, holding
+/// or lowering.
+template <class M>
+struct TickResult {
+  using S = typename M::Scalar;
+  State state = State::disabled;
+  Fault fault = Fault::none;
+  std::uint32_t running_tick = 0;  ///< ticks since the controller runs; 0 in the first one
+  bool saturated = false;          ///< a torque was clamped
+  bool stage_done = false;         ///< halting: at rest; lowering: let down. For the supervisor's next tick
+  Vec<S, M::joints> torque;        ///< N m at the joints, zero where there is no motor
+  Vec2<S> effector;                             ///< as estimated, m; zero where there is no estimate
+  Vec2<S> desired_effector;                     ///< m; zero, and so is what follows, where nothing is desired
+  List<Vec2<S>, 2> desired_direction;           ///< cosine and sine of the base joints
+  typename M::Channels sliding;                 ///< of the channels; zero where nothing was asked of them
+
+  struct Unset {};
+  TickResult() : TickResult(Unset{}) {
+    nothing_seen();
+    nothing_desired();
+    sliding.setZero();
+  }
+  /// No torque; whoever takes it sets effector, desired_effector, desired_direction and sliding on every path.
+  explicit TickResult(Unset) {
+    unroll<M::joints>([&](auto i) ESMC_INLINE { torque[i] = S(0); });
+  }
+  void nothing_seen() { effector.setZero(); }
+  void nothing_desired() {
+    desired_effector.setZero();
+    for (auto& d : desired_direction.items) d.setZero();
+  }
+
+  /// rad, in (-pi, pi]. Computed here: no torque needs it.
+  [[nodiscard]] Vec2<S> desired_base() const { return angles_of(desired_direction); }
+};
+
+}  // namespace esmc
