@@ -7,7 +7,6 @@
 #include <bit>
 #include <cstdint>
 #include <optional>
-#include <utility>
 
 #include "hal/can.hpp"
 
@@ -61,9 +60,8 @@ constexpr void put_u32(hal::CanFrame& f, std::size_t at, std::uint32_t v) {
   for (unsigned i = 0; i < 4; ++i) f.data[at + i] = static_cast<std::uint8_t>(v >> (8U * i));
 }
 constexpr std::uint32_t get_u32(const hal::CanFrame& f, std::size_t at) {
-  std::array<std::uint8_t, 4> b{f.data[at], f.data[at + 1], f.data[at + 2], f.data[at + 3]};
-  if constexpr (std::endian::native == std::endian::big) std::swap(b[0], b[3]), std::swap(b[1], b[2]);
-  return std::bit_cast<std::uint32_t>(b);
+  static_assert(std::endian::native == std::endian::little);
+  return std::bit_cast<std::uint32_t>(std::array<std::uint8_t, 4>{f.data[at], f.data[at + 1], f.data[at + 2], f.data[at + 3]});
 }
 constexpr hal::CanFrame frame(std::uint8_t node, Message m, std::uint8_t size) {
   hal::CanFrame f;

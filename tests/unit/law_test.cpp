@@ -10,6 +10,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "firmware/mechanism/matrices.hpp"
 #include "tests/support/tracking.hpp"
@@ -82,6 +83,31 @@ TYPED_TEST(Laws, ATickAsksForTheRowsWithMassOfTheProjectedLaw) {
                    std::max({std::fabs(s[4]), std::fabs(s[5]), std::fabs(s[12]), std::fabs(s[13])}));
   }
   joints.expect_below(4 * kEpsilon<S>);
+}
+
+/// `sign` has no layer: where s is 0, a layer of 0 is divided by nothing. And every channel is set, whatever was there.
+TYPED_TEST(Laws, SignNeedsNoLayerOnTheReferenceItself) {
+  using S = TypeParam;
+  using M = FiveBar<S>;
+  for (std::uint64_t seed = 0; seed < 16; ++seed) {
+    auto c = random_tracking<S>(seed);
+    c.t.pose = c.t.desired_pose;
+    c.t.rates = c.t.desired_rates;
+    const auto want = demand(LawKind::esmc, c.mechanism, c.gain, Reaching::saturation, c.t);
+    c.gain.layer.setZero();
+    for (const LawKind law : {LawKind::esmc, LawKind::esmc_projected}) {
+      typename M::Channels acceleration, sliding;
+      acceleration.setConstant(std::numeric_limits<S>::quiet_NaN());
+      sliding.setZero();
+      demand<M, Rows::with_mass>(law, c.mechanism, c.gain, Reaching::sign, c.t, acceleration, sliding);
+      EXPECT_TRUE(acceleration.allFinite()) << seed;
+      for (int i = 0; law == LawKind::esmc && i < M::channels; ++i) {
+        if (M::has_mass(i)) {
+          EXPECT_EQ(acceleration[i], want.acceleration[i]) << seed << " row " << i;
+        }
+      }
+    }
+  }
 }
 
 /// [F31]: C^T M (sdot + K sw s) = 0, with two motors and with four.

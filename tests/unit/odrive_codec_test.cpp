@@ -120,6 +120,15 @@ TEST(OdriveCodec, CommandsHaveTheLengthTheVendorGives) {
   EXPECT_EQ(encode_set_controller_mode(1).size, 8);
 }
 
+/// A frame is used again and again: nothing of what was in it is left.
+TEST(OdriveCodec, ATorqueReplacesAllEightBytes) {
+  CanFrame f = test::message(9, test::cmd_axis_state, 0xFFFFFFFF, 0xFFFFFFFF);
+  f.size = 5;
+  put_torque(f, 3, 1.5F);
+  EXPECT_EQ(f.id, 0x06EU);
+  EXPECT_EQ(payload(f), (Bytes{0x00, 0x00, 0xC0, 0x3F, 0, 0, 0, 0}));
+}
+
 TEST(OdriveCodec, EncodersOfTheDriveSideMatchBytesPackedByHand) {
   const CanFrame e = encode_encoder_estimates(4, 0.25F, -2.0F);
   EXPECT_EQ(e.id, 0x089U);

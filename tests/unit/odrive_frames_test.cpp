@@ -26,6 +26,10 @@ TEST(OdriveAxis, OnlyAnEncoderFrameBringsASample) {
   }
   ASSERT_EQ(a.receive(message(node, 0x02, 0, 0, 0)), Received::accepted);
   EXPECT_FALSE(a.brought_sample()) << "an emergency stop";
+  ASSERT_EQ(a.receive(encoder(node, 0, 0)), Received::accepted);
+  EXPECT_TRUE(a.brought_sample());
+  ASSERT_EQ(a.receive(message(0x3F, 0x02, 0, 0, 0)), Received::accepted);
+  EXPECT_FALSE(a.brought_sample()) << "an emergency stop of all nodes";
 }
 
 TEST(OdriveAxis, TakesItsHeartbeatItsEncoderAndEmergencyStopsAmongAllIdentifiers) {
