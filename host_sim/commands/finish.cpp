@@ -138,7 +138,7 @@ Json rows_json(const Log& log) {
 
 void write_scene(const Scene& scene, const OutputDirectory& out) {
   out.write("scene.toml", scene.toml);
-  if (!scene.reference.csv.empty()) out.write(reference_copy, scene.reference.csv);
+  for (const Companion& c : scene.companions) out.write(c.name, c.text);
 }
 
 int finish_run(const RunOptions& o, const Scene& scene, const char* kind, const Statistics& statistics,
@@ -156,7 +156,7 @@ int finish_run(const RunOptions& o, const Scene& scene, const char* kind, const 
                     {"realtime", o.realtime},
                     {"scalar", o.single_precision ? "float" : "double"},
                     {"version", version},
-                    {"scene_digest", scene_digest(scene.toml, scene.reference.csv)}};
+                    {"scene_digest", scene_digest(scene)}};
   if (out.wanted()) {
     write_scene(scene, out);
     out.write("summary.json", summary.dump(2) + "\n");

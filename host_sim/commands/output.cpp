@@ -23,7 +23,7 @@ namespace {
 
 /// Every name that a command may leave.
 constexpr const char* output_names[] = {"scene.toml",  "summary.json", "log.csv",     "frames.log",   "frames.csv",
-                                        "report.html", "check.csv",    reference_copy, "sweep.toml",
+                                        "report.html", "check.csv",    reference_copy, model_copy, endpoints_copy, "sweep.toml",
                                         "cases.csv",   "timing.json",  "timing.csv"};
 
 constexpr const char* partial_prefix = ".partial-";

@@ -100,6 +100,8 @@ T at(const Recording& r, const char* pointer) {
                                                                   "controller leave with --out");
 }
 
+std::string digest_text(std::uint64_t hash) { return fmt::format("{:016x}", hash); }
+
 }  // namespace
 
 std::optional<CandumpLine> parse_candump(std::string_view line) {
@@ -120,8 +122,10 @@ std::optional<CandumpLine> parse_candump(std::string_view line) {
   return out;
 }
 
-std::string scene_digest(const std::string& toml, const std::string& csv) {
-  return fmt::format("{:016x}", fnv(fnv(fnv_start, toml), csv));
+std::string scene_digest(const Scene& scene) {
+  std::uint64_t hash = fnv(fnv_start, scene.toml);
+  for (const Companion& c : scene.companions) hash = fnv(hash, c.text);
+  return digest_text(hash);
 }
 
 Recording read_recording(const std::string& directory, bool any_version) {
@@ -147,9 +151,11 @@ Recording read_recording(const std::string& directory, bool any_version) {
   r.seed = at<std::uint64_t>(r, "/seed");
   r.ticks = at<std::uint64_t>(r, "/ticks");
   r.interrupted = r.summary.contains("interrupted");
-  const std::string csv = r.file(reference_copy);
-  const std::string was = at<std::string>(r, "/run/scene_digest"),
-                    is = scene_digest(text_of(r.file("scene.toml")), fs::exists(csv, error) ? text_of(csv) : "");
+  std::uint64_t hash = fnv(fnv_start, text_of(r.file("scene.toml")));
+  for (const char* name : companion_names) {
+    if (fs::exists(r.file(name), error)) hash = fnv(hash, text_of(r.file(name)));
+  }
+  const std::string was = at<std::string>(r, "/run/scene_digest"), is = digest_text(hash);
   if (was != is)
     throw InputError(r.file("scene.toml"), "is not the scene that was run: its digest is " + is + ", summary.json says " + printable(was));
   const std::uint64_t rows = count_lines(r, "log.csv", false);

@@ -12,6 +12,8 @@
 
 namespace esmc::host {
 
+struct Scene;
+
 /// A line of frames.log.
 struct CandumpLine {
   std::int64_t time_us = 0;
@@ -22,8 +24,8 @@ struct CandumpLine {
 /// None: it is not one.
 std::optional<CandumpLine> parse_candump(std::string_view line);
 
-/// The digest in summary.json of what was run: the scene and the file of its reference.
-std::string scene_digest(const std::string& toml, const std::string& csv);
+/// The digest in summary.json of what was run: the scene and the files that it names.
+std::string scene_digest(const Scene& scene);
 
 struct Recording {
   std::string directory;

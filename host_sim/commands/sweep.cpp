@@ -11,9 +11,11 @@
 #include <optional>
 #include <thread>
 
+#include "host_sim/commands/finish.hpp"
 #include "host_sim/commands/output.hpp"
 #include "host_sim/commands/parallel.hpp"
 #include "host_sim/commands/ranks.hpp"
+#include "host_sim/commands/recording.hpp"
 #include "host_sim/commands/run.hpp"
 #include "host_sim/commands/sweep_output.hpp"
 #include "host_sim/commands/sweep_work.hpp"
@@ -36,7 +38,7 @@ double cpu_time() {
 }
 
 std::uint64_t identity_of(const SweepSpec& spec, const Scene& scene) {
-  const std::uint64_t text = fnv(fnv(fnv(fnv_start, spec.text), scene.toml), scene.reference.csv);
+  const std::uint64_t text = fnv(fnv(fnv_start, spec.text), scene_digest(scene));
   return fnv(text, fmt::format("{} {}", version, program_hash()));
 }
 
@@ -119,9 +121,7 @@ class Sweep {
     const Json summary = sweep_summary(spec_, scenes_, table_);
     if (out_.wanted()) {
       out_.write("sweep.toml", spec_.text);
-      out_.write("scene.toml", scenes_.nominal().toml);
-      if (!scenes_.nominal().reference.csv.empty())
-        out_.write(reference_copy, scenes_.nominal().reference.csv);
+      write_scene(scenes_.nominal(), out_);
       write_cases(out_.path("cases.csv"), spec_, scenes_, table_);
       out_.write("summary.json", json_text(summary) + "\n");
       out_.write("report.html", sweep_page(spec_, scenes_, table_, summary));

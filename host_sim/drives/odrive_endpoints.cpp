@@ -5,6 +5,7 @@
 #include <charconv>
 #include <filesystem>
 #include <fstream>
+#include <iterator>
 #include <nlohmann/json.hpp>
 
 #include "host_sim/error.hpp"
@@ -44,7 +45,7 @@ bool parse_version(const std::string& text, std::array<std::uint8_t, 3>& out) {
 
 }  // namespace
 
-OdriveEndpoints read_odrive_endpoints(const std::string& where, const std::string& path) {
+OdriveEndpoints read_odrive_endpoints(const std::string& where, const std::string& path, std::string& text) {
   const auto fail = [&](const std::string& what) { throw InputError(where, "'drives.endpoints' " + what); };
   std::error_code error;
   if (path.find('\0') != std::string::npos) fail("must be a file name, without NUL");
@@ -52,7 +53,8 @@ OdriveEndpoints read_odrive_endpoints(const std::string& where, const std::strin
   if (std::filesystem::file_size(path, error) > bytes_max) fail("names a file of more than 16 MiB: " + path);
   std::ifstream file(path, std::ios::binary);
   if (!file) fail("names a file that cannot be read: " + path);
-  const Json j = Json::parse(file, nullptr, false);
+  text.assign(std::istreambuf_iterator<char>(file), {});
+  const Json j = Json::parse(text, nullptr, false);
   if (!j.is_object() || !j.contains("endpoints") || !j["endpoints"].is_object()) {
     fail("names a file that is not the vendor's flat_endpoints.json (an object with fw_version and endpoints): " + path);
   }

@@ -58,7 +58,7 @@ struct OdriveEndpoints {
   }
 };
 
-/// Reads the vendor's flat_endpoints.json. Throws InputError at `where`.
-OdriveEndpoints read_odrive_endpoints(const std::string& where, const std::string& path);
+/// Reads the vendor's flat_endpoints.json; `text`: what is in it. Throws InputError at `where`.
+OdriveEndpoints read_odrive_endpoints(const std::string& where, const std::string& path, std::string& text);
 
 }  // namespace esmc::host

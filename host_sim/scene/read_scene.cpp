@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <fstream>
 #include <sstream>
+#include <utility>
 
 #include "host_sim/plant/kinematics.hpp"
 #include "host_sim/scene/read_command.hpp"
@@ -64,14 +65,16 @@ void read_mechanism(Section s, Scene& scene) {
 }
 
 /// The [mechanism] of another scene, in place of what the true one is believed to be.
-FiveBarParams<double> read_belief(const Section& s, const std::string& name, const Scene& scene) {
+FiveBarParams<double> read_belief(const Section& s, const std::string& name, Scene& scene) {
   const std::filesystem::path path = std::filesystem::path(scene.file).parent_path() / name;
   if (name.find('\0') != std::string::npos) s.fail("mechanism", "must be a file name, without NUL");
-  const toml::table table = parse_scene_file(path.string(), {});
+  std::string text = read_text_file(path.string(), "scene file");
+  const toml::table table = parse_scene_text(text, path.string(), {});
   Section root(table, path.string(), "", "");
   Scene other;
   read_mechanism(root.required_section("mechanism"), other);
   if (other.type != scene.type) s.fail("mechanism", "names a scene of another type of mechanism: " + path.string());
+  scene.companions.push_back({model_copy, std::move(text)});
   return other.mechanism;
 }
 
@@ -340,7 +343,8 @@ void read_reference(Section s, Scene& scene) {
     if (const auto p = s.optional_numbers("position", {2})) r.position = {(*p)[0], (*p)[1]};
   } else {
     r.type = ReferenceType::file;
-    r.table = read_path(s, scene.file, s.text("path"), longest, r.csv);
+    scene.companions.push_back({reference_copy, ""});
+    r.table = read_path(s, scene.file, s.text("path"), longest, scene.companions.back().text);
   }
   s.finish();
 }
@@ -425,6 +429,16 @@ void read_simulation(Section s, Scene& scene) {
   if (ticks < 0.5 || ticks > 2e9) s.fail("duration", "must hold between 1 and 2e9 control ticks");
 }
 
+/// In the scene as run, the files that it names are those that lie beside it.
+void name_companions(Scene& scene, toml::table& table) {
+  std::sort(scene.companions.begin(), scene.companions.end(), [](const Companion& a, const Companion& b) { return a.name < b.name; });
+  for (const Companion& c : scene.companions) {
+    if (c.name == reference_copy) table["reference"].as_table()->insert_or_assign("path", c.name);
+    if (c.name == model_copy) table["control"]["model"].as_table()->insert_or_assign("mechanism", c.name);
+    if (c.name == endpoints_copy) table["drives"].as_table()->insert_or_assign("endpoints", c.name);
+  }
+}
+
 }  // namespace
 
 Scene read_scene_table(toml::table table, const std::string& file) {
@@ -465,16 +479,7 @@ Scene read_scene_table(toml::table table, const std::string& file) {
   scene.bus_effects_where = root.where("effects");
   scene.uncertainty_where = root.where("uncertainty", {"control"});
   root.finish();
-  if (scene.drives.endpoints) {  // the scene as run stands in another folder
-    const auto name = *table["drives"]["endpoints"].value<std::string>();
-    const auto path = std::filesystem::absolute(std::filesystem::path(file).parent_path() / name);
-    table["drives"].as_table()->insert_or_assign("endpoints", path.string());
-  }
-  if (const auto name = table["control"]["model"]["mechanism"].value<std::string>()) {
-    const auto path = std::filesystem::absolute(std::filesystem::path(file).parent_path() / *name);
-    table["control"]["model"].as_table()->insert_or_assign("mechanism", path.string());
-  }
-  if (!scene.reference.csv.empty()) table["reference"].as_table()->insert_or_assign("path", reference_copy);
+  name_companions(scene, table);
   scene.toml = toml_text(table);
   return scene;
 }

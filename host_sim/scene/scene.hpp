@@ -55,12 +55,18 @@ struct ReferenceScene {
   std::array<double, 2> offset{}, amplitude{}, omega{}, phases{};  // joint_sine
   std::optional<std::array<double, 2>> position;                   // hold
   std::vector<PathPoint> table;                                    // file
-  std::string csv;                                                 // file: its text, as it was read
   std::optional<double> join;  // s; unset: 0 in sim and lockstep, 1 on hardware
 };
 
-/// Name of the copy of a reference file beside the scene as run.
-inline constexpr const char* reference_copy = "scene_reference.csv";
+/// A file that a scene names, as it was read. Beside the scene as run it lies under one of the names below, so that a
+/// directory that a run left can be run again anywhere.
+struct Companion {
+  std::string name, text;
+};
+inline constexpr const char* reference_copy = "scene_reference.csv";     ///< reference.path
+inline constexpr const char* model_copy = "scene_model.toml";            ///< control.model.mechanism
+inline constexpr const char* endpoints_copy = "scene_endpoints.json";    ///< drives.endpoints
+inline constexpr std::array companion_names{endpoints_copy, model_copy, reference_copy};  ///< as the digest has them
 
 struct InitialScene {
   bool at_reference = true;
@@ -125,7 +131,8 @@ struct LimitsScene {
 struct Scene {
   std::string file;
   std::string name;
-  std::string toml;  ///< as run: the file with every --set merged in; a reference file is `reference_copy`
+  std::string toml;  ///< as run: the file with every --set merged in; files that it names are its companions
+  std::vector<Companion> companions;  ///< in the order of companion_names
   std::uint32_t identity = 0;  ///< CRC-32 of what a controller is made of; 0: not computed
   std::string control_where, reference_where, simulation_where, bus_effects_where, uncertainty_where;  ///< FILE:LINE, for errors found later
 

@@ -53,7 +53,10 @@ class Drives(unittest.TestCase):
         out = Path(self.folder.name, "out")
         run = esmc("hil", self.scene, "--set", "drives.endpoints=flat.json", "--set", "simulation.duration=0.1", "--out", out)
         self.assertEqual(run.returncode, 0, run.stderr)
+        (Path(self.folder.name) / "flat.json").rename(Path(self.folder.name) / "away.json")
         self.assertEqual(esmc("hil", out / "scene.toml").returncode, 0)
+        again = esmc("replay", out)
+        self.assertEqual(again.returncode, 0, again.stdout + again.stderr)
 
     def test_what_is_wrong_with_the_table(self):
         self.hil("drives.endpoints=none.json", status=2, words=["'drives.endpoints' names no regular file: "])

@@ -227,13 +227,24 @@ class Replay(unittest.TestCase):
         esmc("check", self.circle, "--out", check)
         self.refused(check, "summary.json: there is no such file")
 
-    def test_the_file_of_a_reference_belongs_to_the_recording(self):
+    def test_the_files_that_a_scene_names_belong_to_the_recording(self):
         (self.tmp / "path.csv").write_text("t,x,y\n0,0.07,0.17\n0.05,0.069,0.172\n0.1,0.07,0.174\n")
         scene = self.tmp / "file.toml"
         scene.write_text(esmc("init", "five_bar").stdout)
         out = self.record("sim", scene, *SHORT, "--set", 'reference={type="file", path="path.csv"}', "--set", "initial={at=\"reference\"}")
         self.equal(out)
         self.refused(self.edited(out, "scene_reference.csv", lambda d: d.replace(b"0.172", b"0.173")), "not the scene that was run")
+        believed = self.tmp / "believed.toml"
+        believed.write_text(scene.read_text().replace("l1 = 0.12", "l1 = 0.121"))
+        self.assertNotEqual(believed.read_text(), scene.read_text())
+        out = self.record("hil", scene, *SHORT, "--set", 'control.model.mechanism="believed.toml"')
+        self.assertEqual((out / "scene_model.toml").read_text(), believed.read_text())
+        believed.unlink()
+        self.equal(out)
+        for name, edit in (("scene_model.toml", lambda d: d.replace(b"0.121", b"0.122")), ("scene.toml", lambda d: d + b"\n")):
+            self.refused(self.edited(out, name, edit), "not the scene that was run")
+        (out / "scene_model.toml").unlink()
+        self.refused(out, "not the scene that was run")
 
     def test_two_processes(self):
         paths = self.cable("cable")
