@@ -39,10 +39,7 @@ double stiffness(const Scene& s) {
     return std::max(s.gain.position / s.layer.position + s.lambda.position, s.gain.angle / s.layer.angle + s.lambda.angle);
   }
   const auto of = [&]<class M>(const M*) {
-    const Gains<M> g = robust_gains<M>(s, Pacing::lockstep);
-    double most = g.independent.k / g.independent.layer + g.independent.lambda;
-    for (int i = 0; i < M::channels; ++i) most = std::max(most, g.k[i] / g.layer[i] + g.lambda[i]);
-    return most;
+    return stiffness_of<M>(robust_gains<M>(s, Pacing::lockstep));
   };
   return s.type == MechanismType::five_bar ? of(static_cast<FiveBar<double>*>(nullptr)) : of(static_cast<Rr<double>*>(nullptr));
 }
@@ -53,7 +50,7 @@ void judge_gains(const Scene& s, Findings& f) {
   const bool sliding =
       s.law == LawChoice::esmc || s.law == LawChoice::esmc_projected || s.law == LawChoice::smc;
   if (!sliding) return;
-  Delay d = delay_of(s);
+  const Delay d = delay_of(s);
   if (s.reaching == ReachingChoice::sign)
     f.warning("reaching = \"sign\" chatters in a sampled loop; \"implicit\" does not");
   const bool bridges = s.predictor || s.reaching == ReachingChoice::super_twisting;
@@ -82,9 +79,13 @@ void judge_gains(const Scene& s, Findings& f) {
     }
     return;
   }
-  if (s.reaching == ReachingChoice::sign) return;
+  if (s.reaching != ReachingChoice::sign) judge_layer(s, stiffness(s), f);
+}
+
+void judge_layer(const Scene& s, double stiffness, Findings& f) {
+  Delay d = delay_of(s);
   // kappa T <= 0.3, and below half of the bound on stability 2 sin(pi/(4 d + 2)) [F39]
-  const double kappa_t = stiffness(s) * s.tick();
+  const double kappa_t = stiffness * s.tick();
   const auto half_bound = [](double ticks) { return std::sin(std::numbers::pi / (4.0 * ticks + 2.0)); };
   const std::string is = fmt::format("(gain / layer + lambda) * tick = {:.3g}", kappa_t);
   const std::string cure =

@@ -8,6 +8,7 @@
 #include <nlohmann/json.hpp>
 #include <thread>
 
+#include "host_sim/commands/check_sampled.hpp"
 #include "host_sim/commands/parallel.hpp"
 #include "host_sim/commands/recorder.hpp"
 #include "host_sim/commands/robust.hpp"
@@ -81,6 +82,7 @@ class Report {
         o_(o),
         problem_(design_problem<M>(scene, Pacing::lockstep)),
         d_(design::design(problem_)) {
+    sampled_layer();
     findings();
     if (o.simulate > 0 && d_.refused.empty()) plants();
   }
@@ -98,6 +100,21 @@ class Report {
   [[nodiscard]] static const char* unit() { return M::has_type2 ? "m" : "rad"; }
   [[nodiscard]] bool smc() const { return scene_.law == LawChoice::smc; }
   [[nodiscard]] bool held() const { return !exact_ || (exact_->outside_band == 0 && exact_->stopped == 0); }
+
+  /// What holds in continuous time may ring in a sampled loop: as `esmc check` judges a layer that is given.
+  void sampled_layer() {
+    if (!d_.refused.empty() || (scene_.reaching != ReachingChoice::saturation && scene_.reaching != ReachingChoice::tanh)) return;
+    Gains<M> g = problem_.controller.gains;
+    design::apply(problem_, d_, g);
+    Findings f;
+    judge_layer(scene_, stiffness_of<M>(g), f);
+    for (const Json& found : f.list()) {
+      if (found["level"] == "error")
+        d_.refused = "with these gains " + found["text"].get<std::string>();
+      else
+        d_.warnings.push_back(found["text"]);
+    }
+  }
 
   void findings() {
     warnings_ = d_.warnings;

@@ -152,6 +152,15 @@ class Design(unittest.TestCase):
             self.assertEqual((p["outside_band"], p["stopped"]), (0, 0), p)
             self.assertGreater(p["largest_error"], 0.3 * d["band"]["layer"]["error"])
 
+    def test_a_layer_too_steep_for_the_tick_is_refused_as_check_does(self):
+        steep = ["control.law=smc", "control.reaching=tanh", "control.layer=0.003"]
+        refused = design(SCENE, *steep, expect=1)["refused"]
+        self.assertIn("with these gains (gain / layer + lambda) * tick", refused)
+        check = json.loads(run("check", SCENE, "--json", *sets(*steep, "control.gain=robust")).stdout)
+        self.assertIn(refused.removeprefix("with these gains "), [f["text"] for f in check["findings"]])
+        warned = design(SCENE, *steep[:2], "control.layer=0.01")["warnings"]
+        self.assertTrue(any("better below 0.3" in w for w in warned), warned)
+
     def test_a_delay_of_parts_of_a_tick_lies_between_its_neighbours(self):
         late = [design(SCENE, "control.law=smc", f"control.delay_ticks={t}") for t in (0, 0.25, 0.5, 1, 1.5, 2)]
         for what in (lambda d: d["gain_independent"], lambda d: d["band"]["sampled"]["error"]):

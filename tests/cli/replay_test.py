@@ -297,7 +297,7 @@ class Replay(unittest.TestCase):
 
     def test_real_time(self):
         left = {"plant", "controller", "both"}
-        for turn in range(8):
+        for turn in range(24):
             for out in self.in_real_time(turn):
                 self.assertTrue((out / "summary.json").is_file(), "the run itself has failed")
                 if json.loads((out / "summary.json").read_text())["bus"]["lost"]:  # a cable that had no turn on this machine
