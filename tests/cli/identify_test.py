@@ -225,6 +225,22 @@ def heavy_scene(bench, scene):
     return path
 
 
+def designed(bench):
+    """The way of docs/calibration.md from a log to gains: the table goes into the scene, delay and lag are told."""
+    scene = bench.scenes / "five_bar_identification.toml"
+    out, _ = bench.record("chain", "sim", scene)
+    found = bench.good(out)
+    path = bench.folder / "identified.toml"
+    path.write_text(scene.read_text(encoding="utf-8") + "\n" + found["toml"], encoding="utf-8")
+    told = ["--set", f"control.delay_ticks={found['delay']['upper']}", "--set", "control.sensor_lag_ticks=2"]
+    run = bench.run("design", path, "--json", "--simulate", "4", "--set", "control.law=smc", *told)
+    expect(run.returncode == 0, f"design: exit {run.returncode}: {run.stdout}{run.stderr}")
+    plants = json.loads(run.stdout)["simulated"]["exact_lengths"]
+    expect(plants["outside_band"] == 0 and plants["stopped"] == 0 and plants["largest_error"] > 0, f"design: {plants}")
+    refused = json.loads(bench.run("design", path, "--json", *told).stdout)["refused"]
+    expect(refused and "tried and helps: law smc" in refused, f"design of the full law: {refused}")
+
+
 def main():
     if len(sys.argv) != 3:
         print(__doc__, file=sys.stderr)
@@ -235,6 +251,7 @@ def main():
         snippet(bench)
         payload(bench)
         arm(bench)
+        designed(bench)
         hostile(bench)
     for what in failures:
         print("FAILED:", what)
