@@ -59,15 +59,8 @@ IdentifyProblem read_problem(const RecordedRun& run, const IdentifyOptions& o) {
     throw InputError("", fmt::format("{}: {} rows are too few: twenty windows of {:g} s need {}, {:.3g} s of motion", run.log,
                                      log.rows(), o.window, needed, static_cast<double>(needed) * p.tick));
   }
+  require_every_tick(log, 0, p.tick);
   for (std::size_t i = 0; i < log.rows(); ++i) {
-    const double t = log.columns[0][i];
-    if (std::abs(t - log.columns[0][0] - static_cast<double>(i) * p.tick) > 0.01 * p.tick) {
-      throw InputError(
-          log.where(i),
-          fmt::format("t = {} s is not {} ticks of {:g} s after the first row: every tick is needed, at the "
-                      "scene's control.rate_hz",
-                      t, i, p.tick));
-    }
     p.angle.push_back({log.columns[1][i], log.columns[2][i]});
     std::array<double, 4> torque{};
     for (std::size_t m = 0; m < motors.size(); ++m) torque[motors[m]] = log.columns[3 + m][i];

@@ -1,5 +1,7 @@
 #include "host_sim/recorded/table.hpp"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <charconv>
 #include <cmath>
@@ -99,6 +101,16 @@ void require_ascending(const RecordedTable& table, std::size_t column) {
   const std::vector<double>& t = table.columns[column];
   for (std::size_t i = 1; i < t.size(); ++i) {
     if (!(t[i] > t[i - 1])) throw InputError(table.where(i), "the time must ascend from row to row");
+  }
+}
+
+void require_every_tick(const RecordedTable& table, std::size_t column, double tick, const std::string& hint) {
+  const std::vector<double>& t = table.columns[column];
+  for (std::size_t i = 0; i < t.size(); ++i) {
+    if (std::abs(t[i] - t[0] - static_cast<double>(i) * tick) <= 0.01 * tick) continue;
+    throw InputError(table.where(i), fmt::format("t = {:.10g} s is not {} ticks of {:g} s after the first row: every tick is needed, at the "
+                                                 "scene's control.rate_hz{}",
+                                                 t[i], i, tick, hint));
   }
 }
 

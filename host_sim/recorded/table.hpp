@@ -28,4 +28,8 @@ RecordedTable read_table(const std::string& file, const std::vector<std::string>
 /// Throws InputError unless the values ascend strictly: `column` of the table, a time.
 void require_ascending(const RecordedTable& table, std::size_t column);
 
+/// Throws InputError at the first row that is not a whole number of ticks after the first one, as many as rows: `column` of the
+/// table, a time; `tick`: s; `hint`: what follows then.
+void require_every_tick(const RecordedTable& table, std::size_t column, double tick, const std::string& hint = "");
+
 }  // namespace esmc::host

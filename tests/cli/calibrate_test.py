@@ -225,6 +225,17 @@ def hostile(bench):
     with_log("\n".join([head.replace("theta12_meas", "other")] + log[1:]) + "\n", "hostile.csv:1: there is no column theta12_meas", *known)
     with_log("\n".join([head.replace("theta22_meas", "theta12_meas")] + log[1:]) + "\n", "two columns theta12_meas", *known)
 
+    # The drives' observers lag by what the motion does from row to row: rows that are not there would be a lag of nobody.
+    gap = "\n".join(log[:700] + log[750:]) + "\n"
+    with_log(gap, "hostile.csv:701: t = 1.498 s is not 699 ticks", *known)
+    with_log(gap, "--observer-bandwidth 0 takes rows as they are", *known)
+    in_ms = [f"{1e3 * float(l.split(',', 1)[0])!r},{l.split(',', 1)[1]}" for l in log[1:]]
+    with_log("\n".join([head, *in_ms]) + "\n", "hostile.csv:3: t = 2 s is not 1 ticks", *known)
+    place.write_text(gap, encoding="utf-8")
+    bench.good(place, "--scene", bench.nominal, *known, "--observer-bandwidth", "0")
+    inside = write_readings(bench.folder / "inside.csv", rows_of(out), [300, 720, 1300], 2e-5, random.Random(3))
+    with_log(gap, "is in a gap of the log, from 1.396 to 1.498 s", "--effector", inside, *known, "--observer-bandwidth", "0")
+
     bench.bad("but not its scale", out)
     bench.bad("there is no such log", bench.folder / "nowhere")
     bench.bad("no scene beside the log", place)
