@@ -13,11 +13,14 @@ def marker(shape, x, y, colour, size):
         return f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{s:g}" fill="{colour}"/>'
     if shape == "saturation":
         return f'<rect x="{x - s:.1f}" y="{y - s:.1f}" width="{2 * s:g}" height="{2 * s:g}" fill="{colour}"/>'
-    path = {"tanh": f"M{x - s:.1f} {y + s:.1f}h{2 * s:g}l{-s:g} {-2 * s:g}z",
+    if shape == "implicit_coupled":
+        return f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{1.4 * s:g}" fill="none" stroke="{colour}" stroke-width="1.3"/>'
+    path = {"super_twisting": f"M{x:.1f} {y - 1.4 * s:.1f}v{2.8 * s:g}M{x - 1.4 * s:.1f} {y:.1f}h{2.8 * s:g}",
+            "tanh": f"M{x - s:.1f} {y + s:.1f}h{2 * s:g}l{-s:g} {-2 * s:g}z",
             "sign": f"M{x - s:.1f} {y - s:.1f}l{2 * s:g} {2 * s:g}m{-2 * s:g} 0l{2 * s:g} {-2 * s:g}",
             "ctc": f"M{x - 1.3 * s:.1f} {y:.1f}l{1.3 * s:g} {-1.3 * s:g}l{1.3 * s:g} {1.3 * s:g}l{-1.3 * s:g} {1.3 * s:g}z",
             "pd": f"M{x - s:.1f} {y - s:.1f}h{2 * s:g}l{-s:g} {2 * s:g}z"}[shape]
-    return f'<path d="{path}" fill="{colour if shape == "tanh" else "#ffffff" if shape != "sign" else "none"}" stroke="{colour}" stroke-width="1.3"/>'
+    return f'<path d="{path}" fill="{colour if shape == "tanh" else "none" if shape in ("sign", "super_twisting") else "#ffffff"}" stroke="{colour}" stroke-width="1.3"/>'
 
 
 def decades(low, high):

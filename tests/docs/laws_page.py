@@ -167,6 +167,13 @@ def sentences(s, counted):
         parts.append(f"{span(values)} ({WORLD[world]})")
     yield ("**`implicit` or a layer of one's own**: the best error of `esmc` `implicit`, which takes its stiffness from tick and told delay, over "
            "that of `esmc` `saturation`, whose layer was searched for: " + listed(parts) + ".")
+    for other, said in (("super_twisting", "An integral, `super_twisting`"), ("implicit_coupled", "All channels together, `implicit_coupled`")):
+        parts = []
+        for world in study.WORLDS:
+            values = [s.best((f"esmc {other}",), (world, m))[0] / s.best(("esmc implicit",), (world, m))[0] for m in study.MECHANISMS if m != "lengths"]
+            parts.append(f"{span(values)} ({WORLD[world]})")
+        lengths = span([s.best((f"esmc {other}",), (w, "lengths"))[0] / s.best(("esmc implicit",), (w, "lengths"))[0] for w in study.WORLDS])
+        yield f"**{said}**: the best error of `esmc` with it over that with `implicit` is {listed(parts)}; with wrong lengths {lengths}."
     parts = []
     for world in study.WORLDS:
         sign, smooth = s.best(("esmc sign",), (world, "exact")), s.best(("esmc implicit",), (world, "exact"))
@@ -197,7 +204,7 @@ def fronts(s):
 
 
 def second_name(law, value):
-    return f"{'k' if study.LAWS[law][2] == 'gain' else 'mu'} {value:g}"
+    return f"{ {'gain': 'k', 'rate': 'L', 'pole': 'mu'}[study.LAWS[law][2]]} {value:g}"
 
 
 def table(s, world):

@@ -15,25 +15,30 @@ SAMPLES = 32
 
 LAMBDA = (10.0, 15.0, 24.0, 36.0, 55.0, 85.0, 130.0, 200.0)  # 1/s
 GAIN = (2.0, 6.0, 20.0, 60.0, 200.0, 600.0)                  # m/s2 and rad/s2
+RATE = (10.0, 50.0, 250.0, 1250.0, 6250.0, 31250.0)         # m/s3 and rad/s3: L of super_twisting
 POLE = (30.0, 60.0, 120.0, 250.0, 500.0, 1000.0)             # 1/s: how fast s dies inside the layer
 LAYERED_GAIN = 150.0                                         # of the laws with a layer: that of the scene
 # pd has no model. What a motor turns, seen from its joint: proximal bar, and distal bar as a point at the elbow.
 INERTIA = 2e-4 + 0.1 * 0.06**2 + 0.1 * 0.12**2               # kg m2
 
+SECOND = {"gain": GAIN, "rate": RATE, "pole": POLE}
 # name: law, reaching, what the second number is
 LAWS = {
     "esmc implicit": ("esmc", "implicit", "gain"), "esmc saturation": ("esmc", "saturation", "pole"),
     "esmc tanh": ("esmc", "tanh", "pole"), "esmc sign": ("esmc", "sign", "gain"),
+    "esmc implicit_coupled": ("esmc", "implicit_coupled", "gain"), "esmc super_twisting": ("esmc", "super_twisting", "rate"),
     "esmc_projected implicit": ("esmc_projected", "implicit", "gain"), "smc implicit": ("smc", "implicit", "gain"),
     "smc saturation": ("smc", "saturation", "pole"), "smc sign": ("smc", "sign", "gain"),
+    "smc super_twisting": ("smc", "super_twisting", "rate"),
     "ctc": ("ctc", "", "pole"), "pd": ("pd", "", "pole")}
 
 READ = '{type="encoder", bits=16}, {type="compute_delay", time=1e-3}'
 RUB = '{type="viscous_friction", coefficient=[0.01, 0.002]}, {type="coulomb_friction", torque=[0.02, 0.005]}'
+TOLD = ["control.delay_ticks=1", "control.sensor_lag_ticks=2"]  # the implicit laws need their sum, super_twisting bridges the first
 # name: --set lines
 WORLDS = {"ideal": [],
-          "encoders": [f"effects=[{READ}]", "control.delay_ticks=3"],
-          "friction": [f"effects=[{READ}, {RUB}]", "control.delay_ticks=3"]}
+          "encoders": [f"effects=[{READ}]", *TOLD],
+          "friction": [f"effects=[{READ}, {RUB}]", *TOLD]}
 MASSES = [(k, 0.2) for k in ("m1", "m2", "J1", "J2")]
 LENGTHS = [(k, 0.01) for k in ("l1", "l2", "lg1", "lg2")]
 # name: what of each bar of each leg is not as believed, and by what share. "joined" is exact, with another start: the
@@ -44,7 +49,7 @@ CONDITIONS = list(itertools.product(WORLDS, MECHANISMS))
 
 
 def settings(law):
-    return list(itertools.product(LAMBDA, GAIN if LAWS[law][2] == "gain" else POLE))
+    return list(itertools.product(LAMBDA, SECOND[LAWS[law][2]]))
 
 
 def keys(law, slope, second):
@@ -126,7 +131,7 @@ def measure(esmc, wanted, say=lambda done, of: None):
 
 
 def everything():
-    return [(law, world, mechanism, slope, GAIN if LAWS[law][2] == "gain" else POLE)
+    return [(law, world, mechanism, slope, SECOND[LAWS[law][2]])
             for law in LAWS for slope in LAMBDA for world, mechanism in CONDITIONS]
 
 
