@@ -19,6 +19,22 @@ template <class S>
 class ReachingLaw : public testing::Test {};
 TYPED_TEST_SUITE(ReachingLaw, Scalars, ScalarName);
 
+/// What lies beyond the last channel stays as it was.
+TYPED_TEST(ReachingLaw, AddsToItsChannelsOnly) {
+  using S = TypeParam;
+  struct Row {
+    Vec<S, 3> channels = Vec<S, 3>::Ones();
+    S after = S(7);
+  };
+  for (const Reaching law : kAll) {
+    const Row s, k, layer;
+    Row to;
+    add_switching(law, s.channels, k.channels, layer.channels, to.channels);
+    for (int i = 0; i < 3; ++i) EXPECT_EQ(to.channels[i], S(1) + switching(law, S(1), S(1)));
+    EXPECT_EQ(to.after, S(7));
+  }
+}
+
 TYPED_TEST(ReachingLaw, IsOddBoundedMonotoneAndZeroAtZero) {
   using S = TypeParam;
   using Limits = std::numeric_limits<S>;
