@@ -216,6 +216,8 @@ class Report {
                              {"peak_nm", d_.peak[joint]},
                              {"limit_nm", scene_.torque_limit[static_cast<std::size_t>(m)]}});
     }
+    const auto shares = [](const design::Shares& s) { return Json{{"force", s.force}, {"preload", s.preload}}; };
+    j["four_motors"] = scene_.all_motors ? Json{{"hold", shares(d_.hold_shares)}, {"peak", shares(d_.peak_shares)}} : Json(nullptr);
     j["states"] = d_.states;
     j["simulated"] = {{"judged_by", d_.sampled ? "sampled" : (d_.layer ? "layer" : "tube")},
                       {"exact_lengths", plants_json(exact_)}, {"lengths", plants_json(lengths_)}};

@@ -164,7 +164,7 @@ std::vector<double> numbers_of(const Problem<M>& p) {
                           p.bounds.late};
   for (int i = 0; i < M::channels; ++i) out.insert(out.end(), {c.gains.lambda[i], c.gains.layer[i]});
   out.insert(out.end(), {c.gains.independent.lambda, c.gains.independent.layer});
-  for (int i = 0; i < M::joints; ++i) out.insert(out.end(), {c.torque_limit[i], c.torque_weight[i]});
+  for (int i = 0; i < M::joints; ++i) out.insert(out.end(), {c.torque_limit[i], c.torque_weight[i], c.preload[i]});
   if constexpr (M::joints == 4) {
     out.insert(out.end(), {static_cast<double>(c.mode.working[0]), static_cast<double>(c.mode.working[1]),
                            static_cast<double>(c.mode.assembly)});

@@ -6,12 +6,14 @@
 #include <limits>
 #include <numbers>
 
+#include "host_sim/design/efforts.hpp"
 #include "host_sim/design/linear_zone.hpp"
 #include "host_sim/design/search.hpp"
 
 namespace esmc::host::design {
 namespace {
 
+constexpr double enough = 1.0 - 1e-9;     ///< share of a force that counts as all of it
 constexpr double room = 1.2;             ///< tube over the band that it must hold, where the tube is computed
 constexpr std::size_t looks_max = 256;   ///< points of a first look
 constexpr std::size_t looks_few = looks_max / 8;  ///< where many designs are tried
@@ -193,66 +195,62 @@ class Designer : private Search<M> {
 
   using Joints = Vec<double, M::joints>;
 
-  /// What the worst plant takes of every joint on the motion itself, N m.
-  [[nodiscard]] Joints holding(const State<M>& s) const {
-    const auto& c = p_.controller;
-    const Worst<M> w(u_, s, swing_);
-    const Joints own = torques(p_, s.track.pose, c.mechanism.force(s.wanted, s.track.rates));
-    Channels push = Channels::Zero();
-    List<Joints, 2> map;
-    for (int k = 0; k < 2; ++k) {
-      push.setZero();
-      push[k] = 1.0;  // a force on independent coordinate k: effector, or joint of the RR
-      map[k] = torques(p_, s.track.pose, push);
-    }
-    Joints out;
-    for (int j = 0; j < M::joints; ++j) {
-      const Span d = w.along(Vec2<double>(map[0][j], map[1][j]));
-      out[j] = std::max(std::abs(own[j] - d.low), std::abs(own[j] - d.high));
-    }
-    return out;
+  [[nodiscard]] bool four() const { return p_.controller.motors == Motors::all; }
+
+  /// The worst places for each motor and, of four, for what all give together.
+  struct Efforts {
+    std::array<Worsts, M::joints> torque{};
+    Worsts force{}, preload{};
+  };
+  void note_effort(Efforts& to, const Place& at, const Effort<M>& e) {
+    for (int j = 0; j < M::joints; ++j) note(to.torque[static_cast<std::size_t>(j)], at, e.torque[j]);
+    note(to.force, at, 1.0 - e.force);
+    note(to.preload, at, 1.0 - e.preload);
   }
-  /// What the law with those gains asks for, N m.
-  [[nodiscard]] Joints asking(const Gains<M>& g, const State<M>& s) const {
-    const auto& c = p_.controller;
-    Channels a, sliding;
-    demand(c.law, c.mechanism, g, c.reaching, s.track, a, sliding);
-    return torques(p_, s.track.pose, c.mechanism.force(a, s.track.rates)).cwiseAbs();
+  template <class F>
+  void keep_shares(Shares& to, Place& place, const Efforts& of, const F& need) {
+    if (!four()) return;
+    const Found force = worst(of.force, [&](const State<M>& t) { return 1.0 - need(t).force; });
+    const Found preload = worst(of.preload, [&](const State<M>& t) { return 1.0 - need(t).preload; });
+    to = {1.0 - force.need, 1.0 - preload.need};
+    if (to.force < enough) place = force.place;
   }
 
   void torque() {
     const auto& c = p_.controller;
     State<M> s;
     const auto n = c.motor_count();
-    std::array<Worsts, M::joints> hold{}, peak{};
-    const auto note_all = [&](std::array<Worsts, M::joints>& to, const Place& at, const Joints& tau) {
-      for (int j = 0; j < M::joints; ++j) note(to[static_cast<std::size_t>(j)], at, tau[j]);
-    };
+    Efforts hold, peak;
     for (const Place& at : looks_) {
-      if (state_at(p_, at, 0.0, s)) note_all(hold, at, holding(s));
+      if (state_at(p_, at, 0.0, s)) note_effort(hold, at, holding(p_, u_, swing_, s));
     }
     Gains<M> g = c.gains;
     apply(p_, d_, g);
-    (void)everywhere(false, [&](const Place& at, const State<M>& t) { note_all(peak, at, asking(g, t)); });
+    (void)everywhere(false, [&](const Place& at, const State<M>& t) { note_effort(peak, at, asking(p_, g, t)); });
     for (int i = 0; i < n; ++i) {
       const int joint = ControllerConfig<M>::joint_of(i, n);
       const auto k = static_cast<std::size_t>(joint);
-      keep(d_.hold, d_.hold_place, joint, worst(hold[k], [&](const State<M>& t) { return holding(t)[joint]; }));
-      keep(d_.peak, d_.peak_place, joint, worst(peak[k], [&](const State<M>& t) { return asking(g, t)[joint]; }));
+      keep(d_.hold, d_.hold_place, joint, worst(hold.torque[k], [&](const State<M>& t) { return holding(p_, u_, swing_, t).torque[joint]; }));
+      keep(d_.peak, d_.peak_place, joint, worst(peak.torque[k], [&](const State<M>& t) { return asking(p_, g, t).torque[joint]; }));
     }
+    keep_shares(d_.hold_shares, d_.hold_place, hold, [&](const State<M>& t) { return holding(p_, u_, swing_, t); });
+    keep_shares(d_.peak_shares, d_.peak_place, peak, [&](const State<M>& t) { return asking(p_, g, t); });
+    if (four()) {
+      judge_four();
+    } else {
+      judge_two(n);
+    }
+  }
+  void judge_two(int n) {
+    const auto& c = p_.controller;
     for (int i = 0; i < n; ++i) {
       const int joint = ControllerConfig<M>::joint_of(i, n);
       const auto k = static_cast<std::size_t>(joint);
       const double limit = c.torque_limit[joint];
       if (d_.hold[k] > limit && d_.refused.empty()) {
-        const std::string text = fmt::format(
-            "motor {}: the worst plant takes {:.3g} N m on the motion itself ({}), torque_limit is {:.3g} N m", i + 1,
+        d_.refused = fmt::format(
+            "motor {}: the worst plant takes {:.3g} N m on the motion itself ({}), torque_limit is {:.3g} N m: no gain works", i + 1,
             d_.hold[k], where(d_.hold_place), limit);
-        if (c.motors == Motors::all) {  // others may take over what one cannot give
-          d_.warnings.push_back(text + ", shared out by least norm");
-        } else {
-          d_.refused = text + ": no gain works";
-        }
       } else if (d_.peak[k] > limit) {
         d_.warnings.push_back(
             fmt::format("motor {}: at the edge of the tube the law asks for up to {:.3g} N m ({}), "
@@ -260,6 +258,26 @@ class Designer : private Search<M> {
                         "N m: while it is clamped nothing is promised",
                         i + 1, d_.peak[k], where(d_.peak_place), limit));
       }
+    }
+  }
+  /// Of four motors one gives what another one cannot; what counts is what they give together.
+  void judge_four() {
+    const auto& c = p_.controller;
+    if (d_.hold_shares.force < enough && d_.refused.empty()) {
+      d_.refused = fmt::format(
+          "within torque_limit the four motors give {:.3g} % of what the worst plant takes on the motion itself ({}): no gain works",
+          100.0 * d_.hold_shares.force, where(d_.hold_place));
+    } else if (d_.peak_shares.force < enough) {
+      d_.warnings.push_back(fmt::format(
+          "at the edge of the tube the four motors give {:.3g} % of what the law asks for ({}): while it is cut short nothing is promised",
+          100.0 * d_.peak_shares.force, where(d_.peak_place)));
+    }
+    if (!(d_.hold_shares.preload < enough)) return;
+    for (int i = 0; i < M::joints; ++i) {  // bounds yield towards the limit on the other side
+      const double given = std::abs(c.preload[i]), rest = given - (1.0 - d_.hold_shares.preload) * (given + c.torque_limit[i]);
+      if (!(given > 0.0)) continue;
+      d_.warnings.push_back(fmt::format("motor {}: of its preload of {:.3g} N m the worst plant leaves {:.3g} N m on the motion itself{}", i + 1, given,
+                                        rest, rest > 0.0 ? "" : ": its gear changes sides"));
     }
   }
   /// The place is that of the joint which is nearest to its limit.

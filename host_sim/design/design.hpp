@@ -31,6 +31,11 @@ struct Band {
   double sliding = 0.0;  ///< the same per s
 };
 
+/// Of four motors within their limits: how much of a force they give together, and what is left of their preload.
+struct Shares {
+  double force = 1.0, preload = 1.0;
+};
+
 template <class M>
 struct Design {
   std::string refused;                ///< why no gain is given; empty: there is one
@@ -55,6 +60,7 @@ struct Design {
   std::array<double, M::joints> hold{};  ///< N m: what the worst plant takes on the motion itself
   std::array<double, M::joints> peak{};  ///< N m: what the law asks for at worst in the tube
   Place hold_place{}, peak_place{};
+  Shares hold_shares{}, peak_shares{};  ///< four motors: the least of what they give together
   std::size_t states = 0;  ///< that the search has looked at
 };
 

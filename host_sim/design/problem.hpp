@@ -6,7 +6,6 @@
 #include <cmath>
 #include <vector>
 
-#include "firmware/control/allocation.hpp"
 #include "firmware/cycle/controller.hpp"
 #include "host_sim/scene/uncertainty.hpp"
 
@@ -141,21 +140,6 @@ template <class M>
   s.column = columns(c.mechanism, s.track.pose);
   ask(p, s);
   return true;
-}
-
-/// Motor torques (at the joints) that do what forces w on the channels do. Four motors: the least in norm, which is what the
-/// controller asks for where that is within the limits and there is no preload.
-template <class M>
-[[nodiscard]] Vec<double, M::joints> torques(const Problem<M>& p, const typename M::Pose& pose,
-                                             const typename M::Channels& w) {
-  const auto& c = p.controller;
-  if constexpr (M::joints == 4) {
-    if (c.motors == Motors::all) return allocate_all(c.mechanism, pose, w, c.torque_weight);
-  }
-  const Vec2<double> base = c.mechanism.base_torque(pose, w);
-  Vec<double, M::joints> out = Vec<double, M::joints>::Zero();
-  for (int i = 0; i < 2; ++i) out[ControllerConfig<M>::joint_of(i, 2)] = base[i];
-  return out;
 }
 
 }  // namespace esmc::host::design

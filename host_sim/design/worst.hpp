@@ -80,6 +80,25 @@ class Worst {
     }
     return out;
   }
+  /// f(C^T delta) of the corners that push most along each of eight directions.
+  template <class F>
+  void each_push(const F& f) const {
+    for (int g = 0; g < gravities_; ++g) {
+      for (int d = 0; d < 8; ++d) {
+        const double angle = 0.7853981633974483 * d;
+        const Vec2<double> v(std::cos(angle), std::sin(angle));
+        Vec2<double> sum = Vec2<double>::Zero();
+        for (int k = 0; k < parts_; ++k) {
+          int at = 0;
+          for (int c = 1; c < count_[k]; ++c) {
+            if (dot(v, share(g, k, c).F) > dot(v, share(g, k, at).F)) at = c;
+          }
+          sum += share(g, k, at).F;
+        }
+        f(sum);
+      }
+    }
+  }
   /// Extremes of v . H v.
   [[nodiscard]] Span energy(const Vec2<double>& v) const {
     Span sum;

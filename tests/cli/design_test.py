@@ -70,6 +70,39 @@ class Design(unittest.TestCase):
             self.assertGreater(p["largest_error"], 0.05 * d["band"]["sampled"]["error"])  # else the band says nothing
             self.assertIsNone(d["simulated"]["lengths"])
 
+    def test_of_four_motors_counts_what_they_give_together(self):
+        four = ["control.motors=all", "control.sensors=all", "drives={nodes=[1,2,3,4]}", "simulation.duration=0.6"]
+        free = design(SCENE, *four)
+        whole = {"force": 1.0, "preload": 1.0}
+        self.assertEqual(free["four_motors"], {"hold": whole, "peak": whole})
+        self.assertIsNone(design(SCENE, "simulation.duration=0.6")["four_motors"])
+        # A limit below what the least norm asks of one motor, and above what all have to give.
+        most = max(t["hold_nm"] for t in free["torque"])
+        tight = design(SCENE, *four, f"control.torque_limit={0.95 * most}")
+        self.assertEqual(tight["four_motors"]["hold"], whole)
+        self.assertLessEqual(max(t["hold_nm"] for t in tight["torque"]), 0.95 * most)
+        self.assertLess(tight["four_motors"]["peak"]["force"], 1.0)
+        self.assertTrue(any("give" in w and "of what the law asks for" in w for w in tight["warnings"]))
+        refused = design(SCENE, *four, f"control.torque_limit={0.5 * most}", expect=1)["refused"]
+        self.assertIn("of what the worst plant takes on the motion itself", refused)
+
+    def test_preload_is_in_the_torques_and_what_is_left_of_it_is_told(self):
+        four = ["control.motors=all", "control.sensors=all", "drives={nodes=[1,2,3,4]}", "simulation.duration=0.6", "mechanism.gravity=0.0",
+                "reference.speed=1.0", "reference.radius=0.01"]
+        preload = "control.preload=[0.05, 0.05, 0.05, 0.05]"
+        free, held = design(SCENE, *four), design(SCENE, *four, preload)
+        self.assertTrue(all(t["hold_nm"] < 0.05 for t in free["torque"]), free["torque"])
+        self.assertTrue(all(t["hold_nm"] >= 0.05 for t in held["torque"]), held["torque"])
+        self.assertEqual(held["four_motors"]["hold"]["preload"], 1.0)
+        self.assertFalse(any("preload" in w for w in held["warnings"]))
+        # Motors that cannot be against each other with these signs: what is left is the bound after yielding.
+        signs = design(SCENE, "simulation.duration=0.6", *four[:3], "control.preload=[0.1, -0.1, -0.1, 0.1]", "control.torque_limit=2.0")
+        rest = 0.1 - (1.0 - signs["four_motors"]["hold"]["preload"]) * 2.1
+        self.assertLess(rest, 0.0)
+        self.assertEqual(sum(f"leaves {rest:.3g} N m on the motion itself: its gear changes sides" in w for w in signs["warnings"]), 4)
+        # gain = "robust" has them as well
+        self.assertEqual(run("sim", SCENE, *sets(*four, "control.gain=robust", preload)).returncode, 0)
+
     def test_lengths_are_simulated_and_no_gain_answers_for_them(self):
         a = design(SCENE, "simulation.duration=0.6", expect=0, more=("--simulate", "4", "--seed", "7"))
         b = design(SCENE, "simulation.duration=0.6", expect=0, more=("--simulate", "4", "--seed", "7"))

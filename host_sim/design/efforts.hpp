@@ -1,0 +1,78 @@
+#pragma once
+/// What motors have to give: for the worst plant on the motion, and for what the law asks.
+
+#include <algorithm>
+#include <cmath>
+
+#include "firmware/control/box_allocation.hpp"
+#include "host_sim/design/worst.hpp"
+
+namespace esmc::host::design {
+
+/// What motors are asked for (at the joints) to do what forces w on the channels do, and what they give of it.
+template <class M>
+struct Effort {
+  Vec<double, M::joints> torque = Vec<double, M::joints>::Zero();
+  double force = 1.0;    ///< four motors within their limits: share of w that all of them together can give
+  double preload = 1.0;  ///< four motors: what is left of the preload, 0: it is the limit on the other side
+};
+/// As the controller shares it out. Two motors may be asked for more than their limit, four may not.
+template <class M>
+[[nodiscard]] Effort<M> effort(const Problem<M>& p, const typename M::Pose& pose, const typename M::Channels& w) {
+  const auto& c = p.controller;
+  if constexpr (M::joints == 4) {
+    if (c.motors == Motors::all) {
+      const auto a = allocate_all_within(c.mechanism, pose, w, c.torque_weight, c.torque_limit, c.preload);
+      return {a.torque, a.force, a.preload};
+    }
+  }
+  const Vec2<double> base = c.mechanism.base_torque(pose, w);
+  Effort<M> out;
+  for (int i = 0; i < 2; ++i) out.torque[ControllerConfig<M>::joint_of(i, 2)] = base[i];
+  return out;
+}
+
+/// What the worst plant takes of every joint on the motion itself, N m: magnitudes.
+template <class M>
+[[nodiscard]] Effort<M> holding(const Problem<M>& p, const Uncertain<M>& u, double swing, const State<M>& s) {
+  using Channels = typename M::Channels;
+  const Worst<M> w(u, s, swing);
+  const Channels own = p.controller.mechanism.force(s.wanted, s.track.rates);
+  Effort<M> out;
+  if (p.controller.motors == Motors::all) {
+    w.each_push([&](const Vec2<double>& F) {
+      Channels all = own;
+      for (int k = 0; k < 2; ++k) all[k] -= F[k];  // on independent coordinate k: effector, or joint of the RR
+      const Effort<M> e = effort(p, s.track.pose, all);
+      out.torque = out.torque.cwiseMax(e.torque.cwiseAbs());
+      out.force = std::min(out.force, e.force);
+      out.preload = std::min(out.preload, e.preload);
+    });
+    return out;
+  }
+  const auto asked = effort(p, s.track.pose, own).torque;
+  List<Vec<double, M::joints>, 2> map;
+  for (int k = 0; k < 2; ++k) {
+    Channels push = Channels::Zero();
+    push[k] = 1.0;
+    map[k] = effort(p, s.track.pose, push).torque;
+  }
+  for (int j = 0; j < M::joints; ++j) {
+    const Span d = w.along(Vec2<double>(map[0][j], map[1][j]));
+    out.torque[j] = std::max(std::abs(asked[j] - d.low), std::abs(asked[j] - d.high));
+  }
+  return out;
+}
+
+/// What the law with those gains asks for, N m: magnitudes.
+template <class M>
+[[nodiscard]] Effort<M> asking(const Problem<M>& p, const Gains<M>& g, const State<M>& s) {
+  const auto& c = p.controller;
+  typename M::Channels a, sliding;
+  demand(c.law, c.mechanism, g, c.reaching, s.track, a, sliding);
+  Effort<M> out = effort(p, s.track.pose, c.mechanism.force(a, s.track.rates));
+  out.torque = out.torque.cwiseAbs();
+  return out;
+}
+
+}  // namespace esmc::host::design
