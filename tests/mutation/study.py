@@ -320,11 +320,11 @@ def study(root, folders, build, known, only="", cxx="clang++", told=print):
 
 
 def page(figures, known):
-    rows = [f"| `{f}` | {n} | {k} | {e} |" for f, (n, k, e) in sorted(figures.items())]
+    rows = [f"| `{f}` | {n} | {k} | {e} | {n - k - e} |" for f, (n, k, e) in sorted(figures.items())]
     total = [sum(v[i] for v in figures.values()) for i in range(3)]
     text = (HERE / "page.md").read_text().replace("TABLE", "\n".join([
-        "| file | mutants | killed | equivalent |", "|---|---|---|---|", *rows,
-        f"| all | {total[0]} | {total[1]} | {total[2]} |"]))
+        "| file | mutants | killed | equivalent | not judged |", "|---|---|---|---|---|", *rows,
+        f"| all | {total[0]} | {total[1]} | {total[2]} | {total[0] - total[1] - total[2]} |"]))
     parts = []
     for file in sorted(figures):
         mine = [(s, c, why) for (f, s, c), why in known.items() if f == file]

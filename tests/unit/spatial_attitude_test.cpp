@@ -128,6 +128,24 @@ TEST(HalfATurn, TheWayChangesOnceAndNotBack) {
   }
 }
 
+/// At the margin itself the way is kept; a reset forgets it; and a sample as far from the last one as its negative is taken
+/// without a look at its sign.
+TEST(HalfATurn, TheEdgesOfTheChoice) {
+  const Quaternion<D> beyond{-0.5, Vec3<D>(0, 0, std::sqrt(0.75))}, before{0.0, Vec3<D>(0, 0, 1)};
+  for (const D margin : {0.5, 0.49}) {
+    AttitudeChoice<D> choice(margin);
+    EXPECT_EQ(choice.choose(before).v.z(), 1);
+    EXPECT_EQ(choice.choose(beyond).w, margin < 0.5 ? 0.5 : -0.5);
+    choice.reset();
+    EXPECT_EQ(choice.choose(beyond).w, 0.5);
+  }
+  for (const D sign : {1.0, -1.0}) {
+    AttitudeChoice<D> choice(0.1);
+    (void)choice.choose({0.0, Vec3<D>(1, 0, 0)});
+    EXPECT_EQ(choice.choose({0.0, Vec3<D>(0, sign, 0)}).v.y(), 1);
+  }
+}
+
 /// 90 degrees of pitch: the Euler law ends with the fault of its name, the quaternion laws do what they do
 /// elsewhere. The same motion in a frame of reference in which nothing is singular gives the same moments.
 TEST(Singularity, OfEulerAnglesIsNoneOfTheQuaternion) {
