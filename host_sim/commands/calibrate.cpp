@@ -51,7 +51,7 @@ JointLog read_log(const RecordedRun& run) {
 }
 
 /// The log as it was before observers of this bandwidth followed it (critically damped: late by acceleration
-/// / bandwidth^2), or a share of that. Rows must stand at equal distances: every tick of a run.
+/// / bandwidth^2), or a share of that. Rows must stand at equal distances.
 JointLog before_observer(const JointLog& log, double bandwidth, double share) {
   JointLog out = log;
   const std::size_t rows = log.table.rows();
@@ -86,7 +86,7 @@ std::vector<EffectorReading> read_effector(const std::string& file, const JointL
     const auto after = std::clamp<std::ptrdiff_t>(std::upper_bound(t.begin(), t.end(), at) - t.begin(), 1,
                                                   static_cast<std::ptrdiff_t>(t.size()) - 1);
     const auto k = static_cast<std::size_t>(after);
-    if (t[k] - t[k - 1] > gap_max * (t.back() - t.front()) / static_cast<double>(t.size() - 1))
+    if (at > t[k - 1] && at < t[k] && t[k] - t[k - 1] > gap_max * (t.back() - t.front()) / static_cast<double>(t.size() - 1))
       throw InputError(readings.where(i), fmt::format("t = {} s is in a gap of the log, from {:g} to {:g} s", at, t[k - 1], t[k]));
     const double u = (at - t[k - 1]) / (t[k] - t[k - 1]);
     EffectorReading r{{}, readings.columns[1][i], readings.columns[2][i]};
@@ -302,7 +302,7 @@ int run_calibrate(const CalibrateOptions& o) {
   const JointLog read = read_log(run);
   // Nobody knows whether the drives' observers are late: halfway, and the whole range as evenly distributed.
   const bool late = o.observer_bandwidth > 0.0;
-  if (late) require_every_tick(read.table, 0, run.scene.tick(), "; --observer-bandwidth 0 takes rows as they are, without what the drives' observers lag");
+  if (late) require_even(read.table, 0, "; --observer-bandwidth 0 takes rows as they are, without what the drives' observers lag");
   const JointLog log = late ? before_observer(read, o.observer_bandwidth, 0.5) : read;
   const CalibrationProblem p = problem_of(run, o, log);
   Calibration c = calibrate(p);

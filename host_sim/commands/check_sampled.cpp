@@ -38,9 +38,7 @@ double stiffness(const Scene& s) {
   if (!s.robust_gain) {
     return std::max(s.gain.position / s.layer.position + s.lambda.position, s.gain.angle / s.layer.angle + s.lambda.angle);
   }
-  const auto of = [&]<class M>(const M*) {
-    return stiffness_of<M>(robust_gains<M>(s, Pacing::lockstep));
-  };
+  const auto of = [&]<class M>(const M*) { return robust_gains<M>(s, Pacing::lockstep).stiffness; };
   return s.type == MechanismType::five_bar ? of(static_cast<FiveBar<double>*>(nullptr)) : of(static_cast<Rr<double>*>(nullptr));
 }
 
@@ -86,7 +84,7 @@ void judge_layer(const Scene& s, double stiffness, Findings& f) {
   Delay d = delay_of(s);
   // kappa T <= 0.3, and below half of the bound on stability 2 sin(pi/(4 d + 2)) [F39]
   const double kappa_t = stiffness * s.tick();
-  const auto half_bound = [](double ticks) { return std::sin(std::numbers::pi / (4.0 * ticks + 2.0)); };
+  const auto half_bound = [](double ticks) { return design::steepest(ticks); };
   const std::string is = fmt::format("(gain / layer + lambda) * tick = {:.3g}", kappa_t);
   const std::string cure =
       "a larger control.layer, a smaller gain or lambda (docs/theory.md, \"Boundary layers and the implicit "

@@ -1,12 +1,10 @@
 #pragma once
 /// What `esmc check` has to say of a scene, and its judgement of what is sampled: the loop near the surface, and steps of integration.
 
-#include <algorithm>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <utility>
 
-#include "firmware/control/law.hpp"
 #include "host_sim/scene/scene.hpp"
 
 namespace esmc::host {
@@ -29,14 +27,8 @@ class Findings {
 
 /// Gains, layer and lambda against tick and delay: docs/theory.md, "Boundary layers and the implicit law".
 void judge_gains(const Scene& scene, Findings& f);
-/// The same for reaching `saturation` and `tanh`. `stiffness`: largest K / layer + lambda, 1/s.
+/// The same for reaching `saturation` and `tanh`. `stiffness`: the fastest that anything dies within the layer, 1/s.
 void judge_layer(const Scene& scene, double stiffness, Findings& f);
-template <class M>
-[[nodiscard]] double stiffness_of(const Gains<M>& g) {
-  double most = g.independent.k / g.independent.layer + g.independent.lambda;
-  for (int i = 0; i < M::channels; ++i) most = std::max(most, g.k[i] / g.layer[i] + g.lambda[i]);
-  return most;
-}
 /// What an explicit method with a fixed step makes of stiff springs.
 void judge_step(const Scene& scene, Findings& f);
 

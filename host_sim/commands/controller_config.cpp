@@ -137,7 +137,7 @@ template <class M>
 void take_robust(const Scene& scene, Pacing pacing, Gains<M>& g) {
   using S = typename M::Scalar;
   using Designed = std::conditional_t<M::has_type2, FiveBar<double>, Rr<double>>;
-  const Gains<Designed> d = robust_gains<Designed>(scene, pacing);
+  const Gains<Designed> d = robust_gains<Designed>(scene, pacing).gains;
   g.k = d.k.template cast<S>();
   g.layer = d.layer.template cast<S>();
   g.independent.k = static_cast<S>(d.independent.k);

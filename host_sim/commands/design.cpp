@@ -101,13 +101,11 @@ class Report {
   [[nodiscard]] bool smc() const { return scene_.law == LawChoice::smc; }
   [[nodiscard]] bool held() const { return !exact_ || (exact_->outside_band == 0 && exact_->stopped == 0); }
 
-  /// What holds in continuous time may ring in a sampled loop: as `esmc check` judges a layer that is given.
+  /// The scene may be later than the controller was told: as `esmc check` judges it.
   void sampled_layer() {
     if (!d_.refused.empty() || (scene_.reaching != ReachingChoice::saturation && scene_.reaching != ReachingChoice::tanh)) return;
-    Gains<M> g = problem_.controller.gains;
-    design::apply(problem_, d_, g);
     Findings f;
-    judge_layer(scene_, stiffness_of<M>(g), f);
+    judge_layer(scene_, d_.stiffness, f);
     for (const Json& found : f.list()) {
       if (found["level"] == "error")
         d_.refused = "with these gains " + found["text"].get<std::string>();

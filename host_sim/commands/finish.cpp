@@ -138,7 +138,10 @@ Json rows_json(const Log& log) {
 
 void write_scene(const Scene& scene, const OutputDirectory& out) {
   out.write("scene.toml", scene.toml);
-  for (const Companion& c : scene.companions) out.write(c.name, c.text);
+  for (const Companion& c : scene.companions) {
+    out.spare(c.source, c.name);
+    out.write(c.name, c.text);
+  }
 }
 
 int finish_run(const RunOptions& o, const Scene& scene, const char* kind, const Statistics& statistics,

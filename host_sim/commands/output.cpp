@@ -112,10 +112,10 @@ std::FILE* OutputDirectory::open(const std::string& name) const {
   return f;
 }
 
-void OutputDirectory::spare(const std::string& input) const {
+void OutputDirectory::spare(const std::string& input, const std::string& copy) const {
   std::error_code error;
   for (const char* name : output_names) {
-    if (wanted() && fs::equivalent(final_ / name, input, error))
+    if (wanted() && name != copy && fs::equivalent(final_ / name, input, error))
       throw InputError("", "--out " + final_.string() + ": " + name + " would replace " + input + ", which is read; take another directory");
   }
 }

@@ -28,8 +28,8 @@ class OutputDirectory {
   /// The same, open; null when nothing is wanted. Throws InputError when it cannot be written.
   [[nodiscard]] std::FILE* open(const std::string& name) const;
   void write(const std::string& name, const std::string& text) const;
-  /// Throws InputError where a file of the run would replace this one.
-  void spare(const std::string& input) const;
+  /// Throws InputError where a file of the run would replace this one, or take it away; but for `copy`, which is the same.
+  void spare(const std::string& input, const std::string& copy = "") const;
   /// Moves everything into place, or nothing: what stood there comes back when one of the files cannot be
   /// replaced.
   void commit();

@@ -100,6 +100,9 @@ T at(const Recording& r, const char* pointer) {
                                                                   "controller leave with --out");
 }
 
+std::uint64_t with_companion(std::uint64_t hash, const std::string& name, const std::string& text) {
+  return fnv(fnv(hash, fmt::format("{} {}\n", name, text.size())), text);
+}
 std::string digest_text(std::uint64_t hash) { return fmt::format("{:016x}", hash); }
 
 }  // namespace
@@ -124,7 +127,7 @@ std::optional<CandumpLine> parse_candump(std::string_view line) {
 
 std::string scene_digest(const Scene& scene) {
   std::uint64_t hash = fnv(fnv_start, scene.toml);
-  for (const Companion& c : scene.companions) hash = fnv(hash, c.text);
+  for (const Companion& c : scene.companions) hash = with_companion(hash, c.name, c.text);
   return digest_text(hash);
 }
 
@@ -153,7 +156,7 @@ Recording read_recording(const std::string& directory, bool any_version) {
   r.interrupted = r.summary.contains("interrupted");
   std::uint64_t hash = fnv(fnv_start, text_of(r.file("scene.toml")));
   for (const char* name : companion_names) {
-    if (fs::exists(r.file(name), error)) hash = fnv(hash, text_of(r.file(name)));
+    if (fs::exists(r.file(name), error)) hash = with_companion(hash, name, text_of(r.file(name)));
   }
   const std::string was = at<std::string>(r, "/run/scene_digest"), is = digest_text(hash);
   if (was != is)

@@ -218,11 +218,11 @@ Problem<M> design_problem(const Scene& scene, Pacing pacing) {
 }
 
 template <class M>
-Gains<M> robust_gains(const Scene& scene, Pacing pacing) {
+RobustGains<M> robust_gains(const Scene& scene, Pacing pacing) {
   struct Known {
     std::vector<double> of;
     std::string refused;
-    Gains<M> gains;
+    RobustGains<M> gains;
   };
   static std::mutex mutex;
   static std::deque<Known>
@@ -241,8 +241,8 @@ Gains<M> robust_gains(const Scene& scene, Pacing pacing) {
     }
   }
   const design::Design<M> d = design::design(p);
-  Known now{key, d.refused, p.controller.gains};
-  if (d.refused.empty()) design::apply(p, d, now.gains);
+  Known now{key, d.refused, {p.controller.gains, d.stiffness}};
+  if (d.refused.empty()) design::apply(p, d, now.gains.gains);
   const std::lock_guard lock(mutex);
   known.push_back(now);
   if (known.size() > known_max) known.pop_front();
@@ -251,7 +251,7 @@ Gains<M> robust_gains(const Scene& scene, Pacing pacing) {
 
 template Problem<FiveBar<double>> design_problem(const Scene&, Pacing);
 template Problem<Rr<double>> design_problem(const Scene&, Pacing);
-template Gains<FiveBar<double>> robust_gains(const Scene&, Pacing);
-template Gains<Rr<double>> robust_gains(const Scene&, Pacing);
+template RobustGains<FiveBar<double>> robust_gains(const Scene&, Pacing);
+template RobustGains<Rr<double>> robust_gains(const Scene&, Pacing);
 
 }  // namespace esmc::host

@@ -14,11 +14,16 @@ design::Problem<M> design_problem(const Scene& scene, Pacing pacing);
 
 /// Gains for gain = "robust". Throws InputError with the reason where the design gives none.
 template <class M>
-Gains<M> robust_gains(const Scene& scene, Pacing pacing);
+struct RobustGains {
+  Gains<M> gains;
+  double stiffness = 0.0;  ///< as of a design
+};
+template <class M>
+RobustGains<M> robust_gains(const Scene& scene, Pacing pacing);
 
 extern template design::Problem<FiveBar<double>> design_problem(const Scene&, Pacing);
 extern template design::Problem<Rr<double>> design_problem(const Scene&, Pacing);
-extern template Gains<FiveBar<double>> robust_gains(const Scene&, Pacing);
-extern template Gains<Rr<double>> robust_gains(const Scene&, Pacing);
+extern template RobustGains<FiveBar<double>> robust_gains(const Scene&, Pacing);
+extern template RobustGains<Rr<double>> robust_gains(const Scene&, Pacing);
 
 }  // namespace esmc::host

@@ -32,6 +32,7 @@ class Designer : private Search<M> {
     linear_zone();
     choose();
     bands();
+    sampled_layer();
     torque();
     return d_;
   }
@@ -190,6 +191,40 @@ class Designer : private Search<M> {
         "holds in the "
         "tube says nothing of the band; a larger uncertainty.tube, a smaller layer or delay, narrower intervals",
         asked_tube_, unit(), tube_, unit());
+    curable_ = true;
+  }
+
+  /// Within their layers the rows make s of the independent coordinates die at the eigenvalues of
+  /// (C^T M C)^-1 C^T M diag(K / layer) C: one row may be steep where it is hardly heavy.
+  [[nodiscard]] double rate_in_layer(const State<M>& s, const Gains<M>& g) const {
+    Mat<double, 2, 2> H = Mat<double, 2, 2>::Zero(), steep = H;
+    for (int i = 0; i < M::channels; ++i) {
+      const Vec2<double> c(s.column[0][i], s.column[1][i]);
+      const Mat<double, 2, 2> share = c * c.transpose() * u_.mass()[i];
+      H += share;
+      steep += share * (g.k[i] / g.layer[i]);
+    }
+    const Mat<double, 2, 2> A = inverse(H) * steep;
+    const double half = 0.5 * (A(0, 0) + A(1, 1)), rest = half * half - (A(0, 0) * A(1, 1) - A(0, 1) * A(1, 0));
+    return half + std::sqrt(std::max(0.0, rest));
+  }
+  /// What holds in continuous time may ring in a sampled loop that knows its delay.
+  void sampled_layer() {
+    const auto& c = p_.controller;
+    if (c.reaching != Reaching::saturation && c.reaching != Reaching::tanh) return;
+    Gains<M> g = c.gains;
+    apply(p_, d_, g);
+    double steep = smc_ ? g.independent.k / g.independent.layer : 0.0;
+    State<M> s;
+    for (const Place& at : looks_) {
+      if (!smc_ && state_at(p_, at, 0.0, s)) steep = std::max(steep, rate_in_layer(s, g));
+    }
+    d_.stiffness = steep + lambda_;
+    const double loop = d_.stiffness * c.sample_time, most = steepest(p_.told_ticks);
+    if (loop <= most || !d_.refused.empty()) return;
+    d_.refused = fmt::format("within its layer the loop is too stiff for its tick: (gain / layer + lambda) * tick = {:.3g}, at most {:.2g}, half of what "
+                             "makes it ring by itself with a delay of {:g} ticks: a larger control.layer",
+                             loop, most, p_.told_ticks);
     curable_ = true;
   }
 

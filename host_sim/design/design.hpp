@@ -2,6 +2,8 @@
 /// Switching gains from stated uncertainty: docs/robust-design.md. One function for `esmc design` and for
 /// gain = "robust".
 
+#include <cmath>
+#include <numbers>
 #include <optional>
 #include <string>
 #include <vector>
@@ -61,12 +63,16 @@ struct Design {
   std::array<double, M::joints> peak{};  ///< N m: what the law asks for at worst in the tube
   Place hold_place{}, peak_place{};
   Shares hold_shares{}, peak_shares{};  ///< four motors: the least of what they give together
+  double stiffness = 0.0;  ///< 1/s, saturation and tanh: the fastest that anything dies within the layer, lambda included
   std::size_t states = 0;  ///< that the search has looked at
 };
 
 /// Throws nothing; a problem without points, or one whose numbers are impossible, is refused.
 template <class M>
 [[nodiscard]] Design<M> design(const Problem<M>& p);
+
+/// Largest stiffness * tick of a layer whose torque acts `delay` ticks late: half of what makes the loop ring by itself [F39].
+[[nodiscard]] inline double steepest(double delay) { return std::sin(std::numbers::pi / (4.0 * delay + 2.0)); }
 
 /// The gains of a design, with layers as the controller has them. p.controller.gains.lambda and layer must be
 /// set.

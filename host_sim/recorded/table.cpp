@@ -104,13 +104,25 @@ void require_ascending(const RecordedTable& table, std::size_t column) {
   }
 }
 
-void require_every_tick(const RecordedTable& table, std::size_t column, double tick, const std::string& hint) {
+void require_even(const RecordedTable& table, std::size_t column, const std::string& hint) {
+  const std::vector<double>& t = table.columns[column];
+  if (t.size() < 2) return;
+  const double mean = (t.back() - t.front()) / static_cast<double>(t.size() - 1);
+  for (std::size_t i = 1; i < t.size(); ++i) {
+    if (std::abs(t[i] - t[i - 1] - mean) <= 0.4 * mean) continue;  // t may be rounded
+    throw InputError(table.where(i), fmt::format("t = {:.10g} s is {:.3g} s after the row before, and rows are {:.3g} s apart: they must stand at "
+                                                 "equal distances{}",
+                                                 t[i], t[i] - t[i - 1], mean, hint));
+  }
+}
+
+void require_every_tick(const RecordedTable& table, std::size_t column, double tick) {
   const std::vector<double>& t = table.columns[column];
   for (std::size_t i = 0; i < t.size(); ++i) {
     if (std::abs(t[i] - t[0] - static_cast<double>(i) * tick) <= 0.01 * tick) continue;
     throw InputError(table.where(i), fmt::format("t = {:.10g} s is not {} ticks of {:g} s after the first row: every tick is needed, at the "
-                                                 "scene's control.rate_hz{}",
-                                                 t[i], i, tick, hint));
+                                                 "scene's control.rate_hz",
+                                                 t[i], i, tick));
   }
 }
 

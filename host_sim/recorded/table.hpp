@@ -29,7 +29,10 @@ RecordedTable read_table(const std::string& file, const std::vector<std::string>
 void require_ascending(const RecordedTable& table, std::size_t column);
 
 /// Throws InputError at the first row that is not a whole number of ticks after the first one, as many as rows: `column` of the
-/// table, a time; `tick`: s; `hint`: what follows then.
-void require_every_tick(const RecordedTable& table, std::size_t column, double tick, const std::string& hint = "");
+/// table, a time; `tick`: s.
+void require_every_tick(const RecordedTable& table, std::size_t column, double tick);
+
+/// Throws InputError at the first row whose distance from the one before is not that of all, but for rounding; `hint`: what follows then.
+void require_even(const RecordedTable& table, std::size_t column, const std::string& hint);
 
 }  // namespace esmc::host

@@ -75,9 +75,9 @@ void read_odrive(Section& s, Scene& scene) {
   const auto name = s.optional_text("endpoints");
   if (!name) return;
   if (d.protocol == Protocol::odrive_0_5) s.fail("endpoints", "is for firmware 0.6: 0.5 lets nothing be read back");
-  scene.companions.push_back({endpoints_copy, ""});
-  d.endpoints = read_odrive_endpoints(s.where("endpoints"), (std::filesystem::path(scene.file).parent_path() / *name).string(),
-                                      scene.companions.back().text);
+  const std::string path = (std::filesystem::path(scene.file).parent_path() / *name).string();
+  scene.companions.push_back({endpoints_copy, "", path});
+  d.endpoints = read_odrive_endpoints(s.where("endpoints"), path, scene.companions.back().text);
 }
 
 /// The keys of MIT drives are read whatever the protocol, so that --set drives.protocol is enough to compare.

@@ -74,7 +74,7 @@ FiveBarParams<double> read_belief(const Section& s, const std::string& name, Sce
   Scene other;
   read_mechanism(root.required_section("mechanism"), other);
   if (other.type != scene.type) s.fail("mechanism", "names a scene of another type of mechanism: " + path.string());
-  scene.companions.push_back({model_copy, std::move(text)});
+  scene.companions.push_back({model_copy, std::move(text), path.string()});
   return other.mechanism;
 }
 
@@ -343,7 +343,7 @@ void read_reference(Section s, Scene& scene) {
     if (const auto p = s.optional_numbers("position", {2})) r.position = {(*p)[0], (*p)[1]};
   } else {
     r.type = ReferenceType::file;
-    scene.companions.push_back({reference_copy, ""});
+    scene.companions.push_back({reference_copy, "", (std::filesystem::path(scene.file).parent_path() / s.text("path")).string()});
     r.table = read_path(s, scene.file, s.text("path"), longest, scene.companions.back().text);
   }
   s.finish();

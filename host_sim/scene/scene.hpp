@@ -58,14 +58,17 @@ struct ReferenceScene {
   std::optional<double> join;  // s; unset: 0 in sim and lockstep, 1 on hardware
 };
 
+inline constexpr const char* reference_copy = "scene_reference.csv";     ///< reference.path
+inline constexpr const char* model_copy = "scene_model.toml";            ///< control.model.mechanism
+inline constexpr const char* endpoints_copy = "scene_endpoints.json";    ///< drives.endpoints
 /// A file that a scene names, as it was read. Beside the scene as run it lies under one of the names below, so that a
 /// directory that a run left can be run again anywhere.
 struct Companion {
   std::string name, text;
+  std::string source;  ///< path that it was read from
+
+  [[nodiscard]] std::string table() const { return name == reference_copy ? "reference" : (name == model_copy ? "control" : "drives"); }
 };
-inline constexpr const char* reference_copy = "scene_reference.csv";     ///< reference.path
-inline constexpr const char* model_copy = "scene_model.toml";            ///< control.model.mechanism
-inline constexpr const char* endpoints_copy = "scene_endpoints.json";    ///< drives.endpoints
 inline constexpr std::array companion_names{endpoints_copy, model_copy, reference_copy};  ///< as the digest has them
 
 struct InitialScene {

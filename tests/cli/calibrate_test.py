@@ -227,10 +227,11 @@ def hostile(bench):
 
     # The drives' observers lag by what the motion does from row to row: rows that are not there would be a lag of nobody.
     gap = "\n".join(log[:700] + log[750:]) + "\n"
-    with_log(gap, "hostile.csv:701: t = 1.498 s is not 699 ticks", *known)
+    with_log(gap, "hostile.csv:701: t = 1.498 s is 0.102 s after the row before", *known)
     with_log(gap, "--observer-bandwidth 0 takes rows as they are", *known)
-    in_ms = [f"{1e3 * float(l.split(',', 1)[0])!r},{l.split(',', 1)[1]}" for l in log[1:]]
-    with_log("\n".join([head, *in_ms]) + "\n", "hostile.csv:3: t = 2 s is not 1 ticks", *known)
+    for step, digits in ((2, 9), (1, 4)):  # every second row; time as somebody has rounded it
+        place.write_text("\n".join([head, *(f"{float(l.split(',', 1)[0]):.{digits}f},{l.split(',', 1)[1]}" for l in log[1::step])]) + "\n", encoding="utf-8")
+        bench.good(place, "--scene", bench.nominal, *known)
     place.write_text(gap, encoding="utf-8")
     bench.good(place, "--scene", bench.nominal, *known, "--observer-bandwidth", "0")
     inside = write_readings(bench.folder / "inside.csv", rows_of(out), [300, 720, 1300], 2e-5, random.Random(3))

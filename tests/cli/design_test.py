@@ -185,14 +185,28 @@ class Design(unittest.TestCase):
             self.assertEqual((p["outside_band"], p["stopped"]), (0, 0), p)
             self.assertGreater(p["largest_error"], 0.3 * d["band"]["layer"]["error"])
 
-    def test_a_layer_too_steep_for_the_tick_is_refused_as_check_does(self):
-        steep = ["control.law=smc", "control.reaching=tanh", "control.layer=0.003"]
-        refused = design(SCENE, *steep, expect=1)["refused"]
-        self.assertIn("with these gains (gain / layer + lambda) * tick", refused)
-        check = json.loads(run("check", SCENE, "--json", *sets(*steep, "control.gain=robust")).stdout)
-        self.assertIn(refused.removeprefix("with these gains "), [f["text"] for f in check["findings"]])
-        warned = design(SCENE, *steep[:2], "control.layer=0.01")["warnings"]
+    def test_a_layer_too_steep_for_the_tick_is_refused(self):
+        steep, smc = "(gain / layer + lambda) * tick = ", ["control.law=smc", "control.reaching=tanh"]
+        refused = design(SCENE, *smc, "control.layer=0.003", expect=1)["refused"]
+        self.assertIn(steep, refused)
+        for command in ("check", "sim"):  # gain = "robust" is the same design
+            said = run(command, SCENE, *sets(*smc, "control.layer=0.003", "control.gain=robust"))
+            self.assertEqual((said.returncode, refused[:100] in said.stderr), (2, True), said.stderr)
+        warned = design(SCENE, *smc, "control.layer=0.01")["warnings"]
         self.assertTrue(any("better below 0.3" in w for w in warned), warned)
+        # A delay, told or not, leaves less.
+        self.assertIn("at most 0.17", design(SCENE, *smc, "control.layer=0.01", "control.delay_ticks=4", expect=1)["refused"])
+        late = "effects=[{type='compute_delay', time=4e-3}]"
+        self.assertIn("with these gains " + steep, design(SCENE, *smc, "control.layer=0.01", late, expect=1)["refused"])
+
+    def test_a_row_may_be_steep_where_it_is_hardly_heavy(self):
+        for law in ("esmc", "esmc_projected"):
+            given = ["control.reaching=saturation", f"control.law={law}", "uncertainty.gravity=[0.9, 1.1]"]
+            d = design(SCENE, *given, "control.layer=0.3")
+            self.assertGreater(max(g["k"] for g in d["gains"]) / 0.3 * 1e-3, 2.0, "by its steepest row it would ring")
+            sim = run("sim", SCENE, "--json", *sets(*given, "control.layer=0.3", "control.gain=robust", "simulation.duration=0.8"))
+            self.assertLess(json.loads(sim.stdout)["torque"]["mean_abs_delta_nm"], 2e-3)
+            self.assertIn("too stiff for its tick", design(SCENE, *given, "control.layer=0.01", expect=1)["refused"])
 
     def test_a_delay_of_parts_of_a_tick_lies_between_its_neighbours(self):
         late = [design(SCENE, "control.law=smc", f"control.delay_ticks={t}") for t in (0, 0.25, 0.5, 1, 1.5, 2)]
