@@ -100,6 +100,18 @@ INSTANTIATE_TEST_SUITE_P(
                     Loop{"Friction", ESMC_SCENES "/five_bar_friction.toml", {}}),
     [](const auto& loop) { return std::string(loop.param.name); });
 
+/// In the text of a scene as run the believed mechanism has the same name whichever it is.
+TEST(LiveSession, AnotherFileBehindTheSameNameIsAnotherController) {
+  const auto believing = [&](const std::string& file) {
+    return scene_of(five_bar, {"control.model.mechanism=\"" + file + "\""});
+  };
+  const Scene same = believing("five_bar_circle.toml"), other = believing("five_bar_robust.toml");
+  EXPECT_EQ(same.toml, other.toml);
+  EXPECT_EQ(what_it_takes(same, believing("five_bar_circle.toml")), Takes::nothing);
+  EXPECT_EQ(what_it_takes(same, other), Takes::restart);
+  EXPECT_EQ(what_it_takes(scene_of(five_bar), same), Takes::restart);
+}
+
 TEST(LiveSession, AnotherLawTakesOverWhereTheMechanismStands) {
   const auto s = session_of(five_bar);
   run(*s, 1500);
