@@ -7,6 +7,8 @@
 #include <algorithm>
 #include <chrono>
 #include <filesystem>
+#include <fstream>
+#include <iterator>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <thread>
@@ -37,8 +39,26 @@ double cpu_time() {
   return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
 }
 
+/// Files that cases read besides the scene's own.
+std::vector<std::string> varied_files(const SweepSpec& spec) {
+  std::vector<std::string> out;
+  for (const Vary& v : spec.vary) {
+    if (v.key != "reference.path" && v.key != "control.model.mechanism" && v.key != "drives.endpoints") continue;
+    for (const SweepValue& value : v.values) {
+      if (const auto* name = std::get_if<std::string>(&value)) out.push_back((fs::path(spec.scene).parent_path() / *name).string());
+    }
+  }
+  return out;
+}
+
 std::uint64_t identity_of(const SweepSpec& spec, const Scene& scene) {
-  const std::uint64_t text = fnv(fnv(fnv_start, spec.text), scene_digest(scene));
+  std::uint64_t text = fnv(fnv(fnv_start, spec.text), scene_digest(scene));
+  for (const std::string& file : varied_files(spec)) {  // what is no such name is a value like others
+    std::error_code error;
+    if (!fs::is_regular_file(file, error)) continue;
+    std::ifstream in(file, std::ios::binary);
+    text = fnv(text, std::string(std::istreambuf_iterator<char>(in), {}));
+  }
   return fnv(text, fmt::format("{} {}", version, program_hash()));
 }
 
@@ -76,6 +96,7 @@ class Sweep {
     if (!out_.wanted()) return;
     out_.spare(o.spec);
     out_.spare(spec.scene);
+    for (const std::string& file : varied_files(spec)) out_.spare(file);
     const std::string file = (fs::path(o.out) / journal_name).string();
     journal_.emplace(file, identity, cases, table_.columns, o.restart);
     keep(journal_->found());

@@ -179,6 +179,49 @@ def what_the_table_says(folder):
     check(sum(summary["outcomes"].values()) == 2 * N, "outcomes")
 
 
+def kill_at_some_moment(spec, killed):
+    with subprocess.Popen([ESMC, "sweep", spec, "--out", killed, "--scalar"], stdout=subprocess.DEVNULL, env=ALONE) as p:
+        journal = killed / "sweep.journal"
+        before = journal.stat().st_size if journal.exists() else 0
+        for _ in range(3000):
+            if p.poll() is not None or (journal.exists() and journal.stat().st_size > max(before, 100)):
+                break
+            time.sleep(0.01)
+        p.send_signal(signal.SIGKILL)
+
+
+def varied_files_belong_to_it(folder):
+    """A file that only cases name: once it is another one, a journal is of another sweep; and it is not replaced."""
+    text = pathlib.Path(SCENE).read_text(encoding="utf-8")
+    (folder / "s.toml").write_text(text, encoding="utf-8")
+    for name, length in (("one", 0.121), ("two", 0.119)):
+        (folder / f"{name}.toml").write_text(text.replace("l1 = 0.12,", f"l1 = {length},"), encoding="utf-8")
+    spec, out = folder / "files.toml", folder / "files"
+    spec.write_text(f"""scene = "s.toml"
+set = ["simulation.duration={0.3 if SANITIZED else 1.0}"]
+objectives = ["settled_rms_m"]
+[sample]
+method = "grid"
+[[vary]]
+key = "control.model.mechanism"
+values = ["one.toml", "two.toml"]
+[[vary]]
+key = "control.lambda"
+values = [{", ".join(str(20.0 + 0.1 * i) for i in range(16 if SANITIZED else 400))}]
+""", encoding="utf-8")
+    kill_at_some_moment(spec, out)
+    check((out / "sweep.journal").exists(), "it was over before the kill")
+    before = (folder / "two.toml").read_text(encoding="utf-8")
+    (folder / "two.toml").write_text(before.replace("l1 = 0.119,", "l1 = 0.118,"), encoding="utf-8")
+    check("another sweep" in sweep(spec, "--out", out, status=2).stderr, "a varied file has changed")
+    (folder / "two.toml").write_text(before, encoding="utf-8")
+    check("cases were done before" in sweep(spec, "--out", out).stdout, "it did not go on")
+    (out / "scene_model.toml").write_text(before, encoding="utf-8")
+    spec.write_text(spec.read_text(encoding="utf-8").replace('"two.toml"', '"files/scene_model.toml"'), encoding="utf-8")
+    check("scene_model.toml would replace" in sweep(spec, "--out", out, "--restart", status=2).stderr, "a varied file would be lost")
+    check((out / "scene_model.toml").read_text(encoding="utf-8") == before, "a varied file is lost")
+
+
 def kill_and_go_on(folder):
     """-9 at some moment, three times, then to the end."""
     spec, whole, killed = folder / "long.toml", folder / "whole", folder / "killed"
@@ -186,14 +229,7 @@ def kill_and_go_on(folder):
     spec.write_text(GOOD.replace(f"count = {N}", f"count = {count}").replace("duration=0.3", f"duration={duration}"), encoding="utf-8")
     sweep(spec, "--out", whole)
     for _ in range(3):
-        with subprocess.Popen([ESMC, "sweep", spec, "--out", killed, "--scalar"], stdout=subprocess.DEVNULL, env=ALONE) as p:
-            journal = killed / "sweep.journal"
-            before = journal.stat().st_size if journal.exists() else 0
-            for _ in range(3000):
-                if p.poll() is not None or (journal.exists() and journal.stat().st_size > max(before, 100)):
-                    break
-                time.sleep(0.01)
-            p.send_signal(signal.SIGKILL)
+        kill_at_some_moment(spec, killed)
     check((killed / "sweep.journal").exists(), "it was over before the kill")
     with (killed / "sweep.journal").open("ab") as f:
         f.write(b"\x07" * 11)
@@ -292,5 +328,6 @@ with tempfile.TemporaryDirectory() as scratch:
     what_is_not_its_own(here)
     places_that_cannot_be_written(here, good)
     kill_and_go_on(here)
+    varied_files_belong_to_it(here)
     examples()
 sys.exit(1 if failed else 0)
