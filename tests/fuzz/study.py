@@ -12,7 +12,9 @@ true or never false. --keep replaces tests/fuzz/corpus by the minimised inputs: 
 would be more than KEPT.
 A failing input ends the study; it is left in the build folder and printed."""
 import base64
+import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -73,8 +75,27 @@ def study(program, looker, folder, least, most, longest):
     return {"total": total, "last": last, "edges": edges, "reached": len(reached), "of": len(all_)}
 
 
-def keep(program, folder, name):
-    """Fewest inputs with all features; with all edges where that is too many."""
+def reached_by(looker, inputs, scratch):
+    shutil.rmtree(scratch, ignore_errors=True)
+    scratch.mkdir(parents=True)
+    for f in inputs:
+        os.link(f, scratch / f.name)
+    return measure(looker, scratch)[0]
+
+
+def holders(looker, inputs, wanted, scratch):
+    """Few inputs that together reach all of `wanted`, which all of `inputs` do."""
+    if not wanted:
+        return []
+    if len(inputs) == 1:
+        return inputs
+    half = inputs[:len(inputs) // 2], inputs[len(inputs) // 2:]
+    first = wanted & reached_by(looker, half[0], scratch)
+    return holders(looker, half[0], first, scratch) + holders(looker, half[1], wanted - first, scratch)
+
+
+def keep(program, looker, folder, name):
+    """Fewest inputs with all features; with all edges where that is too many, and what then is lost of the measure."""
     for counters in (1, 0):
         kept = folder.parent / "kept"
         unpack("", kept)
@@ -82,6 +103,10 @@ def keep(program, folder, name):
                        stderr=subprocess.DEVNULL, check=True)
         if len(list(kept.iterdir())) <= KEPT:
             break
+    whole = sorted(folder.iterdir(), key=lambda f: (f.stat().st_size, f.name))
+    lost = measure(looker, folder)[0] - measure(looker, kept)[0]
+    for f in holders(looker, whole, lost, folder.parent / "half"):
+        shutil.copy(f, kept / f.name)
     print(name, "kept: %d inputs, %d bytes packed" % pack(kept, HERE / "corpus" / f"{name}.txt"), flush=True)
 
 
@@ -110,7 +135,7 @@ def main():
                         f"{r['last']:,} | {len(list(folder.iterdir()))} |".replace(",", " "))
             (build / "study.md").write_text("\n".join(rows) + f"\n\n{whole:,} executions\n".replace(",", " "), encoding="utf-8")
         if keeps:
-            keep(build / f"fuzz_{name}", folder, name)
+            keep(build / f"fuzz_{name}", build / f"fuzz_{name}_branches", folder, name)
     print((build / "study.md").read_text(encoding="utf-8"))
 
 
