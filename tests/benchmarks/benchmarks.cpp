@@ -11,6 +11,7 @@
 #include "hal/virtual/virtual_bus.hpp"
 #include "host_sim/plant/kinematics.hpp"
 #include "host_sim/plant/motion.hpp"
+#include "tests/benchmarks/hand_written.hpp"
 #include "tests/benchmarks/straight_line.hpp"
 
 namespace esmc {
@@ -121,6 +122,18 @@ void straight_rr(benchmark::State& state) {
   int i = 0;
   for (auto _ : state) {
     benchmark::DoNotOptimize(straight(states[static_cast<std::size_t>(i++ % state_count)]));
+  }
+}
+
+/// The same written out for this arm alone.
+void hand_written_rr(benchmark::State& state) {
+  const auto states = rr_states(Rr<double>(arm));
+  const test::HandWrittenArm by_hand(arm, gains<Rr<double>>());
+  std::array<double, 6> sliding{};
+  int i = 0;
+  for (auto _ : state) {
+    benchmark::DoNotOptimize(by_hand(states[static_cast<std::size_t>(i++ % state_count)], sliding));
+    benchmark::DoNotOptimize(sliding);
   }
 }
 
@@ -244,6 +257,7 @@ int main(int argc, char** argv) {
   benchmark::RegisterBenchmark("law/five_bar/straight_line_esmc/double", straight_five_bar<test::StraightEsmc>);
   benchmark::RegisterBenchmark("law/five_bar/straight_line_esmc_projected/double", straight_five_bar<test::StraightProjected>);
   benchmark::RegisterBenchmark("law/rr/straight_line_esmc/double", straight_rr);
+  benchmark::RegisterBenchmark("law/rr/hand_written_esmc/double", hand_written_rr);
   add_ticks<LawKind::esmc>("esmc");
   add_ticks<LawKind::esmc_projected>("esmc_projected");
   add_ticks<LawKind::smc>("smc");

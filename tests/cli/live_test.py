@@ -358,7 +358,20 @@ def join_lines(folder):
     return paths
 
 
+class NoTurn(Exception):
+    """The other process lost its drives before they were given a fault: it had no turn on this machine for too long."""
+
+
 def a_controller_elsewhere(esmc, scene):
+    for _ in range(5):
+        try:
+            return a_controller_with_its_turn(esmc, scene)
+        except NoTurn as e:
+            print(e, file=sys.stderr)
+    raise AssertionError("the controller elsewhere never kept its turn")
+
+
+def a_controller_with_its_turn(esmc, scene):
     """Drives and mechanism on a bus; the controller is another process, which comes, and goes."""
     patient = ["--set", "control.rate_hz=200", "--set", "limits.max_age_ticks=100", "--set", "drives.watchdog_timeout=5.0",
                "--set", "drives.heartbeat_timeout=5.0", "--set", "reference.speed=1.0",
@@ -383,7 +396,11 @@ def a_controller_elsewhere(esmc, scene):
             page.say(effects=['type = "payload", mass = 0.05'])
             page.wait(lambda m: "scene" in m, "an effect")
             page.say(inject={"fault": "drive_error", "drive": 1})
-            page.wait(lambda m: any(e["kind"] == "fault" and "drive_error" in e["text"] for e in m.get("events", [])), "the fault of a drive")
+            told = lambda m: any(e["kind"] == "fault" and "drive_error" in e["text"] for e in m.get("events", []))
+            seen = page.wait(lambda m: told(m) or ("now" in m and m["now"]["state"] != "armed"), "the fault of a drive")
+            if not told(seen) and not told(page.wait(lambda m: told(m) or "now" in m, "what is said of it")):
+                bench.process.kill()
+                raise NoTurn(f"without a fault of the drive: {seen['now']['state']}")
             # The drives say so at once; the controller learns it from the next heartbeat, and has its own turn on this machine.
             until = now(page)["t"] + 2.0
             page.wait(lambda m: "now" in m and m["now"]["t"] > until, "the controller's turn")

@@ -11,12 +11,13 @@ import sys
 from pathlib import Path
 
 PAGE = Path(__file__).resolve().parents[2] / "docs/performance.md"
-YARDSTICKS = {"law/five_bar/esmc/double": "law/five_bar/straight_line_esmc/double",
-              "law/five_bar/esmc_projected/double": "law/five_bar/straight_line_esmc_projected/double",
-              "law/rr/esmc/double": "law/rr/straight_line_esmc/double",
-              "plant/five_bar/kkt/double": "plant/five_bar/straight_line/double",
-              "law/five_bar/esmc/float": "law/five_bar/esmc/double",
-              "law/five_bar/esmc_projected/float": "law/five_bar/esmc_projected/double"}
+YARDSTICKS = (("law/five_bar/esmc/double", "law/five_bar/straight_line_esmc/double"),
+              ("law/five_bar/esmc_projected/double", "law/five_bar/straight_line_esmc_projected/double"),
+              ("law/rr/esmc/double", "law/rr/straight_line_esmc/double"),
+              ("law/rr/esmc/double", "law/rr/hand_written_esmc/double"),
+              ("plant/five_bar/kkt/double", "plant/five_bar/straight_line/double"),
+              ("law/five_bar/esmc/float", "law/five_bar/esmc/double"),
+              ("law/five_bar/esmc_projected/float", "law/five_bar/esmc_projected/double"))
 
 
 def split(text, name):
@@ -30,7 +31,7 @@ def tables(ns):
     """Rows of times, rows of ratios; ns: {name: ns per call}."""
     times = ["| benchmark | ns per call |", "|---|---|"] + [f"| `{name}` | {value:.0f} |" for name, value in sorted(ns.items())]
     ratios = ["| this | beside | takes |", "|---|---|---|"]
-    ratios += [f"| `{name}` | `{yard}` | {round(ns[name]) / round(ns[yard]):.2f} |" for name, yard in YARDSTICKS.items()]
+    ratios += [f"| `{name}` | `{yard}` | {round(ns[name]) / round(ns[yard]):.2f} |" for name, yard in YARDSTICKS]
     return "\n".join(times) + "\n", "\n".join(ratios) + "\n"
 
 
@@ -56,7 +57,7 @@ def wrong(text, names):
 
 
 def self_test():
-    ns = dict.fromkeys(list(YARDSTICKS) + list(YARDSTICKS.values()), 100.0) | {"law/rr/esmc/double": 140.2}
+    ns = dict.fromkeys([n for pair in YARDSTICKS for n in pair], 100.0) | {"law/rr/esmc/double": 140.2}
     times, ratios = tables(ns)
     page = f"a\n<!-- times -->\n{times}<!-- /times -->\n<!-- ratios -->\n{ratios}<!-- /ratios -->\n"
     assert not list(wrong(page, list(ns)))

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include "host_sim/plant/plant.hpp"
+#include "tests/benchmarks/hand_written.hpp"
 #include "tests/benchmarks/straight_line.hpp"
 #include "tests/support/random_mechanism.hpp"
 #include "tests/support/tracking.hpp"
@@ -35,7 +36,7 @@ TEST(StraightLine, IsThePlant) {
 }
 
 TEST(StraightLine, LawsAreTheLaws) {
-  Accuracy five_bar("five_bar"), arm("arm");
+  Accuracy five_bar("five_bar"), arm("arm"), by_hand("by_hand");
   for (std::uint64_t seed = 0; seed < 500; ++seed) {
     auto c = random_tracking<double>(seed);
     auto p = c.now.params;
@@ -62,9 +63,14 @@ TEST(StraightLine, LawsAreTheLaws) {
     const auto got = StraightArm(q, g)(t);
     const Vec2<double> of_law = rr.base_torque(t.pose, rr.force(demand(LawKind::esmc, rr, g, Reaching::implicit, t).acceleration, t.rates));
     arm.compare(seed, Vec2<double>(got[0], got[1]), of_law, 1);
+    std::array<double, 6> s{};
+    by_hand.compare(seed, HandWrittenArm(q, g)(t, s), of_law, 1);
+    const auto sliding = demand(LawKind::esmc, rr, g, Reaching::implicit, t).sliding;
+    for (int i = 0; i < 6; ++i) EXPECT_NEAR(s[static_cast<std::size_t>(i)], sliding[i + 2], 1e-11 * (1.0 + std::abs(sliding[i + 2]))) << seed << ' ' << i;
   }
   five_bar.expect_below(1e-11);
   arm.expect_below(1e-11);
+  by_hand.expect_below(1e-11);
 }
 
 }  // namespace
