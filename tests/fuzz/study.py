@@ -42,7 +42,7 @@ TARGETS = {
 
 def run_round(program, folder, runs, seed, longest):
     """(executions, edges) of one process."""
-    # Without the schedule by entropy: on thousands of inputs its books take nine tenths of the time.
+    # Without the schedule by entropy: on thousands of inputs its books take longer than the target.
     arguments = [program, "-entropic=0", f"-runs={runs}", f"-seed={seed}", f"-max_len={longest}", f"-artifact_prefix={folder.parent}/artifact-",
                  "-print_final_stats=1", "-len_control=0", "-timeout=60", "-rss_limit_mb=2048"]
     dictionary = HERE / (program.name.removeprefix("fuzz_").removesuffix("_fast") + ".dict")
