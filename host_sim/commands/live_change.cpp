@@ -40,7 +40,7 @@ std::set<std::string> changed_tables(const Scene& from, const Scene& to) {
   compare(b, a);
   const auto files = [&](const Scene& x, const Scene& y) {  // in the text they have the same names
     for (const Companion& c : x.companions) {
-      if (std::ranges::none_of(y.companions, [&](const Companion& o) { return o.name == c.name && o.text == c.text; })) out.insert(c.table());
+      if (std::ranges::none_of(y.companions, [&](const Companion& o) { return o.name == c.name && o.text == c.text; })) out.insert(c.key().substr(0, c.key().find('.')));
     }
   };
   files(from, to);

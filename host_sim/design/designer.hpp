@@ -214,7 +214,9 @@ class Designer : private Search<M> {
     double steep = smc_ ? g.independent.k / g.independent.layer : 0.0;
     State<M> s;
     for (const Place& at : looks_) {
-      if (!smc_ && state_at(p_, at, 0.0, s)) steep = std::max(steep, rate_in_layer(s, g));
+      if (smc_ || !state_at(p_, at, 0.0, s)) continue;
+      const double rate = rate_in_layer(s, g);
+      if (!(rate <= steep)) steep = std::isnan(rate) ? std::numeric_limits<double>::infinity() : rate;  // a layer that is next to nothing
     }
     d_.stiffness = steep + lambda_;
     const double loop = d_.stiffness * c.sample_time, most = steepest(p_.told_ticks);

@@ -67,7 +67,10 @@ struct Companion {
   std::string name, text;
   std::string source;  ///< path that it was read from
 
-  [[nodiscard]] std::string table() const { return name == reference_copy ? "reference" : (name == model_copy ? "control" : "drives"); }
+  /// Of the scene: what names it.
+  [[nodiscard]] std::string key() const {
+    return name == reference_copy ? "reference.path" : (name == model_copy ? "control.model.mechanism" : "drives.endpoints");
+  }
 };
 inline constexpr std::array companion_names{endpoints_copy, model_copy, reference_copy};  ///< as the digest has them
 

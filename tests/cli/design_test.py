@@ -194,6 +194,10 @@ class Design(unittest.TestCase):
             self.assertEqual((said.returncode, refused[:100] in said.stderr), (2, True), said.stderr)
         warned = design(SCENE, *smc, "control.layer=0.01")["warnings"]
         self.assertTrue(any("better below 0.3" in w for w in warned), warned)
+        for law in ("esmc_projected", "smc"):  # gain / layer is no number any more
+            for layer in ("1e-300", "1e-310"):
+                given = ["control.reaching=saturation", f"control.law={law}", f"control.layer={layer}", "uncertainty.tube=0.004"]
+                self.assertIn(steep, design(SCENE, *given, expect=1)["refused"])
         # A delay, told or not, leaves less.
         self.assertIn("at most 0.17", design(SCENE, *smc, "control.layer=0.01", "control.delay_ticks=4", expect=1)["refused"])
         late = "effects=[{type='compute_delay', time=4e-3}]"

@@ -1,0 +1,141 @@
+#include "host_sim/scene/read_reference.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <optional>
+#include <sstream>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "host_sim/error.hpp"
+
+namespace esmc::host {
+namespace {
+
+/// Longest reference in s: beyond it ticks and digits of the time run out.
+constexpr double reference_time_max = 1e6;
+constexpr double reference_ticks_max = 4e9;
+
+/// The bytes of a file that a scene names.
+std::string read_bytes(const Section& s, const std::filesystem::path& path) {
+  std::error_code error;
+  if (path.native().find('\0') != std::string::npos) s.fail("path", "must be a file name, without NUL");
+  if (!std::filesystem::is_regular_file(path, error)) {
+    const bool there = std::filesystem::exists(path, error);
+    s.fail("path", fmt::format("names {}: {}",
+                               there ? "something that is not a regular file" : "a file that does not exist",
+                               path.string()));
+  }
+  std::ifstream file(path, std::ios::binary);
+  std::ostringstream bytes;
+  if (file && file.peek() != std::ifstream::traits_type::eof()) bytes << file.rdbuf();
+  if (!file.is_open() || file.bad())
+    s.fail("path", fmt::format("names a file that cannot be read: {}", path.string()));
+  return bytes.str();
+}
+
+/// "1, 2, 3": exactly three finite numbers.
+std::optional<PathPoint> parse_point(std::string_view line) {
+  std::array<double, 3> v{};
+  for (std::size_t i = 0; i < v.size(); ++i) {
+    const std::size_t comma = line.find(',');
+    if ((comma == std::string_view::npos) != (i + 1 == v.size())) return std::nullopt;
+    std::string_view field = line.substr(0, comma);
+    line.remove_prefix(comma == std::string_view::npos ? line.size() : comma + 1);
+    constexpr const char* blank = " \t\r";
+    const std::size_t first = field.find_first_not_of(blank);
+    if (first == std::string_view::npos) return std::nullopt;
+    field = field.substr(first, field.find_last_not_of(blank) - first + 1);
+    if (field.size() > 1 && field.front() == '+' && field[1] != '-') field.remove_prefix(1);
+    const auto [end, error] = std::from_chars(field.data(), field.data() + field.size(), v[i]);
+    if (error != std::errc() || end != field.data() + field.size() || !std::isfinite(v[i]))
+      return std::nullopt;
+  }
+  return PathPoint{v[0], v[1], v[2]};
+}
+
+/// The points of a CSV, whose path is relative to the scene file, and its text.
+std::vector<PathPoint> read_path(const Section& s, const std::string& scene_file, const std::string& name,
+                                 double longest, std::string& text) {
+  const std::filesystem::path path = std::filesystem::path(scene_file).parent_path() / name;
+  text = read_bytes(s, path);
+  std::istringstream in(text);
+  std::string line;
+  std::getline(in, line);
+  while (!line.empty() && (line.back() == '\r' || line.back() == ' ')) line.pop_back();
+  if (line != "t,x,y") throw InputError(path.string() + ":1", "the header must be t,x,y and nothing else");
+  std::vector<PathPoint> out;
+  for (int number = 2; std::getline(in, line); ++number) {
+    if (line.empty() || line == "\r") continue;
+    const auto p = parse_point(line);
+    const std::string where = fmt::format("{}:{}", path.string(), number);
+    if (!p || !(out.empty() ? p->t == 0.0 : p->t > out.back().t)) {
+      throw InputError(where,
+                       "three finite numbers t,x,y and nothing else are needed, t from 0 and ascending");
+    }
+    if (p->t > longest) throw InputError(where, fmt::format("t must be at most {:g} s", longest));
+    out.push_back(*p);
+  }
+  if (out.size() < 3)
+    throw InputError(path.string() + ":2", "three or more points are needed (two are a line)");
+  return out;
+}
+
+}  // namespace
+
+void read_reference(Section s, Scene& scene) {
+  ReferenceScene& r = scene.reference;
+  const double longest = std::min(reference_time_max, reference_ticks_max / scene.rate_hz);
+  const std::string type = s.text("type");
+  r.join = s.optional_number("join");
+  s.use_schema("reference[" + type + "]");
+  if (type == "circle") {
+    r.type = ReferenceType::circle;
+    r.center = s.pair("center");
+    r.radius = s.number("radius");
+    r.speed = s.number("speed");
+    r.phase = s.number("phase");
+  } else if (type == "line") {
+    r.type = ReferenceType::line;
+    r.points = {s.pair("from"), s.pair("to")};
+    r.duration = s.number("duration");
+    r.repeat = s.boolean("repeat");
+  } else if (type == "polyline") {
+    r.type = ReferenceType::polyline;
+    r.points = s.pairs("points", 2);
+    r.speed = s.number("speed");
+    r.repeat = s.boolean("repeat");
+    double length = 0.0;
+    for (std::size_t i = 0; i < r.points.size(); ++i) {
+      const auto &a = r.points[i], &b = r.points[(i + 1) % r.points.size()];
+      if (i + 1 < r.points.size() || r.repeat) length += std::hypot(b[0] - a[0], b[1] - a[1]);
+    }
+    if (!(length / r.speed <= longest)) {
+      s.fail("speed", fmt::format("is too slow: the polyline would take {:.3g} s, at most {:g} s are allowed",
+                                  length / r.speed, longest));
+    }
+  } else if (type == "joint_sine") {
+    r.type = ReferenceType::joint_sine;
+    r.offset = s.pair("offset");
+    r.amplitude = s.pair("amplitude");
+    r.omega = s.pair("omega");
+    r.phases = s.pair("phase");
+  } else if (type == "hold") {
+    r.type = ReferenceType::hold;
+    if (const auto p = s.optional_numbers("position", {2})) r.position = {(*p)[0], (*p)[1]};
+  } else {
+    r.type = ReferenceType::file;
+    scene.companions.push_back({reference_copy, "", (std::filesystem::path(scene.file).parent_path() / s.text("path")).string()});
+    r.table = read_path(s, scene.file, s.text("path"), longest, scene.companions.back().text);
+  }
+  s.finish();
+}
+
+}  // namespace esmc::host
