@@ -129,7 +129,7 @@ void straight_rr(benchmark::State& state) {
 void hand_written_rr(benchmark::State& state) {
   const auto states = rr_states(Rr<double>(arm));
   const test::HandWrittenArm by_hand(arm, gains<Rr<double>>());
-  std::array<double, 6> sliding{};
+  std::array<double, 8> sliding{};
   int i = 0;
   for (auto _ : state) {
     benchmark::DoNotOptimize(by_hand(states[static_cast<std::size_t>(i++ % state_count)], sliding));

@@ -63,10 +63,14 @@ TEST(StraightLine, LawsAreTheLaws) {
     const auto got = StraightArm(q, g)(t);
     const Vec2<double> of_law = rr.base_torque(t.pose, rr.force(demand(LawKind::esmc, rr, g, Reaching::implicit, t).acceleration, t.rates));
     arm.compare(seed, Vec2<double>(got[0], got[1]), of_law, 1);
-    std::array<double, 6> s{};
-    by_hand.compare(seed, HandWrittenArm(q, g)(t, s), of_law, 1);
-    const auto sliding = demand(LawKind::esmc, rr, g, Reaching::implicit, t).sliding;
-    for (int i = 0; i < 6; ++i) EXPECT_NEAR(s[static_cast<std::size_t>(i)], sliding[i + 2], 1e-11 * (1.0 + std::abs(sliding[i + 2]))) << seed << ' ' << i;
+    const RrParams<double> rough{c.now.params.legs[0], p.g};  // with friction
+    const Rr<double> whole(rough);
+    std::array<double, 8> s{};
+    const auto asked = demand<Rr<double>>(LawKind::esmc, whole, g, Reaching::implicit, t);
+    Rr<double>::Channels acceleration, sliding;
+    demand<Rr<double>, Rows::with_mass>(LawKind::esmc, whole, g, Reaching::implicit, t, acceleration, sliding);
+    by_hand.compare(seed, HandWrittenArm(rough, g)(t, s), whole.base_torque(t.pose, whole.force(asked.acceleration, t.rates)), 1);
+    for (int i = 0; i < 8; ++i) EXPECT_NEAR(s[static_cast<std::size_t>(i)], sliding[i], 1e-11 * (1.0 + std::abs(sliding[i]))) << seed << ' ' << i;
   }
   five_bar.expect_below(1e-11);
   arm.expect_below(1e-11);
