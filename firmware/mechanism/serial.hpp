@@ -8,45 +8,23 @@
 
 #include <type_traits>
 
-#include "firmware/numeric/elementary.hpp"
-#include "firmware/types.hpp"
+#include "firmware/mechanism/chain.hpp"
 
 namespace esmc {
-
-/// How a body moves on the one before it.
-enum class Joint { revolute, prismatic };
-/// Where the mass centre of a body may lie.
-enum class Shape { bar, plate };  ///< bar: the mass centre lies on the axis; plate: anywhere
-
-/// One body and the joint that carries it. A prismatic joint slides the body along its own axis.
-template <Joint J, Shape B = Shape::bar>
-struct Link {
-  static constexpr Joint joint = J;
-  static constexpr Shape shape = B;
-};
-
-/// Constants of one body, SI units, in the frame of the body: origin at its joint, x along its axis.
-template <class S>
-struct Body {
-  S length{};            ///< from its joint to the next one (or to the tip), along the axis, m
-  S centre{};            ///< mass centre along the axis, m
-  S centre_across{};     ///< mass centre across the axis, m; ignored for Shape::bar
-  S mass{};              ///< kg
-  S inertia{};           ///< about the mass centre, kg m2
-  S viscous{};           ///< of its joint, N m s/rad or N s/m
-  S coulomb{};           ///< of its joint, N m or N
-};
 
 /// A planar chain of N bodies (1)-(7); see the top of the file.
 template <class S, class... Links>
 class Serial {
+  using C = Chain<S, Links...>;
+
  public:
   using Scalar = S;
-  static constexpr int joints = sizeof...(Links);
+  static constexpr int joints = C::joints;
   /// Rows of p: joint rates, bar angular rates, mass-centre velocities (x, y per body), as in model.md [F3].
   static constexpr int channels = 4 * joints;
-  using Joints = Vec<S, joints>;
+  using Joints = typename C::Joints;
   using Channels = Vec<S, channels>;
+  using Pose = typename C::Pose;
 
   static constexpr int row_joint(int i) { return i; }
   static constexpr int row_angle(int i) { return joints + i; }
@@ -54,18 +32,10 @@ class Serial {
   /// Joint rows have none: see `force`.
   static constexpr bool has_mass(int row) { return row >= joints; }
 
-  struct NoSlides {};
-  /// Where the bodies are; like a vector, not initialised by itself. Unit vectors instead of angles: the model needs no angle, only its sine and cosine.
-  struct Pose {
-    List<Vec2<S>, joints> axis;  ///< along body i, in the frame of the subsystem
-    List<Vec2<S>, joints> turn;  ///< (cos, sin) of joint i; kept apart because sin theta decides type 1
-    [[no_unique_address]] std::conditional_t<((Links::joint == Joint::prismatic) || ...), Joints, NoSlides> slide;  ///< of each joint, m
-  };
-
   Serial() = default;
-  constexpr Serial(const List<Body<S>, joints>& bodies, S gravity) : bodies_(bodies), gravity_(gravity) {}
+  constexpr Serial(const List<Body<S>, joints>& bodies, S gravity) : chain_(bodies), gravity_(gravity) {}
 
-  [[nodiscard]] const Body<S>& body(int i) const { return bodies_[i]; }
+  [[nodiscard]] const Body<S>& body(int i) const { return chain_.body(i); }
 
   /// q: joint angles (rad) and displacements (m).
   [[nodiscard]] static Pose pose(const Joints& q) {
@@ -73,7 +43,7 @@ class Serial {
     Sum<S> angle;
     Vec2<S> axis(S(1), S(0));
     unroll<joints>([&](auto i) ESMC_INLINE {
-      if constexpr (joint(i) == Joint::revolute) {
+      if constexpr (C::joint(i) == Joint::revolute) {
         // The sum is rounded once and loses less than turning the unit vector by theta_i would: near type 2
         // every 1e-16 here is 1e-16 / D2 in a torque.
         const bool first = angle.empty();
@@ -84,7 +54,7 @@ class Serial {
       } else {
         p.turn[i] = Vec2<S>(S(1), S(0));
       }
-      put_slide(p, i, q[i]);
+      C::put_slide(p, i, q[i]);
       p.axis[i] = axis;
     });
     return p;
@@ -93,8 +63,12 @@ class Serial {
   /// p = C p#: all velocities from the joint rates. Also the part C a of all accelerations.
   [[nodiscard]] Channels rates(const Pose& p, const Joints& qd) const {
     Channels out;
-    RateWalk w;
-    unroll<joints>([&](auto i) ESMC_INLINE { put(out, i, step(w, i, p, qd)); });
+    typename C::RateWalk w;
+    Sum<Vec2<S>> end;
+    unroll<joints>([&](auto i) ESMC_INLINE {
+      const typename C::Move m = C::move(w, i, p, qd);
+      put(out, i, {qd[i], C::template turns<i> ? w.spin.value() : S(0), chain_.along(end, i, m)});
+    });
     return out;
   }
 
@@ -102,8 +76,9 @@ class Serial {
   /// rates a, and c(a, b) is Cdot(a) b (symmetric: in the plane every entry of p is the rate of a coordinate).
   [[nodiscard]] Channels bias(const Pose& p, const Joints& a, const Joints& b) const {
     Channels out;
-    BiasWalk w;
-    unroll<joints>([&](auto i) ESMC_INLINE { put(out, i, {S(0), S(0), step(w, i, p, a, b)}); });
+    typename C::BiasWalk w;
+    Sum<Vec2<S>> end;
+    unroll<joints>([&](auto i) ESMC_INLINE { put(out, i, {S(0), S(0), chain_.along(end, i, C::move(w, i, p, a, b))}); });
     return out;
   }
 
@@ -115,14 +90,14 @@ class Serial {
     unroll<joints>([&](auto k) ESMC_INLINE {
       constexpr int i = joints - 1 - k;
       const Vec2<S> f(w[row_x(i)], w[row_x(i) + 1]);
-      if constexpr (i + 1 < joints) moment.add(bodies_[i].length * cross(p.axis[i], force.value()));
-      moment.add(w[row_angle(i)] + cross(arm(p, std::integral_constant<int, i>{}), f));
+      if constexpr (i + 1 < joints) moment.add(body(i).length * cross(p.axis[i], force.value()));
+      moment.add(w[row_angle(i)] + chain_.moment_of(f, p, std::integral_constant<int, i>{}));
       force.add(f);
-      if constexpr (joint(i) == Joint::revolute) {
+      if constexpr (C::joint(i) == Joint::revolute) {
         out[i] = w[i] + moment.value();
       } else {
         out[i] = w[i] + dot(p.axis[i], force.value());
-        moment.add(slid(p, std::integral_constant<int, i>{}) * cross(p.axis[i], force.value()));
+        moment.add(C::slid(p, std::integral_constant<int, i>{}) * cross(p.axis[i], force.value()));
       }
     });
     return out;
@@ -131,7 +106,7 @@ class Serial {
   /// Position of the tip in the frame of the subsystem, m.
   [[nodiscard]] Vec2<S> tip(const Pose& p) const {
     Sum<Vec2<S>> x;
-    unroll<joints>([&](auto i) ESMC_INLINE { x.add(p.axis[i] * reach(p, i)); });
+    unroll<joints>([&](auto i) ESMC_INLINE { x.add(p.axis[i] * chain_.reach(p, i)); });
     return x.value();
   }
 
@@ -139,12 +114,12 @@ class Serial {
     Sum<Vec2<S>> v;
     Sum<S> spin;
     unroll<joints>([&](auto i) ESMC_INLINE {
-      if constexpr (joint(i) == Joint::revolute) {
+      if constexpr (C::joint(i) == Joint::revolute) {
         spin.add(qd[i]);
       } else {
         v.add(p.axis[i] * qd[i]);
       }
-      if (!spin.empty()) v.add(perp(p.axis[i]) * (spin.value() * reach(p, i)));
+      if (!spin.empty()) v.add(perp(p.axis[i]) * (spin.value() * chain_.reach(p, i)));
     });
     return v.value();
   }
@@ -154,13 +129,13 @@ class Serial {
     Sum<Vec2<S>> acc;
     Sum<S> spin_a, spin_b;
     unroll<joints>([&](auto i) ESMC_INLINE {
-      if constexpr (joint(i) == Joint::revolute) {
+      if constexpr (C::joint(i) == Joint::revolute) {
         spin_a.add(a[i]);
         spin_b.add(b[i]);
       } else if (!spin_a.empty()) {
         acc.add(perp(p.axis[i]) * (spin_a.value() * b[i] + spin_b.value() * a[i]));
       }
-      if (!spin_a.empty()) acc.subtract(p.axis[i] * (spin_a.value() * spin_b.value() * reach(p, i)));
+      if (!spin_a.empty()) acc.subtract(p.axis[i] * (spin_a.value() * spin_b.value() * chain_.reach(p, i)));
     });
     return acc.empty() ? Vec2<S>(Vec2<S>::Zero()) : acc.value();
   }
@@ -168,8 +143,13 @@ class Serial {
   /// Mass centre of body i in the frame of the subsystem, m.
   [[nodiscard]] List<Vec2<S>, joints> centres(const Pose& p) const {
     List<Vec2<S>, joints> out;
-    CentreWalk w;
-    unroll<joints>([&](auto i) ESMC_INLINE { out[i] = step(w, i, p); });
+    Sum<Vec2<S>> end;
+    unroll<joints>([&](auto i) ESMC_INLINE {
+      const Vec2<S> start = end.empty() ? Vec2<S>(Vec2<S>::Zero()) : end.value();
+      const Vec2<S> slide = C::joint(i) == Joint::revolute ? Vec2<S>(Vec2<S>::Zero()) : Vec2<S>(p.axis[i] * C::slid(p, i));
+      out[i] = start + slide + chain_.from_joint(p.axis[i], i);
+      end.add(p.axis[i] * chain_.reach(p, i));
+    });
     return out;
   }
 
@@ -177,8 +157,13 @@ class Serial {
   /// (model.md section 9: wrap consistently); the joint entries have no mass and serve display only.
   [[nodiscard]] Channels error(const Pose& desired, const Pose& actual) const {
     Channels out;
-    ErrorWalk w;
-    unroll<joints>([&](auto i) ESMC_INLINE { put(out, i, step(w, i, desired, actual)); });
+    S turned{};
+    Sum<Vec2<S>> end;
+    unroll<joints>([&](auto i) ESMC_INLINE {
+      const S before = turned;
+      turned = C::turned_at(i, desired, actual);
+      put(out, i, {C::joint_error(i, before, turned, desired, actual), turned, chain_.along(end, i, C::gap(i, desired, actual))});
+    });
     return out;
   }
 
@@ -201,18 +186,25 @@ class Serial {
   template <bool with_joints = true, class F>
   ESMC_INLINE void compare(const Pose& desired, const Joints& desired_rate, const Joints& desired_acceleration, const Pose& actual,
                const Joints& rate, F&& f) const {
-    ErrorWalk error;
-    RateWalk fast, slow, push;
-    BiasWalk drift;
+    S turned{};
+    typename C::RateWalk fast, slow, push;
+    typename C::BiasWalk drift;
+    Sum<Vec2<S>> error_at_end, rate_at_end, push_at_end;
     unroll<joints>([&](auto i) ESMC_INLINE {
-      const Row e = step(error, i, desired, actual);
-      const Row vd = step(fast, i, desired, desired_rate), v = step(slow, i, actual, rate);
-      const Row a = step(push, i, desired, desired_acceleration);
-      const Vec2<S> c = step(drift, i, desired, desired_rate, desired_rate);
-      if constexpr (with_joints) f(std::integral_constant<int, row_joint(i)>{}, e.joint, S(vd.joint - v.joint), a.joint);
-      f(std::integral_constant<int, row_angle(i)>{}, e.angle, S(vd.angle - v.angle), a.angle);
-      f(std::integral_constant<int, row_x(i)>{}, e.centre.x(), S(vd.centre.x() - v.centre.x()), S(a.centre.x() + c.x()));
-      f(std::integral_constant<int, row_x(i) + 1>{}, e.centre.y(), S(vd.centre.y() - v.centre.y()), S(a.centre.y() + c.y()));
+      const S before = turned;
+      turned = C::turned_at(i, desired, actual);
+      const typename C::Move v = C::minus(i, C::move(fast, i, desired, desired_rate), C::move(slow, i, actual, rate));
+      const typename C::Move a = C::plus(i, C::move(push, i, desired, desired_acceleration), C::move(drift, i, desired, desired_rate, desired_rate));
+      if constexpr (with_joints) {
+        f(std::integral_constant<int, row_joint(i)>{}, C::joint_error(i, before, turned, desired, actual), S(desired_rate[i] - rate[i]),
+          desired_acceleration[i]);
+      }
+      f(std::integral_constant<int, row_angle(i)>{}, turned, C::template turns<i> ? S(fast.spin.value() - slow.spin.value()) : S(0),
+        C::template turns<i> ? push.spin.value() : S(0));
+      const Vec2<S> e = chain_.along(error_at_end, i, C::gap(i, desired, actual));
+      const Vec2<S> ed = chain_.along(rate_at_end, i, v), reference = chain_.along(push_at_end, i, a);
+      f(std::integral_constant<int, row_x(i)>{}, e.x(), ed.x(), reference.x());
+      f(std::integral_constant<int, row_x(i) + 1>{}, e.y(), ed.y(), reference.y());
     });
   }
 
@@ -221,15 +213,16 @@ class Serial {
   template <bool with_joints = true, class F>
   ESMC_INLINE void resolve(const Pose& p, const Joints& speed, const Joints& acceleration, const Joints& a, const Joints& b,
                            F&& f) const {
-    RateWalk fast, push;
-    BiasWalk drift;
+    typename C::RateWalk fast, push;
+    typename C::BiasWalk drift;
+    Sum<Vec2<S>> rate_at_end, push_at_end;
     unroll<joints>([&](auto i) ESMC_INLINE {
-      const Row v = step(fast, i, p, speed), r = step(push, i, p, acceleration);
-      const Vec2<S> c = step(drift, i, p, a, b);
-      if constexpr (with_joints) f(std::integral_constant<int, row_joint(i)>{}, v.joint, r.joint);
-      f(std::integral_constant<int, row_angle(i)>{}, v.angle, r.angle);
-      f(std::integral_constant<int, row_x(i)>{}, v.centre.x(), S(r.centre.x() + c.x()));
-      f(std::integral_constant<int, row_x(i) + 1>{}, v.centre.y(), S(r.centre.y() + c.y()));
+      const Vec2<S> v = chain_.along(rate_at_end, i, C::move(fast, i, p, speed));
+      const Vec2<S> r = chain_.along(push_at_end, i, C::plus(i, C::move(push, i, p, acceleration), C::move(drift, i, p, a, b)));
+      if constexpr (with_joints) f(std::integral_constant<int, row_joint(i)>{}, speed[i], acceleration[i]);
+      f(std::integral_constant<int, row_angle(i)>{}, C::template turns<i> ? fast.spin.value() : S(0), C::template turns<i> ? push.spin.value() : S(0));
+      f(std::integral_constant<int, row_x(i)>{}, v.x(), r.x());
+      f(std::integral_constant<int, row_x(i) + 1>{}, v.y(), r.y());
     });
   }
 
@@ -238,7 +231,7 @@ class Serial {
   [[nodiscard, gnu::always_inline]] Channels force(const Channels& v, const Joints& qd) const {
     Channels out;
     unroll<joints>([&](auto i) ESMC_INLINE {
-      const Body<S>& b = bodies_[i];
+      const Body<S>& b = body(i);
       put(out, i, {b.viscous * qd[i] + against(b.coulomb, qd[i]), b.inertia * v[row_angle(i)],
                    Vec2<S>(b.mass * v[row_x(i)], b.mass * (v[row_x(i) + 1] + gravity_))});
     });
@@ -249,7 +242,7 @@ class Serial {
   [[nodiscard]] Channels mass() const {
     Channels out;
     unroll<joints>(
-        [&](auto i) ESMC_INLINE { put(out, i, {S(0), bodies_[i].inertia, Vec2<S>(bodies_[i].mass, bodies_[i].mass)}); });
+        [&](auto i) ESMC_INLINE { put(out, i, {S(0), body(i).inertia, Vec2<S>(body(i).mass, body(i).mass)}); });
     return out;
   }
 
@@ -258,8 +251,8 @@ class Serial {
   [[nodiscard]] Joints tip_inverse(const Pose& p, const Vec2<S>& v) const
     requires(joints == 2 && ((Links::joint == Joint::revolute) && ...))
   {
-    const S inner = dot(p.axis[1], v) / (bodies_[0].length * p.turn[1].y());
-    const S outer = -dot(p.axis[0], v) / (bodies_[1].length * p.turn[1].y());
+    const S inner = dot(p.axis[1], v) / (body(0).length * p.turn[1].y());
+    const S outer = -dot(p.axis[0], v) / (body(1).length * p.turn[1].y());
     return Joints(inner, outer - inner);
   }
 
@@ -268,54 +261,17 @@ class Serial {
     requires(joints == 2 && ((Links::joint == Joint::revolute) && ...))
   {
     const S on_bar1 = tau[0] - tau[1];
-    return p.axis[1] * (on_bar1 / (bodies_[0].length * p.turn[1].y())) -
-           p.axis[0] * (tau[1] / (bodies_[1].length * p.turn[1].y()));
+    return p.axis[1] * (on_bar1 / (body(0).length * p.turn[1].y())) -
+           p.axis[0] * (tau[1] / (body(1).length * p.turn[1].y()));
   }
 
  private:
-  static constexpr List<Joint, joints> kinds_{{Links::joint...}};
-  static constexpr List<Shape, joints> shapes_{{Links::shape...}};
-  static constexpr bool slides = ((Links::joint == Joint::prismatic) || ...);
-  static constexpr Joint joint(int i) { return kinds_[i]; }
-
   /// coulomb * sign(v), with sign(0) = 0 (model.md section 12). v of a NaN counts as 0: the viscous term has it.
   static S against(S coulomb, S v) {
     if constexpr (BinaryFloat<S>) {
       return v > S(0) ? coulomb : v < S(0) ? -coulomb : S(0);
     } else {
       return coulomb * (S(v > S(0)) - S(v < S(0)));
-    }
-  }
-
-  /// Displacement of joint i, m: a chain without a prismatic joint stores none.
-  template <int I>
-  [[nodiscard]] static S slid(const Pose& p, std::integral_constant<int, I>) {
-    if constexpr (slides) {
-      return p.slide[I];
-    } else {
-      return S(0);
-    }
-  }
-  template <int I>
-  static void put_slide(Pose& p, std::integral_constant<int, I>, S q) {
-    if constexpr (slides) p.slide[I] = joint(I) == Joint::prismatic ? q : S(0);
-  }
-  /// From the joint of body i to its end, m.
-  template <int I>
-  [[nodiscard]] S reach(const Pose& p, std::integral_constant<int, I>) const {
-    if constexpr (joint(I) == Joint::revolute) {
-      return bodies_[I].length;
-    } else {
-      return bodies_[I].length + slid(p, std::integral_constant<int, I>{});
-    }
-  }
-  /// From the joint of body i to its mass centre.
-  template <int I>
-  [[nodiscard]] Vec2<S> arm(const Pose& p, std::integral_constant<int, I>) const {
-    if constexpr (shapes_[I] == Shape::bar) {
-      return p.axis[I] * bodies_[I].centre;
-    } else {
-      return p.axis[I] * bodies_[I].centre + perp(p.axis[I]) * bodies_[I].centre_across;
     }
   }
 
@@ -331,89 +287,7 @@ class Serial {
     out[row_x(i) + 1] = r.centre.y();
   }
 
-  // What is carried along a chain, from its base outwards: step() gives the rows of body I and goes on to its end.
-  // `at_end` is of the end of the body before.
-  struct RateWalk {
-    Sum<S> spin;
-    Sum<Vec2<S>> at_end;
-  };
-  template <int I>
-  [[nodiscard, gnu::always_inline]] Row step(RateWalk& w, std::integral_constant<int, I> i, const Pose& p, const Joints& qd) const {
-    if constexpr (joint(I) == Joint::revolute) {
-      w.spin.add(qd[I]);
-    } else {
-      w.at_end.add(p.axis[I] * qd[I]);
-      if (!w.spin.empty()) w.at_end.add(perp(p.axis[I]) * (w.spin.value() * slid(p, i)));
-    }
-    Row out;  // one name for all returns, or it would be copied
-    out.joint = qd[I];
-    if (w.spin.empty()) {
-      out.angle = S(0);
-      out.centre = w.at_end.value();
-      return out;
-    }
-    out.angle = w.spin.value();
-    out.centre = w.at_end.plus(perp(arm(p, i)) * w.spin.value());
-    if constexpr (I + 1 < joints) w.at_end.add(perp(p.axis[I]) * (w.spin.value() * bodies_[I].length));
-    return out;
-  }
-
-  struct BiasWalk {
-    Sum<S> spin_a, spin_b;
-    Sum<Vec2<S>> at_end;
-  };
-  /// Of the mass centre; joints and bars have none.
-  template <int I>
-  [[nodiscard, gnu::always_inline]] Vec2<S> step(BiasWalk& w, std::integral_constant<int, I> i, const Pose& p, const Joints& a,
-                             const Joints& b) const {
-    if constexpr (joint(I) == Joint::revolute) {
-      w.spin_a.add(a[I]);
-      w.spin_b.add(b[I]);
-    } else if (!w.spin_a.empty()) {
-      w.at_end.add(perp(p.axis[I]) * (w.spin_a.value() * b[I] + w.spin_b.value() * a[I]));
-      w.at_end.subtract(p.axis[I] * (w.spin_a.value() * w.spin_b.value() * slid(p, i)));
-    }
-    Vec2<S> out;
-    if (w.spin_a.empty()) {
-      out.setZero();
-      return out;
-    }
-    const S square = w.spin_a.value() * w.spin_b.value();
-    out = w.at_end.minus(arm(p, i) * square);
-    if constexpr (I + 1 < joints) w.at_end.subtract(p.axis[I] * (square * bodies_[I].length));
-    return out;
-  }
-
-  struct CentreWalk {
-    Sum<Vec2<S>> at_end;
-  };
-  template <int I>
-  [[nodiscard, gnu::always_inline]] Vec2<S> step(CentreWalk& w, std::integral_constant<int, I> i, const Pose& p) const {
-    if constexpr (joint(I) == Joint::prismatic) w.at_end.add(p.axis[I] * slid(p, i));
-    const Vec2<S> out = w.at_end.plus(arm(p, i));
-    if constexpr (I + 1 < joints) w.at_end.add(p.axis[I] * bodies_[I].length);
-    return out;
-  }
-
-  struct ErrorWalk {
-    Sum<S> turned;
-    CentreWalk desired, actual;
-  };
-  template <int I>
-  [[nodiscard, gnu::always_inline]] Row step(ErrorWalk& w, std::integral_constant<int, I> i, const Pose& desired, const Pose& actual) const {
-    const S turned = angle_of_unit(cross(actual.axis[I], desired.axis[I]), dot(actual.axis[I], desired.axis[I]));
-    S of_joint;
-    if constexpr (joint(I) == Joint::revolute) {
-      of_joint = w.turned.empty() ? turned : wrap_to_pi(S(turned - w.turned.value()));
-    } else {
-      of_joint = slid(desired, i) - slid(actual, i);
-    }
-    w.turned = {};
-    w.turned.add(turned);
-    return {of_joint, turned, Vec2<S>(step(w.desired, i, desired) - step(w.actual, i, actual))};
-  }
-
-  List<Body<S>, joints> bodies_{};
+  C chain_{};
   S gravity_{};
 };
 
