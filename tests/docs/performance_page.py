@@ -29,9 +29,9 @@ def split(text, name):
 
 def tables(ns):
     """Rows of times, rows of ratios; ns: {name: ns per call}."""
-    times = ["| benchmark | ns per call |", "|---|---|"] + [f"| `{name}` | {value:.0f} |" for name, value in sorted(ns.items())]
+    times = ["| benchmark | ns per call |", "|---|---|"] + [f"| `{name}` | {value:.1f} |" for name, value in sorted(ns.items())]
     ratios = ["| this | beside | takes |", "|---|---|---|"]
-    ratios += [f"| `{name}` | `{yard}` | {round(ns[name]) / round(ns[yard]):.2f} |" for name, yard in YARDSTICKS]
+    ratios += [f"| `{name}` | `{yard}` | {round(ns[name], 1) / round(ns[yard], 1):.2f} |" for name, yard in YARDSTICKS]
     return "\n".join(times) + "\n", "\n".join(ratios) + "\n"
 
 
@@ -43,7 +43,7 @@ def measure(program):
 
 
 def rows(text):
-    return {m[1]: float(m[2]) for m in re.finditer(r"^\| `([^`]+)` \| (\d+) \|$", text, re.M)}
+    return {m[1]: float(m[2]) for m in re.finditer(r"^\| `([^`]+)` \| (\d+\.\d) \|$", text, re.M)}
 
 
 def wrong(text, names):
