@@ -25,7 +25,7 @@ struct Link {
 /// Constants of one body, SI units, in the frame of the body: origin at its joint, x along its axis.
 template <class S>
 struct Body {
-  S length{};            ///< from its joint to the next one (or to the tip), along the axis, m
+  S length{};            ///< from its joint, slid or not, to the next one (or to the tip), along the axis, m
   S centre{};            ///< mass centre along the axis, m
   S centre_across{};     ///< mass centre across the axis, m; ignored for Shape::bar
   S mass{};              ///< kg
@@ -82,7 +82,7 @@ class Chain {
       return bodies_[I].length + slid(p, std::integral_constant<int, I>{});
     }
   }
-  /// From the joint of body I to its mass centre, where x is its axis; or its rate, where x is that of the axis.
+  /// From the origin of body I, which its joint may have slid, to its mass centre, where x is its axis; or its rate, where x is that of the axis.
   template <int I>
   [[nodiscard, gnu::always_inline]] Vec2<S> from_joint(const Vec2<S>& x, std::integral_constant<int, I>) const {
     if constexpr (shapes_[I] == Shape::bar) {
@@ -91,7 +91,7 @@ class Chain {
       return x * bodies_[I].centre + perp(x) * bodies_[I].centre_across;
     }
   }
-  /// Of a force at the mass centre of body I about its joint.
+  /// Of a force at the mass centre of body I about its origin.
   template <int I>
   [[nodiscard, gnu::always_inline]] S moment_of(const Vec2<S>& force, const Pose& p, std::integral_constant<int, I>) const {
     if constexpr (shapes_[I] == Shape::bar) {
@@ -126,7 +126,7 @@ class Chain {
     if constexpr (joint(I) == Joint::prismatic) out.slide = a.slide - b.slide;
     return out;
   }
-  /// Of the mass centre; `at_end`, of the end of the body before, goes on to the end of this one.
+  /// Of the mass centre; `at_end`, of the end of the body before, goes on to the end of this one, unless it is the last.
   template <int I>
   [[nodiscard, gnu::always_inline]] Vec2<S> along(Sum<Vec2<S>>& at_end, std::integral_constant<int, I> i, const Move& m) const {
     Vec2<S> out;  // at the outermost level, or it would be copied, by way of memory

@@ -19,7 +19,7 @@ using Complex = std::complex<double>;
 using Matrix = Eigen::MatrixXd;
 using Vector = Eigen::VectorXd;
 
-constexpr double weak_sigma = 5e-3;      // a direction known no better than this was known before
+constexpr double weak_sigma = 5e-3;      // so well is a direction known before; worse is no calibration
 constexpr double excitation_min = 10.0;  // noise in the angles alone looks like an excitation of about 1
 constexpr double sigma_floor = 1e-9;     // rad; readings without noise
 
@@ -301,6 +301,7 @@ Calibration calibrate(const CalibrationProblem& p) {
   Matrix covariance = covariance_of(n, p.effector.size());
   const Eigen::SelfAdjointEigenSolver<Matrix> modes(n.H);
   Matrix strong(basis.cols(), 0);
+  out.covariance.setZero();
   for (Eigen::Index i = 0; i < basis.cols(); ++i) {
     const Vector v = modes.eigenvectors().col(i);
     const double of_effector = v.dot(n.H_effector * v),
@@ -313,6 +314,8 @@ Calibration calibrate(const CalibrationProblem& p) {
       strong.rightCols(1) = v;
       continue;
     }
+    const Unknowns kept = basis * v;  // nominal, and whoever leans on it is no better than that
+    out.covariance += kept * kept.transpose() * (weak_sigma * weak_sigma);
     WeakDirection w;
     w.along = columns_of(out.estimated, 1.0) * v;
     w.sigma = s;
@@ -328,7 +331,7 @@ Calibration calibrate(const CalibrationProblem& p) {
       n = fit.normal(out.value, basis, true, true, true);
       covariance = covariance_of(n, p.effector.size());
     }
-    out.covariance = basis * covariance * basis.transpose();
+    out.covariance += basis * covariance * basis.transpose();
   }
 
   const auto rms = [](double sum, double count) { return count > 0.0 ? std::sqrt(sum / count) : 0.0; };

@@ -280,7 +280,7 @@ void print(const Calibration& c, const CalibrationProblem& p, const RecordedRun&
                c.sigma(u), is_length(u) || u == unknown_fx || u == unknown_fy ? "m" : "rad");
   }
   for (const WeakDirection& w : c.weak)
-    fmt::print("kept nominal, the log does not determine it: {}\n", w.text);
+    fmt::print("kept nominal, the log does not determine it (taken as known to 0.5 % of a length, 5 mrad): {}\n", w.text);
   if (p.five_bar) {
     fmt::print("loop closes to {:.3g} mm rms, with nominal values {:.3g} mm; encoders: {:.2g} rad rms\n",
                1e3 * c.closure_rms, 1e3 * c.closure_rms_nominal, c.encoder_sigma);

@@ -42,13 +42,26 @@ double stiffness(const Scene& s) {
   return s.type == MechanismType::five_bar ? of(static_cast<FiveBar<double>*>(nullptr)) : of(static_cast<Rr<double>*>(nullptr));
 }
 
+/// A momentum that is seen late, by more than the observer is told, makes a loop of its own: s = -omega e^{-s late}, which rings
+/// by itself where omega late is pi/2.
+void judge_observer(const Scene& s, const Delay& d, Findings& f) {
+  const double late = d.certain + d.lag - s.delay_ticks.value_or(0.0), turn = s.disturbance_observer * late * s.tick();
+  if (turn <= std::numbers::pi / 4.0) return;
+  f.warning(fmt::format("control.disturbance_observer times a delay of {:.2g} ticks that it is not told = {:.3g}, better below {:.2g}; beyond {:.2g} "
+                        "it rings by itself: a smaller bandwidth, or a faster observer in the drive",
+                        late, turn, std::numbers::pi / 4.0, std::numbers::pi / 2.0));
+}
+
 }  // namespace
 
 void judge_gains(const Scene& s, Findings& f) {
+  const Delay d = delay_of(s);
+  judge_observer(s, d, f);
   const bool sliding =
       s.law == LawChoice::esmc || s.law == LawChoice::esmc_projected || s.law == LawChoice::smc;
   if (!sliding) return;
-  const Delay d = delay_of(s);
+  if (s.reaching == ReachingChoice::super_twisting && std::max(s.gain.position, s.gain.angle) == 0.0)
+    f.warning("control.gain is L of super_twisting, the largest rate of what disturbs: with 0 it holds against nothing (docs/reaching.md)");
   if (s.reaching == ReachingChoice::sign)
     f.warning("reaching = \"sign\" chatters in a sampled loop; \"implicit\" does not");
   const bool bridges = s.predictor || s.reaching == ReachingChoice::super_twisting;

@@ -282,6 +282,21 @@ def hostile(bench):
         expect(abs(u["value"] - u["nominal"]) < 2e-3 * max(1.0, abs(u["nominal"])), f"invented: {u}")
     small, _ = bench.record("small", "sim", bench.nominal, "--set", "reference.amplitude=[0.003, 0.003]")
     bench.bad("does not determine", small, "--trust-half-base")
+    # What leans on nominal values is no better than they are: a length that is 1 per mille off, and a motion that shows little of it.
+    mechanism = {"half_base": 0.05, "legs": [(0.12012, 0.16), (0.12, 0.16)]}
+    little, _ = bench.record("little", "sim", bench.true_scene("little_truth", mechanism, [0.0] * 4), "--set", "effects=[{type='encoder', bits=16}]",
+                             "--set", 'reference={type="circle", center=[0.0, 0.2], radius=0.003, speed=5}')
+    kept = bench.good(little, "--scene", bench.nominal, "--trust-half-base", "--keep-nominal")
+    expect(kept["kept_nominal"], "a motion of 3 mm determines nothing less than all")
+    true = dict(zip(("leg 1 l1", "leg 1 l2", "leg 2 l1", "leg 2 l2"), (0.12012, 0.16, 0.12, 0.16)))
+    for u in kept["unknowns"]:
+        beside = u["value"] - true.get(u["name"], 0.05 if u["name"] == "half_base" else 0.0)
+        expect(abs(beside) <= 3 * u["sigma"], f"promised better than it is: {u}, beside by {beside}")
+    moved = max(abs(effector(0.05, mechanism["legs"], r["theta11"], r["theta21"], complex(r["x"], r["y"]))
+                    - effector(0.05, [(v["leg 1 l1"], v["leg 1 l2"]), (v["leg 2 l1"], v["leg 2 l2"])], r["theta11"] + v["offset theta11"],
+                               r["theta21"] + v["offset theta21"], complex(r["x"], r["y"])))
+                for v in [{u["name"]: u["value"] for u in kept["unknowns"]}] for r in rows_of(little)[::20])
+    expect(moved <= 3 * kept["effector"]["sigma_m"], f"effector beside by {moved}, promised {kept['effector']}")
     scale = write_readings(bench.folder / "same.csv", rows_of(out), (300, 301), 1e-5, random.Random(1), (complex(0.1, 0), 0.3))
     bench.bad("does not determine", out, "--effector", scale, "--free-frame")  # two readings of the same point
 

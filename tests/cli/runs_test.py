@@ -165,6 +165,20 @@ class Told(unittest.TestCase):
         self.assertGreater(ringing, 1000)
         self.assertEqual(quiet, 0)
 
+    def test_check_warns_of_an_observer_that_is_too_fast_for_the_delay(self):
+        observer, rings = self.circle.parent / "five_bar_observer.toml", "it rings by itself: a smaller bandwidth"
+        late = ("effects=[{type='encoder', bits=16}]", "control.delay_ticks=0", "control.predictor=false", "control.sensor_lag_ticks=2")
+        self.assertNotIn(rings, self.check(observer)[1])  # its delay is told
+        for bandwidth, said in ((300, False), (500, True), (50000, True)):
+            self.assertEqual(rings in self.check(observer, *late, f"control.disturbance_observer={bandwidth}")[1], said, bandwidth)
+        quiet, ringing = (json.loads(esmc("sim", observer, "--json", *sets(*late, f"control.disturbance_observer={w}")).stdout)["torque"]["mean_abs_delta_nm"]
+                          for w in (300, 1000))
+        self.assertLess(quiet, 0.03)
+        self.assertGreater(ringing, 0.3)
+        twisting = self.circle.parent / "five_bar_super_twisting.toml"
+        self.assertNotIn("holds against nothing", self.check(twisting)[1])
+        self.assertIn("with 0 it holds against nothing", self.check(twisting, "control.gain=0")[1])
+
     def test_arguments(self):
         for args, words in ((["simm", "x"], ["unknown subcommand 'simm'", "did you mean sim?"]),
                             (["bogus", "--help"], ["unknown subcommand 'bogus'"]),

@@ -7,6 +7,8 @@
 
 #include <gtest/gtest.h>
 
+#include <limits>
+
 #include "firmware/mechanism/serial.hpp"
 #include "tests/support/random_mechanism.hpp"
 
@@ -140,6 +142,48 @@ TYPED_TEST(SerialChain, RatesBiasAndTransposeAreDerivatives) {
 }
 
 /// C^T M C qdd + C^T (M c + f + g) = tau is Lagrange's equation of the chain.
+/// What the laws call, against the oracle as well; every row is told once.
+TYPED_TEST(SerialChain, CompareAndResolveAreErrorsRatesAndAccelerations) {
+  using S = typename TypeParam::S;
+  constexpr int N = TypeParam::joints, K = 4 * N;
+  Accuracy error("error"), rates("rates"), accelerations("accelerations"), resolved("resolved"), pushed("pushed");
+  for (std::uint64_t seed = 0; seed < kCases; ++seed) {
+    Random r(seed);
+    const TypeParam t(r);
+    const auto& m = t.chain;
+    const Vec<S, N> q = r.vector<S, N>(2), to = r.vector<S, N>(2), a = r.vector<S, N>(5), b = r.vector<S, N>(5), c = r.vector<S, N>(20);
+    const auto pose = m.pose(q), desired = m.pose(to);
+    const auto unset = Vec<S, K>::Constant(std::numeric_limits<S>::quiet_NaN()).eval();
+    Vec<S, K> e = unset, rate = unset, reference = unset, speed = unset, push = unset;
+    Vec<int, K> told = Vec<int, K>::Zero();
+    m.compare(desired, a, c, pose, b, [&](auto row, S of, S its_rate, S acceleration) {
+      e[row] = of;
+      rate[row] = its_rate;
+      reference[row] = acceleration;
+      told[row] += 1;
+    });
+    m.resolve(pose, a, c, a, b, [&](auto row, S its_rate, S acceleration) {
+      speed[row] = its_rate;
+      push[row] = acceleration;
+      told[row] += 1;
+    });
+    EXPECT_EQ(told, (Vec<int, K>::Constant(2).eval())) << seed;
+    const auto here = t.oracle.channels(row<TypeParam::n>(q)), there = t.oracle.channels(row<TypeParam::n>(to));
+    for (int i = 0; i < K; ++i) {
+      const auto k = static_cast<unsigned>(i);
+      const bool angle = i < 2 * N && !(i < N && t.oracle.slides[k]);
+      error.take(seed, std::fabs(Real(e[i]) - (angle ? detail::wrap(there[k] - here[k]) : there[k] - here[k])));
+    }
+    const auto qo = row<TypeParam::n>(q), too = row<TypeParam::n>(to), ao = row<TypeParam::n>(a), bo = row<TypeParam::n>(b),
+               co = row<TypeParam::n>(c);
+    rates.compare(seed, rate, (eigen(channel_rates(t.oracle, too, ao)) - eigen(channel_rates(t.oracle, qo, bo))).eval(), 1);
+    accelerations.compare(seed, reference, eigen(channel_accelerations(t.oracle, too, ao, ao, co)), 1);
+    resolved.compare(seed, speed, eigen(channel_rates(t.oracle, qo, ao)), 1);
+    pushed.compare(seed, push, eigen(channel_accelerations(t.oracle, qo, ao, bo, co)), 1);
+  }
+  for (const Accuracy* x : {&error, &rates, &accelerations, &resolved, &pushed}) x->expect_below(30 * kEpsilon<S>);
+}
+
 TYPED_TEST(SerialChain, ReducedDynamicsIsLagrange) {
   using S = typename TypeParam::S;
   constexpr std::size_t n = TypeParam::n;
