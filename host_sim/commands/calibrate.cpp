@@ -23,6 +23,7 @@ using Json = nlohmann::ordered_json;
 
 constexpr std::size_t rows_min = 200, rows_used_max = 40'000;
 constexpr double gap_max = 5.0;  // of the mean distance of rows: angles between are those of a straight line
+constexpr double encoder_sigma_odd = 3e-4;  // rad; ten times the rounding of 16 bit
 constexpr double encoder_sigma_max = 0.02;  // rad; lengths that fit no better than this are none
 
 struct JointLog {
@@ -182,6 +183,11 @@ void judge(const Calibration& c, const CalibrationProblem& p, const RecordedRun&
     for (std::size_t i = 0; i < std::min<std::size_t>(c.weak.size(), 3); ++i)
       names += (i > 0 ? "; " : "") + c.weak[i].text;
     if (c.weak.size() > 3) names += fmt::format("; and {} more", c.weak.size() - 3);
+    if (c.encoder_sigma > encoder_sigma_odd) {
+      throw InputError("", fmt::format("{}: its angles are beside every loop by {:.2g} rad rms, and so it does not determine {}: did an encoder slip or "
+                                       "jump, or is this noise? --keep-nominal leaves these as they are",
+                                       run.log, c.encoder_sigma, names));
+    }
     throw InputError(
         "",
         fmt::format("{}: does not determine {}: let the mechanism move further, in both legs; --keep-nominal "

@@ -263,6 +263,10 @@ def hostile(bench):
     bench.bad("no lengths near the nominal ones fit it even roughly", out, "--half-base", "1e300")
     bench.bad("is it the log of this mechanism", out, *known, "--observer-bandwidth", "1")
     bench.bad("must be 0, or 1 to 1e6", out, *known, "--observer-bandwidth", "nan")
+    # An encoder slips in the middle: that is told, not the motion blamed.
+    slipped = [log[0]] + [",".join(f[:at] + [repr(float(f[at]) + (0.05 if i > len(log) // 2 else 0.0))] + f[at + 1:])
+                          for i, f in enumerate(l.split(",") for l in log[1:])]
+    with_log("\n".join(slipped) + "\n", "did an encoder slip", *known)
     # Another mechanism's angles fit no lengths.
     shuffled = [log[0]] + [",".join(l.split(",")[:at] + [str(math.sin(3.7 * i * i))] + l.split(",")[at + 1:]) for i, l in enumerate(log[1:])]
     with_log("\n".join(shuffled) + "\n", "is it the log of this mechanism?", *known)

@@ -1,8 +1,10 @@
 #!/usr/bin/python3
-"""The tables of docs/performance.md that benchmarks make: what one run measured, and laws beside their yardsticks.
+"""The tables of docs/performance.md that benchmarks make: what one run measured, laws beside their yardsticks, and where the
+instructions of a tick are.
 
 usage: performance_page.py BENCHMARKS [--update]     with --update: runs them (two minutes, on a machine with nothing else to do)
-       without: every benchmark has its row, every row its benchmark, and ratios are those of the rows
+       without: every benchmark has its row, every row its benchmark, ratios are those of the rows, and the instructions of a tick
+       what is counted now
        performance_page.py --self-test"""
 import json
 import re
@@ -10,7 +12,20 @@ import subprocess
 import sys
 from pathlib import Path
 
-PAGE = Path(__file__).resolve().parents[2] / "docs/performance.md"
+ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / "tests/structure"))
+import callgrind  # noqa: E402
+
+PAGE = ROOT / "docs/performance.md"
+TICK = "tick/five_bar/esmc/double"
+# What a tick does, and the functions whose own instructions it is (others are inlined into these); the first that matches.
+STAGES = (("law: errors, rates and reaching term of 18 channels", r"\bdemand|angle_of_unit"),
+          ("torque: Cᵀ(M v' + f + g), limits", r"Controller<.*>::act\b"),
+          ("where the mechanism is: closure, rates, guards", r"Controller<.*>::(observe|guarded)\b|estimate|::forward\b"),
+          ("reference: path, inverse kinematics, rates", r"Reference<|Controller<.*>::desired?\b"),
+          ("controller and supervisor: states, checks of the torque", r"Controller<|Supervisor|Outlook|bearable"),
+          ("drives and bus: ages, codecs, checks of what is sent", r"Cycle<|OdriveAxis|odrive|CanFrame|VirtualBus"))
+TOLERANCE = 0.01
 YARDSTICKS = (("law/five_bar/esmc/double", "law/five_bar/straight_line_esmc/double"),
               ("law/five_bar/esmc_projected/double", "law/five_bar/straight_line_esmc_projected/double"),
               ("law/rr/esmc/double", "law/rr/straight_line_esmc/double"),
@@ -33,6 +48,30 @@ def tables(ns):
     ratios = ["| this | beside | takes |", "|---|---|---|"]
     ratios += [f"| `{name}` | `{yard}` | {round(ns[name], 1) / round(ns[yard], 1):.2f} |" for name, yard in YARDSTICKS]
     return "\n".join(times) + "\n", "\n".join(ratios) + "\n"
+
+
+def tick_table(own, calls):
+    """Rows of the stages from a profile of the tick's benchmark."""
+    ticks = sum(n for function, (n, _) in calls.items() if re.search(r"\bCycle<.*>::tick<", function))
+    counts = dict.fromkeys([stage for stage, _ in STAGES], 0.0)
+    for function, cost in own.items():
+        if "esmc::" in function and "anonymous namespace" not in function and "::Config" not in function and not re.search(r">::(Cycle|Controller)\(", function):
+            stage = next((s for s, pattern in STAGES if re.search(pattern, function)), None)
+            if stage:
+                counts[stage] += cost / ticks
+    whole = sum(counts.values())
+    lines = ["| part of a tick | instructions | share |", "|---|---|---|"]
+    lines += [f"| {stage} | {n:.0f} | {100 * n / whole:.0f} % |" for stage, n in counts.items()]
+    return "\n".join([*lines, f"| together | {whole:.0f} | |"]) + "\n"
+
+
+def count(program):
+    return tick_table(*callgrind.profile(program, f"--benchmark_filter=^{TICK}$", "--benchmark_min_time=0.05"))
+
+
+def same_counts(shown, now):
+    a, b = ([[float(x) for x in re.findall(r"\| (\d+) \|", line)] for line in table.splitlines()] for table in (shown, now))
+    return len(a) == len(b) and all(len(x) == len(y) and all(abs(p - q) <= max(5, TOLERANCE * q) for p, q in zip(x, y)) for x, y in zip(a, b))
 
 
 def measure(program):
@@ -64,6 +103,11 @@ def self_test():
     assert list(wrong(page, [*ns, "other"])) == ["no row: other"]
     assert list(wrong(page, [n for n in ns if n != "law/rr/esmc/double"])) == ["no benchmark: law/rr/esmc/double"]
     assert list(wrong(page.replace("1.40", "1.10"), list(ns))), "a ratio that is not that of its times"
+    callgrind.self_test()
+    own = {"void esmc::demand<X>()": 900, "esmc::Cycle<X, Y>::tick<Z>(Z&)": 300, "esmc::(anonymous namespace)::bench()": 70, "strcmp": 8}
+    table = tick_table(own, {"esmc::Cycle<X, Y>::tick<Z>(Z&)": [3, 1500]})
+    assert "channels | 300 | 75 % |" in table and "sent | 100 | 25 % |" in table and "together | 400 |" in table, table
+    assert same_counts(table, table.replace("300", "301")) and not same_counts(table, table.replace("300", "330"))
 
 
 def main():
@@ -74,9 +118,14 @@ def main():
         for name, table in zip(("times", "ratios"), tables(measure(program))):
             head, _, tail = split(text, name)
             text = head + table + tail
+        head, _, tail = split(text, "tick")
+        text = head + count(program) + tail
         PAGE.write_text(text, encoding="utf-8")
     names = subprocess.run([program, "--benchmark_list_tests"], capture_output=True, text=True, check=True).stdout.split()
     found = list(wrong(text, names))
+    now = count(program)
+    if not same_counts(split(text, "tick")[1], now):
+        found.append(f"a tick is now\n{now}")
     print("\n".join(found) if found else f"{len(names)} benchmarks")
     return 1 if found else 0
 
