@@ -221,6 +221,16 @@ Json tracking_json(const Account& a) {
           {"settled_max_m", settled.second}};
 }
 
+/// Beyond these the plant is not the mechanism: norm of the quaternion per step, energy as a part of what is exchanged.
+constexpr double norm_drift_most = 1e-6, energy_error_most = 1e-3;
+
+std::vector<std::string> warnings_of(const SpatialScene& s, const Account& a) {
+  const double balance = a.scale > 0.0 ? a.balance / a.scale : 0.0;
+  if (a.norm_drift <= norm_drift_most && balance <= energy_error_most) return {};
+  return {fmt::format("the plant is not integrated to what it does: norm drift per step {:.1g}, energy balance {:.1g}; a smaller simulation.step than {:g} s",
+                      a.norm_drift, balance, s.step)};
+}
+
 Json summary_of(const SpatialScene& s, const RunOptions& o, const Account& a) {
   const bool driven = s.law != SpatialLawName::none;
   Json j;
@@ -243,6 +253,7 @@ Json summary_of(const SpatialScene& s, const RunOptions& o, const Account& a) {
   j["norm"] = {{"drift_max", a.norm_drift}};
   j["energy"] = {{"relative_error", a.scale > 0.0 ? a.balance / a.scale : 0.0}};
   j["momentum"] = {{"relative_error", driven || s.platform ? Json(nullptr) : Json(a.momentum)}};
+  j["warnings"] = warnings_of(s, a);
   j["fault"] = a.fault.empty() ? Json(nullptr) : Json{{"name", a.fault}, {"t", a.fault_t}};
   j["final_state"] = {{"position", listed(a.end.position)},
                       {"attitude", listed(a.end.attitude)},
@@ -283,7 +294,9 @@ std::string text_of(const Json& j) {
                      j["norm"]["drift_max"].get<double>(), j["energy"]["relative_error"].get<double>());
   if (const Json& m = j["momentum"]["relative_error"]; !m.is_null())
     out += fmt::format(", angular momentum kept to {:.1g}", m.get<double>());
-  return out + fmt::format("\n{:.0f} x real time, digest {}\n", j["real_time_factor"].get<double>(),
+  out += "\n";
+  for (const auto& w : j["warnings"]) out += "warning: " + w.get<std::string>() + "\n";
+  return out + fmt::format("{:.0f} x real time, digest {}\n", j["real_time_factor"].get<double>(),
                            j["digest"].get<std::string>());
 }
 

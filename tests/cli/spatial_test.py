@@ -120,6 +120,11 @@ class Spatial(unittest.TestCase):
         self.assertIsNone(j["tracking"])
         self.assertEqual(j["input"]["force_max_n"], 0.0)
 
+    def test_a_plant_that_is_not_integrated_is_warned_of(self):
+        self.assertEqual(self.summary(BODY)["warnings"], [])
+        warned, = self.summary(BODY, "initial.turning=[1000,1000,1000]")["warnings"]
+        self.assertIn("a smaller simulation.step than 0.001 s", warned)
+
     def test_faults_end_with_one_and_no_force(self):
         j = self.summary(BODY, "control.law=smc_euler", code=1)
         self.assertEqual(j["fault"]["name"], "euler_singular")
