@@ -13,12 +13,14 @@ const { launch, open, frames, drawn } = require("./browser");
 const [program, scenes, , shot] = process.argv.slice(2);
 const five = path.join(scenes, "five_bar_circle.toml"), rr = path.join(scenes, "rr_line.toml");
 let browser;
+const running = new Set();  // benches: one that a failed test leaves would keep this program waiting
 
 /** A bench: its address, and how to end it. */
 async function bench(scene, ...options) {
   const child = spawn(program, ["live", scene, ...options], { stdio: ["ignore", "pipe", "inherit"] });
+  running.add(child);
   const lines = readline.createInterface({ input: child.stdout })[Symbol.asyncIterator](), { value: url } = await lines.next();
-  const ended = new Promise((done) => child.on("exit", (code) => done(code)));
+  const ended = new Promise((done) => child.on("exit", (code) => { running.delete(child); done(code); }));
   return { url, async end() { child.kill("SIGINT"); assert.equal(await ended, 0); } };
 }
 const text = (page, id) => page.textContent(`#${id}`);
@@ -26,6 +28,12 @@ const text = (page, id) => page.textContent(`#${id}`);
 const until = (page, condition, argument) => page.waitForFunction(condition, argument, { timeout: 30000 });
 const state = (page, wanted) => until(page, (word) => document.getElementById("state").textContent === word, wanted);
 const event = (page, wanted) => until(page, (words) => document.getElementById("events").textContent.includes(words), wanted);
+/** Running again after what these words announce; the state that is shown may be that of before. */
+const again = (page, announced) => until(page, (words) => {
+  const all = [...document.querySelectorAll("#events li")].map((line) => [line.dataset.kind, line.lastChild.textContent]);
+  const at = all.findLastIndex(([, text]) => text.includes(words));
+  return at >= 0 && all.slice(at).some(([kind, text]) => kind === "state" && text === "running");
+}, announced);
 const forceOver = (page, least) => until(page, (n) => parseFloat(document.getElementById("force").textContent) > n, least);
 const noForce = (page) => until(page, () => parseFloat(document.getElementById("force").textContent) === 0);
 const time = async (page) => parseFloat(await text(page, "time"));
@@ -46,7 +54,10 @@ const nameless = (page) => page.$$eval("input, select, button, canvas[tabindex]"
   !e.closest("label") && !e.getAttribute("aria-label") && !e.textContent.trim() && !(e.id && document.querySelector(`label[for="${e.id}"]`))).map((e) => e.outerHTML));
 
 before(async () => { browser = await launch(); });
-after(() => browser.close());
+after(async () => {
+  for (const child of running) child.kill("SIGKILL");
+  await browser.close();
+});
 
 if (shot) {
   test("screenshot", async () => {
@@ -116,6 +127,7 @@ if (shot) {
     await event(page, "control.law=smc, control.gain=60.0: halt, new controller, start");
     await event(page, "halting");
     await until(page, () => document.getElementById("subtitle").textContent.includes("law smc"));
+    await again(page, "control.law=smc, control.gain=60.0: halt, new controller, start");
     await state(page, "running");
     await page.selectOption("#add", "payload");
     await event(page, "from now on");
@@ -132,7 +144,7 @@ if (shot) {
     assert.equal(await text(page, "state"), "running");
     await page.fill("#set [name=set]", "reference.radius=0.04");
     await page.click("#set [type=submit]");
-    await event(page, "reference.radius=0.04: halt");
+    await again(page, "reference.radius=0.04: halt");
     await state(page, "running");
     assert.match(await text(page, "sets"), /--set reference\.radius=0\.04/);
     await page.click("#given");
