@@ -41,8 +41,12 @@ class OdriveAxis {
     if (sample_age_ticks_ < age_max) ++sample_age_ticks_;
     if (heartbeat_age_ticks_ < age_max) ++heartbeat_age_ticks_;
     // A drive that was silent for so long may have restarted, and with what it has stored: a watchdog that was switched
-    // on and not saved is off again.
-    if (heartbeat_age_ticks_ > retry_ticks_) proven_ = false;
+    // on and not saved is off again. One that runs must not be found ready once more: it would be starved where nobody
+    // waits for the end of that, and keep its last torque.
+    if (heartbeat_age_ticks_ > retry_ticks_) {
+      proven_ = false;
+      if (starve_ticks_ > 0 && step_ == Step::confirm) step_ = Step::configure;
+    }
   }
 
   [[nodiscard]] bool heard_this_tick() const { return sample_age_ticks_ == 0; }

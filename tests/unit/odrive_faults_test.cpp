@@ -205,6 +205,57 @@ TEST(OdriveAxis, AnAxisThatWasSilentHasToProveItsWatchdogAgain) {
   }
 }
 
+/// Where heartbeats may be missing for longer than `retry`, an axis that runs is not starved when they come back: torque goes on.
+TEST(OdriveAxis, AnAxisThatRunsIsNeverStarved) {
+  for (const std::uint32_t silent : {retry, retry + 1, 3 * retry}) {
+    OdriveAxis a = starving(Version::v0_6, silent == retry + 1 ? 1 : 20);
+    hear(a, 1, watchdog_bit(Version::v0_6));
+    (void)enable(a);
+    ask(a);
+    hear(a, 8);
+    a.begin_tick();
+    hear(a, 8);
+    ASSERT_TRUE(a.ready());
+    for (std::uint32_t n = 0; n < silent; ++n) a.begin_tick();  // the cycle runs: nobody calls enable()
+    for (int n = 0; n < 4; ++n) {
+      a.begin_tick();
+      hear(a, 8);
+      EXPECT_FALSE(a.muted()) << silent;
+      EXPECT_TRUE(a.closed_loop());
+    }
+    // Enabled the next time it has to prove its watchdog again.
+    (void)disable(a);
+    hear(a, 1);
+    ask(a);
+    hear(a, 8);
+    a.begin_tick();
+    hear(a, 8);
+    EXPECT_EQ(a.muted(), silent >= retry) << silent;
+  }
+}
+
+/// While it is being enabled, the whole sequence begins anew: the mode that it was told may be gone.
+TEST(OdriveAxis, AnAxisThatWasSilentBeforeItConfirmedIsToldItsModeAgain) {
+  OdriveAxis a = axis(Version::v0_6);
+  a.prove_watchdog(20);
+  hear(a, 1);
+  ask(a);
+  for (std::uint32_t n = 0; n <= retry + 1; ++n) a.begin_tick();
+  const auto sent = enable(a);
+  ASSERT_EQ(sent.size(), 1U);
+  EXPECT_EQ(sent[0].id & 0x1FU, cmd_mode);
+}
+
+/// Without heartbeats the starving goes on: nothing may be sent to a drive of which nothing is known.
+TEST(OdriveAxis, ASilentDriveIsStarvedToTheEnd) {
+  OdriveAxis a = starving(Version::v0_6, 5 * retry);
+  for (std::uint32_t n = 0; n < 2 * retry; ++n) {
+    a.begin_tick();
+    EXPECT_TRUE(enable(a).empty()) << n;
+    EXPECT_TRUE(a.muted()) << n;
+  }
+}
+
 TEST(OdriveAxis, AWatchdogThatDoesNotExpireIsAContradictionUntilTheAxisIsReleased) {
   OdriveAxis a = starving(Version::v0_6, 20);
   for (int n = 1; n <= 21; ++n) {
