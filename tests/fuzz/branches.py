@@ -3,8 +3,10 @@
 Edges of a program depend on what the optimiser made of it, and each instantiation of a template has its own; here a condition
 is what the source text says, in whichever instantiation."""
 
+import fnmatch
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -14,6 +16,25 @@ sys.path.insert(0, str(ROOT / "tests/structure"))
 from coverage import gather, violations  # noqa: E402
 
 FOLDERS = ("firmware", "hal", "host_sim/scene")
+
+
+UNREACHED = Path(__file__).with_name("unreached.txt")
+
+
+def explained(target, missing):
+    """What is missing and has no line in unreached.txt, and the lines there that are not missing any more."""
+    def key(text):
+        file, what = re.fullmatch(r"([^:]+):\d+:\d+: (never .*)", text).groups()
+        return file, what
+    known = set()
+    for line in UNREACHED.read_text(encoding="utf-8").splitlines():
+        if not line or line.startswith("#"):
+            continue
+        targets, file, what, _ = (part.strip() for part in line.split(" | ", 3))
+        if any(fnmatch.fnmatch(target, t) for t in targets.split()):
+            known.add((file, what))
+    found = {key(m) for m in missing}
+    return [m for m in missing if key(m) not in known], sorted(f"{f}: {w}" for f, w in known - found)
 
 
 def tools(program):

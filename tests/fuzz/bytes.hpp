@@ -80,6 +80,7 @@ class Bus {
   [[nodiscard]] std::span<const hal::CanFrame> unread() const { return std::span(waiting).subspan(next_); }
   std::vector<hal::CanFrame> waiting, sent;
   hal::SendStatus status = hal::SendStatus::ok;
+  unsigned room = 0xFFFF'FFFF;  ///< so many frames it takes, and then none: its queue is full
   std::uint32_t age_us = 0;  ///< of every frame
   bool refused = false;      ///< somebody was told that a frame did not go out
 
@@ -90,12 +91,14 @@ class Bus {
   hal::SendStatus try_send(const hal::CanFrame& f) {
     require(hal::well_formed(f), "only well-formed frames are sent");
     require(!f.extended && !f.fd && !f.bit_rate_switch, "only classic frames with 11 bits are sent");
-    if (status == hal::SendStatus::ok) {
+    const hal::SendStatus now = status == hal::SendStatus::ok && room == 0 ? hal::SendStatus::bus_full : status;
+    if (now == hal::SendStatus::ok) {
       sent.push_back(f);
+      --room;
     } else {
       refused = true;
     }
-    return status;
+    return now;
   }
   bool try_receive(hal::CanFrame& f) {
     if (next_ == waiting.size()) {

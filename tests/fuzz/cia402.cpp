@@ -58,7 +58,8 @@ class Run {
     settings_.master_node = master;
     settings_.retry_ticks = 12;
     settings_.sdo_ticks = 3;
-    settings_.period_us = (choice & 1U) != 0 ? 250 : 1000;
+    constexpr std::array<std::uint32_t, 4> periods{1000, 250, 1234, 3'000'000'000};
+    settings_.period_us = periods[(choice & 1U) + ((choice & 8U) != 0 ? 2 : 0)];
     config_ = {.node = node, .direction = (choice & 2U) != 0 ? -1.0F : 1.0F, .gear_ratio = (choice & 4U) != 0 ? 5.0F : 1.0F,
                .offset = 0.5F};
     axis_ = Cia402Axis(config_, settings_);
@@ -81,7 +82,11 @@ class Run {
       case 5: hear(test::report_of(node, in_.u16(), static_cast<std::int32_t>(in_.u32()), static_cast<std::int16_t>(in_.u16()))); break;
       case 6: hear(test::motion_of(node, static_cast<std::int32_t>(in_.u32()), in_.yes() ? 10 : in_.u8())); break;
       case 7: answer(in_.u8()); break;
-      case 8: enable(in_.below(8) != 7); break;
+      case 8: {
+        const unsigned how = in_.below(8);
+        enable(how == 7 ? 0 : how == 6 ? 1 : 99);
+        break;
+      }
       case 9: disable(); break;
       case 10: torque(in_.f64()); break;
       case 11: axis_.ask_again(); break;
@@ -89,7 +94,7 @@ class Run {
         for (unsigned n = in_.below(128); n > 0 && left_ > 0; --n, --left_) {
           tick();
           answer(0);
-          enable(true);
+          enable(99);
           hold();
         }
         break;
@@ -111,7 +116,7 @@ class Run {
       hear(test::heartbeat_of(node, 0x7F));
     }
     answer(0);
-    enable(true);
+    enable(99);
   }
 
   void tick() {
@@ -183,8 +188,9 @@ class Run {
     if (*asked_ == entry(0x6072, 0)) value = 1500;
     CanFrame f = test::sdo(0x580 + node, reads_ ? 0x42 : 0x60, index, sub, reads_ ? value : 0);
     if (defect % 4 == 1) f.data[in_.below(8)] = in_.u8();
-    if (defect % 4 == 2) f = test::sdo(0x580 + node, 0x80, index, sub, in_.yes() ? 0x06020000 : in_.u32());
-    if (defect % 4 == 3) test::put_little(f, 4, in_.u32(), 4);
+    const std::uint32_t absent = (defect & 8U) != 0 ? 0x06090011 : 0x06020000;  // sub-index, object
+    if (defect % 4 == 2) f = test::sdo(0x580 + node, 0x80, index, sub, in_.yes() ? absent : in_.u32());
+    if (defect % 4 == 3) test::put_little(f, 4, (defect & 8U) != 0 ? in_.u8() : in_.u32(), 4);
     hear(f);
   }
   void take_answer(const CanFrame& f) {
@@ -214,8 +220,11 @@ class Run {
 
   // ---- what is sent ----------------------------------------------------------------------------------------------
 
-  void enable(bool takes) {
+  /// The bus takes so many frames.
+  void enable(unsigned room) {
     axis_.enable([&](const CanFrame& f) {
+      const bool takes = room > 0;
+      if (takes) --room;
       sent(f, takes);
       return takes;
     });

@@ -14,7 +14,11 @@ struct Mit {
   using Axis = drive::MitAxis;
   static constexpr std::array<test::Mounting, 4> mountings{
       {{1, 1.0, 1.0, 0.125}, {2, -1.0, 3.0, -0.25}, {3, -1.0, 0.5, 0.5}, {4, 1.0, 2.0, 0.0}}};
-  static constexpr double step = 18.0 / 4095 * 1.001;  ///< N m: half a code, and zero is none
+  /// N m at the shaft: of a drive like a human hand, and of one that is too small for what is asked of it.
+  static double torque_most(unsigned choice) { return free(choice) && choice / 12 % 2 != 0 ? 0.1 : 18.0; }
+  static double step(unsigned choice) { return torque_most(choice) / 4095 * 1.001; }  ///< half a code, and zero is none
+  static bool free(unsigned choice) { return choice >= fuzz::Shape::fixed; }
+  static constexpr double slack = 1e-6;  ///< of a torque: floats
   static constexpr bool passive_encoders = false;
   static constexpr unsigned master = 0x7E;
 
@@ -23,7 +27,8 @@ struct Mit {
     Axis::Settings s;
     s.dialect = static_cast<Axis::Dialect>(choice % 3);
     s.master_id = static_cast<std::uint16_t>(choice % 4 == 3 ? m.node : master);
-    s.retry_ticks = 8;
+    s.retry_ticks = free(choice) && choice / 24 % 2 != 0 ? 3 : 8;
+    s.ranges.torque = static_cast<float>(torque_most(choice));
     return {{m.node, static_cast<float>(m.direction), static_cast<float>(m.gear), static_cast<float>(m.offset)}, s};
   }
   static Axis::Line line() { return {}; }
@@ -64,6 +69,14 @@ struct Mit {
         default: push(in.frame(id)); break;
       }
     }
+    /// Of what it is.
+    void tamper(fuzz::Bytes& in) {
+      switch (in.below(3)) {
+        case 0: asked = in.yes(); break;  // a command is lost, or another one has come
+        case 1: dialect = in.below(3); break;
+        default: torque = in.u16() & 0xFFFU; break;
+      }
+    }
   };
   static Drive drive(std::size_t i, unsigned choice) {
     Drive d;
@@ -72,18 +85,16 @@ struct Mit {
     d.dialect = choice % 3;
     return d;
   }
-  static bool unscaled(const Drive&) { return false; }
 
   static CanFrame addressed(fuzz::Bytes& in) {
     const unsigned what = in.u8();
     return in.frame(what % 5 == 4 ? master : mountings[what % 4].node);
   }
   /// Where replies come on the node's own identifier, nothing but a reply shows what a frame is.
-  static bool is_torque_command(const CanFrame& f) {
-    const bool first = f.id == mountings[0].node || f.id == mountings[1].node;
-    return first && !f.extended && !f.remote && f.size == 0;
+  static bool is_torque_command(const CanFrame& f, std::size_t axis, unsigned choice) {
+    return f.id == mountings[axis].node && !f.extended && !f.remote && (f.size == 0 || choice % 4 != 3);
   }
-  static Said read(const CanFrame& f, std::size_t axes) {
+  static Said read(const CanFrame& f, std::size_t axes, unsigned choice) {
     Said s;
     while (s.axis < axes && mountings[s.axis].node != f.id) ++s.axis;
     if (s.axis == axes || f.size != 8) return s;
@@ -93,7 +104,7 @@ struct Mit {
       s.kind = Said::Kind::releasing;
     } else if (test::mit_number(f, 0, 2) == 0x8000 && test::mit_number(f, 2, 4) / 256 == 0x800000 && test::mit_number(f, 5, 2) / 16 == 0) {
       s.kind = Said::Kind::torque;
-      s.shaft = (2.0 * static_cast<double>(test::mit_number(f, 6, 2) % 4096) - 4095) / 4095 * 18;
+      s.shaft = (2.0 * static_cast<double>(test::mit_number(f, 6, 2) % 4096) - 4095) / 4095 * torque_most(choice);
     }
     return s;
   }

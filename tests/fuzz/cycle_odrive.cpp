@@ -13,21 +13,40 @@ using hal::CanFrame;
 struct Odrive {
   using Axis = drive::OdriveAxis;
   static constexpr auto& mountings = test::mountings;
-  static constexpr double step = 0;  ///< N m: torques are floats
+  static double step(unsigned) { return 0; }  ///< N m: torques are floats
+  static double torque_most(unsigned) { return std::numeric_limits<double>::infinity(); }
+  static constexpr double slack = 1e-6;  ///< of a torque: floats
   static constexpr bool passive_encoders = true;  ///< a drive without a motor says its angle
 
+  /// What is asked of a drive before it is armed, and how it is watched.
+  struct Kind {
+    bool old = false, proves = false, version = false;
+    unsigned checks = 0;
+    std::uint32_t retry_ticks = 8;
+  };
+  static Kind kind(unsigned choice) {
+    if (choice < fuzz::Shape::fixed) return {choice % 4 == 1, choice == 4, choice == 3, choice == 3 ? 1U : 0U, 8};
+    fuzz::Dial d(choice - fuzz::Shape::fixed);
+    Kind k;
+    k.old = d.turn(2) != 0;
+    k.proves = d.turn(2) != 0;
+    k.version = d.turn(2) != 0;
+    k.checks = d.turn(4);
+    k.retry_ticks = d.turn(2) != 0 ? 20 : 8;
+    return k;
+  }
   static Axis axis(std::size_t i, unsigned choice) {
+    using drive::odrive::ValueType;
     const auto& m = mountings[i];
+    const Kind k = kind(choice);
     drive::OdriveTable table;
-    if (choice == 3) {
-      table.checks[0] = {77, drive::odrive::ValueType::f32, 0.5F, 1.5F};
-      table.count = 1;
-      table.check_version = true;
-      table.firmware = {0, 6, 10};
-    }
+    table.checks = {{{77, ValueType::f32, 0.5F, 1.5F}, {78, ValueType::u8, 3.0F, 3.0F}, {79, ValueType::u32, 5.0F, 7.0F}}};
+    table.count = static_cast<std::uint8_t>(k.checks);
+    table.check_version = k.version;
+    table.firmware = {0, 6, 10};
     Axis a({m.node, static_cast<float>(m.direction), static_cast<float>(m.gear), static_cast<float>(m.offset)},
-           choice % 4 == 1 ? Axis::Version::v0_5_6 : Axis::Version::v0_6, 8, table);
-    if (choice == 4) a.prove_watchdog(6);
+           k.old ? Axis::Version::v0_5_6 : Axis::Version::v0_6, k.retry_ticks, table);
+    if (k.proves) a.prove_watchdog(6);
     return a;
   }
   static Axis::Line line() { return {}; }
@@ -39,6 +58,11 @@ struct Odrive {
     std::uint32_t error = 0, watchdog = 0;
     unsigned fed = 0;
     std::vector<CanFrame> answers;
+    bool mute = false;                        ///< no answers
+    std::uint32_t version = 0x000A0600, flip = 0;  ///< what is wrong with a value
+    std::uint32_t beside = 0;  ///< and with the endpoint
+    std::uint8_t size = 8;
+    bool fd = false, remote = false;
 
     template <class Push>
     void speak(double angle, double rate, bool beats, Push&& push) {
@@ -46,7 +70,11 @@ struct Odrive {
         error = watchdog;
         state = test::axis_idle;
       }
-      for (const CanFrame& f : answers) push(f);
+      for (CanFrame f : answers) {
+        f.fd = fd;
+        f.remote = remote;
+        push(f);
+      }
       answers.clear();
       if (beats) push(test::heartbeat(node, state, error));
       push(test::encoder(node, static_cast<float>(angle / test::turn), static_cast<float>(rate / test::turn)));
@@ -60,13 +88,31 @@ struct Odrive {
           break;
         case test::cmd_clear_errors: error = 0; break;
         case test::cmd_torque: fed = 0; break;
-        case 0: {
-          CanFrame a = test::message(node, 0, 2, 0x000A0600);
-          answers.push_back(a);
+        case 0:
+          if (!mute) answers.push_back(test::message(node, 0, 2, version, size));
+          break;
+        case 4: {
+          const std::uint32_t endpoint = f.data[1] + 256U * f.data[2];
+          const std::uint32_t value = endpoint == 77 ? std::bit_cast<std::uint32_t>(1.0F) : endpoint == 78 ? 3U : 6U;
+          if (!mute) answers.push_back(test::message(node, 5, (endpoint ^ beside) * 256U, value ^ flip, size));
           break;
         }
-        case 4: answers.push_back(test::message(node, 5, (f.data[1] + 256U * f.data[2]) * 256U, std::bit_cast<std::uint32_t>(1.0F))); break;
         default: break;
+      }
+    }
+    /// Of what it answers, and of what it is.
+    void tamper(fuzz::Bytes& in) {
+      switch (in.below(6)) {
+        case 0: mute = in.yes(); break;
+        case 1: version = in.u32(); break;
+        case 2: flip = in.u32(); break;
+        case 3:
+          size = static_cast<std::uint8_t>(in.below(9));
+          fd = in.yes();
+          remote = in.yes();
+          break;
+        case 4: beside = in.below(4); break;
+        default: watchdog = in.yes() ? in.u32() : 0U; break;
       }
     }
     template <class Push>
@@ -83,21 +129,20 @@ struct Odrive {
   static Drive drive(std::size_t i, unsigned choice) {
     Drive d;
     d.node = mountings[i].node;
-    d.watchdog = choice == 4 ? 0x1000000U : 0U;
+    const Kind k = kind(choice);
+    d.watchdog = !k.proves ? 0U : k.old ? 0x800U : 0x1000000U;
     return d;
   }
-  static bool unscaled(const Drive&) { return false; }
 
   /// To one of our nodes.
   static CanFrame addressed(fuzz::Bytes& in) {
     const unsigned what = in.u8();
     return in.frame(mountings[what / 64].node * 32U + what % 32);
   }
-  static bool is_torque_command(const CanFrame& f) {
-    const bool first = test::node_of(f) == mountings[0].node || test::node_of(f) == mountings[1].node;
-    return first && test::command_of(f) == test::cmd_torque && !f.extended && !f.remote;
+  static bool is_torque_command(const CanFrame& f, std::size_t axis, unsigned) {
+    return test::node_of(f) == mountings[axis].node && test::command_of(f) == test::cmd_torque && !f.extended && !f.remote;
   }
-  static Said read(const CanFrame& f, std::size_t axes) {
+  static Said read(const CanFrame& f, std::size_t axes, unsigned) {
     Said s;
     while (s.axis < axes && mountings[s.axis].node != test::node_of(f)) ++s.axis;
     if (s.axis == axes) return s;

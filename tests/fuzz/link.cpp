@@ -62,10 +62,10 @@ link::LinkConfig config(unsigned choice) {
 class Run {
  public:
   explicit Run(fuzz::Bytes& in)
-      : in_(in), choice_(in.u8()), config_(config(choice_)), has_store_((choice_ & 64U) != 0), link_(config_), supervisor_({.can_halt = true, .after_halt = AfterHalt::hold, .sign_test = false}) {
+      : in_(in), choice_(in.u8()), config_(config(choice_)), has_store_((choice_ & 64U) != 0), link_(config_), supervisor_(supervision(in)) {
     desk_.base = base;
     desk_.session = config_.session;
-    if (has_store_) link_.store_status({.state = link::StoreState::idle});
+    if (has_store_) link_.store_status({.state = store_});
     begin();
   }
   void go() {
@@ -74,6 +74,13 @@ class Run {
   }
 
  private:
+  [[nodiscard]] bool more() const { return (choice_ & 128U) != 0; }
+  [[nodiscard]] Supervisor::Config supervision(fuzz::Bytes& in) const {
+    if (!more()) return {.can_halt = true, .after_halt = AfterHalt::hold, .sign_test = false};
+    const unsigned how = in.u8();
+    return {.can_halt = (how & 1U) != 0, .after_halt = static_cast<AfterHalt>(how / 2 % 3), .sign_test = how / 6 % 2 != 0};
+  }
+
   void step() {
     switch (in_.below(10)) {
       case 0: end(); begin(); break;
@@ -121,9 +128,9 @@ class Run {
   CanFrame order(unsigned what) {
     return made(Desk::command, what | (std::uint64_t{desk_.tick & 0xFFFF} << 16) | (std::uint64_t{desk_.crc32 & 0xFFFF} << 32));
   }
-  CanFrame pair(unsigned message, int a, int b) {
+  CanFrame pair(unsigned message, int a, int b, bool elsewhere = false) {
     const auto u24 = [](int v) { return static_cast<std::uint64_t>(static_cast<unsigned>(v) & 0xFFFFFFU); };
-    return made(message, u24(a) | (u24(b) << 24), static_cast<unsigned>(config_.space));
+    return made(message, u24(a) | (u24(b) << 24), static_cast<unsigned>(config_.space) ^ (elsewhere ? 1U : 0U));
   }
   void point() {
     const auto x = static_cast<std::int16_t>(in_.u16()), y = static_cast<std::int16_t>(in_.u16());
@@ -132,8 +139,9 @@ class Run {
   void sample() {
     const auto x = static_cast<std::int16_t>(in_.u16()), v = static_cast<std::int16_t>(in_.u16());
     receive(pair(Desk::position, x * 8, 150000 + x * 4));
-    if (in_.below(8) == 7) return;
-    receive(pair(Desk::velocity, v * 4, -v));
+    const unsigned how = in_.below(8);
+    if (how == 7) return;
+    receive(pair(Desk::velocity, v * 4, -v, how == 6));
   }
   void write(unsigned index, float value) {
     receive(made(Desk::write, index | (std::uint64_t{std::bit_cast<std::uint32_t>(value)} << 16U)));
@@ -230,9 +238,8 @@ class Run {
     if (r.has_point || r.has_sample || r.hold) require(supervisor_.state() == State::running, "guided while running only");
     const link::StoreWish wish = link_.take_store_wish();
     require(wish == link::StoreWish::none || storing_ == 3, "nothing is stored that nobody asked for");
-    if (storing_ > 0 && --storing_ == 0) {
-      link_.store_status({.state = (choice_ & 1U) != 0 ? link::StoreState::stored : link::StoreState::failed});
-    }
+    if (storing_ > 0 && --storing_ == 0) store_ = (choice_ & 1U) != 0 ? link::StoreState::stored : link::StoreState::failed;
+    if (has_store_ && storing_ == 0) link_.store_status({.state = store_});
     const unsigned drives = in_.u8();
     supervisor_.begin_tick(r.command, {(drives & 1U) == 0, (drives & 2U) == 0}, (drives & 4U) != 0);
     if ((drives & 0xF0U) == 0xF0U) supervisor_.raise(static_cast<Fault>(in_.below(fault_count)));
@@ -243,11 +250,11 @@ class Run {
     }
     link::Report report;
     report.joints = static_cast<std::uint8_t>(drives % 5);
-    const bool takes = (drives & 8U) == 0;
+    const unsigned room = (drives & 8U) == 0 ? 99 : more() ? in_.below(8) : 0;  // so many frames the bus takes
     unsigned frames = 0;
     link_.transmit(supervisor_, report, [&](const CanFrame& f) {
-      ++frames;
       told(f);
+      const bool takes = frames++ < room;
       if (takes) desk_.hear(f);
       return takes;
     });
@@ -270,6 +277,7 @@ class Run {
   link::LinkConfig config_;
   bool has_store_;
   unsigned storing_ = 0;  // ticks that it will take
+  link::StoreState store_ = link::StoreState::idle;
   link::CommandLink link_;
   Supervisor supervisor_;
   Desk desk_;

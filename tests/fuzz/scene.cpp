@@ -10,6 +10,7 @@
 #include "host_sim/error.hpp"
 #include "host_sim/scene/scene.hpp"
 #include "tests/fuzz/bytes.hpp"
+#include "tests/fuzz/scene_builder.hpp"
 
 namespace {
 
@@ -87,13 +88,34 @@ void read_twice(const std::string& text, const std::vector<std::string>& sets) {
   }
 }
 
+/// A scene that is nearly right, beside a file of one of the kinds that scenes name.
+void built(fuzz::Bytes& in, bool two_legs, bool with_overrides) {
+  switch (in.below(4)) {
+    case 0: write_file("t,x,y\n0.0,0.0,0.17\n0.05,0.01,0.17\n0.1,0.0,0.18\n"); break;
+    case 1: write_file(five_bar); break;
+    case 2:
+      write_file(R"({"fw_version": "0.6.10", "endpoints": {"axis0.config.motor.torque_constant": {"id": 10, "type": "float"}}})");
+      break;
+    default: write_file("\377\n"); break;
+  }
+  fuzz::SceneBuilder scene(in, two_legs, file_name);
+  if (!with_overrides) {
+    scene.change();
+    read_twice(scene.text(), {});
+    return;
+  }
+  const std::vector<std::string> sets = scene.overrides(1 + static_cast<int>(in.below(4)));
+  scene.change();
+  read_twice(scene.text(), sets);
+}
+
 }  // namespace
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   if (size == 0) return 0;
   const std::string rest(reinterpret_cast<const char*>(data) + 1, size - 1);
   try {
-    switch (data[0] % 4) {
+    switch (data[0] % 8) {
       case 0: read_twice(rest, {}); break;
       case 1: {
         std::vector<std::string> sets;
@@ -109,12 +131,17 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
         write_file(rest);
         (void)read(five_bar, {"reference.type=file", "reference.path=" + file_name});
         break;
-      default: {
+      case 3: {
         write_file(rest);
         std::string text;
         const auto e = host::read_odrive_endpoints("fuzz", file_name, text);
         require(text == rest, "the text is what is in the file");
         require(e.list.size() <= host::odrive_values.size(), "each value once");
+        break;
+      }
+      default: {
+        fuzz::Bytes in(data + 1, size - 1);
+        built(in, (data[0] & 1U) == 0, (data[0] & 2U) != 0);
         break;
       }
     }

@@ -2,13 +2,14 @@
 """Every fuzz target until what it reaches of the source does not grow any more.
 
 usage: study.py BUILD_DIR_OF_THE_TARGETS [--scale X] [--keep] [TARGET...]
+       study.py BUILD_DIR_OF_THE_TARGETS --check [TARGET...]     only whether the kept inputs reach all but what unreached.txt explains
 
 Each target runs optimised and without sanitizers (`fast`), where most of the executions are, and then sanitized on what was
 found. The measure are the outcomes of conditions in the source (branches.py), looked at after each round of executions, each
 round as long as all before it. A target runs for the executions in the table below, and on until QUIET times as many as it had
 when its measure last grew, but not for more than X (20) times the executions of the table.
 Writes BUILD_DIR/study.md, a table, and BUILD_DIR/study/<target>/missing.txt: conditions of functions that ran which were never
-true or never false. --keep replaces tests/fuzz/corpus by the minimised inputs: with all features, or with all edges where that
+true or never false, without those that unreached.txt explains. --keep replaces tests/fuzz/corpus by the minimised inputs: with all features, or with all edges where that
 would be more than KEPT.
 A failing input ends the study; it is left in the build folder and printed."""
 import base64
@@ -19,7 +20,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from branches import measure
+from branches import explained, measure
 from corpus import pack, unpack
 
 HERE = Path(__file__).resolve().parent
@@ -73,8 +74,9 @@ def study(program, looker, folder, least, most, longest):
         reached, all_ = reached | now, all_ | of
         print(f"{program.name}: {total} executions, {edges} edges, {len(reached)} of {len(all_)} outcomes, grew last within {last}", flush=True)
         runs, seed = total, seed + 1
-    (folder.parent / "missing.txt").write_text("\n".join(missing) + "\n", encoding="utf-8")
-    return {"total": total, "last": last, "edges": edges, "reached": len(reached), "of": len(all_)}
+    open_, _ = explained(folder.parent.name, missing)
+    (folder.parent / "missing.txt").write_text("".join(f"{m}\n" for m in open_), encoding="utf-8")
+    return {"total": total, "last": last, "edges": edges, "reached": len(reached), "of": len(all_), "open": len(open_)}
 
 
 def reached_by(looker, inputs, scratch):
@@ -112,9 +114,29 @@ def keep(program, looker, folder, name):
     print(name, "kept: %d inputs, %d bytes packed" % pack(kept, HERE / "corpus" / f"{name}.txt"), flush=True)
 
 
+def check(build, names):
+    """Whether each target reaches all but what is explained, and nothing that was explained away."""
+    good = True
+    for name in names:
+        folder = build / "study" / name / "check"
+        count = unpack(HERE / "corpus" / f"{name}.txt", folder)
+        reached, all_, missing = measure(build / f"fuzz_{name}_branches", folder)
+        open_, stale = explained(name, missing)
+        print(f"{name}: {count} kept inputs reach {len(reached)} of {len(all_)} outcomes; {len(all_) - len(reached) - len(open_)} explained, "
+              f"{len(open_)} open", flush=True)
+        for text in open_:
+            print(f"  open: {text}")
+        for text in stale:
+            print(f"  reached after all, or gone: {text}")
+        good = good and not open_ and not stale
+    return good
+
+
 def main():
     arguments = sys.argv[1:]
     build = Path(arguments.pop(0)).resolve()
+    if "--check" in arguments:
+        sys.exit(0 if check(build, [a for a in arguments if a != "--check"] or list(TARGETS)) else 1)
     scale = 20.0
     if "--scale" in arguments:
         at = arguments.index("--scale")
@@ -122,7 +144,7 @@ def main():
         del arguments[at:at + 2]
     keeps = "--keep" in arguments
     names = [a for a in arguments if a != "--keep"] or list(TARGETS)
-    rows = ["| target | build | executions | edges | outcomes reached | of | grew last within | inputs |", "|---|---|---|---|---|---|---|---|"]
+    rows = ["| target | build | executions | edges | outcomes reached | of | open | grew last within | inputs |", "|---|---|---|---|---|---|---|---|---|"]
     whole = 0
     for name in names:
         longest, fast, sanitized = TARGETS[name]
@@ -138,7 +160,7 @@ def main():
                 continue
             r = study(build / f"fuzz_{name}{kind}", build / f"fuzz_{name}_branches", folder, least, int(least * scale), longest)
             whole += r["total"]
-            rows.append(f"| `{name}` | {'fast' if kind else 'sanitized'} | {r['total']:,} | {r['edges']} | {r['reached']} | {r['of']} | "
+            rows.append(f"| `{name}` | {'fast' if kind else 'sanitized'} | {r['total']:,} | {r['edges']} | {r['reached']} | {r['of']} | {r['open']} | "
                         f"{r['last']:,} | {len(list(folder.iterdir()))} |".replace(",", " "))
             (build / "study.md").write_text("\n".join(rows) + f"\n\n{whole:,} executions\n".replace(",", " "), encoding="utf-8")
         if keeps:

@@ -96,7 +96,7 @@ def functions_of(text):
 
 
 def violations(lines, branches, root, folders):
-    files = sorted(f for folder in folders for f in (root / folder).rglob("*.hpp"))
+    files = sorted(f for folder in folders for f in (root / folder).rglob("*.[hc]pp"))
     if not files:
         yield "no file to look at"
     for file in files:
