@@ -73,31 +73,28 @@ class Bytes {
   std::size_t left_;
 };
 
-/// A bus under the hand of the input. Frames wait without limit; what was sent stays until clear().
+/// A bus under the hand of the input. Frames wait without limit; what was sent, or tried, stays until clear().
 class Bus {
  public:
   /// Of `waiting`, what has not been taken.
   [[nodiscard]] std::span<const hal::CanFrame> unread() const { return std::span(waiting).subspan(next_); }
-  std::vector<hal::CanFrame> waiting, sent;
+  std::vector<hal::CanFrame> waiting, sent, tried;
   hal::SendStatus status = hal::SendStatus::ok;
   unsigned room = 0xFFFF'FFFF;  ///< so many frames it takes, and then none: its queue is full
   std::uint32_t age_us = 0;  ///< of every frame
-  bool refused = false;      ///< somebody was told that a frame did not go out
 
   void clear() {
     sent.clear();
-    refused = false;
+    tried.clear();
   }
   hal::SendStatus try_send(const hal::CanFrame& f) {
     require(hal::well_formed(f), "only well-formed frames are sent");
     require(!f.extended && !f.fd && !f.bit_rate_switch, "only classic frames with 11 bits are sent");
+    tried.push_back(f);
     const hal::SendStatus now = status == hal::SendStatus::ok && room == 0 ? hal::SendStatus::bus_full : status;
-    if (now == hal::SendStatus::ok) {
-      sent.push_back(f);
-      --room;
-    } else {
-      refused = true;
-    }
+    if (now != hal::SendStatus::ok) return now;
+    sent.push_back(f);
+    --room;
     return now;
   }
   bool try_receive(hal::CanFrame& f) {

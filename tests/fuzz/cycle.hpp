@@ -98,13 +98,16 @@ class CycleRun {
   }
   void push(const hal::CanFrame& f) {
     silent_ = false;
-    if (f.id == link_base && f.size >= 3) {
-      ordered_enable_ = ordered_enable_ || f.data[2] == Desk::arm;
-      ordered_reset_ = ordered_reset_ || f.data[2] == Desk::reset;
-    }
+    order(f, cycle_.link().session());
     if (commands(f)) impostor_ = true;
     last_ = f;
     bus_.waiting.push_back(f);
+  }
+  /// An order that may count: sealed with the session that the controller has when it comes. Its age and counter: the target `link`.
+  void order(const hal::CanFrame& f, unsigned session) {
+    if (f.id != link_base || f.size != 8 || f.fd || f.remote || f.extended || desk_.seal(f, session).data[0] != f.data[0]) return;
+    ordered_enable_ = ordered_enable_ || f.data[2] == Desk::arm;
+    ordered_reset_ = ordered_reset_ || f.data[2] == Desk::reset;
   }
   /// The frames of a tick. `without`: bit 0, 1: first or second axis says nothing; bit 2: no heartbeats.
   void speak(unsigned without) {
@@ -131,7 +134,13 @@ class CycleRun {
         push(desk_.seal(f, in.below(8) == 7 ? 0U : desk_.session));
         break;
       }
-      case 4: push(desk_.order(in.below(12))); break;
+      case 4: {
+        const unsigned what = in.u8();
+        hal::CanFrame f = desk_.order(what % 12);
+        if (what >= 240) f.data[0] ^= 0x10U;
+        push(f);
+        break;
+      }
       case 5: {
         const auto x = static_cast<std::int16_t>(in.u16()), y = static_cast<std::int16_t>(in.u16());
         push(desk_.pair(in.yes() ? Desk::point : Desk::position, x * 64, y * 64, space()));
@@ -258,6 +267,8 @@ class CycleRun {
     asked_enable_ = ordered_enable_ || command_ == Command::enable;
     asked_reset_ = ordered_reset_ || command_ == Command::reset;
     command_ = Command::none;
+    for (const auto& f : bus_.tried) require(P::read(f, axes_, drive_).kind == Said::Kind::asking, "between ticks samples are asked for, and no more");
+    if (refused_off()) refused_off_ = true;
     bus_.clear();
     const TickResult<M> r = cycle_.tick(bus_, answer);
     ++ticks_;
@@ -275,11 +286,15 @@ class CycleRun {
     desk_.heard.clear();
     if (bus_.waiting.empty()) {  // else a flood: the rest comes in the next ticks
       silent_ = true;
-      ordered_enable_ = ordered_reset_ = false;
     }
+    ordered_enable_ = ordered_reset_ = false;
+    for (const auto& f : bus_.unread()) order(f, cycle_.link().session());
     impostor_ = std::ranges::any_of(bus_.unread(), [&](const hal::CanFrame& f) { return commands(f); });
-    refused_off_ = bus_.refused && bus_.status == hal::SendStatus::bus_off;
+    refused_off_ = refused_off();
+    bus_.clear();
   }
+
+  [[nodiscard]] bool refused_off() const { return bus_.sent.size() != bus_.tried.size() && bus_.status == hal::SendStatus::bus_off; }
 
   /// Joints move as the machine would; or they give way to a torque, or turn against it.
   void give(const TickResult<M>& r) {
@@ -332,9 +347,10 @@ class CycleRun {
     frames(r, answer);
   }
 
+  /// What it sent, and what the bus did not take: one that is refused now may be taken in the next run.
   void frames(const TickResult<M>& r, bool answer) {
     std::array<int, joints> torques{};
-    for (const auto& f : bus_.sent) {
+    for (const auto& f : bus_.tried) {
       if (f.id >= link_base && f.id < link_base + 32) {
         require(f.id >= link_base + 16 && f.size == 8, "telemetry only");
         continue;
@@ -346,6 +362,8 @@ class CycleRun {
         case Said::Kind::enabling: require(r.state == State::enabling, "drives are enabled while enabling only"); break;
         case Said::Kind::releasing: require(!has_torque(r.state), "drives are not released under torque"); break;
         case Said::Kind::line: break;
+        case Said::Kind::alive: require(r.state != State::fault, "a controller with a fault keeps no drive alive"); break;
+        case Said::Kind::asking:
         case Said::Kind::unknown: require(false, "a frame that the controller does not send");
       }
     }
@@ -353,9 +371,7 @@ class CycleRun {
       const std::size_t motor = motor_of(i);
       const bool muted = cycle_.axis(static_cast<int>(i)).muted();
       require(!muted || !has_torque(r.state), "nobody is starved under torque");
-      const bool wanted = answer && motor < 4 && bus_.status == hal::SendStatus::ok && !muted;
-      const bool lost = bus_.refused && bus_.room == 0;
-      require(torques[i] == (wanted ? 1 : 0) || (lost && wanted && torques[i] == 0), "one torque command for each motor");
+      require(torques[i] == (answer && motor < 4 && !muted ? 1 : 0), "one torque command for each motor");
     }
   }
   /// 4: no motor.

@@ -129,8 +129,9 @@ struct Cia402 {
   }
   static Said read(const CanFrame& f, std::size_t axes, unsigned choice) {
     Said s;
-    if ((f.id == 0x080 && f.size == 0) || (f.id == 0x700 + master && f.size == 1 && f.data[0] == 5)) {
-      s.kind = Said::Kind::line;
+    const bool sync = f.id == 0x080 && f.size == 0, heartbeat = f.id == 0x700 + master && f.size == 1 && f.data[0] == 5;
+    if (sync || heartbeat) {
+      s.kind = sync ? Said::Kind::asking : Said::Kind::alive;
       return s;
     }
     const unsigned node = f.id == 0 ? f.data[1] : f.id % 0x80U;
