@@ -69,7 +69,7 @@ class Controller {
     if (age > limits.max_age_ticks) return Fault::stale_feedback;
     angle = measured.angle[joint] + measured.rate[joint] * (S(age) * config_.sample_time + phase + config_.torque_lead);
     if (!finite(angle)) return Fault::feedback_not_finite;  // also where one of the two is not, even times zero
-    if (age == 0 && !consistency_.plausible(joint, measured, limits.feedback_jump, config_.sample_time)) {
+    if (!consistency_.plausible(joint, measured, limits.feedback_jump, config_.sample_time)) {
       return Fault::feedback_jump;
     }
     return Fault::none;
@@ -140,9 +140,7 @@ class Controller {
     } else {
       acted = true;
       act(t, out);
-      if (run && running_tick_ < config_.ramp_ticks) {
-        out.torque *= S(running_tick_ + 1) / S(config_.ramp_ticks);
-      }
+      if (run && running_tick_ < config_.ramp_ticks) fade_in(t.pose, out);
     }
     fault = limit(out);
     if (remembers_) [[unlikely]] memory_.keep(out.torque, !out.saturated && (!run || running_tick_ >= config_.ramp_ticks));
@@ -165,6 +163,25 @@ class Controller {
   /// Torque of the base motors that balances the weight at rest.
   [[nodiscard]] Vec2<S> weight(const typename M::Pose& pose) const {
     return config_.mechanism.base_torque(pose, config_.mechanism.force(M::Channels::Zero().eval(), rest<M>()));
+  }
+
+  /// The ramp is of what the law asks beyond the weight: that was carried by the brake, or by the sign test, a tick before.
+  [[gnu::cold]] void fade_in(const typename M::Pose& pose, TickResult<M>& out) const {
+    const S share = S(running_tick_ + 1) / S(config_.ramp_ticks);
+    Vec<S, M::joints> held = Vec<S, M::joints>::Zero();
+    if (config_.allocate != nullptr) {
+      const typename M::Channels still = M::Channels::Zero();
+      config_.allocate(config_, pose, config_.mechanism.force(still, rest<M>()), held);
+      if (!config_.preload.isZero(S(0))) {  // which is no weight
+        Vec<S, M::joints> preloaded;
+        config_.allocate(config_, pose, still, preloaded);
+        held -= preloaded;
+      }
+    } else {
+      const Vec2<S> base = weight(pose);
+      for (int i = 0; i < 2; ++i) held[Config::joint_of(i, 2)] = base[i];
+    }
+    out.torque = held + (out.torque - held) * share;
   }
 
   Fault follow(Tracking<M>& t) {

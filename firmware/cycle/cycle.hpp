@@ -260,6 +260,7 @@ class Cycle {
       if (!powered) continue;  // other errors of a drive that is being enabled are expected
       if (a.error()) return Fault::drive_error;
       if (!a.closed_loop()) return Fault::drive_disarmed;
+      if (motors_.count > sensors_.count && a.sample_age_ticks() > controller_.config().limits.max_age_ticks) return Fault::stale_feedback;
       if (a.heartbeat_age_ticks() > heartbeat_age_ticks_max_) return Fault::heartbeat_lost;
       if constexpr (requires { a.observed_torque(); }) {
         if (!echo_.plausible(i * motors_.joint_step, a.observed_torque())) return Fault::torque_mismatch;

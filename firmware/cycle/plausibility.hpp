@@ -18,12 +18,12 @@ class Consistency {
  public:
   using S = typename M::Scalar;
 
-  /// Whether a fresh sample of a joint is within `jump` rad per tick passed of where its rate takes it from the last
-  /// one. Finite samples only. True before the first one, and with jump = 0.
+  /// Whether a sample of a joint that is newer than the last one is within `jump` rad per tick between them of where its rate
+  /// takes it from there; it may itself be some ticks old. Finite samples only. True before the first one, and with jump = 0.
   [[nodiscard]] bool plausible(int joint, const Sample<M>& now, S jump, S sample_time) const {
     const auto u = static_cast<unsigned>(joint);
-    if (!(jump > S(0)) || !known_[u]) return true;
-    const S ticks = S(since_[u] + 1);
+    if (!(jump > S(0)) || !known_[u] || now.age_ticks[u] > age_[u]) return true;
+    const S ticks = S(age_[u] + 1 - now.age_ticks[u]);
     const S off = now.angle[joint] - last_[joint] - now.rate[joint] * (sample_time * ticks);
     return within(off, jump * ticks);
   }
@@ -32,12 +32,12 @@ class Consistency {
   void keep(const Sample<M>& now, int step) {
     for (int j = 0; j < M::joints; j += step) {
       const auto u = static_cast<unsigned>(j);
-      if (now.age_ticks[u] == 0) {
+      if (now.age_ticks[u] <= (known_[u] ? age_[u] : forgotten)) {
         last_[j] = now.angle[j];
         known_[u] = true;
-        since_[u] = 0;
-      } else if (since_[u] < forgotten) {
-        ++since_[u];
+        age_[u] = now.age_ticks[u];
+      } else if (age_[u] < forgotten) {
+        ++age_[u];
       } else {
         known_[u] = false;
       }
@@ -47,7 +47,7 @@ class Consistency {
  private:
   static constexpr std::uint32_t forgotten = 1000;  ///< ticks: what was known before says nothing any more
   Vec<S, M::joints> last_ = Vec<S, M::joints>::Zero();
-  std::array<std::uint32_t, static_cast<unsigned>(M::joints)> since_{};
+  std::array<std::uint32_t, static_cast<unsigned>(M::joints)> age_{};  ///< ticks, of the last one at the end of the tick before
   std::array<bool, static_cast<unsigned>(M::joints)> known_{};
 };
 

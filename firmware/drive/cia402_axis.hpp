@@ -127,14 +127,14 @@ class Cia402Axis {
   ///   pre-operational, heartbeat on  ->  its heartbeat says pre-operational  ->  every entry of cia402::setup
   ///     ->  NMT start  ->  PDOs  ->  controlwords 06, 07, 0F, each after its statusword  ->  two reports: ready()
   ///
-  /// One SDO request at a time, at most four times; then, and after `retry_ticks` without progress, from the start.
+  /// A drive that boots, or that falls back on the way through its states, has what it had stored: all of it anew. One SDO request at a time, at most four times; then, and after `retry_ticks` without progress, from the start.
   template <class Send>
   void enable(Send&& send) {
     asking_ = true;
     disobeyed_ticks_ = 0;
     if (ready() || contradicted_) return;
     if (wait_ticks_ > 0) --wait_ticks_;
-    if (step_ > Step::setup && wait_ticks_ == 0) return restart();
+    if (step_ > Step::call && (booted_ || (step_ > Step::setup && wait_ticks_ == 0))) return restart();
     if (step_ == Step::call) return call(send);
     if (step_ == Step::setup) return configure(send);
     if (step_ == Step::start) return start(send);
@@ -240,7 +240,7 @@ class Cia402Axis {
                        send(canopen::encode_sdo_write(config_.node, cia402::producer_heartbeat, settings_.heartbeat_ms, 2));
     wait_ticks_ = settings_.retry_ticks;
     called_ = taken && heard_;
-    answered_ = mapped_ = false;
+    answered_ = mapped_ = booted_ = false;
     emergency_ = 0;
   }
 
@@ -283,7 +283,9 @@ class Cia402Axis {
     operate();
   }
   void operate() {
-    if (nmt_ != canopen::NmtState::operational) return restart();
+    const bool on_its_way = control_ == cia402::control_switch_on || control_ == cia402::control_enable_operation;
+    const bool fell_back = on_its_way && state_ == cia402::State::switch_on_disabled;
+    if (nmt_ != canopen::NmtState::operational || fell_back) return restart();
     const std::uint16_t before = control_;
     set_control(answer_to(state_));
     if (control_ != before) wait_ticks_ = settings_.retry_ticks;
@@ -311,6 +313,11 @@ class Cia402Axis {
     nmt_ = *state;
     heartbeat_age_ticks_ = 0;
     if (nmt_ == canopen::NmtState::operational) return Received::accepted;
+    if (nmt_ == canopen::NmtState::boot_up) {
+      booted_ = true;
+      mapped_ = false;  // its PDOs may come at once, and be anything
+      state_ = cia402::State::unknown;
+    }
     answered_ = nmt_ == canopen::NmtState::pre_operational;
     reported_ = true;
     confirmations_ = 0;
@@ -436,6 +443,7 @@ class Cia402Axis {
   bool has_report_ = false, has_motion_ = false;  // PDOs of this tick
   bool reported_ = false;           // said in this tick that it is not operational
   bool heard_ = false;              // a heartbeat or boot-up
+  bool booted_ = false;             // since it was called
   bool alive_ = false;
   bool sampled_ = false;            // by the last frame
   bool asking_ = false;             // enable() was called in this tick

@@ -21,11 +21,14 @@ class OdriveAxis {
   /// `retry_ticks`: how long to wait for closed-loop control before asking again, > 0.
   /// `table`: what must be read back before the axis is armed; firmware 0.6 only.
   OdriveAxis(const AxisConfig& config, Version version, std::uint32_t retry_ticks, const OdriveTable& table = {})
-      : config_(config), version_(version), retry_ticks_(retry_ticks),
+      : config_(config), version_(version), retry_ticks_(retry_ticks), silence_ticks_(retry_ticks > 0 ? retry_ticks : age_max),
         read_back_(version == Version::v0_6 ? table : OdriveTable{}) {}
-  /// Before the axis is ready for the first time, and again after it was silent for `retry_ticks`, its watchdog is starved
-  /// at zero torque and must expire within so many ticks; 0: it is believed.
+  /// Before the axis is ready for the first time, and again once it may have restarted, its watchdog is starved at zero
+  /// torque and must expire within so many ticks; 0: it is believed.
   void prove_watchdog(std::uint32_t ticks) { starve_ticks_ = ticks; }
+  /// An axis without a heartbeat for more than so many ticks may have restarted: what it was found to be counts no more.
+  /// `retry_ticks` where nothing is said, and never longer.
+  void restarts_within(std::uint32_t ticks) { silence_ticks_ = ticks < retry_ticks_ ? ticks : retry_ticks_; }
 
   /// Takes a frame from the bus. No side effect unless `accepted`. An emergency stop that somebody sends to this
   /// axis, or to all, is taken whatever its length and format.
@@ -40,13 +43,7 @@ class OdriveAxis {
     counted_ = false;
     if (sample_age_ticks_ < age_max) ++sample_age_ticks_;
     if (heartbeat_age_ticks_ < age_max) ++heartbeat_age_ticks_;
-    // A drive that was silent for so long may have restarted, and with what it has stored: a watchdog that was switched
-    // on and not saved is off again. One that runs must not be found ready once more: it would be starved where nobody
-    // waits for the end of that, and keep its last torque.
-    if (heartbeat_age_ticks_ > retry_ticks_) {
-      proven_ = false;
-      if (starve_ticks_ > 0 && step_ == Step::confirm) step_ = Step::configure;
-    }
+    if (heartbeat_age_ticks_ == silence_ticks_ + 1) [[unlikely]] fall_silent();
   }
 
   [[nodiscard]] bool heard_this_tick() const { return sample_age_ticks_ == 0; }
@@ -196,11 +193,12 @@ class OdriveAxis {
   [[nodiscard]] bool is_for_all(const hal::CanFrame& f) const {
     return version_ == Version::v0_6 && (f.id >> 5U) == odrive::node_broadcast;
   }
-  /// What only we may send. 0.5.6 does not look at RTR before it obeys; with 0.6 a remote frame asks for nothing here, and
-  /// a write to an endpoint is told by its first byte.
+  /// What only we may send. 0.5.6 does not look at RTR before it obeys, and any frame to it feeds its watchdog: one that
+  /// polls it would keep our last torque alive. With 0.6 a remote frame asks for nothing here, and a write to an endpoint is
+  /// told by its first byte.
   [[nodiscard]] bool commands(const hal::CanFrame& f) const {
     const std::uint32_t message = f.id & 0x1FU;
-    if (version_ == Version::v0_5_6) return odrive::is_command(message, version_);
+    if (version_ == Version::v0_5_6) return f.remote || f.size == 0 || odrive::is_command(message, version_);
     if (f.remote) return false;
     if (static_cast<odrive::Message>(message) == odrive::Message::rx_sdo) return f.size > 0 && f.data[0] != 0;
     return odrive::is_command(message, version_);
@@ -219,10 +217,25 @@ class OdriveAxis {
   void starve() {
     if (!closed_loop() || error()) {
       proven_ = reports_watchdog() && !closed_loop();
+      if (!proven_) doubt();
       step_ = Step::configure;
       return;
     }
     unfed_ = ++starved_ticks_ > starve_ticks_;
+  }
+
+  /// It may have restarted, and with what it has stored: a watchdog that was switched on and not saved is off again.
+  void doubt() {
+    proven_ = false;
+    if (!read_back_.contradicted()) read_back_.restart();
+  }
+  /// One that runs must not be found ready once more: it would be starved where nobody waits for the end of that, and keep
+  /// its last torque. One that is starved already is starved to the end.
+  [[gnu::cold]] void fall_silent() {
+    doubt();
+    if (step_ == Step::starve) return;
+    confirmations_ = 0;
+    step_ = Step::configure;
   }
 
   void wait() { wait_ticks_ = retry_ticks_ > 0 ? retry_ticks_ - 1 : 0; }
@@ -285,6 +298,7 @@ class OdriveAxis {
       stopped_ = true;
     }
     if (idle()) owed_ = false;
+    if (confirmations_ > 0 && !closed_loop() && !reports_watchdog()) doubt();
     if (step_ != Step::confirm || !closed_loop() || error()) {
       confirmations_ = 0;
     } else if (confirmations_ < 2 && !counted_) {  // a heartbeat seen twice in a tick is one heartbeat
@@ -310,7 +324,7 @@ class OdriveAxis {
   Version version_ = Version::v0_6;
   odrive::Heartbeat last_{};
   odrive::EncoderEstimates estimates_{};
-  std::uint32_t retry_ticks_ = 150;
+  std::uint32_t retry_ticks_ = 150, silence_ticks_ = 150;
   OdriveReadBack read_back_{};
   std::uint32_t wait_ticks_ = 0;        // until the sequence is repeated
   std::uint32_t clear_wait_ticks_ = 0;  // until errors may be cleared again

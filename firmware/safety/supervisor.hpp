@@ -92,12 +92,12 @@ class Supervisor {
   }
   /// Whether there may be torque at all.
   [[nodiscard]] bool powered() const { return running() || retreating() || state_ == State::testing; }
-  /// Ticks since power-up, modulo 2^32; at which of them the latched fault was found; how often each fault was
-  /// found since power-up, up to count_max.
+  /// Ticks since power-up, modulo 2^32; at which of them the latched fault was found; how often each fault has come
+  /// since power-up, up to count_max. One that is found in tick after tick has come once.
   [[nodiscard]] std::uint32_t tick() const { return tick_; }
   [[nodiscard]] std::uint32_t fault_tick() const { return fault_tick_; }
   static constexpr std::uint16_t count_max = 0xFFFF;
-  [[nodiscard]] std::uint16_t count(Fault f) const { return counts_[static_cast<unsigned>(f)]; }
+  [[nodiscard]] std::uint16_t count(Fault f) const { return counts_[static_cast<unsigned>(f)].times; }
 
   /// `stage_done`: the controller's word that the motors answered (testing), that the mechanism is at rest (halting) or
   /// has been let down (lowering).
@@ -157,8 +157,7 @@ class Supervisor {
   /// while disabled: there is no torque to take away, and what is wrong will be found again on enabling.
   void raise(Fault f) {
     if (f == Fault::none || state_ == State::disabled) return;
-    std::uint16_t& n = counts_[static_cast<unsigned>(f)];
-    if (n < count_max) ++n;
+    count(counts_[static_cast<unsigned>(f)]);
     const bool halt = config_.can_halt && (running() || retreating()) && reaction(f) == Reaction::halt;
     if (fault_ == Fault::none) {
       fault_ = f;
@@ -172,6 +171,15 @@ class Supervisor {
   }
 
  private:
+  struct Count {
+    std::uint32_t last_tick = 0;
+    std::uint16_t times = 0;
+  };
+  void count(Count& c) const {
+    const bool goes_on = c.times > 0 && tick_ - c.last_tick <= 1;
+    if (!goes_on && c.times < count_max) ++c.times;
+    c.last_tick = tick_;
+  }
   void rest() {
     switch (config_.after_halt) {
       case AfterHalt::release: leave(); break;
@@ -185,7 +193,7 @@ class Supervisor {
   State state_ = State::disabled;
   Fault fault_ = Fault::none;
   std::uint32_t tick_ = 0, fault_tick_ = 0;
-  std::array<std::uint16_t, static_cast<unsigned>(fault_count)> counts_{};
+  std::array<Count, static_cast<unsigned>(fault_count)> counts_{};
 };
 
 }  // namespace esmc

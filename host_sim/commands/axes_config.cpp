@@ -60,6 +60,11 @@ static_assert(static_cast<int>(link::Source::hold) == static_cast<int>(CommandSo
               static_cast<int>(link::Source::reference) == static_cast<int>(CommandSource::reference) &&
               static_cast<int>(link::Source::stream) == static_cast<int>(CommandSource::stream));
 
+/// Longer without a heartbeat, an axis is lost, and may be another when it comes back.
+std::uint32_t silence_ticks(const Scene& scene) {
+  return static_cast<std::uint32_t>(std::ceil(scene.drives.heartbeat_timeout * scene.rate_hz));
+}
+
 /// Of a cycle of axes that `make_axis(i)` makes, i in the order of the scene.
 template <class C, class MakeAxis>
 typename C::Config config_of(const Scene& scene, Pacing pacing, const ReferenceBundle<typename C::S>& reference,
@@ -68,7 +73,7 @@ typename C::Config config_of(const Scene& scene, Pacing pacing, const ReferenceB
   c.line = line;
   c.controller = make_controller<typename C::Mechanism>(scene, pacing, reference);
   c.axis_count = static_cast<int>(scene.drives.nodes.size());
-  c.heartbeat_age_ticks_max = static_cast<std::uint32_t>(std::ceil(scene.drives.heartbeat_timeout * scene.rate_hz));
+  c.heartbeat_age_ticks_max = silence_ticks(scene);
   using S = typename C::S;
   c.torque_mismatch = static_cast<S>(scene.drives.torque_mismatch);
   c.torque_time = static_cast<S>(scene.drives.torque_time);
@@ -150,6 +155,7 @@ OdriveSettings odrive_settings(const Scene& scene, Pacing pacing, std::size_t i)
   OdriveSettings s;
   s.version = d.protocol == Protocol::odrive ? drive::odrive::Version::v0_6 : drive::odrive::Version::v0_5_6;
   s.retry_ticks = retry_ticks(scene);
+  s.silence_ticks = silence_ticks(scene);
   if (motor) s.table = odrive_table(scene, i);
   // In lockstep a drive without its torque would keep everybody waiting.
   if (motor && pacing == Pacing::realtime && d.watchdog_test.value_or(scene.hardware)) {
@@ -209,6 +215,7 @@ AnyCycleConfig<M> make_cycle_config(const Scene& scene, Pacing pacing, const Ref
   return config_of<OdriveCycle<M>>(scene, pacing, reference, [&](std::size_t i) {
     const OdriveSettings s = odrive_settings(scene, pacing, i);
     drive::OdriveAxis axis(mount(scene, i), s.version, s.retry_ticks, s.table);
+    axis.restarts_within(s.silence_ticks);
     if (s.proof_ticks > 0) axis.prove_watchdog(s.proof_ticks);
     return axis;
   });

@@ -19,6 +19,7 @@ struct OdriveSettings {
   drive::odrive::Version version{};
   std::uint32_t retry_ticks = 1;
   drive::OdriveTable table{};
+  std::uint32_t silence_ticks = 1;  ///< longer without a heartbeat it may have restarted
   std::uint32_t proof_ticks = 0;  ///< in which a starved watchdog must have tripped; 0: it is not starved
 };
 OdriveSettings odrive_settings(const Scene& scene, Pacing pacing, std::size_t i);

@@ -60,6 +60,7 @@ AxesText axes_text(const Scene& scene, Pacing pacing) {
     const OdriveSettings s = odrive_settings(scene, pacing, i);
     out.make += fmt::format("{} = drive::OdriveAxis(mounts[{}], {}, {}, settings[{}]);\n", place, i, text(s.version),
                             text(s.retry_ticks), i);
+    out.make += fmt::format("{}.restarts_within({});\n", place, text(s.silence_ticks));
     if (s.proof_ticks > 0) out.make += fmt::format("{}.prove_watchdog({});\n", place, text(s.proof_ticks));
   }
   return out;

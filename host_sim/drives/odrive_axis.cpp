@@ -72,6 +72,8 @@ bool OdriveAxis::receive(const hal::CanFrame& received, const Send& send) {
   const bool stale = settings_.defects.short_frames_stale && !received.remote;
   const hal::CanFrame f = stale ? stale_.fill(received) : received;
   if (settings_.defects.watchdog_any_frame) since_fed_ = 0.0;
+  // 0.5.6 feeds its watchdog with any message to the axis, requests included; 0.6 with setpoints only.
+  if (settings_.version == wire::Version::v0_5_6) since_fed_ = 0.0;
   const auto message = static_cast<wire::Message>(f.id & 0x1FU);
   if (f.remote) {
     if (message == wire::Message::heartbeat) send(heartbeat());
@@ -82,8 +84,6 @@ bool OdriveAxis::receive(const hal::CanFrame& received, const Send& send) {
     if (message == wire::Message::get_error) send(wire::encode_errors(node, error_, disarm_reason_));
     return false;
   }
-  // 0.5.6 feeds its watchdog with any message to the axis, 0.6 with setpoints only.
-  if (settings_.version == wire::Version::v0_5_6) since_fed_ = 0.0;
   switch (message) {
     case wire::Message::set_axis_state:
       if (const auto s = wire::decode_axis_state_request(f)) request_state(*s);

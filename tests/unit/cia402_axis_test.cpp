@@ -167,6 +167,47 @@ TEST(Cia402Axis, ADriveThatFallsBackWhileEnablingIsSetUpAgain) {
   }
 }
 
+/// One that starts by itself sends its PDOs, as it had stored them, at once after the boot-up.
+TEST(Cia402Axis, ADriveThatBootsIsSetUpAgainWhateverItSaysAfterwards) {
+  for (const std::size_t written : {std::size_t{1}, std::size_t{10}, setup_writes - 1, setup_writes}) {
+    for (const int then : {-1, 0x05, 0x7F}) {
+      Bench b;
+      ASSERT_TRUE(b.until([&] { return b.slave.writes.size() >= written; }));
+      ASSERT_TRUE(written < setup_writes || b.make_ready());
+      b.axis.begin_tick();
+      EXPECT_EQ(b.hear(heartbeat_of(node, 0)), Received::accepted);
+      EXPECT_EQ(b.hear(report_of(node, 0x1237)), Received::not_mine) << "it may be anything";
+      EXPECT_EQ(b.hear(motion_of(node)), Received::not_mine);
+      EXPECT_TRUE(then < 0 || b.hear(heartbeat_of(node, then)) == Received::accepted);
+      EXPECT_FALSE(b.axis.ready());
+      EXPECT_FALSE(b.axis.closed_loop());
+      const std::size_t before = b.slave.writes.size();
+      b.slave.state = 0x7F;
+      b.command(true);
+      EXPECT_EQ(b.control(), 0x00U);
+      EXPECT_TRUE(b.make_ready());
+      EXPECT_GE(b.slave.writes.size(), before + setup_writes) << written << ' ' << then;
+    }
+  }
+}
+
+/// The boot-up may be lost: back in switch on disabled, where nobody has sent it.
+TEST(Cia402Axis, ADriveThatFallsBackOnItsWayThroughTheStatesIsSetUpAgain) {
+  for (const unsigned told : {0x06U, 0x07U, 0x0FU}) {
+    Bench b;
+    b.slave.obeys = false;
+    b.slave.status = told == 0x06 ? 0x0250 : told == 0x07 ? 0x0231 : 0x0233;
+    ASSERT_TRUE(b.until([&] { return b.control() == told; }));
+    const std::size_t before = b.slave.writes.size();
+    b.slave.status = 0x0250;
+    b.tick();
+    EXPECT_EQ(b.control(), told == 0x06 ? 0x06U : 0x00U) << "where it waits for 06 it is at home";
+    b.slave.obeys = true;
+    EXPECT_TRUE(b.make_ready());
+    EXPECT_EQ(b.slave.writes.size() >= before + setup_writes, told != 0x06);
+  }
+}
+
 TEST(Cia402Axis, OperationalIsAlsoWhatItsHeartbeatSays) {
   Bench b;
   ASSERT_TRUE(b.until([&] { return b.slave.state == 5; }));

@@ -322,6 +322,23 @@ TYPED_TEST(CycleFault, MissedSamplesAreExtrapolatedUpToTheLimitAndNotOneMore) {
   }
 }
 
+/// A motor whose encoder nobody needs is missed all the same: its share of the torque is.
+TEST(CycleFaultOfFour, AMotorThatIsNotHeardIsStaleAlsoWhereItsEncoderIsNotUsed) {
+  for (const std::uint32_t limit : {0U, 2U, 5U}) {
+    for (std::size_t silent = 0; silent < 4; ++silent) {
+      auto s = setup<FiveBar<double>>();
+      s.controller.motors = Motors::all;
+      s.controller.limits.max_age_ticks = limit;
+      Rig<FiveBar<double>> rig(s);
+      ASSERT_TRUE(rig.start());
+      rig.sends_encoder[silent] = false;  // its heartbeats go on
+      for (std::uint32_t missed = 1; missed <= limit; ++missed) ASSERT_EQ(rig.tick().state, State::running) << silent;
+      EXPECT_EQ(rig.tick().fault, Fault::stale_feedback) << silent;
+      EXPECT_TRUE(rig.all_zero());
+    }
+  }
+}
+
 TYPED_TEST(CycleFault, ASampleInTimeStartsTheCountAgain) {
   Rig<TypeParam> rig;
   ASSERT_TRUE(rig.start());

@@ -280,19 +280,64 @@ TEST(SignTest, AJointThatFivePercentCannotMoveIsNotTested) {
 
 // ---- torque ramps in -------------------------------------------------------------------------------------------
 
-TEST(Ramp, TorqueRisesInEqualStepsToWhatTheLawAsks) {
+TEST(Ramp, TorqueRisesInEqualStepsFromTheWeightToWhatTheLawAsks) {
   esmc::test::Rig<FiveBar<double>> whole;
   auto s = esmc::test::setup<FiveBar<double>>();
   s.controller.ramp_ticks = 10;
   esmc::test::Rig<FiveBar<double>> ramped(s);
   ASSERT_TRUE(whole.start());
   ASSERT_TRUE(ramped.start());
-  // Both rigs stand still, so the law asks both for the same in every tick; the first tick has passed.
+  // Both rigs stand still, so the law asks both for the same in every tick, and the weight is always the same; the first
+  // tick has passed.
+  std::array<double, 4> weight{};
   for (int n = 2; n <= 12; ++n) {
     const auto all = whole.tick(), part = ramped.tick();
-    for (const int j : {0, 2}) {
-      if (all.saturated) continue;
-      EXPECT_NEAR(part.torque[j], all.torque[j] * std::min(1.0, n / 10.0), 1e-12) << n;
+    for (const std::size_t j : {0U, 2U}) {
+      const auto at = static_cast<int>(j);
+      ASSERT_FALSE(all.saturated);
+      if (n >= 10) {
+        EXPECT_EQ(part.torque[at], all.torque[at]) << n;
+        continue;
+      }
+      const double held = all.torque[at] - (all.torque[at] - part.torque[at]) / (1.0 - n / 10.0);
+      if (n == 2) weight[j] = held;
+      EXPECT_NEAR(held, weight[j], 1e-12) << n;
+      EXPECT_GT(std::abs(held), 0.1);
+    }
+  }
+}
+
+/// What was carried by a brake, or by the sign test, a tick before does not fall while the law's torque rises.
+TEST(Ramp, TheWeightIsCarriedFromTheFirstTickOn) {
+  for (const bool four : {false, true}) {
+    for (const bool tested : {false, true}) {
+      if (four && tested) continue;  // no sign test with four motors
+      double most = 0.0;
+      for (const int ramp : {1, 200}) {
+        LoopSetup s;
+        s.start = s.hold = esmc::host::V2{0.06, 0.19};
+        s.motors = four ? esmc::Motors::all : esmc::Motors::base;
+        s.adjust = [&](Config& c) {
+          c.ramp_ticks = static_cast<std::uint32_t>(ramp);
+          if (tested) c.sign_test_move = 2e-3;
+          if (four) c.preload = {0.1, -0.1, 0.1, -0.1};
+        };
+        ControlLoop l(s);
+        while (l.supervisor().state() != State::running) {
+          l.tick();
+          ASSERT_LT(l.ticks(), 2000U);
+          ASSERT_NE(l.supervisor().state(), State::fault);
+        }
+        const auto begun = l.truth();
+        double moved = 0.0;
+        for (int n = 0; n < 300; ++n) {
+          l.tick();
+          for (const std::size_t i : {2U, 4U}) moved = std::max(moved, std::abs(l.truth().q[i] - begun.q[i]));
+        }
+        EXPECT_EQ(l.supervisor().state(), State::running);
+        if (ramp == 1) most = moved;
+        EXPECT_LT(moved, 2 * most + 1e-3) << four << tested;
+      }
     }
   }
 }
@@ -311,6 +356,54 @@ TEST(Jump, AnAngleThatMovedWithoutItsRateIsAFault) {
       const auto r = rig.tick();
       EXPECT_EQ(r.fault, std::abs(off) > 1e-3 ? Fault::feedback_jump : Fault::none) << off << ' ' << rate;
     }
+  }
+}
+
+/// Samples that are a tick old in every tick, as those of a drive that answers after the tick, are judged as others are.
+TEST(Jump, OldSamplesAreJudgedWhereTheyAreNew) {
+  using M = FiveBar<double>;
+  for (const std::uint32_t age : {0U, 1U, 2U}) {
+    esmc::Consistency<M> c;
+    esmc::Sample<M> s;
+    s.age_ticks.fill(age);
+    EXPECT_TRUE(c.plausible(0, s, 1e-3, tick)) << "the first";
+    c.keep(s, 1);
+    s.angle[0] = 0.9e-3;
+    EXPECT_TRUE(c.plausible(0, s, 1e-3, tick));
+    s.angle[0] = 1.1e-3;
+    EXPECT_FALSE(c.plausible(0, s, 1e-3, tick)) << age;
+    s.age_ticks[0] = age + 1;
+    EXPECT_TRUE(c.plausible(0, s, 1e-3, tick)) << "the same one, a tick older";
+    s.angle[0] = 0.0;
+    c.keep(s, 1);
+    s.age_ticks[0] = age;
+    s.angle[0] = 1.9e-3;
+    EXPECT_TRUE(c.plausible(0, s, 1e-3, tick)) << "two ticks lie between";
+    s.age_ticks[0] = age + 1;
+    EXPECT_FALSE(c.plausible(0, s, 1e-3, tick)) << "one";
+    s.age_ticks[0] = age + 2;
+    EXPECT_TRUE(c.plausible(0, s, 1e-3, tick)) << "none: not new";
+  }
+}
+TEST(Jump, ATickLateEachTimeItIsAFaultOfTheCycle) {
+  auto s = esmc::test::setup<FiveBar<double>>();
+  s.controller.limits.feedback_jump = 1e-3;
+  s.controller.limits.max_age_ticks = 2;
+  esmc::Controller<FiveBar<double>> c(s.controller);
+  for (const double off : {0.9e-3, 1.1e-3}) {
+    esmc::Controller<FiveBar<double>> one = c;
+    esmc::Supervisor v(one.supervision());
+    v.begin_tick(esmc::Command::enable, {});
+    esmc::Sample<FiveBar<double>> m;
+    for (int j = 0; j < 4; ++j) m.angle[j] = s.angle[static_cast<std::size_t>(j)];
+    m.age_ticks.fill(1);
+    for (int n = 0; n < 3; ++n) {
+      v.begin_tick(esmc::Command::none, {.all_ready = true, .all_idle = false});
+      EXPECT_EQ(one.tick(m, v).fault, Fault::none);
+    }
+    m.angle[0] += off;
+    v.begin_tick(esmc::Command::none, {});
+    EXPECT_EQ(one.tick(m, v).fault, off > 1e-3 ? Fault::feedback_jump : Fault::none);
   }
 }
 

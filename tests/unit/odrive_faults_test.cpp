@@ -234,6 +234,45 @@ TEST(OdriveAxis, AnAxisThatRunsIsNeverStarved) {
   }
 }
 
+/// Out of closed loop without having been asked: if it was not the watchdog, it may have restarted.
+TEST(OdriveAxis, AnAxisThatFellIdleHasToProveItsWatchdogAgain) {
+  for (const bool bitten : {false, true}) {
+    OdriveAxis a = starving(Version::v0_6);
+    hear(a, 1, watchdog_bit(Version::v0_6));
+    (void)enable(a);
+    ask(a);
+    hear(a, 8);
+    hear(a, 8);
+    ASSERT_TRUE(a.ready());
+    hear(a, 1, bitten ? watchdog_bit(Version::v0_6) : 0);
+    EXPECT_FALSE(a.ready());
+    for (std::uint32_t n = 0; n < 4 * retry && !a.ready() && !a.muted(); ++n) {
+      hear(a, a.closed_loop() ? 8 : 1);
+      for (const CanFrame& f : enable(a)) {
+        if ((f.id & 0x1FU) == cmd_axis_state) hear(a, 8);
+      }
+    }
+    EXPECT_EQ(a.muted(), !bitten);
+    EXPECT_EQ(a.ready(), bitten);
+  }
+}
+
+/// 0.5.6 feeds its watchdog with any frame: whoever polls it keeps our last torque alive after us.
+TEST(OdriveAxis, WhateverFeedsTheWatchdogOf056IsSomebodyElsesCommand) {
+  for (unsigned command = 0; command < 32; ++command) {
+    OdriveAxis old = axis(Version::v0_5_6), now = axis(Version::v0_6);
+    CanFrame poll = message(node, command, 0, 0, 0);
+    for (const bool remote : {false, true}) {
+      poll.remote = remote;
+      const Received r = old.receive(poll);
+      const bool ours = command == 0x01 || command == 0x09;  // which have a length
+      EXPECT_EQ(r, command == 0x02 ? Received::accepted : ours ? Received::malformed : Received::impostor) << command;
+      const bool asks = remote && command != 0x01 && command != 0x02 && command != 0x09;
+      EXPECT_TRUE(!asks || now.receive(poll) == Received::not_mine) << command << ": 0.6 feeds it with set points only";
+    }
+  }
+}
+
 /// While it is being enabled, the whole sequence begins anew: the mode that it was told may be gone.
 TEST(OdriveAxis, AnAxisThatWasSilentBeforeItConfirmedIsToldItsModeAgain) {
   OdriveAxis a = axis(Version::v0_6);

@@ -4,6 +4,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <bit>
 #include <cmath>
 #include <cstdint>
@@ -307,6 +308,60 @@ TEST(OdriveReadBack, AContradictedAxisIsNotArmedAndForgetsItWhenItIsDisabled) {
   hear(a);
   EXPECT_TRUE(a.idle());
   EXPECT_EQ(commands(enable(a)), Commands{test::cmd_mode});
+}
+
+/// A drive that may have restarted has what it had stored, whatever it answered before: it was silent, or fell idle by itself.
+TEST(OdriveReadBack, AnAxisThatMayHaveRestartedIsAskedAgain) {
+  for (const int silent : {0, 4, 40}) {
+    OdriveAxis a({.node = node}, Version::v0_6, 20, one_check());
+    a.restarts_within(3);
+    for (const Commands& next : {Commands{test::cmd_mode}, Commands{read}}) {
+      hear(a);
+      EXPECT_EQ(commands(enable(a)), next);
+    }
+    EXPECT_EQ(a.receive(answer(77, 1.0F)), Received::accepted);
+    hear(a);
+    EXPECT_EQ(commands(enable(a)), Commands{test::cmd_axis_state});
+    hear(a, 8);
+    hear(a, 8);
+    for (int i = 0; i < silent; ++i) {
+      EXPECT_EQ(a.ready(), i < 4) << "of what was silent for so long nothing is known: " << i;
+      a.begin_tick();
+    }
+    EXPECT_EQ(a.ready(), silent == 0);
+    int asked = 0;
+    for (int i = 0; i < 60; ++i) {
+      hear(a);
+      for (const unsigned c : commands(enable(a))) {
+        EXPECT_NE(c, test::cmd_axis_state) << "not before it has answered";
+        asked += c == read ? 1 : 0;
+      }
+      EXPECT_FALSE(a.ready());
+    }
+    EXPECT_GE(asked, 2) << silent;
+    EXPECT_EQ(a.receive(answer(77, 3.0F)), Received::accepted);
+    EXPECT_TRUE(a.contradicted()) << "as it is now";
+    for (int i = 0; i < 40; ++i) a.begin_tick();
+    EXPECT_TRUE(a.contradicted()) << "silence takes nothing back";
+  }
+}
+
+/// Shorter than that is a heartbeat that was lost; and nobody waits longer than for an answer.
+TEST(OdriveReadBack, AHeartbeatThatIsMissingIsNoRestart) {
+  for (const std::uint32_t told : {5U, 20U, 1000U}) {
+    OdriveAxis a({.node = node}, Version::v0_6, 20);
+    a.restarts_within(told);
+    hear(a);
+    (void)enable(a);
+    hear(a);
+    EXPECT_EQ(commands(enable(a)), Commands{test::cmd_axis_state});
+    hear(a, 8);
+    hear(a, 8);
+    for (std::uint32_t i = 0; i < std::min(told, 20U); ++i) a.begin_tick();
+    EXPECT_TRUE(a.ready()) << told;
+    a.begin_tick();
+    EXPECT_FALSE(a.ready()) << told;
+  }
 }
 
 TEST(OdriveReadBack, WritingToAConfigurationIsSomebodyElses) {
