@@ -203,12 +203,17 @@ class Controller {
     if (!desired(reference_.at(ahead), d.pose, d.rates, d.acceleration)) return false;
     const Vec2<S> rate = M::base(d.rates);
     const typename M::Channels a = config_.mechanism.channel_accelerations(d.pose, d.rates, d.acceleration);
-    const Vec2<S> torque = config_.mechanism.base_torque(d.pose, config_.mechanism.force(a, d.rates));
+    const typename M::Channels force = config_.mechanism.force(a, d.rates);
     for (int i = 0; i < 2; ++i) {
-      const S most = config_.torque_limit[Config::joint_of(i, 2)];
       if (!within(rate[i], config_.limits.joint_speed)) return false;
-      // Four motors share what two would have to give alone.
-      if (config_.motors == Motors::base && !within(torque[i], most)) return false;
+    }
+    if (config_.allocate != nullptr) {  // four motors share what two would have to give alone
+      Vec<S, M::joints> torque;
+      return !config_.allocate(config_, d.pose, force, torque);
+    }
+    const Vec2<S> torque = config_.mechanism.base_torque(d.pose, force);
+    for (int i = 0; i < 2; ++i) {
+      if (!within(torque[i], config_.torque_limit[Config::joint_of(i, 2)])) return false;
     }
     return true;
   }

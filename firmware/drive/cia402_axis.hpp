@@ -144,14 +144,14 @@ class Cia402Axis {
   void ask_again() { wait_ticks_ = 0; }
 
   /// The voltage is disabled by the controlword of the torque frame, which goes out in every tick. A drive that does
-  /// not listen to it, because its PDOs are not ours, is at least taken out of NMT operational; so is one that has not
-  /// obeyed for retry_ticks, for our heartbeat may go on and would let it keep its torque.
+  /// not listen to it, because its PDOs are not ours, is at least stopped by NMT, which its abort-connection option (6007)
+  /// answers; so is one that has not obeyed for retry_ticks, for our heartbeat may go on and would let it keep its torque.
   template <class Send>
   void disable(Send&& send) {
     restart();
     if (mapped_ && ++disobeyed_ticks_ < settings_.retry_ticks) return;
     disobeyed_ticks_ = 0;
-    send(canopen::encode_nmt(canopen::NmtCommand::enter_pre_operational, config_.node));
+    send(canopen::encode_nmt(canopen::NmtCommand::stop, config_.node));
   }
 
   /// Whether this joint torque (N m, model convention) may go on the bus. What is more than the frame can say is

@@ -335,6 +335,19 @@ struct Verdict {
   Findings findings;
 };
 
+/// Heartbeats are 10 ms apart, as they are asked of drives; in MIT mode every answer counts as one.
+void judge_heartbeats(const Scene& scene, Findings& f) {
+  constexpr double period = 0.01, late = 0.1;
+  const double timeout = scene.drives.heartbeat_timeout;
+  if (scene.drives.protocol == Protocol::mit) return;
+  if (timeout < period) {
+    f.warning(fmt::format("drives.heartbeat_timeout = {:g} s is less than the 10 ms between two heartbeats: heartbeat_lost", timeout));
+  }
+  if (timeout > late) {
+    f.warning(fmt::format("drives.heartbeat_timeout = {:g} s: for so long a drive without heartbeats is believed to give torque", timeout));
+  }
+}
+
 template <class World>
 Verdict judge(const Scene& scene, Log& log) {
   Verdict v{margins<World>(scene, log), analyse_bus(scene), {}};
@@ -342,6 +355,7 @@ Verdict judge(const Scene& scene, Log& log) {
   judge(scene, start_of<World>(scene), v.margins, f);
   const bool odrive = scene.drives.protocol == Protocol::odrive || scene.drives.protocol == Protocol::odrive_0_5;
   judge_bus(scene, v.bus, f);
+  judge_heartbeats(scene, f);
   if (odrive && std::find(scene.drives.nodes.begin(), scene.drives.nodes.end(), 0) != scene.drives.nodes.end()) {
     f.warning(
         "drives.nodes names node 0: its command 0 has the identifier of CANopen's NMT, and a drive that "

@@ -51,7 +51,7 @@ constexpr std::array keys{
     Key{"control.sensors", "string", "\"base\"", "", -inf, inf, false, "base | all", "five_bar: base encoders and closure, or all four joints"},
     Key{"control.encoder_sigma", "number or numbers", "-", "rad", 0, 1, true, "", "sensors = all: standard deviation of each joint's encoder, one for all or one each; with it the four are fused, weighted projection onto closed configurations"},
     Key{"control.torque_limit", "number or numbers", "", "N m", 0, big, true, "", "hard clamp at the controller, at the joint; one for all motors or one each"},
-    Key{"control.torque_ramp", "number", "-", "s", 0, 60, false, "", "in which the torque rises to what the law asks for; default 0 in sim and lockstep, 0.2 in real time"},
+    Key{"control.torque_ramp", "number", "-", "s", 0, 60, false, "", "in which the torque rises from what carries the weight to what the law asks for; default 0 in sim and lockstep, 0.2 in real time"},
     Key{"control.torque_weight", "numbers", "-", "", 0, 1e12, true, "", "four motors: diagonal of W, minimised is tau^T W tau; default 1/torque_limit^2"},
     Key{"control.preload", "numbers", "-", "N m", -big, big, false, "", "four motors: each one's torque stays at this or above where it is > 0, at this or below where it is < 0, beyond the play of its gear; motors work against each other for it"},
     Key{"control.model", "table", "-", "", -inf, inf, false, "", "what the controller believes, as factors on [mechanism]"},

@@ -103,6 +103,10 @@ class Told(unittest.TestCase):
         late = 'effects=[{type="delay",ticks=1},{type="compute_delay",time=1e-3}]'
         self.assertIn("at most 0.31, half of what makes the loop ring by itself with a delay of 2 ticks", self.check(self.circle, *layer, late, code=1)[1])
         self.assertIn("node 0", self.check(self.circle, "drives.nodes=[0, 1]")[1])
+        self.assertIn("less than the 10 ms between two heartbeats", self.check(self.circle, "drives.heartbeat_timeout=0.009")[1])
+        self.assertIn("for so long a drive without heartbeats", self.check(self.circle, "drives.heartbeat_timeout=0.11")[1])
+        for fine in ("drives.heartbeat_timeout=0.01", "drives.heartbeat_timeout=0.1"):
+            self.assertEqual(self.check(self.circle, fine)[1], "")
 
     def test_check_tells_sim_from_a_bus_as_hil_does(self):
         self.assertTrue(self.check(self.circle)[0]["runs_on_bus"])

@@ -361,7 +361,6 @@ class CycleRun {
         case Said::Kind::torque: torque(r, said, ++torques[said.axis]); break;
         case Said::Kind::enabling: require(r.state == State::enabling, "drives are enabled while enabling only"); break;
         case Said::Kind::releasing: require(!has_torque(r.state), "drives are not released under torque"); break;
-        case Said::Kind::line: break;
         case Said::Kind::alive: require(r.state != State::fault, "a controller with a fault keeps no drive alive"); break;
         case Said::Kind::asking:
         case Said::Kind::unknown: require(false, "a frame that the controller does not send");

@@ -138,8 +138,8 @@ struct Cia402 {
     while (s.axis < axes && mountings[s.axis].node != node) ++s.axis;
     if (s.axis == axes) return s;
     if (f.id == 0 && f.size == 2) {
-      if (f.data[0] == 1) s.kind = Said::Kind::enabling;
-      if (f.data[0] == 0x80) s.kind = Said::Kind::line;  // while enabling and while releasing
+      if (f.data[0] == 1 || f.data[0] == 0x80) s.kind = Said::Kind::enabling;
+      if (f.data[0] == 2) s.kind = Said::Kind::releasing;
     } else if (f.id / 0x80U == 0x600 / 0x80U && f.size == 8) {
       s.kind = Said::Kind::enabling;
     } else if (f.id / 0x80U == 0x200 / 0x80U && f.size == 4) {

@@ -9,7 +9,7 @@ namespace esmc::fuzz {
 
 /// What a protocol has to say. Kind of a frame that goes to a drive, and the torque in it.
 struct Said {
-  enum class Kind { torque, enabling, releasing, line, alive, asking, unknown } kind = Kind::unknown;
+  enum class Kind { torque, enabling, releasing, alive, asking, unknown } kind = Kind::unknown;
   std::size_t axis = 0;
   double shaft = 0;  ///< N m
   bool enables = false;  ///< with a word besides the torque that lets the drive give it

@@ -389,7 +389,7 @@ TEST(Cia402Axis, ADriveThatIsNotOperationalIsIdle) {
 }
 
 /// RPDO1 does not reach it, and our heartbeat does: nothing else would end its torque after a stop.
-TEST(Cia402Axis, ADriveThatDoesNotObeyItsControlwordIsMadePreOperational) {
+TEST(Cia402Axis, ADriveThatDoesNotObeyItsControlwordIsStopped) {
   Bench b;
   for (int round = 0; round < 2; ++round) {
     ASSERT_TRUE(b.make_ready());
@@ -402,11 +402,11 @@ TEST(Cia402Axis, ADriveThatDoesNotObeyItsControlwordIsMadePreOperational) {
         return true;
       });
       EXPECT_EQ(sent.size(), n % test::retry == 0 ? 1U : 0U) << n;
-      for (const CanFrame& f : sent) EXPECT_EQ(f, nmt(0x80, node));
+      for (const CanFrame& f : sent) EXPECT_EQ(f, nmt(0x02, node));
       EXPECT_FALSE(b.axis.idle());
     }
     b.disable();
-    b.slave.take(nmt(0x80, node));
+    b.slave.take(nmt(0x02, node));
     b.tick(false);
     EXPECT_TRUE(b.axis.idle());
     b.slave.obeys = true;
@@ -415,13 +415,13 @@ TEST(Cia402Axis, ADriveThatDoesNotObeyItsControlwordIsMadePreOperational) {
 }
 
 /// Somebody else's PDOs: it would not understand our controlword.
-TEST(Cia402Axis, ADriveWhosePdosAreNotOursIsAtLeastMadePreOperational) {
+TEST(Cia402Axis, ADriveWhosePdosAreNotOursIsAtLeastStopped) {
   Bench b;
   b.slave.state = 5;
   b.axis.begin_tick();
   (void)b.hear(heartbeat_of(node, 5));
   b.axis.disable([&](const CanFrame& f) {
-    EXPECT_EQ(f, nmt(0x80, node));
+    EXPECT_EQ(f, nmt(0x02, node));
     b.slave.take(f);
     return true;
   });

@@ -140,8 +140,9 @@ TEST(Halt, TheHeldPoseNeedNotBeInsideTheBoxThatWasLeft) {
 // ---- the way onto the reference --------------------------------------------------------------------------------
 
 TEST(Join, AWayThatNeedsMoreSpeedOrTorqueThanAllowedIsNotTaken) {
-  const auto joins = [](std::uint32_t ticks, double speed_limit, double torque_limit) {
+  const auto joins = [](std::uint32_t ticks, double speed_limit, double torque_limit, esmc::Motors motors = esmc::Motors::base) {
     LoopSetup s;
+    s.motors = motors;
     s.start = esmc::host::V2{0.0, 0.2};
     s.hold = esmc::host::V2{0.0, 0.23};
     s.torque_limit = torque_limit;
@@ -156,6 +157,11 @@ TEST(Join, AWayThatNeedsMoreSpeedOrTorqueThanAllowedIsNotTaken) {
   EXPECT_EQ(joins(500, 50.0, 2.0), Fault::none);
   EXPECT_EQ(joins(20, 50.0, 2.0), Fault::join_infeasible) << "torque";
   EXPECT_EQ(joins(500, 0.2, 2.0), Fault::join_infeasible) << "speed";
+  // Four share it, and have limits all the same.
+  const auto four = esmc::Motors::all;
+  EXPECT_EQ(joins(500, 50.0, 2.0, four), Fault::none);
+  EXPECT_EQ(joins(20, 50.0, 20.0, four), Fault::none);
+  EXPECT_EQ(joins(20, 50.0, 1.0, four), Fault::join_infeasible);
 }
 
 TEST(Join, IsRefusedBeforeItHasGoneFar) {
