@@ -264,6 +264,7 @@ TEST(OdriveAxis, WhateverFeedsTheWatchdogOf056IsSomebodyElsesCommand) {
     CanFrame poll = message(node, command, 0, 0, 0);
     for (const bool remote : {false, true}) {
       poll.remote = remote;
+      poll.size = remote ? 8 : 0;
       const Received r = old.receive(poll);
       const bool ours = command == 0x01 || command == 0x09;  // which have a length
       EXPECT_EQ(r, command == 0x02 ? Received::accepted : ours ? Received::malformed : Received::impostor) << command;

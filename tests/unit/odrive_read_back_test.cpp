@@ -312,7 +312,7 @@ TEST(OdriveReadBack, AContradictedAxisIsNotArmedAndForgetsItWhenItIsDisabled) {
 
 /// A drive that may have restarted has what it had stored, whatever it answered before: it was silent, or fell idle by itself.
 TEST(OdriveReadBack, AnAxisThatMayHaveRestartedIsAskedAgain) {
-  for (const int silent : {0, 4, 40}) {
+  for (const int silent : {-1, 0, 4, 40}) {  // -1: fell idle before the second heartbeat
     OdriveAxis a({.node = node}, Version::v0_6, 20, one_check());
     a.restarts_within(3);
     for (const Commands& next : {Commands{test::cmd_mode}, Commands{read}}) {
@@ -323,12 +323,12 @@ TEST(OdriveReadBack, AnAxisThatMayHaveRestartedIsAskedAgain) {
     hear(a);
     EXPECT_EQ(commands(enable(a)), Commands{test::cmd_axis_state});
     hear(a, 8);
-    hear(a, 8);
+    if (silent >= 0) hear(a, 8);
     for (int i = 0; i < silent; ++i) {
       EXPECT_EQ(a.ready(), i < 4) << "of what was silent for so long nothing is known: " << i;
       a.begin_tick();
     }
-    EXPECT_EQ(a.ready(), silent == 0);
+    EXPECT_EQ(a.ready(), silent == 0) << silent;
     int asked = 0;
     for (int i = 0; i < 60; ++i) {
       hear(a);
@@ -343,6 +343,32 @@ TEST(OdriveReadBack, AnAxisThatMayHaveRestartedIsAskedAgain) {
     EXPECT_TRUE(a.contradicted()) << "as it is now";
     for (int i = 0; i < 40; ++i) a.begin_tick();
     EXPECT_TRUE(a.contradicted()) << "silence takes nothing back";
+  }
+}
+
+/// What ends the starving and is not the watchdog may have been a restart as well.
+TEST(OdriveReadBack, AnAxisThatFellIdleWhileItWasStarvedIsAskedAgain) {
+  for (const std::uint32_t error : {0U, 0x40U, 0x01000000U}) {
+    OdriveAxis a({.node = node}, Version::v0_6, 20, one_check());
+    a.prove_watchdog(30);
+    hear(a);
+    (void)enable(a);
+    hear(a);
+    (void)enable(a);
+    EXPECT_EQ(a.receive(answer(77, 1.0F)), Received::accepted);
+    hear(a);
+    EXPECT_EQ(commands(enable(a)), Commands{test::cmd_axis_state});
+    hear(a, 8);
+    hear(a, 8);
+    ASSERT_TRUE(a.muted());
+    hear(a, 1, error);
+    EXPECT_TRUE(enable(a).empty());
+    bool asked = false;
+    for (int i = 0; i < 5; ++i) {
+      hear(a);
+      for (const unsigned c : commands(enable(a))) asked = asked || c == read;
+    }
+    EXPECT_EQ(asked, error != 0x01000000U) << "the watchdog is no restart";
   }
 }
 
@@ -361,6 +387,25 @@ TEST(OdriveReadBack, AHeartbeatThatIsMissingIsNoRestart) {
     EXPECT_TRUE(a.ready()) << told;
     a.begin_tick();
     EXPECT_FALSE(a.ready()) << told;
+  }
+}
+
+/// Where nothing is said it is the retry time, also of one tick, and of an axis that nobody has configured.
+TEST(OdriveReadBack, NobodyIsReadyAfterTheRetryTimeWithoutAHeartbeat) {
+  for (const int retry : {1, 7, 150}) {
+    OdriveAxis a = retry == 150 ? OdriveAxis() : OdriveAxis({.node = 0}, Version::v0_6, static_cast<std::uint32_t>(retry));
+    for (const int state : {1, 1, 8, 8}) {
+      a.begin_tick();
+      ASSERT_EQ(a.receive(test::heartbeat(0, static_cast<std::uint8_t>(state), 0)), Received::accepted);
+      (void)enable(a);
+    }
+    for (int i = 0; i < retry; ++i) {
+      EXPECT_TRUE(a.ready()) << retry << ' ' << i;
+      a.begin_tick();
+    }
+    EXPECT_TRUE(a.ready());
+    a.begin_tick();
+    EXPECT_FALSE(a.ready());
   }
 }
 
