@@ -109,10 +109,10 @@ constexpr Dialect cia402_dialect{
     .disarm = [](int node) -> FewFrames {
       return {{cia402::encode_command(node_id(node), {0x0006, 0})}, 1};
     },
-    // Told that a lost connection is a fault, and then stopped.
+    // Told that a lost connection is a fault, and then taken from operational.
     .fail = [](int node) -> FewFrames {
       return {{canopen::encode_sdo_write(node_id(node), cia402::abort_connection_option, 1, 2),
-               canopen::encode_nmt(canopen::NmtCommand::stop, node_id(node))},
+               canopen::encode_nmt(canopen::NmtCommand::enter_pre_operational, node_id(node))},
               2};
     },
     .emergency_stop = nullptr,

@@ -275,12 +275,11 @@ void Cia402Axis::manage(const hal::CanFrame& f, const Send& send) {
       due_ = {};
       return;
     case wire::NmtCommand::stop:
-      confirmations_ = 0;
-      if (nmt_ == operational && power_ == Power::enabled) connection_lost(send);
+      leave_operational(send);
       nmt_ = stopped;
       return;
-    case wire::NmtCommand::enter_pre_operational:  // no event of 6007: only PDOs end
-      confirmations_ = 0;
+    case wire::NmtCommand::enter_pre_operational:
+      leave_operational(send);
       nmt_ = pre_operational;
       return;
     case wire::NmtCommand::reset_node:
@@ -293,6 +292,11 @@ void Cia402Axis::manage(const hal::CanFrame& f, const Send& send) {
       if (!settings_.lockstep) report_state(send);
       return;
   }
+}
+
+void Cia402Axis::leave_operational(const Send& send) {
+  confirmations_ = 0;
+  if (nmt_ == operational && power_ == Power::enabled) connection_lost(send);
 }
 
 void Cia402Axis::watch_master(const Send& send) {

@@ -68,6 +68,7 @@ class Cia402Axis final : public EmulatedAxis {
   void write(std::uint16_t index, std::uint8_t sub, std::uint32_t value, const Send& send);
 
   void manage(const hal::CanFrame& f, const Send& send);
+  void leave_operational(const Send& send);
   void report_state(const Send& send);
   void watch_master(const Send& send);
   void connection_lost(const Send& send);

@@ -138,7 +138,7 @@ class Loop(unittest.TestCase):
 
     def test_a_drive_answers_and_takes_commands(self):
         adapter = Adapter(bitrate=500000)
-        drive = self.esmc("drive", "--protocol", "odrive", "--node", "3", "--json", "--bitrate", "500000", "--bus", "slcan:" + adapter.path)
+        drive = self.esmc("drive", "--protocol", "odrive", "--node", "3", "--watchdog", "10", "--json", "--bitrate", "500000", "--bus", "slcan:" + adapter.path)
         heartbeats = 0
         while heartbeats < 3:
             message = adapter.bus.recv(PATIENCE)
