@@ -81,7 +81,7 @@ constexpr Dialect odrive_dialect{
     .zero_is_a_step = true,
     .tells_its_state = true,
     .ticks_to_let_go = 0,
-    .watches_setpoints = true,
+    .is_sign_of_life = nullptr,
     .samples_on_demand = false,
     .remote_is_nothing = false,
 };
@@ -145,7 +145,10 @@ constexpr Dialect cia402_dialect{
     .zero_is_a_step = true,
     .tells_its_state = true,
     .ticks_to_let_go = 0,
-    .watches_setpoints = false,
+    .is_sign_of_life =
+        [](const Scene& s, const Frame& f) {
+          return f.id == canopen::id_heartbeat + node_bits(s.drives.controller_node);
+        },
     .samples_on_demand = true,
     .remote_is_nothing = false,
 };
@@ -197,7 +200,7 @@ constexpr Dialect mit_dialect{
     .zero_is_a_step = false,
     .tells_its_state = false,
     .ticks_to_let_go = 1,
-    .watches_setpoints = true,
+    .is_sign_of_life = nullptr,
     .samples_on_demand = true,
     .remote_is_nothing = true,
 };

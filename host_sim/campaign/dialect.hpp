@@ -41,8 +41,9 @@ struct Dialect {
   bool zero_is_a_step;     ///< false: the torques next to zero are half a step away from it
   bool tells_its_state;    ///< false: a drive that lets go of its motor says nothing of it
   int ticks_to_let_go;     ///< more, until a drive that is told to let go of its motor has done so
-  bool watches_setpoints;  ///< false: it trusts a controller that says that it lives, whether it commands or
-                           ///< not
+  /// Of the frames of a controller, the one that its watchdog watches, and that may be for all drives; null:
+  /// a command to it.
+  bool (*is_sign_of_life)(const Scene&, const Frame&);
   bool samples_on_demand;  ///< a request of the controller asks for the next sample
   bool remote_is_nothing;  ///< a remote frame with the identifier of a sample is nobody's
 };

@@ -4,17 +4,22 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
+#include <numbers>
+
+#include "host_sim/drives/placed_axes.hpp"
 
 namespace esmc::host {
 namespace {
 
 constexpr unsigned in(Phase p) { return 1U << static_cast<unsigned>(p); }
 constexpr unsigned everywhere = 0x1F, at_start = in(Phase::arming);
-constexpr int for_ever = 1'000'000;
+constexpr int for_ever = 1'000'000'000;
 constexpr int never = InjectionRow::not_demanded;
 
-// Times are those of 1 kHz and max_age_ticks = 2. `loss`, `babbling`, `extended` and `drive_bus_off` take the
-// samples away: what is due then depends on how many, see draw_injection.
+// Lengths are those of 1 kHz, max_age_ticks = 2 and a watchdog of 10 ms; draw_length has those of others.
+// `loss`, `babbling`, `extended` and `drive_bus_off` take the samples away: what is due then depends on how
+// many, see expect_of_lost_samples.
 constexpr std::array rows{
     InjectionRow{"nothing", Injected::nothing, everywhere, 1, 1, "none"},
     InjectionRow{"frame_loss", Injected::loss, everywhere, 1, 2, "stale_feedback"},
@@ -27,31 +32,32 @@ constexpr std::array rows{
     InjectionRow{"reordering", Injected::reordering, everywhere, 1, 40,
                  "none stale_feedback drive_disarmed torque_mismatch", true},
     InjectionRow{"corruption", Injected::corruption, everywhere, 1, 5, "*"},
-    InjectionRow{"not_finite", Injected::not_finite, everywhere, 1, 20, "feedback_not_finite", false, 0, 1},
+    InjectionRow{"not_finite", Injected::not_finite, everywhere, 1, 20, "feedback_not_finite", false, 0},
     InjectionRow{"denormal", Injected::denormal, everywhere, 1, 20, "none", true},
-    InjectionRow{"huge", Injected::huge, everywhere, 1, 20, "feedback_jump joint_speed", true, 0, 1},
+    InjectionRow{"huge", Injected::huge, everywhere, 1, 20, "feedback_jump joint_speed", true, 0},
     InjectionRow{"end_of_range", Injected::end_of_range, everywhere, 1, 20,
-                 "feedback_jump joint_speed drive_error", true, 0, 1},
-    InjectionRow{"wrong_length", Injected::wrong_length, everywhere, 1, 20, "malformed_frame", false, 0, 1},
+                 "feedback_jump joint_speed drive_error", true, 0},
+    InjectionRow{"wrong_length", Injected::wrong_length, everywhere, 1, 20, "malformed_frame", false, 0},
     InjectionRow{"remote_frame", Injected::remote, everywhere, 1, 20, "malformed_frame stale_feedback", false,
-                 0, 1},
-    InjectionRow{"fd_frame", Injected::flexible_rate, everywhere, 1, 20, "malformed_frame", false, 0, 1},
+                 0},
+    InjectionRow{"fd_frame", Injected::flexible_rate, everywhere, 1, 20, "malformed_frame", false, 0},
     InjectionRow{"extended_frame", Injected::extended, everywhere, 1, 20, "stale_feedback"},
     InjectionRow{"frozen_sensor", Injected::frozen_sensor, everywhere, 1, 60, "none", true},
-    InjectionRow{"sensor_jump", Injected::sensor_jump, everywhere, 0, 0, "feedback_jump drive_error", true, 0,
-                 1},
+    InjectionRow{"sensor_jump", Injected::sensor_jump, everywhere, 0, 0, "feedback_jump drive_error", true,
+                 0},
     InjectionRow{"sensor_step", Injected::sensor_step, everywhere, 0, 0, "none", true},
     InjectionRow{"sensor_flipped", Injected::sensor_flipped, everywhere, 0, 0, "none drive_error", true},
     InjectionRow{"swapped_nodes", Injected::swapped_nodes, at_start, 0, 0, "none", true},
     InjectionRow{"drive_error", Injected::drive_error, everywhere, 1, 1, "drive_error drive_disarmed", false,
-                 12, 13},
+                 2, Waits::for_heartbeat},
     InjectionRow{"drive_disarm", Injected::drive_disarm, everywhere, 1, 1, "drive_disarmed torque_mismatch",
-                 true, 12, 13},
+                 true, 2, Waits::for_heartbeat},
     InjectionRow{"drive_reset", Injected::drive_reset, everywhere, 1, 1,
-                 "drive_disarmed stale_feedback torque_mismatch drive_configuration", true, 12, 13},
+                 "drive_disarmed stale_feedback torque_mismatch drive_configuration", true, 2,
+                 Waits::for_heartbeat},
     InjectionRow{"drive_silent", Injected::drive_silent, everywhere, 0, 0, "stale_feedback"},
-    InjectionRow{"heartbeat_lost", Injected::heartbeat_lost, everywhere, 0, 0, "heartbeat_lost", false, 52,
-                 53},
+    InjectionRow{"heartbeat_lost", Injected::heartbeat_lost, everywhere, 0, 0, "heartbeat_lost", false, 2,
+                 Waits::for_heartbeat_timeout},
     InjectionRow{"drive_bus_off", Injected::drive_bus_off, everywhere, 1, 40,
                  "stale_feedback drive_error drive_disarmed"},
     InjectionRow{"watchdog_off", Injected::watchdog_off, at_start, 0, 0, "none drive_configuration"},
@@ -59,7 +65,7 @@ constexpr std::array rows{
     InjectionRow{"controller_late", Injected::controller_late, everywhere, 1, 30,
                  "none drive_error drive_disarmed feedback_jump torque_mismatch sign_test", true},
     InjectionRow{"controller_bus_off", Injected::controller_bus_off, everywhere, 1, 40,
-                 "bus_off stale_feedback", false, 1, 12},
+                 "bus_off stale_feedback", false, 1},
     InjectionRow{"commands_lost", Injected::commands_lost, everywhere, 1, 40,
                  "none drive_error drive_disarmed stale_feedback torque_mismatch sign_test", true},
     InjectionRow{"torque_lost", Injected::torque_lost, everywhere, 1, 40,
@@ -67,12 +73,17 @@ constexpr std::array rows{
     InjectionRow{"queue_full", Injected::queue_full, everywhere, 1, 40,
                  "none drive_error drive_disarmed stale_feedback torque_mismatch sign_test", true},
     InjectionRow{"babbling_node", Injected::babbling, everywhere, 1, 40, "stale_feedback"},
-    InjectionRow{"flood", Injected::flood, everywhere, 1, 5, "bus_overload", false, 0, 1},
+    InjectionRow{"flood", Injected::flood, everywhere, 1, 5, "bus_overload", false, 0},
     InjectionRow{"foreign_controller", Injected::foreign_controller, everywhere, 1, 30, "foreign_controller",
-                 false, 1, 2},
-    InjectionRow{"emergency_stop", Injected::emergency_stop, everywhere, 1, 1, "emergency_stop", false, 1, 2},
-    InjectionRow{"enable_open", Injected::enable_open, everywhere, 1, 20, "enable_open", false, 0, 1},
+                 false, 1},
+    InjectionRow{"emergency_stop", Injected::emergency_stop, everywhere, 1, 1, "emergency_stop", false, 1},
+    InjectionRow{"enable_open", Injected::enable_open, everywhere, 1, 20, "enable_open", false, 0},
 };
+
+// What the rows are made for.
+constexpr int usual_age_ticks = 2, usual_watchdog_ticks = 10, usual_beat_ticks = 10;
+constexpr double usual_tick = 1e-3;  // s
+constexpr double usual_jump = 0.05;  // rad per tick
 
 /// Of a passive encoder only the samples count.
 bool of_motors(Injected k) {
@@ -90,14 +101,53 @@ bool of_motors(Injected k) {
   }
 }
 
-void draw_amount(Draw& draw, Injection& i) {
+/// Whether it may keep our frames from a drive for so long that its watchdog acts.
+bool starves(Injected k) {
+  switch (k) {
+    case Injected::drive_bus_off:
+    case Injected::controller_death:
+    case Injected::controller_late:
+    case Injected::controller_bus_off:
+    case Injected::commands_lost:
+    case Injected::torque_lost:
+    case Injected::queue_full:
+    case Injected::babbling:
+      return true;
+    default:
+      return false;
+  }
+}
+
+/// As short and as long as a row has it, but on both sides of what the scene bears.
+int draw_length(Draw& draw, const InjectionRow& row, const EpisodeTimes& t) {
+  if (row.longest == 0) return for_ever;
+  int shortest = row.shortest, longest = row.longest;
+  const int older = t.max_age_ticks - usual_age_ticks;
+  if (row.kind == Injected::loss) {
+    if (shortest > 1) shortest = std::max(1, shortest + older);
+    longest = std::max(shortest, longest + older);
+  } else if (takes_samples(row.kind) || row.kind == Injected::remote) {
+    longest += std::max(0, older);
+  }
+  // One that comes back late finds everything that was sent meanwhile, and that is to be less than it reads
+  // in a tick.
+  const int unread = row.kind == Injected::controller_late ? 1000 / (3 * static_cast<int>(t.axes)) : for_ever;
+  if (starves(row.kind)) {
+    const int hungry = row.longest * (t.watchdog_ticks - 1) / usual_watchdog_ticks;
+    longest = std::max(longest, std::min(hungry, unread));
+  }
+  return draw.between(shortest, longest);
+}
+
+void draw_amount(Draw& draw, Injection& i, const EpisodeTimes& t) {
+  const double coarser = std::max(1.0, t.jump / usual_jump);  // than usual is the guard
   i.choice = static_cast<int>(draw.below(64));
   switch (i.row->kind) {
     case Injected::scattered_loss:
       i.amount = draw.uniform(0.05, 0.6);
       break;
     case Injected::delay:
-      i.amount = draw.between(1, 5);
+      i.amount = draw.between(1, std::max(5, t.max_age_ticks + 3));
       break;
     case Injected::denormal:
       i.amount = draw.signed_magnitude(1e-45, 1e-38);
@@ -106,10 +156,10 @@ void draw_amount(Draw& draw, Injection& i) {
       i.amount = draw.signed_magnitude(1e3, 3e38);
       break;
     case Injected::sensor_jump:
-      i.amount = draw.signed_magnitude(0.15, 3.0);
+      i.amount = draw.signed_magnitude(0.15 * coarser, std::max(3.0, 0.6 * coarser));
       break;
     case Injected::sensor_step:
-      i.amount = draw.signed_magnitude(1e-5, 0.04);
+      i.amount = draw.signed_magnitude(1e-5, 0.04 * coarser);
       break;
     case Injected::flood:
       i.amount = draw.between(1100, 3000);
@@ -126,8 +176,8 @@ void draw_amount(Draw& draw, Injection& i) {
 
 int phase_length(Phase p, const EpisodeTimes& t) {
   switch (p) {
-    case Phase::arming:
-      return 45;
+    case Phase::arming:  // which waits for heartbeats
+      return 45 * std::max(t.beat_ticks, usual_beat_ticks) / usual_beat_ticks;
     case Phase::joining:
       return t.join_ticks;
     case Phase::running:
@@ -138,6 +188,66 @@ int phase_length(Phase p, const EpisodeTimes& t) {
       break;
   }
   return 5;
+}
+
+/// How long samples are gone, and what must come of that.
+void expect_of_lost_samples(Injection& i, const EpisodeTimes& t, const Dialect& dialect) {
+  const Injected kind = i.row->kind;
+  i.stale = i.length > t.max_age_ticks;
+  // Where the request for the next sample is lost with the last one, one more is missing.
+  const bool deaf = kind == Injected::babbling || kind == Injected::drive_bus_off;
+  const bool asked = deaf && dialect.samples_on_demand;
+  i.must_pass = i.length + (asked ? 1 : 0) <= t.max_age_ticks;
+  i.notice_ticks = i.stale ? t.max_age_ticks : never;
+  // What a scene with a high max_age_ticks bears may be too much for something else.
+  const int late = i.stale ? t.max_age_ticks + 1 : t.heartbeat_late(i.length);
+  const bool beats = kind == Injected::babbling || i.drive < t.motors;
+  if (beats && t.heartbeat_expires(late)) i.fits_too += " heartbeat_lost";
+  if (deaf && !i.stale && t.watchdog_expires(i.length)) i.fits_too += " drive_error drive_disarmed";
+  // Open for longer than its law takes, the loop is no longer where it thinks it is.
+  if (std::min(i.length, t.max_age_ticks) > t.open_ticks) i.fits_too.append(" ").append(motion_faults);
+  i.must_pass = i.must_pass && i.fits_too.empty();
+}
+
+/// What has to come of a fault as drawn, and when.
+void expect(Injection& i, const EpisodeTimes& t, const Dialect& dialect) {
+  const InjectionRow& row = *i.row;
+  const double tick_ms = 1e3 * t.tick;
+  const auto fits_if = [&](bool condition, std::string_view names) {
+    if (condition) i.fits_too.append(" ").append(names);
+  };
+  i.notice_ticks = row.notice_ticks;
+  if (row.waits == Waits::for_heartbeat) i.notice_ticks += t.beat_ticks;
+  if (row.waits == Waits::for_heartbeat_timeout) i.notice_ticks += t.heartbeat_ticks;
+  if (takes_samples(row.kind) || (row.kind == Injected::remote && dialect.remote_is_nothing)) {
+    expect_of_lost_samples(i, t, dialect);
+  }
+  fits_if(t.out_of_range && row.wrong_motion, "drive_error");
+  switch (row.kind) {
+    case Injected::scattered_loss:  // of commands, too: in a slower loop the last torque acts for longer
+      fits_if(t.tick > 1.001 * usual_tick, motion_faults);
+      break;
+    case Injected::delay:
+      fits_if(t.heartbeat_expires(static_cast<int>(i.amount)), "heartbeat_lost");
+      break;
+    case Injected::drive_reset:  // its clock begins anew
+      fits_if(t.heartbeat_expires(t.beat_ticks), "heartbeat_lost");
+      break;
+    case Injected::controller_late:  // nobody has asked for a sample
+      fits_if(dialect.samples_on_demand && t.max_age_ticks == 0, "stale_feedback");
+      break;
+    default:
+      break;
+  }
+  // A jammed bus carries no command, nor does a node that is off it: there the drives' watchdogs end it.
+  const bool mute = row.kind == Injected::babbling || row.kind == Injected::controller_bus_off;
+  i.safe_ms = mute ? t.watchdog_ms : i.notice_ticks * tick_ms + std::max(tick_ms, t.frames_ms);
+  if (row.kind == Injected::foreign_controller) i.safe_ms += dialect.ticks_to_let_go * tick_ms;
+  if (starves(row.kind))
+    i.watch_ticks = std::max(i.watch_ticks, static_cast<int>(std::ceil(t.watchdog_ms / tick_ms)));
+  i.unwatched = row.kind == Injected::watchdog_off;
+  const bool lets_go = row.kind == Injected::drive_disarm || row.kind == Injected::drive_reset;
+  if (lets_go && !dialect.tells_its_state) i.notice_ticks = never;
 }
 
 }  // namespace
@@ -206,32 +316,46 @@ Injection draw_injection(Draw& draw, const EpisodeTimes& times, const Dialect& d
     i.phase = static_cast<Phase>(draw.below(phase_count));
   } while ((i.row->phases & in(i.phase)) == 0 || phase_length(i.phase, times) == 0);
   i.offset = i.row->phases == at_start ? 0 : draw.between(0, phase_length(i.phase, times) - 1);
-  i.length = i.row->longest == 0 ? for_ever : draw.between(i.row->shortest, i.row->longest);
+  i.length = draw_length(draw, *i.row, times);
   i.drive = draw.below(of_motors(i.row->kind) ? times.motors : times.axes);
-  draw_amount(draw, i);
-
-  i.notice_ticks = i.row->notice_ticks;
-  i.safe_ms = i.row->safe_ms;
-  if (i.row->kind == Injected::heartbeat_lost) {
-    i.notice_ticks = times.heartbeat_ticks + 2;
-    i.safe_ms = i.notice_ticks + 1;
-  }
-  if (takes_samples(i.row->kind) || (i.row->kind == Injected::remote && dialect.remote_is_nothing)) {
-    i.stale = i.length > times.max_age_ticks;
-    // Where the request for the next sample is lost with the last one, one more is missing.
-    const bool asked = dialect.samples_on_demand &&
-                       (i.row->kind == Injected::babbling || i.row->kind == Injected::drive_bus_off);
-    i.must_pass = i.length + (asked ? 1 : 0) <= times.max_age_ticks;
-    i.notice_ticks = i.stale ? times.max_age_ticks : never;
-    // A jammed bus carries no command either: there the drives' watchdogs end it.
-    i.safe_ms = i.row->kind == Injected::babbling ? 12.0 : times.max_age_ticks + 1.0;
-  }
-  i.unwatched = i.row->kind == Injected::watchdog_off ||
-                (i.row->kind == Injected::torque_lost && !dialect.watches_setpoints);
-  const bool lets_go = i.row->kind == Injected::drive_disarm || i.row->kind == Injected::drive_reset;
-  if (lets_go && !dialect.tells_its_state) i.notice_ticks = never;
-  if (i.row->kind == Injected::foreign_controller) i.safe_ms += dialect.ticks_to_let_go;
+  draw_amount(draw, i, times);
+  expect(i, times, dialect);
   return i;
+}
+
+bool has_to_show(const Injection& i, const Scene& scene) {
+  const PlacedAxis axis = placed_axes(scene)[i.drive];
+  const bool of_base = scene.joints() == 2 || axis.joint % 2 == 0;
+  const DriveScene& d = scene.drives;
+  const double turn = 2.0 * std::numbers::pi / axis.mount.gear_ratio;
+  double angle = 0.0, rate = 0.0;  // of the joint, by which a sample is wrong
+  switch (i.kind()) {
+    case Injected::not_finite:
+      return of_base || scene.all_sensors;
+    case Injected::sensor_jump:
+      angle = std::abs(i.amount);
+      // Only the low bits of a position go into the frame.
+      if (d.protocol == Protocol::mit) {
+        const double span = 2.0 * d.position_range[axis.entry] / axis.mount.gear_ratio;
+        angle = std::abs(std::remainder(angle, span));
+      }
+      break;
+    case Injected::huge:
+      (i.choice % 2 == 0 ? angle : rate) = std::abs(i.amount) * turn;
+      break;
+    case Injected::end_of_range:
+      if (d.protocol == Protocol::mit) return true;  // the reply is an error, whoever uses the sample
+      angle = 0x1p31 / d.counts_per_turn * turn;
+      rate = 0x1p31 * d.velocity_unit / axis.mount.gear_ratio;
+      break;
+    default:
+      return true;
+  }
+  if (!of_base && !scene.all_sensors) return false;
+  // What was right before may have used up the guard's patience on the other side.
+  const double jump = 2.0 * scene.limits.feedback_jump;
+  const bool jumps = jump > 0.0 && std::abs(angle - rate * scene.tick()) > jump;
+  return jumps || (of_base && rate > 2.0 * scene.limits.joint_speed);
 }
 
 std::string describe(const Injection& i) {

@@ -10,6 +10,7 @@
 
 #include "host_sim/campaign/dialect.hpp"
 #include "host_sim/campaign/draw.hpp"
+#include "host_sim/campaign/times.hpp"
 
 namespace esmc::host {
 
@@ -63,6 +64,9 @@ enum class Injected : std::uint8_t {
   enable_open,
 };
 
+/// What a controller waits for before it can notice a fault.
+enum class Waits : std::uint8_t { for_nothing, for_heartbeat, for_heartbeat_timeout };
+
 /// What may or must come of a fault.
 struct InjectionRow {
   std::string_view name;
@@ -78,8 +82,8 @@ struct InjectionRow {
   /// Ticks from its beginning within which the controller has latched it, while there is torque;
   /// not_demanded: it need not.
   int notice_ticks = not_demanded;
-  /// Then the torque is zero at all drives that hear, ms from its beginning.
-  double safe_ms = 0.0;
+  /// What has to come, or to stay away, before the controller can know; its ticks are added.
+  Waits waits = Waits::for_nothing;
   static constexpr int not_demanded = -1;
 };
 
@@ -97,16 +101,6 @@ inline constexpr std::string_view motion_faults =
 /// Whether a blank-separated list holds a word.
 [[nodiscard]] bool lists(std::string_view list, std::string_view word);
 
-/// What decides the times of an episode, from its scene.
-struct EpisodeTimes {
-  double tick = 1e-3;  ///< s
-  int arming_ticks = 40, join_ticks = 0, halt_ticks = 0;
-  int max_age_ticks = 0;
-  int heartbeat_ticks = 0;           ///< of the time-out
-  int off_after_halt_ticks = 0;      ///< a halt ends without torque within so many ticks; 0: it holds
-  std::size_t motors = 2, axes = 2;  ///< axes: with passive encoders
-};
-
 /// A fault as drawn.
 struct Injection {
   const InjectionRow* row = nullptr;
@@ -118,7 +112,9 @@ struct Injection {
   int choice = 0;          ///< among variants of a fault
   std::uint64_t bits = 0;  ///< of a generator of its own
   int notice_ticks = InjectionRow::not_demanded;
-  double safe_ms = 0.0;
+  double safe_ms = 0.0;    ///< from its beginning: then the torque is zero at all drives that hear
+  int watch_ticks = 30;    ///< from its beginning: so long the watchdogs of drives may have to be waited for
+  std::string fits_too{};  ///< names that fit on this scene and not on every one
   bool stale = false;      ///< takes away more samples than are extrapolated
   bool unwatched = false;  ///< no watchdog of a drive ends it
   bool must_pass = false;  ///< so few that no fault fits
@@ -127,6 +123,9 @@ struct Injection {
 };
 
 [[nodiscard]] Injection draw_injection(Draw& draw, const EpisodeTimes& times, const Dialect& dialect);
+/// Whether a guard of this scene has to notice the wrong numbers that the fault puts into samples; true for
+/// faults that put in none.
+[[nodiscard]] bool has_to_show(const Injection& i, const Scene& scene);
 [[nodiscard]] std::string describe(const Injection& i);
 
 }  // namespace esmc::host

@@ -7,11 +7,6 @@
 #include "host_sim/bus/wire.hpp"
 
 namespace esmc::host {
-namespace {
-
-constexpr double bits_per_ms = 1000.0;  // of a bus of 1 Mbit/s
-
-}  // namespace
 
 void Wire::begin_tick(bool active) {
   active_ = active;
@@ -143,7 +138,7 @@ hal::SendStatus Wire::try_send(const hal::CanFrame& f) {
   if (active_ && kind == Injected::controller_bus_off) return hal::SendStatus::bus_off;
   if (jammed() || (active_ && kind == Injected::queue_full)) return hal::SendStatus::bus_full;
   ++frames_;
-  ms_ += worst_bits(f.size) / bits_per_ms;
+  ms_ += worst_bits(f.size) / bits_per_ms_;
   const bool lost =
       (kind == Injected::scattered_loss && active_ && draw_.uniform() < injection_->amount) ||
       (kind == Injected::commands_lost && active_) ||

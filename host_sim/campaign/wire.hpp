@@ -14,9 +14,14 @@ namespace esmc::host {
 
 class Wire {
  public:
-  /// `nodes` of the drives, motors first; all live as long as the wire.
-  Wire(const Injection& injection, const Dialect& dialect, const std::vector<int>& nodes)
-      : injection_(&injection), dialect_(&dialect), nodes_(&nodes), draw_(injection.bits) {}
+  /// `nodes` of the drives, motors first; all live as long as the wire. `bitrate`: bit/s.
+  Wire(const Injection& injection, const Dialect& dialect, const std::vector<int>& nodes,
+       double bitrate = 1e6)
+      : injection_(&injection),
+        dialect_(&dialect),
+        nodes_(&nodes),
+        draw_(injection.bits),
+        bits_per_ms_(bitrate / 1e3) {}
 
   /// `active`: the fault acts in this tick.
   void begin_tick(bool active);
@@ -59,6 +64,7 @@ class Wire {
   const Dialect* dialect_;
   const std::vector<int>* nodes_;
   Draw draw_;
+  double bits_per_ms_;
   bool active_ = false;
   std::uint64_t tick_ = 0, frames_ = 0;
   double ms_ = 0.0;

@@ -109,6 +109,9 @@ class World {
           a.state.heard_now = true;
           a.state.heard_ms = now_ms + d.ms;
         }
+        const bool feeds =
+            dialect_->is_sign_of_life != nullptr ? dialect_->is_sign_of_life(*scene_, d.frame) : command;
+        if (feeds && d.ours) a.state.fed_ms = now_ms + d.ms;
         settle_zero(a, now_ms + d.ms);
       }
     }

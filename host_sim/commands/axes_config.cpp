@@ -60,7 +60,9 @@ static_assert(static_cast<int>(link::Source::hold) == static_cast<int>(CommandSo
               static_cast<int>(link::Source::reference) == static_cast<int>(CommandSource::reference) &&
               static_cast<int>(link::Source::stream) == static_cast<int>(CommandSource::stream));
 
-/// Longer without a heartbeat, an axis is lost, and may be another when it comes back.
+constexpr double two_beats = 0.02;  // s; a drive that beats as it should is never silent for longer
+
+/// Longer without a heartbeat, an axis is lost.
 std::uint32_t silence_ticks(const Scene& scene) {
   return static_cast<std::uint32_t>(std::ceil(scene.drives.heartbeat_timeout * scene.rate_hz));
 }
@@ -155,7 +157,7 @@ OdriveSettings odrive_settings(const Scene& scene, Pacing pacing, std::size_t i)
   OdriveSettings s;
   s.version = d.protocol == Protocol::odrive ? drive::odrive::Version::v0_6 : drive::odrive::Version::v0_5_6;
   s.retry_ticks = retry_ticks(scene);
-  s.silence_ticks = silence_ticks(scene);
+  s.silence_ticks = std::max(silence_ticks(scene), static_cast<std::uint32_t>(std::ceil(two_beats * scene.rate_hz)));
   if (motor) s.table = odrive_table(scene, i);
   // In lockstep a drive without its torque would keep everybody waiting.
   if (motor && pacing == Pacing::realtime && d.watchdog_test.value_or(scene.hardware)) {

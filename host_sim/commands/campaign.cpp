@@ -17,6 +17,7 @@
 #include "host_sim/commands/progress.hpp"
 #include "host_sim/commands/run.hpp"
 #include "host_sim/error.hpp"
+#include "host_sim/scene/read_effects.hpp"
 
 namespace esmc::host {
 namespace {
@@ -96,6 +97,7 @@ class KindOf final : public AnyKind {
 std::unique_ptr<AnyKind> make_kind(const Scene& scene) {
   const BusObstacle obstacle = bus_obstacle(scene);
   if (!obstacle.what.empty()) throw InputError(obstacle.where, obstacle.what);
+  refuse_bus_effects(scene, "a campaign disturbs its bus by the faults that it draws");
   if (scene.type == MechanismType::five_bar) return std::make_unique<KindOf<FiveBarWorld>>(scene);
   return std::make_unique<KindOf<RrWorld>>(scene);
 }

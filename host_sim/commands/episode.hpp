@@ -34,25 +34,18 @@ class EpisodeKind {
   using Plant = typename World_::Plant;
   using M = typename World_::Mechanism;
 
-  explicit EpisodeKind(const Scene& scene)
+  explicit EpisodeKind(const Scene& scene) : EpisodeKind(scene, scene) {}
+  /// `promised`: the scene by which the loop of `scene` is judged. Where they differ, a judge has something
+  /// to find.
+  EpisodeKind(const Scene& scene, const Scene& promised)
       : scene_(scene),
+        promised_(promised),
         unwatched_(scene),
         reference_(make_reference(scene_, Pacing::lockstep)),
-        cycle_(make_cycle<M>(scene_, Pacing::lockstep, reference_)) {
+        cycle_(make_cycle<M>(scene_, Pacing::lockstep, reference_)),
+        times_(episode_times(promised_)) {
     unwatched_.drives.watchdog_timeout = 1e3;
-    const auto ticks = [&](double seconds) {
-      return static_cast<int>(std::llround(seconds * scene_.rate_hz));
-    };
-    times_.tick = scene_.tick();
     times_.join_ticks = static_cast<int>(reference_.join_ticks);
-    times_.halt_ticks = ticks(scene_.limits.halt_time);
-    times_.max_age_ticks = scene_.limits.max_age_ticks;
-    times_.heartbeat_ticks = ticks(scene_.drives.heartbeat_timeout);
-    times_.motors = static_cast<std::size_t>(scene_.motors());
-    times_.axes = scene_.drives.nodes.size();
-    if (scene_.limits.after_halt != AfterHalt::hold) {
-      times_.off_after_halt_ticks = 4 * times_.halt_ticks + ticks(scene_.limits.lower_time) + 4;
-    }
     times_.arming_ticks = arming_ticks();
   }
   EpisodeKind(const EpisodeKind&) = delete;
@@ -61,10 +54,11 @@ class EpisodeKind {
   [[nodiscard]] EpisodeResult run(std::uint64_t seed, Draw draw, EpisodeTrace* trace = nullptr) const;
 
  private:
-  /// Ticks from the command to enable to the release of the brake, without a fault.
+  /// Ticks from the command to enable to the release of the brake, without a fault. Throws RunError where the
+  /// loop does not get onto its reference: what a campaign says of such a loop says nothing of the faults.
   [[nodiscard]] int arming_ticks() const;
 
-  Scene scene_, unwatched_;
+  Scene scene_, promised_, unwatched_;
   ReferenceBundle<double> reference_;
   AnyCycle<M> cycle_;
   EpisodeTimes times_;
@@ -120,14 +114,15 @@ inline hal::CanFrame foreign_command(const Dialect& words, const Scene& scene, c
 
 template <class World_>
 EpisodeResult EpisodeKind<World_>::run(std::uint64_t seed, Draw draw, EpisodeTrace* trace) const {
-  constexpr int watch_ticks = 30, most_ticks = 2000;
+  constexpr int watch_ticks = 30;
   EpisodeResult out;
   out.seed = seed;
   const Dialect& words = dialect(scene_.drives.protocol);
-  const Injection injection = draw_injection(draw, times_, words);
+  Injection injection = draw_injection(draw, times_, words);
+  if (!has_to_show(injection, promised_)) injection.notice_ticks = InjectionRow::not_demanded;
   const EpisodeScript script(injection, times_, draw);
   World<Plant> world(make_motion<World_>(scene_), scene_, unwatched_, injection, words);
-  Wire wire(injection, words, world.nodes());
+  Wire wire(injection, words, world.nodes(), scene_.bitrate);
   Judge judge(injection, times_, scene_.effects.empty(), words.tells_its_state);
   AnyCycle<M> cycle = cycle_;
   const hal::CanFrame foreign = foreign_command(words, scene_, injection);
@@ -135,7 +130,10 @@ EpisodeResult EpisodeKind<World_>::run(std::uint64_t seed, Draw draw, EpisodeTra
   Operator pending = Operator::nothing;
   ControllerWord word;
   int run = -1, latched = -1, since = -1;
-  const int watch = watch_ticks + std::max(std::min(injection.length, watch_ticks), injection.notice_ticks);
+  const int watch =
+      watch_ticks + std::max(std::min(injection.length, injection.watch_ticks), injection.notice_ticks);
+  const auto most_ticks =
+      static_cast<std::uint64_t>(2000 + times_.arming_ticks + times_.join_ticks + times_.halt_ticks + watch);
   std::uint64_t tick = 0;
   for (; since < watch && tick < most_ticks; ++tick) {
     if (since >= 0 || script.begins(tick, run)) ++since;
@@ -213,27 +211,36 @@ EpisodeResult EpisodeKind<World_>::run(std::uint64_t seed, Draw draw, EpisodeTra
 
 template <class World_>
 int EpisodeKind<World_>::arming_ticks() const {
-  constexpr int patience = 2000;
+  constexpr int looks_ahead = 16;  // as the controller does when it joins
+  const int patience = std::max(2000, static_cast<int>(2.0 * scene_.rate_hz));
   const Injection nothing{.row = &injection_rows()[0]};
   const Dialect& words = dialect(scene_.drives.protocol);
   World<Plant> world(make_motion<World_>(scene_), scene_, unwatched_, nothing, words);
-  Wire wire(nothing, words, world.nodes());
+  Wire wire(nothing, words, world.nodes(), scene_.bitrate);
   AnyCycle<M> cycle = cycle_;
   std::visit([](auto& c) { c.command(Command::enable); }, cycle);
-  for (int tick = 0; tick < patience; ++tick) {
+  int armed = -1;
+  for (int tick = 0; armed < 0 || tick <= armed + times_.join_ticks + looks_ahead; ++tick) {
+    if (armed < 0 && tick >= patience) throw RunError(scene_.name + ": the drives do not arm");
     wire.begin_tick(false);
     world.publish(wire, false, false);
-    if (world.released()) return tick;
-    std::visit(
+    if (armed < 0 && world.released()) armed = tick;
+    const Fault fault = std::visit(
         [&](auto& c) {
           c.receive(wire);
-          (void)c.tick(wire);
+          const TickResult<M> r = c.tick(wire);
           c.request(wire);
+          return r.fault;
         },
         cycle);
+    if (fault != Fault::none) {
+      throw RunError(fmt::format("{}: {} before anything is done to the loop: a campaign needs one that runs",
+                                 scene_.name, esmc::name(fault)));
+    }
     world.deliver(wire, tick * times_.tick * 1e3);
+    world.advance(tick * times_.tick);
   }
-  throw RunError(scene_.name + ": the drives do not arm");
+  return armed;
 }
 
 }  // namespace esmc::host

@@ -141,13 +141,13 @@ class Court : public testing::Test {
   void accuse(std::string_view fault) {
     injection.row = &row(fault);
     injection.notice_ticks = injection.row->notice_ticks;
-    injection.safe_ms = injection.row->safe_ms;
+    injection.safe_ms = injection.notice_ticks + 1.0;
   }
   /// One tick; torques are heard by both drives in it.
   void tick(Operator asked = Operator::nothing, bool first = false) {
     for (MotorState& m : world.state) {
       m.heard_now = word.ticked;
-      if (word.ticked) m.heard_ms = static_cast<double>(now) + 0.3;
+      if (word.ticked) m.heard_ms = m.fed_ms = static_cast<double>(now) + 0.3;
     }
     bare_tick(asked, first);
   }
@@ -179,6 +179,7 @@ class Court : public testing::Test {
   }
 
   Injection injection{.row = &row("nothing"), .phase = Phase::running};
+  // Of 1 kHz where nothing else is said.
   EpisodeTimes times{.tick = 1e-3, .join_ticks = 10, .halt_ticks = 10, .max_age_ticks = 2, .heartbeat_ticks = 50,
                      .off_after_halt_ticks = 44, .motors = 2};
   Judge judge{injection, times, true, true};
@@ -272,6 +273,29 @@ TEST_F(Court, ATorqueThatNobodyRenews) {
   tick();
   EXPECT_EQ(verdict(), "watchdog");
 }
+/// The drive hears commands, and not what its watchdog watches.
+TEST_F(Court, ACommandIsNoSignOfLife) {
+  run();
+  for (int i = 0; i < 12; ++i) {
+    for (MotorState& m : world.state) m.heard_ms = static_cast<double>(now) + 0.3;
+    bare_tick();
+  }
+  EXPECT_EQ(judge.verdict().invariant, "");
+  bare_tick();
+  EXPECT_EQ(verdict(), "watchdog");
+}
+TEST_F(Court, AFaultThatFitsThisSceneOnly) {
+  accuse("frame_loss");
+  run();
+  tick(Operator::nothing, true);
+  latch("heartbeat_lost");
+  tick();
+  Judge strict = judge;
+  strict.end();
+  EXPECT_EQ(strict.verdict().invariant, "fault_name");
+  injection.fits_too = " heartbeat_lost drive_error";
+  EXPECT_EQ(verdict(), "");
+}
 TEST_F(Court, DeathIsMeasuredFromTheLastCommand) {
   accuse("controller_death");
   run();
@@ -361,6 +385,24 @@ TEST_F(Court, EnergyFromNowhere) {
   world.moved.held = 1.002;
   tick();
   EXPECT_EQ(verdict(), "energy_without_torque");
+}
+/// A joint that spins by 0.3 rad in each of two steps: 2 x 0.3^5 of the energy is not resolved, per joint.
+TEST_F(Court, EnergyOfASpinThatStepsDoNotResolve) {
+  times.steps_per_tick = 2;
+  Judge coarse{injection, times, true, true};
+  accuse("frozen_sensor");
+  const auto look = [&](bool first) {
+    coarse.look(now++, Operator::nothing, {true, false, true, "joint_speed"}, world, wire, first);
+  };
+  look(true);
+  world.way = {0.6, 0.6};
+  world.moved.held = 1.0 + 1e-3 + 4 * 0.00243 - 1e-4;
+  look(false);
+  EXPECT_EQ(coarse.verdict().invariant, "");
+  world.way = {};
+  world.moved.held += 4e-4;
+  look(false);
+  EXPECT_EQ(coarse.verdict().invariant, "energy_without_torque");
 }
 TEST_F(Court, EnergyThatItsSurroundingsGave) {
   run();

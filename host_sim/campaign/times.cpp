@@ -1,0 +1,79 @@
+#include "host_sim/campaign/times.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "host_sim/bus/wire.hpp"
+
+namespace esmc::host {
+namespace {
+
+constexpr double beat = 0.01;  // s: the emulated drives', and what a CiA 402 drive is set to
+
+/// s. A CiA 402 drive counts whole ms of our heartbeat; the others count from a command.
+double time_out(const Scene& s) {
+  const double t = s.drives.watchdog_timeout;
+  return s.drives.protocol == Protocol::cia402 ? 1e-3 * std::ceil(1e3 * t - 1e-9) : t;
+}
+
+// Drives count in ticks and allow half a tick of rounding; at exactly half a tick it may go either way.
+constexpr double either_way = 1e-9;  // ticks
+
+int most_ticks(double seconds, const Scene& s) {
+  return static_cast<int>(std::floor(seconds * s.rate_hz + 0.5 + either_way));
+}
+int first_tick_after(double seconds, const Scene& s) {
+  return static_cast<int>(std::ceil(seconds * s.rate_hz + 0.5 - either_way));
+}
+
+/// ms. Every motor gets a frame that ends its torque and one beside it; the last one's need not come before.
+double frames_ms(const Scene& s) {
+  const double bits = worst_bits(8), frames = 2 * s.motors() - 1;
+  return frames * bits / (s.bitrate / 1e3);
+}
+
+/// Whether a motor that turns as it should not may leave the range of its drive's replies before it reaches
+/// limits.joint_speed, or within two turns.
+bool out_of_range(const Scene& s) {
+  if (s.drives.protocol != Protocol::mit) return false;
+  constexpr double turns = 4.0 * std::numbers::pi;
+  bool any = false;
+  for (std::size_t i = 0; i < static_cast<std::size_t>(s.motors()); ++i) {
+    const double gear = s.drives.gear_ratio[i];
+    any = any || s.drives.velocity_range[i] < s.limits.joint_speed * gear ||
+          s.drives.position_range[i] < turns * gear;
+  }
+  return any;
+}
+
+}  // namespace
+
+EpisodeTimes episode_times(const Scene& s) {
+  const auto ticks = [&](double seconds) { return static_cast<int>(std::llround(seconds * s.rate_hz)); };
+  constexpr double ms = 1e3;
+  EpisodeTimes t;
+  t.tick = s.tick();
+  t.halt_ticks = ticks(s.limits.halt_time);
+  t.max_age_ticks = s.limits.max_age_ticks;
+  t.heartbeat_ticks = static_cast<int>(std::ceil(s.drives.heartbeat_timeout * s.rate_hz));
+  t.beat_ticks = std::max(1, most_ticks(beat, s));
+  t.watchdog_ticks = first_tick_after(time_out(s), s);
+  t.feed_ticks = s.drives.protocol == Protocol::cia402 ? static_cast<int>(heartbeat_ticks(s)) : 1;
+  // A drive counts ticks, and from the one in which it was fed: that is up to a tick and a half more.
+  t.watchdog_ms = ms * time_out(s) + 2.0 * ms * t.tick;
+  t.frames_ms = frames_ms(s);
+  t.jump = s.limits.feedback_jump > 0.0 ? s.limits.feedback_jump : s.limits.joint_speed * t.tick;
+  t.steps_per_tick = std::max(1, static_cast<int>(std::ceil(t.tick / s.step - either_way)));
+  const double lambda = std::max(s.lambda.position, s.lambda.angle);
+  t.open_ticks = lambda > 0.0 ? static_cast<int>(std::floor(1.0 / (lambda * t.tick))) : t.open_ticks;
+  t.out_of_range = out_of_range(s);
+  t.motors = static_cast<std::size_t>(s.motors());
+  t.axes = s.drives.nodes.size();
+  if (s.limits.after_halt != AfterHalt::hold) {
+    t.off_after_halt_ticks = 4 * t.halt_ticks + ticks(s.limits.lower_time) + 4;
+  }
+  return t;
+}
+
+}  // namespace esmc::host
