@@ -232,7 +232,7 @@ class Run {
   void sent(const CanFrame& f, bool taken) {
     require(hal::well_formed(f) && !f.extended && !f.remote && !f.fd, "classic data frames");
     if (f.id == 0) {
-      require(f.size == 2 && f.data[1] == node && (f.data[0] == 0x80 || f.data[0] == 1 || f.data[0] == 2), "NMT: pre-operational, start or stop, this node");
+      require(f.size == 2 && f.data[1] == node && (f.data[0] == 0x80 || f.data[0] == 1), "NMT: pre-operational or start, this node");
       if (f.data[0] == 1) configured();
       if (f.data[0] == 0x80 && taken) read_.clear();
       operational_asked_ = f.data[0] == 1;
@@ -250,7 +250,7 @@ class Run {
   }
   void disable() {
     axis_.disable([&](const CanFrame& f) {
-      require(f.id == 0 && f.data[0] == 0x80 && f.data[1] == node, "disabling leaves NMT operational");
+      require(f.id == 0 && f.data[0] == 2 && f.data[1] == node, "disabling stops the node");
       return in_.yes();
     });
     require(control() == 0, "disabled: no voltage");
