@@ -105,9 +105,10 @@ class CycleRun {
   }
   /// An order that may count: sealed with the session that the controller has when it comes. Its age and counter: the target `link`.
   void order(const hal::CanFrame& f, unsigned session) {
-    if (f.id != link_base || f.size != 8 || f.fd || f.remote || f.extended || desk_.seal(f, session).data[0] != f.data[0]) return;
-    ordered_enable_ = ordered_enable_ || f.data[2] == Desk::arm;
-    ordered_reset_ = ordered_reset_ || f.data[2] == Desk::reset;
+    const bool enables = f.data[2] == Desk::arm && !ordered_enable_, resets = f.data[2] == Desk::reset && !ordered_reset_;
+    if (!(enables || resets) || f.id != link_base || f.size != 8 || f.fd || f.remote || f.extended) return;
+    if (desk_.seal(f, session).data[0] != f.data[0]) return;
+    (enables ? ordered_enable_ : ordered_reset_) = true;
   }
   /// The frames of a tick. `without`: bit 0, 1: first or second axis says nothing; bit 2: no heartbeats.
   void speak(unsigned without) {
@@ -286,9 +287,8 @@ class CycleRun {
     desk_.heard.clear();
     if (bus_.waiting.empty()) {  // else a flood: the rest comes in the next ticks
       silent_ = true;
+      ordered_enable_ = ordered_reset_ = false;
     }
-    ordered_enable_ = ordered_reset_ = false;
-    for (const auto& f : bus_.unread()) order(f, cycle_.link().session());
     impostor_ = std::ranges::any_of(bus_.unread(), [&](const hal::CanFrame& f) { return commands(f); });
     refused_off_ = refused_off();
     bus_.clear();
