@@ -54,7 +54,7 @@ class Cycle {
   explicit Cycle(const Config& config)
       : controller_(config.controller), supervisor_(controller_.supervision()), axes_(config.axes), line_(config.line), axis_count_(config.axis_count),
         heartbeat_age_ticks_max_(config.heartbeat_age_ticks_max), zero_(config.zero_absolute, config.zero_pose),
-        echo_(config.torque_mismatch, config.torque_time, config.controller.sample_time),
+        echo_(config.torque_mismatch, config.torque_time, config.controller.sample_time, config.heartbeat_age_ticks_max),
         samples_timed_(config.samples_timed), link_(config.link), delay_ticks_(config.delay_ticks),
         motors_(places(config.controller.motor_count())), sensors_(places(config.controller.sensor_count())),
         shafts_hold_(carried(config.controller.torque_limit) == motors_.count) {}

@@ -51,16 +51,18 @@ class Consistency {
   std::array<bool, static_cast<unsigned>(M::joints)> known_{};
 };
 
-/// The torque that a drive reports against what it was told, allowed the time it takes to follow.
+/// The torque that a drive reports against what it was told, allowed the time it takes to follow. It need not report in
+/// every tick.
 template <class M>
 class TorqueEcho {
  public:
   using S = typename M::Scalar;
 
   TorqueEcho() = default;
-  /// `tolerance`: N m, 0: anything goes; `time`: s, of the first-order lag that the drive is allowed.
-  TorqueEcho(S tolerance, S time, S sample_time)
-      : tolerance_(tolerance), share_(sample_time / (time + sample_time)) {}
+  /// `tolerance`: N m, 0: anything goes; `time`: s, of the first-order lag that the drive is allowed; `silence_ticks_max`: it
+  /// may say nothing for so long.
+  TorqueEcho(S tolerance, S time, S sample_time, std::uint32_t silence_ticks_max)
+      : tolerance_(tolerance), share_(sample_time / (time + sample_time)), silence_ticks_max_(silence_ticks_max) {}
 
   /// At the end of a tick: what goes to the joints from now on, N m.
   void told(const Vec<S, M::joints>& torque) {
@@ -68,11 +70,22 @@ class TorqueEcho {
   }
 
   /// What was off before there was torque says nothing.
-  void forget() { off_ = {}; }
-  /// False once a joint's reported torque has been off for `patience` ticks in a row; none reported, none compared.
+  void forget() {
+    off_ = {};
+    silent_ticks_ = {};
+  }
+  /// Once per tick. False once a joint's reported torque has been off for `patience` reports in a row, or has not been reported
+  /// for too long.
   [[nodiscard]] bool plausible(int joint, const std::optional<float>& reported) {
+    if (!(tolerance_ > S(0))) return true;
+    auto& silent = silent_ticks_[static_cast<unsigned>(joint)];
+    if (!reported) {
+      if (silent >= silence_ticks_max_) return false;
+      ++silent;
+      return true;
+    }
+    silent = 0;
     auto& n = off_[static_cast<unsigned>(joint)];
-    if (!(tolerance_ > S(0)) || !reported) return true;
     const S gap = S(*reported) - expected_[joint];
     n = within(gap, tolerance_) ? 0 : n + 1;
     return n < patience;
@@ -81,8 +94,10 @@ class TorqueEcho {
  private:
   static constexpr int patience = 5;
   S tolerance_{}, share_{1};
+  std::uint32_t silence_ticks_max_ = 0;
   Vec<S, M::joints> expected_ = Vec<S, M::joints>::Zero();
   std::array<int, static_cast<unsigned>(M::joints)> off_{};
+  std::array<std::uint32_t, static_cast<unsigned>(M::joints)> silent_ticks_{};
 };
 
 /// The zero of encoders that lose it without power. Until the operator has put the mechanism into its zero pose and

@@ -92,8 +92,9 @@ class Cia402Axis {
   /// Operation enabled in cyclic torque mode, reported without error in two ticks after it was asked for, and nothing
   /// else since: a tick is judged once both PDOs are there, but one of them is enough to be not ready.
   [[nodiscard]] bool ready() const { return confirmations_ >= 2 && closed_loop(); }
-  /// Torque-free states reported in two ticks after the voltage was disabled, or not operational since: a drive
-  /// that leaves NMT operational gives no torque by its abort-connection option.
+  /// Torque-free states reported in two ticks after the voltage was disabled, or stopped or restarted since: a drive
+  /// that is stopped gives no torque by its abort-connection option, which the profile does not let it apply when it is
+  /// made pre-operational.
   [[nodiscard]] bool idle() const { return control_ == 0 && quiet_ >= 2; }
   [[nodiscard]] bool must_be_released() const { return owed_; }
   [[nodiscard]] bool alive() const { return alive_; }
@@ -144,12 +145,13 @@ class Cia402Axis {
   void ask_again() { wait_ticks_ = 0; }
 
   /// The voltage is disabled by the controlword of the torque frame, which goes out in every tick. A drive that does
-  /// not listen to it, because its PDOs are not ours, is at least stopped by NMT, which its abort-connection option (6007)
+  /// not listen to it, because its PDOs are not ours or off, is at least stopped by NMT, which its abort-connection option (6007)
   /// answers; so is one that has not obeyed for retry_ticks, for our heartbeat may go on and would let it keep its torque.
   template <class Send>
   void disable(Send&& send) {
     restart();
-    if (mapped_ && ++disobeyed_ticks_ < settings_.retry_ticks) return;
+    const bool listens = mapped_ && nmt_ == canopen::NmtState::operational;
+    if (listens && ++disobeyed_ticks_ < settings_.retry_ticks) return;
     disobeyed_ticks_ = 0;
     send(canopen::encode_nmt(canopen::NmtCommand::stop, config_.node));
   }
@@ -321,7 +323,7 @@ class Cia402Axis {
     answered_ = nmt_ == canopen::NmtState::pre_operational;
     reported_ = true;
     confirmations_ = 0;
-    quiet_ = 2;
+    if (!answered_) quiet_ = 2;
     if (idle()) owed_ = false;
     return Received::accepted;
   }

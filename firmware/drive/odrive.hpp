@@ -29,6 +29,7 @@ enum class Message : std::uint8_t {
   set_controller_mode = 0x0B,///< us -> drive: u32 control mode, u32 input mode
   set_input_torque = 0x0E,   ///< us -> drive: f32 N m, 4 bytes unused
   clear_errors = 0x18,       ///< us -> drive: 0.6 u8 identify, 0.5.6 none
+  get_torques = 0x1C,        ///< 0.6, drive -> us, cyclic or on request: f32 target, f32 estimate, N m
 };
 
 /// States of an axis that are used here.
@@ -126,6 +127,16 @@ struct Heartbeat {
 struct EncoderEstimates {
   float position_rev, velocity_rev_s;
 };
+/// Get_Torques of 0.6: N m at the motor shaft. The estimate is made of the measured current.
+struct Torques {
+  float target, estimate;
+};
+[[nodiscard]] constexpr hal::CanFrame encode_torques(std::uint8_t node, Torques t) {
+  hal::CanFrame f = detail::frame(node, Message::get_torques, 8);
+  detail::put_u32(f, 0, std::bit_cast<std::uint32_t>(t.target));
+  detail::put_u32(f, 4, std::bit_cast<std::uint32_t>(t.estimate));
+  return f;
+}
 
 /// Length of a data frame of this message as the drive sends it.
 [[nodiscard]] constexpr bool has_size(const hal::CanFrame& f, std::uint8_t size) {
@@ -142,6 +153,10 @@ struct EncoderEstimates {
 [[nodiscard]] constexpr std::optional<EncoderEstimates> decode_encoder_estimates(const hal::CanFrame& f) {
   if (!has_size(f, 8)) return std::nullopt;
   return EncoderEstimates{std::bit_cast<float>(detail::get_u32(f, 0)), std::bit_cast<float>(detail::get_u32(f, 4))};
+}
+[[nodiscard]] constexpr std::optional<Torques> decode_torques(const hal::CanFrame& f) {
+  if (!has_size(f, 8)) return std::nullopt;
+  return Torques{std::bit_cast<float>(detail::get_u32(f, 0)), std::bit_cast<float>(detail::get_u32(f, 4))};
 }
 /// For the drive's side of the wire: the used bytes must be there. Empty: too short, remote or FD.
 [[nodiscard]] constexpr bool has_at_least(const hal::CanFrame& f, std::uint8_t size) {

@@ -40,7 +40,7 @@ class OdriveAxis {
 
   /// Counts the ages; once per tick, before the frames of the tick are received.
   void begin_tick() {
-    counted_ = false;
+    counted_ = torque_said_ = false;
     if (sample_age_ticks_ < age_max) ++sample_age_ticks_;
     if (heartbeat_age_ticks_ < age_max) ++heartbeat_age_ticks_;
     if (heartbeat_age_ticks_ == silence_ticks_ + 1) [[unlikely]] fall_silent();
@@ -56,6 +56,13 @@ class OdriveAxis {
     const S turn = S(6.283185307179586476925286766559L);
     const S per_rev = turn * S(config_.direction) / S(config_.gear_ratio);
     return {S(estimates_.position_rev) * per_rev + S(config_.offset), S(estimates_.velocity_rev_s) * per_rev};
+  }
+
+  /// Torque at the joint as the drive estimates it of its current, N m, model convention; empty in a tick without such a
+  /// report. Firmware 0.6, where its cyclic message is switched on.
+  [[nodiscard]] std::optional<float> observed_torque() const {
+    if (!torque_said_) return std::nullopt;
+    return torque_ * config_.direction * config_.gear_ratio;
   }
 
   /// Closed-loop control reported without error in at least two heartbeats since the last request: an axis
@@ -179,6 +186,9 @@ class OdriveAxis {
     switch (m) {
       case odrive::Message::get_version: return read_back_.take_version(f);
       case odrive::Message::tx_sdo: return read_back_.take_value(f);
+      case odrive::Message::get_torques:
+        // 0.5.6 has another message there, and a request of somebody else is none.
+        return version_ == Version::v0_6 && !f.remote ? take(odrive::decode_torques(f)) : Received::not_mine;
       default: return Received::not_mine;  // other cyclic messages a user may have switched on
     }
   }
@@ -320,6 +330,13 @@ class OdriveAxis {
     return Received::accepted;
   }
 
+  Received take(const std::optional<odrive::Torques>& t) {
+    if (!t) return Received::malformed;
+    torque_ = t->estimate;
+    torque_said_ = true;
+    return Received::accepted;
+  }
+
   AxisConfig config_{};
   Version version_ = Version::v0_6;
   odrive::Heartbeat last_{};
@@ -331,6 +348,7 @@ class OdriveAxis {
   std::uint32_t sample_age_ticks_ = age_max;
   std::uint32_t heartbeat_age_ticks_ = age_max;
   std::uint32_t starve_ticks_ = 0, starved_ticks_ = 0;
+  float torque_ = 0.0F;  // N m at the shaft
   std::uint8_t confirmations_ = 0;
   Step step_ = Step::configure;
   bool alive_ = false;         // a heartbeat or a sample
@@ -345,6 +363,7 @@ class OdriveAxis {
   bool proven_ = false;        // the watchdog has expired once
   bool unfed_ = false;         // starved for too long
   bool counted_ = false;       // a heartbeat of this tick has been counted
+  bool torque_said_ = false;   // in this tick
 };
 
 static_assert(Drive<OdriveAxis>);

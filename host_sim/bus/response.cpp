@@ -89,7 +89,11 @@ void add_odrive(const Scene& s, std::vector<BusMessage>& out) {
     };
     add("heartbeat", wire::Message::heartbeat, std::max(s.bitrate / beats_per_s, tick), Role::other);
     add("sample", wire::Message::encoder_estimates, tick, Role::sample);
-    if (i < static_cast<std::size_t>(s.motors())) add("torque", wire::Message::set_input_torque, tick, Role::command);
+    if (i >= static_cast<std::size_t>(s.motors())) continue;
+    add("torque", wire::Message::set_input_torque, tick, Role::command);
+    if (s.drives.torque_mismatch > 0.0) {
+      add("estimated torque", wire::Message::get_torques, std::max(s.bitrate / beats_per_s, tick), Role::other);
+    }
   }
 }
 

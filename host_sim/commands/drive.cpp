@@ -32,7 +32,7 @@ Defects read_defects(const DriveOptions& o) {
       for (const DefectName& d : defect_names) all += (all.empty() ? "" : ", ") + std::string(d.name);
       throw InputError("", "--defect " + name + ": unknown, allowed are " + all);
     }
-    if (!(odrive ? known->odrive : (o.protocol == "mit" && known->mit))) {
+    if (!(odrive ? known->odrive : (o.protocol == "mit" ? known->mit : known->cia402))) {
       throw InputError("", "--defect " + name + ": not with --protocol " + o.protocol);
     }
     out.*(known->flag) = true;
@@ -94,6 +94,7 @@ std::unique_ptr<EmulatedAxis> make_drive(const DriveOptions& o, const Defects& d
     s.lockstep = false;
     s.period = 1.0 / o.rate_hz;
     s.rated_torque = o.rated_torque;
+    s.defects = defects;
     return std::make_unique<Cia402Axis>(mount, s, ideal, 0, 1);
   }
   OdriveAxis::Settings s;

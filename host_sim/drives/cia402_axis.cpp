@@ -275,13 +275,9 @@ void Cia402Axis::manage(const hal::CanFrame& f, const Send& send) {
       due_ = {};
       return;
     case wire::NmtCommand::stop:
-      leave_operational(send);
-      nmt_ = stopped;
-      return;
+      return leave_operational(stopped, send);
     case wire::NmtCommand::enter_pre_operational:
-      leave_operational(send);
-      nmt_ = pre_operational;
-      return;
+      return leave_operational(pre_operational, send);
     case wire::NmtCommand::reset_node:
     case wire::NmtCommand::reset_communication:
       go(Power::disabled);
@@ -294,15 +290,18 @@ void Cia402Axis::manage(const hal::CanFrame& f, const Send& send) {
   }
 }
 
-void Cia402Axis::leave_operational(const Send& send) {
+void Cia402Axis::leave_operational(std::uint8_t to, const Send& send) {
   confirmations_ = 0;
-  if (nmt_ == operational && power_ == Power::enabled) connection_lost(send);
+  const bool keeps = settings_.defects.pre_operational_keeps_torque;
+  const bool ends = keeps ? to == stopped && nmt_ != stopped : nmt_ == operational;
+  if (ends && power_ == Power::enabled) connection_lost(send);
+  nmt_ = to;
 }
 
 void Cia402Axis::watch_master(const Send& send) {
   since_master_ += settings_.period;
   const double patience = 1e-3 * (value(0x1016, 1) & 0xFFFFU);
-  if (!watching_ || patience <= 0.0 || since_master_ < patience + 0.5 * settings_.period) return;
+  if (settings_.defects.watchdog_off || !watching_ || patience <= 0.0 || since_master_ < patience + 0.5 * settings_.period) return;
   watching_ = false;
   lost_ = true;
   connection_lost(send);
@@ -353,7 +352,8 @@ void Cia402Axis::send_pdo(unsigned number, const Send& send) {
   send(f);
 }
 
-void Cia402Axis::receive_pdo(unsigned number, const hal::CanFrame& f, const Send& send) {
+void Cia402Axis::receive_pdo(unsigned number, const hal::CanFrame& received, const Send& send) {
+  const hal::CanFrame f = settings_.defects.short_frames_stale ? stale_[number].fill(received) : received;
   const std::uint16_t map = object16(0x1600, number);
   const std::uint32_t count = value(map, 0);
   std::size_t bytes = 0;

@@ -7,6 +7,7 @@
 #include <map>
 
 #include "hal/can.hpp"
+#include "host_sim/drives/defects.hpp"
 #include "host_sim/drives/emulated_axis.hpp"
 #include "host_sim/effects/shaft_sensor.hpp"
 
@@ -25,6 +26,7 @@ class Cia402Axis final : public EmulatedAxis {
     double max_torque = 3.0;          ///< object 6072, in rated torques
     double counts_per_turn = 1048576.0;
     double velocity_unit = 1.0471976e-4;  ///< rad/s per LSB of object 606C
+    Defects defects{};
   };
 
   /// `joint`: which one of the model the shaft turns; `seed`: of its sensor noise.
@@ -68,7 +70,7 @@ class Cia402Axis final : public EmulatedAxis {
   void write(std::uint16_t index, std::uint8_t sub, std::uint32_t value, const Send& send);
 
   void manage(const hal::CanFrame& f, const Send& send);
-  void leave_operational(const Send& send);
+  void leave_operational(std::uint8_t to, const Send& send);
   void report_state(const Send& send);
   void watch_master(const Send& send);
   void connection_lost(const Send& send);
@@ -99,6 +101,7 @@ class Cia402Axis final : public EmulatedAxis {
   std::uint8_t nmt_ = 0x7F;        // as in its heartbeat
   bool booted_ = false;            // the boot-up message has been sent
   std::uint16_t last_control_ = 0;
+  std::array<StaleBytes, pdos> stale_{};
   std::array<unsigned, pdos> syncs_{};  // since a TPDO was sent
   std::array<bool, pdos> due_{};        // lockstep: a SYNC has asked for it
   double since_heartbeat_ = 0.0;

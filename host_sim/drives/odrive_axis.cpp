@@ -44,6 +44,7 @@ void OdriveAxis::publish(double joint_angle, double joint_rate, const Send& send
     since_heartbeat_ = 0.0;
     confirmations_ = closed_loop() && error_ == 0 ? confirmations_ + 1 : 0;
     send(heartbeat());
+    if (settings_.says_torque) send(torques());
   }
   send(estimates());
 }
@@ -82,6 +83,7 @@ bool OdriveAxis::receive(const hal::CanFrame& received, const Send& send) {
     const auto node = static_cast<std::uint8_t>(mount_.node);
     if (message == wire::Message::get_version) send(wire::encode_version(node, settings_.endpoints.firmware));
     if (message == wire::Message::get_error) send(wire::encode_errors(node, error_, disarm_reason_));
+    if (message == wire::Message::get_torques) send(torques());
     return false;
   }
   switch (message) {
@@ -114,6 +116,7 @@ bool OdriveAxis::receive(const hal::CanFrame& received, const Send& send) {
     case wire::Message::tx_sdo:
     case wire::Message::heartbeat:
     case wire::Message::encoder_estimates:
+    case wire::Message::get_torques:
       return false;
   }
   return false;
@@ -159,7 +162,9 @@ bool OdriveAxis::commanded_by(const hal::CanFrame& f) const {
          message == wire::Message::set_input_torque || message == wire::Message::clear_errors;
 }
 
-double OdriveAxis::joint_torque() const {
+double OdriveAxis::joint_torque() const { return shaft_torque() * mount_.direction * mount_.gear_ratio; }
+
+double OdriveAxis::shaft_torque() const {
   const bool torque_mode =
       control_mode_ == wire::control_mode_torque && input_mode_ == wire::input_mode_passthrough;
   if (!closed_loop() || !torque_mode) return 0.0;
@@ -171,7 +176,7 @@ double OdriveAxis::joint_torque() const {
     torque = std::clamp(torque, (-settings_.vel_limit - speed) * settings_.vel_gain,
                         (settings_.vel_limit - speed) * settings_.vel_gain);
   }
-  return torque * mount_.direction * mount_.gear_ratio;
+  return torque;
 }
 
 hal::CanFrame OdriveAxis::heartbeat() const {
@@ -182,6 +187,10 @@ hal::CanFrame OdriveAxis::estimates() const {
   return wire::encode_encoder_estimates(static_cast<std::uint8_t>(mount_.node),
                                         static_cast<float>(reading_.position_rev),
                                         static_cast<float>(reading_.velocity_rev_s));
+}
+
+hal::CanFrame OdriveAxis::torques() const {
+  return wire::encode_torques(static_cast<std::uint8_t>(mount_.node), {input_torque_, static_cast<float>(shaft_torque())});
 }
 
 void OdriveAxis::disarm(std::uint32_t error) {

@@ -28,6 +28,7 @@ class OdriveAxis final : public EmulatedAxis {
     double torque_constant = 0.1;    ///< N m/A; reported, like the next, and of no effect
     double current_limit = 100.0;    ///< A
     bool overspeed_error = true;     ///< reported
+    bool says_torque = false;        ///< 0.6: Get_Torques with every heartbeat, torques_msg_rate
     OdriveEndpoints endpoints{};     ///< 0.6: what it answers to, and its version
     Defects defects{};
   };
@@ -57,6 +58,8 @@ class OdriveAxis final : public EmulatedAxis {
   [[nodiscard]] std::uint32_t raw(OdriveValue v) const;
   [[nodiscard]] hal::CanFrame heartbeat() const;
   [[nodiscard]] hal::CanFrame estimates() const;
+  [[nodiscard]] hal::CanFrame torques() const;
+  [[nodiscard]] double shaft_torque() const;
   void disarm(std::uint32_t error);
   void request_state(std::uint32_t state);
   void setpoint(float torque);

@@ -98,6 +98,7 @@ inline std::unique_ptr<EmulatedAxis> make_axis(const Scene& s, const PlacedAxis&
       s.drives.protocol == Protocol::odrive ? OdriveAxis::Version::v0_6 : OdriveAxis::Version::v0_5_6;
   settings.period = s.tick();
   settings.watchdog_timeout = s.drives.watchdog_timeout;
+  settings.says_torque = s.drives.protocol == Protocol::odrive && a.motor && s.drives.torque_mismatch > 0.0;
   if (s.drives.endpoints) settings.endpoints = *s.drives.endpoints;
   if (!s.drives.confirmed.value_or(true)) {  // as delivered
     settings.defects.watchdog_off = settings.defects.torque_mode_limit = true;

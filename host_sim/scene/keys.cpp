@@ -142,7 +142,7 @@ constexpr std::array keys{
     Key{"drives.sign_test", "boolean", "-", "", -inf, inf, false, "", "before running, each motor must answer 5 % of its torque limit as the model says; two motors only; default false in lockstep, in hil and where the bus exists in software only"},
     Key{"drives.watchdog_test", "boolean", "-", "", -inf, inf, false, "", "odrive: before the first arming, the drive's watchdog is starved at zero torque and must expire; in real time only; default true where the bus can carry real drives"},
     Key{"drives.sign_test_move", "number", "2e-3", "rad", 0, 1, true, "", "how far a base joint must move in the sign test"},
-    Key{"drives.torque_mismatch", "number", "0.0", "N m", 0, big, false, "", "how far the torque a drive reports may be from its command, at the joint; 0: any (odrive reports none)"},
+    Key{"drives.torque_mismatch", "number", "0.0", "N m", 0, big, false, "", "how far the torque a drive reports may be from its command, at the joint; 0: any (odrive_0.5 reports none)"},
     Key{"drives.torque_time", "number", "5e-3", "s", 0, 10, false, "", "in which a drive follows its command (first-order lag), for torque_mismatch"},
     Key{"drives.torque_lead", "number", "0.0", "s", 0, 1, false, "", "from the instant of a tick to the one at which its torque acts: measured angles are extrapolated by it"},
     Key{"drives.zero", "string", "\"absolute\"", "", -inf, inf, false, "absolute | pose | end_stop", "how the encoder zero is known"},

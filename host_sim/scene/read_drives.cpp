@@ -140,6 +140,9 @@ void read_drives(Section s, Scene& scene) {
   if (s.has("watchdog_test")) d.watchdog_test = s.boolean("watchdog_test");
   d.sign_test_move = s.number("sign_test_move");
   d.torque_mismatch = s.number("torque_mismatch");
+  if (d.torque_mismatch > 0.0 && d.protocol == Protocol::odrive_0_5) {
+    s.fail("torque_mismatch", "must be 0: this drive does not say its torque (allowed with odrive, cia402, mit)");
+  }
   d.torque_time = s.number("torque_time");
   d.torque_lead = s.number("torque_lead");
   d.heartbeat_timeout = s.number("heartbeat_timeout");

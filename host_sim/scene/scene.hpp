@@ -201,9 +201,10 @@ struct Scene {
 };
 
 /// Ticks between heartbeats of ours (CANopen): a third of the time after which the drives miss us, so that one may be
-/// lost.
+/// lost. At most 20: a drive watches from the first one that it hears, and must hear one between the set-up of its watchdog and
+/// its torque, which are an object per tick apart, 60 at least.
 [[nodiscard]] inline std::uint32_t heartbeat_ticks(const Scene& scene) {
-  return static_cast<std::uint32_t>(std::max(1.0, std::floor(scene.drives.watchdog_timeout * scene.rate_hz / 3.0)));
+  return static_cast<std::uint32_t>(std::clamp(std::floor(scene.drives.watchdog_timeout * scene.rate_hz / 3.0), 1.0, 20.0));
 }
 
 /// Reads a scene. `sets` are "section.key=value" overrides. Throws InputError naming file, line, key, what is

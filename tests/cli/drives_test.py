@@ -49,6 +49,12 @@ class Drives(unittest.TestCase):
         self.assertEqual(read["digest"], plain["digest"], "nothing but the time of arming")
         self.assertEqual(read["bus"]["frames"] > plain["bus"]["frames"] + 2 * 2 * 10 - 1, True, "ten questions to each of two")
 
+    def test_drives_that_say_their_torque(self):
+        plain, said = self.hil(), self.hil("drives.torque_mismatch=0.05", "drives.torque_time=0")
+        self.assertEqual(said["digest"], plain["digest"], "they only say more")
+        self.assertGreaterEqual(said["bus"]["frames"], plain["bus"]["frames"] + 2 * 10, "one of each in ten ticks")
+        self.hil("drives.torque_mismatch=0.05", 'drives.protocol="odrive_0.5"', status=2, words=["'drives.torque_mismatch' must be 0"])
+
     def test_the_scene_as_run_finds_its_endpoints(self):
         out = Path(self.folder.name, "out")
         run = esmc("hil", self.scene, "--set", "drives.endpoints=flat.json", "--set", "simulation.duration=0.1", "--out", out)

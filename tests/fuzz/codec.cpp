@@ -109,6 +109,9 @@ void odrive(fuzz::Bytes& in) {
   const auto e = od::decode_encoder_estimates(f);
   require(e.has_value() == eight, "a sample has eight bytes");
   if (e) require(fuzz::same_bytes(od::encode_encoder_estimates(node, e->position_rev, e->velocity_rev_s), f, 8), "a sample comes back");
+  const auto both = od::decode_torques(f);
+  require(both.has_value() == eight, "two torques have eight bytes");
+  if (both) require(fuzz::same_bytes(od::encode_torques(node, *both), f, 8), "torques come back");
   if (const auto t = od::decode_torque(f)) {
     require(data && f.size >= 4 && fuzz::same_bytes(od::encode_torque(node, *t), f, 4), "a torque is written as it is read");
   }

@@ -62,6 +62,7 @@ struct Odrive {
     std::uint32_t version = 0x000A0600, flip = 0;  ///< what is wrong with a value
     std::uint32_t beside = 0;  ///< and with the endpoint
     std::uint8_t size = 8;
+    float told = 0, clipped = 0;  ///< N m at the shaft
     bool fd = false, remote = false;
 
     template <class Push>
@@ -76,7 +77,10 @@ struct Odrive {
         push(f);
       }
       answers.clear();
-      if (beats) push(test::heartbeat(node, state, error));
+      if (beats) {
+        push(test::heartbeat(node, state, error));
+        push(test::torques(node, told, told + clipped));
+      }
       push(test::encoder(node, static_cast<float>(angle / test::turn), static_cast<float>(rate / test::turn)));
     }
     void hear(const CanFrame& f) {
@@ -87,7 +91,10 @@ struct Odrive {
           fed = 0;
           break;
         case test::cmd_clear_errors: error = 0; break;
-        case test::cmd_torque: fed = 0; break;
+        case test::cmd_torque:
+          fed = 0;
+          told = test::real(f, 0);
+          break;
         case 0:
           if (!mute) answers.push_back(test::message(node, 0, 2, version, size));
           break;
@@ -105,7 +112,10 @@ struct Odrive {
       switch (in.below(6)) {
         case 0: mute = in.yes(); break;
         case 1: version = in.u32(); break;
-        case 2: flip = in.u32(); break;
+        case 2:
+          flip = in.u32();
+          clipped = std::bit_cast<float>(flip);
+          break;
         case 3:
           size = static_cast<std::uint8_t>(in.below(9));
           fd = in.yes();

@@ -80,6 +80,7 @@ class Run {
   void tick() {
     axis_.begin_tick();
     fresh_ = false;
+    estimate_.reset();
     if (sample_age_ && *sample_age_ < drive::age_max) ++*sample_age_;
     if (heartbeat_age_ && *heartbeat_age_ < drive::age_max) ++*heartbeat_age_;
   }
@@ -114,6 +115,12 @@ class Run {
     if (message == test::cmd_encoder) {
       require(r == (plain ? Received::accepted : Received::malformed), "samples have eight bytes");
       if (plain) take_sample(f);
+    }
+    if (message == test::cmd_torques && newer_ && !f.remote) {
+      require(r == (plain ? Received::accepted : Received::malformed), "torques have eight bytes");
+      if (plain) estimate_ = test::real(f, 4);
+    } else if (message == test::cmd_torques && !f.remote && f.size > 0) {
+      require(r == Received::not_mine, "0.5.6 says something else there");
     }
     if (r == Received::accepted && (message == 0 || message == 5)) take_answer(f);
   }
@@ -275,6 +282,12 @@ class Run {
       require(confirmations_ >= 2 && state_ == test::axis_closed_loop && !error_, "ready: said twice, without error");
       require(asked_state_ == test::axis_closed_loop && all_read(), "ready: asked for, and read back");
     }
+    const auto torque = axis_.observed_torque();
+    require(torque.has_value() == estimate_.has_value(), "a torque in the tick that brought it");
+    if (torque) {
+      const float joint = *estimate_ * config_.direction * config_.gear_ratio;
+      require(*torque == joint || (std::isnan(*torque) && std::isnan(joint)), "the torque as estimated, at the joint");
+    }
     if (axis_.idle()) require(answered_ && state_ == test::axis_idle, "idle: said so after it was asked");
     require(axis_.closed_loop() == (heartbeat_age_.has_value() && state_ == test::axis_closed_loop), "state as said");
   }
@@ -285,6 +298,7 @@ class Run {
   OdriveAxis axis_;
   // the model
   std::optional<std::uint32_t> sample_age_, heartbeat_age_;
+  std::optional<float> estimate_;  ///< of this tick
   std::uint8_t state_ = 0, asked_state_ = test::axis_idle;
   std::uint32_t confirmations_ = 0;
   bool fresh_ = false, error_ = false, answered_ = false;

@@ -133,6 +133,7 @@ class Rig {
     }
     c.axis_count = static_cast<int>(axes);
     c.heartbeat_age_ticks_max = s.heartbeat_age_ticks_max;
+    c.torque_mismatch = static_cast<S>(s.torque_mismatch);
     c.samples_timed = s.samples_timed;
     c.zero_absolute = s.zero_absolute;
     c.zero_pose = s.zero_pose;

@@ -12,7 +12,7 @@
 namespace esmc::test {
 
 inline constexpr unsigned cmd_heartbeat = 0x01, cmd_axis_state = 0x07, cmd_encoder = 0x09, cmd_mode = 0x0B,
-                          cmd_torque = 0x0E, cmd_clear_errors = 0x18;
+                          cmd_torque = 0x0E, cmd_clear_errors = 0x18, cmd_torques = 0x1C;
 inline constexpr std::uint8_t axis_idle = 1, axis_closed_loop = 8;
 
 /// Messages that only a controller sends, by the vendor's tables of both versions: 0x10 to 0x13 are 0.5.6's.
@@ -59,6 +59,10 @@ inline hal::CanFrame heartbeat(unsigned node, std::uint8_t state, std::uint32_t 
 inline hal::CanFrame encoder(unsigned node, float position, float velocity) {
   return message(node, cmd_encoder, std::bit_cast<std::uint32_t>(position),
                  std::bit_cast<std::uint32_t>(velocity));
+}
+/// f32 torque as told, f32 torque as estimated, N m at the shaft.
+inline hal::CanFrame torques(unsigned node, float target, float estimate) {
+  return message(node, cmd_torques, std::bit_cast<std::uint32_t>(target), std::bit_cast<std::uint32_t>(estimate));
 }
 
 }  // namespace esmc::test

@@ -372,8 +372,8 @@ TEST(Cia402Axis, OnlyStatesWithoutTorqueAreIdle) {
   }
 }
 
-TEST(Cia402Axis, ADriveThatIsNotOperationalIsIdle) {
-  for (const int state : {0x00, 0x04, 0x7F}) {
+TEST(Cia402Axis, ADriveThatIsStoppedOrBootsIsIdle) {
+  for (const int state : {0x00, 0x04}) {
     Bench b;
     ASSERT_TRUE(b.make_ready());
     b.disable();
@@ -382,10 +382,33 @@ TEST(Cia402Axis, ADriveThatIsNotOperationalIsIdle) {
     EXPECT_TRUE(b.axis.idle());
     EXPECT_FALSE(b.axis.must_be_released());
   }
+}
+
+/// It hears no torque frame any more, and the profile lets it keep its last torque: it is stopped at once, and again until it says so.
+TEST(Cia402Axis, APreOperationalDriveIsNotIdleAndIsStopped) {
+  Bench b;
+  ASSERT_TRUE(b.make_ready());
+  b.slave.state = 0x7F;
+  for (int i = 0; i < 3; ++i) {
+    b.listen();
+    int stops = 0;
+    b.axis.disable([&](const CanFrame& f) {
+      EXPECT_EQ(f, nmt(0x02, node));
+      ++stops;
+      return false;
+    });
+    EXPECT_EQ(stops, 1);
+    EXPECT_FALSE(b.axis.idle());
+    EXPECT_TRUE(b.axis.must_be_released());
+  }
+  b.disable();
+  b.listen();
+  EXPECT_TRUE(b.axis.idle());
+  EXPECT_FALSE(b.axis.must_be_released());
   Bench fresh;
   EXPECT_FALSE(fresh.axis.idle()) << "never heard";
   fresh.tick(false);
-  EXPECT_TRUE(fresh.axis.idle());
+  EXPECT_FALSE(fresh.axis.idle()) << "and nobody knows what it does";
 }
 
 /// RPDO1 does not reach it, and our heartbeat does: nothing else would end its torque after a stop.

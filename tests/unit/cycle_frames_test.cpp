@@ -12,6 +12,8 @@ namespace {
 using namespace esmc;
 using hal::SendStatus;
 using test::Rig;
+using test::Setup;
+using test::setup;
 
 template <class M>
 class CycleFrames : public testing::Test {};
@@ -47,7 +49,7 @@ TYPED_TEST(CycleFrames, FramesOfOthersAreCountedAndChangeNothing) {
     const unsigned command = id % 32;
     bool ours = false;
     for (std::size_t i = 0; i < 2; ++i) ours = ours || id / 32 == rig.node(i);
-    if (ours && (command == test::cmd_heartbeat || command == test::cmd_encoder)) continue;
+    if (ours && (command == test::cmd_heartbeat || command == test::cmd_encoder || command == test::cmd_torques)) continue;
     if (command == 0x02 && (ours || id / 32 == 0x3F)) continue;  // emergency stops
     if ((ours || id / 32 == 0x3F) && test::is_command(command, true)) continue;
     for (const bool extended : {false, true}) {
@@ -165,6 +167,31 @@ TYPED_TEST(CycleFrames, OnlyOurDrivesCountAsHeard) {
   rig.push_encoder(1);
   rig.cycle.receive(rig.bus);
   EXPECT_TRUE(rig.cycle.heard());
+}
+
+/// Each motor says every ten ticks what it gives.
+TYPED_TEST(CycleFrames, ATorqueThatIsNotWhatWasToldOrIsNotSaidAnyMoreIsAFault) {
+  struct Case { float off; bool silent; State state; };
+  for (const Case c : {Case{0.0F, false, State::running}, Case{0.05F, false, State::running}, Case{-0.5F, false, State::fault},
+                       Case{NAN, false, State::fault}, Case{0.0F, true, State::fault}}) {
+    Setup<TypeParam> s = setup<TypeParam>();
+    s.torque_mismatch = 0.1 * std::abs(s.gear[1]);
+    Rig<TypeParam> rig(s);
+    ASSERT_TRUE(rig.start());
+    int n = 0;
+    for (; n < 100 && rig.cycle.supervisor().state() == State::running; ++n) {
+      for (std::size_t i = 0; i < 2 && n % 10 == 0; ++i) {
+        const float told = n == 0 ? 0.0F : rig.shaft_torque(i);
+        if (!(c.silent && i == 1 && n > 50)) rig.bus.push(test::torques(rig.node(i), told, told + (i == 1 ? c.off : 0.0F)));
+      }
+      (void)rig.tick();
+    }
+    EXPECT_EQ(rig.cycle.supervisor().state(), c.state) << c.off;
+    if (c.state == State::running) continue;
+    EXPECT_EQ(rig.cycle.supervisor().fault(), Fault::torque_mismatch);
+    EXPECT_EQ(n, c.silent ? 50 + 20 + 2 : 41) << "five reports; or more than 20 ticks without one";
+    EXPECT_TRUE(rig.all_zero());
+  }
 }
 
 }  // namespace

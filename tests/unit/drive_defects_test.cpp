@@ -11,9 +11,11 @@
 #include <numbers>
 #include <vector>
 
+#include "host_sim/drives/cia402_axis.hpp"
 #include "host_sim/drives/lone_shaft.hpp"
 #include "host_sim/drives/mit_axis.hpp"
 #include "host_sim/drives/odrive_axis.hpp"
+#include "tests/support/canopen_bytes.hpp"
 #include "tests/support/mit_bytes.hpp"
 #include "tests/support/odrive_bytes.hpp"
 
@@ -215,6 +217,66 @@ TEST(DriveDefects, OfMitDrives) {
     cut.size = 7;  // the high bits of the torque become 0, the low ones stay FF: 255 of 4095
     tell(a, cut);
     EXPECT_NEAR(a.joint_torque(), defect ? 255 * 36.0 / 4095 - 18 : 18.0, 1e-9);
+  }
+}
+
+/// RPDO1 {6040, 6071}, a master of 5 ms at node 100 that has been heard once, enabled at half its rated torque.
+class CanopenBench {
+ public:
+  explicit CanopenBench(const Defects& d) : axis({.node = static_cast<int>(node)}, settings(d), SensorEffects({}), 0, 1) {
+    write(test::entry(0x1016, 1), 0x0064'0005, 4);
+    write(test::entry(0x6007, 0), 1, 2);
+    write(test::entry(0x6060, 0), 10, 1);
+    write(test::entry(0x1400, 1), 0x8000'0200 + node, 4);
+    write(test::entry(0x1600, 0), 0, 1);
+    write(test::entry(0x1600, 1), 0x6040'0010, 4);
+    write(test::entry(0x1600, 2), 0x6071'0010, 4);
+    write(test::entry(0x1600, 0), 2, 1);
+    write(test::entry(0x1400, 1), 0x0000'0200 + node, 4);
+    tell(test::nmt(1, node));
+    tell(test::can(0x764, {5}));
+    for (const int word : {0x06, 0x07, 0x0F}) tell(test::can(0x200 + node, {word, 0, 0xF4, 0x01}));
+    EXPECT_EQ(axis.joint_torque(), 0.5);
+  }
+  void tell(const hal::CanFrame& f) { (void)axis.receive(f, [](const hal::CanFrame&) {}); }
+  void write(std::uint32_t object, std::uint32_t value, unsigned bytes) {
+    const int command = bytes == 1 ? 0x2F : (bytes == 2 ? 0x2B : 0x23);
+    tell(test::sdo(0x600 + node, command, object >> 8U, object & 0xFFU, value));
+  }
+  void pass(int n) {
+    for (int i = 0; i < n; ++i) axis.publish(0.0, 0.0, [](const hal::CanFrame&) {});
+  }
+  Cia402Axis axis;
+
+ private:
+  static Cia402Axis::Settings settings(const Defects& d) {
+    Cia402Axis::Settings s;
+    s.lockstep = false;
+    s.defects = d;
+    return s;
+  }
+};
+
+TEST(DriveDefects, OfCia402Drives) {
+  for (const bool defect : {false, true}) {
+    CanopenBench off({.watchdog_off = defect});
+    off.pass(5);
+    EXPECT_EQ(off.axis.joint_torque(), 0.5);
+    off.pass(1000);
+    EXPECT_EQ(off.axis.joint_torque(), defect ? 0.5 : 0.0);
+    EXPECT_EQ(off.axis.value(0x1016, 1), 0x0064'0005U) << "reads back all the same";
+    CanopenBench stale({.short_frames_stale = defect});
+    stale.tell(test::can(0x200 + node, {0x0F, 0, 0x64}));
+    EXPECT_EQ(stale.axis.joint_torque(), defect ? 0.356 : 0.5) << "0164h thousandths; else it is not used";
+    CanopenBench keeps({.pre_operational_keeps_torque = defect});
+    keeps.tell(test::nmt(0x80, node));
+    EXPECT_EQ(keeps.axis.joint_torque(), defect ? 0.5 : 0.0);
+    EXPECT_EQ(keeps.axis.error(), defect ? 0U : 0x8130U);
+    keeps.tell(test::can(0x200 + node, {0, 0, 0, 0}));
+    EXPECT_EQ(keeps.axis.joint_torque(), defect ? 0.5 : 0.0) << "PDOs are off";
+    keeps.tell(test::nmt(0x02, node));
+    EXPECT_EQ(keeps.axis.joint_torque(), 0.0);
+    EXPECT_EQ(keeps.axis.error(), 0x8130U);
   }
 }
 

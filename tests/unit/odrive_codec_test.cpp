@@ -49,6 +49,7 @@ TEST(OdriveCodec, CommandNumbersAreThoseOfTheTable) {
   EXPECT_EQ(static_cast<int>(Message::set_controller_mode), 0x0B);
   EXPECT_EQ(static_cast<int>(Message::set_input_torque), 0x0E);
   EXPECT_EQ(static_cast<int>(Message::clear_errors), 0x18);
+  EXPECT_EQ(static_cast<int>(Message::get_torques), 0x1C);
   EXPECT_EQ(static_cast<int>(AxisState::undefined), 0);
   EXPECT_EQ(static_cast<int>(AxisState::idle), 1);
   EXPECT_EQ(static_cast<int>(AxisState::closed_loop_control), 8);
@@ -209,6 +210,15 @@ TEST(OdriveCodec, EncoderEstimatesAreTwoFloats) {
   EXPECT_EQ(e->velocity_rev_s, 0.1F);
 }
 
+TEST(OdriveCodec, TorquesAreTargetAndEstimate) {
+  const CanFrame f = test::torques(4, 1.5F, 0.1F);
+  const auto t = decode_torques(f);
+  ASSERT_TRUE(t);
+  EXPECT_EQ(t->target, 1.5F);
+  EXPECT_EQ(t->estimate, 0.1F);
+  EXPECT_EQ(encode_torques(4, *t), f);
+}
+
 TEST(OdriveCodec, NumbersThatAreNoneComeThroughForTheGuardsToSee) {
   const float infinity = std::numeric_limits<float>::infinity();
   const auto e = decode_encoder_estimates(test::encoder(1, NAN, -infinity));
@@ -231,6 +241,7 @@ TEST(OdriveCodec, DriveMessagesAreAcceptedOnlyInTheirOwnLengthAndFormat) {
       EXPECT_EQ(decode_heartbeat(f, Version::v0_6).has_value(), right) << size << " flags " << flags;
       EXPECT_EQ(decode_heartbeat(f, Version::v0_5_6).has_value(), right) << size << " flags " << flags;
       EXPECT_EQ(decode_encoder_estimates(f).has_value(), right) << size << " flags " << flags;
+      EXPECT_EQ(decode_torques(f).has_value(), right) << size << " flags " << flags;
       EXPECT_EQ(decode_controller_mode(f).has_value(), right) << size << " flags " << flags;
     }
   }

@@ -35,17 +35,20 @@ TEST(OdriveAxis, OnlyAnEncoderFrameBringsASample) {
 TEST(OdriveAxis, TakesItsHeartbeatItsEncoderAndEmergencyStopsAmongAllIdentifiers) {
   for (const Version v : {Version::v0_6, Version::v0_5_6}) {
     const bool newer = v == Version::v0_6;
-    for (const unsigned command : {cmd_heartbeat, cmd_encoder}) {
+    for (const unsigned command : {cmd_heartbeat, cmd_encoder, cmd_torques}) {
       for (std::uint32_t id = 0; id <= 0x7FF; ++id) {
         CanFrame f = message(node, command, 0, 0);
         f.id = id;
         OdriveAxis a = axis(v);
         const bool to_us = id / 32 == node || (newer && id / 32 == 0x3F);  // 0.5.6 has no node for all
-        const bool mine = id == 0x061 || id == 0x069 || (to_us && id % 32 == 0x02);
+        const bool mine = id == 0x061 || id == 0x069 || (newer && id == 0x07C) || (to_us && id % 32 == 0x02);
         const bool ours = to_us && is_command(id % 32, newer);  // what we alone may send
         EXPECT_EQ(a.receive(f), mine ? Received::accepted : (ours ? Received::impostor : Received::not_mine))
             << std::hex << id;
         f.remote = true;
+        if (id == 0x07C) {
+          EXPECT_EQ(a.receive(f), newer ? Received::not_mine : Received::impostor) << "somebody asks";
+        }
         if (ours) {
           EXPECT_EQ(a.receive(f), newer ? Received::not_mine : Received::impostor)
               << std::hex << id << ": a request is no command, but 0.5.6 does not look";
@@ -72,7 +75,7 @@ TEST(OdriveAxis, MalformedFramesHaveNoSideEffect) {
   OdriveAxis fresh = ready_axis();
   ASSERT_EQ(fresh.receive(encoder(node, 0.25F, 0.5F)), Received::accepted);
   fresh.begin_tick();
-  for (const unsigned command : {cmd_heartbeat, cmd_encoder}) {
+  for (const unsigned command : {cmd_heartbeat, cmd_encoder, cmd_torques}) {
     for (int flags = 0; flags < 4; ++flags) {
       for (unsigned size = 0; size <= 64; ++size) {
         CanFrame f = message(node, command, 0xFFFFFFFF, 0xFFFFFFFF);
@@ -85,7 +88,7 @@ TEST(OdriveAxis, MalformedFramesHaveNoSideEffect) {
         if ((flags & 1) == 0) {
           ASSERT_EQ(a.receive(f), Received::malformed) << command << " size " << size << " flags " << flags;
         }
-        ASSERT_TRUE(a.ready() && a.closed_loop() && !a.error());
+        ASSERT_TRUE(a.ready() && a.closed_loop() && !a.error() && !a.observed_torque());
         ASSERT_EQ(a.sample_age_ticks(), 1U);
         ASSERT_EQ(a.heartbeat_age_ticks(), 1U);
         ASSERT_EQ(a.sample<double>().angle, fresh.sample<double>().angle);
@@ -93,6 +96,20 @@ TEST(OdriveAxis, MalformedFramesHaveNoSideEffect) {
       }
     }
   }
+}
+
+TEST(OdriveAxis, ItsEstimatedTorqueIsOfTheJointAndOfThisTick) {
+  OdriveAxis a({.node = node, .direction = -1.0F, .gear_ratio = 8.0F}, Version::v0_6, retry);
+  EXPECT_FALSE(a.observed_torque());
+  ASSERT_EQ(a.receive(encoder(node, 0, 0)), Received::accepted);
+  ASSERT_EQ(a.receive(torques(node, 1.5F, 0.25F)), Received::accepted);
+  EXPECT_FALSE(a.brought_sample());
+  EXPECT_EQ(a.observed_torque(), -2.0F) << "what it estimates, not what it was told";
+  a.begin_tick();
+  EXPECT_FALSE(a.observed_torque());
+  OdriveAxis fresh = axis();
+  ASSERT_EQ(fresh.receive(torques(node, 0, 0)), Received::accepted);
+  EXPECT_FALSE(fresh.alive() || fresh.heard_this_tick());
 }
 
 // ---- ages ------------------------------------------------------------------------------------------------------
