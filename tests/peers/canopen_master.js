@@ -3,8 +3,8 @@
 // SYNC, the state machine through PDOs, heartbeats both ways. Ends by SIGTERM with what it saw on standard error.
 // usage: canopen_master.js INTERFACE NODE...
 'use strict';
+const { connect } = require('./canopen_bus.js');  // first: it says what the stack does without
 const { Device, DataType } = require('canopen');
-const { connect } = require('./canopen_bus.js');
 
 const { UNSIGNED8, UNSIGNED16, UNSIGNED32, INTEGER8, INTEGER16, INTEGER32 } = DataType;
 const [interfaceName, ...nodes] = process.argv.slice(2);

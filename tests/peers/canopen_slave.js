@@ -4,8 +4,8 @@
 // they are told to. What they were told goes to standard error in the end.
 // usage: canopen_slave.js INTERFACE RATED_MNM NODE=COUNTS...
 'use strict';
+const { connect } = require('./canopen_bus.js');  // first: it says what the stack does without
 const { Device, DataType, ObjectType, AccessType, NmtState } = require('canopen');
-const { connect } = require('./canopen_bus.js');
 
 const { UNSIGNED8, UNSIGNED16, UNSIGNED32, INTEGER8, INTEGER16, INTEGER32 } = DataType;
 
