@@ -5,144 +5,19 @@
 #include <array>
 #include <memory>
 #include <string>
-#include <utility>
-#include <vector>
 
-#include "firmware/cycle/instances.hpp"
 #include "hal/virtual/virtual_bus.hpp"
 #include "host_sim/plant/kinematics.hpp"
 #include "host_sim/plant/motion.hpp"
-#include "tests/benchmarks/hand_written.hpp"
+#include "tests/benchmarks/laws.hpp"
+#include "tests/benchmarks/setting.hpp"
 #include "tests/benchmarks/straight_line.hpp"
 
 namespace esmc {
 namespace {
 
-template <class S>
-constexpr LegParams<S> leg{S(0.12), S(0.16), S(0.06), S(0.068), S(0.1), S(0.1), S(2e-4), S(7e-4)};
-template <class S>
-constexpr FiveBarParams<S> five_bar{S(0.05), S(0), S(9.8), {leg<S>, leg<S>}};
-constexpr int state_count = 64;
-
-/// States around the comparison circle, a little off the reference.
-template <class S>
-std::vector<Tracking<FiveBar<S>>> five_bar_states(const FiveBar<S>& m) {
-  std::vector<Tracking<FiveBar<S>>> out;
-  const typename FiveBar<S>::Mode mode{{{1, 1}}, -1};
-  for (int i = 0; i < state_count; ++i) {
-    const S a = S(0.0981748F) * S(i), r = S(0.07F), w = S(10);
-    const SinCos<S> t = sin_cos(a), u = sin_cos(a + S(0.01F));
-    Tracking<FiveBar<S>> k;
-    const auto d = desired_at_effector<FiveBar<S>>(m, mode, {r * t.cos, S(0.17F) + r * t.sin},
-                                                   {-r * w * t.sin, r * w * t.cos},
-                                                   {-r * w * w * t.cos, -r * w * w * t.sin});
-    const auto p = desired_at_effector<FiveBar<S>>(m, mode, {r * u.cos, S(0.17F) + r * u.sin},
-                                                   {-r * w * u.sin, r * w * u.cos}, {S(0), S(0)});
-    k.pose = p->pose;
-    k.rates = p->rates;
-    k.desired_pose = d->pose;
-    k.desired_rates = d->rates;
-    k.desired_acceleration = d->acceleration;
-    out.push_back(k);
-  }
-  return out;
-}
-
-template <class M>
-Gains<M> gains() {
-  using S = typename M::Scalar;
-  Gains<M> g;
-  g.lambda.setConstant(S(40));
-  g.k.setConstant(S(150));
-  g.layer.setConstant(S(0.15));
-  g.independent = {S(40), S(150), S(0.15), S(1600), S(80)};
-  return g;
-}
-
-/// As the controller's tick has it. The sliding variables are for a log.
-template <LawKind Law, class M>
-[[nodiscard, gnu::noinline]] Vec2<typename M::Scalar> torque_of(const M& m, const Gains<M>& g, const Tracking<M>& t) {
-  typename M::Channels acceleration, sliding;
-  demand<M, Rows::with_mass>(Law, m, g, Reaching::implicit, t, acceleration, sliding);
-  benchmark::DoNotOptimize(sliding);
-  return m.base_torque(t.pose, m.force(acceleration, t.rates));
-}
-
-/// A yardstick, called as the laws are: inlined into the loop, it would have its constants in registers.
-template <class Law, class... A>
-[[nodiscard, gnu::noinline]] auto called(const Law& law, A&&... a) {
-  return law(std::forward<A>(a)...);
-}
-
-/// State and reference, as poses and rates, to base-joint torque.
-template <LawKind Law, class S>
-void law_five_bar(benchmark::State& state) {
-  const FiveBar<S> m(five_bar<S>);
-  const auto states = five_bar_states(m);
-  const auto g = gains<FiveBar<S>>();
-  int i = 0;
-  for (auto _ : state) {
-    benchmark::DoNotOptimize(torque_of<Law>(m, g, states[static_cast<std::size_t>(i++ % state_count)]));
-  }
-}
-
-/// The same from generated code.
-template <class Straight>
-void straight_five_bar(benchmark::State& state) {
-  const auto states = five_bar_states(FiveBar<double>(five_bar<double>));
-  const Straight straight(five_bar<double>, gains<FiveBar<double>>());
-  int i = 0;
-  for (auto _ : state) {
-    benchmark::DoNotOptimize(called(straight, states[static_cast<std::size_t>(i++ % state_count)]));
-  }
-}
-
-std::vector<Tracking<Rr<double>>> rr_states(const Rr<double>& m) {
-  std::vector<Tracking<Rr<double>>> states;
-  for (int i = 0; i < state_count; ++i) {
-    const double a = 0.0981748 * i;
-    Tracking<Rr<double>> t;
-    t.pose = m.pose({a, 1.0});
-    t.desired_pose = m.pose({a + 0.01, 1.01});
-    t.rates = {1.0, -0.5};
-    t.desired_rates = {1.1, -0.4};
-    t.desired_acceleration = {2.0, 3.0};
-    states.push_back(t);
-  }
-  return states;
-}
-const RrParams<double> arm{leg<double>, 9.8};
-
-void law_rr(benchmark::State& state) {
-  const Rr<double> m(arm);
-  const auto g = gains<Rr<double>>();
-  const auto states = rr_states(m);
-  int i = 0;
-  for (auto _ : state) {
-    benchmark::DoNotOptimize(torque_of<LawKind::esmc>(m, g, states[static_cast<std::size_t>(i++ % state_count)]));
-  }
-}
-
-void straight_rr(benchmark::State& state) {
-  const auto states = rr_states(Rr<double>(arm));
-  const test::StraightArm straight(arm, gains<Rr<double>>());
-  int i = 0;
-  for (auto _ : state) {
-    benchmark::DoNotOptimize(called(straight, states[static_cast<std::size_t>(i++ % state_count)]));
-  }
-}
-
-/// The same written out for this arm alone.
-void hand_written_rr(benchmark::State& state) {
-  const auto states = rr_states(Rr<double>(arm));
-  const test::HandWrittenArm by_hand(arm, gains<Rr<double>>());
-  std::array<double, 8> sliding{};
-  int i = 0;
-  for (auto _ : state) {
-    benchmark::DoNotOptimize(called(by_hand, states[static_cast<std::size_t>(i++ % state_count)], sliding));
-    benchmark::DoNotOptimize(sliding);
-  }
-}
+using bench::five_bar;
+using bench::gains;
 
 /// One whole control tick: two encoder frames in, supervisor, closure, law, limits, two torque frames out.
 template <LawKind Law, class S>
@@ -254,17 +129,13 @@ void add_ticks(const std::string& law) {
 
 int main(int argc, char** argv) {
   using namespace esmc;
-  benchmark::RegisterBenchmark("law/five_bar/esmc/double", law_five_bar<LawKind::esmc, double>);
-  benchmark::RegisterBenchmark("law/five_bar/esmc/float", law_five_bar<LawKind::esmc, float>);
-  benchmark::RegisterBenchmark("law/five_bar/esmc_projected/double",
-                               law_five_bar<LawKind::esmc_projected, double>);
-  benchmark::RegisterBenchmark("law/five_bar/esmc_projected/float",
-                               law_five_bar<LawKind::esmc_projected, float>);
-  benchmark::RegisterBenchmark("law/rr/esmc/double", law_rr);
-  benchmark::RegisterBenchmark("law/five_bar/straight_line_esmc/double", straight_five_bar<test::StraightEsmc>);
-  benchmark::RegisterBenchmark("law/five_bar/straight_line_esmc_projected/double", straight_five_bar<test::StraightProjected>);
-  benchmark::RegisterBenchmark("law/rr/straight_line_esmc/double", straight_rr);
-  benchmark::RegisterBenchmark("law/rr/hand_written_esmc/double", hand_written_rr);
+  const bool counted = argc > 1 && std::string(argv[1]) == "--counted";
+  if (counted) {
+    --argc;
+    ++argv;
+  }
+  bench::add_laws(counted);
+  bench::add_laws_in_float(counted);
   add_ticks<LawKind::esmc>("esmc");
   add_ticks<LawKind::esmc_projected>("esmc_projected");
   add_ticks<LawKind::smc>("smc");

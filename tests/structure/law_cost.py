@@ -20,7 +20,7 @@ CALLS = re.compile(r"\btorque_of<|\bcalled<")  # of benchmarks.cpp: what is time
 
 def instructions(program, name):
     """Of one call of a law, with all it calls."""
-    _, calls = callgrind.profile(program, f"--benchmark_filter=^{name}$", "--benchmark_min_time=0.001")
+    _, calls = callgrind.profile(program, "--counted", f"--benchmark_filter=^{name}/iterations")
     counted = [entry for function, entry in calls.items() if CALLS.search(function)]
     if not counted:
         sys.exit(f"{name}: no call of a law was counted")
