@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <optional>
 #include <span>
+#include <utility>
 
 #include "firmware/link/command_link.hpp"
 #include "firmware/link/parameters.hpp"
@@ -68,7 +69,10 @@ class ParameterSlots {
   /// Not while busy() or without a store: nothing happens then.
   void store(const Gains& gains) {
     if (!begin(StoreState::storing)) return;
-    record_ = SlotRecord{newest_ + 1, scene_, gains}.encode();
+    std::uint32_t next = newest_ + 1;
+    // The newest one may be another scene's and half a round away: of the record that counts the next is to be the later one.
+    if (current_ != none && !later(next, slots_[current_].sequence)) next = slots_[current_].sequence + 1;
+    record_ = SlotRecord{next, scene_, gains}.encode();
   }
   /// The older record goes first: a loss of power between the two must not bring it back.
   void forget() {
@@ -80,13 +84,17 @@ class ParameterSlots {
   /// One step: begins an operation, or compares a word, or finds the memory busy.
   void poll() {
     if (!busy()) {
-      (void)memory_.poll();  // an operation that was given up may end after all, and leaves the memory as it should be
+      // An operation that was given up may end after all, and leaves the memory as it should be.
+      if (memory_.poll() != hal::MemoryStatus::busy && std::exchange(unseen_, false)) survey();
       return;
     }
     switch (memory_.poll()) {
       case hal::MemoryStatus::ready: polls_ = 0; break;
       case hal::MemoryStatus::busy:
-        if (++polls_ > polls_max_) fail();
+        if (++polls_ > polls_max_) {
+          fail();
+          unseen_ = true;
+        }
         return;
       case hal::MemoryStatus::failed: fail(); return;
     }
@@ -161,6 +169,10 @@ class ParameterSlots {
 
   bool begin(StoreState what) {
     if (busy() || status_.state == StoreState::none) return false;
+    if (unseen_) {  // which slot can be spared is not known: it might be that of the only record
+      status_.state = StoreState::failed;
+      return false;
+    }
     status_.state = what;
     target_ = spare();
     step_ = Step::erase;
@@ -210,6 +222,7 @@ class ParameterSlots {
   SlotRecord::Words record_{};
   Step step_ = Step::erase;
   bool second_ = false;
+  bool unseen_ = false;  ///< the memory is at work on what was given up: what is in the slots is not known
 };
 
 /// At power-up, before the first tick: the stored gains, where there are some that can be used.

@@ -46,7 +46,7 @@ struct SlotMemory {
       for (unsigned i = from_; i < to_; ++i) {
         std::uint32_t& w = slots[slot_][i];
         const std::uint32_t after = next_[i - from_];
-        unreadable[slot_][i] = how == Torn::unreadable;
+        if (how != Torn::as_before) unreadable[slot_][i] = how == Torn::unreadable;
         programmed[slot_][i] = true;
         if (how == Torn::as_after || (how == Torn::half_the_words && i % 2 == 0)) w = after;
         if (how == Torn::half_the_bits) w = (w & 0xAAAA'AAAAU) | (after & 0x5555'5555U);

@@ -410,7 +410,7 @@ TYPED_TEST(Slots, AMemoryThatStaysBusyIsNotWaitedForForEver) {
   s.finish();
   EXPECT_EQ(s.slots.status().state, StoreState::failed) << "not yet";
   this->nvm.duration = 2;
-  for (int i = 0; i < 1000; ++i) s.slots.poll();
+  for (int i = 0; i < 1100; ++i) s.slots.poll();
   s.slots.store(wanted);
   s.finish();
   EXPECT_EQ(s.slots.status().state, StoreState::stored);
@@ -422,6 +422,51 @@ TYPED_TEST(Slots, AMemoryThatStaysBusyIsNotWaitedForForEver) {
   t.slots.store(wanted);
   t.finish();
   EXPECT_EQ(t.slots.status().state, StoreState::stored);
+}
+
+TYPED_TEST(Slots, AfterWhatWasGivenUpTheRecordThatCountsIsStillSpared) {
+  for (unsigned in = 0; in < 2; ++in) {
+    for (int cut = 0; cut < 40; ++cut) {
+      TypeParam memory;
+      memory.put(in, record(6, newer));
+      memory.put(1 - in, record(5, older));
+      Store s(memory);
+      memory.duration = 60;
+      s.slots.store(wanted);
+      s.finish();
+      ASSERT_EQ(s.slots.status().state, StoreState::failed);
+      const int begun = memory.begun;
+      s.slots.store(wanted);
+      EXPECT_FALSE(s.slots.busy()) << "nobody knows which slot that would be";
+      EXPECT_EQ(s.slots.status().state, StoreState::failed);
+      memory.duration = 2;
+      for (int i = 0; i < 100; ++i) s.slots.poll();
+      EXPECT_EQ(memory.begun, begun);
+      EXPECT_EQ(s.contents()[in], SlotContent::valid) << "it was looked at again";
+      EXPECT_EQ(s.contents()[1 - in], SlotContent::empty);
+      EXPECT_EQ(s.slots.status().sequence, 6U);
+      s.slots.store(wanted);
+      for (int i = 0; i < cut; ++i) s.slots.poll();
+      const bool stored = s.slots.status().state == StoreState::stored;
+      memory.lose_power(Torn::unreadable);
+      const auto taken = Store(memory).taken;
+      ASSERT_TRUE(taken == wanted || (!stored && taken == newer)) << cut;
+    }
+  }
+}
+
+TYPED_TEST(Slots, WhatIsStoredIsLaterThanTheRecordThatCountsWhateverAnotherScenesNumber) {
+  for (unsigned in = 0; in < 2; ++in) {
+    TypeParam memory;
+    memory.put(in, record(5U + 0x8000'0001U, newer));
+    memory.put(1 - in, record(5, older, scene + 1));
+    Store s(memory);
+    ASSERT_EQ(s.taken, newer);
+    s.slots.store(wanted);
+    s.finish();
+    EXPECT_EQ(s.slots.status().state, StoreState::stored);
+    EXPECT_EQ(Store(memory).taken, wanted) << in;
+  }
 }
 
 TYPED_TEST(Slots, ARecordThatFailedOnlyAtTheEndIsToldAsItIs) {
