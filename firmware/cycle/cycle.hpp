@@ -54,7 +54,7 @@ class Cycle {
   explicit Cycle(const Config& config)
       : controller_(config.controller), supervisor_(controller_.supervision()), axes_(config.axes), line_(config.line), axis_count_(config.axis_count),
         heartbeat_age_ticks_max_(config.heartbeat_age_ticks_max), zero_(config.zero_absolute, config.zero_pose),
-        echo_(config.torque_mismatch, config.torque_time, config.controller.sample_time, config.heartbeat_age_ticks_max),
+        echo_(config.torque_mismatch, config.torque_time, config.controller.sample_time),
         samples_timed_(config.samples_timed), link_(config.link), delay_ticks_(config.delay_ticks),
         motors_(places(config.controller.motor_count())), sensors_(places(config.controller.sensor_count())),
         shafts_hold_(carried(config.controller.torque_limit) == motors_.count) {}
@@ -264,6 +264,9 @@ class Cycle {
       if (a.heartbeat_age_ticks() > heartbeat_age_ticks_max_) return Fault::heartbeat_lost;
       if constexpr (requires { a.observed_torque(); }) {
         if (!echo_.plausible(i * motors_.joint_step, a.observed_torque())) return Fault::torque_mismatch;
+      }
+      if constexpr (requires { a.torque_age_ticks(); }) {
+        if (echo_.compares() && a.torque_age_ticks() > heartbeat_age_ticks_max_) return Fault::torque_mismatch;
       }
     }
     if (!powered) {

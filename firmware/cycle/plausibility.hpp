@@ -59,33 +59,22 @@ class TorqueEcho {
   using S = typename M::Scalar;
 
   TorqueEcho() = default;
-  /// `tolerance`: N m, 0: anything goes; `time`: s, of the first-order lag that the drive is allowed; `silence_ticks_max`: it
-  /// may say nothing for so long.
-  TorqueEcho(S tolerance, S time, S sample_time, std::uint32_t silence_ticks_max)
-      : tolerance_(tolerance), share_(sample_time / (time + sample_time)), silence_ticks_max_(silence_ticks_max) {}
+  /// `tolerance`: N m, 0: anything goes; `time`: s, of the first-order lag that the drive is allowed.
+  TorqueEcho(S tolerance, S time, S sample_time)
+      : tolerance_(tolerance), share_(sample_time / (time + sample_time)) {}
+  [[nodiscard]] bool compares() const { return tolerance_ > S(0); }
 
   /// At the end of a tick: what goes to the joints from now on, N m.
   void told(const Vec<S, M::joints>& torque) {
-    if (tolerance_ > S(0)) expected_ += (torque - expected_) * share_;
+    if (compares()) expected_ += (torque - expected_) * share_;
   }
 
   /// What was off before there was torque says nothing.
-  void forget() {
-    off_ = {};
-    silent_ticks_ = {};
-  }
-  /// Once per tick. False once a joint's reported torque has been off for `patience` reports in a row, or has not been reported
-  /// for too long.
+  void forget() { off_ = {}; }
+  /// Once per tick. False once a joint's reported torque has been off for `patience` reports in a row; none reported, none compared.
   [[nodiscard]] bool plausible(int joint, const std::optional<float>& reported) {
-    if (!(tolerance_ > S(0))) return true;
-    auto& silent = silent_ticks_[static_cast<unsigned>(joint)];
-    if (!reported) {
-      if (silent >= silence_ticks_max_) return false;
-      ++silent;
-      return true;
-    }
-    silent = 0;
     auto& n = off_[static_cast<unsigned>(joint)];
+    if (!compares() || !reported) return true;
     const S gap = S(*reported) - expected_[joint];
     n = within(gap, tolerance_) ? 0 : n + 1;
     return n < patience;
@@ -94,10 +83,8 @@ class TorqueEcho {
  private:
   static constexpr int patience = 5;
   S tolerance_{}, share_{1};
-  std::uint32_t silence_ticks_max_ = 0;
   Vec<S, M::joints> expected_ = Vec<S, M::joints>::Zero();
   std::array<int, static_cast<unsigned>(M::joints)> off_{};
-  std::array<std::uint32_t, static_cast<unsigned>(M::joints)> silent_ticks_{};
 };
 
 /// The zero of encoders that lose it without power. Until the operator has put the mechanism into its zero pose and

@@ -95,7 +95,7 @@ class Cia402Axis {
   /// Torque-free states reported in two ticks after the voltage was disabled, or stopped or restarted since: a drive
   /// that is stopped gives no torque by its abort-connection option, which the profile does not let it apply when it is
   /// made pre-operational.
-  [[nodiscard]] bool idle() const { return control_ == 0 && quiet_ >= 2; }
+  [[nodiscard]] bool idle() const { return control_ == 0 && (quiet_ >= 2 || booted_); }
   [[nodiscard]] bool must_be_released() const { return owed_; }
   [[nodiscard]] bool alive() const { return alive_; }
   /// CiA 402 has no message for it: a drive's own input shows as fault or as a disabled drive.
@@ -316,7 +316,8 @@ class Cia402Axis {
     heartbeat_age_ticks_ = 0;
     if (nmt_ == canopen::NmtState::operational) return Received::accepted;
     if (nmt_ == canopen::NmtState::boot_up) {
-      booted_ = true;
+      booted_ = true;  // without torque until somebody enables it anew, and perhaps silent from now on: heartbeats are off again
+      owed_ = false;
       mapped_ = false;  // its PDOs may come at once, and be anything
       state_ = cia402::State::unknown;
     }

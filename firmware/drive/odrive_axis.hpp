@@ -40,7 +40,8 @@ class OdriveAxis {
 
   /// Counts the ages; once per tick, before the frames of the tick are received.
   void begin_tick() {
-    counted_ = torque_said_ = false;
+    counted_ = false;
+    if (torque_age_ticks_ < age_max) ++torque_age_ticks_;
     if (sample_age_ticks_ < age_max) ++sample_age_ticks_;
     if (heartbeat_age_ticks_ < age_max) ++heartbeat_age_ticks_;
     if (heartbeat_age_ticks_ == silence_ticks_ + 1) [[unlikely]] fall_silent();
@@ -61,9 +62,11 @@ class OdriveAxis {
   /// Torque at the joint as the drive estimates it of its current, N m, model convention; empty in a tick without such a
   /// report. Firmware 0.6, where its cyclic message is switched on.
   [[nodiscard]] std::optional<float> observed_torque() const {
-    if (!torque_said_) return std::nullopt;
+    if (torque_age_ticks_ > 0) return std::nullopt;
     return torque_ * config_.direction * config_.gear_ratio;
   }
+  /// Since that report, which is a message of its own and may fall silent alone; age_max before the first.
+  [[nodiscard]] std::uint32_t torque_age_ticks() const { return torque_age_ticks_; }
 
   /// Closed-loop control reported without error in at least two heartbeats since the last request: an axis
   /// without power shows it once and drops out again.
@@ -333,7 +336,7 @@ class OdriveAxis {
   Received take(const std::optional<odrive::Torques>& t) {
     if (!t) return Received::malformed;
     torque_ = t->estimate;
-    torque_said_ = true;
+    torque_age_ticks_ = 0;
     return Received::accepted;
   }
 
@@ -349,6 +352,7 @@ class OdriveAxis {
   std::uint32_t heartbeat_age_ticks_ = age_max;
   std::uint32_t starve_ticks_ = 0, starved_ticks_ = 0;
   float torque_ = 0.0F;  // N m at the shaft
+  std::uint32_t torque_age_ticks_ = age_max;
   std::uint8_t confirmations_ = 0;
   Step step_ = Step::configure;
   bool alive_ = false;         // a heartbeat or a sample
@@ -363,7 +367,6 @@ class OdriveAxis {
   bool proven_ = false;        // the watchdog has expired once
   bool unfed_ = false;         // starved for too long
   bool counted_ = false;       // a heartbeat of this tick has been counted
-  bool torque_said_ = false;   // in this tick
 };
 
 static_assert(Drive<OdriveAxis>);

@@ -148,7 +148,8 @@ class Run {
     if (function == 0x700) {
       heartbeat_age_ = 0;
       nmt_ = f.data[0];
-      if (nmt_ == 0 || nmt_ == 4) at_rest_ = true;  // pre-operational is no promise
+      if (nmt_ == 0) booted_ = true;
+      if (nmt_ == 4) at_rest_ = true;  // pre-operational is no promise
     }
     if (function == 0x080) emergency_ = f.data[0] + 256U * f.data[1];
     if (function == 0x180) {
@@ -240,6 +241,7 @@ class Run {
     if (f.id == 0) {
       require(f.size == 2 && f.data[1] == node && (f.data[0] == 0x80 || f.data[0] == 1), "NMT: pre-operational or start, this node");
       if (f.data[0] == 1) configured();
+      if (f.data[0] == 0x80) booted_ = false;  // what it is told from now on may enable it
       if (f.data[0] == 0x80 && taken) read_.clear();
       operational_asked_ = f.data[0] == 1;
       return;
@@ -284,7 +286,7 @@ class Run {
     require(little(test::torque_frame(axis_, 0.0), 2, 2) == 0, "no torque is no torque");
     if (axis_.closed_loop()) require((state_ & 0x6FU) == 0x27 && mode_ == 10 && nmt_ == 5, "torque control as said");
     if (axis_.ready()) require(c == 15 && axis_.closed_loop() && !axis_.error(), "ready: enabled, without error");
-    if (axis_.idle()) require(c == 0 && at_rest_, "idle: no voltage, and it has said since that it is without torque");
+    if (axis_.idle()) require(c == 0 && (at_rest_ || booted_), "idle: no voltage, and it has said since that it is without torque");
     if (c != 0) at_rest_ = false;
     if (c == 15) require(operational_asked_ && !axis_.contradicted(), "enabled after the set-up only");
   }
@@ -297,7 +299,7 @@ class Run {
   std::optional<std::uint32_t> sample_age_, heartbeat_age_;
   Objects written_, read_;  ///< since it was called to pre-operational
   std::optional<std::uint32_t> asked_;
-  bool reads_ = false, operational_asked_ = false, at_rest_ = false, has_report_ = false, has_motion_ = false;
+  bool reads_ = false, operational_asked_ = false, at_rest_ = false, booted_ = false, has_report_ = false, has_motion_ = false;
   unsigned state_ = 0, status_ = 0x250, mode_ = 0, nmt_ = 0, emergency_ = 0;
   std::int32_t position_ = 0, velocity_ = 0;
 };

@@ -384,6 +384,21 @@ TEST(Cia402Axis, ADriveThatIsStoppedOrBootsIsIdle) {
   }
 }
 
+/// With what it has stored it may not beat any more: that one message has to be enough, and nobody stops it for ever.
+TEST(Cia402Axis, ADriveThatBootsUnderTorqueAndIsSilentThenIsIdle) {
+  Bench b;
+  ASSERT_TRUE(b.make_ready());
+  b.axis.begin_tick();
+  ASSERT_EQ(b.hear(heartbeat_of(node, 0)), Received::accepted);
+  EXPECT_FALSE(b.axis.ready());
+  b.axis.disable([](const CanFrame&) { return true; });
+  for (int i = 0; i < 3; ++i) {
+    EXPECT_TRUE(b.axis.idle());
+    EXPECT_FALSE(b.axis.must_be_released());
+    b.axis.begin_tick();
+  }
+}
+
 /// It hears no torque frame any more, and the profile lets it keep its last torque: it is stopped at once, and again until it says so.
 TEST(Cia402Axis, APreOperationalDriveIsNotIdleAndIsStopped) {
   Bench b;

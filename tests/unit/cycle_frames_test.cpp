@@ -177,6 +177,7 @@ TYPED_TEST(CycleFrames, ATorqueThatIsNotWhatWasToldOrIsNotSaidAnyMoreIsAFault) {
     Setup<TypeParam> s = setup<TypeParam>();
     s.torque_mismatch = 0.1 * std::abs(s.gear[1]);
     Rig<TypeParam> rig(s);
+    for (std::size_t i = 0; i < 2; ++i) rig.bus.push(test::torques(rig.node(i), 0, 0));
     ASSERT_TRUE(rig.start());
     int n = 0;
     for (; n < 100 && rig.cycle.supervisor().state() == State::running; ++n) {
@@ -189,9 +190,14 @@ TYPED_TEST(CycleFrames, ATorqueThatIsNotWhatWasToldOrIsNotSaidAnyMoreIsAFault) {
     EXPECT_EQ(rig.cycle.supervisor().state(), c.state) << c.off;
     if (c.state == State::running) continue;
     EXPECT_EQ(rig.cycle.supervisor().fault(), Fault::torque_mismatch);
-    EXPECT_EQ(n, c.silent ? 50 + 20 + 2 : 41) << "five reports; or more than 20 ticks without one";
+    EXPECT_EQ(n, c.silent ? 50 + 22 : 41) << "five reports; or more than 20 ticks without one";
     EXPECT_TRUE(rig.all_zero());
   }
+  Setup<TypeParam> s = setup<TypeParam>();
+  s.torque_mismatch = 1e3;
+  Rig<TypeParam> never(s);
+  EXPECT_FALSE(never.start());
+  EXPECT_EQ(never.cycle.supervisor().fault(), Fault::torque_mismatch) << "never said";
 }
 
 }  // namespace

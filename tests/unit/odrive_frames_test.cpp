@@ -101,12 +101,17 @@ TEST(OdriveAxis, MalformedFramesHaveNoSideEffect) {
 TEST(OdriveAxis, ItsEstimatedTorqueIsOfTheJointAndOfThisTick) {
   OdriveAxis a({.node = node, .direction = -1.0F, .gear_ratio = 8.0F}, Version::v0_6, retry);
   EXPECT_FALSE(a.observed_torque());
+  EXPECT_EQ(a.torque_age_ticks(), OdriveAxis::age_max);
+  a.begin_tick();
+  EXPECT_EQ(a.torque_age_ticks(), OdriveAxis::age_max) << "it stands still there";
   ASSERT_EQ(a.receive(encoder(node, 0, 0)), Received::accepted);
   ASSERT_EQ(a.receive(torques(node, 1.5F, 0.25F)), Received::accepted);
   EXPECT_FALSE(a.brought_sample());
   EXPECT_EQ(a.observed_torque(), -2.0F) << "what it estimates, not what it was told";
+  EXPECT_EQ(a.torque_age_ticks(), 0U);
   a.begin_tick();
   EXPECT_FALSE(a.observed_torque());
+  EXPECT_EQ(a.torque_age_ticks(), 1U);
   OdriveAxis fresh = axis();
   ASSERT_EQ(fresh.receive(torques(node, 0, 0)), Received::accepted);
   EXPECT_FALSE(fresh.alive() || fresh.heard_this_tick());
