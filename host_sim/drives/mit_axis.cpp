@@ -38,7 +38,10 @@ ShaftReading MitAxis::truth(double angle, double rate) const {
 double MitAxis::shaft_angle() const { return (reading_.position_rev - zero_rev_) * turn; }
 double MitAxis::shaft_rate() const { return reading_.velocity_rev_s * turn; }
 
-void MitAxis::settle(double joint_angle) { sensor_.settle(truth(joint_angle, 0.0)); }
+void MitAxis::settle(double joint_angle) {
+  reading_ = truth(joint_angle, 0.0);  // in real time a command may come before the first publish()
+  sensor_.settle(reading_);
+}
 
 void MitAxis::publish(double joint_angle, double joint_rate, const Send& send) {
   reading_ = sensor_.read(truth(joint_angle, joint_rate));

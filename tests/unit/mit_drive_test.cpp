@@ -50,6 +50,15 @@ TEST_F(MitDrive, RepliesOncePerPeriodInLockstepAndOncePerCommandInRealTime) {
   EXPECT_EQ(tell(live, test::mit_special(3, 0xFD)).size(), 1U);
 }
 
+TEST_F(MitDrive, WhoAsksBeforeTheFirstPeriodIsToldWhereTheShaftStands) {
+  MitAxis a = make({.realtime = true}), b = make({.realtime = true});
+  a.settle(1.25);
+  const auto early = tell(a, torque(0));
+  publish(b, 1.25);
+  EXPECT_EQ(test::mit_p(early.at(0)), test::mit_p(tell(b, torque(0)).at(0)));
+  EXPECT_NE(test::mit_p(early.at(0)), 0x7FFFU);
+}
+
 /// (int)((x - min) (2^n - 1) / (max - min)), by hand.
 TEST_F(MitDrive, CodesAreTruncated) {
   MitAxis a = make();
