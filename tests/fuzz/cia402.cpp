@@ -149,7 +149,7 @@ class Run {
       heartbeat_age_ = 0;
       nmt_ = f.data[0];
       if (nmt_ == 0) booted_ = true;
-      if (nmt_ == 4) at_rest_ = true;  // pre-operational is no promise
+      if (nmt_ == 0 || nmt_ == 4) at_rest_ = true;  // pre-operational is no promise
     }
     if (function == 0x080) emergency_ = f.data[0] + 256U * f.data[1];
     if (function == 0x180) {
