@@ -84,6 +84,9 @@ class CycleRun {
     c.axis_count = static_cast<int>(axes_);
     for (std::size_t j = 0; j < joints; ++j) c.zero_pose[static_cast<int>(j)] = static_cast<S>(setup_.angle[j]);
     turn_cycle(c, shape, at_effector());
+    if constexpr (requires { P::kind(0U).old; }) {
+      if (P::kind(shape.drive()).old) c.torque_mismatch = {};  // it does not say its torque, and the host refuses that
+    }
     return c;
   }
 
