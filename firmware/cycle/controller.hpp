@@ -191,7 +191,7 @@ class Controller {
   }
 
   /// Looks ahead along the way onto the reference, one of `outlook` points each tick, so that the whole way is
-  /// known before it has gone far: speed of the base joints, and torque, within their limits.
+  /// known before it has gone far: speed and acceleration of the base joints, and torque, within their limits.
   [[nodiscard]] bool joinable() const {
     constexpr std::uint32_t outlook = 16;
     if (guide_.leads() || config_.join_ticks == 0 || running_tick_ >= outlook || running_tick_ >= config_.join_ticks) return true;
@@ -201,11 +201,12 @@ class Controller {
   [[nodiscard, gnu::noinline, gnu::cold]] bool bearable(std::uint32_t ahead) const {
     Desired<M> d;
     if (!desired(reference_.at(ahead), d.pose, d.rates, d.acceleration)) return false;
-    const Vec2<S> rate = M::base(d.rates);
+    const Vec2<S> rate = M::base(d.rates), acceleration = M::base(d.acceleration);
     const typename M::Channels a = config_.mechanism.channel_accelerations(d.pose, d.rates, d.acceleration);
     const typename M::Channels force = config_.mechanism.force(a, d.rates);
     for (int i = 0; i < 2; ++i) {
       if (!within(rate[i], config_.limits.joint_speed)) return false;
+      if (config_.limits.join_acceleration != S(0) && !within(acceleration[i], config_.limits.join_acceleration)) return false;
     }
     if (config_.allocate != nullptr) {  // four motors share what two would have to give alone
       Vec<S, M::joints> torque;

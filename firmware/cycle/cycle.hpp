@@ -135,11 +135,8 @@ class Cycle {
   /// end of a tick, against the clock at its beginning.
   template <hal::CanBus Bus>
   void request(Bus& bus) {
-    // Against the clock: what has come in this tick before it was asked for answers an earlier request.
-    if (opened_) {
-      for (D& a : axes_) {
-        if constexpr (requires { a.expect_set(); }) a.expect_set();
-      }
+    for (D& a : axes_) {
+      if constexpr (requires { a.expect_set(opened_); }) a.expect_set(opened_);
     }
     line_.request([&](hal::CanFrame f) {
       f.perishable = true;

@@ -18,6 +18,8 @@ inline constexpr Object device_type{0x1000, 0}, error_register{0x1001, 0}, sync_
 inline constexpr Object emergency_cob_id{0x1014, 0};
 inline constexpr Object consumer_heartbeat{0x1016, 1};          ///< node << 16 | time-out in ms
 inline constexpr Object producer_heartbeat{0x1017, 0};          ///< ms, 0: off
+inline constexpr Object error_behaviour{0x1029, 1};             ///< after a communication error, 0: to pre-operational
+inline constexpr std::uint8_t error_keeps_state = 1;
 inline constexpr Object abort_connection_option{0x6007, 0}, error_code{0x603F, 0}, controlword{0x6040, 0},
     statusword{0x6041, 0}, quick_stop_option{0x605A, 0}, fault_reaction_option{0x605E, 0};
 inline constexpr Object mode_of_operation{0x6060, 0}, mode_display{0x6061, 0}, supported_modes{0x6502, 0};

@@ -49,16 +49,18 @@ class Cia402Axis {
   void begin_tick() {
     // Nobody has asked for torque in the last tick: the next enabling starts anew, and may find the drive changed.
     if (!asking_ && control_ == 0) restart();
-    asking_ = false;
-    has_report_ = has_motion_ = reported_ = false;
+    asking_ = has_torque_ = reported_ = false;
+    // A half is kept: against the clock the other one may come after the tick, and until the next SYNC they are one set.
+    if (has_report_ && has_motion_) has_report_ = has_motion_ = false;
     if (sample_age_ticks_ < age_max) ++sample_age_ticks_;
     if (heartbeat_age_ticks_ < age_max) ++heartbeat_age_ticks_;
   }
 
-  /// A SYNC goes out now: what came since begin_tick() answers an earlier one, and a sample among it is a tick old.
-  void expect_set() {
+  /// A SYNC goes out now: what has come answers an earlier one. `in_tick`: begin_tick() was called for the tick that
+  /// it belongs to, and a sample that has come since is a tick old.
+  void expect_set(bool in_tick) {
     has_report_ = has_motion_ = reported_ = false;
-    if (sample_age_ticks_ == 0) sample_age_ticks_ = 1;
+    if (in_tick && sample_age_ticks_ == 0) sample_age_ticks_ = 1;
   }
 
   /// Takes a frame from the bus. No side effect unless `accepted`.
@@ -83,9 +85,10 @@ class Cia402Axis {
     return {S(position_) * per_count * per_shaft + S(config_.offset), S(velocity_) * S(settings_.velocity_unit) * per_shaft};
   }
 
-  /// Torque at the joint as the drive reported it in this tick, N m, model convention; empty without a report.
+  /// Torque at the joint as the drive reported it in this tick, be it late and a tick old, N m, model convention; empty
+  /// without a report.
   [[nodiscard]] std::optional<float> observed_torque() const {
-    if (!has_report_) return std::nullopt;
+    if (!has_torque_) return std::nullopt;
     return static_cast<float>(torque_) * torque_lsb() * config_.direction * config_.gear_ratio;
   }
 
@@ -339,7 +342,9 @@ class Cia402Axis {
     if (!r) return Received::malformed;
     pending_position_ = r->position;
     torque_ = r->torque;
+    has_torque_ = true;
     state_ = cia402::state_of(r->status);
+    if (!cia402::is_torque_free(state_)) quiet_ = 0;  // at once: the other PDO of the set may be lost
     return take_pdo(has_report_);
   }
   Received take(const std::optional<cia402::Motion>& m) {
@@ -443,7 +448,8 @@ class Cia402Axis {
   bool answered_ = false;           // said pre-operational since
   bool started_ = false;            // NMT start was taken by the bus
   bool mapped_ = false;             // its PDOs are ours
-  bool has_report_ = false, has_motion_ = false;  // PDOs of this tick
+  bool has_report_ = false, has_motion_ = false;  // PDOs since the last SYNC
+  bool has_torque_ = false;         // a report in this tick
   bool reported_ = false;           // said in this tick that it is not operational
   bool heard_ = false;              // a heartbeat or boot-up
   bool booted_ = false;             // since it was called

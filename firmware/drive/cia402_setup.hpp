@@ -101,6 +101,7 @@ inline constexpr auto setup = std::to_array<Entry>({
     Entry{controlword, 2, Task::write, control_disable_voltage},
     Entry{producer_heartbeat, 2, Task::verify, 0, Source::heartbeat},
     Entry{consumer_heartbeat, 4, Task::verify, 0, Source::consumer},
+    Entry{error_behaviour, 1, Task::verify, error_keeps_state, Source::constant, true},
     Entry{emergency_cob_id, 4, Task::expect, canopen::id_emergency, Source::plus_node, true, detail::cob_mask},
     Entry{sync_cob_id, 4, Task::expect, canopen::id_sync, Source::constant, false, 0x7FFF'FFFF},
     Entry{sync_period, 4, Task::verify, 0, Source::period_us, true},

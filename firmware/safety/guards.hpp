@@ -46,6 +46,7 @@ struct Limits {
   std::array<Range<S>, base_joints> joint_angle{};    ///< rad
   std::uint32_t max_age_ticks = 0;     ///< missed samples that are extrapolated
   S feedback_jump{};                   ///< rad per tick by which an angle may differ from what its rate says; 0: any
+  S join_acceleration{};               ///< rad/s2, base joints on the way onto the reference; 0: any
 
   /// Without the limits that a mechanism may already have crossed while it is brought to rest.
   [[nodiscard]] constexpr Limits while_halting() const {

@@ -224,6 +224,7 @@ BusAnalysis analyse_bus(const Scene& scene) {
   double frames = 0.0;
   for (const BusMessage& m : all) {
     out.load += m.bits / m.period;
+    if (scene.drives.protocol == Protocol::cia402 && (m.role == Role::sample || m.name == "sync")) out.answers_s += m.bits * bit;
     if (m.name != "babbling_node") frames += m.bits;
   }
   const auto whole = whole_tick(all, scene.tick() * scene.bitrate);

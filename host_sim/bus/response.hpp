@@ -47,7 +47,10 @@ struct BusAnalysis {
   double load = 0.0;
   double tick_s = 0.0;                 ///< all frames that one tick may have, one after the other
   std::optional<double> loop_s;        ///< from the tick's samples to its last torque
+  double answers_s = 0.0;              ///< SYNC and the samples that answer it, with nothing else on the bus; 0 without SYNC
 };
+/// How much of a tick the controller waits for answers to SYNC, against the clock: later ones are the next tick's.
+inline constexpr double patience_ticks = 0.4;
 /// The messages of a scene's loop and what becomes of them.
 [[nodiscard]] std::vector<BusMessage> bus_messages(const Scene& scene);
 [[nodiscard]] BusAnalysis analyse_bus(const Scene& scene);

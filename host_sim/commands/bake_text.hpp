@@ -110,8 +110,8 @@ std::string text(const Range<S>& v) {
 }
 template <class S>
 std::string text(const Limits<S>& v) {
-  const auto& [type1, type2, speed, closure, x, y, angle, age, jump] = v;
-  return braces(type1, type2, speed, closure, x, y, angle, age, jump);
+  const auto& [type1, type2, speed, closure, x, y, angle, age, jump, join] = v;
+  return braces(type1, type2, speed, closure, x, y, angle, age, jump, join);
 }
 template <class S>
 std::string text(const LegParams<S>& v) {

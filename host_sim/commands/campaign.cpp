@@ -110,6 +110,7 @@ struct DriveVariant {
 const std::vector<DriveVariant>& drive_variants() {
   static const std::vector<DriveVariant> list{
       {"odrive", {}},
+      {"odrive", {"drives.torque_mismatch=0.5", "drives.torque_time=0"}},
       {"odrive_0.5", {}},
       {"cia402", {"drives.torque_mismatch=0.5", "drives.torque_time=0"}},
       {"mit",

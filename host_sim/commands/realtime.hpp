@@ -6,6 +6,7 @@
 #include <memory>
 #include <thread>
 
+#include "host_sim/bus/response.hpp"
 #include "host_sim/commands/controller_recorder.hpp"
 #include "host_sim/commands/finish.hpp"
 #include "host_sim/commands/halves.hpp"
@@ -55,7 +56,7 @@ std::uint64_t pace_controller(const Scene& scene, const RunOptions& o, Controlle
   Pace pace(scene.tick(), o.again.bus == nullptr);
   // Samples that are later than this are the next tick's, one tick old.
   const auto patience =
-      std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::duration<double>(0.4 * scene.tick()));
+      std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::duration<double>(patience_ticks * scene.tick()));
   const auto part = [&] {
     controller.part([&] {
       pace.wait();

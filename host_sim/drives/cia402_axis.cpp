@@ -87,6 +87,8 @@ void Cia402Axis::define_communication() {
   define(0x1017, 0, 2, 0, true);
   define(0x1018, 0, 1, 4, false);
   for (std::uint8_t sub = 1; sub <= 4; ++sub) define(0x1018, sub, 4, sub == 4 ? n : 0, false);
+  define(0x1029, 0, 1, 1, false);
+  define(0x1029, 1, 1, 0, true);
   for (unsigned i = 0; i < pdos; ++i) {
     const auto side = [&](unsigned communication, unsigned mapping, std::uint32_t id) {
       define(object16(communication, i), 0, 1, 2, false);
@@ -153,6 +155,7 @@ std::uint32_t Cia402Axis::objection(std::uint16_t index, std::uint8_t sub, std::
     return low <= v && v <= high ? 0U : wire::abort_value;
   };
   switch (index) {
+    case 0x1029: return value > 2 ? wire::abort_value : 0U;
     case 0x6007: return option(0, 3);
     case 0x605A: return option(0, 8);
     case 0x605E: return option(0, 4);
@@ -305,6 +308,11 @@ void Cia402Axis::watch_master(const Send& send) {
   watching_ = false;
   lost_ = true;
   connection_lost(send);
+  // Error behaviour: 0 from operational to pre-operational, 1 as it is, 2 stopped.
+  const std::uint32_t behaviour = value(0x1029, 1);
+  if (behaviour == 1 || (behaviour == 0 && nmt_ != operational)) return;
+  confirmations_ = 0;
+  nmt_ = behaviour == 0 ? pre_operational : stopped;
 }
 
 /// The abort-connection option decides.

@@ -130,6 +130,7 @@ struct LimitsScene {
   std::optional<std::array<std::array<double, 2>, 2>> joint_angle;  // per base joint
   int max_age_ticks = 0;
   double feedback_jump = 0;           // rad per tick; 0: any
+  double join_acceleration = 0;       // rad/s2, base joints; 0: any
   double halt_time = 0, lower_time = 0;  // s
   AfterHalt after_halt = AfterHalt::release;
 };

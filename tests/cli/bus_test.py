@@ -231,6 +231,11 @@ class Bus(unittest.TestCase):
         self.assertTrue(any("share the identifier 0x0" in f for f in findings("drives.protocol=mit")))
         self.assertEqual(findings("drives.protocol=mit", "drives.master_id=[16, 17]"), [])
         self.assertTrue(any("above 80 %" in f for f in findings("bus.bitrate=700000")))
+        # SYNC 55 bits with all its stuffing, two drives with 135 and 105 each.
+        late = [f for f in findings("drives.protocol=cia402") if "answers to SYNC" in f]
+        self.assertEqual(len(late), 1)
+        self.assertRegex(late[0], r"up to 535 us, .* waits 400 us .*; 747 Hz")
+        self.assertEqual(findings("drives.protocol=cia402", "control.rate_hz=747"), [])
 
 
 if __name__ == "__main__":

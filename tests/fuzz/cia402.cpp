@@ -89,7 +89,7 @@ class Run {
       }
       case 9: disable(); break;
       case 10: torque(in_.f64()); break;
-      case 11: axis_.ask_again(); break;
+      case 11: in_.yes() ? sync() : axis_.ask_again(); break;
       case 12:  // what a set-up takes, many times in a row
         for (unsigned n = in_.below(128); n > 0 && left_ > 0; --n, --left_) {
           tick();
@@ -121,9 +121,18 @@ class Run {
 
   void tick() {
     axis_.begin_tick();
-    has_report_ = has_motion_ = false;
+    if (has_report_ && has_motion_) has_report_ = has_motion_ = false;
+    torque_.reset();
     if (sample_age_ && *sample_age_ < drive::age_max) ++*sample_age_;
     if (heartbeat_age_ && *heartbeat_age_ < drive::age_max) ++*heartbeat_age_;
+  }
+
+  /// Between two ticks, or in one.
+  void sync() {
+    const bool in_tick = in_.yes();
+    axis_.expect_set(in_tick);
+    has_report_ = has_motion_ = false;
+    if (in_tick && sample_age_ == 0) sample_age_ = 1;
   }
 
   void hear(const CanFrame& f) {
@@ -154,9 +163,10 @@ class Run {
     if (function == 0x080) emergency_ = f.data[0] + 256U * f.data[1];
     if (function == 0x180) {
       state_ = little(f, 0, 2);
-      // Not ready, switch on disabled, ready to switch on, fault.
-      if ((state_ & 0x4FU) == 0 || (state_ & 0x4FU) == 0x40 || (state_ & 0x6FU) == 0x21 || (state_ & 0x4FU) == 8) at_rest_ = true;
+      // Not ready, switch on disabled, ready to switch on, fault: without torque, and everything else may have it.
+      at_rest_ = (state_ & 0x4FU) == 0 || (state_ & 0x4FU) == 0x40 || (state_ & 0x6FU) == 0x21 || (state_ & 0x4FU) == 8;
       has_report_ = true;
+      torque_ = static_cast<std::int16_t>(little(f, 6, 2));
       position_ = static_cast<std::int32_t>(little(f, 2, 4));
     }
     if (function == 0x280) {
@@ -281,6 +291,12 @@ class Run {
   void hold() {
     require(axis_.sample_age_ticks() == sample_age_.value_or(drive::age_max), "age of the sample");
     require(axis_.heartbeat_age_ticks() == heartbeat_age_.value_or(drive::age_max), "age of the heartbeat");
+    const auto observed = axis_.observed_torque();
+    require(observed.has_value() == torque_.has_value(), "the torque of a report counts in the tick that it comes in");
+    if (observed) {
+      const double wanted = *torque_ * static_cast<double>(axis_.torque_lsb() * config_.direction * config_.gear_ratio);
+      require(std::fabs(static_cast<double>(*observed) - wanted) <= 1e-6 * std::fabs(wanted), "torque at the joint");
+    }
     const unsigned c = control();
     require(c == 0 || c == 6 || c == 7 || c == 15 || c == 0x80, "a controlword that means something");
     require(little(test::torque_frame(axis_, 0.0), 2, 2) == 0, "no torque is no torque");
@@ -299,6 +315,7 @@ class Run {
   std::optional<std::uint32_t> sample_age_, heartbeat_age_;
   Objects written_, read_;  ///< since it was called to pre-operational
   std::optional<std::uint32_t> asked_;
+  std::optional<int> torque_;  ///< thousandths
   bool reads_ = false, operational_asked_ = false, at_rest_ = false, booted_ = false, has_report_ = false, has_motion_ = false;
   unsigned state_ = 0, status_ = 0x250, mode_ = 0, nmt_ = 0, emergency_ = 0;
   std::int32_t position_ = 0, velocity_ = 0;

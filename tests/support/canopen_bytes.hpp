@@ -82,7 +82,7 @@ struct Slave {
 
   [[nodiscard]] static unsigned size_of(std::uint32_t object) {
     switch (object >> 8U) {
-      case 0x6060: case 0x60C2: return 1;
+      case 0x1029: case 0x6060: case 0x60C2: return 1;
       case 0x1017: case 0x6007: case 0x605A: case 0x605E: case 0x6040: case 0x6072: return 2;
       default: break;
     }

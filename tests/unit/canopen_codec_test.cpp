@@ -183,7 +183,7 @@ TEST(Cia402Codec, ObjectsAreThoseOfTheDictionary) {
   struct Row { Object object; std::uint16_t index; std::uint8_t sub; };
   for (const Row& r : {Row{device_type, 0x1000, 0}, Row{error_register, 0x1001, 0}, Row{sync_cob_id, 0x1005, 0},
                        Row{sync_period, 0x1006, 0}, Row{emergency_cob_id, 0x1014, 0}, Row{consumer_heartbeat, 0x1016, 1},
-                       Row{producer_heartbeat, 0x1017, 0}, Row{abort_connection_option, 0x6007, 0}, Row{error_code, 0x603F, 0},
+                       Row{producer_heartbeat, 0x1017, 0}, Row{error_behaviour, 0x1029, 1}, Row{abort_connection_option, 0x6007, 0}, Row{error_code, 0x603F, 0},
                        Row{controlword, 0x6040, 0}, Row{statusword, 0x6041, 0}, Row{quick_stop_option, 0x605A, 0},
                        Row{fault_reaction_option, 0x605E, 0}, Row{mode_of_operation, 0x6060, 0}, Row{mode_display, 0x6061, 0},
                        Row{position, 0x6064, 0}, Row{velocity, 0x606C, 0}, Row{target_torque, 0x6071, 0},

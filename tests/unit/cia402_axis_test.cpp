@@ -225,7 +225,7 @@ TEST(Cia402Axis, LateAnswersAreNoPartOfTheNextSet) {
   ASSERT_TRUE(b.make_ready());
   b.axis.begin_tick();
   EXPECT_EQ(b.hear(motion_of(node, 7)), Received::accepted);  // late
-  b.axis.expect_set();
+  b.axis.expect_set(true);
   EXPECT_EQ(b.hear(report_of(node, 0x0237, 1024)), Received::accepted);
   EXPECT_FALSE(b.axis.heard_this_tick());
   EXPECT_EQ(b.axis.sample_age_ticks(), 1U);
@@ -236,12 +236,81 @@ TEST(Cia402Axis, LateAnswersAreNoPartOfTheNextSet) {
   b.axis.begin_tick();
   EXPECT_EQ(b.hear(report_of(node, 0x0237, 2048)), Received::accepted);
   EXPECT_EQ(b.hear(motion_of(node, 7)), Received::accepted);
-  b.axis.expect_set();
+  b.axis.expect_set(true);
   EXPECT_FALSE(b.axis.heard_this_tick());
   EXPECT_EQ(b.axis.sample_age_ticks(), 1U);
   b.axis.begin_tick();
-  b.axis.expect_set();
+  b.axis.expect_set(true);
   EXPECT_EQ(b.axis.sample_age_ticks(), 2U);
+}
+
+// One PDO before the controller gave up waiting and one after: of one SYNC all the same, as long as no other has gone out.
+TEST(Cia402Axis, ASetThatTheTickCutInTwoIsASampleThatIsATickOld) {
+  for (const bool report_first : {true, false}) {
+    const auto half = [&](bool first) { return first == report_first ? report_of(node, 0x0237, 1024, 250) : motion_of(node, 7); };
+    Bench b;
+    ASSERT_TRUE(b.make_ready());
+    b.axis.begin_tick();
+    b.axis.expect_set(true);
+    EXPECT_EQ(b.hear(half(true)), Received::accepted);
+    EXPECT_FALSE(b.axis.heard_this_tick());
+    EXPECT_EQ(b.axis.sample_age_ticks(), 1U);
+    EXPECT_EQ(b.axis.observed_torque().has_value(), report_first);
+    const double angle = b.axis.sample<double>().angle;
+    b.axis.begin_tick();
+    EXPECT_EQ(b.hear(half(false)), Received::accepted);
+    EXPECT_TRUE(b.axis.brought_sample());
+    EXPECT_NE(b.axis.sample<double>().angle, angle);
+    b.axis.expect_set(true);
+    EXPECT_FALSE(b.axis.heard_this_tick());
+    EXPECT_EQ(b.axis.sample_age_ticks(), 1U);
+    EXPECT_EQ(b.axis.observed_torque().has_value(), !report_first) << "what was late is looked at as well, and once";
+    EXPECT_TRUE(b.axis.ready());
+  }
+}
+
+TEST(Cia402Axis, ALostPdoIsNotMadeUpForByTheNextSync) {
+  Bench b;
+  ASSERT_TRUE(b.make_ready());
+  b.axis.begin_tick();
+  b.axis.expect_set(true);
+  (void)b.hear(report_of(node, 0x0237, 1024));  // its other half is lost
+  b.axis.begin_tick();
+  b.axis.expect_set(true);
+  EXPECT_EQ(b.hear(motion_of(node, 7)), Received::accepted);
+  EXPECT_FALSE(b.axis.brought_sample());
+  EXPECT_EQ(b.axis.sample_age_ticks(), 2U);
+  // In lockstep SYNC goes out between ticks, and ages nothing.
+  b.axis.expect_set(false);
+  b.axis.begin_tick();
+  (void)b.hear(report_of(node, 0x0237, 1024));
+  EXPECT_FALSE(b.axis.brought_sample());
+  EXPECT_EQ(b.hear(motion_of(node, 7)), Received::accepted);
+  EXPECT_EQ(b.axis.sample_age_ticks(), 0U);
+  b.axis.expect_set(false);
+  EXPECT_EQ(b.axis.sample_age_ticks(), 0U);
+}
+
+TEST(Cia402Axis, AReportOfTorqueIsEnoughToBeNotIdle) {
+  Bench b;
+  ASSERT_TRUE(b.make_ready());
+  for (int i = 0; i < 3; ++i) b.disable();
+  ASSERT_TRUE(b.axis.idle());
+  b.axis.begin_tick();
+  (void)b.hear(report_of(node, 0x0231));
+  EXPECT_TRUE(b.axis.idle());
+  (void)b.hear(report_of(node, 0x0237));
+  EXPECT_FALSE(b.axis.idle());
+}
+
+// Every set late in one half: it is enabled all the same, and released.
+TEST(Cia402Axis, ADriveWhoseSetsAreAllCutInTwoIsEnabledAndReleased) {
+  Bench b;
+  b.cut = true;
+  ASSERT_TRUE(b.make_ready());
+  EXPECT_EQ(b.axis.sample_age_ticks(), 1U);
+  for (int i = 0; i < 5; ++i) b.disable();
+  EXPECT_TRUE(b.axis.idle());
 }
 
 // ---- what it says -------------------------------------------------------------------------------------------------

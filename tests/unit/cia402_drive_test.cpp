@@ -5,6 +5,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdint>
@@ -102,7 +103,7 @@ TEST_F(Drive, ServesItsDictionary) {
   EXPECT_EQ(ask(0x40, entry(0x6076, 0)), (std::pair<int, std::uint32_t>{0x43, 500'000})) << "micro newton metres";
   EXPECT_EQ(ask(0x40, entry(0x6072, 0)), (std::pair<int, std::uint32_t>{0x4B, 2000}));
   EXPECT_EQ(ask(0x40, entry(0x1017, 0)), (std::pair<int, std::uint32_t>{0x4B, 0})) << "off, as from the factory";
-  for (const std::uint32_t object : {entry(0x1005, 0), entry(0x1006, 0), entry(0x1014, 0), entry(0x1016, 1), entry(0x6007, 0),
+  for (const std::uint32_t object : {entry(0x1005, 0), entry(0x1006, 0), entry(0x1014, 0), entry(0x1016, 1), entry(0x1029, 1), entry(0x6007, 0),
                                      entry(0x603F, 0), entry(0x6040, 0), entry(0x605A, 0), entry(0x605E, 0), entry(0x6061, 0),
                                      entry(0x6064, 0), entry(0x606C, 0), entry(0x6071, 0), entry(0x6077, 0), entry(0x60C2, 1),
                                      entry(0x60C2, 2)}) {
@@ -119,6 +120,7 @@ TEST_F(Drive, AbortsWithTheReason) {
   EXPECT_EQ(abort_of_write(entry(0x6060, 0), 8, 1), 0x0609'0030U) << "cyclic position: not supported";
   EXPECT_EQ(abort_of_write(entry(0x6060, 0), 200, 1), 0x0609'0030U);
   EXPECT_EQ(abort_of_write(entry(0x6007, 0), 4, 2), 0x0609'0030U);
+  EXPECT_EQ(abort_of_write(entry(0x1029, 1), 3, 1), 0x0609'0030U);
   EXPECT_EQ(abort_of_write(entry(0x605A, 0), 0xFFFF, 2), 0x0609'0030U);
   EXPECT_EQ(abort_of_write(entry(0x605E, 0), 5, 2), 0x0609'0030U);
   EXPECT_EQ(ask(0x21, entry(0x6040, 0), 2), (std::pair<int, std::uint32_t>{0x80, 0x0504'0001})) << "segmented";
@@ -268,8 +270,37 @@ TEST_F(Drive, MissesItsMasterAndDoesAsItWasTold) {
   }
 }
 
+TEST_F(Drive, WithoutItsMasterItStaysInTheStateThatItsErrorBehaviourSays) {
+  struct Case { unsigned behaviour, state; };
+  for (const auto& [behaviour, state] : {Case{0, 0x7F}, Case{1, 0x05}, Case{2, 0x04}}) {
+    axis = Cia402Axis(mount(), settings(), SensorEffects({}), 0, 1);
+    write(entry(0x1016, 1), 0x0064'0005, 4);
+    write(entry(0x1017, 0), 1, 2);
+    write(entry(0x1029, 1), behaviour, 1);
+    write(entry(0x6007, 0), 0, 2);
+    set_up();
+    enable();
+    control(0x0F, 500);
+    give(can(0x764, {5}));
+    for (int i = 0; i < 5; ++i) publish();
+    give(can(0x080, {}));
+    publish();
+    const auto beats = [&](unsigned s) { return std::ranges::count(said, can(0x700 + node, {static_cast<std::uint8_t>(s)})); };
+    EXPECT_EQ(beats(state), 1) << behaviour;
+    EXPECT_EQ(axis.confirmations() > 0, behaviour == 1);
+    EXPECT_NEAR(axis.joint_torque(), -0.5, 1e-12) << "the torque is for 6007 to take";
+  }
+  axis = Cia402Axis(mount(), settings(), SensorEffects({}), 0, 1);
+  write(entry(0x1016, 1), 0x0064'0005, 4);
+  give(can(0x764, {5}));
+  give(test::nmt(0x02, node));
+  for (int i = 0; i < 8; ++i) publish();
+  EXPECT_EQ(said.at(0), can(0x700 + node, {0x04})) << "stopped before: no way up";
+}
+
 TEST_F(Drive, AFaultIsLatchedUntilAnEdgeAfterItsCauseIsGone) {
   write(entry(0x1016, 1), 0x0064'0005, 4);
+  write(entry(0x1029, 1), 1, 1);
   write(entry(0x6007, 0), 1, 2);
   set_up();
   enable();

@@ -25,6 +25,7 @@ const Writes expected_writes{
     {entry(0x6040, 0), 0},
     {entry(0x1017, 0), 8},
     {entry(0x1016, 1), 100U * 65536 + 15},
+    {entry(0x1029, 1), 1},
     {entry(0x1006, 0), 1000},
     {entry(0x6007, 0), 1},
     {entry(0x605E, 0), 0},
@@ -66,7 +67,7 @@ const std::set<std::pair<std::uint32_t, std::uint32_t>> in_passing{
     {entry(0x1A01, 0), 0}};
 const std::vector<std::uint32_t> only_read{entry(0x1014, 0), entry(0x1005, 0), entry(0x6502, 0), entry(0x6076, 0),
                                            entry(0x6072, 0)};
-const std::set<std::uint32_t> optional{entry(0x1014, 0), entry(0x1006, 0), entry(0x60C2, 1), entry(0x60C2, 2),
+const std::set<std::uint32_t> optional{entry(0x1014, 0), entry(0x1006, 0), entry(0x1029, 1), entry(0x60C2, 1), entry(0x60C2, 2),
                                        entry(0x1401, 1), entry(0x1402, 1), entry(0x1403, 1), entry(0x1802, 1),
                                        entry(0x1803, 1)};
 

@@ -164,6 +164,35 @@ TEST(Join, AWayThatNeedsMoreSpeedOrTorqueThanAllowedIsNotTaken) {
   EXPECT_EQ(joins(20, 50.0, 1.0, four), Fault::join_infeasible);
 }
 
+/// From 0.2 to 0.25 m in 0.2 s along the quintic; what a base joint does there are second differences of its angle.
+TEST(Join, AWayThatNeedsMoreAccelerationThanAllowedIsNotTaken) {
+  const auto joins = [](double limit) {
+    LoopSetup s;
+    s.start = esmc::host::V2{0.0, 0.2};
+    s.hold = esmc::host::V2{0.0, 0.25};
+    s.torque_limit = 20.0;
+    s.adjust = [=](Config& c) {
+      c.join_ticks = 200;
+      c.limits.join_acceleration = limit;
+    };
+    ControlLoop l(s);
+    for (int n = 0; n < 220; ++n) l.tick();
+    return l.supervisor().fault();
+  };
+  const auto angle = [](double t) {
+    const double u = t / 0.2;
+    return esmc::test::five_bar_angles(0.0, 0.2 + 0.05 * u * u * u * (10 - 15 * u + 6 * u * u))[0];
+  };
+  double most = 0.0;
+  for (double t = 1e-3; t < 0.1995; t += 1e-3) {
+    most = std::max(most, std::abs(angle(t + 1e-4) - 2 * angle(t) + angle(t - 1e-4)) / 1e-8);
+  }
+  EXPECT_EQ(joins(0.0), Fault::none) << "0: any";
+  EXPECT_EQ(joins(1.02 * most), Fault::none);
+  EXPECT_EQ(joins(0.95 * most), Fault::join_infeasible);
+  EXPECT_EQ(joins(std::nan("")), Fault::join_infeasible) << "what is no number allows nothing";
+}
+
 TEST(Join, IsRefusedBeforeItHasGoneFar) {
   LoopSetup s;
   s.start = esmc::host::V2{0.0, 0.2};
