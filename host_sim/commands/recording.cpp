@@ -70,7 +70,7 @@ std::optional<hal::CanFrame> parse_frame(std::string_view text) {
   if (data.starts_with("R")) {
     f.remote = true;
     unsigned size = 0;
-    if (!number(data.substr(1), size) || size > 8) return std::nullopt;
+    if (data.size() != 2 || !number(data.substr(1), size) || size > 8) return std::nullopt;
     f.size = static_cast<std::uint8_t>(size);
     return hal::well_formed(f) ? std::optional(f) : std::nullopt;
   }
@@ -111,10 +111,10 @@ std::optional<CandumpLine> parse_candump(std::string_view line) {
   CandumpLine out;
   const std::size_t point = line.find('.'), close = line.find(')');
   if (!line.starts_with("(") || point == std::string_view::npos || close == std::string_view::npos || close != point + 7) return std::nullopt;
-  std::int64_t seconds = 0, micro = 0;
+  std::uint64_t seconds = 0, micro = 0;
   if (!number(line.substr(1, point - 1), seconds) || !number(line.substr(point + 1, 6), micro)) return std::nullopt;
-  if (seconds < 0 || seconds > 1'000'000'000'000 || micro < 0) return std::nullopt;
-  out.time_us = seconds * 1'000'000 + micro;
+  if (seconds > 1'000'000'000'000) return std::nullopt;
+  out.time_us = static_cast<std::int64_t>(seconds * 1'000'000 + micro);
   const std::size_t space = line.find(' ', close + 2);
   if (space == std::string_view::npos || line[close + 1] != ' ') return std::nullopt;
   out.interface = line.substr(close + 2, space - close - 2);
@@ -162,7 +162,7 @@ Recording read_recording(const std::string& directory, bool any_version) {
   if (was != is)
     throw InputError(r.file("scene.toml"), "is not the scene that was run: its digest is " + is + ", summary.json says " + printable(was));
   const std::uint64_t rows = count_lines(r, "log.csv", false);
-  if (rows != r.ticks + 1)
+  if (rows == 0 || rows - 1 != r.ticks)  // ticks + 1 of a number that is not a run's may be 0
     throw InputError(r.file("log.csv"), fmt::format("has {} lines, {} ticks and a header are {}: torn or of another run", rows, r.ticks, r.ticks + 1));
   if (r.interrupted && r.ticks == 0) throw InputError("", directory + ": was interrupted before t = 0, there is nothing to run again");
   if (r.command == "sim") return r;
@@ -202,7 +202,8 @@ RecordedBus::Source passed_frames(const Recording& r) {
     const std::size_t first = row.find(','), second = row.find(',', first == std::string_view::npos ? first : first + 1);
     unsigned sent = 2;
     const bool good = line && second != std::string_view::npos && number(row.substr(0, first), p.look) &&
-                      number(row.substr(first + 1, second - first - 1), sent) && sent < 2 && number(row.substr(second + 1), p.age_us);
+                      number(row.substr(first + 1, second - first - 1), sent) && sent < 2 && number(row.substr(second + 1), p.age_us) &&
+                      (sent == 0 || p.age_us == 0);
     if (!good) throw InputError(fmt::format("{}:{}", files->path, files->n + 1), "allowed is LOOK,0,AGE for a frame that was received, LOOK,1,0 for one that was sent");
     p.time_us = line->time_us;
     p.sent = sent == 1;

@@ -109,7 +109,7 @@ void require_even(const RecordedTable& table, std::size_t column, const std::str
   if (t.size() < 2) return;
   const double mean = (t.back() - t.front()) / static_cast<double>(t.size() - 1);
   for (std::size_t i = 1; i < t.size(); ++i) {
-    if (std::abs(t[i] - t[i - 1] - mean) <= 0.4 * mean) continue;  // t may be rounded
+    if (std::isfinite(mean) && std::abs(t[i] - t[i - 1] - mean) <= 0.4 * mean) continue;  // t may be rounded
     throw InputError(table.where(i), fmt::format("t = {:.10g} s is {:.3g} s after the row before, and rows are {:.3g} s apart: they must stand at "
                                                  "equal distances{}",
                                                  t[i], t[i] - t[i - 1], mean, hint));
