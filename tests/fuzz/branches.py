@@ -15,7 +15,7 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests/structure"))
 from coverage import gather, violations  # noqa: E402
 
-FOLDERS = ("firmware", "hal", "host_sim/scene")
+FOLDERS = ("firmware", "hal", "host_sim/scene", "host_sim/recorded", "host_sim/commands")
 
 
 UNREACHED = Path(__file__).with_name("unreached.txt")
