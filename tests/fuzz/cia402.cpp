@@ -89,7 +89,7 @@ class Run {
       }
       case 9: disable(); break;
       case 10: torque(in_.f64()); break;
-      case 11: in_.yes() ? sync() : axis_.ask_again(); break;
+      case 11: ++asked_again_ % 3 == 1 ? axis_.ask_again() : sync(asked_again_ % 3 == 2); break;
       case 12:  // what a set-up takes, many times in a row
         for (unsigned n = in_.below(128); n > 0 && left_ > 0; --n, --left_) {
           tick();
@@ -128,8 +128,7 @@ class Run {
   }
 
   /// Between two ticks, or in one.
-  void sync() {
-    const bool in_tick = in_.yes();
+  void sync(bool in_tick) {
     axis_.expect_set(in_tick);
     has_report_ = has_motion_ = false;
     if (in_tick && sample_age_ == 0) sample_age_ = 1;
@@ -309,6 +308,7 @@ class Run {
 
   fuzz::Bytes& in_;
   unsigned left_ = 150;  ///< of those many times
+  unsigned asked_again_ = 0;
   drive::AxisConfig config_{};
   Cia402Axis::Settings settings_{};
   Cia402Axis axis_;

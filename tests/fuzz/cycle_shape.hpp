@@ -87,7 +87,7 @@ test::Setup<M> fixed_shape(unsigned choice, bool passive_encoders) {
   }
   c.torque_lead = choice % 4 == 3 ? S(1e-3F) : S(0);
   if (choice % 4 == 3) c.limits.feedback_jump = S(0.1F);
-  if (choice % 4 == 1) c.limits.join_acceleration = S(100);
+  if (choice % 4 == 1) c.limits.join_acceleration = S(5);
   if (choice == 5 || choice == 11) c.sign_test_move = S(1e-3F);
   if (choice == 7) {  // no limit but the torque's: everything that can overflow does
     c.limits.joint_speed = std::numeric_limits<S>::max();
