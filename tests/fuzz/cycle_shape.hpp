@@ -87,7 +87,7 @@ test::Setup<M> fixed_shape(unsigned choice, bool passive_encoders) {
   }
   c.torque_lead = choice % 4 == 3 ? S(1e-3F) : S(0);
   if (choice % 4 == 3) c.limits.feedback_jump = S(0.1F);
-  if (choice % 4 == 1) c.limits.join_acceleration = S(5);
+  if (choice % 4 == 1) c.limits.join_acceleration = S(1000);
   if (choice == 5 || choice == 11) c.sign_test_move = S(1e-3F);
   if (choice == 7) {  // no limit but the torque's: everything that can overflow does
     c.limits.joint_speed = std::numeric_limits<S>::max();
@@ -203,7 +203,10 @@ void turn_limits(ControllerConfig<M>& c, Dial d, Dial more) {
     default: break;
   }
   constexpr std::array<S, 3> speeds{S(0), most, S(0.5F)};
-  if (const S speed = speeds[d.turn(3)]; speed > S(0)) c.limits.joint_speed = speed;
+  if (const S speed = speeds[d.turn(3)]; speed > S(0)) {
+    c.limits.joint_speed = speed;
+    c.limits.join_acceleration = speed;
+  }
   if (d.turn(2) != 0) c.limits.joint_angle = {};
   if (d.turn(2) != 0) c.limits.workspace_x = c.limits.workspace_y = {};
   if (d.turn(2) != 0) c.limits.min_abs_sin_type1 = c.limits.min_abs_sin_type2 = S(0);
