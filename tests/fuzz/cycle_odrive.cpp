@@ -47,6 +47,7 @@ struct Odrive {
     Axis a({m.node, static_cast<float>(m.direction), static_cast<float>(m.gear), static_cast<float>(m.offset)},
            k.old ? Axis::Version::v0_5_6 : Axis::Version::v0_6, k.retry_ticks, table);
     if (k.proves) a.prove_watchdog(6);
+    a.restarts_within(k.proves ? 3 : k.retry_ticks);
     return a;
   }
   static Axis::Line line() { return {}; }
@@ -58,7 +59,7 @@ struct Odrive {
     std::uint32_t error = 0, watchdog = 0;
     unsigned fed = 0;
     std::vector<CanFrame> answers;
-    bool mute = false;                        ///< no answers
+    bool mute = false, dumb = false;          ///< no answers; not a word of its torque
     std::uint32_t version = 0x000A0600, flip = 0;  ///< what is wrong with a value
     std::uint32_t beside = 0;  ///< and with the endpoint
     std::uint8_t size = 8;
@@ -79,7 +80,7 @@ struct Odrive {
       answers.clear();
       if (beats) {
         push(test::heartbeat(node, state, error));
-        push(test::torques(node, told, told + clipped));
+        if (!dumb) push(test::torques(node, told, told + clipped));
       }
       push(test::encoder(node, static_cast<float>(angle / test::turn), static_cast<float>(rate / test::turn)));
     }
@@ -110,7 +111,12 @@ struct Odrive {
     /// Of what it answers, and of what it is.
     void tamper(fuzz::Bytes& in) {
       switch (in.below(6)) {
-        case 0: mute = in.yes(); break;
+        case 0: {
+          const unsigned b = in.u8();
+          mute = (b & 1U) != 0;
+          dumb = (b & 6U) == 6U;
+          break;
+        }
         case 1: version = in.u32(); break;
         case 2:
           flip = in.u32();
