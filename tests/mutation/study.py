@@ -35,7 +35,7 @@ HERE = pathlib.Path(__file__).resolve().parent
 FOLDERS = {
     "firmware/safety": ("safety", "supervisor"),
     "firmware/drive": ("drive_corners", "odrive_codec", "odrive_axis", "odrive_faults", "odrive_frames", "odrive_read_back",
-                       "canopen_codec", "cia402_axis", "cia402_corners", "cia402_counts", "cia402_frames", "cia402_setup", "mit_codec", "mit_axis"),
+                       "canopen_codec", "cia402_axis", "cia402_corners", "cia402_counts", "cia402_frames", "cia402_halves", "cia402_setup", "mit_codec", "mit_axis"),
     "firmware/control": ("reaching", "reference", "control_corners", "super_twisting", "coupled_step", "allocation", "box_allocation",
                          "spatial_attitude", "spatial_law", "spatial_bits", "law"),
 }

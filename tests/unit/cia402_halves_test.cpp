@@ -1,0 +1,58 @@
+/// A CiA 402 axis that has heard half of something: one PDO of a set, the first bytes of a set-up.
+
+#include <gtest/gtest.h>
+
+#include "tests/support/cia402_bench.hpp"
+
+namespace esmc::test {
+namespace {
+
+TEST(Cia402Axis, ADriveThatBootsDuringItsSetUpIsCalledAtOnce) {
+  Bench b;
+  ASSERT_TRUE(b.until([&] { return b.slave.writes.size() == 10; }));
+  b.axis.begin_tick();
+  EXPECT_EQ(b.hear(heartbeat_of(node, 0)), Received::accepted);
+  b.command(true);
+  b.axis.begin_tick();
+  b.command(true);
+  EXPECT_EQ(b.count(0x000), 1) << "not the next object first";
+}
+
+TEST(Cia402Axis, AfterAReportOfTorqueItTakesTwoWithout) {
+  Bench b;
+  ASSERT_TRUE(b.make_ready());
+  for (int i = 0; i < 3; ++i) b.disable();
+  ASSERT_TRUE(b.axis.idle());
+  b.axis.expect_set(false);
+  b.axis.begin_tick();
+  EXPECT_EQ(b.hear(report_of(node, 0x0237)), Received::accepted);
+  EXPECT_FALSE(b.axis.idle()) << "its other PDO is lost";
+  for (const bool idle : {false, true}) {
+    b.axis.expect_set(false);
+    b.axis.begin_tick();
+    (void)b.hear(report_of(node, 0x0250));
+    (void)b.hear(motion_of(node));
+    EXPECT_EQ(b.axis.idle(), idle);
+  }
+}
+
+/// Nobody asks for sets here, so that nothing but the set-up lies before the first PDO.
+TEST(Cia402Axis, TheFirstSetHasTwoHalvesAsWell) {
+  for (const bool report_first : {true, false}) {
+    Bench b;
+    for (int i = 0; i < 400 && b.slave.state != 5; ++i) {
+      b.axis.begin_tick();
+      b.take(b.slave.speak());
+      b.command(true);
+    }
+    ASSERT_EQ(b.slave.state, 5);
+    b.axis.begin_tick();
+    EXPECT_EQ(b.hear(report_first ? report_of(node, 0x0250) : motion_of(node)), Received::accepted);
+    EXPECT_FALSE(b.axis.brought_sample());
+    EXPECT_EQ(b.hear(report_first ? motion_of(node) : report_of(node, 0x0250)), Received::accepted);
+    EXPECT_TRUE(b.axis.brought_sample());
+  }
+}
+
+}  // namespace
+}  // namespace esmc::test
