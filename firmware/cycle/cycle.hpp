@@ -314,6 +314,8 @@ class Cycle {
       sample_.rate[joint] = s.rate;
       S phase = phase_[static_cast<unsigned>(at)];
       sample_.age_ticks[static_cast<unsigned>(joint)] = aged(a.sample_age_ticks(), phase, c.sample_time);
+      // Sampled when it was asked for, at the beginning of a tick: how long the answer then waited is in its ticks already.
+      if constexpr (samples_on_demand) phase = S(0);
       sample_.phase[static_cast<unsigned>(joint)] = phase;
       // A drive that was away may have restarted, and then its count began anew. Of a passive encoder, and of a drive
       // that has never sent one, heartbeats say nothing.
@@ -365,7 +367,9 @@ class Cycle {
       }
     }
     echo_.told(result.torque);
-    line_.end_tick(send, result.state != State::fault);
+    // No word that keeps a drive alive before we have set it up: it may have torque from a controller before us.
+    if constexpr (samples_on_demand) called_ = called_ || result.state == State::enabling;
+    line_.end_tick(send, called_ && result.state != State::fault);
   }
 
   template <hal::CanBus Bus>
@@ -413,6 +417,7 @@ class Cycle {
   bool enable_closed_ = true;
   bool good_ = false;
   bool opened_ = false;
+  bool called_ = false;  // to torque, once since the start
   std::uint8_t news_ = 0;
   bool late_ = false;
   std::uint32_t overruns_ = 0;  // of the bus, as it counts them

@@ -56,8 +56,8 @@ class Cia402Axis {
     if (heartbeat_age_ticks_ < age_max) ++heartbeat_age_ticks_;
   }
 
-  /// A SYNC goes out now: what has come answers an earlier one. `in_tick`: begin_tick() was called for the tick that
-  /// it belongs to, and a sample that has come since is a tick old.
+  /// A SYNC goes out now: what has come answers an earlier one. `in_tick`: it begins the tick for which begin_tick() was
+  /// called, and a sample that has come since then is a tick old.
   void expect_set(bool in_tick) {
     has_report_ = has_motion_ = reported_ = false;
     if (in_tick && sample_age_ticks_ == 0) sample_age_ticks_ = 1;
@@ -107,7 +107,7 @@ class Cia402Axis {
   [[nodiscard]] bool muted() const { return false; }
   void acknowledge() {}
   [[nodiscard]] bool error() const {
-    return emergency_ != 0 || state_ == cia402::State::fault || state_ == cia402::State::fault_reaction_active;
+    return emergency_ != 0 || faulty();
   }
   /// Emergency error code, 0 for none.
   [[nodiscard]] std::uint32_t error_code() const { return emergency_; }
@@ -197,6 +197,9 @@ class Cia402Axis {
     operate,  ///< state machine
   };
 
+  [[nodiscard]] bool faulty() const {
+    return state_ == cia402::State::fault || state_ == cia402::State::fault_reaction_active;
+  }
   [[nodiscard]] static std::int16_t rounded(float v) {
     constexpr float most = 32767.0F;
     if (v >= most) return 32767;
@@ -289,7 +292,8 @@ class Cia402Axis {
   }
   void operate() {
     const bool on_its_way = control_ == cia402::control_switch_on || control_ == cia402::control_enable_operation;
-    const bool fell_back = on_its_way && state_ == cia402::State::switch_on_disabled;
+    // A fault on the way may be that it missed our heartbeat: it watches again from the next one, which the set-up gives time for.
+    const bool fell_back = on_its_way && (state_ == cia402::State::switch_on_disabled || faulty());
     if (nmt_ != canopen::NmtState::operational || fell_back) return restart();
     const std::uint16_t before = control_;
     set_control(answer_to(state_));
@@ -386,7 +390,7 @@ class Cia402Axis {
     const cia402::Entry& e = cia402::setup[entry_];
     if (!(reply->object == e.object)) return Received::accepted;
     if (reply->kind == canopen::SdoKind::abort) {
-      if (e.optional && cia402::absent(reply->value)) {
+      if (e.task == cia402::Task::attempt || (e.optional && cia402::absent(reply->value))) {
         next_entry();
       } else {
         contradicted_ = true;

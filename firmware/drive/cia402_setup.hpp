@@ -52,6 +52,7 @@ static_assert(interpolation(250).value == 25 && interpolation(250).index == -5);
 /// What is done with an entry.
 enum class Task : std::uint8_t {
   write,     ///< not read back: the object says something else, or the next entries do
+  attempt,   ///< likewise, and a drive may refuse: it is better so, and does as well without
   verify,    ///< write, read back, compare under the mask
   expect,    ///< read, compare under the mask
   rated,     ///< read the rated torque: it is the scale of all torques
@@ -101,7 +102,7 @@ inline constexpr auto setup = std::to_array<Entry>({
     Entry{controlword, 2, Task::write, control_disable_voltage},
     Entry{producer_heartbeat, 2, Task::verify, 0, Source::heartbeat},
     Entry{consumer_heartbeat, 4, Task::verify, 0, Source::consumer},
-    Entry{error_behaviour, 1, Task::verify, error_keeps_state, Source::constant, true},
+    Entry{error_behaviour, 1, Task::attempt, error_keeps_state},
     Entry{emergency_cob_id, 4, Task::expect, canopen::id_emergency, Source::plus_node, true, detail::cob_mask},
     Entry{sync_cob_id, 4, Task::expect, canopen::id_sync, Source::constant, false, 0x7FFF'FFFF},
     Entry{sync_period, 4, Task::verify, 0, Source::period_us, true},

@@ -282,8 +282,10 @@ void judge_bus(const Scene& s, const BusAnalysis& bus, Findings& f) {
   if (bus.load > 0.8) f.warning(fmt::format("bus load {:.0f} %: above 80 % frames wait for each other", 100.0 * bus.load));
   if (bus.answers_s > patience_ticks * s.tick()) {
     f.warning(fmt::format("the drives' answers to SYNC take up to {:.0f} us, and against the clock the controller waits {:.0f} us (40 % of a "
-                          "tick): what is later is used one tick old; {:.0f} Hz leaves time for all",
-                          1e6 * bus.answers_s, 1e6 * patience_ticks * s.tick(), std::floor(patience_ticks / bus.answers_s)));
+                          "tick): what is later is used one tick old{}; on a bus of their own they are in time up to {:.0f} Hz, less what the drives need",
+                          1e6 * bus.answers_s, 1e6 * patience_ticks * s.tick(),
+                          s.drives.torque_mismatch > 0.0 && s.drives.torque_time < s.tick() ? ", and torques are compared a tick late: drives.torque_time is shorter" : "",
+                          std::floor(patience_ticks / bus.answers_s)));
   }
   if (s.command) {
     std::uint32_t last = 0;

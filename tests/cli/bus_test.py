@@ -234,7 +234,9 @@ class Bus(unittest.TestCase):
         # SYNC 55 bits with all its stuffing, two drives with 135 and 105 each.
         late = [f for f in findings("drives.protocol=cia402") if "answers to SYNC" in f]
         self.assertEqual(len(late), 1)
-        self.assertRegex(late[0], r"up to 535 us, .* waits 400 us .*; 747 Hz")
+        self.assertRegex(late[0], r"up to 535 us, .* waits 400 us .* one tick old; .* up to 747 Hz")
+        compared = findings("drives.protocol=cia402", "drives.torque_mismatch=0.5", "drives.torque_time=0")
+        self.assertTrue(any("compared a tick late" in f for f in compared))
         self.assertEqual(findings("drives.protocol=cia402", "control.rate_hz=747"), [])
 
 

@@ -352,6 +352,7 @@ class CycleRun {
 
   /// What it sent, and what the bus did not take: one that is refused now may be taken in the next run.
   void frames(const TickResult<M>& r, bool answer) {
+    called_ = called_ || r.state == State::enabling;
     std::array<int, joints> torques{};
     for (const auto& f : bus_.tried) {
       if (f.id >= link_base && f.id < link_base + 32) {
@@ -364,7 +365,10 @@ class CycleRun {
         case Said::Kind::torque: torque(r, said, ++torques[said.axis]); break;
         case Said::Kind::enabling: require(r.state == State::enabling, "drives are enabled while enabling only"); break;
         case Said::Kind::releasing: require(!has_torque(r.state), "drives are not released under torque"); break;
-        case Said::Kind::alive: require(r.state != State::fault, "a controller with a fault keeps no drive alive"); break;
+        case Said::Kind::alive:
+          require(r.state != State::fault, "a controller with a fault keeps no drive alive");
+          require(called_, "nor does one that has never called it");
+          break;
         case Said::Kind::asking:
         case Said::Kind::unknown: require(false, "a frame that the controller does not send");
       }
@@ -406,6 +410,7 @@ class CycleRun {
   Desk desk_;
   Command command_ = Command::none;
   bool closed_ = true, obey_ = true, silent_ = true, impostor_ = false, refused_off_ = false;
+  bool called_ = false;  ///< enabling, once
   bool ordered_enable_ = false, ordered_reset_ = false, asked_enable_ = false, asked_reset_ = false;
   unsigned quiet_ticks_ = 0;
   std::array<bool, joints> heard_of_{};

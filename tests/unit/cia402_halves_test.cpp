@@ -18,6 +18,29 @@ TEST(Cia402Axis, ADriveThatBootsDuringItsSetUpIsCalledAtOnce) {
   EXPECT_EQ(b.count(0x000), 1) << "not the next object first";
 }
 
+/// It may have missed our heartbeat, and would be watched by nobody until it hears the next one: time for that is in the set-up.
+TEST(Cia402Axis, AFaultOnTheWayToTorqueIsFollowedByTheWholeSetUp) {
+  for (const unsigned told : {0x07U, 0x0FU}) {
+    for (const unsigned status : {0x0218U, 0x020FU}) {
+      Bench b;
+      b.slave.obeys = false;
+      b.slave.status = told == 0x07 ? 0x0231 : 0x0233;
+      ASSERT_TRUE(b.until([&] { return b.control() == told; }));
+      const std::size_t before = b.slave.writes.size();
+      b.slave.status = status;
+      b.slave.waiting.push_back(emergency_of(node, 0x8130));
+      b.tick();
+      EXPECT_EQ(b.control(), 0x00U);
+      EXPECT_EQ(b.axis.error_code(), 0x8130U);
+      b.slave.status = 0x0218;
+      b.slave.obeys = true;
+      EXPECT_TRUE(b.make_ready());
+      EXPECT_GE(b.slave.writes.size(), before + setup_writes) << told << ' ' << status;
+      EXPECT_FALSE(b.axis.error());
+    }
+  }
+}
+
 TEST(Cia402Axis, AfterAReportOfTorqueItTakesTwoWithout) {
   Bench b;
   ASSERT_TRUE(b.make_ready());
