@@ -41,6 +41,12 @@ TEST(Cia402Axis, AFaultOnTheWayToTorqueIsFollowedByTheWholeSetUp) {
   }
 }
 
+TEST(Cia402Axis, StaysOperationalWithoutUsWhereTheDriveLetsItBeWritten) {
+  Bench b;
+  ASSERT_TRUE(b.make_ready());
+  EXPECT_EQ(b.slave.objects[entry(0x1029, 1)], 1U) << "in the length that it has";
+}
+
 TEST(Cia402Axis, AfterAReportOfTorqueItTakesTwoWithout) {
   Bench b;
   ASSERT_TRUE(b.make_ready());
