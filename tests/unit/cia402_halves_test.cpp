@@ -41,6 +41,17 @@ TEST(Cia402Axis, AFaultOnTheWayToTorqueIsFollowedByTheWholeSetUp) {
   }
 }
 
+TEST(Cia402Axis, AFaultBeforeItIsSwitchedOnIsResetFromDisabledVoltage) {
+  Bench b;
+  b.slave.obeys = false;
+  ASSERT_TRUE(b.until([&] { return b.control() == 0x06; }));
+  b.slave.status = 0x0218;
+  b.tick();
+  EXPECT_EQ(b.control(), 0x00U);
+  b.tick();
+  EXPECT_EQ(b.control(), 0x80U);
+}
+
 TEST(Cia402Axis, StaysOperationalWithoutUsWhereTheDriveLetsItBeWritten) {
   Bench b;
   ASSERT_TRUE(b.make_ready());
