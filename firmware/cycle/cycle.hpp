@@ -368,8 +368,10 @@ class Cycle {
     }
     echo_.told(result.torque);
     // No word that keeps a drive alive before we have set it up: it may have torque from a controller before us.
-    if constexpr (samples_on_demand) called_ = called_ || result.state == State::enabling;
-    line_.end_tick(send, called_ && result.state != State::fault);
+    if constexpr (samples_on_demand) {
+      called_ = called_ || result.state == State::enabling;
+      line_.end_tick(send, called_ && result.state != State::fault);
+    }
   }
 
   template <hal::CanBus Bus>
