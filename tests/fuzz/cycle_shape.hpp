@@ -205,7 +205,7 @@ void turn_limits(ControllerConfig<M>& c, Dial d, Dial more) {
   constexpr std::array<S, 3> speeds{S(0), most, S(0.5F)};
   if (const S speed = speeds[d.turn(3)]; speed > S(0)) {
     c.limits.joint_speed = speed;
-    c.limits.join_acceleration = speed;
+    c.limits.join_acceleration = speed;  // the same number: a dial of its own would change what kept inputs say
   }
   if (d.turn(2) != 0) c.limits.joint_angle = {};
   if (d.turn(2) != 0) c.limits.workspace_x = c.limits.workspace_y = {};

@@ -1,4 +1,4 @@
-/// A CiA 402 axis that has heard half of something: one PDO of a set, the first bytes of a set-up.
+/// A CiA 402 axis that has heard half of something, or late: one PDO of a set, a set after its tick, part of a set-up.
 
 #include <gtest/gtest.h>
 
@@ -65,6 +65,8 @@ TEST(Cia402Axis, AfterAReportOfTorqueItTakesTwoWithout) {
   ASSERT_TRUE(b.axis.idle());
   b.axis.expect_set(false);
   b.axis.begin_tick();
+  (void)b.hear(report_of(node, 0x0231));
+  EXPECT_TRUE(b.axis.idle());
   EXPECT_EQ(b.hear(report_of(node, 0x0237)), Received::accepted);
   EXPECT_FALSE(b.axis.idle()) << "its other PDO is lost";
   for (const bool idle : {false, true}) {
@@ -74,6 +76,88 @@ TEST(Cia402Axis, AfterAReportOfTorqueItTakesTwoWithout) {
     (void)b.hear(motion_of(node));
     EXPECT_EQ(b.axis.idle(), idle);
   }
+}
+
+// An answer that comes after the controller gave up waiting is of the SYNC before; the next SYNC's set does without it.
+TEST(Cia402Axis, LateAnswersAreNoPartOfTheNextSet) {
+  Bench b;
+  ASSERT_TRUE(b.make_ready());
+  b.axis.begin_tick();
+  EXPECT_EQ(b.hear(motion_of(node, 7)), Received::accepted);  // late
+  b.axis.expect_set(true);
+  EXPECT_EQ(b.hear(report_of(node, 0x0237, 1024)), Received::accepted);
+  EXPECT_FALSE(b.axis.heard_this_tick());
+  EXPECT_EQ(b.axis.sample_age_ticks(), 1U);
+  EXPECT_EQ(b.hear(motion_of(node, 9)), Received::accepted);
+  EXPECT_TRUE(b.axis.heard_this_tick());
+  EXPECT_EQ(b.axis.sample_age_ticks(), 0U);
+  // A whole set that is late is a sample, and a tick old.
+  b.axis.begin_tick();
+  EXPECT_EQ(b.hear(report_of(node, 0x0237, 2048)), Received::accepted);
+  EXPECT_EQ(b.hear(motion_of(node, 7)), Received::accepted);
+  b.axis.expect_set(true);
+  EXPECT_FALSE(b.axis.heard_this_tick());
+  EXPECT_EQ(b.axis.sample_age_ticks(), 1U);
+  b.axis.begin_tick();
+  b.axis.expect_set(true);
+  EXPECT_EQ(b.axis.sample_age_ticks(), 2U);
+}
+
+// One PDO before the controller gave up waiting and one after: of one SYNC all the same, as long as no other has gone out.
+TEST(Cia402Axis, ASetThatTheTickCutInTwoIsASampleThatIsATickOld) {
+  for (const bool report_first : {true, false}) {
+    const auto half = [&](bool first) { return first == report_first ? report_of(node, 0x0237, 1024, 250) : motion_of(node, 7); };
+    Bench b;
+    ASSERT_TRUE(b.make_ready());
+    b.axis.begin_tick();
+    b.axis.expect_set(true);
+    EXPECT_EQ(b.hear(half(true)), Received::accepted);
+    EXPECT_FALSE(b.axis.heard_this_tick());
+    EXPECT_EQ(b.axis.sample_age_ticks(), 1U);
+    EXPECT_EQ(b.axis.observed_torque().has_value(), report_first);
+    const double angle = b.axis.sample<double>().angle;
+    b.axis.begin_tick();
+    EXPECT_EQ(b.hear(half(false)), Received::accepted);
+    EXPECT_TRUE(b.axis.brought_sample());
+    EXPECT_NE(b.axis.sample<double>().angle, angle);
+    b.axis.expect_set(true);
+    EXPECT_FALSE(b.axis.heard_this_tick());
+    EXPECT_EQ(b.axis.sample_age_ticks(), 1U);
+    EXPECT_EQ(b.axis.observed_torque().has_value(), !report_first) << "what was late is looked at as well, and once";
+    EXPECT_TRUE(b.axis.ready());
+  }
+}
+
+TEST(Cia402Axis, ALostPdoIsNotMadeUpForByTheNextSync) {
+  Bench b;
+  ASSERT_TRUE(b.make_ready());
+  b.axis.begin_tick();
+  b.axis.expect_set(true);
+  (void)b.hear(report_of(node, 0x0237, 1024));  // its other half is lost
+  b.axis.begin_tick();
+  b.axis.expect_set(true);
+  EXPECT_EQ(b.hear(motion_of(node, 7)), Received::accepted);
+  EXPECT_FALSE(b.axis.brought_sample());
+  EXPECT_EQ(b.axis.sample_age_ticks(), 2U);
+  // In lockstep SYNC goes out between ticks, and ages nothing.
+  b.axis.expect_set(false);
+  b.axis.begin_tick();
+  (void)b.hear(report_of(node, 0x0237, 1024));
+  EXPECT_FALSE(b.axis.brought_sample());
+  EXPECT_EQ(b.hear(motion_of(node, 7)), Received::accepted);
+  EXPECT_EQ(b.axis.sample_age_ticks(), 0U);
+  b.axis.expect_set(false);
+  EXPECT_EQ(b.axis.sample_age_ticks(), 0U);
+}
+
+// Every set late in one half: it is enabled all the same, and released.
+TEST(Cia402Axis, ADriveWhoseSetsAreAllCutInTwoIsEnabledAndReleased) {
+  Bench b;
+  b.cut = true;
+  ASSERT_TRUE(b.make_ready());
+  EXPECT_EQ(b.axis.sample_age_ticks(), 1U);
+  for (int i = 0; i < 5; ++i) b.disable();
+  EXPECT_TRUE(b.axis.idle());
 }
 
 /// Nobody asks for sets here, so that nothing but the set-up lies before the first PDO.
