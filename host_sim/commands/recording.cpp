@@ -163,7 +163,7 @@ Recording read_recording(const std::string& directory, bool any_version) {
     throw InputError(r.file("scene.toml"), "is not the scene that was run: its digest is " + is + ", summary.json says " + printable(was));
   const std::uint64_t rows = count_lines(r, "log.csv", false);
   if (rows == 0 || rows - 1 != r.ticks)  // ticks + 1 of a number that is not a run's may be 0
-    throw InputError(r.file("log.csv"), fmt::format("has {} lines, {} ticks and a header are {}: torn or of another run", rows, r.ticks, r.ticks + 1));
+    throw InputError(r.file("log.csv"), fmt::format("has {} lines, and should have a header and one for each of {} ticks: torn or of another run", rows, r.ticks));
   if (r.interrupted && r.ticks == 0) throw InputError("", directory + ": was interrupted before t = 0, there is nothing to run again");
   if (r.command == "sim") return r;
   const std::uint64_t lines = count_lines(r, "frames.log", true);

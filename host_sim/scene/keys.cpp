@@ -128,7 +128,7 @@ constexpr std::array keys{
     Key{"limits.workspace.y", "numbers", "", "m", -1e3, 1e3, false, "", "lower, upper"},
     Key{"limits.joint_angle", "number pairs", "-", "rad", -1e3, 1e3, false, "", "[lower, upper] per base joint"},
     Key{"limits.feedback_jump", "number", "-", "rad", 0, 100, false, "", "how far a measured angle may be, per tick, from where its rate takes it; 0: any; default joint_speed / rate_hz"},
-    Key{"limits.join_acceleration", "number", "0.0", "rad/s2", 0, 1e9, false, "", "base joints on the way onto the reference (reference.join); 0: any, it is the torque that bounds it"},
+    Key{"limits.join_acceleration", "number", "-", "rad/s2", 1e-6, 1e9, false, "", "base joints on the way onto the reference (reference.join); default any: it is the torque that bounds it"},
     Key{"limits.halt_time", "number", "0.1", "s", 0, 60, false, "", "to rest under control, where a fault allows it; 0: every fault takes the torque away at once"},
     Key{"limits.after_halt", "string", "-", "", -inf, inf, false, "release | hold | lower", "once at rest: torque off, held until the operator ends it, or weight let down; default lower with gravity, release without"},
     Key{"limits.lower_time", "number", "1.0", "s", 0, 600, true, "", "after_halt = lower: in which the weight compensation fades"},

@@ -259,7 +259,7 @@ void read_limits(Section s, Scene& scene) {
   l.closure = s.number("closure");
   l.max_age_ticks = s.integer("max_age_ticks");
   l.feedback_jump = s.optional_number("feedback_jump").value_or(l.joint_speed * scene.tick());
-  l.join_acceleration = s.number("join_acceleration");
+  l.join_acceleration = s.optional_number("join_acceleration").value_or(0.0);
   l.halt_time = s.number("halt_time");
   l.lower_time = s.number("lower_time");
   const bool falls = scene.mechanism.g > 0.0;
