@@ -1,6 +1,7 @@
 #pragma once
 /// The two halves of hardware in the loop, each on its own CAN node: used in one process (hil) or in two.
 
+#include <algorithm>
 #include <chrono>
 #include <span>
 #include <string>
@@ -23,9 +24,10 @@ inline constexpr int parting_ms = 20;           ///< per tick, for the other hal
 inline constexpr const char* gone_text = "the slcan adapter is gone: unplugged, or closed at its other end";
 /// Who arms, and resets: this program, which gives up when it cannot, or a supervisor computer.
 [[nodiscard]] inline bool armed_by_link(const Scene& s) { return s.command && s.command->arm_by_link; }
-/// s (in lockstep: of virtual time) until the drives must be armed; a supervisor computer is given longer.
+/// s (in lockstep: of virtual time) until the drives must be armed: a controller that ticks slowly asks a drive for
+/// the some 100 answers of its set-up slowly, and a supervisor computer is given longer.
 [[nodiscard]] inline double arming_time_max(const Scene& s) {
-  return armed_by_link(s) ? 60.0 : 5.0;
+  return armed_by_link(s) ? 60.0 : std::max(5.0, 500.0 * s.tick());
 }
 
 /// Why a scene that esmc sim runs cannot run on a bus; empty: it can.

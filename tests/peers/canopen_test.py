@@ -51,7 +51,7 @@ def main():
         # What holds the mechanism against gravity, in thousandths of 2 N m.
         run = json.loads((out / "controller.json").read_text())
         assert max(largest.values()) == round(run["torque"]["max_nm"] / 2.0 * 1000) > 10, (largest, run["torque"])
-        assert run["supervisor"]["faults"] == [] and run["ticks"] == 100, run["supervisor"]
+        assert run["supervisor"]["faults"] == [] and run["ticks"] == 20, run["supervisor"]
         # Their master on our emulated drives.
         seen = json.loads((out / "master.json").read_text())
         for node in ("1", "2"):
