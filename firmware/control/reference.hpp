@@ -16,7 +16,7 @@ struct PhaseClock {
 
   /// rad, in [-pi, pi).
   template <class S>
-  [[nodiscard]] S angle(std::uint32_t tick) const {
+  [[nodiscard]] S angle(std::uint64_t tick) const {
     const auto phase = static_cast<std::int64_t>(start + per_tick * tick);
     if constexpr (sizeof(S) >= sizeof(std::int64_t)) {
       return S(phase) * S(6.283185307179586476925286766559L / 18446744073709551616.0L);
@@ -93,7 +93,7 @@ struct Reference {
 
   /// Motion at a tick. `sample_time` in s, > 0. hold_start and an empty path give the centre at rest.
   /// One copy in an image.
-  [[nodiscard, gnu::noinline]] Motion2<S> at(std::uint32_t tick, S sample_time) const {
+  [[nodiscard, gnu::noinline]] Motion2<S> at(std::uint64_t tick, S sample_time) const {
     Motion2<S> m;
     m.position = centre;
     switch (kind) {
@@ -127,8 +127,9 @@ struct Reference {
     m.position = position;
     return m;
   }
-  [[nodiscard]] Motion2<S> along_path(std::uint32_t tick, S sample_time) const {
-    if (repeat_ticks > 0) tick %= repeat_ticks;
+  [[nodiscard]] Motion2<S> along_path(std::uint64_t ticks, S sample_time) const {
+    constexpr std::uint64_t end = 0xFFFF'FFFF;  // no segment starts later
+    const auto tick = static_cast<std::uint32_t>(repeat_ticks > 0 ? ticks % repeat_ticks : (ticks < end ? ticks : end));
     std::size_t low = 0, high = path.size();  // the last segment that has begun: at most 32 halvings
     while (high - low > 1) {
       const std::size_t middle = low + (high - low) / 2;
@@ -164,10 +165,10 @@ class JoinedReference {
     join_ = Quintic<S>::between(offset, {}, S(join_ticks_) * sample_time_);
   }
 
-  [[nodiscard]] Motion2<S> at(std::uint32_t tick) const {
+  [[nodiscard]] Motion2<S> at(std::uint64_t tick) const {
     Motion2<S> m = reference_.at(tick, sample_time_);
     if (tick < join_ticks_) {
-      const Motion2<S> offset = join_.at(S(tick) * sample_time_);
+      const Motion2<S> offset = join_.at(S(static_cast<std::uint32_t>(tick)) * sample_time_);
       m.position += offset.position;
       m.velocity += offset.velocity;
       m.acceleration += offset.acceleration;

@@ -42,7 +42,7 @@ struct SpatialReference {
   PhaseClock phase{}, second_phase{};  ///< the same per tick
 
   /// sample_time: s, > 0.
-  [[nodiscard]] SpatialMotion<S> at(std::uint32_t tick, S sample_time) const {
+  [[nodiscard]] SpatialMotion<S> at(std::uint64_t tick, S sample_time) const {
     SpatialMotion<S> m;
     m.position = position;
     m.attitude = attitude;

@@ -167,7 +167,7 @@ class Controller {
 
   /// The ramp is of what the law asks beyond the weight: that was carried by the brake, or by the sign test, a tick before.
   [[gnu::cold]] void fade_in(const typename M::Pose& pose, TickResult<M>& out) const {
-    const S share = S(running_tick_ + 1) / S(config_.ramp_ticks);
+    const S share = S(static_cast<std::uint32_t>(running_tick_) + 1U) / S(config_.ramp_ticks);
     Vec<S, M::joints> held = Vec<S, M::joints>::Zero();
     if (config_.allocate != nullptr) {
       const typename M::Channels still = M::Channels::Zero();
@@ -195,8 +195,7 @@ class Controller {
   [[nodiscard]] bool joinable() const {
     constexpr std::uint32_t outlook = 16;
     if (guide_.leads() || config_.join_ticks == 0 || running_tick_ >= outlook || running_tick_ >= config_.join_ticks) return true;
-    return bearable(static_cast<std::uint32_t>(
-        (static_cast<std::uint64_t>(config_.join_ticks) * (running_tick_ + 1)) / (outlook + 1)));
+    return bearable(static_cast<std::uint32_t>(config_.join_ticks * (running_tick_ + 1) / (outlook + 1)));
   }
   [[nodiscard, gnu::noinline, gnu::cold]] bool bearable(std::uint32_t ahead) const {
     Desired<M> d;
@@ -356,7 +355,8 @@ class Controller {
   PartMemory<M> memory_{};
   std::uint32_t lead_ticks_ = 0;  ///< by which the reference is ahead: the predictor's
   bool remembers_ = false;        ///< there are parts that need the memory
-  std::uint32_t running_tick_ = 0, lowered_ticks_ = 0;
+  std::uint64_t running_tick_ = 0;  ///< 32 bits are full after 50 days at 1 kHz, and the reference would begin anew under torque
+  std::uint32_t lowered_ticks_ = 0;
   std::uint8_t odd_encoder_ = 0;
 };
 
@@ -377,7 +377,8 @@ template <class M>
 TickResult<M> Controller<M>::tick(const Sample<M>& measured, Supervisor& supervisor) {
   TickResult<M> out{typename TickResult<M>::Unset{}};
   if (!supervisor.powered()) {
-    running_tick_ = lowered_ticks_ = 0;
+    running_tick_ = 0;
+    lowered_ticks_ = 0;
     retreat_.end();
     sign_test_.reset();
     memory_.reset();

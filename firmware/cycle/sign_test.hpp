@@ -11,8 +11,8 @@ namespace esmc {
 
 /// On top of the weight, motor i gets +pulse until its joint should have moved by `move`, then -pulse for as long, which
 /// takes the speed away again. The answer of both joints after the first half is compared with the model's, along the
-/// model's direction: it must be a quarter to four times as large, friction and wrong masses included. In a pose where
-/// the mechanism is its own mirror image, swapped nodes answer alike: test in another one.
+/// model's direction: it must be a quarter to four times as large, friction and wrong masses included. Nodes that are
+/// swapped as a whole, angle and torque, show the mirror image: of two equal legs with the same `direction` no torque tells.
 template <class M>
 class SignTest {
  public:

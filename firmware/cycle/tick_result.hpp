@@ -16,7 +16,7 @@ struct TickResult {
   using S = typename M::Scalar;
   State state = State::disabled;
   Fault fault = Fault::none;
-  std::uint32_t running_tick = 0;  ///< ticks since the controller runs; 0 in the first one
+  std::uint64_t running_tick = 0;  ///< ticks since the controller runs; 0 in the first one
   bool saturated = false;          ///< a torque was clamped
   bool stage_done = false;         ///< halting: at rest; lowering: let down. For the supervisor's next tick
   Vec<S, M::joints> torque;        ///< N m at the joints, zero where there is no motor

@@ -139,6 +139,9 @@ typename C::Config config_of(const Scene& scene, Pacing pacing, const ReferenceB
         if (d.torque_constant.empty()) break;
         check(e, static_cast<float>(odrive_current(scene, i, d.torque_constant[i]) * (1.0 - slack)), most);
         break;
+      case OdriveValue::heartbeat_period:
+        check(e, 1.0F, 10.0F);
+        break;
     }
   }
   return t;

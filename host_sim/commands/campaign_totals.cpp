@@ -1,6 +1,7 @@
 #include "host_sim/commands/campaign_totals.hpp"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
 #include <cmath>
@@ -42,6 +43,8 @@ void CampaignTotals::add(const EpisodeResult& e) {
   ++f.episodes;
   f.under_torque += e.ran ? 1U : 0U;
   ++f.phases[static_cast<std::size_t>(e.injection.phase)];
+  ++f.drives.at(e.injection.drive);
+  ++protocols_[std::string(e.protocol)];
   ++f.latched[std::string(e.first_fault.empty() ? std::string_view("none") : e.first_fault)];
   const bool demanded = e.injection.notice_ticks != InjectionRow::not_demanded && e.ran;
   if (demanded && e.reaction.notice_ms >= 0.0) f.notice.add(e.reaction.notice_ms);
@@ -76,10 +79,12 @@ void CampaignTotals::add(const CampaignTotals& other) {
     f.episodes += o.episodes;
     f.under_torque += o.under_torque;
     for (std::size_t i = 0; i < phase_count; ++i) f.phases[i] += o.phases[i];
+    for (std::size_t i = 0; i < f.drives.size(); ++i) f.drives[i] += o.drives[i];
     for (const auto& [fault, n] : o.latched) f.latched[fault] += n;
     f.notice.add(o.notice);
     f.safe.add(o.safe);
   }
+  for (const auto& [key, n] : other.protocols_) protocols_[key] += n;
   stale_.add(other.stale_);
   safe_.add(other.safe_);
   death_.add(other.death_);
@@ -102,6 +107,8 @@ Json CampaignTotals::json() const {
       {"stale_max", stale_.longest()}, {"safe_max", safe_.longest()}, {"host_death_max", death_.longest()}};
   j["simulated_s"] = simulated_s();
   j["histograms"] = {{"stale", stale_.json()}, {"safe", safe_.json()}, {"host_death", death_.json()}};
+  j["protocols"] = Json::object();
+  for (const auto& [key, n] : protocols_) j["protocols"][key] = n;
   j["faults"] = Json::object();
   for (const auto& [key, f] : faults_) {
     Json phases, latched;
@@ -110,6 +117,7 @@ Json CampaignTotals::json() const {
     j["faults"][key] = {{"episodes", f.episodes},
                         {"under_torque", f.under_torque},
                         {"phases", phases},
+                        {"drives", f.drives},
                         {"latched", latched},
                         {"notice_max_ms", f.notice.longest()},
                         {"safe_max_ms", f.safe.longest()},
@@ -138,7 +146,7 @@ std::string CampaignTotals::text() const {
 
 std::vector<std::vector<std::string>> CampaignTotals::fault_rows() const {
   std::vector<std::vector<std::string>> rows{
-      {"fault", "episodes", "under torque", "noticed at most, ms", "zero torque at most, ms", "latched"}};
+      {"fault", "episodes", "at drive 1, 2, 3, 4", "under torque", "noticed at most, ms", "zero torque at most, ms", "latched"}};
   const auto most = [](const Times& t) {
     return t.count() > 0 ? fmt::format("{:.3f}", t.longest()) : std::string("");
   };
@@ -147,8 +155,8 @@ std::vector<std::vector<std::string>> CampaignTotals::fault_rows() const {
     for (const auto& [fault, n] : f.latched) {
       latched.append(fmt::format("{}{} {}", latched.empty() ? "" : ", ", fault, n));
     }
-    rows.push_back({key, fmt::format("{}", f.episodes), fmt::format("{}", f.under_torque), most(f.notice),
-                    most(f.safe), latched});
+    rows.push_back({key, fmt::format("{}", f.episodes), fmt::format("{}", fmt::join(f.drives, ", ")),
+                    fmt::format("{}", f.under_torque), most(f.notice), most(f.safe), latched});
   }
   return rows;
 }

@@ -32,6 +32,7 @@ class Times {
 struct FaultTotals {
   std::uint64_t episodes = 0, under_torque = 0;
   std::array<std::uint64_t, phase_count> phases{};
+  std::array<std::uint64_t, 4> drives{};  ///< at which of the scene's drives; faults of all of them draw one as well
   std::map<std::string, std::uint64_t, std::less<>> latched;  ///< names of the controller's first fault
   Times notice, safe;
 };
@@ -67,6 +68,7 @@ class CampaignTotals {
   std::uint64_t episodes_ = 0, ticks_us_ = 0, violation_count_ = 0, digest_ = 0;
   std::vector<Violation> violations_;
   std::map<std::string, FaultTotals, std::less<>> faults_;
+  std::map<std::string, std::uint64_t, std::less<>> protocols_;
   Times stale_, safe_, death_;
 };
 

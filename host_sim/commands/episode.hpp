@@ -15,6 +15,7 @@ namespace esmc::host {
 struct EpisodeResult {
   std::uint64_t seed = 0;
   std::size_t variant = 0;
+  std::string_view protocol;
   Injection injection;
   Verdict verdict;
   Reaction reaction;

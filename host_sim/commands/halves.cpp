@@ -40,16 +40,22 @@ std::string to_confirm(const Scene& scene) {
       }
       if (unread(OdriveValue::torque_constant) || constant) list("torque_constant is the motor's");
       if (unread(OdriveValue::current_limit) || constant) list("the current limit allows control.torque_limit");
+      if (unread(OdriveValue::heartbeat_period)) list("heartbeats come every 10 ms at most");
       break;
     }
     case Protocol::cia402:
       list("the unit of object 6076 is drives.rated_torque_unit");
+      list("object 6064 counts drives.counts_per_turn per turn, and 606C is in drives.velocity_unit");
       break;
     case Protocol::mit:
       list("position_range, velocity_range and torque_range are the drives'");
       list("their time-out is drives.watchdog_timeout");
       list("their zero: the joints stay inside position_range of it");
       break;
+  }
+  if (scene.hardware) {  // how it is wired: of emulated drives the scene itself says that
+    list("each of drives.nodes moves the joint that it is listed for");
+    if (d.zero == Zero::absolute) list("the encoders are absolute, with drives.offset");
   }
   return out;
 }

@@ -151,6 +151,8 @@ std::uint32_t OdriveAxis::raw(OdriveValue v) const {
       return real(settings_.torque_constant);
     case OdriveValue::current_limit:
       return real(settings_.current_limit);
+    case OdriveValue::heartbeat_period:
+      return static_cast<std::uint32_t>(std::lround(settings_.heartbeat_period * 1e3));
   }
   return 0;
 }

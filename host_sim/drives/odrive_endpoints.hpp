@@ -20,6 +20,7 @@ enum class OdriveValue : std::uint8_t {
   overspeed_error,    // whether it trips above vel_limit
   torque_constant,    // N m/A
   current_limit,      // A
+  heartbeat_period,   // ms; 0: none
 };
 struct OdriveValueName {
   OdriveValue value;
@@ -38,6 +39,7 @@ inline constexpr std::array odrive_values{
                     drive::odrive::ValueType::u8},
     OdriveValueName{OdriveValue::torque_constant, "axis0.config.motor.torque_constant", drive::odrive::ValueType::f32},
     OdriveValueName{OdriveValue::current_limit, "axis0.config.motor.current_soft_max", drive::odrive::ValueType::f32},
+    OdriveValueName{OdriveValue::heartbeat_period, "axis0.config.can.heartbeat_msg_rate_ms", drive::odrive::ValueType::u32},
 };
 
 struct OdriveEndpoint {

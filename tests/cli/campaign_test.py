@@ -48,7 +48,9 @@ def main_run():
     check(sum(f["episodes"] for f in j["faults"].values()) == EPISODES, "the faults' counts add up")
     phases = [sum(f["phases"][p] for f in j["faults"].values()) for p in PHASES]
     check(sum(phases) == EPISODES and min(phases) > EPISODES / 20, f"phases {phases}")
+    check(sum(j["protocols"].values()) == EPISODES and min(j["protocols"][p] for p in PROTOCOLS) > EPISODES / 20, f"protocols {j['protocols']}")
     for name, f in j["faults"].items():
+        check(sum(f["drives"]) == f["episodes"] and min(f["drives"][:2]) > f["episodes"] / 4, f"{name}: drives {f['drives']}")
         check(sum(f["latched"].values()) == f["episodes"], f"{name}: names add up")
     for name in ("stale", "safe", "host_death"):
         bins = j["histograms"][name]

@@ -12,7 +12,7 @@ TYPES = {"axis0.config.enable_watchdog": "bool", "axis0.config.watchdog_timeout"
          "axis0.controller.config.control_mode": "uint8", "axis0.controller.config.input_mode": "uint8",
          "axis0.controller.config.enable_torque_mode_vel_limit": "bool", "axis0.controller.config.vel_limit": "float",
          "axis0.controller.config.enable_overspeed_error": "bool", "axis0.config.motor.torque_constant": "float",
-         "axis0.config.motor.current_soft_max": "float"}
+         "axis0.config.motor.current_soft_max": "float", "axis0.config.can.heartbeat_msg_rate_ms": "uint32"}
 
 
 def esmc(*args):
@@ -47,7 +47,7 @@ class Drives(unittest.TestCase):
         plain = self.hil()
         read = self.hil("drives.endpoints=flat.json", "drives.torque_constant=0.08")
         self.assertEqual(read["digest"], plain["digest"], "nothing but the time of arming")
-        self.assertEqual(read["bus"]["frames"] > plain["bus"]["frames"] + 2 * 2 * 10 - 1, True, "ten questions to each of two")
+        self.assertEqual(read["bus"]["frames"] > plain["bus"]["frames"] + 2 * 2 * 11 - 1, True, "eleven questions to each of two")
 
     def test_drives_that_say_their_torque(self):
         plain, said = self.hil(), self.hil("drives.torque_mismatch=0.05", "drives.torque_time=0")
@@ -82,12 +82,15 @@ class Drives(unittest.TestCase):
         no = "drives.confirmed=false"
         self.hil(no, status=2, words=["s.toml:", "'drives.confirmed' must be true", "enable_torque_mode_vel_limit is off", "torque_constant"])
         self.hil(no, "drives.protocol=mit", status=2, words=["torque_range are the drives'"])
-        self.hil(no, "drives.protocol=cia402", status=2, words=["object 6076"])
+        self.hil(no, "drives.protocol=cia402", status=2, words=["object 6076", "6064 counts"])
         self.hil("drives.confirmed=true")
         self.hil(no, "drives.endpoints=flat.json", status=2, words=["torque_constant is the motor's", "current limit"])
         del self.table["endpoints"]["axis0.controller.config.vel_limit"]
         self.write()
         self.hil(no, "drives.endpoints=flat.json", "drives.torque_constant=0.1", status=2, words=["vel_limit above"])
+        del self.table["endpoints"]["axis0.config.can.heartbeat_msg_rate_ms"]
+        self.write()
+        self.hil(no, "drives.endpoints=flat.json", "drives.torque_constant=0.1", status=2, words=["heartbeats come every 10 ms at most"])
 
     def test_drives_as_delivered_are_refused_by_what_was_read_back(self):
         """All of it can be read back, so that nothing is left to confirm; and confirmed = false also makes them as delivered."""

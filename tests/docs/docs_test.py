@@ -71,14 +71,31 @@ def links(root):
 
 
 def faults(root):
-    enum = re.search(r"enum class.*?Fault[^{]*\{(.*?)\};", (root / "firmware/safety/faults.hpp").read_text(encoding="utf-8"), re.S)
+    source = (root / "firmware/safety/faults.hpp").read_text(encoding="utf-8")
+    enum = re.search(r"enum class.*?Fault[^{]*\{(.*?)\};", source, re.S)
     names = re.findall(r"^\s*(\w+),", enum[1], re.M) if enum else []
     if len(names) < 2:
         yield "firmware/safety/faults.hpp: the list of faults cannot be read"
+    halting = re.findall(r"case Fault::(\w+):", cases[1]) if (cases := re.search(
+        r"reaction\(Fault f\) \{(.*?)return Reaction::halt;", source, re.S)) else []
     text = (root / "docs/safety.md").read_text(encoding="utf-8")
     for name in names:
-        if name != "none" and f"| `{name}` |" not in text:
+        row = re.search(rf"^\| `{name}` \| (\(halt)?", text, re.M)
+        if name != "none" and not row:
             yield f"docs/safety.md: no row for the fault {name}"
+        elif row and bool(row[1]) != (name in halting):
+            yield f"docs/safety.md: the fault {name} is {'' if name in halting else 'not '}answered with a halt"
+
+
+def option_codes(root):
+    """What docs/safety.md says of a drive's own reactions is what the set-up writes."""
+    source = (root / "firmware/drive/cia402_setup.hpp").read_text(encoding="utf-8")
+    text = (root / "docs/safety.md").read_text(encoding="utf-8")
+    for code, name in (("6007h", "abort_connection"), ("605Eh", "fault_reaction"), ("605Ah", "quick_stop")):
+        value = re.search(rf"\b{name} = (-?\d+)[,;]", source)
+        said = set(re.findall(rf"{code} = (-?\d+)", text))
+        if not value or said != {value[1]}:
+            yield f"docs/safety.md: {code} = {', '.join(sorted(said)) or 'nothing'}, cia402_setup.hpp: {value[1] if value else 'nothing'}"
 
 
 def output_files(root, esmc):
@@ -202,6 +219,11 @@ case "$1" in keys) echo '| key |';; *) exit 1;; esac
         (lambda r: list(links(r)), "docs/a.md", "[x](gone.md)", "no such file"),
         (lambda r: list(links(r)), "docs/a.md", "[x](safety.md#nowhere)", "no such heading"),
         (lambda r: list(faults(r)), "docs/safety.md", "# Safety\n| `first` | |\n", "fault second"),
+        (lambda r: list(faults(r)), "docs/safety.md", "| `first` | |\n| `second` | (halt) no |\n", "second is not answered"),
+        (lambda r: list(faults(r)), "firmware/safety/faults.hpp", "enum class Fault {\n none,\n first,\n second,\n};\nreaction(Fault f) {\n"
+         "case Fault::second: return Reaction::halt;", "second is answered"),
+        (lambda r: list(option_codes(r)), "docs/safety.md", "605Eh = 0, 605Ah = 0, 6007h = 0", "6007h = 0, cia402_setup.hpp: 1"),
+        (lambda r: list(option_codes(r)), "docs/safety.md", "605Eh = 0, 605Ah = 0, 6007h = 1", None),
         (lambda r: list(key_table(r, r / "esmc")), "docs/scenes.md", BEGIN + "| old |\n" + END, "key table"),
         (lambda r: list(key_table(r, r / "esmc")), "docs/scenes.md", "nothing", "markers"),
         (lambda r: list(commands(r, r / "esmc")), "docs/a.md", f"```sh\n{PROGRAM} sim x\n```\n", "exit 1"),
@@ -218,10 +240,11 @@ case "$1" in keys) echo '| key |';; *) exit 1;; esac
     for check, name, text, want in seeded:
         with tempfile.TemporaryDirectory() as folder:
             root = Path(folder)
-            for sub in ("docs", "firmware/safety", "host_sim", "tests"):
+            for sub in ("docs", "firmware/drive", "firmware/safety", "host_sim", "tests"):
                 (root / sub).mkdir(parents=True)
             (root / "docs/safety.md").write_text("# Safety first\n| `first` | |\n| `second` | |\n", encoding="utf-8")
             (root / "firmware/safety/faults.hpp").write_text("enum class Fault {\n none,\n first,\n second,\n};", encoding="utf-8")
+            (root / "firmware/drive/cia402_setup.hpp").write_text("abort_connection = 1, fault_reaction = 0, quick_stop = 0;", encoding="utf-8")
             (root / "esmc").write_text(fake, encoding="utf-8")
             (root / "esmc").chmod(0o755)
             (root / name).write_text(text, encoding="utf-8")
@@ -249,7 +272,7 @@ def main():
         print(*commands(ROOT, esmc), sep="\n")
         return 1 if found else 0
     build = Path(arguments[1]).resolve() if len(arguments) == 2 else None
-    found += [*links(ROOT), *faults(ROOT), *quotes(ROOT), *output_files(ROOT, esmc), *commands(ROOT, esmc, build)]
+    found += [*links(ROOT), *faults(ROOT), *option_codes(ROOT), *quotes(ROOT), *output_files(ROOT, esmc), *commands(ROOT, esmc, build)]
     if build:
         found += example(ROOT, build)
     for problem in found:

@@ -274,7 +274,7 @@ class Refused(unittest.TestCase):
 
     def test_against_the_clock_drives_behind_a_serial_line_are_real_until_confirmed(self):
         adapter = Adapter()
-        self.refused("controller", SCENE, "--realtime", "--bus", "slcan:" + adapter.path, words=["drives.confirmed"])
+        self.refused("controller", SCENE, "--realtime", "--bus", "slcan:" + adapter.path, words=["drives.confirmed", "drives.nodes moves the joint", "encoders are absolute"])
         adapter.close()
 
 

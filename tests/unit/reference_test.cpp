@@ -11,6 +11,7 @@
 
 #include <vector>
 
+#include "firmware/cycle/tick_result.hpp"
 #include "tests/support/random_mechanism.hpp"
 
 namespace esmc::test {
@@ -290,6 +291,27 @@ TYPED_TEST(References, RepeatOffsetAndEmptyPath) {
       EXPECT_EQ(m.acceleration, Vec2<S>(S(0), S(0)));
     }
   }
+}
+
+/// 50 days at 1 kHz are 2^32 ticks: nothing begins anew.
+TYPED_TEST(References, GoOnAfterFourThousandMillionTicks) {
+  using S = TypeParam;
+  constexpr std::uint64_t round = std::uint64_t{1} << 32U;
+  static_assert(std::is_same_v<decltype(TickResult<FiveBar<S>>::running_tick), std::uint64_t>);
+  const PhaseClock slow{0, std::uint64_t{1} << 28U};  // a turn in 2^36 ticks
+  EXPECT_EQ(slow.template angle<S>(round * 4), static_cast<S>(kTurn / 4));
+  EXPECT_EQ(slow.template angle<S>(round * 20), static_cast<S>(kTurn / 4));
+  const Path<S> p(1, true);
+  auto ref = p.reference();
+  EXPECT_EQ(ref.at(round + 1, p.dt).position, ref.at(round - 1, p.dt).position) << "the path's end";
+  ref.repeat_ticks = p.end;
+  for (const std::uint64_t tick : {round - 1, round, round + 1}) {
+    EXPECT_EQ(ref.at(tick, p.dt).position, ref.at(tick % p.end, p.dt).position) << tick;
+  }
+  ref.repeat_ticks = 0;
+  JoinedReference<S> joined(ref, p.end, p.dt);
+  joined.start(ref.at(0, p.dt).position + Vec2<S>(S(1), S(1)), Vec2<S>::Zero());
+  EXPECT_EQ(joined.at(round).position, ref.at(round, p.dt).position) << "joins anew";
 }
 
 /// From where the mechanism is, at its velocity and without acceleration, onto any reference, smoothly to the
