@@ -27,6 +27,8 @@ class ControllerRecorder {
   }
 
   [[nodiscard]] std::uint64_t ticks() const { return statistics_.ticks(); }
+  /// With those of the sign test, which are not recorded: since the drives were released, as a plant counts its duration.
+  [[nodiscard]] std::uint64_t ticks_released() const { return ticks_released_; }
   [[nodiscard]] const Statistics& statistics() const { return statistics_; }
   [[nodiscard]] Log& log() { return log_; }
 
@@ -34,6 +36,7 @@ class ControllerRecorder {
   /// `delay_s`: from the instant of the tick to the last frame it sent; 0 where a tick takes no time.
   void tick(const TickResult<M>& r, const Sample<M>& sample, double delay_s = 0.0) {
     started_ = started_ || r.state == State::running;
+    if (started_ || r.state == State::testing) ++ticks_released_;
     if (!started_) return;
     const std::vector<double> q = pose(sample);
     TickRecord record;
@@ -140,6 +143,7 @@ class ControllerRecorder {
   typename M::Mode mode_;
   std::vector<double> torque_, row_;
   bool started_ = false;
+  std::uint64_t ticks_released_ = 0;
 };
 
 }  // namespace esmc::host

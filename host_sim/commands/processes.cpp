@@ -52,7 +52,7 @@ int controller_lockstep(const Scene& scene, const RunOptions& o, HostBus& bus) {
   std::uint64_t sets = 0;
   // An overload ends the loop: which set the next samples belong to is no longer known.
   Progress progress(tick_count(scene));
-  while (recorder.ticks() < tick_count(scene) && !stop && !overloaded) {
+  while (recorder.ticks_released() < tick_count(scene) && !stop && !overloaded) {
     progress.at(recorder.ticks());
     const Waited set = controller.await_set();
     stop = set == Waited::stopped || must_stop(o, recorder.ticks() + 1);

@@ -113,6 +113,35 @@ class Loop(unittest.TestCase):
         self.assertEqual(seen["supervisor"]["faults"], [])
         self.assertGreater(min(hub.frames), 600)  # two motors, 300 ticks
 
+    def swapped(self, scene, *sets, nodes="[2, 1]"):
+        """(Ticks of the plant, what the controller complains of), of a controller that takes each node for the other."""
+        one, other, _ = self.joined()
+        # A pose that is not its own mirror image.
+        sets = [a for s in ("drives.sign_test=true", "initial.position=[0.05, 0.17]", "reference.join=0.1", *sets) for a in ("--set", s)]
+        plant = self.esmc("plant", scene, "--json", *SHORT, *sets, "--bus", "slcan:" + one.path)
+        controller = self.esmc("controller", scene, "--json", *SHORT, *sets, "--set", f"drives.nodes={nodes}", "--bus", "slcan:" + other.path)
+        _, said = controller.communicate(timeout=PATIENCE)
+        if "refused to arm" in said:
+            end(plant)
+            return 0, said
+        return json.loads(plant.communicate(timeout=PATIENCE)[0])["ticks"], said
+
+    def test_nodes_that_are_swapped_as_a_whole(self):
+        """Seen where that makes another mechanism; of two equal legs that turn alike it is the same one, in a mirror."""
+        text = Path(SCENE).read_text()
+        leg = next(line for line in text.splitlines() if line.startswith("leg = "))[len("leg = "):]
+        with tempfile.TemporaryDirectory() as folder:
+            unlike = Path(folder, "unlike.toml")
+            for number, other in (("m2 = 0.1", "m2 = 0.3"), ("l1 = 0.12", "l1 = 0.15")):
+                unlike.write_text(text.replace("leg = " + leg, f"legs = [{leg}, {leg.replace(number, other)}]"))
+                ticks, said = self.swapped(str(unlike))
+                self.assertEqual((ticks, said), (0, "esmc: the controller refused to arm: sign_test\n"), other)
+            for offset in ("[0.0, 0.0]", "[0.5, 0.5]"):
+                ticks, said = self.swapped(SCENE, "drives.direction=[1, -1]", f"drives.offset={offset}")
+                self.assertRegex(said, "refused to arm: (working_mode|loop_not_closed|sign_test)\n", offset)
+        for nodes in ("[1, 2]", "[2, 1]"):
+            self.assertEqual(self.swapped(SCENE, nodes=nodes), (300, ""), nodes)
+
     def test_hil_with_two_adapters_gives_the_same(self):
         one, other, _ = self.joined()
         with tempfile.TemporaryDirectory() as folder:

@@ -13,6 +13,7 @@
 #include <type_traits>
 
 #include "firmware/cycle/instances.hpp"
+#include "firmware/cycle/part_fusion.hpp"
 
 namespace {
 
@@ -154,7 +155,33 @@ class Episode {
     c.after_halt = static_cast<AfterHalt>(draw_.below(3));
     c.sign_test_move = draw_.one_in(3) ? number(1e-3, 0.1) : S(0);
     c.guide_speed = c.guide_acceleration = number(0.1, 10.0);
+    if (draw_.one_in(3)) with_parts(c);
     return c;
+  }
+  /// Optional parts, in the combinations that a scene can ask for.
+  void with_parts(ControllerConfig<M>& c) {
+    const bool extended = c.law == LawKind::esmc || c.law == LawKind::esmc_projected;
+    c.delay_ticks = static_cast<S>(draw_.below(SuperTwisting<S>::most_delay + 1));
+    c.lag_ticks = draw_.one_in(2) ? S(0) : number(0, 4);
+    if ((extended || c.law == LawKind::smc) && draw_.one_in(3)) {
+      c.reach = &part::super_twisting<M>;
+    } else if (extended && draw_.one_in(2)) {
+      c.reach = &part::implicit_coupled<M>;
+    }
+    if (draw_.one_in(2)) {
+      c.observer = &part::momentum_observer<M>;
+      c.observer_bandwidth = size(1e-2, 1e4);
+    }
+    if (draw_.one_in(2)) c.predict = &part::predictor<M>;
+    if constexpr (M::joints == 4) {
+      if (draw_.one_in(2)) {
+        c.fuse = &part::closure_projection<M>;
+        for (int i = 0; i < 4; ++i) c.encoder_variance[i] = size(1e-4, 1e4);
+      }
+      if (c.motors == Motors::all && draw_.one_in(2)) {
+        for (int i = 0; i < 4; ++i) c.preload[i] = c.torque_limit[i] * number(-1, 1);
+      }
+    }
   }
 
   /// In one of the states in which there may be torque.
