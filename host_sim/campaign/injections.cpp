@@ -223,6 +223,10 @@ void expect(Injection& i, const EpisodeTimes& t, const Dialect& dialect) {
     expect_of_lost_samples(i, t, dialect);
   }
   fits_if(t.out_of_range && row.wrong_motion, "drive_error");
+  if (t.read_back && i.phase == Phase::arming) {
+    i.fits_too += " drive_configuration";
+    i.must_pass = false;
+  }
   switch (row.kind) {
     case Injected::scattered_loss:  // of commands, too: in a slower loop the last torque acts for longer
       fits_if(t.tick > 1.001 * usual_tick, motion_faults);

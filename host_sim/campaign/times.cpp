@@ -68,6 +68,7 @@ EpisodeTimes episode_times(const Scene& s) {
   const double lambda = std::max(s.lambda.position, s.lambda.angle);
   t.open_ticks = lambda > 0.0 ? static_cast<int>(std::floor(1.0 / (lambda * t.tick))) : t.open_ticks;
   t.out_of_range = out_of_range(s);
+  t.read_back = s.drives.endpoints.has_value();
   t.motors = static_cast<std::size_t>(s.motors());
   t.axes = s.drives.nodes.size();
   if (s.limits.after_halt != AfterHalt::hold) {

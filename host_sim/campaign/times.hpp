@@ -23,6 +23,7 @@ struct EpisodeTimes {
   double jump = 0.05;         ///< rad per tick, the guard's; where it is off, what it would be by default
   int steps_per_tick = 1;     ///< of the integration
   bool out_of_range = false;  ///< a motion may leave the range of a drive's replies, which is a drive's error
+  bool read_back = false;     ///< before arming, drives are asked: what the bus does to the answers is a refusal to arm
   int off_after_halt_ticks = 0;      ///< a halt ends without torque within so many ticks; 0: it holds
   std::size_t motors = 2, axes = 2;  ///< axes: with passive encoders
 
