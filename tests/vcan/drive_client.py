@@ -3,10 +3,12 @@
 no part: the client counts the drive's own frames. usage: drive_client.py ESMC"""
 import json
 import math
+import re
 import signal
 import struct
 import subprocess
 import sys
+from pathlib import Path
 
 import can
 
@@ -187,6 +189,22 @@ def refusals():
     says("--protocol", "--protocol", "canopen")
 
 
-for case in (refusals, odrive, odrive_0_5_is_fed_by_any_message, defects, mit, cia402):
+def defects_as_listed():
+    """The drives that `--help` and the page name for a defect are those that can be given it."""
+    listed = subprocess.run([ESMC, "drive", "--help"], capture_output=True, text=True).stdout.split("Defects for --defect:\n")[1]
+    page = (Path(__file__).resolve().parents[2] / "docs/drives.md").read_text(encoding="utf-8")
+    lines = listed.strip().splitlines()
+    assert len(lines) == 9, listed
+    for line in lines:
+        name, drives = re.fullmatch(r" *(\w+) +.* \(([a-z0-9, ]+)\)", line).groups()
+        assert f"\n| `{name}` | {drives} |" in page, line
+        for protocol in ("odrive", "mit", "cia402"):
+            run = subprocess.run([ESMC, "drive", "--bus", "socketcan:nosuchcan0", "--protocol", protocol, "--defect", name],
+                                 capture_output=True, text=True)
+            refused = f"--defect {name}: not with --protocol {protocol}" in run.stderr
+            assert run.returncode == 2 and refused != (protocol in drives.split(", ")), (line, run.stderr)
+
+
+for case in (refusals, defects_as_listed, odrive, odrive_0_5_is_fed_by_any_message, defects, mit, cia402):
     case()
     print("ok", case.__name__, flush=True)
