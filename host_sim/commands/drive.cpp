@@ -216,8 +216,11 @@ class Drive {
 std::string defects_text() {
   std::string out = "Defects for --defect:\n";
   for (const DefectName& d : defect_names) {
-    out += fmt::format("  {:<22} {} ({})\n", d.name, d.meaning,
-                       d.odrive && d.mit ? "odrive, mit" : (d.odrive ? "odrive" : "mit"));
+    std::string drives;
+    for (const auto& [can, protocol] : {std::pair{d.odrive, "odrive"}, std::pair{d.mit, "mit"}, std::pair{d.cia402, "cia402"}}) {
+      if (can) drives += (drives.empty() ? "" : ", ") + std::string(protocol);
+    }
+    out += fmt::format("  {:<28} {} ({})\n", d.name, d.meaning, drives);
   }
   return out;
 }

@@ -124,6 +124,22 @@ class Runs(unittest.TestCase):
         self.assertTrue(after)
         self.assertTrue(all(float(r["tau11"]) == 0 and float(r["tau21"]) == 0 for r in after))
 
+    def test_a_pose_that_the_limits_do_not_allow_is_not_armed(self):
+        # Frames of such a refusal: tests/vcan/loop_job. esmc sim has no drives to arm: the same fault, in its first tick.
+        for fault, setting in (("joint_angle", "limits.joint_angle=[[-3,0.1],[-3,0.1]]"), ("type1_singularity", "limits.min_abs_sin_type1=0.99"),
+                               ("type2_singularity", "limits.min_abs_sin_type2=0.99")):
+            with self.subTest(fault=fault):
+                options = (self.scene("five_bar_circle"), "--set", setting, "--set", "limits.halt_time=0", "--set", "simulation.duration=0.2")
+                run = esmc("hil", *options, "--out", self.tmp / fault)
+                self.assertEqual((run.returncode, run.stdout, run.stderr), (1, "", f"esmc: the controller refused to arm: {fault}\n"))
+                self.assertFalse((self.tmp / fault).exists(), "there was no run to record")
+                run = esmc("sim", *options, "--json", "--out", self.tmp / fault)
+                self.assertEqual((run.returncode, json.loads(run.stdout)["supervisor"]["faults"]), (1, [fault]))
+                with open(self.tmp / fault / "log.csv", newline="", encoding="utf-8") as f:
+                    rows = list(csv.DictReader(f))
+                self.assertEqual(len(rows), 200)
+                self.assertEqual({float(r[t]) for r in rows for t in ("tau11", "tau21")}, {0.0})
+
     def test_init_prints_scenes_that_run(self):
         for kind in ("five_bar", "rr"):
             path = self.tmp / (kind + ".toml")

@@ -7,6 +7,9 @@ log.csv is t = 0: the set after the one in which the last axis had its second He
 between two sets belongs to the later one: a drive sends it in the tick that begins). Before t = 0 and after the last
 row torque must be 0.
 
+With --endpoints: before an axis is asked into closed-loop control, each of them was read (RxSdo) and answered (TxSdo) with that
+value; nothing is written, and no answer is to another question.
+
 Exit status 0 and one line of counts, or 1 and the first thing that is wrong.
 """
 import argparse
@@ -14,6 +17,7 @@ import csv
 import logging
 import math
 import re
+import struct
 import sys
 
 logging.disable(logging.WARNING)  # canmatrix complains at import about formats whose libraries are missing
@@ -73,6 +77,15 @@ class Checker:
         self.answered = True    # the current set is complete
         self.measured, self.commanded = set(), set()  # nodes heard in the current set
         self.counts = {"positions": 0, "velocities": 0, "torques": 0}
+        self.endpoints = {}     # what each must answer, four bytes as one number
+        for text in args.endpoints:
+            number, layout, value = text.split(":")
+            packed = struct.pack("<" + layout, float(value) if layout == "f" else int(value))
+            self.endpoints[int(number)] = int.from_bytes(packed, "little")
+        if self.endpoints:
+            self.counts["endpoints"] = 0
+        self.asked = {}         # node: endpoint of the question that was not answered yet
+        self.unread = {node: set(self.endpoints) for node in self.nodes}
 
     def tick(self):
         """Row of the current set; negative before t = 0, >= len(rows) after the run."""
@@ -144,6 +157,24 @@ class Checker:
             self.commanded.add(node)
             self.answered = len(self.commanded) == len(self.nodes)
 
+    def read(self, node, values):
+        if values["Opcode"] != 0:
+            raise Wrong(f"node {node}: writes endpoint {values['Endpoint_ID']}")
+        self.asked[node] = values["Endpoint_ID"]
+
+    def answer(self, node, values):
+        endpoint = values["Endpoint_ID"]
+        if self.asked.pop(node, None) != endpoint:
+            raise Wrong(f"node {node}: endpoint {endpoint} was not asked for")
+        if self.endpoints.get(endpoint) != values["Value"]:
+            raise Wrong(f"node {node}: endpoint {endpoint} is {values['Value']:#x}, expected {self.endpoints.get(endpoint)}")
+        self.unread[node].discard(endpoint)
+        self.counts["endpoints"] += 1
+
+    def state(self, node, values):
+        if values["Axis_Requested_State"] == CLOSED_LOOP and self.unread[node]:
+            raise Wrong(f"node {node}: armed before endpoints were read: {sorted(self.unread[node])}")
+
 
 def check(args):
     dbc = canmatrix.formats.loadp_flat(args.dbc)
@@ -153,7 +184,7 @@ def check(args):
         raise Wrong(f"{args.csv}: {len(rows)} rows")
     checker = Checker(args, rows)
     handlers = {"Heartbeat": checker.heartbeat, "Get_Encoder_Estimates": checker.encoder,
-                "Set_Input_Torque": checker.torque}
+                "Set_Input_Torque": checker.torque, "RxSdo": checker.read, "TxSdo": checker.answer, "Set_Axis_State": checker.state}
     frames = 0
     for number, node, name, values in read_frames(args.frames, dbc):
         frames += 1
@@ -181,6 +212,7 @@ def main():
     parser.add_argument("--offset", type=numbers(float), help="joint angle at encoder zero, rad")
     parser.add_argument("--angles", type=numbers(str), required=True, help="columns; NAME_meas is preferred")
     parser.add_argument("--torques", type=numbers(str), required=True, help="columns; NAME_cmd is preferred")
+    parser.add_argument("--endpoints", type=numbers(str), default=[], help="NUMBER:B:VALUE or NUMBER:f:VALUE, of every axis")
     parser.add_argument("--last-ticks", type=int, default=0, help="compare values in the last N rows only (0: all)")
     # argparse takes the value in "--direction -1,1" for an option
     args = parser.parse_args(re.sub(r"\0(?=-[\d.])", "=", "\0".join(sys.argv[1:])).split("\0"))

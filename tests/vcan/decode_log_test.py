@@ -99,6 +99,26 @@ class DecodeLog(unittest.TestCase):
             self.assertEqual((status, output), (0, f"{len(frames)} frames decoded, 20 ticks, equal: 40 positions, "
                                                    "40 velocities, 40 torques\n"))
 
+    def test_endpoints(self):
+        def sdo(node, command, endpoint, value, opcode=0):
+            return line(node << 5 | command, struct.pack("<BHB", opcode, endpoint, 0) + value)
+
+        told = "--endpoints", "300:B:1,307:f:0.01"
+        table = {300: b"\1\0\0\0", 307: struct.pack("<f", 0.01)}
+        talk = [sdo(n, *what) for n in NODES for e, v in table.items() for what in ((0x004, e, bytes(4)), (0x005, e, v))]
+        frames, rows = synthetic()
+        status, output = self.run_on(talk + frames, rows, *told)
+        self.assertEqual(status, 0, output)
+        self.assertRegex(output, ", 4 endpoints$")
+        for bad, text in ((talk[2:], r"node 1: armed before endpoints were read: \[300\]"), (talk[1:], "node 1: endpoint 300 was not asked"),
+                          ([*talk[:6], sdo(3, 0x004, 307, table[307], 1)], "node 3: writes endpoint 307"),
+                          ([talk[0], sdo(1, 0x005, 307, table[307])], "node 1: endpoint 307 was not asked"),
+                          ([talk[0], sdo(1, 0x005, 300, bytes(4))], "node 1: endpoint 300 is 0x0"),
+                          ([talk[2], sdo(1, 0x005, 307, struct.pack("<f", 0.010001))], "node 1: endpoint 307 is 0x3c23d")):
+            status, output = self.run_on(bad + frames, rows, *told)
+            self.assertEqual(status, 1)
+            self.assertRegex(output, text)
+
     def test_last_ticks(self):
         frames, rows = synthetic()
         self.assertIn("10 positions, 10 velocities, 10 torques", self.run_on(frames, rows, "--last-ticks", "5")[1])
@@ -162,7 +182,8 @@ class Dbc(unittest.TestCase):
     """Identifier, length and layout of every message, from the description of the protocol."""
     MESSAGES = {
         "Get_Version": (0x000, "<BBBBBBBB", (2, 4, 4, 58, 0, 6, 10, 1)), "Heartbeat": (0x001, "<IBBBx", (1 << 24, 8, 3, 1)),
-        "Estop": (0x002, "", ()), "Get_Error": (0x003, "<II", (0x01000000, 0x2000000)), "Set_Axis_State": (0x007, "<I4x", (8,)),
+        "Estop": (0x002, "", ()), "Get_Error": (0x003, "<II", (0x01000000, 0x2000000)), "RxSdo": (0x004, "<BHBI", (1, 0x1234, 0, 0x3C23D70A)),
+        "TxSdo": (0x005, "<BHBI", (0, 0xFEDC, 0, 0x3C23D70A)), "Set_Axis_State": (0x007, "<I4x", (8,)),
         "Get_Encoder_Estimates": (0x009, "<ff", (-0.25, 12.5)), "Set_Controller_Mode": (0x00B, "<II", (1, 6)),
         "Set_Input_Torque": (0x00E, "<f4x", (-1.5,)), "Set_Limits": (0x00F, "<ff", (20.0, 10.5)), "Clear_Errors": (0x018, "<B", (0,)),
         "Get_Torques": (0x01C, "<ff", (0.75, -0.125))}

@@ -1,24 +1,29 @@
 #!/usr/bin/python3
 """Runs inside with_vcan: `esmc drive` as a program, spoken to by python3-can, with bytes packed here. What time it is plays
-no part: the client counts the drive's own frames. usage: drive_client.py ESMC"""
+no part: the client counts the drive's own frames. At the end two of them are the drives of a controller, which proves their
+watchdogs first. usage: drive_client.py ESMC SCENE"""
+import csv
 import json
 import math
+import re
 import signal
 import struct
 import subprocess
 import sys
+import tempfile
+from pathlib import Path
 
 import can
 
 NODE, HEARTBEAT, STATE, ENCODER, MODE, TORQUE, CLEAR = 5, 0x01, 0x07, 0x09, 0x0B, 0x0E, 0x18
-ESMC = sys.argv[1]
+ESMC, SCENE = sys.argv[1:3]
 
 
 class Drive:
     """`esmc drive` while the block runs; afterwards `summary` is what it printed."""
 
-    def __init__(self, protocol, *options):
-        self.command = [ESMC, "drive", "--protocol", protocol, "--bus", "socketcan:vcan0", "--node", str(NODE), "--duration", "40",
+    def __init__(self, protocol, *options, node=NODE):
+        self.command = [ESMC, "drive", "--protocol", protocol, "--bus", "socketcan:vcan0", "--node", str(node), "--duration", "40",
                         "--json", *options]
 
     def __enter__(self):
@@ -174,6 +179,92 @@ def cia402():
         assert d.hear(0x580 + NODE) == bytes.fromhex("43766000f4010000"), "500 mN m"
 
 
+class Controlled:
+    """Two drives on the bus and the controller of SCENE against the clock, which starves their watchdogs before it arms them.
+    Ages may be seconds, because a machine may stall; 25 Hz, so that the drives have 20 s to be armed. Afterwards: `run`, the
+    `drives`, and `frames`, what was on the bus as (identifier, bytes)."""
+
+    def __init__(self, folder, *defects):
+        seconds = {"limits.max_age_ticks": 100, "drives.heartbeat_timeout": 2.0, "drives.watchdog_timeout": 1.0, "control.rate_hz": 25,
+                   "control.law": "ctc", "control.lambda": 5.0, "reference.speed": 1.0, "mechanism.gravity": 0,
+                   "simulation.duration": 2.0, "drives.watchdog_test": "true"}
+        told = [part for key, value in seconds.items() for part in ("--set", f"{key}={value}")]
+        start = ("--rate", "25", "--watchdog", "1", "--friction", "0.02", "--inertia", "1e-3")
+        recorder = subprocess.Popen(["candump", "-r", "4000000", "-L", "vcan0"], stdout=open(folder / "frames", "w"))
+        self.drives = [Drive("odrive", *start, "--angle", angle, *more, node=node)
+                       for node, angle, more in ((1, "0.339", ()), (2, "1.313", defects))]
+        with self.drives[0] as first, self.drives[1]:
+            first.hear(1 << 5 | HEARTBEAT)
+            self.run = subprocess.run([ESMC, "controller", SCENE, "--realtime", "--bus", "socketcan:vcan0", "--json", "--out",
+                                       folder / "out", *told], capture_output=True, text=True, timeout=100)
+        recorder.terminate()
+        recorder.wait()
+        lines = [line.split()[2].split("#") for line in (folder / "frames").read_text().splitlines()]
+        self.frames = [(int(head, 16), bytes.fromhex(data)) for head, data in lines]
+
+    def said(self, node):
+        """What a drive reported and was told, in order: ("is", error, state) and ("torque", N m)."""
+        for identifier, data in self.frames:
+            if identifier == (node << 5 | HEARTBEAT):
+                yield ("is", *struct.unpack("<IB", data[:5]))
+            elif identifier == (node << 5 | TORQUE):
+                yield "torque", struct.unpack("<f", data[:4])[0]
+
+
+def attempted(check):
+    """A machine that stalls for longer than the limits gets two more attempts."""
+    for attempt in (1, 2, 3):
+        try:
+            with tempfile.TemporaryDirectory() as folder:
+                return check(Path(folder))
+        except Exception as error:  # whatever a frame that is missing leads to
+            if attempt == 3:
+                raise
+            print("again:", repr(error)[:300], flush=True)
+
+
+def watchdog_that_is_starved(folder):
+    """Each drive is armed, hears nothing, trips and says so; then it is armed anew, and the run goes to its end."""
+    c = Controlled(folder)
+    assert c.run.returncode == 0 and json.loads(c.run.stdout)["supervisor"]["faults"] == [], (c.run.stdout, c.run.stderr)
+    for node, drive in zip((1, 2), c.drives):
+        said = list(c.said(node))
+        trip = said.index(("is", 0x01000000, 1))
+        before, after = said[:trip], said[trip:]
+        assert before.count(("is", 0, 8)) >= 2 and not any(what[0] == "torque" and what[1] != 0 for what in before), before
+        armed = after.index(("is", 0, 8))
+        first = next(i for i, what in enumerate(after) if what[0] == "torque" and what[1] != 0)
+        assert first > armed and ("is", 0x01000000, 1) not in after[armed:], after
+        assert not drive.summary["state"]["closed_loop"] and drive.summary["max_torque_nm"] > 0, drive.summary
+    log_of_real_time(folder / "out" / "log.csv")
+
+
+def log_of_real_time(path):
+    """What docs/output.md says of a controller against the clock: how old a sample was, and how long until the torque was sent."""
+    with open(path, newline="", encoding="utf-8") as f:
+        rows = list(csv.DictReader(f))
+    assert len(rows) == 50, len(rows)
+    columns = {name: [float(row[name]) for row in rows] for name in ("theta11_phase", "theta21_phase", "delay")}
+    for name, values in columns.items():
+        assert all(math.isfinite(v) and v >= 0 for v in values) and max(values) > 0, (name, values)
+
+
+def watchdog_that_is_off(folder):
+    """One of two is enough: nothing is armed, no torque is ever sent, and both drives are idle in the end."""
+    c = Controlled(folder, "--defect", "watchdog_off")
+    assert c.run.returncode == 1 and "refused to arm: drive_configuration" in c.run.stderr, (c.run.stdout, c.run.stderr)
+    for node, drive in zip((1, 2), c.drives):
+        said = list(c.said(node))
+        assert ("is", 0, 8) in said and not any(what[0] == "torque" and what[1] != 0 for what in said), said
+        assert not drive.summary["state"]["closed_loop"] and drive.summary["max_torque_nm"] == 0, drive.summary
+        assert (("is", 0x01000000, 1) in said) == (node == 1), said
+
+
+def watchdogs():
+    attempted(watchdog_that_is_starved)
+    attempted(watchdog_that_is_off)
+
+
 def refusals():
     def says(words, *options):
         run = subprocess.run([ESMC, "drive", "--bus", "socketcan:vcan0", *options], capture_output=True, text=True)
@@ -187,6 +278,22 @@ def refusals():
     says("--protocol", "--protocol", "canopen")
 
 
-for case in (refusals, odrive, odrive_0_5_is_fed_by_any_message, defects, mit, cia402):
+def defects_as_listed():
+    """The drives that `--help` and the page name for a defect are those that can be given it."""
+    listed = subprocess.run([ESMC, "drive", "--help"], capture_output=True, text=True).stdout.split("Defects for --defect:\n")[1]
+    page = (Path(__file__).resolve().parents[2] / "docs/drives.md").read_text(encoding="utf-8")
+    lines = listed.strip().splitlines()
+    assert len(lines) == 9, listed
+    for line in lines:
+        name, drives = re.fullmatch(r" *(\w+) +.* \(([a-z0-9, ]+)\)", line).groups()
+        assert f"\n| `{name}` | {drives} |" in page, line
+        for protocol in ("odrive", "mit", "cia402"):
+            run = subprocess.run([ESMC, "drive", "--bus", "socketcan:nosuchcan0", "--protocol", protocol, "--defect", name],
+                                 capture_output=True, text=True)
+            refused = f"--defect {name}: not with --protocol {protocol}" in run.stderr
+            assert run.returncode == 2 and refused != (protocol in drives.split(", ")), (line, run.stderr)
+
+
+for case in (refusals, defects_as_listed, odrive, odrive_0_5_is_fed_by_any_message, defects, mit, cia402, watchdogs):
     case()
     print("ok", case.__name__, flush=True)

@@ -1,6 +1,6 @@
 #!/usr/bin/python3
 """The comparison circle over a real vcan0 with the drives of one protocol: same digest as on the virtual bus, in one process
-and in two, no fault, and either half notices the death of the other. usage: protocol_test.py ESMC SCENE PROTOCOL"""
+and in two, no fault, and either half notices the death of the other, in lockstep and against the clock. usage: protocol_test.py ESMC SCENE PROTOCOL"""
 import json
 import subprocess
 import sys
