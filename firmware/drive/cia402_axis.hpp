@@ -118,10 +118,8 @@ class Cia402Axis {
   /// An object that we read, or that the drive would not let us write, is not what it must be. Stays for a tick
   /// after nobody asks for torque any more.
   [[nodiscard]] bool contradicted() const { return contradicted_; }
-  [[nodiscard]] std::optional<canopen::Object> contradicting_object() const {
-    if (!contradicted_) return std::nullopt;
-    return cia402::setup[entry_].object;
-  }
+  /// The last one: for a message, so it stays until the set-up is begun anew.
+  [[nodiscard]] std::optional<canopen::Object> contradicting_object() const { return refused_; }
   [[nodiscard]] std::uint8_t node() const { return config_.node; }
   /// N m per thousandth, as the drive said; 0 before.
   [[nodiscard]] float torque_lsb() const { return rated_torque_ / 1000.0F; }
@@ -240,6 +238,7 @@ class Cia402Axis {
     if (called_ && answered_) {
       step_ = Step::setup;
       entry_ = 0;
+      refused_.reset();
       begin_transfer(false);
       return configure(send);
     }
@@ -393,7 +392,7 @@ class Cia402Axis {
       if (e.task == cia402::Task::attempt || (e.optional && cia402::absent(reply->value))) {
         next_entry();
       } else {
-        contradicted_ = true;
+        refuse(e);
       }
     } else if (reply->kind == (reading_ ? canopen::SdoKind::value : canopen::SdoKind::written)) {
       if (!reading_ && e.task == cia402::Task::verify) {
@@ -401,10 +400,14 @@ class Cia402Axis {
       } else if (!reading_ || agrees(e, *reply)) {
         next_entry();
       } else {
-        contradicted_ = true;
+        refuse(e);
       }
     }
     return Received::accepted;
+  }
+  void refuse(const cia402::Entry& e) {
+    contradicted_ = true;
+    refused_ = e.object;
   }
   /// Whether what was read is what must be there.
   bool agrees(const cia402::Entry& e, const canopen::Sdo& reply) {
@@ -462,6 +465,7 @@ class Cia402Axis {
   bool asking_ = false;             // enable() was called in this tick
   bool owed_ = false;               // asked into torque control, not seen idle since
   bool contradicted_ = false;
+  std::optional<canopen::Object> refused_;
 };
 
 static_assert(Drive<Cia402Axis>);

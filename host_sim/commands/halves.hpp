@@ -193,6 +193,7 @@ class PlantHalf {
     e.final_state = disarmed_ ? "drives_disarmed" : "drives_armed";
     if (disarmed_)
       e.faults.emplace_back(fmt::format("drives_disarmed (axis errors 0x{:x})", node_.drive_errors()));
+    if (!disarmed_ && node_.timed_out()) e.faults.emplace_back(e.final_state = "drives_timed_out");
     Statistics& s = recorder_.statistics();
     s.energy_error = larger(s.energy_error, node_.motion().energy_error());
     return e;
@@ -270,6 +271,16 @@ class ControllerHalf {
             out += fmt::format(" (node {}, object {:04X}:{:02X})", c.axis(i).node(), o->index, o->sub);
           }
         }
+      }
+    });
+    return out;
+  }
+  /// "node 1, node 2": the drives that have not confirmed torque control.
+  [[nodiscard]] std::string unready() const {
+    std::string out;
+    with([&](const auto& c) {
+      for (int i = 0; i < axis_count_; ++i) {
+        if (!c.axis(i).ready()) out += fmt::format("{}node {}", out.empty() ? "" : ", ", c.axis(i).node());
       }
     });
     return out;

@@ -78,10 +78,10 @@ std::uint64_t pace_controller(const Scene& scene, const RunOptions& o, Controlle
       throw RunError("the controller refused to arm: " + why);
     }
     if (never) {
+      const std::string why =
+          armed_by_link(scene) ? "no supervisor computer armed them" : "plant dead or not started, or not ready: " + controller.unready();
       part();
-      throw RunError(fmt::format("the drives were not in closed-loop control after {} s ({})", arming_time_max(scene),
-                                 armed_by_link(scene) ? "no supervisor computer armed them"
-                                                      : "plant dead or not started"));
+      throw RunError(fmt::format("the drives were not in closed-loop control after {} s ({})", arming_time_max(scene), why));
     }
   }
   const std::uint64_t late = pace.late();

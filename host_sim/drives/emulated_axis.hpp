@@ -40,6 +40,8 @@ class EmulatedAxis {
   [[nodiscard]] virtual bool closed_loop() const = 0;
   /// In the words of the drive; 0: none.
   [[nodiscard]] virtual std::uint32_t error() const = 0;
+  /// Its watchdog has taken the torque away, and it says nothing of it: a drive for which that is no error.
+  [[nodiscard]] virtual bool timed_out() const { return false; }
   /// Reports in a row that said torque control without error, as many as the controller wants to hear or more.
   [[nodiscard]] virtual int confirmations() const = 0;
 

@@ -49,7 +49,7 @@ class MitAxis final : public EmulatedAxis {
   [[nodiscard]] int confirmations() const override { return confirmations_; }
 
   /// The last command has been set to zero because no other came.
-  [[nodiscard]] bool timed_out() const { return timed_out_; }
+  [[nodiscard]] bool timed_out() const override { return timed_out_; }
 
  private:
   struct Demand {  // of the last command; rad, rad/s, N m/rad, N m s/rad, N m

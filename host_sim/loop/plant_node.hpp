@@ -119,6 +119,13 @@ class PlantNode {
 
   /// A motor that has left closed-loop control after the release.
   [[nodiscard]] bool disarmed() const { return released_ && !all_closed_loop(); }
+  /// Likewise of one that stays in it, with zero torque, because it hears no commands.
+  [[nodiscard]] bool timed_out() const {
+    for (const Axis& a : axes_) {
+      if (released_ && a.placed.motor && a.axis->timed_out()) return true;
+    }
+    return false;
+  }
   [[nodiscard]] std::uint32_t drive_errors() const {
     std::uint32_t bits = 0;
     for (const Axis& a : axes_) bits |= a.axis->error();

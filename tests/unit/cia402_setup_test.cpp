@@ -182,6 +182,20 @@ TEST(Cia402Axis, WhatIsOnlyReadMustBeRight) {
   EXPECT_TRUE(b.axis.contradicted());
 }
 
+/// The message of a refusal is written after the torque has been taken away.
+TEST(Cia402Axis, WhatContradictedIsKnownUntilTheNextSetUp) {
+  Bench b;
+  b.slave.says[entry(0x6502, 0)] = 0x1DF;
+  b.until([&] { return b.axis.contradicted(); });
+  b.axis.disable([](const CanFrame&) { return true; });
+  EXPECT_FALSE(b.axis.contradicted());
+  ASSERT_TRUE(b.axis.contradicting_object());
+  EXPECT_EQ(b.axis.contradicting_object()->index, 0x6502);
+  b.slave.says.erase(entry(0x6502, 0));
+  EXPECT_TRUE(b.make_ready());
+  EXPECT_FALSE(b.axis.contradicting_object());
+}
+
 TEST(Cia402Axis, NonsenseAsRatedTorqueOfTheSceneArmsNothing) {
   for (const float rated : {0.0F, -2.0F, NAN, std::numeric_limits<float>::infinity()}) {
     Bench b;
