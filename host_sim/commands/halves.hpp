@@ -223,6 +223,7 @@ class ControllerHalf {
       : reference_(make_reference<S>(scene, pacing)),
         bus_(bus),
         lockstep_(pacing == Pacing::lockstep),
+        nodes_(scene.drives.nodes),
         axis_count_(static_cast<int>(scene.drives.nodes.size())),
         endpoints_(scene.drives.endpoints),
         parting_ticks_(static_cast<int>(
@@ -280,7 +281,7 @@ class ControllerHalf {
     std::string out;
     with([&](const auto& c) {
       for (int i = 0; i < axis_count_; ++i) {
-        if (!c.axis(i).ready()) out += fmt::format("{}node {}", out.empty() ? "" : ", ", c.axis(i).node());
+        if (!c.axis(i).ready()) out += fmt::format("{}node {}", out.empty() ? "" : ", ", nodes_[static_cast<std::size_t>(i)]);
       }
     });
     return out;
@@ -391,6 +392,7 @@ class ControllerHalf {
     return fmt::format("endpoint {}", id);
   }
 
+  std::vector<int> nodes_;
   int axis_count_;
   std::optional<OdriveEndpoints> endpoints_;
   int parting_ticks_;
