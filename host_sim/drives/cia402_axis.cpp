@@ -18,6 +18,7 @@ constexpr std::uint16_t emergency_heartbeat = 0x8130, emergency_pdo_length = 0x8
 constexpr std::uint8_t register_generic = 0x01, register_communication = 0x10;
 constexpr int mode_torque = 10;
 constexpr std::uint32_t cob_id_bits = 0x7FF;
+constexpr std::uint32_t cob_extended = 0x2000'0000;  // 29 bits, which this drive does not have
 constexpr std::uint8_t entries_max = 8;  // of a mapping
 
 constexpr std::array<std::uint32_t, 4> rpdo_id{0x200, 0x300, 0x400, 0x500}, tpdo_id{0x180, 0x280, 0x380, 0x480};
@@ -155,6 +156,8 @@ std::uint32_t Cia402Axis::objection(std::uint16_t index, std::uint8_t sub, std::
     return low <= v && v <= high ? 0U : wire::abort_value;
   };
   switch (index) {
+    case 0x1005: return value == 0x80 ? 0U : wire::abort_value;  // another identifier may be one of its own
+    case 0x1014: return (value & ~wire::cob_invalid) == 0x80U + node() ? 0U : wire::abort_value;
     case 0x1029: return value > 2 ? wire::abort_value : 0U;
     case 0x6007: return option(0, 3);
     case 0x605A: return option(0, 8);
@@ -180,7 +183,8 @@ std::uint32_t Cia402Axis::objection_to_pdo(std::uint16_t index, std::uint8_t sub
   if (communication && sub == 1) {
     const std::uint32_t id = value & 0x1FFF'FFFFU;
     const bool moved = valid && (value & wire::cob_invalid) == 0 && id != (cob & 0x1FFF'FFFFU);
-    return moved || id < 0x181 || id > 0x57F ? wire::abort_value : 0;
+    const bool long_id = (value & cob_extended) != 0;
+    return moved || long_id || id < 0x181 || id > 0x57F ? wire::abort_value : 0;
   }
   if (valid) return wire::abort_device_state;
   if (communication) return value > 240 && value < 254 ? wire::abort_value : 0;
@@ -266,7 +270,12 @@ bool Cia402Axis::commanded_by(const hal::CanFrame& f) const {
   if (f.extended || f.fd || f.remote) return false;
   if (const auto nmt = wire::decode_nmt(f); nmt && f.id == 0x000) return nmt->node == 0 || nmt->node == node();
   if (f.id == 0x600U + node()) return true;
-  return std::any_of(rpdo_id.begin(), rpdo_id.end(), [&](std::uint32_t id) { return f.id == id + node(); });
+  for (unsigned i = 0; i < pdos; ++i) {
+    const std::uint32_t cob = value(object16(0x1400, i), 1);
+    const bool moved = (cob & wire::cob_invalid) == 0 && f.id == (cob & cob_id_bits);
+    if (moved || f.id == rpdo_id[i] + node()) return true;
+  }
+  return false;
 }
 
 void Cia402Axis::manage(const hal::CanFrame& f, const Send& send) {
@@ -285,7 +294,11 @@ void Cia402Axis::manage(const hal::CanFrame& f, const Send& send) {
     case wire::NmtCommand::reset_communication:
       go(Power::disabled);
       define_communication();
-      if (nmt->command == wire::NmtCommand::reset_node) define_drive();
+      if (nmt->command == wire::NmtCommand::reset_node) {
+        define_drive();
+        last_control_ = 0;
+      }
+      set(0x603F, 0, 0);  // with its fault
       nmt_ = pre_operational;
       booted_ = watching_ = lost_ = false;
       if (!settings_.lockstep) report_state(send);
@@ -331,7 +344,7 @@ void Cia402Axis::connection_lost(const Send& send) {
 void Cia402Axis::emergency(std::uint16_t code, const Send& send) {
   const bool faulty = power_ == Power::fault || power_ == Power::fault_reaction;
   set(0x1001, 0, (code != 0 ? register_communication : 0U) | (faulty ? register_generic : 0U));
-  if (nmt_ == stopped) return;
+  if (nmt_ == stopped || (value(0x1014, 0) & wire::cob_invalid) != 0) return;
   send(wire::encode_emergency(node(), {code, static_cast<std::uint8_t>(value(0x1001, 0))}));
 }
 

@@ -171,12 +171,13 @@ double OdriveAxis::shaft_torque() const {
       control_mode_ == wire::control_mode_torque && input_mode_ == wire::input_mode_passthrough;
   if (!closed_loop() || !torque_mode) return 0.0;
   double torque = static_cast<double>(input_torque_);
-  // Only without a check; fmax(fmin(NaN, limit), -limit) = limit.
-  if (!std::isfinite(torque)) torque = std::fmax(std::fmin(torque, settings_.torque_max), -settings_.torque_max);
+  // Of a NaN, which comes here without a check only, fmin makes full torque.
+  const auto limited = [&](double v) { return std::fmax(std::fmin(v, settings_.torque_max), -settings_.torque_max); };
+  torque = limited(torque);
   if (settings_.defects.torque_mode_limit) {
     const double speed = reading_.velocity_rev_s;
-    torque = std::clamp(torque, (-settings_.vel_limit - speed) * settings_.vel_gain,
-                        (settings_.vel_limit - speed) * settings_.vel_gain);
+    torque = limited(std::clamp(torque, (-settings_.vel_limit - speed) * settings_.vel_gain,
+                                (settings_.vel_limit - speed) * settings_.vel_gain));
   }
   return torque;
 }

@@ -22,7 +22,7 @@ class OdriveAxis final : public EmulatedAxis {
     double period = 1e-3;            ///< s of virtual time between calls of publish(): encoder_msg_rate
     double heartbeat_period = 0.01;  ///< s, heartbeat_msg_rate
     double watchdog_timeout = 0.01;  ///< s; config.enable_watchdog is set
-    double torque_max = 10.0;        ///< N m at the shaft: what full torque is
+    double torque_max = 10.0;        ///< N m at the shaft: full torque, whatever it is told
     double vel_limit = 2.0;          ///< rev/s, with vel_gain in N m s/rev what defects.torque_mode_limit cuts to
     double vel_gain = 1.0 / 6.0;
     double torque_constant = 0.1;    ///< N m/A; reported, like the next, and of no effect

@@ -98,6 +98,9 @@ inline std::unique_ptr<EmulatedAxis> make_axis(const Scene& s, const PlacedAxis&
       s.drives.protocol == Protocol::odrive ? OdriveAxis::Version::v0_6 : OdriveAxis::Version::v0_5_6;
   settings.period = s.tick();
   settings.watchdog_timeout = s.drives.watchdog_timeout;
+  if (a.motor) {  // as above: what the controller may ask for, it gives
+    settings.torque_max = std::max(settings.torque_max, 1.01 * s.torque_limit[a.entry] / s.drives.gear_ratio[a.entry]);
+  }
   settings.says_torque = s.drives.protocol == Protocol::odrive && a.motor && s.drives.torque_mismatch > 0.0;
   if (s.drives.endpoints) settings.endpoints = *s.drives.endpoints;
   if (!s.drives.confirmed.value_or(true)) {  // as delivered

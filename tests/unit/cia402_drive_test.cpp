@@ -155,6 +155,46 @@ TEST_F(Drive, RefusesToBeRemappedInTheWrongOrder) {
   EXPECT_EQ(abort_of_write(entry(0x1800, 1), 0xC000'0180 + node, 4), 0U);
 }
 
+TEST_F(Drive, KeepsToElevenBitsAndToItsOwnIdentifiers) {
+  write(entry(0x1400, 1), 0x8000'0200 + node, 4);
+  EXPECT_EQ(abort_of_write(entry(0x1400, 1), 0x2000'0200 + node, 4), 0x0609'0030U) << "29 bits";
+  EXPECT_EQ(abort_of_write(entry(0x1005, 0), 0x600 + node, 4), 0x0609'0030U) << "SYNC would be its SDO requests";
+  EXPECT_EQ(abort_of_write(entry(0x1005, 0), 0x80, 4), 0U);
+  EXPECT_EQ(abort_of_write(entry(0x1014, 0), 0x081 + node, 4), 0x0609'0030U) << "somebody else's emergencies";
+}
+
+TEST_F(Drive, EmergenciesCanBeSwitchedOff) {
+  set_up();
+  const CanFrame torn = can(0x200 + node, {0x0F});
+  write(entry(0x1014, 0), 0x8000'0080 + node, 4);
+  give(torn);
+  EXPECT_TRUE(said.empty());
+  write(entry(0x1014, 0), 0x80 + node, 4);
+  give(torn);
+  EXPECT_EQ(said.size(), 1U);
+}
+
+TEST_F(Drive, StartsAnewWithoutItsFaultAndItsLastControlword) {
+  const auto miss_the_master = [&] {
+    write(entry(0x1016, 1), 0x0064'0005, 4);
+    write(entry(0x6007, 0), 1, 2);
+    give(can(0x764, {5}));
+    for (int i = 0; i < 8; ++i) publish();
+    ASSERT_EQ(status(), 0x08U);
+    ASSERT_EQ(axis.error(), 0x8130U);
+  };
+  miss_the_master();
+  give(test::nmt(0x82, node));
+  EXPECT_EQ(axis.error(), 0U);
+  EXPECT_EQ(status(), 0x40U);
+  write(entry(0x6040, 0), 0x80, 2);
+  give(test::nmt(0x81, node));
+  miss_the_master();
+  give(can(0x764, {5}));
+  write(entry(0x6040, 0), 0x80, 2);
+  EXPECT_EQ(status(), 0x40U) << "an edge: the word before was told to another start";
+}
+
 TEST_F(Drive, PowerStateMachine) {
   set_up();
   publish();
@@ -357,6 +397,11 @@ TEST_F(Drive, KnowsWhatOnlyAControllerSendsToIt) {
     other.remote = true;
     EXPECT_FALSE(axis.commanded_by(other));
   }
+  const CanFrame moved = can(0x300 + node + 1, {0, 0});
+  EXPECT_FALSE(axis.commanded_by(moved));
+  write(entry(0x1401, 1), 0x8000'0300 + node, 4);
+  write(entry(0x1401, 1), 0x300 + node + 1, 4);
+  EXPECT_TRUE(axis.commanded_by(moved)) << "where it listens now";
   for (const CanFrame& f : {test::nmt(1, 9), can(0x080, {}), can(0x77F, {5}), test::report_of(node, 0), can(0x209, {0, 0, 0, 0}),
                             test::emergency_of(node, 1)}) {
     EXPECT_FALSE(axis.commanded_by(f)) << std::hex << f.id;

@@ -15,6 +15,7 @@
 #include "host_sim/drives/lone_shaft.hpp"
 #include "host_sim/drives/mit_axis.hpp"
 #include "host_sim/drives/odrive_axis.hpp"
+#include "host_sim/drives/placed_axes.hpp"
 #include "tests/support/canopen_bytes.hpp"
 #include "tests/support/mit_bytes.hpp"
 #include "tests/support/odrive_bytes.hpp"
@@ -136,6 +137,34 @@ TEST(DriveDefects, TorqueModeLimit) {
       EXPECT_NEAR(b.axis.joint_torque(), std::fmin(std::fmax(static_cast<double>(asked), lower), upper), 1e-9) << speed;
     }
   }
+}
+
+TEST(DriveDefects, FullTorqueIsAllThatADriveGives) {
+  for (const bool cut : {false, true}) {
+    Bench b({.torque_mode_limit = cut});
+    b.pass(1, 0.0, cut ? 2.0 * std::numbers::pi * 1000.0 : 0.0);  // the limiter alone would brake with 166 N m
+    b.torque(3e38F);
+    EXPECT_EQ(b.axis.joint_torque(), cut ? -7.0 : 7.0);
+    b.torque(-3e38F);
+    EXPECT_EQ(b.axis.joint_torque(), -7.0);
+  }
+}
+
+TEST(DriveDefects, OfASceneADriveGivesWhatTheControllerMayAskFor) {
+  Scene s;
+  s.drives.nodes = {3, 4};
+  s.drives.direction = {-1.0, 1.0};
+  s.drives.gear_ratio = {2.0, 2.0};
+  s.drives.offset = {0.0, 0.0};
+  s.torque_limit = {40.0, 40.0};
+  s.rate_hz = 1000.0;
+  s.drives.watchdog_timeout = 0.01;
+  const auto axis = make_axis(s, placed_axes(s).at(0));
+  const auto tell = [&](const hal::CanFrame& f) { (void)axis->receive(f, [](const hal::CanFrame&) {}); };
+  tell(test::message(node, test::cmd_mode, 1, 1));
+  tell(test::message(node, test::cmd_axis_state, 8, 0));
+  tell(test::message(node, test::cmd_torque, std::bit_cast<std::uint32_t>(20.0F), 0));
+  EXPECT_EQ(axis->joint_torque(), -40.0);
 }
 
 TEST(DriveDefects, AnswersToRequestsOf06AndNotOf05) {
