@@ -80,7 +80,8 @@ class TimedLoop {
   /// `period_ns`: up to a second. The drives' answers are waited for during `patience` of a period, where they are asked.
   TimedLoop(Node& node, B& board, std::uint32_t period_ns, float patience = 0.4F)
       : node_(node), board_(board), period_us_(period_ns / 1000U), period_rest_ns_(period_ns % 1000U),
-        patience_us_(static_cast<std::uint32_t>(static_cast<float>(period_us_) * patience)), next_us_(board.now_us()) {}
+        patience_us_(static_cast<std::uint32_t>(static_cast<float>(period_us_) * patience)), next_us_(board.now_us()),
+        on_bus_us_(next_us_) {}
 
   /// One turn; call for ever, as often as can be, or when a frame has come and at instant_us(). True: a tick has been done,
   /// and `seen` was given its result.
@@ -152,8 +153,8 @@ class TimedLoop {
 
   Node& node_;
   B& board_;
-  std::uint32_t period_us_, period_rest_ns_, patience_us_, next_us_, began_us_ = 0, rest_ns_ = 0, late_ = 0,
-      lateness_us_ = 0, on_bus_us_ = 0;
+  std::uint32_t period_us_, period_rest_ns_, patience_us_, next_us_, on_bus_us_, began_us_ = 0, rest_ns_ = 0, late_ = 0,
+      lateness_us_ = 0;
   bool asked_ = false, late_before_ = false, armed_ = false;
 };
 

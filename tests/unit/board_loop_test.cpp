@@ -188,5 +188,17 @@ TEST(TimedLoop, ComesBackToTheBusFiveTimesASecond) {
   EXPECT_EQ(board.bus_.rejoined, 5);
 }
 
+TEST(TimedLoop, AfterItsStartItWaitsAsLong) {
+  FakeBoard board;
+  board.now = 5'000'000;
+  board.bus_.is_off = true;
+  FakeNode<false> node{board};
+  TimedLoop loop(node, board, 1'000'000);
+  run(board, loop, 200'000);
+  EXPECT_EQ(board.bus_.rejoined, 0);
+  run(board, loop, 1);
+  EXPECT_EQ(board.bus_.rejoined, 1);
+}
+
 }  // namespace
 }  // namespace esmc::test
