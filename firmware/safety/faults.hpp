@@ -36,7 +36,7 @@ enum class [[nodiscard]] Fault : std::uint8_t {
   command_lost,           ///< the supervisor computer, or the stream it sends, is not heard any more
   halt_failed,            ///< the mechanism did not come to rest under control
   torque_not_finite,      ///< the law produced NaN or infinity, or a shaft torque that no motor has
-  tick_late,              ///< two ticks in a row began half a period late or more
+  tick_late,              ///< two ticks in a row began more than half a period late
 };
 inline constexpr int fault_count = static_cast<int>(Fault::tick_late) + 1;
 
