@@ -139,6 +139,11 @@ int draw_length(Draw& draw, const InjectionRow& row, const EpisodeTimes& t) {
   return draw.between(shortest, longest);
 }
 
+/// Questions to a drive and its answers are lost, late or bent.
+bool bends_questions(Injected k) {
+  return starves(k) || k == Injected::scattered_loss || k == Injected::corruption || k == Injected::drive_silent;
+}
+
 void draw_amount(Draw& draw, Injection& i, const EpisodeTimes& t) {
   const double coarser = std::max(1.0, t.jump / usual_jump);  // than usual is the guard
   i.choice = static_cast<int>(draw.below(64));
@@ -223,10 +228,7 @@ void expect(Injection& i, const EpisodeTimes& t, const Dialect& dialect) {
     expect_of_lost_samples(i, t, dialect);
   }
   fits_if(t.out_of_range && row.wrong_motion, "drive_error");
-  if (t.read_back && i.phase == Phase::arming) {
-    i.fits_too += " drive_configuration";
-    i.must_pass = false;
-  }
+  fits_if(t.read_back && i.phase == Phase::arming && bends_questions(row.kind), "drive_configuration");
   switch (row.kind) {
     case Injected::scattered_loss:  // of commands, too: in a slower loop the last torque acts for longer
       fits_if(t.tick > 1.001 * usual_tick, motion_faults);

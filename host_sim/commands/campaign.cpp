@@ -184,7 +184,9 @@ class Campaign {
     all.push_back(protocol_set(d.protocol));
     Scene scene = read_scene_text(std::string(starting_scene(v.scene)), "built-in scene", all);
     // Of drives as delivered nothing could be tried: they are refused.
-    if (d.read_back && scene.drives.confirmed.value_or(true)) scene.drives.endpoints = some_endpoints();
+    if (d.read_back && !scene.drives.endpoints && scene.drives.confirmed.value_or(true)) {
+      scene.drives.endpoints = some_endpoints();
+    }
     kinds_.push_back(make_kind(scene));
     protocols_.push_back(protocol_name(scene));
   }

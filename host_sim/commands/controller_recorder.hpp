@@ -8,6 +8,7 @@
 
 #include "host_sim/commands/recorder.hpp"
 #include "host_sim/commands/run.hpp"
+#include "host_sim/error.hpp"
 #include "host_sim/loop/frame_log.hpp"
 
 namespace esmc::host {
@@ -29,6 +30,11 @@ class ControllerRecorder {
   [[nodiscard]] std::uint64_t ticks() const { return statistics_.ticks(); }
   /// With those of the sign test, which are not recorded: since the drives were released, as a plant counts its duration.
   [[nodiscard]] std::uint64_t ticks_released() const { return ticks_released_; }
+  /// A run that ended within the sign test has shown nothing.
+  void require_run() const {
+    if (tested_only()) throw RunError("the sign test was not over within simulation.duration");
+  }
+  [[nodiscard]] bool tested_only() const { return ticks() == 0 && ticks_released_ > 0; }
   [[nodiscard]] const Statistics& statistics() const { return statistics_; }
   [[nodiscard]] Log& log() { return log_; }
 

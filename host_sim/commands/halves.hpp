@@ -5,6 +5,7 @@
 #include <chrono>
 #include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "host_sim/commands/axes_config.hpp"
@@ -223,13 +224,15 @@ class ControllerHalf {
       : reference_(make_reference<S>(scene, pacing)),
         bus_(bus),
         lockstep_(pacing == Pacing::lockstep),
-        nodes_(scene.drives.nodes),
         axis_count_(static_cast<int>(scene.drives.nodes.size())),
         endpoints_(scene.drives.endpoints),
         parting_ticks_(static_cast<int>(
                            std::ceil(std::clamp(scene.drives.heartbeat_timeout, 0.05, 1.0) * scene.rate_hz)) +
                        1),
         cycle_(make_cycle<C>(scene, pacing, reference_)) {
+    for (std::size_t i = 0; i < static_cast<std::size_t>(scene.motors()); ++i) {
+      motors_.emplace_back(static_cast<int>(axis_of(scene, i)), scene.drives.nodes[i]);
+    }
     if (!armed_by_link(scene)) with([](auto& c) { c.command(Command::enable); });
   }
 
@@ -276,12 +279,12 @@ class ControllerHalf {
     });
     return out;
   }
-  /// "node 1, node 2": the drives that have not confirmed torque control.
+  /// "node 1, node 2": the motors' drives that have not confirmed torque control.
   [[nodiscard]] std::string unready() const {
     std::string out;
     with([&](const auto& c) {
-      for (int i = 0; i < axis_count_; ++i) {
-        if (!c.axis(i).ready()) out += fmt::format("{}node {}", out.empty() ? "" : ", ", nodes_[static_cast<std::size_t>(i)]);
+      for (const auto& [axis, node] : motors_) {
+        if (!c.axis(axis).ready()) out += fmt::format("{}node {}", out.empty() ? "" : ", ", node);
       }
     });
     return out;
@@ -392,7 +395,7 @@ class ControllerHalf {
     return fmt::format("endpoint {}", id);
   }
 
-  std::vector<int> nodes_;
+  std::vector<std::pair<int, int>> motors_;  // axis and node of each
   int axis_count_;
   std::optional<OdriveEndpoints> endpoints_;
   int parting_ticks_;

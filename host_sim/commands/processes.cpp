@@ -71,7 +71,8 @@ int controller_lockstep(const Scene& scene, const RunOptions& o, HostBus& bus) {
       throw RunError("the controller refused to arm: " + why);
     }
   }
-  if (stop) controller.shut_down();
+  if (stop || recorder.tested_only()) controller.shut_down();
+  if (!stop) recorder.require_run();
   RunEnd end = recorder.end(begin, o, controller.supervisor(), frames, tap.lost(),
                             static_cast<double>(sets) * scene.tick());
   end.interrupted = stop;

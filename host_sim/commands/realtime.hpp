@@ -125,6 +125,7 @@ int controller_realtime(const Scene& scene, const RunOptions& o, HostBus& bus) {
   const auto begin = std::chrono::steady_clock::now();
   const std::uint64_t late =
       pace_controller(scene, o, controller, recorder, [&] { return recorder.ticks_released() >= tick_count(scene); });
+  if (!stop_requested()) recorder.require_run();
   RunEnd end = recorder.end(begin, o, controller.supervisor(), frames, tap.lost(),
                             std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count());
   end.interrupted = stop_requested();

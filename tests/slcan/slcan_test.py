@@ -141,6 +141,8 @@ class Loop(unittest.TestCase):
                 self.assertRegex(said, "refused to arm: (working_mode|loop_not_closed|sign_test)\n", offset)
         for nodes in ("[1, 2]", "[2, 1]"):
             self.assertEqual(self.swapped(SCENE, nodes=nodes), (300, ""), nodes)
+        short = self.swapped(SCENE, "simulation.duration=0.02", nodes="[1, 2]")
+        self.assertEqual(short, (20, "esmc: the sign test was not over within simulation.duration\n"), "nothing was shown")
 
     def test_hil_with_two_adapters_gives_the_same(self):
         one, other, _ = self.joined()

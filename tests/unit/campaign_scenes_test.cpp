@@ -162,6 +162,13 @@ TEST(FitsToo, OnlyWhereTheSceneMakesItPossible) {
   EXPECT_EQ(fits_too(scene("mit", 1000.0, wide), "frozen_sensor"), none);
   EXPECT_EQ(fits_too(scene("odrive", 1000.0), "frozen_sensor"), none);
   // 1 / lambda is 25 ms: one sample of 20 ms may be missing, and not two.
+  Scene asked = scene("odrive", 1000.0);
+  asked.drives.endpoints.emplace();
+  for (const char* bent : {"corruption", "scattered_loss", "commands_lost"}) {
+    EXPECT_EQ(fits_too(asked, bent), (std::set<std::string>{"", " drive_configuration"})) << bent << ", while arming";
+    EXPECT_EQ(fits_too(scene("odrive", 1000.0), bent), none) << bent;
+  }
+  for (const char* whole : {"nothing", "duplication", "frozen_sensor"}) EXPECT_EQ(fits_too(asked, whole), none) << whole;
   EXPECT_EQ(fits_too(scene("odrive", 50.0, {"limits.max_age_ticks=1"}), "frame_loss"), none);
   const std::set<std::string> open = fits_too(scene("odrive", 50.0), "frame_loss");
   ASSERT_EQ(open.size(), 2U);
