@@ -122,6 +122,9 @@ class OdriveRun final : public DriveRun {
       case host::OdriveValue::input_mode: require(test::word(f, 4) == input_, "its input"); break;
       case host::OdriveValue::torque_mode_limit: require((test::word(f, 4) != 0) == settings_.defects.torque_mode_limit, "its limiter"); break;
       case host::OdriveValue::overspeed_error: require((test::word(f, 4) != 0) == settings_.overspeed_error, "its speed error"); break;
+      case host::OdriveValue::heartbeat_period:
+        require(std::fabs(test::word(f, 4) - 1e3 * settings_.heartbeat_period) <= 0.5, "its heartbeat");
+        break;
       case host::OdriveValue::vel_limit:
       case host::OdriveValue::torque_constant:
       case host::OdriveValue::current_limit: require(test::real(f, 4) > 0, "numbers of its configuration"); break;
