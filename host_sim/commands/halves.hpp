@@ -25,8 +25,8 @@ inline constexpr int parting_ms = 20;           ///< per tick, for the other hal
 inline constexpr const char* gone_text = "the slcan adapter is gone: unplugged, or closed at its other end";
 /// Who arms, and resets: this program, which gives up when it cannot, or a supervisor computer.
 [[nodiscard]] inline bool armed_by_link(const Scene& s) { return s.command && s.command->arm_by_link; }
-/// s (in lockstep: of virtual time) until the drives must be armed: a controller that ticks slowly asks a drive for
-/// the some 100 answers of its set-up slowly, and a supervisor computer is given longer.
+/// s (in lockstep: of virtual time) until the drives must be armed: a controller that ticks slowly asks for the
+/// hundred answers or so of a set-up slowly, and a supervisor computer is given longer.
 [[nodiscard]] inline double arming_time_max(const Scene& s) {
   return armed_by_link(s) ? 60.0 : std::max(5.0, 500.0 * s.tick());
 }

@@ -78,9 +78,10 @@ class ReferenceTrack {
     std::array<double, 2> base;
   };
 
-  ReferenceTrack(const Scene& scene, Pacing pacing)
+  /// `begins`: it is known when, which a plant does not see of a controller elsewhere that tests signs first.
+  ReferenceTrack(const Scene& scene, Pacing pacing, bool begins = true)
       : bundle_(std::make_unique<ReferenceBundle<double>>(make_reference(scene, pacing))),
-        present_(scene.reference.type != ReferenceType::none),
+        present_(begins && scene.reference.type != ReferenceType::none),
         mechanism_(make_mechanism(scene.mechanism, static_cast<M*>(nullptr))),
         mode_(mode_of(scene, static_cast<M*>(nullptr))),
         joined_(bundle_->get(), bundle_->join_ticks, scene.tick()),
@@ -154,7 +155,7 @@ class Recorder {
 
   Recorder(const Scene& scene, Pacing pacing, std::FILE* log, bool with_controller)
       : scene_(scene),
-        track_(scene, pacing),
+        track_(scene, pacing, with_controller || !scene.drives.sign_test.value_or(false)),
         with_controller_(with_controller),
         log_(log, columns(), tick_count(scene)),
         torque_(static_cast<std::size_t>(scene.motors())) {}
@@ -185,7 +186,8 @@ class Recorder {
     require_finite(q, n * scene_.tick());
     require_finite(qd, n * scene_.tick());
     const V2 x = o.effector;
-    if (n == 0) {
+    if (seen.result != nullptr && seen.result->state == State::testing) begin_ = n + 1;
+    if (n == begin_) {
       track_.start(x, o.effector_rate, {World::angle(o, 0), World::angle(o, M::joints / 2)},
                    {World::rate(o, 0), World::rate(o, M::joints / 2)});
     }
@@ -200,9 +202,10 @@ class Recorder {
     r.saturated = saturated || (seen.result != nullptr && seen.result->saturated);
     r.faulted = seen.result != nullptr ? seen.result->fault != Fault::none : disarmed;
     add_to_digest(q.subspan(half));
-    const auto reference = track_.present() ? track_.at(n, seen.exact ? seen.result : nullptr) : std::nullopt;
+    const bool led = track_.present() && n >= begin_;
+    const auto reference = led ? track_.at(n - begin_, seen.exact ? seen.result : nullptr) : std::nullopt;
     r.has_reference = reference.has_value();
-    reference_left_ = reference_left_ || (track_.present() && !reference && track_.must_reach(n));
+    reference_left_ = reference_left_ || (led && !reference && track_.must_reach(n - begin_));
     add_to_digest(qd.first(half));
     if (reference) {
       const V2 miss = x - reference->effector;
@@ -284,6 +287,7 @@ class Recorder {
 
   const Scene& scene_;
   ReferenceTrack<World> track_;
+  std::uint32_t begin_ = 0;  // of the reference: after the sign test
   bool with_controller_, digest_ = true, base_errors_ = true, reference_left_ = false;
   Log log_;
   Statistics statistics_;

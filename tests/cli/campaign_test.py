@@ -70,6 +70,12 @@ def threads_and_seeds():
     check(len({j["digest"] for j in digests.values()}) >= 3, "protocols differ")
 
 
+def watchdogs_are_read_back():
+    j = campaign("--episodes", "3000", "--protocol", "odrive")  # every other variant of its drives reads them back
+    off = j["faults"]["watchdog_off"]["latched"]
+    check(j["violations"] == [] and off["drive_configuration"] > off["none"] / 4, f"a watchdog that is off: {off}")
+
+
 def scenes_of_ones_own():
     for scene in ("rr_line.toml", "five_bar_circle.toml"):
         j = campaign(str(SCENES / scene), "--set", "simulation.step=1e-3", "--episodes", "300")
@@ -155,7 +161,7 @@ def bad_input():
               f"{arguments}: {run.stderr!r}")
 
 
-for part in (main_run, threads_and_seeds, scenes_of_ones_own, other_times, four_motors, what_no_campaign_can_judge, replay,
+for part in (main_run, threads_and_seeds, watchdogs_are_read_back, scenes_of_ones_own, other_times, four_motors, what_no_campaign_can_judge, replay,
              violations_are_told, bad_input):
     part()
 print("campaign_test: " + ("passed" if failed == 0 else f"{failed} checks failed"))

@@ -49,6 +49,12 @@ class Drives(unittest.TestCase):
         self.assertEqual(read["digest"], plain["digest"], "nothing but the time of arming")
         self.assertEqual(read["bus"]["frames"] > plain["bus"]["frames"] + 2 * 2 * 11 - 1, True, "eleven questions to each of two")
 
+    def test_tracking_begins_after_the_sign_test(self):
+        duration = "simulation.duration=0.6"
+        plain, tested = self.hil(duration), self.hil(duration, "drives.sign_test=true")
+        self.assertLess(tested["tracking"]["settled_max_m"], 2 * plain["tracking"]["settled_max_m"])
+        self.assertIsNone(self.hil("drives.sign_test=true", "simulation.duration=0.02")["tracking"], "nothing but the test")
+
     def test_drives_that_say_their_torque(self):
         plain, said = self.hil(), self.hil("drives.torque_mismatch=0.05", "drives.torque_time=0")
         self.assertEqual(said["digest"], plain["digest"], "they only say more")

@@ -9,6 +9,7 @@
 #include "firmware/drive/odrive_axis.hpp"
 #include "tests/fuzz/bytes.hpp"
 #include "tests/fuzz/cycle_table.hpp"
+#include "tests/support/board_double.hpp"
 #include "tests/support/cycle_setup.hpp"
 #include "tests/support/odrive_bytes.hpp"
 
@@ -46,27 +47,7 @@ struct ClockBus {
   void rejoin() { ++rejoined; }
   [[nodiscard]] bool off() const { return is_off; }
 };
-struct Pin {
-  bool on = false;
-  [[nodiscard]] bool closed() const { return on; }
-  void set(bool v) { on = v; }
-};
-struct Dog {
-  unsigned refreshed = 0;
-  void refresh() { ++refreshed; }
-};
-struct ClockBoard {
-  ClockBus bus_;
-  Dog dog;
-  Pin contact{true}, power, brake_;
-  std::uint32_t now = 0;
-  ClockBus& bus() { return bus_; }
-  Dog& watchdog() { return dog; }
-  Pin& enable() { return contact; }
-  Pin& drive_enable() { return power; }
-  Pin& brake() { return brake_; }
-  [[nodiscard]] std::uint32_t now_us() const { return now; }
-};
+using ClockBoard = test::BoardDouble<ClockBus>;
 
 /// A node that asks for its samples. What it says of itself is the input's.
 struct AskingNode {

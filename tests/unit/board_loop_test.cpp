@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "boards/node.hpp"
+#include "tests/support/board_double.hpp"
 
 namespace esmc::test {
 namespace {
@@ -18,27 +19,7 @@ struct Bus {
   void rejoin() { ++rejoined; }
   [[nodiscard]] bool off() const { return is_off; }
 };
-struct Switch {
-  bool on = false;
-  [[nodiscard]] bool closed() const { return on; }
-  void set(bool v) { on = v; }
-};
-struct Dog {
-  int refreshed = 0;
-  void refresh() { ++refreshed; }
-};
-struct FakeBoard {
-  Bus bus_;
-  Dog dog;
-  Switch enable_{true}, drive, brake_;
-  std::uint32_t now = 0;
-  Bus& bus() { return bus_; }
-  Dog& watchdog() { return dog; }
-  Switch& enable() { return enable_; }
-  Switch& drive_enable() { return drive; }
-  Switch& brake() { return brake_; }
-  [[nodiscard]] std::uint32_t now_us() const { return now; }
-};
+using FakeBoard = test::BoardDouble<Bus>;
 static_assert(Board<FakeBoard>);
 
 template <bool on_demand>
@@ -152,14 +133,14 @@ TEST(TimedLoop, OutputsFollowAndTheWatchdogIsFedByGoodTicksOnly) {
   FakeNode<false> node{board};
   TimedLoop loop(node, board, 1'000'000);
   run(board, loop, 3000);
-  EXPECT_EQ(board.dog.refreshed, 3);
-  EXPECT_FALSE(board.drive.on || board.brake_.on);
+  EXPECT_EQ(board.dog.refreshed, 3U);
+  EXPECT_FALSE(board.power.on || board.brake_.on);
   node.healthy = false;
   node.powered = true;
-  board.enable_.on = false;
+  board.contact.on = false;
   run(board, loop, 3000);
-  EXPECT_EQ(board.dog.refreshed, 3);
-  EXPECT_TRUE(board.drive.on && board.brake_.on);
+  EXPECT_EQ(board.dog.refreshed, 3U);
+  EXPECT_TRUE(board.power.on && board.brake_.on);
   EXPECT_FALSE(node.enabled);
 }
 

@@ -57,6 +57,14 @@ TEST_F(Halves, AWatchdogWithMoreThanItsTimeIsNoProof) {
   }
 }
 
+/// Passive encoders stand between the motors, joint by joint, and nobody enables them.
+TEST_F(Halves, WhoIsNotReadyIsAMotor) {
+  options_.sets = {"control.sensors=\"all\"", "drives.nodes=[7, 8]", "sensors.nodes=[3, 4]"};
+  const Scene mixed = read_loop_scene(options_);
+  const ControllerHalf<FiveBarWorld, Socket> controller(mixed, Pacing::realtime, here_);
+  EXPECT_EQ(controller.unready(), "node 7, node 8");
+}
+
 TEST_F(Halves, ThePlantHearsAControllerOnlyInCommandsToItsDrives) {
   PlantHalf<FiveBarWorld, Socket> plant(scene_, options_, here_, frames_, nullptr, false);
   hal::CanFrame request = test::message(1, test::cmd_torque, 0, 0);
