@@ -30,11 +30,12 @@ void finish_tick(Node& node, B& board) {
 }
 
 /// Lockstep: a tick is a complete set of samples, as `esmc plant` sends them. Until a drive is heard it is asked to arm
-/// every `knock_us`, as `esmc controller` does. To wait for a set is no hang: the watchdog is refreshed then as well.
+/// every `knock_us`, as `esmc controller` does. To wait for a set is no hang: the watchdog is refreshed then as well. Enabling
+/// without a set for `enabling_us` is the fault enabling_timeout.
 template <class Node, Board B>
 class LockstepLoop {
  public:
-  static constexpr std::uint32_t knock_us = 100'000;
+  static constexpr std::uint32_t knock_us = 100'000, enabling_us = 5'000'000;
 
   LockstepLoop(Node& node, B& board) : node_(node), board_(board) {}
 
@@ -44,6 +45,9 @@ class LockstepLoop {
     node_.receive(board_.bus());
     if (node_.complete() || node_.overloaded()) {
       tick(true);
+    } else if (node_.supervisor().state() == State::enabling && board_.now_us() - set_at_us_ >= enabling_us) {
+      node_.enabling_overdue();
+      tick(false);
     } else if (!node_.heard() && (!knocked_ || board_.now_us() - knocked_at_us_ >= knock_us)) {
       knocked_ = true;
       knocked_at_us_ = board_.now_us();
@@ -56,7 +60,9 @@ class LockstepLoop {
 
  private:
   void tick(bool answer) {
+    const bool enabling = node_.supervisor().state() == State::enabling;
     node_.tick(board_.bus(), answer);
+    if (answer || !enabling) set_at_us_ = board_.now_us();
     ticked_ = true;
     node_.request(board_.bus());
     finish_tick(node_, board_);
@@ -65,7 +71,7 @@ class LockstepLoop {
   Node& node_;
   B& board_;
   bool knocked_ = false, ticked_ = false;
-  std::uint32_t knocked_at_us_ = 0;
+  std::uint32_t knocked_at_us_ = 0, set_at_us_ = 0;  ///< set_at_us_: of the last set, or of the order to arm
 };
 
 /// Against the clock: tick k begins at the instant k periods after the first. What the bus has not taken of a tick's frames

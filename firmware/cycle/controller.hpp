@@ -47,7 +47,8 @@ class Controller {
   /// For the supervisor that goes with this controller.
   [[nodiscard]] Supervisor::Config supervision() const {
     return {config_.halt_ticks > 0, config_.after_halt,
-            config_.sign_test_move > S(0) && config_.motors == Motors::base};
+            config_.sign_test_move > S(0) && config_.motors == Motors::base, config_.enabling_ticks_max,
+            config_.stopping_ticks_max};
   }
 
   /// Set points and samples instead of the reference, while it leads.

@@ -39,6 +39,8 @@ struct ControllerConfig {
   std::uint32_t halt_ticks = 0;  ///< time to come to rest after a halt; 0: a halt takes the torque away
   std::uint32_t lower_ticks = 0; ///< time to let the weight down
   AfterHalt after_halt = AfterHalt::release;
+  std::uint32_t enabling_ticks_max = Supervisor::Config{}.enabling_ticks_max;  ///< see Supervisor::Config
+  std::uint32_t stopping_ticks_max = Supervisor::Config{}.stopping_ticks_max;
   S guide_speed{1}, guide_acceleration{1};  ///< > 0, of each coordinate of the reference's space: for set points
   Motors motors = Motors::base;
   Sensors sensors = Sensors::base;

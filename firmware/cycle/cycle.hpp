@@ -42,6 +42,7 @@ class Cycle {
     typename D::Line line{};
     int axis_count = 2;
     std::uint32_t heartbeat_age_ticks_max = 0;
+    std::uint32_t silent_ticks_max = 750;    ///< while enabling, without a word from a motor's drive: enabling_timeout
     bool zero_absolute = true;               ///< encoders keep their zero without power; false: confirm_zero first
     Vec<S, M::joints> zero_pose = Vec<S, M::joints>::Zero();  ///< rad: the joints as confirm_zero finds them
     S torque_mismatch{};                     ///< N m at the joint between a drive's torque and its command; 0: any
@@ -53,11 +54,13 @@ class Cycle {
 
   explicit Cycle(const Config& config)
       : controller_(config.controller), supervisor_(controller_.supervision()), axes_(config.axes), line_(config.line), axis_count_(config.axis_count),
-        heartbeat_age_ticks_max_(config.heartbeat_age_ticks_max), zero_(config.zero_absolute, config.zero_pose),
+        heartbeat_age_ticks_max_(config.heartbeat_age_ticks_max), silent_ticks_max_(config.silent_ticks_max), zero_(config.zero_absolute, config.zero_pose),
         echo_(config.torque_mismatch, config.torque_time, config.controller.sample_time),
         samples_timed_(config.samples_timed), link_(config.link), delay_ticks_(config.delay_ticks),
         motors_(places(config.controller.motor_count())), sensors_(places(config.controller.sensor_count())),
-        shafts_hold_(carried(config.controller.torque_limit) == motors_.count) {}
+        shafts_hold_(carried(config.controller.torque_limit) == motors_.count) {
+    silent_ticks_.fill(drive::age_max);
+  }
 
   /// Takes effect at the next tick. A stop is not overwritten by what is asked after it, and a halt by a stop only.
   void command(Command c) {
@@ -67,6 +70,8 @@ class Cycle {
   void enable_input(bool closed) { enable_closed_ = closed; }
   /// Two ticks in a row began late: this one is a fault. What keeps the clock says so, before the tick.
   void tick_late() { late_ = true; }
+  /// Enabling has taken too long by a clock that ticks without samples do not tell (lockstep): the next tick ends it.
+  void enabling_overdue() { overdue_ = true; }
   /// The output `drive_enable`: drives may have power. Low before the first enabling and in a fault.
   [[nodiscard]] bool drive_enable() const {
     return supervisor_.state() != State::disabled && supervisor_.state() != State::fault;
@@ -152,13 +157,16 @@ class Cycle {
     if (link_.active()) heed_link();
     // The drives' word of the tick before: a tick in which the last axis confirms is still one of enabling.
     const bool acknowledged = command_ == Command::reset && supervisor_.fault() == Fault::emergency_stop;
-    supervisor_.begin_tick(command_, status_, stage_done_);
+    supervisor_.begin_tick(command_, status_, stage_done_, answer);
     if (acknowledged) acknowledge();
     gather();
     if (command_ == Command::confirm_zero && supervisor_.state() == State::disabled) confirm_zero();
     command_ = Command::none;
     supervisor_.raise(drive_fault());
     if (link_.lost()) supervisor_.raise(Fault::command_lost);
+    if (supervisor_.state() == State::enabling && (std::exchange(overdue_, false) || silent())) {
+      supervisor_.raise(Fault::enabling_timeout);
+    }
     if (std::exchange(late_, false)) supervisor_.raise(Fault::tick_late);
     TickResult<M> result = controller_.tick(sample_, supervisor_);
     check_shafts(result);
@@ -179,6 +187,9 @@ class Cycle {
   void open() {
     if (opened_) return;
     for (int i = 0; i < axis_count_; ++i) axes_[static_cast<unsigned>(i)].begin_tick();
+    if (!supervisor_.powered()) {
+      for (std::uint32_t& age : silent_ticks_) age += age < drive::age_max ? 1U : 0U;
+    }
     link_.begin_tick();
     opened_ = true;
     taken_ = 0;
@@ -192,6 +203,7 @@ class Cycle {
       if (r == drive::Received::not_mine) continue;
       if (r == drive::Received::accepted) {
         ++counters_.received;
+        silent_ticks_[static_cast<unsigned>(i)] = 0;
         if (a.brought_sample()) phase_[static_cast<unsigned>(i)] = age;
       } else if (r == drive::Received::malformed) {
         ++counters_.malformed;
@@ -272,6 +284,20 @@ class Cycle {
       return !zero_.confirmed() && sensed() ? Fault::zero_not_confirmed : Fault::none;
     }
     return zero_.confirmed() ? Fault::none : Fault::zero_not_confirmed;
+  }
+
+  /// A drive says nothing while it is being enabled: it has no power, or is not there. Power that comes later must not meet
+  /// an order that was given before.
+  [[nodiscard]] bool silent() const {
+    bool any = false;
+    for (int i = 0; i < axis_count_; ++i) any = any || silent_ticks(i) >= silent_ticks_max_;
+    return any && supervisor_.waited_ticks() >= silent_ticks_max_;
+  }
+  [[nodiscard]] bool heard_since_arming(int i) const { return silent_ticks(i) <= supervisor_.waited_ticks(); }
+  /// Of a passive encoder only samples count.
+  [[nodiscard]] std::uint32_t silent_ticks(int i) const {
+    const bool motor = i % motors_.axis_step == 0;
+    return motor ? silent_ticks_[static_cast<unsigned>(i)] : axis(i).sample_age_ticks();
   }
 
   /// The operator has seen the emergency stop: it is what the axes report now that may be cleared.
@@ -356,9 +382,14 @@ class Cycle {
   template <hal::CanBus Bus>
   void transmit(Bus& bus, const TickResult<M>& result, bool answer) {
     const auto send = [&](const hal::CanFrame& f) { return put(bus, f); };
+    bool all_heard = true;
+    if (result.state == State::enabling) {
+      for (int i = 0; i < axis_count_; ++i) all_heard = all_heard && heard_since_arming(i);
+    }
     for (int i = 0; i < motors_.count; ++i) {
       D& a = axes_[static_cast<unsigned>(i * motors_.axis_step)];
-      if (result.state == State::enabling) a.enable(send);
+      // A silent drive is called. The others are not asked into torque before all have been heard.
+      if (result.state == State::enabling && (all_heard || !heard_since_arming(i * motors_.axis_step))) a.enable(send);
       const bool leave = result.state == State::fault || result.state == State::stopping;
       if ((leave && !a.idle()) || (result.state == State::disabled && a.must_be_released())) a.disable(send);
       if (answer && !a.muted()) {
@@ -401,7 +432,7 @@ class Cycle {
   std::array<D, static_cast<unsigned>(axes_max)> axes_{};
   typename D::Line line_;
   int axis_count_;
-  std::uint32_t heartbeat_age_ticks_max_;
+  std::uint32_t heartbeat_age_ticks_max_, silent_ticks_max_;
   ZeroPose<M> zero_;
   TorqueEcho<M> echo_;
   bool samples_timed_;
@@ -410,6 +441,7 @@ class Cycle {
   Places motors_, sensors_;
   bool shafts_hold_;  ///< all can carry their torque limit
   std::array<S, static_cast<unsigned>(axes_max)> phase_{};
+  std::array<std::uint32_t, static_cast<unsigned>(axes_max)> silent_ticks_{};  ///< since an axis has said something; not counted under torque
   Command command_ = Command::none;
   DriveStatus status_{};
   Sample<M> sample_{};
@@ -421,7 +453,7 @@ class Cycle {
   bool opened_ = false;
   bool called_ = false;  // to torque, once since the start
   std::uint8_t news_ = 0;
-  bool late_ = false;
+  bool late_ = false, overdue_ = false;
   std::uint32_t overruns_ = 0;  // of the bus, as it counts them
   int taken_ = 0;
 };

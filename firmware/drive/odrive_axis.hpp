@@ -40,14 +40,14 @@ class OdriveAxis {
 
   /// Counts the ages; once per tick, before the frames of the tick are received.
   void begin_tick() {
-    counted_ = false;
+    counted_ = reported_ = false;
     if (torque_age_ticks_ < age_max) ++torque_age_ticks_;
     if (sample_age_ticks_ < age_max) ++sample_age_ticks_;
     if (heartbeat_age_ticks_ < age_max) ++heartbeat_age_ticks_;
     if (heartbeat_age_ticks_ == silence_ticks_ + 1) [[unlikely]] fall_silent();
   }
 
-  [[nodiscard]] bool heard_this_tick() const { return sample_age_ticks_ == 0; }
+  [[nodiscard]] bool heard_this_tick() const { return reported_; }
   [[nodiscard]] std::uint32_t sample_age_ticks() const { return sample_age_ticks_; }
   [[nodiscard]] bool brought_sample() const { return sampled_; }
   [[nodiscard]] std::uint32_t heartbeat_age_ticks() const { return heartbeat_age_ticks_; }
@@ -70,7 +70,10 @@ class OdriveAxis {
 
   /// Closed-loop control reported without error in at least two heartbeats since the last request: an axis
   /// without power shows it once and drops out again.
-  [[nodiscard]] bool ready() const { return confirmations_ >= 2; }
+  [[nodiscard]] bool ready() const { return confirmed() && !unconnected_; }
+  /// The axis reports position and speed 0 and nothing else: firmware 0.5.6 does so after a boot, wherever the shaft is, until
+  /// its first closed loop connects the encoder. Such a report is no sample.
+  [[nodiscard]] bool encoder_unconnected() const { return unconnected_; }
   /// Idle as far as is known: only what it said after the last request counts.
   [[nodiscard]] bool idle() const {
     return answered_ && !asked_ && !contradicted() && last_.axis_state == odrive::AxisState::idle;
@@ -115,7 +118,7 @@ class OdriveAxis {
   template <class Send>
   void enable(Send&& send) {
     if (step_ == Step::starve) return starve();
-    if (ready() || contradicted()) return;
+    if (confirmed() || contradicted()) return;
     if (clear_wait_ticks_ > 0) --clear_wait_ticks_;
     const bool due = wait_ticks_ == 0;
     if (!due) --wait_ticks_;
@@ -216,6 +219,7 @@ class OdriveAxis {
     if (static_cast<odrive::Message>(message) == odrive::Message::rx_sdo) return f.size > 0 && f.data[0] != 0;
     return odrive::is_command(message, version_);
   }
+  [[nodiscard]] bool confirmed() const { return confirmations_ >= 2; }
   [[nodiscard]] bool reports_emergency_stop() const {
     const std::uint32_t bit = version_ == Version::v0_6 ? odrive::error_estop_0_6 : odrive::error_estop_0_5_6;
     return (last_.axis_error & bit) != 0;
@@ -239,7 +243,7 @@ class OdriveAxis {
 
   /// It may have restarted, and with what it has stored: a watchdog that was switched on and not saved is off again.
   void doubt() {
-    proven_ = false;
+    proven_ = connected_ = false;
     if (!read_back_.contradicted()) read_back_.restart();
   }
   /// One that runs must not be found ready once more: it would be starved where nobody waits for the end of that, and keep
@@ -318,7 +322,8 @@ class OdriveAxis {
       ++confirmations_;
       counted_ = true;
     }
-    if (ready() && starve_ticks_ > 0 && !proven_) {
+    connected_ = connected_ || confirmed();
+    if (confirmed() && starve_ticks_ > 0 && !proven_) {
       step_ = Step::starve;
       starved_ticks_ = 0;
       confirmations_ = 0;
@@ -327,8 +332,11 @@ class OdriveAxis {
   }
   Received take(const std::optional<odrive::EncoderEstimates>& e) {
     if (!e) return Received::malformed;
+    alive_ = reported_ = true;
+    unconnected_ = version_ == Version::v0_5_6 && !connected_ && e->position_rev == 0.0F && e->velocity_rev_s == 0.0F;
+    sampled_ = !unconnected_;
+    if (unconnected_) return Received::accepted;
     estimates_ = *e;
-    alive_ = sampled_ = true;
     sample_age_ticks_ = 0;
     return Received::accepted;
   }
@@ -357,6 +365,9 @@ class OdriveAxis {
   Step step_ = Step::configure;
   bool alive_ = false;         // a heartbeat or a sample
   bool sampled_ = false;       // by the last frame
+  bool reported_ = false;      // position and speed, in this tick
+  bool connected_ = false;     // closed loop was confirmed since the axis may have restarted last
+  bool unconnected_ = false;   // the last report was the zero of an encoder that is not connected
   bool news_ = false;          // a heartbeat since the bus took the mode
   bool patient_ = false;       // the next repetition may wait for a second confirmation
   bool asked_ = false;         // the last request was for closed-loop control

@@ -66,13 +66,13 @@ class CommandLink {
   /// A set point that take() gave could not be followed.
   void refuse() { count(Outcome::refused); }
 
-  /// Whether the supervisor computer is missed: while running, no sample of a stream that has begun for more than
-  /// stream_age ticks, or no frame at all for more than `silence`.
+  /// Whether the supervisor computer is missed: no frame at all for more than `silence` ticks in any state that it has armed,
+  /// or while running no sample of a stream that has begun for more than stream_age.
   [[nodiscard]] bool lost() const {
     const auto silence = static_cast<std::uint32_t>(parameters_[Index::silence]);
-    return state_ == State::running &&
-           ((streaming_ && tick_ - sample_tick_ > static_cast<std::uint32_t>(parameters_[Index::stream_age])) ||
-            (silence > 0 && tick_ - heard_tick_ > silence));
+    const bool armed = state_ != State::disabled && state_ != State::stopping && state_ != State::fault;
+    return (armed && silence > 0 && tick_ - heard_tick_ > silence) ||
+           (streaming_ && tick_ - sample_tick_ > static_cast<std::uint32_t>(parameters_[Index::stream_age]));
   }
 
   /// At the end of a tick. `send` says whether the bus took the frame.
@@ -323,7 +323,7 @@ class CommandLink {
   void follow(State now) {
     if (now == State::disabled && state_ != State::disabled) session_ = session_ == 0xFF ? 1 : session_ + 1;
     if (now != State::running) streaming_ = half_ = false;
-    if (now == State::running && state_ != State::running) heard_tick_ = tick_;
+    if (state_ == State::disabled) heard_tick_ = tick_;
     state_ = now;
   }
   [[nodiscard]] Status status(const Supervisor& s) const {

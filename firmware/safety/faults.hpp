@@ -37,8 +37,9 @@ enum class [[nodiscard]] Fault : std::uint8_t {
   halt_failed,            ///< the mechanism did not come to rest under control
   torque_not_finite,      ///< the law produced NaN or infinity, or a shaft torque that no motor has
   tick_late,              ///< two ticks in a row began more than half a period late
+  enabling_timeout,       ///< a drive is silent, or did not confirm torque control in time
 };
-inline constexpr int fault_count = static_cast<int>(Fault::tick_late) + 1;
+inline constexpr int fault_count = static_cast<int>(Fault::enabling_timeout) + 1;
 
 [[nodiscard]] constexpr const char* name(Fault f) {
   switch (f) {
@@ -72,6 +73,7 @@ inline constexpr int fault_count = static_cast<int>(Fault::tick_late) + 1;
     case Fault::halt_failed: return "halt_failed";
     case Fault::torque_not_finite: return "torque_not_finite";
     case Fault::tick_late: return "tick_late";
+    case Fault::enabling_timeout: return "enabling_timeout";
   }
   return "unknown";
 }

@@ -5,6 +5,7 @@
 ///                        (with a sign test: enabling --every axis ready--> testing --passed--> running)
 ///   running --halt, or a fault that leaves a trustworthy state--> halting --at rest--> holding, lowering or off
 ///   every state but disabled --any other fault--> fault --reset--> disabled
+///   enabling --time-out--> fault (enabling_timeout);  stopping --time-out--> disabled
 ///
 /// There is torque in testing, running, halting, holding and lowering only. `begin_tick` makes the transitions, once per
 /// tick and before anything is computed, so that all of a tick belongs to one state; only a fault strikes at once,
@@ -77,6 +78,8 @@ class Supervisor {
     bool can_halt = false;  ///< false: every fault, and every halt, takes the torque away at once
     AfterHalt after_halt = AfterHalt::release;
     bool sign_test = false;  ///< between enabling and running
+    std::uint32_t enabling_ticks_max = 5000;  ///< > 0; then the fault enabling_timeout: an order to arm does not outlive the operator's attention
+    std::uint32_t stopping_ticks_max = 1000;  ///< > 0; then disabled, whether or not the drives have confirmed idle
   };
 
   Supervisor() = default;
@@ -99,33 +102,38 @@ class Supervisor {
   static constexpr std::uint16_t count_max = 0xFFFF;
   [[nodiscard]] std::uint16_t count(Fault f) const { return counts_[static_cast<unsigned>(f)].times; }
 
+  /// Ticks in the present state, where that has a time-out: enabling, stopping.
+  [[nodiscard]] std::uint32_t waited_ticks() const { return waited_ticks_; }
+
   /// `stage_done`: the controller's word that the motors answered (testing), that the mechanism is at rest (halting) or
-  /// has been let down (lowering).
-  void begin_tick(Command command, DriveStatus drives, bool stage_done = false) {
+  /// has been let down (lowering). `timed`: false for a tick in which no time has passed for the drives (lockstep).
+  void begin_tick(Command command, DriveStatus drives, bool stage_done = false, bool timed = true) {
     ++tick_;
     switch (state_) {
       case State::disabled:
-        if (command == Command::enable) state_ = State::enabling;
+        if (command == Command::enable) await(State::enabling);
         break;
       case State::enabling:
         if (command == Command::stop || command == Command::halt) {
-          state_ = State::stopping;
+          await(State::stopping);
         } else if (drives.all_ready) {
           state_ = config_.sign_test ? State::testing : State::running;
+        } else if (timed && ++waited_ticks_ >= config_.enabling_ticks_max) {
+          raise(Fault::enabling_timeout);
         }
         break;
       case State::testing:
         if (command == Command::stop || command == Command::halt) {
-          state_ = State::stopping;
+          await(State::stopping);
         } else if (stage_done) {
           state_ = State::running;
         }
         break;
       case State::running:
-        if (command == Command::stop) {
-          state_ = State::stopping;
-        } else if (command == Command::halt) {
-          state_ = config_.can_halt ? State::halting : State::stopping;
+        if (command == Command::halt && config_.can_halt) {
+          state_ = State::halting;
+        } else if (command == Command::stop || command == Command::halt) {
+          await(State::stopping);
         }
         break;
       case State::halting:
@@ -142,7 +150,7 @@ class Supervisor {
         if (command == Command::stop || stage_done) leave();
         break;
       case State::stopping:
-        if (drives.all_idle) state_ = State::disabled;
+        if (drives.all_idle || (timed && ++waited_ticks_ >= config_.stopping_ticks_max)) state_ = State::disabled;
         break;
       case State::fault:
         if (command == Command::reset) {
@@ -187,12 +195,16 @@ class Supervisor {
       case AfterHalt::lower: state_ = State::lowering; break;
     }
   }
-  void leave() { state_ = fault_ == Fault::none ? State::stopping : State::fault; }
+  void leave() { await(fault_ == Fault::none ? State::stopping : State::fault); }
+  void await(State s) {
+    state_ = s;
+    waited_ticks_ = 0;
+  }
 
   Config config_{};
   State state_ = State::disabled;
   Fault fault_ = Fault::none;
-  std::uint32_t tick_ = 0, fault_tick_ = 0;
+  std::uint32_t tick_ = 0, fault_tick_ = 0, waited_ticks_ = 0;
   std::array<Count, static_cast<unsigned>(fault_count)> counts_{};
 };
 

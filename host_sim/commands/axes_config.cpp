@@ -60,6 +60,9 @@ static_assert(static_cast<int>(link::Source::hold) == static_cast<int>(CommandSo
               static_cast<int>(link::Source::reference) == static_cast<int>(CommandSource::reference) &&
               static_cast<int>(link::Source::stream) == static_cast<int>(CommandSource::stream));
 
+constexpr double silence_while_enabling = 0.75;  // s; a call to a drive is repeated after 0.5 s at most
+constexpr double stopping_time_max = 1.0;        // s
+
 constexpr double two_beats = 0.02;  // s; a drive that beats as it should is never silent for longer
 
 /// Longer without a heartbeat, an axis is lost.
@@ -76,6 +79,10 @@ typename C::Config config_of(const Scene& scene, Pacing pacing, const ReferenceB
   c.controller = make_controller<typename C::Mechanism>(scene, pacing, reference);
   c.axis_count = static_cast<int>(scene.drives.nodes.size());
   c.heartbeat_age_ticks_max = silence_ticks(scene);
+  const auto ticks = [&](double seconds) { return static_cast<std::uint32_t>(std::max(2.0, std::floor(seconds * scene.rate_hz))); };
+  c.silent_ticks_max = ticks(silence_while_enabling);
+  c.controller.enabling_ticks_max = ticks(enabling_time_max(scene));
+  c.controller.stopping_ticks_max = ticks(stopping_time_max);
   using S = typename C::S;
   c.torque_mismatch = static_cast<S>(scene.drives.torque_mismatch);
   c.torque_time = static_cast<S>(scene.drives.torque_time);

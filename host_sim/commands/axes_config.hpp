@@ -1,6 +1,7 @@
 #pragma once
 /// From a scene to the drives' axes and the cycle around them.
 
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <variant>
@@ -29,6 +30,12 @@ drive::MitAxis::Settings mit_settings(const Scene& scene, std::size_t i);
 /// Ticks in which an ODrive's starved watchdog has to have tripped, and to have been heard of.
 [[nodiscard]] inline std::uint32_t watchdog_proof_ticks(const DriveScene& d, double rate_hz) {
   return static_cast<std::uint32_t>(std::ceil((1.01 * d.watchdog_timeout + d.heartbeat_timeout) * rate_hz) + 2.0);
+}
+
+/// s that the drives have, from the order to arm, to confirm torque control; a controller that ticks slowly asks for the
+/// hundred answers or so of a set-up slowly.
+[[nodiscard]] inline double enabling_time_max(const Scene& s) {
+  return std::max(5.0, 500.0 * s.tick()) + 2.0 * s.drives.watchdog_timeout;
 }
 
 /// The cycle as a board has it, for whichever protocol the scene names.

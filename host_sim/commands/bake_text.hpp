@@ -174,13 +174,13 @@ inline std::string part_text(std::initializer_list<std::pair<bool, const char*>>
 template <class M>
 std::string text(const ControllerConfig<M>& v) {
   const auto& [m, mode, law, reaching, gains, reference, limits, torque_limit, torque_weight, sample_time, torque_lead, join,
-               ramp, sign_test, halt, lower, after_halt, guide_speed, guide_acceleration, motors, sensors, preload, allocate, variance, fuse,
+               ramp, sign_test, halt, lower, after_halt, enabling, stopping, guide_speed, guide_acceleration, motors, sensors, preload, allocate, variance, fuse,
                delay, lag, bandwidth, reach, observer, predict] = v;
   const auto line = [](const std::string& s) { return "          " + s + ",\n"; };
   return "{\n" + line("Mechanism(believed)") + line(mode_text(mode)) + line(text(law)) + line(text(reaching)) + line(text(gains)) +
          line(text(reference)) + line(text(limits)) + line(text(torque_limit)) + line(text(torque_weight)) +
          line(text(sample_time)) + line(text(torque_lead)) + line(text(join)) + line(text(ramp)) + line(text(sign_test)) +
-         line(text(halt)) + line(text(lower)) + line(text(after_halt)) + line(text(guide_speed)) +
+         line(text(halt)) + line(text(lower)) + line(text(after_halt)) + line(text(enabling)) + line(text(stopping)) + line(text(guide_speed)) +
          line(text(guide_acceleration)) + line(text(motors)) + line(text(sensors)) + line(text(preload)) +
          line(allocate != nullptr ? "&part::four_motors<Mechanism>" : "nullptr") +
          line(text(variance)) + line(fuse != nullptr ? "&part::closure_projection<Mechanism>" : "nullptr") +
@@ -193,10 +193,10 @@ std::string text(const ControllerConfig<M>& v) {
 /// Of a cycle. The axes are made by themselves, by calls, and so is the line, by `line`; a session is drawn by the image.
 template <class Config>
 std::string cycle_text(const Config& v, const std::string& line) {
-  const auto& [controller, axes, its_line, count, heartbeat, absolute, zero, mismatch, torque_time, timed, link, delay] = v;
+  const auto& [controller, axes, its_line, count, heartbeat, silent, absolute, zero, mismatch, torque_time, timed, link, delay] = v;
   link::LinkConfig known = link;
   known.session = 1;
-  return "      " + text(controller) + ",\n      {},\n      " + line + ",\n      " + text(count) + ", " + text(heartbeat) + ", " +
+  return "      " + text(controller) + ",\n      {},\n      " + line + ",\n      " + text(count) + ", " + text(heartbeat) + ", " + text(silent) + ", " +
          text(absolute) + ", " + text(zero) + ", " + text(mismatch) + ", " + text(torque_time) + ", " + text(timed) +
          ",\n      " + text(known) + ",\n      " + text(delay);
 }

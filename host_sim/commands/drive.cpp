@@ -23,19 +23,9 @@ using Clock = std::chrono::steady_clock;
 
 Defects read_defects(const DriveOptions& o) {
   Defects out;
-  const bool odrive = o.protocol.starts_with("odrive");
   for (const std::string& name : o.defects) {
-    const auto* const known = std::find_if(defect_names.begin(), defect_names.end(),
-                                           [&](const DefectName& d) { return d.name == name; });
-    if (known == defect_names.end()) {
-      std::string all;
-      for (const DefectName& d : defect_names) all += (all.empty() ? "" : ", ") + std::string(d.name);
-      throw InputError("", "--defect " + name + ": unknown, allowed are " + all);
-    }
-    if (!(odrive ? known->odrive : (o.protocol == "mit" ? known->mit : known->cia402))) {
-      throw InputError("", "--defect " + name + ": not with --protocol " + o.protocol);
-    }
-    out.*(known->flag) = true;
+    const std::string why = set_defect(out, name, o.protocol);
+    if (!why.empty()) throw InputError("", "--defect " + name + ": " + why);
   }
   return out;
 }
@@ -216,11 +206,7 @@ class Drive {
 std::string defects_text() {
   std::string out = "Defects for --defect:\n";
   for (const DefectName& d : defect_names) {
-    std::string drives;
-    for (const auto& [can, protocol] : {std::pair{d.odrive, "odrive"}, std::pair{d.mit, "mit"}, std::pair{d.cia402, "cia402"}}) {
-      if (can) drives += (drives.empty() ? "" : ", ") + std::string(protocol);
-    }
-    out += fmt::format("  {:<28} {} ({})\n", d.name, d.meaning, drives);
+    out += fmt::format("  {:<28} {} ({})\n", d.name, d.meaning, d.protocols);
   }
   return out;
 }

@@ -25,10 +25,10 @@ inline constexpr int parting_ms = 20;           ///< per tick, for the other hal
 inline constexpr const char* gone_text = "the slcan adapter is gone: unplugged, or closed at its other end";
 /// Who arms, and resets: this program, which gives up when it cannot, or a supervisor computer.
 [[nodiscard]] inline bool armed_by_link(const Scene& s) { return s.command && s.command->arm_by_link; }
-/// s (in lockstep: of virtual time) until the drives must be armed: a controller that ticks slowly asks for the
-/// hundred answers or so of a set-up slowly, and a supervisor computer is given longer.
+/// s (in lockstep: of virtual time) until the plant gives up that its drives are armed: longer than the controller tries, and
+/// a supervisor computer is given longer still.
 [[nodiscard]] inline double arming_time_max(const Scene& s) {
-  return armed_by_link(s) ? 60.0 : std::max(5.0, 500.0 * s.tick());
+  return armed_by_link(s) ? 60.0 : enabling_time_max(s) + 1.0;
 }
 
 /// Why a scene that esmc sim runs cannot run on a bus; empty: it can.
@@ -262,9 +262,17 @@ class ControllerHalf {
   /// Why it did not arm: the fault and, where a drive said so, its node and object.
   [[nodiscard]] std::string refusal() const {
     std::string out = name(supervisor().fault());
+    if (supervisor().fault() == Fault::enabling_timeout && !unready().empty()) out += " (not ready: " + unready() + ")";
     if (!odd_encoder().empty()) out += " (the encoder of " + odd_encoder() + " contradicts the others)";
     with([&](const auto& c) {
       for (int i = 0; i < axis_count_; ++i) {
+        if constexpr (requires { c.axis(i).encoder_unconnected(); }) {
+          const bool motor = std::ranges::any_of(motors_, [&](const auto& m) { return m.first == i; });
+          if (!motor && c.axis(i).encoder_unconnected()) {
+            out += fmt::format(" (node {} reports position 0, as firmware 0.5.6 does until its first closed loop: no passive "
+                               "encoder)", c.axis(i).node());
+          }
+        }
         if constexpr (requires { c.axis(i).refused_endpoint(); }) {
           if (const auto e = c.axis(i).refused_endpoint()) {
             out += fmt::format(" (node {}, {})", c.axis(i).node(), endpoint_path(*e));
@@ -284,7 +292,8 @@ class ControllerHalf {
     std::string out;
     with([&](const auto& c) {
       for (const auto& [axis, node] : motors_) {
-        if (!c.axis(axis).ready()) out += fmt::format("{}node {}", out.empty() ? "" : ", ", node);
+        if (c.axis(axis).ready()) continue;
+        out += fmt::format("{}node {}{}", out.empty() ? "" : ", ", node, c.axis(axis).alive() ? "" : " (silent)");
       }
     });
     return out;

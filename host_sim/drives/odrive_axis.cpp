@@ -187,6 +187,9 @@ hal::CanFrame OdriveAxis::heartbeat() const {
 }
 
 hal::CanFrame OdriveAxis::estimates() const {
+  if (settings_.defects.zero_until_closed_loop && !connected_) {
+    return wire::encode_encoder_estimates(static_cast<std::uint8_t>(mount_.node), 0.0F, 0.0F);
+  }
   return wire::encode_encoder_estimates(static_cast<std::uint8_t>(mount_.node),
                                         static_cast<float>(reading_.position_rev),
                                         static_cast<float>(reading_.velocity_rev_s));
@@ -212,6 +215,7 @@ void OdriveAxis::request_state(std::uint32_t state) {
   }
   if (error_ != 0 || closed_loop()) return;  // a drive with an error refuses until it is cleared
   state_ = wire::AxisState::closed_loop_control;
+  connected_ = true;
   input_torque_ = 0.0F;
   since_fed_ = 0.0;
 }

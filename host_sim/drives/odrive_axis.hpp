@@ -76,6 +76,7 @@ class OdriveAxis final : public EmulatedAxis {
   double since_heartbeat_ = 0.0, since_fed_ = 0.0;
   double phase_;  // of its own clock: periods that a sample is old
   StaleBytes stale_;
+  bool connected_ = false;  // defects.zero_until_closed_loop: closed loop has been entered since power-up
   bool dead_ = false;  // until it is restarted
   int confirmations_ = 0;
 };

@@ -60,6 +60,7 @@ inline MitAxis::Settings mit_settings(const Scene& s, std::size_t motor, bool lo
   out.period = s.tick();
   out.timeout_cycles = static_cast<int>(std::llround(d.watchdog_timeout / out.control_period));
   out.realtime = !lockstep;
+  out.defects = d.defects;
   return out;
 }
 
@@ -80,6 +81,7 @@ inline std::unique_ptr<EmulatedAxis> make_axis(const Scene& s, const PlacedAxis&
   }
   if (s.drives.protocol == Protocol::cia402) {
     Cia402Axis::Settings settings;
+    settings.defects = s.drives.defects;
     settings.lockstep = lockstep;
     settings.period = s.tick();
     if (a.motor) {
@@ -103,6 +105,7 @@ inline std::unique_ptr<EmulatedAxis> make_axis(const Scene& s, const PlacedAxis&
   }
   settings.says_torque = s.drives.protocol == Protocol::odrive && a.motor && s.drives.torque_mismatch > 0.0;
   if (s.drives.endpoints) settings.endpoints = *s.drives.endpoints;
+  settings.defects = s.drives.defects;
   if (!s.drives.confirmed.value_or(true)) {  // as delivered
     settings.defects.watchdog_off = settings.defects.torque_mode_limit = true;
   } else if (a.motor) {

@@ -77,7 +77,7 @@ CommandScene read_command(Section s, const Scene& scene) {
   c.speed = s.number("speed");
   c.acceleration = s.number("acceleration");
   c.stream_age_ticks = s.integer("stream_age_ticks");
-  c.timeout = s.number("timeout");
+  c.timeout = s.optional_number("timeout").value_or(c.arm_by_link ? 1.0 : 0.0);
   c.order_age = s.number("order_age");
   c.counter_jump = s.integer("counter_jump");
   c.status_ticks = s.integer("status_ticks");

@@ -125,6 +125,10 @@ void read_drives(Section s, Scene& scene) {
                : protocol == "odrive_0.5" ? Protocol::odrive_0_5
                : protocol == "cia402"     ? Protocol::cia402
                                           : Protocol::mit;
+  if (const auto defect = s.optional_text("defect")) {
+    const std::string why = set_defect(d.defects, *defect, protocol);
+    if (!why.empty()) s.fail("defect", "\"" + *defect + "\": " + why);
+  }
   const std::string zero = s.text("zero");
   d.zero = zero == "absolute" ? Zero::absolute : (zero == "pose" ? Zero::pose : Zero::end_stop);
   if (const auto pose = s.optional_numbers("zero_pose", {2, 4})) {

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "firmware/mechanism/params.hpp"
+#include "host_sim/drives/defects.hpp"
 #include "host_sim/drives/odrive_endpoints.hpp"
 #include "host_sim/effects/effects.hpp"
 #include "host_sim/plant/motion.hpp"
@@ -103,6 +104,7 @@ struct DriveScene {
   std::vector<double> torque_constant;       // odrive, per motor: N m/A; empty: not told
   std::optional<bool> confirmed;             // unset: unless the bus can carry real drives
   std::string where;                         // FILE:LINE
+  Defects defects{};                         // of the emulated drives
   MitDialect dialect = MitDialect::mini_cheetah;
   std::vector<int> master_id;  // mit, per motor
   std::vector<double> position_range, velocity_range, torque_range;  // mit, per motor: rad, rad/s, N m
