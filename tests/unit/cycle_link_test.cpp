@@ -209,6 +209,46 @@ TEST(CycleLink, SomebodyWhoSpeaksInOurNameIsAForeignController) {
   EXPECT_EQ(l.tick({f}).fault, Fault::foreign_controller);
 }
 
+/// A computer that arms and then says nothing more, in every state that it can leave the controller in.
+TEST(CycleLink, AComputerThatIsGoneEndsEveryArmedState) {
+  using M = FiveBar<double>;
+  for (const AfterHalt end : {AfterHalt::release, AfterHalt::hold, AfterHalt::lower}) {
+    for (const State at : {State::enabling, State::testing, State::running, State::halting, State::holding, State::lowering}) {
+      if (at == State::holding && end != AfterHalt::hold) continue;
+      if (at == State::lowering && end != AfterHalt::lower) continue;
+      auto s = with_link<M>();
+      auto values = s.link.parameters.values();
+      constexpr int silence = 30;
+      values[static_cast<unsigned>(link::Index::silence)] = silence;
+      s.link.parameters = link::Parameters(values, s.link.parameters.bounds());
+      s.controller.after_halt = end;
+      s.controller.halt_ticks = 10;
+      s.controller.lower_ticks = 200;
+      s.controller.join_ticks = 1000;
+      if (at == State::testing) s.controller.sign_test_move = 0.2;
+      Linked<M> l(s);
+      for (int i = 0; i < 6; ++i) l.tick();
+      l.tick({l.desk.ask(2)});
+      l.tick();
+      l.rig.obedient = at != State::enabling;
+      l.tick({l.desk.order(Desk::arm)});
+      const auto state = [&] { return l.rig.cycle.supervisor().state(); };
+      const bool running = at == State::halting || at == State::holding || at == State::lowering;
+      for (int i = 0; i < 25 && state() != (running ? State::running : at); ++i) l.tick();
+      if (running) l.tick({l.desk.order(Desk::disarm)});
+      for (int i = 0; i < 15 && state() != at; ++i) l.tick();
+      ASSERT_EQ(state(), at);
+      for (int i = 0; i <= silence; ++i) l.tick();
+      EXPECT_EQ(l.rig.cycle.supervisor().fault(), at == State::halting && end == AfterHalt::release ? Fault::none : Fault::command_lost)
+          << name(at);
+      for (int i = 0; i < 300; ++i) l.tick();
+      const bool held = end == AfterHalt::hold && at != State::enabling && at != State::testing;
+      EXPECT_EQ(l.rig.cycle.supervisor().powered(), held) << name(at) << ": " << name(state());
+      EXPECT_NE(state(), State::running);
+    }
+  }
+}
+
 TEST(CycleLink, GainsReachTheLaw) {
   const auto torque = [](std::optional<float> lambda) {
     Linked<FiveBar<double>> l;

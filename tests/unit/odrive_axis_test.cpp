@@ -325,6 +325,40 @@ TEST(OdriveAxis, IdleIsWhatIsHeardAfterTheLastRequest) {
   EXPECT_TRUE(a.idle());
 }
 
+/// Firmware 0.5.6 reports position 0 and speed 0, wherever the shaft is, from a boot to the first closed loop.
+TEST(OdriveAxis, ZerosBeforeTheFirstClosedLoopAreNoSample) {
+  OdriveAxis a = axis(Version::v0_5_6);
+  const auto told = [&](float position, float speed) {
+    EXPECT_EQ(a.receive(encoder(node, position, speed)), Received::accepted);
+    EXPECT_TRUE(a.heard_this_tick()) << "it completes a set";
+    return a.brought_sample();
+  };
+  a.begin_tick();
+  EXPECT_FALSE(told(0.0F, 0.0F));
+  EXPECT_FALSE(told(-0.0F, 0.0F));
+  EXPECT_TRUE(a.encoder_unconnected());
+  EXPECT_EQ(a.sample_age_ticks(), OdriveAxis::age_max);
+  EXPECT_TRUE(told(0.0F, 1e-30F));
+  EXPECT_TRUE(told(1e-30F, 0.0F)) << "0.5.5 reads the encoder";
+  EXPECT_FALSE(told(0.0F, 0.0F)) << "after numbers as well: it may have restarted";
+  ask(a);
+  hear(a, 8);
+  EXPECT_FALSE(told(0.0F, 0.0F));
+  hear(a, 8);
+  EXPECT_FALSE(a.ready()) << "before it has said where it is";
+  EXPECT_TRUE(told(0.0F, 0.0F)) << "now it is a position";
+  EXPECT_TRUE(a.ready());
+  (void)disable(a);
+  hear(a, 1);
+  EXPECT_TRUE(told(0.0F, 0.0F)) << "the encoder stays connected";
+  for (std::uint32_t i = 0; i <= retry; ++i) a.begin_tick();
+  EXPECT_FALSE(told(0.0F, 0.0F)) << "silent for long: it may have restarted";
+
+  OdriveAxis newer = axis(Version::v0_6);
+  EXPECT_EQ(newer.receive(encoder(node, 0.0F, 0.0F)), Received::accepted);
+  EXPECT_TRUE(newer.brought_sample()) << "0.6 reads the encoder";
+}
+
 TEST(OdriveAxis, BeforeTheFirstHeartbeatNothingIsKnown) {
   const OdriveAxis a = axis();
   EXPECT_FALSE(a.idle() || a.error() || a.closed_loop() || a.ready());

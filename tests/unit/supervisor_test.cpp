@@ -296,6 +296,41 @@ TEST(Supervisor, AFaultThatGoesOnIsCountedOnceAndOneThatComesAgainTwice) {
   EXPECT_EQ(v.count(Fault::bus_off), 1U);
 }
 
+TEST(Supervisor, AnOrderToArmExpires) {
+  Supervisor v({.enabling_ticks_max = 3, .stopping_ticks_max = 3});
+  v.begin_tick(Command::enable, {});
+  for (int i = 0; i < 100; ++i) v.begin_tick(Command::none, {}, false, false);  // no time passes: lockstep
+  v.begin_tick(Command::enable, {});
+  v.begin_tick(Command::reset, {});
+  EXPECT_EQ(v.state(), State::enabling) << "asked again, the time goes on";
+  v.begin_tick(Command::none, {});
+  EXPECT_EQ(v.state(), State::fault);
+  EXPECT_EQ(v.fault(), Fault::enabling_timeout);
+  for (int i = 0; i < 10; ++i) v.begin_tick(Command::none, {.all_ready = true});
+  EXPECT_EQ(v.state(), State::fault) << "drives that are ready later start nothing";
+  v.begin_tick(Command::reset, {.all_ready = true});
+  v.begin_tick(Command::none, {.all_ready = true});
+  EXPECT_EQ(v.state(), State::disabled) << "nor does a reset";
+  v.begin_tick(Command::enable, {.all_ready = true});
+  v.begin_tick(Command::none, {});
+  v.begin_tick(Command::none, {});
+  v.begin_tick(Command::none, {.all_ready = true});
+  EXPECT_EQ(v.state(), State::running) << "each order has its own time, and its last tick counts";
+}
+
+TEST(Supervisor, StoppingEndsWithoutTheDrivesWordToo) {
+  for (const State from : {State::enabling, State::testing, State::running, State::halting, State::holding, State::lowering}) {
+    Supervisor v = in(from);
+    v.begin_tick(Command::stop, {});
+    ASSERT_EQ(v.state(), State::stopping) << name(from);
+    const std::uint32_t most = Supervisor::Config{}.stopping_ticks_max;
+    for (std::uint32_t i = 1; i < most; ++i) v.begin_tick(Command::none, {});
+    EXPECT_EQ(v.state(), State::stopping) << name(from);
+    v.begin_tick(Command::none, {});
+    EXPECT_EQ(v.state(), State::disabled) << name(from);
+  }
+}
+
 TEST(Supervisor, NamesAreDistinct) {
   std::set<std::string> names;
   for (int i = 0; i < esmc::fault_count; ++i) names.insert(name(static_cast<Fault>(i)));

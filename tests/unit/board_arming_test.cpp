@@ -1,0 +1,225 @@
+/// Drives without power when the board is armed, over the registers of its CAN controller: an order to arm must not outlive the
+/// operator's attention. The drives are the emulated ones, the loop is the image's.
+
+#include <gtest/gtest.h>
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "boards/node.hpp"
+#include "hal/fdcan/fdcan.hpp"
+#include "host_sim/commands/axes_config.hpp"
+#include "host_sim/commands/init.hpp"
+#include "host_sim/drives/placed_axes.hpp"
+#include "tests/support/board_double.hpp"
+#include "tests/support/fdcan_model.hpp"
+
+namespace esmc::test {
+namespace {
+
+using M = FiveBar<float>;
+using Bus = hal::Fdcan<hal::fdcan::G4, FdcanModelAccess>;
+
+host::Scene scene_of(const std::vector<std::string>& sets) {
+  std::vector<std::string> all{"reference.type=\"hold\"", "initial.position=[0.0, 0.17]"};
+  all.insert(all.end(), sets.begin(), sets.end());
+  return host::read_scene_text(std::string(host::starting_scene("five_bar")), "scene of a test", all);
+}
+
+WireFrame on_wire(const hal::CanFrame& f) {
+  return {f.id, f.extended, f.remote, false, false, f.size, {f.data.begin(), f.data.begin() + f.size}};
+}
+hal::CanFrame off_wire(const WireFrame& w) {
+  hal::CanFrame f{.id = w.id, .extended = w.extended, .remote = w.remote};
+  for (const std::uint8_t b : w.bytes) f.data[f.size++] = b;
+  return f;
+}
+
+/// The image of a board and two drives whose mechanism stands still under a brake.
+template <class D>
+class Bench {
+ public:
+  using Node = Cycle<M, D>;
+
+  explicit Bench(const host::Scene& scene)
+      : scene_(scene),
+        reference_(host::make_reference<float>(scene, host::Pacing::realtime)),
+        node_(std::get<typename Node::Config>(host::make_cycle_config<M>(scene, host::Pacing::realtime, reference_))),
+        board_{Bus(FdcanModelAccess{&model_}), {}, {true}, {}, {}, 0},
+        loop_(node_, board_, period_us * 1000) {
+    EXPECT_TRUE(board_.bus().open(80'000'000, 1'000'000));
+    for (const host::PlacedAxis& place : host::placed_axes(scene)) {
+      places_.push_back(place);
+      axes_.push_back(nullptr);
+    }
+  }
+  ~Bench() {
+    for (const std::string& w : model_.wrong) ADD_FAILURE() << w;
+  }
+
+  void power(std::size_t i) {
+    axes_[i] = host::make_axis(scene_, places_[i], false);
+    axes_[i]->settle(angle(i));
+  }
+  void power() {
+    for (std::size_t i = 0; i < axes_.size(); ++i) power(i);
+  }
+  void run(double seconds) {
+    for (int n = 0; n < static_cast<int>(seconds * 1e6 / period_us); ++n) tick();
+  }
+  [[nodiscard]] State state() const { return node_.supervisor().state(); }
+  [[nodiscard]] Fault fault() const { return node_.supervisor().fault(); }
+
+  int closed_ticks = 0;        ///< in which a drive was in torque control
+  double largest_torque = 0.0; ///< N m, of any drive
+  Node& node() { return node_; }
+
+ private:
+  static constexpr std::uint32_t period_us = 1000;
+
+  [[nodiscard]] double angle(std::size_t i) const { return scene_.start_angle[static_cast<std::size_t>(places_[i].joint)]; }
+  /// Drives speak in the first half of a tick, and hear what the board sends at once; a receive FIFO holds three frames.
+  void tick() {
+    for (std::size_t i = 0; i < axes_.size(); ++i) {
+      if (axes_[i]) axes_[i]->publish(angle(i), 0.0, [&](const hal::CanFrame& f) { to_board(f); });
+    }
+    for (const std::uint32_t end = board_.now + period_us; board_.now != end; board_.now += 100) {
+      model_.idle(100);
+      loop_.turn();
+      carry();
+    }
+    for (const auto& axis : axes_) {
+      if (!axis) continue;
+      closed_ticks += axis->closed_loop() ? 1 : 0;
+      largest_torque = std::max(largest_torque, std::abs(axis->joint_torque()));
+    }
+  }
+  void carry() {
+    while (const auto f = model_.take()) {
+      for (const auto& axis : axes_) {
+        if (axis) (void)axis->receive(off_wire(*f), [&](const hal::CanFrame& reply) { to_board(reply); });
+      }
+    }
+  }
+  void to_board(const hal::CanFrame& f) {
+    model_.deliver(on_wire(f));
+    node_.receive(board_.bus());
+  }
+
+  host::Scene scene_;
+  host::ReferenceBundle<float> reference_;
+  FdcanModel model_{FdcanModel::Chip::g4};
+  Node node_;
+  BoardDouble<Bus> board_;
+  TimedLoop<Node, BoardDouble<Bus>> loop_;
+  std::vector<host::PlacedAxis> places_;
+  std::vector<std::unique_ptr<host::EmulatedAxis>> axes_;
+};
+
+struct Kind {
+  const char* name;
+  std::vector<std::string> sets;
+};
+const std::vector<Kind>& kinds() {
+  static const std::vector<Kind> all{
+      {"odrive", {}},
+      {"odrive_0.5", {"drives.protocol=\"odrive_0.5\""}},
+      {"odrive_0.5.6", {"drives.protocol=\"odrive_0.5\"", "drives.defect=\"zero_until_closed_loop\""}},
+      {"cia402", {"drives.protocol=\"cia402\""}},
+      {"mit", {"drives.protocol=\"mit\""}}};
+  return all;
+}
+
+/// Calls `test` with a bench of each kind of drive.
+template <class Test>
+void for_each_kind(const Test& test) {
+  for (const Kind& k : kinds()) {
+    SCOPED_TRACE(k.name);
+    const host::Scene scene = scene_of(k.sets);
+    switch (scene.drives.protocol) {
+      case host::Protocol::cia402: test([&] { return std::make_unique<Bench<drive::Cia402Axis>>(scene); }); break;
+      case host::Protocol::mit: test([&] { return std::make_unique<Bench<drive::MitAxis>>(scene); }); break;
+      default: test([&] { return std::make_unique<Bench<drive::OdriveAxis>>(scene); }); break;
+    }
+  }
+}
+
+TEST(BoardArming, DrivesThatHavePowerAreArmed) {
+  for_each_kind([](const auto& make) {
+    auto b = make();
+    b->power();
+    b->run(0.2);
+    EXPECT_EQ(b->closed_ticks, 0) << "before the order";
+    b->node().command(Command::enable);
+    b->run(0.7);
+    EXPECT_EQ(b->state(), State::running) << name(b->fault());
+    EXPECT_GT(b->largest_torque, 0.01) << "the weight";
+    b->node().command(Command::stop);
+    b->run(0.1);
+    EXPECT_EQ(b->state(), State::disabled);
+  });
+}
+
+TEST(BoardArming, PowerThatComesLaterStartsNothing) {
+  for (const double later : {1.0, 10.0, 60.0}) {
+    SCOPED_TRACE(later);
+    for_each_kind([&](const auto& make) {
+      auto b = make();
+      b->run(0.2);
+      b->node().command(Command::enable);
+      b->run(later);
+      EXPECT_EQ(b->fault(), Fault::enabling_timeout);
+      b->power();
+      b->run(3.0);
+      EXPECT_EQ(b->state(), State::fault);
+      EXPECT_EQ(b->closed_ticks, 0);
+      EXPECT_EQ(b->largest_torque, 0.0);
+      b->node().command(Command::reset);
+      b->run(1.0);
+      EXPECT_EQ(b->state(), State::disabled);
+      EXPECT_EQ(b->closed_ticks, 0) << "a reset is no order to arm";
+      b->node().command(Command::enable);
+      b->run(0.7);
+      EXPECT_EQ(b->state(), State::running) << name(b->fault());
+    });
+  }
+}
+
+TEST(BoardArming, OneSilentDriveKeepsTheOtherFromTorque) {
+  for (const std::size_t missing : {0U, 1U}) {
+    for_each_kind([&](const auto& make) {
+      auto b = make();
+      b->power(1 - missing);
+      b->run(0.2);
+      b->node().command(Command::enable);
+      b->run(2.0);
+      EXPECT_EQ(b->fault(), Fault::enabling_timeout);
+      EXPECT_EQ(b->closed_ticks, 0) << missing;
+      b->power(missing);
+      b->run(2.0);
+      EXPECT_EQ(b->closed_ticks, 0) << missing;
+    });
+  }
+}
+
+TEST(BoardArming, OffEndsWithSilentDrivesToo) {
+  for_each_kind([](const auto& make) {
+    auto b = make();
+    b->node().command(Command::enable);
+    b->run(0.1);
+    EXPECT_EQ(b->state(), State::enabling);
+    b->node().command(Command::stop);
+    b->run(0.1);
+    EXPECT_EQ(b->state(), State::stopping);
+    b->run(1.0);
+    EXPECT_EQ(b->state(), State::disabled);
+    b->power();
+    b->run(2.0);
+    EXPECT_EQ(b->state(), State::disabled);
+    EXPECT_EQ(b->closed_ticks, 0);
+  });
+}
+
+}  // namespace
+}  // namespace esmc::test
