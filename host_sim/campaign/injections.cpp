@@ -56,6 +56,8 @@ constexpr std::array rows{
                  "drive_disarmed stale_feedback torque_mismatch drive_configuration", true, 2,
                  Waits::for_heartbeat},
     InjectionRow{"drive_silent", Injected::drive_silent, everywhere, 0, 0, "stale_feedback"},
+    InjectionRow{"late_power", Injected::late_power, at_start, 0, 0, "enabling_timeout"},
+    InjectionRow{"zero_until_closed_loop", Injected::zero_until_closed_loop, at_start, 0, 0, "none"},
     InjectionRow{"heartbeat_lost", Injected::heartbeat_lost, everywhere, 0, 0, "heartbeat_lost", false, 2,
                  Waits::for_heartbeat_timeout},
     InjectionRow{"drive_bus_off", Injected::drive_bus_off, everywhere, 1, 40,
@@ -78,6 +80,7 @@ constexpr std::array rows{
                  false, 1},
     InjectionRow{"emergency_stop", Injected::emergency_stop, everywhere, 1, 1, "emergency_stop", false, 1},
     InjectionRow{"enable_open", Injected::enable_open, everywhere, 1, 20, "enable_open", false, 0},
+    InjectionRow{"computer_gone", Injected::computer_gone, everywhere, 0, 0, "command_lost"},
 };
 
 // What the rows are made for.
@@ -120,6 +123,10 @@ bool starves(Injected k) {
 
 /// As short and as long as a row has it, but on both sides of what the scene bears.
 int draw_length(Draw& draw, const InjectionRow& row, const EpisodeTimes& t) {
+  if (row.kind == Injected::late_power) {  // up to 60 s, mostly short: evenly by its logarithm
+    return static_cast<int>(std::exp(draw.uniform(std::log(0.01), std::log(60.0))) / t.tick) + 1;
+  }
+  if (row.kind == Injected::computer_gone) return draw.between(1, 3 * t.link_ticks);
   if (row.longest == 0) return for_ever;
   int shortest = row.shortest, longest = row.longest;
   const int older = t.max_age_ticks - usual_age_ticks;
@@ -239,6 +246,21 @@ void expect(Injection& i, const EpisodeTimes& t, const Dialect& dialect) {
     case Injected::drive_reset:  // its clock begins anew
       fits_if(t.heartbeat_expires(t.beat_ticks), "heartbeat_lost");
       break;
+    case Injected::late_power:
+      i.usable_tick = i.length;
+      i.must_pass = i.length + 2 * t.beat_ticks < t.silent_ticks;
+      i.watch_ticks = i.length + t.arming_ticks;
+      break;
+    case Injected::zero_until_closed_loop:  // of a passive encoder, whose loop is never closed
+      if (i.drive >= t.motors) i.usable_tick = for_ever;
+      fits_if(i.drive >= t.motors, "enabling_timeout");
+      i.watch_ticks = t.silent_ticks + t.arming_ticks;
+      break;
+    case Injected::computer_gone:
+      i.must_pass = i.length + 2 < t.link_ticks;
+      i.notice_ticks = i.length > t.link_ticks ? t.link_ticks + 1 : never;
+      i.watch_ticks = t.link_ticks + t.off_after_halt_ticks;
+      break;
     case Injected::controller_late:  // nobody has asked for a sample
       fits_if(dialect.samples_on_demand && t.max_age_ticks == 0, "stale_feedback");
       break;
@@ -252,6 +274,8 @@ void expect(Injection& i, const EpisodeTimes& t, const Dialect& dialect) {
   if (starves(row.kind))
     i.watch_ticks = std::max(i.watch_ticks, static_cast<int>(std::ceil(t.watchdog_ms / tick_ms)));
   i.unwatched = row.kind == Injected::watchdog_off;
+  // The loss of the computer ends at rest under control, and there may be torque until then, or to hold.
+  if (row.kind == Injected::computer_gone) i.safe_ms = t.off_after_halt_ticks > 0 ? i.safe_ms + t.off_after_halt_ticks * tick_ms : 1e12;
   const bool lets_go = row.kind == Injected::drive_disarm || row.kind == Injected::drive_reset;
   if (lets_go && !dialect.tells_its_state) i.notice_ticks = never;
 }
@@ -276,8 +300,12 @@ const char* name(Phase p) {
 
 std::span<const InjectionRow> injection_rows() { return rows; }
 
-bool possible(const InjectionRow& row, const Dialect& d) {
+bool possible(const InjectionRow& row, const Dialect& d, const EpisodeTimes& t) {
   switch (row.kind) {
+    case Injected::zero_until_closed_loop:
+      return t.zeros_at_boot;
+    case Injected::computer_gone:
+      return t.link_ticks > 0;
     case Injected::not_finite:
     case Injected::denormal:
     case Injected::huge:
@@ -313,11 +341,13 @@ bool lists(std::string_view list, std::string_view word) {
   return false;
 }
 
-Injection draw_injection(Draw& draw, const EpisodeTimes& times, const Dialect& dialect) {
+Injection draw_injection(Draw& draw, const EpisodeTimes& times, const Dialect& dialect, std::string_view only) {
   Injection i;
+  const auto wanted = [&](const InjectionRow& r) { return (only.empty() || r.name == only) && possible(r, dialect, times); };
+  const bool any = std::ranges::any_of(rows, wanted);  // else what was asked for is not possible here: nothing is done
   do {
-    i.row = &rows[draw.below(rows.size())];
-  } while (!possible(*i.row, dialect));
+    i.row = any ? &rows[draw.below(rows.size())] : &rows.front();
+  } while (any && !wanted(*i.row));
   do {
     i.phase = static_cast<Phase>(draw.below(phase_count));
   } while ((i.row->phases & in(i.phase)) == 0 || phase_length(i.phase, times) == 0);

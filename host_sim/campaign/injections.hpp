@@ -46,6 +46,8 @@ enum class Injected : std::uint8_t {
   drive_disarm,
   drive_reset,
   drive_silent,
+  late_power,
+  zero_until_closed_loop,
   heartbeat_lost,
   drive_bus_off,
   watchdog_off,
@@ -62,6 +64,8 @@ enum class Injected : std::uint8_t {
   foreign_controller,
   emergency_stop,
   enable_open,
+  // supervisor computer
+  computer_gone,
 };
 
 /// What a controller waits for before it can notice a fault.
@@ -94,8 +98,8 @@ inline constexpr std::string_view motion_faults =
     "reference_unreachable join_infeasible halt_failed sign_test";
 
 [[nodiscard]] std::span<const InjectionRow> injection_rows();
-/// Whether a drive of this protocol can show it.
-[[nodiscard]] bool possible(const InjectionRow& row, const Dialect& d);
+/// Whether a drive of this protocol can show it, on a scene with these times.
+[[nodiscard]] bool possible(const InjectionRow& row, const Dialect& d, const EpisodeTimes& t);
 /// Whether it keeps samples from the controller.
 [[nodiscard]] bool takes_samples(Injected k);
 /// Whether a blank-separated list holds a word.
@@ -118,11 +122,13 @@ struct Injection {
   bool stale = false;      ///< takes away more samples than are extrapolated
   bool unwatched = false;  ///< no watchdog of a drive ends it
   bool must_pass = false;  ///< so few that no fault fits
+  int usable_tick = 0;     ///< of the episode, from which on every drive and encoder can be heard
 
   [[nodiscard]] Injected kind() const { return row->kind; }
 };
 
-[[nodiscard]] Injection draw_injection(Draw& draw, const EpisodeTimes& times, const Dialect& dialect);
+/// `only`: one of the rows, where it is possible; empty: any.
+[[nodiscard]] Injection draw_injection(Draw& draw, const EpisodeTimes& times, const Dialect& dialect, std::string_view only = {});
 /// Whether a guard of this scene has to notice the wrong numbers that the fault puts into samples; true for
 /// faults that put in none.
 [[nodiscard]] bool has_to_show(const Injection& i, const Scene& scene);

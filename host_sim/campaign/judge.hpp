@@ -24,6 +24,7 @@ struct MotorState {
   bool heard_now = false;       ///< a command of our controller arrived in this tick
   bool heard_stranger = false;  ///< and one of somebody else
   bool strangers = false;       ///< the same, ever
+  bool armed_now = false;       ///< it entered torque control in this tick
 };
 
 /// What the operator asks for before a tick.
@@ -111,16 +112,19 @@ class Judge {
   /// What the operator's commands allow, whatever the controller makes of them.
   void obey(Operator asked, const ControllerWord& word) {
     if (halt_left_ > 0 && --halt_left_ == 0) allowed_ = false;
+    // An order to arm that met silent drives is none any more.
+    if (order_left_ > 0 && --order_left_ == 0) allowed_ = false;
     if (!word.ticked) return;
     switch (asked) {
       case Operator::enable:
         allowed_ = allowed_ || !latched_;
+        order_left_ = injection_->usable_tick > static_cast<int>(tick_) + times_.silent_ticks ? times_.silent_ticks + 1 : 0;
         break;
       case Operator::stop:
         allowed_ = false;
         break;
       case Operator::halt:
-        halt_left_ = times_.off_after_halt_ticks;
+        if (allowed_) halt_left_ = times_.off_after_halt_ticks;
         break;
       case Operator::reset:
         latched_ = allowed_ = false;
@@ -132,6 +136,7 @@ class Judge {
   }
 
   void at_drive(const MotorState& m, const ControllerWord& word, bool released) {
+    if (m.armed_now && !m.strangers && (!allowed_ || latched_)) broken("armed_without_order");
     if (is_none(m)) return;
     if (!std::isfinite(m.torque)) broken("torque_finite");
     if (!(std::abs(m.torque) <= m.limit * (1.0 + 1e-6) + 0.5 * m.step)) broken("torque_limit");
@@ -231,7 +236,7 @@ class Judge {
   bool needed_ = false;   ///< there has been torque to take away since the fault began
   bool allowed_ = false;  ///< by the operator
   bool latched_ = false, ever_latched_ = false, free_ = false;
-  int halt_left_ = 0;
+  int halt_left_ = 0, order_left_ = 0;
   double now_ms_ = 0.0, begin_ms_ = 0.0;
   double energy_begin_ = 0.0, energy_free_ = 0.0, allowance_ = 0.0, scale_ = 0.0, unresolved_ = 0.0;
 };

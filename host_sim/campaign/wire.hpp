@@ -28,6 +28,8 @@ class Wire {
 
   /// A drive sends.
   void from_drive(std::size_t axis, const hal::CanFrame& f);
+  /// The supervisor computer sends. No fault of the bus keeps its frames: what the operator asks for is not what is tried.
+  void from_computer(const hal::CanFrame& f) { up(f); }
   /// Somebody else sends: the controller and the drives hear it.
   void from_stranger(const hal::CanFrame& f);
   /// After the frames of the drives: what strangers send in this tick. `foreign`: a command that is not ours.

@@ -22,9 +22,9 @@ class World {
  public:
   using Joints = typename Plant::Joints;
 
-  /// `unwatched`: the same scene with drives whose watchdog is off. `lockstep`: a tick of the drives is one of the
-  /// controller's.
-  World(Motion<Plant> motion, const Scene& scene, const Scene& unwatched, const Injection& injection,
+  /// `defective`: the same scene with drives that have the defect of the fault, if it is one. `lockstep`: a tick of the
+  /// drives is one of the controller's.
+  World(Motion<Plant> motion, const Scene& scene, const Scene& defective, const Injection& injection,
         const Dialect& dialect, bool lockstep = true)
       : motion_(std::move(motion)),
         actuators_(scene.effects, scene.motor_joints(), scene.seed),
@@ -35,9 +35,8 @@ class World {
     const Joints angle = Plant::joint_angles(motion_.state().angle);
     const auto places = placed_axes(scene);
     for (std::size_t i = 0; i < places.size(); ++i) {
-      const bool off = injection.kind() == Injected::watchdog_off && i == injection.drive;
       axes_.push_back({places[i],
-                       make_axis(off ? unwatched : scene, places[i], lockstep),
+                       make_axis(i == injection.drive ? defective : scene, places[i], lockstep),
                        {},
                        places[i].joint,
                        {},
@@ -81,12 +80,14 @@ class World {
   void publish(Wire& wire, bool active, bool first) {
     released_ = released_ || armed();
     if (first) strike(wire);
+    active_ = active;
     for (std::size_t i = 0; i < axes_.size(); ++i) {
       Axis& a = axes_[i];
       const auto shaft = motion_.shaft(static_cast<std::size_t>(a.joint));
       Shown s{shaft.angle, released_ ? shaft.rate : 0.0};
       a.turned = std::abs(shaft.angle - a.last_angle);
       a.last_angle = shaft.angle;
+      if (without_power(i, active)) continue;
       if (i == injection_->drive) s = sensed(a, s, active, first);
       a.axis->publish(s.angle, s.rate, [&](const hal::CanFrame& f) { wire.from_drive(i, f); });
     }
@@ -95,13 +96,14 @@ class World {
   /// Hands the frames of the tick to the drives, which began at `now_ms`.
   void deliver(Wire& wire, double now_ms) {
     for (Axis& a : axes_) {
-      a.state.heard_now = a.state.heard_stranger = false;
+      a.state.heard_now = a.state.heard_stranger = a.state.armed_now = false;
       settle_zero(a, now_ms);  // what a watchdog did when the tick began
     }
     for (const Wire::Delivery& d : wire.to_drives()) {
       for (std::size_t i = 0; i < axes_.size(); ++i) {
-        if (!wire.hears(i)) continue;
+        if (!wire.hears(i) || without_power(i, active_)) continue;
         Axis& a = axes_[i];
+        const bool armed_before = a.axis->closed_loop();
         const bool command = a.axis->commanded_by(d.frame);
         (void)a.axis->receive(d.frame, [&](const hal::CanFrame& f) { wire.from_drive(i, f); });
         if (command && !d.ours) a.state.heard_stranger = a.state.strangers = true;
@@ -112,6 +114,7 @@ class World {
         const bool feeds =
             dialect_->is_sign_of_life != nullptr ? dialect_->is_sign_of_life(*scene_, d.frame) : command;
         if (feeds && d.ours) a.state.fed_ms = now_ms + d.ms;
+        a.state.armed_now = a.state.armed_now || (!armed_before && a.axis->closed_loop());
         settle_zero(a, now_ms + d.ms);
       }
     }
@@ -142,6 +145,11 @@ class World {
     MotorState state;
     double last_angle = 0.0, turned = 0.0;
   };
+
+  /// Drives that are switched on later: one of them, or all.
+  [[nodiscard]] bool without_power(std::size_t i, bool active) const {
+    return active && injection_->kind() == Injected::late_power && (i == injection_->drive || injection_->choice % 2 == 0);
+  }
 
   /// Faults that happen to a drive once.
   void strike(Wire& wire) {
@@ -209,7 +217,7 @@ class World {
   bool lockstep_;
   std::vector<Axis> axes_;
   std::vector<int> nodes_;
-  bool released_ = false;
+  bool released_ = false, active_ = false;
 };
 
 }  // namespace esmc::host

@@ -65,6 +65,10 @@ const std::vector<Variant>& variants() {
       {bar, {phase(0.55), "control.sensors=\"all\"", "sensors.nodes=[3, 4]"}, true},
       {bar, {phase(0.65), "control.sensors=\"all\"", "control.motors=\"all\"", "drives.nodes=[1, 2, 3, 4]"}},
       {bar, {phase(0.75), "drives.sign_test=true"}},
+      {bar, {phase(0.85), "command.base_id=0x780", "command.arm=\"link\"", "command.timeout=0.1", "command.speed=0.1", "command.acceleration=1.0"}},
+      {bar,
+       {"command.base_id=0x780", "command.arm=\"link\"", "command.timeout=0.1", "command.speed=0.1", "command.acceleration=1.0", "drives.sign_test=true",
+        "limits.after_halt=\"hold\""}},
       {arm, {}},
       {arm, {"limits.after_halt=\"hold\"", "control.law=\"smc\""}},
   };
@@ -74,8 +78,8 @@ const std::vector<Variant>& variants() {
 class AnyKind {
  public:
   virtual ~AnyKind() = default;
-  [[nodiscard]] virtual EpisodeResult run(std::uint64_t seed, const Draw& draw,
-                                          EpisodeTrace* trace) const = 0;
+  [[nodiscard]] virtual EpisodeResult run(std::uint64_t seed, const Draw& draw, EpisodeTrace* trace,
+                                          std::string_view only) const = 0;
 
  protected:
   AnyKind() = default;
@@ -86,8 +90,9 @@ template <class World_>
 class KindOf final : public AnyKind {
  public:
   explicit KindOf(const Scene& scene) : kind_(scene) {}
-  [[nodiscard]] EpisodeResult run(std::uint64_t seed, const Draw& draw, EpisodeTrace* trace) const override {
-    return kind_.run(seed, draw, trace);
+  [[nodiscard]] EpisodeResult run(std::uint64_t seed, const Draw& draw, EpisodeTrace* trace,
+                                  std::string_view only) const override {
+    return kind_.run(seed, draw, trace, only);
   }
 
  private:
@@ -149,7 +154,13 @@ std::string protocol_set(std::string_view protocol) {
 /// Everything an episode may run on. An episode is a function of its seed and of these.
 class Campaign {
  public:
-  explicit Campaign(const CampaignOptions& o) {
+  explicit Campaign(const CampaignOptions& o) : fault_(o.fault) {
+    const auto named = [&](const InjectionRow& r) { return r.name == fault_; };
+    if (!fault_.empty() && std::ranges::none_of(injection_rows(), named)) {
+      std::string all;
+      for (const InjectionRow& r : injection_rows()) all += (all.empty() ? "" : ", ") + std::string(r.name);
+      throw InputError("", "--fault " + printable(fault_) + ": allowed are " + all);
+    }
     if (!o.scene.empty()) {
       Sets sets = o.sets;
       if (!o.protocol.empty()) sets.push_back(protocol_set(o.protocol));
@@ -170,7 +181,7 @@ class Campaign {
   [[nodiscard]] EpisodeResult run(std::uint64_t seed, EpisodeTrace* trace = nullptr) const {
     Draw draw(seed);
     const std::size_t variant = draw.below(kinds_.size());
-    EpisodeResult e = kinds_[variant]->run(seed, draw, trace);
+    EpisodeResult e = kinds_[variant]->run(seed, draw, trace, fault_);
     e.variant = variant;
     e.protocol = protocols_[variant];
     return e;
@@ -193,6 +204,7 @@ class Campaign {
 
   std::vector<std::unique_ptr<AnyKind>> kinds_;
   std::vector<const char*> protocols_;  // of each
+  std::string fault_;
 };
 
 CampaignTotals run_all(const Campaign& campaign, const CampaignOptions& o) {

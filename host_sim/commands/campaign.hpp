@@ -15,6 +15,7 @@ struct CampaignOptions {
   std::uint64_t seed = 1;  ///< of the first episode; the next one has the next
   int jobs = 0;            ///< threads; 0: as many as there are processors
   std::string protocol;    ///< empty: what the scene says
+  std::string fault;       ///< the only one; empty: all
   std::optional<std::uint64_t> replay;
   bool json = false;
   std::string out, command_line;

@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "host_sim/campaign/computer.hpp"
 #include "host_sim/campaign/judge.hpp"
 #include "host_sim/campaign/world.hpp"
 #include "host_sim/commands/halves.hpp"
@@ -42,24 +43,35 @@ class EpisodeKind {
       : scene_(scene),
         promised_(promised),
         unwatched_(scene),
+        zeroed_(scene),
         reference_(make_reference(scene_, Pacing::lockstep)),
         cycle_(make_cycle<M>(scene_, Pacing::lockstep, reference_)),
         times_(episode_times(promised_)) {
     unwatched_.drives.watchdog_timeout = 1e3;
+    zeroed_.drives.defects.zero_until_closed_loop = true;
     times_.join_ticks = static_cast<int>(reference_.join_ticks);
     times_.arming_ticks = arming_ticks();
   }
   EpisodeKind(const EpisodeKind&) = delete;
   EpisodeKind& operator=(const EpisodeKind&) = delete;
 
-  [[nodiscard]] EpisodeResult run(std::uint64_t seed, Draw draw, EpisodeTrace* trace = nullptr) const;
+  /// `only`: the fault of the episode; empty: any.
+  [[nodiscard]] EpisodeResult run(std::uint64_t seed, Draw draw, EpisodeTrace* trace = nullptr, std::string_view only = {}) const;
 
  private:
   /// Ticks from the command to enable to the release of the brake, without a fault. Throws RunError where the
   /// loop does not get onto its reference: what a campaign says of such a loop says nothing of the faults.
   [[nodiscard]] int arming_ticks() const;
 
-  Scene scene_, promised_, unwatched_;
+  [[nodiscard]] const Scene& defective(Injected k) const {
+    return k == Injected::watchdog_off ? unwatched_ : (k == Injected::zero_until_closed_loop ? zeroed_ : scene_);
+  }
+  /// The operator of an episode, where the scene has it arm over the command interface.
+  [[nodiscard]] std::optional<Computer> computer() const {
+    return times_.link_ticks > 0 ? std::optional<Computer>(scene_) : std::nullopt;
+  }
+
+  Scene scene_, promised_, unwatched_, zeroed_;
   ReferenceBundle<double> reference_;
   AnyCycle<M> cycle_;
   EpisodeTimes times_;
@@ -114,15 +126,16 @@ inline hal::CanFrame foreign_command(const Dialect& words, const Scene& scene, c
 }
 
 template <class World_>
-EpisodeResult EpisodeKind<World_>::run(std::uint64_t seed, Draw draw, EpisodeTrace* trace) const {
+EpisodeResult EpisodeKind<World_>::run(std::uint64_t seed, Draw draw, EpisodeTrace* trace, std::string_view only) const {
   constexpr int watch_ticks = 30;
   EpisodeResult out;
   out.seed = seed;
   const Dialect& words = dialect(scene_.drives.protocol);
-  Injection injection = draw_injection(draw, times_, words);
+  Injection injection = draw_injection(draw, times_, words, only);
   if (!has_to_show(injection, promised_)) injection.notice_ticks = InjectionRow::not_demanded;
   const EpisodeScript script(injection, times_, draw);
-  World<Plant> world(make_motion<World_>(scene_), scene_, unwatched_, injection, words);
+  World<Plant> world(make_motion<World_>(scene_), scene_, defective(injection.kind()), injection, words);
+  std::optional<Computer> desk = computer();
   Wire wire(injection, words, world.nodes(), scene_.bitrate);
   Judge judge(injection, times_, scene_.effects.empty(), words.tells_its_state);
   AnyCycle<M> cycle = cycle_;
@@ -134,27 +147,29 @@ EpisodeResult EpisodeKind<World_>::run(std::uint64_t seed, Draw draw, EpisodeTra
   const int watch =
       watch_ticks + std::max(std::min(injection.length, injection.watch_ticks), injection.notice_ticks);
   const auto most_ticks =
-      static_cast<std::uint64_t>(2000 + times_.arming_ticks + times_.join_ticks + times_.halt_ticks + watch);
+      static_cast<std::uint64_t>(2000 + times_.arming_ticks + times_.join_ticks + times_.halt_ticks + watch + injection.watch_ticks);
   std::uint64_t tick = 0;
   for (; since < watch && tick < most_ticks; ++tick) {
     if (since >= 0 || script.begins(tick, run)) ++since;
     const bool first = since == 0, active = since >= 0 && since < injection.length;
     wire.begin_tick(active);
-    world.publish(wire, active, first);
-    wire.strangers_before_tick();
+    const bool gone = active && injection.kind() == Injected::computer_gone;
     if (const Operator o = script.at(tick, run, latched); o != Operator::nothing) pending = o;
 
     if (first) out.ran = word.powered;
     const bool absent = active && (injection.kind() == Injected::controller_death ||
                                    injection.kind() == Injected::controller_late);
-    const Operator asked = absent ? Operator::nothing : std::exchange(pending, Operator::nothing);
+    Operator asked = absent || gone ? Operator::nothing : std::exchange(pending, Operator::nothing);
+    if (desk && !gone) asked = desk->act(asked, [&](const hal::CanFrame& f) { wire.from_computer(f); });
+    world.publish(wire, active, first);
+    wire.strangers_before_tick();
     word.ticked = !absent;
     if (!absent) {
       std::visit(
           [&](auto& c) {
             c.receive(wire);
             c.enable_input(!(active && injection.kind() == Injected::enable_open));
-            switch (asked) {
+            switch (desk ? Operator::nothing : asked) {
               case Operator::enable:
                 c.command(Command::enable);
                 break;
@@ -179,6 +194,11 @@ EpisodeResult EpisodeKind<World_>::run(std::uint64_t seed, Draw draw, EpisodeTra
           cycle);
     }
     wire.strangers_after_tick(foreign);
+    for (const Wire::Delivery& d : wire.to_drives()) {
+      if (desk) desk->hear(d.frame);
+    }
+    // Then the controller has to notice, and to come to rest as if it had been asked to.
+    if (gone && since == injection.notice_ticks) asked = Operator::halt;
     world.deliver(wire, static_cast<double>(tick) * times_.tick * 1e3);
     judge.look(tick, asked, word, world, wire, first);
     if (latched >= 0 || word.faulted) ++latched;
@@ -216,14 +236,16 @@ int EpisodeKind<World_>::arming_ticks() const {
   const int patience = std::max(2000, static_cast<int>(2.0 * scene_.rate_hz));
   const Injection nothing{.row = &injection_rows()[0]};
   const Dialect& words = dialect(scene_.drives.protocol);
-  World<Plant> world(make_motion<World_>(scene_), scene_, unwatched_, nothing, words);
+  World<Plant> world(make_motion<World_>(scene_), scene_, scene_, nothing, words);
+  std::optional<Computer> desk = computer();
   Wire wire(nothing, words, world.nodes(), scene_.bitrate);
   AnyCycle<M> cycle = cycle_;
-  std::visit([](auto& c) { c.command(Command::enable); }, cycle);
+  if (!desk) std::visit([](auto& c) { c.command(Command::enable); }, cycle);
   int armed = -1;
   for (int tick = 0; armed < 0 || tick <= armed + times_.join_ticks + looks_ahead; ++tick) {
     if (armed < 0 && tick >= patience) throw RunError(scene_.name + ": the drives do not arm");
     wire.begin_tick(false);
+    if (desk) (void)desk->act(tick == 0 ? Operator::enable : Operator::nothing, [&](const hal::CanFrame& f) { wire.from_computer(f); });
     world.publish(wire, false, false);
     if (armed < 0 && world.released()) armed = tick;
     const Fault fault = std::visit(
@@ -237,6 +259,9 @@ int EpisodeKind<World_>::arming_ticks() const {
     if (fault != Fault::none) {
       throw RunError(fmt::format("{}: {} before anything is done to the loop: a campaign needs one that runs",
                                  scene_.name, esmc::name(fault)));
+    }
+    for (const Wire::Delivery& d : wire.to_drives()) {
+      if (desk) desk->hear(d.frame);
     }
     world.deliver(wire, tick * times_.tick * 1e3);
     world.advance(tick * times_.tick);

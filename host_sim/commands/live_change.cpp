@@ -122,7 +122,7 @@ InjectOrder usual_injection(const InjectionRow& row, std::size_t drive) {
 
 bool can_inject(const InjectionRow& row, Protocol protocol) {
   const bool begins_later = (row.phases & (1U << static_cast<unsigned>(Phase::running))) != 0;
-  return row.kind != Injected::nothing && begins_later && possible(row, dialect(protocol));
+  return row.kind != Injected::nothing && begins_later && possible(row, dialect(protocol), {});
 }
 
 bool can_inject_from_outside(const InjectionRow& row) {

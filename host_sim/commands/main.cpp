@@ -190,6 +190,7 @@ void add_campaign(CLI::App& app, CampaignOptions& o, const std::function<void()>
   c->add_option("--jobs", o.jobs, "threads; the result does not depend on it; default: as many as processors")
       ->check(CLI::Range(1, 1024));
   c->add_option("--protocol", o.protocol, "instead of the scene's drives.protocol");
+  c->add_option("--fault", o.fault, "this fault alone; nothing where it is not possible")->type_name("NAME");
   c->add_option_function<std::string>(
        "--replay", [&o](const std::string& text) { o.replay = read_integer(text, "--replay"); },
        "run the episode of this seed alone, twice, and print its ticks")

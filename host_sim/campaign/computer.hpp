@@ -1,0 +1,71 @@
+#pragma once
+/// The operator of an episode: by calls, or as a supervisor computer that arms over the command interface and may vanish.
+
+#include <algorithm>
+#include <cstdint>
+#include <optional>
+#include <utility>
+
+#include "firmware/link/codec.hpp"
+#include "host_sim/campaign/judge.hpp"
+#include "host_sim/scene/scene.hpp"
+
+namespace esmc::host {
+
+/// A supervisor computer: says a sign of life every second tick, sends orders, and hears the controller's status.
+class Computer {
+ public:
+  explicit Computer(const Scene& scene) : base_(static_cast<std::uint32_t>(scene.command->base_id)) {}
+
+  void hear(const hal::CanFrame& f) {
+    if (f.id == base_ + static_cast<std::uint32_t>(link::Message::status)) {
+      tick_ = static_cast<std::uint16_t>(f.data[4] | f.data[5] << 8);
+      session_ = f.data[7];
+    } else if (f.id == base_ + static_cast<std::uint32_t>(link::Message::parameter_table)) {
+      table_ = static_cast<std::uint16_t>(f.data[0] | f.data[1] << 8);
+    }
+  }
+  /// Calls `send` with the frames of a tick. Returns what the operator wanted once it is on the bus: an order to arm waits
+  /// until the table of parameters is known.
+  template <class Send>
+  Operator act(Operator wanted, const Send& send) {
+    if (wanted != Operator::nothing) wanted_ = wanted;
+    if (!table_ && !asked_) {
+      asked_ = true;
+      send(sealed(link::Message::request, static_cast<std::uint8_t>(link::Subject::table)));
+    }
+    if (++ticks_ % 2 == 0) send(order(link::Order::none));
+    if (wanted_ == Operator::nothing || !session_ || (wanted_ == Operator::enable && !table_)) return Operator::nothing;
+    const Operator asked = std::exchange(wanted_, Operator::nothing);
+    send(order(asked == Operator::enable  ? link::Order::arm
+               : asked == Operator::stop ? link::Order::off
+               : asked == Operator::halt ? link::Order::disarm
+                                         : link::Order::reset));
+    return asked;
+  }
+
+ private:
+  hal::CanFrame order(link::Order o) { return sealed(link::Message::command, static_cast<std::uint8_t>(o), tick_, table_.value_or(0)); }
+  hal::CanFrame sealed(link::Message m, std::uint8_t what, std::uint16_t first = 0, std::uint16_t second = 0) {
+    hal::CanFrame f = link::detail::frame(base_, m);
+    std::uint8_t& counter = m == link::Message::command ? orders_ : requests_;
+    counter = (counter + 1) & 0x0F;
+    f.data[1] = counter;
+    f.data[2] = what;
+    link::detail::put(f, 4, first, 2);
+    link::detail::put(f, 6, second, 2);
+    f.data[0] = link::checksum(f, session_.value_or(link::any_session));
+    return f;
+  }
+
+  std::uint32_t base_;
+  std::uint64_t ticks_ = 0;
+  std::uint16_t tick_ = 0;
+  std::optional<std::uint8_t> session_;
+  std::optional<std::uint16_t> table_;
+  std::uint8_t orders_ = 0, requests_ = 0;
+  bool asked_ = false;
+  Operator wanted_ = Operator::nothing;
+};
+
+}  // namespace esmc::host
