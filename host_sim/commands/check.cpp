@@ -9,12 +9,12 @@
 #include <nlohmann/json.hpp>
 #include <numbers>
 
-#include "firmware/control/box_allocation.hpp"
 #include "host_sim/bus/response.hpp"
 #include "host_sim/commands/check_sampled.hpp"
 #include "host_sim/commands/finish.hpp"
 #include "host_sim/commands/halves.hpp"
 #include "host_sim/commands/recorder.hpp"
+#include "host_sim/design/efforts.hpp"
 
 namespace esmc::host {
 namespace {
@@ -26,6 +26,9 @@ struct Margins {
   double sin_type1 = 1.0, sin_type2 = 1.0;
   double joint_speed = 0.0;
   std::vector<double> torque;                               ///< largest per motor, N m
+  bool together = false;                                    ///< four motors share what is asked
+  double share = 0.0, share_t = 0.0;                        ///< of torque_limit, the largest, and when, s
+  std::vector<double> share_torque;                         ///< per motor at that time, N m
   double x[2] = {1e300, -1e300}, y[2] = {1e300, -1e300};    ///< extent of the effector's path, m
   double angle[2][2] = {{1e300, -1e300}, {1e300, -1e300}};  ///< of the base joints, rad
   std::vector<double> preload, preload_t;  ///< least torque towards control.preload per motor, N m, and when; where none is asked, 0
@@ -74,16 +77,22 @@ std::vector<std::string> columns(const Scene& scene) {
   return c;
 }
 
+/// How torques are shared out: as the controller does it; without one, by motors that have no limits.
+template <class M>
+ControllerConfig<M> sharing(const Scene& scene, const ReferenceBundle<double>& reference) {
+  if (scene.closed_loop()) return make_controller<M>(scene, Pacing::lockstep, reference);
+  ControllerConfig<M> c;
+  c.torque_limit.setConstant(std::numeric_limits<double>::infinity());
+  c.allocate = allocation_for<M>(scene.all_motors ? Motors::all : Motors::base);
+  return c;
+}
+
 template <class World>
 Margins margins(const Scene& scene, Log& log) {
   using M = typename World::Mechanism;
   Margins out;
   out.torque.assign(static_cast<std::size_t>(scene.motors()), 0.0);
   if (scene.reference.type == ReferenceType::none) return out;
-  Vec<double, M::joints> weight = Vec<double, M::joints>::Ones();  // of four motors, as the controller has it
-  if (scene.closed_loop())
-    weight =
-        make_controller<M>(scene, Pacing::lockstep, make_reference(scene, Pacing::lockstep)).torque_weight;
   FiveBarParams<double> truth = scene.mechanism;
   if (const auto f = find_effect<ViscousFriction>(scene.effects)) {
     for (std::size_t j = 0; j < 2; ++j) {
@@ -94,6 +103,9 @@ Margins margins(const Scene& scene, Log& log) {
   const M m = make_mechanism(truth, static_cast<M*>(nullptr));
   const typename M::Mode mode = mode_of(scene, static_cast<M*>(nullptr));
   const ReferenceBundle<double> bundle = make_reference(scene, Pacing::lockstep);
+  ControllerConfig<M> controller = sharing<M>(scene, bundle);
+  controller.mechanism = m;
+  out.together = controller.allocate != nullptr;
   Reference<double> reference = bundle.get();
   if (reference.kind == ReferenceKind::hold_start) {
     const M start(make_mechanism(truth, static_cast<M*>(nullptr)));
@@ -129,34 +141,25 @@ Margins margins(const Scene& scene, Log& log) {
     const Vec2<double> rate = M::base(d->rates);
     out.joint_speed = std::max({out.joint_speed, std::abs(rate[0]), std::abs(rate[1])});
     const auto w = m.force(m.channel_accelerations(d->pose, d->rates, d->acceleration), d->rates);
-    Vec<double, M::joints> tau = Vec<double, M::joints>::Zero();
-    bool allocated = false;
-    if constexpr (M::joints == 4) {
-      if (scene.all_motors) {
-        tau = allocate_all(m, d->pose, w, weight);
-        allocated = true;
-        if (!scene.preload.empty()) {
-          const auto each = [](const std::vector<double>& v) { return Vec<double, 4>(v[0], v[1], v[2], v[3]); };
-          const auto a = allocate_all_within(m, d->pose, w, weight, each(scene.torque_limit), each(scene.preload));
-          if (!(a.force < 1.0)) tau = a.torque;  // else what the reference takes is told as it is
-          for (std::size_t i = 0; i < out.preload.size(); ++i) {
-            const double towards = sign_of(scene.preload[i]) * a.torque[static_cast<int>(i)];
-            if (scene.preload[i] == 0.0 || !(towards < out.preload[i])) continue;
-            out.preload[i] = towards;
-            out.preload_t[i] = n * scene.tick();
-          }
-        }
-      }
-    }
-    if (!allocated) {
-      const Vec2<double> base = m.base_torque(d->pose, w);
-      for (int i = 0; i < 2; ++i) tau[ControllerConfig<M>::joint_of(i, 2)] = base[i];
+    const auto effort = design::effort(controller, d->pose, w);
+    const double share = design::share_of_limits(controller, d->pose, w, effort);
+    const bool most = !(share <= out.share);
+    if (most) {
+      out.share = share;
+      out.share_t = n * scene.tick();
+      out.share_torque.clear();
     }
     row.assign({n * scene.tick(), d->pose.effector.x(), d->pose.effector.y(), base_angle[0], base_angle[1]});
     for (std::size_t i = 0; i < out.torque.size(); ++i) {
-      const double t = tau[ControllerConfig<M>::joint_of(static_cast<int>(i), scene.motors())];
+      const double t = effort.torque[ControllerConfig<M>::joint_of(static_cast<int>(i), scene.motors())];
       out.torque[i] = std::max(out.torque[i], std::abs(t));
       row.push_back(t);
+      if (most) out.share_torque.push_back(t);
+      if (i >= out.preload.size() || scene.preload[i] == 0.0) continue;
+      const double towards = sign_of(scene.preload[i]) * t;
+      if (!(towards < out.preload[i])) continue;
+      out.preload[i] = towards;
+      out.preload_t[i] = n * scene.tick();
     }
     row.push_back(M::min_abs_sin_type1(d->pose));
     if (scene.type == MechanismType::five_bar) row.push_back(M::abs_sin_type2(d->pose));
@@ -214,6 +217,43 @@ void judge_open_loop(const Scene& s, Findings& f) {
                         idle.find(',') == std::string::npos ? "has" : "have"));
 }
 
+constexpr double much = 0.7;  ///< share of a limit that leaves little to correct errors with
+
+void judge_each(const Scene& s, const Margins& m, Findings& f) {
+  for (std::size_t i = 0; i < m.torque.size(); ++i) {
+    const double share = m.torque[i] / s.torque_limit[i];
+    const std::string text =
+        fmt::format("motor {}: the reference alone takes {:.3g} N m of torque_limit = {} N m", i + 1,
+                    m.torque[i], s.torque_limit[i]);
+    if (!(share <= 1.0)) {
+      f.error(text);
+    } else if (share > much) {
+      f.warning(text + "; little is left to correct errors with");
+    }
+  }
+}
+
+/// Of four motors one gives what another one may not: none of them is at fault by itself.
+void judge_together(const Scene& s, const Margins& m, Findings& f) {
+  if (!(m.share <= 1.0)) {
+    std::vector<std::size_t> held;
+    for (std::size_t i = 0; i < m.share_torque.size(); ++i) {
+      if (!(std::abs(m.share_torque[i]) < s.torque_limit[i] * (1.0 - 1e-9))) held.push_back(i + 1);
+    }
+    std::string names;
+    for (std::size_t k = 0; k < held.size(); ++k) {
+      names += fmt::format("{}{}", k == 0 ? "" : (k + 1 == held.size() ? " and " : ", "), held[k]);
+    }
+    f.error(fmt::format("motor{} {}: at their torque_limit the four motors together give {:.3g} % of what "
+                        "the reference alone takes (t = {:.3f} s)",
+                        held.size() == 1 ? "" : "s", names, 100.0 / m.share, m.share_t));
+  } else if (m.share > much) {
+    f.warning(fmt::format("the reference alone takes {:.3g} % of what the four motors together give within "
+                          "torque_limit (t = {:.3f} s); little is left to correct errors with",
+                          100.0 * m.share, m.share_t));
+  }
+}
+
 void judge(const Scene& s, const Start& at, const Margins& m, Findings& f) {
   judge_step(s, f);
   if (!s.closed_loop()) judge_open_loop(s, f);
@@ -260,16 +300,10 @@ void judge(const Scene& s, const Start& at, const Margins& m, Findings& f) {
                           i + 1, s.preload[i], sign_of(s.preload[i]) * m.preload[i], m.preload_t[i],
                           m.preload[i] > 0.0 ? "" : ", its sign is lost and the gear changes sides"));
   }
-  for (std::size_t i = 0; i < m.torque.size(); ++i) {
-    const double share = m.torque[i] / s.torque_limit[i];
-    const std::string text =
-        fmt::format("motor {}: the reference alone takes {:.3g} N m of torque_limit = {} N m", i + 1,
-                    m.torque[i], s.torque_limit[i]);
-    if (share > 1.0) {
-      f.error(text);
-    } else if (share > 0.7) {
-      f.warning(text + "; little is left to correct errors with");
-    }
+  if (m.together) {
+    judge_together(s, m, f);
+  } else {
+    judge_each(s, m, f);
   }
   judge_gains(s, f);
 }
@@ -390,6 +424,7 @@ int report(const Scene& scene, const RunOptions& o) {
       {"min_abs_sin_type2", scene.type == MechanismType::five_bar ? Json(m.sin_type2) : Json(nullptr)},
       {"max_joint_speed", m.joint_speed},
       {"max_torque_nm", m.torque},
+      {"torque_share", scene.closed_loop() && std::isfinite(m.share) ? Json(m.share) : Json(nullptr)},
       {"least_preload_nm", m.preload.empty() ? Json(nullptr) : Json(m.preload)}};
   j["bus"] = bus_json(bus);
   j["findings"] = f.list();
@@ -410,6 +445,9 @@ int report(const Scene& scene, const RunOptions& o) {
                type2, m.joint_speed);
     for (std::size_t i = 0; i < m.torque.size(); ++i)
       fmt::print("motor {}: <= {:.3g} N m\n", i + 1, m.torque[i]);
+    if (m.together && scene.closed_loop())
+      fmt::print("four motors together: <= {:.3g} % of what they give within torque_limit\n",
+                 100.0 * m.share);
     fmt::print("{}", bus_text(bus));
     for (const Json& item : f.list()) {
       fmt::print("{}: {}\n", item["level"].get<std::string>(), item["text"].get<std::string>());

@@ -338,7 +338,7 @@ ControllerConfig<M> make_controller(const Scene& scene, Pacing pacing,
   c.limits = make_limits<S>(scene);
   c.motors = scene.all_motors ? Motors::all : Motors::base;
   c.sensors = scene.all_sensors ? Sensors::all : Sensors::base;
-  c.allocate = allocation_for<M>(c.motors);
+  if (c.law != LawKind::pd) c.allocate = allocation_for<M>(c.motors);  // pd: from the base motors alone
   if constexpr (M::joints == 4) {
     for (int i = 0; i < 4 && !scene.encoder_sigma.empty(); ++i) {
       const double sigma = scene.encoder_sigma[static_cast<std::size_t>(i)] / scene.encoder_sigma[0];

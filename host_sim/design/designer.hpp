@@ -229,7 +229,7 @@ class Designer : private Search<M> {
 
   using Joints = Vec<double, M::joints>;
 
-  [[nodiscard]] bool four() const { return p_.controller.motors == Motors::all; }
+  [[nodiscard]] bool four() const { return p_.controller.allocate != nullptr; }
 
   /// The worst places for each motor and, of four, for what all give together.
   struct Efforts {

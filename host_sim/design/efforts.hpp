@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "firmware/control/box_allocation.hpp"
 #include "host_sim/design/worst.hpp"
@@ -18,10 +19,10 @@ struct Effort {
 };
 /// As the controller shares it out. Two motors may be asked for more than their limit, four may not.
 template <class M>
-[[nodiscard]] Effort<M> effort(const Problem<M>& p, const typename M::Pose& pose, const typename M::Channels& w) {
-  const auto& c = p.controller;
+[[nodiscard]] Effort<M> effort(const ControllerConfig<M>& c, const typename M::Pose& pose,
+                               const typename M::Channels& w) {
   if constexpr (M::joints == 4) {
-    if (c.motors == Motors::all) {
+    if (c.allocate != nullptr) {
       const auto a = allocate_all_within(c.mechanism, pose, w, c.torque_weight, c.torque_limit, c.preload);
       return {a.torque, a.force, a.preload};
     }
@@ -32,6 +33,22 @@ template <class M>
   return out;
 }
 
+/// How much of torque_limit the effort `e` for w is: of two motors the one that needs most of its own, of
+/// four what they give together. > 1: more than there is.
+template <class M>
+[[nodiscard]] double share_of_limits(const ControllerConfig<M>& c, const typename M::Pose& pose,
+                                     const typename M::Channels& w, const Effort<M>& e) {
+  double most = 0.0;
+  for (int j = 0; j < M::joints; ++j) {
+    if (!std::isfinite(e.torque[j])) return std::numeric_limits<double>::infinity();
+    if (e.torque[j] != 0.0) most = std::max(most, std::abs(e.torque[j]) / c.torque_limit[j]);
+  }
+  if (c.allocate == nullptr) return most;
+  // What is met of a force beyond all limits tells how far these reach, also where that is beyond w.
+  constexpr double much = 0x1p20;
+  return 1.0 / (much * effort(c, pose, typename M::Channels(w * much)).force);
+}
+
 /// What the worst plant takes of every joint on the motion itself, N m: magnitudes.
 template <class M>
 [[nodiscard]] Effort<M> holding(const Problem<M>& p, const Uncertain<M>& u, double swing, const State<M>& s) {
@@ -39,23 +56,23 @@ template <class M>
   const Worst<M> w(u, s, swing);
   const Channels own = p.controller.mechanism.force(s.wanted, s.track.rates);
   Effort<M> out;
-  if (p.controller.motors == Motors::all) {
+  if (p.controller.allocate != nullptr) {
     w.each_push([&](const Vec2<double>& F) {
       Channels all = own;
       for (int k = 0; k < 2; ++k) all[k] -= F[k];  // on independent coordinate k: effector, or joint of the RR
-      const Effort<M> e = effort(p, s.track.pose, all);
+      const Effort<M> e = effort(p.controller, s.track.pose, all);
       out.torque = out.torque.cwiseMax(e.torque.cwiseAbs());
       out.force = std::min(out.force, e.force);
       out.preload = std::min(out.preload, e.preload);
     });
     return out;
   }
-  const auto asked = effort(p, s.track.pose, own).torque;
+  const auto asked = effort(p.controller, s.track.pose, own).torque;
   List<Vec<double, M::joints>, 2> map;
   for (int k = 0; k < 2; ++k) {
     Channels push = Channels::Zero();
     push[k] = 1.0;
-    map[k] = effort(p, s.track.pose, push).torque;
+    map[k] = effort(p.controller, s.track.pose, push).torque;
   }
   for (int j = 0; j < M::joints; ++j) {
     const Span d = w.along(Vec2<double>(map[0][j], map[1][j]));
@@ -70,7 +87,7 @@ template <class M>
   const auto& c = p.controller;
   typename M::Channels a, sliding;
   demand(c.law, c.mechanism, g, c.reaching, s.track, a, sliding);
-  Effort<M> out = effort(p, s.track.pose, c.mechanism.force(a, s.track.rates));
+  Effort<M> out = effort(p.controller, s.track.pose, c.mechanism.force(a, s.track.rates));
   out.torque = out.torque.cwiseAbs();
   return out;
 }

@@ -163,7 +163,7 @@ class Trials {
     k.rates = c.mechanism.chain_rates(k.pose, rate);
     typename M::Channels asked, s;
     demand(c.law, c.mechanism, gains_, Reaching::sign, k, asked, s);
-    const auto tau = host::design::effort(p_, k.pose, c.mechanism.force(asked, k.rates)).torque;
+    const auto tau = host::design::effort(c, k.pose, c.mechanism.force(asked, k.rates)).torque;
 
     double payload = 0.0;
     const FiveBarParams<double> truth = truth_of(p_.believed, p_.uncertainty, t, payload);
