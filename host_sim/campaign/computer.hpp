@@ -30,7 +30,7 @@ class Computer {
   template <class Send>
   Operator act(Operator wanted, const Send& send) {
     if (wanted != Operator::nothing) wanted_ = wanted;
-    if (!table_ && !asked_) {
+    if (session_ && !table_ && !asked_) {
       asked_ = true;
       send(sealed(link::Message::request, static_cast<std::uint8_t>(link::Subject::table)));
     }

@@ -150,9 +150,10 @@ hal::SendStatus Wire::try_send(const hal::CanFrame& f) {
 }
 
 bool Wire::try_receive(hal::CanFrame& f) {
-  if (to_controller_.empty()) return false;
-  f = to_controller_.front();
-  to_controller_.pop_front();
+  auto& from = orders_.empty() ? to_controller_ : orders_;
+  if (from.empty()) return false;
+  f = from.front();
+  from.pop_front();
   return true;
 }
 

@@ -28,8 +28,8 @@ class Wire {
 
   /// A drive sends.
   void from_drive(std::size_t axis, const hal::CanFrame& f);
-  /// The supervisor computer sends. No fault of the bus keeps its frames: what the operator asks for is not what is tried.
-  void from_computer(const hal::CanFrame& f) { up(f); }
+  /// The supervisor computer sends. No fault of the bus loses or delays its frames: the operator's orders are not on trial.
+  void from_computer(const hal::CanFrame& f) { orders_.push_back(f); }
   /// Somebody else sends: the controller and the drives hear it.
   void from_stranger(const hal::CanFrame& f);
   /// After the frames of the drives: what strangers send in this tick. `foreign`: a command that is not ours.
@@ -70,7 +70,7 @@ class Wire {
   bool active_ = false;
   std::uint64_t tick_ = 0, frames_ = 0;
   double ms_ = 0.0;
-  std::deque<hal::CanFrame> to_controller_;
+  std::deque<hal::CanFrame> orders_, to_controller_;
   std::vector<Delivery> to_drives_;
   struct Late {
     std::uint64_t due;

@@ -160,7 +160,7 @@ EpisodeResult EpisodeKind<World_>::run(std::uint64_t seed, Draw draw, EpisodeTra
     const bool absent = active && (injection.kind() == Injected::controller_death ||
                                    injection.kind() == Injected::controller_late);
     Operator asked = absent || gone ? Operator::nothing : std::exchange(pending, Operator::nothing);
-    if (desk && !gone) asked = desk->act(asked, [&](const hal::CanFrame& f) { wire.from_computer(f); });
+    if (desk && !gone && !absent) asked = desk->act(asked, [&](const hal::CanFrame& f) { wire.from_computer(f); });
     world.publish(wire, active, first);
     wire.strangers_before_tick();
     word.ticked = !absent;
