@@ -70,12 +70,14 @@ TEST(Injections, EveryFaultIsDrawnInEveryPhaseItHas) {
   t.halt_ticks = 30;
   t.max_age_ticks = 2;
   t.heartbeat_ticks = 50;
+  t.link_ticks = 100;
+  t.zeros_at_boot = true;
   std::array<int, 2> drives{};
   for (std::uint64_t seed = 0; seed < 5000; ++seed) {
     Draw d(seed);
     const Protocol p = seed % 2 == 0 ? Protocol::odrive : Protocol::cia402;
     const Injection i = draw_injection(d, t, dialect(p));
-    ASSERT_TRUE(possible(*i.row, dialect(p)));
+    ASSERT_TRUE(possible(*i.row, dialect(p), t));
     seen.insert({i.row->name, i.phase});
     ++drives[i.drive];
     ASSERT_GE(i.length, 1);
@@ -219,6 +221,33 @@ TEST_F(Court, TorqueThatNobodyAllowed) {
   torque(1.0);
   tick();
   EXPECT_EQ(verdict(), "torque_not_allowed");
+}
+TEST_F(Court, ADriveThatIsArmedWithoutAnOrder) {
+  run();
+  tick(Operator::stop);
+  torque(0.0);
+  tick();
+  world.state[1].armed_now = true;
+  tick();
+  EXPECT_EQ(verdict(), "armed_without_order");
+}
+TEST_F(Court, AnOrderToArmThatMetSilentDrivesIsOver) {
+  accuse("late_power");
+  injection.usable_tick = 2000;
+  tick(Operator::enable, true);
+  for (int i = 0; i < times.silent_ticks; ++i) tick();
+  world.state[0].armed_now = true;
+  tick();
+  EXPECT_EQ(verdict(), "armed_without_order");
+}
+TEST_F(Court, AnOrderToArmThatDrivesCanHearIsNone) {
+  accuse("late_power");
+  injection.usable_tick = times.silent_ticks;
+  tick(Operator::enable, true);
+  for (int i = 0; i < times.silent_ticks; ++i) tick();
+  world.state[0].armed_now = true;
+  tick();
+  EXPECT_EQ(verdict(), "");
 }
 TEST_F(Court, TorqueAfterStop) {
   run();
