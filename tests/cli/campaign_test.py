@@ -141,7 +141,7 @@ def violations_are_told():
         j = json.loads(run.stdout)
         check(len(j["violations"]) > 3, "a watchdog that is off is no violation")
         names = [v["invariant"] for v in j["violations"]]
-        check(names.count("watchdog") > 0.8 * len(names) and set(names) <= {"watchdog", "safe_time", "torque_without_power"},
+        check(names.count("watchdog") > 0.8 * len(names) and set(names) <= {"watchdog", "safe_time", "torque_without_power", "torque_limit"},
               f"{names}")
         check(json.loads((pathlib.Path(d) / "c/campaign.json").read_text()) == j, "campaign.json")
         check("controller_death" in (pathlib.Path(d) / "c/campaign.md").read_text(), "campaign.md")

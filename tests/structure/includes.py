@@ -29,7 +29,7 @@ INCLUDE = re.compile(r'^\s*#\s*(?:include|import)\s*([<"])([^>"]+)[>"]')
 STD = r"<[a-z_]+>"  # C++ headers have neither path nor suffix; C and OS headers do
 HAL = r"hal/[a-z_]+\.hpp"
 MODEL = STD + r"|firmware/(types\.hpp|numeric/.*|mechanism/.*)"
-SHARED = r"firmware/(types\.hpp|numeric/.*|mechanism/(spatial_)?params\.hpp|drive/(odrive|canopen|cia402|mit)\.hpp)"
+SHARED = r"firmware/(types\.hpp|numeric/.*|mechanism/(spatial_)?params\.hpp|(drive/(odrive|canopen|cia402|mit)|link/codec)\.hpp)"
 
 BOARDS = rf"{STD}|{HAL}|firmware/.*|boards/.*|(chip|scene)\.hpp"
 

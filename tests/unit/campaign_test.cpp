@@ -224,8 +224,8 @@ TEST_F(Court, TorqueThatNobodyAllowed) {
 }
 TEST_F(Court, ADriveThatIsArmedWithoutAnOrder) {
   run();
-  tick(Operator::stop);
   torque(0.0);
+  tick(Operator::stop);
   tick();
   world.state[1].armed_now = true;
   tick();
@@ -234,6 +234,7 @@ TEST_F(Court, ADriveThatIsArmedWithoutAnOrder) {
 TEST_F(Court, AnOrderToArmThatMetSilentDrivesIsOver) {
   accuse("late_power");
   injection.usable_tick = 2000;
+  word = {true, false, false, "none"};
   tick(Operator::enable, true);
   for (int i = 0; i < times.silent_ticks; ++i) tick();
   world.state[0].armed_now = true;
@@ -243,6 +244,7 @@ TEST_F(Court, AnOrderToArmThatMetSilentDrivesIsOver) {
 TEST_F(Court, AnOrderToArmThatDrivesCanHearIsNone) {
   accuse("late_power");
   injection.usable_tick = times.silent_ticks;
+  word = {true, false, false, "none"};
   tick(Operator::enable, true);
   for (int i = 0; i < times.silent_ticks; ++i) tick();
   world.state[0].armed_now = true;
