@@ -244,8 +244,7 @@ class Run {
     supervisor_.begin_tick(r.command, {(drives & 1U) == 0, (drives & 2U) == 0}, (drives & 4U) != 0);
     if ((drives & 0xF0U) == 0xF0U) supervisor_.raise(static_cast<Fault>(in_.below(fault_count)));
     if (link_.lost()) {
-      require(supervisor_.state() == State::running || supervisor_.state() == State::fault || supervisor_.state() == State::stopping ||
-                  supervisor_.state() == State::halting, "missed while it ran only");
+      require(supervisor_.state() != State::disabled, "missed only where it had armed");
       supervisor_.raise(Fault::command_lost);
     }
     link::Report report;

@@ -146,6 +146,7 @@ class Run {
       ++confirmations_;
       fresh_ = true;
     }
+    ever_ready_ = ever_ready_ || (confirmations_ >= 2 && asked_state_ == test::axis_closed_loop);
     answered_ = true;
   }
   void take_sample(const CanFrame& f) {
@@ -154,6 +155,10 @@ class Run {
     const CanFrame again = drive::odrive::encode_encoder_estimates(config_.node, e->position_rev, e->velocity_rev_s);
     require(again.id == f.id && again.size == f.size && fuzz::same_bytes(again, f, 8),
             "a sample is written as it is read");
+    const bool zero = e->position_rev == 0.0F && e->velocity_rev_s == 0.0F;
+    require(!axis_.encoder_unconnected() || (!newer_ && zero), "only zeros of 0.5.6 are no sample");
+    require(newer_ || !zero || ever_ready_ || axis_.encoder_unconnected(), "zeros before the first closed loop are no sample");
+    if (axis_.encoder_unconnected()) return;
     sample_age_ = 0;
     const auto s = axis_.sample<double>();
     const double per_rev = 2 * M_PI * static_cast<double>(config_.direction) / static_cast<double>(config_.gear_ratio);
@@ -281,6 +286,7 @@ class Run {
     if (axis_.ready()) {
       require(confirmations_ >= 2 && state_ == test::axis_closed_loop && !error_, "ready: said twice, without error");
       require(asked_state_ == test::axis_closed_loop && all_read(), "ready: asked for, and read back");
+      require(!axis_.encoder_unconnected(), "ready: the last report was a sample");
     }
     const auto torque = axis_.observed_torque();
     require(torque.has_value() == estimate_.has_value(), "a torque in the tick that brought it");
@@ -302,6 +308,7 @@ class Run {
   std::uint8_t state_ = 0, asked_state_ = test::axis_idle;
   std::uint32_t confirmations_ = 0;
   bool fresh_ = false, error_ = false, answered_ = false;
+  bool ever_ready_ = false;  ///< closed loop was asked for and said twice, once at least
   bool stopped_ = false, reports_stop_ = false, forgiven_ = false;
   int question_ = -1;  // 0: version, 1: `endpoint_`
   std::uint16_t endpoint_ = 0;

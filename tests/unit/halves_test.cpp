@@ -62,7 +62,7 @@ TEST_F(Halves, WhoIsNotReadyIsAMotor) {
   options_.sets = {"control.sensors=\"all\"", "drives.nodes=[7, 8]", "sensors.nodes=[3, 4]"};
   const Scene mixed = read_loop_scene(options_);
   const ControllerHalf<FiveBarWorld, Socket> controller(mixed, Pacing::realtime, here_);
-  EXPECT_EQ(controller.unready(), "node 7, node 8");
+  EXPECT_EQ(controller.unready(), "node 7 (silent), node 8 (silent)");
 }
 
 TEST_F(Halves, ThePlantHearsAControllerOnlyInCommandsToItsDrives) {

@@ -324,7 +324,9 @@ TEST(Supervisor, StoppingEndsWithoutTheDrivesWordToo) {
     v.begin_tick(Command::stop, {});
     ASSERT_EQ(v.state(), State::stopping) << name(from);
     const std::uint32_t most = Supervisor::Config{}.stopping_ticks_max;
+    for (std::uint32_t i = 0; i <= most; ++i) v.begin_tick(Command::none, {}, false, false);  // lockstep: no time passes
     for (std::uint32_t i = 1; i < most; ++i) v.begin_tick(Command::none, {});
+    EXPECT_EQ(v.waited_ticks(), most - 1) << name(from);
     EXPECT_EQ(v.state(), State::stopping) << name(from);
     v.begin_tick(Command::none, {});
     EXPECT_EQ(v.state(), State::disabled) << name(from);

@@ -283,11 +283,12 @@ def defects_as_listed():
     listed = subprocess.run([ESMC, "drive", "--help"], capture_output=True, text=True).stdout.split("Defects for --defect:\n")[1]
     page = (Path(__file__).resolve().parents[2] / "docs/drives.md").read_text(encoding="utf-8")
     lines = listed.strip().splitlines()
-    assert len(lines) == 9, listed
+    table = page.split("`--defect NAME`")[1].split("\n\n")[1]
+    assert len(lines) == len(re.findall(r"^\| `\w+` \|", table, re.M)) > 0, listed
     for line in lines:
-        name, drives = re.fullmatch(r" *(\w+) +.* \(([a-z0-9, ]+)\)", line).groups()
+        name, drives = re.fullmatch(r" *(\w+) +.* \(([a-z0-9_., ]+)\)", line).groups()
         assert f"\n| `{name}` | {drives} |" in page, line
-        for protocol in ("odrive", "mit", "cia402"):
+        for protocol in ("odrive", "odrive_0.5", "mit", "cia402"):
             run = subprocess.run([ESMC, "drive", "--bus", "socketcan:nosuchcan0", "--protocol", protocol, "--defect", name],
                                  capture_output=True, text=True)
             refused = f"--defect {name}: not with protocol {protocol}," in run.stderr
