@@ -47,6 +47,7 @@ class CycleRun {
       command_ = state == State::disabled      ? (i % 4 == 3 ? Command::enable : Command::confirm_zero)
                  : state == State::fault && unconfirmed ? Command::reset
                                                         : Command::none;
+      if (cycle_.link().active()) push(desk_.order(Desk::none));  // the computer is there
       speak(0);
       end(true);
     }
