@@ -30,8 +30,9 @@ void finish_tick(Node& node, B& board) {
 }
 
 /// Lockstep: a tick is a complete set of samples, as `esmc plant` sends them. Until a drive is heard it is asked to arm
-/// every `knock_us`, as `esmc controller` does. To wait for a set is no hang: the watchdog is refreshed then as well. Enabling
-/// without a set for `enabling_us` is the fault enabling_timeout.
+/// every `knock_us`, as `esmc controller` does. To wait for a set is no hang: the watchdog is refreshed then as well. Without a set
+/// the states without torque go on ticking every `knock_us`, so that orders are taken and stopping ends; but enabling waits for
+/// sets, as virtual time does, and is the fault enabling_timeout after `enabling_us`.
 template <class Node, Board B>
 class LockstepLoop {
  public:
@@ -43,45 +44,49 @@ class LockstepLoop {
   void turn() {
     node_.enable_input(board_.enable().closed());
     node_.receive(board_.bus());
+    const std::uint32_t quiet_us = board_.now_us() - ticked_at_us_;
+    const bool enabling = node_.supervisor().state() == State::enabling;
     if (node_.complete() || node_.overloaded()) {
-      tick(true);
-    } else if (node_.supervisor().state() == State::enabling && board_.now_us() - set_at_us_ >= enabling_us) {
-      node_.enabling_overdue();
-      tick(false);
-    } else if (!node_.heard() && (!knocked_ || board_.now_us() - knocked_at_us_ >= knock_us)) {
-      knocked_ = true;
-      knocked_at_us_ = board_.now_us();
-      node_.ask_again();
-      tick(false);
-    } else if (node_.good() || !ticked_) {
+      tick(true, 0);
+    } else if (enabling && board_.now_us() - set_at_us_ >= enabling_us) {
+      tick(false, enabling_us);
+    } else if (!ticked_ || (quiet_us >= knock_us && !node_.supervisor().powered() && (!enabling || !node_.heard()))) {
+      if (!node_.heard()) node_.ask_again();
+      tick(false, enabling || !ticked_ ? 0 : quiet_us);
+    } else if (node_.good()) {
       board_.watchdog().refresh();
     }
   }
 
  private:
-  void tick(bool answer) {
+  /// `passed_us`: of time that no set shows.
+  void tick(bool answer, std::uint32_t passed_us) {
     const bool enabling = node_.supervisor().state() == State::enabling;
+    if (!answer) node_.time_passed(passed_us);
     node_.tick(board_.bus(), answer);
-    if (answer || !enabling) set_at_us_ = board_.now_us();
     ticked_ = true;
-    node_.request(board_.bus());
+    ticked_at_us_ = board_.now_us();
+    if (answer || !enabling) set_at_us_ = ticked_at_us_;
+    if (answer || !node_.heard()) node_.request(board_.bus());  // a plant that is only slow has been asked already
     finish_tick(node_, board_);
   }
 
   Node& node_;
   B& board_;
-  bool knocked_ = false, ticked_ = false;
-  std::uint32_t knocked_at_us_ = 0, set_at_us_ = 0;  ///< set_at_us_: of the last set, or of the order to arm
+  bool ticked_ = false;
+  std::uint32_t ticked_at_us_ = 0, set_at_us_ = 0;  ///< set_at_us_: of the last set, or of the order to arm
 };
 
 /// Against the clock: tick k begins at the instant k periods after the first. What the bus has not taken of a tick's frames
 /// by then is withdrawn where the bus can do that, so that no torque is older than its tick. Until it is armed for the first time
 /// since its start it sends no torque, not even zero: drives that a controller before it has left armed lose it by their watchdogs. A tick that begins half a period late is counted and the
-/// instants go on from there; two in a row are the fault `tick_late`, and the mechanism is brought to rest.
+/// instants go on from there; two in a row, or one that is `gap_us` and ten periods late, are the fault `tick_late`, and the
+/// mechanism is brought to rest: what was ordered before the program stood still is not done after.
 template <class Node, Board B>
 class TimedLoop {
  public:
   static constexpr std::uint32_t rejoin_us = 200'000;  ///< between attempts to come back to the bus
+  static constexpr std::uint32_t gap_us = 50'000;
 
   /// `period_ns`: up to a second. The drives' answers are waited for during `patience` of a period, where they are asked.
   TimedLoop(Node& node, B& board, std::uint32_t period_ns, float patience = 0.4F)
@@ -128,7 +133,7 @@ class TimedLoop {
     lateness_us_ = since;
     if (since > period_us_ / 2) {
       ++late_;
-      if (late_before_) node_.tick_late();
+      if (late_before_ || (since >= gap_us && since / 10U >= period_us_)) node_.tick_late();
       late_before_ = true;
       next_us_ += since;
     } else {

@@ -42,7 +42,8 @@ class Cycle {
     typename D::Line line{};
     int axis_count = 2;
     std::uint32_t heartbeat_age_ticks_max = 0;
-    std::uint32_t silent_ticks_max = 750;    ///< while enabling, without a word from a motor's drive: enabling_timeout
+    std::uint32_t waiting_ticks_max = 750;   ///< while enabling, without a word from a drive, or without any being set up: enabling_timeout
+    std::uint32_t gone_ticks_max = 150;      ///< while enabling, without a word from a drive that has been heard since the order: likewise
     bool zero_absolute = true;               ///< encoders keep their zero without power; false: confirm_zero first
     Vec<S, M::joints> zero_pose = Vec<S, M::joints>::Zero();  ///< rad: the joints as confirm_zero finds them
     S torque_mismatch{};                     ///< N m at the joint between a drive's torque and its command; 0: any
@@ -54,7 +55,8 @@ class Cycle {
 
   explicit Cycle(const Config& config)
       : controller_(config.controller), supervisor_(controller_.supervision()), axes_(config.axes), line_(config.line), axis_count_(config.axis_count),
-        heartbeat_age_ticks_max_(config.heartbeat_age_ticks_max), silent_ticks_max_(config.silent_ticks_max), zero_(config.zero_absolute, config.zero_pose),
+        heartbeat_age_ticks_max_(config.heartbeat_age_ticks_max), waiting_ticks_max_(config.waiting_ticks_max),
+        gone_ticks_max_(config.gone_ticks_max), zero_(config.zero_absolute, config.zero_pose),
         echo_(config.torque_mismatch, config.torque_time, config.controller.sample_time),
         samples_timed_(config.samples_timed), link_(config.link), delay_ticks_(config.delay_ticks),
         motors_(places(config.controller.motor_count())), sensors_(places(config.controller.sensor_count())),
@@ -68,10 +70,12 @@ class Cycle {
   }
   /// The normally closed contact `enable` of the board, before each tick; open is a fault. Closed where there is none.
   void enable_input(bool closed) { enable_closed_ = closed; }
-  /// Two ticks in a row began late: this one is a fault. What keeps the clock says so, before the tick.
+  /// Two ticks in a row began late, or one by far: this one is a fault. What keeps the clock says so, before the tick.
   void tick_late() { late_ = true; }
-  /// Enabling has taken too long by a clock that ticks without samples do not tell (lockstep): the next tick ends it.
-  void enabling_overdue() { overdue_ = true; }
+  /// So many us will have passed at the next tick that no samples answer (lockstep); < 1000 s.
+  void time_passed(std::uint32_t us) {
+    passed_ticks_ = static_cast<std::uint32_t>(S(us) * S(1e-6F) / controller_.config().sample_time);
+  }
   /// The output `drive_enable`: drives may have power. Low before the first enabling and in a fault.
   [[nodiscard]] bool drive_enable() const {
     return supervisor_.state() != State::disabled && supervisor_.state() != State::fault;
@@ -157,16 +161,17 @@ class Cycle {
     if (link_.active()) heed_link();
     // The drives' word of the tick before: a tick in which the last axis confirms is still one of enabling.
     const bool acknowledged = command_ == Command::reset && supervisor_.fault() == Fault::emergency_stop;
-    supervisor_.begin_tick(command_, status_, stage_done_, answer);
+    const std::uint32_t passed = answer ? 1U : std::exchange(passed_ticks_, 0U);
+    supervisor_.begin_tick(command_, status_, stage_done_, passed);
     if (acknowledged) acknowledge();
     gather();
     if (command_ == Command::confirm_zero && supervisor_.state() == State::disabled) confirm_zero();
     command_ = Command::none;
     supervisor_.raise(drive_fault());
     if (link_.lost()) supervisor_.raise(Fault::command_lost);
-    if (supervisor_.state() == State::enabling && (std::exchange(overdue_, false) || silent())) {
-      supervisor_.raise(Fault::enabling_timeout);
-    }
+    const bool enabling = supervisor_.state() == State::enabling;
+    if (enabling && waits_in_vain(passed)) supervisor_.raise(Fault::enabling_timeout);
+    if (!enabling && wait_.waits) wait_ = {};
     if (std::exchange(late_, false)) supervisor_.raise(Fault::tick_late);
     TickResult<M> result = controller_.tick(sample_, supervisor_);
     check_shafts(result);
@@ -215,7 +220,8 @@ class Cycle {
       return;
     }
     if (link_.active()) {
-      const link::Outcome o = link_.receive(f);
+      // What has waited while the program stood still is as old as it waited.
+      const link::Outcome o = link_.receive(f, static_cast<std::uint32_t>(std::min(age / controller_.config().sample_time, S(1e6F))));
       if (o == link::Outcome::impostor) news_ |= impostor;
       if (o != link::Outcome::not_mine) return;
     }
@@ -286,18 +292,24 @@ class Cycle {
     return zero_.confirmed() ? Fault::none : Fault::zero_not_confirmed;
   }
 
-  /// A drive says nothing while it is being enabled: it has no power, or is not there. Power that comes later must not meet
-  /// an order that was given before.
-  [[nodiscard]] bool silent() const {
-    bool any = false;
-    for (int i = 0; i < axis_count_; ++i) any = any || silent_ticks(i) >= silent_ticks_max_;
-    return any && supervisor_.waited_ticks() >= silent_ticks_max_;
-  }
-  [[nodiscard]] bool heard_since_arming(int i) const { return silent_ticks(i) <= supervisor_.waited_ticks(); }
-  /// Of a passive encoder only samples count.
-  [[nodiscard]] std::uint32_t silent_ticks(int i) const {
-    const bool motor = i % motors_.axis_step == 0;
-    return motor ? silent_ticks_[static_cast<unsigned>(i)] : axis(i).sample_age_ticks();
+  /// An order to arm must not outlive the attention of the one who gave it, and power that comes later must not meet it: it
+  /// ends where a drive says nothing, falls silent again, or speaks and is not set up nor ready (its motor has no power).
+  [[gnu::noinline]] bool waits_in_vain(std::uint32_t passed) {
+    bool all = true, set_up = false, gone = false;
+    for (int i = 0; i < axis_count_; ++i) {
+      const bool motor = i % motors_.axis_step == 0;  // of a passive encoder only samples count
+      const std::uint32_t silent = motor ? silent_ticks_[static_cast<unsigned>(i)] : axis(i).sample_age_ticks();
+      bool& heard = wait_.heard[static_cast<unsigned>(i)];
+      heard = heard || silent == 0;
+      all = all && heard;
+      gone = gone || (heard && silent > gone_ticks_max_);
+      set_up = set_up || (motor && axis(i).setting_up());
+    }
+    if (all && !wait_.all) wait_.ticks = 0;
+    wait_.all = all;
+    wait_.waits = true;
+    if (!all || !set_up) wait_.ticks += passed;
+    return gone || wait_.ticks >= waiting_ticks_max_;
   }
 
   /// The operator has seen the emergency stop: it is what the axes report now that may be cleared.
@@ -382,14 +394,11 @@ class Cycle {
   template <hal::CanBus Bus>
   void transmit(Bus& bus, const TickResult<M>& result, bool answer) {
     const auto send = [&](const hal::CanFrame& f) { return put(bus, f); };
-    bool all_heard = true;
-    if (result.state == State::enabling) {
-      for (int i = 0; i < axis_count_; ++i) all_heard = all_heard && heard_since_arming(i);
-    }
     for (int i = 0; i < motors_.count; ++i) {
       D& a = axes_[static_cast<unsigned>(i * motors_.axis_step)];
       // A silent drive is called. The others are not asked into torque before all have been heard.
-      if (result.state == State::enabling && (all_heard || !heard_since_arming(i * motors_.axis_step))) a.enable(send);
+      const bool heard = wait_.heard[static_cast<unsigned>(i * motors_.axis_step)];
+      if (result.state == State::enabling && (wait_.all || !heard)) a.enable(send);
       const bool leave = result.state == State::fault || result.state == State::stopping;
       if ((leave && !a.idle()) || (result.state == State::disabled && a.must_be_released())) a.disable(send);
       if (answer && !a.muted()) {
@@ -432,7 +441,7 @@ class Cycle {
   std::array<D, static_cast<unsigned>(axes_max)> axes_{};
   typename D::Line line_;
   int axis_count_;
-  std::uint32_t heartbeat_age_ticks_max_, silent_ticks_max_;
+  std::uint32_t heartbeat_age_ticks_max_, waiting_ticks_max_, gone_ticks_max_;
   ZeroPose<M> zero_;
   TorqueEcho<M> echo_;
   bool samples_timed_;
@@ -442,6 +451,13 @@ class Cycle {
   bool shafts_hold_;  ///< all can carry their torque limit
   std::array<S, static_cast<unsigned>(axes_max)> phase_{};
   std::array<std::uint32_t, static_cast<unsigned>(axes_max)> silent_ticks_{};  ///< since an axis has said something; not counted under torque
+  struct Wait {  ///< since the order to arm
+    std::uint32_t ticks = 0;  ///< for a drive to speak; once all have, for power
+    bool waits = false, all = false;  ///< all have been heard
+    std::array<bool, static_cast<unsigned>(axes_max)> heard{};
+  };
+  Wait wait_{};
+  std::uint32_t passed_ticks_ = 0;
   Command command_ = Command::none;
   DriveStatus status_{};
   Sample<M> sample_{};
@@ -453,7 +469,7 @@ class Cycle {
   bool opened_ = false;
   bool called_ = false;  // to torque, once since the start
   std::uint8_t news_ = 0;
-  bool late_ = false, overdue_ = false;
+  bool late_ = false;
   std::uint32_t overruns_ = 0;  // of the bus, as it counts them
   int taken_ = 0;
 };

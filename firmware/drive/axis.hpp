@@ -86,6 +86,7 @@ concept Drive = requires(D& d, const D& c, const hal::CanFrame& f, hal::CanFrame
   { c.emergency_stopped() } -> std::same_as<bool>;
   { c.contradicted() } -> std::same_as<bool>;            ///< what it let us read back is not what it must be
   { c.muted() } -> std::same_as<bool>;                   ///< nothing is sent to it: its watchdog is being starved
+  { c.setting_up() } -> std::same_as<bool>;              ///< works through a set-up that ends by itself; false: waits for the drive
   d.acknowledge();                                       ///< the operator's reset of an emergency stop
   d.ask_again();                                         ///< nobody can have heard the last request
   d.enable(send);

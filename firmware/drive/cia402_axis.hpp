@@ -48,7 +48,10 @@ class Cia402Axis {
 
   void begin_tick() {
     // Nobody has asked for torque in the last tick: the next enabling starts anew, and may find the drive changed.
-    if (!asking_ && control_ == 0) restart();
+    if (!asking_ && control_ == 0) {
+      restart();
+      attempts_ = 0;
+    }
     asking_ = has_torque_ = reported_ = false;
     // A half is kept: against the clock the other one may come after the tick, and until the next SYNC they are one set.
     if (has_report_ && has_motion_) has_report_ = has_motion_ = false;
@@ -105,6 +108,12 @@ class Cia402Axis {
   [[nodiscard]] bool emergency_stopped() const { return false; }
   /// Its watchdog is the heartbeat of all axes, and its time is read back.
   [[nodiscard]] bool muted() const { return false; }
+  /// Object dictionary, NMT start, or on its way between states that have torque before them: brakes and capacitors take time.
+  /// A second attempt may follow a first; a drive that then still waits for something waits for power.
+  [[nodiscard]] bool setting_up() const {
+    const bool on_its_way = step_ == Step::operate && (control_ == cia402::control_switch_on || control_ == cia402::control_enable_operation);
+    return attempts_ <= attempts_max && (step_ == Step::setup || step_ == Step::start || on_its_way);
+  }
   void acknowledge() {}
   [[nodiscard]] bool error() const {
     return emergency_ != 0 || faulty();
@@ -237,6 +246,7 @@ class Cia402Axis {
   void call(Send&& send) {
     if (called_ && answered_) {
       step_ = Step::setup;
+      if (attempts_ <= attempts_max) ++attempts_;
       entry_ = 0;
       refused_.reset();
       begin_transfer(false);
@@ -426,7 +436,7 @@ class Cia402Axis {
     return ((value ^ wanted) & e.mask) == 0;
   }
 
-  static constexpr std::uint8_t repetitions_max = 3;
+  static constexpr std::uint8_t repetitions_max = 3, attempts_max = 2;
   static constexpr std::uint16_t disabled = cia402::control_disable_voltage;
 
   AxisConfig config_{};
@@ -447,6 +457,7 @@ class Cia402Axis {
   std::int8_t mode_ = 0;
   std::uint8_t entry_ = 0;          // of the set-up
   std::uint8_t sent_ = 0;           // how often the request in flight was sent
+  std::uint8_t attempts_ = 0;       // set-ups since it was asked for torque
   std::uint8_t confirmations_ = 0;  // ticks in a row that reported torque control, up to two
   std::uint8_t quiet_ = 0;          // ticks in a row that reported no torque, up to two
   bool in_flight_ = false;          // an SDO request waits for its answer

@@ -98,6 +98,7 @@ class MitAxis {
   [[nodiscard]] bool emergency_stopped() const { return false; }
   /// A time-out does not show in the replies.
   [[nodiscard]] bool muted() const { return false; }
+  [[nodiscard]] bool setting_up() const { return false; }
   void acknowledge() {}
   /// Nothing can be read back.
   [[nodiscard]] bool contradicted() const { return false; }

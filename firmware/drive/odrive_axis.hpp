@@ -71,8 +71,9 @@ class OdriveAxis {
   /// Closed-loop control reported without error in at least two heartbeats since the last request: an axis
   /// without power shows it once and drops out again.
   [[nodiscard]] bool ready() const { return confirmed() && !unconnected_; }
-  /// The axis reports position and speed 0 and nothing else: firmware 0.5.6 does so after a boot, wherever the shaft is, until
-  /// its first closed loop connects the encoder. Such a report is no sample.
+  /// The axis reports position and speed 0: firmware 0.5.6 does so after a boot, wherever the shaft is, until its first
+  /// closed loop connects the encoder. Such a report is no sample. Any other report shows that the encoder is connected, until
+  /// exactly 0 and 0 follow from a distance, as after a restart.
   [[nodiscard]] bool encoder_unconnected() const { return unconnected_; }
   /// Idle as far as is known: only what it said after the last request counts.
   [[nodiscard]] bool idle() const {
@@ -84,6 +85,7 @@ class OdriveAxis {
   [[nodiscard]] bool alive() const { return alive_; }
   /// Its watchdog is being starved: nothing may be sent to it.
   [[nodiscard]] bool muted() const { return step_ == Step::starve; }
+  [[nodiscard]] bool setting_up() const { return muted() || (step_ == Step::request && !read_back_.done()); }
   /// An emergency stop was seen on the bus or reported by the axis, and no operator has acknowledged it since.
   [[nodiscard]] bool emergency_stopped() const { return stopped_; }
   /// The operator's reset of an emergency stop: what the axis still reports of it may be cleared, once. Anything
@@ -243,9 +245,11 @@ class OdriveAxis {
 
   /// It may have restarted, and with what it has stored: a watchdog that was switched on and not saved is off again.
   void doubt() {
-    proven_ = connected_ = false;
+    proven_ = false;
+    disconnect();
     if (!read_back_.contradicted()) read_back_.restart();
   }
+  void disconnect() { connected_ = away_ = false; }
   /// One that runs must not be found ready once more: it would be starved where nobody waits for the end of that, and keep
   /// its last torque. One that is starved already is starved to the end.
   [[gnu::cold]] void fall_silent() {
@@ -333,10 +337,14 @@ class OdriveAxis {
   Received take(const std::optional<odrive::EncoderEstimates>& e) {
     if (!e) return Received::malformed;
     alive_ = reported_ = true;
-    unconnected_ = version_ == Version::v0_5_6 && !connected_ && e->position_rev == 0.0F && e->velocity_rev_s == 0.0F;
+    const bool zero = e->position_rev == 0.0F && e->velocity_rev_s == 0.0F;
+    if (zero && away_) disconnect();
+    connected_ = connected_ || !zero;
+    unconnected_ = version_ == Version::v0_5_6 && !connected_;
     sampled_ = !unconnected_;
     if (unconnected_) return Received::accepted;
     estimates_ = *e;
+    away_ = e->position_rev > near_zero_rev || e->position_rev < -near_zero_rev;
     sample_age_ticks_ = 0;
     return Received::accepted;
   }
@@ -347,6 +355,8 @@ class OdriveAxis {
     torque_age_ticks_ = 0;
     return Received::accepted;
   }
+
+  static constexpr float near_zero_rev = 1e-3F;
 
   AxisConfig config_{};
   Version version_ = Version::v0_6;
@@ -366,7 +376,8 @@ class OdriveAxis {
   bool alive_ = false;         // a heartbeat or a sample
   bool sampled_ = false;       // by the last frame
   bool reported_ = false;      // position and speed, in this tick
-  bool connected_ = false;     // closed loop was confirmed since the axis may have restarted last
+  bool connected_ = false;     // closed loop was confirmed, or an angle reported, since the axis may have restarted last
+  bool away_ = false;          // the last sample was not near zero
   bool unconnected_ = false;   // the last report was the zero of an encoder that is not connected
   bool news_ = false;          // a heartbeat since the bus took the mode
   bool patient_ = false;       // the next repetition may wait for a second confirmation

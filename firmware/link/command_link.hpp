@@ -34,7 +34,9 @@ class CommandLink {
   /// Once per tick, before its frames.
   void begin_tick() { ++tick_; }
 
-  Outcome receive(const hal::CanFrame& f) {
+  /// `waited`: ticks that the frame has waited to be received, below 2^31.
+  Outcome receive(const hal::CanFrame& f, std::uint32_t waited = 0) {
+    waited_ticks_ = waited;
     if (!active() || f.extended || f.id - config_.base_id >= block_size) return Outcome::not_mine;
     const auto m = static_cast<std::uint8_t>(f.id - config_.base_id);
     if (m >= outgoing_first) return f.remote ? Outcome::not_mine : Outcome::impostor;
@@ -157,7 +159,7 @@ class CommandLink {
       return Outcome::obeyed;
     }
     const auto age = static_cast<std::uint16_t>(tick_ - c.tick);
-    if (age > config_.command_age_ticks_max) return Outcome::refused;
+    if (age + waited_ticks_ > config_.command_age_ticks_max) return Outcome::refused;
     if (request_.command != Command::none) return Outcome::refused;
     const bool disabled = state_ == State::disabled;
     switch (c.order) {
@@ -369,6 +371,7 @@ class CommandLink {
                                                     counter_never, counter_never, counter_never};
   std::uint64_t tick_ = 0;
   std::uint64_t sample_tick_ = 0, heard_tick_ = 0;
+  std::uint32_t waited_ticks_ = 0;  ///< of the frame at hand
   std::uint8_t session_ = 1;
   std::uint8_t counter_ = 0;  // of Status
   Source source_ = Source::reference;

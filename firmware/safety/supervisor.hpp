@@ -102,12 +102,9 @@ class Supervisor {
   static constexpr std::uint16_t count_max = 0xFFFF;
   [[nodiscard]] std::uint16_t count(Fault f) const { return counts_[static_cast<unsigned>(f)].times; }
 
-  /// Ticks in the present state, where that has a time-out: enabling, stopping.
-  [[nodiscard]] std::uint32_t waited_ticks() const { return waited_ticks_; }
-
   /// `stage_done`: the controller's word that the motors answered (testing), that the mechanism is at rest (halting) or
-  /// has been let down (lowering). `timed`: false for a tick in which no time has passed for the drives (lockstep).
-  void begin_tick(Command command, DriveStatus drives, bool stage_done = false, bool timed = true) {
+  /// has been let down (lowering). `passed`: periods since the tick before, where that is not one (lockstep); < 2^31.
+  void begin_tick(Command command, DriveStatus drives, bool stage_done = false, std::uint32_t passed = 1) {
     ++tick_;
     switch (state_) {
       case State::disabled:
@@ -118,7 +115,7 @@ class Supervisor {
           await(State::stopping);
         } else if (drives.all_ready) {
           state_ = config_.sign_test ? State::testing : State::running;
-        } else if (timed && ++waited_ticks_ >= config_.enabling_ticks_max) {
+        } else if ((waited_ticks_ += passed) >= config_.enabling_ticks_max) {
           raise(Fault::enabling_timeout);
         }
         break;
@@ -150,7 +147,7 @@ class Supervisor {
         if (command == Command::stop || stage_done) leave();
         break;
       case State::stopping:
-        if (drives.all_idle || (timed && ++waited_ticks_ >= config_.stopping_ticks_max)) state_ = State::disabled;
+        if (drives.all_idle || (waited_ticks_ += passed) >= config_.stopping_ticks_max) state_ = State::disabled;
         break;
       case State::fault:
         if (command == Command::reset) {

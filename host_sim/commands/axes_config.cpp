@@ -9,6 +9,17 @@
 
 namespace esmc::host {
 
+constexpr double sdo_time = 0.1;  // s that an answer may take
+
+double enabling_time_max(const Scene& s) {
+  const double set_up = s.drives.protocol == Protocol::cia402 ? 2.0 * drive::cia402::setup.size() * sdo_time : 0.0;
+  return std::max(5.0, 500.0 * s.tick()) + 2.0 * (s.drives.watchdog_timeout + s.drives.heartbeat_timeout) + set_up;
+}
+double waiting_time_max(const Scene& s) {
+  constexpr double beats = 6.0;  // from the mode to the second confirmation, and once more
+  return s.drives.boot_time + beats * s.drives.heartbeat_timeout;
+}
+
 std::size_t axis_of(const Scene& scene, std::size_t i) {
   const bool mixed = scene.all_sensors && !scene.all_motors;
   return mixed ? (i < 2 ? 2 * i : 2 * (i - 2) + 1) : i;
@@ -60,8 +71,8 @@ static_assert(static_cast<int>(link::Source::hold) == static_cast<int>(CommandSo
               static_cast<int>(link::Source::reference) == static_cast<int>(CommandSource::reference) &&
               static_cast<int>(link::Source::stream) == static_cast<int>(CommandSource::stream));
 
-constexpr double silence_while_enabling = 0.75;  // s; a call to a drive is repeated after 0.5 s at most
-constexpr double stopping_time_max = 1.0;        // s
+constexpr double stopping_time_max = 1.5;  // s; longer than the host's controller waits at its end
+constexpr double gone_time = 0.15;         // s; no drive restarts in less
 
 constexpr double two_beats = 0.02;  // s; a drive that beats as it should is never silent for longer
 
@@ -80,7 +91,8 @@ typename C::Config config_of(const Scene& scene, Pacing pacing, const ReferenceB
   c.axis_count = static_cast<int>(scene.drives.nodes.size());
   c.heartbeat_age_ticks_max = silence_ticks(scene);
   const auto ticks = [&](double seconds) { return static_cast<std::uint32_t>(std::max(2.0, std::floor(seconds * scene.rate_hz))); };
-  c.silent_ticks_max = ticks(silence_while_enabling);
+  c.waiting_ticks_max = ticks(waiting_time_max(scene));
+  c.gone_ticks_max = ticks(std::max(gone_time, scene.drives.heartbeat_timeout));
   c.controller.enabling_ticks_max = ticks(enabling_time_max(scene));
   c.controller.stopping_ticks_max = ticks(stopping_time_max);
   using S = typename C::S;
@@ -193,7 +205,7 @@ drive::Cia402Settings cia402_settings(const Scene& scene, std::size_t i) {
   s.consumer_ms = static_cast<std::uint16_t>(std::ceil(1e3 * d.watchdog_timeout - 1e-9));
   s.master_node = static_cast<std::uint8_t>(d.controller_node);
   s.retry_ticks = ticks(0.5);  // a transition of a real drive may take most of that: brakes, capacitors
-  s.sdo_ticks = ticks(0.1);
+  s.sdo_ticks = ticks(sdo_time);
   return s;
 }
 

@@ -32,11 +32,11 @@ drive::MitAxis::Settings mit_settings(const Scene& scene, std::size_t i);
   return static_cast<std::uint32_t>(std::ceil((1.01 * d.watchdog_timeout + d.heartbeat_timeout) * rate_hz) + 2.0);
 }
 
-/// s that the drives have, from the order to arm, to confirm torque control; a controller that ticks slowly asks for the
-/// hundred answers or so of a set-up slowly.
-[[nodiscard]] inline double enabling_time_max(const Scene& s) {
-  return std::max(5.0, 500.0 * s.tick()) + 2.0 * s.drives.watchdog_timeout;
-}
+/// s that the drives have, from the order to arm, to confirm torque control, watchdogs proven and objects set up. A controller
+/// that ticks slowly asks for the hundred answers or so of a set-up slowly.
+[[nodiscard]] double enabling_time_max(const Scene& s);
+/// s of them without a word from a drive, or, once all have been heard, in which no drive is being set up.
+[[nodiscard]] double waiting_time_max(const Scene& s);
 
 /// The cycle as a board has it, for whichever protocol the scene names.
 template <class M>

@@ -374,8 +374,8 @@ class ControllerHalf {
 
  private:
   [[nodiscard]] bool at_rest() const {
-    return supervisor().state() == State::disabled ||
-           (supervisor().state() == State::fault && with([](const auto& c) { return c.all_idle(); }));
+    return (supervisor().state() == State::disabled || supervisor().state() == State::fault) &&
+           with([](const auto& c) { return c.all_idle(); });
   }
   bool take_set() {
     receive();

@@ -133,10 +133,10 @@ int run_hil_timed(const Scene& scene, const RunOptions& o) {
     stop = must_stop(o, plant.done() + (plant.released() ? 1U : 0U));
     if (stop) controller.stop();
     controller.tick(true);
-    if (controller.supervisor().state() == State::fault && !plant.released()) {
-      const Fault fault = controller.supervisor().fault();
+    if (controller.supervisor().state() == State::fault && !plant.released() && !armed_by_link(scene)) {
+      const std::string refusal = controller.refusal();
       controller.part(next);
-      throw RunError(fmt::format("the controller refused to arm: {}", name(fault)));
+      throw RunError("the controller refused to arm: " + refusal);
     }
     loop.rest();
     plant.advance(loop.told(), controller.view());

@@ -148,6 +148,7 @@ constexpr std::array keys{
     Key{"drives.torque_lead", "number", "0.0", "s", 0, 1, false, "", "from the instant of a tick to the one at which its torque acts: measured angles are extrapolated by it"},
     Key{"drives.zero", "string", "\"absolute\"", "", -inf, inf, false, "absolute | pose | end_stop", "how the encoder zero is known"},
     Key{"drives.heartbeat_timeout", "number", "0.03", "s", 0, 10, true, "", "silence of a drive's heartbeat that is a fault; the emulated drives beat every 10 ms"},
+    Key{"drives.boot_time", "number", "0.75", "s", 0.75, 30, false, "", "from the order to arm to a drive's first frame, then the fault enabling_timeout; more only where the output drive_enable switches the supply of the drives' electronics"},
     Key{"drives.watchdog_timeout", "number", "-", "s", 0, 10, true, "", "the drive's own watchdog: torque off without a setpoint for this long; default 0.01, at least 3 ticks"},
     Key{"drives.rated_torque", "number or numbers", "-", "N m", 0, big, true, "", "cia402: what object 6076 must say, at the shaft; one for all motors or one each; default torque_limit / gear_ratio"},
     Key{"drives.rated_torque_unit", "number", "0.001", "N m", 0, 1e3, true, "", "cia402: unit of object 6076; 1e-3 by the profile, 1e-6 for EPOS4"},

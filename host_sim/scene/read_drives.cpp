@@ -151,6 +151,7 @@ void read_drives(Section s, Scene& scene) {
   d.torque_lead = s.number("torque_lead");
   d.heartbeat_timeout = s.number("heartbeat_timeout");
   // A slow loop must not starve the default between two of its ticks.
+  d.boot_time = s.number("boot_time");
   d.watchdog_timeout = s.optional_number("watchdog_timeout").value_or(std::max(0.01, 3.0 * scene.tick()));
   // Lists for the base motors alone are enough where there is no bus.
   const std::vector<std::size_t> sizes =

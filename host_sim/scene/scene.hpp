@@ -95,6 +95,7 @@ struct DriveScene {
   double torque_lead = 0.0;            // s
   double heartbeat_timeout = 0.0;  // s
   double watchdog_timeout = 0.0;   // s
+  double boot_time = 0.75;         // s
   std::vector<double> rated_torque;  // cia402, per motor: N m at the shaft
   double rated_torque_unit = 0.0;    // cia402: N m per LSB of object 6076
   double velocity_unit = 0.0;        // cia402: rad/s per LSB of object 606C

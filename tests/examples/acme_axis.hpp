@@ -59,6 +59,7 @@ class AcmeAxis {
   [[nodiscard]] bool emergency_stopped() const { return false; }  // these drives have none,
   [[nodiscard]] bool contradicted() const { return false; }       // nothing of them can be read back,
   [[nodiscard]] bool muted() const { return false; }              // and no watchdog is tried before arming
+  [[nodiscard]] bool setting_up() const { return false; }         // nor anything set up
   void acknowledge() {}
   void ask_again() {}
 

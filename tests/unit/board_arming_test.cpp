@@ -14,6 +14,7 @@
 #include "host_sim/drives/placed_axes.hpp"
 #include "tests/support/board_double.hpp"
 #include "tests/support/fdcan_model.hpp"
+#include "tests/support/odrive_bytes.hpp"
 
 namespace esmc::test {
 namespace {
@@ -36,8 +37,13 @@ hal::CanFrame off_wire(const WireFrame& w) {
   return f;
 }
 
+template <class Node>
+using Timed = TimedLoop<Node, BoardDouble<Bus>>;
+template <class Node>
+using Lockstep = LockstepLoop<Node, BoardDouble<Bus>>;
+
 /// The image of a board and two drives whose mechanism stands still under a brake.
-template <class D>
+template <class D, template <class> class Loop = Timed>
 class Bench {
  public:
   using Node = Cycle<M, D>;
@@ -47,7 +53,7 @@ class Bench {
         reference_(host::make_reference<float>(scene, host::Pacing::realtime)),
         node_(std::get<typename Node::Config>(host::make_cycle_config<M>(scene, host::Pacing::realtime, reference_))),
         board_{Bus(FdcanModelAccess{&model_}), {}, {true}, {}, {}, 0},
-        loop_(node_, board_, period_us * 1000) {
+        loop_(make_loop(node_, board_)) {
     EXPECT_TRUE(board_.bus().open(80'000'000, 1'000'000));
     for (const host::PlacedAxis& place : host::placed_axes(scene)) {
       places_.push_back(place);
@@ -65,6 +71,12 @@ class Bench {
   void power() {
     for (std::size_t i = 0; i < axes_.size(); ++i) power(i);
   }
+  void cut(std::size_t i) { axes_[i].reset(); }
+  void cut() {
+    for (auto& axis : axes_) axis.reset();
+  }
+  /// Nobody runs the program; frames are lost.
+  void freeze(double seconds) { board_.now += static_cast<std::uint32_t>(seconds * 1e6); }
   void run(double seconds) {
     for (int n = 0; n < static_cast<int>(seconds * 1e6 / period_us); ++n) tick();
   }
@@ -73,6 +85,7 @@ class Bench {
 
   int closed_ticks = 0;        ///< in which a drive was in torque control
   double largest_torque = 0.0; ///< N m, of any drive
+  bool motor_power = true;     ///< false: drives speak and cannot leave idle
   Node& node() { return node_; }
 
  private:
@@ -96,9 +109,12 @@ class Bench {
     }
   }
   void carry() {
-    while (const auto f = model_.take()) {
+    while (const auto w = model_.take()) {
+      hal::CanFrame f = off_wire(*w);
+      if (!motor_power && scene_.drives.protocol == host::Protocol::cia402 && f.id / 0x80U == 4) f.data[0] = 0;  // controlword
+      const bool arms = scene_.drives.protocol != host::Protocol::cia402 && f.id % 0x20U == cmd_axis_state && f.data[0] == axis_closed_loop;
       for (const auto& axis : axes_) {
-        if (axis) (void)axis->receive(off_wire(*f), [&](const hal::CanFrame& reply) { to_board(reply); });
+        if (axis && (motor_power || !arms)) (void)axis->receive(f, [&](const hal::CanFrame& reply) { to_board(reply); });
       }
     }
   }
@@ -107,12 +123,20 @@ class Bench {
     node_.receive(board_.bus());
   }
 
+  static Loop<Node> make_loop(Node& node, BoardDouble<Bus>& board) {
+    if constexpr (std::is_same_v<Loop<Node>, Timed<Node>>) {
+      return Loop<Node>(node, board, period_us * 1000);
+    } else {
+      return Loop<Node>(node, board);
+    }
+  }
+
   host::Scene scene_;
   host::ReferenceBundle<float> reference_;
   FdcanModel model_{FdcanModel::Chip::g4};
   Node node_;
   BoardDouble<Bus> board_;
-  TimedLoop<Node, BoardDouble<Bus>> loop_;
+  Loop<Node> loop_;
   std::vector<host::PlacedAxis> places_;
   std::vector<std::unique_ptr<host::EmulatedAxis>> axes_;
 };
@@ -203,6 +227,122 @@ TEST(BoardArming, OneSilentDriveKeepsTheOtherFromTorque) {
   }
 }
 
+/// Not MIT: a reply says neither mode nor power.
+TEST(BoardArming, MotorPowerThatComesLaterStartsNothing) {
+  for_each_kind([](const auto& make) {
+    auto b = make();
+    if (std::is_same_v<std::decay_t<decltype(b->node())>, Cycle<M, drive::MitAxis>>) return;
+    b->power();
+    b->motor_power = false;
+    b->run(0.2);
+    b->node().command(Command::enable);
+    b->run(2.5);
+    EXPECT_EQ(b->fault(), Fault::enabling_timeout);
+    b->motor_power = true;
+    b->run(2.0);
+    EXPECT_EQ(b->closed_ticks, 0);
+  });
+}
+
+TEST(BoardArming, ADriveThatRestartsEndsTheOrder) {
+  for_each_kind([](const auto& make) {
+    auto b = make();
+    if (std::is_same_v<std::decay_t<decltype(b->node())>, Cycle<M, drive::MitAxis>>) return;  // it is running by then
+    b->power();
+    b->motor_power = false;
+    b->node().command(Command::enable);
+    b->run(0.3);
+    ASSERT_EQ(b->state(), State::enabling);
+    b->cut(1);
+    b->run(0.3);
+    EXPECT_EQ(b->fault(), Fault::enabling_timeout);
+    b->power(1);
+    b->motor_power = true;
+    b->run(2.0);
+    EXPECT_EQ(b->closed_ticks, 0);
+  });
+}
+
+TEST(BoardArming, AProgramThatStoodStillStartsNothing) {
+  for_each_kind([](const auto& make) {
+    auto b = make();
+    b->node().command(Command::enable);
+    b->run(0.3);
+    b->freeze(60.0);
+    b->power();
+    b->run(2.0);
+    EXPECT_EQ(b->fault(), Fault::tick_late);
+    EXPECT_EQ(b->closed_ticks, 0);
+  });
+}
+
+TEST(BoardArming, DrivesBehindAContactorHaveTheirBootTime) {
+  for (const bool in_time : {true, false}) {
+    Bench<drive::OdriveAxis> b(scene_of({"drives.boot_time=3.0"}));
+    b.run(0.2);
+    b.node().command(Command::enable);
+    b.run(in_time ? 2.9 : 3.3);
+    b.power();
+    b.run(0.7);
+    EXPECT_EQ(b.state(), in_time ? State::running : State::fault) << name(b.fault());
+  }
+}
+
+/// Shorter than any time-out: heartbeats do not show it.
+TEST(BoardArming, ZerosAfterAShortRestartAreNotBelieved) {
+  Bench<drive::OdriveAxis> b(scene_of({"drives.protocol=\"odrive_0.5\"", "drives.defect=\"zero_until_closed_loop\"", "drives.heartbeat_timeout=0.2"}));
+  b.power();
+  b.run(0.2);
+  EXPECT_TRUE(b.node().axis(0).encoder_unconnected());
+  b.node().command(Command::enable);
+  b.run(1.0);
+  ASSERT_EQ(b.state(), State::running) << name(b.fault());
+  const float angle = b.node().axis(0).sample<float>().angle;
+  b.node().command(Command::stop);
+  b.run(0.1);
+  b.cut(0);
+  b.run(0.1);
+  b.power(0);
+  b.run(0.1);
+  EXPECT_TRUE(b.node().axis(0).encoder_unconnected());
+  EXPECT_EQ(b.node().axis(0).sample<float>().angle, angle);
+  b.node().command(Command::enable);
+  b.run(1.0);
+  EXPECT_EQ(b.state(), State::running) << name(b.fault());
+}
+
+TEST(BoardArming, LockstepTakesOrdersWithoutDrives) {
+  Bench<drive::OdriveAxis, Lockstep> b(scene_of({}));
+  b.run(1.0);
+  b.node().command(Command::enable);
+  b.run(0.2);
+  EXPECT_EQ(b.state(), State::enabling);
+  b.node().command(Command::stop);
+  b.run(2.0);
+  EXPECT_EQ(b.state(), State::disabled);
+  b.node().command(Command::enable);
+  b.run(6.0);
+  EXPECT_EQ(b.fault(), Fault::enabling_timeout);
+}
+
+TEST(BoardArming, LockstepKeepsNoOrderForDrivesThatCameBack) {
+  Bench<drive::OdriveAxis, Lockstep> b(scene_of({}));
+  b.power();
+  b.run(0.2);
+  b.cut();
+  b.node().command(Command::enable);
+  b.run(60.0);
+  EXPECT_EQ(b.fault(), Fault::enabling_timeout);
+  b.power();
+  b.run(1.0);
+  EXPECT_EQ(b.closed_ticks, 0);
+  b.node().command(Command::reset);
+  b.run(0.2);
+  b.node().command(Command::enable);
+  b.run(0.5);
+  EXPECT_EQ(b.state(), State::running) << name(b.fault());
+}
+
 TEST(BoardArming, OffEndsWithSilentDrivesToo) {
   for_each_kind([](const auto& make) {
     auto b = make();
@@ -212,7 +352,7 @@ TEST(BoardArming, OffEndsWithSilentDrivesToo) {
     b->node().command(Command::stop);
     b->run(0.1);
     EXPECT_EQ(b->state(), State::stopping);
-    b->run(1.0);
+    b->run(1.5);
     EXPECT_EQ(b->state(), State::disabled);
     b->power();
     b->run(2.0);

@@ -299,7 +299,7 @@ TEST(Supervisor, AFaultThatGoesOnIsCountedOnceAndOneThatComesAgainTwice) {
 TEST(Supervisor, AnOrderToArmExpires) {
   Supervisor v({.enabling_ticks_max = 3, .stopping_ticks_max = 3});
   v.begin_tick(Command::enable, {});
-  for (int i = 0; i < 100; ++i) v.begin_tick(Command::none, {}, false, false);  // no time passes: lockstep
+  for (int i = 0; i < 100; ++i) v.begin_tick(Command::none, {}, false, 0);  // no time passes: lockstep
   v.begin_tick(Command::enable, {});
   v.begin_tick(Command::reset, {});
   EXPECT_EQ(v.state(), State::enabling) << "asked again, the time goes on";
@@ -324,9 +324,9 @@ TEST(Supervisor, StoppingEndsWithoutTheDrivesWordToo) {
     v.begin_tick(Command::stop, {});
     ASSERT_EQ(v.state(), State::stopping) << name(from);
     const std::uint32_t most = Supervisor::Config{}.stopping_ticks_max;
-    for (std::uint32_t i = 0; i <= most; ++i) v.begin_tick(Command::none, {}, false, false);  // lockstep: no time passes
-    for (std::uint32_t i = 1; i < most; ++i) v.begin_tick(Command::none, {});
-    EXPECT_EQ(v.waited_ticks(), most - 1) << name(from);
+    for (std::uint32_t i = 0; i <= most; ++i) v.begin_tick(Command::none, {}, false, 0);  // lockstep: no time passes
+    v.begin_tick(Command::none, {}, false, 100);                                         // or much at once
+    for (std::uint32_t i = 101; i < most; ++i) v.begin_tick(Command::none, {});
     EXPECT_EQ(v.state(), State::stopping) << name(from);
     v.begin_tick(Command::none, {});
     EXPECT_EQ(v.state(), State::disabled) << name(from);
