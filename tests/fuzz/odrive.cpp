@@ -146,7 +146,8 @@ class Run {
       ++confirmations_;
       fresh_ = true;
     }
-    ever_ready_ = ever_ready_ || (confirmations_ >= 2 && asked_state_ == test::axis_closed_loop);
+    ever_connected_ = ever_connected_ || (confirmations_ >= 2 && asked_state_ == test::axis_closed_loop);
+    away_ = false;
     answered_ = true;
   }
   void take_sample(const CanFrame& f) {
@@ -157,7 +158,10 @@ class Run {
             "a sample is written as it is read");
     const bool zero = e->position_rev == 0.0F && e->velocity_rev_s == 0.0F;
     require(!axis_.encoder_unconnected() || (!newer_ && zero), "only zeros of 0.5.6 are no sample");
-    require(newer_ || !zero || ever_ready_ || axis_.encoder_unconnected(), "zeros before the first closed loop are no sample");
+    require(newer_ || !zero || ever_connected_ || axis_.encoder_unconnected(), "zeros before the first closed loop are no sample");
+    require(newer_ || !zero || !away_ || axis_.encoder_unconnected(), "nor are zeros from a distance");
+    away_ = std::fabs(e->position_rev) > 1e-3F;
+    ever_connected_ = ever_connected_ || !zero;
     if (axis_.encoder_unconnected()) return;
     sample_age_ = 0;
     const auto s = axis_.sample<double>();
@@ -308,7 +312,8 @@ class Run {
   std::uint8_t state_ = 0, asked_state_ = test::axis_idle;
   std::uint32_t confirmations_ = 0;
   bool fresh_ = false, error_ = false, answered_ = false;
-  bool ever_ready_ = false;  ///< closed loop was asked for and said twice, once at least
+  bool ever_connected_ = false;  ///< closed loop was asked for and said twice, or a number reported
+  bool away_ = false;            ///< the last sample was not near zero, and no heartbeat came after it
   bool stopped_ = false, reports_stop_ = false, forgiven_ = false;
   int question_ = -1;  // 0: version, 1: `endpoint_`
   std::uint16_t endpoint_ = 0;

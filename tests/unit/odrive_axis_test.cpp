@@ -340,7 +340,9 @@ TEST(OdriveAxis, ZerosBeforeTheFirstClosedLoopAreNoSample) {
   EXPECT_EQ(a.sample_age_ticks(), OdriveAxis::age_max);
   EXPECT_TRUE(told(0.0F, 1e-30F));
   EXPECT_TRUE(told(1e-30F, 0.0F)) << "0.5.5 reads the encoder";
-  EXPECT_FALSE(told(0.0F, 0.0F)) << "after numbers as well: it may have restarted";
+  EXPECT_TRUE(told(0.0F, 0.0F)) << "from nearby it is an angle";
+  EXPECT_TRUE(told(-0.25F, 0.0F));
+  EXPECT_FALSE(told(0.0F, 0.0F)) << "from a distance it may have restarted";
   ask(a);
   hear(a, 8);
   EXPECT_FALSE(told(0.0F, 0.0F));
