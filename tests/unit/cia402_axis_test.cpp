@@ -120,6 +120,35 @@ TEST(Cia402Axis, AnotherModeIsNoTorqueControl) {
   }
 }
 
+/// What may take its time while it is enabled, and what waits for power.
+TEST(Cia402Axis, ASetUpAndItsRepetitionTakeTheirTimeAndNoMore) {
+  Bench b;
+  EXPECT_FALSE(b.axis.setting_up()) << "it is called";
+  b.slave.obeys = false;
+  ASSERT_TRUE(b.until([&] { return b.slave.writes.size() > 3; }));
+  EXPECT_TRUE(b.axis.setting_up());
+  ASSERT_TRUE(b.until([&] { return b.slave.state == 5; }));
+  ASSERT_TRUE(b.until([&] { return b.control() == 0x06; }));
+  EXPECT_FALSE(b.axis.setting_up()) << "switch on disabled: it waits for power";
+  for (const unsigned status : {0x0231U, 0x0233U}) {
+    b.slave.status = status;
+    b.tick();
+    EXPECT_TRUE(b.axis.setting_up()) << "on its way: " << std::hex << status;
+  }
+  b.slave.status = 0x0250;
+  bool again = false, ended = false;
+  for (int i = 0; i < 4000; ++i) {
+    b.tick();
+    again = again || b.axis.setting_up();
+    ended = ended || (again && !b.axis.setting_up());
+    if (i > 2000) ASSERT_FALSE(b.axis.setting_up()) << "a third attempt waits for power, whatever it does";
+  }
+  EXPECT_TRUE(again && ended);
+  b.disable();
+  b.disable();
+  ASSERT_TRUE(b.until([&] { return b.axis.setting_up(); })) << "a new order begins anew";
+}
+
 TEST(Cia402Axis, NoProgressLeadsBackToTheStart) {
   Bench b;
   b.slave.obeys = false;  // a drive without power stays in switch on disabled

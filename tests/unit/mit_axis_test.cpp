@@ -454,7 +454,7 @@ TEST(MitAxis, EnablingAfterDisablingBeginsAtOnce) {
 TEST(MitAxis, ThereIsNoEmergencyStopAndNothingToReadBack) {
   MitAxis a = ready_axis();
   a.acknowledge();
-  EXPECT_FALSE(a.emergency_stopped() || a.contradicted() || a.muted());
+  EXPECT_FALSE(a.emergency_stopped() || a.contradicted() || a.muted() || a.setting_up());
   EXPECT_TRUE(a.ready());
 }
 

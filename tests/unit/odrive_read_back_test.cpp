@@ -288,6 +288,17 @@ TEST(OdriveReadBack, TheVersionReachesTheTable) {
   EXPECT_EQ(commands(enable(a)), Commands{test::cmd_axis_state});
 }
 
+TEST(OdriveReadBack, AnAxisIsSetUpUntilItHasAnswered) {
+  OdriveAxis a({.node = node}, Version::v0_6, 150, one_check());
+  hear(a);
+  EXPECT_FALSE(a.setting_up());
+  (void)enable(a);
+  EXPECT_TRUE(a.setting_up()) << "the mode is sent, and an endpoint will be asked for";
+  hear(a);
+  (void)enable(a);
+  EXPECT_EQ(a.receive(answer(77, 1.0F)), Received::accepted);
+  EXPECT_FALSE(a.setting_up()) << "now it waits for a heartbeat";
+}
 TEST(OdriveReadBack, AContradictedAxisIsNotArmedAndForgetsItWhenItIsDisabled) {
   OdriveAxis a({.node = node}, Version::v0_6, 150, one_check());
   hear(a);
