@@ -7,7 +7,7 @@
 #include <map>
 
 #include "hal/can.hpp"
-#include "host_sim/drives/defects.hpp"
+#include "host_sim/scene/drive_defects.hpp"
 #include "host_sim/drives/emulated_axis.hpp"
 #include "host_sim/effects/shaft_sensor.hpp"
 

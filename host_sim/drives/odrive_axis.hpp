@@ -6,9 +6,9 @@
 
 #include "firmware/drive/odrive.hpp"
 #include "hal/can.hpp"
-#include "host_sim/drives/defects.hpp"
+#include "host_sim/scene/drive_defects.hpp"
 #include "host_sim/drives/emulated_axis.hpp"
-#include "host_sim/drives/odrive_endpoints.hpp"
+#include "host_sim/scene/odrive_endpoints.hpp"
 #include "host_sim/effects/shaft_sensor.hpp"
 
 namespace esmc::host {

@@ -12,7 +12,7 @@
 #include "host_sim/error.hpp"
 #include "host_sim/identify/inertia.hpp"
 #include "host_sim/identify/motion_at.hpp"
-#include "host_sim/recorded/derivatives.hpp"
+#include "host_sim/record/derivatives.hpp"
 
 namespace esmc::host::momentum {
 

@@ -8,7 +8,7 @@
 #include <cmath>
 
 #include "host_sim/identify/equations.hpp"
-#include "host_sim/recorded/derivatives.hpp"
+#include "host_sim/record/derivatives.hpp"
 
 namespace esmc::host {
 namespace {

@@ -8,7 +8,7 @@
 #include <variant>
 
 #include "host_sim/campaign/injections.hpp"
-#include "host_sim/effects/hand.hpp"
+#include "host_sim/plant/hand.hpp"
 #include "host_sim/live/ring.hpp"
 #include "host_sim/scene/scene.hpp"
 

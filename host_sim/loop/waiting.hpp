@@ -13,8 +13,8 @@
 
 #include "hal/linux/socketcan.hpp"
 #include "hal/virtual/virtual_bus.hpp"
-#include "host_sim/loop/frame_log.hpp"
-#include "host_sim/loop/host_bus.hpp"
+#include "host_sim/bus/frame_log.hpp"
+#include "host_sim/bus/host_bus.hpp"
 
 namespace esmc::host {
 

@@ -4,7 +4,7 @@
 #include <memory>
 #include <utility>
 
-#include "host_sim/effects/hand.hpp"
+#include "host_sim/plant/hand.hpp"
 #include "host_sim/integrate/dopri5.hpp"
 #include "host_sim/integrate/dopri8.hpp"
 #include "host_sim/integrate/radau5.hpp"

@@ -8,7 +8,7 @@
 #include <utility>
 
 #include "host_sim/effects/drivetrain.hpp"
-#include "host_sim/effects/loads.hpp"
+#include "host_sim/plant/loads.hpp"
 #include "host_sim/plant/motor_torques.hpp"
 #include "host_sim/plant/plant.hpp"
 

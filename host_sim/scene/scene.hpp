@@ -11,8 +11,8 @@
 #include <vector>
 
 #include "firmware/mechanism/params.hpp"
-#include "host_sim/drives/defects.hpp"
-#include "host_sim/drives/odrive_endpoints.hpp"
+#include "host_sim/scene/drive_defects.hpp"
+#include "host_sim/scene/odrive_endpoints.hpp"
 #include "host_sim/effects/effects.hpp"
 #include "host_sim/plant/motion.hpp"
 #include "host_sim/scene/uncertainty.hpp"

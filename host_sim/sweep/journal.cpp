@@ -9,8 +9,11 @@
 #include <cerrno>
 #include <cstring>
 #include <fstream>
+#include <span>
 
+#include "firmware/link/crc.hpp"
 #include "host_sim/error.hpp"
+#include "host_sim/fnv.hpp"
 
 namespace esmc::host {
 namespace {
@@ -18,21 +21,8 @@ namespace {
 constexpr std::array<char, 8> magic{'e', 's', 'm', 'c', 's', 'w', 'p', '1'};
 constexpr std::size_t head_size = 32;  // magic, identity, cases, objectives
 
-/// CRC-32 of Ethernet and zip, a table entry per byte.
 std::uint32_t crc32(const char* data, std::size_t size) {
-  static const auto table = [] {
-    std::array<std::uint32_t, 256> t{};
-    for (std::uint32_t i = 0; i < t.size(); ++i) {
-      std::uint32_t c = i;
-      for (int bit = 0; bit < 8; ++bit) c = (c & 1U) != 0 ? (c >> 1U) ^ 0xEDB88320U : c >> 1U;
-      t[i] = c;
-    }
-    return t;
-  }();
-  std::uint32_t c = 0xFFFFFFFFU;
-  for (std::size_t i = 0; i < size; ++i)
-    c = table[(c ^ static_cast<unsigned char>(data[i])) & 0xFFU] ^ (c >> 8U);
-  return ~c;
+  return link::crc32(std::span(reinterpret_cast<const std::uint8_t*>(data), size));
 }
 
 template <class T>
@@ -60,11 +50,6 @@ bool write_all(int descriptor, const std::string& bytes) {
 }
 
 }  // namespace
-
-std::uint64_t fnv(std::uint64_t hash, const std::string& text) {
-  for (const char c : text) hash = (hash ^ static_cast<unsigned char>(c)) * 0x100000001B3ULL;
-  return hash;
-}
 
 std::uint64_t program_hash() {
   std::ifstream program("/proc/self/exe", std::ios::binary);

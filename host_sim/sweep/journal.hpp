@@ -47,9 +47,6 @@ class Journal {
   std::vector<Finished> found_;
 };
 
-/// FNV-1a 64, to be continued with what it gave.
-inline constexpr std::uint64_t fnv_start = 0xCBF29CE484222325ULL;
-[[nodiscard]] std::uint64_t fnv(std::uint64_t hash, const std::string& text);
 /// Of the program that is running: another build may differ in the last bit. 0 where it cannot be read.
 [[nodiscard]] std::uint64_t program_hash();
 

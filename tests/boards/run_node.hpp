@@ -3,7 +3,7 @@
 
 #include <string>
 
-#include "host_sim/commands/halves.hpp"
+#include "host_sim/loop/halves.hpp"
 
 namespace esmc::test {
 

@@ -13,12 +13,12 @@
 #include <string_view>
 #include <vector>
 
-#include "host_sim/commands/recording.hpp"
+#include "host_sim/record/recording.hpp"
 #include "host_sim/error.hpp"
-#include "host_sim/loop/frame_log.hpp"
-#include "host_sim/loop/recorded_bus.hpp"
-#include "host_sim/recorded/derivatives.hpp"
-#include "host_sim/recorded/table.hpp"
+#include "host_sim/bus/frame_log.hpp"
+#include "host_sim/bus/recorded_bus.hpp"
+#include "host_sim/record/derivatives.hpp"
+#include "host_sim/record/table.hpp"
 #include "host_sim/scene/scene.hpp"
 #include "host_sim/version.hpp"
 #include "tests/fuzz/bytes.hpp"

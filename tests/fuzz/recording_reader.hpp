@@ -16,8 +16,8 @@
 #include <string_view>
 #include <vector>
 
-#include "host_sim/commands/recording.hpp"
-#include "host_sim/loop/recorded_bus.hpp"
+#include "host_sim/record/recording.hpp"
+#include "host_sim/bus/recorded_bus.hpp"
 #include "host_sim/scene/scene.hpp"
 #include "host_sim/version.hpp"
 

@@ -11,10 +11,9 @@
   firmware/drive        std, hal/*.hpp, drive
   firmware/link         std, hal/*.hpp, safety, link
   firmware/cycle        std, Eigen (through types), all firmware, hal/*.hpp
-  host_sim/design       std, fmt, firmware, what is uncertain in a scene: the controller's side alone, never the plant
-  host_sim/studies      std, host_sim without commands, of firmware types, numeric, mechanism: more mechanisms from the same parts
-  host_sim, else not commands   never the controller: of firmware only types, numeric, parameters and the wire format;
-                        nor studies
+  host_sim/<room>       std, libraries, hal, and the rooms that HOST lists for it: each of them stands above it in that table, so
+                        no circle can be listed. Of firmware: types, numeric, parameters and wire formats only, but for the rooms
+                        that HOST marks with the controller
   boards                std, firmware, hal/*.hpp, boards, the board's own chip.hpp, the baked scene.hpp; never host_sim or tests
   boards/<board>        the same and hal/slcan, hal/fdcan, hal/zynqmp_can, hal/flash; boards/linux: the same and hal/linux
   nothing in firmware or hal includes host_sim, boards or tests; nothing in host_sim includes tests
@@ -52,11 +51,70 @@ RULES = [
     ("firmware/cycle", True, rf"{STD}|{HAL}|firmware/.*"),
     ("boards", False, BOARDS),
     ("boards/linux", True, rf"{BOARDS}|hal/linux/.*"),
-    ("host_sim", False, rf"<.*>|hal/.*|host_sim/(?!studies/).*|{SHARED}"),
-    ("host_sim/studies", True, rf"{MODEL}|host_sim/(?!commands/).*"),
+    ("host_sim", False, rf"<.*>|hal/.*|host_sim/[a-z_]+\.hpp|{SHARED}"),
     ("host_sim/design", True, rf"{STD}|<fmt/.*>|firmware/.*|host_sim/(design/.*|scene/uncertainty\.hpp)"),
-    ("host_sim/commands", True, r"<.*>|hal/.*|host_sim/.*|firmware/.*"),
 ]
+
+# The rooms of host_sim from the bottom up: what they may see of firmware, and which rooms below them. Files that lie in host_sim
+# itself are everybody's. docs/architecture.md shows this table; `includes.py --table` prints it.
+VALUES, MODELS, CONTROLLER = "values", "model", "controller"
+HOST = {
+    "integrate": (VALUES, ""),
+    "effects": (VALUES, ""),
+    "plant": (VALUES, "effects integrate"),
+    "problems": (MODELS, "integrate plant"),
+    "report": (VALUES, "plant"),
+    "scene": (VALUES, "effects plant"),
+    "bus": (VALUES, "effects report scene"),
+    "drives": (VALUES, "effects plant scene"),
+    "export": (VALUES, "scene"),
+    "controller": (CONTROLLER, "design drives scene"),
+    "record": (CONTROLLER, "bus controller plant report scene"),
+    "loop": (CONTROLLER, "bus controller drives plant record scene"),
+    "calibrate": (CONTROLLER, "controller record scene"),
+    "identify": (CONTROLLER, "controller record"),
+    "check": (CONTROLLER, "bus controller design loop record scene"),
+    "spatial": (CONTROLLER, "effects loop record scene"),
+    "campaign": (CONTROLLER, "bus drives loop plant record report scene"),
+    "sweep": (CONTROLLER, "controller integrate loop plant record report scene"),
+    "studies": (CONTROLLER, "check controller integrate loop plant problems record report scene sweep"),
+    "live": (CONTROLLER, "bus campaign drives effects loop plant record scene"),
+    "cli": (CONTROLLER, "bus calibrate campaign check controller export identify live loop record scene spatial studies sweep"),
+}
+# Files that share a room with what sees the controller, and no more: the plant in space, the judge of a campaign and what it
+# judges, the equations of estimations.
+ALONE = [
+    (r"host_sim/spatial/plant\.[ch]pp", rf"{STD}|<Eigen/.*>|host_sim/spatial/plant\.hpp|{SHARED}"),
+    (r"host_sim/campaign/(computer|dialect|draw|injections|judge|times|wire|world)\.[ch]pp",
+     rf"<.*>|hal/.*|host_sim/(bus|campaign|drives|plant|scene)/.*|host_sim/error\.hpp|{SHARED}"),
+    (r"host_sim/(calibrate/(?!calibrate\.|calibrated_scene\.)|identify/(?!identify\.))[a-z_]+\.[ch]pp",
+     rf"<.*>|host_sim/(calibrate|identify|record)/.*|host_sim/error\.hpp|{SHARED}"),
+]
+FIRMWARE = {VALUES: SHARED, MODELS: rf"{MODEL}|{SHARED}", CONTROLLER: r"firmware/.*"}
+
+
+def alone(place):
+    return next((allowed for files_, allowed in ALONE if re.fullmatch(files_, str(place))), None)
+
+
+def host_rules():
+    seen = {"design"}
+    for room, (firmware, below) in HOST.items():
+        rooms = below.split()
+        for other in rooms:
+            if other not in seen:
+                sys.exit(f"includes.py: {room} lists {other}, which does not stand above it in HOST")
+        seen.add(room)
+        own = "|".join((room, *rooms))
+        yield f"host_sim/{room}", True, rf"<.*>|hal/.*|host_sim/({own})/.*|host_sim/[a-z_]+\.hpp|{FIRMWARE[firmware]}"
+
+
+def table():
+    """The picture of docs/architecture.md."""
+    lines = ["| room | of the firmware | rooms below it that it sees |", "|---|---|---|"]
+    for room, (firmware, below) in reversed(HOST.items()):
+        lines.append(f"| `{room}` | {firmware} | {' '.join(below.split()) or '-'} |")
+    return "\n".join(lines)
 NEVER_EIGEN = ("hal", "firmware/safety", "firmware/drive", "firmware/link", "firmware/numeric")
 HOSTED = re.compile(r"<(iostream|[io]?fstream|[io]?sstream|cstdio|cstdlib|new|memory|string|string_view|vector|deque|list|"
                     r"map|set|unordered_map|unordered_set|functional|exception|stdexcept|system_error|typeinfo|typeindex|"
@@ -68,10 +126,9 @@ def files(root, folder, below):
     return sorted(f for f in found if f.suffix in (".hpp", ".cpp", ".h", ".c", ".in") and f.is_file())
 
 
-def host_folders(root):
-    """Every other folder of host_sim follows the rule of its top level, those that do not exist yet included."""
-    named = {"commands", "design", "studies"}
-    return sorted(f"host_sim/{d.name}" for d in (root / "host_sim").glob("*") if d.is_dir() and d.name not in named)
+def unlisted_rooms(root):
+    known = {*HOST, "design", "scenes", "sweeps"}
+    return sorted(d.name for d in (root / "host_sim").glob("*") if d.is_dir() and d.name not in known)
 
 
 def board_folders(root):
@@ -84,10 +141,10 @@ def back_ends(root):
 
 
 def rules(root):
-    host = next(allowed for folder, _, allowed in RULES if folder == "host_sim")
     yield from RULES
-    for folder in host_folders(root):
-        yield folder, True, host
+    yield from host_rules()
+    for room in unlisted_rooms(root):
+        yield f"host_sim/{room}", True, "nothing: it has no line in HOST"
     for folder in board_folders(root):
         yield folder, True, rf"{BOARDS}|hal/(slcan|fdcan|zynqmp_can|flash)/.*"
     for folder in back_ends(root):
@@ -97,7 +154,7 @@ def rules(root):
 def violations(root):
     for folder, below, allowed in rules(root):
         found = files(root, folder, below)
-        if not found and any(folder == r[0] for r in RULES):
+        if not found and (any(folder == r[0] for r in RULES) or folder.removeprefix("host_sim/") in HOST):
             yield f"{folder}: gone or empty, its rule would pass for ever"
         for file in found:
             place = file.relative_to(root)
@@ -108,7 +165,7 @@ def violations(root):
                         yield f"{place}:{number}: an include that cannot be read: {line.strip()}"
                     continue
                 what = match[2] if match[1] == '"' else f"<{match[2]}>"
-                if not re.fullmatch(allowed, what):
+                if not re.fullmatch(alone(place) or allowed, what):
                     yield f"{place}:{number}: {folder} may not include {what}"
                 elif folder.startswith("firmware") and HOSTED.fullmatch(what):
                     yield f"{place}:{number}: {what} needs an operating system, a heap or exceptions"
@@ -159,18 +216,27 @@ def self_test(root):
         ("hal/zynqmp_can/zynqmp_can.hpp", '#include "hal/fdcan/registers.hpp"'),
         ("boards/mps2/main.cpp", '#include "tests/support/odrive_bytes.hpp"'),
         ("host_sim/plant/plant.hpp", '#include "firmware/mechanism/five_bar.hpp"'),
-        ("host_sim/plant/spatial_plant.hpp", '#include "firmware/mechanism/rotation.hpp"'),
+        ("host_sim/spatial/plant.hpp", '#include "firmware/mechanism/rotation.hpp"'),
         ("host_sim/plant/plant.hpp", '#include "firmware/control/reference.hpp"'),
         ("host_sim/plant/plant.hpp", '#include "firmware/drive/odrive_axis.hpp"'),
         ("host_sim/scene/scene.hpp", '#include "firmware/safety/guards.hpp"'),
         ("host_sim/error.hpp", '#include "firmware/cycle/cycle.hpp"'),
-        ("host_sim/plant/plant.hpp", '#include "host_sim/studies/closed_chains.hpp"'),
-        ("host_sim/studies/chain_system.hpp", '#include "firmware/control/law.hpp"'),
-        ("host_sim/studies/chain_system.hpp", '#include "host_sim/commands/run.hpp"'),
-        ("host_sim/studies/chain_system.hpp", "#include <Eigen/LU>"),
+        ("host_sim/plant/plant.hpp", '#include "host_sim/problems/closed_chains.hpp"'),
+        ("host_sim/problems/chain_system.hpp", '#include "firmware/control/law.hpp"'),
+        ("host_sim/problems/chain_system.hpp", '#include "host_sim/scene/scene.hpp"'),
+        ("host_sim/plant/plant.hpp", '#include "host_sim/loop/waiting.hpp"'),
+        ("host_sim/plant/plant.hpp", '#include "host_sim/controller/controller_config.hpp"'),
+        ("host_sim/effects/effects.hpp", '#include "host_sim/plant/plant.hpp"'),
+        ("host_sim/scene/scene.hpp", '#include "host_sim/drives/actuators.hpp"'),
+        ("host_sim/controller/bake.hpp", '#include "host_sim/loop/halves.hpp"'),
+        ("host_sim/record/recording.hpp", '#include "host_sim/sweep/journal.hpp"'),
+        ("host_sim/campaign/judge.hpp", '#include "host_sim/live/session.hpp"'),
+        ("host_sim/campaign/judge.hpp", '#include "firmware/safety/supervisor.hpp"'),
+        ("host_sim/calibrate/geometry.hpp", '#include "firmware/mechanism/five_bar.hpp"'),
+        ("host_sim/identify/inertia.hpp", '#include "host_sim/controller/controller_config.hpp"'),
         ("host_sim/design/problem.hpp", '#include "host_sim/plant/plant.hpp"'),
         ("host_sim/design/problem.hpp", '#include "host_sim/scene/scene.hpp"'),
-        ("host_sim/commands/eval.hpp", '#include "tests/support/fake_bus.hpp"'),
+        ("host_sim/studies/eval.hpp", '#include "tests/support/fake_bus.hpp"'),
     ]
     failed = 0
     with tempfile.TemporaryDirectory() as scratch:
@@ -192,12 +258,18 @@ def self_test(root):
                 print(f"includes.py: does not notice {line} in {name}")
                 failed += 1
             file.write_text(before, encoding="utf-8")
+        (copy / "host_sim/cellar").mkdir()
+        (copy / "host_sim/cellar/new.hpp").write_text("#include <vector>\n", encoding="utf-8")
+        if not any("host_sim/cellar" in v for v in violations(copy)):
+            print("includes.py: does not notice a room that has no line")
+            failed += 1
+        (copy / "host_sim/cellar/new.hpp").unlink()
         for file in files(copy, "firmware/safety", True):
             file.unlink()
         if not any("firmware/safety: gone" in v for v in violations(copy)):
             print("includes.py: does not notice that a folder is gone")
             failed += 1
-    print(f"{len(seeded) + 1 - failed} of {len(seeded) + 1} seeded violations found")
+    print(f"{len(seeded) + 2 - failed} of {len(seeded) + 2} seeded violations found")
     return failed
 
 
@@ -206,10 +278,15 @@ def main():
     root = pathlib.Path(__file__).resolve().parents[2]
     if arguments == ["--self-test"]:
         return 1 if self_test(root) else 0
+    if arguments == ["--table"]:
+        print(table())
+        return 0
     if arguments:
-        print("includes.py: usage: includes.py [--self-test]", file=sys.stderr)
+        print("includes.py: usage: includes.py [--self-test | --table]", file=sys.stderr)
         return 2
     found = list(violations(root))
+    if table() not in (root / "docs/architecture.md").read_text(encoding="utf-8"):
+        found.append("docs/architecture.md: its table of rooms is not what `includes.py --table` prints")
     for violation in found:
         print(violation)
     return 1 if found else 0

@@ -3,7 +3,7 @@
 /// oracles.
 
 #include "firmware/mechanism/hexapod.hpp"
-#include "host_sim/plant/spatial_plant.hpp"
+#include "host_sim/spatial/plant.hpp"
 #include "tests/support/random_mechanism.hpp"
 
 namespace esmc::test {

@@ -9,8 +9,8 @@
 
 #include "boards/node.hpp"
 #include "hal/fdcan/fdcan.hpp"
-#include "host_sim/commands/axes_config.hpp"
-#include "host_sim/commands/init.hpp"
+#include "host_sim/controller/axes_config.hpp"
+#include "host_sim/scene/starting_scene.hpp"
 #include "host_sim/drives/placed_axes.hpp"
 #include "tests/support/board_double.hpp"
 #include "tests/support/fdcan_model.hpp"

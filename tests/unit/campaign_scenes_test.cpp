@@ -11,8 +11,8 @@
 #include <utility>
 #include <vector>
 
-#include "host_sim/commands/episode.hpp"
-#include "host_sim/commands/init.hpp"
+#include "host_sim/campaign/episode.hpp"
+#include "host_sim/scene/starting_scene.hpp"
 #include "host_sim/scene/scene.hpp"
 
 namespace {

@@ -4,7 +4,7 @@
 
 #include <gtest/gtest.h>
 
-#include "host_sim/studies/closed_chains.hpp"
+#include "host_sim/problems/closed_chains.hpp"
 #include "tests/support/random_mechanism.hpp"
 
 namespace esmc::test {

@@ -1,7 +1,7 @@
 /// What emulated drives can be made to do wrong, one by one, each against a drive without it; and the shaft of a drive
 /// that has no mechanism, against closed forms.
 
-#include "host_sim/drives/defects.hpp"
+#include "host_sim/scene/drive_defects.hpp"
 
 #include <gtest/gtest.h>
 

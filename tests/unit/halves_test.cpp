@@ -1,6 +1,6 @@
 /// The halves of a loop on a bus that carries more than their frames, and how they part.
 
-#include "host_sim/commands/halves.hpp"
+#include "host_sim/loop/halves.hpp"
 
 #include <gtest/gtest.h>
 #include <sys/socket.h>

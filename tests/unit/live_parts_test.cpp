@@ -6,7 +6,7 @@
 #include <set>
 #include <thread>
 
-#include "host_sim/commands/live_desk.hpp"
+#include "host_sim/live/desk.hpp"
 #include "host_sim/error.hpp"
 #include "host_sim/live/access.hpp"
 #include "host_sim/live/ring.hpp"

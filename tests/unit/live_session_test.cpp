@@ -1,7 +1,7 @@
 // The loop of a live bench, without a clock and without a page: it is the loop of esmc hil, and what an
 // operator orders in between does what it says.
 
-#include "host_sim/commands/live_session.hpp"
+#include "host_sim/live/session.hpp"
 
 #include <gtest/gtest.h>
 
@@ -10,8 +10,8 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 
-#include "host_sim/commands/halves.hpp"
-#include "host_sim/commands/run.hpp"
+#include "host_sim/loop/halves.hpp"
+#include "host_sim/loop/run.hpp"
 
 namespace esmc::host {
 namespace {

@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "host_sim/commands/halves.hpp"
+#include "host_sim/loop/halves.hpp"
 #include "tests/support/mit_bytes.hpp"
 
 namespace esmc::host {

@@ -9,9 +9,9 @@
 #include <limits>
 #include <string>
 
-#include "host_sim/commands/recording.hpp"
+#include "host_sim/record/recording.hpp"
 #include "host_sim/error.hpp"
-#include "host_sim/recorded/table.hpp"
+#include "host_sim/record/table.hpp"
 #include "host_sim/scene/scene.hpp"
 #include "host_sim/version.hpp"
 

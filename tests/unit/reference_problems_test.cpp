@@ -8,7 +8,7 @@
 
 #include "host_sim/integrate/dopri8.hpp"
 #include "host_sim/integrate/radau5.hpp"
-#include "host_sim/studies/problems.hpp"
+#include "host_sim/problems/problems.hpp"
 
 namespace esmc::host {
 namespace {

@@ -7,7 +7,7 @@
 #include <cmath>
 #include <vector>
 
-#include "host_sim/studies/problems.hpp"
+#include "host_sim/problems/problems.hpp"
 
 namespace esmc::host {
 namespace {

@@ -10,10 +10,10 @@
 #include <fstream>
 #include <set>
 
-#include "host_sim/commands/lane_kernel.hpp"
-#include "host_sim/commands/sweep_runner.hpp"
+#include "host_sim/sweep/lanes/kernel.hpp"
+#include "host_sim/sweep/runner.hpp"
 #include "host_sim/error.hpp"
-#include "host_sim/lanes/lanes.hpp"
+#include "host_sim/sweep/lanes/lanes.hpp"
 #include "host_sim/sweep/journal.hpp"
 #include "host_sim/sweep/pareto.hpp"
 #include "host_sim/sweep/sample.hpp"

@@ -1,0 +1,70 @@
+#include "host_sim/bus/frame_log.hpp"
+
+#include <fmt/format.h>
+
+#include <iterator>
+#include <utility>
+
+#include "host_sim/bus/wire.hpp"
+#include "host_sim/error.hpp"
+
+namespace esmc::host {
+
+std::string candump_line(std::int64_t time_us, const std::string& interface, const hal::CanFrame& f) {
+  std::string out = fmt::format("({:010}.{:06}) {} ", time_us / 1'000'000, time_us % 1'000'000, interface);
+  out += f.extended ? fmt::format("{:08X}", f.id) : fmt::format("{:03X}", f.id);
+  if (f.remote) return out + fmt::format("#R{}", f.size);
+  out += f.fd ? fmt::format("##{}", f.bit_rate_switch ? 1 : 0) : "#";
+  for (const std::uint8_t byte : f.payload()) fmt::format_to(std::back_inserter(out), "{:02X}", byte);
+  return out;
+}
+
+FrameLog::FrameLog(std::FILE* file, std::string interface, std::uint32_t bitrate, std::FILE* passage)
+    : file_(file), passage_(passage), interface_(std::move(interface)), bitrate_(bitrate) {
+  if (passage_ != nullptr) std::fputs("look,sent,age_us\n", passage_);
+}
+
+FrameLog::~FrameLog() {
+  for (std::FILE* f : {file_, passage_}) {
+    if (f != nullptr) std::fclose(f);
+  }
+}
+
+void FrameLog::frame(const hal::CanFrame& f) {
+  const std::uint32_t bits = worst_bits(f.remote ? 0U : f.size, f.extended);
+  ++frames_;
+  bits_ += bits;
+  if (bits != last_bits_) {  // a division saved is a frame's time
+    last_bits_ = bits;
+    last_us_ = (std::int64_t{bits} * 1'000'000 + bitrate_ - 1) / bitrate_;
+  }
+  time_us_ += last_us_;
+  if (file_ != nullptr) write(f);
+}
+
+void FrameLog::frame_at(double time_s, std::uint32_t bits, const hal::CanFrame& f) {
+  ++frames_;
+  bits_ += bits;
+  tick(time_s);
+  if (file_ != nullptr) write(f);
+}
+
+void FrameLog::write(const hal::CanFrame& f) {
+  const std::string line = candump_line(time_us_, interface_, f) + "\n";
+  std::fwrite(line.data(), 1, line.size(), file_);
+}
+
+void FrameLog::pass(bool sent, std::uint32_t age_us) {
+  const std::string row = fmt::format("{},{},{}\n", looks_, sent ? 1 : 0, age_us);
+  std::fwrite(row.data(), 1, row.size(), passage_);
+}
+
+void FrameLog::close() {
+  for (const auto& [file, what] : {std::pair{&file_, "frames.log"}, std::pair{&passage_, "frames.csv"}}) {
+    if (*file != nullptr && std::fclose(std::exchange(*file, nullptr)) != 0) {
+      throw RunError(std::string(what) + " could not be written completely (disk full?)");
+    }
+  }
+}
+
+}  // namespace esmc::host

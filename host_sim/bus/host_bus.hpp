@@ -1,0 +1,75 @@
+#pragma once
+/// The CAN bus that a command was told to use, whichever it is: an interface of Linux or an adapter on a serial line.
+
+#include <poll.h>
+
+#include <memory>
+#include <string>
+#include <utility>
+#include <variant>
+
+#include "hal/linux/byte_port.hpp"
+#include "hal/linux/socketcan.hpp"
+#include "host_sim/bus/recorded_bus.hpp"
+
+namespace esmc::host {
+
+class HostBus {
+ public:
+  /// `name`: as it was given, for messages.
+  HostBus(std::string name, hal::SocketCan socket) : name_(std::move(name)), bus_(std::move(socket)) {}
+  HostBus(std::string name, std::unique_ptr<hal::SlcanAdapter> adapter) : name_(std::move(name)), bus_(std::move(adapter)) {}
+  /// What was on a bus once.
+  explicit HostBus(RecordedBus& recorded) : name_(recorded.interface()), bus_(&recorded) {}
+
+  [[nodiscard]] const std::string& name() const { return name_; }
+  /// For frames.log, whose readers want a word and no path.
+  [[nodiscard]] std::string interface() const { return serial() ? "slcan" : name_; }
+
+  hal::SendStatus try_send(const hal::CanFrame& f) {
+    if (RecordedBus* r = recorded()) return r->try_send(f);
+    return serial() ? adapter().try_send(f) : std::get<hal::SocketCan>(bus_).try_send(f);
+  }
+  [[nodiscard]] bool try_receive(hal::CanFrame& f) {
+    if (RecordedBus* r = recorded()) return r->try_receive(f);
+    return serial() ? adapter().try_receive(f) : std::get<hal::SocketCan>(bus_).try_receive(f);
+  }
+  /// 0, not known, on a serial line.
+  [[nodiscard]] std::uint32_t frame_age_us() const {
+    if (const RecordedBus* r = recorded()) return r->frame_age_us();
+    return serial() ? 0U : std::get<hal::SocketCan>(bus_).frame_age_us();
+  }
+
+  /// Null: a bus of the present.
+  [[nodiscard]] RecordedBus* recorded() const { return bus_.index() == 2 ? std::get<RecordedBus*>(bus_) : nullptr; }
+  void look() {
+    if (RecordedBus* r = recorded()) r->look();
+  }
+
+  /// The line's other end is gone for good; nothing more is heard or said here. An interface may come up again.
+  [[nodiscard]] bool gone() { return serial() && adapter().port().gone(); }
+  /// Frames that poll() does not know of may be at hand already.
+  [[nodiscard]] bool has_input() { return serial() && adapter().port().has_input(); }
+  /// What to poll for: input, and room for the rest of a line.
+  [[nodiscard]] pollfd polled() {
+    if (!serial()) return {std::get<hal::SocketCan>(bus_).descriptor(), POLLIN, 0};
+    hal::SerialPort& p = adapter().port();
+    // The end of a socket's input is "readable" for ever; nothing comes from there any more.
+    return {p.gone() ? -1 : p.descriptor(), static_cast<short>(POLLIN | (p.has_output() ? POLLOUT : 0)), 0};
+  }
+  /// After it: sends that rest.
+  void flush() {
+    if (serial()) adapter().port().flush();
+  }
+
+ private:
+  [[nodiscard]] bool serial() const { return bus_.index() == 1; }
+  [[nodiscard]] hal::SlcanAdapter& adapter() { return *std::get<1>(bus_); }
+
+  std::string name_;
+  std::variant<hal::SocketCan, std::unique_ptr<hal::SlcanAdapter>, RecordedBus*> bus_;
+};
+
+static_assert(hal::TimesFrames<HostBus>);
+
+}  // namespace esmc::host

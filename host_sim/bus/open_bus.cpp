@@ -1,0 +1,87 @@
+#include "host_sim/bus/open_bus.hpp"
+
+#include <fmt/format.h>
+
+#include <cerrno>
+#include <filesystem>
+#include <string_view>
+
+#include "host_sim/error.hpp"
+
+namespace esmc::host {
+namespace {
+
+constexpr std::string_view socketcan = "socketcan:", slcan = "slcan:";
+
+/// What stands behind the prefix; empty where it does not apply.
+std::string behind(std::string_view prefix, const std::string& bus) {
+  return bus.starts_with(prefix) ? bus.substr(prefix.size()) : "";
+}
+
+[[noreturn]] void refuse_form(const std::string& bus) {
+  throw InputError("", "--bus " + bus + ": allowed are socketcan:INTERFACE, slcan:ENDPOINT (a tty, unix:PATH, tcp:HOST:PORT) "
+                       "and, for hil, virtual");
+}
+
+HostBus open_socketcan(const std::string& interface) {
+  std::error_code error;
+  hal::SocketCan bus = hal::SocketCan::open(interface, error);
+  if (bus.is_open()) return {interface, std::move(bus)};
+  const std::string label = "--bus socketcan:" + interface + ": ";
+  switch (error.value()) {
+    case ENODEV:
+      throw InputError("", label + "no such CAN interface (ip link show type vcan, type can)");
+    case ENETDOWN:
+      throw InputError("", label + "the interface is down (ip link set up " + interface + ")");
+    case EAFNOSUPPORT:
+    case EPROTONOSUPPORT:
+      throw InputError(
+          "", label + "this kernel has no CAN; --bus virtual needs none, docs/hil.md shows a way to vcan");
+    default:
+      throw InputError("", label + error.message());
+  }
+}
+
+HostBus open_slcan(const std::string& endpoint, int bit_rate) {
+  const std::string label = "--bus slcan:" + endpoint + ": ";
+  const int speed = hal::slcan_speed(bit_rate);
+  if (speed < 0) {
+    throw InputError("", fmt::format("{}slcan has no command for {} bit/s (10, 20, 50, 100, 125, 250, 500, 800 kbit/s and 1 Mbit/s)",
+                                     label, bit_rate));
+  }
+  std::string why;
+  hal::SerialPort port = hal::SerialPort::open(endpoint, why);
+  if (!port.is_open()) throw InputError("", label + why);
+  return {endpoint, std::make_unique<hal::SlcanAdapter>(std::move(port), speed)};
+}
+
+}  // namespace
+
+HostBus open_bus(const std::string& bus, int bit_rate) {
+  if (const std::string interface = behind(socketcan, bus); !interface.empty()) return open_socketcan(interface);
+  if (const std::string endpoint = behind(slcan, bus); !endpoint.empty()) return open_slcan(endpoint, bit_rate);
+  refuse_form(bus);
+}
+
+BusEnds open_both_ends(const std::string& bus, int bit_rate) {
+  const std::string endpoints = behind(slcan, bus);
+  if (endpoints.empty()) return {open_bus(bus, bit_rate), open_bus(bus, bit_rate)};
+  const std::size_t comma = endpoints.find(',');
+  const std::string plant = endpoints.substr(0, comma),
+                    control = comma == std::string::npos ? "" : endpoints.substr(comma + 1);
+  if (plant.empty() || control.empty() || control.find(',') != std::string::npos) {
+    throw InputError("", "--bus " + bus + ": hil is two nodes, and an adapter is one: slcan:PLANT,CONTROLLER names two adapters on "
+                         "one cable; with one, run esmc plant or esmc controller on it");
+  }
+  return {open_slcan(plant, bit_rate), open_slcan(control, bit_rate)};
+}
+
+bool carries_real_drives(const std::string& bus) {
+  if (!behind(slcan, bus).empty()) return true;
+  const std::string interface = behind(socketcan, bus);
+  if (interface.empty()) refuse_form(bus);
+  std::error_code error;
+  return std::filesystem::exists("/sys/class/net/" + interface + "/device", error);
+}
+
+}  // namespace esmc::host

@@ -1,0 +1,333 @@
+#include "host_sim/calibrate/calibrate.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <numbers>
+
+#include "host_sim/calibrate/geometry.hpp"
+#include "host_sim/calibrate/calibrated_scene.hpp"
+#include "host_sim/controller/controller_config.hpp"
+#include "host_sim/record/output.hpp"
+#include "host_sim/record/recorded_run.hpp"
+#include "host_sim/error.hpp"
+#include "host_sim/record/derivatives.hpp"
+
+namespace esmc::host {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+constexpr std::size_t rows_min = 200, rows_used_max = 40'000;
+constexpr double gap_max = 5.0;  // of the mean distance of rows: angles between are those of a straight line
+constexpr double encoder_sigma_odd = 3e-4;  // rad; ten times the rounding of 16 bit
+constexpr double encoder_sigma_max = 0.02;  // rad; lengths that fit no better than this are none
+
+struct JointLog {
+  RecordedTable table;  ///< t, then the joints
+  [[nodiscard]] MeasuredAngles angles(std::size_t row) const {
+    MeasuredAngles a{};
+    for (std::size_t j = 0; j + 1 < table.columns.size(); ++j) a[j] = table.columns[j + 1][row];
+    return a;
+  }
+};
+
+JointLog read_log(const RecordedRun& run) {
+  std::vector<std::string> names{"t"};
+  for (const std::string& j : joint_names(run.scene.type)) names.push_back(j + "_meas");
+  const bool five_bar = run.scene.type == MechanismType::five_bar;
+  JointLog log{read_table(
+      run.log, names,
+      five_bar ? ": what four encoders say is needed, of a five-bar that ran with control.sensors = \"all\""
+               : ": the log of an RR arm that ran under its controller is needed")};
+  require_ascending(log.table, 0);
+  if (five_bar && log.table.rows() < rows_min) {
+    throw InputError("", fmt::format("{}: {} rows are too few: {} or more are needed", run.log,
+                                     log.table.rows(), rows_min));
+  }
+  return log;
+}
+
+/// The log as it was before observers of this bandwidth followed it (critically damped: late by acceleration
+/// / bandwidth^2), or a share of that. Rows must stand at equal distances.
+JointLog before_observer(const JointLog& log, double bandwidth, double share) {
+  JointLog out = log;
+  const std::size_t rows = log.table.rows();
+  if (rows < 2) return out;
+  const std::vector<double>& t = log.table.columns[0];
+  const double tick = (t.back() - t.front()) / static_cast<double>(rows - 1);
+  const auto weights = curvature_weights();
+  for (std::size_t c = 1; c < log.table.columns.size(); ++c) {
+    const std::vector<double>& angle = log.table.columns[c];
+    for (std::size_t i = 0; i < rows; ++i) {
+      out.table.columns[c][i] += share / std::pow(bandwidth * tick, 2) *
+                                 curvature(weights, rows, i, [&](std::size_t row) { return angle[row]; });
+    }
+  }
+  return out;
+}
+
+/// Readings of the effector, with the angles of their instants. `reach`: the mechanism's, m, by its nominal lengths.
+std::vector<EffectorReading> read_effector(const std::string& file, const JointLog& log, double reach, bool free_frame) {
+  if (file.empty()) return {};
+  const RecordedTable readings =
+      read_table(file, {"t", "x", "y"}, ": the header of effector readings is t,x,y");
+  const std::vector<double>& t = log.table.columns[0];
+  std::vector<EffectorReading> out;
+  for (std::size_t i = 0; i < readings.rows(); ++i) {
+    const double at = readings.columns[0][i];
+    if (t.size() < 2 || !(at >= t.front() && at <= t.back())) {
+      throw InputError(readings.where(i),
+                       fmt::format("t = {} s is outside the log, which goes from {} to {} s", at,
+                                   t.empty() ? 0.0 : t.front(), t.empty() ? 0.0 : t.back()));
+    }
+    const auto after = std::clamp<std::ptrdiff_t>(std::upper_bound(t.begin(), t.end(), at) - t.begin(), 1,
+                                                  static_cast<std::ptrdiff_t>(t.size()) - 1);
+    const auto k = static_cast<std::size_t>(after);
+    if (at > t[k - 1] && at < t[k] && t[k] - t[k - 1] > gap_max * (t.back() - t.front()) / static_cast<double>(t.size() - 1))
+      throw InputError(readings.where(i), fmt::format("t = {} s is in a gap of the log, from {:g} to {:g} s", at, t[k - 1], t[k]));
+    const double u = (at - t[k - 1]) / (t[k] - t[k - 1]);
+    EffectorReading r{{}, readings.columns[1][i], readings.columns[2][i]};
+    if (!free_frame && std::hypot(r.x, r.y) > 2.0 * reach) {
+      throw InputError(readings.where(i), fmt::format("({:g}, {:g}) m is {:.3g} m from the base, and the mechanism reaches {:.3g} m: metres are "
+                                                      "needed, in the frame of the base (else --free-frame)",
+                                                      r.x, r.y, std::hypot(r.x, r.y), reach));
+    }
+    const MeasuredAngles a = log.angles(k - 1), b = log.angles(k);
+    for (std::size_t j = 0; j < a.size(); ++j) r.angle[j] = a[j] + u * (b[j] - a[j]);
+    out.push_back(r);
+  }
+  return out;
+}
+
+Unknowns nominal_of(const FiveBarParams<double>& p, bool five_bar) {
+  Unknowns u = Unknowns::Zero();
+  if (five_bar) u[unknown_l0] = p.l0;
+  for (int leg = 0; leg < (five_bar ? 2 : 1); ++leg) {
+    u[unknown_l11 + 2 * leg] = p.legs[static_cast<std::size_t>(leg)].l1;
+    u[unknown_l12 + 2 * leg] = p.legs[static_cast<std::size_t>(leg)].l2;
+  }
+  return u;
+}
+
+/// Farther from the base's centre than this, m, no effector can be.
+double reach_of(const CalibrationProblem& p) {
+  const Unknowns& u = p.nominal;
+  const double one = u[unknown_l11] + u[unknown_l12], two = u[unknown_l21] + u[unknown_l22];
+  return p.five_bar ? std::min(one, two) + u[unknown_l0] : one;
+}
+
+void require_scale(const CalibrationProblem& p, const CalibrateOptions& o) {
+  const std::size_t n = p.effector.size();
+  if (!o.effector.empty() && n < (p.five_bar ? 2U : 3U)) {
+    throw InputError(o.effector, fmt::format("{} readings of the effector are too few: {} or more are needed",
+                                             n, p.five_bar ? 2 : 3));
+  }
+  if (p.five_bar && o.effector.empty() && !p.half_base_known) {
+    throw InputError("",
+                     "encoders tell the shape of the mechanism but not its scale: --half-base M (measured), "
+                     "--trust-half-base "
+                     "(the scene's is right) or --effector FILE with two or more readings is needed");
+  }
+  if (!p.five_bar && o.effector.empty()) {
+    throw InputError("",
+                     "an RR arm has no loop whose closure its encoders could contradict: --effector FILE "
+                     "with three or more "
+                     "readings is needed");
+  }
+  if (!p.five_bar && o.free_frame) {
+    throw InputError("",
+                     "--free-frame: the angle of the readings' frame and the offset of an RR arm's first "
+                     "joint are the same "
+                     "unknown: give the readings in the frame of the base");
+  }
+  if (!p.five_bar && (o.half_base || o.trust_half_base))
+    throw InputError("", std::string(o.half_base ? "--half-base" : "--trust-half-base") + ": an RR arm has none");
+}
+
+/// The problem of a log. Throws InputError.
+CalibrationProblem problem_of(const RecordedRun& run, const CalibrateOptions& o, const JointLog& log) {
+  CalibrationProblem p;
+  p.five_bar = run.scene.type == MechanismType::five_bar;
+  p.nominal = nominal_of(believed_mechanism(run.scene), p.five_bar);
+  p.half_base_known = p.five_bar && (o.trust_half_base || o.half_base);
+  if (o.half_base) p.nominal[unknown_l0] = *o.half_base;
+  p.free_frame = o.free_frame;
+  p.effector_sigma = o.effector_sigma;
+  p.effector = read_effector(o.effector, log, reach_of(p), o.free_frame);
+  require_scale(p, o);
+  const std::size_t stride = (log.table.rows() + rows_used_max - 1) / rows_used_max;
+  for (std::size_t i = 0; i < log.table.rows(); i += stride) p.angles.push_back(log.angles(i));
+  return p;
+}
+
+/// Throws where the result is no calibration of this mechanism.
+void judge(const Calibration& c, const CalibrationProblem& p, const RecordedRun& run,
+           const CalibrateOptions& o) {
+  if (!c.in_numbers) {
+    throw InputError("", fmt::format("{}: no lengths near the nominal ones fit it even roughly: is it the log of this mechanism, in s and rad{}?",
+                                     run.log, o.effector.empty() ? "" : ", and the effector readings in m"));
+  }
+  if (c.encoder_sigma > encoder_sigma_max) {
+    throw InputError(
+        "",
+        fmt::format(
+            "{}: no lengths make the loop close better than {:.2g} mm rms: is it the log of this mechanism?",
+            run.log, 1e3 * c.closure_rms));
+  }
+  if (!c.weak.empty() && !o.keep_nominal) {
+    std::string names;
+    for (std::size_t i = 0; i < std::min<std::size_t>(c.weak.size(), 3); ++i)
+      names += (i > 0 ? "; " : "") + c.weak[i].text;
+    if (c.weak.size() > 3) names += fmt::format("; and {} more", c.weak.size() - 3);
+    if (c.encoder_sigma > encoder_sigma_odd) {
+      throw InputError("", fmt::format("{}: its angles are beside every loop by {:.2g} rad rms, and so it does not determine {}: did an encoder slip or "
+                                       "jump, or is this noise? --keep-nominal leaves these as they are",
+                                       run.log, c.encoder_sigma, names));
+    }
+    throw InputError(
+        "",
+        fmt::format("{}: does not determine {}: let the mechanism move further, in both legs; --keep-nominal "
+                    "leaves these as they are",
+                    run.log, names));
+  }
+  // What readings of this accuracy, and angles of that of the encoders, may be beside; five times of it is another cause.
+  const double expected = std::numbers::sqrt2 * p.effector_sigma + 4.0 * reach_of(p) * c.encoder_sigma;
+  if (!(c.effector_rms <= 5.0 * expected)) {
+    throw InputError(o.effector, fmt::format("no lengths meet the effector readings better than {:.3g} mm rms, {:.2g} mm are to be expected of "
+                                             "--effector-sigma and the encoders: are they in m, in the frame of the base (else --free-frame), "
+                                             "and on the clock of the log?",
+                                             1e3 * c.effector_rms, 1e3 * expected));
+  }
+  if (!c.converged) throw RunError("the least-squares fit did not converge");
+  for (const int u : c.estimated) {
+    const double change = is_length(u) ? std::abs(c.value[u] / p.nominal[u] - 1.0) : 0.0;
+    if (change > o.within) {
+      throw InputError(
+          "",
+          fmt::format("{}: {} would be {:.4g} m, {:.0f} % from the nominal {:.4g} m: is it the log of this "
+                      "mechanism? --within allows more than {:g}",
+                      run.log, name_of(u, p.five_bar), c.value[u], 100.0 * change, p.nominal[u], o.within));
+    }
+  }
+}
+
+/// What the geometry means for the effector, along the log: nominal against estimated, and what is left.
+struct EffectorError {
+  double rms = 0.0, max = 0.0, sigma = 0.0;  // m
+};
+EffectorError effector_error(const Calibration& c, const CalibrationProblem& p, const JointLog& log) {
+  EffectorError e;
+  double sum = 0.0, count = 0.0;
+  const std::size_t stride = std::max<std::size_t>(1, log.table.rows() / 500);
+  for (std::size_t i = 0; i < log.table.rows(); i += stride) {
+    const MeasuredAngles a = log.angles(i);
+    const auto before = effector_from_base(p.nominal, p.five_bar, a),
+               after = effector_from_base(c.value, p.five_bar, a);
+    if (!before || !after) continue;
+    const double d = std::abs(*before - *after);
+    sum += d * d;
+    count += 1.0;
+    e.max = std::max(e.max, d);
+    e.sigma = std::max(e.sigma, effector_sigma(c, p.five_bar, a));
+  }
+  e.rms = count > 0.0 ? std::sqrt(sum / count) : 0.0;
+  return e;
+}
+
+std::string scale_text(const CalibrationProblem& p) {
+  std::string text = p.half_base_known ? "scale from half_base" : "";
+  if (!p.effector.empty()) {
+    text += fmt::format("{}{} effector readings{}", text.empty() ? "scale from " : ", ", p.effector.size(),
+                        p.free_frame ? " in a frame of their own" : "");
+  }
+  return text;
+}
+
+Json json_of(const Calibration& c, const CalibrationProblem& p, const RecordedRun& run, const JointLog& log,
+             const EffectorError& e, const std::string& snippet) {
+  Json j;
+  j["scene"] = run.scene.name;
+  j["log"] = run.log;
+  j["rows"] = log.table.rows();
+  j["mechanism"] = p.five_bar ? "five_bar" : "rr";
+  j["scale"] = scale_text(p);
+  j["unknowns"] = Json::array();
+  for (const int u : c.estimated) {
+    j["unknowns"].push_back({{"name", name_of(u, p.five_bar)},
+                             {"unit", is_length(u) || u == unknown_fx || u == unknown_fy ? "m" : "rad"},
+                             {"nominal", p.nominal[u]},
+                             {"value", c.value[u]},
+                             {"sigma", c.sigma(u)}});
+  }
+  j["kept_nominal"] = Json::array();
+  for (const WeakDirection& w : c.weak) {
+    j["kept_nominal"].push_back(
+        {{"direction", w.text}, {"sigma", std::isfinite(w.sigma) ? Json(w.sigma) : Json(nullptr)}});
+  }
+  j["encoder_sigma_rad"] = p.five_bar ? Json(c.encoder_sigma) : Json(nullptr);
+  j["closure"] =
+      p.five_bar ? Json{{"nominal_rms_m", c.closure_rms_nominal}, {"rms_m", c.closure_rms}} : Json(nullptr);
+  j["effector_readings_rms_m"] = p.effector.empty() ? Json(nullptr) : Json(c.effector_rms);
+  j["effector"] = {{"nominal_rms_m", e.rms}, {"nominal_max_m", e.max}, {"sigma_m", e.sigma}};
+  j["toml"] = snippet;
+  return j;
+}
+
+void print(const Calibration& c, const CalibrationProblem& p, const RecordedRun& run, const JointLog& log,
+           const EffectorError& e, const std::string& snippet) {
+  fmt::print("{}: {} rows, {}\n", printable(run.scene.name), log.table.rows(), scale_text(p));
+  fmt::print("{:<16} {:>12} {:>16} {:>12}\n", "", "nominal", "estimate", "+-");
+  for (const int u : c.estimated) {
+    fmt::print("{:<16} {:>12.6g} {:>16.8g} {:>12.2g} {}\n", name_of(u, p.five_bar), p.nominal[u], c.value[u],
+               c.sigma(u), is_length(u) || u == unknown_fx || u == unknown_fy ? "m" : "rad");
+  }
+  for (const WeakDirection& w : c.weak)
+    fmt::print("kept nominal, the log does not determine it (taken as known to 0.5 % of a length, 5 mrad): {}\n", w.text);
+  if (p.five_bar) {
+    fmt::print("loop closes to {:.3g} mm rms, with nominal values {:.3g} mm; encoders: {:.2g} rad rms\n",
+               1e3 * c.closure_rms, 1e3 * c.closure_rms_nominal, c.encoder_sigma);
+  }
+  if (!p.effector.empty()) fmt::print("effector readings are met to {:.3g} mm rms\n", 1e3 * c.effector_rms);
+  fmt::print(
+      "effector from the base encoders: nominal values put it {:.3g} mm rms, {:.3g} mm max beside these; "
+      "these are good for "
+      "{:.2g} mm (standard uncertainty)\n",
+      1e3 * e.rms, 1e3 * e.max, 1e3 * e.sigma);
+  fmt::print("\n{}", snippet);
+}
+
+}  // namespace
+
+int run_calibrate(const CalibrateOptions& o) {
+  const RecordedRun run = open_run(o.log, o.scene);
+  if (!o.write.empty()) refuse_overwrite(o.write, {run.log, run.scene_file, o.effector});
+  const JointLog read = read_log(run);
+  // Nobody knows whether the drives' observers are late: halfway, and the whole range as evenly distributed.
+  const bool late = o.observer_bandwidth > 0.0;
+  if (late) require_even(read.table, 0, "; --observer-bandwidth 0 takes rows as they are, without what the drives' observers lag");
+  const JointLog log = late ? before_observer(read, o.observer_bandwidth, 0.5) : read;
+  const CalibrationProblem p = problem_of(run, o, log);
+  Calibration c = calibrate(p);
+  judge(c, p, run, o);
+  if (late) {
+    const Calibration none = calibrate(problem_of(run, o, read)),
+                      whole = calibrate(problem_of(run, o, before_observer(read, o.observer_bandwidth, 1.0)));
+    const Unknowns range = whole.value - none.value;
+    c.covariance += range * range.transpose() / 12.0;
+  }
+  const EffectorError e = effector_error(c, p, log);
+  const std::string snippet = calibrated_snippet(run.scene, c.value);
+  if (!o.write.empty()) print_or_write(calibrated_scene(run, c.value), o.write);
+  if (o.json) {
+    fmt::print("{}\n", json_of(c, p, run, log, e, snippet).dump(2));
+  } else {
+    print(c, p, run, log, e, snippet);
+  }
+  return 0;
+}
+
+}  // namespace esmc::host

@@ -1,0 +1,20 @@
+#pragma once
+/// What a calibration changes in a scene.
+
+#include <string>
+#include <vector>
+
+#include "host_sim/calibrate/geometry.hpp"
+#include "host_sim/record/recorded_run.hpp"
+
+namespace esmc::host {
+
+/// TOML to paste: [mechanism] and the corrected offsets, and nothing else.
+std::string calibrated_snippet(const Scene& scene, const Unknowns& value);
+/// The whole scene of a run with these values; factors of control.model on lengths are gone. Throws
+/// InputError where it is none.
+std::string calibrated_scene(const RecordedRun& run, const Unknowns& value);
+/// Throws InputError when `file` is one of the inputs.
+void refuse_overwrite(const std::string& file, const std::vector<std::string>& inputs);
+
+}  // namespace esmc::host

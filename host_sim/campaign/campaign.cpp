@@ -1,0 +1,305 @@
+#include "host_sim/campaign/campaign.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <atomic>
+#include <exception>
+#include <memory>
+#include <mutex>
+#include <nlohmann/json.hpp>
+#include <thread>
+
+#include "host_sim/campaign/totals.hpp"
+#include "host_sim/campaign/episode.hpp"
+#include "host_sim/scene/starting_scene.hpp"
+#include "host_sim/record/output.hpp"
+#include "host_sim/loop/progress.hpp"
+#include "host_sim/record/run_options.hpp"
+#include "host_sim/error.hpp"
+#include "host_sim/scene/read_effects.hpp"
+
+namespace esmc::host {
+namespace {
+
+using Sets = std::vector<std::string>;
+
+/// A loop of the built-in campaign: what tells it from the scene that `esmc init` prints.
+struct Variant {
+  const char* scene = "five_bar";
+  Sets sets;
+  bool passive_encoders = false;
+};
+
+/// What all of them have: short phases.
+const Sets& short_phases() {
+  static const Sets sets{"simulation.step=1e-3", "reference.join=0.05", "limits.halt_time=0.03",
+                         "limits.lower_time=0.03"};
+  return sets;
+}
+/// Where a circle begins, turned from variant to variant.
+std::string phase(double share) { return fmt::format("reference.phase={}", 6.28 * share); }
+
+const std::vector<Variant>& variants() {
+  constexpr const char *bar = "five_bar", *arm = "rr";
+  static const std::vector<Variant> list{
+      {bar, {}},
+      {bar, {phase(0.1), "reference.speed=3.0", "limits.after_halt=\"release\""}},
+      {bar, {phase(0.2), "reference.speed=-6.0", "limits.after_halt=\"hold\""}},
+      {bar, {phase(0.3), "reference.speed=-10.0", "control.law=\"esmc_projected\""}},
+      {bar, {phase(0.4), "reference.speed=5.0", "control.law=\"smc\""}},
+      {bar,
+       {phase(0.5), "reference.speed=8.0", "control.law=\"ctc\"", "mechanism.gravity=0",
+        "limits.after_halt=\"release\""}},
+      {bar, {phase(0.6), "control.law=\"pd\"", "control.kp=20", "control.kd=0.5", "reference.speed=2.0"}},
+      {bar, {phase(0.7), "control.reaching=\"saturation\"", "control.layer=0.5"}},
+      {bar, {phase(0.8), "control.reaching=\"tanh\"", "control.layer=0.5", "reference.speed=-4.0"}},
+      {bar, {phase(0.9), "control.reaching=\"sign\"", "reference.speed=3.0"}},
+      {bar, {phase(0.15), "control.torque_ramp=0.02", "reference.speed=4.0"}},
+      {bar, {"reference.type=\"hold\"", "initial.position=[0.03, 0.2]", "limits.after_halt=\"lower\""}},
+      {bar,
+       {phase(0.25), "drives.gear_ratio=[4.0, 9.0]", "drives.direction=[-1, 1]",
+        "drives.offset=[0.3, -1.0]"}},
+      {bar, {phase(0.35), "limits.halt_time=0", "reference.speed=7.0"}},
+      {bar, {phase(0.45), "reference.join=0"}},
+      {bar, {phase(0.55), "control.sensors=\"all\"", "sensors.nodes=[3, 4]"}, true},
+      {bar, {phase(0.65), "control.sensors=\"all\"", "control.motors=\"all\"", "drives.nodes=[1, 2, 3, 4]"}},
+      {bar, {phase(0.75), "drives.sign_test=true"}},
+      {bar, {phase(0.85), "command.base_id=0x780", "command.arm=\"link\"", "command.timeout=0.1", "command.speed=0.1", "command.acceleration=1.0"}},
+      {bar,
+       {"command.base_id=0x780", "command.arm=\"link\"", "command.timeout=0.1", "command.speed=0.1", "command.acceleration=1.0", "drives.sign_test=true",
+        "limits.after_halt=\"hold\""}},
+      {arm, {}},
+      {arm, {"limits.after_halt=\"hold\"", "control.law=\"smc\""}},
+  };
+  return list;
+}
+
+class AnyKind {
+ public:
+  virtual ~AnyKind() = default;
+  [[nodiscard]] virtual EpisodeResult run(std::uint64_t seed, const Draw& draw, EpisodeTrace* trace,
+                                          std::string_view only) const = 0;
+
+ protected:
+  AnyKind() = default;
+  AnyKind(const AnyKind&) = default;
+  AnyKind& operator=(const AnyKind&) = default;
+};
+template <class World_>
+class KindOf final : public AnyKind {
+ public:
+  explicit KindOf(const Scene& scene) : kind_(scene) {}
+  [[nodiscard]] EpisodeResult run(std::uint64_t seed, const Draw& draw, EpisodeTrace* trace,
+                                  std::string_view only) const override {
+    return kind_.run(seed, draw, trace, only);
+  }
+
+ private:
+  EpisodeKind<World_> kind_;
+};
+
+std::unique_ptr<AnyKind> make_kind(const Scene& scene) {
+  const BusObstacle obstacle = bus_obstacle(scene);
+  if (!obstacle.what.empty()) throw InputError(obstacle.where, obstacle.what);
+  refuse_bus_effects(scene, "a campaign disturbs its bus by the faults that it draws");
+  if (scene.type == MechanismType::five_bar) return std::make_unique<KindOf<FiveBarWorld>>(scene);
+  return std::make_unique<KindOf<RrWorld>>(scene);
+}
+
+/// The drives of the built-in loops.
+struct DriveVariant {
+  const char* protocol;
+  Sets sets;
+  bool read_back = false;  ///< ODrive 0.6: its configuration, the watchdog's with it, before each arming
+};
+const std::vector<DriveVariant>& drive_variants() {
+  static const std::vector<DriveVariant> list{
+      {"odrive", {}},
+      {"odrive", {"drives.torque_mismatch=0.5", "drives.torque_time=0"}, true},
+      {"odrive_0.5", {}},
+      {"cia402", {"drives.torque_mismatch=0.5", "drives.torque_time=0"}},
+      {"mit",
+       {"drives.dialect=\"mini_cheetah\"", "drives.position_range=40.0", "drives.velocity_range=200.0"}},
+      {"mit",
+       {"drives.dialect=\"cubemars\"", "drives.torque_mismatch=0.5", "drives.torque_time=0",
+        "drives.position_range=40.0", "drives.velocity_range=200.0"}},
+      {"mit",
+       {"drives.dialect=\"damiao\"", "drives.torque_mismatch=0.5", "drives.torque_time=0",
+        "drives.position_range=40.0", "drives.velocity_range=200.0"}},
+  };
+  return list;
+}
+/// A table of endpoints that no version of the firmware has: the emulated drive is given the same.
+OdriveEndpoints some_endpoints() {
+  OdriveEndpoints out{{0, 6, 10}, {}};
+  for (const OdriveValueName& v : odrive_values) {
+    out.list.push_back({v.value, static_cast<std::uint16_t>(300 + out.list.size()), v.type});
+  }
+  return out;
+}
+const char* protocol_name(const Scene& scene) {
+  switch (scene.drives.protocol) {
+    case Protocol::odrive: return "odrive";
+    case Protocol::odrive_0_5: return "odrive_0.5";
+    case Protocol::cia402: return "cia402";
+    case Protocol::mit: return "mit";
+  }
+  return "";
+}
+std::string protocol_set(std::string_view protocol) {
+  return fmt::format("drives.protocol=\"{}\"", protocol);
+}
+
+/// Everything an episode may run on. An episode is a function of its seed and of these.
+class Campaign {
+ public:
+  explicit Campaign(const CampaignOptions& o) : fault_(o.fault) {
+    const auto named = [&](const InjectionRow& r) { return r.name == fault_; };
+    if (!fault_.empty() && std::ranges::none_of(injection_rows(), named)) {
+      std::string all;
+      for (const InjectionRow& r : injection_rows()) all += (all.empty() ? "" : ", ") + std::string(r.name);
+      throw InputError("", "--fault " + printable(fault_) + ": allowed are " + all);
+    }
+    if (!o.scene.empty()) {
+      Sets sets = o.sets;
+      if (!o.protocol.empty()) sets.push_back(protocol_set(o.protocol));
+      const Scene scene = read_scene(o.scene, sets);
+      kinds_.push_back(make_kind(scene));
+      protocols_.push_back(protocol_name(scene));
+      return;
+    }
+    for (const DriveVariant& d : drive_variants()) {
+      if (!o.protocol.empty() && o.protocol != d.protocol) continue;
+      for (const Variant& v : variants()) add(o, d, v);
+    }
+    if (kinds_.empty()) {
+      throw InputError(
+          "", "--protocol " + printable(o.protocol) + ": allowed are odrive, odrive_0.5, cia402, mit");
+    }
+  }
+  [[nodiscard]] EpisodeResult run(std::uint64_t seed, EpisodeTrace* trace = nullptr) const {
+    Draw draw(seed);
+    const std::size_t variant = draw.below(kinds_.size());
+    EpisodeResult e = kinds_[variant]->run(seed, draw, trace, fault_);
+    e.variant = variant;
+    e.protocol = protocols_[variant];
+    return e;
+  }
+
+ private:
+  void add(const CampaignOptions& o, const DriveVariant& d, const Variant& v) {
+    if (v.passive_encoders && !std::string_view(d.protocol).starts_with("odrive")) return;
+    Sets all = short_phases();
+    for (const Sets* more : {&v.sets, &d.sets, &o.sets}) all.insert(all.end(), more->begin(), more->end());
+    all.push_back(protocol_set(d.protocol));
+    Scene scene = read_scene_text(std::string(starting_scene(v.scene)), "built-in scene", all);
+    // Of drives as delivered nothing could be tried: they are refused.
+    if (d.read_back && !scene.drives.endpoints && scene.drives.confirmed.value_or(true)) {
+      scene.drives.endpoints = some_endpoints();
+    }
+    kinds_.push_back(make_kind(scene));
+    protocols_.push_back(protocol_name(scene));
+  }
+
+  std::vector<std::unique_ptr<AnyKind>> kinds_;
+  std::vector<const char*> protocols_;  // of each
+  std::string fault_;
+};
+
+CampaignTotals run_all(const Campaign& campaign, const CampaignOptions& o) {
+  const auto processors = static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
+  const int jobs = o.jobs > 0 ? o.jobs : processors;
+  constexpr std::uint64_t at_once = 64;
+  std::atomic<std::uint64_t> next{0};
+  std::mutex mutex;
+  CampaignTotals totals;
+  std::exception_ptr failure;
+  Progress progress(o.episodes);
+  const auto work = [&](bool draws) {
+    CampaignTotals mine;
+    try {
+      for (std::uint64_t from = next.fetch_add(at_once); from < o.episodes && !stop_requested();
+           from = next.fetch_add(at_once)) {
+        if (draws) progress.at(from);
+        for (std::uint64_t i = from; i < std::min(o.episodes, from + at_once); ++i)
+          mine.add(campaign.run(o.seed + i));
+      }
+    } catch (...) {
+      const std::lock_guard lock(mutex);
+      failure = std::current_exception();
+      next = o.episodes;
+    }
+    const std::lock_guard lock(mutex);
+    totals.add(mine);
+  };
+  std::vector<std::thread> threads;
+  for (int i = 1; i < jobs; ++i) threads.emplace_back(work, false);
+  work(true);
+  for (std::thread& t : threads) t.join();
+  if (failure) std::rethrow_exception(failure);
+  return totals;
+}
+
+int replay(const Campaign& campaign, const CampaignOptions& o) {
+  EpisodeTrace trace;
+  const EpisodeResult e = campaign.run(*o.replay, &trace), again = campaign.run(*o.replay);
+  const bool equal = e.digest == again.digest && e.ticks == again.ticks;
+  const bool held = e.verdict.invariant.empty();
+  nlohmann::ordered_json j;
+  j["seed"] = e.seed;
+  j["variant"] = e.variant;
+  j["fault"] = e.injection.row->name;
+  j["phase"] = name(e.injection.phase);
+  j["injection"] = describe(e.injection);
+  j["invariant"] = held ? nlohmann::ordered_json(nullptr) : nlohmann::ordered_json(e.verdict.invariant);
+  j["violation_tick"] = held ? nlohmann::ordered_json(nullptr) : nlohmann::ordered_json(e.verdict.tick);
+  j["latched"] = e.first_fault.empty() ? "none" : e.first_fault;
+  j["notice_ms"] = e.reaction.notice_ms;
+  j["safe_ms"] = e.reaction.safe_ms;
+  j["host_death_ms"] = e.reaction.death_ms;
+  j["ticks"] = e.ticks;
+  j["digest"] = fmt::format("{:016x}", e.digest);
+  j["bit_equal"] = equal;
+  OutputDirectory out(o.out);
+  if (out.wanted()) {
+    std::string lines;
+    for (const std::string& line : trace) lines += line + "\n";
+    out.write("episode.txt", lines);
+    out.write("episode.json", j.dump(2) + "\n");
+    out.commit();
+  }
+  if (o.json) {
+    fmt::print("{}\n", j.dump(2));
+  } else {
+    for (const std::string& line : trace) fmt::print("{}\n", line);
+    fmt::print("seed {} on variant {}: {}\n", e.seed, e.variant, describe(e.injection));
+    fmt::print("latched {}; {}\n", j["latched"].get<std::string>(),
+               held ? "every invariant held"
+                    : fmt::format("{} broken at tick {}", e.verdict.invariant, e.verdict.tick));
+    fmt::print("digest {:016x}, run twice: {}\n", e.digest, equal ? "bit-equal" : "different");
+  }
+  return held && equal ? 0 : 1;
+}
+
+}  // namespace
+
+int run_campaign(const CampaignOptions& o) {
+  const Campaign campaign(o);
+  if (o.replay) return replay(campaign, o);
+  OutputDirectory out(o.out);
+  const CampaignTotals totals = run_all(campaign, o);
+  nlohmann::ordered_json j = totals.json();
+  j["seed"] = o.seed;
+  j["interrupted"] = totals.episodes() < o.episodes;
+  if (out.wanted()) {
+    out.write("campaign.json", j.dump(2) + "\n");
+    out.write("campaign.md", totals.markdown());
+    out.write("report.html", totals.page(o.command_line, o.episodes));
+    out.commit();
+  }
+  fmt::print("{}", o.json ? j.dump(2) + "\n" : totals.text());
+  return totals.violation_count() == 0 && totals.episodes() == o.episodes ? 0 : 1;
+}
+
+}  // namespace esmc::host

@@ -1,0 +1,75 @@
+#pragma once
+/// What a campaign counts. Sums and maxima only: the same whoever ran which episode, in whatever order.
+
+#include <array>
+#include <cstdint>
+#include <map>
+#include <nlohmann/json_fwd.hpp>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "host_sim/campaign/episode.hpp"
+
+namespace esmc::host {
+
+/// Counts of times, in bins of a quarter of a millisecond.
+class Times {
+ public:
+  static constexpr double bin_ms = 0.25;
+  void add(double ms);
+  void add(const Times& other);
+  [[nodiscard]] double longest() const { return longest_; }  ///< ms; 0: none
+  [[nodiscard]] std::uint64_t count() const;
+  /// [{up_to_ms, count}], empty bins left out; a time on an edge belongs to the bin that ends there.
+  [[nodiscard]] nlohmann::ordered_json json() const;
+
+ private:
+  std::map<int, std::uint64_t> bins_;
+  double longest_ = 0.0;
+};
+
+struct FaultTotals {
+  std::uint64_t episodes = 0, under_torque = 0;
+  std::array<std::uint64_t, phase_count> phases{};
+  std::array<std::uint64_t, 4> drives{};  ///< at which of the scene's drives; faults of all of them draw one as well
+  std::map<std::string, std::uint64_t, std::less<>> latched;  ///< names of the controller's first fault
+  Times notice, safe;
+};
+
+struct Violation {
+  std::uint64_t seed, tick, digest;
+  std::string fault, phase, invariant;
+};
+
+class CampaignTotals {
+ public:
+  void add(const EpisodeResult& e);
+  void add(const CampaignTotals& other);
+  [[nodiscard]] std::uint64_t episodes() const { return episodes_; }
+  [[nodiscard]] std::uint64_t violation_count() const { return violation_count_; }
+  /// Sorted by seed, at most violations_max.
+  [[nodiscard]] const std::vector<Violation>& violations() const { return violations_; }
+  [[nodiscard]] double simulated_s() const { return static_cast<double>(ticks_us_) * 1e-6; }
+  /// The document of `--json`.
+  [[nodiscard]] nlohmann::ordered_json json() const;
+  [[nodiscard]] std::string text() const;
+  /// Tables for a page.
+  [[nodiscard]] std::string markdown() const;
+  /// The page that --out leaves; `wanted`: episodes that were asked for.
+  [[nodiscard]] std::string page(const std::string& command, std::uint64_t wanted) const;
+
+ private:
+  [[nodiscard]] std::vector<std::vector<std::string>> fault_rows() const;
+  [[nodiscard]] std::vector<std::pair<const char*, const Times*>> reactions() const;
+  static constexpr std::size_t violations_max = 1000;
+  void keep_lowest();
+
+  std::uint64_t episodes_ = 0, ticks_us_ = 0, violation_count_ = 0, digest_ = 0;
+  std::vector<Violation> violations_;
+  std::map<std::string, FaultTotals, std::less<>> faults_;
+  std::map<std::string, std::uint64_t, std::less<>> protocols_;
+  Times stale_, safe_, death_;
+};
+
+}  // namespace esmc::host

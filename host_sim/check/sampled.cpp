@@ -1,0 +1,152 @@
+#include "host_sim/check/sampled.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numbers>
+
+#include "host_sim/bus/response.hpp"
+#include "host_sim/controller/robust.hpp"
+
+namespace esmc::host {
+namespace {
+
+/// How late, in ticks, a torque acts on what it was computed from.
+struct Delay {
+  double certain = 0.0;  ///< compute_delay and delay
+  double bus = 0.0;      ///< from sample to torque at worst, with bit_timing
+  double lag =
+      0.0;  ///< of the drive's observer and of torque_lag: a delay for everything slower than they are
+};
+Delay delay_of(const Scene& s) {
+  Delay d;
+  if (const auto e = find_effect<ComputeDelay>(s.effects)) d.certain += e->time * s.rate_hz;
+  if (const auto e = find_effect<SensorDelay>(s.effects)) d.certain += e->ticks;
+  const auto encoder = find_effect<Encoder>(s.effects);
+  const auto noise = find_effect<SensorNoise>(s.effects);
+  // Two poles at the bandwidth: each is late by its inverse.
+  if (encoder || noise) d.lag += 2.0 / (encoder ? encoder->bandwidth : noise->bandwidth) * s.rate_hz;
+  if (const auto e = find_effect<TorqueLag>(s.effects)) d.lag += e->time_constant * s.rate_hz;
+  if (find_effect<BitTiming>(s.effects)) d.bus = analyse_bus(s).loop_s.value_or(s.tick()) * s.rate_hz;
+  return d;
+}
+
+/// Largest K / layer + lambda, 1/s.
+double stiffness(const Scene& s) {
+  if (!s.robust_gain) {
+    return std::max(s.gain.position / s.layer.position + s.lambda.position, s.gain.angle / s.layer.angle + s.lambda.angle);
+  }
+  const auto of = [&]<class M>(const M*) { return robust_gains<M>(s, Pacing::lockstep).stiffness; };
+  return s.type == MechanismType::five_bar ? of(static_cast<FiveBar<double>*>(nullptr)) : of(static_cast<Rr<double>*>(nullptr));
+}
+
+/// A momentum that is seen late, by more than the observer is told, makes a loop of its own: s = -omega e^{-s late}, which rings
+/// by itself where omega late is pi/2.
+void judge_observer(const Scene& s, const Delay& d, Findings& f) {
+  const double late = d.certain + d.lag - s.delay_ticks.value_or(0.0), turn = s.disturbance_observer * late * s.tick();
+  if (turn <= std::numbers::pi / 4.0) return;
+  f.warning(fmt::format("control.disturbance_observer times a delay of {:.2g} ticks that it is not told = {:.3g}, better below {:.2g}; beyond {:.2g} "
+                        "it rings by itself: a smaller bandwidth, or a faster observer in the drive",
+                        late, turn, std::numbers::pi / 4.0, std::numbers::pi / 2.0));
+}
+
+}  // namespace
+
+void judge_gains(const Scene& s, Findings& f) {
+  const Delay d = delay_of(s);
+  judge_observer(s, d, f);
+  const bool sliding =
+      s.law == LawChoice::esmc || s.law == LawChoice::esmc_projected || s.law == LawChoice::smc;
+  if (!sliding) return;
+  if (s.reaching == ReachingChoice::super_twisting && std::max(s.gain.position, s.gain.angle) == 0.0)
+    f.warning("control.gain is L of super_twisting, the largest rate of what disturbs: with 0 it holds against nothing (docs/reaching.md)");
+  if (s.reaching == ReachingChoice::sign)
+    f.warning("reaching = \"sign\" chatters in a sampled loop; \"implicit\" does not");
+  const bool bridges = s.predictor || s.reaching == ReachingChoice::super_twisting;
+  if (bridges || s.reaching == ReachingChoice::implicit || s.reaching == ReachingChoice::implicit_coupled) {
+    const double late = std::round(d.certain + d.lag), told = s.delay_ticks.value_or(0.0) + s.sensor_lag_ticks;
+    if (s.predictor && s.delay_ticks.value_or(0.0) > late) {
+      f.warning(fmt::format("control.predictor looks control.delay_ticks = {:g} ahead, and this scene is late by about {}: what it foresees "
+                            "has happened already, and the loop may ring; tell the delay that there is",
+                            s.delay_ticks.value_or(0.0), late));
+    }
+    if (late > told) {
+      f.warning(
+          fmt::format("sensors and drives of this scene are late by about {} tick{}, the implicit law is "
+                      "told {}: it will "
+                      "chatter; set control.delay_ticks = {}",
+                      late, late == 1.0 ? "" : "s", told, late));
+    }
+    // Its layer makes gain / layer * tick = 1 / (1 + told); the bound is that of the delay there is [F39].
+    const double bridged = bridges ? s.delay_ticks.value_or(0.0) : 0.0;
+    const double loop = 1.0 / (1.0 + told - bridged) + std::max(s.lambda.position, s.lambda.angle) * s.tick();
+    const double bound = 2.0 * std::sin(std::numbers::pi / (4.0 * (std::max(told, late) - bridged) + 2.0));
+    if (loop > 0.85 * bound) {
+      f.warning(fmt::format("1 / (1 + delay_ticks) + lambda * tick = {:.3g}, better below {:.2g}; beyond {:.2g} the loop "
+                            "rings by itself: a smaller lambda",
+                            loop, 0.85 * bound, bound));
+    }
+    return;
+  }
+  if (s.reaching != ReachingChoice::sign) judge_layer(s, stiffness(s), f);
+}
+
+void judge_layer(const Scene& s, double stiffness, Findings& f) {
+  Delay d = delay_of(s);
+  // kappa T <= 0.3, and below half of the bound on stability 2 sin(pi/(4 d + 2)) [F39]
+  const double kappa_t = stiffness * s.tick();
+  const auto half_bound = [](double ticks) { return design::steepest(ticks); };
+  const std::string is = fmt::format("(gain / layer + lambda) * tick = {:.3g}", kappa_t);
+  const std::string cure =
+      "a larger control.layer, a smaller gain or lambda (docs/theory.md, \"Boundary layers and the implicit "
+      "law\")";
+  d.certain += d.bus;
+  if (kappa_t > half_bound(d.certain)) {
+    f.error(fmt::format("{}, at most {:.2g}, half of what makes the loop ring by itself with a delay of {:.2g} ticks: {}",
+                        is, half_bound(d.certain), d.certain, cure));
+  } else if (const double allowed = std::min(0.3, half_bound(d.certain + d.lag)); kappa_t > allowed) {
+    f.warning(fmt::format("{}, better below {:.2g}: {}", is, allowed, cure));
+  }
+}
+
+void judge_step(const Scene& s, Findings& f) {
+  const auto stops = find_effect<EndStops>(s.effects);
+  const auto dry = find_effect<CoulombFriction>(s.effects);
+  const bool set_valued = (stops && !stops->stiffness) || (dry && dry->regularised == 0.0);
+  if (s.accuracy || set_valued || s.method == Method::radau5 || s.method == Method::moreau_jean) return;
+  double inertia = std::numeric_limits<double>::infinity();  // about its own joint, of the lightest bar
+  for (std::size_t j = 0; j < (s.type == MechanismType::five_bar ? 2U : 1U); ++j) {
+    const LegParams<double>& leg = s.mechanism.legs[j];
+    for (const double J : {leg.J1 + leg.m1 * leg.lg1 * leg.lg1, leg.J2 + leg.m2 * leg.lg2 * leg.lg2}) {
+      if (J > 0.0) inertia = std::min(inertia, J);
+    }
+  }
+  const double step = s.tick() / std::max(1.0, std::ceil(s.tick() / s.step - 1e-9));
+  const auto spring = [&](const char* what, double stiffness, double inverse_rotor) {
+    const double omega = std::sqrt(stiffness * (inverse_rotor + 1.0 / inertia));
+    if (step * omega <= 0.5) return;
+    f.warning(fmt::format(
+        "{} swings at about {:.3g} rad/s: integration steps of {:.2g} s are too long for {}, take at most "
+        "{:.2g} s, integrator = \"radau5\" or simulation.accuracy",
+        what, omega, step, name(s.method), 0.5 / omega));
+  };
+  const auto gear = find_effect<JointFlexibility>(s.effects);
+  if (gear) {
+    double omega2 = 0.0, stiffness = 0.0, inverse = 0.0;
+    for (std::size_t i = 0; i < static_cast<std::size_t>(s.motors()); ++i) {
+      const double own = gear->stiffness[i] * (1.0 / gear->rotor_inertia[i] + 1.0 / inertia);
+      if (own <= omega2) continue;
+      omega2 = own;
+      stiffness = gear->stiffness[i];
+      inverse = 1.0 / gear->rotor_inertia[i];
+    }
+    spring("joint_flexibility", stiffness, inverse);
+  }
+  if (const auto play = find_effect<Backlash>(s.effects); play && !gear)
+    spring("the contact of backlash", play->stiffness, 1.0 / play->rotor_inertia);
+  if (stops && stops->stiffness) spring("a joint at its end_stops", *stops->stiffness, 0.0);
+}
+
+}  // namespace esmc::host

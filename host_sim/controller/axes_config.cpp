@@ -1,0 +1,272 @@
+#include "host_sim/controller/axes_config.hpp"
+
+#include <algorithm>
+#include <array>
+#include <limits>
+#include <random>
+
+#include "host_sim/drives/placed_axes.hpp"
+
+namespace esmc::host {
+
+constexpr double sdo_time = 0.1;  // s that an answer may take
+
+double enabling_time_max(const Scene& s) {
+  const double set_up = s.drives.protocol == Protocol::cia402 ? 2.0 * drive::cia402::setup.size() * sdo_time : 0.0;
+  return std::max(5.0, 500.0 * s.tick()) + 2.0 * (s.drives.watchdog_timeout + s.drives.heartbeat_timeout) + set_up;
+}
+double waiting_time_max(const Scene& s) {
+  constexpr double beats = 6.0;  // from the mode to the second confirmation, and once more
+  return s.drives.boot_time + beats * s.drives.heartbeat_timeout;
+}
+
+std::size_t axis_of(const Scene& scene, std::size_t i) {
+  const bool mixed = scene.all_sensors && !scene.all_motors;
+  return mixed ? (i < 2 ? 2 * i : 2 * (i - 2) + 1) : i;
+}
+
+drive::AxisConfig mount(const Scene& scene, std::size_t i) {
+  const DriveScene& d = scene.drives;
+  return {static_cast<std::uint8_t>(d.nodes[i]), static_cast<float>(d.direction[i]),
+          static_cast<float>(d.gear_ratio[i]), static_cast<float>(d.offset[i])};
+}
+
+namespace {
+
+/// What a supervisor computer may ask for, and what it is told.
+link::LinkConfig make_link(const Scene& scene, Pacing pacing, ReferenceSpace space) {
+  const CommandScene& k = *scene.command;
+  const auto real = [](double v) { return static_cast<float>(v); };
+  const auto ticks = [&](double seconds) { return std::ceil(seconds * scene.rate_hz); };
+  const auto count = [](int n) { return static_cast<std::uint32_t>(n); };
+  link::LinkConfig c;
+  c.base_id = count(k.base_id);
+  c.scene = scene.identity;
+  // A recording of one run is worth nothing in the next; in lockstep runs are to be repeatable.
+  const std::uint32_t draw = pacing == Pacing::realtime ? std::random_device{}() : static_cast<std::uint32_t>(scene.seed);
+  c.session = static_cast<std::uint8_t>(draw % 255U + 1U);
+  c.counter_jump_max = static_cast<std::uint8_t>(k.counter_jump);
+  c.command_age_ticks_max = static_cast<std::uint16_t>(std::min(ticks(k.order_age), 65535.0 / 2.0));
+  c.status_ticks = count(k.status_ticks);
+  c.telemetry_ticks = count(k.telemetry_ticks);
+  c.table_ticks = static_cast<std::uint32_t>(std::max(1.0, ticks(1.0)));
+  c.period_ns = static_cast<std::uint32_t>(std::llround(1e9 / scene.rate_hz));
+  c.source = static_cast<link::Source>(k.source);
+  const bool joints = space == ReferenceSpace::base_joints;
+  c.space = joints ? link::Space::base_joints : link::Space::effector;
+  const auto& box = joints ? scene.limits.joint_angle : scene.limits.workspace;
+  for (std::size_t i = 0; i < 2; ++i) {
+    c.position[i] = box ? link::Bounds{real((*box)[i][0]), real((*box)[i][1])} : link::Bounds{-1e3F, 1e3F};
+  }
+  const auto bounds = [&](const std::array<double, 2>& r) { return link::Bounds{real(r[0]), real(r[1])}; };
+  const link::Parameters::Values values{
+      real(scene.lambda.position), real(scene.lambda.angle), real(scene.gain.position), real(scene.gain.angle),
+      real(scene.tick()), real(scene.torque_limit[0]), real(scene.torque_limit[static_cast<std::size_t>(scene.motors()) / 2]),
+      real(scene.limits.joint_speed), real(k.speed), real(k.acceleration), static_cast<float>(k.stream_age_ticks),
+      real(ticks(k.timeout))};
+  c.parameters = link::Parameters(values, {bounds(k.lambda), bounds(k.lambda), bounds(k.gain), bounds(k.gain)});
+  return c;
+}
+static_assert(static_cast<int>(link::Source::hold) == static_cast<int>(CommandSource::hold) &&
+              static_cast<int>(link::Source::reference) == static_cast<int>(CommandSource::reference) &&
+              static_cast<int>(link::Source::stream) == static_cast<int>(CommandSource::stream));
+
+constexpr double stopping_time_max = 1.5;  // s; longer than the host's controller waits at its end
+constexpr double gone_time = 0.15;         // s; no drive restarts in less
+
+constexpr double two_beats = 0.02;  // s; a drive that beats as it should is never silent for longer
+
+/// Longer without a heartbeat, an axis is lost.
+std::uint32_t silence_ticks(const Scene& scene) {
+  return static_cast<std::uint32_t>(std::ceil(scene.drives.heartbeat_timeout * scene.rate_hz));
+}
+
+/// Of a cycle of axes that `make_axis(i)` makes, i in the order of the scene.
+template <class C, class MakeAxis>
+typename C::Config config_of(const Scene& scene, Pacing pacing, const ReferenceBundle<typename C::S>& reference,
+                             const MakeAxis& make_axis, const decltype(C::Config::line)& line = {}) {
+  typename C::Config c;
+  c.line = line;
+  c.controller = make_controller<typename C::Mechanism>(scene, pacing, reference);
+  c.axis_count = static_cast<int>(scene.drives.nodes.size());
+  c.heartbeat_age_ticks_max = silence_ticks(scene);
+  const auto ticks = [&](double seconds) { return static_cast<std::uint32_t>(std::max(2.0, std::floor(seconds * scene.rate_hz))); };
+  c.waiting_ticks_max = ticks(waiting_time_max(scene));
+  c.gone_ticks_max = ticks(std::max(gone_time, scene.drives.heartbeat_timeout));
+  c.controller.enabling_ticks_max = ticks(enabling_time_max(scene));
+  c.controller.stopping_ticks_max = ticks(stopping_time_max);
+  using S = typename C::S;
+  c.torque_mismatch = static_cast<S>(scene.drives.torque_mismatch);
+  c.torque_time = static_cast<S>(scene.drives.torque_time);
+  c.samples_timed = pacing == Pacing::realtime;
+  // Emulated drives know their angle, whatever the scene's real ones do.
+  c.zero_absolute = scene.drives.zero == Zero::absolute || !scene.hardware;
+  for (int i = 0, n = c.controller.sensor_count(); i < n; ++i) {
+    const int joint = ControllerConfig<typename C::Mechanism>::joint_of(i, n);
+    const auto at = static_cast<std::size_t>(i);
+    c.zero_pose[joint] = static_cast<S>(scene.drives.zero_pose.empty()
+                                            ? scene.start_angle[static_cast<std::size_t>(joint)]
+                                            : scene.drives.zero_pose[at]);
+  }
+  if (scene.command) {
+    c.link = make_link(scene, pacing, c.controller.reference.space);
+    c.delay_ticks = static_cast<S>(borne_delay(scene, pacing));
+  }
+  for (std::size_t i = 0; i < scene.drives.nodes.size(); ++i) c.axes[axis_of(scene, i)] = make_axis(i);
+  return c;
+}
+
+/// What the configuration of motor i must hold, as far as the scene says it and the table of endpoints has it.
+[[nodiscard]] drive::OdriveTable odrive_table(const Scene& scene, std::size_t i) {
+  drive::OdriveTable t;
+  const DriveScene& d = scene.drives;
+  if (!d.endpoints) return t;
+  t.check_version = true;
+  t.firmware = d.endpoints->firmware;
+  constexpr float most = std::numeric_limits<float>::max();
+  constexpr double slack = 1e-3;  // of numbers that somebody typed
+  const auto check = [&](const OdriveEndpoint& e, float lower, float upper) {
+    t.checks[t.count++] = {e.id, e.type, lower, upper};
+  };
+  for (const OdriveEndpoint& e : d.endpoints->list) {
+    switch (e.value) {
+      case OdriveValue::enable_watchdog:
+      case OdriveValue::overspeed_error:
+        check(e, 1.0F, 1.0F);
+        break;
+      case OdriveValue::watchdog_timeout:
+        check(e, 1e-3F, static_cast<float>(d.watchdog_timeout * (1.0 + slack)));
+        break;
+      case OdriveValue::control_mode:
+        check(e, drive::odrive::control_mode_torque, drive::odrive::control_mode_torque);
+        break;
+      case OdriveValue::input_mode:
+        check(e, drive::odrive::input_mode_passthrough, drive::odrive::input_mode_passthrough);
+        break;
+      case OdriveValue::torque_mode_limit:
+        check(e, 0.0F, 0.0F);
+        break;
+      case OdriveValue::vel_limit:
+        check(e, static_cast<float>(odrive_vel_limit(scene, i) * (1.0 - slack)), most);
+        break;
+      case OdriveValue::torque_constant:
+        if (d.torque_constant.empty()) break;
+        check(e, static_cast<float>(d.torque_constant[i] * (1.0 - 10.0 * slack)),
+              static_cast<float>(d.torque_constant[i] * (1.0 + 10.0 * slack)));
+        break;
+      case OdriveValue::current_limit:
+        if (d.torque_constant.empty()) break;
+        check(e, static_cast<float>(odrive_current(scene, i, d.torque_constant[i]) * (1.0 - slack)), most);
+        break;
+      case OdriveValue::heartbeat_period:
+        check(e, 1.0F, 10.0F);
+        break;
+    }
+  }
+  return t;
+}
+static_assert(odrive_values.size() <= drive::OdriveTable::checks_max);
+
+[[nodiscard]] std::uint32_t retry_ticks(const Scene& scene) {
+  return static_cast<std::uint32_t>(std::max(1.0, std::round(0.15 * scene.rate_hz)));
+}
+
+}  // namespace
+
+OdriveSettings odrive_settings(const Scene& scene, Pacing pacing, std::size_t i) {
+  const DriveScene& d = scene.drives;
+  const bool motor = i < static_cast<std::size_t>(scene.motors());
+  OdriveSettings s;
+  s.version = d.protocol == Protocol::odrive ? drive::odrive::Version::v0_6 : drive::odrive::Version::v0_5_6;
+  s.retry_ticks = retry_ticks(scene);
+  s.silence_ticks = std::max(silence_ticks(scene), static_cast<std::uint32_t>(std::ceil(two_beats * scene.rate_hz)));
+  if (motor) s.table = odrive_table(scene, i);
+  // In lockstep a drive without its torque would keep everybody waiting.
+  if (motor && pacing == Pacing::realtime && d.watchdog_test.value_or(scene.hardware)) {
+    s.proof_ticks = watchdog_proof_ticks(d, scene.rate_hz);
+  }
+  return s;
+}
+
+drive::Cia402Settings cia402_settings(const Scene& scene, std::size_t i) {
+  const DriveScene& d = scene.drives;
+  const auto ticks = [&](double seconds) {
+    return static_cast<std::uint16_t>(std::clamp(std::round(seconds * scene.rate_hz), 1.0, 65535.0));
+  };
+  drive::Cia402Settings s;
+  if (i < d.rated_torque.size()) {  // a motor
+    s.rated_torque = static_cast<float>(d.rated_torque[i]);
+    s.torque_limit = static_cast<float>(scene.torque_limit[i] / d.gear_ratio[i]);
+  }
+  s.rated_torque_unit = static_cast<float>(d.rated_torque_unit);
+  s.counts_per_turn = static_cast<std::uint32_t>(d.counts_per_turn);
+  s.velocity_unit = static_cast<float>(d.velocity_unit);
+  s.period_us = static_cast<std::uint32_t>(std::llround(1e6 / scene.rate_hz));
+  s.consumer_ms = static_cast<std::uint16_t>(std::ceil(1e3 * d.watchdog_timeout - 1e-9));
+  s.master_node = static_cast<std::uint8_t>(d.controller_node);
+  s.retry_ticks = ticks(0.5);  // a transition of a real drive may take most of that: brakes, capacitors
+  s.sdo_ticks = ticks(sdo_time);
+  return s;
+}
+
+drive::MitAxis::Settings mit_settings(const Scene& scene, std::size_t i) {
+  const DriveScene& d = scene.drives;
+  drive::MitAxis::Settings s;
+  s.ranges = {static_cast<float>(d.position_range[i]), static_cast<float>(d.velocity_range[i]),
+              static_cast<float>(d.torque_range[i])};
+  s.dialect = dialect_of(scene);
+  s.master_id = static_cast<std::uint16_t>(d.master_id[i]);
+  s.retry_ticks = std::max(3U, retry_ticks(scene));
+  return s;
+}
+
+template <class M>
+AnyCycleConfig<M> make_cycle_config(const Scene& scene, Pacing pacing, const ReferenceBundle<typename M::Scalar>& reference) {
+  switch (scene.drives.protocol) {
+    case Protocol::odrive:
+    case Protocol::odrive_0_5:
+      break;
+    case Protocol::cia402:
+      return config_of<Cia402Cycle<M>>(
+          scene, pacing, reference,
+          [&](std::size_t i) { return drive::Cia402Axis(mount(scene, i), cia402_settings(scene, i)); },
+          {static_cast<std::uint8_t>(scene.drives.controller_node), heartbeat_ticks(scene)});
+    case Protocol::mit:
+      return config_of<MitCycle<M>>(scene, pacing, reference, [&](std::size_t i) {
+        return drive::MitAxis(mount(scene, i), mit_settings(scene, i));
+      });
+  }
+  return config_of<OdriveCycle<M>>(scene, pacing, reference, [&](std::size_t i) {
+    const OdriveSettings s = odrive_settings(scene, pacing, i);
+    drive::OdriveAxis axis(mount(scene, i), s.version, s.retry_ticks, s.table);
+    axis.restarts_within(s.silence_ticks);
+    if (s.proof_ticks > 0) axis.prove_watchdog(s.proof_ticks);
+    return axis;
+  });
+}
+
+template <class M>
+AnyCycle<M> make_cycle(const Scene& scene, Pacing pacing, const ReferenceBundle<typename M::Scalar>& reference) {
+  return std::visit(
+      []<class Config>(const Config& c) -> AnyCycle<M> {
+        if constexpr (std::is_same_v<Config, typename OdriveCycle<M>::Config>) {
+          return OdriveCycle<M>(c);
+        } else if constexpr (std::is_same_v<Config, typename Cia402Cycle<M>::Config>) {
+          return Cia402Cycle<M>(c);
+        } else {
+          return MitCycle<M>(c);
+        }
+      },
+      make_cycle_config<M>(scene, pacing, reference));
+}
+
+#define ESMC_INSTANCE(M, S)                                                                                   \
+  template AnyCycleConfig<M<S>> make_cycle_config<M<S>>(const Scene&, Pacing, const ReferenceBundle<S>&);      \
+  template AnyCycle<M<S>> make_cycle<M<S>>(const Scene&, Pacing, const ReferenceBundle<S>&);
+ESMC_INSTANCE(FiveBar, double)
+ESMC_INSTANCE(FiveBar, float)
+ESMC_INSTANCE(Rr, double)
+ESMC_INSTANCE(Rr, float)
+#undef ESMC_INSTANCE
+
+}  // namespace esmc::host

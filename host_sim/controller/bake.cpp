@@ -1,0 +1,182 @@
+#include "host_sim/controller/bake.hpp"
+
+#include <vector>
+
+#include "host_sim/controller/bake_text.hpp"
+#include "host_sim/version.hpp"
+
+namespace esmc::host {
+namespace {
+
+using bake::text;
+
+/// A table of points is kept in the image's memory.
+constexpr std::size_t segments_max = 64;
+
+/// Settings of the drives as tables, the expressions that make the axes from them, and both without words.
+struct AxesText {
+  std::string tables, make, values;
+};
+/// `name`[]: what `make(i)` says of drive i, in the order of the scene.
+template <class Make>
+void add_table(AxesText& out, const Scene& scene, const char* type, const char* name, const Make& make) {
+  out.tables += fmt::format("inline constexpr {} {}[] = {{\n", type, name);
+  for (std::size_t i = 0; i < scene.drives.nodes.size(); ++i) {
+    out.tables += "    " + text(make(i)) + ",\n";
+    out.values += text(make(i));
+  }
+  out.tables += "};\n";
+}
+
+AxesText axes_text(const Scene& scene, Pacing pacing) {
+  AxesText out;
+  add_table(out, scene, "drive::AxisConfig", "mounts", [&](std::size_t i) { return mount(scene, i); });
+  switch (scene.drives.protocol) {
+    case Protocol::cia402:
+      add_table(out, scene, "drive::Cia402Settings", "settings", [&](std::size_t i) { return cia402_settings(scene, i); });
+      break;
+    case Protocol::mit:
+      add_table(out, scene, "drive::MitAxis::Settings", "settings", [&](std::size_t i) { return mit_settings(scene, i); });
+      break;
+    case Protocol::odrive:
+    case Protocol::odrive_0_5:
+      add_table(out, scene, "drive::OdriveTable", "settings",
+                               [&](std::size_t i) { return odrive_settings(scene, pacing, i).table; });
+      break;
+  }
+  for (std::size_t i = 0; i < scene.drives.nodes.size(); ++i) {
+    const std::string place = fmt::format("  c.axes[{}]", axis_of(scene, i));
+    switch (scene.drives.protocol) {
+      case Protocol::cia402:
+        out.make += fmt::format("{} = drive::Cia402Axis(mounts[{}], settings[{}]);\n", place, i, i);
+        continue;
+      case Protocol::mit:
+        out.make += fmt::format("{} = drive::MitAxis(mounts[{}], settings[{}]);\n", place, i, i);
+        continue;
+      case Protocol::odrive:
+      case Protocol::odrive_0_5:
+        break;
+    }
+    const OdriveSettings s = odrive_settings(scene, pacing, i);
+    out.make += fmt::format("{} = drive::OdriveAxis(mounts[{}], {}, {}, settings[{}]);\n", place, i, text(s.version),
+                            text(s.retry_ticks), i);
+    out.make += fmt::format("{}.restarts_within({});\n", place, text(s.silence_ticks));
+    if (s.proof_ticks > 0) out.make += fmt::format("{}.prove_watchdog({});\n", place, text(s.proof_ticks));
+    out.values += fmt::format(" {} {} {} {} ", text(s.version), text(s.retry_ticks), text(s.silence_ticks), text(s.proof_ticks));
+  }
+  return out;
+}
+
+std::string line_text(const Scene& scene) {
+  return scene.drives.protocol == Protocol::cia402
+             ? fmt::format("drive::CanopenLine({}, {})", scene.drives.controller_node, heartbeat_ticks(scene))
+             : "{}";
+}
+
+template <class M>
+struct Names;
+template <class S>
+struct Names<FiveBar<S>> {
+  static constexpr const char* type = "FiveBar";
+  static std::string believed(const FiveBarParams<double>& p) {
+    return "inline constexpr FiveBarParams<Scalar> believed" + text(cast<S>(p)) + ";\n";
+  }
+};
+template <class S>
+struct Names<Rr<S>> {
+  static constexpr const char* type = "Rr";
+  static std::string believed(const FiveBarParams<double>& p) {
+    const FiveBarParams<S> c = cast<S>(p);
+    return "inline constexpr RrParams<Scalar> believed" + text(RrParams<S>{c.legs[0], c.g}) + ";\n";
+  }
+};
+
+template <class S>
+void require_room(const Scene& scene, const ReferenceBundle<S>& reference) {
+  if (reference.path.size() <= segments_max) return;
+  throw InputError(scene.reference_where, fmt::format("a path of {} pieces does not fit into a board's memory; allowed are {}",
+                                                      reference.path.size(), segments_max));
+}
+
+/// All that the image is told of the scene.
+template <class M>
+std::string constants(const Scene& scene, Pacing pacing, const ReferenceBundle<typename M::Scalar>& reference) {
+  using S = typename M::Scalar;
+  const char* axis = scene.drives.protocol == Protocol::cia402
+                         ? "Cia402Axis"
+                         : (scene.drives.protocol == Protocol::mit ? "MitAxis" : "OdriveAxis");
+  const AxesText axes = axes_text(scene, pacing);
+  std::string path;
+  for (const PathSegment<S>& s : reference.path) path += "      " + text(s) + ",\n";
+  const std::string body = std::visit([&](const auto& c) { return bake::cycle_text(c, line_text(scene)); },
+                                      make_cycle_config<M>(scene, pacing, reference));
+  return fmt::format(
+      "namespace esmc::baked {{\n\n"
+      "using Scalar = {};\n"
+      "using Mechanism = {}<Scalar>;\n"
+      "using Node = Cycle<Mechanism, drive::{}>;\n"
+      "inline constexpr std::uint32_t bitrate = {};      // bit/s\n"
+      "inline constexpr std::uint32_t period_ns = {};    // of a tick\n"
+      "inline constexpr bool lockstep = {};              // a tick is a complete set of samples, and not a time\n"
+      "inline constexpr bool armed_by_link = {};\n\n"
+      "{}{}\n"
+      "/// `session`: of the link to a supervisor computer; another one at every power-up, 1 to 255.\n"
+      "inline Node::Config config([[maybe_unused]] std::uint8_t session) {{\n"
+      "{}"
+      "  Node::Config c{{\n{}}};\n"
+      "{}"
+      "  c.link.session = session;\n"
+      "  return c;\n"
+      "}}\n\n"
+      "}}  // namespace esmc::baked\n",
+      std::is_same_v<S, float> ? "float" : "double", Names<M>::type, axis,
+      static_cast<std::uint32_t>(scene.bitrate), static_cast<std::uint32_t>(std::llround(1e9 / scene.rate_hz)),
+      pacing == Pacing::lockstep, armed_by_link(scene), Names<M>::believed(believed_mechanism(scene)), axes.tables,
+      path.empty() ? "  constexpr std::span<const PathSegment<Scalar>> path{};\n"
+                   : "  static const PathSegment<Scalar> path[] = {\n" + path + "  };\n",
+      body, axes.make);
+}
+
+template <class M>
+std::string header(const Scene& scene, Pacing pacing) {
+  const auto reference = make_reference<typename M::Scalar>(scene, pacing);
+  require_room(scene, reference);
+  return fmt::format(
+      "// Made by esmc bake {} from the scene \"{}\". Not to be edited.\n"
+      "#pragma once\n\n"
+      "#include \"boards/baked.hpp\"\n\n",
+      version, printable(scene.name)) + constants<M>(scene, pacing, reference);
+}
+
+/// Everything that `constants` says, without the words around it: renaming or rewording those keeps the identity.
+template <class M>
+std::string values(const Scene& scene, Pacing pacing, const ReferenceBundle<typename M::Scalar>& reference) {
+  const AxesText axes = axes_text(scene, pacing);
+  std::string out = fmt::format("{} {} {} {} {} {}", static_cast<int>(scene.type), static_cast<int>(scene.drives.protocol),
+                                static_cast<std::uint32_t>(scene.bitrate), std::llround(1e9 / scene.rate_hz),
+                                pacing == Pacing::lockstep, armed_by_link(scene));
+  out += text(cast<typename M::Scalar>(believed_mechanism(scene))) + axes.values + line_text(scene);
+  for (const auto& s : reference.path) out += text(s);
+  out += std::visit([&](const auto& c) { return bake::cycle_text(c, ""); }, make_cycle_config<M>(scene, pacing, reference));
+  std::erase_if(out, [](char c) { return c == ' ' || c == '\n'; });
+  return out;
+}
+
+}  // namespace
+
+std::uint32_t identity_of(Scene scene, Pacing pacing) {
+  scene.identity = 0;
+  const auto values_of = [&]<class M>(const M*) { return values<M>(scene, pacing, make_reference<double>(scene, pacing)); };
+  const std::string text = scene.type == MechanismType::five_bar ? values_of(static_cast<FiveBar<double>*>(nullptr))
+                                                                : values_of(static_cast<Rr<double>*>(nullptr));
+  const std::vector<std::uint8_t> bytes(text.begin(), text.end());
+  return link::crc32(bytes);
+}
+
+std::string baked_header(const Scene& scene, Pacing pacing, bool single_precision) {
+  const bool five_bar = scene.type == MechanismType::five_bar;
+  return single_precision ? (five_bar ? header<FiveBar<float>>(scene, pacing) : header<Rr<float>>(scene, pacing))
+                          : (five_bar ? header<FiveBar<double>>(scene, pacing) : header<Rr<double>>(scene, pacing));
+}
+
+}  // namespace esmc::host

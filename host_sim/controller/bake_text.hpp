@@ -1,0 +1,204 @@
+#pragma once
+/// Numbers and plain structures as C++ initialisers, exact to the last bit. Aggregates are taken apart by structured
+/// bindings, so that a member that is added to one and forgotten here does not compile.
+
+#include <fmt/format.h>
+
+#include <array>
+#include <cmath>
+#include <concepts>
+#include <limits>
+#include <string>
+#include <type_traits>
+
+#include "host_sim/controller/axes_config.hpp"
+#include "host_sim/error.hpp"
+
+namespace esmc::host::bake {
+
+template <std::floating_point T>
+std::string text(T v) {
+  constexpr bool single = std::is_same_v<T, float>;
+  if (!std::isfinite(v)) throw InputError("", "a number of this scene, or the quotient of two, is beyond what the scalar type of the image holds");
+  return fmt::format("{:a}{}", v, single ? "F" : "");
+}
+inline std::string text(bool v) { return v ? "true" : "false"; }
+template <std::integral T>
+std::string text(T v) {
+  if constexpr (std::is_signed_v<T>) return fmt::format("{}", static_cast<long long>(v));
+  return fmt::format("{}U{}", static_cast<unsigned long long>(v), sizeof(T) > 4 ? "LL" : "");
+}
+/// The image's Enum turns into whichever enumeration stands in its place.
+template <class T>
+  requires std::is_enum_v<T>
+std::string text(T v) {
+  return fmt::format("Enum{{{}}}", static_cast<int>(v));
+}
+template <class S, int N>
+std::string text(const Eigen::Matrix<S, N, 1>& v) {
+  std::string out = "column(";
+  for (int i = 0; i < N; ++i) out += (i > 0 ? ", " : "") + text(v[i]);
+  return out + ")";
+}
+
+// Declared before they are needed: arrays of aggregates, aggregates of aggregates.
+inline std::string text(const link::Bounds&);
+inline std::string text(const link::Parameters&);
+inline std::string text(const drive::OdriveCheck&);
+inline std::string text(const PhaseClock&);
+template <class S>
+std::string text(const Range<S>&);
+template <class S>
+std::string text(const LegParams<S>&);
+template <class S>
+std::string text(const PathSegment<S>&);
+
+template <class T, std::size_t N>
+std::string text(const std::array<T, N>& v) {
+  std::string out = "{{";
+  for (std::size_t i = 0; i < N; ++i) out += (i > 0 ? ", " : "") + text(v[i]);
+  return out + "}}";
+}
+template <class T, int N>
+std::string text(const List<T, N>& v) {
+  return "{" + text(v.items) + "}";
+}
+template <class... T>
+std::string braces(const T&... member) {
+  std::string out;
+  ((out += (out.empty() ? "" : ", ") + text(member)), ...);
+  return "{" + out + "}";
+}
+
+inline std::string text(const link::Bounds& v) {
+  const auto& [lower, upper] = v;
+  return braces(lower, upper);
+}
+inline std::string text(const link::Parameters& v) {
+  return "link::Parameters(" + text(v.values()) + ", " + text(v.bounds()) + ")";
+}
+inline std::string text(const link::LinkConfig& v) {
+  const auto& [base_id, session, jump, age, status, telemetry, table, period, source, space, position, scene, parameters] = v;
+  (void)session;  // drawn by the image
+  return braces(base_id, std::uint8_t{1}, jump, age, status, telemetry, table, period, source, space, position, scene, parameters);
+}
+inline std::string text(const drive::AxisConfig& v) {
+  const auto& [node, direction, gear_ratio, offset] = v;
+  return braces(node, direction, gear_ratio, offset);
+}
+inline std::string text(const drive::OdriveCheck& v) {
+  const auto& [endpoint, type, lower, upper] = v;
+  return braces(endpoint, type, lower, upper);
+}
+inline std::string text(const drive::OdriveTable& v) {
+  const auto& [checks, count, check_version, firmware] = v;
+  return braces(checks, count, check_version, firmware);
+}
+inline std::string text(const drive::Cia402Settings& v) {
+  const auto& [rated, unit, limit, counts, velocity, period, heartbeat, consumer, master, retry, sdo, abort, fault, quick] = v;
+  return braces(rated, unit, limit, counts, velocity, period, heartbeat, consumer, master, retry, sdo, abort, fault, quick);
+}
+inline std::string text(const drive::MitAxis::Settings& v) {
+  const auto& [ranges, dialect, master, retry] = v;
+  const auto& [position, velocity, torque] = ranges;
+  return "{" + braces(position, velocity, torque) + ", " + text(dialect) + ", " + text(master) + ", " + text(retry) + "}";
+}
+template <class S>
+std::string text(const Range<S>& v) {
+  const auto& [lower, upper] = v;
+  return braces(lower, upper);
+}
+template <class S>
+std::string text(const Limits<S>& v) {
+  const auto& [type1, type2, speed, closure, x, y, angle, age, jump, join] = v;
+  return braces(type1, type2, speed, closure, x, y, angle, age, jump, join);
+}
+template <class S>
+std::string text(const LegParams<S>& v) {
+  const auto& [l1, l2, lg1, lg2, m1, m2, J1, J2, d1, d2, gamma1, gamma2] = v;
+  return braces(l1, l2, lg1, lg2, m1, m2, J1, J2, d1, d2, gamma1, gamma2);
+}
+template <class S>
+std::string text(const FiveBarParams<S>& v) {
+  const auto& [l0, m0, g, legs] = v;
+  return braces(l0, m0, g, legs);
+}
+template <class S>
+std::string text(const RrParams<S>& v) {
+  const auto& [arm, g] = v;
+  return braces(arm, g);
+}
+inline std::string text(const PhaseClock& v) {
+  const auto& [start, per_tick] = v;
+  return braces(start, per_tick);
+}
+template <class S>
+std::string text(const PathSegment<S>& v) {
+  const auto& [start_tick, offset, curve] = v;
+  const auto& [duration, c] = curve;
+  return "{" + text(start_tick) + ", " + text(offset) + ", " + braces(duration, c) + "}";
+}
+/// Its path is `path` of the image.
+template <class S>
+std::string text(const Reference<S>& v) {
+  const auto& [kind, space, centre, amplitude, speed, phase, path, repeat] = v;
+  return "{" + text(kind) + ", " + text(space) + ", " + text(centre) + ", " + text(amplitude) + ", " + text(speed) + ", " +
+         text(phase) + ", path, " + text(repeat) + "}";
+}
+template <class M>
+std::string text(const Gains<M>& v) {
+  const auto& [lambda, k, layer, own] = v;
+  const auto& [own_lambda, own_k, own_layer, kp, kd] = own;
+  return "{" + text(lambda) + ", " + text(k) + ", " + text(layer) + ", " + braces(own_lambda, own_k, own_layer, kp, kd) + "}";
+}
+inline std::string mode_text(const FiveBar<float>::Mode& v) {
+  const auto& [working, assembly] = v;
+  return braces(working, assembly);
+}
+inline std::string mode_text(const FiveBar<double>::Mode& v) {
+  const auto& [working, assembly] = v;
+  return braces(working, assembly);
+}
+inline std::string mode_text(const Rr<float>::Mode& v) { return "{" + text(v.working) + "}"; }
+inline std::string mode_text(const Rr<double>::Mode& v) { return "{" + text(v.working) + "}"; }
+
+/// The optional part that applies, as the address of its function; null where none does.
+inline std::string part_text(std::initializer_list<std::pair<bool, const char*>> parts) {
+  for (const auto& [applies, name] : parts) {
+    if (applies) return fmt::format("&part::{}<Mechanism>", name);
+  }
+  return "nullptr";
+}
+
+/// The mechanism is made from `believed` of the image.
+template <class M>
+std::string text(const ControllerConfig<M>& v) {
+  const auto& [m, mode, law, reaching, gains, reference, limits, torque_limit, torque_weight, sample_time, torque_lead, join,
+               ramp, sign_test, halt, lower, after_halt, enabling, stopping, guide_speed, guide_acceleration, motors, sensors, preload, allocate, variance, fuse,
+               delay, lag, bandwidth, reach, observer, predict] = v;
+  const auto line = [](const std::string& s) { return "          " + s + ",\n"; };
+  return "{\n" + line("Mechanism(believed)") + line(mode_text(mode)) + line(text(law)) + line(text(reaching)) + line(text(gains)) +
+         line(text(reference)) + line(text(limits)) + line(text(torque_limit)) + line(text(torque_weight)) +
+         line(text(sample_time)) + line(text(torque_lead)) + line(text(join)) + line(text(ramp)) + line(text(sign_test)) +
+         line(text(halt)) + line(text(lower)) + line(text(after_halt)) + line(text(enabling)) + line(text(stopping)) + line(text(guide_speed)) +
+         line(text(guide_acceleration)) + line(text(motors)) + line(text(sensors)) + line(text(preload)) +
+         line(allocate != nullptr ? "&part::four_motors<Mechanism>" : "nullptr") +
+         line(text(variance)) + line(fuse != nullptr ? "&part::closure_projection<Mechanism>" : "nullptr") +
+
+         line(text(delay)) + line(text(lag)) + line(text(bandwidth)) +
+         line(part_text({{reach == &part::super_twisting<M>, "super_twisting"}, {reach == &part::implicit_coupled<M>, "implicit_coupled"}})) +
+         line(part_text({{observer != nullptr, "momentum_observer"}})) + line(part_text({{predict != nullptr, "predictor"}})) + "      }";
+}
+
+/// Of a cycle. The axes are made by themselves, by calls, and so is the line, by `line`; a session is drawn by the image.
+template <class Config>
+std::string cycle_text(const Config& v, const std::string& line) {
+  const auto& [controller, axes, its_line, count, heartbeat, waiting, gone, absolute, zero, mismatch, torque_time, timed, link, delay] = v;
+  link::LinkConfig known = link;
+  known.session = 1;
+  return "      " + text(controller) + ",\n      {},\n      " + line + ",\n      " + text(count) + ", " + text(heartbeat) + ", " + text(waiting) + ", " + text(gone) + ", " +
+         text(absolute) + ", " + text(zero) + ", " + text(mismatch) + ", " + text(torque_time) + ", " + text(timed) +
+         ",\n      " + text(known) + ",\n      " + text(delay);
+}
+
+}  // namespace esmc::host::bake

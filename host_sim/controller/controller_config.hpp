@@ -1,0 +1,101 @@
+#pragma once
+/// From a scene to what the controller runs with. Here, and in the rooms above, the two sides meet.
+
+#include <cmath>
+#include <cstdint>
+#include <numbers>
+#include <vector>
+
+#include "firmware/cycle/controller.hpp"
+#include "host_sim/scene/scene.hpp"
+
+namespace esmc::host {
+
+/// How a run treats time: decides the scene's defaults for delay_ticks and join.
+enum class Pacing { lockstep, realtime };
+
+/// A reference that owns its path.
+template <class S>
+struct ReferenceBundle {
+  Reference<S> reference{};
+  std::vector<PathSegment<S>> path;
+  std::uint32_t join_ticks = 0;
+
+  /// The reference with its span on `path` of this bundle, which must outlive it.
+  [[nodiscard]] Reference<S> get() const {
+    Reference<S> r = reference;
+    r.path = path;
+    return r;
+  }
+};
+
+/// In double, or in float as a board has it.
+template <class S = double>
+ReferenceBundle<S> make_reference(const Scene& scene, Pacing pacing);
+template <>
+ReferenceBundle<double> make_reference<double>(const Scene& scene, Pacing pacing);
+template <>
+ReferenceBundle<float> make_reference<float>(const Scene& scene, Pacing pacing);
+
+/// The controller's belief: the true mechanism times the factors of [control.model].
+FiveBarParams<double> believed_mechanism(const Scene& scene);
+/// Whether poses of one are poses of the other.
+[[nodiscard]] bool same_lengths(const FiveBarParams<double>& a, const FiveBarParams<double>& b);
+
+/// The same numbers in another scalar type.
+template <class S>
+LegParams<S> cast(const LegParams<double>& p) {
+  return {S(p.l1), S(p.l2), S(p.lg1), S(p.lg2), S(p.m1),     S(p.m2),
+          S(p.J1), S(p.J2), S(p.d1),  S(p.d2),  S(p.gamma1), S(p.gamma2)};
+}
+template <class S>
+FiveBarParams<S> cast(const FiveBarParams<double>& p) {
+  return {S(p.l0), S(p.m0), S(p.g), {cast<S>(p.legs[0]), cast<S>(p.legs[1])}};
+}
+
+/// The mechanism of a type, chosen by the null pointer. RR takes leg 1 and gravity.
+template <class S>
+FiveBar<S> make_mechanism(const FiveBarParams<double>& p, const FiveBar<S>*) {
+  return FiveBar<S>(cast<S>(p));
+}
+template <class S>
+Rr<S> make_mechanism(const FiveBarParams<double>& p, const Rr<S>*) {
+  const FiveBarParams<S> c = cast<S>(p);
+  return Rr<S>(RrParams<S>{c.legs[0], c.g});
+}
+
+template <class S>
+typename FiveBar<S>::Mode mode_of(const Scene& s, const FiveBar<S>*) {
+  return {{{s.working_mode[0], s.working_mode[1]}}, s.assembly_mode};
+}
+template <class S>
+typename Rr<S>::Mode mode_of(const Scene& s, const Rr<S>*) {
+  return {s.working_mode[0]};
+}
+
+/// Number of control ticks of a run.
+[[nodiscard]] inline std::uint32_t tick_count(const Scene& s) {
+  return static_cast<std::uint32_t>(std::llround(s.duration * s.rate_hz));
+}
+
+/// Steps of a fixed-step integrator in a tick.
+[[nodiscard]] inline int steps_per_tick(const Scene& s) {
+  return std::max(1, static_cast<int>(std::ceil(s.tick() / s.step - 1e-9)));
+}
+
+/// Known torque delay the implicit law is told, in ticks.
+[[nodiscard]] inline double delay_ticks(const Scene& s, Pacing pacing) {
+  return s.delay_ticks.value_or(pacing == Pacing::realtime ? 2.0 : 0.0);
+}
+
+/// What the reaching law has to bear: the sensors' lag, and the delay where no predictor bridges it.
+[[nodiscard]] inline double borne_delay(const Scene& s, Pacing pacing) {
+  return s.sensor_lag_ticks + (s.predictor ? 0.0 : delay_ticks(s, pacing));
+}
+
+/// `reference` must outlive the configuration.
+template <class M>
+ControllerConfig<M> make_controller(const Scene& scene, Pacing pacing,
+                                    const ReferenceBundle<typename M::Scalar>& reference);
+
+}  // namespace esmc::host

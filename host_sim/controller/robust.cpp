@@ -1,0 +1,257 @@
+#include "host_sim/controller/robust.hpp"
+
+#include <fmt/format.h>
+
+#include <deque>
+#include <limits>
+#include <mutex>
+#include <numbers>
+
+#include "host_sim/error.hpp"
+
+namespace esmc::host {
+namespace {
+
+using design::Point;
+using design::Problem;
+
+constexpr std::uint32_t stretch_points = 1024;   ///< of the way onto a reference, and of one period of it
+constexpr std::uint32_t segment_points = 64;     ///< of a piece of a path, where that makes more
+constexpr std::uint32_t reference_points = 32768;  ///< at most
+constexpr int grid = 14;                         ///< places of a workspace per axis
+
+template <class M>
+Motion2<double> start_of(const Scene& scene, const ControllerConfig<M>& c) {
+  Vec2<double> angle, rate;
+  for (int i = 0; i < 2; ++i) {
+    const auto joint = static_cast<std::size_t>(ControllerConfig<M>::joint_of(i, 2));
+    angle[i] = scene.start_angle[joint];
+    rate[i] = scene.start_rate[joint];
+  }
+  if (c.reference.space == ReferenceSpace::base_joints) return {angle, rate, Vec2<double>::Zero()};
+  typename M::Pose pose;
+  typename M::Rates rates;
+  if (!estimate_from_base(c.mechanism, c.mode, angle, rate, pose, rates)) {
+    throw InputError(scene.control_where,
+                     "the mechanism that the controller believes cannot stand where the scene starts");
+  }
+  return {pose.effector, c.mechanism.tip_rate(pose, rates), Vec2<double>::Zero()};
+}
+
+/// Ticks after which a reference begins again; 0: never.
+std::uint32_t period_of(const Reference<double>& r, double tick) {
+  const auto turn = [&](double speed) { return std::ceil(2.0 * std::numbers::pi / (std::abs(speed) * tick)); };
+  double ticks = 0.0;
+  if (r.kind == ReferenceKind::path) ticks = r.repeat_ticks;
+  if (r.kind == ReferenceKind::circle && r.speed[0] != 0.0) ticks = turn(r.speed[0]);
+  if (r.kind == ReferenceKind::sine) {
+    const double slow = std::min(std::abs(r.speed[0]), std::abs(r.speed[1])),
+                 fast = std::max(std::abs(r.speed[0]), std::abs(r.speed[1]));
+    for (int n = 1; n <= 32 && slow > 0.0 && ticks == 0.0; ++n) {  // the fast one turns whole times in n slow turns
+      const double turns = n * fast / slow;
+      if (std::abs(turns - std::round(turns)) < 1e-9 * turns) ticks = n * turn(slow);
+    }
+    if (slow == 0.0 && fast > 0.0) ticks = turn(fast);
+  }
+  return ticks < 4e9 ? static_cast<std::uint32_t>(ticks) : 0U;
+}
+
+/// The way onto the reference, then one period of it: what a scene lasts beyond that changes nothing.
+template <class M>
+void along_reference(const Scene& scene, Problem<M>& p, std::uint32_t join_ticks) {
+  const auto& c = p.controller;
+  JoinedReference<double> reference(c.reference, join_ticks, c.sample_time);
+  reference.start(p.start.position, p.start.velocity);
+  const auto late = 1U + static_cast<std::uint32_t>(std::ceil(p.told_ticks));
+  // Where not every tick is looked at, those that are stand at uneven distances: even ones may keep step with the motion.
+  const auto look = [&](std::uint32_t from, std::uint32_t to, std::uint32_t most) {
+    const double width = std::max(1.0, static_cast<double>(to - from) / most);
+    constexpr double golden = 0.6180339887498949;
+    for (std::uint32_t k = 0; k * width < to - from; ++k) {
+      const double uneven = width > 1.0 && k > 0 ? k * golden - std::floor(k * golden) : 0.0;
+      const auto n = std::min(to - 1U, from + static_cast<std::uint32_t>((k + uneven) * width));
+      p.points.push_back({n * scene.tick(), reference.at(n), reference.at(n > late ? n - late : 0)});
+    }
+  };
+  const std::uint32_t ticks = std::max(1U, tick_count(scene)), joined = std::min(join_ticks, ticks),
+                      period = period_of(c.reference, c.sample_time);
+  look(0, joined, stretch_points);
+  p.joining = p.points.size();
+  // `late` more: until then the torque that acts is still one of the way there.
+  const std::uint32_t end = period > 0 && period + late < ticks - joined ? joined + period + late : ticks;
+  const double pieces = period == 0 && c.reference.kind == ReferenceKind::sine
+                            ? (end - joined) * c.sample_time * c.reference.speed.cwiseAbs().maxCoeff() / 6.28
+                            : static_cast<double>(c.reference.path.size());
+  look(joined, end, std::max(stretch_points, static_cast<std::uint32_t>(std::min<double>(pieces * segment_points, reference_points))));
+  Tracking<M> t;
+  for (const Point& at : p.points) {
+    if (desired(p, at.now, t)) continue;
+    throw InputError(scene.reference_where,
+                     fmt::format("the reference leaves the reach of the mechanism at t = {:.3f} s", at.time));
+  }
+}
+
+/// Every place of the workspace within the limits, at the highest speed and acceleration of the reference, each in any
+/// direction.
+template <class M>
+void over_workspace(const Scene& scene, Problem<M>& p) {
+  auto& c = p.controller;
+  double speed = 0.0, push = 0.0, reach = 0.0;
+  Tracking<M> t;
+  for (const Point& at : p.points) {
+    if (!desired(p, at.now, t)) continue;
+    const Vec2<double> v = c.mechanism.tip_rate(t.desired_pose, t.desired_rates);
+    Motion2<double> next = at.now;  // acceleration of the tip, by a difference along the motion
+    constexpr double dt = 1e-6;
+    next.position += at.now.velocity * dt + at.now.acceleration * (0.5 * dt * dt);
+    next.velocity += at.now.acceleration * dt;
+    Tracking<M> later;
+    if (!desired(p, next, later)) continue;
+    const Vec2<double> a = (c.mechanism.tip_rate(later.desired_pose, later.desired_rates) - v) / dt;
+    speed = std::max(speed, std::sqrt(dot(v, v)));
+    push = std::max(push, std::sqrt(dot(a, a)));
+  }
+  for (const auto& leg : p.believed.legs) reach = std::max(reach, leg.l1 + leg.l2);
+  std::array<std::array<double, 2>, 2> box{{{-reach, reach}, {-reach, reach}}};
+  if (scene.limits.workspace) {  // of a generous one only what can be reached: the grid would miss the mechanism otherwise
+    for (std::size_t i = 0; i < 2; ++i)
+      box[i] = {std::max(box[i][0], (*scene.limits.workspace)[i][0]), std::min(box[i][1], (*scene.limits.workspace)[i][1])};
+  }
+  c.reference.space = ReferenceSpace::effector;
+  p.points.clear();
+  p.joining = 0;
+  p.along_time = false;
+  p.bounds = {speed, push, c.sample_time * (1.0 + std::ceil(p.told_ticks))};
+  for (int i = 0; i <= grid; ++i) {
+    for (int j = 0; j <= grid; ++j) {
+      const Vec2<double> x(box[0][0] + (box[0][1] - box[0][0]) * i / grid,
+                           box[1][0] + (box[1][1] - box[1][0]) * j / grid);
+      bool within = true;
+      for (int k = 0; k < 8 && within; ++k) {
+        within = desired(p, {x, design::towards(std::numbers::pi * k / 4.0) * speed, Vec2<double>::Zero()}, t);
+        if (!within) break;
+        const Vec2<double> rate = M::base(t.desired_rates);
+        within = M::min_abs_sin_type1(t.desired_pose) >= 2.0 * c.limits.min_abs_sin_type1 &&
+                 M::sin_type2_in_mode(t.desired_pose, c.mode) >= 2.0 * c.limits.min_abs_sin_type2 &&
+                 std::abs(rate[0]) <= c.limits.joint_speed && std::abs(rate[1]) <= c.limits.joint_speed;
+      }
+      const Motion2<double> there{x, Vec2<double>::Zero(), Vec2<double>::Zero()};
+      if (within) p.points.push_back({0.0, there, there});
+    }
+  }
+}
+
+void put(std::vector<double>& to, const Interval& i) { to.insert(to.end(), {i.lower, i.upper}); }
+
+/// All numbers that a design depends on: equal lists, equal designs.
+template <class M>
+std::vector<double> numbers_of(const Problem<M>& p) {
+  const auto& c = p.controller;
+  std::vector<double> out{static_cast<double>(c.law),
+                          static_cast<double>(c.reaching),
+                          c.sample_time,
+                          p.told_ticks,
+                          p.lag,
+                          static_cast<double>(c.motors),
+                          static_cast<double>(c.sensors),
+                          static_cast<double>(c.reference.space),
+                          c.limits.min_abs_sin_type1,
+                          c.limits.min_abs_sin_type2,
+                          p.along_time ? 1.0 : 0.0,
+                          static_cast<double>(p.joining),
+                          p.bounds.speed,
+                          p.bounds.acceleration,
+                          p.bounds.late};
+  for (int i = 0; i < M::channels; ++i) out.insert(out.end(), {c.gains.lambda[i], c.gains.layer[i]});
+  out.insert(out.end(), {c.gains.independent.lambda, c.gains.independent.layer});
+  for (int i = 0; i < M::joints; ++i) out.insert(out.end(), {c.torque_limit[i], c.torque_weight[i], c.preload[i]});
+  if constexpr (M::joints == 4) {
+    out.insert(out.end(), {static_cast<double>(c.mode.working[0]), static_cast<double>(c.mode.working[1]),
+                           static_cast<double>(c.mode.assembly)});
+  } else {
+    out.push_back(c.mode.working);
+  }
+  const FiveBarParams<double>& b = p.believed;
+  out.insert(out.end(), {b.l0, b.m0, b.g});
+  for (const auto& l : b.legs) {
+    const auto& [l1, l2, lg1, lg2, m1, m2, J1, J2, d1, d2, g1, g2] = l;
+    out.insert(out.end(), {l1, l2, lg1, lg2, m1, m2, J1, J2, d1, d2, g1, g2});
+  }
+  const UncertaintyScene& u = p.uncertainty;
+  for (const Interval& i : {u.m1, u.m2, u.J1, u.J2, u.lg1, u.lg2, u.gravity, u.payload}) put(out, i);
+  for (const auto& set : {u.viscous, u.coulomb}) {
+    out.push_back(set ? 1.0 : 0.0);
+    if (set) {
+      for (const Interval& i : *set) put(out, i);
+    }
+  }
+  out.insert(out.end(), {u.tube.value_or(0.0), u.reaching_time});
+  const auto motion = [&](const Motion2<double>& m) {
+    out.insert(out.end(), {m.position.x(), m.position.y(), m.velocity.x(), m.velocity.y(), m.acceleration.x(),
+                           m.acceleration.y()});
+  };
+  for (const Point& at : p.points) {
+    motion(at.now);
+    motion(at.before);
+  }
+  return out;
+}
+
+}  // namespace
+
+template <class M>
+Problem<M> design_problem(const Scene& scene, Pacing pacing) {
+  Scene plain = scene;
+  plain.robust_gain = false;  // the controller without its gains
+  Problem<M> p;
+  const ReferenceBundle<double> reference = make_reference(scene, pacing);
+  p.controller = make_controller<M>(plain, pacing, reference);
+  p.believed = believed_mechanism(scene);
+  p.uncertainty = *scene.uncertainty;
+  p.told_ticks = borne_delay(scene, pacing);
+  p.lag = scene.sensor_lag_ticks * scene.tick();
+  p.start = start_of(scene, p.controller);
+  along_reference(scene, p, reference.join_ticks);
+  if (scene.uncertainty->workspace) over_workspace(scene, p);
+  p.controller.reference.path = {};  // of `reference`, which ends here; the points hold what is needed
+  return p;
+}
+
+template <class M>
+RobustGains<M> robust_gains(const Scene& scene, Pacing pacing) {
+  struct Known {
+    std::vector<double> of;
+    std::string refused;
+    RobustGains<M> gains;
+  };
+  static std::mutex mutex;
+  static std::deque<Known>
+      known;  // a loop makes its controller several times, a campaign and a sweep thousands of times
+  constexpr std::size_t known_max = 32;
+  const Problem<M> p = design_problem<M>(scene, pacing);
+  const std::vector<double> key = numbers_of(p);
+  const auto answer = [&](const Known& k) {
+    if (!k.refused.empty()) throw InputError(scene.uncertainty_where, "gain = \"robust\": " + k.refused);
+    return k.gains;
+  };
+  {
+    const std::lock_guard lock(mutex);
+    for (const Known& k : known) {
+      if (k.of == key) return answer(k);
+    }
+  }
+  const design::Design<M> d = design::design(p);
+  Known now{key, d.refused, {p.controller.gains, d.stiffness}};
+  if (d.refused.empty()) design::apply(p, d, now.gains.gains);
+  const std::lock_guard lock(mutex);
+  known.push_back(now);
+  if (known.size() > known_max) known.pop_front();
+  return answer(now);
+}
+
+template Problem<FiveBar<double>> design_problem(const Scene&, Pacing);
+template Problem<Rr<double>> design_problem(const Scene&, Pacing);
+template RobustGains<FiveBar<double>> robust_gains(const Scene&, Pacing);
+template RobustGains<Rr<double>> robust_gains(const Scene&, Pacing);
+
+}  // namespace esmc::host

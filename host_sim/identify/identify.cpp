@@ -1,0 +1,204 @@
+#include "host_sim/identify/identify.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <nlohmann/json.hpp>
+
+#include "host_sim/controller/controller_config.hpp"
+#include "host_sim/record/recorded_run.hpp"
+#include "host_sim/error.hpp"
+#include "host_sim/identify/inertia.hpp"
+#include "host_sim/identify/uncertainty.hpp"
+
+namespace esmc::host {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+constexpr double unexplained_max = 0.3;  // of the torque
+constexpr double delay_half_max = 2.0;   // ticks, half of the interval
+
+IdentifyProblem read_problem(const RecordedRun& run, const IdentifyOptions& o) {
+  IdentifyProblem p;
+  const Scene& scene = run.scene;
+  p.five_bar = scene.type == MechanismType::five_bar;
+  const FiveBarParams<double> believed = believed_mechanism(scene);
+  p.l0 = p.five_bar ? believed.l0 : 0.0;
+  for (std::size_t leg = 0; leg < 2; ++leg) {
+    p.l1[leg] = believed.legs[leg].l1;
+    p.l2[leg] = believed.legs[leg].l2;
+  }
+  p.assembly = scene.assembly_mode;
+  p.gravity = believed.g;
+  p.tick = scene.tick();
+  p.window = o.window;
+  p.observer_bandwidth = o.observer_bandwidth;
+  p.nominal = standard_values(believed, p.five_bar);
+
+  const auto joints = joint_names(scene.type);
+  const std::size_t second = joints.size() / 2;
+  std::vector<std::string> names{"t", joints[0] + "_meas", joints[second] + "_meas"};
+  const std::vector<std::size_t> motors = scene.motor_joints();
+  for (const std::size_t m : motors) names.push_back("tau" + joints[m].substr(5) + "_cmd");
+  const RecordedTable log =
+      read_table(run.log, names,
+                 std::string(": the log of ") + (p.five_bar ? "a five-bar" : "an RR arm") +
+                     " that ran under its controller is needed",
+                 "state");
+  require_ascending(log, 0);
+  for (std::size_t i = 0; i < log.words.size(); ++i) {  // before and after, the torques are not those of the columns
+    if (log.words[i] != "running") {
+      throw InputError(log.where(i), "state is '" + printable(log.words[i].substr(0, 40)) +
+                                         "': only rows of a running controller tell torques, leave the others out");
+    }
+  }
+  const std::size_t needed = ticks_needed(p);
+  if (log.rows() < needed) {
+    throw InputError("", fmt::format("{}: {} rows are too few: twenty windows of {:g} s need {}, {:.3g} s of motion", run.log,
+                                     log.rows(), o.window, needed, static_cast<double>(needed) * p.tick));
+  }
+  require_every_tick(log, 0, p.tick);
+  for (std::size_t i = 0; i < log.rows(); ++i) {
+    p.angle.push_back({log.columns[1][i], log.columns[2][i]});
+    std::array<double, 4> torque{};
+    for (std::size_t m = 0; m < motors.size(); ++m) torque[motors[m]] = log.columns[3 + m][i];
+    p.torque.push_back(torque);
+  }
+  return p;
+}
+
+void judge(const Identification& r, const RecordedRun& run, const IdentifyProblem& p, const IdentifyOptions& o) {
+  const auto standard = standard_parameters(p.five_bar);
+  const auto refuse_weak = [&] {
+    throw InputError(
+        "", fmt::format("{}: the motion does not determine {}{}: move faster, and both joints differently",
+                        run.log, r.weak.front(),
+                        r.weak.size() > 1 ? fmt::format(", nor {} more combination{}", r.weak.size() - 1,
+                                                        r.weak.size() > 2 ? "s" : "")
+                                          : ""));
+  };
+  if (!r.weak.empty() && r.covariance.size() == 0) refuse_weak();
+  for (std::size_t j = 0; j < 2; ++j) {
+    if (!(r.effort[j] > 0.0)) throw InputError("", fmt::format("{}: motor {} has no torque at all in this log", run.log, j + 1));
+    if (!(r.residual[j] <= unexplained_max * std::max(r.effort[0], r.effort[1]))) {
+      throw InputError(
+          "",
+          fmt::format(
+              "{}: {:.2g} of {:.2g} N m rms stay unexplained: is it the log of this mechanism, and are its "
+              "lengths calibrated?",
+              run.log, r.residual[j], r.effort[j]));
+    }
+  }
+  if (!r.weak.empty()) refuse_weak();
+  const double half = o.coverage * r.delay_sigma;
+  if (!(half <= delay_half_max && r.delay_ticks + half >= -1.0)) {
+    throw InputError("", fmt::format("{}: the torque would be {:.3g} +- {:.2g} ticks late: are the torques those that moved it, with their "
+                                     "signs?",
+                                     run.log, r.delay_ticks, half));
+  }
+  for (const BaseParameter& b : r.parameters) {
+    const StandardParameter& s = standard[static_cast<std::size_t>(b.of)];
+    if (!s.inertial && b.value + 2.0 * o.coverage * b.sigma < 0.0) {
+      throw InputError("", fmt::format("{}: {} would be {:.3g} {}, and friction brakes: are the torques those that moved it, with their "
+                                       "signs, and is nothing else in the way?",
+                                       run.log, s.name, b.value, s.unit));
+    }
+  }
+}
+
+constexpr const char* legend(bool five_bar) {
+  return five_bar ? "per leg j: aj = J1 + m1 lg1^2 + m2 l1^2, cj = J2 + m2 lg2^2, hj = m2 lg2, sj = m1 lg1 + "
+                    "m2 l1; m0 the effector's mass"
+                  : "a = J1 + m1 lg1^2 + m2 l1^2, c = J2 + m2 lg2^2, h = m2 lg2, s = m1 lg1 + m2 l1";
+}
+
+Json json_of(const Identification& r, const RecordedRun& run, const IdentifyProblem& p,
+             const IdentifyOptions& o, const UncertaintyTable& table) {
+  const auto standard = standard_parameters(p.five_bar);
+  Json j;
+  j["scene"] = run.scene.name;
+  j["log"] = run.log;
+  j["rows"] = p.angle.size();
+  j["windows"] = r.windows;
+  j["coverage"] = o.coverage;
+  j["parameters"] = Json::array();
+  for (const BaseParameter& b : r.parameters) {
+    const StandardParameter& s = standard[static_cast<std::size_t>(b.of)];
+    Json share = Json::object();
+    for (std::size_t i = 0; i < b.share.size(); ++i) {
+      if (b.share[i] != 0.0) share[standard[i].name] = b.share[i];
+    }
+    j["parameters"].push_back({{"name", b.text},
+                               {"unit", s.unit},
+                               {"inertial", s.inertial},
+                               {"share", share},
+                               {"nominal", b.nominal},
+                               {"value", b.value},
+                               {"sigma", b.sigma},
+                               {"lower", b.value - o.coverage * b.sigma},
+                               {"upper", b.value + o.coverage * b.sigma}});
+  }
+  j["delay"] = {{"ticks", r.delay_ticks},
+                {"sigma", r.delay_sigma},
+                {"lower", r.delay_ticks - o.coverage * r.delay_sigma},
+                {"upper", r.delay_ticks + o.coverage * r.delay_sigma}};
+  j["residual_nm_rms"] = r.residual;
+  j["torque_nm_rms"] = r.effort;
+  j["warnings"] = table.warnings;
+  j["toml"] = table.toml;
+  return j;
+}
+
+void print(const Identification& r, const RecordedRun& run, const IdentifyProblem& p,
+           const IdentifyOptions& o, const UncertaintyTable& table) {
+  const auto standard = standard_parameters(p.five_bar);
+  fmt::print(
+      "{}: {} ticks, {} windows of {:g} s, {} base parameters; intervals are {:g} standard uncertainties to "
+      "either side\n",
+      printable(run.scene.name), p.angle.size(), r.windows, o.window, r.parameters.size(), o.coverage);
+  fmt::print("{:<18}{:>12}{:>12}{:>12}{:>12}\n", "", "nominal", "estimate", "from", "to");
+  std::string sums;
+  for (const BaseParameter& b : r.parameters) {
+    const StandardParameter& s = standard[static_cast<std::size_t>(b.of)];
+    const bool sum = b.text != s.name;
+    if (sum) sums += fmt::format("{}*: {}\n", s.name, b.text);
+    fmt::print("{:<18}{:>12.4g}{:>12.4g}{:>12.4g}{:>12.4g} {}\n", s.name + (sum ? "*" : ""), b.nominal,
+               b.value, b.value - o.coverage * b.sigma, b.value + o.coverage * b.sigma, s.unit);
+  }
+  fmt::print("{:<18}{:>12}{:>12.4g}{:>12.4g}{:>12.4g} ticks\n", "torque delay", "", r.delay_ticks,
+             r.delay_ticks - o.coverage * r.delay_sigma, r.delay_ticks + o.coverage * r.delay_sigma);
+  fmt::print("{}\n{}", legend(p.five_bar), sums);
+  fmt::print("unexplained: {:.2g} and {:.2g} N m rms of {:.2g} and {:.2g}\n", r.residual[0], r.residual[1],
+             r.effort[0], r.effort[1]);
+  for (const std::string& w : table.warnings) fmt::print("warning: {}\n", w);
+  fmt::print("\n{}", table.toml);
+}
+
+}  // namespace
+
+int run_identify(const IdentifyOptions& o) {
+  const RecordedRun run = open_run(o.log, o.scene);
+  if (o.window < 20.0 * run.scene.tick() || o.window > 10.0)
+    throw InputError("", fmt::format("--window {:g}: from 20 ticks ({:g} s) to 10 s are allowed", o.window,
+                                     20.0 * run.scene.tick()));
+  const IdentifyProblem p = read_problem(run, o);
+  const Identification r = [&] {
+    try {
+      return identify(p);
+    } catch (const InputError& e) {
+      throw InputError("", run.log + ": " + e.what());
+    }
+  }();
+  judge(r, run, p, o);
+  const UncertaintyTable table = uncertainty_table(r, p, believed_mechanism(run.scene), o.coverage);
+  if (o.json) {
+    fmt::print("{}\n", json_of(r, run, p, o, table).dump(2));
+  } else {
+    print(r, run, p, o, table);
+  }
+  return 0;
+}
+
+}  // namespace esmc::host

@@ -1,0 +1,356 @@
+#include "host_sim/live/desk.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <iterator>
+#include <nlohmann/json.hpp>
+#include <utility>
+
+#include "host_sim/live/session.hpp"
+#include "host_sim/error.hpp"
+#include "host_sim/version.hpp"
+
+namespace esmc::host {
+
+using Json = nlohmann::ordered_json;
+
+namespace {
+
+constexpr std::size_t samples_kept = 20'000, events_kept = 200;
+constexpr std::uint64_t samples_at_once = 2000;
+
+/// A message that no page of ours sends.
+struct Malformed {};
+
+double number(const Json& j) {
+  if (!j.is_number()) throw Malformed();
+  const double v = j.get<double>();
+  if (!std::isfinite(v)) throw Malformed();
+  return v;
+}
+V2 pair(const Json& j) {
+  if (!j.is_array() || j.size() != 2) throw Malformed();
+  return {number(j[0]), number(j[1])};
+}
+std::string text(const Json& j) {
+  if (!j.is_string()) throw Malformed();
+  return j.get<std::string>();
+}
+std::vector<std::string> texts(const Json& j) {
+  if (!j.is_array()) throw Malformed();
+  std::vector<std::string> out;
+  for (const Json& item : j) out.push_back(text(item));
+  return out;
+}
+
+std::string dump(const Json& j) { return j.dump(-1, ' ', false, Json::error_handler_t::replace); }
+
+/// Samples as columns: shorter than rows with names, and what a plot wants.
+class Columns {
+ public:
+  void begin(const char* name) {
+    fmt::format_to(std::back_inserter(out_), "{}\"{}\":[", first_ ? "{" : ",", name), first_ = false,
+                                                                                      comma_ = false;
+  }
+  void add(double v, int digits) {
+    if (std::exchange(comma_, true)) out_.push_back(',');
+    if (std::isfinite(v)) {
+      fmt::format_to(std::back_inserter(out_), "{:.{}g}", v, digits);
+    } else {
+      out_.append(std::string_view("null"));
+    }
+  }
+  void end() { out_.push_back(']'); }
+  [[nodiscard]] std::string text() { return (first_ ? "{" : "") + fmt::to_string(out_) + "}"; }
+
+ private:
+  fmt::memory_buffer out_;
+  bool first_ = true, comma_ = false;
+};
+
+Json mechanism_json(const Scene& s) {
+  const bool five_bar = s.type == MechanismType::five_bar;
+  Json legs = Json::array();
+  for (std::size_t j = 0; j < (five_bar ? 2U : 1U); ++j)
+    legs.push_back({{"l1", s.mechanism.legs[j].l1}, {"l2", s.mechanism.legs[j].l2}});
+  return {{"type", five_bar ? "five_bar" : "rr"},
+          {"half_base", five_bar ? Json(s.mechanism.l0) : Json(nullptr)},
+          {"legs", std::move(legs)}};
+}
+
+const char* law_name(LawChoice l) {
+  constexpr const char* names[] = {"esmc", "esmc_projected", "smc", "ctc", "pd", "open_loop", "none"};
+  return names[static_cast<std::size_t>(l)];
+}
+const char* reaching_name(ReachingChoice r) {
+  constexpr const char* names[] = {"sign", "saturation", "tanh", "implicit", "super_twisting", "implicit_coupled"};
+  return names[static_cast<std::size_t>(r)];
+}
+std::string per_kind(const PerKind& k) {
+  return k.position == k.angle ? fmt::format("{}", k.position)
+                               : fmt::format("{{ position = {}, angle = {} }}", k.position, k.angle);
+}
+
+}  // namespace
+
+/// A page that is connected: what it has been told, and its hand.
+class Page final : public Visitor {
+ public:
+  explicit Page(LiveDesk& desk) : desk_(desk), sample_(desk.samples_.first), hand_(desk.grip_) {}
+  ~Page() override {
+    if (held_) (void)desk_.exchange_.orders.push(Hand{.most = hand_.most});  // nobody pulls any more
+  }
+  [[nodiscard]] std::string next() override;
+  void hear(std::string_view message) override;
+
+ private:
+  void obey(const Json& j);
+  void inject(const Json& j);
+  void pull(const Json& j);
+  [[nodiscard]] std::string samples();
+
+  LiveDesk& desk_;
+  std::uint64_t sample_, event_ = 0, scene_ = 0;
+  bool greeted_ = false, held_ = false;
+  Hand hand_;
+  std::vector<std::string> answers_;
+};
+
+LiveDesk::LiveDesk(const RunOptions& options, std::shared_ptr<const Scene> scene, Exchange& exchange)
+    : options_(options),
+      given_(options.sets),
+      scene_(std::move(scene)),
+      exchange_(exchange),
+      grip_(usual_hand(*scene_)) {}
+
+std::unique_ptr<Visitor> LiveDesk::welcome() { return std::make_unique<Page>(*this); }
+
+void LiveDesk::turn() {
+  LiveSample s;
+  while (exchange_.samples.pop(s)) samples_.add(s, samples_kept);
+  LiveEvent e;
+  while (exchange_.events.pop(e)) events_.add(std::move(e), events_kept);
+}
+
+void LiveDesk::send(LiveOrder o) {
+  if (!exchange_.orders.push(std::move(o)))
+    throw InputError("", "the loop is behind with its orders: once more, please");
+}
+
+void LiveDesk::set(const std::vector<std::string>& sets) {
+  RunOptions o = options_;
+  std::string what;
+  for (const std::string& s : sets) {
+    o.sets = with_set(std::move(o.sets), s);
+    what += (what.empty() ? "" : ", ") + s;
+  }
+  if (sets.empty()) o.sets = given_, what = "the scene as given";
+  const auto scene = read_live_scene(o);
+  const Takes takes = what_it_takes(*scene_, *scene);
+  if (!controller_here() && takes != Takes::nothing) {
+    throw InputError(
+        "", "the controller is on " + options_.bus +
+                " and keeps its scene: only effects of plant and drives, and 'simulation', can change");
+  }
+  constexpr std::size_t line = 120;
+  if (what.size() > line) what = what.substr(0, line) + " …";
+  send(SceneOrder{scene, takes, printable(what)});
+  scene_ = scene;
+  options_.sets = o.sets;
+  ++scene_number_;
+}
+
+std::string LiveDesk::scene_json() const {
+  const Scene& s = *scene_;
+  Json effects = Json::array();
+  for (const EffectText& e : effect_texts(s.toml))
+    effects.push_back({{"type", e.type}, {"parameters", e.parameters}});
+  Json j{{"name", printable(s.name)},
+         {"mechanism", mechanism_json(s)},
+         {"law", law_name(s.law)},
+         {"reaching", reaching_name(s.reaching)},
+         {"lambda", per_kind(s.lambda)},
+         {"gain", s.robust_gain ? std::string("robust") : per_kind(s.gain)},
+         {"layer", per_kind(s.layer)},
+         {"kp", s.kp ? fmt::format("{}", *s.kp) : ""},
+         {"kd", s.kd ? fmt::format("{}", *s.kd) : ""},
+         {"rate_hz", s.rate_hz},
+         {"torque_limit", s.torque_limit},
+         {"effects", std::move(effects)},
+         {"sets", options_.sets}};
+  return dump(j);
+}
+
+std::string LiveDesk::hello_json() const {
+  Json faults = Json::array();
+  for (const InjectionRow& r : injection_rows()) {
+    if (!can_inject(r, scene_->drives.protocol) || (!controller_here() && !can_inject_from_outside(r)))
+      continue;
+    const InjectOrder usual = usual_injection(r, 0);
+    Json ms = r.longest == 0 ? Json(nullptr) : Json(1e3 * usual.ticks * scene_->tick());
+    faults.push_back({{"name", r.name}, {"ms", std::move(ms)}});
+  }
+  const Json hello{
+      {"version", version},
+      {"bus", options_.bus},
+      {"controller", controller_here()},
+      {"motors", scene_->motors()},
+      {"drives", scene_->drives.nodes.size()},
+      {"channels", scene_->type == MechanismType::five_bar ? Json{"x", "y"} : Json{"theta1", "theta2"}},
+      {"faults", std::move(faults)},
+      {"hand", {{"stiffness", grip_.stiffness}, {"damping", grip_.damping}, {"most", grip_.most}}}};
+  return dump(hello);
+}
+
+std::string Page::samples() {
+  const auto& kept = desk_.samples_;
+  sample_ = std::clamp(sample_, kept.first, kept.end());
+  const std::uint64_t to = std::min(kept.end(), sample_ + samples_at_once);
+  Columns c;
+  const auto column = [&](const char* name, int digits, const auto& value) {
+    c.begin(name);
+    for (std::uint64_t i = sample_; i < to; ++i) c.add(value(kept.at(i)), digits);
+    c.end();
+  };
+  column("t", 9, [](const LiveSample& s) { return s.t; });
+  column("x", 6, [](const LiveSample& s) { return s.effector[0]; });
+  column("y", 6, [](const LiveSample& s) { return s.effector[1]; });
+  column("xd", 6, [](const LiveSample& s) { return s.desired[0]; });
+  column("yd", 6, [](const LiveSample& s) { return s.desired[1]; });
+  column("error", 5, [](const LiveSample& s) {
+    return std::hypot(s.effector[0] - s.desired[0], s.effector[1] - s.desired[1]);
+  });
+  for (std::size_t m = 0; m < static_cast<std::size_t>(desk_.scene_->motors()); ++m) {
+    column(fmt::format("tau{}", m + 1).c_str(), 4, [m](const LiveSample& s) { return s.torque[m]; });
+  }
+  column("s1", 4, [](const LiveSample& s) { return s.sliding[0]; });
+  column("s2", 4, [](const LiveSample& s) { return s.sliding[1]; });
+  column("force", 4, [](const LiveSample& s) { return std::hypot(s.force[0], s.force[1]); });
+  sample_ = to;
+  return c.text();
+}
+
+std::string Page::next() {
+  const auto& kept = desk_.samples_;
+  const bool scene = scene_ != desk_.scene_number_, event = event_ < desk_.events_.end();
+  if (greeted_ && !scene && !event && answers_.empty() && sample_ >= kept.end()) return {};
+  std::string out = "{";
+  const auto part = [&](const char* name, const std::string& json) {
+    out += fmt::format("{}\"{}\":{}", out.size() > 1 ? "," : "", name, json);
+  };
+  if (!std::exchange(greeted_, true)) part("hello", desk_.hello_json());
+  if (scene) part("scene", desk_.scene_json());
+  scene_ = desk_.scene_number_;
+  if (event) {
+    Json list = Json::array();
+    for (event_ = std::max(event_, desk_.events_.first); event_ < desk_.events_.end(); ++event_) {
+      const LiveEvent& e = desk_.events_.at(event_);
+      list.push_back({{"t", e.t}, {"kind", e.kind}, {"text", e.text}});
+    }
+    part("events", dump(list));
+  }
+  if (!answers_.empty()) part("answers", dump(std::exchange(answers_, {})));
+  if (sample_ < kept.end()) {
+    part("samples", samples());
+    const LiveSample& s = kept.list.back();
+    const Json now{{"t", s.t},
+                   {"state", s.state},
+                   {"fault", s.fault},
+                   {"q", s.q},
+                   {"effector", s.effector},
+                   {"desired", s.desired},
+                   {"force", s.force},
+                   {"anchor", s.holding ? Json(s.anchor) : Json(nullptr)},
+                   {"brake", s.brake},
+                   {"injecting", s.injecting},
+                   {"saturated", s.saturated},
+                   {"late", desk_.loop_.late.load()},
+                   {"dropped", desk_.loop_.dropped.load()}};
+    part("now", dump(now));
+  }
+  return out + "}";
+}
+
+void Page::hear(std::string_view message) {
+  try {
+    const Json j = Json::parse(message.begin(), message.end(), nullptr, false);
+    if (!j.is_object()) throw Malformed();
+    obey(j);
+  } catch (const Malformed&) {
+    ++desk_.malformed_;
+  } catch (const std::exception& e) {  // of a scene that is refused: what is wrong and what is allowed
+    answers_.emplace_back(printable(e.what()));
+  }
+}
+
+void Page::obey(const Json& j) {
+  for (const auto& [key, value] : j.items()) {
+    if (key == "do") {
+      constexpr std::pair<const char*, LiveCommand> words[] = {{"start", LiveCommand::start},
+                                                               {"halt", LiveCommand::halt},
+                                                               {"stop", LiveCommand::stop},
+                                                               {"reset", LiveCommand::reset},
+                                                               {"home", LiveCommand::home}};
+      const auto word =
+          std::ranges::find(words, text(value), [](const auto& w) { return std::string(w.first); });
+      if (word == std::end(words)) throw Malformed();
+      desk_.send(word->second);
+    } else if (key == "hand") {
+      pull(value);
+    } else if (key == "inject") {
+      inject(value);
+    } else if (key == "set") {
+      desk_.set(texts(value));
+    } else if (key == "effects") {
+      std::string list;
+      for (const std::string& e : texts(value)) list += (list.empty() ? "{ " : ", { ") + e + " }";
+      desk_.set({"effects=[" + list + "]"});
+    } else {
+      throw Malformed();
+    }
+  }
+}
+
+void Page::pull(const Json& j) {
+  if (!j.is_object()) throw Malformed();
+  Hand h = hand_;
+  constexpr double most_stiff = 1e4, most_damped = 1e3, strongest = 1e3;
+  const auto optional = [&](const char* key, double& into, double most) {
+    if (j.contains(key)) into = std::clamp(number(j[key]), 0.0, most);
+  };
+  optional("stiffness", h.stiffness, most_stiff);
+  optional("damping", h.damping, most_damped);
+  optional("most", h.most, strongest);
+  h.holding = j.contains("at") && !j["at"].is_null();
+  if (h.holding) h.anchor = pair(j["at"]);
+  h.push = j.contains("push") ? pair(j["push"]) : V2{};
+  desk_.send(h);
+  hand_ = h;
+  held_ = h.holding || h.push.x != 0.0 || h.push.y != 0.0;
+}
+
+void Page::inject(const Json& j) {
+  if (j.is_null()) return desk_.send(InjectOrder{});
+  if (!j.is_object() || !j.contains("fault")) throw Malformed();
+  const std::string name = text(j["fault"]);
+  const Scene& scene = *desk_.scene_;
+  const auto rows = injection_rows();
+  const auto row = std::ranges::find(rows, name, &InjectionRow::name);
+  if (row == rows.end() || !can_inject(*row, scene.drives.protocol) ||
+      (!desk_.controller_here() && !can_inject_from_outside(*row)))
+    throw InputError("", printable(name) + ": no fault of these drives");
+  const double drive = j.contains("drive") ? number(j["drive"]) : 1.0;
+  if (!(drive >= 1.0 && drive <= static_cast<double>(scene.motors())) || drive != std::floor(drive)) {
+    throw InputError("", fmt::format("drive: 1 to {}", scene.motors()));
+  }
+  InjectOrder o = usual_injection(*row, static_cast<std::size_t>(drive) - 1);
+  if (j.contains("ms") && !j["ms"].is_null()) {
+    o.ticks = static_cast<int>(std::clamp(std::round(number(j["ms"]) * 1e-3 * scene.rate_hz), 1.0, 1e6));
+  }
+  if (j.contains("amount")) o.amount = number(j["amount"]);
+  desk_.send(o);
+}
+
+}  // namespace esmc::host

@@ -1,0 +1,155 @@
+#include "host_sim/live/live.hpp"
+
+#include <fmt/format.h>
+
+#include <cstdio>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <thread>
+
+#include "host_sim/live/desk.hpp"
+#include "host_sim/live/session.hpp"
+#include "host_sim/bus/open_bus.hpp"
+#include "host_sim/loop/pace.hpp"
+#include "host_sim/error.hpp"
+#include "host_sim/live/access.hpp"
+
+namespace esmc::host {
+
+extern const std::string_view live_html, live_css, live_js;
+
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+std::string with_token(std::string_view page, const std::string& token) {
+  constexpr std::string_view place = "{{token}}";
+  std::string out(page);
+  for (std::size_t at = 0; (at = out.find(place, at)) != std::string::npos;)
+    out.replace(at, place.size(), token);
+  return out;
+}
+
+/// The loop: orders, tick, samples, and then sleep until the next tick. Never waits for anything else.
+class Runner {
+ public:
+  Runner(LiveSession& session, Exchange& exchange, LiveDesk::Loop& told)
+      : session_(session), exchange_(exchange), told_(told) {}
+
+  /// Until Ctrl-C or `seconds` of ticks have passed; then the drives are idle.
+  void run(std::optional<double> seconds) {
+    std::uint64_t late = 0;
+    const auto over = [&] { return stop_requested() || (seconds && session_.sample().t >= *seconds); };
+    while (!over()) {
+      // Another scene may have another tick.
+      const double period = session_.period();
+      Pace pace(period);
+      while (!over() && session_.period() == period) {
+        LiveOrder o;
+        while (exchange_.orders.pop(o)) session_.order(o);
+        step();
+        pace.wait();
+        told_.late = late + pace.late();
+      }
+      late += pace.late();
+    }
+    session_.order(LiveCommand::stop);
+    constexpr int patience = 5000;
+    for (int n = 0; n < patience && (n == 0 || !session_.at_rest()); ++n) step();
+  }
+  [[nodiscard]] const std::vector<LiveEvent>& faults() const { return faults_; }
+
+ private:
+  void step() {
+    session_.tick();
+    // A page plots no more than 1000 points a second.
+    const auto stride =
+        std::max<std::uint64_t>(1, static_cast<std::uint64_t>(session_.scene().rate_hz / 1000.0));
+    if (const std::uint64_t n = session_.ticks(); n != shown_ && n % stride == 0) {
+      shown_ = n;
+      LiveSample s = session_.sample();
+      if (!exchange_.samples.push(std::move(s))) ++told_.dropped;
+    }
+    for (LiveEvent& e : session_.take_events()) {
+      if (e.kind == "fault" && faults_.size() < faults_kept) faults_.push_back(e);
+      (void)exchange_.events.push(std::move(e));  // full: the desk is gone, and with it whoever would read it
+    }
+  }
+  static constexpr std::size_t faults_kept = 1000;
+
+  LiveSession& session_;
+  Exchange& exchange_;
+  LiveDesk::Loop& told_;
+  std::vector<LiveEvent> faults_;
+  std::uint64_t shown_ = 0;
+};
+
+Json summary(const LiveSession& session, const Runner& runner, const LiveDesk::Loop& loop,
+             const ServerCounts& served, std::uint64_t malformed) {
+  Json faults = Json::array();
+  for (const LiveEvent& e : runner.faults())
+    faults.push_back({{"t", e.t}, {"fault", e.text.substr(0, e.text.find(':'))}});
+  return {{"scene", printable(session.scene().name)},
+          {"duration_s", static_cast<double>(session.ticks()) * session.scene().tick()},
+          {"ticks", session.ticks()},
+          {"late_ticks", loop.late.load()},
+          {"final_state", session.sample().state},
+          {"faults", std::move(faults)},
+          {"samples_dropped", loop.dropped.load()},
+          {"server",
+           {{"pages", served.pages},
+            {"refused", served.refused},
+            {"messages", served.messages},
+            {"malformed", malformed},
+            {"too_long", served.too_long}}},
+          {"run_ticks", session.run_ticks()},
+          {"digest", session.digest()}};
+}
+
+}  // namespace
+
+int run_live(const LiveOptions& o) {
+  const bool here = o.run.bus == "virtual";  // the controller
+  const auto scene = read_live_scene(o.run);
+  std::optional<HostBus> bus;
+  if (!here) bus.emplace(open_bus(o.run.bus, scene->bitrate));
+  auto exchange = std::make_unique<Exchange>();
+  LiveDesk desk(o.run, scene, *exchange);
+  ServerOptions options;
+  options.port = o.port;
+  options.token = make_token();
+  options.files["/"] = {"text/html; charset=utf-8", with_token(live_html, options.token)};
+  options.files["/live.css"] = {"text/css; charset=utf-8", std::string(live_css)};
+  options.files["/live.js"] = {"text/javascript; charset=utf-8", std::string(live_js)};
+  const auto server = open_server(options, desk);
+  const auto session = here ? make_live_session(scene) : make_live_plant(scene, *bus);
+
+  std::FILE* told = o.run.json ? stderr : stdout;
+  fmt::print(told, "http://127.0.0.1:{}/?token={}\n", server->port(), options.token);
+  (void)std::fflush(told);
+
+  std::atomic<bool> over{false};
+  std::thread serving([&] { server->run(over); });
+  Runner runner(*session, *exchange, desk.loop());
+  try {
+    runner.run(o.duration);
+  } catch (...) {
+    over = true;
+    serving.join();
+    throw;
+  }
+  over = true;
+  serving.join();
+  const Json s = summary(*session, runner, desk.loop(), server->counts(), desk.malformed());
+  if (o.run.json) {
+    fmt::print("{}\n", s.dump(2));
+    return 0;
+  }
+  fmt::print("{}: {:.3f} s, {} ticks, {} late; {}, {} faults; {} pages, {} requests refused\n",
+             s["scene"].get<std::string>(), s["duration_s"].get<double>(), session->ticks(),
+             desk.loop().late.load(), session->sample().state, runner.faults().size(), server->counts().pages,
+             server->counts().refused);
+  return 0;
+}
+
+}  // namespace esmc::host

@@ -1,0 +1,19 @@
+#pragma once
+/// `esmc live`: the loop against the clock in this thread, its pages served in another.
+
+#include <optional>
+
+#include "host_sim/record/run_options.hpp"
+
+namespace esmc::host {
+
+struct LiveOptions {
+  RunOptions run;
+  int port = 0;                    ///< 0: one that is free
+  std::optional<double> duration;  ///< s; none: until Ctrl-C
+};
+
+/// Returns the exit status.
+int run_live(const LiveOptions& o);
+
+}  // namespace esmc::host

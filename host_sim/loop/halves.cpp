@@ -1,0 +1,88 @@
+#include "host_sim/loop/halves.hpp"
+
+#include "host_sim/controller/bake.hpp"
+
+namespace esmc::host {
+
+BusObstacle bus_obstacle(const Scene& scene) {
+  if (!scene.closed_loop()) {
+    return {scene.control_where,
+            "'control.law' = open_loop and none run in esmc sim only: there is no controller"};
+  }
+  if (scene.accuracy) {
+    return {scene.simulation_where,
+            "'simulation.accuracy' is for esmc sim; a loop on a bus needs simulation.step"};
+  }
+  if (scene.drives.protocol == Protocol::mit && scene.all_sensors && !scene.all_motors) {
+    return {scene.control_where,
+            "passive encoders (control.sensors = \"all\" with two motors) need 'drives.protocol' = odrive or "
+            "odrive_0.5: a drive in MIT mode speaks only when it is commanded"};
+  }
+  return {scene.control_where, scene.drives.missing};
+}
+
+std::string to_confirm(const Scene& scene) {
+  const DriveScene& d = scene.drives;
+  std::string out;
+  const auto list = [&](const char* what) { out += (out.empty() ? "" : "; ") + std::string(what); };
+  switch (d.protocol) {
+    case Protocol::odrive:
+    case Protocol::odrive_0_5: {
+      const auto unread = [&](OdriveValue v) { return !d.endpoints || !d.endpoints->has(v); };
+      const bool constant = d.torque_constant.empty();
+      if (d.protocol == Protocol::odrive_0_5) list("control_mode is torque and input_mode passthrough, as stored");
+      if (unread(OdriveValue::enable_watchdog) || unread(OdriveValue::watchdog_timeout)) {
+        list("enable_watchdog, and watchdog_timeout as in drives.watchdog_timeout");
+      }
+      if (unread(OdriveValue::torque_mode_limit)) list("enable_torque_mode_vel_limit is off");
+      if (unread(OdriveValue::vel_limit) || unread(OdriveValue::overspeed_error)) {
+        list("vel_limit above limits.joint_speed at the shaft, and overspeed trips");
+      }
+      if (unread(OdriveValue::torque_constant) || constant) list("torque_constant is the motor's");
+      if (unread(OdriveValue::current_limit) || constant) list("the current limit allows control.torque_limit");
+      if (unread(OdriveValue::heartbeat_period)) list("heartbeats come every 10 ms at most");
+      break;
+    }
+    case Protocol::cia402:
+      list("the unit of object 6076 is drives.rated_torque_unit");
+      list("object 6064 counts drives.counts_per_turn per turn, and 606C is in drives.velocity_unit");
+      break;
+    case Protocol::mit:
+      list("position_range, velocity_range and torque_range are the drives'");
+      list("their time-out is drives.watchdog_timeout");
+      list("their zero: the joints stay inside position_range of it");
+      break;
+  }
+  if (scene.hardware) {  // how it is wired: of emulated drives the scene itself says that
+    list("each of drives.nodes moves the joint that it is listed for");
+    if (d.zero == Zero::absolute) list("the encoders are absolute, with drives.offset");
+  }
+  return out;
+}
+
+void require_confirmed(const Scene& scene) {
+  const std::string open = to_confirm(scene);
+  if (open.empty() || scene.drives.confirmed.value_or(!scene.hardware)) return;
+  throw InputError(scene.drives.where,
+                   "'drives.confirmed' must be true before these drives are armed, once somebody has checked what cannot be "
+                   "read back: " + open);
+}
+
+Scene read_loop_scene(const RunOptions& o) {
+  Scene scene = read_scene(o.scene, o.sets);
+  scene.seed = o.seed;
+  const BusObstacle obstacle = bus_obstacle(scene);
+  if (!obstacle.what.empty()) throw InputError(obstacle.where, obstacle.what);
+  if (scene.command) scene.identity = identity_of(scene, o.realtime ? Pacing::realtime : Pacing::lockstep);
+  return scene;
+}
+
+void require_same_scene(const Scene& scene, const hal::CanFrame& f) {
+  if (!scene.command || scene.identity == 0) return;
+  const auto other = link::decode_identity(f, static_cast<std::uint32_t>(scene.command->base_id));
+  if (!other || *other == 0 || *other == scene.identity) return;
+  throw RunError(fmt::format("the controller on the bus was made from another scene: it announces {:08x}, {} is {:08x}", *other,
+                             scene.file, scene.identity));
+}
+
+}  // namespace esmc::host

@@ -1,0 +1,191 @@
+#include "host_sim/loop/observe.hpp"
+
+#include <fmt/format.h>
+
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <thread>
+
+#include "host_sim/controller/axes_config.hpp"
+#include "host_sim/loop/halves.hpp"
+#include "host_sim/record/recorder.hpp"
+
+namespace esmc::host {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+/// Everything is heard, nothing is said.
+class ListenOnly {
+ public:
+  ListenOnly(HostBus& bus, const Scene& scene) : bus_(&bus), scene_(&scene) {}
+  hal::SendStatus try_send(const hal::CanFrame&) { return hal::SendStatus::ok; }  // and that was all
+  [[nodiscard]] bool try_receive(hal::CanFrame& f) {
+    if (!bus_->try_receive(f)) return false;
+    require_same_scene(*scene_, f);
+    return true;
+  }
+  [[nodiscard]] std::uint32_t frame_age_us() const { return bus_->frame_age_us(); }
+
+ private:
+  HostBus* bus_;
+  const Scene* scene_;
+};
+static_assert(hal::TimesFrames<ListenOnly>);
+
+/// Where the angles leave the mechanism; empty where they close no loop.
+template <class M>
+std::optional<Estimate<M>> located(const ControllerConfig<M>& c, const Sample<M>& s) {
+  if constexpr (M::joints == 4) {
+    if (c.sensors == Sensors::all) return estimate_from_all(c.mechanism, s.angle, s.rate);
+  }
+  using Config = ControllerConfig<M>;
+  const int a = Config::joint_of(0, 2), b = Config::joint_of(1, 2);
+  return estimate_from_base(c.mechanism, c.mode, Vec2<double>(s.angle[a], s.angle[b]), Vec2<double>(s.rate[a], s.rate[b]));
+}
+
+const char* sign_text(double v) { return v > 0.0 ? "+" : "-"; }
+
+template <class World>
+class Observer {
+ public:
+  using M = typename World::Mechanism;
+  using Config = ControllerConfig<M>;
+
+  Observer(const Scene& scene, HostBus& bus)
+      : scene_(scene), bus_(bus, scene), reference_(make_reference(scene, Pacing::realtime)), cycle_(make_cycle<M>(scene, Pacing::realtime, reference_)) {}
+
+  void tick() {
+    with([&](auto& c) {
+      c.receive(bus_);
+      c.tick(bus_, false);
+    });
+  }
+  /// The nodes that are not heard, as a list; empty: all are.
+  [[nodiscard]] std::string silent() const {
+    std::string out;
+    for (const Json& j : joints()) {
+      if (j["age_ticks"].is_null()) out += fmt::format("{}{}", out.empty() ? "" : ", ", j["node"].get<int>());
+    }
+    return out;
+  }
+  [[nodiscard]] Json look() const {
+    Json j;
+    j["joints"] = joints();
+    j["zero"] = scene_.drives.zero == Zero::absolute ? "absolute" : "not confirmed";
+    std::optional<Estimate<M>> at;
+    if (silent().empty() && scene_.drives.zero == Zero::absolute) at = with([](const auto& c) { return located<M>(c.controller().config(), c.sample()); });
+    j["effector"] = at ? Json::array({at->pose.effector.x(), at->pose.effector.y()}) : Json(nullptr);
+    j["working_mode"] = Json(nullptr);
+    j["min_abs_sin_type1"] = at ? Json(M::min_abs_sin_type1(at->pose)) : Json(nullptr);
+    if constexpr (M::has_type2) {
+      if (at) j["working_mode"] = Json::array({sign_text(M::sin_type1(at->pose, 0)), sign_text(M::sin_type1(at->pose, 1))});
+      // From base joints alone both assembly modes are possible: the one of the scene is taken for granted, not seen.
+      j["assembly_mode"] = at && scene_.all_sensors ? Json(sign_text(at->pose.sin_type2)) : Json(nullptr);
+      j["assumed_assembly_mode"] = at && !scene_.all_sensors ? Json(sign_text(at->pose.sin_type2)) : Json(nullptr);
+      j["sin_type2"] = at ? Json(at->pose.sin_type2) : Json(nullptr);
+    } else if (at) {
+      j["working_mode"] = Json::array({sign_text(at->pose.arm.turn[1].y())});
+    }
+    return j;
+  }
+
+ private:
+  [[nodiscard]] Json joints() const {
+    return with([&](const auto& c) {
+      Json out = Json::array();
+      const auto& config = c.controller().config();
+      for (int i = 0, n = config.sensor_count(); i < n; ++i) {
+        const int joint = Config::joint_of(i, n);
+        const int place = n == M::joints ? i : joint / (M::joints / 2);
+        const auto& axis = c.axis(place);
+        const std::uint32_t age = c.sample().age_ticks[static_cast<std::size_t>(joint)];
+        const bool heard = age != drive::age_max && age < scene_.rate_hz;  // within a second
+        out.push_back({{"name", World::joint_names[joint]},
+                       {"node", node_at(static_cast<std::size_t>(place))},
+                       {"angle", heard ? Json(c.sample().angle[joint]) : Json(nullptr)},
+                       {"rate", heard ? Json(c.sample().rate[joint]) : Json(nullptr)},
+                       {"age_ticks", heard ? Json(age) : Json(nullptr)},
+                       {"error", axis.error() ? Json(axis.error_code()) : Json(nullptr)}});
+      }
+      return out;
+    });
+  }
+  /// Of the axis at a place in the cycle.
+  [[nodiscard]] int node_at(std::size_t place) const {
+    std::size_t i = 0;
+    while (axis_of(scene_, i) != place) ++i;
+    return scene_.drives.nodes[i];
+  }
+  template <class F>
+  decltype(auto) with(F&& f) {
+    return std::visit(std::forward<F>(f), cycle_);
+  }
+  template <class F>
+  decltype(auto) with(F&& f) const {
+    return std::visit(std::forward<F>(f), cycle_);
+  }
+
+  const Scene& scene_;
+  ListenOnly bus_;
+  ReferenceBundle<double> reference_;
+  AnyCycle<M> cycle_;
+};
+
+std::string line_of(const Json& j, double t) {
+  const auto number = [](const Json& v, const char* digits) {
+    return v.is_null() ? std::string("?") : fmt::format(fmt::runtime(digits), v.get<double>());
+  };
+  std::string out = fmt::format("{:8.1f} s ", t);
+  for (const Json& q : j["joints"]) {
+    out += fmt::format(" {} {} rad, age {};", q["name"].get<std::string>(), number(q["angle"], "{:.4f}"),
+                       q["age_ticks"].is_null() ? "not heard" : fmt::format("{} ticks", q["age_ticks"].get<int>()));
+    if (!q["error"].is_null()) out += fmt::format(" error 0x{:x};", q["error"].get<std::uint32_t>());
+  }
+  if (j["zero"] != "absolute") return out + " zero not confirmed: angles are the encoders' own, no pose";
+  if (j["effector"].is_null()) return out + " no pose";
+  out += fmt::format(" effector {:.4f} {:.4f} m; working mode", j["effector"][0].get<double>(), j["effector"][1].get<double>());
+  for (const Json& w : j["working_mode"]) out += fmt::format(" {}", w.get<std::string>());
+  out += fmt::format(", |sin theta_j2| >= {:.3f}", j["min_abs_sin_type1"].get<double>());
+  if (j.contains("assembly_mode")) {
+    const bool seen = !j["assembly_mode"].is_null();
+    out += fmt::format("; assembly mode {}{}, D2 {:.3f}", j[seen ? "assembly_mode" : "assumed_assembly_mode"].get<std::string>(),
+                       seen ? "" : " (assumed)", j["sin_type2"].get<double>());
+  }
+  return out;
+}
+
+template <class World>
+int observe(const Scene& scene, const RunOptions& o, HostBus& bus) {
+  Observer<World> observer(scene, bus);
+  const std::uint32_t ticks = tick_count(scene),
+                      often = std::max<std::uint32_t>(1, static_cast<std::uint32_t>(std::llround(0.2 * scene.rate_hz)));
+  const auto begin = std::chrono::steady_clock::now();
+  std::uint32_t n = 0;
+  while (n < ticks && !stop_requested()) {
+    observer.tick();
+    if (is_gone(bus)) throw RunError(gone_text);
+    ++n;
+    if (!o.json && n % often == 0) {
+      fmt::print("{}\n", line_of(observer.look(), n * scene.tick()));
+      std::fflush(stdout);
+    }
+    std::this_thread::sleep_until(begin + std::chrono::duration<double>(n * scene.tick()));
+  }
+  if (o.json) {
+    Json j = {{"scene", scene.name}, {"ticks", n}};
+    j.update(observer.look());
+    fmt::print("{}\n", j.dump(2));
+  }
+  const std::string silent = observer.silent();
+  if (silent.empty()) return 0;
+  throw RunError("not heard on " + bus.name() + ": node " + silent);
+}
+
+}  // namespace
+
+int run_observe(const Scene& scene, const RunOptions& o, HostBus& bus) {
+  return scene.type == MechanismType::five_bar ? observe<FiveBarWorld>(scene, o, bus) : observe<RrWorld>(scene, o, bus);
+}
+
+}  // namespace esmc::host

@@ -1,0 +1,297 @@
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <limits>
+
+#include "host_sim/record/finish.hpp"
+#include "host_sim/loop/progress.hpp"
+#include "host_sim/record/recorder.hpp"
+#include "host_sim/loop/run.hpp"
+#include "host_sim/loop/trace.hpp"
+#include "host_sim/drives/actuators.hpp"
+#include "host_sim/drives/placed_axes.hpp"
+#include "host_sim/scene/read_effects.hpp"
+
+namespace esmc::host {
+namespace {
+
+/// One pass over the whole scene with a given number of integration steps per tick.
+template <class World>
+class SimRun {
+ public:
+  using Plant = typename World::Plant;
+  using M = typename World::Mechanism;
+  using Joints = typename Plant::Joints;
+
+  SimRun(const Scene& scene, const RunOptions& options, std::FILE* log)
+      : scene_(scene),
+        options_(options),
+        recorder_(scene, Pacing::lockstep, log, scene.closed_loop()),
+        motion_(make_motion<World>(scene)),
+        actuators_(scene.effects, scene.motor_joints(), scene.seed) {}
+
+  [[nodiscard]] Recorder<World>& recorder() { return recorder_; }
+  /// Where the effector was at every tick, for studies.
+  void keep_path(std::vector<V2>* path) { path_ = path; }
+  void use_single_precision() { single_precision_ = true; }
+  /// For who shows the progress of many runs.
+  void without_progress() { progress_ = false; }
+
+  RunEnd run(int substeps) {
+    const auto begin = std::chrono::steady_clock::now();
+    RunEnd end;
+    if (scene_.closed_loop()) {
+      if (single_precision_) {
+        closed_loop<typename World::SinglePrecision>(substeps, end);
+      } else {
+        closed_loop<M>(substeps, end);
+      }
+    } else {
+      open_loop(substeps, end);
+    }
+    end.wall_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+    const auto o = motion_.output();
+    end.q.assign(o.q.begin(), o.q.end());
+    end.qd.assign(o.qd.begin(), o.qd.end());
+    end.state_dimension = motion_.state_dimension() + actuators_.states();
+    end.method = motion_.method();
+    end.seed = options_.seed;
+    Statistics& s = recorder_.statistics();
+    s.energy_error = larger(s.energy_error, motion_.energy_error());
+    return end;
+  }
+
+ private:
+  /// Torque as a function of time, no controller, no limits.
+  void open_loop(int substeps, RunEnd& end) {
+    const double tick = scene_.tick();
+    OpenLoop wave{scene_.torque, scene_.motor_joints()};
+    if (const auto saturation = find_effect<TorqueSaturation>(scene_.effects)) wave.limit = saturation->limit;
+    const MotorTorques<Joints> torque{{}, scene_.torque.empty() ? nullptr : &wave};
+    const std::uint32_t ticks = tick_count(scene_);
+    Progress progress(progress_ ? ticks : 0);
+    for (std::uint32_t n = 0; n < ticks; ++n) {
+      progress.at(n);
+      if (must_stop(options_, n)) {
+        end.interrupted = true;
+        return;
+      }
+      const Joints now = torque.at(n * tick);
+      const bool clipped =
+          std::any_of(now.begin(), now.end(), [&](double v) { return std::abs(v) == wave.limit; });
+      recorder_.tick(n, motion_, now, clipped, {});
+      motion_.advance(n * tick, tick, substeps, torque);
+    }
+  }
+
+  /// The controller of the firmware, its torque applied directly over the tick. C: its model, in one scalar
+  /// type or the other.
+  template <class C>
+  void closed_loop(int substeps, RunEnd& end) {
+    const auto reference = make_reference<typename C::Scalar>(scene_, Pacing::lockstep);
+    Controller<C> controller(make_controller<C>(scene_, Pacing::lockstep, reference));
+    Supervisor supervisor(controller.supervision());
+    supervisor.begin_tick(Command::enable, {});  // there are no drives to wait for
+    std::vector<Sensor> sensors = make_sensors(controller.config().sensor_count());
+    Sample<C> sample;
+    TickResult<C> result;
+    const double tick = scene_.tick(), step = tick / substeps;
+    const std::uint32_t ticks = tick_count(scene_);
+    Progress progress(progress_ ? ticks : 0);
+    for (std::uint32_t n = 0; n < ticks; ++n) {
+      progress.at(n);
+      const bool stop = must_stop(options_, n + 1);
+      supervisor.begin_tick(stop ? Command::stop : Command::none, {true, false}, result.stage_done);
+      measure(sensors, sample);
+      result = controller.tick(sample, supervisor);
+      bool clipped = false;
+      Joints asked{};
+      for (std::size_t i = 0; i < asked.size(); ++i)
+        asked[i] = static_cast<double>(result.torque[static_cast<int>(i)]);
+      const Joints torque = actuators_.deliver(asked, tick, clipped);
+      if constexpr (std::is_same_v<C, M>) {
+        recorder_.tick(n, motion_, torque, clipped, {&result, &sample});
+      } else {
+        recorder_.tick(n, motion_, torque, clipped, {});
+      }
+      if (path_ != nullptr) path_->push_back(motion_.output().effector);
+      actuators_.advance(motion_, n * tick, tick, step, torque);
+      if (stop) {
+        supervisor.begin_tick(Command::none, {false, true});  // nor any that would take time to be idle
+        end.interrupted = true;
+        break;
+      }
+    }
+    end.final_state = name(supervisor.state());
+    if (supervisor.fault() != Fault::none) end.faults.emplace_back(name(supervisor.fault()));
+    if (supervisor.fault() == Fault::loop_not_closed && controller.odd_encoder() != 0)
+      end.odd_encoder = World::joint_names[controller.odd_encoder() - 1];
+  }
+
+  struct Sensor {
+    PlacedAxis axis;
+    ShaftSensor shaft;
+    double rev_per_rad;
+  };
+  std::vector<Sensor> make_sensors(int count) {
+    std::vector<Sensor> out;
+    const SensorEffects effects(scene_.effects);
+    for (const PlacedAxis& a : placed_axes(scene_)) {
+      if (count == 2 && a.joint % (M::joints / 2) != 0) continue;
+      const double k = a.mount.rev_per_rad();
+      out.push_back({a, ShaftSensor(effects, scene_.tick(), k, a.joint, scene_.seed), k});
+      const double angle = motion_.shaft(static_cast<std::size_t>(a.joint)).angle;
+      out.back().shaft.settle({(angle - a.mount.offset) * k, 0.0});
+    }
+    exact_ = effects.none();
+    return out;
+  }
+  template <class C>
+  void measure(std::vector<Sensor>& sensors, Sample<C>& sample) const {
+    using S = typename C::Scalar;
+    for (Sensor& s : sensors) {
+      const auto shaft = motion_.shaft(static_cast<std::size_t>(s.axis.joint));
+      if (exact_) {  // not through revolutions and back: the truth to the last bit
+        sample.angle[s.axis.joint] = static_cast<S>(shaft.angle);
+        sample.rate[s.axis.joint] = static_cast<S>(shaft.rate);
+        continue;
+      }
+      const ShaftReading r =
+          s.shaft.read({(shaft.angle - s.axis.mount.offset) * s.rev_per_rad, shaft.rate * s.rev_per_rad});
+      sample.angle[s.axis.joint] = static_cast<S>(r.position_rev / s.rev_per_rad + s.axis.mount.offset);
+      sample.rate[s.axis.joint] = static_cast<S>(r.velocity_rev_s / s.rev_per_rad);
+    }
+  }
+
+  const Scene& scene_;
+  const RunOptions& options_;
+  Recorder<World> recorder_;
+  Motion<Plant> motion_;
+  Actuators<Plant> actuators_;
+  bool exact_ = true, single_precision_ = false, progress_ = true;
+  std::vector<V2>* path_ = nullptr;
+};
+
+[[nodiscard]] double largest_difference(const std::vector<double>& a, const std::vector<double>& b) {
+  double d = 0.0;
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    const double e = std::abs(a[i] - b[i]);
+    d = e > d || std::isnan(e) ? e : d;
+  }
+  return d;
+}
+
+/// Where the program chooses: L-stable for stiff springs, order 8 where digits are dear. `esmc accuracy`
+/// shows why.
+[[nodiscard]] Method method_for(const Scene& s) {
+  const auto stops = find_effect<EndStops>(s.effects);
+  const bool stiff = find_effect<JointFlexibility>(s.effects) || find_effect<Backlash>(s.effects) ||
+                     (stops && stops->stiffness);
+  if (stiff) return Method::radau5;
+  return *s.accuracy < 1e-8 ? Method::dopri8 : Method::rk4;
+}
+
+template <class World>
+int simulate(Scene scene, const RunOptions& o) {
+  if (scene.accuracy) scene.method = method_for(scene);
+  require_reachable<World>(scene, Pacing::lockstep);
+  OutputDirectory out = output_of(o);
+  const auto finish = [&](SimRun<World>& run, const RunEnd& end) {
+    return finish_run(o, scene, "sim", run.recorder().statistics(), end, run.recorder().log(), out);
+  };
+  if (!scene.accuracy) {
+    SimRun<World> run(scene, o, out.open("log.csv"));
+    const RunEnd end = run.run(steps_per_tick(scene));
+    return finish(run, end);
+  }
+  // Step halving. The change between two passes bounds the error of the finer one about 15 times over (RK4),
+  // and when it stops shrinking, rounding has been reached.
+  constexpr int finest = 4096;
+  std::vector<double> before;
+  double change = std::numeric_limits<double>::infinity();
+  for (int substeps = 1; substeps <= finest; substeps *= 2) {
+    SimRun<World> run(scene, o, out.open("log.csv"));
+    RunEnd end;
+    try {
+      end = run.run(substeps);
+      require_finite(end.q, scene.duration);
+    } catch (const Diverged&) {  // a step that is too long for what the scene holds
+      if (substeps == finest) throw;
+      before.clear();
+      continue;
+    }
+    if (end.interrupted) return finish(run, end);
+    if (!before.empty()) {
+      const double now = largest_difference(before, end.q);
+      if (now <= *scene.accuracy) return finish(run, end);
+      if (substeps > 16 && now > 0.5 * change) {
+        change = now;
+        break;
+      }
+      change = now;
+    }
+    before = end.q;
+  }
+  throw RunError(
+      fmt::format("accuracy = {} was not reached: halving the step changes final_state.q by {:.2g}, and "
+                  "rounding (or a motion that forgets its past) is in the way",
+                  *scene.accuracy, change));
+}
+
+}  // namespace
+
+int run_sim(const RunOptions& o) {
+  Scene scene = read_scene(o.scene, o.sets);
+  refuse_bus_effects(scene, "esmc sim has no bus");
+  scene.seed = o.seed;
+  return scene.type == MechanismType::five_bar ? simulate<FiveBarWorld>(scene, o)
+                                               : simulate<RrWorld>(scene, o);
+}
+
+namespace {
+enum class Purpose { study, study_in_single_precision, sweep, sweep_without_base };
+template <class World>
+Trace trace_of(const Scene& scene, Purpose purpose) {
+  Trace out;
+  const RunOptions none;
+  SimRun<World> run(scene, none, nullptr);
+  const bool sweep = purpose == Purpose::sweep || purpose == Purpose::sweep_without_base;
+  if (sweep) {
+    if (purpose == Purpose::sweep_without_base) run.recorder().without_base_errors();
+    run.recorder().without_digest();
+    run.without_progress();
+  } else {
+    run.keep_path(&out.effector);
+  }
+  if (purpose == Purpose::study_in_single_precision) run.use_single_precision();
+  try {
+    out.end = run.run(steps_per_tick(scene));
+  } catch (const Diverged&) {  // a study wants to know, not to end
+    out.end.q.assign(World::Plant::outputs, std::numeric_limits<double>::quiet_NaN());
+    out.end.qd = out.end.q;
+  }
+  if (sweep && run.recorder().reference_left())
+    throw InputError(scene.reference_where, "the reference leaves the reach of the mechanism");
+  out.statistics = run.recorder().statistics();
+  return out;
+}
+}  // namespace
+
+Trace trace(const Scene& scene, bool single_precision) {
+  const Purpose purpose = single_precision ? Purpose::study_in_single_precision : Purpose::study;
+  return scene.type == MechanismType::five_bar ? trace_of<FiveBarWorld>(scene, purpose)
+                                               : trace_of<RrWorld>(scene, purpose);
+}
+
+Trace run_case(const Scene& scene, bool base_errors) {
+  const Purpose purpose = base_errors ? Purpose::sweep : Purpose::sweep_without_base;
+  return scene.type == MechanismType::five_bar ? trace_of<FiveBarWorld>(scene, purpose)
+                                               : trace_of<RrWorld>(scene, purpose);
+}
+
+std::atomic<bool>& stop_requested() {
+  static std::atomic<bool> flag{false};
+  return flag;
+}
+
+}  // namespace esmc::host

@@ -1,0 +1,26 @@
+#pragma once
+/// A closed loop run for a study: no files, no summary, every effector position kept.
+
+#include <vector>
+
+#include "host_sim/record/summary.hpp"
+#include "host_sim/plant/plant.hpp"
+#include "host_sim/scene/scene.hpp"
+
+namespace esmc::host {
+
+struct Trace {
+  Statistics statistics;
+  RunEnd end;
+  std::vector<V2> effector;  ///< m, true position at every tick of a closed loop
+};
+
+/// Runs a scene as `esmc sim` does, with its method and step. `single_precision`: the controller computes in
+/// float.
+Trace trace(const Scene& scene, bool single_precision = false);
+
+/// The same for a case of a sweep: no path, no digest and, unless wanted, no errors of the base joints. Throws InputError where
+/// the reference leaves the reach of the true mechanism; a state that is not finite shows in end.q.
+Trace run_case(const Scene& scene, bool base_errors);
+
+}  // namespace esmc::host

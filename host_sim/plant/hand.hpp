@@ -1,0 +1,38 @@
+#pragma once
+/// A hand at the effector that moves while the simulation runs: no effect of a scene, which is known
+/// beforehand.
+
+#include <cmath>
+
+#include "host_sim/plant/loads.hpp"
+
+namespace esmc::host {
+
+struct Hand {
+  bool holding = false;                   ///< spring and damper towards `anchor`
+  V2 anchor{};                            ///< m
+  double stiffness = 0.0, damping = 0.0;  ///< N/m, N s/m, >= 0
+  V2 push{};                              ///< N, besides
+  double most = 0.0;                      ///< N, > 0: no hand pulls harder
+
+  /// N, on an effector at p moving with v. The pull is cut to `most` in its own direction.
+  [[nodiscard]] V2 force(V2 p, V2 v) const {
+    V2 f = push;
+    if (holding) f = f + stiffness * (anchor - p) - damping * v;
+    const double size = std::sqrt(dot(f, f));
+    return size > most ? (most / size) * f : f;
+  }
+};
+
+/// The hand as the right-hand side sees it; the hand outlives it.
+class HandLoad final : public EffectorLoad {
+ public:
+  explicit HandLoad(const Hand& hand) : hand_(&hand) {}
+  void begin(double) override {}
+  [[nodiscard]] V2 force(V2 p, V2 v) const override { return hand_->force(p, v); }
+
+ private:
+  const Hand* hand_;
+};
+
+}  // namespace esmc::host

@@ -1,0 +1,118 @@
+#include "host_sim/problems/problems.hpp"
+
+#include <cmath>
+
+namespace esmc::host {
+
+namespace {
+
+constexpr double quarter = 1.57079632679489661923;  // pi / 2
+
+Body<double> body(double length, double centre, double across, double mass, double inertia) {
+  return {length, centre, across, mass, inertia, 0.0, 0.0};
+}
+Body<double> rod() { return body(1.0, 0.5, 0.0, 1.0, 1.0 / 12.0); }
+
+}  // namespace
+
+AndrewsChains Andrews::build() {
+  const Serial<double, Bar, Bar> crank_and_rod(  // the rod points backwards
+      {{body(0.007, 0.00092, 0.0, 0.04325, 2.194e-6), body(-0.028, -0.0115, 0.0, 0.00365, 4.410e-7)}}, 0.0);
+  const Serial<double, Plate> k3({{body(0.035, 0.01874, 0.01043, 0.02373, 5.255e-6)}}, 0.0);
+  const Serial<double, Plate, Bar> k5_k4(
+      {{body(0.04, 0.02308, 0.00916, 0.07050, 1.169e-5), body(0.02, 0.02 - 0.01421, 0.0, 0.00706, 5.667e-7)}},
+      0.0);
+  const Serial<double, Plate, Bar> k7_k6({{body(0.04, 0.01228, -0.00449, 0.05498, 1.912e-5),
+                                           body(0.02, 0.02 - 0.01421, 0.0, 0.00706, 5.667e-7)}},
+                                         0.0);
+  AndrewsChains::Mounting m;
+  const Vec2<double> a(-0.06934, -0.00227);
+  m.base = {{Vec2<double>::Zero(), Vec2<double>(-0.03635, 0.03273), a, a}};
+  // The literature counts these angles from another axis of the body.
+  m.zero[gamma] = m.zero[phi] = m.zero[epsilon] = -quarter;
+  m.zero[omega] = quarter;
+  m.offset = {{Vec2<double>::Zero(), Vec2<double>::Zero(), Vec2<double>::Zero()}};
+  return {crank_and_rod, k3, k5_k4, k7_k6, m};
+}
+
+Andrews::Andrews() : ChainSystem(build()) {}
+
+Andrews::State Andrews::start() const {
+  State y{};
+  y[beta] = -0.0617138900142764496358948458001;
+  y[theta] = 0.0;
+  y[gamma] = 0.455279819163070380255912382449;
+  y[phi] = 0.222668390165885884674473185609;
+  y[delta] = 0.487364979543842550225598953530;
+  y[omega] = -0.222668390165885884674473185609;
+  y[epsilon] = 1.23054744454982119249735015568;
+  return y;
+}
+
+TwoFourBars::TwoFourBars()
+    : ChainSystem([] {
+        const Serial<double, Bar, Bar> pair({{rod(), rod()}}, 9.81);
+        const Serial<double, Bar> single({{rod()}}, 9.81);
+        FourBarChain::Mounting m;
+        m.base = {{Vec2<double>(0.0, 0.0), Vec2<double>(1.0, 0.0), Vec2<double>(2.0, 0.0)}};
+        m.offset = {{Vec2<double>::Zero(), Vec2<double>::Zero()}};
+        return FourBarChain(pair, single, pair, m);
+      }()) {}
+
+TwoFourBars::State TwoFourBars::start() const { return parallelogram(quarter, -1.0); }
+
+TwoFourBars::State TwoFourBars::parallelogram(double angle, double rate) {
+  return {angle, -angle, angle, angle, 2.0 * quarter - angle, rate, -rate, rate, rate, -rate};
+}
+
+void Pendulum::slope(double, const State& y, State& dy) {
+  constexpr double g = 9.81;
+  // Tension per mass and length: what the radial part of the acceleration has too much.
+  const double pull = (y[2] * y[2] + y[3] * y[3] - g * y[1]) / (y[0] * y[0] + y[1] * y[1]);
+  dy = {y[2], y[3], -pull * y[0], -g - pull * y[1]};
+}
+
+void Pendulum::project(State& y) {
+  const double length = std::hypot(y[0], y[1]);
+  y[0] /= length;
+  y[1] /= length;
+  const double outwards = y[0] * y[2] + y[1] * y[3];
+  y[2] -= outwards * y[0];
+  y[3] -= outwards * y[1];
+}
+
+FallingFiveBar::FallingFiveBar()
+    : FallingFiveBar([] {
+        const LegParams<double> leg{
+            .l1 = 0.12, .l2 = 0.16, .lg1 = 0.06, .lg2 = 0.068, .m1 = 0.1, .m2 = 0.1, .J1 = 2e-4, .J2 = 7e-4};
+        return FiveBarParams<double>{.l0 = 0.05, .m0 = 0.0, .g = 9.8, .legs = {leg, leg}};
+      }()) {}
+
+FallingFiveBar::State FallingFiveBar::start() const {
+  const auto s = FiveBarPlant::from_joints(
+      {0.33914579427821183820, 1.85318013531281830819, 1.31276054418215195822, 1.48475269532538599760}, {});
+  State y{};
+  for (std::size_t i = 0; i < positions; ++i) y[i] = s.angle[i];
+  return y;
+}
+
+FiveBarPlant::State FallingFiveBar::unpack(const State& y) {
+  return {{y[0], y[1], y[2], y[3]}, {y[4], y[5], y[6], y[7]}};
+}
+
+void FallingFiveBar::slope(double, const State& y, State& dy) const {
+  const FiveBarPlant::State s = unpack(y);
+  const auto a = plant_.acceleration(s.angle, s.rate, {});
+  dy = {y[4], y[5], y[6], y[7], a[0], a[1], a[2], a[3]};
+}
+
+void FallingFiveBar::project(State& y) const {
+  FiveBarPlant::State s = unpack(y);
+  plant_.project(s.angle, s.rate);
+  for (std::size_t i = 0; i < positions; ++i) {
+    y[i] = s.angle[i];
+    y[positions + i] = s.rate[i];
+  }
+}
+
+}  // namespace esmc::host

@@ -1,0 +1,181 @@
+#include "host_sim/record/comparison.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <cmath>
+#include <cstdlib>
+#include <nlohmann/json.hpp>
+#include <utility>
+
+#include "host_sim/record/recording.hpp"
+#include "host_sim/error.hpp"
+
+namespace esmc::host {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+std::string_view cell(std::string_view& rest) {
+  const std::size_t comma = rest.find(',');
+  const std::string_view out = rest.substr(0, comma);
+  rest = comma == std::string_view::npos ? std::string_view() : rest.substr(comma + 1);
+  return out;
+}
+
+/// Keys and places of two documents that are not the same; what the wall clock says is not asked.
+void compare(const Json& recorded, const Json& computed, const std::string& path, const std::vector<std::string>& ignored,
+             std::vector<Difference>& out) {
+  if (std::find(ignored.begin(), ignored.end(), path) != ignored.end()) return;
+  if (recorded.is_object() && computed.is_object()) {
+    const auto inner = [&](const std::string& key) { return path.empty() ? key : path + "." + key; };
+    for (const auto& [key, value] : recorded.items()) {
+      compare(value, computed.contains(key) ? computed[key] : Json("absent"), inner(key), ignored, out);
+    }
+    for (const auto& [key, value] : computed.items()) {
+      if (!recorded.contains(key)) compare("absent", value, inner(key), ignored, out);
+    }
+  } else if (recorded != computed) {
+    out.push_back({"summary.json", 0, std::nullopt, path, recorded.dump(), computed.dump()});
+  }
+}
+
+}  // namespace
+
+LineComparison::LineComparison(std::string directory, std::string name, std::vector<std::string> ignored_columns, double tick)
+    : name_(std::move(name)), ignored_(std::move(ignored_columns)), tick_(tick),
+      file_(std::fopen((directory + "/" + name_).c_str(), "rb")) {
+  if (file_ == nullptr) throw InputError("", directory + "/" + name_ + ": cannot be read");
+}
+
+LineComparison::~LineComparison() { std::fclose(file_); }
+
+bool LineComparison::next(std::string& recorded) {
+  recorded.clear();
+  std::array<char, 4096> part{};
+  while (std::fgets(part.data(), static_cast<int>(part.size()), file_) != nullptr) {
+    recorded += part.data();
+    if (recorded.back() != '\n') continue;
+    recorded.pop_back();
+    return true;
+  }
+  return !recorded.empty();
+}
+
+void LineComparison::take(std::string_view text) {
+  for (std::size_t at = 0; at < text.size();) {
+    const std::size_t newline = text.find('\n', at);
+    if (newline == std::string_view::npos) {
+      pending_ += text.substr(at);
+      return;
+    }
+    if (pending_.empty()) {
+      line(text.substr(at, newline - at));
+    } else {
+      pending_ += text.substr(at, newline - at);
+      line(pending_);
+      pending_.clear();
+    }
+    at = newline + 1;
+  }
+}
+
+void LineComparison::line(std::string_view computed) {
+  if (difference_) return;
+  ++lines_;
+  const bool there = next(recorded_);
+  if (lines_ == 1) header_ = computed;
+  if (!there) {
+    difference_ = Difference{name_, lines_, std::nullopt, "the recording ends", "nothing", std::string(computed)};
+  } else if (recorded_ != computed) {
+    if (name_ == "frames.log") {
+      difference_ = frame_difference(recorded_, std::string(computed));
+    } else {
+      difference_ = row_difference(recorded_, computed);
+    }
+  }
+}
+
+void LineComparison::end() {
+  if (!difference_ && next(recorded_))
+    difference_ = Difference{name_, lines_ + 1, std::nullopt, "the repeated run ends", recorded_, "nothing"};
+}
+
+std::optional<Difference> LineComparison::row_difference(std::string_view recorded, std::string_view computed) const {
+  Difference d{name_, lines_, std::nullopt, "", "", ""};
+  if (lines_ > 1) d.tick = lines_ - 2;
+  std::string_view a = recorded, b = computed, columns = header_;
+  while (!a.empty() || !b.empty() || !columns.empty()) {
+    const std::string_view column = cell(columns), was = cell(a), is = cell(b);
+    if (was == is || std::find(ignored_.begin(), ignored_.end(), column) != ignored_.end()) continue;
+    d.what = lines_ == 1 ? "header" : column;
+    d.recorded = was;
+    d.computed = is;
+    return d;
+  }
+  return std::nullopt;
+}
+
+Difference LineComparison::frame_difference(const std::string& recorded, const std::string& computed) const {
+  const auto was = parse_candump(recorded), is = parse_candump(computed);
+  Difference d{name_, lines_, std::nullopt, "line", recorded, computed};
+  if (!was || !is) return d;
+  d.tick = static_cast<std::uint64_t>(std::floor(static_cast<double>(was->time_us) * 1e-6 / tick_ + 1e-9));
+  d.what = "frame " + recorded.substr(was->text, recorded.find('#') - was->text);
+  if (was->frame == is->frame) {
+    d.what += ", its time";
+  } else {
+    d.recorded = recorded.substr(was->text);
+    d.computed = computed.substr(is->text);
+  }
+  return d;
+}
+
+std::FILE* Comparison::open(const std::string& name) {
+  if (name != "log.csv" && (name != "frames.log" || !frames_)) return nullptr;
+  // In real time the delay of a tick is the wall clock's.
+  auto& lines = files_[name];
+  lines = std::make_unique<LineComparison>(directory_, name, realtime_ ? std::vector<std::string>{"delay"} : std::vector<std::string>{},
+                                           tick_);
+  const auto write = [](void* cookie, const char* text, std::size_t size) {
+    static_cast<LineComparison*>(cookie)->take({text, size});
+    return static_cast<ssize_t>(size);
+  };
+  std::FILE* const stream = ::fopencookie(lines.get(), "w", {nullptr, write, nullptr, nullptr});
+  if (stream == nullptr) throw RunError("no memory for a stream");
+  return stream;
+}
+
+void Comparison::summary(const Json& computed, const Json& recorded) {
+  std::vector<std::string> ignored{"wall_s", "real_time_factor", "run"};
+  // The wall clock decided these; and of both halves in one process the frames repeat the plant's.
+  if (realtime_) ignored.insert(ignored.end(), {"late_ticks", "bus", "supervisor", "tracking", "interrupted"});
+  if (!frames_) ignored.emplace_back("bus.load");
+  complete_ = true;
+  const std::size_t before = others_.size();
+  compare(recorded, computed, "", ignored, others_);
+  same_digest_ = recorded.value("digest", Json()) == computed.value("digest", Json());
+  // The digest first: it is what people look at.
+  const auto digest = std::find_if(others_.begin() + static_cast<std::ptrdiff_t>(before), others_.end(),
+                                   [](const Difference& d) { return d.what == "digest"; });
+  if (digest != others_.end()) std::rotate(others_.begin() + static_cast<std::ptrdiff_t>(before), digest, digest + 1);
+}
+
+std::vector<Difference> Comparison::differences() {
+  std::vector<Difference> out;
+  for (auto& [name, lines] : files_) {
+    if (complete_) lines->end();
+    if (lines->difference()) out.push_back(*lines->difference());
+  }
+  const auto frames_first = [](const Difference& d) { return d.file != "frames.log"; };
+  out.insert(out.end(), others_.begin(), others_.end());
+  std::stable_sort(out.begin(), out.end(), [&](const Difference& a, const Difference& b) { return frames_first(a) < frames_first(b); });
+  return out;
+}
+
+std::uint64_t Comparison::lines(const std::string& name) const {
+  const auto found = files_.find(name);
+  return found == files_.end() ? 0 : found->second->lines();
+}
+
+}  // namespace esmc::host

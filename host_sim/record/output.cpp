@@ -1,0 +1,183 @@
+#include "host_sim/record/output.hpp"
+
+#include <signal.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstdio>
+#include <cstdlib>
+#include <fstream>
+#include <iterator>
+#include <system_error>
+
+#include "host_sim/record/comparison.hpp"
+#include "host_sim/error.hpp"
+#include "host_sim/scene/scene.hpp"
+
+namespace esmc::host {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+/// Every name that a command may leave.
+constexpr const char* output_names[] = {"scene.toml",  "summary.json", "log.csv",     "frames.log",   "frames.csv",
+                                        "report.html", "check.csv",    reference_copy, model_copy, endpoints_copy, "sweep.toml",
+                                        "cases.csv",   "timing.json",  "timing.csv"};
+
+constexpr const char* partial_prefix = ".partial-";
+
+/// What a process that was killed has left. Not what belongs to a living one or to somebody else, and not what was
+/// interrupted while files were moved: what stood there before may be in it.
+bool abandoned(const fs::path& p) {
+  const std::string name = p.filename();
+  if (!name.starts_with(partial_prefix)) return false;
+  const std::string pid = name.substr(std::string(partial_prefix).size());
+  if (pid.empty() || pid.size() > 9 || !std::all_of(pid.begin(), pid.end(), [](char c) { return c >= '0' && c <= '9'; })) return false;
+  const bool dead = ::kill(static_cast<pid_t>(std::atol(pid.c_str())), 0) != 0 && errno == ESRCH;
+  std::error_code error;
+  return dead && fs::is_directory(fs::symlink_status(p, error)) && !fs::exists(p / "former", error);
+}
+
+/// Of two files that are moved, so that it can be undone.
+struct Move {
+  fs::path from, to;
+};
+
+}  // namespace
+
+OutputDirectory::OutputDirectory(const std::string& directory) {
+  if (directory.empty()) return;
+  final_ = directory;
+  const auto refuse = [&](const std::string& why) {
+    take_back();
+    throw InputError("", "--out " + directory + ": " + why);
+  };
+  std::error_code error;
+  for (fs::path p = final_; !p.empty() && !fs::exists(fs::symlink_status(p, error)); p = p.parent_path()) {
+    if (p.has_filename()) created_.insert(created_.begin(), p);
+    if (p == p.parent_path()) break;
+  }
+  error.clear();  // that there is nothing is no error
+  if (!created_.empty()) fs::create_directories(final_, error);
+  if (!error && !fs::is_directory(final_, error) && !error)
+    error = std::make_error_code(std::errc::not_a_directory);
+  if (error) refuse("no such directory can be made: " + error.message());
+  for (const char* name : output_names) {
+    if (fs::is_directory(final_ / name, error))
+      refuse(std::string(name) + " is a directory there, a file is to replace it");
+  }
+  // What an earlier run left has one of these; without them a file of such a name is somebody's own.
+  constexpr const char* signs[] = {"summary.json", "check.csv", "campaign.json", "accuracy.json"};
+  if (std::none_of(std::begin(signs), std::end(signs), [&](const char* sign) { return fs::exists(final_ / sign, error); })) {
+    for (const char* name : output_names) {
+      if (fs::exists(fs::symlink_status(final_ / name, error)))
+        refuse(std::string(name) + " is there, which no earlier run has left: take another directory");
+    }
+  }
+  std::error_code ignored;
+  for (const fs::directory_entry& e : fs::directory_iterator(final_, error)) {
+    if (abandoned(e.path())) fs::remove_all(e.path(), ignored);
+  }
+  const fs::path partial = final_ / (partial_prefix + std::to_string(::getpid()));
+  if (!error) fs::remove_all(partial, error);  // of a process of this number that was killed long ago
+  if (!error) fs::create_directory(partial, error);
+  if (error) refuse("cannot be written: " + error.message());
+  partial_ = partial;
+}
+
+void OutputDirectory::take_back() const {
+  std::error_code ignored;
+  for (auto p = created_.rbegin(); p != created_.rend(); ++p)
+    fs::remove(*p, ignored);  // if nothing was put there
+}
+
+OutputDirectory::~OutputDirectory() {
+  if (partial_.empty()) return;
+  std::error_code ignored;
+  fs::remove_all(partial_, ignored);
+  take_back();
+}
+
+std::string OutputDirectory::path(const std::string& name) const {
+  return wanted() ? (partial_ / name).string() : std::string();
+}
+
+std::FILE* OutputDirectory::open(const std::string& name) const {
+  if (against_ != nullptr) return against_->open(name);
+  if (!wanted()) return nullptr;
+  std::FILE* const f = std::fopen(path(name).c_str(), "wb");
+  if (f == nullptr) throw InputError("", path(name) + ": cannot be written");
+  return f;
+}
+
+void OutputDirectory::spare(const std::string& input, const std::string& copy) const {
+  std::error_code error;
+  for (const char* name : output_names) {
+    if (wanted() && name != copy && fs::equivalent(final_ / name, input, error))
+      throw InputError("", "--out " + final_.string() + ": " + name + " would replace " + input + ", which is read; take another directory");
+  }
+}
+
+void OutputDirectory::write(const std::string& name, const std::string& text) const {
+  if (!wanted()) return;
+  std::ofstream out(partial_ / name, std::ios::binary);
+  out << text;
+  out.close();
+  if (!out) throw RunError((partial_ / name).string() + " could not be written completely (disk full?)");
+}
+
+void OutputDirectory::commit() {
+  if (!wanted()) return;
+  std::vector<Move> done;
+  try {
+    std::vector<std::string> fresh;
+    for (const fs::directory_entry& e : fs::directory_iterator(partial_))
+      fresh.push_back(e.path().filename());
+    const fs::path former = partial_ / "former";
+    fs::create_directory(former);
+    const auto move = [&](const fs::path& from, const fs::path& to) {
+      if (fs::is_directory(from))
+        throw fs::filesystem_error("", from, std::make_error_code(std::errc::is_a_directory));
+      fs::rename(from, to);
+      done.push_back({from, to});
+    };
+    // A file of an earlier run must not stand beside this run's summary.
+    for (const char* name : output_names) {
+      if (fs::exists(fs::symlink_status(final_ / name))) move(final_ / name, former / name);
+    }
+    for (const std::string& name : fresh) move(partial_ / name, final_ / name);
+  } catch (const fs::filesystem_error& e) {
+    std::error_code ignored;
+    for (auto m = done.rbegin(); m != done.rend(); ++m) fs::rename(m->to, m->from, ignored);
+    throw RunError("--out: " + e.path1().string() + " cannot be moved: " + e.code().message() +
+                   "; nothing was changed there");
+  }
+  std::error_code ignored;
+  fs::remove_all(partial_, ignored);
+  partial_.clear();
+}
+
+void print_or_write(const std::string& text, const std::string& file) {
+  if (file.empty()) {
+    std::fwrite(text.data(), 1, text.size(), stdout);  // main looks at what became of it
+    return;
+  }
+  const fs::path to(file), part(file + ".part-" + std::to_string(::getpid()));
+  for (const auto& p : {to, part}) {
+    if (exists(symlink_status(p)) && !is_regular_file(symlink_status(p)))
+      throw InputError("", p.string() + ": exists and is not a regular file");
+  }
+  std::ofstream out(part, std::ios::binary);
+  out << text;
+  out.close();
+  std::error_code error;
+  if (out) fs::rename(part, to, error);
+  if (!out || error) {
+    fs::remove(part, error);
+    throw InputError("", file + ": cannot be written");
+  }
+}
+
+}  // namespace esmc::host

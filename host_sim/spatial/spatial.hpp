@@ -1,0 +1,11 @@
+#pragma once
+/// `esmc spatial`: the controller in space against the plant in space.
+
+#include "host_sim/record/run_options.hpp"
+
+namespace esmc::host {
+
+/// The exit status: 0, or 1 for a run that ended in a fault.
+int run_spatial(const RunOptions& o);
+
+}  // namespace esmc::host

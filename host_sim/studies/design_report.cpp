@@ -1,0 +1,326 @@
+#include "host_sim/studies/design_report.hpp"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <algorithm>
+#include <atomic>
+#include <nlohmann/json.hpp>
+#include <thread>
+
+#include "host_sim/check/sampled.hpp"
+#include "host_sim/parallel.hpp"
+#include "host_sim/record/recorder.hpp"
+#include "host_sim/controller/robust.hpp"
+#include "host_sim/studies/sampled_plant.hpp"
+#include "host_sim/loop/trace.hpp"
+#include "host_sim/scene/read_effects.hpp"
+
+namespace esmc::host {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+/// Simulated plants, with lengths as believed or not.
+struct Plants {
+  std::uint64_t count = 0, outside_band = 0, stopped = 0;
+  double largest = 0.0;  ///< settled error, m or rad
+  std::uint64_t worst = 0;
+  std::string fault;  ///< of the first that stopped
+};
+
+Plants simulate(const Scene& scene, std::uint64_t seed, std::uint64_t count, bool lengths, double band) {
+  std::vector<double> error(count, 0.0);
+  std::vector<std::string> fault(count);
+  std::atomic<std::uint64_t> next = 0;
+  run_jobs(static_cast<int>(std::clamp(std::thread::hardware_concurrency(), 1U, 64U)), [&](int) {
+    for (std::uint64_t i = next++; i < count && !stop_requested(); i = next++) {
+      try {
+        const Trace t = trace(sampled_plant(scene, seed, i, lengths));
+        const bool rr = scene.type == MechanismType::rr;
+        error[i] = (rr ? t.statistics.base() : t.statistics.effector()).settled().largest;
+        if (!t.end.faults.empty()) fault[i] = t.end.faults.front();
+        if (!std::isfinite(error[i])) fault[i] = "diverged";
+      } catch (const InputError&) {  // other lengths: the reference may be out of reach
+        fault[i] = "impossible";
+      }
+    }
+  });
+  if (stop_requested()) throw RunError("interrupted");
+  Plants out;
+  out.count = count;
+  for (std::uint64_t i = 0; i < count; ++i) {
+    if (!fault[i].empty()) {
+      if (out.stopped++ == 0) out.fault = fault[i];
+      continue;
+    }
+    if (error[i] > out.largest) {
+      out.largest = error[i];
+      out.worst = i;
+    }
+    if (error[i] > band) ++out.outside_band;
+  }
+  return out;
+}
+
+const char* law_name(LawChoice l) {
+  return l == LawChoice::smc ? "smc" : (l == LawChoice::esmc ? "esmc" : "esmc_projected");
+}
+const char* reaching_name(ReachingChoice r) {
+  constexpr const char* names[] = {"sign", "saturation", "tanh", "implicit"};
+  return names[static_cast<std::size_t>(r)];
+}
+
+std::string joined(const std::vector<std::string>& v) { return fmt::format("{}", fmt::join(v, ", ")); }
+
+template <class World>
+class Report {
+ public:
+  using M = typename World::Mechanism;
+  Report(const Scene& scene, const DesignOptions& o)
+      : scene_(scene),
+        o_(o),
+        problem_(design_problem<M>(scene, Pacing::lockstep)),
+        d_(design::design(problem_)) {
+    sampled_layer();
+    findings();
+    if (o.simulate > 0 && d_.refused.empty()) plants();
+  }
+
+  int print() const {
+    if (o_.run.json) {
+      fmt::print("{}\n", json().dump(2));
+    } else {
+      fmt::print("{}", text());
+    }
+    return d_.refused.empty() && held() ? 0 : 1;
+  }
+
+ private:
+  [[nodiscard]] static const char* unit() { return M::has_type2 ? "m" : "rad"; }
+  [[nodiscard]] bool smc() const { return scene_.law == LawChoice::smc; }
+  [[nodiscard]] bool held() const { return !exact_ || (exact_->outside_band == 0 && exact_->stopped == 0); }
+
+  /// The scene may be later than the controller was told: as `esmc check` judges it.
+  void sampled_layer() {
+    if (!d_.refused.empty() || (scene_.reaching != ReachingChoice::saturation && scene_.reaching != ReachingChoice::tanh)) return;
+    Findings f;
+    judge_layer(scene_, d_.stiffness, f);
+    for (const Json& found : f.list()) {
+      if (found["level"] == "error")
+        d_.refused = "with these gains " + found["text"].get<std::string>();
+      else
+        d_.warnings.push_back(found["text"]);
+    }
+  }
+
+  void findings() {
+    warnings_ = d_.warnings;
+    for (const std::string& s : outside(scene_))
+      warnings_.push_back("the scene's own mechanism is outside: " + s);
+    if (scene_.uncertainty->l1 > 0.0 || scene_.uncertainty->l2 > 0.0 || scene_.uncertainty->half_base > 0.0) {
+      warnings_.emplace_back(
+          "lengths: no gain answers for l1, l2, half_base; --simulate shows what their tolerances do");
+    }
+    if (const auto rest = not_covered(scene_); !rest.empty())
+      warnings_.push_back("the promise knows nothing of: " + joined(rest));
+    if (scene_.law == LawChoice::esmc && d_.beyond_range > 0.0) {
+      warnings_.push_back(fmt::format(
+          "law esmc: the condition is that of s in the range of C; at the edge of the tube {:.0f} % of s "
+          "is not (r of [F32]); esmc_projected has none",
+          100.0 * d_.beyond_range));
+    }
+  }
+
+  void plants() {
+    Scene s = scene_;
+    s.robust_gain = true;
+    const double band = promised();
+    exact_ = simulate(s, o_.run.seed, o_.simulate, false, band);
+    const auto& u = *scene_.uncertainty;
+    if (u.l1 > 0.0 || u.l2 > 0.0 || u.half_base > 0.0)
+      lengths_ = simulate(s, o_.run.seed, o_.simulate, true, band);
+  }
+  /// What a simulated plant is held against; m or rad.
+  [[nodiscard]] const char* judge() const {
+    return d_.sampled ? "the band" : (d_.layer ? "the band of the layer in continuous time" : "the tube");
+  }
+  [[nodiscard]] double promised() const {
+    return d_.sampled ? d_.sampled->error : (d_.layer ? d_.layer->error : d_.tube);
+  }
+
+  /// What asks for the gain of a row.
+  [[nodiscard]] std::string dictates(const design::Row<M>& r) const {
+    if (r.linear > r.need + r.eta) return "layer";
+    return r.eta > r.need ? "reaching_time" : design::name(r.cause);
+  }
+  [[nodiscard]] Json at(const design::Place& place) const {
+    const design::Point& p = problem_.points[place.point];
+    return {{"t", problem_.along_time ? Json(p.time) : Json(nullptr)},
+            {"position", {p.now.position.x(), p.now.position.y()}}};
+  }
+  [[nodiscard]] std::string where(const design::Place& place) const {
+    const design::Point& p = problem_.points[place.point];
+    return problem_.along_time ? fmt::format("t = {:.3f} s", p.time)
+                               : fmt::format("({:.3f}, {:.3f})", p.now.position.x(), p.now.position.y());
+  }
+
+  static Json band_json(const std::optional<design::Band>& b) {
+    return b ? Json{{"error", b->error}, {"sliding", b->sliding}} : Json(nullptr);
+  }
+  static Json plants_json(const std::optional<Plants>& p) {
+    if (!p) return nullptr;
+    return {{"plants", p->count},    {"largest_error", p->largest},
+            {"worst", p->worst},     {"outside_band", p->outside_band},
+            {"stopped", p->stopped}, {"fault", p->fault.empty() ? Json(nullptr) : Json(p->fault)}};
+  }
+  [[nodiscard]] Json json() const {
+    Json j;
+    j["scene"] = scene_.name;
+    j["law"] = law_name(scene_.law);
+    j["reaching"] = reaching_name(scene_.reaching);
+    j["over"] = scene_.uncertainty->workspace ? "workspace" : "reference";
+    j["refused"] = d_.refused.empty() ? Json(nullptr) : Json(d_.refused);
+    j["tube"] = {{"error", d_.tube},
+                 {"unit", unit()},
+                 {"given", d_.tube_given},
+                 {"inside", d_.tube * d_.inside},
+                 {"start", d_.start}};
+    j["gains"] = Json::array();
+    for (int i = 0; i < M::channels && !smc(); ++i) {
+      const auto& r = d_.row[static_cast<std::size_t>(i)];
+      if (r.k == 0.0) continue;
+      j["gains"].push_back({{"channel", World::channel_names[i]},
+                            {"unit", M::is_angle(i) ? "rad/s2" : "m/s2"},
+                            {"k", r.k},
+                            {"need", r.need},
+                            {"eta", r.eta},
+                            {"layer", r.linear},
+                            {"dictated_by", dictates(r)},
+                            {"at", at(r.place)}});
+    }
+    j["gain_independent"] = smc() ? Json(d_.k_independent) : Json(nullptr);
+    j["reaching_time_s"] = d_.reaching_time;
+    j["band"] = {{"layer", band_json(d_.layer)}, {"sampled", band_json(d_.sampled)}};
+    j["ahead"] = d_.ahead;
+    j["mismatch"] = d_.mismatch;
+    j["disturbance"] = d_.disturbance;
+    j["beyond_range"] = d_.beyond_range;
+    j["torque"] = Json::array();
+    for (int m = 0; m < scene_.motors(); ++m) {
+      const auto joint = static_cast<std::size_t>(ControllerConfig<M>::joint_of(m, scene_.motors()));
+      j["torque"].push_back({{"motor", m + 1},
+                             {"hold_nm", d_.hold[joint]},
+                             {"peak_nm", d_.peak[joint]},
+                             {"limit_nm", scene_.torque_limit[static_cast<std::size_t>(m)]}});
+    }
+    const auto shares = [](const design::Shares& s) { return Json{{"force", s.force}, {"preload", s.preload}}; };
+    j["four_motors"] = scene_.all_motors ? Json{{"hold", shares(d_.hold_shares)}, {"peak", shares(d_.peak_shares)}} : Json(nullptr);
+    j["states"] = d_.states;
+    j["simulated"] = {{"judged_by", d_.sampled ? "sampled" : (d_.layer ? "layer" : "tube")},
+                      {"exact_lengths", plants_json(exact_)}, {"lengths", plants_json(lengths_)}};
+    j["warnings"] = warnings_;
+    return j;
+  }
+
+  [[nodiscard]] std::string quantity(double v) const {
+    return M::has_type2 ? fmt::format("{:.3g} mm", 1e3 * v) : fmt::format("{:.3g} mrad", 1e3 * v);
+  }
+  [[nodiscard]] std::string plants_text(const Plants& p, const char* what) const {
+    std::string out = fmt::format("{} plants{}: largest error {} (plant {}), {} outside {}", p.count,
+                                  what, quantity(p.largest), p.worst, p.outside_band, judge());
+    if (p.stopped > 0) out += fmt::format(", {} stopped ({})", p.stopped, p.fault);
+    return out + "\n";
+  }
+  [[nodiscard]] std::string text() const {
+    std::string out = fmt::format("{}: {} law, {} reaching, over {}\n", printable(scene_.name),
+                                  law_name(scene_.law), reaching_name(scene_.reaching),
+                                  scene_.uncertainty->workspace ? "the workspace" : "the reference");
+    if (d_.tube > 0.0)
+      out += fmt::format("tube: error up to {} ({})", quantity(d_.tube), d_.tube_given ? "given" : "computed");
+    if (d_.inside > 0.0) out += fmt::format("; what begins within {} never leaves it", quantity(d_.tube * d_.inside));
+    if (d_.tube > 0.0) out += "\n";
+    if (!d_.refused.empty()) return out + "refused: " + d_.refused + "\n";
+    if (smc()) {
+      out += fmt::format("gain {:.4g} {}/s2; mass matrix wrong by {:.2f} in the maximum norm [F37], {}\n",
+                         d_.k_independent, unit(), d_.mismatch, where(d_.row[0].place));
+    } else {
+      out += fmt::format("{:<6} {:>10} {:>10} {:>10} {:>10}  dictated by\n", "", "gain", "condition",
+                         "reaching", "layer");
+      for (int i = 0; i < M::channels; ++i) {
+        const auto& r = d_.row[static_cast<std::size_t>(i)];
+        if (r.k == 0.0) continue;
+        out += fmt::format("{:<6} {:>10.4g} {:>10.4g} {:>10.4g} {:>10.4g}  {}, {}\n", World::channel_names[i],
+                           r.k, r.need, r.eta, r.linear,
+                           dictates(r) == "reaching_time" ? "reaching time" : dictates(r), where(r.place));
+      }
+      out += "(positions m/s2, angles rad/s2; gain = 1.05 max(condition + reaching, layer))\n";
+    }
+    out += fmt::format(
+        "reaching, in continuous time: what begins within {} {} on the surface after {:.3g} s{}\n", quantity(d_.tube * d_.inside),
+        d_.layer ? "would be" : "is", d_.reaching_time, d_.layer ? " without its layer, and comes into the band of [F38] with it" : "");
+    if (d_.layer) {
+      out +=
+          fmt::format("cost of the layer [F38]: in continuous time the error stays within {} instead of 0\n",
+                      quantity(d_.layer->error));
+    }
+    if (d_.sampled) {
+      out += fmt::format(
+          "sampled every {:.3g} ms, up to {:g} tick{} late: the promise is a band, |e| <= {}, |e' + lambda "
+          "e| <= {}/s\n",
+          1e3 * scene_.tick(), problem_.told_ticks, problem_.told_ticks == 1.0 ? "" : "s",
+          quantity(d_.sampled->error), quantity(d_.sampled->sliding));
+      if (d_.ahead > 0.0) {
+        out += fmt::format("of that {} are what the motion goes on while what is measured is {:g} tick{} late: no gain makes that less\n",
+                           quantity(d_.ahead), scene_.sensor_lag_ticks, scene_.sensor_lag_ticks == 1.0 ? "" : "s");
+      }
+    } else {
+      out += fmt::format("sampled: no band is promised{}; --simulate judges by {}\n",
+                         scene_.reaching == ReachingChoice::implicit ? "" : " but for implicit reaching", judge());
+    }
+    for (int m = 0; m < scene_.motors(); ++m) {
+      const auto joint = static_cast<std::size_t>(ControllerConfig<M>::joint_of(m, scene_.motors()));
+      out += fmt::format(
+          "motor {}: {:.3g} N m hold the worst plant on the motion, the law asks for up to {:.3g} in the "
+          "tube, limit {:.3g}\n",
+          m + 1, d_.hold[joint], d_.peak[joint], scene_.torque_limit[static_cast<std::size_t>(m)]);
+    }
+    if (exact_) out += plants_text(*exact_, "");
+    if (lengths_) out += plants_text(*lengths_, " with other lengths");
+    for (const std::string& w : warnings_) out += "warning: " + w + "\n";
+    return out;
+  }
+
+  const Scene& scene_;
+  const DesignOptions& o_;
+  design::Problem<M> problem_;
+  design::Design<M> d_;
+  std::vector<std::string> warnings_;
+  std::optional<Plants> exact_, lengths_;
+};
+
+}  // namespace
+
+int run_design(const DesignOptions& o) {
+  std::vector<std::string> sets = o.run.sets;
+  if (o.workspace) sets.emplace_back("uncertainty.over=\"workspace\"");
+  Scene scene = read_scene(o.run.scene, sets);
+  if (!scene.uncertainty)
+    throw InputError("", o.run.scene + ": a design needs the table [uncertainty], which says what against");
+  if (scene.law != LawChoice::esmc && scene.law != LawChoice::esmc_projected && scene.law != LawChoice::smc) {
+    throw InputError(
+        scene.control_where,
+        "this law has no switching gain to design: control.law must be esmc, esmc_projected or smc");
+  }
+  if (scene.reaching == ReachingChoice::super_twisting || scene.reaching == ReachingChoice::implicit_coupled || scene.disturbance_observer > 0.0 ||
+      scene.predictor) {
+    throw InputError(scene.control_where, "esmc design promises for the plain laws: control.reaching must be sign, saturation, tanh or implicit, "
+                                          "without disturbance_observer and predictor");
+  }
+  if (o.simulate > 0) refuse_bus_effects(scene, "esmc design simulates without a bus");
+  scene.seed = o.run.seed;
+  return scene.type == MechanismType::five_bar ? Report<FiveBarWorld>(scene, o).print()
+                                               : Report<RrWorld>(scene, o).print();
+}
+
+}  // namespace esmc::host

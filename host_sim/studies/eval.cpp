@@ -1,0 +1,445 @@
+#include "host_sim/studies/eval.hpp"
+
+#include <algorithm>
+
+#include "firmware/control/allocation.hpp"
+#include "firmware/control/law.hpp"
+#include "firmware/mechanism/matrices.hpp"
+#include "host_sim/studies/eval_json.hpp"
+
+namespace esmc::host {
+namespace {
+
+template <class S>
+LegParams<S> read_leg(const Node& n) {
+  return {n.number<S>("l1"), n.number<S>("l2"), n.number<S>("lg1"),    n.number<S>("lg2"),
+          n.number<S>("m1"), n.number<S>("m2"), n.number<S>("J1"),     n.number<S>("J2"),
+          n.number<S>("c1"), n.number<S>("c2"), n.number<S>("gamma1"), n.number<S>("gamma2")};
+}
+
+Reaching read_switch(const Node& n) {
+  const std::string s = n.text("switch");
+  if (s == "sign") return Reaching::sign;
+  if (s == "sat") return Reaching::saturation;
+  if (s == "tanh") return Reaching::tanh;
+  if (s == "super_twisting" || s == "implicit" || s == "implicit_coupled") {
+    n.at("switch").fail("'esmc.switch' must be sign, sat or tanh: " + s + " depends on the sample time, and a case has none");
+  }
+  n.at("switch").fail("'esmc.switch' must be sign, sat or tanh");
+}
+
+/// A list of numbers that must be >= 0, or > 0.
+template <class S, int N>
+Vec<S, N> read_bounded(const Node& n, const char* key, bool positive) {
+  const Vec<S, N> v = n.vector<S, N>(key);
+  for (int i = 0; i < N; ++i) {
+    if (positive ? !(v[i] > S(0)) : !(v[i] >= S(0)))
+      n.at(key).fail(std::string("'esmc.") + key + "' must be " + (positive ? "> 0" : ">= 0"));
+  }
+  return v;
+}
+
+template <class M, class S = typename M::Scalar>
+Gains<M> read_gains(const Node& n) {
+  Gains<M> g;
+  g.lambda = read_bounded<S, M::channels>(n, "lambda", false);
+  g.k = read_bounded<S, M::channels>(n, "k", false);
+  g.layer = n.has("eps") ? read_bounded<S, M::channels>(n, "eps", true) : M::Channels::Ones().eval();
+  g.independent.lambda = g.lambda[0];
+  g.independent.k = g.k[0];
+  g.independent.layer = g.layer[0];
+  return g;
+}
+
+template <class S>
+void require_valid(ParamError e, const Node& n) {
+  if (e != ParamError::none) {
+    n.fail(
+        "'params' is not a possible mechanism: lengths > 0, masses and inertias >= 0, gravity >= 0, and "
+        "every bar must resist turning");
+  }
+}
+
+/// The four joint angles and rates of a state must be those of its (x, y) and rates: two mechanisms in one
+/// case have no result. In double, so that single precision reads the same cases.
+void require_consistent(const Node& n, const FiveBarParams<double>& m, const List<int, 2>& working) {
+  constexpr double tolerance = 1e-6;  // of the mechanism's size, and of its speed
+  const Node state = n.at("state");
+  if (!state.has("theta")) return;
+  const Vec<double, 4> theta = state.vector<double, 4>("theta");
+  const bool rates = state.has("thetad");
+  const Vec<double, 4> w = rates ? state.vector<double, 4>("thetad") : Vec<double, 4>::Zero().eval();
+  const Vec2<double> x(state.number<double>("x"), state.number<double>("y"));
+  const Vec2<double> v(state.number<double>("xd"), state.number<double>("yd"));
+  for (unsigned j = 0; j < 2; ++j) {
+    const LegParams<double>& leg = m.legs[j];
+    const double side = j == 0 ? 1.0 : -1.0;  // leg 2 lives in a mirrored frame
+    const double a = theta[2 * j], b = a + theta[2 * j + 1], wa = w[2 * j], wb = wa + w[2 * j + 1];
+    const Vec2<double> tip(side * (m.l0 + leg.l1 * std::cos(a) + leg.l2 * std::cos(b)),
+                           leg.l1 * std::sin(a) + leg.l2 * std::sin(b));
+    const Vec2<double> rate(-side * (leg.l1 * std::sin(a) * wa + leg.l2 * std::sin(b) * wb),
+                            leg.l1 * std::cos(a) * wa + leg.l2 * std::cos(b) * wb);
+    const double size = m.l0 + leg.l1 + leg.l2;
+    const double speed = leg.l1 * std::abs(wa) + leg.l2 * std::abs(wb) + v.norm();
+    const std::string which = " of leg " + std::to_string(j + 1);
+    if (!((tip - x).norm() <= tolerance * size))
+      state.at("theta").fail("'state.theta'" + which + " does not lead to ('state.x', 'state.y')");
+    const double bend = std::sin(theta[2 * j + 1]);
+    if (std::abs(bend) > tolerance && (bend > 0.0) != (working[static_cast<int>(j)] > 0))
+      state.at("theta").fail("'state.theta'" + which + " does not bend as 'mode.sigma' says");
+    if (rates && !((rate - v).norm() <= tolerance * (speed + size)))
+      state.at("thetad").fail("'state.thetad'" + which + " does not lead to ('state.xd', 'state.yd')");
+  }
+}
+
+/// Forward dynamics in whichever independent coordinates are better conditioned here.
+template <class M, class S = typename M::Scalar>
+typename M::Channels accelerations(const M& m, const typename M::Pose& p, const typename M::Rates& r,
+                                   const Vec2<S>& force_chain, const Vec2<S>& force_base, bool base_form) {
+  using Channels = typename M::Channels;
+  if (base_form) {
+    const Channels c = m.channel_accelerations(p, r, m.base_accelerations(p, r, Vec2<S>::Zero()));
+    const Vec2<S> h = m.base_torque(p, m.force(c, r));
+    const Vec2<S> a = solve_spd<S>(mass_matrix(m, matrix_C_base(m, p)), force_base - h);
+    return m.channel_accelerations(p, r, m.base_accelerations(p, r, a));
+  }
+  const Mat<S, M::channels, 2> C = matrix_C(m, p);
+  const Vec2<S> h = gather<M>(C, m.force(bias(m, p, r), r));
+  const Vec2<S> a = solve_spd<S>(mass_matrix(m, C), force_chain - h);
+  return m.channel_accelerations(p, r, m.chain_accelerations(p, r, a));
+}
+
+/// The blocks `model` that every mechanism has.
+template <class M, class S = typename M::Scalar>
+Json model_block(const M& m, const typename M::Pose& p, const typename M::Rates& r) {
+  using Channels = typename M::Channels;
+  const Mat<S, M::channels, 2> C = matrix_C(m, p);
+  const Channels c = bias(m, p, r);
+  const typename M::Rates still = m.chain_rates(p, Vec2<S>::Zero());
+  const Channels g = m.force(Channels::Zero(), still);
+  const Channels f = m.force(Channels::Zero(), r) - g;
+  Json out;
+  out["C"] = to_json_array(C);
+  out["A"] = to_json_array(matrix_A(m, p));
+  out["b"] = to_json_array(vector_b(m, p, r));
+  out["M_diag"] = to_json_array(m.mass());
+  out["g"] = to_json_array(g);
+  out["f"] = to_json_array(f);
+  out["H"] = to_json_array(mass_matrix(m, C));
+  out["h"] = to_json_array(gather<M>(C, m.force(c, r)));
+  out["bias"] = to_json_array(c);
+  return out;
+}
+
+/// e, e', s, v' of the full law, and the channels they come from.
+template <class M>
+Json law_block(const M& m, const Tracking<M>& t, const Gains<M>& gain, Reaching reaching,
+               const typename M::Channels& q, const typename M::Channels& q_d, const Demand<M>& d) {
+  using Channels = typename M::Channels;
+  const Channels rate = m.channel_rates(t.pose, t.rates);
+  const Channels rate_d = m.channel_rates(t.desired_pose, t.desired_rates);
+  Json out;
+  out["q"] = to_json_array(q);
+  out["q_d"] = to_json_array(q_d);
+  out["qd"] = to_json_array(rate);
+  out["qd_d"] = to_json_array(rate_d);
+  out["qdd_d"] =
+      to_json_array(m.channel_accelerations(t.desired_pose, t.desired_rates, t.desired_acceleration));
+  out["e"] = to_json_array(m.error(t.desired_pose, t.pose));
+  out["edot"] = to_json_array((rate_d - rate).eval());
+  out["s"] = to_json_array(d.sliding);
+  out["vprime"] = to_json_array(demand(LawKind::esmc, m, gain, reaching, t).acceleration);
+  return out;
+}
+
+/// [theta1, theta2, phi1, phi2, Xg1, Yg1, Xg2, Yg2], angles as given (not wrapped).
+template <class S>
+Vec<S, 8> leg_coordinates(const Dyad<S>& leg, const typename Dyad<S>::Pose& p, const Vec2<S>& theta) {
+  const auto g = leg.centres(p);
+  Vec<S, 8> q;
+  q << theta, theta[0], theta[0] + theta[1], g[0], g[1];
+  return q;
+}
+
+template <class S>
+Json evaluate_rr(const Node& n) {
+  using M = Rr<S>;
+  const Node pn = n.at("params");
+  const RrParams<S> params{read_leg<S>(pn), pn.number<S>("g")};
+  require_valid<S>(check(params), n);
+  const M m(params);
+  const Node state = n.at("state");
+  const Vec2<S> theta = state.vector<S, 2>("theta"), rate = state.vector<S, 2>("thetad");
+  const typename M::Pose p = m.pose(theta);
+  Json out;
+  Mat<S, 2, 2> J;
+  for (int k = 0; k < 2; ++k) J.col(k) = m.tip_rate(p, Vec2<S>::Unit(k));
+  out["effector"] = {{"pos", to_json_array(p.effector)},
+                     {"vel", to_json_array(m.tip_rate(p, rate))},
+                     {"J", to_json_array(J)}};
+  out["model"] = model_block(m, p, rate);
+  if (n.has("forward")) {
+    const Vec2<S> tau = n.at("forward").vector<S, 2>("tau");
+    const auto pdot = accelerations<M>(m, p, rate, tau, tau, false);
+    out["forward"] = {{"thetadd", to_json_array(pdot.template head<2>().eval())},
+                      {"pdot", to_json_array(pdot)}};
+  }
+  if (n.has("inverse")) {
+    const Vec2<S> a = n.at("inverse").vector<S, 2>("thetadd");
+    const Vec2<S> tau = m.base_torque(p, m.force(m.channel_accelerations(p, rate, a), rate));
+    out["inverse"] = {{"tau", to_json_array(tau)}};
+  }
+  if (n.has("esmc")) {
+    const Node e = n.at("esmc");
+    const Vec2<S> theta_d = e.vector<S, 2>("theta_d");
+    const Tracking<M> t{p, m.pose(theta_d), rate, e.vector<S, 2>("thetad_d"), e.vector<S, 2>("thetadd_d")};
+    const Gains<M> gain = read_gains<M>(e);
+    const Demand<M> d = demand(LawKind::esmc, m, gain, read_switch(e), t);
+    Json block = law_block(m, t, gain, read_switch(e), leg_coordinates(m.arm(), p.arm, theta),
+                           leg_coordinates(m.arm(), t.desired_pose.arm, theta_d), d);
+    const Vec2<S> u = m.base_torque(p, m.force(d.acceleration, rate));
+    block["u"] = to_json_array(u);
+    block["v_projected"] = to_json_array(accelerations<M>(m, p, rate, u, u, false));
+    out["esmc"] = std::move(block);
+  }
+  return out;
+}
+
+template <class S>
+Vec<S, 18> coordinates(const FiveBar<S>& m, const typename FiveBar<S>::Pose& p, const Vec<S, 4>& theta) {
+  Vec<S, 18> q;
+  q << p.effector, leg_coordinates<S>(m.leg(0), p.leg[0], theta.template head<2>()),
+      leg_coordinates<S>(m.leg(1), p.leg[1], theta.template tail<2>());
+  return q;
+}
+
+/// A 5R case: mechanism and state once, then one function per block.
+template <class S>
+class FiveBarCase {
+ public:
+  using M = FiveBar<S>;
+  explicit FiveBarCase(const Node& n) : n_(n) {
+    const Node pn = n.at("params");
+    if (pn.at("legs").size() != 2) pn.at("legs").fail("'params.legs' must have 2 entries");
+    const auto params = read_params<S>(pn);
+    require_valid<S>(check(params), n);
+    m_ = M(params);
+    for (int j = 0; j < 2; ++j)
+      sigma_.working[j] = n.at("mode").at("sigma").at(static_cast<std::size_t>(j)).sign();
+    const Node state = n.at("state");
+    const Vec2<S> x(state.number<S>("x"), state.number<S>("y"));
+    const Vec2<S> v(state.number<S>("xd"), state.number<S>("yd"));
+    const auto closed = m_.inverse(x, sigma_);
+    if (!closed) n.fail("'state.x', 'state.y' cannot be reached by both legs");
+    require_consistent(n, read_params<double>(pn), sigma_.working);
+    inverse_ = *closed;
+    theta_ = state.has("theta") ? state.vector<S, 4>("theta") : M::angles(inverse_);
+    p_ = state.has("theta") ? m_.pose(theta_) : inverse_;
+    p_.effector = x;
+    r_ = m_.chain_rates(p_, v);
+    if (state.has("thetad")) {
+      const Vec<S, 4> rates = state.vector<S, 4>("thetad");
+      r_.leg = {{rates.template head<2>(), rates.template tail<2>()}};
+    }
+    // Each form has a pole at the other's singularity; take the one that is further from its own.
+    base_form_ = M::min_abs_sin_type1(p_) < M::abs_sin_type2(p_);
+  }
+
+  Json evaluate() const {
+    Json out;
+    out["state"] = state();
+    out["singularity"] = singularity();
+    Json model;
+    model["Chat"] = to_json_array(matrix_Chat(m_, p_));
+    model.update(model_block(m_, p_, r_));
+    out["model"] = std::move(model);
+    if (n_.has("forward")) out["forward"] = forward();
+    if (n_.has("inverse")) out["inverse"] = inverse();
+    if (n_.has("esmc")) laws(out);
+    return out;
+  }
+
+ private:
+  template <class T>
+  static FiveBarParams<T> read_params(const Node& pn) {
+    FiveBarParams<T> params{pn.number<T>("l0"), pn.number<T>("m0"), pn.number<T>("g"), {}};
+    for (unsigned j = 0; j < 2; ++j) params.legs[j] = read_leg<T>(pn.at("legs").at(j));
+    return params;
+  }
+  Json state() const {
+    Json out;
+    const auto closed = m_.forward(Vec2<S>(theta_[0], theta_[2]), n_.at("mode").at("assembly").sign());
+    out["x"] = closed ? Json(closed->effector.x()) : Json(nullptr);
+    out["y"] = closed ? Json(closed->effector.y()) : Json(nullptr);
+    const auto r = m_.chain_rates(p_, r_.platform);
+    out["theta"] = to_json_array(unwrapped_like(M::angles(inverse_), theta_));
+    Vec<S, 4> rates;
+    rates << r.leg[0], r.leg[1];
+    out["thetad"] = to_json_array(rates);
+    return out;
+  }
+  static Vec<S, 4> unwrapped_like(Vec<S, 4> angle, const Vec<S, 4>& reference) {
+    const S turn = S(6.283185307179586476925286766559L);
+    for (int i = 0; i < 4; ++i) angle[i] += turn * std::round((reference[i] - angle[i]) / turn);
+    return angle;
+  }
+  Json singularity() const {
+    const Mat<S, 6, 2> chat = matrix_Chat(m_, p_);
+    const Mat<S, 2, 2> H = mass_matrix(m_, matrix_C(m_, p_));
+    const S mean = (H(0, 0) + H(1, 1)) / S(2), half = (H(0, 0) - H(1, 1)) / S(2);
+    const S radius = std::sqrt(half * half + H(0, 1) * H(0, 1)), large = mean + radius;
+    const S det = H(0, 0) * H(1, 1) - H(0, 1) * H(0, 1);
+    Json out;
+    out["sin_theta12"] = M::sin_type1(p_, 0);
+    out["sin_theta22"] = M::sin_type1(p_, 1);
+    out["D2"] = p_.sin_type2;
+    out["det_Chat_base"] = chat(2, 0) * chat(4, 1) - chat(2, 1) * chat(4, 0);
+    out["cond_H"] = large * large / det;
+    return out;
+  }
+  typename M::Channels forward_from(const Vec<S, 4>& tau) const {
+    const List<Vec2<S>, 2> legs{{tau.template head<2>(), tau.template tail<2>()}};
+    return accelerations<M>(m_, p_, r_, m_.gather(p_, Vec2<S>::Zero(), legs),
+                            m_.gather_on_base(p_, Vec2<S>::Zero(), legs), base_form_);
+  }
+  Json forward() const {
+    const Node f = n_.at("forward");
+    Json out;
+    if (f.has("tau4")) {
+      const auto pdot = forward_from(f.vector<S, 4>("tau4"));
+      out["xdd"] = to_json_array(pdot.template head<2>().eval());
+      out["pdot"] = to_json_array(pdot);
+    }
+    if (f.has("tau2")) {
+      const Vec2<S> base = f.vector<S, 2>("tau2");
+      const auto pdot = forward_from(Vec<S, 4>(base[0], S(0), base[1], S(0)));
+      out["xdd_from_tau2"] = to_json_array(pdot.template head<2>().eval());
+    }
+    return out;
+  }
+  Json inverse() const {
+    const Node in = n_.at("inverse");
+    typename M::Rates acceleration;
+    if (in.has("pdot")) {  // joint accelerations as given: near type 1 they cannot be had from xdd
+      const auto pdot = in.vector<S, 18>("pdot");
+      acceleration.platform = pdot.template head<2>();
+      for (int j = 0; j < 2; ++j) acceleration.leg[j] = pdot.template segment<2>(M::row_leg(j));
+    } else {
+      acceleration = m_.chain_accelerations(p_, r_, in.vector<S, 2>("xdd"));
+    }
+    const auto pdot = m_.channel_accelerations(p_, r_, acceleration);
+    const auto w = m_.force(pdot, r_);
+    Json out;
+    out["pdot"] = to_json_array(pdot);
+    out["F"] = to_json_array(m_.platform_force(p_, w));
+    out["tau2"] = to_json_array(m_.base_torque(p_, w));
+    out["tau4_minnorm"] = to_json_array(allocate_all(m_, p_, w, Vec<S, 4>::Ones().eval()));
+    if (in.has("W_diag")) {
+      const Vec<S, 4> weight = in.vector<S, 4>("W_diag");
+      for (int i = 0; i < 4; ++i) {
+        if (!(weight[i] > S(0))) in.at("W_diag").fail("'inverse.W_diag' must be > 0");
+      }
+      out["tau4_weighted"] = to_json_array(allocate_all(m_, p_, w, weight));
+    }
+    return out;
+  }
+  void laws(Json& out) const {
+    const Node e = n_.at("esmc"), ref = e.at("ref");
+    const auto desired = m_.inverse(Vec2<S>(ref.number<S>("x"), ref.number<S>("y")), sigma_);
+    if (!desired) ref.fail("'esmc.ref' cannot be reached by both legs");
+    Tracking<M> t{p_, *desired, r_, m_.chain_rates(*desired, ref.vector<S, 2>("xd")), {}};
+    t.desired_acceleration = m_.chain_accelerations(*desired, t.desired_rates, ref.vector<S, 2>("xdd"));
+    const Gains<M> gain = read_gains<M>(e);
+    const Reaching reaching = read_switch(e);
+    const Demand<M> d = demand(LawKind::esmc, m_, gain, reaching, t);
+    const Vec<S, 4> theta_d = ref.has("theta")
+                                  ? unwrapped_like(M::angles(*desired), ref.vector<S, 4>("theta"))
+                                  : M::angles(*desired);
+    Json block =
+        law_block(m_, t, gain, reaching, coordinates(m_, p_, theta_), coordinates(m_, *desired, theta_d), d);
+    const auto w = m_.force(d.acceleration, r_);
+    const Vec2<S> F = m_.platform_force(p_, w), base = m_.base_torque(p_, w);
+    block["F"] = to_json_array(F);
+    block["tau2"] = to_json_array(base);
+    block["tau4_minnorm"] = to_json_array(allocate_all(m_, p_, w, Vec<S, 4>::Ones().eval()));
+    block["v_projected"] = to_json_array(accelerations<M>(m_, p_, r_, F, base, base_form_));
+    out["esmc"] = std::move(block);
+    out["smc_xy"] = smc(t, gain, reaching);
+  }
+  Json smc(const Tracking<M>& t, const Gains<M>& gain, Reaching reaching) const {
+    // The golden block lets x and y have their own gains, so the channels' first two rows are evaluated
+    // apart.
+    Vec2<S> v;
+    for (int i = 0; i < 2; ++i) {
+      Gains<M> own = gain;
+      own.independent.lambda = gain.lambda[i];
+      own.independent.k = gain.k[i];
+      own.independent.layer = gain.layer[i];
+      v[i] = demand(LawKind::smc, m_, own, reaching, t).acceleration[i];
+    }
+    const auto w = m_.force(demand_independent(m_, t, v), r_);
+    Json out;
+    out["v"] = to_json_array(v);
+    out["F"] = to_json_array(m_.platform_force(p_, w));
+    out["tau2"] = to_json_array(m_.base_torque(p_, w));
+    return out;
+  }
+
+  Node n_;
+  M m_;
+  typename M::Mode sigma_{};
+  typename M::Pose inverse_, p_;
+  typename M::Rates r_;
+  Vec<S, 4> theta_;
+  bool base_form_{};
+};
+
+std::size_t line_of(const std::string& text, std::size_t position) {
+  return 1 + static_cast<std::size_t>(std::count(
+                 text.begin(), text.begin() + static_cast<std::ptrdiff_t>(std::min(position, text.size())),
+                 '\n'));
+}
+
+template <class S>
+Json evaluate_case(const Node& n, const std::string& id) {
+  Json out;
+  out["id"] = id;
+  const Json blocks = n.at("params").has("legs") ? FiveBarCase<S>(n).evaluate() : evaluate_rr<S>(n);
+  out.update(blocks);
+  return out;
+}
+
+}  // namespace
+
+std::string evaluate(const std::string& text, const std::string& file, ScalarType scalar) {
+  Json input;
+  try {
+    input = Json::parse(text);
+  } catch (const Json::parse_error& e) {
+    throw InputError(file + ":" + std::to_string(line_of(text, e.byte)), "not valid JSON");
+  } catch (const Json::exception& e) {  // valid, but not for a double
+    const std::string what = e.what();
+    throw InputError(file, "not usable JSON: " +
+                               what.substr(what.find("] ") == std::string::npos ? 0 : what.find("] ") + 2));
+  }
+  if (!input.is_object() || !input.contains("cases") || !input["cases"].is_array()) {
+    throw InputError(file + ":1", "an object with an array \"cases\" is needed");
+  }
+  Json out;
+  out["cases"] = Json::array();
+  std::size_t position = 0;
+  for (const Json& c : input["cases"]) {
+    if (!c.is_object() || !c.contains("id") || !c["id"].is_string()) {
+      throw InputError(file + ":" + std::to_string(line_of(text, position)),
+                       "every case needs a string \"id\"");
+    }
+    const auto id = c["id"].get<std::string>();
+    position = std::min(text.find("\"" + id + "\"", position), text.size());
+    const Node n(c, file + ":" + std::to_string(line_of(text, position)) + ": case '" + id + "'", "");
+    out["cases"].push_back(scalar == ScalarType::double_precision ? evaluate_case<double>(n, id)
+                                                                  : evaluate_case<float>(n, id));
+  }
+  return out.dump(1);
+}
+
+}  // namespace esmc::host

@@ -1,0 +1,70 @@
+#pragma once
+/// From a case of a sweep to the scene that runs: the same scene, with the same checks, as `esmc sim --set`
+/// makes.
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "host_sim/sweep/spec.hpp"
+#include "host_sim/scene/scene.hpp"
+
+namespace esmc::host {
+
+/// How a number of a Scene is set without reading the scene again; see sweep_bind.cpp.
+struct Binding {
+  using Set = void (*)(Scene&, double);
+  Set set = nullptr;             ///< null: the scene is read again
+  double low = 0.0, high = 0.0;  ///< allowed
+  bool low_open = false;
+};
+
+/// Scenes of a specification, one at a time. Not for several threads at once; a copy starts afresh.
+///
+/// Keys "plant...." change the true mechanism alone, the controller goes on believing what [mechanism] and
+/// control.model say. What is only a number in the Scene is set there; for any other key the scene is read
+/// again, which takes some 100 times as long.
+class CaseScenes {
+ public:
+  /// Reads the scene and tries the ends of every axis. Throws InputError naming the [[vary]] that does not
+  /// fit.
+  explicit CaseScenes(const SweepSpec& spec);
+  CaseScenes(const CaseScenes& o);
+  CaseScenes& operator=(const CaseScenes&) = delete;
+  ~CaseScenes();
+
+  /// Throws InputError where these values make no possible scene: an unreachable start, for one.
+  [[nodiscard]] const Scene& at(std::uint64_t index);
+  /// The scene as given, nothing varied.
+  [[nodiscard]] const Scene& nominal() const;
+  /// Value of an axis in a case: what cases.csv shows. A factor is shown as such.
+  [[nodiscard]] SweepValue value(std::uint64_t index, std::size_t axis) const;
+  /// s, of a case that nothing ends: the mean over all cases, for a sweep may vary simulation.duration, too.
+  [[nodiscard]] double mean_duration() const;
+  /// For tests: every scene is read again.
+  void read_always();
+
+ private:
+  struct Tables;
+  struct Bound {
+    Binding binding;
+    double nominal = 1.0;  ///< of a factor
+    bool plant = false;
+  };
+  [[nodiscard]] double number(std::uint64_t index, std::size_t axis) const;
+  void read(std::uint64_t index);
+  void bind(std::uint64_t index, Scene& scene) const;
+  void try_value(std::size_t axis, const SweepValue& v) const;
+
+  const SweepSpec* spec_;
+  std::shared_ptr<const Tables> tables_;
+  std::vector<Bound> bound_;
+  bool any_mechanism_ = false;  ///< of the bound ones: the start has to be computed again
+  std::unique_ptr<Scene> base_, scene_;
+  std::vector<SweepValue> read_for_;  ///< the values that base_ was read for
+};
+
+/// The binding of a key, "plant" and "mechanism" being the same; null where there is none.
+[[nodiscard]] Binding find_binding(const std::string& key, const Scene& nominal);
+
+}  // namespace esmc::host

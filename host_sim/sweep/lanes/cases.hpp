@@ -1,0 +1,36 @@
+#pragma once
+/// From scenes to what lane_kernel.hpp takes, and back to scores.
+
+#include <memory>
+
+#include "host_sim/controller/controller_config.hpp"
+#include "host_sim/sweep/lanes/kernel.hpp"
+#include "host_sim/sweep/spec.hpp"
+#include "host_sim/scene/scene.hpp"
+
+namespace esmc::host {
+
+/// A scene in a lane.
+struct LaneJob {
+  std::uint64_t index = 0;
+  LaneSettings settings;
+  LaneCase numbers;
+  std::shared_ptr<const ReferenceBundle<double>> bundle;  ///< the reference looks into it
+  JoinedReference<double> reference;
+};
+
+/// False where the scene holds something that the lanes do not cover: another mechanism, effects, four motors
+/// or sensors, joining, a ramp, a sign test, a reference of the joints or one that begins where the mechanism
+/// happens to be. `wanted`: objectives; `one_reference`: no key of [reference] varies.
+[[nodiscard]] bool fits_lanes(const Scene& scene);
+[[nodiscard]] bool make_lane_job(const Scene& scene, const std::vector<Objective>& wanted, bool one_reference,
+                                 LaneJob& out);
+
+/// Runs jobs of equal settings, at most kernel.lanes of them. `out[i].ok` = false: job i is to be run alone.
+void run_lane_jobs(const LaneKernel& kernel, const std::vector<LaneJob>& jobs, std::vector<LaneScore>& out);
+
+/// Whether one of them is of the base joints.
+[[nodiscard]] bool wants_base_errors(const std::vector<Objective>& wanted);
+[[nodiscard]] Score score_of(const LaneScore& lane, const LaneSettings& settings);
+
+}  // namespace esmc::host

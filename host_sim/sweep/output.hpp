@@ -1,0 +1,42 @@
+#pragma once
+/// What a complete sweep leaves behind. Everything but timing.csv is a function of the specification, the
+/// scene and the program.
+
+#include <cstdint>
+#include <nlohmann/json_fwd.hpp>
+#include <string>
+#include <vector>
+
+#include "host_sim/sweep/cases.hpp"
+
+namespace esmc::host {
+
+/// The results of all cases.
+struct SweepTable {
+  std::size_t columns = 0;
+  std::vector<double> values;  ///< case by case, `columns` each
+  std::vector<std::uint32_t> outcome;
+
+  [[nodiscard]] double at(std::uint64_t index, std::size_t column) const {
+    return values[index * columns + column];
+  }
+};
+
+/// Cases of each front of the specification; those alone that ended well.
+[[nodiscard]] std::vector<std::vector<std::uint64_t>> fronts_of(const SweepSpec& spec,
+                                                                const SweepTable& table);
+
+/// Counts, ranges, fronts: what --json prints.
+[[nodiscard]] nlohmann::ordered_json sweep_summary(const SweepSpec& spec, const CaseScenes& scenes,
+                                                   const SweepTable& table);
+[[nodiscard]] std::string sweep_text(const nlohmann::ordered_json& summary);
+
+/// Writes cases.csv row by row. Throws RunError.
+void write_cases(const std::string& file, const SweepSpec& spec, const CaseScenes& scenes,
+                 const SweepTable& table);
+/// case,tick_ns: wall-clock time, which no two runs share.
+void write_timing(const std::string& file, const SweepSpec& spec, const SweepTable& table);
+[[nodiscard]] std::string sweep_page(const SweepSpec& spec, const CaseScenes& scenes, const SweepTable& table,
+                                     const nlohmann::ordered_json& summary);
+
+}  // namespace esmc::host

@@ -1,0 +1,54 @@
+#pragma once
+/// Runs cases of a sweep, one thread each.
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "host_sim/sweep/lanes/cases.hpp"
+#include "host_sim/sweep/cases.hpp"
+#include "host_sim/sweep/journal.hpp"
+
+namespace esmc::host {
+
+struct Trace;
+
+/// How a case ended: these, or `outcome_fault` + the number of the fault.
+inline constexpr std::uint32_t outcome_ok = 0, outcome_diverged = 1, outcome_impossible = 2,
+                               outcome_fault = 16;
+[[nodiscard]] std::string outcome_name(std::uint32_t outcome);
+
+/// Cases of a sweep that are done together.
+struct Package {
+  std::vector<std::uint64_t> cases;
+};
+
+/// What `esmc sim` would say of the scene: the very numbers of its summary. `outcome`: see above.
+[[nodiscard]] Score score_of(const Trace& trace, double tick, std::uint32_t& outcome);
+
+class CaseRunner {
+ public:
+  /// `kernel`: several cases at once where it covers them, the same numbers to the last bit; null: each
+  /// alone.
+  CaseRunner(const SweepSpec& spec, const CaseScenes& scenes, const LaneKernel* kernel);
+
+  /// False where Ctrl-C came in between: `out` is then not complete.
+  [[nodiscard]] bool run(const Package& package, std::vector<Finished>& out);
+
+ private:
+  [[nodiscard]] Finished finished(std::uint64_t index, std::uint32_t outcome, const Score& score) const;
+  [[nodiscard]] bool run_alone(std::uint64_t index, std::vector<Finished>& out);
+
+  const SweepSpec* spec_;
+  CaseScenes scenes_;
+  /// The cases of a package that go together, until a kernel is full.
+  void run_together(std::vector<LaneJob>& jobs, std::vector<Finished>& out);
+
+  const LaneKernel* kernel_;
+  bool one_reference_ = true;
+  std::vector<std::vector<LaneJob>> groups_;  ///< of equal settings
+  std::vector<LaneScore> scores_;
+  std::shared_ptr<const ReferenceBundle<double>> bundle_;  ///< of all cases, with one_reference_
+};
+
+}  // namespace esmc::host

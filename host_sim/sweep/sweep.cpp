@@ -1,0 +1,224 @@
+#include "host_sim/sweep/sweep.hpp"
+
+#include <fmt/format.h>
+#include <time.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <chrono>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <thread>
+
+#include "host_sim/record/finish.hpp"
+#include "host_sim/record/output.hpp"
+#include "host_sim/parallel.hpp"
+#include "host_sim/sweep/ranks.hpp"
+#include "host_sim/record/recording.hpp"
+#include "host_sim/record/run_options.hpp"
+#include "host_sim/sweep/output.hpp"
+#include "host_sim/sweep/work.hpp"
+#include "host_sim/error.hpp"
+#include "host_sim/fnv.hpp"
+#include "host_sim/version.hpp"
+
+namespace esmc::host {
+namespace {
+
+using Json = nlohmann::ordered_json;
+namespace fs = std::filesystem;
+
+constexpr const char* journal_name = "sweep.journal";
+
+/// Of all threads of this process.
+double cpu_time() {
+  timespec t{};
+  ::clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
+  return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
+}
+
+/// Files that cases read besides the scene's own.
+std::vector<std::string> varied_files(const SweepSpec& spec) {
+  std::vector<std::string> out;
+  for (const Vary& v : spec.vary) {
+    if (v.key != "reference.path" && v.key != "control.model.mechanism" && v.key != "drives.endpoints") continue;
+    for (const SweepValue& value : v.values) {
+      if (const auto* name = std::get_if<std::string>(&value)) out.push_back((fs::path(spec.scene).parent_path() / *name).string());
+    }
+  }
+  return out;
+}
+
+std::uint64_t identity_of(const SweepSpec& spec, const Scene& scene) {
+  std::uint64_t text = fnv(fnv(fnv_start, spec.text), scene_digest(scene));
+  for (const std::string& file : varied_files(spec)) {  // what is no such name is a value like others
+    std::error_code error;
+    if (!fs::is_regular_file(file, error)) continue;
+    std::ifstream in(file, std::ios::binary);
+    text = fnv(text, std::string(std::istreambuf_iterator<char>(in), {}));
+  }
+  return fnv(text, fmt::format("{} {}", version, program_hash()));
+}
+
+/// Names of files may be no UTF-8.
+std::string json_text(const Json& j) { return j.dump(2, ' ', false, Json::error_handler_t::replace); }
+
+/// Wall-clock figures, apart from everything that is repeatable.
+Json timing(const SweepOptions& o, const Crew& crew, const Ranks* ranks, std::size_t cases, double duration,
+            double wall_s, double cpu_s) {
+  const int processes = ranks != nullptr ? ranks->size() : 1, workers = processes * crew.jobs;
+  const double simulated = static_cast<double>(cases) * duration;
+  return {{"command", o.command_line},
+          {"cases", cases},
+          {"wall_s", wall_s},
+          {"processes", processes},
+          {"threads_each", crew.jobs},
+          {"threads", thread_library()},
+          {"lanes",
+           crew.kernel != nullptr ? fmt::format("{} x {}", crew.kernel->lanes, crew.kernel->name) : "none"},
+          {"cases_per_s", static_cast<double>(cases) / wall_s},
+          {"simulated_s_per_core_s", simulated / wall_s / workers},
+          {"cpu_s", ranks == nullptr ? Json(cpu_s) : Json(nullptr)},
+          {"simulated_s_per_cpu_s", ranks == nullptr ? Json(simulated / cpu_s) : Json(nullptr)}};
+}
+
+class Sweep {
+ public:
+  Sweep(const SweepOptions& o, const SweepSpec& spec, const CaseScenes& scenes, std::uint64_t identity)
+      : o_(o), spec_(spec), scenes_(scenes), out_(o.out) {
+    table_.columns = spec.wanted.size();
+    const auto cases = static_cast<std::size_t>(spec.design.cases());
+    table_.values.resize(cases * table_.columns);
+    table_.outcome.resize(cases);
+    done_.assign(cases, false);
+    if (!out_.wanted()) return;
+    out_.spare(o.spec);
+    out_.spare(spec.scene);
+    for (const std::string& file : varied_files(spec)) out_.spare(file);
+    const std::string file = (fs::path(o.out) / journal_name).string();
+    journal_.emplace(file, identity, cases, table_.columns, o.restart);
+    keep(journal_->found());
+    found_ = journal_->found().size();
+  }
+
+  int run(const Crew& crew, Ranks* ranks) {
+    if (found_ > 0 && !o_.json) fmt::print("{} of {} cases were done before\n", found_, done_.size());
+    std::fflush(stdout);
+    const auto begin = std::chrono::steady_clock::now();
+    const double cpu_before = cpu_time();
+    const auto workers = static_cast<std::size_t>(crew.jobs * (ranks != nullptr ? ranks->size() : 1));
+    std::size_t now = found_;
+    {
+      WorkList list(done_, workers, [&](const std::vector<Finished>& cases) {
+        if (journal_) journal_->append(cases);
+        keep(cases);
+        now += cases.size();
+      });
+      work_off(list, crew, ranks);
+    }
+    const double wall_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+    if (now < done_.size()) {
+      throw RunError(fmt::format("interrupted after {} of {} cases{}", now, done_.size(),
+                                 journal_ ? "; the same command goes on from there" : ""));
+    }
+    finish(
+        timing(o_, crew, ranks, now - found_, scenes_.mean_duration(), wall_s, cpu_time() - cpu_before));
+    return 0;
+  }
+
+ private:
+  void keep(const std::vector<Finished>& cases) {
+    for (const Finished& f : cases) {
+      std::copy(f.values.begin(), f.values.end(),
+                table_.values.begin() + static_cast<std::ptrdiff_t>(f.index * table_.columns));
+      table_.outcome[f.index] = f.outcome;
+      done_[f.index] = true;
+    }
+  }
+
+  void finish(const Json& timing) {
+    const Json summary = sweep_summary(spec_, scenes_, table_);
+    if (out_.wanted()) {
+      out_.write("sweep.toml", spec_.text);
+      write_scene(scenes_.nominal(), out_);
+      write_cases(out_.path("cases.csv"), spec_, scenes_, table_);
+      out_.write("summary.json", json_text(summary) + "\n");
+      out_.write("report.html", sweep_page(spec_, scenes_, table_, summary));
+      out_.write("timing.json", json_text(timing) + "\n");
+      const auto& w = spec_.wanted;
+      if (std::find(w.begin(), w.end(), Objective::tick_ns) != w.end())
+        write_timing(out_.path("timing.csv"), spec_, table_);
+      out_.commit();
+      journal_->remove();
+    }
+    if (o_.json) {
+      fmt::print("{}\n", json_text(summary));
+      return;
+    }
+    fmt::print("{}", sweep_text(summary));
+    const Json& rate = timing[timing["cpu_s"].is_null() ? "simulated_s_per_core_s" : "simulated_s_per_cpu_s"];
+    fmt::print("{:.3g} s: {:.0f} cases/s, {:.0f} simulated seconds per core-second ({} x {} {}, lanes: {})\n",
+               timing["wall_s"].get<double>(), timing["cases_per_s"].get<double>(), rate.get<double>(),
+               timing["processes"].get<int>(), timing["threads_each"].get<int>(),
+               timing["threads"].get<std::string>(), timing["lanes"].get<std::string>());
+    if (out_.wanted()) fmt::print("report: {}\n", (fs::path(out_.directory()) / "report.html").string());
+  }
+
+  const SweepOptions& o_;
+  const SweepSpec& spec_;
+  const CaseScenes& scenes_;
+  OutputDirectory out_;
+  std::optional<Journal> journal_;
+  SweepTable table_;
+  std::vector<bool> done_;
+  std::size_t found_ = 0;
+};
+
+/// `called`: the other processes have been told to begin, and will be told when to end.
+int run_with(const SweepOptions& o, Ranks* ranks, bool& called) {
+  const SweepSpec spec = read_sweep(o.spec);
+  const CaseScenes scenes(spec);
+  const auto processors = static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
+  const Crew crew{&spec, &scenes, o.jobs > 0 ? o.jobs : (ranks != nullptr ? 1 : processors),
+                  o.scalar ? nullptr : &lane_kernels().front()};
+  const std::uint64_t identity = identity_of(spec, scenes.nominal());
+  if (ranks != nullptr && ranks->rank() > 0) {
+    serve(crew, *ranks, identity);
+    return 0;
+  }
+  Sweep sweep(o, spec, scenes, identity);
+  if (ranks != nullptr) call_together(*ranks, identity);
+  called = true;
+  return sweep.run(crew, ranks);
+}
+
+}  // namespace
+
+int run_sweep(const SweepOptions& o) {
+  const auto ranks = join_ranks();
+  bool called = false;
+  if (ranks == nullptr) return run_with(o, nullptr, called);
+  if (ranks->rank() == 0) {
+    try {
+      return run_with(o, ranks.get(), called);
+    } catch (...) {
+      if (!called) send_home(*ranks);
+      throw;
+    }
+  }
+  try {
+    return run_with(o, ranks.get(), called);
+  } catch (const std::exception&) {
+    std::string message;
+    (void)ranks->receive(message, true);
+    // Sent home, the first process has found the same and says so: a status of ours would let mpirun end it before it has.
+    if (message[0] == 'x') return 0;
+    ranks->send(0, "eprocess " + std::to_string(ranks->rank()) + " cannot read what the first one has read");
+    return 2;
+  }
+}
+
+}  // namespace esmc::host

@@ -1,0 +1,242 @@
+#include "host_sim/sweep/work.hpp"
+
+#include <algorithm>
+#include <cstring>
+#include <exception>
+#include <thread>
+
+#include "host_sim/parallel.hpp"
+#include "host_sim/record/run_options.hpp"
+#include "host_sim/error.hpp"
+
+namespace esmc::host {
+namespace {
+
+constexpr std::size_t largest_package = 128;
+
+// Messages. To the others: 'g' + identity: begin; 'p' + cases: do these; 'x': no more. From them: 'r' +
+// results, which asks for more; 'e' + text: something is wrong there. Same machine architecture on all sides,
+// as MPI_CHAR has it.
+template <class T>
+void put(std::string& out, const T& v) {
+  const std::size_t at = out.size();
+  out.resize(at + sizeof(T));
+  std::memcpy(out.data() + at, &v, sizeof(T));
+}
+template <class T>
+T take(const std::string& in, std::size_t& at) {
+  T v{};
+  if (at + sizeof(T) > in.size()) throw RunError("a message of another process is too short");
+  std::memcpy(&v, in.data() + at, sizeof(T));
+  at += sizeof(T);
+  return v;
+}
+
+std::string packages_message(const std::vector<Package>& packages) {
+  std::string out = "p";
+  for (const Package& p : packages) {
+    put(out, static_cast<std::uint64_t>(p.cases.size()));
+    for (const std::uint64_t i : p.cases) put(out, i);
+  }
+  return out;
+}
+std::vector<Package> read_packages(const std::string& in) {
+  std::vector<Package> out;
+  for (std::size_t at = 1; at < in.size();) {
+    Package p;
+    for (auto n = take<std::uint64_t>(in, at); n > 0; --n) p.cases.push_back(take<std::uint64_t>(in, at));
+    out.push_back(std::move(p));
+  }
+  return out;
+}
+
+std::string results_message(const std::vector<Finished>& cases) {
+  std::string out = "r";
+  for (const Finished& f : cases) {
+    put(out, f.index);
+    put(out, f.outcome);
+    for (const double v : f.values) put(out, v);
+  }
+  return out;
+}
+std::vector<Finished> read_results(const std::string& in, std::size_t objectives) {
+  std::vector<Finished> out;
+  for (std::size_t at = 1; at < in.size();) {
+    Finished f;
+    f.index = take<std::uint64_t>(in, at);
+    f.outcome = take<std::uint32_t>(in, at);
+    for (std::size_t i = 0; i < objectives; ++i) f.values.push_back(take<double>(in, at));
+    out.push_back(std::move(f));
+  }
+  return out;
+}
+
+/// This process's threads, until the list is empty.
+void compute(WorkList& list, const Crew& crew) {
+  run_jobs(crew.jobs, [&](int) {
+    CaseRunner runner(*crew.spec, *crew.scenes, crew.kernel);
+    Package package;
+    std::vector<Finished> out;
+    try {
+      while (!stop_requested() && list.next(package)) {
+        out.clear();
+        const bool whole = runner.run(package, out);
+        list.finish(out);
+        if (!whole) return;
+      }
+    } catch (...) {
+      list.stop();
+      throw;
+    }
+  });
+}
+
+/// The first process's conversation with the others, and what their processes have to say.
+class Conversation {
+ public:
+  Conversation(WorkList& list, Ranks& ranks, const Crew& crew)
+      : list_(list),
+        ranks_(ranks),
+        objectives_(crew.spec->wanted.size()),
+        jobs_(static_cast<std::size_t>(crew.jobs)),
+        here_(ranks.size() - 1) {}
+
+  [[nodiscard]] bool over() const { return here_ == 0; }
+  /// One message, if there is one; false: none.
+  bool answer() {
+    std::string message;
+    const int from = ranks_.receive(message, false);
+    if (from < 0) return false;
+    if (message.empty() || message[0] == 'e') {
+      list_.stop();
+      --here_;
+      if (error_.empty()) error_ = message.substr(std::min<std::size_t>(1, message.size()));
+      return true;
+    }
+    try {
+      list_.finish(read_results(message, objectives_));
+    } catch (...) {  // the journal: everybody is still to be sent home
+      list_.stop();
+      failed_ = std::current_exception();
+    }
+    std::vector<Package> more;
+    Package package;
+    while (more.size() < jobs_ && !stop_requested() && list_.next(package)) more.push_back(package);
+    if (more.empty()) --here_;
+    ranks_.send(from, more.empty() ? "x" : packages_message(more));
+    return true;
+  }
+  void rethrow() const {
+    if (failed_) std::rethrow_exception(failed_);
+    if (!error_.empty()) throw RunError(error_);
+  }
+
+ private:
+  WorkList& list_;
+  Ranks& ranks_;
+  std::size_t objectives_, jobs_;  ///< jobs: threads of each of the others, as of this one
+  int here_;                       ///< others that still work
+  std::string error_;
+  std::exception_ptr failed_;
+};
+
+}  // namespace
+
+WorkList::WorkList(std::vector<bool> done, std::size_t workers, Sink sink)
+    : done_(std::move(done)),
+      finished_(static_cast<std::size_t>(std::count(done_.begin(), done_.end(), true))),
+      package_size_(std::clamp<std::size_t>(
+          (done_.size() - finished_) / (16 * std::max<std::size_t>(1, workers)), 1, largest_package)),
+      sink_(std::move(sink)),
+      progress_(done_.size(), finished_, "cases") {}
+
+bool WorkList::next(Package& out) {
+  const std::lock_guard lock(guard_);
+  out.cases.clear();
+  if (stopped_) return false;
+  for (; at_ < done_.size() && out.cases.size() < package_size_; ++at_) {
+    if (!done_[at_]) out.cases.push_back(at_);
+  }
+  return !out.cases.empty();
+}
+
+void WorkList::finish(const std::vector<Finished>& cases) {
+  const std::lock_guard lock(guard_);
+  if (cases.empty()) return;
+  sink_(cases);
+  finished_ += cases.size();
+  progress_.show(finished_);
+}
+
+void WorkList::stop() {
+  const std::lock_guard lock(guard_);
+  stopped_ = true;
+}
+
+void work_off(WorkList& list, const Crew& crew, Ranks* ranks) {
+  if (ranks == nullptr) return compute(list, crew);
+  std::exception_ptr failed;
+  std::thread own([&] {
+    try {
+      compute(list, crew);
+    } catch (...) {
+      failed = std::current_exception();
+    }
+  });
+  Conversation talk(list, *ranks, crew);
+  while (!talk.over()) {
+    if (!talk.answer()) std::this_thread::sleep_for(std::chrono::microseconds(200));
+  }
+  own.join();
+  if (failed) std::rethrow_exception(failed);
+  talk.rethrow();
+}
+
+void call_together(Ranks& ranks, std::uint64_t identity) {
+  std::string message = "g";
+  put(message, identity);
+  for (int r = 1; r < ranks.size(); ++r) ranks.send(r, message);
+}
+
+void send_home(Ranks& ranks) {
+  for (int r = 1; r < ranks.size(); ++r) ranks.send(r, "x");
+}
+
+void serve(const Crew& crew, Ranks& ranks, std::uint64_t identity) {
+  std::string message;
+  std::vector<Finished> results;
+  (void)ranks.receive(message, true);
+  if (message[0] == 'x') return;
+  std::size_t at = 1;
+  if (take<std::uint64_t>(message, at) != identity) {
+    ranks.send(0, "eprocess " + std::to_string(ranks.rank()) +
+                      " has another program, specification or scene than the first one");
+    return;
+  }
+  try {
+    std::vector<std::unique_ptr<CaseRunner>> runners;
+    for (int i = 0; i < crew.jobs; ++i)
+      runners.push_back(std::make_unique<CaseRunner>(*crew.spec, *crew.scenes, crew.kernel));
+    std::vector<std::vector<Finished>> each(runners.size());
+    while (true) {
+      ranks.send(0, results_message(results));
+      results.clear();
+      (void)ranks.receive(message, true);
+      if (message[0] == 'x') return;
+      const auto packages = read_packages(message);
+      run_jobs(static_cast<int>(std::min(packages.size(), runners.size())), [&](int slot) {
+        const auto i = static_cast<std::size_t>(slot);
+        each[i].clear();
+        (void)runners[i]->run(packages[i], each[i]);
+      });
+      for (auto& some : each) {
+        results.insert(results.end(), some.begin(), some.end());
+        some.clear();
+      }
+    }
+  } catch (const std::exception& e) {
+    ranks.send(0, std::string("e") + e.what());
+  }
+}
+
+}  // namespace esmc::host
