@@ -50,7 +50,8 @@ class LockstepLoop {
       tick(true, 0);
     } else if (enabling && board_.now_us() - set_at_us_ >= enabling_us) {
       tick(false, enabling_us);
-    } else if (!ticked_ || (quiet_us >= knock_us && !node_.supervisor().powered() && (!enabling || !node_.heard()))) {
+    } else if (!ticked_ || (quiet_us >= (node_.set_begun() ? 10U * knock_us : knock_us) && !node_.supervisor().powered() &&
+                            (!enabling || !node_.heard()))) {
       if (!node_.heard()) node_.ask_again();
       tick(false, enabling || !ticked_ ? 0 : quiet_us);
     } else if (node_.good()) {
@@ -101,7 +102,8 @@ class TimedLoop {
     node_.enable_input(board_.enable().closed());
     node_.receive(board_.bus());
     const std::uint32_t now = board_.now_us(), since = now - next_us_;
-    if (since >= 0x8000'0000U) return false;  // before the instant; the counter goes round
+    // Before the instant, which is a period ahead at most: anything else is late, also by more than half of the counter's round.
+    if (since > 0U - 2U * period_us_ - 2U) return false;
     if (!asked_) {
       begin(since);
       return false;

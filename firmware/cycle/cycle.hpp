@@ -43,7 +43,6 @@ class Cycle {
     int axis_count = 2;
     std::uint32_t heartbeat_age_ticks_max = 0;
     std::uint32_t waiting_ticks_max = 750;   ///< while enabling, without a word from a drive, or without any being set up: enabling_timeout
-    std::uint32_t gone_ticks_max = 150;      ///< while enabling, without a word from a drive that has been heard since the order: likewise
     bool zero_absolute = true;               ///< encoders keep their zero without power; false: confirm_zero first
     Vec<S, M::joints> zero_pose = Vec<S, M::joints>::Zero();  ///< rad: the joints as confirm_zero finds them
     S torque_mismatch{};                     ///< N m at the joint between a drive's torque and its command; 0: any
@@ -56,7 +55,7 @@ class Cycle {
   explicit Cycle(const Config& config)
       : controller_(config.controller), supervisor_(controller_.supervision()), axes_(config.axes), line_(config.line), axis_count_(config.axis_count),
         heartbeat_age_ticks_max_(config.heartbeat_age_ticks_max), waiting_ticks_max_(config.waiting_ticks_max),
-        gone_ticks_max_(config.gone_ticks_max), zero_(config.zero_absolute, config.zero_pose),
+        zero_(config.zero_absolute, config.zero_pose),
         echo_(config.torque_mismatch, config.torque_time, config.controller.sample_time),
         samples_timed_(config.samples_timed), link_(config.link), delay_ticks_(config.delay_ticks),
         motors_(places(config.controller.motor_count())), sensors_(places(config.controller.sensor_count())),
@@ -105,6 +104,13 @@ class Cycle {
     bool all = opened_;
     for (int i = 0; i < axis_count_; ++i) all = all && axis(i).heard_this_tick();
     return all;
+  }
+
+  /// True when some axis has sent its frame of the tick: a set is under way.
+  [[nodiscard]] bool set_begun() const {
+    bool any = false;
+    for (int i = 0; i < axis_count_; ++i) any = any || axis(i).heard_this_tick();
+    return opened_ && any;
   }
 
   /// True when some axis has said something since the cycle began to listen.
@@ -293,23 +299,22 @@ class Cycle {
   }
 
   /// An order to arm must not outlive the attention of the one who gave it, and power that comes later must not meet it: it
-  /// ends where a drive says nothing, falls silent again, or speaks and is not set up nor ready (its motor has no power).
+  /// ends where a drive says nothing, or speaks and is neither being set up nor ready (its motor has no power).
   [[gnu::noinline]] bool waits_in_vain(std::uint32_t passed) {
-    bool all = true, set_up = false, gone = false;
+    bool all = true, set_up = false;
     for (int i = 0; i < axis_count_; ++i) {
       const bool motor = i % motors_.axis_step == 0;  // of a passive encoder only samples count
       const std::uint32_t silent = motor ? silent_ticks_[static_cast<unsigned>(i)] : axis(i).sample_age_ticks();
       bool& heard = wait_.heard[static_cast<unsigned>(i)];
       heard = heard || silent == 0;
       all = all && heard;
-      gone = gone || (heard && silent > gone_ticks_max_);
       set_up = set_up || (motor && axis(i).setting_up());
     }
     if (all && !wait_.all) wait_.ticks = 0;
     wait_.all = all;
     wait_.waits = true;
     if (!all || !set_up) wait_.ticks += passed;
-    return gone || wait_.ticks >= waiting_ticks_max_;
+    return wait_.ticks >= waiting_ticks_max_;
   }
 
   /// The operator has seen the emergency stop: it is what the axes report now that may be cleared.
@@ -441,7 +446,7 @@ class Cycle {
   std::array<D, static_cast<unsigned>(axes_max)> axes_{};
   typename D::Line line_;
   int axis_count_;
-  std::uint32_t heartbeat_age_ticks_max_, waiting_ticks_max_, gone_ticks_max_;
+  std::uint32_t heartbeat_age_ticks_max_, waiting_ticks_max_;
   ZeroPose<M> zero_;
   TorqueEcho<M> echo_;
   bool samples_timed_;

@@ -51,6 +51,7 @@ class Cia402Axis {
     if (!asking_ && control_ == 0) {
       restart();
       attempts_ = 0;
+      progressed_ = false;
     }
     asking_ = has_torque_ = reported_ = false;
     // A half is kept: against the clock the other one may come after the tick, and until the next SYNC they are one set.
@@ -109,10 +110,10 @@ class Cia402Axis {
   /// Its watchdog is the heartbeat of all axes, and its time is read back.
   [[nodiscard]] bool muted() const { return false; }
   /// Object dictionary, NMT start, or on its way between states that have torque before them: brakes and capacitors take time.
-  /// A second attempt may follow a first; a drive that then still waits for something waits for power.
+  /// A second attempt may follow a first that came past `switch on disabled`; a drive that waits there waits for power.
   [[nodiscard]] bool setting_up() const {
     const bool on_its_way = step_ == Step::operate && (control_ == cia402::control_switch_on || control_ == cia402::control_enable_operation);
-    return attempts_ <= attempts_max && (step_ == Step::setup || step_ == Step::start || on_its_way);
+    return attempts_ <= (progressed_ ? attempts_max : 1) && (step_ == Step::setup || step_ == Step::start || on_its_way);
   }
   void acknowledge() {}
   [[nodiscard]] bool error() const {
@@ -307,6 +308,7 @@ class Cia402Axis {
     const std::uint16_t before = control_;
     set_control(answer_to(state_));
     if (control_ != before) wait_ticks_ = settings_.retry_ticks;
+    progressed_ = progressed_ || control_ == cia402::control_switch_on;
     if (control_ == cia402::control_enable_operation) owed_ = true;
     if (control_ == cia402::control_fault_reset) emergency_ = 0;
   }
@@ -460,6 +462,7 @@ class Cia402Axis {
   std::uint8_t attempts_ = 0;       // set-ups since it was asked for torque
   std::uint8_t confirmations_ = 0;  // ticks in a row that reported torque control, up to two
   std::uint8_t quiet_ = 0;          // ticks in a row that reported no torque, up to two
+  bool progressed_ = false;         // past switch on disabled, since it was asked for torque
   bool in_flight_ = false;          // an SDO request waits for its answer
   bool reading_ = false;            // the request in flight, or the next one, is a read
   bool called_ = false;             // told to be pre-operational since its heartbeat was first heard

@@ -113,7 +113,7 @@ class Supervisor {
       case State::enabling:
         if (command == Command::stop || command == Command::halt) {
           await(State::stopping);
-        } else if (drives.all_ready) {
+        } else if (drives.all_ready && (passed <= 1 || waited_ticks_ + passed < config_.enabling_ticks_max)) {
           state_ = config_.sign_test ? State::testing : State::running;
         } else if ((waited_ticks_ += passed) >= config_.enabling_ticks_max) {
           raise(Fault::enabling_timeout);

@@ -236,7 +236,6 @@ void expect(Injection& i, const EpisodeTimes& t, const Dialect& dialect) {
   }
   fits_if(t.out_of_range && row.wrong_motion, "drive_error");
   fits_if(t.read_back && i.phase == Phase::arming && bends_questions(row.kind), "drive_configuration");
-  fits_if(i.phase == Phase::arming && takes_samples(row.kind) && i.length >= t.gone_ticks, "enabling_timeout");
   switch (row.kind) {
     case Injected::scattered_loss:  // of commands, too: in a slower loop the last torque acts for longer
       fits_if(t.tick > 1.001 * usual_tick, motion_faults);

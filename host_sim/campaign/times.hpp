@@ -26,7 +26,6 @@ struct EpisodeTimes {
   bool read_back = false;     ///< before arming, drives are asked: what the bus does to the answers is a refusal to arm
   int off_after_halt_ticks = 0;      ///< a halt ends without torque within so many ticks; 0: it holds
   int silent_ticks = 750;      ///< while enabling, without a word from a drive, and then it is refused
-  int gone_ticks = 150;        ///< the same of a drive that has been heard since
   int link_ticks = 0;          ///< the time-out of the command interface that arms; 0: there is none
   bool zeros_at_boot = false;  ///< the drives may report position 0 until their first closed loop
   std::size_t motors = 2, axes = 2;  ///< axes: with passive encoders

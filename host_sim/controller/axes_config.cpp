@@ -13,11 +13,12 @@ constexpr double sdo_time = 0.1;  // s that an answer may take
 
 double enabling_time_max(const Scene& s) {
   const double set_up = s.drives.protocol == Protocol::cia402 ? 2.0 * drive::cia402::setup.size() * sdo_time : 0.0;
-  return std::max(5.0, 500.0 * s.tick()) + 2.0 * (s.drives.watchdog_timeout + s.drives.heartbeat_timeout) + set_up;
+  return std::max(5.0, 500.0 * s.tick()) + s.drives.boot_time + 2.0 * (s.drives.watchdog_timeout + s.drives.heartbeat_timeout) + set_up;
 }
 double waiting_time_max(const Scene& s) {
   constexpr double beats = 6.0;  // from the mode to the second confirmation, and once more
-  return s.drives.boot_time + beats * s.drives.heartbeat_timeout;
+  constexpr double slowest = 0.15;  // s: slower ones are asked again before they can answer
+  return s.drives.boot_time + beats * std::min(slowest, s.drives.heartbeat_timeout);
 }
 
 std::size_t axis_of(const Scene& scene, std::size_t i) {
@@ -72,7 +73,6 @@ static_assert(static_cast<int>(link::Source::hold) == static_cast<int>(CommandSo
               static_cast<int>(link::Source::stream) == static_cast<int>(CommandSource::stream));
 
 constexpr double stopping_time_max = 1.5;  // s; longer than the host's controller waits at its end
-constexpr double gone_time = 0.15;         // s; no drive restarts in less
 
 constexpr double two_beats = 0.02;  // s; a drive that beats as it should is never silent for longer
 
@@ -92,7 +92,6 @@ typename C::Config config_of(const Scene& scene, Pacing pacing, const ReferenceB
   c.heartbeat_age_ticks_max = silence_ticks(scene);
   const auto ticks = [&](double seconds) { return static_cast<std::uint32_t>(std::max(2.0, std::floor(seconds * scene.rate_hz))); };
   c.waiting_ticks_max = ticks(waiting_time_max(scene));
-  c.gone_ticks_max = ticks(std::max(gone_time, scene.drives.heartbeat_timeout));
   c.controller.enabling_ticks_max = ticks(enabling_time_max(scene));
   c.controller.stopping_ticks_max = ticks(stopping_time_max);
   using S = typename C::S;

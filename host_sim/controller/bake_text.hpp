@@ -193,10 +193,10 @@ std::string text(const ControllerConfig<M>& v) {
 /// Of a cycle. The axes are made by themselves, by calls, and so is the line, by `line`; a session is drawn by the image.
 template <class Config>
 std::string cycle_text(const Config& v, const std::string& line) {
-  const auto& [controller, axes, its_line, count, heartbeat, waiting, gone, absolute, zero, mismatch, torque_time, timed, link, delay] = v;
+  const auto& [controller, axes, its_line, count, heartbeat, waiting, absolute, zero, mismatch, torque_time, timed, link, delay] = v;
   link::LinkConfig known = link;
   known.session = 1;
-  return "      " + text(controller) + ",\n      {},\n      " + line + ",\n      " + text(count) + ", " + text(heartbeat) + ", " + text(waiting) + ", " + text(gone) + ", " +
+  return "      " + text(controller) + ",\n      {},\n      " + line + ",\n      " + text(count) + ", " + text(heartbeat) + ", " + text(waiting) + ", " +
          text(absolute) + ", " + text(zero) + ", " + text(mismatch) + ", " + text(torque_time) + ", " + text(timed) +
          ",\n      " + text(known) + ",\n      " + text(delay);
 }

@@ -76,7 +76,7 @@ class Bench {
     for (auto& axis : axes_) axis.reset();
   }
   /// Nobody runs the program; frames are lost.
-  void freeze(double seconds) { board_.now += static_cast<std::uint32_t>(seconds * 1e6); }
+  void freeze(double seconds) { board_.now += static_cast<std::uint32_t>(static_cast<std::uint64_t>(seconds * 1e6)); }
   void run(double seconds) {
     for (int n = 0; n < static_cast<int>(seconds * 1e6 / period_us); ++n) tick();
   }
@@ -254,7 +254,7 @@ TEST(BoardArming, ADriveThatRestartsEndsTheOrder) {
     b->run(0.3);
     ASSERT_EQ(b->state(), State::enabling);
     b->cut(1);
-    b->run(0.3);
+    b->run(0.8);
     EXPECT_EQ(b->fault(), Fault::enabling_timeout);
     b->power(1);
     b->motor_power = true;
@@ -265,23 +265,25 @@ TEST(BoardArming, ADriveThatRestartsEndsTheOrder) {
 
 TEST(BoardArming, AProgramThatStoodStillStartsNothing) {
   for_each_kind([](const auto& make) {
-    auto b = make();
-    b->node().command(Command::enable);
-    b->run(0.3);
-    b->freeze(60.0);
-    b->power();
-    b->run(2.0);
-    EXPECT_EQ(b->fault(), Fault::tick_late);
-    EXPECT_EQ(b->closed_ticks, 0);
+    for (const double minutes : {1.0, 36.0, 60.0, 71.0}) {  // the clock of a board goes round in 71.6 minutes
+      auto frozen = make();
+      frozen->node().command(Command::enable);
+      frozen->run(0.3);
+      frozen->freeze(60.0 * minutes);
+      frozen->power();
+      frozen->run(2.0);
+      EXPECT_EQ(frozen->fault(), Fault::tick_late) << minutes;
+      EXPECT_EQ(frozen->closed_ticks, 0) << minutes;
+    }
   });
 }
 
 TEST(BoardArming, DrivesBehindAContactorHaveTheirBootTime) {
-  for (const bool in_time : {true, false}) {
-    Bench<drive::OdriveAxis> b(scene_of({"drives.boot_time=3.0"}));
+  for (const double boot : {3.0, 20.0}) for (const bool in_time : {true, false}) {
+    Bench<drive::OdriveAxis> b(scene_of({"drives.boot_time=" + std::to_string(boot)}));
     b.run(0.2);
     b.node().command(Command::enable);
-    b.run(in_time ? 2.9 : 3.3);
+    b.run(in_time ? boot - 0.1 : boot + 0.3);
     b.power();
     b.run(0.7);
     EXPECT_EQ(b.state(), in_time ? State::running : State::fault) << name(b.fault());

@@ -312,6 +312,12 @@ TEST(Supervisor, AnOrderToArmExpires) {
   v.begin_tick(Command::none, {.all_ready = true});
   EXPECT_EQ(v.state(), State::disabled) << "nor does a reset";
   v.begin_tick(Command::enable, {.all_ready = true});
+  Supervisor gap = v;
+  gap.begin_tick(Command::none, {.all_ready = true}, false, 1000);
+  EXPECT_EQ(gap.fault(), Fault::enabling_timeout) << "what was said before so long a gap is old";
+  gap = v;
+  gap.begin_tick(Command::none, {.all_ready = true}, false, 2);
+  EXPECT_EQ(gap.state(), State::running);
   v.begin_tick(Command::none, {});
   v.begin_tick(Command::none, {});
   v.begin_tick(Command::none, {.all_ready = true});
