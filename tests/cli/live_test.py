@@ -387,7 +387,11 @@ def a_controller_with_its_turn(esmc, scene):
                                   "--set", "simulation.duration=1000"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         try:
             armed = page.wait(lambda m: "now" in m and m["now"]["state"] == "armed", "drives that are armed")["now"]
-            page.wait(lambda m: "now" in m and abs(m["now"]["effector"][0] - armed["effector"][0]) > 0.005, "the reference followed")
+            moved = page.wait(lambda m: "now" in m and (m["now"]["state"] != "armed" or abs(m["now"]["effector"][0] - armed["effector"][0]) > 0.005),
+                              "the reference followed")["now"]
+            if moved["state"] != "armed":
+                bench.process.kill()
+                raise NoTurn(f"armed, and then {moved['state']}")
             page.say(hand={"push": [0.5, 0.0]})
             page.wait(lambda m: "now" in m and m["now"]["force"] == [0.5, 0.0], "a push")
             page.say(hand={})
