@@ -83,6 +83,18 @@ class Bench {
   [[nodiscard]] State state() const { return node_.supervisor().state(); }
   [[nodiscard]] Fault fault() const { return node_.supervisor().fault(); }
 
+  /// Node 1 reports 50 us before an idle tick would be due, node 2 100 us later.
+  bool torn_set_is_answered() {
+    for (std::size_t i = 0; i < axes_.size(); ++i) axes_[i]->publish(angle(i), 0.0, [&](const hal::CanFrame& f) { to_board(f); });
+    quiet(0);  // the tick of this set: time counts from here
+    for (std::uint32_t waited = 0; waited < 99'900; waited += 100) quiet(100);
+    quiet(50);
+    axes_[0]->publish(angle(0), 0.0, [&](const hal::CanFrame& f) { to_board(f); });
+    quiet(100);
+    axes_[1]->publish(angle(1), 0.0, [&](const hal::CanFrame& f) { to_board(f); });
+    return node_.complete();
+  }
+
   int closed_ticks = 0;        ///< in which a drive was in torque control
   double largest_torque = 0.0; ///< N m, of any drive
   bool motor_power = true;     ///< false: drives speak and cannot leave idle
@@ -107,6 +119,12 @@ class Bench {
       closed_ticks += axis->closed_loop() ? 1 : 0;
       largest_torque = std::max(largest_torque, std::abs(axis->joint_torque()));
     }
+  }
+  void quiet(std::uint32_t us) {
+    board_.now += us;
+    model_.idle(us);
+    loop_.turn();
+    carry();
   }
   void carry() {
     while (const auto w = model_.take()) {
@@ -343,6 +361,15 @@ TEST(BoardArming, LockstepKeepsNoOrderForDrivesThatCameBack) {
   b.node().command(Command::enable);
   b.run(0.5);
   EXPECT_EQ(b.state(), State::running) << name(b.fault());
+}
+
+/// The idle tick comes between the frames of a set: the second one must still complete it.
+TEST(BoardArming, LockstepDoesNotTearASet) {
+  Bench<drive::OdriveAxis, Lockstep> b(scene_of({}));
+  b.power();
+  b.run(0.2);
+  ASSERT_EQ(b.state(), State::disabled);
+  EXPECT_TRUE(b.torn_set_is_answered());
 }
 
 TEST(BoardArming, OffEndsWithSilentDrivesToo) {

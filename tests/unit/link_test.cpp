@@ -194,6 +194,14 @@ TEST(Link, AnOrderAnswersARecentStatus) {
   EXPECT_EQ(b.one(b.desk.order(Desk::arm)), Outcome::obeyed);
 }
 
+/// As where the program stood still: the frame names a recent tick, for none has been counted meanwhile.
+TEST(Link, AnOrderThatWaitedToBeReadIsAsOldAsItWaited) {
+  Bench b;
+  b.listen();
+  EXPECT_EQ(b.link.receive(b.desk.order(Desk::arm), 60'000), Outcome::refused);
+  EXPECT_EQ(b.link.receive(b.desk.order(Desk::off), 60'000), Outcome::obeyed) << "what takes torque away is never too old";
+}
+
 TEST(Link, CounterRules) {
   for (int step = 0; step < 16; ++step) {
     Bench b;
