@@ -12,10 +12,8 @@ namespace esmc::baked {
 struct Enum {
   int number;
   template <class E>
-    requires std::is_enum_v<E>
-  constexpr operator E() const {
-    return static_cast<E>(number);
-  }
+  requires std::is_enum_v<E>
+  constexpr operator E() const { return static_cast<E>(number); }
 };
 
 template <class... T>

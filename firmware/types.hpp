@@ -51,8 +51,9 @@ void add(Vec2<S>& to, const Vec2<S>& what) {
   to += what;
 }
 
-/// A sum that begins with its first term. A compiler that keeps the sign of zeros must not leave out 0 + x, and along
-/// chains of bodies every third addition is one; in unrolled code `empty` is a constant and costs nothing.
+/// A sum that begins with its first term. A compiler that keeps the sign of zeros must not leave out 0 + x,
+/// and along chains of bodies every third addition is one; in unrolled code `empty` is a constant and costs
+/// nothing.
 template <class T>
 class Sum {
  public:
@@ -86,9 +87,8 @@ class Sum {
 /// Calls f(integral_constant<int, 0>) .. f(integral_constant<int, N-1>): a loop whose index is a constant.
 template <int N, class F>
 ESMC_INLINE constexpr void unroll(F&& f) {
-  [&]<int... I>(std::integer_sequence<int, I...>) ESMC_INLINE {
-    (f(std::integral_constant<int, I>{}), ...);
-  }(std::make_integer_sequence<int, N>{});
+  [&]<int... I>(std::integer_sequence<int, I...>) ESMC_INLINE { (f(std::integral_constant<int, I>{}), ...); }
+  (std::make_integer_sequence<int, N>{});
 }
 
 }  // namespace esmc

@@ -16,13 +16,14 @@ inline constexpr std::uint8_t can_fd_size_max = 64;
 
 /// One CAN or CAN FD data frame, or a classic remote frame (RTR).
 struct CanFrame {
-  std::uint32_t id = 0;     ///< 11 or 29 identifier bits only; flags live in the fields below
-  bool extended = false;    ///< 29-bit identifier
-  bool remote = false;      ///< classic remote transmission request: carries a size, no data
-  bool fd = false;          ///< CAN FD format: up to 64 bytes
+  std::uint32_t id = 0;          ///< 11 or 29 identifier bits only; flags live in the fields below
+  bool extended = false;         ///< 29-bit identifier
+  bool remote = false;           ///< classic remote transmission request: carries a size, no data
+  bool fd = false;               ///< CAN FD format: up to 64 bytes
   bool bit_rate_switch = false;  ///< FD data phase at the fast bit rate
-  bool perishable = false;  ///< of one tick: a back end that can drops it at the next one. Not on the wire, not compared
-  std::uint8_t size = 0;    ///< bytes used in `data`: 0..8, or 0..64 with `fd`
+  bool perishable =
+      false;  ///< of one tick: a back end that can drops it at the next one. Not on the wire, not compared
+  std::uint8_t size = 0;  ///< bytes used in `data`: 0..8, or 0..64 with `fd`
   alignas(4) std::array<std::uint8_t, can_fd_size_max> data{};  ///< aligned for whoever reads or writes words
 
   [[nodiscard]] constexpr std::span<const std::uint8_t> payload() const { return {data.data(), size}; }
@@ -38,7 +39,8 @@ struct CanFrame {
   }
 };
 
-/// `to` = `from` as far as frames are compared: of the data only what is used, or 8 bytes, which cost no loop.
+/// `to` = `from` as far as frames are compared: of the data only what is used, or 8 bytes, which cost no
+/// loop.
 inline void copy_used(const CanFrame& from, CanFrame& to) {
   if (from.size > can_classic_size_max) {
     to = from;
@@ -55,11 +57,11 @@ inline void copy_used(const CanFrame& from, CanFrame& to) {
 }
 
 /// What became of a frame to be sent.
-enum class [[nodiscard]] SendStatus : std::uint8_t {
-  ok,
-  bus_full,  ///< transient: not queued; the next tick sends a newer frame
-  bus_off,   ///< persistent: the controller has left the bus; outputs must be disarmed
-  refused,   ///< the frame is not well formed: a bug in the caller
+enum class [[nodiscard]] SendStatus : std::uint8_t{
+    ok,
+    bus_full,  ///< transient: not queued; the next tick sends a newer frame
+    bus_off,   ///< persistent: the controller has left the bus; outputs must be disarmed
+    refused,   ///< the frame is not well formed: a bug in the caller
 };
 
 /// A CAN controller. Neither call blocks, allocates or waits.
@@ -73,7 +75,9 @@ concept CanBus = requires(B& bus, const CanFrame& out, CanFrame& in) {
 /// A back end that knows when frames came in.
 template <class B>
 concept TimesFrames = CanBus<B> && requires(const B& bus) {
-  { bus.frame_age_us() } -> std::same_as<std::uint32_t>;  // since the frame received last was on the bus; 0: not known
+  {
+    bus.frame_age_us()
+    } -> std::same_as<std::uint32_t>;  // since the frame received last was on the bus; 0: not known
 };
 
 }  // namespace esmc::hal

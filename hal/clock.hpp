@@ -1,5 +1,6 @@
 #pragma once
-/// Time as the firmware sees it. No file in firmware/ calls a clock: the caller of a tick passes the instant in.
+/// Time as the firmware sees it. No file in firmware/ calls a clock: the caller of a tick passes the instant
+/// in.
 
 #include <chrono>
 #include <concepts>

@@ -7,7 +7,9 @@ namespace esmc::hal {
 
 /// Resets the processor unless refreshed in time. Refreshed after a good tick (Cycle::good) and nowhere else.
 template <class W>
-concept Watchdog = requires(W& w) { w.refresh(); };
+concept Watchdog = requires(W& w) {
+  w.refresh();
+};
 
 /// `enable`: a normally closed contact. An open one, or a broken wire, reads false.
 template <class I>
@@ -17,6 +19,8 @@ concept DigitalInput = requires(const I& i) {
 
 /// `drive_enable`, and a brake that opens with power: low without power, low after reset.
 template <class O>
-concept DigitalOutput = requires(O& o, bool high) { o.set(high); };
+concept DigitalOutput = requires(O& o, bool high) {
+  o.set(high);
+};
 
 }  // namespace esmc::hal

@@ -1,6 +1,6 @@
 #pragma once
-/// Frames that wait for a CAN controller which is given one at a time, so that what the bus has not taken can be withdrawn: no torque
-/// of an earlier tick is sent.
+/// Frames that wait for a CAN controller which is given one at a time, so that what the bus has not taken can
+/// be withdrawn: no torque of an earlier tick is sent.
 
 #include <array>
 #include <cstdint>
@@ -27,7 +27,8 @@ class WaitingFrames {
     first_ = (first_ + 1) % most;
     --size_;
   }
-  /// Without what is perishable; the others keep their order: whoever sent them counts on their being sent. How many it were.
+  /// Without what is perishable; the others keep their order: whoever sent them counts on their being sent.
+  /// How many it were.
   std::uint32_t withdraw() {
     const std::uint32_t before = size_;
     std::uint32_t kept = 0;

@@ -1,5 +1,6 @@
 #pragma once
-/// What is known of the last time the processor, Cortex-M or Cortex-R, could not go on. Kept over a reset, lost without power.
+/// What is known of the last time the processor, Cortex-M or Cortex-R, could not go on. Kept over a reset,
+/// lost without power.
 
 #include <cstdint>
 
@@ -9,15 +10,19 @@ inline constexpr std::uint32_t stack_paint = 0xA5A5'5A5AU;
 
 struct CrashRecord {
   static constexpr std::uint32_t mark = 0x45534D43U;  // "ESMC"
-  std::uint32_t valid;         ///< mark, turned with the sum of the rest
-  std::uint32_t exception;     ///< M: 2 NMI (a watchdog's warning), 3 hard fault, 4 memory management, 5 bus, 6 usage, 16 + n interrupt n; R: number of its vector
+  std::uint32_t valid;                                ///< mark, turned with the sum of the rest
+  std::uint32_t exception;  ///< M: 2 NMI (a watchdog's warning), 3 hard fault, 4 memory management, 5 bus, 6
+                            ///< usage, 16 + n interrupt n; R: number of its vector
   std::uint32_t fault_status;  ///< CFSR; R: DFSR
   std::uint32_t hard_status;   ///< HFSR; R: IFSR
   std::uint32_t address;       ///< BFAR: meaningful where CFSR says so; R: DFAR, IFAR
   std::uint32_t sp;            ///< at the fault, the stacked registers included
   std::uint32_t pc, lr;        ///< 0 where the stack could not be read
 
-  [[nodiscard]] std::uint32_t sum() const { return mark ^ (exception + 3U * fault_status + 5U * address + 13U * sp + 17U * hard_status + 7U * pc + 11U * lr); }
+  [[nodiscard]] std::uint32_t sum() const {
+    return mark ^
+           (exception + 3U * fault_status + 5U * address + 13U * sp + 17U * hard_status + 7U * pc + 11U * lr);
+  }
   [[nodiscard]] bool sealed() const { return valid == sum(); }
   void seal() { valid = sum(); }
   void forget() { valid = 0; }

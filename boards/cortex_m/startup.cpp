@@ -4,14 +4,15 @@
 
 extern "C" {
 // From the linker script.
-extern std::uint32_t esmc_stack_top, esmc_data_begin, esmc_data_end, esmc_bss_begin, esmc_bss_end, esmc_stack_bottom;
+extern std::uint32_t esmc_stack_top, esmc_data_begin, esmc_data_end, esmc_bss_begin, esmc_bss_end,
+    esmc_stack_bottom;
 extern const std::uint32_t esmc_data_image;
 
 [[noreturn]] void esmc_main();
 
 [[noreturn]] void esmc_reset() {
-  // Full access to the FPU, before the compiler uses it. Subnormal numbers are kept and rounding is to nearest, as on
-  // the host: the state after reset.
+  // Full access to the FPU, before the compiler uses it. Subnormal numbers are kept and rounding is to
+  // nearest, as on the host: the state after reset.
   auto* const cpacr = reinterpret_cast<volatile std::uint32_t*>(0xE000ED88U);
   *cpacr = *cpacr | 0x00F0'0000U;
   // Bus, usage and memory faults under their own number.
@@ -24,14 +25,18 @@ extern const std::uint32_t esmc_data_image;
   // Painted up to here, so that the deepest use can be read from memory.
   std::uint32_t* here = nullptr;
   asm volatile("mov %0, sp" : "=r"(here));
-  for (std::uint32_t* to = &esmc_stack_bottom; to < here; ++to) *static_cast<volatile std::uint32_t*>(to) = esmc::stack_paint;
-  // The lowest part of the stack is its guard: no access at all, so that a stack that grows too far faults at once, whatever lies
-  // below it.
-  const auto mpu = [](std::uint32_t at) -> volatile std::uint32_t& { return *reinterpret_cast<volatile std::uint32_t*>(at); };
-  mpu(0xE000ED98U) = 0;                                                            // RNR
-  mpu(0xE000ED9CU) = static_cast<std::uint32_t>(reinterpret_cast<std::uintptr_t>(&esmc_stack_bottom));  // RBAR
-  mpu(0xE000EDA0U) = (1U << 28) | (7U << 1) | 1U;                                  // RASR: 256 bytes
-  mpu(0xE000ED94U) = 5;                                                            // CTRL: on, with the default map around it
+  for (std::uint32_t* to = &esmc_stack_bottom; to < here; ++to)
+    *static_cast<volatile std::uint32_t*>(to) = esmc::stack_paint;
+  // The lowest part of the stack is its guard: no access at all, so that a stack that grows too far faults at
+  // once, whatever lies below it.
+  const auto mpu = [](std::uint32_t at) -> volatile std::uint32_t& {
+    return *reinterpret_cast<volatile std::uint32_t*>(at);
+  };
+  mpu(0xE000ED98U) = 0;  // RNR
+  mpu(0xE000ED9CU) =
+      static_cast<std::uint32_t>(reinterpret_cast<std::uintptr_t>(&esmc_stack_bottom));  // RBAR
+  mpu(0xE000EDA0U) = (1U << 28) | (7U << 1) | 1U;                                        // RASR: 256 bytes
+  mpu(0xE000ED94U) = 5;  // CTRL: on, with the default map around it
   asm volatile("dsb\n isb" ::: "memory");
   esmc_main();
 }
@@ -46,8 +51,8 @@ constexpr std::uintptr_t stack_guard = 256;
       "b esmc_crash\n"
       ".ltorg\n");
 }
-/// A board whose chip has a non-maskable interrupt that is none to crash for has its own; it begins with the stack as it finds it and
-/// ends in esmc_fault for all others.
+/// A board whose chip has a non-maskable interrupt that is none to crash for has its own; it begins with the
+/// stack as it finds it and ends in esmc_fault for all others.
 [[gnu::weak, gnu::alias("esmc_fault"), gnu::nothrow]] void esmc_nmi();
 [[gnu::section(".noinit"), gnu::used]] alignas(8) unsigned char esmc_crash_stack[256];
 [[gnu::used, noreturn]] void esmc_crash(const std::uint32_t* stacked) {

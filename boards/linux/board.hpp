@@ -37,7 +37,9 @@ class LinuxBoard {
   [[nodiscard]] hal::GpioLine& enable() { return enable_; }
   [[nodiscard]] Output& drive_enable() { return drive_enable_; }
   [[nodiscard]] Output& brake() { return brake_; }
-  [[nodiscard]] std::uint32_t now_us() const { return static_cast<std::uint32_t>(hal::monotonic_ns() / 1000U); }
+  [[nodiscard]] std::uint32_t now_us() const {
+    return static_cast<std::uint32_t>(hal::monotonic_ns() / 1000U);
+  }
 
  private:
   hal::SocketCan& bus_;

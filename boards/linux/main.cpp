@@ -1,5 +1,5 @@
-/// The controller as a program of a Linux computer on the drives' bus. Disabled until a supervisor computer arms it, and ended by
-/// signals.
+/// The controller as a program of a Linux computer on the drives' bus. Disabled until a supervisor computer
+/// arms it, and ended by signals.
 
 #include <cerrno>
 #include <chrono>
@@ -14,21 +14,22 @@
 namespace {
 using namespace esmc;
 
-volatile std::sig_atomic_t ended = 0;  // signals: the first brings the mechanism to rest, the second takes the torque
+volatile std::sig_atomic_t ended =
+    0;  // signals: the first brings the mechanism to rest, the second takes the torque
 
 constexpr std::uint64_t rest_ns = 5'000'000'000U;  ///< after which a halt that was asked for becomes a stop
 constexpr std::uint64_t idle_ns = 2'000'000'000U;  ///< in which the drives must then say that they are idle
 
 struct Options {
   const char* interface = nullptr;
-  const char* record = nullptr;      ///< a row per tick
-  const char* histogram = nullptr;   ///< microseconds from instant to begin, and of a tick
-  const char* enable = nullptr;      ///< GPIO lines, "gpiochip0:17"
+  const char* record = nullptr;     ///< a row per tick
+  const char* histogram = nullptr;  ///< microseconds from instant to begin, and of a tick
+  const char* enable = nullptr;     ///< GPIO lines, "gpiochip0:17"
   const char* drive_enable = nullptr;
   const char* brake = nullptr;
   int priority = 80;
-  bool best_effort = false;          ///< goes on without fixed priority and locked memory
-  std::uint64_t ticks = 0;           ///< 0: until a signal
+  bool best_effort = false;  ///< goes on without fixed priority and locked memory
+  std::uint64_t ticks = 0;   ///< 0: until a signal
 };
 
 [[noreturn]] void refuse(const char* why, const char* what) {
@@ -42,7 +43,8 @@ Options read(int argc, char** argv) {
     char* end = nullptr;
     const long v = std::strtol(text, &end, 10);
     if (end == text || *end != '\0' || v < least || v > most) {
-      std::fprintf(stderr, "esmc board: %s must be an integer from %ld to %ld, not '%s'\n", name, least, most, text);
+      std::fprintf(stderr, "esmc board: %s must be an integer from %ld to %ld, not '%s'\n", name, least, most,
+                   text);
       std::exit(2);
     }
     return v;
@@ -54,9 +56,12 @@ Options read(int argc, char** argv) {
       return argv[++i];
     };
     if (std::strcmp(a, "--help") == 0) {
-      std::puts("usage: linux INTERFACE [--enable CHIP:LINE] [--drive-enable CHIP:LINE] [--brake CHIP:LINE] [--record FILE]\n"
-                "             [--histogram FILE] [--priority 1..99] [--best-effort] [--ticks N]\n"
-                "The scene that was baked into this program, on a CAN interface, until Ctrl-C. Armed by a supervisor computer.");
+      std::puts(
+          "usage: linux INTERFACE [--enable CHIP:LINE] [--drive-enable CHIP:LINE] [--brake CHIP:LINE] "
+          "[--record FILE]\n"
+          "             [--histogram FILE] [--priority 1..99] [--best-effort] [--ticks N]\n"
+          "The scene that was baked into this program, on a CAN interface, until Ctrl-C. Armed by a "
+          "supervisor computer.");
       std::exit(0);
     } else if (std::strcmp(a, "--record") == 0) {
       o.record = value();
@@ -98,7 +103,8 @@ void wire(hal::GpioLine& line, const char* option, const char* place, hal::GpioL
   if (place == nullptr) return;
   const std::error_code wrong = line.request(place, use, option + 2);  // without its dashes
   if (!wrong) return;
-  std::fprintf(stderr, "esmc board: %s %s: %s; allowed is a free line of a chip, as gpiochip0:17\n", option, place, wrong.message().c_str());
+  std::fprintf(stderr, "esmc board: %s %s: %s; allowed is a free line of a chip, as gpiochip0:17\n", option,
+               place, wrong.message().c_str());
   std::exit(2);
 }
 
@@ -111,7 +117,8 @@ struct Row {
 
 void write_row(std::FILE* f, const Row& r) {
   std::fprintf(f, "%.9g", static_cast<double>(r.tick) * 1e-9 * baked::period_ns);
-  for (const auto v : {r.result.effector.x(), r.result.effector.y(), r.result.desired_effector.x(), r.result.desired_effector.y()}) {
+  for (const auto v : {r.result.effector.x(), r.result.effector.y(), r.result.desired_effector.x(),
+                       r.result.desired_effector.y()}) {
     std::fprintf(f, ",%.9g", static_cast<double>(v));
   }
   for (const auto v : r.angle) std::fprintf(f, ",%.9g", static_cast<double>(v));
@@ -131,7 +138,8 @@ void write_header(std::FILE* f) {
 
 int main(int argc, char** argv) {
   static_assert(!baked::lockstep, "a board has its own time: bake with --realtime");
-  static_assert(baked::armed_by_link, "a board is armed by a supervisor computer: command.arm = \"link\" in the scene");
+  static_assert(baked::armed_by_link,
+                "a board is armed by a supervisor computer: command.arm = \"link\" in the scene");
   const Options o = read(argc, argv);
   std::error_code error;
   hal::SocketCan bus = hal::SocketCan::open(o.interface, error);
@@ -147,7 +155,9 @@ int main(int argc, char** argv) {
   for (const auto& [what, code] : {std::pair{"no locked memory: ", hal::lock_memory()},
                                    std::pair{"no fixed priority: ", hal::fixed_priority(o.priority)}}) {
     if (!code) continue;
-    if (!o.best_effort) refuse(what, (code.message() + " (as root, or see docs/boards.md; --best-effort goes on without)").c_str());
+    if (!o.best_effort)
+      refuse(what,
+             (code.message() + " (as root, or see docs/boards.md; --best-effort goes on without)").c_str());
     std::fprintf(stderr, "esmc board: %s%s\n", what, code.message().c_str());
   }
   for (const auto& [f, path] : {std::pair{record, o.record}, std::pair{histogram, o.histogram}}) {
@@ -156,7 +166,8 @@ int main(int argc, char** argv) {
   if (record != nullptr) write_header(record);
   for (const int s : {SIGINT, SIGTERM, SIGHUP, SIGQUIT}) std::signal(s, [](int) { ended = ended + 1; });
 
-  const auto session = static_cast<std::uint8_t>(1U + std::chrono::system_clock::now().time_since_epoch().count() / 1'000'000 % 255);
+  const auto session = static_cast<std::uint8_t>(
+      1U + std::chrono::system_clock::now().time_since_epoch().count() / 1'000'000 % 255);
   static baked::Node node(baked::config(session));
   TimedLoop loop(node, board, baked::period_ns);
   static Histogram lateness, duration;
@@ -187,9 +198,11 @@ int main(int argc, char** argv) {
     if (idle || begin - asked_ns > rest_ns + idle_ns) break;
   }
   bool complete = true;
-  for (LinuxBoard::Output* out : {&board.drive_enable(), &board.brake()}) {  // not every chip lets go of a line that is given back
+  for (LinuxBoard::Output* out :
+       {&board.drive_enable(), &board.brake()}) {  // not every chip lets go of a line that is given back
     int attempts = 100;
-    while (!out->set(false) && --attempts > 0) {}
+    while (!out->set(false) && --attempts > 0) {
+    }
     if (attempts > 0) continue;
     std::fprintf(stderr, "esmc board: a GPIO output cannot be set low: %s\n", std::strerror(errno));
     complete = false;
@@ -209,11 +222,13 @@ int main(int argc, char** argv) {
     finish(histogram, o.histogram);
   }
   const Fault fault = node.supervisor().fault();
-  std::printf("{\"ticks\": %llu, \"late_ticks\": %u, \"lateness_us\": {\"p50\": %u, \"p99\": %u, \"max\": %u}, "
-              "\"tick_us\": {\"p50\": %u, \"p99\": %u, \"max\": %u}, \"rows_lost\": %llu, \"state\": \"%s\", \"fault\": \"%s\"}\n",
-              static_cast<unsigned long long>(ticks), loop.late(), lateness.quantile(0.5), lateness.quantile(0.99), lateness.most(),
-              duration.quantile(0.5), duration.quantile(0.99), duration.most(), static_cast<unsigned long long>(recorder.lost()),
-              name(node.supervisor().state()), name(fault));
+  std::printf(
+      "{\"ticks\": %llu, \"late_ticks\": %u, \"lateness_us\": {\"p50\": %u, \"p99\": %u, \"max\": %u}, "
+      "\"tick_us\": {\"p50\": %u, \"p99\": %u, \"max\": %u}, \"rows_lost\": %llu, \"state\": \"%s\", "
+      "\"fault\": \"%s\"}\n",
+      static_cast<unsigned long long>(ticks), loop.late(), lateness.quantile(0.5), lateness.quantile(0.99),
+      lateness.most(), duration.quantile(0.5), duration.quantile(0.99), duration.most(),
+      static_cast<unsigned long long>(recorder.lost()), name(node.supervisor().state()), name(fault));
   if (!idle) std::fprintf(stderr, "esmc board: ended although not every drive has said that it is idle\n");
   return fault == Fault::none && idle && complete ? 0 : 1;
 }

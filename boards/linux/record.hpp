@@ -1,5 +1,6 @@
 #pragma once
-/// What a tick leaves behind, carried out of the loop without waiting: a ring that another thread empties into a file.
+/// What a tick leaves behind, carried out of the loop without waiting: a ring that another thread empties
+/// into a file.
 
 #include <array>
 #include <atomic>
@@ -33,7 +34,8 @@ class Histogram {
   /// Rows "us,name" of the bins that are not empty.
   void write(std::FILE* out, const char* name) const {
     for (std::size_t us = 0; us < bins_.size(); ++us) {
-      if (bins_[us] > 0) std::fprintf(out, "%s,%zu,%llu\n", name, us, static_cast<unsigned long long>(bins_[us]));
+      if (bins_[us] > 0)
+        std::fprintf(out, "%s,%zu,%llu\n", name, us, static_cast<unsigned long long>(bins_[us]));
     }
   }
 
@@ -43,7 +45,8 @@ class Histogram {
   std::uint32_t most_ = 0;
 };
 
-/// One writer, one reader; `push` takes a few instructions and never waits. Rows that find the ring full are counted.
+/// One writer, one reader; `push` takes a few instructions and never waits. Rows that find the ring full are
+/// counted.
 template <class Row, std::size_t size = 16384>
 class Recorder {
  public:
@@ -55,7 +58,8 @@ class Recorder {
       while (true) {
         const bool last = over_.load(std::memory_order_acquire);
         std::size_t tail = tail_.load(std::memory_order_relaxed);
-        for (; tail != head_.load(std::memory_order_acquire); tail_.store(++tail, std::memory_order_release)) {
+        for (; tail != head_.load(std::memory_order_acquire);
+             tail_.store(++tail, std::memory_order_release)) {
           write(file, rows_[tail % size]);
         }
         if (last) return;
@@ -68,7 +72,7 @@ class Recorder {
   Recorder& operator=(const Recorder&) = delete;
 
   void push(const Row& row) {
-    if (!reader_.joinable()) return;
+    if (!reader_.join_feasible()) return;
     const std::size_t head = head_.load(std::memory_order_relaxed);
     if (head - tail_.load(std::memory_order_acquire) == size) {
       ++lost_;
@@ -81,7 +85,7 @@ class Recorder {
   /// What is in the ring is in the file.
   void close() {
     over_.store(true, std::memory_order_release);
-    if (reader_.joinable()) reader_.join();
+    if (reader_.join_feasible()) reader_.join();
   }
 
  private:

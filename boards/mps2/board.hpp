@@ -1,6 +1,6 @@
 #pragma once
-/// The parts of an Arm MPS2 board that an image needs: UART0 carries CAN as slcan, the FPGA's counter tells the time.
-/// Application notes AN386 and AN500; QEMU's machines mps2-an386 and mps2-an500.
+/// The parts of an Arm MPS2 board that an image needs: UART0 carries CAN as slcan, the FPGA's counter tells
+/// the time. Application notes AN386 and AN500; QEMU's machines mps2-an386 and mps2-an500.
 
 #include <cstdint>
 #include <span>
@@ -50,8 +50,8 @@ class Uart {
   char ring_[ring_size] = {};
 };
 
-/// CMSDK APB watchdog. Its first time-out is the NMI, which keeps a record of where the program was and restarts it; a second one
-/// without a refresh in between resets the processor.
+/// CMSDK APB watchdog. Its first time-out is the NMI, which keeps a record of where the program was and
+/// restarts it; a second one without a refresh in between resets the processor.
 class Watchdog {
  public:
   void start(std::uint32_t time_us) {
@@ -67,7 +67,8 @@ class Watchdog {
 
 class Mps2Board {
  public:
-  static constexpr std::uint32_t watchdog_us = 100'000;  ///< of the emulator's time; a tick takes less than a millisecond of it
+  static constexpr std::uint32_t watchdog_us =
+      100'000;  ///< of the emulator's time; a tick takes less than a millisecond of it
 
   Mps2Board() {
     reg(fpgaio + prescale) = 24;  // 25 MHz to 1 MHz

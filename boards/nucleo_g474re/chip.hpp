@@ -1,5 +1,6 @@
 #pragma once
-/// STM32G474RE on a NUCLEO-64 (MB1367): 24 MHz crystal, 170 MHz, FDCAN1 on PA11 and PA12. Source: RM0440, UM2505.
+/// STM32G474RE on a NUCLEO-64 (MB1367): 24 MHz crystal, 170 MHz, FDCAN1 on PA11 and PA12. Source: RM0440,
+/// UM2505.
 
 #include "boards/stm32/parts.hpp"
 #include "hal/fdcan/fdcan.hpp"
@@ -12,14 +13,16 @@ namespace esmc::stm32 {
 
 inline constexpr Word flash_base = 0x4002'2000U;
 
-/// A double word whose programming, or a page whose erasure, was cut short gives a non-maskable interrupt when it is read (RM0440,
-/// 3.3.4): at every start, if that were a crash. It may come some cycles late; what is read then does not pass its checksum.
+/// A double word whose programming, or a page whose erasure, was cut short gives a non-maskable interrupt
+/// when it is read (RM0440, 3.3.4): at every start, if that were a crash. It may come some cycles late; what
+/// is read then does not pass its checksum.
 struct DamagedFlash {
   [[nodiscard]] static bool load(Word address, Word& word) {
     esmc_flash_damaged = 0;
     const Word value = reg(address);
     asm volatile("dsb\n isb" ::: "memory");
-    const bool reported = (reg(flash_base + 0x18) & (1U << 31)) != 0;  // ECCR.ECCD, which the interrupt clears
+    const bool reported =
+        (reg(flash_base + 0x18) & (1U << 31)) != 0;  // ECCR.ECCD, which the interrupt clears
     if (reported || esmc_flash_damaged != 0) return false;
     word = value;
     return true;
@@ -28,23 +31,23 @@ struct DamagedFlash {
 
 struct NucleoG474re {
   static constexpr Word gpio_a = 0x4800'0000U, gpio_b = 0x4800'0400U, rcc = 0x4002'1000U;
-  static constexpr Word can_clock_hz = 24'000'000U;  // the crystal: no PLL between it and the bus
+  static constexpr Word can_clock_hz = 24'000'000U;    // the crystal: no PLL between it and the bus
   static constexpr Word reset_clock_hz = 16'000'000U;  // its own oscillator, before start_clocks()
   static constexpr Word timer_clock_hz = 170'000'000U, console_clock_hz = 170'000'000U;
   using CanMemory = FdcanMemory<0x4000'6400U, 0x4000'A400U>;
   using Can = hal::Fdcan<hal::fdcan::G4, CanMemory>;
   using Slots = hal::flash::G4Slots<FlashMemory<flash_base, DamagedFlash>>;  // the last two pages of bank 2
   static constexpr IndependentWatchdog watchdog{0x4000'3000U};
-  static constexpr Word console = 0x4000'4400U;     // USART2, to the ST-LINK
-  static constexpr Pin enable{gpio_a, 8};           // D7
-  static constexpr Pin drive_enable{gpio_b, 10};    // D6
-  static constexpr Pin brake{gpio_b, 5};            // D4
-  static constexpr Pin light{gpio_a, 5};            // LD2
+  static constexpr Word console = 0x4000'4400U;   // USART2, to the ST-LINK
+  static constexpr Pin enable{gpio_a, 8};         // D7
+  static constexpr Pin drive_enable{gpio_b, 10};  // D6
+  static constexpr Pin brake{gpio_b, 5};          // D4
+  static constexpr Pin light{gpio_a, 5};          // LD2
 
   /// Outputs low before anything else.
   static void start_pins() {
-    set_bits(rcc + 0x4C, 3);           // AHB2ENR: ports A and B
-    set_bits(rcc + 0x58, 1U << 17);    // APB1ENR1: USART2
+    set_bits(rcc + 0x4C, 3);         // AHB2ENR: ports A and B
+    set_bits(rcc + 0x58, 1U << 17);  // APB1ENR1: USART2
     finish_access(rcc + 0x4C);
     drive_enable.output_low();
     brake.output_low();
@@ -52,28 +55,29 @@ struct NucleoG474re {
     enable.input_pulled_down();
     Pin{gpio_a, 11}.alternate(9);  // FDCAN1_RX, FDCAN1_TX
     Pin{gpio_a, 12}.alternate(9);
-    Pin{gpio_a, 2}.alternate(7);   // USART2_TX
+    Pin{gpio_a, 2}.alternate(7);  // USART2_TX
   }
 
-  /// 24 MHz / 6 x 85 / 2 = 170 MHz, in range 1 boost mode. A crystal that stops later is a non-maskable interrupt (CSS).
+  /// 24 MHz / 6 x 85 / 2 = 170 MHz, in range 1 boost mode. A crystal that stops later is a non-maskable
+  /// interrupt (CSS).
   [[nodiscard]] static StartFault start_clocks() {
-    set_bits(rcc + 0x58, 1U << 28);                        // APB1ENR1: PWR
-    set_bits(rcc, 1U << 16);                               // CR: HSEON
+    set_bits(rcc + 0x58, 1U << 28);  // APB1ENR1: PWR
+    set_bits(rcc, 1U << 16);         // CR: HSEON
     if (!await(rcc, 1U << 17, 1U << 17)) return StartFault::oscillator;
-    reg(0x4000'7080U) = reg(0x4000'7080U) & ~(1U << 8);    // PWR_CR5: R1MODE, boost
+    reg(0x4000'7080U) = reg(0x4000'7080U) & ~(1U << 8);          // PWR_CR5: R1MODE, boost
     reg(rcc + 0x0C) = 3U | (5U << 4) | (85U << 8) | (1U << 24);  // PLLCFGR: HSE, M 6, N 85, R 2 enabled
-    set_bits(rcc, 1U << 24);                               // PLLON
+    set_bits(rcc, 1U << 24);                                     // PLLON
     if (!await(rcc, 1U << 25, 1U << 25)) return StartFault::pll;
-    set_field(0x4002'2000U, 0xFU, 4U | (7U << 8));         // FLASH_ACR: 4 wait states, prefetch, caches
+    set_field(0x4002'2000U, 0xFU, 4U | (7U << 8));  // FLASH_ACR: 4 wait states, prefetch, caches
     if (!await(0x4002'2000U, 0xFU, 4)) return StartFault::clock_switch;
-    set_field(rcc + 0x08, 0xFU << 4, 8U << 4);             // CFGR: half speed for a microsecond, as the manual asks
-    set_field(rcc + 0x08, 3, 3);                           // PLL
+    set_field(rcc + 0x08, 0xFU << 4, 8U << 4);  // CFGR: half speed for a microsecond, as the manual asks
+    set_field(rcc + 0x08, 3, 3);                // PLL
     if (!await(rcc + 0x08, 0xC, 0xC)) return StartFault::clock_switch;
     for (int n = 0; n < 200; ++n) asm volatile("nop");
     set_field(rcc + 0x08, 0xFU << 4, 0);
-    set_bits(rcc, 1U << 19);                               // CSSON
-    set_field(rcc + 0x88, 3U << 24, 0);                    // CCIPR: FDCAN from HSE
-    set_bits(rcc + 0x58, (1U << 25) | 1U);                 // APB1ENR1: FDCAN, TIM2
+    set_bits(rcc, 1U << 19);                // CSSON
+    set_field(rcc + 0x88, 3U << 24, 0);     // CCIPR: FDCAN from HSE
+    set_bits(rcc + 0x58, (1U << 25) | 1U);  // APB1ENR1: FDCAN, TIM2
     finish_access(rcc + 0x58);
     return StartFault::none;
   }
@@ -81,15 +85,15 @@ struct NucleoG474re {
 
   /// From the random number generator, on the 48 MHz oscillator.
   [[nodiscard]] static Word random() {
-    set_bits(rcc + 0x98, 1);                     // CRRCR: HSI48
+    set_bits(rcc + 0x98, 1);  // CRRCR: HSI48
     if (!await(rcc + 0x98, 2, 2)) return 0;
-    set_bits(rcc + 0x4C, 1U << 26);              // AHB2ENR: RNG
+    set_bits(rcc + 0x4C, 1U << 26);  // AHB2ENR: RNG
     finish_access(rcc + 0x4C);
     return random_word(0x5006'0800U);
   }
 
-  /// RCC_CSR, flags of the last reset, which are cleared: 31 low power, 30 window watchdog, 29 independent watchdog,
-  /// 28 software, 27 brown-out, 26 pin.
+  /// RCC_CSR, flags of the last reset, which are cleared: 31 low power, 30 window watchdog, 29 independent
+  /// watchdog, 28 software, 27 brown-out, 26 pin.
   [[nodiscard]] static Word reset_cause() {
     const Word cause = reg(rcc + 0x94) & 0xFE00'0000U;
     set_bits(rcc + 0x94, 1U << 23);

@@ -1,6 +1,6 @@
-/// The non-maskable interrupt of an STM32G4. Two have a meaning here: the crystal has stopped (a crash), and the error correction of
-/// the flash gave up. In bank 2 that is a record of the parameters that was cut short, which whoever reads it finds out; in bank 1
-/// it is the program.
+/// The non-maskable interrupt of an STM32G4. Two have a meaning here: the crystal has stopped (a crash), and
+/// the error correction of the flash gave up. In bank 2 that is a record of the parameters that was cut
+/// short, which whoever reads it finds out; in bank 1 it is the program.
 
 #include "chip.hpp"
 
@@ -16,7 +16,7 @@ volatile std::uint32_t esmc_flash_damaged;
       "ands r2, r1\n"
       "cmp r2, r3\n"
       "bne esmc_fault\n"
-      "str r1, [r0]\n"         // cleared by writing it; others that are pending come again
+      "str r1, [r0]\n"  // cleared by writing it; others that are pending come again
       "ldr r0, =esmc_flash_damaged\n"
       "movs r1, #1\n"
       "str r1, [r0]\n"

@@ -1,5 +1,6 @@
 #pragma once
-/// STM32H743ZI on a NUCLEO-144 (MB1364): 8 MHz from the ST-LINK, 400 MHz, FDCAN1 on PD0 and PD1. Source: RM0433, UM2407.
+/// STM32H743ZI on a NUCLEO-144 (MB1364): 8 MHz from the ST-LINK, 400 MHz, FDCAN1 on PD0 and PD1. Source:
+/// RM0433, UM2407.
 
 #include "boards/stm32/parts.hpp"
 #include "hal/fdcan/fdcan.hpp"
@@ -9,11 +10,13 @@ namespace esmc::stm32 {
 
 inline constexpr Word flash_base = 0x5200'2000U;
 
-/// A flash word whose programming, or a sector whose erasure, was cut short gives a bus fault when it is read: at every start, if
-/// that were a crash. With CCR.BFHFNMIGN and FAULTMASK a load ignores it, and the status registers tell.
+/// A flash word whose programming, or a sector whose erasure, was cut short gives a bus fault when it is
+/// read: at every start, if that were a crash. With CCR.BFHFNMIGN and FAULTMASK a load ignores it, and the
+/// status registers tell.
 struct DamagedFlash {
   [[nodiscard]] static bool load(Word address, Word& word) {
-    constexpr Word ccr = 0xE000'ED14U, cfsr = 0xE000'ED28U, bus_fault = 0xFF00U, ignore = 1U << 8, dbeccerr = 1U << 26;
+    constexpr Word ccr = 0xE000'ED14U, cfsr = 0xE000'ED28U, bus_fault = 0xFF00U, ignore = 1U << 8,
+                   dbeccerr = 1U << 26;
     reg(flash_base + 0x114) = dbeccerr;  // CCR2
     set_bits(ccr, ignore);
     asm volatile("cpsid f\n dsb\n isb" ::: "memory");
@@ -29,19 +32,20 @@ struct DamagedFlash {
 };
 
 struct NucleoH743zi2 {
-  static constexpr Word gpio_b = 0x5802'0400U, gpio_d = 0x5802'0C00U, gpio_e = 0x5802'1000U, rcc = 0x5802'4400U,
-                        pwr = 0x5802'4800U;
+  static constexpr Word gpio_b = 0x5802'0400U, gpio_d = 0x5802'0C00U, gpio_e = 0x5802'1000U,
+                        rcc = 0x5802'4400U, pwr = 0x5802'4800U;
   static constexpr Word reset_clock_hz = 64'000'000U;  // its own oscillator, before start_clocks()
-  static constexpr Word can_clock_hz = 40'000'000U, timer_clock_hz = 200'000'000U, console_clock_hz = 100'000'000U;
+  static constexpr Word can_clock_hz = 40'000'000U, timer_clock_hz = 200'000'000U,
+                        console_clock_hz = 100'000'000U;
   using CanMemory = FdcanMemory<0x4000'A000U, 0x4000'AC00U>;
   using Can = hal::Fdcan<hal::fdcan::H7, CanMemory>;
   using Slots = hal::flash::H7Slots<FlashMemory<flash_base, DamagedFlash>>;  // the last two sectors of bank 2
   static constexpr IndependentWatchdog watchdog{0x5800'4800U};
-  static constexpr Word console = 0x4000'4800U;     // USART3, to the ST-LINK
-  static constexpr Pin enable{gpio_e, 13};          // D3
-  static constexpr Pin drive_enable{gpio_e, 11};    // D5
-  static constexpr Pin brake{gpio_e, 9};            // D6
-  static constexpr Pin light{gpio_b, 0};            // LD1
+  static constexpr Word console = 0x4000'4800U;   // USART3, to the ST-LINK
+  static constexpr Pin enable{gpio_e, 13};        // D3
+  static constexpr Pin drive_enable{gpio_e, 11};  // D5
+  static constexpr Pin brake{gpio_e, 9};          // D6
+  static constexpr Pin light{gpio_b, 0};          // LD1
 
   static void start_pins() {
     set_bits(rcc + 0xE0, (1U << 1) | (1U << 3) | (1U << 4));  // AHB4ENR: ports B, D, E
@@ -56,32 +60,32 @@ struct NucleoH743zi2 {
     Pin{gpio_d, 8}.alternate(7);  // USART3_TX
   }
 
-  /// 8 MHz x 100 / 2 = 400 MHz at voltage scale 1, which every revision of the chip can; buses at 200 and 100 MHz; 40 MHz for
-  /// the CAN controller from the same PLL.
+  /// 8 MHz x 100 / 2 = 400 MHz at voltage scale 1, which every revision of the chip can; buses at 200 and 100
+  /// MHz; 40 MHz for the CAN controller from the same PLL.
   [[nodiscard]] static StartFault start_clocks() {
-    set_field(pwr + 0x0C, 7, 2);                              // CR3: the internal regulator, and no other source
+    set_field(pwr + 0x0C, 7, 2);  // CR3: the internal regulator, and no other source
     if (!await(pwr + 0x04, 1U << 13, 1U << 13)) return StartFault::core_voltage;
-    set_field(pwr + 0x18, 3U << 14, 3U << 14);                // D3CR: scale 1
+    set_field(pwr + 0x18, 3U << 14, 3U << 14);  // D3CR: scale 1
     if (!await(pwr + 0x18, 1U << 13, 1U << 13)) return StartFault::core_voltage;
-    set_bits(rcc, 1U << 18);                                  // CR: HSEBYP, then HSEON
+    set_bits(rcc, 1U << 18);  // CR: HSEBYP, then HSEON
     set_bits(rcc, 1U << 16);
     if (!await(rcc, 1U << 17, 1U << 17)) return StartFault::oscillator;
-    reg(rcc + 0x28) = 2U | (1U << 4);                         // PLLCKSELR: HSE, M 1
-    reg(rcc + 0x2C) = (3U << 2) | (1U << 16) | (1U << 17);    // PLLCFGR: 8 to 16 MHz in, wide VCO, P and Q
+    reg(rcc + 0x28) = 2U | (1U << 4);                       // PLLCKSELR: HSE, M 1
+    reg(rcc + 0x2C) = (3U << 2) | (1U << 16) | (1U << 17);  // PLLCFGR: 8 to 16 MHz in, wide VCO, P and Q
     reg(rcc + 0x30) = 99U | (1U << 9) | (19U << 16) | (1U << 24);  // PLL1DIVR: N 100, P 2, Q 20, R 2
-    set_bits(rcc, 1U << 24);                                  // PLL1ON
+    set_bits(rcc, 1U << 24);                                       // PLL1ON
     if (!await(rcc, 1U << 25, 1U << 25)) return StartFault::pll;
-    set_field(0x5200'2000U, 0x3FU, 0x22U);                    // FLASH_ACR: 2 wait states, programming delay 2
+    set_field(0x5200'2000U, 0x3FU, 0x22U);  // FLASH_ACR: 2 wait states, programming delay 2
     if (!await(0x5200'2000U, 0x3FU, 0x22U)) return StartFault::clock_switch;
-    reg(rcc + 0x18) = 8U | (4U << 4);                         // D1CFGR: core 1/1, AHB 1/2, APB3 1/2
-    reg(rcc + 0x1C) = (4U << 4) | (4U << 8);                  // D2CFGR: APB1, APB2 1/2
-    reg(rcc + 0x20) = 4U << 4;                                // D3CFGR: APB4 1/2
-    set_field(rcc + 0x10, 7, 3);                              // CFGR: PLL1
+    reg(rcc + 0x18) = 8U | (4U << 4);         // D1CFGR: core 1/1, AHB 1/2, APB3 1/2
+    reg(rcc + 0x1C) = (4U << 4) | (4U << 8);  // D2CFGR: APB1, APB2 1/2
+    reg(rcc + 0x20) = 4U << 4;                // D3CFGR: APB4 1/2
+    set_field(rcc + 0x10, 7, 3);              // CFGR: PLL1
     if (!await(rcc + 0x10, 7U << 3, 3U << 3)) return StartFault::clock_switch;
-    set_bits(rcc, 1U << 19);                                  // HSECSSON
-    set_field(rcc + 0x50, 3U << 28, 1U << 28);                // D2CCIP1R: FDCAN from PLL1 Q
-    set_bits(rcc + 0xE8, 1U);                                 // APB1LENR: TIM2
-    set_bits(rcc + 0xEC, 1U << 8);                            // APB1HENR: FDCAN
+    set_bits(rcc, 1U << 19);                    // HSECSSON
+    set_field(rcc + 0x50, 3U << 28, 1U << 28);  // D2CCIP1R: FDCAN from PLL1 Q
+    set_bits(rcc + 0xE8, 1U);                   // APB1LENR: TIM2
+    set_bits(rcc + 0xEC, 1U << 8);              // APB1HENR: FDCAN
     finish_access(rcc + 0xEC);
     start_instruction_cache();
     return StartFault::none;
@@ -97,15 +101,15 @@ struct NucleoH743zi2 {
 
   /// From the random number generator, on the 48 MHz oscillator.
   [[nodiscard]] static Word random() {
-    set_bits(rcc, 1U << 12);                     // CR: HSI48ON
+    set_bits(rcc, 1U << 12);  // CR: HSI48ON
     if (!await(rcc, 1U << 13, 1U << 13)) return 0;
-    set_bits(rcc + 0xDC, 1U << 6);               // AHB2ENR: RNG
+    set_bits(rcc + 0xDC, 1U << 6);  // AHB2ENR: RNG
     finish_access(rcc + 0xDC);
     return random_word(0x4802'1800U);
   }
 
-  /// RCC_RSR, flags of the last reset, which are cleared: 28 window watchdog, 26 independent watchdog, 24 software, 23 power,
-  /// 22 pin, 21 brown-out.
+  /// RCC_RSR, flags of the last reset, which are cleared: 28 window watchdog, 26 independent watchdog, 24
+  /// software, 23 power, 22 pin, 21 brown-out.
   [[nodiscard]] static Word reset_cause() {
     const Word cause = reg(rcc + 0xD0) & 0xFFFE'0000U;
     set_bits(rcc + 0xD0, 1U << 16);
@@ -116,9 +120,9 @@ struct NucleoH743zi2 {
   /// Data lies in the core's own memory, which needs no cache.
   static void start_instruction_cache() {
     asm volatile("dsb\n isb" ::: "memory");
-    reg(0xE000'EF50U) = 0;               // ICIALLU
+    reg(0xE000'EF50U) = 0;  // ICIALLU
     asm volatile("dsb\n isb" ::: "memory");
-    set_bits(0xE000'ED14U, 1U << 17);    // CCR.IC
+    set_bits(0xE000'ED14U, 1U << 17);  // CCR.IC
     asm volatile("dsb\n isb" ::: "memory");
   }
 };

@@ -41,10 +41,10 @@ class NucleoBoard {
   [[nodiscard]] Contact& enable() { return contact_; }
   [[nodiscard]] DriveEnable& drive_enable() { return drive_enable_; }
   [[nodiscard]] Brake& brake() { return brake_; }
-  /// Of parameters, in bank 2 of the flash. The code lies in bank 1 (memory.ld), and each bank has its own array and read path: while
-  /// bank 2 is erased, for 25 ms on a G4 and up to four seconds on an H7, instructions and constants are fetched from bank 1 as
-  /// ever. So ticks go on and the independent watchdog is refreshed by each of them. Only a read of bank 2 would wait, and the
-  /// driver does not read it then.
+  /// Of parameters, in bank 2 of the flash. The code lies in bank 1 (memory.ld), and each bank has its own
+  /// array and read path: while bank 2 is erased, for 25 ms on a G4 and up to four seconds on an H7,
+  /// instructions and constants are fetched from bank 1 as ever. So ticks go on and the independent watchdog
+  /// is refreshed by each of them. Only a read of bank 2 would wait, and the driver does not read it then.
   [[nodiscard]] Chip::Slots& slots() { return slots_; }
   [[nodiscard]] Word now_us() const { return microseconds(); }
   [[nodiscard]] Console& console() { return console_; }

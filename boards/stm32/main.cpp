@@ -1,4 +1,5 @@
-/// The image of a NUCLEO board. After any reset it is disabled: it sends no torque, and is armed by a supervisor computer alone.
+/// The image of a NUCLEO board. After any reset it is disabled: it sends no torque, and is armed by a
+/// supervisor computer alone.
 
 #include "boards/cortex_m/crash.hpp"
 #include "boards/stm32/board.hpp"
@@ -22,10 +23,12 @@ using namespace esmc;
 }
 
 template <class Loop>
-[[gnu::cold, gnu::noinline]] void tell_status(stm32::Console& out, const baked::Node& node, const Loop& loop, stm32::NucleoBoard& board) {
+[[gnu::cold, gnu::noinline]] void tell_status(stm32::Console& out, const baked::Node& node, const Loop& loop,
+                                              stm32::NucleoBoard& board) {
   out << name(node.supervisor().state()) << ", fault " << name(node.supervisor().fault()) << ", enable "
-      << (board.enable().closed() ? "closed" : "open") << (board.bus().off() ? ", off the bus" : "") << ", late " << loop.late()
-      << ", overruns " << board.bus().overruns() << ", withdrawn " << board.bus().withdrawn() << ", bus errors ";
+      << (board.enable().closed() ? "closed" : "open") << (board.bus().off() ? ", off the bus" : "")
+      << ", late " << loop.late() << ", overruns " << board.bus().overruns() << ", withdrawn "
+      << board.bus().withdrawn() << ", bus errors ";
   out.hex(board.bus().error_counters()) << "\r\n";
 }
 
@@ -37,7 +40,8 @@ template <class Loop>
   } else {
     out << "slot " << s.used;
   }
-  out << "; slot 1 " << name(s.slots[0]) << ", slot 2 " << name(s.slots[1]) << ", sequence " << s.sequence << "\r\n";
+  out << "; slot 1 " << name(s.slots[0]) << ", slot 2 " << name(s.slots[1]) << ", sequence " << s.sequence
+      << "\r\n";
 }
 
 /// Nothing runs and the outputs are low: says why, waits for a second or so, and begins again.
@@ -51,7 +55,8 @@ template <class Loop>
 
 extern "C" [[noreturn]] void esmc_main() {
   static_assert(!baked::lockstep, "a board has its own time: bake with --realtime");
-  static_assert(baked::armed_by_link, "a board is armed by a supervisor computer: command.arm = \"link\" in the scene");
+  static_assert(baked::armed_by_link,
+                "a board is armed by a supervisor computer: command.arm = \"link\" in the scene");
   static_assert(baked::period_ns <= 100'000'000, "the watchdog of a board waits for half a second at most");
   static stm32::NucleoBoard board;
   tell_start(board.console(), board.reset_cause());
@@ -63,7 +68,8 @@ extern "C" [[noreturn]] void esmc_main() {
   static baked::Node node(baked::config(static_cast<std::uint8_t>(1U + starts % 255U)));
   // An operation of the flash takes four seconds at most; one step of it per tick.
   constexpr auto store_ticks_max = static_cast<std::uint32_t>(8'000'000'000ULL / baked::period_ns);
-  static link::ParameterSlots slots(board.slots(), node.link().parameters(), node.link().scene(), store_ticks_max);
+  static link::ParameterSlots slots(board.slots(), node.link().parameters(), node.link().scene(),
+                                    store_ticks_max);
   link::restore(node.link(), slots);
   tell_store(board.console(), slots.status());
   link::StoreState told = slots.status().state;

@@ -1,6 +1,6 @@
 #pragma once
-/// What an STM32 gives a board whichever it is: registers, pins, a microsecond counter, the independent watchdog, a serial line.
-/// The chip.hpp of a board says where these are. Sources: RM0440, RM0433.
+/// What an STM32 gives a board whichever it is: registers, pins, a microsecond counter, the independent
+/// watchdog, a serial line. The chip.hpp of a board says where these are. Sources: RM0440, RM0433.
 
 #include <cstdint>
 
@@ -55,7 +55,8 @@ inline void start_microseconds(Word timer_hz) {
 }
 [[nodiscard]] inline Word microseconds() { return reg(0x4000'0024U); }
 
-/// The independent watchdog with its own oscillator (32 kHz within some per cent). Once started, only a reset ends it.
+/// The independent watchdog with its own oscillator (32 kHz within some per cent). Once started, only a reset
+/// ends it.
 class IndependentWatchdog {
  public:
   explicit constexpr IndependentWatchdog(Word base) : base_(base) {}
@@ -63,8 +64,8 @@ class IndependentWatchdog {
   void start(Word timeout_us) const {
     reg(base_) = 0xCCCC;
     reg(base_) = 0x5555;
-    reg(base_ + 4) = 0;                     // PR: 8 kHz
-    reg(base_ + 8) = timeout_us / 125U;     // RLR
+    reg(base_ + 4) = 0;                  // PR: 8 kHz
+    reg(base_ + 8) = timeout_us / 125U;  // RLR
     (void)await(base_ + 12, 7, 0);
     refresh();
   }
@@ -98,7 +99,8 @@ class Console {
     return *this;
   }
   Console& hex(Word value) {
-    for (int shift = 28; shift >= 0; shift -= 4) put("0123456789abcdef"[(value >> static_cast<unsigned>(shift)) & 0xFU]);
+    for (int shift = 28; shift >= 0; shift -= 4)
+      put("0123456789abcdef"[(value >> static_cast<unsigned>(shift)) & 0xFU]);
     return *this;
   }
   [[nodiscard]] bool idle() const { return tail_ == head_; }
@@ -126,7 +128,8 @@ struct FdcanMemory {
   void write_ram(Word at, Word value) { reg(ram + 4 * at) = value; }
 };
 
-/// The flash interface at `base`, and the memory. `Guard::load` reads a word that may be damaged: false instead of an exception.
+/// The flash interface at `base`, and the memory. `Guard::load` reads a word that may be damaged: false
+/// instead of an exception.
 template <Word base, class Guard>
 struct FlashMemory {
   [[nodiscard]] Word read(Word at) const { return reg(base + at); }
@@ -143,7 +146,7 @@ struct FlashMemory {
 
 /// A word of the random number generator at `base`, whose clock runs; 0 where it gives none.
 [[nodiscard]] inline Word random_word(Word base) {
-  set_bits(base, 1U << 2);  // RNGEN
+  set_bits(base, 1U << 2);       // RNGEN
   for (int n = 0; n < 2; ++n) {  // the first one is thrown away
     if (!await(base + 4, 1, 1)) return 0;
     const Word value = reg(base + 8);
@@ -156,12 +159,18 @@ struct FlashMemory {
 enum class StartFault : std::uint8_t { none, oscillator, pll, core_voltage, clock_switch, can };
 [[nodiscard]] constexpr const char* name(StartFault f) {
   switch (f) {
-    case StartFault::none: return "none";
-    case StartFault::oscillator: return "oscillator";
-    case StartFault::pll: return "pll";
-    case StartFault::core_voltage: return "core_voltage";
-    case StartFault::clock_switch: return "clock_switch";
-    case StartFault::can: return "can";
+    case StartFault::none:
+      return "none";
+    case StartFault::oscillator:
+      return "oscillator";
+    case StartFault::pll:
+      return "pll";
+    case StartFault::core_voltage:
+      return "core_voltage";
+    case StartFault::clock_switch:
+      return "clock_switch";
+    case StartFault::can:
+      return "can";
   }
   return "?";
 }

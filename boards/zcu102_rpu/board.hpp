@@ -1,7 +1,7 @@
 #pragma once
-/// The parts of a ZCU102 that the image needs: CAN1, which has the board's transceiver (UG1182), and the core's cycle
-/// counter. Clocks and pins are those that the first-stage boot loader has set up. Sources: UG1085, UG1087, Cortex-R5 TRM
-/// (DDI 0460).
+/// The parts of a ZCU102 that the image needs: CAN1, which has the board's transceiver (UG1182), and the
+/// core's cycle counter. Clocks and pins are those that the first-stage boot loader has set up. Sources:
+/// UG1085, UG1087, Cortex-R5 TRM (DDI 0460).
 
 #include <cstdint>
 
@@ -12,24 +12,29 @@ namespace esmc {
 
 template <std::uint32_t base>
 struct Registers {
-  [[nodiscard]] std::uint32_t read(std::uint32_t at) const { return *reinterpret_cast<volatile std::uint32_t*>(base + at); }
-  void write(std::uint32_t at, std::uint32_t value) { *reinterpret_cast<volatile std::uint32_t*>(base + at) = value; }
+  [[nodiscard]] std::uint32_t read(std::uint32_t at) const {
+    return *reinterpret_cast<volatile std::uint32_t*>(base + at);
+  }
+  void write(std::uint32_t at, std::uint32_t value) {
+    *reinterpret_cast<volatile std::uint32_t*>(base + at) = value;
+  }
 };
 
 class Zcu102Board {
  public:
   /// What is on the wire is the same; what is in the registers is not.
-  static constexpr auto layout = ESMC_CAN_OF_QEMU ? hal::zynqmp_can::Layout::qemu_7_2 : hal::zynqmp_can::Layout::manual;
+  static constexpr auto layout =
+      ESMC_CAN_OF_QEMU ? hal::zynqmp_can::Layout::qemu_7_2 : hal::zynqmp_can::Layout::manual;
   using Can = hal::ZynqmpCan<layout, Registers<0xFF07'0000U>>;
 
   Zcu102Board() {
-    asm volatile("mcr p15, 0, %0, c9, c12, 0" ::"r"(5U));         // PMCR: counters on, cycle counter from 0
-    asm volatile("mcr p15, 0, %0, c9, c12, 1" ::"r"(1U << 31));   // PMCNTENSET: the cycle counter
+    asm volatile("mcr p15, 0, %0, c9, c12, 0" ::"r"(5U));        // PMCR: counters on, cycle counter from 0
+    asm volatile("mcr p15, 0, %0, c9, c12, 1" ::"r"(1U << 31));  // PMCNTENSET: the cycle counter
   }
   [[nodiscard]] bool start(std::uint32_t bit_rate) { return bus_.open(can_clock_hz, bit_rate); }
 
   [[nodiscard]] Can& bus() { return bus_; }
-  /// Lockstep asks for it to knock now and then, no more: call it at least every 4 s.
+  /// Lockstep asks for it to request_arming now and then, no more: call it at least every 4 s.
   [[nodiscard]] std::uint32_t now_us() {
     std::uint32_t cycles = 0;
     asm volatile("mrc p15, 0, %0, c9, c13, 0" : "=r"(cycles));  // PMCCNTR

@@ -1,4 +1,5 @@
-/// The image of the emulated Cortex-R5F: arms by itself, for there is no steel, and runs in lockstep with `esmc plant`.
+/// The image of the emulated Cortex-R5F: arms by itself, for there is no steel, and runs in lockstep with
+/// `esmc plant`.
 
 #include "boards/cortex_m/crash.hpp"
 #include "boards/zcu102_rpu/board.hpp"

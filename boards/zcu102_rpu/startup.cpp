@@ -1,17 +1,18 @@
-/// From reset to esmc_main() on the Cortex-R5F, and what happens when the processor can not go on. All of it runs in system
-/// mode, so that no exception overwrites a register of what it interrupts.
+/// From reset to esmc_main() on the Cortex-R5F, and what happens when the processor can not go on. All of it
+/// runs in system mode, so that no exception overwrites a register of what it interrupts.
 
 #include "boards/cortex_m/crash.hpp"
 
 extern "C" {
 // From the linker script.
-extern std::uint32_t esmc_stack_top, esmc_data_begin, esmc_data_end, esmc_bss_begin, esmc_bss_end, esmc_stack_bottom;
+extern std::uint32_t esmc_stack_top, esmc_data_begin, esmc_data_end, esmc_bss_begin, esmc_bss_end,
+    esmc_stack_bottom;
 extern const std::uint32_t esmc_data_image;
 
 [[noreturn]] void esmc_main();
 
-/// The exception vectors, at address 0: the processor takes exceptions in Arm state, whatever the rest is. Number n is the
-/// word at 4 n; it goes into the crash record.
+/// The exception vectors, at address 0: the processor takes exceptions in Arm state, whatever the rest is.
+/// Number n is the word at 4 n; it goes into the crash record.
 [[gnu::naked, gnu::target("arm"), gnu::section(".vectors"), gnu::used]] void esmc_vectors() {
   asm volatile(
       "ldr pc, [pc, #24]\n"  // reset
@@ -26,20 +27,21 @@ extern const std::uint32_t esmc_data_image;
       ".word esmc_data_abort, esmc_unused, esmc_irq, esmc_fiq\n");
 }
 
-/// Of what ran before, nothing is counted on. Subnormal numbers are kept and rounding is to nearest, as on the host.
+/// Of what ran before, nothing is counted on. Subnormal numbers are kept and rounding is to nearest, as on
+/// the host.
 [[gnu::naked, gnu::target("arm"), gnu::used]] void esmc_entry() {
   asm volatile(
-      "cpsid aif, #31\n"                // system mode, everything masked
-      "mrc p15, 0, r0, c1, c0, 0\n"     // SCTLR
-      "bic r0, r0, #0x2000\n"           // V: vectors at 0
-      "bic r0, r0, #0x40000000\n"       // TE: in Arm state
-      "bic r0, r0, #1\n"                // M: no guard yet
+      "cpsid aif, #31\n"             // system mode, everything masked
+      "mrc p15, 0, r0, c1, c0, 0\n"  // SCTLR
+      "bic r0, r0, #0x2000\n"        // V: vectors at 0
+      "bic r0, r0, #0x40000000\n"    // TE: in Arm state
+      "bic r0, r0, #1\n"             // M: no guard yet
       "mcr p15, 0, r0, c1, c0, 0\n"
-      "mrc p15, 0, r0, c1, c0, 2\n"     // CPACR: full access to the FPU
+      "mrc p15, 0, r0, c1, c0, 2\n"  // CPACR: full access to the FPU
       "orr r0, r0, #0x00F00000\n"
       "mcr p15, 0, r0, c1, c0, 2\n"
       "isb\n"
-      "mov r0, #0x40000000\n"           // FPEXC.EN
+      "mov r0, #0x40000000\n"  // FPEXC.EN
       "vmsr fpexc, r0\n"
       "mov r0, #0\n"
       "vmsr fpscr, r0\n"
@@ -57,14 +59,15 @@ extern const std::uint32_t esmc_data_image;
   std::uint32_t* here = nullptr;
   asm volatile("mov %0, sp" : "=r"(here));
   for (volatile std::uint32_t* to = &esmc_stack_bottom; to < here; ++to) *to = esmc::stack_paint;
-  // The lowest part of the stack is its guard: no access at all, so that a stack that grows too far faults at once.
-  asm volatile("mcr p15, 0, %0, c6, c2, 0" ::"r"(0U));                    // RGNR
-  asm volatile("mcr p15, 0, %0, c6, c1, 0" ::"r"(&esmc_stack_bottom));    // DRBAR
-  asm volatile("mcr p15, 0, %0, c6, c1, 4" ::"r"(1U << 12));              // DRACR: no access, nothing to execute
-  asm volatile("mcr p15, 0, %0, c6, c1, 2" ::"r"((7U << 1) | 1U));        // DRSR: 256 bytes
+  // The lowest part of the stack is its guard: no access at all, so that a stack that grows too far faults at
+  // once.
+  asm volatile("mcr p15, 0, %0, c6, c2, 0" ::"r"(0U));                  // RGNR
+  asm volatile("mcr p15, 0, %0, c6, c1, 0" ::"r"(&esmc_stack_bottom));  // DRBAR
+  asm volatile("mcr p15, 0, %0, c6, c1, 4" ::"r"(1U << 12));        // DRACR: no access, nothing to execute
+  asm volatile("mcr p15, 0, %0, c6, c1, 2" ::"r"((7U << 1) | 1U));  // DRSR: 256 bytes
   std::uint32_t control = 0;
   asm volatile("mrc p15, 0, %0, c1, c0, 0" : "=r"(control));
-  control |= (1U << 17) | 1U;                                             // SCTLR: BR, the default map around it; M
+  control |= (1U << 17) | 1U;  // SCTLR: BR, the default map around it; M
   asm volatile("dsb\n mcr p15, 0, %0, c1, c0, 0\n isb" ::"r"(control) : "memory");
   esmc_main();
 }
@@ -72,8 +75,8 @@ extern const std::uint32_t esmc_data_image;
 [[gnu::section(".noinit"), gnu::used]] alignas(8) unsigned char esmc_crash_stack[256];
 
 /// Any exception that nobody expects: what it interrupted is kept, then the image starts anew, disabled.
-#define ESMC_EXCEPTION(name, number)                                                  \
-  [[gnu::naked, gnu::target("arm"), gnu::used]] void name() {                         \
+#define ESMC_EXCEPTION(name, number)                                                 \
+  [[gnu::naked, gnu::target("arm"), gnu::used]] void name() {                        \
     asm volatile("mov r0, #" #number "\n mov r1, lr\n b esmc_fault\n" ::: "memory"); \
   }
 ESMC_EXCEPTION(esmc_undefined, 1)
@@ -95,7 +98,8 @@ ESMC_EXCEPTION(esmc_fiq, 7)
       "bx ip\n"
       ".ltorg\n");
 }
-[[gnu::used, noreturn]] void esmc_crash(std::uint32_t exception, std::uint32_t back, std::uint32_t sp, std::uint32_t lr) {
+[[gnu::used, noreturn]] void esmc_crash(std::uint32_t exception, std::uint32_t back, std::uint32_t sp,
+                                        std::uint32_t lr) {
   const bool prefetch = exception == 3;
   std::uint32_t data_status = 0, instruction_status = 0, address = 0;
   asm volatile("mrc p15, 0, %0, c5, c0, 0" : "=r"(data_status));
@@ -111,7 +115,9 @@ ESMC_EXCEPTION(esmc_fiq, 7)
   esmc::crash_record.hard_status = instruction_status;
   esmc::crash_record.address = address;
   esmc::crash_record.sp = sp;
-  esmc::crash_record.pc = back - (exception == 4 ? 8U : exception < 3 ? 2U : 4U);  // of an image in Thumb state
+  esmc::crash_record.pc = back - (exception == 4  ? 8U
+                                  : exception < 3 ? 2U
+                                                  : 4U);  // of an image in Thumb state
   esmc::crash_record.lr = lr;
   esmc::crash_record.seal();
   asm volatile("dsb\n ldr ip, =esmc_entry\n bx ip\n .ltorg" ::: "memory");

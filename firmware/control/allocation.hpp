@@ -7,8 +7,8 @@ namespace esmc {
 
 /// Joint torques tau with R^T tau = F and least tau^T W tau, W diagonal > 0 [F26]: weighted minimum norm by
 /// Gram-Schmidt QR of W^-1/2 R, which does not square the condition number as the normal equations do.
-/// `rows` maps the independent rates to joint rates, F is the force on those independent coordinates. Only the ratios
-/// of the weights count; the smallest of them may be any normal number.
+/// `rows` maps the independent rates to joint rates, F is the force on those independent coordinates. Only
+/// the ratios of the weights count; the smallest of them may be any normal number.
 template <class S>
 [[nodiscard]] Vec<S, 4> minimum_norm(const Mat<S, 4, 2>& rows, const Vec2<S>& F, const Vec<S, 4>& weight) {
   Vec<S, 4> root;  // W^-1/2
@@ -21,8 +21,8 @@ template <class S>
     aa += a[i] * a[i];
     bb += b[i] * b[i];
   });
-  // The longer column first: its force is then met by one term, not by the difference of two, and what is left of
-  // the shorter one is made orthogonal to it. Of equal ones the first.
+  // The longer column first: its force is then met by one term, not by the difference of two, and what is
+  // left of the shorter one is made orthogonal to it. Of equal ones the first.
   const bool swapped = bb > aa;
   const List<S, 4>&first = swapped ? b : a, &second = swapped ? a : b;
   const S norm1 = square_root(swapped ? bb : aa);
@@ -52,8 +52,8 @@ struct FourMotors {
   Vec2<S> F;
 };
 
-/// Of the forces w on the channels, in the form that is better conditioned here: base-joint near type 1, (x, y) near type 2.
-/// Base-joint at a tie.
+/// Of the forces w on the channels, in the form that is better conditioned here: base-joint near type 1, (x,
+/// y) near type 2. Base-joint at a tie.
 template <class S>
 [[nodiscard]] FourMotors<S> four_motors(const FiveBar<S>& m, const typename FiveBar<S>::Pose& p,
                                         const typename FiveBar<S>::Channels& w) {

@@ -1,13 +1,14 @@
 #pragma once
 /// Torques of four motors that have limits, and keep away from where their gears would change sides.
 ///
-/// Sought is the least tau^T W tau with R^T tau = F and lower <= tau <= upper. All that F leaves open is a plane, the motions
-/// of the torques against each other (N z, R^T N = 0: what [F26] leaves free); with N orthonormal in W it is the point of a polygon closest to
-/// where the minimum without bounds is. A polygon of at most eight sides is gone through: no iteration, no tolerance to
-/// converge to, the same number of steps always.
+/// Sought is the least tau^T W tau with R^T tau = F and lower <= tau <= upper. All that F leaves open is a
+/// plane, the motions of the torques against each other (N z, R^T N = 0: what [F26] leaves free); with N
+/// orthonormal in W it is the point of a polygon closest to where the minimum without bounds is. A polygon of
+/// at most eight sides is gone through: no iteration, no tolerance to converge to, the same number of steps
+/// always.
 ///
-/// What forces the motors can make is known in closed form as well: the sum of the segments [lower_i, upper_i] a_i (a_i: row of
-/// R), a polygon whose sides are parallel to the a_i.
+/// What forces the motors can make is known in closed form as well: the sum of the segments [lower_i,
+/// upper_i] a_i (a_i: row of R), a polygon whose sides are parallel to the a_i.
 
 #include <limits>
 
@@ -26,7 +27,8 @@ template <class S>
 struct BoxAllocation {
   Vec<S, 4> torque;  ///< N m, within the limits
   S force{1};        ///< share of F that is met, its direction kept; < 1: saturated
-  S preload{1};      ///< share of the way from no preload (a motor may go to its limit on either side) to all of it
+  S preload{
+      1};  ///< share of the way from no preload (a motor may go to its limit on either side) to all of it
 };
 
 namespace box {
@@ -40,7 +42,8 @@ template <class S>
   return b > a ? b : a;
 }
 
-/// A side of the polygon of forces: parallel to the row of this motor, which is free there; all others stand at a bound.
+/// A side of the polygon of forces: parallel to the row of this motor, which is free there; all others stand
+/// at a bound.
 struct Side {
   int motor = -1;      ///< -1: not on a side
   bool upper = false;  ///< the one across which the force is largest
@@ -48,7 +51,8 @@ struct Side {
 
 /// The largest share of F, at most 1, that motors with symmetric limits can make.
 template <class S>
-[[nodiscard]] S attainable(const Mat<S, 4, 2>& rows, const Vec2<S>& F, const Vec<S, 4>& limit, Side& reached) {
+[[nodiscard]] S attainable(const Mat<S, 4, 2>& rows, const Vec2<S>& F, const Vec<S, 4>& limit,
+                           Side& reached) {
   S share(1);
   for (int i = 0; i < 4; ++i) {
     const Vec2<S> side = rows.row(i).transpose();
@@ -63,9 +67,11 @@ template <class S>
   return share;
 }
 
-/// How far, from 0 to 1, `wanted` must be widened towards `limit` on both sides for F to lie within what it can make.
+/// How far, from 0 to 1, `wanted` must be widened towards `limit` on both sides for F to lie within what it
+/// can make.
 template <class S>
-[[nodiscard]] S widening(const Mat<S, 4, 2>& rows, const Vec2<S>& F, const TorqueBox<S>& wanted, const Vec<S, 4>& limit, Side& reached) {
+[[nodiscard]] S widening(const Mat<S, 4, 2>& rows, const Vec2<S>& F, const TorqueBox<S>& wanted,
+                         const Vec<S, 4>& limit, Side& reached) {
   S out(0);
   const auto widen = [&](S much, Side side) {
     if (!(much > out)) return;
@@ -90,7 +96,8 @@ template <class S>
 
 /// The only torques that make a force on a side.
 template <class S>
-[[nodiscard]] Vec<S, 4> on_side(const Mat<S, 4, 2>& rows, const Vec2<S>& F, const TorqueBox<S>& bounds, Side at) {
+[[nodiscard]] Vec<S, 4> on_side(const Mat<S, 4, 2>& rows, const Vec2<S>& F, const TorqueBox<S>& bounds,
+                                Side at) {
   const Vec2<S> side = rows.row(at.motor).transpose();
   Vec<S, 4> torque;
   Vec2<S> left = F;
@@ -104,7 +111,8 @@ template <class S>
   return torque;
 }
 
-/// Two torques against each other that move nothing, orthonormal in W: R^T n = 0, n^T W n = 1. `root`: W^-1/2.
+/// Two torques against each other that move nothing, orthonormal in W: R^T n = 0, n^T W n = 1. `root`:
+/// W^-1/2.
 template <class S>
 [[nodiscard]] Mat<S, 4, 2> against_each_other(const Mat<S, 4, 2>& rows, const Vec<S, 4>& root) {
   Mat<S, 4, 4> q;  // orthonormal; the first two span W^-1/2 R
@@ -177,7 +185,8 @@ class Polygon {
   void meet(int i, S edge_i, int j, S edge_j) {
     const Vec2<S> a = n_.row(i).transpose(), b = n_.row(j).transpose();
     const S det = cross(a, b), ci = edge_i - from_[i], cj = edge_j - from_[j];
-    if (det != S(0)) judge(Vec2<S>((ci * b[1] - cj * a[1]) / det, (cj * a[0] - ci * b[0]) / det), i, edge_i, j, edge_j);
+    if (det != S(0))
+      judge(Vec2<S>((ci * b[1] - cj * a[1]) / det, (cj * a[0] - ci * b[0]) / det), i, edge_i, j, edge_j);
   }
   /// `i`, `j`: motors that are at an edge there; -1: none.
   void judge(const Vec2<S>& z, int i, S edge_i, int j, S edge_j) {
@@ -219,13 +228,15 @@ template <class S>
 }  // namespace box
 
 /// The least tau^T W tau, W > 0, with R^T tau = F and every |tau_i| <= limit_i.
-/// `preload`: motor i stays at preload_i or above where that is > 0, at preload_i or below where it is < 0, |preload_i| <= limit_i;
-/// 0: it may have either sign. Where F cannot be had so, preload yields, of all motors by the same share of its way to the limit
-/// on the other side; where it cannot be had at all, F is shortened. Equal to minimum_norm, to the bit, where no bound is met.
-/// What is not finite in F is so in the torques.
+/// `preload`: motor i stays at preload_i or above where that is > 0, at preload_i or below where it is < 0,
+/// |preload_i| <= limit_i; 0: it may have either sign. Where F cannot be had so, preload yields, of all
+/// motors by the same share of its way to the limit on the other side; where it cannot be had at all, F is
+/// shortened. Equal to minimum_norm, to the bit, where no bound is met. What is not finite in F is so in the
+/// torques.
 template <class S>
-[[nodiscard]] BoxAllocation<S> allocate_within(const Mat<S, 4, 2>& rows, const Vec2<S>& F, const Vec<S, 4>& weight,
-                                               const Vec<S, 4>& limit, const Vec<S, 4>& preload) {
+[[nodiscard]] BoxAllocation<S> allocate_within(const Mat<S, 4, 2>& rows, const Vec2<S>& F,
+                                               const Vec<S, 4>& weight, const Vec<S, 4>& limit,
+                                               const Vec<S, 4>& preload) {
   constexpr S epsilon = std::numeric_limits<S>::epsilon();
   BoxAllocation<S> out{minimum_norm(rows, F, weight)};
   TorqueBox<S> bounds{-limit, limit};
@@ -276,8 +287,9 @@ template <class S>
 /// The same for what the forces w on the channels of a 5R ask.
 template <class S>
 [[nodiscard]] BoxAllocation<S> allocate_all_within(const FiveBar<S>& m, const typename FiveBar<S>::Pose& p,
-                                                   const typename FiveBar<S>::Channels& w, const Vec<S, 4>& weight,
-                                                   const Vec<S, 4>& limit, const Vec<S, 4>& preload) {
+                                                   const typename FiveBar<S>::Channels& w,
+                                                   const Vec<S, 4>& weight, const Vec<S, 4>& limit,
+                                                   const Vec<S, 4>& preload) {
   const FourMotors<S> four = four_motors(m, p, w);
   return allocate_within(four.rows, four.F, weight, limit, preload);
 }

@@ -1,5 +1,6 @@
 #pragma once
-/// The implicit step of all channels together: not a clamp in each, but the s+ that the mechanism can reach. docs/reaching.md.
+/// The implicit step of all channels together: not a clamp in each, but the s+ that the mechanism can reach.
+/// docs/reaching.md.
 
 #include <limits>
 
@@ -7,15 +8,16 @@
 
 namespace esmc {
 
-/// Backward Euler of C^T M (s' + K sgn s) = 0 [F31] over T seconds. s moves with the two degrees of freedom alone,
-/// s+ = s + C q, and C^T M (s+ - s + T K sw) = 0 with sw_i in Sgn s_i+ are the conditions of
+/// Backward Euler of C^T M (s' + K sgn s) = 0 [F31] over T seconds. s moves with the two degrees of freedom
+/// alone, s+ = s + C q, and C^T M (s+ - s + T K sw) = 0 with sw_i in Sgn s_i+ are the conditions of
 ///
 ///   q = argmin f,  f(q) = 1/2 q^T H q + sum_i w_i |s_i + c_i q|,   w_i = T M_i K_i, c_i rows of C_a:
 ///
-/// strictly convex, so that there is one solution, whatever K. From where the clamp of [F39] would go, steps of steepest
-/// descent in the metric of H, each to the best point of the sector it begins in or to the kink in between where that is
-/// lower: every step ends on a kink or in the minimum of a smooth piece, of which there are finitely many. From one kink to
-/// another and back the way would be endless: where two met in a row, their crossing is tried.
+/// strictly convex, so that there is one solution, whatever K. From where the clamp of [F39] would go, steps
+/// of steepest descent in the metric of H, each to the best point of the sector it begins in or to the kink
+/// in between where that is lower: every step ends on a kink or in the minimum of a smooth piece, of which
+/// there are finitely many. From one kink to another and back the way would be endless: where two met in a
+/// row, their crossing is tried.
 template <class M>
 class CoupledStep {
  public:
@@ -24,7 +26,8 @@ class CoupledStep {
   static constexpr int most_steps = 24;
 
   /// weight: w_i >= 0. False: not solved within `most_steps`, or a NaN; `q` is then none.
-  CoupledStep(const Reduced<M>& reduced, const Channels& s, const Channels& weight) : reduced_(reduced), s_(s), weight_(weight) {}
+  CoupledStep(const Reduced<M>& reduced, const Channels& s, const Channels& weight)
+      : reduced_(reduced), s_(s), weight_(weight) {}
   [[nodiscard]] bool solve(Vec2<S>& q) {
     q = Vec2<S>::Zero();
     if (clamped(q)) return true;
@@ -39,7 +42,8 @@ class CoupledStep {
       if (!descent(p)) return within(q);
       const S share = along(p);
       q += p * share;
-      if (share == S(1) && dot(p, reduced_.times(p)) <= square(S(8) * epsilon) * dot(q, reduced_.times(q))) return within(q);
+      if (share == S(1) && dot(p, reduced_.times(p)) <= square(S(8) * epsilon) * dot(q, reduced_.times(q)))
+        return within(q);
     }
     return false;
   }
@@ -102,7 +106,8 @@ class CoupledStep {
   }
   void try_crossing(int i, int j, Vec2<S>& q) {
     const Vec2<S> a = row(i), b = row(j);
-    const Vec2<S> at = Vec2<S>(s_[j] * a.y() - s_[i] * b.y(), s_[i] * b.x() - s_[j] * a.x()) * (S(1) / cross(a, b));
+    const Vec2<S> at =
+        Vec2<S>(s_[j] * a.y() - s_[i] * b.y(), s_[i] * b.x() - s_[j] * a.x()) * (S(1) / cross(a, b));
     if (!(objective(at) < objective(q))) return;  // parallel ones end here as well
     q = at;
     linearise(q);
@@ -118,8 +123,8 @@ class CoupledStep {
     }
     return rough + S(0.5) * dot(p, reduced_.times(p));
   }
-  /// The p of least change; false: q is the solution. All lines at q pass through it, so that p is the minimum of one of
-  /// the sectors between them, or along one of them.
+  /// The p of least change; false: q is the solution. All lines at q pass through it, so that p is the
+  /// minimum of one of the sectors between them, or along one of them.
   bool descent(Vec2<S>& p) const {
     S least(0);
     const auto take = [&](const Vec2<S>& candidate) {
@@ -151,7 +156,8 @@ class CoupledStep {
       const S pull = dot(slope_, line), stiff = dot(line, reduced_.times(line));
       if (magnitude(pull) > held) take(line * ((pull > S(0) ? held - pull : -held - pull) / stiff));
       for (const S side : {S(1), S(-1)}) {
-        for (const S tilt : {S(1), S(-1)}) take(-reduced_.solve(slope_ + others * side + c * (parallel * tilt)));
+        for (const S tilt : {S(1), S(-1)})
+          take(-reduced_.solve(slope_ + others * side + c * (parallel * tilt)));
       }
     }
     return least < S(0);

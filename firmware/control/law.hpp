@@ -26,7 +26,7 @@ struct Gains {
   Channels k = Channels::Zero();       ///< K, unit of the channel / s2, >= 0
   Channels layer = Channels::Ones();   ///< epsilon, unit of the channel / s, > 0
   /// Gains of the laws that act in the independent coordinates.
-  struct Independent {                 ///< of (x, y) for the 5R, of the joints for RR
+  struct Independent {  ///< of (x, y) for the 5R, of the joints for RR
     S lambda{}, k{}, layer{S(1)};
     S kp{}, kd{};  ///< ctc: 1/s2 and 1/s; pd: N m/rad and N m s/rad
   } independent{};
@@ -42,7 +42,8 @@ template <class M>
   }
 }
 
-/// State and reference in the form every law takes. Poses are closed and rates belong to them. Not initialised by itself.
+/// State and reference in the form every law takes. Poses are closed and rates belong to them. Not
+/// initialised by itself.
 template <class M>
 struct Tracking {
   typename M::Pose pose, desired_pose;
@@ -50,99 +51,108 @@ struct Tracking {
   typename M::Rates desired_acceleration;
 };
 
-/// Which rows of v' are asked for. What has no mass takes no force: on the way to a torque its rows are never read.
+/// Which rows of v' are asked for. What has no mass takes no force: on the way to a torque its rows are never
+/// read.
 enum class Rows : std::uint8_t { all, with_mass };
 
-/// v' = qdd_d + Lambda e' + K sw(s), s = e' + Lambda e in every channel [F29]. With Rows::with_mass the other rows of
-/// `acceleration` are not set; those of `sliding` are then the differences of the bars', for a log.
+/// v' = qdd_d + Lambda e' + K sw(s), s = e' + Lambda e in every channel [F29]. With Rows::with_mass the other
+/// rows of `acceleration` are not set; those of `sliding` are then the differences of the bars', for a log.
 template <class M, Rows rows = Rows::all>
-void demand_esmc(const M& m, const Gains<M>& gain, const Tracking<M>& t, typename M::Channels& acceleration,
-                 typename M::Channels& sliding) {
+void esmc_acceleration(const M& m, const Gains<M>& gain, const Tracking<M>& t,
+                       typename M::Channels& acceleration, typename M::Channels& sliding) {
   using S = typename M::Scalar;
-  m.template compare<rows == Rows::all>(t.desired_pose, t.desired_rates, t.desired_acceleration, t.pose, t.rates,
-                                        [&](auto row, S e, S rate, S of_reference) ESMC_INLINE {
-                                          const S lambda = gain.lambda[row], s = rate + lambda * e;
-                                          sliding[row] = s;
-                                          acceleration[row] = of_reference + lambda * rate + gain.k[row] * saturated(s, gain.layer[row]);
-                                        });
-  if constexpr (rows == Rows::with_mass) M::follow_bars(sliding);
+  m.template for_each_error_row<rows == Rows::all>(
+      t.desired_pose, t.desired_rates, t.desired_acceleration, t.pose, t.rates,
+      [&](auto row, S e, S rate, S of_reference) ESMC_INLINE {
+        const S lambda = gain.lambda[row], s = rate + lambda * e;
+        sliding[row] = s;
+        acceleration[row] = of_reference + lambda * rate + gain.k[row] * saturated(s, gain.layer[row]);
+      });
+  if constexpr (rows == Rows::with_mass) M::fill_joint_rows(sliding);
 }
 /// v' = C a_r + Cdot v_r + K sw(C sigma), sigma = e' + lambda e in the independent coordinates,
-/// v_r = v_d + lambda e, a_r = a_d + lambda e' [F33]. V' <= 0 holds exactly for an exact model. Rows as for demand_esmc.
+/// v_r = v_d + lambda e, a_r = a_d + lambda e' [F33]. V' <= 0 holds exactly for an exact model. Rows as for
+/// esmc_acceleration.
 template <class M, Rows rows = Rows::all>
-void demand_projected(const M& m, const Gains<M>& gain, const Tracking<M>& t, typename M::Channels& acceleration,
-                      typename M::Channels& sliding) {
+void projected_acceleration(const M& m, const Gains<M>& gain, const Tracking<M>& t,
+                            typename M::Channels& acceleration, typename M::Channels& sliding) {
   using S = typename M::Scalar;
   const S lambda = gain.independent.lambda;
   const Vec2<S> e = M::independent_error(t.desired_pose, t.pose);
   const Vec2<S> ed = M::independent(t.desired_rates) - M::independent(t.rates);
-  const typename M::Rates reference = m.chain_rates(t.pose, Vec2<S>(M::independent(t.desired_rates) + e * lambda));
+  const typename M::Rates reference =
+      m.chain_rates(t.pose, Vec2<S>(M::independent(t.desired_rates) + e * lambda));
   const typename M::Rates sigma = m.chain_rates(t.pose, Vec2<S>(ed + e * lambda));
   const typename M::Rates straight =
       m.chain_rates(t.pose, Vec2<S>(M::independent(t.desired_acceleration) + ed * lambda));
   typename M::Rates whole = m.chain_bias(t.pose, t.rates, reference);
   add(whole, straight);
-  m.template resolve<rows == Rows::all>(t.pose, sigma, whole, t.rates, reference, [&](auto row, S s, S asked) ESMC_INLINE {
-    sliding[row] = s;
-    acceleration[row] = asked + gain.k[row] * saturated(s, gain.layer[row]);
-  });
-  if constexpr (rows == Rows::with_mass) M::follow_bars(sliding);
+  m.template for_each_reference_row<rows == Rows::all>(
+      t.pose, sigma, whole, t.rates, reference, [&](auto row, S s, S asked) ESMC_INLINE {
+        sliding[row] = s;
+        acceleration[row] = asked + gain.k[row] * saturated(s, gain.layer[row]);
+      });
+  if constexpr (rows == Rows::with_mass) M::fill_joint_rows(sliding);
 }
 
 /// The laws that have a term in every channel.
 enum class Channelwise : std::uint8_t { esmc, projected };
 template <Channelwise law, class M, Rows rows>
-ESMC_INLINE inline void demand_clamped(const M& m, const Gains<M>& gain, const Tracking<M>& t,
-                                       typename M::Channels& acceleration, typename M::Channels& sliding) {
+ESMC_INLINE inline void clamped_acceleration(const M& m, const Gains<M>& gain, const Tracking<M>& t,
+                                             typename M::Channels& acceleration,
+                                             typename M::Channels& sliding) {
   if constexpr (law == Channelwise::esmc) {
-    demand_esmc<M, rows>(m, gain, t, acceleration, sliding);
+    esmc_acceleration<M, rows>(m, gain, t, acceleration, sliding);
   } else {
-    demand_projected<M, rows>(m, gain, t, acceleration, sliding);
+    projected_acceleration<M, rows>(m, gain, t, acceleration, sliding);
   }
 }
-/// With a reaching law that does not clamp. A tick of those may take longer: they have their term added in a second pass, so
-/// that the first one asks nothing in every channel.
+/// With a reaching law that does not clamp. A tick of those may take longer: they have their term added in a
+/// second pass, so that the first one asks nothing in every channel.
 template <Channelwise law, class M, Rows rows>
-[[gnu::noinline]] void demand_unclamped(const M& m, const Gains<M>& gain, Reaching reaching, const Tracking<M>& t,
-                                        typename M::Channels& acceleration, typename M::Channels& sliding) {
+[[gnu::noinline]] void unclamped_acceleration(const M& m, const Gains<M>& gain, Reaching reaching,
+                                              const Tracking<M>& t, typename M::Channels& acceleration,
+                                              typename M::Channels& sliding) {
   Gains<M> without = gain;
   without.k.setZero();
   without.layer.setOnes();  // `sign` has none
   acceleration.setZero();
-  demand_clamped<law, M, rows>(m, without, t, acceleration, sliding);
+  clamped_acceleration<law, M, rows>(m, without, t, acceleration, sliding);
   add_switching(reaching, sliding, gain.k, gain.layer, acceleration);
 }
 /// Either of them with any reaching law.
 template <Channelwise law, class M, Rows rows>
-ESMC_INLINE inline void demand_channelwise(const M& m, const Gains<M>& gain, Reaching reaching, const Tracking<M>& t,
-                                           typename M::Channels& acceleration, typename M::Channels& sliding) {
+ESMC_INLINE inline void channelwise_acceleration(const M& m, const Gains<M>& gain, Reaching reaching,
+                                                 const Tracking<M>& t, typename M::Channels& acceleration,
+                                                 typename M::Channels& sliding) {
   if (clamps(reaching)) {
-    demand_clamped<law, M, rows>(m, gain, t, acceleration, sliding);
+    clamped_acceleration<law, M, rows>(m, gain, t, acceleration, sliding);
   } else {
-    demand_unclamped<law, M, rows>(m, gain, reaching, t, acceleration, sliding);
+    unclamped_acceleration<law, M, rows>(m, gain, reaching, t, acceleration, sliding);
   }
 }
 template <class M, Rows rows = Rows::all>
-void demand_esmc(const M& m, const Gains<M>& gain, Reaching reaching, const Tracking<M>& t,
-                 typename M::Channels& acceleration, typename M::Channels& sliding) {
-  demand_channelwise<Channelwise::esmc, M, rows>(m, gain, reaching, t, acceleration, sliding);
+void esmc_acceleration(const M& m, const Gains<M>& gain, Reaching reaching, const Tracking<M>& t,
+                       typename M::Channels& acceleration, typename M::Channels& sliding) {
+  channelwise_acceleration<Channelwise::esmc, M, rows>(m, gain, reaching, t, acceleration, sliding);
 }
 template <class M, Rows rows = Rows::all>
-void demand_projected(const M& m, const Gains<M>& gain, Reaching reaching, const Tracking<M>& t,
-                      typename M::Channels& acceleration, typename M::Channels& sliding) {
-  demand_channelwise<Channelwise::projected, M, rows>(m, gain, reaching, t, acceleration, sliding);
+void projected_acceleration(const M& m, const Gains<M>& gain, Reaching reaching, const Tracking<M>& t,
+                            typename M::Channels& acceleration, typename M::Channels& sliding) {
+  channelwise_acceleration<Channelwise::projected, M, rows>(m, gain, reaching, t, acceleration, sliding);
 }
 
 /// v' = C u + c, where u is the acceleration asked of the independent coordinates.
 template <class M, class S = typename M::Scalar>
-[[nodiscard]] typename M::Channels demand_independent(const M& m, const Tracking<M>& t, const Vec2<S>& u) {
+[[nodiscard]] typename M::Channels independent_acceleration(const M& m, const Tracking<M>& t,
+                                                            const Vec2<S>& u) {
   return m.channel_accelerations(t.pose, t.rates, m.chain_accelerations(t.pose, t.rates, u));
 }
 
 /// u = a_d + lambda e' + k sw(e' + lambda e) [F27].
 template <class M>
-void demand_smc(const M& m, const Gains<M>& gain, Reaching reaching, const Tracking<M>& t,
-                typename M::Channels& acceleration, typename M::Channels& sliding) {
+void smc_acceleration(const M& m, const Gains<M>& gain, Reaching reaching, const Tracking<M>& t,
+                      typename M::Channels& acceleration, typename M::Channels& sliding) {
   using S = typename M::Scalar;
   const auto& g = gain.independent;
   const Vec2<S> e = M::independent_error(t.desired_pose, t.pose);
@@ -154,20 +164,20 @@ void demand_smc(const M& m, const Gains<M>& gain, Reaching reaching, const Track
     sliding[i] = s;
     u[i] += g.lambda * ed[i] + g.k * switching(reaching, s, g.layer);
   });
-  acceleration = demand_independent(m, t, u);
+  acceleration = independent_acceleration(m, t, u);
 }
 
 /// u = a_d + Kd e' + Kp e, model.md section 8.
 template <class M>
-void demand_ctc(const M& m, const Gains<M>& gain, const Tracking<M>& t, typename M::Channels& acceleration,
-                typename M::Channels& sliding) {
+void ctc_acceleration(const M& m, const Gains<M>& gain, const Tracking<M>& t,
+                      typename M::Channels& acceleration, typename M::Channels& sliding) {
   using S = typename M::Scalar;
   const auto& g = gain.independent;
   const Vec2<S> e = M::independent_error(t.desired_pose, t.pose);
   const Vec2<S> ed = M::independent(t.desired_rates) - M::independent(t.rates);
   sliding.setZero();
-  acceleration = demand_independent(
-      m, t, Vec2<S>(M::independent(t.desired_acceleration) + ed * g.kd + e * g.kp));
+  acceleration =
+      independent_acceleration(m, t, Vec2<S>(M::independent(t.desired_acceleration) + ed * g.kd + e * g.kp));
 }
 
 /// Base-joint torque of the model-free law: Kp e + Kd e', N m.
@@ -177,18 +187,24 @@ template <class M, class S = typename M::Scalar>
          (M::base(t.desired_rates) - M::base(t.rates)) * gain.independent.kd;
 }
 
-/// The demand of any model-based law (all but pd, which asks for a torque directly: zeros): v' and, for the log, the
-/// sliding variables of the channels, zero where a law has none.
+/// The demand of any model-based law (all but pd, which asks for a torque directly: zeros): v' and, for the
+/// log, the sliding variables of the channels, zero where a law has none.
 template <class M, Rows rows = Rows::all>
 void demand(LawKind law, const M& m, const Gains<M>& gain, Reaching reaching, const Tracking<M>& t,
             typename M::Channels& acceleration, typename M::Channels& sliding) {
   switch (law) {
-    case LawKind::esmc: return demand_channelwise<Channelwise::esmc, M, rows>(m, gain, reaching, t, acceleration, sliding);
+    case LawKind::esmc:
+      return channelwise_acceleration<Channelwise::esmc, M, rows>(m, gain, reaching, t, acceleration,
+                                                                  sliding);
     case LawKind::esmc_projected:
-      return demand_channelwise<Channelwise::projected, M, rows>(m, gain, reaching, t, acceleration, sliding);
-    case LawKind::smc: return demand_smc(m, gain, reaching, t, acceleration, sliding);
-    case LawKind::ctc: return demand_ctc(m, gain, t, acceleration, sliding);
-    case LawKind::pd: break;
+      return channelwise_acceleration<Channelwise::projected, M, rows>(m, gain, reaching, t, acceleration,
+                                                                       sliding);
+    case LawKind::smc:
+      return smc_acceleration(m, gain, reaching, t, acceleration, sliding);
+    case LawKind::ctc:
+      return ctc_acceleration(m, gain, t, acceleration, sliding);
+    case LawKind::pd:
+      break;
   }
   acceleration.setZero();
   sliding.setZero();
@@ -201,7 +217,8 @@ struct Demand {
   typename M::Channels sliding;       ///< s of the channels
 };
 template <class M>
-[[nodiscard]] Demand<M> demand(LawKind law, const M& m, const Gains<M>& gain, Reaching reaching, const Tracking<M>& t) {
+[[nodiscard]] Demand<M> demand(LawKind law, const M& m, const Gains<M>& gain, Reaching reaching,
+                               const Tracking<M>& t) {
   Demand<M> out;
   demand(law, m, gain, reaching, t, out.acceleration, out.sliding);
   return out;

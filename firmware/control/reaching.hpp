@@ -17,10 +17,13 @@ enum class Reaching : std::uint8_t {
 };
 
 /// Those of the shape of `saturation`.
-[[nodiscard]] constexpr bool clamps(Reaching law) { return law == Reaching::saturation || law == Reaching::implicit; }
+[[nodiscard]] constexpr bool clamps(Reaching law) {
+  return law == Reaching::saturation || law == Reaching::implicit;
+}
 
-/// The layer that makes `saturation` the implicit step [F39]: sample time h (s), torque known to act d ticks late. Where the
-/// gain is 0, or so small that its layer would be, it is the layer of gain 1: any positive one does there.
+/// The layer that makes `saturation` the implicit step [F39]: sample time h (s), torque known to act d ticks
+/// late. Where the gain is 0, or so small that its layer would be, it is the layer of gain 1: any positive
+/// one does there.
 template <class S>
 [[nodiscard]] constexpr S implicit_layer(S gain, S sample_time, S delay_ticks) {
   const S of_unit = (S(1) + delay_ticks) * sample_time, layer = of_unit * gain;
@@ -48,7 +51,8 @@ template <class S>
 
 /// to += k switching(s), channel by channel.
 template <class S, int N>
-void add_switching(Reaching law, const Vec<S, N>& s, const Vec<S, N>& k, const Vec<S, N>& layer, Vec<S, N>& to) {
+void add_switching(Reaching law, const Vec<S, N>& s, const Vec<S, N>& k, const Vec<S, N>& layer,
+                   Vec<S, N>& to) {
   switch (law) {  // once, not in every channel
     case Reaching::sign:
       for (int i = 0; i < N; ++i) to[i] += k[i] * sign_of(s[i]);
@@ -57,7 +61,8 @@ void add_switching(Reaching law, const Vec<S, N>& s, const Vec<S, N>& k, const V
       for (int i = 0; i < N; ++i) to[i] += k[i] * hyperbolic_tangent(s[i] / layer[i]);
       return;
     case Reaching::saturation:
-    case Reaching::implicit: break;
+    case Reaching::implicit:
+      break;
   }
   for (int i = 0; i < N; ++i) to[i] += k[i] * saturated(s[i], layer[i]);
 }

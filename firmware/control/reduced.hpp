@@ -1,6 +1,6 @@
 #pragma once
-/// The two degrees of freedom that all channels share, at one pose, in the base-joint form (regular at type 1): for
-/// what needs the mass matrix. A control tick without optional parts forms none of this.
+/// The two degrees of freedom that all channels share, at one pose, in the base-joint form (regular at type
+/// 1): for what needs the mass matrix. A control tick without optional parts forms none of this.
 
 #include "firmware/types.hpp"
 
@@ -33,7 +33,9 @@ class Reduced {
     return {(h11_ * F[0] - h01_ * F[1]) * inverse_, (h00_ * F[1] - h01_ * F[0]) * inverse_};
   }
   /// C_a^T M v, v on the channels.
-  [[nodiscard]] Vec2<S> momentum(const Channels& v) const { return {weighed(column_[0], v), weighed(column_[1], v)}; }
+  [[nodiscard]] Vec2<S> momentum(const Channels& v) const {
+    return {weighed(column_[0], v), weighed(column_[1], v)};
+  }
   /// sigma of s = C_a sigma + r with C_a^T M r = 0 [F32]: the motion of the base joints that is next to s.
   [[nodiscard]] Vec2<S> nearest(const Channels& s) const { return solve(momentum(s)); }
   /// C_a v.

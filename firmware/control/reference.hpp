@@ -1,6 +1,6 @@
 #pragma once
-/// The reference motion, as a function of the tick number. Time is counted in ticks and phases in 2^-64 turns,
-/// so that a float controller neither drifts nor stutters after hours.
+/// The reference motion, as a function of the tick number. Time is counted in ticks and phases in 2^-64
+/// turns, so that a float controller neither drifts nor stutters after hours.
 
 #include <cstdint>
 #include <span>
@@ -38,7 +38,8 @@ struct Motion2 {
 template <class S>
 struct Quintic {
   S duration{1};  ///< s, > 0
-  List<Vec2<S>, 6> c{{{Vec2<S>::Zero(), Vec2<S>::Zero(), Vec2<S>::Zero(), Vec2<S>::Zero(), Vec2<S>::Zero(), Vec2<S>::Zero()}}};
+  List<Vec2<S>, 6> c{{{Vec2<S>::Zero(), Vec2<S>::Zero(), Vec2<S>::Zero(), Vec2<S>::Zero(), Vec2<S>::Zero(),
+                       Vec2<S>::Zero()}}};
 
   [[nodiscard]] static Quintic between(const Motion2<S>& a, const Motion2<S>& b, S duration) {
     const S d = duration, d2 = duration * duration;
@@ -55,8 +56,7 @@ struct Quintic {
     Motion2<S> m;
     m.position = c[0] + (c[1] + (c[2] + (c[3] + (c[4] + c[5] * u) * u) * u) * u) * u;
     m.velocity = (c[1] + (c[2] * S(2) + (c[3] * S(3) + (c[4] * S(4) + c[5] * (S(5) * u)) * u) * u) * u) * r;
-    m.acceleration =
-        (c[2] * S(2) + (c[3] * S(6) + (c[4] * S(12) + c[5] * (S(20) * u)) * u) * u) * (r * r);
+    m.acceleration = (c[2] * S(2) + (c[3] * S(6) + (c[4] * S(12) + c[5] * (S(20) * u)) * u) * u) * (r * r);
     return m;
   }
 };
@@ -71,10 +71,10 @@ struct PathSegment {
 
 /// Shapes of a reference.
 enum class ReferenceKind : std::uint8_t {
-  hold_start,   ///< stay where the mechanism is when it starts to run
-  circle,       ///< centre + radius (cos, sin)(phase)
-  sine,         ///< per coordinate: offset + amplitude sin(phase_i)
-  path,         ///< quintic segments, then rest at the end (or again from the start with repeat_ticks)
+  hold_start,  ///< stay where the mechanism is when it starts to run
+  circle,      ///< centre + radius (cos, sin)(phase)
+  sine,        ///< per coordinate: offset + amplitude sin(phase_i)
+  path,        ///< quintic segments, then rest at the end (or again from the start with repeat_ticks)
 };
 /// What a reference is given in: metres or radians.
 enum class ReferenceSpace : std::uint8_t { effector, base_joints };
@@ -97,7 +97,8 @@ struct Reference {
     Motion2<S> m;
     m.position = centre;
     switch (kind) {
-      case ReferenceKind::hold_start: break;
+      case ReferenceKind::hold_start:
+        break;
       case ReferenceKind::circle: {
         const SinCos<S> t = sin_cos(phase[0].template angle<S>(tick));
         const S r = amplitude[0], w = speed[0];
@@ -129,7 +130,8 @@ struct Reference {
   }
   [[nodiscard]] Motion2<S> along_path(std::uint64_t ticks, S sample_time) const {
     constexpr std::uint64_t end = 0xFFFF'FFFF;  // no segment starts later
-    const auto tick = static_cast<std::uint32_t>(repeat_ticks > 0 ? ticks % repeat_ticks : (ticks < end ? ticks : end));
+    const auto tick =
+        static_cast<std::uint32_t>(repeat_ticks > 0 ? ticks % repeat_ticks : (ticks < end ? ticks : end));
     std::size_t low = 0, high = path.size();  // the last segment that has begun: at most 32 halvings
     while (high - low > 1) {
       const std::size_t middle = low + (high - low) / 2;
@@ -142,8 +144,8 @@ struct Reference {
   }
 };
 
-/// A reference that is joined from where the mechanism was at tick 0: the offset (present minus reference) fades
-/// out along a quintic that starts with the present velocity and no jump in acceleration.
+/// A reference that is joined from where the mechanism was at tick 0: the offset (present minus reference)
+/// fades out along a quintic that starts with the present velocity and no jump in acceleration.
 template <class S>
 class JoinedReference {
  public:

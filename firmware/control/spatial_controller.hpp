@@ -94,10 +94,10 @@ class SpatialController {
     SpatialDemand<M> demand;
     switch (config_.law) {
       case SpatialLaw::esmc:
-        demand = demand_esmc(m, config_.gains, config_.reaching, t);
+        demand = esmc_acceleration(m, config_.gains, config_.reaching, t);
         break;
       case SpatialLaw::esmc_projected:
-        demand = demand_projected(m, config_.gains, config_.reaching, t);
+        demand = projected_acceleration(m, config_.gains, config_.reaching, t);
         break;
       case SpatialLaw::smc_euler:
         if (!demand_euler(m, config_.gains, config_.reaching, t, demand)) return SpatialFault::euler_singular;

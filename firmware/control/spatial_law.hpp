@@ -48,17 +48,17 @@ struct SpatialDemand {
 /// attitude e = 2 vec q_e, `rate` = R_e w_d - w, and e' is not `rate`: see AttitudeError. With an exact model
 /// C^T M (s' + K sw s) = 0 [F31].
 template <class M, class S = typename M::Scalar>
-[[nodiscard]] SpatialDemand<M> demand_esmc(const M& m, const SpatialGains<S>& gain, Reaching reaching,
-                                           const SpatialTracking<M>& t) {
+[[nodiscard]] SpatialDemand<M> esmc_acceleration(const M& m, const SpatialGains<S>& gain, Reaching reaching,
+                                                 const SpatialTracking<M>& t) {
   SpatialDemand<M> out;
-  m.compare(t.desired_pose, t.desired_rates, t.desired_acceleration, t.pose, t.rates, t.turn,
-            [&](int row, const ChannelError<S>& c) {
-              const auto& g = M::is_turn(row) ? gain.turn : gain.point;
-              const S s = c.rate + g.lambda * c.e;
-              out.sliding[row] = s;
-              out.acceleration[row] =
-                  c.of_reference + g.lambda * c.e_rate + g.k * switching(reaching, s, g.layer);
-            });
+  m.for_each_error_row(t.desired_pose, t.desired_rates, t.desired_acceleration, t.pose, t.rates, t.turn,
+                       [&](int row, const ChannelError<S>& c) {
+                         const auto& g = M::is_turn(row) ? gain.turn : gain.point;
+                         const S s = c.rate + g.lambda * c.e;
+                         out.sliding[row] = s;
+                         out.acceleration[row] =
+                             c.of_reference + g.lambda * c.e_rate + g.k * switching(reaching, s, g.layer);
+                       });
   return out;
 }
 
@@ -66,8 +66,8 @@ template <class M, class S = typename M::Scalar>
 /// [F33]. With an exact model V = 1/2 sigma^T H sigma falls by V' = -sum M_i K_i |(C sigma)_i|, whatever the
 /// errors.
 template <class M, class S = typename M::Scalar>
-[[nodiscard]] SpatialDemand<M> demand_projected(const M& m, const SpatialGains<S>& gain, Reaching reaching,
-                                                const SpatialTracking<M>& t) {
+[[nodiscard]] SpatialDemand<M> projected_acceleration(const M& m, const SpatialGains<S>& gain,
+                                                      Reaching reaching, const SpatialTracking<M>& t) {
   using Independent = typename M::Independent;
   const Independent &vd = t.desired_rates.platform, &ad = t.desired_acceleration.platform,
                     &v = t.rates.platform;

@@ -1,8 +1,8 @@
 #pragma once
-/// The super-twisting law, discretised implicitly (Brogliato, Polyakov, Efimov: The implicit discretization of the
-/// super-twisting sliding-mode control algorithm, IEEE Transactions on Automatic Control 65, 2020), for what the
-/// mechanism can do: its two degrees of freedom. An integrator in every one of redundant channels would wind up in
-/// directions in which nothing can move. docs/reaching.md.
+/// The super-twisting law, discretised implicitly (Brogliato, Polyakov, Efimov: The implicit discretization
+/// of the super-twisting sliding-mode control algorithm, IEEE Transactions on Automatic Control 65, 2020),
+/// for what the mechanism can do: its two degrees of freedom. An integrator in every one of redundant
+/// channels would wind up in directions in which nothing can move. docs/reaching.md.
 
 #include <cstdint>
 
@@ -11,11 +11,13 @@
 
 namespace esmc {
 
-/// One backward-Euler step of s' = -k1 |s|^1/2 sgn s - zeta, zeta' = k2 sgn s, where zeta = z - phi is what the integral
-/// z has too much of the disturbance phi. `ahead` is s + T (phi - z); T, s: how far the step looks ahead, h where nothing
-/// is late; k1, k2 >= 0. Sets z to what it is h seconds on and returns w = k1 |s+|^1/2 sgn s+ + z+. NaN stays NaN.
+/// One backward-Euler step of s' = -k1 |s|^1/2 sgn s - zeta, zeta' = k2 sgn s, where zeta = z - phi is what
+/// the integral z has too much of the disturbance phi. `ahead` is s + T (phi - z); T, s: how far the step
+/// looks ahead, h where nothing is late; k1, k2 >= 0. Sets z to what it is h seconds on and returns w = k1
+/// |s+|^1/2 sgn s+ + z+. NaN stays NaN.
 ///
-/// s+ + T k1 |s+|^1/2 sgn s+ + T h k2 Sgn s+ contains `ahead`: within T h k2 it is s+ = 0, outside a quadratic in |s+|^1/2.
+/// s+ + T k1 |s+|^1/2 sgn s+ + T h k2 Sgn s+ contains `ahead`: within T h k2 it is s+ = 0, outside a
+/// quadratic in |s+|^1/2.
 template <class S>
 [[nodiscard]] S super_twisting_step(S ahead, S T, S h, S k1, S k2, S& z) {
   const S zone = T * h * k2;
@@ -35,9 +37,9 @@ struct Lateness {
   S lag{};        ///< ticks, >= 0: of what is measured
 };
 
-/// The law on two coordinates, with what it remembers. The disturbance is known up to the last tick: what s did less
-/// what was done about it. A delay of the torque is bridged by the w that are on their way; a lag of the sensors makes the
-/// step longer, as [F39], and the disturbance is then believed by and by.
+/// The law on two coordinates, with what it remembers. The disturbance is known up to the last tick: what s
+/// did less what was done about it. A delay of the torque is bridged by the w that are on their way; a lag of
+/// the sensors makes the step longer, as [F39], and the disturbance is then believed by and by.
 template <class S>
 class SuperTwisting {
  public:
@@ -46,9 +48,9 @@ class SuperTwisting {
   /// As at the first tick: the integral is zero, nothing is under way.
   void reset() { ticks_ = 0; }
 
-  /// Acceleration w for the sliding variables s, to be taken off s'. `rate`: L >= 0, bound of the disturbance's rate of
-  /// change, unit of s / s2; h: sample time, s. `lost`: of the w of the last tick, what did
-  /// not become torque. While something is lost the integral stands still.
+  /// Acceleration w for the sliding variables s, to be taken off s'. `rate`: L >= 0, bound of the
+  /// disturbance's rate of change, unit of s / s2; h: sample time, s. `lost`: of the w of the last tick, what
+  /// did not become torque. While something is lost the integral stands still.
   [[nodiscard]] Vec2<S> step(const Vec2<S>& s, const Vec2<S>& lost, S rate, S h, Lateness<S> late) {
     const int delay = late.delay;
     const S slower = S(1) + late.lag, T = h * slower, trust = S(1) / (slower * slower);

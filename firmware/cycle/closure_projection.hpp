@@ -4,7 +4,8 @@
 #include "firmware/cycle/controller.hpp"
 
 namespace esmc::part {
-/// The gap between the tips, linear in small turns of the joints: column i is tip 1 less tip 2 per rad of joint i, m in N.
+/// The gap between the tips, linear in small turns of the joints: column i is tip 1 less tip 2 per rad of
+/// joint i, m in N.
 template <class S>
 class Closure {
  public:
@@ -43,32 +44,39 @@ class Closure {
   }
 
  private:
-  [[nodiscard]] Vec2<S> weighed(const Vec2<S>& v) const { return {xx_ * v.x() + xy_ * v.y(), xy_ * v.x() + yy_ * v.y()}; }
+  [[nodiscard]] Vec2<S> weighed(const Vec2<S>& v) const {
+    return {xx_ * v.x() + xy_ * v.y(), xy_ * v.x() + yy_ * v.y()};
+  }
 
   List<Vec2<S>, 4> column_;
   const Vec<S, 4>& variance_;
   S xx_, xy_, yy_;
 };
 
-/// How far apart the tips stay, m, when joint i (0 to 3: theta11, theta12, theta21, theta22) alone turns as it likes and the other
-/// three are as read. Its leg's tip goes round it on a circle; what is left is the distance of the other leg's tip from that circle.
-/// Exact for turns of any size: neither the centre nor the radius depends on the reading of joint i.
+/// How far apart the tips stay, m, when joint i (0 to 3: theta11, theta12, theta21, theta22) alone turns as
+/// it likes and the other three are as read. Its leg's tip goes round it on a circle; what is left is the
+/// distance of the other leg's tip from that circle. Exact for turns of any size: neither the centre nor the
+/// radius depends on the reading of joint i.
 template <class S>
 [[nodiscard]] S gap_left_by(const FiveBar<S>& m, const typename FiveBar<S>::Pose& p, int i) {
   const int leg = i / 2, other = 1 - leg;
   const Vec2<S> tip = m.leg(leg).tip(p.leg[leg]);
-  const Vec2<S> joint = i % 2 == 0 ? Vec2<S>(Vec2<S>::Zero()) : Vec2<S>(p.leg[leg].axis[0] * m.leg(leg).body(0).length);
-  const Vec2<S> target = m.frame(leg).point_to_leg(m.frame(other).point_from_leg(m.leg(other).tip(p.leg[other])));
+  const Vec2<S> joint =
+      i % 2 == 0 ? Vec2<S>(Vec2<S>::Zero()) : Vec2<S>(p.leg[leg].axis[0] * m.leg(leg).body(0).length);
+  const Vec2<S> target =
+      m.frame(leg).point_to_leg(m.frame(other).point_from_leg(m.leg(other).tip(p.leg[other])));
   const Vec2<S> arm = tip - joint, wanted = target - joint;
   const S left = square_root(dot(wanted, wanted)) - square_root(dot(arm, arm));
   return left < S(0) ? -left : left;
 }
 
-/// 1 + the one joint whose turning alone brings the tips together, else 0: none does, or another one nearly does as well. `allowed`
-/// is the gap, m, that readings in order stay below. Together is a quarter of it, and every other joint must leave a half: what is
-/// named is then wrong only where the readings of the other three encoders miss each other by half of the limit.
+/// 1 + the one joint whose turning alone brings the tips together, else 0: none does, or another one nearly
+/// does as well. `allowed` is the gap, m, that readings in order stay below. Together is a quarter of it, and
+/// every other joint must leave a half: what is named is then wrong only where the readings of the other
+/// three encoders miss each other by half of the limit.
 template <class S>
-[[nodiscard, gnu::noinline]] std::uint8_t odd_one(const FiveBar<S>& m, const typename FiveBar<S>::Pose& p, S allowed) {
+[[nodiscard, gnu::noinline]] std::uint8_t odd_one(const FiveBar<S>& m, const typename FiveBar<S>::Pose& p,
+                                                  S allowed) {
   int named = 0, apart = 0;
   for (int i = 0; i < 4; ++i) {
     const S left = gap_left_by(m, p, i);
@@ -79,7 +87,8 @@ template <class S>
 }
 
 template <class M>
-std::uint8_t closure_projection(const ControllerConfig<M>& config, const Vec<typename M::Scalar, M::joints>& angle,
+std::uint8_t closure_projection(const ControllerConfig<M>& config,
+                                const Vec<typename M::Scalar, M::joints>& angle,
                                 const Vec<typename M::Scalar, M::joints>& rate, Estimate<M>& out) {
   using S = typename M::Scalar;
   const M& m = config.mechanism;

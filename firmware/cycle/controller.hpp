@@ -9,12 +9,12 @@
 #include "firmware/control/reference.hpp"
 #include "firmware/cycle/controller_config.hpp"
 #include "firmware/cycle/estimate.hpp"
-#include "firmware/cycle/guide.hpp"
 #include "firmware/cycle/link_gains.hpp"
 #include "firmware/cycle/parts.hpp"
 #include "firmware/cycle/plausibility.hpp"
-#include "firmware/cycle/retreat.hpp"
+#include "firmware/cycle/setpoint_generator.hpp"
 #include "firmware/cycle/sign_test.hpp"
+#include "firmware/cycle/stop_trajectory.hpp"
 #include "firmware/cycle/tick_result.hpp"
 #include "firmware/safety/guards.hpp"
 #include "firmware/safety/supervisor.hpp"
@@ -33,16 +33,16 @@ class Controller {
       : config_(config),
         relaxed_(config.limits.while_halting()),
         reference_(config.reference, config.join_ticks, config.sample_time),
-        retreat_(config.halt_ticks, config.sample_time),
+        stop_trajectory_(config.halt_ticks, config.sample_time),
         sign_test_(config.sign_test_move, config.sample_time),
-        guide_(config.guide_speed, config.guide_acceleration, config.sample_time,
-               config.reference.space == ReferenceSpace::base_joints),
+        setpoints_(config.guide_speed, config.guide_acceleration, config.sample_time,
+                   config.reference.space == ReferenceSpace::base_joints),
         lead_ticks_(config.predict != nullptr ? static_cast<std::uint32_t>(config.delay_ticks + S(0.5)) : 0U),
         remembers_(config.reach != nullptr || config.observer != nullptr || config.predict != nullptr) {}
 
   [[nodiscard]] const Config& config() const { return config_; }
-  /// 1 + the joint of the last encoder that alone explained a gap above limits.closure; 0: there was none, or nobody looks (without
-  /// `fuse`).
+  /// 1 + the joint of the last encoder that alone explained a gap above limits.closure; 0: there was none, or
+  /// nobody looks (without `fuse`).
   [[nodiscard]] std::uint8_t odd_encoder() const { return odd_encoder_; }
   /// For the supervisor that goes with this controller.
   [[nodiscard]] Supervisor::Config supervision() const {
@@ -52,7 +52,7 @@ class Controller {
   }
 
   /// Set points and samples instead of the reference, while it leads.
-  [[nodiscard]] Guide<S>& guide() { return guide_; }
+  [[nodiscard]] SetpointGenerator<S>& guide() { return setpoints_; }
   /// Whether the mechanism can stand there: effector or base joints, as the reference has it.
   [[nodiscard]] bool reachable(const Vec2<S>& position) const;
   /// While disabled only.
@@ -63,13 +63,16 @@ class Controller {
   TickResult<M> tick(const Sample<M>& measured, Supervisor& supervisor);
 
  private:
-  /// The sample of a joint, and its angle at the instant at which the torque of this tick acts, at constant speed.
+  /// The sample of a joint, and its angle at the instant at which the torque of this tick acts, at constant
+  /// speed.
   ESMC_INLINE Fault accept(int joint, const Sample<M>& measured, const Limits<S>& limits, S& angle) const {
     const S phase = measured.phase[static_cast<unsigned>(joint)];
     const std::uint32_t age = measured.age_ticks[static_cast<unsigned>(joint)];
     if (age > limits.max_age_ticks) return Fault::stale_feedback;
-    angle = measured.angle[joint] + measured.rate[joint] * (S(age) * config_.sample_time + phase + config_.torque_lead);
-    if (!finite(angle)) return Fault::feedback_not_finite;  // also where one of the two is not, even times zero
+    angle = measured.angle[joint] +
+            measured.rate[joint] * (S(age) * config_.sample_time + phase + config_.torque_lead);
+    if (!finite(angle))
+      return Fault::feedback_not_finite;  // also where one of the two is not, even times zero
     if (!consistency_.plausible(joint, measured, limits.feedback_jump, config_.sample_time)) {
       return Fault::feedback_jump;
     }
@@ -77,8 +80,8 @@ class Controller {
   }
 
   /// sample -> estimate -> guards. Pose and rates are filled in where there is no fault.
-  Fault observe(const Sample<M>& measured, const Limits<S>& limits, typename M::Pose& pose, typename M::Rates& rates,
-                TickResult<M>& out) {
+  Fault observe(const Sample<M>& measured, const Limits<S>& limits, typename M::Pose& pose,
+                typename M::Rates& rates, TickResult<M>& out) {
     Vec<S, M::joints> angle;
     Fault wrong = Fault::none;
     const bool from_base = config_.sensors == Sensors::base || M::joints == 2;
@@ -88,7 +91,8 @@ class Controller {
         if (wrong == Fault::none) wrong = accept(joint, measured, limits, angle[joint]);
       });
     } else {
-      for (int i = 0; i < M::joints && wrong == Fault::none; ++i) wrong = accept(i, measured, limits, angle[i]);
+      for (int i = 0; i < M::joints && wrong == Fault::none; ++i)
+        wrong = accept(i, measured, limits, angle[i]);
     }
     if (wrong != Fault::none) {
       out.nothing_seen();
@@ -125,49 +129,57 @@ class Controller {
     Fault fault = observe(measured, retreating ? relaxed_ : config_.limits, t.pose, t.rates, out);
     if (fault != Fault::none || state == State::testing) {
       out.nothing_desired();
-      return fault != Fault::none ? fault : probe(t, out);
+      return fault != Fault::none ? fault : sign_test_torque(t, out);
     }
-    if (config_.observer != nullptr) [[unlikely]] config_.observer(config_, t, memory_);
+    if (config_.observer != nullptr) [[unlikely]]
+      config_.observer(config_, t, memory_);
     fault = run ? follow(t) : retreat(state, t, out);
     if (fault != Fault::none) {
       out.nothing_desired();
       return fault;
     }
-    if (remembers_) [[unlikely]] out.effector = t.pose.effector;  // a predictor has moved it
+    if (remembers_) [[unlikely]]
+      out.effector = t.pose.effector;  // a predictor has moved it
     out.desired_effector = t.desired_pose.effector;
     M::base_directions(t.desired_pose, out.desired_direction);
     if (state == State::lowering) {
-      let_down(t, out);
+      lowering_torque(t, out);
     } else {
       acted = true;
-      act(t, out);
-      if (run && running_tick_ < config_.ramp_ticks) fade_in(t.pose, out);
+      apply_law(t, out);
+      if (run && running_tick_ < config_.ramp_ticks) ramp_torque(t.pose, out);
     }
     fault = limit(out);
-    if (remembers_) [[unlikely]] memory_.keep(out.torque, !out.saturated && (!run || running_tick_ >= config_.ramp_ticks));
+    if (remembers_) [[unlikely]]
+      memory_.keep(out.torque, !out.saturated && (!run || running_tick_ >= config_.ramp_ticks));
     return fault;
   }
 
-  // What happens seldom, and never while the law runs, is compiled for size: the flash of a small board is full.
+  // What happens seldom, and never while the law runs, is compiled for size: the flash of a small board is
+  // full.
 
   /// One tick of the sign test.
-  [[gnu::cold]] Fault probe(const Tracking<M>& now, TickResult<M>& out) {
+  [[gnu::cold]] Fault sign_test_torque(const Tracking<M>& now, TickResult<M>& out) {
     Vec2<S> torque = weight(now.pose);
-    const Vec2<S> limits(config_.torque_limit[Config::joint_of(0, 2)], config_.torque_limit[Config::joint_of(1, 2)]);
-    const auto verdict = sign_test_.step(config_.mechanism, now.pose, M::base_angles(now.pose), M::base(now.rates), limits, torque);
+    const Vec2<S> limits(config_.torque_limit[Config::joint_of(0, 2)],
+                         config_.torque_limit[Config::joint_of(1, 2)]);
+    const auto verdict = sign_test_.step(config_.mechanism, now.pose, M::base_angles(now.pose),
+                                         M::base(now.rates), limits, torque);
     if (verdict == SignTest<M>::Verdict::failed) return Fault::sign_test;
     out.stage_done = verdict == SignTest<M>::Verdict::passed;
-    spread(torque, out);
+    to_base_motors(torque, out);
     return limit(out);
   }
 
   /// Torque of the base motors that balances the weight at rest.
   [[nodiscard]] Vec2<S> weight(const typename M::Pose& pose) const {
-    return config_.mechanism.base_torque(pose, config_.mechanism.force(M::Channels::Zero().eval(), rest<M>()));
+    return config_.mechanism.base_torque(pose,
+                                         config_.mechanism.force(M::Channels::Zero().eval(), rest<M>()));
   }
 
-  /// The ramp is of what the law asks beyond the weight: that was carried by the brake, or by the sign test, a tick before.
-  [[gnu::cold]] void fade_in(const typename M::Pose& pose, TickResult<M>& out) const {
+  /// The ramp is of what the law asks beyond the weight: that was carried by the brake, or by the sign test,
+  /// a tick before.
+  [[gnu::cold]] void ramp_torque(const typename M::Pose& pose, TickResult<M>& out) const {
     const S share = S(static_cast<std::uint32_t>(running_tick_) + 1U) / S(config_.ramp_ticks);
     Vec<S, M::joints> held = Vec<S, M::joints>::Zero();
     if (config_.allocate != nullptr) {
@@ -187,18 +199,23 @@ class Controller {
 
   Fault follow(Tracking<M>& t) {
     if (!desire(t)) return Fault::reference_unreachable;
-    if (config_.predict != nullptr) [[unlikely]] config_.predict(config_, memory_, t);
-    return joinable() ? Fault::none : Fault::join_infeasible;
+    if (config_.predict != nullptr) [[unlikely]]
+      config_.predict(config_, memory_, t);
+    return join_feasible() ? Fault::none : Fault::join_infeasible;
   }
 
-  /// Looks ahead along the way onto the reference, one of `outlook` points each tick, so that the whole way is
-  /// known before it has gone far: speed and acceleration of the base joints, and torque, within their limits.
-  [[nodiscard]] bool joinable() const {
+  /// Looks ahead along the way onto the reference, one of `outlook` points each tick, so that the whole way
+  /// is known before it has gone far: speed and acceleration of the base joints, and torque, within their
+  /// limits.
+  [[nodiscard]] bool join_feasible() const {
     constexpr std::uint32_t outlook = 16;
-    if (guide_.leads() || config_.join_ticks == 0 || running_tick_ >= outlook || running_tick_ >= config_.join_ticks) return true;
-    return bearable(static_cast<std::uint32_t>(config_.join_ticks * (running_tick_ + 1) / (outlook + 1)));
+    if (setpoints_.active() || config_.join_ticks == 0 || running_tick_ >= outlook ||
+        running_tick_ >= config_.join_ticks)
+      return true;
+    return within_limits_at(
+        static_cast<std::uint32_t>(config_.join_ticks * (running_tick_ + 1) / (outlook + 1)));
   }
-  [[nodiscard, gnu::noinline, gnu::cold]] bool bearable(std::uint32_t ahead) const {
+  [[nodiscard, gnu::noinline, gnu::cold]] bool within_limits_at(std::uint32_t ahead) const {
     Desired<M> d;
     if (!desired(reference_.at(ahead), d.pose, d.rates, d.acceleration)) return false;
     const Vec2<S> rate = M::base(d.rates), acceleration = M::base(d.acceleration);
@@ -206,7 +223,9 @@ class Controller {
     const typename M::Channels force = config_.mechanism.force(a, d.rates);
     for (int i = 0; i < 2; ++i) {
       if (!within(rate[i], config_.limits.joint_speed)) return false;
-      if (config_.limits.join_acceleration != S(0) && !within(acceleration[i], config_.limits.join_acceleration)) return false;
+      if (config_.limits.join_acceleration != S(0) &&
+          !within(acceleration[i], config_.limits.join_acceleration))
+        return false;
     }
     if (config_.allocate != nullptr) {  // four motors share what two would have to give alone
       Vec<S, M::joints> torque;
@@ -222,20 +241,20 @@ class Controller {
   /// To rest where the mechanism is, and there it stays.
   [[gnu::cold]] Fault retreat(State state, Tracking<M>& t, TickResult<M>& out) {
     const Vec2<S> angle = M::base_angles(t.pose), rate = M::base(t.rates);
-    if (!retreat_.begun()) {
-      retreat_.begin(angle, rate);
+    if (!stop_trajectory_.begun()) {
+      stop_trajectory_.begin(angle, rate);
       memory_.reset();
     }
-    const Motion2<S> m = retreat_.at();
-    if (!desired_at_base(config_.mechanism, config_.mode, m.position, m.velocity, m.acceleration, t.desired_pose,
-                         t.desired_rates, t.desired_acceleration)) {
+    const Motion2<S> m = stop_trajectory_.at();
+    if (!desired_at_base(config_.mechanism, config_.mode, m.position, m.velocity, m.acceleration,
+                         t.desired_pose, t.desired_rates, t.desired_acceleration)) {
       return Fault::halt_failed;
     }
     const S slow = config_.limits.joint_speed * S(0.02);
     const bool rest = within(rate[0], slow) && within(rate[1], slow);
     if (state == State::halting) {
-      out.stage_done = retreat_.over() && rest;
-      if (retreat_.overdue() && !rest) return Fault::halt_failed;
+      out.stage_done = stop_trajectory_.over() && rest;
+      if (stop_trajectory_.overdue() && !rest) return Fault::halt_failed;
     } else if (state == State::lowering) {
       out.stage_done = lowered_ticks_ >= config_.lower_ticks;
     }
@@ -244,9 +263,9 @@ class Controller {
 
   /// Weight compensation that fades, and damping that alone would balance the torque limit at a tenth of the
   /// allowed speed.
-  [[gnu::cold]] void let_down(const Tracking<M>& t, TickResult<M>& out) {
-    const S left = lowered_ticks_ < config_.lower_ticks
-                       ? S(1) - S(lowered_ticks_) / S(config_.lower_ticks) : S(0);
+  [[gnu::cold]] void lowering_torque(const Tracking<M>& t, TickResult<M>& out) {
+    const S left =
+        lowered_ticks_ < config_.lower_ticks ? S(1) - S(lowered_ticks_) / S(config_.lower_ticks) : S(0);
     const Vec2<S> held = weight(t.pose);
     const Vec2<S> rate = M::base(t.rates);
     Vec2<S> torque;
@@ -254,7 +273,7 @@ class Controller {
       const S damping = config_.torque_limit[Config::joint_of(i, 2)] / (config_.limits.joint_speed * S(0.1));
       torque[i] = held[i] * left - rate[i] * damping;
     }
-    spread(torque, out);
+    to_base_motors(torque, out);
     if (lowered_ticks_ < config_.lower_ticks) ++lowered_ticks_;
   }
 
@@ -265,43 +284,49 @@ class Controller {
       const Vec2<S> position = at_effector ? t.pose.effector : M::base_angles(t.pose);
       const Vec2<S> velocity = at_effector ? config_.mechanism.tip_rate(t.pose, t.rates) : M::base(t.rates);
       reference_.start(position, velocity);
-      guide_.start(position, velocity);
+      setpoints_.start(position, velocity);
     }
-    return desired(guide_.leads() ? guide_.at() : reference_.at(running_tick_ + lead_ticks_), t.desired_pose, t.desired_rates,
-                   t.desired_acceleration);
+    return desired(setpoints_.active() ? setpoints_.at() : reference_.at(running_tick_ + lead_ticks_),
+                   t.desired_pose, t.desired_rates, t.desired_acceleration);
   }
   /// One copy in an image: long, and asked for in four places.
-  [[nodiscard, gnu::noinline]] bool desired(const Motion2<S>& m, typename M::Pose& pose, typename M::Rates& rates,
-                                            typename M::Rates& acceleration) const {
+  [[nodiscard, gnu::noinline]] bool desired(const Motion2<S>& m, typename M::Pose& pose,
+                                            typename M::Rates& rates, typename M::Rates& acceleration) const {
     return config_.reference.space == ReferenceSpace::effector
-               ? desired_at_effector(config_.mechanism, config_.mode, m.position, m.velocity, m.acceleration, pose, rates, acceleration)
-               : desired_at_base(config_.mechanism, config_.mode, m.position, m.velocity, m.acceleration, pose, rates, acceleration);
+               ? desired_at_effector(config_.mechanism, config_.mode, m.position, m.velocity, m.acceleration,
+                                     pose, rates, acceleration)
+               : desired_at_base(config_.mechanism, config_.mode, m.position, m.velocity, m.acceleration,
+                                 pose, rates, acceleration);
   }
 
   /// law -> forces on the channels -> motor torques.
-  void act(const Tracking<M>& t, TickResult<M>& out) {
+  void apply_law(const Tracking<M>& t, TickResult<M>& out) {
     if (config_.law == LawKind::pd) {
       out.sliding.setZero();
-      spread(torque_pd<M>(config_.gains, t), out);
+      to_base_motors(torque_pd<M>(config_.gains, t), out);
       return;
     }
     typename M::Channels acceleration;
     if (config_.reach != nullptr) [[unlikely]] {
       config_.reach(config_, t, memory_, acceleration, out.sliding);
     } else {
-      demand<M, Rows::with_mass>(config_.law, config_.mechanism, config_.gains, config_.reaching, t, acceleration, out.sliding);
+      demand<M, Rows::with_mass>(config_.law, config_.mechanism, config_.gains, config_.reaching, t,
+                                 acceleration, out.sliding);
     }
     typename M::Channels w = config_.mechanism.force(acceleration, t.rates);
-    if (config_.observer != nullptr) [[unlikely]] compensate(w);
+    if (config_.observer != nullptr) [[unlikely]]
+      compensate(w);
     if constexpr (M::joints == 4) {
       if (config_.allocate != nullptr) {
         out.saturated = config_.allocate(config_, t.pose, w, out.torque);
-        if (remembers_) [[unlikely]] memory_.asked = config_.mechanism.base_torque(t.pose, w);
+        if (remembers_) [[unlikely]]
+          memory_.asked = config_.mechanism.base_torque(t.pose, w);
         return;
       }
     }
-    spread(config_.mechanism.base_torque(t.pose, w), out);
-    if (remembers_) [[unlikely]] memory_.asked = at_base(out.torque);
+    to_base_motors(config_.mechanism.base_torque(t.pose, w), out);
+    if (remembers_) [[unlikely]]
+      memory_.asked = at_base(out.torque);
   }
 
   /// On the rows of the base joints, which C^T leaves as they are.
@@ -325,17 +350,21 @@ class Controller {
     return fault;
   }
 
-  void spread(const Vec2<S>& base, TickResult<M>& out) const {
+  void to_base_motors(const Vec2<S>& base, TickResult<M>& out) const {
     for (int i = 0; i < 2; ++i) out.torque[Config::joint_of(i, 2)] = base[i];
   }
-  static Vec2<S> at_base(const Vec<S, M::joints>& v) { return {v[Config::joint_of(0, 2)], v[Config::joint_of(1, 2)]}; }
+  static Vec2<S> at_base(const Vec<S, M::joints>& v) {
+    return {v[Config::joint_of(0, 2)], v[Config::joint_of(1, 2)]};
+  }
 
-  Measured<S> guarded(const typename M::Pose& pose, S closure, const Vec2<S>& angle, const Vec2<S>& rate) const {
+  Measured<S> guarded(const typename M::Pose& pose, S closure, const Vec2<S>& angle,
+                      const Vec2<S>& rate) const {
     Measured<S> m;
     m.abs_sin_type1 = M::min_abs_sin_type1(pose);
     // Four motors hold the mechanism at type 2 as well, if the state is measured there and not computed.
     const bool regular = config_.motors == Motors::all && config_.sensors == Sensors::all;
-    // Otherwise the other assembly mode is as bad as type 2 itself, which lies between: the law may even rest there.
+    // Otherwise the other assembly mode is as bad as type 2 itself, which lies between: the law may even rest
+    // there.
     m.sin_type2 = regular ? S(1) : M::sin_type2_in_mode(pose, config_.mode);
     m.closure = closure;
     m.x = pose.effector.x();
@@ -349,14 +378,15 @@ class Controller {
   Config config_{};
   Limits<S> relaxed_{};
   JoinedReference<S> reference_{};
-  Retreat<S> retreat_{};
+  StopTrajectory<S> stop_trajectory_{};
   SignTest<M> sign_test_{};
-  Guide<S> guide_{};
-  Consistency<M> consistency_{};
+  SetpointGenerator<S> setpoints_{};
+  SampleJumpCheck<M> consistency_{};
   PartMemory<M> memory_{};
   std::uint32_t lead_ticks_ = 0;  ///< by which the reference is ahead: the predictor's
   bool remembers_ = false;        ///< there are parts that need the memory
-  std::uint64_t running_tick_ = 0;  ///< 32 bits are full after 50 days at 1 kHz, and the reference would begin anew under torque
+  std::uint64_t running_tick_ =
+      0;  ///< 32 bits are full after 50 days at 1 kHz, and the reference would begin anew under torque
   std::uint32_t lowered_ticks_ = 0;
   std::uint8_t odd_encoder_ = 0;
 };
@@ -372,15 +402,15 @@ void Controller<M>::set_gains(const link::Parameters& p, S delay_ticks) {
   esmc::set_gains(config_.gains, p, config_.reaching, config_.sample_time, delay_ticks);
 }
 
-// Not inline: the archive (instances_*.cpp) is the only place that compiles it, so that whoever links the archive
-// runs the very code that was tested.
+// Not inline: the archive (instances_*.cpp) is the only place that compiles it, so that whoever links the
+// archive runs the very code that was tested.
 template <class M>
 TickResult<M> Controller<M>::tick(const Sample<M>& measured, Supervisor& supervisor) {
   TickResult<M> out{typename TickResult<M>::Unset{}};
   if (!supervisor.powered()) {
     running_tick_ = 0;
     lowered_ticks_ = 0;
-    retreat_.end();
+    stop_trajectory_.end();
     sign_test_.reset();
     memory_.reset();
   }
@@ -388,12 +418,13 @@ TickResult<M> Controller<M>::tick(const Sample<M>& measured, Supervisor& supervi
   bool acted = false;
   if (supervisor.powered()) {
     // A fault of this tick that leaves the state trustworthy: this very tick begins to bring it to rest.
-    for (bool again = supervisor.running(); ; again = false) {
+    for (bool again = supervisor.running();; again = false) {
       supervisor.raise(compute(measured, supervisor.state(), out, acted));
       if (!(again && supervisor.retreating())) break;
       out.torque.setZero();
     }
-  } else {  // in every state it is told where the mechanism is; before it runs it must also be where it may be
+  } else {  // in every state it is told where the mechanism is; before it runs it must also be where it may
+            // be
     typename M::Pose pose;
     typename M::Rates rates;
     const Fault fault = observe(measured, config_.limits, pose, rates, out);
@@ -406,8 +437,8 @@ TickResult<M> Controller<M>::tick(const Sample<M>& measured, Supervisor& supervi
   out.fault = supervisor.fault();
   if (supervisor.powered()) {
     if (supervisor.state() != State::testing) ++running_tick_;
-    retreat_.advance();
-    guide_.advance();
+    stop_trajectory_.advance();
+    setpoints_.advance();
   } else {
     out.torque.setZero();
     out.stage_done = false;

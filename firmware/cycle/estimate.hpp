@@ -18,37 +18,39 @@ struct Estimate {
 };
 
 /// Base encoders only: the passive joints follow from closure in the given assembly mode [F18], [F23].
-/// False when the base angles fit no closed mechanism: pose and rates are then none. The rates are not finite at type 2.
+/// False when the base angles fit no closed mechanism: pose and rates are then none. The rates are not finite
+/// at type 2.
 template <class S>
-[[nodiscard]] bool estimate_from_base(const FiveBar<S>& m, const typename FiveBar<S>::Mode& mode, const Vec2<S>& angle,
-                                      const Vec2<S>& rate, typename FiveBar<S>::Pose& pose,
-                                      typename FiveBar<S>::Rates& rates) {
+[[nodiscard]] bool estimate_from_base(const FiveBar<S>& m, const typename FiveBar<S>::Mode& mode,
+                                      const Vec2<S>& angle, const Vec2<S>& rate,
+                                      typename FiveBar<S>::Pose& pose, typename FiveBar<S>::Rates& rates) {
   if (!m.forward(angle, mode.assembly, pose)) return false;
   rates = m.base_rates(pose, rate);
   return true;
 }
 template <class S>
 [[nodiscard]] bool estimate_from_base(const Rr<S>& m, const typename Rr<S>::Mode&, const Vec2<S>& angle,
-                                      const Vec2<S>& rate, typename Rr<S>::Pose& pose, typename Rr<S>::Rates& rates) {
+                                      const Vec2<S>& rate, typename Rr<S>::Pose& pose,
+                                      typename Rr<S>::Rates& rates) {
   pose = m.pose(angle);
   rates = rate;
   return true;
 }
 /// The same, for whoever has no place for it.
 template <class M, class S = typename M::Scalar>
-[[nodiscard]] std::optional<Estimate<M>> estimate_from_base(const M& m, const typename M::Mode& mode, const Vec2<S>& angle,
-                                                            const Vec2<S>& rate) {
+[[nodiscard]] std::optional<Estimate<M>> estimate_from_base(const M& m, const typename M::Mode& mode,
+                                                            const Vec2<S>& angle, const Vec2<S>& rate) {
   Estimate<M> e;
   e.closure = S(0);
-  return estimate_from_base(m, mode, angle, rate, e.pose, e.rates) ? std::optional<Estimate<M>>(e) : std::nullopt;
+  return estimate_from_base(m, mode, angle, rate, e.pose, e.rates) ? std::optional<Estimate<M>>(e)
+                                                                   : std::nullopt;
 }
 
-/// Encoders on all joints (theta11, theta12, theta21, theta22): regular at type 2 as well. The effector is the
-/// mean of the two leg tips, and so is its velocity.
-/// For size: every image has it, few use it.
+/// Encoders on all joints (theta11, theta12, theta21, theta22): regular at type 2 as well. The effector is
+/// the mean of the two leg tips, and so is its velocity. For size: every image has it, few use it.
 template <class S>
 [[nodiscard, gnu::cold]] Estimate<FiveBar<S>> estimate_from_all(const FiveBar<S>& m, const Vec<S, 4>& angle,
-                                                     const Vec<S, 4>& rate) {
+                                                                const Vec<S, 4>& rate) {
   Estimate<FiveBar<S>> out;
   out.pose = m.pose(angle);
   out.rates.leg = {{rate.template head<2>(), rate.template tail<2>()}};
@@ -69,22 +71,26 @@ struct Desired {
   typename M::Rates acceleration;
 };
 
-/// Effector at x (m) with velocity v and acceleration a. False: outside the workspace, and what is filled in is none.
+/// Effector at x (m) with velocity v and acceleration a. False: outside the workspace, and what is filled in
+/// is none.
 template <class M, class S = typename M::Scalar>
-[[nodiscard]] ESMC_INLINE inline bool desired_at_effector(const M& m, const typename M::Mode& mode, const Vec2<S>& x,
-                                                          const Vec2<S>& v, const Vec2<S>& a, typename M::Pose& pose,
-                                                          typename M::Rates& rates, typename M::Rates& acceleration) {
+[[nodiscard]] ESMC_INLINE inline bool desired_at_effector(const M& m, const typename M::Mode& mode,
+                                                          const Vec2<S>& x, const Vec2<S>& v,
+                                                          const Vec2<S>& a, typename M::Pose& pose,
+                                                          typename M::Rates& rates,
+                                                          typename M::Rates& acceleration) {
   if (!m.inverse(x, mode, pose)) return false;
   rates = m.rates_of_effector(pose, v);
   acceleration = m.accelerations_of_effector(pose, rates, a);
   return true;
 }
 
-/// Base joints at q (rad) with rates qd and accelerations qdd. False: they do not close, and what is filled in is none.
+/// Base joints at q (rad) with rates qd and accelerations qdd. False: they do not close, and what is filled
+/// in is none.
 template <class M, class S = typename M::Scalar>
-[[nodiscard]] bool desired_at_base(const M& m, const typename M::Mode& mode, const Vec2<S>& q, const Vec2<S>& qd,
-                                   const Vec2<S>& qdd, typename M::Pose& pose, typename M::Rates& rates,
-                                   typename M::Rates& acceleration) {
+[[nodiscard]] bool desired_at_base(const M& m, const typename M::Mode& mode, const Vec2<S>& q,
+                                   const Vec2<S>& qd, const Vec2<S>& qdd, typename M::Pose& pose,
+                                   typename M::Rates& rates, typename M::Rates& acceleration) {
   if (!estimate_from_base(m, mode, q, qd, pose, rates)) return false;
   acceleration = m.base_accelerations(pose, rates, qdd);
   return true;
@@ -92,16 +98,20 @@ template <class M, class S = typename M::Scalar>
 
 /// The same, for whoever has no place for it.
 template <class M, class S = typename M::Scalar>
-[[nodiscard]] std::optional<Desired<M>> desired_at_effector(const M& m, const typename M::Mode& mode, const Vec2<S>& x,
-                                                            const Vec2<S>& v, const Vec2<S>& a) {
+[[nodiscard]] std::optional<Desired<M>> desired_at_effector(const M& m, const typename M::Mode& mode,
+                                                            const Vec2<S>& x, const Vec2<S>& v,
+                                                            const Vec2<S>& a) {
   Desired<M> d;
-  return desired_at_effector(m, mode, x, v, a, d.pose, d.rates, d.acceleration) ? std::optional<Desired<M>>(d) : std::nullopt;
+  return desired_at_effector(m, mode, x, v, a, d.pose, d.rates, d.acceleration) ? std::optional<Desired<M>>(d)
+                                                                                : std::nullopt;
 }
 template <class M, class S = typename M::Scalar>
-[[nodiscard]] std::optional<Desired<M>> desired_at_base(const M& m, const typename M::Mode& mode, const Vec2<S>& q,
-                                                        const Vec2<S>& qd, const Vec2<S>& qdd) {
+[[nodiscard]] std::optional<Desired<M>> desired_at_base(const M& m, const typename M::Mode& mode,
+                                                        const Vec2<S>& q, const Vec2<S>& qd,
+                                                        const Vec2<S>& qdd) {
   Desired<M> d;
-  return desired_at_base(m, mode, q, qd, qdd, d.pose, d.rates, d.acceleration) ? std::optional<Desired<M>>(d) : std::nullopt;
+  return desired_at_base(m, mode, q, qd, qdd, d.pose, d.rates, d.acceleration) ? std::optional<Desired<M>>(d)
+                                                                               : std::nullopt;
 }
 
 }  // namespace esmc

@@ -1,6 +1,7 @@
 #pragma once
-/// For what instances_part_*.cpp compile into the control archive: ESMC_EACH(DEFINE) is DEFINE of every mechanism and scalar type,
-/// ESMC_EACH_REDUNDANT(DEFINE) of those whose joints can all have motors and encoders. A board has one scalar type (firmware/CMakeLists.txt).
+/// For what instances_part_*.cpp compile into the control archive: ESMC_EACH(DEFINE) is DEFINE of every
+/// mechanism and scalar type, ESMC_EACH_REDUNDANT(DEFINE) of those whose joints can all have motors and
+/// encoders. A board has one scalar type (firmware/CMakeLists.txt).
 
 #include "firmware/mechanism/five_bar.hpp"
 #include "firmware/mechanism/rr.hpp"
@@ -16,6 +17,11 @@
 #else
 #define ESMC_IN_FLOAT(DEFINE, MECHANISM) DEFINE(MECHANISM<float>)
 #endif
-#define ESMC_EACH_REDUNDANT(DEFINE) ESMC_IN_DOUBLE(DEFINE, FiveBar); ESMC_IN_FLOAT(DEFINE, FiveBar)
-#define ESMC_EACH(DEFINE) ESMC_EACH_REDUNDANT(DEFINE); ESMC_IN_DOUBLE(DEFINE, Rr); ESMC_IN_FLOAT(DEFINE, Rr)
+#define ESMC_EACH_REDUNDANT(DEFINE) \
+  ESMC_IN_DOUBLE(DEFINE, FiveBar);  \
+  ESMC_IN_FLOAT(DEFINE, FiveBar)
+#define ESMC_EACH(DEFINE)      \
+  ESMC_EACH_REDUNDANT(DEFINE); \
+  ESMC_IN_DOUBLE(DEFINE, Rr);  \
+  ESMC_IN_FLOAT(DEFINE, Rr)
 /// @endcond

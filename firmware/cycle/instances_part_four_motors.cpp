@@ -3,8 +3,9 @@
 
 namespace esmc::part {
 
-#define ESMC_PART(M) \
-  template bool four_motors(const ControllerConfig<M>&, const M::Pose&, const M::Channels&, Vec<M::Scalar, M::joints>&)
+#define ESMC_PART(M)                                                                        \
+  template bool four_motors(const ControllerConfig<M>&, const M::Pose&, const M::Channels&, \
+                            Vec<M::Scalar, M::joints>&)
 ESMC_EACH_REDUNDANT(ESMC_PART);
 
 }  // namespace esmc::part

@@ -3,8 +3,7 @@
 
 namespace esmc::part {
 
-#define ESMC_PART(M) \
-  template void predictor(const ControllerConfig<M>&, const PartMemory<M>&, Tracking<M>&)
+#define ESMC_PART(M) template void predictor(const ControllerConfig<M>&, const PartMemory<M>&, Tracking<M>&)
 ESMC_EACH(ESMC_PART);
 
 }  // namespace esmc::part

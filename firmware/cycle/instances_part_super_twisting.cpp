@@ -3,8 +3,9 @@
 
 namespace esmc::part {
 
-#define ESMC_PART(M) \
-  template void super_twisting(const ControllerConfig<M>&, const Tracking<M>&, PartMemory<M>&, M::Channels&, M::Channels&)
+#define ESMC_PART(M)                                                                                         \
+  template void super_twisting(const ControllerConfig<M>&, const Tracking<M>&, PartMemory<M>&, M::Channels&, \
+                               M::Channels&)
 ESMC_EACH(ESMC_PART);
 
 }  // namespace esmc::part

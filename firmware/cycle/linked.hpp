@@ -12,7 +12,7 @@ Command heed(link::CommandLink& link, Controller<M>& controller, typename M::Sca
   using S = typename M::Scalar;
   const link::Request r = link.take();
   const auto vec = [](const std::array<float, 2>& a) { return Vec2<S>(S(a[0]), S(a[1])); };
-  Guide<S>& guide = controller.guide();
+  SetpointGenerator<S>& guide = controller.guide();
   guide.lead(r.source != link::Source::reference);
   if (r.has_gains) controller.set_gains(link.parameters(), delay_ticks);
   if (r.hold) guide.hold();
@@ -29,7 +29,8 @@ Command heed(link::CommandLink& link, Controller<M>& controller, typename M::Sca
 
 /// What the supervisor computer is told of a tick.
 template <class M>
-[[nodiscard]] link::Report report_of(const Controller<M>& controller, const TickResult<M>& t, const Sample<M>& sample) {
+[[nodiscard]] link::Report report_of(const Controller<M>& controller, const TickResult<M>& t,
+                                     const Sample<M>& sample) {
   link::Report r;
   const auto& c = controller.config();
   r.joints = static_cast<std::uint8_t>(c.motor_count());

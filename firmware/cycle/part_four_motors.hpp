@@ -10,7 +10,8 @@ template <class M>
 bool four_motors(const ControllerConfig<M>& c, const typename M::Pose& p, const typename M::Channels& w,
                  Vec<typename M::Scalar, M::joints>& torque) {
   using S = typename M::Scalar;
-  const BoxAllocation<S> a = allocate_all_within(c.mechanism, p, w, c.torque_weight, c.torque_limit, c.preload);
+  const BoxAllocation<S> a =
+      allocate_all_within(c.mechanism, p, w, c.torque_weight, c.torque_limit, c.preload);
   torque = a.torque;
   return a.force < S(1);
 }

@@ -1,5 +1,6 @@
 #pragma once
-/// The coupled implicit step on the mechanism: firmware/control/coupled.hpp with its gains and its told delay.
+/// The coupled implicit step on the mechanism: firmware/control/coupled.hpp with its gains and its told
+/// delay.
 
 #include "firmware/control/coupled.hpp"
 #include "firmware/cycle/part_law.hpp"

@@ -10,8 +10,8 @@ namespace esmc::part {
 
 /// v' and s of the configured law, without K sw(s).
 template <class M>
-void without_switching(const ControllerConfig<M>& config, const Tracking<M>& t, typename M::Channels& acceleration,
-                       typename M::Channels& sliding) {
+void without_switching(const ControllerConfig<M>& config, const Tracking<M>& t,
+                       typename M::Channels& acceleration, typename M::Channels& sliding) {
   Gains<M> gain = config.gains;
   gain.k.setZero();
   gain.independent.k = typename M::Scalar(0);
@@ -25,7 +25,8 @@ template <class S>
   return m.gather_on_base(p, Vec2<S>::Zero(), {{torque.template head<2>(), torque.template tail<2>()}});
 }
 template <class S>
-[[nodiscard]] Vec2<S> on_base(const Rr<S>&, const typename Rr<S>::Pose&, const std::type_identity_t<Vec2<S>>& torque) {
+[[nodiscard]] Vec2<S> on_base(const Rr<S>&, const typename Rr<S>::Pose&,
+                              const std::type_identity_t<Vec2<S>>& torque) {
   return torque;
 }
 

@@ -7,7 +7,8 @@ namespace esmc::part {
 
 /// A quarter of the difference of two rates: of the two squares of a bilinear form, the form itself.
 template <class S>
-typename FiveBar<S>::Rates quarter(const typename FiveBar<S>::Rates& a, const typename FiveBar<S>::Rates& b, const FiveBar<S>&) {
+typename FiveBar<S>::Rates quarter(const typename FiveBar<S>::Rates& a, const typename FiveBar<S>::Rates& b,
+                                   const FiveBar<S>&) {
   typename FiveBar<S>::Rates out;
   out.platform = (a.platform - b.platform) * S(0.25);
   for (int j = 0; j < 2; ++j) out.leg[j] = (a.leg[j] - b.leg[j]) * S(0.25);
@@ -18,15 +19,18 @@ Vec2<S> quarter(const Vec2<S>& a, const Vec2<S>& b, const Rr<S>&) {
   return (a - b) * S(0.25);
 }
 
-/// What changes the momentum p = C_a^T M q' of the base joints besides torque: p' = tau + Cdot_a^T M q' - C_a^T (f + g).
-/// Column k of Cdot_a is the bias of the present motion and of a unit turn of base joint k.
+/// What changes the momentum p = C_a^T M q' of the base joints besides torque: p' = tau + Cdot_a^T M q' -
+/// C_a^T (f + g). Column k of Cdot_a is the bias of the present motion and of a unit turn of base joint k.
 template <class M, class S = typename M::Scalar>
-Vec2<S> drift(const M& m, const typename M::Pose& p, const typename M::Rates& r, const typename M::Channels& momenta) {
+Vec2<S> drift(const M& m, const typename M::Pose& p, const typename M::Rates& r,
+              const typename M::Channels& momenta) {
   const Vec2<S> base = M::base(r);
   Vec2<S> out = -m.base_torque(p, m.force(M::Channels::Zero().eval(), r));
   for (int k = 0; k < 2; ++k) {
     const Vec2<S> unit = Vec2<S>::Unit(k);
-    const auto square = [&](const Vec2<S>& b) { return m.base_accelerations(p, m.base_rates(p, b), Vec2<S>::Zero()); };
+    const auto square = [&](const Vec2<S>& b) {
+      return m.base_accelerations(p, m.base_rates(p, b), Vec2<S>::Zero());
+    };
     const typename M::Rates mixed = quarter(square(base + unit), square(base - unit), m);
     const typename M::Channels column = m.channel_accelerations(p, r, m.base_rates(p, unit), mixed);
     for (int i = 0; i < M::channels; ++i) out[k] += column[i] * momenta[i];
@@ -34,7 +38,8 @@ Vec2<S> drift(const M& m, const typename M::Pose& p, const typename M::Rates& r,
   return out;
 }
 
-/// d' = omega (p' - tau - drift - d), backward Euler in d, the trapezoid in the drift. The rate is not differentiated.
+/// d' = omega (p' - tau - drift - d), backward Euler in d, the trapezoid in the drift. The rate is not
+/// differentiated.
 template <class M>
 void momentum_observer(const ControllerConfig<M>& config, const Tracking<M>& t, PartMemory<M>& memory) {
   using S = typename M::Scalar;
@@ -46,7 +51,8 @@ void momentum_observer(const ControllerConfig<M>& config, const Tracking<M>& t, 
     const Vec2<S> acted = on_base(m, t.pose, memory.torque(whole_delay(config)));
     const Vec2<S> unknown = p - half - memory.momentum - acted * h;
     memory.disturbance = (memory.disturbance + unknown * bandwidth) / (S(1) + bandwidth * h);
-    const S most = config.torque_limit.sum();  // what the motors do not have cannot be compensated; NaN stays NaN
+    const S most =
+        config.torque_limit.sum();  // what the motors do not have cannot be compensated; NaN stays NaN
     for (int i = 0; i < 2; ++i) {
       if (memory.disturbance[i] > most) memory.disturbance[i] = most;
       if (memory.disturbance[i] < -most) memory.disturbance[i] = -most;

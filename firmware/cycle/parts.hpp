@@ -1,7 +1,7 @@
 #pragma once
-/// Optional parts of the controller. Each is a function of namespace esmc::part that the configuration points to, or
-/// null: what a scene does not name is not in the image and costs no instructions. What parts remember from tick to tick
-/// is here; their code is in part_*.hpp of this folder. docs/reaching.md.
+/// Optional parts of the controller. Each is a function of namespace esmc::part that the configuration points
+/// to, or null: what a scene does not name is not in the image and costs no instructions. What parts remember
+/// from tick to tick is here; their code is in part_*.hpp of this folder. docs/reaching.md.
 
 #include "firmware/control/law.hpp"
 #include "firmware/control/super_twisting.hpp"
@@ -17,13 +17,13 @@ struct PartMemory {
   using S = typename M::Scalar;
   static constexpr int depth = SuperTwisting<S>::most_delay + 1;
 
-  Vec2<S> asked;                        ///< torque of the last tick, N m, gathered on the base joints: by the law
+  Vec2<S> asked;  ///< torque of the last tick, N m, gathered on the base joints: by the law
   List<Vec<S, M::joints>, depth> sent;  ///< and as it went out, limited and ramped; the last tick's first
   bool whole = true;                    ///< the last one is what was asked
   int ticks = 0;                        ///< so many are remembered
   SuperTwisting<S> twisting;
-  Vec2<S> momentum;                         ///< of the base joints, with what is known to change it until the next tick, N m s
-  Vec2<S> disturbance = Vec2<S>::Zero();    ///< on the base joints, as observed, N m
+  Vec2<S> momentum;  ///< of the base joints, with what is known to change it until the next tick, N m s
+  Vec2<S> disturbance = Vec2<S>::Zero();  ///< on the base joints, as observed, N m
 
   /// The torque sent `ago` ticks before the last one.
   [[nodiscard]] Vec<S, M::joints> torque(int ago) const {
@@ -53,7 +53,8 @@ template <class M>
 using ObserverPart = void (*)(const ControllerConfig<M>& config, const Tracking<M>& t, PartMemory<M>& memory);
 /// The state of `t` moved on to the instant at which this tick's torque acts.
 template <class M>
-using PredictorPart = void (*)(const ControllerConfig<M>& config, const PartMemory<M>& memory, Tracking<M>& t);
+using PredictorPart = void (*)(const ControllerConfig<M>& config, const PartMemory<M>& memory,
+                               Tracking<M>& t);
 
 namespace part {
 
@@ -68,7 +69,8 @@ void implicit_coupled(const ControllerConfig<M>& config, const Tracking<M>& t, P
 /// disturbance_observer: generalised momentum of the base joints, its bandwidth in the configuration.
 template <class M>
 void momentum_observer(const ControllerConfig<M>& config, const Tracking<M>& t, PartMemory<M>& memory);
-/// predictor = true: the believed mechanism under the torques sent and the disturbance observed, over the told delay.
+/// predictor = true: the believed mechanism under the torques sent and the disturbance observed, over the
+/// told delay.
 template <class M>
 void predictor(const ControllerConfig<M>& config, const PartMemory<M>& memory, Tracking<M>& t);
 

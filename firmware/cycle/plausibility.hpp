@@ -1,6 +1,6 @@
 #pragma once
-/// What a message alone cannot show: whether it fits the one before, the command it answers, the pose that was
-/// confirmed.
+/// What a message alone cannot show: whether it fits the one before, the command it answers, the pose that
+/// was confirmed.
 
 #include <array>
 #include <cstdint>
@@ -11,15 +11,16 @@
 
 namespace esmc {
 
-/// The samples of a tick against those before: an angle that moved, but not by its own rate, is a glitch, a slipped
-/// coupling or another sensor's frame.
+/// The samples of a tick against those before: an angle that moved, but not by its own rate, is a glitch, a
+/// slipped coupling or another sensor's frame.
 template <class M>
-class Consistency {
+class SampleJumpCheck {
  public:
   using S = typename M::Scalar;
 
-  /// Whether a sample of a joint that is newer than the last one is within `jump` rad per tick between them of where its rate
-  /// takes it from there; it may itself be some ticks old. Finite samples only. True before the first one, and with jump = 0.
+  /// Whether a sample of a joint that is newer than the last one is within `jump` rad per tick between them
+  /// of where its rate takes it from there; it may itself be some ticks old. Finite samples only. True before
+  /// the first one, and with jump = 0.
   [[nodiscard]] bool plausible(int joint, const Sample<M>& now, S jump, S sample_time) const {
     const auto u = static_cast<unsigned>(joint);
     if (!(jump > S(0)) || !known_[u] || now.age_ticks[u] > age_[u]) return true;
@@ -47,20 +48,21 @@ class Consistency {
  private:
   static constexpr std::uint32_t forgotten = 1000;  ///< ticks: what was known before says nothing any more
   Vec<S, M::joints> last_ = Vec<S, M::joints>::Zero();
-  std::array<std::uint32_t, static_cast<unsigned>(M::joints)> age_{};  ///< ticks, of the last one at the end of the tick before
+  std::array<std::uint32_t, static_cast<unsigned>(M::joints)>
+      age_{};  ///< ticks, of the last one at the end of the tick before
   std::array<bool, static_cast<unsigned>(M::joints)> known_{};
 };
 
-/// The torque that a drive reports against what it was told, allowed the time it takes to follow. It need not report in
-/// every tick.
+/// The torque that a drive reports against what it was told, allowed the time it takes to follow. It need not
+/// report in every tick.
 template <class M>
-class TorqueEcho {
+class TorqueFeedbackCheck {
  public:
   using S = typename M::Scalar;
 
-  TorqueEcho() = default;
+  TorqueFeedbackCheck() = default;
   /// `tolerance`: N m, 0: anything goes; `time`: s, of the first-order lag that the drive is allowed.
-  TorqueEcho(S tolerance, S time, S sample_time)
+  TorqueFeedbackCheck(S tolerance, S time, S sample_time)
       : tolerance_(tolerance), share_(sample_time / (time + sample_time)) {}
   [[nodiscard]] bool compares() const { return tolerance_ > S(0); }
 
@@ -71,7 +73,8 @@ class TorqueEcho {
 
   /// What was off before there was torque says nothing.
   void forget() { off_ = {}; }
-  /// Once per tick. False once a joint's reported torque has been off for `patience` reports in a row; none reported, none compared.
+  /// Once per tick. False once a joint's reported torque has been off for `patience` reports in a row; none
+  /// reported, none compared.
   [[nodiscard]] bool plausible(int joint, const std::optional<float>& reported) {
     auto& n = off_[static_cast<unsigned>(joint)];
     if (!compares() || !reported) return true;
@@ -87,8 +90,8 @@ class TorqueEcho {
   std::array<int, static_cast<unsigned>(M::joints)> off_{};
 };
 
-/// The zero of encoders that lose it without power. Until the operator has put the mechanism into its zero pose and
-/// confirmed it, angles mean nothing.
+/// The zero of encoders that lose it without power. Until the operator has put the mechanism into its zero
+/// pose and confirmed it, angles mean nothing.
 template <class M>
 class ZeroPose {
  public:

@@ -15,8 +15,10 @@ struct Sample {
   using S = typename M::Scalar;
   Vec<S, M::joints> angle = Vec<S, M::joints>::Zero();  ///< rad
   Vec<S, M::joints> rate = Vec<S, M::joints>::Zero();   ///< rad/s
-  std::array<std::uint32_t, static_cast<unsigned>(M::joints)> age_ticks{};     ///< 0: of this tick; missed samples otherwise
-  std::array<S, static_cast<unsigned>(M::joints)> phase{};  ///< s, >= 0, from the arrival of the sample to the instant of its tick
+  std::array<std::uint32_t, static_cast<unsigned>(M::joints)>
+      age_ticks{};  ///< 0: of this tick; missed samples otherwise
+  std::array<S, static_cast<unsigned>(M::joints)>
+      phase{};  ///< s, >= 0, from the arrival of the sample to the instant of its tick
 };
 
 }  // namespace esmc

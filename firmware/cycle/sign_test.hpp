@@ -1,6 +1,7 @@
 #pragma once
-/// Each motor in turn gets a small torque, and its joint must move as the model says: a motor that turns the wrong
-/// way, or commands that reach another motor than the one whose encoder is read, end here and not in a run-away.
+/// Each motor in turn gets a small torque, and its joint must move as the model says: a motor that turns the
+/// wrong way, or commands that reach another motor than the one whose encoder is read, end here and not in a
+/// run-away.
 
 #include <cstdint>
 
@@ -9,16 +10,18 @@
 
 namespace esmc {
 
-/// On top of the weight, motor i gets +pulse until its joint should have moved by `move`, then -pulse for as long, which
-/// takes the speed away again. The answer of both joints after the first half is compared with the model's, along the
-/// model's direction: it must be a quarter to four times as large, friction and wrong masses included. Nodes that are
-/// swapped as a whole, angle and torque, show the mirror image: of two equal legs with the same `direction` no torque tells.
+/// On top of the weight, motor i gets +pulse until its joint should have moved by `move`, then -pulse for as
+/// long, which takes the speed away again. The answer of both joints after the first half is compared with
+/// the model's, along the model's direction: it must be a quarter to four times as large, friction and wrong
+/// masses included. Nodes that are swapped as a whole, angle and torque, show the mirror image: of two equal
+/// legs with the same `direction` no torque tells.
 template <class M>
 class SignTest {
  public:
   using S = typename M::Scalar;
-  static constexpr S share_max = S(0.05F);         ///< of the torque limit
-  static constexpr std::uint32_t ticks_max = 200;  ///< of one half; a joint that needs longer cannot be tested
+  static constexpr S share_max = S(0.05F);  ///< of the torque limit
+  static constexpr std::uint32_t ticks_max =
+      200;  ///< of one half; a joint that needs longer cannot be tested
 
   static constexpr int motors = 2;
 
@@ -34,10 +37,10 @@ class SignTest {
     tick_ = half_ = 0;
   }
 
-  /// One tick. `angle`, `rate`: of the base joints as measured; `torque`: in, what balances the weight; out, with the
-  /// pulse. `limit`: of the base motors, N m.
-  Verdict step(const M& m, const typename M::Pose& now, const Vec2<S>& angle, const Vec2<S>& rate, const Vec2<S>& limit,
-               Vec2<S>& torque) {
+  /// One tick. `angle`, `rate`: of the base joints as measured; `torque`: in, what balances the weight; out,
+  /// with the pulse. `limit`: of the base motors, N m.
+  Verdict step(const M& m, const typename M::Pose& now, const Vec2<S>& angle, const Vec2<S>& rate,
+               const Vec2<S>& limit, Vec2<S>& torque) {
     if (motor_ == motors) return Verdict::passed;  // nobody has gone on: nothing is left to be tested
     if (half_ > 0 && tick_ == 2 * half_) {
       tick_ = 0;
@@ -51,9 +54,10 @@ class SignTest {
   }
 
  private:
-  [[gnu::cold]] bool begin(const M& m, const typename M::Pose& now, const Vec2<S>& angle, const Vec2<S>& rate, const Vec2<S>& limit,
-             const Vec2<S>& weight) {
-    // H, base to base: torques that unit accelerations take beyond the weight. Its inverse is what a pulse does.
+  [[gnu::cold]] bool begin(const M& m, const typename M::Pose& now, const Vec2<S>& angle, const Vec2<S>& rate,
+                           const Vec2<S>& limit, const Vec2<S>& weight) {
+    // H, base to base: torques that unit accelerations take beyond the weight. Its inverse is what a pulse
+    // does.
     Vec2<S> column[2];
     const auto still = rest<M>();
     for (int i = 0; i < 2; ++i) {

@@ -9,8 +9,8 @@
 
 namespace esmc {
 
-/// What a tick did; everything a log needs. Torques are zero unless `state` is testing, running, halting, holding
-/// or lowering.
+/// What a tick did; everything a log needs. Torques are zero unless `state` is testing, running, halting,
+/// holding or lowering.
 template <class M>
 struct TickResult {
   using S = typename M::Scalar;
@@ -20,10 +20,10 @@ struct TickResult {
   bool saturated = false;          ///< a torque was clamped
   bool stage_done = false;         ///< halting: at rest; lowering: let down. For the supervisor's next tick
   Vec<S, M::joints> torque;        ///< N m at the joints, zero where there is no motor
-  Vec2<S> effector;                             ///< as estimated, m; zero where there is no estimate
-  Vec2<S> desired_effector;                     ///< m; zero, and so is what follows, where nothing is desired
-  List<Vec2<S>, 2> desired_direction;           ///< cosine and sine of the base joints
-  typename M::Channels sliding;                 ///< of the channels; zero where nothing was asked of them
+  Vec2<S> effector;                ///< as estimated, m; zero where there is no estimate
+  Vec2<S> desired_effector;        ///< m; zero, and so is what follows, where nothing is desired
+  List<Vec2<S>, 2> desired_direction;  ///< cosine and sine of the base joints
+  typename M::Channels sliding;        ///< of the channels; zero where nothing was asked of them
 
   struct Unset {};
   TickResult() : TickResult(Unset{}) {
@@ -31,7 +31,8 @@ struct TickResult {
     nothing_desired();
     sliding.setZero();
   }
-  /// No torque; whoever takes it sets effector, desired_effector, desired_direction and sliding on every path.
+  /// No torque; whoever takes it sets effector, desired_effector, desired_direction and sliding on every
+  /// path.
   explicit TickResult(Unset) {
     unroll<M::joints>([&](auto i) ESMC_INLINE { torque[i] = S(0); });
   }

@@ -1,6 +1,6 @@
 #pragma once
-/// What every motor drive has in common for the controller: how it sits in the mechanism, what it says, what is
-/// asked of it. One type per protocol satisfies `Drive`; the cycle knows no other difference between them.
+/// What every motor drive has in common for the controller: how it sits in the mechanism, what it says, what
+/// is asked of it. One type per protocol satisfies `Drive`; the cycle knows no other difference between them.
 
 #include <array>
 #include <concepts>
@@ -23,8 +23,8 @@ struct AxisConfig {
 enum class Received : std::uint8_t {
   not_mine,
   accepted,
-  malformed,  ///< of this axis, with a length or format that it does not have: without side effect
-  impostor,   ///< what only we may send to this axis, sent by somebody else
+  malformed,        ///< of this axis, with a length or format that it does not have: without side effect
+  foreign_command,  ///< what only we may send to this axis, sent by somebody else
 };
 
 /// Joint side of an axis, as last heard.
@@ -46,9 +46,7 @@ template <class S>
   return static_cast<float>(joint_torque) * c.direction / c.gear_ratio;
 }
 /// Whether a shaft torque may go on the bus: a finite float not above shaft_torque_max.
-[[nodiscard]] constexpr bool can_carry(float torque) {
-  return __builtin_fabsf(torque) <= shaft_torque_max;
-}
+[[nodiscard]] constexpr bool can_carry(float torque) { return __builtin_fabsf(torque) <= shaft_torque_max; }
 
 /// What a protocol needs once per bus and not per axis. Most need nothing.
 struct NoLine {
@@ -66,32 +64,40 @@ struct NoLine {
 ///   receive        takes a frame; no side effect unless `accepted`
 ///   enable         frames that bring the axis to torque control, one step further; every tick while enabling
 ///   disable        frames that take it out of torque control; every tick until idle()
-///   put_torque     the command of a tick into a classic data frame, in every state; zero unless the cycle says otherwise
+///   put_torque     the command of a tick into a classic data frame, in every state; zero unless the cycle
+///   says otherwise
 template <class D>
-concept Drive = requires(D& d, const D& c, const hal::CanFrame& f, hal::CanFrame& out, bool (*send)(const hal::CanFrame&), float torque,
-                         typename D::Line& line) {
+concept Drive = requires(D& d, const D& c, const hal::CanFrame& f, hal::CanFrame& out,
+                         bool (*send)(const hal::CanFrame&), float torque, typename D::Line& line) {
   d.begin_tick();
   { d.receive(f) } -> std::same_as<Received>;
-  { c.heard_this_tick() } -> std::same_as<bool>;         ///< its frame of the tick: the last one completes a set
-  { c.sample_age_ticks() } -> std::same_as<std::uint32_t>;     ///< 0: arrived in this tick; age_max before the first
-  { c.brought_sample() } -> std::same_as<bool>;          ///< the frame accepted last did, or completed one
+  { c.heard_this_tick() } -> std::same_as<bool>;  ///< its frame of the tick: the last one completes a set
+  {
+    c.sample_age_ticks()
+    } -> std::same_as<std::uint32_t>;            ///< 0: arrived in this tick; age_max before the first
+  { c.brought_sample() } -> std::same_as<bool>;  ///< the frame accepted last did, or completed one
   { c.heartbeat_age_ticks() } -> std::same_as<std::uint32_t>;
-  { c.ready() } -> std::same_as<bool>;                   ///< torque control confirmed twice, without error
-  { c.idle() } -> std::same_as<bool>;                    ///< no torque, as far as is known
-  { c.alive() } -> std::same_as<bool>;                   ///< the axis itself has said something
+  { c.ready() } -> std::same_as<bool>;  ///< torque control confirmed twice, without error
+  { c.idle() } -> std::same_as<bool>;   ///< no torque, as far as is known
+  { c.alive() } -> std::same_as<bool>;  ///< the axis itself has said something
   { c.error() } -> std::same_as<bool>;
-  { c.error_code() } -> std::same_as<std::uint32_t>;     ///< in the words of the drive
+  { c.error_code() } -> std::same_as<std::uint32_t>;  ///< in the words of the drive
   { c.closed_loop() } -> std::same_as<bool>;
-  { c.must_be_released() } -> std::same_as<bool>;        ///< asked into torque control, not seen idle since
+  { c.must_be_released() } -> std::same_as<bool>;  ///< asked into torque control, not seen idle since
   { c.emergency_stopped() } -> std::same_as<bool>;
-  { c.contradicted() } -> std::same_as<bool>;            ///< what it let us read back is not what it must be
-  { c.muted() } -> std::same_as<bool>;                   ///< nothing is sent to it: its watchdog is being starved
-  { c.setting_up() } -> std::same_as<bool>;              ///< works through a set-up that ends by itself; false: waits for the drive
-  d.acknowledge();                                       ///< the operator's reset of an emergency stop
-  d.ask_again();                                         ///< nobody can have heard the last request
+  { c.config_mismatch() } -> std::same_as<bool>;  ///< what it let us read back is not what it must be
+  { c.tx_suspended() } -> std::same_as<bool>;     ///< nothing is sent to it: its watchdog is being starved
+  {
+    c.setting_up()
+    } -> std::same_as<bool>;  ///< works through a set-up that ends by itself; false: waits for the drive
+  d.acknowledge();            ///< the operator's reset of an emergency stop
+  d.ask_again();              ///< nobody can have heard the last request
   d.enable(send);
   d.disable(send);
-  { c.can_carry(torque) } -> std::same_as<bool>;         ///< of configuration alone; whoever can carry a torque can carry less, either way
+  {
+    c.can_carry(torque)
+    }
+    -> std::same_as<bool>;  ///< of configuration alone; whoever can carry a torque can carry less, either way
   c.put_torque(out, torque);
   c.template sample<float>();
   line.request(send);

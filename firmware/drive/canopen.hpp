@@ -1,7 +1,7 @@
 #pragma once
-/// CANopen (CiA 301) on the wire, as far as a controller of motor drives and a drive need it: network management,
-/// SYNC, heartbeat, emergency and expedited SDO, on the identifiers of the predefined connection set. Classic data
-/// frames with 11-bit identifiers, little endian.
+/// CANopen (CiA 301) on the wire, as far as a controller of motor drives and a drive need it: network
+/// management, SYNC, heartbeat, emergency and expedited SDO, on the identifiers of the predefined connection
+/// set. Classic data frames with 11-bit identifiers, little endian.
 
 #include <cstddef>
 #include <cstdint>
@@ -34,7 +34,12 @@ enum class NmtCommand : std::uint8_t {
   reset_communication = 0x82,
 };
 /// What a heartbeat says.
-enum class NmtState : std::uint8_t { boot_up = 0x00, stopped = 0x04, operational = 0x05, pre_operational = 0x7F };
+enum class NmtState : std::uint8_t {
+  boot_up = 0x00,
+  stopped = 0x04,
+  operational = 0x05,
+  pre_operational = 0x7F
+};
 
 /// An entry of the object dictionary.
 struct Object {
@@ -70,7 +75,8 @@ constexpr void put(hal::CanFrame& f, std::size_t at, std::uint32_t value, std::s
   return f.size == size && !f.remote && !f.fd;
 }
 
-// ---- network management, SYNC, heartbeat, emergency --------------------------------------------------------------
+// ---- network management, SYNC, heartbeat, emergency
+// --------------------------------------------------------------
 
 /// An NMT frame.
 struct Nmt {
@@ -97,15 +103,16 @@ struct Nmt {
   f.data[0] = static_cast<std::uint8_t>(state);
   return f;
 }
-/// Boot-up is a heartbeat with state 0. Empty also for states that do not exist; node guarding, which toggles a
-/// bit, is not used.
+/// Boot-up is a heartbeat with state 0. Empty also for states that do not exist; node guarding, which toggles
+/// a bit, is not used.
 [[nodiscard]] constexpr std::optional<NmtState> decode_heartbeat(const hal::CanFrame& f) {
   if (!has_size(f, 1)) return std::nullopt;
   switch (const auto s = static_cast<NmtState>(f.data[0])) {
     case NmtState::boot_up:
     case NmtState::stopped:
     case NmtState::operational:
-    case NmtState::pre_operational: return s;
+    case NmtState::pre_operational:
+      return s;
   }
   return std::nullopt;
 }
@@ -126,7 +133,8 @@ struct Emergency {
   return Emergency{static_cast<std::uint16_t>(get(f, 0, 2)), f.data[2]};
 }
 
-// ---- SDO, expedited: up to four bytes in one frame -----------------------------------------------------------------
+// ---- SDO, expedited: up to four bytes in one frame
+// -----------------------------------------------------------------
 
 namespace detail {
 [[nodiscard]] constexpr hal::CanFrame sdo(std::uint32_t id, std::uint8_t specifier, Object o) {
@@ -142,7 +150,8 @@ namespace detail {
 }
 /// Data bytes that a command byte announces: 1..4, or 0 where the sender does not say.
 [[nodiscard]] constexpr std::uint8_t size_of(std::uint8_t specifier) {
-  return (specifier & 0x01U) == 0 ? std::uint8_t{0} : static_cast<std::uint8_t>(4U - ((specifier >> 2U) & 3U));
+  return (specifier & 0x01U) == 0 ? std::uint8_t{0}
+                                  : static_cast<std::uint8_t>(4U - ((specifier >> 2U) & 3U));
 }
 [[nodiscard]] constexpr Object object_of(const hal::CanFrame& f) {
   return {static_cast<std::uint16_t>(get(f, 1, 2)), f.data[3]};

@@ -1,6 +1,7 @@
 #pragma once
-/// What a CiA 402 drive is told and asked, entry by entry, before it may go operational: our heartbeat and its
-/// reaction to losing it, the mode, the torque scale, and three PDOs that carry what the loop needs and no others.
+/// What a CiA 402 drive is told and asked, entry by entry, before it may go operational: our heartbeat and
+/// its reaction to losing it, the mode, the torque scale, and three PDOs that carry what the loop needs and
+/// no others.
 
 #include <array>
 #include <cstdint>
@@ -11,9 +12,9 @@ namespace esmc::drive {
 
 /// What the controller must know of a drive and its bus. Every unit that a drive may choose is here.
 struct Cia402Settings {
-  float rated_torque = 0.0F;        ///< N m at the shaft: what object 6076 must say, to 1 %
-  float rated_torque_unit = 1e-3F;  ///< N m per LSB of object 6076
-  float torque_limit = 0.0F;        ///< N m at the shaft: what object 6072 must allow
+  float rated_torque = 0.0F;                  ///< N m at the shaft: what object 6076 must say, to 1 %
+  float rated_torque_unit = 1e-3F;            ///< N m per LSB of object 6076
+  float torque_limit = 0.0F;                  ///< N m at the shaft: what object 6072 must allow
   std::uint32_t counts_per_turn = 1'048'576;  ///< of object 6064, > 0
   float velocity_unit = 1.0471976e-4F;        ///< rad/s per LSB of object 606C; here 0.001 rpm
   std::uint32_t period_us = 1000;             ///< between two SYNC
@@ -22,13 +23,15 @@ struct Cia402Settings {
   std::uint8_t master_node = 127;             ///< our own
   std::uint16_t retry_ticks = 150;            ///< until what leads to nothing is begun again, > 0
   std::uint16_t sdo_ticks = 100;              ///< how long an answer may take, > 0
-  /// Option codes of CiA 402: lost connection is a fault, a fault and a quick stop take the torque away at once.
+  /// Option codes of CiA 402: lost connection is a fault, a fault and a quick stop take the torque away at
+  /// once.
   std::int16_t abort_connection = 1, fault_reaction = 0, quick_stop = 0;
 };
 
 namespace cia402 {
 
-/// The interpolation period as object 60C2 has it: value * 10^index s. In ms where it is a whole number of them.
+/// The interpolation period as object 60C2 has it: value * 10^index s. In ms where it is a whole number of
+/// them.
 struct Interpolation {
   std::uint8_t value;
   std::int8_t index;
@@ -88,28 +91,32 @@ namespace detail {
 inline constexpr std::uint32_t cob_mask = ~canopen::cob_no_rtr;
 
 constexpr Entry disabled(std::uint16_t communication, std::uint32_t id) {
-  return {{communication, 1}, 4, Task::verify, canopen::cob_invalid | id, Source::plus_node, true, canopen::cob_invalid};
+  return {{communication, 1}, 4,    Task::verify,        canopen::cob_invalid | id,
+          Source::plus_node,  true, canopen::cob_invalid};
 }
 constexpr Entry map(std::uint16_t mapping, std::uint8_t sub, Object o, std::uint8_t bits) {
   return {{mapping, sub}, 4, Task::verify, mapped(o, bits)};
 }
 }  // namespace detail
 
-/// A PDO is remapped in this order only: off, no entries, transmission, entries, their count, on. It is off before
-/// its transmission type changes, and the type of a drive that was used asynchronously loads the bus until then.
+/// A PDO is remapped in this order only: off, no entries, transmission, entries, their count, on. It is off
+/// before its transmission type changes, and the type of a drive that was used asynchronously loads the bus
+/// until then.
 // Not by class template argument deduction: gcc 12 puts such a constant into writable data.
 inline constexpr auto setup = std::to_array<Entry>({
     Entry{controlword, 2, Task::write, control_disable_voltage},
     Entry{producer_heartbeat, 2, Task::verify, 0, Source::heartbeat},
     Entry{consumer_heartbeat, 4, Task::verify, 0, Source::consumer},
     Entry{error_behaviour, 1, Task::attempt, error_keeps_state},
-    Entry{emergency_cob_id, 4, Task::expect, canopen::id_emergency, Source::plus_node, true, detail::cob_mask},
+    Entry{emergency_cob_id, 4, Task::expect, canopen::id_emergency, Source::plus_node, true,
+          detail::cob_mask},
     Entry{sync_cob_id, 4, Task::expect, canopen::id_sync, Source::constant, false, 0x7FFF'FFFF},
     Entry{sync_period, 4, Task::verify, 0, Source::period_us, true},
     Entry{abort_connection_option, 2, Task::verify, 0, Source::abort_connection},
     Entry{fault_reaction_option, 2, Task::verify, 0, Source::fault_reaction},
     Entry{quick_stop_option, 2, Task::verify, 0, Source::quick_stop},
-    Entry{supported_modes, 4, Task::expect, supports_cyclic_torque, Source::constant, false, supports_cyclic_torque},
+    Entry{supported_modes, 4, Task::expect, supports_cyclic_torque, Source::constant, false,
+          supports_cyclic_torque},
     Entry{mode_of_operation, 1, Task::verify, static_cast<std::uint32_t>(mode_cyclic_torque)},
     Entry{rated_torque, 4, Task::rated},
     Entry{max_torque, 2, Task::at_least},
@@ -121,14 +128,24 @@ inline constexpr auto setup = std::to_array<Entry>({
     detail::disabled(rpdo_communication + 3, canopen::id_rpdo4),
     detail::disabled(tpdo_communication + 2, canopen::id_tpdo3),
     detail::disabled(tpdo_communication + 3, canopen::id_tpdo4),
-    Entry{{rpdo_communication, 1}, 4, Task::write, canopen::cob_invalid | canopen::id_rpdo1, Source::plus_node},
+    Entry{
+        {rpdo_communication, 1}, 4, Task::write, canopen::cob_invalid | canopen::id_rpdo1, Source::plus_node},
     Entry{{rpdo_mapping, 0}, 1, Task::write, 0},
     Entry{{rpdo_communication, 2}, 1, Task::verify, transmission_at_once},
     detail::map(rpdo_mapping, 1, controlword, 16),
     detail::map(rpdo_mapping, 2, target_torque, 16),
     Entry{{rpdo_mapping, 0}, 1, Task::verify, 2},
-    Entry{{rpdo_communication, 1}, 4, Task::verify, canopen::id_rpdo1, Source::plus_node, false, detail::cob_mask},
-    Entry{{tpdo_communication, 1}, 4, Task::write, canopen::cob_invalid | canopen::cob_no_rtr | canopen::id_tpdo1,
+    Entry{{rpdo_communication, 1},
+          4,
+          Task::verify,
+          canopen::id_rpdo1,
+          Source::plus_node,
+          false,
+          detail::cob_mask},
+    Entry{{tpdo_communication, 1},
+          4,
+          Task::write,
+          canopen::cob_invalid | canopen::cob_no_rtr | canopen::id_tpdo1,
           Source::plus_node},
     Entry{{tpdo_mapping, 0}, 1, Task::write, 0},
     Entry{{tpdo_communication, 2}, 1, Task::verify, transmission_every_sync},
@@ -136,16 +153,29 @@ inline constexpr auto setup = std::to_array<Entry>({
     detail::map(tpdo_mapping, 2, position, 32),
     detail::map(tpdo_mapping, 3, actual_torque, 16),
     Entry{{tpdo_mapping, 0}, 1, Task::verify, 3},
-    Entry{{tpdo_communication, 1}, 4, Task::verify, canopen::cob_no_rtr | canopen::id_tpdo1, Source::plus_node, false,
+    Entry{{tpdo_communication, 1},
+          4,
+          Task::verify,
+          canopen::cob_no_rtr | canopen::id_tpdo1,
+          Source::plus_node,
+          false,
           detail::cob_mask},
-    Entry{{tpdo_communication + 1, 1}, 4, Task::write, canopen::cob_invalid | canopen::cob_no_rtr | canopen::id_tpdo2,
+    Entry{{tpdo_communication + 1, 1},
+          4,
+          Task::write,
+          canopen::cob_invalid | canopen::cob_no_rtr | canopen::id_tpdo2,
           Source::plus_node},
     Entry{{tpdo_mapping + 1, 0}, 1, Task::write, 0},
     Entry{{tpdo_communication + 1, 2}, 1, Task::verify, transmission_every_sync},
     detail::map(tpdo_mapping + 1, 1, velocity, 32),
     detail::map(tpdo_mapping + 1, 2, mode_display, 8),
     Entry{{tpdo_mapping + 1, 0}, 1, Task::verify, 2},
-    Entry{{tpdo_communication + 1, 1}, 4, Task::verify, canopen::cob_no_rtr | canopen::id_tpdo2, Source::plus_node, false,
+    Entry{{tpdo_communication + 1, 1},
+          4,
+          Task::verify,
+          canopen::cob_no_rtr | canopen::id_tpdo2,
+          Source::plus_node,
+          false,
           detail::cob_mask},
 });
 
@@ -153,16 +183,26 @@ inline constexpr auto setup = std::to_array<Entry>({
 [[nodiscard]] constexpr std::uint32_t value_of(const Entry& e, const Cia402Settings& s, std::uint8_t node) {
   const auto low16 = [](std::int16_t v) { return std::uint32_t{static_cast<std::uint16_t>(v)}; };
   switch (e.source) {
-    case Source::plus_node: return e.constant + node;
-    case Source::heartbeat: return s.heartbeat_ms;
-    case Source::consumer: return (std::uint32_t{s.master_node} << 16U) | s.consumer_ms;
-    case Source::abort_connection: return low16(s.abort_connection);
-    case Source::fault_reaction: return low16(s.fault_reaction);
-    case Source::quick_stop: return low16(s.quick_stop);
-    case Source::period_value: return interpolation(s.period_us).value;
-    case Source::period_index: return static_cast<std::uint8_t>(interpolation(s.period_us).index);
-    case Source::period_us: return s.period_us;
-    default: return e.constant;
+    case Source::plus_node:
+      return e.constant + node;
+    case Source::heartbeat:
+      return s.heartbeat_ms;
+    case Source::consumer:
+      return (std::uint32_t{s.master_node} << 16U) | s.consumer_ms;
+    case Source::abort_connection:
+      return low16(s.abort_connection);
+    case Source::fault_reaction:
+      return low16(s.fault_reaction);
+    case Source::quick_stop:
+      return low16(s.quick_stop);
+    case Source::period_value:
+      return interpolation(s.period_us).value;
+    case Source::period_index:
+      return static_cast<std::uint8_t>(interpolation(s.period_us).index);
+    case Source::period_us:
+      return s.period_us;
+    default:
+      return e.constant;
   }
 }
 [[nodiscard]] constexpr bool absent(std::uint32_t abort_code) {

@@ -1,11 +1,12 @@
 #pragma once
-/// MIT mode on the wire (mini cheetah, T-Motor AK, Damiao and their kin): one frame of eight bytes asks a drive for
-/// kp (p - q) + kd (v - dq) + t, and is answered by one frame. Big-endian bit fields, each a range cut into 2^n - 1
-/// steps; rad, rad/s and N m at the drive's output shaft.
+/// MIT mode on the wire (mini cheetah, T-Motor AK, Damiao and their kin): one frame of eight bytes asks a
+/// drive for kp (p - q) + kd (v - dq) + t, and is answered by one frame. Big-endian bit fields, each a range
+/// cut into 2^n - 1 steps; rad, rad/s and N m at the drive's output shaft.
 ///
 ///   command  p 16 | v 12 | kp 12 | kd 12 | t 12                  identifier: the drive's node
 ///   special  seven bytes FF, then FC (enter motor mode), FD (leave it) or FE (take this as zero)
-///   reply    node 8 | p 16 | v 12 | t 12 | what the maker adds   identifier: the master's, or the drive's node
+///   reply    node 8 | p 16 | v 12 | t 12 | what the maker adds   identifier: the master's, or the drive's
+///   node
 ///
 /// Zero is no multiple of a step: the two codes next to it are half a step away, so "no torque" is
 /// range / 4095 (4.4 mN m of 18 N m). `code` rounds to nearest and zero up.
@@ -20,13 +21,14 @@ namespace esmc::drive::mit {
 
 /// Who made the drive, as far as replies differ.
 enum class Dialect : std::uint8_t {
-  mini_cheetah,  ///< 5 bytes (the last eight bits of the torque are missing), 6, or 7 (then the supply voltage)
+  mini_cheetah,  ///< 5 bytes (the last eight bits of the torque are missing), 6, or 7 (then the supply
+                 ///< voltage)
   cubemars,      ///< 8 bytes: ... temperature, error
   damiao,        ///< 8 bytes: error in the high half of byte 0, node in the low half; ... two temperatures
 };
 
-/// Half widths: a quantity runs from -range to +range. What they are is the drive's configuration and cannot be
-/// asked for; with a wrong one every number is wrong by its factor.
+/// Half widths: a quantity runs from -range to +range. What they are is the drive's configuration and cannot
+/// be asked for; with a wrong one every number is wrong by its factor.
 struct Ranges {
   float position = 12.5F;  ///< rad
   float velocity = 50.0F;  ///< rad/s
@@ -51,7 +53,8 @@ struct Reply {
   bool whole_torque = true;  ///< false of a reply of 5 bytes: its last eight bits are missing
 };
 
-/// The code nearest to a value, clamped to the range; the middle for a NaN or where the range is no number above 0.
+/// The code nearest to a value, clamped to the range; the middle for a NaN or where the range is no number
+/// above 0.
 [[nodiscard]] constexpr std::uint16_t code(float value, float range, std::uint16_t code_max) {
   if (!(range > 0.0F)) return static_cast<std::uint16_t>(code_max / 2U + 1U);
   if (value >= range) return code_max;
@@ -61,7 +64,8 @@ struct Reply {
   return static_cast<std::uint16_t>(steps + 0.5F);
 }
 [[nodiscard]] constexpr float value(std::uint16_t code, float range, std::uint16_t code_max) {
-  return (2.0F * static_cast<float>(code) - static_cast<float>(code_max)) / static_cast<float>(code_max) * range;
+  return (2.0F * static_cast<float>(code) - static_cast<float>(code_max)) / static_cast<float>(code_max) *
+         range;
 }
 
 /// Into a classic data frame.
@@ -100,7 +104,8 @@ constexpr void put_command(hal::CanFrame& f, std::uint32_t node, const Command& 
   return d == Dialect::damiao ? ((first ^ node) & 0x0FU) == 0 : first == node;
 }
 
-/// Empty: a length that the dialect does not have, remote or FD. Identifier and first byte are the caller's business.
+/// Empty: a length that the dialect does not have, remote or FD. Identifier and first byte are the caller's
+/// business.
 [[nodiscard]] constexpr std::optional<Reply> decode_reply(const hal::CanFrame& f, Dialect d) {
   if (f.remote || f.fd || !has_reply_size(f.size, d)) return std::nullopt;
   Reply r;
@@ -114,12 +119,14 @@ constexpr void put_command(hal::CanFrame& f, std::uint32_t node, const Command& 
 }
 
 /// For the drive's side of the wire. `size` bytes of the reply are filled as far as they are given here.
-[[nodiscard]] constexpr hal::CanFrame encode_reply(std::uint32_t id, std::uint8_t node, const Reply& r, Dialect d,
-                                                   std::uint8_t size) {
+[[nodiscard]] constexpr hal::CanFrame encode_reply(std::uint32_t id, std::uint8_t node, const Reply& r,
+                                                   Dialect d, std::uint8_t size) {
   hal::CanFrame f;
   f.id = id;
   f.size = size;
-  f.data[0] = d == Dialect::damiao ? static_cast<std::uint8_t>((std::uint32_t{r.error} << 4U) | (node & 0x0FU)) : node;
+  f.data[0] = d == Dialect::damiao
+                  ? static_cast<std::uint8_t>((std::uint32_t{r.error} << 4U) | (node & 0x0FU))
+                  : node;
   f.data[1] = static_cast<std::uint8_t>(r.position >> 8U);
   f.data[2] = static_cast<std::uint8_t>(r.position);
   f.data[3] = static_cast<std::uint8_t>(r.velocity >> 4U);

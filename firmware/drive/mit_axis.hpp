@@ -1,17 +1,17 @@
 #pragma once
 /// One drive in MIT mode seen from the controller.
 ///
-/// A drive speaks only when it is spoken to: each command is answered by one reply, which is sample and heartbeat in
-/// one. The torque command that the cycle sends every tick, in every state, is therefore also the request for the
-/// next sample; while the supervisor allows no torque it is the zero command that enabling and disabling rely on.
-/// enable() and disable() add the special frames only: a zero command of their own would be a second command in
-/// a tick, and lockstep counts commands.
+/// A drive speaks only when it is spoken to: each command is answered by one reply, which is sample and
+/// heartbeat in one. The torque command that the cycle sends every tick, in every state, is therefore also
+/// the request for the next sample; while the supervisor allows no torque it is the zero command that
+/// enabling and disabling rely on. enable() and disable() add the special frames only: a zero command of
+/// their own would be a second command in a tick, and lockstep counts commands.
 ///
-/// What cannot be known: a reply says neither whether the drive is in motor mode nor that it has done what it was
-/// asked (most firmware answers before it acts). `idle()` and `closed_loop()` therefore mean: the frame was taken by the
-/// bus, and the drive has answered two ticks that came after it. Damiao reports its mode in the error field; where it has
-/// been seen to, it must agree. Nothing can be read back: ranges, zero and time-out are the word of whoever configured
-/// the drive. Errors of a drive are not cleared from here.
+/// What cannot be known: a reply says neither whether the drive is in motor mode nor that it has done what it
+/// was asked (most firmware answers before it acts). `idle()` and `closed_loop()` therefore mean: the frame
+/// was taken by the bus, and the drive has answered two ticks that came after it. Damiao reports its mode in
+/// the error field; where it has been seen to, it must agree. Nothing can be read back: ranges, zero and
+/// time-out are the word of whoever configured the drive. Errors of a drive are not cleared from here.
 
 #include <cstdint>
 #include <optional>
@@ -31,22 +31,25 @@ class MitAxis {
   struct Settings {
     mit::Ranges ranges{};
     Dialect dialect = Dialect::mini_cheetah;
-    std::uint16_t master_id = 0;  ///< identifier of the replies; the node itself: drives that answer on their own
+    std::uint16_t master_id =
+        0;  ///< identifier of the replies; the node itself: drives that answer on their own
     std::uint32_t retry_ticks = 150;  ///< how long to wait for replies before asking again, > 2
   };
 
   /// error_code(): the drive's own error in the low eight bits, and what is wrong with its reply.
-  static constexpr std::uint32_t position_at_rail = 0x100;  ///< first or last code: the shaft is anywhere beyond it
+  static constexpr std::uint32_t position_at_rail =
+      0x100;  ///< first or last code: the shaft is anywhere beyond it
   static constexpr std::uint32_t velocity_at_rail = 0x200;  ///< likewise
-  /// The position moved by more than half of its span between two replies: firmware that does not clamp has wrapped
-  /// around, and what it says from now on is wrong by the span. Latched until the controller restarts.
+  /// The position moved by more than half of its span between two replies: firmware that does not clamp has
+  /// wrapped around, and what it says from now on is wrong by the span. Latched until the controller
+  /// restarts.
   static constexpr std::uint32_t position_lost = 0x400;
 
   MitAxis() = default;
   MitAxis(const AxisConfig& config, const Settings& settings) : config_(config), settings_(settings) {}
 
-  /// Takes a frame from the bus. No side effect unless `accepted`. Where replies come on the node's own identifier,
-  /// whatever is no reply of this axis is a command, and we send those.
+  /// Takes a frame from the bus. No side effect unless `accepted`. Where replies come on the node's own
+  /// identifier, whatever is no reply of this axis is a command, and we send those.
   Received receive(const hal::CanFrame& f) {
     if (f.extended || f.remote) return Received::not_mine;
     if (f.id == settings_.master_id && f.size > 0 && mit::names(f.data[0], config_.node, settings_.dialect)) {
@@ -56,7 +59,7 @@ class MitAxis {
       }
       if (f.id != config_.node) return Received::malformed;
     }
-    return f.id == config_.node ? Received::impostor : Received::not_mine;
+    return f.id == config_.node ? Received::foreign_command : Received::not_mine;
   }
 
   void begin_tick() {
@@ -69,7 +72,8 @@ class MitAxis {
   [[nodiscard]] bool brought_sample() const { return true; }  // every reply does
   [[nodiscard]] std::uint32_t heartbeat_age_ticks() const { return age_ticks_; }
 
-  /// Of the last reply, with an error or without. Steps of range / 32767.5 in angle and range / 2047.5 in rate.
+  /// Of the last reply, with an error or without. Steps of range / 32767.5 in angle and range / 2047.5 in
+  /// rate.
   template <class S>
   [[nodiscard]] JointSample<S> sample() const {
     const S per_rad = S(config_.direction) / S(config_.gear_ratio);
@@ -81,14 +85,15 @@ class MitAxis {
   /// What the drive says it gives, N m at the joint, model convention; none where the reply has it cut.
   [[nodiscard]] std::optional<float> observed_torque() const {
     if (!last_.whole_torque) return std::nullopt;
-    return mit::value(last_.torque, settings_.ranges.torque, mit::code_max_12) * config_.direction * config_.gear_ratio;
+    return mit::value(last_.torque, settings_.ranges.torque, mit::code_max_12) * config_.direction *
+           config_.gear_ratio;
   }
 
   /// The bus took the frame that enters motor mode, and replies without error came in two ticks since.
   [[nodiscard]] bool ready() const { return step_ == Step::entered && replies_ >= replies_wanted; }
   /// The bus took the frame that leaves motor mode, and replies came in two ticks since.
   [[nodiscard]] bool idle() const { return step_ == Step::left && replies_ >= replies_wanted; }
-  [[nodiscard]] bool must_be_released() const { return owed_; }
+  [[nodiscard]] bool must_be_released() const { return release_pending_; }
   [[nodiscard]] bool alive() const { return alive_; }
   [[nodiscard]] bool error() const { return error_ != 0; }
   [[nodiscard]] std::uint32_t error_code() const { return error_; }
@@ -97,18 +102,21 @@ class MitAxis {
   /// There is no emergency stop in this protocol.
   [[nodiscard]] bool emergency_stopped() const { return false; }
   /// A time-out does not show in the replies.
-  [[nodiscard]] bool muted() const { return false; }
+  [[nodiscard]] bool tx_suspended() const { return false; }
   [[nodiscard]] bool setting_up() const { return false; }
   void acknowledge() {}
   /// Nothing can be read back.
-  [[nodiscard]] bool contradicted() const { return false; }
+  [[nodiscard]] bool config_mismatch() const { return false; }
 
-  /// Frames that bring the drive into motor mode; call every tick while enabling, and send put_torque(0) after it.
+  /// Frames that bring the drive into motor mode; call every tick while enabling, and send put_torque(0)
+  /// after it.
   ///
-  ///   leave motor mode  ->  replies in two ticks, so that a zero command has arrived: a drive that enters motor mode
-  ///   acts on the last command it has  ->  enter motor mode, if no error is reported  ->  replies in two ticks: ready()
+  ///   leave motor mode  ->  replies in two ticks, so that a zero command has arrived: a drive that enters
+  ///   motor mode acts on the last command it has  ->  enter motor mode, if no error is reported  ->  replies
+  ///   in two ticks: ready()
   ///
-  /// To a silent drive the first frame is a call. What leads to nothing is repeated from the start every retry_ticks.
+  /// To a silent drive the first frame is a call. What leads to nothing is repeated from the start every
+  /// retry_ticks.
   template <class Send>
   void enable(Send&& send) {
     if (ready()) return;
@@ -118,7 +126,7 @@ class MitAxis {
       if (!send(mit::encode_special(config_.node, mit::Special::enter))) return;
       step_ = Step::entered;
       replies_ = 0;
-      owed_ = true;
+      release_pending_ = true;
       wait();
       return;
     }
@@ -128,8 +136,8 @@ class MitAxis {
 
   void ask_again() { wait_ticks_ = 0; }
 
-  /// Frames that take the drive out of motor mode, from the second tick on: the first one is for the zero command,
-  /// because a drive keeps its last command.
+  /// Frames that take the drive out of motor mode, from the second tick on: the first one is for the zero
+  /// command, because a drive keeps its last command.
   template <class Send>
   void disable(Send&& send) {
     wait_ticks_ = 0;
@@ -149,12 +157,14 @@ class MitAxis {
   [[nodiscard]] bool can_carry(S joint_torque) const {
     return drive::can_carry(shaft_torque(config_, joint_torque));
   }
-  /// Torque at the joint, N m, model convention, rounded to the nearest step and clamped to the range of the drive; zero
-  /// (to half a step) for a torque that cannot be carried. Gains are zero, so position and speed do not matter.
+  /// Torque at the joint, N m, model convention, rounded to the nearest step and clamped to the range of the
+  /// drive; zero (to half a step) for a torque that cannot be carried. Gains are zero, so position and speed
+  /// do not matter.
   template <class S>
   void put_torque(hal::CanFrame& f, S joint_torque) const {
     const float torque = can_carry(joint_torque) ? shaft_torque(config_, joint_torque) : 0.0F;
-    mit::put_command(f, config_.node, {.torque = mit::code(torque, settings_.ranges.torque, mit::code_max_12)});
+    mit::put_command(f, config_.node,
+                     {.torque = mit::code(torque, settings_.ranges.torque, mit::code_max_12)});
   }
 
   static constexpr std::uint32_t age_max = drive::age_max;
@@ -199,7 +209,7 @@ class MitAxis {
       ++replies_;
       counted_ = true;
     }
-    if (idle()) owed_ = false;
+    if (idle()) release_pending_ = false;
   }
   [[nodiscard]] static std::uint32_t span(std::uint16_t a, std::uint16_t b) {
     return a > b ? std::uint32_t{a} - b : std::uint32_t{b} - a;
@@ -222,9 +232,9 @@ class MitAxis {
   std::uint8_t replies_ = 0;  // ticks with a reply since the bus took the last special frame
   Step step_ = Step::unknown;
   bool alive_ = false;
-  bool owed_ = false;          // asked into motor mode, not seen out of it since
-  bool counted_ = false;       // a reply of this tick has been counted
-  bool reports_mode_ = false;  // has said that it is in motor mode
+  bool release_pending_ = false;  // asked into motor mode, not seen out of it since
+  bool counted_ = false;          // a reply of this tick has been counted
+  bool reports_mode_ = false;     // has said that it is in motor mode
 };
 
 static_assert(Drive<MitAxis>);

@@ -18,18 +18,18 @@ enum class Version : std::uint8_t { v0_6, v0_5_6 };
 
 /// Command numbers.
 enum class Message : std::uint8_t {
-  get_version = 0x00,        ///< 0.6, drive -> us, cyclic or on request (RTR): protocol, hardware, firmware
-  heartbeat = 0x01,          ///< drive -> us: u32 axis_error, u8 axis_state, ...
-  estop = 0x02,              ///< anybody -> drive, no payload: disarm with an error
-  get_error = 0x03,          ///< 0.6, drive -> us: u32 active errors, u32 disarm reason
-  rx_sdo = 0x04,             ///< 0.6, us -> drive: u8 0 read, 1 write, u16 endpoint, u8 0, value
-  tx_sdo = 0x05,             ///< 0.6, drive -> us: u8 0, u16 endpoint, u8 0, value
-  set_axis_state = 0x07,     ///< us -> drive: u32 AxisState, 4 bytes unused
-  encoder_estimates = 0x09,  ///< drive -> us: f32 position rev, f32 velocity rev/s
-  set_controller_mode = 0x0B,///< us -> drive: u32 control mode, u32 input mode
-  set_input_torque = 0x0E,   ///< us -> drive: f32 N m, 4 bytes unused
-  clear_errors = 0x18,       ///< us -> drive: 0.6 u8 identify, 0.5.6 none
-  get_torques = 0x1C,        ///< 0.6, drive -> us, cyclic or on request: f32 target, f32 estimate, N m
+  get_version = 0x00,          ///< 0.6, drive -> us, cyclic or on request (RTR): protocol, hardware, firmware
+  heartbeat = 0x01,            ///< drive -> us: u32 axis_error, u8 axis_state, ...
+  estop = 0x02,                ///< anybody -> drive, no payload: disarm with an error
+  get_error = 0x03,            ///< 0.6, drive -> us: u32 active errors, u32 disarm reason
+  rx_sdo = 0x04,               ///< 0.6, us -> drive: u8 0 read, 1 write, u16 endpoint, u8 0, value
+  tx_sdo = 0x05,               ///< 0.6, drive -> us: u8 0, u16 endpoint, u8 0, value
+  set_axis_state = 0x07,       ///< us -> drive: u32 AxisState, 4 bytes unused
+  encoder_estimates = 0x09,    ///< drive -> us: f32 position rev, f32 velocity rev/s
+  set_controller_mode = 0x0B,  ///< us -> drive: u32 control mode, u32 input mode
+  set_input_torque = 0x0E,     ///< us -> drive: f32 N m, 4 bytes unused
+  clear_errors = 0x18,         ///< us -> drive: 0.6 u8 identify, 0.5.6 none
+  get_torques = 0x1C,          ///< 0.6, drive -> us, cyclic or on request: f32 target, f32 estimate, N m
 };
 
 /// States of an axis that are used here.
@@ -47,9 +47,10 @@ inline constexpr std::uint32_t error_estop_0_5_6 = 0x0000'4000;
   return (std::uint32_t{node} << 5U) | static_cast<std::uint32_t>(m);
 }
 
-/// What only a controller sends to an axis, the messages that we never use included: the set-points of position and speed
-/// carry a torque that acts in torque mode too (0C, 0D), limits (0F), trajectories and anticogging (10..13), reboot (16),
-/// another zero (19), gains (1A, 1B); 0.5.6: another node (06); 0.6: firmware update (1F).
+/// What only a controller sends to an axis, the messages that we never use included: the set-points of
+/// position and speed carry a torque that acts in torque mode too (0C, 0D), limits (0F), trajectories and
+/// anticogging (10..13), reboot (16), another zero (19), gains (1A, 1B); 0.5.6: another node (06); 0.6:
+/// firmware update (1F).
 [[nodiscard]] constexpr bool is_command(std::uint32_t message, Version v) {
   constexpr std::uint32_t both = 1U << 0x07U | 0x1FU << 0x0BU | 0xFU << 0x10U | 1U << 0x16U | 0xFU << 0x18U;
   const std::uint32_t all = both | (v == Version::v0_6 ? 1U << 0x1FU : 1U << 0x06U);
@@ -62,7 +63,8 @@ constexpr void put_u32(hal::CanFrame& f, std::size_t at, std::uint32_t v) {
 }
 constexpr std::uint32_t get_u32(const hal::CanFrame& f, std::size_t at) {
   static_assert(std::endian::native == std::endian::little);
-  return std::bit_cast<std::uint32_t>(std::array<std::uint8_t, 4>{f.data[at], f.data[at + 1], f.data[at + 2], f.data[at + 3]});
+  return std::bit_cast<std::uint32_t>(
+      std::array<std::uint8_t, 4>{f.data[at], f.data[at + 1], f.data[at + 2], f.data[at + 3]});
 }
 constexpr hal::CanFrame frame(std::uint8_t node, Message m, std::uint8_t size) {
   hal::CanFrame f;
@@ -108,8 +110,8 @@ constexpr void put_torque(hal::CanFrame& f, std::uint8_t node, float torque) {
   detail::put_u32(f, 4, std::bit_cast<std::uint32_t>(velocity_rev_s));
   return f;
 }
-/// 0.6: byte 5 procedure_result, byte 6 bit 0 trajectory_done. 0.5.6: bytes 5..7 motor, encoder and controller
-/// flags, trajectory_done in the last bit. A drive in torque control sends zeros in all of them.
+/// 0.6: byte 5 procedure_result, byte 6 bit 0 trajectory_done. 0.5.6: bytes 5..7 motor, encoder and
+/// controller flags, trajectory_done in the last bit. A drive in torque control sends zeros in all of them.
 [[nodiscard]] constexpr hal::CanFrame encode_heartbeat(std::uint8_t node, std::uint32_t error, AxisState s) {
   hal::CanFrame f = detail::frame(node, Message::heartbeat, 8);
   detail::put_u32(f, 0, error);
@@ -120,7 +122,7 @@ constexpr void put_torque(hal::CanFrame& f, std::uint8_t node, float torque) {
 /// What a drive says cyclically.
 struct Heartbeat {
   std::uint32_t axis_error;
-  AxisState axis_state;  ///< may hold a value without a name here: the drive has more states
+  AxisState axis_state;          ///< may hold a value without a name here: the drive has more states
   std::uint8_t component_flags;  ///< 0.5.6: motor, encoder or controller in error; 0.6: 0
 };
 /// Get_Encoder_Estimates: motor turns and turns per second.
@@ -152,7 +154,8 @@ struct Torques {
 }
 [[nodiscard]] constexpr std::optional<EncoderEstimates> decode_encoder_estimates(const hal::CanFrame& f) {
   if (!has_size(f, 8)) return std::nullopt;
-  return EncoderEstimates{std::bit_cast<float>(detail::get_u32(f, 0)), std::bit_cast<float>(detail::get_u32(f, 4))};
+  return EncoderEstimates{std::bit_cast<float>(detail::get_u32(f, 0)),
+                          std::bit_cast<float>(detail::get_u32(f, 4))};
 }
 [[nodiscard]] constexpr std::optional<Torques> decode_torques(const hal::CanFrame& f) {
   if (!has_size(f, 8)) return std::nullopt;
@@ -210,19 +213,22 @@ enum class ValueType : std::uint8_t { u8, u32, f32 };  ///< booleans are u8
 }
 
 /// For the drive's side of the wire.
-[[nodiscard]] constexpr hal::CanFrame encode_version(std::uint8_t node, const std::array<std::uint8_t, 3>& firmware) {
+[[nodiscard]] constexpr hal::CanFrame encode_version(std::uint8_t node,
+                                                     const std::array<std::uint8_t, 3>& firmware) {
   hal::CanFrame f = detail::frame(node, Message::get_version, 8);
   f.data[0] = 2;  // version of the protocol
   for (unsigned i = 0; i < 3; ++i) f.data[4 + i] = firmware[i];
   return f;
 }
-[[nodiscard]] constexpr hal::CanFrame encode_errors(std::uint8_t node, std::uint32_t active, std::uint32_t disarm_reason) {
+[[nodiscard]] constexpr hal::CanFrame encode_errors(std::uint8_t node, std::uint32_t active,
+                                                    std::uint32_t disarm_reason) {
   hal::CanFrame f = detail::frame(node, Message::get_error, 8);
   detail::put_u32(f, 0, active);
   detail::put_u32(f, 4, disarm_reason);
   return f;
 }
-[[nodiscard]] constexpr hal::CanFrame encode_value(std::uint8_t node, std::uint16_t endpoint, std::uint32_t raw) {
+[[nodiscard]] constexpr hal::CanFrame encode_value(std::uint8_t node, std::uint16_t endpoint,
+                                                   std::uint32_t raw) {
   hal::CanFrame f = detail::frame(node, Message::tx_sdo, 8);
   detail::put_u32(f, 0, std::uint32_t{endpoint} << 8U);
   detail::put_u32(f, 4, raw);
@@ -230,6 +236,7 @@ enum class ValueType : std::uint8_t { u8, u32, f32 };  ///< booleans are u8
 }
 
 // Worked out by hand from the message table: node 3, 1.5 N m.
-static_assert(encode_torque(3, 1.5F) == hal::CanFrame{.id = 0x06E, .size = 8, .data = {0x00, 0x00, 0xC0, 0x3F}});
+static_assert(encode_torque(3, 1.5F) ==
+              hal::CanFrame{.id = 0x06E, .size = 8, .data = {0x00, 0x00, 0xC0, 0x3F}});
 
 }  // namespace esmc::drive::odrive

@@ -20,18 +20,22 @@ class OdriveAxis {
   OdriveAxis() = default;
   /// `retry_ticks`: how long to wait for closed-loop control before asking again, > 0.
   /// `table`: what must be read back before the axis is armed; firmware 0.6 only.
-  OdriveAxis(const AxisConfig& config, Version version, std::uint32_t retry_ticks, const OdriveTable& table = {})
-      : config_(config), version_(version), retry_ticks_(retry_ticks), silence_ticks_(retry_ticks > 0 ? retry_ticks : age_max),
+  OdriveAxis(const AxisConfig& config, Version version, std::uint32_t retry_ticks,
+             const OdriveTable& table = {})
+      : config_(config),
+        version_(version),
+        retry_ticks_(retry_ticks),
+        silence_ticks_(retry_ticks > 0 ? retry_ticks : age_max),
         read_back_(version == Version::v0_6 ? table : OdriveTable{}) {}
-  /// Before the axis is ready for the first time, and again once it may have restarted, its watchdog is starved at zero
-  /// torque and must expire within so many ticks; 0: it is believed.
+  /// Before the axis is ready for the first time, and again once it may have restarted, its watchdog is
+  /// starved at zero torque and must expire within so many ticks; 0: it is believed.
   void prove_watchdog(std::uint32_t ticks) { starve_ticks_ = ticks; }
-  /// An axis without a heartbeat for more than so many ticks may have restarted: what it was found to be counts no more.
-  /// `retry_ticks` where nothing is said, and never longer.
+  /// An axis without a heartbeat for more than so many ticks may have restarted: what it was found to be
+  /// counts no more. `retry_ticks` where nothing is said, and never longer.
   void restarts_within(std::uint32_t ticks) { silence_ticks_ = ticks < retry_ticks_ ? ticks : retry_ticks_; }
 
-  /// Takes a frame from the bus. No side effect unless `accepted`. An emergency stop that somebody sends to this
-  /// axis, or to all, is taken whatever its length and format.
+  /// Takes a frame from the bus. No side effect unless `accepted`. An emergency stop that somebody sends to
+  /// this axis, or to all, is taken whatever its length and format.
   Received receive(const hal::CanFrame& f) {
     if (f.extended) return Received::not_mine;
     if ((f.id >> 5U) == config_.node) return to_this(f);
@@ -44,7 +48,8 @@ class OdriveAxis {
     if (torque_age_ticks_ < age_max) ++torque_age_ticks_;
     if (sample_age_ticks_ < age_max) ++sample_age_ticks_;
     if (heartbeat_age_ticks_ < age_max) ++heartbeat_age_ticks_;
-    if (heartbeat_age_ticks_ == silence_ticks_ + 1) [[unlikely]] fall_silent();
+    if (heartbeat_age_ticks_ == silence_ticks_ + 1) [[unlikely]]
+      fall_silent();
   }
 
   [[nodiscard]] bool heard_this_tick() const { return reported_; }
@@ -59,8 +64,8 @@ class OdriveAxis {
     return {S(estimates_.position_rev) * per_rev + S(config_.offset), S(estimates_.velocity_rev_s) * per_rev};
   }
 
-  /// Torque at the joint as the drive estimates it of its current, N m, model convention; empty in a tick without such a
-  /// report. Firmware 0.6, where its cyclic message is switched on.
+  /// Torque at the joint as the drive estimates it of its current, N m, model convention; empty in a tick
+  /// without such a report. Firmware 0.6, where its cyclic message is switched on.
   [[nodiscard]] std::optional<float> observed_torque() const {
     if (torque_age_ticks_ > 0) return std::nullopt;
     return torque_ * config_.direction * config_.gear_ratio;
@@ -71,61 +76,70 @@ class OdriveAxis {
   /// Closed-loop control reported without error in at least two heartbeats since the last request: an axis
   /// without power shows it once and drops out again.
   [[nodiscard]] bool ready() const { return confirmed() && !unconnected_; }
-  /// The axis reports position and speed 0: firmware 0.5.6 does so after a boot, wherever the shaft is, until its first
-  /// closed loop connects the encoder. Such a report is no sample. Any other report shows that the encoder is connected, until
-  /// exactly 0 and 0 follow from a distance, as after a restart.
+  /// The axis reports position and speed 0: firmware 0.5.6 does so after a boot, wherever the shaft is, until
+  /// its first closed loop connects the encoder. Such a report is no sample. Any other report shows that the
+  /// encoder is connected, until exactly 0 and 0 follow from a distance, as after a restart.
   [[nodiscard]] bool encoder_unconnected() const { return unconnected_; }
   /// Idle as far as is known: only what it said after the last request counts.
   [[nodiscard]] bool idle() const {
-    return answered_ && !asked_ && !contradicted() && last_.axis_state == odrive::AxisState::idle;
+    return answered_ && !asked_ && !config_mismatch() && last_.axis_state == odrive::AxisState::idle;
   }
   /// It was asked into closed loop once and has not been seen idle after being asked out of it.
-  [[nodiscard]] bool must_be_released() const { return owed_; }
+  [[nodiscard]] bool must_be_released() const { return release_pending_; }
   /// The axis itself has said something: an old setpoint or a frame of another controller is no life.
   [[nodiscard]] bool alive() const { return alive_; }
   /// Its watchdog is being starved: nothing may be sent to it.
-  [[nodiscard]] bool muted() const { return step_ == Step::starve; }
-  [[nodiscard]] bool setting_up() const { return muted() || (step_ == Step::request && !read_back_.done()); }
-  /// An emergency stop was seen on the bus or reported by the axis, and no operator has acknowledged it since.
+  [[nodiscard]] bool tx_suspended() const { return step_ == Step::test_watchdog; }
+  [[nodiscard]] bool setting_up() const {
+    return tx_suspended() || (step_ == Step::request && !read_back_.done());
+  }
+  /// An emergency stop was seen on the bus or reported by the axis, and no operator has acknowledged it
+  /// since.
   [[nodiscard]] bool emergency_stopped() const { return stopped_; }
-  /// The operator's reset of an emergency stop: what the axis still reports of it may be cleared, once. Anything
-  /// newer stops again.
+  /// The operator's reset of an emergency stop: what the axis still reports of it may be cleared, once.
+  /// Anything newer stops again.
   void acknowledge() {
     stopped_ = false;
     acknowledged_ = reports_emergency_stop();
   }
   [[nodiscard]] bool error() const { return last_.axis_error != 0 || last_.component_flags != 0; }
-  [[nodiscard]] bool closed_loop() const { return last_.axis_state == odrive::AxisState::closed_loop_control; }
+  [[nodiscard]] bool closed_loop() const {
+    return last_.axis_state == odrive::AxisState::closed_loop_control;
+  }
   [[nodiscard]] std::uint32_t error_code() const { return last_.axis_error; }
-  /// What was read back is not what it must be, or was not answered; forgotten by disable(). CANSimple 0.5.6 lets
-  /// nothing be read back.
-  [[nodiscard]] bool contradicted() const { return read_back_.contradicted() || unfed_; }
+  /// What was read back is not what it must be, or was not answered; forgotten by disable(). CANSimple 0.5.6
+  /// lets nothing be read back.
+  [[nodiscard]] bool config_mismatch() const {
+    return read_back_.config_mismatch() || watchdog_did_not_trip_;
+  }
   /// Its watchdog did not expire when it was starved.
-  [[nodiscard]] bool watchdog_is_off() const { return unfed_; }
-  /// The endpoint that was contradicted last; OdriveReadBack::version_endpoint for the version.
+  [[nodiscard]] bool watchdog_is_off() const { return watchdog_did_not_trip_; }
+  /// The endpoint that was config_mismatch last; OdriveReadBack::version_endpoint for the version.
   [[nodiscard]] std::optional<std::uint16_t> refused_endpoint() const { return read_back_.refused(); }
   [[nodiscard]] std::uint8_t node() const { return config_.node; }
 
-  /// Frames that bring the axis to closed-loop torque control; call every tick while enabling. `send` says whether
-  /// the bus took the frame; what it did not take is sent again.
+  /// Frames that bring the axis to closed-loop torque control; call every tick while enabling. `send` says
+  /// whether the bus took the frame; what it did not take is sent again.
   ///
-  ///   controller mode  ->  a heartbeat that is newer  ->  clear errors, if it reports some (and no emergency stop)
+  ///   controller mode  ->  a heartbeat that is newer  ->  clear errors, if it reports some (and no emergency
+  ///   stop)
   ///                    ->  a heartbeat without error, and all read back  ->  closed-loop control
-  ///                    ->  two heartbeats: ready(); the first time, if a watchdog is to be proven, nothing is sent
+  ///                    ->  two heartbeats: ready(); the first time, if a watchdog is to be proven, nothing
+  ///                    is sent
   ///                        from here until the axis reports that it expired, and then all of it again
   ///
-  /// Identifiers are priorities: a full transmit queue would let the request for closed loop overtake the mode,
-  /// and the axis would arm in the mode it has stored. So there is a heartbeat between the two. What leads to
-  /// nothing is repeated from the start every `retry_ticks`.
+  /// Identifiers are priorities: a full transmit queue would let the request for closed loop overtake the
+  /// mode, and the axis would arm in the mode it has stored. So there is a heartbeat between the two. What
+  /// leads to nothing is repeated from the start every `retry_ticks`.
   template <class Send>
   void enable(Send&& send) {
-    if (step_ == Step::starve) return starve();
-    if (confirmed() || contradicted()) return;
+    if (step_ == Step::test_watchdog) return test_watchdog();
+    if (confirmed() || config_mismatch()) return;
     if (clear_wait_ticks_ > 0) --clear_wait_ticks_;
     const bool due = wait_ticks_ == 0;
     if (!due) --wait_ticks_;
     if (step_ == Step::request) read_back_.ask(config_.node, send);
-    if (step_ == Step::request && news_ && request(send)) return;
+    if (step_ == Step::request && bus_events_ && request(send)) return;
     if (due) repeat();
     if (step_ == Step::configure && (alive_ || due)) configure(send);
   }
@@ -144,7 +158,7 @@ class OdriveAxis {
     step_ = Step::configure;
     asked_ = false;
     answered_ = false;
-    unfed_ = false;
+    watchdog_did_not_trip_ = false;
     read_back_.restart();
     send(odrive::encode_set_axis_state(config_.node, odrive::AxisState::idle));
   }
@@ -155,8 +169,8 @@ class OdriveAxis {
   [[nodiscard]] bool can_carry(S joint_torque) const {
     return drive::can_carry(shaft_torque(config_, joint_torque));
   }
-  /// Torque at the joint, N m, model convention. What the drive receives is rounded to float; zero for a torque
-  /// that cannot be carried.
+  /// Torque at the joint, N m, model convention. What the drive receives is rounded to float; zero for a
+  /// torque that cannot be carried.
   template <class S>
   void put_torque(hal::CanFrame& f, S joint_torque) const {
     const float torque = shaft_torque(config_, joint_torque);
@@ -176,14 +190,14 @@ class OdriveAxis {
     } else if (message == odrive::Message::estop) {
       stopped_ = true;
     } else {
-      r = commands(f) ? Received::impostor : answered(f, message);
+      r = commands(f) ? Received::foreign_command : answered(f, message);
     }
     if (r == Received::accepted) sampled_ = false;
     return r;
   }
   [[gnu::noinline]] Received to_all(const hal::CanFrame& f) {
     if (static_cast<odrive::Message>(f.id & 0x1FU) != odrive::Message::estop) {
-      return commands(f) ? Received::impostor : Received::not_mine;
+      return commands(f) ? Received::foreign_command : Received::not_mine;
     }
     stopped_ = true;
     sampled_ = false;
@@ -192,28 +206,31 @@ class OdriveAxis {
   /// What the axis says when it is asked.
   Received answered(const hal::CanFrame& f, odrive::Message m) {
     switch (m) {
-      case odrive::Message::get_version: return read_back_.take_version(f);
-      case odrive::Message::tx_sdo: return read_back_.take_value(f);
+      case odrive::Message::get_version:
+        return read_back_.take_version(f);
+      case odrive::Message::tx_sdo:
+        return read_back_.take_value(f);
       case odrive::Message::get_torques:
         // 0.5.6 has another message there, and a request of somebody else is none.
         return version_ == Version::v0_6 && !f.remote ? take(odrive::decode_torques(f)) : Received::not_mine;
-      default: return Received::not_mine;  // other cyclic messages a user may have switched on
+      default:
+        return Received::not_mine;  // other cyclic messages a user may have switched on
     }
   }
 
   enum class Step : std::uint8_t {
-    configure,  ///< the controller mode has to be sent
-    request,    ///< the bus has taken it: a newer heartbeat decides what comes next
-    confirm,    ///< closed-loop control has been asked for
-    starve,     ///< confirmed; the watchdog has to expire
+    configure,      ///< the controller mode has to be sent
+    request,        ///< the bus has taken it: a newer heartbeat decides what comes next
+    confirm,        ///< closed-loop control has been asked for
+    test_watchdog,  ///< confirmed; the watchdog has to expire
   };
 
   [[nodiscard]] bool is_for_all(const hal::CanFrame& f) const {
     return version_ == Version::v0_6 && (f.id >> 5U) == odrive::node_broadcast;
   }
-  /// What only we may send. 0.5.6 does not look at RTR before it obeys, and any frame to it feeds its watchdog: one that
-  /// polls it would keep our last torque alive. With 0.6 a remote frame asks for nothing here, and a write to an endpoint is
-  /// told by its first byte.
+  /// What only we may send. 0.5.6 does not look at RTR before it obeys, and any frame to it feeds its
+  /// watchdog: one that polls it would keep our last torque alive. With 0.6 a remote frame asks for nothing
+  /// here, and a write to an endpoint is told by its first byte.
   [[nodiscard]] bool commands(const hal::CanFrame& f) const {
     const std::uint32_t message = f.id & 0x1FU;
     if (version_ == Version::v0_5_6) return f.remote || f.size == 0 || odrive::is_command(message, version_);
@@ -228,33 +245,35 @@ class OdriveAxis {
   }
 
   [[nodiscard]] bool reports_watchdog() const {
-    const std::uint32_t bit = version_ == Version::v0_6 ? odrive::error_watchdog_0_6 : odrive::error_watchdog_0_5_6;
+    const std::uint32_t bit =
+        version_ == Version::v0_6 ? odrive::error_watchdog_0_6 : odrive::error_watchdog_0_5_6;
     return (last_.axis_error & bit) != 0;
   }
-  /// One tick of silence. Any other end than the watchdog's, which disarms, is none: the sequence begins anew, watchdog
-  /// included.
-  void starve() {
+  /// One tick of silence. Any other end than the watchdog's, which disarms, is none: the sequence begins
+  /// anew, watchdog included.
+  void test_watchdog() {
     if (!closed_loop() || error()) {
       proven_ = reports_watchdog() && !closed_loop();
-      if (!proven_) doubt();
+      if (!proven_) invalidate_readback();
       step_ = Step::configure;
       return;
     }
-    unfed_ = ++starved_ticks_ > starve_ticks_;
+    watchdog_did_not_trip_ = ++starved_ticks_ > starve_ticks_;
   }
 
-  /// It may have restarted, and with what it has stored: a watchdog that was switched on and not saved is off again.
-  void doubt() {
+  /// It may have restarted, and with what it has stored: a watchdog that was switched on and not saved is off
+  /// again.
+  void invalidate_readback() {
     proven_ = false;
     disconnect();
-    if (!read_back_.contradicted()) read_back_.restart();
+    if (!read_back_.config_mismatch()) read_back_.restart();
   }
   void disconnect() { connected_ = away_ = false; }
-  /// One that runs must not be found ready once more: it would be starved where nobody waits for the end of that, and keep
-  /// its last torque. One that is starved already is starved to the end.
+  /// One that runs must not be found ready once more: it would be starved where nobody waits for the end of
+  /// that, and keep its last torque. One that is starved already is starved to the end.
   [[gnu::cold]] void fall_silent() {
-    doubt();
-    if (step_ == Step::starve) return;
+    invalidate_readback();
+    if (step_ == Step::test_watchdog) return;
     confirmations_ = 0;
     step_ = Step::configure;
   }
@@ -268,7 +287,7 @@ class OdriveAxis {
     if (taken || !alive_) wait();
     if (!taken || !alive_) return;
     step_ = Step::request;
-    news_ = false;
+    bus_events_ = false;
   }
   /// With a heartbeat that is newer than the mode. Whether closed-loop control was asked for in this tick.
   template <class Send>
@@ -283,7 +302,7 @@ class OdriveAxis {
     }
     step_ = Step::confirm;
     asked_ = true;
-    owed_ = true;
+    release_pending_ = true;
     patient_ = true;
     wait();
     return true;
@@ -310,7 +329,7 @@ class OdriveAxis {
     if (!h) return Received::malformed;
     last_ = *h;
     alive_ = true;
-    news_ = true;
+    bus_events_ = true;
     answered_ = true;
     heartbeat_age_ticks_ = 0;
     if (!reports_emergency_stop()) {
@@ -318,8 +337,8 @@ class OdriveAxis {
     } else if (!acknowledged_) {
       stopped_ = true;
     }
-    if (idle()) owed_ = false;
-    if (confirmations_ > 0 && !closed_loop() && !reports_watchdog()) doubt();
+    if (idle()) release_pending_ = false;
+    if (confirmations_ > 0 && !closed_loop() && !reports_watchdog()) invalidate_readback();
     if (step_ != Step::confirm || !closed_loop() || error()) {
       confirmations_ = 0;
     } else if (confirmations_ < 2 && !counted_) {  // a heartbeat seen twice in a tick is one heartbeat
@@ -328,7 +347,7 @@ class OdriveAxis {
     }
     connected_ = connected_ || confirmed();
     if (confirmed() && starve_ticks_ > 0 && !proven_) {
-      step_ = Step::starve;
+      step_ = Step::test_watchdog;
       starved_ticks_ = 0;
       confirmations_ = 0;
     }
@@ -373,22 +392,23 @@ class OdriveAxis {
   std::uint32_t torque_age_ticks_ = age_max;
   std::uint8_t confirmations_ = 0;
   Step step_ = Step::configure;
-  bool alive_ = false;         // a heartbeat or a sample
-  bool sampled_ = false;       // by the last frame
-  bool reported_ = false;      // position and speed, in this tick
-  bool connected_ = false;     // closed loop was confirmed, or an angle reported, since the axis may have restarted last
-  bool away_ = false;          // the last sample was not near zero
-  bool unconnected_ = false;   // the last report was the zero of an encoder that is not connected
-  bool news_ = false;          // a heartbeat since the bus took the mode
-  bool patient_ = false;       // the next repetition may wait for a second confirmation
-  bool asked_ = false;         // the last request was for closed-loop control
-  bool answered_ = false;      // heard since the last request
-  bool owed_ = false;          // asked into closed loop, not seen idle since
-  bool stopped_ = false;       // emergency stop, not acknowledged
-  bool acknowledged_ = false;  // what the axis reports of it may be cleared
-  bool proven_ = false;        // the watchdog has expired once
-  bool unfed_ = false;         // starved for too long
-  bool counted_ = false;       // a heartbeat of this tick has been counted
+  bool alive_ = false;     // a heartbeat or a sample
+  bool sampled_ = false;   // by the last frame
+  bool reported_ = false;  // position and speed, in this tick
+  bool connected_ =
+      false;  // closed loop was confirmed, or an angle reported, since the axis may have restarted last
+  bool away_ = false;                   // the last sample was not near zero
+  bool unconnected_ = false;            // the last report was the zero of an encoder that is not connected
+  bool bus_events_ = false;             // a heartbeat since the bus took the mode
+  bool patient_ = false;                // the next repetition may wait for a second confirmation
+  bool asked_ = false;                  // the last request was for closed-loop control
+  bool answered_ = false;               // heard since the last request
+  bool release_pending_ = false;        // asked into closed loop, not seen idle since
+  bool stopped_ = false;                // emergency stop, not acknowledged
+  bool acknowledged_ = false;           // what the axis reports of it may be cleared
+  bool proven_ = false;                 // the watchdog has expired once
+  bool watchdog_did_not_trip_ = false;  // starved for too long
+  bool counted_ = false;                // a heartbeat of this tick has been counted
 };
 
 static_assert(Drive<OdriveAxis>);

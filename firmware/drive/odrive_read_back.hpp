@@ -1,7 +1,7 @@
 #pragma once
-/// What an ODrive of firmware 0.6 lets be read back before it is armed: its version, and endpoints of its configuration,
-/// asked for one by one. The numbers of endpoints change with every version of the firmware, so they come from the table
-/// that belongs to it, and the version is asked for first.
+/// What an ODrive of firmware 0.6 lets be read back before it is armed: its version, and endpoints of its
+/// configuration, asked for one by one. The numbers of endpoints change with every version of the firmware,
+/// so they come from the table that belongs to it, and the version is asked for first.
 
 #include <array>
 #include <cstdint>
@@ -23,9 +23,9 @@ struct OdriveCheck {
 struct OdriveTable {
   static constexpr std::uint8_t checks_max = 12;
   std::array<OdriveCheck, checks_max> checks{};
-  std::uint8_t count = 0;                       ///< of `checks`
+  std::uint8_t count = 0;  ///< of `checks`
   bool check_version = false;
-  std::array<std::uint8_t, 3> firmware{};       ///< major, minor, revision
+  std::array<std::uint8_t, 3> firmware{};  ///< major, minor, revision
 };
 
 /// Asks a drive for its configuration before it is armed, entry by entry.
@@ -40,22 +40,22 @@ class OdriveReadBack {
   /// All of it was answered and as it must be.
   [[nodiscard]] bool done() const { return next_ == questions(); }
   /// Something was not as it must be, or was not answered.
-  [[nodiscard]] bool contradicted() const { return contradicted_; }
-  /// The endpoint that was contradicted, until the next question: for a message. 0xFFFF for the version.
+  [[nodiscard]] bool config_mismatch() const { return config_mismatch_; }
+  /// The endpoint that was config_mismatch, until the next question: for a message. 0xFFFF for the version.
   [[nodiscard]] std::optional<std::uint16_t> refused() const { return refused_; }
   static constexpr std::uint16_t version_endpoint = 0xFFFF;
 
   /// From the first question.
   void restart() {
     next_ = 0;
-    contradicted_ = false;
+    config_mismatch_ = false;
     withdraw();
   }
 
-  /// The next question, or the last one again; every tick until done() or contradicted().
+  /// The next question, or the last one again; every tick until done() or config_mismatch().
   template <class Send>
   void ask(std::uint8_t node, Send&& send) {
-    if (done() || contradicted_) return;
+    if (done() || config_mismatch_) return;
     if (wait_ticks_ > 0) {
       --wait_ticks_;
       return;
@@ -64,7 +64,9 @@ class OdriveReadBack {
       refuse();
       return;
     }
-    if (!send(asks_version() ? odrive::encode_version_request(node) : odrive::encode_read(node, check().endpoint))) return;
+    if (!send(asks_version() ? odrive::encode_version_request(node)
+                             : odrive::encode_read(node, check().endpoint)))
+      return;
     asked_ = true;
     refused_.reset();
     ++tries_;
@@ -95,7 +97,9 @@ class OdriveReadBack {
     return static_cast<std::uint8_t>((table_.check_version ? 1 : 0) + table_.count);
   }
   [[nodiscard]] bool asks_version() const { return table_.check_version && next_ == 0; }
-  [[nodiscard]] const OdriveCheck& check() const { return table_.checks[next_ - (table_.check_version ? 1U : 0U)]; }
+  [[nodiscard]] const OdriveCheck& check() const {
+    return table_.checks[next_ - (table_.check_version ? 1U : 0U)];
+  }
   void withdraw() {
     asked_ = false;
     tries_ = 0;
@@ -110,7 +114,7 @@ class OdriveReadBack {
     }
   }
   void refuse() {
-    contradicted_ = true;
+    config_mismatch_ = true;
     refused_ = asks_version() ? version_endpoint : check().endpoint;
   }
 
@@ -120,7 +124,7 @@ class OdriveReadBack {
   std::uint8_t next_ = 0;
   std::uint8_t tries_ = 0;
   bool asked_ = false;  // and not answered
-  bool contradicted_ = false;
+  bool config_mismatch_ = false;
 };
 
 }  // namespace esmc::drive

@@ -1,6 +1,7 @@
 #pragma once
 /// The command interface on the wire: identifiers, bytes and units. docs/command-interface.md says what the
-/// messages are for, docs/esmc.dbc has the same layout in the words of a DBC file, and tests/link compares the two.
+/// messages are for, docs/esmc.dbc has the same layout in the words of a DBC file, and tests/link compares
+/// the two.
 ///
 /// id = base + Message, 11 bits, base a multiple of block_size; classic frames of 8 bytes, little endian.
 /// Every frame to the controller, and Status, begins with
@@ -41,8 +42,8 @@ enum class Message : std::uint8_t {
   link_counters = 0x15,
   effector = 0x16,
   tracking_error = 0x17,
-  joint_1 = 0x18,  ///< ..joint_4: in the order of the joints that have a motor
-  identity = 0x1C, ///< which scene the controller was made of
+  joint_1 = 0x18,   ///< ..joint_4: in the order of the joints that have a motor
+  identity = 0x1C,  ///< which scene the controller was made of
   parameter_slots = 0x1D,
 };
 inline constexpr std::uint8_t incoming_count = 6;
@@ -84,7 +85,8 @@ enum class Answer : std::uint8_t {
 enum class Subject : std::uint8_t { faults, parameter, table };
 inline constexpr std::uint8_t subject_count = 3;
 
-/// A session that no controller has: disarm and off are taken with it as well, from whoever has not heard a Status.
+/// A session that no controller has: disarm and off are taken with it as well, from whoever has not heard a
+/// Status.
 inline constexpr std::uint8_t any_session = 0;
 inline constexpr std::uint8_t no_axis = 0xFF;
 
@@ -102,7 +104,9 @@ constexpr std::uint32_t get(const Frame& f, unsigned at, unsigned bytes) {
   return v;
 }
 constexpr void put_float(Frame& f, unsigned at, float v) { put(f, at, std::bit_cast<std::uint32_t>(v), 4); }
-[[nodiscard]] constexpr float get_float(const Frame& f, unsigned at) { return std::bit_cast<float>(get(f, at, 4)); }
+[[nodiscard]] constexpr float get_float(const Frame& f, unsigned at) {
+  return std::bit_cast<float>(get(f, at, 4));
+}
 /// Two's complement of 24 bits.
 [[nodiscard]] constexpr std::int32_t get_i24(const Frame& f, unsigned at) {
   constexpr std::uint32_t sign = 0x80'0000;
@@ -114,7 +118,9 @@ constexpr void put_float(Frame& f, unsigned at, float v) { put(f, at, std::bit_c
   f.size = 8;
   return f;
 }
-[[nodiscard]] constexpr Frame frame(std::uint32_t base, Message m) { return frame(base, static_cast<std::uint8_t>(m)); }
+[[nodiscard]] constexpr Frame frame(std::uint32_t base, Message m) {
+  return frame(base, static_cast<std::uint8_t>(m));
+}
 }  // namespace detail
 
 /// What byte 0 of a frame must be.
@@ -130,13 +136,15 @@ constexpr void put_float(Frame& f, unsigned at, float v) { put(f, at, std::bit_c
 }
 [[nodiscard]] constexpr std::uint8_t counter_of(const hal::CanFrame& f) { return f.data[1] & 0x0FU; }
 
-// ---- to the controller: empty where a bit that has no meaning is set, or a value has none ------------------------
+// ---- to the controller: empty where a bit that has no meaning is set, or a value has none
+// ------------------------
 
 /// An order, and the sign of life.
 struct CommandFrame {
   Order order = Order::none;
-  std::uint16_t tick = 0;        ///< of the last Status heard, its low 16 bits
-  std::uint16_t parameters = 0;  ///< low half of the CRC-32 of the table: what is armed is what the operator knows
+  std::uint16_t tick = 0;  ///< of the last Status heard, its low 16 bits
+  std::uint16_t parameters =
+      0;  ///< low half of the CRC-32 of the table: what is armed is what the operator knows
 };
 [[nodiscard]] constexpr std::optional<CommandFrame> decode_command(const hal::CanFrame& f) {
   if ((f.data[1] >> 4U) != 0 || f.data[2] >= order_count || f.data[3] != 0) return std::nullopt;
@@ -152,8 +160,9 @@ struct Pair {
 /// `unit`: position_unit or velocity_unit.
 [[nodiscard]] constexpr std::optional<Pair> decode_pair(const hal::CanFrame& f, float unit) {
   if ((f.data[1] >> 5U) != 0) return std::nullopt;
-  return Pair{static_cast<Space>(f.data[1] >> 4U),
-              {static_cast<float>(detail::get_i24(f, 2)) * unit, static_cast<float>(detail::get_i24(f, 5)) * unit}};
+  return Pair{
+      static_cast<Space>(f.data[1] >> 4U),
+      {static_cast<float>(detail::get_i24(f, 2)) * unit, static_cast<float>(detail::get_i24(f, 5)) * unit}};
 }
 
 /// A new value for a gain.
@@ -176,7 +185,8 @@ struct RequestFrame {
   return RequestFrame{static_cast<Subject>(f.data[2]), f.data[3]};
 }
 
-// ---- from the controller --------------------------------------------------------------------------------------
+// ---- from the controller
+// --------------------------------------------------------------------------------------
 
 /// What stands in Status about the reaction to the latched fault.
 enum class Reacted : std::uint8_t { none, zero_torque, halt };
@@ -191,12 +201,13 @@ struct Status {
   std::uint32_t tick = 0;  ///< 24 bits are sent
   std::uint8_t session = 1;
 };
-[[nodiscard]] constexpr hal::CanFrame encode_status(std::uint32_t base, const Status& s, std::uint8_t counter) {
+[[nodiscard]] constexpr hal::CanFrame encode_status(std::uint32_t base, const Status& s,
+                                                    std::uint8_t counter) {
   hal::CanFrame f = detail::frame(base, Message::status);
   f.data[1] = static_cast<std::uint8_t>((counter & 0x0FU) | (static_cast<unsigned>(s.state) << 4U));
   f.data[2] = static_cast<std::uint8_t>(s.fault);
-  f.data[3] = static_cast<std::uint8_t>(static_cast<unsigned>(s.reaction) | (static_cast<unsigned>(s.source) << 2U) |
-                                        (s.streaming ? 0x10U : 0U));
+  f.data[3] = static_cast<std::uint8_t>(static_cast<unsigned>(s.reaction) |
+                                        (static_cast<unsigned>(s.source) << 2U) | (s.streaming ? 0x10U : 0U));
   detail::put(f, 4, s.tick, 3);
   f.data[7] = s.session;
   f.data[0] = checksum(f, s.session);
@@ -205,10 +216,11 @@ struct Status {
 
 /// A fault as it is reported.
 struct FaultRecord {
-  Fault fault = Fault::none;    ///< none: the end of a readout, `count` of them were sent
-  std::uint8_t axis = no_axis;  ///< motor that had something to say about it; loop_not_closed: the encoder, after the motors where it is passive
-  std::uint16_t count = 0;      ///< since power-up
-  std::uint32_t time_us = 0;    ///< of the last one, since power-up, modulo 2^32
+  Fault fault = Fault::none;      ///< none: the end of a readout, `count` of them were sent
+  std::uint8_t axis = no_axis;    ///< motor that had something to say about it; loop_not_closed: the encoder,
+                                  ///< after the motors where it is passive
+  std::uint16_t count = 0;        ///< since power-up
+  std::uint32_t time_us = 0;      ///< of the last one, since power-up, modulo 2^32
   std::uint32_t drive_error = 0;  ///< in the words of the drive
 };
 [[nodiscard]] constexpr hal::CanFrame encode_fault_record(std::uint32_t base, const FaultRecord& r) {
@@ -227,8 +239,8 @@ struct FaultRecord {
   return f;
 }
 
-[[nodiscard]] constexpr hal::CanFrame encode_parameter_value(std::uint32_t base, std::uint8_t index, Answer answer,
-                                                             bool writable, float value) {
+[[nodiscard]] constexpr hal::CanFrame encode_parameter_value(std::uint32_t base, std::uint8_t index,
+                                                             Answer answer, bool writable, float value) {
   hal::CanFrame f = detail::frame(base, Message::parameter_value);
   f.data[0] = index;
   f.data[1] = static_cast<std::uint8_t>(answer);
@@ -236,7 +248,8 @@ struct FaultRecord {
   detail::put_float(f, 4, value);
   return f;
 }
-[[nodiscard]] constexpr hal::CanFrame encode_parameter_table(std::uint32_t base, std::uint32_t crc, std::uint8_t count) {
+[[nodiscard]] constexpr hal::CanFrame encode_parameter_table(std::uint32_t base, std::uint32_t crc,
+                                                             std::uint8_t count) {
   hal::CanFrame f = detail::frame(base, Message::parameter_table);
   detail::put(f, 0, crc, 4);
   f.data[4] = count;
@@ -252,8 +265,10 @@ inline constexpr std::uint8_t interface_version = 1;
   return f;
 }
 /// Empty: not the controller's at this base. For whoever wants to know whom it is talking to.
-[[nodiscard]] constexpr std::optional<std::uint32_t> decode_identity(const hal::CanFrame& f, std::uint32_t base) {
-  if (f.id != base + static_cast<std::uint32_t>(Message::identity) || f.extended || f.remote || f.fd || f.size != 8) {
+[[nodiscard]] constexpr std::optional<std::uint32_t> decode_identity(const hal::CanFrame& f,
+                                                                     std::uint32_t base) {
+  if (f.id != base + static_cast<std::uint32_t>(Message::identity) || f.extended || f.remote || f.fd ||
+      f.size != 8) {
     return std::nullopt;
   }
   return static_cast<std::uint32_t>(detail::get(f, 0, 4));
@@ -280,31 +295,45 @@ enum class SlotContent : std::uint8_t {
 };
 [[nodiscard]] constexpr const char* name(StoreState s) {
   switch (s) {
-    case StoreState::none: return "none";
-    case StoreState::idle: return "idle";
-    case StoreState::storing: return "storing";
-    case StoreState::stored: return "stored";
-    case StoreState::forgetting: return "forgetting";
-    case StoreState::forgotten: return "forgotten";
-    case StoreState::failed: return "failed";
+    case StoreState::none:
+      return "none";
+    case StoreState::idle:
+      return "idle";
+    case StoreState::storing:
+      return "storing";
+    case StoreState::stored:
+      return "stored";
+    case StoreState::forgetting:
+      return "forgetting";
+    case StoreState::forgotten:
+      return "forgotten";
+    case StoreState::failed:
+      return "failed";
   }
   return "unknown";
 }
 [[nodiscard]] constexpr const char* name(SlotContent c) {
   switch (c) {
-    case SlotContent::empty: return "empty";
-    case SlotContent::valid: return "valid";
-    case SlotContent::damaged: return "damaged";
-    case SlotContent::other_format: return "other_format";
-    case SlotContent::other_scene: return "other_scene";
-    case SlotContent::out_of_bounds: return "out_of_bounds";
+    case SlotContent::empty:
+      return "empty";
+    case SlotContent::valid:
+      return "valid";
+    case SlotContent::damaged:
+      return "damaged";
+    case SlotContent::other_format:
+      return "other_format";
+    case SlotContent::other_scene:
+      return "other_scene";
+    case SlotContent::out_of_bounds:
+      return "out_of_bounds";
   }
   return "unknown";
 }
 /// The slots of parameters.
 struct StoreStatus {
   StoreState state = StoreState::none;
-  std::uint8_t used = 0;  ///< slot that the gains were taken from at power-up, 1 or 2; 0: none, they were the baked ones
+  std::uint8_t used =
+      0;  ///< slot that the gains were taken from at power-up, 1 or 2; 0: none, they were the baked ones
   std::array<SlotContent, 2> slots{};
   std::uint32_t sequence = 0;  ///< of the newest valid record
   friend constexpr bool operator==(const StoreStatus&, const StoreStatus&) = default;
@@ -335,7 +364,8 @@ struct Counters {
   return f;
 }
 /// Two floats: effector m, tracking_error m, joint_i rad and N m.
-[[nodiscard]] constexpr hal::CanFrame encode_floats(std::uint32_t base, std::uint8_t message, float first, float second) {
+[[nodiscard]] constexpr hal::CanFrame encode_floats(std::uint32_t base, std::uint8_t message, float first,
+                                                    float second) {
   hal::CanFrame f = detail::frame(base, message);
   detail::put_float(f, 0, first);
   detail::put_float(f, 4, second);

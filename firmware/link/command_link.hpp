@@ -1,6 +1,6 @@
 #pragma once
-/// The controller's end of the command interface: what a supervisor computer asks for, checked, and what it is told.
-/// docs/command-interface.md is the contract.
+/// The controller's end of the command interface: what a supervisor computer asks for, checked, and what it
+/// is told. docs/command-interface.md is the contract.
 ///
 /// A tick:  begin_tick  ->  receive for every frame  ->  take, the wishes of the tick  ->  transmit.
 /// Nothing that fails a check has an effect, and every failure is counted.
@@ -39,7 +39,7 @@ class CommandLink {
     waited_ticks_ = waited;
     if (!active() || f.extended || f.id - config_.base_id >= block_size) return Outcome::not_mine;
     const auto m = static_cast<std::uint8_t>(f.id - config_.base_id);
-    if (m >= outgoing_first) return f.remote ? Outcome::not_mine : Outcome::impostor;
+    if (m >= outgoing_first) return f.remote ? Outcome::not_mine : Outcome::foreign_command;
     const Outcome o = m < incoming_count ? judge(f, m) : Outcome::malformed;
     count(o);
     return o;
@@ -52,14 +52,15 @@ class CommandLink {
     r.source = source_;
     return r;
   }
-  /// At power-up, before the first tick: gains of an earlier one. The next take() has them. False: not acceptable, none is taken.
+  /// At power-up, before the first tick: gains of an earlier one. The next take() has them. False: not
+  /// acceptable, none is taken.
   bool restore(const Gains& g) {
     const bool good = parameters_.restore(g);
     request_.has_gains = request_.has_gains || good;
     return good;
   }
-  /// What is wanted of the store since the last call, and what has become of it: told as soon as it changes. Without a word of
-  /// a store there is none.
+  /// What is wanted of the store since the last call, and what has become of it: told as soon as it changes.
+  /// Without a word of a store there is none.
   [[nodiscard]] StoreWish take_store_wish() { return std::exchange(store_wish_, StoreWish::none); }
   void store_status(const StoreStatus& s) {
     asked_slots_ = asked_slots_ || s != store_;
@@ -68,8 +69,8 @@ class CommandLink {
   /// A set point that take() gave could not be followed.
   void refuse() { count(Outcome::refused); }
 
-  /// Whether the supervisor computer is missed: no frame at all for more than `silence` ticks in any state that it has armed,
-  /// or while running no sample of a stream that has begun for more than stream_age.
+  /// Whether the supervisor computer is missed: no frame at all for more than `silence` ticks in any state
+  /// that it has armed, or while running no sample of a stream that has begun for more than stream_age.
   [[nodiscard]] bool lost() const {
     const auto silence = static_cast<std::uint32_t>(parameters_[Index::silence]);
     const bool armed = state_ != State::disabled && state_ != State::stopping && state_ != State::fault;
@@ -83,7 +84,8 @@ class CommandLink {
     follow(s.state());
     faults_.look(s, static_cast<std::uint32_t>(tick_ * config_.period_ns / 1000U), r.axis, r.drive_error);
     const bool news = s.state() != told_state_ || s.fault() != told_fault_;
-    const bool status_due = status_.due(config_.status_ticks), telemetry_due = telemetry_.due(config_.telemetry_ticks);
+    const bool status_due = status_.due(config_.status_ticks),
+               telemetry_due = telemetry_.due(config_.telemetry_ticks);
     if (news || status_due) {
       if (send(encode_status(config_.base_id, status(s), ++counter_))) {
         told_state_ = s.state();
@@ -107,7 +109,8 @@ class CommandLink {
   static constexpr std::uint8_t counter_never = 0xFF;
   static constexpr unsigned telemetry_first = 2;  // effector and tracking error, then the joints
 
-  // ---- to the controller --------------------------------------------------------------------------------------
+  // ---- to the controller
+  // --------------------------------------------------------------------------------------
 
   Outcome judge(const hal::CanFrame& f, std::uint8_t m) {
     if (f.size != 8 || f.remote || f.fd) return Outcome::malformed;
@@ -128,11 +131,16 @@ class CommandLink {
     }
     if (!in_order) return Outcome::bad_counter;
     switch (message) {
-      case Message::set_point: return set_point(decode_pair(f, position_unit));
-      case Message::stream_position: return position(f);
-      case Message::stream_velocity: return velocity(f);
-      case Message::parameter_write: return write(decode_parameter_write(f));
-      default: return answer_to(decode_request(f));
+      case Message::set_point:
+        return set_point(decode_pair(f, position_unit));
+      case Message::stream_position:
+        return position(f);
+      case Message::stream_velocity:
+        return velocity(f);
+      case Message::parameter_write:
+        return write(decode_parameter_write(f));
+      default:
+        return answer_to(decode_request(f));
     }
   }
   /// The next frame of this identifier, or not more than the configured number of frames later.
@@ -167,14 +175,19 @@ class CommandLink {
         if (!disabled || storing() || !known_table(c)) return Outcome::refused;
         request_.command = Command::enable;
         return Outcome::obeyed;
-      case Order::store: return known_table(c) ? keep(StoreWish::store) : Outcome::refused;
-      case Order::forget: return keep(StoreWish::forget);
-      case Order::reset: request_.command = Command::reset; return Outcome::obeyed;
+      case Order::store:
+        return known_table(c) ? keep(StoreWish::store) : Outcome::refused;
+      case Order::forget:
+        return keep(StoreWish::forget);
+      case Order::reset:
+        request_.command = Command::reset;
+        return Outcome::obeyed;
       case Order::confirm_zero:
         if (!disabled) return Outcome::refused;
         request_.command = Command::confirm_zero;
         return Outcome::obeyed;
-      case Order::hold: return hold();
+      case Order::hold:
+        return hold();
       default:
         if (!disabled) return Outcome::refused;
         source_ = c.order == Order::stream ? Source::stream : Source::reference;
@@ -185,8 +198,9 @@ class CommandLink {
   [[nodiscard]] bool known_table(const CommandFrame& c) const {
     return c.parameters == static_cast<std::uint16_t>(parameters_.crc());
   }
-  /// Until it is done neither arming nor another value: what is stored is one table and not two, and no tick with torque has a
-  /// flash memory at work beside it (on an STM32G4 the data cache is off meanwhile, which makes ticks longer).
+  /// Until it is done neither arming nor another value: what is stored is one table and not two, and no tick
+  /// with torque has a flash memory at work beside it (on an STM32G4 the data cache is off meanwhile, which
+  /// makes ticks longer).
   [[nodiscard]] bool storing() const {
     return store_.state == StoreState::storing || store_.state == StoreState::forgetting;
   }
@@ -218,7 +232,8 @@ class CommandLink {
 
   [[nodiscard]] bool within(const std::array<float, 2>& p) const {
     bool in = true;
-    for (unsigned i = 0; i < 2; ++i) in = in && p[i] >= config_.position[i].lower && p[i] <= config_.position[i].upper;
+    for (unsigned i = 0; i < 2; ++i)
+      in = in && p[i] >= config_.position[i].lower && p[i] <= config_.position[i].upper;
     return in;
   }
   /// No coordinate above `most`.
@@ -266,11 +281,13 @@ class CommandLink {
     request_.velocity = last_velocity_ = v->value;
     return Outcome::obeyed;
   }
-  /// No further from the sample before than speed and acceleration allow, with one tick for the time on the way.
+  /// No further from the sample before than speed and acceleration allow, with one tick for the time on the
+  /// way.
   [[nodiscard]] bool continuous(const std::array<float, 2>& v) const {
     if (!streaming_) return true;  // the first one is joined by a quintic
     const float time = static_cast<float>(tick_ - sample_tick_ + 1) * parameters_[Index::sample_time];
-    return below(difference(half_position_, last_position_), parameters_[Index::speed] * time + position_unit) &&
+    return below(difference(half_position_, last_position_),
+                 parameters_[Index::speed] * time + position_unit) &&
            below(difference(v, last_velocity_), parameters_[Index::acceleration] * time + velocity_unit);
   }
 
@@ -287,8 +304,12 @@ class CommandLink {
   Outcome answer_to(const std::optional<RequestFrame>& q) {
     if (!q) return Outcome::malformed;
     switch (q->subject) {
-      case Subject::faults: faults_.read_out(); break;
-      case Subject::table: asked_table_ = asked_identity_ = asked_slots_ = true; break;
+      case Subject::faults:
+        faults_.read_out();
+        break;
+      case Subject::table:
+        asked_table_ = asked_identity_ = asked_slots_ = true;
+        break;
       default:
         asked_parameter_ = true;
         asked_index_ = q->index;
@@ -306,9 +327,11 @@ class CommandLink {
     if (n < 0xFFFF) ++n;
   }
 
-  // ---- from the controller ------------------------------------------------------------------------------------
+  // ---- from the controller
+  // ------------------------------------------------------------------------------------
 
-  /// Once in so many ticks, the first time after so many. A remainder of the tick's number would cost a division of 64 bits.
+  /// Once in so many ticks, the first time after so many. A remainder of the tick's number would cost a
+  /// division of 64 bits.
   class Every {
    public:
     [[nodiscard]] bool due(std::uint32_t ticks) {
@@ -329,7 +352,7 @@ class CommandLink {
     state_ = now;
   }
   [[nodiscard]] Status status(const Supervisor& s) const {
-    const Reacted reacted = s.fault() == Fault::none         ? Reacted::none
+    const Reacted reacted = s.fault() == Fault::none    ? Reacted::none
                             : s.state() == State::fault ? Reacted::zero_torque
                                                         : Reacted::halt;
     return {s.state(), s.fault(), reacted, source_, streaming_, static_cast<std::uint32_t>(tick_), session_};

@@ -7,8 +7,8 @@
 
 namespace esmc::link {
 
-/// CRC-8/SAE-J1850: polynomial 0x1D, start 0xFF, result inverted, nothing reflected. `crc` takes what an earlier
-/// part gave before its inversion; start with crc8_start.
+/// CRC-8/SAE-J1850: polynomial 0x1D, start 0xFF, result inverted, nothing reflected. `crc` takes what an
+/// earlier part gave before its inversion; start with crc8_start.
 inline constexpr std::uint8_t crc8_start = 0xFF;
 inline constexpr std::uint8_t crc8_inverted = 0xFF;
 [[nodiscard]] constexpr std::uint8_t crc8_part(std::uint8_t crc, std::uint8_t byte) {
@@ -23,7 +23,8 @@ inline constexpr std::uint8_t crc8_inverted = 0xFF;
   return static_cast<std::uint8_t>(c ^ crc8_inverted);
 }
 
-/// CRC-32/ISO-HDLC (Ethernet, zip): polynomial 0x04C11DB7, start and final inversion of all bits, both reflected.
+/// CRC-32/ISO-HDLC (Ethernet, zip): polynomial 0x04C11DB7, start and final inversion of all bits, both
+/// reflected.
 inline constexpr std::uint32_t crc32_start = 0xFFFF'FFFF;
 [[nodiscard]] constexpr std::uint32_t crc32_part(std::uint32_t crc, std::uint8_t byte) {
   constexpr std::uint32_t polynomial_reflected = 0xEDB8'8320;

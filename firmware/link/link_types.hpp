@@ -11,37 +11,38 @@ namespace esmc::link {
 
 /// Identifiers, times and rights of the link.
 struct LinkConfig {
-  std::uint32_t base_id = 0;               ///< of the block of identifiers, a multiple of block_size; 0: no link
-  std::uint8_t session = 1;                ///< 1..255; another one at every power-up, as far as the machine can
-  std::uint8_t counter_jump_max = 2;       ///< frames of an identifier, this one included, since the last one that was in order
-  std::uint16_t command_age_ticks_max = 0; ///< how old the Status may be that an order answers
-  std::uint32_t status_ticks = 1;          ///< between two Status, > 0
-  std::uint32_t telemetry_ticks = 0;       ///< between two sets of telemetry; 0: none
-  std::uint32_t table_ticks = 0;           ///< between two Parameter_Table and Link_Counters; 0: on request only
-  std::uint32_t period_ns = 0;             ///< of a tick
+  std::uint32_t base_id = 0;  ///< of the block of identifiers, a multiple of block_size; 0: no link
+  std::uint8_t session = 1;   ///< 1..255; another one at every power-up, as far as the machine can
+  std::uint8_t counter_jump_max =
+      2;  ///< frames of an identifier, this one included, since the last one that was in order
+  std::uint16_t command_age_ticks_max = 0;  ///< how old the Status may be that an order answers
+  std::uint32_t status_ticks = 1;           ///< between two Status, > 0
+  std::uint32_t telemetry_ticks = 0;        ///< between two sets of telemetry; 0: none
+  std::uint32_t table_ticks = 0;  ///< between two Parameter_Table and Link_Counters; 0: on request only
+  std::uint32_t period_ns = 0;    ///< of a tick
   Source source = Source::reference;
   Space space = Space::effector;
-  std::array<Bounds, 2> position{};        ///< of set points and samples, m or rad
-  std::uint32_t scene = 0;                 ///< CRC-32 of what of the scene is in the controller; 0: not known
-  Parameters parameters{};                 ///< and of these speed, acceleration, stream_age, silence, sample_time
+  std::array<Bounds, 2> position{};  ///< of set points and samples, m or rad
+  std::uint32_t scene = 0;           ///< CRC-32 of what of the scene is in the controller; 0: not known
+  Parameters parameters{};           ///< and of these speed, acceleration, stream_age, silence, sample_time
 };
 
 /// What became of a frame.
 enum class Outcome : std::uint8_t {
   not_mine,
   obeyed,
-  malformed,    ///< not a classic data frame of 8 bytes, or with a value that has no meaning
+  malformed,  ///< not a classic data frame of 8 bytes, or with a value that has no meaning
   bad_crc,
-  bad_counter,  ///< repeated, or further ahead than counter_jump_max
-  refused,      ///< out of bounds, too old, or not in this state
-  impostor,     ///< what only we may send
+  bad_counter,      ///< repeated, or further ahead than counter_jump_max
+  refused,          ///< out of bounds, too old, or not in this state
+  foreign_command,  ///< what only we may send
 };
 
 /// What the supervisor computer wants of the next tick. Set points and samples are in the controller's space.
 struct Request {
   Command command = Command::none;
   Source source = Source::reference;
-  bool hold = false;           ///< come to rest
+  bool hold = false;  ///< come to rest
   bool has_point = false;
   bool has_sample = false;
   bool has_gains = false;
@@ -54,10 +55,11 @@ enum class StoreWish : std::uint8_t { none, store, forget };
 
 /// What the cycle knows at the end of a tick.
 struct Report {
-  std::array<float, 2> effector{}, error{};               ///< m
-  std::array<float, joints_max> angle{}, torque{};        ///< rad, N m
+  std::array<float, 2> effector{}, error{};         ///< m
+  std::array<float, joints_max> angle{}, torque{};  ///< rad, N m
   std::uint8_t joints = 0;
-  std::uint8_t axis = no_axis;    ///< a motor whose drive reports an error, or the encoder that contradicts the others
+  std::uint8_t axis =
+      no_axis;  ///< a motor whose drive reports an error, or the encoder that contradicts the others
   std::uint32_t drive_error = 0;  ///< which
 };
 

@@ -1,6 +1,7 @@
 #pragma once
-/// The gains in a memory that outlives the power: records in two slots, of which the newest valid one counts at power-up. A new
-/// record goes into the other slot, so that a loss of power at any step leaves the older one.
+/// The gains in a memory that outlives the power: records in two slots, of which the newest valid one counts
+/// at power-up. A new record goes into the other slot, so that a loss of power at any step leaves the older
+/// one.
 
 #include <array>
 #include <bit>
@@ -15,8 +16,8 @@
 
 namespace esmc::link {
 
-/// Words of 32 bits: mark and format, sequence number, scene, gains, CRC-32/ISO-HDLC over the bytes of all words before it, little
-/// endian. Whatever a later format holds, its first word keeps its meaning.
+/// Words of 32 bits: mark and format, sequence number, scene, gains, CRC-32/ISO-HDLC over the bytes of all
+/// words before it, little endian. Whatever a later format holds, its first word keeps its meaning.
 struct SlotRecord {
   static constexpr unsigned words = 4 + gain_count;
   static constexpr std::uint32_t mark = 0x4553'4D00U, format_mask = 0xFF;  // "ESM", then the format
@@ -48,12 +49,13 @@ class ParameterSlots {
  public:
   static_assert(SlotRecord::words % Memory::unit_words == 0, "a record is whole units of the memory");
 
-  /// `baked`: values and bounds of the image; `scene`: its identity, 0, not known, has no store. An operation of the memory that
-  /// takes more than `polls_max` calls of poll() has failed.
+  /// `baked`: values and bounds of the image; `scene`: its identity, 0, not known, has no store. An operation
+  /// of the memory that takes more than `polls_max` calls of poll() has failed.
   ParameterSlots(Memory& memory, const Parameters& baked, std::uint32_t scene, std::uint32_t polls_max)
       : memory_(memory), baked_(baked), scene_(scene), polls_max_(polls_max) {}
 
-  /// At power-up: the gains of the newest record that this image can use as a whole. Empty: those that are baked.
+  /// At power-up: the gains of the newest record that this image can use as a whole. Empty: those that are
+  /// baked.
   [[nodiscard]] std::optional<Gains> load() {
     if (scene_ == 0 || !memory_.available()) return std::nullopt;
     status_.state = StoreState::idle;
@@ -64,13 +66,16 @@ class ParameterSlots {
   }
 
   [[nodiscard]] const StoreStatus& status() const { return status_; }
-  [[nodiscard]] bool busy() const { return status_.state == StoreState::storing || status_.state == StoreState::forgetting; }
+  [[nodiscard]] bool busy() const {
+    return status_.state == StoreState::storing || status_.state == StoreState::forgetting;
+  }
 
   /// Not while busy() or without a store: nothing happens then.
   void store(const Gains& gains) {
     if (!begin(StoreState::storing)) return;
     std::uint32_t next = newest_ + 1;
-    // The newest one may be another scene's and half a round away: of the record that counts the next is to be the later one.
+    // The newest one may be another scene's and half a round away: of the record that counts the next is to
+    // be the later one.
     if (current_ != none && !later(next, slots_[current_].sequence)) next = slots_[current_].sequence + 1;
     record_ = SlotRecord{next, scene_, gains}.encode();
   }
@@ -89,19 +94,29 @@ class ParameterSlots {
       return;
     }
     switch (memory_.poll()) {
-      case hal::MemoryStatus::ready: polls_ = 0; break;
+      case hal::MemoryStatus::ready:
+        polls_ = 0;
+        break;
       case hal::MemoryStatus::busy:
         if (++polls_ > polls_max_) {
           fail();
           unseen_ = true;
         }
         return;
-      case hal::MemoryStatus::failed: fail(); return;
+      case hal::MemoryStatus::failed:
+        fail();
+        return;
     }
     switch (step_) {
-      case Step::erase: erase(); return;
-      case Step::program: program(); return;
-      case Step::verify: verify(); return;
+      case Step::erase:
+        erase();
+        return;
+      case Step::program:
+        program();
+        return;
+      case Step::verify:
+        verify();
+        return;
     }
   }
 
@@ -115,7 +130,8 @@ class ParameterSlots {
     Gains gains{};
     /// Whole, of whatever scene.
     [[nodiscard]] bool intact() const {
-      return content == SlotContent::valid || content == SlotContent::other_scene || content == SlotContent::out_of_bounds;
+      return content == SlotContent::valid || content == SlotContent::other_scene ||
+             content == SlotContent::out_of_bounds;
     }
   };
   /// Sequence numbers go round: of two records the one less than half a round ahead.
@@ -138,9 +154,9 @@ class ParameterSlots {
     if (w[SlotRecord::words - 1] != SlotRecord::sum(w)) return s;
     s.sequence = w[1];
     for (unsigned i = 0; i < gain_count; ++i) s.gains[i] = std::bit_cast<float>(w[3 + i]);
-    s.content = w[2] != scene_                   ? SlotContent::other_scene
+    s.content = w[2] != scene_                ? SlotContent::other_scene
                 : !baked_.acceptable(s.gains) ? SlotContent::out_of_bounds
-                                                 : SlotContent::valid;
+                                              : SlotContent::valid;
     return s;
   }
 
@@ -155,12 +171,15 @@ class ParameterSlots {
       status_.slots[i] = s.content;
       if (s.intact() && (!any || later(s.sequence, newest_))) newest_ = s.sequence;
       any = any || s.intact();
-      if (s.content == SlotContent::valid && (current_ == none || later(s.sequence, slots_[current_].sequence))) current_ = i;
+      if (s.content == SlotContent::valid &&
+          (current_ == none || later(s.sequence, slots_[current_].sequence)))
+        current_ = i;
     }
     if (current_ != none) status_.sequence = slots_[current_].sequence;
   }
 
-  /// The slot that can be spared: not that of the record that counts; where none does, the older one of other scenes.
+  /// The slot that can be spared: not that of the record that counts; where none does, the older one of other
+  /// scenes.
   [[nodiscard]] unsigned spare() const {
     if (current_ != none) return 1U - current_;
     if (!slots_[0].intact() || !slots_[1].intact()) return slots_[0].intact() ? 1 : 0;
@@ -187,7 +206,9 @@ class ParameterSlots {
   }
   void program() {
     constexpr unsigned unit = Memory::unit_words;
-    if (!memory_.begin_program(target_, at_, std::span<const std::uint32_t, unit>(record_.data() + at_, unit))) return fail();
+    if (!memory_.begin_program(target_, at_,
+                               std::span<const std::uint32_t, unit>(record_.data() + at_, unit)))
+      return fail();
     at_ += unit;
     if (at_ < SlotRecord::words) return;
     at_ = 0;
@@ -228,7 +249,7 @@ class ParameterSlots {
 /// At power-up, before the first tick: the stored gains, where there are some that can be used.
 template <class Memory>
 void restore(CommandLink& link, ParameterSlots<Memory>& slots) {
-  if (!link.active()) return;  // nobody could order anything of it
+  if (!link.active()) return;                                       // nobody could order anything of it
   if (const auto gains = slots.load()) (void)link.restore(*gains);  // judged by the bounds that the link has
   link.store_status(slots.status());
 }
@@ -236,9 +257,14 @@ void restore(CommandLink& link, ParameterSlots<Memory>& slots) {
 template <class Memory>
 void serve(CommandLink& link, ParameterSlots<Memory>& slots) {
   switch (link.take_store_wish()) {
-    case StoreWish::none: break;
-    case StoreWish::store: slots.store(link.parameters().gains()); break;
-    case StoreWish::forget: slots.forget(); break;
+    case StoreWish::none:
+      break;
+    case StoreWish::store:
+      slots.store(link.parameters().gains());
+      break;
+    case StoreWish::forget:
+      slots.forget();
+      break;
   }
   slots.poll();
   link.store_status(slots.status());

@@ -40,7 +40,8 @@ class Parameters {
 
   Parameters() { sum(); }
   /// A gain whose upper bound is not above its lower one cannot be written.
-  Parameters(const Values& values, const std::array<Bounds, gain_count>& bounds) : values_(values), bounds_(bounds) {
+  Parameters(const Values& values, const std::array<Bounds, gain_count>& bounds)
+      : values_(values), bounds_(bounds) {
     sum();
   }
 
@@ -48,7 +49,9 @@ class Parameters {
   [[nodiscard]] float at(std::uint8_t i) const { return values_[i]; }
   [[nodiscard]] const Values& values() const { return values_; }
   [[nodiscard]] const std::array<Bounds, gain_count>& bounds() const { return bounds_; }
-  [[nodiscard]] bool writable(std::uint8_t i) const { return i < gain_count && bounds_[i].upper > bounds_[i].lower; }
+  [[nodiscard]] bool writable(std::uint8_t i) const {
+    return i < gain_count && bounds_[i].upper > bounds_[i].lower;
+  }
 
   Answer write(std::uint8_t i, float value, bool disabled) {
     if (i >= parameter_count) return Answer::unknown_index;
@@ -65,8 +68,9 @@ class Parameters {
   [[nodiscard]] bool acceptable(const Gains& g) const {
     bool good = true;
     for (std::uint8_t i = 0; i < gain_count; ++i) {
-      good = good && (writable(i) ? g[i] >= bounds_[i].lower && g[i] <= bounds_[i].upper
-                                  : std::bit_cast<std::uint32_t>(g[i]) == std::bit_cast<std::uint32_t>(values_[i]));
+      good = good &&
+             (writable(i) ? g[i] >= bounds_[i].lower && g[i] <= bounds_[i].upper
+                          : std::bit_cast<std::uint32_t>(g[i]) == std::bit_cast<std::uint32_t>(values_[i]));
     }
     return good;
   }

@@ -1,7 +1,8 @@
 #pragma once
-/// A planar chain of bodies and how motion goes along it, from its base outwards: what the serial algorithm (serial.hpp) is
-/// made of. All points of a body are fixed combinations of the axes: what is linear in these and their derivatives is known of
-/// the mass centres once it is known of the axes, and takes one product for each.
+/// A planar chain of bodies and how motion goes along it, from its base outwards: what the serial algorithm
+/// (serial.hpp) is made of. All points of a body are fixed combinations of the axes: what is linear in these
+/// and their derivatives is known of the mass centres once it is known of the axes, and takes one product for
+/// each.
 
 #include <type_traits>
 
@@ -25,13 +26,13 @@ struct Link {
 /// Constants of one body, SI units, in the frame of the body: origin at its joint, x along its axis.
 template <class S>
 struct Body {
-  S length{};            ///< from its joint, slid or not, to the next one (or to the tip), along the axis, m
-  S centre{};            ///< mass centre along the axis, m
-  S centre_across{};     ///< mass centre across the axis, m; ignored for Shape::bar
-  S mass{};              ///< kg
-  S inertia{};           ///< about the mass centre, kg m2
-  S viscous{};           ///< of its joint, N m s/rad or N s/m
-  S coulomb{};           ///< of its joint, N m or N
+  S length{};         ///< from its joint, slid or not, to the next one (or to the tip), along the axis, m
+  S centre{};         ///< mass centre along the axis, m
+  S centre_across{};  ///< mass centre across the axis, m; ignored for Shape::bar
+  S mass{};           ///< kg
+  S inertia{};        ///< about the mass centre, kg m2
+  S viscous{};        ///< of its joint, N m s/rad or N s/m
+  S coulomb{};        ///< of its joint, N m or N
 };
 
 /// See the top of the file.
@@ -43,11 +44,13 @@ class Chain {
   using Joints = Vec<S, joints>;
 
   struct NoSlides {};
-  /// Where the bodies are; like a vector, not initialised by itself. Unit vectors instead of angles: the model needs no angle, only its sine and cosine.
+  /// Where the bodies are; like a vector, not initialised by itself. Unit vectors instead of angles: the
+  /// model needs no angle, only its sine and cosine.
   struct Pose {
     List<Vec2<S>, joints> axis;  ///< along body i, in the frame of the subsystem
     List<Vec2<S>, joints> turn;  ///< (cos, sin) of joint i; kept apart because sin theta decides type 1
-    [[no_unique_address]] std::conditional_t<((Links::joint == Joint::prismatic) || ...), Joints, NoSlides> slide;  ///< of each joint, m
+    [[no_unique_address]] std::conditional_t<((Links::joint == Joint::prismatic) || ...), Joints, NoSlides>
+        slide;  ///< of each joint, m
   };
 
   Chain() = default;
@@ -82,9 +85,11 @@ class Chain {
       return bodies_[I].length + slid(p, std::integral_constant<int, I>{});
     }
   }
-  /// From the origin of body I, which its joint may have slid, to its mass centre, where x is its axis; or its rate, where x is that of the axis.
+  /// From the origin of body I, which its joint may have slid, to its mass centre, where x is its axis; or
+  /// its rate, where x is that of the axis.
   template <int I>
-  [[nodiscard, gnu::always_inline]] Vec2<S> from_joint(const Vec2<S>& x, std::integral_constant<int, I>) const {
+  [[nodiscard, gnu::always_inline]] Vec2<S> from_joint(const Vec2<S>& x,
+                                                       std::integral_constant<int, I>) const {
     if constexpr (shapes_[I] == Shape::bar) {
       return x * bodies_[I].centre;
     } else {
@@ -93,7 +98,8 @@ class Chain {
   }
   /// Of a force at the mass centre of body I about its origin.
   template <int I>
-  [[nodiscard, gnu::always_inline]] S moment_of(const Vec2<S>& force, const Pose& p, std::integral_constant<int, I>) const {
+  [[nodiscard, gnu::always_inline]] S moment_of(const Vec2<S>& force, const Pose& p,
+                                                std::integral_constant<int, I>) const {
     if constexpr (shapes_[I] == Shape::bar) {
       return bodies_[I].centre * cross(p.axis[I], force);
     } else {
@@ -108,27 +114,33 @@ class Chain {
     for (int i = 0; i <= I; ++i) any = any || joint(i) == Joint::revolute;
     return any;
   }();
-  /// Something linear of a body: of its axis, where that turns, and of what its joint slides along it, where that slides.
-  struct Move {
+  /// Something linear of a body: of its axis, where that turns, and of what its joint slides along it, where
+  /// that slides.
+  struct BodyMotion {
     Vec2<S> axis, slide;
   };
   template <int I>
-  [[nodiscard, gnu::always_inline]] static Move plus(std::integral_constant<int, I>, const Move& a, const Move& b) {
-    Move out;
+  [[nodiscard, gnu::always_inline]] static BodyMotion plus(std::integral_constant<int, I>,
+                                                           const BodyMotion& a, const BodyMotion& b) {
+    BodyMotion out;
     if constexpr (turns<I>) out.axis = a.axis + b.axis;
     if constexpr (joint(I) == Joint::prismatic) out.slide = a.slide + b.slide;
     return out;
   }
   template <int I>
-  [[nodiscard, gnu::always_inline]] static Move minus(std::integral_constant<int, I>, const Move& a, const Move& b) {
-    Move out;
+  [[nodiscard, gnu::always_inline]] static BodyMotion minus(std::integral_constant<int, I>,
+                                                            const BodyMotion& a, const BodyMotion& b) {
+    BodyMotion out;
     if constexpr (turns<I>) out.axis = a.axis - b.axis;
     if constexpr (joint(I) == Joint::prismatic) out.slide = a.slide - b.slide;
     return out;
   }
-  /// Of the mass centre; `at_end`, of the end of the body before, goes on to the end of this one, unless it is the last.
+  /// Of the mass centre; `at_end`, of the end of the body before, goes on to the end of this one, unless it
+  /// is the last.
   template <int I>
-  [[nodiscard, gnu::always_inline]] Vec2<S> along(Sum<Vec2<S>>& at_end, std::integral_constant<int, I> i, const Move& m) const {
+  [[nodiscard, gnu::always_inline]] Vec2<S> to_mass_centre(Sum<Vec2<S>>& at_end,
+                                                           std::integral_constant<int, I> i,
+                                                           const BodyMotion& m) const {
     Vec2<S> out;  // at the outermost level, or it would be copied, by way of memory
     if constexpr (joint(I) == Joint::prismatic) at_end.add(m.slide);
     if constexpr (turns<I>) {
@@ -145,8 +157,9 @@ class Chain {
     Sum<S> spin;
   };
   template <int I>
-  [[nodiscard, gnu::always_inline]] static Move move(RateWalk& w, std::integral_constant<int, I> i, const Pose& p, const Joints& qd) {
-    Move m;
+  [[nodiscard, gnu::always_inline]] static BodyMotion move(RateWalk& w, std::integral_constant<int, I> i,
+                                                           const Pose& p, const Joints& qd) {
+    BodyMotion m;
     if constexpr (joint(I) == Joint::revolute) w.spin.add(qd[I]);
     if constexpr (turns<I>) m.axis = perp(p.axis[I]) * w.spin.value();
     if constexpr (joint(I) == Joint::prismatic) {
@@ -160,9 +173,9 @@ class Chain {
     Sum<S> spin_a, spin_b;
   };
   template <int I>
-  [[nodiscard, gnu::always_inline]] static Move move(BiasWalk& w, std::integral_constant<int, I> i, const Pose& p, const Joints& a,
-                                                     const Joints& b) {
-    Move m;
+  [[nodiscard, gnu::always_inline]] static BodyMotion move(BiasWalk& w, std::integral_constant<int, I> i,
+                                                           const Pose& p, const Joints& a, const Joints& b) {
+    BodyMotion m;
     if constexpr (joint(I) == Joint::revolute) {
       w.spin_a.add(a[I]);
       w.spin_b.add(b[I]);
@@ -179,21 +192,24 @@ class Chain {
   }
   /// Desired less actual.
   template <int I>
-  [[nodiscard, gnu::always_inline]] static Move gap(std::integral_constant<int, I> i, const Pose& desired, const Pose& actual) {
-    Move m;
+  [[nodiscard, gnu::always_inline]] static BodyMotion gap(std::integral_constant<int, I> i,
+                                                          const Pose& desired, const Pose& actual) {
+    BodyMotion m;
     if constexpr (turns<I>) m.axis = desired.axis[I] - actual.axis[I];
-    if constexpr (joint(I) == Joint::prismatic) m.slide = desired.axis[I] * slid(desired, i) - actual.axis[I] * slid(actual, i);
+    if constexpr (joint(I) == Joint::prismatic)
+      m.slide = desired.axis[I] * slid(desired, i) - actual.axis[I] * slid(actual, i);
     return m;
   }
   /// Angle from the actual to the desired axis, in (-pi, pi].
   template <int I>
-  [[nodiscard, gnu::always_inline]] static S turned_at(std::integral_constant<int, I>, const Pose& desired, const Pose& actual) {
+  [[nodiscard, gnu::always_inline]] static S turned_at(std::integral_constant<int, I>, const Pose& desired,
+                                                       const Pose& actual) {
     return angle_of_unit(cross(actual.axis[I], desired.axis[I]), dot(actual.axis[I], desired.axis[I]));
   }
   /// Of the joint, from the angles of the body before and of its own.
   template <int I>
-  [[nodiscard, gnu::always_inline]] static S joint_error(std::integral_constant<int, I> i, S before, S turned, const Pose& desired,
-                                                         const Pose& actual) {
+  [[nodiscard, gnu::always_inline]] static S joint_error(std::integral_constant<int, I> i, S before, S turned,
+                                                         const Pose& desired, const Pose& actual) {
     if constexpr (joint(I) == Joint::revolute) {
       return I == 0 ? turned : wrap_to_pi(S(turned - before));
     } else {

@@ -1,9 +1,9 @@
 #pragma once
 /// The coupling algorithm of the report, eqs. (37)-(47): a platform and serial legs, joined at their tips.
 ///
-/// With the platform's p0# as independent coordinates, leg j turns at qd_j = J_j^-1 (velocity of its attachment
-/// point), so that the whole C = blkdiag(C_0, C_1, ..) C^ of model.md [F10], [F11] is leg-wise: neither C nor A
-/// is formed. `chain_*` go from p# to everything (C), `gather` comes back (C^T).
+/// With the platform's p0# as independent coordinates, leg j turns at qd_j = J_j^-1 (velocity of its
+/// attachment point), so that the whole C = blkdiag(C_0, C_1, ..) C^ of model.md [F10], [F11] is leg-wise:
+/// neither C nor A is formed. `chain_*` go from p# to everything (C), `gather` comes back (C^T).
 
 #include "firmware/mechanism/serial.hpp"
 #include "firmware/types.hpp"
@@ -12,8 +12,8 @@ namespace esmc {
 
 /// A point mass that all legs hold: q0 = (x, y), every leg is attached to the point itself.
 ///
-/// What Coupling asks of a platform, leg by leg, is here. A platform with bodies to turn has a Pose that says how
-/// it lies, and `turns`: its attachment points then accelerate by `attachment_bias` at constant rates.
+/// What Coupling asks of a platform, leg by leg, is here. A platform with bodies to turn has a Pose that says
+/// how it lies, and `turns`: its attachment points then accelerate by `attachment_bias` at constant rates.
 template <class S>
 struct PointMass {
   static constexpr int dof = 2;
@@ -30,7 +30,8 @@ struct PointMass {
   [[nodiscard]] Vec2<S> weight() const { return Vec2<S>::Constant(mass); }  ///< diagonal of M_0
 };
 
-/// How the frame of a leg lies in N: its origin, and whether it is mirrored (x to the left, angles clockwise).
+/// How the frame of a leg lies in N: its origin, and whether it is mirrored (x to the left, angles
+/// clockwise).
 template <class S>
 struct LegFrame {
   Vec2<S> base = Vec2<S>::Zero();
@@ -51,12 +52,12 @@ class Coupling {
   static constexpr int dof = Platform::dof;
   static constexpr int joints = Legs * Leg::joints;
   static constexpr int channels = Platform::channels + Legs * Leg::channels;
-  using Independent = Vec<S, dof>;   ///< p0#: platform coordinates
-  using Channels = Vec<S, channels>; ///< rows of p in the order of model.md section 4
+  using Independent = Vec<S, dof>;    ///< p0#: platform coordinates
+  using Channels = Vec<S, channels>;  ///< rows of p in the order of model.md section 4
   using Joints = Vec<S, joints>;
 
-  /// Velocities (or accelerations) of platform and joints together: what p# determines through C^. Like a vector, not
-  /// initialised by itself.
+  /// Velocities (or accelerations) of platform and joints together: what p# determines through C^. Like a
+  /// vector, not initialised by itself.
   struct Rates {
     Independent platform;
     List<typename Leg::Joints, Legs> leg;
@@ -96,7 +97,8 @@ class Coupling {
     Rates out;
     out.platform = platform;
     unroll<Legs>([&](auto j) ESMC_INLINE {
-      out.leg[j] = leg_[j].tip_inverse(p.leg[j], frame_[j].to_leg(platform_.attachment_rate(p.platform, j, platform)));
+      out.leg[j] =
+          leg_[j].tip_inverse(p.leg[j], frame_[j].to_leg(platform_.attachment_rate(p.platform, j, platform)));
     });
     return out;
   }
@@ -157,7 +159,8 @@ class Coupling {
     });
     return out;
   }
-  [[nodiscard]] Channels channel_accelerations(const LegPoses& p, const Rates& r, const Rates& acceleration) const {
+  [[nodiscard]] Channels channel_accelerations(const LegPoses& p, const Rates& r,
+                                               const Rates& acceleration) const {
     return channel_accelerations(p, r, r, acceleration);
   }
 
@@ -176,15 +179,17 @@ class Coupling {
   [[nodiscard]] Channels mass() const {
     Channels out;
     out.template head<Platform::channels>() = platform_.weight();
-    unroll<Legs>([&](auto j) ESMC_INLINE { out.template segment<Leg::channels>(row_leg(j)) = leg_[j].mass(); });
+    unroll<Legs>([&](auto j)
+                     ESMC_INLINE { out.template segment<Leg::channels>(row_leg(j)) = leg_[j].mass(); });
     return out;
   }
 
   /// C_j^T w: what forces on the channels of each leg do on its joints.
-  [[nodiscard, gnu::always_inline]] List<typename Leg::Joints, Legs> leg_torques(const LegPoses& p, const Channels& w) const {
+  [[nodiscard, gnu::always_inline]] List<typename Leg::Joints, Legs> leg_torques(const LegPoses& p,
+                                                                                 const Channels& w) const {
     List<typename Leg::Joints, Legs> out;
     unroll<Legs>([&](auto j) ESMC_INLINE {
-      out[j] = leg_[j].transposed(p.leg[j], w.template segment<Leg::channels>(row_leg(j)));
+      out[j] = leg_[j].joint_torques(p.leg[j], w.template segment<Leg::channels>(row_leg(j)));
     });
     return out;
   }
@@ -194,7 +199,8 @@ class Coupling {
                                    const List<typename Leg::Joints, Legs>& tau) const {
     Independent out = w0;
     unroll<Legs>([&](auto j) ESMC_INLINE {
-      out += platform_.attachment_force(p.platform, j, frame_[j].from_leg(leg_[j].tip_force(p.leg[j], tau[j])));
+      out +=
+          platform_.attachment_force(p.platform, j, frame_[j].from_leg(leg_[j].tip_force(p.leg[j], tau[j])));
     });
     return out;
   }

@@ -1,6 +1,7 @@
 #pragma once
-/// The 5R five-bar: a point mass held by an RR leg and a mirrored RR leg (model.md section 4), its kinematics in
-/// all working and assembly modes (section 5), and the base-joint form that is regular at type 1 ([F23]-[F25]).
+/// The 5R five-bar: a point mass held by an RR leg and a mirrored RR leg (model.md section 4), its kinematics
+/// in all working and assembly modes (section 5), and the base-joint form that is regular at type 1
+/// ([F23]-[F25]).
 
 #include <cstdint>
 #include <optional>
@@ -13,15 +14,16 @@ namespace esmc {
 template <class S>
 [[nodiscard]] Dyad<S> make_dyad(const LegParams<S>& p, S gravity) {
   return Dyad<S>({{Body<S>{p.l1, p.lg1, S(0), p.m1, p.J1, p.d1, p.gamma1},
-                  Body<S>{p.l2, p.lg2, S(0), p.m2, p.J2, p.d2, p.gamma2}}},
+                   Body<S>{p.l2, p.lg2, S(0), p.m2, p.J2, p.d2, p.gamma2}}},
                  gravity);
 }
 
 /// Pose of a dyad whose tip is at `tip` (in its own frame), elbow bent so that sin theta_2 has the sign of
-/// `working_mode` (+1 or -1). False when the tip is out of reach or at the base: `p` is then not touched. [F17], without
-/// its angles.
+/// `working_mode` (+1 or -1). False when the tip is out of reach or at the base: `p` is then not touched.
+/// [F17], without its angles.
 template <class S>
-[[nodiscard]] bool dyad_inverse(const Dyad<S>& dyad, const Vec2<S>& tip, int working_mode, typename Dyad<S>::Pose& p) {
+[[nodiscard]] bool dyad_inverse(const Dyad<S>& dyad, const Vec2<S>& tip, int working_mode,
+                                typename Dyad<S>::Pose& p) {
   const S l1 = dyad.body(0).length, l2 = dyad.body(1).length;
   const S r2 = dot(tip, tip);
   const S stretched = (l1 + l2) * (l1 + l2) - r2, folded = r2 - (l1 - l2) * (l1 - l2);
@@ -41,7 +43,8 @@ template <class S>
 template <class S>
 [[nodiscard]] Vec2<S> angles_of(const List<Vec2<S>, 2>& direction) {
   Vec2<S> out;
-  for (int i = 0; i < 2; ++i) out[i] = arc_tangent2(direction[i].y(), direction[i].x());  // a loop: one copy of it in an image
+  for (int i = 0; i < 2; ++i)
+    out[i] = arc_tangent2(direction[i].y(), direction[i].x());  // a loop: one copy of it in an image
   return out;
 }
 
@@ -65,7 +68,7 @@ class FiveBar : public Coupling<S, PointMass<S>, Dyad<S>, 2> {
   /// A configuration: the legs', the effector, the distance to type 2.
   struct Pose : Base::LegPoses {
     Vec2<S> effector;  ///< in N, m
-    S sin_type2;  ///< D2 = sin(phi12 + phi22): 0 at type 2, its sign is the assembly mode [F18]
+    S sin_type2;       ///< D2 = sin(phi12 + phi22): 0 at type 2, its sign is the assembly mode [F18]
   };
 
   FiveBar() = default;
@@ -73,8 +76,8 @@ class FiveBar : public Coupling<S, PointMass<S>, Dyad<S>, 2> {
       : Base({p.m0, p.g}, {{make_dyad(p.legs[0], p.g), make_dyad(p.legs[1], p.g)}},
              {{LegFrame<S>{Vec2<S>(p.l0, S(0)), S(1)}, LegFrame<S>{Vec2<S>(-p.l0, S(0)), S(-1)}}}) {}
 
-  /// From all four joint angles (theta11, theta12, theta21, theta22), rad. The effector is the mean of the two
-  /// leg tips, which closure makes one; `closure_residual` says how far apart they are.
+  /// From all four joint angles (theta11, theta12, theta21, theta22), rad. The effector is the mean of the
+  /// two leg tips, which closure makes one; `closure_residual` says how far apart they are.
   [[nodiscard]] Pose pose(const Vec<S, 4>& theta) const {
     Pose p;
     for (int j = 0; j < 2; ++j) p.leg[j] = Leg::pose(theta.template segment<2>(2 * j));
@@ -84,7 +87,9 @@ class FiveBar : public Coupling<S, PointMass<S>, Dyad<S>, 2> {
   }
 
   /// Tip of leg 1 minus tip of leg 2, in N, m: zero when the four angles belong to a closed mechanism.
-  [[nodiscard]] Vec2<S> closure_residual(const Pose& p) const { return tip_in_base(p, 0) - tip_in_base(p, 1); }
+  [[nodiscard]] Vec2<S> closure_residual(const Pose& p) const {
+    return tip_in_base(p, 0) - tip_in_base(p, 1);
+  }
 
   /// Inverse kinematics [F17] in the working mode; the assembly mode follows. Empty: out of reach.
   [[nodiscard]] std::optional<Pose> inverse(const Vec2<S>& effector, const Mode& mode) const {
@@ -94,15 +99,16 @@ class FiveBar : public Coupling<S, PointMass<S>, Dyad<S>, 2> {
   /// The same in place; false: out of reach, and `p` is not a pose.
   [[nodiscard]] bool inverse(const Vec2<S>& effector, const Mode& mode, Pose& p) const {
     for (int j = 0; j < 2; ++j) {
-      if (!dyad_inverse(this->leg(j), this->frame(j).point_to_leg(effector), mode.working[j], p.leg[j])) return false;
+      if (!dyad_inverse(this->leg(j), this->frame(j).point_to_leg(effector), mode.working[j], p.leg[j]))
+        return false;
     }
     p.effector = effector;
     p.sin_type2 = p.leg[0].axis[1].y() * p.leg[1].axis[1].x() + p.leg[0].axis[1].x() * p.leg[1].axis[1].y();
     return true;
   }
 
-  /// Forward kinematics [F18] from the base joints, in the assembly mode `assembly_mode` = sign D2 (+1 or -1).
-  /// Empty: the elbows are too far apart, too close, or on one another; the legs cannot be closed.
+  /// Forward kinematics [F18] from the base joints, in the assembly mode `assembly_mode` = sign D2 (+1 or
+  /// -1). Empty: the elbows are too far apart, too close, or on one another; the legs cannot be closed.
   [[nodiscard]] std::optional<Pose> forward(const Vec2<S>& base_angles, int assembly_mode) const {
     Pose p;
     return forward(base_angles, assembly_mode, p) ? std::optional<Pose>(p) : std::nullopt;
@@ -128,7 +134,8 @@ class FiveBar : public Coupling<S, PointMass<S>, Dyad<S>, 2> {
     p.leg[0].axis[1] = this->frame(0).to_leg(from_elbow2 - w) * (S(1) / l12);
     p.leg[1].axis[1] = this->frame(1).to_leg(from_elbow2) * (S(1) / l22);
     unroll<2>([&](auto j) ESMC_INLINE {
-      p.leg[j].turn[1] = Vec2<S>(dot(p.leg[j].axis[0], p.leg[j].axis[1]), cross(p.leg[j].axis[0], p.leg[j].axis[1]));
+      p.leg[j].turn[1] =
+          Vec2<S>(dot(p.leg[j].axis[0], p.leg[j].axis[1]), cross(p.leg[j].axis[0], p.leg[j].axis[1]));
     });
     p.sin_type2 = across * d2 / (l12 * l22);
     return true;
@@ -164,12 +171,15 @@ class FiveBar : public Coupling<S, PointMass<S>, Dyad<S>, 2> {
 
   [[nodiscard]] static S abs_sin_type2(const Pose& p) { return magnitude(p.sin_type2); }
   /// D2 counted from type 2 towards the assembly mode: negative in the other one.
-  [[nodiscard]] static S sin_type2_in_mode(const Pose& p, const Mode& mode) { return p.sin_type2 * S(mode.assembly); }
+  [[nodiscard]] static S sin_type2_in_mode(const Pose& p, const Mode& mode) {
+    return p.sin_type2 * S(mode.assembly);
+  }
   [[nodiscard]] static bool in_working_mode(const Pose& p, const Mode& mode) {
     return sin_type1(p, 0) * S(mode.working[0]) > S(0) && sin_type1(p, 1) * S(mode.working[1]) > S(0);
   }
 
-  // ---- what a control law needs, the same names for every mechanism ------------------------------------------
+  // ---- what a control law needs, the same names for every mechanism
+  // ------------------------------------------
 
   static constexpr bool is_angle(int row) { return row >= 2 && (row - 2) % Leg::channels < 2 * Leg::joints; }
   [[nodiscard]] static Vec2<S> independent(const Rates& r) { return r.platform; }
@@ -192,54 +202,64 @@ class FiveBar : public Coupling<S, PointMass<S>, Dyad<S>, 2> {
     Channels out;
     out.template head<2>() = independent_error(desired, actual);
     unroll<2>([&](auto j) ESMC_INLINE {
-      out.template segment<Leg::channels>(Base::row_leg(j)) = this->leg(j).error(desired.leg[j], actual.leg[j]);
+      out.template segment<Leg::channels>(Base::row_leg(j)) =
+          this->leg(j).error(desired.leg[j], actual.leg[j]);
     });
     return out;
   }
 
-  /// Calls f(row, e, e', q''_d) for every channel, see Serial::compare.
+  /// Calls f(row, e, e', q''_d) for every channel, see Serial::for_each_error_row.
   template <bool with_joints = true, class F>
-  ESMC_INLINE void compare(const Pose& desired, const Rates& desired_rates, const Rates& desired_acceleration, const Pose& actual,
-               const Rates& rates, F&& f) const {
+  ESMC_INLINE void for_each_error_row(const Pose& desired, const Rates& desired_rates,
+                                      const Rates& desired_acceleration, const Pose& actual,
+                                      const Rates& rates, F&& f) const {
     const Vec2<S> e = independent_error(desired, actual);
-    unroll<2>([&](auto i) ESMC_INLINE { f(i, e[i], S(desired_rates.platform[i] - rates.platform[i]), desired_acceleration.platform[i]); });
+    unroll<2>([&](auto i) ESMC_INLINE {
+      f(i, e[i], S(desired_rates.platform[i] - rates.platform[i]), desired_acceleration.platform[i]);
+    });
     unroll<2>([&](auto j) ESMC_INLINE {
-      this->leg(j).template compare<with_joints>(
+      this->leg(j).template for_each_error_row<with_joints>(
           desired.leg[j], desired_rates.leg[j], desired_acceleration.leg[j], actual.leg[j], rates.leg[j],
           [&](auto row, S of, S rate, S acceleration) ESMC_INLINE {
             f(std::integral_constant<int, Base::row_leg(j) + row>{}, of, rate, acceleration);
           });
     });
   }
-  /// Calls f(row, rate, acceleration) for every channel, see Serial::resolve.
+  /// Calls f(row, rate, acceleration) for every channel, see Serial::for_each_reference_row.
   template <bool with_joints = true, class F>
-  ESMC_INLINE void resolve(const Pose& p, const Rates& speed, const Rates& acceleration, const Rates& a, const Rates& b, F&& f) const {
+  ESMC_INLINE void for_each_reference_row(const Pose& p, const Rates& speed, const Rates& acceleration,
+                                          const Rates& a, const Rates& b, F&& f) const {
     unroll<2>([&](auto i) ESMC_INLINE { f(i, speed.platform[i], acceleration.platform[i]); });
     unroll<2>([&](auto j) ESMC_INLINE {
-      this->leg(j).template resolve<with_joints>(p.leg[j], speed.leg[j], acceleration.leg[j], a.leg[j], b.leg[j],
-                                                 [&](auto row, S of_speed, S of_acceleration) ESMC_INLINE {
-                                                   f(std::integral_constant<int, Base::row_leg(j) + row>{}, of_speed, of_acceleration);
-                                                 });
+      this->leg(j).template for_each_reference_row<with_joints>(
+          p.leg[j], speed.leg[j], acceleration.leg[j], a.leg[j], b.leg[j],
+          [&](auto row, S of_speed, S of_acceleration) ESMC_INLINE {
+            f(std::integral_constant<int, Base::row_leg(j) + row>{}, of_speed, of_acceleration);
+          });
     });
   }
-  /// The joint rows from those of the bars, see Serial::follow_bars.
-  static void follow_bars(Channels& s) {
-    unroll<2>([&](auto j) ESMC_INLINE { Leg::follow_bars(s, Base::row_leg(j)); });
+  /// The joint rows from those of the bars, see Serial::fill_joint_rows.
+  static void fill_joint_rows(Channels& s) {
+    unroll<2>([&](auto j) ESMC_INLINE { Leg::fill_joint_rows(s, Base::row_leg(j)); });
   }
 
   [[nodiscard]] static Vec2<S> tip_rate(const Pose&, const Rates& r) { return r.platform; }
   /// Motion of everything that gives the effector this velocity (acceleration). Pole at type 1.
-  [[nodiscard]] Rates rates_of_effector(const Pose& p, const Vec2<S>& v) const { return this->chain_rates(p, v); }
+  [[nodiscard]] Rates rates_of_effector(const Pose& p, const Vec2<S>& v) const {
+    return this->chain_rates(p, v);
+  }
   [[nodiscard]] Rates accelerations_of_effector(const Pose& p, const Rates& r, const Vec2<S>& a) const {
     return this->chain_accelerations(p, r, a);
   }
 
-  // ---- base-joint form: theta11, theta21 independent. Regular at type 1, pole at type 2. --------------------
+  // ---- base-joint form: theta11, theta21 independent. Regular at type 1, pole at type 2.
+  // --------------------
 
   /// Everything that moves when the base joints turn at `base` [F23].
   [[nodiscard]] Rates base_rates(const Pose& p, const Vec2<S>& base) const {
     Vec2<S> closure;
-    unroll<2>([&](auto j) ESMC_INLINE { closure[j] = this->leg(j).body(0).length * p.leg[j].turn[1].y() * base[j]; });
+    unroll<2>([&](auto j)
+                  ESMC_INLINE { closure[j] = this->leg(j).body(0).length * p.leg[j].turn[1].y() * base[j]; });
     return complete(p, base, closure, Vec2<S>::Zero());
   }
 

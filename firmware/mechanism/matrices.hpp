@@ -1,5 +1,6 @@
 #pragma once
-/// The matrices of the report, written out: for evaluation, design tools and tests. A control tick forms none.
+/// The matrices of the report, written out: for evaluation, design tools and tests. A control tick forms
+/// none.
 
 #include "firmware/mechanism/five_bar.hpp"
 #include "firmware/mechanism/rr.hpp"
@@ -74,7 +75,8 @@ template <class S>
     A.template block<6, 8>(6 * j, column) = matrix_A(m.leg(j), leg);
     A(row, 0) = A(row + 1, 1) = S(1);
     for (int k = 0; k < 2; ++k) {
-      A.template block<2, 1>(row, column + k) = -m.frame(j).from_leg(m.leg(j).tip_rate(leg, Vec2<S>::Unit(k)));
+      A.template block<2, 1>(row, column + k) =
+          -m.frame(j).from_leg(m.leg(j).tip_rate(leg, Vec2<S>::Unit(k)));
     }
   }
   return A;

@@ -35,15 +35,15 @@ struct FiveBarParams {
 };
 
 /// Why a set of parameters cannot be a mechanism. Every comparison is written so that a NaN is refused.
-enum class [[nodiscard]] ParamError : std::uint8_t {
-  none,
-  link_length,      ///< l1, l2 or l0 is not > 0
-  mass,             ///< a mass is not >= 0
-  inertia,          ///< an inertia is not >= 0
-  mass_centre,      ///< lg1 or lg2 is not a number
-  friction,         ///< a friction coefficient is not >= 0
-  gravity,          ///< g is not >= 0
-  no_inertia,       ///< a bar has no resistance to turning about its joint: accelerations are unbounded
+enum class [[nodiscard]] ParamError : std::uint8_t{
+    none,
+    link_length,  ///< l1, l2 or l0 is not > 0
+    mass,         ///< a mass is not >= 0
+    inertia,      ///< an inertia is not >= 0
+    mass_centre,  ///< lg1 or lg2 is not a number
+    friction,     ///< a friction coefficient is not >= 0
+    gravity,      ///< g is not >= 0
+    no_inertia,   ///< a bar has no resistance to turning about its joint: accelerations are unbounded
 };
 
 namespace detail {

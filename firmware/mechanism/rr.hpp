@@ -67,7 +67,8 @@ class Rr {
     return sin_type1(p) * S(mode.working) > S(0);
   }
 
-  // ---- what a control law needs, the same names for every mechanism ------------------------------------------
+  // ---- what a control law needs, the same names for every mechanism
+  // ------------------------------------------
 
   static constexpr bool is_angle(int row) { return row < 2 * Leg::joints; }
   [[nodiscard]] static Vec2<S> independent(const Rates& r) { return r; }
@@ -87,19 +88,22 @@ class Rr {
   [[nodiscard]] Channels error(const Pose& desired, const Pose& actual) const {
     return arm_.error(desired.arm, actual.arm);
   }
-  /// Calls f(row, e, e', q''_d) for every channel, see Serial::compare.
+  /// Calls f(row, e, e', q''_d) for every channel, see Serial::for_each_error_row.
   template <bool with_joints = true, class F>
-  ESMC_INLINE void compare(const Pose& desired, const Rates& desired_rates, const Rates& desired_acceleration, const Pose& actual,
-               const Rates& rates, F&& f) const {
-    arm_.template compare<with_joints>(desired.arm, desired_rates, desired_acceleration, actual.arm, rates, f);
+  ESMC_INLINE void for_each_error_row(const Pose& desired, const Rates& desired_rates,
+                                      const Rates& desired_acceleration, const Pose& actual,
+                                      const Rates& rates, F&& f) const {
+    arm_.template for_each_error_row<with_joints>(desired.arm, desired_rates, desired_acceleration,
+                                                  actual.arm, rates, f);
   }
-  /// Calls f(row, rate, acceleration) for every channel, see Serial::resolve.
+  /// Calls f(row, rate, acceleration) for every channel, see Serial::for_each_reference_row.
   template <bool with_joints = true, class F>
-  ESMC_INLINE void resolve(const Pose& p, const Rates& speed, const Rates& acceleration, const Rates& a, const Rates& b, F&& f) const {
-    arm_.template resolve<with_joints>(p.arm, speed, acceleration, a, b, f);
+  ESMC_INLINE void for_each_reference_row(const Pose& p, const Rates& speed, const Rates& acceleration,
+                                          const Rates& a, const Rates& b, F&& f) const {
+    arm_.template for_each_reference_row<with_joints>(p.arm, speed, acceleration, a, b, f);
   }
-  /// The joint rows from those of the bars, see Serial::follow_bars.
-  static void follow_bars(Channels& s) { Leg::follow_bars(s); }
+  /// The joint rows from those of the bars, see Serial::fill_joint_rows.
+  static void fill_joint_rows(Channels& s) { Leg::fill_joint_rows(s); }
   [[nodiscard]] Rates chain_rates(const Pose&, const Independent& p) const { return p; }
   [[nodiscard]] Rates chain_accelerations(const Pose&, const Rates&, const Independent& a) const { return a; }
   [[nodiscard]] Rates chain_bias(const Pose&, const Rates&, const Rates&) const { return Rates::Zero(); }
@@ -110,12 +114,15 @@ class Rr {
                                                const Rates& acceleration) const {
     return arm_.rates(p.arm, acceleration) + arm_.bias(p.arm, a, b);
   }
-  [[nodiscard]] Channels channel_accelerations(const Pose& p, const Rates& r, const Rates& acceleration) const {
+  [[nodiscard]] Channels channel_accelerations(const Pose& p, const Rates& r,
+                                               const Rates& acceleration) const {
     return channel_accelerations(p, r, r, acceleration);
   }
   [[nodiscard]] Channels force(const Channels& v, const Rates& r) const { return arm_.force(v, r); }
   [[nodiscard]] Channels mass() const { return arm_.mass(); }
-  [[nodiscard]] Vec2<S> base_torque(const Pose& p, const Channels& w) const { return arm_.transposed(p.arm, w); }
+  [[nodiscard]] Vec2<S> base_torque(const Pose& p, const Channels& w) const {
+    return arm_.joint_torques(p.arm, w);
+  }
   [[nodiscard]] Vec2<S> tip_rate(const Pose& p, const Rates& r) const { return arm_.tip_rate(p.arm, r); }
   /// Joint motion that gives the effector this velocity. Pole at type 1.
   [[nodiscard]] Rates rates_of_effector(const Pose& p, const Vec2<S>& v) const {

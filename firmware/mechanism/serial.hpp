@@ -1,10 +1,10 @@
 #pragma once
-/// The serial algorithm of the report, eqs. (1)-(7): a planar chain of any fixed number of bodies, each joined
-/// to the one before by a revolute or a prismatic joint.
+/// The serial algorithm of the report, eqs. (1)-(7): a planar chain of any fixed number of bodies, each
+/// joined to the one before by a revolute or a prismatic joint.
 ///
 /// p = [p#; p°]: p# the joint rates, p° the bar angular rates and the mass-centre velocities of all bodies.
 /// The matrices C, A, M of model.md [F1], [F2] are never formed: `rates` is p = C p#, `bias` is c = Cdot p#,
-/// `transposed` is C^T w, each one pass along the chain.
+/// `joint_torques` is C^T w, each one pass along the chain.
 
 #include <type_traits>
 
@@ -66,24 +66,28 @@ class Serial {
     typename C::RateWalk w;
     Sum<Vec2<S>> end;
     unroll<joints>([&](auto i) ESMC_INLINE {
-      const typename C::Move m = C::move(w, i, p, qd);
-      put(out, i, {qd[i], C::template turns<i> ? w.spin.value() : S(0), chain_.along(end, i, m)});
+      const typename C::BodyMotion m = C::move(w, i, p, qd);
+      put(out, i, {qd[i], C::template turns<i> ? w.spin.value() : S(0), chain_.to_mass_centre(end, i, m)});
     });
     return out;
   }
 
   /// Bilinear form of c = Cdot p#: c(a, a) is the acceleration that remains when the joints turn at constant
-  /// rates a, and c(a, b) is Cdot(a) b (symmetric: in the plane every entry of p is the rate of a coordinate).
+  /// rates a, and c(a, b) is Cdot(a) b (symmetric: in the plane every entry of p is the rate of a
+  /// coordinate).
   [[nodiscard]] Channels bias(const Pose& p, const Joints& a, const Joints& b) const {
     Channels out;
     typename C::BiasWalk w;
     Sum<Vec2<S>> end;
-    unroll<joints>([&](auto i) ESMC_INLINE { put(out, i, {S(0), S(0), chain_.along(end, i, C::move(w, i, p, a, b))}); });
+    unroll<joints>([&](auto i) ESMC_INLINE {
+      put(out, i, {S(0), S(0), chain_.to_mass_centre(end, i, C::move(w, i, p, a, b))});
+    });
     return out;
   }
 
-  /// C^T w: what forces w, one per channel, do on the joints. The joint rows of w act on their own joint only.
-  [[nodiscard, gnu::always_inline]] Joints transposed(const Pose& p, const Channels& w) const {
+  /// C^T w: what forces w, one per channel, do on the joints. The joint rows of w act on their own joint
+  /// only.
+  [[nodiscard, gnu::always_inline]] Joints joint_torques(const Pose& p, const Channels& w) const {
     Joints out;
     Sum<S> moment;       // of everything further out, about the joint of the body in hand
     Sum<Vec2<S>> force;  // of everything further out
@@ -146,7 +150,8 @@ class Serial {
     Sum<Vec2<S>> end;
     unroll<joints>([&](auto i) ESMC_INLINE {
       const Vec2<S> start = end.empty() ? Vec2<S>(Vec2<S>::Zero()) : end.value();
-      const Vec2<S> slide = C::joint(i) == Joint::revolute ? Vec2<S>(Vec2<S>::Zero()) : Vec2<S>(p.axis[i] * C::slid(p, i));
+      const Vec2<S> slide =
+          C::joint(i) == Joint::revolute ? Vec2<S>(Vec2<S>::Zero()) : Vec2<S>(p.axis[i] * C::slid(p, i));
       out[i] = start + slide + chain_.from_joint(p.axis[i], i);
       end.add(p.axis[i] * chain_.reach(p, i));
     });
@@ -162,30 +167,33 @@ class Serial {
     unroll<joints>([&](auto i) ESMC_INLINE {
       const S before = turned;
       turned = C::turned_at(i, desired, actual);
-      put(out, i, {C::joint_error(i, before, turned, desired, actual), turned, chain_.along(end, i, C::gap(i, desired, actual))});
+      put(out, i,
+          {C::joint_error(i, before, turned, desired, actual), turned,
+           chain_.to_mass_centre(end, i, C::gap(i, desired, actual))});
     });
     return out;
   }
 
-  /// Where all joints turn, what is said of a joint is the difference of what is said of its bodies: `follow_bars`.
+  /// Where all joints turn, what is said of a joint is the difference of what is said of its bodies:
+  /// `fill_joint_rows`.
   static constexpr bool joints_follow = ((Links::joint == Joint::revolute) && ...);
-  /// The joint rows of something linear in errors and rates, sliding variables say, from the rows of the bars (model.md
-  /// section 10: s_theta2 = s_phi2 - s_phi1). Not wrapped.
+  /// The joint rows of something linear in errors and rates, sliding variables say, from the rows of the bars
+  /// (model.md section 10: s_theta2 = s_phi2 - s_phi1). Not wrapped.
   template <int N>
-  static void follow_bars(Vec<S, N>& s, int first = 0)
-    requires joints_follow
-  {
+  static void fill_joint_rows(Vec<S, N>& s, int first = 0) requires joints_follow {
     unroll<joints>([&](auto i) ESMC_INLINE {
       const S of_bar = s[first + row_angle(i)];
       s[first + row_joint(i)] = i == 0 ? of_bar : S(of_bar - s[first + row_angle(i) - 1]);
     });
   }
 
-  /// Calls f(row, e, e', q''_d) for every channel, or for all but the joints': what `error`, the difference of two `rates`,
-  /// and `rates` + `bias` of the desired motion say of it, body by body, so that no vector of channels is stored on the way.
+  /// Calls f(row, e, e', q''_d) for every channel, or for all but the joints': what `error`, the difference
+  /// of two `rates`, and `rates` + `bias` of the desired motion say of it, body by body, so that no vector of
+  /// channels is stored on the way.
   template <bool with_joints = true, class F>
-  ESMC_INLINE void compare(const Pose& desired, const Joints& desired_rate, const Joints& desired_acceleration, const Pose& actual,
-               const Joints& rate, F&& f) const {
+  ESMC_INLINE void for_each_error_row(const Pose& desired, const Joints& desired_rate,
+                                      const Joints& desired_acceleration, const Pose& actual,
+                                      const Joints& rate, F&& f) const {
     S turned{};
     typename C::RateWalk fast, slow, push;
     typename C::BiasWalk drift;
@@ -193,34 +201,41 @@ class Serial {
     unroll<joints>([&](auto i) ESMC_INLINE {
       const S before = turned;
       turned = C::turned_at(i, desired, actual);
-      const typename C::Move v = C::minus(i, C::move(fast, i, desired, desired_rate), C::move(slow, i, actual, rate));
-      const typename C::Move a = C::plus(i, C::move(push, i, desired, desired_acceleration), C::move(drift, i, desired, desired_rate, desired_rate));
+      const typename C::BodyMotion v =
+          C::minus(i, C::move(fast, i, desired, desired_rate), C::move(slow, i, actual, rate));
+      const typename C::BodyMotion a = C::plus(i, C::move(push, i, desired, desired_acceleration),
+                                               C::move(drift, i, desired, desired_rate, desired_rate));
       if constexpr (with_joints) {
-        f(std::integral_constant<int, row_joint(i)>{}, C::joint_error(i, before, turned, desired, actual), S(desired_rate[i] - rate[i]),
-          desired_acceleration[i]);
+        f(std::integral_constant<int, row_joint(i)>{}, C::joint_error(i, before, turned, desired, actual),
+          S(desired_rate[i] - rate[i]), desired_acceleration[i]);
       }
-      f(std::integral_constant<int, row_angle(i)>{}, turned, C::template turns<i> ? S(fast.spin.value() - slow.spin.value()) : S(0),
+      f(std::integral_constant<int, row_angle(i)>{}, turned,
+        C::template turns<i> ? S(fast.spin.value() - slow.spin.value()) : S(0),
         C::template turns<i> ? push.spin.value() : S(0));
-      const Vec2<S> e = chain_.along(error_at_end, i, C::gap(i, desired, actual));
-      const Vec2<S> ed = chain_.along(rate_at_end, i, v), reference = chain_.along(push_at_end, i, a);
+      const Vec2<S> e = chain_.to_mass_centre(error_at_end, i, C::gap(i, desired, actual));
+      const Vec2<S> ed = chain_.to_mass_centre(rate_at_end, i, v),
+                    reference = chain_.to_mass_centre(push_at_end, i, a);
       f(std::integral_constant<int, row_x(i)>{}, e.x(), ed.x(), reference.x());
       f(std::integral_constant<int, row_x(i) + 1>{}, e.y(), ed.y(), reference.y());
     });
   }
 
-  /// Calls f(row, rate, acceleration) for every channel, or for all but the joints': what `rates` says of `speed`, and what
-  /// `rates` of `acceleration` and `bias(a, b)` say together; body by body, as `compare` does.
+  /// Calls f(row, rate, acceleration) for every channel, or for all but the joints': what `rates` says of
+  /// `speed`, and what `rates` of `acceleration` and `bias(a, b)` say together; body by body, as
+  /// `for_each_error_row` does.
   template <bool with_joints = true, class F>
-  ESMC_INLINE void resolve(const Pose& p, const Joints& speed, const Joints& acceleration, const Joints& a, const Joints& b,
-                           F&& f) const {
+  ESMC_INLINE void for_each_reference_row(const Pose& p, const Joints& speed, const Joints& acceleration,
+                                          const Joints& a, const Joints& b, F&& f) const {
     typename C::RateWalk fast, push;
     typename C::BiasWalk drift;
     Sum<Vec2<S>> rate_at_end, push_at_end;
     unroll<joints>([&](auto i) ESMC_INLINE {
-      const Vec2<S> v = chain_.along(rate_at_end, i, C::move(fast, i, p, speed));
-      const Vec2<S> r = chain_.along(push_at_end, i, C::plus(i, C::move(push, i, p, acceleration), C::move(drift, i, p, a, b)));
+      const Vec2<S> v = chain_.to_mass_centre(rate_at_end, i, C::move(fast, i, p, speed));
+      const Vec2<S> r = chain_.to_mass_centre(
+          push_at_end, i, C::plus(i, C::move(push, i, p, acceleration), C::move(drift, i, p, a, b)));
       if constexpr (with_joints) f(std::integral_constant<int, row_joint(i)>{}, speed[i], acceleration[i]);
-      f(std::integral_constant<int, row_angle(i)>{}, C::template turns<i> ? fast.spin.value() : S(0), C::template turns<i> ? push.spin.value() : S(0));
+      f(std::integral_constant<int, row_angle(i)>{}, C::template turns<i> ? fast.spin.value() : S(0),
+        C::template turns<i> ? push.spin.value() : S(0));
       f(std::integral_constant<int, row_x(i)>{}, v.x(), r.x());
       f(std::integral_constant<int, row_x(i) + 1>{}, v.y(), r.y());
     });
@@ -232,8 +247,9 @@ class Serial {
     Channels out;
     unroll<joints>([&](auto i) ESMC_INLINE {
       const Body<S>& b = body(i);
-      put(out, i, {b.viscous * qd[i] + against(b.coulomb, qd[i]), b.inertia * v[row_angle(i)],
-                   Vec2<S>(b.mass * v[row_x(i)], b.mass * (v[row_x(i) + 1] + gravity_))});
+      put(out, i,
+          {b.viscous * qd[i] + against(b.coulomb, qd[i]), b.inertia * v[row_angle(i)],
+           Vec2<S>(b.mass * v[row_x(i)], b.mass * (v[row_x(i) + 1] + gravity_))});
     });
     return out;
   }
@@ -241,16 +257,16 @@ class Serial {
   /// Diagonal of M.
   [[nodiscard]] Channels mass() const {
     Channels out;
-    unroll<joints>(
-        [&](auto i) ESMC_INLINE { put(out, i, {S(0), body(i).inertia, Vec2<S>(body(i).mass, body(i).mass)}); });
+    unroll<joints>([&](auto i) ESMC_INLINE {
+      put(out, i, {S(0), body(i).inertia, Vec2<S>(body(i).mass, body(i).mass)});
+    });
     return out;
   }
 
   /// A 2R chain inverts its tip velocity in closed form; theta_2 enters by its own sine, so the result keeps
   /// its relative accuracy down to type 1 (sin theta_2 = 0), where it does not exist.
   [[nodiscard]] Joints tip_inverse(const Pose& p, const Vec2<S>& v) const
-    requires(joints == 2 && ((Links::joint == Joint::revolute) && ...))
-  {
+      requires(joints == 2 && ((Links::joint == Joint::revolute) && ...)) {
     const S inner = dot(p.axis[1], v) / (body(0).length * p.turn[1].y());
     const S outer = -dot(p.axis[0], v) / (body(1).length * p.turn[1].y());
     return Joints(inner, outer - inner);
@@ -258,15 +274,15 @@ class Serial {
 
   /// Transpose of tip_inverse: the tip force that balances joint torques tau. Pole at type 1.
   [[nodiscard]] Vec2<S> tip_force(const Pose& p, const Joints& tau) const
-    requires(joints == 2 && ((Links::joint == Joint::revolute) && ...))
-  {
+      requires(joints == 2 && ((Links::joint == Joint::revolute) && ...)) {
     const S on_bar1 = tau[0] - tau[1];
     return p.axis[1] * (on_bar1 / (body(0).length * p.turn[1].y())) -
            p.axis[0] * (tau[1] / (body(1).length * p.turn[1].y()));
   }
 
  private:
-  /// coulomb * sign(v), with sign(0) = 0 (model.md section 12). v of a NaN counts as 0: the viscous term has it.
+  /// coulomb * sign(v), with sign(0) = 0 (model.md section 12). v of a NaN counts as 0: the viscous term has
+  /// it.
   static S against(S coulomb, S v) {
     if constexpr (BinaryFloat<S>) {
       return v > S(0) ? coulomb : v < S(0) ? -coulomb : S(0);

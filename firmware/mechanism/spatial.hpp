@@ -6,7 +6,7 @@
 /// centre, in N]. Frames of bodies are parallel to their principal axes, so M (6) is diagonal and constant,
 /// and (7) leaves
 ///   v = [0; omega x I omega; 0]
-/// C, A, M are never formed: `rates` is C p#, `bias` is Cdot(a) b, `transposed` is C^T w. omega is a
+/// C, A, M are never formed: `rates` is C p#, `bias` is Cdot(a) b, `joint_torques` is C^T w. omega is a
 /// quasi-velocity, so Cdot(a) b is not symmetric in a and b; c of [F1] is bias(p#, p#).
 
 #include <type_traits>
@@ -152,7 +152,7 @@ class SpatialSerial {
   }
 
   /// C^T w: what moments (in the frames of the bodies) and forces (in N) on the bodies do on the joints.
-  [[nodiscard]] Joints transposed(const Pose& p, const Channels& w) const {
+  [[nodiscard]] Joints joint_torques(const Pose& p, const Channels& w) const {
     Joints out;
     Vec3<S> moment = Vec3<S>::Zero(),
             force = Vec3<S>::Zero();  // of everything further out, about the joint in hand

@@ -154,7 +154,7 @@ class SpatialCoupling {
     Independent out;
     for (int i = 0; i < dof; ++i) out[i] = w[i];
     for (int j = 0; j < Legs; ++j)
-      out += at_joint(p, j, leg_[j].tip_force(p.leg[j], leg_[j].transposed(p.leg[j], part(w, j))));
+      out += at_joint(p, j, leg_[j].tip_force(p.leg[j], leg_[j].joint_torques(p.leg[j], part(w, j))));
     return out;
   }
 
@@ -177,8 +177,8 @@ class SpatialCoupling {
   /// attitude, mass centres and attitudes of the legs' bodies. `turn` is q_e of the platform, its sign
   /// chosen; bodies of legs take the short way (they cannot turn over).
   template <class F>
-  void compare(const Pose& desired, const Rates& desired_rates, const Rates& desired_acceleration,
-               const Pose& actual, const Rates& rates, const Quaternion<S>& turn, F&& f) const {
+  void for_each_error_row(const Pose& desired, const Rates& desired_rates, const Rates& desired_acceleration,
+                          const Pose& actual, const Rates& rates, const Quaternion<S>& turn, F&& f) const {
     const Independent &vd = desired_rates.platform, &ad = desired_acceleration.platform, &v = rates.platform;
     const Vec3<S> e = desired.position - actual.position;
     for (int i = 0; i < 3; ++i) f(i, ChannelError<S>{e[i], vd[i] - v[i], vd[i] - v[i], ad[i]});

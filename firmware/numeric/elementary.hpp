@@ -1,5 +1,6 @@
 #pragma once
-/// Sine, cosine, arc sine, arc tangent and hyperbolic tangent in float and double, the same bits on every target.
+/// Sine, cosine, arc sine, arc tangent and hyperbolic tangent in float and double, the same bits on every
+/// target.
 ///
 /// The C library's versions differ between host and boards. These use only operations that IEEE 754 rounds
 /// exactly (+ - * / sqrt) and bit moves, so gcc, clang, x86 and ARM agree bit for bit, provided that the code
@@ -45,8 +46,8 @@ struct SinCos {
 
 namespace ieee {
 
-/// c0 + z (c1 + z (c2 + ...)). Overlapping shorter chains took longer on x86, and rounded worse. z may be several
-/// numbers side by side.
+/// c0 + z (c1 + z (c2 + ...)). Overlapping shorter chains took longer on x86, and rounded worse. z may be
+/// several numbers side by side.
 template <std::size_t I = 0, class V, class S, std::size_t N>
 [[nodiscard]] constexpr auto horner(V z, const std::array<S, N>& c) {
   if constexpr (I + 1 == N) {
@@ -63,7 +64,8 @@ struct Split {
   S tail;
 };
 
-/// Real: the type of one number; Bits: the pattern of an S. A host may add an S that is several numbers side by side.
+/// Real: the type of one number; Bits: the pattern of an S. A host may add an S that is several numbers side
+/// by side.
 template <class S>
 struct Constants;
 
@@ -98,7 +100,7 @@ struct Constants<float> {
   static constexpr std::array<float, 4> kAtan{0x1.555552p-2F, -0x1.999416p-3F, 0x1.2360ccp-3F,
                                               -0x1.94da74p-4F};
   static constexpr float kAsinReach = 0.7072F;  // beyond it the other component of a unit vector is within
-  static constexpr std::array<float, 7> kAsin{0x1.55565ap-3F, 0x1.32dbp-4F, 0x1.78ce6ap-5F, 0x1.44b8cp-6F,
+  static constexpr std::array<float, 7> kAsin{0x1.55565ap-3F, 0x1.32dbp-4F,    0x1.78ce6ap-5F, 0x1.44b8cp-6F,
                                               0x1.0d2044p-4F, -0x1.328e92p-4F, 0x1.9bb344p-4F};
 };
 
@@ -321,8 +323,9 @@ template <class S>
 }
 }  // namespace ieee
 
-/// Direction of a unit vector (x, y), in [-pi, pi], in fewer operations than arc_tangent2 and without a division: in float
-/// everywhere, in double within 15 degrees ahead. Of a vector that is none: no better than its length. NaN when either is NaN.
+/// Direction of a unit vector (x, y), in [-pi, pi], in fewer operations than arc_tangent2 and without a
+/// division: in float everywhere, in double within 15 degrees ahead. Of a vector that is none: no better than
+/// its length. NaN when either is NaN.
 template <BinaryFloat S>
 [[nodiscard]] inline S angle_of_unit(S y, S x) {
   using C = ieee::Constants<S>;

@@ -38,15 +38,15 @@ struct Range {
 /// What must not be crossed; each a latched fault.
 template <class S>
 struct Limits {
-  S min_abs_sin_type1{};               ///< of sin theta_j2, dimensionless
-  S min_abs_sin_type2{};               ///< of D2, dimensionless
-  S joint_speed{};                     ///< rad/s, base joints
-  S closure{};                         ///< m: how far the leg tips may be apart with passive encoders
-  Range<S> workspace_x{}, workspace_y{};              ///< m
-  std::array<Range<S>, base_joints> joint_angle{};    ///< rad
-  std::uint32_t max_age_ticks = 0;     ///< missed samples that are extrapolated
-  S feedback_jump{};                   ///< rad per tick by which an angle may differ from what its rate says; 0: any
-  S join_acceleration{};               ///< rad/s2, base joints on the way onto the reference; 0: any
+  S min_abs_sin_type1{};                  ///< of sin theta_j2, dimensionless
+  S min_abs_sin_type2{};                  ///< of D2, dimensionless
+  S joint_speed{};                        ///< rad/s, base joints
+  S closure{};                            ///< m: how far the leg tips may be apart with passive encoders
+  Range<S> workspace_x{}, workspace_y{};  ///< m
+  std::array<Range<S>, base_joints> joint_angle{};  ///< rad
+  std::uint32_t max_age_ticks = 0;                  ///< missed samples that are extrapolated
+  S feedback_jump{};      ///< rad per tick by which an angle may differ from what its rate says; 0: any
+  S join_acceleration{};  ///< rad/s2, base joints on the way onto the reference; 0: any
 
   /// Without the limits that a mechanism may already have crossed while it is brought to rest.
   [[nodiscard]] constexpr Limits while_halting() const {
@@ -60,10 +60,10 @@ struct Limits {
 /// What the guards look at, taken from the measured state.
 template <class S>
 struct Measured {
-  S abs_sin_type1{};                 ///< smallest over the legs
-  S sin_type2{};                     ///< D2, > 0 in the assembly mode; 1 where nothing is to guard (RR, four motors)
-  S closure{};                       ///< m, 0 without passive encoders
-  S x{}, y{};                        ///< effector, m
+  S abs_sin_type1{};  ///< smallest over the legs
+  S sin_type2{};      ///< D2, > 0 in the assembly mode; 1 where nothing is to guard (RR, four motors)
+  S closure{};        ///< m, 0 without passive encoders
+  S x{}, y{};         ///< effector, m
   bool working_mode_kept = false;
   std::array<S, base_joints> joint_angle{}, joint_rate{};
 };
@@ -86,8 +86,8 @@ constexpr Fault guard(const Limits<S>& limit, const Measured<S>& m) {
 /// What became of a torque at the clamp.
 enum class TorqueCheck : std::uint8_t { passed, limited, not_finite };
 
-/// Hard clamp to +-limit. A torque that is not finite becomes 0 and is reported, never clamped to the limit; so
-/// does every torque when the limit itself is none (NaN or negative).
+/// Hard clamp to +-limit. A torque that is not finite becomes 0 and is reported, never clamped to the limit;
+/// so does every torque when the limit itself is none (NaN or negative).
 template <class S>
 constexpr TorqueCheck limit_torque(S& torque, S limit) {
   if (!finite(torque) || !(limit >= S(0))) {

@@ -1,15 +1,17 @@
 #pragma once
 /// The supervisor: which state the controller is in, and what each fault makes of it.
 ///
-///   disabled --enable--> enabling --every axis ready--> running --stop--> stopping --every axis idle--> disabled
+///   disabled --enable--> enabling --every axis ready--> running --stop--> stopping --every axis idle-->
+///   disabled
 ///                        (with a sign test: enabling --every axis ready--> testing --passed--> running)
-///   running --halt, or a fault that leaves a trustworthy state--> halting --at rest--> holding, lowering or off
-///   every state but disabled --any other fault--> fault --reset--> disabled
-///   enabling --time-out--> fault (enabling_timeout);  stopping --time-out--> disabled
+///   running --halt, or a fault that leaves a trustworthy state--> halting --at rest--> holding, lowering or
+///   off every state but disabled --any other fault--> fault --reset--> disabled enabling --time-out--> fault
+///   (enabling_timeout);  stopping --time-out--> disabled
 ///
-/// There is torque in testing, running, halting, holding and lowering only. `begin_tick` makes the transitions, once per
-/// tick and before anything is computed, so that all of a tick belongs to one state; only a fault strikes at once,
-/// in the tick that finds it. docs/safety.md has the table of states, events and reactions.
+/// There is torque in testing, running, halting, holding and lowering only. `begin_tick` makes the
+/// transitions, once per tick and before anything is computed, so that all of a tick belongs to one state;
+/// only a fault strikes at once, in the tick that finds it. docs/safety.md has the table of states, events
+/// and reactions.
 
 #include <array>
 #include <cstdint>
@@ -22,7 +24,7 @@ namespace esmc {
 enum class State : std::uint8_t {
   disabled,
   enabling,
-  testing,   ///< each motor in turn gets a little torque and must answer as the model says
+  testing,  ///< each motor in turn gets a little torque and must answer as the model says
   running,
   halting,   ///< the law brings the mechanism to rest where it is
   holding,   ///< at rest, under the law, until the operator ends it
@@ -34,15 +36,24 @@ inline constexpr int state_count = static_cast<int>(State::fault) + 1;
 
 [[nodiscard]] constexpr const char* name(State s) {
   switch (s) {
-    case State::disabled: return "disabled";
-    case State::enabling: return "enabling";
-    case State::testing: return "testing";
-    case State::running: return "running";
-    case State::halting: return "halting";
-    case State::holding: return "holding";
-    case State::lowering: return "lowering";
-    case State::stopping: return "stopping";
-    case State::fault: return "fault";
+    case State::disabled:
+      return "disabled";
+    case State::enabling:
+      return "enabling";
+    case State::testing:
+      return "testing";
+    case State::running:
+      return "running";
+    case State::halting:
+      return "halting";
+    case State::holding:
+      return "holding";
+    case State::lowering:
+      return "lowering";
+    case State::stopping:
+      return "stopping";
+    case State::fault:
+      return "fault";
   }
   return "unknown";
 }
@@ -51,8 +62,8 @@ inline constexpr int state_count = static_cast<int>(State::fault) + 1;
 enum class Command : std::uint8_t {
   none,
   enable,
-  stop,  ///< zero torque, drives to idle
-  halt,  ///< to rest under control first, where the configuration allows it
+  stop,          ///< zero torque, drives to idle
+  halt,          ///< to rest under control first, where the configuration allows it
   confirm_zero,  ///< the mechanism stands in its zero pose; heard while disabled
   reset
 };
@@ -77,9 +88,11 @@ class Supervisor {
   struct Config {
     bool can_halt = false;  ///< false: every fault, and every halt, takes the torque away at once
     AfterHalt after_halt = AfterHalt::release;
-    bool sign_test = false;  ///< between enabling and running
-    std::uint32_t enabling_ticks_max = 5000;  ///< > 0; then the fault enabling_timeout: an order to arm does not outlive the operator's attention
-    std::uint32_t stopping_ticks_max = 1000;  ///< > 0; then disabled, whether or not the drives have confirmed idle
+    bool sign_test = false;                   ///< between enabling and running
+    std::uint32_t enabling_ticks_max = 5000;  ///< > 0; then the fault enabling_timeout: an order to arm does
+                                              ///< not outlive the operator's attention
+    std::uint32_t stopping_ticks_max =
+        1000;  ///< > 0; then disabled, whether or not the drives have confirmed idle
   };
 
   Supervisor() = default;
@@ -95,15 +108,16 @@ class Supervisor {
   }
   /// Whether there may be torque at all.
   [[nodiscard]] bool powered() const { return running() || retreating() || state_ == State::testing; }
-  /// Ticks since power-up, modulo 2^32; at which of them the latched fault was found; how often each fault has come
-  /// since power-up, up to count_max. One that is found in tick after tick has come once.
+  /// Ticks since power-up, modulo 2^32; at which of them the latched fault was found; how often each fault
+  /// has come since power-up, up to count_max. One that is found in tick after tick has come once.
   [[nodiscard]] std::uint32_t tick() const { return tick_; }
   [[nodiscard]] std::uint32_t fault_tick() const { return fault_tick_; }
   static constexpr std::uint16_t count_max = 0xFFFF;
   [[nodiscard]] std::uint16_t count(Fault f) const { return counts_[static_cast<unsigned>(f)].times; }
 
-  /// `stage_done`: the controller's word that the motors answered (testing), that the mechanism is at rest (halting) or
-  /// has been let down (lowering). `passed`: periods since the tick before, where that is not one (lockstep); < 2^31.
+  /// `stage_done`: the controller's word that the motors answered (testing), that the mechanism is at rest
+  /// (halting) or has been let down (lowering). `passed`: periods since the tick before, where that is not
+  /// one (lockstep); < 2^31.
   void begin_tick(Command command, DriveStatus drives, bool stage_done = false, std::uint32_t passed = 1) {
     ++tick_;
     switch (state_) {
@@ -147,7 +161,8 @@ class Supervisor {
         if (command == Command::stop || stage_done) leave();
         break;
       case State::stopping:
-        if (drives.all_idle || (waited_ticks_ += passed) >= config_.stopping_ticks_max) state_ = State::disabled;
+        if (drives.all_idle || (waited_ticks_ += passed) >= config_.stopping_ticks_max)
+          state_ = State::disabled;
         break;
       case State::fault:
         if (command == Command::reset) {
@@ -158,8 +173,9 @@ class Supervisor {
     }
   }
 
-  /// Latches the first fault of an episode; later ones are counted and do not replace its name. Nothing happens
-  /// while disabled: there is no torque to take away, and what is wrong will be found again on enabling.
+  /// Latches the first fault of an episode; later ones are counted and do not replace its name. Nothing
+  /// happens while disabled: there is no torque to take away, and what is wrong will be found again on
+  /// enabling.
   void raise(Fault f) {
     if (f == Fault::none || state_ == State::disabled) return;
     count(counts_[static_cast<unsigned>(f)]);
@@ -187,9 +203,15 @@ class Supervisor {
   }
   void rest() {
     switch (config_.after_halt) {
-      case AfterHalt::release: leave(); break;
-      case AfterHalt::hold: state_ = State::holding; break;
-      case AfterHalt::lower: state_ = State::lowering; break;
+      case AfterHalt::release:
+        leave();
+        break;
+      case AfterHalt::hold:
+        state_ = State::holding;
+        break;
+      case AfterHalt::lower:
+        state_ = State::lowering;
+        break;
     }
   }
   void leave() { await(fault_ == Fault::none ? State::stopping : State::fault); }

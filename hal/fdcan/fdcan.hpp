@@ -16,14 +16,15 @@ namespace esmc::hal {
 /// Where the registers and the message memory are: on a board the addresses, in a test a model of them.
 template <class A>
 concept FdcanAccess = requires(A& a, const A& c, std::uint32_t at, std::uint32_t value) {
-  { c.read(at) } -> std::same_as<std::uint32_t>;      // register at a byte offset
+  { c.read(at) } -> std::same_as<std::uint32_t>;  // register at a byte offset
   a.write(at, value);
   { c.read_ram(at) } -> std::same_as<std::uint32_t>;  // word of the message memory
   a.write_ram(at, value);
 };
 
 /// Bytes of a frame by its data length code, and back.
-inline constexpr std::array<std::uint8_t, 16> fdcan_sizes{0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64};
+inline constexpr std::array<std::uint8_t, 16> fdcan_sizes{0, 1,  2,  3,  4,  5,  6,  7,
+                                                          8, 12, 16, 20, 24, 32, 48, 64};
 /// The smallest code whose frame holds `size` bytes, at most 64; what it holds beyond them is zero.
 [[nodiscard]] constexpr std::uint32_t fdcan_code(std::uint8_t size) {
   std::uint32_t code = 0;
@@ -31,8 +32,9 @@ inline constexpr std::array<std::uint8_t, 16> fdcan_sizes{0, 1, 2, 3, 4, 5, 6, 7
   return code;
 }
 
-/// `Part`: fdcan::G4 or fdcan::H7. Frames leave in the order of try_send(): one at a time is with the controller, the
-/// others wait here. So what the bus has not taken can be withdrawn: no torque of an earlier tick is sent.
+/// `Part`: fdcan::G4 or fdcan::H7. Frames leave in the order of try_send(): one at a time is with the
+/// controller, the others wait here. So what the bus has not taken can be withdrawn: no torque of an earlier
+/// tick is sent.
 template <class Part, FdcanAccess Access>
 class Fdcan {
  public:
@@ -40,9 +42,9 @@ class Fdcan {
 
   explicit Fdcan(const Access& access) : a_(access) {}
 
-  /// Takes the bus at `bit_rate` (bit/s) with a kernel clock of `clock` (Hz); `data_rate` 0: classic frames only. Accepts
-  /// every frame: whoever uses our identifiers must be heard. False where a rate cannot be had exactly or the controller
-  /// does not answer; it is then off the bus, and every try_send is bus_off.
+  /// Takes the bus at `bit_rate` (bit/s) with a kernel clock of `clock` (Hz); `data_rate` 0: classic frames
+  /// only. Accepts every frame: whoever uses our identifiers must be heard. False where a rate cannot be had
+  /// exactly or the controller does not answer; it is then off the bus, and every try_send is bus_off.
   [[nodiscard]] bool open(std::uint32_t clock, std::uint32_t bit_rate, std::uint32_t data_rate = 0) {
     opened_ = false;
     const BitTiming slow = bit_timing(clock, bit_rate, fdcan::nominal_limits);
@@ -54,21 +56,23 @@ class Fdcan {
     if (!await(cccr_bit::init, cccr_bit::init)) return false;
     a_.write(cccr, cccr_bit::init | cccr_bit::cce);
     if (!await(cccr_bit::cce, cccr_bit::cce)) return false;
-    a_.write(nbtp, ((slow.jump_width - 1) << 25) | ((slow.prescaler - 1) << 16) | ((slow.segment1 - 1) << 8) | (slow.segment2 - 1));
+    a_.write(nbtp, ((slow.jump_width - 1) << 25) | ((slow.prescaler - 1) << 16) | ((slow.segment1 - 1) << 8) |
+                       (slow.segment2 - 1));
     Word mode = cccr_bit::init | cccr_bit::cce;
     if (data_rate != 0) {
-      // The transmitter looks at its own bits where they are sampled: its loop through the transceiver is compensated, which
-      // the controller can do with quanta of one or two periods.
+      // The transmitter looks at its own bits where they are sampled: its loop through the transceiver is
+      // compensated, which the controller can do with quanta of one or two periods.
       const Word offset = fast.prescaler * (1 + fast.segment1);
-      a_.write(dbtp, (fast.prescaler <= 2 ? 1U << 23 : 0U) | ((fast.prescaler - 1) << 16) | ((fast.segment1 - 1) << 8) | ((fast.segment2 - 1) << 4) |
-                         (fast.jump_width - 1));
+      a_.write(dbtp, (fast.prescaler <= 2 ? 1U << 23 : 0U) | ((fast.prescaler - 1) << 16) |
+                         ((fast.segment1 - 1) << 8) | ((fast.segment2 - 1) << 4) | (fast.jump_width - 1));
       a_.write(tdcr, (offset < 127 ? offset : 127) << 8);
       mode |= cccr_bit::fdoe | cccr_bit::brse;
     }
     a_.write(cccr, mode);
     a_.write(tscc, 1);  // counts bit times; with FD frames it would have to be another counter
     Part::configure(a_);
-    for (Word at = 0; at < Part::ram_words; ++at) a_.write_ram(at, 0);  // its parity is undefined until then (AN5348)
+    for (Word at = 0; at < Part::ram_words; ++at)
+      a_.write_ram(at, 0);  // its parity is undefined until then (AN5348)
     a_.write(ie, 0);
     a_.write(ir, ~Word{0});
     a_.write(cccr, mode & ~(cccr_bit::init | cccr_bit::cce));
@@ -103,12 +107,12 @@ class Fdcan {
     return true;
   }
 
-  /// Since the end of the frame received last, up to its stuff bits too much; at most 65 ms at 1 Mbit/s, after which the counter of
-  /// bits is round. 0, not known, where FD frames are open.
+  /// Since the end of the frame received last, up to its stuff bits too much; at most 65 ms at 1 Mbit/s,
+  /// after which the counter of bits is round. 0, not known, where FD frames are open.
   [[nodiscard]] std::uint32_t frame_age_us() const { return age_us_; }
 
-  /// Takes back what is perishable and the bus has not taken; the frame that is with the controller too, unless it is just going
-  /// out. The others keep their order: whoever sent them counts on their being sent.
+  /// Takes back what is perishable and the bus has not taken; the frame that is with the controller too,
+  /// unless it is just going out. The others keep their order: whoever sent them counts on their being sent.
   void withdraw() {
     withdrawn_ += waiting_.withdraw();
     if (perishable_) cancel();
@@ -116,15 +120,16 @@ class Fdcan {
 
   /// The controller has left the bus, by 256 errors of its own or because it never got there.
   [[nodiscard]] bool off() const { return !opened_ || (a_.read(fdcan::psr) & fdcan::psr_bit::bus_off) != 0; }
-  /// Asks it back after bus-off: it waits for 128 idle sequences by itself and is off() until then. Everything that waits is
-  /// dropped.
-  /// Torque does not resume by this: bus_off is a latched fault of the supervisor.
+  /// Asks it back after bus-off: it waits for 128 idle sequences by itself and is off() until then.
+  /// Everything that waits is dropped. Torque does not resume by this: bus_off is a latched fault of the
+  /// supervisor.
   void rejoin() {
     if (!opened_ || !off()) return;
     withdrawn_ += waiting_.clear();
     cancel();
     const fdcan::Word mode = a_.read(fdcan::cccr);
-    if ((mode & fdcan::cccr_bit::init) != 0) a_.write(fdcan::cccr, mode & ~(fdcan::cccr_bit::init | fdcan::cccr_bit::cce));
+    if ((mode & fdcan::cccr_bit::init) != 0)
+      a_.write(fdcan::cccr, mode & ~(fdcan::cccr_bit::init | fdcan::cccr_bit::cce));
   }
 
   /// How often frames were lost because nobody read them; frames that were withdrawn.
@@ -151,7 +156,8 @@ class Fdcan {
     a_.write(Part::txbcr, pending);
   }
 
-  /// Gives the controller the next frame when it has none. A request is pending a few of its clocks after it was written.
+  /// Gives the controller the next frame when it has none. A request is pending a few of its clocks after it
+  /// was written.
   void pump() {
     if (waiting_.empty() || (a_.read(Part::txbrp) | a_.read(Part::txbar)) != 0) return;
     const CanFrame& f = waiting_.front();
@@ -159,8 +165,9 @@ class Fdcan {
     if (index >= Part::tx_elements) return;
     fdcan::Word at = Part::tx_buffers + index * fdcan::element::words;
     const fdcan::Word code = fdcan_code(f.size);
-    a_.write_ram(at++, (f.extended ? f.id | fdcan::element::extended : f.id << fdcan::element::standard_shift) |
-                           (f.remote ? fdcan::element::remote : 0U));
+    a_.write_ram(at++,
+                 (f.extended ? f.id | fdcan::element::extended : f.id << fdcan::element::standard_shift) |
+                     (f.remote ? fdcan::element::remote : 0U));
     a_.write_ram(at++, (code << fdcan::element::dlc_shift) | (f.fd ? fdcan::element::fd : 0U) |
                            (f.bit_rate_switch ? fdcan::element::bit_rate_switch : 0U));
     for (std::size_t i = 0; i < fdcan_sizes[code] && !f.remote; i += 4) {
@@ -183,19 +190,25 @@ class Fdcan {
     f.fd = (second & fdcan::element::fd) != 0;
     f.bit_rate_switch = f.fd && (second & fdcan::element::bit_rate_switch) != 0;
     const std::uint8_t size = fdcan_sizes[(second >> fdcan::element::dlc_shift) & 0xFU];
-    f.size = f.fd || size < can_classic_size_max ? size : can_classic_size_max;  // 9..15 are 8 bytes in a classic frame
+    f.size = f.fd || size < can_classic_size_max
+                 ? size
+                 : can_classic_size_max;  // 9..15 are 8 bytes in a classic frame
     for (std::size_t i = 0; i < f.size && !f.remote; i += 4) {
       const fdcan::Word w = a_.read_ram(at + 2 + static_cast<fdcan::Word>(i / 4));
-      for (std::size_t k = 0; k < 4 && i + k < f.size; ++k) f.data[i + k] = static_cast<std::uint8_t>(w >> (8U * k));
+      for (std::size_t k = 0; k < 4 && i + k < f.size; ++k)
+        f.data[i + k] = static_cast<std::uint8_t>(w >> (8U * k));
     }
     // The stamp is of the frame's first bit; without bits that were stuffed it was this long.
     const std::uint32_t bits = (f.extended ? 64U : 44U) + (f.remote ? 0U : 8U * f.size);
     const std::uint32_t since = (a_.read(fdcan::tscv) - second) & 0xFFFFU;
-    age_us_ = since > bits && !fd_ ? static_cast<std::uint32_t>(std::uint64_t{since - bits} * 1'000'000U / bit_rate_) : 0U;
+    age_us_ = since > bits && !fd_
+                  ? static_cast<std::uint32_t>(std::uint64_t{since - bits} * 1'000'000U / bit_rate_)
+                  : 0U;
   }
 
   Access a_;
-  bool opened_ = false, fd_ = false, perishable_ = false;  // the last: of the frame that is with the controller
+  bool opened_ = false, fd_ = false,
+       perishable_ = false;  // the last: of the frame that is with the controller
   std::uint32_t bit_rate_ = 1, overruns_ = 0, withdrawn_ = 0, age_us_ = 0;
   WaitingFrames waiting_{};
 };

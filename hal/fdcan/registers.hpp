@@ -1,6 +1,6 @@
 #pragma once
-/// Registers of Bosch's M_CAN as ST builds it in: offsets in bytes from the controller, message memory in words.
-/// Sources: RM0440 (STM32G4), RM0433 (STM32H742/743), chapters FDCAN.
+/// Registers of Bosch's M_CAN as ST builds it in: offsets in bytes from the controller, message memory in
+/// words. Sources: RM0440 (STM32G4), RM0433 (STM32H742/743), chapters FDCAN.
 
 #include <cstdint>
 
@@ -12,8 +12,8 @@ namespace esmc::hal::fdcan {
 using Word = std::uint32_t;
 
 // The same in both.
-inline constexpr Word dbtp = 0x0C, cccr = 0x18, nbtp = 0x1C, tscc = 0x20, tscv = 0x24, ecr = 0x40, psr = 0x44, tdcr = 0x48,
-                      ir = 0x50, ie = 0x54, txbc = 0xC0, txfqs = 0xC4;
+inline constexpr Word dbtp = 0x0C, cccr = 0x18, nbtp = 0x1C, tscc = 0x20, tscv = 0x24, ecr = 0x40, psr = 0x44,
+                      tdcr = 0x48, ir = 0x50, ie = 0x54, txbc = 0xC0, txfqs = 0xC4;
 
 /// Of NBTP and DBTP.
 inline constexpr BitTimingLimits nominal_limits{512, 256, 128, 128}, data_limits{32, 32, 16, 16};
@@ -31,20 +31,20 @@ namespace element {
 inline constexpr Word extended = 1U << 30, remote = 1U << 29, fd = 1U << 21, bit_rate_switch = 1U << 20;
 inline constexpr unsigned standard_shift = 18, dlc_shift = 16;
 inline constexpr Word words = 18;  ///< header and 64 bytes
-}
+}  // namespace element
 
 /// STM32G4: everything in the message memory has its place, and three of it.
 struct G4 {
   static constexpr Word rxf0s = 0x90, rxf0a = 0x94, txbrp = 0xC8, txbar = 0xCC, txbcr = 0xD0;
-  static constexpr Word lost_flag = 1U << 2;        ///< IR.RF0L
+  static constexpr Word lost_flag = 1U << 2;  ///< IR.RF0L
   static constexpr Word ram_words = 212, rx_fifo = 44, rx_elements = 3, tx_buffers = 158, tx_elements = 3;
-  static constexpr Word fill = 0xF, index = 0x3;    ///< of RXF0S, TXFQS
+  static constexpr Word fill = 0xF, index = 0x3;  ///< of RXF0S, TXFQS
   /// Everything into FIFO 0, which keeps what it has when it is full; transmit queue; kernel clock undivided.
   template <class Access>
   static void configure(Access& a) {
-    a.write(0x80, 0);          // RXGFC: no filters, what matches none goes to FIFO 0, remote frames too
-    a.write(txbc, 1U << 24);   // TFQM
-    a.write(0x100, 0);         // CKDIV
+    a.write(0x80, 0);         // RXGFC: no filters, what matches none goes to FIFO 0, remote frames too
+    a.write(txbc, 1U << 24);  // TFQM
+    a.write(0x100, 0);        // CKDIV
   }
 };
 
@@ -52,20 +52,21 @@ struct G4 {
 struct H7 {
   static constexpr Word rxf0s = 0xA4, rxf0a = 0xA8, txbrp = 0xCC, txbar = 0xD0, txbcr = 0xD4;
   static constexpr Word lost_flag = 1U << 3;
-  static constexpr Word rx_fifo = 0, rx_elements = 32, tx_elements = 3, tx_buffers = rx_elements * element::words,
+  static constexpr Word rx_fifo = 0, rx_elements = 32, tx_elements = 3,
+                        tx_buffers = rx_elements * element::words,
                         ram_words = tx_buffers + tx_elements * element::words;
   static constexpr Word fill = 0x7F, index = 0x3F;
   template <class Access>
   static void configure(Access& a) {
-    a.write(0x80, 0);                                       // GFC: as above
-    a.write(0x84, 0);                                       // SIDFC, XIDFC: no filters
+    a.write(0x80, 0);  // GFC: as above
+    a.write(0x84, 0);  // SIDFC, XIDFC: no filters
     a.write(0x88, 0);
-    a.write(0xA0, (rx_elements << 16) | (rx_fifo << 2));    // RXF0C: blocking
-    a.write(0xB0, 0);                                       // RXF1C: none
-    a.write(0xBC, 7);                                       // RXESC: 64 bytes
+    a.write(0xA0, (rx_elements << 16) | (rx_fifo << 2));  // RXF0C: blocking
+    a.write(0xB0, 0);                                     // RXF1C: none
+    a.write(0xBC, 7);                                     // RXESC: 64 bytes
     a.write(txbc, (1U << 30) | (tx_elements << 24) | (tx_buffers << 2));
-    a.write(0xC8, 7);                                       // TXESC: 64 bytes
-    a.write(0xF0, 0);                                       // TXEFC: no events
+    a.write(0xC8, 7);  // TXESC: 64 bytes
+    a.write(0xF0, 0);  // TXEFC: no events
   }
 };
 

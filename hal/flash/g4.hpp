@@ -1,10 +1,10 @@
 #pragma once
-/// Two pages of bank 2 of an STM32G471/473/474/483/484 with 512 KiB as a SlotMemory. Source: RM0440, chapter 3 (embedded flash
-/// memory, category 3 devices).
+/// Two pages of bank 2 of an STM32G471/473/474/483/484 with 512 KiB as a SlotMemory. Source: RM0440, chapter
+/// 3 (embedded flash memory, category 3 devices).
 ///
-/// Code runs in bank 1, which can be read while bank 2 is erased or programmed (read while write): that needs the option DBANK,
-/// as it is delivered, and the image below 0x0804'0000. A page of 2 KiB is erased in some 25 ms, a double word of 64 bits is
-/// programmed in some 0.1 ms; a second programming of it fails.
+/// Code runs in bank 1, which can be read while bank 2 is erased or programmed (read while write): that needs
+/// the option DBANK, as it is delivered, and the image below 0x0804'0000. A page of 2 KiB is erased in some
+/// 25 ms, a double word of 64 bits is programmed in some 0.1 ms; a second programming of it fails.
 
 #include <span>
 
@@ -18,10 +18,11 @@ namespace g4 {
 inline constexpr Word acr = 0x00, keyr = 0x08, sr = 0x10, cr = 0x14, optr = 0x20;
 inline constexpr Word acr_dcen = 1U << 10, acr_dcrst = 1U << 12;
 inline constexpr Word sr_bsy = 1U << 16;
-/// OPTVERR, RDERR, FASTERR, MISERR, PGSERR, SIZERR, PGAERR, WRPERR, PROGERR, OPERR; EOP. One is cleared by writing it. The ones
-/// that are left over from before are errors of the next operation as well (PGSERR).
+/// OPTVERR, RDERR, FASTERR, MISERR, PGSERR, SIZERR, PGAERR, WRPERR, PROGERR, OPERR; EOP. One is cleared by
+/// writing it. The ones that are left over from before are errors of the next operation as well (PGSERR).
 inline constexpr Word sr_errors = 0xC3FAU, sr_eop = 1U;
-inline constexpr Word cr_pg = 1U << 0, cr_per = 1U << 1, cr_bker = 1U << 11, cr_strt = 1U << 16, cr_lock = 1U << 31;
+inline constexpr Word cr_pg = 1U << 0, cr_per = 1U << 1, cr_bker = 1U << 11, cr_strt = 1U << 16,
+                      cr_lock = 1U << 31;
 inline constexpr unsigned cr_pnb = 3;  // 7 bits
 inline constexpr Word optr_bfb2 = 1U << 20, optr_dbank = 1U << 22;
 inline constexpr Word bank2 = 0x0804'0000U, page_bytes = 2048;
@@ -55,7 +56,8 @@ class G4Slots {
     return operating_ = true;
   }
 
-  [[nodiscard]] bool begin_program(unsigned slot, unsigned at, std::span<const std::uint32_t, unit_words> unit) {
+  [[nodiscard]] bool begin_program(unsigned slot, unsigned at,
+                                   std::span<const std::uint32_t, unit_words> unit) {
     if (slot >= memory_slots || at % unit_words != 0 || at >= g4::page_bytes / 4 || !open()) return false;
     a_.write(g4::cr, g4::cr_pg);
     a_.store(address(slot, at), unit[0]);
@@ -78,8 +80,9 @@ class G4Slots {
   }
   [[nodiscard]] bool busy() const { return (a_.read(g4::sr) & g4::sr_bsy) != 0; }
 
-  /// Unlocked, without old errors, and without the data cache: it does not see what is erased or programmed, and ST's own library
-  /// does the same against "data misbehavior". Until it is done the constants of the code come at the speed of the flash.
+  /// Unlocked, without old errors, and without the data cache: it does not see what is erased or programmed,
+  /// and ST's own library does the same against "data misbehavior". Until it is done the constants of the
+  /// code come at the speed of the flash.
   [[nodiscard]] bool open() {
     if (operating_ || !available() || busy()) return false;
     if ((a_.read(g4::cr) & g4::cr_lock) != 0) {
@@ -91,7 +94,8 @@ class G4Slots {
     a_.write(g4::sr, g4::sr_errors | g4::sr_eop);
     return true;
   }
-  /// Locked again, so that nothing that runs wild can write; the data cache back, emptied, which it must be while it is off.
+  /// Locked again, so that nothing that runs wild can write; the data cache back, emptied, which it must be
+  /// while it is off.
   void close() {
     a_.write(g4::sr, g4::sr_errors | g4::sr_eop);
     a_.write(g4::cr, 0);

@@ -1,9 +1,10 @@
 #pragma once
-/// Two sectors of bank 2 of an STM32H742/743/753 with 2 MiB as a SlotMemory. Source: RM0433, chapter 4 (embedded flash memory).
+/// Two sectors of bank 2 of an STM32H742/743/753 with 2 MiB as a SlotMemory. Source: RM0433, chapter 4
+/// (embedded flash memory).
 ///
-/// Each bank has an interface of its own, and bank 1, in which the code runs, is read while bank 2 is erased or programmed (read
-/// while write, 4.3). A sector of 128 KiB is erased in one to four seconds, a flash word of 256 bits is programmed in
-/// some 0.2 ms, whole, and once: its error correction is over all of it.
+/// Each bank has an interface of its own, and bank 1, in which the code runs, is read while bank 2 is erased
+/// or programmed (read while write, 4.3). A sector of 128 KiB is erased in one to four seconds, a flash word
+/// of 256 bits is programmed in some 0.2 ms, whole, and once: its error correction is over all of it.
 
 #include <span>
 
@@ -17,8 +18,8 @@ namespace h7 {
 inline constexpr Word optcr = 0x18, keyr2 = 0x104, cr2 = 0x10C, sr2 = 0x110, ccr2 = 0x114;
 inline constexpr Word optcr_swap_bank = 1U << 31;
 inline constexpr Word cr_lock = 1U << 0, cr_pg = 1U << 1, cr_ser = 1U << 2, cr_start = 1U << 7;
-inline constexpr Word cr_psize = 3U << 4;   // 64 bits at a time: 1.8 V and more
-inline constexpr unsigned cr_snb = 8;       // 3 bits
+inline constexpr Word cr_psize = 3U << 4;  // 64 bits at a time: 1.8 V and more
+inline constexpr unsigned cr_snb = 8;      // 3 bits
 inline constexpr Word sr_bsy = 1U << 0, sr_wbne = 1U << 1, sr_qw = 1U << 2;
 /// WRPERR, PGSERR, STRBERR, INCERR, OPERR. The others are of reads.
 inline constexpr Word sr_errors = (1U << 17) | (1U << 18) | (1U << 19) | (1U << 21) | (1U << 22);
@@ -53,10 +54,12 @@ class H7Slots {
     return operating_ = true;
   }
 
-  [[nodiscard]] bool begin_program(unsigned slot, unsigned at, std::span<const std::uint32_t, unit_words> unit) {
+  [[nodiscard]] bool begin_program(unsigned slot, unsigned at,
+                                   std::span<const std::uint32_t, unit_words> unit) {
     if (slot >= memory_slots || at % unit_words != 0 || at >= h7::sector_bytes / 4 || !open()) return false;
     a_.write(h7::cr2, h7::cr_pg | h7::cr_psize);
-    for (unsigned i = 0; i < unit_words; ++i) a_.store(address(slot, at + i), unit[i]);  // the last one begins it
+    for (unsigned i = 0; i < unit_words; ++i)
+      a_.store(address(slot, at + i), unit[i]);  // the last one begins it
     return operating_ = true;
   }
 

@@ -28,10 +28,20 @@ struct Speed {
   std::string_view name;
   speed_t value;
 };
-constexpr std::array<Speed, 14> speeds{{{"57600", B57600}, {"115200", B115200}, {"230400", B230400}, {"460800", B460800},
-                                        {"500000", B500000}, {"576000", B576000}, {"921600", B921600}, {"1000000", B1000000},
-                                        {"1152000", B1152000}, {"1500000", B1500000}, {"2000000", B2000000},
-                                        {"2500000", B2500000}, {"3000000", B3000000}, {"4000000", B4000000}}};
+constexpr std::array<Speed, 14> speeds{{{"57600", B57600},
+                                        {"115200", B115200},
+                                        {"230400", B230400},
+                                        {"460800", B460800},
+                                        {"500000", B500000},
+                                        {"576000", B576000},
+                                        {"921600", B921600},
+                                        {"1000000", B1000000},
+                                        {"1152000", B1152000},
+                                        {"1500000", B1500000},
+                                        {"2000000", B2000000},
+                                        {"2500000", B2500000},
+                                        {"3000000", B3000000},
+                                        {"4000000", B4000000}}};
 
 std::string reason(int code) { return std::strerror(code); }
 
@@ -124,13 +134,14 @@ bool make_raw(int fd, speed_t speed) {
 int open_tty(const std::string& endpoint, std::string& why) {
   std::string path = endpoint;
   speed_t speed = B115200;
-  struct stat there{};
+  struct stat there {};
   const std::size_t at = endpoint.rfind('@');
   // A device whose own name has an @ is meant by it.
   if (at != std::string::npos && ::stat(endpoint.c_str(), &there) != 0) {
     path = endpoint.substr(0, at);
     const std::string baud = endpoint.substr(at + 1);
-    const auto* const known = std::find_if(speeds.begin(), speeds.end(), [&](const Speed& s) { return s.name == baud; });
+    const auto* const known =
+        std::find_if(speeds.begin(), speeds.end(), [&](const Speed& s) { return s.name == baud; });
     if (known == speeds.end()) {
       why = "@" + baud + ": allowed are";
       for (const Speed& s : speeds) why += (&s == speeds.data() ? " " : ", ") + std::string(s.name);
@@ -149,7 +160,8 @@ int open_tty(const std::string& endpoint, std::string& why) {
     why = "no serial line";
   } else if (::flock(fd, LOCK_EX | LOCK_NB) != 0) {
     // Two readers would each get some of the bytes. The lock is the one that pyserial and others know.
-    why = errno == EWOULDBLOCK ? "another program uses it; every node needs an adapter of its own" : reason(errno);
+    why = errno == EWOULDBLOCK ? "another program uses it; every node needs an adapter of its own"
+                               : reason(errno);
   } else if (!make_raw(fd, speed)) {
     why = "cannot be set up: " + reason(errno);
   } else {
@@ -162,7 +174,7 @@ int open_tty(const std::string& endpoint, std::string& why) {
 }  // namespace
 
 SerialPort::SerialPort(int fd) : fd_(fd) {
-  struct stat kind{};
+  struct stat kind {};
   socket_ = fd >= 0 && ::fstat(fd, &kind) == 0 && S_ISSOCK(kind.st_mode);
 }
 
@@ -198,7 +210,8 @@ SerialPort::~SerialPort() {
 }
 
 std::size_t SerialPort::write_some(std::span<const char> out) {
-  const ssize_t n = socket_ ? ::send(fd_, out.data(), out.size(), MSG_DONTWAIT | MSG_NOSIGNAL) : ::write(fd_, out.data(), out.size());
+  const ssize_t n = socket_ ? ::send(fd_, out.data(), out.size(), MSG_DONTWAIT | MSG_NOSIGNAL)
+                            : ::write(fd_, out.data(), out.size());
   if (n >= 0) return static_cast<std::size_t>(n);
   if (errno != EAGAIN && errno != EWOULDBLOCK && errno != EINTR && errno != ENOBUFS) gone_ = true;
   return 0;

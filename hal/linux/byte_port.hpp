@@ -14,8 +14,8 @@ namespace esmc::hal {
 /// Never blocks once it is open. When the other end is gone (end of file, hang-up) it stays so.
 class SerialPort {
  public:
-  /// ENDPOINT: the path of a tty, with `@BAUD` behind it where the speed matters (default 115200; an adapter on USB
-  /// ignores it), unix:PATH or tcp:HOST:PORT, for which it waits 5 s at most. A tty is locked and made
+  /// ENDPOINT: the path of a tty, with `@BAUD` behind it where the speed matters (default 115200; an adapter
+  /// on USB ignores it), unix:PATH or tcp:HOST:PORT, for which it waits 5 s at most. A tty is locked and made
   /// raw, 8N1, without flow control. On failure is_open() is false and `why` says why; else `why` is empty.
   static SerialPort open(const std::string& endpoint, std::string& why);
 
@@ -31,7 +31,8 @@ class SerialPort {
   [[nodiscard]] bool is_open() const { return fd_ >= 0; }
   [[nodiscard]] int descriptor() const { return fd_; }
 
-  /// All of it or nothing, `out` up to 64 bytes: a rest that the line does not take at once goes out before the next.
+  /// All of it or nothing, `out` up to 64 bytes: a rest that the line does not take at once goes out before
+  /// the next.
   [[nodiscard]] bool try_write(std::span<const char> out);
   [[nodiscard]] bool try_read(char& in);
   [[nodiscard]] bool gone() const { return gone_; }
@@ -59,8 +60,8 @@ static_assert(LosablePort<SerialPort>);
 /// The digit of slcan's command for a bit rate, bit/s (S8 is 1 Mbit/s); -1 where it has none.
 [[nodiscard]] int slcan_speed(int bits_per_second);
 
-/// An adapter on a serial line, with its CAN channel open from the constructor to the destructor. It says no times and
-/// takes no errors in: bus_off is the port's end.
+/// An adapter on a serial line, with its CAN channel open from the constructor to the destructor. It says no
+/// times and takes no errors in: bus_off is the port's end.
 class SlcanAdapter {
  public:
   /// `speed`: of slcan_speed().

@@ -23,7 +23,8 @@ Place parse(const std::string& text) {
   Place p{{}, 0};
   const std::size_t colon = text.rfind(':');
   // Only such chips: other devices may act on being opened.
-  if (colon == std::string::npos || !text.starts_with("gpiochip") || text.find('/') != std::string::npos) return p;
+  if (colon == std::string::npos || !text.starts_with("gpiochip") || text.find('/') != std::string::npos)
+    return p;
   const char* const end = text.data() + text.size();
   const auto [stop, wrong] = std::from_chars(text.data() + colon + 1, end, p.offset);
   if (wrong == std::errc{} && stop == end) p.path = "/dev/" + text.substr(0, colon);
@@ -34,15 +35,17 @@ std::error_code last_error() { return {errno, std::generic_category()}; }
 
 }  // namespace
 
-const GpioKernel gpio_kernel{[](const char* path, int flags) { return ::open(path, flags); },
-                             [](int fd, unsigned long request, void* argument) { return ::ioctl(fd, request, argument); },
-                             [](int fd) { return ::close(fd); }};
+const GpioKernel gpio_kernel{
+    [](const char* path, int flags) { return ::open(path, flags); },
+    [](int fd, unsigned long request, void* argument) { return ::ioctl(fd, request, argument); },
+    [](int fd) { return ::close(fd); }};
 
 GpioLine::~GpioLine() {
   if (line_ >= 0) kernel_->close(line_);
 }
 
-std::error_code GpioLine::request(const std::string& place, Use use, const char* consumer, const GpioKernel& kernel) {
+std::error_code GpioLine::request(const std::string& place, Use use, const char* consumer,
+                                  const GpioKernel& kernel) {
   const Place p = parse(place);
   if (p.path.empty() || line_ >= 0) return std::make_error_code(std::errc::invalid_argument);
   const int chip = kernel.open(p.path.c_str(), O_RDONLY | O_CLOEXEC);
@@ -60,7 +63,8 @@ std::error_code GpioLine::request(const std::string& place, Use use, const char*
     r.config.attrs[0].attr.id = GPIO_V2_LINE_ATTR_ID_OUTPUT_VALUES;
     r.config.attrs[0].attr.values = 0;
   }
-  const std::error_code wrong = kernel.ioctl(chip, GPIO_V2_GET_LINE_IOCTL, &r) < 0 ? last_error() : std::error_code{};
+  const std::error_code wrong =
+      kernel.ioctl(chip, GPIO_V2_GET_LINE_IOCTL, &r) < 0 ? last_error() : std::error_code{};
   kernel.close(chip);
   if (wrong) return wrong;
   kernel_ = &kernel;

@@ -1,5 +1,6 @@
 #pragma once
-/// Contacts of a Linux computer: single lines of /dev/gpiochip*, version 2 of the kernel's interface (Linux 5.10 and later).
+/// Contacts of a Linux computer: single lines of /dev/gpiochip*, version 2 of the kernel's interface
+/// (Linux 5.10 and later).
 
 #include <string>
 #include <system_error>
@@ -19,7 +20,8 @@ class GpioLine {
  public:
   /// What the line is for.
   enum class Use {
-    contact,  ///< input, with the pull-down of the chip if it has one (the kernel does not tell): open reads low
+    contact,  ///< input, with the pull-down of the chip if it has one (the kernel does not tell): open reads
+              ///< low
     output,   ///< low from the instant of the request on
   };
 
@@ -28,8 +30,9 @@ class GpioLine {
   GpioLine& operator=(const GpioLine&) = delete;
   ~GpioLine();
 
-  /// `place`: chip and offset, "gpiochip0:17". `consumer`: what other programs are told, at most 31 characters. Once per line;
-  /// std::errc::invalid_argument for a place that is none, else what the kernel says (EBUSY: somebody else has the line).
+  /// `place`: chip and offset, "gpiochip0:17". `consumer`: what other programs are told, at most 31
+  /// characters. Once per line; std::errc::invalid_argument for a place that is none, else what the kernel
+  /// says (EBUSY: somebody else has the line).
   [[nodiscard]] std::error_code request(const std::string& place, Use use, const char* consumer,
                                         const GpioKernel& kernel = gpio_kernel);
   [[nodiscard]] bool is_open() const { return line_ >= 0; }

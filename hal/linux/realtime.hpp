@@ -9,10 +9,11 @@ namespace esmc::hal {
 /// CLOCK_MONOTONIC, ns.
 [[nodiscard]] std::uint64_t monotonic_ns();
 
-/// This thread before all others of lower priority, 1 to 99 (SCHED_FIFO). Needs CAP_SYS_NICE or a limit (ulimit -r).
+/// This thread before all others of lower priority, 1 to 99 (SCHED_FIFO). Needs CAP_SYS_NICE or a limit
+/// (ulimit -r).
 [[nodiscard]] std::error_code fixed_priority(int priority);
-/// All memory of the process, what it will get too, stays in RAM, and 256 KiB of this thread's stack are there already. Needs
-/// CAP_IPC_LOCK or a limit (ulimit -l).
+/// All memory of the process, what it will get too, stays in RAM, and 256 KiB of this thread's stack are
+/// there already. Needs CAP_IPC_LOCK or a limit (ulimit -l).
 [[nodiscard]] std::error_code lock_memory();
 
 /// Waits for an absolute instant or a descriptor, whichever is first.

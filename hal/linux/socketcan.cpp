@@ -20,16 +20,18 @@
 namespace esmc::hal {
 namespace {
 
-/// From the kernel's stamp, on the clock that people set: a step of it forwards makes frames old that are not, and that
-/// is the safe side.
+/// From the kernel's stamp, on the clock that people set: a step of it forwards makes frames old that are
+/// not, and that is the safe side.
 std::uint32_t age_of(msghdr& message) {
   for (cmsghdr* c = CMSG_FIRSTHDR(&message); c != nullptr; c = CMSG_NXTHDR(&message, c)) {
     if (c->cmsg_level != SOL_SOCKET || c->cmsg_type != SCM_TIMESTAMP) continue;
     timeval then{}, now{};
     std::memcpy(&then, CMSG_DATA(c), sizeof then);
     if (::gettimeofday(&now, nullptr) != 0) return 0;
-    const std::int64_t us = (static_cast<std::int64_t>(now.tv_sec) - then.tv_sec) * 1'000'000 + (now.tv_usec - then.tv_usec);
-    return static_cast<std::uint32_t>(std::clamp<std::int64_t>(us, 0, std::numeric_limits<std::uint32_t>::max()));
+    const std::int64_t us =
+        (static_cast<std::int64_t>(now.tv_sec) - then.tv_sec) * 1'000'000 + (now.tv_usec - then.tv_usec);
+    return static_cast<std::uint32_t>(
+        std::clamp<std::int64_t>(us, 0, std::numeric_limits<std::uint32_t>::max()));
   }
   return 0;
 }
@@ -101,7 +103,8 @@ SendStatus SocketCan::try_send(const CanFrame& f) {
     written = ::send(fd_, &raw, sizeof raw, MSG_DONTWAIT | MSG_NOSIGNAL);
   }
   if (written == size) return SendStatus::ok;
-  if (errno == EAGAIN || errno == EWOULDBLOCK || errno == ENOBUFS || errno == EINTR) return SendStatus::bus_full;
+  if (errno == EAGAIN || errno == EWOULDBLOCK || errno == ENOBUFS || errno == EINTR)
+    return SendStatus::bus_full;
   if (errno == EINVAL || errno == EMSGSIZE) return SendStatus::refused;  // FD on a classic interface
   return SendStatus::bus_off;  // interface down or gone: nothing will get out any more
 }

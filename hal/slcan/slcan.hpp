@@ -16,11 +16,12 @@ namespace esmc::hal {
 
 /// Longest line: kind, 29-bit identifier, length, 8 bytes, time stamp, CR.
 inline constexpr int slcan_line_max = 1 + 8 + 1 + 16 + 4 + 1;
-inline constexpr char slcan_end = '\r';     ///< ends every line; alone it is an adapter's "done"
-inline constexpr char slcan_error = '\a';   ///< an adapter's "no": one byte, no CR behind it
+inline constexpr char slcan_end = '\r';    ///< ends every line; alone it is an adapter's "done"
+inline constexpr char slcan_error = '\a';  ///< an adapter's "no": one byte, no CR behind it
 
-/// Writes the line of a classic frame with its CR, upper case, and returns its length, 5..27; 0 where slcan cannot
-/// say it (FD, not well formed), `line` untouched. Kinds: t and T data, r and R remote, capitals 29-bit identifiers.
+/// Writes the line of a classic frame with its CR, upper case, and returns its length, 5..27; 0 where slcan
+/// cannot say it (FD, not well formed), `line` untouched. Kinds: t and T data, r and R remote, capitals
+/// 29-bit identifiers.
 [[nodiscard]] constexpr int slcan_encode(const CanFrame& f, std::array<char, slcan_line_max>& line) {
   if (!well_formed(f) || f.fd || f.bit_rate_switch) return 0;
   int length = 0;
@@ -41,7 +42,8 @@ inline constexpr char slcan_error = '\a';   ///< an adapter's "no": one byte, no
   return length;
 }
 
-/// A number of up to 8 hexadecimal digits, either case. False, `out` untouched, where anything else is among them.
+/// A number of up to 8 hexadecimal digits, either case. False, `out` untouched, where anything else is among
+/// them.
 [[nodiscard]] constexpr bool slcan_hex(std::span<const char> digits, std::uint32_t& out) {
   if (digits.empty() || digits.size() > 8) return false;
   std::uint32_t value = 0;
@@ -62,8 +64,9 @@ inline constexpr char slcan_error = '\a';   ///< an adapter's "no": one byte, no
   return true;
 }
 
-/// A line without its CR, as a frame. False, `out` untouched, for whatever is not exactly one: identifier out of range,
-/// length above 8, digits missing or left over. Four digits behind the data are a time stamp; it is checked and dropped.
+/// A line without its CR, as a frame. False, `out` untouched, for whatever is not exactly one: identifier out
+/// of range, length above 8, digits missing or left over. Four digits behind the data are a time stamp; it is
+/// checked and dropped.
 [[nodiscard]] constexpr bool slcan_decode(std::span<const char> line, CanFrame& out) {
   if (line.empty()) return false;
   CanFrame f;
@@ -89,8 +92,8 @@ inline constexpr char slcan_error = '\a';   ///< an adapter's "no": one byte, no
   return true;
 }
 
-/// Bytes in, frames out. What is no frame is skipped up to the next CR and counted; nothing a line holds, and no length
-/// of it, reaches beyond that CR.
+/// Bytes in, frames out. What is no frame is skipped up to the next CR and counted; nothing a line holds, and
+/// no length of it, reaches beyond that CR.
 class SlcanDecoder {
  public:
   /// True: the byte ended a frame, which is in `out`. Else `out` is untouched.
@@ -144,17 +147,19 @@ concept LosablePort = BytePort<P> && requires(const P& p) {
   { p.gone() } -> std::same_as<bool>;
 };
 
-/// A CanBus on a serial port. The port belongs to the caller and must outlive it; so does what opens the adapter (`O`).
+/// A CanBus on a serial port. The port belongs to the caller and must outlive it; so does what opens the
+/// adapter (`O`).
 template <BytePort P>
 class SlcanBus {
  public:
-  /// Bytes that one try_receive reads at most: eight of the longest lines. After that many without a frame it returns
-  /// false, and the next call goes on where it stopped.
+  /// Bytes that one try_receive reads at most: eight of the longest lines. After that many without a frame it
+  /// returns false, and the next call goes on where it stopped.
   static constexpr int bytes_per_receive = 8 * slcan_line_max;
 
   explicit constexpr SlcanBus(P& port) : port_(&port) {}
 
-  /// bus_full: the port does not take the line now; refused: slcan cannot say this frame; bus_off: the port is gone.
+  /// bus_full: the port does not take the line now; refused: slcan cannot say this frame; bus_off: the port
+  /// is gone.
   constexpr SendStatus try_send(const CanFrame& f) {
     std::array<char, slcan_line_max> line{};
     const int length = slcan_encode(f, line);

@@ -1,6 +1,7 @@
 #pragma once
-/// Registers of the CAN 2.0B controllers of a Zynq UltraScale+: offsets in bytes from CAN0 (0xFF060000) or CAN1
-/// (0xFF070000). Sources: UG1085, chapter "CAN Controller"; UG1087, module CAN, whose names are in the comments.
+/// Registers of the CAN 2.0B controllers of a Zynq UltraScale+: offsets in bytes from CAN0 (0xFF060000) or
+/// CAN1 (0xFF070000). Sources: UG1085, chapter "CAN Controller"; UG1087, module CAN, whose names are in the
+/// comments.
 
 #include <cstdint>
 
@@ -11,17 +12,18 @@ namespace esmc::hal::zynqmp_can {
 
 using Word = std::uint32_t;
 
-inline constexpr Word srr = 0x00,   ///< SRR: software reset
-                      msr = 0x04,   ///< MSR: mode
-                      brpr = 0x08,  ///< BRPR: prescaler
-                      btr = 0x0C,   ///< BTR: segments
-                      ecr = 0x10,   ///< ECR: error counters
-                      sr = 0x18,    ///< SR: status
-                      isr = 0x1C,   ///< ISR: events, kept until ...
-                      ier = 0x20,   ///< IER: interrupts
-                      icr = 0x24,   ///< ICR: ... they are cleared here
-                      afr = 0x60;   ///< AFR: acceptance filters
-/// First word of a message of TXFIFO and RXFIFO; its length and its data follow: *_ID, *_DLC, *_DATA1, *_DATA2.
+inline constexpr Word srr = 0x00,  ///< SRR: software reset
+    msr = 0x04,                    ///< MSR: mode
+    brpr = 0x08,                   ///< BRPR: prescaler
+    btr = 0x0C,                    ///< BTR: segments
+    ecr = 0x10,                    ///< ECR: error counters
+    sr = 0x18,                     ///< SR: status
+    isr = 0x1C,                    ///< ISR: events, kept until ...
+    ier = 0x20,                    ///< IER: interrupts
+    icr = 0x24,                    ///< ICR: ... they are cleared here
+    afr = 0x60;                    ///< AFR: acceptance filters
+/// First word of a message of TXFIFO and RXFIFO; its length and its data follow: *_ID, *_DLC, *_DATA1,
+/// *_DATA2.
 inline constexpr Word tx_fifo = 0x30, rx_fifo = 0x50;
 
 namespace srr_bit {
@@ -29,7 +31,8 @@ inline constexpr Word srst = 1U << 0,  ///< reset: registers and FIFOs; ends by 
     cen = 1U << 1;                     ///< 0: configuration mode
 }
 namespace sr_bit {
-inline constexpr Word config = 1U << 0, estat = 3U << 7, bus_off = 2U << 7;  ///< ESTAT: 1 active, 3 passive, 2 bus-off
+inline constexpr Word config = 1U << 0, estat = 3U << 7,
+                      bus_off = 2U << 7;  ///< ESTAT: 1 active, 3 passive, 2 bus-off
 }
 namespace event {  // of ISR, ICR
 inline constexpr Word txok = 1U << 1, rxoflw = 1U << 6, rxnemp = 1U << 7, bsoff = 1U << 9, all = 0x7FFFU;

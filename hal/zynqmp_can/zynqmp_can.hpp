@@ -1,5 +1,6 @@
 #pragma once
-/// CanBus on the CAN 2.0B controller of a Zynq UltraScale+, polled: no interrupts, no heap, bounded work per call.
+/// CanBus on the CAN 2.0B controller of a Zynq UltraScale+, polled: no interrupts, no heap, bounded work per
+/// call.
 
 #include <array>
 #include <concepts>
@@ -13,16 +14,18 @@
 
 namespace esmc::hal {
 
-/// Where the registers are: on a board the addresses, in a test a model of them. A read may take a message from a FIFO.
+/// Where the registers are: on a board the addresses, in a test a model of them. A read may take a message
+/// from a FIFO.
 template <class A>
 concept ZynqmpCanAccess = requires(A& a, const A& c, std::uint32_t at, std::uint32_t value) {
   { c.read(at) } -> std::same_as<std::uint32_t>;  // register at a byte offset
   a.write(at, value);
 };
 
-/// `layout`: that of the manual; that of the emulator for an image that runs there and nowhere else. Frames leave in the
-/// order of try_send(): one at a time is with the controller, whose FIFO cannot give one back, the others wait here. The
-/// controller stamps frames with a counter that nobody can read: when a frame came is not known.
+/// `layout`: that of the manual; that of the emulator for an image that runs there and nowhere else. Frames
+/// leave in the order of try_send(): one at a time is with the controller, whose FIFO cannot give one back,
+/// the others wait here. The controller stamps frames with a counter that nobody can read: when a frame came
+/// is not known.
 template <zynqmp_can::Layout layout, ZynqmpCanAccess Access>
 class ZynqmpCan {
  public:
@@ -30,9 +33,10 @@ class ZynqmpCan {
 
   explicit ZynqmpCan(const Access& access) : a_(access) {}
 
-  /// Takes the bus at `bit_rate` (bit/s) with a reference clock of `clock` (Hz). Accepts every frame: whoever uses our
-  /// identifiers must be heard. False where the rate cannot be had exactly, the controller does not answer, or the bus is
-  /// never recessive for 11 bits; it is then off the bus, and every try_send is bus_off.
+  /// Takes the bus at `bit_rate` (bit/s) with a reference clock of `clock` (Hz). Accepts every frame: whoever
+  /// uses our identifiers must be heard. False where the rate cannot be had exactly, the controller does not
+  /// answer, or the bus is never recessive for 11 bits; it is then off the bus, and every try_send is
+  /// bus_off.
   [[nodiscard]] bool open(std::uint32_t clock, std::uint32_t bit_rate) {
     opened_ = left_ = false;
     timing_ = bit_timing(clock, bit_rate, zynqmp_can::limits);
@@ -70,9 +74,9 @@ class ZynqmpCan {
     return true;
   }
 
-  /// Takes back what is perishable and waits here. The frame that is with the controller can be taken back by a reset of all of it only, which costs its error
-  /// counters and, if it is just sending, an error frame: where the bus has not taken a perishable frame from one withdraw()
-  /// to the next, that is done.
+  /// Takes back what is perishable and waits here. The frame that is with the controller can be taken back by
+  /// a reset of all of it only, which costs its error counters and, if it is just sending, an error frame:
+  /// where the bus has not taken a perishable frame from one withdraw() to the next, that is done.
   void withdraw() {
     if (!opened_) return;
     pump();
@@ -80,7 +84,8 @@ class ZynqmpCan {
     if (!sending_ || !perishable_ || left_) return;
     if (!stale_) {
       stale_ = true;
-    } else if ((a_.read(zynqmp_can::isr) & zynqmp_can::event::rxnemp) == 0) {  // received frames would be lost with it
+    } else if ((a_.read(zynqmp_can::isr) & zynqmp_can::event::rxnemp) ==
+               0) {  // received frames would be lost with it
       ++withdrawn_;
       if (!restart()) left_ = true;
     }
@@ -90,12 +95,13 @@ class ZynqmpCan {
   [[nodiscard]] bool off() const {
     if (!opened_) return true;
     const zynqmp_can::Word state = a_.read(zynqmp_can::sr);
-    return bus_off(state, a_.read(zynqmp_can::isr)) || (left_ && (!rejoining_ || (state & zynqmp_can::sr_bit::config) != 0));
+    return bus_off(state, a_.read(zynqmp_can::isr)) ||
+           (left_ && (!rejoining_ || (state & zynqmp_can::sr_bit::config) != 0));
   }
-  /// Asks it back after bus-off, until which it is kept from the bus: by itself it would come back and send what its FIFO
-  /// held. It then takes part after 11 recessive bits, not after 128 times as many: leave 2 ms or more between its leaving
-  /// and this. Everything that waits is dropped. Torque does not resume by this: bus_off is a latched fault of the
-  /// supervisor.
+  /// Asks it back after bus-off, until which it is kept from the bus: by itself it would come back and send
+  /// what its FIFO held. It then takes part after 11 recessive bits, not after 128 times as many: leave 2 ms
+  /// or more between its leaving and this. Everything that waits is dropped. Torque does not resume by this:
+  /// bus_off is a latched fault of the supervisor.
   void rejoin() {
     if (!opened_ || !off()) return;
     leave();
@@ -119,8 +125,8 @@ class ZynqmpCan {
     return false;
   }
 
-  /// Empty FIFOs, normal mode, no acceptance filters; on the bus after 11 recessive bits, when SR.CONFIG is 0. False: no
-  /// answer.
+  /// Empty FIFOs, normal mode, no acceptance filters; on the bus after 11 recessive bits, when SR.CONFIG is
+  /// 0. False: no answer.
   [[nodiscard]] bool restart() {
     using namespace zynqmp_can;
     sending_ = stale_ = false;
@@ -138,7 +144,8 @@ class ZynqmpCan {
 
   /// The event, too: it may have come back by itself in the meantime.
   [[nodiscard]] static constexpr bool bus_off(zynqmp_can::Word state, zynqmp_can::Word events) {
-    return (state & zynqmp_can::sr_bit::estat) == zynqmp_can::sr_bit::bus_off || (events & zynqmp_can::event::bsoff) != 0;
+    return (state & zynqmp_can::sr_bit::estat) == zynqmp_can::sr_bit::bus_off ||
+           (events & zynqmp_can::event::bsoff) != 0;
   }
 
   /// Configuration mode with empty FIFOs.
@@ -177,12 +184,14 @@ class ZynqmpCan {
     if constexpr (layout == Layout::qemu_7_2) {
       id = f.id | (f.extended ? 1U << 31 : 0U) | (f.remote ? 1U << 30 : 0U);
     } else if (f.extended) {
-      id = ((f.id >> idl_bits) << idh_shift) | ((f.id & idl_mask) << idl_shift) | srrrtr | ide | (f.remote ? rtr : 0U);
+      id = ((f.id >> idl_bits) << idh_shift) | ((f.id & idl_mask) << idl_shift) | srrrtr | ide |
+           (f.remote ? rtr : 0U);
     } else {
       id = (f.id << idh_shift) | (f.remote ? srrrtr : 0U);
     }
     std::array<Word, 2> data{};
-    for (std::size_t i = 0; i < f.size && !f.remote; ++i) data[i / 4] |= static_cast<Word>(f.data[i]) << shift_of(i);
+    for (std::size_t i = 0; i < f.size && !f.remote; ++i)
+      data[i / 4] |= static_cast<Word>(f.data[i]) << shift_of(i);
     a_.write(tx_fifo, id);
     a_.write(tx_fifo + 4, static_cast<Word>(f.size) << dlc_shift);
     a_.write(tx_fifo + 8, data[0]);
@@ -211,7 +220,7 @@ class ZynqmpCan {
 
   Access a_;
   BitTiming timing_{};
-  bool opened_ = false, left_ = false, rejoining_ = false;   // off the bus and kept there; on the way back
+  bool opened_ = false, left_ = false, rejoining_ = false;     // off the bus and kept there; on the way back
   bool sending_ = false, perishable_ = false, stale_ = false;  // of the frame that is with the controller
   std::uint32_t overruns_ = 0, withdrawn_ = 0;
   WaitingFrames waiting_{};

@@ -16,8 +16,9 @@ std::string candump_line(std::int64_t time_us, const std::string& interface, con
 class FrameLog {
  public:
   FrameLog() = default;
-  /// `file` is closed at the end; null: nothing is written. `passage`: likewise, a row for each line of it, for who feeds the
-  /// frames to one of the halves again: in which look at the bus, sent or received, how long it had waited.
+  /// `file` is closed at the end; null: nothing is written. `passage`: likewise, a row for each line of it,
+  /// for who feeds the frames to one of the halves again: in which look at the bus, sent or received, how
+  /// long it had waited.
   FrameLog(std::FILE* file, std::string interface, std::uint32_t bitrate, std::FILE* passage = nullptr);
   FrameLog(const FrameLog&) = delete;
   FrameLog& operator=(const FrameLog&) = delete;
@@ -92,9 +93,7 @@ class Tapped {
     log_->look();
     if constexpr (requires { bus_->look(); }) bus_->look();
   }
-  [[nodiscard]] std::uint32_t frame_age_us() const
-    requires hal::TimesFrames<Bus>
-  {
+  [[nodiscard]] std::uint32_t frame_age_us() const requires hal::TimesFrames<Bus> {
     return bus_->frame_age_us();
   }
   [[nodiscard]] Bus& bus() { return *bus_; }

@@ -1,5 +1,6 @@
 #pragma once
-/// The CAN bus that a command was told to use, whichever it is: an interface of Linux or an adapter on a serial line.
+/// The CAN bus that a command was told to use, whichever it is: an interface of Linux or an adapter on a
+/// serial line.
 
 #include <poll.h>
 
@@ -18,7 +19,8 @@ class HostBus {
  public:
   /// `name`: as it was given, for messages.
   HostBus(std::string name, hal::SocketCan socket) : name_(std::move(name)), bus_(std::move(socket)) {}
-  HostBus(std::string name, std::unique_ptr<hal::SlcanAdapter> adapter) : name_(std::move(name)), bus_(std::move(adapter)) {}
+  HostBus(std::string name, std::unique_ptr<hal::SlcanAdapter> adapter)
+      : name_(std::move(name)), bus_(std::move(adapter)) {}
   /// What was on a bus once.
   explicit HostBus(RecordedBus& recorded) : name_(recorded.interface()), bus_(&recorded) {}
 
@@ -41,12 +43,15 @@ class HostBus {
   }
 
   /// Null: a bus of the present.
-  [[nodiscard]] RecordedBus* recorded() const { return bus_.index() == 2 ? std::get<RecordedBus*>(bus_) : nullptr; }
+  [[nodiscard]] RecordedBus* recorded() const {
+    return bus_.index() == 2 ? std::get<RecordedBus*>(bus_) : nullptr;
+  }
   void look() {
     if (RecordedBus* r = recorded()) r->look();
   }
 
-  /// The line's other end is gone for good; nothing more is heard or said here. An interface may come up again.
+  /// The line's other end is gone for good; nothing more is heard or said here. An interface may come up
+  /// again.
   [[nodiscard]] bool gone() { return serial() && adapter().port().gone(); }
   /// Frames that poll() does not know of may be at hand already.
   [[nodiscard]] bool has_input() { return serial() && adapter().port().has_input(); }

@@ -19,7 +19,9 @@ std::string behind(std::string_view prefix, const std::string& bus) {
 }
 
 [[noreturn]] void refuse_form(const std::string& bus) {
-  throw InputError("", "--bus " + bus + ": allowed are socketcan:INTERFACE, slcan:ENDPOINT (a tty, unix:PATH, tcp:HOST:PORT) "
+  throw InputError("",
+                   "--bus " + bus +
+                       ": allowed are socketcan:INTERFACE, slcan:ENDPOINT (a tty, unix:PATH, tcp:HOST:PORT) "
                        "and, for hil, virtual");
 }
 
@@ -46,8 +48,11 @@ HostBus open_slcan(const std::string& endpoint, int bit_rate) {
   const std::string label = "--bus slcan:" + endpoint + ": ";
   const int speed = hal::slcan_speed(bit_rate);
   if (speed < 0) {
-    throw InputError("", fmt::format("{}slcan has no command for {} bit/s (10, 20, 50, 100, 125, 250, 500, 800 kbit/s and 1 Mbit/s)",
-                                     label, bit_rate));
+    throw InputError(
+        "",
+        fmt::format(
+            "{}slcan has no command for {} bit/s (10, 20, 50, 100, 125, 250, 500, 800 kbit/s and 1 Mbit/s)",
+            label, bit_rate));
   }
   std::string why;
   hal::SerialPort port = hal::SerialPort::open(endpoint, why);
@@ -58,8 +63,10 @@ HostBus open_slcan(const std::string& endpoint, int bit_rate) {
 }  // namespace
 
 HostBus open_bus(const std::string& bus, int bit_rate) {
-  if (const std::string interface = behind(socketcan, bus); !interface.empty()) return open_socketcan(interface);
-  if (const std::string endpoint = behind(slcan, bus); !endpoint.empty()) return open_slcan(endpoint, bit_rate);
+  if (const std::string interface = behind(socketcan, bus); !interface.empty())
+    return open_socketcan(interface);
+  if (const std::string endpoint = behind(slcan, bus); !endpoint.empty())
+    return open_slcan(endpoint, bit_rate);
   refuse_form(bus);
 }
 
@@ -70,8 +77,10 @@ BusEnds open_both_ends(const std::string& bus, int bit_rate) {
   const std::string plant = endpoints.substr(0, comma),
                     control = comma == std::string::npos ? "" : endpoints.substr(comma + 1);
   if (plant.empty() || control.empty() || control.find(',') != std::string::npos) {
-    throw InputError("", "--bus " + bus + ": hil is two nodes, and an adapter is one: slcan:PLANT,CONTROLLER names two adapters on "
-                         "one cable; with one, run esmc plant or esmc controller on it");
+    throw InputError(
+        "", "--bus " + bus +
+                ": hil is two nodes, and an adapter is one: slcan:PLANT,CONTROLLER names two adapters on "
+                "one cable; with one, run esmc plant or esmc controller on it");
   }
   return {open_slcan(plant, bit_rate), open_slcan(control, bit_rate)};
 }

@@ -1,5 +1,6 @@
 #pragma once
-/// --bus: what it may say, and the bus or buses that it means. Everything here throws InputError with what to do about it.
+/// --bus: what it may say, and the bus or buses that it means. Everything here throws InputError with what to
+/// do about it.
 
 #include <string>
 
@@ -9,7 +10,8 @@ namespace esmc::host {
 
 inline constexpr const char* bus_forms = "socketcan:INTERFACE | slcan:ENDPOINT";
 
-/// One node. `bit_rate`: bit/s, told to an adapter on a serial line; of an interface it is the administrator's.
+/// One node. `bit_rate`: bit/s, told to an adapter on a serial line; of an interface it is the
+/// administrator's.
 HostBus open_bus(const std::string& bus, int bit_rate);
 
 /// Two nodes on one bus.

@@ -1,5 +1,6 @@
 #pragma once
-/// A bus that hands out what one of its nodes has received before, and compares what the node sends with what it sent then.
+/// A bus that hands out what one of its nodes has received before, and compares what the node sends with what
+/// it sent then.
 
 #include <cstdint>
 #include <functional>
@@ -14,9 +15,9 @@ namespace esmc::host {
 /// A frame as one node saw it pass.
 struct PassedFrame {
   std::int64_t time_us = 0;
-  std::uint64_t look = 0;     ///< of the node at the bus, counted from 0
-  bool sent = false;          ///< by the node
-  std::uint32_t age_us = 0;   ///< of a received one: how long it had waited
+  std::uint64_t look = 0;    ///< of the node at the bus, counted from 0
+  bool sent = false;         ///< by the node
+  std::uint32_t age_us = 0;  ///< of a received one: how long it had waited
   hal::CanFrame frame{};
 };
 
@@ -24,7 +25,8 @@ class RecordedBus {
  public:
   /// `next`: the frames in their order, one with each call; none: no more.
   using Source = std::function<std::optional<PassedFrame>()>;
-  RecordedBus(std::string interface, Source next) : interface_(std::move(interface)), source_(std::move(next)), head_(source_()) {}
+  RecordedBus(std::string interface, Source next)
+      : interface_(std::move(interface)), source_(std::move(next)), head_(source_()) {}
 
   /// Of the frames that the node sends, the first that is another than it was.
   struct Deviation {

@@ -31,12 +31,14 @@ std::optional<double> fixed_point(double from, double limit, const F& f) {
 /// Rounding must not turn a whole number of periods into one more.
 double arrivals(double window, double period) { return std::ceil(window / period - 1e-9); }
 
-BusMessage message(std::string name, std::uint32_t id, std::uint32_t size, double period, Role role, bool extended = false) {
+BusMessage message(std::string name, std::uint32_t id, std::uint32_t size, double period, Role role,
+                   bool extended = false) {
   hal::CanFrame f;
   f.id = id;
   f.extended = extended;
   const std::uint32_t least = (extended ? 54 : 34) + 8 * size + trailer_bits;
-  return {std::move(name), id, extended, arbitration(f), worst_bits(size, extended), least, period, 0.0, role};
+  return {std::move(name), id,  extended, arbitration(f), worst_bits(size, extended), least,
+          period,          0.0, role};
 }
 
 }  // namespace
@@ -92,7 +94,8 @@ void add_odrive(const Scene& s, std::vector<BusMessage>& out) {
     if (i >= static_cast<std::size_t>(s.motors())) continue;
     add("torque", wire::Message::set_input_torque, tick, Role::command);
     if (s.drives.torque_mismatch > 0.0) {
-      add("estimated torque", wire::Message::get_torques, std::max(s.bitrate / beats_per_s, tick), Role::other);
+      add("estimated torque", wire::Message::get_torques, std::max(s.bitrate / beats_per_s, tick),
+          Role::other);
     }
   }
 }
@@ -111,7 +114,8 @@ void add_cia402(const Scene& s, std::vector<BusMessage>& out) {
     if (i < static_cast<std::size_t>(s.motors())) add("torque", wire::id_rpdo1, 4, tick, Role::command);
     add("heartbeat", wire::id_heartbeat, 1, beat, Role::other);
   }
-  out.push_back(message("our heartbeat", wire::id_heartbeat + static_cast<std::uint32_t>(s.drives.controller_node), 1,
+  out.push_back(message("our heartbeat",
+                        wire::id_heartbeat + static_cast<std::uint32_t>(s.drives.controller_node), 1,
                         heartbeat_ticks(s) * tick, Role::other));
 }
 
@@ -119,7 +123,8 @@ void add_mit(const Scene& s, std::vector<BusMessage>& out) {
   const double tick = s.tick() * s.bitrate;
   for (std::size_t i = 0; i < s.drives.nodes.size(); ++i) {
     const auto node = static_cast<std::uint32_t>(s.drives.nodes[i]);
-    out.push_back(message(fmt::format("reply {}", node), static_cast<std::uint32_t>(s.drives.master_id[i]), 8, tick, Role::sample));
+    out.push_back(message(fmt::format("reply {}", node), static_cast<std::uint32_t>(s.drives.master_id[i]), 8,
+                          tick, Role::sample));
     out.push_back(message(fmt::format("torque {}", node), node, 8, tick, Role::command));
   }
 }
@@ -131,7 +136,8 @@ void add_link(const Scene& s, std::vector<BusMessage>& out) {
   const double tick = s.tick() * s.bitrate;
   const auto add = [&](const char* what, std::uint32_t offset, double ticks) {
     if (ticks > 0.0) {
-      out.push_back(message(what, static_cast<std::uint32_t>(c.base_id) + offset, 8, ticks * tick, Role::other));
+      out.push_back(
+          message(what, static_cast<std::uint32_t>(c.base_id) + offset, 8, ticks * tick, Role::other));
     }
   };
   if (c.source == CommandSource::stream) {
@@ -141,7 +147,8 @@ void add_link(const Scene& s, std::vector<BusMessage>& out) {
   add("status", 0x10, c.status_ticks);
   // One of a set in a tick.
   const int set = 2 + s.motors();
-  add("telemetry", 0x16, c.telemetry_ticks > 0 ? std::max(1.0, static_cast<double>(c.telemetry_ticks) / set) : 0.0);
+  add("telemetry", 0x16,
+      c.telemetry_ticks > 0 ? std::max(1.0, static_cast<double>(c.telemetry_ticks) / set) : 0.0);
 }
 
 }  // namespace
@@ -171,8 +178,8 @@ std::vector<BusMessage> bus_messages(const Scene& s) {
 
 namespace {
 
-/// All frames of a tick, one after the other, with what a stranger puts between them. Empty: they do not fit in a tick,
-/// and the next tick finds the bus taken.
+/// All frames of a tick, one after the other, with what a stranger puts between them. Empty: they do not fit
+/// in a tick, and the next tick finds the bus taken.
 std::optional<double> whole_tick(const std::vector<BusMessage>& all, double tick) {
   double own = 0.0;
   for (const BusMessage& m : all) own += m.name == "babbling_node" ? 0.0 : m.bits;
@@ -186,9 +193,11 @@ std::optional<double> whole_tick(const std::vector<BusMessage>& all, double tick
   });
 }
 
-/// Commands are asked for when the samples are through: how much that instant varies is their jitter, which delays the
-/// samples in turn. Returns the latest such instant after the tick's beginning; empty: there is none.
-std::optional<double> settle_jitter(std::vector<BusMessage>& all, std::optional<double> whole, double latest_max) {
+/// Commands are asked for when the samples are through: how much that instant varies is their jitter, which
+/// delays the samples in turn. Returns the latest such instant after the tick's beginning; empty: there is
+/// none.
+std::optional<double> settle_jitter(std::vector<BusMessage>& all, std::optional<double> whole,
+                                    double latest_max) {
   double earliest = 0.0, commands = 0.0;
   for (const BusMessage& m : all) {
     if (m.role == Role::sample) earliest += m.least;
@@ -224,7 +233,8 @@ BusAnalysis analyse_bus(const Scene& scene) {
   double frames = 0.0;
   for (const BusMessage& m : all) {
     out.load += m.bits / m.period;
-    if (scene.drives.protocol == Protocol::cia402 && (m.role == Role::sample || m.name == "sync")) out.answers_s += m.bits * bit;
+    if (scene.drives.protocol == Protocol::cia402 && (m.role == Role::sample || m.name == "sync"))
+      out.answers_s += m.bits * bit;
     if (m.name != "babbling_node") frames += m.bits;
   }
   const auto whole = whole_tick(all, scene.tick() * scene.bitrate);
@@ -239,8 +249,8 @@ BusAnalysis analyse_bus(const Scene& scene) {
       bounded = bounded && r.has_value();
       slowest = std::max(slowest, r.value_or(0.0));
     }
-    out.messages.push_back({m.name, m.id, m.extended, m.period * bit, m.bits,
-                            r ? std::optional(*r * bit) : std::nullopt});
+    out.messages.push_back(
+        {m.name, m.id, m.extended, m.period * bit, m.bits, r ? std::optional(*r * bit) : std::nullopt});
   }
   if (bounded) out.loop_s = (whole ? std::min(*whole, *latest + slowest) : *latest + slowest) * bit;
   return out;

@@ -1,11 +1,11 @@
 #pragma once
 /// How late the frames of a bus can be at worst, computed before anything runs.
 ///
-/// Response-time analysis for frames with fixed priorities that cannot be interrupted: K. Tindell, A. Burns and
-/// A. Wellings, "Calculating controller area network (CAN) message response times", Control Engineering Practice 3 (1995)
-/// 1163-1169, in the form corrected by R. I. Davis, A. Burns, R. J. Bril and J. J. Lukkien, "Controller Area Network (CAN)
-/// schedulability analysis: Refuted, revisited and revised", Real-Time Systems 35 (2007) 239-272. Without bus errors;
-/// every node offers its most urgent frame first.
+/// Response-time analysis for frames with fixed priorities that cannot be interrupted: K. Tindell, A. Burns
+/// and A. Wellings, "Calculating controller area network (CAN) message response times", Control Engineering
+/// Practice 3 (1995) 1163-1169, in the form corrected by R. I. Davis, A. Burns, R. J. Bril and J. J. Lukkien,
+/// "Controller Area Network (CAN) schedulability analysis: Refuted, revisited and revised", Real-Time Systems
+/// 35 (2007) 239-272. Without bus errors; every node offers its most urgent frame first.
 
 #include <cstdint>
 #include <optional>
@@ -22,7 +22,7 @@ struct BusMessage {
   std::string name;
   std::uint32_t id = 0;
   bool extended = false;
-  std::uint32_t key = 0;  ///< arbitration(); whoever shares it counts as more urgent
+  std::uint32_t key = 0;    ///< arbitration(); whoever shares it counts as more urgent
   std::uint32_t bits = 0;   ///< with the most stuff bits there can be
   std::uint32_t least = 0;  ///< to its last bit, with none
   double period = 0.0;
@@ -30,8 +30,8 @@ struct BusMessage {
   Role role = Role::other;
 };
 
-/// `of` is an element of `all`. From the instant a message should be asked for (its jitter included) to its last bit and interframe space. Empty:
-/// there is no bound, or none below twenty of the longest periods.
+/// `of` is an element of `all`. From the instant a message should be asked for (its jitter included) to its
+/// last bit and interframe space. Empty: there is no bound, or none below twenty of the longest periods.
 [[nodiscard]] std::optional<double> response_time(const std::vector<BusMessage>& all, const BusMessage& of);
 
 struct BusAnalysis {
@@ -45,11 +45,13 @@ struct BusAnalysis {
   };
   std::vector<Message> messages;
   double load = 0.0;
-  double tick_s = 0.0;                 ///< all frames that one tick may have, one after the other
-  std::optional<double> loop_s;        ///< from the tick's samples to its last torque
-  double answers_s = 0.0;              ///< SYNC and the samples that answer it, with nothing else on the bus; 0 without SYNC
+  double tick_s = 0.0;           ///< all frames that one tick may have, one after the other
+  std::optional<double> loop_s;  ///< from the tick's samples to its last torque
+  double answers_s =
+      0.0;  ///< SYNC and the samples that answer it, with nothing else on the bus; 0 without SYNC
 };
-/// How much of a tick the controller waits for answers to SYNC, against the clock: later ones are the next tick's.
+/// How much of a tick the controller waits for answers to SYNC, against the clock: later ones are the next
+/// tick's.
 inline constexpr double patience_ticks = 0.4;
 /// The messages of a scene's loop and what becomes of them.
 [[nodiscard]] std::vector<BusMessage> bus_messages(const Scene& scene);

@@ -175,7 +175,8 @@ void TimedBus::start() {
   }
   if (contenders == 0) return;
   for (Node& n : nodes_) {
-    if (n.restarting) n.sequences += static_cast<int>(std::max<Time>(0, now_ - n.recessive_from) / recovery_bits);
+    if (n.restarting)
+      n.sequences += static_cast<int>(std::max<Time>(0, now_ - n.recessive_from) / recovery_bits);
   }
   Flight f;
   f.begin = now_;
@@ -187,7 +188,8 @@ void TimedBus::start() {
   f.bits = exact_bits(f.what.frame);
   const Time length = f.bits - interframe_bits;
   f.end = now_ + (timed_ ? length : 0);
-  const bool disturbed = corruption_ && during(corruption_->when) && corruption_random_() < corruption_->detected;
+  const bool disturbed =
+      corruption_ && during(corruption_->when) && corruption_random_() < corruption_->detected;
   if (f.outcome == Outcome::collided) {
     f.end = now_ + (timed_ ? collision : 0);
   } else if (disturbed) {
@@ -201,9 +203,9 @@ void TimedBus::start() {
   flight_ = f;
 }
 
-/// Several nodes send the same identifier: they go on until a bit in which they differ. Who sends recessive there
-/// sees a bit error. Its error flag ends the frame for all, unless it is passive: then it only drops out.
-/// Returns the bits until then.
+/// Several nodes send the same identifier: they go on until a bit in which they differ. Who sends recessive
+/// there sees a bit error. Its error flag ends the frame for all, unless it is passive: then it only drops
+/// out. Returns the bits until then.
 TimedBus::Time TimedBus::settle_collision(Flight& f) {
   while (std::popcount(f.senders) > 1) {
     std::vector<WireFrame> wire;
@@ -214,7 +216,8 @@ TimedBus::Time TimedBus::settle_collision(Flight& f) {
     });
     std::uint32_t bit = 0;
     const auto differs = [&] {
-      return std::ranges::any_of(wire, [&](const WireFrame& w) { return w.bit[bit] != wire.front().bit[bit]; });
+      return std::ranges::any_of(wire,
+                                 [&](const WireFrame& w) { return w.bit[bit] != wire.front().bit[bit]; });
     };
     while (bit < wire.front().size && !differs()) ++bit;
     if (bit == wire.front().size) return 0;  // equal frames are one
@@ -276,7 +279,8 @@ TimedBus::Delivery TimedBus::deliver(const Flight& f) {
     }
   });
   for_each_node(f.receivers, [&](std::size_t i) { nodes_[i].errors.received(); });
-  if (corruption_ && during(corruption_->when) && corruption_random_() < corruption_->undetected) corrupt(d.frame);
+  if (corruption_ && during(corruption_->when) && corruption_random_() < corruption_->undetected)
+    corrupt(d.frame);
   if (loss_ && during(loss_->when)) {
     for_each_node(f.receivers, [&](std::size_t i) {
       if (!(i == controller ? loss_->at_controller : loss_->at_drives)) return;
@@ -306,7 +310,8 @@ void TimedBus::end_frame(const Flight& f, std::uint32_t trailing) {
   busy_ += f.outcome == Outcome::good ? f.bits : static_cast<std::uint64_t>(now_ - f.begin);
   if (trailing == error_frame_bits) busy_ += error_frame_bits;
   for_each_node(f.senders | f.losers, [&](std::size_t i) {
-    if (nodes_[i].errors.state() == ErrorCounters::State::passive) nodes_[i].not_before = free_ + suspend_bits;
+    if (nodes_[i].errors.state() == ErrorCounters::State::passive)
+      nodes_[i].not_before = free_ + suspend_bits;
   });
   for (Node& n : nodes_) {
     if (!n.restarting) continue;

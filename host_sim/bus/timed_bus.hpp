@@ -1,7 +1,7 @@
 #pragma once
-/// A classic CAN bus in virtual time, bit by bit where that matters: one frame at a time, the smallest identifier
-/// first, error counters and bus-off after ISO 11898-1, and the disturbances a scene names. No clock, no threads: the
-/// caller moves time. Deterministic for a seed.
+/// A classic CAN bus in virtual time, bit by bit where that matters: one frame at a time, the smallest
+/// identifier first, error counters and bus-off after ISO 11898-1, and the disturbances a scene names. No
+/// clock, no threads: the caller moves time. Deterministic for a seed.
 
 #include <cstddef>
 #include <cstdint>
@@ -42,9 +42,11 @@ class TimedBus {
  public:
   using Time = std::int64_t;  ///< bit times since the bus began
   static constexpr std::size_t nodes_max = 16;
-  static constexpr std::size_t controller = 0;    ///< node; drive i of the scene is node i + 1
-  static constexpr std::size_t queue_frames = 10;  ///< that wait in a node: Linux's default for a CAN interface
-  static constexpr std::uint32_t error_frame_bits = 12 + 8 + interframe_bits;  ///< two flags, one after the other
+  static constexpr std::size_t controller = 0;  ///< node; drive i of the scene is node i + 1
+  static constexpr std::size_t queue_frames =
+      10;  ///< that wait in a node: Linux's default for a CAN interface
+  static constexpr std::uint32_t error_frame_bits =
+      12 + 8 + interframe_bits;                     ///< two flags, one after the other
   static constexpr std::uint32_t suspend_bits = 8;  ///< that a passive node waits after its own frame
 
   struct Config {
@@ -68,11 +70,11 @@ class TimedBus {
     Time largest = 0, sum = 0;
   };
   struct Counts {
-    std::uint64_t refused = 0;     ///< the node's queue was full, or it was not on the bus
-    std::uint64_t errors = 0;      ///< error frames: each is a transmission that is repeated
-    std::uint64_t missed = 0;      ///< frames times receivers that did not get them
+    std::uint64_t refused = 0;  ///< the node's queue was full, or it was not on the bus
+    std::uint64_t errors = 0;   ///< error frames: each is a transmission that is repeated
+    std::uint64_t missed = 0;   ///< frames times receivers that did not get them
     std::uint64_t duplicated = 0;
-    std::uint64_t corrupted = 0;   ///< accepted with flipped bits
+    std::uint64_t corrupted = 0;  ///< accepted with flipped bits
   };
 
   explicit TimedBus(const Config& config);
@@ -153,7 +155,7 @@ class TimedBus {
   std::vector<Node> nodes_;
   std::optional<Flight> flight_;
   std::optional<Time> origin_;
-  Time now_ = 0, free_ = 0;    ///< free_: the first bit that a frame may begin in
+  Time now_ = 0, free_ = 0;  ///< free_: the first bit that a frame may begin in
   Time babble_at_ = 0;
   bool was_off_ = false;
   Counts counts_;

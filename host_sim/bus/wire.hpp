@@ -1,6 +1,6 @@
 #pragma once
-/// A classic CAN frame as bits on the wire (ISO 11898-1, formats CBFF and CEFF): how long it keeps the bus busy, and
-/// who wins the arbitration.
+/// A classic CAN frame as bits on the wire (ISO 11898-1, formats CBFF and CEFF): how long it keeps the bus
+/// busy, and who wins the arbitration.
 
 #include <array>
 #include <cstdint>
@@ -13,14 +13,15 @@ inline constexpr std::uint32_t interframe_bits = 3;
 /// CRC delimiter, ACK slot and delimiter, end of frame: of fixed form, never stuffed.
 inline constexpr std::uint32_t trailer_bits = 10;
 
-/// Bits from start of frame to the last of the interframe space of a data frame with n data bytes, with the most
-/// stuff bits there can be: one after the first five equal bits and then, each stuff bit being the first of the next
-/// run, one after every four. A remote frame is as long as one without data.
+/// Bits from start of frame to the last of the interframe space of a data frame with n data bytes, with the
+/// most stuff bits there can be: one after the first five equal bits and then, each stuff bit being the first
+/// of the next run, one after every four. A remote frame is as long as one without data.
 [[nodiscard]] constexpr std::uint32_t worst_bits(std::uint32_t n, bool extended = false) {
   const std::uint32_t stuffable = (extended ? 54 : 34) + 8 * n;
   return stuffable + (stuffable - 1) / 4 + trailer_bits + interframe_bits;
 }
-static_assert(worst_bits(0) == 55 && worst_bits(4) == 95 && worst_bits(8) == 135 && worst_bits(8, true) == 160);
+static_assert(worst_bits(0) == 55 && worst_bits(4) == 95 && worst_bits(8) == 135 &&
+              worst_bits(8, true) == 160);
 
 /// Start of frame to CRC, stuff bits included; true: recessive.
 struct WireFrame {

@@ -8,13 +8,13 @@
 #include <nlohmann/json.hpp>
 #include <numbers>
 
-#include "host_sim/calibrate/geometry.hpp"
 #include "host_sim/calibrate/calibrated_scene.hpp"
+#include "host_sim/calibrate/geometry.hpp"
 #include "host_sim/controller/controller_config.hpp"
-#include "host_sim/record/output.hpp"
-#include "host_sim/record/recorded_run.hpp"
 #include "host_sim/error.hpp"
 #include "host_sim/record/derivatives.hpp"
+#include "host_sim/record/output.hpp"
+#include "host_sim/record/recorded_run.hpp"
 
 namespace esmc::host {
 namespace {
@@ -70,8 +70,10 @@ JointLog before_observer(const JointLog& log, double bandwidth, double share) {
   return out;
 }
 
-/// Readings of the effector, with the angles of their instants. `reach`: the mechanism's, m, by its nominal lengths.
-std::vector<EffectorReading> read_effector(const std::string& file, const JointLog& log, double reach, bool free_frame) {
+/// Readings of the effector, with the angles of their instants. `reach`: the mechanism's, m, by its nominal
+/// lengths.
+std::vector<EffectorReading> read_effector(const std::string& file, const JointLog& log, double reach,
+                                           bool free_frame) {
   if (file.empty()) return {};
   const RecordedTable readings =
       read_table(file, {"t", "x", "y"}, ": the header of effector readings is t,x,y");
@@ -87,14 +89,19 @@ std::vector<EffectorReading> read_effector(const std::string& file, const JointL
     const auto after = std::clamp<std::ptrdiff_t>(std::upper_bound(t.begin(), t.end(), at) - t.begin(), 1,
                                                   static_cast<std::ptrdiff_t>(t.size()) - 1);
     const auto k = static_cast<std::size_t>(after);
-    if (at > t[k - 1] && at < t[k] && t[k] - t[k - 1] > gap_max * (t.back() - t.front()) / static_cast<double>(t.size() - 1))
-      throw InputError(readings.where(i), fmt::format("t = {} s is in a gap of the log, from {:g} to {:g} s", at, t[k - 1], t[k]));
+    if (at > t[k - 1] && at < t[k] &&
+        t[k] - t[k - 1] > gap_max * (t.back() - t.front()) / static_cast<double>(t.size() - 1))
+      throw InputError(readings.where(i), fmt::format("t = {} s is in a gap of the log, from {:g} to {:g} s",
+                                                      at, t[k - 1], t[k]));
     const double u = (at - t[k - 1]) / (t[k] - t[k - 1]);
     EffectorReading r{{}, readings.columns[1][i], readings.columns[2][i]};
     if (!free_frame && std::hypot(r.x, r.y) > 2.0 * reach) {
-      throw InputError(readings.where(i), fmt::format("({:g}, {:g}) m is {:.3g} m from the base, and the mechanism reaches {:.3g} m: metres are "
-                                                      "needed, in the frame of the base (else --free-frame)",
-                                                      r.x, r.y, std::hypot(r.x, r.y), reach));
+      throw InputError(
+          readings.where(i),
+          fmt::format(
+              "({:g}, {:g}) m is {:.3g} m from the base, and the mechanism reaches {:.3g} m: metres are "
+              "needed, in the frame of the base (else --free-frame)",
+              r.x, r.y, std::hypot(r.x, r.y), reach));
     }
     const MeasuredAngles a = log.angles(k - 1), b = log.angles(k);
     for (std::size_t j = 0; j < a.size(); ++j) r.angle[j] = a[j] + u * (b[j] - a[j]);
@@ -145,7 +152,8 @@ void require_scale(const CalibrationProblem& p, const CalibrateOptions& o) {
                      "unknown: give the readings in the frame of the base");
   }
   if (!p.five_bar && (o.half_base || o.trust_half_base))
-    throw InputError("", std::string(o.half_base ? "--half-base" : "--trust-half-base") + ": an RR arm has none");
+    throw InputError("",
+                     std::string(o.half_base ? "--half-base" : "--trust-half-base") + ": an RR arm has none");
 }
 
 /// The problem of a log. Throws InputError.
@@ -168,7 +176,8 @@ CalibrationProblem problem_of(const RecordedRun& run, const CalibrateOptions& o,
 void judge(const Calibration& c, const CalibrationProblem& p, const RecordedRun& run,
            const CalibrateOptions& o) {
   if (!c.in_numbers) {
-    throw InputError("", fmt::format("{}: no lengths near the nominal ones fit it even roughly: is it the log of this mechanism, in s and rad{}?",
+    throw InputError("", fmt::format("{}: no lengths near the nominal ones fit it even roughly: is it the "
+                                     "log of this mechanism, in s and rad{}?",
                                      run.log, o.effector.empty() ? "" : ", and the effector readings in m"));
   }
   if (c.encoder_sigma > encoder_sigma_max) {
@@ -184,7 +193,8 @@ void judge(const Calibration& c, const CalibrationProblem& p, const RecordedRun&
       names += (i > 0 ? "; " : "") + c.weak[i].text;
     if (c.weak.size() > 3) names += fmt::format("; and {} more", c.weak.size() - 3);
     if (c.encoder_sigma > encoder_sigma_odd) {
-      throw InputError("", fmt::format("{}: its angles are beside every loop by {:.2g} rad rms, and so it does not determine {}: did an encoder slip or "
+      throw InputError("", fmt::format("{}: its angles are beside every loop by {:.2g} rad rms, and so it "
+                                       "does not determine {}: did an encoder slip or "
                                        "jump, or is this noise? --keep-nominal leaves these as they are",
                                        run.log, c.encoder_sigma, names));
     }
@@ -194,13 +204,18 @@ void judge(const Calibration& c, const CalibrationProblem& p, const RecordedRun&
                     "leaves these as they are",
                     run.log, names));
   }
-  // What readings of this accuracy, and angles of that of the encoders, may be beside; five times of it is another cause.
+  // What readings of this accuracy, and angles of that of the encoders, may be beside; five times of it is
+  // another cause.
   const double expected = std::numbers::sqrt2 * p.effector_sigma + 4.0 * reach_of(p) * c.encoder_sigma;
   if (!(c.effector_rms <= 5.0 * expected)) {
-    throw InputError(o.effector, fmt::format("no lengths meet the effector readings better than {:.3g} mm rms, {:.2g} mm are to be expected of "
-                                             "--effector-sigma and the encoders: are they in m, in the frame of the base (else --free-frame), "
-                                             "and on the clock of the log?",
-                                             1e3 * c.effector_rms, 1e3 * expected));
+    throw InputError(
+        o.effector,
+        fmt::format(
+            "no lengths meet the effector readings better than {:.3g} mm rms, {:.2g} mm are to be expected "
+            "of "
+            "--effector-sigma and the encoders: are they in m, in the frame of the base (else --free-frame), "
+            "and on the clock of the log?",
+            1e3 * c.effector_rms, 1e3 * expected));
   }
   if (!c.converged) throw RunError("the least-squares fit did not converge");
   for (const int u : c.estimated) {
@@ -286,7 +301,9 @@ void print(const Calibration& c, const CalibrationProblem& p, const RecordedRun&
                c.sigma(u), is_length(u) || u == unknown_fx || u == unknown_fy ? "m" : "rad");
   }
   for (const WeakDirection& w : c.weak)
-    fmt::print("kept nominal, the log does not determine it (taken as known to 0.5 % of a length, 5 mrad): {}\n", w.text);
+    fmt::print(
+        "kept nominal, the log does not determine it (taken as known to 0.5 % of a length, 5 mrad): {}\n",
+        w.text);
   if (p.five_bar) {
     fmt::print("loop closes to {:.3g} mm rms, with nominal values {:.3g} mm; encoders: {:.2g} rad rms\n",
                1e3 * c.closure_rms, 1e3 * c.closure_rms_nominal, c.encoder_sigma);
@@ -308,7 +325,9 @@ int run_calibrate(const CalibrateOptions& o) {
   const JointLog read = read_log(run);
   // Nobody knows whether the drives' observers are late: halfway, and the whole range as evenly distributed.
   const bool late = o.observer_bandwidth > 0.0;
-  if (late) require_even(read.table, 0, "; --observer-bandwidth 0 takes rows as they are, without what the drives' observers lag");
+  if (late)
+    require_even(read.table, 0,
+                 "; --observer-bandwidth 0 takes rows as they are, without what the drives' observers lag");
   const JointLog log = late ? before_observer(read, o.observer_bandwidth, 0.5) : read;
   const CalibrationProblem p = problem_of(run, o, log);
   Calibration c = calibrate(p);

@@ -64,15 +64,17 @@ struct WeakDirection {
 struct Calibration {
   Unknowns value = Unknowns::Zero();
   Eigen::Matrix<double, unknowns, unknowns> covariance = Eigen::Matrix<double, unknowns, unknowns>::Zero();
-  std::vector<int> estimated;  ///< which of the unknowns; the others are nominal, or not there
-  std::vector<WeakDirection> weak;  ///< along these `value` is nominal, and the covariance that of nominal values: 0.5 % of mean_length, 5 mrad
-  double mean_length = 1.0;    ///< m
-  double encoder_sigma = 0.0;  ///< rad, of one reading, as the residuals have it
-  double closure_rms = 0.0;    ///< m
+  std::vector<int> estimated;        ///< which of the unknowns; the others are nominal, or not there
+  std::vector<WeakDirection> weak;   ///< along these `value` is nominal, and the covariance that of nominal
+                                     ///< values: 0.5 % of mean_length, 5 mrad
+  double mean_length = 1.0;          ///< m
+  double encoder_sigma = 0.0;        ///< rad, of one reading, as the residuals have it
+  double closure_rms = 0.0;          ///< m
   double closure_rms_nominal = 0.0;  ///< m, with the unknowns as they were
   double effector_rms = 0.0;         ///< m, of the position readings
   bool converged = false;
-  bool in_numbers = true;  ///< false: the readings are so far from any mechanism that there is nothing but `value`
+  bool in_numbers =
+      true;  ///< false: the readings are so far from any mechanism that there is nothing but `value`
 
   [[nodiscard]] double sigma(int unknown) const;
 };

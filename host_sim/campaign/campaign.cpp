@@ -10,14 +10,14 @@
 #include <nlohmann/json.hpp>
 #include <thread>
 
-#include "host_sim/campaign/totals.hpp"
 #include "host_sim/campaign/episode.hpp"
-#include "host_sim/scene/starting_scene.hpp"
-#include "host_sim/record/output.hpp"
-#include "host_sim/loop/progress.hpp"
-#include "host_sim/record/run_options.hpp"
+#include "host_sim/campaign/totals.hpp"
 #include "host_sim/error.hpp"
+#include "host_sim/loop/progress.hpp"
+#include "host_sim/record/output.hpp"
+#include "host_sim/record/run_options.hpp"
 #include "host_sim/scene/read_effects.hpp"
+#include "host_sim/scene/starting_scene.hpp"
 
 namespace esmc::host {
 namespace {
@@ -65,10 +65,12 @@ const std::vector<Variant>& variants() {
       {bar, {phase(0.55), "control.sensors=\"all\"", "sensors.nodes=[3, 4]"}, true},
       {bar, {phase(0.65), "control.sensors=\"all\"", "control.motors=\"all\"", "drives.nodes=[1, 2, 3, 4]"}},
       {bar, {phase(0.75), "drives.sign_test=true"}},
-      {bar, {phase(0.85), "command.base_id=0x780", "command.arm=\"link\"", "command.timeout=0.1", "command.speed=0.1", "command.acceleration=1.0"}},
       {bar,
-       {"command.base_id=0x780", "command.arm=\"link\"", "command.timeout=0.1", "command.speed=0.1", "command.acceleration=1.0", "drives.sign_test=true",
-        "limits.after_halt=\"hold\""}},
+       {phase(0.85), "command.base_id=0x780", "command.arm=\"link\"", "command.timeout=0.1",
+        "command.speed=0.1", "command.acceleration=1.0"}},
+      {bar,
+       {"command.base_id=0x780", "command.arm=\"link\"", "command.timeout=0.1", "command.speed=0.1",
+        "command.acceleration=1.0", "drives.sign_test=true", "limits.after_halt=\"hold\""}},
       {arm, {}},
       {arm, {"limits.after_halt=\"hold\"", "control.law=\"smc\""}},
   };
@@ -140,10 +142,14 @@ OdriveEndpoints some_endpoints() {
 }
 const char* protocol_name(const Scene& scene) {
   switch (scene.drives.protocol) {
-    case Protocol::odrive: return "odrive";
-    case Protocol::odrive_0_5: return "odrive_0.5";
-    case Protocol::cia402: return "cia402";
-    case Protocol::mit: return "mit";
+    case Protocol::odrive:
+      return "odrive";
+    case Protocol::odrive_0_5:
+      return "odrive_0.5";
+    case Protocol::cia402:
+      return "cia402";
+    case Protocol::mit:
+      return "mit";
   }
   return "";
 }

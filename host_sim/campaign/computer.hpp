@@ -1,5 +1,6 @@
 #pragma once
-/// The operator of an episode: by calls, or as a supervisor computer that arms over the command interface and may vanish.
+/// The operator of an episode: by calls, or as a supervisor computer that arms over the command interface and
+/// may vanish.
 
 #include <algorithm>
 #include <cstdint>
@@ -12,7 +13,8 @@
 
 namespace esmc::host {
 
-/// A supervisor computer: says a sign of life every second tick, sends orders, and hears the controller's status.
+/// A supervisor computer: says a sign of life every second tick, sends orders, and hears the controller's
+/// status.
 class Computer {
  public:
   explicit Computer(const Scene& scene) : base_(static_cast<std::uint32_t>(scene.command->base_id)) {}
@@ -25,8 +27,8 @@ class Computer {
       table_ = static_cast<std::uint16_t>(f.data[0] | f.data[1] << 8);
     }
   }
-  /// Calls `send` with the frames of a tick. Returns what the operator wanted once it is on the bus: an order to arm waits
-  /// until the table of parameters is known.
+  /// Calls `send` with the frames of a tick. Returns what the operator wanted once it is on the bus: an order
+  /// to arm waits until the table of parameters is known.
   template <class Send>
   Operator act(Operator wanted, const Send& send) {
     if (wanted != Operator::nothing) wanted_ = wanted;
@@ -35,9 +37,10 @@ class Computer {
       send(sealed(link::Message::request, static_cast<std::uint8_t>(link::Subject::table)));
     }
     if (++ticks_ % 2 == 0) send(order(link::Order::none));
-    if (wanted_ == Operator::nothing || !session_ || (wanted_ == Operator::enable && !table_)) return Operator::nothing;
+    if (wanted_ == Operator::nothing || !session_ || (wanted_ == Operator::enable && !table_))
+      return Operator::nothing;
     const Operator asked = std::exchange(wanted_, Operator::nothing);
-    send(order(asked == Operator::enable  ? link::Order::arm
+    send(order(asked == Operator::enable ? link::Order::arm
                : asked == Operator::stop ? link::Order::off
                : asked == Operator::halt ? link::Order::disarm
                                          : link::Order::reset));
@@ -45,8 +48,11 @@ class Computer {
   }
 
  private:
-  hal::CanFrame order(link::Order o) { return sealed(link::Message::command, static_cast<std::uint8_t>(o), tick_, table_.value_or(0)); }
-  hal::CanFrame sealed(link::Message m, std::uint8_t what, std::uint16_t first = 0, std::uint16_t second = 0) {
+  hal::CanFrame order(link::Order o) {
+    return sealed(link::Message::command, static_cast<std::uint8_t>(o), tick_, table_.value_or(0));
+  }
+  hal::CanFrame sealed(link::Message m, std::uint8_t what, std::uint16_t first = 0,
+                       std::uint16_t second = 0) {
     hal::CanFrame f = link::detail::frame(base_, m);
     std::uint8_t& counter = m == link::Message::command ? orders_ : requests_;
     counter = (counter + 1) & 0x0F;

@@ -56,7 +56,8 @@ class EpisodeKind {
   EpisodeKind& operator=(const EpisodeKind&) = delete;
 
   /// `only`: the fault of the episode; empty: any.
-  [[nodiscard]] EpisodeResult run(std::uint64_t seed, Draw draw, EpisodeTrace* trace = nullptr, std::string_view only = {}) const;
+  [[nodiscard]] EpisodeResult run(std::uint64_t seed, Draw draw, EpisodeTrace* trace = nullptr,
+                                  std::string_view only = {}) const;
 
  private:
   /// Ticks from the command to enable to the release of the brake, without a fault. Throws RunError where the
@@ -64,7 +65,8 @@ class EpisodeKind {
   [[nodiscard]] int arming_ticks() const;
 
   [[nodiscard]] const Scene& defective(Injected k) const {
-    return k == Injected::watchdog_off ? unwatched_ : (k == Injected::zero_until_closed_loop ? zeroed_ : scene_);
+    return k == Injected::watchdog_off ? unwatched_
+                                       : (k == Injected::zero_until_closed_loop ? zeroed_ : scene_);
   }
   /// The operator of an episode, where the scene has it arm over the command interface.
   [[nodiscard]] std::optional<Computer> computer() const {
@@ -119,24 +121,25 @@ class EpisodeScript {
 };
 
 /// What the stranger of a fault sends; nothing in other faults.
-inline hal::CanFrame foreign_command(const Dialect& words, const Scene& scene, const Injection& i) {
+inline hal::CanFrame foreign_command(const ProtocolTraits& words, const Scene& scene, const Injection& i) {
   if (i.kind() != Injected::foreign_controller) return {};
   if (i.choice % 2 == 0) return words.foreign_torque(scene, i.drive, i.amount * scene.torque_limit[i.drive]);
   return words.foreign_command(scene.drives.nodes[i.drive], static_cast<unsigned>(i.choice / 2));
 }
 
 template <class World_>
-EpisodeResult EpisodeKind<World_>::run(std::uint64_t seed, Draw draw, EpisodeTrace* trace, std::string_view only) const {
+EpisodeResult EpisodeKind<World_>::run(std::uint64_t seed, Draw draw, EpisodeTrace* trace,
+                                       std::string_view only) const {
   constexpr int watch_ticks = 30;
   EpisodeResult out;
   out.seed = seed;
-  const Dialect& words = dialect(scene_.drives.protocol);
+  const ProtocolTraits& words = dialect(scene_.drives.protocol);
   Injection injection = draw_injection(draw, times_, words, only);
   if (!has_to_show(injection, promised_)) injection.notice_ticks = InjectionRow::not_demanded;
   const EpisodeScript script(injection, times_, draw);
   World<Plant> world(make_motion<World_>(scene_), scene_, defective(injection.kind()), injection, words);
   std::optional<Computer> desk = computer();
-  Wire wire(injection, words, world.nodes(), scene_.bitrate);
+  FaultyBus wire(injection, words, world.nodes(), scene_.bitrate);
   Judge judge(injection, times_, scene_.effects.empty(), words.tells_its_state);
   AnyCycle<M> cycle = cycle_;
   const hal::CanFrame foreign = foreign_command(words, scene_, injection);
@@ -146,8 +149,8 @@ EpisodeResult EpisodeKind<World_>::run(std::uint64_t seed, Draw draw, EpisodeTra
   int run = -1, latched = -1, since = -1;
   const int watch =
       watch_ticks + std::max(std::min(injection.length, injection.watch_ticks), injection.notice_ticks);
-  const auto most_ticks =
-      static_cast<std::uint64_t>(2000 + times_.arming_ticks + times_.join_ticks + times_.halt_ticks + watch + injection.watch_ticks);
+  const auto most_ticks = static_cast<std::uint64_t>(2000 + times_.arming_ticks + times_.join_ticks +
+                                                     times_.halt_ticks + watch + injection.watch_ticks);
   std::uint64_t tick = 0;
   for (; since < watch && tick < most_ticks; ++tick) {
     if (since >= 0 || script.begins(tick, run)) ++since;
@@ -160,9 +163,10 @@ EpisodeResult EpisodeKind<World_>::run(std::uint64_t seed, Draw draw, EpisodeTra
     const bool absent = active && (injection.kind() == Injected::controller_death ||
                                    injection.kind() == Injected::controller_late);
     Operator asked = absent || gone ? Operator::nothing : std::exchange(pending, Operator::nothing);
-    if (desk && !gone && !absent) asked = desk->act(asked, [&](const hal::CanFrame& f) { wire.from_computer(f); });
+    if (desk && !gone && !absent)
+      asked = desk->act(asked, [&](const hal::CanFrame& f) { wire.from_computer(f); });
     world.publish(wire, active, first);
-    wire.strangers_before_tick();
+    wire.inject_foreign_frames();
     word.ticked = !absent;
     if (!absent) {
       std::visit(
@@ -193,8 +197,8 @@ EpisodeResult EpisodeKind<World_>::run(std::uint64_t seed, Draw draw, EpisodeTra
           },
           cycle);
     }
-    wire.strangers_after_tick(foreign);
-    for (const Wire::Delivery& d : wire.to_drives()) {
+    wire.inject_foreign_frames_after_tick(foreign);
+    for (const FaultyBus::Delivery& d : wire.to_drives()) {
       if (desk) desk->hear(d.frame);
     }
     // Then the controller has to notice, and to come to rest as if it had been asked to.
@@ -235,17 +239,19 @@ int EpisodeKind<World_>::arming_ticks() const {
   constexpr int looks_ahead = 16;  // as the controller does when it joins
   const int patience = std::max(2000, static_cast<int>(2.0 * scene_.rate_hz));
   const Injection nothing{.row = &injection_rows()[0]};
-  const Dialect& words = dialect(scene_.drives.protocol);
+  const ProtocolTraits& words = dialect(scene_.drives.protocol);
   World<Plant> world(make_motion<World_>(scene_), scene_, scene_, nothing, words);
   std::optional<Computer> desk = computer();
-  Wire wire(nothing, words, world.nodes(), scene_.bitrate);
+  FaultyBus wire(nothing, words, world.nodes(), scene_.bitrate);
   AnyCycle<M> cycle = cycle_;
   if (!desk) std::visit([](auto& c) { c.command(Command::enable); }, cycle);
   int armed = -1;
   for (int tick = 0; armed < 0 || tick <= armed + times_.join_ticks + looks_ahead; ++tick) {
     if (armed < 0 && tick >= patience) throw RunError(scene_.name + ": the drives do not arm");
     wire.begin_tick(false);
-    if (desk) (void)desk->act(tick == 0 ? Operator::enable : Operator::nothing, [&](const hal::CanFrame& f) { wire.from_computer(f); });
+    if (desk)
+      (void)desk->act(tick == 0 ? Operator::enable : Operator::nothing,
+                      [&](const hal::CanFrame& f) { wire.from_computer(f); });
     world.publish(wire, false, false);
     if (armed < 0 && world.released()) armed = tick;
     const Fault fault = std::visit(
@@ -260,7 +266,7 @@ int EpisodeKind<World_>::arming_ticks() const {
       throw RunError(fmt::format("{}: {} before anything is done to the loop: a campaign needs one that runs",
                                  scene_.name, esmc::name(fault)));
     }
-    for (const Wire::Delivery& d : wire.to_drives()) {
+    for (const FaultyBus::Delivery& d : wire.to_drives()) {
       if (desk) desk->hear(d.frame);
     }
     world.deliver(wire, tick * times_.tick * 1e3);

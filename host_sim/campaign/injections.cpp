@@ -148,7 +148,8 @@ int draw_length(Draw& draw, const InjectionRow& row, const EpisodeTimes& t) {
 
 /// Questions to a drive and its answers are lost, late or bent.
 bool bends_questions(Injected k) {
-  return starves(k) || k == Injected::scattered_loss || k == Injected::corruption || k == Injected::drive_silent;
+  return starves(k) || k == Injected::scattered_loss || k == Injected::corruption ||
+         k == Injected::drive_silent;
 }
 
 void draw_amount(Draw& draw, Injection& i, const EpisodeTimes& t) {
@@ -203,7 +204,7 @@ int phase_length(Phase p, const EpisodeTimes& t) {
 }
 
 /// How long samples are gone, and what must come of that.
-void expect_of_lost_samples(Injection& i, const EpisodeTimes& t, const Dialect& dialect) {
+void expect_of_lost_samples(Injection& i, const EpisodeTimes& t, const ProtocolTraits& dialect) {
   const Injected kind = i.row->kind;
   i.stale = i.length > t.max_age_ticks;
   // Where the request for the next sample is lost with the last one, one more is missing.
@@ -222,7 +223,7 @@ void expect_of_lost_samples(Injection& i, const EpisodeTimes& t, const Dialect& 
 }
 
 /// What has to come of a fault as drawn, and when.
-void expect(Injection& i, const EpisodeTimes& t, const Dialect& dialect) {
+void expect(Injection& i, const EpisodeTimes& t, const ProtocolTraits& dialect) {
   const InjectionRow& row = *i.row;
   const double tick_ms = 1e3 * t.tick;
   const auto fits_if = [&](bool condition, std::string_view names) {
@@ -275,7 +276,8 @@ void expect(Injection& i, const EpisodeTimes& t, const Dialect& dialect) {
     i.watch_ticks = std::max(i.watch_ticks, static_cast<int>(std::ceil(t.watchdog_ms / tick_ms)));
   i.unwatched = row.kind == Injected::watchdog_off;
   // The loss of the computer ends at rest under control, and there may be torque until then, or to hold.
-  if (row.kind == Injected::computer_gone) i.safe_ms = t.off_after_halt_ticks > 0 ? i.safe_ms + t.off_after_halt_ticks * tick_ms : 1e12;
+  if (row.kind == Injected::computer_gone)
+    i.safe_ms = t.off_after_halt_ticks > 0 ? i.safe_ms + t.off_after_halt_ticks * tick_ms : 1e12;
   const bool lets_go = row.kind == Injected::drive_disarm || row.kind == Injected::drive_reset;
   if (lets_go && !dialect.tells_its_state) i.notice_ticks = never;
 }
@@ -300,7 +302,7 @@ const char* name(Phase p) {
 
 std::span<const InjectionRow> injection_rows() { return rows; }
 
-bool possible(const InjectionRow& row, const Dialect& d, const EpisodeTimes& t) {
+bool possible(const InjectionRow& row, const ProtocolTraits& d, const EpisodeTimes& t) {
   switch (row.kind) {
     case Injected::zero_until_closed_loop:
       return t.zeros_at_boot;
@@ -341,10 +343,14 @@ bool lists(std::string_view list, std::string_view word) {
   return false;
 }
 
-Injection draw_injection(Draw& draw, const EpisodeTimes& times, const Dialect& dialect, std::string_view only) {
+Injection draw_injection(Draw& draw, const EpisodeTimes& times, const ProtocolTraits& dialect,
+                         std::string_view only) {
   Injection i;
-  const auto wanted = [&](const InjectionRow& r) { return (only.empty() || r.name == only) && possible(r, dialect, times); };
-  const bool any = std::ranges::any_of(rows, wanted);  // else what was asked for is not possible here: nothing is done
+  const auto wanted = [&](const InjectionRow& r) {
+    return (only.empty() || r.name == only) && possible(r, dialect, times);
+  };
+  const bool any =
+      std::ranges::any_of(rows, wanted);  // else what was asked for is not possible here: nothing is done
   do {
     i.row = any ? &rows[draw.below(rows.size())] : &rows.front();
   } while (any && !wanted(*i.row));

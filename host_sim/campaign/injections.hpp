@@ -8,8 +8,8 @@
 #include <string>
 #include <string_view>
 
-#include "host_sim/campaign/dialect.hpp"
 #include "host_sim/campaign/draw.hpp"
+#include "host_sim/campaign/protocol_traits.hpp"
 #include "host_sim/campaign/times.hpp"
 
 namespace esmc::host {
@@ -99,7 +99,7 @@ inline constexpr std::string_view motion_faults =
 
 [[nodiscard]] std::span<const InjectionRow> injection_rows();
 /// Whether a drive of this protocol can show it, on a scene with these times.
-[[nodiscard]] bool possible(const InjectionRow& row, const Dialect& d, const EpisodeTimes& t);
+[[nodiscard]] bool possible(const InjectionRow& row, const ProtocolTraits& d, const EpisodeTimes& t);
 /// Whether it keeps samples from the controller.
 [[nodiscard]] bool takes_samples(Injected k);
 /// Whether a blank-separated list holds a word.
@@ -128,7 +128,8 @@ struct Injection {
 };
 
 /// `only`: one of the rows, where it is possible; empty: any.
-[[nodiscard]] Injection draw_injection(Draw& draw, const EpisodeTimes& times, const Dialect& dialect, std::string_view only = {});
+[[nodiscard]] Injection draw_injection(Draw& draw, const EpisodeTimes& times, const ProtocolTraits& dialect,
+                                       std::string_view only = {});
 /// Whether a guard of this scene has to notice the wrong numbers that the fault puts into samples; true for
 /// faults that put in none.
 [[nodiscard]] bool has_to_show(const Injection& i, const Scene& scene);

@@ -14,14 +14,14 @@ namespace esmc::host {
 
 /// What a judge needs to know of a motor.
 struct MotorState {
-  double torque = 0.0;          ///< N m at the joint, as the drive applies it over the tick
-  double limit = 0.0;           ///< N m at the joint
-  double step = 0.0;            ///< between neighbouring torques of the protocol
-  double none = 0.0;            ///< no more than this is no torque
-  double heard_ms = -1e9;       ///< when its last command from our controller arrived
-  double fed_ms = -1e9;  ///< when the last frame arrived that its watchdog watches, from our controller
-  double zero_ms = 0.0;         ///< since when its torque has been zero; meaningless while it is not
-  bool heard_now = false;       ///< a command of our controller arrived in this tick
+  double torque = 0.0;     ///< N m at the joint, as the drive applies it over the tick
+  double limit = 0.0;      ///< N m at the joint
+  double step = 0.0;       ///< between neighbouring torques of the protocol
+  double none = 0.0;       ///< no more than this is no torque
+  double heard_ms = -1e9;  ///< when its last command from our controller arrived
+  double fed_ms = -1e9;    ///< when the last frame arrived that its watchdog watches, from our controller
+  double zero_ms = 0.0;    ///< since when its torque has been zero; meaningless while it is not
+  bool heard_now = false;  ///< a command of our controller arrived in this tick
   bool heard_stranger = false;  ///< and one of somebody else
   bool strangers = false;       ///< the same, ever
   bool armed_now = false;       ///< it entered torque control in this tick
@@ -118,7 +118,9 @@ class Judge {
     switch (asked) {
       case Operator::enable:
         allowed_ = allowed_ || !latched_;
-        order_left_ = injection_->usable_tick > static_cast<int>(tick_) + times_.silent_ticks ? times_.silent_ticks + 1 : 0;
+        order_left_ = injection_->usable_tick > static_cast<int>(tick_) + times_.silent_ticks
+                          ? times_.silent_ticks + 1
+                          : 0;
         break;
       case Operator::stop:
         allowed_ = false;

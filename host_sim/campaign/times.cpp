@@ -69,8 +69,11 @@ EpisodeTimes episode_times(const Scene& s) {
   t.open_ticks = lambda > 0.0 ? static_cast<int>(std::floor(1.0 / (lambda * t.tick))) : t.open_ticks;
   t.out_of_range = out_of_range(s);
   t.read_back = s.drives.endpoints.has_value();
-  t.silent_ticks = std::max(2, static_cast<int>(std::floor((s.drives.boot_time + 6.0 * std::min(0.15, s.drives.heartbeat_timeout)) * s.rate_hz)));
-  if (s.command && s.command->arm_by_link) t.link_ticks = static_cast<int>(std::ceil(s.command->timeout * s.rate_hz));
+  t.silent_ticks =
+      std::max(2, static_cast<int>(std::floor(
+                      (s.drives.boot_time + 6.0 * std::min(0.15, s.drives.heartbeat_timeout)) * s.rate_hz)));
+  if (s.command && s.command->arm_by_link)
+    t.link_ticks = static_cast<int>(std::ceil(s.command->timeout * s.rate_hz));
   t.zeros_at_boot = s.drives.protocol == Protocol::odrive_0_5;
   t.motors = static_cast<std::size_t>(s.motors());
   t.axes = s.drives.nodes.size();

@@ -23,11 +23,12 @@ struct EpisodeTimes {
   double jump = 0.05;         ///< rad per tick, the guard's; where it is off, what it would be by default
   int steps_per_tick = 1;     ///< of the integration
   bool out_of_range = false;  ///< a motion may leave the range of a drive's replies, which is a drive's error
-  bool read_back = false;     ///< before arming, drives are asked: what the bus does to the answers is a refusal to arm
+  bool read_back =
+      false;  ///< before arming, drives are asked: what the bus does to the answers is a refusal to arm
   int off_after_halt_ticks = 0;      ///< a halt ends without torque within so many ticks; 0: it holds
-  int silent_ticks = 750;      ///< while enabling, without a word from a drive, and then it is refused
-  int link_ticks = 0;          ///< the time-out of the command interface that arms; 0: there is none
-  bool zeros_at_boot = false;  ///< the drives may report position 0 until their first closed loop
+  int silent_ticks = 750;            ///< while enabling, without a word from a drive, and then it is refused
+  int link_ticks = 0;                ///< the time-out of the command interface that arms; 0: there is none
+  bool zeros_at_boot = false;        ///< the drives may report position 0 until their first closed loop
   std::size_t motors = 2, axes = 2;  ///< axes: with passive encoders
 
   /// Whether a drive's heartbeat can become too old where it comes so many ticks late.

@@ -145,8 +145,8 @@ std::string CampaignTotals::text() const {
 }
 
 std::vector<std::vector<std::string>> CampaignTotals::fault_rows() const {
-  std::vector<std::vector<std::string>> rows{
-      {"fault", "episodes", "at drive 1, 2, 3, 4", "under torque", "noticed at most, ms", "zero torque at most, ms", "latched"}};
+  std::vector<std::vector<std::string>> rows{{"fault", "episodes", "at drive 1, 2, 3, 4", "under torque",
+                                              "noticed at most, ms", "zero torque at most, ms", "latched"}};
   const auto most = [](const Times& t) {
     return t.count() > 0 ? fmt::format("{:.3f}", t.longest()) : std::string("");
   };
@@ -170,13 +170,17 @@ std::vector<std::pair<const char*, const Times*>> CampaignTotals::reactions() co
 std::string CampaignTotals::page(const std::string& command, std::uint64_t wanted) const {
   StudyVerdict v;
   const bool cut = episodes_ < wanted;
-  v.level = violation_count_ > 0 ? StudyVerdict::Level::bad : cut || episodes_ == 0 ? StudyVerdict::Level::warn : StudyVerdict::Level::ok;
+  v.level = violation_count_ > 0    ? StudyVerdict::Level::bad
+            : cut || episodes_ == 0 ? StudyVerdict::Level::warn
+                                    : StudyVerdict::Level::ok;
   v.headline = fmt::format("{} violations of an invariant in {} episodes", violation_count_, episodes_);
   if (cut) v.detail = fmt::format("Interrupted: {} episodes were asked for", wanted);
   const auto time = [&](const char* name, const Times& t) {
-    v.tiles.push_back({name, t.count() > 0 ? fmt::format("{:.3f} ms", t.longest()) : "–", fmt::format("{} episodes", t.count())});
+    v.tiles.push_back({name, t.count() > 0 ? fmt::format("{:.3f} ms", t.longest()) : "–",
+                       fmt::format("{} episodes", t.count())});
   };
-  v.tiles.push_back({"Simulated", fmt::format("{:.1f} s", simulated_s()), fmt::format("{} kinds of fault", faults_.size())});
+  v.tiles.push_back({"Simulated", fmt::format("{:.1f} s", simulated_s()),
+                     fmt::format("{} kinds of fault", faults_.size())});
   time("Stale feedback noticed within", stale_);
   time("Torque zero within", safe_);
   time("Controller dead: torque zero within", death_);
@@ -186,7 +190,8 @@ std::string CampaignTotals::page(const std::string& command, std::uint64_t wante
     std::vector<Bar> bars;
     for (const auto& bin : times->json()) {
       const double to = bin["up_to_ms"];
-      bars.push_back({std::max(0.0, to - Times::bin_ms), to, static_cast<double>(bin["count"].get<std::uint64_t>())});
+      bars.push_back(
+          {std::max(0.0, to - Times::bin_ms), to, static_cast<double>(bin["count"].get<std::uint64_t>())});
     }
     drawings.push_back(bar_svg(std::string("From ") + title, "ms; heights: episodes", bars));
   }
@@ -194,10 +199,12 @@ std::string CampaignTotals::page(const std::string& command, std::uint64_t wante
   if (!violations_.empty()) {
     std::vector<std::vector<std::string>> rows{{"fault", "phase", "invariant", "tick", "seed for --replay"}};
     for (const Violation& one : violations_)
-      rows.push_back({one.fault, one.phase, one.invariant, fmt::format("{}", one.tick), fmt::format("{}", one.seed)});
+      rows.push_back(
+          {one.fault, one.phase, one.invariant, fmt::format("{}", one.tick), fmt::format("{}", one.seed)});
     body += table_html("Violations", rows);
   }
-  return study_page("Fault-injection campaign", command, body + figures_html(drawings) + table_html("Faults", fault_rows()), v);
+  return study_page("Fault-injection campaign", command,
+                    body + figures_html(drawings) + table_html("Faults", fault_rows()), v);
 }
 
 std::string CampaignTotals::markdown() const {

@@ -32,7 +32,8 @@ class Times {
 struct FaultTotals {
   std::uint64_t episodes = 0, under_torque = 0;
   std::array<std::uint64_t, phase_count> phases{};
-  std::array<std::uint64_t, 4> drives{};  ///< at which of the scene's drives; faults of all of them draw one as well
+  std::array<std::uint64_t, 4>
+      drives{};  ///< at which of the scene's drives; faults of all of them draw one as well
   std::map<std::string, std::uint64_t, std::less<>> latched;  ///< names of the controller's first fault
   Times notice, safe;
 };

@@ -9,8 +9,8 @@
 #include <utility>
 #include <vector>
 
+#include "host_sim/campaign/faulty_bus.hpp"
 #include "host_sim/campaign/judge.hpp"
-#include "host_sim/campaign/wire.hpp"
 #include "host_sim/drives/actuators.hpp"
 #include "host_sim/drives/placed_axes.hpp"
 #include "host_sim/plant/motion.hpp"
@@ -22,10 +22,10 @@ class World {
  public:
   using Joints = typename Plant::Joints;
 
-  /// `defective`: the same scene with drives that have the defect of the fault, if it is one. `lockstep`: a tick of the
-  /// drives is one of the controller's.
+  /// `defective`: the same scene with drives that have the defect of the fault, if it is one. `lockstep`: a
+  /// tick of the drives is one of the controller's.
   World(Motion<Plant> motion, const Scene& scene, const Scene& defective, const Injection& injection,
-        const Dialect& dialect, bool lockstep = true)
+        const ProtocolTraits& dialect, bool lockstep = true)
       : motion_(std::move(motion)),
         actuators_(scene.effects, scene.motor_joints(), scene.seed),
         scene_(&scene),
@@ -55,7 +55,8 @@ class World {
   [[nodiscard]] const std::vector<int>& nodes() const { return nodes_; }
   [[nodiscard]] const Motion<Plant>& motion() const { return motion_; }
   [[nodiscard]] bool released() const { return released_; }
-  /// The mechanism goes on as `motion`, with the effects of `scene`, which lives as long; the drives notice nothing.
+  /// The mechanism goes on as `motion`, with the effects of `scene`, which lives as long; the drives notice
+  /// nothing.
   void go_on(Motion<Plant> motion, const Scene& scene) {
     motion_ = std::move(motion);
     actuators_ = Actuators<Plant>(scene.effects, scene.motor_joints(), scene.seed);
@@ -63,7 +64,8 @@ class World {
   }
   /// Every motor is in torque control.
   [[nodiscard]] bool closed_loop() const {
-    return std::all_of(axes_.begin(), axes_.end(), [](const Axis& a) { return !a.placed.motor || a.axis->closed_loop(); });
+    return std::all_of(axes_.begin(), axes_.end(),
+                       [](const Axis& a) { return !a.placed.motor || a.axis->closed_loop(); });
   }
   /// A drive reports an error.
   [[nodiscard]] bool failed() const {
@@ -77,7 +79,7 @@ class World {
   [[nodiscard]] double turned(std::size_t i) const { return axes_[i].turned; }
 
   /// Every drive says how it is and where its shaft stands. `active`: the fault acts; `first`: it begins now.
-  void publish(Wire& wire, bool active, bool first) {
+  void publish(FaultyBus& wire, bool active, bool first) {
     released_ = released_ || armed();
     if (first) strike(wire);
     active_ = active;
@@ -94,12 +96,12 @@ class World {
   }
 
   /// Hands the frames of the tick to the drives, which began at `now_ms`.
-  void deliver(Wire& wire, double now_ms) {
+  void deliver(FaultyBus& wire, double now_ms) {
     for (Axis& a : axes_) {
       a.state.heard_now = a.state.heard_stranger = a.state.armed_now = false;
       settle_zero(a, now_ms);  // what a watchdog did when the tick began
     }
-    for (const Wire::Delivery& d : wire.to_drives()) {
+    for (const FaultyBus::Delivery& d : wire.to_drives()) {
       for (std::size_t i = 0; i < axes_.size(); ++i) {
         if (!wire.hears(i) || without_power(i, active_)) continue;
         Axis& a = axes_[i];
@@ -148,11 +150,12 @@ class World {
 
   /// Drives that are switched on later: one of them, or all.
   [[nodiscard]] bool without_power(std::size_t i, bool active) const {
-    return active && injection_->kind() == Injected::late_power && (i == injection_->drive || injection_->choice % 2 == 0);
+    return active && injection_->kind() == Injected::late_power &&
+           (i == injection_->drive || injection_->choice % 2 == 0);
   }
 
   /// Faults that happen to a drive once.
-  void strike(Wire& wire) {
+  void strike(FaultyBus& wire) {
     Axis& a = axes_[injection_->drive];
     const int node = a.placed.mount.node;
     const auto told = [&](const FewFrames& frames) {
@@ -213,7 +216,7 @@ class World {
   Actuators<Plant> actuators_;
   const Scene* scene_;
   const Injection* injection_;
-  const Dialect* dialect_;
+  const ProtocolTraits* dialect_;
   bool lockstep_;
   std::vector<Axis> axes_;
   std::vector<int> nodes_;

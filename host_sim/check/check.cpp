@@ -11,10 +11,10 @@
 
 #include "host_sim/bus/response.hpp"
 #include "host_sim/check/sampled.hpp"
-#include "host_sim/record/finish.hpp"
-#include "host_sim/loop/halves.hpp"
-#include "host_sim/record/recorder.hpp"
 #include "host_sim/design/efforts.hpp"
+#include "host_sim/loop/halves.hpp"
+#include "host_sim/record/finish.hpp"
+#include "host_sim/record/recorder.hpp"
 
 namespace esmc::host {
 namespace {
@@ -31,8 +31,9 @@ struct Margins {
   std::vector<double> share_torque;                         ///< per motor at that time, N m
   double x[2] = {1e300, -1e300}, y[2] = {1e300, -1e300};    ///< extent of the effector's path, m
   double angle[2][2] = {{1e300, -1e300}, {1e300, -1e300}};  ///< of the base joints, rad
-  std::vector<double> preload, preload_t;  ///< least torque towards control.preload per motor, N m, and when; where none is asked, 0
-  std::string unreachable;                                  ///< when the reference cannot be followed
+  std::vector<double> preload,
+      preload_t;  ///< least torque towards control.preload per motor, N m, and when; where none is asked, 0
+  std::string unreachable;  ///< when the reference cannot be followed
 };
 
 double sign_of(double v) { return std::copysign(1.0, v); }
@@ -244,13 +245,15 @@ void judge_together(const Scene& s, const Margins& m, Findings& f) {
     for (std::size_t k = 0; k < held.size(); ++k) {
       names += fmt::format("{}{}", k == 0 ? "" : (k + 1 == held.size() ? " and " : ", "), held[k]);
     }
-    f.error(fmt::format("motor{} {}: at their torque_limit the four motors together give {:.3g} % of what "
-                        "the reference alone takes (t = {:.3f} s)",
-                        held.size() == 1 ? "" : "s", names, 100.0 / m.share, m.share_t));
+    f.error(
+        fmt::format("motor{} {}: at their torque_limit the four motors together give {:.3g} % of what "
+                    "the reference alone takes (t = {:.3f} s)",
+                    held.size() == 1 ? "" : "s", names, 100.0 / m.share, m.share_t));
   } else if (m.share > much) {
-    f.warning(fmt::format("the reference alone takes {:.3g} % of what the four motors together give within "
-                          "torque_limit (t = {:.3f} s); little is left to correct errors with",
-                          100.0 * m.share, m.share_t));
+    f.warning(
+        fmt::format("the reference alone takes {:.3g} % of what the four motors together give within "
+                    "torque_limit (t = {:.3f} s); little is left to correct errors with",
+                    100.0 * m.share, m.share_t));
   }
 }
 
@@ -295,10 +298,12 @@ void judge(const Scene& s, const Start& at, const Margins& m, Findings& f) {
   for (std::size_t i = 0; i < m.preload.size(); ++i) {
     const double asked = std::abs(s.preload[i]);
     if (!(m.preload[i] < asked * (1.0 - 1e-9))) continue;
-    f.warning(fmt::format("motor {}: of control.preload = {:g} N m {:.3g} N m are left at t = {:.3f} s{}: other signs, less of it, or a higher "
-                          "torque_limit",
-                          i + 1, s.preload[i], sign_of(s.preload[i]) * m.preload[i], m.preload_t[i],
-                          m.preload[i] > 0.0 ? "" : ", its sign is lost and the gear changes sides"));
+    f.warning(
+        fmt::format("motor {}: of control.preload = {:g} N m {:.3g} N m are left at t = {:.3f} s{}: other "
+                    "signs, less of it, or a higher "
+                    "torque_limit",
+                    i + 1, s.preload[i], sign_of(s.preload[i]) * m.preload[i], m.preload_t[i],
+                    m.preload[i] > 0.0 ? "" : ", its sign is lost and the gear changes sides"));
   }
   if (m.together) {
     judge_together(s, m, f);
@@ -310,16 +315,23 @@ void judge(const Scene& s, const Start& at, const Margins& m, Findings& f) {
 
 void judge_bus(const Scene& s, const BusAnalysis& bus, Findings& f) {
   if (bus.load > 1.0) {
-    f.error(fmt::format("the bus cannot carry the loop: load {:.0f} % at {} bit/s", 100.0 * bus.load, s.bitrate));
+    f.error(
+        fmt::format("the bus cannot carry the loop: load {:.0f} % at {} bit/s", 100.0 * bus.load, s.bitrate));
     return;
   }
-  if (bus.load > 0.8) f.warning(fmt::format("bus load {:.0f} %: above 80 % frames wait for each other", 100.0 * bus.load));
+  if (bus.load > 0.8)
+    f.warning(fmt::format("bus load {:.0f} %: above 80 % frames wait for each other", 100.0 * bus.load));
   if (bus.answers_s > patience_ticks * s.tick()) {
-    f.warning(fmt::format("the drives' answers to SYNC take up to {:.0f} us, and against the clock the controller waits {:.0f} us (40 % of a "
-                          "tick): what is later is used one tick old{}; on a bus of their own they are in time up to {:.0f} Hz, less what the drives need",
-                          1e6 * bus.answers_s, 1e6 * patience_ticks * s.tick(),
-                          s.drives.torque_mismatch > 0.0 && s.drives.torque_time < s.tick() ? ", and torques are compared a tick late: drives.torque_time is shorter" : "",
-                          std::floor(patience_ticks / bus.answers_s)));
+    f.warning(
+        fmt::format("the drives' answers to SYNC take up to {:.0f} us, and against the clock the controller "
+                    "waits {:.0f} us (40 % of a "
+                    "tick): what is later is used one tick old{}; on a bus of their own they are in time up "
+                    "to {:.0f} Hz, less what the drives need",
+                    1e6 * bus.answers_s, 1e6 * patience_ticks * s.tick(),
+                    s.drives.torque_mismatch > 0.0 && s.drives.torque_time < s.tick()
+                        ? ", and torques are compared a tick late: drives.torque_time is shorter"
+                        : "",
+                    std::floor(patience_ticks / bus.answers_s)));
   }
   if (s.command) {
     std::uint32_t last = 0;
@@ -327,23 +339,26 @@ void judge_bus(const Scene& s, const BusAnalysis& bus, Findings& f) {
       if (m.role != BusMessage::Role::other && !m.extended) last = std::max(last, m.id);
     }
     if (static_cast<std::uint32_t>(s.command->base_id) < last) {
-      f.warning(fmt::format("command.base_id 0x{:X} comes before drive frames (up to 0x{:X}) on the bus: orders that nobody "
-                            "foresees delay them, beyond the latencies stated here",
-                            s.command->base_id, last));
+      f.warning(fmt::format(
+          "command.base_id 0x{:X} comes before drive frames (up to 0x{:X}) on the bus: orders that nobody "
+          "foresees delay them, beyond the latencies stated here",
+          s.command->base_id, last));
     }
   }
   const BusAnalysis::Message* before = nullptr;
   for (const BusAnalysis::Message& m : bus.messages) {
     if (before != nullptr && before->id == m.id && before->extended == m.extended) {
-      f.warning(fmt::format("the frames \"{}\" and \"{}\" share the identifier 0x{:X}: sent at the same time they destroy "
-                            "each other; give each its own",
-                            before->name, m.name, m.id));
+      f.warning(fmt::format(
+          "the frames \"{}\" and \"{}\" share the identifier 0x{:X}: sent at the same time they destroy "
+          "each other; give each its own",
+          before->name, m.name, m.id));
     }
     before = &m;
     if (m.name == "babbling_node" || (m.response_s && *m.response_s <= m.period_s)) continue;
-    f.warning(fmt::format("the frame \"{}\" (identifier 0x{:X}) can be {}, and the next one is due after {:.0f} us", m.name,
-                          m.id, m.response_s ? fmt::format("{:.0f} us late", 1e6 * *m.response_s) : "late without bound",
-                          1e6 * m.period_s));
+    f.warning(fmt::format(
+        "the frame \"{}\" (identifier 0x{:X}) can be {}, and the next one is due after {:.0f} us", m.name,
+        m.id, m.response_s ? fmt::format("{:.0f} us late", 1e6 * *m.response_s) : "late without bound",
+        1e6 * m.period_s));
   }
 }
 
@@ -363,9 +378,12 @@ Json bus_json(const BusAnalysis& bus) {
 }
 
 std::string bus_text(const BusAnalysis& bus) {
-  const auto us = [](const std::optional<double>& v) { return v ? fmt::format("{:.0f}", 1e6 * *v) : "no bound"; };
-  std::string out = fmt::format("bus: load {:.0f} %, frames of one tick take {} us at worst\nlatency at worst, us:",
-                                100.0 * bus.load, us(bus.tick_s));
+  const auto us = [](const std::optional<double>& v) {
+    return v ? fmt::format("{:.0f}", 1e6 * *v) : "no bound";
+  };
+  std::string out = fmt::format(
+      "bus: load {:.0f} %, frames of one tick take {} us at worst\nlatency at worst, us:", 100.0 * bus.load,
+      us(bus.tick_s));
   for (const BusAnalysis::Message& m : bus.messages) out += fmt::format(" {} {},", m.name, us(m.response_s));
   return out + fmt::format(" from sample to torque {}\n", us(bus.loop_s));
 }
@@ -382,10 +400,15 @@ void judge_heartbeats(const Scene& scene, Findings& f) {
   const double timeout = scene.drives.heartbeat_timeout;
   if (scene.drives.protocol == Protocol::mit) return;
   if (timeout < period) {
-    f.warning(fmt::format("drives.heartbeat_timeout = {:g} s is less than the 10 ms between two heartbeats: heartbeat_lost", timeout));
+    f.warning(fmt::format(
+        "drives.heartbeat_timeout = {:g} s is less than the 10 ms between two heartbeats: heartbeat_lost",
+        timeout));
   }
   if (timeout > late) {
-    f.warning(fmt::format("drives.heartbeat_timeout = {:g} s: for so long a drive without heartbeats is believed to give torque", timeout));
+    f.warning(
+        fmt::format("drives.heartbeat_timeout = {:g} s: for so long a drive without heartbeats is believed "
+                    "to give torque",
+                    timeout));
   }
 }
 
@@ -394,10 +417,12 @@ Verdict judge(const Scene& scene, Log& log) {
   Verdict v{margins<World>(scene, log), analyse_bus(scene), {}};
   Findings& f = v.findings;
   judge(scene, start_of<World>(scene), v.margins, f);
-  const bool odrive = scene.drives.protocol == Protocol::odrive || scene.drives.protocol == Protocol::odrive_0_5;
+  const bool odrive =
+      scene.drives.protocol == Protocol::odrive || scene.drives.protocol == Protocol::odrive_0_5;
   judge_bus(scene, v.bus, f);
   judge_heartbeats(scene, f);
-  if (odrive && std::find(scene.drives.nodes.begin(), scene.drives.nodes.end(), 0) != scene.drives.nodes.end()) {
+  if (odrive &&
+      std::find(scene.drives.nodes.begin(), scene.drives.nodes.end(), 0) != scene.drives.nodes.end()) {
     f.warning(
         "drives.nodes names node 0: its command 0 has the identifier of CANopen's NMT, and a drive that "
         "nobody has "
@@ -461,8 +486,8 @@ int report(const Scene& scene, const RunOptions& o) {
 
 std::string refusal_of(const Scene& scene) {
   Log log(nullptr, {}, 0);
-  const Findings f =
-      scene.type == MechanismType::five_bar ? judge<FiveBarWorld>(scene, log).findings : judge<RrWorld>(scene, log).findings;
+  const Findings f = scene.type == MechanismType::five_bar ? judge<FiveBarWorld>(scene, log).findings
+                                                           : judge<RrWorld>(scene, log).findings;
   for (const Json& item : f.list()) {
     if (item["level"] == "error") return item["text"].get<std::string>();
   }

@@ -36,20 +36,25 @@ Delay delay_of(const Scene& s) {
 /// Largest K / layer + lambda, 1/s.
 double stiffness(const Scene& s) {
   if (!s.robust_gain) {
-    return std::max(s.gain.position / s.layer.position + s.lambda.position, s.gain.angle / s.layer.angle + s.lambda.angle);
+    return std::max(s.gain.position / s.layer.position + s.lambda.position,
+                    s.gain.angle / s.layer.angle + s.lambda.angle);
   }
   const auto of = [&]<class M>(const M*) { return robust_gains<M>(s, Pacing::lockstep).stiffness; };
-  return s.type == MechanismType::five_bar ? of(static_cast<FiveBar<double>*>(nullptr)) : of(static_cast<Rr<double>*>(nullptr));
+  return s.type == MechanismType::five_bar ? of(static_cast<FiveBar<double>*>(nullptr))
+                                           : of(static_cast<Rr<double>*>(nullptr));
 }
 
-/// A momentum that is seen late, by more than the observer is told, makes a loop of its own: s = -omega e^{-s late}, which rings
-/// by itself where omega late is pi/2.
+/// A momentum that is seen late, by more than the observer is told, makes a loop of its own: s = -omega e^{-s
+/// late}, which rings by itself where omega late is pi/2.
 void judge_observer(const Scene& s, const Delay& d, Findings& f) {
-  const double late = d.certain + d.lag - s.delay_ticks.value_or(0.0), turn = s.disturbance_observer * late * s.tick();
+  const double late = d.certain + d.lag - s.delay_ticks.value_or(0.0),
+               turn = s.disturbance_observer * late * s.tick();
   if (turn <= std::numbers::pi / 4.0) return;
-  f.warning(fmt::format("control.disturbance_observer times a delay of {:.2g} ticks that it is not told = {:.3g}, better below {:.2g}; beyond {:.2g} "
-                        "it rings by itself: a smaller bandwidth, or a faster observer in the drive",
-                        late, turn, std::numbers::pi / 4.0, std::numbers::pi / 2.0));
+  f.warning(
+      fmt::format("control.disturbance_observer times a delay of {:.2g} ticks that it is not told = {:.3g}, "
+                  "better below {:.2g}; beyond {:.2g} "
+                  "it rings by itself: a smaller bandwidth, or a faster observer in the drive",
+                  late, turn, std::numbers::pi / 4.0, std::numbers::pi / 2.0));
 }
 
 }  // namespace
@@ -61,16 +66,21 @@ void judge_gains(const Scene& s, Findings& f) {
       s.law == LawChoice::esmc || s.law == LawChoice::esmc_projected || s.law == LawChoice::smc;
   if (!sliding) return;
   if (s.reaching == ReachingChoice::super_twisting && std::max(s.gain.position, s.gain.angle) == 0.0)
-    f.warning("control.gain is L of super_twisting, the largest rate of what disturbs: with 0 it holds against nothing (docs/reaching.md)");
+    f.warning(
+        "control.gain is L of super_twisting, the largest rate of what disturbs: with 0 it holds against "
+        "nothing (docs/reaching.md)");
   if (s.reaching == ReachingChoice::sign)
     f.warning("reaching = \"sign\" chatters in a sampled loop; \"implicit\" does not");
   const bool bridges = s.predictor || s.reaching == ReachingChoice::super_twisting;
   if (bridges || s.reaching == ReachingChoice::implicit || s.reaching == ReachingChoice::implicit_coupled) {
-    const double late = std::round(d.certain + d.lag), told = s.delay_ticks.value_or(0.0) + s.sensor_lag_ticks;
+    const double late = std::round(d.certain + d.lag),
+                 told = s.delay_ticks.value_or(0.0) + s.sensor_lag_ticks;
     if (s.predictor && s.delay_ticks.value_or(0.0) > late) {
-      f.warning(fmt::format("control.predictor looks control.delay_ticks = {:g} ahead, and this scene is late by about {}: what it foresees "
-                            "has happened already, and the loop may ring; tell the delay that there is",
-                            s.delay_ticks.value_or(0.0), late));
+      f.warning(
+          fmt::format("control.predictor looks control.delay_ticks = {:g} ahead, and this scene is late by "
+                      "about {}: what it foresees "
+                      "has happened already, and the loop may ring; tell the delay that there is",
+                      s.delay_ticks.value_or(0.0), late));
     }
     if (late > told) {
       f.warning(
@@ -84,9 +94,10 @@ void judge_gains(const Scene& s, Findings& f) {
     const double loop = 1.0 / (1.0 + told - bridged) + std::max(s.lambda.position, s.lambda.angle) * s.tick();
     const double bound = 2.0 * std::sin(std::numbers::pi / (4.0 * (std::max(told, late) - bridged) + 2.0));
     if (loop > 0.85 * bound) {
-      f.warning(fmt::format("1 / (1 + delay_ticks) + lambda * tick = {:.3g}, better below {:.2g}; beyond {:.2g} the loop "
-                            "rings by itself: a smaller lambda",
-                            loop, 0.85 * bound, bound));
+      f.warning(fmt::format(
+          "1 / (1 + delay_ticks) + lambda * tick = {:.3g}, better below {:.2g}; beyond {:.2g} the loop "
+          "rings by itself: a smaller lambda",
+          loop, 0.85 * bound, bound));
     }
     return;
   }
@@ -104,8 +115,9 @@ void judge_layer(const Scene& s, double stiffness, Findings& f) {
       "law\")";
   d.certain += d.bus;
   if (kappa_t > half_bound(d.certain)) {
-    f.error(fmt::format("{}, at most {:.2g}, half of what makes the loop ring by itself with a delay of {:.2g} ticks: {}",
-                        is, half_bound(d.certain), d.certain, cure));
+    f.error(fmt::format(
+        "{}, at most {:.2g}, half of what makes the loop ring by itself with a delay of {:.2g} ticks: {}", is,
+        half_bound(d.certain), d.certain, cure));
   } else if (const double allowed = std::min(0.3, half_bound(d.certain + d.lag)); kappa_t > allowed) {
     f.warning(fmt::format("{}, better below {:.2g}: {}", is, allowed, cure));
   }

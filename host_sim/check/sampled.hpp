@@ -1,5 +1,6 @@
 #pragma once
-/// What `esmc check` has to say of a scene, and its judgement of what is sampled: the loop near the surface, and steps of integration.
+/// What `esmc check` has to say of a scene, and its judgement of what is sampled: the loop near the surface,
+/// and steps of integration.
 
 #include <nlohmann/json.hpp>
 #include <string>
@@ -27,7 +28,8 @@ class Findings {
 
 /// Gains, layer and lambda against tick and delay: docs/theory.md, "Boundary layers and the implicit law".
 void judge_gains(const Scene& scene, Findings& f);
-/// The same for reaching `saturation` and `tanh`. `stiffness`: the fastest that anything dies within the layer, 1/s.
+/// The same for reaching `saturation` and `tanh`. `stiffness`: the fastest that anything dies within the
+/// layer, 1/s.
 void judge_layer(const Scene& scene, double stiffness, Findings& f);
 /// What an explicit method with a fixed step makes of stiff springs.
 void judge_step(const Scene& scene, Findings& f);

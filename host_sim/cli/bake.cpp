@@ -13,7 +13,8 @@ int run_bake(const RunOptions& o) {
   scene.hardware = o.realtime;
   require_confirmed(scene);
   if (armed_by_link(scene) && !o.realtime) {
-    throw InputError(scene.control_where, "command.arm = \"link\" needs --realtime: in lockstep nobody would arm the image");
+    throw InputError(scene.control_where,
+                     "command.arm = \"link\" needs --realtime: in lockstep nobody would arm the image");
   }
   if (const std::string why = refusal_of(scene); !why.empty()) {
     throw InputError("", o.scene + ": esmc check refuses it: " + why);

@@ -1,7 +1,7 @@
 #include "host_sim/cli/export.hpp"
 
-#include "host_sim/record/output.hpp"
 #include "host_sim/export/export.hpp"
+#include "host_sim/record/output.hpp"
 
 namespace esmc::host {
 

@@ -17,25 +17,25 @@
 #include <iostream>
 #include <sstream>
 
-#include "host_sim/studies/accuracy.hpp"
-#include "host_sim/cli/bake.hpp"
+#include "host_sim/bus/open_bus.hpp"
 #include "host_sim/calibrate/calibrate.hpp"
 #include "host_sim/campaign/campaign.hpp"
 #include "host_sim/check/check.hpp"
-#include "host_sim/studies/design_report.hpp"
-#include "host_sim/loop/drive.hpp"
-#include "host_sim/studies/eval.hpp"
+#include "host_sim/cli/bake.hpp"
 #include "host_sim/cli/export.hpp"
+#include "host_sim/error.hpp"
 #include "host_sim/identify/identify.hpp"
-#include "host_sim/scene/starting_scene.hpp"
 #include "host_sim/live/live.hpp"
-#include "host_sim/bus/open_bus.hpp"
+#include "host_sim/loop/drive.hpp"
 #include "host_sim/loop/replay.hpp"
 #include "host_sim/loop/run.hpp"
-#include "host_sim/spatial/spatial.hpp"
-#include "host_sim/sweep/sweep.hpp"
-#include "host_sim/error.hpp"
 #include "host_sim/scene/keys.hpp"
+#include "host_sim/scene/starting_scene.hpp"
+#include "host_sim/spatial/spatial.hpp"
+#include "host_sim/studies/accuracy.hpp"
+#include "host_sim/studies/design_report.hpp"
+#include "host_sim/studies/eval.hpp"
+#include "host_sim/sweep/sweep.hpp"
 #include "host_sim/version.hpp"
 
 namespace esmc::host {
@@ -137,7 +137,8 @@ void add_bus_options(CLI::App& c, RunOptions& o, bool required) {
   if (required) {
     c.add_option("--bus", o.bus, bus_forms)->required();
   } else {
-    c.add_option("--bus", o.bus, "virtual | socketcan:INTERFACE | slcan:PLANT,CONTROLLER")->capture_default_str();
+    c.add_option("--bus", o.bus, "virtual | socketcan:INTERFACE | slcan:PLANT,CONTROLLER")
+        ->capture_default_str();
   }
   c.add_flag("--realtime", o.realtime, "wall-clock ticks instead of lockstep");
 }
@@ -155,7 +156,8 @@ void add_drive_options(CLI::App& c, DriveOptions& d) {
   c.add_option("--load", d.shaft.load, "torque against the positive direction, N m")->capture_default_str();
   c.add_option("--angle", d.shaft.angle, "of the shaft at the start, rad")->capture_default_str();
   c.add_option("--rate", d.rate_hz, "samples and steps of the shaft, Hz")->capture_default_str();
-  c.add_option("--watchdog", d.watchdog, "the drive's time-out, s (cia402: object 1016 says it)")->capture_default_str();
+  c.add_option("--watchdog", d.watchdog, "the drive's time-out, s (cia402: object 1016 says it)")
+      ->capture_default_str();
   c.add_option("--defect", d.defects, "what the drive does wrong, see below; may be repeated")
       ->type_name("NAME")
       ->expected(1)
@@ -164,7 +166,8 @@ void add_drive_options(CLI::App& c, DriveOptions& d) {
       ->check(CLI::IsMember({"mini_cheetah", "cubemars", "damiao"}))
       ->capture_default_str();
   c.add_option("--master-id", d.master_id, "mit: identifier of the replies")->capture_default_str();
-  c.add_option("--position-range", d.position_range, "mit: half width of the field, rad")->capture_default_str();
+  c.add_option("--position-range", d.position_range, "mit: half width of the field, rad")
+      ->capture_default_str();
   c.add_option("--velocity-range", d.velocity_range, "mit: likewise, rad/s")->capture_default_str();
   c.add_option("--torque-range", d.torque_range, "mit: likewise, N m")->capture_default_str();
   c.add_option("--rated-torque", d.rated_torque, "cia402: N m")->capture_default_str();
@@ -174,11 +177,13 @@ void add_drive_options(CLI::App& c, DriveOptions& d) {
 
 void add_campaign(CLI::App& app, CampaignOptions& o, const std::function<void()>& run) {
   auto* c = app.add_subcommand(
-      "campaign", "faults on a virtual bus, episode after episode, each judged against the invariants of safety");
+      "campaign",
+      "faults on a virtual bus, episode after episode, each judged against the invariants of safety");
   c->add_option("SCENE", o.scene, "scene file (TOML); without it, variants of the five-bar on a circle");
   add_sets(*c, o.sets);
   c->add_option_function<std::string>(
-       "--episodes", [&o](const std::string& text) { o.episodes = read_integer(text, "--episodes"); }, "how many")
+       "--episodes", [&o](const std::string& text) { o.episodes = read_integer(text, "--episodes"); },
+       "how many")
       ->check(CLI::Range(std::uint64_t{1}, std::uint64_t{1} << 62U))
       ->type_name("UINT")
       ->default_str("10000");
@@ -195,17 +200,23 @@ void add_campaign(CLI::App& app, CampaignOptions& o, const std::function<void()>
        "--replay", [&o](const std::string& text) { o.replay = read_integer(text, "--replay"); },
        "run the episode of this seed alone, twice, and print its ticks")
       ->type_name("SEED");
-  c->add_option("--out", o.out, "directory for campaign.json, campaign.md, report.html; with --replay episode.json, episode.txt")->type_name("DIR");
+  c->add_option(
+       "--out", o.out,
+       "directory for campaign.json, campaign.md, report.html; with --replay episode.json, episode.txt")
+      ->type_name("DIR");
   c->add_flag("--json", o.json, "print the result as one JSON document");
   c->callback(run);
 }
 
 void add_sweep(CLI::App& app, SweepOptions& o, const std::function<void()>& run) {
-  auto* c = app.add_subcommand("sweep", "parameters, gains and uncertainties: many runs of one scene over all cores, or under mpirun");
+  auto* c = app.add_subcommand(
+      "sweep", "parameters, gains and uncertainties: many runs of one scene over all cores, or under mpirun");
   c->add_option("SPEC", o.spec, "what to vary and what to judge by (TOML), see docs/sweep.md")->required();
   c->add_option("--jobs", o.jobs, "threads of each process; default: all processors, under mpirun one")
       ->check(CLI::Range(1, 1024));
-  c->add_option("--out", o.out, "directory for cases.csv, summary.json, report.html, timing.json; an unfinished sweep there goes on")
+  c->add_option(
+       "--out", o.out,
+       "directory for cases.csv, summary.json, report.html, timing.json; an unfinished sweep there goes on")
       ->type_name("DIR");
   c->add_flag("--restart", o.restart, "throw away what an unfinished sweep has left in DIR");
   c->add_flag("--scalar", o.scalar, "no SIMD lanes: slower, the same numbers");
@@ -214,15 +225,21 @@ void add_sweep(CLI::App& app, SweepOptions& o, const std::function<void()>& run)
 }
 
 void add_design(CLI::App& app, DesignOptions& o, const std::function<void()>& run) {
-  auto* c = app.add_subcommand("design", "switching gains from stated uncertainty: per channel, with what they promise and cost");
-  c->add_option("SCENE", o.run.scene, "scene file (TOML) with a table [uncertainty], see docs/robust-design.md")->required();
+  auto* c = app.add_subcommand(
+      "design", "switching gains from stated uncertainty: per channel, with what they promise and cost");
+  c->add_option("SCENE", o.run.scene,
+                "scene file (TOML) with a table [uncertainty], see docs/robust-design.md")
+      ->required();
   add_sets(*c, o.run.sets);
-  c->add_flag("--workspace", o.workspace, "for every place of the workspace, at the speed and acceleration of the reference");
-  c->add_option("--simulate", o.simulate, "plants out of the intervals to run as `esmc sim` does, with these gains")
+  c->add_flag("--workspace", o.workspace,
+              "for every place of the workspace, at the speed and acceleration of the reference");
+  c->add_option("--simulate", o.simulate,
+                "plants out of the intervals to run as `esmc sim` does, with these gains")
       ->check(CLI::Range(std::uint64_t{1}, std::uint64_t{1'000'000}))
       ->type_name("UINT");
   c->add_option_function<std::string>(
-       "--seed", [&o](const std::string& text) { o.run.seed = read_integer(text); }, "of the simulated plants")
+       "--seed", [&o](const std::string& text) { o.run.seed = read_integer(text); },
+       "of the simulated plants")
       ->type_name("UINT")
       ->default_str("1");
   c->add_flag("--json", o.run.json, "print the result as one JSON document");
@@ -230,24 +247,29 @@ void add_design(CLI::App& app, DesignOptions& o, const std::function<void()>& ru
 }
 
 void add_live(CLI::App& app, LiveOptions& o, const std::function<void()>& run) {
-  auto* c = app.add_subcommand("live", "a bench in the browser: the running loop, drawn; pull at it, change it, break it");
+  auto* c = app.add_subcommand(
+      "live", "a bench in the browser: the running loop, drawn; pull at it, change it, break it");
   c->add_option("SCENE", o.run.scene, "scene file (TOML)")->required();
   c->add_option("--set", o.run.sets, "section.key=value instead of what the scene says; may be repeated")
       ->type_name("KEY=VALUE")
       ->expected(1)
       ->take_all();
   c->add_option_function<std::string>(
-       "--seed", [&o](const std::string& text) { o.run.seed = read_integer(text); }, "of the effects noise and jitter")
+       "--seed", [&o](const std::string& text) { o.run.seed = read_integer(text); },
+       "of the effects noise and jitter")
       ->type_name("UINT")
       ->default_str("1");
-  c->add_option("--port", o.port, "on 127.0.0.1; 0: one that is free")->check(CLI::Range(0, 65535))->capture_default_str();
-  c->add_option("--duration", o.duration, "s; else until Ctrl-C")
-      ->check([](const std::string& text) {
-        char* end = nullptr;
-        const double v = std::strtod(text.c_str(), &end);
-        return *end == '\0' && std::isfinite(v) && v > 0.0 ? std::string() : "must be a number > 0, not " + text;
-      });
-  c->add_option("--bus", o.run.bus, "virtual | socketcan:INTERFACE | slcan:ENDPOINT; not virtual: for a controller there, in real time")
+  c->add_option("--port", o.port, "on 127.0.0.1; 0: one that is free")
+      ->check(CLI::Range(0, 65535))
+      ->capture_default_str();
+  c->add_option("--duration", o.duration, "s; else until Ctrl-C")->check([](const std::string& text) {
+    char* end = nullptr;
+    const double v = std::strtod(text.c_str(), &end);
+    return *end == '\0' && std::isfinite(v) && v > 0.0 ? std::string() : "must be a number > 0, not " + text;
+  });
+  c->add_option(
+       "--bus", o.run.bus,
+       "virtual | socketcan:INTERFACE | slcan:ENDPOINT; not virtual: for a controller there, in real time")
       ->capture_default_str();
   c->add_flag("--json", o.run.json, "print the summary as one JSON document, and the URL on stderr");
   c->callback(run);
@@ -257,33 +279,43 @@ void add_live(CLI::App& app, LiveOptions& o, const std::function<void()>& run) {
 std::string above_zero(const std::string& text) {
   char* end = nullptr;
   const double v = std::strtod(text.c_str(), &end);
-  return !text.empty() && *end == '\0' && std::isfinite(v) && v > 0.0 ? std::string() : "must be a number > 0, not " + text;
+  return !text.empty() && *end == '\0' && std::isfinite(v) && v > 0.0 ? std::string()
+                                                                      : "must be a number > 0, not " + text;
 }
 
 void add_observer(CLI::App& c, double& bandwidth) {
   c.add_option("--observer-bandwidth", bandwidth,
-               "rad/s, of the drives' observers at least: what they may hide goes into the uncertainties; 0: there are none")
+               "rad/s, of the drives' observers at least: what they may hide goes into the uncertainties; 0: "
+               "there are none")
       ->check([](const std::string& text) {
         char* end = nullptr;
         const double v = std::strtod(text.c_str(), &end);
         const bool allowed = v == 0.0 || (v >= 1.0 && v <= 1e6);  // slower ones would hide every motion
-        return !text.empty() && *end == '\0' && allowed ? std::string() : "must be 0, or 1 to 1e6, not " + text;
+        return !text.empty() && *end == '\0' && allowed ? std::string()
+                                                        : "must be 0, or 1 to 1e6, not " + text;
       })
       ->capture_default_str();
 }
 
 void add_calibrate(CLI::App& app, CalibrateOptions& o, const std::function<void()>& run) {
-  auto* c = app.add_subcommand("calibrate", "lengths and encoder offsets from the log of a run with redundant encoders, with their uncertainty");
+  auto* c = app.add_subcommand(
+      "calibrate",
+      "lengths and encoder offsets from the log of a run with redundant encoders, with their uncertainty");
   c->add_option("LOG", o.log, "directory of a run (log.csv, scene.toml), or a log.csv")->required();
-  c->add_option("--scene", o.scene, "nominal mechanism; default scene.toml beside the log")->type_name("FILE");
+  c->add_option("--scene", o.scene, "nominal mechanism; default scene.toml beside the log")
+      ->type_name("FILE");
   c->add_option("--half-base", o.half_base, "m, measured: the scale of everything")->check(above_zero);
-  c->add_flag("--trust-half-base", o.trust_half_base, "the scene's half_base is right")->excludes("--half-base");
-  c->add_option("--effector", o.effector, "CSV t,x,y: measured positions of the effector, s and m")->type_name("FILE");
+  c->add_flag("--trust-half-base", o.trust_half_base, "the scene's half_base is right")
+      ->excludes("--half-base");
+  c->add_option("--effector", o.effector, "CSV t,x,y: measured positions of the effector, s and m")
+      ->type_name("FILE");
   c->add_option("--effector-sigma", o.effector_sigma, "standard deviation of each of their coordinates, m")
       ->check(above_zero)
       ->capture_default_str();
-  c->add_flag("--free-frame", o.free_frame, "they are in a frame of their own, not in that of the base")->needs("--effector");
-  c->add_flag("--keep-nominal", o.keep_nominal, "what the log does not determine stays nominal, instead of an error");
+  c->add_flag("--free-frame", o.free_frame, "they are in a frame of their own, not in that of the base")
+      ->needs("--effector");
+  c->add_flag("--keep-nominal", o.keep_nominal,
+              "what the log does not determine stays nominal, instead of an error");
   add_observer(*c, o.observer_bandwidth);
   c->add_option("--within", o.within, "relative change of a length beyond which it is another mechanism")
       ->check(above_zero)
@@ -294,12 +326,19 @@ void add_calibrate(CLI::App& app, CalibrateOptions& o, const std::function<void(
 }
 
 void add_identify(CLI::App& app, IdentifyOptions& o, const std::function<void()>& run) {
-  auto* c = app.add_subcommand("identify", "base inertial parameters, friction and torque delay from the log of a run, with intervals");
+  auto* c = app.add_subcommand(
+      "identify",
+      "base inertial parameters, friction and torque delay from the log of a run, with intervals");
   c->add_option("LOG", o.log, "directory of a run (log.csv, scene.toml), or a log.csv")->required();
-  c->add_option("--scene", o.scene, "lengths and nominal parameters; default scene.toml beside the log")->type_name("FILE");
-  c->add_option("--window", o.window, "s under which the equations are taken")->check(above_zero)->capture_default_str();
+  c->add_option("--scene", o.scene, "lengths and nominal parameters; default scene.toml beside the log")
+      ->type_name("FILE");
+  c->add_option("--window", o.window, "s under which the equations are taken")
+      ->check(above_zero)
+      ->capture_default_str();
   add_observer(*c, o.observer_bandwidth);
-  c->add_option("--coverage", o.coverage, "half width of the intervals, in standard uncertainties")->check(above_zero)->capture_default_str();
+  c->add_option("--coverage", o.coverage, "half width of the intervals, in standard uncertainties")
+      ->check(above_zero)
+      ->capture_default_str();
   c->add_flag("--json", o.json, "print the result as one JSON document");
   c->callback(run);
 }
@@ -387,15 +426,18 @@ int run(int argc, char** argv) {
       app.add_subcommand("controller", "the controller's half of hil, as a process of its own");
   add_run_options(*controller, o);
   add_bus_options(*controller, o, true);
-  controller->add_flag("--observe", o.observe, "listen only: show joints, effector, modes and ages; nothing is sent, nothing armed");
+  controller->add_flag("--observe", o.observe,
+                       "listen only: show joints, effector, modes and ages; nothing is sent, nothing armed");
   controller->callback([&] {
     handle_signals();
     status = run_controller(o);
   });
 
   ReplayOptions p;
-  auto* replay = app.add_subcommand("replay", "a recorded run again, from its scene, seed and frames: is it equal to the last bit?");
-  replay->add_option("DIR", p.directory, "what sim, hil, plant or controller has left with --out")->required();
+  auto* replay = app.add_subcommand(
+      "replay", "a recorded run again, from its scene, seed and frames: is it equal to the last bit?");
+  replay->add_option("DIR", p.directory, "what sim, hil, plant or controller has left with --out")
+      ->required();
   replay->add_flag("--any-version", p.any_version, "also where another version of esmc has recorded");
   replay->add_flag("--json", p.json, "print the result as one JSON document");
   replay->callback([&] {
@@ -404,7 +446,8 @@ int run(int argc, char** argv) {
   });
 
   DriveOptions d;
-  auto* drive = app.add_subcommand("drive", "an emulated drive alone on a CAN interface, with a shaft of its own, in real time");
+  auto* drive = app.add_subcommand(
+      "drive", "an emulated drive alone on a CAN interface, with a shaft of its own, in real time");
   add_drive_options(*drive, d);
   drive->callback([&] {
     handle_signals();
@@ -421,19 +464,23 @@ int run(int argc, char** argv) {
   });
 
   AccuracyOptions a;
-  auto* bake = app.add_subcommand("bake", "a scene as the constants of a board's image (C++); what check refuses is refused");
+  auto* bake = app.add_subcommand(
+      "bake", "a scene as the constants of a board's image (C++); what check refuses is refused");
   bake->add_option("SCENE", o.scene, "scene file (TOML)")->required();
   add_sets(*bake, o.sets);
   bake->add_option("--out", o.out, "file to write instead of printing")->type_name("FILE");
   bake->add_option_function<std::string>(
-          "--scalar", [&o](const std::string& t) { o.single_precision = t == "float"; }, "double | float: of the controller")
+          "--scalar", [&o](const std::string& t) { o.single_precision = t == "float"; },
+          "double | float: of the controller")
       ->check(CLI::IsMember({"double", "float"}))
       ->default_str("double");
-  bake->add_flag("--realtime", o.realtime, "ticks by the board's clock, for real drives; else lockstep with esmc plant");
+  bake->add_flag("--realtime", o.realtime,
+                 "ticks by the board's clock, for real drives; else lockstep with esmc plant");
   bake->callback([&] { status = run_bake(o); });
 
   std::string format;
-  auto* to = app.add_subcommand("export", "the scene's mechanism for other programs: MJCF, its loop closed, or URDF, its loop cut");
+  auto* to = app.add_subcommand(
+      "export", "the scene's mechanism for other programs: MJCF, its loop closed, or URDF, its loop cut");
   to->add_option("SCENE", o.scene, "scene file (TOML)")->required();
   to->add_option("--format", format, "mjcf | urdf")->required()->check(CLI::IsMember({"mjcf", "urdf"}));
   add_sets(*to, o.sets);
@@ -484,10 +531,14 @@ int run(int argc, char** argv) {
     status = run_live(l);
   });
 
-  auto* spatial = app.add_subcommand("spatial", "closed loop in space, orientation by unit quaternion: a free body, or a platform on six legs");
+  auto* spatial = app.add_subcommand(
+      "spatial",
+      "closed loop in space, orientation by unit quaternion: a free body, or a platform on six legs");
   add_scene_options(*spatial, o, "scene.toml, summary.json, log.csv");
-  spatial->add_option_function<std::string>(
-             "--seed", [&o](const std::string& text) { o.seed = read_integer(text); }, "of the noise in [measurement]")
+  spatial
+      ->add_option_function<std::string>(
+          "--seed", [&o](const std::string& text) { o.seed = read_integer(text); },
+          "of the noise in [measurement]")
       ->type_name("UINT")
       ->default_str("1");
   add_scalar_option(*spatial, o);
@@ -498,7 +549,9 @@ int run(int argc, char** argv) {
 
   std::string of = "scene";
   auto* keys = app.add_subcommand("keys", "print the table of scene keys (Markdown)");
-  keys->add_option("OF", of, "scene | spatial")->check(CLI::IsMember({"scene", "spatial"}))->capture_default_str();
+  keys->add_option("OF", of, "scene | spatial")
+      ->check(CLI::IsMember({"scene", "spatial"}))
+      ->capture_default_str();
   keys->callback([&] { fmt::print("{}", keys_markdown(of == "spatial" ? spatial_keys() : scene_keys())); });
 
   require_subcommand(app, argc, argv);

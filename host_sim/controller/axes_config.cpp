@@ -12,11 +12,13 @@ namespace esmc::host {
 constexpr double sdo_time = 0.1;  // s that an answer may take
 
 double enabling_time_max(const Scene& s) {
-  const double set_up = s.drives.protocol == Protocol::cia402 ? 2.0 * drive::cia402::setup.size() * sdo_time : 0.0;
-  return std::max(5.0, 500.0 * s.tick()) + s.drives.boot_time + 2.0 * (s.drives.watchdog_timeout + s.drives.heartbeat_timeout) + set_up;
+  const double set_up =
+      s.drives.protocol == Protocol::cia402 ? 2.0 * drive::cia402::setup.size() * sdo_time : 0.0;
+  return std::max(5.0, 500.0 * s.tick()) + s.drives.boot_time +
+         2.0 * (s.drives.watchdog_timeout + s.drives.heartbeat_timeout) + set_up;
 }
 double waiting_time_max(const Scene& s) {
-  constexpr double beats = 6.0;  // from the mode to the second confirmation, and once more
+  constexpr double beats = 6.0;     // from the mode to the second confirmation, and once more
   constexpr double slowest = 0.15;  // s: slower ones are asked again before they can answer
   return s.drives.boot_time + beats * std::min(slowest, s.drives.heartbeat_timeout);
 }
@@ -44,7 +46,8 @@ link::LinkConfig make_link(const Scene& scene, Pacing pacing, ReferenceSpace spa
   c.base_id = count(k.base_id);
   c.scene = scene.identity;
   // A recording of one run is worth nothing in the next; in lockstep runs are to be repeatable.
-  const std::uint32_t draw = pacing == Pacing::realtime ? std::random_device{}() : static_cast<std::uint32_t>(scene.seed);
+  const std::uint32_t draw =
+      pacing == Pacing::realtime ? std::random_device{}() : static_cast<std::uint32_t>(scene.seed);
   c.session = static_cast<std::uint8_t>(draw % 255U + 1U);
   c.counter_jump_max = static_cast<std::uint8_t>(k.counter_jump);
   c.command_age_ticks_max = static_cast<std::uint16_t>(std::min(ticks(k.order_age), 65535.0 / 2.0));
@@ -61,11 +64,20 @@ link::LinkConfig make_link(const Scene& scene, Pacing pacing, ReferenceSpace spa
   }
   const auto bounds = [&](const std::array<double, 2>& r) { return link::Bounds{real(r[0]), real(r[1])}; };
   const link::Parameters::Values values{
-      real(scene.lambda.position), real(scene.lambda.angle), real(scene.gain.position), real(scene.gain.angle),
-      real(scene.tick()), real(scene.torque_limit[0]), real(scene.torque_limit[static_cast<std::size_t>(scene.motors()) / 2]),
-      real(scene.limits.joint_speed), real(k.speed), real(k.acceleration), static_cast<float>(k.stream_age_ticks),
+      real(scene.lambda.position),
+      real(scene.lambda.angle),
+      real(scene.gain.position),
+      real(scene.gain.angle),
+      real(scene.tick()),
+      real(scene.torque_limit[0]),
+      real(scene.torque_limit[static_cast<std::size_t>(scene.motors()) / 2]),
+      real(scene.limits.joint_speed),
+      real(k.speed),
+      real(k.acceleration),
+      static_cast<float>(k.stream_age_ticks),
       real(ticks(k.timeout))};
-  c.parameters = link::Parameters(values, {bounds(k.lambda), bounds(k.lambda), bounds(k.gain), bounds(k.gain)});
+  c.parameters =
+      link::Parameters(values, {bounds(k.lambda), bounds(k.lambda), bounds(k.gain), bounds(k.gain)});
   return c;
 }
 static_assert(static_cast<int>(link::Source::hold) == static_cast<int>(CommandSource::hold) &&
@@ -83,14 +95,17 @@ std::uint32_t silence_ticks(const Scene& scene) {
 
 /// Of a cycle of axes that `make_axis(i)` makes, i in the order of the scene.
 template <class C, class MakeAxis>
-typename C::Config config_of(const Scene& scene, Pacing pacing, const ReferenceBundle<typename C::S>& reference,
-                             const MakeAxis& make_axis, const decltype(C::Config::line)& line = {}) {
+typename C::Config config_of(const Scene& scene, Pacing pacing,
+                             const ReferenceBundle<typename C::S>& reference, const MakeAxis& make_axis,
+                             const decltype(C::Config::line)& line = {}) {
   typename C::Config c;
   c.line = line;
   c.controller = make_controller<typename C::Mechanism>(scene, pacing, reference);
   c.axis_count = static_cast<int>(scene.drives.nodes.size());
   c.heartbeat_age_ticks_max = silence_ticks(scene);
-  const auto ticks = [&](double seconds) { return static_cast<std::uint32_t>(std::max(2.0, std::floor(seconds * scene.rate_hz))); };
+  const auto ticks = [&](double seconds) {
+    return static_cast<std::uint32_t>(std::max(2.0, std::floor(seconds * scene.rate_hz)));
+  };
   c.waiting_ticks_max = ticks(waiting_time_max(scene));
   c.controller.enabling_ticks_max = ticks(enabling_time_max(scene));
   c.controller.stopping_ticks_max = ticks(stopping_time_max);
@@ -103,9 +118,9 @@ typename C::Config config_of(const Scene& scene, Pacing pacing, const ReferenceB
   for (int i = 0, n = c.controller.sensor_count(); i < n; ++i) {
     const int joint = ControllerConfig<typename C::Mechanism>::joint_of(i, n);
     const auto at = static_cast<std::size_t>(i);
-    c.zero_pose[joint] = static_cast<S>(scene.drives.zero_pose.empty()
-                                            ? scene.start_angle[static_cast<std::size_t>(joint)]
-                                            : scene.drives.zero_pose[at]);
+    c.zero_pose[joint] =
+        static_cast<S>(scene.drives.zero_pose.empty() ? scene.start_angle[static_cast<std::size_t>(joint)]
+                                                      : scene.drives.zero_pose[at]);
   }
   if (scene.command) {
     c.link = make_link(scene, pacing, c.controller.reference.space);
@@ -115,7 +130,8 @@ typename C::Config config_of(const Scene& scene, Pacing pacing, const ReferenceB
   return c;
 }
 
-/// What the configuration of motor i must hold, as far as the scene says it and the table of endpoints has it.
+/// What the configuration of motor i must hold, as far as the scene says it and the table of endpoints has
+/// it.
 [[nodiscard]] drive::OdriveTable odrive_table(const Scene& scene, std::size_t i) {
   drive::OdriveTable t;
   const DriveScene& d = scene.drives;
@@ -178,7 +194,8 @@ OdriveSettings odrive_settings(const Scene& scene, Pacing pacing, std::size_t i)
   OdriveSettings s;
   s.version = d.protocol == Protocol::odrive ? drive::odrive::Version::v0_6 : drive::odrive::Version::v0_5_6;
   s.retry_ticks = retry_ticks(scene);
-  s.silence_ticks = std::max(silence_ticks(scene), static_cast<std::uint32_t>(std::ceil(two_beats * scene.rate_hz)));
+  s.silence_ticks =
+      std::max(silence_ticks(scene), static_cast<std::uint32_t>(std::ceil(two_beats * scene.rate_hz)));
   if (motor) s.table = odrive_table(scene, i);
   // In lockstep a drive without its torque would keep everybody waiting.
   if (motor && pacing == Pacing::realtime && d.watchdog_test.value_or(scene.hardware)) {
@@ -220,7 +237,8 @@ drive::MitAxis::Settings mit_settings(const Scene& scene, std::size_t i) {
 }
 
 template <class M>
-AnyCycleConfig<M> make_cycle_config(const Scene& scene, Pacing pacing, const ReferenceBundle<typename M::Scalar>& reference) {
+AnyCycleConfig<M> make_cycle_config(const Scene& scene, Pacing pacing,
+                                    const ReferenceBundle<typename M::Scalar>& reference) {
   switch (scene.drives.protocol) {
     case Protocol::odrive:
     case Protocol::odrive_0_5:
@@ -245,7 +263,8 @@ AnyCycleConfig<M> make_cycle_config(const Scene& scene, Pacing pacing, const Ref
 }
 
 template <class M>
-AnyCycle<M> make_cycle(const Scene& scene, Pacing pacing, const ReferenceBundle<typename M::Scalar>& reference) {
+AnyCycle<M> make_cycle(const Scene& scene, Pacing pacing,
+                       const ReferenceBundle<typename M::Scalar>& reference) {
   return std::visit(
       []<class Config>(const Config& c) -> AnyCycle<M> {
         if constexpr (std::is_same_v<Config, typename OdriveCycle<M>::Config>) {
@@ -259,8 +278,8 @@ AnyCycle<M> make_cycle(const Scene& scene, Pacing pacing, const ReferenceBundle<
       make_cycle_config<M>(scene, pacing, reference));
 }
 
-#define ESMC_INSTANCE(M, S)                                                                                   \
-  template AnyCycleConfig<M<S>> make_cycle_config<M<S>>(const Scene&, Pacing, const ReferenceBundle<S>&);      \
+#define ESMC_INSTANCE(M, S)                                                                               \
+  template AnyCycleConfig<M<S>> make_cycle_config<M<S>>(const Scene&, Pacing, const ReferenceBundle<S>&); \
   template AnyCycle<M<S>> make_cycle<M<S>>(const Scene&, Pacing, const ReferenceBundle<S>&);
 ESMC_INSTANCE(FiveBar, double)
 ESMC_INSTANCE(FiveBar, float)

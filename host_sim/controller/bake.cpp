@@ -33,15 +33,17 @@ AxesText axes_text(const Scene& scene, Pacing pacing) {
   add_table(out, scene, "drive::AxisConfig", "mounts", [&](std::size_t i) { return mount(scene, i); });
   switch (scene.drives.protocol) {
     case Protocol::cia402:
-      add_table(out, scene, "drive::Cia402Settings", "settings", [&](std::size_t i) { return cia402_settings(scene, i); });
+      add_table(out, scene, "drive::Cia402Settings", "settings",
+                [&](std::size_t i) { return cia402_settings(scene, i); });
       break;
     case Protocol::mit:
-      add_table(out, scene, "drive::MitAxis::Settings", "settings", [&](std::size_t i) { return mit_settings(scene, i); });
+      add_table(out, scene, "drive::MitAxis::Settings", "settings",
+                [&](std::size_t i) { return mit_settings(scene, i); });
       break;
     case Protocol::odrive:
     case Protocol::odrive_0_5:
       add_table(out, scene, "drive::OdriveTable", "settings",
-                               [&](std::size_t i) { return odrive_settings(scene, pacing, i).table; });
+                [&](std::size_t i) { return odrive_settings(scene, pacing, i).table; });
       break;
   }
   for (std::size_t i = 0; i < scene.drives.nodes.size(); ++i) {
@@ -58,11 +60,12 @@ AxesText axes_text(const Scene& scene, Pacing pacing) {
         break;
     }
     const OdriveSettings s = odrive_settings(scene, pacing, i);
-    out.make += fmt::format("{} = drive::OdriveAxis(mounts[{}], {}, {}, settings[{}]);\n", place, i, text(s.version),
-                            text(s.retry_ticks), i);
+    out.make += fmt::format("{} = drive::OdriveAxis(mounts[{}], {}, {}, settings[{}]);\n", place, i,
+                            text(s.version), text(s.retry_ticks), i);
     out.make += fmt::format("{}.restarts_within({});\n", place, text(s.silence_ticks));
     if (s.proof_ticks > 0) out.make += fmt::format("{}.prove_watchdog({});\n", place, text(s.proof_ticks));
-    out.values += fmt::format(" {} {} {} {} ", text(s.version), text(s.retry_ticks), text(s.silence_ticks), text(s.proof_ticks));
+    out.values += fmt::format(" {} {} {} {} ", text(s.version), text(s.retry_ticks), text(s.silence_ticks),
+                              text(s.proof_ticks));
   }
   return out;
 }
@@ -94,13 +97,15 @@ struct Names<Rr<S>> {
 template <class S>
 void require_room(const Scene& scene, const ReferenceBundle<S>& reference) {
   if (reference.path.size() <= segments_max) return;
-  throw InputError(scene.reference_where, fmt::format("a path of {} pieces does not fit into a board's memory; allowed are {}",
-                                                      reference.path.size(), segments_max));
+  throw InputError(scene.reference_where,
+                   fmt::format("a path of {} pieces does not fit into a board's memory; allowed are {}",
+                               reference.path.size(), segments_max));
 }
 
 /// All that the image is told of the scene.
 template <class M>
-std::string constants(const Scene& scene, Pacing pacing, const ReferenceBundle<typename M::Scalar>& reference) {
+std::string constants(const Scene& scene, Pacing pacing,
+                      const ReferenceBundle<typename M::Scalar>& reference) {
   using S = typename M::Scalar;
   const char* axis = scene.drives.protocol == Protocol::cia402
                          ? "Cia402Axis"
@@ -117,7 +122,8 @@ std::string constants(const Scene& scene, Pacing pacing, const ReferenceBundle<t
       "using Node = Cycle<Mechanism, drive::{}>;\n"
       "inline constexpr std::uint32_t bitrate = {};      // bit/s\n"
       "inline constexpr std::uint32_t period_ns = {};    // of a tick\n"
-      "inline constexpr bool lockstep = {};              // a tick is a complete set of samples, and not a time\n"
+      "inline constexpr bool lockstep = {};              // a tick is a complete set of samples, and not a "
+      "time\n"
       "inline constexpr bool armed_by_link = {};\n\n"
       "{}{}\n"
       "/// `session`: of the link to a supervisor computer; another one at every power-up, 1 to 255.\n"
@@ -130,8 +136,9 @@ std::string constants(const Scene& scene, Pacing pacing, const ReferenceBundle<t
       "}}\n\n"
       "}}  // namespace esmc::baked\n",
       std::is_same_v<S, float> ? "float" : "double", Names<M>::type, axis,
-      static_cast<std::uint32_t>(scene.bitrate), static_cast<std::uint32_t>(std::llround(1e9 / scene.rate_hz)),
-      pacing == Pacing::lockstep, armed_by_link(scene), Names<M>::believed(believed_mechanism(scene)), axes.tables,
+      static_cast<std::uint32_t>(scene.bitrate),
+      static_cast<std::uint32_t>(std::llround(1e9 / scene.rate_hz)), pacing == Pacing::lockstep,
+      armed_by_link(scene), Names<M>::believed(believed_mechanism(scene)), axes.tables,
       path.empty() ? "  constexpr std::span<const PathSegment<Scalar>> path{};\n"
                    : "  static const PathSegment<Scalar> path[] = {\n" + path + "  };\n",
       body, axes.make);
@@ -142,22 +149,26 @@ std::string header(const Scene& scene, Pacing pacing) {
   const auto reference = make_reference<typename M::Scalar>(scene, pacing);
   require_room(scene, reference);
   return fmt::format(
-      "// Made by esmc bake {} from the scene \"{}\". Not to be edited.\n"
-      "#pragma once\n\n"
-      "#include \"boards/baked.hpp\"\n\n",
-      version, printable(scene.name)) + constants<M>(scene, pacing, reference);
+             "// Made by esmc bake {} from the scene \"{}\". Not to be edited.\n"
+             "#pragma once\n\n"
+             "#include \"boards/baked.hpp\"\n\n",
+             version, printable(scene.name)) +
+         constants<M>(scene, pacing, reference);
 }
 
-/// Everything that `constants` says, without the words around it: renaming or rewording those keeps the identity.
+/// Everything that `constants` says, without the words around it: renaming or rewording those keeps the
+/// identity.
 template <class M>
 std::string values(const Scene& scene, Pacing pacing, const ReferenceBundle<typename M::Scalar>& reference) {
   const AxesText axes = axes_text(scene, pacing);
-  std::string out = fmt::format("{} {} {} {} {} {}", static_cast<int>(scene.type), static_cast<int>(scene.drives.protocol),
-                                static_cast<std::uint32_t>(scene.bitrate), std::llround(1e9 / scene.rate_hz),
-                                pacing == Pacing::lockstep, armed_by_link(scene));
+  std::string out =
+      fmt::format("{} {} {} {} {} {}", static_cast<int>(scene.type), static_cast<int>(scene.drives.protocol),
+                  static_cast<std::uint32_t>(scene.bitrate), std::llround(1e9 / scene.rate_hz),
+                  pacing == Pacing::lockstep, armed_by_link(scene));
   out += text(cast<typename M::Scalar>(believed_mechanism(scene))) + axes.values + line_text(scene);
   for (const auto& s : reference.path) out += text(s);
-  out += std::visit([&](const auto& c) { return bake::cycle_text(c, ""); }, make_cycle_config<M>(scene, pacing, reference));
+  out += std::visit([&](const auto& c) { return bake::cycle_text(c, ""); },
+                    make_cycle_config<M>(scene, pacing, reference));
   std::erase_if(out, [](char c) { return c == ' ' || c == '\n'; });
   return out;
 }
@@ -166,17 +177,21 @@ std::string values(const Scene& scene, Pacing pacing, const ReferenceBundle<type
 
 std::uint32_t identity_of(Scene scene, Pacing pacing) {
   scene.identity = 0;
-  const auto values_of = [&]<class M>(const M*) { return values<M>(scene, pacing, make_reference<double>(scene, pacing)); };
-  const std::string text = scene.type == MechanismType::five_bar ? values_of(static_cast<FiveBar<double>*>(nullptr))
-                                                                : values_of(static_cast<Rr<double>*>(nullptr));
+  const auto values_of = [&]<class M>(const M*) {
+    return values<M>(scene, pacing, make_reference<double>(scene, pacing));
+  };
+  const std::string text = scene.type == MechanismType::five_bar
+                               ? values_of(static_cast<FiveBar<double>*>(nullptr))
+                               : values_of(static_cast<Rr<double>*>(nullptr));
   const std::vector<std::uint8_t> bytes(text.begin(), text.end());
   return link::crc32(bytes);
 }
 
 std::string baked_header(const Scene& scene, Pacing pacing, bool single_precision) {
   const bool five_bar = scene.type == MechanismType::five_bar;
-  return single_precision ? (five_bar ? header<FiveBar<float>>(scene, pacing) : header<Rr<float>>(scene, pacing))
-                          : (five_bar ? header<FiveBar<double>>(scene, pacing) : header<Rr<double>>(scene, pacing));
+  return single_precision
+             ? (five_bar ? header<FiveBar<float>>(scene, pacing) : header<Rr<float>>(scene, pacing))
+             : (five_bar ? header<FiveBar<double>>(scene, pacing) : header<Rr<double>>(scene, pacing));
 }
 
 }  // namespace esmc::host

@@ -1,6 +1,6 @@
 #pragma once
-/// Numbers and plain structures as C++ initialisers, exact to the last bit. Aggregates are taken apart by structured
-/// bindings, so that a member that is added to one and forgotten here does not compile.
+/// Numbers and plain structures as C++ initialisers, exact to the last bit. Aggregates are taken apart by
+/// structured bindings, so that a member that is added to one and forgotten here does not compile.
 
 #include <fmt/format.h>
 
@@ -19,7 +19,10 @@ namespace esmc::host::bake {
 template <std::floating_point T>
 std::string text(T v) {
   constexpr bool single = std::is_same_v<T, float>;
-  if (!std::isfinite(v)) throw InputError("", "a number of this scene, or the quotient of two, is beyond what the scalar type of the image holds");
+  if (!std::isfinite(v))
+    throw InputError(
+        "",
+        "a number of this scene, or the quotient of two, is beyond what the scalar type of the image holds");
   return fmt::format("{:a}{}", v, single ? "F" : "");
 }
 inline std::string text(bool v) { return v ? "true" : "false"; }
@@ -30,10 +33,7 @@ std::string text(T v) {
 }
 /// The image's Enum turns into whichever enumeration stands in its place.
 template <class T>
-  requires std::is_enum_v<T>
-std::string text(T v) {
-  return fmt::format("Enum{{{}}}", static_cast<int>(v));
-}
+requires std::is_enum_v<T> std::string text(T v) { return fmt::format("Enum{{{}}}", static_cast<int>(v)); }
 template <class S, int N>
 std::string text(const Eigen::Matrix<S, N, 1>& v) {
   std::string out = "column(";
@@ -78,9 +78,11 @@ inline std::string text(const link::Parameters& v) {
   return "link::Parameters(" + text(v.values()) + ", " + text(v.bounds()) + ")";
 }
 inline std::string text(const link::LinkConfig& v) {
-  const auto& [base_id, session, jump, age, status, telemetry, table, period, source, space, position, scene, parameters] = v;
+  const auto& [base_id, session, jump, age, status, telemetry, table, period, source, space, position, scene,
+               parameters] = v;
   (void)session;  // drawn by the image
-  return braces(base_id, std::uint8_t{1}, jump, age, status, telemetry, table, period, source, space, position, scene, parameters);
+  return braces(base_id, std::uint8_t{1}, jump, age, status, telemetry, table, period, source, space,
+                position, scene, parameters);
 }
 inline std::string text(const drive::AxisConfig& v) {
   const auto& [node, direction, gear_ratio, offset] = v;
@@ -95,13 +97,16 @@ inline std::string text(const drive::OdriveTable& v) {
   return braces(checks, count, check_version, firmware);
 }
 inline std::string text(const drive::Cia402Settings& v) {
-  const auto& [rated, unit, limit, counts, velocity, period, heartbeat, consumer, master, retry, sdo, abort, fault, quick] = v;
-  return braces(rated, unit, limit, counts, velocity, period, heartbeat, consumer, master, retry, sdo, abort, fault, quick);
+  const auto& [rated, unit, limit, counts, velocity, period, heartbeat, consumer, master, retry, sdo, abort,
+               fault, quick] = v;
+  return braces(rated, unit, limit, counts, velocity, period, heartbeat, consumer, master, retry, sdo, abort,
+                fault, quick);
 }
 inline std::string text(const drive::MitAxis::Settings& v) {
   const auto& [ranges, dialect, master, retry] = v;
   const auto& [position, velocity, torque] = ranges;
-  return "{" + braces(position, velocity, torque) + ", " + text(dialect) + ", " + text(master) + ", " + text(retry) + "}";
+  return "{" + braces(position, velocity, torque) + ", " + text(dialect) + ", " + text(master) + ", " +
+         text(retry) + "}";
 }
 template <class S>
 std::string text(const Range<S>& v) {
@@ -142,14 +147,15 @@ std::string text(const PathSegment<S>& v) {
 template <class S>
 std::string text(const Reference<S>& v) {
   const auto& [kind, space, centre, amplitude, speed, phase, path, repeat] = v;
-  return "{" + text(kind) + ", " + text(space) + ", " + text(centre) + ", " + text(amplitude) + ", " + text(speed) + ", " +
-         text(phase) + ", path, " + text(repeat) + "}";
+  return "{" + text(kind) + ", " + text(space) + ", " + text(centre) + ", " + text(amplitude) + ", " +
+         text(speed) + ", " + text(phase) + ", path, " + text(repeat) + "}";
 }
 template <class M>
 std::string text(const Gains<M>& v) {
   const auto& [lambda, k, layer, own] = v;
   const auto& [own_lambda, own_k, own_layer, kp, kd] = own;
-  return "{" + text(lambda) + ", " + text(k) + ", " + text(layer) + ", " + braces(own_lambda, own_k, own_layer, kp, kd) + "}";
+  return "{" + text(lambda) + ", " + text(k) + ", " + text(layer) + ", " +
+         braces(own_lambda, own_k, own_layer, kp, kd) + "}";
 }
 inline std::string mode_text(const FiveBar<float>::Mode& v) {
   const auto& [working, assembly] = v;
@@ -173,32 +179,40 @@ inline std::string part_text(std::initializer_list<std::pair<bool, const char*>>
 /// The mechanism is made from `believed` of the image.
 template <class M>
 std::string text(const ControllerConfig<M>& v) {
-  const auto& [m, mode, law, reaching, gains, reference, limits, torque_limit, torque_weight, sample_time, torque_lead, join,
-               ramp, sign_test, halt, lower, after_halt, enabling, stopping, guide_speed, guide_acceleration, motors, sensors, preload, allocate, variance, fuse,
-               delay, lag, bandwidth, reach, observer, predict] = v;
+  const auto& [m, mode, law, reaching, gains, reference, limits, torque_limit, torque_weight, sample_time,
+               torque_lead, join, ramp, sign_test, halt, lower, after_halt, enabling, stopping, guide_speed,
+               guide_acceleration, motors, sensors, preload, allocate, variance, fuse, delay, lag, bandwidth,
+               reach, observer, predict] = v;
   const auto line = [](const std::string& s) { return "          " + s + ",\n"; };
-  return "{\n" + line("Mechanism(believed)") + line(mode_text(mode)) + line(text(law)) + line(text(reaching)) + line(text(gains)) +
-         line(text(reference)) + line(text(limits)) + line(text(torque_limit)) + line(text(torque_weight)) +
-         line(text(sample_time)) + line(text(torque_lead)) + line(text(join)) + line(text(ramp)) + line(text(sign_test)) +
-         line(text(halt)) + line(text(lower)) + line(text(after_halt)) + line(text(enabling)) + line(text(stopping)) + line(text(guide_speed)) +
-         line(text(guide_acceleration)) + line(text(motors)) + line(text(sensors)) + line(text(preload)) +
-         line(allocate != nullptr ? "&part::four_motors<Mechanism>" : "nullptr") +
-         line(text(variance)) + line(fuse != nullptr ? "&part::closure_projection<Mechanism>" : "nullptr") +
+  return "{\n" + line("Mechanism(believed)") + line(mode_text(mode)) + line(text(law)) +
+         line(text(reaching)) + line(text(gains)) + line(text(reference)) + line(text(limits)) +
+         line(text(torque_limit)) + line(text(torque_weight)) + line(text(sample_time)) +
+         line(text(torque_lead)) + line(text(join)) + line(text(ramp)) + line(text(sign_test)) +
+         line(text(halt)) + line(text(lower)) + line(text(after_halt)) + line(text(enabling)) +
+         line(text(stopping)) + line(text(guide_speed)) + line(text(guide_acceleration)) +
+         line(text(motors)) + line(text(sensors)) + line(text(preload)) +
+         line(allocate != nullptr ? "&part::four_motors<Mechanism>" : "nullptr") + line(text(variance)) +
+         line(fuse != nullptr ? "&part::closure_projection<Mechanism>" : "nullptr") +
 
          line(text(delay)) + line(text(lag)) + line(text(bandwidth)) +
-         line(part_text({{reach == &part::super_twisting<M>, "super_twisting"}, {reach == &part::implicit_coupled<M>, "implicit_coupled"}})) +
-         line(part_text({{observer != nullptr, "momentum_observer"}})) + line(part_text({{predict != nullptr, "predictor"}})) + "      }";
+         line(part_text({{reach == &part::super_twisting<M>, "super_twisting"},
+                         {reach == &part::implicit_coupled<M>, "implicit_coupled"}})) +
+         line(part_text({{observer != nullptr, "momentum_observer"}})) +
+         line(part_text({{predict != nullptr, "predictor"}})) + "      }";
 }
 
-/// Of a cycle. The axes are made by themselves, by calls, and so is the line, by `line`; a session is drawn by the image.
+/// Of a cycle. The axes are made by themselves, by calls, and so is the line, by `line`; a session is drawn
+/// by the image.
 template <class Config>
 std::string cycle_text(const Config& v, const std::string& line) {
-  const auto& [controller, axes, its_line, count, heartbeat, waiting, absolute, zero, mismatch, torque_time, timed, link, delay] = v;
+  const auto& [controller, axes, its_line, count, heartbeat, waiting, absolute, zero, mismatch, torque_time,
+               timed, link, delay] = v;
   link::LinkConfig known = link;
   known.session = 1;
-  return "      " + text(controller) + ",\n      {},\n      " + line + ",\n      " + text(count) + ", " + text(heartbeat) + ", " + text(waiting) + ", " +
-         text(absolute) + ", " + text(zero) + ", " + text(mismatch) + ", " + text(torque_time) + ", " + text(timed) +
-         ",\n      " + text(known) + ",\n      " + text(delay);
+  return "      " + text(controller) + ",\n      {},\n      " + line + ",\n      " + text(count) + ", " +
+         text(heartbeat) + ", " + text(waiting) + ", " + text(absolute) + ", " + text(zero) + ", " +
+         text(mismatch) + ", " + text(torque_time) + ", " + text(timed) + ",\n      " + text(known) +
+         ",\n      " + text(delay);
 }
 
 }  // namespace esmc::host::bake

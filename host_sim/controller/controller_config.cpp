@@ -110,9 +110,11 @@ void set_gains(const Scene& s, double delay, Gains<M>& g) {
   using S = typename M::Scalar;
   const auto layer = [&](double gain, double given) {
     // Without switching gain the layer does nothing, but it must not be zero: s / layer is taken.
-    const bool implicit = s.reaching == ReachingChoice::implicit || s.reaching == ReachingChoice::implicit_coupled;
+    const bool implicit =
+        s.reaching == ReachingChoice::implicit || s.reaching == ReachingChoice::implicit_coupled;
     const double width = implicit && gain > 0.0 ? implicit_layer(gain, s.tick(), delay) : given;
-    return std::max(static_cast<S>(width), std::numeric_limits<S>::min());  // a scalar type may not hold so small a one
+    return std::max(static_cast<S>(width),
+                    std::numeric_limits<S>::min());  // a scalar type may not hold so small a one
   };
   for (int i = 0; i < M::channels; ++i) {
     const bool angle = M::is_angle(i);
@@ -203,7 +205,8 @@ FiveBarParams<double> believed_mechanism(const Scene& scene) {
 
 bool same_lengths(const FiveBarParams<double>& a, const FiveBarParams<double>& b) {
   bool same = a.l0 == b.l0;
-  for (std::size_t j = 0; j < 2; ++j) same = same && a.legs[j].l1 == b.legs[j].l1 && a.legs[j].l2 == b.legs[j].l2;
+  for (std::size_t j = 0; j < 2; ++j)
+    same = same && a.legs[j].l1 == b.legs[j].l1 && a.legs[j].l2 == b.legs[j].l2;
   return same;
 }
 
@@ -272,8 +275,8 @@ ReferenceBundle<float> make_reference<float>(const Scene& scene, Pacing pacing) 
   const ReferenceBundle<double> exact = make_reference<double>(scene, pacing);
   const Reference<double>& r = exact.reference;
   ReferenceBundle<float> out;
-  out.reference = {r.kind, r.space, r.centre.cast<float>(), r.amplitude.cast<float>(), r.speed.cast<float>(), r.phase,
-                   {},     r.repeat_ticks};
+  out.reference = {r.kind,  r.space, r.centre.cast<float>(), r.amplitude.cast<float>(), r.speed.cast<float>(),
+                   r.phase, {},      r.repeat_ticks};
   for (const PathSegment<double>& s : exact.path) {
     out.path.push_back({s.start_tick, static_cast<float>(s.offset), in_scalar<float>(s.curve)});
   }
@@ -319,7 +322,9 @@ ControllerConfig<M> make_controller(const Scene& scene, Pacing pacing,
   if (scene.robust_gain) take_robust(scene, pacing, c.gains);
   c.reference = reference.get();
   c.join_ticks = reference.join_ticks;
-  const auto ticks = [&](double seconds) { return static_cast<std::uint32_t>(std::llround(seconds * scene.rate_hz)); };
+  const auto ticks = [&](double seconds) {
+    return static_cast<std::uint32_t>(std::llround(seconds * scene.rate_hz));
+  };
   c.ramp_ticks = ticks(scene.torque_ramp.value_or(pacing == Pacing::realtime ? 0.2 : 0.0));
   c.halt_ticks = scene.limits.halt_time > 0.0 ? std::max(1U, ticks(scene.limits.halt_time)) : 0U;
   if (scene.drives.sign_test.value_or(scene.hardware && !scene.all_motors)) {
@@ -331,10 +336,10 @@ ControllerConfig<M> make_controller(const Scene& scene, Pacing pacing,
   }
   c.torque_lead = static_cast<S>(scene.drives.torque_lead);
   c.lower_ticks = ticks(scene.limits.lower_time);
-  c.after_halt = scene.limits.after_halt == AfterHalt::hold
-                     ? esmc::AfterHalt::hold
-                     : (scene.limits.after_halt == AfterHalt::lower ? esmc::AfterHalt::lower
-                                                                    : esmc::AfterHalt::release);
+  c.after_halt =
+      scene.limits.after_halt == AfterHalt::hold
+          ? esmc::AfterHalt::hold
+          : (scene.limits.after_halt == AfterHalt::lower ? esmc::AfterHalt::lower : esmc::AfterHalt::release);
   c.limits = make_limits<S>(scene);
   c.motors = scene.all_motors ? Motors::all : Motors::base;
   c.sensors = scene.all_sensors ? Sensors::all : Sensors::base;

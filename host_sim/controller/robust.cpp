@@ -15,10 +15,10 @@ namespace {
 using design::Point;
 using design::Problem;
 
-constexpr std::uint32_t stretch_points = 1024;   ///< of the way onto a reference, and of one period of it
-constexpr std::uint32_t segment_points = 64;     ///< of a piece of a path, where that makes more
+constexpr std::uint32_t stretch_points = 1024;     ///< of the way onto a reference, and of one period of it
+constexpr std::uint32_t segment_points = 64;       ///< of a piece of a path, where that makes more
 constexpr std::uint32_t reference_points = 32768;  ///< at most
-constexpr int grid = 14;                         ///< places of a workspace per axis
+constexpr int grid = 14;                           ///< places of a workspace per axis
 
 template <class M>
 Motion2<double> start_of(const Scene& scene, const ControllerConfig<M>& c) {
@@ -40,14 +40,17 @@ Motion2<double> start_of(const Scene& scene, const ControllerConfig<M>& c) {
 
 /// Ticks after which a reference begins again; 0: never.
 std::uint32_t period_of(const Reference<double>& r, double tick) {
-  const auto turn = [&](double speed) { return std::ceil(2.0 * std::numbers::pi / (std::abs(speed) * tick)); };
+  const auto turn = [&](double speed) {
+    return std::ceil(2.0 * std::numbers::pi / (std::abs(speed) * tick));
+  };
   double ticks = 0.0;
   if (r.kind == ReferenceKind::path) ticks = r.repeat_ticks;
   if (r.kind == ReferenceKind::circle && r.speed[0] != 0.0) ticks = turn(r.speed[0]);
   if (r.kind == ReferenceKind::sine) {
     const double slow = std::min(std::abs(r.speed[0]), std::abs(r.speed[1])),
                  fast = std::max(std::abs(r.speed[0]), std::abs(r.speed[1]));
-    for (int n = 1; n <= 32 && slow > 0.0 && ticks == 0.0; ++n) {  // the fast one turns whole times in n slow turns
+    for (int n = 1; n <= 32 && slow > 0.0 && ticks == 0.0;
+         ++n) {  // the fast one turns whole times in n slow turns
       const double turns = n * fast / slow;
       if (std::abs(turns - std::round(turns)) < 1e-9 * turns) ticks = n * turn(slow);
     }
@@ -63,7 +66,8 @@ void along_reference(const Scene& scene, Problem<M>& p, std::uint32_t join_ticks
   JoinedReference<double> reference(c.reference, join_ticks, c.sample_time);
   reference.start(p.start.position, p.start.velocity);
   const auto late = 1U + static_cast<std::uint32_t>(std::ceil(p.told_ticks));
-  // Where not every tick is looked at, those that are stand at uneven distances: even ones may keep step with the motion.
+  // Where not every tick is looked at, those that are stand at uneven distances: even ones may keep step with
+  // the motion.
   const auto look = [&](std::uint32_t from, std::uint32_t to, std::uint32_t most) {
     const double width = std::max(1.0, static_cast<double>(to - from) / most);
     constexpr double golden = 0.6180339887498949;
@@ -82,7 +86,9 @@ void along_reference(const Scene& scene, Problem<M>& p, std::uint32_t join_ticks
   const double pieces = period == 0 && c.reference.kind == ReferenceKind::sine
                             ? (end - joined) * c.sample_time * c.reference.speed.cwiseAbs().maxCoeff() / 6.28
                             : static_cast<double>(c.reference.path.size());
-  look(joined, end, std::max(stretch_points, static_cast<std::uint32_t>(std::min<double>(pieces * segment_points, reference_points))));
+  look(joined, end,
+       std::max(stretch_points,
+                static_cast<std::uint32_t>(std::min<double>(pieces * segment_points, reference_points))));
   Tracking<M> t;
   for (const Point& at : p.points) {
     if (desired(p, at.now, t)) continue;
@@ -91,8 +97,8 @@ void along_reference(const Scene& scene, Problem<M>& p, std::uint32_t join_ticks
   }
 }
 
-/// Every place of the workspace within the limits, at the highest speed and acceleration of the reference, each in any
-/// direction.
+/// Every place of the workspace within the limits, at the highest speed and acceleration of the reference,
+/// each in any direction.
 template <class M>
 void over_workspace(const Scene& scene, Problem<M>& p) {
   auto& c = p.controller;
@@ -113,9 +119,11 @@ void over_workspace(const Scene& scene, Problem<M>& p) {
   }
   for (const auto& leg : p.believed.legs) reach = std::max(reach, leg.l1 + leg.l2);
   std::array<std::array<double, 2>, 2> box{{{-reach, reach}, {-reach, reach}}};
-  if (scene.limits.workspace) {  // of a generous one only what can be reached: the grid would miss the mechanism otherwise
+  if (scene.limits.workspace) {  // of a generous one only what can be reached: the grid would miss the
+                                 // mechanism otherwise
     for (std::size_t i = 0; i < 2; ++i)
-      box[i] = {std::max(box[i][0], (*scene.limits.workspace)[i][0]), std::min(box[i][1], (*scene.limits.workspace)[i][1])};
+      box[i] = {std::max(box[i][0], (*scene.limits.workspace)[i][0]),
+                std::min(box[i][1], (*scene.limits.workspace)[i][1])};
   }
   c.reference.space = ReferenceSpace::effector;
   p.points.clear();
@@ -128,7 +136,8 @@ void over_workspace(const Scene& scene, Problem<M>& p) {
                            box[1][0] + (box[1][1] - box[1][0]) * j / grid);
       bool within = true;
       for (int k = 0; k < 8 && within; ++k) {
-        within = desired(p, {x, design::towards(std::numbers::pi * k / 4.0) * speed, Vec2<double>::Zero()}, t);
+        within =
+            desired(p, {x, design::towards(std::numbers::pi * k / 4.0) * speed, Vec2<double>::Zero()}, t);
         if (!within) break;
         const Vec2<double> rate = M::base(t.desired_rates);
         within = M::min_abs_sin_type1(t.desired_pose) >= 2.0 * c.limits.min_abs_sin_type1 &&
@@ -164,7 +173,8 @@ std::vector<double> numbers_of(const Problem<M>& p) {
                           p.bounds.late};
   for (int i = 0; i < M::channels; ++i) out.insert(out.end(), {c.gains.lambda[i], c.gains.layer[i]});
   out.insert(out.end(), {c.gains.independent.lambda, c.gains.independent.layer});
-  for (int i = 0; i < M::joints; ++i) out.insert(out.end(), {c.torque_limit[i], c.torque_weight[i], c.preload[i]});
+  for (int i = 0; i < M::joints; ++i)
+    out.insert(out.end(), {c.torque_limit[i], c.torque_weight[i], c.preload[i]});
   if constexpr (M::joints == 4) {
     out.insert(out.end(), {static_cast<double>(c.mode.working[0]), static_cast<double>(c.mode.working[1]),
                            static_cast<double>(c.mode.assembly)});

@@ -10,8 +10,8 @@
 namespace esmc::host::design {
 namespace {
 
-constexpr double room = 1.2;             ///< tube over the band that it must hold, where the tube is computed
-constexpr std::size_t looks_max = 256;   ///< points of a first look
+constexpr double room = 1.2;            ///< tube over the band that it must hold, where the tube is computed
+constexpr std::size_t looks_max = 256;  ///< points of a first look
 constexpr std::size_t looks_few = looks_max / 8;  ///< where many designs are tried
 
 /// Size of the tube that would hold the start.
@@ -65,7 +65,8 @@ Answer<M> answer(const Problem<M>& p) {
   Answer<M> out;
   if (!(tube > 0.0)) {
     out.design.refused =
-        "no tube around the motion holds the band that the layer of the reaching law leaves in it [F38]: less delay, "
+        "no tube around the motion holds the band that the layer of the reaching law leaves in it [F38]: "
+        "less delay, "
         "a smaller layer or narrower intervals are needed";
     out.curable = true;
     return out;

@@ -33,7 +33,8 @@ struct Band {
   double sliding = 0.0;  ///< the same per s
 };
 
-/// Of four motors within their limits: how much of a force they give together, and what is left of their preload.
+/// Of four motors within their limits: how much of a force they give together, and what is left of their
+/// preload.
 struct Shares {
   double force = 1.0, preload = 1.0;
 };
@@ -47,13 +48,15 @@ struct Design {
   double eta_independent = 0.0;  ///< smc: m/s2 or rad/s2
   double tube = 0.0;             ///< E: |e| <= E and |e' + lambda e| <= lambda E, m or rad
   bool tube_given = false;
-  double inside = 0.0;         ///< share of the tube that is never left again
-  double start = 0.0;          ///< size of the tube that would hold the start, m or rad
-  double reaching_time = 0.0;  ///< s, from `inside` to the surface at most: in continuous time, without a layer
+  double inside = 0.0;  ///< share of the tube that is never left again
+  double start = 0.0;   ///< size of the tube that would hold the start, m or rad
+  double reaching_time =
+      0.0;  ///< s, from `inside` to the surface at most: in continuous time, without a layer
   double reach_margin = 0.0;  ///< decrease promised: V' <= -sum M eta |s|; here the least of it per sqrt(2 V)
   std::optional<Band> layer;  ///< [F38]: in continuous time; none for `sign`: s = 0
   std::optional<Band> sampled;  ///< linear zone, sampled, delayed; none where nothing is promised
-  double ahead = 0.0;  ///< part of `sampled`: how far the motion goes while what is measured is late, m or rad
+  double ahead =
+      0.0;  ///< part of `sampled`: how far the motion goes while what is measured is late, m or rad
   double mismatch =
       0.0;  ///< largest |H^-1 H_believed - 1|, in the metric of H_believed; smc: its maximum norm
   double disturbance = 0.0;  ///< largest |H^-1 C^T delta|, m/s2 or rad/s2
@@ -63,7 +66,8 @@ struct Design {
   std::array<double, M::joints> peak{};  ///< N m: what the law asks for at worst in the tube
   Place hold_place{}, peak_place{};
   Shares hold_shares{}, peak_shares{};  ///< four motors: the least of what they give together
-  double stiffness = 0.0;  ///< 1/s, saturation and tanh: the fastest that anything dies within the layer, lambda included
+  double stiffness =
+      0.0;  ///< 1/s, saturation and tanh: the fastest that anything dies within the layer, lambda included
   std::size_t states = 0;  ///< that the search has looked at
 };
 
@@ -71,8 +75,11 @@ struct Design {
 template <class M>
 [[nodiscard]] Design<M> design(const Problem<M>& p);
 
-/// Largest stiffness * tick of a layer whose torque acts `delay` ticks late: half of what makes the loop ring by itself [F39].
-[[nodiscard]] inline double steepest(double delay) { return std::sin(std::numbers::pi / (4.0 * delay + 2.0)); }
+/// Largest stiffness * tick of a layer whose torque acts `delay` ticks late: half of what makes the loop ring
+/// by itself [F39].
+[[nodiscard]] inline double steepest(double delay) {
+  return std::sin(std::numbers::pi / (4.0 * delay + 2.0));
+}
 
 /// The gains of a design, with layers as the controller has them. p.controller.gains.lambda and layer must be
 /// set.

@@ -141,7 +141,8 @@ class Designer : private Search<M> {
       if (u_.mass()[i] > 0.0) d_.row[static_cast<std::size_t>(i)].linear = z.gain[i];
     }
     linear_independent_ = z.gain_independent;
-    // What is measured late keeps to the motion; the mechanism is ahead of it by what the motion does in the meantime.
+    // What is measured late keeps to the motion; the mechanism is ahead of it by what the motion does in the
+    // meantime.
     d_.ahead = p_.lag * z.speed;
     d_.sampled = Band{margin * (z.band.error + d_.ahead),
                       margin * (z.band.sliding + p_.lag * (z.acceleration + lambda_ * z.speed))};
@@ -167,10 +168,12 @@ class Designer : private Search<M> {
     Gains<M> g = c.gains;
     apply(p_, d_, g);
     double sigma = 0.0, level = 0.0;  // level: of |sigma| in a tube that holds it
-    if (smc_) {  // the larger of |s_1|, |s_2| falls while k (1 - ||E||) times what the layer lets through is more than d
-      // [F37] says k (1 - ||E||) >= d + eta: all is let through at the edge of a saturation, of a tanh the share
-      // d / (k (1 - ||E||)) <= 1 - eta / k must be.
-      const double widths = c.reaching == Reaching::tanh ? std::atanh(1.0 - d_.eta_independent / g.independent.k) : 1.0;
+    if (smc_) {  // the larger of |s_1|, |s_2| falls while k (1 - ||E||) times what the layer lets through is
+                 // more than d
+      // [F37] says k (1 - ||E||) >= d + eta: all is let through at the edge of a saturation, of a tanh the
+      // share d / (k (1 - ||E||)) <= 1 - eta / k must be.
+      const double widths =
+          c.reaching == Reaching::tanh ? std::atanh(1.0 - d_.eta_independent / g.independent.k) : 1.0;
       sigma = g.independent.layer * widths * std::numbers::sqrt2;
       level = sigma;
     } else {
@@ -186,7 +189,8 @@ class Designer : private Search<M> {
     d_.refused = fmt::format(
         "the layer of the reaching law leaves a band of {:.3g} {} [F38], and the tube is {:.3g} {}: what "
         "holds in the "
-        "tube says nothing of the band; a larger uncertainty.tube, a smaller layer or delay, narrower intervals",
+        "tube says nothing of the band; a larger uncertainty.tube, a smaller layer or delay, narrower "
+        "intervals",
         asked_tube_, unit(), tube_, unit());
     curable_ = true;
   }
@@ -202,7 +206,8 @@ class Designer : private Search<M> {
       steep += share * (g.k[i] / g.layer[i]);
     }
     const Mat<double, 2, 2> A = inverse(H) * steep;
-    const double half = 0.5 * (A(0, 0) + A(1, 1)), rest = half * half - (A(0, 0) * A(1, 1) - A(0, 1) * A(1, 0));
+    const double half = 0.5 * (A(0, 0) + A(1, 1)),
+                 rest = half * half - (A(0, 0) * A(1, 1) - A(0, 1) * A(1, 0));
     return half + std::sqrt(std::max(0.0, rest));
   }
   /// What holds in continuous time may ring in a sampled loop that knows its delay.
@@ -216,14 +221,18 @@ class Designer : private Search<M> {
     for (const Place& at : looks_) {
       if (smc_ || !state_at(p_, at, 0.0, s)) continue;
       const double rate = rate_in_layer(s, g);
-      if (!(rate <= steep)) steep = std::isnan(rate) ? std::numeric_limits<double>::infinity() : rate;  // a layer that is next to nothing
+      if (!(rate <= steep))
+        steep = std::isnan(rate) ? std::numeric_limits<double>::infinity()
+                                 : rate;  // a layer that is next to nothing
     }
     d_.stiffness = steep + lambda_;
     const double loop = d_.stiffness * c.sample_time, most = steepest(p_.told_ticks);
     if (loop <= most || !d_.refused.empty()) return;
-    d_.refused = fmt::format("within its layer the loop is too stiff for its tick: (gain / layer + lambda) * tick = {:.3g}, at most {:.2g}, half of what "
-                             "makes it ring by itself with a delay of {:g} ticks: a larger control.layer",
-                             loop, most, p_.told_ticks);
+    d_.refused = fmt::format(
+        "within its layer the loop is too stiff for its tick: (gain / layer + lambda) * tick = {:.3g}, at "
+        "most {:.2g}, half of what "
+        "makes it ring by itself with a delay of {:g} ticks: a larger control.layer",
+        loop, most, p_.told_ticks);
     curable_ = true;
   }
 
@@ -260,14 +269,19 @@ class Designer : private Search<M> {
     }
     Gains<M> g = c.gains;
     apply(p_, d_, g);
-    (void)everywhere(false, [&](const Place& at, const State<M>& t) { note_effort(peak, at, asking(p_, g, t)); });
+    (void)everywhere(false,
+                     [&](const Place& at, const State<M>& t) { note_effort(peak, at, asking(p_, g, t)); });
     for (int i = 0; i < n; ++i) {
       const int joint = ControllerConfig<M>::joint_of(i, n);
       const auto k = static_cast<std::size_t>(joint);
-      keep(d_.hold, d_.hold_place, joint, worst(hold.torque[k], [&](const State<M>& t) { return holding(p_, u_, swing_, t).torque[joint]; }));
-      keep(d_.peak, d_.peak_place, joint, worst(peak.torque[k], [&](const State<M>& t) { return asking(p_, g, t).torque[joint]; }));
+      keep(d_.hold, d_.hold_place, joint, worst(hold.torque[k], [&](const State<M>& t) {
+             return holding(p_, u_, swing_, t).torque[joint];
+           }));
+      keep(d_.peak, d_.peak_place, joint,
+           worst(peak.torque[k], [&](const State<M>& t) { return asking(p_, g, t).torque[joint]; }));
     }
-    keep_shares(d_.hold_shares, d_.hold_place, hold, [&](const State<M>& t) { return holding(p_, u_, swing_, t); });
+    keep_shares(d_.hold_shares, d_.hold_place, hold,
+                [&](const State<M>& t) { return holding(p_, u_, swing_, t); });
     keep_shares(d_.peak_shares, d_.peak_place, peak, [&](const State<M>& t) { return asking(p_, g, t); });
     if (four()) {
       judge_four();
@@ -283,8 +297,9 @@ class Designer : private Search<M> {
       const double limit = c.torque_limit[joint];
       if (d_.hold[k] > limit && d_.refused.empty()) {
         d_.refused = fmt::format(
-            "motor {}: the worst plant takes {:.3g} N m on the motion itself ({}), torque_limit is {:.3g} N m: no gain works", i + 1,
-            d_.hold[k], where(d_.hold_place), limit);
+            "motor {}: the worst plant takes {:.3g} N m on the motion itself ({}), torque_limit is {:.3g} N "
+            "m: no gain works",
+            i + 1, d_.hold[k], where(d_.hold_place), limit);
       } else if (d_.peak[k] > limit) {
         d_.warnings.push_back(
             fmt::format("motor {}: at the edge of the tube the law asks for up to {:.3g} N m ({}), "
@@ -299,19 +314,23 @@ class Designer : private Search<M> {
     const auto& c = p_.controller;
     if (d_.hold_shares.force < enough && d_.refused.empty()) {
       d_.refused = fmt::format(
-          "within torque_limit the four motors give {:.3g} % of what the worst plant takes on the motion itself ({}): no gain works",
+          "within torque_limit the four motors give {:.3g} % of what the worst plant takes on the motion "
+          "itself ({}): no gain works",
           100.0 * d_.hold_shares.force, where(d_.hold_place));
     } else if (d_.peak_shares.force < enough) {
-      d_.warnings.push_back(fmt::format(
-          "at the edge of the tube the four motors give {:.3g} % of what the law asks for ({}): while it is cut short nothing is promised",
-          100.0 * d_.peak_shares.force, where(d_.peak_place)));
+      d_.warnings.push_back(
+          fmt::format("at the edge of the tube the four motors give {:.3g} % of what the law asks for ({}): "
+                      "while it is cut short nothing is promised",
+                      100.0 * d_.peak_shares.force, where(d_.peak_place)));
     }
     if (!(d_.hold_shares.preload < enough)) return;
     for (int i = 0; i < M::joints; ++i) {  // bounds yield towards the limit on the other side
-      const double given = std::abs(c.preload[i]), rest = given - (1.0 - d_.hold_shares.preload) * (given + c.torque_limit[i]);
+      const double given = std::abs(c.preload[i]),
+                   rest = given - (1.0 - d_.hold_shares.preload) * (given + c.torque_limit[i]);
       if (!(given > 0.0)) continue;
-      d_.warnings.push_back(fmt::format("motor {}: of its preload of {:.3g} N m the worst plant leaves {:.3g} N m on the motion itself{}", i + 1, given,
-                                        rest, rest > 0.0 ? "" : ": its gear changes sides"));
+      d_.warnings.push_back(fmt::format(
+          "motor {}: of its preload of {:.3g} N m the worst plant leaves {:.3g} N m on the motion itself{}",
+          i + 1, given, rest, rest > 0.0 ? "" : ": its gear changes sides"));
     }
   }
   /// The place is that of the joint which is nearest to its limit.
@@ -319,7 +338,9 @@ class Designer : private Search<M> {
     most[static_cast<std::size_t>(joint)] = f.need;
     for (int j = 0; j < joint; ++j) {
       const double limit = p_.controller.torque_limit[j];
-      if (limit > 0.0 && most[static_cast<std::size_t>(j)] / limit > f.need / p_.controller.torque_limit[joint]) return;
+      if (limit > 0.0 &&
+          most[static_cast<std::size_t>(j)] / limit > f.need / p_.controller.torque_limit[joint])
+        return;
     }
     place = f.place;
   }

@@ -10,7 +10,8 @@
 
 namespace esmc::host::design {
 
-/// What motors are asked for (at the joints) to do what forces w on the channels do, and what they give of it.
+/// What motors are asked for (at the joints) to do what forces w on the channels do, and what they give of
+/// it.
 template <class M>
 struct Effort {
   Vec<double, M::joints> torque = Vec<double, M::joints>::Zero();
@@ -59,7 +60,8 @@ template <class M>
   if (p.controller.allocate != nullptr) {
     w.each_push([&](const Vec2<double>& F) {
       Channels all = own;
-      for (int k = 0; k < 2; ++k) all[k] -= F[k];  // on independent coordinate k: effector, or joint of the RR
+      for (int k = 0; k < 2; ++k)
+        all[k] -= F[k];  // on independent coordinate k: effector, or joint of the RR
       const Effort<M> e = effort(p.controller, s.track.pose, all);
       out.torque = out.torque.cwiseMax(e.torque.cwiseAbs());
       out.force = std::min(out.force, e.force);

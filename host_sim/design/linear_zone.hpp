@@ -2,8 +2,8 @@
 /// The sampled loop while no row of the switching term is at its end: with the implicit step K_i / layer_i is
 /// the same 1 / (1 + d) h in all rows, so that C^T M K sw(C sigma) = H_believed sigma / ((1 + d) h) [F28],
 /// and what is left is a scalar loop with a disturbance H^-1 C^T delta and a gain that is wrong by H^-1
-/// H_believed - 1: small gain, with peak gains. To first order: the metric of H_believed is taken as the same over the
-/// memory of the loop, about 1 / lambda.
+/// H_believed - 1: small gain, with peak gains. To first order: the metric of H_believed is taken as the same
+/// over the memory of the loop, about 1 / lambda.
 
 #include "host_sim/design/design.hpp"
 #include "host_sim/design/sampled_loop.hpp"
@@ -13,11 +13,11 @@ namespace esmc::host::design {
 
 template <class M>
 struct LinearZone {
-  double disturbance = 0.0;  ///< largest |H^-1 C^T delta|, m/s2 or rad/s2
-  double mismatch = 0.0;     ///< largest |H^-1 H_believed - 1|, in the metric of H_believed
-  PeakGains peak;            ///< worst of all delays up to the one that is told
-  bool holds = false;        ///< small gain
-  Band band;                 ///< where the error stays that is measured
+  double disturbance = 0.0;                ///< largest |H^-1 C^T delta|, m/s2 or rad/s2
+  double mismatch = 0.0;                   ///< largest |H^-1 H_believed - 1|, in the metric of H_believed
+  PeakGains peak;                          ///< worst of all delays up to the one that is told
+  bool holds = false;                      ///< small gain
+  Band band;                               ///< where the error stays that is measured
   double speed = 0.0, acceleration = 0.0;  ///< largest of the motion, of the independent coordinates
   typename M::Channels gain = M::Channels::Zero();  ///< that keeps every row off its end
   double gain_independent = 0.0;

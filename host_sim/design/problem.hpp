@@ -21,7 +21,7 @@ struct Point {
 /// Fastest motion through a place of a workspace; its directions are in Place.
 struct Bounds {
   double speed = 0.0, acceleration = 0.0;  ///< of the effector, m/s and m/s2, >= 0
-  double late = 0.0;  ///< s, >= 0: how old the torque is that acts now, at worst
+  double late = 0.0;                       ///< s, >= 0: how old the torque is that acts now, at worst
 };
 
 template <class M>
@@ -33,14 +33,15 @@ struct Problem {
   std::size_t joining = 0;  ///< how many of the points, from the first, are the way onto the motion
   bool along_time = true;   ///< neighbours in `points` are neighbours in time; else places of a workspace
   Bounds bounds;            ///< of a workspace
-  double told_ticks = 0.0;  ///< delay that the implicit law is told, of torque and of what is measured together
-  double lag = 0.0;         ///< s, >= 0: part of it by which what is measured is late
-  Motion2<double> start;    ///< of the mechanism, in the reference's own space
+  double told_ticks =
+      0.0;                ///< delay that the implicit law is told, of torque and of what is measured together
+  double lag = 0.0;       ///< s, >= 0: part of it by which what is measured is late
+  Motion2<double> start;  ///< of the mechanism, in the reference's own space
 };
 
 /// Where in the tube: |e| = share_e E in direction angle_e, sigma = e' + lambda e likewise, |sigma| = share_s
-/// lambda E. In a workspace also the directions of the reference's velocity and acceleration, and the share of its
-/// speed.
+/// lambda E. In a workspace also the directions of the reference's velocity and acceleration, and the share
+/// of its speed.
 struct Place {
   std::size_t point = 0;
   double angle_e = 0.0, share_e = 0.0, angle_s = 0.0, share_s = 0.0;
@@ -49,8 +50,8 @@ struct Place {
 
 [[nodiscard]] inline Vec2<double> towards(double angle) { return {std::cos(angle), std::sin(angle)}; }
 
-/// Reference at a place: in a workspace as fast as it may be, in the place's directions. And the one for which the
-/// torque was computed that acts now.
+/// Reference at a place: in a workspace as fast as it may be, in the place's directions. And the one for
+/// which the torque was computed that acts now.
 template <class M>
 [[nodiscard]] Motion2<double> motion_at(const Problem<M>& p, const Place& at) {
   Motion2<double> m = p.points[at.point].now;

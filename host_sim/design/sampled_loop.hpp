@@ -26,7 +26,9 @@ struct PeakGains {
   int quiet = 0;
   for (int n = 0; n < longest; ++n) {
     const double u = (lambda + kappa) * rate + lambda * kappa * e;
-    const auto slot = [&](int ago) { return static_cast<std::size_t>((n - ago + oldest + 1) % (oldest + 1)); };
+    const auto slot = [&](int ago) {
+      return static_cast<std::size_t>((n - ago + oldest + 1) % (oldest + 1));
+    };
     held[slot(0)] = u;
     out.command += std::abs(u);
     const auto advance = [&](double share, double acting) {

@@ -53,8 +53,8 @@ class Search {
     const std::size_t stride = (to - from + most - 1) / most;
     for (std::size_t n = from; n < to; n += stride) looks_.push_back({n});
   }
-  /// Places of a workspace, each with all its directions: those of velocity and acceleration have nothing to do with
-  /// each other. And at rest, where dry friction is whatever it likes.
+  /// Places of a workspace, each with all its directions: those of velocity and acceleration have nothing to
+  /// do with each other. And at rest, where dry friction is whatever it likes.
   void star(std::size_t most) {
     const std::size_t stride = std::max<std::size_t>(1, (p_.points.size() + most - 1) / most);
     for (std::size_t n = 0; n < p_.points.size(); n += stride) {
@@ -175,8 +175,9 @@ class Search {
   }
   void note(Worsts& of, const Place& at, double need) const {
     const std::size_t j = p_.joining, n = at.point,
-                      part = n < j ? n * parts_joining / j
-                                   : parts_joining + (n - j) * (parts - parts_joining) / (p_.points.size() - j);
+                      part = n < j
+                                 ? n * parts_joining / j
+                                 : parts_joining + (n - j) * (parts - parts_joining) / (p_.points.size() - j);
     if (need > of[part].need) of[part] = {need, at};
   }
   /// The worst of them, after a climb from each.
@@ -217,8 +218,8 @@ class Search {
     const auto k = static_cast<std::size_t>(row);
     if (force_[k] <= 0.0) return;
     Row<M>& r = d_.row[k];
-    const Found f =
-        worst(found_[k], [&](const State<M>& s) { return smc_ ? smc_need(s) : u_.rows(s, swing_)[k].size(); });
+    const Found f = worst(
+        found_[k], [&](const State<M>& s) { return smc_ ? smc_need(s) : u_.rows(s, swing_)[k].size(); });
     force_[k] = f.need;
     r.place = f.place;
     State<M> s;

@@ -19,9 +19,10 @@ constexpr std::uint8_t register_generic = 0x01, register_communication = 0x10;
 constexpr int mode_torque = 10;
 constexpr std::uint32_t cob_id_bits = 0x7FF;
 constexpr std::uint32_t cob_extended = 0x2000'0000;  // 29 bits, which this drive does not have
-constexpr std::uint8_t entries_max = 8;  // of a mapping
+constexpr std::uint8_t entries_max = 8;              // of a mapping
 
-constexpr std::array<std::uint32_t, 4> rpdo_id{0x200, 0x300, 0x400, 0x500}, tpdo_id{0x180, 0x280, 0x380, 0x480};
+constexpr std::array<std::uint32_t, 4> rpdo_id{0x200, 0x300, 0x400, 0x500},
+    tpdo_id{0x180, 0x280, 0x380, 0x480};
 
 std::uint16_t object16(unsigned first, unsigned number) { return static_cast<std::uint16_t>(first + number); }
 
@@ -52,18 +53,18 @@ bool in_range(std::uint16_t index, unsigned first) { return index >= first && in
 
 }  // namespace
 
-Cia402Axis::Cia402Axis(const AxisMount& mount, const Settings& settings, const SensorEffects& sensor, int joint,
-                       std::uint64_t seed)
-    : mount_(mount),
-      settings_(settings),
-      sensor_(sensor, settings.period, mount.rev_per_rad(), joint, seed) {
+Cia402Axis::Cia402Axis(const AxisMount& mount, const Settings& settings, const SensorEffects& sensor,
+                       int joint, std::uint64_t seed)
+    : mount_(mount), settings_(settings), sensor_(sensor, settings.period, mount.rev_per_rad(), joint, seed) {
   define_communication();
   define_drive();
 }
 
-// ---- object dictionary ------------------------------------------------------------------------------------------
+// ---- object dictionary
+// ------------------------------------------------------------------------------------------
 
-void Cia402Axis::define(std::uint16_t index, std::uint8_t sub, std::uint8_t bytes, std::uint32_t value, bool writable) {
+void Cia402Axis::define(std::uint16_t index, std::uint8_t sub, std::uint8_t bytes, std::uint32_t value,
+                        bool writable) {
   objects_[key(index, sub)] = {value & mask_of(bytes), bytes, writable};
 }
 std::uint32_t Cia402Axis::value(std::uint16_t index, std::uint8_t sub) const {
@@ -116,14 +117,16 @@ void Cia402Axis::define_drive() {
   define(0x6064, 0, 4, 0, false);
   define(0x606C, 0, 4, 0, false);
   define(0x6071, 0, 2, 0, true);
-  define(0x6072, 0, 2, static_cast<std::uint32_t>(std::clamp(1000.0 * settings_.max_torque, 0.0, 65535.0)), true);
-  define(0x6076, 0, 4, static_cast<std::uint32_t>(std::llround(settings_.rated_torque / settings_.rated_torque_unit)),
+  define(0x6072, 0, 2, static_cast<std::uint32_t>(std::clamp(1000.0 * settings_.max_torque, 0.0, 65535.0)),
+         true);
+  define(0x6076, 0, 4,
+         static_cast<std::uint32_t>(std::llround(settings_.rated_torque / settings_.rated_torque_unit)),
          false);
   define(0x6077, 0, 2, 0, false);
   define(0x60C2, 0, 1, 2, false);
   define(0x60C2, 1, 1, 1, true);
-  define(0x60C2, 2, 1, 0xFD, true);       // -3: milliseconds
-  define(0x6502, 0, 4, 0x0225, false);    // profile position and velocity, homing, cyclic torque
+  define(0x60C2, 2, 1, 0xFD, true);     // -3: milliseconds
+  define(0x6502, 0, 4, 0x0225, false);  // profile position and velocity, homing, cyclic torque
 }
 
 void Cia402Axis::serve(const hal::CanFrame& request, const Send& send) {
@@ -156,17 +159,25 @@ std::uint32_t Cia402Axis::objection(std::uint16_t index, std::uint8_t sub, std::
     return low <= v && v <= high ? 0U : wire::abort_value;
   };
   switch (index) {
-    case 0x1005: return value == 0x80 ? 0U : wire::abort_value;  // another identifier may be one of its own
-    case 0x1014: return (value & ~wire::cob_invalid) == 0x80U + node() ? 0U : wire::abort_value;
-    case 0x1029: return value > 2 ? wire::abort_value : 0U;
-    case 0x6007: return option(0, 3);
-    case 0x605A: return option(0, 8);
-    case 0x605E: return option(0, 4);
+    case 0x1005:
+      return value == 0x80 ? 0U : wire::abort_value;  // another identifier may be one of its own
+    case 0x1014:
+      return (value & ~wire::cob_invalid) == 0x80U + node() ? 0U : wire::abort_value;
+    case 0x1029:
+      return value > 2 ? wire::abort_value : 0U;
+    case 0x6007:
+      return option(0, 3);
+    case 0x605A:
+      return option(0, 8);
+    case 0x605E:
+      return option(0, 4);
     case 0x6060: {
-      const bool supported = value == 0 || (value <= 32 && (this->value(0x6502, 0) >> (value - 1U) & 1U) != 0);
+      const bool supported =
+          value == 0 || (value <= 32 && (this->value(0x6502, 0) >> (value - 1U) & 1U) != 0);
       return supported ? 0 : wire::abort_value;
     }
-    default: return objection_to_pdo(index, sub, value);
+    default:
+      return objection_to_pdo(index, sub, value);
   }
 }
 
@@ -200,7 +211,8 @@ std::uint32_t Cia402Axis::objection_to_pdo(std::uint16_t index, std::uint8_t sub
   unsigned bytes = 0;
   for (std::uint8_t i = 1; i <= value; ++i) {
     const Mapped m = mapped(this->value(map, i));
-    if (!objects_.contains(key(m.index, m.sub))) return wire::abort_not_mappable;  // an entry that was never written
+    if (!objects_.contains(key(m.index, m.sub)))
+      return wire::abort_not_mappable;  // an entry that was never written
     bytes += m.bytes;
   }
   return bytes > 8 ? wire::abort_pdo_length : 0;
@@ -213,7 +225,8 @@ void Cia402Axis::write(std::uint16_t index, std::uint8_t sub, std::uint32_t valu
   if (index == 0x1017) since_heartbeat_ = 0.0;
 }
 
-// ---- the bus ------------------------------------------------------------------------------------------------------
+// ---- the bus
+// ------------------------------------------------------------------------------------------------------
 
 void Cia402Axis::publish(double joint_angle, double joint_rate, const Send& send) {
   reading_ = sensor_.read(truth(joint_angle, joint_rate));
@@ -259,7 +272,8 @@ bool Cia402Axis::receive(const hal::CanFrame& f, const Send& send) {
   if (f.id == 0x600U + node() && nmt_ != stopped) serve(f, send);
   for (unsigned i = 0; i < pdos; ++i) {
     const std::uint32_t cob = value(object16(0x1400, i), 1);
-    if ((cob & wire::cob_invalid) == 0 && f.id == (cob & cob_id_bits) && nmt_ == operational) receive_pdo(i, f, send);
+    if ((cob & wire::cob_invalid) == 0 && f.id == (cob & cob_id_bits) && nmt_ == operational)
+      receive_pdo(i, f, send);
   }
   if (f.id != 0x200U + node()) return false;
   told_ = true;
@@ -268,7 +282,8 @@ bool Cia402Axis::receive(const hal::CanFrame& f, const Send& send) {
 
 bool Cia402Axis::commanded_by(const hal::CanFrame& f) const {
   if (f.extended || f.fd || f.remote) return false;
-  if (const auto nmt = wire::decode_nmt(f); nmt && f.id == 0x000) return nmt->node == 0 || nmt->node == node();
+  if (const auto nmt = wire::decode_nmt(f); nmt && f.id == 0x000)
+    return nmt->node == 0 || nmt->node == node();
   if (f.id == 0x600U + node()) return true;
   for (unsigned i = 0; i < pdos; ++i) {
     const std::uint32_t cob = value(object16(0x1400, i), 1);
@@ -317,7 +332,9 @@ void Cia402Axis::leave_operational(std::uint8_t to, const Send& send) {
 void Cia402Axis::watch_master(const Send& send) {
   since_master_ += settings_.period;
   const double patience = 1e-3 * (value(0x1016, 1) & 0xFFFFU);
-  if (settings_.defects.watchdog_off || !watching_ || patience <= 0.0 || since_master_ < patience + 0.5 * settings_.period) return;
+  if (settings_.defects.watchdog_off || !watching_ || patience <= 0.0 ||
+      since_master_ < patience + 0.5 * settings_.period)
+    return;
   watching_ = false;
   lost_ = true;
   connection_lost(send);
@@ -331,12 +348,16 @@ void Cia402Axis::watch_master(const Send& send) {
 /// The abort-connection option decides.
 void Cia402Axis::connection_lost(const Send& send) {
   switch (value(0x6007, 0)) {
-    case 1: return fail(emergency_heartbeat, send);
+    case 1:
+      return fail(emergency_heartbeat, send);
     case 2:
       if (power_ != Power::fault && power_ != Power::fault_reaction) go(Power::disabled);
       break;
-    case 3: quick_stop(); break;
-    default: break;
+    case 3:
+      quick_stop();
+      break;
+    default:
+      break;
   }
   emergency(emergency_heartbeat, send);
 }
@@ -398,7 +419,8 @@ void Cia402Axis::receive_pdo(unsigned number, const hal::CanFrame& received, con
   if (controls) write(0x6040, 0, control_word, send);
 }
 
-// ---- the drive ----------------------------------------------------------------------------------------------------
+// ---- the drive
+// ----------------------------------------------------------------------------------------------------
 
 void Cia402Axis::go(Power to) {
   if (power_ == Power::enabled && to != Power::enabled) {
@@ -450,14 +472,22 @@ void Cia402Axis::control(std::uint16_t word, const Send& send) {
 std::uint16_t Cia402Axis::statusword() const {
   constexpr std::uint16_t voltage = 0x0010, remote = 0x0200, follows = 0x1000;
   switch (power_) {
-    case Power::not_ready: return 0x0000;
-    case Power::disabled: return 0x0040 | voltage | remote;
-    case Power::ready: return 0x0021 | voltage | remote;
-    case Power::on: return 0x0023 | voltage | remote;
-    case Power::enabled: return 0x0027 | voltage | remote | (closed_loop() ? follows : std::uint16_t{0});
-    case Power::quick_stop: return 0x0007 | voltage | remote;
-    case Power::fault_reaction: return 0x000F | voltage | remote;
-    case Power::fault: return 0x0008 | voltage | remote;
+    case Power::not_ready:
+      return 0x0000;
+    case Power::disabled:
+      return 0x0040 | voltage | remote;
+    case Power::ready:
+      return 0x0021 | voltage | remote;
+    case Power::on:
+      return 0x0023 | voltage | remote;
+    case Power::enabled:
+      return 0x0027 | voltage | remote | (closed_loop() ? follows : std::uint16_t{0});
+    case Power::quick_stop:
+      return 0x0007 | voltage | remote;
+    case Power::fault_reaction:
+      return 0x000F | voltage | remote;
+    case Power::fault:
+      return 0x0008 | voltage | remote;
   }
   return 0;
 }

@@ -1,24 +1,24 @@
 #pragma once
-/// An emulated CiA 402 drive on CANopen: object dictionary behind an SDO server, PDOs as they are mapped, network
-/// management, heartbeats both ways, emergency messages, and the power state machine.
+/// An emulated CiA 402 drive on CANopen: object dictionary behind an SDO server, PDOs as they are mapped,
+/// network management, heartbeats both ways, emergency messages, and the power state machine.
 
 #include <array>
 #include <cstdint>
 #include <map>
 
 #include "hal/can.hpp"
-#include "host_sim/scene/drive_defects.hpp"
 #include "host_sim/drives/emulated_axis.hpp"
 #include "host_sim/effects/shaft_sensor.hpp"
+#include "host_sim/scene/drive_defects.hpp"
 
 namespace esmc::host {
 
 class Cia402Axis final : public EmulatedAxis {
  public:
   struct Settings {
-    /// In lockstep publish() begins a tick and says one thing: that it is not operational, or its PDOs with what it
-    /// reads now, for the SYNC that ended the last tick. By its own clock it answers SYNC at once with its last
-    /// reading, and beats only as object 1017 says.
+    /// In lockstep publish() begins a tick and says one thing: that it is not operational, or its PDOs with
+    /// what it reads now, for the SYNC that ended the last tick. By its own clock it answers SYNC at once
+    /// with its last reading, and beats only as object 1017 says.
     bool lockstep = true;
     double period = 1e-3;             ///< s of virtual time between calls of publish()
     double rated_torque = 1.0;        ///< N m at the shaft
@@ -35,8 +35,8 @@ class Cia402Axis final : public EmulatedAxis {
 
   void settle(double joint_angle) override;
   void publish(double joint_angle, double joint_rate, const Send& send) override;
-  /// True: in lockstep, the controller's tick is over. That is its torque frame (RPDO1) while not operational, and
-  /// the SYNC after it when operational.
+  /// True: in lockstep, the controller's tick is over. That is its torque frame (RPDO1) while not
+  /// operational, and the SYNC after it when operational.
   bool receive(const hal::CanFrame& f, const Send& send) override;
   [[nodiscard]] bool commanded_by(const hal::CanFrame& f) const override;
   [[nodiscard]] double joint_torque() const override;
@@ -56,7 +56,9 @@ class Cia402Axis final : public EmulatedAxis {
     std::uint8_t bytes = 4;
     bool writable = false;
   };
-  static constexpr std::uint32_t key(std::uint16_t index, std::uint8_t sub) { return (std::uint32_t{index} << 8U) | sub; }
+  static constexpr std::uint32_t key(std::uint16_t index, std::uint8_t sub) {
+    return (std::uint32_t{index} << 8U) | sub;
+  }
 
   void define_communication();
   void define_drive();
@@ -66,7 +68,8 @@ class Cia402Axis final : public EmulatedAxis {
   void serve(const hal::CanFrame& request, const Send& send);
   /// The reason not to, or 0.
   [[nodiscard]] std::uint32_t objection(std::uint16_t index, std::uint8_t sub, std::uint32_t value) const;
-  [[nodiscard]] std::uint32_t objection_to_pdo(std::uint16_t index, std::uint8_t sub, std::uint32_t value) const;
+  [[nodiscard]] std::uint32_t objection_to_pdo(std::uint16_t index, std::uint8_t sub,
+                                               std::uint32_t value) const;
   void write(std::uint16_t index, std::uint8_t sub, std::uint32_t value, const Send& send);
 
   void manage(const hal::CanFrame& f, const Send& send);
@@ -98,17 +101,17 @@ class Cia402Axis final : public EmulatedAxis {
   ShaftReading reading_{};
   std::map<std::uint32_t, Entry> objects_;
   Power power_ = Power::disabled;
-  std::uint8_t nmt_ = 0x7F;        // as in its heartbeat
-  bool booted_ = false;            // the boot-up message has been sent
+  std::uint8_t nmt_ = 0x7F;  // as in its heartbeat
+  bool booted_ = false;      // the boot-up message has been sent
   std::uint16_t last_control_ = 0;
   std::array<StaleBytes, pdos> stale_{};
   std::array<unsigned, pdos> syncs_{};  // since a TPDO was sent
   std::array<bool, pdos> due_{};        // lockstep: a SYNC has asked for it
   double since_heartbeat_ = 0.0;
   double since_master_ = 0.0;
-  bool watching_ = false;          // a heartbeat of the master has been heard
-  bool lost_ = false;              // and then none for too long
-  bool told_ = false;              // lockstep: the torque frame of the tick has come
+  bool watching_ = false;  // a heartbeat of the master has been heard
+  bool lost_ = false;      // and then none for too long
+  bool told_ = false;      // lockstep: the torque frame of the tick has come
   int confirmations_ = 0;
 };
 

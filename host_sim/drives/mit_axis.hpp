@@ -1,15 +1,15 @@
 #pragma once
-/// An emulated drive in MIT mode, as the original firmware has it: one reply per command, sent before the command
-/// is acted on; codes truncated and not clamped, so that what is out of range wraps around; a time-out that sets the
-/// command to zero and leaves the drive in motor mode.
+/// An emulated drive in MIT mode, as the original firmware has it: one reply per command, sent before the
+/// command is acted on; codes truncated and not clamped, so that what is out of range wraps around; a
+/// time-out that sets the command to zero and leaves the drive in motor mode.
 
 #include <cstdint>
 
 #include "firmware/drive/mit.hpp"
 #include "hal/can.hpp"
-#include "host_sim/scene/drive_defects.hpp"
 #include "host_sim/drives/emulated_axis.hpp"
 #include "host_sim/effects/shaft_sensor.hpp"
+#include "host_sim/scene/drive_defects.hpp"
 
 namespace esmc::host {
 
@@ -19,13 +19,13 @@ class MitAxis final : public EmulatedAxis {
 
   struct Settings {
     Dialect dialect = Dialect::mini_cheetah;
-    std::uint16_t master_id = 0;     ///< identifier of the replies; the node itself: on its own identifier
-    std::uint8_t reply_size = 6;     ///< bytes; mini_cheetah: 5 to 7, the others: 8
-    double position_range = 12.5;    ///< rad, velocity_range rad/s, torque_range N m: half widths, at the shaft
+    std::uint16_t master_id = 0;   ///< identifier of the replies; the node itself: on its own identifier
+    std::uint8_t reply_size = 6;   ///< bytes; mini_cheetah: 5 to 7, the others: 8
+    double position_range = 12.5;  ///< rad, velocity_range rad/s, torque_range N m: half widths, at the shaft
     double velocity_range = 50.0;
     double torque_range = 18.0;
-    double period = 1e-3;            ///< s of virtual time between calls of publish()
-    double control_period = 25e-6;   ///< s, of the drive's own loop: the unit of its time-out
+    double period = 1e-3;           ///< s of virtual time between calls of publish()
+    double control_period = 25e-6;  ///< s, of the drive's own loop: the unit of its time-out
     int timeout_cycles = 1000;
     bool realtime = false;  ///< replies at once, with the last reading; else one reply per publish()
     Defects defects{};
@@ -36,8 +36,8 @@ class MitAxis final : public EmulatedAxis {
           std::uint64_t seed);
 
   void settle(double joint_angle) override;
-  /// In lockstep this sends the reply that reports the tick: the answer to the command that ended the tick before,
-  /// sampled now. The first one is sent unasked.
+  /// In lockstep this sends the reply that reports the tick: the answer to the command that ended the tick
+  /// before, sampled now. The first one is sent unasked.
   void publish(double joint_angle, double joint_rate, const Send& send) override;
   bool receive(const hal::CanFrame& received, const Send& send) override;
   [[nodiscard]] bool commanded_by(const hal::CanFrame& f) const override;

@@ -69,7 +69,8 @@ void OdriveAxis::expire() {
 }
 
 bool OdriveAxis::receive(const hal::CanFrame& received, const Send& send) {
-  if (received.extended || received.fd || (received.id >> 5U) != static_cast<std::uint32_t>(mount_.node)) return false;
+  if (received.extended || received.fd || (received.id >> 5U) != static_cast<std::uint32_t>(mount_.node))
+    return false;
   const bool stale = settings_.defects.short_frames_stale && !received.remote;
   const hal::CanFrame f = stale ? stale_.fill(received) : received;
   if (settings_.defects.watchdog_any_frame) since_fed_ = 0.0;
@@ -126,7 +127,8 @@ bool OdriveAxis::receive(const hal::CanFrame& received, const Send& send) {
 void OdriveAxis::serve(const hal::CanFrame& request, const Send& send) const {
   if (settings_.version != wire::Version::v0_6 || request.size < 4 || request.data[0] != 0) return;
   for (const OdriveEndpoint& e : settings_.endpoints.list) {
-    if (e.id == wire::endpoint_of(request)) send(wire::encode_value(static_cast<std::uint8_t>(mount_.node), e.id, raw(e.value)));
+    if (e.id == wire::endpoint_of(request))
+      send(wire::encode_value(static_cast<std::uint8_t>(mount_.node), e.id, raw(e.value)));
   }
 }
 
@@ -172,7 +174,9 @@ double OdriveAxis::shaft_torque() const {
   if (!closed_loop() || !torque_mode) return 0.0;
   double torque = static_cast<double>(input_torque_);
   // Of a NaN, which comes here without a check only, fmin makes full torque.
-  const auto limited = [&](double v) { return std::fmax(std::fmin(v, settings_.torque_max), -settings_.torque_max); };
+  const auto limited = [&](double v) {
+    return std::fmax(std::fmin(v, settings_.torque_max), -settings_.torque_max);
+  };
   torque = limited(torque);
   if (settings_.defects.torque_mode_limit) {
     const double speed = reading_.velocity_rev_s;
@@ -196,7 +200,8 @@ hal::CanFrame OdriveAxis::estimates() const {
 }
 
 hal::CanFrame OdriveAxis::torques() const {
-  return wire::encode_torques(static_cast<std::uint8_t>(mount_.node), {input_torque_, static_cast<float>(shaft_torque())});
+  return wire::encode_torques(static_cast<std::uint8_t>(mount_.node),
+                              {input_torque_, static_cast<float>(shaft_torque())});
 }
 
 void OdriveAxis::disarm(std::uint32_t error) {

@@ -6,10 +6,10 @@
 
 #include "firmware/drive/odrive.hpp"
 #include "hal/can.hpp"
-#include "host_sim/scene/drive_defects.hpp"
 #include "host_sim/drives/emulated_axis.hpp"
-#include "host_sim/scene/odrive_endpoints.hpp"
 #include "host_sim/effects/shaft_sensor.hpp"
+#include "host_sim/scene/drive_defects.hpp"
+#include "host_sim/scene/odrive_endpoints.hpp"
 
 namespace esmc::host {
 
@@ -23,13 +23,13 @@ class OdriveAxis final : public EmulatedAxis {
     double heartbeat_period = 0.01;  ///< s, heartbeat_msg_rate
     double watchdog_timeout = 0.01;  ///< s; config.enable_watchdog is set
     double torque_max = 10.0;        ///< N m at the shaft: full torque, whatever it is told
-    double vel_limit = 2.0;          ///< rev/s, with vel_gain in N m s/rev what defects.torque_mode_limit cuts to
+    double vel_limit = 2.0;  ///< rev/s, with vel_gain in N m s/rev what defects.torque_mode_limit cuts to
     double vel_gain = 1.0 / 6.0;
-    double torque_constant = 0.1;    ///< N m/A; reported, like the next, and of no effect
-    double current_limit = 100.0;    ///< A
-    bool overspeed_error = true;     ///< reported
-    bool says_torque = false;        ///< 0.6: Get_Torques with every heartbeat, torques_msg_rate
-    OdriveEndpoints endpoints{};     ///< 0.6: what it answers to, and its version
+    double torque_constant = 0.1;  ///< N m/A; reported, like the next, and of no effect
+    double current_limit = 100.0;  ///< A
+    bool overspeed_error = true;   ///< reported
+    bool says_torque = false;      ///< 0.6: Get_Torques with every heartbeat, torques_msg_rate
+    OdriveEndpoints endpoints{};   ///< 0.6: what it answers to, and its version
     Defects defects{};
   };
 
@@ -77,7 +77,7 @@ class OdriveAxis final : public EmulatedAxis {
   double phase_;  // of its own clock: periods that a sample is old
   StaleBytes stale_;
   bool connected_ = false;  // defects.zero_until_closed_loop: closed loop has been entered since power-up
-  bool dead_ = false;  // until it is restarted
+  bool dead_ = false;       // until it is restarted
   int confirmations_ = 0;
 };
 

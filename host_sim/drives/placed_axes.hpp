@@ -16,8 +16,8 @@ namespace esmc::host {
 
 struct PlacedAxis {
   AxisMount mount;
-  int joint = 0;       ///< index into the joints of the plant
-  bool motor = false;  ///< false: a passive encoder
+  int joint = 0;          ///< index into the joints of the plant
+  bool motor = false;     ///< false: a passive encoder
   std::size_t entry = 0;  ///< in the lists of [drives]
 };
 
@@ -64,8 +64,8 @@ inline MitAxis::Settings mit_settings(const Scene& s, std::size_t motor, bool lo
   return out;
 }
 
-/// The speed that an ODrive must allow, rev/s of the shaft, and the current for the largest torque that the controller may ask
-/// for, A.
+/// The speed that an ODrive must allow, rev/s of the shaft, and the current for the largest torque that the
+/// controller may ask for, A.
 inline double odrive_vel_limit(const Scene& s, std::size_t motor) {
   return s.limits.joint_speed * s.drives.gear_ratio[motor] / (2.0 * std::numbers::pi);
 }
@@ -101,7 +101,8 @@ inline std::unique_ptr<EmulatedAxis> make_axis(const Scene& s, const PlacedAxis&
   settings.period = s.tick();
   settings.watchdog_timeout = s.drives.watchdog_timeout;
   if (a.motor) {  // as above: what the controller may ask for, it gives
-    settings.torque_max = std::max(settings.torque_max, 1.01 * s.torque_limit[a.entry] / s.drives.gear_ratio[a.entry]);
+    settings.torque_max =
+        std::max(settings.torque_max, 1.01 * s.torque_limit[a.entry] / s.drives.gear_ratio[a.entry]);
   }
   settings.says_torque = s.drives.protocol == Protocol::odrive && a.motor && s.drives.torque_mismatch > 0.0;
   if (s.drives.endpoints) settings.endpoints = *s.drives.endpoints;

@@ -43,7 +43,8 @@ class PlantNode {
   /// Begins a tick: every drive says how it is and where its shaft stands.
   template <hal::CanBus Bus>
   void publish(Bus& bus) {
-    publish_from([&](std::size_t, const hal::CanFrame& f) { (void)bus.try_send(f); });  // the tap counts losses
+    publish_from(
+        [&](std::size_t, const hal::CanFrame& f) { (void)bus.try_send(f); });  // the tap counts losses
   }
   /// The same where every drive has an end of the bus of its own: `send(axis, frame)`.
   template <class Send>
@@ -74,8 +75,8 @@ class PlantNode {
     for (int n = 0; n < frames_at_once && !answered() && take(bus); ++n) {
     }
   }
-  /// Hands over all that waits. Returns how many commands to our drives were among it: frames of others are no
-  /// sign of a controller.
+  /// Hands over all that waits. Returns how many commands to our drives were among it: frames of others are
+  /// no sign of a controller.
   template <hal::CanBus Bus>
   int drain(Bus& bus) {
     int commands = 0;

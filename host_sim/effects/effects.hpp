@@ -154,7 +154,8 @@ struct Duplication {
   double probability = 0.0;  ///< per frame
   Span when{};
 };
-/// Disturbed bits: seen, and the frame is repeated; or not seen by the CRC, which hardly ever happens on a real bus.
+/// Disturbed bits: seen, and the frame is repeated; or not seen by the CRC, which hardly ever happens on a
+/// real bus.
 struct Corruption {
   static constexpr const char* type = "corruption";
   double detected = 0.0;    ///< probability per transmission

@@ -13,7 +13,8 @@ enum class Stream : std::uint64_t { bus_loss = 2000, bus_duplication, bus_corrup
 /// In [0, 1), in steps of 2^-53.
 class Uniform {
  public:
-  Uniform(std::uint64_t seed, Stream stream) : bits_(seed * 0x9E3779B97F4A7C15ULL + static_cast<std::uint64_t>(stream)) {}
+  Uniform(std::uint64_t seed, Stream stream)
+      : bits_(seed * 0x9E3779B97F4A7C15ULL + static_cast<std::uint64_t>(stream)) {}
   [[nodiscard]] double operator()() { return static_cast<double>(bits_() >> 11U) * 0x1p-53; }
   /// 0 .. n - 1.
   [[nodiscard]] std::uint32_t below(std::uint32_t n) { return static_cast<std::uint32_t>((*this)() * n); }

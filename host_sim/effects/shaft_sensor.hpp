@@ -87,8 +87,8 @@ class ShaftSensor {
     return counts_per_rev_ > 0.0 ? std::round(rev * counts_per_rev_) / counts_per_rev_ : rev;
   }
 
-  /// The drive's tracking loop, critically damped with both poles at e^{-bandwidth T}: at constant speed it reports
-  /// that speed, however fast the loop is.
+  /// The drive's tracking loop, critically damped with both poles at e^{-bandwidth T}: at constant speed it
+  /// reports that speed, however fast the loop is.
   void track(double y) {
     const double ahead = position_ + step_ * velocity_, miss = y - ahead, quick = 1.0 - decay_;
     position_ = ahead + (1.0 - decay_ * decay_) * miss;

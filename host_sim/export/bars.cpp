@@ -35,17 +35,17 @@ std::vector<Chain> chains_of(const Scene& scene) {
       const std::size_t i = 2 * leg + k;
       const std::string number = arm ? std::to_string(k + 1) : fmt::format("{}{}", leg + 1, k + 1);
       RigidBar b{.name = "bar" + number,
-            .joint = "theta" + number,
-            .length = k == 0 ? p.l1 : p.l2,
-            .mass = k == 0 ? p.m1 : p.m2,
-            .centre = k == 0 ? p.lg1 : p.lg2,
-            .inertia = k == 0 ? p.J1 : p.J2,
-            .damping = viscous ? viscous->coefficient[i] : 0.0,
-            .dry_friction = dry ? dry->torque[i] : 0.0,
-            .stops = {},
-            .torque_limit = {},
-            .angle = scene.start_angle[i],
-            .rate = scene.start_rate[i]};
+                 .joint = "theta" + number,
+                 .length = k == 0 ? p.l1 : p.l2,
+                 .mass = k == 0 ? p.m1 : p.m2,
+                 .centre = k == 0 ? p.lg1 : p.lg2,
+                 .inertia = k == 0 ? p.J1 : p.J2,
+                 .damping = viscous ? viscous->coefficient[i] : 0.0,
+                 .dry_friction = dry ? dry->torque[i] : 0.0,
+                 .stops = {},
+                 .torque_limit = {},
+                 .angle = scene.start_angle[i],
+                 .rate = scene.start_rate[i]};
       const std::size_t base = arm ? k : leg;
       if (stops && (arm || k == 0)) b.stops = {stops->lower[base], stops->upper[base]};
       require_inertia(scene, b);

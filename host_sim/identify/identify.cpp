@@ -7,10 +7,10 @@
 #include <nlohmann/json.hpp>
 
 #include "host_sim/controller/controller_config.hpp"
-#include "host_sim/record/recorded_run.hpp"
 #include "host_sim/error.hpp"
 #include "host_sim/identify/inertia.hpp"
 #include "host_sim/identify/uncertainty.hpp"
+#include "host_sim/record/recorded_run.hpp"
 
 namespace esmc::host {
 namespace {
@@ -48,16 +48,19 @@ IdentifyProblem read_problem(const RecordedRun& run, const IdentifyOptions& o) {
                      " that ran under its controller is needed",
                  "state");
   require_ascending(log, 0);
-  for (std::size_t i = 0; i < log.words.size(); ++i) {  // before and after, the torques are not those of the columns
+  for (std::size_t i = 0; i < log.words.size();
+       ++i) {  // before and after, the torques are not those of the columns
     if (log.words[i] != "running") {
-      throw InputError(log.where(i), "state is '" + printable(log.words[i].substr(0, 40)) +
-                                         "': only rows of a running controller tell torques, leave the others out");
+      throw InputError(log.where(i),
+                       "state is '" + printable(log.words[i].substr(0, 40)) +
+                           "': only rows of a running controller tell torques, leave the others out");
     }
   }
   const std::size_t needed = ticks_needed(p);
   if (log.rows() < needed) {
-    throw InputError("", fmt::format("{}: {} rows are too few: twenty windows of {:g} s need {}, {:.3g} s of motion", run.log,
-                                     log.rows(), o.window, needed, static_cast<double>(needed) * p.tick));
+    throw InputError(
+        "", fmt::format("{}: {} rows are too few: twenty windows of {:g} s need {}, {:.3g} s of motion",
+                        run.log, log.rows(), o.window, needed, static_cast<double>(needed) * p.tick));
   }
   require_every_tick(log, 0, p.tick);
   for (std::size_t i = 0; i < log.rows(); ++i) {
@@ -69,7 +72,8 @@ IdentifyProblem read_problem(const RecordedRun& run, const IdentifyOptions& o) {
   return p;
 }
 
-void judge(const Identification& r, const RecordedRun& run, const IdentifyProblem& p, const IdentifyOptions& o) {
+void judge(const Identification& r, const RecordedRun& run, const IdentifyProblem& p,
+           const IdentifyOptions& o) {
   const auto standard = standard_parameters(p.five_bar);
   const auto refuse_weak = [&] {
     throw InputError(
@@ -81,7 +85,8 @@ void judge(const Identification& r, const RecordedRun& run, const IdentifyProble
   };
   if (!r.weak.empty() && r.covariance.size() == 0) refuse_weak();
   for (std::size_t j = 0; j < 2; ++j) {
-    if (!(r.effort[j] > 0.0)) throw InputError("", fmt::format("{}: motor {} has no torque at all in this log", run.log, j + 1));
+    if (!(r.effort[j] > 0.0))
+      throw InputError("", fmt::format("{}: motor {} has no torque at all in this log", run.log, j + 1));
     if (!(r.residual[j] <= unexplained_max * std::max(r.effort[0], r.effort[1]))) {
       throw InputError(
           "",
@@ -94,14 +99,16 @@ void judge(const Identification& r, const RecordedRun& run, const IdentifyProble
   if (!r.weak.empty()) refuse_weak();
   const double half = o.coverage * r.delay_sigma;
   if (!(half <= delay_half_max && r.delay_ticks + half >= -1.0)) {
-    throw InputError("", fmt::format("{}: the torque would be {:.3g} +- {:.2g} ticks late: are the torques those that moved it, with their "
+    throw InputError("", fmt::format("{}: the torque would be {:.3g} +- {:.2g} ticks late: are the torques "
+                                     "those that moved it, with their "
                                      "signs?",
                                      run.log, r.delay_ticks, half));
   }
   for (const BaseParameter& b : r.parameters) {
     const StandardParameter& s = standard[static_cast<std::size_t>(b.of)];
     if (!s.inertial && b.value + 2.0 * o.coverage * b.sigma < 0.0) {
-      throw InputError("", fmt::format("{}: {} would be {:.3g} {}, and friction brakes: are the torques those that moved it, with their "
+      throw InputError("", fmt::format("{}: {} would be {:.3g} {}, and friction brakes: are the torques "
+                                       "those that moved it, with their "
                                        "signs, and is nothing else in the way?",
                                        run.log, s.name, b.value, s.unit));
     }

@@ -14,9 +14,12 @@ constexpr std::array<double LegParams<double>::*, 4> factored{&LegParams<double>
                                                               &LegParams<double>::J1, &LegParams<double>::J2};
 constexpr std::array factor_names{"m1", "m2", "J1", "J2"};
 constexpr double useless = 1.0;  // an uncertainty of 100 %
-constexpr double told_apart = 0.1;  // what a payload and factors may take of each other's place, as a factor, and still be two things
-constexpr double explains_better = 10.0;  // what a payload must take of the misfit to be believed where the factors alone are possible
-constexpr double near_lower = 0.5, near_upper = 2.0;  // true over believed; beyond, what was believed is of another kind
+constexpr double told_apart =
+    0.1;  // what a payload and factors may take of each other's place, as a factor, and still be two things
+constexpr double explains_better =
+    10.0;  // what a payload must take of the misfit to be believed where the factors alone are possible
+constexpr double near_lower = 0.5,
+                 near_upper = 2.0;  // true over believed; beyond, what was believed is of another kind
 
 /// Of the base parameters, the inertial ones.
 Eigen::VectorXd base_values(const Identification& r, const Eigen::VectorXd& standard,
@@ -67,8 +70,9 @@ Fit fit(const Eigen::MatrixXd& A, const Eigen::VectorXd& b) {
   return out;
 }
 
-/// The same with a payload, whose column is p (per kg). A mass at the effector of equal legs does what a mass at the tip of each does:
-/// where the rows cannot tell them apart, the payload is the one that leaves the factors nearest to 1.
+/// The same with a payload, whose column is p (per kg). A mass at the effector of equal legs does what a mass
+/// at the tip of each does: where the rows cannot tell them apart, the payload is the one that leaves the
+/// factors nearest to 1.
 Fit fit_with_payload(const Eigen::MatrixXd& A, const Eigen::VectorXd& b, const Eigen::VectorXd& p) {
   Fit out = fit(A, b);
   out.with_payload = true;
@@ -100,7 +104,8 @@ double half_width(const Fit& f, Eigen::Index i, double coverage) {
   return coverage * std::sqrt(std::max(0.0, f.covariance(i, i)) * f.misfit);
 }
 
-/// The factors that are no masses or inertias of this mechanism: below 0, or far from 1 by more than is uncertain. "" where none is.
+/// The factors that are no masses or inertias of this mechanism: below 0, or far from 1 by more than is
+/// uncertain. "" where none is.
 std::string far_factors(const Fit& f, double coverage) {
   std::string out;
   for (std::size_t k = 0; k < factored.size(); ++k) {
@@ -162,7 +167,8 @@ UncertaintyTable uncertainty_table(const Identification& r, const IdentifyProble
                                modes.eigenvectors().transpose() * size.cwiseInverse().asDiagonal();
   const Eigen::MatrixXd A = root * B;
   const Eigen::VectorXd b = root * change;
-  Eigen::VectorXd tip = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(standard.size()));  // 1 kg at the effector
+  Eigen::VectorXd tip =
+      Eigen::VectorXd::Zero(static_cast<Eigen::Index>(standard.size()));  // 1 kg at the effector
   if (p.five_bar) {
     tip[8] = 1.0;
   } else {
@@ -178,24 +184,30 @@ UncertaintyTable uncertainty_table(const Identification& r, const IdentifyProble
   const bool possible = far_factors(with, coverage).empty();
   if (const std::string far = far_factors(f, coverage); !far.empty()) {
     if (possible && with.misfit <= 2.0 * f.misfit) {
-      table.warnings.push_back(fmt::format(
-          "factors alone would be {} of what is believed, outside [{:g}, {:g}]: the table has a payload of {:.3g} kg instead{}", far,
-          near_lower, near_upper, with.payload,
-          with.payload_apart ? "" : ", the one with factors nearest to 1: this mechanism's motion does not tell it from heavier legs"));
+      table.warnings.push_back(
+          fmt::format("factors alone would be {} of what is believed, outside [{:g}, {:g}]: the table has a "
+                      "payload of {:.3g} kg instead{}",
+                      far, near_lower, near_upper, with.payload,
+                      with.payload_apart ? ""
+                                         : ", the one with factors nearest to 1: this mechanism's motion "
+                                           "does not tell it from heavier legs"));
       f = with;
     } else {
-      table.warnings.push_back(fmt::format(
-          "{} of what is believed lies outside [{:g}, {:g}], and a payload does not mend it: check [mechanism] (masses, mass centres, "
-          "legs that are alike) before using the factors",
-          far, near_lower, near_upper));
+      table.warnings.push_back(
+          fmt::format("{} of what is believed lies outside [{:g}, {:g}], and a payload does not mend it: "
+                      "check [mechanism] (masses, mass centres, "
+                      "legs that are alike) before using the factors",
+                      far, near_lower, near_upper));
     }
   } else if (possible && with.payload_apart && f.misfit >= explains_better * with.misfit) {
-    table.warnings.push_back(
-        fmt::format("factors alone do not explain what was found, with a payload of {:.3g} kg they do: the table has it", with.payload));
+    table.warnings.push_back(fmt::format(
+        "factors alone do not explain what was found, with a payload of {:.3g} kg they do: the table has it",
+        with.payload));
     f = with;
   }
   out = "[uncertainty]                  # true over believed, both legs; mass centres as believed\n";
-  Eigen::VectorXd middle = Eigen::VectorXd::Zero(n), reach = Eigen::VectorXd::Zero(n);  // of the base parameters, by the table
+  Eigen::VectorXd middle = Eigen::VectorXd::Zero(n),
+                  reach = Eigen::VectorXd::Zero(n);  // of the base parameters, by the table
   for (std::size_t k = 0; k < factored.size(); ++k) {
     const auto i = static_cast<Eigen::Index>(k);
     const double half = half_width(f, i, coverage), is = 1.0 + f.value[i];
@@ -219,12 +231,14 @@ UncertaintyTable uncertainty_table(const Identification& r, const IdentifyProble
     missed += (missed.empty() ? "" : ", ") + standard[static_cast<std::size_t>(of.of)].name;
   }
   if (!missed.empty())
-    table.warnings.push_back(
-        fmt::format("the table does not contain what was found, of {}: factors common to both legs do not explain it", missed));
+    table.warnings.push_back(fmt::format(
+        "the table does not contain what was found, of {}: factors common to both legs do not explain it",
+        missed));
   for (const BaseParameter& v : r.parameters) {
     const StandardParameter& of = standard[static_cast<std::size_t>(v.of)];
     if (!of.inertial && v.value + coverage * v.sigma < 0.0)
-      table.warnings.push_back(fmt::format("{} = {:.3g} {} is below 0: no friction is, the table has 0", of.name, v.value, of.unit));
+      table.warnings.push_back(fmt::format("{} = {:.3g} {} is below 0: no friction is, the table has 0",
+                                           of.name, v.value, of.unit));
   }
   for (const char* kind : {"viscous", "coulomb"}) {
     std::string list;
@@ -235,9 +249,10 @@ UncertaintyTable uncertainty_table(const Identification& r, const IdentifyProble
     }
     if (!list.empty()) out += fmt::format("{} = [{}]\n", kind, list);
   }
-  out += fmt::format("# of the torque; what sensors lag is not in it: control.delay_ticks = {:.2f}, from {:.2f} to {:.2f}\n",
-                     std::max(0.0, r.delay_ticks),
-                     r.delay_ticks - coverage * r.delay_sigma, r.delay_ticks + coverage * r.delay_sigma);
+  out += fmt::format(
+      "# of the torque; what sensors lag is not in it: control.delay_ticks = {:.2f}, from {:.2f} to {:.2f}\n",
+      std::max(0.0, r.delay_ticks), r.delay_ticks - coverage * r.delay_sigma,
+      r.delay_ticks + coverage * r.delay_sigma);
   return table;
 }
 

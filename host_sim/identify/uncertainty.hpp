@@ -18,9 +18,10 @@ struct UncertaintyTable {
   std::vector<std::string> warnings;
 };
 
-/// Factors on m1, m2, J1, J2 of both legs that would explain what was identified, with mass centres as believed; frictions. Where a
-/// factor is below 0, or beyond [0.5, 2] by more than is uncertain, a payload is tried as one more unknown. What the motion does not
-/// tell apart is left out and said so. `coverage`: standard uncertainties to either side, > 0.
+/// Factors on m1, m2, J1, J2 of both legs that would explain what was identified, with mass centres as
+/// believed; frictions. Where a factor is below 0, or beyond [0.5, 2] by more than is uncertain, a payload is
+/// tried as one more unknown. What the motion does not tell apart is left out and said so. `coverage`:
+/// standard uncertainties to either side, > 0.
 UncertaintyTable uncertainty_table(const Identification& r, const IdentifyProblem& p,
                                    const FiveBarParams<double>& believed, double coverage);
 

@@ -21,8 +21,8 @@ void weighted(std::size_t n, const Weights& weight, const Stages& k, double h, c
   }
 }
 
-/// The same with row `row` of a table known to the compiler: zeros are gone, the rest is straight-line code. Order 8 on
-/// the five-bar spent more on the loop above than on the mechanism.
+/// The same with row `row` of a table known to the compiler: zeros are gone, the rest is straight-line code.
+/// Order 8 on the five-bar spent more on the loop above than on the mechanism.
 template <const auto& table, std::size_t row, class Stages, class State>
 void weighted_row(std::size_t n, const Stages& k, double h, const State& start, State& out) {
   [&]<std::size_t... J>(std::index_sequence<J...>) {
@@ -34,7 +34,8 @@ void weighted_row(std::size_t n, const Stages& k, double h, const State& start, 
       (term(std::integral_constant<std::size_t, J>{}), ...);
       out[i] = start[i] + h * sum;
     }
-  }(std::make_index_sequence<table[row].size()>{});
+  }
+  (std::make_index_sequence<table[row].size()>{});
 }
 
 /// f(std::integral_constant<std::size_t, s>) for s = first .. last - 1.
@@ -42,7 +43,8 @@ template <std::size_t first, std::size_t last, class F>
 void each_stage(const F& f) {
   [&]<std::size_t... S>(std::index_sequence<S...>) {
     (f(std::integral_constant<std::size_t, first + S>{}), ...);
-  }(std::make_index_sequence<last - first>{});
+  }
+  (std::make_index_sequence<last - first>{});
 }
 
 }  // namespace esmc::host

@@ -15,7 +15,8 @@
 namespace esmc::host {
 
 /// y' = slope(t, y), where y lies on a manifold that project restores.
-///   static constexpr std::size_t capacity;  State = std::array<double, capacity>; of several systems side by side, where
+///   static constexpr std::size_t capacity;  State = std::array<double, capacity>; of several systems side by
+///   side, where
 ///                                           a method allows it, a type that is several numbers
 ///   std::size_t size() const                entries in use, <= capacity; the rest are never read or written
 ///   static constexpr std::size_t positions  y[0, positions) are positions, y[positions, 2 positions) their

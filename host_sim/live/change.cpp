@@ -3,10 +3,10 @@
 #include <map>
 #include <set>
 
-#include "host_sim/loop/halves.hpp"
-#include "host_sim/live/session.hpp"
 #include "host_sim/drives/placed_axes.hpp"
 #include "host_sim/effects/shaft_sensor.hpp"
+#include "host_sim/live/session.hpp"
+#include "host_sim/loop/halves.hpp"
 
 namespace esmc::host {
 namespace {
@@ -40,7 +40,9 @@ std::set<std::string> changed_tables(const Scene& from, const Scene& to) {
   compare(b, a);
   const auto files = [&](const Scene& x, const Scene& y) {  // in the text they have the same names
     for (const Companion& c : x.companions) {
-      if (std::ranges::none_of(y.companions, [&](const Companion& o) { return o.name == c.name && o.text == c.text; })) out.insert(c.key().substr(0, c.key().find('.')));
+      if (std::ranges::none_of(y.companions,
+                               [&](const Companion& o) { return o.name == c.name && o.text == c.text; }))
+        out.insert(c.key().substr(0, c.key().find('.')));
     }
   };
   files(from, to);
@@ -77,16 +79,16 @@ void prepare_live_scene(Scene& scene, bool controller_elsewhere) {
   if (!scene.reference.join) scene.reference.join = usual_join(scene.reference);
 }
 
-Takes what_it_takes(const Scene& from, const Scene& to) {
+RestartLevel what_it_takes(const Scene& from, const Scene& to) {
   if (from.type != to.type) throw InputError("", "'mechanism.type': another mechanism needs another bench");
   const auto changed = changed_tables(from, to);
-  if (changed.contains("mechanism") || changed.contains("initial")) return Takes::home;
+  if (changed.contains("mechanism") || changed.contains("initial")) return RestartLevel::home;
   static const std::set<std::string> of_the_plant{"effects", "simulation", "name"};
   const bool plant =
       std::ranges::all_of(changed, [](const std::string& t) { return of_the_plant.contains(t); });
   if (!plant || !same_sensors(from, to) || (to.model.exact_friction && changed.contains("effects")))
-    return Takes::restart;
-  return Takes::nothing;
+    return RestartLevel::restart;
+  return RestartLevel::nothing;
 }
 
 InjectOrder usual_injection(const InjectionRow& row, std::size_t drive) {

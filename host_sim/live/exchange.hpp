@@ -8,8 +8,8 @@
 #include <variant>
 
 #include "host_sim/campaign/injections.hpp"
-#include "host_sim/plant/hand.hpp"
 #include "host_sim/live/ring.hpp"
+#include "host_sim/plant/hand.hpp"
 #include "host_sim/scene/scene.hpp"
 
 namespace esmc::host {
@@ -48,14 +48,14 @@ struct InjectOrder {
 };
 
 /// Another scene, already read and found possible. What that takes:
-enum class Takes : std::uint8_t {
+enum class RestartLevel : std::uint8_t {
   nothing,  ///< the mechanism goes on with other effects
   restart,  ///< stop, brake, drives and controller anew, start
   home,     ///< and the mechanism where the scene begins
 };
 struct SceneOrder {
   std::shared_ptr<const Scene> scene;
-  Takes takes = Takes::restart;
+  RestartLevel takes = RestartLevel::restart;
   std::string what;  ///< for the event
 };
 

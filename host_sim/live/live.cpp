@@ -7,12 +7,12 @@
 #include <nlohmann/json.hpp>
 #include <thread>
 
-#include "host_sim/live/desk.hpp"
-#include "host_sim/live/session.hpp"
 #include "host_sim/bus/open_bus.hpp"
-#include "host_sim/loop/pace.hpp"
 #include "host_sim/error.hpp"
 #include "host_sim/live/access.hpp"
+#include "host_sim/live/live_api.hpp"
+#include "host_sim/live/session.hpp"
+#include "host_sim/loop/pace.hpp"
 
 namespace esmc::host {
 
@@ -33,7 +33,7 @@ std::string with_token(std::string_view page, const std::string& token) {
 /// The loop: orders, tick, samples, and then sleep until the next tick. Never waits for anything else.
 class Runner {
  public:
-  Runner(LiveSession& session, Exchange& exchange, LiveDesk::Loop& told)
+  Runner(LiveSession& session, Exchange& exchange, LiveApi::Loop& told)
       : session_(session), exchange_(exchange), told_(told) {}
 
   /// Until Ctrl-C or `seconds` of ticks have passed; then the drives are idle.
@@ -79,12 +79,12 @@ class Runner {
 
   LiveSession& session_;
   Exchange& exchange_;
-  LiveDesk::Loop& told_;
+  LiveApi::Loop& told_;
   std::vector<LiveEvent> faults_;
   std::uint64_t shown_ = 0;
 };
 
-Json summary(const LiveSession& session, const Runner& runner, const LiveDesk::Loop& loop,
+Json summary(const LiveSession& session, const Runner& runner, const LiveApi::Loop& loop,
              const ServerCounts& served, std::uint64_t malformed) {
   Json faults = Json::array();
   for (const LiveEvent& e : runner.faults())
@@ -114,7 +114,7 @@ int run_live(const LiveOptions& o) {
   std::optional<HostBus> bus;
   if (!here) bus.emplace(open_bus(o.run.bus, scene->bitrate));
   auto exchange = std::make_unique<Exchange>();
-  LiveDesk desk(o.run, scene, *exchange);
+  LiveApi desk(o.run, scene, *exchange);
   ServerOptions options;
   options.port = o.port;
   options.token = make_token();

@@ -9,8 +9,8 @@
 #include <utility>
 #include <vector>
 
-#include "host_sim/campaign/world.hpp"
 #include "host_sim/campaign/episode.hpp"
+#include "host_sim/campaign/world.hpp"
 #include "host_sim/live/exchange.hpp"
 
 namespace esmc::host {
@@ -24,7 +24,7 @@ class LiveFault {
   [[nodiscard]] const hal::CanFrame& foreign() const { return foreign_; }
 
   /// What to say of it; "": nothing has changed.
-  std::string order(const InjectOrder& o, const Dialect& words, const Scene& scene) {
+  std::string order(const InjectOrder& o, const ProtocolTraits& words, const Scene& scene) {
     if (o.row == nullptr) {
       if (!active()) return {};
       since_ = -1;

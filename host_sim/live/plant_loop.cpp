@@ -1,9 +1,9 @@
 #include <limits>
 #include <memory>
 
-#include "host_sim/loop/halves.hpp"
 #include "host_sim/live/loop_parts.hpp"
 #include "host_sim/live/session.hpp"
+#include "host_sim/loop/halves.hpp"
 #include "host_sim/record/recorder.hpp"
 
 namespace esmc::host {
@@ -40,14 +40,14 @@ class PlantSession final : public LiveSession {
   [[nodiscard]] double now() const {
     return (static_cast<double>(ticks_) + static_cast<double>(part_) / parts) * scene_->tick();
   }
-  [[nodiscard]] const Dialect& words() const { return dialect(scene_->drives.protocol); }
+  [[nodiscard]] const ProtocolTraits& words() const { return dialect(scene_->drives.protocol); }
 
   void build() {
     fault_.clear();
     world_ =
         std::make_unique<World<Plant>>(make_motion<World_>(*scene_, initial_state<World_>(*scene_), &hand_),
                                        *scene_, *scene_, fault_.injection(), words(), false);
-    wire_ = std::make_unique<Wire>(fault_.injection(), words(), world_->nodes());
+    wire_ = std::make_unique<FaultyBus>(fault_.injection(), words(), world_->nodes());
     run_ticks_ = 0;
     diverged_ = false;
   }
@@ -65,7 +65,7 @@ class PlantSession final : public LiveSession {
     if (!what.empty()) say("order", std::move(what));
   }
   void take(const SceneOrder& o) {
-    if (o.takes != Takes::nothing)
+    if (o.takes != RestartLevel::nothing)
       return say("note", o.what + ": the controller is on the bus and keeps its scene");
     world_->go_on(make_motion<World_>(*o.scene, world_->motion().state(), &hand_), *o.scene);
     scene_ = o.scene;
@@ -76,8 +76,8 @@ class PlantSession final : public LiveSession {
     const bool first = fault_.begin_tick();
     wire_->begin_tick(fault_.active());
     world_->publish(*wire_, fault_.active(), first);
-    wire_->strangers_before_tick();
-    wire_->strangers_after_tick(fault_.foreign());
+    wire_->inject_foreign_frames();
+    wire_->inject_foreign_frames_after_tick(fault_.foreign());
     look();
   }
   /// What has come goes to the drives, what they say goes out.
@@ -100,7 +100,7 @@ class PlantSession final : public LiveSession {
   Hand hand_{.most = 1.0};
   LiveFault fault_;
   std::unique_ptr<World<Plant>> world_;
-  std::unique_ptr<Wire> wire_;
+  std::unique_ptr<FaultyBus> wire_;
   LiveSample sample_;
   std::vector<LiveEvent> events_;
   Digest digest_;

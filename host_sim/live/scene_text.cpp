@@ -1,9 +1,9 @@
 #include <algorithm>
 #include <iterator>
 
-#include "host_sim/loop/halves.hpp"
-#include "host_sim/live/desk.hpp"
+#include "host_sim/live/live_api.hpp"
 #include "host_sim/live/session.hpp"
+#include "host_sim/loop/halves.hpp"
 #include "host_sim/record/recorder.hpp"
 
 namespace esmc::host {

@@ -17,7 +17,7 @@ constexpr unsigned patience_s = 5;  ///< for a request, or for the network to ta
 
 /// What libwebsockets keeps for a connection.
 struct Connection {
-  Visitor* visitor;
+  Client* visitor;
   std::string* heard;  ///< of a message that comes in parts
   bool pending;        ///< a message waits to be taken
   const Served* file;
@@ -92,7 +92,7 @@ class LwsServer final : public Server {
         case LWS_CALLBACK_HTTP_CONFIRM_UPGRADE:
           return s->upgrade(wsi, static_cast<const char*>(in));
         case LWS_CALLBACK_ESTABLISHED:
-          *c = {s->desk_.welcome().release(), new std::string, false, nullptr, 0};
+          *c = {s->desk_.on_connect().release(), new std::string, false, nullptr, 0};
           ++s->visitors_;
           ++s->counts_.pages;
           lws_callback_on_writable(wsi);
@@ -122,7 +122,7 @@ class LwsServer final : public Server {
     const int n = lws_hdr_copy(wsi, text.data(), static_cast<int>(text.size()), which);
     return n > 0 ? std::string(text.data(), static_cast<std::size_t>(n)) : std::string();
   }
-  /// An HTTP status that says no; 0: welcome. `page`: it came by a WebSocket, which always has an origin.
+  /// An HTTP status that says no; 0: on_connect. `page`: it came by a WebSocket, which always has an origin.
   [[nodiscard]] unsigned refusal(lws* wsi, bool page) const {
     if (!own_host(header(wsi, WSI_TOKEN_HOST), port_)) return HTTP_STATUS_FORBIDDEN;
     const bool told = lws_hdr_total_length(wsi, WSI_TOKEN_ORIGIN) > 0;
@@ -215,7 +215,7 @@ class LwsServer final : public Server {
     return 1;
   }
 
-  static int send_next(lws* wsi, Visitor& visitor) {
+  static int send_next(lws* wsi, Client& visitor) {
     const std::string text = visitor.next();
     if (text.empty()) return 0;
     std::vector<unsigned char> buffer(LWS_PRE + text.size());
@@ -235,7 +235,7 @@ class LwsServer final : public Server {
     c.heard->append(part);
     if (lws_is_final_fragment(wsi) == 0 || lws_remaining_packet_payload(wsi) > 0) return 0;
     ++counts_.messages;
-    c.visitor->hear(*c.heard);
+    c.visitor->on_message(*c.heard);
     c.heard->clear();
     return 0;
   }

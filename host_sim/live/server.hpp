@@ -18,18 +18,18 @@ struct Served {
 };
 
 /// One page that is connected.
-class Visitor {
+class Client {
  public:
-  virtual ~Visitor() = default;
-  Visitor(const Visitor&) = delete;
-  Visitor& operator=(const Visitor&) = delete;
+  virtual ~Client() = default;
+  Client(const Client&) = delete;
+  Client& operator=(const Client&) = delete;
   /// What the page is to be told next; empty: nothing now. Asked again only once the last message has gone
   /// out: a slow page gets fewer.
   [[nodiscard]] virtual std::string next() = 0;
-  virtual void hear(std::string_view message) = 0;
+  virtual void on_message(std::string_view message) = 0;
 
  protected:
-  Visitor() = default;
+  Client() = default;
 };
 
 /// Who answers.
@@ -38,7 +38,7 @@ class Desk {
   virtual ~Desk() = default;
   Desk(const Desk&) = delete;
   Desk& operator=(const Desk&) = delete;
-  [[nodiscard]] virtual std::unique_ptr<Visitor> welcome() = 0;
+  [[nodiscard]] virtual std::unique_ptr<Client> on_connect() = 0;
   /// Now and then, about 50 times a second.
   virtual void turn() = 0;
 

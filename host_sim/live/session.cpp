@@ -8,8 +8,8 @@
 #include <optional>
 #include <utility>
 
-#include "host_sim/loop/halves.hpp"
 #include "host_sim/live/loop_parts.hpp"
+#include "host_sim/loop/halves.hpp"
 #include "host_sim/record/recorder.hpp"
 
 namespace esmc::host {
@@ -49,11 +49,11 @@ class Session final : public LiveSession {
   /// Everything that is made of a scene. The members refer to each other in this order.
   struct Bench {
     std::shared_ptr<const Scene> scene;
-    const Dialect& words;
+    const ProtocolTraits& words;
     ReferenceBundle<double> reference;
     AnyCycle<M> cycle;
     World<Plant> world;
-    Wire wire;
+    FaultyBus wire;
 
     Bench(std::shared_ptr<const Scene> s, const State_& at, const Hand& hand, const Injection& injection)
         : scene(std::move(s)),
@@ -162,12 +162,12 @@ void Session<World_>::take(const InjectOrder& o) {
 template <class World_>
 void Session<World_>::take(const SceneOrder& o) {
   const State s = supervisor().state();
-  if (o.takes == Takes::nothing && !next_) {
+  if (o.takes == RestartLevel::nothing && !next_) {
     bench_->world.go_on(make_motion<World_>(*o.scene, bench_->world.motion().state(), &hand_), *o.scene);
     scene_ = bench_->scene = o.scene;
     return say("scene", o.what + ": from now on; states of effects begin anew");
   }
-  const Takes before = next_ ? next_->takes : Takes::nothing;
+  const RestartLevel before = next_ ? next_->takes : RestartLevel::nothing;
   next_ = o;
   next_->takes = std::max(before, o.takes);
   if (s == State::fault) return say("scene", o.what + ": in force after the reset");
@@ -184,7 +184,7 @@ void Session<World_>::steer() {
   if (s != State::disabled) return;
   if (next_) {
     scene_ = next_->scene;
-    build(next_->takes == Takes::home ? initial_state<World_>(*scene_) : resting());
+    build(next_->takes == RestartLevel::home ? initial_state<World_>(*scene_) : resting());
     next_.reset();
   }
   if (std::exchange(start_, false)) {
@@ -211,9 +211,9 @@ void Session<World_>::tick() {
   const bool first = fault_.begin_tick(), active = fault_.active();
   b.wire.begin_tick(active);
   b.world.publish(b.wire, active, first);
-  b.wire.strangers_before_tick();
+  b.wire.inject_foreign_frames();
   control();
-  b.wire.strangers_after_tick(fault_.foreign());
+  b.wire.inject_foreign_frames_after_tick(fault_.foreign());
   b.world.deliver(b.wire, now() * 1e3);
   look();
   // A holding brake: closed while the controller is off, open in a fault, as in esmc hil, to show what comes

@@ -61,7 +61,7 @@ std::unique_ptr<LiveSession> make_live_plant(std::shared_ptr<const Scene> scene,
 void prepare_live_scene(Scene& scene, bool controller_elsewhere = false);
 
 /// What it takes to go from one scene to the next. Throws InputError where another bench is needed.
-Takes what_it_takes(const Scene& from, const Scene& to);
+RestartLevel what_it_takes(const Scene& from, const Scene& to);
 
 /// What a fault does where nobody says how much: amount and, in ticks, length.
 InjectOrder usual_injection(const InjectionRow& row, std::size_t drive);

@@ -8,12 +8,12 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 
-#include "host_sim/loop/halves.hpp"
 #include "host_sim/bus/open_bus.hpp"
 #include "host_sim/drives/cia402_axis.hpp"
-#include "host_sim/scene/drive_defects.hpp"
 #include "host_sim/drives/mit_axis.hpp"
 #include "host_sim/drives/odrive_axis.hpp"
+#include "host_sim/loop/halves.hpp"
+#include "host_sim/scene/drive_defects.hpp"
 
 namespace esmc::host {
 namespace {
@@ -45,15 +45,16 @@ void check(const DriveOptions& o) {
   require(o.rate_hz >= 1.0 && o.rate_hz <= 1e4, "rate", o.rate_hz, "from 1 to 10000, Hz");
   require(o.watchdog > 0.0 && o.watchdog <= 1e3, "watchdog", o.watchdog, "> 0 and <= 1000, s");
   require(!o.duration || positive(*o.duration), "duration", o.duration.value_or(0.0), "> 0 and <= 1e6, s");
-  for (const auto& [name, value] : {std::pair{"position-range", o.position_range},
-                                    std::pair{"velocity-range", o.velocity_range},
-                                    std::pair{"torque-range", o.torque_range}, std::pair{"rated-torque", o.rated_torque}}) {
+  for (const auto& [name, value] :
+       {std::pair{"position-range", o.position_range}, std::pair{"velocity-range", o.velocity_range},
+        std::pair{"torque-range", o.torque_range}, std::pair{"rated-torque", o.rated_torque}}) {
     require(positive(value), name, value, "> 0 and <= 1e6");
   }
   const bool odrive = o.protocol.starts_with("odrive"), damiao = o.protocol == "mit" && o.dialect == "damiao";
   const int low = odrive ? 0 : 1, high = odrive ? 62 : (o.protocol == "cia402" ? 127 : (damiao ? 15 : 255));
   if (o.node < low || o.node > high) {
-    throw InputError("", fmt::format("--node {}: must be from {} to {} with --protocol {}", o.node, low, high, o.protocol));
+    throw InputError("", fmt::format("--node {}: must be from {} to {} with --protocol {}", o.node, low, high,
+                                     o.protocol));
   }
   if (o.master_id < 0 || o.master_id > 0x7FF) {
     throw InputError("", fmt::format("--master-id {}: must be from 0 to 2047", o.master_id));
@@ -99,7 +100,8 @@ std::unique_ptr<EmulatedAxis> make_drive(const DriveOptions& o, const Defects& d
 /// Returns at a frame, a signal or the instant.
 void wait_for_frame_until(HostBus& bus, Clock::time_point instant) {
   const auto left = instant - Clock::now();
-  if (left > Clock::duration::zero()) (void)wait_for_frame(bus, std::chrono::duration_cast<std::chrono::nanoseconds>(left));
+  if (left > Clock::duration::zero())
+    (void)wait_for_frame(bus, std::chrono::duration_cast<std::chrono::nanoseconds>(left));
 }
 
 class Drive {
@@ -221,11 +223,13 @@ int run_drive(const DriveOptions& o) {
   if (o.json) {
     fmt::print("{}\n", s.dump(2));
   } else {
-    fmt::print("{} s, {} frames received ({} commands), {} sent; shaft at {:.6g} rad, {:.6g} rad/s, largest torque {:.6g} N m\n",
-               s["duration_s"].get<double>(), s["frames"]["received"].get<std::uint64_t>(),
-               s["frames"]["commands"].get<std::uint64_t>(), s["frames"]["sent"].get<std::uint64_t>(),
-               s["state"]["angle_rad"].get<double>(), s["state"]["rate_rad_s"].get<double>(),
-               s["max_torque_nm"].get<double>());
+    fmt::print(
+        "{} s, {} frames received ({} commands), {} sent; shaft at {:.6g} rad, {:.6g} rad/s, largest torque "
+        "{:.6g} N m\n",
+        s["duration_s"].get<double>(), s["frames"]["received"].get<std::uint64_t>(),
+        s["frames"]["commands"].get<std::uint64_t>(), s["frames"]["sent"].get<std::uint64_t>(),
+        s["state"]["angle_rad"].get<double>(), s["state"]["rate_rad_s"].get<double>(),
+        s["max_torque_nm"].get<double>());
   }
   return 0;
 }

@@ -30,7 +30,8 @@ std::string to_confirm(const Scene& scene) {
     case Protocol::odrive_0_5: {
       const auto unread = [&](OdriveValue v) { return !d.endpoints || !d.endpoints->has(v); };
       const bool constant = d.torque_constant.empty();
-      if (d.protocol == Protocol::odrive_0_5) list("control_mode is torque and input_mode passthrough, as stored");
+      if (d.protocol == Protocol::odrive_0_5)
+        list("control_mode is torque and input_mode passthrough, as stored");
       if (unread(OdriveValue::enable_watchdog) || unread(OdriveValue::watchdog_timeout)) {
         list("enable_watchdog, and watchdog_timeout as in drives.watchdog_timeout");
       }
@@ -39,7 +40,8 @@ std::string to_confirm(const Scene& scene) {
         list("vel_limit above limits.joint_speed at the shaft, and overspeed trips");
       }
       if (unread(OdriveValue::torque_constant) || constant) list("torque_constant is the motor's");
-      if (unread(OdriveValue::current_limit) || constant) list("the current limit allows control.torque_limit");
+      if (unread(OdriveValue::current_limit) || constant)
+        list("the current limit allows control.torque_limit");
       if (unread(OdriveValue::heartbeat_period)) list("heartbeats come every 10 ms at most");
       break;
     }
@@ -64,8 +66,10 @@ void require_confirmed(const Scene& scene) {
   const std::string open = to_confirm(scene);
   if (open.empty() || scene.drives.confirmed.value_or(!scene.hardware)) return;
   throw InputError(scene.drives.where,
-                   "'drives.confirmed' must be true before these drives are armed, once somebody has checked what cannot be "
-                   "read back: " + open);
+                   "'drives.confirmed' must be true before these drives are armed, once somebody has checked "
+                   "what cannot be "
+                   "read back: " +
+                       open);
 }
 
 Scene read_loop_scene(const RunOptions& o) {
@@ -81,8 +85,9 @@ void require_same_scene(const Scene& scene, const hal::CanFrame& f) {
   if (!scene.command || scene.identity == 0) return;
   const auto other = link::decode_identity(f, static_cast<std::uint32_t>(scene.command->base_id));
   if (!other || *other == 0 || *other == scene.identity) return;
-  throw RunError(fmt::format("the controller on the bus was made from another scene: it announces {:08x}, {} is {:08x}", *other,
-                             scene.file, scene.identity));
+  throw RunError(
+      fmt::format("the controller on the bus was made from another scene: it announces {:08x}, {} is {:08x}",
+                  *other, scene.file, scene.identity));
 }
 
 }  // namespace esmc::host

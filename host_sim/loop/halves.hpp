@@ -8,23 +8,23 @@
 #include <utility>
 #include <vector>
 
+#include "host_sim/bus/frame_log.hpp"
 #include "host_sim/controller/axes_config.hpp"
 #include "host_sim/controller/in_double.hpp"
+#include "host_sim/drives/plant_node.hpp"
 #include "host_sim/loop/progress.hpp"
+#include "host_sim/loop/waiting.hpp"
 #include "host_sim/record/recorder.hpp"
 #include "host_sim/record/run_options.hpp"
-#include "host_sim/bus/frame_log.hpp"
-#include "host_sim/drives/plant_node.hpp"
-#include "host_sim/loop/waiting.hpp"
 #include "host_sim/scene/read_effects.hpp"
 
 namespace esmc::host {
 
-inline constexpr int silence_ms = 5000;         ///< without a word from the other half: the run has failed
-inline constexpr int parting_ms = 20;           ///< per tick, for the other half after a stop
+inline constexpr int silence_ms = 5000;  ///< without a word from the other half: the run has failed
+inline constexpr int parting_ms = 20;    ///< per tick, for the other half after a stop
 inline constexpr const char* gone_text = "the slcan adapter is gone: unplugged, or closed at its other end";
-/// s (in lockstep: of virtual time) until the plant gives up that its drives are armed: longer than the controller tries, and
-/// a supervisor computer is given longer still.
+/// s (in lockstep: of virtual time) until the plant gives up that its drives are armed: longer than the
+/// controller tries, and a supervisor computer is given longer still.
 [[nodiscard]] inline double arming_time_max(const Scene& s) {
   return armed_by_link(s) ? 60.0 : enabling_time_max(s) + 1.0;
 }
@@ -40,14 +40,17 @@ std::string to_confirm(const Scene& scene);
 void require_confirmed(const Scene& scene);
 /// Reads a scene for a command with a bus in it; open_loop and none are refused.
 Scene read_loop_scene(const RunOptions& o);
-/// Throws RunError if `f` announces a controller with this scene's command.base_id that was made from another scene.
+/// Throws RunError if `f` announces a controller with this scene's command.base_id that was made from another
+/// scene.
 void require_same_scene(const Scene& scene, const hal::CanFrame& f);
 
-/// Waits for the other half: until `done`, Ctrl-C or the end of our patience. Throws RunError when the bus is gone.
+/// Waits for the other half: until `done`, Ctrl-C or the end of our patience. Throws RunError when the bus is
+/// gone.
 template <class Bus, class Done>
 Waited wait_for(Bus& bus, const Done& done, int patience_ms = silence_ms) {
   const Waited w = wait_until(
-      bus, done, [&] { return stop_requested().load() || is_gone(bus); }, std::chrono::milliseconds(patience_ms));
+      bus, done, [&] { return stop_requested().load() || is_gone(bus); },
+      std::chrono::milliseconds(patience_ms));
   if (w != Waited::done && is_gone(bus)) throw RunError(gone_text);
   return w;
 }
@@ -139,13 +142,13 @@ class PlantHalf {
     ++done_;
   }
   /// What the drives were told, from an instant of the tick on.
-  struct Told {
+  struct TorqueCommand {
     double since;  ///< s since the tick began
     Joints torque;
   };
-  /// The same where torques arrive within the tick. The first of `told` holds from its beginning; what holds at its
-  /// end is what is recorded.
-  void advance(std::span<const Told> told, const ControllerView<M>& seen) {
+  /// The same where torques arrive within the tick. The first of `told` holds from its beginning; what holds
+  /// at its end is what is recorded.
+  void advance(std::span<const TorqueCommand> told, const ControllerView<M>& seen) {
     if (!node_.released()) return;
     bool clipped = false;
     delivered_.clear();
@@ -158,7 +161,8 @@ class PlantHalf {
     recorder_.tick(done_, node_.motion(), delivered_.back(), clipped, seen, disarmed_);
     for (std::size_t i = 0; i < told.size(); ++i) {
       if (length(i) > 0.0) {
-        node_.advance(done_ * scene_.tick() + told[i].since, length(i), scene_.tick() / substeps_, delivered_[i]);
+        node_.advance(done_ * scene_.tick() + told[i].since, length(i), scene_.tick() / substeps_,
+                      delivered_[i]);
       }
     }
     ++done_;
@@ -260,15 +264,19 @@ class ControllerHalf {
   /// Why it did not arm: the fault and, where a drive said so, its node and object.
   [[nodiscard]] std::string refusal() const {
     std::string out = name(supervisor().fault());
-    if (supervisor().fault() == Fault::enabling_timeout && !unready().empty()) out += " (not ready: " + unready() + ")";
+    if (supervisor().fault() == Fault::enabling_timeout && !unready().empty())
+      out += " (not ready: " + unready() + ")";
     if (!odd_encoder().empty()) out += " (the encoder of " + odd_encoder() + " contradicts the others)";
     with([&](const auto& c) {
       for (int i = 0; i < axis_count_; ++i) {
         if constexpr (requires { c.axis(i).encoder_unconnected(); }) {
           const bool motor = std::ranges::any_of(motors_, [&](const auto& m) { return m.first == i; });
           if (!motor && c.axis(i).encoder_unconnected()) {
-            out += fmt::format(" (node {} reports position 0, as firmware 0.5.6 does until its first closed loop: no passive "
-                               "encoder)", c.axis(i).node());
+            out += fmt::format(
+                " (node {} reports position 0, as firmware 0.5.6 does until its first closed loop: no "
+                "passive "
+                "encoder)",
+                c.axis(i).node());
           }
         }
         if constexpr (requires { c.axis(i).refused_endpoint(); }) {
@@ -291,7 +299,8 @@ class ControllerHalf {
     with([&](const auto& c) {
       for (const auto& [axis, node] : motors_) {
         if (c.axis(axis).ready()) continue;
-        out += fmt::format("{}node {}{}", out.empty() ? "" : ", ", node, c.axis(axis).alive() ? "" : " (silent)");
+        out += fmt::format("{}node {}{}", out.empty() ? "" : ", ", node,
+                           c.axis(axis).alive() ? "" : " (silent)");
       }
     });
     return out;
@@ -309,7 +318,7 @@ class ControllerHalf {
     const auto give_up = std::chrono::steady_clock::now() + std::chrono::milliseconds(silence_ms);
     Waited w = Waited::silent;
     while (w == Waited::silent && std::chrono::steady_clock::now() < give_up) {
-      knock();
+      request_arming();
       if (supervisor().state() == State::fault) return Waited::done;
       w = wait_for(bus_, answered, static_cast<int>(retry.count()));
     }
@@ -329,8 +338,8 @@ class ControllerHalf {
       if (lockstep_) c.request(bus_);
     });
   }
-  /// Against the clock a tick begins with this: takes what has come and, where the drives sample on demand, asks
-  /// them and waits for their answers, no longer than `patience`.
+  /// Against the clock a tick begins with this: takes what has come and, where the drives sample on demand,
+  /// asks them and waits for their answers, no longer than `patience`.
   void sample(std::chrono::microseconds patience) {
     if constexpr (requires { bus_.look(); }) bus_.look();
     receive();
@@ -340,7 +349,7 @@ class ControllerHalf {
     while (!take_set() && std::chrono::steady_clock::now() < deadline) (void)wait_for_frame(bus_, 0);
   }
   /// Asks the drives to arm without being asked for a torque: nobody is there yet.
-  void knock() {
+  void request_arming() {
     with([](auto& c) { c.ask_again(); });
     tick(false);
   }

@@ -4,11 +4,11 @@
 #include <chrono>
 #include <memory>
 
-#include "host_sim/record/finish.hpp"
+#include "host_sim/bus/open_bus.hpp"
 #include "host_sim/loop/halves.hpp"
 #include "host_sim/loop/hil_timed.hpp"
-#include "host_sim/bus/open_bus.hpp"
 #include "host_sim/loop/realtime.hpp"
+#include "host_sim/record/finish.hpp"
 
 namespace esmc::host {
 namespace {
@@ -71,7 +71,8 @@ template <class World>
 int run_hil(const Scene& scene, const RunOptions& o) {
   require_reachable<World>(scene, o.realtime ? Pacing::realtime : Pacing::lockstep);
   const bool on_bus = std::ranges::any_of(scene.effects, acts_on_bus);
-  if (on_bus && (o.realtime || o.bus != "virtual")) refuse_bus_effects(scene, "a CAN interface is not ours to disturb");
+  if (on_bus && (o.realtime || o.bus != "virtual"))
+    refuse_bus_effects(scene, "a CAN interface is not ours to disturb");
   if (o.single_precision && (on_bus || o.realtime || o.bus != "virtual")) {
     throw InputError("", "--scalar float: only in lockstep on the virtual bus without effects of the bus");
   }
@@ -81,7 +82,8 @@ int run_hil(const Scene& scene, const RunOptions& o) {
     const std::string interface = o.again.comparison != nullptr ? o.again.interface : "virtual";
     const auto bus = std::make_unique<hal::VirtualBus<2>>();
     if (o.single_precision) {
-      return run_lockstep<World, typename World::SinglePrecision>(scene, o, bus->port(0), bus->port(1), interface);
+      return run_lockstep<World, typename World::SinglePrecision>(scene, o, bus->port(0), bus->port(1),
+                                                                  interface);
     }
     return run_lockstep<World>(scene, o, bus->port(0), bus->port(1), interface);
   }

@@ -10,8 +10,9 @@ BusSummary bus_summary(TimedBus& bus, const Scene& scene, std::uint64_t frames) 
   s.frames = frames;
   s.lost = c.refused;
   s.load = bus.now() > 0 ? static_cast<double>(bus.busy_bits()) / static_cast<double>(bus.now()) : 0.0;
-  BusSummary::Disturbances d{c.errors, c.missed, c.duplicated, c.corrupted, find_effect<BitTiming>(scene.effects).has_value(),
-                             {}, {}};
+  BusSummary::Disturbances d{
+      c.errors, c.missed, c.duplicated, c.corrupted, find_effect<BitTiming>(scene.effects).has_value(),
+      {},       {}};
   for (const TimedBus::Latency& l : bus.latencies()) {
     d.messages.push_back({l.id, l.extended, l.frames, bus.seconds(l.sum) / static_cast<double>(l.frames),
                           bus.seconds(l.largest)});

@@ -2,13 +2,13 @@
 /// `esmc hil` on a bus with effects: frames take time or get lost, so a tick cannot wait for them for ever.
 ///
 ///   begin    every drive asks its node to send: sample, heartbeat
-///   listen   until every axis' sample of this tick is through, or nobody has anything left to send, or the tick is over
-///   tick     with what has come; what is missing is extrapolated up to limits.max_age_ticks
+///   listen   until every axis' sample of this tick is through, or nobody has anything left to send, or the
+///   tick is over tick     with what has come; what is missing is extrapolated up to limits.max_age_ticks
 ///   rest     until the tick is over: each drive takes its torque when the bus has carried it
 ///   advance  the plant over the tick, under each torque from the instant it was received on
 ///
-/// What comes later than its tick is read in the next, as if it were of it: these frames carry no time. It does not
-/// make the controller tick earlier.
+/// What comes later than its tick is read in the next, as if it were of it: these frames carry no time. It
+/// does not make the controller tick earlier.
 
 #include <algorithm>
 #include <chrono>
@@ -18,8 +18,8 @@
 #include <vector>
 
 #include "host_sim/bus/timed_bus.hpp"
-#include "host_sim/record/finish.hpp"
 #include "host_sim/loop/halves.hpp"
+#include "host_sim/record/finish.hpp"
 
 namespace esmc::host {
 
@@ -34,10 +34,10 @@ template <class World>
 class TimedLoop {
  public:
   using Plant = PlantHalf<World, BusPort>;
-  using Told = typename Plant::Told;
+  using TorqueCommand = typename Plant::TorqueCommand;
 
-  TimedLoop(const Scene& scene, TimedBus& bus, BusPort& port, Plant& plant, ControllerHalf<World, BusPort>& controller,
-            FrameLog& frames)
+  TimedLoop(const Scene& scene, TimedBus& bus, BusPort& port, Plant& plant,
+            ControllerHalf<World, BusPort>& controller, FrameLog& frames)
       : scene_(scene), bus_(bus), port_(port), plant_(plant), controller_(controller), frames_(frames) {}
 
   void begin() {
@@ -66,9 +66,10 @@ class TimedLoop {
     }
   }
   /// What the drives were told in the tick.
-  [[nodiscard]] std::span<const Told> told() const { return told_; }
+  [[nodiscard]] std::span<const TorqueCommand> told() const { return told_; }
   [[nodiscard]] std::vector<NamedHistogram> latencies() const {
-    return {{"Feedback latency", "drives' frames, from the request to send to the last bit; virtual time", feedback_},
+    return {{"Feedback latency", "drives' frames, from the request to send to the last bit; virtual time",
+             feedback_},
             {"Command latency", "controller's frames, likewise", command_}};
   }
 
@@ -102,7 +103,7 @@ class TimedLoop {
   FrameLog& frames_;
   TimedBus::Time begin_ = 0, end_ = 0;
   std::uint64_t ticks_ = 0;
-  std::vector<Told> told_;
+  std::vector<TorqueCommand> told_;
   Histogram feedback_, command_;
   std::vector<std::optional<std::uint32_t>> due_;  ///< arbitration of each axis' report, until it is through
 };

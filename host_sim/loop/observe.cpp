@@ -41,7 +41,8 @@ std::optional<Estimate<M>> located(const ControllerConfig<M>& c, const Sample<M>
   }
   using Config = ControllerConfig<M>;
   const int a = Config::joint_of(0, 2), b = Config::joint_of(1, 2);
-  return estimate_from_base(c.mechanism, c.mode, Vec2<double>(s.angle[a], s.angle[b]), Vec2<double>(s.rate[a], s.rate[b]));
+  return estimate_from_base(c.mechanism, c.mode, Vec2<double>(s.angle[a], s.angle[b]),
+                            Vec2<double>(s.rate[a], s.rate[b]));
 }
 
 const char* sign_text(double v) { return v > 0.0 ? "+" : "-"; }
@@ -53,7 +54,10 @@ class Observer {
   using Config = ControllerConfig<M>;
 
   Observer(const Scene& scene, HostBus& bus)
-      : scene_(scene), bus_(bus, scene), reference_(make_reference(scene, Pacing::realtime)), cycle_(make_cycle<M>(scene, Pacing::realtime, reference_)) {}
+      : scene_(scene),
+        bus_(bus, scene),
+        reference_(make_reference(scene, Pacing::realtime)),
+        cycle_(make_cycle<M>(scene, Pacing::realtime, reference_)) {}
 
   void tick() {
     with([&](auto& c) {
@@ -74,15 +78,20 @@ class Observer {
     j["joints"] = joints();
     j["zero"] = scene_.drives.zero == Zero::absolute ? "absolute" : "not confirmed";
     std::optional<Estimate<M>> at;
-    if (silent().empty() && scene_.drives.zero == Zero::absolute) at = with([](const auto& c) { return located<M>(c.controller().config(), c.sample()); });
+    if (silent().empty() && scene_.drives.zero == Zero::absolute)
+      at = with([](const auto& c) { return located<M>(c.controller().config(), c.sample()); });
     j["effector"] = at ? Json::array({at->pose.effector.x(), at->pose.effector.y()}) : Json(nullptr);
     j["working_mode"] = Json(nullptr);
     j["min_abs_sin_type1"] = at ? Json(M::min_abs_sin_type1(at->pose)) : Json(nullptr);
     if constexpr (M::has_type2) {
-      if (at) j["working_mode"] = Json::array({sign_text(M::sin_type1(at->pose, 0)), sign_text(M::sin_type1(at->pose, 1))});
-      // From base joints alone both assembly modes are possible: the one of the scene is taken for granted, not seen.
+      if (at)
+        j["working_mode"] =
+            Json::array({sign_text(M::sin_type1(at->pose, 0)), sign_text(M::sin_type1(at->pose, 1))});
+      // From base joints alone both assembly modes are possible: the one of the scene is taken for granted,
+      // not seen.
       j["assembly_mode"] = at && scene_.all_sensors ? Json(sign_text(at->pose.sin_type2)) : Json(nullptr);
-      j["assumed_assembly_mode"] = at && !scene_.all_sensors ? Json(sign_text(at->pose.sin_type2)) : Json(nullptr);
+      j["assumed_assembly_mode"] =
+          at && !scene_.all_sensors ? Json(sign_text(at->pose.sin_type2)) : Json(nullptr);
       j["sin_type2"] = at ? Json(at->pose.sin_type2) : Json(nullptr);
     } else if (at) {
       j["working_mode"] = Json::array({sign_text(at->pose.arm.turn[1].y())});
@@ -138,18 +147,21 @@ std::string line_of(const Json& j, double t) {
   };
   std::string out = fmt::format("{:8.1f} s ", t);
   for (const Json& q : j["joints"]) {
-    out += fmt::format(" {} {} rad, age {};", q["name"].get<std::string>(), number(q["angle"], "{:.4f}"),
-                       q["age_ticks"].is_null() ? "not heard" : fmt::format("{} ticks", q["age_ticks"].get<int>()));
+    out += fmt::format(
+        " {} {} rad, age {};", q["name"].get<std::string>(), number(q["angle"], "{:.4f}"),
+        q["age_ticks"].is_null() ? "not heard" : fmt::format("{} ticks", q["age_ticks"].get<int>()));
     if (!q["error"].is_null()) out += fmt::format(" error 0x{:x};", q["error"].get<std::uint32_t>());
   }
   if (j["zero"] != "absolute") return out + " zero not confirmed: angles are the encoders' own, no pose";
   if (j["effector"].is_null()) return out + " no pose";
-  out += fmt::format(" effector {:.4f} {:.4f} m; working mode", j["effector"][0].get<double>(), j["effector"][1].get<double>());
+  out += fmt::format(" effector {:.4f} {:.4f} m; working mode", j["effector"][0].get<double>(),
+                     j["effector"][1].get<double>());
   for (const Json& w : j["working_mode"]) out += fmt::format(" {}", w.get<std::string>());
   out += fmt::format(", |sin theta_j2| >= {:.3f}", j["min_abs_sin_type1"].get<double>());
   if (j.contains("assembly_mode")) {
     const bool seen = !j["assembly_mode"].is_null();
-    out += fmt::format("; assembly mode {}{}, D2 {:.3f}", j[seen ? "assembly_mode" : "assumed_assembly_mode"].get<std::string>(),
+    out += fmt::format("; assembly mode {}{}, D2 {:.3f}",
+                       j[seen ? "assembly_mode" : "assumed_assembly_mode"].get<std::string>(),
                        seen ? "" : " (assumed)", j["sin_type2"].get<double>());
   }
   return out;
@@ -159,7 +171,8 @@ template <class World>
 int observe(const Scene& scene, const RunOptions& o, HostBus& bus) {
   Observer<World> observer(scene, bus);
   const std::uint32_t ticks = tick_count(scene),
-                      often = std::max<std::uint32_t>(1, static_cast<std::uint32_t>(std::llround(0.2 * scene.rate_hz)));
+                      often = std::max<std::uint32_t>(
+                          1, static_cast<std::uint32_t>(std::llround(0.2 * scene.rate_hz)));
   const auto begin = std::chrono::steady_clock::now();
   std::uint32_t n = 0;
   while (n < ticks && !stop_requested()) {
@@ -185,7 +198,8 @@ int observe(const Scene& scene, const RunOptions& o, HostBus& bus) {
 }  // namespace
 
 int run_observe(const Scene& scene, const RunOptions& o, HostBus& bus) {
-  return scene.type == MechanismType::five_bar ? observe<FiveBarWorld>(scene, o, bus) : observe<RrWorld>(scene, o, bus);
+  return scene.type == MechanismType::five_bar ? observe<FiveBarWorld>(scene, o, bus)
+                                               : observe<RrWorld>(scene, o, bus);
 }
 
 }  // namespace esmc::host

@@ -12,7 +12,8 @@ class Pace {
  public:
   /// `waits` false: ticks follow each other at once, for what is repeated.
   explicit Pace(double period_s, bool waits = true)
-      : waits_(waits), period_(std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(period_s))),
+      : waits_(waits),
+        period_(std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(period_s))),
         next_(Clock::now()) {}
   void wait() {
     if (!waits_) return;

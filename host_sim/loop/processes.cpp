@@ -2,12 +2,12 @@
 
 #include <chrono>
 
-#include "host_sim/record/controller_recorder.hpp"
-#include "host_sim/record/finish.hpp"
+#include "host_sim/bus/open_bus.hpp"
 #include "host_sim/loop/halves.hpp"
 #include "host_sim/loop/observe.hpp"
-#include "host_sim/bus/open_bus.hpp"
 #include "host_sim/loop/realtime.hpp"
+#include "host_sim/record/controller_recorder.hpp"
+#include "host_sim/record/finish.hpp"
 
 namespace esmc::host {
 namespace {
@@ -16,7 +16,8 @@ namespace {
 template <class World>
 int plant_lockstep(const Scene& scene, const RunOptions& o, HostBus& bus) {
   OutputDirectory out = output_of(o);
-  FrameLog frames(out.open("frames.log"), bus.interface(), static_cast<std::uint32_t>(scene.bitrate), out.open("frames.csv"));
+  FrameLog frames(out.open("frames.log"), bus.interface(), static_cast<std::uint32_t>(scene.bitrate),
+                  out.open("frames.csv"));
   PlantHalf<World, HostBus> plant(scene, o, bus, frames, out.open("log.csv"), false);
   if (wait_for(bus, [&] { return plant.drain() > 0; }) == Waited::silent) {
     throw RunError("no controller was heard for 5 s on " + bus.name());
@@ -40,7 +41,8 @@ int plant_lockstep(const Scene& scene, const RunOptions& o, HostBus& bus) {
 template <class World>
 int controller_lockstep(const Scene& scene, const RunOptions& o, HostBus& bus) {
   OutputDirectory out = output_of(o);
-  FrameLog frames(out.open("frames.log"), bus.interface(), static_cast<std::uint32_t>(scene.bitrate), out.open("frames.csv"));
+  FrameLog frames(out.open("frames.log"), bus.interface(), static_cast<std::uint32_t>(scene.bitrate),
+                  out.open("frames.csv"));
   Tapped<HostBus> tap(bus, frames);
   ControllerHalf<World, Tapped<HostBus>> controller(scene, Pacing::lockstep, tap);
   ControllerRecorder<World> recorder(scene, out.open("log.csv"));

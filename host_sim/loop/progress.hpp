@@ -35,7 +35,8 @@ class Progress {
     constexpr std::size_t width = 30;
     const double done = static_cast<double>(tick) / static_cast<double>(ticks_);
     const auto filled = static_cast<std::size_t>(done * width);
-    const double rate = static_cast<double>(tick - before_) / std::chrono::duration<double>(now - begin_).count();
+    const double rate =
+        static_cast<double>(tick - before_) / std::chrono::duration<double>(now - begin_).count();
     const double left = rate > 0.0 ? static_cast<double>(ticks_ - tick) / rate : 0.0;
     const std::string bar = std::string(filled, '#') + std::string(width - filled, ' ');
     std::fprintf(stderr, "\r[%s] %3.0f %%", bar.c_str(), 100.0 * done);

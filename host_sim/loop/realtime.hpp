@@ -6,12 +6,12 @@
 #include <memory>
 #include <thread>
 
+#include "host_sim/bus/open_bus.hpp"
 #include "host_sim/bus/response.hpp"
+#include "host_sim/loop/halves.hpp"
+#include "host_sim/loop/pace.hpp"
 #include "host_sim/record/controller_recorder.hpp"
 #include "host_sim/record/finish.hpp"
-#include "host_sim/loop/halves.hpp"
-#include "host_sim/bus/open_bus.hpp"
-#include "host_sim/loop/pace.hpp"
 
 namespace esmc::host {
 
@@ -28,8 +28,9 @@ RunEnd pace_plant(const Scene& scene, const RunOptions& o, PlantHalf<World, Bus>
   while (!plant.finished() && !must_stop(o, plant.done()) && !over()) {
     progress.at(plant.done());
     if (!plant.released() && std::chrono::steady_clock::now() - begin > arming) {
-      throw RunError(fmt::format("the drives were not in closed-loop control after {} s (controller dead or not started)",
-                                 arming_time_max(scene)));
+      throw RunError(fmt::format(
+          "the drives were not in closed-loop control after {} s (controller dead or not started)",
+          arming_time_max(scene)));
     }
     plant.publish();
     const std::uint64_t before = pace.late();
@@ -55,8 +56,8 @@ std::uint64_t pace_controller(const Scene& scene, const RunOptions& o, Controlle
                               ControllerRecorder<World>& recorder, const Done& done) {
   Pace pace(scene.tick(), o.again.bus == nullptr);
   // Samples that are later than this are the next tick's, one tick old.
-  const auto patience =
-      std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::duration<double>(patience_ticks * scene.tick()));
+  const auto patience = std::chrono::duration_cast<std::chrono::microseconds>(
+      std::chrono::duration<double>(patience_ticks * scene.tick()));
   const auto part = [&] {
     controller.part([&] {
       pace.wait();
@@ -70,18 +71,20 @@ std::uint64_t pace_controller(const Scene& scene, const RunOptions& o, Controlle
     controller.sample(patience);
     controller.tick(true);
     recorder.tick(controller.result(), controller.sample(), pace.since());
-    const bool never = recorder.ticks() == 0 &&
-                       std::chrono::steady_clock::now() - begin > std::chrono::duration<double>(arming_time_max(scene));
+    const bool never = recorder.ticks() == 0 && std::chrono::steady_clock::now() - begin >
+                                                    std::chrono::duration<double>(arming_time_max(scene));
     if (controller.supervisor().state() == State::fault && recorder.ticks() == 0 && !armed_by_link(scene)) {
       const std::string why = controller.refusal();
       part();
       throw RunError("the controller refused to arm: " + why);
     }
     if (never) {
-      const std::string why =
-          armed_by_link(scene) ? "no supervisor computer armed them" : "plant dead or not started, or not ready: " + controller.unready();
+      const std::string why = armed_by_link(scene)
+                                  ? "no supervisor computer armed them"
+                                  : "plant dead or not started, or not ready: " + controller.unready();
       part();
-      throw RunError(fmt::format("the drives were not in closed-loop control after {} s ({})", arming_time_max(scene), why));
+      throw RunError(fmt::format("the drives were not in closed-loop control after {} s ({})",
+                                 arming_time_max(scene), why));
     }
   }
   const std::uint64_t late = pace.late();
@@ -105,9 +108,11 @@ void linger(const Scene& scene, PlantHalf<World, Bus>& plant, const Done& done) 
 template <class World>
 int plant_realtime(const Scene& scene, const RunOptions& o, HostBus& bus) {
   OutputDirectory out = output_of(o);
-  FrameLog frames(out.open("frames.log"), bus.interface(), static_cast<std::uint32_t>(scene.bitrate), out.open("frames.csv"));
+  FrameLog frames(out.open("frames.log"), bus.interface(), static_cast<std::uint32_t>(scene.bitrate),
+                  out.open("frames.csv"));
   PlantHalf<World, HostBus> plant(scene, o, bus, frames, out.open("log.csv"), false);
-  if (!armed_by_link(scene) && !o.again.of_hil && wait_for(bus, [&] { return plant.drain() > 0; }) == Waited::silent) {
+  if (!armed_by_link(scene) && !o.again.of_hil &&
+      wait_for(bus, [&] { return plant.drain() > 0; }) == Waited::silent) {
     throw RunError("no controller was heard for 5 s on " + bus.name());
   }
   const RunEnd end = pace_plant(scene, o, plant, [] { return false; });
@@ -118,13 +123,14 @@ int plant_realtime(const Scene& scene, const RunOptions& o, HostBus& bus) {
 template <class World>
 int controller_realtime(const Scene& scene, const RunOptions& o, HostBus& bus) {
   OutputDirectory out = output_of(o);
-  FrameLog frames(out.open("frames.log"), bus.interface(), static_cast<std::uint32_t>(scene.bitrate), out.open("frames.csv"));
+  FrameLog frames(out.open("frames.log"), bus.interface(), static_cast<std::uint32_t>(scene.bitrate),
+                  out.open("frames.csv"));
   Tapped<HostBus> tap(bus, frames);
   ControllerHalf<World, Tapped<HostBus>> controller(scene, Pacing::realtime, tap);
   ControllerRecorder<World> recorder(scene, out.open("log.csv"));
   const auto begin = std::chrono::steady_clock::now();
-  const std::uint64_t late =
-      pace_controller(scene, o, controller, recorder, [&] { return recorder.ticks_released() >= tick_count(scene); });
+  const std::uint64_t late = pace_controller(scene, o, controller, recorder,
+                                             [&] { return recorder.ticks_released() >= tick_count(scene); });
   if (!stop_requested()) recorder.require_run();
   RunEnd end = recorder.end(begin, o, controller.supervisor(), frames, tap.lost(),
                             std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count());
@@ -139,11 +145,13 @@ template <class World>
 int run_hil_realtime(const Scene& scene, const RunOptions& o) {
   if (o.bus == "virtual") {
     throw InputError("",
-                     "--realtime needs --bus socketcan:INTERFACE or slcan:PLANT,CONTROLLER: the virtual bus has no clock of its own");
+                     "--realtime needs --bus socketcan:INTERFACE or slcan:PLANT,CONTROLLER: the virtual bus "
+                     "has no clock of its own");
   }
   BusEnds ends = open_both_ends(o.bus, scene.bitrate);
   OutputDirectory out = output_of(o);
-  FrameLog frames(out.open("frames.log"), ends.plant.interface(), static_cast<std::uint32_t>(scene.bitrate), out.open("frames.csv"));
+  FrameLog frames(out.open("frames.log"), ends.plant.interface(), static_cast<std::uint32_t>(scene.bitrate),
+                  out.open("frames.csv"));
   PlantHalf<World, HostBus> plant(scene, o, ends.plant, frames, out.open("log.csv"), false);
   ControllerHalf<World, HostBus> controller(scene, Pacing::realtime, ends.control);
   ControllerRecorder<World> seen(scene, nullptr);

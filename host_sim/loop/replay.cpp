@@ -5,11 +5,11 @@
 #include <algorithm>
 #include <cmath>
 
+#include "host_sim/bus/frame_log.hpp"
+#include "host_sim/error.hpp"
+#include "host_sim/loop/run.hpp"
 #include "host_sim/record/comparison.hpp"
 #include "host_sim/record/recording.hpp"
-#include "host_sim/loop/run.hpp"
-#include "host_sim/error.hpp"
-#include "host_sim/bus/frame_log.hpp"
 #include "host_sim/scene/scene.hpp"
 
 namespace esmc::host {
@@ -26,8 +26,12 @@ std::string frame_text(const std::optional<hal::CanFrame>& f) {
 Difference difference_of(const RecordedBus::Deviation& d, double tick) {
   const hal::CanFrame& f = d.recorded ? *d.recorded : *d.computed;
   const std::string text = frame_text(f);
-  return {"frames.log", d.line,  static_cast<std::uint64_t>(std::floor(static_cast<double>(d.time_us) * 1e-6 / tick + 1e-9)),
-          "frame " + text.substr(0, text.find('#')), frame_text(d.recorded), frame_text(d.computed)};
+  return {"frames.log",
+          d.line,
+          static_cast<std::uint64_t>(std::floor(static_cast<double>(d.time_us) * 1e-6 / tick + 1e-9)),
+          "frame " + text.substr(0, text.find('#')),
+          frame_text(d.recorded),
+          frame_text(d.computed)};
 }
 
 std::string text_of(const Difference& d) {
@@ -56,7 +60,8 @@ int run_again(const Recording& r, const RunOptions& o) {
 std::string coverage(const Recording& r, const Comparison& c, std::uint64_t frames) {
   std::string out = fmt::format("{} ticks", r.ticks);
   if (r.command != "sim") out += fmt::format(", {} frames", frames);
-  if (c.same_digest() && r.summary["digest"].is_string()) out += ", digest " + r.summary["digest"].get<std::string>();
+  if (c.same_digest() && r.summary["digest"].is_string())
+    out += ", digest " + r.summary["digest"].get<std::string>();
   return out;
 }
 
@@ -66,14 +71,16 @@ int run_replay(const ReplayOptions& o) {
   const Recording r = read_recording(o.directory, o.any_version);
   const Scene scene = read_scene(r.file("scene.toml"), {});
   if (r.interrupted && scene.accuracy)
-    throw InputError("", o.directory + ": was interrupted while the step was being chosen, there is nothing to run again");
+    throw InputError(
+        "", o.directory + ": was interrupted while the step was being chosen, there is nothing to run again");
   Comparison comparison(r.directory, scene.tick(), r.realtime, !r.one_half());
   RunOptions run;
   run.scene = r.file("scene.toml");
   run.seed = r.seed;
   run.realtime = r.realtime;
   run.single_precision = r.single_precision;
-  run.again = {&comparison, &r.summary, std::nullopt, r.interface.empty() ? "virtual" : r.interface, nullptr, r.command == "hil"};
+  run.again = {&comparison, &r.summary,        std::nullopt, r.interface.empty() ? "virtual" : r.interface,
+               nullptr,     r.command == "hil"};
   if (r.interrupted || r.realtime) run.again.ticks = r.ticks;
   std::optional<RecordedBus> bus;
   if (r.one_half()) {
@@ -92,7 +99,8 @@ int run_replay(const ReplayOptions& o) {
     if (failure.empty() && (!r.realtime || r.command == "controller")) bus->end();
     if (bus->deviation()) comparison.add(difference_of(*bus->deviation(), scene.tick()));
   }
-  if (!failure.empty()) comparison.add({"summary.json", 0, std::nullopt, "the run", "came to its end", "failed: " + failure});
+  if (!failure.empty())
+    comparison.add({"summary.json", 0, std::nullopt, "the run", "came to its end", "failed: " + failure});
   const auto differences = comparison.differences();
   const std::uint64_t frames = bus ? bus->passed() : comparison.lines("frames.log");
   if (o.json) {

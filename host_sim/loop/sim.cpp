@@ -3,13 +3,13 @@
 #include <cmath>
 #include <limits>
 
-#include "host_sim/record/finish.hpp"
-#include "host_sim/loop/progress.hpp"
-#include "host_sim/record/recorder.hpp"
-#include "host_sim/loop/run.hpp"
-#include "host_sim/loop/trace.hpp"
 #include "host_sim/drives/actuators.hpp"
 #include "host_sim/drives/placed_axes.hpp"
+#include "host_sim/loop/progress.hpp"
+#include "host_sim/loop/run.hpp"
+#include "host_sim/loop/trace.hpp"
+#include "host_sim/record/finish.hpp"
+#include "host_sim/record/recorder.hpp"
 #include "host_sim/scene/read_effects.hpp"
 
 namespace esmc::host {

@@ -3,8 +3,8 @@
 
 #include <vector>
 
-#include "host_sim/record/summary.hpp"
 #include "host_sim/plant/plant.hpp"
+#include "host_sim/record/summary.hpp"
 #include "host_sim/scene/scene.hpp"
 
 namespace esmc::host {
@@ -19,8 +19,9 @@ struct Trace {
 /// float.
 Trace trace(const Scene& scene, bool single_precision = false);
 
-/// The same for a case of a sweep: no path, no digest and, unless wanted, no errors of the base joints. Throws InputError where
-/// the reference leaves the reach of the true mechanism; a state that is not finite shows in end.q.
+/// The same for a case of a sweep: no path, no digest and, unless wanted, no errors of the base joints.
+/// Throws InputError where the reference leaves the reach of the true mechanism; a state that is not finite
+/// shows in end.q.
 Trace run_case(const Scene& scene, bool base_errors);
 
 }  // namespace esmc::host

@@ -24,7 +24,8 @@ inline bool readable_within(pollfd p, std::chrono::nanoseconds patience) {
   const timespec time{static_cast<time_t>(seconds.count()), static_cast<long>((patience - seconds).count())};
   if (::ppoll(&p, 1, &time, nullptr) <= 0) return false;
   // A dead interface is always "ready": whoever asks again at once would burn the processor.
-  if ((p.revents & (POLLERR | POLLHUP | POLLNVAL)) != 0) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  if ((p.revents & (POLLERR | POLLHUP | POLLNVAL)) != 0)
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
   return (p.revents & POLLIN) != 0;
 }
 
@@ -43,10 +44,8 @@ inline bool wait_for_frame(HostBus& bus, int milliseconds) {
   return wait_for_frame(bus, std::chrono::milliseconds(milliseconds));
 }
 template <class Port>
-  requires requires(const Port& p) { p.waiting(); }
-bool wait_for_frame(Port& port, int) {
-  return port.waiting() > 0;
-}
+requires requires(const Port& p) { p.waiting(); }
+bool wait_for_frame(Port& port, int) { return port.waiting() > 0; }
 
 template <class Bus>
 bool wait_for_frame(Tapped<Bus>& tap, int milliseconds) {
@@ -83,8 +82,9 @@ inline bool may_come(const Tapped<HostBus>& tap) { return may_come(tap.bus()); }
 
 enum class Waited : std::uint8_t { done, stopped, silent };
 
-/// Waits until `done`, which takes what has arrived and is asked again after each arrival. `stop` (Ctrl-C) and the
-/// deadline count at every pass, whatever arrives: frames of others on the bus are no reason to wait on.
+/// Waits until `done`, which takes what has arrived and is asked again after each arrival. `stop` (Ctrl-C)
+/// and the deadline count at every pass, whatever arrives: frames of others on the bus are no reason to wait
+/// on.
 template <class Bus, class Done, class Stop>
 Waited wait_until(Bus& bus, const Done& done, const Stop& stop, std::chrono::milliseconds patience) {
   // On a virtual bus everything is there already, and a look at the clock would cost as much as the frames.

@@ -4,12 +4,12 @@
 #include <memory>
 #include <utility>
 
-#include "host_sim/plant/hand.hpp"
 #include "host_sim/integrate/dopri5.hpp"
 #include "host_sim/integrate/dopri8.hpp"
 #include "host_sim/integrate/radau5.hpp"
 #include "host_sim/integrate/rk4.hpp"
 #include "host_sim/integrate/semi_implicit_euler.hpp"
+#include "host_sim/plant/hand.hpp"
 #include "host_sim/plant/moreau_jean.hpp"
 #include "host_sim/plant/motion.hpp"
 #include "host_sim/plant/system.hpp"

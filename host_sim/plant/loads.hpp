@@ -21,8 +21,8 @@ class JointLoad {
 class EffectorLoad {
  public:
   virtual ~EffectorLoad() = default;
-  /// A stretch of time begins that no jump of the load divides; `middle` lies inside. A stage of an integrator may sit
-  /// right on the jump, so that asking the clock there would be ambiguous.
+  /// A stretch of time begins that no jump of the load divides; `middle` lies inside. A stage of an
+  /// integrator may sit right on the jump, so that asking the clock there would be ambiguous.
   virtual void begin(double middle) = 0;
   /// Force in N on an effector at p moving with v.
   [[nodiscard]] virtual V2 force(V2 p, V2 v) const = 0;

@@ -30,13 +30,14 @@ template <class Plant>
 Motion<Plant>::Motion(const Setup& setup, const State& initial)
     : setup_(std::make_unique<Setup>(setup)), state_(initial), payload_(find_effect<Payload>(setup.effects)) {
   setup_->plant.project(state_.angle, state_.rate);
-  engine_ = make_engine<Plant>(setup_->plant, setup_->effects, setup_->motor_joint, setup_->method, state_, setup_->hand);
+  engine_ = make_engine<Plant>(setup_->plant, setup_->effects, setup_->motor_joint, setup_->method, state_,
+                               setup_->hand);
   breaks_ = engine_->breaks();
   if (payload_) breaks_.insert(breaks_.end(), {payload_->from, payload_->to});
   std::sort(breaks_.begin(), breaks_.end());
   energy_start_ = energy();
   potential_start_ = plant().potential_energy(state_);
-  if (payload_ && payload_->from <= 0.0 && payload_->to > 0.0) take_up(true);
+  if (payload_ && payload_->from <= 0.0 && payload_->to > 0.0) set_payload(true);
 }
 template <class Plant>
 Motion<Plant>::Motion(Motion&&) noexcept = default;
@@ -68,7 +69,7 @@ double Motion<Plant>::work() const {
 
 /// The load comes and goes moving with the effector: rates stay, energy comes and goes with it.
 template <class Plant>
-void Motion<Plant>::take_up(bool loaded) {
+void Motion<Plant>::set_payload(bool loaded) {
   if (loaded == loaded_) return;
   const double before = energy(), potential_before = plant().potential_energy(state_);
   loaded_ = loaded;
@@ -88,7 +89,7 @@ void Motion<Plant>::advance(double t, double seconds, int steps, const MotorTorq
   if (breaks_.empty()) return run(t, seconds, steps, torque);
   const double end = t + seconds, longest = seconds / steps, nothing = 1e-9 * longest;
   while (t < end - nothing) {
-    if (payload_) take_up(t >= payload_->from - nothing && t < payload_->to - nothing);
+    if (payload_) set_payload(t >= payload_->from - nothing && t < payload_->to - nothing);
     const auto next = std::upper_bound(breaks_.begin(), breaks_.end(), t + nothing);
     const double to = next == breaks_.end() ? end : std::min(end, *next);
     run(t, to - t, std::max(1, static_cast<int>(std::ceil((to - t) / longest - 1e-6))), torque);

@@ -68,7 +68,7 @@ class Motion {
   [[nodiscard]] double work() const;
 
  private:
-  void take_up(bool loaded);
+  void set_payload(bool loaded);
   void run(double t, double seconds, int steps, const MotorTorques<Joints>& torque);
 
   std::unique_ptr<Setup> setup_;  // engines point into it

@@ -4,7 +4,7 @@
 
 namespace esmc::host {
 
-template class FiveBarPlantOf<Two, double>;
+template class FiveBarPlantOf<Double2, double>;
 
 LegDynamics<double>::Pose RrPlant::pose(const Angles& angle) const {
   return leg_.pose(direction(angle[0]), direction(angle[1]));

@@ -14,7 +14,7 @@
 
 #include "firmware/mechanism/params.hpp"
 #include "firmware/numeric/elementary.hpp"
-#include "host_sim/plant/two.hpp"
+#include "host_sim/plant/simd_pair.hpp"
 
 namespace esmc::host {
 
@@ -29,10 +29,9 @@ struct Planar {
 };
 using V2 = Planar<double>;
 
-/// One leg in N (T = double), or the two legs of a 5R side by side (T = Two: each operation once for both; or two legs of
-/// several mechanisms), by
-/// Lagrange's equations in absolute bar angles. `side` is +1 for leg 1 (and the RR arm), -1 for leg 2, whose model
-/// angles are mirrored: psi = pi - theta.
+/// One leg in N (T = double), or the two legs of a 5R side by side (T = Double2: each operation once for
+/// both; or two legs of several mechanisms), by Lagrange's equations in absolute bar angles. `side` is +1 for
+/// leg 1 (and the RR arm), -1 for leg 2, whose model angles are mirrored: psi = pi - theta.
 template <class T>
 class LegDynamics {
  public:
@@ -134,7 +133,8 @@ class LegDynamics {
 template <class S>
 struct EffectorPointOf {
   Planar<S> position, rate;
-  std::array<Planar<S>, 2> torque_per_force;  ///< torque of joint i of leg 1 (or the arm) = dot(this[i], force)
+  std::array<Planar<S>, 2>
+      torque_per_force;  ///< torque of joint i of leg 1 (or the arm) = dot(this[i], force)
 };
 using EffectorPoint = EffectorPointOf<double>;
 
@@ -159,7 +159,8 @@ class FiveBarPlantOf {
 
   /// `payload`: a further point mass at the effector, kg.
   explicit FiveBarPlantOf(const FiveBarParams<S>& p, S payload = 0.0)
-      : legs_(side_by_side<Both>(p.legs[0], p.legs[1]), p.g, S(0.5 * (p.m0 + payload)), Both{p.l0, -p.l0}, Both{1.0, -1.0}) {}
+      : legs_(side_by_side<Both>(p.legs[0], p.legs[1]), p.g, S(0.5 * (p.m0 + payload)), Both{p.l0, -p.l0},
+              Both{1.0, -1.0}) {}
 
   /// State from the model's joint angles and rates (leg 2 mirrored).
   [[nodiscard]] static State from_joints(const Joints& theta, const Joints& rate) {
@@ -190,12 +191,13 @@ class FiveBarPlantOf {
  private:
   using Legs = LegDynamics<Both>;
   [[nodiscard]] typename Legs::Pose pose(const Angles& angle) const;
-  /// What the bars must give up so that the tips do not part by `gap`: along the shortest way in the mass metric.
+  /// What the bars must give up so that the tips do not part by `gap`: along the shortest way in the mass
+  /// metric.
   [[nodiscard]] typename Legs::Pair closing(const typename Legs::Pose& p, Planar<S> gap) const;
   Legs legs_;
 };
-using FiveBarPlant = FiveBarPlantOf<Two, double>;
-extern template class FiveBarPlantOf<Two, double>;
+using FiveBarPlant = FiveBarPlantOf<Double2, double>;
+extern template class FiveBarPlantOf<Double2, double>;
 
 /// The true RR arm: one leg, nothing to close.
 class RrPlant {

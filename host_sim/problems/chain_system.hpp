@@ -1,8 +1,8 @@
 #pragma once
 /// Closed chains as a System.
 
-#include "host_sim/problems/closed_chains.hpp"
 #include "host_sim/integrate/system.hpp"
+#include "host_sim/problems/closed_chains.hpp"
 
 namespace esmc::host {
 

@@ -2,7 +2,7 @@
 /// Any number of serial chains of firmware/mechanism, held together at points: the modular algorithm, serial
 /// then coupling, in redundant coordinates. All joint coordinates are kept and closure is a multiplier:
 ///   M a + A^T lambda = Q,   A a = gamma                                             [F11] with C = 1
-/// M, Q and the rows of A and gamma are passes along the chains (`rates`, `bias`, `transposed`, `tip_*` of
+/// M, Q and the rows of A and gamma are passes along the chains (`rates`, `bias`, `joint_torques`, `tip_*` of
 /// Serial); nothing is derived per mechanism.
 ///
 /// Where closure is regular, lambda comes from A M^-1 A^T. That squares the condition number, so next to a
@@ -179,7 +179,7 @@ class ClosedChains<Closures<Points...>, Chains...> {
       Mat<double, n, n> M;
       unroll<n>([&](auto i) {
         const Joints unit = Joints::Unit(i);
-        M.col(i) = m.transposed(p.pose, m.rates(p.pose, unit).cwiseProduct(weight));
+        M.col(i) = m.joint_torques(p.pose, m.rates(p.pose, unit).cwiseProduct(weight));
         p.J.col(i) = m.tip_rate(p.pose, unit);
       });
       p.mass = Ldlt<n>(M);
@@ -334,7 +334,7 @@ class ClosedChains<Closures<Points...>, Chains...> {
       const auto& m = chain<c>();
       const auto& p = std::get<c>(f.parts);
       const auto rate = part(v, c);
-      const auto resisting = m.transposed(p.pose, m.force(m.bias(p.pose, rate, rate), rate));
+      const auto resisting = m.joint_torques(p.pose, m.force(m.bias(p.pose, rate, rate), rate));
       a.template segment<size(c)>(first(c)) = p.mass.solve(part(force, c) - resisting);
       drift[c] = m.tip_bias(p.pose, rate, rate);
     });

@@ -8,8 +8,8 @@
 #include <nlohmann/json.hpp>
 #include <utility>
 
-#include "host_sim/record/recording.hpp"
 #include "host_sim/error.hpp"
+#include "host_sim/record/recording.hpp"
 
 namespace esmc::host {
 namespace {
@@ -24,8 +24,8 @@ std::string_view cell(std::string_view& rest) {
 }
 
 /// Keys and places of two documents that are not the same; what the wall clock says is not asked.
-void compare(const Json& recorded, const Json& computed, const std::string& path, const std::vector<std::string>& ignored,
-             std::vector<Difference>& out) {
+void compare(const Json& recorded, const Json& computed, const std::string& path,
+             const std::vector<std::string>& ignored, std::vector<Difference>& out) {
   if (std::find(ignored.begin(), ignored.end(), path) != ignored.end()) return;
   if (recorded.is_object() && computed.is_object()) {
     const auto inner = [&](const std::string& key) { return path.empty() ? key : path + "." + key; };
@@ -42,8 +42,11 @@ void compare(const Json& recorded, const Json& computed, const std::string& path
 
 }  // namespace
 
-LineComparison::LineComparison(std::string directory, std::string name, std::vector<std::string> ignored_columns, double tick)
-    : name_(std::move(name)), ignored_(std::move(ignored_columns)), tick_(tick),
+LineComparison::LineComparison(std::string directory, std::string name,
+                               std::vector<std::string> ignored_columns, double tick)
+    : name_(std::move(name)),
+      ignored_(std::move(ignored_columns)),
+      tick_(tick),
       file_(std::fopen((directory + "/" + name_).c_str(), "rb")) {
   if (file_ == nullptr) throw InputError("", directory + "/" + name_ + ": cannot be read");
 }
@@ -86,7 +89,8 @@ void LineComparison::line(std::string_view computed) {
   const bool there = next(recorded_);
   if (lines_ == 1) header_ = computed;
   if (!there) {
-    difference_ = Difference{name_, lines_, std::nullopt, "the recording ends", "nothing", std::string(computed)};
+    difference_ =
+        Difference{name_, lines_, std::nullopt, "the recording ends", "nothing", std::string(computed)};
   } else if (recorded_ != computed) {
     if (name_ == "frames.log") {
       difference_ = frame_difference(recorded_, std::string(computed));
@@ -101,7 +105,8 @@ void LineComparison::end() {
     difference_ = Difference{name_, lines_ + 1, std::nullopt, "the repeated run ends", recorded_, "nothing"};
 }
 
-std::optional<Difference> LineComparison::row_difference(std::string_view recorded, std::string_view computed) const {
+std::optional<Difference> LineComparison::row_difference(std::string_view recorded,
+                                                         std::string_view computed) const {
   Difference d{name_, lines_, std::nullopt, "", "", ""};
   if (lines_ > 1) d.tick = lines_ - 2;
   std::string_view a = recorded, b = computed, columns = header_;
@@ -135,8 +140,8 @@ std::FILE* Comparison::open(const std::string& name) {
   if (name != "log.csv" && (name != "frames.log" || !frames_)) return nullptr;
   // In real time the delay of a tick is the wall clock's.
   auto& lines = files_[name];
-  lines = std::make_unique<LineComparison>(directory_, name, realtime_ ? std::vector<std::string>{"delay"} : std::vector<std::string>{},
-                                           tick_);
+  lines = std::make_unique<LineComparison>(
+      directory_, name, realtime_ ? std::vector<std::string>{"delay"} : std::vector<std::string>{}, tick_);
   const auto write = [](void* cookie, const char* text, std::size_t size) {
     static_cast<LineComparison*>(cookie)->take({text, size});
     return static_cast<ssize_t>(size);
@@ -149,7 +154,8 @@ std::FILE* Comparison::open(const std::string& name) {
 void Comparison::summary(const Json& computed, const Json& recorded) {
   std::vector<std::string> ignored{"wall_s", "real_time_factor", "run"};
   // The wall clock decided these; and of both halves in one process the frames repeat the plant's.
-  if (realtime_) ignored.insert(ignored.end(), {"late_ticks", "bus", "supervisor", "tracking", "interrupted"});
+  if (realtime_)
+    ignored.insert(ignored.end(), {"late_ticks", "bus", "supervisor", "tracking", "interrupted"});
   if (!frames_) ignored.emplace_back("bus.load");
   complete_ = true;
   const std::size_t before = others_.size();
@@ -158,7 +164,8 @@ void Comparison::summary(const Json& computed, const Json& recorded) {
   // The digest first: it is what people look at.
   const auto digest = std::find_if(others_.begin() + static_cast<std::ptrdiff_t>(before), others_.end(),
                                    [](const Difference& d) { return d.what == "digest"; });
-  if (digest != others_.end()) std::rotate(others_.begin() + static_cast<std::ptrdiff_t>(before), digest, digest + 1);
+  if (digest != others_.end())
+    std::rotate(others_.begin() + static_cast<std::ptrdiff_t>(before), digest, digest + 1);
 }
 
 std::vector<Difference> Comparison::differences() {
@@ -169,7 +176,9 @@ std::vector<Difference> Comparison::differences() {
   }
   const auto frames_first = [](const Difference& d) { return d.file != "frames.log"; };
   out.insert(out.end(), others_.begin(), others_.end());
-  std::stable_sort(out.begin(), out.end(), [&](const Difference& a, const Difference& b) { return frames_first(a) < frames_first(b); });
+  std::stable_sort(out.begin(), out.end(), [&](const Difference& a, const Difference& b) {
+    return frames_first(a) < frames_first(b);
+  });
   return out;
 }
 

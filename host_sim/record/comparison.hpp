@@ -1,5 +1,6 @@
 #pragma once
-/// A run that is repeated, against the files of the one that was recorded: line by line while it writes, nothing is stored.
+/// A run that is repeated, against the files of the one that was recorded: line by line while it writes,
+/// nothing is stored.
 
 #include <cstdint>
 #include <cstdio>
@@ -16,16 +17,17 @@ namespace esmc::host {
 /// The first place of a file at which the repeated run is another.
 struct Difference {
   std::string file;
-  std::uint64_t line = 0;              ///< of the file, from 1; 0: no line of it
-  std::optional<std::uint64_t> tick;   ///< log.csv: from t = 0; frames.log: from the start of arming
-  std::string what;                    ///< column, frame or key
+  std::uint64_t line = 0;             ///< of the file, from 1; 0: no line of it
+  std::optional<std::uint64_t> tick;  ///< log.csv: from t = 0; frames.log: from the start of arming
+  std::string what;                   ///< column, frame or key
   std::string recorded, computed;
 };
 
 /// Lines of one file. `describe` says what two lines differ in.
 class LineComparison {
  public:
-  LineComparison(std::string directory, std::string name, std::vector<std::string> ignored_columns, double tick);
+  LineComparison(std::string directory, std::string name, std::vector<std::string> ignored_columns,
+                 double tick);
   ~LineComparison();
   LineComparison(const LineComparison&) = delete;
   LineComparison& operator=(const LineComparison&) = delete;
@@ -40,7 +42,8 @@ class LineComparison {
  private:
   void line(std::string_view computed);
   bool next(std::string& recorded);
-  [[nodiscard]] std::optional<Difference> row_difference(std::string_view recorded, std::string_view computed) const;
+  [[nodiscard]] std::optional<Difference> row_difference(std::string_view recorded,
+                                                         std::string_view computed) const;
   [[nodiscard]] Difference frame_difference(const std::string& recorded, const std::string& computed) const;
 
   std::string name_, header_, pending_, recorded_;
@@ -54,8 +57,8 @@ class LineComparison {
 /// All that a run leaves.
 class Comparison {
  public:
-  /// `directory` holds what was recorded, with these ticks, s. `realtime`: what the wall clock decided is not compared.
-  /// `frames`: they are in the run's output; otherwise something else judges them.
+  /// `directory` holds what was recorded, with these ticks, s. `realtime`: what the wall clock decided is not
+  /// compared. `frames`: they are in the run's output; otherwise something else judges them.
   Comparison(std::string directory, double tick, bool realtime, bool frames)
       : directory_(std::move(directory)), tick_(tick), realtime_(realtime), frames_(frames) {}
 

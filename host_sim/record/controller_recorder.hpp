@@ -6,10 +6,10 @@
 #include <string>
 #include <vector>
 
+#include "host_sim/bus/frame_log.hpp"
+#include "host_sim/error.hpp"
 #include "host_sim/record/recorder.hpp"
 #include "host_sim/record/run_options.hpp"
-#include "host_sim/error.hpp"
-#include "host_sim/bus/frame_log.hpp"
 
 namespace esmc::host {
 
@@ -28,7 +28,8 @@ class ControllerRecorder {
   }
 
   [[nodiscard]] std::uint64_t ticks() const { return statistics_.ticks(); }
-  /// With those of the sign test, which are not recorded: since the drives were released, as a plant counts its duration.
+  /// With those of the sign test, which are not recorded: since the drives were released, as a plant counts
+  /// its duration.
   [[nodiscard]] std::uint64_t ticks_released() const { return ticks_released_; }
   /// A run that ended within the sign test has shown nothing.
   void require_run() const {
@@ -71,8 +72,7 @@ class ControllerRecorder {
     row_.assign({record.t, r.effector.x(), r.effector.y()});
     row_.insert(row_.end(), q.begin(), q.end());
     row_.insert(row_.end(), torque_.begin(), torque_.end());
-    row_.insert(row_.end(),
-                {r.desired_effector.x(), r.desired_effector.y(), base[0], base[1]});
+    row_.insert(row_.end(), {r.desired_effector.x(), r.desired_effector.y(), base[0], base[1]});
     for (int i = 0; i < M::channels; ++i) row_.push_back(r.sliding[i]);
     for (int i = 0; i < M::joints; i += step()) row_.push_back(sample.rate[i]);
     for (int i = 0; i < M::joints; i += step()) {
@@ -99,7 +99,8 @@ class ControllerRecorder {
   /// As far as a controller sees them; none in lockstep, where a tick takes no time.
   [[nodiscard]] std::vector<NamedHistogram> latencies() const {
     if (!(command_.largest() > 0.0)) return {};
-    return {{"Feedback latency", "from the arrival of a sample to the instant of the tick that uses it", feedback_},
+    return {{"Feedback latency", "from the arrival of a sample to the instant of the tick that uses it",
+             feedback_},
             {"Command latency", "from the instant of a tick to the last frame that it sent", command_}};
   }
 

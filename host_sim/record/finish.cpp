@@ -67,14 +67,10 @@ Json workspace_json(const Scene& s) {
     for (const double v : values) out.push_back(rounded(v, 4));
     return out;
   };
-  return {{"x", {map.x0, map.x1}},
-          {"y", {map.y0, map.y1}},
-          {"columns", map.columns},
-          {"rows", map.rows},
-          {"force", field(map.force)},
-          {"type2_sine", field(map.type2_sine)},
-          {"type1", paths_json(map.type1)},
-          {"type2", paths_json(map.type2)}};
+  return {{"x", {map.x0, map.x1}},          {"y", {map.y0, map.y1}},
+          {"columns", map.columns},         {"rows", map.rows},
+          {"force", field(map.force)},      {"type2_sine", field(map.type2_sine)},
+          {"type1", paths_json(map.type1)}, {"type2", paths_json(map.type2)}};
 }
 
 Json histogram_json(const NamedHistogram& named) {
@@ -85,14 +81,9 @@ Json histogram_json(const NamedHistogram& named) {
   Json counts = Json::array(), edges = Json::array();
   for (std::size_t i = first; i < last; ++i) counts.push_back(h.counts()[i]);
   for (std::size_t i = first; i <= last; ++i) edges.push_back(rounded(Histogram::edge(i), 6));
-  return {{"title", named.title},
-          {"note", named.note},
-          {"edges_s", std::move(edges)},
-          {"counts", std::move(counts)},
-          {"total", h.total()},
-          {"mean_s", h.mean()},
-          {"p99_s", h.quantile(0.99)},
-          {"max_s", h.largest()}};
+  return {{"title", named.title},        {"note", named.note},  {"edges_s", std::move(edges)},
+          {"counts", std::move(counts)}, {"total", h.total()},  {"mean_s", h.mean()},
+          {"p99_s", h.quantile(0.99)},   {"max_s", h.largest()}};
 }
 
 Json histograms_json(const RunEnd& end, const Log& log) {

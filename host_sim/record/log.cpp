@@ -65,7 +65,7 @@ void Log::row(const std::vector<double>& values, const char* state) {
   }
   *at++ = '\n';
   buffer_.resize(static_cast<std::size_t>(at - buffer_.data()));
-  feel(values);
+  update_chatter(values);
   if (written_ % stride_ == 0) {
     thinned_.push_back({values, state, changes_ > 0 ? change_ / static_cast<double>(changes_) : 0.0});
     change_ = 0.0;
@@ -79,7 +79,7 @@ void Log::row(const std::vector<double>& values, const char* state) {
 }
 
 /// What would be lost by leaving rows out, and what is in no row.
-void Log::feel(const std::vector<double>& values) {
+void Log::update_chatter(const std::vector<double>& values) {
   const auto now = std::chrono::steady_clock::now();
   const auto first = values.begin() + static_cast<std::ptrdiff_t>(torque_);
   if (written_ > 0) {

@@ -16,7 +16,8 @@ namespace esmc::host {
 class Log {
  public:
   Log() = default;
-  /// `file` is closed at the end; null: nothing is written. `rows` expected decides how far the report's copy is thinned.
+  /// `file` is closed at the end; null: nothing is written. `rows` expected decides how far the report's copy
+  /// is thinned.
   Log(std::FILE* file, std::vector<std::string> columns, std::size_t rows);
   Log(Log&& other) noexcept;
   Log& operator=(Log&& other) noexcept;
@@ -33,15 +34,16 @@ class Log {
   [[nodiscard]] const std::vector<std::string>& columns() const { return columns_; }
   struct Row {
     std::vector<double> values;
-    std::string state;     ///< empty when there is no such column
-    double chatter = 0.0;  ///< N m: change of torque from tick to tick, mean over motors and ticks since the row before
+    std::string state;  ///< empty when there is no such column
+    double chatter =
+        0.0;  ///< N m: change of torque from tick to tick, mean over motors and ticks since the row before
   };
   [[nodiscard]] const std::vector<Row>& thinned() const { return thinned_; }
   /// Wall time from one row to the next.
   [[nodiscard]] const Histogram& tick_time() const { return tick_time_; }
 
  private:
-  void feel(const std::vector<double>& values);
+  void update_chatter(const std::vector<double>& values);
 
   std::FILE* file_ = nullptr;
   fmt::memory_buffer buffer_;

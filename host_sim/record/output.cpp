@@ -11,8 +11,8 @@
 #include <iterator>
 #include <system_error>
 
-#include "host_sim/record/comparison.hpp"
 #include "host_sim/error.hpp"
+#include "host_sim/record/comparison.hpp"
 #include "host_sim/scene/scene.hpp"
 
 namespace esmc::host {
@@ -22,19 +22,21 @@ namespace fs = std::filesystem;
 namespace {
 
 /// Every name that a command may leave.
-constexpr const char* output_names[] = {"scene.toml",  "summary.json", "log.csv",     "frames.log",   "frames.csv",
-                                        "report.html", "check.csv",    reference_copy, model_copy, endpoints_copy, "sweep.toml",
-                                        "cases.csv",   "timing.json",  "timing.csv"};
+constexpr const char* output_names[] = {
+    "scene.toml",   "summary.json", "log.csv",      "frames.log", "frames.csv", "report.html", "check.csv",
+    reference_copy, model_copy,     endpoints_copy, "sweep.toml", "cases.csv",  "timing.json", "timing.csv"};
 
 constexpr const char* partial_prefix = ".partial-";
 
-/// What a process that was killed has left. Not what belongs to a living one or to somebody else, and not what was
-/// interrupted while files were moved: what stood there before may be in it.
+/// What a process that was killed has left. Not what belongs to a living one or to somebody else, and not
+/// what was interrupted while files were moved: what stood there before may be in it.
 bool abandoned(const fs::path& p) {
   const std::string name = p.filename();
   if (!name.starts_with(partial_prefix)) return false;
   const std::string pid = name.substr(std::string(partial_prefix).size());
-  if (pid.empty() || pid.size() > 9 || !std::all_of(pid.begin(), pid.end(), [](char c) { return c >= '0' && c <= '9'; })) return false;
+  if (pid.empty() || pid.size() > 9 ||
+      !std::all_of(pid.begin(), pid.end(), [](char c) { return c >= '0' && c <= '9'; }))
+    return false;
   const bool dead = ::kill(static_cast<pid_t>(std::atol(pid.c_str())), 0) != 0 && errno == ESRCH;
   std::error_code error;
   return dead && fs::is_directory(fs::symlink_status(p, error)) && !fs::exists(p / "former", error);
@@ -70,7 +72,8 @@ OutputDirectory::OutputDirectory(const std::string& directory) {
   }
   // What an earlier run left has one of these; without them a file of such a name is somebody's own.
   constexpr const char* signs[] = {"summary.json", "check.csv", "campaign.json", "accuracy.json"};
-  if (std::none_of(std::begin(signs), std::end(signs), [&](const char* sign) { return fs::exists(final_ / sign, error); })) {
+  if (std::none_of(std::begin(signs), std::end(signs),
+                   [&](const char* sign) { return fs::exists(final_ / sign, error); })) {
     for (const char* name : output_names) {
       if (fs::exists(fs::symlink_status(final_ / name, error)))
         refuse(std::string(name) + " is there, which no earlier run has left: take another directory");
@@ -116,7 +119,8 @@ void OutputDirectory::spare(const std::string& input, const std::string& copy) c
   std::error_code error;
   for (const char* name : output_names) {
     if (wanted() && name != copy && fs::equivalent(final_ / name, input, error))
-      throw InputError("", "--out " + final_.string() + ": " + name + " would replace " + input + ", which is read; take another directory");
+      throw InputError("", "--out " + final_.string() + ": " + name + " would replace " + input +
+                               ", which is read; take another directory");
   }
 }
 

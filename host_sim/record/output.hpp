@@ -28,7 +28,8 @@ class OutputDirectory {
   /// The same, open; null when nothing is wanted. Throws InputError when it cannot be written.
   [[nodiscard]] std::FILE* open(const std::string& name) const;
   void write(const std::string& name, const std::string& text) const;
-  /// Throws InputError where a file of the run would replace this one, or take it away; but for `copy`, which is the same.
+  /// Throws InputError where a file of the run would replace this one, or take it away; but for `copy`, which
+  /// is the same.
   void spare(const std::string& input, const std::string& copy = "") const;
   /// Moves everything into place, or nothing: what stood there comes back when one of the files cannot be
   /// replaced.
@@ -43,8 +44,8 @@ class OutputDirectory {
   std::vector<std::filesystem::path> created_;  ///< folders that did not exist, outermost first
 };
 
-/// Prints `text`, or makes it the content of `file` if that is not empty: all of it or nothing. Throws InputError when the file
-/// cannot be written.
+/// Prints `text`, or makes it the content of `file` if that is not empty: all of it or nothing. Throws
+/// InputError when the file cannot be written.
 void print_or_write(const std::string& text, const std::string& file);
 
 }  // namespace esmc::host

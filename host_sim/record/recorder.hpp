@@ -11,10 +11,10 @@
 #include <vector>
 
 #include "host_sim/controller/controller_config.hpp"
-#include "host_sim/record/log.hpp"
-#include "host_sim/record/summary.hpp"
 #include "host_sim/error.hpp"
 #include "host_sim/plant/motion.hpp"
+#include "host_sim/record/log.hpp"
+#include "host_sim/record/summary.hpp"
 
 namespace esmc::host {
 
@@ -50,8 +50,8 @@ template <class World>
 Motion<typename World::Plant> make_motion(const Scene& s, const typename World::Plant::State& state,
                                           const Hand* hand = nullptr) {
   const auto payload = find_effect<Payload>(s.effects);
-  return Motion<typename World::Plant>({World::plant(s), World::plant(s, payload ? payload->mass : 0.0), s.effects,
-                                        s.motor_joints(), s.method, hand},
+  return Motion<typename World::Plant>({World::plant(s), World::plant(s, payload ? payload->mass : 0.0),
+                                        s.effects, s.motor_joints(), s.method, hand},
                                        state);
 }
 /// Its state at t = 0.
@@ -85,7 +85,8 @@ class ReferenceTrack {
         mechanism_(make_mechanism(scene.mechanism, static_cast<M*>(nullptr))),
         mode_(mode_of(scene, static_cast<M*>(nullptr))),
         joined_(bundle_->get(), bundle_->join_ticks, scene.tick()),
-        same_(bundle_->join_ticks == 0 && bundle_->get().kind != ReferenceKind::hold_start && !scene.predictor),
+        same_(bundle_->join_ticks == 0 && bundle_->get().kind != ReferenceKind::hold_start &&
+              !scene.predictor),
         true_lengths_(same_lengths(believed_mechanism(scene), scene.mechanism)) {}
 
   [[nodiscard]] bool present() const { return present_; }
@@ -103,11 +104,12 @@ class ReferenceTrack {
     joined_.start(at_effector ? Vec2<double>(effector.x, effector.y) : Vec2<double>(base[0], base[1]),
                   at_effector ? Vec2<double>(velocity.x, velocity.y) : Vec2<double>(rate[0], rate[1]));
   }
-  /// Empty: out of reach. `solved`: a controller's tick; its inverse kinematics of the very same point, with the
-  /// true lengths, is not repeated.
+  /// Empty: out of reach. `solved`: a controller's tick; its inverse kinematics of the very same point, with
+  /// the true lengths, is not repeated.
   [[nodiscard]] std::optional<Point> at(std::uint32_t tick, const TickResult<M>* solved = nullptr) const {
     const bool at_effector = joined_.reference().space == ReferenceSpace::effector;
-    const bool followed = solved != nullptr && true_lengths_ && at_effector && solved->state == State::running;
+    const bool followed =
+        solved != nullptr && true_lengths_ && at_effector && solved->state == State::running;
     if (same_ && followed && solved->running_tick == tick) {
       const Vec2<double> base = with_base_ ? solved->desired_base() : Vec2<double>(0, 0);
       return Point{{solved->desired_effector.x(), solved->desired_effector.y()}, {base[0], base[1]}};

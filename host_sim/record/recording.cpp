@@ -11,8 +11,8 @@
 #include <utility>
 
 #include "host_sim/error.hpp"
-#include "host_sim/scene/scene.hpp"
 #include "host_sim/fnv.hpp"
+#include "host_sim/scene/scene.hpp"
 #include "host_sim/version.hpp"
 
 namespace esmc::host {
@@ -55,7 +55,8 @@ std::uint64_t count_lines(const Recording& r, const char* name, bool frames) {
     ++n;
     if (in.eof()) throw InputError(fmt::format("{}:{}", path, n), "the file ends within a line: it is torn");
     if (frames && !parse_candump(line))
-      throw InputError(fmt::format("{}:{}", path, n), "is no line of candump -L, as (0000000001.001135) vcan0 022#00000000");
+      throw InputError(fmt::format("{}:{}", path, n),
+                       "is no line of candump -L, as (0000000001.001135) vcan0 022#00000000");
   }
   return n;
 }
@@ -96,8 +97,10 @@ T at(const Recording& r, const char* pointer) {
     if (!std::is_same_v<T, std::uint64_t> || value.is_number_unsigned()) return value.get<T>();
   } catch (const nlohmann::json::exception&) {
   }
-  throw InputError(r.file("summary.json"), std::string(pointer) + " is missing or of another kind: allowed is what sim, hil, plant and "
-                                                                  "controller leave with --out");
+  throw InputError(r.file("summary.json"),
+                   std::string(pointer) +
+                       " is missing or of another kind: allowed is what sim, hil, plant and "
+                       "controller leave with --out");
 }
 
 std::uint64_t with_companion(std::uint64_t hash, const std::string& name, const std::string& text) {
@@ -110,9 +113,12 @@ std::string digest_text(std::uint64_t hash) { return fmt::format("{:016x}", hash
 std::optional<CandumpLine> parse_candump(std::string_view line) {
   CandumpLine out;
   const std::size_t point = line.find('.'), close = line.find(')');
-  if (!line.starts_with("(") || point == std::string_view::npos || close == std::string_view::npos || close != point + 7) return std::nullopt;
+  if (!line.starts_with("(") || point == std::string_view::npos || close == std::string_view::npos ||
+      close != point + 7)
+    return std::nullopt;
   std::uint64_t seconds = 0, micro = 0;
-  if (!number(line.substr(1, point - 1), seconds) || !number(line.substr(point + 1, 6), micro)) return std::nullopt;
+  if (!number(line.substr(1, point - 1), seconds) || !number(line.substr(point + 1, 6), micro))
+    return std::nullopt;
   if (seconds > 1'000'000'000'000) return std::nullopt;
   out.time_us = static_cast<std::int64_t>(seconds * 1'000'000 + micro);
   const std::size_t space = line.find(' ', close + 2);
@@ -135,7 +141,8 @@ Recording read_recording(const std::string& directory, bool any_version) {
   namespace fs = std::filesystem;
   std::error_code error;
   if (!fs::is_directory(directory, error))
-    throw InputError("", directory + ": no such directory; allowed is what sim, hil, plant or controller left with --out");
+    throw InputError(
+        "", directory + ": no such directory; allowed is what sim, hil, plant or controller left with --out");
   Recording r;
   r.directory = directory;
   try {
@@ -145,10 +152,12 @@ Recording read_recording(const std::string& directory, bool any_version) {
   }
   r.command = at<std::string>(r, "/run/command");
   if (r.command != "sim" && r.command != "hil" && r.command != "plant" && r.command != "controller")
-    throw InputError(r.file("summary.json"), "/run/command is '" + printable(r.command) + "', allowed are sim, hil, plant, controller");
+    throw InputError(r.file("summary.json"), "/run/command is '" + printable(r.command) +
+                                                 "', allowed are sim, hil, plant, controller");
   const auto by = at<std::string>(r, "/run/version");
   if (by != version && !any_version)
-    throw InputError(r.file("summary.json"), "recorded by esmc " + printable(by) + ", this is " + version + ": take that one, or --any-version");
+    throw InputError(r.file("summary.json"), "recorded by esmc " + printable(by) + ", this is " + version +
+                                                 ": take that one, or --any-version");
   r.realtime = at<bool>(r, "/run/realtime");
   r.single_precision = at<std::string>(r, "/run/scalar") == "float";
   r.seed = at<std::uint64_t>(r, "/seed");
@@ -160,16 +169,25 @@ Recording read_recording(const std::string& directory, bool any_version) {
   }
   const std::string was = at<std::string>(r, "/run/scene_digest"), is = digest_text(hash);
   if (was != is)
-    throw InputError(r.file("scene.toml"), "is not the scene that was run: its digest is " + is + ", summary.json says " + printable(was));
+    throw InputError(r.file("scene.toml"), "is not the scene that was run: its digest is " + is +
+                                               ", summary.json says " + printable(was));
   const std::uint64_t rows = count_lines(r, "log.csv", false);
   if (rows == 0 || rows - 1 != r.ticks)  // ticks + 1 of a number that is not a run's may be 0
-    throw InputError(r.file("log.csv"), fmt::format("has {} lines, and should have a header and one for each of {} ticks: torn or of another run", rows, r.ticks));
-  if (r.interrupted && r.ticks == 0) throw InputError("", directory + ": was interrupted before t = 0, there is nothing to run again");
+    throw InputError(
+        r.file("log.csv"),
+        fmt::format(
+            "has {} lines, and should have a header and one for each of {} ticks: torn or of another run",
+            rows, r.ticks));
+  if (r.interrupted && r.ticks == 0)
+    throw InputError("", directory + ": was interrupted before t = 0, there is nothing to run again");
   if (r.command == "sim") return r;
   const std::uint64_t lines = count_lines(r, "frames.log", true);
   const auto frames = at<std::uint64_t>(r, "/bus/frames");
   if (lines == 0) throw InputError(r.file("frames.log"), "has no frames");
-  if (lines < frames) throw InputError(r.file("frames.log"), fmt::format("has {} lines, {} frames were counted: torn or of another run", lines, frames));
+  if (lines < frames)
+    throw InputError(
+        r.file("frames.log"),
+        fmt::format("has {} lines, {} frames were counted: torn or of another run", lines, frames));
   std::ifstream in(r.file("frames.log"), std::ios::binary);
   std::string line;
   std::getline(in, line);
@@ -177,9 +195,12 @@ Recording read_recording(const std::string& directory, bool any_version) {
   if (!r.one_half()) return r;
   const std::uint64_t passages = count_lines(r, "frames.csv", false);
   if (passages != lines + 1)
-    throw InputError(r.file("frames.csv"), fmt::format("has {} lines, {} frames and a header are {}: torn or of another run", passages, lines, lines + 1));
+    throw InputError(r.file("frames.csv"),
+                     fmt::format("has {} lines, {} frames and a header are {}: torn or of another run",
+                                 passages, lines, lines + 1));
   if (at<std::uint64_t>(r, "/bus/lost") > 0)
-    throw InputError(r.file("summary.json"), "/bus/lost is not 0: which frames could not be sent then is not known");
+    throw InputError(r.file("summary.json"),
+                     "/bus/lost is not 0: which frames could not be sent then is not known");
   return r;
 }
 
@@ -190,21 +211,26 @@ RecordedBus::Source passed_frames(const Recording& r) {
     std::uint64_t n = 0;
   };
   auto files = std::make_shared<Files>(Files{std::ifstream(r.file("frames.log"), std::ios::binary),
-                                             std::ifstream(r.file("frames.csv"), std::ios::binary), r.file("frames.csv"), "", "", 0});
+                                             std::ifstream(r.file("frames.csv"), std::ios::binary),
+                                             r.file("frames.csv"), "", "", 0});
   if (!std::getline(files->passage, files->row) || files->row != "look,sent,age_us")
     throw InputError(files->path + ":1", "the header is look,sent,age_us");
   return [files]() -> std::optional<PassedFrame> {
-    if (!std::getline(files->frames, files->frame) || !std::getline(files->passage, files->row)) return std::nullopt;
+    if (!std::getline(files->frames, files->frame) || !std::getline(files->passage, files->row))
+      return std::nullopt;
     ++files->n;
     const auto line = parse_candump(files->frame);
     PassedFrame p;
     const std::string_view row = files->row;
-    const std::size_t first = row.find(','), second = row.find(',', first == std::string_view::npos ? first : first + 1);
+    const std::size_t first = row.find(','),
+                      second = row.find(',', first == std::string_view::npos ? first : first + 1);
     unsigned sent = 2;
     const bool good = line && second != std::string_view::npos && number(row.substr(0, first), p.look) &&
-                      number(row.substr(first + 1, second - first - 1), sent) && sent < 2 && number(row.substr(second + 1), p.age_us) &&
-                      (sent == 0 || p.age_us == 0);
-    if (!good) throw InputError(fmt::format("{}:{}", files->path, files->n + 1), "allowed is LOOK,0,AGE for a frame that was received, LOOK,1,0 for one that was sent");
+                      number(row.substr(first + 1, second - first - 1), sent) && sent < 2 &&
+                      number(row.substr(second + 1), p.age_us) && (sent == 0 || p.age_us == 0);
+    if (!good)
+      throw InputError(fmt::format("{}:{}", files->path, files->n + 1),
+                       "allowed is LOOK,0,AGE for a frame that was received, LOOK,1,0 for one that was sent");
     p.time_us = line->time_us;
     p.sent = sent == 1;
     p.frame = line->frame;

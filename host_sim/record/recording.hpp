@@ -29,9 +29,9 @@ std::string scene_digest(const Scene& scene);
 
 struct Recording {
   std::string directory;
-  std::string command;        ///< sim | hil | plant | controller
+  std::string command;  ///< sim | hil | plant | controller
   bool realtime = false, single_precision = false;
-  std::string interface;      ///< of frames.log
+  std::string interface;  ///< of frames.log
   std::uint64_t seed = 1, ticks = 0;
   bool interrupted = false;
   nlohmann::ordered_json summary;
@@ -41,8 +41,8 @@ struct Recording {
   [[nodiscard]] std::string file(const char* name) const { return directory + "/" + name; }
 };
 
-/// Throws InputError that says what is missing, torn or of something else. `any_version`: this program need not be of the
-/// version that recorded.
+/// Throws InputError that says what is missing, torn or of something else. `any_version`: this program need
+/// not be of the version that recorded.
 Recording read_recording(const std::string& directory, bool any_version);
 
 /// frames.log with frames.csv. Throws InputError where they do not fit together.

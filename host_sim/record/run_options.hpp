@@ -1,5 +1,6 @@
 #pragma once
-/// What is asked of a run: the commands sim, hil, plant, controller, and those that run a scene for another reason.
+/// What is asked of a run: the commands sim, hil, plant, controller, and those that run a scene for another
+/// reason.
 
 #include <atomic>
 #include <cstdint>
@@ -14,13 +15,13 @@ class Comparison;
 class RecordedBus;
 
 /// A run that repeats a recorded one: nothing is written or printed, all is compared.
-struct Again {
-  Comparison* comparison = nullptr;                       ///< null: not one
-  const nlohmann::ordered_json* recorded = nullptr;       ///< its summary
-  std::optional<std::uint64_t> ticks;                     ///< after which it ended, if before its time
-  std::string interface;                                  ///< of its frames.log
-  RecordedBus* bus = nullptr;                             ///< one half: what the other one said
-  bool of_hil = false;                                    ///< the plant's half began together with the controller's
+struct ReplayContext {
+  Comparison* comparison = nullptr;                  ///< null: not one
+  const nlohmann::ordered_json* recorded = nullptr;  ///< its summary
+  std::optional<std::uint64_t> ticks;                ///< after which it ended, if before its time
+  std::string interface;                             ///< of its frames.log
+  RecordedBus* bus = nullptr;                        ///< one half: what the other one said
+  bool of_hil = false;  ///< the plant's half began together with the controller's
 };
 
 struct RunOptions {
@@ -32,9 +33,9 @@ struct RunOptions {
   std::uint64_t seed = 1;
   bool json = false;
   bool realtime = false;
-  bool observe = false;  ///< controller only: listen, arm nothing, send nothing
+  bool observe = false;           ///< controller only: listen, arm nothing, send nothing
   bool single_precision = false;  ///< of the controller, as on a board without double; hil only
-  Again again{};
+  ReplayContext again{};
 };
 
 /// Set by SIGINT and SIGTERM: loops end with zero torque and a summary.

@@ -106,10 +106,8 @@ void add_disturbances(const BusSummary::Disturbances& d, Json& bus) {
   }
   bus["nodes"] = Json::array();
   for (const BusSummary::Node& n : d.nodes) {
-    bus["nodes"].push_back({{"name", n.name},
-                            {"error_state", n.state},
-                            {"tec", n.transmit_errors},
-                            {"rec", n.receive_errors}});
+    bus["nodes"].push_back(
+        {{"name", n.name}, {"error_state", n.state}, {"tec", n.transmit_errors}, {"rec", n.receive_errors}});
   }
 }
 }  // namespace
@@ -161,7 +159,9 @@ std::string fault_text(const Json& supervisor) {
   std::string out;
   for (const Json& f : supervisor["faults"]) {
     out += "fault " + f.get<std::string>();
-    if (supervisor.contains("odd_encoder")) out += fmt::format(" (the encoder of {} contradicts the others)", supervisor["odd_encoder"].get<std::string>());
+    if (supervisor.contains("odd_encoder"))
+      out += fmt::format(" (the encoder of {} contradicts the others)",
+                         supervisor["odd_encoder"].get<std::string>());
     if (supervisor["fault_t_s"].is_number()) {
       out +=
           fmt::format(" at t = {:.3f} s; tracking counts until then", supervisor["fault_t_s"].get<double>());
@@ -173,14 +173,16 @@ std::string fault_text(const Json& supervisor) {
 
 std::string disturbance_text(const Json& bus) {
   std::string out = fmt::format("bus: {}, {} missed, {} duplicated, {} corrupted",
-                                plural(bus["errors"].get<std::uint64_t>(), "error frame"), bus["missed"].get<std::uint64_t>(),
-                                bus["duplicated"].get<std::uint64_t>(), bus["corrupted"].get<std::uint64_t>());
+                                plural(bus["errors"].get<std::uint64_t>(), "error frame"),
+                                bus["missed"].get<std::uint64_t>(), bus["duplicated"].get<std::uint64_t>(),
+                                bus["corrupted"].get<std::uint64_t>());
   double latency = 0.0;
   for (const Json& m : bus["messages"]) latency = std::max(latency, m["latency_max_s"].get<double>());
   if (bus["timed"].get<bool>()) out += fmt::format(", latency {:.0f} us at most", 1e6 * latency);
   for (const Json& n : bus["nodes"]) {
     if (n["error_state"] != "active")
-      out += fmt::format("; {} is error-{}", n["name"].get<std::string>(), n["error_state"].get<std::string>());
+      out +=
+          fmt::format("; {} is error-{}", n["name"].get<std::string>(), n["error_state"].get<std::string>());
   }
   return out + "\n";
 }

@@ -30,8 +30,8 @@ inline void require_finite(std::span<const double> state, double t) {
 
 /// FNV-1a 64 over the little-endian doubles of q then qd at every tick from t = 0.
 ///
-/// A chain of multiplications that each wait for the one before. Given in portions with other work between them, the
-/// processor does that work meanwhile.
+/// A chain of multiplications that each wait for the one before. Given in portions with other work between
+/// them, the processor does that work meanwhile.
 class Digest {
  public:
   void add(std::span<const double> values) {
@@ -130,7 +130,9 @@ class Statistics {
   [[nodiscard]] const ErrorStatistics& base() const { return base_; }
   [[nodiscard]] double torque_max() const { return torque_max_; }  ///< N m
   /// Mean change of a motor's torque from tick to tick, N m.
-  [[nodiscard]] double torque_activity() const { return deltas_ > 0 ? delta_sum_ / static_cast<double>(deltas_) : 0.0; }
+  [[nodiscard]] double torque_activity() const {
+    return deltas_ > 0 ? delta_sum_ / static_cast<double>(deltas_) : 0.0;
+  }
   [[nodiscard]] std::uint64_t saturated_ticks() const { return saturated_; }
   [[nodiscard]] double power_sum() const { return power_sum_; }  ///< over the ticks, W
 
@@ -159,7 +161,7 @@ struct RunEnd {
   std::uint64_t seed = 1;
   // For the report alone.
   std::vector<NamedHistogram> histograms;
-  Binned load;                  ///< bits on the bus per tick; empty where it was not seen
+  Binned load;                   ///< bits on the bus per tick; empty where it was not seen
   std::uint64_t load_ticks = 0;  ///< of its entries that lie before t = 0
 };
 

@@ -73,7 +73,8 @@ RecordedTable read_table(const std::string& file, const std::vector<std::string>
       throw InputError(file + ":1", "there are two columns " + name);
     wanted.push_back(static_cast<std::size_t>(at - out.header.begin()));
   }
-  const auto word_at = word.empty() ? out.header.end() : std::find(out.header.begin(), out.header.end(), word);
+  const auto word_at =
+      word.empty() ? out.header.end() : std::find(out.header.begin(), out.header.end(), word);
   out.columns.resize(names.size());
   while (!rest.empty()) {
     const auto fields = fields_of(line());
@@ -110,9 +111,12 @@ void require_even(const RecordedTable& table, std::size_t column, const std::str
   const double mean = (t.back() - t.front()) / static_cast<double>(t.size() - 1);
   for (std::size_t i = 1; i < t.size(); ++i) {
     if (std::isfinite(mean) && std::abs(t[i] - t[i - 1] - mean) <= 0.4 * mean) continue;  // t may be rounded
-    throw InputError(table.where(i), fmt::format("t = {:.10g} s is {:.3g} s after the row before, and rows are {:.3g} s apart: they must stand at "
-                                                 "equal distances{}",
-                                                 t[i], t[i] - t[i - 1], mean, hint));
+    throw InputError(
+        table.where(i),
+        fmt::format(
+            "t = {:.10g} s is {:.3g} s after the row before, and rows are {:.3g} s apart: they must stand at "
+            "equal distances{}",
+            t[i], t[i] - t[i - 1], mean, hint));
   }
 }
 
@@ -120,9 +124,12 @@ void require_every_tick(const RecordedTable& table, std::size_t column, double t
   const std::vector<double>& t = table.columns[column];
   for (std::size_t i = 0; i < t.size(); ++i) {
     if (std::abs(t[i] - t[0] - static_cast<double>(i) * tick) <= 0.01 * tick) continue;
-    throw InputError(table.where(i), fmt::format("t = {:.10g} s is not {} ticks of {:g} s after the first row: every tick is needed, at the "
-                                                 "scene's control.rate_hz",
-                                                 t[i], i, tick));
+    throw InputError(
+        table.where(i),
+        fmt::format(
+            "t = {:.10g} s is not {} ticks of {:g} s after the first row: every tick is needed, at the "
+            "scene's control.rate_hz",
+            t[i], i, tick));
   }
 }
 

@@ -20,19 +20,20 @@ struct RecordedTable {
 
 /// Reads the columns `names` of a CSV with a header. Only they need be numbers: finite, in every row. Every
 /// row must have as many fields as the header, and the last line its end: a log that was torn is refused.
-/// `hint` follows "there is no column X"; `word` names a column of words, which need not be there. Throws InputError that names file
-/// and line.
+/// `hint` follows "there is no column X"; `word` names a column of words, which need not be there. Throws
+/// InputError that names file and line.
 RecordedTable read_table(const std::string& file, const std::vector<std::string>& names,
                          const std::string& hint, const std::string& word = "");
 
 /// Throws InputError unless the values ascend strictly: `column` of the table, a time.
 void require_ascending(const RecordedTable& table, std::size_t column);
 
-/// Throws InputError at the first row that is not a whole number of ticks after the first one, as many as rows: `column` of the
-/// table, a time; `tick`: s.
+/// Throws InputError at the first row that is not a whole number of ticks after the first one, as many as
+/// rows: `column` of the table, a time; `tick`: s.
 void require_every_tick(const RecordedTable& table, std::size_t column, double tick);
 
-/// Throws InputError at the first row whose distance from the one before is not that of all, but for rounding; `hint`: what follows then.
+/// Throws InputError at the first row whose distance from the one before is not that of all, but for
+/// rounding; `hint`: what follows then.
 void require_even(const RecordedTable& table, std::size_t column, const std::string& hint);
 
 }  // namespace esmc::host

@@ -18,7 +18,8 @@ namespace esmc::host {
 ///   torque_limit  per motor, N m, in the order of the columns tau...; empty: none
 ///   mechanism {type: "five_bar" | "rr", half_base, legs: [{l1, l2}, ...]}; one entry in legs stands for both
 ///   working_mode [sign, ...], assembly_mode sign or 0: of the scene
-///   workspace {x: [lo, hi], y, columns, rows, force: [N, ...], type2_sine: [...], type1: [[[x, y], ...], ...], type2}:
+///   workspace {x: [lo, hi], y, columns, rows, force: [N, ...], type2_sine: [...], type1: [[[x, y], ...],
+///   ...], type2}:
 ///             a WorkspaceMap; null out of reach
 ///   histograms [{title, note, edges_s, counts, total, mean_s, p99_s, max_s}], one edge more than counts
 ///   bus_load  {start_s, bin_s, load: [share of the bus time, ...]}

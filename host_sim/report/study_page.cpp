@@ -54,14 +54,16 @@ std::string marker(std::size_t kind, double x, double y) {
   kind %= std::size(colours);
   switch (kind % 3) {
     case 0:
-      return fmt::format("<circle class='s{3}' cx='{0:.1f}' cy='{1:.1f}' r='3' color='{2}' fill='currentColor'/>", x, y,
-                         colours[kind], kind);
+      return fmt::format(
+          "<circle class='s{3}' cx='{0:.1f}' cy='{1:.1f}' r='3' color='{2}' fill='currentColor'/>", x, y,
+          colours[kind], kind);
     case 1:
-      return fmt::format("<rect class='s{3}' x='{0:.1f}' y='{1:.1f}' width='6' height='6' color='{2}' fill='currentColor'/>",
-                         x - 3, y - 3, colours[kind], kind);
+      return fmt::format(
+          "<rect class='s{3}' x='{0:.1f}' y='{1:.1f}' width='6' height='6' color='{2}' fill='currentColor'/>",
+          x - 3, y - 3, colours[kind], kind);
     default:
-      return fmt::format("<path class='s{3}' d='M{0:.1f} {1:.1f}l4 7h-8z' color='{2}' fill='currentColor'/>", x, y - 4,
-                         colours[kind], kind);
+      return fmt::format("<path class='s{3}' d='M{0:.1f} {1:.1f}l4 7h-8z' color='{2}' fill='currentColor'/>",
+                         x, y - 4, colours[kind], kind);
   }
 }
 
@@ -126,8 +128,9 @@ std::string log_log_svg(const std::string& title, const std::string& x_label, co
     }
     const double ly = top + 10 + 18.0 * static_cast<double>(i);
     const std::size_t kind = i % std::size(colours);
-    out += fmt::format("<path class='s{}' d='{}' fill='none' color='{}' stroke='currentColor' stroke-width='1.5'{}/>{}", kind,
-                       line, colours[kind], i % 2 == 1 ? " stroke-dasharray='5 3'" : "", marks);
+    out += fmt::format(
+        "<path class='s{}' d='{}' fill='none' color='{}' stroke='currentColor' stroke-width='1.5'{}/>{}",
+        kind, line, colours[kind], i % 2 == 1 ? " stroke-dasharray='5 3'" : "", marks);
     out += marker(i, width - right + 16, ly - 4) +
            fmt::format("<text x='{}' y='{}'>{}</text>", width - right + 26, ly, escaped(series[i].name));
   }
@@ -154,28 +157,34 @@ std::string bar_svg(const std::string& title, const std::string& x_label, const 
   constexpr double end = width - 30, base = height - bottom;
   const int decades = std::max(1, static_cast<int>(std::ceil(std::log10(most + 0.5))));
   const auto x = [&](double v) { return left + (v - lo) / (hi - lo) * (end - left); };
-  const auto y = [&](double count) { return base - (std::log10(count) + 0.3) / (decades + 0.3) * (base - top); };
+  const auto y = [&](double count) {
+    return base - (std::log10(count) + 0.3) / (decades + 0.3) * (base - top);
+  };
   std::string out = fmt::format(
-      "<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 {} {}' role='img' aria-label='{}'><text x='{}' y='20' "
+      "<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 {} {}' role='img' aria-label='{}'><text x='{}' "
+      "y='20' "
       "class='title'>{}</text>",
       width, height, escaped(title), left, escaped(title));
   for (int d = 0; d <= decades; ++d) {
     const double at = y(std::pow(10.0, d));
-    out += fmt::format("<path class='grid' d='M{} {:.1f}H{}'/><text x='{}' y='{:.1f}' text-anchor='end'>1e{}</text>", left,
-                       at, end, left - 6, at + 4, d);
+    out += fmt::format(
+        "<path class='grid' d='M{} {:.1f}H{}'/><text x='{}' y='{:.1f}' text-anchor='end'>1e{}</text>", left,
+        at, end, left - 6, at + 4, d);
   }
   double step = bars.front().to - bars.front().from;  // marks at edges of bars
   while ((hi - lo) / step > 8.5) step *= 2.0;
   for (double v = lo; v <= hi + 1e-9 * step; v += step)
     out += fmt::format("<text x='{:.1f}' y='{}' text-anchor='middle'>{:.4g}</text>", x(v), base + 16, v);
-  out += fmt::format("<text x='{}' y='{}' text-anchor='middle'>{}</text>", (left + end) / 2, height - 12, escaped(x_label));
+  out += fmt::format("<text x='{}' y='{}' text-anchor='middle'>{}</text>", (left + end) / 2, height - 12,
+                     escaped(x_label));
   for (const Bar& b : bars) {
     if (!(b.count > 0.0)) continue;
     out += fmt::format(
-        "<rect class='s0' fill='currentColor' color='{}' x='{:.1f}' y='{:.1f}' width='{:.1f}' height='{:.1f}'><title>{:.4g} to "
+        "<rect class='s0' fill='currentColor' color='{}' x='{:.1f}' y='{:.1f}' width='{:.1f}' "
+        "height='{:.1f}'><title>{:.4g} to "
         "{:.4g}: {:.0f}</title></rect>",
-        colours[0], x(b.from), y(b.count), std::max(1.0, x(b.to) - x(b.from) - 0.5), base - y(b.count), b.from, b.to,
-        b.count);
+        colours[0], x(b.from), y(b.count), std::max(1.0, x(b.to) - x(b.from) - 0.5), base - y(b.count),
+        b.from, b.to, b.count);
   }
   return out + "</svg>\n";
 }
@@ -185,7 +194,8 @@ std::string study_page(const std::string& title, const std::string& command, con
   std::string out = fmt::format(
       "<!doctype html><html lang='en'><head><meta charset='utf-8'><meta name='viewport' "
       "content='width=device-width, initial-scale=1'><meta http-equiv='Content-Security-Policy' "
-      "content=\"default-src 'none'; style-src 'unsafe-inline'\"><title>{0}</title><style>\n{1}</style></head>"
+      "content=\"default-src 'none'; style-src "
+      "'unsafe-inline'\"><title>{0}</title><style>\n{1}</style></head>"
       "<body class='study'><header><h1>{0}</h1><span class='mono muted'>esmc {2}</span></header>\n",
       escaped(title), look_css, version);
   if (!verdict.headline.empty()) {
@@ -195,20 +205,23 @@ std::string study_page(const std::string& title, const std::string& command, con
     const auto level = static_cast<std::size_t>(verdict.level);
     out += fmt::format(
         "<section class='panel verdict' data-level='{}' aria-label='Verdict'><span class='symbol' "
-        "aria-hidden='true'>{}</span><div><p class='headline'><b>{}</b> {}</p><p class='detail muted'>{}</p></div>",
+        "aria-hidden='true'>{}</span><div><p class='headline'><b>{}</b> {}</p><p class='detail "
+        "muted'>{}</p></div>",
         levels[level], marks[level], words[level], escaped(verdict.headline), escaped(verdict.detail));
     if (!verdict.tiles.empty()) {
       out += "<dl class='tiles'>";
       for (const auto& [name, value, note] : verdict.tiles) {
-        out += fmt::format("<div><dt class='note'>{}</dt><dd>{}</dd><dd class='note'>{}</dd></div>", escaped(name),
-                           escaped(value), escaped(note));
+        out += fmt::format("<div><dt class='note'>{}</dt><dd>{}</dd><dd class='note'>{}</dd></div>",
+                           escaped(name), escaped(value), escaped(note));
       }
       out += "</dl>";
     }
     out += "</section>\n";
   }
-  return out + fmt::format("<section class='panel'><h2>Repeat this study</h2><pre>{}</pre></section>\n{}</body></html>\n",
-                           escaped(command), body);
+  return out +
+         fmt::format(
+             "<section class='panel'><h2>Repeat this study</h2><pre>{}</pre></section>\n{}</body></html>\n",
+             escaped(command), body);
 }
 
 std::string figures_html(const std::vector<std::string>& drawings) {
@@ -225,7 +238,9 @@ std::string table_html(const std::string& title, const std::vector<std::vector<s
 
 std::string html_table(const std::vector<std::vector<std::string>>& rows) {
   std::string out = "<div class='wide'><table>";
-  const auto is_number = [](const std::string& s) { return s.find_first_not_of("0123456789.+-e ") == std::string::npos; };
+  const auto is_number = [](const std::string& s) {
+    return s.find_first_not_of("0123456789.+-e ") == std::string::npos;
+  };
   const auto of_numbers = [&](std::size_t column) {
     return std::all_of(rows.begin() + (rows.empty() ? 0 : 1), rows.end(),
                        [&](const auto& row) { return column >= row.size() || is_number(row[column]); });

@@ -25,7 +25,7 @@ struct Defects {
 
 struct DefectName {
   std::string_view name;
-  bool Defects::* flag;
+  bool Defects::*flag;
   std::string_view protocols;  ///< whose drives can have it
   std::string_view meaning;
 };
@@ -40,27 +40,33 @@ inline constexpr std::array defect_names{
                "bytes that a frame does not have are those of the frame before"},
     DefectName{"no_nan_check", &Defects::no_nan_check, odrives,
                "NaN passes as a set-point; a limiter of fmin and fmax makes full torque of it"},
-    DefectName{"unsynchronised", &Defects::unsynchronised, odrives,
-               "samples are taken at a clock of its own, 100 ppm fast: up to a period old when they are sent"},
+    DefectName{
+        "unsynchronised", &Defects::unsynchronised, odrives,
+        "samples are taken at a clock of its own, 100 ppm fast: up to a period old when they are sent"},
     DefectName{"timeout_stays_enabled", &Defects::timeout_stays_enabled, odrives_and_mit,
                "a time-out zeroes the torque, and the next command acts at once (MIT drives always do)"},
-    DefectName{"latched_timeout", &Defects::latched_timeout, odrives_and_mit,
-               "after a time-out the drive is dead until it is restarted (odrive) or enters motor mode anew (mit)"},
+    DefectName{
+        "latched_timeout", &Defects::latched_timeout, odrives_and_mit,
+        "after a time-out the drive is dead until it is restarted (odrive) or enters motor mode anew (mit)"},
     DefectName{"torque_mode_limit", &Defects::torque_mode_limit, odrives,
                "torque is cut to (2 rev/s - speed) / 6 N m s/rev, as ODrive 0.5 does by default"},
     DefectName{"zero_until_closed_loop", &Defects::zero_until_closed_loop, "odrive_0.5",
-               "position and speed are reported as 0 from power-up to the first closed loop, as firmware 0.5.6 does"},
-    DefectName{"pre_operational_keeps_torque", &Defects::pre_operational_keeps_torque, "cia402",
-               "made pre-operational, it goes on with its last torque: the profile's 6007 does not name that"},
+               "position and speed are reported as 0 from power-up to the first closed loop, as firmware "
+               "0.5.6 does"},
+    DefectName{
+        "pre_operational_keeps_torque", &Defects::pre_operational_keeps_torque, "cia402",
+        "made pre-operational, it goes on with its last torque: the profile's 6007 does not name that"},
 };
 
 /// Gives a drive of `protocol` the defect `name`. Returns why it cannot have it; empty: it has it.
-[[nodiscard]] inline std::string set_defect(Defects& defects, std::string_view name, std::string_view protocol) {
+[[nodiscard]] inline std::string set_defect(Defects& defects, std::string_view name,
+                                            std::string_view protocol) {
   std::string all;
   for (const DefectName& d : defect_names) {
     all += (all.empty() ? "" : ", ") + std::string(d.name);
     if (d.name != name) continue;
-    if ((", " + std::string(d.protocols) + ",").find(", " + std::string(protocol) + ",") == std::string::npos) {
+    if ((", " + std::string(d.protocols) + ",").find(", " + std::string(protocol) + ",") ==
+        std::string::npos) {
       return "not with protocol " + std::string(protocol) + ", only with " + std::string(d.protocols);
     }
     defects.*d.flag = true;

@@ -56,7 +56,10 @@ OdriveEndpoints read_odrive_endpoints(const std::string& where, const std::strin
   text.assign(std::istreambuf_iterator<char>(file), {});
   const Json j = Json::parse(text, nullptr, false);
   if (!j.is_object() || !j.contains("endpoints") || !j["endpoints"].is_object()) {
-    fail("names a file that is not the vendor's flat_endpoints.json (an object with fw_version and endpoints): " + path);
+    fail(
+        "names a file that is not the vendor's flat_endpoints.json (an object with fw_version and "
+        "endpoints): " +
+        path);
   }
   OdriveEndpoints out;
   if (!j.contains("fw_version") || !j["fw_version"].is_string() ||
@@ -66,9 +69,10 @@ OdriveEndpoints read_odrive_endpoints(const std::string& where, const std::strin
   for (const OdriveValueName& v : odrive_values) {
     if (!j["endpoints"].contains(v.path)) continue;
     const Json& e = j["endpoints"][v.path];
-    const bool whole = e.is_object() && e.contains("id") && e["id"].is_number_unsigned() && e["id"] < 0x10000 &&
-                       e.contains("type") && e["type"].is_string();
-    if (!whole) fail(fmt::format("names a file whose {} has no id from 0 to 65535 and type: {}", v.path, path));
+    const bool whole = e.is_object() && e.contains("id") && e["id"].is_number_unsigned() &&
+                       e["id"] < 0x10000 && e.contains("type") && e["type"].is_string();
+    if (!whole)
+      fail(fmt::format("names a file whose {} has no id from 0 to 65535 and type: {}", v.path, path));
     if (!fits(v.type, e["type"].get<std::string>())) {
       fail(fmt::format("names a file whose {} has another type than this program knows: {}", v.path, path));
     }

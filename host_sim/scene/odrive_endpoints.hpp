@@ -1,5 +1,6 @@
 #pragma once
-/// Endpoints of an ODrive's configuration: what decides over torque and can be read over CAN with firmware 0.6.
+/// Endpoints of an ODrive's configuration: what decides over torque and can be read over CAN with firmware
+/// 0.6.
 
 #include <array>
 #include <cstdint>
@@ -28,18 +29,26 @@ struct OdriveValueName {
   drive::odrive::ValueType type;
 };
 inline constexpr std::array odrive_values{
-    OdriveValueName{OdriveValue::enable_watchdog, "axis0.config.enable_watchdog", drive::odrive::ValueType::u8},
-    OdriveValueName{OdriveValue::watchdog_timeout, "axis0.config.watchdog_timeout", drive::odrive::ValueType::f32},
-    OdriveValueName{OdriveValue::control_mode, "axis0.controller.config.control_mode", drive::odrive::ValueType::u8},
-    OdriveValueName{OdriveValue::input_mode, "axis0.controller.config.input_mode", drive::odrive::ValueType::u8},
+    OdriveValueName{OdriveValue::enable_watchdog, "axis0.config.enable_watchdog",
+                    drive::odrive::ValueType::u8},
+    OdriveValueName{OdriveValue::watchdog_timeout, "axis0.config.watchdog_timeout",
+                    drive::odrive::ValueType::f32},
+    OdriveValueName{OdriveValue::control_mode, "axis0.controller.config.control_mode",
+                    drive::odrive::ValueType::u8},
+    OdriveValueName{OdriveValue::input_mode, "axis0.controller.config.input_mode",
+                    drive::odrive::ValueType::u8},
     OdriveValueName{OdriveValue::torque_mode_limit, "axis0.controller.config.enable_torque_mode_vel_limit",
                     drive::odrive::ValueType::u8},
-    OdriveValueName{OdriveValue::vel_limit, "axis0.controller.config.vel_limit", drive::odrive::ValueType::f32},
+    OdriveValueName{OdriveValue::vel_limit, "axis0.controller.config.vel_limit",
+                    drive::odrive::ValueType::f32},
     OdriveValueName{OdriveValue::overspeed_error, "axis0.controller.config.enable_overspeed_error",
                     drive::odrive::ValueType::u8},
-    OdriveValueName{OdriveValue::torque_constant, "axis0.config.motor.torque_constant", drive::odrive::ValueType::f32},
-    OdriveValueName{OdriveValue::current_limit, "axis0.config.motor.current_soft_max", drive::odrive::ValueType::f32},
-    OdriveValueName{OdriveValue::heartbeat_period, "axis0.config.can.heartbeat_msg_rate_ms", drive::odrive::ValueType::u32},
+    OdriveValueName{OdriveValue::torque_constant, "axis0.config.motor.torque_constant",
+                    drive::odrive::ValueType::f32},
+    OdriveValueName{OdriveValue::current_limit, "axis0.config.motor.current_soft_max",
+                    drive::odrive::ValueType::f32},
+    OdriveValueName{OdriveValue::heartbeat_period, "axis0.config.can.heartbeat_msg_rate_ms",
+                    drive::odrive::ValueType::u32},
 };
 
 struct OdriveEndpoint {

@@ -27,8 +27,10 @@ void check_identifiers(const Section& s, const Scene& scene, int base) {
   if (base % static_cast<int>(block) != 0) s.fail("base_id", fmt::format("must be a multiple of {}", block));
   for (const std::uint32_t id : drive_identifiers(scene)) {
     if (id / block == static_cast<std::uint32_t>(base) / block) {
-      s.fail("base_id", fmt::format("takes the identifiers 0x{:03x} to 0x{:03x}, and the drives of this scene have 0x{:03x}",
-                                    base, base + static_cast<int>(block) - 1, id));
+      s.fail("base_id",
+             fmt::format(
+                 "takes the identifiers 0x{:03x} to 0x{:03x}, and the drives of this scene have 0x{:03x}",
+                 base, base + static_cast<int>(block) - 1, id));
     }
   }
 }
@@ -51,7 +53,8 @@ std::vector<std::uint32_t> drive_identifiers(const Scene& scene) {
       break;
     case Protocol::cia402:  // the predefined connection set: EMCY, four PDO each way, SDO, heartbeat
       nodes({0x080, 0x180, 0x200, 0x280, 0x300, 0x380, 0x400, 0x480, 0x500, 0x580, 0x600, 0x700});
-      for (const std::uint32_t id : {0x000U, 0x080U, 0x100U, 0x7E4U, 0x7E5U}) out.push_back(id);  // NMT, SYNC, TIME, LSS
+      for (const std::uint32_t id : {0x000U, 0x080U, 0x100U, 0x7E4U, 0x7E5U})
+        out.push_back(id);  // NMT, SYNC, TIME, LSS
       out.push_back(0x700U + static_cast<std::uint32_t>(d.controller_node));
       break;
     case Protocol::mit:
@@ -64,9 +67,12 @@ std::vector<std::uint32_t> drive_identifiers(const Scene& scene) {
 
 CommandScene read_command(Section s, const Scene& scene) {
   CommandScene c;
-  if (scene.robust_gain) {  // its orders set one gain per kind of channel, and "forget" would set those of the scene
-    s.fail("", "[command] and control.gain = \"robust\" exclude each other: the interface has one gain per kind of channel, the "
-               "design one per channel; give control.gain as numbers (esmc design says which)");
+  if (scene.robust_gain) {  // its orders set one gain per kind of channel, and "forget" would set those of
+                            // the scene
+    s.fail("",
+           "[command] and control.gain = \"robust\" exclude each other: the interface has one gain per kind "
+           "of channel, the "
+           "design one per channel; give control.gain as numbers (esmc design says which)");
   }
   c.base_id = s.integer("base_id");
   check_identifiers(s, scene, c.base_id);

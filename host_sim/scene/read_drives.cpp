@@ -48,20 +48,26 @@ void read_cia402(Section& s, const Scene& scene, DriveScene& d) {
   d.controller_node = s.integer("controller_node");
   if (d.protocol != Protocol::cia402) return;
   if (d.watchdog_timeout < 1e-3) {
-    s.fail("watchdog_timeout", "must be at least 0.001 s with cia402: object 1016 counts whole ms, and 0 switches it off");
+    s.fail("watchdog_timeout",
+           "must be at least 0.001 s with cia402: object 1016 counts whole ms, and 0 switches it off");
   }
   for (const double ratio : d.gear_ratio) {
     const double raw = scene.limits.joint_speed * ratio / d.velocity_unit;
     if (!(raw <= 2147483647.0)) {
-      s.fail("velocity_unit", fmt::format("makes limits.joint_speed the number {:g}: at most 2147483647 fits into object 606C, "
-                                          "and a faster joint would not be seen", raw));
+      s.fail(
+          "velocity_unit",
+          fmt::format("makes limits.joint_speed the number {:g}: at most 2147483647 fits into object 606C, "
+                      "and a faster joint would not be seen",
+                      raw));
     }
   }
   for (const double rated : d.rated_torque) {
     const double raw = rated / d.rated_torque_unit;
     if (!(raw >= 100.0 && raw <= 4e9)) {
-      s.fail("rated_torque_unit", fmt::format("makes a rated torque of {:g} N m the number {:g}: 100 to 4e9 are "
-                                              "allowed in object 6076, so that it can be told to 1 %", rated, raw));
+      s.fail("rated_torque_unit",
+             fmt::format("makes a rated torque of {:g} N m the number {:g}: 100 to 4e9 are "
+                         "allowed in object 6076, so that it can be told to 1 %",
+                         rated, raw));
     }
   }
 }
@@ -70,11 +76,13 @@ void read_cia402(Section& s, const Scene& scene, DriveScene& d) {
 void read_odrive(Section& s, Scene& scene) {
   DriveScene& d = scene.drives;
   if (s.has("confirmed")) d.confirmed = s.boolean("confirmed");
-  if (s.has("torque_constant")) d.torque_constant = s.each("torque_constant", static_cast<std::size_t>(scene.motors()));
+  if (s.has("torque_constant"))
+    d.torque_constant = s.each("torque_constant", static_cast<std::size_t>(scene.motors()));
   d.where = s.where();
   const auto name = s.optional_text("endpoints");
   if (!name) return;
-  if (d.protocol == Protocol::odrive_0_5) s.fail("endpoints", "is for firmware 0.6: 0.5 lets nothing be read back");
+  if (d.protocol == Protocol::odrive_0_5)
+    s.fail("endpoints", "is for firmware 0.6: 0.5 lets nothing be read back");
   const std::string path = (std::filesystem::path(scene.file).parent_path() / *name).string();
   scene.companions.push_back({endpoints_copy, "", path});
   d.endpoints = read_odrive_endpoints(s.where("endpoints"), path, scene.companions.back().text);
@@ -85,9 +93,8 @@ void read_mit(Section& s, Scene& scene) {
   DriveScene& d = scene.drives;
   const auto n = static_cast<std::size_t>(scene.motors());
   const std::string dialect = s.text("dialect");
-  d.dialect = dialect == "mini_cheetah"
-                  ? MitDialect::mini_cheetah
-                  : (dialect == "cubemars" ? MitDialect::cubemars : MitDialect::damiao);
+  d.dialect = dialect == "mini_cheetah" ? MitDialect::mini_cheetah
+                                        : (dialect == "cubemars" ? MitDialect::cubemars : MitDialect::damiao);
   for (const double id : s.each("master_id", n)) {
     if (id != std::floor(id)) s.fail("master_id", "must be an integer from 0 to 2047, or one per motor");
     d.master_id.push_back(static_cast<int>(id));
@@ -103,14 +110,16 @@ void read_mit(Section& s, Scene& scene) {
     }
     for (std::size_t k = 0; k < n; ++k) {
       if (i != k && d.master_id[i] == d.nodes[k]) {
-        s.fail("master_id", fmt::format("is {}, the node of another motor: commands to it would look like replies",
-                                        d.master_id[i]));
+        s.fail("master_id",
+               fmt::format("is {}, the node of another motor: commands to it would look like replies",
+                           d.master_id[i]));
       }
     }
     if (scene.closed_loop() && scene.torque_limit[i] > d.torque_range[i] * d.gear_ratio[i]) {
-      s.fail("torque_range", fmt::format("must let control.torque_limit through: motor {} may be asked for {} N m at "
-                                         "the joint, its field ends at {}",
-                                         i + 1, scene.torque_limit[i], d.torque_range[i] * d.gear_ratio[i]));
+      s.fail("torque_range",
+             fmt::format("must let control.torque_limit through: motor {} may be asked for {} N m at "
+                         "the joint, its field ends at {}",
+                         i + 1, scene.torque_limit[i], d.torque_range[i] * d.gear_ratio[i]));
     }
   }
 }
@@ -145,7 +154,8 @@ void read_drives(Section s, Scene& scene) {
   d.sign_test_move = s.number("sign_test_move");
   d.torque_mismatch = s.number("torque_mismatch");
   if (d.torque_mismatch > 0.0 && d.protocol == Protocol::odrive_0_5) {
-    s.fail("torque_mismatch", "must be 0: this drive does not say its torque (allowed with odrive, cia402, mit)");
+    s.fail("torque_mismatch",
+           "must be 0: this drive does not say its torque (allowed with odrive, cia402, mit)");
   }
   d.torque_time = s.number("torque_time");
   d.torque_lead = s.number("torque_lead");

@@ -70,7 +70,8 @@ class EffectReader {
   }
   int drive() {
     const int n = s_.integer("drive"), drives = static_cast<int>(scene_.drives.nodes.size());
-    if (n > drives) s_.fail("drive", fmt::format("is {}, and there are {} entries in [drives] and [sensors]", n, drives));
+    if (n > drives)
+      s_.fail("drive", fmt::format("is {}, and there are {} entries in [drives] and [sensors]", n, drives));
     return n;
   }
   Effect on_bus(const std::string& type) {
@@ -99,7 +100,8 @@ class EffectReader {
     BabblingNode b;
     b.identifier = static_cast<std::uint32_t>(s_.integer("identifier"));
     b.extended = s_.boolean("extended");
-    if (!b.extended && b.identifier > 0x7FF) s_.fail("identifier", "is at most 2047 (0x7FF) without extended = true");
+    if (!b.extended && b.identifier > 0x7FF)
+      s_.fail("identifier", "is at most 2047 (0x7FF) without extended = true");
     b.size = s_.integer("size");
     b.rate_hz = s_.number("rate_hz");
     b.when = span();
@@ -158,7 +160,9 @@ std::vector<Effect> read_effects(Section& root, const Scene& scene) {
               "its gap only");
   }
   if (find_effect<BabblingNode>(out) && !find_effect<BitTiming>(out)) {
-    root.fail("effects", "babbling_node needs bit_timing beside it: without it frames take no time, and nobody is in the way");
+    root.fail(
+        "effects",
+        "babbling_node needs bit_timing beside it: without it frames take no time, and nobody is in the way");
   }
   return out;
 }
@@ -166,9 +170,10 @@ std::vector<Effect> read_effects(Section& root, const Scene& scene) {
 void refuse_bus_effects(const Scene& scene, const std::string& why) {
   for (const Effect& e : scene.effects) {
     if (!acts_on_bus(e)) continue;
-    throw InputError(scene.bus_effects_where, fmt::format("effect '{}' cannot act: {}; allowed on the virtual bus: esmc "
-                                                          "hil SCENE, without --realtime",
-                                                          type_name(e), why));
+    throw InputError(scene.bus_effects_where,
+                     fmt::format("effect '{}' cannot act: {}; allowed on the virtual bus: esmc "
+                                 "hil SCENE, without --realtime",
+                                 type_name(e), why));
   }
 }
 

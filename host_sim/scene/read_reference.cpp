@@ -132,7 +132,8 @@ void read_reference(Section s, Scene& scene) {
     if (const auto p = s.optional_numbers("position", {2})) r.position = {(*p)[0], (*p)[1]};
   } else {
     r.type = ReferenceType::file;
-    scene.companions.push_back({reference_copy, "", (std::filesystem::path(scene.file).parent_path() / s.text("path")).string()});
+    scene.companions.push_back(
+        {reference_copy, "", (std::filesystem::path(scene.file).parent_path() / s.text("path")).string()});
     r.table = read_path(s, scene.file, s.text("path"), longest, scene.companions.back().text);
   }
   s.finish();

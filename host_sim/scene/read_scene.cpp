@@ -71,7 +71,8 @@ FiveBarParams<double> read_belief(const Section& s, const std::string& name, Sce
   Section root(table, path.string(), "", "");
   Scene other;
   read_mechanism(root.required_section("mechanism"), other);
-  if (other.type != scene.type) s.fail("mechanism", "names a scene of another type of mechanism: " + path.string());
+  if (other.type != scene.type)
+    s.fail("mechanism", "names a scene of another type of mechanism: " + path.string());
   scene.companions.push_back({model_copy, std::move(text), path.string()});
   return other.mechanism;
 }
@@ -98,16 +99,21 @@ ModelFactors read_model(Section s, Scene& scene) {
     leg.J1 *= f.J1;
     leg.J2 *= f.J2;
     if (check(leg) == ParamError::no_inertia)
-      s.fail("", "'control.model' believes in a bar without mass and inertia, which no torque could be computed for: m1, m2, J1, J2 must leave some");
+      s.fail("",
+             "'control.model' believes in a bar without mass and inertia, which no torque could be computed "
+             "for: m1, m2, J1, J2 must leave some");
   }
   return f;
 }
 
-/// Their squares become weights, which both scalar types must hold. Fails where they are further apart than that.
+/// Their squares become weights, which both scalar types must hold. Fails where they are further apart than
+/// that.
 void require_alike(const Section& s, const char* key, const std::vector<double>& values, double most) {
   if (values.empty()) return;
   const auto [least, largest] = std::minmax_element(values.begin(), values.end());
-  if (*largest > most * *least) s.fail(key, fmt::format("must not differ by more than a factor of {:g}: {:g} and {:g}", most, *least, *largest));
+  if (*largest > most * *least)
+    s.fail(key, fmt::format("must not differ by more than a factor of {:g}: {:g} and {:g}", most, *least,
+                            *largest));
 }
 
 std::vector<Waveform> read_waveforms(Section& control, std::size_t motors) {
@@ -159,38 +165,49 @@ void read_gains(Section& s, Scene& scene) {
 
 /// What the optional parts of the controller ask of the rest of [control].
 void require_parts_fit(Section& s, const Scene& scene) {
-  const bool sliding = scene.law == LawChoice::esmc || scene.law == LawChoice::esmc_projected || scene.law == LawChoice::smc;
+  const bool sliding =
+      scene.law == LawChoice::esmc || scene.law == LawChoice::esmc_projected || scene.law == LawChoice::smc;
   const bool modelled = sliding || scene.law == LawChoice::ctc, observes = scene.disturbance_observer > 0.0;
   const bool twists = sliding && scene.reaching == ReachingChoice::super_twisting;
   const bool couples = sliding && scene.reaching == ReachingChoice::implicit_coupled;
   if (couples && scene.law == LawChoice::smc) {
-    s.fail("reaching", "must not be implicit_coupled with law = \"smc\", whose two coordinates are not coupled: implicit is the same");
+    s.fail("reaching",
+           "must not be implicit_coupled with law = \"smc\", whose two coordinates are not coupled: implicit "
+           "is the same");
   }
-  if (observes && !modelled) s.fail("disturbance_observer", "needs a law with a model: esmc, esmc_projected, smc or ctc");
-  if (scene.predictor && !modelled) s.fail("predictor", "needs a law with a model: esmc, esmc_projected, smc or ctc");
+  if (observes && !modelled)
+    s.fail("disturbance_observer", "needs a law with a model: esmc, esmc_projected, smc or ctc");
+  if (scene.predictor && !modelled)
+    s.fail("predictor", "needs a law with a model: esmc, esmc_projected, smc or ctc");
   if (scene.robust_gain && (twists || couples || observes || scene.predictor)) {
-    s.fail("gain", "must be numbers with super_twisting, implicit_coupled, disturbance_observer and predictor: \"robust\" is designed for the plain laws");
+    s.fail("gain",
+           "must be numbers with super_twisting, implicit_coupled, disturbance_observer and predictor: "
+           "\"robust\" is designed for the plain laws");
   }
   const bool part = observes || scene.predictor || twists || couples;
   if (part && scene.all_motors && scene.all_sensors) {
-    s.fail("sensors", "must be \"base\" with super_twisting, implicit_coupled, disturbance_observer and predictor where motors = \"all\": "
-                      "they work in the base joints, which lose the mechanism at type 2");
+    s.fail("sensors",
+           "must be \"base\" with super_twisting, implicit_coupled, disturbance_observer and predictor where "
+           "motors = \"all\": "
+           "they work in the base joints, which lose the mechanism at type 2");
   }
   const double told = scene.delay_ticks.value_or(0.0);
   if ((observes || scene.predictor || twists) && (told > 8.0 || told != std::round(told))) {
-    s.fail("delay_ticks", "must be a whole number from 0 to 8 with super_twisting, disturbance_observer and predictor");
+    s.fail("delay_ticks",
+           "must be a whole number from 0 to 8 with super_twisting, disturbance_observer and predictor");
   }
-  if (scene.predictor && scene.delay_ticks && told < 1.0) s.fail("delay_ticks", "must be at least 1 with predictor = true: there is nothing to predict");
+  if (scene.predictor && scene.delay_ticks && told < 1.0)
+    s.fail("delay_ticks", "must be at least 1 with predictor = true: there is nothing to predict");
 }
 
 void read_control(Section s, Scene& scene) {
   const bool five_bar = scene.type == MechanismType::five_bar;
   scene.law = law_of(s.text("law"));
   const std::string reaching = s.text("reaching");
-  scene.reaching = reaching == "sign"         ? ReachingChoice::sign
-                   : reaching == "saturation" ? ReachingChoice::saturation
-                   : reaching == "tanh"       ? ReachingChoice::tanh
-                   : reaching == "implicit"   ? ReachingChoice::implicit
+  scene.reaching = reaching == "sign"             ? ReachingChoice::sign
+                   : reaching == "saturation"     ? ReachingChoice::saturation
+                   : reaching == "tanh"           ? ReachingChoice::tanh
+                   : reaching == "implicit"       ? ReachingChoice::implicit
                    : reaching == "super_twisting" ? ReachingChoice::super_twisting
                                                   : ReachingChoice::implicit_coupled;
   read_gains(s, scene);
@@ -220,7 +237,8 @@ void read_control(Section s, Scene& scene) {
     s.fail("preload", "needs control.motors = \"all\": two motors have no torque that moves nothing");
   for (std::size_t i = 0; i < scene.preload.size() && i < scene.torque_limit.size(); ++i) {
     if (std::abs(scene.preload[i]) > scene.torque_limit[i])
-      s.fail("preload", fmt::format("must be within torque_limit: motor {} has {} N m of {} N m", i + 1, scene.preload[i], scene.torque_limit[i]));
+      s.fail("preload", fmt::format("must be within torque_limit: motor {} has {} N m of {} N m", i + 1,
+                                    scene.preload[i], scene.torque_limit[i]));
   }
   if (const auto model = s.section("model")) scene.model = read_model(*model, scene);
   if (scene.law == LawChoice::open_loop || s.has("torque")) {
@@ -264,7 +282,8 @@ void read_limits(Section s, Scene& scene) {
   l.lower_time = s.number("lower_time");
   const bool falls = scene.mechanism.g > 0.0;
   const std::string after = s.has("after_halt") ? s.text("after_halt") : (falls ? "lower" : "release");
-  l.after_halt = after == "hold" ? AfterHalt::hold : (after == "lower" ? AfterHalt::lower : AfterHalt::release);
+  l.after_halt =
+      after == "hold" ? AfterHalt::hold : (after == "lower" ? AfterHalt::lower : AfterHalt::release);
   const auto range = [](Section& of, const char* key) {
     const auto r = of.pair(key);
     if (!(r[0] < r[1])) of.fail(key, "must be [lower, upper] with lower < upper");
@@ -313,7 +332,8 @@ void read_simulation(Section s, Scene& scene) {
 
 /// In the scene as run, the files that it names are those that lie beside it.
 void name_companions(Scene& scene, toml::table& table) {
-  std::sort(scene.companions.begin(), scene.companions.end(), [](const Companion& a, const Companion& b) { return a.name < b.name; });
+  std::sort(scene.companions.begin(), scene.companions.end(),
+            [](const Companion& a, const Companion& b) { return a.name < b.name; });
   for (const Companion& c : scene.companions) {
     if (c.name == reference_copy) table["reference"].as_table()->insert_or_assign("path", c.name);
     if (c.name == model_copy) table["control"]["model"].as_table()->insert_or_assign("mechanism", c.name);
@@ -332,7 +352,8 @@ Scene read_scene_table(toml::table table, const std::string& file) {
   read_control(root.required_section("control"), scene);
   if (const auto s = root.section("uncertainty")) scene.uncertainty = read_uncertainty(*s, scene);
   if (scene.robust_gain && !scene.uncertainty) {
-    throw InputError(root.where("control"), "'control.gain' = \"robust\" needs the table [uncertainty], which says what against");
+    throw InputError(root.where("control"),
+                     "'control.gain' = \"robust\" needs the table [uncertainty], which says what against");
   }
   if (const auto s = root.section("reference")) read_reference(*s, scene);
   if (scene.closed_loop() && scene.reference.type == ReferenceType::none) {

@@ -196,8 +196,10 @@ std::string_view child(std::string_view path, const std::string& schema) {
 }  // namespace
 
 std::string read_text_file(const std::string& file, const std::string& what) {
-  if (std::filesystem::is_directory(file)) throw InputError("", fmt::format("{}: is a directory, a {} is needed", file, what));
-  if (!std::filesystem::is_regular_file(file)) throw InputError("", fmt::format("{}: no such {}", file, what));
+  if (std::filesystem::is_directory(file))
+    throw InputError("", fmt::format("{}: is a directory, a {} is needed", file, what));
+  if (!std::filesystem::is_regular_file(file))
+    throw InputError("", fmt::format("{}: no such {}", file, what));
   std::ifstream in(file, std::ios::binary);
   std::string text(text_max + 1, '\0');
   in.read(text.data(), static_cast<std::streamsize>(text.size()));

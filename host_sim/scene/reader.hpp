@@ -1,13 +1,13 @@
 #pragma once
 /// Typed access to a TOML table that checks every value against the key table and names file, line and key.
 
+#include <toml++/toml.h>
 #include <array>
 #include <memory>
 #include <optional>
 #include <set>
 #include <span>
 #include <string>
-#include <toml++/toml.h>
 #include <vector>
 
 #include "host_sim/error.hpp"
@@ -15,13 +15,14 @@
 
 namespace esmc::host {
 
-/// Parses a file and merges "section.key=value" overrides into it. An override that changes a `type` drops the
-/// file's keys of the former type, one that gives a start drops the file's other ways to give it, and accuracy drops
-/// integrator and step as they drop it. Throws InputError.
-/// The bytes of a file that is no longer than any scene; `what` it should be, for errors. Throws InputError.
+/// Parses a file and merges "section.key=value" overrides into it. An override that changes a `type` drops
+/// the file's keys of the former type, one that gives a start drops the file's other ways to give it, and
+/// accuracy drops integrator and step as they drop it. Throws InputError. The bytes of a file that is no
+/// longer than any scene; `what` it should be, for errors. Throws InputError.
 std::string read_text_file(const std::string& file, const std::string& what);
 toml::table parse_scene_file(const std::string& file, const std::vector<std::string>& sets);
-toml::table parse_scene_text(const std::string& text, const std::string& name, const std::vector<std::string>& sets);
+toml::table parse_scene_text(const std::string& text, const std::string& name,
+                             const std::vector<std::string>& sets);
 
 struct Scene;
 /// The scene of a table, with the checks and the errors of read_scene; `file` stands for it in errors.
@@ -30,13 +31,18 @@ Scene read_scene_table(toml::table table, const std::string& file);
 /// Where a node was written: "FILE:LINE", or "--set key=value".
 std::string place(const toml::node& node, const std::string& file);
 
-/// A table being read. `schema` is the prefix in the key table, which is that of scenes unless told otherwise. Ask for every key,
-/// then call finish().
+/// A table being read. `schema` is the prefix in the key table, which is that of scenes unless told
+/// otherwise. Ask for every key, then call finish().
 class Section {
  public:
   Section(const toml::table& table, std::string file, std::string name, std::string schema,
           std::span<const Key> keys = scene_keys())
-      : table_(&table), file_(std::move(file)), name_(std::move(name)), schema_(std::move(schema)), schemas_{schema_}, keys_(keys) {}
+      : table_(&table),
+        file_(std::move(file)),
+        name_(std::move(name)),
+        schema_(std::move(schema)),
+        schemas_{schema_},
+        keys_(keys) {}
 
   [[nodiscard]] bool has(const std::string& key) const { return table_->contains(key); }
   [[nodiscard]] bool empty() const { return table_->empty(); }
@@ -54,8 +60,10 @@ class Section {
   std::optional<std::string> optional_text(const std::string& key);
   /// Exactly as many numbers as one of `sizes`.
   std::vector<double> numbers(const std::string& key, const std::vector<std::size_t>& sizes);
-  std::optional<std::vector<double>> optional_numbers(const std::string& key, const std::vector<std::size_t>& sizes);
-  std::optional<std::vector<int>> optional_integers(const std::string& key, const std::vector<std::size_t>& sizes);
+  std::optional<std::vector<double>> optional_numbers(const std::string& key,
+                                                      const std::vector<std::size_t>& sizes);
+  std::optional<std::vector<int>> optional_integers(const std::string& key,
+                                                    const std::vector<std::size_t>& sizes);
   std::array<double, 2> pair(const std::string& key);
   std::vector<std::array<double, 2>> pairs(const std::string& key, std::size_t at_least);
   /// Strings out of the key's choices.
@@ -86,13 +94,18 @@ class Section {
 
  private:
   const toml::node* find(const std::string& key, bool required);
-  const Key& spec(const std::string& key) const { return find_key(schema_.empty() ? key : schema_ + "." + key, keys_); }
-  [[nodiscard]] std::string full(const std::string& key) const { return name_.empty() ? key : name_ + "." + key; }
+  const Key& spec(const std::string& key) const {
+    return find_key(schema_.empty() ? key : schema_ + "." + key, keys_);
+  }
+  [[nodiscard]] std::string full(const std::string& key) const {
+    return name_.empty() ? key : name_ + "." + key;
+  }
   double checked(const toml::node& node, const std::string& key) const;
   /// Throws for a key of the table that the key table does not have here.
   void reject_misspelt() const;
   [[noreturn]] void reject(const std::string& key, const std::vector<std::string>& known) const;
-  [[noreturn]] void wrong(const toml::node& node, const std::string& key, const std::string& instead = "") const;
+  [[noreturn]] void wrong(const toml::node& node, const std::string& key,
+                          const std::string& instead = "") const;
 
   const toml::table* table_;
   std::string file_, name_, schema_;

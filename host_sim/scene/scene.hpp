@@ -11,10 +11,10 @@
 #include <vector>
 
 #include "firmware/mechanism/params.hpp"
-#include "host_sim/scene/drive_defects.hpp"
-#include "host_sim/scene/odrive_endpoints.hpp"
 #include "host_sim/effects/effects.hpp"
 #include "host_sim/plant/motion.hpp"
+#include "host_sim/scene/drive_defects.hpp"
+#include "host_sim/scene/odrive_endpoints.hpp"
 #include "host_sim/scene/uncertainty.hpp"
 
 namespace esmc::host {
@@ -59,21 +59,23 @@ struct ReferenceScene {
   std::optional<double> join;  // s; unset: 0 in sim and lockstep, 1 on hardware
 };
 
-inline constexpr const char* reference_copy = "scene_reference.csv";     ///< reference.path
-inline constexpr const char* model_copy = "scene_model.toml";            ///< control.model.mechanism
-inline constexpr const char* endpoints_copy = "scene_endpoints.json";    ///< drives.endpoints
-/// A file that a scene names, as it was read. Beside the scene as run it lies under one of the names below, so that a
-/// directory that a run left can be run again anywhere.
+inline constexpr const char* reference_copy = "scene_reference.csv";   ///< reference.path
+inline constexpr const char* model_copy = "scene_model.toml";          ///< control.model.mechanism
+inline constexpr const char* endpoints_copy = "scene_endpoints.json";  ///< drives.endpoints
+/// A file that a scene names, as it was read. Beside the scene as run it lies under one of the names below,
+/// so that a directory that a run left can be run again anywhere.
 struct Companion {
   std::string name, text;
   std::string source;  ///< path that it was read from
 
   /// Of the scene: what names it.
   [[nodiscard]] std::string key() const {
-    return name == reference_copy ? "reference.path" : (name == model_copy ? "control.model.mechanism" : "drives.endpoints");
+    return name == reference_copy ? "reference.path"
+                                  : (name == model_copy ? "control.model.mechanism" : "drives.endpoints");
   }
 };
-inline constexpr std::array companion_names{endpoints_copy, model_copy, reference_copy};  ///< as the digest has them
+inline constexpr std::array companion_names{endpoints_copy, model_copy,
+                                            reference_copy};  ///< as the digest has them
 
 struct InitialScene {
   bool at_reference = true;
@@ -87,27 +89,27 @@ struct DriveScene {
   std::vector<int> nodes;
   std::vector<double> direction, gear_ratio, offset;
   Zero zero = Zero::absolute;
-  std::vector<double> zero_pose;       // rad, per sensed joint in the order of the joints; empty: the start
-  std::optional<bool> sign_test;       // unset: only where the bus can carry real drives
-  std::optional<bool> watchdog_test;   // likewise
-  double sign_test_move = 0.0;         // rad
+  std::vector<double> zero_pose;      // rad, per sensed joint in the order of the joints; empty: the start
+  std::optional<bool> sign_test;      // unset: only where the bus can carry real drives
+  std::optional<bool> watchdog_test;  // likewise
+  double sign_test_move = 0.0;        // rad
   double torque_mismatch = 0.0, torque_time = 0.0;  // N m at the joint, s
-  double torque_lead = 0.0;            // s
-  double heartbeat_timeout = 0.0;  // s
-  double watchdog_timeout = 0.0;   // s
-  double boot_time = 0.75;         // s
-  std::vector<double> rated_torque;  // cia402, per motor: N m at the shaft
-  double rated_torque_unit = 0.0;    // cia402: N m per LSB of object 6076
-  double velocity_unit = 0.0;        // cia402: rad/s per LSB of object 606C
-  int counts_per_turn = 0;           // cia402: of object 6064
-  int controller_node = 0;           // cia402: whose heartbeat the drives watch
-  std::optional<OdriveEndpoints> endpoints;  // odrive
-  std::vector<double> torque_constant;       // odrive, per motor: N m/A; empty: not told
-  std::optional<bool> confirmed;             // unset: unless the bus can carry real drives
-  std::string where;                         // FILE:LINE
-  Defects defects{};                         // of the emulated drives
+  double torque_lead = 0.0;                         // s
+  double heartbeat_timeout = 0.0;                   // s
+  double watchdog_timeout = 0.0;                    // s
+  double boot_time = 0.75;                          // s
+  std::vector<double> rated_torque;                 // cia402, per motor: N m at the shaft
+  double rated_torque_unit = 0.0;                   // cia402: N m per LSB of object 6076
+  double velocity_unit = 0.0;                       // cia402: rad/s per LSB of object 606C
+  int counts_per_turn = 0;                          // cia402: of object 6064
+  int controller_node = 0;                          // cia402: whose heartbeat the drives watch
+  std::optional<OdriveEndpoints> endpoints;         // odrive
+  std::vector<double> torque_constant;              // odrive, per motor: N m/A; empty: not told
+  std::optional<bool> confirmed;                    // unset: unless the bus can carry real drives
+  std::string where;                                // FILE:LINE
+  Defects defects{};                                // of the emulated drives
   MitDialect dialect = MitDialect::mini_cheetah;
-  std::vector<int> master_id;  // mit, per motor
+  std::vector<int> master_id;                                        // mit, per motor
   std::vector<double> position_range, velocity_range, torque_range;  // mit, per motor: rad, rad/s, N m
   std::string
       missing;  ///< what a loop on a bus would still need to be told; esmc sim has no drives and needs none
@@ -122,9 +124,9 @@ struct CommandScene {
   bool arm_by_link = false;
   double speed = 0.0, acceleration = 0.0;  // m/s or rad/s, of each coordinate
   int stream_age_ticks = 0, counter_jump = 0, status_ticks = 0, telemetry_ticks = 0;
-  double timeout = 0.0;                       // s; 0: not watched
-  double order_age = 0.0;                     // s
-  std::array<double, 2> lambda{}, gain{};     // lower, upper; equal: cannot be written
+  double timeout = 0.0;                    // s; 0: not watched
+  double order_age = 0.0;                  // s
+  std::array<double, 2> lambda{}, gain{};  // lower, upper; equal: cannot be written
 };
 
 struct LimitsScene {
@@ -132,8 +134,8 @@ struct LimitsScene {
   std::optional<std::array<std::array<double, 2>, 2>> workspace;    // x, y: lower, upper
   std::optional<std::array<std::array<double, 2>, 2>> joint_angle;  // per base joint
   int max_age_ticks = 0;
-  double feedback_jump = 0;           // rad per tick; 0: any
-  double join_acceleration = 0;       // rad/s2, base joints; 0: any
+  double feedback_jump = 0;              // rad per tick; 0: any
+  double join_acceleration = 0;          // rad/s2, base joints; 0: any
   double halt_time = 0, lower_time = 0;  // s
   AfterHalt after_halt = AfterHalt::release;
 };
@@ -143,12 +145,14 @@ struct Scene {
   std::string name;
   std::string toml;  ///< as run: the file with every --set merged in; files that it names are its companions
   std::vector<Companion> companions;  ///< in the order of companion_names
-  std::uint32_t identity = 0;  ///< CRC-32 of what a controller is made of; 0: not computed
-  std::string control_where, reference_where, simulation_where, bus_effects_where, uncertainty_where;  ///< FILE:LINE, for errors found later
+  std::uint32_t identity = 0;         ///< CRC-32 of what a controller is made of; 0: not computed
+  std::string control_where, reference_where, simulation_where, bus_effects_where,
+      uncertainty_where;  ///< FILE:LINE, for errors found later
 
   MechanismType type = MechanismType::five_bar;
   FiveBarParams<double> mechanism;  ///< RR uses legs[0] and g only
-  std::optional<FiveBarParams<double>> believed;  ///< what control.model's factors go onto, where that is not `mechanism`
+  std::optional<FiveBarParams<double>>
+      believed;  ///< what control.model's factors go onto, where that is not `mechanism`
   std::array<int, 2> working_mode{};
   int assembly_mode = 0;  ///< 0 in the file: taken from the initial pose
 
@@ -204,11 +208,12 @@ struct Scene {
   [[nodiscard]] RrParams<double> arm() const { return {mechanism.legs[0], mechanism.g}; }
 };
 
-/// Ticks between heartbeats of ours (CANopen): a third of the time after which the drives miss us, so that one may be
-/// lost. At most 20: a drive watches from the first one that it hears, and must hear one between the set-up of its watchdog and
-/// its torque, which are an object per tick apart, 60 at least.
+/// Ticks between heartbeats of ours (CANopen): a third of the time after which the drives miss us, so that
+/// one may be lost. At most 20: a drive watches from the first one that it hears, and must hear one between
+/// the set-up of its watchdog and its torque, which are an object per tick apart, 60 at least.
 [[nodiscard]] inline std::uint32_t heartbeat_ticks(const Scene& scene) {
-  return static_cast<std::uint32_t>(std::clamp(std::floor(scene.drives.watchdog_timeout * scene.rate_hz / 3.0), 1.0, 20.0));
+  return static_cast<std::uint32_t>(
+      std::clamp(std::floor(scene.drives.watchdog_timeout * scene.rate_hz / 3.0), 1.0, 20.0));
 }
 
 /// Reads a scene. `sets` are "section.key=value" overrides. Throws InputError naming file, line, key, what is

@@ -9,14 +9,14 @@
 #include <nlohmann/json.hpp>
 #include <utility>
 
-#include "host_sim/record/log.hpp"
-#include "host_sim/record/output.hpp"
-#include "host_sim/loop/progress.hpp"
-#include "host_sim/spatial/setup.hpp"
-#include "host_sim/record/summary.hpp"
 #include "host_sim/effects/random.hpp"
 #include "host_sim/error.hpp"
+#include "host_sim/loop/progress.hpp"
+#include "host_sim/record/log.hpp"
+#include "host_sim/record/output.hpp"
+#include "host_sim/record/summary.hpp"
 #include "host_sim/spatial/plant.hpp"
+#include "host_sim/spatial/setup.hpp"
 
 namespace esmc::host {
 namespace {
@@ -221,14 +221,17 @@ Json tracking_json(const Account& a) {
           {"settled_max_m", settled.second}};
 }
 
-/// Beyond these the plant is not the mechanism: norm of the quaternion per step, energy as a part of what is exchanged.
+/// Beyond these the plant is not the mechanism: norm of the quaternion per step, energy as a part of what is
+/// exchanged.
 constexpr double norm_drift_most = 1e-6, energy_error_most = 1e-3;
 
 std::vector<std::string> warnings_of(const SpatialScene& s, const Account& a) {
   const double balance = a.scale > 0.0 ? a.balance / a.scale : 0.0;
   if (a.norm_drift <= norm_drift_most && balance <= energy_error_most) return {};
-  return {fmt::format("the plant is not integrated to what it does: norm drift per step {:.1g}, energy balance {:.1g}; a smaller simulation.step than {:g} s",
-                      a.norm_drift, balance, s.step)};
+  return {
+      fmt::format("the plant is not integrated to what it does: norm drift per step {:.1g}, energy balance "
+                  "{:.1g}; a smaller simulation.step than {:g} s",
+                  a.norm_drift, balance, s.step)};
 }
 
 Json summary_of(const SpatialScene& s, const RunOptions& o, const Account& a) {

@@ -7,8 +7,8 @@
 #include <map>
 #include <nlohmann/json.hpp>
 
-#include "host_sim/record/output.hpp"
 #include "host_sim/error.hpp"
+#include "host_sim/record/output.hpp"
 #include "host_sim/report/study_page.hpp"
 
 namespace esmc::host {
@@ -209,8 +209,8 @@ void write_files(const Study& s, const AccuracyOptions& o, OutputDirectory& out)
     markdown += "### " + title + "\n\n" + markdown_table(rows) + "\n";
   }
   out.write("accuracy.md", markdown);
-  out.write("report.html",
-            study_page("What accuracy costs in time", o.command_line, figures_html(drawings) + tables, verdict(s)));
+  out.write("report.html", study_page("What accuracy costs in time", o.command_line,
+                                      figures_html(drawings) + tables, verdict(s)));
   out.commit();
 }
 

@@ -2,10 +2,10 @@
 
 #include <cmath>
 
-#include "host_sim/studies/accuracy.hpp"
 #include "host_sim/plant/kinematics.hpp"
 #include "host_sim/plant/system.hpp"
 #include "host_sim/problems/problems.hpp"
+#include "host_sim/studies/accuracy.hpp"
 
 namespace esmc::host {
 namespace {

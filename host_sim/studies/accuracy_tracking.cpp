@@ -8,10 +8,10 @@
 #include <tuple>
 #include <utility>
 
-#include "host_sim/studies/accuracy.hpp"
-#include "host_sim/scene/starting_scene.hpp"
-#include "host_sim/record/recorder.hpp"
 #include "host_sim/loop/trace.hpp"
+#include "host_sim/record/recorder.hpp"
+#include "host_sim/scene/starting_scene.hpp"
+#include "host_sim/studies/accuracy.hpp"
 
 namespace esmc::host {
 namespace {

@@ -9,12 +9,12 @@
 #include <thread>
 
 #include "host_sim/check/sampled.hpp"
+#include "host_sim/controller/robust.hpp"
+#include "host_sim/loop/trace.hpp"
 #include "host_sim/parallel.hpp"
 #include "host_sim/record/recorder.hpp"
-#include "host_sim/controller/robust.hpp"
-#include "host_sim/studies/sampled_plant.hpp"
-#include "host_sim/loop/trace.hpp"
 #include "host_sim/scene/read_effects.hpp"
+#include "host_sim/studies/sampled_plant.hpp"
 
 namespace esmc::host {
 namespace {
@@ -103,7 +103,9 @@ class Report {
 
   /// The scene may be later than the controller was told: as `esmc check` judges it.
   void sampled_layer() {
-    if (!d_.refused.empty() || (scene_.reaching != ReachingChoice::saturation && scene_.reaching != ReachingChoice::tanh)) return;
+    if (!d_.refused.empty() ||
+        (scene_.reaching != ReachingChoice::saturation && scene_.reaching != ReachingChoice::tanh))
+      return;
     Findings f;
     judge_layer(scene_, d_.stiffness, f);
     for (const Json& found : f.list()) {
@@ -214,11 +216,16 @@ class Report {
                              {"peak_nm", d_.peak[joint]},
                              {"limit_nm", scene_.torque_limit[static_cast<std::size_t>(m)]}});
     }
-    const auto shares = [](const design::Shares& s) { return Json{{"force", s.force}, {"preload", s.preload}}; };
-    j["four_motors"] = scene_.all_motors ? Json{{"hold", shares(d_.hold_shares)}, {"peak", shares(d_.peak_shares)}} : Json(nullptr);
+    const auto shares = [](const design::Shares& s) {
+      return Json{{"force", s.force}, {"preload", s.preload}};
+    };
+    j["four_motors"] = scene_.all_motors
+                           ? Json{{"hold", shares(d_.hold_shares)}, {"peak", shares(d_.peak_shares)}}
+                           : Json(nullptr);
     j["states"] = d_.states;
     j["simulated"] = {{"judged_by", d_.sampled ? "sampled" : (d_.layer ? "layer" : "tube")},
-                      {"exact_lengths", plants_json(exact_)}, {"lengths", plants_json(lengths_)}};
+                      {"exact_lengths", plants_json(exact_)},
+                      {"lengths", plants_json(lengths_)}};
     j["warnings"] = warnings_;
     return j;
   }
@@ -227,8 +234,8 @@ class Report {
     return M::has_type2 ? fmt::format("{:.3g} mm", 1e3 * v) : fmt::format("{:.3g} mrad", 1e3 * v);
   }
   [[nodiscard]] std::string plants_text(const Plants& p, const char* what) const {
-    std::string out = fmt::format("{} plants{}: largest error {} (plant {}), {} outside {}", p.count,
-                                  what, quantity(p.largest), p.worst, p.outside_band, judge());
+    std::string out = fmt::format("{} plants{}: largest error {} (plant {}), {} outside {}", p.count, what,
+                                  quantity(p.largest), p.worst, p.outside_band, judge());
     if (p.stopped > 0) out += fmt::format(", {} stopped ({})", p.stopped, p.fault);
     return out + "\n";
   }
@@ -237,8 +244,10 @@ class Report {
                                   law_name(scene_.law), reaching_name(scene_.reaching),
                                   scene_.uncertainty->workspace ? "the workspace" : "the reference");
     if (d_.tube > 0.0)
-      out += fmt::format("tube: error up to {} ({})", quantity(d_.tube), d_.tube_given ? "given" : "computed");
-    if (d_.inside > 0.0) out += fmt::format("; what begins within {} never leaves it", quantity(d_.tube * d_.inside));
+      out +=
+          fmt::format("tube: error up to {} ({})", quantity(d_.tube), d_.tube_given ? "given" : "computed");
+    if (d_.inside > 0.0)
+      out += fmt::format("; what begins within {} never leaves it", quantity(d_.tube * d_.inside));
     if (d_.tube > 0.0) out += "\n";
     if (!d_.refused.empty()) return out + "refused: " + d_.refused + "\n";
     if (smc()) {
@@ -257,8 +266,9 @@ class Report {
       out += "(positions m/s2, angles rad/s2; gain = 1.05 max(condition + reaching, layer))\n";
     }
     out += fmt::format(
-        "reaching, in continuous time: what begins within {} {} on the surface after {:.3g} s{}\n", quantity(d_.tube * d_.inside),
-        d_.layer ? "would be" : "is", d_.reaching_time, d_.layer ? " without its layer, and comes into the band of [F38] with it" : "");
+        "reaching, in continuous time: what begins within {} {} on the surface after {:.3g} s{}\n",
+        quantity(d_.tube * d_.inside), d_.layer ? "would be" : "is", d_.reaching_time,
+        d_.layer ? " without its layer, and comes into the band of [F38] with it" : "");
     if (d_.layer) {
       out +=
           fmt::format("cost of the layer [F38]: in continuous time the error stays within {} instead of 0\n",
@@ -271,12 +281,15 @@ class Report {
           1e3 * scene_.tick(), problem_.told_ticks, problem_.told_ticks == 1.0 ? "" : "s",
           quantity(d_.sampled->error), quantity(d_.sampled->sliding));
       if (d_.ahead > 0.0) {
-        out += fmt::format("of that {} are what the motion goes on while what is measured is {:g} tick{} late: no gain makes that less\n",
-                           quantity(d_.ahead), scene_.sensor_lag_ticks, scene_.sensor_lag_ticks == 1.0 ? "" : "s");
+        out += fmt::format(
+            "of that {} are what the motion goes on while what is measured is {:g} tick{} late: no gain "
+            "makes that less\n",
+            quantity(d_.ahead), scene_.sensor_lag_ticks, scene_.sensor_lag_ticks == 1.0 ? "" : "s");
       }
     } else {
       out += fmt::format("sampled: no band is promised{}; --simulate judges by {}\n",
-                         scene_.reaching == ReachingChoice::implicit ? "" : " but for implicit reaching", judge());
+                         scene_.reaching == ReachingChoice::implicit ? "" : " but for implicit reaching",
+                         judge());
     }
     for (int m = 0; m < scene_.motors(); ++m) {
       const auto joint = static_cast<std::size_t>(ControllerConfig<M>::joint_of(m, scene_.motors()));
@@ -312,10 +325,13 @@ int run_design(const DesignOptions& o) {
         scene.control_where,
         "this law has no switching gain to design: control.law must be esmc, esmc_projected or smc");
   }
-  if (scene.reaching == ReachingChoice::super_twisting || scene.reaching == ReachingChoice::implicit_coupled || scene.disturbance_observer > 0.0 ||
+  if (scene.reaching == ReachingChoice::super_twisting ||
+      scene.reaching == ReachingChoice::implicit_coupled || scene.disturbance_observer > 0.0 ||
       scene.predictor) {
-    throw InputError(scene.control_where, "esmc design promises for the plain laws: control.reaching must be sign, saturation, tanh or implicit, "
-                                          "without disturbance_observer and predictor");
+    throw InputError(scene.control_where,
+                     "esmc design promises for the plain laws: control.reaching must be sign, saturation, "
+                     "tanh or implicit, "
+                     "without disturbance_observer and predictor");
   }
   if (o.simulate > 0) refuse_bus_effects(scene, "esmc design simulates without a bus");
   scene.seed = o.run.seed;

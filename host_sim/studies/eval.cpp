@@ -23,7 +23,8 @@ Reaching read_switch(const Node& n) {
   if (s == "sat") return Reaching::saturation;
   if (s == "tanh") return Reaching::tanh;
   if (s == "super_twisting" || s == "implicit" || s == "implicit_coupled") {
-    n.at("switch").fail("'esmc.switch' must be sign, sat or tanh: " + s + " depends on the sample time, and a case has none");
+    n.at("switch").fail("'esmc.switch' must be sign, sat or tanh: " + s +
+                        " depends on the sample time, and a case has none");
   }
   n.at("switch").fail("'esmc.switch' must be sign, sat or tanh");
 }
@@ -377,7 +378,7 @@ class FiveBarCase {
       own.independent.layer = gain.layer[i];
       v[i] = demand(LawKind::smc, m_, own, reaching, t).acceleration[i];
     }
-    const auto w = m_.force(demand_independent(m_, t, v), r_);
+    const auto w = m_.force(independent_acceleration(m_, t, v), r_);
     Json out;
     out["v"] = to_json_array(v);
     out["F"] = to_json_array(m_.platform_force(p_, w));

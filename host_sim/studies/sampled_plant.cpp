@@ -161,7 +161,8 @@ std::vector<std::string> outside(const Scene& scene) {
 
 std::vector<std::string> not_covered(const Scene& scene) {
   std::vector<std::string> out;
-  const bool implicit = scene.reaching == ReachingChoice::implicit;  // the others are promised nothing sampled
+  const bool implicit =
+      scene.reaching == ReachingChoice::implicit;  // the others are promised nothing sampled
   for (const Effect& e : scene.effects) {
     const std::string type = type_name(e);
     const auto* torque = std::get_if<ComputeDelay>(&e);

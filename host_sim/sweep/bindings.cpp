@@ -4,8 +4,8 @@
 #include <string>
 #include <string_view>
 
-#include "host_sim/sweep/cases.hpp"
 #include "host_sim/scene/keys.hpp"
+#include "host_sim/sweep/cases.hpp"
 
 namespace esmc::host {
 namespace {

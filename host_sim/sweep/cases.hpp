@@ -6,8 +6,8 @@
 #include <string>
 #include <vector>
 
-#include "host_sim/sweep/spec.hpp"
 #include "host_sim/scene/scene.hpp"
+#include "host_sim/sweep/spec.hpp"
 
 namespace esmc::host {
 

@@ -71,7 +71,8 @@ void Journal::refuse(const std::string& why) {
 Journal::Journal(const std::string& file, std::uint64_t identity, std::uint64_t cases, std::size_t columns,
                  bool restart)
     : file_(file), cases_(cases), objectives_(columns) {
-  descriptor_ = ::open(file.c_str(), O_RDWR | O_CREAT | O_APPEND | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK, 0666);  // NOLINT(*-vararg)
+  descriptor_ = ::open(file.c_str(), O_RDWR | O_CREAT | O_APPEND | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK,
+                       0666);  // NOLINT(*-vararg)
   if (descriptor_ < 0) refuse(std::string("cannot be written: ") + std::strerror(errno));
   if (::flock(descriptor_, LOCK_EX | LOCK_NB) != 0) refuse("another sweep is writing here");
   struct stat what {};
@@ -80,9 +81,11 @@ Journal::Journal(const std::string& file, std::uint64_t identity, std::uint64_t 
   // What is cut short must be ours: of a head that was torn off, its beginning.
   std::string begin(magic.size(), '\0');
   const ssize_t first = ::pread(descriptor_, begin.data(), begin.size(), 0);
-  if (first < 0 || begin.compare(0, static_cast<std::size_t>(first), magic.data(), static_cast<std::size_t>(first)) != 0)
+  if (first < 0 ||
+      begin.compare(0, static_cast<std::size_t>(first), magic.data(), static_cast<std::size_t>(first)) != 0)
     refuse("is not the journal of a sweep");
-  if (restart && ::ftruncate(descriptor_, 0) != 0) refuse(std::string("cannot be written: ") + std::strerror(errno));
+  if (restart && ::ftruncate(descriptor_, 0) != 0)
+    refuse(std::string("cannot be written: ") + std::strerror(errno));
   std::string head(magic.begin(), magic.end());
   put(head, identity);
   put(head, cases);

@@ -19,9 +19,9 @@ struct Finished {
 
 class Journal {
  public:
-  /// Opens or creates FILE and takes hold of it: a second process that tries gets an error. `columns`: objectives. `identity`: of
-  /// everything that decides a result. Throws InputError where the file is another sweep's, in use or cannot
-  /// be written. `restart`: whatever stood there is thrown away first.
+  /// Opens or creates FILE and takes hold of it: a second process that tries gets an error. `columns`:
+  /// objectives. `identity`: of everything that decides a result. Throws InputError where the file is another
+  /// sweep's, in use or cannot be written. `restart`: whatever stood there is thrown away first.
   Journal(const std::string& file, std::uint64_t identity, std::uint64_t cases, std::size_t columns,
           bool restart = false);
   Journal(const Journal&) = delete;

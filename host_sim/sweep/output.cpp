@@ -8,11 +8,11 @@
 #include <map>
 #include <nlohmann/json.hpp>
 
-#include "host_sim/sweep/runner.hpp"
 #include "host_sim/error.hpp"
 #include "host_sim/report/histogram_svg.hpp"
 #include "host_sim/report/study_page.hpp"
 #include "host_sim/sweep/pareto.hpp"
+#include "host_sim/sweep/runner.hpp"
 #include "host_sim/version.hpp"
 
 namespace esmc::host {
@@ -252,8 +252,9 @@ std::string sweep_page(const SweepSpec& spec, const CaseScenes& scenes, const Sw
   for (const std::size_t c : repeatable(spec)) {
     const auto v = sorted_column(table, c);
     if (v.size() > 1 && v.front() < v.back())
-      histograms.push_back(histogram_svg(std::string(name_of(spec.wanted[c])),
-                                         std::string(objectives[static_cast<std::size_t>(spec.wanted[c])].meaning), v));
+      histograms.push_back(
+          histogram_svg(std::string(name_of(spec.wanted[c])),
+                        std::string(objectives[static_cast<std::size_t>(spec.wanted[c])].meaning), v));
   }
   if (!histograms.empty()) body += figures_html(histograms);
   return study_page("Sweep: " + scenes.nominal().name, "esmc sweep " + spec.file, body);

@@ -6,9 +6,9 @@
 #include <limits>
 
 #include "firmware/safety/faults.hpp"
-#include "host_sim/record/run_options.hpp"
-#include "host_sim/loop/trace.hpp"
 #include "host_sim/error.hpp"
+#include "host_sim/loop/trace.hpp"
+#include "host_sim/record/run_options.hpp"
 
 namespace esmc::host {
 namespace {

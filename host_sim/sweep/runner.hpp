@@ -5,9 +5,9 @@
 #include <string>
 #include <vector>
 
-#include "host_sim/sweep/lanes/cases.hpp"
 #include "host_sim/sweep/cases.hpp"
 #include "host_sim/sweep/journal.hpp"
+#include "host_sim/sweep/lanes/cases.hpp"
 
 namespace esmc::host {
 

@@ -237,7 +237,8 @@ std::vector<Axis> read_axes(Table& root, SweepSpec& spec, Sampling method) {
               "a key of the scene, \"control.gain\", or of the true mechanism alone, \"plant.leg.m1\"");
     for (const Vary& other : spec.vary) {
       if (other.key == v.key) t.fail(fmt::format("'{}' varies twice, first at {}", v.key, other.where));
-      if (overlap(v.key, other.key)) t.fail(fmt::format("'{}' sets what '{}' at {} sets, too", v.key, other.key, other.where));
+      if (overlap(v.key, other.key))
+        t.fail(fmt::format("'{}' sets what '{}' at {} sets, too", v.key, other.key, other.where));
     }
     Axis axis;
     read_axis(t, method, v, axis);

@@ -13,16 +13,16 @@
 #include <optional>
 #include <thread>
 
+#include "host_sim/error.hpp"
+#include "host_sim/fnv.hpp"
+#include "host_sim/parallel.hpp"
 #include "host_sim/record/finish.hpp"
 #include "host_sim/record/output.hpp"
-#include "host_sim/parallel.hpp"
-#include "host_sim/sweep/ranks.hpp"
 #include "host_sim/record/recording.hpp"
 #include "host_sim/record/run_options.hpp"
 #include "host_sim/sweep/output.hpp"
+#include "host_sim/sweep/ranks.hpp"
 #include "host_sim/sweep/work.hpp"
-#include "host_sim/error.hpp"
-#include "host_sim/fnv.hpp"
 #include "host_sim/version.hpp"
 
 namespace esmc::host {
@@ -44,9 +44,11 @@ double cpu_time() {
 std::vector<std::string> varied_files(const SweepSpec& spec) {
   std::vector<std::string> out;
   for (const Vary& v : spec.vary) {
-    if (v.key != "reference.path" && v.key != "control.model.mechanism" && v.key != "drives.endpoints") continue;
+    if (v.key != "reference.path" && v.key != "control.model.mechanism" && v.key != "drives.endpoints")
+      continue;
     for (const SweepValue& value : v.values) {
-      if (const auto* name = std::get_if<std::string>(&value)) out.push_back((fs::path(spec.scene).parent_path() / *name).string());
+      if (const auto* name = std::get_if<std::string>(&value))
+        out.push_back((fs::path(spec.scene).parent_path() / *name).string());
     }
   }
   return out;
@@ -67,8 +69,8 @@ std::uint64_t identity_of(const SweepSpec& spec, const Scene& scene) {
 std::string json_text(const Json& j) { return j.dump(2, ' ', false, Json::error_handler_t::replace); }
 
 /// Wall-clock figures, apart from everything that is repeatable.
-Json timing(const SweepOptions& o, const Crew& crew, const Ranks* ranks, std::size_t cases, double duration,
-            double wall_s, double cpu_s) {
+Json timing(const SweepOptions& o, const WorkerConfig& crew, const Ranks* ranks, std::size_t cases,
+            double duration, double wall_s, double cpu_s) {
   const int processes = ranks != nullptr ? ranks->size() : 1, workers = processes * crew.jobs;
   const double simulated = static_cast<double>(cases) * duration;
   return {{"command", o.command_line},
@@ -104,7 +106,7 @@ class Sweep {
     found_ = journal_->found().size();
   }
 
-  int run(const Crew& crew, Ranks* ranks) {
+  int run(const WorkerConfig& crew, Ranks* ranks) {
     if (found_ > 0 && !o_.json) fmt::print("{} of {} cases were done before\n", found_, done_.size());
     std::fflush(stdout);
     const auto begin = std::chrono::steady_clock::now();
@@ -124,8 +126,7 @@ class Sweep {
       throw RunError(fmt::format("interrupted after {} of {} cases{}", now, done_.size(),
                                  journal_ ? "; the same command goes on from there" : ""));
     }
-    finish(
-        timing(o_, crew, ranks, now - found_, scenes_.mean_duration(), wall_s, cpu_time() - cpu_before));
+    finish(timing(o_, crew, ranks, now - found_, scenes_.mean_duration(), wall_s, cpu_time() - cpu_before));
     return 0;
   }
 
@@ -182,15 +183,15 @@ int run_with(const SweepOptions& o, Ranks* ranks, bool& called) {
   const SweepSpec spec = read_sweep(o.spec);
   const CaseScenes scenes(spec);
   const auto processors = static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
-  const Crew crew{&spec, &scenes, o.jobs > 0 ? o.jobs : (ranks != nullptr ? 1 : processors),
-                  o.scalar ? nullptr : &lane_kernels().front()};
+  const WorkerConfig crew{&spec, &scenes, o.jobs > 0 ? o.jobs : (ranks != nullptr ? 1 : processors),
+                          o.scalar ? nullptr : &lane_kernels().front()};
   const std::uint64_t identity = identity_of(spec, scenes.nominal());
   if (ranks != nullptr && ranks->rank() > 0) {
     serve(crew, *ranks, identity);
     return 0;
   }
   Sweep sweep(o, spec, scenes, identity);
-  if (ranks != nullptr) call_together(*ranks, identity);
+  if (ranks != nullptr) broadcast_job(*ranks, identity);
   called = true;
   return sweep.run(crew, ranks);
 }
@@ -205,7 +206,7 @@ int run_sweep(const SweepOptions& o) {
     try {
       return run_with(o, ranks.get(), called);
     } catch (...) {
-      if (!called) send_home(*ranks);
+      if (!called) finish_workers(*ranks);
       throw;
     }
   }
@@ -214,7 +215,8 @@ int run_sweep(const SweepOptions& o) {
   } catch (const std::exception&) {
     std::string message;
     (void)ranks->receive(message, true);
-    // Sent home, the first process has found the same and says so: a status of ours would let mpirun end it before it has.
+    // Sent home, the first process has found the same and says so: a status of ours would let mpirun end it
+    // before it has.
     if (message[0] == 'x') return 0;
     ranks->send(0, "eprocess " + std::to_string(ranks->rank()) + " cannot read what the first one has read");
     return 2;

@@ -5,9 +5,9 @@
 #include <exception>
 #include <thread>
 
+#include "host_sim/error.hpp"
 #include "host_sim/parallel.hpp"
 #include "host_sim/record/run_options.hpp"
-#include "host_sim/error.hpp"
 
 namespace esmc::host {
 namespace {
@@ -72,7 +72,7 @@ std::vector<Finished> read_results(const std::string& in, std::size_t objectives
 }
 
 /// This process's threads, until the list is empty.
-void compute(WorkList& list, const Crew& crew) {
+void compute(WorkList& list, const WorkerConfig& crew) {
   run_jobs(crew.jobs, [&](int) {
     CaseRunner runner(*crew.spec, *crew.scenes, crew.kernel);
     Package package;
@@ -94,7 +94,7 @@ void compute(WorkList& list, const Crew& crew) {
 /// The first process's conversation with the others, and what their processes have to say.
 class Conversation {
  public:
-  Conversation(WorkList& list, Ranks& ranks, const Crew& crew)
+  Conversation(WorkList& list, Ranks& ranks, const WorkerConfig& crew)
       : list_(list),
         ranks_(ranks),
         objectives_(crew.spec->wanted.size()),
@@ -173,7 +173,7 @@ void WorkList::stop() {
   stopped_ = true;
 }
 
-void work_off(WorkList& list, const Crew& crew, Ranks* ranks) {
+void work_off(WorkList& list, const WorkerConfig& crew, Ranks* ranks) {
   if (ranks == nullptr) return compute(list, crew);
   std::exception_ptr failed;
   std::thread own([&] {
@@ -192,17 +192,17 @@ void work_off(WorkList& list, const Crew& crew, Ranks* ranks) {
   talk.rethrow();
 }
 
-void call_together(Ranks& ranks, std::uint64_t identity) {
+void broadcast_job(Ranks& ranks, std::uint64_t identity) {
   std::string message = "g";
   put(message, identity);
   for (int r = 1; r < ranks.size(); ++r) ranks.send(r, message);
 }
 
-void send_home(Ranks& ranks) {
+void finish_workers(Ranks& ranks) {
   for (int r = 1; r < ranks.size(); ++r) ranks.send(r, "x");
 }
 
-void serve(const Crew& crew, Ranks& ranks, std::uint64_t identity) {
+void serve(const WorkerConfig& crew, Ranks& ranks, std::uint64_t identity) {
   std::string message;
   std::vector<Finished> results;
   (void)ranks.receive(message, true);

@@ -39,7 +39,7 @@ class WorkList {
   Progress progress_;
 };
 
-struct Crew {
+struct WorkerConfig {
   const SweepSpec* spec = nullptr;
   const CaseScenes* scenes = nullptr;
   int jobs = 1;
@@ -47,12 +47,12 @@ struct Crew {
 };
 
 /// Works the list off with this process's threads and, as the first of several processes, serves the others.
-void work_off(WorkList& list, const Crew& crew, Ranks* ranks);
+void work_off(WorkList& list, const WorkerConfig& crew, Ranks* ranks);
 /// What the other processes do: ask, compute, deliver, until there is no more. `identity` must be the
 /// first's.
-void serve(const Crew& crew, Ranks& ranks, std::uint64_t identity);
+void serve(const WorkerConfig& crew, Ranks& ranks, std::uint64_t identity);
 /// Tells the others what to work on, before work_off; or, without, that there is nothing to do.
-void call_together(Ranks& ranks, std::uint64_t identity);
-void send_home(Ranks& ranks);
+void broadcast_job(Ranks& ranks, std::uint64_t identity);
+void finish_workers(Ranks& ranks);
 
 }  // namespace esmc::host

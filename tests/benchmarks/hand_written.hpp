@@ -1,7 +1,7 @@
 #pragma once
-/// The law `esmc` with `implicit` for an RR arm, written out as one would for this arm alone, with all that the arm of the firmware
-/// knows and says: what the serial algorithm, which knows any chain, is measured against. Tested against it in
-/// straight_line_test.cpp.
+/// The law `esmc` with `implicit` for an RR arm, written out as one would for this arm alone, with all that
+/// the arm of the firmware knows and says: what the serial algorithm, which knows any chain, is measured
+/// against. Tested against it in straight_line_test.cpp.
 
 #include <array>
 
@@ -13,7 +13,8 @@ namespace esmc::test {
 
 class HandWrittenArm {
  public:
-  HandWrittenArm(const RrParams<double>& p, const Gains<Rr<double>>& g) : p_(p.arm), gravity_(p.g), gain_(g) {}
+  HandWrittenArm(const RrParams<double>& p, const Gains<Rr<double>>& g)
+      : p_(p.arm), gravity_(p.g), gain_(g) {}
 
   /// Joint torques, N m. `s`: the sliding variables theta1, theta2, phi1, phi2, x1, y1, x2, y2.
   Vec2<double> operator()(const Tracking<Rr<double>>& t, std::array<double, 8>& s) const {
@@ -36,15 +37,19 @@ class HandWrittenArm {
 
     const double fx1 = p_.m1 * channel(4, p_.lg1 * ex1, p_.lg1 * rx1, p_.lg1 * ax1, s[4]);
     const double fy1 = p_.m1 * (channel(5, p_.lg1 * ey1, p_.lg1 * ry1, p_.lg1 * ay1, s[5]) + gravity_);
-    const double fx2 = p_.m2 * channel(6, p_.l1 * ex1 + p_.lg2 * ex2, p_.l1 * rx1 + p_.lg2 * rx2, p_.l1 * ax1 + p_.lg2 * ax2, s[6]);
-    const double fy2 =
-        p_.m2 * (channel(7, p_.l1 * ey1 + p_.lg2 * ey2, p_.l1 * ry1 + p_.lg2 * ry2, p_.l1 * ay1 + p_.lg2 * ay2, s[7]) + gravity_);
+    const double fx2 = p_.m2 * channel(6, p_.l1 * ex1 + p_.lg2 * ex2, p_.l1 * rx1 + p_.lg2 * rx2,
+                                       p_.l1 * ax1 + p_.lg2 * ax2, s[6]);
+    const double fy2 = p_.m2 * (channel(7, p_.l1 * ey1 + p_.lg2 * ey2, p_.l1 * ry1 + p_.lg2 * ry2,
+                                        p_.l1 * ay1 + p_.lg2 * ay2, s[7]) +
+                                gravity_);
 
     const double second = turn2 + p_.lg2 * (u2.x() * fy2 - u2.y() * fx2);
-    const double first = turn1 + p_.lg1 * (u1.x() * fy1 - u1.y() * fx1) + p_.l1 * (u1.x() * fy2 - u1.y() * fx2);
+    const double first =
+        turn1 + p_.lg1 * (u1.x() * fy1 - u1.y() * fx1) + p_.l1 * (u1.x() * fy2 - u1.y() * fx2);
     s[0] = s[2];
     s[1] = s[3] - s[2];
-    return {first + second + friction(p_.d1, p_.gamma1, t.rates[0]), second + friction(p_.d2, p_.gamma2, t.rates[1])};
+    return {first + second + friction(p_.d1, p_.gamma1, t.rates[0]),
+            second + friction(p_.d2, p_.gamma2, t.rates[1])};
   }
 
  private:
@@ -55,7 +60,8 @@ class HandWrittenArm {
     return viscous * rate + (rate > 0 ? coulomb : (rate < 0 ? -coulomb : 0.0));
   }
   /// v' of a channel: q''_d + lambda e' + k sat(s / layer).
-  [[nodiscard, gnu::always_inline]] double channel(int row, double e, double rate, double reference, double& s) const {
+  [[nodiscard, gnu::always_inline]] double channel(int row, double e, double rate, double reference,
+                                                   double& s) const {
     const double lambda = gain_.lambda[row];
     s = rate + lambda * e;
     const double layer = gain_.layer[row], sat = s > layer ? 1.0 : (s < -layer ? -1.0 : s / layer);

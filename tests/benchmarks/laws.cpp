@@ -49,7 +49,8 @@ void law_rr(benchmark::State& state) {
   const auto states = rr_states(m);
   int i = 0;
   for (auto _ : state) {
-    benchmark::DoNotOptimize(torque_of<LawKind::esmc>(m, g, states[static_cast<std::size_t>(i++ % state_count)]));
+    benchmark::DoNotOptimize(
+        torque_of<LawKind::esmc>(m, g, states[static_cast<std::size_t>(i++ % state_count)]));
   }
 }
 
@@ -81,7 +82,8 @@ void add_laws(bool counted) {
   add_law(counted, "law/five_bar/esmc_projected/double", law_five_bar<LawKind::esmc_projected, double>);
   add_law(counted, "law/rr/esmc/double", law_rr);
   add_law(counted, "law/five_bar/straight_line_esmc/double", straight_five_bar<test::StraightEsmc>);
-  add_law(counted, "law/five_bar/straight_line_esmc_projected/double", straight_five_bar<test::StraightProjected>);
+  add_law(counted, "law/five_bar/straight_line_esmc_projected/double",
+          straight_five_bar<test::StraightProjected>);
   add_law(counted, "law/rr/straight_line_esmc/double", straight_rr);
   add_law(counted, "law/rr/hand_written_esmc/double", hand_written_rr);
 }

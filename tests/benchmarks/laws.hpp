@@ -1,5 +1,6 @@
 #pragma once
-/// A law of the five-bar in a loop. One scalar per file, as in the firmware's archive: what else a file holds decides what is inlined.
+/// A law of the five-bar in a loop. One scalar per file, as in the firmware's archive: what else a file holds
+/// decides what is inlined.
 
 #include <benchmark/benchmark.h>
 
@@ -37,7 +38,8 @@ std::vector<Tracking<FiveBar<S>>> five_bar_states(const FiveBar<S>& m) {
 
 /// As the controller's tick has it. The sliding variables are for a log.
 template <LawKind Law, class M>
-[[nodiscard, gnu::noinline]] Vec2<typename M::Scalar> torque_of(const M& m, const Gains<M>& g, const Tracking<M>& t) {
+[[nodiscard, gnu::noinline]] Vec2<typename M::Scalar> torque_of(const M& m, const Gains<M>& g,
+                                                                const Tracking<M>& t) {
   typename M::Channels acceleration, sliding;
   demand<M, Rows::with_mass>(Law, m, g, Reaching::implicit, t, acceleration, sliding);
   benchmark::DoNotOptimize(sliding);
@@ -56,7 +58,8 @@ void law_five_bar(benchmark::State& state) {
   }
 }
 
-/// `counted`: for who counts instructions, each state once, however slow the machine is; their number depends on the state.
+/// `counted`: for who counts instructions, each state once, however slow the machine is; their number depends
+/// on the state.
 inline void add_law(bool counted, const char* name, void (*law)(benchmark::State&)) {
   auto* const registered = benchmark::RegisterBenchmark(name, law);
   if (counted) registered->Iterations(state_count);

@@ -1,5 +1,6 @@
-/// The constants that `esmc bake` wrote of a scene against the scene itself: the same configuration, number by number, and
-/// the same run, frame by frame. usage: baked_SCENE FOLDER SCENE [--set KEY=VALUE...]; one program for each baked scene.
+/// The constants that `esmc bake` wrote of a scene against the scene itself: the same configuration, number
+/// by number, and the same run, frame by frame. usage: baked_SCENE FOLDER SCENE [--set KEY=VALUE...]; one
+/// program for each baked scene.
 
 #include <fmt/format.h>
 
@@ -22,9 +23,11 @@ int failures = 0;
 void same(const std::string& what, const std::string& baked, const std::string& scene) {
   if (baked == scene) return;
   ++failures;
-  const auto at = static_cast<std::size_t>(std::mismatch(baked.begin(), baked.end(), scene.begin(), scene.end()).first - baked.begin());
+  const auto at = static_cast<std::size_t>(
+      std::mismatch(baked.begin(), baked.end(), scene.begin(), scene.end()).first - baked.begin());
   const std::size_t from = at < 60 ? 0 : at - 60;
-  fmt::print("{} differs:\n  baked ..{}\n  scene ..{}\n", what, baked.substr(from, 120), scene.substr(std::min(from, scene.size()), 120));
+  fmt::print("{} differs:\n  baked ..{}\n  scene ..{}\n", what, baked.substr(from, 120),
+             scene.substr(std::min(from, scene.size()), 120));
 }
 
 std::string content(const std::string& path) {
@@ -35,10 +38,13 @@ std::string content(const std::string& path) {
 
 std::string settings(const host::Scene& scene, std::size_t i) {
   switch (scene.drives.protocol) {
-    case host::Protocol::cia402: return host::bake::text(host::cia402_settings(scene, i));
-    case host::Protocol::mit: return host::bake::text(host::mit_settings(scene, i));
+    case host::Protocol::cia402:
+      return host::bake::text(host::cia402_settings(scene, i));
+    case host::Protocol::mit:
+      return host::bake::text(host::mit_settings(scene, i));
     case host::Protocol::odrive:
-    case host::Protocol::odrive_0_5: break;
+    case host::Protocol::odrive_0_5:
+      break;
   }
   return host::bake::text(host::odrive_settings(scene, host::Pacing::lockstep, i).table);
 }
@@ -53,7 +59,8 @@ int main(int argc, char** argv) {
   for (int i = 4; i < argc; i += 2) options.sets.emplace_back(argv[i]);
   const host::Scene scene = host::read_loop_scene(options);
   const auto reference = host::make_reference<Scalar>(scene, host::Pacing::lockstep);
-  const auto wanted = std::get<Node::Config>(host::make_cycle_config<Mechanism>(scene, host::Pacing::lockstep, reference));
+  const auto wanted =
+      std::get<Node::Config>(host::make_cycle_config<Mechanism>(scene, host::Pacing::lockstep, reference));
   const Node::Config got = baked::config(wanted.link.session);
 
   same("configuration", host::bake::cycle_text(got, ""), host::bake::cycle_text(wanted, ""));
@@ -71,7 +78,8 @@ int main(int argc, char** argv) {
   }
   const auto path = got.controller.reference.path;
   same("path", std::to_string(path.size()), std::to_string(reference.path.size()));
-  for (std::size_t i = 0; i < path.size(); ++i) same(fmt::format("path {}", i), text(path[i]), text(reference.path[i]));
+  for (std::size_t i = 0; i < path.size(); ++i)
+    same(fmt::format("path {}", i), text(path[i]), text(reference.path[i]));
 
   Node a(got), b(wanted);
   const test::NodeRun one = test::run_node(a, options, scene, folder + "/baked.log");
@@ -79,7 +87,8 @@ int main(int argc, char** argv) {
   same("digest", one.digest, other.digest);
   same("frames", content(folder + "/baked.log"), content(folder + "/scene.log"));
   if (one.state != State::running || one.fault != Fault::none || one.frames < 300) {
-    fmt::print("the run came to nothing: state {}, fault {}, {} frames\n", name(one.state), name(one.fault), one.frames);
+    fmt::print("the run came to nothing: state {}, fault {}, {} frames\n", name(one.state), name(one.fault),
+               one.frames);
     ++failures;
   }
   fmt::print("{} frames, digest {}\n", one.frames, one.digest);

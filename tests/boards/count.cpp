@@ -1,6 +1,7 @@
-/// Image of an emulated board that counts its own instructions: whole ticks of the cycle, frames in to frames out, in
-/// random states of all working and assembly modes, law by law. With QEMU's -icount shift=6 an instruction takes 64 ns of
-/// virtual time and the 25 MHz timer counts 1.6 per instruction. Prints a line per law, then "done".
+/// Image of an emulated board that counts its own instructions: whole ticks of the cycle, frames in to frames
+/// out, in random states of all working and assembly modes, law by law. With QEMU's -icount shift=6 an
+/// instruction takes 64 ns of virtual time and the 25 MHz timer counts 1.6 per instruction. Prints a line per
+/// law, then "done".
 
 #include <cstdint>
 #include <cstring>
@@ -105,7 +106,8 @@ std::optional<State<M>> draw(const M& m, Random& r) {
     s.mode.assembly = 1;
     const Vec2<S> effector(r.between(S(-0.12F), S(0.12F)), r.between(S(0.05F), S(0.24F)));
     const auto pose = m.inverse(effector, s.mode);
-    if (!pose || M::min_abs_sin_type1(*pose) < S(0.1F) || M::abs_sin_type2(*pose) < S(0.2F)) return std::nullopt;
+    if (!pose || M::min_abs_sin_type1(*pose) < S(0.1F) || M::abs_sin_type2(*pose) < S(0.2F))
+      return std::nullopt;
     s.mode.assembly = pose->sin_type2 > S(0) ? 1 : -1;
     s.angle = M::base_angles(*pose);
   } else {
@@ -140,7 +142,8 @@ struct Counts {
 };
 
 /// One tick in a state of the run that follows `arming` others; false: it did not get there.
-bool measure(const Node::Config& config, const State<M>& s, ArrayBus& bus, const Timer& timer, Counts& counts) {
+bool measure(const Node::Config& config, const State<M>& s, ArrayBus& bus, const Timer& timer,
+             Counts& counts) {
   static Node* node = nullptr;
   alignas(Node) static unsigned char memory[sizeof(Node)];
   node = ::new (static_cast<void*>(memory)) Node(config);
@@ -195,8 +198,9 @@ extern "C" [[noreturn]] void esmc_main() {
       config.controller.mode = s->mode;
       if (!measure(config, *s, bus, timer, counts)) ++refused;
     }
-    out << law.name << " states " << counts.states << " refused " << refused << " least " << counts.least << " mean "
-        << static_cast<std::uint32_t>(counts.sum / (counts.states > 0 ? counts.states : 1U)) << " most " << counts.most << "\n";
+    out << law.name << " states " << counts.states << " refused " << refused << " least " << counts.least
+        << " mean " << static_cast<std::uint32_t>(counts.sum / (counts.states > 0 ? counts.states : 1U))
+        << " most " << counts.most << "\n";
   }
   out << "done\n";
   for (;;) {

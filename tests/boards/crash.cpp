@@ -1,5 +1,6 @@
-/// Image of an emulated Cortex-M that provokes faults one after the other and prints, after the reset that each one causes,
-/// the record that it left: reading where nothing is, a stack that runs out of its memory, and a program that goes on for ever.
+/// Image of an emulated Cortex-M that provokes faults one after the other and prints, after the reset that
+/// each one causes, the record that it left: reading where nothing is, a stack that runs out of its memory,
+/// and a program that goes on for ever.
 
 #include "tests/boards/crash.hpp"
 

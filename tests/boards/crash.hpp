@@ -1,6 +1,6 @@
 #pragma once
-/// What the images that provoke faults have in common: text on a port, a stack that runs out of its memory, and the order of
-/// events.
+/// What the images that provoke faults have in common: text on a port, a stack that runs out of its memory,
+/// and the order of events.
 
 #include <cstdint>
 
@@ -32,7 +32,8 @@ inline std::uint32_t dig(std::uint32_t depth) {
   return depth < floor_at ? dig(depth + 1) + here[depth % 32] : 0;
 }
 
-/// Tells the record of the last crash and provokes the next one, in their order, then no more. `boots` outlives a restart.
+/// Tells the record of the last crash and provokes the next one, in their order, then no more. `boots`
+/// outlives a restart.
 template <class Port, class... F>
 [[noreturn]] void crash_again(Port& port, std::uint32_t& boots, F&&... provocations) {
   Text<Port> out{port};
@@ -41,8 +42,8 @@ template <class Port, class... F>
     out << "no record\n";
   } else {
     const CrashRecord& r = crash_record;
-    out << "exception " << r.exception << " status " << r.fault_status << " address " << r.address << " sp " << r.sp
-        << " pc " << r.pc << " lr " << r.lr << "\n";
+    out << "exception " << r.exception << " status " << r.fault_status << " address " << r.address << " sp "
+        << r.sp << " pc " << r.pc << " lr " << r.lr << "\n";
     crash_record.forget();
     ++boots;
   }

@@ -1,6 +1,6 @@
-/// Image of the emulated Cortex-R5F that provokes faults one after the other and prints, after the new start that each one
-/// causes, the record that it left: an instruction that does not exist (the emulated board answers wherever one reads), and
-/// a stack that runs out of its memory.
+/// Image of the emulated Cortex-R5F that provokes faults one after the other and prints, after the new start
+/// that each one causes, the record that it left: an instruction that does not exist (the emulated board
+/// answers wherever one reads), and a stack that runs out of its memory.
 
 #include "tests/boards/crash.hpp"
 

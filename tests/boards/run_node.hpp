@@ -16,11 +16,14 @@ struct NodeRun {
 
 /// `frames_path`: every frame of the bus, as `esmc hil` writes it.
 template <class Node>
-NodeRun run_node(Node& node, const host::RunOptions& options, const host::Scene& scene, const std::string& frames_path) {
+NodeRun run_node(Node& node, const host::RunOptions& options, const host::Scene& scene,
+                 const std::string& frames_path) {
   using World = std::conditional_t<Node::Mechanism::joints == 4, host::FiveBarWorld, host::RrWorld>;
   const auto bus = std::make_unique<hal::VirtualBus<2>>();
-  host::FrameLog frames(frames_path.empty() ? nullptr : std::fopen(frames_path.c_str(), "wb"), "virtual", static_cast<std::uint32_t>(scene.bitrate));
-  host::PlantHalf<World, hal::VirtualBus<2>::Port> plant(scene, options, bus->port(0), frames, nullptr, false);
+  host::FrameLog frames(frames_path.empty() ? nullptr : std::fopen(frames_path.c_str(), "wb"), "virtual",
+                        static_cast<std::uint32_t>(scene.bitrate));
+  host::PlantHalf<World, hal::VirtualBus<2>::Port> plant(scene, options, bus->port(0), frames, nullptr,
+                                                         false);
   node.command(Command::enable);
   while (!plant.finished()) {
     plant.publish();
@@ -32,7 +35,8 @@ NodeRun run_node(Node& node, const host::RunOptions& options, const host::Scene&
     plant.advance({});
   }
   frames.close();
-  return {plant.recorder().statistics().digest.text(), node.supervisor().state(), node.supervisor().fault(), frames.frames()};
+  return {plant.recorder().statistics().digest.text(), node.supervisor().state(), node.supervisor().fault(),
+          frames.frames()};
 }
 
 }  // namespace esmc::test

@@ -184,17 +184,17 @@ if (shot) {
     const foreign = http.createServer((_, answer) => answer.setHeader("content-type", "text/html").end("<!doctype html><title>foreign</title>"));
     await new Promise((done) => foreign.listen(0, "127.0.0.1", done));
     await page.goto(`http://127.0.0.1:${foreign.address().port}/`);
-    const knock = (address) => page.evaluate((to) => new Promise((done) => {
+    const request_arming = (address) => page.evaluate((to) => new Promise((done) => {
       const socket = new WebSocket(to);
       socket.onopen = () => done("open");
       socket.onclose = () => done("refused");
     }), address);
-    assert.equal(await knock(`ws://${url.host}/bench?token=${token}`), "refused");
+    assert.equal(await request_arming(`ws://${url.host}/bench?token=${token}`), "refused");
     assert.equal(await page.evaluate((to) => fetch(to).then(() => "read", () => "refused"), b.url), "refused");
-    // The same knock from a page of the bench is let in: it is the origin that was refused.
+    // The same request_arming from a page of the bench is let in: it is the origin that was refused.
     await page.goto(b.url);
-    assert.equal(await knock(`ws://${url.host}/bench?token=${token}`), "open");
-    assert.equal(await knock(`ws://${url.host}/bench?token=${"0".repeat(32)}`), "refused");
+    assert.equal(await request_arming(`ws://${url.host}/bench?token=${token}`), "open");
+    assert.equal(await request_arming(`ws://${url.host}/bench?token=${"0".repeat(32)}`), "refused");
     await new Promise((done) => foreign.close(done));
     await b.end();
   });

@@ -23,7 +23,7 @@ STAGES = (("law: errors, rates and reaching term of 18 channels", r"\bdemand|ang
           ("torque: Cᵀ(M v' + f + g), limits", r"Controller<.*>::act\b"),
           ("where the mechanism is: closure, rates, guards", r"Controller<.*>::(observe|guarded)\b|estimate|::forward\b"),
           ("reference: path, inverse kinematics, rates", r"Reference<|Controller<.*>::desired?\b"),
-          ("controller and supervisor: states, checks of the torque", r"Controller<|Supervisor|Outlook|bearable"),
+          ("controller and supervisor: states, checks of the torque", r"Controller<|Supervisor|Outlook|within_limits_at"),
           ("drives and bus: ages, codecs, checks of what is sent", r"Cycle<|OdriveAxis|odrive|CanFrame|VirtualBus"))
 TOLERANCE = 0.01
 YARDSTICKS = (("law/five_bar/esmc/double", "law/five_bar/straight_line_esmc/double"),

@@ -27,7 +27,7 @@ class AcmeAxis {
   }
   Received receive(const CanFrame& f) {
     if (f.extended || f.remote) return Received::not_mine;
-    if (f.id == 0x100U + config_.node) return Received::impostor;
+    if (f.id == 0x100U + config_.node) return Received::foreign_command;
     if (f.id != 0x180U + config_.node) return Received::not_mine;
     if (f.size != 8 || f.data[6] > 1) return Received::malformed;
     angle_ = std::bit_cast<float>(word(f));
@@ -57,8 +57,8 @@ class AcmeAxis {
   [[nodiscard]] bool error() const { return error_ != 0; }
   [[nodiscard]] std::uint32_t error_code() const { return error_; }
   [[nodiscard]] bool emergency_stopped() const { return false; }  // these drives have none,
-  [[nodiscard]] bool contradicted() const { return false; }       // nothing of them can be read back,
-  [[nodiscard]] bool muted() const { return false; }              // and no watchdog is tried before arming
+  [[nodiscard]] bool config_mismatch() const { return false; }    // nothing of them can be read back,
+  [[nodiscard]] bool tx_suspended() const { return false; }       // and no watchdog is tried before arming
   [[nodiscard]] bool setting_up() const { return false; }         // nor anything set up
   void acknowledge() {}
   void ask_again() {}

@@ -32,7 +32,7 @@ Joints esmc_law(const Motion& desired, const Joints& q, const Joints& qd) {
   const Channels ed = gantry.rates(want, desired.qd) - gantry.rates(now, qd);
   const Channels sw = (ed + lambda * e).unaryExpr([](double s) { return esmc::saturated(s, layer); });
   const Channels reference = gantry.rates(want, desired.qdd) + gantry.bias(want, desired.qd, desired.qd);
-  return gantry.transposed(now, gantry.force(reference + lambda * ed + k * sw, qd));
+  return gantry.joint_torques(now, gantry.force(reference + lambda * ed + k * sw, qd));
 }
 
 /// Accelerations under joint forces, from the same parts: H column by column. A plant of its own right is
@@ -40,7 +40,7 @@ Joints esmc_law(const Motion& desired, const Joints& q, const Joints& qd) {
 Joints acceleration(const Joints& q, const Joints& qd, const Joints& tau) {
   const Gantry::Pose p = Gantry::pose(q);
   const auto forces = [&](const Channels& v, const Joints& rates) -> Joints {
-    return gantry.transposed(p, gantry.force(v, rates));
+    return gantry.joint_torques(p, gantry.force(v, rates));
   };
   const Joints weight = forces(Channels::Zero(), Joints::Zero());
   esmc::Mat<double, 3, 3> H;

@@ -1,5 +1,6 @@
 #pragma once
-/// What a fuzz target needs: an input read as numbers and frames, a bus that remembers, and checks that end the process.
+/// What a fuzz target needs: an input read as numbers and frames, a bus that remembers, and checks that end
+/// the process.
 
 #include <algorithm>
 #include <array>
@@ -9,8 +10,8 @@
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
-#include <type_traits>
 #include <span>
+#include <type_traits>
 #include <vector>
 
 #include "hal/can.hpp"
@@ -18,7 +19,8 @@
 namespace esmc::fuzz {
 
 /// Ends the process where a statement does not hold; the fuzzer keeps the input.
-inline void require(bool holds, const char* what, const char* file = __builtin_FILE(), int line = __builtin_LINE()) {
+inline void require(bool holds, const char* what, const char* file = __builtin_FILE(),
+                    int line = __builtin_LINE()) {
   if (holds) return;
   std::fprintf(stderr, "%s:%d: broken: %s\n", file, line, what);
   std::abort();
@@ -50,7 +52,8 @@ class Bytes {
   unsigned below(unsigned n) { return u8() % n; }
   bool yes() { return (u8() & 1U) != 0; }
 
-  /// A frame with this identifier: format, length and bytes are the input's. Zero as first byte: a classic frame of eight.
+  /// A frame with this identifier: format, length and bytes are the input's. Zero as first byte: a classic
+  /// frame of eight.
   hal::CanFrame frame(std::uint32_t id) {
     hal::CanFrame f;
     const unsigned format = u8();
@@ -59,7 +62,8 @@ class Bytes {
     f.remote = (format & 2U) != 0;
     f.fd = (format & 4U) != 0;
     f.bit_rate_switch = (format & 8U) != 0;
-    f.size = (format & 16U) != 0 ? static_cast<std::uint8_t>(below(hal::can_fd_size_max + 1U)) : std::uint8_t{8};
+    f.size =
+        (format & 16U) != 0 ? static_cast<std::uint8_t>(below(hal::can_fd_size_max + 1U)) : std::uint8_t{8};
     for (std::uint8_t i = 0; i < f.size; ++i) f.data[i] = u8();
     return f;
   }
@@ -73,7 +77,8 @@ class Bytes {
   std::size_t left_;
 };
 
-/// A bus under the hand of the input. Frames wait without limit; what was sent, or tried, stays until clear().
+/// A bus under the hand of the input. Frames wait without limit; what was sent, or tried, stays until
+/// clear().
 class Bus {
  public:
   /// Of `waiting`, what has not been taken.
@@ -81,7 +86,7 @@ class Bus {
   std::vector<hal::CanFrame> waiting, sent, tried;
   hal::SendStatus status = hal::SendStatus::ok;
   unsigned room = 0xFFFF'FFFF;  ///< so many frames it takes, and then none: its queue is full
-  std::uint32_t age_us = 0;  ///< of every frame
+  std::uint32_t age_us = 0;     ///< of every frame
 
   void clear() {
     sent.clear();
@@ -91,7 +96,8 @@ class Bus {
     require(hal::well_formed(f), "only well-formed frames are sent");
     require(!f.extended && !f.fd && !f.bit_rate_switch, "only classic frames with 11 bits are sent");
     tried.push_back(f);
-    const hal::SendStatus now = status == hal::SendStatus::ok && room == 0 ? hal::SendStatus::bus_full : status;
+    const hal::SendStatus now =
+        status == hal::SendStatus::ok && room == 0 ? hal::SendStatus::bus_full : status;
     if (now != hal::SendStatus::ok) return now;
     sent.push_back(f);
     --room;

@@ -1,5 +1,5 @@
-/// The loop of the boards against the clock: the cycle with ODrives, or a node of the target's own whose samples are asked for, under any
-/// clock of 32 bits. Where the instants are the target computes in 64 bits.
+/// The loop of the boards against the clock: the cycle with ODrives, or a node of the target's own whose
+/// samples are asked for, under any clock of 32 bits. Where the instants are the target computes in 64 bits.
 
 #include <cmath>
 #include <deque>
@@ -65,7 +65,7 @@ struct AskingNode {
   }
   bool tick(ClockBus&, bool answer) { return answer; }
   void tick_late() { ++late; }
-  [[nodiscard]] bool good() const { return healthy; }
+  [[nodiscard]] bool output_ok() const { return healthy; }
   [[nodiscard]] bool drive_enable() const { return powered; }
   [[nodiscard]] bool release_brake() const { return brakes; }
 };
@@ -92,8 +92,9 @@ RealNode real_node() {
   c.controller = s.controller;
   for (std::size_t i = 0; i < 2; ++i) {
     const test::Mounting& m = test::mountings[i];
-    c.axes[i] = drive::OdriveAxis({m.node, static_cast<float>(m.direction), static_cast<float>(m.gear), static_cast<float>(m.offset)},
-                                  s.version, 8);
+    c.axes[i] = drive::OdriveAxis(
+        {m.node, static_cast<float>(m.direction), static_cast<float>(m.gear), static_cast<float>(m.offset)},
+        s.version, 8);
   }
   c.heartbeat_age_ticks_max = s.heartbeat_age_ticks_max;
   return RealNode(c);
@@ -103,8 +104,14 @@ template <class Node>
 class ClockRun {
  public:
   ClockRun(Bytes& in, const Node& node)
-      : in_(in), node_(node), board_{.now = in.u32()}, period_ns_(choose_period()), patience_(static_cast<float>(in.below(101)) / 100.0F),
-        loop_(node_, board_, period_ns_, patience_), next_ns_(std::uint64_t{board_.now} * 1000), rejoined_us_(board_.now) {}
+      : in_(in),
+        node_(node),
+        board_{.now = in.u32()},
+        period_ns_(choose_period()),
+        patience_(static_cast<float>(in.below(101)) / 100.0F),
+        loop_(node_, board_, period_ns_, patience_),
+        next_ns_(std::uint64_t{board_.now} * 1000),
+        rejoined_us_(board_.now) {}
 
   void go() {
     for (int steps = 0; !in_.empty() && steps < 400; ++steps) {
@@ -117,33 +124,52 @@ class ClockRun {
  private:
   std::uint32_t choose_period() {
     const unsigned which = in_.below(4);
-    return which == 0 ? 1'000'000 : which == 1 ? 333'333 : which == 2 ? 1'000'500 : 100'000 + in_.u32() % 999'900'001U;
+    return which == 0   ? 1'000'000
+           : which == 1 ? 333'333
+           : which == 2 ? 1'000'500
+                        : 100'000 + in_.u32() % 999'900'001U;
   }
 
   void pass() {
     switch (in_.below(10)) {
-      case 0: break;  // it stands still
-      case 1: board_.now += in_.u8(); break;
-      case 2: board_.now += in_.u16(); break;
-      case 3: board_.now += in_.u32(); break;
-      case 4: board_.now -= in_.u16(); break;
-      case 5: board_.now = loop_.instant_us() - 1; break;
-      case 6: board_.now = loop_.instant_us() + period_ns_ / 2000 + in_.below(2); break;
-      default: board_.now = loop_.instant_us(); break;
+      case 0:
+        break;  // it stands still
+      case 1:
+        board_.now += in_.u8();
+        break;
+      case 2:
+        board_.now += in_.u16();
+        break;
+      case 3:
+        board_.now += in_.u32();
+        break;
+      case 4:
+        board_.now -= in_.u16();
+        break;
+      case 5:
+        board_.now = loop_.instant_us() - 1;
+        break;
+      case 6:
+        board_.now = loop_.instant_us() + period_ns_ / 2000 + in_.below(2);
+        break;
+      default:
+        board_.now = loop_.instant_us();
+        break;
     }
   }
   void change();
 
   void turn() {
     const std::uint32_t now = board_.now, instant = loop_.instant_us(), late_before = loop_.late();
-    const unsigned refreshed = board_.dog.refreshed, withdrawn = board_.bus_.withdrawn, requests = node_.requests, told_late = node_.late,
-                   rejoined = board_.bus_.rejoined;
+    const unsigned refreshed = board_.dog.refreshed, withdrawn = board_.bus_.withdrawn,
+                   requests = node_.requests, told_late = node_.late, rejoined = board_.bus_.rejoined;
     board_.bus_.sent.clear();
     powered_before_ = node_.drive_enable();
     const bool ticked = loop_.turn([&](const auto& result) { judge(result); });
     const bool begun = board_.bus_.withdrawn != withdrawn;
     require(!(ticked && begun), "one thing a turn");
-    const std::uint32_t ahead = instant - now;  // a period at most, and another for a clock that jitters: what is more is late
+    const std::uint32_t ahead =
+        instant - now;  // a period at most, and another for a clock that jitters: what is more is late
     const bool due = ahead == 0 || ahead > 2U * (period_ns_ / 1000U) + 1U;
     // A clock that goes back behind the begin of a tick may end it at once.
     const bool went_back = asked_ && now - began_us_ >= 0x8000'0000U;
@@ -152,28 +178,39 @@ class ClockRun {
     if (begun) {
       require(!asked_ && board_.bus_.withdrawn == withdrawn + 1, "a tick begins once");
       begin(now, late_before, told_late);
-      require(node_.requests == requests + (Node::samples_on_demand ? 1 : 0), "samples are asked for where they must be");
+      require(node_.requests == requests + (Node::samples_on_demand ? 1 : 0),
+              "samples are asked for where they must be");
     } else {
-      require(node_.requests == requests && node_.late == told_late && loop_.late() == late_before, "and only then");
+      require(node_.requests == requests && node_.late == told_late && loop_.late() == late_before,
+              "and only then");
     }
     rejoin(begun, now, board_.bus_.rejoined - rejoined);
     if (ticked) {
       require(asked_, "a tick that has begun");
       asked_ = false;
       next_ns_ += period_ns_;
-      require(board_.power.on == node_.drive_enable() && board_.brake_.on == node_.release_brake(), "pins as the node says");
+      require(board_.power.on == node_.drive_enable() && board_.brake_.on == node_.release_brake(),
+              "pins as the node says");
     }
-    require(board_.dog.refreshed == refreshed + (ticked && node_.good() ? 1 : 0), "the watchdog is fed by good ticks only");
-    if (!ticked && !(begun && Node::samples_on_demand)) require(board_.bus_.sent.empty(), "frames are of ticks");
+    require(board_.dog.refreshed == refreshed + (ticked && node_.output_ok() ? 1 : 0),
+            "the watchdog is fed by good ticks only");
+    if (!ticked && !(begun && Node::samples_on_demand))
+      require(board_.bus_.sent.empty(), "frames are of ticks");
   }
-  [[nodiscard]] std::uint32_t began_at() const { return asked_ ? began_us_ : static_cast<std::uint32_t>(next_ns_ / 1000); }
+  [[nodiscard]] std::uint32_t began_at() const {
+    return asked_ ? began_us_ : static_cast<std::uint32_t>(next_ns_ / 1000);
+  }
   /// A set is there before the patience is over.
-  [[nodiscard]] bool ready() const { return asked_ && (!Node::samples_on_demand || node_.complete() || node_.overloaded()); }
+  [[nodiscard]] bool ready() const {
+    return asked_ && (!Node::samples_on_demand || node_.complete() || node_.overloaded());
+  }
 
   void begin(std::uint32_t now, std::uint32_t late_before, unsigned told_late) {
-    const std::uint32_t since = now - static_cast<std::uint32_t>(next_ns_ / 1000), period_us = period_ns_ / 1000;
+    const std::uint32_t since = now - static_cast<std::uint32_t>(next_ns_ / 1000),
+                        period_us = period_ns_ / 1000;
     const bool late = since > period_us / 2, by_far = since >= 50'000 && since / 10 >= period_us;
-    require(loop_.late() == late_before + (late ? 1 : 0) && loop_.lateness_us() == since, "late ticks are counted");
+    require(loop_.late() == late_before + (late ? 1 : 0) && loop_.lateness_us() == since,
+            "late ticks are counted");
     doubly_late_ = late && (late_ || by_far);
     require(node_.late == told_late + (doubly_late_ ? 1 : 0), "two in a row are told, and one by far");
     late_ = late;
@@ -201,7 +238,8 @@ class ClockRun {
   TimedLoop<Node, ClockBoard> loop_;
   std::uint64_t next_ns_;
   std::uint32_t rejoined_us_, began_us_ = 0;
-  bool asked_ = false, late_ = false, doubly_late_ = false, armed_ = false, powered_before_ = false, latched_ = false;
+  bool asked_ = false, late_ = false, doubly_late_ = false, armed_ = false, powered_before_ = false,
+       latched_ = false;
   std::array<std::uint8_t, 2> state_{test::axis_closed_loop, test::axis_closed_loop};
   bool reset_ = false;
 };
@@ -235,22 +273,38 @@ void ClockRun<RealNode>::change() {
     for (std::size_t i = 0; i < 2; ++i) {
       const test::Mounting& m = test::mountings[i];
       if ((how & 4U) == 0) board_.bus_.waiting.push_back(test::heartbeat(m.node, state_[i]));
-      board_.bus_.waiting.push_back(test::encoder(m.node, static_cast<float>((angle[i] - m.offset) * m.direction * m.gear / test::turn), 0.0F));
+      board_.bus_.waiting.push_back(test::encoder(
+          m.node, static_cast<float>((angle[i] - m.offset) * m.direction * m.gear / test::turn), 0.0F));
     }
   }
   switch (how >> 3U) {
-    case 1: node_.command(Command::enable); break;
+    case 1:
+      node_.command(Command::enable);
+      break;
     case 2:
       node_.command(Command::reset);
       reset_ = true;
       break;
-    case 3: node_.command(Command::stop); break;
-    case 4: board_.contact.on = in_.yes(); break;
-    case 5: board_.bus_.is_off = in_.yes(); break;
-    case 6: board_.bus_.status = in_.yes() ? hal::SendStatus::bus_full : hal::SendStatus::ok; break;
-    case 7: board_.bus_.waiting.push_back(in_.frame()); break;
-    case 8: state_[in_.below(2)] = in_.u8(); break;
-    default: break;
+    case 3:
+      node_.command(Command::stop);
+      break;
+    case 4:
+      board_.contact.on = in_.yes();
+      break;
+    case 5:
+      board_.bus_.is_off = in_.yes();
+      break;
+    case 6:
+      board_.bus_.status = in_.yes() ? hal::SendStatus::bus_full : hal::SendStatus::ok;
+      break;
+    case 7:
+      board_.bus_.waiting.push_back(in_.frame());
+      break;
+    case 8:
+      state_[in_.below(2)] = in_.u8();
+      break;
+    default:
+      break;
   }
 }
 template <>
@@ -260,20 +314,26 @@ void ClockRun<RealNode>::judge(const TickResult<M>& r) {
   require(node_.answers == armed_, "no torque before it was armed, and an answer ever after");
   if (doubly_late_) {
     doubly_late_ = false;
-    require(r.state != State::running && r.state != State::testing && r.state != State::enabling, "two late ticks in a row end it");
+    require(r.state != State::running && r.state != State::testing && r.state != State::enabling,
+            "two late ticks in a row end it");
     latched_ = latched_ || powered_before_;
   }
   if (r.state == State::disabled || reset_) latched_ = false;
-  if (latched_) require(r.state != State::running && r.state != State::testing, "and it stays so until the operator's reset");
-  require(board_.power.on == (r.state != State::disabled && r.state != State::fault), "drive_enable as the table has it");
+  if (latched_)
+    require(r.state != State::running && r.state != State::testing,
+            "and it stays so until the operator's reset");
+  require(board_.power.on == (r.state != State::disabled && r.state != State::fault),
+          "drive_enable as the table has it");
   require(board_.brake_.on == fuzz::has_torque(r.state), "the brake is open under torque only");
-  if (!board_.contact.on) require(r.state == State::fault || r.state == State::disabled, "an open contact ends it at once");
+  if (!board_.contact.on)
+    require(r.state == State::fault || r.state == State::disabled, "an open contact ends it at once");
   std::array<int, 2> torques{};
   for (const CanFrame& f : board_.bus_.sent) {
     for (std::size_t i = 0; i < 2; ++i) {
       const test::Mounting& m = test::mountings[i];
       if (test::node_of(f) != m.node) continue;
-      if (test::command_of(f) == test::cmd_axis_state) state_[i] = static_cast<std::uint8_t>(test::word(f, 0));
+      if (test::command_of(f) == test::cmd_axis_state)
+        state_[i] = static_cast<std::uint8_t>(test::word(f, 0));
       if (test::command_of(f) != test::cmd_torque) continue;
       ++torques[i];
       const double joint = static_cast<double>(test::real(f, 0)) * m.gear;
@@ -281,7 +341,8 @@ void ClockRun<RealNode>::judge(const TickResult<M>& r) {
       if (!fuzz::has_torque(r.state)) require(joint == 0, "none where none may be");
     }
   }
-  require(std::ranges::all_of(torques, [&](int n) { return n <= (node_.answers ? 1 : 0); }), "one torque for each motor, none before it was armed");
+  require(std::ranges::all_of(torques, [&](int n) { return n <= (node_.answers ? 1 : 0); }),
+          "one torque for each motor, none before it was armed");
 }
 
 /// Under torque, with a bus and a clock that do what they must.
@@ -295,7 +356,8 @@ RealNode running() {
     for (std::size_t i = 0; i < 2; ++i) {
       const test::Mounting& m = test::mountings[i];
       board.bus_.waiting.push_back(test::heartbeat(m.node, state[i]));
-      board.bus_.waiting.push_back(test::encoder(m.node, static_cast<float>((angle[i] - m.offset) * m.direction * m.gear / test::turn), 0.0F));
+      board.bus_.waiting.push_back(test::encoder(
+          m.node, static_cast<float>((angle[i] - m.offset) * m.direction * m.gear / test::turn), 0.0F));
     }
     if (tick == 3) node.command(Command::enable);
     board.bus_.sent.clear();
@@ -303,7 +365,8 @@ RealNode running() {
     }
     for (const CanFrame& f : board.bus_.sent) {
       for (std::size_t i = 0; i < 2; ++i) {
-        const bool asks = test::node_of(f) == test::mountings[i].node && test::command_of(f) == test::cmd_axis_state;
+        const bool asks =
+            test::node_of(f) == test::mountings[i].node && test::command_of(f) == test::cmd_axis_state;
         if (asks) state[i] = static_cast<std::uint8_t>(test::word(f, 0));
       }
     }
@@ -319,9 +382,15 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   static const RealNode under_torque = running();
   Bytes in(data, size);
   switch (in.below(4)) {
-    case 0: ClockRun<AskingNode>(in, {}).go(); break;
-    case 1: ClockRun<RealNode>(in, real_node()).go(); break;
-    default: ClockRun<RealNode>(in, under_torque).go(); break;
+    case 0:
+      ClockRun<AskingNode>(in, {}).go();
+      break;
+    case 1:
+      ClockRun<RealNode>(in, real_node()).go();
+      break;
+    default:
+      ClockRun<RealNode>(in, under_torque).go();
+      break;
   }
   return 0;
 }

@@ -1,7 +1,8 @@
 #pragma once
-/// The whole cycle: drives made of bytes that obey, a supervisor computer, and in every tick what the input does to them:
-/// frames of any kind, silence, floods, ages, a bus that refuses, pins, commands. What leaves is read with the
-/// tests' own layouts and judged by the table of states of docs/safety.md, written out in cycle_table.hpp.
+/// The whole cycle: drives made of bytes that obey, a supervisor computer, and in every tick what the input
+/// does to them: frames of any kind, silence, floods, ages, a bus that refuses, pins, commands. What leaves
+/// is read with the tests' own layouts and judged by the table of states of docs/safety.md, written out in
+/// cycle_table.hpp.
 
 #include <algorithm>
 #include <array>
@@ -29,22 +30,26 @@ class CycleRun {
   static constexpr std::size_t joints = static_cast<std::size_t>(M::joints);
 
   explicit CycleRun(const Shape& shape)
-      : setup_(setup_of<M>(shape, P::passive_encoders)), drive_(shape.drive()), axes_(all() ? joints : 2), cycle_(config(shape)) {
+      : setup_(setup_of<M>(shape, P::passive_encoders)),
+        drive_(shape.drive()),
+        axes_(all() ? joints : 2),
+        cycle_(config(shape)) {
     for (std::size_t i = 0; i < axes_; ++i) drives_[i] = P::drive(i, shape.drive());
     angle_ = setup_.angle;
     desk_.session = cycle_.link().session();
     if (has_store(shape)) cycle_.link().store_status({.state = link::StoreState::idle});
   }
 
-  /// Enabled and under torque, as far as it lets itself and in at most so many ticks; returns how many it were. `through` the
-  /// sign test, as a machine that moves. CiA 402 drives are heard only once they were enabled, so their zero takes two attempts.
+  /// Enabled and under torque, as far as it lets itself and in at most so many ticks; returns how many it
+  /// were. `through` the sign test, as a machine that moves. CiA 402 drives are heard only once they were
+  /// enabled, so their zero takes two attempts.
   int start(int most, bool through) {
     moves_ = through;
     int i = 0;
     for (; i < most && !(through ? cycle_.supervisor().running() : started()); ++i) {
       const State state = cycle_.supervisor().state();
       const bool unconfirmed = cycle_.supervisor().fault() == Fault::zero_not_confirmed;
-      command_ = state == State::disabled      ? (i % 4 == 3 ? Command::enable : Command::confirm_zero)
+      command_ = state == State::disabled ? (i % 4 == 3 ? Command::enable : Command::confirm_zero)
                  : state == State::fault && unconfirmed ? Command::reset
                                                         : Command::none;
       if (cycle_.link().active()) push(desk_.order(Desk::none));  // the computer is there
@@ -71,27 +76,33 @@ class CycleRun {
  private:
   static constexpr int steps_max = 60, ticks_max = 1100;
 
-  // ---- configuration -----------------------------------------------------------------------------------------------
+  // ---- configuration
+  // -----------------------------------------------------------------------------------------------
 
   [[nodiscard]] bool all() const {
     return setup_.controller.motors == Motors::all || setup_.controller.sensors == Sensors::all;
   }
-  [[nodiscard]] bool at_effector() const { return setup_.controller.reference.space == ReferenceSpace::effector; }
+  [[nodiscard]] bool at_effector() const {
+    return setup_.controller.reference.space == ReferenceSpace::effector;
+  }
   typename Cycle<M, Axis>::Config config(const Shape& shape) const {
     typename Cycle<M, Axis>::Config c;
     c.controller = setup_.controller;
     for (std::size_t i = 0; i < axes_; ++i) c.axes[i] = P::axis(i, shape.drive());
     c.line = P::line();
     c.axis_count = static_cast<int>(axes_);
-    for (std::size_t j = 0; j < joints; ++j) c.zero_pose[static_cast<int>(j)] = static_cast<S>(setup_.angle[j]);
+    for (std::size_t j = 0; j < joints; ++j)
+      c.zero_pose[static_cast<int>(j)] = static_cast<S>(setup_.angle[j]);
     turn_cycle(c, shape, at_effector());
     if constexpr (requires { P::kind(0U).old; }) {
-      if (P::kind(shape.drive()).old) c.torque_mismatch = {};  // it does not say its torque, and the host refuses that
+      if (P::kind(shape.drive()).old)
+        c.torque_mismatch = {};  // it does not say its torque, and the host refuses that
     }
     return c;
   }
 
-  // ---- what comes in -----------------------------------------------------------------------------------------------
+  // ---- what comes in
+  // -----------------------------------------------------------------------------------------------
 
   [[nodiscard]] std::size_t joint_of(std::size_t axis) const { return axis * (joints / axes_); }
   /// What only the controller may send to one of its drives.
@@ -107,9 +118,11 @@ class CycleRun {
     last_ = f;
     bus_.waiting.push_back(f);
   }
-  /// An order that may count: sealed with the session that the controller has when it comes. Its age and counter: the target `link`.
+  /// An order that may count: sealed with the session that the controller has when it comes. Its age and
+  /// counter: the target `link`.
   void order(const hal::CanFrame& f, unsigned session) {
-    const bool enables = f.data[2] == Desk::arm && !ordered_enable_, resets = f.data[2] == Desk::reset && !ordered_reset_;
+    const bool enables = f.data[2] == Desk::arm && !ordered_enable_,
+               resets = f.data[2] == Desk::reset && !ordered_reset_;
     if (!(enables || resets) || f.id != link_base || f.size != 8 || f.fd || f.remote || f.extended) return;
     if (desk_.seal(f, session).data[0] != f.data[0]) return;
     (enables ? ordered_enable_ : ordered_reset_) = true;
@@ -121,16 +134,22 @@ class CycleRun {
       const auto& m = P::mountings[i];
       const double shaft = m.direction * m.gear;
       heard_of_[i] = true;
-      drives_[i].speak((angle_[joint_of(i)] - m.offset) * shaft, rate_[joint_of(i)] * shaft, (without & 4U) == 0,
-                       [&](const hal::CanFrame& f) { push(f); });
+      drives_[i].speak((angle_[joint_of(i)] - m.offset) * shaft, rate_[joint_of(i)] * shaft,
+                       (without & 4U) == 0, [&](const hal::CanFrame& f) { push(f); });
     }
   }
   void inject(Bytes& in) {
     heard_of_.fill(true);  // it may be of anybody
     switch (in.below(16)) {
-      case 0: push(in.frame()); break;
-      case 1: push(P::addressed(in)); break;
-      case 2: push(in.frame(link_base + in.below(32))); break;
+      case 0:
+        push(in.frame());
+        break;
+      case 1:
+        push(P::addressed(in));
+        break;
+      case 2:
+        push(in.frame(link_base + in.below(32)));
+        break;
       case 3: {
         hal::CanFrame f = in.frame(link_base + in.below(6));
         const unsigned message = f.id - link_base;
@@ -163,24 +182,36 @@ class CycleRun {
         for (unsigned n = many == 255 ? 70'000 : many * 8; n > 0; --n) push(f);
         break;
       }
-      case 8: push(desk_.set_gain(in.below(16), in.yes() ? in.f32() : static_cast<float>(in.u8()))); break;
-      case 9: push(desk_.ask(in.below(4), in.below(16))); break;
+      case 8:
+        push(desk_.set_gain(in.below(16), in.yes() ? in.f32() : static_cast<float>(in.u8())));
+        break;
+      case 9:
+        push(desk_.ask(in.below(4), in.below(16)));
+        break;
       case 10: {  // near where it is, and slow
-        const auto of = [&](double v) { return static_cast<int>(std::lround(v * 1e6)) + static_cast<std::int8_t>(in.u8()) * 256; };
+        const auto of = [&](double v) {
+          return static_cast<int>(std::lround(v * 1e6)) + static_cast<std::int8_t>(in.u8()) * 256;
+        };
         const int x = of(near_[0]), y = of(near_[1]), v = static_cast<std::int8_t>(in.u8()) * 64;
         push(desk_.pair(in.yes() ? Desk::point : Desk::position, x, y, space()));
         push(desk_.pair(Desk::velocity, v, -v, in.below(8) == 7 ? 1 - space() : space()));
         break;
       }
-      case 11: push(desk_.pair(1 + in.below(3), in.u16(), in.u16(), in.below(4))); break;
+      case 11:
+        push(desk_.pair(1 + in.below(3), in.u16(), in.u16(), in.below(4)));
+        break;
       case 12: {
         hal::CanFrame f = desk_.order(in.below(12));
         f.data[4] = static_cast<std::uint8_t>(f.data[4] - in.u8());  // as old as that
         push(desk_.seal(f, desk_.session));
         break;
       }
-      case 13: push(last_); break;
-      default: drives_[in.below(static_cast<unsigned>(axes_))].tamper(in); break;
+      case 13:
+        push(last_);
+        break;
+      default:
+        drives_[in.below(static_cast<unsigned>(axes_))].tamper(in);
+        break;
     }
   }
   [[nodiscard]] unsigned space() const { return at_effector() ? 0U : 1U; }
@@ -200,10 +231,18 @@ class CycleRun {
   }
   void disturb(Bytes& in) {
     switch (in.below(16)) {
-      case 0: bus_.status = static_cast<hal::SendStatus>(in.below(4)); break;
-      case 1: bus_.age_us = in.u32(); break;
-      case 2: cycle_.enable_input(closed_ = in.yes()); break;
-      case 3: cycle_.ask_again(); break;
+      case 0:
+        bus_.status = static_cast<hal::SendStatus>(in.below(4));
+        break;
+      case 1:
+        bus_.age_us = in.u32();
+        break;
+      case 2:
+        cycle_.enable_input(closed_ = in.yes());
+        break;
+      case 3:
+        cycle_.ask_again();
+        break;
       case 4:
         if (!in.yes()) {
           cycle_.tick_late();
@@ -211,7 +250,9 @@ class CycleRun {
         }
         cycle_.request(bus_);
         break;
-      case 5: in.yes() ? cycle_.receive(bus_) : void(yields_ = static_cast<std::int8_t>(in.u8()) * 0.02); break;
+      case 5:
+        in.yes() ? cycle_.receive(bus_) : void(yields_ = static_cast<std::int8_t>(in.u8()) * 0.02);
+        break;
       case 6:
         if (!bus_.unread().empty()) impostor_ = false;  // it may never have been heard
         bus_ = {};
@@ -219,7 +260,9 @@ class CycleRun {
         angle_ = setup_.angle;
         cycle_.enable_input(closed_ = true);
         break;
-      case 7: obey_ = in.yes(); break;
+      case 7:
+        obey_ = in.yes();
+        break;
       case 8: {
         const unsigned without = in.below(8);
         for (unsigned n = in.u8(); n > 0 && ticks_ < ticks_max; --n) {
@@ -228,12 +271,24 @@ class CycleRun {
         }
         break;
       }
-      case 9: store(in); break;
-      case 10: stand(in); break;
-      case 11: follows_ = static_cast<std::int8_t>(in.u8()) * 0.02; break;
-      case 12: bus_.room = in.below(32); break;
-      case 13: moves_ = in.yes(); break;
-      case 14: bus_.age_us = in.u8() * 1000U; break;
+      case 9:
+        store(in);
+        break;
+      case 10:
+        stand(in);
+        break;
+      case 11:
+        follows_ = static_cast<std::int8_t>(in.u8()) * 0.02;
+        break;
+      case 12:
+        bus_.room = in.below(32);
+        break;
+      case 13:
+        moves_ = in.yes();
+        break;
+      case 14:
+        bus_.age_us = in.u8() * 1000U;
+        break;
       default:
         cycle_.receive(bus_);
         cycle_.request(bus_);
@@ -250,7 +305,8 @@ class CycleRun {
   /// At rest in another pose that closes.
   void stand(Bytes& in) {
     rate_ = {};
-    const double x = static_cast<std::int8_t>(in.u8()) * 2.5e-3, y = static_cast<std::int8_t>(in.u8()) * 2.2e-3;
+    const double x = static_cast<std::int8_t>(in.u8()) * 2.5e-3,
+                 y = static_cast<std::int8_t>(in.u8()) * 2.2e-3;
     if constexpr (joints == 4) {
       const unsigned modes = in.u8();
       const auto there = test::five_bar_angles(x, y, (modes & 1U) != 0 ? -1 : 1, (modes & 2U) != 0 ? -1 : 1);
@@ -260,7 +316,8 @@ class CycleRun {
     }
   }
 
-  // ---- a tick, and what must be true of it ---------------------------------------------------------------------------
+  // ---- a tick, and what must be true of it
+  // ---------------------------------------------------------------------------
 
   void end(bool answer) {
     const State before = cycle_.supervisor().state();
@@ -272,17 +329,21 @@ class CycleRun {
     asked_enable_ = ordered_enable_ || command_ == Command::enable;
     asked_reset_ = ordered_reset_ || command_ == Command::reset;
     command_ = Command::none;
-    for (const auto& f : bus_.tried) require(P::read(f, axes_, drive_).kind == Said::Kind::asking, "between ticks samples are asked for, and no more");
+    for (const auto& f : bus_.tried)
+      require(P::read(f, axes_, drive_).kind == Said::Kind::asking,
+              "between ticks samples are asked for, and no more");
     if (refused_off()) refused_off_ = true;
     bus_.clear();
     const TickResult<M> r = cycle_.tick(bus_, answer);
     ++ticks_;
     give(r);
     for (std::size_t i = 0; i < 2; ++i) {
-      near_[i] = at_effector() ? static_cast<double>(r.effector[static_cast<int>(i)]) : angle_[i * joints / 2];
+      near_[i] =
+          at_effector() ? static_cast<double>(r.effector[static_cast<int>(i)]) : angle_[i * joints / 2];
       if (!(std::fabs(near_[i]) < 8)) near_[i] = 0;
     }
-    require(drive_enable_before == (before != State::disabled && before != State::fault), "drive_enable as the table has it");
+    require(drive_enable_before == (before != State::disabled && before != State::fault),
+            "drive_enable as the table has it");
     judge(r, before, fault_before, answer);
     for (const auto& f : bus_.sent) {
       desk_.hear(f);
@@ -298,7 +359,9 @@ class CycleRun {
     bus_.clear();
   }
 
-  [[nodiscard]] bool refused_off() const { return bus_.sent.size() != bus_.tried.size() && bus_.status == hal::SendStatus::bus_off; }
+  [[nodiscard]] bool refused_off() const {
+    return bus_.sent.size() != bus_.tried.size() && bus_.status == hal::SendStatus::bus_off;
+  }
 
   /// Joints move as the machine would; or they give way to a torque, or turn against it.
   void give(const TickResult<M>& r) {
@@ -327,12 +390,16 @@ class CycleRun {
     if (!allowed) std::fprintf(stderr, "%s -> %s (%s)\n", name(before), name(r.state), name(r.fault));
     require(allowed, "a transition that the table has");
     if (r.state == State::fault) require(r.fault != Fault::none, "a fault has a name");
-    if (before == State::fault && r.state == State::fault) require(r.fault == fault_before, "the first fault keeps its name");
-    if (before == State::fault && !asked_reset_) require(r.state == State::fault, "a fault stays until the operator's reset");
-    if (fault_before != Fault::none && r.fault == Fault::none) require(asked_reset_ && r.state == State::disabled, "faults are cleared by reset only");
-    require(cycle_.good(), "every tick is a good one, or memory is broken");
+    if (before == State::fault && r.state == State::fault)
+      require(r.fault == fault_before, "the first fault keeps its name");
+    if (before == State::fault && !asked_reset_)
+      require(r.state == State::fault, "a fault stays until the operator's reset");
+    if (fault_before != Fault::none && r.fault == Fault::none)
+      require(asked_reset_ && r.state == State::disabled, "faults are cleared by reset only");
+    require(cycle_.output_ok(), "every tick is a good one, or memory is broken");
     require(cycle_.release_brake() == has_torque(r.state), "the brake is open under torque only");
-    require(cycle_.drive_enable() == (r.state != State::disabled && r.state != State::fault), "drive_enable as the table has it");
+    require(cycle_.drive_enable() == (r.state != State::disabled && r.state != State::fault),
+            "drive_enable as the table has it");
     if (!has_torque(r.state)) require(r.torque.isZero(0), "no torque in this state");
     if (!cycle_.heard()) require(!has_torque(r.state), "no torque for drives that nobody has heard");
 
@@ -346,7 +413,8 @@ class CycleRun {
       quiet_of_[i] = heard_of_[i] || !bus_.waiting.empty() ? 0 : quiet_of_[i] + 1;
       heard_of_[i] = false;
       const bool senses = axes_ == 2 || setup_.controller.sensors == Sensors::all || i % 2 == 0;
-      if (senses && quiet_of_[i] > 2) require(!has_torque(r.state), "no torque without the samples of each encoder");
+      if (senses && quiet_of_[i] > 2)
+        require(!has_torque(r.state), "no torque without the samples of each encoder");
     }
     frames(r, answer);
   }
@@ -361,22 +429,30 @@ class CycleRun {
         continue;
       }
       const Said said = P::read(f, axes_, drive_);
-      if (said.enables) require(r.state == State::enabling || has_torque(r.state), "no word that enables in any other state");
+      if (said.enables)
+        require(r.state == State::enabling || has_torque(r.state), "no word that enables in any other state");
       switch (said.kind) {
-        case Said::Kind::torque: torque(r, said, ++torques[said.axis]); break;
-        case Said::Kind::enabling: require(r.state == State::enabling, "drives are enabled while enabling only"); break;
-        case Said::Kind::releasing: require(!has_torque(r.state), "drives are not released under torque"); break;
+        case Said::Kind::torque:
+          torque(r, said, ++torques[said.axis]);
+          break;
+        case Said::Kind::enabling:
+          require(r.state == State::enabling, "drives are enabled while enabling only");
+          break;
+        case Said::Kind::releasing:
+          require(!has_torque(r.state), "drives are not released under torque");
+          break;
         case Said::Kind::alive:
           require(r.state != State::fault, "a controller with a fault keeps no drive alive");
           require(called_, "nor does one that has never called it");
           break;
         case Said::Kind::asking:
-        case Said::Kind::unknown: require(false, "a frame that the controller does not send");
+        case Said::Kind::unknown:
+          require(false, "a frame that the controller does not send");
       }
     }
     for (std::size_t i = 0; i < axes_; ++i) {
       const std::size_t motor = motor_of(i);
-      const bool muted = cycle_.axis(static_cast<int>(i)).muted();
+      const bool muted = cycle_.axis(static_cast<int>(i)).tx_suspended();
       require(!muted || !has_torque(r.state), "nobody is starved under torque");
       require(torques[i] == (answer && motor < 4 && !muted ? 1 : 0), "one torque command for each motor");
     }
@@ -391,14 +467,17 @@ class CycleRun {
     require(count == 1 && motor_of(said.axis) < 4, "one torque command for each motor");
     const auto& m = P::mountings[said.axis];
     const auto joint = static_cast<int>(joint_of(said.axis));
-    const double told = said.shaft * m.direction * m.gear, step = P::step(drive_) * m.gear, range = P::torque_most(drive_) * m.gear;
+    const double told = said.shaft * m.direction * m.gear, step = P::step(drive_) * m.gear,
+                 range = P::torque_most(drive_) * m.gear;
     const auto most = static_cast<double>(setup_.controller.torque_limit[joint]);
     const double meant = std::clamp(static_cast<double>(r.torque[joint]), -range, range);
     require(std::isfinite(told), "a torque is a number");
-    require(std::fabs(told) <= (has_torque(r.state) ? most * (1 + P::slack) : 0) + step, "a torque within its limit, none where none may be");
+    require(std::fabs(told) <= (has_torque(r.state) ? most * (1 + P::slack) : 0) + step,
+            "a torque within its limit, none where none may be");
     if (step == 0 && !has_torque(r.state)) require(said.shaft == 0, "no torque is zero");
     constexpr double nothing = 1e-30;  // N m: what a float rounds coarsely
-    require(std::fabs(told - meant) <= P::slack * std::fabs(meant) + step + nothing, "the torque of the log is that of the frame");
+    require(std::fabs(told - meant) <= P::slack * std::fabs(meant) + step + nothing,
+            "the torque of the log is that of the frame");
   }
 
   test::Setup<M> setup_;

@@ -19,7 +19,8 @@ struct Cia402 {
   static constexpr unsigned master = 100;
   static constexpr double velocity_unit = 0.01;
 
-  /// N m per LSB of the rated torque: of a large drive, of one that is too small for what is asked of it, of a plausible one.
+  /// N m per LSB of the rated torque: of a large drive, of one that is too small for what is asked of it, of
+  /// a plausible one.
   static double unit(unsigned choice) {
     constexpr std::array<double, 3> units{1e-3, 1e-6, 1e3};
     return choice < fuzz::Shape::fixed ? units[0] : units[choice % 3];
@@ -30,7 +31,9 @@ struct Cia402 {
   static double torque_most(unsigned choice) { return thousandth(choice) * 32767; }
 
   /// Of the shaft; one is enough for an angle that is anywhere.
-  static unsigned counts(unsigned choice) { return choice >= fuzz::Shape::fixed && choice / 12 % 4 == 3 ? 1 : 65536; }
+  static unsigned counts(unsigned choice) {
+    return choice >= fuzz::Shape::fixed && choice / 12 % 4 == 3 ? 1 : 65536;
+  }
 
   static Axis axis(std::size_t i, unsigned choice) {
     constexpr std::array<std::uint32_t, 4> periods{1000, 250, 1234, 3'000'000'000};
@@ -47,7 +50,9 @@ struct Cia402 {
     s.retry_ticks = 12;
     s.sdo_ticks = 3;
     s.period_us = periods[choice < fuzz::Shape::fixed ? choice % 2 : choice / 3 % 4];
-    return {{m.node, static_cast<float>(m.direction), static_cast<float>(m.gear), static_cast<float>(m.offset)}, s};
+    return {
+        {m.node, static_cast<float>(m.direction), static_cast<float>(m.gear), static_cast<float>(m.offset)},
+        s};
   }
   static Axis::Line line() { return {master, 4}; }
 
@@ -73,36 +78,60 @@ struct Cia402 {
     void defect(fuzz::Bytes& in, Push&& push) {
       const unsigned node = slave.node;
       switch (in.below(8)) {
-        case 0: slave.status = in.u16(); break;
-        case 1: slave.mode = in.u8(); break;
-        case 2: slave.state = in.yes() ? 0x7F : in.u8(); break;
-        case 3: push(test::emergency_of(node, in.u16())); break;
-        case 4: push(test::report_of(node, in.u16(), static_cast<std::int32_t>(in.u32()), static_cast<std::int16_t>(in.u16()))); break;
-        case 5: push(test::motion_of(node, static_cast<std::int32_t>(in.u32()), in.u8())); break;
-        case 6: slave.obeys = in.yes(); break;
-        default: push(in.frame(0x580 + node)); break;
+        case 0:
+          slave.status = in.u16();
+          break;
+        case 1:
+          slave.mode = in.u8();
+          break;
+        case 2:
+          slave.state = in.yes() ? 0x7F : in.u8();
+          break;
+        case 3:
+          push(test::emergency_of(node, in.u16()));
+          break;
+        case 4:
+          push(test::report_of(node, in.u16(), static_cast<std::int32_t>(in.u32()),
+                               static_cast<std::int16_t>(in.u16())));
+          break;
+        case 5:
+          push(test::motion_of(node, static_cast<std::int32_t>(in.u32()), in.u8()));
+          break;
+        case 6:
+          slave.obeys = in.yes();
+          break;
+        default:
+          push(in.frame(0x580 + node));
+          break;
       }
     }
-    /// What it says of its objects from now on. The rated torque is the scale of all torques: of what would be believed, the
-    /// right one only, so that torques can be read from frames.
+    /// What it says of its objects from now on. The rated torque is the scale of all torques: of what would
+    /// be believed, the right one only, so that torques can be read from frames.
     void tamper(fuzz::Bytes& in) {
       const auto& object = drive::cia402::setup[in.below(drive::cia402::setup.size())].object;
       const std::uint32_t entry = test::entry(object.index, object.sub);
       const bool scale = object == drive::cia402::rated_torque;
       switch (in.below(6)) {
-        case 0: slave.says[entry] = !scale ? in.u32() : in.yes() ? in.u32() | 0x10000U : in.below(256); break;
+        case 0:
+          slave.says[entry] = !scale ? in.u32() : in.yes() ? in.u32() | 0x10000U : in.below(256);
+          break;
         case 1: {
           constexpr std::array<std::uint32_t, 2> none{0x0602'0000, 0x0609'0011};  // object, sub-index
           slave.aborts[entry] = in.yes() ? none[in.below(2)] : in.u32();
           break;
         }
         case 2: {
-          constexpr std::array<int, 5> values{0x42, 0x43, 0x47, 0x4B, 0x4F};  // without its size, of four bytes to one
+          constexpr std::array<int, 5> values{0x42, 0x43, 0x47, 0x4B,
+                                              0x4F};  // without its size, of four bytes to one
           slave.command[entry] = in.yes() ? values[in.below(5)] : scale ? 0x80 : in.u8();
           break;
         }
-        case 3: slave.silent.insert(entry); break;
-        case 4: slave.torque = static_cast<std::int16_t>(in.u16()); break;
+        case 3:
+          slave.silent.insert(entry);
+          break;
+        case 4:
+          slave.torque = static_cast<std::int16_t>(in.u16());
+          break;
         default:
           slave.says.clear();
           slave.aborts.clear();
@@ -129,7 +158,8 @@ struct Cia402 {
   }
   static Said read(const CanFrame& f, std::size_t axes, unsigned choice) {
     Said s;
-    const bool sync = f.id == 0x080 && f.size == 0, heartbeat = f.id == 0x700 + master && f.size == 1 && f.data[0] == 5;
+    const bool sync = f.id == 0x080 && f.size == 0,
+               heartbeat = f.id == 0x700 + master && f.size == 1 && f.data[0] == 5;
     if (sync || heartbeat) {
       s.kind = sync ? Said::Kind::asking : Said::Kind::alive;
       return s;

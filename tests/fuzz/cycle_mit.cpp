@@ -16,7 +16,9 @@ struct Mit {
       {{1, 1.0, 1.0, 0.125}, {2, -1.0, 3.0, -0.25}, {3, -1.0, 0.5, 0.5}, {4, 1.0, 2.0, 0.0}}};
   /// N m at the shaft: of a drive like a human hand, and of one that is too small for what is asked of it.
   static double torque_most(unsigned choice) { return free(choice) && choice / 12 % 2 != 0 ? 0.1 : 18.0; }
-  static double step(unsigned choice) { return torque_most(choice) / 4095 * 1.001; }  ///< half a code, and zero is none
+  static double step(unsigned choice) {
+    return torque_most(choice) / 4095 * 1.001;
+  }  ///< half a code, and zero is none
   static bool free(unsigned choice) { return choice >= fuzz::Shape::fixed; }
   static constexpr double slack = 1e-6;  ///< of a torque: floats
   static constexpr bool passive_encoders = false;
@@ -29,7 +31,9 @@ struct Mit {
     s.master_id = static_cast<std::uint16_t>(choice % 4 == 3 ? m.node : master);
     s.retry_ticks = free(choice) && choice / 24 % 2 != 0 ? 3 : 8;
     s.ranges.torque = static_cast<float>(torque_most(choice));
-    return {{m.node, static_cast<float>(m.direction), static_cast<float>(m.gear), static_cast<float>(m.offset)}, s};
+    return {
+        {m.node, static_cast<float>(m.direction), static_cast<float>(m.gear), static_cast<float>(m.offset)},
+        s};
   }
   static Axis::Line line() { return {}; }
 
@@ -49,7 +53,8 @@ struct Mit {
     }
     [[nodiscard]] CanFrame reply(unsigned p, unsigned v, unsigned t, unsigned e) const {
       const unsigned state = e != 0 ? e : (on ? 1U : 0U);
-      CanFrame f = test::mit_reply(id, dialect == 2 ? node + state % 16 * 16 : node, p, v, t, dialect == 0 ? 6 : 8);
+      CanFrame f =
+          test::mit_reply(id, dialect == 2 ? node + state % 16 * 16 : node, p, v, t, dialect == 0 ? 6 : 8);
       if (dialect == 1) f.data[7] = static_cast<std::uint8_t>(e);
       return f;
     }
@@ -58,23 +63,38 @@ struct Mit {
       asked = true;
       if (test::is_special(f, 0xFC)) on = true;
       if (test::is_special(f, 0xFD)) on = false;
-      if (test::mit_number(f, 0, 2) == 0x8000) torque = static_cast<unsigned>(test::mit_number(f, 6, 2) % 4096);
+      if (test::mit_number(f, 0, 2) == 0x8000)
+        torque = static_cast<unsigned>(test::mit_number(f, 6, 2) % 4096);
     }
     template <class Push>
     void defect(fuzz::Bytes& in, Push&& push) {
       switch (in.below(4)) {
-        case 0: error = in.u8(); break;
-        case 1: on = in.yes(); break;
-        case 2: push(reply(in.u16(), in.u16() & 0xFFFU, in.u16() & 0xFFFU, in.u8())); break;
-        default: push(in.frame(id)); break;
+        case 0:
+          error = in.u8();
+          break;
+        case 1:
+          on = in.yes();
+          break;
+        case 2:
+          push(reply(in.u16(), in.u16() & 0xFFFU, in.u16() & 0xFFFU, in.u8()));
+          break;
+        default:
+          push(in.frame(id));
+          break;
       }
     }
     /// Of what it is.
     void tamper(fuzz::Bytes& in) {
       switch (in.below(3)) {
-        case 0: asked = in.yes(); break;  // a command is lost, or another one has come
-        case 1: dialect = in.below(3); break;
-        default: torque = in.u16() & 0xFFFU; break;
+        case 0:
+          asked = in.yes();
+          break;  // a command is lost, or another one has come
+        case 1:
+          dialect = in.below(3);
+          break;
+        default:
+          torque = in.u16() & 0xFFFU;
+          break;
       }
     }
   };
@@ -102,9 +122,11 @@ struct Mit {
       s.kind = Said::Kind::enabling;
     } else if (test::is_special(f, 0xFD)) {
       s.kind = Said::Kind::releasing;
-    } else if (test::mit_number(f, 0, 2) == 0x8000 && test::mit_number(f, 2, 4) / 256 == 0x800000 && test::mit_number(f, 5, 2) / 16 == 0) {
+    } else if (test::mit_number(f, 0, 2) == 0x8000 && test::mit_number(f, 2, 4) / 256 == 0x800000 &&
+               test::mit_number(f, 5, 2) / 16 == 0) {
       s.kind = Said::Kind::torque;
-      s.shaft = (2.0 * static_cast<double>(test::mit_number(f, 6, 2) % 4096) - 4095) / 4095 * torque_most(choice);
+      s.shaft =
+          (2.0 * static_cast<double>(test::mit_number(f, 6, 2) % 4096) - 4095) / 4095 * torque_most(choice);
     }
     return s;
   }

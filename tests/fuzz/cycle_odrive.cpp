@@ -15,7 +15,7 @@ struct Odrive {
   static constexpr auto& mountings = test::mountings;
   static double step(unsigned) { return 0; }  ///< N m: torques are floats
   static double torque_most(unsigned) { return std::numeric_limits<double>::infinity(); }
-  static constexpr double slack = 1e-6;  ///< of a torque: floats
+  static constexpr double slack = 1e-6;           ///< of a torque: floats
   static constexpr bool passive_encoders = true;  ///< a drive without a motor says its angle
 
   /// What is asked of a drive before it is armed, and how it is watched.
@@ -25,7 +25,8 @@ struct Odrive {
     std::uint32_t retry_ticks = 8;
   };
   static Kind kind(unsigned choice) {
-    if (choice < fuzz::Shape::fixed) return {choice % 4 == 1, choice == 4, choice == 3, choice == 3 ? 1U : 0U, 8};
+    if (choice < fuzz::Shape::fixed)
+      return {choice % 4 == 1, choice == 4, choice == 3, choice == 3 ? 1U : 0U, 8};
     fuzz::Dial d(choice - fuzz::Shape::fixed);
     Kind k;
     k.old = d.turn(2) != 0;
@@ -40,12 +41,15 @@ struct Odrive {
     const auto& m = mountings[i];
     const Kind k = kind(choice);
     drive::OdriveTable table;
-    table.checks = {{{77, ValueType::f32, 0.5F, 1.5F}, {78, ValueType::u8, 3.0F, 3.0F}, {79, ValueType::u32, 5.0F, 7.0F}}};
+    table.checks = {{{77, ValueType::f32, 0.5F, 1.5F},
+                     {78, ValueType::u8, 3.0F, 3.0F},
+                     {79, ValueType::u32, 5.0F, 7.0F}}};
     table.count = static_cast<std::uint8_t>(k.checks);
     table.check_version = k.version;
     table.firmware = {0, 6, 10};
-    Axis a({m.node, static_cast<float>(m.direction), static_cast<float>(m.gear), static_cast<float>(m.offset)},
-           k.old ? Axis::Version::v0_5_6 : Axis::Version::v0_6, k.retry_ticks, table);
+    Axis a(
+        {m.node, static_cast<float>(m.direction), static_cast<float>(m.gear), static_cast<float>(m.offset)},
+        k.old ? Axis::Version::v0_5_6 : Axis::Version::v0_6, k.retry_ticks, table);
     if (k.proves) a.prove_watchdog(6);
     a.restarts_within(k.proves ? 3 : k.retry_ticks);
     return a;
@@ -59,9 +63,9 @@ struct Odrive {
     std::uint32_t error = 0, watchdog = 0;
     unsigned fed = 0;
     std::vector<CanFrame> answers;
-    bool mute = false, dumb = false;          ///< no answers; not a word of its torque
+    bool mute = false, dumb = false;               ///< no answers; not a word of its torque
     std::uint32_t version = 0x000A0600, flip = 0;  ///< what is wrong with a value
-    std::uint32_t beside = 0;  ///< and with the endpoint
+    std::uint32_t beside = 0;                      ///< and with the endpoint
     std::uint8_t size = 8;
     float told = 0, clipped = 0;  ///< N m at the shaft
     bool fd = false, remote = false;
@@ -82,7 +86,8 @@ struct Odrive {
         push(test::heartbeat(node, state, error));
         if (!dumb) push(test::torques(node, told, told + clipped));
       }
-      push(test::encoder(node, static_cast<float>(angle / test::turn), static_cast<float>(rate / test::turn)));
+      push(
+          test::encoder(node, static_cast<float>(angle / test::turn), static_cast<float>(rate / test::turn)));
     }
     void hear(const CanFrame& f) {
       if (test::node_of(f) != node) return;
@@ -91,7 +96,9 @@ struct Odrive {
           state = static_cast<std::uint8_t>(test::word(f, 0));
           fed = 0;
           break;
-        case test::cmd_clear_errors: error = 0; break;
+        case test::cmd_clear_errors:
+          error = 0;
+          break;
         case test::cmd_torque:
           fed = 0;
           told = test::real(f, 0);
@@ -101,11 +108,15 @@ struct Odrive {
           break;
         case 4: {
           const std::uint32_t endpoint = f.data[1] + 256U * f.data[2];
-          const std::uint32_t value = endpoint == 77 ? std::bit_cast<std::uint32_t>(1.0F) : endpoint == 78 ? 3U : 6U;
-          if (!mute) answers.push_back(test::message(node, 5, (endpoint ^ beside) * 256U, value ^ flip, size));
+          const std::uint32_t value = endpoint == 77   ? std::bit_cast<std::uint32_t>(1.0F)
+                                      : endpoint == 78 ? 3U
+                                                       : 6U;
+          if (!mute)
+            answers.push_back(test::message(node, 5, (endpoint ^ beside) * 256U, value ^ flip, size));
           break;
         }
-        default: break;
+        default:
+          break;
       }
     }
     /// Of what it answers, and of what it is.
@@ -117,7 +128,9 @@ struct Odrive {
           dumb = (b & 6U) == 6U;
           break;
         }
-        case 1: version = in.u32(); break;
+        case 1:
+          version = in.u32();
+          break;
         case 2:
           flip = in.u32();
           clipped = std::bit_cast<float>(flip);
@@ -127,18 +140,32 @@ struct Odrive {
           fd = in.yes();
           remote = in.yes();
           break;
-        case 4: beside = in.below(4); break;
-        default: watchdog = in.yes() ? in.u32() : 0U; break;
+        case 4:
+          beside = in.below(4);
+          break;
+        default:
+          watchdog = in.yes() ? in.u32() : 0U;
+          break;
       }
     }
     template <class Push>
     void defect(fuzz::Bytes& in, Push&& push) {
       switch (in.below(5)) {
-        case 0: state = in.u8(); break;
-        case 1: error = in.u32(); break;
-        case 2: push(test::encoder(node, in.f32(), in.f32())); break;
-        case 3: push(test::message(node, 2, 0, 0, 0)); break;
-        default: push(test::heartbeat(node, in.u8(), in.u32())); break;
+        case 0:
+          state = in.u8();
+          break;
+        case 1:
+          error = in.u32();
+          break;
+        case 2:
+          push(test::encoder(node, in.f32(), in.f32()));
+          break;
+        case 3:
+          push(test::message(node, 2, 0, 0, 0));
+          break;
+        default:
+          push(test::heartbeat(node, in.u8(), in.u32()));
+          break;
       }
     }
   };
@@ -156,7 +183,8 @@ struct Odrive {
     return in.frame(mountings[what / 64].node * 32U + what % 32);
   }
   static bool is_torque_command(const CanFrame& f, std::size_t axis, unsigned) {
-    return test::node_of(f) == mountings[axis].node && test::command_of(f) == test::cmd_torque && !f.extended && !f.remote;
+    return test::node_of(f) == mountings[axis].node && test::command_of(f) == test::cmd_torque &&
+           !f.extended && !f.remote;
   }
   static Said read(const CanFrame& f, std::size_t axes, unsigned) {
     Said s;
@@ -167,12 +195,17 @@ struct Odrive {
         s.kind = f.size == 8 ? Said::Kind::torque : Said::Kind::unknown;
         s.shaft = static_cast<double>(test::real(f, 0));
         break;
-      case test::cmd_axis_state: s.kind = test::word(f, 0) == 8 ? Said::Kind::enabling : Said::Kind::releasing; break;
+      case test::cmd_axis_state:
+        s.kind = test::word(f, 0) == 8 ? Said::Kind::enabling : Said::Kind::releasing;
+        break;
       case test::cmd_mode:
       case test::cmd_clear_errors:
       case 0:
-      case 4: s.kind = Said::Kind::enabling; break;
-      default: break;
+      case 4:
+        s.kind = Said::Kind::enabling;
+        break;
+      default:
+        break;
     }
     return s;
   }

@@ -1,6 +1,6 @@
 #pragma once
-/// How a fuzzed cycle is configured: twelve fixed shapes, each with something that the others have not, or any combination of
-/// what a controller can be told, by dials that the input turns.
+/// How a fuzzed cycle is configured: twelve fixed shapes, each with something that the others have not, or
+/// any combination of what a controller can be told, by dials that the input turns.
 
 #include <array>
 #include <compare>
@@ -36,7 +36,7 @@ class Dial {
 
 struct Shape {
   static constexpr unsigned fixed = 12;
-  unsigned choice = 0;                ///< < fixed: one of the fixed ones
+  unsigned choice = 0;                 ///< < fixed: one of the fixed ones
   std::array<std::uint8_t, 8> dial{};  ///< else
 
   /// From the input; fixed ones take no more of it.
@@ -57,13 +57,15 @@ struct Shape {
 template <class S>
 PathSegment<S> segment(std::uint32_t start, const Vec2<S>& from, S far) {
   const Vec2<S> still = Vec2<S>::Zero();
-  return {start, S(0), Quintic<S>::between({from, still, still}, {from + Vec2<S>(S(0), far), still, still}, S(0.04F))};
+  return {start, S(0),
+          Quintic<S>::between({from, still, still}, {from + Vec2<S>(S(0), far), still, still}, S(0.04F))};
 }
 /// Up and down on a straight line, from where the machine's own reference has its centre.
 template <class M, class S = typename M::Scalar>
 std::span<const PathSegment<S>> up_and_down(std::uint32_t start) {
   static const Vec2<S> centre = test::setup<M>().controller.reference.centre;
-  static const std::array<PathSegment<S>, 2> now{segment(0, centre, S(0.02F)), segment(40, centre, S(-0.02F))},
+  static const std::array<PathSegment<S>, 2> now{segment(0, centre, S(0.02F)),
+                                                 segment(40, centre, S(-0.02F))},
       later{segment(20, centre, S(0.02F)), segment(50, centre, S(-0.02F))};
   return start == 0 ? now : later;
 }
@@ -105,7 +107,8 @@ test::Setup<M> fixed_shape(unsigned choice, bool passive_encoders) {
   return s;
 }
 
-// ---- by dials ------------------------------------------------------------------------------------------------------
+// ---- by dials
+// ------------------------------------------------------------------------------------------------------
 
 template <class M>
 void turn_law(ControllerConfig<M>& c, Dial d) {
@@ -129,7 +132,8 @@ void turn_law(ControllerConfig<M>& c, Dial d) {
     case 4:
       for (int i = 0; i < M::channels; ++i) g.k[i] = S(i % 3) * S(100);
       break;
-    default: break;
+    default:
+      break;
   }
 }
 template <class M>
@@ -148,7 +152,8 @@ void turn_parts(ControllerConfig<M>& c, Dial d) {
   c.lag_ticks = S(lags[d.turn(3)]);
 }
 template <class M>
-void turn_reference(ControllerConfig<M>& c, const std::array<double, static_cast<std::size_t>(M::joints)>& angle, Dial d) {
+void turn_reference(ControllerConfig<M>& c,
+                    const std::array<double, static_cast<std::size_t>(M::joints)>& angle, Dial d) {
   using S = typename M::Scalar;
   auto& r = c.reference;
   const unsigned kind = d.turn(8);
@@ -182,7 +187,8 @@ void turn_stages(ControllerConfig<M>& c, Dial d, bool passive_encoders) {
   c.halt_ticks = d.turn(2) != 0 ? 3 : 0;
   c.after_halt = static_cast<AfterHalt>(d.turn(3));
   c.lower_ticks = d.turn(2) != 0 ? 4 : 0;
-  const unsigned places = d.turn(4);  // motors, encoders: base and base, all and base, all and all, base and all
+  const unsigned places =
+      d.turn(4);  // motors, encoders: base and base, all and base, all and all, base and all
   if (M::joints == 4 && places != 0) {
     if (places != 3 || !passive_encoders) c.motors = Motors::all;
     if (places != 1) c.sensors = Sensors::all;
@@ -195,17 +201,29 @@ void turn_limits(ControllerConfig<M>& c, Dial d, Dial more) {
   using S = typename M::Scalar;
   constexpr S most = std::numeric_limits<S>::max();
   switch (d.turn(6)) {
-    case 1: c.torque_limit.setZero(); break;
-    case 2: c.torque_limit.setConstant(most); break;
-    case 3: c.torque_limit.setConstant(S(1e-3F)); break;
-    case 4: c.torque_limit[0] = S(0); break;
-    case 5: c.torque_limit *= S(20); break;
-    default: break;
+    case 1:
+      c.torque_limit.setZero();
+      break;
+    case 2:
+      c.torque_limit.setConstant(most);
+      break;
+    case 3:
+      c.torque_limit.setConstant(S(1e-3F));
+      break;
+    case 4:
+      c.torque_limit[0] = S(0);
+      break;
+    case 5:
+      c.torque_limit *= S(20);
+      break;
+    default:
+      break;
   }
   constexpr std::array<S, 3> speeds{S(0), most, S(0.5F)};
   if (const S speed = speeds[d.turn(3)]; speed > S(0)) {
     c.limits.joint_speed = speed;
-    c.limits.join_acceleration = speed;  // the same number: a dial of its own would change what kept inputs say
+    c.limits.join_acceleration =
+        speed;  // the same number: a dial of its own would change what kept inputs say
   }
   if (d.turn(2) != 0) c.limits.joint_angle = {};
   if (d.turn(2) != 0) c.limits.workspace_x = c.limits.workspace_y = {};
@@ -237,7 +255,8 @@ test::Setup<M> setup_of(const Shape& shape, bool passive_encoders) {
   return s;
 }
 
-// ---- the cycle around the controller ---------------------------------------------------------------------------------
+// ---- the cycle around the controller
+// ---------------------------------------------------------------------------------
 
 inline constexpr unsigned link_base = 0x780;
 
@@ -254,8 +273,9 @@ inline link::LinkConfig link_config(unsigned choice, bool at_effector) {
   c.source = choice % 2 == 0 ? link::Source::stream : link::Source::reference;
   c.space = at_effector ? link::Space::effector : link::Space::base_joints;
   c.position = {Bounds{-3.0F, 3.0F}, Bounds{-3.0F, 3.0F}};
-  c.parameters = link::Parameters({20, 20, 8, 8, 1e-3F, 2, 2, 50, 1.0F, 10.0F, 3, choice == 4 ? 20.0F : 0.0F},
-                                  {Bounds{1, 80}, Bounds{1, 80}, Bounds{0, 200}, choice >= Shape::fixed ? Bounds{8, 8} : Bounds{0, 200}});
+  c.parameters = link::Parameters(
+      {20, 20, 8, 8, 1e-3F, 2, 2, 50, 1.0F, 10.0F, 3, choice == 4 ? 20.0F : 0.0F},
+      {Bounds{1, 80}, Bounds{1, 80}, Bounds{0, 200}, choice >= Shape::fixed ? Bounds{8, 8} : Bounds{0, 200}});
   return c;
 }
 

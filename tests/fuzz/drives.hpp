@@ -1,6 +1,6 @@
 #pragma once
-/// An emulated drive on the desk, whatever its protocol: its shaft, what it is told and what it says. Which frames concern it, which
-/// form its own have and what follows for torque is for each protocol to say.
+/// An emulated drive on the desk, whatever its protocol: its shaft, what it is told and what it says. Which
+/// frames concern it, which form its own have and what follows for torque is for each protocol to say.
 
 #include <algorithm>
 #include <cmath>
@@ -28,22 +28,37 @@ class DriveRun {
     settled(shaft_.angle);
     while (!in_.empty() && periods_ < periods_max) {
       switch (in_.below(8)) {
-        case 0: pass(); break;
-        case 1: hear(in_.frame()); break;
-        case 2: hear(ours()); break;
-        case 3: hear(changed(ours())); break;
+        case 0:
+          pass();
+          break;
+        case 1:
+          hear(in_.frame());
+          break;
+        case 2:
+          hear(ours());
+          break;
+        case 3:
+          hear(changed(ours()));
+          break;
         case 4:
           for (unsigned n = in_.below(64); n > 0; --n) pass();
           break;
-        case 5: arm(in_.u8()); break;
-        case 6: move(); break;
-        default: hear(in_.yes() ? last_ : changed(last_)); break;
+        case 5:
+          arm(in_.u8());
+          break;
+        case 6:
+          move();
+          break;
+        default:
+          hear(in_.yes() ? last_ : changed(last_));
+          break;
       }
     }
   }
 
  protected:
-  // ---- what a protocol says ------------------------------------------------------------------------------------------
+  // ---- what a protocol says
+  // ------------------------------------------------------------------------------------------
 
   /// A frame as a controller sends it to this drive.
   virtual hal::CanFrame ours() = 0;
@@ -59,12 +74,15 @@ class DriveRun {
   /// N m at the shaft that it cannot exceed.
   [[nodiscard]] virtual double most() const = 0;
 
-  // ---- the desk ------------------------------------------------------------------------------------------------------
+  // ---- the desk
+  // ------------------------------------------------------------------------------------------------------
 
   /// How it is mounted, and what its sensor does wrong.
   void mount(int node) {
     const unsigned how = in_.u8();
-    mount_ = {.node = node, .direction = (how & 1U) != 0 ? -1.0 : 1.0, .gear_ratio = (how & 2U) != 0 ? 2.0 : 1.0,
+    mount_ = {.node = node,
+              .direction = (how & 1U) != 0 ? -1.0 : 1.0,
+              .gear_ratio = (how & 2U) != 0 ? 2.0 : 1.0,
               .offset = (how & 4U) != 0 ? 0.25 : 0.0};
     if ((how & 8U) != 0) sensor_.encoder = host::Encoder{.bits = 12};
     if ((how & 16U) != 0) sensor_.delay = host::SensorDelay{.ticks = 2};
@@ -87,7 +105,8 @@ class DriveRun {
       heard(f);
     }
     // A torn frame is nothing that a controller sends: where it acts, that is the defect.
-    if (axis_->joint_torque() != before && axis_->joint_torque() != 0.0) require(commanded || takes_torn_, "torque comes of commands");
+    if (axis_->joint_torque() != before && axis_->joint_torque() != 0.0)
+      require(commanded || takes_torn_, "torque comes of commands");
     hold();
   }
   void pass() {
@@ -115,7 +134,8 @@ class DriveRun {
   host::EmulatedAxis::Send sink() {
     sent_.clear();
     return [this](const hal::CanFrame& f) {
-      require(hal::well_formed(f) && !f.extended && !f.remote && !f.fd && !f.bit_rate_switch, "classic frames with 11 bits");
+      require(hal::well_formed(f) && !f.extended && !f.remote && !f.fd && !f.bit_rate_switch,
+              "classic frames with 11 bits");
       said(f);
       sent_.push_back(f);
     };
@@ -137,12 +157,24 @@ class DriveRun {
   }
   hal::CanFrame changed(hal::CanFrame f) {
     switch (in_.below(6)) {
-      case 0: f.size = static_cast<std::uint8_t>(in_.below(9)); break;
-      case 1: f.id ^= 1U << in_.below(11); break;
-      case 2: f.extended = true; break;
-      case 3: f.remote = true; break;
-      case 4: f.fd = true; break;
-      default: f.data[in_.below(8)] = in_.u8(); break;
+      case 0:
+        f.size = static_cast<std::uint8_t>(in_.below(9));
+        break;
+      case 1:
+        f.id ^= 1U << in_.below(11);
+        break;
+      case 2:
+        f.extended = true;
+        break;
+      case 3:
+        f.remote = true;
+        break;
+      case 4:
+        f.fd = true;
+        break;
+      default:
+        f.data[in_.below(8)] = in_.u8();
+        break;
     }
     return f;
   }

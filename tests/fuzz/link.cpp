@@ -1,5 +1,5 @@
-/// The command interface: frames of any kind, sealed or not, between any states of the supervisor, on a bus that takes
-/// frames or not. Checksums and layouts are those of tests/support, not of the firmware.
+/// The command interface: frames of any kind, sealed or not, between any states of the supervisor, on a bus
+/// that takes frames or not. Checksums and layouts are those of tests/support, not of the firmware.
 
 #include <array>
 #include <cmath>
@@ -54,15 +54,21 @@ link::LinkConfig config(unsigned choice) {
   c.source = (choice & 8U) != 0 ? link::Source::stream : link::Source::reference;
   c.space = (choice & 16U) != 0 ? link::Space::base_joints : link::Space::effector;
   c.position = {Bounds{-0.3F, 0.3F}, Bounds{0.0F, 0.3F}};
-  c.parameters = link::Parameters({40, 40, 150, 300, 1e-3F, 2, 2, 50, 1.0F, 10.0F, 3, (choice & 32U) != 0 ? 4.0F : 0.0F},
-                                  {Bounds{10, 80}, Bounds{10, 80}, Bounds{0, 200}, Bounds{0, 0}});
+  c.parameters =
+      link::Parameters({40, 40, 150, 300, 1e-3F, 2, 2, 50, 1.0F, 10.0F, 3, (choice & 32U) != 0 ? 4.0F : 0.0F},
+                       {Bounds{10, 80}, Bounds{10, 80}, Bounds{0, 200}, Bounds{0, 0}});
   return c;
 }
 
 class Run {
  public:
   explicit Run(fuzz::Bytes& in)
-      : in_(in), choice_(in.u8()), config_(config(choice_)), has_store_((choice_ & 64U) != 0), link_(config_), supervisor_(supervision(in)) {
+      : in_(in),
+        choice_(in.u8()),
+        config_(config(choice_)),
+        has_store_((choice_ & 64U) != 0),
+        link_(config_),
+        supervisor_(supervision(in)) {
     desk_.base = base;
     desk_.session = config_.session;
     if (has_store_) link_.store_status({.state = store_});
@@ -78,25 +84,49 @@ class Run {
   [[nodiscard]] Supervisor::Config supervision(fuzz::Bytes& in) const {
     if (!more()) return {.can_halt = true, .after_halt = AfterHalt::hold, .sign_test = false};
     const unsigned how = in.u8();
-    return {.can_halt = (how & 1U) != 0, .after_halt = static_cast<AfterHalt>(how / 2 % 3), .sign_test = how / 6 % 2 != 0};
+    return {.can_halt = (how & 1U) != 0,
+            .after_halt = static_cast<AfterHalt>(how / 2 % 3),
+            .sign_test = how / 6 % 2 != 0};
   }
 
   void step() {
     switch (in_.below(10)) {
-      case 0: end(); begin(); break;
-      case 1: receive(in_.frame()); break;
-      case 2: receive(in_.frame(base + in_.below(32))); break;
-      case 3: sealed(in_.frame(base + in_.below(7)), in_.u8()); break;
-      case 4: receive(order(in_.below(12))); break;
-      case 5: point(); break;
-      case 6: sample(); break;
-      case 7: write(in_.below(16), in_.yes() ? in_.f32() : static_cast<float>(in_.u8())); break;
-      case 8: receive(last_); break;
-      default: arm(); break;
+      case 0:
+        end();
+        begin();
+        break;
+      case 1:
+        receive(in_.frame());
+        break;
+      case 2:
+        receive(in_.frame(base + in_.below(32)));
+        break;
+      case 3:
+        sealed(in_.frame(base + in_.below(7)), in_.u8());
+        break;
+      case 4:
+        receive(order(in_.below(12)));
+        break;
+      case 5:
+        point();
+        break;
+      case 6:
+        sample();
+        break;
+      case 7:
+        write(in_.below(16), in_.yes() ? in_.f32() : static_cast<float>(in_.u8()));
+        break;
+      case 8:
+        receive(last_);
+        break;
+      default:
+        arm();
+        break;
     }
   }
 
-  // ---- what a supervisor computer sends ---------------------------------------------------------------------------
+  // ---- what a supervisor computer sends
+  // ---------------------------------------------------------------------------
 
   static CanFrame seal(CanFrame f, unsigned session) {
     f.data[0] = seal_of(f, session);
@@ -126,11 +156,13 @@ class Run {
     return seal(f, desk_.session);
   }
   CanFrame order(unsigned what) {
-    return made(Desk::command, what | (std::uint64_t{desk_.tick & 0xFFFF} << 16) | (std::uint64_t{desk_.crc32 & 0xFFFF} << 32));
+    return made(Desk::command, what | (std::uint64_t{desk_.tick & 0xFFFF} << 16) |
+                                   (std::uint64_t{desk_.crc32 & 0xFFFF} << 32));
   }
   CanFrame pair(unsigned message, int a, int b, bool elsewhere = false) {
     const auto u24 = [](int v) { return static_cast<std::uint64_t>(static_cast<unsigned>(v) & 0xFFFFFFU); };
-    return made(message, u24(a) | (u24(b) << 24), static_cast<unsigned>(config_.space) ^ (elsewhere ? 1U : 0U));
+    return made(message, u24(a) | (u24(b) << 24),
+                static_cast<unsigned>(config_.space) ^ (elsewhere ? 1U : 0U));
   }
   void point() {
     const auto x = static_cast<std::int16_t>(in_.u16()), y = static_cast<std::int16_t>(in_.u16());
@@ -158,7 +190,8 @@ class Run {
     }
   }
 
-  // ---- the link ---------------------------------------------------------------------------------------------------
+  // ---- the link
+  // ---------------------------------------------------------------------------------------------------
 
   void receive(const CanFrame& f) {
     last_ = f;
@@ -167,23 +200,28 @@ class Run {
     const Outcome o = link_.receive(f);
     const auto& after = link_.counters();
     const bool in_block = !f.extended && f.id >= base && f.id < base + 32;
-    require((o == Outcome::not_mine) == (!in_block || (f.remote && f.id >= base + 16)), "what is in our block is ours");
+    require((o == Outcome::not_mine) == (!in_block || (f.remote && f.id >= base + 16)),
+            "what is in our block is ours");
     if (!in_block) return;
     if (f.id >= base + 16) {
-      require(f.remote || o == Outcome::impostor, "only we send these");
+      require(f.remote || o == Outcome::foreign_command, "only we send these");
       return;
     }
-    const unsigned counted = after.obeyed + after.bad_crc + after.bad_counter + after.refused - before.obeyed -
-                             before.bad_crc - before.bad_counter - before.refused;
+    const unsigned counted = after.obeyed + after.bad_crc + after.bad_counter + after.refused -
+                             before.obeyed - before.bad_crc - before.bad_counter - before.refused;
     require(counted == 1, "every frame is counted once");
     const bool plain = f.size == 8 && !f.remote && !f.fd && f.id < base + 6;
     require(plain || o == Outcome::malformed, "classic data frames of eight bytes");
     if (!plain) return;
     const bool ours = f.data[0] == seal_of(f, session_), anybody = f.data[0] == seal_of(f, 0);
-    const bool takes_away = f.id == base && f.data[1] < 16 && (f.data[2] == Desk::disarm || f.data[2] == Desk::off) && f.data[3] == 0;
-    if (!ours && !(anybody && f.id == base)) require(o == Outcome::bad_crc, "the checksum is that of this session");
-    if (!ours && o == Outcome::obeyed) require(anybody && takes_away, "without the session: only what takes torque away");
-    if ((ours || anybody) && takes_away) require(o == Outcome::obeyed, "what takes torque away is always obeyed");
+    const bool takes_away = f.id == base && f.data[1] < 16 &&
+                            (f.data[2] == Desk::disarm || f.data[2] == Desk::off) && f.data[3] == 0;
+    if (!ours && !(anybody && f.id == base))
+      require(o == Outcome::bad_crc, "the checksum is that of this session");
+    if (!ours && o == Outcome::obeyed)
+      require(anybody && takes_away, "without the session: only what takes torque away");
+    if ((ours || anybody) && takes_away)
+      require(o == Outcome::obeyed, "what takes torque away is always obeyed");
     const unsigned which = f.id - base, count = f.data[1] & 15U;
     if (ours) {
       const unsigned ahead = (count - heard_[which]) & 15U;
@@ -193,31 +231,40 @@ class Run {
     }
     if (o == Outcome::obeyed) obeyed(f);
     const bool forgets = f.id == base + Desk::command && f.data[2] == Desk::forget;
-    if (o != Outcome::obeyed || (f.id != base + Desk::write && !forgets)) require(values() == parameters, "parameters are written by an obeyed write");
+    if (o != Outcome::obeyed || (f.id != base + Desk::write && !forgets))
+      require(values() == parameters, "parameters are written by an obeyed write");
   }
   void obeyed(const CanFrame& f) {
     if (f.id == base + Desk::command) {
       if (f.data[2] == Desk::off) stopped_ = true;
-      if (f.data[2] == Desk::arm) require(supervisor_.state() == State::disabled, "armed while disabled only");
-      if (f.data[2] == Desk::arm || f.data[2] == Desk::store) require(test::Desk::word(f, 6, 2) == (link_.parameters().crc() & 0xFFFFU), "armed and stored with a known table");
+      if (f.data[2] == Desk::arm)
+        require(supervisor_.state() == State::disabled, "armed while disabled only");
+      if (f.data[2] == Desk::arm || f.data[2] == Desk::store)
+        require(test::Desk::word(f, 6, 2) == (link_.parameters().crc() & 0xFFFFU),
+                "armed and stored with a known table");
       const bool keeps = f.data[2] == Desk::store || f.data[2] == Desk::forget;
-      if (keeps) require(has_store_ && supervisor_.state() == State::disabled, "stored while disabled only, where there is a store");
+      if (keeps)
+        require(has_store_ && supervisor_.state() == State::disabled,
+                "stored while disabled only, where there is a store");
       if (keeps || f.data[2] == Desk::arm) require(storing_ == 0, "one thing at a time");
-      if (f.data[2] == Desk::forget) require(link_.parameters().values() == config_.parameters.values(), "baked values");
+      if (f.data[2] == Desk::forget)
+        require(link_.parameters().values() == config_.parameters.values(), "baked values");
       if (keeps) storing_ = 3;
     }
     if (f.id == base + Desk::write) {
       require(supervisor_.state() == State::disabled && f.data[2] < 3, "gains are written while disabled");
       require(storing_ == 0, "what is being stored is not changed");
       const float v = test::Desk::real(f, 4);
-      require(v >= (f.data[2] < 2 ? 10.0F : 0.0F) && v <= (f.data[2] < 2 ? 80.0F : 200.0F), "gains stay within their bounds");
+      require(v >= (f.data[2] < 2 ? 10.0F : 0.0F) && v <= (f.data[2] < 2 ? 80.0F : 200.0F),
+              "gains stay within their bounds");
       require(link_.parameters().at(f.data[2]) == v, "an obeyed write is written");
     }
   }
   /// Bit patterns of all parameters.
   [[nodiscard]] std::array<std::uint32_t, link::parameter_count> values() const {
     std::array<std::uint32_t, link::parameter_count> v{};
-    for (std::uint8_t i = 0; i < link::parameter_count; ++i) v[i] = std::bit_cast<std::uint32_t>(link_.parameters().at(i));
+    for (std::uint8_t i = 0; i < link::parameter_count; ++i)
+      v[i] = std::bit_cast<std::uint32_t>(link_.parameters().at(i));
     return v;
   }
 
@@ -231,14 +278,17 @@ class Run {
     if (stopped_) require(r.command == Command::stop, "off is not softened");
     for (unsigned i = 0; i < 2; ++i) {
       if (!r.has_point && !r.has_sample) break;
-      require(r.position[i] >= config_.position[i].lower && r.position[i] <= config_.position[i].upper, "positions within bounds");
+      require(r.position[i] >= config_.position[i].lower && r.position[i] <= config_.position[i].upper,
+              "positions within bounds");
       if (r.has_sample) require(std::fabs(r.velocity[i]) <= 1.0F, "speeds within bounds");
     }
     require(int{r.has_point} + int{r.has_sample} + int{r.hold} <= 1, "one motion at a time");
-    if (r.has_point || r.has_sample || r.hold) require(supervisor_.state() == State::running, "guided while running only");
+    if (r.has_point || r.has_sample || r.hold)
+      require(supervisor_.state() == State::running, "guided while running only");
     const link::StoreWish wish = link_.take_store_wish();
     require(wish == link::StoreWish::none || storing_ == 3, "nothing is stored that nobody asked for");
-    if (storing_ > 0 && --storing_ == 0) store_ = (choice_ & 1U) != 0 ? link::StoreState::stored : link::StoreState::failed;
+    if (storing_ > 0 && --storing_ == 0)
+      store_ = (choice_ & 1U) != 0 ? link::StoreState::stored : link::StoreState::failed;
     if (has_store_ && storing_ == 0) link_.store_status({.state = store_});
     const unsigned drives = in_.u8();
     supervisor_.begin_tick(r.command, {(drives & 1U) == 0, (drives & 2U) == 0}, (drives & 4U) != 0);
@@ -249,7 +299,9 @@ class Run {
     }
     link::Report report;
     report.joints = static_cast<std::uint8_t>(drives % 5);
-    const unsigned room = (drives & 8U) == 0 ? 99 : more() ? in_.below(8) : 0;  // so many frames the bus takes
+    const unsigned room = (drives & 8U) == 0 ? 99
+                          : more()           ? in_.below(8)
+                                             : 0;  // so many frames the bus takes
     unsigned frames = 0;
     link_.transmit(supervisor_, report, [&](const CanFrame& f) {
       told(f);
@@ -261,13 +313,17 @@ class Run {
     if (desk_.heard.size() > 16) desk_.heard.clear();
   }
   void told(const CanFrame& f) const {
-    require(hal::well_formed(f) && !f.extended && !f.remote && !f.fd && f.size == 8, "classic frames of eight bytes");
+    require(hal::well_formed(f) && !f.extended && !f.remote && !f.fd && f.size == 8,
+            "classic frames of eight bytes");
     require(f.id >= base + 0x10 && f.id <= base + 0x1D, "telemetry");
     if (f.id != base + Desk::status) return;
     require(f.data[7] != 0 && f.data[0] == seal_of(f, f.data[7]), "Status has a session and a checksum");
-    require(f.data[1] / 16 == static_cast<unsigned>(supervisor_.state()) && f.data[2] == static_cast<unsigned>(supervisor_.fault()),
+    require(f.data[1] / 16 == static_cast<unsigned>(supervisor_.state()) &&
+                f.data[2] == static_cast<unsigned>(supervisor_.fault()),
             "Status says what is");
-    const unsigned reaction = supervisor_.fault() == Fault::none ? 0 : supervisor_.state() == State::fault ? 1 : 2;
+    const unsigned reaction = supervisor_.fault() == Fault::none    ? 0
+                              : supervisor_.state() == State::fault ? 1
+                                                                    : 2;
     require((f.data[3] & 3U) == reaction, "Status says what was done");
   }
 

@@ -25,7 +25,9 @@ class Run {
     settings_.dialect = static_cast<Dialect>(choice % 3);
     settings_.master_id = (choice & 4U) != 0 ? 5 : 0x7E;
     settings_.retry_ticks = 6;
-    config_ = {.node = 5, .direction = (choice & 8U) != 0 ? -1.0F : 1.0F, .gear_ratio = (choice & 16U) != 0 ? 9.0F : 1.0F,
+    config_ = {.node = 5,
+               .direction = (choice & 8U) != 0 ? -1.0F : 1.0F,
+               .gear_ratio = (choice & 16U) != 0 ? 9.0F : 1.0F,
                .offset = -0.5F};
     axis_ = MitAxis(config_, settings_);
   }
@@ -39,14 +41,30 @@ class Run {
  private:
   void step() {
     switch (in_.below(9)) {
-      case 0: tick(); break;
-      case 1: hear(in_.frame()); break;
-      case 2: hear(in_.frame(settings_.master_id)); break;
-      case 3: hear(reply(in_.u16(), in_.u16() & 0xFFFU, in_.u16() & 0xFFFU, in_.u8())); break;
-      case 4: enable(in_.below(8) != 7); break;
-      case 5: disable(in_.below(8) != 7); break;
-      case 6: torque(in_.f64()); break;
-      case 7: axis_.ask_again(); break;
+      case 0:
+        tick();
+        break;
+      case 1:
+        hear(in_.frame());
+        break;
+      case 2:
+        hear(in_.frame(settings_.master_id));
+        break;
+      case 3:
+        hear(reply(in_.u16(), in_.u16() & 0xFFFU, in_.u16() & 0xFFFU, in_.u8()));
+        break;
+      case 4:
+        enable(in_.below(8) != 7);
+        break;
+      case 5:
+        disable(in_.below(8) != 7);
+        break;
+      case 6:
+        torque(in_.f64());
+        break;
+      case 7:
+        axis_.ask_again();
+        break;
       default:
         tick();
         hear(reply(0x8000, 0x800, 0x800, settings_.dialect == Dialect::damiao && asked_ == 0xFC ? 1 : 0));
@@ -74,18 +92,22 @@ class Run {
     if (r != Received::accepted) {
       require(before.is(axis_), "no side effect unless accepted");
       const bool ours = !f.extended && !f.remote && f.id == 5;
-      require((r == Received::impostor) == ours, "what comes on the node and is no reply is a command of somebody");
+      require((r == Received::foreign_command) == ours,
+              "what comes on the node and is no reply is a command of somebody");
       return;
     }
-    const bool long_enough = settings_.dialect == Dialect::mini_cheetah ? f.size >= 5 && f.size <= 7 : f.size == 8;
-    require(!f.extended && !f.remote && !f.fd && f.id == settings_.master_id && long_enough, "a reply of this dialect");
+    const bool long_enough =
+        settings_.dialect == Dialect::mini_cheetah ? f.size >= 5 && f.size <= 7 : f.size == 8;
+    require(!f.extended && !f.remote && !f.fd && f.id == settings_.master_id && long_enough,
+            "a reply of this dialect");
     const unsigned mask = settings_.dialect == Dialect::damiao ? 15 : 255;
     require((f.data[0] & mask) == 5, "a reply of this drive");
     const auto decoded = drive::mit::decode_reply(f, settings_.dialect);
     require(decoded.has_value(), "an accepted reply is read");
     CanFrame again = drive::mit::encode_reply(f.id, 5, *decoded, settings_.dialect, f.size);
     if (settings_.dialect == Dialect::cubemars) again.data[6] = f.data[6];  // temperatures, supply voltage
-    if (settings_.dialect == Dialect::damiao) std::copy(f.data.begin() + 6, f.data.begin() + 8, again.data.begin() + 6);
+    if (settings_.dialect == Dialect::damiao)
+      std::copy(f.data.begin() + 6, f.data.begin() + 8, again.data.begin() + 6);
     if (f.size == 7) again.data[6] = f.data[6];
     require(fuzz::same_bytes(again, f, f.size), "a reply is written as it is read");
     take(f);
@@ -109,7 +131,8 @@ class Run {
     }
     const auto s = axis_.sample<double>();
     const double per = static_cast<double>(config_.direction) / static_cast<double>(config_.gear_ratio);
-    require(std::fabs(s.angle + 0.5 - (2.0 * p - 65535) / 65535 * 12.5 * per) < 1e-5, "angle in the model's units");
+    require(std::fabs(s.angle + 0.5 - (2.0 * p - 65535) / 65535 * 12.5 * per) < 1e-5,
+            "angle in the model's units");
     require(std::fabs(s.rate - (2.0 * v - 4095) / 4095 * 50 * per) < 1e-5, "rate in the model's units");
   }
 
@@ -145,11 +168,13 @@ class Run {
   void torque(double joint) {
     const CanFrame f = test::torque_frame(axis_, joint);
     require(f.id == 5 && f.size == 8 && !f.extended && !f.remote && !f.fd, "a command of this drive");
-    require(test::mit_number(f, 0, 2) == 0x8000 && test::mit_number(f, 2, 4) / 256 == 0x800000, "no position, no speed, no gains");
+    require(test::mit_number(f, 0, 2) == 0x8000 && test::mit_number(f, 2, 4) / 256 == 0x800000,
+            "no position, no speed, no gains");
     require(test::mit_number(f, 5, 2) / 16 == 0, "no damping");
     const unsigned code = static_cast<unsigned>(test::mit_number(f, 6, 2) % 4096);
     const double told = (2.0 * code - 4095) / 4095 * 18, step = 18.0 / 4095;
-    const double shaft = joint * static_cast<double>(config_.direction) / static_cast<double>(config_.gear_ratio);
+    const double shaft =
+        joint * static_cast<double>(config_.direction) / static_cast<double>(config_.gear_ratio);
     const double wanted = std::fabs(shaft) < 9999 ? std::fmin(std::fmax(shaft, -18.0), 18.0) : 0;
     if (!(std::fabs(shaft) >= 9999 && std::fabs(shaft) <= 10001)) {
       require(std::fabs(told - wanted) <= step * 1.001, "the torque that was meant, or none");
@@ -160,7 +185,8 @@ class Run {
     require(axis_.sample_age_ticks() == age_.value_or(drive::age_max), "age of the sample");
     require(axis_.error() == error_, "errors as reported");
     if (lost_) require((axis_.error_code() & MitAxis::position_lost) != 0, "a lost position stays lost");
-    if (axis_.ready()) require(asked_ == 0xFC && replies_ >= 2 && !error_, "ready: asked for, two replies without error");
+    if (axis_.ready())
+      require(asked_ == 0xFC && replies_ >= 2 && !error_, "ready: asked for, two replies without error");
     if (axis_.idle()) require(asked_ == 0xFD && replies_ >= 2, "idle: asked for, two replies");
   }
 

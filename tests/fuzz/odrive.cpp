@@ -1,5 +1,5 @@
-/// ODrive: codec, read-back and axis under received frames of any kind, in any order of calls, on a bus that takes
-/// frames or not. The model beside it counts what was said and asked, byte by byte.
+/// ODrive: codec, read-back and axis under received frames of any kind, in any order of calls, on a bus that
+/// takes frames or not. The model beside it counts what was said and asked, byte by byte.
 
 #include <array>
 #include <cmath>
@@ -58,17 +58,39 @@ class Run {
  private:
   void step() {
     switch (in_.below(12)) {
-      case 0: tick(); break;
-      case 1: hear(in_.frame()); break;
-      case 2: hear(in_.frame(config_.node * 32U + in_.below(32))); break;
-      case 3: hear(test::heartbeat(config_.node, in_.yes() ? 8 : in_.u8(), in_.yes() ? in_.u32() : 0)); break;
-      case 4: hear(test::encoder(config_.node, in_.f32(), in_.f32())); break;
-      case 5: enable(); break;
-      case 6: disable(); break;
-      case 7: acknowledge(); break;
-      case 8: axis_.ask_again(); break;
-      case 9: answer(); break;
-      case 10: torque(in_.f64()); break;
+      case 0:
+        tick();
+        break;
+      case 1:
+        hear(in_.frame());
+        break;
+      case 2:
+        hear(in_.frame(config_.node * 32U + in_.below(32)));
+        break;
+      case 3:
+        hear(test::heartbeat(config_.node, in_.yes() ? 8 : in_.u8(), in_.yes() ? in_.u32() : 0));
+        break;
+      case 4:
+        hear(test::encoder(config_.node, in_.f32(), in_.f32()));
+        break;
+      case 5:
+        enable();
+        break;
+      case 6:
+        disable();
+        break;
+      case 7:
+        acknowledge();
+        break;
+      case 8:
+        axis_.ask_again();
+        break;
+      case 9:
+        answer();
+        break;
+      case 10:
+        torque(in_.f64());
+        break;
       default:
         tick();
         hear(test::heartbeat(config_.node, asked_state_));
@@ -99,7 +121,7 @@ class Run {
     const bool for_all = newer_ && to == 0x3F;
     const bool command = test::is_command(message, newer_) && !(newer_ && f.remote);
     if (!f.extended && command && (to == config_.node || for_all)) {
-      require(r == Received::impostor, "only we command this axis");
+      require(r == Received::foreign_command, "only we command this axis");
       return;
     }
     if (!f.extended && for_all && message == 4) return;  // a write to everybody, or a question
@@ -128,10 +150,12 @@ class Run {
   void take_heartbeat(const CanFrame& f) {
     const auto h = drive::odrive::decode_heartbeat(
         f, newer_ ? drive::odrive::Version::v0_6 : drive::odrive::Version::v0_5_6);
-    require(h.has_value() && h->axis_error == test::word(f, 0) && static_cast<std::uint8_t>(h->axis_state) == f.data[4],
+    require(h.has_value() && h->axis_error == test::word(f, 0) &&
+                static_cast<std::uint8_t>(h->axis_state) == f.data[4],
             "a heartbeat is read as it is written");
-    require(fuzz::same_bytes(drive::odrive::encode_heartbeat(config_.node, h->axis_error, h->axis_state), f, 5),
-            "a heartbeat is written as it is read");
+    require(
+        fuzz::same_bytes(drive::odrive::encode_heartbeat(config_.node, h->axis_error, h->axis_state), f, 5),
+        "a heartbeat is written as it is read");
     error_ = test::word(f, 0) != 0 || (!newer_ && (f.data[5] != 0 || f.data[6] != 0 || f.data[7] % 128 != 0));
     state_ = f.data[4];
     heartbeat_age_ = 0;
@@ -153,19 +177,22 @@ class Run {
   void take_sample(const CanFrame& f) {
     const auto e = drive::odrive::decode_encoder_estimates(f);
     require(e.has_value(), "a sample is read");
-    const CanFrame again = drive::odrive::encode_encoder_estimates(config_.node, e->position_rev, e->velocity_rev_s);
+    const CanFrame again =
+        drive::odrive::encode_encoder_estimates(config_.node, e->position_rev, e->velocity_rev_s);
     require(again.id == f.id && again.size == f.size && fuzz::same_bytes(again, f, 8),
             "a sample is written as it is read");
     const bool zero = e->position_rev == 0.0F && e->velocity_rev_s == 0.0F;
     require(!axis_.encoder_unconnected() || (!newer_ && zero), "only zeros of 0.5.6 are no sample");
-    require(newer_ || !zero || ever_connected_ || axis_.encoder_unconnected(), "zeros before the first closed loop are no sample");
+    require(newer_ || !zero || ever_connected_ || axis_.encoder_unconnected(),
+            "zeros before the first closed loop are no sample");
     require(newer_ || !zero || !away_ || axis_.encoder_unconnected(), "nor are zeros from a distance");
     away_ = std::fabs(e->position_rev) > 1e-3F;
     ever_connected_ = ever_connected_ || !zero;
     if (axis_.encoder_unconnected()) return;
     sample_age_ = 0;
     const auto s = axis_.sample<double>();
-    const double per_rev = 2 * M_PI * static_cast<double>(config_.direction) / static_cast<double>(config_.gear_ratio);
+    const double per_rev =
+        2 * M_PI * static_cast<double>(config_.direction) / static_cast<double>(config_.gear_ratio);
     same(s.angle, static_cast<double>(test::real(f, 0)) * per_rev + 0.25);
     same(s.rate, static_cast<double>(test::real(f, 4)) * per_rev);
   }
@@ -174,7 +201,8 @@ class Run {
             "a sample in the model's units");
   }
 
-  // ---- read-back ------------------------------------------------------------------------------------------------
+  // ---- read-back
+  // ------------------------------------------------------------------------------------------------
 
   /// An answer to the last question: as it should be, or not.
   void answer() {
@@ -185,7 +213,9 @@ class Run {
       f.data = {2, 4, 4, 58, 0, 6, 10, 0};
     } else {
       f = test::message(config_.node, 5, endpoint_ * 0x100U, 0);
-      const std::uint32_t good = endpoint_ == endpoints[0] ? 1 : endpoint_ == endpoints[1] ? std::bit_cast<std::uint32_t>(0.05F) : 60000;
+      const std::uint32_t good = endpoint_ == endpoints[0]   ? 1
+                                 : endpoint_ == endpoints[1] ? std::bit_cast<std::uint32_t>(0.05F)
+                                                             : 60000;
       for (std::size_t i = 0; i < 4; ++i) f.data[4 + i] = static_cast<std::uint8_t>(good >> (8 * i));
     }
     if (in_.below(4) == 3) f.data[in_.below(8)] = in_.u8();
@@ -198,10 +228,13 @@ class Run {
       require(test::command_of(f) == 0, "the version was asked for");
       if (f.data[4] == 0 && f.data[5] == 6 && f.data[6] == 10) version_good_ = true;
     } else {
-      require(test::command_of(f) == 5 && f.data[1] + 256U * f.data[2] == endpoint_, "this endpoint was asked for");
+      require(test::command_of(f) == 5 && f.data[1] + 256U * f.data[2] == endpoint_,
+              "this endpoint was asked for");
       for (std::size_t i = 0; i < endpoints.size(); ++i) {
         if (endpoints[i] != endpoint_) continue;
-        const double v = i == 0 ? f.data[4] : i == 1 ? static_cast<double>(test::real(f, 4)) : test::word(f, 4);
+        const double v = i == 0   ? f.data[4]
+                         : i == 1 ? static_cast<double>(test::real(f, 4))
+                                  : test::word(f, 4);
         good_[i] = v >= static_cast<double>(lower[i]) && v <= static_cast<double>(upper[i]);
       }
     }
@@ -212,11 +245,12 @@ class Run {
     return (!check_version_ || version_good_) && good_[0] && good_[1] && good_[2];
   }
 
-  // ---- what is sent ----------------------------------------------------------------------------------------------
+  // ---- what is sent
+  // ----------------------------------------------------------------------------------------------
 
   void enable() {
     const bool takes = in_.below(8) != 7;
-    const bool silent = axis_.muted();
+    const bool silent = axis_.tx_suspended();
     axis_.enable([&](const CanFrame& f) {
       require(!silent, "nothing is sent while the watchdog is starved");
       sent(f, takes);
@@ -224,11 +258,14 @@ class Run {
     });
   }
   void sent(const CanFrame& f, bool taken) {
-    require(hal::well_formed(f) && !f.extended && !f.fd && test::node_of(f) == config_.node, "frames for this node only");
+    require(hal::well_formed(f) && !f.extended && !f.fd && test::node_of(f) == config_.node,
+            "frames for this node only");
     switch (test::command_of(f)) {
       case test::cmd_axis_state:
-        require(f.size == 8 && test::word(f, 0) == test::axis_closed_loop, "enabling asks for closed-loop control");
-        require(heartbeat_age_.has_value() && !error_, "only an axis without error is asked into closed loop");
+        require(f.size == 8 && test::word(f, 0) == test::axis_closed_loop,
+                "enabling asks for closed-loop control");
+        require(heartbeat_age_.has_value() && !error_,
+                "only an axis without error is asked into closed loop");
         require(!axis_.emergency_stopped(), "no closed loop with an emergency stop");
         require(all_read(), "no closed loop before all has been read back");
         if (taken) {
@@ -238,12 +275,18 @@ class Run {
           answered_ = false;
         }
         break;
-      case test::cmd_mode: require(test::word(f, 0) == 1 && test::word(f, 4) == 1, "torque, passed through"); break;
+      case test::cmd_mode:
+        require(test::word(f, 0) == 1 && test::word(f, 4) == 1, "torque, passed through");
+        break;
       case test::cmd_clear_errors:
-        require(error_ && *heartbeat_age_ == 0 && !stopped_, "errors are cleared in the tick of their report");
+        require(error_ && *heartbeat_age_ == 0 && !stopped_,
+                "errors are cleared in the tick of their report");
         if (taken) forgiven_ = false;
         break;
-      case 0: require(f.remote && newer_ && check_version_, "the version is asked for"); question_ = taken ? 0 : question_; break;
+      case 0:
+        require(f.remote && newer_ && check_version_, "the version is asked for");
+        question_ = taken ? 0 : question_;
+        break;
       case 4:
         require(f.size == 8 && f.data[0] == 0 && newer_ && checked_, "an endpoint is read, none is written");
         if (taken) {
@@ -251,12 +294,14 @@ class Run {
           endpoint_ = static_cast<std::uint16_t>(f.data[1] + 256U * f.data[2]);
         }
         break;
-      default: require(false, "no other frame while enabling");
+      default:
+        require(false, "no other frame while enabling");
     }
   }
   void disable() {
     axis_.disable([&](const CanFrame& f) {
-      require(test::node_of(f) == config_.node && test::command_of(f) == test::cmd_axis_state && test::word(f, 0) == test::axis_idle,
+      require(test::node_of(f) == config_.node && test::command_of(f) == test::cmd_axis_state &&
+                  test::word(f, 0) == test::axis_idle,
               "disabling asks for idle");
       return in_.yes();
     });
@@ -273,12 +318,15 @@ class Run {
   }
   void torque(double joint) {
     const CanFrame f = test::torque_frame(axis_, joint);
-    require(test::node_of(f) == config_.node && test::command_of(f) == test::cmd_torque && f.size == 8, "a torque command");
-    const double shaft = joint * static_cast<double>(config_.direction) / static_cast<double>(config_.gear_ratio);
+    require(test::node_of(f) == config_.node && test::command_of(f) == test::cmd_torque && f.size == 8,
+            "a torque command");
+    const double shaft =
+        joint * static_cast<double>(config_.direction) / static_cast<double>(config_.gear_ratio);
     const double told = static_cast<double>(test::real(f, 0));
     require(std::isfinite(told) && std::fabs(told) <= 1e4, "a torque that a motor may have");
     require(axis_.can_carry(joint) || told == 0, "no torque that cannot be carried");
-    if (std::fabs(shaft) < 9999) require(std::fabs(told - shaft) <= 1e-6 * std::fabs(shaft) + 1e-40, "the torque that was meant");
+    if (std::fabs(shaft) < 9999)
+      require(std::fabs(told - shaft) <= 1e-6 * std::fabs(shaft) + 1e-40, "the torque that was meant");
     if (!(std::fabs(shaft) < 10001)) require(told == 0, "no torque that no motor has");
   }
 
@@ -288,7 +336,8 @@ class Run {
     require(axis_.sample_age_ticks() == sample_age_.value_or(drive::age_max), "age of the sample");
     require(axis_.heartbeat_age_ticks() == heartbeat_age_.value_or(drive::age_max), "age of the heartbeat");
     if (axis_.ready()) {
-      require(confirmations_ >= 2 && state_ == test::axis_closed_loop && !error_, "ready: said twice, without error");
+      require(confirmations_ >= 2 && state_ == test::axis_closed_loop && !error_,
+              "ready: said twice, without error");
       require(asked_state_ == test::axis_closed_loop && all_read(), "ready: asked for, and read back");
       require(!axis_.encoder_unconnected(), "ready: the last report was a sample");
     }
@@ -296,10 +345,12 @@ class Run {
     require(torque.has_value() == estimate_.has_value(), "a torque in the tick that brought it");
     if (torque) {
       const float joint = *estimate_ * config_.direction * config_.gear_ratio;
-      require(*torque == joint || (std::isnan(*torque) && std::isnan(joint)), "the torque as estimated, at the joint");
+      require(*torque == joint || (std::isnan(*torque) && std::isnan(joint)),
+              "the torque as estimated, at the joint");
     }
     if (axis_.idle()) require(answered_ && state_ == test::axis_idle, "idle: said so after it was asked");
-    require(axis_.closed_loop() == (heartbeat_age_.has_value() && state_ == test::axis_closed_loop), "state as said");
+    require(axis_.closed_loop() == (heartbeat_age_.has_value() && state_ == test::axis_closed_loop),
+            "state as said");
   }
 
   fuzz::Bytes& in_;

@@ -11,8 +11,9 @@ namespace {
 
 /// Base joints 1 ms on, semi-implicit. False where that does not close.
 template <class M>
-bool step(const M& m, const typename M::Mode& mode, Vec2<typename M::Scalar>& angle, Vec2<typename M::Scalar>& rate,
-          const Vec2<typename M::Scalar>& torque, typename M::Pose& pose, typename M::Rates& rates) {
+bool step(const M& m, const typename M::Mode& mode, Vec2<typename M::Scalar>& angle,
+          Vec2<typename M::Scalar>& rate, const Vec2<typename M::Scalar>& torque, typename M::Pose& pose,
+          typename M::Rates& rates) {
   using S = typename M::Scalar;
   constexpr S h = static_cast<S>(1e-3L);
   if (!estimate_from_base(m, mode, angle, rate, pose, rates)) return false;
@@ -28,7 +29,8 @@ bool step(const M& m, const typename M::Mode& mode, Vec2<typename M::Scalar>& an
 
 }  // namespace
 
-extern "C" void move_five_bar(std::array<double, 4>& angle, std::array<double, 4>& rate, const std::array<double, 4>& torque) {
+extern "C" void move_five_bar(std::array<double, 4>& angle, std::array<double, 4>& rate,
+                              const std::array<double, 4>& torque) {
   using M = FiveBar<float>;
   static const M m = [] {
     FiveBarParams<float> p{.l0 = static_cast<float>(test::half_base), .m0 = 0.05F, .g = 9.8F, .legs = {}};
@@ -43,8 +45,9 @@ extern "C" void move_five_bar(std::array<double, 4>& angle, std::array<double, 4
   M::Rates rates;
   const M::Mode mode{{{1, 1}}, -1};
   if (!estimate_from_base(m, mode, base, turning, pose, rates)) return;
-  const Vec2<float> gathered = m.gather_on_base(
-      pose, Vec2<float>::Zero(), {{Vec2<float>(f(torque[0]), f(torque[1])), Vec2<float>(f(torque[2]), f(torque[3]))}});
+  const Vec2<float> gathered =
+      m.gather_on_base(pose, Vec2<float>::Zero(),
+                       {{Vec2<float>(f(torque[0]), f(torque[1])), Vec2<float>(f(torque[2]), f(torque[3]))}});
   if (!step(m, mode, base, turning, gathered, pose, rates)) return;
   const auto all = M::angles(pose);
   for (std::size_t i = 0; i < 4; ++i) {
@@ -53,9 +56,11 @@ extern "C" void move_five_bar(std::array<double, 4>& angle, std::array<double, 4
   }
 }
 
-extern "C" void move_rr(std::array<double, 2>& angle, std::array<double, 2>& rate, const std::array<double, 2>& torque) {
+extern "C" void move_rr(std::array<double, 2>& angle, std::array<double, 2>& rate,
+                        const std::array<double, 2>& torque) {
   using M = Rr<double>;
-  static const M m(RrParams<double>{{0.2, 0.15, 0.09, 0.07, 0.4, 0.3, 2e-3, 1e-3, 0.01, 0.01, 0.0, 0.0}, 9.8});
+  static const M m(
+      RrParams<double>{{0.2, 0.15, 0.09, 0.07, 0.4, 0.3, 2e-3, 1e-3, 0.01, 0.01, 0.0, 0.0}, 9.8});
   Vec2<double> base(angle[0], angle[1]), turning(rate[0], rate[1]);
   M::Pose pose;
   M::Rates rates;

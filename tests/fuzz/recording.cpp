@@ -1,5 +1,6 @@
-/// What is read of motions that were recorded: tables of numbers (CSV), lines of candump -L, and what a run has left in a
-/// directory, for `esmc replay`. A second reader (recording_reader.hpp) says of each what is good, and where it is not.
+/// What is read of motions that were recorded: tables of numbers (CSV), lines of candump -L, and what a run
+/// has left in a directory, for `esmc replay`. A second reader (recording_reader.hpp) says of each what is
+/// good, and where it is not.
 
 #include <array>
 #include <cctype>
@@ -13,11 +14,11 @@
 #include <string_view>
 #include <vector>
 
-#include "host_sim/record/recording.hpp"
-#include "host_sim/error.hpp"
 #include "host_sim/bus/frame_log.hpp"
 #include "host_sim/bus/recorded_bus.hpp"
+#include "host_sim/error.hpp"
 #include "host_sim/record/derivatives.hpp"
+#include "host_sim/record/recording.hpp"
 #include "host_sim/record/table.hpp"
 #include "host_sim/scene/scene.hpp"
 #include "host_sim/version.hpp"
@@ -47,11 +48,15 @@ std::optional<std::string> refusal(Act&& act) {
 
 // Tables.
 
-bool same_bits(double a, double b) { return std::bit_cast<std::uint64_t>(a) == std::bit_cast<std::uint64_t>(b); }
+bool same_bits(double a, double b) {
+  return std::bit_cast<std::uint64_t>(a) == std::bit_cast<std::uint64_t>(b);
+}
 
-/// A check of a time against its own statement: `distance(i)` of row i from where it may be, at most `slack(i)` but for rounding.
+/// A check of a time against its own statement: `distance(i)` of row i from where it may be, at most
+/// `slack(i)` but for rounding.
 template <class Check, class Distance, class Slack>
-void judge_times(const host::RecordedTable& table, Check&& check, bool certain, Distance&& distance, Slack&& slack) {
+void judge_times(const host::RecordedTable& table, Check&& check, bool certain, Distance&& distance,
+                 Slack&& slack) {
   const auto message = refusal(check);
   const std::vector<double>& t = table.columns[0];
   constexpr auto eps = static_cast<long double>(DBL_EPSILON), least = static_cast<long double>(DBL_TRUE_MIN);
@@ -60,7 +65,8 @@ void judge_times(const host::RecordedTable& table, Check&& check, bool certain, 
   for (std::size_t i = 0; i < t.size(); ++i) {
     const long double rounding = 8 * eps * largest + 1e-9L * slack(i) + least;
     const bool named = message && message->starts_with(table.where(i) + ": ");
-    if (named) return require(!certain || distance(i) >= slack(i) - rounding, "a row that is refused is out of place");
+    if (named)
+      return require(!certain || distance(i) >= slack(i) - rounding, "a row that is refused is out of place");
     require(distance(i) <= slack(i) + rounding, "a row that is let pass is in its place");
   }
   require(!message, "what is refused is a row");
@@ -73,18 +79,24 @@ void times(const host::RecordedTable& table, double tick) {
   std::size_t ordered = 1;
   while (ordered < t.size() && t[ordered - 1] < t[ordered]) ++ordered;
   require(ascending.has_value() == (ordered < t.size()), "times increase");
-  require(!ascending || ascending->starts_with(table.where(ordered) + ": "), "the first that does not is named");
+  require(!ascending || ascending->starts_with(table.where(ordered) + ": "),
+          "the first that does not is named");
   if (ascending || t.empty()) return;
   const auto at = [&](std::size_t i) { return static_cast<long double>(t[i]); };
-  judge_times(table, [&] { host::require_every_tick(table, 0, tick); }, true,
-              [&](std::size_t i) { return std::abs(at(i) - at(0) - static_cast<long double>(i) * static_cast<long double>(tick)); },
-              [&](std::size_t) { return 0.01L * static_cast<long double>(tick); });
+  judge_times(
+      table, [&] { host::require_every_tick(table, 0, tick); }, true,
+      [&](std::size_t i) {
+        return std::abs(at(i) - at(0) - static_cast<long double>(i) * static_cast<long double>(tick));
+      },
+      [&](std::size_t) { return 0.01L * static_cast<long double>(tick); });
   if (t.size() < 2) return require(!refusal([&] { host::require_even(table, 0, ""); }), "one row is even");
   const long double mean = (at(t.size() - 1) - at(0)) / static_cast<long double>(t.size() - 1);
   // Of a span that no double holds nothing can be said: it may be refused as a whole.
-  judge_times(table, [&] { host::require_even(table, 0, "; a hint"); }, at(t.size() - 1) - at(0) <= static_cast<long double>(DBL_MAX),
-              [&](std::size_t i) { return i == 0 ? 0.0L : std::abs(at(i) - at(i - 1) - mean); },
-              [&](std::size_t) { return 0.4L * mean; });
+  judge_times(
+      table, [&] { host::require_even(table, 0, "; a hint"); },
+      at(t.size() - 1) - at(0) <= static_cast<long double>(DBL_MAX),
+      [&](std::size_t i) { return i == 0 ? 0.0L : std::abs(at(i) - at(i - 1) - mean); },
+      [&](std::size_t) { return 0.4L * mean; });
 }
 
 /// A file with this text, read twice; none where it is refused.
@@ -94,14 +106,17 @@ std::optional<host::RecordedTable> table(const std::string& text, double tick) {
   const OwnTable own = own_table(text);
   std::optional<host::RecordedTable> out;
   const auto message = refusal([&] { out = host::read_table(file, asked, ": a hint", "state"); });
-  const auto named = [&](std::size_t n) { return message && message->starts_with(file + ":" + std::to_string(n) + ": "); };
+  const auto named = [&](std::size_t n) {
+    return message && message->starts_with(file + ":" + std::to_string(n) + ": ");
+  };
   const std::size_t refused = own.perhaps != 0 && named(own.perhaps) ? own.perhaps : own.refused;
   require(message.has_value() == (refused != 0), "refused where it is bad, and only there");
   if (message) {
     require(named(refused), "file and line of what is bad");
     return {};
   }
-  require(out->file == file && out->header == own.header && out->words == own.words, "header and words are those of the file");
+  require(out->file == file && out->header == own.header && out->words == own.words,
+          "header and words are those of the file");
   require(out->columns.size() == asked.size() && out->rows() == own.columns[0].size(), "a value per row");
   for (std::size_t c = 0; c < asked.size(); ++c) {
     require(out->columns[c].size() == out->rows(), "columns are of one length");
@@ -122,18 +137,26 @@ std::string written(double v, unsigned how) {
   std::array<char, 512> text{};
   const auto end = text.data() + text.size();
   switch (how) {
-    case 0: return {text.data(), std::to_chars(text.data(), end, v).ptr};
-    case 1: return {text.data(), std::to_chars(text.data(), end, v, std::chars_format::fixed).ptr};
-    default: (void)std::snprintf(text.data(), text.size(), how == 2 ? "%.17g" : "%.18E", v); return text.data();
+    case 0:
+      return {text.data(), std::to_chars(text.data(), end, v).ptr};
+    case 1:
+      return {text.data(), std::to_chars(text.data(), end, v, std::chars_format::fixed).ptr};
+    default:
+      (void)std::snprintf(text.data(), text.size(), how == 2 ? "%.17g" : "%.18E", v);
+      return text.data();
   }
 }
 
 double plausible(fuzz::Bytes& in) {
   switch (in.below(6)) {
-    case 0: return in.f64();
-    case 1: return static_cast<double>(in.f32());
-    case 2: return DBL_MAX * (in.yes() ? 1 : -1);
-    default: return (in.u8() - 128) / 64.0;
+    case 0:
+      return in.f64();
+    case 1:
+      return static_cast<double>(in.f32());
+    case 2:
+      return DBL_MAX * (in.yes() ? 1 : -1);
+    default:
+      return (in.u8() - 128) / 64.0;
   }
 }
 
@@ -171,7 +194,8 @@ void built_table(fuzz::Bytes& in) {
   const unsigned flaw = in.below(16);
   std::vector<std::string>& victim = fields[in.u8() % fields.size()];
   std::string& field = victim[in.u8() % victim.size()];
-  static const std::array<const char*, 12> odd{"", " 1", "1 ", "+1", "0x1", "1e999", "inf", "-nan", "1e", ".", "--1", "1;"};
+  static const std::array<const char*, 12> odd{"",    " 1",   "1 ", "+1", "0x1", "1e999",
+                                               "inf", "-nan", "1e", ".",  "--1", "1;"};
   if (flaw == 1) victim.emplace_back("1");
   if (flaw == 2) victim.pop_back();
   if (flaw == 3) field = odd[in.u8() % odd.size()];
@@ -187,7 +211,8 @@ void built_table(fuzz::Bytes& in) {
   if (flaw == 5) text.pop_back();
   if (flaw == 6) text.clear();
   const auto read = table(text, tick);
-  if (flaw == 5 || flaw == 6 || (rows > 0 && (flaw == 1 || flaw == 2))) require(!read, "what is torn or has rows of two widths is refused");
+  if (flaw == 5 || flaw == 6 || (rows > 0 && (flaw == 1 || flaw == 2)))
+    require(!read, "what is torn or has rows of two widths is refused");
   if ((flaw < 1 || flaw > 6) && good) {
     require(read.has_value(), "numbers are accepted");
     for (std::size_t c = 0; c < asked.size(); ++c) {
@@ -227,11 +252,14 @@ void line(const std::string& text) {
   const auto is = host::parse_candump(text), wanted = own_line(text);
   require(is.has_value() == wanted.has_value(), "a frame where there is one");
   if (!is) return;
-  require(is->time_us == wanted->time_us && is->interface == wanted->interface && is->text == wanted->text, "its time and interface");
+  require(is->time_us == wanted->time_us && is->interface == wanted->interface && is->text == wanted->text,
+          "its time and interface");
   require(is->frame == wanted->frame && hal::well_formed(is->frame), "that frame and no other");
   const std::string again = host::candump_line(is->time_us, is->interface, is->frame);
   const auto twice = host::parse_candump(again);
-  require(twice && twice->frame == is->frame && twice->time_us == is->time_us && twice->interface == is->interface, "it can be said again");
+  require(twice && twice->frame == is->frame && twice->time_us == is->time_us &&
+              twice->interface == is->interface,
+          "it can be said again");
   require(again.substr(twice->text) == upper(text.substr(is->text)), "as it was heard");
 }
 
@@ -290,13 +318,15 @@ CanFrame changed(CanFrame f, unsigned how) {
 }
 
 /// A node that does what it did then, and at `other` something else: that is found, and nothing besides.
-void again(const host::Recording& r, const std::vector<host::PassedFrame>& wanted, std::size_t other, unsigned how) {
+void again(const host::Recording& r, const std::vector<host::PassedFrame>& wanted, std::size_t other,
+           unsigned how) {
   host::RecordedBus bus(r.interface, host::passed_frames(r));
   bool told = false;
   for (std::size_t i = 0; i < wanted.size(); ++i) {
     const host::PassedFrame& w = wanted[i];
     CanFrame f = w.frame;
-    require(!bus.over() && bus.has_input() == !w.sent && bus.passed() == i, "what comes next is what came then");
+    require(!bus.over() && bus.has_input() == !w.sent && bus.passed() == i,
+            "what comes next is what came then");
     if (w.sent) {
       if (i == other) f = changed(f, how);
       require(bus.try_send(f) == hal::SendStatus::ok, "a frame is sent");
@@ -307,7 +337,9 @@ void again(const host::Recording& r, const std::vector<host::PassedFrame>& wante
       require(f == w.frame && bus.frame_age_us() == w.age_us, "what was received is received again");
     }
     require(bus.deviation().has_value() == told, "a deviation is found, and nothing else is one");
-    if (told) require(bus.deviation()->line == other + 1 && bus.deviation()->recorded == wanted[other].frame, "the first one, and where");
+    if (told)
+      require(bus.deviation()->line == other + 1 && bus.deviation()->recorded == wanted[other].frame,
+              "the first one, and where");
   }
   bus.end();
   require(bus.over() && bus.deviation().has_value() == told, "nothing is left");
@@ -332,9 +364,11 @@ void judge(const Files& files, const Summary& s, bool any_version, std::size_t o
     });
     return require(named, "what is named is at fault");
   }
-  require(r->directory == path && r->command == *string_of(s.run, "command") && r->seed == *number_of(s.rest, "seed") &&
-              r->ticks == *number_of(s.rest, "ticks") && r->realtime == (s.run.at("realtime") == "true") &&
-              r->single_precision == (s.run.at("scalar") == "\"float\"") && r->interrupted == s.rest.contains("interrupted"),
+  require(r->directory == path && r->command == *string_of(s.run, "command") &&
+              r->seed == *number_of(s.rest, "seed") && r->ticks == *number_of(s.rest, "ticks") &&
+              r->realtime == (s.run.at("realtime") == "true") &&
+              r->single_precision == (s.run.at("scalar") == "\"float\"") &&
+              r->interrupted == s.rest.contains("interrupted"),
           "what is read is what stands there");
   host::Scene scene;
   scene.toml = *files[1];
@@ -343,7 +377,8 @@ void judge(const Files& files, const Summary& s, bool any_version, std::size_t o
   }
   require(host::scene_digest(scene) == own_digest(files), "the digest is that of a run");
   if (r->command == "sim") return;
-  require(r->interface == own_line(whole_lines(files[3])->front())->interface, "the interface is that of the first frame");
+  require(r->interface == own_line(whole_lines(files[3])->front())->interface,
+          "the interface is that of the first frame");
   if (!r->one_half()) return;
   std::size_t refused = 0;
   const auto wanted = own_passage(files, refused);
@@ -351,15 +386,16 @@ void judge(const Files& files, const Summary& s, bool any_version, std::size_t o
   const auto passage = refusal([&] {
     const auto next = host::passed_frames(*r);
     for (auto p = next(); p; p = next()) {
-      require(n < wanted.size() && p->time_us == wanted[n].time_us && p->look == wanted[n].look && p->sent == wanted[n].sent &&
-                  p->age_us == wanted[n].age_us && p->frame == wanted[n].frame,
+      require(n < wanted.size() && p->time_us == wanted[n].time_us && p->look == wanted[n].look &&
+                  p->sent == wanted[n].sent && p->age_us == wanted[n].age_us && p->frame == wanted[n].frame,
               "what passed is what is written");
       ++n;
     }
   });
   require(n == wanted.size() && passage.has_value() == (refused != 0), "all of it, up to what is refused");
   if (!passage) return again(*r, wanted, other, how);
-  require(passage->starts_with(path + "/frames.csv:" + std::to_string(refused) + ": "), "file and line of what is bad");
+  require(passage->starts_with(path + "/frames.csv:" + std::to_string(refused) + ": "),
+          "file and line of what is bad");
 }
 
 /// A file under a hand that is not careful.
@@ -369,10 +405,18 @@ void spoil(fuzz::Bytes& in, std::optional<std::string>& text) {
   if (!text) text = "";
   const std::size_t at = text->empty() ? 0 : in.u8() % text->size();
   switch (how) {
-    case 1: text->resize(at); break;
-    case 2: text->insert(at, 1, static_cast<char>(in.u8())); break;
-    case 3: *text += "\n"; break;
-    case 4: *text += *text; break;
+    case 1:
+      text->resize(at);
+      break;
+    case 2:
+      text->insert(at, 1, static_cast<char>(in.u8()));
+      break;
+    case 3:
+      *text += "\n";
+      break;
+    case 4:
+      *text += *text;
+      break;
     default:
       if (!text->empty()) (*text)[at] = static_cast<char>(in.u8());
       break;
@@ -415,8 +459,22 @@ void directory(fuzz::Bytes& in) {
   if ((shape & 16U) != 0) s.rest["interrupted"] = "true";
   s.bus = {{"frames", std::to_string(written)}, {"lost", "0"}};
   // Every wrong one hides what comes after it.
-  static const std::array<const char*, 16> odd{"null", "true", "false", "0", "1", "-1", "1.5", "1e3", "18446744073709551615",
-                                               "18446744073709551616", "\"\"", "\"sim\"", "\"a\\nb\"", "[]", "{}", "[{\"a\": null}]"};
+  static const std::array<const char*, 16> odd{"null",
+                                               "true",
+                                               "false",
+                                               "0",
+                                               "1",
+                                               "-1",
+                                               "1.5",
+                                               "1e3",
+                                               "18446744073709551615",
+                                               "18446744073709551616",
+                                               "\"\"",
+                                               "\"sim\"",
+                                               "\"a\\nb\"",
+                                               "[]",
+                                               "{}",
+                                               "[{\"a\": null}]"};
   for (unsigned n = in.below(8) < 4 ? 0 : 1 + in.below(3); n > 0; --n) {
     const unsigned what = in.below(8);
     if (what == 0) {
@@ -424,7 +482,9 @@ void directory(fuzz::Bytes& in) {
       if (!of.empty()) of.erase(std::next(of.begin(), static_cast<std::ptrdiff_t>(in.u8() % of.size())));
     } else if (what < 4) {
       std::map<std::string, std::string>& of = what == 1 ? s.run : (what == 2 ? s.rest : s.bus);
-      if (!of.empty()) std::next(of.begin(), static_cast<std::ptrdiff_t>(in.u8() % of.size()))->second = odd[in.u8() % odd.size()];
+      if (!of.empty())
+        std::next(of.begin(), static_cast<std::ptrdiff_t>(in.u8() % of.size()))->second =
+            odd[in.u8() % odd.size()];
     } else if (what == 4) {
       s.instead_of_run = odd[in.u8() % odd.size()];
     } else {
@@ -449,7 +509,9 @@ void summary(const std::string& text) {
   std::optional<host::Recording> r;
   const auto message = refusal([&] { r = host::read_recording(folder().path(), true); });
   const bool digest = text.find(own_digest(files)) != std::string::npos;
-  if (!message) return require(r->command == "sim" && r->ticks == 0 && !r->interrupted && digest, "a run of no ticks, of that scene");
+  if (!message)
+    return require(r->command == "sim" && r->ticks == 0 && !r->interrupted && digest,
+                   "a run of no ticks, of that scene");
   for (std::size_t i = 0; i < 4; ++i) {
     if (message->starts_with(folder().file(file_names[i]) + ":")) return;
   }
@@ -477,12 +539,22 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   const std::string rest(reinterpret_cast<const char*>(data) + 1, size - 1);
   fuzz::Bytes in(data + 1, size - 1);
   switch (data[0] % 8) {
-    case 0: (void)table(rest, 1e-3); break;
+    case 0:
+      (void)table(rest, 1e-3);
+      break;
     case 1:
-    case 2: built_table(in); break;
-    case 3: line(rest); break;
-    case 4: frame(in); break;
-    case 5: summary(rest); break;
+    case 2:
+      built_table(in);
+      break;
+    case 3:
+      line(rest);
+      break;
+    case 4:
+      frame(in);
+      break;
+    case 5:
+      summary(rest);
+      break;
     case 6:
       if (in.below(4) == 0) {
         nowhere(in);
@@ -490,7 +562,9 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
         derivatives(in);
       }
       break;
-    default: directory(in); break;
+    default:
+      directory(in);
+      break;
   }
   return 0;
 }

@@ -1,6 +1,6 @@
 #pragma once
-/// A second reader of what is recorded, of the tests' own: tables of numbers, lines of candump -L, the files that a run has
-/// left. It says what is good, what that means, and where the rest is not.
+/// A second reader of what is recorded, of the tests' own: tables of numbers, lines of candump -L, the files
+/// that a run has left. It says what is good, what that means, and where the rest is not.
 
 #include <array>
 #include <bit>
@@ -16,15 +16,16 @@
 #include <string_view>
 #include <vector>
 
-#include "host_sim/record/recording.hpp"
 #include "host_sim/bus/recorded_bus.hpp"
+#include "host_sim/record/recording.hpp"
 #include "host_sim/scene/scene.hpp"
 #include "host_sim/version.hpp"
 
 namespace esmc::fuzz {
 
-inline const std::array<std::string, 8> file_names{"summary.json",       "scene.toml",      "log.csv",            "frames.log", "frames.csv",
-                                            host::endpoints_copy, host::model_copy, host::reference_copy};
+inline const std::array<std::string, 8> file_names{
+    "summary.json", "scene.toml",         "log.csv",        "frames.log",
+    "frames.csv",   host::endpoints_copy, host::model_copy, host::reference_copy};
 
 inline std::vector<std::string> split(const std::string& text, char at) {
   std::vector<std::string> out(1);
@@ -143,7 +144,8 @@ inline std::optional<unsigned> hex(std::string_view text) {
 
 inline std::optional<host::CandumpLine> own_line(const std::string& line) {
   host::CandumpLine out;
-  const std::size_t close = line.find(") "), second = close == std::string::npos ? close : line.find(' ', close + 2);
+  const std::size_t close = line.find(") "),
+                    second = close == std::string::npos ? close : line.find(' ', close + 2);
   if (second == std::string::npos || close < 9 || line[0] != '(' || line[close - 7] != '.') return {};
   const auto s = whole(std::string_view(line).substr(1, close - 8), 1'000'000'000'000);
   const auto us = whole(std::string_view(line).substr(close - 6, 6), 999'999);
@@ -193,7 +195,8 @@ inline std::uint64_t own_hash(std::uint64_t h, const std::string& text) {
 inline std::string own_digest(const Files& files) {
   std::uint64_t h = own_hash(14695981039346656037U, files[1].value_or(""));
   for (std::size_t i = 5; i < files.size(); ++i) {
-    if (files[i]) h = own_hash(own_hash(h, file_names[i] + " " + std::to_string(files[i]->size()) + "\n"), *files[i]);
+    if (files[i])
+      h = own_hash(own_hash(h, file_names[i] + " " + std::to_string(files[i]->size()) + "\n"), *files[i]);
   }
   std::array<char, 17> text{};
   (void)std::snprintf(text.data(), text.size(), "%016llx", static_cast<unsigned long long>(h));
@@ -227,12 +230,14 @@ struct Summary {
   }
 };
 /// The string, without escapes: those that have some mean nothing here.
-inline std::optional<std::string> string_of(const std::map<std::string, std::string>& of, const std::string& name) {
+inline std::optional<std::string> string_of(const std::map<std::string, std::string>& of,
+                                            const std::string& name) {
   const auto at = of.find(name);
   if (at == of.end() || at->second[0] != '"') return {};
   return at->second.substr(1, at->second.size() - 2);
 }
-inline std::optional<std::uint64_t> number_of(const std::map<std::string, std::string>& of, const std::string& name) {
+inline std::optional<std::uint64_t> number_of(const std::map<std::string, std::string>& of,
+                                              const std::string& name) {
   const auto at = of.find(name);
   return at == of.end() ? std::nullopt : whole(at->second, std::numeric_limits<std::uint64_t>::max());
 }
@@ -247,12 +252,16 @@ inline std::set<std::string> faults(const Files& files, const Summary& s, bool a
   for (std::size_t i = 0; i < 3; ++i) {
     if (!files[i]) out.insert(file_names[i]);
   }
-  const std::map<std::string, std::string> run = s.instead_of_run ? std::map<std::string, std::string>{} : s.run;
-  const auto command = string_of(run, "command"), by = string_of(run, "version"), digest = string_of(run, "scene_digest");
+  const std::map<std::string, std::string> run =
+      s.instead_of_run ? std::map<std::string, std::string>{} : s.run;
+  const auto command = string_of(run, "command"), by = string_of(run, "version"),
+             digest = string_of(run, "scene_digest");
   const auto ticks = number_of(s.rest, "ticks");
-  const bool known = command && (*command == "sim" || *command == "hil" || *command == "plant" || *command == "controller");
+  const bool known =
+      command && (*command == "sim" || *command == "hil" || *command == "plant" || *command == "controller");
   const bool of_this_program = by && (*by == host::version || any_version);
-  if (!known || !of_this_program || !digest || !ticks || !number_of(s.rest, "seed") || !string_of(run, "scalar") || !bool_in(run, "realtime"))
+  if (!known || !of_this_program || !digest || !ticks || !number_of(s.rest, "seed") ||
+      !string_of(run, "scalar") || !bool_in(run, "realtime"))
     out.insert("summary.json");
   if (digest && *digest != own_digest(files)) out.insert("scene.toml");
   const auto rows = whole_lines(files[2]);
@@ -282,7 +291,8 @@ inline std::vector<host::PassedFrame> own_passage(const Files& files, std::size_
     refused = i + 1;
     const auto row = split(rows[i], ',');
     if (row.size() != 3) return out;
-    const auto look = whole(row[0], std::numeric_limits<std::uint64_t>::max()), sent = whole(row[1], 1), age = whole(row[2], 0xFFFF'FFFFU);
+    const auto look = whole(row[0], std::numeric_limits<std::uint64_t>::max()), sent = whole(row[1], 1),
+               age = whole(row[2], 0xFFFF'FFFFU);
     if (!look || !sent || !age || (*sent == 1 && *age != 0)) return out;
     const auto of = *own_line(frames[i - 1]);
     out.push_back({of.time_us, *look, *sent == 1, static_cast<std::uint32_t>(*age), of.frame});

@@ -1,5 +1,6 @@
-/// Files of the host: scenes (TOML), overrides, reference tables (CSV) and a vendor's endpoints (JSON). What is bad is refused
-/// with an InputError and nothing else; what is accepted has the numbers that a controller needs, and reads back.
+/// Files of the host: scenes (TOML), overrides, reference tables (CSV) and a vendor's endpoints (JSON). What
+/// is bad is refused with an InputError and nothing else; what is accepted has the numbers that a controller
+/// needs, and reads back.
 
 #include <sys/mman.h>
 #include <unistd.h>
@@ -27,7 +28,8 @@ void write_file(const std::string& text) {
     return fd >= 0 && dup2(fd, file_number) == file_number && close(fd) == 0;
   }();
   require(made && ftruncate(file_number, 0) == 0, "a file in memory");
-  require(pwrite(file_number, text.data(), text.size(), 0) == static_cast<ssize_t>(text.size()), "a file in memory");
+  require(pwrite(file_number, text.data(), text.size(), 0) == static_cast<ssize_t>(text.size()),
+          "a file in memory");
 }
 
 const std::string five_bar = R"(name = "fuzz"
@@ -57,10 +59,12 @@ step = 1e-4
 )";
 
 void judge(const Scene& s) {
-  require(std::isfinite(s.rate_hz) && s.rate_hz > 0 && std::isfinite(s.duration) && s.duration > 0, "times above zero");
+  require(std::isfinite(s.rate_hz) && s.rate_hz > 0 && std::isfinite(s.duration) && s.duration > 0,
+          "times above zero");
   const auto joints = static_cast<std::size_t>(s.joints());
   require(s.start_angle.size() == joints && s.start_rate.size() == joints, "a start for every joint");
-  for (std::size_t i = 0; i < joints; ++i) require(std::isfinite(s.start_angle[i]) && std::isfinite(s.start_rate[i]), "a finite start");
+  for (std::size_t i = 0; i < joints; ++i)
+    require(std::isfinite(s.start_angle[i]) && std::isfinite(s.start_rate[i]), "a finite start");
   if (s.closed_loop()) {
     require(s.torque_limit.size() == static_cast<std::size_t>(s.motors()), "a limit for every motor");
     for (const double t : s.torque_limit) require(std::isfinite(t) && t >= 0, "a torque limit is a number");
@@ -91,12 +95,19 @@ void read_twice(const std::string& text, const std::vector<std::string>& sets) {
 /// A scene that is nearly right, beside a file of one of the kinds that scenes name.
 void built(fuzz::Bytes& in, bool two_legs, bool with_overrides) {
   switch (in.below(4)) {
-    case 0: write_file("t,x,y\n0.0,0.0,0.17\n0.05,0.01,0.17\n0.1,0.0,0.18\n"); break;
-    case 1: write_file(five_bar); break;
-    case 2:
-      write_file(R"({"fw_version": "0.6.10", "endpoints": {"axis0.config.motor.torque_constant": {"id": 10, "type": "float"}}})");
+    case 0:
+      write_file("t,x,y\n0.0,0.0,0.17\n0.05,0.01,0.17\n0.1,0.0,0.18\n");
       break;
-    default: write_file("\377\n"); break;
+    case 1:
+      write_file(five_bar);
+      break;
+    case 2:
+      write_file(
+          R"({"fw_version": "0.6.10", "endpoints": {"axis0.config.motor.torque_constant": {"id": 10, "type": "float"}}})");
+      break;
+    default:
+      write_file("\377\n");
+      break;
   }
   fuzz::SceneBuilder scene(in, two_legs, file_name);
   if (!with_overrides) {
@@ -116,7 +127,9 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   const std::string rest(reinterpret_cast<const char*>(data) + 1, size - 1);
   try {
     switch (data[0] % 8) {
-      case 0: read_twice(rest, {}); break;
+      case 0:
+        read_twice(rest, {});
+        break;
       case 1: {
         std::vector<std::string> sets;
         for (std::size_t at = 0; at < rest.size();) {

@@ -1,6 +1,7 @@
 #pragma once
-/// Scenes that are nearly right, from a few bytes each: a good one, of which keys of the table are set to good, bad and odd values,
-/// variants exchanged as a whole, keys taken away. A fuzzer that writes text does not get past the first required key.
+/// Scenes that are nearly right, from a few bytes each: a good one, of which keys of the table are set to
+/// good, bad and odd values, variants exchanged as a whole, keys taken away. A fuzzer that writes text does
+/// not get past the first required key.
 
 #include <algorithm>
 #include <cmath>
@@ -22,21 +23,27 @@ class SceneBuilder {
     for (const host::Key& k : host::scene_keys()) {
       keys_.push_back(&k);
       const std::string variant(k.path.substr(0, k.path.find("].") + 1));
-      if (k.path.find('[') != std::string_view::npos && std::ranges::find(variants_, variant) == variants_.end()) variants_.push_back(variant);
+      if (k.path.find('[') != std::string_view::npos &&
+          std::ranges::find(variants_, variant) == variants_.end())
+        variants_.push_back(variant);
     }
     if (five_bar) {
-      sections_["mechanism"] = {{"type", "\"five_bar\""}, {"half_base", "0.05"}, {"effector_mass", "0.05"}, {"gravity", "9.8"},
+      sections_["mechanism"] = {{"type", "\"five_bar\""},           {"half_base", "0.05"},
+                                {"effector_mass", "0.05"},          {"gravity", "9.8"},
                                 {"working_mode", "[\"+\", \"+\"]"}, {"assembly_mode", "\"-\""}};
       sections_["mechanism.leg"] = {{"l1", "0.12"}, {"l2", "0.16"}, {"lg1", "0.06"}, {"lg2", "0.068"},
-                                    {"m1", "0.1"}, {"m2", "0.1"}, {"J1", "2e-4"}, {"J2", "7e-4"}};
-      sections_["reference"] = {{"type", "\"circle\""}, {"center", "[0.0, 0.17]"}, {"radius", "0.02"}, {"speed", "10.0"}};
+                                    {"m1", "0.1"},  {"m2", "0.1"},  {"J1", "2e-4"},  {"J2", "7e-4"}};
+      sections_["reference"] = {
+          {"type", "\"circle\""}, {"center", "[0.0, 0.17]"}, {"radius", "0.02"}, {"speed", "10.0"}};
     } else {
       sections_["mechanism"] = {{"type", "\"rr\""}, {"gravity", "9.8"}, {"working_mode", "[\"+\"]"}};
       sections_["mechanism.leg"] = {{"l1", "0.3"}, {"l2", "0.25"}, {"lg1", "0.15"}, {"lg2", "0.11"},
-                                    {"m1", "1.2"}, {"m2", "0.8"}, {"J1", "1e-2"}, {"J2", "4.5e-3"}};
-      sections_["reference"] = {{"type", "\"line\""}, {"from", "[0.4, -0.1]"}, {"to", "[0.2, 0.25]"}, {"duration", "0.8"}};
+                                    {"m1", "1.2"}, {"m2", "0.8"},  {"J1", "1e-2"},  {"J2", "4.5e-3"}};
+      sections_["reference"] = {
+          {"type", "\"line\""}, {"from", "[0.4, -0.1]"}, {"to", "[0.2, 0.25]"}, {"duration", "0.8"}};
     }
-    sections_["control"] = {{"law", "\"esmc\""}, {"lambda", "40.0"}, {"gain", "150.0"}, {"torque_limit", "2.0"}};
+    sections_["control"] = {
+        {"law", "\"esmc\""}, {"lambda", "40.0"}, {"gain", "150.0"}, {"torque_limit", "2.0"}};
     sections_["simulation"] = {{"duration", "0.1"}, {"step", "1e-4"}};
   }
 
@@ -46,10 +53,16 @@ class SceneBuilder {
       const unsigned what = in_.below(10);
       switch (what) {
         case 0:
-        case 1: whole(variants_[in_.u8() % variants_.size()]); break;
-        case 2: take_away(*keys_[in_.u8() % keys_.size()]); break;
+        case 1:
+          whole(variants_[in_.u8() % variants_.size()]);
+          break;
+        case 2:
+          take_away(*keys_[in_.u8() % keys_.size()]);
+          break;
         case 3:
-        case 4: preset(); break;
+        case 4:
+          preset();
+          break;
         default: {
           const host::Key& k = *keys_[in_.u8() % keys_.size()];
           set(k, what < 8 ? plausible(k) : value(k));
@@ -64,7 +77,8 @@ class SceneBuilder {
     for (; most > 0 && !in_.empty(); --most) {
       const host::Key& k = *keys_[in_.u8() % keys_.size()];
       std::string path(k.path);
-      if (const auto from = path.find('['); from != std::string::npos) path.erase(from, path.find(']') - from + 1);
+      if (const auto from = path.find('['); from != std::string::npos)
+        path.erase(from, path.find(']') - from + 1);
       out.push_back(path + "=" + value(k));
     }
     return out;
@@ -76,7 +90,8 @@ class SceneBuilder {
       if (!name.empty()) out += "[" + name + "]\n";
       out += lines(keys);
     }
-    for (int leg = 0; leg < legs_ && legs_ != 1; ++leg) out += "[[mechanism.legs]]\n" + lines(sections_.at("mechanism.leg"));
+    for (int leg = 0; leg < legs_ && legs_ != 1; ++leg)
+      out += "[[mechanism.legs]]\n" + lines(sections_.at("mechanism.leg"));
     for (const auto& [type, keys] : effects_) out += "[[effects]]\ntype = \"" + type + "\"\n" + lines(keys);
     return out;
   }
@@ -94,9 +109,12 @@ class SceneBuilder {
     if (std::isinf(v)) return v < 0 ? "-inf" : "inf";
     char text[40];
     std::snprintf(text, sizeof text, "%.9g", v);
-    return std::string_view(text).find_first_of(".e") == std::string_view::npos ? std::string(text) + ".0" : text;
+    return std::string_view(text).find_first_of(".e") == std::string_view::npos ? std::string(text) + ".0"
+                                                                                : text;
   }
-  static std::string integer(double v) { return std::to_string(static_cast<long long>(std::clamp(v, -9e18, 9e18))); }
+  static std::string integer(double v) {
+    return std::to_string(static_cast<long long>(std::clamp(v, -9e18, 9e18)));
+  }
   static std::string list(const std::string& v, unsigned n) {
     std::string out = "[";
     for (unsigned i = 0; i < n; ++i) out += (i > 0 ? ", " : "") + v;
@@ -111,7 +129,9 @@ class SceneBuilder {
     }
     return out;
   }
-  static bool is(const host::Key& k, std::string_view what) { return k.kind.find(what) != std::string_view::npos; }
+  static bool is(const host::Key& k, std::string_view what) {
+    return k.kind.find(what) != std::string_view::npos;
+  }
 
   /// A number that the key may have, and that scenes are likely to work with.
   static double fair(const host::Key& k) {
@@ -143,7 +163,8 @@ class SceneBuilder {
     if (!is(k, "number") && !is(k, "integer")) return good(k);
     const auto one = [&] {
       const int b = static_cast<std::int8_t>(in_.u8());
-      const double size = fair(k) * std::exp2((b / 2) / 4.0), v = std::clamp(b % 2 != 0 ? -size : size, std::max(k.low, -1e9), std::min(k.high, 1e9));
+      const double size = fair(k) * std::exp2((b / 2) / 4.0),
+                   v = std::clamp(b % 2 != 0 ? -size : size, std::max(k.low, -1e9), std::min(k.high, 1e9));
       return is(k, "integer") ? integer(v) : number(v);
     };
     if (k.kind == "number pairs") {
@@ -157,30 +178,75 @@ class SceneBuilder {
   }
   /// Of this key, or of none.
   std::string value(const host::Key& k) {
-    static const std::vector<std::string> odd{
-        "true", "false", "\"x\"", "\"\"", "{}", "[]", "[[]]", "[{}]", "{ position = 1.0, angle = 2.0 }", "{ position = 1.0 }",
-        "{ position = 1.0, angle = \"x\" }", "{ a = 1.0, b = 2.0 }", "\"robust\"", "1979-05-27", "nan", "inf", "-inf", "1e308", "1e-320",
-        "-0.0", "0x10", "[true]", "[1, 2.0]", "[\"a\", 1]", "[0.1, 0.2, 0.3]", "[-0.1, 0.1]", "[0.1, -0.1]", "[[0.1, -0.1], [0.0, 0.1]]",
-        "[[0.0, 1.0], [1.0]]", "[[0.0, 0.1]]", "[[0.0, 0.1], [\"a\", 0.1]]", "9223372036854775807", "2.5", "127", "\"\\u0000\"",
-        "\"/nowhere\"", "\"/\"", "'''a'''", "\"\"\"a\\\n b\"\"\"", "[{ offset = 1.0, terms = [] }, { offset = 1.0 }]", "[{ offset = \"x\" }]",
-        "[{ terms = [{ amp = 1.0, omega = 2.0, phase = 0.5 }] }, {}]", "[{ terms = [{ amp = 1.0 }] }, {}]", "{ x = [0.0, 1.0] }",
-        "{ x = [1.0, 0.0], y = [0.0, 1.0] }"};
+    static const std::vector<std::string> odd{"true",
+                                              "false",
+                                              "\"x\"",
+                                              "\"\"",
+                                              "{}",
+                                              "[]",
+                                              "[[]]",
+                                              "[{}]",
+                                              "{ position = 1.0, angle = 2.0 }",
+                                              "{ position = 1.0 }",
+                                              "{ position = 1.0, angle = \"x\" }",
+                                              "{ a = 1.0, b = 2.0 }",
+                                              "\"robust\"",
+                                              "1979-05-27",
+                                              "nan",
+                                              "inf",
+                                              "-inf",
+                                              "1e308",
+                                              "1e-320",
+                                              "-0.0",
+                                              "0x10",
+                                              "[true]",
+                                              "[1, 2.0]",
+                                              "[\"a\", 1]",
+                                              "[0.1, 0.2, 0.3]",
+                                              "[-0.1, 0.1]",
+                                              "[0.1, -0.1]",
+                                              "[[0.1, -0.1], [0.0, 0.1]]",
+                                              "[[0.0, 1.0], [1.0]]",
+                                              "[[0.0, 0.1]]",
+                                              "[[0.0, 0.1], [\"a\", 0.1]]",
+                                              "9223372036854775807",
+                                              "2.5",
+                                              "127",
+                                              "\"\\u0000\"",
+                                              "\"/nowhere\"",
+                                              "\"/\"",
+                                              "'''a'''",
+                                              "\"\"\"a\\\n b\"\"\"",
+                                              "[{ offset = 1.0, terms = [] }, { offset = 1.0 }]",
+                                              "[{ offset = \"x\" }]",
+                                              "[{ terms = [{ amp = 1.0, omega = 2.0, phase = 0.5 }] }, {}]",
+                                              "[{ terms = [{ amp = 1.0 }] }, {}]",
+                                              "{ x = [0.0, 1.0] }",
+                                              "{ x = [1.0, 0.0], y = [0.0, 1.0] }"};
     const auto small = [&] { return number(static_cast<std::int8_t>(in_.u8()) * 0.02); };
     switch (in_.below(12)) {
-      case 0: return good(k);
-      case 1: return k.fallback.empty() || k.fallback == "-" ? good(k) : std::string(k.fallback);
+      case 0:
+        return good(k);
+      case 1:
+        return k.fallback.empty() || k.fallback == "-" ? good(k) : std::string(k.fallback);
       case 2: {
         const auto w = words(k);
         if (w.empty()) return odd[in_.u8() % odd.size()];
         const std::string& one = w[in_.u8() % w.size()];
         return is(k, "strings") ? list(one, 1 + in_.below(3)) : one;
       }
-      case 3: return odd[in_.u8() % odd.size()];
-      case 4: return is(k, "integer") ? integer(in_.yes() ? k.low : k.high) : number(in_.yes() ? k.low : k.high);
-      case 5: return number(in_.yes() ? k.low - 1e-9 - std::fabs(k.low) * 1e-9 : k.high * (1 + 1e-9) + 1e-9);
-      case 6: return list(is(k, "integer") ? integer(fair(k)) : number(fair(k)), in_.below(6));
-      case 7: return integer(static_cast<std::int8_t>(in_.u8()));
-      case 8: return small();
+      case 3:
+        return odd[in_.u8() % odd.size()];
+      case 4:
+        return is(k, "integer") ? integer(in_.yes() ? k.low : k.high) : number(in_.yes() ? k.low : k.high);
+      case 5:
+        return number(in_.yes() ? k.low - 1e-9 - std::fabs(k.low) * 1e-9 : k.high * (1 + 1e-9) + 1e-9);
+      case 6:
+        return list(is(k, "integer") ? integer(fair(k)) : number(fair(k)), in_.below(6));
+      case 7:
+        return integer(static_cast<std::int8_t>(in_.u8()));
+      case 8:
+        return small();
       case 9: {
         const std::string a = small();
         return "[" + a + ", " + small() + "]";
@@ -235,15 +301,18 @@ class SceneBuilder {
     const std::size_t dot = path.rfind('.');
     if (dot == std::string::npos) return;
     const std::string section = path.substr(0, std::min(dot, path.find('[')));
-    if (const auto at = sections_.find(section); at != sections_.end()) at->second.erase(path.substr(dot + 1));
+    if (const auto at = sections_.find(section); at != sections_.end())
+      at->second.erase(path.substr(dot + 1));
     if (section == "effects" && !effects_.empty()) effects_.pop_back();
   }
   /// A reference or an effect with all that it needs.
   void whole(const std::string& variant) {
-    const std::string section = variant.substr(0, variant.find('[')), type = variant.substr(section.size() + 1, variant.size() - section.size() - 2);
+    const std::string section = variant.substr(0, variant.find('[')),
+                      type = variant.substr(section.size() + 1, variant.size() - section.size() - 2);
     Keys keys;
     for (const host::Key* k : keys_) {
-      if (k->path.starts_with(variant + ".") && k->fallback.empty()) keys[std::string(k->path.substr(variant.size() + 1))] = good(*k);
+      if (k->path.starts_with(variant + ".") && k->fallback.empty())
+        keys[std::string(k->path.substr(variant.size() + 1))] = good(*k);
     }
     if (section == "effects") {
       effects_.emplace_back(type, keys);
@@ -302,9 +371,15 @@ class SceneBuilder {
         control["gain"] = "\"robust\"";
         sections_["uncertainty"]["m1"] = "0.1";
         break;
-      case 6: drives["protocol"] = "\"cia402\""; break;
-      case 7: drives["protocol"] = "\"mit\""; break;
-      case 8: sections_["command"] = {{"speed", "0.5"}, {"acceleration", "5.0"}}; break;
+      case 6:
+        drives["protocol"] = "\"cia402\"";
+        break;
+      case 7:
+        drives["protocol"] = "\"mit\"";
+        break;
+      case 8:
+        sections_["command"] = {{"speed", "0.5"}, {"acceleration", "5.0"}};
+        break;
       default:
         sections_["simulation"].erase("step");
         sections_["simulation"]["accuracy"] = "1e-6";

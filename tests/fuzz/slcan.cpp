@@ -80,7 +80,8 @@ void bytes(fuzz::Bytes& in) {
       }
     }
     if (!frame) require(f == before, "what was there stays");
-    require(decoder.malformed() == malformed && decoder.answers() == answers && decoder.errors() == errors, "counted");
+    require(decoder.malformed() == malformed && decoder.answers() == answers && decoder.errors() == errors,
+            "counted");
   }
 }
 

@@ -1,6 +1,7 @@
-/// Parameters in flash: two slots with anything in them, orders, operations that fail, last too long or are cut short by losses of
-/// power; on memories that tear in five ways and on the flash of both chips at register level. A reader of this file's own says what
-/// a slot holds, and of every instant which gains the next power-up may find.
+/// Parameters in flash: two slots with anything in them, orders, operations that fail, last too long or are
+/// cut short by losses of power; on memories that tear in five ways and on the flash of both chips at
+/// register level. A reader of this file's own says what a slot holds, and of every instant which gains the
+/// next power-up may find.
 
 #include <array>
 #include <bit>
@@ -122,7 +123,9 @@ struct Plain {
     memory.lose_power(static_cast<test::Torn>(way % 5));
     memory.fails_at = memory.refused_at = memory.flips_at = -1;
   }
-  void no_wrong() const { require(memory.wrong.empty(), memory.wrong.empty() ? "" : memory.wrong[0].c_str()); }
+  void no_wrong() const {
+    require(memory.wrong.empty(), memory.wrong.empty() ? "" : memory.wrong[0].c_str());
+  }
 };
 
 /// The flash of a chip behind its driver.
@@ -156,9 +159,11 @@ struct Chip {
   void trouble(unsigned kind, unsigned when) {
     constexpr std::array<unsigned, 10> g4_errors{1, 3, 4, 5, 6, 7, 8, 9, 14, 15};
     constexpr std::array<unsigned, 5> h7_errors{17, 18, 19, 21, 22};
-    if (kind == 0) model.spoil = 1U << (g4 ? g4_errors[when % g4_errors.size()] : h7_errors[when % h7_errors.size()]);
-    if (kind == 1) model.loses = static_cast<int>(Driver::unit_words * (1 + when % 4));  // the last one of a unit
-    if (kind == 2) model.write(g4 ? 0x08 : 0x104, 0x1234);                               // locked until the next reset
+    if (kind == 0)
+      model.spoil = 1U << (g4 ? g4_errors[when % g4_errors.size()] : h7_errors[when % h7_errors.size()]);
+    if (kind == 1)
+      model.loses = static_cast<int>(Driver::unit_words * (1 + when % 4));  // the last one of a unit
+    if (kind == 2) model.write(g4 ? 0x08 : 0x104, 0x1234);                  // locked until the next reset
   }
   void cut(unsigned) {
     model.lose_power();
@@ -180,7 +185,9 @@ class Run {
     link::Parameters::Values values{};
     for (std::size_t i = 0; i < 4; ++i) {
       const unsigned kind = in_.below(8);
-      image_.bounds[i] = kind == 0 ? link::Bounds{0, 0} : kind == 1 ? link::Bounds{in_.f32(), in_.f32()} : link::Bounds{10, 80};
+      image_.bounds[i] = kind == 0   ? link::Bounds{0, 0}
+                         : kind == 1 ? link::Bounds{in_.f32(), in_.f32()}
+                                     : link::Bounds{10, 80};
       values[i] = kind == 2 ? in_.f32() : 40;
       image_.baked[i] = std::bit_cast<std::uint32_t>(values[i]);
     }
@@ -199,18 +206,26 @@ class Run {
       const unsigned what = in_.u8();
       switch (what % 8) {
         case 0:
-        case 1: store(); break;
-        case 2: order([&] { slots_->forget(); }, {}); break;
+        case 1:
+          store();
+          break;
+        case 2:
+          order([&] { slots_->forget(); }, {});
+          break;
         case 3:
           for (unsigned n = in_.below(48); n > 0; --n) poll();
           break;
-        case 4: finish(); break;
+        case 4:
+          finish();
+          break;
         case 5:
           way_ = what / 8;
           rig_.cut(way_);
           power_up();
           break;
-        case 6: rig_.trouble(in_.below(3), in_.u8()); break;
+        case 6:
+          rig_.trouble(in_.below(3), in_.u8());
+          break;
         default: {
           const unsigned long_ = in_.below(16);
           rig_.lasts(long_ == 15 ? 1000 : long_ == 14 ? 60 : static_cast<int>(long_));
@@ -242,7 +257,8 @@ class Run {
   }
   /// Numbers near to each other, around the corner, and half a round apart.
   std::uint32_t sequence() {
-    constexpr std::array<std::uint32_t, 8> near{0, 1, 2, ~0U, 0x7FFF'FFFFU, 0x8000'0000U, 0x8000'0001U, 0xFFFF'FFFEU};
+    constexpr std::array<std::uint32_t, 8> near{
+        0, 1, 2, ~0U, 0x7FFF'FFFFU, 0x8000'0000U, 0x8000'0001U, 0xFFFF'FFFEU};
     const unsigned kind = in_.below(9);
     return kind == 8 ? in_.u32() : 5U + near[kind];
   }
@@ -263,7 +279,9 @@ class Run {
     if (kind == 5) rig_.damage(slot, in_.below(record_words));
   }
 
-  std::array<Slot, 2> both(const Rig& rig) const { return {judge(image_, rig.look(0)), judge(image_, rig.look(1))}; }
+  std::array<Slot, 2> both(const Rig& rig) const {
+    return {judge(image_, rig.look(0)), judge(image_, rig.look(1))};
+  }
   /// Which of them counts; 2: none.
   static unsigned counts(const std::array<Slot, 2>& s) {
     const bool first = s[0].content == SlotContent::valid, second = s[1].content == SlotContent::valid;
@@ -277,7 +295,9 @@ class Run {
     const unsigned i = counts(s);
     return i == 2 ? Found() : s[i].gains;
   }
-  [[nodiscard]] bool may_be(const Found& f) const { return std::ranges::find(possible_, f) != possible_.end(); }
+  [[nodiscard]] bool may_be(const Found& f) const {
+    return std::ranges::find(possible_, f) != possible_.end();
+  }
 
   void power_up() {
     before_ = rig_.begun();
@@ -297,7 +317,8 @@ class Run {
     const auto& status = slots_->status();
     require(status.used == used_, "the slot of power-up");
     if (status.state == StoreState::none) {
-      require(status == link::StoreStatus{} && rig_.begun() == before_, "without a store nothing is said and nothing begun");
+      require(status == link::StoreStatus{} && rig_.begun() == before_,
+              "without a store nothing is said and nothing begun");
       return;
     }
     const auto s = both(rig_);
@@ -331,7 +352,8 @@ class Run {
     require(may_be(newest(cut)), "whenever the power goes: the old gains or the new ones");
     if (slots_->busy() || rig_.busy()) return;
     const StoreState state = slots_->status().state;
-    if ((was || at_work) && state == StoreState::failed) return;  // given up: the next poll sees that the memory is ready
+    if ((was || at_work) && state == StoreState::failed)
+      return;  // given up: the next poll sees that the memory is ready
     told();
     if (!was) return;
     if (state == StoreState::stored) {
@@ -340,7 +362,8 @@ class Run {
     } else {
       require(state == StoreState::forgotten, "an order ends well or fails");
       const auto s = both(rig_);
-      require(!wanted_ && s[0].content == SlotContent::empty && s[1].content == SlotContent::empty, "forgotten: both empty");
+      require(!wanted_ && s[0].content == SlotContent::empty && s[1].content == SlotContent::empty,
+              "forgotten: both empty");
       possible_ = {Found()};
     }
   }
@@ -370,10 +393,18 @@ class Run {
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   fuzz::Bytes in(data, size);
   switch (in.below(4)) {
-    case 0: Run<Plain<2>>(in).go(); break;
-    case 1: Run<Plain<8>>(in).go(); break;
-    case 2: Run<Chip<hal::flash::G4Slots<test::FlashModelAccess>>>(in).go(); break;
-    default: Run<Chip<hal::flash::H7Slots<test::FlashModelAccess>>>(in).go(); break;
+    case 0:
+      Run<Plain<2>>(in).go();
+      break;
+    case 1:
+      Run<Plain<8>>(in).go();
+      break;
+    case 2:
+      Run<Chip<hal::flash::G4Slots<test::FlashModelAccess>>>(in).go();
+      break;
+    default:
+      Run<Chip<hal::flash::H7Slots<test::FlashModelAccess>>>(in).go();
+      break;
   }
   return 0;
 }

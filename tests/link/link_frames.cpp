@@ -1,8 +1,8 @@
 /// The firmware's codec of the command interface for tests in another language.
 ///
 ///   link_frames encode     frames from the controller, one line each: MESSAGE ID HEX SIGNAL=VALUE...
-///   link_frames decode     reads frames to the controller, ID HEX, and prints what they say: intact SIGNAL=VALUE...
-///   link_frames tables     the enumerations: TABLE NUMBER NAME
+///   link_frames decode     reads frames to the controller, ID HEX, and prints what they say: intact
+///   SIGNAL=VALUE... link_frames tables     the enumerations: TABLE NUMBER NAME
 
 #include <cinttypes>
 #include <cstdio>
@@ -24,75 +24,114 @@ constexpr std::uint32_t base = 0x780;
 // Without default: an enumerator that is missing here does not compile.
 const char* word(Order o) {
   switch (o) {
-    case Order::none: return "none";
-    case Order::arm: return "arm";
-    case Order::disarm: return "disarm";
-    case Order::off: return "off";
-    case Order::reset: return "reset";
-    case Order::confirm_zero: return "confirm_zero";
-    case Order::hold: return "hold";
-    case Order::reference: return "reference";
-    case Order::stream: return "stream";
-    case Order::store: return "store";
-    case Order::forget: return "forget";
+    case Order::none:
+      return "none";
+    case Order::arm:
+      return "arm";
+    case Order::disarm:
+      return "disarm";
+    case Order::off:
+      return "off";
+    case Order::reset:
+      return "reset";
+    case Order::confirm_zero:
+      return "confirm_zero";
+    case Order::hold:
+      return "hold";
+    case Order::reference:
+      return "reference";
+    case Order::stream:
+      return "stream";
+    case Order::store:
+      return "store";
+    case Order::forget:
+      return "forget";
   }
   return nullptr;
 }
 const char* word(Source s) {
   switch (s) {
-    case Source::hold: return "hold";
-    case Source::reference: return "reference";
-    case Source::stream: return "stream";
+    case Source::hold:
+      return "hold";
+    case Source::reference:
+      return "reference";
+    case Source::stream:
+      return "stream";
   }
   return nullptr;
 }
 const char* word(Space s) {
   switch (s) {
-    case Space::effector: return "effector";
-    case Space::base_joints: return "base_joints";
+    case Space::effector:
+      return "effector";
+    case Space::base_joints:
+      return "base_joints";
   }
   return nullptr;
 }
 const char* word(Reacted r) {
   switch (r) {
-    case Reacted::none: return "none";
-    case Reacted::zero_torque: return "zero_torque";
-    case Reacted::halt: return "halt";
+    case Reacted::none:
+      return "none";
+    case Reacted::zero_torque:
+      return "zero_torque";
+    case Reacted::halt:
+      return "halt";
   }
   return nullptr;
 }
 const char* word(Answer a) {
   switch (a) {
-    case Answer::ok: return "ok";
-    case Answer::unknown_index: return "unknown_index";
-    case Answer::read_only: return "read_only";
-    case Answer::out_of_bounds: return "out_of_bounds";
-    case Answer::not_now: return "not_now";
+    case Answer::ok:
+      return "ok";
+    case Answer::unknown_index:
+      return "unknown_index";
+    case Answer::read_only:
+      return "read_only";
+    case Answer::out_of_bounds:
+      return "out_of_bounds";
+    case Answer::not_now:
+      return "not_now";
   }
   return nullptr;
 }
 const char* word(Subject s) {
   switch (s) {
-    case Subject::faults: return "faults";
-    case Subject::parameter: return "parameter";
-    case Subject::table: return "table";
+    case Subject::faults:
+      return "faults";
+    case Subject::parameter:
+      return "parameter";
+    case Subject::table:
+      return "table";
   }
   return nullptr;
 }
 const char* word(Index i) {
   switch (i) {
-    case Index::lambda_position: return "lambda_position";
-    case Index::lambda_angle: return "lambda_angle";
-    case Index::gain_position: return "gain_position";
-    case Index::gain_angle: return "gain_angle";
-    case Index::sample_time: return "sample_time";
-    case Index::torque_limit_1: return "torque_limit_1";
-    case Index::torque_limit_2: return "torque_limit_2";
-    case Index::joint_speed: return "joint_speed";
-    case Index::speed: return "speed";
-    case Index::acceleration: return "acceleration";
-    case Index::stream_age: return "stream_age";
-    case Index::silence: return "silence";
+    case Index::lambda_position:
+      return "lambda_position";
+    case Index::lambda_angle:
+      return "lambda_angle";
+    case Index::gain_position:
+      return "gain_position";
+    case Index::gain_angle:
+      return "gain_angle";
+    case Index::sample_time:
+      return "sample_time";
+    case Index::torque_limit_1:
+      return "torque_limit_1";
+    case Index::torque_limit_2:
+      return "torque_limit_2";
+    case Index::joint_speed:
+      return "joint_speed";
+    case Index::speed:
+      return "speed";
+    case Index::acceleration:
+      return "acceleration";
+    case Index::stream_age:
+      return "stream_age";
+    case Index::silence:
+      return "silence";
   }
   return nullptr;
 }
@@ -123,35 +162,60 @@ double number(auto v) { return static_cast<double>(v); }
 
 void encode() {
   for (unsigned i = 0; i < 40; ++i) {
-    const Status s{static_cast<State>(i % state_count), static_cast<Fault>(i % fault_count), static_cast<Reacted>(i % 3),
-                   static_cast<Source>(i / 3 % 3), i % 2 == 1, i * 0x0123'4567U, static_cast<std::uint8_t>(1 + 6 * i)};
+    const Status s{static_cast<State>(i % state_count),
+                   static_cast<Fault>(i % fault_count),
+                   static_cast<Reacted>(i % 3),
+                   static_cast<Source>(i / 3 % 3),
+                   i % 2 == 1,
+                   i * 0x0123'4567U,
+                   static_cast<std::uint8_t>(1 + 6 * i)};
     const hal::CanFrame f = encode_status(base, s, static_cast<std::uint8_t>(i));
     print("Status", f,
-          {{"Crc", number(f.data[0])}, {"Counter", number(i % 16)}, {"State", number(s.state)}, {"Fault", number(s.fault)},
-           {"Reaction", number(s.reaction)}, {"Source", number(s.source)}, {"Streaming", number(s.streaming)},
-           {"Tick", number(s.tick % (1U << 24U))}, {"Session", number(s.session)}});
+          {{"Crc", number(f.data[0])},
+           {"Counter", number(i % 16)},
+           {"State", number(s.state)},
+           {"Fault", number(s.fault)},
+           {"Reaction", number(s.reaction)},
+           {"Source", number(s.source)},
+           {"Streaming", number(s.streaming)},
+           {"Tick", number(s.tick % (1U << 24U))},
+           {"Session", number(s.session)}});
     const FaultRecord r{s.fault, static_cast<std::uint8_t>(255 - 6 * i), static_cast<std::uint16_t>(1639 * i),
                         i * 0x0678'9ABCU, ~(i * 0x0654'3210U)};
     print("Fault_Record", encode_fault_record(base, r),
-          {{"Fault", number(r.fault)}, {"Axis", number(r.axis)}, {"Count", number(r.count)}, {"Time", number(r.time_us)}});
+          {{"Fault", number(r.fault)},
+           {"Axis", number(r.axis)},
+           {"Count", number(r.count)},
+           {"Time", number(r.time_us)}});
     print("Fault_Detail", encode_fault_detail(base, r),
           {{"Fault", number(r.fault)}, {"Axis", number(r.axis)}, {"Drive_Error", number(r.drive_error)}});
     const float x = (static_cast<float>(i) - 17.5F) * 1.37e3F, y = 1.0F / (static_cast<float>(i) - 9.3F);
     const auto index = static_cast<std::uint8_t>(i % parameter_count);
     print("Parameter_Value", encode_parameter_value(base, index, static_cast<Answer>(i % 5), i % 3 == 0, x),
-          {{"Index", number(index)}, {"Answer", number(i % 5)}, {"Writable", i % 3 == 0 ? 1.0 : 0.0}, {"Value", number(x)}});
+          {{"Index", number(index)},
+           {"Answer", number(i % 5)},
+           {"Writable", i % 3 == 0 ? 1.0 : 0.0},
+           {"Value", number(x)}});
     print("Parameter_Table", encode_parameter_table(base, r.drive_error, static_cast<std::uint8_t>(6 * i)),
           {{"Crc32", number(r.drive_error)}, {"Count", number(6 * i)}});
-    print("Identity", encode_identity(base, ~r.drive_error), {{"Scene", number(~r.drive_error)}, {"Version", number(1)}});
-    const StoreStatus t{static_cast<StoreState>(i % 7), static_cast<std::uint8_t>(i % 3),
-                        {static_cast<SlotContent>(i % 6), static_cast<SlotContent>((i + 2) / 3 % 6)}, ~r.drive_error};
+    print("Identity", encode_identity(base, ~r.drive_error),
+          {{"Scene", number(~r.drive_error)}, {"Version", number(1)}});
+    const StoreStatus t{static_cast<StoreState>(i % 7),
+                        static_cast<std::uint8_t>(i % 3),
+                        {static_cast<SlotContent>(i % 6), static_cast<SlotContent>((i + 2) / 3 % 6)},
+                        ~r.drive_error};
     print("Parameter_Slots", encode_parameter_slots(base, t),
-          {{"Store", number(t.state)}, {"Used", number(t.used)}, {"Slot_1", number(t.slots[0])}, {"Slot_2", number(t.slots[1])},
+          {{"Store", number(t.state)},
+           {"Used", number(t.used)},
+           {"Slot_1", number(t.slots[0])},
+           {"Slot_2", number(t.slots[1])},
            {"Sequence", number(t.sequence)}});
     const Counters c{static_cast<std::uint16_t>(1680 * i), static_cast<std::uint16_t>(65535 - i),
                      static_cast<std::uint16_t>(i), static_cast<std::uint16_t>(256 * i)};
     print("Link_Counters", encode_counters(base, c),
-          {{"Obeyed", number(c.obeyed)}, {"Bad_Crc", number(c.bad_crc)}, {"Bad_Counter", number(c.bad_counter)},
+          {{"Obeyed", number(c.obeyed)},
+           {"Bad_Crc", number(c.bad_crc)},
+           {"Bad_Counter", number(c.bad_counter)},
            {"Refused", number(c.refused)}});
     const auto floats = [&](const char* message, Message m, unsigned more, const char* a, const char* b) {
       print(message, encode_floats(base, static_cast<std::uint8_t>(static_cast<unsigned>(m) + more), x, y),
@@ -186,8 +250,12 @@ void decode(const hal::CanFrame& f, std::uint8_t session) {
       }
       break;
     case Message::set_point:
-    case Message::stream_position: pair(position_unit, "Position_1", "Position_2"); break;
-    case Message::stream_velocity: pair(velocity_unit, "Velocity_1", "Velocity_2"); break;
+    case Message::stream_position:
+      pair(position_unit, "Position_1", "Position_2");
+      break;
+    case Message::stream_velocity:
+      pair(velocity_unit, "Velocity_1", "Velocity_2");
+      break;
     case Message::parameter_write:
       if (const auto w = decode_parameter_write(f)) {
         say("Index", number(w->index));
@@ -200,7 +268,9 @@ void decode(const hal::CanFrame& f, std::uint8_t session) {
         say("Index", number(r->index));
       }
       break;
-    default: std::printf(" not to the controller"); break;
+    default:
+      std::printf(" not to the controller");
+      break;
   }
   std::printf("\n");
 }

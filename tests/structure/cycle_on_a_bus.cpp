@@ -1,5 +1,6 @@
-/// `Cycle::receive` and `Cycle::tick` are templates over the bus, so the control archive does not hold them. Here
-/// they are compiled as a board compiles them, on a bus that is only declared, for the symbols to be looked at.
+/// `Cycle::receive` and `Cycle::tick` are templates over the bus, so the control archive does not hold them.
+/// Here they are compiled as a board compiles them, on a bus that is only declared, for the symbols to be
+/// looked at.
 
 #include "firmware/cycle/instances.hpp"
 

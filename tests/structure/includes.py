@@ -85,7 +85,7 @@ HOST = {
 # judges, the equations of estimations.
 ALONE = [
     (r"host_sim/spatial/plant\.[ch]pp", rf"{STD}|<Eigen/.*>|host_sim/spatial/plant\.hpp|{SHARED}"),
-    (r"host_sim/campaign/(computer|dialect|draw|injections|judge|times|wire|world)\.[ch]pp",
+    (r"host_sim/campaign/(computer|protocol_traits|draw|injections|judge|times|faulty_bus|world)\.[ch]pp",
      rf"<.*>|hal/.*|host_sim/(bus|campaign|drives|plant|scene)/.*|host_sim/error\.hpp|{SHARED}"),
     (r"host_sim/(calibrate/(?!calibrate\.|calibrated_scene\.)|identify/(?!identify\.))[a-z_]+\.[ch]pp",
      rf"<.*>|host_sim/(calibrate|identify|record)/.*|host_sim/error\.hpp|{SHARED}"),
@@ -200,7 +200,7 @@ def self_test(root):
         ("firmware/drive/odrive.hpp", '#include "firmware/safety/faults.hpp"'),
         ("firmware/link/codec.hpp", '#include "firmware/types.hpp"'),
         ("firmware/link/codec.hpp", '#include "firmware/drive/odrive.hpp"'),
-        ("firmware/link/command_link.hpp", '#include "firmware/cycle/guide.hpp"'),
+        ("firmware/link/command_link.hpp", '#include "firmware/cycle/setpoint_generator.hpp"'),
         ("firmware/cycle/cycle.hpp", '#include "hal/virtual/virtual_bus.hpp"'),
         ("firmware/cycle/cycle.hpp", '#include "boards/linux/main.hpp"'),
         ("firmware/cycle/cycle.hpp", "#include <cstdio>"),

@@ -1,5 +1,6 @@
-/// Random and hostile states, inputs, gains and limits through the controller: law, allocation, limits. Whatever comes
-/// in, a torque is finite, within its motor's limit, and zero where it must be. Usage: random_states TICKS [SEED]
+/// Random and hostile states, inputs, gains and limits through the controller: law, allocation, limits.
+/// Whatever comes in, a torque is finite, within its motor's limit, and zero where it must be. Usage:
+/// random_states TICKS [SEED]
 
 #include <array>
 #include <bit>
@@ -31,7 +32,9 @@ class Draw {
   }
   std::uint32_t below(std::uint32_t n) { return static_cast<std::uint32_t>(((bits() >> 32U) * n) >> 32U); }
   bool one_in(std::uint32_t n) { return below(n) == 0; }
-  double uniform(double from, double to) { return from + (to - from) * static_cast<double>(bits() >> 11U) * 0x1p-53; }
+  double uniform(double from, double to) {
+    return from + (to - from) * static_cast<double>(bits() >> 11U) * 0x1p-53;
+  }
   double magnitude(double from, double to) { return std::exp(uniform(std::log(from), std::log(to))); }
   double sign() { return one_in(2) ? 1.0 : -1.0; }
 
@@ -44,8 +47,10 @@ template <class S>
 S hostile(Draw& d) {
   using L = std::numeric_limits<S>;
   constexpr S pi = S(3.14159265358979323846L);
-  constexpr std::array special{S(0), -S(0), L::quiet_NaN(), L::infinity(), -L::infinity(), L::max(), L::lowest(), L::min(),
-                               L::denorm_min(), L::epsilon(), pi, -pi, pi / S(2), -pi / S(2), S(1e15L), S(-1e30L)};
+  constexpr std::array special{S(0),     -S(0),       L::quiet_NaN(), L::infinity(),   -L::infinity(),
+                               L::max(), L::lowest(), L::min(),       L::denorm_min(), L::epsilon(),
+                               pi,       -pi,         pi / S(2),      -pi / S(2),      S(1e15L),
+                               S(-1e30L)};
   const std::uint32_t i = d.below(24);
   if (i < special.size()) return special[i];
   using Bits = std::conditional_t<sizeof(S) == 4, std::uint32_t, std::uint64_t>;
@@ -64,7 +69,8 @@ class Episode {
   using S = typename M::Scalar;
   static constexpr int ticks = 16;
 
-  Episode(std::uint64_t seed, Count& count) : seed_(seed), draw_(seed), count_(count), config_(configuration()) {
+  Episode(std::uint64_t seed, Count& count)
+      : seed_(seed), draw_(seed), count_(count), config_(configuration()) {
     Controller<M> controller(config_);
     bool kept = false;
     Sample<M> sample;
@@ -80,7 +86,9 @@ class Episode {
 
  private:
   S number(double from, double to) { return static_cast<S>(draw_.uniform(from, to)); }
-  S size(double from, double to) { return draw_.one_in(400) ? hostile<S>(draw_) : static_cast<S>(draw_.magnitude(from, to)); }
+  S size(double from, double to) {
+    return draw_.one_in(400) ? hostile<S>(draw_) : static_cast<S>(draw_.magnitude(from, to));
+  }
 
   LegParams<S> leg() {
     LegParams<S> p;
@@ -129,8 +137,10 @@ class Episode {
       c.gains.k[i] = size(1e-3, 1e6);
       c.gains.layer[i] = size(1e-9, 1e3);
     }
-    c.gains.independent = {size(1e-2, 1e4), size(1e-3, 1e6), size(1e-9, 1e3), size(1e-3, 1e7), size(1e-3, 1e4)};
-    c.reference.kind = draw_.one_in(3) ? static_cast<ReferenceKind>(draw_.below(3)) : ReferenceKind::hold_start;
+    c.gains.independent = {size(1e-2, 1e4), size(1e-3, 1e6), size(1e-9, 1e3), size(1e-3, 1e7),
+                           size(1e-3, 1e4)};
+    c.reference.kind =
+        draw_.one_in(3) ? static_cast<ReferenceKind>(draw_.below(3)) : ReferenceKind::hold_start;
     c.reference.space = draw_.one_in(2) ? ReferenceSpace::effector : ReferenceSpace::base_joints;
     c.reference.centre = {number(-0.3, 0.3), number(-0.3, 0.5)};
     c.reference.amplitude = {number(0.0, 0.1), number(0.0, 0.1)};
@@ -213,7 +223,9 @@ class Episode {
   Sample<M> drawn() {
     Sample<M> s;
     for (int i = 0; i < M::joints; ++i) {
-      s.angle[i] = draw_.one_in(8) ? S(1.5707963267948966L) * static_cast<S>(static_cast<int>(draw_.below(9)) - 4) : number(-3.2, 3.2);
+      s.angle[i] = draw_.one_in(8)
+                       ? S(1.5707963267948966L) * static_cast<S>(static_cast<int>(draw_.below(9)) - 4)
+                       : number(-3.2, 3.2);
       s.rate[i] = draw_.one_in(8) ? S(0) : static_cast<S>(draw_.sign() * draw_.magnitude(1e-6, 1e3));
     }
     if constexpr (M::joints == 4) {
@@ -250,10 +262,18 @@ class Episode {
   void spoil(Sample<M>& s) {
     const auto joint = draw_.below(M::joints);
     switch (draw_.below(4)) {
-      case 0: s.angle[static_cast<int>(joint)] = hostile<S>(draw_); break;
-      case 1: s.rate[static_cast<int>(joint)] = hostile<S>(draw_); break;
-      case 2: s.age_ticks[joint] = draw_.one_in(2) ? draw_.below(8) : static_cast<std::uint32_t>(draw_.bits()); break;
-      default: s.phase[joint] = hostile<S>(draw_); break;
+      case 0:
+        s.angle[static_cast<int>(joint)] = hostile<S>(draw_);
+        break;
+      case 1:
+        s.rate[static_cast<int>(joint)] = hostile<S>(draw_);
+        break;
+      case 2:
+        s.age_ticks[joint] = draw_.one_in(2) ? draw_.below(8) : static_cast<std::uint32_t>(draw_.bits());
+        break;
+      default:
+        s.phase[joint] = hostile<S>(draw_);
+        break;
     }
   }
 
@@ -313,8 +333,9 @@ int main(int argc, char** argv) {
     std::fputs("usage: random_states TICKS [SEED]\n", stderr);
     return 2;
   }
-  const std::array counts{study<FiveBar<double>>(ticks * 3 / 8, seed), study<FiveBar<float>>(ticks * 3 / 8, seed),
-                          study<Rr<double>>(ticks / 8, seed), study<Rr<float>>(ticks / 8, seed)};
+  const std::array counts{study<FiveBar<double>>(ticks * 3 / 8, seed),
+                          study<FiveBar<float>>(ticks * 3 / 8, seed), study<Rr<double>>(ticks / 8, seed),
+                          study<Rr<float>>(ticks / 8, seed)};
   const std::array names{"5R, double", "5R, float", "RR, double", "RR, float"};
   std::puts("| mechanism, scalar | ticks | with torque | limited | violations |\n|---|---|---|---|---|");
   std::uint64_t violations = 0, with_torque = 0, limited = 0;
@@ -327,7 +348,8 @@ int main(int argc, char** argv) {
     for (const auto& [fault, n] : counts[i].faults) faults[fault] += n;
   }
   std::puts("\n| fault | ticks |\n|---|---|");
-  for (const auto& [fault, n] : faults) std::printf("| %s | %llu |\n", fault.c_str(), static_cast<unsigned long long>(n));
+  for (const auto& [fault, n] : faults)
+    std::printf("| %s | %llu |\n", fault.c_str(), static_cast<unsigned long long>(n));
   // A study that never reaches the law, or never its limits, shows nothing.
   return violations == 0 && with_torque > ticks / 8 && limited > ticks / 16 ? 0 : 1;
 }

@@ -1,6 +1,6 @@
 #pragma once
-/// CANopen frames written byte by byte from the message layouts, without the firmware's codec, and a slave made of
-/// them: an object dictionary behind SDO, a state machine that obeys, two PDOs.
+/// CANopen frames written byte by byte from the message layouts, without the firmware's codec, and a slave
+/// made of them: an object dictionary behind SDO, a state machine that obeys, two PDOs.
 
 #include <cstddef>
 #include <cstdint>
@@ -36,8 +36,8 @@ inline hal::CanFrame emergency_of(unsigned node, unsigned code) {
   return can(0x080 + node, {static_cast<int>(code % 256), static_cast<int>(code / 256), 1, 0, 0, 0, 0, 0});
 }
 inline hal::CanFrame sdo(unsigned id, int command, unsigned index, unsigned sub, std::uint32_t value = 0) {
-  hal::CanFrame f = can(id, {command, static_cast<int>(index % 256), static_cast<int>(index / 256), static_cast<int>(sub),
-                             0, 0, 0, 0});
+  hal::CanFrame f = can(id, {command, static_cast<int>(index % 256), static_cast<int>(index / 256),
+                             static_cast<int>(sub), 0, 0, 0, 0});
   put_little(f, 4, value, 4);
   return f;
 }
@@ -70,10 +70,10 @@ struct Slave {
                                                  {entry(0x6502, 0), 0x3A5},
                                                  {entry(0x6076, 0), 2000},
                                                  {entry(0x6072, 0), 1500}};
-  std::map<std::uint32_t, std::uint32_t> aborts;        ///< of any access, with this code
-  std::map<std::uint32_t, std::uint32_t> says;          ///< on reading, whatever was written
-  std::map<std::uint32_t, int> command;                 ///< on reading, the first byte of the answer
-  std::set<std::uint32_t> silent;                       ///< no answer
+  std::map<std::uint32_t, std::uint32_t> aborts;  ///< of any access, with this code
+  std::map<std::uint32_t, std::uint32_t> says;    ///< on reading, whatever was written
+  std::map<std::uint32_t, int> command;           ///< on reading, the first byte of the answer
+  std::set<std::uint32_t> silent;                 ///< no answer
   std::vector<std::pair<std::uint32_t, std::uint32_t>> writes;
   std::vector<std::uint32_t> reads;
   std::vector<hal::CanFrame> waiting;  ///< to be delivered in the next tick
@@ -82,9 +82,19 @@ struct Slave {
 
   [[nodiscard]] static unsigned size_of(std::uint32_t object) {
     switch (object >> 8U) {
-      case 0x1029: case 0x6060: case 0x60C2: return 1;
-      case 0x1017: case 0x6007: case 0x605A: case 0x605E: case 0x6040: case 0x6072: return 2;
-      default: break;
+      case 0x1029:
+      case 0x6060:
+      case 0x60C2:
+        return 1;
+      case 0x1017:
+      case 0x6007:
+      case 0x605A:
+      case 0x605E:
+      case 0x6040:
+      case 0x6072:
+        return 2;
+      default:
+        break;
     }
     const std::uint32_t index = object >> 8U, sub = object & 0xFFU;
     const bool communication = (index >= 0x1400 && index < 0x1404) || (index >= 0x1800 && index < 0x1804);
@@ -119,7 +129,8 @@ struct Slave {
       reply.data[0] = 0x80;
       put_little(reply, 4, aborts[object], 4);
     } else if (reading) {
-      reply.data[0] = static_cast<std::uint8_t>(command.contains(object) ? command[object] : 0x4F - 4 * (static_cast<int>(size) - 1));
+      reply.data[0] = static_cast<std::uint8_t>(
+          command.contains(object) ? command[object] : 0x4F - 4 * (static_cast<int>(size) - 1));
       put_little(reply, 4, says.contains(object) ? says[object] : objects[object], 4);
     } else {
       objects[object] = little(f, 4, 4);

@@ -91,7 +91,9 @@ struct Bench {
     for (int i = 0; i < ticks && !done(); ++i) tick();
     return done();
   }
-  bool make_ready() { return until([&] { return axis.ready(); }); }
+  bool make_ready() {
+    return until([&] { return axis.ready(); });
+  }
   /// Up to the tick in which the object is asked for or written.
   bool make_ask(std::uint32_t object) {
     return until([&] {

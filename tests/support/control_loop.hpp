@@ -49,7 +49,7 @@ struct LoopSetup {
   Sensors sensors = Sensors::base;
   double min_type2 = 0.05;
   int substeps = 2;
-  std::function<void(Vec<double, 4>&)> wiring{};  ///< what the cables make of the torques
+  std::function<void(Vec<double, 4>&)> wiring{};                     ///< what the cables make of the torques
   std::function<void(ControllerConfig<FiveBar<double>>&)> adjust{};  ///< the last word on the configuration
 };
 

@@ -14,7 +14,8 @@
 
 namespace esmc::test {
 
-// ---- the rig ---------------------------------------------------------------------------------------------------
+// ---- the rig
+// ---------------------------------------------------------------------------------------------------
 
 template <class M, class Bus = FakeBus>
 class Rig {
@@ -23,7 +24,12 @@ class Rig {
   static constexpr std::size_t axes_max = static_cast<std::size_t>(M::joints);
 
   explicit Rig(const Setup<M>& s = setup<M>())
-      : angle(s.angle), rate(s.rate), controller_(s.controller), cycle(config(s, axes(s))), axes_(axes(s)), gear_(s.gear) {
+      : angle(s.angle),
+        rate(s.rate),
+        controller_(s.controller),
+        cycle(config(s, axes(s))),
+        axes_(axes(s)),
+        gear_(s.gear) {
     state.fill(axis_idle);
     sends_encoder.fill(true);
     sends_heartbeat.fill(true);

@@ -25,7 +25,8 @@ inline constexpr std::array<Mounting, 4> mountings{
 template <class M>
 struct Setup {
   ControllerConfig<M> controller{};
-  std::array<double, static_cast<std::size_t>(M::joints)> angle{}, rate{};  ///< of the joints, reported truthfully
+  std::array<double, static_cast<std::size_t>(M::joints)> angle{},
+      rate{};  ///< of the joints, reported truthfully
   drive::odrive::Version version = drive::odrive::Version::v0_6;
   std::uint32_t retry_ticks = 150;
   std::uint32_t heartbeat_age_ticks_max = 20;
@@ -37,7 +38,8 @@ struct Setup {
   std::array<double, 4> gear{mountings[0].gear, mountings[1].gear, mountings[2].gear, mountings[3].gear};
 };
 
-// ---- the two machines ------------------------------------------------------------------------------------------
+// ---- the two machines
+// ------------------------------------------------------------------------------------------
 
 /// Joint angles of the leg whose base is at the origin and whose tip is at (x, y), elbow to the side `mode`.
 inline std::array<double, 2> dyad_angles(double l1, double l2, double x, double y, int mode) {
@@ -76,9 +78,14 @@ inline Setup<FiveBar<double>> setup<FiveBar<double>>() {
                  .amplitude = {0.02, 0.02},
                  .speed = {10.0, 0.0}};
   c.reference.phase[0] = {0, static_cast<std::uint64_t>(10.0 * 1e-3 / turn * 0x1p64)};
-  c.limits = {.min_abs_sin_type1 = 0.02, .min_abs_sin_type2 = 0.05, .joint_speed = 50.0, .closure = 1e-3,
-              .workspace_x = {-0.3, 0.3}, .workspace_y = {-0.05, 0.3},
-              .joint_angle = {{{-3.2, 3.2}, {-3.2, 3.2}}}, .max_age_ticks = 2};
+  c.limits = {.min_abs_sin_type1 = 0.02,
+              .min_abs_sin_type2 = 0.05,
+              .joint_speed = 50.0,
+              .closure = 1e-3,
+              .workspace_x = {-0.3, 0.3},
+              .workspace_y = {-0.05, 0.3},
+              .joint_angle = {{{-3.2, 3.2}, {-3.2, 3.2}}},
+              .max_age_ticks = 2};
   c.torque_limit.setConstant(2.0);
   c.torque_weight = {1.0, 2.0, 0.5, 1.5};
   c.sample_time = 1e-3;
@@ -90,8 +97,8 @@ template <>
 inline Setup<Rr<float>> setup<Rr<float>>() {
   Setup<Rr<float>> s;
   auto& c = s.controller;
-  const RrParams<float> p{
-      {0.2F, 0.15F, 0.09F, 0.07F, 0.4F, 0.3F, 2e-3F, 1e-3F, 0.01F, 0.01F, 0.0F, 0.0F}, 9.8F};
+  const RrParams<float> p{{0.2F, 0.15F, 0.09F, 0.07F, 0.4F, 0.3F, 2e-3F, 1e-3F, 0.01F, 0.01F, 0.0F, 0.0F},
+                          9.8F};
   c.mechanism = Rr<float>(p);
   c.mode = {1};
   c.gains.lambda.setConstant(20.0F);
@@ -104,9 +111,14 @@ inline Setup<Rr<float>> setup<Rr<float>>() {
                  .amplitude = {0.1F, 0.2F},
                  .speed = {10.0F, 10.0F}};
   c.reference.phase[0] = c.reference.phase[1] = {0, static_cast<std::uint64_t>(10.0 * 1e-3 / turn * 0x1p64)};
-  c.limits = {.min_abs_sin_type1 = 0.02F, .min_abs_sin_type2 = 0.05F, .joint_speed = 50.0F, .closure = 1e-3F,
-              .workspace_x = {-0.4F, 0.4F}, .workspace_y = {-0.4F, 0.4F},
-              .joint_angle = {{{-3.2F, 3.2F}, {-3.2F, 3.2F}}}, .max_age_ticks = 2};
+  c.limits = {.min_abs_sin_type1 = 0.02F,
+              .min_abs_sin_type2 = 0.05F,
+              .joint_speed = 50.0F,
+              .closure = 1e-3F,
+              .workspace_x = {-0.4F, 0.4F},
+              .workspace_y = {-0.4F, 0.4F},
+              .joint_angle = {{{-3.2F, 3.2F}, {-3.2F, 3.2F}}},
+              .max_age_ticks = 2};
   c.torque_limit.setConstant(3.0F);
   c.sample_time = 1e-3F;
   s.angle = {0.4, 0.9};

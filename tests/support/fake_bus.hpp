@@ -1,6 +1,7 @@
 #pragma once
-/// A CAN controller under the hand of a test: frames to be received are queued, frames sent are listed, and it
-/// can refuse to send as a full or a dead controller does. Fixed storage: it serves the no-heap test as well.
+/// A CAN controller under the hand of a test: frames to be received are queued, frames sent are listed, and
+/// it can refuse to send as a full or a dead controller does. Fixed storage: it serves the no-heap test as
+/// well.
 
 #include <array>
 #include <cstddef>

@@ -1,7 +1,7 @@
 #pragma once
-/// An FDCAN as a program sees it, by the reference manuals (RM0440 ch. 44, RM0433 ch. 56): registers by their addresses there,
-/// write protection, message memory, receive FIFO 0, transmit queue, time stamps, error states. What a program must not do is
-/// noted in `wrong`. Shares nothing with hal/fdcan.
+/// An FDCAN as a program sees it, by the reference manuals (RM0440 ch. 44, RM0433 ch. 56): registers by their
+/// addresses there, write protection, message memory, receive FIFO 0, transmit queue, time stamps, error
+/// states. What a program must not do is noted in `wrong`. Shares nothing with hal/fdcan.
 
 #include <algorithm>
 #include <cstdint>
@@ -25,15 +25,16 @@ class FdcanModel {
  public:
   enum class Chip { g4, h7 };
   explicit FdcanModel(Chip chip) : chip_(chip) {
-    r_[0x18] = 0x1;          // CCCR: INIT
-    r_[0x1C] = 0x06000A03;   // NBTP
-    r_[0x0C] = 0x00000A33;   // DBTP
-    r_[0x44] = 0x707;        // PSR
+    r_[0x18] = 0x1;         // CCCR: INIT
+    r_[0x1C] = 0x06000A03;  // NBTP
+    r_[0x0C] = 0x00000A33;  // DBTP
+    r_[0x44] = 0x707;       // PSR
   }
   std::vector<std::string> wrong;
-  bool clocked = true;       ///< without a kernel clock INIT never follows
+  bool clocked = true;  ///< without a kernel clock INIT never follows
 
-  // --- the program's side --------------------------------------------------------------------------------------------------
+  // --- the program's side
+  // --------------------------------------------------------------------------------------------------
   std::uint32_t read(std::uint32_t at) {
     if (at == 0x18) {
       if (clocked && settle_ > 0 && --settle_ == 0) init_ = wanted_init_;
@@ -42,13 +43,15 @@ class FdcanModel {
     if (at == 0x24) return stamp_ / (((r_[0x20] >> 16) & 0xF) + 1) & 0xFFFF;
     if (at == rxf0s()) {
       const auto n = static_cast<std::uint32_t>(fill_);
-      return n | (get_ << 8) | (put_ << 16) | (n == depth() ? 1U << 24 : 0U) | ((r_[0x50] & lost_flag()) != 0 ? 1U << 25 : 0U);
+      return n | (get_ << 8) | (put_ << 16) | (n == depth() ? 1U << 24 : 0U) |
+             ((r_[0x50] & lost_flag()) != 0 ? 1U << 25 : 0U);
     }
     if (at == txbrp()) return pending_;
     if (at == 0xC4) {
       std::uint32_t free = 0;
       while (free < tx_depth() && (pending_ & (1U << free)) != 0) ++free;
-      return (free == tx_depth() ? 1U << 21 : free << 16);  // queue mode: fill level and get index read as zero
+      return (free == tx_depth() ? 1U << 21
+                                 : free << 16);  // queue mode: fill level and get index read as zero
     }
     if (at == 0x40) return (rec_ << 8) | (tec_ & 0xFF);
     if (at == 0x44) return r_[0x44] | (off_ ? 1U << 7 : 0U) | (tec_ > 127 || rec_ > 127 ? 1U << 5 : 0U);
@@ -98,12 +101,14 @@ class FdcanModel {
   void write_ram(std::uint32_t word, std::uint32_t v) {
     if (word >= (chip_ == Chip::g4 ? 0x350U / 4 : 2560U)) fault("outside of the message memory");
     for (std::uint32_t i = 0; i < tx_depth(); ++i) {
-      if ((pending_ & (1U << i)) != 0 && word >= tx_at(i) && word < tx_at(i) + 18) fault("changes a pending frame");
+      if ((pending_ & (1U << i)) != 0 && word >= tx_at(i) && word < tx_at(i) + 18)
+        fault("changes a pending frame");
     }
     ram_[word] = v;
   }
 
-  // --- the bus's side ------------------------------------------------------------------------------------------------------
+  // --- the bus's side
+  // ------------------------------------------------------------------------------------------------------
   [[nodiscard]] bool on_bus() const { return !init_ && !off_; }
   void bits(std::uint32_t n) { stamp_ += (reg(0x20) & 3U) == 1U ? n : 0U; }  // TSCC.TSS
   /// The frame that wins the arbitration among those asked for; it stays pending until delivered().
@@ -113,7 +118,8 @@ class FdcanModel {
     for (std::uint32_t i = 0; i < tx_depth(); ++i) {
       if ((pending_ & (1U << i)) == 0) continue;
       const std::uint32_t t0 = ram_[tx_at(i)];
-      const std::uint64_t rank = (t0 & (1U << 30)) != 0 ? (std::uint64_t{t0 & 0x1FFFFFFF} << 1) | 1 : std::uint64_t{t0 & 0x1FFC0000} << 1;
+      const std::uint64_t rank = (t0 & (1U << 30)) != 0 ? (std::uint64_t{t0 & 0x1FFFFFFF} << 1) | 1
+                                                        : std::uint64_t{t0 & 0x1FFC0000} << 1;
       if (rank < best) best = rank, on_wire_ = static_cast<int>(i);
     }
     return element(tx_at(static_cast<std::uint32_t>(on_wire_)));
@@ -151,10 +157,12 @@ class FdcanModel {
     }
     const std::uint32_t at = rx_at(put_);
     ram_[at] = (f.extended ? f.id | 1U << 30 : f.id << 18) | (f.remote ? 1U << 29 : 0U);
-    ram_[at + 1] = 1U << 31 | (f.fd ? 1U << 21 : 0U) | (f.brs ? 1U << 20 : 0U) | f.dlc << 16 | (read(0x24) & 0xFFFF);
+    ram_[at + 1] =
+        1U << 31 | (f.fd ? 1U << 21 : 0U) | (f.brs ? 1U << 20 : 0U) | f.dlc << 16 | (read(0x24) & 0xFFFF);
     for (std::uint32_t w = 0; 4 * w < f.bytes.size(); ++w) {
       std::uint32_t v = 0;
-      for (std::uint32_t k = 0; k < 4 && 4 * w + k < f.bytes.size(); ++k) v |= std::uint32_t{f.bytes[4 * w + k]} << (8 * k);
+      for (std::uint32_t k = 0; k < 4 && 4 * w + k < f.bytes.size(); ++k)
+        v |= std::uint32_t{f.bytes[4 * w + k]} << (8 * k);
       ram_[at + 2 + w] = v;
     }
     put_ = (put_ + 1) % depth();
@@ -218,9 +226,11 @@ class FdcanModel {
     f.fd = fd_on && (t1 >> 21 & 1) != 0;
     f.brs = f.fd && (t1 >> 20 & 1) != 0 && (r_[0x18] & (1U << 9)) != 0;
     const unsigned n = f.fd ? sizes[f.dlc] : (f.dlc > 8 ? 8 : f.dlc);
-    const unsigned field = 4 * (words(g4() ? 7 : reg(0xC8)) - 2);  // what the element does not hold goes out as CC
+    const unsigned field =
+        4 * (words(g4() ? 7 : reg(0xC8)) - 2);  // what the element does not hold goes out as CC
     for (unsigned i = 0; i < n && !f.remote; ++i) {
-      f.bytes.push_back(i < field ? static_cast<std::uint8_t>(read_ram(at + 2 + i / 4) >> (8 * (i % 4))) : std::uint8_t{0xCC});
+      f.bytes.push_back(i < field ? static_cast<std::uint8_t>(read_ram(at + 2 + i / 4) >> (8 * (i % 4)))
+                                  : std::uint8_t{0xCC});
     }
     return f;
   }

@@ -1,7 +1,7 @@
 #pragma once
-/// Bank 2 of the flash of an STM32G4 or H7 as a program sees it, by the reference manuals (RM0440 ch. 3, RM0433 ch. 4): keys, locks,
-/// operations that take time, error flags, error correction, a data cache, losses of power. What a program must not do is noted in
-/// `wrong`. Shares nothing with hal/flash.
+/// Bank 2 of the flash of an STM32G4 or H7 as a program sees it, by the reference manuals (RM0440 ch. 3,
+/// RM0433 ch. 4): keys, locks, operations that take time, error flags, error correction, a data cache, losses
+/// of power. What a program must not do is noted in `wrong`. Shares nothing with hal/flash.
 
 #include <array>
 #include <cstdint>
@@ -18,14 +18,16 @@ class FlashModel {
   explicit FlashModel(Chip chip) : chip_(chip) { reset(); }
 
   std::vector<std::string> wrong;
-  int duration = 3;            ///< reads of the status register that an operation takes
-  std::uint32_t options = 0;   ///< bits of OPTR (G4) or OPTCR (H7) that are turned over
-  std::uint32_t spoil = 0;     ///< error flags that the next operation ends with
-  std::uint32_t begun = 0;     ///< operations, of either kind
-  int loses = 0;               ///< the store with this number from now on does not arrive
+  int duration = 3;           ///< reads of the status register that an operation takes
+  std::uint32_t options = 0;  ///< bits of OPTR (G4) or OPTCR (H7) that are turned over
+  std::uint32_t spoil = 0;    ///< error flags that the next operation ends with
+  std::uint32_t begun = 0;    ///< operations, of either kind
+  int loses = 0;              ///< the store with this number from now on does not arrive
 
   [[nodiscard]] bool g4() const { return chip_ == Chip::g4; }
-  [[nodiscard]] std::uint32_t slot(unsigned i) const { return g4() ? 0x0807'F000U + 0x800U * i : 0x081C'0000U + 0x2'0000U * i; }
+  [[nodiscard]] std::uint32_t slot(unsigned i) const {
+    return g4() ? 0x0807'F000U + 0x800U * i : 0x081C'0000U + 0x2'0000U * i;
+  }
   [[nodiscard]] std::uint32_t unit_bytes() const { return g4() ? 8 : 32; }
 
   /// The power goes: what is under way leaves its page, or its unit, half done. Then it is back.
@@ -46,13 +48,17 @@ class FlashModel {
   }
   void tear(std::uint32_t address) { torn_.insert(address / unit_bytes()); }
   /// Locked, and what the program found of the cache is as it was.
-  [[nodiscard]] bool at_rest() const { return busy_ == 0 && locked_ && pg_ == 0 && (!g4() || (acr_ & 0x1400U) == 0x400U); }
+  [[nodiscard]] bool at_rest() const {
+    return busy_ == 0 && locked_ && pg_ == 0 && (!g4() || (acr_ & 0x1400U) == 0x400U);
+  }
 
-  // --- the program's side ------------------------------------------------------------------------------------------------------
+  // --- the program's side
+  // ------------------------------------------------------------------------------------------------------
   std::uint32_t read(std::uint32_t at) {
     if (at == (g4() ? 0x20U : 0x18U)) return (g4() ? 0xFFEF'F8AAU : 1U) ^ options;
     if (at == status_at()) {
-      const std::uint32_t now = status_ | (busy_ > 0 ? (g4() ? 1U << 16 : 5U) : 0U) | (!g4() && !buffer_.empty() ? 2U : 0U);
+      const std::uint32_t now =
+          status_ | (busy_ > 0 ? (g4() ? 1U << 16 : 5U) : 0U) | (!g4() && !buffer_.empty() ? 2U : 0U);
       if (busy_ > 0 && --busy_ == 0) end();
       return now;
     }
@@ -74,7 +80,8 @@ class FlashModel {
     } else if (at == control_at()) {
       control(v);
     } else if (g4() && at == 0) {
-      if ((v & (1U << 12)) != 0 && ((v | acr_) & (1U << 10)) != 0) note("resets the data cache while it is on");
+      if ((v & (1U << 12)) != 0 && ((v | acr_) & (1U << 10)) != 0)
+        note("resets the data cache while it is on");
       if ((v & (1U << 12)) != 0) cache_.clear();
       if ((v & 0xFU) != 4) note("changes the wait states");
       if ((v & (1U << 10)) != 0 && busy_ > 0) note("data cache on while it writes");
@@ -106,7 +113,8 @@ class FlashModel {
       return;
     }
     if (g4() && (acr_ & (1U << 10)) != 0) note("data cache on while it writes");
-    if (address % 4 != 0 || address / unit_bytes() != (buffer_.empty() ? address : buffer_[0].first) / unit_bytes() ||
+    if (address % 4 != 0 ||
+        address / unit_bytes() != (buffer_.empty() ? address : buffer_[0].first) / unit_bytes() ||
         (address % unit_bytes()) / 4 != buffer_.size()) {
       note("words of a unit out of order");
       status_ |= g4() ? 1U << 6 : 1U << 21;  // SIZERR, INCERR

@@ -37,7 +37,8 @@ struct Bench {
     outcomes.clear();
     for (const auto& frame : frames) outcomes.push_back(link.receive(frame));
     const Request r = link.take();
-    supervisor.begin_tick(r.command, {supervisor.state() == State::enabling, supervisor.state() == State::stopping});
+    supervisor.begin_tick(r.command,
+                          {supervisor.state() == State::enabling, supervisor.state() == State::stopping});
     supervisor.raise(f);
     if (link.lost()) supervisor.raise(Fault::command_lost);
     link.transmit(supervisor, report, [&](const hal::CanFrame& frame) {

@@ -1,6 +1,6 @@
 #pragma once
-/// A supervisor computer made of bytes: its own layout of the command interface, its own checksum by long division,
-/// nothing of firmware/link. Units in integers as they are on the wire.
+/// A supervisor computer made of bytes: its own layout of the command interface, its own checksum by long
+/// division, nothing of firmware/link. Units in integers as they are on the wire.
 
 #include <array>
 #include <bit>
@@ -32,8 +32,9 @@ struct Desk {
   static constexpr unsigned command = 0, point = 1, position = 2, velocity = 3, write = 4, request = 5;
   static constexpr unsigned none = 0, arm = 1, disarm = 2, off = 3, reset = 4, confirm_zero = 5, hold = 6,
                             reference = 7, stream = 8, store = 9, forget = 10;
-  static constexpr unsigned status = 0x10, record = 0x11, detail = 0x12, value = 0x13, table = 0x14, counts = 0x15,
-                            effector = 0x16, error = 0x17, joint = 0x18, identity = 0x1C, slots = 0x1D;
+  static constexpr unsigned status = 0x10, record = 0x11, detail = 0x12, value = 0x13, table = 0x14,
+                            counts = 0x15, effector = 0x16, error = 0x17, joint = 0x18, identity = 0x1C,
+                            slots = 0x1D;
 
   unsigned base = 0x780;
   std::uint8_t session = 1;
@@ -45,7 +46,8 @@ struct Desk {
   std::vector<hal::CanFrame> heard;  ///< of the block, since clear()
 
   [[nodiscard]] hal::CanFrame seal(hal::CanFrame f, unsigned with_session) const {
-    std::vector<std::uint8_t> bytes{static_cast<std::uint8_t>(f.id & 0xFF), static_cast<std::uint8_t>(f.id >> 8),
+    std::vector<std::uint8_t> bytes{static_cast<std::uint8_t>(f.id & 0xFF),
+                                    static_cast<std::uint8_t>(f.id >> 8),
                                     static_cast<std::uint8_t>(with_session)};
     for (std::size_t i = 1; i < 8; ++i) bytes.push_back(f.data[i]);
     f.data[0] = j1850(bytes);

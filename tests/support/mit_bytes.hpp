@@ -1,6 +1,6 @@
 #pragma once
-/// Frames of MIT mode written byte by byte from the field table, without the firmware's codec: the fields of a frame
-/// are the digits of one big number, most significant first.
+/// Frames of MIT mode written byte by byte from the field table, without the firmware's codec: the fields of
+/// a frame are the digits of one big number, most significant first.
 
 #include <cstddef>
 #include <cstdint>
@@ -17,8 +17,8 @@ inline hal::CanFrame bytes(std::uint32_t id, const std::vector<unsigned>& data) 
   for (std::size_t i = 0; i < data.size(); ++i) f.data[i] = static_cast<std::uint8_t>(data[i]);
   return f;
 }
-inline hal::CanFrame mit_command(std::uint32_t id, std::uint64_t p, std::uint64_t v, std::uint64_t kp, std::uint64_t kd,
-                                 std::uint64_t t) {
+inline hal::CanFrame mit_command(std::uint32_t id, std::uint64_t p, std::uint64_t v, std::uint64_t kp,
+                                 std::uint64_t kd, std::uint64_t t) {
   std::uint64_t number = (((p * 4096 + v) * 4096 + kp) * 4096 + kd) * 4096 + t;
   hal::CanFrame f;
   f.id = id;
@@ -30,8 +30,8 @@ inline hal::CanFrame mit_special(std::uint32_t id, unsigned last) {
   return bytes(id, {255, 255, 255, 255, 255, 255, 255, last});
 }
 /// Codes p, v and t behind the first byte; `size` bytes in all.
-inline hal::CanFrame mit_reply(std::uint32_t id, unsigned first, std::uint64_t p, std::uint64_t v, std::uint64_t t,
-                               std::uint8_t size = 6) {
+inline hal::CanFrame mit_reply(std::uint32_t id, unsigned first, std::uint64_t p, std::uint64_t v,
+                               std::uint64_t t, std::uint8_t size = 6) {
   std::uint64_t number = (p * 4096 + v) * 4096 + t;
   hal::CanFrame f;
   f.id = id;

@@ -41,7 +41,8 @@ inline std::vector<CanFrame> disable(OdriveAxis& a) {
   return sent;
 }
 /// A heartbeat in a tick of its own.
-inline void hear(OdriveAxis& a, std::uint8_t state, std::uint32_t error = 0, std::array<std::uint8_t, 3> rest = {}) {
+inline void hear(OdriveAxis& a, std::uint8_t state, std::uint32_t error = 0,
+                 std::array<std::uint8_t, 3> rest = {}) {
   a.begin_tick();
   ASSERT_EQ(a.receive(heartbeat(node, state, error, rest)), Received::accepted);
 }

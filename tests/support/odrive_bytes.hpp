@@ -18,11 +18,28 @@ inline constexpr std::uint8_t axis_idle = 1, axis_closed_loop = 8;
 /// Messages that only a controller sends, by the vendor's tables of both versions: 0x10 to 0x13 are 0.5.6's.
 inline bool is_command(unsigned command, bool newer) {
   switch (command) {
-    case 0x07: case 0x0B: case 0x0C: case 0x0D: case 0x0E: case 0x0F: case 0x10: case 0x11: case 0x12: case 0x13:
-    case 0x16: case 0x18: case 0x19: case 0x1A: case 0x1B: return true;
-    case 0x06: return !newer;
-    case 0x1F: return newer;
-    default: return false;
+    case 0x07:
+    case 0x0B:
+    case 0x0C:
+    case 0x0D:
+    case 0x0E:
+    case 0x0F:
+    case 0x10:
+    case 0x11:
+    case 0x12:
+    case 0x13:
+    case 0x16:
+    case 0x18:
+    case 0x19:
+    case 0x1A:
+    case 0x1B:
+      return true;
+    case 0x06:
+      return !newer;
+    case 0x1F:
+      return newer;
+    default:
+      return false;
   }
 }
 
@@ -62,7 +79,8 @@ inline hal::CanFrame encoder(unsigned node, float position, float velocity) {
 }
 /// f32 torque as told, f32 torque as estimated, N m at the shaft.
 inline hal::CanFrame torques(unsigned node, float target, float estimate) {
-  return message(node, cmd_torques, std::bit_cast<std::uint32_t>(target), std::bit_cast<std::uint32_t>(estimate));
+  return message(node, cmd_torques, std::bit_cast<std::uint32_t>(target),
+                 std::bit_cast<std::uint32_t>(estimate));
 }
 
 }  // namespace esmc::test

@@ -23,10 +23,10 @@ struct SlotMemory {
   std::array<std::array<bool, words>, 2> unreadable{}, programmed{};
   std::vector<std::string> wrong{};
   bool usable = true;
-  int duration = 2;            ///< polls that an operation is busy
-  int fails_at = -1;           ///< the operation with this number does nothing and says failed
-  int refused_at = -1;         ///< is not begun the first time
-  int flips_at = -1;           ///< programs another word, number flips_word of the unit, and says nothing
+  int duration = 2;     ///< polls that an operation is busy
+  int fails_at = -1;    ///< the operation with this number does nothing and says failed
+  int refused_at = -1;  ///< is not begun the first time
+  int flips_at = -1;    ///< programs another word, number flips_word of the unit, and says nothing
   unsigned flips_word = 0;
   int begun = 0;
 
@@ -56,7 +56,8 @@ struct SlotMemory {
     failed_ = false;
   }
 
-  // --- hal::SlotMemory ---------------------------------------------------------------------------------------------------------
+  // --- hal::SlotMemory
+  // ---------------------------------------------------------------------------------------------------------
   [[nodiscard]] bool available() const { return usable; }
   [[nodiscard]] bool read(unsigned slot, unsigned at, std::uint32_t& word) {
     if (slot > 1 || at >= words) wrong.emplace_back("reads outside");

@@ -1,7 +1,8 @@
 #pragma once
-/// The CAN controller of a Zynq UltraScale+ as a program sees it, by UG1085 and UG1087: registers by their addresses there,
-/// modes, FIFOs of four-word messages, events that are kept until they are cleared, error states. What a program must not do
-/// is noted in `wrong`. `Words::qemu` lays messages out as QEMU 7.2's model does. Shares nothing with hal/zynqmp_can.
+/// The CAN controller of a Zynq UltraScale+ as a program sees it, by UG1085 and UG1087: registers by their
+/// addresses there, modes, FIFOs of four-word messages, events that are kept until they are cleared, error
+/// states. What a program must not do is noted in `wrong`. `Words::qemu` lays messages out as QEMU 7.2's
+/// model does. Shares nothing with hal/zynqmp_can.
 
 #include <cstdint>
 #include <deque>
@@ -25,20 +26,30 @@ class ZynqmpCanModel {
   enum class Words { manual, qemu };
   explicit ZynqmpCanModel(Words words) : words_(words) { reset(); }
   std::vector<std::string> wrong;
-  bool clocked = true;      ///< without a clock nothing follows
-  bool stuck = false;       ///< a dominant bus: no 11 recessive bits, no way onto it
+  bool clocked = true;  ///< without a clock nothing follows
+  bool stuck = false;   ///< a dominant bus: no 11 recessive bits, no way onto it
   int resets = 0;
 
-  // --- the program's side ----------------------------------------------------------------------------------------------
+  // --- the program's side
+  // ----------------------------------------------------------------------------------------------
   std::uint32_t read(std::uint32_t at) {
     if (!clocked) return 0;
     switch (at) {
-      case 0x00: return enabled_ ? 2U : 0U;
-      case 0x10: return rec_ << 8 | (tec_ & 0xFFU);
-      case 0x18: return status();
-      case 0x1C: return events_;
-      case 0x50: case 0x54: case 0x58: case 0x5C: return take_word((at - 0x50) / 4);
-      default: return r_.contains(at) ? r_[at] : 0U;
+      case 0x00:
+        return enabled_ ? 2U : 0U;
+      case 0x10:
+        return rec_ << 8 | (tec_ & 0xFFU);
+      case 0x18:
+        return status();
+      case 0x1C:
+        return events_;
+      case 0x50:
+      case 0x54:
+      case 0x58:
+      case 0x5C:
+        return take_word((at - 0x50) / 4);
+      default:
+        return r_.contains(at) ? r_[at] : 0U;
     }
   }
   void write(std::uint32_t at, std::uint32_t v) {
@@ -52,21 +63,39 @@ class ZynqmpCanModel {
           enable((v & 2U) != 0);
         }
         return;
-      case 0x04: case 0x08: case 0x0C:
+      case 0x04:
+      case 0x08:
+      case 0x0C:
         if (enabled_) return fault("register " + std::to_string(at) + " outside of configuration mode");
         if (at == 0x04 && v != 0) fault("not normal mode");
         break;
-      case 0x10: case 0x18: case 0x1C: return fault("writes a register that is for reading");
-      case 0x20: if (v != 0) fault("asks for interrupts that nobody serves"); break;
-      case 0x24: events_ = (events_ & ~v) | (rx_.empty() ? 0U : 1U << 7); return;
-      case 0x60: if ((v & ~0xFU) != 0) fault("reserved bits of AFR"); break;
-      case 0x30: case 0x34: case 0x38: case 0x3C: return put_word((at - 0x30) / 4, v);
-      default: fault("register " + std::to_string(at)); return;
+      case 0x10:
+      case 0x18:
+      case 0x1C:
+        return fault("writes a register that is for reading");
+      case 0x20:
+        if (v != 0) fault("asks for interrupts that nobody serves");
+        break;
+      case 0x24:
+        events_ = (events_ & ~v) | (rx_.empty() ? 0U : 1U << 7);
+        return;
+      case 0x60:
+        if ((v & ~0xFU) != 0) fault("reserved bits of AFR");
+        break;
+      case 0x30:
+      case 0x34:
+      case 0x38:
+      case 0x3C:
+        return put_word((at - 0x30) / 4, v);
+      default:
+        fault("register " + std::to_string(at));
+        return;
     }
     r_[at] = v;
   }
 
-  // --- the bus's side --------------------------------------------------------------------------------------------------
+  // --- the bus's side
+  // --------------------------------------------------------------------------------------------------
   [[nodiscard]] bool on_bus() const { return enabled_ && joined_ && !off_; }
   /// The frame that is being sent: the oldest one, again and again until it is acknowledged.
   std::optional<Message> begin_frame() {
@@ -83,7 +112,8 @@ class ZynqmpCanModel {
     if (f) delivered();
     return f;
   }
-  /// Nobody acknowledged, or the bits came back wrong: 8 more errors; above 255 off the bus. FIFOs keep what they have.
+  /// Nobody acknowledged, or the bits came back wrong: 8 more errors; above 255 off the bus. FIFOs keep what
+  /// they have.
   void spoiled() {
     tec_ += 8;
     events_ |= 1U << 8;
@@ -111,7 +141,8 @@ class ZynqmpCanModel {
   [[nodiscard]] Bit bit(double clock) {
     const std::uint32_t v = r_[0x0C];
     const double before = (v & 0xFU) + 1.0, after = ((v >> 4) & 7U) + 1.0, quanta = 1.0 + before + after;
-    return {clock / ((r_[0x08] & 0xFFU) + 1.0) / quanta, (1.0 + before) / quanta, quanta, ((v >> 7) & 3U) + 1.0};
+    return {clock / ((r_[0x08] & 0xFFU) + 1.0) / quanta, (1.0 + before) / quanta, quanta,
+            ((v >> 7) & 3U) + 1.0};
   }
 
  private:
@@ -161,7 +192,9 @@ class ZynqmpCanModel {
     if (i == 3) rx_.pop_front();
     return v;
   }
-  [[nodiscard]] std::uint32_t byte_at(unsigned i) const { return words_ == Words::manual ? 24 - 8 * (i % 4) : 8 * (i % 4); }
+  [[nodiscard]] std::uint32_t byte_at(unsigned i) const {
+    return words_ == Words::manual ? 24 - 8 * (i % 4) : 8 * (i % 4);
+  }
   [[nodiscard]] Four words(const Message& f) const {
     Four w(4, 0U);
     if (words_ == Words::qemu) {

@@ -17,8 +17,24 @@
 
 namespace esmc::test {
 
-enum class Op { constant, parameter, variable, add, subtract, multiply, negate, invert, sine, cosine, step, saturate, arc_tangent };
-[[nodiscard]] constexpr bool takes_two(Op op) { return (op >= Op::add && op <= Op::multiply) || op >= Op::saturate; }
+enum class Op {
+  constant,
+  parameter,
+  variable,
+  add,
+  subtract,
+  multiply,
+  negate,
+  invert,
+  sine,
+  cosine,
+  step,
+  saturate,
+  arc_tangent
+};
+[[nodiscard]] constexpr bool takes_two(Op op) {
+  return (op >= Op::add && op <= Op::multiply) || op >= Op::saturate;
+}
 
 struct Node {
   Op op = Op::constant;
@@ -90,12 +106,18 @@ class Expression {
     return {make({.op = Op::sine, .a = angle.id_}), make({.op = Op::cosine, .a = angle.id_})};
   }
   // What a law calls by these names and the program calls again.
-  friend Expression angle_of_unit(Expression y, Expression x) { return make({.op = Op::arc_tangent, .a = y.id_, .b = x.id_}); }
-  friend Expression saturated(Expression s, Expression layer) { return make({.op = Op::saturate, .a = s.id_, .b = layer.id_}); }
+  friend Expression angle_of_unit(Expression y, Expression x) {
+    return make({.op = Op::arc_tangent, .a = y.id_, .b = x.id_});
+  }
+  friend Expression saturated(Expression s, Expression layer) {
+    return make({.op = Op::saturate, .a = s.id_, .b = layer.id_});
+  }
   // What the laws name but what is generated does not use.
   friend Expression sign_of(Expression s) { return s > Expression(0); }
   friend Expression hyperbolic_tangent(Expression s) { return s > Expression(0); }
-  friend Expression wrap_to_pi(Expression angle) { return angle; }  // of joints, which have no mass: display only
+  friend Expression wrap_to_pi(Expression angle) {
+    return angle;
+  }  // of joints, which have no mass: display only
 
  private:
   static std::vector<Node>& nodes() {

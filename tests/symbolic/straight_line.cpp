@@ -1,6 +1,6 @@
-// Prints tests/benchmarks/straight_line.hpp: the forward dynamics of the five-bar in base-joint coordinates [F23]-[F25]
-// and three laws from state to torque, as programs without loops, from expressions sent through the templates of
-// firmware/mechanism and firmware/control.
+// Prints tests/benchmarks/straight_line.hpp: the forward dynamics of the five-bar in base-joint coordinates
+// [F23]-[F25] and three laws from state to torque, as programs without loops, from expressions sent through
+// the templates of firmware/mechanism and firmware/control.
 
 #include <algorithm>
 #include <cstdio>
@@ -94,9 +94,7 @@ class Program {
  private:
   static const std::vector<Node>& graph() { return S::graph(); }
   static std::size_t at(int i) { return static_cast<std::size_t>(i); }
-  static bool binary(const Node& n) {
-    return takes_two(n.op);
-  }
+  static bool binary(const Node& n) { return takes_two(n.op); }
   static bool computed(const Node& n) {
     return n.op != Op::constant && n.op != Op::parameter && n.op != Op::variable;
   }
@@ -184,16 +182,19 @@ Leg reduced_leg(const std::string& j) {
 }
 
 /// A class whose constructor takes what is fixed and whose call operator the rest.
-void print_class(const std::string& name, const std::string& comment, const std::string& fixed, const std::string& call_comment,
-                 const std::string& arguments, const std::vector<S>& outputs) {
+void print_class(const std::string& name, const std::string& comment, const std::string& fixed,
+                 const std::string& call_comment, const std::string& arguments,
+                 const std::vector<S>& outputs) {
   Program program(outputs);
   const std::string constructor = program.constructor(), body = program.body();
-  std::cout << "/// " << comment << "\nclass " << name << " {\n public:\n  static constexpr int operations = " << program.operations()
+  std::cout << "/// " << comment << "\nclass " << name
+            << " {\n public:\n  static constexpr int operations = " << program.operations()
             << ";  ///< per call; a sine counts as one\n\n  explicit " << name << "(" << fixed << ") {\n"
-            << constructor << "  }\n\n  /// " << call_comment << "\n  [[nodiscard]] std::array<double, " << outputs.size()
-            << "> operator()(" << arguments << ") const {\n"
+            << constructor << "  }\n\n  /// " << call_comment << "\n  [[nodiscard]] std::array<double, "
+            << outputs.size() << "> operator()(" << arguments << ") const {\n"
             << body << "    return {";
-  for (std::size_t i = 0; i < outputs.size(); ++i) std::cout << (i == 0 ? "" : ", ") << program.name(outputs[i].id());
+  for (std::size_t i = 0; i < outputs.size(); ++i)
+    std::cout << (i == 0 ? "" : ", ") << program.name(outputs[i].id());
   std::cout << "};\n  }\n\n private:\n  double " << program.members() << ";\n};\n\n";
 }
 
@@ -231,9 +232,14 @@ void print_forward_dynamics() {
   const auto all = m.base_accelerations(pose, rates, a);
   const std::vector<S> outputs{all.leg[0][0], all.leg[0][1], all.leg[1][0], all.leg[1][1]};
 
-  print_class("StraightLine", "Joint accelerations of a five-bar without friction, by minimal coordinates. Pole at type 2.",
-              "const FiveBarParams<double>& p", "theta11, theta12, theta21, theta22 (closed), rad; theta11', theta21', rad/s; joint torques, N m.",
-              "const std::array<double, 4>& theta, const std::array<double, 2>& rate, const std::array<double, 4>& torque", outputs);
+  print_class(
+      "StraightLine",
+      "Joint accelerations of a five-bar without friction, by minimal coordinates. Pole at type 2.",
+      "const FiveBarParams<double>& p",
+      "theta11, theta12, theta21, theta22 (closed), rad; theta11', theta21', rad/s; joint torques, N m.",
+      "const std::array<double, 4>& theta, const std::array<double, 2>& rate, const std::array<double, 4>& "
+      "torque",
+      outputs);
 }
 
 S variable(const std::string& name) { return S::variable(name); }
@@ -255,7 +261,9 @@ FiveBar<S>::Pose pose_of(const std::string& name, const FiveBar<S>*) {
   p.sin_type2 = variable(name + ".sin_type2");
   return p;
 }
-Rr<S>::Pose pose_of(const std::string& name, const Rr<S>*) { return {dyad_pose(name + ".arm"), pair(name + ".effector")}; }
+Rr<S>::Pose pose_of(const std::string& name, const Rr<S>*) {
+  return {dyad_pose(name + ".arm"), pair(name + ".effector")};
+}
 FiveBar<S>::Rates rates_of(const std::string& name, const FiveBar<S>*) {
   FiveBar<S>::Rates r;
   r.platform = pair(name + ".platform");
@@ -274,7 +282,8 @@ LegParams<S> leg_of(const std::string& name) {
 
 /// Torque of the base joints, implicit or saturation, from the very structure that the law takes.
 template <class M>
-void print_law(const std::string& name, const std::string& of, const std::string& params, const M& m, LawKind law) {
+void print_law(const std::string& name, const std::string& of, const std::string& params, const M& m,
+               LawKind law) {
   Gains<M> g;
   for (int i = 0; i < M::channels; ++i) {
     const std::string row = "[" + std::to_string(i) + "]";
@@ -293,15 +302,19 @@ void print_law(const std::string& name, const std::string& of, const std::string
   typename M::Channels acceleration, sliding;
   demand<M, Rows::with_mass>(law, m, g, Reaching::implicit, t, acceleration, sliding);
   const Vec2<S> torque = m.base_torque(t.pose, m.force(acceleration, t.rates));
-  print_class(name, of + " from state and reference to base-joint torque, without friction.",
-              "const " + params + "<double>& p, const Gains<" + (M::joints == 4 ? "FiveBar" : "Rr") + "<double>>& g",
-              "N m.", std::string("const Tracking<") + (M::joints == 4 ? "FiveBar" : "Rr") + "<double>>& t", {torque[0], torque[1]});
+  print_class(
+      name, of + " from state and reference to base-joint torque, without friction.",
+      "const " + params + "<double>& p, const Gains<" + (M::joints == 4 ? "FiveBar" : "Rr") + "<double>>& g",
+      "N m.", std::string("const Tracking<") + (M::joints == 4 ? "FiveBar" : "Rr") + "<double>>& t",
+      {torque[0], torque[1]});
 }
 
 void print() {
   std::cout << "#pragma once\n"
-               "/// Generated by tests/symbolic/straight_line.cpp from the templates of firmware/mechanism and firmware/control; a\n"
-               "/// test compares. Do not edit. A yardstick: what these equations cost without loops, matrices, and products with\n"
+               "/// Generated by tests/symbolic/straight_line.cpp from the templates of firmware/mechanism "
+               "and firmware/control; a\n"
+               "/// test compares. Do not edit. A yardstick: what these equations cost without loops, "
+               "matrices, and products with\n"
                "/// 0 and 1.\n\n"
                "#include <array>\n\n"
                "#include \"firmware/control/law.hpp\"\n"
@@ -315,7 +328,8 @@ void print() {
   five_bar.legs = {leg_of("p.legs[0]"), leg_of("p.legs[1]")};
   RrParams<S> arm;
   arm.arm = leg_of("p.arm"), arm.g = S::parameter("p.g");
-  print_law("StraightProjected", "esmc_projected of the five-bar", "FiveBarParams", FiveBar<S>(five_bar), LawKind::esmc_projected);
+  print_law("StraightProjected", "esmc_projected of the five-bar", "FiveBarParams", FiveBar<S>(five_bar),
+            LawKind::esmc_projected);
   print_law("StraightEsmc", "esmc of the five-bar", "FiveBarParams", FiveBar<S>(five_bar), LawKind::esmc);
   print_law("StraightArm", "esmc of the RR arm", "RrParams", Rr<S>(arm), LawKind::esmc);
   std::cout << "}  // namespace esmc::test\n";

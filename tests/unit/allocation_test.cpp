@@ -92,8 +92,9 @@ TYPED_TEST(Allocation, MinimumNormSolvesItsOptimalityConditions) {
   met.expect_below(50 * kEpsilon<S>);
 }
 
-/// A long column that one motor has almost to itself: that motor must give next to nothing, and the small difference of
-/// large terms would not meet the force of this column. Bound: products and sums of four terms in three steps.
+/// A long column that one motor has almost to itself: that motor must give next to nothing, and the small
+/// difference of large terms would not meet the force of this column. Bound: products and sums of four terms
+/// in three steps.
 TYPED_TEST(Allocation, ALongColumnOfOneMotorMeetsItsForceToo) {
   using S = TypeParam;
   Accuracy met("constraint");
@@ -118,8 +119,8 @@ TYPED_TEST(Allocation, ALongColumnOfOneMotorMeetsItsForceToo) {
   met.expect_below(12 * kEpsilon<S>);
 }
 
-/// Of columns of the same length the first counts as the longer one: twice as long, with twice the force, it gives the same
-/// bits; the second gives others.
+/// Of columns of the same length the first counts as the longer one: twice as long, with twice the force, it
+/// gives the same bits; the second gives others.
 TYPED_TEST(Allocation, OfEqualColumnsTheFirstIsTheLonger) {
   using S = TypeParam;
   const Vec<S, 4> a(1, 2, 3, 4), b(-4, 1, 3, 2), even = Vec<S, 4>::Ones();  // both are sqrt(30) long
@@ -262,8 +263,8 @@ TYPED_TEST(Allocation, AllMotorsOfAFiveBarInAllPlaces) {
   }
 }
 
-/// Both forms are as well conditioned where |D2| is the smaller |sin theta_j2|; the documented one is taken, so that the bits
-/// are. A pose by hand: bars 1 and 2 of leg 1 along x and y, those of leg 2 along y and x.
+/// Both forms are as well conditioned where |D2| is the smaller |sin theta_j2|; the documented one is taken,
+/// so that the bits are. A pose by hand: bars 1 and 2 of leg 1 along x and y, those of leg 2 along y and x.
 TYPED_TEST(Allocation, ATieIsWorkedOutInTheBaseJoints) {
   using S = TypeParam;
   using M = FiveBar<S>;

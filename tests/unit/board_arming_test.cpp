@@ -1,5 +1,5 @@
-/// Drives without power when the board is armed, over the registers of its CAN controller: an order to arm must not outlive the
-/// operator's attention. The drives are the emulated ones, the loop is the image's.
+/// Drives without power when the board is armed, over the registers of its CAN controller: an order to arm
+/// must not outlive the operator's attention. The drives are the emulated ones, the loop is the image's.
 
 #include <gtest/gtest.h>
 
@@ -10,8 +10,8 @@
 #include "boards/node.hpp"
 #include "hal/fdcan/fdcan.hpp"
 #include "host_sim/controller/axes_config.hpp"
-#include "host_sim/scene/starting_scene.hpp"
 #include "host_sim/drives/placed_axes.hpp"
+#include "host_sim/scene/starting_scene.hpp"
 #include "tests/support/board_double.hpp"
 #include "tests/support/fdcan_model.hpp"
 #include "tests/support/odrive_bytes.hpp"
@@ -51,7 +51,8 @@ class Bench {
   explicit Bench(const host::Scene& scene)
       : scene_(scene),
         reference_(host::make_reference<float>(scene, host::Pacing::realtime)),
-        node_(std::get<typename Node::Config>(host::make_cycle_config<M>(scene, host::Pacing::realtime, reference_))),
+        node_(std::get<typename Node::Config>(
+            host::make_cycle_config<M>(scene, host::Pacing::realtime, reference_))),
         board_{Bus(FdcanModelAccess{&model_}), {}, {true}, {}, {}, 0},
         loop_(make_loop(node_, board_)) {
     EXPECT_TRUE(board_.bus().open(80'000'000, 1'000'000));
@@ -76,7 +77,9 @@ class Bench {
     for (auto& axis : axes_) axis.reset();
   }
   /// Nobody runs the program; frames are lost.
-  void freeze(double seconds) { board_.now += static_cast<std::uint32_t>(static_cast<std::uint64_t>(seconds * 1e6)); }
+  void freeze(double seconds) {
+    board_.now += static_cast<std::uint32_t>(static_cast<std::uint64_t>(seconds * 1e6));
+  }
   void run(double seconds) {
     for (int n = 0; n < static_cast<int>(seconds * 1e6 / period_us); ++n) tick();
   }
@@ -85,7 +88,8 @@ class Bench {
 
   /// Node 1 reports 50 us before an idle tick would be due, node 2 100 us later.
   bool torn_set_is_answered() {
-    for (std::size_t i = 0; i < axes_.size(); ++i) axes_[i]->publish(angle(i), 0.0, [&](const hal::CanFrame& f) { to_board(f); });
+    for (std::size_t i = 0; i < axes_.size(); ++i)
+      axes_[i]->publish(angle(i), 0.0, [&](const hal::CanFrame& f) { to_board(f); });
     quiet(0);  // the tick of this set: time counts from here
     for (std::uint32_t waited = 0; waited < 99'900; waited += 100) quiet(100);
     quiet(50);
@@ -95,16 +99,19 @@ class Bench {
     return node_.complete();
   }
 
-  int closed_ticks = 0;        ///< in which a drive was in torque control
-  double largest_torque = 0.0; ///< N m, of any drive
-  bool motor_power = true;     ///< false: drives speak and cannot leave idle
+  int closed_ticks = 0;         ///< in which a drive was in torque control
+  double largest_torque = 0.0;  ///< N m, of any drive
+  bool motor_power = true;      ///< false: drives speak and cannot leave idle
   Node& node() { return node_; }
 
  private:
   static constexpr std::uint32_t period_us = 1000;
 
-  [[nodiscard]] double angle(std::size_t i) const { return scene_.start_angle[static_cast<std::size_t>(places_[i].joint)]; }
-  /// Drives speak in the first half of a tick, and hear what the board sends at once; a receive FIFO holds three frames.
+  [[nodiscard]] double angle(std::size_t i) const {
+    return scene_.start_angle[static_cast<std::size_t>(places_[i].joint)];
+  }
+  /// Drives speak in the first half of a tick, and hear what the board sends at once; a receive FIFO holds
+  /// three frames.
   void tick() {
     for (std::size_t i = 0; i < axes_.size(); ++i) {
       if (axes_[i]) axes_[i]->publish(angle(i), 0.0, [&](const hal::CanFrame& f) { to_board(f); });
@@ -129,10 +136,13 @@ class Bench {
   void carry() {
     while (const auto w = model_.take()) {
       hal::CanFrame f = off_wire(*w);
-      if (!motor_power && scene_.drives.protocol == host::Protocol::cia402 && f.id / 0x80U == 4) f.data[0] = 0;  // controlword
-      const bool arms = scene_.drives.protocol != host::Protocol::cia402 && f.id % 0x20U == cmd_axis_state && f.data[0] == axis_closed_loop;
+      if (!motor_power && scene_.drives.protocol == host::Protocol::cia402 && f.id / 0x80U == 4)
+        f.data[0] = 0;  // controlword
+      const bool arms = scene_.drives.protocol != host::Protocol::cia402 && f.id % 0x20U == cmd_axis_state &&
+                        f.data[0] == axis_closed_loop;
       for (const auto& axis : axes_) {
-        if (axis && (motor_power || !arms)) (void)axis->receive(f, [&](const hal::CanFrame& reply) { to_board(reply); });
+        if (axis && (motor_power || !arms))
+          (void)axis->receive(f, [&](const hal::CanFrame& reply) { to_board(reply); });
       }
     }
   }
@@ -180,9 +190,15 @@ void for_each_kind(const Test& test) {
     SCOPED_TRACE(k.name);
     const host::Scene scene = scene_of(k.sets);
     switch (scene.drives.protocol) {
-      case host::Protocol::cia402: test([&] { return std::make_unique<Bench<drive::Cia402Axis>>(scene); }); break;
-      case host::Protocol::mit: test([&] { return std::make_unique<Bench<drive::MitAxis>>(scene); }); break;
-      default: test([&] { return std::make_unique<Bench<drive::OdriveAxis>>(scene); }); break;
+      case host::Protocol::cia402:
+        test([&] { return std::make_unique<Bench<drive::Cia402Axis>>(scene); });
+        break;
+      case host::Protocol::mit:
+        test([&] { return std::make_unique<Bench<drive::MitAxis>>(scene); });
+        break;
+      default:
+        test([&] { return std::make_unique<Bench<drive::OdriveAxis>>(scene); });
+        break;
     }
   }
 }
@@ -265,7 +281,8 @@ TEST(BoardArming, MotorPowerThatComesLaterStartsNothing) {
 TEST(BoardArming, ADriveThatRestartsEndsTheOrder) {
   for_each_kind([](const auto& make) {
     auto b = make();
-    if (std::is_same_v<std::decay_t<decltype(b->node())>, Cycle<M, drive::MitAxis>>) return;  // it is running by then
+    if (std::is_same_v<std::decay_t<decltype(b->node())>, Cycle<M, drive::MitAxis>>)
+      return;  // it is running by then
     b->power();
     b->motor_power = false;
     b->node().command(Command::enable);
@@ -297,20 +314,23 @@ TEST(BoardArming, AProgramThatStoodStillStartsNothing) {
 }
 
 TEST(BoardArming, DrivesBehindAContactorHaveTheirBootTime) {
-  for (const double boot : {3.0, 20.0}) for (const bool in_time : {true, false}) {
-    Bench<drive::OdriveAxis> b(scene_of({"drives.boot_time=" + std::to_string(boot)}));
-    b.run(0.2);
-    b.node().command(Command::enable);
-    b.run(in_time ? boot - 0.1 : boot + 0.3);
-    b.power();
-    b.run(0.7);
-    EXPECT_EQ(b.state(), in_time ? State::running : State::fault) << name(b.fault());
-  }
+  for (const double boot : {3.0, 20.0})
+    for (const bool in_time : {true, false}) {
+      Bench<drive::OdriveAxis> b(scene_of({"drives.boot_time=" + std::to_string(boot)}));
+      b.run(0.2);
+      b.node().command(Command::enable);
+      b.run(in_time ? boot - 0.1 : boot + 0.3);
+      b.power();
+      b.run(0.7);
+      EXPECT_EQ(b.state(), in_time ? State::running : State::fault) << name(b.fault());
+    }
 }
 
 /// Shorter than any time-out: heartbeats do not show it.
 TEST(BoardArming, ZerosAfterAShortRestartAreNotBelieved) {
-  Bench<drive::OdriveAxis> b(scene_of({"drives.protocol=\"odrive_0.5\"", "drives.defect=\"zero_until_closed_loop\"", "drives.heartbeat_timeout=0.2"}));
+  Bench<drive::OdriveAxis> b(
+      scene_of({"drives.protocol=\"odrive_0.5\"", "drives.defect=\"zero_until_closed_loop\"",
+                "drives.heartbeat_timeout=0.2"}));
   b.power();
   b.run(0.2);
   EXPECT_TRUE(b.node().axis(0).encoder_unconnected());

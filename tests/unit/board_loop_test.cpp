@@ -47,7 +47,7 @@ struct FakeNode {
   }
   void command(Command c) { commands.push_back(c); }
   void tick_late() { late_at.push_back(ticks.size()); }
-  [[nodiscard]] bool good() const { return healthy; }
+  [[nodiscard]] bool output_ok() const { return healthy; }
   [[nodiscard]] bool drive_enable() const { return powered; }
   [[nodiscard]] bool release_brake() const { return powered; }
 };
@@ -124,7 +124,8 @@ TEST(TimedLoop, OneLateTickIsCountedTwoInARowAreAFault) {
   board.now = 9300;
   run(board, loop, 1);
   EXPECT_EQ(loop.late(), 3U);
-  EXPECT_EQ(node.late_at, std::vector<std::size_t>{node.ticks.size() - 1}) << "before the second of them is done";
+  EXPECT_EQ(node.late_at, std::vector<std::size_t>{node.ticks.size() - 1})
+      << "before the second of them is done";
   EXPECT_TRUE(node.commands.empty());
 }
 

@@ -1,6 +1,7 @@
-// Four motors with limits and preload. Two judges that know nothing of polygons in a plane: all sets of motors that may stand
-// at a bound, each solved as the linear system of its optimality conditions in long double, multipliers' signs checked (81
-// systems); and the convex hull of the forces that the sixteen corners of the box make.
+// Four motors with limits and preload. Two judges that know nothing of polygons in a plane: all sets of
+// motors that may stand at a bound, each solved as the linear system of its optimality conditions in long
+// double, multipliers' signs checked (81 systems); and the convex hull of the forces that the sixteen corners
+// of the box make.
 
 #include "firmware/control/box_allocation.hpp"
 
@@ -31,8 +32,8 @@ struct Problem {
   Four W, lower, upper;
 };
 
-/// Least tau^T W tau, R^T tau = F, motors of `state` != 0 at the lower (-1) or upper (+1) bound. None where the system is singular,
-/// a bound is left, or a multiplier has the wrong sign, by more than `slack`.
+/// Least tau^T W tau, R^T tau = F, motors of `state` != 0 at the lower (-1) or upper (+1) bound. None where
+/// the system is singular, a bound is left, or a multiplier has the wrong sign, by more than `slack`.
 std::optional<Four> at_bounds(const Problem& p, const std::array<int, 4>& state, Real slack) {
   Square<6> A{};
   Row<6> b{};
@@ -55,11 +56,13 @@ std::optional<Four> at_bounds(const Problem& p, const std::array<int, 4>& state,
   for (const Real v : x) {
     if (!std::isfinite(v)) return std::nullopt;
   }
-  const Four tau(x[0], x[1], x[2], x[3]);  // with three at bounds there is mostly none, whatever elimination says
+  const Four tau(x[0], x[1], x[2],
+                 x[3]);  // with three at bounds there is mostly none, whatever elimination says
   if (!((p.R.transpose() * tau - p.F).cwiseAbs().maxCoeff() <= slack)) return std::nullopt;
   for (std::size_t i = 0; i < 4; ++i) {
     const int r = static_cast<int>(i);
-    const Real gradient = p.W[r] * x[i] + p.R(r, 0) * x[4] + p.R(r, 1) * x[5];  // = multiplier, <= 0 at the upper bound
+    const Real gradient =
+        p.W[r] * x[i] + p.R(r, 0) * x[4] + p.R(r, 1) * x[5];  // = multiplier, <= 0 at the upper bound
     if (!(x[i] >= p.lower[r] - slack && x[i] <= p.upper[r] + slack)) return std::nullopt;
     if (state[i] != 0 && !(gradient * state[i] <= slack * p.W[r])) return std::nullopt;
   }
@@ -82,13 +85,14 @@ std::optional<Four> by_enumeration(const Problem& p) {
   return best;
 }
 
-/// The largest share s <= 1 of F such that s F is in the hull of what the corners of the box make: along F's direction, the
-/// hull's boundary is crossed by the segment between two corners that lies farthest out.
+/// The largest share s <= 1 of F such that s F is in the hull of what the corners of the box make: along F's
+/// direction, the hull's boundary is crossed by the segment between two corners that lies farthest out.
 Real share_in_hull(const Problem& p) {
   std::vector<Two> corner;
   for (unsigned bits = 0; bits < 16; ++bits) {
     Four tau;
-    for (int i = 0; i < 4; ++i) tau[i] = (bits >> static_cast<unsigned>(i) & 1U) != 0 ? p.upper[i] : p.lower[i];
+    for (int i = 0; i < 4; ++i)
+      tau[i] = (bits >> static_cast<unsigned>(i) & 1U) != 0 ? p.upper[i] : p.lower[i];
     corner.push_back(p.R.transpose() * tau);
   }
   const auto cross = [](const Two& a, const Two& b) { return a[0] * b[1] - a[1] * b[0]; };
@@ -105,8 +109,10 @@ Real share_in_hull(const Problem& p) {
 }
 
 template <class S>
-Problem problem(const Mat<S, 4, 2>& R, const Vec2<S>& F, const Vec<S, 4>& W, const Vec<S, 4>& limit, const Vec<S, 4>& preload) {
-  Problem p{R.template cast<Real>(), F.template cast<Real>(), W.template cast<Real>(), -limit.template cast<Real>(), limit.template cast<Real>()};
+Problem problem(const Mat<S, 4, 2>& R, const Vec2<S>& F, const Vec<S, 4>& W, const Vec<S, 4>& limit,
+                const Vec<S, 4>& preload) {
+  Problem p{R.template cast<Real>(), F.template cast<Real>(), W.template cast<Real>(),
+            -limit.template cast<Real>(), limit.template cast<Real>()};
   for (int i = 0; i < 4; ++i) {
     if (preload[i] > S(0)) p.lower[i] = Real(preload[i]);
     if (preload[i] < S(0)) p.upper[i] = Real(preload[i]);
@@ -139,8 +145,9 @@ struct Judged {
 
 /// One problem, by both judges. Errors are relative to the largest limit and divided by the span.
 template <class S>
-void judge(std::uint64_t seed, const Mat<S, 4, 2>& R, const Vec2<S>& F, const Vec<S, 4>& W, const Vec<S, 4>& limit,
-           const Vec<S, 4>& preload, Accuracy& torque, Accuracy& share, Accuracy& met, Judged& seen) {
+void judge(std::uint64_t seed, const Mat<S, 4, 2>& R, const Vec2<S>& F, const Vec<S, 4>& W,
+           const Vec<S, 4>& limit, const Vec<S, 4>& preload, Accuracy& torque, Accuracy& share, Accuracy& met,
+           Judged& seen) {
   const BoxAllocation<S> a = allocate_within(R, F, W, limit, preload);
   const Problem limits = problem(R, F, W, limit, Vec<S, 4>(Vec<S, 4>::Zero()));
   Problem p = problem(R, F, W, limit, preload);
@@ -170,14 +177,17 @@ void judge(std::uint64_t seed, const Mat<S, 4, 2>& R, const Vec2<S>& F, const Ve
     return;
   }
   const Real step = 1000 * kEpsilon<S> / span + 1e-8L;
-  ASSERT_TRUE(by_enumeration(widened(std::min(wide + step, Real(1))))) << "seed " << seed << ": preload yields too little";
+  ASSERT_TRUE(by_enumeration(widened(std::min(wide + step, Real(1)))))
+      << "seed " << seed << ": preload yields too little";
   if (wide > 0) ++seen.yielding;
   if (wide > step) {
-    EXPECT_FALSE(by_enumeration(widened(wide - step))) << "seed " << seed << ": preload yields more than it must";
+    EXPECT_FALSE(by_enumeration(widened(wide - step)))
+        << "seed " << seed << ": preload yields more than it must";
   }
   const auto want = by_enumeration(widened(wide > 0 ? std::min(wide + 8 * kEpsilon<S>, Real(1)) : Real(0)));
   if (!want) return;  // where preload just yields, the point may be lost in rounding: judged above
-  torque.take(seed, (a.torque.template cast<Real>() - *want).cwiseAbs().maxCoeff() / most * span * (wide > 0 ? span : Real(1)));
+  torque.take(seed, (a.torque.template cast<Real>() - *want).cwiseAbs().maxCoeff() / most * span *
+                        (wide > 0 ? span : Real(1)));
   const bool plain = a.torque == minimum_norm(R, F, W);
   ++(plain ? seen.inside : seen.bounded);
 }
@@ -194,7 +204,8 @@ TYPED_TEST(BoxAllocated, FulfilsTheOptimalityConditionsForAnyRows) {
     const Vec<S, 4> W = positive<S>(r, -1, 1), limit = positive<S>(r, -0.5, 0.5);
     Vec<S, 4> preload = Vec<S, 4>::Zero();
     if (seed % 2 == 1) {
-      for (int i = 0; i < 4; ++i) preload[i] = r.chance(0.3) ? S(0) : static_cast<S>(r.sign() * r.between(0, 0.5) * Real(limit[i]));
+      for (int i = 0; i < 4; ++i)
+        preload[i] = r.chance(0.3) ? S(0) : static_cast<S>(r.sign() * r.between(0, 0.5) * Real(limit[i]));
     }
     if (worst_span(R.template cast<Real>()) < 0.01L) continue;
     judge(seed, R, F, W, limit, preload, torque, share, met, seen);
@@ -226,10 +237,12 @@ TYPED_TEST(BoxAllocated, FulfilsThemOnTheMechanismInAllPlaces) {
       const Vec<S, 4> W = positive<S>(r, -1, 1), limit = positive<S>(r, -0.5, 0.5);
       Vec<S, 4> preload = Vec<S, 4>::Zero();
       if (seed % 2 == 1) {
-        for (int i = 0; i < 4; ++i) preload[i] = static_cast<S>(r.sign() * r.between(0, 0.5) * Real(limit[i]));
+        for (int i = 0; i < 4; ++i)
+          preload[i] = static_cast<S>(r.sign() * r.between(0, 0.5) * Real(limit[i]));
       }
       judge(seed, four.rows, four.F, W, limit, preload, torque, share, met, seen);
-      EXPECT_EQ(allocate_all_within(m, *pose, w, W, limit, preload).torque, allocate_within(four.rows, four.F, W, limit, preload).torque);
+      EXPECT_EQ(allocate_all_within(m, *pose, w, W, limit, preload).torque,
+                allocate_within(four.rows, four.F, W, limit, preload).torque);
     }
     SCOPED_TRACE(place);
     torque.expect_below(300 * kEpsilon<S>);
@@ -239,8 +252,8 @@ TYPED_TEST(BoxAllocated, FulfilsThemOnTheMechanismInAllPlaces) {
   }
 }
 
-/// Next to the singularities rows are nearly parallel, and what the judges say is less exact than what is asked: within limits,
-/// and the force that is met is the one that is said.
+/// Next to the singularities rows are nearly parallel, and what the judges say is less exact than what is
+/// asked: within limits, and the force that is met is the one that is said.
 TYPED_TEST(BoxAllocated, NearSingularitiesTheForceIsMetWithinTheLimits) {
   using S = TypeParam;
   for (const int place : {1, 2}) {
@@ -257,20 +270,23 @@ TYPED_TEST(BoxAllocated, NearSingularitiesTheForceIsMetWithinTheLimits) {
       const Vec<S, 4> limit = positive<S>(r, -0.5, 0.5);
       Vec<S, 4> preload = Vec<S, 4>::Zero();
       if (seed % 2 == 1) {
-        for (int i = 0; i < 4; ++i) preload[i] = static_cast<S>(r.sign() * r.between(0, 0.5) * Real(limit[i]));
+        for (int i = 0; i < 4; ++i)
+          preload[i] = static_cast<S>(r.sign() * r.between(0, 0.5) * Real(limit[i]));
       }
       const auto a = allocate_within(four.rows, four.F, Vec<S, 4>(positive<S>(r, -1, 1)), limit, preload);
       for (int i = 0; i < 4; ++i) ASSERT_LE(std::fabs(a.torque[i]), limit[i]);
       const Two want = four.F.template cast<Real>() * Real(a.force);
       const Two made = four.rows.template cast<Real>().transpose() * a.torque.template cast<Real>();
-      met.take(seed, (made - want).cwiseAbs().maxCoeff() / (Real(four.rows.cwiseAbs().maxCoeff()) * Real(limit.maxCoeff())));
+      met.take(seed, (made - want).cwiseAbs().maxCoeff() /
+                         (Real(four.rows.cwiseAbs().maxCoeff()) * Real(limit.maxCoeff())));
     }
     SCOPED_TRACE(place);
     met.expect_below(2000 * kEpsilon<S>);
   }
 }
 
-/// The sign is kept, whatever the force does, as long as the preload is there; and the force is that without it.
+/// The sign is kept, whatever the force does, as long as the preload is there; and the force is that without
+/// it.
 TYPED_TEST(BoxAllocated, PreloadKeepsItsSideAndMovesNothing) {
   using S = TypeParam;
   int kept = 0;
@@ -290,14 +306,17 @@ TYPED_TEST(BoxAllocated, PreloadKeepsItsSideAndMovesNothing) {
     const auto a = allocate_within(R, F, even, limit, preload);
     if (a.preload < S(1)) continue;
     ++kept;
-    for (int i = 0; i < 4; ++i) EXPECT_GE(a.torque[i] * (preload[i] > S(0) ? S(1) : S(-1)), S(0.1) - S(64) * std::numeric_limits<S>::epsilon() * limit[i]);
+    for (int i = 0; i < 4; ++i)
+      EXPECT_GE(a.torque[i] * (preload[i] > S(0) ? S(1) : S(-1)),
+                S(0.1) - S(64) * std::numeric_limits<S>::epsilon() * limit[i]);
     const Vec2<S> made = R.transpose() * a.torque, without = R.transpose() * minimum_norm(R, F, even);
     EXPECT_LT((made - without).cwiseAbs().maxCoeff(), S(500) * std::numeric_limits<S>::epsilon());
   }
   EXPECT_GT(kept, 500);
 }
 
-/// Where a bound begins to hold, nothing jumps: neighbouring forces have neighbouring torques, through all of what may happen.
+/// Where a bound begins to hold, nothing jumps: neighbouring forces have neighbouring torques, through all of
+/// what may happen.
 TYPED_TEST(BoxAllocated, TorquesAreContinuousInTheForce) {
   using S = TypeParam;
   constexpr int steps = 4000;

@@ -25,8 +25,9 @@ BusMessage message(std::uint32_t key, std::uint32_t bits, double period, double 
   return m;
 }
 
-// Priorities 1 > 2 > 3, by hand. Message 1: one longer frame of 3 is on the bus, 135, then its own 95. Message 2: 135,
-// one of 1, its own 105; the next of 1 comes at 500. Message 3: nobody below; one each of 1 and 2, its own 135.
+// Priorities 1 > 2 > 3, by hand. Message 1: one longer frame of 3 is on the bus, 135, then its own 95.
+// Message 2: 135, one of 1, its own 105; the next of 1 comes at 500. Message 3: nobody below; one each of 1
+// and 2, its own 135.
 TEST(Response, ByHand) {
   const std::vector<BusMessage> all{message(1, 95, 500), message(2, 105, 700), message(3, 135, 1000)};
   EXPECT_EQ(response_time(all, all[0]), 135 + 95);
@@ -34,8 +35,9 @@ TEST(Response, ByHand) {
   EXPECT_EQ(response_time(all, all[2]), 95 + 105 + 135);
 }
 
-// The example with which Davis et al. (2007) refute the older analysis, in units of 1/1000: three messages of 1.0, periods
-// 2.5, 3.5, 3.5. The second instance of the third is the late one: 3.5, where looking at the first alone gives 3.0.
+// The example with which Davis et al. (2007) refute the older analysis, in units of 1/1000: three messages
+// of 1.0, periods 2.5, 3.5, 3.5. The second instance of the third is the late one: 3.5, where looking at the
+// first alone gives 3.0.
 TEST(Response, TheSecondInstanceMayBeTheLateOne) {
   const std::vector<BusMessage> all{message(1, 1000, 2500), message(2, 1000, 3500), message(3, 1000, 3500)};
   EXPECT_EQ(response_time(all, all[0]), 2000);
@@ -61,8 +63,8 @@ TEST(Response, NoBoundAboveFullLoad) {
 
 Scene scene(const std::vector<std::string>& sets) { return read_scene(ESMC_SCENE, sets); }
 
-// Two drives at 1 kHz and 1 Mbit/s, frames of 135 bits: identifiers 0x21 < 0x29 < 0x2E < 0x41 < 0x49 < 0x4E. Each waits for
-// one below it and for those above it.
+// Two drives at 1 kHz and 1 Mbit/s, frames of 135 bits: identifiers 0x21 < 0x29 < 0x2E < 0x41 < 0x49 < 0x4E.
+// Each waits for one below it and for those above it.
 TEST(Response, OfTheComparisonScenario) {
   const BusAnalysis a = analyse_bus(scene({}));
   ASSERT_EQ(a.messages.size(), 6U);
@@ -78,15 +80,17 @@ TEST(Response, OfTheComparisonScenario) {
   EXPECT_NEAR(*a.loop_s, 6 * 135e-6, 1e-9);
 }
 
-/// The loop's frames as it sends them, with data of every kind: drives at the tick, commands when the samples are through.
+/// The loop's frames as it sends them, with data of every kind: drives at the tick, commands when the samples
+/// are through.
 std::map<std::uint32_t, Time> worst_seen(const Scene& s, int ticks);
 
 TEST(Response, TheSimulatedBusNeverExceedsIt) {
   int bounded = 0;
   for (const int bitrate : {1'000'000, 800'000, 700'000, 500'000, 250'000}) {
-    for (const char* stranger : {"", ", {type=\"babbling_node\", identifier=0, rate_hz=700.0, size=3, from=-1}",
-                                 ", {type=\"babbling_node\", identifier=2000, rate_hz=5000.0, from=-1}",
-                                 ", {type=\"babbling_node\", identifier=60, rate_hz=1300.0, extended=true, from=-1}"}) {
+    for (const char* stranger :
+         {"", ", {type=\"babbling_node\", identifier=0, rate_hz=700.0, size=3, from=-1}",
+          ", {type=\"babbling_node\", identifier=2000, rate_hz=5000.0, from=-1}",
+          ", {type=\"babbling_node\", identifier=60, rate_hz=1300.0, extended=true, from=-1}"}) {
       const Scene s = scene({"bus.bitrate=" + std::to_string(bitrate),
                              std::string("effects=[{type=\"bit_timing\"}") + stranger + "]"});
       const BusAnalysis a = analyse_bus(s);

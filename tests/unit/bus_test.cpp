@@ -42,7 +42,8 @@ std::string remainder15(std::string message) {
   message += std::string(15, '0');
   for (std::size_t i = 0; i + divisor.size() <= message.size(); ++i) {
     if (message[i] == '0') continue;
-    for (std::size_t k = 0; k < divisor.size(); ++k) message[i + k] = message[i + k] == divisor[k] ? '0' : '1';
+    for (std::size_t k = 0; k < divisor.size(); ++k)
+      message[i + k] = message[i + k] == divisor[k] ? '0' : '1';
   }
   return message.substr(message.size() - 15);
 }
@@ -91,7 +92,8 @@ TEST(Wire, EveryBitAgreesWithAReferenceOfItsOwn) {
     const WireFrame w = on_the_wire(f);
     ASSERT_EQ(text(w), wire) << std::hex << f.id;
     ASSERT_EQ(w.stuffed, wire.size() - plain.size());
-    ASSERT_EQ(exact_bits(f), wire.size() + 1 + 2 + 7 + 3);  // CRC delimiter, acknowledge, end of frame, interframe space
+    ASSERT_EQ(exact_bits(f),
+              wire.size() + 1 + 2 + 7 + 3);  // CRC delimiter, acknowledge, end of frame, interframe space
     ASSERT_LE(exact_bits(f), worst_bits(f.remote ? 0U : f.size, f.extended));
   }
 }
@@ -99,7 +101,9 @@ TEST(Wire, EveryBitAgreesWithAReferenceOfItsOwn) {
 // 34 zeros from start of frame to CRC (the CRC of zeros is zero): a stuff bit after every five.
 TEST(Wire, ByHand) {
   EXPECT_EQ(exact_bits(frame(0)), 47U + 6U);
-  EXPECT_EQ(exact_bits(frame(0, {0, 0, 0, 0, 0, 0, 0, 0}) ) - on_the_wire(frame(0, {0, 0, 0, 0, 0, 0, 0, 0})).stuffed, 111U);
+  EXPECT_EQ(exact_bits(frame(0, {0, 0, 0, 0, 0, 0, 0, 0})) -
+                on_the_wire(frame(0, {0, 0, 0, 0, 0, 0, 0, 0})).stuffed,
+            111U);
 }
 
 // Nominal and worst lengths as the literature tabulates them for 11-bit identifiers.
@@ -188,7 +192,8 @@ TEST(Bus, WithoutBitTimingFramesTakeNoTimeAndKeepTheirOrder) {
 
 TEST(Bus, ANodeHoldsTenFramesAndTakesNoMalformedOrFdFrame) {
   Rig rig;
-  for (int i = 0; i < 10; ++i) ASSERT_EQ(rig.bus.send(0, frame(5, {static_cast<std::uint8_t>(i)})), SendStatus::ok);
+  for (int i = 0; i < 10; ++i)
+    ASSERT_EQ(rig.bus.send(0, frame(5, {static_cast<std::uint8_t>(i)})), SendStatus::ok);
   EXPECT_EQ(rig.bus.send(0, frame(4)), SendStatus::bus_full);
   EXPECT_EQ(rig.bus.counts().refused, 1U);
   CanFrame fd = frame(1);
@@ -420,12 +425,13 @@ TEST(BusEffects, ADriveThatIsCutOffNeitherSendsNorHears) {
 }
 
 std::vector<TimedBus::Delivery> stormy(std::uint64_t seed) {
-  Rig rig({BitTiming{}, Loss{0.1, true, true, always}, Duplication{0.1, always}, Corruption{0.1, 0.1, 3, always},
-           BabblingNode{0x40, false, 5, 3000.0, always}},
+  Rig rig({BitTiming{}, Loss{0.1, true, true, always}, Duplication{0.1, always},
+           Corruption{0.1, 0.1, 3, always}, BabblingNode{0x40, false, 5, 3000.0, always}},
           seed);
   std::vector<TimedBus::Delivery> out;
   for (std::uint32_t i = 0; i < 500; ++i) {
-    for (std::size_t node = 0; node < 4; ++node) (void)rig.bus.send(node, frame(0x20 + static_cast<std::uint32_t>(node), {1, 2, 3}));
+    for (std::size_t node = 0; node < 4; ++node)
+      (void)rig.bus.send(node, frame(0x20 + static_cast<std::uint32_t>(node), {1, 2, 3}));
     const auto got = rig.run(rig.bus.now() + 1000);
     out.insert(out.end(), got.begin(), got.end());
   }

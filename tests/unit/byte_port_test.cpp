@@ -1,4 +1,5 @@
-/// The serial port of Linux at the end of a socket pair and of a pseudo terminal; the other end is this file's own.
+/// The serial port of Linux at the end of a socket pair and of a pseudo terminal; the other end is this
+/// file's own.
 
 #include "hal/linux/byte_port.hpp"
 
@@ -34,7 +35,8 @@ CanFrame frame(std::uint32_t id) {
 std::string drained(int fd) {
   std::string out;
   std::array<char, 4096> part{};
-  for (ssize_t n = 0; (n = ::read(fd, part.data(), part.size())) > 0;) out.append(part.data(), static_cast<std::size_t>(n));
+  for (ssize_t n = 0; (n = ::read(fd, part.data(), part.size())) > 0;)
+    out.append(part.data(), static_cast<std::size_t>(n));
   return out;
 }
 void say(int fd, const std::string& text) {
@@ -67,11 +69,13 @@ TEST(SerialPort, AnAdapterIsOpenedWithItsBitRateAndClosedAgain) {
 
 TEST(SerialPort, BitRatesAreThoseOfTheProtocol) {
   const std::array rates{10'000, 20'000, 50'000, 100'000, 125'000, 250'000, 500'000, 800'000, 1'000'000};
-  for (std::size_t i = 0; i < rates.size(); ++i) EXPECT_EQ(hal::slcan_speed(rates.at(i)), static_cast<int>(i));
+  for (std::size_t i = 0; i < rates.size(); ++i)
+    EXPECT_EQ(hal::slcan_speed(rates.at(i)), static_cast<int>(i));
   for (const int r : {0, -1, 1, 83'333, 750'000, 1'000'001}) EXPECT_EQ(hal::slcan_speed(r), -1);
 }
 
-/// Nobody reads until the line is full, and then as slowly as can be: what was accepted is whole, and in order.
+/// Nobody reads until the line is full, and then as slowly as can be: what was accepted is whole, and in
+/// order.
 TEST(SerialPort, AFullLineTakesWholeLinesOrNothing) {
   Pair pair;
   const int small = 1;  // the kernel makes of it the smallest that it has
@@ -119,7 +123,8 @@ TEST(SerialPort, APseudoTerminalPassesEveryByteUnchanged) {
     EXPECT_NE(why.find("another program"), std::string::npos) << why;
     std::string all;
     for (int c = 0; c < 256; ++c) all.push_back(static_cast<char>(c));
-    for (std::size_t i = 0; i < 256; i += 64) EXPECT_TRUE(port.try_write(std::span<const char>(all).subspan(i, 64)));
+    for (std::size_t i = 0; i < 256; i += 64)
+      EXPECT_TRUE(port.try_write(std::span<const char>(all).subspan(i, 64)));
     EXPECT_EQ(drained(master), all);
     say(master, all);
     std::string got;
@@ -147,7 +152,8 @@ class OnSlcan : public testing::Test {
   HostBus bus_{"pair", std::make_unique<hal::SlcanAdapter>(SerialPort(pair_.here), 8)};
 };
 
-/// Two frames come in one piece: the system has nothing more to report, and the second one is there all the same.
+/// Two frames come in one piece: the system has nothing more to report, and the second one is there all the
+/// same.
 TEST_F(OnSlcan, WaitingKnowsOfFramesThatWereReadAlready) {
   CanFrame f;
   EXPECT_FALSE(wait_for_frame(bus_, 0));

@@ -12,8 +12,8 @@
 #include <vector>
 
 #include "host_sim/campaign/episode.hpp"
-#include "host_sim/scene/starting_scene.hpp"
 #include "host_sim/scene/scene.hpp"
+#include "host_sim/scene/starting_scene.hpp"
 
 namespace {
 
@@ -52,7 +52,8 @@ struct Outcome {
 };
 
 /// Episodes of the loop of `real`, judged by what `promised` says; `only`: with this fault.
-Outcome run(const Scene& real, const Scene& promised, int episodes, std::uint64_t seed = 1, std::string_view only = {}) {
+Outcome run(const Scene& real, const Scene& promised, int episodes, std::uint64_t seed = 1,
+            std::string_view only = {}) {
   const EpisodeKind<FiveBarWorld> kind(real, promised);
   Outcome out;
   for (int i = 0; i < episodes; ++i) {
@@ -165,10 +166,12 @@ TEST(FitsToo, OnlyWhereTheSceneMakesItPossible) {
   Scene asked = scene("odrive", 1000.0);
   asked.drives.endpoints.emplace();
   for (const char* bent : {"corruption", "scattered_loss", "commands_lost"}) {
-    EXPECT_EQ(fits_too(asked, bent), (std::set<std::string>{"", " drive_configuration"})) << bent << ", while arming";
+    EXPECT_EQ(fits_too(asked, bent), (std::set<std::string>{"", " drive_configuration"}))
+        << bent << ", while arming";
     EXPECT_EQ(fits_too(scene("odrive", 1000.0), bent), none) << bent;
   }
-  for (const char* whole : {"nothing", "duplication", "frozen_sensor"}) EXPECT_EQ(fits_too(asked, whole), none) << whole;
+  for (const char* whole : {"nothing", "duplication", "frozen_sensor"})
+    EXPECT_EQ(fits_too(asked, whole), none) << whole;
   EXPECT_EQ(fits_too(scene("odrive", 50.0, {"limits.max_age_ticks=1"}), "frame_loss"), none);
   const std::set<std::string> open = fits_too(scene("odrive", 50.0), "frame_loss");
   ASSERT_EQ(open.size(), 2U);

@@ -1,5 +1,5 @@
-/// The campaign's own parts: a judge that cannot condemn would pass everything, so each invariant is broken here by
-/// a world made for it; the wire's faults are looked at byte by byte.
+/// The campaign's own parts: a judge that cannot condemn would pass everything, so each invariant is broken
+/// here by a world made for it; the wire's faults are looked at byte by byte.
 
 #include <gtest/gtest.h>
 
@@ -9,11 +9,11 @@
 #include <set>
 #include <string>
 
-#include "host_sim/campaign/dialect.hpp"
 #include "host_sim/campaign/draw.hpp"
+#include "host_sim/campaign/faulty_bus.hpp"
 #include "host_sim/campaign/injections.hpp"
 #include "host_sim/campaign/judge.hpp"
-#include "host_sim/campaign/wire.hpp"
+#include "host_sim/campaign/protocol_traits.hpp"
 #include "tests/support/odrive_bytes.hpp"
 
 namespace {
@@ -114,7 +114,8 @@ TEST(Injections, ListsHoldWholeWords) {
   EXPECT_FALSE(lists("", "none"));
 }
 
-// ---- the judge -------------------------------------------------------------------------------------------------
+// ---- the judge
+// -------------------------------------------------------------------------------------------------
 
 struct FakeMotion {
   double held = 1.0, done = 0.0;
@@ -182,8 +183,13 @@ class Court : public testing::Test {
 
   Injection injection{.row = &row("nothing"), .phase = Phase::running};
   // Of 1 kHz where nothing else is said.
-  EpisodeTimes times{.tick = 1e-3, .join_ticks = 10, .halt_ticks = 10, .max_age_ticks = 2, .heartbeat_ticks = 50,
-                     .off_after_halt_ticks = 44, .motors = 2};
+  EpisodeTimes times{.tick = 1e-3,
+                     .join_ticks = 10,
+                     .halt_ticks = 10,
+                     .max_age_ticks = 2,
+                     .heartbeat_ticks = 50,
+                     .off_after_halt_ticks = 44,
+                     .motors = 2};
   Judge judge{injection, times, true, true};
   FakeWorld world;
   FakeWire wire;
@@ -464,19 +470,20 @@ TEST_F(Court, AMechanismThatIsNowhere) {
   EXPECT_EQ(verdict(), "finite");
 }
 
-// ---- the wire --------------------------------------------------------------------------------------------------
+// ---- the wire
+// --------------------------------------------------------------------------------------------------
 
 class OnTheWire : public testing::Test {
  protected:
-  std::vector<hal::CanFrame> sends(Wire& wire, std::vector<hal::CanFrame> frames, bool active = true) {
+  std::vector<hal::CanFrame> sends(FaultyBus& wire, std::vector<hal::CanFrame> frames, bool active = true) {
     wire.begin_tick(active);
     for (const auto& f : frames) wire.from_drive(test::node_of(f) == 5 ? 0 : 1, f);
-    wire.strangers_before_tick();
+    wire.inject_foreign_frames();
     std::vector<hal::CanFrame> out;
     for (hal::CanFrame f; wire.try_receive(f);) out.push_back(f);
     return out;
   }
-  Wire wire(std::string_view fault, double amount = 0.0, int choice = 0) {
+  FaultyBus wire(std::string_view fault, double amount = 0.0, int choice = 0) {
     injection.row = &row(fault);
     injection.amount = amount;
     injection.choice = choice;
@@ -490,31 +497,31 @@ class OnTheWire : public testing::Test {
 };
 
 TEST_F(OnTheWire, WithoutAFaultFramesPass) {
-  Wire w = wire("flood", 5);
+  FaultyBus w = wire("flood", 5);
   EXPECT_EQ(sends(w, {beat, mine, other}, false), (Frames{beat, mine, other}));
 }
 TEST_F(OnTheWire, FramesOfOneDriveAreLost) {
   for (const char* fault : {"frame_loss", "drive_silent", "drive_bus_off"}) {
-    Wire w = wire(fault);
+    FaultyBus w = wire(fault);
     EXPECT_EQ(sends(w, {beat, mine, other}), Frames{other}) << fault;
   }
-  Wire w = wire("heartbeat_lost");
+  FaultyBus w = wire("heartbeat_lost");
   EXPECT_EQ(sends(w, {beat, mine, other}), (Frames{mine, other}));
 }
 TEST_F(OnTheWire, FramesOfAllAreLost) {
   for (const char* fault : {"babbling_node", "controller_bus_off"}) {
-    Wire w = wire(fault);
+    FaultyBus w = wire(fault);
     EXPECT_EQ(sends(w, {beat, mine, other}), Frames{}) << fault;
   }
 }
 TEST_F(OnTheWire, FramesComeTwiceLateOrOvertaken) {
-  Wire twice = wire("duplication");
+  FaultyBus twice = wire("duplication");
   EXPECT_EQ(sends(twice, {mine, other}), (Frames{mine, mine, other}));
-  Wire late = wire("delay", 2);
+  FaultyBus late = wire("delay", 2);
   EXPECT_EQ(sends(late, {mine, other}), Frames{other});
   EXPECT_EQ(sends(late, {other}), Frames{other});
   EXPECT_EQ(sends(late, {other}), (Frames{other, mine}));
-  Wire order = wire("reordering");
+  FaultyBus order = wire("reordering");
   const hal::CanFrame next = test::encoder(5, 0.5F, 0.0F);
   EXPECT_EQ(sends(order, {mine}), Frames{mine});  // an odd tick
   EXPECT_EQ(sends(order, {mine}), Frames{});
@@ -522,28 +529,28 @@ TEST_F(OnTheWire, FramesComeTwiceLateOrOvertaken) {
 }
 TEST_F(OnTheWire, NumbersInASample) {
   for (int choice = 0; choice < 8; ++choice) {
-    Wire w = wire("not_finite", 0, choice);
+    FaultyBus w = wire("not_finite", 0, choice);
     const Frames f = sends(w, {beat, mine});
     ASSERT_EQ(f.size(), 2U);
     EXPECT_EQ(f[0], beat);
     EXPECT_FALSE(std::isfinite(test::real(f[1], choice % 2 == 0 ? 0 : 4)));
     EXPECT_TRUE(std::isfinite(test::real(f[1], choice % 2 == 0 ? 4 : 0)));
   }
-  Wire w = wire("huge", -1e30, 1);
+  FaultyBus w = wire("huge", -1e30, 1);
   EXPECT_EQ(test::real(sends(w, {mine})[0], 4), -1e30F);
 }
 TEST_F(OnTheWire, FormatsAndLengths) {
-  Wire w = wire("wrong_length");
+  FaultyBus w = wire("wrong_length");
   for (int i = 0; i < 50; ++i) EXPECT_LT(sends(w, {mine})[0].size, 8);
-  Wire rtr = wire("remote_frame");
+  FaultyBus rtr = wire("remote_frame");
   EXPECT_TRUE(sends(rtr, {mine})[0].remote);
-  Wire fd = wire("fd_frame");
+  FaultyBus fd = wire("fd_frame");
   EXPECT_TRUE(sends(fd, {mine})[0].fd);
-  Wire ext = wire("extended_frame");
+  FaultyBus ext = wire("extended_frame");
   EXPECT_TRUE(sends(ext, {mine})[0].extended);
 }
 TEST_F(OnTheWire, BitsFlip) {
-  Wire w = wire("corruption");
+  FaultyBus w = wire("corruption");
   int flipped = 0;
   for (int i = 0; i < 50; ++i) {
     const hal::CanFrame f = sends(w, {mine})[0];
@@ -553,7 +560,7 @@ TEST_F(OnTheWire, BitsFlip) {
   EXPECT_GT(flipped, 40);
 }
 TEST_F(OnTheWire, AFlood) {
-  Wire w = wire("flood", 1200);
+  FaultyBus w = wire("flood", 1200);
   const Frames f = sends(w, {mine});
   EXPECT_EQ(f.size(), 1201U);
   for (std::size_t i = 1; i < f.size(); ++i) EXPECT_LT(f[i].id, 16U) << f[i].extended;
@@ -561,7 +568,7 @@ TEST_F(OnTheWire, AFlood) {
 TEST_F(OnTheWire, WhatTheControllerSends) {
   const hal::CanFrame torque = test::message(5, test::cmd_torque, 0, 0);
   const auto send = [&](std::string_view fault) {
-    Wire w = wire(fault);
+    FaultyBus w = wire(fault);
     w.begin_tick(true);
     const hal::SendStatus s = w.try_send(torque);
     return std::pair{s, w.to_drives().size()};
@@ -573,24 +580,24 @@ TEST_F(OnTheWire, WhatTheControllerSends) {
   EXPECT_EQ(send("queue_full"), (std::pair{bus_full, std::size_t{0}}));
   EXPECT_EQ(send("babbling_node"), (std::pair{bus_full, std::size_t{0}}));
   EXPECT_EQ(send("controller_bus_off"), (std::pair{bus_off, std::size_t{0}}));
-  Wire w = wire("nothing");
+  FaultyBus w = wire("nothing");
   w.begin_tick(true);
   ASSERT_EQ(w.try_send(torque), ok);
   ASSERT_EQ(w.try_send(torque), ok);
   EXPECT_NEAR(w.to_drives()[1].ms, 0.270, 1e-12);  // two frames of 135 bits at 1 Mbit/s
 }
 TEST_F(OnTheWire, StrangersAreHeardByAll) {
-  Wire stop = wire("emergency_stop");
+  FaultyBus stop = wire("emergency_stop");
   stop.begin_tick(true);
-  stop.strangers_after_tick({});
+  stop.inject_foreign_frames_after_tick({});
   ASSERT_EQ(stop.to_drives().size(), 1U);
   EXPECT_EQ(stop.to_drives()[0].frame.id, 5U * 32 + 2);
   EXPECT_FALSE(stop.to_drives()[0].ours);
   hal::CanFrame f;
   EXPECT_TRUE(stop.try_receive(f));
-  Wire push = wire("foreign_controller", 0.5, 0);
+  FaultyBus push = wire("foreign_controller", 0.5, 0);
   push.begin_tick(true);
-  push.strangers_after_tick(test::message(5, test::cmd_torque, 0x3F400000, 0));
+  push.inject_foreign_frames_after_tick(test::message(5, test::cmd_torque, 0x3F400000, 0));
   ASSERT_EQ(push.to_drives().size(), 1U);
   EXPECT_EQ(test::command_of(push.to_drives()[0].frame), test::cmd_torque);
   EXPECT_EQ(test::real(push.to_drives()[0].frame, 0), 0.75F);

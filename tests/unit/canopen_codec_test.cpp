@@ -74,17 +74,23 @@ TEST(CanopenCodec, SdoRequests) {
   EXPECT_EQ(encode_sdo_read(5, {0x6071, 0}), can(0x605, {0x40, 0x71, 0x60, 0, 0, 0, 0, 0}));
   EXPECT_EQ(encode_sdo_write(5, {0x6060, 0}, 10, 1), can(0x605, {0x2F, 0x60, 0x60, 0, 0x0A, 0, 0, 0}));
   EXPECT_EQ(encode_sdo_write(5, {0x1017, 0}, 0x1234, 2), can(0x605, {0x2B, 0x17, 0x10, 0, 0x34, 0x12, 0, 0}));
-  EXPECT_EQ(encode_sdo_write(5, {0x1016, 1}, 0x007F'000A, 4), can(0x605, {0x23, 0x16, 0x10, 1, 0x0A, 0, 0x7F, 0}));
-  EXPECT_EQ(encode_sdo_write(5, {0x6060, 0}, 0xFFFF'FF0A, 1), can(0x605, {0x2F, 0x60, 0x60, 0, 0x0A, 0, 0, 0}))
+  EXPECT_EQ(encode_sdo_write(5, {0x1016, 1}, 0x007F'000A, 4),
+            can(0x605, {0x23, 0x16, 0x10, 1, 0x0A, 0, 0x7F, 0}));
+  EXPECT_EQ(encode_sdo_write(5, {0x6060, 0}, 0xFFFF'FF0A, 1),
+            can(0x605, {0x2F, 0x60, 0x60, 0, 0x0A, 0, 0, 0}))
       << "what is not data stays zero";
 
   auto r = decode_sdo_request(can(0x605, {0x40, 0x71, 0x60, 2, 9, 9, 9, 9}));
   ASSERT_TRUE(r);
   EXPECT_EQ(r->kind, SdoKind::read);
   EXPECT_EQ(r->object, (Object{0x6071, 2}));
-  struct Case { int command; unsigned size; std::uint32_t value; };
-  for (const Case c : {Case{0x2F, 1, 0x11}, Case{0x2B, 2, 0x2211}, Case{0x27, 3, 0x33'2211}, Case{0x23, 4, 0x4433'2211},
-                       Case{0x22, 0, 0x4433'2211}}) {
+  struct Case {
+    int command;
+    unsigned size;
+    std::uint32_t value;
+  };
+  for (const Case c : {Case{0x2F, 1, 0x11}, Case{0x2B, 2, 0x2211}, Case{0x27, 3, 0x33'2211},
+                       Case{0x23, 4, 0x4433'2211}, Case{0x22, 0, 0x4433'2211}}) {
     r = decode_sdo_request(can(0x605, {c.command, 0x71, 0x60, 0, 0x11, 0x22, 0x33, 0x44}));
     ASSERT_TRUE(r);
     EXPECT_EQ(r->kind, SdoKind::write) << c.command;
@@ -95,7 +101,8 @@ TEST(CanopenCodec, SdoRequests) {
   EXPECT_EQ(r->kind, SdoKind::abort);
   EXPECT_EQ(r->value, 0x0504'0000U);
   for (const int command : {0x00, 0x21, 0x20, 0x41, 0x60, 0xA0, 0xC2, 0xFF}) {
-    EXPECT_EQ(decode_sdo_request(can(0x605, {command, 0, 0, 0, 0, 0, 0, 0}))->kind, SdoKind::other) << command;
+    EXPECT_EQ(decode_sdo_request(can(0x605, {command, 0, 0, 0, 0, 0, 0, 0}))->kind, SdoKind::other)
+        << command;
   }
   for (const CanFrame& f : spoilt(encode_sdo_read(5, {0x6071, 0}))) EXPECT_FALSE(decode_sdo_request(f));
 }
@@ -105,14 +112,19 @@ TEST(CanopenCodec, SdoReplies) {
   EXPECT_EQ(encode_sdo_value(5, {0x1017, 0}, 0x1234, 2), can(0x585, {0x4B, 0x17, 0x10, 0, 0x34, 0x12, 0, 0}));
   EXPECT_EQ(encode_sdo_value(5, {0x6076, 0}, 0x0102'0304, 4), can(0x585, {0x43, 0x76, 0x60, 0, 4, 3, 2, 1}));
   EXPECT_EQ(encode_sdo_written(5, {0x1A00, 3}), can(0x585, {0x60, 0x00, 0x1A, 3, 0, 0, 0, 0}));
-  EXPECT_EQ(encode_sdo_abort(5, {0x6071, 0}, abort_no_object), can(0x585, {0x80, 0x71, 0x60, 0, 0, 0, 0x02, 0x06}));
+  EXPECT_EQ(encode_sdo_abort(5, {0x6071, 0}, abort_no_object),
+            can(0x585, {0x80, 0x71, 0x60, 0, 0, 0, 0x02, 0x06}));
   auto r = decode_sdo_reply(can(0x585, {0x60, 0x00, 0x1A, 3, 9, 9, 9, 9}));
   ASSERT_TRUE(r);
   EXPECT_EQ(r->kind, SdoKind::written);
   EXPECT_EQ(r->object, (Object{0x1A00, 3}));
-  struct Case { int command; unsigned size; std::uint32_t value; };
-  for (const Case c : {Case{0x4F, 1, 0x11}, Case{0x4B, 2, 0x2211}, Case{0x47, 3, 0x33'2211}, Case{0x43, 4, 0x4433'2211},
-                       Case{0x42, 0, 0x4433'2211}}) {
+  struct Case {
+    int command;
+    unsigned size;
+    std::uint32_t value;
+  };
+  for (const Case c : {Case{0x4F, 1, 0x11}, Case{0x4B, 2, 0x2211}, Case{0x47, 3, 0x33'2211},
+                       Case{0x43, 4, 0x4433'2211}, Case{0x42, 0, 0x4433'2211}}) {
     r = decode_sdo_reply(can(0x585, {c.command, 0x71, 0x60, 0, 0x11, 0x22, 0x33, 0x44}));
     ASSERT_TRUE(r);
     EXPECT_EQ(r->kind, SdoKind::value) << c.command;
@@ -130,13 +142,16 @@ TEST(CanopenCodec, SdoReplies) {
 
 /// No byte but its own is read or written: while compiling, a shift or an index too far is an error.
 constexpr CanFrame reply_sdo(int command) {
-  return {.id = 0x585, .size = 8, .data = {static_cast<std::uint8_t>(command), 0x71, 0x60, 2, 0x11, 0x00, 0x09, 0x06}};
+  return {.id = 0x585,
+          .size = 8,
+          .data = {static_cast<std::uint8_t>(command), 0x71, 0x60, 2, 0x11, 0x00, 0x09, 0x06}};
 }
 static_assert(encode_sdo_abort(5, {0x6071, 2}, 0x0609'0011) == reply_sdo(0x80));
 static_assert(decode_sdo_reply(reply_sdo(0x80))->value == 0x0609'0011);
 static_assert(decode_sdo_request(reply_sdo(0x80))->value == 0x0609'0011);
 static_assert(decode_sdo_reply(reply_sdo(0x42))->value == 0x0609'0011);
-static_assert(cia402::decode_report({.id = 0x183, .size = 8, .data = {1, 2, 3, 4, 5, 6, 7, 8}})->position == 0x0605'0403);
+static_assert(cia402::decode_report({.id = 0x183, .size = 8, .data = {1, 2, 3, 4, 5, 6, 7, 8}})->position ==
+              0x0605'0403);
 
 TEST(CanopenCodec, WhatHasNoValueHasNoneAndAnAbortHasFourBytes) {
   for (const int command : {0x40, 0x60, 0xA0}) {
@@ -169,8 +184,9 @@ TEST(CanopenCodec, IdentifiersAreThoseOfThePredefinedConnectionSet) {
   EXPECT_EQ(node_max, 127);
   EXPECT_EQ(node_mask, 127U);
   EXPECT_EQ(function_mask, 15U * 128U);
-  const std::array<std::uint32_t, 14> ids{id_nmt,   id_sync,  id_tpdo1, id_rpdo1, id_tpdo2,     id_rpdo2,       id_tpdo3,
-                                          id_rpdo3, id_tpdo4, id_rpdo4, id_sdo_reply, id_sdo_request, id_heartbeat, id_emergency};
+  const std::array<std::uint32_t, 14> ids{id_nmt,       id_sync,        id_tpdo1,     id_rpdo1,    id_tpdo2,
+                                          id_rpdo2,     id_tpdo3,       id_rpdo3,     id_tpdo4,    id_rpdo4,
+                                          id_sdo_reply, id_sdo_request, id_heartbeat, id_emergency};
   const std::array<std::uint32_t, 14> functions{0, 1, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 14, 1};
   for (std::size_t i = 0; i < ids.size(); ++i) EXPECT_EQ(ids[i], functions[i] * 128U) << i;
   EXPECT_EQ(cob_invalid, 1U << 31U);
@@ -180,15 +196,35 @@ TEST(CanopenCodec, IdentifiersAreThoseOfThePredefinedConnectionSet) {
 /// CiA 301 and CiA 402, object dictionary.
 TEST(Cia402Codec, ObjectsAreThoseOfTheDictionary) {
   using namespace cia402;
-  struct Row { Object object; std::uint16_t index; std::uint8_t sub; };
-  for (const Row& r : {Row{device_type, 0x1000, 0}, Row{error_register, 0x1001, 0}, Row{sync_cob_id, 0x1005, 0},
-                       Row{sync_period, 0x1006, 0}, Row{emergency_cob_id, 0x1014, 0}, Row{consumer_heartbeat, 0x1016, 1},
-                       Row{producer_heartbeat, 0x1017, 0}, Row{error_behaviour, 0x1029, 1}, Row{abort_connection_option, 0x6007, 0}, Row{error_code, 0x603F, 0},
-                       Row{controlword, 0x6040, 0}, Row{statusword, 0x6041, 0}, Row{quick_stop_option, 0x605A, 0},
-                       Row{fault_reaction_option, 0x605E, 0}, Row{mode_of_operation, 0x6060, 0}, Row{mode_display, 0x6061, 0},
-                       Row{position, 0x6064, 0}, Row{velocity, 0x606C, 0}, Row{target_torque, 0x6071, 0},
-                       Row{max_torque, 0x6072, 0}, Row{rated_torque, 0x6076, 0}, Row{actual_torque, 0x6077, 0},
-                       Row{interpolation_value, 0x60C2, 1}, Row{interpolation_index, 0x60C2, 2},
+  struct Row {
+    Object object;
+    std::uint16_t index;
+    std::uint8_t sub;
+  };
+  for (const Row& r : {Row{device_type, 0x1000, 0},
+                       Row{error_register, 0x1001, 0},
+                       Row{sync_cob_id, 0x1005, 0},
+                       Row{sync_period, 0x1006, 0},
+                       Row{emergency_cob_id, 0x1014, 0},
+                       Row{consumer_heartbeat, 0x1016, 1},
+                       Row{producer_heartbeat, 0x1017, 0},
+                       Row{error_behaviour, 0x1029, 1},
+                       Row{abort_connection_option, 0x6007, 0},
+                       Row{error_code, 0x603F, 0},
+                       Row{controlword, 0x6040, 0},
+                       Row{statusword, 0x6041, 0},
+                       Row{quick_stop_option, 0x605A, 0},
+                       Row{fault_reaction_option, 0x605E, 0},
+                       Row{mode_of_operation, 0x6060, 0},
+                       Row{mode_display, 0x6061, 0},
+                       Row{position, 0x6064, 0},
+                       Row{velocity, 0x606C, 0},
+                       Row{target_torque, 0x6071, 0},
+                       Row{max_torque, 0x6072, 0},
+                       Row{rated_torque, 0x6076, 0},
+                       Row{actual_torque, 0x6077, 0},
+                       Row{interpolation_value, 0x60C2, 1},
+                       Row{interpolation_index, 0x60C2, 2},
                        Row{supported_modes, 0x6502, 0}}) {
     EXPECT_EQ(r.object.index, r.index);
     EXPECT_EQ(r.object.sub, r.sub) << std::hex << r.index;
@@ -213,7 +249,8 @@ TEST(Cia402Codec, ProcessData) {
   ASSERT_TRUE(m);
   EXPECT_EQ(m->velocity, -2147483647 - 1);
   EXPECT_EQ(m->mode, -1);
-  for (const CanFrame& f : spoilt(can(0x183, {0, 0, 0, 0, 0, 0, 0, 0}))) EXPECT_FALSE(cia402::decode_report(f));
+  for (const CanFrame& f : spoilt(can(0x183, {0, 0, 0, 0, 0, 0, 0, 0})))
+    EXPECT_FALSE(cia402::decode_report(f));
   for (const CanFrame& f : spoilt(can(0x283, {0, 0, 0, 0, 0}))) EXPECT_FALSE(cia402::decode_motion(f));
   EXPECT_EQ(cia402::mapped({0x6064, 0}, 32), 0x6064'0020U);
   EXPECT_EQ(cia402::mapped({0x1234, 0x56}, 0x78), 0x1234'5678U);
@@ -223,7 +260,11 @@ TEST(Cia402Codec, ProcessData) {
 /// Every statusword against the table of masks; no two rows may claim the same word.
 TEST(Cia402Codec, StatuswordDecidesTheState) {
   using cia402::State;
-  struct Row { unsigned mask, value; State state; bool free; };
+  struct Row {
+    unsigned mask, value;
+    State state;
+    bool free;
+  };
   const std::array<Row, 8> rows{{{0x4F, 0x00, State::not_ready, true},
                                  {0x4F, 0x40, State::switch_on_disabled, true},
                                  {0x6F, 0x21, State::ready_to_switch_on, true},

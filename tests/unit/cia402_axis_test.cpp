@@ -1,5 +1,5 @@
-/// One CiA 402 axis as the controller sees it: state machine, what counts as alive, ready and idle. Expectations are
-/// those of the profile.
+/// One CiA 402 axis as the controller sees it: state machine, what counts as alive, ready and idle.
+/// Expectations are those of the profile.
 
 #include <gtest/gtest.h>
 
@@ -10,16 +10,19 @@
 namespace esmc::test {
 namespace {
 
-// ---- state machine ----------------------------------------------------------------------------------------------
+// ---- state machine
+// ----------------------------------------------------------------------------------------------
 
 TEST(Cia402Axis, EveryControlwordWaitsForTheStatuswordBefore) {
   Bench b;
   b.slave.obeys = false;
   ASSERT_TRUE(b.until([&] { return b.slave.state == 5; }));
   EXPECT_EQ(b.control(), 0U) << "no statusword yet";
-  struct Step { unsigned status, control; };
-  for (const Step s : {Step{0x0250, 0x06}, Step{0x0250, 0x06}, Step{0x0231, 0x07}, Step{0x0231, 0x07}, Step{0x0233, 0x0F},
-                       Step{0x0233, 0x0F}}) {
+  struct Step {
+    unsigned status, control;
+  };
+  for (const Step s : {Step{0x0250, 0x06}, Step{0x0250, 0x06}, Step{0x0231, 0x07}, Step{0x0231, 0x07},
+                       Step{0x0233, 0x0F}, Step{0x0233, 0x0F}}) {
     b.slave.status = s.status;
     b.tick();
     EXPECT_EQ(b.control(), s.control) << std::hex << s.status;
@@ -38,9 +41,12 @@ TEST(Cia402Axis, EveryControlwordWaitsForTheStatuswordBefore) {
 }
 
 TEST(Cia402Axis, AnyStateOnTheWayIsAnsweredByWhatItNeeds) {
-  struct Case { unsigned status, control; };
-  for (const Case c : {Case{0x0200, 0x00}, Case{0x020F, 0x00}, Case{0x0207, 0x00}, Case{0x0250, 0x06}, Case{0x0231, 0x07},
-                       Case{0x0233, 0x0F}, Case{0x0237, 0x00}, Case{0x0208, 0x80}, Case{0x0201, 0x00}, Case{0x026F, 0x00}}) {
+  struct Case {
+    unsigned status, control;
+  };
+  for (const Case c :
+       {Case{0x0200, 0x00}, Case{0x020F, 0x00}, Case{0x0207, 0x00}, Case{0x0250, 0x06}, Case{0x0231, 0x07},
+        Case{0x0233, 0x0F}, Case{0x0237, 0x00}, Case{0x0208, 0x80}, Case{0x0201, 0x00}, Case{0x026F, 0x00}}) {
     Bench b;
     b.slave.obeys = false;
     b.slave.status = c.status;
@@ -256,7 +262,8 @@ TEST(Cia402Axis, OperationalIsAlsoWhatItsHeartbeatSays) {
   EXPECT_TRUE(b.make_ready());
 }
 
-// ---- what it says -------------------------------------------------------------------------------------------------
+// ---- what it says
+// -------------------------------------------------------------------------------------------------
 
 TEST(Cia402Axis, BothPdosMakeASampleAndASet) {
   Bench b;
@@ -351,7 +358,8 @@ TEST(Cia402Axis, LeavingTorqueControlIsNoticed) {
   }
 }
 
-// ---- disabling ------------------------------------------------------------------------------------------------------
+// ---- disabling
+// ------------------------------------------------------------------------------------------------------
 
 TEST(Cia402Axis, DisablingTakesTheVoltageAwayAndWaitsForTwoReports) {
   Bench b;
@@ -372,7 +380,8 @@ TEST(Cia402Axis, DisablingTakesTheVoltageAwayAndWaitsForTwoReports) {
 }
 
 TEST(Cia402Axis, OnlyStatesWithoutTorqueAreIdle) {
-  for (const unsigned status : {0x0200U, 0x0250U, 0x0231U, 0x0218U, 0x0233U, 0x0237U, 0x0207U, 0x021FU, 0x0201U}) {
+  for (const unsigned status :
+       {0x0200U, 0x0250U, 0x0231U, 0x0218U, 0x0233U, 0x0237U, 0x0207U, 0x021FU, 0x0201U}) {
     Bench b;
     ASSERT_TRUE(b.make_ready());
     b.slave.obeys = false;
@@ -396,7 +405,8 @@ TEST(Cia402Axis, ADriveThatIsStoppedOrBootsIsIdle) {
   }
 }
 
-/// With what it has stored it may not beat any more: that one message has to be enough, and nobody stops it for ever.
+/// With what it has stored it may not beat any more: that one message has to be enough, and nobody stops it
+/// for ever.
 TEST(Cia402Axis, ADriveThatBootsUnderTorqueAndIsSilentThenIsIdle) {
   Bench b;
   ASSERT_TRUE(b.make_ready());
@@ -411,7 +421,8 @@ TEST(Cia402Axis, ADriveThatBootsUnderTorqueAndIsSilentThenIsIdle) {
   }
 }
 
-/// It hears no torque frame any more, and the profile lets it keep its last torque: it is stopped at once, and again until it says so.
+/// It hears no torque frame any more, and the profile lets it keep its last torque: it is stopped at once,
+/// and again until it says so.
 TEST(Cia402Axis, APreOperationalDriveIsNotIdleAndIsStopped) {
   Bench b;
   ASSERT_TRUE(b.make_ready());

@@ -1,5 +1,5 @@
-/// Corners of a CiA 402 axis: what is left of an earlier enabling, what comes late or at the wrong time, bounds to the
-/// last bit, and long times. Each was found as a change of the code that no other test noticed.
+/// Corners of a CiA 402 axis: what is left of an earlier enabling, what comes late or at the wrong time,
+/// bounds to the last bit, and long times. Each was found as a change of the code that no other test noticed.
 
 #include <gtest/gtest.h>
 
@@ -28,10 +28,10 @@ TEST(Cia402Corners, AReadyAxisStaysReadyHoweverLongOthersTake) {
 TEST(Cia402Corners, AContradictionIsNotAskedAboutAgain) {
   Bench b;
   b.slave.says[entry(0x6076, 0)] = 1000;
-  ASSERT_TRUE(b.until([&] { return b.axis.contradicted(); }));
+  ASSERT_TRUE(b.until([&] { return b.axis.config_mismatch(); }));
   for (int i = 0; i < 10 * retry; ++i) {
     b.tick();
-    ASSERT_TRUE(b.axis.contradicted()) << i;
+    ASSERT_TRUE(b.axis.config_mismatch()) << i;
     ASSERT_EQ(b.sent.size(), 1U) << i;
   }
 }
@@ -62,7 +62,8 @@ TEST(Cia402Corners, AgesThatHaveNeverBegunDoNotWrap) {
 TEST(Cia402Corners, AnAxisThatHasHeardNothingSaysNothing) {
   const Cia402Axis a({.node = node, .offset = 0.5F}, settings());
   EXPECT_FALSE(a.heard_this_tick());
-  EXPECT_FALSE(a.ready() || a.idle() || a.alive() || a.error() || a.closed_loop() || a.must_be_released() || a.contradicted());
+  EXPECT_FALSE(a.ready() || a.idle() || a.alive() || a.error() || a.closed_loop() || a.must_be_released() ||
+               a.config_mismatch());
   EXPECT_EQ(a.sample<double>().angle, 0.5);
   EXPECT_EQ(a.sample<double>().rate, 0.0);
   EXPECT_EQ(a.torque_lsb(), 0.0F);
@@ -83,10 +84,12 @@ TEST(Cia402Corners, AnUnconfiguredLineIsNode127AndSpeaksInEveryTick) {
   drive::CanopenLine line;
   for (int i = 0; i < 3; ++i) {
     int sent = 0;
-    line.end_tick([&](const CanFrame& f) {
-      EXPECT_EQ(f, can(0x77F, {5}));
-      return ++sent > 0;
-    }, true);
+    line.end_tick(
+        [&](const CanFrame& f) {
+          EXPECT_EQ(f, can(0x77F, {5}));
+          return ++sent > 0;
+        },
+        true);
     EXPECT_EQ(sent, 1) << i;
   }
 }
@@ -101,7 +104,8 @@ TEST(Cia402Corners, AnEmergencyIsALifeSign) {
   EXPECT_FALSE(b.axis.error()) << "from before the enabling";
 }
 
-// ---- confirmations ------------------------------------------------------------------------------------------------
+// ---- confirmations
+// ------------------------------------------------------------------------------------------------
 
 TEST(Cia402Corners, ReadyEndsWithTheRequest) {
   Bench b;
@@ -154,7 +158,8 @@ TEST(Cia402Corners, AfterAnInterruptionItTakesTwoReports) {
   EXPECT_TRUE(b.axis.ready());
 }
 
-// ---- what is left of an earlier enabling --------------------------------------------------------------------------------
+// ---- what is left of an earlier enabling
+// --------------------------------------------------------------------------------
 
 /// The drive's word that it is pre-operational has to be newer than the call.
 TEST(Cia402Corners, AnEarlierAnswerIsNoAnswer) {
@@ -164,7 +169,8 @@ TEST(Cia402Corners, AnEarlierAnswerIsNoAnswer) {
   const auto deaf = [](const CanFrame&) { return true; };  // the bus takes it, the drive does not hear it
   for (int i = 0; i < 5; ++i) {
     b.axis.begin_tick();
-    EXPECT_EQ(b.hear(report_of(node, 0x0250)), i == 0 ? Received::accepted : Received::not_mine) << "its PDOs are nobody's";
+    EXPECT_EQ(b.hear(report_of(node, 0x0250)), i == 0 ? Received::accepted : Received::not_mine)
+        << "its PDOs are nobody's";
     EXPECT_EQ(b.hear(heartbeat_of(node, 5)), Received::accepted);
     int sdos = 0;
     b.axis.enable([&](const CanFrame& f) {
@@ -228,7 +234,8 @@ TEST(Cia402Corners, OperationalDuringTheSetUpIsForgotten) {
   EXPECT_EQ(b.control(), 0x06U);
 }
 
-// ---- answers at the wrong time ------------------------------------------------------------------------------------------
+// ---- answers at the wrong time
+// ------------------------------------------------------------------------------------------
 
 TEST(Cia402Corners, AnAnswerAfterTheSequenceBeganAnewIsIgnored) {
   Bench b;
@@ -236,7 +243,7 @@ TEST(Cia402Corners, AnAnswerAfterTheSequenceBeganAnewIsIgnored) {
   ASSERT_TRUE(b.make_ask(entry(0x6502, 0)));
   forget(b);
   EXPECT_EQ(b.hear(sdo(0x580 + node, 0x43, 0x6502, 0, 0)), Received::accepted);
-  EXPECT_FALSE(b.axis.contradicted());
+  EXPECT_FALSE(b.axis.config_mismatch());
 }
 
 TEST(Cia402Corners, AnAnswerBeforeTheQuestionWasTakenIsIgnored) {
@@ -247,14 +254,14 @@ TEST(Cia402Corners, AnAnswerBeforeTheQuestionWasTakenIsIgnored) {
   b.command(true);  // 1006 is next
   ASSERT_EQ(b.count(0x600U + node), 1);
   EXPECT_EQ(b.hear(sdo(0x580 + node, 0x80, 0x1006, 0, 0x0601'0002)), Received::accepted);
-  EXPECT_FALSE(b.axis.contradicted());
+  EXPECT_FALSE(b.axis.config_mismatch());
 }
 
 TEST(Cia402Corners, AnAnswerOfAnotherLengthIsAContradiction) {
   Bench b;
   b.slave.command[entry(0x6060, 0)] = 0x4B;  // two bytes, with the right value in them
-  b.until([&] { return b.axis.ready() || b.axis.contradicted(); });
-  EXPECT_TRUE(b.axis.contradicted());
+  b.until([&] { return b.axis.ready() || b.axis.config_mismatch(); });
+  EXPECT_TRUE(b.axis.config_mismatch());
 }
 
 TEST(Cia402Corners, WhatALongAnswerHasBesidesTheObjectIsNoMatter) {
@@ -266,7 +273,8 @@ TEST(Cia402Corners, WhatALongAnswerHasBesidesTheObjectIsNoMatter) {
   EXPECT_TRUE(b.make_ready());
 }
 
-// ---- bounds -----------------------------------------------------------------------------------------------------------
+// ---- bounds
+// -----------------------------------------------------------------------------------------------------------
 
 /// A drive that is left to these arms nothing: its rated torque is not 0.
 TEST(Cia402Corners, SettingsThatNobodyGave) {
@@ -300,7 +308,10 @@ TEST(Cia402Corners, OptionCodesReachTheirObjects) {
 }
 
 TEST(Cia402Corners, PeriodsAreRoundedHalfUpAndEndAt255Seconds) {
-  struct Case { std::uint32_t us; int value, index; };
+  struct Case {
+    std::uint32_t us;
+    int value, index;
+  };
   for (const Case c : {Case{256, 26, -5}, Case{1285, 129, -5}, Case{1284, 128, -5}, Case{256'000'000, 255, 0},
                        Case{4'000'000'000, 255, 0}}) {
     EXPECT_EQ(drive::cia402::interpolation(c.us).value, c.value) << c.us;
@@ -317,16 +328,16 @@ Bench with(float scene, std::uint32_t drive, float limit, std::uint32_t allowed)
   b.axis = Cia402Axis(AxisConfig{.node = node}, s);
   b.slave.says[entry(0x6076, 0)] = drive;
   b.slave.says[entry(0x6072, 0)] = allowed;
-  b.until([&] { return b.axis.ready() || b.axis.contradicted(); });
+  b.until([&] { return b.axis.ready() || b.axis.config_mismatch(); });
   return b;
 }
 
 TEST(Cia402Corners, OnePerCentOfTheRatedTorqueIsAllowedToTheLastBit) {
   EXPECT_TRUE(with(99.0F, 100, 0.0F, 0).axis.ready());
   EXPECT_TRUE(with(101.0F, 100, 0.0F, 0).axis.ready()) << "and a limit of 0 needs nothing";
-  EXPECT_TRUE(with(98.99F, 100, 0.0F, 0).axis.contradicted());
-  EXPECT_TRUE(with(101.01F, 100, 0.0F, 0).axis.contradicted());
-  EXPECT_TRUE(with(0.0F, 0, 0.0F, 0).axis.contradicted()) << "no scale";
+  EXPECT_TRUE(with(98.99F, 100, 0.0F, 0).axis.config_mismatch());
+  EXPECT_TRUE(with(101.01F, 100, 0.0F, 0).axis.config_mismatch());
+  EXPECT_TRUE(with(0.0F, 0, 0.0F, 0).axis.config_mismatch()) << "no scale";
 }
 
 TEST(Cia402Corners, SmallMotorsAreMotors) {

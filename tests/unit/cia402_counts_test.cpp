@@ -39,14 +39,17 @@ TEST(Cia402Counts, BeforeTheFirstFrameThereIsNoSample) {
   EXPECT_FALSE(b.axis.brought_sample());
 }
 
-/// The PDOs that the loop runs on must be there when they are switched on, even if they were when they were switched off.
+/// The PDOs that the loop runs on must be there when they are switched on, even if they were when they were
+/// switched off.
 TEST(Cia402Counts, APdoThatVanishesIsAContradiction) {
-  struct Case { unsigned communication, mapping; };
+  struct Case {
+    unsigned communication, mapping;
+  };
   for (const Case c : {Case{0x1400, 0x1600}, Case{0x1800, 0x1A00}, Case{0x1801, 0x1A01}}) {
     Bench b;
     ASSERT_TRUE(b.make_ask(entry(c.mapping, 0)));
     b.slave.aborts[entry(c.communication, 1)] = 0x0602'0000;  // no such object
-    EXPECT_TRUE(b.until([&] { return b.axis.contradicted(); })) << std::hex << c.communication;
+    EXPECT_TRUE(b.until([&] { return b.axis.config_mismatch(); })) << std::hex << c.communication;
     ASSERT_TRUE(b.axis.contradicting_object());
     EXPECT_EQ(b.axis.contradicting_object()->index, c.communication);
     EXPECT_EQ(b.axis.contradicting_object()->sub, 1);
@@ -64,7 +67,7 @@ TEST(Cia402Counts, AFrameThatIsNotTakenSaysNothingAboutTheLastSample) {
   f.size = 2;
   EXPECT_EQ(b.hear(f), Received::malformed);
   EXPECT_TRUE(b.axis.brought_sample());
-  EXPECT_EQ(b.hear(nmt(0x01, node)), Received::impostor);
+  EXPECT_EQ(b.hear(nmt(0x01, node)), Received::foreign_command);
   EXPECT_TRUE(b.axis.brought_sample());
 }
 

@@ -1,4 +1,5 @@
-/// The cycle and two CiA 402 slaves made of bytes, against the clock: SYNC at the beginning of a tick, torque at its end.
+/// The cycle and two CiA 402 slaves made of bytes, against the clock: SYNC at the beginning of a tick, torque
+/// at its end.
 
 #include <gtest/gtest.h>
 
@@ -29,7 +30,8 @@ struct Clocked {
   AgedBus bus;
   Node cycle{config()};
   std::vector<CanFrame> late;
-  bool cuts = false;  ///< the second frame of each drive comes after the tick, and waits for 0.55 ms until the next begins
+  bool cuts = false;  ///< the second frame of each drive comes after the tick, and waits for 0.55 ms until
+                      ///< the next begins
 
   static Node::Config config() {
     Node::Config c;
@@ -82,7 +84,8 @@ struct Clocked {
   }
 };
 
-// A controller that was reset has nothing to say to a drive that the one before has left under torque: its watchdog ends that.
+// A controller that was reset has nothing to say to a drive that the one before has left under torque: its
+// watchdog ends that.
 TEST(Cia402Cycle, SaysNothingThatKeepsADriveAliveBeforeItHasCalledIt) {
   Clocked c;
   for (Slave& s : c.slaves) {
@@ -116,7 +119,8 @@ TEST(Cia402Cycle, BeatsOnWhenItIsDisabledAgainAndNotInAFault) {
   EXPECT_FALSE(c.beats());
 }
 
-// Sampled at SYNC: a tick later it is a tick old, wherever in that tick the answer has come and however long it has waited.
+// Sampled at SYNC: a tick later it is a tick old, wherever in that tick the answer has come and however long
+// it has waited.
 TEST(Cia402Cycle, ASetThatTheTickCutsInTwoIsOneTickOldAndNoMore) {
   Clocked c;
   c.cuts = true;

@@ -1,5 +1,5 @@
-/// The emulated CiA 402 drive against the standards' rules, in frames written byte by byte: what a controller that was
-/// written from the same documents may rely on.
+/// The emulated CiA 402 drive against the standards' rules, in frames written byte by byte: what a controller
+/// that was written from the same documents may rely on.
 
 #include "host_sim/drives/cia402_axis.hpp"
 
@@ -27,10 +27,17 @@ class Drive : public testing::Test {
  protected:
   Drive() : axis(mount(), settings(), SensorEffects({}), 0, 1) {}
 
-  static AxisMount mount() { return {.node = static_cast<int>(node), .direction = -1.0, .gear_ratio = 2.0, .offset = 0.25}; }
+  static AxisMount mount() {
+    return {.node = static_cast<int>(node), .direction = -1.0, .gear_ratio = 2.0, .offset = 0.25};
+  }
   static Cia402Axis::Settings settings(bool lockstep = true) {
-    return {.lockstep = lockstep, .period = 1e-3, .rated_torque = 0.5, .rated_torque_unit = 1e-6, .max_torque = 2.0,
-            .counts_per_turn = 1000.0, .velocity_unit = 0.001};
+    return {.lockstep = lockstep,
+            .period = 1e-3,
+            .rated_torque = 0.5,
+            .rated_torque_unit = 1e-6,
+            .max_torque = 2.0,
+            .counts_per_turn = 1000.0,
+            .velocity_unit = 0.001};
   }
   EmulatedAxis::Send sink() {
     return [this](const CanFrame& f) { said.push_back(f); };
@@ -100,13 +107,16 @@ TEST_F(Drive, ServesItsDictionary) {
   EXPECT_EQ(ask(0x40, entry(0x1018, 0)), (std::pair<int, std::uint32_t>{0x4F, 4}));
   EXPECT_EQ(ask(0x40, entry(0x1018, 4)), (std::pair<int, std::uint32_t>{0x43, node}));
   EXPECT_EQ(ask(0x40, entry(0x6502, 0)).second >> 9U & 1U, 1U) << "cyclic torque";
-  EXPECT_EQ(ask(0x40, entry(0x6076, 0)), (std::pair<int, std::uint32_t>{0x43, 500'000})) << "micro newton metres";
+  EXPECT_EQ(ask(0x40, entry(0x6076, 0)), (std::pair<int, std::uint32_t>{0x43, 500'000}))
+      << "micro newton metres";
   EXPECT_EQ(ask(0x40, entry(0x6072, 0)), (std::pair<int, std::uint32_t>{0x4B, 2000}));
-  EXPECT_EQ(ask(0x40, entry(0x1017, 0)), (std::pair<int, std::uint32_t>{0x4B, 0})) << "off, as from the factory";
-  for (const std::uint32_t object : {entry(0x1005, 0), entry(0x1006, 0), entry(0x1014, 0), entry(0x1016, 1), entry(0x1029, 1), entry(0x6007, 0),
-                                     entry(0x603F, 0), entry(0x6040, 0), entry(0x605A, 0), entry(0x605E, 0), entry(0x6061, 0),
-                                     entry(0x6064, 0), entry(0x606C, 0), entry(0x6071, 0), entry(0x6077, 0), entry(0x60C2, 1),
-                                     entry(0x60C2, 2)}) {
+  EXPECT_EQ(ask(0x40, entry(0x1017, 0)), (std::pair<int, std::uint32_t>{0x4B, 0}))
+      << "off, as from the factory";
+  for (const std::uint32_t object :
+       {entry(0x1005, 0), entry(0x1006, 0), entry(0x1014, 0), entry(0x1016, 1), entry(0x1029, 1),
+        entry(0x6007, 0), entry(0x603F, 0), entry(0x6040, 0), entry(0x605A, 0), entry(0x605E, 0),
+        entry(0x6061, 0), entry(0x6064, 0), entry(0x606C, 0), entry(0x6071, 0), entry(0x6077, 0),
+        entry(0x60C2, 1), entry(0x60C2, 2)}) {
     EXPECT_NE(ask(0x40, object).first, 0x80) << std::hex << object;
   }
 }
@@ -123,7 +133,8 @@ TEST_F(Drive, AbortsWithTheReason) {
   EXPECT_EQ(abort_of_write(entry(0x1029, 1), 3, 1), 0x0609'0030U);
   EXPECT_EQ(abort_of_write(entry(0x605A, 0), 0xFFFF, 2), 0x0609'0030U);
   EXPECT_EQ(abort_of_write(entry(0x605E, 0), 5, 2), 0x0609'0030U);
-  EXPECT_EQ(ask(0x21, entry(0x6040, 0), 2), (std::pair<int, std::uint32_t>{0x80, 0x0504'0001})) << "segmented";
+  EXPECT_EQ(ask(0x21, entry(0x6040, 0), 2), (std::pair<int, std::uint32_t>{0x80, 0x0504'0001}))
+      << "segmented";
   EXPECT_EQ(ask(0x22, entry(0x6060, 0), 10).first, 0x60) << "without a size";
   EXPECT_EQ(ask(0x80, entry(0x6040, 0)).first, -1) << "the client's abort has no answer";
   CanFrame cut = test::sdo(0x600 + node, 0x40, 0x1000, 0);
@@ -158,7 +169,8 @@ TEST_F(Drive, RefusesToBeRemappedInTheWrongOrder) {
 TEST_F(Drive, KeepsToElevenBitsAndToItsOwnIdentifiers) {
   write(entry(0x1400, 1), 0x8000'0200 + node, 4);
   EXPECT_EQ(abort_of_write(entry(0x1400, 1), 0x2000'0200 + node, 4), 0x0609'0030U) << "29 bits";
-  EXPECT_EQ(abort_of_write(entry(0x1005, 0), 0x600 + node, 4), 0x0609'0030U) << "SYNC would be its SDO requests";
+  EXPECT_EQ(abort_of_write(entry(0x1005, 0), 0x600 + node, 4), 0x0609'0030U)
+      << "SYNC would be its SDO requests";
   EXPECT_EQ(abort_of_write(entry(0x1005, 0), 0x80, 4), 0U);
   EXPECT_EQ(abort_of_write(entry(0x1014, 0), 0x081 + node, 4), 0x0609'0030U) << "somebody else's emergencies";
 }
@@ -198,11 +210,15 @@ TEST_F(Drive, StartsAnewWithoutItsFaultAndItsLastControlword) {
 TEST_F(Drive, PowerStateMachine) {
   set_up();
   publish();
-  struct Step { int control; unsigned status; };
-  for (const Step s : {Step{0x07, 0x40}, Step{0x0F, 0x40}, Step{0x06, 0x21}, Step{0x0F, 0x23}, Step{0x06, 0x21}, Step{0x07, 0x23},
-                       Step{0x0F, 0x27}, Step{0x07, 0x23}, Step{0x0F, 0x27}, Step{0x06, 0x21}, Step{0x07, 0x23}, Step{0x0F, 0x27},
-                       Step{0x02, 0x07}, Step{0x0F, 0x27}, Step{0x02, 0x07}, Step{0x00, 0x40}, Step{0x80, 0x40}, Step{0x06, 0x21},
-                       Step{0x02, 0x40}}) {
+  struct Step {
+    int control;
+    unsigned status;
+  };
+  for (const Step s :
+       {Step{0x07, 0x40}, Step{0x0F, 0x40}, Step{0x06, 0x21}, Step{0x0F, 0x23}, Step{0x06, 0x21},
+        Step{0x07, 0x23}, Step{0x0F, 0x27}, Step{0x07, 0x23}, Step{0x0F, 0x27}, Step{0x06, 0x21},
+        Step{0x07, 0x23}, Step{0x0F, 0x27}, Step{0x02, 0x07}, Step{0x0F, 0x27}, Step{0x02, 0x07},
+        Step{0x00, 0x40}, Step{0x80, 0x40}, Step{0x06, 0x21}, Step{0x02, 0x40}}) {
     control(s.control);
     ASSERT_EQ(status(), s.status) << std::hex << s.control;
   }
@@ -242,7 +258,8 @@ TEST_F(Drive, ReportsWhatItReadsInItsUnits) {
   const auto out = publish(0.35, 3.0);
   ASSERT_EQ(out.size(), 1U);
   EXPECT_EQ(out[0].id, 0x180U + node);
-  EXPECT_EQ(static_cast<std::int32_t>(test::little(out[0], 2, 4)), static_cast<std::int32_t>(std::round(-0.2 / (2 * 3.14159265358979) * 1000)));
+  EXPECT_EQ(static_cast<std::int32_t>(test::little(out[0], 2, 4)),
+            static_cast<std::int32_t>(std::round(-0.2 / (2 * 3.14159265358979) * 1000)));
   EXPECT_EQ(static_cast<std::int32_t>(ask(0x40, entry(0x606C, 0)).second), -6000) << "-6 rad/s";
 }
 
@@ -286,8 +303,13 @@ TEST_F(Drive, ByItsOwnClockItAnswersSyncAtOnceAndBeatsAsItIsTold) {
 }
 
 TEST_F(Drive, MissesItsMasterAndDoesAsItWasTold) {
-  struct Case { unsigned option, status; double torque; bool error; };
-  for (const Case c : {Case{0, 0x27, -0.5, false}, Case{1, 0x08, 0.0, true}, Case{2, 0x40, 0.0, false}, Case{3, 0x07, 0.0, false}}) {
+  struct Case {
+    unsigned option, status;
+    double torque;
+    bool error;
+  };
+  for (const Case c : {Case{0, 0x27, -0.5, false}, Case{1, 0x08, 0.0, true}, Case{2, 0x40, 0.0, false},
+                       Case{3, 0x07, 0.0, false}}) {
     axis = Cia402Axis(mount(), settings(), SensorEffects({}), 0, 1);
     write(entry(0x1016, 1), 0x0064'0005, 4);  // node 100, 5 ms
     write(entry(0x6007, 0), c.option, 2);
@@ -311,7 +333,9 @@ TEST_F(Drive, MissesItsMasterAndDoesAsItWasTold) {
 }
 
 TEST_F(Drive, WithoutItsMasterItStaysInTheStateThatItsErrorBehaviourSays) {
-  struct Case { unsigned behaviour, state; };
+  struct Case {
+    unsigned behaviour, state;
+  };
   for (const auto& [behaviour, state] : {Case{0, 0x7F}, Case{1, 0x05}, Case{2, 0x04}}) {
     axis = Cia402Axis(mount(), settings(), SensorEffects({}), 0, 1);
     write(entry(0x1016, 1), 0x0064'0005, 4);
@@ -325,7 +349,9 @@ TEST_F(Drive, WithoutItsMasterItStaysInTheStateThatItsErrorBehaviourSays) {
     for (int i = 0; i < 5; ++i) publish();
     give(can(0x080, {}));
     publish();
-    const auto beats = [&](unsigned s) { return std::ranges::count(said, can(0x700 + node, {static_cast<std::uint8_t>(s)})); };
+    const auto beats = [&](unsigned s) {
+      return std::ranges::count(said, can(0x700 + node, {static_cast<std::uint8_t>(s)}));
+    };
     EXPECT_EQ(beats(state), 1) << behaviour;
     EXPECT_EQ(axis.confirmations() > 0, behaviour == 1);
     EXPECT_NEAR(axis.joint_torque(), -0.5, 1e-12) << "the torque is for 6007 to take";
@@ -402,8 +428,8 @@ TEST_F(Drive, KnowsWhatOnlyAControllerSendsToIt) {
   write(entry(0x1401, 1), 0x8000'0300 + node, 4);
   write(entry(0x1401, 1), 0x300 + node + 1, 4);
   EXPECT_TRUE(axis.commanded_by(moved)) << "where it listens now";
-  for (const CanFrame& f : {test::nmt(1, 9), can(0x080, {}), can(0x77F, {5}), test::report_of(node, 0), can(0x209, {0, 0, 0, 0}),
-                            test::emergency_of(node, 1)}) {
+  for (const CanFrame& f : {test::nmt(1, 9), can(0x080, {}), can(0x77F, {5}), test::report_of(node, 0),
+                            can(0x209, {0, 0, 0, 0}), test::emergency_of(node, 1)}) {
     EXPECT_FALSE(axis.commanded_by(f)) << std::hex << f.id;
   }
 }

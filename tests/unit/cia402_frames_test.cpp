@@ -1,4 +1,5 @@
-/// One CiA 402 axis as the controller sees it: whose frames it takes, units, and what all axes of a bus share.
+/// One CiA 402 axis as the controller sees it: whose frames it takes, units, and what all axes of a bus
+/// share.
 
 #include <gtest/gtest.h>
 
@@ -13,29 +14,22 @@
 namespace esmc::test {
 namespace {
 
-// ---- frames of others -----------------------------------------------------------------------------------------------
+// ---- frames of others
+// -----------------------------------------------------------------------------------------------
 
 TEST(Cia402Axis, WhatOnlyWeMaySendMakesAnImpostor) {
-  const std::vector<CanFrame> commands{nmt(0x81, 0),
-                                       nmt(0x80, node),
-                                       can(0x000, {0x01, node, 0}),
-                                       can(0x080, {}),
-                                       can(0x080, {7}),
-                                       can(0x764, {5}),
-                                       can(0x203, {0x0F, 0, 0, 0}),
-                                       can(0x203, {}),
-                                       can(0x303, {0x0F, 0}),
-                                       can(0x403, {0x0F, 0}),
-                                       can(0x503, {0x0F, 0}),
-                                       sdo(0x603, 0x40, 0x6041, 0)};
+  const std::vector<CanFrame> commands{
+      nmt(0x81, 0),          nmt(0x80, node),       can(0x000, {0x01, node, 0}), can(0x080, {}),
+      can(0x080, {7}),       can(0x764, {5}),       can(0x203, {0x0F, 0, 0, 0}), can(0x203, {}),
+      can(0x303, {0x0F, 0}), can(0x403, {0x0F, 0}), can(0x503, {0x0F, 0}),       sdo(0x603, 0x40, 0x6041, 0)};
   for (CanFrame f : commands) {
     Bench b;
     ASSERT_TRUE(b.make_ready());
     b.axis.begin_tick();
-    EXPECT_EQ(b.hear(f), Received::impostor) << std::hex << f.id;
+    EXPECT_EQ(b.hear(f), Received::foreign_command) << std::hex << f.id;
     EXPECT_FALSE(b.axis.heard_this_tick());
     f.fd = true;
-    EXPECT_EQ(b.hear(f), Received::impostor);
+    EXPECT_EQ(b.hear(f), Received::foreign_command);
     f.fd = false;
     f.remote = true;
     EXPECT_EQ(b.hear(f), Received::not_mine);
@@ -110,7 +104,8 @@ TEST(Cia402Axis, RandomFramesNeverEnableAnything) {
     CanFrame f;
     f.id = random(16) * 0x80U + (random(8) == 0 ? random(128) : node);
     f.size = static_cast<std::uint8_t>(random(9));
-    for (std::size_t k = 0; k < 8; ++k) f.data[k] = static_cast<std::uint8_t>(random(3) == 0 ? random(256) : 0);
+    for (std::size_t k = 0; k < 8; ++k)
+      f.data[k] = static_cast<std::uint8_t>(random(3) == 0 ? random(256) : 0);
     f.remote = random(50) == 0;
     f.fd = !f.remote && random(50) == 0;
     f.extended = random(50) == 0;
@@ -122,12 +117,14 @@ TEST(Cia402Axis, RandomFramesNeverEnableAnything) {
   }
 }
 
-// ---- units ----------------------------------------------------------------------------------------------------------
+// ---- units
+// ----------------------------------------------------------------------------------------------------------
 
 TEST(Cia402Axis, CountsAndSpeedsBecomeAnglesAndRates) {
   for (const float direction : {1.0F, -1.0F}) {
     Bench b;
-    b.axis = Cia402Axis({.node = node, .direction = direction, .gear_ratio = 4.0F, .offset = 0.5F}, settings());
+    b.axis =
+        Cia402Axis({.node = node, .direction = direction, .gear_ratio = 4.0F, .offset = 0.5F}, settings());
     ASSERT_TRUE(b.make_ready());
     b.axis.begin_tick();
     (void)b.hear(report_of(node, 0x0237, -1024 - 4096));
@@ -183,14 +180,14 @@ TEST(Cia402Axis, WhatNoMotorHasIsNotCarried) {
   b.axis = Cia402Axis({.node = node, .direction = -1.0F, .gear_ratio = 0.5F}, settings());
   ASSERT_TRUE(b.make_ready());
   EXPECT_EQ(thousandths(b.axis, 1.0F), -1000) << "2 N m at the shaft, against";
-  for (const float torque : {NAN, std::numeric_limits<float>::infinity(), -std::numeric_limits<float>::infinity(), 5001.0F,
-                             -5001.0F}) {
+  for (const float torque : {NAN, std::numeric_limits<float>::infinity(),
+                             -std::numeric_limits<float>::infinity(), 5001.0F, -5001.0F}) {
     EXPECT_FALSE(b.axis.can_carry(torque));
     EXPECT_EQ(thousandths(b.axis, torque), 0);
   }
   EXPECT_TRUE(b.axis.can_carry(4999.0F));
   EXPECT_FALSE(b.axis.emergency_stopped());
-  EXPECT_FALSE(b.axis.muted());
+  EXPECT_FALSE(b.axis.tx_suspended());
   b.axis.acknowledge();
 }
 
@@ -208,7 +205,8 @@ TEST(Cia402Axis, TheTorqueFrameHalvesExactlyAwayFromZero) {
   EXPECT_EQ(thousandths(b.axis, 0.511F), 0);
 }
 
-// ---- line -------------------------------------------------------------------------------------------------------------
+// ---- line
+// -------------------------------------------------------------------------------------------------------------
 
 TEST(CanopenLine, SyncOnRequestAndAHeartbeatEveryFewGoodTicks) {
   drive::CanopenLine line(100, 3);

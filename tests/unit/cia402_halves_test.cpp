@@ -1,4 +1,5 @@
-/// A CiA 402 axis that has heard half of something, or late: one PDO of a set, a set after its tick, part of a set-up.
+/// A CiA 402 axis that has heard half of something, or late: one PDO of a set, a set after its tick, part of
+/// a set-up.
 
 #include <gtest/gtest.h>
 
@@ -18,7 +19,8 @@ TEST(Cia402Axis, ADriveThatBootsDuringItsSetUpIsCalledAtOnce) {
   EXPECT_EQ(b.count(0x000), 1) << "not the next object first";
 }
 
-/// It may have missed our heartbeat, and would be watched by nobody until it hears the next one: time for that is in the set-up.
+/// It may have missed our heartbeat, and would be watched by nobody until it hears the next one: time for
+/// that is in the set-up.
 TEST(Cia402Axis, AFaultOnTheWayToTorqueIsFollowedByTheWholeSetUp) {
   for (const unsigned told : {0x07U, 0x0FU}) {
     for (const unsigned status : {0x0218U, 0x020FU}) {
@@ -78,7 +80,8 @@ TEST(Cia402Axis, AfterAReportOfTorqueItTakesTwoWithout) {
   }
 }
 
-// An answer that comes after the controller gave up waiting is of the SYNC before; the next SYNC's set does without it.
+// An answer that comes after the controller gave up waiting is of the SYNC before; the next SYNC's set does
+// without it.
 TEST(Cia402Axis, LateAnswersAreNoPartOfTheNextSet) {
   Bench b;
   ASSERT_TRUE(b.make_ready());
@@ -103,10 +106,13 @@ TEST(Cia402Axis, LateAnswersAreNoPartOfTheNextSet) {
   EXPECT_EQ(b.axis.sample_age_ticks(), 2U);
 }
 
-// One PDO before the controller gave up waiting and one after: of one SYNC all the same, as long as no other has gone out.
+// One PDO before the controller gave up waiting and one after: of one SYNC all the same, as long as no other
+// has gone out.
 TEST(Cia402Axis, ASetThatTheTickCutInTwoIsASampleThatIsATickOld) {
   for (const bool report_first : {true, false}) {
-    const auto half = [&](bool first) { return first == report_first ? report_of(node, 0x0237, 1024, 250) : motion_of(node, 7); };
+    const auto half = [&](bool first) {
+      return first == report_first ? report_of(node, 0x0237, 1024, 250) : motion_of(node, 7);
+    };
     Bench b;
     ASSERT_TRUE(b.make_ready());
     b.axis.begin_tick();
@@ -123,7 +129,8 @@ TEST(Cia402Axis, ASetThatTheTickCutInTwoIsASampleThatIsATickOld) {
     b.axis.expect_set(true);
     EXPECT_FALSE(b.axis.heard_this_tick());
     EXPECT_EQ(b.axis.sample_age_ticks(), 1U);
-    EXPECT_EQ(b.axis.observed_torque().has_value(), !report_first) << "what was late is looked at as well, and once";
+    EXPECT_EQ(b.axis.observed_torque().has_value(), !report_first)
+        << "what was late is looked at as well, and once";
     EXPECT_TRUE(b.axis.ready());
   }
 }

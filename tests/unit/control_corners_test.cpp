@@ -1,5 +1,5 @@
-// Corners of references that ordinary motions never meet: what nobody set, one-tick rounds, the sign of zero. Each was found
-// as a change of the code that no other test noticed.
+// Corners of references that ordinary motions never meet: what nobody set, one-tick rounds, the sign of zero.
+// Each was found as a change of the code that no other test noticed.
 
 #include <gtest/gtest.h>
 
@@ -19,7 +19,8 @@ TYPED_TEST_SUITE(ControlCorners, Scalars);
 TYPED_TEST(ControlCorners, WhatNobodySetStandsStill) {
   using S = TypeParam;
   const PhaseClock clock;
-  for (const std::uint32_t tick : {0U, 1U, 12345U, 0xFFFF'FFFFU}) EXPECT_EQ(clock.angle<S>(tick), S(0)) << tick;
+  for (const std::uint32_t tick : {0U, 1U, 12345U, 0xFFFF'FFFFU})
+    EXPECT_EQ(clock.angle<S>(tick), S(0)) << tick;
   EXPECT_EQ(Quintic<S>{}.duration, S(1));
   EXPECT_EQ(PathSegment<S>{}.start_tick, 0U);
   EXPECT_EQ(PathSegment<S>{}.offset, S(0));
@@ -66,7 +67,8 @@ TYPED_TEST(ControlCorners, ARoundOfOneTickIsItsFirstTick) {
   r.path = {&s, 1};
   ASSERT_NE(r.at(5, S(1)).position, r.at(0, S(1)).position);
   r.repeat_ticks = 1;
-  for (std::uint32_t tick = 0; tick < 12; ++tick) EXPECT_EQ(r.at(tick, S(1)).position, r.at(0, S(1)).position) << tick;
+  for (std::uint32_t tick = 0; tick < 12; ++tick)
+    EXPECT_EQ(r.at(tick, S(1)).position, r.at(0, S(1)).position) << tick;
 }
 
 /// The second piece begins in its start tick and not one later: here it begins elsewhere.
@@ -77,7 +79,8 @@ TYPED_TEST(ControlCorners, APieceOfAPathBeginsInItsTick) {
     const Motion2<S> m{Vec2<S>(where, where), nothing, nothing};
     return Quintic<S>::between(m, m, S(4));
   };
-  const std::array<PathSegment<S>, 3> path{{{0, S(0), resting(S(1))}, {4, S(0), resting(S(2))}, {8, S(0), resting(S(3))}}};
+  const std::array<PathSegment<S>, 3> path{
+      {{0, S(0), resting(S(1))}, {4, S(0), resting(S(2))}, {8, S(0), resting(S(3))}}};
   Reference<S> r;
   r.kind = ReferenceKind::path;
   r.path = path;

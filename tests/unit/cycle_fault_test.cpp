@@ -29,7 +29,8 @@ class CycleFault : public testing::Test {};
 using Machines = testing::Types<Five, Arm>;
 TYPED_TEST_SUITE(CycleFault, Machines);
 
-// ---- every fault -----------------------------------------------------------------------------------------------
+// ---- every fault
+// -----------------------------------------------------------------------------------------------
 
 template <class M>
 struct Case {
@@ -116,7 +117,9 @@ std::vector<Case<Five>> cases<Five>() {
   auto all = common_cases<Five>();
   const auto same = [](Setup<Five>&) {};
   const auto healthy = at<Five>(setup<Five>().angle);
-  const auto pose = [](double x, double y, int m1, int m2) { return at<Five>(test::five_bar_angles(x, y, m1, m2)); };
+  const auto pose = [](double x, double y, int m1, int m2) {
+    return at<Five>(test::five_bar_angles(x, y, m1, m2));
+  };
   all.push_back({Fault::loop_not_closed, same, at<Five>({0.0, 0.0, 0.0, 0.0}), healthy});
   // leg 1 stretched to 0.01 rad; distal bars within 2 degrees of one line; a leg bent to the other side
   const double phi = 1.9;
@@ -188,8 +191,8 @@ TYPED_TEST(CycleFault, ReferenceOutOfReachAndTorqueNotFiniteStrikeBeforeAnyTorqu
   far.controller.reference.kind = ReferenceKind::sine;
   far.controller.reference.centre = {S(0), S(1)};
   wild.controller.gains.k.setConstant(std::numeric_limits<S>::infinity());
-  for (const auto& [s, fault] : {std::pair{far, Fault::reference_unreachable},
-                                 std::pair{wild, Fault::torque_not_finite}}) {
+  for (const auto& [s, fault] :
+       {std::pair{far, Fault::reference_unreachable}, std::pair{wild, Fault::torque_not_finite}}) {
     Rig<TypeParam> rig(s);
     EXPECT_FALSE(rig.start());
     EXPECT_EQ(rig.cycle.supervisor().fault(), fault) << name(rig.cycle.supervisor().fault());
@@ -299,7 +302,8 @@ TYPED_TEST(CycleFault, IdleIsAskedForUntilItIsReportedAndAgainIfAnAxisRearms) {
   EXPECT_TRUE(rig.asked(1, 1));
 }
 
-// ---- ages, to the tick -----------------------------------------------------------------------------------------
+// ---- ages, to the tick
+// -----------------------------------------------------------------------------------------
 
 TYPED_TEST(CycleFault, MissedSamplesAreExtrapolatedUpToTheLimitAndNotOneMore) {
   for (const std::uint32_t limit : {0U, 1U, 2U, 7U}) {
@@ -332,7 +336,8 @@ TEST(CycleFaultOfFour, AMotorThatIsNotHeardIsStaleAlsoWhereItsEncoderIsNotUsed) 
       Rig<FiveBar<double>> rig(s);
       ASSERT_TRUE(rig.start());
       rig.sends_encoder[silent] = false;  // its heartbeats go on
-      for (std::uint32_t missed = 1; missed <= limit; ++missed) ASSERT_EQ(rig.tick().state, State::running) << silent;
+      for (std::uint32_t missed = 1; missed <= limit; ++missed)
+        ASSERT_EQ(rig.tick().state, State::running) << silent;
       EXPECT_EQ(rig.tick().fault, Fault::stale_feedback) << silent;
       EXPECT_TRUE(rig.all_zero());
     }

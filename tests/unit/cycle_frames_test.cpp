@@ -49,7 +49,9 @@ TYPED_TEST(CycleFrames, FramesOfOthersAreCountedAndChangeNothing) {
     const unsigned command = id % 32;
     bool ours = false;
     for (std::size_t i = 0; i < 2; ++i) ours = ours || id / 32 == rig.node(i);
-    if (ours && (command == test::cmd_heartbeat || command == test::cmd_encoder || command == test::cmd_torques)) continue;
+    if (ours &&
+        (command == test::cmd_heartbeat || command == test::cmd_encoder || command == test::cmd_torques))
+      continue;
     if (command == 0x02 && (ours || id / 32 == 0x3F)) continue;  // emergency stops
     if ((ours || id / 32 == 0x3F) && test::is_command(command, true)) continue;
     for (const bool extended : {false, true}) {
@@ -80,7 +82,7 @@ TYPED_TEST(CycleFrames, ACommandToOurDrivesThatWeDidNotSendIsAForeignController)
       rig.bus.push(test::message(rig.node(axis), command, 0, 0));
       EXPECT_EQ(rig.tick().fault, Fault::foreign_controller) << axis << ' ' << command;
       EXPECT_TRUE(rig.all_zero());
-      EXPECT_EQ(rig.cycle.counters().impostor, 1U);
+      EXPECT_EQ(rig.cycle.counters().foreign_command, 1U);
     }
   }
 }
@@ -98,8 +100,8 @@ TYPED_TEST(CycleFrames, AFullQueueIsCountedAndNoFault) {
   EXPECT_EQ(rig.cycle.counters().sent - before.sent, 3U);
 }
 
-/// More frames per tick than the cycle reads: what it reads then grows old without its age saying so. Old samples
-/// must not pass for new ones: either the newest is used, or the run ends.
+/// More frames per tick than the cycle reads: what it reads then grows old without its age saying so. Old
+/// samples must not pass for new ones: either the newest is used, or the run ends.
 TYPED_TEST(CycleFrames, AFloodDoesNotMakeOldSamplesLookNew) {
   constexpr int reads = esmc::OdriveCycle<TypeParam>::frames_per_tick_max;
   for (const int others : {10, reads / 2, reads - 10, reads, reads + 40}) {
@@ -111,9 +113,11 @@ TYPED_TEST(CycleFrames, AFloodDoesNotMakeOldSamplesLookNew) {
       rig.angle[0] += 1e-4;
       rig.tick();
       const auto seen = static_cast<double>(rig.cycle.sample().angle[0]);
-      if (rig.cycle.supervisor().running()) behind = static_cast<int>(std::lround((rig.angle[0] - seen) / 1e-4));
+      if (rig.cycle.supervisor().running())
+        behind = static_cast<int>(std::lround((rig.angle[0] - seen) / 1e-4));
     }
-    EXPECT_LE(behind, 2) << "ticks between what is controlled and what is, at " << others << " frames per tick";
+    EXPECT_LE(behind, 2) << "ticks between what is controlled and what is, at " << others
+                         << " frames per tick";
     if (others < reads - 5) {
       EXPECT_TRUE(rig.cycle.supervisor().running()) << others << " frames per tick can be read";
     } else {
@@ -171,9 +175,14 @@ TYPED_TEST(CycleFrames, OnlyOurDrivesCountAsHeard) {
 
 /// Each motor says every ten ticks what it gives.
 TYPED_TEST(CycleFrames, ATorqueThatIsNotWhatWasToldOrIsNotSaidAnyMoreIsAFault) {
-  struct Case { float off; bool silent; State state; };
-  for (const Case c : {Case{0.0F, false, State::running}, Case{0.05F, false, State::running}, Case{-0.5F, false, State::fault},
-                       Case{NAN, false, State::fault}, Case{0.0F, true, State::fault}}) {
+  struct Case {
+    float off;
+    bool silent;
+    State state;
+  };
+  for (const Case c :
+       {Case{0.0F, false, State::running}, Case{0.05F, false, State::running},
+        Case{-0.5F, false, State::fault}, Case{NAN, false, State::fault}, Case{0.0F, true, State::fault}}) {
     Setup<TypeParam> s = setup<TypeParam>();
     s.torque_mismatch = 0.1 * std::abs(s.gear[1]);
     Rig<TypeParam> rig(s);
@@ -183,7 +192,8 @@ TYPED_TEST(CycleFrames, ATorqueThatIsNotWhatWasToldOrIsNotSaidAnyMoreIsAFault) {
     for (; n < 100 && rig.cycle.supervisor().state() == State::running; ++n) {
       for (std::size_t i = 0; i < 2 && n % 10 == 0; ++i) {
         const float told = n == 0 ? 0.0F : rig.shaft_torque(i);
-        if (!(c.silent && i == 1 && n > 50)) rig.bus.push(test::torques(rig.node(i), told, told + (i == 1 ? c.off : 0.0F)));
+        if (!(c.silent && i == 1 && n > 50))
+          rig.bus.push(test::torques(rig.node(i), told, told + (i == 1 ? c.off : 0.0F)));
       }
       (void)rig.tick();
     }

@@ -1,4 +1,5 @@
-/// Coming to rest under control, on the simulator's plant: what halts, how far, how fast, and what comes after.
+/// Coming to rest under control, on the simulator's plant: what halts, how far, how fast, and what comes
+/// after.
 
 #include <gtest/gtest.h>
 
@@ -56,7 +57,8 @@ TEST(Halt, ComesToRestInItsTimeWithoutJumpAndWithinHalfTheWayOfConstantSpeed) {
   for (std::uint32_t n = 0; n < halt_ticks + 5; ++n) {
     l.tick();
     // The braking profile has at most 1.5 v / T of deceleration.
-    EXPECT_LE(std::abs(l.truth().qd[2] - last1), 1.05 * 1.5 * std::abs(v1) / (halt_ticks * tick) * tick + 0.02);
+    EXPECT_LE(std::abs(l.truth().qd[2] - last1),
+              1.05 * 1.5 * std::abs(v1) / (halt_ticks * tick) * tick + 0.02);
     last1 = l.truth().qd[2];
   }
   EXPECT_EQ(l.supervisor().state(), State::holding);
@@ -89,7 +91,8 @@ TEST(Halt, LetDownItSinksSlowlyAndEndsWithoutTorque) {
   EXPECT_EQ(l.supervisor().state(), State::fault);
   EXPECT_EQ(largest(l.result().torque), 0.0);
   EXPECT_LT(l.truth().q[1], height);
-  EXPECT_LT(fastest, 0.1 * 50.0) << "a tenth of joint_speed, where damping alone takes the whole torque limit";
+  EXPECT_LT(fastest, 0.1 * 50.0)
+      << "a tenth of joint_speed, where damping alone takes the whole torque limit";
 }
 
 TEST(Halt, ReleasedItFallsOnlyAfterItCameToRest) {
@@ -137,10 +140,12 @@ TEST(Halt, TheHeldPoseNeedNotBeInsideTheBoxThatWasLeft) {
   EXPECT_GT(l.truth().q[1], 0.2);
 }
 
-// ---- the way onto the reference --------------------------------------------------------------------------------
+// ---- the way onto the reference
+// --------------------------------------------------------------------------------
 
 TEST(Join, AWayThatNeedsMoreSpeedOrTorqueThanAllowedIsNotTaken) {
-  const auto joins = [](std::uint32_t ticks, double speed_limit, double torque_limit, esmc::Motors motors = esmc::Motors::base) {
+  const auto joins = [](std::uint32_t ticks, double speed_limit, double torque_limit,
+                        esmc::Motors motors = esmc::Motors::base) {
     LoopSetup s;
     s.motors = motors;
     s.start = esmc::host::V2{0.0, 0.2};
@@ -164,7 +169,8 @@ TEST(Join, AWayThatNeedsMoreSpeedOrTorqueThanAllowedIsNotTaken) {
   EXPECT_EQ(joins(20, 50.0, 1.0, four), Fault::join_infeasible);
 }
 
-/// From 0.2 to 0.25 m in 0.2 s along the quintic; what a base joint does there are second differences of its angle.
+/// From 0.2 to 0.25 m in 0.2 s along the quintic; what a base joint does there are second differences of its
+/// angle.
 TEST(Join, AWayThatNeedsMoreAccelerationThanAllowedIsNotTaken) {
   const auto joins = [](double limit) {
     LoopSetup s;
@@ -206,7 +212,8 @@ TEST(Join, IsRefusedBeforeItHasGoneFar) {
   EXPECT_NEAR(l.truth().q[1], 0.2, 1e-4);
 }
 
-// ---- sign test -------------------------------------------------------------------------------------------------
+// ---- sign test
+// -------------------------------------------------------------------------------------------------
 
 /// State that the test of a loop ends in, and how far a base joint got in it.
 struct Tested {
@@ -272,9 +279,8 @@ TEST(SignTest, NothingMoreIsTestedAfterItHasPassed) {
 
 TEST(SignTest, AMotorThatTurnsTheOtherWayIsFound) {
   for (const int joint : {0, 2}) {
-    const Tested t = sign_test([&](LoopSetup& s) {
-      s.wiring = [joint](esmc::Vec<double, 4>& tau) { tau[joint] = -tau[joint]; };
-    });
+    const Tested t = sign_test(
+        [&](LoopSetup& s) { s.wiring = [joint](esmc::Vec<double, 4>& tau) { tau[joint] = -tau[joint]; }; });
     EXPECT_EQ(t.fault, Fault::sign_test) << joint;
     EXPECT_LT(t.moved, 0.03);
   }
@@ -308,12 +314,16 @@ TEST(SignTest, WrongMassesPass) {
 }
 
 TEST(SignTest, AJointThatFivePercentCannotMoveIsNotTested) {
-  const Tested t = sign_test([](LoopSetup& s) { s.torque_limit = 1e-4; s.truth.g = s.believed.g = 0.0; });
+  const Tested t = sign_test([](LoopSetup& s) {
+    s.torque_limit = 1e-4;
+    s.truth.g = s.believed.g = 0.0;
+  });
   EXPECT_EQ(t.fault, Fault::sign_test);
   EXPECT_EQ(t.ticks, 1);
 }
 
-// ---- torque ramps in -------------------------------------------------------------------------------------------
+// ---- torque ramps in
+// -------------------------------------------------------------------------------------------
 
 TEST(Ramp, TorqueRisesInEqualStepsFromTheWeightToWhatTheLawAsks) {
   esmc::test::Rig<FiveBar<double>> whole;
@@ -322,8 +332,8 @@ TEST(Ramp, TorqueRisesInEqualStepsFromTheWeightToWhatTheLawAsks) {
   esmc::test::Rig<FiveBar<double>> ramped(s);
   ASSERT_TRUE(whole.start());
   ASSERT_TRUE(ramped.start());
-  // Both rigs stand still, so the law asks both for the same in every tick, and the weight is always the same; the first
-  // tick has passed.
+  // Both rigs stand still, so the law asks both for the same in every tick, and the weight is always the
+  // same; the first tick has passed.
   std::array<double, 4> weight{};
   for (int n = 2; n <= 12; ++n) {
     const auto all = whole.tick(), part = ramped.tick();
@@ -342,7 +352,8 @@ TEST(Ramp, TorqueRisesInEqualStepsFromTheWeightToWhatTheLawAsks) {
   }
 }
 
-/// What was carried by a brake, or by the sign test, a tick before does not fall while the law's torque rises.
+/// What was carried by a brake, or by the sign test, a tick before does not fall while the law's torque
+/// rises.
 TEST(Ramp, TheWeightIsCarriedFromTheFirstTickOn) {
   for (const bool four : {false, true}) {
     for (const bool tested : {false, true}) {
@@ -377,7 +388,8 @@ TEST(Ramp, TheWeightIsCarriedFromTheFirstTickOn) {
   }
 }
 
-// ---- samples that do not fit each other ------------------------------------------------------------------------
+// ---- samples that do not fit each other
+// ------------------------------------------------------------------------
 
 TEST(Jump, AnAngleThatMovedWithoutItsRateIsAFault) {
   for (const double off : {0.9e-3, 1.1e-3, -0.9e-3, -1.1e-3, 0.1}) {
@@ -394,11 +406,12 @@ TEST(Jump, AnAngleThatMovedWithoutItsRateIsAFault) {
   }
 }
 
-/// Samples that are a tick old in every tick, as those of a drive that answers after the tick, are judged as others are.
+/// Samples that are a tick old in every tick, as those of a drive that answers after the tick, are judged as
+/// others are.
 TEST(Jump, OldSamplesAreJudgedWhereTheyAreNew) {
   using M = FiveBar<double>;
   for (const std::uint32_t age : {0U, 1U, 2U}) {
-    esmc::Consistency<M> c;
+    esmc::SampleJumpCheck<M> c;
     esmc::Sample<M> s;
     s.age_ticks.fill(age);
     EXPECT_TRUE(c.plausible(0, s, 1e-3, tick)) << "the first";

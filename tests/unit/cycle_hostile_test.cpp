@@ -1,5 +1,6 @@
-/// A hostile bus: random identifiers, lengths, formats, bytes, duplicates and losses, in every state. Whatever
-/// arrives, only well-formed commands with bounded torque leave, and none but zero unless the cycle runs.
+/// A hostile bus: random identifiers, lengths, formats, bytes, duplicates and losses, in every state.
+/// Whatever arrives, only well-formed commands with bounded torque leave, and none but zero unless the cycle
+/// runs.
 
 #include <gtest/gtest.h>
 
@@ -30,11 +31,16 @@ class Attacker {
   float number() {
     const float plain = static_cast<float>(below(20001)) * 1e-3F - 10.0F;
     switch (below(8)) {
-      case 0: return std::numeric_limits<float>::quiet_NaN();
-      case 1: return one_in(2) ? std::numeric_limits<float>::infinity() : std::numeric_limits<float>::max();
-      case 2: return std::bit_cast<float>(static_cast<std::uint32_t>(random_()));
-      case 3: return std::numeric_limits<float>::denorm_min();
-      default: return plain;
+      case 0:
+        return std::numeric_limits<float>::quiet_NaN();
+      case 1:
+        return one_in(2) ? std::numeric_limits<float>::infinity() : std::numeric_limits<float>::max();
+      case 2:
+        return std::bit_cast<float>(static_cast<std::uint32_t>(random_()));
+      case 3:
+        return std::numeric_limits<float>::denorm_min();
+      default:
+        return plain;
     }
   }
 
@@ -42,10 +48,19 @@ class Attacker {
     const unsigned node = test::mountings[below(4)].node;
     hal::CanFrame f;
     switch (below(6)) {
-      case 0: f = test::heartbeat(node, static_cast<std::uint8_t>(one_in(2) ? 8 : below(256)), one_in(2) ? 0 : 1U << below(32)); break;
-      case 1: f = test::encoder(node, number(), number()); break;
-      case 2: f = test::heartbeat(node, 8); break;
-      case 3: f = test::message(node, below(32), below(16), below(16)); break;
+      case 0:
+        f = test::heartbeat(node, static_cast<std::uint8_t>(one_in(2) ? 8 : below(256)),
+                            one_in(2) ? 0 : 1U << below(32));
+        break;
+      case 1:
+        f = test::encoder(node, number(), number());
+        break;
+      case 2:
+        f = test::heartbeat(node, 8);
+        break;
+      case 3:
+        f = test::message(node, below(32), below(16), below(16));
+        break;
       default:
         f.id = below(0x800);
         f.size = static_cast<std::uint8_t>(below(9));
@@ -109,8 +124,11 @@ struct Inspector {
         ASSERT_EQ(test::word(f, 0), 1U);
         ASSERT_EQ(test::word(f, 4), 1U);
         [[fallthrough]];
-      case test::cmd_clear_errors: ASSERT_EQ(r.state, State::enabling); break;
-      default: FAIL() << "a command nobody should send: " << std::hex << f.id;
+      case test::cmd_clear_errors:
+        ASSERT_EQ(r.state, State::enabling);
+        break;
+      default:
+        FAIL() << "a command nobody should send: " << std::hex << f.id;
     }
   }
 };
@@ -161,7 +179,9 @@ void expect_thorough(const Inspector<M>& seen, int sequences) {
 
 constexpr int sequences = 100000;
 
-TEST(CycleHostile, FiveBarWithTwoMotors) { expect_thorough(attack(setup<FiveBar<double>>(), sequences, 1), sequences); }
+TEST(CycleHostile, FiveBarWithTwoMotors) {
+  expect_thorough(attack(setup<FiveBar<double>>(), sequences, 1), sequences);
+}
 
 TEST(CycleHostile, FiveBarWithFourMotorsAndPassiveEncoders) {
   auto s = setup<FiveBar<double>>();

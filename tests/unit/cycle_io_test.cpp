@@ -65,10 +65,11 @@ TEST(Io, DrivesHavePowerFromEnablingOnAndTheBrakeOpensForTorqueOnly) {
 
 TEST(Io, TicksAreGoodInEveryStateAndNoneHasBeenBeforeTheFirst) {
   Rig rig;
-  EXPECT_FALSE(rig.cycle.good());
-  for (const Command c : {Command::none, Command::enable, Command::none, Command::none, Command::stop, Command::none}) {
+  EXPECT_FALSE(rig.cycle.output_ok());
+  for (const Command c :
+       {Command::none, Command::enable, Command::none, Command::none, Command::stop, Command::none}) {
     rig.tick(c);
-    EXPECT_TRUE(rig.cycle.good());
+    EXPECT_TRUE(rig.cycle.output_ok());
   }
 }
 
@@ -108,7 +109,8 @@ TEST(Io, TicksThatBeginLateAreAFaultOfTheirOwn) {
   EXPECT_TRUE(rig.start()) << "counted once";
 }
 
-/// What came before the drives were asked for the samples of this tick answers an earlier request: no set of this one.
+/// What came before the drives were asked for the samples of this tick answers an earlier request: no set of
+/// this one.
 TEST(Io, ARequestMakesWhatCameBeforeItLate) {
   using Node = esmc::Cia402Cycle<Five>;
   Node::Config c;

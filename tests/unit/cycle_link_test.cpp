@@ -1,5 +1,5 @@
-/// The whole cycle with a supervisor computer on its bus, made of bytes: what is armed, led and stopped by frames
-/// alone, and what is not.
+/// The whole cycle with a supervisor computer on its bus, made of bytes: what is armed, led and stopped by
+/// frames alone, and what is not.
 
 #include <gtest/gtest.h>
 
@@ -33,8 +33,9 @@ link::LinkConfig link_of() {
   c.period_ns = 1'000'000;
   c.space = M::joints == 4 ? link::Space::effector : link::Space::base_joints;
   c.position = {link::Bounds{-3.0F, 3.0F}, link::Bounds{-3.0F, 3.0F}};
-  c.parameters = link::Parameters({20, 20, 8, 8, 1e-3F, 2, 2, 50, 2.0F, 40.0F, 5, 0},
-                                  {link::Bounds{10, 60}, link::Bounds{10, 60}, link::Bounds{1, 20}, link::Bounds{1, 20}});
+  c.parameters = link::Parameters(
+      {20, 20, 8, 8, 1e-3F, 2, 2, 50, 2.0F, 40.0F, 5, 0},
+      {link::Bounds{10, 60}, link::Bounds{10, 60}, link::Bounds{1, 20}, link::Bounds{1, 20}});
   return c;
 }
 
@@ -141,7 +142,8 @@ void live_by_frames() {
   EXPECT_NEAR(where(r)[1], start[1] + 0.01, 2e-6);
   // A stream that begins there and stops: the stream's end without a word is a fault with a name.
   for (int i = 0; i < 50; ++i) {
-    const double t = i * 1e-3, x = start[0] - 0.02 + 0.01 * (1 - std::cos(20 * t)), v = 0.2 * std::sin(20 * t);
+    const double t = i * 1e-3, x = start[0] - 0.02 + 0.01 * (1 - std::cos(20 * t)),
+                 v = 0.2 * std::sin(20 * t);
     desk.counter[Desk::velocity] = desk.counter[Desk::position];
     r = l.tick({desk.pair(Desk::position, um(x), um(start[1] + 0.01), space),
                 desk.pair(Desk::velocity, static_cast<int>(std::lround(v * 1e5)), 0, space)});
@@ -213,7 +215,8 @@ TEST(CycleLink, SomebodyWhoSpeaksInOurNameIsAForeignController) {
 TEST(CycleLink, AComputerThatIsGoneEndsEveryArmedState) {
   using M = FiveBar<double>;
   for (const AfterHalt end : {AfterHalt::release, AfterHalt::hold, AfterHalt::lower}) {
-    for (const State at : {State::enabling, State::testing, State::running, State::halting, State::holding, State::lowering}) {
+    for (const State at :
+         {State::enabling, State::testing, State::running, State::halting, State::holding, State::lowering}) {
       if (at == State::holding && end != AfterHalt::hold) continue;
       if (at == State::lowering && end != AfterHalt::lower) continue;
       auto s = with_link<M>();
@@ -239,7 +242,8 @@ TEST(CycleLink, AComputerThatIsGoneEndsEveryArmedState) {
       for (int i = 0; i < 15 && state() != at; ++i) l.tick();
       ASSERT_EQ(state(), at);
       for (int i = 0; i <= silence; ++i) l.tick();
-      EXPECT_EQ(l.rig.cycle.supervisor().fault(), at == State::halting && end == AfterHalt::release ? Fault::none : Fault::command_lost)
+      EXPECT_EQ(l.rig.cycle.supervisor().fault(),
+                at == State::halting && end == AfterHalt::release ? Fault::none : Fault::command_lost)
           << name(at);
       for (int i = 0; i < 300; ++i) l.tick();
       const bool held = end == AfterHalt::hold && at != State::enabling && at != State::testing;
@@ -292,7 +296,8 @@ TEST(CycleLink, TelemetryIsWhatTheTickDid) {
     if (l.desk.count(Desk::effector) == 0) continue;
     EXPECT_EQ(Desk::real(l.desk.last(Desk::effector), 0), static_cast<float>(r.effector[0]));
     for (int k = 0; k < 3; ++k) l.tick();  // the rest of the set, of the same tick
-    EXPECT_EQ(Desk::real(l.desk.last(Desk::error), 4), static_cast<float>(r.desired_effector[1] - r.effector[1]));
+    EXPECT_EQ(Desk::real(l.desk.last(Desk::error), 4),
+              static_cast<float>(r.desired_effector[1] - r.effector[1]));
     EXPECT_EQ(Desk::real(l.desk.last(Desk::joint + 1), 4), static_cast<float>(r.torque[2]));
     EXPECT_NEAR(Desk::real(l.desk.last(Desk::joint), 0), l.rig.angle[0], 1e-6);
     EXPECT_EQ(l.desk.count(Desk::joint + 2), 0);
@@ -301,8 +306,8 @@ TEST(CycleLink, TelemetryIsWhatTheTickDid) {
   FAIL() << "no telemetry";
 }
 
-/// Frames of every kind, damaged in every way that a bus and a program can: nothing is armed, nothing moves. Good
-/// ones of another session are among them.
+/// Frames of every kind, damaged in every way that a bus and a program can: nothing is armed, nothing moves.
+/// Good ones of another session are among them.
 TEST(CycleLink, DamagedFramesNeverMoveAnything) {
   std::mt19937 random(3);
   const auto draw = [&](unsigned n) { return static_cast<unsigned>(random() % n); };
@@ -323,7 +328,8 @@ TEST(CycleLink, DamagedFramesNeverMoveAnything) {
       other.crc32 = l.desk.crc32;
       const unsigned what = draw(4);
       // Not the two that take torque away.
-      const unsigned orders[] = {Desk::arm, Desk::reset, Desk::confirm_zero, Desk::hold, Desk::reference, Desk::stream};
+      const unsigned orders[] = {Desk::arm,  Desk::reset,     Desk::confirm_zero,
+                                 Desk::hold, Desk::reference, Desk::stream};
       hal::CanFrame f = what == 0   ? other.order(orders[draw(6)])
                         : what == 1 ? other.pair(Desk::point, static_cast<int>(draw(20'000)), 170'000)
                         : what == 2 ? other.pair(Desk::position, static_cast<int>(draw(20'000)), 170'000)

@@ -73,8 +73,8 @@ TYPED_TEST(ControlCycle, EnablingSendsModeThenStatePerAxisBeforeItsTorqueFrame) 
   EXPECT_TRUE(rig.asked(0, 8) && rig.asked(1, 8));
 }
 
-/// The queue takes `room` frames per tick and drops the others, mode frames of either axis among them. An axis
-/// that is asked into closed loop must have been configured in an earlier tick.
+/// The queue takes `room` frames per tick and drops the others, mode frames of either axis among them. An
+/// axis that is asked into closed loop must have been configured in an earlier tick.
 TYPED_TEST(ControlCycle, NoAxisIsArmedBeforeTheBusTookItsMode) {
   for (std::size_t room = 0; room < 5; ++room) {
     Rig<TypeParam> rig;
@@ -122,7 +122,8 @@ TYPED_TEST(ControlCycle, RunsInTheTickAfterEveryAxisBecameReady) {
   EXPECT_EQ(rig.tick().running_tick, 1U);
 }
 
-/// What it observes before it is armed and after a fault is what it will run from; without samples it says nothing.
+/// What it observes before it is armed and after a fault is what it will run from; without samples it says
+/// nothing.
 TYPED_TEST(ControlCycle, TellsWhereTheMechanismIsInEveryState) {
   Rig<TypeParam> rig;
   const auto disabled = rig.tick();
@@ -178,8 +179,8 @@ TYPED_TEST(ControlCycle, EnablingWaitsForADriveWithErrorsAndAsksAgain) {
   EXPECT_TRUE(rig.until(State::running, 5));
 }
 
-/// Somebody presses the emergency stop before or while the axes are enabled: clearing that error and asking again,
-/// as is right for what was left over from before, would take the stop back.
+/// Somebody presses the emergency stop before or while the axes are enabled: clearing that error and asking
+/// again, as is right for what was left over from before, would take the stop back.
 TYPED_TEST(ControlCycle, AnEmergencyStopWhileEnablingIsNotClearedAway) {
   for (const auto& [version, estop] : {std::pair{drive::odrive::Version::v0_6, 0x02000000U},
                                        std::pair{drive::odrive::Version::v0_5_6, 0x00004000U}}) {
@@ -352,7 +353,8 @@ TYPED_TEST(ControlCycle, AHaltIsOverwrittenByAStopOnly) {
     ASSERT_TRUE(rig.start());
     rig.cycle.command(Command::halt);
     rig.cycle.command(later);
-    EXPECT_EQ(rig.tick().state, later == Command::stop ? State::stopping : State::halting) << static_cast<int>(later);
+    EXPECT_EQ(rig.tick().state, later == Command::stop ? State::stopping : State::halting)
+        << static_cast<int>(later);
   }
 }
 
@@ -402,10 +404,11 @@ TYPED_TEST(ControlCycle, ReceivingSeveralTimesInATickAgesOnce) {
   EXPECT_EQ(rig.cycle.sample().age_ticks[0], 2U);
 }
 
-// ---- what an axis may be left in -------------------------------------------------------------------------------
+// ---- what an axis may be left in
+// -------------------------------------------------------------------------------
 
-/// Heartbeats come every 100 ms, so that the last one is older than the request. Stopped (or failed) before the
-/// next one, the cycle believes the old "idle" and must not leave the axes armed for that.
+/// Heartbeats come every 100 ms, so that the last one is older than the request. Stopped (or failed) before
+/// the next one, the cycle believes the old "idle" and must not leave the axes armed for that.
 TYPED_TEST(ControlCycle, StopWhileEnablingLeavesNoAxisArmed) {
   Rig<TypeParam> rig;
   rig.tick(Command::enable);
@@ -421,8 +424,8 @@ TYPED_TEST(ControlCycle, StopWhileEnablingLeavesNoAxisArmed) {
   EXPECT_EQ(rig.state[1], 1) << "state " << name(rig.cycle.supervisor().state());
 }
 
-/// The same when it ends in a fault and the first request for idle is lost: it is repeated until a heartbeat that
-/// is newer than the request says idle.
+/// The same when it ends in a fault and the first request for idle is lost: it is repeated until a heartbeat
+/// that is newer than the request says idle.
 TYPED_TEST(ControlCycle, IdleIsAskedForAsLongAsOnlyAnOldHeartbeatSaysIdle) {
   for (const bool fault : {false, true}) {
     Rig<TypeParam> rig;
@@ -436,7 +439,8 @@ TYPED_TEST(ControlCycle, IdleIsAskedForAsLongAsOnlyAnOldHeartbeatSaysIdle) {
     rig.bus.answer(hal::SendStatus::ok);
     for (int i = 0; i < 50; ++i) {
       rig.tick();
-      ASSERT_TRUE(rig.asked(0, 1) && rig.asked(1, 1)) << name(rig.cycle.supervisor().state()) << " tick " << i;
+      ASSERT_TRUE(rig.asked(0, 1) && rig.asked(1, 1))
+          << name(rig.cycle.supervisor().state()) << " tick " << i;
     }
     rig.sends_heartbeat.fill(true);
     rig.tick();

@@ -30,8 +30,9 @@ Said said(const Rig<M>& rig, std::size_t axis) {
   const auto& m = test::mountings[axis];
   const double per_turn = m.direction * m.gear / test::turn;
   const std::size_t joint = rig.joint_of(axis);
-  return {static_cast<double>(static_cast<float>((rig.angle[joint] - m.offset) * per_turn)) / per_turn + m.offset,
-          static_cast<double>(static_cast<float>(rig.rate[joint] * per_turn)) / per_turn};
+  return {
+      static_cast<double>(static_cast<float>((rig.angle[joint] - m.offset) * per_turn)) / per_turn + m.offset,
+      static_cast<double>(static_cast<float>(rig.rate[joint] * per_turn)) / per_turn};
 }
 
 /// Law and allocation for a tracking state; all motors of the mechanism, zero where there is none.
@@ -42,15 +43,26 @@ Vec<typename M::Scalar, M::joints> by_law(const ControllerConfig<M>& c, const Tr
   Vec2<S> base;
   Demand<M> d;
   switch (c.law) {
-    case LawKind::esmc: demand_esmc(c.mechanism, c.gains, c.reaching, t, d.acceleration, d.sliding); break;
-    case LawKind::esmc_projected: demand_projected(c.mechanism, c.gains, c.reaching, t, d.acceleration, d.sliding); break;
-    case LawKind::smc: demand_smc(c.mechanism, c.gains, c.reaching, t, d.acceleration, d.sliding); break;
-    case LawKind::ctc: demand_ctc(c.mechanism, c.gains, t, d.acceleration, d.sliding); break;
-    case LawKind::pd: d.acceleration.setZero(); break;
+    case LawKind::esmc:
+      esmc_acceleration(c.mechanism, c.gains, c.reaching, t, d.acceleration, d.sliding);
+      break;
+    case LawKind::esmc_projected:
+      projected_acceleration(c.mechanism, c.gains, c.reaching, t, d.acceleration, d.sliding);
+      break;
+    case LawKind::smc:
+      smc_acceleration(c.mechanism, c.gains, c.reaching, t, d.acceleration, d.sliding);
+      break;
+    case LawKind::ctc:
+      ctc_acceleration(c.mechanism, c.gains, t, d.acceleration, d.sliding);
+      break;
+    case LawKind::pd:
+      d.acceleration.setZero();
+      break;
   }
   const typename M::Channels w = c.mechanism.force(d.acceleration, t.rates);
   if constexpr (M::joints == 4) {
-    if (c.motors == Motors::all && c.law != LawKind::pd) return allocate_all(c.mechanism, t.pose, w, c.torque_weight);
+    if (c.motors == Motors::all && c.law != LawKind::pd)
+      return allocate_all(c.mechanism, t.pose, w, c.torque_weight);
   }
   base = c.law == LawKind::pd ? torque_pd<M>(c.gains, t) : c.mechanism.base_torque(t.pose, w);
   torque[0] = base[0];
@@ -229,7 +241,8 @@ TEST(CycleTorque, PassiveEncodersAreCheckedLikeTheOthers) {
   }
 }
 
-/// Only four motors with four encoders may pass type 2: two motors cannot hold it, two encoders cannot see it.
+/// Only four motors with four encoders may pass type 2: two motors cannot hold it, two encoders cannot see
+/// it.
 TEST(CycleTorque, Type2IsGuardedUnlessAllJointsHaveMotorAndEncoder) {
   for (const Motors motors : {Motors::base, Motors::all}) {
     for (const Sensors sensors : {Sensors::base, Sensors::all}) {
@@ -250,7 +263,8 @@ TEST(CycleTorque, Type2IsGuardedUnlessAllJointsHaveMotorAndEncoder) {
   }
 }
 
-// ---- limits ----------------------------------------------------------------------------------------------------
+// ---- limits
+// ----------------------------------------------------------------------------------------------------
 
 template <class M>
 class CycleLimit : public testing::Test {};
@@ -277,15 +291,15 @@ TYPED_TEST(CycleLimit, TorqueIsClampedPerJointAndFlagged) {
       EXPECT_EQ(r.state, State::running);
       EXPECT_EQ(r.saturated, part < S(1));
       const S most = s.controller.torque_limit[limited];
-      EXPECT_EQ(r.torque[limited], part < S(1) ? std::copysign(most, unlimited.torque[limited])
-                                               : unlimited.torque[limited]);
+      EXPECT_EQ(r.torque[limited],
+                part < S(1) ? std::copysign(most, unlimited.torque[limited]) : unlimited.torque[limited]);
       EXPECT_EQ(r.torque[joint1 - limited], unlimited.torque[joint1 - limited]) << "the other is not touched";
     }
   }
 }
 
-/// Four motors: what one may not give the others do, and what the effector feels is what it was. Where they cannot, it is
-/// less of the same.
+/// Four motors: what one may not give the others do, and what the effector feels is what it was. Where they
+/// cannot, it is less of the same.
 TEST(CycleTorque, FourMotorsShareWhatOneMayNotGive) {
   auto free = setup<Five>();
   free.controller.motors = Motors::all;
@@ -300,7 +314,8 @@ TEST(CycleTorque, FourMotorsShareWhatOneMayNotGive) {
     Vec2<double> out;
     for (int k = 0; k < 2; ++k) {
       const auto r = m.base_rates(pose, Vec2<double>::Unit(k));
-      out[k] = torque[0] * r.leg[0][0] + torque[1] * r.leg[0][1] + torque[2] * r.leg[1][0] + torque[3] * r.leg[1][1];
+      out[k] = torque[0] * r.leg[0][0] + torque[1] * r.leg[0][1] + torque[2] * r.leg[1][0] +
+               torque[3] * r.leg[1][1];
     }
     return out;
   };
@@ -344,12 +359,14 @@ TEST(CycleTorque, APreloadKeepsTheSigns) {
   const auto pose = tracking(plain.controller(), plain.cycle.sample(), 0).pose;
   int kept = 0;
   for (unsigned signs = 0; signs < 16; ++signs) {
-    for (int i = 0; i < 4; ++i) s.controller.preload[i] = (signs >> static_cast<unsigned>(i) & 1U) != 0 ? most : -most;
+    for (int i = 0; i < 4; ++i)
+      s.controller.preload[i] = (signs >> static_cast<unsigned>(i) & 1U) != 0 ? most : -most;
     Rig<Five> rig(s);
     ASSERT_TRUE(rig.start());
     const auto r = rig.tick();
     bool all = true;
-    for (int i = 0; i < 4; ++i) all = all && r.torque[i] * s.controller.preload[i] >= most * most * (1.0 - 1e-12);
+    for (int i = 0; i < 4; ++i)
+      all = all && r.torque[i] * s.controller.preload[i] >= most * most * (1.0 - 1e-12);
     kept += all ? 1 : 0;
     for (int k = 0; k < 2; ++k) {
       const auto rate = plain.controller().mechanism.base_rates(pose, Vec2<double>::Unit(k));
@@ -370,7 +387,8 @@ TYPED_TEST(CycleLimit, ALimitOfZeroIsObeyed) {
   EXPECT_TRUE(rig.tick().saturated);
 }
 
-// ---- joining ---------------------------------------------------------------------------------------------------
+// ---- joining
+// ---------------------------------------------------------------------------------------------------
 
 /// With a join the reference starts where the mechanism is and as fast as it moves: the first torque is what
 /// holds it there, whatever the reference does, and the next ones change little by little.
@@ -385,18 +403,22 @@ TYPED_TEST(CycleLimit, JoinStartsFromTheMeasuredPoseWithoutATorqueJump) {
       still.controller.reference = {};  // hold where it starts: gravity and nothing else
       if (hold) joined.controller.reference = {};
       joined.controller.reference.space = space;
-      if (space == ReferenceSpace::effector && TypeParam::joints == 2) joined.controller.reference.centre = {S(0.2), S(0.2)};
-      if (space == ReferenceSpace::base_joints && TypeParam::joints == 4) joined.controller.reference.centre = {S(0.7), S(0.75)};
+      if (space == ReferenceSpace::effector && TypeParam::joints == 2)
+        joined.controller.reference.centre = {S(0.2), S(0.2)};
+      if (space == ReferenceSpace::base_joints && TypeParam::joints == 4)
+        joined.controller.reference.centre = {S(0.7), S(0.75)};
       Rig<TypeParam> a(joined), b(still);
       ASSERT_TRUE(a.start());
       ASSERT_TRUE(b.start());
       // `start` returned in the first running tick of each: compare the frames of that tick
       const double scale = TypeParam::joints == 4 ? 1e-9 : 2e-3;
       for (std::size_t i = 0; i < 2; ++i) {
-        EXPECT_NEAR(static_cast<double>(a.shaft_torque(i)), static_cast<double>(b.shaft_torque(i)), scale + 1e-6)
+        EXPECT_NEAR(static_cast<double>(a.shaft_torque(i)), static_cast<double>(b.shaft_torque(i)),
+                    scale + 1e-6)
             << "axis " << i << " space " << static_cast<int>(space) << " hold " << hold;
       }
-      std::array<double, 2> last{static_cast<double>(a.shaft_torque(0)), static_cast<double>(a.shaft_torque(1))};
+      std::array<double, 2> last{static_cast<double>(a.shaft_torque(0)),
+                                 static_cast<double>(a.shaft_torque(1))};
       for (int n = 0; n < 5; ++n) {
         a.tick();
         for (std::size_t i = 0; i < 2; ++i) {

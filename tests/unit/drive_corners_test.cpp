@@ -62,7 +62,8 @@ TEST(OdriveAxisCorners, AnEmergencyStopSeenOnTheBusStopsTheRequest) {
   for (int i = 1; i < 30; ++i) {
     hear(a, 1);
     const auto sent = enable(a);
-    EXPECT_TRUE(i % 10 == 0 ? only(sent, test::cmd_mode) : sent.empty()) << "from the start every ten ticks: " << i;
+    EXPECT_TRUE(i % 10 == 0 ? only(sent, test::cmd_mode) : sent.empty())
+        << "from the start every ten ticks: " << i;
   }
   EXPECT_FALSE(a.must_be_released());
 }
@@ -98,11 +99,12 @@ TEST(OdriveAxisCorners, AFrameThatIsNotTakenSaysNothingAboutTheLastSample) {
   f.size = 7;
   EXPECT_EQ(a.receive(f), Received::malformed);
   EXPECT_TRUE(a.brought_sample());
-  EXPECT_EQ(a.receive(test::message(node, test::cmd_axis_state, 8, 8, 0)), Received::impostor);
+  EXPECT_EQ(a.receive(test::message(node, test::cmd_axis_state, 8, 8, 0)), Received::foreign_command);
   EXPECT_TRUE(a.brought_sample());
 }
 
-/// An axis that is never asked again has proven its watchdog no more than others when it is ready for the first time.
+/// An axis that is never asked again has proven its watchdog no more than others when it is ready for the
+/// first time.
 TEST(OdriveAxisCorners, TheLongestRetryTimeProvesNoWatchdog) {
   OdriveAxis a({.node = node}, OdriveAxis::Version::v0_6, 0xFFFF'FFFF);
   a.prove_watchdog(5);
@@ -110,7 +112,7 @@ TEST(OdriveAxisCorners, TheLongestRetryTimeProvesNoWatchdog) {
   hear(a, 8);
   hear(a, 8);
   EXPECT_FALSE(a.ready());
-  EXPECT_TRUE(a.muted() && a.setting_up()) << "its watchdog is being starved";
+  EXPECT_TRUE(a.tx_suspended() && a.setting_up()) << "its watchdog is being starved";
 }
 
 /// What is written in a log is read by people: the numbers are part of the interface.

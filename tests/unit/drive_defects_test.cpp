@@ -1,5 +1,5 @@
-/// What emulated drives can be made to do wrong, one by one, each against a drive without it; and the shaft of a drive
-/// that has no mechanism, against closed forms.
+/// What emulated drives can be made to do wrong, one by one, each against a drive without it; and the shaft
+/// of a drive that has no mechanism, against closed forms.
 
 #include "host_sim/scene/drive_defects.hpp"
 
@@ -33,7 +33,9 @@ class Bench {
     tell(test::message(node, test::cmd_mode, 1, 1));
     tell(test::message(node, test::cmd_axis_state, 8, 0));
   }
-  void tell(const hal::CanFrame& f) { (void)axis.receive(f, [](const hal::CanFrame&) {}); }
+  void tell(const hal::CanFrame& f) {
+    (void)axis.receive(f, [](const hal::CanFrame&) {});
+  }
   void torque(float t) { tell(test::message(node, test::cmd_torque, std::bit_cast<std::uint32_t>(t), 0)); }
   /// Periods at this angle and rate; the last encoder frame.
   hal::CanFrame pass(int periods, double angle = 0.0, double rate = 0.0) {
@@ -87,7 +89,7 @@ TEST(DriveDefects, WatchdogAnyFrame) {
 TEST(DriveDefects, ShortFramesStale) {
   for (const bool defect : {false, true}) {
     Bench b({.short_frames_stale = defect});
-    b.torque(1.5F);                                      // 00 00 C0 3F
+    b.torque(1.5F);                                          // 00 00 C0 3F
     b.tell(test::message(node, test::cmd_torque, 0, 0, 3));  // 00 00 00, and 3F of before: 0.5
     EXPECT_EQ(b.axis.joint_torque(), defect ? 0.5 : 1.5);
   }
@@ -106,7 +108,8 @@ TEST(DriveDefects, NoNanCheck) {
   }
 }
 
-/// At constant speed w the angle lags by w times the age of the sample, which grows by 1e-4 of a period per period.
+/// At constant speed w the angle lags by w times the age of the sample, which grows by 1e-4 of a period per
+/// period.
 TEST(DriveDefects, Unsynchronised) {
   Bench b({.unsynchronised = true});
   const double w = 2.0 * std::numbers::pi * 10.0;  // 10 rev/s
@@ -125,7 +128,8 @@ TEST(DriveDefects, Unsynchronised) {
   EXPECT_NEAR(most, 0.01, 2e-6);
 }
 
-/// (limit - speed) gain and (-limit - speed) gain, 2 rev/s and 1/6 N m s/rev: 0.33 N m at rest, 0.12 at 1.3 rev/s.
+/// (limit - speed) gain and (-limit - speed) gain, 2 rev/s and 1/6 N m s/rev: 0.33 N m at rest, 0.12 at 1.3
+/// rev/s.
 TEST(DriveDefects, TorqueModeLimit) {
   constexpr double turn = 2.0 * std::numbers::pi;
   for (const double speed : {0.0, 1.3, -1.3, 1.9, 2.5}) {
@@ -134,7 +138,8 @@ TEST(DriveDefects, TorqueModeLimit) {
       b.pass(1, 0.0, speed * turn);
       b.torque(asked);
       const double upper = (2.0 - speed) / 6.0, lower = (-2.0 - speed) / 6.0;
-      EXPECT_NEAR(b.axis.joint_torque(), std::fmin(std::fmax(static_cast<double>(asked), lower), upper), 1e-9) << speed;
+      EXPECT_NEAR(b.axis.joint_torque(), std::fmin(std::fmax(static_cast<double>(asked), lower), upper), 1e-9)
+          << speed;
     }
   }
 }
@@ -142,7 +147,8 @@ TEST(DriveDefects, TorqueModeLimit) {
 TEST(DriveDefects, FullTorqueIsAllThatADriveGives) {
   for (const bool cut : {false, true}) {
     Bench b({.torque_mode_limit = cut});
-    b.pass(1, 0.0, cut ? 2.0 * std::numbers::pi * 1000.0 : 0.0);  // the limiter alone would brake with 166 N m
+    b.pass(1, 0.0,
+           cut ? 2.0 * std::numbers::pi * 1000.0 : 0.0);  // the limiter alone would brake with 166 N m
     b.torque(3e38F);
     EXPECT_EQ(b.axis.joint_torque(), cut ? -7.0 : 7.0);
     b.torque(-3e38F);
@@ -179,9 +185,11 @@ TEST(DriveDefects, AnswersToRequestsOf06AndNotOf05) {
       (void)a.receive(f, [&](const hal::CanFrame& r) { sent.push_back(r); });
     }
     for (const unsigned endpoint : {0x1234U, 0x1235U}) {
-      (void)a.receive(test::message(node, 0x04, endpoint * 256, 0), [&](const hal::CanFrame& r) { sent.push_back(r); });
+      (void)a.receive(test::message(node, 0x04, endpoint * 256, 0),
+                      [&](const hal::CanFrame& r) { sent.push_back(r); });
     }
-    (void)a.receive(test::message(node, 0x04, 0x1234 * 256 + 1, 0), [&](const hal::CanFrame& r) { sent.push_back(r); });
+    (void)a.receive(test::message(node, 0x04, 0x1234 * 256 + 1, 0),
+                    [&](const hal::CanFrame& r) { sent.push_back(r); });
     return sent;
   };
   const auto now = requests(OdriveAxis::Version::v0_6);
@@ -217,9 +225,12 @@ TEST(DriveDefects, LatchedTimeout) {
 
 TEST(DriveDefects, OfMitDrives) {
   const auto make = [](const Defects& d) {
-    return MitAxis({.node = static_cast<int>(node)}, {.timeout_cycles = 400, .defects = d}, SensorEffects({}), 0, 1);
+    return MitAxis({.node = static_cast<int>(node)}, {.timeout_cycles = 400, .defects = d}, SensorEffects({}),
+                   0, 1);
   };
-  const auto tell = [](MitAxis& a, const hal::CanFrame& f) { (void)a.receive(f, [](const hal::CanFrame&) {}); };
+  const auto tell = [](MitAxis& a, const hal::CanFrame& f) {
+    (void)a.receive(f, [](const hal::CanFrame&) {});
+  };
   const auto pass = [](MitAxis& a, int n) {
     for (int i = 0; i < n; ++i) a.publish(0.0, 0.0, [](const hal::CanFrame&) {});
   };
@@ -249,10 +260,12 @@ TEST(DriveDefects, OfMitDrives) {
   }
 }
 
-/// RPDO1 {6040, 6071}, a master of 5 ms at node 100 that has been heard once, enabled at half its rated torque.
+/// RPDO1 {6040, 6071}, a master of 5 ms at node 100 that has been heard once, enabled at half its rated
+/// torque.
 class CanopenBench {
  public:
-  explicit CanopenBench(const Defects& d) : axis({.node = static_cast<int>(node)}, settings(d), SensorEffects({}), 0, 1) {
+  explicit CanopenBench(const Defects& d)
+      : axis({.node = static_cast<int>(node)}, settings(d), SensorEffects({}), 0, 1) {
     write(test::entry(0x1016, 1), 0x0064'0005, 4);
     write(test::entry(0x6007, 0), 1, 2);
     write(test::entry(0x6060, 0), 10, 1);
@@ -267,7 +280,9 @@ class CanopenBench {
     for (const int word : {0x06, 0x07, 0x0F}) tell(test::can(0x200 + node, {word, 0, 0xF4, 0x01}));
     EXPECT_EQ(axis.joint_torque(), 0.5);
   }
-  void tell(const hal::CanFrame& f) { (void)axis.receive(f, [](const hal::CanFrame&) {}); }
+  void tell(const hal::CanFrame& f) {
+    (void)axis.receive(f, [](const hal::CanFrame&) {});
+  }
   void write(std::uint32_t object, std::uint32_t value, unsigned bytes) {
     const int command = bytes == 1 ? 0x2F : (bytes == 2 ? 0x2B : 0x23);
     tell(test::sdo(0x600 + node, command, object >> 8U, object & 0xFFU, value));

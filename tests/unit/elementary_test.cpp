@@ -226,10 +226,13 @@ TYPED_TEST(Elementary, AngleOfUnitVector) {
   for (int i = 0; i < 600000; ++i) {
     compare(random.between(-pi, pi));
     compare(random.between(Wide<S>(-0.3), Wide<S>(0.3)));
-    compare(random.between(Wide<S>(-1), Wide<S>(1)) * std::pow(Wide<S>(10), -random.between(Wide<S>(0), Wide<S>(30))));
+    compare(random.between(Wide<S>(-1), Wide<S>(1)) *
+            std::pow(Wide<S>(10), -random.between(Wide<S>(0), Wide<S>(30))));
   }
-  for (const Wide<S> where : {pi / 4, pi / 2, pi * 3 / 4, std::asin(Wide<S>(0.26)), std::asin(Wide<S>(0.7072))}) {
-    for (int i = -2000; i <= 2000; ++i) compare(where + i * Wide<S>(1e-7));  // where one way takes over from another
+  for (const Wide<S> where :
+       {pi / 4, pi / 2, pi * 3 / 4, std::asin(Wide<S>(0.26)), std::asin(Wide<S>(0.7072))}) {
+    for (int i = -2000; i <= 2000; ++i)
+      compare(where + i * Wide<S>(1e-7));  // where one way takes over from another
   }
   compare(pi);
   worst.check("angle_of_unit", 2.4);

@@ -1,4 +1,5 @@
-/// The FDCAN driver against a model of the controller at register level: bit timing, formats, FIFOs, error states.
+/// The FDCAN driver against a model of the controller at register level: bit timing, formats, FIFOs, error
+/// states.
 
 #include <gtest/gtest.h>
 
@@ -37,7 +38,8 @@ WireFrame wire(std::uint32_t id, std::vector<std::uint8_t> bytes, bool extended 
 }
 
 TYPED_TEST(Fdcan, BitTimingIsExactAndSampledLate) {
-  for (const std::uint32_t clock : {8'000'000U, 24'000'000U, 40'000'000U, 80'000'000U, 85'000'000U, 170'000'000U}) {
+  for (const std::uint32_t clock :
+       {8'000'000U, 24'000'000U, 40'000'000U, 80'000'000U, 85'000'000U, 170'000'000U}) {
     for (const std::uint32_t rate : {125'000U, 250'000U, 500'000U, 1'000'000U}) {
       ASSERT_TRUE(this->bus.open(clock, rate)) << clock << " " << rate;
       const auto bit = this->model.nominal(clock);
@@ -52,7 +54,7 @@ TYPED_TEST(Fdcan, BitTimingIsExactAndSampledLate) {
 TYPED_TEST(Fdcan, RatesThatCannotBeHadAreRefused) {
   EXPECT_FALSE(this->bus.open(24'000'000, 0));
   EXPECT_FALSE(this->bus.open(24'000'000, 800'001));
-  EXPECT_FALSE(this->bus.open(4'000'000, 1'000'000));    // four quanta
+  EXPECT_FALSE(this->bus.open(4'000'000, 1'000'000));  // four quanta
   EXPECT_FALSE(this->bus.open(170'000'000, 333'333));
   EXPECT_FALSE(this->bus.open(24'000'000, 1'000'000, 7'000'000));
   EXPECT_EQ(this->bus.try_send(frame(1, {})), SendStatus::bus_off);
@@ -83,13 +85,15 @@ TYPED_TEST(Fdcan, FormatsGoOutAsTheyAre) {
     (void)this->bus.try_receive(none);  // the loop polls
   }
   WireFrame asked{.id = 0x29, .remote = true, .dlc = 8};
-  EXPECT_EQ(got, (std::vector<WireFrame>{wire(0x7FF, {1, 2, 3, 4, 5, 6, 7, 8}), wire(0x1FFFFFFF, {0xAA, 0xBB, 0xCC}, true),
-                                         wire(0x100, {}, true), asked}));
+  EXPECT_EQ(got, (std::vector<WireFrame>{wire(0x7FF, {1, 2, 3, 4, 5, 6, 7, 8}),
+                                         wire(0x1FFFFFFF, {0xAA, 0xBB, 0xCC}, true), wire(0x100, {}, true),
+                                         asked}));
 }
 
 TYPED_TEST(Fdcan, OrderIsKeptWhateverTheIdentifiers) {
   ASSERT_TRUE(this->bus.open(24'000'000, 1'000'000));
-  for (std::uint32_t i = 0; i < 10; ++i) EXPECT_EQ(this->bus.try_send(frame(0x700 - i, {static_cast<int>(i)})), SendStatus::ok);
+  for (std::uint32_t i = 0; i < 10; ++i)
+    EXPECT_EQ(this->bus.try_send(frame(0x700 - i, {static_cast<int>(i)})), SendStatus::ok);
   CanFrame none;
   for (std::uint32_t i = 0; i < 10; ++i) {
     const auto f = this->model.take();
@@ -132,7 +136,8 @@ TYPED_TEST(Fdcan, EverythingIsHeard) {
   ASSERT_TRUE(this->bus.open(24'000'000, 1'000'000));
   WireFrame remote{.id = 0x123, .remote = true, .dlc = 5}, long_code = wire(0x7FE, {1, 2, 3, 4, 5, 6, 7, 8});
   long_code.dlc = 15;  // a classic frame has 8 bytes with every code above
-  const std::vector<WireFrame> sent{wire(0, {}), wire(0x7FF, {9, 8, 7, 6, 5, 4, 3, 2}), wire(0x1ABCDEF0, {1, 2, 3, 4, 5}, true), remote, long_code};
+  const std::vector<WireFrame> sent{wire(0, {}), wire(0x7FF, {9, 8, 7, 6, 5, 4, 3, 2}),
+                                    wire(0x1ABCDEF0, {1, 2, 3, 4, 5}, true), remote, long_code};
   std::vector<CanFrame> got;
   for (const WireFrame& w : sent) {
     this->model.deliver(w);

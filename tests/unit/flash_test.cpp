@@ -1,4 +1,5 @@
-/// The drivers of the flash of STM32G4 and H7 against a model of it at register level, alone and under the slots of parameters.
+/// The drivers of the flash of STM32G4 and H7 against a model of it at register level, alone and under the
+/// slots of parameters.
 
 #include <gtest/gtest.h>
 
@@ -144,7 +145,8 @@ TYPED_TEST(Flash, AUnitIsProgrammedOnce) {
   ASSERT_TRUE(this->program(0, 0, 2));
   EXPECT_EQ(this->wait(), this->g4 ? MemoryStatus::failed : MemoryStatus::ready);
   std::uint32_t word = 0;
-  EXPECT_EQ(this->flash.read(0, 0, word), this->g4) << "on an H7 its error correction gives up: it has to be read to be known";
+  EXPECT_EQ(this->flash.read(0, 0, word), this->g4)
+      << "on an H7 its error correction gives up: it has to be read to be known";
   EXPECT_EQ(this->model.wrong, std::vector<std::string>{"programs what is not erased"});
   this->model.wrong.clear();
 }
@@ -167,7 +169,8 @@ TYPED_TEST(Flash, AUnitThatDidNotArriveWholeIsNotTakenForDone) {
 
 TYPED_TEST(Flash, WithoutTwoBanksInTheirOrderItIsNotThere) {
   EXPECT_TRUE(this->flash.available());
-  const std::vector<std::uint32_t> turned = this->g4 ? std::vector<std::uint32_t>{1U << 22, 1U << 20} : std::vector<std::uint32_t>{1U << 31};
+  const std::vector<std::uint32_t> turned =
+      this->g4 ? std::vector<std::uint32_t>{1U << 22, 1U << 20} : std::vector<std::uint32_t>{1U << 31};
   for (const std::uint32_t bits : turned) {
     this->model.options = bits;
     EXPECT_FALSE(this->flash.available());

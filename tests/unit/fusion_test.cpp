@@ -1,5 +1,5 @@
-// Four encoders on the closure manifold: against the nearest closed configuration, found over the effector's position by the
-// inverse kinematics of tests/support/lagrange.hpp, of which the code under test has nothing.
+// Four encoders on the closure manifold: against the nearest closed configuration, found over the effector's
+// position by the inverse kinematics of tests/support/lagrange.hpp, of which the code under test has nothing.
 
 #include <gtest/gtest.h>
 
@@ -47,7 +47,8 @@ Tangent tangent_at(const FiveBarModel& oracle, const FiveBarModel::Q& q, const V
     Vec2<Real> up = x, down = x;
     up[k] += h;
     down[k] -= h;
-    t.by_effector.col(k) = (joints_at(oracle, q, up[0], up[1]) - joints_at(oracle, q, down[0], down[1])) / (2 * h);
+    t.by_effector.col(k) =
+        (joints_at(oracle, q, up[0], up[1]) - joints_at(oracle, q, down[0], down[1])) / (2 * h);
   }
   return t;
 }
@@ -60,7 +61,8 @@ Vec2<Real> normal_solve(const Mat<Real, 4, 2>& T, const Vec<Real, 4>& w, const V
 }
 
 /// Where the effector is in the closed configuration nearest to the readings.
-Vec2<Real> nearest(const FiveBarModel& oracle, const FiveBarModel::Q& q, const Vec<Real, 4>& measured, const Vec<Real, 4>& weight) {
+Vec2<Real> nearest(const FiveBarModel& oracle, const FiveBarModel::Q& q, const Vec<Real, 4>& measured,
+                   const Vec<Real, 4>& weight) {
   Vec2<Real> x(q[0], q[1]);
   for (int i = 0; i < 30; ++i) {
     const Tangent t = tangent_at(oracle, q, x);
@@ -103,7 +105,8 @@ TYPED_TEST(Fusion, IsTheNearestClosedConfigurationByTheEncodersOwnMeasure) {
     speed.compare(seed, got, turning, 1.0L);
     tip.compare(seed, e.rates.platform, velocity, 1.0L);
   }
-  // Two steps leave the cube of the noise; the distance to singularities is down to 0.3 (type 1), so that it is amplified.
+  // Two steps leave the cube of the noise; the distance to singularities is down to 0.3 (type 1), so that it
+  // is amplified.
   place.expect_below(std::is_same_v<S, float> ? 2e-4 : 1e-7);
   gap.expect_below(std::is_same_v<S, float> ? 1e-6 : 1e-10);
   speed.expect_below(std::is_same_v<S, float> ? 1e-3 : 1e-6);
@@ -116,7 +119,9 @@ TYPED_TEST(Fusion, LeavesReadingsThatCloseAsTheyAre) {
   for (std::uint64_t seed = 0; seed < kCases; ++seed) {
     const auto c = random_five_bar<S>(seed);
     Estimate<FiveBar<S>> e;
-    EXPECT_EQ(part::closure_projection(config_of(c, Vec<S, 4>(S(1), S(2), S(0.5), S(1))), c.theta, c.theta_rate, e), 0);
+    EXPECT_EQ(
+        part::closure_projection(config_of(c, Vec<S, 4>(S(1), S(2), S(0.5), S(1))), c.theta, c.theta_rate, e),
+        0);
     place.compare(seed, e.pose.effector, c.position, 0.1L);
     rates.compare(seed, c.mechanism().channel_rates(e.pose, e.rates), c.rates());
     const auto at = random_five_bar<S>(seed, {.sin2 = 1e-6});  // base encoders alone say nothing there
@@ -135,10 +140,11 @@ Real best_without(const FiveBarCase<S>& c, Vec<Real, 4> angle, int i) {
   const auto gap = [&](Real turn) {
     Vec<Real, 4> a = angle;
     a[i] += turn;
-    const Real x = 2 * c.oracle.half_base + bar[0].length * std::cos(a[0]) + bar[1].length * std::cos(a[0] + a[1]) +
-                   bar[2].length * std::cos(a[2]) + bar[3].length * std::cos(a[2] + a[3]);
-    const Real y = bar[0].length * std::sin(a[0]) + bar[1].length * std::sin(a[0] + a[1]) - bar[2].length * std::sin(a[2]) -
-                   bar[3].length * std::sin(a[2] + a[3]);
+    const Real x = 2 * c.oracle.half_base + bar[0].length * std::cos(a[0]) +
+                   bar[1].length * std::cos(a[0] + a[1]) + bar[2].length * std::cos(a[2]) +
+                   bar[3].length * std::cos(a[2] + a[3]);
+    const Real y = bar[0].length * std::sin(a[0]) + bar[1].length * std::sin(a[0] + a[1]) -
+                   bar[2].length * std::sin(a[2]) - bar[3].length * std::sin(a[2] + a[3]);
     return std::hypot(x, y);
   };
   // One least over a full turn: the square of the gap is a constant and a sine of the turn.
@@ -160,11 +166,13 @@ Real best_without(const FiveBarCase<S>& c, Vec<Real, 4> angle, int i) {
 
 constexpr Real kAllowed = 1e-3L;  // limits.closure of config_of
 
-/// Slipped couplings and lost teeth are far from small. Named is the right one or nobody, and nobody only where another joint closes
-/// the loop to half the limit as well: one case in eight at 0.02 rad, one in a hundred from 0.3 rad on.
+/// Slipped couplings and lost teeth are far from small. Named is the right one or nobody, and nobody only
+/// where another joint closes the loop to half the limit as well: one case in eight at 0.02 rad, one in a
+/// hundred from 0.3 rad on.
 TYPED_TEST(Fusion, NamesTheEncoderThatAloneIsOffAndNoOtherHoweverFar) {
   using S = TypeParam;
-  constexpr std::array<Real, 7> size{0.02L, 0.05L, 0.1L, 0.2L, 0.3L, 0.5L, 1.0L}, open_at_most{0.15L, 0.06L, 0.03L, 0.02L, 0.02L, 0.02L, 0.02L};
+  constexpr std::array<Real, 7> size{0.02L, 0.05L, 0.1L, 0.2L, 0.3L, 0.5L, 1.0L},
+      open_at_most{0.15L, 0.06L, 0.03L, 0.02L, 0.02L, 0.02L, 0.02L};
   std::array<int, 7> open{}, cases{};
   for (std::uint64_t seed = 0; seed < 1000; ++seed) {
     Random r(~seed);
@@ -177,7 +185,9 @@ TYPED_TEST(Fusion, NamesTheEncoderThatAloneIsOffAndNoOtherHoweverFar) {
       for (int i = 0; i < 4; ++i) angle[i] += r.in<S>(-2e-5, 2e-5);
       Estimate<FiveBar<S>> e;
       const int got = part::closure_projection(config, angle, c.theta_rate, e);
-      const auto what = [&] { return "seed " + std::to_string(seed) + ", " + std::to_string(static_cast<double>(size[k])) + " rad"; };
+      const auto what = [&] {
+        return "seed " + std::to_string(seed) + ", " + std::to_string(static_cast<double>(size[k])) + " rad";
+      };
       if (!(e.closure > static_cast<S>(kAllowed))) {
         EXPECT_EQ(got, 0) << what() << ": nothing is wrong enough";
         continue;
@@ -186,9 +196,14 @@ TYPED_TEST(Fusion, NamesTheEncoderThatAloneIsOffAndNoOtherHoweverFar) {
       open[k] += got == 0 ? 1 : 0;
       EXPECT_TRUE(got == 0 || got == odd + 1) << what() << ": " << got - 1 << " instead of " << odd;
       Real other = 1;
-      for (int i = 0; i < 4; ++i) other = i == odd ? other : std::fmin(other, best_without(c, angle.template cast<Real>(), i));
-      if (other > 0.51L * kAllowed) { EXPECT_EQ(got, odd + 1) << what() << ": nobody else comes near"; }
-      if (other < 0.49L * kAllowed) { EXPECT_EQ(got, 0) << what() << ": another closes it as well"; }
+      for (int i = 0; i < 4; ++i)
+        other = i == odd ? other : std::fmin(other, best_without(c, angle.template cast<Real>(), i));
+      if (other > 0.51L * kAllowed) {
+        EXPECT_EQ(got, odd + 1) << what() << ": nobody else comes near";
+      }
+      if (other < 0.49L * kAllowed) {
+        EXPECT_EQ(got, 0) << what() << ": another closes it as well";
+      }
     }
   }
   for (std::size_t k = 0; k < size.size(); ++k) {

@@ -39,7 +39,8 @@ struct Kernel {
     l.pulled_down = (r.config.flags & GPIO_V2_LINE_FLAG_BIAS_PULL_DOWN) != 0;
     if (l.output == ((r.config.flags & GPIO_V2_LINE_FLAG_INPUT) != 0)) return errno = EINVAL, -1;
     if (l.output) {
-      if (r.config.num_attrs != 1 || r.config.attrs[0].attr.id != GPIO_V2_LINE_ATTR_ID_OUTPUT_VALUES) return errno = EINVAL, -1;
+      if (r.config.num_attrs != 1 || r.config.attrs[0].attr.id != GPIO_V2_LINE_ATTR_ID_OUTPUT_VALUES)
+        return errno = EINVAL, -1;
       l.high = (r.config.attrs[0].attr.values & r.config.attrs[0].mask & 1U) != 0;
     }
     r.fd = 100 + static_cast<int>(r.offsets[0]);
@@ -61,17 +62,20 @@ struct Kernel {
 };
 
 Kernel* now = nullptr;
-const hal::GpioKernel model{
-    [](const char* path, int) { return std::strcmp(path, "/dev/gpiochip0") == 0 ? (now->open.insert(10), 10) : (errno = ENOENT, -1); },
-    [](int fd, unsigned long what, void* argument) {
-      if (!now->open.contains(fd)) return errno = EBADF, -1;
-      if (what == GPIO_V2_GET_LINE_IOCTL && fd == 10) return now->request(*static_cast<gpio_v2_line_request*>(argument));
-      return now->values(fd, what, *static_cast<gpio_v2_line_values*>(argument));
-    },
-    [](int fd) {
-      if (fd >= 100) now->lines[fd - 100].requested = false;
-      return now->open.erase(fd) == 1 ? 0 : -1;
-    }};
+const hal::GpioKernel model{[](const char* path, int) {
+                              return std::strcmp(path, "/dev/gpiochip0") == 0 ? (now->open.insert(10), 10)
+                                                                              : (errno = ENOENT, -1);
+                            },
+                            [](int fd, unsigned long what, void* argument) {
+                              if (!now->open.contains(fd)) return errno = EBADF, -1;
+                              if (what == GPIO_V2_GET_LINE_IOCTL && fd == 10)
+                                return now->request(*static_cast<gpio_v2_line_request*>(argument));
+                              return now->values(fd, what, *static_cast<gpio_v2_line_values*>(argument));
+                            },
+                            [](int fd) {
+                              if (fd >= 100) now->lines[fd - 100].requested = false;
+                              return now->open.erase(fd) == 1 ? 0 : -1;
+                            }};
 
 class Gpio : public ::testing::Test {
  protected:
@@ -116,21 +120,26 @@ TEST_F(Gpio, TheLineIsGivenBackAndTheChipIsNotKept) {
     GpioLine one, two;
     ASSERT_FALSE(one.request("gpiochip0:5", GpioLine::Use::output, "brake", model));
     EXPECT_EQ(kernel.open, std::set<int>{105});
-    EXPECT_EQ(two.request("gpiochip0:5", GpioLine::Use::contact, "enable", model), std::errc::device_or_resource_busy);
+    EXPECT_EQ(two.request("gpiochip0:5", GpioLine::Use::contact, "enable", model),
+              std::errc::device_or_resource_busy);
     EXPECT_FALSE(two.is_open());
-    EXPECT_EQ(one.request("gpiochip0:6", GpioLine::Use::output, "brake", model), std::errc::invalid_argument) << "once";
+    EXPECT_EQ(one.request("gpiochip0:6", GpioLine::Use::output, "brake", model), std::errc::invalid_argument)
+        << "once";
   }
   EXPECT_TRUE(kernel.open.empty());
 }
 
 TEST_F(Gpio, WhatIsNoPlaceIsRefused) {
-  for (const char* place : {"", ":", "gpiochip0", "gpiochip0:", ":4", "gpiochip0:x", "gpiochip0:4x", "gpiochip0:-1", "../mem:1",
-                            "/dev/gpiochip0:4", "gpiochip0:4294967296", "watchdog:0"}) {
+  for (const char* place :
+       {"", ":", "gpiochip0", "gpiochip0:", ":4", "gpiochip0:x", "gpiochip0:4x", "gpiochip0:-1", "../mem:1",
+        "/dev/gpiochip0:4", "gpiochip0:4294967296", "watchdog:0"}) {
     GpioLine line;
-    EXPECT_EQ(line.request(place, GpioLine::Use::output, "brake", model), std::errc::invalid_argument) << place;
+    EXPECT_EQ(line.request(place, GpioLine::Use::output, "brake", model), std::errc::invalid_argument)
+        << place;
   }
   GpioLine line;
-  EXPECT_EQ(line.request("gpiochip9:1", GpioLine::Use::output, "brake", model), std::errc::no_such_file_or_directory);
+  EXPECT_EQ(line.request("gpiochip9:1", GpioLine::Use::output, "brake", model),
+            std::errc::no_such_file_or_directory);
   EXPECT_EQ(line.request("gpiochip0:32", GpioLine::Use::output, "brake", model), std::errc::invalid_argument);
   EXPECT_TRUE(kernel.open.empty());
 }

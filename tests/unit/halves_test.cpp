@@ -52,7 +52,8 @@ TEST_F(Halves, AWatchdogWithMoreThanItsTimeIsNoProof) {
       d.heartbeat_timeout = 0.02;
       const double given = watchdog_proof_ticks(d, rate) / rate;
       EXPECT_GE(given, timeout + d.heartbeat_timeout) << "one that trips in time must be heard";
-      EXPECT_LE(given, 1.01 * timeout + d.heartbeat_timeout + 3.0 / rate) << timeout << " s at " << rate << " Hz";
+      EXPECT_LE(given, 1.01 * timeout + d.heartbeat_timeout + 3.0 / rate)
+          << timeout << " s at " << rate << " Hz";
     }
   }
 }
@@ -72,12 +73,14 @@ TEST_F(Halves, ThePlantHearsAControllerOnlyInCommandsToItsDrives) {
   hal::CanFrame wide = test::message(1, test::cmd_mode, 1, 1);
   wide.extended = true;
   for (const hal::CanFrame& f :
-       {test::heartbeat(9, 8), test::message(9, test::cmd_mode, 1, 1), test::heartbeat(1, 8), test::encoder(2, 0, 0),
-        test::message(1, 0x02, 0, 0, 0), test::message(1, 0x17, 0, 0), request, wide}) {
+       {test::heartbeat(9, 8), test::message(9, test::cmd_mode, 1, 1), test::heartbeat(1, 8),
+        test::encoder(2, 0, 0), test::message(1, 0x02, 0, 0, 0), test::message(1, 0x17, 0, 0), request,
+        wide}) {
     ASSERT_EQ(there_.try_send(f), hal::SendStatus::ok);
     EXPECT_EQ(plant.drain(), 0) << std::hex << f.id;
   }
-  for (const unsigned command : {test::cmd_mode, test::cmd_axis_state, test::cmd_torque, test::cmd_clear_errors}) {
+  for (const unsigned command :
+       {test::cmd_mode, test::cmd_axis_state, test::cmd_torque, test::cmd_clear_errors}) {
     ASSERT_EQ(there_.try_send(test::message(2, command, 1, 0)), hal::SendStatus::ok);
     EXPECT_EQ(plant.drain(), 1) << command;
   }
@@ -94,9 +97,11 @@ TEST_F(Halves, ASceneIsKnownByWhatAControllerIsMadeOf) {
   const std::uint32_t own = identity("");
   EXPECT_NE(own, 0U);
   EXPECT_EQ(identity(""), own);
-  for (const char* same : {"simulation.step=1e-4", "simulation.duration=0.5", "simulation.integrator=\"dopri5\""}) EXPECT_EQ(identity(same), own) << same;
-  for (const char* other : {"control.gain=45.0", "control.rate_hz=250.0", "drives.nodes=[2, 1]", "mechanism.gravity=9.7",
-                            "limits.joint_speed=7.5", "command.speed=0.05"}) {
+  for (const char* same :
+       {"simulation.step=1e-4", "simulation.duration=0.5", "simulation.integrator=\"dopri5\""})
+    EXPECT_EQ(identity(same), own) << same;
+  for (const char* other : {"control.gain=45.0", "control.rate_hz=250.0", "drives.nodes=[2, 1]",
+                            "mechanism.gravity=9.7", "limits.joint_speed=7.5", "command.speed=0.05"}) {
     EXPECT_NE(identity(other), own) << other;
   }
   EXPECT_EQ(scene_.identity, 0U) << "without a command interface nobody can say it";
@@ -125,10 +130,11 @@ TEST_F(Halves, TheControllerSaysWhichSceneItWasMadeOf) {
   options_.scene = ESMC_COMMAND_SCENE;
   scene_ = read_loop_scene(options_);
   ControllerHalf<FiveBarWorld, Socket> controller(scene_, Pacing::lockstep, here_);
-  controller.knock();
+  controller.request_arming();
   std::optional<std::uint32_t> said;
   for (hal::CanFrame f; there_.try_receive(f);) {
-    if (const auto id = link::decode_identity(f, static_cast<std::uint32_t>(scene_.command->base_id))) said = id;
+    if (const auto id = link::decode_identity(f, static_cast<std::uint32_t>(scene_.command->base_id)))
+      said = id;
   }
   EXPECT_EQ(said, scene_.identity);
 }
@@ -146,7 +152,8 @@ TEST_F(Halves, TheControllerAsksUntilADriveOfItsOwnIsHeard) {
   EXPECT_EQ(controller.await_drives(20ms), Waited::done);
   others.join();
   EXPECT_TRUE(controller.heard());
-  EXPECT_GE(sent(test::cmd_mode), 2 * 4) << "in 300 ms, every 20 ms, two motors; a slow machine asks less often";
+  EXPECT_GE(sent(test::cmd_mode), 2 * 4)
+      << "in 300 ms, every 20 ms, two motors; a slow machine asks less often";
 }
 
 TEST_F(Halves, AFloodInsteadOfASetIsAFaultAndNotAWait) {
@@ -170,7 +177,8 @@ TEST_F(Halves, AFloodInsteadOfASetIsAFaultAndNotAWait) {
 class Loop {
  public:
   Loop(const Scene& scene, const RunOptions& o, FrameLog& frames)
-      : plant(scene, o, bus->port(0), frames, nullptr, true), controller(scene, Pacing::lockstep, bus->port(1)) {}
+      : plant(scene, o, bus->port(0), frames, nullptr, true),
+        controller(scene, Pacing::lockstep, bus->port(1)) {}
   void tick() {
     plant.publish();
     EXPECT_EQ(controller.await_set(), Waited::done);

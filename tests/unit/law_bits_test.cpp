@@ -1,6 +1,7 @@
-/// The laws to the last bit. Their formulas are held against an oracle elsewhere, within rounding errors; here one ulp in any of
-/// them is another number. Only operations that IEEE 754 rounds exactly are used, so it is the same number from every compiler and
-/// on every machine. Whoever changes a law on purpose puts the new numbers here, and says so in the message of the commit.
+/// The laws to the last bit. Their formulas are held against an oracle elsewhere, within rounding errors;
+/// here one ulp in any of them is another number. Only operations that IEEE 754 rounds exactly are used, so
+/// it is the same number from every compiler and on every machine. Whoever changes a law on purpose puts the
+/// new numbers here, and says so in the message of the commit.
 
 #include <gtest/gtest.h>
 
@@ -48,7 +49,8 @@ class Crc {
 
 template <class S>
 LegParams<S> leg() {
-  return {S(0.12), S(0.16), S(0.06), S(0.068), S(0.1), S(0.09), S(2e-4), S(7e-4), S(1e-3), S(2e-3), S(0.01), S(0.02)};
+  return {S(0.12), S(0.16), S(0.06), S(0.068), S(0.1),  S(0.09),
+          S(2e-4), S(7e-4), S(1e-3), S(2e-3),  S(0.01), S(0.02)};
 }
 template <class S>
 FiveBar<S> mechanism(const FiveBar<S>*) {
@@ -83,7 +85,8 @@ std::uint32_t bits() {
   Crc crc;
   int states = 0;
   while (states < 200) {
-    const auto pair = [&](double a, double b, double c, double d) {  // one draw after the other, whatever the compiler prefers
+    const auto pair = [&](double a, double b, double c,
+                          double d) {  // one draw after the other, whatever the compiler prefers
       const S x = draw.between<S>(a, b), y = draw.between<S>(c, d);
       return Vec2<S>(x, y);
     };
@@ -92,8 +95,8 @@ std::uint32_t bits() {
     Tracking<M> t;
     typename M::Rates unused;
     const bool reached = desired_at_effector(m, way, here, rate, wanted, t.pose, t.rates, unused) &&
-                         desired_at_effector(m, way, there, wanted_rate, wanted, t.desired_pose, t.desired_rates,
-                                             t.desired_acceleration);
+                         desired_at_effector(m, way, there, wanted_rate, wanted, t.desired_pose,
+                                             t.desired_rates, t.desired_acceleration);
     if (!reached) continue;
     ++states;
     Gains<M> g;
@@ -102,9 +105,11 @@ std::uint32_t bits() {
       g.k[i] = draw.between<S>(0, 300);
       g.layer[i] = draw.between<S>(0.01, 2);
     }
-    g.independent = {draw.between<S>(5, 80), draw.between<S>(0, 300), draw.between<S>(0.01, 2), draw.between<S>(1, 900), draw.between<S>(1, 60)};
+    g.independent = {draw.between<S>(5, 80), draw.between<S>(0, 300), draw.between<S>(0.01, 2),
+                     draw.between<S>(1, 900), draw.between<S>(1, 60)};
     for (const LawKind law : {LawKind::esmc, LawKind::esmc_projected, LawKind::smc, LawKind::ctc}) {
-      for (const Reaching reaching : {Reaching::sign, Reaching::saturation, Reaching::tanh, Reaching::implicit}) {
+      for (const Reaching reaching :
+           {Reaching::sign, Reaching::saturation, Reaching::tanh, Reaching::implicit}) {
         const Demand<M> d = demand(law, m, g, reaching, t);
         crc.add(d.acceleration);
         crc.add(d.sliding);

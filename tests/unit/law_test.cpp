@@ -35,13 +35,14 @@ Vec<S, 4> random_weight(std::uint64_t seed) {
 TYPED_TEST(Laws, GainsThatNobodySetsAreZeroAndLayersOne) {
   using S = TypeParam;
   const Gains<FiveBar<S>> g;
-  EXPECT_TRUE((g.lambda.array() == S(0)).all() && (g.k.array() == S(0)).all() && (g.layer.array() == S(1)).all());
+  EXPECT_TRUE((g.lambda.array() == S(0)).all() && (g.k.array() == S(0)).all() &&
+              (g.layer.array() == S(1)).all());
   const auto& i = g.independent;
   EXPECT_TRUE(i.lambda == S(0) && i.k == S(0) && i.layer == S(1) && i.kp == S(0) && i.kd == S(0));
 }
 
-/// What a tick asks for: the rows with mass are those of the whole demand to the last bit, s of a joint is what the bars
-/// beside it say (model.md section 10), and differs by rounding of those.
+/// What a tick asks for: the rows with mass are those of the whole demand to the last bit, s of a joint is
+/// what the bars beside it say (model.md section 10), and differs by rounding of those.
 TYPED_TEST(Laws, ATickAsksForTheRowsWithMass) {
   using S = TypeParam;
   using M = FiveBar<S>;
@@ -58,14 +59,16 @@ TYPED_TEST(Laws, ATickAsksForTheRowsWithMass) {
         EXPECT_EQ(sliding[i], whole.sliding[i]) << seed << " row " << i;
       }
       const Channels18 s = law == LawKind::esmc ? c.sliding() : whole.sliding.template cast<Real>().eval();
-      joints.compare(seed, Vec<S, 4>(sliding[2], sliding[3], sliding[10], sliding[11]), Vec<Real, 4>(s[4], s[5] - s[4], s[12], s[13] - s[12]),
+      joints.compare(seed, Vec<S, 4>(sliding[2], sliding[3], sliding[10], sliding[11]),
+                     Vec<Real, 4>(s[4], s[5] - s[4], s[12], s[13] - s[12]),
                      std::max({std::fabs(s[4]), std::fabs(s[5]), std::fabs(s[12]), std::fabs(s[13])}));
     }
     joints.expect_below((law == LawKind::esmc ? 1000 : 4) * kEpsilon<S>);
   }
 }
 
-/// `sign` has no layer: where s is 0, a layer of 0 is divided by nothing. And every channel is set, whatever was there.
+/// `sign` has no layer: where s is 0, a layer of 0 is divided by nothing. And every channel is set, whatever
+/// was there.
 TYPED_TEST(Laws, SignNeedsNoLayerOnTheReferenceItself) {
   using S = TypeParam;
   using M = FiveBar<S>;
@@ -315,9 +318,10 @@ TYPED_TEST(Laws, InsideTheLayerSmcIsComputedTorque) {
     g.kp = g.lambda * (g.k / g.layer);
     // k (z - tanh z) <= k z^3 / 3 in (x, y), and as much more in the channels as C says.
     const Real bound = Real(g.k) * 1e-6L / 3 * c.now.C().cwiseAbs().rowwise().sum().maxCoeff();
-    const Channels18 difference = (demand(LawKind::smc, c.mechanism, c.gain, Reaching::tanh, c.t).acceleration -
-                                   demand(LawKind::ctc, c.mechanism, c.gain, Reaching::sign, c.t).acceleration)
-                                      .template cast<Real>();
+    const Channels18 difference =
+        (demand(LawKind::smc, c.mechanism, c.gain, Reaching::tanh, c.t).acceleration -
+         demand(LawKind::ctc, c.mechanism, c.gain, Reaching::sign, c.t).acceleration)
+            .template cast<Real>();
     cubic.take(seed, difference.cwiseAbs().maxCoeff() /
                          (bound + 500 * kEpsilon<S> * want.template cast<Real>().cwiseAbs().maxCoeff()));
   }

@@ -40,10 +40,12 @@ TEST(Link, SetPointsWithinTheirBounds) {
   EXPECT_FALSE(r.has_sample);
   EXPECT_FLOAT_EQ(r.position[0], -0.123456F);
   EXPECT_FLOAT_EQ(r.position[1], 0.17F);
-  for (const auto& [x, y] : {std::pair{300'001, 0}, {-300'001, 0}, {0, -1}, {0, 300'001}, {-8'388'608, 8'388'607}}) {
+  for (const auto& [x, y] :
+       {std::pair{300'001, 0}, {-300'001, 0}, {0, -1}, {0, 300'001}, {-8'388'608, 8'388'607}}) {
     EXPECT_EQ(b.one(b.desk.pair(Desk::point, x, y)), Outcome::refused) << x << ' ' << y;
   }
-  EXPECT_EQ(b.one(b.desk.pair(Desk::point, 0, 170'000, 1)), Outcome::refused) << "joints where the effector is led";
+  EXPECT_EQ(b.one(b.desk.pair(Desk::point, 0, 170'000, 1)), Outcome::refused)
+      << "joints where the effector is led";
   EXPECT_FALSE(b.tick().has_point) << "once";
   b.link.refuse();
   EXPECT_EQ(b.link.counters().refused, 7);

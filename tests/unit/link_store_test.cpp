@@ -103,7 +103,8 @@ TEST(LinkStore, OnlyWhileDisabled) {
     EXPECT_EQ(b.order(Desk::forget), Outcome::refused) << name(in);
   };
   b.turn({b.desk.order(Desk::arm), b.desk.order(Desk::store)});
-  EXPECT_EQ(b.outcomes, (std::vector<Outcome>{Outcome::obeyed, Outcome::refused})) << "not in the tick that arms";
+  EXPECT_EQ(b.outcomes, (std::vector<Outcome>{Outcome::obeyed, Outcome::refused}))
+      << "not in the tick that arms";
   b.turn();
   refused(State::running);
   b.turn({b.desk.order(Desk::disarm)});
@@ -127,7 +128,8 @@ TEST(LinkStore, CheckedLikeEveryOrder) {
     b.turn({store, forget});
     return b.outcomes;
   };
-  const std::vector<Outcome> bad_crc{Outcome::bad_crc, Outcome::bad_crc}, late{Outcome::refused, Outcome::refused};
+  const std::vector<Outcome> bad_crc{Outcome::bad_crc, Outcome::bad_crc},
+      late{Outcome::refused, Outcome::refused};
   EXPECT_EQ(with([&] { ++b.desk.session; }), bad_crc);
   b.desk.counter[0] = (b.desk.counter[0] + 14) & 15;
   EXPECT_EQ(with([&] { b.desk.session = 0; }), late) << "with no session only what takes torque away";
@@ -156,10 +158,10 @@ TEST(LinkStore, NothingElseUntilItIsDone) {
     int ticks = 0;
     for (; b.slots.busy(); ++ticks) {
       ASSERT_LT(ticks, 400);
-      b.turn({b.desk.order(Desk::arm), b.desk.order(Desk::store), b.desk.order(Desk::forget), b.desk.set_gain(0, 30.0F),
-              b.desk.order(Desk::none)});
-      EXPECT_EQ(b.outcomes, (std::vector<Outcome>{Outcome::refused, Outcome::refused, Outcome::refused, Outcome::refused,
-                                                  Outcome::obeyed}));
+      b.turn({b.desk.order(Desk::arm), b.desk.order(Desk::store), b.desk.order(Desk::forget),
+              b.desk.set_gain(0, 30.0F), b.desk.order(Desk::none)});
+      EXPECT_EQ(b.outcomes, (std::vector<Outcome>{Outcome::refused, Outcome::refused, Outcome::refused,
+                                                  Outcome::refused, Outcome::obeyed}));
       EXPECT_EQ(b.desk.last(Desk::value).data[1], static_cast<unsigned>(Answer::not_now));
       EXPECT_EQ(b.supervisor.state(), State::disabled);
     }
@@ -214,7 +216,7 @@ TEST(LinkStore, ToldAtEveryChangeAndWithTheTable) {
   EXPECT_EQ(b.desk.count(Desk::slots), 1) << "at power-up, as soon as the bus took it";
   b.turn();
   EXPECT_EQ(b.desk.count(Desk::slots), 2);
-  EXPECT_EQ(b.link.receive(b.desk.last(Desk::slots)), Outcome::impostor);
+  EXPECT_EQ(b.link.receive(b.desk.last(Desk::slots)), Outcome::foreign_command);
   // Without a store no frame is spent on it every second.
   Bench none(c);
   for (int i = 0; i < 25; ++i) none.tick();

@@ -46,7 +46,7 @@ TEST(Link, FramesOfOthersAreNotItsBusiness) {
   }
   f = b.desk.order(Desk::off);
   f.id = 0x790;
-  EXPECT_EQ(b.one(f), Outcome::impostor);
+  EXPECT_EQ(b.one(f), Outcome::foreign_command);
   f.remote = true;
   EXPECT_EQ(b.one(f), Outcome::not_mine);
   const Counters c = b.link.counters();
@@ -147,7 +147,8 @@ TEST(Link, ArmsDisarmsAndResets) {
 TEST(Link, OffIsNotSoftenedAndNotOverruled) {
   Bench b;
   b.run();
-  EXPECT_EQ(b.tick({b.desk.order(Desk::disarm), b.desk.order(Desk::off), b.desk.order(Desk::disarm)}).command, Command::stop);
+  EXPECT_EQ(b.tick({b.desk.order(Desk::disarm), b.desk.order(Desk::off), b.desk.order(Desk::disarm)}).command,
+            Command::stop);
   b.tick();
   ASSERT_EQ(b.supervisor.state(), State::disabled);
   EXPECT_EQ(b.tick({b.desk.order(Desk::off), b.desk.order(Desk::arm)}).command, Command::stop);
@@ -199,7 +200,8 @@ TEST(Link, AnOrderThatWaitedToBeReadIsAsOldAsItWaited) {
   Bench b;
   b.listen();
   EXPECT_EQ(b.link.receive(b.desk.order(Desk::arm), 60'000), Outcome::refused);
-  EXPECT_EQ(b.link.receive(b.desk.order(Desk::off), 60'000), Outcome::obeyed) << "what takes torque away is never too old";
+  EXPECT_EQ(b.link.receive(b.desk.order(Desk::off), 60'000), Outcome::obeyed)
+      << "what takes torque away is never too old";
 }
 
 TEST(Link, CounterRules) {
@@ -209,7 +211,8 @@ TEST(Link, CounterRules) {
     ASSERT_EQ(b.one(b.desk.pair(Desk::point, 0, 170'000)), Outcome::obeyed);
     b.desk.counter[Desk::point] = static_cast<std::uint8_t>((b.desk.counter[Desk::point] + step - 1) & 15);
     const bool good = step == 1 || step == 2;
-    EXPECT_EQ(b.one(b.desk.pair(Desk::point, 10'000, 170'000)), good ? Outcome::obeyed : Outcome::bad_counter) << step;
+    EXPECT_EQ(b.one(b.desk.pair(Desk::point, 10'000, 170'000)), good ? Outcome::obeyed : Outcome::bad_counter)
+        << step;
     EXPECT_EQ(b.link.counters().bad_counter, good ? 0 : 1);
     EXPECT_TRUE(good || !b.tick().has_point);
   }

@@ -57,7 +57,8 @@ TEST(Link, TheTableAndItsChecksum) {
     EXPECT_EQ(Desk::real(f, 4), b.link.parameters().at(static_cast<std::uint8_t>(i)));
     for (std::size_t k = 4; k < 8; ++k) bytes.push_back(f.data[k]);
   }
-  EXPECT_EQ(b.desk.heard.size(), 12U + 3U + 1U) << "one answer each, a Status every fourth tick, who it is in the first";
+  EXPECT_EQ(b.desk.heard.size(), 12U + 3U + 1U)
+      << "one answer each, a Status every fourth tick, who it is in the first";
   b.tick({b.desk.ask(1, 12)});
   EXPECT_EQ(b.desk.last(Desk::value).data[1], static_cast<unsigned>(Answer::unknown_index));
   b.tick({b.desk.ask(2)});
@@ -95,7 +96,7 @@ TEST(Link, WhichSceneItWasMadeOfIsToldAtOnceOnRequestAndWithTheTable) {
   EXPECT_EQ(b.desk.count(Desk::identity), 2);
   while (b.desk.count(Desk::table) < 4) b.tick();
   EXPECT_EQ(b.desk.count(Desk::identity), 5) << "in tick 7, 14 and 21";
-  EXPECT_EQ(b.link.receive(f), Outcome::impostor) << "somebody else in our place";
+  EXPECT_EQ(b.link.receive(f), Outcome::foreign_command) << "somebody else in our place";
 }
 
 TEST(Link, StatusEveryFewTicksAndAtEveryChange) {
@@ -209,7 +210,8 @@ TEST(Link, Telemetry) {
   for (int i = 0; i < 20; ++i) {
     const auto before = b.desk.count(Desk::effector) + b.desk.count(Desk::error) + b.desk.count(Desk::joint);
     b.tick();
-    EXPECT_LE(b.desk.count(Desk::effector) + b.desk.count(Desk::error) + b.desk.count(Desk::joint), before + 1);
+    EXPECT_LE(b.desk.count(Desk::effector) + b.desk.count(Desk::error) + b.desk.count(Desk::joint),
+              before + 1);
   }
   EXPECT_EQ(b.desk.count(Desk::effector), 4);
   EXPECT_EQ(b.desk.count(Desk::error), 4);

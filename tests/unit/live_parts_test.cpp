@@ -6,9 +6,9 @@
 #include <set>
 #include <thread>
 
-#include "host_sim/live/desk.hpp"
 #include "host_sim/error.hpp"
 #include "host_sim/live/access.hpp"
+#include "host_sim/live/live_api.hpp"
 #include "host_sim/live/ring.hpp"
 
 namespace esmc::host {
@@ -82,7 +82,7 @@ TEST(LiveAccess, OnlyThisMachineByItsOwnNames) {
   EXPECT_FALSE(own_origin("null", 8000));
 }
 
-TEST(LiveDesk, ALaterSetOfAKeyStandsForTheEarlier) {
+TEST(LiveApi, ALaterSetOfAKeyStandsForTheEarlier) {
   std::vector<std::string> sets{"control.law=smc", "control.gain=1"};
   sets = with_set(std::move(sets), "control.law=pd");
   EXPECT_EQ(sets, (std::vector<std::string>{"control.gain=1", "control.law=pd"}));
@@ -90,7 +90,7 @@ TEST(LiveDesk, ALaterSetOfAKeyStandsForTheEarlier) {
   EXPECT_EQ(sets.size(), 3U);
 }
 
-TEST(LiveDesk, EffectsAsText) {
+TEST(LiveApi, EffectsAsText) {
   const auto same = [](const std::string& toml, std::vector<std::pair<std::string, std::string>> wanted) {
     const auto got = effect_texts(toml);
     ASSERT_EQ(got.size(), wanted.size()) << toml;

@@ -34,7 +34,7 @@ void run(LiveSession& s, int ticks) {
 }
 SceneOrder change(const LiveSession& s, const std::string& file, const std::vector<std::string>& sets) {
   auto next = std::make_shared<const Scene>(scene_of(file, sets));
-  const Takes takes = what_it_takes(s.scene(), *next);
+  const RestartLevel takes = what_it_takes(s.scene(), *next);
   return {next, takes, "test"};
 }
 /// Ticks until the supervisor says so, or a number that no test allows.
@@ -107,9 +107,9 @@ TEST(LiveSession, AnotherFileBehindTheSameNameIsAnotherController) {
   };
   const Scene same = believing("five_bar_circle.toml"), other = believing("five_bar_robust.toml");
   EXPECT_EQ(same.toml, other.toml);
-  EXPECT_EQ(what_it_takes(same, believing("five_bar_circle.toml")), Takes::nothing);
-  EXPECT_EQ(what_it_takes(same, other), Takes::restart);
-  EXPECT_EQ(what_it_takes(scene_of(five_bar), same), Takes::restart);
+  EXPECT_EQ(what_it_takes(same, believing("five_bar_circle.toml")), RestartLevel::nothing);
+  EXPECT_EQ(what_it_takes(same, other), RestartLevel::restart);
+  EXPECT_EQ(what_it_takes(scene_of(five_bar), same), RestartLevel::restart);
 }
 
 TEST(LiveSession, AnotherLawTakesOverWhereTheMechanismStands) {
@@ -156,12 +156,12 @@ TEST(LiveSession, EffectsComeAndGoUnderTheRunningLaw) {
 TEST(LiveSession, WhatAChangeTakes) {
   const auto s = session_of(five_bar);
   const auto takes = [&](const std::vector<std::string>& sets) { return change(*s, five_bar, sets).takes; };
-  EXPECT_EQ(takes({"effects=[{type=\"torque_lag\", time_constant=0.001}]"}), Takes::nothing);
-  EXPECT_EQ(takes({"simulation.step=2e-4"}), Takes::nothing);
-  EXPECT_EQ(takes({"effects=[{type=\"encoder\", bits=14}]"}), Takes::restart);
-  EXPECT_EQ(takes({"control.lambda=20"}), Takes::restart);
-  EXPECT_EQ(takes({"reference.radius=0.05"}), Takes::restart);
-  EXPECT_EQ(takes({"mechanism.leg.m2=0.2"}), Takes::home);
+  EXPECT_EQ(takes({"effects=[{type=\"torque_lag\", time_constant=0.001}]"}), RestartLevel::nothing);
+  EXPECT_EQ(takes({"simulation.step=2e-4"}), RestartLevel::nothing);
+  EXPECT_EQ(takes({"effects=[{type=\"encoder\", bits=14}]"}), RestartLevel::restart);
+  EXPECT_EQ(takes({"control.lambda=20"}), RestartLevel::restart);
+  EXPECT_EQ(takes({"reference.radius=0.05"}), RestartLevel::restart);
+  EXPECT_EQ(takes({"mechanism.leg.m2=0.2"}), RestartLevel::home);
   EXPECT_THROW((void)what_it_takes(s->scene(), scene_of(rr)), InputError);
   EXPECT_THROW((void)scene_of(five_bar, {"effects=[{type=\"bit_timing\"}]"}), InputError);
 }

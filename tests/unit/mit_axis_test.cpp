@@ -1,5 +1,5 @@
-/// One drive in MIT mode as the controller sees it: whose frames it takes, how it gets into motor mode and out, what it
-/// makes of codes. Frames are packed by hand, expectations computed here.
+/// One drive in MIT mode as the controller sees it: whose frames it takes, how it gets into motor mode and
+/// out, what it makes of codes. Frames are packed by hand, expectations computed here.
 
 #include "firmware/drive/mit_axis.hpp"
 
@@ -77,7 +77,8 @@ MitAxis ready_axis() {
   return a;
 }
 
-// ---- whose frames ----------------------------------------------------------------------------------------------
+// ---- whose frames
+// ----------------------------------------------------------------------------------------------
 
 TEST(MitAxis, TakesRepliesThatNameItOnTheMastersIdentifier) {
   for (const std::uint16_t master : {std::uint16_t{0}, std::uint16_t{0x11}, std::uint16_t{0x7FF}}) {
@@ -110,14 +111,15 @@ TEST(MitAxis, AnEmptyFrameNamesNobody) {
 
 TEST(MitAxis, CommandsToItAreSomebodyElses) {
   MitAxis a = axis();
-  for (const CanFrame& f : {test::mit_command(node, 0x8000, 0x800, 0, 0, 0xFFF), test::mit_special(node, enter),
-                            test::mit_special(node, leave), test::mit_special(node, 0xFE), test::bytes(node, {}),
-                            test::mit_reply(node, node, 1, 2, 3)}) {
-    EXPECT_EQ(a.receive(f), Received::impostor);
+  for (const CanFrame& f :
+       {test::mit_command(node, 0x8000, 0x800, 0, 0, 0xFFF), test::mit_special(node, enter),
+        test::mit_special(node, leave), test::mit_special(node, 0xFE), test::bytes(node, {}),
+        test::mit_reply(node, node, 1, 2, 3)}) {
+    EXPECT_EQ(a.receive(f), Received::foreign_command);
   }
   CanFrame f = test::mit_special(node, enter);
   f.fd = true;
-  EXPECT_EQ(a.receive(f), Received::impostor);
+  EXPECT_EQ(a.receive(f), Received::foreign_command);
   f = test::mit_special(node, enter);
   f.extended = true;
   EXPECT_EQ(a.receive(f), Received::not_mine);
@@ -132,15 +134,16 @@ TEST(MitAxis, ADriveThatRepliesOnItsOwnIdentifierIsToldFromACommand) {
   MitAxis old = axis(Dialect::mini_cheetah, node);
   for (std::uint8_t size = 5; size <= 7; ++size) {
     EXPECT_EQ(old.receive(test::mit_reply(node, node, 0x8000, 0x800, 1, size)), Received::accepted);
-    EXPECT_EQ(old.receive(test::mit_reply(node, node + 1, 0x8000, 0x800, 1, size)), Received::impostor);
+    EXPECT_EQ(old.receive(test::mit_reply(node, node + 1, 0x8000, 0x800, 1, size)),
+              Received::foreign_command);
   }
-  EXPECT_EQ(old.receive(test::mit_command(node, 0x0300, 0x800, 0, 0, 0x800)), Received::impostor)
+  EXPECT_EQ(old.receive(test::mit_command(node, 0x0300, 0x800, 0, 0, 0x800)), Received::foreign_command)
       << "its first byte is the node, its length is not that of a reply";
-  EXPECT_EQ(old.receive(test::bytes(node, {})), Received::impostor);
+  EXPECT_EQ(old.receive(test::bytes(node, {})), Received::foreign_command);
   MitAxis now = axis(Dialect::cubemars, node);
   EXPECT_EQ(now.receive(test::mit_reply(node, node, 0x8000, 0x800, 1, 8)), Received::accepted);
-  EXPECT_EQ(now.receive(test::mit_special(node, enter)), Received::impostor);
-  EXPECT_EQ(now.receive(test::mit_command(node, 0x8000, 0x800, 0, 0, 0x800)), Received::impostor);
+  EXPECT_EQ(now.receive(test::mit_special(node, enter)), Received::foreign_command);
+  EXPECT_EQ(now.receive(test::mit_command(node, 0x8000, 0x800, 0, 0, 0x800)), Received::foreign_command);
 }
 
 TEST(MitAxis, WrongLengthsAndFormatsOfItsRepliesAreMalformedAndChangeNothing) {
@@ -187,7 +190,8 @@ TEST(MitAxis, AReplyIsSampleAndHeartbeat) {
   }
 }
 
-// ---- numbers ---------------------------------------------------------------------------------------------------
+// ---- numbers
+// ---------------------------------------------------------------------------------------------------
 
 TEST(MitAxis, CodesBecomeJointAngleAndRate) {
   const AxisConfig mounting{.node = node, .direction = -1.0F, .gear_ratio = 4.0F, .offset = 0.25F};
@@ -234,7 +238,8 @@ TEST(MitAxis, TheTorqueADriveReportsIsTurnedToTheJoint) {
   EXPECT_FALSE(a.observed_torque());
 }
 
-// ---- errors ----------------------------------------------------------------------------------------------------
+// ---- errors
+// ----------------------------------------------------------------------------------------------------
 
 /// Beyond the range the drive repeats its first or last code: the shaft may be anywhere.
 TEST(MitAxis, ASampleAtTheRailIsAnErrorAndNotAPosition) {
@@ -287,7 +292,8 @@ TEST(MitAxis, TheErrorFieldWhereThereIsOne) {
   }
 }
 
-// ---- into motor mode and out of it -----------------------------------------------------------------------------
+// ---- into motor mode and out of it
+// -----------------------------------------------------------------------------
 
 TEST(MitAxis, EnablingLeavesMotorModeWaitsForTheZeroCommandAndEnters) {
   MitAxis a = axis();
@@ -365,7 +371,8 @@ TEST(MitAxis, ASilentDriveIsCalledEveryRetryTicksAndStartsAnewWhenHeard) {
     const auto sent = enable(a);
     EXPECT_TRUE(tick % retry == 0 ? only(sent, leave) : sent.empty()) << tick;
   }
-  for (int i = 0; i < 4; ++i) EXPECT_EQ(enable(a, false).size(), i == 0 ? 1U : 0U) << "nor when the bus takes nothing";
+  for (int i = 0; i < 4; ++i)
+    EXPECT_EQ(enable(a, false).size(), i == 0 ? 1U : 0U) << "nor when the bus takes nothing";
   hear(a);
   EXPECT_TRUE(only(enable(a), leave));
 }
@@ -411,7 +418,8 @@ TEST(MitAxis, AnErrorKeepsItOutOfMotorModeAndCountsAgain) {
   EXPECT_TRUE(b.ready());
 }
 
-/// The cycle sends a torque frame after this in every tick, and it says zero: that comes before the frame that leaves.
+/// The cycle sends a torque frame after this in every tick, and it says zero: that comes before the frame
+/// that leaves.
 TEST(MitAxis, DisablingGivesTheZeroCommandATickAndThenLeavesUntilTwoTicksHaveReplied) {
   MitAxis a = ready_axis();
   EXPECT_TRUE(disable(a).empty());
@@ -454,11 +462,12 @@ TEST(MitAxis, EnablingAfterDisablingBeginsAtOnce) {
 TEST(MitAxis, ThereIsNoEmergencyStopAndNothingToReadBack) {
   MitAxis a = ready_axis();
   a.acknowledge();
-  EXPECT_FALSE(a.emergency_stopped() || a.contradicted() || a.muted() || a.setting_up());
+  EXPECT_FALSE(a.emergency_stopped() || a.config_mismatch() || a.tx_suspended() || a.setting_up());
   EXPECT_TRUE(a.ready());
 }
 
-// ---- Damiao reports its mode -----------------------------------------------------------------------------------
+// ---- Damiao reports its mode
+// -----------------------------------------------------------------------------------
 
 CanFrame mode(unsigned m) { return rest(m * 16 + node, 8); }
 
@@ -527,9 +536,11 @@ TEST(MitAxis, AModeThatIsNeverReportedIsNotAskedFor) {
   EXPECT_TRUE(a.ready() && a.closed_loop());
 }
 
-// ---- anything at all -------------------------------------------------------------------------------------------
+// ---- anything at all
+// -------------------------------------------------------------------------------------------
 
-/// Whatever comes in whatever order: ready only after the frame that enters, samples finite, torque frames ours.
+/// Whatever comes in whatever order: ready only after the frame that enters, samples finite, torque frames
+/// ours.
 TEST(MitAxis, RandomFramesAndCallsBreakNothing) {
   std::mt19937 random(1);
   const auto any = [&](unsigned n) { return static_cast<unsigned>(random() % n); };

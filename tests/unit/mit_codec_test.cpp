@@ -22,7 +22,8 @@ TEST(MitCodec, ACommandIsTheFieldsOneAfterTheOther) {
   const Command c{.position = 0x1234, .velocity = 0x567, .kp = 0x89A, .kd = 0xBCD, .torque = 0xEF0};
   const CanFrame f = encode_command(0x7FF, c);
   EXPECT_EQ(f, test::bytes(0x7FF, {0x12, 0x34, 0x56, 0x78, 0x9A, 0xBC, 0xDE, 0xF0}));
-  EXPECT_EQ(encode_command(1, {}), test::bytes(1, {0x80, 0x00, 0x80, 0x00, 0x00, 0x00, 0x08, 0x00})) << "no torque";
+  EXPECT_EQ(encode_command(1, {}), test::bytes(1, {0x80, 0x00, 0x80, 0x00, 0x00, 0x00, 0x08, 0x00}))
+      << "no torque";
   const Command back = decode_command(f);
   EXPECT_EQ(back.position, c.position);
   EXPECT_EQ(back.velocity, c.velocity);
@@ -56,7 +57,9 @@ TEST(MitCodec, SpecialFrames) {
   for (unsigned last = 0; last < 256; ++last) {
     const auto s = decode_special(test::mit_special(2, last));
     EXPECT_EQ(s.has_value(), last >= 0xFC && last <= 0xFE) << last;
-    if (s) { EXPECT_EQ(static_cast<unsigned>(*s), last); }
+    if (s) {
+      EXPECT_EQ(static_cast<unsigned>(*s), last);
+    }
     for (std::size_t other = 0; other < 7; ++other) {
       CanFrame f = test::mit_special(2, last);
       f.data[other] = 0xFE;
@@ -114,7 +117,8 @@ TEST(MitCodec, EveryCodeSurvivesTheWayThereAndBack) {
 TEST(MitCodec, TheErrorOfACodeIsHalfAStep) {
   for (int i = -10000; i <= 10000; ++i) {
     const double x = 18.0 * i / 10000;
-    const double back = static_cast<double>(value(code(static_cast<float>(x), 18.0F, code_max_12), 18.0F, code_max_12));
+    const double back =
+        static_cast<double>(value(code(static_cast<float>(x), 18.0F, code_max_12), 18.0F, code_max_12));
     ASSERT_LE(std::abs(back - x), 18.0 / 4095 + 1e-5) << x;
   }
 }
@@ -136,7 +140,8 @@ TEST(MitCodec, RepliesOfEveryLength) {
   CanFrame stale = six;
   stale.size = 5;
   EXPECT_EQ(decode_reply(stale, Dialect::mini_cheetah)->torque, 0x400) << "a byte that is not there";
-  const auto seven = decode_reply(test::bytes(0, {0x05, 0xAB, 0xCD, 0x12, 0x34, 0x56, 0x99}), Dialect::mini_cheetah);
+  const auto seven =
+      decode_reply(test::bytes(0, {0x05, 0xAB, 0xCD, 0x12, 0x34, 0x56, 0x99}), Dialect::mini_cheetah);
   ASSERT_TRUE(seven);
   EXPECT_EQ(seven->torque, 0x456);
   const CanFrame eight = test::bytes(0, {0x95, 0xAB, 0xCD, 0x12, 0x34, 0x56, 0x20, 0x07});
@@ -177,9 +182,12 @@ TEST(MitCodec, TheFirstByteNamesTheDrive) {
 
 TEST(MitCodec, ADriveWritesWhatAControllerReads) {
   const Reply r{.position = 0xFEDC, .velocity = 0xBA9, .torque = 0x876, .error = 0xD};
-  EXPECT_EQ(encode_reply(0, 5, r, Dialect::mini_cheetah, 6), test::bytes(0, {5, 0xFE, 0xDC, 0xBA, 0x98, 0x76}));
-  EXPECT_EQ(encode_reply(9, 5, r, Dialect::cubemars, 8), test::bytes(9, {5, 0xFE, 0xDC, 0xBA, 0x98, 0x76, 0, 0xD}));
-  EXPECT_EQ(encode_reply(9, 0x15, r, Dialect::damiao, 8), test::bytes(9, {0xD5, 0xFE, 0xDC, 0xBA, 0x98, 0x76, 0, 0}));
+  EXPECT_EQ(encode_reply(0, 5, r, Dialect::mini_cheetah, 6),
+            test::bytes(0, {5, 0xFE, 0xDC, 0xBA, 0x98, 0x76}));
+  EXPECT_EQ(encode_reply(9, 5, r, Dialect::cubemars, 8),
+            test::bytes(9, {5, 0xFE, 0xDC, 0xBA, 0x98, 0x76, 0, 0xD}));
+  EXPECT_EQ(encode_reply(9, 0x15, r, Dialect::damiao, 8),
+            test::bytes(9, {0xD5, 0xFE, 0xDC, 0xBA, 0x98, 0x76, 0, 0}));
 }
 
 }  // namespace

@@ -14,7 +14,6 @@
 namespace esmc::host {
 namespace {
 
-
 class MitDrive : public testing::Test {
  protected:
   static MitAxis make(const MitAxis::Settings& s = {}, const AxisMount& m = {.node = 3}) {
@@ -73,7 +72,8 @@ TEST_F(MitDrive, CodesAreTruncated) {
 
 TEST_F(MitDrive, WhatIsOutOfRangeWrapsAround) {
   MitAxis a = make();
-  // (12.6 + 12.5) 65535 / 25 = 65797.14, less 65536; (-50.1 + 50) 4095 / 100 = -4.095, truncated, is 4092 of 4096.
+  // (12.6 + 12.5) 65535 / 25 = 65797.14, less 65536; (-50.1 + 50) 4095 / 100 = -4.095, truncated, is 4092 of
+  // 4096.
   const auto f = publish(a, 12.6, -50.1)[0];
   EXPECT_EQ(test::mit_p(f), 261U);
   EXPECT_EQ(test::mit_v(f), 4092U);
@@ -168,7 +168,8 @@ TEST_F(MitDrive, DialectsAndIdentifiersOfReplies) {
   EXPECT_EQ(publish(dm)[0].id, 0x13U);
 }
 
-// ---- with the controller ---------------------------------------------------------------------------------------
+// ---- with the controller
+// ---------------------------------------------------------------------------------------
 
 class MitLoop : public testing::Test {
  protected:

@@ -53,8 +53,10 @@ TYPED_TEST_SUITE(NoHeap, Machines);
 
 TYPED_TEST(NoHeap, InEveryLawReachingAndArrangement) {
   using S = typename TypeParam::Scalar;
-  for (const LawKind law : {LawKind::esmc, LawKind::esmc_projected, LawKind::smc, LawKind::ctc, LawKind::pd}) {
-    for (const Reaching reaching : {Reaching::sign, Reaching::saturation, Reaching::tanh, Reaching::implicit}) {
+  for (const LawKind law :
+       {LawKind::esmc, LawKind::esmc_projected, LawKind::smc, LawKind::ctc, LawKind::pd}) {
+    for (const Reaching reaching :
+         {Reaching::sign, Reaching::saturation, Reaching::tanh, Reaching::implicit}) {
       for (const Motors motors : {Motors::base, Motors::all}) {
         for (const Sensors sensors : {Sensors::base, Sensors::all}) {
           auto s = setup<TypeParam>();
@@ -74,7 +76,8 @@ TYPED_TEST(NoHeap, InEveryLawReachingAndArrangement) {
 
 TYPED_TEST(NoHeap, WithEveryOptionalPart) {
   using S = typename TypeParam::Scalar;
-  for (const ReachingPart<TypeParam> reach : {&part::super_twisting<TypeParam>, &part::implicit_coupled<TypeParam>}) {
+  for (const ReachingPart<TypeParam> reach :
+       {&part::super_twisting<TypeParam>, &part::implicit_coupled<TypeParam>}) {
     auto s = setup<TypeParam>();
     s.controller.reach = reach;
     s.controller.observer = &part::momentum_observer<TypeParam>;
@@ -96,7 +99,8 @@ TYPED_TEST(NoHeap, OnEveryKindOfReference) {
     here.position = p;
     path[i].curve = Quintic<S>::between(here, here, S(0.1));
   }
-  for (const ReferenceKind kind : {ReferenceKind::hold_start, ReferenceKind::circle, ReferenceKind::sine, ReferenceKind::path}) {
+  for (const ReferenceKind kind :
+       {ReferenceKind::hold_start, ReferenceKind::circle, ReferenceKind::sine, ReferenceKind::path}) {
     auto s = setup<TypeParam>();
     s.controller.reference.kind = kind;
     s.controller.reference.space = ReferenceSpace::effector;
@@ -132,7 +136,8 @@ TEST(HeapGuardDeathTest, CatchesEveryWayToAllocate) {
       {"aligned new", [] { kept = new Wide; }},
       {"operator new", [] { kept = ::operator new(1); }},
       {"std::vector", [] { kept = std::vector<int>(100).data(); }},
-      {"dynamic Eigen", [] {
+      {"dynamic Eigen",
+       [] {
          Eigen::MatrixXd m = Eigen::MatrixXd::Zero(5, 5);
          kept = m.data();
        }},

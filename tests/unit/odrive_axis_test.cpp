@@ -27,12 +27,13 @@ TEST(OdriveAxis, EnablingSendsModeThenClearsErrorsThenAsksForClosedLoop) {
     EXPECT_EQ(sent[1].size, v == Version::v0_6 ? 1 : 0);
     EXPECT_EQ(sent[2].id, 0x067U);
     EXPECT_EQ(word(sent[2], 0), 8U);
-    for (const CanFrame& f : sent) EXPECT_TRUE(esmc::hal::well_formed(f) && !f.extended && !f.remote && !f.fd);
+    for (const CanFrame& f : sent)
+      EXPECT_TRUE(esmc::hal::well_formed(f) && !f.extended && !f.remote && !f.fd);
   }
 }
 
-/// Set_Axis_State has the smaller identifier: mailboxes sorted by it, or a mode frame that was dropped, would arm
-/// the axis in the mode it has stored.
+/// Set_Axis_State has the smaller identifier: mailboxes sorted by it, or a mode frame that was dropped, would
+/// arm the axis in the mode it has stored.
 TEST(OdriveAxis, ClosedLoopIsAskedForOnlyAfterAHeartbeatThatIsNewerThanTheMode) {
   OdriveAxis a = axis();
   hear(a, 1);
@@ -146,8 +147,8 @@ TEST(OdriveAxis, ReadyIsLostWithTheNextHeartbeatThatSaysOtherwise) {
   EXPECT_TRUE(a.closed_loop());
 }
 
-/// An axis without motor power goes to state 8, notices, and drops out: it shows 8 in one heartbeat after every
-/// request and never two, whenever the heartbeat falls.
+/// An axis without motor power goes to state 8, notices, and drops out: it shows 8 in one heartbeat after
+/// every request and never two, whenever the heartbeat falls.
 TEST(OdriveAxis, AnAxisWithoutPowerIsNeverReady) {
   for (const int period : {1, 3, 7, 12}) {
     for (const std::uint32_t error : {0U, 0x200U}) {
@@ -221,9 +222,14 @@ TEST(OdriveAxis, TheWholeSequenceIsRepeatedRetryTicksAfterTheRequest) {
     hear(a, 1);
     const auto sent = enable(a);
     switch (tick % (retry + 1)) {
-      case 0: EXPECT_TRUE(only(sent, cmd_mode)) << tick; break;
-      case 1: EXPECT_TRUE(only(sent, cmd_axis_state)) << tick; break;
-      default: EXPECT_TRUE(sent.empty()) << tick;
+      case 0:
+        EXPECT_TRUE(only(sent, cmd_mode)) << tick;
+        break;
+      case 1:
+        EXPECT_TRUE(only(sent, cmd_axis_state)) << tick;
+        break;
+      default:
+        EXPECT_TRUE(sent.empty()) << tick;
     }
   }
 }
@@ -246,8 +252,8 @@ TEST(OdriveAxis, AskingAgainDoesNotWaitForTheRetryAndForgetsWhatWasConfirmed) {
   EXPECT_TRUE(a.ready() && enable(a).empty()) << "a ready axis is left alone";
 }
 
-/// A drive found in closed loop (left there by somebody else, in any control mode) is not ready: nobody has told
-/// it to be in torque mode. Heartbeats count only after a request.
+/// A drive found in closed loop (left there by somebody else, in any control mode) is not ready: nobody has
+/// told it to be in torque mode. Heartbeats count only after a request.
 TEST(OdriveAxis, ConfirmationsBeforeARequestDoNotCount) {
   OdriveAxis a = axis();
   for (int i = 0; i < 5; ++i) hear(a, 8);
@@ -325,7 +331,8 @@ TEST(OdriveAxis, IdleIsWhatIsHeardAfterTheLastRequest) {
   EXPECT_TRUE(a.idle());
 }
 
-/// Firmware 0.5.6 reports position 0 and speed 0, wherever the shaft is, from a boot to the first closed loop.
+/// Firmware 0.5.6 reports position 0 and speed 0, wherever the shaft is, from a boot to the first closed
+/// loop.
 TEST(OdriveAxis, ZerosBeforeTheFirstClosedLoopAreNoSample) {
   OdriveAxis a = axis(Version::v0_5_6);
   const auto told = [&](float position, float speed) {

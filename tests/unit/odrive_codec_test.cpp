@@ -1,5 +1,5 @@
-/// The ODrive codec against bytes packed by hand from the message table. Nothing here is compared with what the
-/// codec itself made.
+/// The ODrive codec against bytes packed by hand from the message table. Nothing here is compared with what
+/// the codec itself made.
 
 #include "firmware/drive/odrive.hpp"
 
@@ -26,7 +26,8 @@ using Bytes = std::vector<unsigned>;
 
 bool plain(const CanFrame& f) { return !f.extended && !f.remote && !f.fd && !f.bit_rate_switch; }
 
-// ---- golden frames ---------------------------------------------------------------------------------------------
+// ---- golden frames
+// ---------------------------------------------------------------------------------------------
 
 TEST(OdriveCodec, IdentifierIsNodeTimes32PlusCommand) {
   EXPECT_EQ(identifier(0, Message::heartbeat), 0x001U);
@@ -98,9 +99,9 @@ TEST(OdriveCodec, TorqueIsAFloatLowByteFirst) {
     float value;
     Bytes bytes;
   } golden[] = {
-      {1.5F, {0x00, 0x00, 0xC0, 0x3F}},     {-1.5F, {0x00, 0x00, 0xC0, 0xBF}},
-      {0.0F, {0x00, 0x00, 0x00, 0x00}},     {-0.0F, {0x00, 0x00, 0x00, 0x80}},
-      {0.1F, {0xCD, 0xCC, 0xCC, 0x3D}},     {-123.456F, {0x79, 0xE9, 0xF6, 0xC2}},
+      {1.5F, {0x00, 0x00, 0xC0, 0x3F}},      {-1.5F, {0x00, 0x00, 0xC0, 0xBF}},
+      {0.0F, {0x00, 0x00, 0x00, 0x00}},      {-0.0F, {0x00, 0x00, 0x00, 0x80}},
+      {0.1F, {0xCD, 0xCC, 0xCC, 0x3D}},      {-123.456F, {0x79, 0xE9, 0xF6, 0xC2}},
       {0x1p-149F, {0x01, 0x00, 0x00, 0x00}}, {0x1.fffffep127F, {0xFF, 0xFF, 0x7F, 0x7F}},
   };
   for (const auto& g : golden) {
@@ -113,8 +114,9 @@ TEST(OdriveCodec, TorqueIsAFloatLowByteFirst) {
   }
 }
 
-/// Set_Axis_State and Set_Input_Torque have 8 bytes, 4 used, in the message table, in the vendor's DBC of 0.6.10
-/// and in its own ros_odrive; firmware 0.5.6 does not look at the length, what 0.6 does with 4 is not known.
+/// Set_Axis_State and Set_Input_Torque have 8 bytes, 4 used, in the message table, in the vendor's DBC of
+/// 0.6.10 and in its own ros_odrive; firmware 0.5.6 does not look at the length, what 0.6 does with 4 is not
+/// known.
 TEST(OdriveCodec, CommandsHaveTheLengthTheVendorGives) {
   EXPECT_EQ(encode_set_axis_state(1, AxisState::idle).size, 8);
   EXPECT_EQ(encode_torque(1, 1.0F).size, 8);
@@ -160,7 +162,8 @@ TEST(OdriveCodec, WhatADriveOf06AnswersMatchesBytesPackedByHand) {
   EXPECT_TRUE(plain(v) && plain(e) && plain(a));
 }
 
-// ---- decoding --------------------------------------------------------------------------------------------------
+// ---- decoding
+// --------------------------------------------------------------------------------------------------
 
 TEST(OdriveCodec, HeartbeatFieldsAreWhereTheTableSays) {
   for (const Version v : {Version::v0_6, Version::v0_5_6}) {
@@ -227,8 +230,8 @@ TEST(OdriveCodec, NumbersThatAreNoneComeThroughForTheGuardsToSee) {
   EXPECT_EQ(e->velocity_rev_s, -infinity);
 }
 
-/// Every length, and every format a controller may hand over: accepted exactly when it is a classic data frame
-/// of the right length. Sizes beyond 8 are what a broken back end might report.
+/// Every length, and every format a controller may hand over: accepted exactly when it is a classic data
+/// frame of the right length. Sizes beyond 8 are what a broken back end might report.
 TEST(OdriveCodec, DriveMessagesAreAcceptedOnlyInTheirOwnLengthAndFormat) {
   for (int flags = 0; flags < 8; ++flags) {
     for (unsigned size = 0; size <= 64; ++size) {

@@ -24,7 +24,8 @@ TEST(OdriveAxis, ComponentErrorsOf056AreErrorsAndTrajectoryDoneIsNot) {
   }
 }
 
-// ---- emergency stop --------------------------------------------------------------------------------------------
+// ---- emergency stop
+// --------------------------------------------------------------------------------------------
 
 constexpr std::uint32_t estop_bit(Version v) { return v == Version::v0_6 ? 0x02000000 : 0x00004000; }
 
@@ -81,7 +82,8 @@ TEST(OdriveAxis, ErrorsAreClearedInTheTickOfTheirReportOrNotAtAll) {
   EXPECT_TRUE(only(enable(a), cmd_clear_errors));
 }
 
-/// An error with a cause comes back at once: it is cleared once per retry time, not at the pace of the heartbeats.
+/// An error with a cause comes back at once: it is cleared once per retry time, not at the pace of the
+/// heartbeats.
 TEST(OdriveAxis, AnErrorThatStaysIsClearedOncePerRetryTime) {
   OdriveAxis a = axis();
   std::vector<int> cleared, begun;
@@ -140,7 +142,8 @@ TEST(OdriveAxis, EmergencyStopsToItOrToAllAreItsOwnInAnyFormat) {
   }
 }
 
-// ---- the watchdog has to bite once ------------------------------------------------------------------------------
+// ---- the watchdog has to bite once
+// ------------------------------------------------------------------------------
 
 constexpr std::uint32_t watchdog_bit(Version v) { return v == Version::v0_6 ? 0x01000000U : 0x00000800U; }
 
@@ -159,20 +162,20 @@ OdriveAxis starving(Version v, std::uint32_t ticks = 20) {
 TEST(OdriveAxis, AWatchdogToBeProvenIsStarvedOnceBeforeTheAxisIsReady) {
   for (const Version v : {Version::v0_6, Version::v0_5_6}) {
     OdriveAxis a = starving(v);
-    EXPECT_TRUE(a.muted());
+    EXPECT_TRUE(a.tx_suspended());
     EXPECT_FALSE(a.ready());
     for (int n = 0; n < 5; ++n) {
       a.begin_tick();
       hear(a, 8);
       EXPECT_TRUE(enable(a).empty()) << "nothing may feed it";
-      EXPECT_TRUE(a.muted());
+      EXPECT_TRUE(a.tx_suspended());
       EXPECT_FALSE(a.ready());
     }
     a.begin_tick();
     hear(a, 1, watchdog_bit(v));
     (void)enable(a);
-    EXPECT_FALSE(a.muted());
-    EXPECT_FALSE(a.contradicted());
+    EXPECT_FALSE(a.tx_suspended());
+    EXPECT_FALSE(a.config_mismatch());
     // All of it once more, and then it is ready at the second heartbeat.
     for (int n = 0; n < 10 && !a.closed_loop(); ++n) {
       a.begin_tick();
@@ -184,7 +187,7 @@ TEST(OdriveAxis, AWatchdogToBeProvenIsStarvedOnceBeforeTheAxisIsReady) {
     a.begin_tick();
     hear(a, 8);
     EXPECT_TRUE(a.ready());
-    EXPECT_FALSE(a.muted());
+    EXPECT_FALSE(a.tx_suspended());
   }
 }
 
@@ -200,12 +203,13 @@ TEST(OdriveAxis, AnAxisThatWasSilentHasToProveItsWatchdogAgain) {
     ask(a);
     hear(a, 8);
     hear(a, 8);
-    EXPECT_EQ(a.muted(), silent > retry) << silent;
+    EXPECT_EQ(a.tx_suspended(), silent > retry) << silent;
     EXPECT_EQ(a.ready(), silent <= retry) << silent;
   }
 }
 
-/// Where heartbeats may be missing for longer than `retry`, an axis that runs is not starved when they come back: torque goes on.
+/// Where heartbeats may be missing for longer than `retry`, an axis that runs is not starved when they come
+/// back: torque goes on.
 TEST(OdriveAxis, AnAxisThatRunsIsNeverStarved) {
   for (const std::uint32_t silent : {retry, retry + 1, 3 * retry}) {
     OdriveAxis a = starving(Version::v0_6, silent == retry + 1 ? 1 : 20);
@@ -220,7 +224,7 @@ TEST(OdriveAxis, AnAxisThatRunsIsNeverStarved) {
     for (int n = 0; n < 4; ++n) {
       a.begin_tick();
       hear(a, 8);
-      EXPECT_FALSE(a.muted()) << silent;
+      EXPECT_FALSE(a.tx_suspended()) << silent;
       EXPECT_TRUE(a.closed_loop());
     }
     // Enabled the next time it has to prove its watchdog again.
@@ -230,7 +234,7 @@ TEST(OdriveAxis, AnAxisThatRunsIsNeverStarved) {
     hear(a, 8);
     a.begin_tick();
     hear(a, 8);
-    EXPECT_EQ(a.muted(), silent >= retry) << silent;
+    EXPECT_EQ(a.tx_suspended(), silent >= retry) << silent;
   }
 }
 
@@ -246,13 +250,13 @@ TEST(OdriveAxis, AnAxisThatFellIdleHasToProveItsWatchdogAgain) {
     ASSERT_TRUE(a.ready());
     hear(a, 1, bitten ? watchdog_bit(Version::v0_6) : 0);
     EXPECT_FALSE(a.ready());
-    for (std::uint32_t n = 0; n < 4 * retry && !a.ready() && !a.muted(); ++n) {
+    for (std::uint32_t n = 0; n < 4 * retry && !a.ready() && !a.tx_suspended(); ++n) {
       hear(a, a.closed_loop() ? 8 : 1);
       for (const CanFrame& f : enable(a)) {
         if ((f.id & 0x1FU) == cmd_axis_state) hear(a, 8);
       }
     }
-    EXPECT_EQ(a.muted(), !bitten);
+    EXPECT_EQ(a.tx_suspended(), !bitten);
     EXPECT_EQ(a.ready(), bitten);
   }
 }
@@ -267,9 +271,13 @@ TEST(OdriveAxis, WhateverFeedsTheWatchdogOf056IsSomebodyElsesCommand) {
       poll.size = remote ? 8 : 0;
       const Received r = old.receive(poll);
       const bool ours = command == 0x01 || command == 0x09;  // which have a length
-      EXPECT_EQ(r, command == 0x02 ? Received::accepted : ours ? Received::malformed : Received::impostor) << command;
+      EXPECT_EQ(r, command == 0x02 ? Received::accepted
+                   : ours          ? Received::malformed
+                                   : Received::foreign_command)
+          << command;
       const bool asks = remote && command != 0x01 && command != 0x02 && command != 0x09;
-      EXPECT_TRUE(!asks || now.receive(poll) == Received::not_mine) << command << ": 0.6 feeds it with set points only";
+      EXPECT_TRUE(!asks || now.receive(poll) == Received::not_mine)
+          << command << ": 0.6 feeds it with set points only";
     }
   }
 }
@@ -292,24 +300,24 @@ TEST(OdriveAxis, ASilentDriveIsStarvedToTheEnd) {
   for (std::uint32_t n = 0; n < 2 * retry; ++n) {
     a.begin_tick();
     EXPECT_TRUE(enable(a).empty()) << n;
-    EXPECT_TRUE(a.muted()) << n;
+    EXPECT_TRUE(a.tx_suspended()) << n;
   }
 }
 
 TEST(OdriveAxis, AWatchdogThatDoesNotExpireIsAContradictionUntilTheAxisIsReleased) {
   OdriveAxis a = starving(Version::v0_6, 20);
   for (int n = 1; n <= 21; ++n) {
-    EXPECT_FALSE(a.contradicted()) << n;
+    EXPECT_FALSE(a.config_mismatch()) << n;
     a.begin_tick();
     hear(a, 8);
     (void)enable(a);
   }
-  EXPECT_TRUE(a.contradicted());
+  EXPECT_TRUE(a.config_mismatch());
   EXPECT_TRUE(a.watchdog_is_off());
   EXPECT_FALSE(a.ready());
   (void)disable(a);
-  EXPECT_FALSE(a.contradicted());
-  EXPECT_FALSE(a.muted());
+  EXPECT_FALSE(a.config_mismatch());
+  EXPECT_FALSE(a.tx_suspended());
 }
 
 TEST(OdriveAxis, AnotherErrorIsNoProofOfAWatchdog) {
@@ -317,15 +325,15 @@ TEST(OdriveAxis, AnotherErrorIsNoProofOfAWatchdog) {
   a.begin_tick();
   hear(a, 1, 0x40);
   (void)enable(a);
-  EXPECT_FALSE(a.muted());
-  for (int n = 0; n < 400 && !a.muted(); ++n) {
+  EXPECT_FALSE(a.tx_suspended());
+  for (int n = 0; n < 400 && !a.tx_suspended(); ++n) {
     a.begin_tick();
     hear(a, a.closed_loop() ? 8 : 1);
     for (const CanFrame& f : enable(a)) {
       if ((f.id & 0x1FU) == cmd_axis_state) hear(a, 8);
     }
   }
-  EXPECT_TRUE(a.muted()) << "it is starved again";
+  EXPECT_TRUE(a.tx_suspended()) << "it is starved again";
   EXPECT_FALSE(a.ready());
 }
 
@@ -334,23 +342,23 @@ TEST(OdriveAxis, LeavingClosedLoopEndsTheStarving) {
   OdriveAxis a = starving(Version::v0_6);
   hear(a, 1);
   EXPECT_TRUE(enable(a).empty());
-  EXPECT_FALSE(a.muted());
+  EXPECT_FALSE(a.tx_suspended());
   ask(a);
   hear(a, 8);
   hear(a, 8);
-  EXPECT_TRUE(a.muted()) << "it is starved again";
+  EXPECT_TRUE(a.tx_suspended()) << "it is starved again";
 }
 
 /// In the tick after the last one that it has: in time.
 TEST(OdriveAxis, AWatchdogMayExpireInTheLastTick) {
   OdriveAxis a = starving(Version::v0_6, 1);
-  ASSERT_TRUE(a.muted());
+  ASSERT_TRUE(a.tx_suspended());
   hear(a, 8);
   EXPECT_TRUE(enable(a).empty());
-  EXPECT_FALSE(a.contradicted());
+  EXPECT_FALSE(a.config_mismatch());
   hear(a, 1, watchdog_bit(Version::v0_6));
   EXPECT_TRUE(enable(a).empty());
-  EXPECT_FALSE(a.contradicted() || a.muted());
+  EXPECT_FALSE(a.config_mismatch() || a.tx_suspended());
 }
 
 TEST(OdriveAxis, EveryStarvingHasAllItsTicks) {
@@ -360,8 +368,8 @@ TEST(OdriveAxis, EveryStarvingHasAllItsTicks) {
       hear(a, 8);
       (void)enable(a);
     }
-    EXPECT_TRUE(a.muted());
-    EXPECT_FALSE(a.contradicted()) << round;
+    EXPECT_TRUE(a.tx_suspended());
+    EXPECT_FALSE(a.config_mismatch()) << round;
     hear(a, 1, 0x40);
     (void)enable(a);
     ask(a);
@@ -376,15 +384,15 @@ TEST(OdriveAxis, AnErrorInClosedLoopEndsTheStarvingWithoutAProof) {
     OdriveAxis a = starving(Version::v0_6);
     hear(a, 8, error);
     EXPECT_TRUE(enable(a).empty());
-    EXPECT_FALSE(a.muted());
-    EXPECT_FALSE(a.contradicted());
+    EXPECT_FALSE(a.tx_suspended());
+    EXPECT_FALSE(a.config_mismatch());
     hear(a, 1);
     EXPECT_TRUE(only(enable(a), cmd_mode)) << "from the start";
     hear(a, 1);
     EXPECT_TRUE(only(enable(a), cmd_axis_state));
     hear(a, 8);
     hear(a, 8);
-    EXPECT_TRUE(a.muted()) << "it is starved again";
+    EXPECT_TRUE(a.tx_suspended()) << "it is starved again";
   }
 }
 

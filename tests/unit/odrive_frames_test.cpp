@@ -43,14 +43,15 @@ TEST(OdriveAxis, TakesItsHeartbeatItsEncoderAndEmergencyStopsAmongAllIdentifiers
         const bool to_us = id / 32 == node || (newer && id / 32 == 0x3F);  // 0.5.6 has no node for all
         const bool mine = id == 0x061 || id == 0x069 || (newer && id == 0x07C) || (to_us && id % 32 == 0x02);
         const bool ours = to_us && is_command(id % 32, newer);  // what we alone may send
-        EXPECT_EQ(a.receive(f), mine ? Received::accepted : (ours ? Received::impostor : Received::not_mine))
+        EXPECT_EQ(a.receive(f),
+                  mine ? Received::accepted : (ours ? Received::foreign_command : Received::not_mine))
             << std::hex << id;
         f.remote = true;
         if (id == 0x07C) {
-          EXPECT_EQ(a.receive(f), newer ? Received::not_mine : Received::impostor) << "somebody asks";
+          EXPECT_EQ(a.receive(f), newer ? Received::not_mine : Received::foreign_command) << "somebody asks";
         }
         if (ours) {
-          EXPECT_EQ(a.receive(f), newer ? Received::not_mine : Received::impostor)
+          EXPECT_EQ(a.receive(f), newer ? Received::not_mine : Received::foreign_command)
               << std::hex << id << ": a request is no command, but 0.5.6 does not look";
         }
       }
@@ -117,7 +118,8 @@ TEST(OdriveAxis, ItsEstimatedTorqueIsOfTheJointAndOfThisTick) {
   EXPECT_FALSE(fresh.alive() || fresh.heard_this_tick());
 }
 
-// ---- ages ------------------------------------------------------------------------------------------------------
+// ---- ages
+// ------------------------------------------------------------------------------------------------------
 
 TEST(OdriveAxis, AgesCountTicksSinceTheLastFrameOfTheirKind) {
   OdriveAxis a = axis();
@@ -144,7 +146,8 @@ TEST(OdriveAxis, AgesCountTicksSinceTheLastFrameOfTheirKind) {
   }
 }
 
-// ---- direction, gear, offset -----------------------------------------------------------------------------------
+// ---- direction, gear, offset
+// -----------------------------------------------------------------------------------
 
 TEST(OdriveAxis, TurnsBecomeJointAnglesAndRates) {
   constexpr double turn = 2 * 3.14159265358979323846;
@@ -156,8 +159,11 @@ TEST(OdriveAxis, TurnsBecomeJointAnglesAndRates) {
           for (const float velocity : {0.0F, 1.0F, -3.5F}) {
             (void)a.receive(encoder(node, position, velocity));
             // motor turns = direction * gear * (joint - offset) / 2 pi
-            const double angle = static_cast<double>(offset) + turn * static_cast<double>(position) * static_cast<double>(direction) / static_cast<double>(gear);
-            const double rate = turn * static_cast<double>(velocity) * static_cast<double>(direction) / static_cast<double>(gear);
+            const double angle = static_cast<double>(offset) + turn * static_cast<double>(position) *
+                                                                   static_cast<double>(direction) /
+                                                                   static_cast<double>(gear);
+            const double rate = turn * static_cast<double>(velocity) * static_cast<double>(direction) /
+                                static_cast<double>(gear);
             EXPECT_NEAR(a.sample<double>().angle, angle, 1e-14 * (1 + std::abs(angle)));
             EXPECT_NEAR(a.sample<double>().rate, rate, 1e-14 * (1 + std::abs(rate)));
             EXPECT_NEAR(static_cast<double>(a.sample<float>().angle), angle, 3e-7 * (1 + std::abs(angle)));
@@ -178,7 +184,8 @@ TEST(OdriveAxis, JointTorqueBecomesShaftTorqueOfTheSamePower) {
         const CanFrame f = test::torque_frame(a, torque);
         EXPECT_EQ(f.id, 0x06EU);
         const auto shaft = static_cast<double>(real(f, 0));
-        EXPECT_NEAR(shaft, torque * static_cast<double>(direction) / static_cast<double>(gear), 2e-7 * std::abs(torque));
+        EXPECT_NEAR(shaft, torque * static_cast<double>(direction) / static_cast<double>(gear),
+                    2e-7 * std::abs(torque));
         EXPECT_EQ(word(test::torque_frame(a, static_cast<float>(torque)), 0), word(f, 0));
         (void)a.receive(encoder(node, 0, 1));
         EXPECT_NEAR(a.sample<double>().rate * torque, 2 * 3.14159265358979 * shaft, 1e-5);

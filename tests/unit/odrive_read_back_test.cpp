@@ -82,7 +82,7 @@ TEST(OdriveReadBack, AsksForTheVersionAndThenForOneEndpointAfterTheOther) {
   EXPECT_FALSE(r.done());
   EXPECT_EQ(r.take_value(answer(78, 1000U)), Received::accepted);
   EXPECT_TRUE(r.done());
-  EXPECT_FALSE(r.contradicted());
+  EXPECT_FALSE(r.config_mismatch());
   EXPECT_FALSE(r.refused());
   EXPECT_TRUE(ask(r).empty());
 }
@@ -117,12 +117,12 @@ TEST(OdriveReadBack, AnotherVersionIsAContradiction) {
     OdriveReadBack r(table());
     (void)ask(r);
     EXPECT_EQ(r.take_version(firmware(i == 0, i == 1 ? 5 : 6, i == 2 ? 11 : 10)), Received::accepted);
-    EXPECT_TRUE(r.contradicted());
+    EXPECT_TRUE(r.config_mismatch());
     EXPECT_FALSE(r.done());
     EXPECT_EQ(r.refused(), OdriveReadBack::version_endpoint);
     EXPECT_TRUE(ask(r).empty()) << "and that is the end";
     r.restart();
-    EXPECT_FALSE(r.contradicted());
+    EXPECT_FALSE(r.config_mismatch());
     EXPECT_TRUE(r.refused()) << "for a message";
     EXPECT_EQ(ask(r).size(), 1U);
     EXPECT_FALSE(r.refused());
@@ -139,14 +139,14 @@ TEST(OdriveReadBack, BoundsAreAllowedAndWhatIsOutsideOrNoNumberIsAContradiction)
     (void)r.take_value(answer(0x1234, 1U));
     (void)ask(r);
     EXPECT_EQ(r.take_value(answer(77, v)), Received::accepted);
-    EXPECT_EQ(r.contradicted(), !(v >= 0.5F && v <= 2.0F)) << v;
+    EXPECT_EQ(r.config_mismatch(), !(v >= 0.5F && v <= 2.0F)) << v;
   }
 }
 
 TEST(OdriveReadBack, SilenceIsAContradictionAfterFourQuestions) {
   OdriveReadBack r(table());
   int asked = 0, ticks = 0;
-  while (!r.contradicted() && ticks < 1000) {
+  while (!r.config_mismatch() && ticks < 1000) {
     asked += static_cast<int>(ask(r).size());
     ++ticks;
   }
@@ -162,7 +162,7 @@ TEST(OdriveReadBack, EveryQuestionIsAskedFourTimes) {
   EXPECT_EQ(r.take_value(answer(0x1234, 1U)), Received::not_mine) << "not asked yet";
   EXPECT_EQ(ask(r).size(), 1U) << "at once";
   int asked = 1;
-  while (!r.contradicted()) asked += static_cast<int>(ask(r).size());
+  while (!r.config_mismatch()) asked += static_cast<int>(ask(r).size());
   EXPECT_EQ(asked, 4);
   EXPECT_EQ(r.refused(), 0x1234);
 }
@@ -179,14 +179,14 @@ TEST(OdriveReadBack, RestartingWithdrawsTheQuestionAndBeginsWithTheFirst) {
   ASSERT_EQ(sent.size(), 1U) << "at once";
   EXPECT_TRUE(sent[0].remote) << "the version";
   EXPECT_EQ(r.take_version(firmware(0, 6, 10)), Received::accepted);
-  EXPECT_FALSE(r.contradicted());
+  EXPECT_FALSE(r.config_mismatch());
 }
 
 TEST(OdriveReadBack, WhatTheBusDidNotTakeIsNoQuestion) {
   OdriveReadBack r(table());
   for (int i = 0; i < 50; ++i) EXPECT_EQ(ask(r, false).size(), 1U);
   EXPECT_EQ(r.take_version(firmware(0, 6, 9)), Received::not_mine) << "sent cyclically, unasked";
-  EXPECT_FALSE(r.contradicted());
+  EXPECT_FALSE(r.config_mismatch());
   EXPECT_EQ(ask(r).size(), 1U);
 }
 
@@ -206,7 +206,7 @@ TEST(OdriveReadBack, AnswersToOtherQuestionsAndUnaskedOnesAreNotOurs) {
   request = answer(0x1234, 0U);
   request.remote = true;
   EXPECT_EQ(r.take_value(request), Received::not_mine);
-  EXPECT_FALSE(r.contradicted());
+  EXPECT_FALSE(r.config_mismatch());
 }
 
 TEST(OdriveReadBack, AnswersOfAWrongLengthOrFormatAreMalformed) {
@@ -222,7 +222,8 @@ TEST(OdriveReadBack, AnswersOfAWrongLengthOrFormatAreMalformed) {
     (void)r.take_version(firmware(0, 6, 10));
     (void)ask(r);
     if (size >= 4) {
-      EXPECT_EQ(r.take_value(answer(0x1234, 1U, size)), size >= 5 ? Received::accepted : Received::malformed) << int{size};
+      EXPECT_EQ(r.take_value(answer(0x1234, 1U, size)), size >= 5 ? Received::accepted : Received::malformed)
+          << int{size};
     }
     (void)r.take_value(answer(0x1234, 1U));
     (void)ask(r);
@@ -232,11 +233,12 @@ TEST(OdriveReadBack, AnswersOfAWrongLengthOrFormatAreMalformed) {
     f = answer(77, 1.5F);
     f.fd = true;
     EXPECT_EQ(r.take_value(f), Received::malformed);
-    EXPECT_FALSE(r.contradicted());
+    EXPECT_FALSE(r.config_mismatch());
   }
 }
 
-// ---- in the axis -----------------------------------------------------------------------------------------------
+// ---- in the axis
+// -----------------------------------------------------------------------------------------------
 
 std::vector<CanFrame> enable(OdriveAxis& a) {
   Sink sink;
@@ -306,7 +308,7 @@ TEST(OdriveReadBack, AContradictedAxisIsNotArmedAndForgetsItWhenItIsDisabled) {
   hear(a);
   (void)enable(a);
   EXPECT_EQ(a.receive(answer(77, 3.0F)), Received::accepted);
-  EXPECT_TRUE(a.contradicted());
+  EXPECT_TRUE(a.config_mismatch());
   EXPECT_EQ(a.refused_endpoint(), 77);
   EXPECT_EQ(a.node(), node);
   EXPECT_FALSE(a.idle()) << "so that it is disabled once";
@@ -315,13 +317,14 @@ TEST(OdriveReadBack, AContradictedAxisIsNotArmedAndForgetsItWhenItIsDisabled) {
     EXPECT_TRUE(enable(a).empty());
   }
   a.disable([](const CanFrame&) {});
-  EXPECT_FALSE(a.contradicted());
+  EXPECT_FALSE(a.config_mismatch());
   hear(a);
   EXPECT_TRUE(a.idle());
   EXPECT_EQ(commands(enable(a)), Commands{test::cmd_mode});
 }
 
-/// A drive that may have restarted has what it had stored, whatever it answered before: it was silent, or fell idle by itself.
+/// A drive that may have restarted has what it had stored, whatever it answered before: it was silent, or
+/// fell idle by itself.
 TEST(OdriveReadBack, AnAxisThatMayHaveRestartedIsAskedAgain) {
   for (const int silent : {-1, 0, 4, 40}) {  // -1: fell idle before the second heartbeat
     OdriveAxis a({.node = node}, Version::v0_6, 20, one_check());
@@ -351,9 +354,9 @@ TEST(OdriveReadBack, AnAxisThatMayHaveRestartedIsAskedAgain) {
     }
     EXPECT_GE(asked, 2) << silent;
     EXPECT_EQ(a.receive(answer(77, 3.0F)), Received::accepted);
-    EXPECT_TRUE(a.contradicted()) << "as it is now";
+    EXPECT_TRUE(a.config_mismatch()) << "as it is now";
     for (int i = 0; i < 40; ++i) a.begin_tick();
-    EXPECT_TRUE(a.contradicted()) << "silence takes nothing back";
+    EXPECT_TRUE(a.config_mismatch()) << "silence takes nothing back";
   }
 }
 
@@ -371,7 +374,7 @@ TEST(OdriveReadBack, AnAxisThatFellIdleWhileItWasStarvedIsAskedAgain) {
     EXPECT_EQ(commands(enable(a)), Commands{test::cmd_axis_state});
     hear(a, 8);
     hear(a, 8);
-    ASSERT_TRUE(a.muted());
+    ASSERT_TRUE(a.tx_suspended());
     hear(a, 1, error);
     EXPECT_TRUE(enable(a).empty());
     bool asked = false;
@@ -404,7 +407,8 @@ TEST(OdriveReadBack, AHeartbeatThatIsMissingIsNoRestart) {
 /// Where nothing is said it is the retry time, also of one tick, and of an axis that nobody has configured.
 TEST(OdriveReadBack, NobodyIsReadyAfterTheRetryTimeWithoutAHeartbeat) {
   for (const int retry : {1, 7, 150}) {
-    OdriveAxis a = retry == 150 ? OdriveAxis() : OdriveAxis({.node = 0}, Version::v0_6, static_cast<std::uint32_t>(retry));
+    OdriveAxis a = retry == 150 ? OdriveAxis()
+                                : OdriveAxis({.node = 0}, Version::v0_6, static_cast<std::uint32_t>(retry));
     for (const int state : {1, 1, 8, 8}) {
       a.begin_tick();
       ASSERT_EQ(a.receive(test::heartbeat(0, static_cast<std::uint8_t>(state), 0)), Received::accepted);
@@ -423,11 +427,11 @@ TEST(OdriveReadBack, NobodyIsReadyAfterTheRetryTimeWithoutAHeartbeat) {
 TEST(OdriveReadBack, WritingToAConfigurationIsSomebodyElses) {
   OdriveAxis a({.node = node}, Version::v0_6, 150), old({.node = node}, Version::v0_5_6, 150, one_check());
   CanFrame write = test::message(node, read, 77 * 256 + 1, 0);
-  EXPECT_EQ(a.receive(write), Received::impostor);
+  EXPECT_EQ(a.receive(write), Received::foreign_command);
   EXPECT_EQ(old.receive(write), Received::not_mine) << "0.5.6 sends encoder errors with this number";
   EXPECT_EQ(a.receive(test::message(node, read, 77 * 256, 0)), Received::not_mine) << "somebody reads";
   write.size = 1;
-  EXPECT_EQ(a.receive(write), Received::impostor) << "however short";
+  EXPECT_EQ(a.receive(write), Received::foreign_command) << "however short";
   write.size = 0;
   EXPECT_EQ(a.receive(write), Received::not_mine);
   write.size = 8;

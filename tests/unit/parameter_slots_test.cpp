@@ -1,4 +1,5 @@
-/// Gains in two slots: what is taken at power-up and what is not, losses of power at every step, memories that fail.
+/// Gains in two slots: what is taken at power-up and what is not, losses of power at every step, memories
+/// that fail.
 
 #include <gtest/gtest.h>
 
@@ -34,7 +35,9 @@ std::vector<std::uint32_t> sealed(std::vector<std::uint32_t> w) {
 
 template <class Memory>
 struct Store {
-  explicit Store(Memory& m, std::uint32_t of = scene) : slots(m, link_config().parameters, of, 50) { taken = slots.load(); }
+  explicit Store(Memory& m, std::uint32_t of = scene) : slots(m, link_config().parameters, of, 50) {
+    taken = slots.load();
+  }
   /// How many polls it took.
   int finish() {
     int n = 0;
@@ -61,7 +64,8 @@ using Contents = std::vector<SlotContent>;
 
 TYPED_TEST(Slots, ARecordWordByWord) {
   // Checksums by another program, zlib's.
-  const std::vector<std::uint32_t> seven{0x45534D01, 7, 0x89ABCDEF, 0x425E0000, 0x42200000, 0x43160000, 0x43960000, 0x27074A0F};
+  const std::vector<std::uint32_t> seven{0x45534D01, 7,          0x89ABCDEF, 0x425E0000,
+                                         0x42200000, 0x43160000, 0x43960000, 0x27074A0F};
   this->nvm.put(1, seven);
   Store s(this->nvm);
   EXPECT_EQ(s.taken, (Gains{55.5F, 40, 150, 300}));
@@ -69,7 +73,8 @@ TYPED_TEST(Slots, ARecordWordByWord) {
   EXPECT_EQ(s.slots.status().sequence, 7U);
   s.slots.store({20, 30, 100, 300});
   s.finish();
-  const std::vector<std::uint32_t> eight{0x45534D01, 8, 0x89ABCDEF, 0x41A00000, 0x41F00000, 0x42C80000, 0x43960000, 0xA897C34C};
+  const std::vector<std::uint32_t> eight{0x45534D01, 8,          0x89ABCDEF, 0x41A00000,
+                                         0x41F00000, 0x42C80000, 0x43960000, 0xA897C34C};
   EXPECT_EQ(std::vector<std::uint32_t>(this->nvm.slots[0].begin(), this->nvm.slots[0].begin() + 8), eight);
   EXPECT_EQ(std::vector<std::uint32_t>(this->nvm.slots[1].begin(), this->nvm.slots[1].begin() + 8), seven);
 }
@@ -89,7 +94,8 @@ TYPED_TEST(Slots, AnEmptyMemoryTakesTheFirstRecordAndThenTurnAbout) {
     Store again(this->nvm);
     EXPECT_EQ(again.taken, g);
     EXPECT_EQ(again.slots.status().used, 1 + (n + 1) % 2);
-    EXPECT_EQ(again.contents(), (Contents{SlotContent::valid, n == 1 ? SlotContent::empty : SlotContent::valid}));
+    EXPECT_EQ(again.contents(),
+              (Contents{SlotContent::valid, n == 1 ? SlotContent::empty : SlotContent::valid}));
   }
 }
 
@@ -142,7 +148,9 @@ TYPED_TEST(Slots, WhatIsWrongIsIgnoredAsAWhole) {
     w[i] = v;
     return w;
   };
-  const auto gain = [&](std::size_t i, float v) { return sealed(changed(3 + i, std::bit_cast<std::uint32_t>(v))); };
+  const auto gain = [&](std::size_t i, float v) {
+    return sealed(changed(3 + i, std::bit_cast<std::uint32_t>(v)));
+  };
   const std::vector<Case> cases{
       {"mark", sealed(changed(0, 0x45534E01)), SlotContent::damaged},
       {"zeros", std::vector<std::uint32_t>(8, 0), SlotContent::damaged},
@@ -257,7 +265,8 @@ TYPED_TEST(Slots, OfTwoOtherScenesTheOlderOneIsGivenUp) {
   }
 }
 
-constexpr Torn ways[] = {Torn::unreadable, Torn::as_before, Torn::as_after, Torn::half_the_words, Torn::half_the_bits};
+constexpr Torn ways[] = {Torn::unreadable, Torn::as_before, Torn::as_after, Torn::half_the_words,
+                         Torn::half_the_bits};
 
 TYPED_TEST(Slots, PowerLostAtAnyStepOfStoringLeavesTheOldRecordOrTheNewOne) {
   int seen_old = 0, seen_new = 0;
@@ -338,7 +347,8 @@ TYPED_TEST(Slots, ForgettingLeavesBothEmpty) {
   EXPECT_FALSE(Store(this->nvm).taken);
   s.slots.store(wanted);
   s.finish();
-  EXPECT_EQ(s.contents(), (Contents{SlotContent::valid, SlotContent::empty})) << "none of them is to be spared any more";
+  EXPECT_EQ(s.contents(), (Contents{SlotContent::valid, SlotContent::empty}))
+      << "none of them is to be spared any more";
   EXPECT_EQ(Store(this->nvm).taken, wanted);
 }
 

@@ -1,4 +1,5 @@
-/// What fits the confirmed zero, the command and the clock: the cycle on drives made of bytes, and the parts alone.
+/// What fits the confirmed zero, the command and the clock: the cycle on drives made of bytes, and the parts
+/// alone.
 
 #include <gtest/gtest.h>
 
@@ -16,7 +17,8 @@ using esmc::State;
 using Five = FiveBar<double>;
 using Rig = esmc::test::Rig<Five>;
 
-// ---- zero ------------------------------------------------------------------------------------------------------
+// ---- zero
+// ------------------------------------------------------------------------------------------------------
 
 /// Encoders that count from where they were switched on: off by 0.3 and -0.2 rad.
 esmc::test::Setup<Five> relative() {
@@ -78,7 +80,8 @@ TEST(ZeroPose, IsNotConfirmedBySilentEncodersNorWhileRunningNorTwiceAsFar) {
   EXPECT_NEAR(twice.cycle.sample().angle[0], esmc::test::setup<Five>().angle[0] + 0.01, 1e-6);
 }
 
-/// Drives that say where they are only once they are set up (CiA 402): enabling gets that far, not to a torque.
+/// Drives that say where they are only once they are set up (CiA 402): enabling gets that far, not to a
+/// torque.
 TEST(ZeroPose, EncodersThatAreSilentUntilEnabledAreWaitedForAndThenToBeConfirmed) {
   Rig late(relative());
   late.sends_encoder.fill(false);
@@ -113,8 +116,8 @@ TEST(ZeroPose, ADriveThatWasAwayHasLostIt) {
   EXPECT_EQ(rig.cycle.supervisor().fault(), Fault::zero_not_confirmed);
 }
 
-/// The heartbeats of passive encoders are not looked at, and may be off or slower than ours must be: what tells that one
-/// was away is its samples.
+/// The heartbeats of passive encoders are not looked at, and may be off or slower than ours must be: what
+/// tells that one was away is its samples.
 TEST(ZeroPose, APassiveEncoderThatWasAwayHasLostItWhateverItsHeartbeat) {
   for (const bool beaten : {false, true}) {
     for (const int silent : {0, 20, 21}) {
@@ -146,12 +149,13 @@ TEST(ZeroPose, AbsoluteEncodersHaveNothingToConfirm) {
   EXPECT_EQ(rig.cycle.sample().angle, before);
 }
 
-// ---- reported torque -------------------------------------------------------------------------------------------
+// ---- reported torque
+// -------------------------------------------------------------------------------------------
 
-using Echo = esmc::TorqueEcho<Five>;
+using Echo = esmc::TorqueFeedbackCheck<Five>;
 constexpr double tick = 1e-3;
 
-TEST(TorqueEcho, ADriveThatFollowsInItsTimeIsPlausible) {
+TEST(TorqueFeedbackCheck, ADriveThatFollowsInItsTimeIsPlausible) {
   Echo echo(0.05, 5e-3, tick);
   double real = 0.0;
   for (int n = 0; n < 500; ++n) {
@@ -162,28 +166,30 @@ TEST(TorqueEcho, ADriveThatFollowsInItsTimeIsPlausible) {
   }
 }
 
-TEST(TorqueEcho, FiveTicksOffInARowAreAFault) {
+TEST(TorqueFeedbackCheck, FiveTicksOffInARowAreAFault) {
   for (const double off : {0.049, 0.051, -0.051}) {
     Echo echo(0.05, 0.0, tick);
     echo.told({1.0, 0, 0, 0});
     for (int n = 1; n <= 8; ++n) {
-      EXPECT_EQ(echo.plausible(0, static_cast<float>(1.0 + off)), std::abs(off) < 0.05 || n < 5) << off << ' ' << n;
+      EXPECT_EQ(echo.plausible(0, static_cast<float>(1.0 + off)), std::abs(off) < 0.05 || n < 5)
+          << off << ' ' << n;
     }
   }
   Echo echo(0.05, 0.0, tick);
-  for (int n = 1; n <= 20; ++n) EXPECT_TRUE(echo.plausible(2, n % 5 == 0 ? 0.0F : 1.0F)) << "one that fits begins anew";
+  for (int n = 1; n <= 20; ++n)
+    EXPECT_TRUE(echo.plausible(2, n % 5 == 0 ? 0.0F : 1.0F)) << "one that fits begins anew";
   const float nan = std::numeric_limits<float>::quiet_NaN();
   for (int n = 1; n <= 5; ++n) EXPECT_EQ(echo.plausible(3, nan), n < 5);
 }
 
-TEST(TorqueEcho, WhatWasOffBeforeThereWasTorqueIsForgotten) {
+TEST(TorqueFeedbackCheck, WhatWasOffBeforeThereWasTorqueIsForgotten) {
   Echo echo(0.05, 0.0, tick);
   for (int n = 1; n <= 4; ++n) EXPECT_TRUE(echo.plausible(1, 1.0F));
   echo.forget();
   for (int n = 1; n <= 6; ++n) EXPECT_EQ(echo.plausible(1, 1.0F), n < 5) << n;
 }
 
-TEST(TorqueEcho, WithoutToleranceNothingIsCompared) {
+TEST(TorqueFeedbackCheck, WithoutToleranceNothingIsCompared) {
   Echo echo(0.0, 0.0, tick);
   for (int n = 0; n < 20; ++n) {
     EXPECT_TRUE(echo.plausible(0, 100.0F));
@@ -191,7 +197,7 @@ TEST(TorqueEcho, WithoutToleranceNothingIsCompared) {
   }
 }
 
-TEST(TorqueEcho, ReportsNeedNotComeInEveryTick) {
+TEST(TorqueFeedbackCheck, ReportsNeedNotComeInEveryTick) {
   Echo echo(0.05, 0.0, tick);
   for (int n = 1; n <= 5; ++n) {
     for (int i = 0; i < 9; ++i) EXPECT_TRUE(echo.plausible(2, std::nullopt));
@@ -199,7 +205,8 @@ TEST(TorqueEcho, ReportsNeedNotComeInEveryTick) {
   }
 }
 
-// ---- phase and lead --------------------------------------------------------------------------------------------
+// ---- phase and lead
+// --------------------------------------------------------------------------------------------
 
 TEST(Phase, AnglesAreTakenToWhereTheyWillBeWhenTheTorqueActs) {
   auto s = esmc::test::setup<Five>();
@@ -259,7 +266,8 @@ TEST(Phase, ABusThatStampsItsFramesGivesItToTheSample) {
     EXPECT_TRUE(old.all_zero()) << us;
   }
 
-  // What comes after the sample, a heartbeat, has an age of its own; another sample counts from its own arrival.
+  // What comes after the sample, a heartbeat, has an age of its own; another sample counts from its own
+  // arrival.
   struct Aging : esmc::test::FakeBus {
     std::uint32_t age_us = 900;
     [[nodiscard]] std::uint32_t frame_age_us() const { return age_us; }

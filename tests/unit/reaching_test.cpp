@@ -97,7 +97,8 @@ TYPED_TEST(ReachingLaw, ImplicitLayerIsTheOneOfF39) {
   EXPECT_EQ(implicit_layer(S(8), S(0.25), S(2)), S(6));
 }
 
-/// All channels at once: to + K sw(s), each with its own gain and layer; on the surface, nothing is added to the bit.
+/// All channels at once: to + K sw(s), each with its own gain and layer; on the surface, nothing is added to
+/// the bit.
 TYPED_TEST(ReachingLaw, IsAddedChannelByChannel) {
   using S = TypeParam;
   const Vec<S, 5> s(S(-3), S(-0.25), S(0), S(0.5), S(2)), k(S(7), S(5), S(3), S(2), S(11)),
@@ -117,15 +118,17 @@ TYPED_TEST(ReachingLaw, IsAddedChannelByChannel) {
   }
 }
 
-/// A channel may have K = 0 (Gains: k >= 0). At s = 0, where a mechanism at rest on its reference starts, K sw(s) must be 0
-/// and not 0 * NaN: its implicit layer is not 0.
+/// A channel may have K = 0 (Gains: k >= 0). At s = 0, where a mechanism at rest on its reference starts, K
+/// sw(s) must be 0 and not 0 * NaN: its implicit layer is not 0.
 TYPED_TEST(ReachingLaw, AChannelWithoutGainAsksForNothing) {
   using S = TypeParam;
   for (const S k : {S(0), std::numeric_limits<S>::denorm_min()}) {  // the layer of the second would be 0, too
     const S layer = implicit_layer(k, S(0.001), S(0));
     EXPECT_GT(layer, S(0));
-    for (const S s : {S(0), S(1), S(-1)}) EXPECT_LE(std::fabs(k * switching(Reaching::implicit, s, layer)), k) << s;
-    for (const S s : {S(0), S(-0.0)}) EXPECT_EQ(switching(Reaching::implicit, s, layer), S(0)) << "on the surface";
+    for (const S s : {S(0), S(1), S(-1)})
+      EXPECT_LE(std::fabs(k * switching(Reaching::implicit, s, layer)), k) << s;
+    for (const S s : {S(0), S(-0.0)})
+      EXPECT_EQ(switching(Reaching::implicit, s, layer), S(0)) << "on the surface";
   }
 }
 

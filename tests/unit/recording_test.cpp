@@ -9,8 +9,8 @@
 #include <limits>
 #include <string>
 
-#include "host_sim/record/recording.hpp"
 #include "host_sim/error.hpp"
+#include "host_sim/record/recording.hpp"
 #include "host_sim/record/table.hpp"
 #include "host_sim/scene/scene.hpp"
 #include "host_sim/version.hpp"
@@ -32,11 +32,14 @@ class RecordingFiles : public testing::Test {
     summary("0");
   }
   ~RecordingFiles() override { std::filesystem::remove_all(path_); }
-  void write(const std::string& name, const std::string& text) const { std::ofstream(path_ + "/" + name, std::ios::binary) << text; }
+  void write(const std::string& name, const std::string& text) const {
+    std::ofstream(path_ + "/" + name, std::ios::binary) << text;
+  }
   void summary(const std::string& ticks) const {
     write("summary.json", R"({"run": {"command": "plant", "version": ")" + std::string(version) +
-                              R"(", "realtime": false, "scalar": "double", "scene_digest": ")" + scene_digest(Scene{}) +
-                              R"("}, "seed": 1, "ticks": )" + ticks + R"(, "bus": {"frames": 1, "lost": 0}})");
+                              R"(", "realtime": false, "scalar": "double", "scene_digest": ")" +
+                              scene_digest(Scene{}) + R"("}, "seed": 1, "ticks": )" + ticks +
+                              R"(, "bus": {"frames": 1, "lost": 0}})");
   }
   [[nodiscard]] Recording read() const { return read_recording(path_, false); }
 

@@ -259,7 +259,7 @@ TYPED_TEST_SUITE(RigidPlatformOnThreeLegs, Scalars, ScalarName);
 
 TYPED_TEST(RigidPlatformOnThreeLegs, RatesAndBiasAreDerivativesAndKeepClosure) {
   using S = TypeParam;
-  Accuracy C("C"), bias("bias"), mixed("mixed"), closed("AC"), transposed("transposed");
+  Accuracy C("C"), bias("bias"), mixed("mixed"), closed("AC"), joint_torques("joint_torques");
   for (std::uint64_t seed = 0; seed < kCases; ++seed) {
     const Case<S> c(seed);
     Random r(~seed);
@@ -305,10 +305,10 @@ TYPED_TEST(RigidPlatformOnThreeLegs, RatesAndBiasAreDerivativesAndKeepClosure) {
                                               c.oracle.complete(c.q, {}, c.oracle.gamma(c.q, c.qd, bo)))),
                   1);
     const Vec<S, 27> w = r.vector<S, 27>(1);
-    transposed.compare(seed, c.m.platform_force(c.pose, w),
-                       (want.transpose() * w.template cast<Real>()).eval(), want.cwiseAbs().maxCoeff());
+    joint_torques.compare(seed, c.m.platform_force(c.pose, w),
+                          (want.transpose() * w.template cast<Real>()).eval(), want.cwiseAbs().maxCoeff());
   }
-  for (const Accuracy* x : {&C, &closed, &transposed}) x->expect_below(100 * kEpsilon<S>);
+  for (const Accuracy* x : {&C, &closed, &joint_torques}) x->expect_below(100 * kEpsilon<S>);
   for (const Accuracy* x : {&bias, &mixed}) x->expect_below(300 * kEpsilon<S>);
 }
 

@@ -17,7 +17,8 @@ using esmc::Fault;
 using esmc::limit_torque;
 using esmc::TorqueCheck;
 
-// ---- guards ----------------------------------------------------------------------------------------------------
+// ---- guards
+// ----------------------------------------------------------------------------------------------------
 
 template <class S>
 using Numbers = std::numeric_limits<S>;
@@ -25,13 +26,21 @@ using Numbers = std::numeric_limits<S>;
 /// Crowded around every limit, plus the ones nobody sends on purpose.
 template <class S>
 std::vector<S> around(std::initializer_list<S> limits) {
-  std::vector<S> v{S(0), -S(0), Numbers<S>::denorm_min(), -Numbers<S>::denorm_min(), Numbers<S>::min(),
-                   Numbers<S>::max(), Numbers<S>::lowest(), Numbers<S>::infinity(), -Numbers<S>::infinity(),
-                   Numbers<S>::quiet_NaN(), -Numbers<S>::quiet_NaN()};
+  std::vector<S> v{S(0),
+                   -S(0),
+                   Numbers<S>::denorm_min(),
+                   -Numbers<S>::denorm_min(),
+                   Numbers<S>::min(),
+                   Numbers<S>::max(),
+                   Numbers<S>::lowest(),
+                   Numbers<S>::infinity(),
+                   -Numbers<S>::infinity(),
+                   Numbers<S>::quiet_NaN(),
+                   -Numbers<S>::quiet_NaN()};
   for (const S limit : limits) {
     for (const S x : {limit, -limit}) {
-      v.insert(v.end(), {x, std::nextafter(x, Numbers<S>::infinity()), std::nextafter(x, -Numbers<S>::infinity()),
-                         x * S(0.5), x * S(2)});
+      v.insert(v.end(), {x, std::nextafter(x, Numbers<S>::infinity()),
+                         std::nextafter(x, -Numbers<S>::infinity()), x * S(0.5), x * S(2)});
     }
   }
   return v;
@@ -47,9 +56,12 @@ class Guards : public testing::Test {
   static esmc::Limits<S> limits() {
     return {type1, type2, speed, closure, {x0, x1}, {y0, y1}, {{{a0, a1}, {b0, b1}}}, 2, S(0.125)};
   }
-  static esmc::Measured<S> good() { return {S(0.5), S(0.6), S(0), S(0), S(0.2), true, {S(1), S(1)}, {S(3), S(-3)}}; }
+  static esmc::Measured<S> good() {
+    return {S(0.5), S(0.6), S(0), S(0), S(0.2), true, {S(1), S(1)}, {S(3), S(-3)}};
+  }
 
-  /// One quantity the guard looks at: where it is, the values to try, which are allowed and what the fault is.
+  /// One quantity the guard looks at: where it is, the values to try, which are allowed and what the fault
+  /// is.
   struct Quantity {
     S& (*of)(esmc::Measured<S>&);
     std::vector<S> values;
@@ -66,9 +78,11 @@ class Guards : public testing::Test {
         {[](M& m) -> S& { return m.closure; }, around({closure}),
          [](S v) { return !std::isnan(v) && !std::isgreater(v, closure); }, Fault::loop_not_closed},
         {[](M& m) -> S& { return m.x; }, around({x0, x1}),
-         [](S v) { return std::isfinite(v) && !std::isless(v, x0) && !std::isgreater(v, x1); }, Fault::workspace},
+         [](S v) { return std::isfinite(v) && !std::isless(v, x0) && !std::isgreater(v, x1); },
+         Fault::workspace},
         {[](M& m) -> S& { return m.y; }, around({y0, y1}),
-         [](S v) { return std::isfinite(v) && !std::isless(v, y0) && !std::isgreater(v, y1); }, Fault::workspace},
+         [](S v) { return std::isfinite(v) && !std::isless(v, y0) && !std::isgreater(v, y1); },
+         Fault::workspace},
         {[](M& m) -> S& { return m.joint_angle[0]; }, around({a0, a1}),
          [](S v) { return std::isfinite(v) && !std::isless(v, a0) && !std::isgreater(v, a1); },
          Fault::joint_angle},
@@ -150,7 +164,8 @@ TYPED_TEST(Guards, WithoutGivenRangesEveryFiniteValueIsInsideAndNothingElse) {
   for (const S v : around<S>({S(1)})) EXPECT_EQ(open.contains(v), std::isfinite(v)) << v;
 }
 
-/// Both mechanisms have two base joints; nobody has confirmed a mode, and no sample may be missed, unless told.
+/// Both mechanisms have two base joints; nobody has confirmed a mode, and no sample may be missed, unless
+/// told.
 TYPED_TEST(Guards, DefaultsAllowNothing) {
   using S = TypeParam;
   EXPECT_EQ(esmc::Measured<S>{}.joint_angle.size(), 2U);
@@ -175,7 +190,8 @@ TYPED_TEST(Guards, WhileHaltingOnlyBoxAndJointRangesAreOpen) {
       esmc::Measured<S> m = this->good();
       q.of(m) = v;
       const bool open = q.fault == Fault::workspace || q.fault == Fault::joint_angle;
-      EXPECT_EQ(guard(l, m), (open ? std::isfinite(v) : q.allowed(v)) ? Fault::none : q.fault) << name(q.fault) << ' ' << v;
+      EXPECT_EQ(guard(l, m), (open ? std::isfinite(v) : q.allowed(v)) ? Fault::none : q.fault)
+          << name(q.fault) << ' ' << v;
     }
   }
 }
@@ -187,7 +203,8 @@ TYPED_TEST(Guards, FiniteMeansFinite) {
   }
 }
 
-// ---- torque ----------------------------------------------------------------------------------------------------
+// ---- torque
+// ----------------------------------------------------------------------------------------------------
 
 TYPED_TEST(Guards, TorqueIsPassedClampedOrZero) {
   using S = TypeParam;

@@ -85,7 +85,7 @@ TYPED_TEST(SerialChain, RatesBiasAndTransposeAreDerivatives) {
   using S = typename TypeParam::S;
   constexpr std::size_t n = TypeParam::n;
   constexpr int N = TypeParam::joints, K = 4 * N;
-  Accuracy rates("rates"), bias("bias"), mixed("bias_mixed"), transposed("transposed"), tip("tip"),
+  Accuracy rates("rates"), bias("bias"), mixed("bias_mixed"), joint_torques("joint_torques"), tip("tip"),
       tip_rate("tip_rate"), tip_bias("tip_bias"), centres("centres"), error("error");
   for (std::uint64_t seed = 0; seed < kCases; ++seed) {
     Random r(seed);
@@ -113,7 +113,7 @@ TYPED_TEST(SerialChain, RatesBiasAndTransposeAreDerivatives) {
       unit[static_cast<unsigned>(i)] = 1;
       want[i] = eigen(channel_rates(t.oracle, qo, unit)).dot(w.template cast<Real>());
     }
-    transposed.compare(seed, m.transposed(pose, w), want, 1);
+    joint_torques.compare(seed, m.joint_torques(pose, w), want, 1);
 
     const auto x = t.oracle.tip(qo);
     const auto v = t.oracle.tip(along(qo, ao));
@@ -136,7 +136,7 @@ TYPED_TEST(SerialChain, RatesBiasAndTransposeAreDerivatives) {
   }
   const Real eps = kEpsilon<S>;
   for (const Accuracy* x :
-       {&rates, &bias, &mixed, &transposed, &tip, &tip_rate, &tip_bias, &centres, &error}) {
+       {&rates, &bias, &mixed, &joint_torques, &tip, &tip_rate, &tip_bias, &centres, &error}) {
     x->expect_below(30 * eps);
   }
 }
@@ -146,12 +146,14 @@ TYPED_TEST(SerialChain, RatesBiasAndTransposeAreDerivatives) {
 TYPED_TEST(SerialChain, CompareAndResolveAreErrorsRatesAndAccelerations) {
   using S = typename TypeParam::S;
   constexpr int N = TypeParam::joints, K = 4 * N;
-  Accuracy error("error"), rates("rates"), accelerations("accelerations"), resolved("resolved"), pushed("pushed");
+  Accuracy error("error"), rates("rates"), accelerations("accelerations"), resolved("resolved"),
+      pushed("pushed");
   for (std::uint64_t seed = 0; seed < kCases; ++seed) {
     Random r(seed);
     const TypeParam t(r);
     const auto& m = t.chain;
-    const Vec<S, N> q = r.vector<S, N>(2), to = r.vector<S, N>(2), a = r.vector<S, N>(5), b = r.vector<S, N>(5), c = r.vector<S, N>(20);
+    const Vec<S, N> q = r.vector<S, N>(2), to = r.vector<S, N>(2), a = r.vector<S, N>(5),
+                    b = r.vector<S, N>(5), c = r.vector<S, N>(20);
     const auto pose = m.pose(q), desired = m.pose(to);
     const auto unset = Vec<S, K>::Constant(std::numeric_limits<S>::quiet_NaN()).eval();
     Vec<S, K> e = unset, rate = unset, reference = unset, speed = unset, push = unset;
@@ -168,20 +170,25 @@ TYPED_TEST(SerialChain, CompareAndResolveAreErrorsRatesAndAccelerations) {
       told[row] += 1;
     });
     EXPECT_EQ(told, (Vec<int, K>::Constant(2).eval())) << seed;
-    const auto here = t.oracle.channels(row<TypeParam::n>(q)), there = t.oracle.channels(row<TypeParam::n>(to));
+    const auto here = t.oracle.channels(row<TypeParam::n>(q)),
+               there = t.oracle.channels(row<TypeParam::n>(to));
     for (int i = 0; i < K; ++i) {
       const auto k = static_cast<unsigned>(i);
       const bool angle = i < 2 * N && !(i < N && t.oracle.slides[k]);
-      error.take(seed, std::fabs(Real(e[i]) - (angle ? detail::wrap(there[k] - here[k]) : there[k] - here[k])));
+      error.take(seed,
+                 std::fabs(Real(e[i]) - (angle ? detail::wrap(there[k] - here[k]) : there[k] - here[k])));
     }
-    const auto qo = row<TypeParam::n>(q), too = row<TypeParam::n>(to), ao = row<TypeParam::n>(a), bo = row<TypeParam::n>(b),
-               co = row<TypeParam::n>(c);
-    rates.compare(seed, rate, (eigen(channel_rates(t.oracle, too, ao)) - eigen(channel_rates(t.oracle, qo, bo))).eval(), 1);
+    const auto qo = row<TypeParam::n>(q), too = row<TypeParam::n>(to), ao = row<TypeParam::n>(a),
+               bo = row<TypeParam::n>(b), co = row<TypeParam::n>(c);
+    rates.compare(seed, rate,
+                  (eigen(channel_rates(t.oracle, too, ao)) - eigen(channel_rates(t.oracle, qo, bo))).eval(),
+                  1);
     accelerations.compare(seed, reference, eigen(channel_accelerations(t.oracle, too, ao, ao, co)), 1);
     resolved.compare(seed, speed, eigen(channel_rates(t.oracle, qo, ao)), 1);
     pushed.compare(seed, push, eigen(channel_accelerations(t.oracle, qo, ao, bo, co)), 1);
   }
-  for (const Accuracy* x : {&error, &rates, &accelerations, &resolved, &pushed}) x->expect_below(30 * kEpsilon<S>);
+  for (const Accuracy* x : {&error, &rates, &accelerations, &resolved, &pushed})
+    x->expect_below(30 * kEpsilon<S>);
 }
 
 TYPED_TEST(SerialChain, ReducedDynamicsIsLagrange) {
@@ -201,17 +208,17 @@ TYPED_TEST(SerialChain, ReducedDynamicsIsLagrange) {
     Vec<Real, N> rest;
     for (int i = 0; i < N; ++i) {
       got.col(i) =
-          m.transposed(pose, (m.mass().array() * m.rates(pose, Vec<S, N>::Unit(i)).array()).matrix());
+          m.joint_torques(pose, (m.mass().array() * m.rates(pose, Vec<S, N>::Unit(i)).array()).matrix());
       const auto k = static_cast<unsigned>(i);
       for (int j = 0; j < N; ++j) want(i, j) = eq.mass[k][static_cast<unsigned>(j)];
       rest[i] = eq.rest[k] + resist(t.oracle.bar[k], Real(qd[i]));
     }
     H.compare(seed, got, want);
-    h.compare(seed, m.transposed(pose, m.force(m.bias(pose, qd, qd), qd)), rest, 10);
+    h.compare(seed, m.joint_torques(pose, m.force(m.bias(pose, qd, qd), qd)), rest, 10);
     const Row<n> qdd = t.oracle.accelerate(row<n>(q), row<n>(qd), row<n>(tau));
     const Vec<S, 4 * N> pdot =
         eigen(channel_accelerations(t.oracle, row<n>(q), row<n>(qd), row<n>(qd), qdd)).template cast<S>();
-    inverse.compare(seed, m.transposed(pose, m.force(pdot, qd)), tau,
+    inverse.compare(seed, m.joint_torques(pose, m.force(pdot, qd)), tau,
                     pdot.template cast<Real>().cwiseAbs().maxCoeff());
   }
   for (const Accuracy* x : {&H, &h, &inverse}) x->expect_below(50 * kEpsilon<S>);

@@ -1,5 +1,5 @@
-/// slcan against lines written by hand, or by this file's own printf and sscanf. Nothing is compared with what the
-/// encoder itself made.
+/// slcan against lines written by hand, or by this file's own printf and sscanf. Nothing is compared with
+/// what the encoder itself made.
 
 #include "hal/slcan/slcan.hpp"
 
@@ -68,7 +68,8 @@ std::vector<Example> examples() {
       {"t7FF8FFFFFFFFFFFFFFFF\r", frame(0x7FF, {0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF})},
       {"t02E4CDCC4C3E\r", frame(0x02E, {0xCD, 0xCC, 0x4C, 0x3E})},
       {"T0000010021133\r", frame(0x100, {0x11, 0x33}, true)},
-      {"T1FFFFFFF80123456789ABCDEF\r", frame(0x1FFFFFFF, {0x01, 0x23, 0x45, 0x67, 0x89, 0xAB, 0xCD, 0xEF}, true)},
+      {"T1FFFFFFF80123456789ABCDEF\r",
+       frame(0x1FFFFFFF, {0x01, 0x23, 0x45, 0x67, 0x89, 0xAB, 0xCD, 0xEF}, true)},
       {"T000000000\r", frame(0, {}, true)},
       {"r1002\r", remote(0x100, 2)},
       {"r7FF8\r", remote(0x7FF, 8)},
@@ -113,8 +114,9 @@ TEST(Slcan, RandomFramesThereAndBackThroughPrintf) {
     f.id = static_cast<std::uint32_t>(random()) & (f.extended ? 0x1FFFFFFFU : 0x7FFU);
     f.size = static_cast<std::uint8_t>(random() % 9U);
     std::array<char, 64> text{};
-    int length = std::snprintf(text.data(), text.size(), f.extended ? "%c%08X%X" : "%c%03X%X",
-                               f.remote ? (f.extended ? 'R' : 'r') : (f.extended ? 'T' : 't'), f.id, unsigned{f.size});
+    int length =
+        std::snprintf(text.data(), text.size(), f.extended ? "%c%08X%X" : "%c%03X%X",
+                      f.remote ? (f.extended ? 'R' : 'r') : (f.extended ? 'T' : 't'), f.id, unsigned{f.size});
     for (std::size_t i = 0; i < f.size && !f.remote; ++i) {
       f.data.at(i) = static_cast<std::uint8_t>(random());
       length += std::snprintf(&text.at(static_cast<std::size_t>(length)), 3, "%02X", unsigned{f.data.at(i)});
@@ -147,12 +149,69 @@ TEST(Slcan, WhatItCannotSayIsRefusedAndTheLineUntouched) {
 
 TEST(Slcan, HostileLinesAreCountedAndTheNextFrameIsHeard) {
   std::vector<std::string> bad = {
-      "t", "r", "T", "R", "t1", "t10", "t100", "t1001", "t10011", "t1002113", "t100211334", "t1002113344", "t10021133445",
-      "t100211334455A", "t1000AB", "r10021133A", "r1002113", "T00000100211", "T000001002113", "R00000100",
-      "t8000", "tFFF0", "T200000000", "TFFFFFFFF0", "R200000000", "r8000",  // identifiers out of range
-      "t10g0", "t10G0", "t10`0", "t10@0", "t10:0", "t10/0", "t1001/0", "t10010/", "tg000", "t1002113x", "t100211 3", "t1002-133", "t+100", "T0x000010", "t1001\x80\x80", "t1001\xFF\xFF",
-      "t10021133EA5G", "t10021133 A5F", "d1000", "D000001000", "b1000", "x", "V1013", "NA123", "F00", "O", "C", "S8",
-      "Z1", "zz", "zt1000", " t1000", "t1000 ", "t1000\n", "\nt1000", "t1\a000", "t1000\a",
+      "t",
+      "r",
+      "T",
+      "R",
+      "t1",
+      "t10",
+      "t100",
+      "t1001",
+      "t10011",
+      "t1002113",
+      "t100211334",
+      "t1002113344",
+      "t10021133445",
+      "t100211334455A",
+      "t1000AB",
+      "r10021133A",
+      "r1002113",
+      "T00000100211",
+      "T000001002113",
+      "R00000100",
+      "t8000",
+      "tFFF0",
+      "T200000000",
+      "TFFFFFFFF0",
+      "R200000000",
+      "r8000",  // identifiers out of range
+      "t10g0",
+      "t10G0",
+      "t10`0",
+      "t10@0",
+      "t10:0",
+      "t10/0",
+      "t1001/0",
+      "t10010/",
+      "tg000",
+      "t1002113x",
+      "t100211 3",
+      "t1002-133",
+      "t+100",
+      "T0x000010",
+      "t1001\x80\x80",
+      "t1001\xFF\xFF",
+      "t10021133EA5G",
+      "t10021133 A5F",
+      "d1000",
+      "D000001000",
+      "b1000",
+      "x",
+      "V1013",
+      "NA123",
+      "F00",
+      "O",
+      "C",
+      "S8",
+      "Z1",
+      "zz",
+      "zt1000",
+      " t1000",
+      "t1000 ",
+      "t1000\n",
+      "\nt1000",
+      "t1\a000",
+      "t1000\a",
   };
   bad.emplace_back(1, '\0');
   bad.emplace_back("t1001\0\0", 7);
@@ -210,7 +269,8 @@ TEST(Slcan, OldDataDoNotShowThroughAShorterFrame) {
   EXPECT_TRUE(f == remote(0x100, 8));
 }
 
-// ---- the bus ---------------------------------------------------------------------------------------------------
+// ---- the bus
+// ---------------------------------------------------------------------------------------------------
 
 /// A port in memory that gives out `at_once` bytes between two calls of more().
 class Wire {

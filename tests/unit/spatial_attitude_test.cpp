@@ -128,8 +128,8 @@ TEST(HalfATurn, TheWayChangesOnceAndNotBack) {
   }
 }
 
-/// At the margin itself the way is kept; a reset forgets it; and a sample as far from the last one as its negative is taken
-/// without a look at its sign.
+/// At the margin itself the way is kept; a reset forgets it; and a sample as far from the last one as its
+/// negative is taken without a look at its sign.
 TEST(HalfATurn, TheEdgesOfTheChoice) {
   const Quaternion<D> beyond{-0.5, Vec3<D>(0, 0, std::sqrt(0.75))}, before{0.0, Vec3<D>(0, 0, 1)};
   for (const D margin : {0.5, 0.49}) {

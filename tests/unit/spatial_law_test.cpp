@@ -143,8 +143,8 @@ TEST(EsmcInSpace, FreeBodySlidesRowByRow) {
     const auto t = tracking(b.m, b.s, b.wanted.at(0));
     for (const bool projected : {false, true}) {
       const auto law = [&](const auto& at) {
-        return projected ? demand_projected(b.m, g, Reaching::sign, at)
-                         : demand_esmc(b.m, g, Reaching::sign, at);
+        return projected ? projected_acceleration(b.m, g, Reaching::sign, at)
+                         : esmc_acceleration(b.m, g, Reaching::sign, at);
       };
       const auto now = law(t);
       const Vec<D, 6> rate =
@@ -202,9 +202,9 @@ TEST(EsmcInSpace, PlatformObeysTheIdentitiesOfTheClosedLoop) {
     const Six b(r);
     using M = Six::M;
     const auto t = tracking(b.m, b.s, b.wanted.at(0));
-    const auto now = demand_esmc(b.m, g, Reaching::sign, t);
+    const auto now = esmc_acceleration(b.m, g, Reaching::sign, t);
     const auto sliding = [&](const host::SpatialState& s, const SpatialMotion<D>& d) {
-      return demand_esmc(b.m, g, Reaching::sign, tracking(b.m, s, d)).sliding;
+      return esmc_acceleration(b.m, g, Reaching::sign, tracking(b.m, s, d)).sliding;
     };
     const M::Channels rate = derivative(b.plant, b.s, b.wanted, input(b.m, t, now), sliding), M0 = b.m.mass();
     M::Channels left = rate;
@@ -238,10 +238,10 @@ TEST(EsmcInSpace, ProjectedPlatformFallsWithoutRemainder) {
     Random r(seed);
     const Six b(r);
     const auto t = tracking(b.m, b.s, b.wanted.at(0));
-    const auto now = demand_projected(b.m, g, Reaching::sign, t);
+    const auto now = projected_acceleration(b.m, g, Reaching::sign, t);
     const auto V = [&](const host::SpatialState& s, const SpatialMotion<D>& d) {
       const auto x = tracking(b.m, s, d);
-      const Vec<D, 6> sigma = demand_projected(b.m, g, Reaching::sign, x).sliding.head<6>();
+      const Vec<D, 6> sigma = projected_acceleration(b.m, g, Reaching::sign, x).sliding.head<6>();
       Vec<D, 1> v;
       v << 0.5 * sigma.dot(mass_matrix(b.m, x.pose) * sigma);
       return v;
@@ -312,9 +312,9 @@ void same_to_first_order(std::uint64_t seed) {
     still.desired_pose = still.pose;
     still.turn = {};
     still.rates = still.desired_rates;
-    const Vec<D, 6> full = force(demand_esmc(b.m, g, Reaching::saturation, t)), minimal = force(euler),
-                    projected = force(demand_projected(b.m, g, Reaching::saturation, t)),
-                    hold = force(demand_esmc(b.m, g, Reaching::saturation, still));
+    const Vec<D, 6> full = force(esmc_acceleration(b.m, g, Reaching::saturation, t)), minimal = force(euler),
+                    projected = force(projected_acceleration(b.m, g, Reaching::saturation, t)),
+                    hold = force(esmc_acceleration(b.m, g, Reaching::saturation, still));
     return Vec3<D>((full - hold).norm(), (full - minimal).norm(), (projected - minimal).norm());
   };
   const Vec3<D> one = differences(1e-3), half = differences(5e-4);

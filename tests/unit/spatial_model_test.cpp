@@ -199,7 +199,7 @@ void inverse_dynamics(std::uint64_t seed, Accuracy& torque) {
   const auto pose = c.chain.pose(c.q);
   const auto rates = c.chain.rates(pose, c.qd);
   const auto acceleration = (c.chain.rates(pose, c.qdd) + c.chain.bias(pose, c.qd, c.qd)).eval();
-  const auto got = c.chain.transposed(pose, c.chain.force(acceleration, rates));
+  const auto got = c.chain.joint_torques(pose, c.chain.force(acceleration, rates));
   const auto eq = lagrange(c.oracle, Case::row(c.q), Case::row(c.qd));
   Vec<Real, static_cast<int>(n)> want;
   for (std::size_t i = 0; i < n; ++i) {

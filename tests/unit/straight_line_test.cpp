@@ -43,16 +43,24 @@ TEST(StraightLine, LawsAreTheLaws) {
     for (auto& leg : p.legs) leg.d1 = leg.d2 = leg.gamma1 = leg.gamma2 = 0;
     const FiveBar<double> m(p);
     const auto want = [&](LawKind law) {
-      return m.base_torque(c.t.pose, m.force(demand(law, m, c.gain, Reaching::implicit, c.t).acceleration, c.t.rates)).eval();
+      return m
+          .base_torque(c.t.pose,
+                       m.force(demand(law, m, c.gain, Reaching::implicit, c.t).acceleration, c.t.rates))
+          .eval();
     };
     const auto full = StraightEsmc(p, c.gain)(c.t), projected = StraightProjected(p, c.gain)(c.t);
     const Vec2<double> a = want(LawKind::esmc), b = want(LawKind::esmc_projected);
-    five_bar.compare(seed, Vec<double, 4>(full[0], full[1], projected[0], projected[1]), Vec<double, 4>(a[0], a[1], b[0], b[1]), 1);
+    five_bar.compare(seed, Vec<double, 4>(full[0], full[1], projected[0], projected[1]),
+                     Vec<double, 4>(a[0], a[1], b[0], b[1]), 1);
 
     const RrParams<double> q{p.legs[0], p.g};
     const Rr<double> rr(q);
     Random r(seed);
-    Tracking<Rr<double>> t{rr.pose(r.vector<double, 2>(3)), {}, r.vector<double, 2>(5), r.vector<double, 2>(5), r.vector<double, 2>(50)};
+    Tracking<Rr<double>> t{rr.pose(r.vector<double, 2>(3)),
+                           {},
+                           r.vector<double, 2>(5),
+                           r.vector<double, 2>(5),
+                           r.vector<double, 2>(50)};
     t.desired_pose = rr.pose(Rr<double>::angles(t.pose) + r.vector<double, 2>(0.5));
     Gains<Rr<double>> g;
     for (int i = 0; i < Rr<double>::channels; ++i) {
@@ -61,16 +69,21 @@ TEST(StraightLine, LawsAreTheLaws) {
       g.layer[i] = c.gain.layer[i];
     }
     const auto got = StraightArm(q, g)(t);
-    const Vec2<double> of_law = rr.base_torque(t.pose, rr.force(demand(LawKind::esmc, rr, g, Reaching::implicit, t).acceleration, t.rates));
+    const Vec2<double> of_law = rr.base_torque(
+        t.pose, rr.force(demand(LawKind::esmc, rr, g, Reaching::implicit, t).acceleration, t.rates));
     arm.compare(seed, Vec2<double>(got[0], got[1]), of_law, 1);
     const RrParams<double> rough{c.now.params.legs[0], p.g};  // with friction
     const Rr<double> whole(rough);
     std::array<double, 8> s{};
     const auto asked = demand<Rr<double>>(LawKind::esmc, whole, g, Reaching::implicit, t);
     Rr<double>::Channels acceleration, sliding;
-    demand<Rr<double>, Rows::with_mass>(LawKind::esmc, whole, g, Reaching::implicit, t, acceleration, sliding);
-    by_hand.compare(seed, HandWrittenArm(rough, g)(t, s), whole.base_torque(t.pose, whole.force(asked.acceleration, t.rates)), 1);
-    for (int i = 0; i < 8; ++i) EXPECT_NEAR(s[static_cast<std::size_t>(i)], sliding[i], 1e-11 * (1.0 + std::abs(sliding[i]))) << seed << ' ' << i;
+    demand<Rr<double>, Rows::with_mass>(LawKind::esmc, whole, g, Reaching::implicit, t, acceleration,
+                                        sliding);
+    by_hand.compare(seed, HandWrittenArm(rough, g)(t, s),
+                    whole.base_torque(t.pose, whole.force(asked.acceleration, t.rates)), 1);
+    for (int i = 0; i < 8; ++i)
+      EXPECT_NEAR(s[static_cast<std::size_t>(i)], sliding[i], 1e-11 * (1.0 + std::abs(sliding[i])))
+          << seed << ' ' << i;
   }
   five_bar.expect_below(1e-11);
   arm.expect_below(1e-11);

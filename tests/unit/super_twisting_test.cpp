@@ -234,8 +234,8 @@ TYPED_TEST(Twisting, TheIntegralDoesNotWindUp) {
   EXPECT_LE(past[1], past[0] / 5);
 }
 
-/// What went out counts, not what was asked: the disturbance is computed from it. In the linear zone of a large gain both
-/// steps are written out.
+/// What went out counts, not what was asked: the disturbance is computed from it. In the linear zone of a
+/// large gain both steps are written out.
 TYPED_TEST(Twisting, WhatWasLostIsNotTakenForDone) {
   using S = TypeParam;
   const S h = S(0.0078125), s0 = S(0.5), s1 = S(0.25), lost = S(3);  // numbers that do not round
@@ -247,7 +247,8 @@ TYPED_TEST(Twisting, WhatWasLostIsNotTakenForDone) {
   EXPECT_EQ(w[1], s1 / h + disturbance);
 }
 
-/// Where one coordinate loses something the integral of both stands still: of the second step z has nothing, of w h k2 is missing.
+/// Where one coordinate loses something the integral of both stands still: of the second step z has nothing,
+/// of w h k2 is missing.
 TYPED_TEST(Twisting, OneLossStopsBothIntegrals) {
   using S = TypeParam;
   const S h = S(1e-3), part = h * S(110);
@@ -263,7 +264,8 @@ TYPED_TEST(Twisting, OneLossStopsBothIntegrals) {
   }
 }
 
-/// [F40] in figures, far from the surface: what a first step asks is 1.5 root(L) root(s+) + 1.1 h L with s+ = s - h w.
+/// [F40] in figures, far from the surface: what a first step asks is 1.5 root(L) root(s+) + 1.1 h L with s+ =
+/// s - h w.
 TYPED_TEST(Twisting, ItsConstantsAreThoseOfTheLaw) {
   using S = TypeParam;
   EXPECT_EQ(SuperTwisting<S>::most_delay, 8);

@@ -1,4 +1,5 @@
-/// The supervisor against a table written out by hand, and the reactions against a list of what may be brought to rest.
+/// The supervisor against a table written out by hand, and the reactions against a list of what may be
+/// brought to rest.
 
 #include <gtest/gtest.h>
 
@@ -18,14 +19,16 @@ using esmc::Fault;
 using esmc::State;
 using esmc::Supervisor;
 
-const std::vector<Command> commands{Command::none, Command::enable, Command::stop, Command::halt, Command::reset};
+const std::vector<Command> commands{Command::none, Command::enable, Command::stop, Command::halt,
+                                    Command::reset};
 // confirm_zero is the cycle's: to the supervisor it is none.
-const std::vector<State> states{State::disabled, State::enabling, State::testing,  State::running, State::halting,
-                                State::holding,  State::lowering, State::stopping, State::fault};
+const std::vector<State> states{State::disabled, State::enabling, State::testing,
+                                State::running,  State::halting,  State::holding,
+                                State::lowering, State::stopping, State::fault};
 const std::vector<AfterHalt> ends{AfterHalt::release, AfterHalt::hold, AfterHalt::lower};
 /// After these the state is known and the drives obey.
-const std::set<Fault> gentle{Fault::workspace, Fault::joint_angle, Fault::reference_unreachable, Fault::join_infeasible,
-                             Fault::command_lost, Fault::tick_late};
+const std::set<Fault> gentle{Fault::workspace,       Fault::joint_angle,  Fault::reference_unreachable,
+                             Fault::join_infeasible, Fault::command_lost, Fault::tick_late};
 
 std::vector<Fault> faults() {
   std::vector<Fault> all;
@@ -35,7 +38,8 @@ std::vector<Fault> faults() {
 
 /// A supervisor that halts, in a state; with a gentle fault latched in those that follow one, if asked for.
 Supervisor in(State s, AfterHalt end = AfterHalt::hold, Fault why = Fault::none) {
-  const AfterHalt way = s == State::holding ? AfterHalt::hold : (s == State::lowering ? AfterHalt::lower : end);
+  const AfterHalt way =
+      s == State::holding ? AfterHalt::hold : (s == State::lowering ? AfterHalt::lower : end);
   Supervisor v({.can_halt = true, .after_halt = way, .sign_test = s == State::testing});
   if (s == State::disabled) return v;
   v.begin_tick(Command::enable, {});
@@ -54,8 +58,9 @@ Supervisor in(State s, AfterHalt end = AfterHalt::hold, Fault why = Fault::none)
   return v;
 }
 
-/// Next state for (ready, idle, stage done) = 000, 001, ..., 111 in that order of bits; D disabled, E enabling,
-/// T testing, R running, H halting, O holding, L lowering, S stopping, F fault, X what after_halt says (release: S).
+/// Next state for (ready, idle, stage done) = 000, 001, ..., 111 in that order of bits; D disabled, E
+/// enabling, T testing, R running, H halting, O holding, L lowering, S stopping, F fault, X what after_halt
+/// says (release: S).
 struct Row {
   State from;
   Command command;
@@ -69,36 +74,46 @@ const Row table[] = {
     {State::enabling, Command::halt, "SSSSSSSS"},   {State::enabling, Command::reset, "EEEERRRR"},
     {State::testing, Command::none, "TRTRTRTR"},    {State::testing, Command::enable, "TRTRTRTR"},
     {State::testing, Command::stop, "SSSSSSSS"},    {State::testing, Command::halt, "SSSSSSSS"},
-    {State::testing, Command::reset, "TRTRTRTR"},
-    {State::running, Command::none, "RRRRRRRR"},    {State::running, Command::enable, "RRRRRRRR"},
-    {State::running, Command::stop, "SSSSSSSS"},    {State::running, Command::halt, "HHHHHHHH"},
-    {State::running, Command::reset, "RRRRRRRR"},   {State::halting, Command::none, "HXHXHXHX"},
-    {State::halting, Command::enable, "HXHXHXHX"},  {State::halting, Command::stop, "SSSSSSSS"},
-    {State::halting, Command::halt, "HXHXHXHX"},    {State::halting, Command::reset, "HXHXHXHX"},
-    {State::holding, Command::none, "OOOOOOOO"},    {State::holding, Command::enable, "OOOOOOOO"},
-    {State::holding, Command::stop, "SSSSSSSS"},    {State::holding, Command::halt, "OOOOOOOO"},
-    {State::holding, Command::reset, "SSSSSSSS"},   {State::lowering, Command::none, "LSLSLSLS"},
-    {State::lowering, Command::enable, "LSLSLSLS"}, {State::lowering, Command::stop, "SSSSSSSS"},
-    {State::lowering, Command::halt, "LSLSLSLS"},   {State::lowering, Command::reset, "LSLSLSLS"},
-    {State::stopping, Command::none, "SSDDSSDD"},   {State::stopping, Command::enable, "SSDDSSDD"},
-    {State::stopping, Command::stop, "SSDDSSDD"},   {State::stopping, Command::halt, "SSDDSSDD"},
-    {State::stopping, Command::reset, "SSDDSSDD"},  {State::fault, Command::none, "FFFFFFFF"},
-    {State::fault, Command::enable, "FFFFFFFF"},    {State::fault, Command::stop, "FFFFFFFF"},
-    {State::fault, Command::halt, "FFFFFFFF"},      {State::fault, Command::reset, "DDDDDDDD"},
+    {State::testing, Command::reset, "TRTRTRTR"},   {State::running, Command::none, "RRRRRRRR"},
+    {State::running, Command::enable, "RRRRRRRR"},  {State::running, Command::stop, "SSSSSSSS"},
+    {State::running, Command::halt, "HHHHHHHH"},    {State::running, Command::reset, "RRRRRRRR"},
+    {State::halting, Command::none, "HXHXHXHX"},    {State::halting, Command::enable, "HXHXHXHX"},
+    {State::halting, Command::stop, "SSSSSSSS"},    {State::halting, Command::halt, "HXHXHXHX"},
+    {State::halting, Command::reset, "HXHXHXHX"},   {State::holding, Command::none, "OOOOOOOO"},
+    {State::holding, Command::enable, "OOOOOOOO"},  {State::holding, Command::stop, "SSSSSSSS"},
+    {State::holding, Command::halt, "OOOOOOOO"},    {State::holding, Command::reset, "SSSSSSSS"},
+    {State::lowering, Command::none, "LSLSLSLS"},   {State::lowering, Command::enable, "LSLSLSLS"},
+    {State::lowering, Command::stop, "SSSSSSSS"},   {State::lowering, Command::halt, "LSLSLSLS"},
+    {State::lowering, Command::reset, "LSLSLSLS"},  {State::stopping, Command::none, "SSDDSSDD"},
+    {State::stopping, Command::enable, "SSDDSSDD"}, {State::stopping, Command::stop, "SSDDSSDD"},
+    {State::stopping, Command::halt, "SSDDSSDD"},   {State::stopping, Command::reset, "SSDDSSDD"},
+    {State::fault, Command::none, "FFFFFFFF"},      {State::fault, Command::enable, "FFFFFFFF"},
+    {State::fault, Command::stop, "FFFFFFFF"},      {State::fault, Command::halt, "FFFFFFFF"},
+    {State::fault, Command::reset, "DDDDDDDD"},
 };
 State state_of(char c, AfterHalt end) {
   switch (c) {
-    case 'D': return State::disabled;
-    case 'E': return State::enabling;
-    case 'T': return State::testing;
-    case 'R': return State::running;
-    case 'H': return State::halting;
-    case 'O': return State::holding;
-    case 'L': return State::lowering;
-    case 'S': return State::stopping;
+    case 'D':
+      return State::disabled;
+    case 'E':
+      return State::enabling;
+    case 'T':
+      return State::testing;
+    case 'R':
+      return State::running;
+    case 'H':
+      return State::halting;
+    case 'O':
+      return State::holding;
+    case 'L':
+      return State::lowering;
+    case 'S':
+      return State::stopping;
     case 'X':
-      return end == AfterHalt::hold ? State::holding : (end == AfterHalt::lower ? State::lowering : State::stopping);
-    default: return State::fault;
+      return end == AfterHalt::hold ? State::holding
+                                    : (end == AfterHalt::lower ? State::lowering : State::stopping);
+    default:
+      return State::fault;
   }
 }
 
@@ -109,7 +124,8 @@ TEST(Supervisor, FollowsTheTable) {
     for (const AfterHalt end : ends) {
       for (unsigned bits = 0; bits < 8; ++bits) {
         Supervisor v = in(row.from, end);
-        v.begin_tick(row.command, {.all_ready = (bits & 4U) != 0, .all_idle = (bits & 2U) != 0}, (bits & 1U) != 0);
+        v.begin_tick(row.command, {.all_ready = (bits & 4U) != 0, .all_idle = (bits & 2U) != 0},
+                     (bits & 1U) != 0);
         EXPECT_EQ(v.state(), state_of(row.to[bits], end))
             << name(row.from) << " command " << static_cast<int>(row.command) << " bits " << bits << " is "
             << name(v.state());
@@ -122,7 +138,8 @@ TEST(Supervisor, FollowsTheTable) {
 }
 
 TEST(Supervisor, ThereIsTorqueInFiveStatesOnly) {
-  const std::set<State> torque{State::testing, State::running, State::halting, State::holding, State::lowering};
+  const std::set<State> torque{State::testing, State::running, State::halting, State::holding,
+                               State::lowering};
   for (const State s : states) {
     const Supervisor v = in(s);
     EXPECT_EQ(v.powered(), torque.count(s) == 1) << name(s);
@@ -169,7 +186,8 @@ TEST(Supervisor, EveryFaultStrikesAtOnceInEveryStateButDisabled) {
         EXPECT_EQ(v.count(f), 0U);
         continue;
       }
-      const bool torque = s == State::running || s == State::halting || s == State::holding || s == State::lowering;
+      const bool torque =
+          s == State::running || s == State::halting || s == State::holding || s == State::lowering;
       const State wanted =
           torque && gentle.count(f) == 1 ? (s == State::running ? State::halting : s) : State::fault;
       EXPECT_EQ(v.state(), wanted) << name(s) << ' ' << name(f);
@@ -325,13 +343,15 @@ TEST(Supervisor, AnOrderToArmExpires) {
 }
 
 TEST(Supervisor, StoppingEndsWithoutTheDrivesWordToo) {
-  for (const State from : {State::enabling, State::testing, State::running, State::halting, State::holding, State::lowering}) {
+  for (const State from :
+       {State::enabling, State::testing, State::running, State::halting, State::holding, State::lowering}) {
     Supervisor v = in(from);
     v.begin_tick(Command::stop, {});
     ASSERT_EQ(v.state(), State::stopping) << name(from);
     const std::uint32_t most = Supervisor::Config{}.stopping_ticks_max;
-    for (std::uint32_t i = 0; i <= most; ++i) v.begin_tick(Command::none, {}, false, 0);  // lockstep: no time passes
-    v.begin_tick(Command::none, {}, false, 100);                                         // or much at once
+    for (std::uint32_t i = 0; i <= most; ++i)
+      v.begin_tick(Command::none, {}, false, 0);  // lockstep: no time passes
+    v.begin_tick(Command::none, {}, false, 100);  // or much at once
     for (std::uint32_t i = 101; i < most; ++i) v.begin_tick(Command::none, {});
     EXPECT_EQ(v.state(), State::stopping) << name(from);
     v.begin_tick(Command::none, {});

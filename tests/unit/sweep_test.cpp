@@ -10,12 +10,12 @@
 #include <fstream>
 #include <set>
 
-#include "host_sim/sweep/lanes/kernel.hpp"
-#include "host_sim/sweep/runner.hpp"
 #include "host_sim/error.hpp"
-#include "host_sim/sweep/lanes/lanes.hpp"
 #include "host_sim/sweep/journal.hpp"
+#include "host_sim/sweep/lanes/kernel.hpp"
+#include "host_sim/sweep/lanes/lanes.hpp"
 #include "host_sim/sweep/pareto.hpp"
+#include "host_sim/sweep/runner.hpp"
 #include "host_sim/sweep/sample.hpp"
 
 namespace esmc::host {
@@ -242,7 +242,8 @@ TEST(SweepLanes, ElementaryFunctionsHaveTheBitsOfOneNumber) {
     const std::array<double, 2> x{numbers[(i * 5 + 1) % numbers.size()], -numbers[i]};
     const Pair a = arc_tangent2(Pair::load(y.data()), Pair::load(x.data())),
                w = wrap_to_pi(Pair::load(y.data())), t = hyperbolic_tangent(Pair::load(y.data())),
-               u = angle_of_unit(Pair::load(y.data()), Pair::load(x.data())), s = sign_of(Pair::load(y.data())),
+               u = angle_of_unit(Pair::load(y.data()), Pair::load(x.data())),
+               s = sign_of(Pair::load(y.data())),
                c = saturated(Pair::load(y.data()), magnitude(Pair::load(x.data()))),
                m = -Pair::load(y.data());
     for (int k = 0; k < 2; ++k) {

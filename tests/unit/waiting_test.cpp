@@ -1,5 +1,5 @@
-/// Waiting for the other half of a loop on a bus where others speak as well: what they say must neither keep us
-/// waiting nor pass for what we wait for.
+/// Waiting for the other half of a loop on a bus where others speak as well: what they say must neither keep
+/// us waiting nor pass for what we wait for.
 
 #include <gtest/gtest.h>
 #include <sys/socket.h>
@@ -64,7 +64,9 @@ TEST_F(Waiting, HeedsAStopHoweverMuchOthersSay) {
     ++passes;
     return Clock::now() - begin > 5s;
   };
-  EXPECT_EQ(wait_until(here_, busy, [&] { return passes >= 3; }, 60s), Waited::stopped);
+  EXPECT_EQ(wait_until(
+                here_, busy, [&] { return passes >= 3; }, 60s),
+            Waited::stopped);
   EXPECT_EQ(passes, 3);
 }
 
@@ -72,14 +74,20 @@ TEST_F(Waiting, HeedsAStopHoweverMuchOthersSay) {
 TEST_F(Waiting, EndsInTimeWithFramesThatNobodyTakes) {
   foreign();
   const auto begin = Clock::now();
-  EXPECT_EQ(wait_until(here_, [&] { return Clock::now() - begin > 5s; }, never, 100ms), Waited::silent);
+  EXPECT_EQ(wait_until(
+                here_, [&] { return Clock::now() - begin > 5s; }, never, 100ms),
+            Waited::silent);
   EXPECT_LT(Clock::now() - begin, 3s);
 }
 
 TEST_F(Waiting, IsDoneAsSoonAsItsFramesAreThere) {
   foreign();
-  EXPECT_EQ(wait_until(here_, [&] { return take() == 1; }, never, 10s), Waited::done);
-  EXPECT_EQ(wait_until(here_, [] { return true; }, [] { return true; }, 0ms), Waited::done);
+  EXPECT_EQ(wait_until(
+                here_, [&] { return take() == 1; }, never, 10s),
+            Waited::done);
+  EXPECT_EQ(wait_until(
+                here_, [] { return true; }, [] { return true; }, 0ms),
+            Waited::done);
 }
 
 /// The interface is gone: poll() says "ready" for ever.
@@ -87,7 +95,9 @@ TEST_F(Waiting, ADeadBusIsSilent) {
   there_ = hal::SocketCan(-1);
   const auto begin = Clock::now();
   int passes = 0;
-  EXPECT_EQ(wait_until(here_, [&] { return ++passes, take() > 0; }, never, 100ms), Waited::silent);
+  EXPECT_EQ(wait_until(
+                here_, [&] { return ++passes, take() > 0; }, never, 100ms),
+            Waited::silent);
   EXPECT_LT(Clock::now() - begin, 3s);
   EXPECT_LT(passes, 110) << "and does not burn the processor";
 }
@@ -98,7 +108,9 @@ TEST(WaitingVirtual, AVirtualBusHasItsFramesOrNeverWill) {
   EXPECT_EQ(wait_until(bus.port(0), never, never, 10s), Waited::silent);
   ASSERT_EQ(bus.port(1).try_send(test::heartbeat(1, 8)), hal::SendStatus::ok);
   hal::CanFrame f;
-  EXPECT_EQ(wait_until(bus.port(0), [&] { return bus.port(0).try_receive(f); }, never, 10s), Waited::done);
+  EXPECT_EQ(wait_until(
+                bus.port(0), [&] { return bus.port(0).try_receive(f); }, never, 10s),
+            Waited::done);
 }
 
 }  // namespace

@@ -1,5 +1,5 @@
-/// The driver of the Zynq UltraScale+'s CAN controller against a model of it at register level: bit timing, formats in both
-/// layouts of a message, FIFOs, error states.
+/// The driver of the Zynq UltraScale+'s CAN controller against a model of it at register level: bit timing,
+/// formats in both layouts of a message, FIFOs, error states.
 
 #include <gtest/gtest.h>
 
@@ -16,7 +16,8 @@ using hal::zynqmp_can::Layout;
 template <Layout layout>
 struct As {
   static constexpr Layout value = layout;
-  static constexpr auto words = layout == Layout::manual ? ZynqmpCanModel::Words::manual : ZynqmpCanModel::Words::qemu;
+  static constexpr auto words =
+      layout == Layout::manual ? ZynqmpCanModel::Words::manual : ZynqmpCanModel::Words::qemu;
 };
 template <class L>
 class ZynqmpCan : public testing::Test {
@@ -69,8 +70,8 @@ TYPED_TEST(ZynqmpCan, BitTimingIsExactAndSampledLate) {
 TYPED_TEST(ZynqmpCan, RatesThatCannotBeHadAreRefused) {
   EXPECT_FALSE(this->bus.open(100'000'000, 0));
   EXPECT_FALSE(this->bus.open(100'000'000, 800'001));
-  EXPECT_FALSE(this->bus.open(4'000'000, 1'000'000));     // four quanta
-  EXPECT_FALSE(this->bus.open(100'000'000, 10'000));      // a prescaler above 256
+  EXPECT_FALSE(this->bus.open(4'000'000, 1'000'000));  // four quanta
+  EXPECT_FALSE(this->bus.open(100'000'000, 10'000));   // a prescaler above 256
   EXPECT_TRUE(this->bus.off());
   EXPECT_EQ(this->bus.try_send(frame(1, {})), SendStatus::bus_off);
   CanFrame f;
@@ -91,8 +92,9 @@ TYPED_TEST(ZynqmpCan, FormatsGoOutAsTheyAre) {
   CanFrame remote = frame(0x29, {}), far = frame(0x1ABCDEF0, {}, true);
   remote.remote = far.remote = true;
   remote.size = 8;
-  for (const CanFrame& f : {frame(0x7FF, {1, 2, 3, 4, 5, 6, 7, 8}), frame(0x1FFFFFFF, {0xAA, 0xBB, 0xCC}, true),
-                            frame(0x12345678, {1, 2, 3, 4, 5}, true), frame(0x001, {}), remote, far}) {
+  for (const CanFrame& f :
+       {frame(0x7FF, {1, 2, 3, 4, 5, 6, 7, 8}), frame(0x1FFFFFFF, {0xAA, 0xBB, 0xCC}, true),
+        frame(0x12345678, {1, 2, 3, 4, 5}, true), frame(0x001, {}), remote, far}) {
     EXPECT_EQ(this->bus.try_send(f), SendStatus::ok);
   }
   std::vector<Message> got;
@@ -100,17 +102,19 @@ TYPED_TEST(ZynqmpCan, FormatsGoOutAsTheyAre) {
     got.push_back(*f);
     this->poll();
   }
-  const Message asked{.id = 0x29, .remote = true, .dlc = 8}, asked_far{.id = 0x1ABCDEF0, .extended = true, .remote = true};
-  EXPECT_EQ(got, (std::vector<Message>{wire(0x7FF, {1, 2, 3, 4, 5, 6, 7, 8}), wire(0x1FFFFFFF, {0xAA, 0xBB, 0xCC}, true),
-                                       wire(0x12345678, {1, 2, 3, 4, 5}, true), wire(0x001, {}), asked, asked_far}));
+  const Message asked{.id = 0x29, .remote = true, .dlc = 8},
+      asked_far{.id = 0x1ABCDEF0, .extended = true, .remote = true};
+  EXPECT_EQ(got, (std::vector<Message>{
+                     wire(0x7FF, {1, 2, 3, 4, 5, 6, 7, 8}), wire(0x1FFFFFFF, {0xAA, 0xBB, 0xCC}, true),
+                     wire(0x12345678, {1, 2, 3, 4, 5}, true), wire(0x001, {}), asked, asked_far}));
 }
 
 TYPED_TEST(ZynqmpCan, EverythingIsHeard) {
   this->open();
   Message remote{.id = 0x123, .remote = true, .dlc = 5}, long_code = wire(0x7FE, {1, 2, 3, 4, 5, 6, 7, 8});
   long_code.dlc = 15;  // a classic frame has 8 bytes with every code above
-  for (const Message& w : {wire(0, {}), wire(0x7FF, {9, 8, 7, 6, 5, 4, 3, 2}), wire(0x1ABCDEF1, {1, 2, 3, 4, 5}, true),
-                           remote, long_code}) {
+  for (const Message& w : {wire(0, {}), wire(0x7FF, {9, 8, 7, 6, 5, 4, 3, 2}),
+                           wire(0x1ABCDEF1, {1, 2, 3, 4, 5}, true), remote, long_code}) {
     this->model.deliver(w);
     CanFrame f = frame(0x55, {1, 1, 1, 1, 1, 1, 1, 1});
     ASSERT_TRUE(this->bus.try_receive(f));

@@ -4,8 +4,8 @@
 #include <cmath>
 #include <limits>
 
-#include "host_sim/record/summary.hpp"
 #include "host_sim/plant/plant.hpp"
+#include "host_sim/record/summary.hpp"
 
 namespace esmc::host {
 namespace {

@@ -4,9 +4,9 @@
 #include <memory>
 
 #include "host_sim/controller/controller_config.hpp"
+#include "host_sim/scene/scene.hpp"
 #include "host_sim/sweep/lanes/kernel.hpp"
 #include "host_sim/sweep/spec.hpp"
-#include "host_sim/scene/scene.hpp"
 
 namespace esmc::host {
 

@@ -7,11 +7,11 @@
 
 #include "firmware/control/law.hpp"
 #include "firmware/cycle/estimate.hpp"
-#include "host_sim/sweep/lanes/kernel.hpp"
 #include "host_sim/integrate/rk4.hpp"
-#include "host_sim/sweep/lanes/lanes.hpp"
 #include "host_sim/plant/five_bar_plant.hpp"
 #include "host_sim/plant/system.hpp"
+#include "host_sim/sweep/lanes/kernel.hpp"
+#include "host_sim/sweep/lanes/lanes.hpp"
 
 template <int N, class Tag>
 struct Eigen::NumTraits<esmc::host::Lanes<N, Tag>> : Eigen::GenericNumTraits<double> {

@@ -1,6 +1,6 @@
 #pragma once
-/// The motion that a supervisor computer asks for instead of a reference: rest, set points, a stream of samples.
-/// Coordinates are limited one by one: |velocity| <= speed, |acceleration| <= acceleration.
+/// The motion that a supervisor computer asks for instead of a reference: rest, set points, a stream of
+/// samples. Coordinates are limited one by one: |velocity| <= speed, |acceleration| <= acceleration.
 
 #include <cstdint>
 
@@ -8,11 +8,11 @@
 
 namespace esmc {
 
-/// Duration (s) of a quintic that takes an offset and its rate to zero and starts without acceleration, such that
-/// neither limit is exceeded, if |rate| <= speed. With r = |offset| / T the velocity is
-/// (1 - u)^2 (rate (1 + 2 u) + u^2 (30 r - 15 rate)) towards zero: never above `speed` where 30 r <= 16 speed and the
-/// rate points there, or 30 r + 15 |rate| <= 16 speed where it points away. The acceleration is at most
-/// 10/sqrt(3) r / T + 3.941 |rate| / T, the extrema of the two polynomials added up.
+/// Duration (s) of a quintic that takes an offset and its rate to zero and starts without acceleration, such
+/// that neither limit is exceeded, if |rate| <= speed. With r = |offset| / T the velocity is (1 - u)^2 (rate
+/// (1 + 2 u) + u^2 (30 r - 15 rate)) towards zero: never above `speed` where 30 r <= 16 speed and the rate
+/// points there, or 30 r + 15 |rate| <= 16 speed where it points away. The acceleration is at most 10/sqrt(3)
+/// r / T + 3.941 |rate| / T, the extrema of the two polynomials added up.
 template <class S>
 [[nodiscard]] S fading_time(S offset, S rate, S speed, S acceleration) {
   const bool away = (offset > S(0)) == (rate > S(0));
@@ -26,16 +26,17 @@ template <class S>
 
 /// Leads the mechanism to rest, to set points, or along a stream; see the top of the file.
 template <class S>
-class Guide {
+class SetpointGenerator {
  public:
-  Guide() = default;
-  /// `speed`, `acceleration` > 0, of each coordinate; `sample_time` in s, > 0. `angles`: differences are wrapped.
-  Guide(S speed, S acceleration, S sample_time, bool angles)
+  SetpointGenerator() = default;
+  /// `speed`, `acceleration` > 0, of each coordinate; `sample_time` in s, > 0. `angles`: differences are
+  /// wrapped.
+  SetpointGenerator(S speed, S acceleration, S sample_time, bool angles)
       : speed_(speed), acceleration_(acceleration), sample_time_(sample_time), angles_(angles) {}
 
   /// Whether this motion counts, and not the reference.
-  [[nodiscard]] bool leads() const { return leads_; }
-  void lead(bool yes) { leads_ = yes; }
+  [[nodiscard]] bool active() const { return active_; }
+  void lead(bool yes) { active_ = yes; }
 
   /// The first tick: from a measured state to rest.
   void start(const Vec2<S>& position, const Vec2<S>& velocity) {
@@ -103,8 +104,8 @@ class Guide {
     const S b = fading_time(offset[1], rate[1], speed_, acceleration_);
     return a > b ? a : b;
   }
-  /// The offset from rest that is left over half of `time` at this velocity makes the velocity a smooth step to zero;
-  /// the acceleration is then at most 15/8 of the velocity over the time.
+  /// The offset from rest that is left over half of `time` at this velocity makes the velocity a smooth step
+  /// to zero; the acceleration is then at most 15/8 of the velocity over the time.
   void brake(const Motion2<S>& now) {
     const auto size = [](S v) { return v < S(0) ? -v : v; };
     const S a = size(now.velocity[0]), b = size(now.velocity[1]);
@@ -122,7 +123,7 @@ class Guide {
 
   S speed_{1}, acceleration_{1}, sample_time_{1};
   bool angles_ = false;
-  bool leads_ = false;
+  bool active_ = false;
   bool following_ = false;
   Motion2<S> base_{};        // what remains: rest, or the sample
   Quintic<S> fading_{};      // what is left of where the motion came from

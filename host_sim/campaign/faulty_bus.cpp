@@ -1,4 +1,4 @@
-#include "host_sim/campaign/wire.hpp"
+#include "host_sim/campaign/faulty_bus.hpp"
 
 #include <algorithm>
 #include <bit>
@@ -8,23 +8,23 @@
 
 namespace esmc::host {
 
-void Wire::begin_tick(bool active) {
+void FaultyBus::begin_tick(bool active) {
   active_ = active;
   ++tick_;
   ms_ = 0.0;
   to_drives_.clear();
 }
 
-bool Wire::is_sample(const hal::CanFrame& f) const {
+bool FaultyBus::is_sample(const hal::CanFrame& f) const {
   return dialect_->is_sample(f, (*nodes_)[injection_->drive]);
 }
 
-void Wire::up(const hal::CanFrame& f) {
+void FaultyBus::up(const hal::CanFrame& f) {
   ++frames_;
   to_controller_.push_back(f);
 }
 
-void Wire::from_drive(std::size_t axis, const hal::CanFrame& f) {
+void FaultyBus::from_drive(std::size_t axis, const hal::CanFrame& f) {
   const Injected kind = injection_->kind();
   if (active_ && (kind == Injected::controller_bus_off || kind == Injected::babbling)) return;
   if (active_ && kind == Injected::scattered_loss && draw_.uniform() < injection_->amount) return;
@@ -33,7 +33,7 @@ void Wire::from_drive(std::size_t axis, const hal::CanFrame& f) {
 }
 
 /// A frame of the afflicted drive.
-void Wire::faulty(const hal::CanFrame& f) {
+void FaultyBus::faulty(const hal::CanFrame& f) {
   const auto twice = [&](const hal::CanFrame& g) { up(g), up(g); };
   switch (injection_->kind()) {
     case Injected::loss:
@@ -60,7 +60,7 @@ void Wire::faulty(const hal::CanFrame& f) {
   }
 }
 
-hal::CanFrame Wire::mangled(hal::CanFrame f) {
+hal::CanFrame FaultyBus::mangled(hal::CanFrame f) {
   constexpr float inf = std::numeric_limits<float>::infinity();
   constexpr std::array<float, 4> not_numbers{std::numeric_limits<float>::quiet_NaN(), inf, -inf,
                                              std::bit_cast<float>(0xFFA0'0001U)};
@@ -104,12 +104,12 @@ hal::CanFrame Wire::mangled(hal::CanFrame f) {
   return f;
 }
 
-void Wire::from_stranger(const hal::CanFrame& f) {
+void FaultyBus::from_stranger(const hal::CanFrame& f) {
   up(f);
   to_drives_.push_back({f, ms_, false});
 }
 
-void Wire::strangers_before_tick() {
+void FaultyBus::inject_foreign_frames() {
   while (!late_.empty() && late_.front().due <= tick_) {
     up(late_.front().frame);
     late_.pop_front();
@@ -124,7 +124,7 @@ void Wire::strangers_before_tick() {
   }
 }
 
-void Wire::strangers_after_tick(const hal::CanFrame& foreign) {
+void FaultyBus::inject_foreign_frames_after_tick(const hal::CanFrame& foreign) {
   if (!active_) return;
   if (injection_->kind() == Injected::emergency_stop) {
     from_stranger(dialect_->emergency_stop((*nodes_)[injection_->drive]));
@@ -132,7 +132,7 @@ void Wire::strangers_after_tick(const hal::CanFrame& foreign) {
   if (injection_->kind() == Injected::foreign_controller) from_stranger(foreign);
 }
 
-hal::SendStatus Wire::try_send(const hal::CanFrame& f) {
+hal::SendStatus FaultyBus::try_send(const hal::CanFrame& f) {
   if (!hal::well_formed(f)) return hal::SendStatus::refused;
   const Injected kind = injection_->kind();
   if (active_ && kind == Injected::controller_bus_off) return hal::SendStatus::bus_off;
@@ -149,7 +149,7 @@ hal::SendStatus Wire::try_send(const hal::CanFrame& f) {
   return hal::SendStatus::ok;
 }
 
-bool Wire::try_receive(hal::CanFrame& f) {
+bool FaultyBus::try_receive(hal::CanFrame& f) {
   auto& from = orders_.empty() ? to_controller_ : orders_;
   if (from.empty()) return false;
   f = from.front();

@@ -1,4 +1,4 @@
-#include "host_sim/live/desk.hpp"
+#include "host_sim/live/live_api.hpp"
 
 #include <fmt/format.h>
 
@@ -8,8 +8,8 @@
 #include <nlohmann/json.hpp>
 #include <utility>
 
-#include "host_sim/live/session.hpp"
 #include "host_sim/error.hpp"
+#include "host_sim/live/session.hpp"
 #include "host_sim/version.hpp"
 
 namespace esmc::host {
@@ -85,7 +85,8 @@ const char* law_name(LawChoice l) {
   return names[static_cast<std::size_t>(l)];
 }
 const char* reaching_name(ReachingChoice r) {
-  constexpr const char* names[] = {"sign", "saturation", "tanh", "implicit", "super_twisting", "implicit_coupled"};
+  constexpr const char* names[] = {"sign",     "saturation",     "tanh",
+                                   "implicit", "super_twisting", "implicit_coupled"};
   return names[static_cast<std::size_t>(r)];
 }
 std::string per_kind(const PerKind& k) {
@@ -96,14 +97,14 @@ std::string per_kind(const PerKind& k) {
 }  // namespace
 
 /// A page that is connected: what it has been told, and its hand.
-class Page final : public Visitor {
+class Page final : public Client {
  public:
-  explicit Page(LiveDesk& desk) : desk_(desk), sample_(desk.samples_.first), hand_(desk.grip_) {}
+  explicit Page(LiveApi& desk) : desk_(desk), sample_(desk.samples_.first), hand_(desk.grip_) {}
   ~Page() override {
     if (held_) (void)desk_.exchange_.orders.push(Hand{.most = hand_.most});  // nobody pulls any more
   }
   [[nodiscard]] std::string next() override;
-  void hear(std::string_view message) override;
+  void on_message(std::string_view message) override;
 
  private:
   void obey(const Json& j);
@@ -111,35 +112,35 @@ class Page final : public Visitor {
   void pull(const Json& j);
   [[nodiscard]] std::string samples();
 
-  LiveDesk& desk_;
+  LiveApi& desk_;
   std::uint64_t sample_, event_ = 0, scene_ = 0;
   bool greeted_ = false, held_ = false;
   Hand hand_;
   std::vector<std::string> answers_;
 };
 
-LiveDesk::LiveDesk(const RunOptions& options, std::shared_ptr<const Scene> scene, Exchange& exchange)
+LiveApi::LiveApi(const RunOptions& options, std::shared_ptr<const Scene> scene, Exchange& exchange)
     : options_(options),
       given_(options.sets),
       scene_(std::move(scene)),
       exchange_(exchange),
       grip_(usual_hand(*scene_)) {}
 
-std::unique_ptr<Visitor> LiveDesk::welcome() { return std::make_unique<Page>(*this); }
+std::unique_ptr<Client> LiveApi::on_connect() { return std::make_unique<Page>(*this); }
 
-void LiveDesk::turn() {
+void LiveApi::turn() {
   LiveSample s;
   while (exchange_.samples.pop(s)) samples_.add(s, samples_kept);
   LiveEvent e;
   while (exchange_.events.pop(e)) events_.add(std::move(e), events_kept);
 }
 
-void LiveDesk::send(LiveOrder o) {
+void LiveApi::send(LiveOrder o) {
   if (!exchange_.orders.push(std::move(o)))
     throw InputError("", "the loop is behind with its orders: once more, please");
 }
 
-void LiveDesk::set(const std::vector<std::string>& sets) {
+void LiveApi::set(const std::vector<std::string>& sets) {
   RunOptions o = options_;
   std::string what;
   for (const std::string& s : sets) {
@@ -148,8 +149,8 @@ void LiveDesk::set(const std::vector<std::string>& sets) {
   }
   if (sets.empty()) o.sets = given_, what = "the scene as given";
   const auto scene = read_live_scene(o);
-  const Takes takes = what_it_takes(*scene_, *scene);
-  if (!controller_here() && takes != Takes::nothing) {
+  const RestartLevel takes = what_it_takes(*scene_, *scene);
+  if (!controller_here() && takes != RestartLevel::nothing) {
     throw InputError(
         "", "the controller is on " + options_.bus +
                 " and keeps its scene: only effects of plant and drives, and 'simulation', can change");
@@ -162,7 +163,7 @@ void LiveDesk::set(const std::vector<std::string>& sets) {
   ++scene_number_;
 }
 
-std::string LiveDesk::scene_json() const {
+std::string LiveApi::scene_json() const {
   const Scene& s = *scene_;
   Json effects = Json::array();
   for (const EffectText& e : effect_texts(s.toml))
@@ -183,7 +184,7 @@ std::string LiveDesk::scene_json() const {
   return dump(j);
 }
 
-std::string LiveDesk::hello_json() const {
+std::string LiveApi::hello_json() const {
   Json faults = Json::array();
   for (const InjectionRow& r : injection_rows()) {
     if (!can_inject(r, scene_->drives.protocol) || (!controller_here() && !can_inject_from_outside(r)))
@@ -273,7 +274,7 @@ std::string Page::next() {
   return out + "}";
 }
 
-void Page::hear(std::string_view message) {
+void Page::on_message(std::string_view message) {
   try {
     const Json j = Json::parse(message.begin(), message.end(), nullptr, false);
     if (!j.is_object()) throw Malformed();

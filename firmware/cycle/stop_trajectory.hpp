@@ -9,15 +9,15 @@ namespace esmc {
 
 /// The way to rest after a halt.
 template <class S>
-class Retreat {
+class StopTrajectory {
  public:
-  Retreat() = default;
+  StopTrajectory() = default;
   /// `ticks`: of the way to rest.
-  Retreat(std::uint32_t ticks, S sample_time) : ticks_(ticks), sample_time_(sample_time) {}
+  StopTrajectory(std::uint32_t ticks, S sample_time) : ticks_(ticks), sample_time_(sample_time) {}
 
   [[nodiscard]] bool begun() const { return begun_; }
-  /// Base angles (rad) and rates (rad/s) where it begins. The quintic to the point v T / 2 ahead does not overshoot:
-  /// with u = t / T its speed is v (1 - 3 u^2 + 2 u^3), its largest deceleration 1.5 v / T.
+  /// Base angles (rad) and rates (rad/s) where it begins. The quintic to the point v T / 2 ahead does not
+  /// overshoot: with u = t / T its speed is v (1 - 3 u^2 + 2 u^3), its largest deceleration 1.5 v / T.
   void begin(const Vec2<S>& angle, const Vec2<S>& rate) {
     const S duration = S(ticks_) * sample_time_;
     Motion2<S> from, to;

@@ -1,6 +1,6 @@
 /// The motion that a supervisor computer asks for: limits, continuity, samples.
 
-#include "firmware/cycle/guide.hpp"
+#include "firmware/cycle/setpoint_generator.hpp"
 
 #include <gtest/gtest.h>
 
@@ -16,14 +16,14 @@ using V = Vec2<double>;
 
 constexpr double h = 1e-3;
 
-/// The largest speed and acceleration of a coordinate in the positions themselves, by differences, and of the two
-/// coordinates' own words; and how far the words are from the differences.
+/// The largest speed and acceleration of a coordinate in the positions themselves, by differences, and of the
+/// two coordinates' own words; and how far the words are from the differences.
 struct Seen {
   double speed = 0, acceleration = 0, told_speed = 0, told_acceleration = 0, lie = 0;
   V end{0, 0};
 };
 template <class Each>
-Seen watch(Guide<double>& g, int ticks, const Each& each) {
+Seen watch(SetpointGenerator<double>& g, int ticks, const Each& each) {
   Seen s;
   V before[3];
   V velocity_before{0, 0};
@@ -52,9 +52,9 @@ Seen watch(Guide<double>& g, int ticks, const Each& each) {
   return s;
 }
 
-TEST(Guide, StartsToRestWhereItIs) {
-  Guide<double> g(1.0, 10.0, h, false);
-  EXPECT_FALSE(g.leads());
+TEST(SetpointGenerator, StartsToRestWhereItIs) {
+  SetpointGenerator<double> g(1.0, 10.0, h, false);
+  EXPECT_FALSE(g.active());
   g.start(V(0.1, 0.2), V(0, 0));
   const Seen s = watch(g, 100, [](int) {});
   EXPECT_EQ(s.end, V(0.1, 0.2));
@@ -71,9 +71,9 @@ TEST(Guide, StartsToRestWhereItIs) {
 }
 
 /// From rest: 15/8 d / T is the speed, 10/sqrt(3) d / T^2 the acceleration, and one of the two is reached.
-TEST(Guide, ASetPointTakesAsLongAsTheLimitsSay) {
+TEST(SetpointGenerator, ASetPointTakesAsLongAsTheLimitsSay) {
   for (const double distance : {1e-4, 0.01, 0.1, 1.0, 5.0}) {
-    Guide<double> g(1.0, 10.0, h, false);
+    SetpointGenerator<double> g(1.0, 10.0, h, false);
     g.start(V(0, 0), V(0, 0));
     g.go_to(V(distance, -0.5 * distance));
     const double time = std::max(1.875 * distance, std::sqrt(10 / std::sqrt(3.0) * distance / 10.0));
@@ -86,14 +86,14 @@ TEST(Guide, ASetPointTakesAsLongAsTheLimitsSay) {
   }
 }
 
-/// A new set point at any instant of the way to another one: speed and acceleration stay within their limits, and
-/// position and speed do not jump.
-TEST(Guide, SetPointsAtAnyTimeKeepTheLimits) {
+/// A new set point at any instant of the way to another one: speed and acceleration stay within their limits,
+/// and position and speed do not jump.
+TEST(SetpointGenerator, SetPointsAtAnyTimeKeepTheLimits) {
   std::mt19937 random(7);
   std::uniform_real_distribution<double> place(-0.3, 0.3), share(0, 1);
   for (int trial = 0; trial < 300; ++trial) {
     const double speed = 0.2 + 2 * share(random), acceleration = 1 + 30 * share(random);
-    Guide<double> g(speed, acceleration, h, false);
+    SetpointGenerator<double> g(speed, acceleration, h, false);
     g.start(V(place(random), place(random)), V(0, 0));
     V target{0, 0};
     const Seen s = watch(g, 3000, [&](int i) {
@@ -114,8 +114,8 @@ TEST(Guide, SetPointsAtAnyTimeKeepTheLimits) {
   }
 }
 
-TEST(Guide, AnglesGoTheShortWay) {
-  Guide<double> g(5.0, 100.0, h, true);
+TEST(SetpointGenerator, AnglesGoTheShortWay) {
+  SetpointGenerator<double> g(5.0, 100.0, h, true);
   g.start(V(3.0, -3.0), V(0, 0));
   g.go_to(V(-3.0, 3.0));
   const Seen s = watch(g, 2000, [](int) {});
@@ -123,13 +123,13 @@ TEST(Guide, AnglesGoTheShortWay) {
   EXPECT_NEAR(s.end[1], 3.0 - 2 * std::numbers::pi, 1e-12);
 }
 
-/// A circle that is joined while it turns: afterwards every tick is the sample of that tick, with the acceleration
-/// that the samples have half a tick before.
-TEST(Guide, FollowsSamplesAndFadesTheOffset) {
+/// A circle that is joined while it turns: afterwards every tick is the sample of that tick, with the
+/// acceleration that the samples have half a tick before.
+TEST(SetpointGenerator, FollowsSamplesAndFadesTheOffset) {
   const double r = 0.05, w = 10.0;
   const auto p = [&](int i) { return V(r * std::cos(w * i * h), r * std::sin(w * i * h)); };
   const auto v = [&](int i) { return V(-r * w * std::sin(w * i * h), r * w * std::cos(w * i * h)); };
-  Guide<double> g(1.0, 20.0, h, false);
+  SetpointGenerator<double> g(1.0, 20.0, h, false);
   g.start(V(0, 0), V(0, 0));
   const Seen s = watch(g, 1000, [&](int i) { g.follow(p(i), v(i)); });
   EXPECT_LT(s.speed, 1.0 + r * w);
@@ -146,8 +146,8 @@ TEST(Guide, FollowsSamplesAndFadesTheOffset) {
   }
 }
 
-TEST(Guide, GoesStraightOnWhereSamplesAreMissing) {
-  Guide<double> g(1.0, 20.0, h, false);
+TEST(SetpointGenerator, GoesStraightOnWhereSamplesAreMissing) {
+  SetpointGenerator<double> g(1.0, 20.0, h, false);
   g.start(V(0, 0), V(0, 0));
   for (int i = 0; i < 500; ++i) {
     g.follow(V(0, 0), V(0, 0));

@@ -19,7 +19,7 @@ struct FewFrames {
   [[nodiscard]] std::span<const hal::CanFrame> all() const { return {frame.data(), count}; }
 };
 
-struct Dialect {
+struct ProtocolTraits {
   using Frame = hal::CanFrame;
   bool (*is_sample)(const Frame&, int node);  ///< of the frames of a drive, one with angle or speed
   bool (*is_heartbeat)(const Frame&, int node);
@@ -38,9 +38,9 @@ struct Dialect {
   Frame (*foreign_command)(int node, unsigned choice);
   /// N m at the joint between two torques that a command can say next to each other; 0: no such steps.
   double (*torque_step)(const Scene&, std::size_t motor);
-  bool zero_is_a_step;     ///< false: the torques next to zero are half a step away from it
-  bool tells_its_state;    ///< false: a drive that lets go of its motor says nothing of it
-  int ticks_to_let_go;     ///< more, until a drive that is told to let go of its motor has done so
+  bool zero_is_a_step;   ///< false: the torques next to zero are half a step away from it
+  bool tells_its_state;  ///< false: a drive that lets go of its motor says nothing of it
+  int ticks_to_let_go;   ///< more, until a drive that is told to let go of its motor has done so
   /// Of the frames of a controller, the one that its watchdog watches, and that may be for all drives; null:
   /// a command to it.
   bool (*is_sign_of_life)(const Scene&, const Frame&);
@@ -48,6 +48,6 @@ struct Dialect {
   bool remote_is_nothing;  ///< a remote frame with the identifier of a sample is nobody's
 };
 
-[[nodiscard]] const Dialect& dialect(Protocol p);
+[[nodiscard]] const ProtocolTraits& dialect(Protocol p);
 
 }  // namespace esmc::host

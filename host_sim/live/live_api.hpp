@@ -7,18 +7,18 @@
 #include <string>
 #include <vector>
 
-#include "host_sim/record/run_options.hpp"
 #include "host_sim/live/exchange.hpp"
 #include "host_sim/live/server.hpp"
+#include "host_sim/record/run_options.hpp"
 
 namespace esmc::host {
 
-class LiveDesk final : public Desk {
+class LiveApi final : public Desk {
  public:
   /// `scene`: as the loop begins with. All live as long as the desk.
-  LiveDesk(const RunOptions& options, std::shared_ptr<const Scene> scene, Exchange& exchange);
+  LiveApi(const RunOptions& options, std::shared_ptr<const Scene> scene, Exchange& exchange);
 
-  [[nodiscard]] std::unique_ptr<Visitor> welcome() override;
+  [[nodiscard]] std::unique_ptr<Client> on_connect() override;
   void turn() override;
   /// Messages that were no JSON, or none that a page sends.
   [[nodiscard]] std::uint64_t malformed() const { return malformed_; }

@@ -1,4 +1,4 @@
-#include "host_sim/campaign/dialect.hpp"
+#include "host_sim/campaign/protocol_traits.hpp"
 
 #include <algorithm>
 #include <bit>
@@ -29,7 +29,7 @@ std::uint8_t other_size(const Frame& f, std::uint64_t any) {
 
 namespace odrive = drive::odrive;
 
-constexpr Dialect odrive_dialect{
+constexpr ProtocolTraits odrive_dialect{
     .is_sample =
         [](const Frame& f, int node) {
           return f.id == odrive::identifier(node_id(node), odrive::Message::encoder_estimates);
@@ -92,7 +92,7 @@ constexpr Dialect odrive_dialect{
 namespace canopen = drive::canopen;
 namespace cia402 = drive::cia402;
 
-constexpr Dialect cia402_dialect{
+constexpr ProtocolTraits cia402_dialect{
     .is_sample =
         [](const Frame& f, int node) {
           return f.id == canopen::id_tpdo1 + node_bits(node) || f.id == canopen::id_tpdo2 + node_bits(node);
@@ -158,7 +158,7 @@ constexpr Dialect cia402_dialect{
 
 namespace mit = drive::mit;
 
-constexpr Dialect mit_dialect{
+constexpr ProtocolTraits mit_dialect{
     .is_sample = [](const Frame&, int) { return true; },
     .is_heartbeat = nullptr,
     // With the frames that enter and leave motor mode: a drive that hears them but not the zero command
@@ -207,7 +207,7 @@ constexpr Dialect mit_dialect{
 
 }  // namespace
 
-const Dialect& dialect(Protocol p) {
+const ProtocolTraits& dialect(Protocol p) {
   switch (p) {
     case Protocol::cia402:
       return cia402_dialect;

@@ -12,11 +12,11 @@
 
 namespace esmc::host {
 
-class Wire {
+class FaultyBus {
  public:
   /// `nodes` of the drives, motors first; all live as long as the wire. `bitrate`: bit/s.
-  Wire(const Injection& injection, const Dialect& dialect, const std::vector<int>& nodes,
-       double bitrate = 1e6)
+  FaultyBus(const Injection& injection, const ProtocolTraits& dialect, const std::vector<int>& nodes,
+            double bitrate = 1e6)
       : injection_(&injection),
         dialect_(&dialect),
         nodes_(&nodes),
@@ -28,13 +28,14 @@ class Wire {
 
   /// A drive sends.
   void from_drive(std::size_t axis, const hal::CanFrame& f);
-  /// The supervisor computer sends. No fault of the bus loses or delays its frames: the operator's orders are not on trial.
+  /// The supervisor computer sends. No fault of the bus loses or delays its frames: the operator's orders are
+  /// not on trial.
   void from_computer(const hal::CanFrame& f) { orders_.push_back(f); }
   /// Somebody else sends: the controller and the drives hear it.
   void from_stranger(const hal::CanFrame& f);
   /// After the frames of the drives: what strangers send in this tick. `foreign`: a command that is not ours.
-  void strangers_before_tick();
-  void strangers_after_tick(const hal::CanFrame& foreign);
+  void inject_foreign_frames();
+  void inject_foreign_frames_after_tick(const hal::CanFrame& foreign);
 
   /// The controller's end; satisfies hal::CanBus.
   [[nodiscard]] hal::SendStatus try_send(const hal::CanFrame& f);
@@ -63,7 +64,7 @@ class Wire {
   hal::CanFrame mangled(hal::CanFrame f);
 
   const Injection* injection_;
-  const Dialect* dialect_;
+  const ProtocolTraits* dialect_;
   const std::vector<int>* nodes_;
   Draw draw_;
   double bits_per_ms_;
