@@ -158,13 +158,13 @@ TYPED_TEST(SerialChain, CompareAndResolveAreErrorsRatesAndAccelerations) {
     const auto unset = Vec<S, K>::Constant(std::numeric_limits<S>::quiet_NaN()).eval();
     Vec<S, K> e = unset, rate = unset, reference = unset, speed = unset, push = unset;
     Vec<int, K> told = Vec<int, K>::Zero();
-    m.compare(desired, a, c, pose, b, [&](auto row, S of, S its_rate, S acceleration) {
+    m.for_each_error_row(desired, a, c, pose, b, [&](auto row, S of, S its_rate, S acceleration) {
       e[row] = of;
       rate[row] = its_rate;
       reference[row] = acceleration;
       told[row] += 1;
     });
-    m.resolve(pose, a, c, a, b, [&](auto row, S its_rate, S acceleration) {
+    m.for_each_reference_row(pose, a, c, a, b, [&](auto row, S its_rate, S acceleration) {
       speed[row] = its_rate;
       push[row] = acceleration;
       told[row] += 1;
