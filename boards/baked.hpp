@@ -1,5 +1,5 @@
 #pragma once
-/// What the file that `esmc bake` writes is made of.
+/// Helpers of the header that `esmc bake` writes.
 
 #include <span>
 #include <type_traits>
@@ -8,7 +8,7 @@
 
 namespace esmc::baked {
 
-/// An enumerator by its number: turns into whichever enumeration stands in its place.
+/// An enumerator by its number; converts to the enumeration of the field that it initialises.
 struct Enum {
   int number;
   template <class E>

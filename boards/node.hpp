@@ -1,17 +1,16 @@
 #pragma once
-/// The loop of an image: the same cycle as everywhere, over the board's bus, at the board's pace.
+/// The loops that run a cycle on a board.
 
 #include <concepts>
 #include <cstdint>
 
 #include "firmware/safety/supervisor.hpp"
 #include "hal/can.hpp"
-#include "hal/clock.hpp"
 #include "hal/io.hpp"
 
 namespace esmc {
 
-/// What the loop needs of a board.
+/// Interface of a board to its loop.
 template <class B>
 concept Board = requires(B& b) {
   requires hal::CanBus<std::remove_reference_t<decltype(b.bus())>>;
@@ -21,7 +20,20 @@ concept Board = requires(B& b) {
   { b.now_us() } -> std::same_as<std::uint32_t>;  // wraps
 };
 
-/// Outputs follow the node's state, and the watchdog is refreshed after a good tick only.
+/// For a board without an enable contact: always closed.
+struct NoContact {
+  [[nodiscard]] static bool closed() { return true; }
+};
+/// For a board without this output.
+struct NoOutput {
+  static void set(bool) {}
+};
+/// For a board without a watchdog.
+struct NoWatchdog {
+  static void refresh() {}
+};
+
+/// Sets the outputs, and refreshes the watchdog if the output of the tick was correct.
 template <class Node, Board B>
 void finish_tick(Node& node, B& board) {
   board.drive_enable().set(node.drive_enable());
@@ -29,19 +41,18 @@ void finish_tick(Node& node, B& board) {
   if (node.output_ok()) board.watchdog().refresh();
 }
 
-/// Lockstep: a tick is a complete set of samples, as `esmc plant` sends them. Until a drive is heard it is
-/// asked to arm every `knock_us`, as `esmc controller` does. To wait for a set is no hang: the watchdog is
-/// refreshed then as well. Without a set the states without torque go on ticking every `knock_us`, so that
-/// orders are taken and stopping ends; but enabling waits for sets, as virtual time does, and is the fault
-/// enabling_timeout after `enabling_us`.
+/// Lockstep with `esmc plant`: a tick is a complete set of samples. Until a drive is heard, the request to
+/// arm is repeated every `retry_us`, as by `esmc controller`. States without torque also tick every
+/// `retry_us` without a set, so that commands are taken and stopping ends; but enabling waits for sets and
+/// ends with the fault enabling_timeout after `enabling_us`. The watchdog is refreshed while waiting.
 template <class Node, Board B>
 class LockstepLoop {
  public:
-  static constexpr std::uint32_t knock_us = 100'000, enabling_us = 5'000'000;
+  static constexpr std::uint32_t retry_us = 100'000, enabling_us = 5'000'000;
 
   LockstepLoop(Node& node, B& board) : node_(node), board_(board) {}
 
-  /// One turn; call for ever.
+  /// One turn; call in an endless loop.
   void turn() {
     node_.enable_input(board_.enable().closed());
     node_.receive(board_.bus());
@@ -51,7 +62,7 @@ class LockstepLoop {
       tick(true, 0);
     } else if (enabling && board_.now_us() - set_at_us_ >= enabling_us) {
       tick(false, enabling_us);
-    } else if (!ticked_ || (quiet_us >= (node_.set_begun() ? 10U * knock_us : knock_us) &&
+    } else if (!ticked_ || (quiet_us >= (node_.set_begun() ? 10U * retry_us : retry_us) &&
                             !node_.supervisor().powered() && (!enabling || !node_.heard()))) {
       if (!node_.heard()) node_.ask_again();
       tick(false, enabling || !ticked_ ? 0 : quiet_us);
@@ -61,7 +72,7 @@ class LockstepLoop {
   }
 
  private:
-  /// `passed_us`: of time that no set shows.
+  /// `passed_us`: time since the last set.
   void tick(bool answer, std::uint32_t passed_us) {
     const bool enabling = node_.supervisor().state() == State::enabling;
     if (!answer) node_.time_passed(passed_us);
@@ -69,32 +80,30 @@ class LockstepLoop {
     ticked_ = true;
     ticked_at_us_ = board_.now_us();
     if (answer || !enabling) set_at_us_ = ticked_at_us_;
-    if (answer || !node_.heard())
-      node_.request(board_.bus());  // a plant that is only slow has been asked already
+    if (answer || !node_.heard()) node_.request(board_.bus());  // a slow plant has a request already
     finish_tick(node_, board_);
   }
 
   Node& node_;
   B& board_;
   bool ticked_ = false;
-  std::uint32_t ticked_at_us_ = 0, set_at_us_ = 0;  ///< set_at_us_: of the last set, or of the order to arm
+  std::uint32_t ticked_at_us_ = 0;
+  std::uint32_t set_at_us_ = 0;  // last set, or command to enable
 };
 
-/// Against the clock: tick k begins at the instant k periods after the first. What the bus has not taken of a
-/// tick's frames by then is withdrawn where the bus can do that, so that no torque is older than its tick.
-/// Until it is armed for the first time since its start it sends no torque, not even zero: drives that a
-/// controller before it has left armed lose it by their watchdogs. A tick that begins half a period late is
-/// counted and the instants go on from there; two in a row, or one that is `gap_us` and ten periods late, are
-/// the fault `tick_late`, and the mechanism is brought to rest: what was ordered before the program stood
-/// still is not done after.
+/// Real time: tick k begins k periods after the first. Frames that the bus has not taken by then are
+/// withdrawn where the bus supports it, so that no torque is older than its tick. Before the first arming no
+/// torque frame is sent, not even zero: drives that an earlier controller left armed lose torque by their
+/// watchdogs. A tick that begins half a period late is counted, and the schedule shifts; two in a row, or one
+/// that is `gap_us` and ten periods late, are the fault `tick_late`: commands from before the gap must not
+/// act after it.
 template <class Node, Board B>
 class TimedLoop {
  public:
   static constexpr std::uint32_t rejoin_us = 200'000;  ///< between attempts to come back to the bus
   static constexpr std::uint32_t gap_us = 50'000;
 
-  /// `period_ns`: up to a second. The drives' answers are waited for during `patience` of a period, where
-  /// they are asked.
+  /// `period_ns`: up to a second. `patience`: share of the period to wait for requested samples.
   TimedLoop(Node& node, B& board, std::uint32_t period_ns, float patience = 0.4F)
       : node_(node),
         board_(board),
@@ -104,15 +113,14 @@ class TimedLoop {
         next_us_(board.now_us()),
         on_bus_us_(next_us_) {}
 
-  /// One turn; call for ever, as often as can be, or when a frame has come and at instant_us(). True: a tick
-  /// has been done, and `seen` was given its result.
+  /// One turn; call in an endless loop, or after each frame and at instant_us(). True: a tick was done, and
+  /// `seen` was called with its result.
   template <class Seen>
   bool turn(Seen&& seen) {
     node_.enable_input(board_.enable().closed());
     node_.receive(board_.bus());
     const std::uint32_t now = board_.now_us(), since = now - next_us_;
-    // Before the instant, which is a period ahead at most: anything else is late, also by more than half of
-    // the counter's round.
+    // The instant is a period ahead at most: every other difference is a delay.
     if (since > 0U - 2U * period_us_ - 2U) return false;
     if (!asked_) {
       begin(since);
@@ -132,13 +140,13 @@ class TimedLoop {
     return turn([](const auto&) {});
   }
 
-  /// The next instant at which something is to be done, whatever comes on the bus, on the board's clock.
+  /// The latest time of the next turn() on the board's clock.
   [[nodiscard]] std::uint32_t instant_us() const {
     return !asked_ ? next_us_ : (Node::samples_on_demand ? began_us_ + patience_us_ : began_us_);
   }
-  /// By how much the last tick began after its instant.
+  /// Delay of the last tick.
   [[nodiscard]] std::uint32_t lateness_us() const { return lateness_us_; }
-  /// Ticks that began late, since the start.
+  /// Number of late ticks since the start.
   [[nodiscard]] std::uint32_t late() const { return late_; }
 
  private:
@@ -156,7 +164,7 @@ class TimedLoop {
     asked_ = true;
     if constexpr (requires { board_.bus().withdraw(); }) board_.bus().withdraw();
     if constexpr (requires { board_.bus().rejoin(); }) {
-      // Not at every tick: with a wrong bit rate it would disturb the others for ever.
+      // Not at every tick: with a wrong bit rate it would disturb the other nodes.
       if (!board_.bus().off()) {
         on_bus_us_ = began_us_;
       } else if (began_us_ - on_bus_us_ >= rejoin_us) {

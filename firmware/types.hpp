@@ -1,11 +1,11 @@
 #pragma once
-/// Fixed-size vectors and matrices of the whole project. Nothing here or below allocates.
+/// Fixed-size vectors, matrices and lists of the whole project. Nothing here or below allocates.
 
 #include <Eigen/Core>
 #include <array>
 #include <utility>
 
-/// Of lambdas that are the body of an unrolled loop: a call would put what it works on into memory.
+/// For the bodies of unrolled loops: a call would move their operands from registers to memory.
 #define ESMC_INLINE __attribute__((always_inline))
 
 /// The controller library.
@@ -40,43 +40,28 @@ template <class S>
   return Vec2<S>(-a.y(), a.x());
 }
 
-/// Scalar product written out: Eigen's reduction may reorder, this one adds x before y everywhere.
+/// Scalar product that adds x before y everywhere; Eigen may reorder its own.
 template <class S>
 [[nodiscard]] constexpr S dot(const Vec2<S>& a, const Vec2<S>& b) {
   return a.x() * b.x() + a.y() * b.y();
 }
 
-template <class S>
-void add(Vec2<S>& to, const Vec2<S>& what) {
-  to += what;
-}
-
-/// A sum that begins with its first term. A compiler that keeps the sign of zeros must not leave out 0 + x,
-/// and along chains of bodies every third addition is one; in unrolled code `empty` is a constant and costs
-/// nothing.
+/// A sum that begins with its first term: a compiler that keeps the sign of zeros cannot leave out 0 + x. In
+/// unrolled code `empty` is a constant and costs nothing.
 template <class T>
 class Sum {
  public:
   void add(const T& x) {
-    if (empty_) {
-      value_ = x;
-    } else {
-      value_ += x;
-    }
+    value_ = plus(x);
     empty_ = false;
   }
   void subtract(const T& x) {
-    if (empty_) {
-      value_ = -x;
-    } else {
-      value_ -= x;
-    }
+    value_ = empty_ ? T(-x) : T(value_ - x);
     empty_ = false;
   }
   [[nodiscard]] T plus(const T& x) const { return empty_ ? x : T(value_ + x); }
-  [[nodiscard]] T minus(const T& x) const { return empty_ ? T(-x) : T(value_ - x); }
   [[nodiscard]] bool empty() const { return empty_; }
-  /// Not empty.
+  /// Not defined while empty.
   [[nodiscard]] const T& value() const { return value_; }
 
  private:

@@ -5,21 +5,20 @@
 
 namespace esmc::hal {
 
-/// Time quanta: a bit is 1 + segment1 + segment2 of them, each `prescaler` periods of the kernel clock. A
-/// prescaler of 0 says that the bit rate cannot be had exactly.
+/// Time quanta: a bit is 1 + segment1 + segment2 of them, each `prescaler` periods of the kernel clock. The
+/// prescaler is 0 if the bit rate is not exactly possible.
 struct BitTiming {
   std::uint32_t prescaler = 0, segment1 = 0, segment2 = 0, jump_width = 0;
   [[nodiscard]] constexpr bool exact() const { return prescaler != 0; }
 };
 
-/// What a controller's registers hold at most.
+/// Largest values that a controller's registers hold.
 struct BitTimingLimits {
   std::uint32_t prescaler, segment1, segment2, jump_width;
 };
 
-/// The finest quanta that give exactly `bit_rate` (bit/s) from `clock` (Hz), at least 8 of them; sampled at
-/// 80 % of the bit or at the first point after it, with fewer than 10 quanta two of them before its end; the
-/// widest resynchronisation that fits.
+/// The finest quanta, at least 8, that give exactly `bit_rate` (bit/s) from `clock` (Hz). The sample point is
+/// at 80 % of the bit or just after, and two quanta before its end or more; the jump width is the largest.
 [[nodiscard]] constexpr BitTiming bit_timing(std::uint32_t clock, std::uint32_t bit_rate,
                                              const BitTimingLimits& most) {
   if (bit_rate == 0 || clock % bit_rate != 0) return {};

@@ -1,5 +1,5 @@
 #pragma once
-/// What the firmware needs from a CAN controller, and nothing more.
+/// CAN frames, and the interface of a CAN controller.
 
 #include <array>
 #include <concepts>
@@ -8,7 +8,7 @@
 #include <cstring>
 #include <span>
 
-/// What the library needs of a machine, and back ends.
+/// Interfaces of the hardware, and back ends.
 namespace esmc::hal {
 
 inline constexpr std::uint8_t can_classic_size_max = 8;
@@ -21,10 +21,9 @@ struct CanFrame {
   bool remote = false;           ///< classic remote transmission request: carries a size, no data
   bool fd = false;               ///< CAN FD format: up to 64 bytes
   bool bit_rate_switch = false;  ///< FD data phase at the fast bit rate
-  bool perishable =
-      false;  ///< of one tick: a back end that can drops it at the next one. Not on the wire, not compared
-  std::uint8_t size = 0;  ///< bytes used in `data`: 0..8, or 0..64 with `fd`
-  alignas(4) std::array<std::uint8_t, can_fd_size_max> data{};  ///< aligned for whoever reads or writes words
+  bool perishable = false;       ///< worthless after its tick: may be dropped then. Not sent, not compared
+  std::uint8_t size = 0;         ///< bytes used in `data`: 0..8, or 0..64 with `fd`
+  alignas(4) std::array<std::uint8_t, can_fd_size_max> data{};
 
   [[nodiscard]] constexpr std::span<const std::uint8_t> payload() const { return {data.data(), size}; }
   friend constexpr bool operator==(const CanFrame& a, const CanFrame& b) {
@@ -39,8 +38,7 @@ struct CanFrame {
   }
 };
 
-/// `to` = `from` as far as frames are compared: of the data only what is used, or 8 bytes, which cost no
-/// loop.
+/// `to` = `from` as far as frames are compared. Always copies 8 bytes or more of data, which costs no loop.
 inline void copy_used(const CanFrame& from, CanFrame& to) {
   if (from.size > can_classic_size_max) {
     to = from;
@@ -56,28 +54,42 @@ inline void copy_used(const CanFrame& from, CanFrame& to) {
   return f.id <= id_max && f.size <= size_max && !(f.fd && f.remote);
 }
 
-/// What became of a frame to be sent.
+[[nodiscard]] constexpr CanFrame data_frame(std::uint32_t id, std::uint8_t size) {
+  CanFrame f;
+  f.id = id;
+  f.size = size;
+  return f;
+}
+/// Little-endian field in the data of a frame: the low `bytes` (1..4) of `value`, from byte `at` on.
+constexpr void put_field(CanFrame& f, std::size_t at, std::uint32_t value, std::size_t bytes) {
+  for (std::size_t i = 0; i < bytes; ++i) f.data[at + i] = static_cast<std::uint8_t>(value >> (8U * i));
+}
+[[nodiscard]] constexpr std::uint32_t get_field(const CanFrame& f, std::size_t at, std::size_t bytes) {
+  std::uint32_t value = 0;
+  for (std::size_t i = 0; i < bytes; ++i) value |= std::uint32_t{f.data[at + i]} << (8U * i);
+  return value;
+}
+
+/// Result of sending a frame.
 enum class [[nodiscard]] SendStatus : std::uint8_t{
     ok,
     bus_full,  ///< transient: not queued; the next tick sends a newer frame
-    bus_off,   ///< persistent: the controller has left the bus; outputs must be disarmed
-    refused,   ///< the frame is not well formed: a bug in the caller
+    bus_off,   ///< persistent: the controller has left the bus; drives must be disarmed
+    refused,   ///< not well formed: a bug in the caller
 };
 
-/// A CAN controller. Neither call blocks, allocates or waits.
+/// A CAN controller. No call blocks, allocates or waits.
 template <class B>
 concept CanBus = requires(B& bus, const CanFrame& out, CanFrame& in) {
   { bus.try_send(out) } -> std::same_as<SendStatus>;
-  // false: no frame waiting, `in` untouched; true: every field is set, of `data` the first `size` bytes
+  // false: no frame, `in` untouched; true: every field is set, of `data` the first `size` bytes
   { bus.try_receive(in) } -> std::same_as<bool>;
 };
 
-/// A back end that knows when frames came in.
+/// A back end that knows the arrival times of frames.
 template <class B>
 concept TimesFrames = CanBus<B> && requires(const B& bus) {
-  {
-    bus.frame_age_us()
-    } -> std::same_as<std::uint32_t>;  // since the frame received last was on the bus; 0: not known
+  { bus.frame_age_us() } -> std::same_as<std::uint32_t>;  // of the frame received last; 0: not known
 };
 
 }  // namespace esmc::hal

@@ -1,11 +1,11 @@
 #pragma once
-/// What the firmware needs of a board besides CAN and time.
+/// Interfaces of a board besides CAN and time.
 
 #include <concepts>
 
 namespace esmc::hal {
 
-/// Resets the processor unless refreshed in time. Refreshed after a good tick (Cycle::good) and nowhere else.
+/// Resets the processor unless refreshed in time: after a tick with Cycle::output_ok() only.
 template <class W>
 concept Watchdog = requires(W& w) {
   w.refresh();

@@ -1,6 +1,6 @@
 #pragma once
-/// Frames that wait for a CAN controller which is given one at a time, so that what the bus has not taken can
-/// be withdrawn: no torque of an earlier tick is sent.
+/// Frames that wait for a CAN controller, which gets one at a time: the waiting ones can be withdrawn, so
+/// that no torque of an earlier tick is sent.
 
 #include <array>
 #include <cstdint>
@@ -12,23 +12,22 @@ namespace esmc::hal {
 /// First in, first out.
 class WaitingFrames {
  public:
-  static constexpr std::uint32_t most = 32;
+  static constexpr std::uint32_t capacity = 32;
 
-  /// False: there is no room.
+  /// False: full.
   [[nodiscard]] bool push(const CanFrame& f) {
-    if (size_ == most) return false;
+    if (size_ == capacity) return false;
     at(size_++) = f;
     return true;
   }
   [[nodiscard]] bool empty() const { return size_ == 0; }
-  /// The oldest one. Not empty.
+  /// The oldest frame; only if not empty().
   [[nodiscard]] const CanFrame& front() const { return frames_[first_]; }
   void pop() {
-    first_ = (first_ + 1) % most;
+    first_ = (first_ + 1) % capacity;
     --size_;
   }
-  /// Without what is perishable; the others keep their order: whoever sent them counts on their being sent.
-  /// How many it were.
+  /// Removes perishable frames and returns their number; the others keep their order.
   std::uint32_t withdraw() {
     const std::uint32_t before = size_;
     std::uint32_t kept = 0;
@@ -38,7 +37,7 @@ class WaitingFrames {
     size_ = kept;
     return before - kept;
   }
-  /// Without any. How many it were.
+  /// Removes all frames and returns their number.
   std::uint32_t clear() {
     const std::uint32_t before = size_;
     size_ = 0;
@@ -46,9 +45,9 @@ class WaitingFrames {
   }
 
  private:
-  [[nodiscard]] CanFrame& at(std::uint32_t i) { return frames_[(first_ + i) % most]; }
+  [[nodiscard]] CanFrame& at(std::uint32_t i) { return frames_[(first_ + i) % capacity]; }
 
-  std::array<CanFrame, most> frames_{};
+  std::array<CanFrame, capacity> frames_{};
   std::uint32_t first_ = 0, size_ = 0;
 };
 

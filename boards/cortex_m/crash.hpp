@@ -1,6 +1,5 @@
 #pragma once
-/// What is known of the last time the processor, Cortex-M or Cortex-R, could not go on. Kept over a reset,
-/// lost without power.
+/// Record of the last unexpected exception of a Cortex-M or Cortex-R. Survives a reset, not a loss of power.
 
 #include <cstdint>
 
@@ -10,14 +9,14 @@ inline constexpr std::uint32_t stack_paint = 0xA5A5'5A5AU;
 
 struct CrashRecord {
   static constexpr std::uint32_t mark = 0x45534D43U;  // "ESMC"
-  std::uint32_t valid;                                ///< mark, turned with the sum of the rest
-  std::uint32_t exception;  ///< M: 2 NMI (a watchdog's warning), 3 hard fault, 4 memory management, 5 bus, 6
-                            ///< usage, 16 + n interrupt n; R: number of its vector
+  std::uint32_t valid;                                ///< sum() of a complete record
+  /// M: 2 NMI, 3 hard fault, 4 memory, 5 bus, 6 usage, 16 + n interrupt n; R: number of its vector.
+  std::uint32_t exception;
   std::uint32_t fault_status;  ///< CFSR; R: DFSR
   std::uint32_t hard_status;   ///< HFSR; R: IFSR
-  std::uint32_t address;       ///< BFAR: meaningful where CFSR says so; R: DFAR, IFAR
-  std::uint32_t sp;            ///< at the fault, the stacked registers included
-  std::uint32_t pc, lr;        ///< 0 where the stack could not be read
+  std::uint32_t address;       ///< BFAR, if CFSR declares it valid; R: DFAR, IFAR
+  std::uint32_t sp;            ///< at the fault, including the stacked registers
+  std::uint32_t pc, lr;        ///< 0: the stack could not be read
 
   [[nodiscard]] std::uint32_t sum() const {
     return mark ^

@@ -1,34 +1,19 @@
-/// From reset to esmc_main() on a Cortex-M, and what happens when the processor can not go on.
+/// From reset to esmc_main() on a Cortex-M, and the handling of exceptions.
 
-#include "boards/cortex_m/crash.hpp"
+#include "boards/cortex_m/memory.hpp"
 
 extern "C" {
-// From the linker script.
-extern std::uint32_t esmc_stack_top, esmc_data_begin, esmc_data_end, esmc_bss_begin, esmc_bss_end,
-    esmc_stack_bottom;
-extern const std::uint32_t esmc_data_image;
-
-[[noreturn]] void esmc_main();
-
 [[noreturn]] void esmc_reset() {
-  // Full access to the FPU, before the compiler uses it. Subnormal numbers are kept and rounding is to
-  // nearest, as on the host: the state after reset.
+  // Full access to the FPU, before the compiler uses it. Its reset state is that of the host: subnormal
+  // numbers are kept, rounding is to nearest.
   auto* const cpacr = reinterpret_cast<volatile std::uint32_t*>(0xE000ED88U);
   *cpacr = *cpacr | 0x00F0'0000U;
-  // Bus, usage and memory faults under their own number.
+  // Own exception numbers for bus, usage and memory faults.
   auto* const shcsr = reinterpret_cast<volatile std::uint32_t*>(0xE000ED24U);
   *shcsr = *shcsr | 0x0007'0000U;
   asm volatile("dsb\n isb" ::: "memory");
-  const std::uint32_t* from = &esmc_data_image;
-  for (std::uint32_t* to = &esmc_data_begin; to < &esmc_data_end;) *to++ = *from++;
-  for (std::uint32_t* to = &esmc_bss_begin; to < &esmc_bss_end;) *to++ = 0;
-  // Painted up to here, so that the deepest use can be read from memory.
-  std::uint32_t* here = nullptr;
-  asm volatile("mov %0, sp" : "=r"(here));
-  for (std::uint32_t* to = &esmc_stack_bottom; to < here; ++to)
-    *static_cast<volatile std::uint32_t*>(to) = esmc::stack_paint;
-  // The lowest part of the stack is its guard: no access at all, so that a stack that grows too far faults at
-  // once, whatever lies below it.
+  esmc::prepare_memory();
+  // No access to the lowest 256 bytes of the stack: a stack that grows too far faults at once.
   const auto mpu = [](std::uint32_t at) -> volatile std::uint32_t& {
     return *reinterpret_cast<volatile std::uint32_t*>(at);
   };
@@ -42,17 +27,17 @@ extern const std::uint32_t esmc_data_image;
 }
 constexpr std::uintptr_t stack_guard = 256;
 
-/// Any exception that nobody expects: what the processor stacked is kept, then it starts anew, disabled.
+/// Unexpected exceptions: keeps a record of the stacked registers, then resets.
 [[gnu::naked]] void esmc_fault() {
   asm volatile(
       "mrs r0, msp\n"
-      "ldr r1, =esmc_crash_stack + 256\n"  // the stack in use may be what has failed
+      "ldr r1, =esmc_crash_stack + 256\n"  // the stack in use may have failed
       "mov sp, r1\n"
       "b esmc_crash\n"
       ".ltorg\n");
 }
-/// A board whose chip has a non-maskable interrupt that is none to crash for has its own; it begins with the
-/// stack as it finds it and ends in esmc_fault for all others.
+/// A board may replace it for non-maskable interrupts that are no crash; it must leave the stack as it is and
+/// branch to esmc_fault for all others.
 [[gnu::weak, gnu::alias("esmc_fault"), gnu::nothrow]] void esmc_nmi();
 [[gnu::section(".noinit"), gnu::used]] alignas(8) unsigned char esmc_crash_stack[256];
 [[gnu::used, noreturn]] void esmc_crash(const std::uint32_t* stacked) {
@@ -83,7 +68,7 @@ namespace esmc {
 
 namespace {
 using Vector = void (*)();
-constexpr int vectors = 16 + 150;  // no interrupt is used; each is a fault
+constexpr int vectors = 16 + 150;  // interrupts are not used: each is a fault
 struct Table {
   const void* stack;
   Vector handler[vectors - 1];

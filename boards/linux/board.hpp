@@ -1,5 +1,5 @@
 #pragma once
-/// A single-board computer with a CAN interface as the loop sees it.
+/// A Linux computer with a CAN interface.
 
 #include "boards/node.hpp"
 #include "hal/linux/gpio_line.hpp"
@@ -12,7 +12,7 @@ class LinuxBoard {
  public:
   explicit LinuxBoard(hal::SocketCan& bus) : bus_(bus) {}
 
-  /// An output that costs a system call when it changes and not in every tick.
+  /// An output that makes a system call only when it changes.
   class Output {
    public:
     /// False: the kernel refused; the next call tries again.
@@ -25,15 +25,12 @@ class LinuxBoard {
 
    private:
     hal::GpioLine line_;
-    bool known_ = false, high_ = false;  // a call that failed is made again
-  };
-  /// The drives' own watchdogs see to a computer that has stopped.
-  struct NoWatchdog {
-    static void refresh() {}
+    bool known_ = false, high_ = false;
   };
   [[nodiscard]] hal::SocketCan& bus() { return bus_; }
+  /// None: the drives' own watchdogs react if the computer stops.
   [[nodiscard]] NoWatchdog& watchdog() { return watchdog_; }
-  /// Lines that nobody requests are not wired: the contact is closed, the outputs go nowhere.
+  /// A line without a request is not wired: the contact counts as closed, an output has no effect.
   [[nodiscard]] hal::GpioLine& enable() { return enable_; }
   [[nodiscard]] Output& drive_enable() { return drive_enable_; }
   [[nodiscard]] Output& brake() { return brake_; }

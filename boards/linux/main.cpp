@@ -1,11 +1,13 @@
-/// The controller as a program of a Linux computer on the drives' bus. Disabled until a supervisor computer
-/// arms it, and ended by signals.
+/// The controller as a program of a Linux computer. A supervisor computer arms it, signals end it.
 
+#include <algorithm>
 #include <cerrno>
 #include <chrono>
 #include <csignal>
 #include <cstdlib>
 #include <cstring>
+#include <iterator>
+#include <utility>
 
 #include "boards/linux/board.hpp"
 #include "boards/linux/record.hpp"
@@ -14,21 +16,21 @@
 namespace {
 using namespace esmc;
 
-volatile std::sig_atomic_t ended =
-    0;  // signals: the first brings the mechanism to rest, the second takes the torque
+/// Number of signals: the first brings the mechanism to rest, the second takes the torque away.
+volatile std::sig_atomic_t ended = 0;
 
-constexpr std::uint64_t rest_ns = 5'000'000'000U;  ///< after which a halt that was asked for becomes a stop
-constexpr std::uint64_t idle_ns = 2'000'000'000U;  ///< in which the drives must then say that they are idle
+constexpr std::uint64_t rest_ns = 5'000'000'000U;  ///< after which a requested halt becomes a stop
+constexpr std::uint64_t idle_ns = 2'000'000'000U;  ///< then allowed for the drives to report idle
 
 struct Options {
   const char* interface = nullptr;
   const char* record = nullptr;     ///< a row per tick
-  const char* histogram = nullptr;  ///< microseconds from instant to begin, and of a tick
+  const char* histogram = nullptr;  ///< microseconds of lateness, and of a tick
   const char* enable = nullptr;     ///< GPIO lines, "gpiochip0:17"
   const char* drive_enable = nullptr;
   const char* brake = nullptr;
   int priority = 80;
-  bool best_effort = false;  ///< goes on without fixed priority and locked memory
+  bool best_effort = false;  ///< continue without fixed priority and locked memory
   std::uint64_t ticks = 0;   ///< 0: until a signal
 };
 
@@ -37,47 +39,53 @@ struct Options {
   std::exit(2);
 }
 
+long number(const char* name, const char* text, long least, long most) {
+  char* end = nullptr;
+  const long v = std::strtol(text, &end, 10);
+  if (end == text || *end != '\0' || v < least || v > most) {
+    std::fprintf(stderr, "esmc board: %s must be an integer from %ld to %ld, not '%s'\n", name, least, most,
+                 text);
+    std::exit(2);
+  }
+  return v;
+}
+
+[[noreturn]] void print_help() {
+  std::puts(
+      "usage: linux INTERFACE [--enable CHIP:LINE] [--drive-enable CHIP:LINE] [--brake CHIP:LINE] "
+      "[--record FILE]\n"
+      "             [--histogram FILE] [--priority 1..99] [--best-effort] [--ticks N]\n"
+      "The scene that was baked into this program, on a CAN interface, until Ctrl-C. Armed by a "
+      "supervisor computer.");
+  std::exit(0);
+}
+
 Options read(int argc, char** argv) {
+  constexpr std::pair<const char*, const char * Options::*> texts[] = {
+      {"--record", &Options::record},
+      {"--histogram", &Options::histogram},
+      {"--enable", &Options::enable},
+      {"--drive-enable", &Options::drive_enable},
+      {"--brake", &Options::brake}};
   Options o;
-  const auto number = [](const char* name, const char* text, long least, long most) {
-    char* end = nullptr;
-    const long v = std::strtol(text, &end, 10);
-    if (end == text || *end != '\0' || v < least || v > most) {
-      std::fprintf(stderr, "esmc board: %s must be an integer from %ld to %ld, not '%s'\n", name, least, most,
-                   text);
-      std::exit(2);
-    }
-    return v;
-  };
   for (int i = 1; i < argc; ++i) {
     const char* a = argv[i];
+    const auto is = [&](const char* name) { return std::strcmp(a, name) == 0; };
     const auto value = [&]() -> const char* {
       if (i + 1 >= argc) refuse("a value is missing behind ", a);
       return argv[++i];
     };
-    if (std::strcmp(a, "--help") == 0) {
-      std::puts(
-          "usage: linux INTERFACE [--enable CHIP:LINE] [--drive-enable CHIP:LINE] [--brake CHIP:LINE] "
-          "[--record FILE]\n"
-          "             [--histogram FILE] [--priority 1..99] [--best-effort] [--ticks N]\n"
-          "The scene that was baked into this program, on a CAN interface, until Ctrl-C. Armed by a "
-          "supervisor computer.");
-      std::exit(0);
-    } else if (std::strcmp(a, "--record") == 0) {
-      o.record = value();
-    } else if (std::strcmp(a, "--histogram") == 0) {
-      o.histogram = value();
-    } else if (std::strcmp(a, "--enable") == 0) {
-      o.enable = value();
-    } else if (std::strcmp(a, "--drive-enable") == 0) {
-      o.drive_enable = value();
-    } else if (std::strcmp(a, "--brake") == 0) {
-      o.brake = value();
-    } else if (std::strcmp(a, "--priority") == 0) {
+    const auto* const text =
+        std::find_if(std::begin(texts), std::end(texts), [&](const auto& t) { return is(t.first); });
+    if (is("--help")) {
+      print_help();
+    } else if (text != std::end(texts)) {
+      o.*text->second = value();
+    } else if (is("--priority")) {
       o.priority = static_cast<int>(number(a, value(), 1, 99));
-    } else if (std::strcmp(a, "--ticks") == 0) {
+    } else if (is("--ticks")) {
       o.ticks = static_cast<std::uint64_t>(number(a, value(), 1, 2'000'000'000));
-    } else if (std::strcmp(a, "--best-effort") == 0) {
+    } else if (is("--best-effort")) {
       o.best_effort = true;
     } else if (a[0] == '-' || o.interface != nullptr) {
       refuse("unknown argument ", a);
@@ -94,7 +102,7 @@ Options read(int argc, char** argv) {
 
 std::FILE* create(const char* path) {
   if (path == nullptr) return nullptr;
-  std::FILE* f = std::fopen(path, "a");  // emptied when the run begins, not before it is refused
+  std::FILE* f = std::fopen(path, "a");  // emptied when the run begins: it may be refused before
   if (f == nullptr) refuse("cannot write ", path);
   return f;
 }
@@ -134,6 +142,86 @@ void write_header(std::FILE* f) {
   std::fputs(",lateness_us,tick_us,state,fault\n", f);
 }
 
+/// Locks the memory and fixes the priority; without `best_effort` a failure ends the program.
+void require_realtime(const Options& o) {
+  for (const auto& [what, code] : {std::pair{"no locked memory: ", hal::lock_memory()},
+                                   std::pair{"no fixed priority: ", hal::fixed_priority(o.priority)}}) {
+    if (!code) continue;
+    if (!o.best_effort)
+      refuse(what,
+             (code.message() + " (as root, or see docs/boards.md; --best-effort goes on without)").c_str());
+    std::fprintf(stderr, "esmc board: %s%s\n", what, code.message().c_str());
+  }
+}
+
+using Loop = TimedLoop<baked::Node, LinuxBoard>;
+struct Statistics {
+  Histogram lateness, duration;
+  std::uint64_t ticks = 0;
+};
+
+/// Runs until a signal or the last tick, then until the drives are idle. False: not idle in time.
+bool run(baked::Node& node, Loop& loop, const hal::SocketCan& bus, const Options& o, Recorder<Row>& recorder,
+         Statistics& s) {
+  const hal::Alarm alarm;
+  std::uint64_t asked_ns = 0;  // time of the request to end
+  while (true) {
+    const std::uint64_t now = hal::monotonic_ns();
+    const auto left = static_cast<std::int32_t>(loop.instant_us() - static_cast<std::uint32_t>(now / 1000U));
+    if (left > 0) alarm.wait((now / 1000U + static_cast<std::uint32_t>(left)) * 1000U, bus.descriptor());
+    const std::uint64_t begin = hal::monotonic_ns();
+    if (ended != 0) {
+      if (asked_ns == 0) asked_ns = begin;
+      node.command(ended > 1 || begin - asked_ns > rest_ns ? Command::stop : Command::halt);
+    }
+    const bool ticked = loop.turn([&](const TickResult<baked::Mechanism>& result) {
+      const auto took = static_cast<std::uint32_t>((hal::monotonic_ns() - begin) / 1000U);
+      s.lateness.add(loop.lateness_us());
+      s.duration.add(took);
+      recorder.push({result, node.sample().angle, s.ticks, loop.lateness_us(), took});
+      ++s.ticks;
+    });
+    if (s.ticks == o.ticks && o.ticks != 0 && ended == 0) ended = 1;
+    if (asked_ns == 0 || !ticked) continue;
+    const State state = node.supervisor().state();
+    const bool idle = (state == State::disabled || state == State::fault) && node.all_idle();
+    if (idle || begin - asked_ns > rest_ns + idle_ns) return idle;
+  }
+}
+
+/// Explicitly, for not every chip resets a line that is given back.
+bool set_outputs_low(LinuxBoard& board) {
+  bool complete = true;
+  for (LinuxBoard::Output* out : {&board.drive_enable(), &board.brake()}) {
+    int attempts = 100;
+    while (!out->set(false) && --attempts > 0) {
+    }
+    if (attempts > 0) continue;
+    std::fprintf(stderr, "esmc board: a GPIO output cannot be set low: %s\n", std::strerror(errno));
+    complete = false;
+  }
+  return complete;
+}
+
+bool finish(std::FILE* f, const char* path) {
+  const bool failed = std::ferror(f) != 0;
+  if (std::fclose(f) == 0 && !failed) return true;
+  std::fprintf(stderr, "esmc board: %s could not be written completely (disk full?)\n", path);
+  return false;
+}
+
+void print_summary(const Statistics& s, const Loop& loop, const Recorder<Row>& recorder,
+                   const Supervisor& supervisor) {
+  std::printf(
+      "{\"ticks\": %llu, \"late_ticks\": %u, \"lateness_us\": {\"p50\": %u, \"p99\": %u, \"max\": %u}, "
+      "\"tick_us\": {\"p50\": %u, \"p99\": %u, \"max\": %u}, \"rows_lost\": %llu, \"state\": \"%s\", "
+      "\"fault\": \"%s\"}\n",
+      static_cast<unsigned long long>(s.ticks), loop.late(), s.lateness.quantile(0.5),
+      s.lateness.quantile(0.99), s.lateness.most(), s.duration.quantile(0.5), s.duration.quantile(0.99),
+      s.duration.most(), static_cast<unsigned long long>(recorder.lost()), name(supervisor.state()),
+      name(supervisor.fault()));
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -150,16 +238,8 @@ int main(int argc, char** argv) {
   wire(board.brake().line(), "--brake", o.brake, hal::GpioLine::Use::output);
   std::FILE* const record = create(o.record);
   std::FILE* const histogram = create(o.histogram);
-  Recorder<Row> recorder(record, write_row);  // its thread has the ordinary priority
-
-  for (const auto& [what, code] : {std::pair{"no locked memory: ", hal::lock_memory()},
-                                   std::pair{"no fixed priority: ", hal::fixed_priority(o.priority)}}) {
-    if (!code) continue;
-    if (!o.best_effort)
-      refuse(what,
-             (code.message() + " (as root, or see docs/boards.md; --best-effort goes on without)").c_str());
-    std::fprintf(stderr, "esmc board: %s%s\n", what, code.message().c_str());
-  }
+  Recorder<Row> recorder(record, write_row);  // its thread keeps the ordinary priority
+  require_realtime(o);
   for (const auto& [f, path] : {std::pair{record, o.record}, std::pair{histogram, o.histogram}}) {
     if (f != nullptr && std::freopen(path, "w", f) == nullptr) refuse("cannot write ", path);
   }
@@ -169,66 +249,19 @@ int main(int argc, char** argv) {
   const auto session = static_cast<std::uint8_t>(
       1U + std::chrono::system_clock::now().time_since_epoch().count() / 1'000'000 % 255);
   static baked::Node node(baked::config(session));
-  TimedLoop loop(node, board, baked::period_ns);
-  static Histogram lateness, duration;
-  const hal::Alarm alarm;
-  std::uint64_t ticks = 0;
-  std::uint64_t asked_ns = 0;  // to end
-  bool idle = false;
-  while (true) {
-    const std::uint64_t now = hal::monotonic_ns();
-    const auto left = static_cast<std::int32_t>(loop.instant_us() - static_cast<std::uint32_t>(now / 1000U));
-    if (left > 0) alarm.wait((now / 1000U + static_cast<std::uint32_t>(left)) * 1000U, bus.descriptor());
-    const std::uint64_t begin = hal::monotonic_ns();
-    if (ended != 0) {
-      if (asked_ns == 0) asked_ns = begin;
-      node.command(ended > 1 || begin - asked_ns > rest_ns ? Command::stop : Command::halt);
-    }
-    const bool ticked = loop.turn([&](const TickResult<baked::Mechanism>& result) {
-      const auto took = static_cast<std::uint32_t>((hal::monotonic_ns() - begin) / 1000U);
-      lateness.add(loop.lateness_us());
-      duration.add(took);
-      recorder.push({result, node.sample().angle, ticks, loop.lateness_us(), took});
-      ++ticks;
-    });
-    if (ticks == o.ticks && o.ticks != 0 && ended == 0) ended = 1;
-    if (asked_ns == 0 || !ticked) continue;
-    const State state = node.supervisor().state();
-    idle = (state == State::disabled || state == State::fault) && node.all_idle();
-    if (idle || begin - asked_ns > rest_ns + idle_ns) break;
-  }
-  bool complete = true;
-  for (LinuxBoard::Output* out :
-       {&board.drive_enable(), &board.brake()}) {  // not every chip lets go of a line that is given back
-    int attempts = 100;
-    while (!out->set(false) && --attempts > 0) {
-    }
-    if (attempts > 0) continue;
-    std::fprintf(stderr, "esmc board: a GPIO output cannot be set low: %s\n", std::strerror(errno));
-    complete = false;
-  }
+  Loop loop(node, board, baked::period_ns);
+  static Statistics statistics;
+  const bool idle = run(node, loop, bus, o, recorder, statistics);
+  bool complete = set_outputs_low(board);
   recorder.close();
-  const auto finish = [&](std::FILE* f, const char* path) {
-    const bool failed = std::ferror(f) != 0;
-    if (std::fclose(f) == 0 && !failed) return;
-    std::fprintf(stderr, "esmc board: %s could not be written completely (disk full?)\n", path);
-    complete = false;
-  };
-  if (record != nullptr) finish(record, o.record);
+  if (record != nullptr) complete = finish(record, o.record) && complete;
   if (histogram != nullptr) {
     std::fputs("what,us,count\n", histogram);
-    lateness.write(histogram, "lateness");
-    duration.write(histogram, "tick");
-    finish(histogram, o.histogram);
+    statistics.lateness.write(histogram, "lateness");
+    statistics.duration.write(histogram, "tick");
+    complete = finish(histogram, o.histogram) && complete;
   }
-  const Fault fault = node.supervisor().fault();
-  std::printf(
-      "{\"ticks\": %llu, \"late_ticks\": %u, \"lateness_us\": {\"p50\": %u, \"p99\": %u, \"max\": %u}, "
-      "\"tick_us\": {\"p50\": %u, \"p99\": %u, \"max\": %u}, \"rows_lost\": %llu, \"state\": \"%s\", "
-      "\"fault\": \"%s\"}\n",
-      static_cast<unsigned long long>(ticks), loop.late(), lateness.quantile(0.5), lateness.quantile(0.99),
-      lateness.most(), duration.quantile(0.5), duration.quantile(0.99), duration.most(),
-      static_cast<unsigned long long>(recorder.lost()), name(node.supervisor().state()), name(fault));
+  print_summary(statistics, loop, recorder, node.supervisor());
   if (!idle) std::fprintf(stderr, "esmc board: ended although not every drive has said that it is idle\n");
-  return fault == Fault::none && idle && complete ? 0 : 1;
+  return node.supervisor().fault() == Fault::none && idle && complete ? 0 : 1;
 }

@@ -1,6 +1,5 @@
 #pragma once
-/// What a tick leaves behind, carried out of the loop without waiting: a ring that another thread empties
-/// into a file.
+/// Statistics and rows of ticks, recorded without waiting.
 
 #include <array>
 #include <atomic>
@@ -12,7 +11,7 @@
 
 namespace esmc {
 
-/// Counts of whole microseconds, up to a millisecond; what is above counts as that.
+/// Counts of whole microseconds; a millisecond or more counts as 1000.
 class Histogram {
  public:
   void add(std::uint32_t us) {
@@ -22,16 +21,16 @@ class Histogram {
   }
   [[nodiscard]] std::uint64_t count() const { return count_; }
   [[nodiscard]] std::uint32_t most() const { return most_; }
-  /// The value that a share `part` of all does not exceed; 1000: that or more.
-  [[nodiscard]] std::uint32_t quantile(double part) const {
+  /// The value that a share (0..1) of all does not exceed; 1000: that or more.
+  [[nodiscard]] std::uint32_t quantile(double share) const {
     std::uint64_t seen = 0;
     for (std::uint32_t us = 0; us < bins_.size(); ++us) {
       seen += bins_[us];
-      if (static_cast<double>(seen) >= part * static_cast<double>(count_)) return us;
+      if (static_cast<double>(seen) >= share * static_cast<double>(count_)) return us;
     }
     return 0;
   }
-  /// Rows "us,name" of the bins that are not empty.
+  /// Rows "name,us,count" of the bins that are not empty.
   void write(std::FILE* out, const char* name) const {
     for (std::size_t us = 0; us < bins_.size(); ++us) {
       if (bins_[us] > 0)
@@ -45,12 +44,11 @@ class Histogram {
   std::uint32_t most_ = 0;
 };
 
-/// One writer, one reader; `push` takes a few instructions and never waits. Rows that find the ring full are
-/// counted.
+/// A ring of rows that a thread writes to a file; `push` never waits, and counts rows if the ring is full.
 template <class Row, std::size_t size = 16384>
 class Recorder {
  public:
-  /// `write(FILE*, row)` makes a line of a row.
+  /// `write(FILE*, row)` writes a row. Null `file`: nothing is recorded.
   template <class Write>
   Recorder(std::FILE* file, const Write& write) : rows_(size) {
     if (file == nullptr) return;
@@ -72,7 +70,7 @@ class Recorder {
   Recorder& operator=(const Recorder&) = delete;
 
   void push(const Row& row) {
-    if (!reader_.join_feasible()) return;
+    if (!reader_.joinable()) return;
     const std::size_t head = head_.load(std::memory_order_relaxed);
     if (head - tail_.load(std::memory_order_acquire) == size) {
       ++lost_;
@@ -82,10 +80,10 @@ class Recorder {
     head_.store(head + 1, std::memory_order_release);
   }
   [[nodiscard]] std::uint64_t lost() const { return lost_; }
-  /// What is in the ring is in the file.
+  /// Writes the rest of the ring to the file.
   void close() {
     over_.store(true, std::memory_order_release);
-    if (reader_.join_feasible()) reader_.join();
+    if (reader_.joinable()) reader_.join();
   }
 
  private:

@@ -1,6 +1,6 @@
 #pragma once
-/// The parts of an Arm MPS2 board that an image needs: UART0 carries CAN as slcan, the FPGA's counter tells
-/// the time. Application notes AN386 and AN500; QEMU's machines mps2-an386 and mps2-an500.
+/// Peripherals of an Arm MPS2 board: UART0 carries CAN as slcan, the FPGA's counter is the clock. Application
+/// notes AN386 and AN500; QEMU's machines mps2-an386 and mps2-an500.
 
 #include <cstdint>
 #include <span>
@@ -14,11 +14,11 @@ namespace esmc {
   return *reinterpret_cast<volatile std::uint32_t*>(address);
 }
 
-/// CMSDK APB UART, polled. What does not go out at once waits in a ring that the loop empties.
+/// CMSDK APB UART, polled. Bytes that cannot be sent at once wait in a ring.
 class Uart {
  public:
   explicit Uart(std::uint32_t base) : base_(base) {
-    reg(base_ + bauddiv) = 217;  // 115 200 of 25 MHz; means nothing to an emulator
+    reg(base_ + bauddiv) = 217;  // 115 200 of 25 MHz; ignored by the emulator
     reg(base_ + control) = 3;    // transmitter and receiver on, no interrupts
   }
   bool try_write(std::span<const char> bytes) {
@@ -50,8 +50,8 @@ class Uart {
   char ring_[ring_size] = {};
 };
 
-/// CMSDK APB watchdog. Its first time-out is the NMI, which keeps a record of where the program was and
-/// restarts it; a second one without a refresh in between resets the processor.
+/// CMSDK APB watchdog. The first time-out is an NMI, which keeps a crash record and restarts the program; a
+/// second one without a refresh resets the processor.
 class Watchdog {
  public:
   void start(std::uint32_t time_us) {
@@ -67,8 +67,7 @@ class Watchdog {
 
 class Mps2Board {
  public:
-  static constexpr std::uint32_t watchdog_us =
-      100'000;  ///< of the emulator's time; a tick takes less than a millisecond of it
+  static constexpr std::uint32_t watchdog_us = 100'000;  ///< of the emulator's time; a tick takes < 1 ms
 
   Mps2Board() {
     reg(fpgaio + prescale) = 24;  // 25 MHz to 1 MHz
@@ -78,10 +77,6 @@ class Mps2Board {
   [[nodiscard]] hal::SlcanBus<Uart>& bus() { return bus_; }
   [[nodiscard]] std::uint32_t now_us() const { return reg(fpgaio + counter); }
 
-  /// No contact is wired to these boards.
-  struct NoContact {
-    [[nodiscard]] static bool closed() { return true; }
-  };
   struct Led {
     void set(bool on) { reg(fpgaio) = on ? 1U : 0U; }
   };

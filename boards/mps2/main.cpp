@@ -1,5 +1,4 @@
-/// The image of the emulated boards: arms by itself, for there is no steel, and runs in lockstep with `esmc
-/// plant`.
+/// The image of the emulated boards, in lockstep with `esmc plant`. Without hardware it arms by itself.
 
 #include "boards/cortex_m/crash.hpp"
 #include "boards/mps2/board.hpp"
@@ -10,7 +9,7 @@ extern "C" [[noreturn]] void esmc_main() {
   static_assert(baked::lockstep, "an emulator has no time of its own: bake without --realtime");
   static Mps2Board board;
   static baked::Node node(baked::config(1));
-  // After a crash it stays disabled, and its record in memory for a debugger.
+  // After a crash it stays disabled; the record remains in memory for a debugger.
   if (!crash_record.sealed()) node.command(Command::enable);
   LockstepLoop loop(node, board);
   for (;;) loop.turn();

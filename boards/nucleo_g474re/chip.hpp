@@ -1,28 +1,26 @@
 #pragma once
-/// STM32G474RE on a NUCLEO-64 (MB1367): 24 MHz crystal, 170 MHz, FDCAN1 on PA11 and PA12. Source: RM0440,
-/// UM2505.
+/// STM32G474RE on a NUCLEO-64 (MB1367): crystal 24 MHz, core 170 MHz, FDCAN1 on PA11, PA12. RM0440, UM2505.
 
-#include "boards/stm32/parts.hpp"
+#include "boards/stm32/peripherals.hpp"
 #include "hal/fdcan/fdcan.hpp"
-#include "hal/flash/g4.hpp"
+#include "hal/flash/bank_slots.hpp"
 
-/// Set by the non-maskable interrupt of a read of bank 2 whose error correction gave up: damaged_flash.cpp.
+/// Set by the non-maskable interrupt of an uncorrectable read of bank 2: damaged_flash.cpp.
 extern "C" volatile std::uint32_t esmc_flash_damaged;
 
 namespace esmc::stm32 {
 
 inline constexpr Word flash_base = 0x4002'2000U;
 
-/// A double word whose programming, or a page whose erasure, was cut short gives a non-maskable interrupt
-/// when it is read (RM0440, 3.3.4): at every start, if that were a crash. It may come some cycles late; what
-/// is read then does not pass its checksum.
+/// Reading a double word or page whose programming or erasure was cut short gives a non-maskable interrupt
+/// (RM0440, 3.3.4), which must not be a crash at every start. It may come some cycles late; the checksum then
+/// refuses the record.
 struct DamagedFlash {
   [[nodiscard]] static bool load(Word address, Word& word) {
     esmc_flash_damaged = 0;
     const Word value = reg(address);
     asm volatile("dsb\n isb" ::: "memory");
-    const bool reported =
-        (reg(flash_base + 0x18) & (1U << 31)) != 0;  // ECCR.ECCD, which the interrupt clears
+    const bool reported = (reg(flash_base + 0x18) & (1U << 31)) != 0;  // ECCR.ECCD, cleared by the interrupt
     if (reported || esmc_flash_damaged != 0) return false;
     word = value;
     return true;
@@ -44,22 +42,16 @@ struct NucleoG474re {
   static constexpr Pin brake{gpio_b, 5};          // D4
   static constexpr Pin light{gpio_a, 5};          // LD2
 
-  /// Outputs low before anything else.
-  static void start_pins() {
+  static constexpr Function functions[] = {
+      {{gpio_a, 11}, 9}, {{gpio_a, 12}, 9}, {{gpio_a, 2}, 7}};  // FDCAN1_RX, FDCAN1_TX, USART2_TX
+
+  static void start_ports() {
     set_bits(rcc + 0x4C, 3);         // AHB2ENR: ports A and B
     set_bits(rcc + 0x58, 1U << 17);  // APB1ENR1: USART2
     finish_access(rcc + 0x4C);
-    drive_enable.output_low();
-    brake.output_low();
-    light.output_low();
-    enable.input_pulled_down();
-    Pin{gpio_a, 11}.alternate(9);  // FDCAN1_RX, FDCAN1_TX
-    Pin{gpio_a, 12}.alternate(9);
-    Pin{gpio_a, 2}.alternate(7);  // USART2_TX
   }
 
-  /// 24 MHz / 6 x 85 / 2 = 170 MHz, in range 1 boost mode. A crystal that stops later is a non-maskable
-  /// interrupt (CSS).
+  /// 24 MHz / 6 x 85 / 2 = 170 MHz, range 1 boost mode. A crystal that stops later gives an NMI (CSS).
   [[nodiscard]] static StartFault start_clocks() {
     set_bits(rcc + 0x58, 1U << 28);  // APB1ENR1: PWR
     set_bits(rcc, 1U << 16);         // CR: HSEON

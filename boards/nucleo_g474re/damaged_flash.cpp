@@ -1,6 +1,5 @@
-/// The non-maskable interrupt of an STM32G4. Two have a meaning here: the crystal has stopped (a crash), and
-/// the error correction of the flash gave up. In bank 2 that is a record of the parameters that was cut
-/// short, which whoever reads it finds out; in bank 1 it is the program.
+/// The non-maskable interrupt of an STM32G4. An uncorrectable error in bank 2 of the flash is a record of
+/// parameters that was cut short, and only marked; an error in bank 1, or a stopped crystal, is a crash.
 
 #include "chip.hpp"
 

@@ -1,18 +1,17 @@
 #pragma once
-/// STM32H743ZI on a NUCLEO-144 (MB1364): 8 MHz from the ST-LINK, 400 MHz, FDCAN1 on PD0 and PD1. Source:
-/// RM0433, UM2407.
+/// STM32H743ZI on a NUCLEO-144 (MB1364): 8 MHz from the ST-LINK, core 400 MHz, FDCAN1 on PD0, PD1. RM0433.
 
-#include "boards/stm32/parts.hpp"
+#include "boards/stm32/peripherals.hpp"
 #include "hal/fdcan/fdcan.hpp"
-#include "hal/flash/h7.hpp"
+#include "hal/flash/bank_slots.hpp"
 
 namespace esmc::stm32 {
 
 inline constexpr Word flash_base = 0x5200'2000U;
 
-/// A flash word whose programming, or a sector whose erasure, was cut short gives a bus fault when it is
-/// read: at every start, if that were a crash. With CCR.BFHFNMIGN and FAULTMASK a load ignores it, and the
-/// status registers tell.
+/// Reading a flash word or sector whose programming or erasure was cut short gives a bus fault, which must
+/// not be a crash at every start. With CCR.BFHFNMIGN and FAULTMASK the load ignores it, and the status
+/// registers show it.
 struct DamagedFlash {
   [[nodiscard]] static bool load(Word address, Word& word) {
     constexpr Word ccr = 0xE000'ED14U, cfsr = 0xE000'ED28U, bus_fault = 0xFF00U, ignore = 1U << 8,
@@ -47,21 +46,17 @@ struct NucleoH743zi2 {
   static constexpr Pin brake{gpio_e, 9};          // D6
   static constexpr Pin light{gpio_b, 0};          // LD1
 
-  static void start_pins() {
+  static constexpr Function functions[] = {
+      {{gpio_d, 0}, 9}, {{gpio_d, 1}, 9}, {{gpio_d, 8}, 7}};  // FDCAN1_RX, FDCAN1_TX, USART3_TX
+
+  static void start_ports() {
     set_bits(rcc + 0xE0, (1U << 1) | (1U << 3) | (1U << 4));  // AHB4ENR: ports B, D, E
     set_bits(rcc + 0xE8, 1U << 18);                           // APB1LENR: USART3
     finish_access(rcc + 0xE0);
-    drive_enable.output_low();
-    brake.output_low();
-    light.output_low();
-    enable.input_pulled_down();
-    Pin{gpio_d, 0}.alternate(9);  // FDCAN1_RX, FDCAN1_TX
-    Pin{gpio_d, 1}.alternate(9);
-    Pin{gpio_d, 8}.alternate(7);  // USART3_TX
   }
 
-  /// 8 MHz x 100 / 2 = 400 MHz at voltage scale 1, which every revision of the chip can; buses at 200 and 100
-  /// MHz; 40 MHz for the CAN controller from the same PLL.
+  /// 8 MHz x 100 / 2 = 400 MHz at voltage scale 1, possible with every revision of the chip; buses at 200 and
+  /// 100 MHz; 40 MHz for the CAN controller from the same PLL.
   [[nodiscard]] static StartFault start_clocks() {
     set_field(pwr + 0x0C, 7, 2);  // CR3: the internal regulator, and no other source
     if (!await(pwr + 0x04, 1U << 13, 1U << 13)) return StartFault::core_voltage;
@@ -90,7 +85,7 @@ struct NucleoH743zi2 {
     start_instruction_cache();
     return StartFault::none;
   }
-  /// The clock calibration unit is passed by (CCU_CCFG.BCC), which FDCAN1's configuration mode allows.
+  /// Bypasses the clock calibration unit (CCU_CCFG.BCC) in FDCAN1's configuration mode.
   static void prepare_can() {
     constexpr Word cccr = 0x4000'A018U;
     reg(cccr) = 1;

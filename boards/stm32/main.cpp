@@ -1,5 +1,4 @@
-/// The image of a NUCLEO board. After any reset it is disabled: it sends no torque, and is armed by a
-/// supervisor computer alone.
+/// The image of a NUCLEO board: disabled, without torque, until a supervisor computer arms it.
 
 #include "boards/cortex_m/crash.hpp"
 #include "boards/stm32/board.hpp"
@@ -9,10 +8,10 @@
 namespace {
 using namespace esmc;
 
-[[gnu::section(".noinit")]] std::uint32_t starts;  // another number at each start
+[[gnu::section(".noinit")]] std::uint32_t starts;  // seed of the session, changed at each start
 
-[[gnu::cold, gnu::noinline]] void tell_start(stm32::Console& out, std::uint32_t cause) {
-  out << "\r\nesmc; reset flags ";
+[[gnu::cold, gnu::noinline]] void print_start(stm32::Console& out, std::uint32_t cause) {
+  out << "\r\nesmc, link protocol " << link::protocol_version << "; reset flags ";
   out.hex(cause) << "\r\n";
   if (!crash_record.sealed()) return;
   out << "crash: exception " << crash_record.exception << " CFSR ";
@@ -23,8 +22,8 @@ using namespace esmc;
 }
 
 template <class Loop>
-[[gnu::cold, gnu::noinline]] void tell_status(stm32::Console& out, const baked::Node& node, const Loop& loop,
-                                              stm32::NucleoBoard& board) {
+[[gnu::cold, gnu::noinline]] void print_status(stm32::Console& out, const baked::Node& node, const Loop& loop,
+                                               stm32::NucleoBoard& board) {
   out << name(node.supervisor().state()) << ", fault " << name(node.supervisor().fault()) << ", enable "
       << (board.enable().closed() ? "closed" : "open") << (board.bus().off() ? ", off the bus" : "")
       << ", late " << loop.late() << ", overruns " << board.bus().overruns() << ", withdrawn "
@@ -32,8 +31,8 @@ template <class Loop>
   out.hex(board.bus().error_counters()) << "\r\n";
 }
 
-// Texts need not be fast: cold code is made small.
-[[gnu::cold, gnu::noinline]] void tell_store(stm32::Console& out, const link::StoreStatus& s) {
+// Cold: compiled for size.
+[[gnu::cold, gnu::noinline]] void print_store(stm32::Console& out, const link::StoreStatus& s) {
   out << "parameters: " << name(s.state) << ", at start ";
   if (s.used == 0) {
     out << "baked";
@@ -44,7 +43,7 @@ template <class Loop>
       << "\r\n";
 }
 
-/// Nothing runs and the outputs are low: says why, waits for a second or so, and begins again.
+/// While nothing runs and the outputs are low: prints the reason, waits for about a second, and resets.
 [[noreturn]] void start_again(stm32::Console& out, stm32::StartFault why) {
   out << "start: " << name(why) << "\r\n";
   for (std::uint32_t n = 0; n < 3'000'000U || !out.idle(); ++n) out.pump();
@@ -59,8 +58,8 @@ extern "C" [[noreturn]] void esmc_main() {
                 "a board is armed by a supervisor computer: command.arm = \"link\" in the scene");
   static_assert(baked::period_ns <= 100'000'000, "the watchdog of a board waits for half a second at most");
   static stm32::NucleoBoard board;
-  tell_start(board.console(), board.reset_cause());
-  while (!board.console().idle()) board.console().pump();  // before its clock changes; some milliseconds
+  print_start(board.console(), board.reset_cause());
+  while (!board.console().idle()) board.console().pump();  // before its clock changes
   const stm32::StartFault fault = board.start(baked::bitrate);
   if (fault != stm32::StartFault::none) start_again(board.console(), fault);
 
@@ -71,28 +70,28 @@ extern "C" [[noreturn]] void esmc_main() {
   static link::ParameterSlots slots(board.slots(), node.link().parameters(), node.link().scene(),
                                     store_ticks_max);
   link::restore(node.link(), slots);
-  tell_store(board.console(), slots.status());
-  link::StoreState told = slots.status().state;
-  // After a crash it does not arm until the record is gone, with the power.
+  print_store(board.console(), slots.status());
+  link::StoreState printed = slots.status().state;
+  // After a crash it does not arm until a loss of power clears the record.
   const bool crashed = crash_record.sealed();
   constexpr std::uint32_t period_us = baked::period_ns / 1000U;
   stm32::Chip::watchdog.start(period_us < 1000U ? 5000U : 5U * period_us);
   TimedLoop loop(node, board, baked::period_ns);
-  std::uint32_t told_us = board.now_us();
+  std::uint32_t printed_us = board.now_us();
   for (;;) {
     if (crashed) node.command(Command::stop);
     if (loop.turn()) {
       stm32::Chip::light.set(node.drive_enable());
       link::serve(node.link(), slots);
     }
-    if (slots.status().state != told) {
-      told = slots.status().state;
-      tell_store(board.console(), slots.status());
+    if (slots.status().state != printed) {
+      printed = slots.status().state;
+      print_store(board.console(), slots.status());
     }
     board.console().pump();
-    if (board.now_us() - told_us >= 1'000'000U) {
-      told_us += 1'000'000U;
-      tell_status(board.console(), node, loop, board);
+    if (board.now_us() - printed_us >= 1'000'000U) {
+      printed_us += 1'000'000U;
+      print_status(board.console(), node, loop, board);
     }
   }
 }

@@ -1,7 +1,6 @@
 #pragma once
-/// The parts of a ZCU102 that the image needs: CAN1, which has the board's transceiver (UG1182), and the
-/// core's cycle counter. Clocks and pins are those that the first-stage boot loader has set up. Sources:
-/// UG1085, UG1087, Cortex-R5 TRM (DDI 0460).
+/// Peripherals of a ZCU102: CAN1, which has the board's transceiver (UG1182), and the core's cycle counter.
+/// The first-stage boot loader sets up clocks and pins. Sources: UG1085, UG1087, Cortex-R5 TRM (DDI 0460).
 
 #include <cstdint>
 
@@ -22,7 +21,7 @@ struct Registers {
 
 class Zcu102Board {
  public:
-  /// What is on the wire is the same; what is in the registers is not.
+  /// The emulator's registers hold frames in another layout.
   static constexpr auto layout =
       ESMC_CAN_OF_QEMU ? hal::zynqmp_can::Layout::qemu_7_2 : hal::zynqmp_can::Layout::manual;
   using Can = hal::ZynqmpCan<layout, Registers<0xFF07'0000U>>;
@@ -34,7 +33,7 @@ class Zcu102Board {
   [[nodiscard]] bool start(std::uint32_t bit_rate) { return bus_.open(can_clock_hz, bit_rate); }
 
   [[nodiscard]] Can& bus() { return bus_; }
-  /// Lockstep asks for it to request_arming now and then, no more: call it at least every 4 s.
+  /// Call it at least every 4 s: the counter wraps.
   [[nodiscard]] std::uint32_t now_us() {
     std::uint32_t cycles = 0;
     asm volatile("mrc p15, 0, %0, c9, c13, 0" : "=r"(cycles));  // PMCCNTR
@@ -45,17 +44,7 @@ class Zcu102Board {
     return us_;
   }
 
-  /// Lockstep knows no time, so there is none in which it must be refreshed.
-  struct NoWatchdog {
-    void refresh() {}
-  };
-  /// No contact and no drive's supply is wired to this board.
-  struct NoContact {
-    [[nodiscard]] static bool closed() { return true; }
-  };
-  struct NoOutput {
-    void set(bool) {}
-  };
+  // Lockstep needs no watchdog, and no contact or supply of a drive is wired.
   [[nodiscard]] NoWatchdog& watchdog() { return watchdog_; }
   [[nodiscard]] NoContact& enable() { return enable_; }
   [[nodiscard]] NoOutput& drive_enable() { return drive_enable_; }

@@ -1,5 +1,4 @@
-/// The image of the emulated Cortex-R5F: arms by itself, for there is no steel, and runs in lockstep with
-/// `esmc plant`.
+/// The image of the emulated Cortex-R5F, in lockstep with `esmc plant`. Without hardware it arms by itself.
 
 #include "boards/cortex_m/crash.hpp"
 #include "boards/zcu102_rpu/board.hpp"
@@ -11,7 +10,7 @@ extern "C" [[noreturn]] void esmc_main() {
   static Zcu102Board board;
   static baked::Node node(baked::config(1));
   const bool on_bus = board.start(baked::bitrate);
-  // After a crash it stays disabled, and its record in memory for a debugger.
+  // After a crash it stays disabled; the record remains in memory for a debugger.
   if (on_bus && !crash_record.sealed()) node.command(Command::enable);
   LockstepLoop loop(node, board);
   for (;;) loop.turn();

@@ -1,18 +1,10 @@
-/// From reset to esmc_main() on the Cortex-R5F, and what happens when the processor can not go on. All of it
-/// runs in system mode, so that no exception overwrites a register of what it interrupts.
+/// From reset to esmc_main() on the Cortex-R5F, and the handling of exceptions. All of it runs in system
+/// mode, so that no exception overwrites a register of the interrupted code.
 
-#include "boards/cortex_m/crash.hpp"
+#include "boards/cortex_m/memory.hpp"
 
 extern "C" {
-// From the linker script.
-extern std::uint32_t esmc_stack_top, esmc_data_begin, esmc_data_end, esmc_bss_begin, esmc_bss_end,
-    esmc_stack_bottom;
-extern const std::uint32_t esmc_data_image;
-
-[[noreturn]] void esmc_main();
-
-/// The exception vectors, at address 0: the processor takes exceptions in Arm state, whatever the rest is.
-/// Number n is the word at 4 n; it goes into the crash record.
+/// The exception vectors, at address 0, in Arm state. Number n, of the word at 4 n, goes into the record.
 [[gnu::naked, gnu::target("arm"), gnu::section(".vectors"), gnu::used]] void esmc_vectors() {
   asm volatile(
       "ldr pc, [pc, #24]\n"  // reset
@@ -27,8 +19,7 @@ extern const std::uint32_t esmc_data_image;
       ".word esmc_data_abort, esmc_unused, esmc_irq, esmc_fiq\n");
 }
 
-/// Of what ran before, nothing is counted on. Subnormal numbers are kept and rounding is to nearest, as on
-/// the host.
+/// Resets the processor's state. Subnormal numbers are kept, rounding is to nearest, as on the host.
 [[gnu::naked, gnu::target("arm"), gnu::used]] void esmc_entry() {
   asm volatile(
       "cpsid aif, #31\n"             // system mode, everything masked
@@ -52,15 +43,8 @@ extern const std::uint32_t esmc_data_image;
 }
 
 [[noreturn]] void esmc_reset() {
-  const std::uint32_t* from = &esmc_data_image;
-  for (std::uint32_t* to = &esmc_data_begin; to < &esmc_data_end;) *to++ = *from++;
-  for (std::uint32_t* to = &esmc_bss_begin; to < &esmc_bss_end;) *to++ = 0;
-  // Painted up to here, so that the deepest use can be read from memory.
-  std::uint32_t* here = nullptr;
-  asm volatile("mov %0, sp" : "=r"(here));
-  for (volatile std::uint32_t* to = &esmc_stack_bottom; to < here; ++to) *to = esmc::stack_paint;
-  // The lowest part of the stack is its guard: no access at all, so that a stack that grows too far faults at
-  // once.
+  esmc::prepare_memory();
+  // No access to the lowest 256 bytes of the stack: a stack that grows too far faults at once.
   asm volatile("mcr p15, 0, %0, c6, c2, 0" ::"r"(0U));                  // RGNR
   asm volatile("mcr p15, 0, %0, c6, c1, 0" ::"r"(&esmc_stack_bottom));  // DRBAR
   asm volatile("mcr p15, 0, %0, c6, c1, 4" ::"r"(1U << 12));        // DRACR: no access, nothing to execute
@@ -74,7 +58,7 @@ extern const std::uint32_t esmc_data_image;
 
 [[gnu::section(".noinit"), gnu::used]] alignas(8) unsigned char esmc_crash_stack[256];
 
-/// Any exception that nobody expects: what it interrupted is kept, then the image starts anew, disabled.
+/// Unexpected exceptions: keeps a record, then restarts the image; the controller starts disabled.
 #define ESMC_EXCEPTION(name, number)                                                 \
   [[gnu::naked, gnu::target("arm"), gnu::used]] void name() {                        \
     asm volatile("mov r0, #" #number "\n mov r1, lr\n b esmc_fault\n" ::: "memory"); \
@@ -93,7 +77,7 @@ ESMC_EXCEPTION(esmc_fiq, 7)
       "cpsid aif, #31\n"
       "mov r2, sp\n"
       "mov r3, lr\n"
-      "ldr sp, =esmc_crash_stack + 256\n"  // the stack in use may be what has failed
+      "ldr sp, =esmc_crash_stack + 256\n"  // the stack in use may have failed
       "ldr ip, =esmc_crash\n"
       "bx ip\n"
       ".ltorg\n");
@@ -115,9 +99,8 @@ ESMC_EXCEPTION(esmc_fiq, 7)
   esmc::crash_record.hard_status = instruction_status;
   esmc::crash_record.address = address;
   esmc::crash_record.sp = sp;
-  esmc::crash_record.pc = back - (exception == 4  ? 8U
-                                  : exception < 3 ? 2U
-                                                  : 4U);  // of an image in Thumb state
+  const std::uint32_t past = exception == 4 ? 8U : exception < 3 ? 2U : 4U;  // of an image in Thumb state
+  esmc::crash_record.pc = back - past;
   esmc::crash_record.lr = lr;
   esmc::crash_record.seal();
   asm volatile("dsb\n ldr ip, =esmc_entry\n bx ip\n .ltorg" ::: "memory");

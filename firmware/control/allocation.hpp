@@ -1,14 +1,14 @@
 #pragma once
-/// From the generalised force a law asks for to motor torques (model.md section 7).
+/// From the generalised force that a law asks for to motor torques (model.md section 7).
 
 #include "firmware/mechanism/five_bar.hpp"
 
 namespace esmc {
 
-/// Joint torques tau with R^T tau = F and least tau^T W tau, W diagonal > 0 [F26]: weighted minimum norm by
-/// Gram-Schmidt QR of W^-1/2 R, which does not square the condition number as the normal equations do.
-/// `rows` maps the independent rates to joint rates, F is the force on those independent coordinates. Only
-/// the ratios of the weights count; the smallest of them may be any normal number.
+/// Joint torques tau (N m) with R^T tau = F and least tau^T W tau, W diagonal > 0 [F26]: weighted minimum
+/// norm by Gram-Schmidt QR of W^-1/2 R, which does not square the condition number as the normal equations
+/// do. rows: R, independent rates to joint rates; F: force on the independent coordinates. Only the ratios of
+/// the weights count; the smallest may be any normal number.
 template <class S>
 [[nodiscard]] Vec<S, 4> minimum_norm(const Mat<S, 4, 2>& rows, const Vec2<S>& F, const Vec<S, 4>& weight) {
   Vec<S, 4> root;  // W^-1/2
@@ -21,8 +21,8 @@ template <class S>
     aa += a[i] * a[i];
     bb += b[i] * b[i];
   });
-  // The longer column first: its force is then met by one term, not by the difference of two, and what is
-  // left of the shorter one is made orthogonal to it. Of equal ones the first.
+  // The longer column first: one term then meets its force, not the difference of two. Of equal ones the
+  // first.
   const bool swapped = bb > aa;
   const List<S, 4>&first = swapped ? b : a, &second = swapped ? a : b;
   const S norm1 = square_root(swapped ? bb : aa);
@@ -45,38 +45,30 @@ template <class S>
   return tau;
 }
 
-/// What four motors of a 5R have to do: R^T tau = F.
+/// The task of the four motors of a 5R: R^T tau = F.
 template <class S>
 struct FourMotors {
-  Mat<S, 4, 2> rows;
-  Vec2<S> F;
+  Mat<S, 4, 2> rows;  ///< R: independent rates to (theta11', theta12', theta21', theta22')
+  Vec2<S> F;          ///< on the independent coordinates: N m (base joints) or N (x, y)
 };
 
-/// Of the forces w on the channels, in the form that is better conditioned here: base-joint near type 1, (x,
-/// y) near type 2. Base-joint at a tie.
+/// Task that forces w on the channels set, in the better conditioned form: base joints near type 1 and at a
+/// tie, (x, y) near type 2.
 template <class S>
 [[nodiscard]] FourMotors<S> four_motors(const FiveBar<S>& m, const typename FiveBar<S>::Pose& p,
                                         const typename FiveBar<S>::Channels& w) {
   FourMotors<S> out;
-  Mat<S, 4, 2>& rows = out.rows;
-  Vec2<S>& F = out.F;
-  if (FiveBar<S>::abs_sin_type2(p) >= FiveBar<S>::min_abs_sin_type1(p)) {
-    F = m.base_torque(p, w);
-    unroll<2>([&](auto k) {
-      const auto r = m.base_rates(p, Vec2<S>::Unit(k));
-      rows.col(int(k)) << r.leg[0], r.leg[1];
-    });
-  } else {
-    F = m.platform_force(p, w);
-    unroll<2>([&](auto k) {
-      const auto r = m.chain_rates(p, Vec2<S>::Unit(k));
-      rows.col(int(k)) << r.leg[0], r.leg[1];
-    });
-  }
+  const bool by_base = FiveBar<S>::abs_sin_type2(p) >= FiveBar<S>::min_abs_sin_type1(p);
+  out.F = by_base ? m.base_torque(p, w) : m.platform_force(p, w);
+  unroll<2>([&](auto k) {
+    const Vec2<S> unit = Vec2<S>::Unit(k);
+    const auto r = by_base ? m.base_rates(p, unit) : m.chain_rates(p, unit);
+    out.rows.col(int(k)) << r.leg[0], r.leg[1];
+  });
   return out;
 }
 
-/// Torques of all four motors of a 5R that do what the forces w on its channels ask, least tau^T W tau.
+/// Torques of all four motors of a 5R (N m) for forces w on its channels, least tau^T W tau [F26].
 template <class S>
 [[nodiscard]] Vec<S, 4> allocate_all(const FiveBar<S>& m, const typename FiveBar<S>::Pose& p,
                                      const typename FiveBar<S>::Channels& w, const Vec<S, 4>& weight) {

@@ -1,5 +1,5 @@
 #pragma once
-/// Which way round a body is turned back, and the minimal coordinates that this is compared with.
+/// The two ways round to an attitude, and the Euler angles that docs/spatial.md compares quaternions with.
 
 #include <cmath>
 
@@ -9,24 +9,22 @@ namespace esmc {
 
 /// Chooses between q_e and -q_e, the two ways round to the same attitude, with memory.
 ///
-/// The way in use is kept until the turn that is left is longer than 180 degrees by a margin: until the
-/// scalar part of the chosen quaternion is below -hysteresis. With hysteresis = 0 noise at 180 degrees
-/// changes the way at every sample and the torque dithers; without the change at all a body may be turned the
-/// long way round (it unwinds). Signs that come in do not matter: of each sample the representative next to
-/// the last one is taken, so a sensor or a reference that jumps from q to -q gives the same result to the
-/// last bit.
+/// The chosen way stays until its scalar part falls below -hysteresis: the remaining turn is then longer than
+/// 180 degrees by a margin. With hysteresis = 0, noise at 180 degrees changes the way at every sample and the
+/// torque dithers; without any change the body may go the long way round (it unwinds). The sign of the input
+/// does not matter, to the last bit: of q and -q the one next to the last choice is taken.
 template <class S>
 class AttitudeChoice {
  public:
   AttitudeChoice() = default;
-  /// hysteresis: 0 <= h < 1, cos of half the angle beyond which the way changes: 0.1 is 180 + 11.5 degrees.
+  /// hysteresis: in [0, 1), cos of half the angle at which the way changes: 0.1 is 180 + 11.5 degrees.
   explicit AttitudeChoice(S hysteresis) : hysteresis_(hysteresis) {}
 
-  /// q_e or -q_e. The first one after a reset the short way; at exactly 180 degrees as `shortest` says.
+  /// q_e or -q_e. After a reset the short way; at exactly 180 degrees that of `shortest`.
   [[nodiscard]] Quaternion<S> choose(const Quaternion<S>& turn) {
     Quaternion<S> q = shortest(turn);
     if (known_) {
-      const S along = dot(last_, turn);  // 0: as far from the one as from the other, so memory says nothing
+      const S along = dot(last_, turn);  // 0: both are as far from the last choice
       if (along > S(0)) q = turn;
       if (along < S(0)) q = turn.negative();
       if (q.w < -hysteresis_) q = q.negative();
@@ -43,14 +41,13 @@ class AttitudeChoice {
   bool known_ = false;
 };
 
-/// Yaw, pitch, roll: three coordinates of orientation, R = Rz(yaw) Ry(pitch) Rx(roll). As rates and
-/// accelerations too.
+/// R = Rz(yaw) Ry(pitch) Rx(roll), rad; also rates (rad/s) and accelerations (rad/s2).
 template <class S>
 struct EulerAngles {
-  S roll, pitch, yaw;  ///< rad
+  S roll, pitch, yaw;
 };
 
-/// The chart of Euler angles at one attitude. Its rates have a pole at pitch = +-90 degrees.
+/// Euler angles at one attitude and the map between their rates and the angular velocity.
 template <class S>
 struct EulerChart {
   EulerAngles<S> angle;
@@ -59,7 +56,7 @@ struct EulerChart {
   [[nodiscard]] static EulerChart at(const Quaternion<S>& q) {
     const Rotation<S> r = rotation(q);
     EulerChart c;
-    // cos pitch from the two entries that carry it: the sine alone loses half its digits next to 90 degrees.
+    // cos pitch from two entries: from the sine alone it would lose half its digits next to 90 degrees.
     const S level = square_root(r.x.x() * r.x.x() + r.x.y() * r.x.y());
     c.angle = {arc_tangent2(r.y.z(), r.z.z()), arc_tangent2(S(-r.x.z()), level),
                arc_tangent2(r.x.y(), r.x.x())};
@@ -68,12 +65,12 @@ struct EulerChart {
     return c;
   }
 
-  /// Of an angular velocity in the frame of the body. Pole at pitch = +-90 degrees.
+  /// B^-1 w: rates of an angular velocity in the frame of the body. Pole at pitch = +-90 degrees.
   [[nodiscard]] EulerAngles<S> rates(const Vec3<S>& w) const {
     const S yaw = (w.y() * roll.sin + w.z() * roll.cos) / pitch.cos;
     return {w.x() + yaw * pitch.sin, w.y() * roll.cos - w.z() * roll.sin, yaw};
   }
-  /// B: angular velocity of rates, in the frame of the body.
+  /// B d: angular velocity of rates d, in the frame of the body.
   [[nodiscard]] Vec3<S> turning(const EulerAngles<S>& d) const {
     return Vec3<S>(d.roll - d.yaw * pitch.sin, d.pitch * roll.cos + d.yaw * pitch.cos * roll.sin,
                    d.yaw * pitch.cos * roll.cos - d.pitch * roll.sin);

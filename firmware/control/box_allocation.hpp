@@ -1,14 +1,13 @@
 #pragma once
-/// Torques of four motors that have limits, and keep away from where their gears would change sides.
+/// Torques of four motors with torque limits and a preload that keeps their gears on one side.
 ///
-/// Sought is the least tau^T W tau with R^T tau = F and lower <= tau <= upper. All that F leaves open is a
-/// plane, the motions of the torques against each other (N z, R^T N = 0: what [F26] leaves free); with N
-/// orthonormal in W it is the point of a polygon closest to where the minimum without bounds is. A polygon of
-/// at most eight sides is gone through: no iteration, no tolerance to converge to, the same number of steps
-/// always.
+/// Problem: least tau^T W tau with R^T tau = F and lower <= tau <= upper. F leaves a plane of torques free,
+/// N z with R^T N = 0 [F26]. With N orthonormal in W the solution is the point of a polygon of at most eight
+/// sides that is closest to the minimum without bounds. All candidates are tried: no iteration, no tolerance,
+/// a fixed number of steps.
 ///
-/// What forces the motors can make is known in closed form as well: the sum of the segments [lower_i,
-/// upper_i] a_i (a_i: row of R), a polygon whose sides are parallel to the a_i.
+/// The attainable forces are a polygon in closed form: the sum of the segments [lower_i, upper_i] a_i (a_i:
+/// row of R), with sides parallel to the a_i.
 
 #include <limits>
 
@@ -16,40 +15,35 @@
 
 namespace esmc {
 
-/// N m, of each motor.
+/// Bounds of each motor, N m.
 template <class S>
 struct TorqueBox {
   Vec<S, 4> lower, upper;
 };
 
-/// Torques, and what of force and preload they keep.
+/// Torques, and the shares of force and preload that they keep.
 template <class S>
 struct BoxAllocation {
   Vec<S, 4> torque;  ///< N m, within the limits
-  S force{1};        ///< share of F that is met, its direction kept; < 1: saturated
-  S preload{
-      1};  ///< share of the way from no preload (a motor may go to its limit on either side) to all of it
+  S force{1};        ///< share of F that is met, same direction; < 1: saturated
+  S preload{1};      ///< 1: all of the preload; 0: motors may go to their limits on either side
 };
 
 namespace box {
 
 template <class S>
-[[nodiscard]] constexpr S absolute(S v) {
-  return v < S(0) ? -v : v;
-}
-template <class S>
 [[nodiscard]] constexpr S larger_of(S a, S b) {
   return b > a ? b : a;
 }
 
-/// A side of the polygon of forces: parallel to the row of this motor, which is free there; all others stand
+/// A side of the polygon of forces, parallel to the row of `motor`, which is free there; all other motors are
 /// at a bound.
 struct Side {
   int motor = -1;      ///< -1: not on a side
-  bool upper = false;  ///< the one across which the force is largest
+  bool upper = false;  ///< of the two sides the one with the larger force across
 };
 
-/// The largest share of F, at most 1, that motors with symmetric limits can make.
+/// Largest share of F, at most 1, that motors with limits +-limit attain.
 template <class S>
 [[nodiscard]] S attainable(const Mat<S, 4, 2>& rows, const Vec2<S>& F, const Vec<S, 4>& limit,
                            Side& reached) {
@@ -57,8 +51,8 @@ template <class S>
   for (int i = 0; i < 4; ++i) {
     const Vec2<S> side = rows.row(i).transpose();
     S width(0);
-    for (int j = 0; j < 4; ++j) width += limit[j] * absolute(cross(Vec2<S>(rows.row(j).transpose()), side));
-    const S across = cross(F, side), asked = absolute(across);
+    for (int j = 0; j < 4; ++j) width += limit[j] * magnitude(cross(Vec2<S>(rows.row(j).transpose()), side));
+    const S across = cross(F, side), asked = magnitude(across);
     if (asked * share > width) {
       share = width / asked;
       reached = {i, across > S(0)};
@@ -67,8 +61,7 @@ template <class S>
   return share;
 }
 
-/// How far, from 0 to 1, `wanted` must be widened towards `limit` on both sides for F to lie within what it
-/// can make.
+/// Least share, from 0 to 1, by which `wanted` must be widened towards +-limit for F to be attainable.
 template <class S>
 [[nodiscard]] S widening(const Mat<S, 4, 2>& rows, const Vec2<S>& F, const TorqueBox<S>& wanted,
                          const Vec<S, 4>& limit, Side& reached) {
@@ -81,12 +74,12 @@ template <class S>
   for (int i = 0; i < 4; ++i) {
     const Vec2<S> side = rows.row(i).transpose();
     const S asked = cross(F, side);
-    S highest(0), lowest(0), widest(0);  // of what the motors make across this side
+    S highest(0), lowest(0), widest(0);  // forces of the motors across this side
     for (int j = 0; j < 4; ++j) {
       const S c = cross(Vec2<S>(rows.row(j).transpose()), side);
       highest += c * (c > S(0) ? wanted.upper[j] : wanted.lower[j]);
       lowest += c * (c > S(0) ? wanted.lower[j] : wanted.upper[j]);
-      widest += absolute(c) * limit[j];
+      widest += magnitude(c) * limit[j];
     }
     if (asked > highest && widest > highest) widen((asked - highest) / (widest - highest), {i, true});
     if (asked < lowest && lowest > -widest) widen((lowest - asked) / (lowest + widest), {i, false});
@@ -94,7 +87,7 @@ template <class S>
   return out;
 }
 
-/// The only torques that make a force on a side.
+/// The only torques that give a force F on a side.
 template <class S>
 [[nodiscard]] Vec<S, 4> on_side(const Mat<S, 4, 2>& rows, const Vec2<S>& F, const TorqueBox<S>& bounds,
                                 Side at) {
@@ -111,17 +104,17 @@ template <class S>
   return torque;
 }
 
-/// Two torques against each other that move nothing, orthonormal in W: R^T n = 0, n^T W n = 1. `root`:
+/// N: two torque vectors without effect on the motion, orthonormal in W: R^T n = 0, n^T W n = 1. `root`:
 /// W^-1/2.
 template <class S>
-[[nodiscard]] Mat<S, 4, 2> against_each_other(const Mat<S, 4, 2>& rows, const Vec<S, 4>& root) {
+[[nodiscard]] Mat<S, 4, 2> null_space(const Mat<S, 4, 2>& rows, const Vec<S, 4>& root) {
   Mat<S, 4, 4> q;  // orthonormal; the first two span W^-1/2 R
   Vec<S, 4> a = root.cwiseProduct(rows.col(0)), b = root.cwiseProduct(rows.col(1));
   const bool swapped = b.squaredNorm() > a.squaredNorm();
   q.col(0) = swapped ? b : a;
   q.col(1) = swapped ? a : b;
   for (int n = 0; n < 4; ++n) {
-    if (n > 1) {  // the axis that is farthest from what is there already
+    if (n > 1) {  // the axis that is farthest from the columns so far
       int axis = 0;
       S farthest(-1);
       for (int i = 0; i < 4; ++i) {
@@ -162,16 +155,16 @@ class Polygon {
   Polygon(const Vec<S, 4>& from, const Mat<S, 4, 2>& n, const TorqueBox<S>& bounds, S slack)
       : from_(from), n_(n), bounds_(bounds), slack_(slack), torque_(from) {}
 
-  /// Where rounding leaves no point, the one that is outside by least.
+  /// Where rounding leaves no point inside, the one that is outside by least.
   [[nodiscard]] Vec<S, 4> closest() {
-    judge(Vec2<S>(S(0), S(0)), -1, S(0), -1, S(0));
+    consider(Vec2<S>(S(0), S(0)), -1, S(0), -1, S(0));
     for (int i = 0; i < 4; ++i) {
-      // Beyond which bound the start is: one of those that hold the closest point.
+      // The closest point lies on one of the bounds that `from` violates.
       if (!(from_[i] < bounds_.lower[i]) && !(from_[i] > bounds_.upper[i])) continue;
       const S edge = from_[i] < bounds_.lower[i] ? bounds_.lower[i] : bounds_.upper[i];
       const Vec2<S> a = n_.row(i).transpose();
       const S square = a[0] * a[0] + a[1] * a[1], c = edge - from_[i];
-      if (square > S(0)) judge(Vec2<S>(a[0] * c / square, a[1] * c / square), i, edge, -1, S(0));
+      if (square > S(0)) consider(Vec2<S>(a[0] * c / square, a[1] * c / square), i, edge, -1, S(0));
       for (int j = 0; j < 4; ++j) {
         if (j == i) continue;
         meet(i, edge, j, bounds_.lower[j]);
@@ -186,10 +179,10 @@ class Polygon {
     const Vec2<S> a = n_.row(i).transpose(), b = n_.row(j).transpose();
     const S det = cross(a, b), ci = edge_i - from_[i], cj = edge_j - from_[j];
     if (det != S(0))
-      judge(Vec2<S>((ci * b[1] - cj * a[1]) / det, (cj * a[0] - ci * b[0]) / det), i, edge_i, j, edge_j);
+      consider(Vec2<S>((ci * b[1] - cj * a[1]) / det, (cj * a[0] - ci * b[0]) / det), i, edge_i, j, edge_j);
   }
-  /// `i`, `j`: motors that are at an edge there; -1: none.
-  void judge(const Vec2<S>& z, int i, S edge_i, int j, S edge_j) {
+  /// Takes the candidate z if it is better. `i`, `j`: motors that are at an edge there; -1: none.
+  void consider(const Vec2<S>& z, int i, S edge_i, int j, S edge_j) {
     Vec<S, 4> torque;
     S outside(0);
     for (int k = 0; k < 4; ++k) {
@@ -215,7 +208,7 @@ class Polygon {
   bool none_ = true;
 };
 
-/// What rounding has left outside.
+/// Removes what rounding leaves beyond the limits.
 template <class S>
 [[nodiscard]] BoxAllocation<S> clamped(BoxAllocation<S> a, const Vec<S, 4>& limit) {
   for (int i = 0; i < 4; ++i) {
@@ -227,12 +220,12 @@ template <class S>
 
 }  // namespace box
 
-/// The least tau^T W tau, W > 0, with R^T tau = F and every |tau_i| <= limit_i.
-/// `preload`: motor i stays at preload_i or above where that is > 0, at preload_i or below where it is < 0,
-/// |preload_i| <= limit_i; 0: it may have either sign. Where F cannot be had so, preload yields, of all
-/// motors by the same share of its way to the limit on the other side; where it cannot be had at all, F is
-/// shortened. Equal to minimum_norm, to the bit, where no bound is met. What is not finite in F is so in the
-/// torques.
+/// Least tau^T W tau (N m), W > 0, with R^T tau = F and every |tau_i| <= limit_i; arguments as for
+/// minimum_norm, whose bits it returns where no bound is met.
+/// preload: motor i stays at or above preload_i where that is > 0, at or below where it is < 0, free at 0;
+/// |preload_i| <= limit_i. If F needs more, the preload of all motors gives way by the same share, towards
+/// the opposite limit; if that does not suffice, F is shortened. A value of F that is not finite gives
+/// torques that are not.
 template <class S>
 [[nodiscard]] BoxAllocation<S> allocate_within(const Mat<S, 4, 2>& rows, const Vec2<S>& F,
                                                const Vec<S, 4>& weight, const Vec<S, 4>& limit,
@@ -247,9 +240,9 @@ template <class S>
   bool inside = true, beyond = false, known = true;
   S largest(0);
   for (int i = 0; i < 4; ++i) {
-    known = known && box::absolute(out.torque[i]) <= std::numeric_limits<S>::max();
+    known = known && magnitude(out.torque[i]) <= std::numeric_limits<S>::max();
     inside = inside && out.torque[i] >= bounds.lower[i] && out.torque[i] <= bounds.upper[i];
-    beyond = beyond || box::absolute(out.torque[i]) > limit[i];
+    beyond = beyond || magnitude(out.torque[i]) > limit[i];
     largest = box::larger_of(largest, limit[i]);
   }
   if (inside || !known) return out;
@@ -279,12 +272,12 @@ template <class S>
   }
   Vec<S, 4> root;
   for (int i = 0; i < 4; ++i) root[i] = S(1) / square_root(weight[i]);
-  const Mat<S, 4, 2> n = box::against_each_other(rows, root);
+  const Mat<S, 4, 2> n = box::null_space(rows, root);
   out.torque = box::Polygon<S>(Vec<S, 4>(out.torque), n, bounds, slack).closest();
   return box::clamped(out, limit);
 }
 
-/// The same for what the forces w on the channels of a 5R ask.
+/// allocate_within for forces w on the channels of a 5R.
 template <class S>
 [[nodiscard]] BoxAllocation<S> allocate_all_within(const FiveBar<S>& m, const typename FiveBar<S>::Pose& p,
                                                    const typename FiveBar<S>::Channels& w,

@@ -5,6 +5,7 @@
 #include <limits>
 
 #include "firmware/control/reduced.hpp"
+#include "firmware/numeric/elementary.hpp"
 
 namespace esmc {
 
@@ -13,11 +14,11 @@ namespace esmc {
 ///
 ///   q = argmin f,  f(q) = 1/2 q^T H q + sum_i w_i |s_i + c_i q|,   w_i = T M_i K_i, c_i rows of C_a:
 ///
-/// strictly convex, so that there is one solution, whatever K. From where the clamp of [F39] would go, steps
-/// of steepest descent in the metric of H, each to the best point of the sector it begins in or to the kink
-/// in between where that is lower: every step ends on a kink or in the minimum of a smooth piece, of which
-/// there are finitely many. From one kink to another and back the way would be endless: where two met in a
-/// row, their crossing is tried.
+/// f is strictly convex, so the solution is unique for every K >= 0. The search starts where the clamp of
+/// [F39] leads and takes steps of steepest descent in the metric of H, each to the best point of its sector
+/// or to a lower kink before that: every step ends on a kink or in the minimum of one of finitely many smooth
+/// pieces. After two kinks in a row their crossing is tried, because the way between two kinks can be
+/// endless.
 template <class M>
 class CoupledStep {
  public:
@@ -25,9 +26,11 @@ class CoupledStep {
   using Channels = typename M::Channels;
   static constexpr int most_steps = 24;
 
-  /// weight: w_i >= 0. False: not solved within `most_steps`, or a NaN; `q` is then none.
+  /// s: unit of the channel / s; weight: w_i >= 0. Keeps references to all three.
   CoupledStep(const Reduced<M>& reduced, const Channels& s, const Channels& weight)
       : reduced_(reduced), s_(s), weight_(weight) {}
+  /// q: change of the base joint rates, rad/s. False: not solved within `most_steps`, or a NaN; q is then
+  /// undefined.
   [[nodiscard]] bool solve(Vec2<S>& q) {
     q = Vec2<S>::Zero();
     if (clamped(q)) return true;
@@ -47,26 +50,25 @@ class CoupledStep {
     }
     return false;
   }
-  /// Steps of the last solution; 0 where the clamp was it.
+  /// Steps of the last solution; 0: the clamp solved it.
   [[nodiscard]] int steps() const { return steps_; }
 
  private:
   static constexpr S epsilon = std::numeric_limits<S>::epsilon();
   static S square(S v) { return v * v; }
-  static S magnitude(S v) { return v < S(0) ? -v : v; }
   static bool within(const Vec2<S>& q) {
     constexpr S most = std::numeric_limits<S>::max();
     return magnitude(q[0]) <= most && magnitude(q[1]) <= most;
   }
   [[nodiscard]] Vec2<S> row(int i) const { return {reduced_.column(0)[i], reduced_.column(1)[i]}; }
   [[nodiscard]] bool counts(int i) const { return weight_[i] > S(0); }
-  /// Whether s_i + moved is zero but for rounding: its own, or that of T K_i, beside which it is nothing.
+  /// Whether s_i + moved is zero within the rounding of its terms or of T K_i.
   [[nodiscard]] bool vanishes(int i, S moved) const {
     const S size = magnitude(s_[i]) + magnitude(moved) + weight_[i] / reduced_.mass()[i];
     return magnitude(s_[i] + moved) <= S(32) * epsilon * size;
   }
 
-  /// Where the clamp goes, and whether that is the solution.
+  /// Sets q to where the clamp leads; true: that is the solution.
   bool clamped(Vec2<S>& q) const {
     Channels sw;
     Vec2<S> sum = Vec2<S>::Zero();
@@ -84,7 +86,7 @@ class CoupledStep {
     return true;
   }
 
-  /// f around q: slope_, less that of the kinks at q, which are in at_.
+  /// f around q: slope_ of its smooth terms; at_: rows with a kink at q.
   void linearise(const Vec2<S>& q) {
     slope_ = reduced_.times(q);
     kinks_ = 0;
@@ -108,11 +110,11 @@ class CoupledStep {
     const Vec2<S> a = row(i), b = row(j);
     const Vec2<S> at =
         Vec2<S>(s_[j] * a.y() - s_[i] * b.y(), s_[i] * b.x() - s_[j] * a.x()) * (S(1) / cross(a, b));
-    if (!(objective(at) < objective(q))) return;  // parallel ones end here as well
+    if (!(objective(at) < objective(q))) return;  // also where they are parallel
     q = at;
     linearise(q);
   }
-  /// f(q + p) - f(q) at most, exact up to the next kink; `size`: of its terms.
+  /// Bound of f(q + p) - f(q), exact up to the next kink; `size`: sum of the magnitudes of its terms.
   S change(const Vec2<S>& p, S& size) const {
     S rough = dot(slope_, p);
     size = magnitude(rough);
@@ -123,8 +125,8 @@ class CoupledStep {
     }
     return rough + S(0.5) * dot(p, reduced_.times(p));
   }
-  /// The p of least change; false: q is the solution. All lines at q pass through it, so that p is the
-  /// minimum of one of the sectors between them, or along one of them.
+  /// The step p of least change; false: q is the solution. All kink lines at q pass through q, so p is the
+  /// minimum of a sector between them or along one of them.
   bool descent(Vec2<S>& p) const {
     S least(0);
     const auto take = [&](const Vec2<S>& candidate) {
@@ -139,8 +141,8 @@ class CoupledStep {
     for (int k = 0; k < kinks_; ++k) {
       const Vec2<S> c = row(at_[k]), line = perp(c);
       S held(0);
-      Vec2<S> others = Vec2<S>::Zero();  // of the lines, on the side of `line`
-      S parallel = weight_[at_[k]];      // of those that are this one
+      Vec2<S> others = Vec2<S>::Zero();  // slope of the other lines on the side of `line`
+      S parallel = weight_[at_[k]];      // weight of the lines parallel to this one
       for (int j = 0; j < kinks_; ++j) {
         if (j == k) continue;
         const Vec2<S> cj = row(at_[j]);
@@ -162,7 +164,7 @@ class CoupledStep {
     }
     return least < S(0);
   }
-  /// How much of p is best: all, or up to where the kinks on the way make f rise.
+  /// Best share of p: 1, or less where kinks on the way make f rise.
   S along(const Vec2<S>& p) const {
     const S stiff = dot(p, reduced_.times(p));
     S passed(0), from(0);

@@ -1,5 +1,5 @@
 #pragma once
-/// Reaching laws: what replaces sgn s. Functions of one channel's sliding variable alone.
+/// Reaching laws: the function sw(s) that stands in place of sgn s, of one channel's sliding variable alone.
 
 #include <cstdint>
 
@@ -8,7 +8,7 @@
 
 namespace esmc {
 
-/// What stands in place of sgn s.
+/// Reaching laws; s and layer in the unit of the channel / s.
 enum class Reaching : std::uint8_t {
   sign,        ///< sgn s, sgn 0 = 0. Chatters by +-K h in a sampled loop.
   saturation,  ///< clamp(s / layer, -1, 1)
@@ -16,25 +16,26 @@ enum class Reaching : std::uint8_t {
   implicit,    ///< backward Euler [F39]: saturation whose layer (1 + d) h K follows from the sampling
 };
 
-/// Those of the shape of `saturation`.
+/// Whether sw is `saturated`.
 [[nodiscard]] constexpr bool clamps(Reaching law) {
   return law == Reaching::saturation || law == Reaching::implicit;
 }
 
-/// The layer that makes `saturation` the implicit step [F39]: sample time h (s), torque known to act d ticks
-/// late. Where the gain is 0, or so small that its layer would be, it is the layer of gain 1: any positive
-/// one does there.
+/// The layer with which `saturation` is the implicit step [F39], in the unit of s: gain K >= 0, sample time
+/// h > 0 (s), torque delay d >= 0 (ticks). Always > 0: a gain of 0, or one whose layer would underflow, gets
+/// the layer of gain 1.
 template <class S>
 [[nodiscard]] constexpr S implicit_layer(S gain, S sample_time, S delay_ticks) {
   const S of_unit = (S(1) + delay_ticks) * sample_time, layer = of_unit * gain;
   return layer > S(0) ? layer : of_unit;
 }
 
-/// In [-1, 1], odd, NaN for NaN; `saturated` with layer > 0.
+/// sgn s; NaN for NaN.
 template <class S>
 [[nodiscard]] constexpr S sign_of(S s) {
   return s > S(0) ? S(1) : (s < S(0) ? S(-1) : s);
 }
+/// clamp(s / layer, -1, 1), layer > 0; NaN for NaN.
 template <class S>
 [[nodiscard, gnu::always_inline]] constexpr S saturated(S s, S layer) {
   if (s > layer) return S(1);
@@ -42,29 +43,18 @@ template <class S>
   return s / layer;
 }
 
-/// In [-1, 1], odd. `layer` > 0 in the unit of s; ignored by `sign`. NaN stays NaN.
+/// sw(s): in [-1, 1], odd, NaN for NaN. layer > 0, in the unit of s; `sign` ignores it.
 template <class S>
 [[nodiscard]] S switching(Reaching law, S s, S layer) {
   if (clamps(law)) return saturated(s, layer);
   return law == Reaching::sign ? sign_of(s) : hyperbolic_tangent(s / layer);
 }
-
-/// to += k switching(s), channel by channel.
+/// sw(s) of every channel, each with its own layer.
 template <class S, int N>
-void add_switching(Reaching law, const Vec<S, N>& s, const Vec<S, N>& k, const Vec<S, N>& layer,
-                   Vec<S, N>& to) {
-  switch (law) {  // once, not in every channel
-    case Reaching::sign:
-      for (int i = 0; i < N; ++i) to[i] += k[i] * sign_of(s[i]);
-      return;
-    case Reaching::tanh:
-      for (int i = 0; i < N; ++i) to[i] += k[i] * hyperbolic_tangent(s[i] / layer[i]);
-      return;
-    case Reaching::saturation:
-    case Reaching::implicit:
-      break;
-  }
-  for (int i = 0; i < N; ++i) to[i] += k[i] * saturated(s[i], layer[i]);
+[[nodiscard]] Vec<S, N> switching(Reaching law, const Vec<S, N>& s, const Vec<S, N>& layer) {
+  Vec<S, N> out;
+  for (int i = 0; i < N; ++i) out[i] = switching(law, S(s[i]), S(layer[i]));
+  return out;
 }
 
 }  // namespace esmc

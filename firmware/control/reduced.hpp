@@ -1,6 +1,6 @@
 #pragma once
-/// The two degrees of freedom that all channels share, at one pose, in the base-joint form (regular at type
-/// 1): for what needs the mass matrix. A control tick without optional parts forms none of this.
+/// The mass matrix of the two degrees of freedom at one pose, in the base-joint form (regular at type 1).
+/// Only optional parts of the control tick use it.
 
 #include "firmware/types.hpp"
 
@@ -24,20 +24,18 @@ class Reduced {
   /// C_a: the channels while base joint k turns at 1 rad/s.
   [[nodiscard]] const Channels& column(int k) const { return column_[k]; }
   [[nodiscard]] const Channels& mass() const { return mass_; }
-  /// H_a v.
+  /// H_a v: torques (N m) of accelerations of the base joints (rad/s2).
   [[nodiscard]] Vec2<S> times(const Vec2<S>& v) const {
     return {h00_ * v[0] + h01_ * v[1], h01_ * v[0] + h11_ * v[1]};
   }
-  /// H_a^-1 F: accelerations of the base joints by torques on them.
+  /// H_a^-1 F: accelerations of the base joints by torques on them. Not finite at type 2.
   [[nodiscard]] Vec2<S> solve(const Vec2<S>& F) const {
     return {(h11_ * F[0] - h01_ * F[1]) * inverse_, (h00_ * F[1] - h01_ * F[0]) * inverse_};
   }
-  /// C_a^T M v, v on the channels.
-  [[nodiscard]] Vec2<S> momentum(const Channels& v) const {
-    return {weighed(column_[0], v), weighed(column_[1], v)};
+  /// sigma of s = C_a sigma + r with C_a^T M r = 0 [F32]: H_a^-1 C_a^T M s.
+  [[nodiscard]] Vec2<S> nearest(const Channels& s) const {
+    return solve({weighed(column_[0], s), weighed(column_[1], s)});
   }
-  /// sigma of s = C_a sigma + r with C_a^T M r = 0 [F32]: the motion of the base joints that is next to s.
-  [[nodiscard]] Vec2<S> nearest(const Channels& s) const { return solve(momentum(s)); }
   /// C_a v.
   [[nodiscard]] Channels channels(const Vec2<S>& v) const {
     Channels out;

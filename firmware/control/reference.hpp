@@ -1,6 +1,6 @@
 #pragma once
-/// The reference motion, as a function of the tick number. Time is counted in ticks and phases in 2^-64
-/// turns, so that a float controller neither drifts nor stutters after hours.
+/// The reference motion as a function of the tick number. Time is counted in ticks and phases in 2^-64 turns,
+/// so that a float controller neither drifts nor loses resolution after hours.
 
 #include <cstdint>
 #include <span>
@@ -26,7 +26,7 @@ struct PhaseClock {
   }
 };
 
-/// Position, velocity and acceleration of two coordinates.
+/// Position, velocity and acceleration of two coordinates, m or rad and per s, s2.
 template <class S>
 struct Motion2 {
   Vec2<S> position = Vec2<S>::Zero();
@@ -41,6 +41,7 @@ struct Quintic {
   List<Vec2<S>, 6> c{{{Vec2<S>::Zero(), Vec2<S>::Zero(), Vec2<S>::Zero(), Vec2<S>::Zero(), Vec2<S>::Zero(),
                        Vec2<S>::Zero()}}};
 
+  /// From a to b, derivatives included. duration: s, > 0.
   [[nodiscard]] static Quintic between(const Motion2<S>& a, const Motion2<S>& b, S duration) {
     const S d = duration, d2 = duration * duration;
     const Vec2<S> p = b.position - a.position - a.velocity * d - a.acceleration * (d2 * S(0.5));
@@ -50,7 +51,7 @@ struct Quintic {
             {{a.position, a.velocity * d, a.acceleration * (d2 * S(0.5)), p * S(10) - v * S(4) + w * S(0.5),
               p * S(-15) + v * S(7) - w, p * S(6) - v * S(3) + w * S(0.5)}}};
   }
-  /// t is clamped to [0, duration]; that is finite.
+  /// t: s, clamped to [0, duration]; a NaN gives NaN.
   [[nodiscard]] Motion2<S> at(S t) const {
     const S u = t <= S(0) ? S(0) : (t >= duration ? S(1) : t / duration), r = S(1) / duration;
     Motion2<S> m;
@@ -61,7 +62,7 @@ struct Quintic {
   }
 };
 
-/// A piece of a path: a quintic that starts `offset` seconds before tick `start_tick` (0 <= offset).
+/// A piece of a path: a quintic that starts `offset` >= 0 seconds before tick `start_tick`.
 template <class S>
 struct PathSegment {
   std::uint32_t start_tick = 0;
@@ -76,7 +77,7 @@ enum class ReferenceKind : std::uint8_t {
   sine,        ///< per coordinate: offset + amplitude sin(phase_i)
   path,        ///< quintic segments, then rest at the end (or again from the start with repeat_ticks)
 };
-/// What a reference is given in: metres or radians.
+/// Coordinates of a reference: metres or radians.
 enum class ReferenceSpace : std::uint8_t { effector, base_joints };
 
 /// A reference as a function of the tick number. Fields that a kind does not use are ignored.
@@ -91,8 +92,8 @@ struct Reference {
   std::span<const PathSegment<S>> path{};  ///< owned by the caller, ascending start_tick
   std::uint32_t repeat_ticks = 0;          ///< length of one round of the path; 0: once
 
-  /// Motion at a tick. `sample_time` in s, > 0. hold_start and an empty path give the centre at rest.
-  /// One copy in an image.
+  /// Motion at a tick; sample_time: s, > 0. hold_start and an empty path give the centre at rest. Not inline:
+  /// one copy in an image.
   [[nodiscard, gnu::noinline]] Motion2<S> at(std::uint64_t tick, S sample_time) const {
     Motion2<S> m;
     m.position = centre;
@@ -123,11 +124,6 @@ struct Reference {
   }
 
  private:
-  static Motion2<S> at_rest(const Vec2<S>& position) {
-    Motion2<S> m;
-    m.position = position;
-    return m;
-  }
   [[nodiscard]] Motion2<S> along_path(std::uint64_t ticks, S sample_time) const {
     constexpr std::uint64_t end = 0xFFFF'FFFF;  // no segment starts later
     const auto tick =
@@ -135,17 +131,21 @@ struct Reference {
     std::size_t low = 0, high = path.size();  // the last segment that has begun: at most 32 halvings
     while (high - low > 1) {
       const std::size_t middle = low + (high - low) / 2;
-      (path[middle].start_tick <= tick ? low : high) = middle;
+      if (path[middle].start_tick <= tick)
+        low = middle;
+      else
+        high = middle;
     }
     const PathSegment<S>& s = path[low];
-    if (tick < s.start_tick) return at_rest(s.curve.at(S(0)).position);
-    const S t = S(tick - s.start_tick) * sample_time + s.offset;
-    return t > s.curve.duration ? at_rest(s.curve.at(t).position) : s.curve.at(t);
+    const bool begun = tick >= s.start_tick;
+    const S t = begun ? S(tick - s.start_tick) * sample_time + s.offset : S(0);
+    const Motion2<S> m = s.curve.at(t);
+    return begun && !(t > s.curve.duration) ? m : Motion2<S>{m.position};  // at rest before and after
   }
 };
 
-/// A reference that is joined from where the mechanism was at tick 0: the offset (present minus reference)
-/// fades out along a quintic that starts with the present velocity and no jump in acceleration.
+/// A reference that starts from the position and velocity of the mechanism at tick 0: the offset (present
+/// minus reference) fades out along a quintic without a jump in acceleration.
 template <class S>
 class JoinedReference {
  public:
@@ -155,7 +155,7 @@ class JoinedReference {
 
   [[nodiscard]] const Reference<S>& reference() const { return reference_; }
 
-  /// Position and velocity in the reference's own space at tick 0.
+  /// Position and velocity at tick 0, in the coordinates of the reference.
   void start(const Vec2<S>& position, const Vec2<S>& velocity) {
     if (reference_.kind == ReferenceKind::hold_start) reference_.centre = position;
     if (join_ticks_ == 0) return;

@@ -1,7 +1,6 @@
 #pragma once
-/// One tick of control in space: from what is measured to the inputs of a free body (force, moment) or of a
-/// platform on six legs (one force per motor). Whatever it cannot answer for is a latched fault with a name,
-/// and every input 0.
+/// One tick of control in space: from samples to the inputs of a free body (force, moment) or of a platform
+/// on six legs (one force per motor). Faults are latched; every input is then 0.
 
 #include <cmath>
 #include <cstdint>
@@ -13,17 +12,17 @@
 
 namespace esmc {
 
-/// Why there is no input any more.
+/// Why the controller has stopped.
 enum class SpatialFault : std::uint8_t {
   none,
   not_finite,      ///< a measured or computed value is not a number
-  not_unit,        ///< the measured quaternion has another norm than 1, by more than a tenth
-  type1,           ///< a leg does not reach the reference or what was measured
-  type2,           ///< the motors' forces hold the platform no longer
+  not_unit,        ///< the norm of the measured quaternion differs from 1 by more than a tenth
+  type1,           ///< a leg does not reach the reference or the measured pose
+  type2,           ///< the motors' forces no longer hold the platform
   euler_singular,  ///< smc_euler at pitch = +-90 degrees
 };
 
-/// What is measured: the attitude may come as q or -q, and its norm may be off by rounding and noise.
+/// Measured motion. The attitude may be q or -q, its norm off by rounding and noise.
 template <class S>
 struct SpatialSample {
   Vec3<S> position, velocity;  ///< of the mass centre, in N
@@ -31,7 +30,7 @@ struct SpatialSample {
   Vec3<S> turning;  ///< omega in the frame of the body, rad/s
 };
 
-/// What a controller in space is told once.
+/// Configuration of a controller in space.
 template <class M, class S = typename M::Scalar>
 struct SpatialConfig {
   M mechanism{};  ///< as the controller believes it to be
@@ -54,8 +53,7 @@ struct SpatialResult {
   SpatialFault fault = SpatialFault::none;
 };
 
-/// M: FreeBody or Hexapod. State and reference of the hexapod's legs alone are 8 kB of double, on the stack
-/// while it works.
+/// M: FreeBody or Hexapod. `tick` needs 8 kB of stack for the hexapod's legs in double.
 template <class M>
 class SpatialController {
  public:
@@ -100,7 +98,8 @@ class SpatialController {
         demand = projected_acceleration(m, config_.gains, config_.reaching, t);
         break;
       case SpatialLaw::smc_euler:
-        if (!demand_euler(m, config_.gains, config_.reaching, t, demand)) return SpatialFault::euler_singular;
+        if (!euler_acceleration(m, config_.gains, config_.reaching, t, demand))
+          return SpatialFault::euler_singular;
         break;
     }
     const Vec<S, 6> force = m.gather(t.pose, m.force(demand.acceleration, m.channel_rates(t.pose, t.rates)));
@@ -132,23 +131,10 @@ class SpatialController {
   SpatialFault fault_ = SpatialFault::none;
 };
 
-/// As messages and logs have it.
+/// Name in messages and logs.
 [[nodiscard]] constexpr const char* name(SpatialFault fault) {
-  switch (fault) {
-    case SpatialFault::none:
-      return "none";
-    case SpatialFault::not_finite:
-      return "not_finite";
-    case SpatialFault::not_unit:
-      return "not_unit";
-    case SpatialFault::type1:
-      return "type1";
-    case SpatialFault::type2:
-      return "type2";
-    case SpatialFault::euler_singular:
-      return "euler_singular";
-  }
-  return "?";
+  constexpr const char* names[] = {"none", "not_finite", "not_unit", "type1", "type2", "euler_singular"};
+  return names[static_cast<unsigned>(fault)];
 }
 
 }  // namespace esmc

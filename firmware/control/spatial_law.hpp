@@ -30,7 +30,7 @@ struct SpatialGains {
   S least_cos_pitch{S(0.01)};  ///< smc_euler: closer to its singularity it has no answer
 };
 
-/// State and reference. `turn` is q_e with its sign chosen. Not initialised by itself.
+/// State and reference; `turn` is q_e with the sign of AttitudeChoice. Not initialised by itself.
 template <class M>
 struct SpatialTracking {
   typename M::Pose pose, desired_pose;
@@ -38,14 +38,14 @@ struct SpatialTracking {
   Quaternion<typename M::Scalar> turn;
 };
 
-/// v' and, for the log, s, channel by channel. Rows that carry no mass are 0.
+/// v' and, for the log, s, channel by channel; 0 in rows without mass.
 template <class M>
 struct SpatialDemand {
   typename M::Channels acceleration = M::Channels::Zero(), sliding = M::Channels::Zero();
 };
 
 /// v' = q''_d + Lambda e' + K sw(s), s = rate + Lambda e in every channel [F29]. In the channels of an
-/// attitude e = 2 vec q_e, `rate` = R_e w_d - w, and e' is not `rate`: see AttitudeError. With an exact model
+/// attitude e = 2 vec q_e and `rate` = R_e w_d - w, which is not e': see AttitudeError. With an exact model
 /// C^T M (s' + K sw s) = 0 [F31].
 template <class M, class S = typename M::Scalar>
 [[nodiscard]] SpatialDemand<M> esmc_acceleration(const M& m, const SpatialGains<S>& gain, Reaching reaching,
@@ -63,8 +63,7 @@ template <class M, class S = typename M::Scalar>
 }
 
 /// v' = C v_r' + Cdot v_r + K sw(C sigma), sigma = v_r - p0#, v_r = [x'_d + lambda e_x; R_e w_d + lambda e]
-/// [F33]. With an exact model V = 1/2 sigma^T H sigma falls by V' = -sum M_i K_i |(C sigma)_i|, whatever the
-/// errors.
+/// [F33]. With an exact model V = 1/2 sigma^T H sigma has V' = -sum M_i K_i |(C sigma)_i| at every error.
 template <class M, class S = typename M::Scalar>
 [[nodiscard]] SpatialDemand<M> projected_acceleration(const M& m, const SpatialGains<S>& gain,
                                                       Reaching reaching, const SpatialTracking<M>& t) {
@@ -93,11 +92,11 @@ template <class M, class S = typename M::Scalar>
 }
 
 /// Sliding mode in six minimal coordinates: x and Euler angles phi, u = phi''_d + lambda e' + k sw(e' +
-/// lambda e), asked of the body as B u + Bdot phi'. False where the angles, here or in the reference, are
-/// next to their singularity.
+/// lambda e), asked of the body as B u + Bdot phi'. False where the angles of state or reference are next to
+/// their singularity.
 template <class M, class S = typename M::Scalar>
-[[nodiscard]] bool demand_euler(const M& m, const SpatialGains<S>& gain, Reaching reaching,
-                                const SpatialTracking<M>& t, SpatialDemand<M>& out) {
+[[nodiscard]] bool euler_acceleration(const M& m, const SpatialGains<S>& gain, Reaching reaching,
+                                      const SpatialTracking<M>& t, SpatialDemand<M>& out) {
   const typename M::Independent &vd = t.desired_rates.platform, &ad = t.desired_acceleration.platform,
                                 &v = t.rates.platform;
   const EulerChart<S> here = EulerChart<S>::at(t.pose.attitude),

@@ -1,6 +1,5 @@
 #pragma once
-/// Reference motions of a body in space, as functions of the tick number; see reference.hpp for how time is
-/// counted.
+/// Reference motions of a body in space as functions of the tick number; time is counted as in reference.hpp.
 
 #include <cstdint>
 
@@ -9,7 +8,7 @@
 
 namespace esmc {
 
-/// Where a body should be and how it should move: angular quantities in its own (desired) frame.
+/// Desired motion of a body, SI units; angular quantities in its own (desired) frame.
 template <class S>
 struct SpatialMotion {
   Vec3<S> position = Vec3<S>::Zero(), velocity = Vec3<S>::Zero(), acceleration = Vec3<S>::Zero();

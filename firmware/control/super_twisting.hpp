@@ -1,8 +1,8 @@
 #pragma once
 /// The super-twisting law, discretised implicitly (Brogliato, Polyakov, Efimov: The implicit discretization
 /// of the super-twisting sliding-mode control algorithm, IEEE Transactions on Automatic Control 65, 2020),
-/// for what the mechanism can do: its two degrees of freedom. An integrator in every one of redundant
-/// channels would wind up in directions in which nothing can move. docs/reaching.md.
+/// for the two degrees of freedom of the mechanism: an integrator in every redundant channel would wind up in
+/// directions in which the mechanism cannot move. docs/reaching.md.
 
 #include <cstdint>
 
@@ -11,13 +11,13 @@
 
 namespace esmc {
 
-/// One backward-Euler step of s' = -k1 |s|^1/2 sgn s - zeta, zeta' = k2 sgn s, where zeta = z - phi is what
-/// the integral z has too much of the disturbance phi. `ahead` is s + T (phi - z); T, s: how far the step
-/// looks ahead, h where nothing is late; k1, k2 >= 0. Sets z to what it is h seconds on and returns w = k1
-/// |s+|^1/2 sgn s+ + z+. NaN stays NaN.
+/// One backward-Euler step of s' = -k1 |s|^1/2 sgn s - zeta, zeta' = k2 sgn s, where zeta = z - phi is the
+/// error of the integral z as an estimate of the disturbance phi. ahead: s + T (phi - z); T: horizon of the
+/// step, s, equal to the sample time h if nothing is late; k1, k2 >= 0. Advances z by h seconds and returns
+/// w = k1 |s+|^1/2 sgn s+ + z+. NaN stays NaN.
 ///
-/// s+ + T k1 |s+|^1/2 sgn s+ + T h k2 Sgn s+ contains `ahead`: within T h k2 it is s+ = 0, outside a
-/// quadratic in |s+|^1/2.
+/// s+ solves: s+ + T k1 |s+|^1/2 sgn s+ + T h k2 Sgn s+ contains `ahead`. Within T h k2 that is s+ = 0,
+/// outside a quadratic in |s+|^1/2.
 template <class S>
 [[nodiscard]] S super_twisting_step(S ahead, S T, S h, S k1, S k2, S& z) {
   const S zone = T * h * k2;
@@ -30,27 +30,27 @@ template <class S>
   return side * k1 * root + z;
 }
 
-/// What is told of a loop in which something is late.
+/// Known delays of the loop.
 template <class S>
 struct Lateness {
-  int delay = 0;  ///< ticks, 0 .. SuperTwisting::most_delay: of the torque
-  S lag{};        ///< ticks, >= 0: of what is measured
+  int delay = 0;  ///< of the torque, ticks, 0 .. SuperTwisting::most_delay
+  S lag{};        ///< of the measurement, ticks, >= 0
 };
 
-/// The law on two coordinates, with what it remembers. The disturbance is known up to the last tick: what s
-/// did less what was done about it. A delay of the torque is bridged by the w that are on their way; a lag of
-/// the sensors makes the step longer, as [F39], and the disturbance is then believed by and by.
+/// The law on two coordinates. It estimates the disturbance up to the last tick: the change of s less that by
+/// the w that acted. A torque delay is bridged by the w that are under way; a sensor lag lengthens the step
+/// as in [F39] and low-passes the estimate.
 template <class S>
 class SuperTwisting {
  public:
   static constexpr int most_delay = 8;  ///< ticks
 
-  /// As at the first tick: the integral is zero, nothing is under way.
+  /// To the state of the first tick: integral zero, no w under way.
   void reset() { ticks_ = 0; }
 
-  /// Acceleration w for the sliding variables s, to be taken off s'. `rate`: L >= 0, bound of the
-  /// disturbance's rate of change, unit of s / s2; h: sample time, s. `lost`: of the w of the last tick, what
-  /// did not become torque. While something is lost the integral stands still.
+  /// Acceleration w that lowers s by w per second. rate: bound L >= 0 of the disturbance's rate of change,
+  /// unit of s / s2; h: sample time, s; lost: the part of the last w that did not become torque. While that
+  /// is not zero the integral stands still.
   [[nodiscard]] Vec2<S> step(const Vec2<S>& s, const Vec2<S>& lost, S rate, S h, Lateness<S> late) {
     const int delay = late.delay;
     const S slower = S(1) + late.lag, T = h * slower, trust = S(1) / (slower * slower);
@@ -78,13 +78,13 @@ class SuperTwisting {
     return w;
   }
 
-  /// The integral: the disturbance that is compensated.
+  /// The integral: disturbance that is compensated, unit of s / s.
   [[nodiscard]] const Vec2<S>& integral() const { return z_; }
 
  private:
   Vec2<S> z_, before_, last_, phi_;
   List<Vec2<S>, most_delay + 1> acted_;  ///< w of the last tick first
-  int ticks_ = 0;                        ///< so many are remembered
+  int ticks_ = 0;                        ///< number of valid entries
 };
 
 }  // namespace esmc

@@ -1,11 +1,10 @@
 #pragma once
-/// What part_fusion.hpp declares; compiled by instances_part_fusion.cpp alone.
+/// Definition of part_fusion.hpp, for instances_part_fusion.cpp.
 
 #include "firmware/cycle/controller.hpp"
 
 namespace esmc::part {
-/// The gap between the tips, linear in small turns of the joints: column i is tip 1 less tip 2 per rad of
-/// joint i, m in N.
+/// Linearised gap between the leg tips: column i is the change of tip 1 minus tip 2 per rad of joint i, m.
 template <class S>
 class Closure {
  public:
@@ -30,7 +29,7 @@ class Closure {
     yy_ = xx * inverse;
   }
 
-  /// The smallest turns that take away `gap`.
+  /// The smallest turns, weighted by the variances, that close `gap`.
   [[nodiscard]] Vec<S, 4> correction(const Vec2<S>& gap) const {
     const Vec2<S> multiplier = weighed(gap);
     Vec<S, 4> out;
@@ -53,12 +52,11 @@ class Closure {
   S xx_, xy_, yy_;
 };
 
-/// How far apart the tips stay, m, when joint i (0 to 3: theta11, theta12, theta21, theta22) alone turns as
-/// it likes and the other three are as read. Its leg's tip goes round it on a circle; what is left is the
-/// distance of the other leg's tip from that circle. Exact for turns of any size: neither the centre nor the
-/// radius depends on the reading of joint i.
+/// Smallest distance of the leg tips, m, over all angles of joint i (0 to 3: theta11, theta12, theta21,
+/// theta22) with the other readings fixed: the distance of the other tip from the circle of this leg's tip
+/// around the joint. Exact, for neither centre nor radius depends on the reading of joint i.
 template <class S>
-[[nodiscard]] S gap_left_by(const FiveBar<S>& m, const typename FiveBar<S>::Pose& p, int i) {
+[[nodiscard]] S remaining_gap(const FiveBar<S>& m, const typename FiveBar<S>::Pose& p, int i) {
   const int leg = i / 2, other = 1 - leg;
   const Vec2<S> tip = m.leg(leg).tip(p.leg[leg]);
   const Vec2<S> joint =
@@ -70,16 +68,15 @@ template <class S>
   return left < S(0) ? -left : left;
 }
 
-/// 1 + the one joint whose turning alone brings the tips together, else 0: none does, or another one nearly
-/// does as well. `allowed` is the gap, m, that readings in order stay below. Together is a quarter of it, and
-/// every other joint must leave a half: what is named is then wrong only where the readings of the other
-/// three encoders miss each other by half of the limit.
+/// 1 + the only joint whose angle alone can close the gap to `allowed` / 4 (m) while every other joint leaves
+/// more than `allowed` / 2; else 0. The result is wrong only if the other three readings contradict each
+/// other by half of the limit.
 template <class S>
-[[nodiscard, gnu::noinline]] std::uint8_t odd_one(const FiveBar<S>& m, const typename FiveBar<S>::Pose& p,
-                                                  S allowed) {
+[[nodiscard, gnu::noinline]] std::uint8_t contradicting_joint(const FiveBar<S>& m,
+                                                              const typename FiveBar<S>::Pose& p, S allowed) {
   int named = 0, apart = 0;
   for (int i = 0; i < 4; ++i) {
-    const S left = gap_left_by(m, p, i);
+    const S left = remaining_gap(m, p, i);
     if (left <= S(0.25F) * allowed) named = i + 1;
     if (left > S(0.5F) * allowed) ++apart;  // not so for a NaN
   }
@@ -94,16 +91,17 @@ std::uint8_t closure_projection(const ControllerConfig<M>& config,
   const M& m = config.mechanism;
   const Vec<S, 4>& variance = config.encoder_variance;
   Vec<S, 4> turns = Vec<S, 4>::Zero();
-  std::uint8_t odd = 0;
+  std::uint8_t contradicting = 0;
   out.pose = m.pose(angle);
   for (int step = 0; step < 2; ++step) {
     const Vec2<S> gap = m.closure_residual(out.pose);
     const Closure<S> closure(m, out.pose, variance);
     if (step == 0) {
       out.closure = square_root(dot(gap, gap));
-      if (!(out.closure <= config.limits.closure)) odd = odd_one(m, out.pose, config.limits.closure);
+      if (!(out.closure <= config.limits.closure))
+        contradicting = contradicting_joint(m, out.pose, config.limits.closure);
     }
-    turns = closure.correction(gap - closure.rate(turns));  // the smallest in all, not the next small step
+    turns = closure.correction(gap - closure.rate(turns));  // the smallest turns in total, not of this step
     out.pose = m.pose(angle + turns);
   }
   const Closure<S> closure(m, out.pose, variance);
@@ -113,7 +111,7 @@ std::uint8_t closure_projection(const ControllerConfig<M>& config,
   unroll<2>([&](auto j) ESMC_INLINE {
     out.rates.platform += m.frame(j).from_leg(m.leg(j).tip_rate(out.pose.leg[j], out.rates.leg[j])) * S(0.5);
   });
-  return odd;
+  return contradicting;
 }
 
 }  // namespace esmc::part

@@ -1,11 +1,11 @@
 #pragma once
-/// One control tick without its frames: joint samples in, joint torques out. The same object runs behind CAN
-/// (cycle.hpp), in `esmc sim` and in the unit tests; there is no second controller.
+/// One control tick without its frames: joint samples in, joint torques out. The same class runs behind CAN
+/// (cycle.hpp), in `esmc sim` and in the unit tests.
 
 #include <array>
 #include <cstdint>
 
-#include "firmware/control/law.hpp"
+#include "firmware/control/fused_law.hpp"
 #include "firmware/control/reference.hpp"
 #include "firmware/cycle/controller_config.hpp"
 #include "firmware/cycle/estimate.hpp"
@@ -31,55 +31,52 @@ class Controller {
   Controller() = default;
   explicit Controller(const Config& config)
       : config_(config),
-        relaxed_(config.limits.while_halting()),
+        halting_limits_(config.limits.while_halting()),
         reference_(config.reference, config.join_ticks, config.sample_time),
         stop_trajectory_(config.halt_ticks, config.sample_time),
         sign_test_(config.sign_test_move, config.sample_time),
         setpoints_(config.guide_speed, config.guide_acceleration, config.sample_time,
                    config.reference.space == ReferenceSpace::base_joints),
         lead_ticks_(config.predict != nullptr ? static_cast<std::uint32_t>(config.delay_ticks + S(0.5)) : 0U),
-        remembers_(config.reach != nullptr || config.observer != nullptr || config.predict != nullptr) {}
+        uses_memory_(config.reach != nullptr || config.observer != nullptr || config.predict != nullptr) {}
 
   [[nodiscard]] const Config& config() const { return config_; }
-  /// 1 + the joint of the last encoder that alone explained a gap above limits.closure; 0: there was none, or
-  /// nobody looks (without `fuse`).
+  /// 1 + joint of the encoder that alone explains the last gap above limits.closure; 0: none, or no `fuse`.
   [[nodiscard]] std::uint8_t odd_encoder() const { return odd_encoder_; }
-  /// For the supervisor that goes with this controller.
+  /// Configuration of the supervisor of this controller.
   [[nodiscard]] Supervisor::Config supervision() const {
     return {config_.halt_ticks > 0, config_.after_halt,
             config_.sign_test_move > S(0) && config_.motors == Motors::base, config_.enabling_ticks_max,
             config_.stopping_ticks_max};
   }
 
-  /// Set points and samples instead of the reference, while it leads.
-  [[nodiscard]] SetpointGenerator<S>& guide() { return setpoints_; }
-  /// Whether the mechanism can stand there: effector or base joints, as the reference has it.
+  /// Replaces the reference while it is active.
+  [[nodiscard]] SetpointGenerator<S>& setpoints() { return setpoints_; }
+  /// The mechanism can reach this position: effector or base joints, as in the reference.
   [[nodiscard]] bool reachable(const Vec2<S>& position) const;
   /// While disabled only.
   void set_gains(const link::Parameters& p, S delay_ticks);
 
-  /// One tick, in the order of the data: sample -> estimate -> guards -> reference -> law -> allocation ->
-  /// limits. Whatever goes wrong is raised at the supervisor, and every torque of the tick is then zero.
+  /// One tick: sample -> estimate -> guards -> reference -> law -> allocation -> limits. A fault is raised at
+  /// the supervisor, and every torque of the tick is then zero.
   TickResult<M> tick(const Sample<M>& measured, Supervisor& supervisor);
 
  private:
-  /// The sample of a joint, and its angle at the instant at which the torque of this tick acts, at constant
-  /// speed.
+  /// Checks the sample of a joint; `angle`: at constant speed, when the torque of this tick acts.
   ESMC_INLINE Fault accept(int joint, const Sample<M>& measured, const Limits<S>& limits, S& angle) const {
     const S phase = measured.phase[static_cast<unsigned>(joint)];
     const std::uint32_t age = measured.age_ticks[static_cast<unsigned>(joint)];
     if (age > limits.max_age_ticks) return Fault::stale_feedback;
     angle = measured.angle[joint] +
             measured.rate[joint] * (S(age) * config_.sample_time + phase + config_.torque_lead);
-    if (!finite(angle))
-      return Fault::feedback_not_finite;  // also where one of the two is not, even times zero
-    if (!consistency_.plausible(joint, measured, limits.feedback_jump, config_.sample_time)) {
+    if (!finite(angle)) return Fault::feedback_not_finite;  // nor is it if a factor is not, even times zero
+    if (!jump_check_.plausible(joint, measured, limits.feedback_jump, config_.sample_time)) {
       return Fault::feedback_jump;
     }
     return Fault::none;
   }
 
-  /// sample -> estimate -> guards. Pose and rates are filled in where there is no fault.
+  /// sample -> estimate -> guards. Pose and rates are valid without a fault.
   Fault observe(const Sample<M>& measured, const Limits<S>& limits, typename M::Pose& pose,
                 typename M::Rates& rates, TickResult<M>& out) {
     Vec<S, M::joints> angle;
@@ -108,8 +105,8 @@ class Controller {
     } else if constexpr (M::joints == 4) {
       Estimate<M> e;
       if (config_.fuse != nullptr) {
-        const std::uint8_t odd = config_.fuse(config_, angle, measured.rate, e);
-        if (odd != 0) odd_encoder_ = odd;
+        const std::uint8_t joint = config_.fuse(config_, angle, measured.rate, e);
+        if (joint != 0) odd_encoder_ = joint;
       } else {
         e = estimate_from_all(config_.mechanism, angle, measured.rate);
       }
@@ -121,24 +118,24 @@ class Controller {
     return guard(limits, guarded(pose, closure, base_angle, base_rate));
   }
 
-  /// `acted`: whether there are sliding variables.
+  /// `acted`: the law has computed sliding variables.
   Fault compute(const Sample<M>& measured, State state, TickResult<M>& out, bool& acted) {
     const bool run = state == State::running;
-    const bool retreating = !run && state != State::testing;
+    const bool stopping = !run && state != State::testing;
     Tracking<M> t;
-    Fault fault = observe(measured, retreating ? relaxed_ : config_.limits, t.pose, t.rates, out);
+    Fault fault = observe(measured, stopping ? halting_limits_ : config_.limits, t.pose, t.rates, out);
     if (fault != Fault::none || state == State::testing) {
       out.nothing_desired();
       return fault != Fault::none ? fault : sign_test_torque(t, out);
     }
     if (config_.observer != nullptr) [[unlikely]]
       config_.observer(config_, t, memory_);
-    fault = run ? follow(t) : retreat(state, t, out);
+    fault = run ? follow(t) : bring_to_rest(state, t, out);
     if (fault != Fault::none) {
       out.nothing_desired();
       return fault;
     }
-    if (remembers_) [[unlikely]]
+    if (uses_memory_) [[unlikely]]
       out.effector = t.pose.effector;  // a predictor has moved it
     out.desired_effector = t.desired_pose.effector;
     M::base_directions(t.desired_pose, out.desired_direction);
@@ -150,13 +147,12 @@ class Controller {
       if (run && running_tick_ < config_.ramp_ticks) ramp_torque(t.pose, out);
     }
     fault = limit(out);
-    if (remembers_) [[unlikely]]
+    if (uses_memory_) [[unlikely]]
       memory_.keep(out.torque, !out.saturated && (!run || running_tick_ >= config_.ramp_ticks));
     return fault;
   }
 
-  // What happens seldom, and never while the law runs, is compiled for size: the flash of a small board is
-  // full.
+  // Functions that never run under the law are cold: compiled for size, to save flash.
 
   /// One tick of the sign test.
   [[gnu::cold]] Fault sign_test_torque(const Tracking<M>& now, TickResult<M>& out) {
@@ -173,19 +169,18 @@ class Controller {
 
   /// Torque of the base motors that balances the weight at rest.
   [[nodiscard]] Vec2<S> weight(const typename M::Pose& pose) const {
-    return config_.mechanism.base_torque(pose,
-                                         config_.mechanism.force(M::Channels::Zero().eval(), rest<M>()));
+    return config_.mechanism.base_torque(
+        pose, config_.mechanism.force(M::Channels::Zero().eval(), M::Rates::Zero()));
   }
 
-  /// The ramp is of what the law asks beyond the weight: that was carried by the brake, or by the sign test,
-  /// a tick before.
+  /// Ramps the torque beyond the weight: the brake, or the sign test, carried the weight a tick before.
   [[gnu::cold]] void ramp_torque(const typename M::Pose& pose, TickResult<M>& out) const {
     const S share = S(static_cast<std::uint32_t>(running_tick_) + 1U) / S(config_.ramp_ticks);
     Vec<S, M::joints> held = Vec<S, M::joints>::Zero();
     if (config_.allocate != nullptr) {
       const typename M::Channels still = M::Channels::Zero();
-      config_.allocate(config_, pose, config_.mechanism.force(still, rest<M>()), held);
-      if (!config_.preload.isZero(S(0))) {  // which is no weight
+      config_.allocate(config_, pose, config_.mechanism.force(still, M::Rates::Zero()), held);
+      if (!config_.preload.isZero(S(0))) {  // a preload is no weight
         Vec<S, M::joints> preloaded;
         config_.allocate(config_, pose, still, preloaded);
         held -= preloaded;
@@ -204,9 +199,8 @@ class Controller {
     return join_feasible() ? Fault::none : Fault::join_infeasible;
   }
 
-  /// Looks ahead along the way onto the reference, one of `outlook` points each tick, so that the whole way
-  /// is known before it has gone far: speed and acceleration of the base joints, and torque, within their
-  /// limits.
+  /// Checks one of `outlook` points of the joining motion per tick, so that all of it is known early: speed
+  /// and acceleration of the base joints, and torque.
   [[nodiscard]] bool join_feasible() const {
     constexpr std::uint32_t outlook = 16;
     if (setpoints_.active() || config_.join_ticks == 0 || running_tick_ >= outlook ||
@@ -227,7 +221,7 @@ class Controller {
           !within(acceleration[i], config_.limits.join_acceleration))
         return false;
     }
-    if (config_.allocate != nullptr) {  // four motors share what two would have to give alone
+    if (config_.allocate != nullptr) {
       Vec<S, M::joints> torque;
       return !config_.allocate(config_, d.pose, force, torque);
     }
@@ -238,8 +232,8 @@ class Controller {
     return true;
   }
 
-  /// To rest where the mechanism is, and there it stays.
-  [[gnu::cold]] Fault retreat(State state, Tracking<M>& t, TickResult<M>& out) {
+  /// Along the stop trajectory to rest; the mechanism then stays there.
+  [[gnu::cold]] Fault bring_to_rest(State state, Tracking<M>& t, TickResult<M>& out) {
     const Vec2<S> angle = M::base_angles(t.pose), rate = M::base(t.rates);
     if (!stop_trajectory_.begun()) {
       stop_trajectory_.begin(angle, rate);
@@ -251,7 +245,7 @@ class Controller {
       return Fault::halt_failed;
     }
     const S slow = config_.limits.joint_speed * S(0.02);
-    const bool rest = within(rate[0], slow) && within(rate[1], slow);
+    const Truth<S> rest = within(rate[0], slow) && within(rate[1], slow);
     if (state == State::halting) {
       out.stage_done = stop_trajectory_.over() && rest;
       if (stop_trajectory_.overdue() && !rest) return Fault::halt_failed;
@@ -261,8 +255,7 @@ class Controller {
     return Fault::none;
   }
 
-  /// Weight compensation that fades, and damping that alone would balance the torque limit at a tenth of the
-  /// allowed speed.
+  /// Fading weight compensation, and damping that reaches the torque limit at a tenth of the allowed speed.
   [[gnu::cold]] void lowering_torque(const Tracking<M>& t, TickResult<M>& out) {
     const S left =
         lowered_ticks_ < config_.lower_ticks ? S(1) - S(lowered_ticks_) / S(config_.lower_ticks) : S(0);
@@ -277,7 +270,7 @@ class Controller {
     if (lowered_ticks_ < config_.lower_ticks) ++lowered_ticks_;
   }
 
-  /// reference -> desired pose and motion, joined from where the mechanism was when it began to run.
+  /// reference -> desired pose and motion, joined from the state at the first running tick.
   bool desire(Tracking<M>& t) {
     const bool at_effector = config_.reference.space == ReferenceSpace::effector;
     if (running_tick_ == 0) {
@@ -289,7 +282,7 @@ class Controller {
     return desired(setpoints_.active() ? setpoints_.at() : reference_.at(running_tick_ + lead_ticks_),
                    t.desired_pose, t.desired_rates, t.desired_acceleration);
   }
-  /// One copy in an image: long, and asked for in four places.
+  /// Not inlined: long, and called in four places.
   [[nodiscard, gnu::noinline]] bool desired(const Motion2<S>& m, typename M::Pose& pose,
                                             typename M::Rates& rates, typename M::Rates& acceleration) const {
     return config_.reference.space == ReferenceSpace::effector
@@ -310,26 +303,26 @@ class Controller {
     if (config_.reach != nullptr) [[unlikely]] {
       config_.reach(config_, t, memory_, acceleration, out.sliding);
     } else {
-      demand<M, Rows::with_mass>(config_.law, config_.mechanism, config_.gains, config_.reaching, t,
-                                 acceleration, out.sliding);
+      fused_acceleration(config_.law, config_.mechanism, config_.gains, config_.reaching, t, acceleration,
+                         out.sliding);
     }
     typename M::Channels w = config_.mechanism.force(acceleration, t.rates);
     if (config_.observer != nullptr) [[unlikely]]
       compensate(w);
     if constexpr (M::joints == 4) {
       if (config_.allocate != nullptr) {
-        out.saturated = config_.allocate(config_, t.pose, w, out.torque);
-        if (remembers_) [[unlikely]]
+        out.saturated = Truth<S>(config_.allocate(config_, t.pose, w, out.torque));
+        if (uses_memory_) [[unlikely]]
           memory_.asked = config_.mechanism.base_torque(t.pose, w);
         return;
       }
     }
     to_base_motors(config_.mechanism.base_torque(t.pose, w), out);
-    if (remembers_) [[unlikely]]
+    if (uses_memory_) [[unlikely]]
       memory_.asked = at_base(out.torque);
   }
 
-  /// On the rows of the base joints, which C^T leaves as they are.
+  /// Subtracts the disturbance on the rows of the base joints, which C^T leaves unchanged.
   [[gnu::cold]] void compensate(typename M::Channels& w) const {
     if constexpr (M::joints == 4) {
       for (int j = 0; j < 2; ++j) w[M::row_leg(j)] -= memory_.disturbance[j];
@@ -340,10 +333,10 @@ class Controller {
 
   Fault limit(TickResult<M>& out) const {
     Fault fault = Fault::none;
-    const int n = config_.motor_count();  // elsewhere it is zero
+    const int n = config_.motor_count();
     for (int k = 0; k < n; ++k) {
       const int i = Config::joint_of(k, n);
-      const TorqueCheck c = limit_torque(out.torque[i], config_.torque_limit[i]);
+      const auto c = limit_torque(out.torque[i], config_.torque_limit[i]);
       if (c == TorqueCheck::not_finite) fault = Fault::torque_not_finite;
       out.saturated = out.saturated || c == TorqueCheck::limited;
     }
@@ -361,10 +354,9 @@ class Controller {
                       const Vec2<S>& rate) const {
     Measured<S> m;
     m.abs_sin_type1 = M::min_abs_sin_type1(pose);
-    // Four motors hold the mechanism at type 2 as well, if the state is measured there and not computed.
+    // With four motors and four encoders type 2 is regular. Otherwise the other assembly mode is guarded too,
+    // for the law could come to rest there.
     const bool regular = config_.motors == Motors::all && config_.sensors == Sensors::all;
-    // Otherwise the other assembly mode is as bad as type 2 itself, which lies between: the law may even rest
-    // there.
     m.sin_type2 = regular ? S(1) : M::sin_type2_in_mode(pose, config_.mode);
     m.closure = closure;
     m.x = pose.effector.x();
@@ -376,17 +368,16 @@ class Controller {
   }
 
   Config config_{};
-  Limits<S> relaxed_{};
+  Limits<S> halting_limits_{};
   JoinedReference<S> reference_{};
   StopTrajectory<S> stop_trajectory_{};
   SignTest<M> sign_test_{};
   SetpointGenerator<S> setpoints_{};
-  SampleJumpCheck<M> consistency_{};
+  SampleJumpCheck<M> jump_check_{};
   PartMemory<M> memory_{};
-  std::uint32_t lead_ticks_ = 0;  ///< by which the reference is ahead: the predictor's
-  bool remembers_ = false;        ///< there are parts that need the memory
-  std::uint64_t running_tick_ =
-      0;  ///< 32 bits are full after 50 days at 1 kHz, and the reference would begin anew under torque
+  std::uint32_t lead_ticks_ = 0;    // of the reference before the measured state, with a predictor
+  bool uses_memory_ = false;        // an optional part needs the memory
+  std::uint64_t running_tick_ = 0;  // 64 bits: 32 overflow after 50 days at 1 kHz
   std::uint32_t lowered_ticks_ = 0;
   std::uint8_t odd_encoder_ = 0;
 };
@@ -402,8 +393,7 @@ void Controller<M>::set_gains(const link::Parameters& p, S delay_ticks) {
   esmc::set_gains(config_.gains, p, config_.reaching, config_.sample_time, delay_ticks);
 }
 
-// Not inline: the archive (instances_*.cpp) is the only place that compiles it, so that whoever links the
-// archive runs the very code that was tested.
+// Not inline: only the archive (instances_*.cpp) compiles it, so that programs run the tested code.
 template <class M>
 TickResult<M> Controller<M>::tick(const Sample<M>& measured, Supervisor& supervisor) {
   TickResult<M> out{typename TickResult<M>::Unset{}};
@@ -417,14 +407,13 @@ TickResult<M> Controller<M>::tick(const Sample<M>& measured, Supervisor& supervi
   out.running_tick = running_tick_;
   bool acted = false;
   if (supervisor.powered()) {
-    // A fault of this tick that leaves the state trustworthy: this very tick begins to bring it to rest.
+    // After a fault with Reaction::halt the same tick begins to bring the mechanism to rest.
     for (bool again = supervisor.running();; again = false) {
       supervisor.raise(compute(measured, supervisor.state(), out, acted));
       if (!(again && supervisor.retreating())) break;
       out.torque.setZero();
     }
-  } else {  // in every state it is told where the mechanism is; before it runs it must also be where it may
-            // be
+  } else {  // the effector is reported in every state; while enabling the guards must hold too
     typename M::Pose pose;
     typename M::Rates rates;
     const Fault fault = observe(measured, config_.limits, pose, rates, out);
@@ -432,7 +421,7 @@ TickResult<M> Controller<M>::tick(const Sample<M>& measured, Supervisor& supervi
     if (supervisor.state() == State::enabling && fault != Fault::stale_feedback) supervisor.raise(fault);
   }
   if (!acted) out.sliding.setZero();
-  consistency_.keep(measured, M::joints / config_.sensor_count());
+  jump_check_.keep(measured, M::joints / config_.sensor_count());
   out.state = supervisor.state();
   out.fault = supervisor.fault();
   if (supervisor.powered()) {

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "firmware/cycle/controller.hpp"
+#include "firmware/cycle/enabling_wait.hpp"
 #include "firmware/cycle/linked.hpp"
 #include "firmware/cycle/plausibility.hpp"
 #include "firmware/drive/axis.hpp"
@@ -14,12 +15,12 @@
 
 namespace esmc {
 
-/// Losses that no caller can apply_law on are counted, not printed.
+/// Counters of frames.
 struct BusCounters {
-  std::uint32_t received = 0;         ///< frames of our axes
-  std::uint32_t not_mine = 0;         ///< frames of somebody else
-  std::uint32_t malformed = 0;        ///< frames of our axes with a wrong length or format
-  std::uint32_t foreign_command = 0;  ///< commands to our axes that we did not send
+  std::uint32_t received = 0;         ///< of our axes
+  std::uint32_t not_mine = 0;         ///< of other nodes
+  std::uint32_t malformed = 0;        ///< of our axes with a wrong length or format
+  std::uint32_t foreign_command = 0;  ///< commands to our axes from other nodes
   std::uint32_t sent = 0;
   std::uint32_t send_failed = 0;  ///< queue full: the frame was dropped
 };
@@ -31,25 +32,24 @@ class Cycle {
   using Mechanism = M;
   using S = typename M::Scalar;
   static constexpr int axes_max = M::joints;
-  static constexpr int frames_per_tick_max = 1024;  ///< what one tick reads from the bus at most
-  /// The drives send samples when asked to by request(), and not by themselves.
+  static constexpr int frames_per_tick_max = 1024;  ///< that one tick reads from the bus
+  /// The drives send samples on request() only.
   static constexpr bool samples_on_demand = !std::is_same_v<typename D::Line, drive::NoLine>;
 
-  /// What the controller, the axes, the line and the link are told.
+  /// Configuration of the controller, the axes, the line and the link.
   struct Config {
     ControllerConfig<M> controller{};
-    std::array<D, static_cast<unsigned>(axes_max)>
-        axes{};  ///< one per joint with a motor or a sensor, in the order of the joints
+    /// One per joint with a motor or a sensor, in the order of the joints.
+    std::array<D, static_cast<unsigned>(axes_max)> axes{};
     typename D::Line line{};
     int axis_count = 2;
     std::uint32_t heartbeat_age_ticks_max = 0;
-    std::uint32_t waiting_ticks_max =
-        750;  ///< while enabling, without a word from a drive, or without any being set up: enabling_timeout
+    std::uint32_t waiting_ticks_max = 750;  ///< of EnablingWait, then the fault enabling_timeout
     bool zero_absolute = true;  ///< encoders keep their zero without power; false: confirm_zero first
-    Vec<S, M::joints> zero_pose = Vec<S, M::joints>::Zero();  ///< rad: the joints as confirm_zero finds them
+    Vec<S, M::joints> zero_pose = Vec<S, M::joints>::Zero();  ///< rad: the joints at confirm_zero
     S torque_mismatch{};        ///< N m at the joint between a drive's torque and its command; 0: any
-    S torque_time{};            ///< s: in which a drive follows its command
-    bool samples_timed = true;  ///< false where time is counted in sets: how long a frame waited says nothing
+    S torque_time{};            ///< s, time constant with which a drive follows its command
+    bool samples_timed = true;  ///< false: in lockstep the waiting time of a frame has no meaning
     link::LinkConfig link{};    ///< to a supervisor computer; without a base_id: none
     S delay_ticks{};            ///< as in the layers of controller.gains; for gains that come by the link
   };
@@ -63,7 +63,7 @@ class Cycle {
         heartbeat_age_ticks_max_(config.heartbeat_age_ticks_max),
         waiting_ticks_max_(config.waiting_ticks_max),
         zero_(config.zero_absolute, config.zero_pose),
-        echo_(config.torque_mismatch, config.torque_time, config.controller.sample_time),
+        torque_feedback_(config.torque_mismatch, config.torque_time, config.controller.sample_time),
         samples_timed_(config.samples_timed),
         link_(config.link),
         delay_ticks_(config.delay_ticks),
@@ -73,29 +73,26 @@ class Cycle {
     silent_ticks_.fill(drive::age_max);
   }
 
-  /// Takes effect at the next tick. A stop is not overwritten by what is asked after it, and a halt by a stop
-  /// only.
+  /// For the next tick. A later command does not replace a stop, and only a stop replaces a halt.
   void command(Command c) {
     if (command_ != Command::stop && (command_ != Command::halt || c == Command::stop)) command_ = c;
   }
-  /// The normally closed contact `enable` of the board, before each tick; open is a fault. Closed where there
-  /// is none.
+  /// State of the normally closed contact `enable`, before each tick; open is a fault. Closed if not wired.
   void enable_input(bool closed) { enable_closed_ = closed; }
-  /// Two ticks in a row began late, or one by far: this one is a fault. What keeps the clock says so, before
-  /// the tick.
+  /// From the loop, before the tick: two ticks in a row began late, or one by far. A fault.
   void tick_late() { late_ = true; }
-  /// So many us will have passed at the next tick that no samples answer (lockstep); < 1000 s.
+  /// Lockstep: us that have passed at the next tick without samples; < 1000 s.
   void time_passed(std::uint32_t us) {
     passed_ticks_ = static_cast<std::uint32_t>(S(us) * S(1e-6F) / controller_.config().sample_time);
   }
-  /// The output `drive_enable`: drives may have power. Low before the first enabling and in a fault.
+  /// The output `drive_enable`: drives may have power. Low before enabling and in a fault.
   [[nodiscard]] bool drive_enable() const {
     return supervisor_.state() != State::disabled && supervisor_.state() != State::fault;
   }
-  /// The output of a brake that opens with power: only while there may be torque.
+  /// The output of a brake that opens with power: high while there may be torque.
   [[nodiscard]] bool release_brake() const { return supervisor_.powered(); }
-  /// The last tick put out what its state allows: finite, within its limit, and zero where there may be none.
-  /// Nothing but broken memory makes it false; the board's watchdog is refreshed only while it holds.
+  /// The torques of the last tick were finite, within their limits, and zero where the state allows none.
+  /// Only broken memory makes it false; it is the condition for refreshing the watchdog.
   [[nodiscard]] bool output_ok() const { return output_ok_; }
 
   [[nodiscard]] const Supervisor& supervisor() const { return supervisor_; }
@@ -103,44 +100,35 @@ class Cycle {
   [[nodiscard]] const BusCounters& counters() const { return counters_; }
   [[nodiscard]] const Sample<M>& sample() const { return sample_; }
   [[nodiscard]] const link::CommandLink& link() const { return link_; }
-  /// For the store of parameters that a board may have: link::restore() before the first tick, link::serve()
-  /// between ticks.
+  /// For a store of parameters: link::restore() before the first tick, link::serve() between ticks.
   [[nodiscard]] link::CommandLink& link() { return link_; }
   [[nodiscard]] const D& axis(int i) const { return axes_[static_cast<unsigned>(i)]; }
 
-  /// No axis has been heard yet: the enabling sequence is repeated at the next tick instead of after its
-  /// time.
+  /// Repeats the enabling sequence at the next tick instead of after its time: no axis has been heard yet.
   void ask_again() {
     for (D& a : axes_) a.ask_again();
   }
 
-  /// True when every axis has sent its frame of the tick: in lockstep the time to tick.
+  /// Every axis has sent its frames of the tick: in lockstep the time to tick.
   [[nodiscard]] bool complete() const {
     bool all = opened_;
     for (int i = 0; i < axis_count_; ++i) all = all && axis(i).heard_this_tick();
     return all;
   }
-
-  /// True when some axis has sent its frame of the tick: a set is under way.
+  /// Some axis has sent its frames of the tick.
   [[nodiscard]] bool set_begun() const {
-    bool any = false;
-    for (int i = 0; i < axis_count_; ++i) any = any || axis(i).heard_this_tick();
-    return opened_ && any;
+    return opened_ && any_axis([](const D& a) { return a.heard_this_tick(); });
   }
-
-  /// True when some axis has said something since the cycle began to listen.
+  /// Some axis has been heard since the start.
   [[nodiscard]] bool heard() const {
-    bool any = false;
-    for (int i = 0; i < axis_count_; ++i) any = any || axis(i).alive();
-    return any;
+    return any_axis([](const D& a) { return a.alive(); });
   }
-  /// True when every motor has said that it is idle, after whatever it was asked last.
+  /// Every motor has reported idle after its last request.
   [[nodiscard]] bool all_idle() const { return status().all_idle; }
-  /// receive() reads no more before the next tick, which will raise bus_overload: whoever waits for a
-  /// complete() set must not wait on.
+  /// receive() reads no more before the next tick, which will raise bus_overload: do not wait for complete().
   [[nodiscard]] bool overloaded() const { return (bus_events_ & flooded) != 0; }
 
-  /// Takes what waits on the bus, at most frames_per_tick_max frames. May be called several times per tick.
+  /// Reads the waiting frames, at most frames_per_tick_max per tick. May be called several times per tick.
   template <hal::CanBus Bus>
   void receive(Bus& bus) {
     open();
@@ -153,8 +141,7 @@ class Cycle {
       }
     }
     taken_ = taken;
-    // What is left unread makes every later sample older than it looks; what the controller had no room for
-    // is not known at all.
+    // Unread frames would make later samples stale, and the content of lost frames is not known.
     if (taken_ == frames_per_tick_max) bus_events_ |= flooded;
     if constexpr (requires { bus.overruns(); }) {
       const std::uint32_t before = std::exchange(overruns_, bus.overruns());
@@ -162,8 +149,7 @@ class Cycle {
     }
   }
 
-  /// Asks the drives for the samples of the next tick, where the protocol samples on demand. In lockstep at
-  /// the end of a tick, against the clock at its beginning.
+  /// Requests the samples of the next tick: in lockstep at the end of a tick, in real time at its beginning.
   template <hal::CanBus Bus>
   void request(Bus& bus) {
     for (D& a : axes_) {
@@ -175,13 +161,13 @@ class Cycle {
     });
   }
 
-  /// One tick, read top to bottom: transitions, what the drives say, state to torque, torque to frames.
-  /// With `answer` false no torque frame is sent (lockstep: the set was not complete, nobody waits for one).
+  /// One tick: transitions, frames of the drives, state to torque, torque to frames. Without `answer` no
+  /// torque frame is sent (lockstep: the set was not complete).
   template <hal::CanBus Bus>
   TickResult<M> tick(Bus& bus, bool answer = true) {
     open();
     if (link_.active()) apply_link_commands();
-    // The drives' word of the tick before: a tick in which the last axis confirms is still one of enabling.
+    // status_ is of the last tick: the tick in which the last axis confirms still belongs to enabling.
     const bool acknowledged = command_ == Command::reset && supervisor_.fault() == Fault::emergency_stop;
     const std::uint32_t passed = answer ? 1U : std::exchange(passed_ticks_, 0U);
     supervisor_.begin_tick(command_, status_, stage_done_, passed);
@@ -192,7 +178,7 @@ class Cycle {
     supervisor_.raise(drive_fault());
     if (link_.lost()) supervisor_.raise(Fault::command_lost);
     const bool enabling = supervisor_.state() == State::enabling;
-    if (enabling && waits_in_vain(passed)) supervisor_.raise(Fault::enabling_timeout);
+    if (enabling && enabling_expired(passed)) supervisor_.raise(Fault::enabling_timeout);
     if (!enabling && wait_.waits) wait_ = {};
     if (std::exchange(late_, false)) supervisor_.raise(Fault::tick_late);
     TickResult<M> result = controller_.tick(sample_, supervisor_);
@@ -201,16 +187,22 @@ class Cycle {
     output_ok_ = allowed(result);
     transmit(bus, result, answer);
     if (link_.active()) send_telemetry(bus, result);
-    if (!supervisor_.powered()) status_ = status();  // no way out of a state with torque asks the drives
+    if (!supervisor_.powered()) status_ = status();  // transitions out of torque do not depend on it
     opened_ = false;
     return result;
   }
 
  private:
-  /// What happened on the bus since the last tick, bits of bus_events_. In one word, as mostly there is none.
+  /// Bus events since the last tick, one bit each in bus_events_.
   static constexpr std::uint8_t bus_off = 1, flooded = 2, foreign_command = 4, malformed = 8;
 
-  /// The first call of a tick ages what is known.
+  template <class Condition>
+  [[nodiscard]] bool any_axis(Condition&& condition) const {
+    bool any = false;
+    for (int i = 0; i < axis_count_; ++i) any = any || condition(axis(i));
+    return any;
+  }
+  /// At the first call of a tick: counts the ages.
   void open() {
     if (opened_) return;
     for (int i = 0; i < axis_count_; ++i) axes_[static_cast<unsigned>(i)].begin_tick();
@@ -242,7 +234,7 @@ class Cycle {
       return;
     }
     if (link_.active()) {
-      // What has waited while the program stood still is as old as it waited.
+      // A frame that waited while the program stood still is old.
       const link::Outcome o = link_.receive(
           f, static_cast<std::uint32_t>(std::min(age / controller_.config().sample_time, S(1e6F))));
       if (o == link::Outcome::foreign_command) bus_events_ |= foreign_command;
@@ -251,9 +243,9 @@ class Cycle {
     ++counters_.not_mine;
   }
 
-  /// What the supervisor computer wants of this tick. A stop of our own program is not overwritten.
+  /// Requests of the supervisor computer for this tick.
   void apply_link_commands() {
-    const Command c = heed(link_, controller_, delay_ticks_);
+    const Command c = apply_requests(link_, controller_, delay_ticks_);
     if (c != Command::none) command(c);
   }
   template <hal::CanBus Bus>
@@ -278,18 +270,18 @@ class Cycle {
     return s;
   }
 
-  /// What is wrong on the bus or in a drive, before anything is computed.
+  /// Faults of the bus and the drives, before anything is computed.
   Fault drive_fault() {
-    const std::uint8_t news = std::exchange(bus_events_, std::uint8_t{0});  // latched by the supervisor
+    const std::uint8_t events = std::exchange(bus_events_, std::uint8_t{0});  // latched by the supervisor
     for (int i = 0; i < axis_count_; ++i) {
       if (axis(i).emergency_stopped()) return Fault::emergency_stop;
     }
     if (!enable_closed_) return Fault::enable_open;
-    if (news != 0) {
-      return (news & bus_off) != 0           ? Fault::bus_off
-             : (news & flooded) != 0         ? Fault::bus_overload
-             : (news & foreign_command) != 0 ? Fault::foreign_controller
-                                             : Fault::malformed_frame;
+    if (events != 0) {
+      return (events & bus_off) != 0           ? Fault::bus_off
+             : (events & flooded) != 0         ? Fault::bus_overload
+             : (events & foreign_command) != 0 ? Fault::foreign_controller
+                                               : Fault::malformed_frame;
     }
     const bool powered = supervisor_.powered();
     for (int i = 0; i < motors_.count; ++i) {
@@ -302,56 +294,46 @@ class Cycle {
         return Fault::stale_feedback;
       if (a.heartbeat_age_ticks() > heartbeat_age_ticks_max_) return Fault::heartbeat_lost;
       if constexpr (requires { a.observed_torque(); }) {
-        if (!echo_.plausible(i * motors_.joint_step, a.observed_torque())) return Fault::torque_mismatch;
+        if (!torque_feedback_.plausible(i * motors_.joint_step, a.observed_torque()))
+          return Fault::torque_mismatch;
       }
       if constexpr (requires { a.torque_age_ticks(); }) {
-        if (echo_.compares() && a.torque_age_ticks() > heartbeat_age_ticks_max_)
+        if (torque_feedback_.compares() && a.torque_age_ticks() > heartbeat_age_ticks_max_)
           return Fault::torque_mismatch;
       }
     }
     if (!powered) {
-      echo_.forget();
-      // Some drives say where they are only once they have been set up: enabling may get that far, and no
-      // further.
+      torque_feedback_.forget();
+      // Some drives send samples only after their set-up: enabling may proceed until they do.
       return !zero_.confirmed() && sensed() ? Fault::zero_not_confirmed : Fault::none;
     }
     return zero_.confirmed() ? Fault::none : Fault::zero_not_confirmed;
   }
 
-  /// An order to arm must not outlive the attention of the one who gave it, and power that comes later must
-  /// not meet it: it ends where a drive says nothing, or speaks and is neither being set up nor ready (its
-  /// motor has no power).
-  [[gnu::noinline]] bool waits_in_vain(std::uint32_t passed) {
-    bool all = true, set_up = false;
-    for (int i = 0; i < axis_count_; ++i) {
-      const bool motor = i % motors_.axis_step == 0;  // of a passive encoder only samples count
-      const std::uint32_t silent =
-          motor ? silent_ticks_[static_cast<unsigned>(i)] : axis(i).sample_age_ticks();
-      bool& heard = wait_.heard[static_cast<unsigned>(i)];
-      heard = heard || silent == 0;
-      all = all && heard;
-      set_up = set_up || (motor && axis(i).setting_up());
-    }
-    if (all && !wait_.all) wait_.ticks = 0;
-    wait_.all = all;
-    wait_.waits = true;
-    if (!all || !set_up) wait_.ticks += passed;
-    return wait_.ticks >= waiting_ticks_max_;
+  /// Of a passive encoder only samples count.
+  [[gnu::noinline]] bool enabling_expired(std::uint32_t passed) {
+    return wait_.expired(
+        axis_count_, passed, waiting_ticks_max_,
+        [this](int i) {
+          return i % motors_.axis_step == 0 ? silent_ticks_[static_cast<unsigned>(i)]
+                                            : axis(i).sample_age_ticks();
+        },
+        [this](int i) { return i % motors_.axis_step == 0 && axis(i).setting_up(); });
   }
 
-  /// The operator has seen the emergency stop: it is what the axes report now that may be cleared.
+  /// The operator's reset of an emergency stop: the axes may clear their present report of it.
   void acknowledge() {
     for (int i = 0; i < axis_count_; ++i) axes_[static_cast<unsigned>(i)].acknowledge();
   }
 
-  /// How many motors, counted from the first, can carry what their joint is to get.
+  /// Number of motors, from the first on, whose shafts can carry the torque of their joint.
   [[nodiscard]] int motors_that_can_carry(const Vec<S, M::joints>& torque) const {
     int i = 0;
     while (i < motors_.count && axis(i * motors_.axis_step).can_carry(torque[i * motors_.joint_step])) ++i;
     return i;
   }
-  /// What is finite and within its limit at the joint may be neither at the shaft, in a float, behind a gear.
-  /// A shaft that can carry the limit carries what is below.
+  /// A torque within its limit at the joint may still be too large or infinite at the shaft, as a float
+  /// behind a gear. A shaft that can carry the limit can carry every torque below it.
   void check_shafts(TickResult<M>& result) {
     if (limits_fit_all_shafts_ || motors_that_can_carry(result.torque) == motors_.count) return;
     supervisor_.raise(Fault::torque_not_finite);
@@ -380,20 +362,18 @@ class Cycle {
       sample_.rate[joint] = s.rate;
       S phase = phase_[static_cast<unsigned>(at)];
       sample_.age_ticks[static_cast<unsigned>(joint)] = aged(a.sample_age_ticks(), phase, c.sample_time);
-      // Sampled when it was asked for, at the beginning of a tick: how long the answer then waited is in its
-      // ticks already.
+      // Sampled at the request, at the beginning of a tick: the waiting time is in its age already.
       if constexpr (samples_on_demand) phase = S(0);
       sample_.phase[static_cast<unsigned>(joint)] = phase;
-      // A drive that was away may have restarted, and then its count began anew. Of a passive encoder, and of
-      // a drive that has never sent one, heartbeats say nothing.
+      // A drive that was silent may have restarted, and its encoder lost its zero. Passive encoders, and
+      // drives before their first heartbeat, are judged by their samples.
       const bool beats = joint % motors_.joint_step == 0 && a.heartbeat_age_ticks() != drive::age_max;
       const std::uint32_t silent = beats ? a.heartbeat_age_ticks() : a.sample_age_ticks();
       if (silent != drive::age_max && silent > heartbeat_age_ticks_max_) zero_.forget();
     }
   }
 
-  /// A sample that waited in a queue for longer than a tick is not of this tick: whole ticks of its phase are
-  /// age.
+  /// Moves whole ticks of the phase of a sample to its age: it waited in a queue for longer than a tick.
   [[nodiscard]] static std::uint32_t aged(std::uint32_t age, S& phase, S sample_time) {
     if (phase < sample_time) return age;
     const S waited = phase / sample_time;
@@ -404,7 +384,7 @@ class Cycle {
     return age > drive::age_max - whole ? drive::age_max : age + whole;
   }
 
-  /// Whether every encoder has just been heard.
+  /// Every encoder has a fresh sample.
   [[nodiscard]] bool sensed() const {
     const auto& c = controller_.config();
     bool all = true;
@@ -415,7 +395,7 @@ class Cycle {
     return all;
   }
 
-  /// Nothing unless every encoder has just said a number.
+  /// Ignored unless every encoder has a fresh, finite sample.
   void confirm_zero() {
     bool numbers = sensed();
     for (int i = 0; i < sensors_.count; ++i)
@@ -428,7 +408,7 @@ class Cycle {
     const auto send = [&](const hal::CanFrame& f) { return put(bus, f); };
     for (int i = 0; i < motors_.count; ++i) {
       D& a = axes_[static_cast<unsigned>(i * motors_.axis_step)];
-      // A silent drive is called. The others are not asked into torque before all have been heard.
+      // Silent drives get the request; the others not before all have been heard.
       const bool heard = wait_.heard[static_cast<unsigned>(i * motors_.axis_step)];
       if (result.state == State::enabling && (wait_.all || !heard)) a.enable(send);
       const bool leave = result.state == State::fault || result.state == State::stopping;
@@ -438,9 +418,8 @@ class Cycle {
         send(outgoing_);
       }
     }
-    echo_.told(result.torque);
-    // No word that keeps a drive alive before we have set it up: it may have torque from a controller before
-    // us.
+    torque_feedback_.commanded(result.torque);
+    // No heartbeat before the first enabling: a drive may still have torque from an earlier controller.
     if constexpr (samples_on_demand) {
       enabled_once_ = enabled_once_ || result.state == State::enabling;
       line_.end_tick(send, enabled_once_ && result.state != State::fault);
@@ -464,8 +443,8 @@ class Cycle {
     return false;
   }
 
-  /// Where motors or encoders are: number i sits on axis i * axis_step and joint i * joint_step. Axes stand
-  /// in the order of the joints that have one: those of the base only, or all.
+  /// Motor or encoder i sits on axis i * axis_step and joint i * joint_step. Axes are in the order of the
+  /// joints that have one: the base joints, or all.
   struct Places {
     int count, axis_step, joint_step;
   };
@@ -481,35 +460,29 @@ class Cycle {
   int axis_count_;
   std::uint32_t heartbeat_age_ticks_max_, waiting_ticks_max_;
   ZeroPose<M> zero_;
-  TorqueFeedbackCheck<M> echo_;
+  TorqueFeedbackCheck<M> torque_feedback_;
   bool samples_timed_;
   link::CommandLink link_;
   S delay_ticks_;
   Places motors_, sensors_;
-  bool limits_fit_all_shafts_;  ///< all can carry their torque limit
+  bool limits_fit_all_shafts_;  // every shaft can carry the torque limit of its joint
   std::array<S, static_cast<unsigned>(axes_max)> phase_{};
-  std::array<std::uint32_t, static_cast<unsigned>(axes_max)>
-      silent_ticks_{};                ///< since an axis has said something; not counted under torque
-  struct Wait {                       ///< since the order to arm
-    std::uint32_t ticks = 0;          ///< for a drive to speak; once all have, for power
-    bool waits = false, all = false;  ///< all have been heard
-    std::array<bool, static_cast<unsigned>(axes_max)> heard{};
-  };
-  Wait wait_{};
+  std::array<std::uint32_t, static_cast<unsigned>(axes_max)> silent_ticks_{};  // not counted under torque
+  EnablingWait<axes_max> wait_{};
   std::uint32_t passed_ticks_ = 0;
   Command command_ = Command::none;
   DriveStatus status_{};
   Sample<M> sample_{};
-  hal::CanFrame incoming_{}, outgoing_{.perishable = true};  // kept: a frame has 76 bytes to clear
+  hal::CanFrame incoming_{}, outgoing_{.perishable = true};  // members: clearing one costs 76 bytes
   BusCounters counters_{};
   bool stage_done_ = false;
   bool enable_closed_ = true;
   bool output_ok_ = false;
   bool opened_ = false;
-  bool enabled_once_ = false;  // to torque, once since the start
+  bool enabled_once_ = false;  // since the start
   std::uint8_t bus_events_ = 0;
   bool late_ = false;
-  std::uint32_t overruns_ = 0;  // of the bus, as it counts them
+  std::uint32_t overruns_ = 0;  // of the bus, at the last receive()
   int taken_ = 0;
 };
 

@@ -9,7 +9,7 @@
 
 namespace esmc {
 
-/// Configuration and rates of the whole mechanism, from what the encoders say.
+/// Configuration and rates of the whole mechanism, from the encoders.
 template <class M>
 struct Estimate {
   typename M::Pose pose;
@@ -17,9 +17,8 @@ struct Estimate {
   typename M::Scalar closure;  ///< m, distance between the leg tips as measured; 0 without passive encoders
 };
 
-/// Base encoders only: the passive joints follow from closure in the given assembly mode [F18], [F23].
-/// False when the base angles fit no closed mechanism: pose and rates are then none. The rates are not finite
-/// at type 2.
+/// Base encoders only: the passive joints follow from closure in the given assembly mode [F18], [F23]. False,
+/// without pose and rates: the base angles fit no closed mechanism. The rates are not finite at type 2.
 template <class S>
 [[nodiscard]] bool estimate_from_base(const FiveBar<S>& m, const typename FiveBar<S>::Mode& mode,
                                       const Vec2<S>& angle, const Vec2<S>& rate,
@@ -36,7 +35,7 @@ template <class S>
   rates = rate;
   return true;
 }
-/// The same, for whoever has no place for it.
+/// Same, result returned by value.
 template <class M, class S = typename M::Scalar>
 [[nodiscard]] std::optional<Estimate<M>> estimate_from_base(const M& m, const typename M::Mode& mode,
                                                             const Vec2<S>& angle, const Vec2<S>& rate) {
@@ -46,8 +45,8 @@ template <class M, class S = typename M::Scalar>
                                                                    : std::nullopt;
 }
 
-/// Encoders on all joints (theta11, theta12, theta21, theta22): regular at type 2 as well. The effector is
-/// the mean of the two leg tips, and so is its velocity. For size: every image has it, few use it.
+/// Encoders on all joints (theta11, theta12, theta21, theta22): regular at type 2 too. Position and velocity
+/// of the effector are the means of the two leg tips.
 template <class S>
 [[nodiscard, gnu::cold]] Estimate<FiveBar<S>> estimate_from_all(const FiveBar<S>& m, const Vec<S, 4>& angle,
                                                                 const Vec<S, 4>& rate) {
@@ -63,7 +62,7 @@ template <class S>
   return out;
 }
 
-/// The reference in the form the laws take.
+/// The reference in the form that the laws take.
 template <class M>
 struct Desired {
   typename M::Pose pose;
@@ -71,8 +70,7 @@ struct Desired {
   typename M::Rates acceleration;
 };
 
-/// Effector at x (m) with velocity v and acceleration a. False: outside the workspace, and what is filled in
-/// is none.
+/// Effector at x (m) with velocity v and acceleration a. False, without results: outside the workspace.
 template <class M, class S = typename M::Scalar>
 [[nodiscard]] ESMC_INLINE inline bool desired_at_effector(const M& m, const typename M::Mode& mode,
                                                           const Vec2<S>& x, const Vec2<S>& v,
@@ -85,8 +83,7 @@ template <class M, class S = typename M::Scalar>
   return true;
 }
 
-/// Base joints at q (rad) with rates qd and accelerations qdd. False: they do not close, and what is filled
-/// in is none.
+/// Base joints at q (rad) with rates qd and accelerations qdd. False, without results: they do not close.
 template <class M, class S = typename M::Scalar>
 [[nodiscard]] bool desired_at_base(const M& m, const typename M::Mode& mode, const Vec2<S>& q,
                                    const Vec2<S>& qd, const Vec2<S>& qdd, typename M::Pose& pose,
@@ -96,7 +93,7 @@ template <class M, class S = typename M::Scalar>
   return true;
 }
 
-/// The same, for whoever has no place for it.
+/// Same, result returned by value.
 template <class M, class S = typename M::Scalar>
 [[nodiscard]] std::optional<Desired<M>> desired_at_effector(const M& m, const typename M::Mode& mode,
                                                             const Vec2<S>& x, const Vec2<S>& v,

@@ -1,13 +1,12 @@
 #pragma once
-/// Optional part of the controller: motors on all joints of a 5R, each within its limit and, where wanted,
-/// preloaded.
+/// Optional part: motors on all joints of a 5R, each within its limit, optionally preloaded.
 
 #include "firmware/cycle/controller.hpp"
 
 namespace esmc::part {
 
-/// Motor torques that do what the forces w on the channels ask (box_allocation.hpp). Returns whether they do
-/// less: saturated. For ControllerConfig::allocate. Compiled into the archive, for FiveBar.
+/// Motor torques for the forces w on the channels (box_allocation.hpp), for ControllerConfig::allocate. True:
+/// saturated. Compiled into the archive for FiveBar.
 template <class M>
 bool four_motors(const ControllerConfig<M>& c, const typename M::Pose& p, const typename M::Channels& w,
                  Vec<typename M::Scalar, M::joints>& torque);

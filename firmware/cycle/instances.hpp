@@ -1,5 +1,5 @@
 #pragma once
-/// The controllers that exist: every mechanism in both scalar types, compiled once into the control archive.
+/// The controllers of the control archive: every mechanism in both scalar types, compiled once.
 
 #include "firmware/cycle/cycle.hpp"
 #include "firmware/cycle/four_motors.hpp"
@@ -16,23 +16,18 @@ using Cia402Cycle = Cycle<M, drive::Cia402Axis>;
 template <class M>
 using MitCycle = Cycle<M, drive::MitAxis>;
 
-extern template class Controller<FiveBar<double>>;
-extern template class Controller<FiveBar<float>>;
-extern template class Controller<Rr<double>>;
-extern template class Controller<Rr<float>>;
-extern template class Cycle<FiveBar<double>, drive::OdriveAxis>;
-extern template class Cycle<FiveBar<float>, drive::OdriveAxis>;
-extern template class Cycle<Rr<double>, drive::OdriveAxis>;
-extern template class Cycle<Rr<float>, drive::OdriveAxis>;
-extern template class Cycle<FiveBar<double>, drive::Cia402Axis>;
-extern template class Cycle<FiveBar<float>, drive::Cia402Axis>;
-extern template class Cycle<Rr<double>, drive::Cia402Axis>;
-extern template class Cycle<Rr<float>, drive::Cia402Axis>;
-extern template class Cycle<FiveBar<double>, drive::MitAxis>;
-extern template class Cycle<FiveBar<float>, drive::MitAxis>;
-extern template class Cycle<Rr<double>, drive::MitAxis>;
-extern template class Cycle<Rr<float>, drive::MitAxis>;
 /// @cond
+// NOLINTBEGIN(bugprone-macro-parentheses): the keyword of a template and a type take none
+#define ESMC_CONTROLLER(TEMPLATE, M)          \
+  TEMPLATE class Controller<M>;               \
+  TEMPLATE class Cycle<M, drive::OdriveAxis>; \
+  TEMPLATE class Cycle<M, drive::Cia402Axis>; \
+  TEMPLATE class Cycle<M, drive::MitAxis>
+// NOLINTEND(bugprone-macro-parentheses)
+ESMC_CONTROLLER(extern template, FiveBar<double>);
+ESMC_CONTROLLER(extern template, FiveBar<float>);
+ESMC_CONTROLLER(extern template, Rr<double>);
+ESMC_CONTROLLER(extern template, Rr<float>);
 extern template bool part::four_motors(const ControllerConfig<FiveBar<double>>&, const FiveBar<double>::Pose&,
                                        const FiveBar<double>::Channels&, Vec<double, 4>&);
 extern template bool part::four_motors(const ControllerConfig<FiveBar<float>>&, const FiveBar<float>::Pose&,

@@ -1,7 +1,7 @@
 #pragma once
-/// For what instances_part_*.cpp compile into the control archive: ESMC_EACH(DEFINE) is DEFINE of every
-/// mechanism and scalar type, ESMC_EACH_REDUNDANT(DEFINE) of those whose joints can all have motors and
-/// encoders. A board has one scalar type (firmware/CMakeLists.txt).
+/// Instantiations in the control archive: ESMC_EACH(DEFINE) is DEFINE of every mechanism and scalar type,
+/// ESMC_EACH_REDUNDANT(DEFINE) of those whose joints can all have motors and encoders. A board has one scalar
+/// type (firmware/CMakeLists.txt).
 
 #include "firmware/mechanism/five_bar.hpp"
 #include "firmware/mechanism/rr.hpp"

@@ -1,10 +1,5 @@
 #include "firmware/cycle/instances.hpp"
 
 namespace esmc {
-
-template class Controller<FiveBar<double>>;
-template class Cycle<FiveBar<double>, drive::OdriveAxis>;
-template class Cycle<FiveBar<double>, drive::Cia402Axis>;
-template class Cycle<FiveBar<double>, drive::MitAxis>;
-
-}  // namespace esmc
+ESMC_CONTROLLER(template, FiveBar<double>);
+}

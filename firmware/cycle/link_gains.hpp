@@ -1,13 +1,13 @@
 #pragma once
-/// Gains that come by the command interface.
+/// Gains from the command interface.
 
 #include "firmware/control/law.hpp"
 #include "firmware/link/parameters.hpp"
 
 namespace esmc {
 
-/// The link's gains in the controller, for every channel of their kind and for the independent coordinates.
-/// With the implicit reaching law the layer follows from the gain; `delay_ticks` as in the configuration.
+/// Sets the gains of every channel of their kind and of the independent coordinates. With the implicit
+/// reaching law the layer follows from the gain; `delay_ticks` as in the configuration.
 template <class M>
 void set_gains(Gains<M>& g, const link::Parameters& p, Reaching reaching, typename M::Scalar sample_time,
                typename M::Scalar delay_ticks) {

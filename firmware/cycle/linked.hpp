@@ -1,25 +1,25 @@
 #pragma once
-/// Between the command interface and the controller: wishes in, telemetry out.
+/// Between the command interface and the controller: requests in, telemetry out.
 
 #include "firmware/cycle/controller.hpp"
 #include "firmware/link/command_link.hpp"
 
 namespace esmc {
 
-/// Does what is asked of the controller and returns what is asked of the supervisor.
+/// Applies the requests to the controller and returns the command to the supervisor.
 template <class M>
-Command heed(link::CommandLink& link, Controller<M>& controller, typename M::Scalar delay_ticks) {
+Command apply_requests(link::CommandLink& link, Controller<M>& controller, typename M::Scalar delay_ticks) {
   using S = typename M::Scalar;
   const link::Request r = link.take();
   const auto vec = [](const std::array<float, 2>& a) { return Vec2<S>(S(a[0]), S(a[1])); };
-  SetpointGenerator<S>& guide = controller.guide();
-  guide.lead(r.source != link::Source::reference);
+  SetpointGenerator<S>& setpoints = controller.setpoints();
+  setpoints.activate(r.source != link::Source::reference);
   if (r.has_gains) controller.set_gains(link.parameters(), delay_ticks);
-  if (r.hold) guide.hold();
-  if (r.has_sample) guide.follow(vec(r.position), vec(r.velocity));
+  if (r.hold) setpoints.hold();
+  if (r.has_sample) setpoints.follow(vec(r.position), vec(r.velocity));
   if (r.has_point) {
     if (controller.reachable(vec(r.position))) {
-      guide.go_to(vec(r.position));
+      setpoints.go_to(vec(r.position));
     } else {
       link.refuse();
     }
@@ -27,7 +27,7 @@ Command heed(link::CommandLink& link, Controller<M>& controller, typename M::Sca
   return r.command;
 }
 
-/// What the supervisor computer is told of a tick.
+/// Telemetry of a tick.
 template <class M>
 [[nodiscard]] link::Report report_of(const Controller<M>& controller, const TickResult<M>& t,
                                      const Sample<M>& sample) {
@@ -39,7 +39,7 @@ template <class M>
     r.angle[static_cast<unsigned>(i)] = static_cast<float>(sample.angle[joint]);
     r.torque[static_cast<unsigned>(i)] = static_cast<float>(t.torque[joint]);
   }
-  // Encoders are counted as the drives are: motors first, base joints before passive ones.
+  // Encoders are counted as drives: motors first, base joints before passive ones.
   if (t.fault == Fault::loop_not_closed && controller.odd_encoder() != 0) {
     const int joint = controller.odd_encoder() - 1, step = M::joints / c.motor_count();
     r.axis = static_cast<std::uint8_t>(joint % step == 0 ? joint / step : c.motor_count() + joint / step);

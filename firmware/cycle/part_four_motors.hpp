@@ -1,5 +1,5 @@
 #pragma once
-/// What four_motors.hpp declares; compiled by instances_part_four_motors.cpp alone.
+/// Definition of four_motors.hpp, for instances_part_four_motors.cpp.
 
 #include "firmware/control/box_allocation.hpp"
 #include "firmware/cycle/four_motors.hpp"

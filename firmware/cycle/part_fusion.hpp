@@ -1,7 +1,6 @@
 #pragma once
-/// Four encoders on a mechanism of two degrees of freedom: their readings are brought onto the closure
-/// manifold. An optional part; without it the effector is the mean of both leg tips, and all readings are
-/// taken as they are.
+/// Optional part: projects the readings of four encoders onto the closure manifold. Without it the effector
+/// is the mean of both leg tips, and the readings are used unchanged.
 
 #include <cstdint>
 
@@ -12,10 +11,8 @@ namespace esmc {
 template <class M>
 struct ControllerConfig;
 
-/// A closed pose and rates that close, from angles (rad) and rates (rad/s) of all joints; `out.closure` is
-/// the gap as measured. Returns 1 + the joint whose encoder alone explains a gap above limits.closure,
-/// however far off it is; 0 where the gap is within the limit, no single joint explains it, or more than one
-/// nearly does.
+/// From angles (rad) and rates (rad/s) of all joints to a closed pose and consistent rates; `out.closure` is
+/// the measured gap. Returns 1 + the joint whose encoder alone explains a gap above limits.closure, or 0.
 template <class M>
 using FusionPart = std::uint8_t (*)(const ControllerConfig<M>& config,
                                     const Vec<typename M::Scalar, M::joints>& angle,
@@ -23,10 +20,9 @@ using FusionPart = std::uint8_t (*)(const ControllerConfig<M>& config,
 
 namespace part {
 
-/// Weighted least squares: the corrections of the angles that close the loop and are smallest, each over its
-/// encoder's standard deviation; the same for the rates, on the tangent. Regular at type 2, and wherever the
-/// tip velocities of the four joints are not all parallel. Two steps of Gauss and Newton: from 5 mm apart to
-/// about 1e-8 m.
+/// Weighted least squares: the smallest corrections of the angles, relative to the standard deviations of the
+/// encoders, that close the loop; likewise for the rates. Regular unless the tip velocities of all four
+/// joints are parallel, hence at type 2. Two Gauss-Newton steps: from 5 mm to about 1e-8 m.
 template <class M>
 std::uint8_t closure_projection(const ControllerConfig<M>& config,
                                 const Vec<typename M::Scalar, M::joints>& angle,

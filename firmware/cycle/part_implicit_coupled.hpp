@@ -1,6 +1,5 @@
 #pragma once
-/// The coupled implicit step on the mechanism: firmware/control/coupled.hpp with its gains and its told
-/// delay.
+/// Optional part: the coupled implicit step (firmware/control/coupled.hpp) with the known delay.
 
 #include "firmware/control/coupled.hpp"
 #include "firmware/cycle/part_law.hpp"
@@ -13,14 +12,14 @@ void implicit_coupled(const ControllerConfig<M>& config, const Tracking<M>& t, P
   using S = typename M::Scalar;
   without_switching(config, t, acceleration, sliding);
   const Reduced<M> reduced(config.mechanism, t.pose);
-  const S T = implicit_layer(S(1), config.sample_time, S(borne_delay(config)) + config.lag_ticks);
+  const S T = implicit_layer(S(1), config.sample_time, S(reaching_delay(config)) + config.lag_ticks);
   typename M::Channels weight;
   for (int i = 0; i < M::channels; ++i) weight[i] = T * reduced.mass()[i] * config.gains.k[i];
   Vec2<S> q;
   if (CoupledStep<M>(reduced, sliding, weight).solve(q)) {
     acceleration += reduced.channels(q * (S(-1) / T));
   } else {
-    add_switching(Reaching::implicit, sliding, config.gains.k, config.gains.layer, acceleration);
+    acceleration += config.gains.k.cwiseProduct(switching(Reaching::implicit, sliding, config.gains.layer));
   }
 }
 

@@ -1,5 +1,5 @@
 #pragma once
-/// What several optional parts need.
+/// Functions that several optional parts share.
 
 #include <type_traits>
 
@@ -15,7 +15,9 @@ void without_switching(const ControllerConfig<M>& config, const Tracking<M>& t,
   Gains<M> gain = config.gains;
   gain.k.setZero();
   gain.independent.k = typename M::Scalar(0);
-  demand<M>(config.law, config.mechanism, gain, Reaching::saturation, t, acceleration, sliding);
+  const Demand<M> d = demand(config.law, config.mechanism, gain, Reaching::saturation, t);
+  acceleration = d.acceleration;
+  sliding = d.sliding;
 }
 
 /// Torques at all joints, gathered on the base joints.
@@ -30,16 +32,16 @@ template <class S>
   return torque;
 }
 
-/// The told delay in whole ticks, at most what can be remembered.
+/// The known delay in whole ticks, limited to the depth of the memory.
 template <class M>
 [[nodiscard]] int whole_delay(const ControllerConfig<M>& config) {
   using S = typename M::Scalar;
   constexpr int most = SuperTwisting<S>::most_delay;
   return config.delay_ticks < S(most) ? static_cast<int>(config.delay_ticks + S(0.5)) : most;
 }
-/// What of it the reaching law still has to bear: nothing where the state is predicted.
+/// The delay seen by the reaching law: 0 if the state is predicted.
 template <class M>
-[[nodiscard]] int borne_delay(const ControllerConfig<M>& config) {
+[[nodiscard]] int reaching_delay(const ControllerConfig<M>& config) {
   return config.predict != nullptr ? 0 : whole_delay(config);
 }
 

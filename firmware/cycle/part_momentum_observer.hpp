@@ -1,11 +1,11 @@
 #pragma once
-/// What torques of unknown origin act on the base joints, from their generalised momentum.
+/// Optional part: observes the disturbance torques on the base joints by their generalised momentum.
 
 #include "firmware/cycle/part_law.hpp"
 
 namespace esmc::part {
 
-/// A quarter of the difference of two rates: of the two squares of a bilinear form, the form itself.
+/// (a - b) / 4: by polarisation, a bilinear form from two of its squares.
 template <class S>
 typename FiveBar<S>::Rates quarter(const typename FiveBar<S>::Rates& a, const typename FiveBar<S>::Rates& b,
                                    const FiveBar<S>&) {
@@ -19,8 +19,8 @@ Vec2<S> quarter(const Vec2<S>& a, const Vec2<S>& b, const Rr<S>&) {
   return (a - b) * S(0.25);
 }
 
-/// What changes the momentum p = C_a^T M q' of the base joints besides torque: p' = tau + Cdot_a^T M q' -
-/// C_a^T (f + g). Column k of Cdot_a is the bias of the present motion and of a unit turn of base joint k.
+/// Change of the momentum p = C_a^T M q' of the base joints besides torque: p' = tau + Cdot_a^T M q' - C_a^T
+/// (f + g). Column k of Cdot_a is the bias of the present motion and a unit rate of base joint k.
 template <class M, class S = typename M::Scalar>
 Vec2<S> drift(const M& m, const typename M::Pose& p, const typename M::Rates& r,
               const typename M::Channels& momenta) {
@@ -38,8 +38,7 @@ Vec2<S> drift(const M& m, const typename M::Pose& p, const typename M::Rates& r,
   return out;
 }
 
-/// d' = omega (p' - tau - drift - d), backward Euler in d, the trapezoid in the drift. The rate is not
-/// differentiated.
+/// d' = omega (p' - tau - drift - d): backward Euler in d, trapezoid in the drift; no rate is differentiated.
 template <class M>
 void momentum_observer(const ControllerConfig<M>& config, const Tracking<M>& t, PartMemory<M>& memory) {
   using S = typename M::Scalar;
@@ -51,8 +50,7 @@ void momentum_observer(const ControllerConfig<M>& config, const Tracking<M>& t, 
     const Vec2<S> acted = on_base(m, t.pose, memory.torque(whole_delay(config)));
     const Vec2<S> unknown = p - half - memory.momentum - acted * h;
     memory.disturbance = (memory.disturbance + unknown * bandwidth) / (S(1) + bandwidth * h);
-    const S most =
-        config.torque_limit.sum();  // what the motors do not have cannot be compensated; NaN stays NaN
+    const S most = config.torque_limit.sum();  // no more can be compensated; NaN stays NaN
     for (int i = 0; i < 2; ++i) {
       if (memory.disturbance[i] > most) memory.disturbance[i] = most;
       if (memory.disturbance[i] < -most) memory.disturbance[i] = -most;

@@ -1,5 +1,5 @@
 #pragma once
-/// The state at the instant at which a torque acts that is sent now.
+/// Optional part: predicts the state at the instant at which the torque of this tick acts.
 
 #include "firmware/cycle/part_law.hpp"
 
@@ -18,7 +18,7 @@ void predictor(const ControllerConfig<M>& config, const PartMemory<M>& memory, T
         Reduced<M>(m, t.pose).solve(tau - m.base_torque(t.pose, m.force(bias, t.rates)));
     const Vec2<S> rate = M::base(t.rates);
     const Vec2<S> angle = M::base_angles(t.pose) + rate * h + acceleration * (h * h * S(0.5));
-    // Where the predicted angles fit no closed mechanism, what is predicted so far is used.
+    // If the predicted angles fit no closed mechanism, the last valid prediction is used.
     typename M::Pose pose;
     typename M::Rates rates;
     if (!estimate_from_base(m, config.mode, angle, Vec2<S>(rate + acceleration * h), pose, rates)) return;

@@ -1,6 +1,5 @@
 #pragma once
-/// The super-twisting law on the mechanism: firmware/control/super_twisting.hpp on what its channels have in
-/// common.
+/// Optional part: the law of firmware/control/super_twisting.hpp on the independent coordinates.
 
 #include "firmware/cycle/part_law.hpp"
 
@@ -21,7 +20,7 @@ void super_twisting(const ControllerConfig<M>& config, const Tracking<M>& t, Par
     if (!all_went_out) lost = of_base(reduced.solve(memory.asked - on_base(m, t.pose, memory.sent[0])));
   }
   const Vec2<S> w = memory.twisting.step(s, lost, config.gains.independent.k, config.sample_time,
-                                         {borne_delay(config), config.lag_ticks});
+                                         {reaching_delay(config), config.lag_ticks});
   acceleration += m.channel_rates(t.pose, m.chain_rates(t.pose, w));
 }
 

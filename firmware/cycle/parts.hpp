@@ -1,7 +1,7 @@
 #pragma once
-/// Optional parts of the controller. Each is a function of namespace esmc::part that the configuration points
-/// to, or null: what a scene does not name is not in the image and costs no instructions. What parts remember
-/// from tick to tick is here; their code is in part_*.hpp of this folder. docs/reaching.md.
+/// Optional parts of the controller: functions of namespace esmc::part to which the configuration points, or
+/// null. A part that the scene does not name is not in the image and costs no instructions. Here are their
+/// memory and declarations, the definitions are in part_*.hpp. docs/reaching.md.
 
 #include "firmware/control/law.hpp"
 #include "firmware/control/super_twisting.hpp"
@@ -11,32 +11,32 @@ namespace esmc {
 template <class M>
 struct ControllerConfig;
 
-/// What optional parts remember.
+/// Memory of the optional parts.
 template <class M>
 struct PartMemory {
   using S = typename M::Scalar;
   static constexpr int depth = SuperTwisting<S>::most_delay + 1;
 
-  Vec2<S> asked;  ///< torque of the last tick, N m, gathered on the base joints: by the law
-  List<Vec<S, M::joints>, depth> sent;  ///< and as it went out, limited and ramped; the last tick's first
-  bool whole = true;                    ///< the last one is what was asked
-  int ticks = 0;                        ///< so many are remembered
+  Vec2<S> asked;  ///< torque that the law requested in the last tick, N m, gathered on the base joints
+  List<Vec<S, M::joints>, depth> sent;  ///< torques sent, limited and ramped, the last tick's first
+  bool whole = true;                    ///< the last torque sent is the requested one
+  int ticks = 0;                        ///< number of torques in `sent`
   SuperTwisting<S> twisting;
-  Vec2<S> momentum;  ///< of the base joints, with what is known to change it until the next tick, N m s
-  Vec2<S> disturbance = Vec2<S>::Zero();  ///< on the base joints, as observed, N m
+  Vec2<S> momentum;  ///< of the base joints, predicted for the next tick without torque, N m s
+  Vec2<S> disturbance = Vec2<S>::Zero();  ///< observed on the base joints, N m
 
   /// The torque sent `ago` ticks before the last one.
   [[nodiscard]] Vec<S, M::joints> torque(int ago) const {
     return ago < ticks ? sent[ago] : Vec<S, M::joints>::Zero().eval();
   }
-  /// At the end of a tick in which the law acted.
+  /// At the end of a tick under the law.
   void keep(const Vec<S, M::joints>& torque, bool as_asked) {
     for (int k = depth - 1; k > 0; --k) sent[k] = sent[k - 1];
     sent[0] = torque;
     whole = as_asked;
     if (ticks < depth) ++ticks;
   }
-  /// As before the first tick of a law.
+  /// To the state before the first tick.
   void reset() {
     ticks = 0;
     twisting.reset();
@@ -44,14 +44,14 @@ struct PartMemory {
   }
 };
 
-/// A law's v' and sliding variables with a reaching law that is not a function of one channel alone.
+/// v' and sliding variables of a law whose reaching law couples channels or has memory.
 template <class M>
 using ReachingPart = void (*)(const ControllerConfig<M>& config, const Tracking<M>& t, PartMemory<M>& memory,
                               typename M::Channels& acceleration, typename M::Channels& sliding);
-/// From the measured state, what torques of unknown origin there are on the base joints: memory.disturbance.
+/// Updates memory.disturbance from the measured state.
 template <class M>
 using ObserverPart = void (*)(const ControllerConfig<M>& config, const Tracking<M>& t, PartMemory<M>& memory);
-/// The state of `t` moved on to the instant at which this tick's torque acts.
+/// Moves the state of `t` to the instant at which the torque of this tick acts.
 template <class M>
 using PredictorPart = void (*)(const ControllerConfig<M>& config, const PartMemory<M>& memory,
                                Tracking<M>& t);
@@ -66,11 +66,10 @@ void super_twisting(const ControllerConfig<M>& config, const Tracking<M>& t, Par
 template <class M>
 void implicit_coupled(const ControllerConfig<M>& config, const Tracking<M>& t, PartMemory<M>& memory,
                       typename M::Channels& acceleration, typename M::Channels& sliding);
-/// disturbance_observer: generalised momentum of the base joints, its bandwidth in the configuration.
+/// disturbance_observer: by the generalised momentum of the base joints.
 template <class M>
 void momentum_observer(const ControllerConfig<M>& config, const Tracking<M>& t, PartMemory<M>& memory);
-/// predictor = true: the believed mechanism under the torques sent and the disturbance observed, over the
-/// told delay.
+/// predictor = true: the model under the sent torques and the observed disturbance, over the known delay.
 template <class M>
 void predictor(const ControllerConfig<M>& config, const PartMemory<M>& memory, Tracking<M>& t);
 

@@ -1,6 +1,5 @@
 #pragma once
-/// What a message alone cannot show: whether it fits the one before, the command it answers, the pose that
-/// was confirmed.
+/// Checks of a measurement against the previous one, against the command, and the confirmed zero.
 
 #include <array>
 #include <cstdint>
@@ -11,19 +10,18 @@
 
 namespace esmc {
 
-/// The samples of a tick against those before: an angle that moved, but not by its own rate, is a glitch, a
-/// slipped coupling or another sensor's frame.
+/// Compares an angle with its prediction from the previous sample and the rate. A jump is a glitch, a slipped
+/// coupling or the frame of another sensor.
 template <class M>
 class SampleJumpCheck {
  public:
   using S = typename M::Scalar;
 
-  /// Whether a sample of a joint that is newer than the last one is within `jump` rad per tick between them
-  /// of where its rate takes it from there; it may itself be some ticks old. Finite samples only. True before
-  /// the first one, and with jump = 0.
-  [[nodiscard]] bool plausible(int joint, const Sample<M>& now, S jump, S sample_time) const {
+  /// False: a sample newer than the last one differs from its prediction by more than `jump` rad per tick
+  /// between them. Finite samples only; true before the first one and with jump = 0.
+  [[nodiscard]] Truth<S> plausible(int joint, const Sample<M>& now, S jump, S sample_time) const {
     const auto u = static_cast<unsigned>(joint);
-    if (!(jump > S(0)) || !known_[u] || now.age_ticks[u] > age_[u]) return true;
+    if (!(jump > S(0)) || !known_[u] || now.age_ticks[u] > age_[u]) return Truth<S>(true);
     const S ticks = S(age_[u] + 1 - now.age_ticks[u]);
     const S off = now.angle[joint] - last_[joint] - now.rate[joint] * (sample_time * ticks);
     return within(off, jump * ticks);
@@ -46,35 +44,34 @@ class SampleJumpCheck {
   }
 
  private:
-  static constexpr std::uint32_t forgotten = 1000;  ///< ticks: what was known before says nothing any more
+  static constexpr std::uint32_t forgotten =
+      1000;  ///< ticks after which the last sample is not used any more
   Vec<S, M::joints> last_ = Vec<S, M::joints>::Zero();
-  std::array<std::uint32_t, static_cast<unsigned>(M::joints)>
-      age_{};  ///< ticks, of the last one at the end of the tick before
+  /// Ticks, of the last sample at the end of the previous tick.
+  std::array<std::uint32_t, static_cast<unsigned>(M::joints)> age_{};
   std::array<bool, static_cast<unsigned>(M::joints)> known_{};
 };
 
-/// The torque that a drive reports against what it was told, allowed the time it takes to follow. It need not
-/// report in every tick.
+/// Compares the torque that a drive reports, not necessarily every tick, with its command after a lag.
 template <class M>
 class TorqueFeedbackCheck {
  public:
   using S = typename M::Scalar;
 
   TorqueFeedbackCheck() = default;
-  /// `tolerance`: N m, 0: anything goes; `time`: s, of the first-order lag that the drive is allowed.
+  /// `tolerance`: N m, 0: no check; `time`: time constant of the lag, s.
   TorqueFeedbackCheck(S tolerance, S time, S sample_time)
       : tolerance_(tolerance), share_(sample_time / (time + sample_time)) {}
   [[nodiscard]] bool compares() const { return tolerance_ > S(0); }
 
-  /// At the end of a tick: what goes to the joints from now on, N m.
-  void told(const Vec<S, M::joints>& torque) {
+  /// At the end of a tick: the new command at the joints, N m.
+  void commanded(const Vec<S, M::joints>& torque) {
     if (compares()) expected_ += (torque - expected_) * share_;
   }
 
-  /// What was off before there was torque says nothing.
+  /// Deviations before there was torque do not count.
   void forget() { off_ = {}; }
-  /// Once per tick. False once a joint's reported torque has been off for `patience` reports in a row; none
-  /// reported, none compared.
+  /// Once per tick. False: the reported torque of a joint was off in `patience` consecutive reports.
   [[nodiscard]] bool plausible(int joint, const std::optional<float>& reported) {
     auto& n = off_[static_cast<unsigned>(joint)];
     if (!compares() || !reported) return true;
@@ -90,21 +87,20 @@ class TorqueFeedbackCheck {
   std::array<int, static_cast<unsigned>(M::joints)> off_{};
 };
 
-/// The zero of encoders that lose it without power. Until the operator has put the mechanism into its zero
-/// pose and confirmed it, angles mean nothing.
+/// The zero of encoders that lose it without power: angles are valid once the zero pose is confirmed.
 template <class M>
 class ZeroPose {
  public:
   using S = typename M::Scalar;
 
   ZeroPose() = default;
-  /// `absolute`: encoders that keep their zero; nothing is to confirm then.
+  /// `absolute`: encoders keep their zero, and no confirmation is needed.
   ZeroPose(bool absolute, const Vec<S, M::joints>& pose) : absolute_(absolute), pose_(pose) {}
 
   [[nodiscard]] bool confirmed() const { return absolute_ || confirmed_; }
-  /// rad, to be added to what the encoder of a joint says.
+  /// rad, to be added to the angle of the encoder.
   [[nodiscard]] S shift(int joint) const { return shift_[joint]; }
-  /// The mechanism stands in its zero pose and the encoders, shift included, say `angle`.
+  /// The mechanism stands in its zero pose; `angle`: of the encoders, with the present shift.
   void confirm(const Vec<S, M::joints>& angle) {
     if (absolute_) return;
     shift_ += pose_ - angle;

@@ -1,5 +1,5 @@
 #pragma once
-/// What the sensors say at a tick.
+/// Measurements of a tick.
 
 #include <array>
 #include <cstdint>
@@ -8,17 +8,16 @@
 
 namespace esmc {
 
-/// In the model's convention, one entry per joint; only the joints that have a
-/// sensor are read.
+/// In the model's convention, one entry per joint; only joints with a sensor are read.
 template <class M>
 struct Sample {
   using S = typename M::Scalar;
   Vec<S, M::joints> angle = Vec<S, M::joints>::Zero();  ///< rad
   Vec<S, M::joints> rate = Vec<S, M::joints>::Zero();   ///< rad/s
-  std::array<std::uint32_t, static_cast<unsigned>(M::joints)>
-      age_ticks{};  ///< 0: of this tick; missed samples otherwise
-  std::array<S, static_cast<unsigned>(M::joints)>
-      phase{};  ///< s, >= 0, from the arrival of the sample to the instant of its tick
+  /// 0: of this tick; otherwise the number of missed samples.
+  std::array<std::uint32_t, static_cast<unsigned>(M::joints)> age_ticks{};
+  /// s, >= 0, from the arrival of the sample to the instant of its tick.
+  std::array<S, static_cast<unsigned>(M::joints)> phase{};
 };
 
 }  // namespace esmc

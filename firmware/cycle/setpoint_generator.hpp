@@ -1,6 +1,6 @@
 #pragma once
-/// The motion that a supervisor computer asks for instead of a reference: rest, set points, a stream of
-/// samples. Coordinates are limited one by one: |velocity| <= speed, |acceleration| <= acceleration.
+/// The motion that a supervisor computer requests instead of the reference: rest, set points, a stream of
+/// samples. Limits per coordinate: |velocity| <= speed, |acceleration| <= acceleration.
 
 #include <cstdint>
 
@@ -8,11 +8,11 @@
 
 namespace esmc {
 
-/// Duration (s) of a quintic that takes an offset and its rate to zero and starts without acceleration, such
-/// that neither limit is exceeded, if |rate| <= speed. With r = |offset| / T the velocity is (1 - u)^2 (rate
-/// (1 + 2 u) + u^2 (30 r - 15 rate)) towards zero: never above `speed` where 30 r <= 16 speed and the rate
-/// points there, or 30 r + 15 |rate| <= 16 speed where it points away. The acceleration is at most 10/sqrt(3)
-/// r / T + 3.941 |rate| / T, the extrema of the two polynomials added up.
+/// Duration T (s) of a quintic that takes an offset and its rate to zero, starting without acceleration,
+/// within both limits if |rate| <= speed. With r = |offset| / T the velocity towards zero is (1 - u)^2 (rate
+/// (1 + 2 u) + u^2 (30 r - 15 rate)): at most `speed` if 30 r <= 16 speed for a rate towards zero, if 30 r +
+/// 15 |rate| <= 16 speed for a rate away from it. The acceleration is at most (10/sqrt(3) r + 3.941 |rate|) /
+/// T, the sum of the extrema of both polynomials.
 template <class S>
 [[nodiscard]] S fading_time(S offset, S rate, S speed, S acceleration) {
   const bool away = (offset > S(0)) == (rate > S(0));
@@ -24,26 +24,25 @@ template <class S>
   return by_speed > by_acceleration ? by_speed : by_acceleration;
 }
 
-/// Leads the mechanism to rest, to set points, or along a stream; see the top of the file.
+/// Generates a motion to rest, to set points, or along a stream.
 template <class S>
 class SetpointGenerator {
  public:
   SetpointGenerator() = default;
-  /// `speed`, `acceleration` > 0, of each coordinate; `sample_time` in s, > 0. `angles`: differences are
-  /// wrapped.
+  /// `speed`, `acceleration` > 0; `sample_time` in s, > 0. `angles`: differences are wrapped to (-pi, pi].
   SetpointGenerator(S speed, S acceleration, S sample_time, bool angles)
       : speed_(speed), acceleration_(acceleration), sample_time_(sample_time), angles_(angles) {}
 
-  /// Whether this motion counts, and not the reference.
+  /// This motion replaces the reference.
   [[nodiscard]] bool active() const { return active_; }
-  void lead(bool yes) { active_ = yes; }
+  void activate(bool yes) { active_ = yes; }
 
   /// The first tick: from a measured state to rest.
   void start(const Vec2<S>& position, const Vec2<S>& velocity) {
     following_ = false;
     brake({position, velocity, Vec2<S>::Zero()});
   }
-  /// To rest from the present motion, each coordinate ahead of where it is.
+  /// To rest from the present motion, each coordinate ahead of its position.
   void hold() { brake(at()); }
   /// To rest at `target`.
   void go_to(const Vec2<S>& target) {
@@ -54,7 +53,7 @@ class SetpointGenerator {
     plan(offset, now.velocity, time);
     base_ = {now.position - offset, Vec2<S>::Zero(), Vec2<S>::Zero()};
   }
-  /// Along samples, one per tick; what the first one of them is apart from the present motion fades away.
+  /// Along samples, one per tick; the offset between the first one and the present motion fades away.
   void follow(const Vec2<S>& position, const Vec2<S>& velocity) {
     if (!following_) {
       const Motion2<S> now = at();
@@ -62,7 +61,7 @@ class SetpointGenerator {
       plan(offset, rate, longest(offset, rate));
       base_ = {position, velocity, Vec2<S>::Zero()};
     } else {
-      // One tick after the one before: a rate of change. After a gap, or two in a tick, it would be none.
+      // The acceleration is known only from samples of consecutive ticks.
       const S by = age_ == 1 ? S(1) / sample_time_ : S(0);
       base_ = {position, velocity, Vec2<S>((velocity - base_.velocity) * by)};
     }
@@ -73,7 +72,7 @@ class SetpointGenerator {
   /// Motion of the present tick.
   [[nodiscard]] Motion2<S> at() const {
     Motion2<S> m = base_;
-    if (following_ && age_ > 0) {  // a sample is missing: straight on
+    if (following_ && age_ > 0) {  // a sample is missing: constant velocity
       m.position += m.velocity * (S(age_) * sample_time_);
       m.acceleration.setZero();
     }
@@ -104,8 +103,7 @@ class SetpointGenerator {
     const S b = fading_time(offset[1], rate[1], speed_, acceleration_);
     return a > b ? a : b;
   }
-  /// The offset from rest that is left over half of `time` at this velocity makes the velocity a smooth step
-  /// to zero; the acceleration is then at most 15/8 of the velocity over the time.
+  /// Stops half of velocity * time ahead, by a smooth step: |acceleration| <= 15/8 |velocity| / time.
   void brake(const Motion2<S>& now) {
     const auto size = [](S v) { return v < S(0) ? -v : v; };
     const S a = size(now.velocity[0]), b = size(now.velocity[1]);
@@ -125,9 +123,9 @@ class SetpointGenerator {
   bool angles_ = false;
   bool active_ = false;
   bool following_ = false;
-  Motion2<S> base_{};        // what remains: rest, or the sample
-  Quintic<S> fading_{};      // what is left of where the motion came from
-  std::uint32_t ticks_ = 0;  // since then
+  Motion2<S> base_{};        // final motion: rest, or the sample
+  Quintic<S> fading_{};      // offset from it
+  std::uint32_t ticks_ = 0;  // since the beginning of fading_
   std::uint32_t age_ = 0;    // of the sample
 };
 

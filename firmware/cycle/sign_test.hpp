@@ -1,7 +1,6 @@
 #pragma once
-/// Each motor in turn gets a small torque, and its joint must move as the model says: a motor that turns the
-/// wrong way, or commands that reach another motor than the one whose encoder is read, end here and not in a
-/// run-away.
+/// Each motor in turn gets a small torque, and its joint must move as the model predicts: finds a motor that
+/// turns the wrong way, or whose commands reach another motor than its encoder belongs to.
 
 #include <cstdint>
 
@@ -11,25 +10,22 @@
 namespace esmc {
 
 /// On top of the weight, motor i gets +pulse until its joint should have moved by `move`, then -pulse for as
-/// long, which takes the speed away again. The answer of both joints after the first half is compared with
-/// the model's, along the model's direction: it must be a quarter to four times as large, friction and wrong
-/// masses included. Nodes that are swapped as a whole, angle and torque, show the mirror image: of two equal
-/// legs with the same `direction` no torque tells.
+/// long, which ends the motion. After the first half the motion of both joints is compared with the model's,
+/// along its direction: 1/4 to 4 times are allowed, for friction and wrong masses. Two nodes swapped with
+/// angle and torque are not found on equal legs with the same `direction`.
 template <class M>
 class SignTest {
  public:
   using S = typename M::Scalar;
-  static constexpr S share_max = S(0.05F);  ///< of the torque limit
-  static constexpr std::uint32_t ticks_max =
-      200;  ///< of one half; a joint that needs longer cannot be tested
-
+  static constexpr S share_max = S(0.05F);         ///< of the torque limit
+  static constexpr std::uint32_t ticks_max = 200;  ///< of one half; longer: the joint cannot be tested
   static constexpr int motors = 2;
 
-  /// How far the test is.
+  /// Result of a tick.
   enum class Verdict : std::uint8_t { going_on, passed, failed };
 
   SignTest() = default;
-  /// `move`: rad, > 0; several steps of the encoder.
+  /// `move`: rad, > 0, several steps of the encoder.
   SignTest(S move, S sample_time) : move_(move), sample_time_(sample_time) {}
 
   void reset() {
@@ -37,11 +33,11 @@ class SignTest {
     tick_ = half_ = 0;
   }
 
-  /// One tick. `angle`, `rate`: of the base joints as measured; `torque`: in, what balances the weight; out,
-  /// with the pulse. `limit`: of the base motors, N m.
+  /// One tick. `angle`, `rate`: of the base joints, measured; `torque`: balances the weight, plus the pulse
+  /// on return; `limit`: of the base motors, N m.
   Verdict step(const M& m, const typename M::Pose& now, const Vec2<S>& angle, const Vec2<S>& rate,
                const Vec2<S>& limit, Vec2<S>& torque) {
-    if (motor_ == motors) return Verdict::passed;  // nobody has gone on: nothing is left to be tested
+    if (motor_ == motors) return Verdict::passed;
     if (half_ > 0 && tick_ == 2 * half_) {
       tick_ = 0;
       if (++motor_ == motors) return Verdict::passed;
@@ -56,10 +52,9 @@ class SignTest {
  private:
   [[gnu::cold]] bool begin(const M& m, const typename M::Pose& now, const Vec2<S>& angle, const Vec2<S>& rate,
                            const Vec2<S>& limit, const Vec2<S>& weight) {
-    // H, base to base: torques that unit accelerations take beyond the weight. Its inverse is what a pulse
-    // does.
+    // H: torques of unit accelerations beyond the weight. A pulse accelerates the joints by its inverse.
     Vec2<S> column[2];
-    const auto still = rest<M>();
+    const typename M::Rates still = M::Rates::Zero();
     for (int i = 0; i < 2; ++i) {
       const Vec2<S> unit(S(i == 0), S(i == 1));
       const typename M::Rates a = m.base_accelerations(now, still, unit);
@@ -70,7 +65,7 @@ class SignTest {
     answer_ = motor_ == 0 ? Vec2<S>(column[1][1], -column[0][1]) : Vec2<S>(-column[1][0], column[0][0]);
     answer_ *= pulse_ / determinant;  // rad/s2
     const S own = answer_[motor_];
-    if (!(own > S(0))) return false;  // no model answers a torque backwards; NaN ends here too
+    if (!(own > S(0))) return false;  // every valid model accelerates along the torque; also for a NaN
     half_ = 1;
     while (half_ < ticks_max && half_time() * half_time() * own * S(0.5) < move_) ++half_;
     from_ = angle;
@@ -79,7 +74,7 @@ class SignTest {
   }
   [[nodiscard]] S half_time() const { return S(half_) * sample_time_; }
 
-  /// Four times as far as both joints should go in the half: no need to wait for its end.
+  /// Both joints moved four times as far as expected of the whole half.
   [[nodiscard]] bool ran_away(const Vec2<S>& angle) const {
     const S t = half_time(), passed = S(tick_) * sample_time_;
     const Vec2<S> seen = angle - from_ - rate_ * passed;

@@ -1,5 +1,5 @@
 #pragma once
-/// The way to rest after a halt: base joints, from the measured motion, without a jump in speed.
+/// The motion to rest after a halt.
 
 #include <cstdint>
 
@@ -7,16 +7,16 @@
 
 namespace esmc {
 
-/// The way to rest after a halt.
+/// Quintic of the base joints from the measured motion to rest, without a jump in speed.
 template <class S>
 class StopTrajectory {
  public:
   StopTrajectory() = default;
-  /// `ticks`: of the way to rest.
+  /// `ticks`: duration.
   StopTrajectory(std::uint32_t ticks, S sample_time) : ticks_(ticks), sample_time_(sample_time) {}
 
   [[nodiscard]] bool begun() const { return begun_; }
-  /// Base angles (rad) and rates (rad/s) where it begins. The quintic to the point v T / 2 ahead does not
+  /// Begins at these base angles (rad) and rates (rad/s). The quintic ends v T / 2 ahead and does not
   /// overshoot: with u = t / T its speed is v (1 - 3 u^2 + 2 u^3), its largest deceleration 1.5 v / T.
   void begin(const Vec2<S>& angle, const Vec2<S>& rate) {
     const S duration = S(ticks_) * sample_time_;
@@ -35,7 +35,7 @@ class StopTrajectory {
   /// Rest after the end.
   [[nodiscard]] Motion2<S> at() const { return way_.at(S(tick_) * sample_time_); }
   [[nodiscard]] bool over() const { return tick_ >= ticks_; }
-  /// Four times as long as it should have taken.
+  /// Four times the duration has passed.
   [[nodiscard]] bool overdue() const { return tick_ / 4 >= ticks_; }
 
  private:

@@ -1,29 +1,29 @@
 #pragma once
-/// What a controller says after each tick.
+/// Result of a tick of the controller.
 
 #include <cstdint>
 
 #include "firmware/mechanism/five_bar.hpp"
 #include "firmware/safety/faults.hpp"
+#include "firmware/safety/guards.hpp"
 #include "firmware/safety/supervisor.hpp"
 
 namespace esmc {
 
-/// What a tick did; everything a log needs. Torques are zero unless `state` is testing, running, halting,
-/// holding or lowering.
+/// Torques are zero unless `state` is testing, running, halting, holding or lowering.
 template <class M>
 struct TickResult {
   using S = typename M::Scalar;
   State state = State::disabled;
   Fault fault = Fault::none;
-  std::uint64_t running_tick = 0;  ///< ticks since the controller runs; 0 in the first one
-  bool saturated = false;          ///< a torque was clamped
+  std::uint64_t running_tick = 0;  ///< ticks since running began; 0 in the first one
+  Truth<S> saturated{};            ///< a torque was clamped
   bool stage_done = false;         ///< halting: at rest; lowering: let down. For the supervisor's next tick
   Vec<S, M::joints> torque;        ///< N m at the joints, zero where there is no motor
-  Vec2<S> effector;                ///< as estimated, m; zero where there is no estimate
-  Vec2<S> desired_effector;        ///< m; zero, and so is what follows, where nothing is desired
+  Vec2<S> effector;                ///< estimate, m; zero without one
+  Vec2<S> desired_effector;        ///< m; zero, as the next two, without a desired motion
   List<Vec2<S>, 2> desired_direction;  ///< cosine and sine of the base joints
-  typename M::Channels sliding;        ///< of the channels; zero where nothing was asked of them
+  typename M::Channels sliding;        ///< sliding variables of the channels
 
   struct Unset {};
   TickResult() : TickResult(Unset{}) {
@@ -31,8 +31,7 @@ struct TickResult {
     nothing_desired();
     sliding.setZero();
   }
-  /// No torque; whoever takes it sets effector, desired_effector, desired_direction and sliding on every
-  /// path.
+  /// No torque; the caller must set effector, desired_effector, desired_direction and sliding.
   explicit TickResult(Unset) {
     unroll<M::joints>([&](auto i) ESMC_INLINE { torque[i] = S(0); });
   }
@@ -42,7 +41,7 @@ struct TickResult {
     for (auto& d : desired_direction.items) d.setZero();
   }
 
-  /// rad, in (-pi, pi]. Computed here: no torque needs it.
+  /// rad, in (-pi, pi]. Not computed in the tick, for no torque needs it.
   [[nodiscard]] Vec2<S> desired_base() const { return angles_of(desired_direction); }
 };
 

@@ -1,7 +1,6 @@
 #pragma once
-/// CANopen (CiA 301) on the wire, as far as a controller of motor drives and a drive need it: network
-/// management, SYNC, heartbeat, emergency and expedited SDO, on the identifiers of the predefined connection
-/// set. Classic data frames with 11-bit identifiers, little endian.
+/// CANopen (CiA 301) on the wire: network management, SYNC, heartbeat, emergency and expedited SDO, on the
+/// identifiers of the predefined connection set. Classic data frames with 11-bit identifiers, little endian.
 
 #include <cstddef>
 #include <cstdint>
@@ -25,7 +24,7 @@ inline constexpr std::uint32_t node_mask = 0x7F, function_mask = 0x780;
 inline constexpr std::uint32_t cob_invalid = 0x8000'0000;  ///< the PDO does not exist
 inline constexpr std::uint32_t cob_no_rtr = 0x4000'0000;   ///< TPDO: not on remote frames
 
-/// Orders to a node.
+/// Commands of network management.
 enum class NmtCommand : std::uint8_t {
   start = 0x01,
   stop = 0x02,
@@ -33,7 +32,7 @@ enum class NmtCommand : std::uint8_t {
   reset_node = 0x81,
   reset_communication = 0x82,
 };
-/// What a heartbeat says.
+/// State in a heartbeat.
 enum class NmtState : std::uint8_t {
   boot_up = 0x00,
   stopped = 0x04,
@@ -54,29 +53,12 @@ inline constexpr std::uint32_t abort_time_out = 0x0504'0000, abort_command = 0x0
                                abort_length = 0x0607'0010, abort_no_sub_index = 0x0609'0011,
                                abort_value = 0x0609'0030, abort_device_state = 0x0800'0022;
 
-/// The low `bytes` (1..4) of a value, least significant first.
-constexpr void put(hal::CanFrame& f, std::size_t at, std::uint32_t value, std::size_t bytes) {
-  for (std::size_t i = 0; i < bytes; ++i) f.data[at + i] = static_cast<std::uint8_t>(value >> (8U * i));
-}
-[[nodiscard]] constexpr std::uint32_t get(const hal::CanFrame& f, std::size_t at, std::size_t bytes) {
-  std::uint32_t value = 0;
-  for (std::size_t i = 0; i < bytes; ++i) value |= std::uint32_t{f.data[at + i]} << (8U * i);
-  return value;
-}
-
-[[nodiscard]] constexpr hal::CanFrame frame(std::uint32_t id, std::uint8_t size) {
-  hal::CanFrame f;
-  f.id = id;
-  f.size = size;
-  return f;
-}
 /// A classic data frame of this size.
 [[nodiscard]] constexpr bool has_size(const hal::CanFrame& f, std::uint8_t size) {
   return f.size == size && !f.remote && !f.fd;
 }
 
 // ---- network management, SYNC, heartbeat, emergency
-// --------------------------------------------------------------
 
 /// An NMT frame.
 struct Nmt {
@@ -84,27 +66,26 @@ struct Nmt {
   std::uint8_t node;   ///< 0: all
 };
 [[nodiscard]] constexpr hal::CanFrame encode_nmt(NmtCommand command, std::uint8_t node) {
-  hal::CanFrame f = frame(id_nmt, 2);
+  hal::CanFrame f = hal::data_frame(id_nmt, 2);
   f.data[0] = static_cast<std::uint8_t>(command);
   f.data[1] = node;
   return f;
 }
-/// Empty: wrong length, remote or FD; so for all that follow. The identifier is the caller's business.
+/// Decoders return nothing for a wrong length, remote or FD frame. The caller has checked the identifier.
 [[nodiscard]] constexpr std::optional<Nmt> decode_nmt(const hal::CanFrame& f) {
   if (!has_size(f, 2)) return std::nullopt;
   return Nmt{static_cast<NmtCommand>(f.data[0]), f.data[1]};
 }
 
 /// Without counter (object 1019 is 0).
-[[nodiscard]] constexpr hal::CanFrame encode_sync() { return frame(id_sync, 0); }
+[[nodiscard]] constexpr hal::CanFrame encode_sync() { return hal::data_frame(id_sync, 0); }
 
 [[nodiscard]] constexpr hal::CanFrame encode_heartbeat(std::uint8_t node, NmtState state) {
-  hal::CanFrame f = frame(id_heartbeat + node, 1);
+  hal::CanFrame f = hal::data_frame(id_heartbeat + node, 1);
   f.data[0] = static_cast<std::uint8_t>(state);
   return f;
 }
-/// Boot-up is a heartbeat with state 0. Empty also for states that do not exist; node guarding, which toggles
-/// a bit, is not used.
+/// Boot-up is a heartbeat with state 0. Nothing for undefined states, node guarding's toggle bit included.
 [[nodiscard]] constexpr std::optional<NmtState> decode_heartbeat(const hal::CanFrame& f) {
   if (!has_size(f, 1)) return std::nullopt;
   switch (const auto s = static_cast<NmtState>(f.data[0])) {
@@ -123,38 +104,37 @@ struct Emergency {
   std::uint8_t error_register;  ///< object 1001
 };
 [[nodiscard]] constexpr hal::CanFrame encode_emergency(std::uint8_t node, Emergency e) {
-  hal::CanFrame f = frame(id_emergency + node, 8);
-  put(f, 0, e.code, 2);
+  hal::CanFrame f = hal::data_frame(id_emergency + node, 8);
+  put_field(f, 0, e.code, 2);
   f.data[2] = e.error_register;
   return f;
 }
 [[nodiscard]] constexpr std::optional<Emergency> decode_emergency(const hal::CanFrame& f) {
   if (!has_size(f, 8)) return std::nullopt;
-  return Emergency{static_cast<std::uint16_t>(get(f, 0, 2)), f.data[2]};
+  return Emergency{static_cast<std::uint16_t>(get_field(f, 0, 2)), f.data[2]};
 }
 
 // ---- SDO, expedited: up to four bytes in one frame
-// -----------------------------------------------------------------
 
 namespace detail {
 [[nodiscard]] constexpr hal::CanFrame sdo(std::uint32_t id, std::uint8_t specifier, Object o) {
-  hal::CanFrame f = frame(id, 8);
+  hal::CanFrame f = hal::data_frame(id, 8);
   f.data[0] = specifier;
-  put(f, 1, o.index, 2);
+  put_field(f, 1, o.index, 2);
   f.data[3] = o.sub;
   return f;
 }
-/// Command byte of an expedited transfer that says how many of its four bytes (1..4) are data.
+/// Command byte of an expedited transfer with `bytes` (1..4) bytes of data.
 [[nodiscard]] constexpr std::uint8_t with_size(std::uint8_t command, std::uint8_t bytes) {
   return static_cast<std::uint8_t>(command | 0x03U | ((4U - bytes) << 2U));
 }
-/// Data bytes that a command byte announces: 1..4, or 0 where the sender does not say.
+/// Data bytes that a command byte announces: 1..4; 0: not indicated.
 [[nodiscard]] constexpr std::uint8_t size_of(std::uint8_t specifier) {
   return (specifier & 0x01U) == 0 ? std::uint8_t{0}
                                   : static_cast<std::uint8_t>(4U - ((specifier >> 2U) & 3U));
 }
 [[nodiscard]] constexpr Object object_of(const hal::CanFrame& f) {
-  return {static_cast<std::uint16_t>(get(f, 1, 2)), f.data[3]};
+  return {static_cast<std::uint16_t>(get_field(f, 1, 2)), f.data[3]};
 }
 }  // namespace detail
 
@@ -165,13 +145,13 @@ namespace detail {
 [[nodiscard]] constexpr hal::CanFrame encode_sdo_write(std::uint8_t node, Object o, std::uint32_t value,
                                                        std::uint8_t bytes) {
   hal::CanFrame f = detail::sdo(id_sdo_request + node, detail::with_size(0x20, bytes), o);
-  put(f, 4, value, bytes);
+  put_field(f, 4, value, bytes);
   return f;
 }
 [[nodiscard]] constexpr hal::CanFrame encode_sdo_value(std::uint8_t node, Object o, std::uint32_t value,
                                                        std::uint8_t bytes) {
   hal::CanFrame f = detail::sdo(id_sdo_reply + node, detail::with_size(0x40, bytes), o);
-  put(f, 4, value, bytes);
+  put_field(f, 4, value, bytes);
   return f;
 }
 [[nodiscard]] constexpr hal::CanFrame encode_sdo_written(std::uint8_t node, Object o) {
@@ -179,7 +159,7 @@ namespace detail {
 }
 [[nodiscard]] constexpr hal::CanFrame encode_sdo_abort(std::uint8_t node, Object o, std::uint32_t code) {
   hal::CanFrame f = detail::sdo(id_sdo_reply + node, 0x80, o);
-  put(f, 4, code, 4);
+  put_field(f, 4, code, 4);
   return f;
 }
 
@@ -189,7 +169,7 @@ enum class SdoKind : std::uint8_t {
   write,    ///< request, expedited
   value,    ///< reply to read, expedited
   written,  ///< reply to write
-  abort,    ///< either way; `value` is the reason
+  abort,    ///< from either side; `value` is the reason
   other,    ///< segmented and block transfers
 };
 /// An expedited SDO, request or answer.
@@ -197,36 +177,36 @@ struct Sdo {
   SdoKind kind;
   Object object;
   std::uint32_t value;  ///< of write, value and abort; bytes that are not data are zero
-  std::uint8_t size;    ///< 1..4, or 0 where the sender does not say: then all four are in `value`
+  std::uint8_t size;    ///< 1..4; 0: not indicated, all four bytes are in `value`
 };
 
 namespace detail {
 [[nodiscard]] constexpr Sdo transfer(const hal::CanFrame& f, SdoKind kind) {
   const std::uint8_t size = size_of(f.data[0]);
-  return {kind, object_of(f), get(f, 4, size == 0 ? 4 : size), size};
+  return {kind, object_of(f), get_field(f, 4, size == 0 ? 4 : size), size};
 }
 }  // namespace detail
 
-/// What a client sends.
+/// Frame of a client.
 [[nodiscard]] constexpr std::optional<Sdo> decode_sdo_request(const hal::CanFrame& f) {
   if (!has_size(f, 8)) return std::nullopt;
   const std::uint8_t command = f.data[0];
   if (command == 0x40) return Sdo{SdoKind::read, detail::object_of(f), 0, 0};
   if ((command & 0xF2U) == 0x22) return detail::transfer(f, SdoKind::write);
-  if (command == 0x80) return Sdo{SdoKind::abort, detail::object_of(f), get(f, 4, 4), 4};
+  if (command == 0x80) return Sdo{SdoKind::abort, detail::object_of(f), get_field(f, 4, 4), 4};
   return Sdo{SdoKind::other, detail::object_of(f), 0, 0};
 }
-/// What a server sends.
+/// Frame of a server.
 [[nodiscard]] constexpr std::optional<Sdo> decode_sdo_reply(const hal::CanFrame& f) {
   if (!has_size(f, 8)) return std::nullopt;
   const std::uint8_t command = f.data[0];
   if (command == 0x60) return Sdo{SdoKind::written, detail::object_of(f), 0, 0};
   if ((command & 0xF2U) == 0x42) return detail::transfer(f, SdoKind::value);
-  if (command == 0x80) return Sdo{SdoKind::abort, detail::object_of(f), get(f, 4, 4), 4};
+  if (command == 0x80) return Sdo{SdoKind::abort, detail::object_of(f), get_field(f, 4, 4), 4};
   return Sdo{SdoKind::other, detail::object_of(f), 0, 0};
 }
 
-// By hand from the message layouts: node 5, object 6071:0 := 1000, and what reading it answers.
+// By hand from the message layouts: node 5, object 6071:0 := 1000, and the answer to reading it.
 static_assert(encode_sdo_write(5, {0x6071, 0}, 1000, 2) ==
               hal::CanFrame{.id = 0x605, .size = 8, .data = {0x2B, 0x71, 0x60, 0x00, 0xE8, 0x03}});
 static_assert(encode_sdo_value(5, {0x6071, 0}, 1000, 2) ==

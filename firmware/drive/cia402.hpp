@@ -1,6 +1,5 @@
 #pragma once
-/// CiA 402 in cyclic synchronous torque: objects, the state machine's words, and the three PDOs that run the
-/// loop.
+/// CiA 402 in cyclic synchronous torque mode: objects, state machine, and the three PDOs of the loop.
 
 #include <cstdint>
 #include <optional>
@@ -13,7 +12,6 @@ namespace esmc::drive::cia402 {
 using canopen::Object;
 
 // ---- object dictionary
-// --------------------------------------------------------------------------------------------
 
 inline constexpr Object device_type{0x1000, 0}, error_register{0x1001, 0}, sync_cob_id{0x1005, 0},
     sync_period{0x1006, 0};  ///< us
@@ -32,8 +30,7 @@ inline constexpr Object rated_torque{0x6076, 0};  ///< unit of the drive: mN m, 
 inline constexpr Object interpolation_value{0x60C2, 1},
     interpolation_index{0x60C2, 2};  ///< value * 10^index s
 
-/// Communication and mapping parameters of RPDO and TPDO 1..4: sub 1 COB-ID, sub 2 transmission type; sub 0
-/// count, sub n entry.
+/// RPDO and TPDO 1..4: communication sub 1 COB-ID, sub 2 transmission type; mapping sub 0 count, sub n entry.
 inline constexpr std::uint16_t rpdo_communication = 0x1400, rpdo_mapping = 0x1600,
                                tpdo_communication = 0x1800, tpdo_mapping = 0x1A00;
 inline constexpr std::uint8_t transmission_every_sync = 1, transmission_at_once = 255;
@@ -47,7 +44,6 @@ inline constexpr std::int8_t mode_cyclic_torque = 10;
 inline constexpr std::uint32_t supports_cyclic_torque = 1U << 9U;  ///< in supported_modes
 
 // ---- state machine
-// -----------------------------------------------------------------------------------------------
 
 /// States of the drive's machine.
 enum class State : std::uint8_t {
@@ -59,7 +55,7 @@ enum class State : std::uint8_t {
   quick_stop_active,
   fault_reaction_active,
   fault,
-  unknown,  ///< a combination of bits that means nothing
+  unknown,  ///< a combination of bits without meaning
 };
 
 [[nodiscard]] constexpr State state_of(std::uint16_t status) {
@@ -100,7 +96,6 @@ inline constexpr std::uint16_t control_disable_voltage = 0x00, control_quick_sto
                                control_fault_reset = 0x80;  ///< its rising edge
 
 // ---- process data
-// ------------------------------------------------------------------------------------------------
 
 /// RPDO1: controlword, target torque.
 struct Command {
@@ -113,7 +108,7 @@ struct Report {
   std::int32_t position;  ///< counts
   std::int16_t torque;    ///< 1/1000 of the rated torque
 };
-/// TPDO2: velocity, and the mode it is in, so that a drive that leaves torque control is seen at once.
+/// TPDO2: velocity, and the mode: a drive that leaves torque control is noticed at once.
 struct Motion {
   std::int32_t velocity;  ///< unit of the drive
   std::int8_t mode;
@@ -123,8 +118,8 @@ struct Motion {
 constexpr void put_command(hal::CanFrame& f, std::uint8_t node, Command c) {
   f.id = canopen::id_rpdo1 + node;
   f.size = 4;
-  canopen::put(f, 0, c.control, 2);
-  canopen::put(f, 2, static_cast<std::uint16_t>(c.torque), 2);
+  put_field(f, 0, c.control, 2);
+  put_field(f, 2, static_cast<std::uint16_t>(c.torque), 2);
 }
 [[nodiscard]] constexpr hal::CanFrame encode_command(std::uint8_t node, Command c) {
   hal::CanFrame f;
@@ -133,13 +128,12 @@ constexpr void put_command(hal::CanFrame& f, std::uint8_t node, Command c) {
 }
 [[nodiscard]] constexpr std::optional<Report> decode_report(const hal::CanFrame& f) {
   if (!canopen::has_size(f, 8)) return std::nullopt;
-  return Report{static_cast<std::uint16_t>(canopen::get(f, 0, 2)),
-                static_cast<std::int32_t>(canopen::get(f, 2, 4)),
-                static_cast<std::int16_t>(canopen::get(f, 6, 2))};
+  return Report{static_cast<std::uint16_t>(get_field(f, 0, 2)), static_cast<std::int32_t>(get_field(f, 2, 4)),
+                static_cast<std::int16_t>(get_field(f, 6, 2))};
 }
 [[nodiscard]] constexpr std::optional<Motion> decode_motion(const hal::CanFrame& f) {
   if (!canopen::has_size(f, 5)) return std::nullopt;
-  return Motion{static_cast<std::int32_t>(canopen::get(f, 0, 4)), static_cast<std::int8_t>(f.data[4])};
+  return Motion{static_cast<std::int32_t>(get_field(f, 0, 4)), static_cast<std::int8_t>(f.data[4])};
 }
 
 // By hand: node 3, operation enabled, -2 thousandths.

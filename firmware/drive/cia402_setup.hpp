@@ -1,7 +1,6 @@
 #pragma once
-/// What a CiA 402 drive is told and asked, entry by entry, before it may go operational: our heartbeat and
-/// its reaction to losing it, the mode, the torque scale, and three PDOs that carry what the loop needs and
-/// no others.
+/// The set-up of a CiA 402 drive, entry by entry, before it goes operational: heartbeats and the reaction to
+/// their loss, mode, torque scale, and the three PDOs of the loop.
 
 #include <array>
 #include <cstdint>
@@ -10,28 +9,26 @@
 
 namespace esmc::drive {
 
-/// What the controller must know of a drive and its bus. Every unit that a drive may choose is here.
+/// Settings of a drive and its bus, with every unit that a drive may choose.
 struct Cia402Settings {
-  float rated_torque = 0.0F;                  ///< N m at the shaft: what object 6076 must say, to 1 %
+  float rated_torque = 0.0F;                  ///< N m at the shaft: required of object 6076, to 1 %
   float rated_torque_unit = 1e-3F;            ///< N m per LSB of object 6076
-  float torque_limit = 0.0F;                  ///< N m at the shaft: what object 6072 must allow
+  float torque_limit = 0.0F;                  ///< N m at the shaft that object 6072 must allow
   std::uint32_t counts_per_turn = 1'048'576;  ///< of object 6064, > 0
   float velocity_unit = 1.0471976e-4F;        ///< rad/s per LSB of object 606C; here 0.001 rpm
   std::uint32_t period_us = 1000;             ///< between two SYNC
-  std::uint16_t heartbeat_ms = 10;            ///< how often the drive says that it lives
-  std::uint16_t consumer_ms = 10;             ///< our silence after which it stops by itself
+  std::uint16_t heartbeat_ms = 10;            ///< period of the drive's heartbeat
+  std::uint16_t consumer_ms = 10;             ///< without our heartbeat for this long, the drive stops
   std::uint8_t master_node = 127;             ///< our own
-  std::uint16_t retry_ticks = 150;            ///< until what leads to nothing is begun again, > 0
-  std::uint16_t sdo_ticks = 100;              ///< how long an answer may take, > 0
-  /// Option codes of CiA 402: lost connection is a fault, a fault and a quick stop take the torque away at
-  /// once.
+  std::uint16_t retry_ticks = 150;            ///< until a sequence without progress restarts, > 0
+  std::uint16_t sdo_ticks = 100;              ///< time allowed for an answer, > 0
+  /// Option codes: a lost connection is a fault; a fault and a quick stop take the torque away at once.
   std::int16_t abort_connection = 1, fault_reaction = 0, quick_stop = 0;
 };
 
 namespace cia402 {
 
-/// The interpolation period as object 60C2 has it: value * 10^index s. In ms where it is a whole number of
-/// them.
+/// The interpolation period in object 60C2: value * 10^index s; in ms if it is a whole number of ms.
 struct Interpolation {
   std::uint8_t value;
   std::int8_t index;
@@ -52,16 +49,16 @@ struct Interpolation {
 static_assert(interpolation(1000).value == 1 && interpolation(1000).index == -3);
 static_assert(interpolation(250).value == 25 && interpolation(250).index == -5);
 
-/// What is done with an entry.
+/// Action for an entry.
 enum class Task : std::uint8_t {
-  write,     ///< not read back: the object says something else, or the next entries do
-  attempt,   ///< likewise, and a drive may refuse: it is better so, and does as well without
+  write,     ///< not read back
+  attempt,   ///< write, not read back; the drive may refuse
   verify,    ///< write, read back, compare under the mask
   expect,    ///< read, compare under the mask
-  rated,     ///< read the rated torque: it is the scale of all torques
-  at_least,  ///< read the max torque: it must allow what the controller may ask for
+  rated,     ///< read the rated torque: the scale of all torques
+  at_least,  ///< read the max torque: must allow torque_limit
 };
-/// Where a value comes from.
+/// Source of a value.
 enum class Source : std::uint8_t {
   constant,
   plus_node,  ///< constant + node of the drive
@@ -75,34 +72,36 @@ enum class Source : std::uint8_t {
   period_us,
 };
 
-/// An object of the drive and what it has to hold.
+/// An object of the drive and its required value.
 struct Entry {
   Object object;
   std::uint8_t bytes;
   Task task;
   std::uint32_t constant = 0;
   Source source = Source::constant;
-  bool optional = false;  ///< a drive may do without the object
+  bool optional = false;  ///< the drive need not have the object
   std::uint32_t mask = 0xFFFF'FFFF;
 };
 
 namespace detail {
-/// Everything of a COB-ID but the RTR bit, which a drive may force.
+/// A COB-ID without the RTR bit, which a drive may force.
 inline constexpr std::uint32_t cob_mask = ~canopen::cob_no_rtr;
 
 constexpr Entry disabled(std::uint16_t communication, std::uint32_t id) {
   return {{communication, 1}, 4,    Task::verify,        canopen::cob_invalid | id,
           Source::plus_node,  true, canopen::cob_invalid};
 }
+constexpr Entry cob(std::uint16_t communication, Task task, std::uint32_t id,
+                    std::uint32_t mask = 0xFFFF'FFFF) {
+  return {{communication, 1}, 4, task, id, Source::plus_node, false, mask};
+}
 constexpr Entry map(std::uint16_t mapping, std::uint8_t sub, Object o, std::uint8_t bits) {
   return {{mapping, sub}, 4, Task::verify, mapped(o, bits)};
 }
 }  // namespace detail
 
-/// A PDO is remapped in this order only: off, no entries, transmission, entries, their count, on. It is off
-/// before its transmission type changes, and the type of a drive that was used asynchronously loads the bus
-/// until then.
-// Not by class template argument deduction: gcc 12 puts such a constant into writable data.
+/// A PDO can be remapped in this order only: off, no entries, transmission, entries, their count, on.
+// std::to_array, for gcc 12 puts a constant with deduced class template arguments into writable data.
 inline constexpr auto setup = std::to_array<Entry>({
     Entry{controlword, 2, Task::write, control_disable_voltage},
     Entry{producer_heartbeat, 2, Task::verify, 0, Source::heartbeat},
@@ -122,64 +121,40 @@ inline constexpr auto setup = std::to_array<Entry>({
     Entry{max_torque, 2, Task::at_least},
     Entry{interpolation_value, 1, Task::verify, 0, Source::period_value, true},
     Entry{interpolation_index, 1, Task::verify, 0, Source::period_index, true},
-    // Somebody else's commands to the drive, and reports that would load the bus.
+    // Commands from other nodes, and reports that would load the bus.
     detail::disabled(rpdo_communication + 1, canopen::id_rpdo2),
     detail::disabled(rpdo_communication + 2, canopen::id_rpdo3),
     detail::disabled(rpdo_communication + 3, canopen::id_rpdo4),
     detail::disabled(tpdo_communication + 2, canopen::id_tpdo3),
     detail::disabled(tpdo_communication + 3, canopen::id_tpdo4),
-    Entry{
-        {rpdo_communication, 1}, 4, Task::write, canopen::cob_invalid | canopen::id_rpdo1, Source::plus_node},
+    detail::cob(rpdo_communication, Task::write, canopen::cob_invalid | canopen::id_rpdo1),
     Entry{{rpdo_mapping, 0}, 1, Task::write, 0},
     Entry{{rpdo_communication, 2}, 1, Task::verify, transmission_at_once},
     detail::map(rpdo_mapping, 1, controlword, 16),
     detail::map(rpdo_mapping, 2, target_torque, 16),
     Entry{{rpdo_mapping, 0}, 1, Task::verify, 2},
-    Entry{{rpdo_communication, 1},
-          4,
-          Task::verify,
-          canopen::id_rpdo1,
-          Source::plus_node,
-          false,
-          detail::cob_mask},
-    Entry{{tpdo_communication, 1},
-          4,
-          Task::write,
-          canopen::cob_invalid | canopen::cob_no_rtr | canopen::id_tpdo1,
-          Source::plus_node},
+    detail::cob(rpdo_communication, Task::verify, canopen::id_rpdo1, detail::cob_mask),
+    detail::cob(tpdo_communication, Task::write,
+                canopen::cob_invalid | canopen::cob_no_rtr | canopen::id_tpdo1),
     Entry{{tpdo_mapping, 0}, 1, Task::write, 0},
     Entry{{tpdo_communication, 2}, 1, Task::verify, transmission_every_sync},
     detail::map(tpdo_mapping, 1, statusword, 16),
     detail::map(tpdo_mapping, 2, position, 32),
     detail::map(tpdo_mapping, 3, actual_torque, 16),
     Entry{{tpdo_mapping, 0}, 1, Task::verify, 3},
-    Entry{{tpdo_communication, 1},
-          4,
-          Task::verify,
-          canopen::cob_no_rtr | canopen::id_tpdo1,
-          Source::plus_node,
-          false,
-          detail::cob_mask},
-    Entry{{tpdo_communication + 1, 1},
-          4,
-          Task::write,
-          canopen::cob_invalid | canopen::cob_no_rtr | canopen::id_tpdo2,
-          Source::plus_node},
+    detail::cob(tpdo_communication, Task::verify, canopen::cob_no_rtr | canopen::id_tpdo1, detail::cob_mask),
+    detail::cob(tpdo_communication + 1, Task::write,
+                canopen::cob_invalid | canopen::cob_no_rtr | canopen::id_tpdo2),
     Entry{{tpdo_mapping + 1, 0}, 1, Task::write, 0},
     Entry{{tpdo_communication + 1, 2}, 1, Task::verify, transmission_every_sync},
     detail::map(tpdo_mapping + 1, 1, velocity, 32),
     detail::map(tpdo_mapping + 1, 2, mode_display, 8),
     Entry{{tpdo_mapping + 1, 0}, 1, Task::verify, 2},
-    Entry{{tpdo_communication + 1, 1},
-          4,
-          Task::verify,
-          canopen::cob_no_rtr | canopen::id_tpdo2,
-          Source::plus_node,
-          false,
-          detail::cob_mask},
+    detail::cob(tpdo_communication + 1, Task::verify, canopen::cob_no_rtr | canopen::id_tpdo2,
+                detail::cob_mask),
 });
 
-/// What an entry writes or is compared with, as many bytes of it as the object has.
+/// The required value of an entry; the object holds as many low bytes of it as it has.
 [[nodiscard]] constexpr std::uint32_t value_of(const Entry& e, const Cia402Settings& s, std::uint8_t node) {
   const auto low16 = [](std::int16_t v) { return std::uint32_t{static_cast<std::uint16_t>(v)}; };
   switch (e.source) {

@@ -1,15 +1,14 @@
 #pragma once
-/// MIT mode on the wire (mini cheetah, T-Motor AK, Damiao and their kin): one frame of eight bytes asks a
-/// drive for kp (p - q) + kd (v - dq) + t, and is answered by one frame. Big-endian bit fields, each a range
-/// cut into 2^n - 1 steps; rad, rad/s and N m at the drive's output shaft.
+/// MIT mode on the wire (mini cheetah, T-Motor AK, Damiao and similar): a command of eight bytes requests the
+/// torque kp (p - q) + kd (v - dq) + t, and the drive answers with one frame. Big-endian bit fields, each a
+/// range in 2^n - 1 steps; rad, rad/s and N m at the drive's output shaft.
 ///
-///   command  p 16 | v 12 | kp 12 | kd 12 | t 12                  identifier: the drive's node
-///   special  seven bytes FF, then FC (enter motor mode), FD (leave it) or FE (take this as zero)
-///   reply    node 8 | p 16 | v 12 | t 12 | what the maker adds   identifier: the master's, or the drive's
-///   node
+///   command  p 16 | v 12 | kp 12 | kd 12 | t 12         identifier: the drive's node
+///   special  seven bytes FF, then FC (enter motor mode), FD (leave it) or FE (set zero)
+///   reply    node 8 | p 16 | v 12 | t 12 | vendor bytes  identifier: the master's, or the drive's node
 ///
-/// Zero is no multiple of a step: the two codes next to it are half a step away, so "no torque" is
-/// range / 4095 (4.4 mN m of 18 N m). `code` rounds to nearest and zero up.
+/// Zero is not a multiple of a step: the two nearest codes are half a step away, so "no torque" is
+/// range / 4095 (4.4 mN m of 18 N m). `code` rounds to nearest, and zero up.
 
 #include <cstdint>
 #include <optional>
@@ -19,23 +18,21 @@
 /// MIT mode on the wire.
 namespace esmc::drive::mit {
 
-/// Who made the drive, as far as replies differ.
+/// Formats of the reply, by vendor.
 enum class Dialect : std::uint8_t {
-  mini_cheetah,  ///< 5 bytes (the last eight bits of the torque are missing), 6, or 7 (then the supply
-                 ///< voltage)
+  mini_cheetah,  ///< 5 bytes (without the low eight bits of the torque), 6, or 7 (with the supply voltage)
   cubemars,      ///< 8 bytes: ... temperature, error
   damiao,        ///< 8 bytes: error in the high half of byte 0, node in the low half; ... two temperatures
 };
 
-/// Half widths: a quantity runs from -range to +range. What they are is the drive's configuration and cannot
-/// be asked for; with a wrong one every number is wrong by its factor.
+/// Half widths: -range to +range. Set in the drive, never read back; a wrong one scales every number.
 struct Ranges {
   float position = 12.5F;  ///< rad
   float velocity = 50.0F;  ///< rad/s
   float torque = 18.0F;    ///< N m
 };
 
-/// Last byte of the frames that are no commands.
+/// Last byte of the special frames.
 enum class Special : std::uint8_t { enter = 0xFC, leave = 0xFD, set_zero = 0xFE };
 
 inline constexpr std::uint16_t code_max_16 = 0xFFFF, code_max_12 = 0x0FFF;
@@ -45,16 +42,15 @@ inline constexpr std::uint16_t middle_16 = 0x8000, middle_12 = 0x0800;
 struct Command {
   std::uint16_t position = middle_16, velocity = middle_12, kp = 0, kd = 0, torque = middle_12;
 };
-/// What a drive answers, as integers of the wire.
+/// Reply of a drive, as integers of the wire.
 struct Reply {
   std::uint16_t position = middle_16, velocity = middle_12;
   std::uint16_t torque = middle_12;
-  std::uint8_t error = 0;    ///< in the words of the drive; 0 where the reply has none
-  bool whole_torque = true;  ///< false of a reply of 5 bytes: its last eight bits are missing
+  std::uint8_t error = 0;    ///< error code of the drive; 0 where the reply has none
+  bool whole_torque = true;  ///< false: 5 bytes, without the low eight bits of the torque
 };
 
-/// The code nearest to a value, clamped to the range; the middle for a NaN or where the range is no number
-/// above 0.
+/// The code nearest to a value, clamped to the range; the middle for a NaN, or unless the range is above 0.
 [[nodiscard]] constexpr std::uint16_t code(float value, float range, std::uint16_t code_max) {
   if (!(range > 0.0F)) return static_cast<std::uint16_t>(code_max / 2U + 1U);
   if (value >= range) return code_max;
@@ -87,25 +83,22 @@ constexpr void put_command(hal::CanFrame& f, std::uint32_t node, const Command& 
   return f;
 }
 [[nodiscard]] constexpr hal::CanFrame encode_special(std::uint32_t node, Special s) {
-  hal::CanFrame f;
-  f.id = node;
-  f.size = 8;
+  hal::CanFrame f = hal::data_frame(node, 8);
   for (unsigned i = 0; i < 7; ++i) f.data[i] = 0xFF;
   f.data[7] = static_cast<std::uint8_t>(s);
   return f;
 }
 
-/// Whether this dialect has replies of `size` bytes.
+/// The dialect has replies of `size` bytes.
 [[nodiscard]] constexpr bool has_reply_size(std::uint8_t size, Dialect d) {
   return d == Dialect::mini_cheetah ? size >= 5 && size <= 7 : size == 8;
 }
-/// Whether the first byte of a reply names a drive. Damiao keeps four bits of the node.
+/// The first byte of a reply names this node. Damiao sends its low four bits.
 [[nodiscard]] constexpr bool names(std::uint8_t first, std::uint8_t node, Dialect d) {
   return d == Dialect::damiao ? ((first ^ node) & 0x0FU) == 0 : first == node;
 }
 
-/// Empty: a length that the dialect does not have, remote or FD. Identifier and first byte are the caller's
-/// business.
+/// Nothing: wrong length, remote or FD. The caller has checked identifier and first byte.
 [[nodiscard]] constexpr std::optional<Reply> decode_reply(const hal::CanFrame& f, Dialect d) {
   if (f.remote || f.fd || !has_reply_size(f.size, d)) return std::nullopt;
   Reply r;
@@ -118,12 +111,10 @@ constexpr void put_command(hal::CanFrame& f, std::uint32_t node, const Command& 
   return r;
 }
 
-/// For the drive's side of the wire. `size` bytes of the reply are filled as far as they are given here.
+/// For the drive's end. `size`: bytes of the frame; vendor bytes other than the error are 0.
 [[nodiscard]] constexpr hal::CanFrame encode_reply(std::uint32_t id, std::uint8_t node, const Reply& r,
                                                    Dialect d, std::uint8_t size) {
-  hal::CanFrame f;
-  f.id = id;
-  f.size = size;
+  hal::CanFrame f = hal::data_frame(id, size);
   f.data[0] = d == Dialect::damiao
                   ? static_cast<std::uint8_t>((std::uint32_t{r.error} << 4U) | (node & 0x0FU))
                   : node;
@@ -135,7 +126,7 @@ constexpr void put_command(hal::CanFrame& f, std::uint32_t node, const Command& 
   if (d == Dialect::cubemars) f.data[7] = r.error;
   return f;
 }
-/// The drive's reading of eight bytes.
+/// For the drive's end, of a frame of eight bytes.
 [[nodiscard]] constexpr Command decode_command(const hal::CanFrame& f) {
   return {static_cast<std::uint16_t>(f.data[0] << 8U | f.data[1]),
           static_cast<std::uint16_t>(f.data[2] << 4U | f.data[3] >> 4U),
@@ -143,7 +134,7 @@ constexpr void put_command(hal::CanFrame& f, std::uint32_t node, const Command& 
           static_cast<std::uint16_t>(f.data[5] << 4U | f.data[6] >> 4U),
           static_cast<std::uint16_t>((f.data[6] & 0x0FU) << 8U | f.data[7])};
 }
-/// Empty: eight bytes that are an ordinary command.
+/// Nothing: an ordinary command.
 [[nodiscard]] constexpr std::optional<Special> decode_special(const hal::CanFrame& f) {
   for (unsigned i = 0; i < 7; ++i) {
     if (f.data[i] != 0xFF) return std::nullopt;
@@ -152,7 +143,7 @@ constexpr void put_command(hal::CanFrame& f, std::uint32_t node, const Command& 
   return static_cast<Special>(f.data[7]);
 }
 
-// Worked out by hand from the field table: node 3, 9 of 18 N m is code 3071 = 0xBFF (3071.25 rounded).
+// By hand from the field table: node 3, 9 of 18 N m is code 3071 = 0xBFF (3071.25 rounded).
 static_assert(encode_command(3, {.torque = code(9.0F, 18.0F, code_max_12)}) ==
               hal::CanFrame{.id = 3, .size = 8, .data = {0x80, 0x00, 0x80, 0x00, 0x00, 0x00, 0x0B, 0xFF}});
 

@@ -1,17 +1,15 @@
 #pragma once
 /// One drive in MIT mode seen from the controller.
 ///
-/// A drive speaks only when it is spoken to: each command is answered by one reply, which is sample and
-/// heartbeat in one. The torque command that the cycle sends every tick, in every state, is therefore also
-/// the request for the next sample; while the supervisor allows no torque it is the zero command that
-/// enabling and disabling rely on. enable() and disable() add the special frames only: a zero command of
-/// their own would be a second command in a tick, and lockstep counts commands.
+/// Each command is answered by one reply, which is sample and heartbeat in one; without a command a drive is
+/// silent. So the torque command of every tick and state also requests the next sample, and it is the zero
+/// command on which enabling and disabling rely. enable() and disable() add special frames only: a second
+/// command in a tick would break lockstep, which counts commands.
 ///
-/// What cannot be known: a reply says neither whether the drive is in motor mode nor that it has done what it
-/// was asked (most firmware answers before it acts). `idle()` and `closed_loop()` therefore mean: the frame
-/// was taken by the bus, and the drive has answered two ticks that came after it. Damiao reports its mode in
-/// the error field; where it has been seen to, it must agree. Nothing can be read back: ranges, zero and
-/// time-out are the word of whoever configured the drive. Errors of a drive are not cleared from here.
+/// A reply shows neither the mode of the drive nor that it has obeyed (most firmware answers before it acts).
+/// So idle() and closed_loop() mean: the bus took the frame, and the drive answered two later ticks. Damiao
+/// reports its mode in the error field; once seen, it must agree. Ranges, zero and time-out cannot be read
+/// back. Errors of a drive are not cleared here.
 
 #include <cstdint>
 #include <optional>
@@ -21,35 +19,31 @@
 
 namespace esmc::drive {
 
-/// One motor in MIT mode, as the controller sees it. Satisfies Drive.
+/// One motor in MIT mode. Satisfies Drive.
 class MitAxis {
  public:
   using Dialect = mit::Dialect;
   using Line = NoLine;
 
-  /// How the drive is set up.
+  /// Settings of the drive.
   struct Settings {
     mit::Ranges ranges{};
     Dialect dialect = Dialect::mini_cheetah;
-    std::uint16_t master_id =
-        0;  ///< identifier of the replies; the node itself: drives that answer on their own
-    std::uint32_t retry_ticks = 150;  ///< how long to wait for replies before asking again, > 2
+    std::uint16_t master_id = 0;      ///< identifier of the replies, possibly the node itself
+    std::uint32_t retry_ticks = 150;  ///< time allowed for replies before the sequence restarts, > 2
   };
 
-  /// error_code(): the drive's own error in the low eight bits, and what is wrong with its reply.
-  static constexpr std::uint32_t position_at_rail =
-      0x100;  ///< first or last code: the shaft is anywhere beyond it
+  /// error_code(): the drive's own error in the low eight bits, and errors found in its reply.
+  static constexpr std::uint32_t position_at_rail = 0x100;  ///< first or last code: shaft beyond the range
   static constexpr std::uint32_t velocity_at_rail = 0x200;  ///< likewise
-  /// The position moved by more than half of its span between two replies: firmware that does not clamp has
-  /// wrapped around, and what it says from now on is wrong by the span. Latched until the controller
-  /// restarts.
+  /// The position moved by more than half of its span between two replies: firmware without a clamp has
+  /// wrapped around, and later positions are wrong by the span. Latched until the controller restarts.
   static constexpr std::uint32_t position_lost = 0x400;
 
   MitAxis() = default;
   MitAxis(const AxisConfig& config, const Settings& settings) : config_(config), settings_(settings) {}
 
-  /// Takes a frame from the bus. No side effect unless `accepted`. Where replies come on the node's own
-  /// identifier, whatever is no reply of this axis is a command, and we send those.
+  /// No side effect unless `accepted`. If replies use the node's identifier, its other frames are commands.
   Received receive(const hal::CanFrame& f) {
     if (f.extended || f.remote) return Received::not_mine;
     if (f.id == settings_.master_id && f.size > 0 && mit::names(f.data[0], config_.node, settings_.dialect)) {
@@ -72,8 +66,7 @@ class MitAxis {
   [[nodiscard]] bool brought_sample() const { return true; }  // every reply does
   [[nodiscard]] std::uint32_t heartbeat_age_ticks() const { return age_ticks_; }
 
-  /// Of the last reply, with an error or without. Steps of range / 32767.5 in angle and range / 2047.5 in
-  /// rate.
+  /// Of the last reply, even with an error. Steps: range / 32767.5 in angle, range / 2047.5 in rate.
   template <class S>
   [[nodiscard]] JointSample<S> sample() const {
     const S per_rad = S(config_.direction) / S(config_.gear_ratio);
@@ -82,7 +75,7 @@ class MitAxis {
             S(mit::value(last_.velocity, r.velocity, mit::code_max_12)) * per_rad};
   }
 
-  /// What the drive says it gives, N m at the joint, model convention; none where the reply has it cut.
+  /// Torque that the drive reports, N m at the joint, model convention; empty if the reply has it cut.
   [[nodiscard]] std::optional<float> observed_torque() const {
     if (!last_.whole_torque) return std::nullopt;
     return mit::value(last_.torque, settings_.ranges.torque, mit::code_max_12) * config_.direction *
@@ -97,26 +90,22 @@ class MitAxis {
   [[nodiscard]] bool alive() const { return alive_; }
   [[nodiscard]] bool error() const { return error_ != 0; }
   [[nodiscard]] std::uint32_t error_code() const { return error_; }
-  /// As far as is known: it was asked into motor mode and not out of it, and does not deny being there.
+  /// Asked into motor mode and not out of it, and not reporting another mode.
   [[nodiscard]] bool closed_loop() const { return step_ == Step::entered && !says(mode_off); }
-  /// There is no emergency stop in this protocol.
+  // The protocol has no emergency stop, no report of a time-out, no set-up and nothing to read back.
   [[nodiscard]] bool emergency_stopped() const { return false; }
-  /// A time-out does not show in the replies.
   [[nodiscard]] bool tx_suspended() const { return false; }
   [[nodiscard]] bool setting_up() const { return false; }
   void acknowledge() {}
-  /// Nothing can be read back.
   [[nodiscard]] bool config_mismatch() const { return false; }
 
-  /// Frames that bring the drive into motor mode; call every tick while enabling, and send put_torque(0)
-  /// after it.
+  /// Frames towards motor mode; call every tick while enabling, before put_torque(0).
   ///
-  ///   leave motor mode  ->  replies in two ticks, so that a zero command has arrived: a drive that enters
-  ///   motor mode acts on the last command it has  ->  enter motor mode, if no error is reported  ->  replies
-  ///   in two ticks: ready()
+  ///   leave motor mode  ->  replies in two ticks  ->  enter motor mode, without an error  ->  replies in two
+  ///   ticks: ready()
   ///
-  /// To a silent drive the first frame is a call. What leads to nothing is repeated from the start every
-  /// retry_ticks.
+  /// The first two replies show that a zero command has arrived: a drive that enters motor mode acts on its
+  /// last command. Without progress the sequence restarts every retry_ticks.
   template <class Send>
   void enable(Send&& send) {
     if (ready()) return;
@@ -136,8 +125,7 @@ class MitAxis {
 
   void ask_again() { wait_ticks_ = 0; }
 
-  /// Frames that take the drive out of motor mode, from the second tick on: the first one is for the zero
-  /// command, because a drive keeps its last command.
+  /// Ends motor mode from the second tick on: a drive keeps its last command, so a zero command comes first.
   template <class Send>
   void disable(Send&& send) {
     wait_ticks_ = 0;
@@ -152,14 +140,13 @@ class MitAxis {
     replies_ = 0;
   }
 
-  /// Whether what this joint torque (N m, model convention) becomes at the shaft may go on the bus.
+  /// The shaft torque for this joint torque (N m, model convention) may be sent.
   template <class S>
   [[nodiscard]] bool can_carry(S joint_torque) const {
     return drive::can_carry(shaft_torque(config_, joint_torque));
   }
-  /// Torque at the joint, N m, model convention, rounded to the nearest step and clamped to the range of the
-  /// drive; zero (to half a step) for a torque that cannot be carried. Gains are zero, so position and speed
-  /// do not matter.
+  /// Joint torque, N m, model convention, rounded to the nearest step and clamped to the range of the drive;
+  /// zero (to half a step) for a torque that cannot be carried. Gains are zero.
   template <class S>
   void put_torque(hal::CanFrame& f, S joint_torque) const {
     const float torque = can_carry(joint_torque) ? shaft_torque(config_, joint_torque) : 0.0F;
@@ -171,16 +158,16 @@ class MitAxis {
 
  private:
   enum class Step : std::uint8_t {
-    unknown,  ///< nothing was asked yet, or what was asked led to nothing
+    unknown,  ///< nothing requested yet, or a request without effect
     leaving,  ///< the next frame leaves motor mode
     left,     ///< the bus took it
     entered,  ///< the bus took the frame that enters motor mode
   };
-  /// A reply on its way when we ask for something else answers an older command; the second one does not.
+  /// The first reply after a special frame may answer an older command; the second one cannot.
   static constexpr std::uint8_t replies_wanted = 2;
   static constexpr std::uint8_t mode_off = 0, mode_on = 1;  ///< Damiao's error field without an error
 
-  /// False where the mode is not reported.
+  /// The drive reports this mode; false if it reports none.
   [[nodiscard]] bool says(std::uint8_t mode) const { return reports_mode_ && last_.error == mode; }
 
   void wait() { wait_ticks_ = settings_.retry_ticks > 0 ? settings_.retry_ticks - 1 : 0; }
@@ -205,7 +192,7 @@ class MitAxis {
       replies_ = 0;
     } else if (step_ == Step::left && says(mode_on)) {
       replies_ = 0;
-    } else if (replies_ < replies_wanted && !counted_) {  // two replies in a tick are one
+    } else if (replies_ < replies_wanted && !counted_) {  // two replies in a tick count as one
       ++replies_;
       counted_ = true;
     }
@@ -229,12 +216,12 @@ class MitAxis {
   std::uint32_t age_ticks_ = age_max;
   std::uint32_t error_ = 0;
   std::uint32_t lost_ = 0;
-  std::uint8_t replies_ = 0;  // ticks with a reply since the bus took the last special frame
+  std::uint8_t replies_ = 0;  // ticks with a reply since the last special frame
   Step step_ = Step::unknown;
   bool alive_ = false;
   bool release_pending_ = false;  // asked into motor mode, not seen out of it since
   bool counted_ = false;          // a reply of this tick has been counted
-  bool reports_mode_ = false;     // has said that it is in motor mode
+  bool reports_mode_ = false;     // has reported motor mode
 };
 
 static_assert(Drive<MitAxis>);

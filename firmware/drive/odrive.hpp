@@ -1,7 +1,7 @@
 #pragma once
 /// ODrive CANSimple on the wire: identifiers, bytes and units of the messages used for torque control.
 /// id = node << 5 | command; little endian; floats IEEE binary32; revolutions and N m at the motor shaft.
-/// Firmware 0.6 and 0.5.6 differ in the last bytes of the heartbeat only, as far as is used here.
+/// As far as used here, firmware 0.6 and 0.5.6 differ in the last bytes of the heartbeat only.
 
 #include <array>
 #include <bit>
@@ -20,7 +20,7 @@ enum class Version : std::uint8_t { v0_6, v0_5_6 };
 enum class Message : std::uint8_t {
   get_version = 0x00,          ///< 0.6, drive -> us, cyclic or on request (RTR): protocol, hardware, firmware
   heartbeat = 0x01,            ///< drive -> us: u32 axis_error, u8 axis_state, ...
-  estop = 0x02,                ///< anybody -> drive, no payload: disarm with an error
+  estop = 0x02,                ///< any node -> drive, no payload: disarm with an error
   get_error = 0x03,            ///< 0.6, drive -> us: u32 active errors, u32 disarm reason
   rx_sdo = 0x04,               ///< 0.6, us -> drive: u8 0 read, 1 write, u16 endpoint, u8 0, value
   tx_sdo = 0x05,               ///< 0.6, drive -> us: u8 0, u16 endpoint, u8 0, value
@@ -32,7 +32,7 @@ enum class Message : std::uint8_t {
   get_torques = 0x1C,          ///< 0.6, drive -> us, cyclic or on request: f32 target, f32 estimate, N m
 };
 
-/// States of an axis that are used here.
+/// The states of an axis that are used here.
 enum class AxisState : std::uint8_t { undefined = 0, idle = 1, closed_loop_control = 8 };
 inline constexpr std::uint32_t control_mode_torque = 1;
 inline constexpr std::uint32_t input_mode_passthrough = 1;
@@ -47,10 +47,9 @@ inline constexpr std::uint32_t error_estop_0_5_6 = 0x0000'4000;
   return (std::uint32_t{node} << 5U) | static_cast<std::uint32_t>(m);
 }
 
-/// What only a controller sends to an axis, the messages that we never use included: the set-points of
-/// position and speed carry a torque that acts in torque mode too (0C, 0D), limits (0F), trajectories and
-/// anticogging (10..13), reboot (16), another zero (19), gains (1A, 1B); 0.5.6: another node (06); 0.6:
-/// firmware update (1F).
+/// Messages that only a controller sends to an axis: axis state (07); mode and set points, of which position
+/// and speed carry a torque too (0B..0E); limits (0F); trajectories and anticogging (10..13); reboot (16);
+/// errors, zero, gains (18..1B); 0.5.6: node (06); 0.6: firmware update (1F).
 [[nodiscard]] constexpr bool is_command(std::uint32_t message, Version v) {
   constexpr std::uint32_t both = 1U << 0x07U | 0x1FU << 0x0BU | 0xFU << 0x10U | 1U << 0x16U | 0xFU << 0x18U;
   const std::uint32_t all = both | (v == Version::v0_6 ? 1U << 0x1FU : 1U << 0x06U);
@@ -67,10 +66,7 @@ constexpr std::uint32_t get_u32(const hal::CanFrame& f, std::size_t at) {
       std::array<std::uint8_t, 4>{f.data[at], f.data[at + 1], f.data[at + 2], f.data[at + 3]});
 }
 constexpr hal::CanFrame frame(std::uint8_t node, Message m, std::uint8_t size) {
-  hal::CanFrame f;
-  f.id = identifier(node, m);
-  f.size = size;
-  return f;
+  return hal::data_frame(identifier(node, m), size);
 }
 }  // namespace detail
 
@@ -119,7 +115,7 @@ constexpr void put_torque(hal::CanFrame& f, std::uint8_t node, float torque) {
   return f;
 }
 
-/// What a drive says cyclically.
+/// Cyclic state of a drive.
 struct Heartbeat {
   std::uint32_t axis_error;
   AxisState axis_state;          ///< may hold a value without a name here: the drive has more states
@@ -129,7 +125,7 @@ struct Heartbeat {
 struct EncoderEstimates {
   float position_rev, velocity_rev_s;
 };
-/// Get_Torques of 0.6: N m at the motor shaft. The estimate is made of the measured current.
+/// Get_Torques of 0.6: N m at the motor shaft. The estimate comes from the measured current.
 struct Torques {
   float target, estimate;
 };
@@ -140,12 +136,12 @@ struct Torques {
   return f;
 }
 
-/// Length of a data frame of this message as the drive sends it.
+/// A classic data frame of this size.
 [[nodiscard]] constexpr bool has_size(const hal::CanFrame& f, std::uint8_t size) {
   return ((f.size ^ size) | f.remote | f.fd) == 0;
 }
 
-/// Empty: wrong length, remote or FD. The identifier is the caller's business.
+/// Decoders return nothing for a wrong length, remote or FD frame. The caller has checked the identifier.
 [[nodiscard]] constexpr std::optional<Heartbeat> decode_heartbeat(const hal::CanFrame& f, Version v) {
   if (!has_size(f, 8)) return std::nullopt;
   const auto flags = static_cast<std::uint8_t>(f.data[5] | f.data[6] | (f.data[7] & 0x7FU));
@@ -161,7 +157,7 @@ struct Torques {
   if (!has_size(f, 8)) return std::nullopt;
   return Torques{std::bit_cast<float>(detail::get_u32(f, 0)), std::bit_cast<float>(detail::get_u32(f, 4))};
 }
-/// For the drive's side of the wire: the used bytes must be there. Empty: too short, remote or FD.
+/// For the drive's end: a classic data frame of this size or longer.
 [[nodiscard]] constexpr bool has_at_least(const hal::CanFrame& f, std::uint8_t size) {
   return f.size >= size && !f.remote && !f.fd;
 }
@@ -182,7 +178,7 @@ struct ControllerMode {
   return ControllerMode{detail::get_u32(f, 0), detail::get_u32(f, 4)};
 }
 
-/// Types of endpoints, as far as they are read.
+/// Types of the endpoints that are read.
 enum class ValueType : std::uint8_t { u8, u32, f32 };  ///< booleans are u8
 
 [[nodiscard]] constexpr hal::CanFrame encode_version_request(std::uint8_t node) {
@@ -195,16 +191,16 @@ enum class ValueType : std::uint8_t { u8, u32, f32 };  ///< booleans are u8
   detail::put_u32(f, 0, std::uint32_t{endpoint} << 8U);
   return f;
 }
-/// Of an RxSdo or TxSdo of four bytes or more.
+/// Endpoint of an RxSdo or TxSdo of four bytes or more.
 [[nodiscard]] constexpr std::uint16_t endpoint_of(const hal::CanFrame& f) {
   return static_cast<std::uint16_t>(detail::get_u32(f, 0) >> 8U);
 }
-/// Major, minor and revision of the firmware. Empty: wrong length or format.
+/// Major, minor and revision of the firmware.
 [[nodiscard]] constexpr std::optional<std::array<std::uint8_t, 3>> decode_version(const hal::CanFrame& f) {
   if (!has_size(f, 8)) return std::nullopt;
   return std::array{f.data[4], f.data[5], f.data[6]};
 }
-/// Value of a TxSdo. Empty: too short for its type, remote or FD. Integers beyond 2^24 are rounded.
+/// Value of a TxSdo; integers beyond 2^24 are rounded. Nothing if the frame is too short for the type.
 [[nodiscard]] constexpr std::optional<float> decode_value(const hal::CanFrame& f, ValueType type) {
   if (!has_at_least(f, type == ValueType::u8 ? 5 : 8)) return std::nullopt;
   if (type == ValueType::u8) return static_cast<float>(f.data[4]);
@@ -212,7 +208,7 @@ enum class ValueType : std::uint8_t { u8, u32, f32 };  ///< booleans are u8
   return type == ValueType::u32 ? static_cast<float>(raw) : std::bit_cast<float>(raw);
 }
 
-/// For the drive's side of the wire.
+/// For the drive's end.
 [[nodiscard]] constexpr hal::CanFrame encode_version(std::uint8_t node,
                                                      const std::array<std::uint8_t, 3>& firmware) {
   hal::CanFrame f = detail::frame(node, Message::get_version, 8);
@@ -235,7 +231,7 @@ enum class ValueType : std::uint8_t { u8, u32, f32 };  ///< booleans are u8
   return f;
 }
 
-// Worked out by hand from the message table: node 3, 1.5 N m.
+// By hand from the message table: node 3, 1.5 N m.
 static_assert(encode_torque(3, 1.5F) ==
               hal::CanFrame{.id = 0x06E, .size = 8, .data = {0x00, 0x00, 0xC0, 0x3F}});
 

@@ -1,5 +1,5 @@
 #pragma once
-/// One ODrive axis seen from the controller: what it last said, how it is enabled, how a torque reaches it.
+/// One ODrive axis seen from the controller.
 
 #include <cstdint>
 #include <optional>
@@ -11,15 +11,15 @@
 
 namespace esmc::drive {
 
-/// One motor behind an ODrive, as the controller sees it. Satisfies Drive.
+/// One motor behind an ODrive. Satisfies Drive.
 class OdriveAxis {
  public:
   using Version = odrive::Version;
   using Line = NoLine;
 
   OdriveAxis() = default;
-  /// `retry_ticks`: how long to wait for closed-loop control before asking again, > 0.
-  /// `table`: what must be read back before the axis is armed; firmware 0.6 only.
+  /// `retry_ticks`: time allowed for closed-loop control before the sequence restarts, > 0.
+  /// `table`: configuration to be read back before the axis is armed; firmware 0.6 only.
   OdriveAxis(const AxisConfig& config, Version version, std::uint32_t retry_ticks,
              const OdriveTable& table = {})
       : config_(config),
@@ -27,15 +27,14 @@ class OdriveAxis {
         retry_ticks_(retry_ticks),
         silence_ticks_(retry_ticks > 0 ? retry_ticks : age_max),
         read_back_(version == Version::v0_6 ? table : OdriveTable{}) {}
-  /// Before the axis is ready for the first time, and again once it may have restarted, its watchdog is
-  /// starved at zero torque and must expire within so many ticks; 0: it is believed.
-  void prove_watchdog(std::uint32_t ticks) { starve_ticks_ = ticks; }
-  /// An axis without a heartbeat for more than so many ticks may have restarted: what it was found to be
-  /// counts no more. `retry_ticks` where nothing is said, and never longer.
+  /// Tests the watchdog before the axis is first ready, and after a possible restart: without frames, at zero
+  /// torque, it must expire within `ticks`. 0: no test.
+  void prove_watchdog(std::uint32_t ticks) { watchdog_ticks_max_ = ticks; }
+  /// Without a heartbeat for more than `ticks` the axis may have restarted: read-back and watchdog test are
+  /// repeated. Default and upper limit: `retry_ticks`.
   void restarts_within(std::uint32_t ticks) { silence_ticks_ = ticks < retry_ticks_ ? ticks : retry_ticks_; }
 
-  /// Takes a frame from the bus. No side effect unless `accepted`. An emergency stop that somebody sends to
-  /// this axis, or to all, is taken whatever its length and format.
+  /// No side effect unless `accepted`. An emergency stop is accepted from any node, with any format.
   Received receive(const hal::CanFrame& f) {
     if (f.extended) return Received::not_mine;
     if ((f.id >> 5U) == config_.node) return to_this(f);
@@ -64,40 +63,38 @@ class OdriveAxis {
     return {S(estimates_.position_rev) * per_rev + S(config_.offset), S(estimates_.velocity_rev_s) * per_rev};
   }
 
-  /// Torque at the joint as the drive estimates it of its current, N m, model convention; empty in a tick
-  /// without such a report. Firmware 0.6, where its cyclic message is switched on.
+  /// Torque at the joint that the drive estimates from its current, N m, model convention; empty in a tick
+  /// without that message, which firmware 0.6 can send cyclically.
   [[nodiscard]] std::optional<float> observed_torque() const {
     if (torque_age_ticks_ > 0) return std::nullopt;
     return torque_ * config_.direction * config_.gear_ratio;
   }
-  /// Since that report, which is a message of its own and may fall silent alone; age_max before the first.
+  /// Age of that message; age_max before the first.
   [[nodiscard]] std::uint32_t torque_age_ticks() const { return torque_age_ticks_; }
 
-  /// Closed-loop control reported without error in at least two heartbeats since the last request: an axis
-  /// without power shows it once and drops out again.
+  /// Closed-loop control reported without error in two heartbeats since the last request: an axis without
+  /// power reports it once and drops out again.
   [[nodiscard]] bool ready() const { return confirmed() && !unconnected_; }
-  /// The axis reports position and speed 0: firmware 0.5.6 does so after a boot, wherever the shaft is, until
-  /// its first closed loop connects the encoder. Such a report is no sample. Any other report shows that the
-  /// encoder is connected, until exactly 0 and 0 follow from a distance, as after a restart.
+  /// The axis reports position and speed 0: firmware 0.5.6 does so after a boot until its first closed loop
+  /// connects the encoder, so such a report is no sample. Any other report shows a connected encoder, until
+  /// exactly 0 and 0 follow a position away from 0, as after a restart.
   [[nodiscard]] bool encoder_unconnected() const { return unconnected_; }
-  /// Idle as far as is known: only what it said after the last request counts.
+  /// Idle, reported after the last request.
   [[nodiscard]] bool idle() const {
     return answered_ && !asked_ && !config_mismatch() && last_.axis_state == odrive::AxisState::idle;
   }
-  /// It was asked into closed loop once and has not been seen idle after being asked out of it.
+  /// Asked into closed loop, and not reported idle since.
   [[nodiscard]] bool must_be_released() const { return release_pending_; }
-  /// The axis itself has said something: an old setpoint or a frame of another controller is no life.
+  /// A heartbeat or a sample has come.
   [[nodiscard]] bool alive() const { return alive_; }
-  /// Its watchdog is being starved: nothing may be sent to it.
+  /// The watchdog is being tested: nothing may be sent to the axis.
   [[nodiscard]] bool tx_suspended() const { return step_ == Step::test_watchdog; }
   [[nodiscard]] bool setting_up() const {
     return tx_suspended() || (step_ == Step::request && !read_back_.done());
   }
-  /// An emergency stop was seen on the bus or reported by the axis, and no operator has acknowledged it
-  /// since.
+  /// An emergency stop was seen on the bus or reported by the axis, and not acknowledged since.
   [[nodiscard]] bool emergency_stopped() const { return stopped_; }
-  /// The operator's reset of an emergency stop: what the axis still reports of it may be cleared, once.
-  /// Anything newer stops again.
+  /// The operator's reset of an emergency stop: its report may be cleared once; a newer one stops again.
   void acknowledge() {
     stopped_ = false;
     acknowledged_ = reports_emergency_stop();
@@ -107,30 +104,28 @@ class OdriveAxis {
     return last_.axis_state == odrive::AxisState::closed_loop_control;
   }
   [[nodiscard]] std::uint32_t error_code() const { return last_.axis_error; }
-  /// What was read back is not what it must be, or was not answered; forgotten by disable(). CANSimple 0.5.6
-  /// lets nothing be read back.
+  /// A value read back is not the required one, or was not answered, or the watchdog did not trip; cleared by
+  /// disable(). Firmware 0.5.6 cannot be read back.
   [[nodiscard]] bool config_mismatch() const {
     return read_back_.config_mismatch() || watchdog_did_not_trip_;
   }
-  /// Its watchdog did not expire when it was starved.
+  /// The watchdog did not expire in its test.
   [[nodiscard]] bool watchdog_is_off() const { return watchdog_did_not_trip_; }
-  /// The endpoint that was config_mismatch last; OdriveReadBack::version_endpoint for the version.
+  /// The endpoint of the last mismatch; OdriveReadBack::version_endpoint for the version.
   [[nodiscard]] std::optional<std::uint16_t> refused_endpoint() const { return read_back_.refused(); }
   [[nodiscard]] std::uint8_t node() const { return config_.node; }
 
-  /// Frames that bring the axis to closed-loop torque control; call every tick while enabling. `send` says
-  /// whether the bus took the frame; what it did not take is sent again.
+  /// Frames towards closed-loop torque control; call every tick while enabling. A frame that the bus does not
+  /// take is sent again.
   ///
-  ///   controller mode  ->  a heartbeat that is newer  ->  clear errors, if it reports some (and no emergency
-  ///   stop)
-  ///                    ->  a heartbeat without error, and all read back  ->  closed-loop control
-  ///                    ->  two heartbeats: ready(); the first time, if a watchdog is to be proven, nothing
-  ///                    is sent
-  ///                        from here until the axis reports that it expired, and then all of it again
+  ///   controller mode  ->  a newer heartbeat  ->  clear errors, unless it is an emergency stop
+  ///     ->  a heartbeat without error, and all read back  ->  closed-loop control  ->  two heartbeats:
+  ///     ready()
   ///
-  /// Identifiers are priorities: a full transmit queue would let the request for closed loop overtake the
-  /// mode, and the axis would arm in the mode it has stored. So there is a heartbeat between the two. What
-  /// leads to nothing is repeated from the start every `retry_ticks`.
+  /// With a watchdog to be tested the first confirmation is followed by silence until the axis reports that
+  /// it expired, and then the sequence runs again. A heartbeat must come between mode and closed-loop
+  /// control: identifiers are priorities, and the request could overtake the mode in a full transmit queue.
+  /// Without progress the sequence restarts every `retry_ticks`.
   template <class Send>
   void enable(Send&& send) {
     if (step_ == Step::test_watchdog) return test_watchdog();
@@ -139,12 +134,12 @@ class OdriveAxis {
     const bool due = wait_ticks_ == 0;
     if (!due) --wait_ticks_;
     if (step_ == Step::request) read_back_.ask(config_.node, send);
-    if (step_ == Step::request && bus_events_ && request(send)) return;
+    if (step_ == Step::request && beat_since_mode_ && request(send)) return;
     if (due) repeat();
     if (step_ == Step::configure && (alive_ || due)) configure(send);
   }
 
-  /// Nobody can have heard the last request: repeat it at the next enable().
+  /// The last request cannot have been heard: repeat it at the next enable().
   void ask_again() {
     wait_ticks_ = 0;
     patient_ = false;
@@ -163,14 +158,12 @@ class OdriveAxis {
     send(odrive::encode_set_axis_state(config_.node, odrive::AxisState::idle));
   }
 
-  static constexpr float shaft_torque_max = drive::shaft_torque_max;
-  /// Whether what this joint torque (N m, model convention) becomes at the shaft may go on the bus.
+  /// The shaft torque for this joint torque (N m, model convention) may be sent.
   template <class S>
   [[nodiscard]] bool can_carry(S joint_torque) const {
     return drive::can_carry(shaft_torque(config_, joint_torque));
   }
-  /// Torque at the joint, N m, model convention. What the drive receives is rounded to float; zero for a
-  /// torque that cannot be carried.
+  /// Joint torque, N m, model convention, rounded to float at the shaft; zero if it cannot be carried.
   template <class S>
   void put_torque(hal::CanFrame& f, S joint_torque) const {
     const float torque = shaft_torque(config_, joint_torque);
@@ -180,7 +173,7 @@ class OdriveAxis {
   static constexpr std::uint32_t age_max = drive::age_max;
 
  private:
-  // Not inlined, so that a frame of another axis costs a few comparisons and no call.
+  // Not inlined: a frame of another axis costs a few comparisons and no call.
   [[gnu::noinline]] Received to_this(const hal::CanFrame& f) {
     const auto message = static_cast<odrive::Message>(f.id & 0x1FU);
     if (message == odrive::Message::encoder_estimates) return take(odrive::decode_encoder_estimates(f));
@@ -203,7 +196,7 @@ class OdriveAxis {
     sampled_ = false;
     return Received::accepted;
   }
-  /// What the axis says when it is asked.
+  /// Answers of the axis to requests.
   Received answered(const hal::CanFrame& f, odrive::Message m) {
     switch (m) {
       case odrive::Message::get_version:
@@ -211,7 +204,7 @@ class OdriveAxis {
       case odrive::Message::tx_sdo:
         return read_back_.take_value(f);
       case odrive::Message::get_torques:
-        // 0.5.6 has another message there, and a request of somebody else is none.
+        // 0.5.6 has another message there; a remote frame is a request of another node.
         return version_ == Version::v0_6 && !f.remote ? take(odrive::decode_torques(f)) : Received::not_mine;
       default:
         return Received::not_mine;  // other cyclic messages a user may have switched on
@@ -219,18 +212,18 @@ class OdriveAxis {
   }
 
   enum class Step : std::uint8_t {
-    configure,      ///< the controller mode has to be sent
-    request,        ///< the bus has taken it: a newer heartbeat decides what comes next
-    confirm,        ///< closed-loop control has been asked for
-    test_watchdog,  ///< confirmed; the watchdog has to expire
+    configure,      ///< send the controller mode
+    request,        ///< sent; a newer heartbeat decides the next frame
+    confirm,        ///< closed-loop control requested
+    test_watchdog,  ///< confirmed; the watchdog must expire
   };
 
   [[nodiscard]] bool is_for_all(const hal::CanFrame& f) const {
     return version_ == Version::v0_6 && (f.id >> 5U) == odrive::node_broadcast;
   }
-  /// What only we may send. 0.5.6 does not look at RTR before it obeys, and any frame to it feeds its
-  /// watchdog: one that polls it would keep our last torque alive. With 0.6 a remote frame asks for nothing
-  /// here, and a write to an endpoint is told by its first byte.
+  /// A command of a controller. Firmware 0.5.6 obeys remote frames too, and every frame feeds its watchdog,
+  /// so that polling by another node would keep our last torque alive. With 0.6 remote frames are requests,
+  /// and the first byte of RxSdo tells a write.
   [[nodiscard]] bool commands(const hal::CanFrame& f) const {
     const std::uint32_t message = f.id & 0x1FU;
     if (version_ == Version::v0_5_6) return f.remote || f.size == 0 || odrive::is_command(message, version_);
@@ -249,8 +242,7 @@ class OdriveAxis {
         version_ == Version::v0_6 ? odrive::error_watchdog_0_6 : odrive::error_watchdog_0_5_6;
     return (last_.axis_error & bit) != 0;
   }
-  /// One tick of silence. Any other end than the watchdog's, which disarms, is none: the sequence begins
-  /// anew, watchdog included.
+  /// One tick of silence. Passed if the watchdog disarms the axis; after any other error all is repeated.
   void test_watchdog() {
     if (!closed_loop() || error()) {
       proven_ = reports_watchdog() && !closed_loop();
@@ -258,19 +250,18 @@ class OdriveAxis {
       step_ = Step::configure;
       return;
     }
-    watchdog_did_not_trip_ = ++starved_ticks_ > starve_ticks_;
+    watchdog_did_not_trip_ = ++watchdog_ticks_ > watchdog_ticks_max_;
   }
 
-  /// It may have restarted, and with what it has stored: a watchdog that was switched on and not saved is off
-  /// again.
+  /// The axis may have restarted with its stored configuration: a watchdog that was not saved is off again.
   void invalidate_readback() {
     proven_ = false;
     disconnect();
     if (!read_back_.config_mismatch()) read_back_.restart();
   }
   void disconnect() { connected_ = away_ = false; }
-  /// One that runs must not be found ready once more: it would be starved where nobody waits for the end of
-  /// that, and keep its last torque. One that is starved already is starved to the end.
+  /// An axis under torque must not become ready again: the watchdog test would begin, and the axis keep its
+  /// last torque meanwhile. A test that has begun is completed.
   [[gnu::cold]] void fall_silent() {
     invalidate_readback();
     if (step_ == Step::test_watchdog) return;
@@ -280,16 +271,16 @@ class OdriveAxis {
 
   void wait() { wait_ticks_ = retry_ticks_ > 0 ? retry_ticks_ - 1 : 0; }
 
-  /// Sent to a silent axis as well, for it to be heard on the bus; but it counts only once the axis lives.
+  /// A silent axis gets the mode too, but it counts only once the axis is alive.
   template <class Send>
   void configure(Send&& send) {
     const bool taken = send(odrive::encode_set_controller_mode(config_.node));
     if (taken || !alive_) wait();
     if (!taken || !alive_) return;
     step_ = Step::request;
-    bus_events_ = false;
+    beat_since_mode_ = false;
   }
-  /// With a heartbeat that is newer than the mode. Whether closed-loop control was asked for in this tick.
+  /// After a heartbeat newer than the mode. True: closed-loop control was requested in this tick.
   template <class Send>
   bool request(Send&& send) {
     if (error()) {
@@ -307,7 +298,7 @@ class OdriveAxis {
     wait();
     return true;
   }
-  /// Only in the tick of the report, so that nothing can have been added to it that we do not know of.
+  /// Only in the tick of the report: an error that is not reported yet must not be cleared.
   template <class Send>
   void clear(Send&& send) {
     if (heartbeat_age_ticks_ > 0 || clear_wait_ticks_ > 0 || stopped_) return;
@@ -315,7 +306,7 @@ class OdriveAxis {
     clear_wait_ticks_ = retry_ticks_;
     acknowledged_ = false;
   }
-  /// From the start, but an axis that has confirmed once gets the time for its second heartbeat.
+  /// Restarts the sequence, but leaves an axis that has confirmed once the time for its second heartbeat.
   void repeat() {
     if (confirmations_ > 0 && patient_) {
       patient_ = false;
@@ -329,7 +320,7 @@ class OdriveAxis {
     if (!h) return Received::malformed;
     last_ = *h;
     alive_ = true;
-    bus_events_ = true;
+    beat_since_mode_ = true;
     answered_ = true;
     heartbeat_age_ticks_ = 0;
     if (!reports_emergency_stop()) {
@@ -341,14 +332,14 @@ class OdriveAxis {
     if (confirmations_ > 0 && !closed_loop() && !reports_watchdog()) invalidate_readback();
     if (step_ != Step::confirm || !closed_loop() || error()) {
       confirmations_ = 0;
-    } else if (confirmations_ < 2 && !counted_) {  // a heartbeat seen twice in a tick is one heartbeat
+    } else if (confirmations_ < 2 && !counted_) {  // two heartbeats in a tick count as one
       ++confirmations_;
       counted_ = true;
     }
     connected_ = connected_ || confirmed();
-    if (confirmed() && starve_ticks_ > 0 && !proven_) {
+    if (confirmed() && watchdog_ticks_max_ > 0 && !proven_) {
       step_ = Step::test_watchdog;
-      starved_ticks_ = 0;
+      watchdog_ticks_ = 0;
       confirmations_ = 0;
     }
     return Received::accepted;
@@ -387,28 +378,27 @@ class OdriveAxis {
   std::uint32_t clear_wait_ticks_ = 0;  // until errors may be cleared again
   std::uint32_t sample_age_ticks_ = age_max;
   std::uint32_t heartbeat_age_ticks_ = age_max;
-  std::uint32_t starve_ticks_ = 0, starved_ticks_ = 0;
+  std::uint32_t watchdog_ticks_max_ = 0, watchdog_ticks_ = 0;
   float torque_ = 0.0F;  // N m at the shaft
   std::uint32_t torque_age_ticks_ = age_max;
   std::uint8_t confirmations_ = 0;
   Step step_ = Step::configure;
-  bool alive_ = false;     // a heartbeat or a sample
-  bool sampled_ = false;   // by the last frame
-  bool reported_ = false;  // position and speed, in this tick
-  bool connected_ =
-      false;  // closed loop was confirmed, or an angle reported, since the axis may have restarted last
-  bool away_ = false;                   // the last sample was not near zero
-  bool unconnected_ = false;            // the last report was the zero of an encoder that is not connected
-  bool bus_events_ = false;             // a heartbeat since the bus took the mode
-  bool patient_ = false;                // the next repetition may wait for a second confirmation
-  bool asked_ = false;                  // the last request was for closed-loop control
-  bool answered_ = false;               // heard since the last request
-  bool release_pending_ = false;        // asked into closed loop, not seen idle since
-  bool stopped_ = false;                // emergency stop, not acknowledged
-  bool acknowledged_ = false;           // what the axis reports of it may be cleared
-  bool proven_ = false;                 // the watchdog has expired once
-  bool watchdog_did_not_trip_ = false;  // starved for too long
-  bool counted_ = false;                // a heartbeat of this tick has been counted
+  bool alive_ = false;        // a heartbeat or a sample
+  bool sampled_ = false;      // by the last frame
+  bool reported_ = false;     // position and speed, in this tick
+  bool connected_ = false;    // closed loop confirmed or an angle reported since the last possible restart
+  bool away_ = false;         // the last sample was not near zero
+  bool unconnected_ = false;  // the last report came from an unconnected encoder
+  bool beat_since_mode_ = false;  // a heartbeat since the bus took the mode
+  bool patient_ = false;          // the next repetition may wait for a second confirmation
+  bool asked_ = false;            // the last request was for closed-loop control
+  bool answered_ = false;         // a heartbeat since the last request
+  bool release_pending_ = false;  // asked into closed loop, not seen idle since
+  bool stopped_ = false;          // emergency stop, not acknowledged
+  bool acknowledged_ = false;     // its report may be cleared
+  bool proven_ = false;           // the watchdog has passed its test
+  bool watchdog_did_not_trip_ = false;
+  bool counted_ = false;  // a heartbeat of this tick has been counted
 };
 
 static_assert(Drive<OdriveAxis>);

@@ -1,7 +1,6 @@
 #pragma once
-/// What an ODrive of firmware 0.6 lets be read back before it is armed: its version, and endpoints of its
-/// configuration, asked for one by one. The numbers of endpoints change with every version of the firmware,
-/// so they come from the table that belongs to it, and the version is asked for first.
+/// Reads back the version and the configuration of an ODrive of firmware 0.6 before it is armed, one endpoint
+/// at a time. Endpoint numbers belong to one version of the firmware, so the version is read first.
 
 #include <array>
 #include <cstdint>
@@ -12,14 +11,14 @@
 
 namespace esmc::drive {
 
-/// An endpoint and what it must hold.
+/// An endpoint and its allowed range.
 struct OdriveCheck {
   std::uint16_t endpoint = 0;
   odrive::ValueType type = odrive::ValueType::f32;
   float lower = 0.0F, upper = 0.0F;  ///< both allowed; a NaN is not
 };
 
-/// What a drive's configuration has to be.
+/// The required configuration of a drive.
 struct OdriveTable {
   static constexpr std::uint8_t checks_max = 12;
   std::array<OdriveCheck, checks_max> checks{};
@@ -28,31 +27,31 @@ struct OdriveTable {
   std::array<std::uint8_t, 3> firmware{};  ///< major, minor, revision
 };
 
-/// Asks a drive for its configuration before it is armed, entry by entry.
+/// Asks for the entries of a table one by one and compares the answers.
 class OdriveReadBack {
  public:
-  static constexpr std::uint32_t patience_ticks = 25;  ///< for an answer, then the question is repeated
+  static constexpr std::uint32_t patience_ticks = 25;  ///< for an answer, before the question is repeated
   static constexpr std::uint8_t attempts = 4;
 
   OdriveReadBack() = default;
   explicit OdriveReadBack(const OdriveTable& table) : table_(table) {}
 
-  /// All of it was answered and as it must be.
+  /// All values were answered and are allowed.
   [[nodiscard]] bool done() const { return next_ == questions(); }
-  /// Something was not as it must be, or was not answered.
+  /// A value is not allowed, or was not answered.
   [[nodiscard]] bool config_mismatch() const { return config_mismatch_; }
-  /// The endpoint that was config_mismatch, until the next question: for a message. 0xFFFF for the version.
+  /// The endpoint of the mismatch, until the next question.
   [[nodiscard]] std::optional<std::uint16_t> refused() const { return refused_; }
-  static constexpr std::uint16_t version_endpoint = 0xFFFF;
+  static constexpr std::uint16_t version_endpoint = 0xFFFF;  ///< stands for the version
 
-  /// From the first question.
+  /// Begins with the first question.
   void restart() {
     next_ = 0;
     config_mismatch_ = false;
     withdraw();
   }
 
-  /// The next question, or the last one again; every tick until done() or config_mismatch().
+  /// Sends the next question, or repeats the last; every tick until done() or config_mismatch().
   template <class Send>
   void ask(std::uint8_t node, Send&& send) {
     if (done() || config_mismatch_) return;
@@ -73,7 +72,7 @@ class OdriveReadBack {
     wait_ticks_ = patience_ticks - 1;
   }
 
-  /// Get_Version of the axis; also sent cyclically, unasked.
+  /// Get_Version of the axis, which may also come cyclically without a question.
   Received take_version(const hal::CanFrame& f) {
     if (!asked_ || !asks_version() || f.remote) return Received::not_mine;
     const auto v = odrive::decode_version(f);
@@ -81,7 +80,7 @@ class OdriveReadBack {
     judge(*v == table_.firmware);
     return Received::accepted;
   }
-  /// TxSdo of the axis; an answer to somebody else's question is no answer to ours.
+  /// TxSdo of the axis; answers to questions of other nodes are not_mine.
   Received take_value(const hal::CanFrame& f) {
     if (!asked_ || asks_version() || f.remote || f.size < 4 || odrive::endpoint_of(f) != check().endpoint) {
       return Received::not_mine;

@@ -1,9 +1,9 @@
 #pragma once
-/// The controller's end of the command interface: what a supervisor computer asks for, checked, and what it
-/// is told. docs/command-interface.md is the contract.
+/// The controller's end of the command interface: checks the frames of a supervisor computer and answers
+/// them. docs/command-interface.md is the contract.
 ///
-/// A tick:  begin_tick  ->  receive for every frame  ->  take, the wishes of the tick  ->  transmit.
-/// Nothing that fails a check has an effect, and every failure is counted.
+/// A tick:  begin_tick  ->  receive for every frame  ->  take, the requests of the tick  ->  transmit.
+/// A frame that fails a check has no effect and is counted.
 
 #include <array>
 #include <cstdint>
@@ -34,7 +34,7 @@ class CommandLink {
   /// Once per tick, before its frames.
   void begin_tick() { ++tick_; }
 
-  /// `waited`: ticks that the frame has waited to be received, below 2^31.
+  /// `waited`: ticks from arrival to reception of the frame, below 2^31.
   Outcome receive(const hal::CanFrame& f, std::uint32_t waited = 0) {
     waited_ticks_ = waited;
     if (!active() || f.extended || f.id - config_.base_id >= block_size) return Outcome::not_mine;
@@ -45,32 +45,32 @@ class CommandLink {
     return o;
   }
 
-  /// The wishes since the last call.
+  /// The requests since the last call.
   [[nodiscard]] Request take() {
     Request r = request_;
     request_ = {};
     r.source = source_;
     return r;
   }
-  /// At power-up, before the first tick: gains of an earlier one. The next take() has them. False: not
-  /// acceptable, none is taken.
+  /// At power-up, before the first tick: stored gains, for the next take(). False: not acceptable, not taken.
   bool restore(const Gains& g) {
     const bool good = parameters_.restore(g);
     request_.has_gains = request_.has_gains || good;
     return good;
   }
-  /// What is wanted of the store since the last call, and what has become of it: told as soon as it changes.
-  /// Without a word of a store there is none.
-  [[nodiscard]] StoreWish take_store_wish() { return std::exchange(store_wish_, StoreWish::none); }
+  [[nodiscard]] StoreRequest take_store_request() {
+    return std::exchange(store_request_, StoreRequest::none);
+  }
+  /// Status of the store, sent when it changes. Without a call there is no store.
   void store_status(const StoreStatus& s) {
-    asked_slots_ = asked_slots_ || s != store_;
+    slots_due_ = slots_due_ || s != store_;
     store_ = s;
   }
   /// A set point that take() gave could not be followed.
   void refuse() { count(Outcome::refused); }
 
-  /// Whether the supervisor computer is missed: no frame at all for more than `silence` ticks in any state
-  /// that it has armed, or while running no sample of a stream that has begun for more than stream_age.
+  /// No frame for more than `silence` ticks in a state that the supervisor computer has armed, or no sample
+  /// of a begun stream for more than `stream_age` ticks.
   [[nodiscard]] bool lost() const {
     const auto silence = static_cast<std::uint32_t>(parameters_[Index::silence]);
     const bool armed = state_ != State::disabled && state_ != State::stopping && state_ != State::fault;
@@ -81,26 +81,26 @@ class CommandLink {
   /// At the end of a tick. `send` says whether the bus took the frame.
   template <class Send>
   void transmit(const Supervisor& s, const Report& r, Send&& send) {
-    follow(s.state());
-    faults_.look(s, static_cast<std::uint32_t>(tick_ * config_.period_ns / 1000U), r.axis, r.drive_error);
-    const bool news = s.state() != told_state_ || s.fault() != told_fault_;
-    const bool status_due = status_.due(config_.status_ticks),
-               telemetry_due = telemetry_.due(config_.telemetry_ticks);
-    if (news || status_due) {
+    change_state(s.state());
+    faults_.update(s, static_cast<std::uint32_t>(tick_ * config_.period_ns / 1000U), r.axis, r.drive_error);
+    const bool changed = s.state() != sent_state_ || s.fault() != sent_fault_;
+    const bool status_due = due(since_status_, config_.status_ticks);
+    const bool telemetry_due = due(since_telemetry_, config_.telemetry_ticks);
+    if (changed || status_due) {
       if (send(encode_status(config_.base_id, status(s), ++counter_))) {
-        told_state_ = s.state();
-        told_fault_ = s.fault();
+        sent_state_ = s.state();
+        sent_fault_ = s.fault();
       }
       faults_.transmit(config_.base_id, s.fault(), send);
     }
-    if (telemetry_due && untold_ == 0) {
-      kept_ = r;
-      untold_ = telemetry_first + r.joints;
+    if (telemetry_due && unsent_ == 0) {
+      telemetry_report_ = r;
+      unsent_ = telemetry_first + r.joints;
     }
-    if (untold_ > 0) telemetry(send);
-    if (table_.due(config_.table_ticks)) {
-      asked_table_ = asked_identity_ = true;
-      asked_slots_ = asked_slots_ || store_.state != StoreState::none;
+    if (unsent_ > 0) telemetry(send);
+    if (due(since_table_, config_.table_ticks)) {
+      table_due_ = identity_due_ = true;
+      slots_due_ = slots_due_ || store_.state != StoreState::none;
     }
     answer(send);
   }
@@ -110,7 +110,6 @@ class CommandLink {
   static constexpr unsigned telemetry_first = 2;  // effector and tracking error, then the joints
 
   // ---- to the controller
-  // --------------------------------------------------------------------------------------
 
   Outcome judge(const hal::CanFrame& f, std::uint8_t m) {
     if (f.size != 8 || f.remote || f.fd) return Outcome::malformed;
@@ -119,14 +118,14 @@ class CommandLink {
       return message == Message::command && intact(f, any_session) ? without_session(f) : Outcome::bad_crc;
     }
     const bool in_order = ahead(m, counter_of(f));
-    if (in_order) {  // whatever becomes of it, it has been heard
+    if (in_order) {  // counts as a sign of life even if it is refused below
       last_[m] = counter_of(f);
       heard_tick_ = tick_;
     }
     if (message == Message::command) {
       const auto c = decode_command(f);
       if (!c) return Outcome::malformed;
-      // What takes torque away is not held up by a counter.
+      // An order that takes torque away needs no counter.
       return in_order || takes_away(c->order) ? order(*c) : Outcome::bad_counter;
     }
     if (!in_order) return Outcome::bad_counter;
@@ -143,14 +142,14 @@ class CommandLink {
         return answer_to(decode_request(f));
     }
   }
-  /// The next frame of this identifier, or not more than the configured number of frames later.
+  /// The alive counter has advanced by 1 to counter_jump_max.
   [[nodiscard]] bool ahead(std::uint8_t m, std::uint8_t counter) const {
     const unsigned step = (counter - last_[m]) & 0x0FU;
     return last_[m] == counter_never || (step >= 1 && step <= config_.counter_jump_max);
   }
   static bool takes_away(Order o) { return o == Order::disarm || o == Order::off; }
 
-  /// From whoever has not heard which session this is: only what takes torque away.
+  /// From a sender without the session: only orders that take torque away.
   Outcome without_session(const hal::CanFrame& f) {
     const auto c = decode_command(f);
     if (!c || !takes_away(c->order)) return Outcome::refused;
@@ -160,7 +159,7 @@ class CommandLink {
   Outcome order(const CommandFrame& c) {
     if (c.order == Order::none) return Outcome::obeyed;
     if (takes_away(c.order)) {
-      // An off of the same tick is not softened by a disarm.
+      // A disarm does not replace an off of the same tick.
       if (request_.command != Command::stop) {
         request_.command = c.order == Order::off ? Command::stop : Command::halt;
       }
@@ -176,9 +175,9 @@ class CommandLink {
         request_.command = Command::enable;
         return Outcome::obeyed;
       case Order::store:
-        return known_table(c) ? keep(StoreWish::store) : Outcome::refused;
+        return known_table(c) ? keep(StoreRequest::store) : Outcome::refused;
       case Order::forget:
-        return keep(StoreWish::forget);
+        return keep(StoreRequest::forget);
       case Order::reset:
         request_.command = Command::reset;
         return Outcome::obeyed;
@@ -194,25 +193,24 @@ class CommandLink {
         return Outcome::obeyed;
     }
   }
-  /// What is armed or stored is what the operator's program has seen.
+  /// The operator's program has seen the table that it arms or stores.
   [[nodiscard]] bool known_table(const CommandFrame& c) const {
     return c.parameters == static_cast<std::uint16_t>(parameters_.crc());
   }
-  /// Until it is done neither arming nor another value: what is stored is one table and not two, and no tick
-  /// with torque has a flash memory at work beside it (on an STM32G4 the data cache is off meanwhile, which
-  /// makes ticks longer).
+  /// Meanwhile neither arming nor writing is possible: the stored table stays consistent, and no tick with
+  /// torque is slowed by the flash (an STM32G4 has no data cache then).
   [[nodiscard]] bool storing() const {
     return store_.state == StoreState::storing || store_.state == StoreState::forgetting;
   }
-  Outcome keep(StoreWish wish) {
+  Outcome keep(StoreRequest request) {
     if (state_ != State::disabled || storing() || store_.state == StoreState::none) return Outcome::refused;
-    store_wish_ = wish;
+    store_request_ = request;
     StoreStatus s = store_;
-    s.state = wish == StoreWish::store ? StoreState::storing : StoreState::forgetting;
+    s.state = request == StoreRequest::store ? StoreState::storing : StoreState::forgetting;
     store_status(s);
-    if (wish == StoreWish::forget) {
+    if (request == StoreRequest::forget) {
       parameters_ = config_.parameters;
-      request_.has_gains = asked_table_ = true;
+      request_.has_gains = table_due_ = true;
     }
     return Outcome::obeyed;
   }
@@ -227,7 +225,7 @@ class CommandLink {
     request_.hold = true;
     return Outcome::obeyed;
   }
-  /// Set points and samples count.
+  /// Set points and samples are accepted.
   [[nodiscard]] bool guided() const { return state_ == State::running && source_ == Source::stream; }
 
   [[nodiscard]] bool within(const std::array<float, 2>& p) const {
@@ -236,7 +234,7 @@ class CommandLink {
       in = in && p[i] >= config_.position[i].lower && p[i] <= config_.position[i].upper;
     return in;
   }
-  /// No coordinate above `most`.
+  /// |coordinate| <= most.
   static bool below(const std::array<float, 2>& v, float most) {
     return v[0] <= most && -v[0] <= most && v[1] <= most && -v[1] <= most;
   }
@@ -254,7 +252,7 @@ class CommandLink {
     return Outcome::obeyed;
   }
 
-  /// Half a sample; its velocity follows with the same counter.
+  /// First half of a sample; its velocity follows with the same counter.
   Outcome position(const hal::CanFrame& f) {
     const auto p = decode_pair(f, position_unit);
     half_ = false;
@@ -281,10 +279,9 @@ class CommandLink {
     request_.velocity = last_velocity_ = v->value;
     return Outcome::obeyed;
   }
-  /// No further from the sample before than speed and acceleration allow, with one tick for the time on the
-  /// way.
+  /// Reachable from the previous sample with speed and acceleration, allowing one tick of delay.
   [[nodiscard]] bool continuous(const std::array<float, 2>& v) const {
-    if (!streaming_) return true;  // the first one is joined by a quintic
+    if (!streaming_) return true;  // a quintic joins the first sample
     const float time = static_cast<float>(tick_ - sample_tick_ + 1) * parameters_[Index::sample_time];
     return below(difference(half_position_, last_position_),
                  parameters_[Index::speed] * time + position_unit) &&
@@ -294,11 +291,11 @@ class CommandLink {
   Outcome write(const std::optional<ParameterWrite>& w) {
     if (!w) return Outcome::malformed;
     answer_ = parameters_.write(w->index, w->value, state_ == State::disabled && !storing());
-    asked_parameter_ = true;
-    asked_index_ = w->index;
+    answer_due_ = true;
+    answer_index_ = w->index;
     if (answer_ != Answer::ok) return Outcome::refused;
     request_.has_gains = true;
-    asked_table_ = true;
+    table_due_ = true;
     return Outcome::obeyed;
   }
   Outcome answer_to(const std::optional<RequestFrame>& q) {
@@ -308,11 +305,11 @@ class CommandLink {
         faults_.read_out();
         break;
       case Subject::table:
-        asked_table_ = asked_identity_ = asked_slots_ = true;
+        table_due_ = identity_due_ = slots_due_ = true;
         break;
       default:
-        asked_parameter_ = true;
-        asked_index_ = q->index;
+        answer_due_ = true;
+        answer_index_ = q->index;
         answer_ = q->index < parameter_count ? Answer::ok : Answer::unknown_index;
         break;
     }
@@ -328,24 +325,16 @@ class CommandLink {
   }
 
   // ---- from the controller
-  // ------------------------------------------------------------------------------------
 
-  /// Once in so many ticks, the first time after so many. A remainder of the tick's number would cost a
-  /// division of 64 bits.
-  class Every {
-   public:
-    [[nodiscard]] bool due(std::uint32_t ticks) {
-      if (++passed_ < ticks || ticks == 0) return false;
-      passed_ = 0;
-      return true;
-    }
+  /// True once in `ticks` calls; never if 0. A remainder of tick_ would cost a division of 64 bits.
+  static bool due(std::uint32_t& passed, std::uint32_t ticks) {
+    if (++passed < ticks || ticks == 0) return false;
+    passed = 0;
+    return true;
+  }
 
-   private:
-    std::uint32_t passed_ = 0;
-  };
-
-  /// What a change of state does to the link: a recording of this episode is worth nothing in the next one.
-  void follow(State now) {
+  /// A new session begins when the controller becomes disabled, so that recorded frames are refused later.
+  void change_state(State now) {
     if (now == State::disabled && state_ != State::disabled) session_ = session_ == 0xFF ? 1 : session_ + 1;
     if (now != State::running) streaming_ = half_ = false;
     if (state_ == State::disabled) heard_tick_ = tick_;
@@ -357,32 +346,33 @@ class CommandLink {
                                                         : Reacted::halt;
     return {s.state(), s.fault(), reacted, source_, streaming_, static_cast<std::uint32_t>(tick_), session_};
   }
-  /// One frame of what one tick was like: a set in a single tick would hold up everything else on the bus.
+  /// One frame per tick of a set of telemetry: a whole set at once would delay other frames on the bus.
   template <class Send>
   void telemetry(Send&& send) {
-    const unsigned done = telemetry_first + kept_.joints - untold_;
+    const unsigned done = telemetry_first + telemetry_report_.joints - unsent_;
     const auto m = static_cast<std::uint8_t>(static_cast<unsigned>(Message::effector) + done);
-    const auto& pair = done == 0 ? kept_.effector : kept_.error;
-    const bool sent = done < telemetry_first
-                          ? send(encode_floats(config_.base_id, m, pair[0], pair[1]))
-                          : send(encode_floats(config_.base_id, m, kept_.angle[done - telemetry_first],
-                                               kept_.torque[done - telemetry_first]));
-    if (sent) --untold_;
+    const auto& pair = done == 0 ? telemetry_report_.effector : telemetry_report_.error;
+    const bool sent =
+        done < telemetry_first
+            ? send(encode_floats(config_.base_id, m, pair[0], pair[1]))
+            : send(encode_floats(config_.base_id, m, telemetry_report_.angle[done - telemetry_first],
+                                 telemetry_report_.torque[done - telemetry_first]));
+    if (sent) --unsent_;
   }
   template <class Send>
   void answer(Send&& send) {
-    if (asked_parameter_) {
-      const bool known = asked_index_ < parameter_count;
-      asked_parameter_ = !send(encode_parameter_value(config_.base_id, asked_index_, answer_,
-                                                      parameters_.writable(asked_index_),
-                                                      known ? parameters_.at(asked_index_) : 0.0F));
+    if (answer_due_) {
+      const bool known = answer_index_ < parameter_count;
+      answer_due_ = !send(encode_parameter_value(config_.base_id, answer_index_, answer_,
+                                                 parameters_.writable(answer_index_),
+                                                 known ? parameters_.at(answer_index_) : 0.0F));
     }
-    if (asked_table_) {
-      asked_table_ = !send(encode_parameter_table(config_.base_id, parameters_.crc(), parameter_count));
+    if (table_due_) {
+      table_due_ = !send(encode_parameter_table(config_.base_id, parameters_.crc(), parameter_count));
       (void)send(encode_counters(config_.base_id, counters_));
     }
-    if (asked_identity_) asked_identity_ = !send(encode_identity(config_.base_id, config_.scene));
-    if (asked_slots_) asked_slots_ = !send(encode_parameter_slots(config_.base_id, store_));
+    if (identity_due_) identity_due_ = !send(encode_identity(config_.base_id, config_.scene));
+    if (slots_due_) slots_due_ = !send(encode_parameter_slots(config_.base_id, store_));
   }
 
   LinkConfig config_{};
@@ -394,25 +384,25 @@ class CommandLink {
                                                     counter_never, counter_never, counter_never};
   std::uint64_t tick_ = 0;
   std::uint64_t sample_tick_ = 0, heard_tick_ = 0;
-  std::uint32_t waited_ticks_ = 0;  ///< of the frame at hand
+  std::uint32_t waited_ticks_ = 0;  // of the present frame
   std::uint8_t session_ = 1;
   std::uint8_t counter_ = 0;  // of Status
   Source source_ = Source::reference;
-  State state_ = State::disabled, told_state_ = State::disabled;
-  Fault told_fault_ = Fault::none;
-  bool streaming_ = false;  // samples came since the start, and neither a set point nor hold after them
-  bool half_ = false;       // a position that waits for its velocity
+  State state_ = State::disabled, sent_state_ = State::disabled;
+  Fault sent_fault_ = Fault::none;
+  bool streaming_ = false;  // the last motion request was a sample
+  bool half_ = false;       // a position waits for its velocity
   std::uint8_t half_counter_ = 0;
   std::array<float, 2> half_position_{}, last_position_{}, last_velocity_{};
-  bool asked_parameter_ = false, asked_table_ = false, asked_slots_ = false;
-  bool asked_identity_ = true;  // by nobody, at power-up
-  Every status_, telemetry_, table_;
-  std::uint8_t asked_index_ = 0;
+  bool answer_due_ = false, table_due_ = false, slots_due_ = false;
+  bool identity_due_ = true;  // sent at power-up without a request
+  std::uint32_t since_status_ = 0, since_telemetry_ = 0, since_table_ = 0;
+  std::uint8_t answer_index_ = 0;
   Answer answer_ = Answer::ok;
   StoreStatus store_{};
-  StoreWish store_wish_ = StoreWish::none;
-  Report kept_{};        // of the tick that is being told
-  unsigned untold_ = 0;  // frames of it
+  StoreRequest store_request_ = StoreRequest::none;
+  Report telemetry_report_{};  // of the tick whose telemetry is being sent
+  unsigned unsent_ = 0;        // frames of it
 };
 
 static_assert(std::is_trivially_copyable_v<CommandLink>);

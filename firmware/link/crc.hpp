@@ -1,17 +1,16 @@
 #pragma once
-/// The two checksums of the command interface, bit by bit: a frame has ten bytes to check, and the table of
-/// parameters changes seldom.
+/// The two checksums of the command interface, bit by bit: there are few bytes to check.
 
 #include <cstdint>
 #include <span>
 
 namespace esmc::link {
 
-/// CRC-8/SAE-J1850: polynomial 0x1D, start 0xFF, result inverted, nothing reflected. `crc` takes what an
-/// earlier part gave before its inversion; start with crc8_start.
+/// CRC-8/SAE-J1850: polynomial 0x1D, start 0xFF, result inverted, nothing reflected. crc8_add takes the state
+/// before the inversion, at first crc8_start.
 inline constexpr std::uint8_t crc8_start = 0xFF;
 inline constexpr std::uint8_t crc8_inverted = 0xFF;
-[[nodiscard]] constexpr std::uint8_t crc8_part(std::uint8_t crc, std::uint8_t byte) {
+[[nodiscard]] constexpr std::uint8_t crc8_add(std::uint8_t crc, std::uint8_t byte) {
   constexpr unsigned polynomial = 0x1D;
   unsigned c = crc ^ byte;
   for (int bit = 0; bit < 8; ++bit) c = (c & 0x80U) != 0 ? (c << 1U) ^ polynomial : c << 1U;
@@ -19,14 +18,13 @@ inline constexpr std::uint8_t crc8_inverted = 0xFF;
 }
 [[nodiscard]] constexpr std::uint8_t crc8(std::span<const std::uint8_t> bytes) {
   std::uint8_t c = crc8_start;
-  for (const std::uint8_t b : bytes) c = crc8_part(c, b);
+  for (const std::uint8_t b : bytes) c = crc8_add(c, b);
   return static_cast<std::uint8_t>(c ^ crc8_inverted);
 }
 
-/// CRC-32/ISO-HDLC (Ethernet, zip): polynomial 0x04C11DB7, start and final inversion of all bits, both
-/// reflected.
+/// CRC-32/ISO-HDLC (Ethernet, zip): polynomial 0x04C11DB7, reflected, start and result inverted.
 inline constexpr std::uint32_t crc32_start = 0xFFFF'FFFF;
-[[nodiscard]] constexpr std::uint32_t crc32_part(std::uint32_t crc, std::uint8_t byte) {
+[[nodiscard]] constexpr std::uint32_t crc32_add(std::uint32_t crc, std::uint8_t byte) {
   constexpr std::uint32_t polynomial_reflected = 0xEDB8'8320;
   crc ^= byte;
   for (int bit = 0; bit < 8; ++bit) crc = (crc & 1U) != 0 ? (crc >> 1U) ^ polynomial_reflected : crc >> 1U;
@@ -34,7 +32,7 @@ inline constexpr std::uint32_t crc32_start = 0xFFFF'FFFF;
 }
 [[nodiscard]] constexpr std::uint32_t crc32(std::span<const std::uint8_t> bytes) {
   std::uint32_t c = crc32_start;
-  for (const std::uint8_t b : bytes) c = crc32_part(c, b);
+  for (const std::uint8_t b : bytes) c = crc32_add(c, b);
   return ~c;
 }
 

@@ -1,5 +1,5 @@
 #pragma once
-/// What the supervisor computer can read about faults: how often, when last, and what the drives said.
+/// The record of faults that the supervisor computer can read.
 
 #include <array>
 #include <cstdint>
@@ -8,11 +8,11 @@
 
 namespace esmc::link {
 
-/// One record per fault: how often, and of its last occurrence time, motor and what that said.
+/// One record per fault: number of occurrences; time, motor and drive error of the last one.
 class FaultMemory {
  public:
-  /// Once per tick. `axis`, `drive_error`: what a motor says now, for faults that are new in this tick.
-  void look(const Supervisor& s, std::uint32_t time_us, std::uint8_t axis, std::uint32_t drive_error) {
+  /// Once per tick. `axis`, `drive_error`: of the drive that reports an error, for faults new in this tick.
+  void update(const Supervisor& s, std::uint32_t time_us, std::uint8_t axis, std::uint32_t drive_error) {
     for (unsigned i = 1; i < count; ++i) {
       FaultRecord& r = records_[i];
       const std::uint16_t n = s.count(r.fault = static_cast<Fault>(i));
@@ -21,12 +21,12 @@ class FaultMemory {
       pending_[i] = true;
     }
   }
-  /// Every fault there has been, and the end mark.
+  /// Queues every fault that has occurred, and the end mark.
   void read_out() {
     for (unsigned i = 1; i < count; ++i) pending_[i] = pending_[i] || records_[i].count > 0;
     pending_[0] = true;
   }
-  /// Sends at most one record: the one of `first` before others.
+  /// Sends at most one queued record, that of `first` before others.
   template <class Send>
   void transmit(std::uint32_t base, Fault first, Send&& send) {
     unsigned i = static_cast<unsigned>(first);

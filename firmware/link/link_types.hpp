@@ -1,5 +1,5 @@
 #pragma once
-/// What goes into the controller's end of the command interface, and what comes out of it.
+/// Configuration, input and output of the controller's end of the command interface.
 
 #include <array>
 #include <cstdint>
@@ -11,23 +11,22 @@ namespace esmc::link {
 
 /// Identifiers, times and rights of the link.
 struct LinkConfig {
-  std::uint32_t base_id = 0;  ///< of the block of identifiers, a multiple of block_size; 0: no link
-  std::uint8_t session = 1;   ///< 1..255; another one at every power-up, as far as the machine can
-  std::uint8_t counter_jump_max =
-      2;  ///< frames of an identifier, this one included, since the last one that was in order
-  std::uint16_t command_age_ticks_max = 0;  ///< how old the Status may be that an order answers
+  std::uint32_t base_id = 0;          ///< of the block of identifiers, a multiple of block_size; 0: no link
+  std::uint8_t session = 1;           ///< 1..255; drawn at every power-up where the board has a random source
+  std::uint8_t counter_jump_max = 2;  ///< largest step of an alive counter
+  std::uint16_t command_age_ticks_max = 0;  ///< largest age of the Status that an order answers
   std::uint32_t status_ticks = 1;           ///< between two Status, > 0
   std::uint32_t telemetry_ticks = 0;        ///< between two sets of telemetry; 0: none
-  std::uint32_t table_ticks = 0;  ///< between two Parameter_Table and Link_Counters; 0: on request only
-  std::uint32_t period_ns = 0;    ///< of a tick
+  std::uint32_t table_ticks = 0;            ///< between two Parameter_Table; 0: on request only
+  std::uint32_t period_ns = 0;              ///< of a tick
   Source source = Source::reference;
   Space space = Space::effector;
   std::array<Bounds, 2> position{};  ///< of set points and samples, m or rad
-  std::uint32_t scene = 0;           ///< CRC-32 of what of the scene is in the controller; 0: not known
-  Parameters parameters{};           ///< and of these speed, acceleration, stream_age, silence, sample_time
+  std::uint32_t scene = 0;           ///< CRC-32 of the values of the scene; 0: not known
+  Parameters parameters{};
 };
 
-/// What became of a frame.
+/// Result of a received frame.
 enum class Outcome : std::uint8_t {
   not_mine,
   obeyed,
@@ -35,10 +34,10 @@ enum class Outcome : std::uint8_t {
   bad_crc,
   bad_counter,      ///< repeated, or further ahead than counter_jump_max
   refused,          ///< out of bounds, too old, or not in this state
-  foreign_command,  ///< what only we may send
+  foreign_command,  ///< an identifier of ours, sent by another node
 };
 
-/// What the supervisor computer wants of the next tick. Set points and samples are in the controller's space.
+/// Requests for the next tick. Set points and samples are in the controller's space.
 struct Request {
   Command command = Command::none;
   Source source = Source::reference;
@@ -50,17 +49,16 @@ struct Request {
   std::array<float, 2> velocity{};  ///< of the sample
 };
 
-/// What is wanted of the store of parameters.
-enum class StoreWish : std::uint8_t { none, store, forget };
+/// Request to the store of parameters.
+enum class StoreRequest : std::uint8_t { none, store, forget };
 
-/// What the cycle knows at the end of a tick.
+/// State of the controller at the end of a tick, for telemetry.
 struct Report {
   std::array<float, 2> effector{}, error{};         ///< m
   std::array<float, joints_max> angle{}, torque{};  ///< rad, N m
   std::uint8_t joints = 0;
-  std::uint8_t axis =
-      no_axis;  ///< a motor whose drive reports an error, or the encoder that contradicts the others
-  std::uint32_t drive_error = 0;  ///< which
+  std::uint8_t axis = no_axis;    ///< motor with a drive error, or the encoder that contradicts the others
+  std::uint32_t drive_error = 0;  ///< error code of that drive
 };
 
 }  // namespace esmc::link

@@ -1,7 +1,6 @@
 #pragma once
-/// The gains in a memory that outlives the power: records in two slots, of which the newest valid one counts
-/// at power-up. A new record goes into the other slot, so that a loss of power at any step leaves the older
-/// one.
+/// Gains in a non-volatile memory: records in two slots, of which the newest valid one is used at power-up. A
+/// new record goes into the other slot, so that a loss of power at any step leaves the older one.
 
 #include <array>
 #include <bit>
@@ -17,21 +16,21 @@
 namespace esmc::link {
 
 /// Words of 32 bits: mark and format, sequence number, scene, gains, CRC-32/ISO-HDLC over the bytes of all
-/// words before it, little endian. Whatever a later format holds, its first word keeps its meaning.
+/// previous words, little endian. The first word keeps its meaning in every later format.
 struct SlotRecord {
   static constexpr unsigned words = 4 + gain_count;
   static constexpr std::uint32_t mark = 0x4553'4D00U, format_mask = 0xFF;  // "ESM", then the format
   static constexpr std::uint32_t format = 1;
   using Words = std::array<std::uint32_t, words>;
 
-  std::uint32_t sequence = 0;  ///< one more than in the newest record before it, modulo 2^32
+  std::uint32_t sequence = 0;  ///< one more than in the previous record, modulo 2^32
   std::uint32_t scene = 0;     ///< LinkConfig::scene of the image that wrote it
   Gains gains{};
 
   static constexpr std::uint32_t sum(const Words& w) {
     std::uint32_t c = crc32_start;
     for (unsigned i = 0; i + 1 < words; ++i) {
-      for (unsigned k = 0; k < 4; ++k) c = crc32_part(c, static_cast<std::uint8_t>(w[i] >> (8U * k)));
+      for (unsigned k = 0; k < 4; ++k) c = crc32_add(c, static_cast<std::uint8_t>(w[i] >> (8U * k)));
     }
     return ~c;
   }
@@ -43,19 +42,18 @@ struct SlotRecord {
   }
 };
 
-/// `Memory`: a hal::SlotMemory; operations are begun and looked after by poll(), a small step per call.
+/// Store of gains on a hal::SlotMemory. poll() carries out operations, a small step per call.
 template <hal::SlotMemory Memory>
 class ParameterSlots {
  public:
   static_assert(SlotRecord::words % Memory::unit_words == 0, "a record is whole units of the memory");
 
-  /// `baked`: values and bounds of the image; `scene`: its identity, 0, not known, has no store. An operation
-  /// of the memory that takes more than `polls_max` calls of poll() has failed.
+  /// `baked`: values and bounds of the image; `scene`: its identity, 0 (not known): no store. An operation of
+  /// the memory that takes more than `polls_max` calls of poll() has failed.
   ParameterSlots(Memory& memory, const Parameters& baked, std::uint32_t scene, std::uint32_t polls_max)
       : memory_(memory), baked_(baked), scene_(scene), polls_max_(polls_max) {}
 
-  /// At power-up: the gains of the newest record that this image can use as a whole. Empty: those that are
-  /// baked.
+  /// At power-up: gains of the newest record that this image can use as a whole. Empty: use the baked gains.
   [[nodiscard]] std::optional<Gains> load() {
     if (scene_ == 0 || !memory_.available()) return std::nullopt;
     status_.state = StoreState::idle;
@@ -70,27 +68,26 @@ class ParameterSlots {
     return status_.state == StoreState::storing || status_.state == StoreState::forgetting;
   }
 
-  /// Not while busy() or without a store: nothing happens then.
+  /// Ignored while busy() and without a store.
   void store(const Gains& gains) {
     if (!begin(StoreState::storing)) return;
     std::uint32_t next = newest_ + 1;
-    // The newest one may be another scene's and half a round away: of the record that counts the next is to
-    // be the later one.
+    // The newest record may belong to another scene: the new one must be later than the record in use.
     if (current_ != none && !later(next, slots_[current_].sequence)) next = slots_[current_].sequence + 1;
     record_ = SlotRecord{next, scene_, gains}.encode();
   }
-  /// The older record goes first: a loss of power between the two must not bring it back.
+  /// Erases the older record first: a loss of power in between must not bring it back.
   void forget() {
     if (!begin(StoreState::forgetting)) return;
     record_.fill(hal::erased_word);
     second_ = true;
   }
 
-  /// One step: begins an operation, or compares a word, or finds the memory busy.
+  /// One step of the present operation.
   void poll() {
     if (!busy()) {
-      // An operation that was given up may end after all, and leaves the memory as it should be.
-      if (memory_.poll() != hal::MemoryStatus::busy && std::exchange(unseen_, false)) survey();
+      // An operation that timed out may still end and leave the memory as ordered.
+      if (memory_.poll() != hal::MemoryStatus::busy && std::exchange(unknown_, false)) survey();
       return;
     }
     switch (memory_.poll()) {
@@ -100,24 +97,16 @@ class ParameterSlots {
       case hal::MemoryStatus::busy:
         if (++polls_ > polls_max_) {
           fail();
-          unseen_ = true;
+          unknown_ = true;
         }
         return;
       case hal::MemoryStatus::failed:
         fail();
         return;
     }
-    switch (step_) {
-      case Step::erase:
-        erase();
-        return;
-      case Step::program:
-        program();
-        return;
-      case Step::verify:
-        verify();
-        return;
-    }
+    if (step_ == Step::erase) return erase();
+    if (step_ == Step::program) return program();
+    verify();
   }
 
  private:
@@ -128,13 +117,13 @@ class ParameterSlots {
     SlotContent content = SlotContent::empty;
     std::uint32_t sequence = 0;
     Gains gains{};
-    /// Whole, of whatever scene.
+    /// Whole, of any scene.
     [[nodiscard]] bool intact() const {
       return content == SlotContent::valid || content == SlotContent::other_scene ||
              content == SlotContent::out_of_bounds;
     }
   };
-  /// Sequence numbers go round: of two records the one less than half a round ahead.
+  /// Sequence numbers wrap: `a` is later if it is less than half of the range ahead.
   static bool later(std::uint32_t a, std::uint32_t b) { return static_cast<std::int32_t>(a - b) > 0; }
 
   [[nodiscard, gnu::noinline]] Slot judge(unsigned slot) {
@@ -145,7 +134,7 @@ class ParameterSlots {
       readable = memory_.read(slot, i, w[i]) && readable;
       erased = erased && w[i] == hal::erased_word;
     }
-    s.content = erased ? SlotContent::empty : SlotContent::damaged;  // a word that cannot be read stays 0
+    s.content = erased ? SlotContent::empty : SlotContent::damaged;  // an unreadable word stays 0
     if (!readable || (w[0] & ~SlotRecord::format_mask) != SlotRecord::mark) return s;
     if ((w[0] & SlotRecord::format_mask) != SlotRecord::format) {
       s.content = SlotContent::other_format;
@@ -160,7 +149,7 @@ class ParameterSlots {
     return s;
   }
 
-  /// What is in both slots, and which of them counts.
+  /// Reads both slots and chooses the record in use.
   void survey() {
     current_ = none;
     newest_ = status_.sequence = 0;
@@ -178,21 +167,20 @@ class ParameterSlots {
     if (current_ != none) status_.sequence = slots_[current_].sequence;
   }
 
-  /// The slot that can be spared: not that of the record that counts; where none does, the older one of other
-  /// scenes.
+  /// The slot for the next record: not that of the record in use; without one, the older of other scenes.
   [[nodiscard]] unsigned spare() const {
     if (current_ != none) return 1U - current_;
     if (!slots_[0].intact() || !slots_[1].intact()) return slots_[0].intact() ? 1 : 0;
     return later(slots_[0].sequence, slots_[1].sequence) ? 1 : 0;
   }
 
-  bool begin(StoreState what) {
+  bool begin(StoreState operation) {
     if (busy() || status_.state == StoreState::none) return false;
-    if (unseen_) {  // which slot can be spared is not known: it might be that of the only record
+    if (unknown_) {  // the only record might be in the slot that would be erased
       status_.state = StoreState::failed;
       return false;
     }
-    status_.state = what;
+    status_.state = operation;
     target_ = spare();
     step_ = Step::erase;
     second_ = false;
@@ -227,7 +215,7 @@ class ParameterSlots {
     status_.state = status_.state == StoreState::storing ? StoreState::stored : StoreState::forgotten;
     survey();
   }
-  /// Whatever is in the slots now is what the next power-up will find.
+  /// The status then shows the slots as the next power-up will find them.
   void fail() {
     status_.state = StoreState::failed;
     survey();
@@ -243,29 +231,22 @@ class ParameterSlots {
   SlotRecord::Words record_{};
   Step step_ = Step::erase;
   bool second_ = false;
-  bool unseen_ = false;  ///< the memory is at work on what was given up: what is in the slots is not known
+  bool unknown_ = false;  ///< an operation timed out and goes on: the content of the slots is not known
 };
 
-/// At power-up, before the first tick: the stored gains, where there are some that can be used.
+/// At power-up, before the first tick: takes the stored gains if they can be used.
 template <class Memory>
 void restore(CommandLink& link, ParameterSlots<Memory>& slots) {
-  if (!link.active()) return;                                       // nobody could order anything of it
-  if (const auto gains = slots.load()) (void)link.restore(*gains);  // judged by the bounds that the link has
+  if (!link.active()) return;  // no orders can come
+  if (const auto gains = slots.load()) (void)link.restore(*gains);
   link.store_status(slots.status());
 }
-/// Between two ticks: what the supervisor computer wants of the store, and one step of it.
+/// Between two ticks: passes a request to the store, and polls it once.
 template <class Memory>
 void serve(CommandLink& link, ParameterSlots<Memory>& slots) {
-  switch (link.take_store_wish()) {
-    case StoreWish::none:
-      break;
-    case StoreWish::store:
-      slots.store(link.parameters().gains());
-      break;
-    case StoreWish::forget:
-      slots.forget();
-      break;
-  }
+  const StoreRequest request = link.take_store_request();
+  if (request == StoreRequest::store) slots.store(link.parameters().gains());
+  if (request == StoreRequest::forget) slots.forget();
   slots.poll();
   link.store_status(slots.status());
 }

@@ -1,5 +1,5 @@
 #pragma once
-/// The table of parameters that the supervisor computer can read, and in part write.
+/// The table of parameters: readable by the supervisor computer, gains writable.
 
 #include <array>
 #include <bit>
@@ -9,31 +9,31 @@
 
 namespace esmc::link {
 
-/// Index in the table. Gains apply to every channel of their kind.
+/// Index in the table, as sent: append only. Gains apply to every channel of their kind.
 enum class Index : std::uint8_t {
-  lambda_position,  ///< 1/s
-  lambda_angle,     ///< 1/s
-  gain_position,    ///< m/s2
-  gain_angle,       ///< rad/s2
-  sample_time,      ///< s
-  torque_limit_1,   ///< N m, first base joint
-  torque_limit_2,   ///< N m, second base joint
-  joint_speed,      ///< rad/s, limit of the base joints
-  speed,            ///< m/s or rad/s, of a set point's quintic
-  acceleration,     ///< m/s2 or rad/s2
-  stream_age,       ///< ticks without a sample after which a stream is lost
-  silence,          ///< ticks without any frame after which the supervisor computer is lost; 0: any
+  lambda_position = 0,  ///< 1/s
+  lambda_angle = 1,     ///< 1/s
+  gain_position = 2,    ///< m/s2
+  gain_angle = 3,       ///< rad/s2
+  sample_time = 4,      ///< s
+  torque_limit_1 = 5,   ///< N m, first base joint
+  torque_limit_2 = 6,   ///< N m, second base joint
+  joint_speed = 7,      ///< rad/s, limit of the base joints
+  speed = 8,            ///< m/s or rad/s, of a set point's quintic
+  acceleration = 9,     ///< m/s2 or rad/s2
+  stream_age = 10,      ///< ticks without a sample after which a stream is lost
+  silence = 11,         ///< ticks without any frame after which the supervisor computer is lost; 0: any
 };
 inline constexpr std::uint8_t parameter_count = static_cast<std::uint8_t>(Index::silence) + 1;
 inline constexpr std::uint8_t gain_count = 4;  ///< the first ones; only these can be written
 
-/// Of a gain that may be written.
+/// Closed interval of a writable gain.
 struct Bounds {
   float lower = 0, upper = 0;
 };
 using Gains = std::array<float, gain_count>;
 
-/// Gains that a supervisor computer may change.
+/// Values of the table, bounds of the gains, and the checksum of the values.
 class Parameters {
  public:
   using Values = std::array<float, parameter_count>;
@@ -64,7 +64,7 @@ class Parameters {
   }
 
   [[nodiscard]] Gains gains() const { return {values_[0], values_[1], values_[2], values_[3]}; }
-  /// Every one within its bounds; what cannot be written is as it is, bit by bit.
+  /// Writable gains are within their bounds, the others equal to the present value, bit by bit.
   [[nodiscard]] bool acceptable(const Gains& g) const {
     bool good = true;
     for (std::uint8_t i = 0; i < gain_count; ++i) {
@@ -74,7 +74,7 @@ class Parameters {
     }
     return good;
   }
-  /// All of them, or, where one is not acceptable, none.
+  /// Takes all gains if they are acceptable, else none.
   bool restore(const Gains& g) {
     if (!acceptable(g)) return false;
     for (unsigned i = 0; i < gain_count; ++i) values_[i] = g[i];
@@ -90,7 +90,7 @@ class Parameters {
     std::uint32_t c = crc32_start;
     for (const float v : values_) {
       const auto word = std::bit_cast<std::uint32_t>(v);
-      for (unsigned i = 0; i < 4; ++i) c = crc32_part(c, static_cast<std::uint8_t>(word >> (8U * i)));
+      for (unsigned i = 0; i < 4; ++i) c = crc32_add(c, static_cast<std::uint8_t>(word >> (8U * i)));
     }
     crc_ = ~c;
   }

@@ -1,44 +1,54 @@
 #pragma once
 /// The coupling algorithm of the report, eqs. (37)-(47): a platform and serial legs, joined at their tips.
+/// model.md section 3.
 ///
-/// With the platform's p0# as independent coordinates, leg j turns at qd_j = J_j^-1 (velocity of its
-/// attachment point), so that the whole C = blkdiag(C_0, C_1, ..) C^ of model.md [F10], [F11] is leg-wise:
-/// neither C nor A is formed. `chain_*` go from p# to everything (C), `gather` comes back (C^T).
+/// With the platform's p0# as independent coordinates, leg j turns at J_j^-1 (velocity of its attachment
+/// point), so that C = blkdiag(C_0, C_1, ..) C^ [F10], [F11] is evaluated leg by leg: neither C nor A is
+/// formed. `chain_*` and `channel_*` go from p# to all channels (C), `gather` goes back (C^T).
 
 #include "firmware/mechanism/serial.hpp"
 #include "firmware/types.hpp"
 
 namespace esmc {
 
-/// A point mass that all legs hold: q0 = (x, y), every leg is attached to the point itself.
+/// A platform that is a point mass (48): q0 = (x, y), every leg is attached to the point itself.
 ///
-/// What Coupling asks of a platform, leg by leg, is here. A platform with bodies to turn has a Pose that says
-/// how it lies, and `turns`: its attachment points then accelerate by `attachment_bias` at constant rates.
+/// Coupling asks a platform for these members. A platform that turns adds to `Pose` how it lies and sets
+/// `turns`: its attachment points then accelerate by `attachment_bias(pose, leg, a, b)` at constant rates.
 template <class S>
 struct PointMass {
   static constexpr int dof = 2;
   static constexpr int channels = 2;
   static constexpr bool turns = false;
-  struct Pose {};
-  S mass{};
-  S gravity{};
+  /// Configuration of the platform.
+  struct Pose {
+    Vec2<S> effector;  ///< in N, m
+  };
+  S mass{};     ///< m0, kg
+  S gravity{};  ///< m/s2
 
+  /// Velocity of attachment point `leg` by p0#: (dq/dq0) D+ of (39), here 1.
   [[nodiscard]] static Vec2<S> attachment_rate(const Pose&, int, const Vec2<S>& v) { return v; }
-  /// Transpose of attachment_rate: what a force on the attachment point does to p0#.
+  /// Its transpose: force on p0# by a force on the attachment point.
   [[nodiscard]] static Vec2<S> attachment_force(const Pose&, int, const Vec2<S>& f) { return f; }
+  /// e = q_d - q, m.
+  [[nodiscard]] static Vec2<S> error(const Pose& desired, const Pose& actual) {
+    return desired.effector - actual.effector;
+  }
+  /// M_0 v' + g_0, N.
   [[nodiscard]] Vec2<S> force(const Vec2<S>& v) const { return {mass * v.x(), mass * (v.y() + gravity)}; }
   [[nodiscard]] Vec2<S> weight() const { return Vec2<S>::Constant(mass); }  ///< diagonal of M_0
 };
 
-/// How the frame of a leg lies in N: its origin, and whether it is mirrored (x to the left, angles
-/// clockwise).
+/// Frame Nj of leg j in N: its origin, and whether it is mirrored (x to the left, angles clockwise).
 template <class S>
 struct LegFrame {
-  Vec2<S> base = Vec2<S>::Zero();
-  S mirror{1};  ///< +1 parallel to N, -1 mirrored: S_j = diag(mirror, 1) of model.md (56)
+  Vec2<S> base = Vec2<S>::Zero();  ///< m
+  S mirror{1};                     ///< +1 parallel to N, -1 mirrored: S_j = diag(mirror, 1) (56)
 
+  /// S_j v, which is its own inverse.
   [[nodiscard]] Vec2<S> to_leg(const Vec2<S>& v) const { return {mirror * v.x(), v.y()}; }
-  [[nodiscard]] Vec2<S> from_leg(const Vec2<S>& v) const { return {mirror * v.x(), v.y()}; }
+  [[nodiscard]] Vec2<S> from_leg(const Vec2<S>& v) const { return to_leg(v); }
   [[nodiscard]] Vec2<S> point_to_leg(const Vec2<S>& p) const { return to_leg(p - base); }
   [[nodiscard]] Vec2<S> point_from_leg(const Vec2<S>& p) const { return base + from_leg(p); }
 };
@@ -49,35 +59,32 @@ class Coupling {
  public:
   using Scalar = S;
   static constexpr int legs = Legs;
-  static constexpr int dof = Platform::dof;
   static constexpr int joints = Legs * Leg::joints;
   static constexpr int channels = Platform::channels + Legs * Leg::channels;
-  using Independent = Vec<S, dof>;    ///< p0#: platform coordinates
-  using Channels = Vec<S, channels>;  ///< rows of p in the order of model.md section 4
-  using Joints = Vec<S, joints>;
+  using Independent = Vec<S, Platform::dof>;  ///< p0#: platform coordinates
+  using Channels = Vec<S, channels>;          ///< rows of p in the order of model.md section 4
 
-  /// Velocities (or accelerations) of platform and joints together: what p# determines through C^. Like a
-  /// vector, not initialised by itself.
+  /// [p0#; joint rates] = C^ p#, or accelerations likewise [F10]. Not initialised by itself.
   struct Rates {
     Independent platform;
     List<typename Leg::Joints, Legs> leg;
 
-    [[nodiscard]] static Rates zero() {
+    [[nodiscard]] static Rates Zero() {
       Rates r;
       r.platform.setZero();
       for (auto& j : r.leg.items) j.setZero();
       return r;
     }
-    friend void add(Rates& to, const Rates& what) {
-      to.platform += what.platform;
-      unroll<Legs>([&](auto j) ESMC_INLINE { to.leg[j] += what.leg[j]; });
+    Rates& operator+=(const Rates& other) {
+      platform += other.platform;
+      unroll<Legs>([&](auto j) ESMC_INLINE { leg[j] += other.leg[j]; });
+      return *this;
     }
   };
 
-  /// Configuration of the legs and of the platform.
-  struct LegPoses {
+  /// Configuration of platform and legs.
+  struct LegPoses : Platform::Pose {
     List<typename Leg::Pose, Legs> leg;
-    [[no_unique_address]] typename Platform::Pose platform;
   };
 
   Coupling() = default;
@@ -92,125 +99,155 @@ class Coupling {
     return row < Platform::channels || Leg::has_mass((row - Platform::channels) % Leg::channels);
   }
 
-  /// C^ p#. Pole at type 1 of any leg.
+  /// C^ p# (39), [F10], for the 5R [F12]. Pole at type 1 of any leg.
   [[nodiscard]] Rates chain_rates(const LegPoses& p, const Independent& platform) const {
     Rates out;
     out.platform = platform;
     unroll<Legs>([&](auto j) ESMC_INLINE {
-      out.leg[j] =
-          leg_[j].tip_inverse(p.leg[j], frame_[j].to_leg(platform_.attachment_rate(p.platform, j, platform)));
+      out.leg[j] = leg_[j].tip_inverse(p.leg[j], frame_[j].to_leg(platform_.attachment_rate(p, j, platform)));
     });
     return out;
   }
 
-  /// d/dt (C^ p#): joint accelerations that go with a platform acceleration, closure kept. Pole at type 1.
+  /// d/dt (C^ p#) [F22]: joint accelerations J_j^-1 (S_j a - Jdot_j qd_j) of a platform acceleration a. Pole
+  /// at type 1.
   [[nodiscard]] Rates chain_accelerations(const LegPoses& p, const Rates& rates,
                                           const Independent& platform) const {
     Rates out;
     out.platform = platform;
     unroll<Legs>([&](auto j) ESMC_INLINE {
-      const Vec2<S> tip = frame_[j].to_leg(platform_.attachment_rate(p.platform, j, platform)) -
-                          leg_[j].tip_bias(p.leg[j], rates.leg[j], rates.leg[j]);
-      if constexpr (Platform::turns) {
-        const Vec2<S> drift = platform_.attachment_bias(p.platform, j, rates.platform, rates.platform);
-        out.leg[j] = leg_[j].tip_inverse(p.leg[j], tip + frame_[j].to_leg(drift));
-      } else {
-        out.leg[j] = leg_[j].tip_inverse(p.leg[j], tip);
-      }
+      out.leg[j] = leg_[j].tip_inverse(p.leg[j], frame_[j].to_leg(platform_.attachment_rate(p, j, platform)) -
+                                                     closure_bias(p, j, rates, rates));
     });
     return out;
   }
 
-  /// d/dt of C along motion a, applied to b: Cdot(a) b of all channels. Symmetric; c = bias(a, a) [F16].
-  /// `ddq` are the joint accelerations C^dot(a) b, from chain_bias.
+  /// d/dt of C^ along motion a, applied to b: -J_j^-1 Jdot_j(a) b, which is q''_j0 of [F16] for a = b.
   [[nodiscard]] Rates chain_bias(const LegPoses& p, const Rates& a, const Rates& b) const {
     Rates out;
     out.platform.setZero();
-    unroll<Legs>([&](auto j) ESMC_INLINE {
-      if constexpr (Platform::turns) {
-        const Vec2<S> drift = platform_.attachment_bias(p.platform, j, a.platform, b.platform);
-        out.leg[j] = leg_[j].tip_inverse(
-            p.leg[j], frame_[j].to_leg(drift) - leg_[j].tip_bias(p.leg[j], a.leg[j], b.leg[j]));
-      } else {
-        out.leg[j] = leg_[j].tip_inverse(p.leg[j], -leg_[j].tip_bias(p.leg[j], a.leg[j], b.leg[j]));
-      }
-    });
+    unroll<Legs>([&](auto j)
+                     ESMC_INLINE { out.leg[j] = leg_[j].tip_inverse(p.leg[j], -closure_bias(p, j, a, b)); });
     return out;
   }
 
-  /// blkdiag(C_j): all channels from platform and joint rates.
+  /// blkdiag(C_j) (40), [F11]: all channels from platform and joint rates.
   [[nodiscard]] Channels channel_rates(const LegPoses& p, const Rates& r) const {
-    Channels out;
-    out.template head<Platform::channels>() = r.platform;
-    unroll<Legs>([&](auto j) ESMC_INLINE {
-      out.template segment<Leg::channels>(row_leg(j)) = leg_[j].rates(p.leg[j], r.leg[j]);
-    });
-    return out;
+    return assembled(r.platform, [&](auto j) ESMC_INLINE { return leg_[j].rates(p.leg[j], r.leg[j]); });
   }
 
-  /// blkdiag(C_j) times joint accelerations plus Cdot_j(a) b: all channel accelerations.
+  /// blkdiag(C_j) times joint accelerations plus Cdot_j(a) b: all channel accelerations [F16].
   [[nodiscard]] Channels channel_accelerations(const LegPoses& p, const Rates& a, const Rates& b,
                                                const Rates& acceleration) const {
     Channels out;
     out.template head<Platform::channels>() = acceleration.platform;
     unroll<Legs>([&](auto j) ESMC_INLINE {
-      out.template segment<Leg::channels>(row_leg(j)) =
+      rows_of(out, j) =
           leg_[j].rates(p.leg[j], acceleration.leg[j]) + leg_[j].bias(p.leg[j], a.leg[j], b.leg[j]);
     });
     return out;
   }
+  /// The same along the motion r itself: pdot = C a + c [F20].
   [[nodiscard]] Channels channel_accelerations(const LegPoses& p, const Rates& r,
                                                const Rates& acceleration) const {
     return channel_accelerations(p, r, r, acceleration);
   }
 
-  /// M v' + f + g, channel by channel [F11]; f from the joint rates.
+  /// M v' + f + g of (37) and (95), [F11], channel by channel, N m and N; f from the joint rates.
   [[nodiscard, gnu::always_inline]] Channels force(const Channels& v, const Rates& r) const {
-    Channels out;
-    out.template head<Platform::channels>() = platform_.force(v.template head<Platform::channels>());
-    unroll<Legs>([&](auto j) ESMC_INLINE {
-      out.template segment<Leg::channels>(row_leg(j)) =
-          leg_[j].force(v.template segment<Leg::channels>(row_leg(j)), r.leg[j]);
-    });
-    return out;
+    return assembled(platform_.force(v.template head<Platform::channels>()),
+                     [&](auto j) ESMC_INLINE { return leg_[j].force(rows_of(v, j), r.leg[j]); });
   }
 
-  /// Diagonal of M.
+  /// Diagonal of M (43), kg m2 and kg.
   [[nodiscard]] Channels mass() const {
-    Channels out;
-    out.template head<Platform::channels>() = platform_.weight();
-    unroll<Legs>([&](auto j)
-                     ESMC_INLINE { out.template segment<Leg::channels>(row_leg(j)) = leg_[j].mass(); });
-    return out;
+    return assembled(platform_.weight(), [&](auto j) ESMC_INLINE { return leg_[j].mass(); });
   }
 
-  /// C_j^T w: what forces on the channels of each leg do on its joints.
+  /// C_j^T w: joint torques (N m) of forces on the channels of each leg, the transpose of `channel_rates`.
   [[nodiscard, gnu::always_inline]] List<typename Leg::Joints, Legs> leg_torques(const LegPoses& p,
                                                                                  const Channels& w) const {
     List<typename Leg::Joints, Legs> out;
-    unroll<Legs>([&](auto j) ESMC_INLINE {
-      out[j] = leg_[j].joint_torques(p.leg[j], w.template segment<Leg::channels>(row_leg(j)));
-    });
+    unroll<Legs>([&](auto j) ESMC_INLINE { out[j] = leg_[j].joint_torques(p.leg[j], rows_of(w, j)); });
     return out;
   }
 
-  /// C^^T [w0; tau]: forces on the platform and torques at all joints, gathered on p0#. Pole at type 1.
+  /// C^^T [w0; tau]: force on p0# by forces w0 on the platform and torques tau at all joints, the transpose
+  /// of `chain_rates`. Pole at type 1.
   [[nodiscard]] Independent gather(const LegPoses& p, const Independent& w0,
                                    const List<typename Leg::Joints, Legs>& tau) const {
     Independent out = w0;
     unroll<Legs>([&](auto j) ESMC_INLINE {
-      out +=
-          platform_.attachment_force(p.platform, j, frame_[j].from_leg(leg_[j].tip_force(p.leg[j], tau[j])));
+      out += platform_.attachment_force(p, j, frame_[j].from_leg(leg_[j].tip_force(p.leg[j], tau[j])));
     });
     return out;
   }
 
-  /// F = C^T w of [F20].
+  /// F = C^T w of (95), [F20], on p0#.
   [[nodiscard]] Independent platform_force(const LegPoses& p, const Channels& w) const {
     return gather(p, w.template head<Platform::channels>(), leg_torques(p, w));
   }
 
+  /// Calls f(row, e, e', q''_d) once for every channel (90), [F29]; see Serial::for_each_error_row. t: a
+  /// Tracking.
+  template <bool joint_rows = true, class Tracking, class F>
+  ESMC_INLINE void for_each_error_row(const Tracking& t, F&& f) const {
+    const Independent e = Platform::error(t.desired_pose, t.pose);
+    unroll<Platform::channels>([&](auto i) ESMC_INLINE {
+      f(i, e[i], S(t.desired_rates.platform[i] - t.rates.platform[i]), t.desired_acceleration.platform[i]);
+    });
+    unroll<Legs>([&](auto j) ESMC_INLINE {
+      leg_[j].template for_each_error_row<joint_rows>(
+          t.desired_pose.leg[j], t.desired_rates.leg[j], t.desired_acceleration.leg[j], t.pose.leg[j],
+          t.rates.leg[j], [&](auto row, S of, S rate, S acceleration) ESMC_INLINE {
+            f(std::integral_constant<int, row_leg(j) + row>{}, of, rate, acceleration);
+          });
+    });
+  }
+
+  /// Calls f(row, C sigma, C a_r + Cdot(a) b) once for every channel [F33]; see
+  /// Serial::for_each_reference_row.
+  template <class F>
+  ESMC_INLINE void for_each_reference_row(const LegPoses& p, const Rates& sigma, const Rates& acceleration,
+                                          const Rates& a, const Rates& b, F&& f) const {
+    unroll<Platform::channels>([&](auto i)
+                                   ESMC_INLINE { f(i, sigma.platform[i], acceleration.platform[i]); });
+    unroll<Legs>([&](auto j) ESMC_INLINE {
+      leg_[j].for_each_reference_row(
+          p.leg[j], sigma.leg[j], acceleration.leg[j], a.leg[j], b.leg[j],
+          [&](auto row, S of_sigma, S reference)
+              ESMC_INLINE { f(std::integral_constant<int, row_leg(j) + row>{}, of_sigma, reference); });
+    });
+  }
+  /// See Serial::fill_joint_rows.
+  static void fill_joint_rows(Channels& s) {
+    unroll<Legs>([&](auto j) ESMC_INLINE { Leg::fill_joint_rows(s, row_leg(j)); });
+  }
+
  private:
+  /// Platform rows, then those that leg(j) returns.
+  template <class F>
+  [[nodiscard]] ESMC_INLINE static Channels assembled(const Vec<S, Platform::channels>& platform, F&& leg) {
+    Channels out;
+    out.template head<Platform::channels>() = platform;
+    unroll<Legs>([&](auto j) ESMC_INLINE { rows_of(out, j) = leg(j); });
+    return out;
+  }
+  /// The rows of leg j.
+  template <class V>
+  [[nodiscard]] static auto rows_of(V& v, int j) {
+    return v.template segment<Leg::channels>(row_leg(j));
+  }
+  /// Acceleration of leg j's tip less that of its attachment point, in Nj, while both move at constant rates.
+  ESMC_INLINE Vec2<S> closure_bias(const LegPoses& p, int j, const Rates& a, const Rates& b) const {
+    const Vec2<S> tip = leg_[j].tip_bias(p.leg[j], a.leg[j], b.leg[j]);
+    if constexpr (Platform::turns) {
+      return tip - frame_[j].to_leg(platform_.attachment_bias(p, j, a.platform, b.platform));
+    } else {
+      return tip;
+    }
+  }
+
   Platform platform_{};
   List<Leg, Legs> leg_{};
   List<LegFrame<S>, Legs> frame_{};

@@ -11,6 +11,7 @@
 
 namespace esmc {
 
+/// The leg or arm that `p` describes; gravity in m/s2.
 template <class S>
 [[nodiscard]] Dyad<S> make_dyad(const LegParams<S>& p, S gravity) {
   return Dyad<S>({{Body<S>{p.l1, p.lg1, S(0), p.m1, p.J1, p.d1, p.gamma1},
@@ -18,9 +19,9 @@ template <class S>
                  gravity);
 }
 
-/// Pose of a dyad whose tip is at `tip` (in its own frame), elbow bent so that sin theta_2 has the sign of
-/// `working_mode` (+1 or -1). False when the tip is out of reach or at the base: `p` is then not touched.
-/// [F17], without its angles.
+/// Inverse kinematics of a dyad [F17], without its angles: tip (m, in the frame of the leg) to pose, with
+/// sign sin theta_2 = `working_mode` (+1 or -1). False when the tip is out of reach, at the base or NaN: `p`
+/// is then unchanged.
 template <class S>
 [[nodiscard]] bool dyad_inverse(const Dyad<S>& dyad, const Vec2<S>& tip, int working_mode,
                                 typename Dyad<S>::Pose& p) {
@@ -39,12 +40,12 @@ template <class S>
   return true;
 }
 
-/// The angles of two directions, each in (-pi, pi].
+/// Angles of two directions, rad, each in (-pi, pi].
 template <class S>
 [[nodiscard]] Vec2<S> angles_of(const List<Vec2<S>, 2>& direction) {
   Vec2<S> out;
   for (int i = 0; i < 2; ++i)
-    out[i] = arc_tangent2(direction[i].y(), direction[i].x());  // a loop: one copy of it in an image
+    out[i] = arc_tangent2(direction[i].y(), direction[i].x());  // a loop: one copy of the code in an image
   return out;
 }
 
@@ -65,10 +66,9 @@ class FiveBar : public Coupling<S, PointMass<S>, Dyad<S>, 2> {
     int assembly = 0;        ///< sign of D2, +1 or -1
   };
 
-  /// A configuration: the legs', the effector, the distance to type 2.
+  /// Effector, legs, and distance to type 2.
   struct Pose : Base::LegPoses {
-    Vec2<S> effector;  ///< in N, m
-    S sin_type2;       ///< D2 = sin(phi12 + phi22): 0 at type 2, its sign is the assembly mode [F18]
+    S sin_type2;  ///< D2 = sin(phi12 + phi22): 0 at type 2, its sign is the assembly mode [F18]
   };
 
   FiveBar() = default;
@@ -77,51 +77,52 @@ class FiveBar : public Coupling<S, PointMass<S>, Dyad<S>, 2> {
              {{LegFrame<S>{Vec2<S>(p.l0, S(0)), S(1)}, LegFrame<S>{Vec2<S>(-p.l0, S(0)), S(-1)}}}) {}
 
   /// From all four joint angles (theta11, theta12, theta21, theta22), rad. The effector is the mean of the
-  /// two leg tips, which closure makes one; `closure_residual` says how far apart they are.
+  /// two leg tips, whose distance is `closure_residual`.
   [[nodiscard]] Pose pose(const Vec<S, 4>& theta) const {
     Pose p;
     for (int j = 0; j < 2; ++j) p.leg[j] = Leg::pose(theta.template segment<2>(2 * j));
     p.effector = (tip_in_base(p, 0) + tip_in_base(p, 1)) * S(0.5);
-    p.sin_type2 = p.leg[0].axis[1].y() * p.leg[1].axis[1].x() + p.leg[0].axis[1].x() * p.leg[1].axis[1].y();
+    p.sin_type2 = sin_type2(p);
     return p;
   }
 
-  /// Tip of leg 1 minus tip of leg 2, in N, m: zero when the four angles belong to a closed mechanism.
+  /// Tip of leg 1 minus tip of leg 2, in N, m: zero when the mechanism is closed.
   [[nodiscard]] Vec2<S> closure_residual(const Pose& p) const {
     return tip_in_base(p, 0) - tip_in_base(p, 1);
   }
 
-  /// Inverse kinematics [F17] in the working mode; the assembly mode follows. Empty: out of reach.
+  /// Inverse kinematics [F17] of the effector (m, in N) in the working mode; the assembly mode follows.
+  /// Empty: out of reach or NaN.
   [[nodiscard]] std::optional<Pose> inverse(const Vec2<S>& effector, const Mode& mode) const {
     Pose p;
     return inverse(effector, mode, p) ? std::optional<Pose>(p) : std::nullopt;
   }
-  /// The same in place; false: out of reach, and `p` is not a pose.
+  /// Same in place; false: out of reach, `p` is undefined.
   [[nodiscard]] bool inverse(const Vec2<S>& effector, const Mode& mode, Pose& p) const {
     for (int j = 0; j < 2; ++j) {
       if (!dyad_inverse(this->leg(j), this->frame(j).point_to_leg(effector), mode.working[j], p.leg[j]))
         return false;
     }
     p.effector = effector;
-    p.sin_type2 = p.leg[0].axis[1].y() * p.leg[1].axis[1].x() + p.leg[0].axis[1].x() * p.leg[1].axis[1].y();
+    p.sin_type2 = sin_type2(p);
     return true;
   }
 
-  /// Forward kinematics [F18] from the base joints, in the assembly mode `assembly_mode` = sign D2 (+1 or
-  /// -1). Empty: the elbows are too far apart, too close, or on one another; the legs cannot be closed.
+  /// Forward kinematics [F18] from the base joints (rad) in the assembly mode sign D2 (+1 or -1). Empty: the
+  /// legs cannot be closed, because the elbows are too far apart, too close, or on one another; or NaN.
   [[nodiscard]] std::optional<Pose> forward(const Vec2<S>& base_angles, int assembly_mode) const {
     Pose p;
     return forward(base_angles, assembly_mode, p) ? std::optional<Pose>(p) : std::nullopt;
   }
-  /// The same in place; false: not closed, and `p` is not a pose.
+  /// Same in place; false: not closed, `p` is undefined.
   [[nodiscard]] bool forward(const Vec2<S>& base_angles, int assembly_mode, Pose& p) const {
     List<Vec2<S>, 2> elbow;
     const auto t = sin_cos(std::array<S, 2>{base_angles[0], base_angles[1]});
     unroll<2>([&](auto j) ESMC_INLINE {
       p.leg[j].axis[0] = p.leg[j].turn[0] = Vec2<S>(t.cos[j], t.sin[j]);
-      elbow[j] = this->frame(j).point_from_leg(p.leg[j].axis[0] * this->leg(j).body(0).length);
+      elbow[j] = this->frame(j).point_from_leg(p.leg[j].axis[0] * l1(j));
     });
-    const S l12 = this->leg(0).body(1).length, l22 = this->leg(1).body(1).length;
+    const S l12 = l2(0), l22 = l2(1);
     const Vec2<S> w = elbow[0] - elbow[1];
     const S d2 = dot(w, w);
     const S sum = d2 + l22 * l22 - l12 * l12;  // 2 d a of [F18]
@@ -141,21 +142,18 @@ class FiveBar : public Coupling<S, PointMass<S>, Dyad<S>, 2> {
     return true;
   }
 
-  /// (theta11, theta12, theta21, theta22) of a pose, each in (-pi, pi].
+  /// (theta11, theta12, theta21, theta22), rad, each in (-pi, pi].
   [[nodiscard]] static Vec<S, 4> angles(const Pose& p) {
     Vec<S, 4> out;
-    unroll<2>([&](auto j) ESMC_INLINE {
-      out[2 * j] = arc_tangent2(p.leg[j].turn[0].y(), p.leg[j].turn[0].x());
-      out[2 * j + 1] = arc_tangent2(p.leg[j].turn[1].y(), p.leg[j].turn[1].x());
-    });
+    out << angles_of(p.leg[0].turn), angles_of(p.leg[1].turn);
     return out;
   }
 
-  /// Cosine and sine of theta11, of theta21.
+  /// (cos, sin) of theta11 and of theta21.
   static void base_directions(const Pose& p, List<Vec2<S>, 2>& out) {
     unroll<2>([&](auto j) ESMC_INLINE { out[j] = p.leg[j].turn[0]; });
   }
-  /// (theta11, theta21), each in (-pi, pi].
+  /// (theta11, theta21), rad, each in (-pi, pi].
   [[nodiscard]] static Vec2<S> base_angles(const Pose& p) {
     List<Vec2<S>, 2> direction;
     base_directions(p, direction);
@@ -165,29 +163,33 @@ class FiveBar : public Coupling<S, PointMass<S>, Dyad<S>, 2> {
   /// sin theta_j2: 0 at a type-1 (serial) singularity.
   [[nodiscard]] static S sin_type1(const Pose& p, int leg) { return p.leg[leg].turn[1].y(); }
   [[nodiscard]] static S min_abs_sin_type1(const Pose& p) {
-    const S a = magnitude(sin_type1(p, 0)), b = magnitude(sin_type1(p, 1));
-    return a < b ? a : b;
+    const S a = absolute(sin_type1(p, 0)), b = absolute(sin_type1(p, 1));
+    if constexpr (requires { choose(a < b, a, b); }) {
+      return choose(a < b, a, b);
+    } else {
+      return a < b ? a : b;
+    }
   }
 
-  [[nodiscard]] static S abs_sin_type2(const Pose& p) { return magnitude(p.sin_type2); }
-  /// D2 counted from type 2 towards the assembly mode: negative in the other one.
+  [[nodiscard]] static S abs_sin_type2(const Pose& p) { return absolute(p.sin_type2); }
+  /// D2 times the sign that it has in the assembly mode: negative in the other one.
   [[nodiscard]] static S sin_type2_in_mode(const Pose& p, const Mode& mode) {
     return p.sin_type2 * S(mode.assembly);
   }
-  [[nodiscard]] static bool in_working_mode(const Pose& p, const Mode& mode) {
+  [[nodiscard]] static auto in_working_mode(const Pose& p, const Mode& mode) {
     return sin_type1(p, 0) * S(mode.working[0]) > S(0) && sin_type1(p, 1) * S(mode.working[1]) > S(0);
   }
 
-  // ---- what a control law needs, the same names for every mechanism
-  // ------------------------------------------
+  // ---- what a control law needs: the same names for every mechanism ----
 
+  /// Whether the channel is an angle (rad) and not a length (m).
   static constexpr bool is_angle(int row) { return row >= 2 && (row - 2) % Leg::channels < 2 * Leg::joints; }
   [[nodiscard]] static Vec2<S> independent(const Rates& r) { return r.platform; }
   [[nodiscard]] static Vec2<S> base(const Rates& r) { return {r.leg[0][0], r.leg[1][0]}; }
   [[nodiscard]] static Vec2<S> independent_error(const Pose& desired, const Pose& actual) {
-    return desired.effector - actual.effector;
+    return PointMass<S>::error(desired, actual);
   }
-  /// theta_d - theta of the base joints, in (-pi, pi].
+  /// theta_d - theta of the base joints, rad, in (-pi, pi].
   [[nodiscard]] static Vec2<S> base_error(const Pose& desired, const Pose& actual) {
     Vec2<S> out;
     for (int j = 0; j < 2; ++j) {
@@ -197,54 +199,9 @@ class FiveBar : public Coupling<S, PointMass<S>, Dyad<S>, 2> {
     }
     return out;
   }
-  /// e = q_d - q of all channels, angles wrapped (model.md section 9).
-  [[nodiscard]] Channels error(const Pose& desired, const Pose& actual) const {
-    Channels out;
-    out.template head<2>() = independent_error(desired, actual);
-    unroll<2>([&](auto j) ESMC_INLINE {
-      out.template segment<Leg::channels>(Base::row_leg(j)) =
-          this->leg(j).error(desired.leg[j], actual.leg[j]);
-    });
-    return out;
-  }
-
-  /// Calls f(row, e, e', q''_d) for every channel, see Serial::for_each_error_row.
-  template <bool with_joints = true, class F>
-  ESMC_INLINE void for_each_error_row(const Pose& desired, const Rates& desired_rates,
-                                      const Rates& desired_acceleration, const Pose& actual,
-                                      const Rates& rates, F&& f) const {
-    const Vec2<S> e = independent_error(desired, actual);
-    unroll<2>([&](auto i) ESMC_INLINE {
-      f(i, e[i], S(desired_rates.platform[i] - rates.platform[i]), desired_acceleration.platform[i]);
-    });
-    unroll<2>([&](auto j) ESMC_INLINE {
-      this->leg(j).template for_each_error_row<with_joints>(
-          desired.leg[j], desired_rates.leg[j], desired_acceleration.leg[j], actual.leg[j], rates.leg[j],
-          [&](auto row, S of, S rate, S acceleration) ESMC_INLINE {
-            f(std::integral_constant<int, Base::row_leg(j) + row>{}, of, rate, acceleration);
-          });
-    });
-  }
-  /// Calls f(row, rate, acceleration) for every channel, see Serial::for_each_reference_row.
-  template <bool with_joints = true, class F>
-  ESMC_INLINE void for_each_reference_row(const Pose& p, const Rates& speed, const Rates& acceleration,
-                                          const Rates& a, const Rates& b, F&& f) const {
-    unroll<2>([&](auto i) ESMC_INLINE { f(i, speed.platform[i], acceleration.platform[i]); });
-    unroll<2>([&](auto j) ESMC_INLINE {
-      this->leg(j).template for_each_reference_row<with_joints>(
-          p.leg[j], speed.leg[j], acceleration.leg[j], a.leg[j], b.leg[j],
-          [&](auto row, S of_speed, S of_acceleration) ESMC_INLINE {
-            f(std::integral_constant<int, Base::row_leg(j) + row>{}, of_speed, of_acceleration);
-          });
-    });
-  }
-  /// The joint rows from those of the bars, see Serial::fill_joint_rows.
-  static void fill_joint_rows(Channels& s) {
-    unroll<2>([&](auto j) ESMC_INLINE { Leg::fill_joint_rows(s, Base::row_leg(j)); });
-  }
 
   [[nodiscard]] static Vec2<S> tip_rate(const Pose&, const Rates& r) { return r.platform; }
-  /// Motion of everything that gives the effector this velocity (acceleration). Pole at type 1.
+  /// Rates (accelerations) of all joints that give the effector this velocity (acceleration). Pole at type 1.
   [[nodiscard]] Rates rates_of_effector(const Pose& p, const Vec2<S>& v) const {
     return this->chain_rates(p, v);
   }
@@ -252,55 +209,63 @@ class FiveBar : public Coupling<S, PointMass<S>, Dyad<S>, 2> {
     return this->chain_accelerations(p, r, a);
   }
 
-  // ---- base-joint form: theta11, theta21 independent. Regular at type 1, pole at type 2.
-  // --------------------
+  // ---- base-joint form: theta11, theta21 independent. Regular at type 1, pole at type 2 ----
 
-  /// Everything that moves when the base joints turn at `base` [F23].
+  /// Rates of effector and joints by those of the base joints, rad/s [F23].
   [[nodiscard]] Rates base_rates(const Pose& p, const Vec2<S>& base) const {
     Vec2<S> closure;
-    unroll<2>([&](auto j)
-                  ESMC_INLINE { closure[j] = this->leg(j).body(0).length * p.leg[j].turn[1].y() * base[j]; });
+    unroll<2>([&](auto j) ESMC_INLINE { closure[j] = l1(j) * p.leg[j].turn[1].y() * base[j]; });
     return complete(p, base, closure, Vec2<S>::Zero());
   }
 
-  /// Accelerations of everything, from those of the base joints and the present rates [F24].
+  /// Accelerations of effector and joints by those of the base joints (rad/s2), at rates r [F24].
   [[nodiscard]] Rates base_accelerations(const Pose& p, const Rates& r, const Vec2<S>& base) const {
     Vec2<S> closure, inner;
     unroll<2>([&](auto j) ESMC_INLINE {
-      const S l1 = this->leg(j).body(0).length, l2 = this->leg(j).body(1).length;
       const S w1 = r.leg[j][0], w2 = r.leg[j][0] + r.leg[j][1];
-      closure[j] = l1 * (p.leg[j].turn[1].y() * base[j] - p.leg[j].turn[1].x() * w1 * w1) - l2 * w2 * w2;
-      inner[j] = l1 * p.leg[j].turn[1].y() * w1 * w1;
+      closure[j] =
+          l1(j) * (p.leg[j].turn[1].y() * base[j] - p.leg[j].turn[1].x() * w1 * w1) - l2(j) * w2 * w2;
+      inner[j] = l1(j) * p.leg[j].turn[1].y() * w1 * w1;
     });
     return complete(p, base, closure, inner);
   }
 
-  /// F_a = C_a^T w: forces on all channels gathered on the two base joints. With only base motors this is the
-  /// motor torque itself [F25].
+  /// F_a = C_a^T w [F25], N m: forces on all channels gathered on the base joints. The motor torque where
+  /// only the base joints have motors.
   [[nodiscard, gnu::always_inline]] Vec2<S> base_torque(const Pose& p, const Channels& w) const {
     return gather_on_base(p, w.template head<2>(), this->leg_torques(p, w));
   }
 
-  /// C^_a^T [w0; tau]: a force at the effector and torques at all joints, gathered on the base joints.
-  [[nodiscard]] Vec2<S> gather_on_base(const Pose& p, const Vec2<S>& w0, const List<Vec2<S>, 2>& tau) const {
-    Vec2<S> f = w0;  // force on the effector once every distal bar hands its moment on
+  /// C^_a^T [w0; tau] [F25], N m: a force at the effector (N) and torques at all joints, gathered on the base
+  /// joints.
+  [[nodiscard, gnu::always_inline]] Vec2<S> gather_on_base(const Pose& p, const Vec2<S>& w0,
+                                                           const List<Vec2<S>, 2>& tau) const {
+    Vec2<S> f = w0;  // force on the effector, the moments of the distal bars included
     unroll<2>([&](auto j) ESMC_INLINE {
-      f += this->frame(j).from_leg(perp(p.leg[j].axis[1])) * (tau[j][1] / this->leg(j).body(1).length);
+      f += this->frame(j).from_leg(perp(p.leg[j].axis[1])) * (tau[j][1] / l2(j));
     });
     const Vec2<S> pushed = solve_closure_transposed(p, f);
     Vec2<S> out;
     unroll<2>([&](auto j) ESMC_INLINE {
-      const S l1 = this->leg(j).body(0).length, l2 = this->leg(j).body(1).length;
-      out[j] = tau[j][0] - tau[j][1] * (S(1) + l1 * p.leg[j].turn[1].x() / l2) +
-               l1 * p.leg[j].turn[1].y() * pushed[j];
+      out[j] = tau[j][0] - tau[j][1] * (S(1) + l1(j) * p.leg[j].turn[1].x() / l2(j)) +
+               l1(j) * p.leg[j].turn[1].y() * pushed[j];
     });
     return out;
   }
 
  private:
-  static S magnitude(S v) {
+  /// Bar lengths of leg j, m.
+  [[nodiscard]] S l1(int j) const { return this->leg(j).body(0).length; }
+  [[nodiscard]] S l2(int j) const { return this->leg(j).body(1).length; }
+  static S sin_type2(const Pose& p) {
+    const Vec2<S>&u1 = p.leg[0].axis[1], &u2 = p.leg[1].axis[1];
+    return u1.y() * u2.x() + u1.x() * u2.y();
+  }
+  static S absolute(S v) {
     if constexpr (BinaryFloat<S>) {
       return std::fabs(v);
+    } else if constexpr (requires { magnitude(v); }) {
+      return magnitude(v);
     } else {
       return v < S(0) ? -v : v;
     }
@@ -325,14 +290,15 @@ class FiveBar : public Coupling<S, PointMass<S>, Dyad<S>, 2> {
     const S inverse = S(1) / p.sin_type2;
     return Vec2<S>(cross(f, u2), cross(u1, f)) * inverse;
   }
+  /// Rates or accelerations of all joints from U times those of the effector ([F23], [F24]); `inner`: what
+  /// the proximal bar's own rotation takes off the distal one.
   [[nodiscard]] Rates complete(const Pose& p, const Vec2<S>& base, const Vec2<S>& closure,
                                const Vec2<S>& inner) const {
     Rates out;
     out.platform = solve_closure(p, closure);
     unroll<2>([&](auto j) ESMC_INLINE {
-      const S l1 = this->leg(j).body(0).length, l2 = this->leg(j).body(1).length;
       const S across = dot(perp(p.leg[j].axis[1]), this->frame(j).to_leg(out.platform));
-      const S outer = (across - l1 * p.leg[j].turn[1].x() * base[j] - inner[j]) / l2;
+      const S outer = (across - l1(j) * p.leg[j].turn[1].x() * base[j] - inner[j]) / l2(j);
       out.leg[j] = Vec2<S>(base[j], outer - base[j]);
     });
     return out;

@@ -1,14 +1,13 @@
 #pragma once
-/// Two mechanisms from the parts of spatial_coupling.hpp: the free rigid body and the Gough-Stewart platform
-/// (6-UPS).
+/// The free rigid body and the Gough-Stewart platform (6-UPS), both from spatial_coupling.hpp.
 
 #include "firmware/mechanism/spatial_coupling.hpp"
 
 namespace esmc {
 
-/// Universal joint, slide, spherical joint. Bodies: the cross (without mass), the cylinder, the rod. In the
-/// frame of the base joint, whose z axis is the leg's direction at home, the leg points along (sin b, -sin a
-/// cos b, cos a cos b).
+/// Leg of universal joint, slide, spherical joint, with the bodies cross (without mass), cylinder, rod. In
+/// the frame of the base joint, whose z axis is the direction of the leg at home, the leg points along (sin
+/// b, -sin a cos b, cos a cos b).
 template <class S>
 class UpsLeg : public SpatialSerial<S, Joint::revolute, Joint::revolute, Joint::prismatic> {
  public:
@@ -23,8 +22,8 @@ class UpsLeg : public SpatialSerial<S, Joint::revolute, Joint::revolute, Joint::
          S gravity)
       : Chain(bodies(base, home, cylinder, rod), Vec3<S>::Zero(), gravity) {}
 
-  /// Puts the tip there. False within rounding of the first axis of the universal joint, and for what is not
-  /// a number.
+  /// Inverse kinematics: pose with the tip at `tip`, m, in N. False on the first axis of the universal joint,
+  /// within rounding, and for a NaN: `out` is then unchanged.
   [[nodiscard]] bool reach(const Vec3<S>& tip, Pose& out) const {
     const SpatialBody<S>& first = this->body(0);
     const Vec3<S> r = rotated(first.mount.conjugate(), Vec3<S>(tip - first.offset));

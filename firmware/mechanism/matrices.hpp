@@ -1,6 +1,5 @@
 #pragma once
-/// The matrices of the report, written out: for evaluation, design tools and tests. A control tick forms
-/// none.
+/// The matrices of the report, written out for `esmc eval` and tests. A control tick forms none.
 
 #include "firmware/mechanism/five_bar.hpp"
 #include "firmware/mechanism/rr.hpp"
@@ -29,7 +28,7 @@ template <class M>
   return m.channel_accelerations(p, r, m.chain_bias(p, r, r));
 }
 
-/// C^T M C for a C of either form.
+/// H = C^T M C [F20] for a C of either form.
 template <class M, class S = typename M::Scalar>
 [[nodiscard]] Mat<S, 2, 2> mass_matrix(const M& m, const Mat<S, M::channels, 2>& C) {
   const typename M::Channels mass = m.mass();
@@ -96,9 +95,8 @@ template <class S>
                                   const typename FiveBar<S>::Rates& r) {
   Vec<S, 16> b;
   for (int j = 0; j < 2; ++j) {
-    const auto u = j;
-    b.template segment<6>(6 * j) = vector_b(m.leg(j), p.leg[u], r.leg[u]);
-    b.template segment<2>(12 + 2 * j) = m.frame(j).from_leg(m.leg(j).tip_bias(p.leg[u], r.leg[u], r.leg[u]));
+    b.template segment<6>(6 * j) = vector_b(m.leg(j), p.leg[j], r.leg[j]);
+    b.template segment<2>(12 + 2 * j) = m.frame(j).from_leg(m.leg(j).tip_bias(p.leg[j], r.leg[j], r.leg[j]));
   }
   return b;
 }
@@ -114,18 +112,7 @@ template <class S>
   return out;
 }
 
-/// The joint rows (theta11', theta12', theta21', theta22') of C^ in base-joint form [F23].
-template <class S>
-[[nodiscard]] Mat<S, 4, 2> matrix_joints_base(const FiveBar<S>& m, const typename FiveBar<S>::Pose& p) {
-  Mat<S, 4, 2> out;
-  for (int k = 0; k < 2; ++k) {
-    const auto r = m.base_rates(p, Vec2<S>::Unit(k));
-    out.col(k) << r.leg[0], r.leg[1];
-  }
-  return out;
-}
-
-/// H^-1 F of a symmetric positive definite 2 x 2 matrix, by Cholesky.
+/// H^-1 F of a symmetric positive definite H, by Cholesky.
 template <class S>
 [[nodiscard]] Vec2<S> solve_spd(const Mat<S, 2, 2>& H, const Vec2<S>& F) {
   const S factor = H(0, 1) / H(0, 0);

@@ -1,6 +1,6 @@
 #pragma once
-/// What a mechanism is: plain numbers in SI units, and the check that they describe something possible.
-/// Shared with host_sim (values only; the plant writes its own equations).
+/// Parameters of the planar mechanisms, SI units, and the check that they are physical. Shared with the
+/// simulator, whose plant writes its own equations.
 
 #include <array>
 #include <cstdint>
@@ -34,7 +34,7 @@ struct FiveBarParams {
   std::array<LegParams<S>, 2> legs{};  ///< leg 2 is described in its mirrored frame N2
 };
 
-/// Why a set of parameters cannot be a mechanism. Every comparison is written so that a NaN is refused.
+/// Why parameters are refused. A NaN is refused everywhere, and so is a value above 1e30.
 enum class [[nodiscard]] ParamError : std::uint8_t{
     none,
     link_length,  ///< l1, l2 or l0 is not > 0
@@ -43,7 +43,7 @@ enum class [[nodiscard]] ParamError : std::uint8_t{
     mass_centre,  ///< lg1 or lg2 is not a number
     friction,     ///< a friction coefficient is not >= 0
     gravity,      ///< g is not >= 0
-    no_inertia,   ///< a bar has no resistance to turning about its joint: accelerations are unbounded
+    no_inertia,   ///< a bar has no inertia about its joint: accelerations are unbounded
 };
 
 namespace detail {

@@ -1,9 +1,9 @@
 #pragma once
-/// Vectors of space and orientation by unit quaternions.
+/// Vectors in space, and orientation by unit quaternions.
 ///
-/// q turns components in a body's frame into components in the frame it is given in: a_N = rotated(q, a_B). q
-/// and -q are the same orientation, and every function here that returns something other than a quaternion
-/// gives the same bits for both. Sums are written out in one order (see types.hpp).
+/// q maps components in the frame of a body to those in the frame in which q is given: a_N = rotated(q, a_B).
+/// q and -q are the same orientation: every function here that does not return a quaternion gives the same
+/// bits for both. Sums are written out in one order (see types.hpp).
 
 #include "firmware/numeric/elementary.hpp"
 #include "firmware/types.hpp"
@@ -35,7 +35,6 @@ struct Quaternion {
 
   [[nodiscard]] Quaternion conjugate() const { return {w, Vec3<S>(-v)}; }
   [[nodiscard]] Quaternion negative() const { return {-w, Vec3<S>(-v)}; }
-  /// Of a unit quaternion 1.
   [[nodiscard]] S squared_norm() const { return w * w + dot(v, v); }
 };
 
@@ -49,21 +48,21 @@ template <class S>
   return a.w * b.w + dot(a.v, b.v);
 }
 
-/// Scaled to norm 1, whatever its norm was; NaN for a zero quaternion and for one that is not finite.
+/// q scaled to norm 1; NaN if q is zero or not finite.
 template <class S>
 [[nodiscard]] Quaternion<S> normalised(const Quaternion<S>& q) {
   const S f = S(1) / square_root(q.squared_norm());
   return {q.w * f, Vec3<S>(q.v * f)};
 }
 
-/// About a unit axis by an angle, rad; the pole of no chart: any angle within the range of sin_cos.
+/// Turn about a unit axis by an angle, rad, within the range of sin_cos.
 template <class S>
 [[nodiscard]] Quaternion<S> about(const Vec3<S>& axis, S angle) {
   const SinCos<S> t = sin_cos(S(0.5) * angle);
   return {t.cos, Vec3<S>(axis * t.sin)};
 }
 
-/// exp of a rotation vector (unit axis times angle, rad): where constant angular velocity over a step leads.
+/// exp of a rotation vector (unit axis times angle, rad).
 template <class S>
 [[nodiscard]] Quaternion<S> exponential(const Vec3<S>& rotation) {
   const S square = dot(rotation, rotation), angle = square_root(square);
@@ -74,14 +73,8 @@ template <class S>
   return {t.cos, Vec3<S>(rotation * (t.sin / angle))};
 }
 
-/// The rotation vector of q, the short way: of length at most pi. At 180 degrees, where both signs are as
-/// short, the one `shortest` takes.
-template <class S>
-[[nodiscard]] Vec3<S> logarithm(const Quaternion<S>& q);
-
-/// The orientation that constant angular velocity (rad/s, components in the body's frame) leads to in h
-/// seconds. Kept on the unit sphere by the first term of 1 / sqrt: its error is the square of what one
-/// product rounds off.
+/// The orientation after h seconds of constant angular velocity (rad/s, in the frame of the body). Normalised
+/// by the first term of 1 / sqrt, whose error is the square of the rounding error of one product.
 template <class S>
 [[nodiscard]] Quaternion<S> advanced(const Quaternion<S>& q, const Vec3<S>& rate, S h) {
   const Quaternion<S> next = q * exponential(Vec3<S>(rate * h));
@@ -89,8 +82,8 @@ template <class S>
   return {next.w * f, Vec3<S>(next.v * f)};
 }
 
-/// Of q and -q the one with w > 0. At w = 0, a turn by 180 degrees, the one whose first entry that is not
-/// zero is positive, so that the choice is defined and does not depend on the sign that came in.
+/// Of q and -q the one with w > 0; at w = 0, a turn by 180 degrees, the one whose first nonzero entry is
+/// positive, so that the result does not depend on the sign of the argument.
 template <class S>
 [[nodiscard]] Quaternion<S> shortest(const Quaternion<S>& q) {
   const S entries[] = {q.w, q.v.x(), q.v.y(), q.v.z()};
@@ -101,6 +94,7 @@ template <class S>
   return q;
 }
 
+/// The rotation vector of `shortest`(q), rad, of length at most pi.
 template <class S>
 [[nodiscard]] Vec3<S> logarithm(const Quaternion<S>& q) {
   const Quaternion<S> p = shortest(q);
@@ -109,8 +103,8 @@ template <class S>
   return p.v * (S(2) * arc_tangent2(sine, p.w) / sine);
 }
 
-/// Columns: the axes of the body in the frame q is given in. Nine multiplications to turn a vector, where
-/// `rotated` takes 18.
+/// Rotation matrix by its columns: the axes of the body in the frame in which q is given. Turns a vector in
+/// half the multiplications of `rotated`.
 template <class S>
 struct Rotation {
   Vec3<S> x = Vec3<S>(S(1), S(0), S(0)), y = Vec3<S>(S(0), S(1), S(0)), z = Vec3<S>(S(0), S(0), S(1));
@@ -129,31 +123,30 @@ template <class S>
           Vec3<S>(two * (x * z + w * y), two * (y * z - w * x), one - two * (x * x + y * y))};
 }
 
-/// a_N of a_B.
+/// a_N of a_B: from the frame of the body to that in which q is given.
 template <class S>
 [[nodiscard]] Vec3<S> rotated(const Quaternion<S>& q, const Vec3<S>& a) {
   const Vec3<S> t = cross(q.v, a) * S(2);
   return a + t * q.w + cross(q.v, t);
 }
 
-/// The attitude error of a body that is at q with angular velocity w and should be at q_d with w_d. Angular
-/// velocities are in the own frame of each; everything here is in the frame of the body as it is.
+/// Attitude error of a body at q with angular velocity w, desired q_d and w_d, each velocity in its own
+/// frame. All members are in the frame of the body at q.
 ///
 ///   q_e = q* q_d,   e = 2 vec q_e,   w~ = R_e w_d - w,   e' = q_e0 w~ + w~ x vec q_e
 ///
-/// e is 2 sin(angle / 2) about the axis of the turn that is left: the rotation vector to first order, of
-/// length 2 at 180 degrees, and smooth there, but q_e and -q_e pull opposite ways (see control/attitude.hpp
-/// for the choice).
+/// e is 2 sin(angle / 2) about the axis of the remaining turn: the rotation vector to first order, of length
+/// 2 at 180 degrees and smooth there, of opposite sign for q_e and -q_e (choice: control/attitude.hpp).
 template <class S>
 struct AttitudeError {
   Quaternion<S> turn;    ///< q_e
   Vec3<S> e;             ///< rad, to first order
-  Vec3<S> e_rate;        ///< e', exact, not only to first order
+  Vec3<S> e_rate;        ///< e', exact
   Vec3<S> rate;          ///< w~, rad/s
-  Vec3<S> of_reference;  ///< d/dt (R_e w_d): the angular acceleration that keeps w~ as it is, rad/s2
+  Vec3<S> of_reference;  ///< d/dt (R_e w_d): the angular acceleration that keeps w~ constant, rad/s2
 };
 
-/// `turn` is q_e or -q_e, as the caller chooses; see AttitudeError.
+/// turn: q_e or -q_e, the caller's choice; rates in rad/s, desired_acceleration in rad/s2. See AttitudeError.
 template <class S>
 [[nodiscard]] AttitudeError<S> attitude_error(const Quaternion<S>& turn, const Vec3<S>& desired_rate,
                                               const Vec3<S>& desired_acceleration, const Vec3<S>& rate) {

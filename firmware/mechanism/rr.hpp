@@ -15,7 +15,6 @@ class Rr {
   using Params = RrParams<S>;
   using Leg = Dyad<S>;
   static constexpr int joints = 2;
-  static constexpr int dof = 2;
   static constexpr int channels = Leg::channels;
   static constexpr bool has_type2 = false;
   static constexpr bool has_mass(int row) { return Leg::has_mass(row); }
@@ -39,36 +38,38 @@ class Rr {
 
   [[nodiscard]] const Leg& arm() const { return arm_; }
 
+  /// theta: rad, within the range of sin_cos.
   [[nodiscard]] Pose pose(const Vec2<S>& theta) const {
     Pose p{Leg::pose(theta), {}};
     p.effector = arm_.tip(p.arm);
     return p;
   }
-  /// Inverse kinematics in the working mode. Empty: out of reach.
+  /// Inverse kinematics [F17] in the working mode. Empty: out of reach or NaN.
   [[nodiscard]] std::optional<Pose> inverse(const Vec2<S>& effector, const Mode& mode) const {
     Pose p;
     return inverse(effector, mode, p) ? std::optional<Pose>(p) : std::nullopt;
   }
-  /// The same in place; false: out of reach, and `p` is not a pose.
+  /// Same in place; false: out of reach, `p` is undefined.
   [[nodiscard]] bool inverse(const Vec2<S>& effector, const Mode& mode, Pose& p) const {
     p.effector = effector;
     return dyad_inverse(arm_, effector, mode.working, p.arm);
   }
-  /// Cosine and sine of theta1, of theta2.
+  /// (cos, sin) of theta1 and of theta2.
   static void base_directions(const Pose& p, List<Vec2<S>, 2>& out) { out = p.arm.turn; }
+  /// rad, each in (-pi, pi].
   [[nodiscard]] static Vec2<S> angles(const Pose& p) { return angles_of(p.arm.turn); }
   [[nodiscard]] static Vec2<S> base_angles(const Pose& p) { return angles(p); }
   [[nodiscard]] static S sin_type1(const Pose& p) { return p.arm.turn[1].y(); }
   static S min_abs_sin_type1(const Pose& p) { return sin_type1(p) < S(0) ? -sin_type1(p) : sin_type1(p); }
 
+  /// The arm has no type 2.
   [[nodiscard]] static S abs_sin_type2(const Pose&) { return S(1); }
   [[nodiscard]] static S sin_type2_in_mode(const Pose&, const Mode&) { return S(1); }
   [[nodiscard]] static bool in_working_mode(const Pose& p, const Mode& mode) {
     return sin_type1(p) * S(mode.working) > S(0);
   }
 
-  // ---- what a control law needs, the same names for every mechanism
-  // ------------------------------------------
+  // ---- what a control law needs: the same names and meanings as in FiveBar, Coupling ----
 
   static constexpr bool is_angle(int row) { return row < 2 * Leg::joints; }
   [[nodiscard]] static Vec2<S> independent(const Rates& r) { return r; }
@@ -85,24 +86,16 @@ class Rr {
   [[nodiscard]] static Vec2<S> base_error(const Pose& desired, const Pose& actual) {
     return independent_error(desired, actual);
   }
-  [[nodiscard]] Channels error(const Pose& desired, const Pose& actual) const {
-    return arm_.error(desired.arm, actual.arm);
+  template <bool joint_rows = true, class Tracking, class F>
+  ESMC_INLINE void for_each_error_row(const Tracking& t, F&& f) const {
+    arm_.template for_each_error_row<joint_rows>(t.desired_pose.arm, t.desired_rates, t.desired_acceleration,
+                                                 t.pose.arm, t.rates, f);
   }
-  /// Calls f(row, e, e', q''_d) for every channel, see Serial::for_each_error_row.
-  template <bool with_joints = true, class F>
-  ESMC_INLINE void for_each_error_row(const Pose& desired, const Rates& desired_rates,
-                                      const Rates& desired_acceleration, const Pose& actual,
-                                      const Rates& rates, F&& f) const {
-    arm_.template for_each_error_row<with_joints>(desired.arm, desired_rates, desired_acceleration,
-                                                  actual.arm, rates, f);
-  }
-  /// Calls f(row, rate, acceleration) for every channel, see Serial::for_each_reference_row.
-  template <bool with_joints = true, class F>
-  ESMC_INLINE void for_each_reference_row(const Pose& p, const Rates& speed, const Rates& acceleration,
+  template <class F>
+  ESMC_INLINE void for_each_reference_row(const Pose& p, const Rates& sigma, const Rates& acceleration,
                                           const Rates& a, const Rates& b, F&& f) const {
-    arm_.template for_each_reference_row<with_joints>(p.arm, speed, acceleration, a, b, f);
+    arm_.for_each_reference_row(p.arm, sigma, acceleration, a, b, f);
   }
-  /// The joint rows from those of the bars, see Serial::fill_joint_rows.
   static void fill_joint_rows(Channels& s) { Leg::fill_joint_rows(s); }
   [[nodiscard]] Rates chain_rates(const Pose&, const Independent& p) const { return p; }
   [[nodiscard]] Rates chain_accelerations(const Pose&, const Rates&, const Independent& a) const { return a; }
@@ -124,7 +117,7 @@ class Rr {
     return arm_.joint_torques(p.arm, w);
   }
   [[nodiscard]] Vec2<S> tip_rate(const Pose& p, const Rates& r) const { return arm_.tip_rate(p.arm, r); }
-  /// Joint motion that gives the effector this velocity. Pole at type 1.
+  /// Joint rates (accelerations) that give the effector this velocity (acceleration) [F8]. Pole at type 1.
   [[nodiscard]] Rates rates_of_effector(const Pose& p, const Vec2<S>& v) const {
     return arm_.tip_inverse(p.arm, v);
   }

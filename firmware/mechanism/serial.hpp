@@ -1,18 +1,16 @@
 #pragma once
 /// The serial algorithm of the report, eqs. (1)-(7): a planar chain of any fixed number of bodies, each
-/// joined to the one before by a revolute or a prismatic joint.
+/// joined to the one before by a revolute or a prismatic joint. model.md section 1.
 ///
 /// p = [p#; p°]: p# the joint rates, p° the bar angular rates and the mass-centre velocities of all bodies.
 /// The matrices C, A, M of model.md [F1], [F2] are never formed: `rates` is p = C p#, `bias` is c = Cdot p#,
 /// `joint_torques` is C^T w, each one pass along the chain.
 
-#include <type_traits>
-
 #include "firmware/mechanism/chain.hpp"
 
 namespace esmc {
 
-/// A planar chain of N bodies (1)-(7); see the top of the file.
+/// A planar chain (1)-(7); see the top of the file. Angles in rad, lengths in m, in the frame of its base.
 template <class S, class... Links>
 class Serial {
   using C = Chain<S, Links...>;
@@ -20,7 +18,7 @@ class Serial {
  public:
   using Scalar = S;
   static constexpr int joints = C::joints;
-  /// Rows of p: joint rates, bar angular rates, mass-centre velocities (x, y per body), as in model.md [F3].
+  /// Rows of p as in model.md [F3]: joint rates, bar angular rates, mass-centre velocities (x, y per body).
   static constexpr int channels = 4 * joints;
   using Joints = typename C::Joints;
   using Channels = Vec<S, channels>;
@@ -33,17 +31,18 @@ class Serial {
   static constexpr bool has_mass(int row) { return row >= joints; }
 
   Serial() = default;
+  /// gravity: along -y, m/s2, >= 0.
   constexpr Serial(const List<Body<S>, joints>& bodies, S gravity) : chain_(bodies), gravity_(gravity) {}
 
   [[nodiscard]] const Body<S>& body(int i) const { return chain_.body(i); }
 
-  /// q: joint angles (rad) and displacements (m).
+  /// q: joint angles (rad, within the range of sin_cos) and displacements (m).
   [[nodiscard]] static Pose pose(const Joints& q) {
     Pose p;
     Sum<S> angle;
     Vec2<S> axis(S(1), S(0));
     unroll<joints>([&](auto i) ESMC_INLINE {
-      if constexpr (C::joint(i) == Joint::revolute) {
+      if constexpr (C::revolute(i)) {
         // The sum is rounded once and loses less than turning the unit vector by theta_i would: near type 2
         // every 1e-16 here is 1e-16 / D2 in a torque.
         const bool first = angle.empty();
@@ -60,22 +59,21 @@ class Serial {
     return p;
   }
 
-  /// p = C p#: all velocities from the joint rates. Also the part C a of all accelerations.
-  [[nodiscard]] Channels rates(const Pose& p, const Joints& qd) const {
+  /// p = C p# (2): all velocities from the joint rates. Also the part C a of all accelerations.
+  [[nodiscard, gnu::always_inline]] Channels rates(const Pose& p, const Joints& qd) const {
     Channels out;
     typename C::RateWalk w;
     Sum<Vec2<S>> end;
     unroll<joints>([&](auto i) ESMC_INLINE {
       const typename C::BodyMotion m = C::move(w, i, p, qd);
-      put(out, i, {qd[i], C::template turns<i> ? w.spin.value() : S(0), chain_.to_mass_centre(end, i, m)});
+      put(out, i, {qd[i], C::turns(i) ? w.spin.value() : S(0), chain_.to_mass_centre(end, i, m)});
     });
     return out;
   }
 
-  /// Bilinear form of c = Cdot p#: c(a, a) is the acceleration that remains when the joints turn at constant
-  /// rates a, and c(a, b) is Cdot(a) b (symmetric: in the plane every entry of p is the rate of a
-  /// coordinate).
-  [[nodiscard]] Channels bias(const Pose& p, const Joints& a, const Joints& b) const {
+  /// c = Cdot p# of [F1] is bias(p#, p#): the accelerations at constant joint rates. bias(a, b) = Cdot(a) b
+  /// is bilinear, and symmetric: in the plane every entry of p is the rate of a coordinate.
+  [[nodiscard, gnu::always_inline]] Channels bias(const Pose& p, const Joints& a, const Joints& b) const {
     Channels out;
     typename C::BiasWalk w;
     Sum<Vec2<S>> end;
@@ -85,40 +83,41 @@ class Serial {
     return out;
   }
 
-  /// C^T w: what forces w, one per channel, do on the joints. The joint rows of w act on their own joint
-  /// only.
+  /// C^T w (1): joint torques (N m, N) of forces w, one per channel. The joint rows of w act on their own
+  /// joint only.
   [[nodiscard, gnu::always_inline]] Joints joint_torques(const Pose& p, const Channels& w) const {
     Joints out;
-    Sum<S> moment;       // of everything further out, about the joint of the body in hand
-    Sum<Vec2<S>> force;  // of everything further out
+    Sum<S> moment;       // of the bodies further out, about the joint of the body in hand
+    Sum<Vec2<S>> force;  // of the bodies further out
     unroll<joints>([&](auto k) ESMC_INLINE {
       constexpr int i = joints - 1 - k;
       const Vec2<S> f(w[row_x(i)], w[row_x(i) + 1]);
       if constexpr (i + 1 < joints) moment.add(body(i).length * cross(p.axis[i], force.value()));
-      moment.add(w[row_angle(i)] + chain_.moment_of(f, p, std::integral_constant<int, i>{}));
+      moment.add(w[row_angle(i)] + chain_.moment_of(f, p, i));
       force.add(f);
-      if constexpr (C::joint(i) == Joint::revolute) {
+      if constexpr (C::revolute(i)) {
         out[i] = w[i] + moment.value();
       } else {
         out[i] = w[i] + dot(p.axis[i], force.value());
-        moment.add(C::slid(p, std::integral_constant<int, i>{}) * cross(p.axis[i], force.value()));
+        moment.add(C::slid(p, i) * cross(p.axis[i], force.value()));
       }
     });
     return out;
   }
 
-  /// Position of the tip in the frame of the subsystem, m.
+  /// Position of the tip, m.
   [[nodiscard]] Vec2<S> tip(const Pose& p) const {
     Sum<Vec2<S>> x;
     unroll<joints>([&](auto i) ESMC_INLINE { x.add(p.axis[i] * chain_.reach(p, i)); });
     return x.value();
   }
 
+  /// J qd: velocity of the tip, m/s ([F8] for two bars).
   [[nodiscard]] Vec2<S> tip_rate(const Pose& p, const Joints& qd) const {
     Sum<Vec2<S>> v;
     Sum<S> spin;
     unroll<joints>([&](auto i) ESMC_INLINE {
-      if constexpr (C::joint(i) == Joint::revolute) {
+      if constexpr (C::revolute(i)) {
         spin.add(qd[i]);
       } else {
         v.add(p.axis[i] * qd[i]);
@@ -128,12 +127,12 @@ class Serial {
     return v.value();
   }
 
-  /// Bilinear form of Jdot qd of the tip, m/s2; see `bias`.
+  /// Jdot(a) b of the tip, m/s2 ([F9] for two bars and a = b); bilinear as `bias`.
   [[nodiscard]] Vec2<S> tip_bias(const Pose& p, const Joints& a, const Joints& b) const {
     Sum<Vec2<S>> acc;
     Sum<S> spin_a, spin_b;
     unroll<joints>([&](auto i) ESMC_INLINE {
-      if constexpr (C::joint(i) == Joint::revolute) {
+      if constexpr (C::revolute(i)) {
         spin_a.add(a[i]);
         spin_b.add(b[i]);
       } else if (!spin_a.empty()) {
@@ -144,56 +143,42 @@ class Serial {
     return acc.empty() ? Vec2<S>(Vec2<S>::Zero()) : acc.value();
   }
 
-  /// Mass centre of body i in the frame of the subsystem, m.
+  /// Mass centres of all bodies, m.
   [[nodiscard]] List<Vec2<S>, joints> centres(const Pose& p) const {
     List<Vec2<S>, joints> out;
-    Sum<Vec2<S>> end;
+    Vec2<S> start = Vec2<S>::Zero();
     unroll<joints>([&](auto i) ESMC_INLINE {
-      const Vec2<S> start = end.empty() ? Vec2<S>(Vec2<S>::Zero()) : end.value();
-      const Vec2<S> slide =
-          C::joint(i) == Joint::revolute ? Vec2<S>(Vec2<S>::Zero()) : Vec2<S>(p.axis[i] * C::slid(p, i));
-      out[i] = start + slide + chain_.from_joint(p.axis[i], i);
-      end.add(p.axis[i] * chain_.reach(p, i));
+      out[i] = start + p.axis[i] * C::slid(p, i) + chain_.from_joint(p.axis[i], i);
+      start += p.axis[i] * chain_.reach(p, i);
     });
     return out;
   }
 
-  /// q_d - q channel by channel. Angles come from the unit vectors, so they are in (-pi, pi] by construction
-  /// (model.md section 9: wrap consistently); the joint entries have no mass and serve display only.
+  /// e = q_d - q of all channels [F29]. Angles come from the unit vectors, so they are in (-pi, pi] by
+  /// construction; joint entries have no mass and serve display only.
   [[nodiscard]] Channels error(const Pose& desired, const Pose& actual) const {
     Channels out;
-    S turned{};
-    Sum<Vec2<S>> end;
-    unroll<joints>([&](auto i) ESMC_INLINE {
-      const S before = turned;
-      turned = C::turned_at(i, desired, actual);
-      put(out, i,
-          {C::joint_error(i, before, turned, desired, actual), turned,
-           chain_.to_mass_centre(end, i, C::gap(i, desired, actual))});
-    });
+    const Joints still = Joints::Zero();
+    for_each_error_row(desired, still, still, actual, still, [&](auto row, S e, S, S) { out[row] = e; });
     return out;
   }
 
-  /// Where all joints turn, what is said of a joint is the difference of what is said of its bodies:
-  /// `fill_joint_rows`.
-  static constexpr bool joints_follow = ((Links::joint == Joint::revolute) && ...);
-  /// The joint rows of something linear in errors and rates, sliding variables say, from the rows of the bars
-  /// (model.md section 10: s_theta2 = s_phi2 - s_phi1). Not wrapped.
+  /// Sets the joint rows of s (sliding variables, errors, rates) from the rows of the bars: s_theta2 = s_phi2
+  /// - s_phi1 (model.md section 10). Not wrapped. `first`: the row of s with which this chain begins.
   template <int N>
-  static void fill_joint_rows(Vec<S, N>& s, int first = 0) requires joints_follow {
+  static void fill_joint_rows(Vec<S, N>& s, int first = 0) requires(!C::slides) {
     unroll<joints>([&](auto i) ESMC_INLINE {
       const S of_bar = s[first + row_angle(i)];
       s[first + row_joint(i)] = i == 0 ? of_bar : S(of_bar - s[first + row_angle(i) - 1]);
     });
   }
 
-  /// Calls f(row, e, e', q''_d) for every channel, or for all but the joints': what `error`, the difference
-  /// of two `rates`, and `rates` + `bias` of the desired motion say of it, body by body, so that no vector of
-  /// channels is stored on the way.
-  template <bool with_joints = true, class F>
-  ESMC_INLINE void for_each_error_row(const Pose& desired, const Joints& desired_rate,
-                                      const Joints& desired_acceleration, const Pose& actual,
-                                      const Joints& rate, F&& f) const {
+  /// Calls f(row, e, e', q''_d) once for every channel [F29]: e = q_d - q as in `error`, e' = C(q_d) qd_d -
+  /// C(q) qd, q''_d = C(q_d) qdd_d + Cdot(q_d) qd_d. Body by body, so that no vector of channels is stored.
+  /// Without `joint_rows` the rows of the joints are left out.
+  template <bool joint_rows = true, class F>
+  ESMC_INLINE void for_each_error_row(const Pose& desired, const Joints& qd_d, const Joints& qdd_d,
+                                      const Pose& actual, const Joints& qd, F&& f) const {
     S turned{};
     typename C::RateWalk fast, slow, push;
     typename C::BiasWalk drift;
@@ -201,48 +186,43 @@ class Serial {
     unroll<joints>([&](auto i) ESMC_INLINE {
       const S before = turned;
       turned = C::turned_at(i, desired, actual);
-      const typename C::BodyMotion v =
-          C::minus(i, C::move(fast, i, desired, desired_rate), C::move(slow, i, actual, rate));
-      const typename C::BodyMotion a = C::plus(i, C::move(push, i, desired, desired_acceleration),
-                                               C::move(drift, i, desired, desired_rate, desired_rate));
-      if constexpr (with_joints) {
-        f(std::integral_constant<int, row_joint(i)>{}, C::joint_error(i, before, turned, desired, actual),
-          S(desired_rate[i] - rate[i]), desired_acceleration[i]);
-      }
-      f(std::integral_constant<int, row_angle(i)>{}, turned,
-        C::template turns<i> ? S(fast.spin.value() - slow.spin.value()) : S(0),
-        C::template turns<i> ? push.spin.value() : S(0));
-      const Vec2<S> e = chain_.to_mass_centre(error_at_end, i, C::gap(i, desired, actual));
-      const Vec2<S> ed = chain_.to_mass_centre(rate_at_end, i, v),
+      const typename C::BodyMotion v = C::move(fast, i, desired, qd_d) - C::move(slow, i, actual, qd),
+                                   a = C::move(push, i, desired, qdd_d) +
+                                       C::move(drift, i, desired, qd_d, qd_d);
+      if constexpr (joint_rows)
+        f(constant<row_joint(i)>, C::joint_error(i, before, turned, desired, actual), S(qd_d[i] - qd[i]),
+          qdd_d[i]);
+      f(constant<row_angle(i)>, turned, C::turns(i) ? S(fast.spin.value() - slow.spin.value()) : S(0),
+        C::turns(i) ? push.spin.value() : S(0));
+      const Vec2<S> e = chain_.to_mass_centre(error_at_end, i, C::gap(i, desired, actual)),
+                    e_rate = chain_.to_mass_centre(rate_at_end, i, v),
                     reference = chain_.to_mass_centre(push_at_end, i, a);
-      f(std::integral_constant<int, row_x(i)>{}, e.x(), ed.x(), reference.x());
-      f(std::integral_constant<int, row_x(i) + 1>{}, e.y(), ed.y(), reference.y());
+      f(constant<row_x(i)>, e.x(), e_rate.x(), reference.x());
+      f(constant<row_x(i) + 1>, e.y(), e_rate.y(), reference.y());
     });
   }
 
-  /// Calls f(row, rate, acceleration) for every channel, or for all but the joints': what `rates` says of
-  /// `speed`, and what `rates` of `acceleration` and `bias(a, b)` say together; body by body, as
-  /// `for_each_error_row` does.
-  template <bool with_joints = true, class F>
-  ESMC_INLINE void for_each_reference_row(const Pose& p, const Joints& speed, const Joints& acceleration,
+  /// Calls f(row, C sigma, C qdd + Cdot(a) b) once for every channel [F33], body by body.
+  template <class F>
+  ESMC_INLINE void for_each_reference_row(const Pose& p, const Joints& sigma, const Joints& qdd,
                                           const Joints& a, const Joints& b, F&& f) const {
     typename C::RateWalk fast, push;
     typename C::BiasWalk drift;
     Sum<Vec2<S>> rate_at_end, push_at_end;
     unroll<joints>([&](auto i) ESMC_INLINE {
-      const Vec2<S> v = chain_.to_mass_centre(rate_at_end, i, C::move(fast, i, p, speed));
-      const Vec2<S> r = chain_.to_mass_centre(
-          push_at_end, i, C::plus(i, C::move(push, i, p, acceleration), C::move(drift, i, p, a, b)));
-      if constexpr (with_joints) f(std::integral_constant<int, row_joint(i)>{}, speed[i], acceleration[i]);
-      f(std::integral_constant<int, row_angle(i)>{}, C::template turns<i> ? fast.spin.value() : S(0),
-        C::template turns<i> ? push.spin.value() : S(0));
-      f(std::integral_constant<int, row_x(i)>{}, v.x(), r.x());
-      f(std::integral_constant<int, row_x(i) + 1>{}, v.y(), r.y());
+      const Vec2<S> v = chain_.to_mass_centre(rate_at_end, i, C::move(fast, i, p, sigma));
+      const Vec2<S> r =
+          chain_.to_mass_centre(push_at_end, i, C::move(push, i, p, qdd) + C::move(drift, i, p, a, b));
+      f(constant<row_joint(i)>, sigma[i], qdd[i]);
+      f(constant<row_angle(i)>, C::turns(i) ? fast.spin.value() : S(0),
+        C::turns(i) ? push.spin.value() : S(0));
+      f(constant<row_x(i)>, v.x(), r.x());
+      f(constant<row_x(i) + 1>, v.y(), r.y());
     });
   }
 
-  /// M v' + f + g with M, f, g of [F2]: the forces to be carried by C^T. The joint rows hold friction alone,
-  /// because M is zero there: whatever v' says about them never reaches the joints (model.md section 9).
+  /// M v' + f + g of (1), [F2]: forces on the channels, N m and N, that go through C^T. M is zero in the
+  /// joint rows: they hold friction alone, and v' there never reaches the joints (model.md section 9).
   [[nodiscard, gnu::always_inline]] Channels force(const Channels& v, const Joints& qd) const {
     Channels out;
     unroll<joints>([&](auto i) ESMC_INLINE {
@@ -254,7 +234,7 @@ class Serial {
     return out;
   }
 
-  /// Diagonal of M.
+  /// Diagonal of M, kg m2 and kg.
   [[nodiscard]] Channels mass() const {
     Channels out;
     unroll<joints>([&](auto i) ESMC_INLINE {
@@ -263,26 +243,28 @@ class Serial {
     return out;
   }
 
-  /// A 2R chain inverts its tip velocity in closed form; theta_2 enters by its own sine, so the result keeps
-  /// its relative accuracy down to type 1 (sin theta_2 = 0), where it does not exist.
+  /// J^-1 v of two bars [F8]: joint rates of a tip velocity. theta_2 enters by its own sine, so the relative
+  /// accuracy holds down to the pole at type 1 (sin theta_2 = 0).
   [[nodiscard]] Joints tip_inverse(const Pose& p, const Vec2<S>& v) const
-      requires(joints == 2 && ((Links::joint == Joint::revolute) && ...)) {
+      requires(joints == 2 && !C::slides) {
     const S inner = dot(p.axis[1], v) / (body(0).length * p.turn[1].y());
     const S outer = -dot(p.axis[0], v) / (body(1).length * p.turn[1].y());
     return Joints(inner, outer - inner);
   }
 
-  /// Transpose of tip_inverse: the tip force that balances joint torques tau. Pole at type 1.
+  /// J^-T tau: tip force (N) of joint torques (N m). Pole at type 1.
   [[nodiscard]] Vec2<S> tip_force(const Pose& p, const Joints& tau) const
-      requires(joints == 2 && ((Links::joint == Joint::revolute) && ...)) {
+      requires(joints == 2 && !C::slides) {
     const S on_bar1 = tau[0] - tau[1];
     return p.axis[1] * (on_bar1 / (body(0).length * p.turn[1].y())) -
            p.axis[0] * (tau[1] / (body(1).length * p.turn[1].y()));
   }
 
  private:
-  /// coulomb * sign(v), with sign(0) = 0 (model.md section 12). v of a NaN counts as 0: the viscous term has
-  /// it.
+  template <int N>
+  static constexpr std::integral_constant<int, N> constant{};
+
+  /// coulomb * sign(v), sign(0) = 0 (model.md section 12); 0 for a NaN, which the viscous term keeps.
   static S against(S coulomb, S v) {
     if constexpr (BinaryFloat<S>) {
       return v > S(0) ? coulomb : v < S(0) ? -coulomb : S(0);

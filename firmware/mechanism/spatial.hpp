@@ -1,6 +1,6 @@
 #pragma once
 /// The serial algorithm of the report, eqs. (1)-(7), for a chain of bodies in space, each joined to the one
-/// before by a revolute or a prismatic joint about or along any axis. `serial.hpp` is the same for the plane.
+/// before by a revolute or a prismatic joint about or along any axis; serial.hpp is the planar case.
 ///
 /// p = [p#; p°]: p# the joint rates, p° = [omega of every body, in its own frame; velocity of every mass
 /// centre, in N]. Frames of bodies are parallel to their principal axes, so M (6) is diagonal and constant,
@@ -20,8 +20,7 @@ namespace esmc {
 /// principal ones.
 template <class S>
 struct SpatialBody {
-  Vec3<S> offset = Vec3<S>::Zero();  ///< of this joint from the one before, in the frame of the body before
-                                     ///< (of the first: N), m
+  Vec3<S> offset = Vec3<S>::Zero();  ///< of this joint from the one before, in that body's frame or N, m
   Quaternion<S> mount{};  ///< from the frame of this body to that of the body before, joint at zero
   Vec3<S> axis = Vec3<S>(S(0), S(0), S(1));  ///< of the joint, in the frame of this body; length 1
   Vec3<S> centre = Vec3<S>::Zero();          ///< mass centre, m
@@ -31,14 +30,14 @@ struct SpatialBody {
   S coulomb{};                               ///< of its joint, N m or N
 };
 
-/// Channel rows of one body beside its joint's.
+/// Channel rows of one body without its joint.
 template <class S>
 struct BodyRows {
   Vec3<S> turn;    ///< of omega, in the frame of the body
   Vec3<S> centre;  ///< of the mass centre, in N
 };
 
-/// I of a body in space as M and v of (6), (7) have it: what carries the rows w' and omega to forces.
+/// M v' + v + g of one body (6), (7): moment in its frame (N m), force in N (N).
 template <class S>
 [[nodiscard]] BodyRows<S> body_force(S mass, const Vec3<S>& inertia, S gravity,
                                      const BodyRows<S>& acceleration, const Vec3<S>& omega) {
@@ -47,7 +46,7 @@ template <class S>
           Vec3<S>(mass * a.x(), mass * a.y(), mass * (a.z() + gravity))};
 }
 
-/// A chain of bodies in space; see the top of the file. Kinds: of the joints, from the base.
+/// A chain of bodies in space; see the top of the file. Kinds: of its joints, from the base on.
 template <class S, Joint... Kinds>
 class SpatialSerial {
  public:
@@ -63,7 +62,7 @@ class SpatialSerial {
   static constexpr int row_centre(int i) { return 4 * joints + 3 * i; }
   static constexpr bool is_turn(int row) { return row >= joints && row < 4 * joints; }
 
-  /// Where the bodies are, in N. Not initialised by itself.
+  /// Configuration in N. Not initialised by itself.
   struct Pose {
     List<Quaternion<S>, joints> attitude;
     List<Rotation<S>, joints> frame;  ///< the same as a matrix
@@ -75,7 +74,7 @@ class SpatialSerial {
   };
 
   SpatialSerial() = default;
-  /// `tip`: the point of the last body that a platform holds, in its frame, m. gravity >= 0 along -z.
+  /// tip: the point of the last body that holds the platform, in its frame, m; gravity: along -z, m/s2, >= 0.
   SpatialSerial(const List<SpatialBody<S>, joints>& bodies, const Vec3<S>& tip, S gravity)
       : bodies_(bodies), tip_(tip), gravity_(gravity) {}
 
@@ -151,11 +150,11 @@ class SpatialSerial {
     return p.axis[I];
   }
 
-  /// C^T w: what moments (in the frames of the bodies) and forces (in N) on the bodies do on the joints.
+  /// C^T w: joint torques of moments (in the frames of the bodies) and forces (in N) on the bodies.
   [[nodiscard]] Joints joint_torques(const Pose& p, const Channels& w) const {
     Joints out;
     Vec3<S> moment = Vec3<S>::Zero(),
-            force = Vec3<S>::Zero();  // of everything further out, about the joint in hand
+            force = Vec3<S>::Zero();  // of the bodies further out, about the joint in hand
     unroll<joints>([&](auto k) ESMC_INLINE {
       constexpr int i = joints - 1 - k;
       if constexpr (i + 1 < joints) moment += cross(Vec3<S>(p.origin[i + 1] - p.origin[i]), force);
@@ -167,7 +166,7 @@ class SpatialSerial {
     return out;
   }
 
-  /// M v' + v + f + g of (1): v' are accelerations asked of the channels, `rates` what the channels do.
+  /// M v' + v + f + g of (1) from accelerations v' and rates of the channels.
   [[nodiscard]] Channels force(const Channels& v, const Channels& rates) const {
     Channels out;
     unroll<joints>([&](auto i) ESMC_INLINE {
@@ -191,17 +190,15 @@ class SpatialSerial {
 
   static void put(Channels& out, int i, S joint, const BodyRows<S>& r) {
     out[i] = joint;
-    for (int k = 0; k < 3; ++k) {
-      out[row_turn(i) + k] = r.turn[k];
-      out[row_centre(i) + k] = r.centre[k];
-    }
+    out.template segment<3>(row_turn(i)) = r.turn;
+    out.template segment<3>(row_centre(i)) = r.centre;
   }
   [[nodiscard]] static BodyRows<S> rows_of(const Channels& c, int i) {
     return {rows_at(c, row_turn(i)), rows_at(c, row_centre(i))};
   }
 
-  /// Joint rates of a tip velocity, for a chain of three joints: columns by their cofactors. Pole at type 1,
-  /// where the three directions in which the tip can go lie in a plane.
+  /// Joint rates of a tip velocity, for a chain of three joints, by cofactors. Pole at type 1, where the
+  /// three columns of the Jacobian lie in a plane.
   [[nodiscard]] Joints tip_inverse(const Pose& p, const Vec3<S>& v) const requires(joints == 3) {
     const Cofactors c = cofactors(p);
     return Joints(dot(c.a, v), dot(c.b, v), dot(c.c, v)) / c.volume;
@@ -211,16 +208,12 @@ class SpatialSerial {
     const Cofactors c = cofactors(p);
     return (c.a * tau[0] + c.b * tau[1] + c.c * tau[2]) / c.volume;
   }
-  /// Determinant of the Jacobian of the tip: 0 at type 1.
-  [[nodiscard]] S tip_volume(const Pose& p) const requires(joints == 3) { return cofactors(p).volume; }
 
  private:
   static constexpr List<Joint, joints> kinds_{{Kinds...}};
   static constexpr Joint kind(int i) { return kinds_[i]; }
 
-  [[nodiscard]] static Vec3<S> rows_at(const Channels& c, int at) {
-    return Vec3<S>(c[at], c[at + 1], c[at + 2]);
-  }
+  [[nodiscard]] static Vec3<S> rows_at(const Channels& c, int at) { return c.template segment<3>(at); }
 
   struct Cofactors {
     Vec3<S> a, b, c;
@@ -235,13 +228,13 @@ class SpatialSerial {
     return out;
   }
 
-  /// From the base outwards: angular velocity of the body in hand, velocity of its origin, in N.
+  /// Angular velocity of the body in hand and velocity of its origin, in N, from the base outwards.
   struct Walk {
     Vec3<S> omega = Vec3<S>::Zero(), origin = Vec3<S>::Zero();
   };
   template <int I>
   [[nodiscard]] static Vec3<S> reach(const Pose& p, std::integral_constant<int, I>) {
-    if constexpr (I == 0) return p.origin[0];  // the ground does not turn, so its value never counts
+    if constexpr (I == 0) return p.origin[0];  // not used: the ground does not turn
     return p.origin[I] - p.origin[I > 0 ? I - 1 : 0];
   }
   template <int I>
@@ -253,16 +246,14 @@ class SpatialSerial {
       w.origin += p.axis[I] * qd[I];
     }
   }
-  /// The rates of change of a Walk of b, while the chain moves with a.
-  struct Drift {
-    Vec3<S> omega = Vec3<S>::Zero(), origin = Vec3<S>::Zero();
-  };
+  /// Rates of change of a Walk of b while the chain moves with a.
+  using Drift = Walk;
   template <int I>
   void step(Walk& wa, Walk& wb, Drift& d, std::integral_constant<int, I> i, const Pose& p, const Joints& a,
             const Joints& b) const {
     if constexpr (I > 0) {
       const Vec3<S> r = reach(p, i);
-      // The origin of body I as a point of body I - 1; what slides along it adds its own rate to r.
+      // The origin of body I as a point of body I - 1; a slide adds its own rate to r.
       Vec3<S> moves = cross(wa.omega, r);
       if constexpr (kind(I) == Joint::prismatic) moves += p.axis[I] * a[I];
       d.origin += cross(d.omega, r) + cross(wb.omega, moves);

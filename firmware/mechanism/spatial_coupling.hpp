@@ -1,29 +1,59 @@
 #pragma once
 /// The coupling algorithm of the report, eqs. (37)-(47), in space: a rigid platform, oriented by a unit
-/// quaternion, on any number of serial legs that hold points of it by spherical joints. Without legs it is a
-/// free body. `coupling.hpp` is the same for the plane.
+/// quaternion, on any number of serial legs with spherical joints at the platform; without legs a free body.
+/// coupling.hpp is the planar case.
 ///
 ///   q0 = [x; q], seven coordinates; p0# = [velocity of the mass centre, in N; omega, in the frame of the
 ///   platform], six q0' = D+ p0#:   x' = v,   q' = 1/2 q (0, omega)
 /// Rows of p: p0#, then every leg as SpatialSerial has it. M is diagonal; v = omega x I omega for the
 /// platform as well.
 
-#include "firmware/mechanism/linear.hpp"
+#include <cmath>
+#include <utility>
+
 #include "firmware/mechanism/spatial.hpp"
 #include "firmware/mechanism/spatial_params.hpp"
 
 namespace esmc {
 
-/// What a law sees of one channel of p in which an error is formed.
+/// Solves A x = b by elimination with row pivoting; x replaces b. Returns the smallest pivot, or 0 where one
+/// vanishes or is NaN: b is then undefined.
+template <class S, int N>
+[[nodiscard]] S solve(Mat<S, N, N> A, Vec<S, N>& b) {
+  S smallest = S(0);
+  for (int k = 0; k < N; ++k) {
+    int best = k;
+    for (int i = k + 1; i < N; ++i) {
+      if (std::fabs(A(i, k)) > std::fabs(A(best, k))) best = i;
+    }
+    const S pivot = std::fabs(A(best, k));
+    if (!(pivot > S(0))) return S(0);
+    if (k == 0 || pivot < smallest) smallest = pivot;
+    for (int j = k; j < N; ++j) std::swap(A(k, j), A(best, j));
+    std::swap(b[k], b[best]);
+    for (int i = k + 1; i < N; ++i) {
+      const S f = A(i, k) / A(k, k);
+      for (int j = k + 1; j < N; ++j) A(i, j) -= f * A(k, j);
+      b[i] -= f * b[k];
+    }
+  }
+  for (int k = N - 1; k >= 0; --k) {
+    for (int j = k + 1; j < N; ++j) b[k] -= A(k, j) * b[j];
+    b[k] /= A(k, k);
+  }
+  return smallest;
+}
+
+/// Tracking error of one channel of p.
 template <class S>
 struct ChannelError {
   S e;             ///< of the coordinate; of an attitude 2 vec q_e: m, rad
   S e_rate;        ///< e'
-  S rate;          ///< desired less actual, of p; for an attitude not e'
-  S of_reference;  ///< acceleration that keeps `rate` as it is
+  S rate;          ///< desired less actual rate; not e' for an attitude
+  S of_reference;  ///< acceleration that keeps `rate` constant
 };
 
-/// `Leg` is a SpatialSerial with `reach(tip, pose)`: its own inverse kinematics. See the top of the file.
+/// Leg: a SpatialSerial with inverse kinematics `reach(tip, pose)`. See the top of the file.
 template <class S, class Leg, int Legs>
 class SpatialCoupling {
  public:
@@ -35,12 +65,12 @@ class SpatialCoupling {
   using Independent = Vec<S, dof>;
   using Channels = Vec<S, channels>;
 
-  /// Platform and legs together: what p# determines through C^. Like a vector, not initialised by itself.
+  /// [p0#; joint rates] = C^ p#. Not initialised by itself.
   struct Rates {
     Independent platform;
     List<typename Leg::Joints, Legs> leg;
   };
-  /// Where everything is. Not initialised by itself; `pose` makes one.
+  /// Configuration in N. Not initialised by itself; see `pose`.
   struct Pose {
     Vec3<S> position;
     Quaternion<S> attitude;
@@ -57,14 +87,13 @@ class SpatialCoupling {
 
   [[nodiscard]] const Leg& leg(int j) const { return leg_[j]; }
   static constexpr int row_leg(int j) { return dof + j * leg_channels; }
-  /// Rows that are an angular velocity; the others of rigid bodies are velocities of points, of joints
-  /// neither.
+  /// Whether the row is an angular velocity, not the velocity of a point or the rate of a joint.
   static constexpr bool is_turn(int row) {
     return row < dof ? row >= 3 : Leg::is_turn((row - dof) % leg_channels);
   }
 
-  /// The pose of everything from that of the platform. `attitude` has norm 1. False where a leg does not
-  /// reach or has no joint angles (type 1); `out` is of no use then.
+  /// Inverse kinematics: pose of all bodies from position (m, in N) and attitude (norm 1) of the platform.
+  /// False where a leg does not reach or has no joint angles (type 1): `out` is then undefined.
   [[nodiscard]] bool pose(const Vec3<S>& position, const Quaternion<S>& attitude, Pose& out) const {
     out.position = position;
     out.attitude = attitude;
@@ -86,8 +115,7 @@ class SpatialCoupling {
     return out;
   }
 
-  /// d/dt of C^ along motion a, applied to b. Its platform part is zero: p0# are the independent velocities
-  /// themselves.
+  /// d/dt of C^ along motion a, applied to b. The platform part is zero: p0# are independent velocities.
   [[nodiscard]] Rates chain_bias(const Pose& p, const Rates& a, const Rates& b) const {
     Rates out;
     out.platform.setZero();
@@ -101,7 +129,7 @@ class SpatialCoupling {
     return out;
   }
 
-  /// d/dt (C^ p#): joint accelerations that go with a platform acceleration, closure kept.
+  /// d/dt (C^ p#): joint accelerations of a platform acceleration.
   [[nodiscard]] Rates chain_accelerations(const Pose& p, const Rates& rates,
                                           const Independent& acceleration) const {
     Rates out = chain_bias(p, rates, rates), straight = chain_rates(p, acceleration);
@@ -113,8 +141,8 @@ class SpatialCoupling {
   /// blkdiag(C_j): all channels from platform and joint rates (40).
   [[nodiscard]] Channels channel_rates(const Pose& p, const Rates& r) const {
     Channels out;
-    put(out, r.platform);
-    for (int j = 0; j < Legs; ++j) put(out, j, leg_[j].rates(p.leg[j], r.leg[j]));
+    out.template head<dof>() = r.platform;
+    for (int j = 0; j < Legs; ++j) part(out, j) = leg_[j].rates(p.leg[j], r.leg[j]);
     return out;
   }
 
@@ -122,44 +150,42 @@ class SpatialCoupling {
   [[nodiscard]] Channels channel_accelerations(const Pose& p, const Rates& a, const Rates& b,
                                                const Rates& acceleration) const {
     Channels out;
-    put(out, acceleration.platform);
-    for (int j = 0; j < Legs; ++j) {
-      const typename Leg::Channels straight = leg_[j].rates(p.leg[j], acceleration.leg[j]);
-      put(out, j, typename Leg::Channels(straight + leg_[j].bias(p.leg[j], a.leg[j], b.leg[j])));
-    }
+    out.template head<dof>() = acceleration.platform;
+    for (int j = 0; j < Legs; ++j)
+      part(out, j) =
+          leg_[j].rates(p.leg[j], acceleration.leg[j]) + leg_[j].bias(p.leg[j], a.leg[j], b.leg[j]);
     return out;
   }
 
-  /// M v' + v + f + g of (37). `rates`: of all channels, as they are.
+  /// M v' + v + f + g of (37) from accelerations v' and rates of the channels.
   [[nodiscard]] Channels force(const Channels& v, const Channels& rates) const {
     Channels out;
     const BodyRows<S> w = body_force(platform_.mass, platform_.inertia, gravity_,
                                      BodyRows<S>{Vec3<S>(v[3], v[4], v[5]), Vec3<S>(v[0], v[1], v[2])},
                                      Vec3<S>(rates[3], rates[4], rates[5]));
-    put(out, joined(w.centre, w.turn));
-    for (int j = 0; j < Legs; ++j) put(out, j, leg_[j].force(part(v, j), part(rates, j)));
+    out.template head<dof>() = joined(w.centre, w.turn);
+    for (int j = 0; j < Legs; ++j) part(out, j) = leg_[j].force(part(v, j), part(rates, j));
     return out;
   }
 
   /// Diagonal of M.
   [[nodiscard]] Channels mass() const {
     Channels out;
-    put(out, joined(Vec3<S>(platform_.mass, platform_.mass, platform_.mass), platform_.inertia));
-    for (int j = 0; j < Legs; ++j) put(out, j, leg_[j].mass());
+    out.template head<dof>() = joined(Vec3<S>::Constant(platform_.mass), platform_.inertia);
+    for (int j = 0; j < Legs; ++j) part(out, j) = leg_[j].mass();
     return out;
   }
 
   /// C^T w of (37): [force in N; moment in the frame of the platform]. Pole at type 1.
   [[nodiscard]] Independent gather(const Pose& p, const Channels& w) const {
-    Independent out;
-    for (int i = 0; i < dof; ++i) out[i] = w[i];
+    Independent out = w.template head<dof>();
     for (int j = 0; j < Legs; ++j)
       out += at_joint(p, j, leg_[j].tip_force(p.leg[j], leg_[j].joint_torques(p.leg[j], part(w, j))));
     return out;
   }
 
-  /// Motor forces, one at joint `Actuated` of each of six legs, that do on p0# what F does: C^^T u = F. The
-  /// smallest pivot of that system, its moments divided by `length`: near 0 at type 2, where u is of no use.
+  /// Motor forces u, one at joint `Actuated` of each of six legs, with C^^T u = F. Returns the smallest pivot
+  /// of that system, moments divided by `length` (m): near 0 at type 2, where u is undefined.
   template <int Actuated>
   [[nodiscard]] S motor_forces(const Pose& p, Independent F, S length, Vec<S, Legs>& u) const
       requires(Legs == dof) {
@@ -173,9 +199,9 @@ class SpatialCoupling {
     return solve(B, u);
   }
 
-  /// Calls f(row, ChannelError) for every row but the joints', which have no mass: the errors of position,
-  /// attitude, mass centres and attitudes of the legs' bodies. `turn` is q_e of the platform, its sign
-  /// chosen; bodies of legs take the short way (they cannot turn over).
+  /// Calls f(row, ChannelError) for every row with mass: errors of position, attitude, mass centres and
+  /// attitudes of the legs' bodies. turn: q_e of the platform with its sign chosen; the bodies of legs take
+  /// the short way (they cannot turn over).
   template <class F>
   void for_each_error_row(const Pose& desired, const Rates& desired_rates, const Rates& desired_acceleration,
                           const Pose& actual, const Rates& rates, const Quaternion<S>& turn, F&& f) const {
@@ -212,18 +238,12 @@ class SpatialCoupling {
   }
 
  private:
-  static void put(Channels& out, const Independent& v) {
-    for (int i = 0; i < dof; ++i) out[i] = v[i];
+  /// The rows of leg j, of any vector of channels.
+  template <class V>
+  [[nodiscard]] static auto part(V& v, int j) {
+    return v.template segment<leg_channels>(row_leg(j));
   }
-  static void put(Channels& out, int j, const typename Leg::Channels& v) {
-    for (int i = 0; i < leg_channels; ++i) out[row_leg(j) + i] = v[i];
-  }
-  [[nodiscard]] static typename Leg::Channels part(const Channels& v, int j) {
-    typename Leg::Channels out;
-    for (int i = 0; i < leg_channels; ++i) out[i] = v[row_leg(j) + i];
-    return out;
-  }
-  /// A force on joint j of the platform, as p0# feels it.
+  /// Force on p0# by a force (N) on joint j of the platform.
   [[nodiscard]] static Independent at_joint(const Pose& p, int j, const Vec3<S>& force) {
     return joined(force, p.frame.in(cross(p.arm[j], force)));
   }

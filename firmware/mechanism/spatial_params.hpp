@@ -1,13 +1,11 @@
 #pragma once
-/// Constants of the mechanisms in space: plain values, shared by controller and plant. SI units; z up,
-/// gravity along -z.
+/// Parameters of the mechanisms in space, shared by controller and plant. SI units; z up, gravity along -z.
 
 #include "firmware/types.hpp"
 
 namespace esmc {
 
-/// A rigid body whose mass centre is the point that is positioned and whose frame lies along its principal
-/// axes.
+/// A rigid body; its frame lies in the mass centre, along the principal axes.
 template <class S>
 struct RigidBodyParams {
   S mass{};                               ///< kg, > 0
@@ -32,13 +30,12 @@ struct HexapodParams {
   RigidBodyParams<S> platform{};
   List<Vec<S, 3>, legs> base{};   ///< universal joints, in N, m
   List<Vec<S, 3>, legs> joint{};  ///< spherical joints, from the mass centre of the platform in its frame, m
-  Vec<S, 3> home =
-      Vec<S, 3>::Zero();  ///< mass centre of the platform about which it works, m; see home_direction
+  Vec<S, 3> home = Vec<S, 3>::Zero();  ///< mass centre in the middle of the workspace, m; see home_direction
   StrutParams<S> cylinder{}, rod{};
   S gravity{};  ///< m/s2, >= 0
 
-  /// The leg as it is at home, the platform level. The first axis of its universal joint is the x axis of N
-  /// after the shortest turn that lays the z axis along this.
+  /// Direction of leg j at home, the platform level, m. The first axis of its universal joint is the x axis
+  /// of N after the shortest turn that lays the z axis along this.
   [[nodiscard]] Vec<S, 3> home_direction(int j) const { return home + joint[j] - base[j]; }
 };
 

@@ -3,19 +3,19 @@
 /// target.
 ///
 /// The C library's versions differ between host and boards. These use only operations that IEEE 754 rounds
-/// exactly (+ - * / sqrt) and bit moves, so gcc, clang, x86 and ARM agree bit for bit, provided that the code
-/// is built with -ffp-contract=off, without fast-math, and runs in the default state of the FPU: rounding to
-/// nearest, subnormal numbers kept. The bits of a NaN are the one thing that may differ.
+/// exactly (+ - * / sqrt) and bit moves, so gcc, clang, x86 and ARM agree bit for bit, except in the bits of
+/// a NaN. Build with -ffp-contract=off and without fast-math; the FPU must round to nearest and keep
+/// subnormals.
 ///
-/// Largest errors, asserted by tests/unit/elementary_test.cpp, in ulp of the exact result:
-///   sin_cos 0.9; wrap_to_pi 0.6, and 1.3 where the result is pi for want of a number closer to -pi;
+/// Largest errors in ulp of the exact result, asserted by tests/unit/elementary_test.cpp:
+///   sin_cos 0.9; wrap_to_pi 0.6, and 1.3 where the result is pi because no number is closer to -pi;
 ///   in float both have 2^-53 |angle| more, which shows only next to the zeros of the result;
 ///   arc_tangent2 1.7; angle_of_unit 2.4; hyperbolic_tangent 1.8.
 ///
-/// The functions take float and double only. Templates over other scalar types should call them unqualified,
-/// so that such a type can bring its own.
+/// The functions take float and double only. Templates over other scalar types call them unqualified, so that
+/// such a type can bring its own.
 ///
-/// Every fitted or split constant below is printed by elementary_coefficients.py, next to this file.
+/// Every fitted or split constant below is printed by tests/symbolic/elementary_coefficients.py.
 
 #include <array>
 #include <bit>
@@ -33,21 +33,20 @@ static_assert(FLT_EVAL_METHOD == 0 || FLT_EVAL_METHOD == 16, "float and double n
 
 namespace esmc {
 
-/// The two types that these functions are written for.
+/// Scalars that the functions below take.
 template <class S>
 concept BinaryFloat = std::same_as<S, float> || std::same_as<S, double>;
 
 /// Sine and cosine of one angle.
 template <class S>
 struct SinCos {
-  S sin;
-  S cos;
+  S sin, cos;
 };
 
 namespace ieee {
 
-/// c0 + z (c1 + z (c2 + ...)). Overlapping shorter chains took longer on x86, and rounded worse. z may be
-/// several numbers side by side.
+/// c0 + z (c1 + z (c2 + ...)). Overlapping shorter chains took longer on x86, and rounded worse. V may be a
+/// SIMD type.
 template <std::size_t I = 0, class V, class S, std::size_t N>
 [[nodiscard]] constexpr auto horner(V z, const std::array<S, N>& c) {
   if constexpr (I + 1 == N) {
@@ -57,19 +56,18 @@ template <std::size_t I = 0, class V, class S, std::size_t N>
   }
 }
 
-/// A number close to an exact constant: head + tail.
+/// An exact constant as the sum of two numbers.
 template <class S>
 struct Split {
-  S head;
-  S tail;
+  S head, tail;
 };
 
-/// Real: the type of one number; Bits: the pattern of an S. A host may add an S that is several numbers side
-/// by side.
+/// Real: the type of one number; Bits: its pattern. Specialised for float and double here, for SIMD types on
+/// the host.
 template <class S>
 struct Constants;
 
-/// Bits of a float.
+/// For float.
 template <>
 struct Constants<float> {
   using Real = float;
@@ -104,7 +102,7 @@ struct Constants<float> {
                                               0x1.0d2044p-4F, -0x1.328e92p-4F, 0x1.9bb344p-4F};
 };
 
-/// Bits of a double.
+/// For double.
 template <>
 struct Constants<double> {
   using Real = double;
@@ -166,10 +164,9 @@ template <class S>
   return std::bit_cast<S>(pattern);
 }
 
-/// angle - quadrants * pi / 2 as head - tail, the tail below the last place of the head. With |quadrants|
-/// below its limit and the difference near pi at most the products with the first two parts and the first
-/// subtraction are exact. The tail recovers what the other steps round off, so the head may cancel down to
-/// its last bits.
+/// angle - quadrants * pi / 2 as head - tail, the tail below the last place of the head. The products with
+/// the first two parts of pi / 2 and the first subtraction are exact within kLargestAngle; the tail recovers
+/// the rounding errors of the other steps, so the head may cancel down to its last bits.
 template <class S>
 [[nodiscard]] constexpr Split<S> minus_quadrants(S angle, S quadrants) {
   const auto& half_pi = Constants<S>::kHalfPi;
@@ -186,11 +183,19 @@ template <BinaryFloat S>
 [[nodiscard]] inline S square_root(S value) {
   return std::sqrt(value);
 }
+/// |value|, for any ordered scalar.
+template <class S>
+[[nodiscard]] inline S magnitude(S value) {
+  if constexpr (BinaryFloat<S>) {
+    return std::fabs(value);
+  } else {
+    return value < S(0) ? -value : value;
+  }
+}
 
 namespace ieee {
 
-/// Sine and cosine of an angle within kLargestAngle; without a branch, so that several can share vector
-/// registers.
+/// Sine and cosine of |angle| <= kLargestAngle, without a branch, so that several can share vector registers.
 template <class S>
 [[nodiscard]] inline SinCos<S> sin_cos_in_range(S angle) {
   using C = Constants<S>;
@@ -220,7 +225,7 @@ template <class S>
 
 }  // namespace ieee
 
-/// Both NaN when |angle| > 1e4 (double), > 1e3 (float), or when it is not finite.
+/// angle: rad. Both NaN when |angle| > 1e4 (double), > 1e3 (float), or when it is not finite.
 template <BinaryFloat S>
 [[nodiscard]] inline SinCos<S> sin_cos(S angle) {
   if (!(std::fabs(angle) <= ieee::Constants<S>::kLargestAngle)) {
@@ -229,7 +234,7 @@ template <BinaryFloat S>
   return ieee::sin_cos_in_range(angle);
 }
 
-/// The same for several angles at once: bit for bit what sin_cos gives for each, in less time.
+/// sin_cos of several angles, the same bits in less time.
 template <BinaryFloat S, std::size_t N>
 struct SinCosLanes {
   std::array<S, N> sin, cos;
@@ -237,27 +242,20 @@ struct SinCosLanes {
 template <BinaryFloat S, std::size_t N>
 [[nodiscard]] inline SinCosLanes<S, N> sin_cos(const std::array<S, N>& angle) {
   SinCosLanes<S, N> out;
-  bool in_range = true;
-  for (std::size_t i = 0; i < N; ++i)
-    in_range = in_range & (std::fabs(angle[i]) <= ieee::Constants<S>::kLargestAngle);
-  if (in_range) {
-    for (std::size_t i = 0; i < N; ++i) {
-      const SinCos<S> t = ieee::sin_cos_in_range(angle[i]);
-      out.sin[i] = t.sin;
-      out.cos[i] = t.cos;
-    }
-    return out;
-  }
   for (std::size_t i = 0; i < N; ++i) {
-    const SinCos<S> t = sin_cos(angle[i]);
+    const SinCos<S> t = ieee::sin_cos_in_range(angle[i]);
     out.sin[i] = t.sin;
     out.cos[i] = t.cos;
+  }
+  for (std::size_t i = 0; i < N; ++i) {  // after all of them, so that those above share vector registers
+    if (!(std::fabs(angle[i]) <= ieee::Constants<S>::kLargestAngle))
+      out.sin[i] = out.cos[i] = std::numeric_limits<S>::quiet_NaN();
   }
   return out;
 }
 
-/// Direction of the vector (x, y), in [-pi, pi]; zeros and infinities as the C function treats them.
-/// NaN when either is NaN.
+/// Direction of the vector (x, y), rad in [-pi, pi]; zeros and infinities as in C's atan2. NaN when either is
+/// NaN.
 template <BinaryFloat S>
 [[nodiscard]] inline S arc_tangent2(S y, S x) {
   using C = ieee::Constants<S>;
@@ -282,9 +280,9 @@ template <BinaryFloat S>
       small *= factor;
     }
   }
-  // Turned back by the arc tangent of 0, 1/2 or 1, which leaves |t| < 0.258; `small - centre * large` is
+  // Less the arc tangent of a centre 0, 1/2 or 1, which leaves |t| < 0.258; `small - centre * large` is
   // exact, as the two are within a factor of two of each other. The first bound lies just beyond tan(1/4):
-  // the sum that cancels most, below, then has a result twice as coarse.
+  // the sum below that cancels most then has a result twice as coarse.
   Bits row = 0;
   S t;
   if (small > S(0.71875) * large) {
@@ -299,8 +297,8 @@ template <BinaryFloat S>
   const S z = t * t;
   const S turn = t - t * z * ieee::horner(z, C::kAtan);
 
-  // atan t is added to, or if mirrored taken from, the direction of the centre: rows 0 to 2 for x > 0, 3 to 5
-  // seen from the y axis, 6 to 11 the same for x < 0.
+  // atan t is added to, or if mirrored subtracted from, the direction of the centre: rows 0 to 2 for x > 0, 3
+  // to 5 from the y axis, 6 to 11 the same for x < 0.
   const Bits left = ieee::bits(x) & ieee::kSign<S>;
   constexpr int kTop = sizeof(S) * 8 - 1;
   row += (steep >> kTop) * 3U + (left >> kTop) * 6U;
@@ -310,22 +308,22 @@ template <BinaryFloat S>
 }
 
 namespace ieee {
-/// |sine| <= kAsinReach. `S` may be several numbers side by side.
+/// |sine| <= kAsinReach. S may be a SIMD type.
 template <class S>
 [[nodiscard]] inline S arc_sine_in_reach(S sine) {
   const S z = sine * sine;
   return sine + sine * z * horner(z, Constants<S>::kAsin);
 }
-/// Out of the way of what is seldom taken.
+/// Not inline, for the rare case.
 template <class S>
 [[nodiscard, gnu::noinline, gnu::cold]] S arc_tangent2_apart(S y, S x) {
   return arc_tangent2(y, x);
 }
 }  // namespace ieee
 
-/// Direction of a unit vector (x, y), in [-pi, pi], in fewer operations than arc_tangent2 and without a
-/// division: in float everywhere, in double within 15 degrees ahead. Of a vector that is none: no better than
-/// its length. NaN when either is NaN.
+/// Direction of a unit vector (x, y), rad in [-pi, pi], in fewer operations than arc_tangent2 and without a
+/// division: in float everywhere, in double within 15 degrees ahead. A relative error of the length is one of
+/// the result. NaN when either is NaN.
 template <BinaryFloat S>
 [[nodiscard]] inline S angle_of_unit(S y, S x) {
   using C = ieee::Constants<S>;
@@ -345,7 +343,7 @@ template <BinaryFloat S>
   return ieee::arc_tangent2_apart(y, x);
 }
 
-/// Odd, NaN for NaN, exactly +-1 from |x| = 19.1 (double) or 9.1 (float) on.
+/// tanh x: odd, NaN for NaN, exactly +-1 from |x| = 19.1 (double) or 9.1 (float) on.
 template <BinaryFloat S>
 [[nodiscard]] inline S hyperbolic_tangent(S x) {
   using C = ieee::Constants<S>;
@@ -378,8 +376,8 @@ template <BinaryFloat S>
       guess + (less + (more * r + (more * lost + less * h))) / (above + (below * r + above * h)), x);
 }
 
-/// The angle in (-pi, pi], pi rounded to S; one already there comes back unchanged.
-/// NaN when |angle| > 1e4 (double), > 1e3 (float), or when it is not finite.
+/// angle (rad) modulo a turn, in (-pi, pi], pi rounded to S; unchanged if it lies there. NaN when |angle| >
+/// 1e4 (double), > 1e3 (float), or when it is not finite.
 template <BinaryFloat S>
 [[nodiscard]] inline S wrap_to_pi(S angle) {
   using C = ieee::Constants<S>;

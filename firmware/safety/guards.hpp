@@ -1,6 +1,6 @@
 #pragma once
-/// The checks no torque passes without. Plain scalars: nothing here knows a mechanism or a law.
-/// Every condition is what is allowed (<=, >=), never what is forbidden: a NaN then fails it.
+/// The checks that every torque passes. Plain scalars, independent of mechanism and law.
+/// Every condition states the allowed range (<=, >=): a NaN then fails it.
 
 #include <array>
 #include <cstdint>
@@ -10,7 +10,7 @@
 
 namespace esmc {
 
-inline constexpr int base_joints = 2;
+inline constexpr int base_joint_count = 2;
 
 /// -limit <= v <= limit, in one comparison; false where either is NaN.
 template <class S>
@@ -27,28 +27,32 @@ template <class S>
   return within(v, std::numeric_limits<S>::max());
 }
 
+/// The result of comparing two S: bool, or one truth per lane where S is several numbers side by side.
+template <class S>
+using Truth = decltype(S() < S());
+
 /// A closed interval.
 template <class S>
 struct Range {
   S lower = -std::numeric_limits<S>::max();
   S upper = std::numeric_limits<S>::max();
-  [[nodiscard]] constexpr bool contains(S v) const { return lower <= v && v <= upper; }
+  [[nodiscard]] constexpr Truth<S> contains(S v) const { return lower <= v && v <= upper; }
 };
 
-/// What must not be crossed; each a latched fault.
+/// Crossing one is a latched fault.
 template <class S>
 struct Limits {
   S min_abs_sin_type1{};                  ///< of sin theta_j2, dimensionless
   S min_abs_sin_type2{};                  ///< of D2, dimensionless
   S joint_speed{};                        ///< rad/s, base joints
-  S closure{};                            ///< m: how far the leg tips may be apart with passive encoders
+  S closure{};                            ///< m: distance of the leg tips with passive encoders
   Range<S> workspace_x{}, workspace_y{};  ///< m
-  std::array<Range<S>, base_joints> joint_angle{};  ///< rad
-  std::uint32_t max_age_ticks = 0;                  ///< missed samples that are extrapolated
-  S feedback_jump{};      ///< rad per tick by which an angle may differ from what its rate says; 0: any
-  S join_acceleration{};  ///< rad/s2, base joints on the way onto the reference; 0: any
+  std::array<Range<S>, base_joint_count> joint_angle{};  ///< rad
+  std::uint32_t max_age_ticks = 0;                       ///< missed samples that are extrapolated
+  S feedback_jump{};      ///< rad per tick between an angle and its prediction from the rate; 0: any
+  S join_acceleration{};  ///< rad/s2, base joints while joining the reference; 0: any
 
-  /// Without the limits that a mechanism may already have crossed while it is brought to rest.
+  /// Without the limits that a mechanism may already have crossed when it is brought to rest.
   [[nodiscard]] constexpr Limits while_halting() const {
     Limits l = *this;
     l.workspace_x = l.workspace_y = {};
@@ -57,20 +61,20 @@ struct Limits {
   }
 };
 
-/// What the guards look at, taken from the measured state.
+/// Quantities that the guards check, from the measured state.
 template <class S>
 struct Measured {
   S abs_sin_type1{};  ///< smallest over the legs
-  S sin_type2{};      ///< D2, > 0 in the assembly mode; 1 where nothing is to guard (RR, four motors)
+  S sin_type2{};      ///< D2, > 0 in the assembly mode; 1 without type 2 (RR, four motors)
   S closure{};        ///< m, 0 without passive encoders
   S x{}, y{};         ///< effector, m
-  bool working_mode_kept = false;
-  std::array<S, base_joints> joint_angle{}, joint_rate{};
+  Truth<S> working_mode_kept{};
+  std::array<S, base_joint_count> joint_angle{}, joint_rate{};
 };
 
 template <class S>
 constexpr Fault guard(const Limits<S>& limit, const Measured<S>& m) {
-  for (int i = 0; i < base_joints; ++i) {
+  for (int i = 0; i < base_joint_count; ++i) {
     const auto u = static_cast<unsigned>(i);
     if (!within(m.joint_rate[u], limit.joint_speed)) return Fault::joint_speed;
     if (!limit.joint_angle[u].contains(m.joint_angle[u])) return Fault::joint_angle;
@@ -83,11 +87,10 @@ constexpr Fault guard(const Limits<S>& limit, const Measured<S>& m) {
   return Fault::none;
 }
 
-/// What became of a torque at the clamp.
+/// Result of limit_torque.
 enum class TorqueCheck : std::uint8_t { passed, limited, not_finite };
 
-/// Hard clamp to +-limit. A torque that is not finite becomes 0 and is reported, never clamped to the limit;
-/// so does every torque when the limit itself is none (NaN or negative).
+/// Hard clamp to +-limit. not_finite, torque 0: the torque is not finite, or the limit is NaN or negative.
 template <class S>
 constexpr TorqueCheck limit_torque(S& torque, S limit) {
   if (!finite(torque) || !(limit >= S(0))) {

@@ -1,17 +1,15 @@
 #pragma once
-/// The supervisor: which state the controller is in, and what each fault makes of it.
+/// The supervisor: the state of the controller, and the effect of each fault on it.
 ///
-///   disabled --enable--> enabling --every axis ready--> running --stop--> stopping --every axis idle-->
-///   disabled
-///                        (with a sign test: enabling --every axis ready--> testing --passed--> running)
-///   running --halt, or a fault that leaves a trustworthy state--> halting --at rest--> holding, lowering or
-///   off every state but disabled --any other fault--> fault --reset--> disabled enabling --time-out--> fault
-///   (enabling_timeout);  stopping --time-out--> disabled
+///   disabled --enable--> enabling --every axis ready--> running --stop--> stopping --all idle--> disabled
+///       with a sign test: enabling --every axis ready--> testing --passed--> running
+///   running --halt, or a fault with Reaction::halt--> halting --at rest--> holding, lowering or off
+///   every state but disabled --any other fault--> fault --reset--> disabled
+///   enabling --time-out--> fault (enabling_timeout); stopping --time-out--> disabled
 ///
 /// There is torque in testing, running, halting, holding and lowering only. `begin_tick` makes the
-/// transitions, once per tick and before anything is computed, so that all of a tick belongs to one state;
-/// only a fault strikes at once, in the tick that finds it. docs/safety.md has the table of states, events
-/// and reactions.
+/// transitions, once per tick and before anything is computed, so that a tick belongs to one state; only a
+/// fault acts at once, in the tick that finds it. docs/safety.md has the table of states and events.
 
 #include <array>
 #include <cstdint>
@@ -20,79 +18,58 @@
 
 namespace esmc {
 
-/// States. Disabled, enabling, stopping and fault: torque 0.
+/// Torque is 0 in disabled, enabling, stopping and fault. Values: wire format, as those of Fault.
 enum class State : std::uint8_t {
-  disabled,
-  enabling,
-  testing,  ///< each motor in turn gets a little torque and must answer as the model says
-  running,
-  halting,   ///< the law brings the mechanism to rest where it is
-  holding,   ///< at rest, under the law, until the operator ends it
-  lowering,  ///< weight let down against damping
-  stopping,
-  fault
+  disabled = 0,
+  enabling = 1,
+  testing = 2,  ///< each motor in turn gets a small torque and must answer as the model predicts
+  running = 3,
+  halting = 4,   ///< the law brings the mechanism to rest where it is
+  holding = 5,   ///< at rest, under the law, until the operator ends it
+  lowering = 6,  ///< the weight is let down against damping
+  stopping = 7,
+  fault = 8
 };
 inline constexpr int state_count = static_cast<int>(State::fault) + 1;
+/// In the order of the values of State.
+inline constexpr std::array<const char*, state_count> state_names{
+    "disabled", "enabling", "testing", "running", "halting", "holding", "lowering", "stopping", "fault"};
+static_assert(state_names.back() != nullptr);
+[[nodiscard]] constexpr const char* name(State s) { return name_in(state_names, s); }
 
-[[nodiscard]] constexpr const char* name(State s) {
-  switch (s) {
-    case State::disabled:
-      return "disabled";
-    case State::enabling:
-      return "enabling";
-    case State::testing:
-      return "testing";
-    case State::running:
-      return "running";
-    case State::halting:
-      return "halting";
-    case State::holding:
-      return "holding";
-    case State::lowering:
-      return "lowering";
-    case State::stopping:
-      return "stopping";
-    case State::fault:
-      return "fault";
-  }
-  return "unknown";
-}
-
-/// What an operator asks for.
+/// Commands of an operator.
 enum class Command : std::uint8_t {
   none,
   enable,
   stop,          ///< zero torque, drives to idle
   halt,          ///< to rest under control first, where the configuration allows it
-  confirm_zero,  ///< the mechanism stands in its zero pose; heard while disabled
+  confirm_zero,  ///< the mechanism stands in its zero pose; obeyed while disabled
   reset
 };
 
-/// What becomes of a mechanism that has been brought to rest.
+/// Behaviour after a mechanism has been brought to rest.
 enum class AfterHalt : std::uint8_t {
   release,  ///< torque off: for mechanisms that gravity does not move, or with a brake
   hold,     ///< torque stays until the operator commands stop or reset
-  lower,    ///< weight is let down against damping, then torque off
+  lower,    ///< the weight is let down against damping, then torque off
 };
 
-/// What the drives say at the start of a tick.
+/// State of the drives at the start of a tick.
 struct DriveStatus {
   bool all_ready = false;  ///< every axis confirmed closed-loop control
   bool all_idle = false;   ///< every axis reported idle
 };
 
-/// States, latched faults and reactions: whether there may be torque.
+/// Decides whether there may be torque.
 class Supervisor {
  public:
-  /// What it may do instead of taking the torque away.
+  /// Options and time-outs.
   struct Config {
     bool can_halt = false;  ///< false: every fault, and every halt, takes the torque away at once
     AfterHalt after_halt = AfterHalt::release;
     bool sign_test = false;                   ///< between enabling and running
-    std::uint32_t enabling_ticks_max = 5000;  ///< > 0; then the fault enabling_timeout: an order to arm does
-                                              ///< not outlive the operator's attention
-    std::uint32_t stopping_ticks_max =
-        1000;  ///< > 0; then disabled, whether or not the drives have confirmed idle
+    std::uint32_t enabling_ticks_max = 5000;  ///< > 0; then the fault enabling_timeout
+    std::uint32_t stopping_ticks_max = 1000;  ///< > 0; then disabled, even without idle confirmed
   };
 
   Supervisor() = default;
@@ -106,18 +83,18 @@ class Supervisor {
   [[nodiscard]] bool retreating() const {
     return state_ == State::halting || state_ == State::holding || state_ == State::lowering;
   }
-  /// Whether there may be torque at all.
+  /// There may be torque.
   [[nodiscard]] bool powered() const { return running() || retreating() || state_ == State::testing; }
-  /// Ticks since power-up, modulo 2^32; at which of them the latched fault was found; how often each fault
-  /// has come since power-up, up to count_max. One that is found in tick after tick has come once.
+  /// Ticks since power-up, modulo 2^32.
   [[nodiscard]] std::uint32_t tick() const { return tick_; }
+  /// The tick that found the latched fault.
   [[nodiscard]] std::uint32_t fault_tick() const { return fault_tick_; }
   static constexpr std::uint16_t count_max = 0xFFFF;
+  /// Occurrences of a fault since power-up, at most count_max; consecutive ticks count as one.
   [[nodiscard]] std::uint16_t count(Fault f) const { return counts_[static_cast<unsigned>(f)].times; }
 
-  /// `stage_done`: the controller's word that the motors answered (testing), that the mechanism is at rest
-  /// (halting) or has been let down (lowering). `passed`: periods since the tick before, where that is not
-  /// one (lockstep); < 2^31.
+  /// `stage_done`: from the controller: motors answered (testing), at rest (halting), let down (lowering).
+  /// `passed`: periods since the previous tick, < 2^31; not 1 in lockstep only.
   void begin_tick(Command command, DriveStatus drives, bool stage_done = false, std::uint32_t passed = 1) {
     ++tick_;
     switch (state_) {
@@ -173,10 +150,10 @@ class Supervisor {
     }
   }
 
-  /// Latches the first fault of an episode; later ones are counted and do not replace its name. Nothing
-  /// happens while disabled: there is no torque to take away, and what is wrong will be found again on
-  /// enabling.
-  void raise(Fault f) {
+  /// Latches the first fault of an episode; later ones are counted only. Ignored while disabled: there is no
+  /// torque to take away, and enabling finds a persisting fault again. Always inline: the simulator compiles
+  /// the controller for several instruction sets, and a copy of its own must not serve them all.
+  [[gnu::always_inline]] inline void raise(Fault f) {
     if (f == Fault::none || state_ == State::disabled) return;
     count(counts_[static_cast<unsigned>(f)]);
     const bool halt = config_.can_halt && (running() || retreating()) && reaction(f) == Reaction::halt;

@@ -13,7 +13,7 @@
 
 namespace esmc::hal {
 
-/// Where the registers and the message memory are: on a board the addresses, in a test a model of them.
+/// Access to registers and message memory: on a board the addresses, in a test a model.
 template <class A>
 concept FdcanAccess = requires(A& a, const A& c, std::uint32_t at, std::uint32_t value) {
   { c.read(at) } -> std::same_as<std::uint32_t>;  // register at a byte offset
@@ -25,26 +25,25 @@ concept FdcanAccess = requires(A& a, const A& c, std::uint32_t at, std::uint32_t
 /// Bytes of a frame by its data length code, and back.
 inline constexpr std::array<std::uint8_t, 16> fdcan_sizes{0, 1,  2,  3,  4,  5,  6,  7,
                                                           8, 12, 16, 20, 24, 32, 48, 64};
-/// The smallest code whose frame holds `size` bytes, at most 64; what it holds beyond them is zero.
+/// The smallest code whose frame holds `size` bytes (at most 64), padded with zeros.
 [[nodiscard]] constexpr std::uint32_t fdcan_code(std::uint8_t size) {
   std::uint32_t code = 0;
   while (code < 15 && fdcan_sizes[code] < size) ++code;
   return code;
 }
 
-/// `Part`: fdcan::G4 or fdcan::H7. Frames leave in the order of try_send(): one at a time is with the
-/// controller, the others wait here. So what the bus has not taken can be withdrawn: no torque of an earlier
-/// tick is sent.
-template <class Part, FdcanAccess Access>
+/// `Chip`: fdcan::G4 or fdcan::H7. Frames leave in the order of try_send(): the controller gets one at a
+/// time, the others wait here and can be withdrawn, so that no torque of an earlier tick is sent.
+template <class Chip, FdcanAccess Access>
 class Fdcan {
  public:
-  static constexpr std::uint32_t waiting_max = WaitingFrames::most;  ///< frames
+  static constexpr std::uint32_t waiting_max = WaitingFrames::capacity;  ///< frames
 
   explicit Fdcan(const Access& access) : a_(access) {}
 
-  /// Takes the bus at `bit_rate` (bit/s) with a kernel clock of `clock` (Hz); `data_rate` 0: classic frames
-  /// only. Accepts every frame: whoever uses our identifiers must be heard. False where a rate cannot be had
-  /// exactly or the controller does not answer; it is then off the bus, and every try_send is bus_off.
+  /// Joins the bus at `bit_rate` (bit/s) with a kernel clock of `clock` (Hz); `data_rate` 0: classic frames
+  /// only. No filter: other nodes that use our identifiers must be noticed. False, and off the bus: a rate is
+  /// not exactly possible, or the controller does not answer.
   [[nodiscard]] bool open(std::uint32_t clock, std::uint32_t bit_rate, std::uint32_t data_rate = 0) {
     opened_ = false;
     const BitTiming slow = bit_timing(clock, bit_rate, fdcan::nominal_limits);
@@ -60,8 +59,7 @@ class Fdcan {
                        (slow.segment2 - 1));
     Word mode = cccr_bit::init | cccr_bit::cce;
     if (data_rate != 0) {
-      // The transmitter looks at its own bits where they are sampled: its loop through the transceiver is
-      // compensated, which the controller can do with quanta of one or two periods.
+      // The delay through the transceiver is compensated, possible with quanta of one or two periods.
       const Word offset = fast.prescaler * (1 + fast.segment1);
       a_.write(dbtp, (fast.prescaler <= 2 ? 1U << 23 : 0U) | ((fast.prescaler - 1) << 16) |
                          ((fast.segment1 - 1) << 8) | ((fast.segment2 - 1) << 4) | (fast.jump_width - 1));
@@ -69,9 +67,9 @@ class Fdcan {
       mode |= cccr_bit::fdoe | cccr_bit::brse;
     }
     a_.write(cccr, mode);
-    a_.write(tscc, 1);  // counts bit times; with FD frames it would have to be another counter
-    Part::configure(a_);
-    for (Word at = 0; at < Part::ram_words; ++at)
+    a_.write(tscc, 1);  // counts bit times; of no use with FD frames
+    Chip::configure(a_);
+    for (Word at = 0; at < Chip::ram_words; ++at)
       a_.write_ram(at, 0);  // its parity is undefined until then (AN5348)
     a_.write(ie, 0);
     a_.write(ir, ~Word{0});
@@ -95,34 +93,32 @@ class Fdcan {
   [[nodiscard]] bool try_receive(CanFrame& f) {
     if (!opened_) return false;
     pump();
-    const fdcan::Word state = a_.read(Part::rxf0s);
+    const fdcan::Word state = a_.read(Chip::rxf0s);
     if ((state & fdcan::rx_lost) != 0) {
-      a_.write(fdcan::ir, Part::lost_flag);
+      a_.write(fdcan::ir, Chip::lost_flag);
       ++overruns_;
     }
-    if ((state & Part::fill) == 0) return false;
-    const fdcan::Word index = (state >> 8) & Part::index;
-    read(Part::rx_fifo + index * fdcan::element::words, f);
-    a_.write(Part::rxf0a, index);
+    if ((state & Chip::fill) == 0) return false;
+    const fdcan::Word index = (state >> 8) & Chip::index;
+    read(Chip::rx_fifo + index * fdcan::element::words, f);
+    a_.write(Chip::rxf0a, index);
     return true;
   }
 
-  /// Since the end of the frame received last, up to its stuff bits too much; at most 65 ms at 1 Mbit/s,
-  /// after which the counter of bits is round. 0, not known, where FD frames are open.
+  /// Time since the end of the frame received last, at most its stuff bits too long. Wraps after 65 ms at
+  /// 1 Mbit/s. 0, not known, with FD frames.
   [[nodiscard]] std::uint32_t frame_age_us() const { return age_us_; }
 
-  /// Takes back what is perishable and the bus has not taken; the frame that is with the controller too,
-  /// unless it is just going out. The others keep their order: whoever sent them counts on their being sent.
+  /// Withdraws perishable frames, that in the controller too unless it is being sent.
   void withdraw() {
     withdrawn_ += waiting_.withdraw();
     if (perishable_) cancel();
   }
 
-  /// The controller has left the bus, by 256 errors of its own or because it never got there.
+  /// The controller has left the bus after 256 errors, or never joined.
   [[nodiscard]] bool off() const { return !opened_ || (a_.read(fdcan::psr) & fdcan::psr_bit::bus_off) != 0; }
-  /// Asks it back after bus-off: it waits for 128 idle sequences by itself and is off() until then.
-  /// Everything that waits is dropped. Torque does not resume by this: bus_off is a latched fault of the
-  /// supervisor.
+  /// Rejoins after bus-off, dropping all waiting frames: the controller waits for 128 idle sequences and is
+  /// off() until then. Torque does not resume, for bus_off is a latched fault.
   void rejoin() {
     if (!opened_ || !off()) return;
     withdrawn_ += waiting_.clear();
@@ -132,14 +128,15 @@ class Fdcan {
       a_.write(fdcan::cccr, mode & ~(fdcan::cccr_bit::init | fdcan::cccr_bit::cce));
   }
 
-  /// How often frames were lost because nobody read them; frames that were withdrawn.
+  /// Number of times that received frames were lost unread.
   [[nodiscard]] std::uint32_t overruns() const { return overruns_; }
+  /// Number of withdrawn frames.
   [[nodiscard]] std::uint32_t withdrawn() const { return withdrawn_; }
   /// Transmit errors (0..255) in bits 7..0, receive errors (0..127) in bits 14..8: ECR.
   [[nodiscard]] std::uint32_t error_counters() const { return a_.read(fdcan::ecr) & 0x7FFFU; }
 
  private:
-  /// The controller's own clock domain follows after some of its periods; bounded, for it may have no clock.
+  /// Waits for the controller's clock domain; bounded, for it may have no clock.
   [[nodiscard]] bool await(fdcan::Word mask, fdcan::Word value) const {
     for (int n = 0; n < 100'000; ++n) {
       if ((a_.read(fdcan::cccr) & mask) == value) return true;
@@ -147,23 +144,22 @@ class Fdcan {
     return false;
   }
 
-  /// Of the frame that is with the controller, if there is one.
+  /// Withdraws the frame in the controller, if there is one.
   void cancel() {
-    const fdcan::Word pending = opened_ ? a_.read(Part::txbrp) : 0;
+    const fdcan::Word pending = opened_ ? a_.read(Chip::txbrp) : 0;
     if (pending == 0) return;
     ++withdrawn_;
     perishable_ = false;
-    a_.write(Part::txbcr, pending);
+    a_.write(Chip::txbcr, pending);
   }
 
-  /// Gives the controller the next frame when it has none. A request is pending a few of its clocks after it
-  /// was written.
+  /// Gives the controller the next frame if it has none. A written request becomes pending some clocks later.
   void pump() {
-    if (waiting_.empty() || (a_.read(Part::txbrp) | a_.read(Part::txbar)) != 0) return;
+    if (waiting_.empty() || (a_.read(Chip::txbrp) | a_.read(Chip::txbar)) != 0) return;
     const CanFrame& f = waiting_.front();
-    const fdcan::Word index = (a_.read(fdcan::txfqs) >> 16) & 0x1FU & Part::index;
-    if (index >= Part::tx_elements) return;
-    fdcan::Word at = Part::tx_buffers + index * fdcan::element::words;
+    const fdcan::Word index = (a_.read(fdcan::txfqs) >> 16) & 0x1FU & Chip::index;
+    if (index >= Chip::tx_elements) return;
+    fdcan::Word at = Chip::tx_buffers + index * fdcan::element::words;
     const fdcan::Word code = fdcan_code(f.size);
     a_.write_ram(at++,
                  (f.extended ? f.id | fdcan::element::extended : f.id << fdcan::element::standard_shift) |
@@ -177,7 +173,7 @@ class Fdcan {
       }
       a_.write_ram(at++, w);
     }
-    a_.write(Part::txbar, 1U << index);
+    a_.write(Chip::txbar, 1U << index);
     perishable_ = f.perishable;
     waiting_.pop();
   }
@@ -190,15 +186,14 @@ class Fdcan {
     f.fd = (second & fdcan::element::fd) != 0;
     f.bit_rate_switch = f.fd && (second & fdcan::element::bit_rate_switch) != 0;
     const std::uint8_t size = fdcan_sizes[(second >> fdcan::element::dlc_shift) & 0xFU];
-    f.size = f.fd || size < can_classic_size_max
-                 ? size
-                 : can_classic_size_max;  // 9..15 are 8 bytes in a classic frame
+    f.size =
+        f.fd || size < can_classic_size_max ? size : can_classic_size_max;  // codes 9..15 of a classic frame
     for (std::size_t i = 0; i < f.size && !f.remote; i += 4) {
       const fdcan::Word w = a_.read_ram(at + 2 + static_cast<fdcan::Word>(i / 4));
       for (std::size_t k = 0; k < 4 && i + k < f.size; ++k)
         f.data[i + k] = static_cast<std::uint8_t>(w >> (8U * k));
     }
-    // The stamp is of the frame's first bit; without bits that were stuffed it was this long.
+    // The stamp is of the first bit; `bits` is the length of the frame without stuff bits.
     const std::uint32_t bits = (f.extended ? 64U : 44U) + (f.remote ? 0U : 8U * f.size);
     const std::uint32_t since = (a_.read(fdcan::tscv) - second) & 0xFFFFU;
     age_us_ = since > bits && !fd_
@@ -207,8 +202,8 @@ class Fdcan {
   }
 
   Access a_;
-  bool opened_ = false, fd_ = false,
-       perishable_ = false;  // the last: of the frame that is with the controller
+  bool opened_ = false, fd_ = false;
+  bool perishable_ = false;  // the frame in the controller is
   std::uint32_t bit_rate_ = 1, overruns_ = 0, withdrawn_ = 0, age_us_ = 0;
   WaitingFrames waiting_{};
 };

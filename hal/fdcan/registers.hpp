@@ -11,7 +11,7 @@ namespace esmc::hal::fdcan {
 
 using Word = std::uint32_t;
 
-// The same in both.
+// Common to both.
 inline constexpr Word dbtp = 0x0C, cccr = 0x18, nbtp = 0x1C, tscc = 0x20, tscv = 0x24, ecr = 0x40, psr = 0x44,
                       tdcr = 0x48, ir = 0x50, ie = 0x54, txbc = 0xC0, txfqs = 0xC4;
 
@@ -33,22 +33,22 @@ inline constexpr unsigned standard_shift = 18, dlc_shift = 16;
 inline constexpr Word words = 18;  ///< header and 64 bytes
 }  // namespace element
 
-/// STM32G4: everything in the message memory has its place, and three of it.
+/// STM32G4: a fixed layout of the message memory, three elements of each kind.
 struct G4 {
   static constexpr Word rxf0s = 0x90, rxf0a = 0x94, txbrp = 0xC8, txbar = 0xCC, txbcr = 0xD0;
   static constexpr Word lost_flag = 1U << 2;  ///< IR.RF0L
   static constexpr Word ram_words = 212, rx_fifo = 44, rx_elements = 3, tx_buffers = 158, tx_elements = 3;
   static constexpr Word fill = 0xF, index = 0x3;  ///< of RXF0S, TXFQS
-  /// Everything into FIFO 0, which keeps what it has when it is full; transmit queue; kernel clock undivided.
+  /// All frames into FIFO 0, which keeps the old ones when full; transmit queue; kernel clock undivided.
   template <class Access>
   static void configure(Access& a) {
-    a.write(0x80, 0);         // RXGFC: no filters, what matches none goes to FIFO 0, remote frames too
+    a.write(0x80, 0);         // RXGFC: no filters, remote frames too
     a.write(txbc, 1U << 24);  // TFQM
     a.write(0x100, 0);        // CKDIV
   }
 };
 
-/// STM32H742/743: the message memory is laid out by us, from the start of FDCAN1's part.
+/// STM32H742/743: a layout of our own, from the start of the message memory of FDCAN1.
 struct H7 {
   static constexpr Word rxf0s = 0xA4, rxf0a = 0xA8, txbrp = 0xCC, txbar = 0xD0, txbcr = 0xD4;
   static constexpr Word lost_flag = 1U << 3;

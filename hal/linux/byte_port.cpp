@@ -16,7 +16,6 @@
 #include <cerrno>
 #include <cstring>
 #include <memory>
-#include <string_view>
 #include <utility>
 
 namespace esmc::hal {
@@ -24,28 +23,17 @@ namespace {
 
 constexpr int patience_ms = 5000;
 
-struct Speed {
-  std::string_view name;
-  speed_t value;
-};
-constexpr std::array<Speed, 14> speeds{{{"57600", B57600},
-                                        {"115200", B115200},
-                                        {"230400", B230400},
-                                        {"460800", B460800},
-                                        {"500000", B500000},
-                                        {"576000", B576000},
-                                        {"921600", B921600},
-                                        {"1000000", B1000000},
-                                        {"1152000", B1152000},
-                                        {"1500000", B1500000},
-                                        {"2000000", B2000000},
-                                        {"2500000", B2500000},
-                                        {"3000000", B3000000},
-                                        {"4000000", B4000000}}};
+constexpr std::array speeds{57'600,    115'200,   230'400,   460'800,   500'000,   576'000,   921'600,
+                            1'000'000, 1'152'000, 1'500'000, 2'000'000, 2'500'000, 3'000'000, 4'000'000};
 
 std::string reason(int code) { return std::strerror(code); }
 
-/// Connected, or `why` says why not. Takes the descriptor with it.
+int fail(std::string& why, const std::string& because) {
+  why = because;
+  return -1;
+}
+
+/// False: not connected, for the reason `why`.
 bool connect_in_time(int fd, const sockaddr* address, socklen_t size, std::string& why) {
   if (::connect(fd, address, size) == 0) return true;
   if (errno == EINPROGRESS) {
@@ -56,7 +44,7 @@ bool connect_in_time(int fd, const sockaddr* address, socklen_t size, std::strin
     if (code == 0) return true;
     why = reason(code);
   } else {
-    // A stream socket of the same machine refuses at once; EAGAIN is its full queue.
+    // EAGAIN: the queue of a local stream socket is full.
     why = errno == EAGAIN ? "busy" : reason(errno);
   }
   return false;
@@ -65,16 +53,12 @@ bool connect_in_time(int fd, const sockaddr* address, socklen_t size, std::strin
 int open_unix(const std::string& path, std::string& why) {
   sockaddr_un address{};
   if (path.empty() || path.size() >= sizeof address.sun_path) {
-    why = path.empty() ? "a path is missing" : "the path is too long for a socket";
-    return -1;
+    return fail(why, path.empty() ? "a path is missing" : "the path is too long for a socket");
   }
   address.sun_family = AF_UNIX;
   path.copy(address.sun_path, path.size());
   const int fd = ::socket(AF_UNIX, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
-  if (fd < 0) {
-    why = reason(errno);
-    return -1;
-  }
+  if (fd < 0) return fail(why, reason(errno));
   if (connect_in_time(fd, reinterpret_cast<const sockaddr*>(&address), sizeof address, why)) return fd;
   ::close(fd);
   return -1;
@@ -83,8 +67,7 @@ int open_unix(const std::string& path, std::string& why) {
 int open_tcp(const std::string& where, std::string& why) {
   const std::size_t colon = where.rfind(':');
   if (colon == std::string::npos || colon == 0 || colon + 1 == where.size()) {
-    why = "tcp:HOST:PORT is needed";
-    return -1;
+    return fail(why, "tcp:HOST:PORT is needed");
   }
   std::string host = where.substr(0, colon);
   if (host.size() > 2 && host.front() == '[' && host.back() == ']') host = host.substr(1, host.size() - 2);
@@ -93,10 +76,7 @@ int open_tcp(const std::string& where, std::string& why) {
   wanted.ai_socktype = SOCK_STREAM;
   addrinfo* list = nullptr;
   const int code = ::getaddrinfo(host.c_str(), where.substr(colon + 1).c_str(), &wanted, &list);
-  if (code != 0) {
-    why = code == EAI_SYSTEM ? reason(errno) : ::gai_strerror(code);
-    return -1;
-  }
+  if (code != 0) return fail(why, code == EAI_SYSTEM ? reason(errno) : ::gai_strerror(code));
   const std::unique_ptr<addrinfo, decltype(&::freeaddrinfo)> owner(list, &::freeaddrinfo);
   for (const addrinfo* a = list; a != nullptr; a = a->ai_next) {
     const int fd = ::socket(a->ai_family, a->ai_socktype | SOCK_NONBLOCK | SOCK_CLOEXEC, a->ai_protocol);
@@ -105,7 +85,7 @@ int open_tcp(const std::string& where, std::string& why) {
       continue;
     }
     if (connect_in_time(fd, a->ai_addr, a->ai_addrlen, why)) {
-      // A line is short, and nothing is gained by waiting for more of them.
+      // Lines are short and must not wait for more of them.
       const int on = 1;
       (void)::setsockopt(fd, IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
       why.clear();
@@ -116,38 +96,37 @@ int open_tcp(const std::string& where, std::string& why) {
   return -1;
 }
 
-bool make_raw(int fd, speed_t speed) {
+bool make_raw(int fd, int speed) {
   termios t{};
   if (::tcgetattr(fd, &t) != 0) return false;
   ::cfmakeraw(&t);  // 8 bits, no parity, nothing translated
   t.c_cflag |= CLOCAL | CREAD;
   t.c_cflag &= ~static_cast<tcflag_t>(CSTOPB | CRTSCTS);
   t.c_iflag &= ~static_cast<tcflag_t>(IXOFF | IXANY);
-  t.c_cc[VMIN] = 1;  // with 0 a read without data would look like a hang-up
+  t.c_cc[VMIN] = 1;  // 0: a read without data would look like a hang-up
   t.c_cc[VTIME] = 0;
-  if (::cfsetispeed(&t, speed) != 0 || ::cfsetospeed(&t, speed) != 0) return false;
+  if (::cfsetspeed(&t, static_cast<speed_t>(speed)) != 0) return false;  // glibc takes bit/s
   if (::tcsetattr(fd, TCSANOW, &t) != 0) return false;
-  // What came before this program asked for anything is not for it.
-  return ::tcflush(fd, TCIOFLUSH) == 0;
+  return ::tcflush(fd, TCIOFLUSH) == 0;  // older input is not for this program
 }
 
 int open_tty(const std::string& endpoint, std::string& why) {
   std::string path = endpoint;
-  speed_t speed = B115200;
+  int speed = 115'200;
   struct stat there {};
   const std::size_t at = endpoint.rfind('@');
-  // A device whose own name has an @ is meant by it.
+  // A device may have an @ in its own name.
   if (at != std::string::npos && ::stat(endpoint.c_str(), &there) != 0) {
     path = endpoint.substr(0, at);
     const std::string baud = endpoint.substr(at + 1);
     const auto* const known =
-        std::find_if(speeds.begin(), speeds.end(), [&](const Speed& s) { return s.name == baud; });
+        std::find_if(speeds.begin(), speeds.end(), [&](int s) { return std::to_string(s) == baud; });
     if (known == speeds.end()) {
       why = "@" + baud + ": allowed are";
-      for (const Speed& s : speeds) why += (&s == speeds.data() ? " " : ", ") + std::string(s.name);
+      for (const int& s : speeds) why += (&s == speeds.data() ? " " : ", ") + std::to_string(s);
       return -1;
     }
-    speed = known->value;
+    speed = *known;
   }
   const int fd = ::open(path.c_str(), O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC);  // NOLINT(*-vararg)
   if (fd < 0) {
@@ -159,7 +138,7 @@ int open_tty(const std::string& endpoint, std::string& why) {
   if (::isatty(fd) != 1) {
     why = "no serial line";
   } else if (::flock(fd, LOCK_EX | LOCK_NB) != 0) {
-    // Two readers would each get some of the bytes. The lock is the one that pyserial and others know.
+    // Two readers would each get some of the bytes. pyserial and others use the same lock.
     why = errno == EWOULDBLOCK ? "another program uses it; every node needs an adapter of its own"
                                : reason(errno);
   } else if (!make_raw(fd, speed)) {
@@ -204,7 +183,7 @@ SerialPort& SerialPort::operator=(SerialPort&& other) noexcept {
 
 SerialPort::~SerialPort() {
   if (fd_ < 0) return;
-  // A line that has stopped taking bytes must not hold the end of the program.
+  // A line that takes no more bytes must not delay the end of the program.
   if (!socket_ && has_output()) (void)::tcflush(fd_, TCOFLUSH);
   ::close(fd_);
 }
@@ -226,7 +205,7 @@ bool SerialPort::try_write(std::span<const char> out) {
   if (gone_ || has_output() || out.size() > rest_.size()) return false;
   const std::size_t n = write_some(out);
   if (n == 0) return out.empty();
-  // Half a line on the wire would swallow the next one.
+  // The rest must follow before the next line.
   sent_ = 0;
   unsent_ = out.size() - n;
   std::copy(out.begin() + static_cast<std::ptrdiff_t>(n), out.end(), rest_.begin());
@@ -254,7 +233,7 @@ int slcan_speed(int bits_per_second) {
 }
 
 SlcanAdapter::SlcanAdapter(SerialPort port, int speed) : port_(std::move(port)) {
-  command(std::array{'C', slcan_end});  // open from an earlier program: it would refuse the bit rate
+  command(std::array{'C', slcan_end});  // a channel left open would refuse the bit rate
   command(std::array{'S', static_cast<char>('0' + speed), slcan_end});
   command(std::array{'O', slcan_end});
 }
@@ -262,8 +241,7 @@ SlcanAdapter::SlcanAdapter(SerialPort port, int speed) : port_(std::move(port)) 
 SlcanAdapter::~SlcanAdapter() { command(std::array{'C', slcan_end}); }
 
 void SlcanAdapter::command(std::span<const char> line) {
-  // Of the few bytes at the beginning none is refused; at the end nobody could act on it.
-  (void)port_.try_write(line);
+  (void)port_.try_write(line);  // cannot fail at the beginning; at the end a failure has no consequence
 }
 
 }  // namespace esmc::hal

@@ -1,5 +1,5 @@
 #pragma once
-/// A serial line of Linux as a BytePort: a tty, or a stream socket that stands for one.
+/// A serial line of Linux as a BytePort: a tty, or a stream socket in its place.
 
 #include <array>
 #include <cstddef>
@@ -11,40 +11,39 @@
 
 namespace esmc::hal {
 
-/// Never blocks once it is open. When the other end is gone (end of file, hang-up) it stays so.
+/// Never blocks once it is open. After end of file or hang-up it stays gone().
 class SerialPort {
  public:
-  /// ENDPOINT: the path of a tty, with `@BAUD` behind it where the speed matters (default 115200; an adapter
-  /// on USB ignores it), unix:PATH or tcp:HOST:PORT, for which it waits 5 s at most. A tty is locked and made
-  /// raw, 8N1, without flow control. On failure is_open() is false and `why` says why; else `why` is empty.
+  /// ENDPOINT: the path of a tty, optionally with `@BAUD` (default 115200; USB adapters ignore it), unix:PATH
+  /// or tcp:HOST:PORT, which may take 5 s. A tty is locked and made raw, 8N1, without flow control. On
+  /// failure is_open() is false and `why` is the reason; else `why` is empty.
   static SerialPort open(const std::string& endpoint, std::string& why);
 
-  /// Adopts a descriptor that does not block; the tests use a socket pair.
+  /// Adopts a non-blocking descriptor, as a socket pair in tests.
   explicit SerialPort(int fd);
   SerialPort(SerialPort&& other) noexcept { *this = std::move(other); }
   SerialPort& operator=(SerialPort&& other) noexcept;
   SerialPort(const SerialPort&) = delete;
   SerialPort& operator=(const SerialPort&) = delete;
-  /// What is still unsent is dropped.
+  /// Drops unsent bytes.
   ~SerialPort();
 
   [[nodiscard]] bool is_open() const { return fd_ >= 0; }
   [[nodiscard]] int descriptor() const { return fd_; }
 
-  /// All of it or nothing, `out` up to 64 bytes: a rest that the line does not take at once goes out before
-  /// the next.
+  /// All of `out` (up to 64 bytes) or nothing. What the line does not take at once is sent first next time.
   [[nodiscard]] bool try_write(std::span<const char> out);
   [[nodiscard]] bool try_read(char& in);
   [[nodiscard]] bool gone() const { return gone_; }
 
-  /// Bytes that have been read from the system and wait here: nobody who polls the descriptor hears of them.
+  /// Bytes have been read ahead, of which a poll of the descriptor does not know.
   [[nodiscard]] bool has_input() const { return next_ < filled_; }
-  /// A rest to be sent, by flush() once the descriptor is writable.
+  /// A rest waits for flush(), once the descriptor is writable.
   [[nodiscard]] bool has_output() const { return sent_ < unsent_; }
   void flush();
 
  private:
-  /// Bytes that the system took.
+  /// Returns the number of bytes that the system took.
   std::size_t write_some(std::span<const char> out);
 
   int fd_ = -1;
@@ -57,14 +56,14 @@ class SerialPort {
 
 static_assert(LosablePort<SerialPort>);
 
-/// The digit of slcan's command for a bit rate, bit/s (S8 is 1 Mbit/s); -1 where it has none.
+/// The digit of slcan's command S for a bit rate, bit/s (8 is 1 Mbit/s); -1: none.
 [[nodiscard]] int slcan_speed(int bits_per_second);
 
-/// An adapter on a serial line, with its CAN channel open from the constructor to the destructor. It says no
-/// times and takes no errors in: bus_off is the port's end.
+/// An adapter on a serial line; its CAN channel is open from constructor to destructor. It reports neither
+/// times nor bus errors: bus_off means that the port is gone.
 class SlcanAdapter {
  public:
-  /// `speed`: of slcan_speed().
+  /// `speed`: from slcan_speed().
   SlcanAdapter(SerialPort port, int speed);
   SlcanAdapter(const SlcanAdapter&) = delete;
   SlcanAdapter& operator=(const SlcanAdapter&) = delete;

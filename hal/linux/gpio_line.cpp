@@ -18,11 +18,11 @@ struct Place {
   std::uint32_t offset;
 };
 
-/// Empty path: not a place.
+/// Empty path: not valid.
 Place parse(const std::string& text) {
   Place p{{}, 0};
   const std::size_t colon = text.rfind(':');
-  // Only such chips: other devices may act on being opened.
+  // No other devices: opening one may have an effect.
   if (colon == std::string::npos || !text.starts_with("gpiochip") || text.find('/') != std::string::npos)
     return p;
   const char* const end = text.data() + text.size();

@@ -45,8 +45,7 @@ void Alarm::wait(std::uint64_t instant_ns, int descriptor) const {
   at.it_value.tv_sec = static_cast<time_t>(instant_ns / 1'000'000'000U);
   at.it_value.tv_nsec = static_cast<long>(instant_ns % 1'000'000'000U);
   (void)::timerfd_settime(timer_, TFD_TIMER_ABSTIME, &at, nullptr);
-  // A second at most, should there be no timer; and an interface that is gone must not keep this thread awake
-  // for ever.
+  // A second at most, in case there is no timer. A lost interface must not wake this thread all the time.
   std::array<pollfd, 2> either{pollfd{timer_, POLLIN, 0}, pollfd{descriptor, POLLIN, 0}};
   if (::poll(either.data(), either.size(), 1000) > 0 &&
       (either[1].revents & (POLLERR | POLLHUP | POLLNVAL)) != 0) {

@@ -20,8 +20,7 @@
 namespace esmc::hal {
 namespace {
 
-/// From the kernel's stamp, on the clock that people set: a step of it forwards makes frames old that are
-/// not, and that is the safe side.
+/// By the kernel's stamp, on the wall clock: a step forwards makes frames look older, which is the safe side.
 std::uint32_t age_of(msghdr& message) {
   for (cmsghdr* c = CMSG_FIRSTHDR(&message); c != nullptr; c = CMSG_NXTHDR(&message, c)) {
     if (c->cmsg_level != SOL_SOCKET || c->cmsg_type != SCM_TIMESTAMP) continue;
@@ -47,7 +46,7 @@ SocketCan SocketCan::open(const std::string& interface, std::error_code& error) 
   if (interface.empty() || interface.size() >= IFNAMSIZ) return fail(ENODEV);
   SocketCan s(::socket(PF_CAN, SOCK_RAW | SOCK_NONBLOCK | SOCK_CLOEXEC, CAN_RAW));
   if (!s.is_open()) return fail(errno);
-  // Both are optional: a classic-only interface refuses FD frames later, one by one.
+  // Optional: an interface without FD refuses FD frames when they are sent.
   const int on = 1;
   const can_err_mask_t errors = CAN_ERR_BUSOFF | CAN_ERR_RESTARTED;
   (void)::setsockopt(s.fd_, SOL_CAN_RAW, CAN_RAW_FD_FRAMES, &on, sizeof on);
@@ -81,41 +80,27 @@ SocketCan::~SocketCan() {
 SendStatus SocketCan::try_send(const CanFrame& f) {
   if (!well_formed(f)) return SendStatus::refused;
   if (bus_off_) return SendStatus::bus_off;
-  // Flags live in the identifier's upper bits on this side of the border, and only here.
-  canid_t id = f.id;
-  if (f.extended) id |= CAN_EFF_FLAG;
-  if (f.remote) id |= CAN_RTR_FLAG;
-  ssize_t written = 0, size = 0;
-  if (f.fd) {
-    canfd_frame raw{};
-    raw.can_id = id;
-    raw.len = f.size;
-    raw.flags = f.bit_rate_switch ? CANFD_BRS : 0;
-    std::copy_n(f.data.begin(), f.size, raw.data);
-    size = sizeof raw;
-    written = ::send(fd_, &raw, sizeof raw, MSG_DONTWAIT | MSG_NOSIGNAL);
-  } else {
-    can_frame raw{};
-    raw.can_id = id;
-    raw.len = f.size;
-    std::copy_n(f.data.begin(), f.size, raw.data);
-    size = sizeof raw;
-    written = ::send(fd_, &raw, sizeof raw, MSG_DONTWAIT | MSG_NOSIGNAL);
-  }
-  if (written == size) return SendStatus::ok;
+  canfd_frame raw{};  // a classic frame is the beginning of it
+  raw.can_id = f.id | (f.extended ? CAN_EFF_FLAG : 0U) | (f.remote ? CAN_RTR_FLAG : 0U);
+  raw.len = f.size;
+  raw.flags = f.fd && f.bit_rate_switch ? CANFD_BRS : 0;
+  std::copy_n(f.data.begin(), f.size, raw.data);
+  const std::size_t size = f.fd ? CANFD_MTU : CAN_MTU;
+  const ssize_t written = ::send(fd_, &raw, size, MSG_DONTWAIT | MSG_NOSIGNAL);
+  if (written == static_cast<ssize_t>(size)) return SendStatus::ok;
   if (errno == EAGAIN || errno == EWOULDBLOCK || errno == ENOBUFS || errno == EINTR)
     return SendStatus::bus_full;
   if (errno == EINVAL || errno == EMSGSIZE) return SendStatus::refused;  // FD on a classic interface
-  return SendStatus::bus_off;  // interface down or gone: nothing will get out any more
+  return SendStatus::bus_off;                                            // interface down or gone
 }
 
 bool SocketCan::try_receive(CanFrame& f) {
-  for (int skipped = 0; skipped < 64; ++skipped) {  // a flood of error frames must not hold the caller
+  for (int skipped = 0; skipped < 64; ++skipped) {  // bounded, against a flood of error frames
     canfd_frame raw{};
-    iovec part{&raw, sizeof raw};
+    iovec buffer{&raw, sizeof raw};
     alignas(cmsghdr) std::array<char, CMSG_SPACE(sizeof(timeval))> control{};
     msghdr message{};
-    message.msg_iov = &part;
+    message.msg_iov = &buffer;
     message.msg_iovlen = 1;
     message.msg_control = control.data();
     message.msg_controllen = control.size();

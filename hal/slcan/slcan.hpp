@@ -1,6 +1,6 @@
 #pragma once
-/// slcan: classic CAN frames as lines of text on a serial line, as LAWICEL's and most USB adapters speak it.
-/// Standard library only; no heap, no operating system, bounded work per call.
+/// slcan: classic CAN frames as lines of text on a serial line, the protocol of LAWICEL's and most USB
+/// adapters. Standard library only; no heap, no operating system, bounded work per call.
 
 #include <algorithm>
 #include <array>
@@ -16,12 +16,11 @@ namespace esmc::hal {
 
 /// Longest line: kind, 29-bit identifier, length, 8 bytes, time stamp, CR.
 inline constexpr int slcan_line_max = 1 + 8 + 1 + 16 + 4 + 1;
-inline constexpr char slcan_end = '\r';    ///< ends every line; alone it is an adapter's "done"
-inline constexpr char slcan_error = '\a';  ///< an adapter's "no": one byte, no CR behind it
+inline constexpr char slcan_end = '\r';    ///< ends every line; alone: an adapter's positive answer
+inline constexpr char slcan_error = '\a';  ///< an adapter's negative answer, without CR
 
-/// Writes the line of a classic frame with its CR, upper case, and returns its length, 5..27; 0 where slcan
-/// cannot say it (FD, not well formed), `line` untouched. Kinds: t and T data, r and R remote, capitals
-/// 29-bit identifiers.
+/// Writes the line of a classic frame with its CR, upper case, and returns its length, 5..27. 0, `line`
+/// untouched: FD, or not well formed. Kinds: t and T data, r and R remote, capitals 29-bit identifiers.
 [[nodiscard]] constexpr int slcan_encode(const CanFrame& f, std::array<char, slcan_line_max>& line) {
   if (!well_formed(f) || f.fd || f.bit_rate_switch) return 0;
   int length = 0;
@@ -42,31 +41,23 @@ inline constexpr char slcan_error = '\a';  ///< an adapter's "no": one byte, no 
   return length;
 }
 
-/// A number of up to 8 hexadecimal digits, either case. False, `out` untouched, where anything else is among
-/// them.
+/// A number of 1 to 8 hexadecimal digits, either case. False, `out` untouched: anything else.
 [[nodiscard]] constexpr bool slcan_hex(std::span<const char> digits, std::uint32_t& out) {
   if (digits.empty() || digits.size() > 8) return false;
   std::uint32_t value = 0;
   for (const char c : digits) {
-    std::uint32_t v = 0;
-    if (c >= '0' && c <= '9') {
-      v = static_cast<std::uint32_t>(c - '0');
-    } else if (c >= 'A' && c <= 'F') {
-      v = static_cast<std::uint32_t>(c - 'A') + 10U;
-    } else if (c >= 'a' && c <= 'f') {
-      v = static_cast<std::uint32_t>(c - 'a') + 10U;
-    } else {
-      return false;
-    }
+    const int letter = c | 0x20;  // lower case
+    const bool decimal = c >= '0' && c <= '9';
+    if (!decimal && !(letter >= 'a' && letter <= 'f')) return false;
+    const auto v = static_cast<std::uint32_t>(decimal ? c - '0' : letter - 'a' + 10);
     value = (value << 4U) | v;
   }
   out = value;
   return true;
 }
 
-/// A line without its CR, as a frame. False, `out` untouched, for whatever is not exactly one: identifier out
-/// of range, length above 8, digits missing or left over. Four digits behind the data are a time stamp; it is
-/// checked and dropped.
+/// A line without its CR, as a frame. False, `out` untouched: identifier out of range, length above 8, digits
+/// missing or left over. Four digits behind the data are a time stamp, checked and dropped.
 [[nodiscard]] constexpr bool slcan_decode(std::span<const char> line, CanFrame& out) {
   if (line.empty()) return false;
   CanFrame f;
@@ -92,18 +83,17 @@ inline constexpr char slcan_error = '\a';  ///< an adapter's "no": one byte, no 
   return true;
 }
 
-/// Bytes in, frames out. What is no frame is skipped up to the next CR and counted; nothing a line holds, and
-/// no length of it, reaches beyond that CR.
+/// Bytes in, frames out. A line that is no frame is skipped up to its CR and counted.
 class SlcanDecoder {
  public:
-  /// True: the byte ended a frame, which is in `out`. Else `out` is untouched.
+  /// True: the byte completed the frame in `out`. Else `out` is untouched.
   [[nodiscard]] constexpr bool feed(char byte, CanFrame& out) {
     if (byte == slcan_error && length_ == 0) {
       count(errors_);
       return false;
     }
     if (byte != slcan_end) {
-      // Beyond the longest line only that there was more is kept.
+      // Of a line that is too long, the length alone is kept.
       if (length_ < line_.size()) line_[length_] = byte;
       length_ = std::min(length_ + 1, line_.size());
       return false;
@@ -111,7 +101,7 @@ class SlcanDecoder {
     const std::span<const char> line{line_.data(), length_};
     length_ = 0;
     if (slcan_decode(line, out)) return true;
-    // Answers to a command (nothing) and to a frame that was sent (z, Z).
+    // Answers: to a command an empty line, to a sent frame z or Z.
     const bool answer = line.empty() || (line.size() == 1 && (line[0] == 'z' || line[0] == 'Z'));
     count(answer ? answers_ : malformed_);
     return false;
@@ -119,9 +109,9 @@ class SlcanDecoder {
 
   /// Lines that were neither a frame nor an answer. All counts stop at their largest value.
   [[nodiscard]] constexpr std::uint32_t malformed() const { return malformed_; }
-  /// Commands and frames that the other end took ...
+  /// Positive answers of the other end.
   [[nodiscard]] constexpr std::uint32_t answers() const { return answers_; }
-  /// ... and refused.
+  /// Negative answers.
   [[nodiscard]] constexpr std::uint32_t errors() const { return errors_; }
 
  private:
@@ -129,7 +119,7 @@ class SlcanDecoder {
     if (n != std::numeric_limits<std::uint32_t>::max()) ++n;
   }
 
-  std::array<char, slcan_line_max> line_{};  // full, and without its CR, it is longer than any frame
+  std::array<char, slcan_line_max> line_{};  // full without CR: longer than any frame
   std::size_t length_ = 0;
   std::uint32_t malformed_ = 0, answers_ = 0, errors_ = 0;
 };
@@ -141,25 +131,23 @@ concept BytePort = requires(P& p, std::span<const char> out, char& in) {
   { p.try_read(in) } -> std::same_as<bool>;
 };
 
-/// A port that can be lost for good: an adapter pulled out, a socket closed.
+/// A port that can be lost for good, as an unplugged adapter or a closed socket.
 template <class P>
 concept LosablePort = BytePort<P> && requires(const P& p) {
   { p.gone() } -> std::same_as<bool>;
 };
 
-/// A CanBus on a serial port. The port belongs to the caller and must outlive it; so does what opens the
-/// adapter (`O`).
+/// A CanBus on a serial port, which must outlive it. The caller opens the adapter (command `O`).
 template <BytePort P>
 class SlcanBus {
  public:
-  /// Bytes that one try_receive reads at most: eight of the longest lines. After that many without a frame it
-  /// returns false, and the next call goes on where it stopped.
+  /// Most bytes that one try_receive reads: eight of the longest lines. Without a frame in them it returns
+  /// false, and the next call continues.
   static constexpr int bytes_per_receive = 8 * slcan_line_max;
 
   explicit constexpr SlcanBus(P& port) : port_(&port) {}
 
-  /// bus_full: the port does not take the line now; refused: slcan cannot say this frame; bus_off: the port
-  /// is gone.
+  /// bus_full: the port does not take the line now; refused: no classic frame; bus_off: the port is gone.
   constexpr SendStatus try_send(const CanFrame& f) {
     std::array<char, slcan_line_max> line{};
     const int length = slcan_encode(f, line);
@@ -174,7 +162,7 @@ class SlcanBus {
     return taken ? SendStatus::ok : SendStatus::bus_full;
   }
 
-  /// False: no frame among the bytes at hand; `f` untouched.
+  /// False: no frame among the available bytes; `f` untouched.
   [[nodiscard]] constexpr bool try_receive(CanFrame& f) {
     char byte = 0;
     for (int n = 0; n < bytes_per_receive && port_->try_read(byte); ++n) {

@@ -1,6 +1,6 @@
 #pragma once
-/// A CAN bus inside one process: every frame reaches every other port, in the order of sending, at once.
-/// Deterministic; no threads, no time.
+/// A CAN bus inside one process: every frame reaches every other port at once, in the order of sending.
+/// Deterministic, without threads and time.
 
 #include <array>
 #include <cstddef>
@@ -9,11 +9,11 @@
 
 namespace esmc::hal {
 
-/// Nodes that hear each other, in one process.
+/// Ports that receive each other's frames.
 template <std::size_t Ports>
 class VirtualBus {
  public:
-  /// One node's connection. Holds up to `capacity` frames; a sender learns when a receiver is full.
+  /// Connection of one node. A frame is refused (bus_full) if a receiver already holds `capacity` frames.
   class Port {
    public:
     static constexpr std::size_t capacity = 256;
@@ -23,7 +23,7 @@ class VirtualBus {
       if (count_ == 0) return false;
       copy_used(queue_[first_], f);
       first_ = (first_ + 1) % capacity;
-      // Back to the slots that are in the cache: a queue is mostly emptied between ticks.
+      // Reuse the slots that are in the cache: a queue is mostly emptied between ticks.
       if (--count_ == 0) first_ = 0;
       return true;
     }

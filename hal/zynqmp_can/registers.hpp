@@ -1,7 +1,6 @@
 #pragma once
 /// Registers of the CAN 2.0B controllers of a Zynq UltraScale+: offsets in bytes from CAN0 (0xFF060000) or
-/// CAN1 (0xFF070000). Sources: UG1085, chapter "CAN Controller"; UG1087, module CAN, whose names are in the
-/// comments.
+/// CAN1 (0xFF070000). Sources: UG1085, chapter "CAN Controller"; UG1087, module CAN (names in comments).
 
 #include <cstdint>
 
@@ -18,12 +17,11 @@ inline constexpr Word srr = 0x00,  ///< SRR: software reset
     btr = 0x0C,                    ///< BTR: segments
     ecr = 0x10,                    ///< ECR: error counters
     sr = 0x18,                     ///< SR: status
-    isr = 0x1C,                    ///< ISR: events, kept until ...
+    isr = 0x1C,                    ///< ISR: events, cleared by ICR
     ier = 0x20,                    ///< IER: interrupts
-    icr = 0x24,                    ///< ICR: ... they are cleared here
+    icr = 0x24,                    ///< ICR
     afr = 0x60;                    ///< AFR: acceptance filters
-/// First word of a message of TXFIFO and RXFIFO; its length and its data follow: *_ID, *_DLC, *_DATA1,
-/// *_DATA2.
+/// First of the four words of a message in TXFIFO and RXFIFO: *_ID, *_DLC, *_DATA1, *_DATA2.
 inline constexpr Word tx_fifo = 0x30, rx_fifo = 0x50;
 
 namespace srr_bit {
@@ -46,10 +44,10 @@ inline constexpr Word idl_mask = (1U << idl_bits) - 1U;
 /// BRPR, BTR: TS1, TS2, SJW.
 inline constexpr BitTimingLimits limits{256, 16, 8, 4};
 
-/// How identifier and data lie in the words of a message.
+/// Layout of identifier and data in the words of a message.
 enum class Layout : std::uint8_t {
-  manual,    ///< Table "CAN Message Format" of UG1085: identifier from bit 31 down, first byte in bits 31..24
-  qemu_7_2,  ///< as QEMU 7.2's model of the controller has them: Linux's can_id, first byte in bits 7..0
+  manual,    ///< UG1085, "CAN Message Format": identifier from bit 31 down, first byte in bits 31..24
+  qemu_7_2,  ///< QEMU 7.2's model of the controller: Linux's can_id, first byte in bits 7..0
 };
 
 }  // namespace esmc::hal::zynqmp_can

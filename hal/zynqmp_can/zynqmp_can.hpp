@@ -1,6 +1,5 @@
 #pragma once
-/// CanBus on the CAN 2.0B controller of a Zynq UltraScale+, polled: no interrupts, no heap, bounded work per
-/// call.
+/// CanBus on the CAN 2.0B controller of a Zynq UltraScale+, polled: no interrupts, bounded work per call.
 
 #include <array>
 #include <concepts>
@@ -14,29 +13,26 @@
 
 namespace esmc::hal {
 
-/// Where the registers are: on a board the addresses, in a test a model of them. A read may take a message
-/// from a FIFO.
+/// Access to registers: on a board the addresses, in a test a model. A read may take a message from a FIFO.
 template <class A>
 concept ZynqmpCanAccess = requires(A& a, const A& c, std::uint32_t at, std::uint32_t value) {
   { c.read(at) } -> std::same_as<std::uint32_t>;  // register at a byte offset
   a.write(at, value);
 };
 
-/// `layout`: that of the manual; that of the emulator for an image that runs there and nowhere else. Frames
-/// leave in the order of try_send(): one at a time is with the controller, whose FIFO cannot give one back,
-/// the others wait here. The controller stamps frames with a counter that nobody can read: when a frame came
-/// is not known.
+/// `layout`: of the manual, or of the emulator for an image that runs there only. Frames leave in the order
+/// of try_send(): the controller, whose FIFO cannot give one back, gets one at a time, the others wait here.
+/// The counter that stamps received frames cannot be read, so their age is not known.
 template <zynqmp_can::Layout layout, ZynqmpCanAccess Access>
 class ZynqmpCan {
  public:
-  static constexpr std::uint32_t waiting_max = WaitingFrames::most;  ///< frames
+  static constexpr std::uint32_t waiting_max = WaitingFrames::capacity;  ///< frames
 
   explicit ZynqmpCan(const Access& access) : a_(access) {}
 
-  /// Takes the bus at `bit_rate` (bit/s) with a reference clock of `clock` (Hz). Accepts every frame: whoever
-  /// uses our identifiers must be heard. False where the rate cannot be had exactly, the controller does not
-  /// answer, or the bus is never recessive for 11 bits; it is then off the bus, and every try_send is
-  /// bus_off.
+  /// Joins the bus at `bit_rate` (bit/s) with a reference clock of `clock` (Hz), without filters. False, and
+  /// off the bus: the rate is not exactly possible, the controller does not answer, or the bus is never
+  /// recessive for 11 bits.
   [[nodiscard]] bool open(std::uint32_t clock, std::uint32_t bit_rate) {
     opened_ = left_ = false;
     timing_ = bit_timing(clock, bit_rate, zynqmp_can::limits);
@@ -74,9 +70,9 @@ class ZynqmpCan {
     return true;
   }
 
-  /// Takes back what is perishable and waits here. The frame that is with the controller can be taken back by
-  /// a reset of all of it only, which costs its error counters and, if it is just sending, an error frame:
-  /// where the bus has not taken a perishable frame from one withdraw() to the next, that is done.
+  /// Withdraws waiting perishable frames. The one in the controller can be withdrawn by a reset only, which
+  /// costs the error counters and may cost an error frame: done if the bus has not taken it since the last
+  /// withdraw().
   void withdraw() {
     if (!opened_) return;
     pump();
@@ -85,33 +81,33 @@ class ZynqmpCan {
     if (!stale_) {
       stale_ = true;
     } else if ((a_.read(zynqmp_can::isr) & zynqmp_can::event::rxnemp) ==
-               0) {  // received frames would be lost with it
+               0) {  // a reset loses received frames
       ++withdrawn_;
       if (!restart()) left_ = true;
     }
   }
 
-  /// The controller has left the bus, by 256 errors of its own or because it never got there.
+  /// The controller has left the bus after 256 errors, or never joined.
   [[nodiscard]] bool off() const {
     if (!opened_) return true;
     const zynqmp_can::Word state = a_.read(zynqmp_can::sr);
     return bus_off(state, a_.read(zynqmp_can::isr)) ||
            (left_ && (!rejoining_ || (state & zynqmp_can::sr_bit::config) != 0));
   }
-  /// Asks it back after bus-off, until which it is kept from the bus: by itself it would come back and send
-  /// what its FIFO held. It then takes part after 11 recessive bits, not after 128 times as many: leave 2 ms
-  /// or more between its leaving and this. Everything that waits is dropped. Torque does not resume by this:
-  /// bus_off is a latched fault of the supervisor.
+  /// Rejoins after bus-off, dropping all waiting frames; until then the controller is kept off the bus, for
+  /// it would send its FIFO when it recovers. It joins after 11 recessive bits instead of 128 times as many:
+  /// call this 2 ms after bus-off or later. Torque does not resume, for bus_off is a latched fault.
   void rejoin() {
     if (!opened_ || !off()) return;
     leave();
     rejoining_ = restart();
   }
 
-  /// How often frames were lost because nobody read them; frames that were withdrawn.
+  /// Number of times that received frames were lost unread.
   [[nodiscard]] std::uint32_t overruns() const { return overruns_; }
+  /// Number of withdrawn frames.
   [[nodiscard]] std::uint32_t withdrawn() const { return withdrawn_; }
-  /// Transmit errors in bits 7..0, receive errors in bits 15..8: ECR. 0 while it is kept from the bus.
+  /// Transmit errors in bits 7..0, receive errors in bits 15..8: ECR. 0 while kept off the bus.
   [[nodiscard]] std::uint32_t error_counters() const { return a_.read(zynqmp_can::ecr) & 0xFFFFU; }
 
  private:
@@ -125,8 +121,7 @@ class ZynqmpCan {
     return false;
   }
 
-  /// Empty FIFOs, normal mode, no acceptance filters; on the bus after 11 recessive bits, when SR.CONFIG is
-  /// 0. False: no answer.
+  /// Empty FIFOs, normal mode, no filters; on the bus after 11 recessive bits (SR.CONFIG 0). False: silent.
   [[nodiscard]] bool restart() {
     using namespace zynqmp_can;
     sending_ = stale_ = false;
@@ -142,7 +137,7 @@ class ZynqmpCan {
     return true;
   }
 
-  /// The event, too: it may have come back by itself in the meantime.
+  /// By the event too, for the controller may have recovered meanwhile.
   [[nodiscard]] static constexpr bool bus_off(zynqmp_can::Word state, zynqmp_can::Word events) {
     return (state & zynqmp_can::sr_bit::estat) == zynqmp_can::sr_bit::bus_off ||
            (events & zynqmp_can::event::bsoff) != 0;
@@ -156,7 +151,7 @@ class ZynqmpCan {
     left_ = true;
   }
 
-  /// Notices bus-off and the way back, and gives the controller the next frame when it has sent the last one.
+  /// Detects bus-off and recovery, and gives the controller the next frame when it has sent the last one.
   void pump() {
     using namespace zynqmp_can;
     const Word state = a_.read(sr), events = a_.read(isr);
@@ -195,7 +190,7 @@ class ZynqmpCan {
     a_.write(tx_fifo, id);
     a_.write(tx_fifo + 4, static_cast<Word>(f.size) << dlc_shift);
     a_.write(tx_fifo + 8, data[0]);
-    a_.write(tx_fifo + 12, data[1]);  // the message is complete with its fourth word, used or not
+    a_.write(tx_fifo + 12, data[1]);  // the fourth word completes the message
   }
 
   static void decode(Word id, Word length, Word first, Word second, CanFrame& f) {
@@ -220,8 +215,8 @@ class ZynqmpCan {
 
   Access a_;
   BitTiming timing_{};
-  bool opened_ = false, left_ = false, rejoining_ = false;     // off the bus and kept there; on the way back
-  bool sending_ = false, perishable_ = false, stale_ = false;  // of the frame that is with the controller
+  bool opened_ = false, left_ = false, rejoining_ = false;     // left_: off the bus and kept there
+  bool sending_ = false, perishable_ = false, stale_ = false;  // of the frame in the controller
   std::uint32_t overruns_ = 0, withdrawn_ = 0;
   WaitingFrames waiting_{};
 };

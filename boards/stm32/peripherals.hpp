@@ -1,6 +1,6 @@
 #pragma once
-/// What an STM32 gives a board whichever it is: registers, pins, a microsecond counter, the independent
-/// watchdog, a serial line. The chip.hpp of a board says where these are. Sources: RM0440, RM0433.
+/// Peripherals common to both STM32 families: pins, microsecond counter, independent watchdog, serial line.
+/// The chip.hpp of a board holds their addresses. Sources: RM0440, RM0433.
 
 #include <cstdint>
 
@@ -11,9 +11,9 @@ using Word = std::uint32_t;
 [[nodiscard]] inline volatile Word& reg(Word address) { return *reinterpret_cast<volatile Word*>(address); }
 inline void set_bits(Word address, Word bits) { reg(address) = reg(address) | bits; }
 inline void set_field(Word address, Word mask, Word value) { reg(address) = (reg(address) & ~mask) | value; }
-/// A clock that was switched on runs once its register has been read back.
+/// Reads back a register of the clock control: a clock that was switched on runs then.
 inline void finish_access(Word address) { [[maybe_unused]] const Word read_back = reg(address); }
-/// False: it has not happened within about half a second of a processor that runs on its own oscillator.
+/// Waits for a register value. False: not within about half a second at the speed of the internal oscillator.
 [[nodiscard]] inline bool await(Word address, Word mask, Word value) {
   for (int n = 0; n < 1'000'000; ++n) {
     if ((reg(address) & mask) == value) return true;
@@ -21,7 +21,7 @@ inline void finish_access(Word address) { [[maybe_unused]] const Word read_back 
   return false;
 }
 
-/// A pin of the port at `port`. GPIO registers are the same in both families.
+/// A pin of the port at address `port`. As a contact it is closed when high.
 struct Pin {
   Word port;
   unsigned number;
@@ -41,22 +41,27 @@ struct Pin {
     set_field(port + 0x08, 3U << (2 * number), 2U << (2 * number));  // fast edges
     set_field(port, 3U << (2 * number), 2U << (2 * number));
   }
-  [[nodiscard]] bool high() const { return ((reg(port + 0x10) >> number) & 1U) != 0; }
+  [[nodiscard]] bool closed() const { return ((reg(port + 0x10) >> number) & 1U) != 0; }
   void set(bool on) const { reg(port + 0x18) = 1U << (on ? number : number + 16); }
 };
 
-/// TIM2 as a counter of microseconds that goes round after 71 minutes.
+/// Alternate function of a pin.
+struct Function {
+  Pin pin;
+  Word number;
+};
+
+/// TIM2 as a counter of microseconds, which wraps after 71 minutes.
 inline void start_microseconds(Word timer_hz) {
   constexpr Word tim2 = 0x4000'0000U;
   reg(tim2 + 0x28) = timer_hz / 1'000'000U - 1U;  // PSC
   reg(tim2 + 0x2C) = ~Word{0};                    // ARR
-  reg(tim2 + 0x14) = 1;                           // EGR: take them
+  reg(tim2 + 0x14) = 1;                           // EGR: load both
   reg(tim2) = 1;                                  // CR1: count
 }
 [[nodiscard]] inline Word microseconds() { return reg(0x4000'0024U); }
 
-/// The independent watchdog with its own oscillator (32 kHz within some per cent). Once started, only a reset
-/// ends it.
+/// The independent watchdog with its own oscillator (32 kHz within some per cent). Only a reset stops it.
 class IndependentWatchdog {
  public:
   explicit constexpr IndependentWatchdog(Word base) : base_(base) {}
@@ -75,12 +80,12 @@ class IndependentWatchdog {
   Word base_;
 };
 
-/// Status for people, 115 200 bit/s, never waited for: what does not fit is dropped.
+/// Text output, 115 200 bit/s. Never waits: text that does not fit the ring is dropped.
 class Console {
  public:
   explicit constexpr Console(Word base) : base_(base) {}
   void start(Word clock_hz) const {
-    reg(base_) = 0;                           // the rate is taken while it is off
+    reg(base_) = 0;                           // the rate can be set while it is off
     reg(base_ + 0x0C) = clock_hz / 115'200U;  // BRR
     reg(base_) = (1U << 3) | 1U;              // CR1: transmitter
   }
@@ -104,7 +109,7 @@ class Console {
     return *this;
   }
   [[nodiscard]] bool idle() const { return tail_ == head_; }
-  /// Gives the line its next byte when it takes one.
+  /// Sends the next byte if the line is ready.
   void pump() {
     if (tail_ == head_ || (reg(base_ + 0x1C) & (1U << 7)) == 0) return;
     reg(base_ + 0x28) = static_cast<unsigned char>(ring_[tail_++ % size]);
@@ -119,7 +124,7 @@ class Console {
   char ring_[size] = {};
 };
 
-/// A controller's registers and its message memory.
+/// Registers and message memory of a CAN controller.
 template <Word base, Word ram>
 struct FdcanMemory {
   [[nodiscard]] Word read(Word at) const { return reg(base + at); }
@@ -128,8 +133,7 @@ struct FdcanMemory {
   void write_ram(Word at, Word value) { reg(ram + 4 * at) = value; }
 };
 
-/// The flash interface at `base`, and the memory. `Guard::load` reads a word that may be damaged: false
-/// instead of an exception.
+/// Flash interface at `base`, and its memory. `Guard::load` returns false for a damaged word.
 template <Word base, class Guard>
 struct FlashMemory {
   [[nodiscard]] Word read(Word at) const { return reg(base + at); }
@@ -140,14 +144,14 @@ struct FlashMemory {
   [[nodiscard]] bool load(Word address, Word& word) { return Guard::load(address, word); }
   void store(Word address, Word value) {
     reg(address) = value;
-    asm volatile("dsb" ::: "memory");  // not merged with the next one
+    asm volatile("dsb" ::: "memory");  // not merged with the next store
   }
 };
 
-/// A word of the random number generator at `base`, whose clock runs; 0 where it gives none.
+/// A word of the random number generator at `base`, whose clock runs; 0: it gives none.
 [[nodiscard]] inline Word random_word(Word base) {
   set_bits(base, 1U << 2);       // RNGEN
-  for (int n = 0; n < 2; ++n) {  // the first one is thrown away
+  for (int n = 0; n < 2; ++n) {  // the first word is discarded
     if (!await(base + 4, 1, 1)) return 0;
     const Word value = reg(base + 8);
     if (n == 1) return value;
@@ -155,24 +159,11 @@ struct FlashMemory {
   return 0;
 }
 
-/// Why start-up went no further.
+/// Reason why start-up failed.
 enum class StartFault : std::uint8_t { none, oscillator, pll, core_voltage, clock_switch, can };
 [[nodiscard]] constexpr const char* name(StartFault f) {
-  switch (f) {
-    case StartFault::none:
-      return "none";
-    case StartFault::oscillator:
-      return "oscillator";
-    case StartFault::pll:
-      return "pll";
-    case StartFault::core_voltage:
-      return "core_voltage";
-    case StartFault::clock_switch:
-      return "clock_switch";
-    case StartFault::can:
-      return "can";
-  }
-  return "?";
+  constexpr const char* names[] = {"none", "oscillator", "pll", "core_voltage", "clock_switch", "can"};
+  return names[static_cast<unsigned>(f)];
 }
 
 }  // namespace esmc::stm32

@@ -1,0 +1,26 @@
+#pragma once
+/// Memory at start-up, of Cortex-M and Cortex-R, by the symbols of sections.ld.
+
+#include "boards/cortex_m/crash.hpp"
+
+extern "C" {
+extern std::uint32_t esmc_stack_top, esmc_data_begin, esmc_data_end, esmc_bss_begin, esmc_bss_end,
+    esmc_stack_bottom;
+extern const std::uint32_t esmc_data_image;
+
+[[noreturn]] void esmc_main();
+}
+
+namespace esmc {
+
+/// Sets initialised data and clears .bss; paints the unused stack, so that its deepest use can be read later.
+[[gnu::always_inline]] inline void prepare_memory() {
+  const std::uint32_t* from = &esmc_data_image;
+  for (std::uint32_t* to = &esmc_data_begin; to < &esmc_data_end;) *to++ = *from++;
+  for (std::uint32_t* to = &esmc_bss_begin; to < &esmc_bss_end;) *to++ = 0;
+  std::uint32_t* here = nullptr;
+  asm volatile("mov %0, sp" : "=r"(here));
+  for (volatile std::uint32_t* to = &esmc_stack_bottom; to < here; ++to) *to = stack_paint;
+}
+
+}  // namespace esmc
