@@ -21,20 +21,14 @@ std::string candump_line(std::int64_t time_us, const std::string& interface, con
 
 FrameLog::FrameLog(std::FILE* file, std::string interface, std::uint32_t bitrate, std::FILE* passage)
     : file_(file), passage_(passage), interface_(std::move(interface)), bitrate_(bitrate) {
-  if (passage_ != nullptr) std::fputs("look,sent,age_us\n", passage_);
-}
-
-FrameLog::~FrameLog() {
-  for (std::FILE* f : {file_, passage_}) {
-    if (f != nullptr) std::fclose(f);
-  }
+  if (passage_ != nullptr) std::fputs("look,sent,age_us\n", passage);
 }
 
 void FrameLog::frame(const hal::CanFrame& f) {
   const std::uint32_t bits = worst_bits(f.remote ? 0U : f.size, f.extended);
   ++frames_;
   bits_ += bits;
-  if (bits != last_bits_) {  // a division saved is a frame's time
+  if (bits != last_bits_) {  // saves a division
     last_bits_ = bits;
     last_us_ = (std::int64_t{bits} * 1'000'000 + bitrate_ - 1) / bitrate_;
   }
@@ -51,17 +45,17 @@ void FrameLog::frame_at(double time_s, std::uint32_t bits, const hal::CanFrame& 
 
 void FrameLog::write(const hal::CanFrame& f) {
   const std::string line = candump_line(time_us_, interface_, f) + "\n";
-  std::fwrite(line.data(), 1, line.size(), file_);
+  std::fwrite(line.data(), 1, line.size(), file_.get());
 }
 
 void FrameLog::pass(bool sent, std::uint32_t age_us) {
   const std::string row = fmt::format("{},{},{}\n", looks_, sent ? 1 : 0, age_us);
-  std::fwrite(row.data(), 1, row.size(), passage_);
+  std::fwrite(row.data(), 1, row.size(), passage_.get());
 }
 
 void FrameLog::close() {
   for (const auto& [file, what] : {std::pair{&file_, "frames.log"}, std::pair{&passage_, "frames.csv"}}) {
-    if (*file != nullptr && std::fclose(std::exchange(*file, nullptr)) != 0) {
+    if (*file != nullptr && std::fclose(file->release()) != 0) {
       throw RunError(std::string(what) + " could not be written completely (disk full?)");
     }
   }

@@ -6,6 +6,7 @@
 #include <string>
 
 #include "hal/can.hpp"
+#include "host_sim/file_handle.hpp"
 #include "host_sim/report/series.hpp"
 
 namespace esmc::host {
@@ -16,27 +17,23 @@ std::string candump_line(std::int64_t time_us, const std::string& interface, con
 class FrameLog {
  public:
   FrameLog() = default;
-  /// `file` is closed at the end; null: nothing is written. `passage`: likewise, a row for each line of it,
-  /// for who feeds the frames to one of the halves again: in which look at the bus, sent or received, how
-  /// long it had waited.
+  /// Both files are closed at the end; null: nothing is written. `passage`: a row for each line of `file`,
+  /// for the replay of one end: number of the node's look at the bus, sent or received, age.
   FrameLog(std::FILE* file, std::string interface, std::uint32_t bitrate, std::FILE* passage = nullptr);
-  FrameLog(const FrameLog&) = delete;
-  FrameLog& operator=(const FrameLog&) = delete;
-  ~FrameLog();
 
   /// Virtual time of the tick that begins, s. Frames of the tick follow each other at the bit rate.
   void tick(double time_s) {
     const auto now = static_cast<std::int64_t>(time_s * 1e6 + 0.5);
     time_us_ = now > time_us_ ? now : time_us_;
   }
-  /// The same where every tick of the run says so once: the load of the tick before is known then.
+  /// Likewise, called once per tick: counts the load of the tick before.
   void begin_tick(double time_s) {
     tick(time_s);
     if (file_ == nullptr) return;
     load_.add(static_cast<double>(bits_ - seen_bits_));
     seen_bits_ = bits_;
   }
-  /// The node looks at the bus anew: what it receives from here on it did not know before.
+  /// The node looks at the bus again: it did not know of the frames that it receives from here on.
   void look() { ++looks_; }
   void sent(const hal::CanFrame& f) {
     frame(f);
@@ -46,8 +43,9 @@ class FrameLog {
     frame(f);
     if (passage_ != nullptr) pass(false, age_us);
   }
-  /// Of a bus that knows when its frames were through and how long they were.
+  /// A frame of a bus that knows end and length of its frames.
   void frame_at(double time_s, std::uint32_t bits, const hal::CanFrame& f);
+  /// Throws RunError when a file could not be written completely.
   void close();
 
   [[nodiscard]] std::uint64_t frames() const { return frames_; }
@@ -60,7 +58,7 @@ class FrameLog {
   void write(const hal::CanFrame& f);
   void pass(bool sent, std::uint32_t age_us);
 
-  std::FILE *file_ = nullptr, *passage_ = nullptr;
+  FileHandle file_, passage_;
   std::string interface_;
   std::uint32_t bitrate_ = 1'000'000;
   std::int64_t time_us_ = 0, last_us_ = 0;

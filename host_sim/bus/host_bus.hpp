@@ -1,6 +1,5 @@
 #pragma once
-/// The CAN bus that a command was told to use, whichever it is: an interface of Linux or an adapter on a
-/// serial line.
+/// The CAN bus of a command: an interface of Linux, an adapter on a serial line, or a recording.
 
 #include <poll.h>
 
@@ -17,15 +16,14 @@ namespace esmc::host {
 
 class HostBus {
  public:
-  /// `name`: as it was given, for messages.
+  /// `name`: for messages.
   HostBus(std::string name, hal::SocketCan socket) : name_(std::move(name)), bus_(std::move(socket)) {}
   HostBus(std::string name, std::unique_ptr<hal::SlcanAdapter> adapter)
       : name_(std::move(name)), bus_(std::move(adapter)) {}
-  /// What was on a bus once.
   explicit HostBus(RecordedBus& recorded) : name_(recorded.interface()), bus_(&recorded) {}
 
   [[nodiscard]] const std::string& name() const { return name_; }
-  /// For frames.log, whose readers want a word and no path.
+  /// For frames.log: a word, not a path.
   [[nodiscard]] std::string interface() const { return serial() ? "slcan" : name_; }
 
   hal::SendStatus try_send(const hal::CanFrame& f) {
@@ -42,7 +40,7 @@ class HostBus {
     return serial() ? 0U : std::get<hal::SocketCan>(bus_).frame_age_us();
   }
 
-  /// Null: a bus of the present.
+  /// Null: not a recording.
   [[nodiscard]] RecordedBus* recorded() const {
     return bus_.index() == 2 ? std::get<RecordedBus*>(bus_) : nullptr;
   }
@@ -50,19 +48,18 @@ class HostBus {
     if (RecordedBus* r = recorded()) r->look();
   }
 
-  /// The line's other end is gone for good; nothing more is heard or said here. An interface may come up
-  /// again.
+  /// The other end of the serial line is gone for good. (An interface may come up again.)
   [[nodiscard]] bool gone() { return serial() && adapter().port().gone(); }
-  /// Frames that poll() does not know of may be at hand already.
+  /// Received bytes wait in the port, unknown to poll().
   [[nodiscard]] bool has_input() { return serial() && adapter().port().has_input(); }
-  /// What to poll for: input, and room for the rest of a line.
+  /// Argument of poll(): input, and room for unsent bytes.
   [[nodiscard]] pollfd polled() {
     if (!serial()) return {std::get<hal::SocketCan>(bus_).descriptor(), POLLIN, 0};
     hal::SerialPort& p = adapter().port();
-    // The end of a socket's input is "readable" for ever; nothing comes from there any more.
+    // A closed socket stays "readable".
     return {p.gone() ? -1 : p.descriptor(), static_cast<short>(POLLIN | (p.has_output() ? POLLOUT : 0)), 0};
   }
-  /// After it: sends that rest.
+  /// Sends the unsent bytes.
   void flush() {
     if (serial()) adapter().port().flush();
   }

@@ -13,7 +13,7 @@ namespace {
 
 constexpr std::string_view socketcan = "socketcan:", slcan = "slcan:";
 
-/// What stands behind the prefix; empty where it does not apply.
+/// The text after the prefix; empty: another prefix.
 std::string behind(std::string_view prefix, const std::string& bus) {
   return bus.starts_with(prefix) ? bus.substr(prefix.size()) : "";
 }

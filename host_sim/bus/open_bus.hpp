@@ -1,6 +1,5 @@
 #pragma once
-/// --bus: what it may say, and the bus or buses that it means. Everything here throws InputError with what to
-/// do about it.
+/// Opens the bus that --bus names. All functions throw InputError that says what to do.
 
 #include <string>
 
@@ -10,8 +9,8 @@ namespace esmc::host {
 
 inline constexpr const char* bus_forms = "socketcan:INTERFACE | slcan:ENDPOINT";
 
-/// One node. `bit_rate`: bit/s, told to an adapter on a serial line; of an interface it is the
-/// administrator's.
+/// One node. `bit_rate`: bit/s, for an adapter on a serial line; that of an interface is set by the
+/// administrator.
 HostBus open_bus(const std::string& bus, int bit_rate);
 
 /// Two nodes on one bus.
@@ -21,7 +20,7 @@ struct BusEnds {
 /// An interface serves both; adapters on serial lines are two, slcan:PLANT,CONTROLLER.
 BusEnds open_both_ends(const std::string& bus, int bit_rate);
 
-/// Whether more than software may be behind it. Nobody can know that of a serial line.
+/// Whether hardware may be on it; true for every serial line.
 bool carries_real_drives(const std::string& bus);
 
 }  // namespace esmc::host

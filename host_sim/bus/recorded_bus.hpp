@@ -1,6 +1,6 @@
 #pragma once
-/// A bus that hands out what one of its nodes has received before, and compares what the node sends with what
-/// it sent then.
+/// A bus for the replay of one node: delivers the frames that the node received, and compares the frames that
+/// it sends with those it sent.
 
 #include <cstdint>
 #include <functional>
@@ -23,16 +23,17 @@ struct PassedFrame {
 
 class RecordedBus {
  public:
-  /// `next`: the frames in their order, one with each call; none: no more.
+  /// Returns the next frame with each call; none: no more.
   using Source = std::function<std::optional<PassedFrame>()>;
   RecordedBus(std::string interface, Source next)
       : interface_(std::move(interface)), source_(std::move(next)), head_(source_()) {}
 
-  /// Of the frames that the node sends, the first that is another than it was.
+  /// The first sent frame that differs.
   struct Deviation {
-    std::uint64_t line;                     ///< of the recording, from 1
-    std::optional<hal::CanFrame> recorded;  ///< none: it received something then, or the recording is over
-    std::optional<hal::CanFrame> computed;  ///< none: it sends nothing
+    std::uint64_t line;  ///< of the recording, from 1
+    std::optional<hal::CanFrame>
+        recorded;  ///< none: the node received a frame here, or the recording is over
+    std::optional<hal::CanFrame> computed;  ///< none: the node sends nothing
     std::int64_t time_us;
   };
 
@@ -51,15 +52,15 @@ class RecordedBus {
     return true;
   }
   [[nodiscard]] std::uint32_t frame_age_us() const { return age_us_; }
-  /// The node looks anew: it may receive what came until then.
+  /// The node looks at the bus again: it may receive the frames that had come by then.
   void look() { ++looks_; }
 
-  /// The next thing that happened was that the node received a frame, at this look or at a later one.
+  /// The next recorded frame is one that the node received, at this look or a later one.
   [[nodiscard]] bool has_input() const { return head_ && !head_->sent; }
   [[nodiscard]] bool over() const { return !head_; }
   [[nodiscard]] const std::string& interface() const { return interface_; }
   [[nodiscard]] std::uint64_t passed() const { return line_ - 1; }
-  /// Call when the node is done: what it had sent beyond that is a deviation, too.
+  /// Call when the node is done: further sent frames in the recording are a deviation.
   void end() {
     for (; head_; advance()) {
       if (head_->sent) return deviate(head_->frame, std::nullopt);

@@ -140,7 +140,7 @@ void add_link(const Scene& s, std::vector<BusMessage>& out) {
           message(what, static_cast<std::uint32_t>(c.base_id) + offset, 8, ticks * tick, Role::other));
     }
   };
-  if (c.source == CommandSource::stream) {
+  if (c.source == link::Source::stream) {
     add("stream position", 0x02, 1);
     add("stream velocity", 0x03, 1);
   }
@@ -178,8 +178,8 @@ std::vector<BusMessage> bus_messages(const Scene& s) {
 
 namespace {
 
-/// All frames of a tick, one after the other, with what a stranger puts between them. Empty: they do not fit
-/// in a tick, and the next tick finds the bus taken.
+/// All frames of a tick, one after the other, with those of a babbling node between them. Empty: they do not
+/// fit in a tick.
 std::optional<double> whole_tick(const std::vector<BusMessage>& all, double tick) {
   double own = 0.0;
   for (const BusMessage& m : all) own += m.name == "babbling_node" ? 0.0 : m.bits;
@@ -193,9 +193,8 @@ std::optional<double> whole_tick(const std::vector<BusMessage>& all, double tick
   });
 }
 
-/// Commands are asked for when the samples are through: how much that instant varies is their jitter, which
-/// delays the samples in turn. Returns the latest such instant after the tick's beginning; empty: there is
-/// none.
+/// Commands are requested when the samples have arrived: the variation of that instant is their jitter, which
+/// delays the samples in turn. Returns the latest such instant after the tick's beginning; empty: none.
 std::optional<double> settle_jitter(std::vector<BusMessage>& all, std::optional<double> whole,
                                     double latest_max) {
   double earliest = 0.0, commands = 0.0;
@@ -212,7 +211,7 @@ std::optional<double> settle_jitter(std::vector<BusMessage>& all, std::optional<
       if (!r) return std::nullopt;
       next = std::max(next, *r);
     }
-    // In a loop that is through before the next tick begins, nothing of another tick is in the way.
+    // In a loop that is done before the next tick begins, no frame of another tick interferes.
     if (whole) next = std::min(next, *whole - commands);
     if (next == latest) return latest;
     if (next > latest_max) return std::nullopt;

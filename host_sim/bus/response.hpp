@@ -1,5 +1,5 @@
 #pragma once
-/// How late the frames of a bus can be at worst, computed before anything runs.
+/// Worst-case latencies of the frames of a bus.
 ///
 /// Response-time analysis for frames with fixed priorities that cannot be interrupted: K. Tindell, A. Burns
 /// and A. Wellings, "Calculating controller area network (CAN) message response times", Control Engineering
@@ -22,7 +22,7 @@ struct BusMessage {
   std::string name;
   std::uint32_t id = 0;
   bool extended = false;
-  std::uint32_t key = 0;    ///< arbitration(); whoever shares it counts as more urgent
+  std::uint32_t key = 0;    ///< arbitration(); another frame with the same one counts as more urgent
   std::uint32_t bits = 0;   ///< with the most stuff bits there can be
   std::uint32_t least = 0;  ///< to its last bit, with none
   double period = 0.0;
@@ -30,8 +30,8 @@ struct BusMessage {
   Role role = Role::other;
 };
 
-/// `of` is an element of `all`. From the instant a message should be asked for (its jitter included) to its
-/// last bit and interframe space. Empty: there is no bound, or none below twenty of the longest periods.
+/// Time from the nominal request of a message (its jitter included) to the end of its interframe space. `of`
+/// is an element of `all`. Empty: no bound below twenty of the longest periods.
 [[nodiscard]] std::optional<double> response_time(const std::vector<BusMessage>& all, const BusMessage& of);
 
 struct BusAnalysis {
@@ -47,13 +47,12 @@ struct BusAnalysis {
   double load = 0.0;
   double tick_s = 0.0;           ///< all frames that one tick may have, one after the other
   std::optional<double> loop_s;  ///< from the tick's samples to its last torque
-  double answers_s =
-      0.0;  ///< SYNC and the samples that answer it, with nothing else on the bus; 0 without SYNC
+  double answers_s = 0.0;        ///< SYNC and its answers, with nothing else on the bus; 0 without SYNC
 };
-/// How much of a tick the controller waits for answers to SYNC, against the clock: later ones are the next
-/// tick's.
+/// Share of a tick that the controller waits for answers to SYNC, against the clock: later ones belong to the
+/// next tick.
 inline constexpr double patience_ticks = 0.4;
-/// The messages of a scene's loop and what becomes of them.
+/// The messages of a scene's loop, and their latencies.
 [[nodiscard]] std::vector<BusMessage> bus_messages(const Scene& scene);
 [[nodiscard]] BusAnalysis analyse_bus(const Scene& scene);
 

@@ -7,8 +7,8 @@
 namespace esmc::host {
 namespace {
 
-constexpr int recovery_sequences = 128;       // of
-constexpr TimedBus::Time recovery_bits = 11;  // recessive bits each
+constexpr int recovery_sequences = 128;
+constexpr TimedBus::Time recovery_bits = 11;  // recessive bits per sequence
 constexpr std::uint32_t bits_after_ack = 8;   // acknowledge delimiter and end of frame
 
 constexpr std::uint32_t mask(std::size_t node) { return 1U << node; }
@@ -46,7 +46,7 @@ bool TimedBus::connected(std::size_t node) const {
   return !dropout_ || node != static_cast<std::size_t>(dropout_->drive) || !during(dropout_->when);
 }
 
-/// What time has done to a node.
+/// Brings a node up to the present time.
 void TimedBus::refresh(std::size_t node) {
   Node& n = nodes_[node];
   if (off_ && !was_off_ && node == static_cast<std::size_t>(off_->drive) && origin_ &&
@@ -99,7 +99,7 @@ TimedBus::Pending* TimedBus::front(Node& n) {
   return first == n.queue.end() ? nullptr : &*first;
 }
 
-/// When the babbling node has its next frame ready; it holds one at a time.
+/// Instant of the babbling node's next frame; it holds one at a time.
 std::optional<TimedBus::Time> TimedBus::babble_time() const {
   if (!babbler_ || !nodes_.back().queue.empty()) return std::nullopt;
   if (!origin_) return babbler_->when.from < 0.0 ? std::optional(std::max(now_, babble_at_)) : std::nullopt;
@@ -123,7 +123,7 @@ void TimedBus::babble() {
   babble_at_ = now_ + std::max<Time>(1, std::llround(bitrate_ / babbler_->rate_hz));
 }
 
-/// The first instant from now on at which somebody begins to send, as far as is known now.
+/// The first instant from now on at which a node begins to send.
 std::optional<TimedBus::Time> TimedBus::next_start() {
   std::optional<Time> at;
   const auto candidate = [&](Time t) { at = at ? std::min(*at, t) : t; };

@@ -1,7 +1,6 @@
 #pragma once
-/// A classic CAN bus in virtual time, bit by bit where that matters: one frame at a time, the smallest
-/// identifier first, error counters and bus-off after ISO 11898-1, and the disturbances a scene names. No
-/// clock, no threads: the caller moves time. Deterministic for a seed.
+/// A classic CAN bus in virtual time: arbitration, error counters and bus-off after ISO 11898-1, and the
+/// disturbances of a scene. The caller moves time. Deterministic for a seed.
 
 #include <cstddef>
 #include <cstdint>
@@ -28,7 +27,7 @@ class ErrorCounters {
   }
   void sent() { transmit_ -= transmit_ > 0 ? 1 : 0; }
   void transmit_error() { transmit_ += 8; }
-  /// Back below the limit after one good frame, however much was counted.
+  /// One good frame takes the counter back below the limit.
   void received() { receive_ = receive_ > 127 ? 119 : receive_ - (receive_ > 0 ? 1 : 0); }
   void receive_error() { receive_ += receive_ < 255 ? 1 : 0; }
   void give_up() { transmit_ = 256; }
@@ -42,9 +41,8 @@ class TimedBus {
  public:
   using Time = std::int64_t;  ///< bit times since the bus began
   static constexpr std::size_t nodes_max = 16;
-  static constexpr std::size_t controller = 0;  ///< node; drive i of the scene is node i + 1
-  static constexpr std::size_t queue_frames =
-      10;  ///< that wait in a node: Linux's default for a CAN interface
+  static constexpr std::size_t controller = 0;     ///< node; drive i of the scene is node i + 1
+  static constexpr std::size_t queue_frames = 10;  ///< per node: Linux's default for a CAN interface
   static constexpr std::uint32_t error_frame_bits =
       12 + 8 + interframe_bits;                     ///< two flags, one after the other
   static constexpr std::uint32_t suspend_bits = 8;  ///< that a passive node waits after its own frame
@@ -56,11 +54,11 @@ class TimedBus {
     std::uint64_t seed = 1;
   };
   struct Delivery {
-    Time at = 0;                  ///< the last bit of the frame; its interframe space follows
+    Time at = 0;                  ///< last bit of the frame; its interframe space follows
     hal::CanFrame frame;          ///< as received
     std::uint32_t receivers = 0;  ///< bit i: node i has it
     std::uint32_t bits = 0;       ///< on the wire
-    Time asked = 0;               ///< when it was asked for
+    Time asked = 0;               ///< instant of the request to send
   };
   /// Latency of the frames of one identifier: from the request to send to the last bit.
   struct Latency {
@@ -71,8 +69,8 @@ class TimedBus {
   };
   struct Counts {
     std::uint64_t refused = 0;  ///< the node's queue was full, or it was not on the bus
-    std::uint64_t errors = 0;   ///< error frames: each is a transmission that is repeated
-    std::uint64_t missed = 0;   ///< frames times receivers that did not get them
+    std::uint64_t errors = 0;   ///< error frames, each followed by a retransmission
+    std::uint64_t missed = 0;   ///< frames times receivers that missed them
     std::uint64_t duplicated = 0;
     std::uint64_t corrupted = 0;  ///< accepted with flipped bits
   };
@@ -81,20 +79,20 @@ class TimedBus {
 
   [[nodiscard]] Time now() const { return now_; }
   [[nodiscard]] double seconds(Time t) const { return static_cast<double>(t) / bitrate_; }
-  /// t = 0 of the scene is now. Latencies count from here on: arming takes frames of its own.
+  /// t = 0 of the scene is now. Latencies count from here on, without the frames of arming.
   void begin_run() {
     origin_ = now_;
     latency_.clear();
   }
 
-  /// Asks `node` to send. The frame waits in the node, behind what it has of the same identifier.
+  /// Asks `node` to send. The frame waits behind frames of the same identifier in the node.
   hal::SendStatus send(std::size_t node, const hal::CanFrame& f);
-  /// The next frame that is through, not later than `until`. Empty: it is `until` now.
+  /// The next frame that is complete, not later than `until`. Empty: it is `until` now.
   std::optional<Delivery> next(Time until);
-  /// Nothing is on the way, and nobody has something to send now.
+  /// No frame is on the wire, and no node has one to send now.
   [[nodiscard]] bool quiet();
 
-  /// Tells a node that is off to come back. It does after 128 times 11 recessive bits.
+  /// Restarts a node in bus-off: it returns after 128 times 11 recessive bits.
   void restart(std::size_t node);
   [[nodiscard]] ErrorCounters counters(std::size_t node);
   [[nodiscard]] const Counts& counts() const { return counts_; }
@@ -113,8 +111,8 @@ class TimedBus {
     ErrorCounters errors;
     Time not_before = 0;  ///< suspended until then
     bool restarting = false;
-    int sequences = 0;        ///< of 11 recessive bits, since it was told to come back
-    Time recessive_from = 0;  ///< the bus is recessive, and not yet counted, from here on
+    int sequences = 0;        ///< of 11 recessive bits, since its restart
+    Time recessive_from = 0;  ///< the bus is recessive, and not counted yet, from here on
   };
   enum class Outcome : std::uint8_t { good, disturbed, unacknowledged, collided };
   struct Flight {
@@ -163,7 +161,7 @@ class TimedBus {
   std::uint64_t busy_ = 0;
 };
 
-/// A node's end of the bus as the firmware sees it. What has been delivered waits here.
+/// A node's access to the bus, with the frames that wait to be read.
 class BusPort {
  public:
   BusPort(TimedBus& bus, std::size_t node) : bus_(&bus), node_(node) {}

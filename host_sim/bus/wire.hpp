@@ -1,6 +1,5 @@
 #pragma once
-/// A classic CAN frame as bits on the wire (ISO 11898-1, formats CBFF and CEFF): how long it keeps the bus
-/// busy, and who wins the arbitration.
+/// A classic CAN frame as bits on the wire (ISO 11898-1, formats CBFF and CEFF): its length and priority.
 
 #include <array>
 #include <cstdint>
@@ -10,12 +9,12 @@
 namespace esmc::host {
 
 inline constexpr std::uint32_t interframe_bits = 3;
-/// CRC delimiter, ACK slot and delimiter, end of frame: of fixed form, never stuffed.
+/// CRC delimiter, ACK slot and delimiter, end of frame: never stuffed.
 inline constexpr std::uint32_t trailer_bits = 10;
 
-/// Bits from start of frame to the last of the interframe space of a data frame with n data bytes, with the
-/// most stuff bits there can be: one after the first five equal bits and then, each stuff bit being the first
-/// of the next run, one after every four. A remote frame is as long as one without data.
+/// Bits of a data frame with n data bytes, interframe space included, with the most stuff bits: one after the
+/// first five equal bits, then, as each stuff bit begins the next run, one after every four. A remote frame
+/// is as long as a frame without data.
 [[nodiscard]] constexpr std::uint32_t worst_bits(std::uint32_t n, bool extended = false) {
   const std::uint32_t stuffable = (extended ? 54 : 34) + 8 * n;
   return stuffable + (stuffable - 1) / 4 + trailer_bits + interframe_bits;
@@ -38,7 +37,7 @@ struct WireFrame {
   return on_the_wire(f).size + trailer_bits + interframe_bits;
 }
 
-/// The arbitration field as a number: the smaller one is on the bus. Two frames with the same number collide.
+/// The arbitration field as a number: the smallest wins. Two frames with the same number collide.
 [[nodiscard]] constexpr std::uint32_t arbitration(const hal::CanFrame& f) {
   const std::uint32_t remote = f.remote ? 1 : 0;
   if (!f.extended) return (f.id << 21U) | (remote << 20U);

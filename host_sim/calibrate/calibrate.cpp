@@ -53,20 +53,14 @@ JointLog read_log(const RecordedRun& run) {
 
 /// The log as it was before observers of this bandwidth followed it (critically damped: late by acceleration
 /// / bandwidth^2), or a share of that. Rows must stand at equal distances.
-JointLog before_observer(const JointLog& log, double bandwidth, double share) {
+JointLog without_lag(const JointLog& log, double bandwidth, double share) {
   JointLog out = log;
   const std::size_t rows = log.table.rows();
   if (rows < 2) return out;
   const std::vector<double>& t = log.table.columns[0];
   const double tick = (t.back() - t.front()) / static_cast<double>(rows - 1);
-  const auto weights = curvature_weights();
-  for (std::size_t c = 1; c < log.table.columns.size(); ++c) {
-    const std::vector<double>& angle = log.table.columns[c];
-    for (std::size_t i = 0; i < rows; ++i) {
-      out.table.columns[c][i] += share / std::pow(bandwidth * tick, 2) *
-                                 curvature(weights, rows, i, [&](std::size_t row) { return angle[row]; });
-    }
-  }
+  for (std::size_t c = 1; c < log.table.columns.size(); ++c)
+    out.table.columns[c] = before_observer(log.table.columns[c], bandwidth * tick, share);
   return out;
 }
 
@@ -111,7 +105,7 @@ std::vector<EffectorReading> read_effector(const std::string& file, const JointL
 }
 
 Unknowns nominal_of(const FiveBarParams<double>& p, bool five_bar) {
-  Unknowns u = Unknowns::Zero();
+  Unknowns u = Unknowns::Zero(unknowns);
   if (five_bar) u[unknown_l0] = p.l0;
   for (int leg = 0; leg < (five_bar ? 2 : 1); ++leg) {
     u[unknown_l11 + 2 * leg] = p.legs[static_cast<std::size_t>(leg)].l1;
@@ -204,8 +198,7 @@ void judge(const Calibration& c, const CalibrationProblem& p, const RecordedRun&
                     "leaves these as they are",
                     run.log, names));
   }
-  // What readings of this accuracy, and angles of that of the encoders, may be beside; five times of it is
-  // another cause.
+  // Expected misfit from the accuracy of readings and encoders; five times as much has another cause.
   const double expected = std::numbers::sqrt2 * p.effector_sigma + 4.0 * reach_of(p) * c.encoder_sigma;
   if (!(c.effector_rms <= 5.0 * expected)) {
     throw InputError(
@@ -230,7 +223,7 @@ void judge(const Calibration& c, const CalibrationProblem& p, const RecordedRun&
   }
 }
 
-/// What the geometry means for the effector, along the log: nominal against estimated, and what is left.
+/// Effect of the geometry on the effector, along the log: nominal against estimated, and its uncertainty.
 struct EffectorError {
   double rms = 0.0, max = 0.0, sigma = 0.0;  // m
 };
@@ -273,7 +266,7 @@ Json json_of(const Calibration& c, const CalibrationProblem& p, const RecordedRu
   j["unknowns"] = Json::array();
   for (const int u : c.estimated) {
     j["unknowns"].push_back({{"name", name_of(u, p.five_bar)},
-                             {"unit", is_length(u) || u == unknown_fx || u == unknown_fy ? "m" : "rad"},
+                             {"unit", unit_of(u)},
                              {"nominal", p.nominal[u]},
                              {"value", c.value[u]},
                              {"sigma", c.sigma(u)}});
@@ -298,7 +291,7 @@ void print(const Calibration& c, const CalibrationProblem& p, const RecordedRun&
   fmt::print("{:<16} {:>12} {:>16} {:>12}\n", "", "nominal", "estimate", "+-");
   for (const int u : c.estimated) {
     fmt::print("{:<16} {:>12.6g} {:>16.8g} {:>12.2g} {}\n", name_of(u, p.five_bar), p.nominal[u], c.value[u],
-               c.sigma(u), is_length(u) || u == unknown_fx || u == unknown_fy ? "m" : "rad");
+               c.sigma(u), unit_of(u));
   }
   for (const WeakDirection& w : c.weak)
     fmt::print(
@@ -323,20 +316,21 @@ int run_calibrate(const CalibrateOptions& o) {
   const RecordedRun run = open_run(o.log, o.scene);
   if (!o.write.empty()) refuse_overwrite(o.write, {run.log, run.scene_file, o.effector});
   const JointLog read = read_log(run);
-  // Nobody knows whether the drives' observers are late: halfway, and the whole range as evenly distributed.
+  // The lag of the drives' observers is unknown: half of the largest, and an even distribution over the
+  // range.
   const bool late = o.observer_bandwidth > 0.0;
   if (late)
     require_even(read.table, 0,
                  "; --observer-bandwidth 0 takes rows as they are, without what the drives' observers lag");
-  const JointLog log = late ? before_observer(read, o.observer_bandwidth, 0.5) : read;
+  const JointLog log = late ? without_lag(read, o.observer_bandwidth, 0.5) : read;
   const CalibrationProblem p = problem_of(run, o, log);
   Calibration c = calibrate(p);
   judge(c, p, run, o);
   if (late) {
     const Calibration none = calibrate(problem_of(run, o, read)),
-                      whole = calibrate(problem_of(run, o, before_observer(read, o.observer_bandwidth, 1.0)));
+                      whole = calibrate(problem_of(run, o, without_lag(read, o.observer_bandwidth, 1.0)));
     const Unknowns range = whole.value - none.value;
-    c.covariance += range * range.transpose() / 12.0;
+    c.covariance += gram(range.transpose()) / 12.0;
   }
   const EffectorError e = effector_error(c, p, log);
   const std::string snippet = calibrated_snippet(run.scene, c.value);

@@ -1,5 +1,5 @@
 #pragma once
-/// What a calibration changes in a scene.
+/// A scene with the values of a calibration.
 
 #include <string>
 #include <vector>

@@ -3,48 +3,18 @@
 /// any, from measured positions of the effector. Equations of its own, in complex numbers: nothing of the
 /// controller's model is used.
 
-#include <Eigen/Core>
-#include <array>
-#include <complex>
 #include <optional>
 #include <string>
 #include <vector>
 
+#include "host_sim/calibrate/unknowns.hpp"
+
 namespace esmc::host {
-
-/// What is looked for. Entry i of a vector of unknowns; an RR arm has neither the half base nor leg 2.
-enum Unknown : int {
-  unknown_l0,
-  unknown_l11,
-  unknown_l12,
-  unknown_l21,
-  unknown_l22,  // m
-  unknown_o11,
-  unknown_o12,
-  unknown_o21,
-  unknown_o22,  // rad, to be added to what the encoders say
-  unknown_fx,
-  unknown_fy,
-  unknown_fa,  // frame of the position readings: origin in the base frame, m, and angle, rad
-  unknowns
-};
-using Unknowns = Eigen::Matrix<double, unknowns, 1>;
-/// "half_base", "leg 1 l1", "offset theta11", ...
-[[nodiscard]] const char* name_of(int unknown, bool five_bar);
-[[nodiscard]] constexpr bool is_length(int unknown) { return unknown <= unknown_l22; }
-
-/// theta11, theta12, theta21, theta22 as measured, rad; RR: the first two.
-using MeasuredAngles = std::array<double, 4>;
-/// The effector, measured by something else, when the encoders said this.
-struct EffectorReading {
-  MeasuredAngles angle{};
-  double x = 0.0, y = 0.0;  ///< m
-};
 
 struct CalibrationProblem {
   bool five_bar = true;
-  Unknowns nominal =
-      Unknowns::Zero();  ///< where it starts, and what is kept of a direction that nothing determines
+  /// Where the fit starts, and the value kept along directions that nothing determines.
+  Unknowns nominal = Unknowns::Zero(unknowns);
   std::vector<MeasuredAngles> angles;  ///< five-bar: each closes the loop
   std::vector<EffectorReading> effector;
   double effector_sigma = 1e-4;  ///< m, > 0, of each coordinate of a reading
@@ -55,15 +25,14 @@ struct CalibrationProblem {
 
 /// A combination of unknowns that the data do not determine.
 struct WeakDirection {
-  Unknowns along = Unknowns::Zero();  ///< of length 1, lengths over mean_length
-  double sigma =
-      0.0;  ///< standard uncertainty along it as a part of 1 (100 % of a length, 1 rad); may be infinite
-  std::string text;  ///< "half_base and all lengths together: the scale", "0.7 leg 1 l1 - 0.7 leg 2 l1"
+  Unknowns along;      ///< of length 1, lengths over mean_length
+  double sigma = 0.0;  ///< standard uncertainty as a part of a length, or rad; may be infinite
+  std::string text;    ///< "half_base and all lengths together: the scale", "0.7 leg 1 l1 - 0.7 leg 2 l1"
 };
 
 struct Calibration {
-  Unknowns value = Unknowns::Zero();
-  Eigen::Matrix<double, unknowns, unknowns> covariance = Eigen::Matrix<double, unknowns, unknowns>::Zero();
+  Unknowns value = Unknowns::Zero(unknowns);
+  Matrix covariance = Matrix::Zero(unknowns, unknowns);
   std::vector<int> estimated;        ///< which of the unknowns; the others are nominal, or not there
   std::vector<WeakDirection> weak;   ///< along these `value` is nominal, and the covariance that of nominal
                                      ///< values: 0.5 % of mean_length, 5 mrad
@@ -73,8 +42,7 @@ struct Calibration {
   double closure_rms_nominal = 0.0;  ///< m, with the unknowns as they were
   double effector_rms = 0.0;         ///< m, of the position readings
   bool converged = false;
-  bool in_numbers =
-      true;  ///< false: the readings are so far from any mechanism that there is nothing but `value`
+  bool in_numbers = true;  ///< false: far from any mechanism; only `value` is set
 
   [[nodiscard]] double sigma(int unknown) const;
 };
@@ -90,8 +58,8 @@ struct Calibration {
 [[nodiscard]] std::optional<std::complex<double>> effector_from_base(const Unknowns& u, bool five_bar,
                                                                      const MeasuredAngles& angle);
 
-/// What the uncertainty of a calibration makes of the effector in that row: standard uncertainty, m (root of
-/// the sum of both variances).
+/// Standard uncertainty of the effector in that row, m (root of the sum of both variances), that follows from
+/// the one of the calibration.
 [[nodiscard]] double effector_sigma(const Calibration& c, bool five_bar, const MeasuredAngles& angle);
 
 }  // namespace esmc::host

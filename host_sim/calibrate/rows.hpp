@@ -1,104 +1,107 @@
 #pragma once
-/// What one reading says of the unknowns: a complex equation, its derivatives, and both in units of its own
-/// uncertainty.
+/// The equations of a calibration, one per reading: a complex number that the right unknowns make 0, and its
+/// derivatives. All pairs of rows of the least-squares problem are such numbers.
 
-#include <Eigen/Cholesky>
 #include <cmath>
 
-#include "host_sim/calibrate/geometry.hpp"
+#include "host_sim/calibrate/unknowns.hpp"
 
 namespace esmc::host {
 
-/// residual(unknowns, angles) = 0, two rows. J: by the unknowns; its columns of the offsets are those by the
-/// angles as well.
-struct ResidualRow {
-  Eigen::Vector2d residual;
-  Eigen::Matrix<double, 2, unknowns> J = Eigen::Matrix<double, 2, unknowns>::Zero();
+/// J: derivative by each unknown. Those by the offsets are those by the angles as well.
+struct Row {
+  std::complex<double> residual;
+  std::array<std::complex<double>, unknowns> J{};
 };
-namespace detail {
-
-inline Eigen::Vector2d pair_of(const std::complex<double>& z) { return {z.real(), z.imag()}; }
 
 /// The bars as complex numbers in the base frame; those of leg 2, whose own frame is mirrored, from tip to
 /// base.
 struct Bars {
-  std::complex<double> direction[4], bar[4];
+  std::array<std::complex<double>, 4> direction, bar;
   Bars(const Unknowns& u, const MeasuredAngles& a) {
     const double one = a[0] + u[unknown_o11], two = a[2] + u[unknown_o21];
-    direction[0] = std::polar(1.0, one);
-    direction[1] = std::polar(1.0, one + a[1] + u[unknown_o12]);
-    direction[2] = std::polar(1.0, -two);
-    direction[3] = std::polar(1.0, -two - a[3] - u[unknown_o22]);
-    for (int i = 0; i < 4; ++i) bar[i] = u[unknown_l11 + i] * direction[i];
+    direction = {std::polar(1.0, one), std::polar(1.0, one + a[1] + u[unknown_o12]), std::polar(1.0, -two),
+                 std::polar(1.0, -two - a[3] - u[unknown_o22])};
+    for (std::size_t i = 0; i < 4; ++i) bar[i] = u[unknown_l11 + static_cast<int>(i)] * direction[i];
+  }
+  /// Adds `leg1` times the tip of leg 1 and `leg2` times the path from the tip of leg 2 to its base.
+  void add_to(Row& r, double leg1, double leg2) const {
+    const std::complex<double> i(0.0, 1.0);
+    r.residual += leg1 * (bar[0] + bar[1]) + leg2 * (bar[2] + bar[3]);
+    for (std::size_t k = 0; k < 4; ++k) r.J[unknown_l11 + k] = (k < 2 ? leg1 : leg2) * direction[k];
+    r.J[unknown_o11] = leg1 * i * (bar[0] + bar[1]);
+    r.J[unknown_o12] = leg1 * i * bar[1];
+    r.J[unknown_o21] = -leg2 * i * (bar[2] + bar[3]);
+    r.J[unknown_o22] = -leg2 * i * bar[3];
   }
 };
 
-}  // namespace detail
-
 /// Tip of leg 1 less tip of leg 2: 2 l0 + l11 e^{i phi11} + l12 e^{i phi12} + l21 e^{-i phi21} + l22 e^{-i
 /// phi22}.
-inline ResidualRow closure_row(const Unknowns& u, bool, const MeasuredAngles& a, const EffectorReading*) {
-  const detail::Bars b(u, a);
-  const std::complex<double> i(0.0, 1.0);
-  ResidualRow r;
-  r.residual = detail::pair_of(2.0 * u[unknown_l0] + b.bar[0] + b.bar[1] + b.bar[2] + b.bar[3]);
-  r.J.col(unknown_l0) << 2.0, 0.0;
-  for (int k = 0; k < 4; ++k) r.J.col(unknown_l11 + k) = detail::pair_of(b.direction[k]);
-  r.J.col(unknown_o11) = detail::pair_of(i * (b.bar[0] + b.bar[1]));
-  r.J.col(unknown_o12) = detail::pair_of(i * b.bar[1]);
-  r.J.col(unknown_o21) = detail::pair_of(-i * (b.bar[2] + b.bar[3]));
-  r.J.col(unknown_o22) = detail::pair_of(-i * b.bar[3]);
+inline Row closure_row(const Unknowns& u, const MeasuredAngles& a) {
+  Row r;
+  r.residual = 2.0 * u[unknown_l0];
+  r.J[unknown_l0] = 2.0;
+  Bars(u, a).add_to(r, 1.0, 1.0);
   return r;
 }
 
 /// The reading, brought into the base frame, less the effector: the mean of both tips (RR: its tip).
-inline ResidualRow effector_row(const Unknowns& u, bool five_bar, const MeasuredAngles& a,
-                                const EffectorReading* reading) {
-  const detail::Bars b(u, a);
-  const std::complex<double> i(0.0, 1.0);
-  const double half = five_bar ? 0.5 : 1.0, other = five_bar ? 0.5 : 0.0;
+inline Row effector_row(const Unknowns& u, bool five_bar, const EffectorReading& reading,
+                        const MeasuredAngles& a) {
   const std::complex<double> turned =
-      std::polar(1.0, u[unknown_fa]) * std::complex<double>(reading->x, reading->y);
-  const std::complex<double> frame(u[unknown_fx], u[unknown_fy]);
-  ResidualRow r;
-  r.residual = detail::pair_of(frame + turned - half * (b.bar[0] + b.bar[1]) + other * (b.bar[2] + b.bar[3]));
-  for (int k = 0; k < 4; ++k)
-    r.J.col(unknown_l11 + k) = detail::pair_of((k < 2 ? -half : other) * b.direction[k]);
-  r.J.col(unknown_o11) = detail::pair_of(-half * i * (b.bar[0] + b.bar[1]));
-  r.J.col(unknown_o12) = detail::pair_of(-half * i * b.bar[1]);
-  r.J.col(unknown_o21) = detail::pair_of(-other * i * (b.bar[2] + b.bar[3]));
-  r.J.col(unknown_o22) = detail::pair_of(-other * i * b.bar[3]);
-  r.J(0, unknown_fx) = r.J(1, unknown_fy) = 1.0;
-  r.J.col(unknown_fa) = detail::pair_of(i * turned);
+      std::polar(1.0, u[unknown_fa]) * std::complex<double>(reading.x, reading.y);
+  Row r;
+  r.residual = std::complex<double>(u[unknown_fx], u[unknown_fy]) + turned;
+  r.J[unknown_fx] = 1.0;
+  r.J[unknown_fy] = {0.0, 1.0};
+  r.J[unknown_fa] = std::complex<double>(0.0, 1.0) * turned;
+  Bars(u, a).add_to(r, five_bar ? -0.5 : -1.0, five_bar ? 0.5 : 0.0);
   return r;
 }
 
-/// A row in units of its uncertainty: angles with standard deviation `sigma`, and `own` of each coordinate.
-/// `correct`: at the angles as corrected to fulfil it, where the derivatives are free of the readings' noise.
-template <class RowOf>
-ResidualRow whitened(RowOf row_of, const Unknowns& u, bool five_bar, MeasuredAngles angle,
-                     const EffectorReading* reading, double sigma, double own, bool correct) {
-  using Angles = Eigen::Vector4d;
-  Angles by = Angles::Zero();
-  ResidualRow r = row_of(u, five_bar, angle, reading);
-  Eigen::LLT<Eigen::Matrix2d> root;
-  for (int pass = 0;; ++pass) {
-    const auto A = r.J.template middleCols<4>(unknown_o11);
-    r.residual -= A * by;
-    Eigen::Matrix2d S = sigma * sigma * (A * A.transpose());
-    S.diagonal().array() += own * own + 1e-300;
-    root.compute(S);
-    if (!correct || pass == 2) break;
-    const Angles next = -sigma * sigma * A.transpose() * root.solve(r.residual);
-    if (!(next.cwiseAbs().maxCoeff() < 0.1)) break;  // no small correction: the derivatives as they are
-    MeasuredAngles at = angle;
-    for (int k = 0; k < 4; ++k) at[static_cast<std::size_t>(k)] += next[k];
-    by = next;
-    r = row_of(u, five_bar, at, reading);
+/// L^-1 z of the Cholesky factor L of a covariance of real and imaginary part: in units of its uncertainty.
+struct Whitening {
+  double l11, l21, l22;
+  Whitening(double s11, double s21, double s22)
+      : l11(std::sqrt(s11)), l21(s21 / l11), l22(std::sqrt(s22 - l21 * l21)) {}
+  [[nodiscard]] std::complex<double> operator()(const std::complex<double>& z) const {
+    const double x = z.real() / l11;
+    return {x, (z.imag() - l21 * x) / l22};
   }
-  root.matrixL().solveInPlace(r.residual);
-  root.matrixL().solveInPlace(r.J);
-  return r;
+};
+
+/// A row in units of its uncertainty, for angles with standard deviation `sigma` (rad) and one of `own` (m)
+/// of each coordinate. `row_at(angles)` gives the row. `correct`: it is taken at the angles as corrected to
+/// fulfil it, where the derivatives are free of the readings' noise.
+template <class RowAt>
+Row whitened(RowAt row_at, const MeasuredAngles& angle, double sigma, double own, bool correct) {
+  MeasuredAngles by{};
+  Row r = row_at(angle);
+  for (int pass = 0;; ++pass) {
+    double s11 = own * own + 1e-300, s21 = 0.0, s22 = s11;
+    for (std::size_t k = 0; k < by.size(); ++k) {
+      const std::complex<double> a = r.J[unknown_o11 + k];
+      r.residual -= a * by[k];
+      s11 += sigma * sigma * a.real() * a.real();
+      s21 += sigma * sigma * a.real() * a.imag();
+      s22 += sigma * sigma * a.imag() * a.imag();
+    }
+    const Whitening white(s11, s21, s22);
+    r.residual = white(r.residual);
+    for (auto& z : r.J) z = white(z);
+    if (!correct || pass == 2) return r;
+    MeasuredAngles next{}, at = angle;
+    double largest = 0.0;
+    for (std::size_t k = 0; k < by.size(); ++k) {
+      next[k] = -sigma * sigma * (std::conj(r.J[unknown_o11 + k]) * r.residual).real();
+      at[k] += next[k];
+      largest = std::max(largest, std::abs(next[k]));
+    }
+    if (!(largest < 0.1)) return r;  // no small correction: the derivatives as they are
+    by = next;
+    r = row_at(at);
+  }
 }
 
 }  // namespace esmc::host

@@ -4,7 +4,7 @@
 
 #include <algorithm>
 #include <atomic>
-#include <exception>
+#include <functional>
 #include <memory>
 #include <mutex>
 #include <nlohmann/json.hpp>
@@ -13,31 +13,27 @@
 #include "host_sim/campaign/episode.hpp"
 #include "host_sim/campaign/totals.hpp"
 #include "host_sim/error.hpp"
+#include "host_sim/loop/loop_scene.hpp"
 #include "host_sim/loop/progress.hpp"
+#include "host_sim/parallel.hpp"
 #include "host_sim/record/output.hpp"
 #include "host_sim/record/run_options.hpp"
-#include "host_sim/scene/read_effects.hpp"
 #include "host_sim/scene/starting_scene.hpp"
 
 namespace esmc::host {
 namespace {
 
+using Json = nlohmann::ordered_json;
 using Sets = std::vector<std::string>;
 
-/// A loop of the built-in campaign: what tells it from the scene that `esmc init` prints.
+/// A loop of the built-in campaign: changes to a scene that `esmc init` prints.
 struct Variant {
   const char* scene = "five_bar";
   Sets sets;
   bool passive_encoders = false;
 };
 
-/// What all of them have: short phases.
-const Sets& short_phases() {
-  static const Sets sets{"simulation.step=1e-3", "reference.join=0.05", "limits.halt_time=0.03",
-                         "limits.lower_time=0.03"};
-  return sets;
-}
-/// Where a circle begins, turned from variant to variant.
+/// Start angle of a circle.
 std::string phase(double share) { return fmt::format("reference.phase={}", 6.28 * share); }
 
 const std::vector<Variant>& variants() {
@@ -77,36 +73,22 @@ const std::vector<Variant>& variants() {
   return list;
 }
 
-class AnyKind {
- public:
-  virtual ~AnyKind() = default;
-  [[nodiscard]] virtual EpisodeResult run(std::uint64_t seed, const Draw& draw, EpisodeTrace* trace,
-                                          std::string_view only) const = 0;
+/// Runs an episode on one scene.
+using Runner = std::function<EpisodeResult(std::uint64_t seed, const Draw& draw, EpisodeTrace* trace,
+                                           std::string_view only)>;
+template <class World>
+Runner runner_of(const Scene& scene) {
+  const auto kind = std::make_shared<const EpisodeKind<World>>(scene);
+  return [kind](std::uint64_t seed, const Draw& draw, EpisodeTrace* trace, std::string_view only) {
+    return kind->run(seed, draw, trace, only);
+  };
+}
 
- protected:
-  AnyKind() = default;
-  AnyKind(const AnyKind&) = default;
-  AnyKind& operator=(const AnyKind&) = default;
-};
-template <class World_>
-class KindOf final : public AnyKind {
- public:
-  explicit KindOf(const Scene& scene) : kind_(scene) {}
-  [[nodiscard]] EpisodeResult run(std::uint64_t seed, const Draw& draw, EpisodeTrace* trace,
-                                  std::string_view only) const override {
-    return kind_.run(seed, draw, trace, only);
-  }
-
- private:
-  EpisodeKind<World_> kind_;
-};
-
-std::unique_ptr<AnyKind> make_kind(const Scene& scene) {
+Runner make_runner(const Scene& scene) {
   const BusObstacle obstacle = bus_obstacle(scene);
   if (!obstacle.what.empty()) throw InputError(obstacle.where, obstacle.what);
   refuse_bus_effects(scene, "a campaign disturbs its bus by the faults that it draws");
-  if (scene.type == MechanismType::five_bar) return std::make_unique<KindOf<FiveBarWorld>>(scene);
-  return std::make_unique<KindOf<RrWorld>>(scene);
+  return scene.type == MechanismType::five_bar ? runner_of<FiveBarWorld>(scene) : runner_of<RrWorld>(scene);
 }
 
 /// The drives of the built-in loops.
@@ -132,7 +114,7 @@ const std::vector<DriveVariant>& drive_variants() {
   };
   return list;
 }
-/// A table of endpoints that no version of the firmware has: the emulated drive is given the same.
+/// Endpoints that no version of the firmware has; the emulated drive gets the same.
 OdriveEndpoints some_endpoints() {
   OdriveEndpoints out{{0, 6, 10}, {}};
   for (const OdriveValueName& v : odrive_values) {
@@ -140,24 +122,11 @@ OdriveEndpoints some_endpoints() {
   }
   return out;
 }
-const char* protocol_name(const Scene& scene) {
-  switch (scene.drives.protocol) {
-    case Protocol::odrive:
-      return "odrive";
-    case Protocol::odrive_0_5:
-      return "odrive_0.5";
-    case Protocol::cia402:
-      return "cia402";
-    case Protocol::mit:
-      return "mit";
-  }
-  return "";
-}
 std::string protocol_set(std::string_view protocol) {
   return fmt::format("drives.protocol=\"{}\"", protocol);
 }
 
-/// Everything an episode may run on. An episode is a function of its seed and of these.
+/// The scenes of a campaign. An episode is a function of its seed and of these.
 class Campaign {
  public:
   explicit Campaign(const CampaignOptions& o) : fault_(o.fault) {
@@ -171,8 +140,7 @@ class Campaign {
       Sets sets = o.sets;
       if (!o.protocol.empty()) sets.push_back(protocol_set(o.protocol));
       const Scene scene = read_scene(o.scene, sets);
-      kinds_.push_back(make_kind(scene));
-      protocols_.push_back(protocol_name(scene));
+      kinds_.push_back({make_runner(scene), name(scene.drives.protocol)});
       return;
     }
     for (const DriveVariant& d : drive_variants()) {
@@ -187,63 +155,58 @@ class Campaign {
   [[nodiscard]] EpisodeResult run(std::uint64_t seed, EpisodeTrace* trace = nullptr) const {
     Draw draw(seed);
     const std::size_t variant = draw.below(kinds_.size());
-    EpisodeResult e = kinds_[variant]->run(seed, draw, trace, fault_);
+    EpisodeResult e = kinds_[variant].run(seed, draw, trace, fault_);
     e.variant = variant;
-    e.protocol = protocols_[variant];
+    e.protocol = kinds_[variant].protocol;
     return e;
   }
 
  private:
   void add(const CampaignOptions& o, const DriveVariant& d, const Variant& v) {
     if (v.passive_encoders && !std::string_view(d.protocol).starts_with("odrive")) return;
-    Sets all = short_phases();
+    Sets all{"simulation.step=1e-3", "reference.join=0.05", "limits.halt_time=0.03",
+             "limits.lower_time=0.03"};
     for (const Sets* more : {&v.sets, &d.sets, &o.sets}) all.insert(all.end(), more->begin(), more->end());
     all.push_back(protocol_set(d.protocol));
     Scene scene = read_scene_text(std::string(starting_scene(v.scene)), "built-in scene", all);
-    // Of drives as delivered nothing could be tried: they are refused.
+    // Drives as delivered would be refused.
     if (d.read_back && !scene.drives.endpoints && scene.drives.confirmed.value_or(true)) {
       scene.drives.endpoints = some_endpoints();
     }
-    kinds_.push_back(make_kind(scene));
-    protocols_.push_back(protocol_name(scene));
+    kinds_.push_back({make_runner(scene), name(scene.drives.protocol)});
   }
 
-  std::vector<std::unique_ptr<AnyKind>> kinds_;
-  std::vector<const char*> protocols_;  // of each
+  struct Kind {
+    Runner run;
+    const char* protocol;
+  };
+  std::vector<Kind> kinds_;
   std::string fault_;
 };
 
 CampaignTotals run_all(const Campaign& campaign, const CampaignOptions& o) {
   const auto processors = static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
-  const int jobs = o.jobs > 0 ? o.jobs : processors;
   constexpr std::uint64_t at_once = 64;
   std::atomic<std::uint64_t> next{0};
   std::mutex mutex;
   CampaignTotals totals;
-  std::exception_ptr failure;
   Progress progress(o.episodes);
-  const auto work = [&](bool draws) {
+  const auto next_batch = [&] { return next.fetch_add(at_once); };
+  run_jobs(o.jobs > 0 ? o.jobs : processors, [&](int slot) {
     CampaignTotals mine;
     try {
-      for (std::uint64_t from = next.fetch_add(at_once); from < o.episodes && !stop_requested();
-           from = next.fetch_add(at_once)) {
-        if (draws) progress.at(from);
+      for (std::uint64_t from = next_batch(); from < o.episodes && !stop_requested(); from = next_batch()) {
+        if (slot == 0) progress.at(from);
         for (std::uint64_t i = from; i < std::min(o.episodes, from + at_once); ++i)
           mine.add(campaign.run(o.seed + i));
       }
     } catch (...) {
-      const std::lock_guard lock(mutex);
-      failure = std::current_exception();
-      next = o.episodes;
+      next = o.episodes;  // the other threads need not go on
+      throw;
     }
     const std::lock_guard lock(mutex);
     totals.add(mine);
-  };
-  std::vector<std::thread> threads;
-  for (int i = 1; i < jobs; ++i) threads.emplace_back(work, false);
-  work(true);
-  for (std::thread& t : threads) t.join();
-  if (failure) std::rethrow_exception(failure);
+  });
   return totals;
 }
 
@@ -252,14 +215,14 @@ int replay(const Campaign& campaign, const CampaignOptions& o) {
   const EpisodeResult e = campaign.run(*o.replay, &trace), again = campaign.run(*o.replay);
   const bool equal = e.digest == again.digest && e.ticks == again.ticks;
   const bool held = e.verdict.invariant.empty();
-  nlohmann::ordered_json j;
+  Json j;
   j["seed"] = e.seed;
   j["variant"] = e.variant;
   j["fault"] = e.injection.row->name;
   j["phase"] = name(e.injection.phase);
   j["injection"] = describe(e.injection);
-  j["invariant"] = held ? nlohmann::ordered_json(nullptr) : nlohmann::ordered_json(e.verdict.invariant);
-  j["violation_tick"] = held ? nlohmann::ordered_json(nullptr) : nlohmann::ordered_json(e.verdict.tick);
+  j["invariant"] = held ? Json(nullptr) : Json(e.verdict.invariant);
+  j["violation_tick"] = held ? Json(nullptr) : Json(e.verdict.tick);
   j["latched"] = e.first_fault.empty() ? "none" : e.first_fault;
   j["notice_ms"] = e.reaction.notice_ms;
   j["safe_ms"] = e.reaction.safe_ms;
@@ -295,7 +258,7 @@ int run_campaign(const CampaignOptions& o) {
   if (o.replay) return replay(campaign, o);
   OutputDirectory out(o.out);
   const CampaignTotals totals = run_all(campaign, o);
-  nlohmann::ordered_json j = totals.json();
+  Json j = totals.json();
   j["seed"] = o.seed;
   j["interrupted"] = totals.episodes() < o.episodes;
   if (out.wanted()) {

@@ -1,5 +1,5 @@
 #pragma once
-/// `esmc campaign`: faults by the million on a virtual bus, each episode a function of its seed.
+/// `esmc campaign`: fault injection on a virtual bus, each episode a function of its seed.
 
 #include <cstdint>
 #include <optional>
@@ -21,7 +21,7 @@ struct CampaignOptions {
   std::string out, command_line;
 };
 
-/// Exit status 1 where an invariant did not hold.
+/// Returns the exit status: 1 where an invariant did not hold.
 int run_campaign(const CampaignOptions& o);
 
 }  // namespace esmc::host

@@ -1,6 +1,5 @@
 #pragma once
-/// The operator of an episode: by calls, or as a supervisor computer that arms over the command interface and
-/// may vanish.
+/// A supervisor computer that passes the operator's orders on over the command interface, and may vanish.
 
 #include <algorithm>
 #include <cstdint>
@@ -13,8 +12,7 @@
 
 namespace esmc::host {
 
-/// A supervisor computer: says a sign of life every second tick, sends orders, and hears the controller's
-/// status.
+/// Sends a sign of life every second tick and orders; receives the controller's status.
 class Computer {
  public:
   explicit Computer(const Scene& scene) : base_(static_cast<std::uint32_t>(scene.command->base_id)) {}
@@ -27,8 +25,8 @@ class Computer {
       table_ = static_cast<std::uint16_t>(f.data[0] | f.data[1] << 8);
     }
   }
-  /// Calls `send` with the frames of a tick. Returns what the operator wanted once it is on the bus: an order
-  /// to arm waits until the table of parameters is known.
+  /// Calls `send` with the frames of a tick. Returns the order that is now on the bus: an order to arm waits
+  /// for the number of the parameter table.
   template <class Send>
   Operator act(Operator wanted, const Send& send) {
     if (wanted != Operator::nothing) wanted_ = wanted;
@@ -58,8 +56,8 @@ class Computer {
     counter = (counter + 1) & 0x0F;
     f.data[1] = counter;
     f.data[2] = what;
-    link::detail::put(f, 4, first, 2);
-    link::detail::put(f, 6, second, 2);
+    hal::put_field(f, 4, first, 2);
+    hal::put_field(f, 6, second, 2);
     f.data[0] = link::checksum(f, session_.value_or(link::any_session));
     return f;
   }

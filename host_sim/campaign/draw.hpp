@@ -1,5 +1,5 @@
 #pragma once
-/// Numbers of an episode: a pure function of its seed, the same on every machine.
+/// Random numbers of an episode: a function of its seed, the same on every machine.
 
 #include <algorithm>
 #include <cmath>
@@ -30,8 +30,7 @@ class Draw {
   /// [0, 1).
   double uniform() { return static_cast<double>(bits() >> 11U) * 0x1p-53; }
   double uniform(double lowest, double highest) { return lowest + (highest - lowest) * uniform(); }
-  /// Over the magnitudes, each power of two as often, either sign. No library function whose last bit may
-  /// differ.
+  /// Either sign, each power of two equally often; without library functions whose last bit may differ.
   double signed_magnitude(double lowest, double highest) {
     const double size = std::ldexp(1.0 + uniform(), between(std::ilogb(lowest), std::ilogb(highest)));
     return (one_in(2) ? 1.0 : -1.0) * std::clamp(size, lowest, highest);

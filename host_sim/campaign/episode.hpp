@@ -1,14 +1,14 @@
 #pragma once
-/// One episode of a campaign: controller, drives and mechanism in lockstep on a faulty wire, in virtual time.
+/// One episode of a campaign: controller, drives and mechanism in lockstep on a faulty bus, in virtual time.
 
 #include <cstdint>
 #include <string>
 #include <vector>
 
 #include "host_sim/campaign/computer.hpp"
+#include "host_sim/campaign/faulty_plant.hpp"
 #include "host_sim/campaign/judge.hpp"
-#include "host_sim/campaign/world.hpp"
-#include "host_sim/loop/halves.hpp"
+#include "host_sim/controller/axes_config.hpp"
 #include "host_sim/record/recorder.hpp"
 
 namespace esmc::host {
@@ -26,19 +26,20 @@ struct EpisodeResult {
   bool ran = false;  ///< there was torque before the fault
 };
 
-/// A line per tick, where somebody wants to read them.
+/// A line per tick.
 using EpisodeTrace = std::vector<std::string>;
 
+template <class World>
+class EpisodeLoop;
+
 /// What episodes on one scene share; read only.
-template <class World_>
+template <class World>
 class EpisodeKind {
  public:
-  using Plant = typename World_::Plant;
-  using M = typename World_::Mechanism;
+  using M = typename World::Mechanism;
 
   explicit EpisodeKind(const Scene& scene) : EpisodeKind(scene, scene) {}
-  /// `promised`: the scene by which the loop of `scene` is judged. Where they differ, a judge has something
-  /// to find.
+  /// `promised`: the scene by which the loop of `scene` is judged; a test makes them differ.
   EpisodeKind(const Scene& scene, const Scene& promised)
       : scene_(scene),
         promised_(promised),
@@ -60,17 +61,14 @@ class EpisodeKind {
                                   std::string_view only = {}) const;
 
  private:
+  friend class EpisodeLoop<World>;
   /// Ticks from the command to enable to the release of the brake, without a fault. Throws RunError where the
-  /// loop does not get onto its reference: what a campaign says of such a loop says nothing of the faults.
+  /// loop does not reach its reference: a campaign on such a loop says nothing about the faults.
   [[nodiscard]] int arming_ticks() const;
 
   [[nodiscard]] const Scene& defective(Injected k) const {
     return k == Injected::watchdog_off ? unwatched_
                                        : (k == Injected::zero_until_closed_loop ? zeroed_ : scene_);
-  }
-  /// The operator of an episode, where the scene has it arm over the command interface.
-  [[nodiscard]] std::optional<Computer> computer() const {
-    return times_.link_ticks > 0 ? std::optional<Computer>(scene_) : std::nullopt;
   }
 
   Scene scene_, promised_, unwatched_, zeroed_;
@@ -79,7 +77,7 @@ class EpisodeKind {
   EpisodeTimes times_;
 };
 
-/// When what happens, as far as that is known before.
+/// The times of an episode that are drawn before it begins.
 class EpisodeScript {
  public:
   EpisodeScript(const Injection& i, const EpisodeTimes& t, Draw& draw)
@@ -88,8 +86,8 @@ class EpisodeScript {
         orders_at_(join_ + draw.between(1, 15)),
         after_(draw.between(0, 3)) {}
 
-  /// What the operator asks for. `run`: ticks since the brake was released, -1 before; `latched`: since the
-  /// controller has taken the torque away, -1 before.
+  /// The operator's order. `run`: ticks since the brake was released, -1 before; `latched`: ticks since the
+  /// controller took the torque away, -1 before.
   [[nodiscard]] Operator at(std::uint64_t tick, int run, int latched) const {
     if (tick == 0) return Operator::enable;
     if (latched == 5 && after_ == 1) return Operator::enable;  // not without a reset
@@ -120,32 +118,128 @@ class EpisodeScript {
   int join_, orders_at_, after_;
 };
 
-/// What the stranger of a fault sends; nothing in other faults.
-inline hal::CanFrame foreign_command(const ProtocolTraits& words, const Scene& scene, const Injection& i) {
+/// Frame of the fault foreign_controller; empty for other faults.
+inline hal::CanFrame foreign_command(const ProtocolTraits& traits, const Scene& scene, const Injection& i) {
   if (i.kind() != Injected::foreign_controller) return {};
-  if (i.choice % 2 == 0) return words.foreign_torque(scene, i.drive, i.amount * scene.torque_limit[i.drive]);
-  return words.foreign_command(scene.drives.nodes[i.drive], static_cast<unsigned>(i.choice / 2));
+  if (i.choice % 2 == 0) return traits.foreign_torque(scene, i.drive, i.amount * scene.torque_limit[i.drive]);
+  return traits.foreign_command(scene.drives.nodes[i.drive], static_cast<unsigned>(i.choice / 2));
 }
 
-template <class World_>
-EpisodeResult EpisodeKind<World_>::run(std::uint64_t seed, Draw draw, EpisodeTrace* trace,
-                                       std::string_view only) const {
+/// Plant, bus, computer and a copy of the controller, for one pass.
+template <class World>
+class EpisodeLoop {
+ public:
+  using M = typename World::Mechanism;
+  using Kind = EpisodeKind<World>;
+
+  /// Both outlive this.
+  EpisodeLoop(const Kind& kind, const Injection& injection)
+      : kind_(kind),
+        injection_(injection),
+        traits_(dialect(kind.scene_.drives.protocol)),
+        plant_(make_motion<World>(kind.scene_), kind.scene_, kind.defective(injection.kind()), injection,
+               traits_),
+        bus_(injection, traits_, plant_.nodes(), kind.scene_.bitrate),
+        cycle_(kind.cycle_),
+        foreign_(foreign_command(traits_, kind.scene_, injection)) {
+    if (kind.times_.link_ticks > 0) computer_.emplace(kind.scene_);
+  }
+
+  [[nodiscard]] FaultyPlant<typename World::Plant>& plant() { return plant_; }
+  [[nodiscard]] const FaultyBus& bus() const { return bus_; }
+  [[nodiscard]] const ControllerWord& word() const { return word_; }
+  [[nodiscard]] bool active(Injected k) const { return active_ && injection_.kind() == k; }
+
+  /// `since`: ticks since the fault began, -1 before.
+  void begin_tick(int since) {
+    active_ = since >= 0 && since < injection_.length;
+    bus_.begin_tick(active_);
+    word_.ticked = !active(Injected::controller_death) && !active(Injected::controller_late);
+  }
+  /// The operator's order by way of the computer, if there is one. Returns the order that the controller can
+  /// know of in this tick.
+  Operator send_order(Operator order) {
+    if (!computer_ || active(Injected::computer_gone) || !word_.ticked) return order;
+    return computer_->act(order, [&](const hal::CanFrame& f) { bus_.from_computer(f); });
+  }
+  void publish(bool first) {
+    plant_.publish(bus_, active_, first);
+    bus_.inject_foreign_frames();
+  }
+  /// The controller's tick; `order` reaches it by a call unless a computer passes orders on.
+  void control(Operator order) {
+    if (word_.ticked) std::visit([&](auto& c) { tick(c, computer_ ? Operator::nothing : order); }, cycle_);
+    bus_.inject_foreign_frames_after_tick(foreign_);
+    if (!computer_) return;
+    for (const FaultyBus::Delivery& d : bus_.to_drives()) computer_->hear(d.frame);
+  }
+  void deliver(std::uint64_t tick) {
+    plant_.deliver(bus_, static_cast<double>(tick) * kind_.times_.tick * 1e3);
+  }
+  void advance(std::uint64_t tick) { plant_.advance(static_cast<double>(tick) * kind_.times_.tick); }
+
+  [[nodiscard]] std::string line(std::uint64_t tick) {
+    std::string out =
+        fmt::format("{:4} {}{:>5} {:<9} {:<22}", tick, active_ ? '*' : ' ', word_.ticked ? "tick" : "-",
+                    word_.powered ? "powered" : (word_.faulted ? "fault" : "off"), word_.fault);
+    for (std::size_t i = 0; i < plant_.motors(); ++i) out += fmt::format(" {:10.6f}", plant_.motor(i).torque);
+    for (const double q : plant_.motion().output().q) out += fmt::format(" {:9.5f}", q);
+    return out;
+  }
+
+ private:
+  static void apply(auto& cycle, Operator order) {
+    switch (order) {
+      case Operator::enable:
+        return cycle.command(Command::enable);
+      case Operator::stop:
+        return cycle.command(Command::stop);
+      case Operator::halt:
+        return cycle.command(Command::halt);
+      case Operator::reset:
+        return cycle.command(Command::reset);
+      case Operator::nothing:
+        return;
+    }
+  }
+  void tick(auto& cycle, Operator order) {
+    cycle.receive(bus_);
+    cycle.enable_input(!active(Injected::enable_open));
+    apply(cycle, order);
+    const TickResult<M> r = cycle.tick(bus_);
+    cycle.request(bus_);
+    word_.powered = cycle.supervisor().powered();
+    word_.faulted = r.state == State::fault;
+    word_.fault = esmc::name(r.fault);
+  }
+
+  const Kind& kind_;
+  const Injection& injection_;
+  const ProtocolTraits& traits_;
+  FaultyPlant<typename World::Plant> plant_;
+  FaultyBus bus_;
+  AnyCycle<M> cycle_;
+  hal::CanFrame foreign_;
+  std::optional<Computer> computer_;
+  ControllerWord word_;
+  bool active_ = false;
+};
+
+template <class World>
+EpisodeResult EpisodeKind<World>::run(std::uint64_t seed, Draw draw, EpisodeTrace* trace,
+                                      std::string_view only) const {
   constexpr int watch_ticks = 30;
+  const ProtocolTraits& traits = dialect(scene_.drives.protocol);
   EpisodeResult out;
   out.seed = seed;
-  const ProtocolTraits& words = dialect(scene_.drives.protocol);
-  Injection injection = draw_injection(draw, times_, words, only);
+  Injection injection = draw_injection(draw, times_, traits, only);
   if (!has_to_show(injection, promised_)) injection.notice_ticks = InjectionRow::not_demanded;
   const EpisodeScript script(injection, times_, draw);
-  World<Plant> world(make_motion<World_>(scene_), scene_, defective(injection.kind()), injection, words);
-  std::optional<Computer> desk = computer();
-  FaultyBus wire(injection, words, world.nodes(), scene_.bitrate);
-  Judge judge(injection, times_, scene_.effects.empty(), words.tells_its_state);
-  AnyCycle<M> cycle = cycle_;
-  const hal::CanFrame foreign = foreign_command(words, scene_, injection);
+  EpisodeLoop<World> loop(*this, injection);
+  auto& plant = loop.plant();
+  Judge judge(injection, times_, scene_.effects.empty(), traits.tells_its_state);
   Digest digest;
   Operator pending = Operator::nothing;
-  ControllerWord word;
   int run = -1, latched = -1, since = -1;
   const int watch =
       watch_ticks + std::max(std::min(injection.length, injection.watch_ticks), injection.notice_ticks);
@@ -154,74 +248,27 @@ EpisodeResult EpisodeKind<World_>::run(std::uint64_t seed, Draw draw, EpisodeTra
   std::uint64_t tick = 0;
   for (; since < watch && tick < most_ticks; ++tick) {
     if (since >= 0 || script.begins(tick, run)) ++since;
-    const bool first = since == 0, active = since >= 0 && since < injection.length;
-    wire.begin_tick(active);
-    const bool gone = active && injection.kind() == Injected::computer_gone;
+    const bool first = since == 0;
+    if (first) out.ran = loop.word().powered;
+    loop.begin_tick(since);
     if (const Operator o = script.at(tick, run, latched); o != Operator::nothing) pending = o;
-
-    if (first) out.ran = word.powered;
-    const bool absent = active && (injection.kind() == Injected::controller_death ||
-                                   injection.kind() == Injected::controller_late);
-    Operator asked = absent || gone ? Operator::nothing : std::exchange(pending, Operator::nothing);
-    if (desk && !gone && !absent)
-      asked = desk->act(asked, [&](const hal::CanFrame& f) { wire.from_computer(f); });
-    world.publish(wire, active, first);
-    wire.inject_foreign_frames();
-    word.ticked = !absent;
-    if (!absent) {
-      std::visit(
-          [&](auto& c) {
-            c.receive(wire);
-            c.enable_input(!(active && injection.kind() == Injected::enable_open));
-            switch (desk ? Operator::nothing : asked) {
-              case Operator::enable:
-                c.command(Command::enable);
-                break;
-              case Operator::stop:
-                c.command(Command::stop);
-                break;
-              case Operator::halt:
-                c.command(Command::halt);
-                break;
-              case Operator::reset:
-                c.command(Command::reset);
-                break;
-              case Operator::nothing:
-                break;
-            }
-            const TickResult<M> r = c.tick(wire);
-            c.request(wire);
-            word.powered = c.supervisor().powered();
-            word.faulted = r.state == State::fault;
-            word.fault = esmc::name(r.fault);
-          },
-          cycle);
-    }
-    wire.inject_foreign_frames_after_tick(foreign);
-    for (const FaultyBus::Delivery& d : wire.to_drives()) {
-      if (desk) desk->hear(d.frame);
-    }
-    // Then the controller has to notice, and to come to rest as if it had been asked to.
-    if (gone && since == injection.notice_ticks) asked = Operator::halt;
-    world.deliver(wire, static_cast<double>(tick) * times_.tick * 1e3);
-    judge.look(tick, asked, word, world, wire, first);
-    if (latched >= 0 || word.faulted) ++latched;
-
-    const auto now = world.motion().output();
+    const bool gone = loop.active(Injected::computer_gone), passes = loop.word().ticked && !gone;
+    Operator order = passes ? std::exchange(pending, Operator::nothing) : Operator::nothing;
+    order = loop.send_order(order);
+    loop.publish(first);
+    loop.control(order);
+    // The controller then has to notice, and to come to rest as if it had been told to.
+    if (gone && since == injection.notice_ticks) order = Operator::halt;
+    loop.deliver(tick);
+    judge.look(tick, order, loop.word(), plant, loop.bus(), first);
+    if (latched >= 0 || loop.word().faulted) ++latched;
+    const auto now = plant.motion().output();
     digest.add(now.q);
     digest.add(now.qd);
-    for (std::size_t i = 0; i < world.motors(); ++i) digest.add(std::array{world.motor(i).torque});
-    if (trace != nullptr) {
-      std::string line =
-          fmt::format("{:4} {}{:>5} {:<9} {:<22}", tick, active ? '*' : ' ', word.ticked ? "tick" : "-",
-                      word.powered ? "powered" : (word.faulted ? "fault" : "off"), word.fault);
-      for (std::size_t i = 0; i < world.motors(); ++i)
-        line += fmt::format(" {:10.6f}", world.motor(i).torque);
-      for (const double q : now.q) line += fmt::format(" {:9.5f}", q);
-      trace->push_back(line);
-    }
-    world.advance(static_cast<double>(tick) * times_.tick);
-    if (run >= 0 || world.released()) ++run;
+    for (std::size_t i = 0; i < plant.motors(); ++i) digest.add(std::array{plant.motor(i).torque});
+    if (trace != nullptr) trace->push_back(loop.line(tick));
+    loop.advance(tick);
+    if (run >= 0 || plant.released()) ++run;
   }
   judge.end();
   out.injection = injection;
@@ -234,43 +281,27 @@ EpisodeResult EpisodeKind<World_>::run(std::uint64_t seed, Draw draw, EpisodeTra
   return out;
 }
 
-template <class World_>
-int EpisodeKind<World_>::arming_ticks() const {
+template <class World>
+int EpisodeKind<World>::arming_ticks() const {
   constexpr int looks_ahead = 16;  // as the controller does when it joins
   const int patience = std::max(2000, static_cast<int>(2.0 * scene_.rate_hz));
   const Injection nothing{.row = &injection_rows()[0]};
-  const ProtocolTraits& words = dialect(scene_.drives.protocol);
-  World<Plant> world(make_motion<World_>(scene_), scene_, scene_, nothing, words);
-  std::optional<Computer> desk = computer();
-  FaultyBus wire(nothing, words, world.nodes(), scene_.bitrate);
-  AnyCycle<M> cycle = cycle_;
-  if (!desk) std::visit([](auto& c) { c.command(Command::enable); }, cycle);
+  EpisodeLoop<World> loop(*this, nothing);
   int armed = -1;
   for (int tick = 0; armed < 0 || tick <= armed + times_.join_ticks + looks_ahead; ++tick) {
     if (armed < 0 && tick >= patience) throw RunError(scene_.name + ": the drives do not arm");
-    wire.begin_tick(false);
-    if (desk)
-      (void)desk->act(tick == 0 ? Operator::enable : Operator::nothing,
-                      [&](const hal::CanFrame& f) { wire.from_computer(f); });
-    world.publish(wire, false, false);
-    if (armed < 0 && world.released()) armed = tick;
-    const Fault fault = std::visit(
-        [&](auto& c) {
-          c.receive(wire);
-          const TickResult<M> r = c.tick(wire);
-          c.request(wire);
-          return r.fault;
-        },
-        cycle);
-    if (fault != Fault::none) {
+    const auto n = static_cast<std::uint64_t>(tick);
+    loop.begin_tick(-1);
+    const Operator order = loop.send_order(tick == 0 ? Operator::enable : Operator::nothing);
+    loop.publish(false);
+    if (armed < 0 && loop.plant().released()) armed = tick;
+    loop.control(order);
+    if (loop.word().fault != "none") {
       throw RunError(fmt::format("{}: {} before anything is done to the loop: a campaign needs one that runs",
-                                 scene_.name, esmc::name(fault)));
+                                 scene_.name, loop.word().fault));
     }
-    for (const FaultyBus::Delivery& d : wire.to_drives()) {
-      if (desk) desk->hear(d.frame);
-    }
-    world.deliver(wire, tick * times_.tick * 1e3);
-    world.advance(tick * times_.tick);
+    loop.deliver(n);
+    loop.advance(n);
   }
   return armed;
 }

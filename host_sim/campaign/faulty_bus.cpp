@@ -32,7 +32,7 @@ void FaultyBus::from_drive(std::size_t axis, const hal::CanFrame& f) {
   up(f);
 }
 
-/// A frame of the afflicted drive.
+/// A frame of the drive that the fault afflicts.
 void FaultyBus::faulty(const hal::CanFrame& f) {
   const auto twice = [&](const hal::CanFrame& g) { up(g), up(g); };
   switch (injection_->kind()) {
@@ -118,7 +118,7 @@ void FaultyBus::inject_foreign_frames() {
   for (int n = 0; n < static_cast<int>(injection_->amount); ++n) {
     hal::CanFrame f;
     f.id = static_cast<std::uint32_t>(draw_.below(16));
-    f.extended = true;  // nobody's: no protocol here has 29 bits
+    f.extended = true;  // no drive protocol here uses 29-bit identifiers
     f.size = static_cast<std::uint8_t>(draw_.below(9));
     up(f);
   }

@@ -1,6 +1,6 @@
 #pragma once
-/// The bus of an episode, with faults: every frame of the drives and of the controller goes through here. In
-/// lockstep with the ticks of the episode; frames of a tick arrive within it, one after the other.
+/// The bus of an episode, with faults, in lockstep with its ticks: frames of a tick arrive within it, one
+/// after the other.
 
 #include <cstddef>
 #include <cstdint>
@@ -14,7 +14,7 @@ namespace esmc::host {
 
 class FaultyBus {
  public:
-  /// `nodes` of the drives, motors first; all live as long as the wire. `bitrate`: bit/s.
+  /// `nodes` of the drives, motors first; all references outlive the bus. `bitrate`: bit/s.
   FaultyBus(const Injection& injection, const ProtocolTraits& dialect, const std::vector<int>& nodes,
             double bitrate = 1e6)
       : injection_(&injection),
@@ -26,31 +26,30 @@ class FaultyBus {
   /// `active`: the fault acts in this tick.
   void begin_tick(bool active);
 
-  /// A drive sends.
   void from_drive(std::size_t axis, const hal::CanFrame& f);
-  /// The supervisor computer sends. No fault of the bus loses or delays its frames: the operator's orders are
-  /// not on trial.
+  /// A frame of the supervisor computer, which no fault of the bus loses or delays.
   void from_computer(const hal::CanFrame& f) { orders_.push_back(f); }
-  /// Somebody else sends: the controller and the drives hear it.
+  /// A frame of another node, which the controller and the drives receive.
   void from_stranger(const hal::CanFrame& f);
-  /// After the frames of the drives: what strangers send in this tick. `foreign`: a command that is not ours.
+  /// Frames of other nodes in this tick, after those of the drives.
   void inject_foreign_frames();
+  /// `foreign`: a command of another controller.
   void inject_foreign_frames_after_tick(const hal::CanFrame& foreign);
 
-  /// The controller's end; satisfies hal::CanBus.
+  /// The controller's access; satisfies hal::CanBus.
   [[nodiscard]] hal::SendStatus try_send(const hal::CanFrame& f);
   [[nodiscard]] bool try_receive(hal::CanFrame& f);
 
-  /// What goes to the drives in this tick, and when it arrives.
+  /// A frame to the drives in this tick.
   struct Delivery {
     hal::CanFrame frame;
     double ms;  ///< after the beginning of the tick
     bool ours;  ///< from the controller under test
   };
   [[nodiscard]] const std::vector<Delivery>& to_drives() const { return to_drives_; }
-  /// The drives have them.
+  /// Removes the frames that the drives have received.
   void taken() { to_drives_.clear(); }
-  /// Whether a drive hears anything now.
+  /// Whether a drive receives frames now.
   [[nodiscard]] bool hears(std::size_t axis) const {
     return !(active_ && injection_->kind() == Injected::drive_bus_off && axis == injection_->drive);
   }

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <initializer_list>
 #include <numbers>
 
 #include "host_sim/drives/placed_axes.hpp"
@@ -17,9 +18,8 @@ constexpr unsigned everywhere = 0x1F, at_start = in(Phase::arming);
 constexpr int for_ever = 1'000'000'000;
 constexpr int never = InjectionRow::not_demanded;
 
-// Lengths are those of 1 kHz, max_age_ticks = 2 and a watchdog of 10 ms; draw_length has those of others.
-// `loss`, `babbling`, `extended` and `drive_bus_off` take the samples away: what is due then depends on how
-// many, see expect_of_lost_samples.
+// Lengths are for 1 kHz, max_age_ticks = 2 and a watchdog of 10 ms; draw_length adapts them. The result of
+// faults that take samples depends on how many are lost: expect_of_lost_samples.
 constexpr std::array rows{
     InjectionRow{"nothing", Injected::nothing, everywhere, 1, 1, "none"},
     InjectionRow{"frame_loss", Injected::loss, everywhere, 1, 2, "stale_feedback"},
@@ -83,45 +83,30 @@ constexpr std::array rows{
     InjectionRow{"computer_gone", Injected::computer_gone, everywhere, 0, 0, "command_lost"},
 };
 
-// What the rows are made for.
+// Scene values of the rows.
 constexpr int usual_age_ticks = 2, usual_watchdog_ticks = 10, usual_beat_ticks = 10;
 constexpr double usual_tick = 1e-3;  // s
 constexpr double usual_jump = 0.05;  // rad per tick
 
+bool among(Injected k, std::initializer_list<Injected> list) {
+  return std::ranges::find(list, k) != list.end();
+}
+
 /// Of a passive encoder only the samples count.
 bool of_motors(Injected k) {
-  switch (k) {
-    case Injected::swapped_nodes:
-    case Injected::drive_error:
-    case Injected::drive_disarm:
-    case Injected::drive_reset:
-    case Injected::heartbeat_lost:
-    case Injected::watchdog_off:
-    case Injected::foreign_controller:
-      return true;
-    default:
-      return false;
-  }
+  return among(k,
+               {Injected::swapped_nodes, Injected::drive_error, Injected::drive_disarm, Injected::drive_reset,
+                Injected::heartbeat_lost, Injected::watchdog_off, Injected::foreign_controller});
 }
 
-/// Whether it may keep our frames from a drive for so long that its watchdog acts.
+/// Whether it may keep the controller's frames from a drive until its watchdog acts.
 bool starves(Injected k) {
-  switch (k) {
-    case Injected::drive_bus_off:
-    case Injected::controller_death:
-    case Injected::controller_late:
-    case Injected::controller_bus_off:
-    case Injected::commands_lost:
-    case Injected::torque_lost:
-    case Injected::queue_full:
-    case Injected::babbling:
-      return true;
-    default:
-      return false;
-  }
+  return among(k, {Injected::drive_bus_off, Injected::controller_death, Injected::controller_late,
+                   Injected::controller_bus_off, Injected::commands_lost, Injected::torque_lost,
+                   Injected::queue_full, Injected::babbling});
 }
 
-/// As short and as long as a row has it, but on both sides of what the scene bears.
+/// Length from the row, stretched so that it falls on both sides of the limits of the scene.
 int draw_length(Draw& draw, const InjectionRow& row, const EpisodeTimes& t) {
   if (row.kind == Injected::late_power) {  // up to 60 s, mostly short: evenly by its logarithm
     return static_cast<int>(std::exp(draw.uniform(std::log(0.01), std::log(60.0))) / t.tick) + 1;
@@ -136,8 +121,7 @@ int draw_length(Draw& draw, const InjectionRow& row, const EpisodeTimes& t) {
   } else if (takes_samples(row.kind) || row.kind == Injected::remote) {
     longest += std::max(0, older);
   }
-  // One that comes back late finds everything that was sent meanwhile, and that is to be less than it reads
-  // in a tick.
+  // A controller that is late must be able to read all waiting frames in one tick.
   const int unread = row.kind == Injected::controller_late ? 1000 / (3 * static_cast<int>(t.axes)) : for_ever;
   if (starves(row.kind)) {
     const int hungry = row.longest * (t.watchdog_ticks - 1) / usual_watchdog_ticks;
@@ -146,14 +130,14 @@ int draw_length(Draw& draw, const InjectionRow& row, const EpisodeTimes& t) {
   return draw.between(shortest, longest);
 }
 
-/// Questions to a drive and its answers are lost, late or bent.
-bool bends_questions(Injected k) {
-  return starves(k) || k == Injected::scattered_loss || k == Injected::corruption ||
-         k == Injected::drive_silent;
+/// Whether it loses, delays or changes requests to a drive or their answers.
+bool disturbs_requests(Injected k) {
+  return starves(k) || among(k, {Injected::scattered_loss, Injected::corruption, Injected::drive_silent});
 }
 
 void draw_amount(Draw& draw, Injection& i, const EpisodeTimes& t) {
-  const double coarser = std::max(1.0, t.jump / usual_jump);  // than usual is the guard
+  const double coarser =
+      std::max(1.0, t.jump / usual_jump);  // guard against jumps, relative to the usual one
   i.choice = static_cast<int>(draw.below(64));
   switch (i.row->kind) {
     case Injected::scattered_loss:
@@ -203,26 +187,26 @@ int phase_length(Phase p, const EpisodeTimes& t) {
   return 5;
 }
 
-/// How long samples are gone, and what must come of that.
+/// Expected result of lost samples, by their number.
 void expect_of_lost_samples(Injection& i, const EpisodeTimes& t, const ProtocolTraits& dialect) {
   const Injected kind = i.row->kind;
   i.stale = i.length > t.max_age_ticks;
-  // Where the request for the next sample is lost with the last one, one more is missing.
+  // Where the request for a sample is lost as well, one more sample is missing.
   const bool deaf = kind == Injected::babbling || kind == Injected::drive_bus_off;
   const bool asked = deaf && dialect.samples_on_demand;
   i.must_pass = i.length + (asked ? 1 : 0) <= t.max_age_ticks;
   i.notice_ticks = i.stale ? t.max_age_ticks : never;
-  // What a scene with a high max_age_ticks bears may be too much for something else.
+  // With a high max_age_ticks other guards may trip first.
   const int late = i.stale ? t.max_age_ticks + 1 : t.heartbeat_late(i.length);
   const bool beats = kind == Injected::babbling || i.drive < t.motors;
   if (beats && t.heartbeat_expires(late)) i.fits_too += " heartbeat_lost";
   if (deaf && !i.stale && t.watchdog_expires(i.length)) i.fits_too += " drive_error drive_disarmed";
-  // Open for longer than its law takes, the loop is no longer where it thinks it is.
+  // Without feedback for longer than 1 / lambda, the motion differs from the prediction.
   if (std::min(i.length, t.max_age_ticks) > t.open_ticks) i.fits_too.append(" ").append(motion_faults);
   i.must_pass = i.must_pass && i.fits_too.empty();
 }
 
-/// What has to come of a fault as drawn, and when.
+/// Expected result of a fault as drawn, and its deadline.
 void expect(Injection& i, const EpisodeTimes& t, const ProtocolTraits& dialect) {
   const InjectionRow& row = *i.row;
   const double tick_ms = 1e3 * t.tick;
@@ -236,15 +220,15 @@ void expect(Injection& i, const EpisodeTimes& t, const ProtocolTraits& dialect) 
     expect_of_lost_samples(i, t, dialect);
   }
   fits_if(t.out_of_range && row.wrong_motion, "drive_error");
-  fits_if(t.read_back && i.phase == Phase::arming && bends_questions(row.kind), "drive_configuration");
+  fits_if(t.read_back && i.phase == Phase::arming && disturbs_requests(row.kind), "drive_configuration");
   switch (row.kind) {
-    case Injected::scattered_loss:  // of commands, too: in a slower loop the last torque acts for longer
+    case Injected::scattered_loss:  // commands are lost as well: in a slow loop the last torque acts longer
       fits_if(t.tick > 1.001 * usual_tick, motion_faults);
       break;
     case Injected::delay:
       fits_if(t.heartbeat_expires(static_cast<int>(i.amount)), "heartbeat_lost");
       break;
-    case Injected::drive_reset:  // its clock begins anew
+    case Injected::drive_reset:  // its heartbeat period begins anew
       fits_if(t.heartbeat_expires(t.beat_ticks), "heartbeat_lost");
       break;
     case Injected::late_power:
@@ -252,7 +236,7 @@ void expect(Injection& i, const EpisodeTimes& t, const ProtocolTraits& dialect) 
       i.must_pass = i.length + 2 * t.beat_ticks < t.silent_ticks;
       i.watch_ticks = i.length + t.arming_ticks;
       break;
-    case Injected::zero_until_closed_loop:  // of a passive encoder, whose loop is never closed
+    case Injected::zero_until_closed_loop:  // a passive encoder never enters closed loop
       if (i.drive >= t.motors) i.usable_tick = for_ever;
       fits_if(i.drive >= t.motors, "enabling_timeout");
       i.watch_ticks = t.silent_ticks + t.arming_ticks;
@@ -262,20 +246,20 @@ void expect(Injection& i, const EpisodeTimes& t, const ProtocolTraits& dialect) 
       i.notice_ticks = i.length > t.link_ticks ? t.link_ticks + 1 : never;
       i.watch_ticks = t.link_ticks + t.off_after_halt_ticks;
       break;
-    case Injected::controller_late:  // nobody has asked for a sample
+    case Injected::controller_late:  // no sample was requested
       fits_if(dialect.samples_on_demand && t.max_age_ticks == 0, "stale_feedback");
       break;
     default:
       break;
   }
-  // A jammed bus carries no command, nor does a node that is off it: there the drives' watchdogs end it.
+  // A jammed bus or a controller in bus-off delivers no command: the drives' watchdogs end the torque.
   const bool mute = row.kind == Injected::babbling || row.kind == Injected::controller_bus_off;
   i.safe_ms = mute ? t.watchdog_ms : i.notice_ticks * tick_ms + std::max(tick_ms, t.frames_ms);
   if (row.kind == Injected::foreign_controller) i.safe_ms += dialect.ticks_to_let_go * tick_ms;
   if (starves(row.kind))
     i.watch_ticks = std::max(i.watch_ticks, static_cast<int>(std::ceil(t.watchdog_ms / tick_ms)));
   i.unwatched = row.kind == Injected::watchdog_off;
-  // The loss of the computer ends at rest under control, and there may be torque until then, or to hold.
+  // After the loss of the computer the mechanism comes to rest under control, with torque until then.
   if (row.kind == Injected::computer_gone)
     i.safe_ms = t.off_after_halt_ticks > 0 ? i.safe_ms + t.off_after_halt_ticks * tick_ms : 1e12;
   const bool lets_go = row.kind == Injected::drive_disarm || row.kind == Injected::drive_reset;
@@ -285,19 +269,8 @@ void expect(Injection& i, const EpisodeTimes& t, const ProtocolTraits& dialect) 
 }  // namespace
 
 const char* name(Phase p) {
-  switch (p) {
-    case Phase::arming:
-      return "arming";
-    case Phase::joining:
-      return "joining";
-    case Phase::running:
-      return "running";
-    case Phase::halting:
-      return "halting";
-    case Phase::stopping:
-      return "stopping";
-  }
-  return "";
+  constexpr std::array names{"arming", "joining", "running", "halting", "stopping"};
+  return names[static_cast<std::size_t>(p)];
 }
 
 std::span<const InjectionRow> injection_rows() { return rows; }
@@ -330,8 +303,8 @@ bool possible(const InjectionRow& row, const ProtocolTraits& d, const EpisodeTim
 }
 
 bool takes_samples(Injected k) {
-  return k == Injected::loss || k == Injected::extended || k == Injected::babbling ||
-         k == Injected::drive_bus_off || k == Injected::drive_silent;
+  return among(k, {Injected::loss, Injected::extended, Injected::babbling, Injected::drive_bus_off,
+                   Injected::drive_silent});
 }
 
 bool lists(std::string_view list, std::string_view word) {
@@ -349,8 +322,7 @@ Injection draw_injection(Draw& draw, const EpisodeTimes& times, const ProtocolTr
   const auto wanted = [&](const InjectionRow& r) {
     return (only.empty() || r.name == only) && possible(r, dialect, times);
   };
-  const bool any =
-      std::ranges::any_of(rows, wanted);  // else what was asked for is not possible here: nothing is done
+  const bool any = std::ranges::any_of(rows, wanted);  // false: `only` is not possible here, nothing is done
   do {
     i.row = any ? &rows[draw.below(rows.size())] : &rows.front();
   } while (any && !wanted(*i.row));
@@ -376,7 +348,7 @@ bool has_to_show(const Injection& i, const Scene& scene) {
       return of_base || scene.all_sensors;
     case Injected::sensor_jump:
       angle = std::abs(i.amount);
-      // Only the low bits of a position go into the frame.
+      // The frame holds the low bits of a position.
       if (d.protocol == Protocol::mit) {
         const double span = 2.0 * d.position_range[axis.entry] / axis.mount.gear_ratio;
         angle = std::abs(std::remainder(angle, span));
@@ -386,7 +358,7 @@ bool has_to_show(const Injection& i, const Scene& scene) {
       (i.choice % 2 == 0 ? angle : rate) = std::abs(i.amount) * turn;
       break;
     case Injected::end_of_range:
-      if (d.protocol == Protocol::mit) return true;  // the reply is an error, whoever uses the sample
+      if (d.protocol == Protocol::mit) return true;  // the reply itself is an error
       angle = 0x1p31 / d.counts_per_turn * turn;
       rate = 0x1p31 * d.velocity_unit / axis.mount.gear_ratio;
       break;
@@ -394,7 +366,7 @@ bool has_to_show(const Injection& i, const Scene& scene) {
       return true;
   }
   if (!of_base && !scene.all_sensors) return false;
-  // What was right before may have used up the guard's patience on the other side.
+  // The sample before may have been off by as much as the guard allows, in the other direction.
   const double jump = 2.0 * scene.limits.feedback_jump;
   const bool jumps = jump > 0.0 && std::abs(angle - rate * scene.tick()) > jump;
   return jumps || (of_base && rate > 2.0 * scene.limits.joint_speed);

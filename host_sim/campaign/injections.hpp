@@ -1,6 +1,6 @@
 #pragma once
-/// What a campaign does to a loop: one row per fault, with what has to come of it. Written from the drives'
-/// side; nothing here knows the controller.
+/// The faults of a campaign: one row per fault, with its expected result. Written from the drives' side,
+/// without the controller's code.
 
 #include <cstddef>
 #include <cstdint>
@@ -35,7 +35,7 @@ enum class Injected : std::uint8_t {
   remote,
   flexible_rate,
   extended,
-  // what a drive knows of its shaft
+  // encoders
   frozen_sensor,
   sensor_jump,
   sensor_step,
@@ -68,30 +68,28 @@ enum class Injected : std::uint8_t {
   computer_gone,
 };
 
-/// What a controller waits for before it can notice a fault.
+/// Message that a controller needs, or misses, before it can notice a fault.
 enum class Waits : std::uint8_t { for_nothing, for_heartbeat, for_heartbeat_timeout };
 
-/// What may or must come of a fault.
+/// A fault and its expected result.
 struct InjectionRow {
   std::string_view name;
   Injected kind;
   unsigned phases;        ///< bit per phase in which it can begin
   int shortest, longest;  ///< ticks; 0, 0: until the end
-  /// Names of controller faults that fit, separated by blanks; "none": it may be borne without one; "*": any
-  /// name, because the fault may turn a frame into any other.
+  /// Controller faults that fit, separated by blanks; "none": it may pass without one; "*": any, because the
+  /// fault may turn a frame into any other.
   std::string_view fits;
-  /// It makes the measured motion wrong in a way no single frame shows: what then trips is a limit of the
-  /// motion.
+  /// The measured motion is wrong in a way that no single frame shows: a limit of the motion trips.
   bool wrong_motion = false;
-  /// Ticks from its beginning within which the controller has latched it, while there is torque;
-  /// not_demanded: it need not.
+  /// Ticks from its beginning within which the controller must latch it, while there is torque.
   int notice_ticks = not_demanded;
-  /// What has to come, or to stay away, before the controller can know; its ticks are added.
+  /// Its ticks are added to notice_ticks.
   Waits waits = Waits::for_nothing;
   static constexpr int not_demanded = -1;
 };
 
-/// Faults of the measured motion: what a sensor that lies ends in, sooner or later.
+/// Controller faults that a wrong sensor ends in.
 inline constexpr std::string_view motion_faults =
     "feedback_jump loop_not_closed type1_singularity type2_singularity working_mode workspace joint_speed "
     "joint_angle "
@@ -116,13 +114,13 @@ struct Injection {
   int choice = 0;          ///< among variants of a fault
   std::uint64_t bits = 0;  ///< of a generator of its own
   int notice_ticks = InjectionRow::not_demanded;
-  double safe_ms = 0.0;    ///< from its beginning: then the torque is zero at all drives that hear
-  int watch_ticks = 30;    ///< from its beginning: so long the watchdogs of drives may have to be waited for
-  std::string fits_too{};  ///< names that fit on this scene and not on every one
+  double safe_ms = 0.0;    ///< from its beginning until the torque is zero at all drives that hear
+  int watch_ticks = 30;    ///< from its beginning, to wait for the drives' watchdogs
+  std::string fits_too{};  ///< names that fit on this scene
   bool stale = false;      ///< takes away more samples than are extrapolated
   bool unwatched = false;  ///< no watchdog of a drive ends it
-  bool must_pass = false;  ///< so few that no fault fits
-  int usable_tick = 0;     ///< of the episode, from which on every drive and encoder can be heard
+  bool must_pass = false;  ///< so few samples that no fault fits
+  int usable_tick = 0;     ///< of the episode; from it on every drive and encoder can be heard
 
   [[nodiscard]] Injected kind() const { return row->kind; }
 };
@@ -130,8 +128,7 @@ struct Injection {
 /// `only`: one of the rows, where it is possible; empty: any.
 [[nodiscard]] Injection draw_injection(Draw& draw, const EpisodeTimes& times, const ProtocolTraits& dialect,
                                        std::string_view only = {});
-/// Whether a guard of this scene has to notice the wrong numbers that the fault puts into samples; true for
-/// faults that put in none.
+/// Whether a guard of this scene must notice the wrong numbers in samples; true for faults without any.
 [[nodiscard]] bool has_to_show(const Injection& i, const Scene& scene);
 [[nodiscard]] std::string describe(const Injection& i);
 

@@ -1,7 +1,6 @@
 #pragma once
-/// The invariants of an episode, from what happens at the drives and in the mechanism. Of the controller only
-/// its word is taken: whether it says that it holds a fault, which, and whether it says that there may be
-/// torque.
+/// The invariants of an episode, from torques at the drives and the motion of the mechanism. Of the
+/// controller only the reports are used: its fault, and whether it allows torque.
 
 #include <algorithm>
 #include <cmath>
@@ -12,28 +11,28 @@
 
 namespace esmc::host {
 
-/// What a judge needs to know of a motor.
+/// A motor as the judge sees it.
 struct MotorState {
-  double torque = 0.0;     ///< N m at the joint, as the drive applies it over the tick
-  double limit = 0.0;      ///< N m at the joint
-  double step = 0.0;       ///< between neighbouring torques of the protocol
-  double none = 0.0;       ///< no more than this is no torque
-  double heard_ms = -1e9;  ///< when its last command from our controller arrived
-  double fed_ms = -1e9;    ///< when the last frame arrived that its watchdog watches, from our controller
-  double zero_ms = 0.0;    ///< since when its torque has been zero; meaningless while it is not
-  bool heard_now = false;  ///< a command of our controller arrived in this tick
-  bool heard_stranger = false;  ///< and one of somebody else
-  bool strangers = false;       ///< the same, ever
+  double torque = 0.0;          ///< N m at the joint, as the drive applies it over the tick
+  double limit = 0.0;           ///< N m at the joint
+  double step = 0.0;            ///< between neighbouring torques of the protocol
+  double none = 0.0;            ///< torque up to this magnitude counts as zero
+  double heard_ms = -1e9;       ///< arrival of the last command of the controller under test
+  double fed_ms = -1e9;         ///< arrival of its last frame that feeds the drive's watchdog
+  double zero_ms = 0.0;         ///< since then the torque is zero; meaningless while it is not
+  bool heard_now = false;       ///< a command of the controller arrived in this tick
+  bool heard_stranger = false;  ///< a command of another node arrived in this tick
+  bool strangers = false;       ///< such a command has arrived in the episode
   bool armed_now = false;       ///< it entered torque control in this tick
 };
 
-/// What the operator asks for before a tick.
+/// The operator's order before a tick.
 enum class Operator : std::uint8_t { nothing, enable, stop, halt, reset };
 
-/// The controller's word at the end of a tick.
+/// The controller's report at the end of a tick.
 struct ControllerWord {
   bool ticked = false;
-  bool powered = false;  ///< it says that there may be torque
+  bool powered = false;  ///< it allows torque
   bool faulted = false;  ///< it holds a latched fault and has taken the torque away
   std::string_view fault = "none";
 };
@@ -43,19 +42,18 @@ struct Verdict {
   std::uint64_t tick = 0;
 };
 
-/// What is measured of an episode; negative: did not occur.
+/// Times measured in an episode; negative: did not occur.
 struct Reaction {
   double notice_ms = -1.0;  ///< from the beginning of the fault to the controller's latched fault
   double safe_ms = -1.0;    ///< from there to zero torque at the last of the drives that hear
   double death_ms = -1.0;   ///< from the last command of a dead controller to zero torque
 };
 
-/// A world has motors(), motor(i), turned(i), released() and a motion() with energy() and work(); a wire
-/// hears(i).
+/// `Plant` below has motors(), motor(i), turned(i), released() and a motion() with energy() and work(); `Bus`
+/// has hears(i).
 class Judge {
  public:
-  /// `bare`: nothing but motors and gravity acts on the mechanism. `told`: drives say whether they are armed,
-  /// so that the controller can know.
+  /// `bare`: only motors and gravity act on the mechanism. `told`: drives report whether they are armed.
   Judge(const Injection& injection, const EpisodeTimes& times, bool bare, bool told)
       : injection_(&injection),
         times_(times),
@@ -68,32 +66,32 @@ class Judge {
   [[nodiscard]] std::string_view first_fault() const { return first_fault_; }
 
   /// After the frames of a tick have arrived and before the mechanism moves. `first`: the fault begins.
-  template <class AnyWorld, class AnyWire>
-  void look(std::uint64_t tick, Operator asked, const ControllerWord& word, const AnyWorld& world,
-            const AnyWire& wire, bool first) {
+  template <class Plant, class Bus>
+  void look(std::uint64_t tick, Operator asked, const ControllerWord& word, const Plant& plant,
+            const Bus& bus, bool first) {
     tick_ = tick;
     now_ms_ = static_cast<double>(tick) * times_.tick * 1e3;
     if (first) {
       begun_ = true;
       begin_ms_ = now_ms_;
       needed_ = powered_;
-      energy_begin_ = world.motion().energy();
+      energy_begin_ = plant.motion().energy();
     }
-    // A regular end of the torque takes the need to notice anything away.
+    // After a regular end of the torque there is nothing to notice.
     needed_ = needed_ && (!word.ticked || word.powered || word.faulted);
     obey(asked, word);
-    for (std::size_t i = 0; i < world.motors(); ++i) at_drive(world.motor(i), word, world.released());
+    for (std::size_t i = 0; i < plant.motors(); ++i) at_drive(plant.motor(i), word, plant.released());
     latch(word);
-    if (begun_) react(word, world, wire);
-    energy(world);
+    if (begun_) react(word, plant, bus);
+    energy(plant);
     if (word.ticked) powered_ = word.powered;
   }
   /// After the last tick.
   void end() {
     if (first_fault_.empty()) return;
     const InjectionRow& row = *injection_->row;
-    // While arming is held up, the mechanism may have begun to fall: the brake knows what the drives said,
-    // and not what of it was lost.
+    // While arming is held up, the mechanism may have begun to fall: the brake opens on the drives' reports,
+    // also on those that the controller did not receive.
     const bool moved = row.wrong_motion || injection_->phase == Phase::arming;
     if (injection_->must_pass && !moved) return broken("fault_name");
     const bool fitting = row.fits == "*" || lists(row.fits, first_fault_) ||
@@ -109,10 +107,10 @@ class Judge {
     if (verdict_.invariant.empty()) verdict_ = {invariant, tick_};
   }
 
-  /// What the operator's commands allow, whatever the controller makes of them.
+  /// Torque that the operator's orders allow.
   void obey(Operator asked, const ControllerWord& word) {
     if (halt_left_ > 0 && --halt_left_ == 0) allowed_ = false;
-    // An order to arm that met silent drives is none any more.
+    // An order to arm that met silent drives expires.
     if (order_left_ > 0 && --order_left_ == 0) allowed_ = false;
     if (!word.ticked) return;
     switch (asked) {
@@ -143,7 +141,7 @@ class Judge {
     if (!std::isfinite(m.torque)) broken("torque_finite");
     if (!(std::abs(m.torque) <= m.limit * (1.0 + 1e-6) + 0.5 * m.step)) broken("torque_limit");
     if (!released && told_ && !m.strangers) broken("torque_before_armed");
-    // A drive to which nobody but our controller has spoken in this tick.
+    // Only the controller under test has commanded the drive in this tick.
     if (m.heard_now && !m.heard_stranger) {
       if (!allowed_) broken("torque_not_allowed");
       if (word.ticked && !word.powered) broken("torque_without_power");
@@ -163,17 +161,17 @@ class Judge {
     ever_latched_ = ever_latched_ || word.faulted;
   }
 
-  /// In time, and down to the drives.
-  template <class AnyWorld, class AnyWire>
-  void react(const ControllerWord& word, const AnyWorld& world, const AnyWire& wire) {
+  /// Deadlines from the fault to the latched fault and to zero torque.
+  template <class Plant, class Bus>
+  void react(const ControllerWord& word, const Plant& plant, const Bus& bus) {
     const double since = now_ms_ - begin_ms_;
     bool zero = true, hearing_zero = true;
     double safe = 0.0, death = 0.0;
-    for (std::size_t i = 0; i < world.motors(); ++i) {
-      const MotorState& m = world.motor(i);
+    for (std::size_t i = 0; i < plant.motors(); ++i) {
+      const MotorState& m = plant.motor(i);
       zero = zero && is_none(m);
       death = std::max(death, m.zero_ms - m.heard_ms);
-      if (!wire.hears(i)) continue;
+      if (!bus.hears(i)) continue;
       hearing_zero = hearing_zero && is_none(m);
       safe = std::max(safe, m.zero_ms - begin_ms_);
     }
@@ -193,20 +191,20 @@ class Judge {
     if (dead && zero && reaction_.death_ms < 0.0) reaction_.death_ms = death;
   }
 
-  template <class AnyWorld>
-  void energy(const AnyWorld& world) {
-    const double total = world.motion().energy(), work = world.motion().work();
+  template <class Plant>
+  void energy(const Plant& plant) {
+    const double total = plant.motion().energy(), work = plant.motion().work();
     if (!std::isfinite(total)) return broken("finite");
     bool any = false;
-    for (std::size_t i = 0; i < world.motors(); ++i) {
-      any = any || world.motor(i).torque != 0.0;
-      allowance_ += begun_ ? world.motor(i).limit * world.turned(i) : 0.0;
-      unresolved_ += begun_ ? unresolved(world.turned(i)) : 0.0;
+    for (std::size_t i = 0; i < plant.motors(); ++i) {
+      any = any || plant.motor(i).torque != 0.0;
+      allowance_ += begun_ ? plant.motor(i).limit * plant.turned(i) : 0.0;
+      unresolved_ += begun_ ? unresolved(plant.turned(i)) : 0.0;
     }
     scale_ = std::max({scale_, std::abs(total), std::abs(work)});
     const double slack = (energy_slack + unresolved_) * scale_ + 1e-9;
-    // Without torque the mechanism only falls: what it has is what it had, and what its surroundings give.
-    if (any || !world.released()) {
+    // Without torque the energy changes by the work of the surroundings only.
+    if (any || !plant.released()) {
       free_ = false;
     } else if (!free_) {
       free_ = true;
@@ -214,11 +212,11 @@ class Judge {
     } else if (total - work - energy_free_ > slack) {
       broken("energy_without_torque");
     }
-    // And until then the motors have given no more than their limits over the way they turned.
+    // From the fault on the motors add no more than their limits times the distance they turned.
     if (begun_ && bare_ && total - energy_begin_ > allowance_ + slack) broken("energy_after_fault");
   }
-  /// What integration steps add to that where a joint spins: a method of fourth order is off by the fifth
-  /// power of the angle of a step, in every step. A slow loop has many of them in a tick.
+  /// Integration error where a joint spins: of a method of fourth order, the fifth power of the angle per
+  /// step, for each step of the tick.
   [[nodiscard]] double unresolved(double turned) const {
     const double in_step = turned / times_.steps_per_tick, square = in_step * in_step;
     return times_.steps_per_tick * square * square * in_step;

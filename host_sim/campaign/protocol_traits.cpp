@@ -24,8 +24,7 @@ std::uint8_t other_size(const Frame& f, std::uint64_t any) {
   return static_cast<std::uint8_t>((f.size + 1U + any % 8U) % 9U);
 }
 
-// ---- ODrive
-// -------------------------------------------------------------------------------------------------------
+// ---- ODrive ----
 
 namespace odrive = drive::odrive;
 
@@ -54,7 +53,7 @@ constexpr ProtocolTraits odrive_dialect{
     .disarm = [](int node) -> FewFrames {
       return {{odrive::encode_set_axis_state(node_id(node), odrive::AxisState::idle)}, 1};
     },
-    // A setpoint that is no number: the drive disarms with an error.
+    // After a NaN the drive disarms with an error.
     .fail = [](int node) -> FewFrames {
       return {{odrive::encode_torque(node_id(node), std::bit_cast<float>(0x7FC0'0000U))}, 1};
     },
@@ -86,8 +85,7 @@ constexpr ProtocolTraits odrive_dialect{
     .remote_is_nothing = false,
 };
 
-// ---- CiA 402
-// ------------------------------------------------------------------------------------------------------
+// ---- CiA 402 ----
 
 namespace canopen = drive::canopen;
 namespace cia402 = drive::cia402;
@@ -104,12 +102,12 @@ constexpr ProtocolTraits cia402_dialect{
     .put_end =
         [](Frame& f, unsigned choice) {  // position of one PDO, velocity of the other
           const std::size_t at = f.size == 8 ? 2 : 0;
-          canopen::put(f, at, choice % 2 == 0 ? 0x7FFF'FFFFU : 0x8000'0000U, 4);
+          hal::put_field(f, at, choice % 2 == 0 ? 0x7FFF'FFFFU : 0x8000'0000U, 4);
         },
     .disarm = [](int node) -> FewFrames {
       return {{cia402::encode_command(node_id(node), {0x0006, 0})}, 1};
     },
-    // Told that a lost connection is a fault, and then taken from operational.
+    // A lost connection becomes a fault, then the drive leaves operational.
     .fail = [](int node) -> FewFrames {
       return {{canopen::encode_sdo_write(node_id(node), cia402::abort_connection_option, 1, 2),
                canopen::encode_nmt(canopen::NmtCommand::enter_pre_operational, node_id(node))},
@@ -153,16 +151,15 @@ constexpr ProtocolTraits cia402_dialect{
     .remote_is_nothing = false,
 };
 
-// ---- MIT mode
-// -----------------------------------------------------------------------------------------------------
+// ---- MIT mode ----
 
 namespace mit = drive::mit;
 
 constexpr ProtocolTraits mit_dialect{
     .is_sample = [](const Frame&, int) { return true; },
     .is_heartbeat = nullptr,
-    // With the frames that enter and leave motor mode: a drive that hears them but not the zero command
-    // between them would not have replied, which the emulated one does in lockstep.
+    // With the frames that enter and leave motor mode: without the zero command between them a real drive
+    // would not reply, and the emulated one does, in lockstep.
     .is_torque = [](const Frame& f, int node) { return f.id == node_bits(node); },
     .wrong_size = [](const Frame&, std::uint64_t any) { return static_cast<std::uint8_t>(1U + any % 4U); },
     .put_number = nullptr,

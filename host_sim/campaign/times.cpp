@@ -11,7 +11,7 @@ namespace {
 
 constexpr double beat = 0.01;  // s: the emulated drives', and what a CiA 402 drive is set to
 
-/// s. A CiA 402 drive counts whole ms of our heartbeat; the others count from a command.
+/// s; a CiA 402 drive counts whole ms.
 double time_out(const Scene& s) {
   const double t = s.drives.watchdog_timeout;
   return s.drives.protocol == Protocol::cia402 ? 1e-3 * std::ceil(1e3 * t - 1e-9) : t;
@@ -27,14 +27,13 @@ int first_tick_after(double seconds, const Scene& s) {
   return static_cast<int>(std::ceil(seconds * s.rate_hz + 0.5 - either_way));
 }
 
-/// ms. Every motor gets a frame that ends its torque and one beside it; the last one's need not come before.
+/// ms; two frames for every motor, one for the last.
 double frames_ms(const Scene& s) {
   const double bits = worst_bits(8), frames = 2 * s.motors() - 1;
   return frames * bits / (s.bitrate / 1e3);
 }
 
-/// Whether a motor that turns as it should not may leave the range of its drive's replies before it reaches
-/// limits.joint_speed, or within two turns.
+/// Whether a motor may leave the range of its drive's replies before limits.joint_speed, or within two turns.
 bool out_of_range(const Scene& s) {
   if (s.drives.protocol != Protocol::mit) return false;
   constexpr double turns = 4.0 * std::numbers::pi;
@@ -60,7 +59,7 @@ EpisodeTimes episode_times(const Scene& s) {
   t.beat_ticks = std::max(1, most_ticks(beat, s));
   t.watchdog_ticks = first_tick_after(time_out(s), s);
   t.feed_ticks = s.drives.protocol == Protocol::cia402 ? static_cast<int>(heartbeat_ticks(s)) : 1;
-  // A drive counts ticks, and from the one in which it was fed: that is up to a tick and a half more.
+  // A drive counts ticks from the one in which it was fed: up to a tick and a half more.
   t.watchdog_ms = ms * time_out(s) + 2.0 * ms * t.tick;
   t.frames_ms = frames_ms(s);
   t.jump = s.limits.feedback_jump > 0.0 ? s.limits.feedback_jump : s.limits.joint_speed * t.tick;

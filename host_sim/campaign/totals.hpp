@@ -1,5 +1,5 @@
 #pragma once
-/// What a campaign counts. Sums and maxima only: the same whoever ran which episode, in whatever order.
+/// Counts of a campaign: sums and maxima, so that the order of the episodes does not matter.
 
 #include <array>
 #include <cstdint>
@@ -32,8 +32,7 @@ class Times {
 struct FaultTotals {
   std::uint64_t episodes = 0, under_torque = 0;
   std::array<std::uint64_t, phase_count> phases{};
-  std::array<std::uint64_t, 4>
-      drives{};  ///< at which of the scene's drives; faults of all of them draw one as well
+  std::array<std::uint64_t, 4> drives{};                      ///< by the afflicted drive
   std::map<std::string, std::uint64_t, std::less<>> latched;  ///< names of the controller's first fault
   Times notice, safe;
 };
@@ -57,7 +56,7 @@ class CampaignTotals {
   [[nodiscard]] std::string text() const;
   /// Tables for a page.
   [[nodiscard]] std::string markdown() const;
-  /// The page that --out leaves; `wanted`: episodes that were asked for.
+  /// The page of --out; `wanted`: episodes that were asked for.
   [[nodiscard]] std::string page(const std::string& command, std::uint64_t wanted) const;
 
  private:

@@ -6,9 +6,9 @@
 
 namespace esmc::host {
 
-/// `esmc check`: what can be said about a scene without running it. Returns 1 when it would not run through.
+/// `esmc check`: findings about a scene without running it. Exit status 1: it would not run to its end.
 int run_check(const RunOptions& o);
-/// Why a scene would not run through on a bus, in the words of `esmc check`; empty: it would.
+/// The first error of `esmc check`, or why a bus cannot run the scene; empty: neither.
 std::string refusal_of(const Scene& scene);
 
 }  // namespace esmc::host

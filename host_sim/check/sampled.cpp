@@ -1,7 +1,5 @@
 #include "host_sim/check/sampled.hpp"
 
-#include <fmt/format.h>
-
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -13,12 +11,11 @@
 namespace esmc::host {
 namespace {
 
-/// How late, in ticks, a torque acts on what it was computed from.
+/// Delay from a measurement to the torque computed from it, in ticks.
 struct Delay {
   double certain = 0.0;  ///< compute_delay and delay
   double bus = 0.0;      ///< from sample to torque at worst, with bit_timing
-  double lag =
-      0.0;  ///< of the drive's observer and of torque_lag: a delay for everything slower than they are
+  double lag = 0.0;      ///< of the drive's observer and of torque_lag, as a delay of slower signals
 };
 Delay delay_of(const Scene& s) {
   Delay d;
@@ -44,17 +41,16 @@ double stiffness(const Scene& s) {
                                            : of(static_cast<Rr<double>*>(nullptr));
 }
 
-/// A momentum that is seen late, by more than the observer is told, makes a loop of its own: s = -omega e^{-s
-/// late}, which rings by itself where omega late is pi/2.
+/// If momentum is measured later than assumed, the observer itself can oscillate: s = -omega e^{-s late} does
+/// from omega late = pi/2 on.
 void judge_observer(const Scene& s, const Delay& d, Findings& f) {
   const double late = d.certain + d.lag - s.delay_ticks.value_or(0.0),
                turn = s.disturbance_observer * late * s.tick();
   if (turn <= std::numbers::pi / 4.0) return;
   f.warning(
-      fmt::format("control.disturbance_observer times a delay of {:.2g} ticks that it is not told = {:.3g}, "
-                  "better below {:.2g}; beyond {:.2g} "
-                  "it rings by itself: a smaller bandwidth, or a faster observer in the drive",
-                  late, turn, std::numbers::pi / 4.0, std::numbers::pi / 2.0));
+      "control.disturbance_observer times a delay of {:.2g} ticks that it is not told = {:.3g}, better below "
+      "{:.2g}; beyond {:.2g} it rings by itself: a smaller bandwidth, or a faster observer in the drive",
+      late, turn, std::numbers::pi / 4.0, std::numbers::pi / 2.0);
 }
 
 }  // namespace
@@ -62,9 +58,7 @@ void judge_observer(const Scene& s, const Delay& d, Findings& f) {
 void judge_gains(const Scene& s, Findings& f) {
   const Delay d = delay_of(s);
   judge_observer(s, d, f);
-  const bool sliding =
-      s.law == LawChoice::esmc || s.law == LawChoice::esmc_projected || s.law == LawChoice::smc;
-  if (!sliding) return;
+  if (!s.sliding()) return;
   if (s.reaching == ReachingChoice::super_twisting && std::max(s.gain.position, s.gain.angle) == 0.0)
     f.warning(
         "control.gain is L of super_twisting, the largest rate of what disturbs: with 0 it holds against "
@@ -77,27 +71,25 @@ void judge_gains(const Scene& s, Findings& f) {
                  told = s.delay_ticks.value_or(0.0) + s.sensor_lag_ticks;
     if (s.predictor && s.delay_ticks.value_or(0.0) > late) {
       f.warning(
-          fmt::format("control.predictor looks control.delay_ticks = {:g} ahead, and this scene is late by "
-                      "about {}: what it foresees "
-                      "has happened already, and the loop may ring; tell the delay that there is",
-                      s.delay_ticks.value_or(0.0), late));
+          "control.predictor looks control.delay_ticks = {:g} ahead, and this scene is late by about {}: "
+          "what it foresees has happened already, and the loop may ring; tell the delay that there is",
+          s.delay_ticks.value_or(0.0), late);
     }
     if (late > told) {
       f.warning(
-          fmt::format("sensors and drives of this scene are late by about {} tick{}, the implicit law is "
-                      "told {}: it will "
-                      "chatter; set control.delay_ticks = {}",
-                      late, late == 1.0 ? "" : "s", told, late));
+          "sensors and drives of this scene are late by about {} tick{}, the implicit law is told {}: it "
+          "will chatter; set control.delay_ticks = {}",
+          late, late == 1.0 ? "" : "s", told, late);
     }
-    // Its layer makes gain / layer * tick = 1 / (1 + told); the bound is that of the delay there is [F39].
+    // Its layer makes gain / layer * tick = 1 / (1 + told); the bound is that of the actual delay [F39].
     const double bridged = bridges ? s.delay_ticks.value_or(0.0) : 0.0;
     const double loop = 1.0 / (1.0 + told - bridged) + std::max(s.lambda.position, s.lambda.angle) * s.tick();
     const double bound = 2.0 * std::sin(std::numbers::pi / (4.0 * (std::max(told, late) - bridged) + 2.0));
     if (loop > 0.85 * bound) {
-      f.warning(fmt::format(
-          "1 / (1 + delay_ticks) + lambda * tick = {:.3g}, better below {:.2g}; beyond {:.2g} the loop "
-          "rings by itself: a smaller lambda",
-          loop, 0.85 * bound, bound));
+      f.warning(
+          "1 / (1 + delay_ticks) + lambda * tick = {:.3g}, better below {:.2g}; beyond {:.2g} the loop rings "
+          "by itself: a smaller lambda",
+          loop, 0.85 * bound, bound);
     }
     return;
   }
@@ -108,18 +100,16 @@ void judge_layer(const Scene& s, double stiffness, Findings& f) {
   Delay d = delay_of(s);
   // kappa T <= 0.3, and below half of the bound on stability 2 sin(pi/(4 d + 2)) [F39]
   const double kappa_t = stiffness * s.tick();
-  const auto half_bound = [](double ticks) { return design::steepest(ticks); };
   const std::string is = fmt::format("(gain / layer + lambda) * tick = {:.3g}", kappa_t);
   const std::string cure =
       "a larger control.layer, a smaller gain or lambda (docs/theory.md, \"Boundary layers and the implicit "
       "law\")";
   d.certain += d.bus;
-  if (kappa_t > half_bound(d.certain)) {
-    f.error(fmt::format(
-        "{}, at most {:.2g}, half of what makes the loop ring by itself with a delay of {:.2g} ticks: {}", is,
-        half_bound(d.certain), d.certain, cure));
-  } else if (const double allowed = std::min(0.3, half_bound(d.certain + d.lag)); kappa_t > allowed) {
-    f.warning(fmt::format("{}, better below {:.2g}: {}", is, allowed, cure));
+  if (kappa_t > design::steepest(d.certain)) {
+    f.error("{}, at most {:.2g}, half of what makes the loop ring by itself with a delay of {:.2g} ticks: {}",
+            is, design::steepest(d.certain), d.certain, cure);
+  } else if (const double allowed = std::min(0.3, design::steepest(d.certain + d.lag)); kappa_t > allowed) {
+    f.warning("{}, better below {:.2g}: {}", is, allowed, cure);
   }
 }
 
@@ -139,10 +129,10 @@ void judge_step(const Scene& s, Findings& f) {
   const auto spring = [&](const char* what, double stiffness, double inverse_rotor) {
     const double omega = std::sqrt(stiffness * (inverse_rotor + 1.0 / inertia));
     if (step * omega <= 0.5) return;
-    f.warning(fmt::format(
+    f.warning(
         "{} swings at about {:.3g} rad/s: integration steps of {:.2g} s are too long for {}, take at most "
         "{:.2g} s, integrator = \"radau5\" or simulation.accuracy",
-        what, omega, step, name(s.method), 0.5 / omega));
+        what, omega, step, name(s.method), 0.5 / omega);
   };
   const auto gear = find_effect<JointFlexibility>(s.effects);
   if (gear) {

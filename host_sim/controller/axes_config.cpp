@@ -36,7 +36,7 @@ drive::AxisConfig mount(const Scene& scene, std::size_t i) {
 
 namespace {
 
-/// What a supervisor computer may ask for, and what it is told.
+/// Orders and set points that a supervisor computer may give, and its telemetry.
 link::LinkConfig make_link(const Scene& scene, Pacing pacing, ReferenceSpace space) {
   const CommandScene& k = *scene.command;
   const auto real = [](double v) { return static_cast<float>(v); };
@@ -45,7 +45,7 @@ link::LinkConfig make_link(const Scene& scene, Pacing pacing, ReferenceSpace spa
   link::LinkConfig c;
   c.base_id = count(k.base_id);
   c.scene = scene.identity;
-  // A recording of one run is worth nothing in the next; in lockstep runs are to be repeatable.
+  // Frames recorded in one run must be invalid in the next; runs in lockstep must repeat.
   const std::uint32_t draw =
       pacing == Pacing::realtime ? std::random_device{}() : static_cast<std::uint32_t>(scene.seed);
   c.session = static_cast<std::uint8_t>(draw % 255U + 1U);
@@ -55,7 +55,7 @@ link::LinkConfig make_link(const Scene& scene, Pacing pacing, ReferenceSpace spa
   c.telemetry_ticks = count(k.telemetry_ticks);
   c.table_ticks = static_cast<std::uint32_t>(std::max(1.0, ticks(1.0)));
   c.period_ns = static_cast<std::uint32_t>(std::llround(1e9 / scene.rate_hz));
-  c.source = static_cast<link::Source>(k.source);
+  c.source = k.source;
   const bool joints = space == ReferenceSpace::base_joints;
   c.space = joints ? link::Space::base_joints : link::Space::effector;
   const auto& box = joints ? scene.limits.joint_angle : scene.limits.workspace;
@@ -80,20 +80,17 @@ link::LinkConfig make_link(const Scene& scene, Pacing pacing, ReferenceSpace spa
       link::Parameters(values, {bounds(k.lambda), bounds(k.lambda), bounds(k.gain), bounds(k.gain)});
   return c;
 }
-static_assert(static_cast<int>(link::Source::hold) == static_cast<int>(CommandSource::hold) &&
-              static_cast<int>(link::Source::reference) == static_cast<int>(CommandSource::reference) &&
-              static_cast<int>(link::Source::stream) == static_cast<int>(CommandSource::stream));
 
 constexpr double stopping_time_max = 1.5;  // s; longer than the host's controller waits at its end
 
-constexpr double two_beats = 0.02;  // s; a drive that beats as it should is never silent for longer
+constexpr double two_beats = 0.02;  // s; a working drive is never silent for longer
 
 /// Longer without a heartbeat, an axis is lost.
 std::uint32_t silence_ticks(const Scene& scene) {
   return static_cast<std::uint32_t>(std::ceil(scene.drives.heartbeat_timeout * scene.rate_hz));
 }
 
-/// Of a cycle of axes that `make_axis(i)` makes, i in the order of the scene.
+/// `make_axis(i)` makes the axis of the scene's drive i.
 template <class C, class MakeAxis>
 typename C::Config config_of(const Scene& scene, Pacing pacing,
                              const ReferenceBundle<typename C::S>& reference, const MakeAxis& make_axis,
@@ -130,8 +127,8 @@ typename C::Config config_of(const Scene& scene, Pacing pacing,
   return c;
 }
 
-/// What the configuration of motor i must hold, as far as the scene says it and the table of endpoints has
-/// it.
+/// Checks of the configuration of motor i, as far as the scene gives values and the table of endpoints has
+/// them.
 [[nodiscard]] drive::OdriveTable odrive_table(const Scene& scene, std::size_t i) {
   drive::OdriveTable t;
   const DriveScene& d = scene.drives;
@@ -139,7 +136,7 @@ typename C::Config config_of(const Scene& scene, Pacing pacing,
   t.check_version = true;
   t.firmware = d.endpoints->firmware;
   constexpr float most = std::numeric_limits<float>::max();
-  constexpr double slack = 1e-3;  // of numbers that somebody typed
+  constexpr double slack = 1e-3;  // of numbers that an operator typed
   const auto check = [&](const OdriveEndpoint& e, float lower, float upper) {
     t.checks[t.count++] = {e.id, e.type, lower, upper};
   };
@@ -197,7 +194,7 @@ OdriveSettings odrive_settings(const Scene& scene, Pacing pacing, std::size_t i)
   s.silence_ticks =
       std::max(silence_ticks(scene), static_cast<std::uint32_t>(std::ceil(two_beats * scene.rate_hz)));
   if (motor) s.table = odrive_table(scene, i);
-  // In lockstep a drive without its torque would keep everybody waiting.
+  // In lockstep the whole loop would wait for a drive without torque.
   if (motor && pacing == Pacing::realtime && d.watchdog_test.value_or(scene.hardware)) {
     s.proof_ticks = watchdog_proof_ticks(d, scene.rate_hz);
   }
@@ -230,7 +227,7 @@ drive::MitAxis::Settings mit_settings(const Scene& scene, std::size_t i) {
   drive::MitAxis::Settings s;
   s.ranges = {static_cast<float>(d.position_range[i]), static_cast<float>(d.velocity_range[i]),
               static_cast<float>(d.torque_range[i])};
-  s.dialect = dialect_of(scene);
+  s.dialect = d.dialect;
   s.master_id = static_cast<std::uint16_t>(d.master_id[i]);
   s.retry_ticks = std::max(3U, retry_ticks(scene));
   return s;

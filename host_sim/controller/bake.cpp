@@ -13,55 +13,48 @@ using bake::text;
 /// A table of points is kept in the image's memory.
 constexpr std::size_t segments_max = 64;
 
-/// Settings of the drives as tables, the expressions that make the axes from them, and both without words.
+const char* axis_type(Protocol p) {
+  return p == Protocol::cia402 ? "Cia402Axis" : (p == Protocol::mit ? "MitAxis" : "OdriveAxis");
+}
+const char* settings_type(Protocol p) {
+  return p == Protocol::cia402 ? "Cia402Settings"
+                               : (p == Protocol::mit ? "MitAxis::Settings" : "OdriveTable");
+}
+std::string settings_text(const Scene& scene, Pacing pacing, std::size_t i) {
+  if (scene.drives.protocol == Protocol::cia402) return text(cia402_settings(scene, i));
+  if (scene.drives.protocol == Protocol::mit) return text(mit_settings(scene, i));
+  return text(odrive_settings(scene, pacing, i).table);
+}
+
+/// Settings of the drives as tables, the statements that make the axes from them, and the bare values of
+/// both.
 struct AxesText {
   std::string tables, make, values;
 };
-/// `name`[]: what `make(i)` says of drive i, in the order of the scene.
+/// Table `name` with the text `make(i)` of drive i, in the order of the scene.
 template <class Make>
 void add_table(AxesText& out, const Scene& scene, const char* type, const char* name, const Make& make) {
-  out.tables += fmt::format("inline constexpr {} {}[] = {{\n", type, name);
+  out.tables += fmt::format("inline constexpr drive::{} {}[] = {{\n", type, name);
   for (std::size_t i = 0; i < scene.drives.nodes.size(); ++i) {
-    out.tables += "    " + text(make(i)) + ",\n";
-    out.values += text(make(i));
+    out.tables += "    " + make(i) + ",\n";
+    out.values += make(i);
   }
   out.tables += "};\n";
 }
 
 AxesText axes_text(const Scene& scene, Pacing pacing) {
   AxesText out;
-  add_table(out, scene, "drive::AxisConfig", "mounts", [&](std::size_t i) { return mount(scene, i); });
-  switch (scene.drives.protocol) {
-    case Protocol::cia402:
-      add_table(out, scene, "drive::Cia402Settings", "settings",
-                [&](std::size_t i) { return cia402_settings(scene, i); });
-      break;
-    case Protocol::mit:
-      add_table(out, scene, "drive::MitAxis::Settings", "settings",
-                [&](std::size_t i) { return mit_settings(scene, i); });
-      break;
-    case Protocol::odrive:
-    case Protocol::odrive_0_5:
-      add_table(out, scene, "drive::OdriveTable", "settings",
-                [&](std::size_t i) { return odrive_settings(scene, pacing, i).table; });
-      break;
-  }
+  const Protocol protocol = scene.drives.protocol;
+  add_table(out, scene, "AxisConfig", "mounts", [&](std::size_t i) { return text(mount(scene, i)); });
+  add_table(out, scene, settings_type(protocol), "settings",
+            [&](std::size_t i) { return settings_text(scene, pacing, i); });
   for (std::size_t i = 0; i < scene.drives.nodes.size(); ++i) {
     const std::string place = fmt::format("  c.axes[{}]", axis_of(scene, i));
-    switch (scene.drives.protocol) {
-      case Protocol::cia402:
-        out.make += fmt::format("{} = drive::Cia402Axis(mounts[{}], settings[{}]);\n", place, i, i);
-        continue;
-      case Protocol::mit:
-        out.make += fmt::format("{} = drive::MitAxis(mounts[{}], settings[{}]);\n", place, i, i);
-        continue;
-      case Protocol::odrive:
-      case Protocol::odrive_0_5:
-        break;
-    }
-    const OdriveSettings s = odrive_settings(scene, pacing, i);
-    out.make += fmt::format("{} = drive::OdriveAxis(mounts[{}], {}, {}, settings[{}]);\n", place, i,
-                            text(s.version), text(s.retry_ticks), i);
+    const OdriveSettings s = scene.odrive() ? odrive_settings(scene, pacing, i) : OdriveSettings{};
+    const std::string more = scene.odrive() ? text(s.version) + ", " + text(s.retry_ticks) + ", " : "";
+    out.make +=
+        fmt::format("{} = drive::{}(mounts[{}], {}settings[{}]);\n", place, axis_type(protocol), i, more, i);
+    if (!scene.odrive()) continue;
     out.make += fmt::format("{}.restarts_within({});\n", place, text(s.silence_ticks));
     if (s.proof_ticks > 0) out.make += fmt::format("{}.prove_watchdog({});\n", place, text(s.proof_ticks));
     out.values += fmt::format(" {} {} {} {} ", text(s.version), text(s.retry_ticks), text(s.silence_ticks),
@@ -76,23 +69,16 @@ std::string line_text(const Scene& scene) {
              : "{}";
 }
 
-template <class M>
-struct Names;
+/// The believed mechanism as parameters of the image's mechanism.
 template <class S>
-struct Names<FiveBar<S>> {
-  static constexpr const char* type = "FiveBar";
-  static std::string believed(const FiveBarParams<double>& p) {
-    return "inline constexpr FiveBarParams<Scalar> believed" + text(cast<S>(p)) + ";\n";
-  }
-};
+FiveBarParams<S> params_of(const FiveBarParams<double>& p, const FiveBar<S>*) {
+  return cast<S>(p);
+}
 template <class S>
-struct Names<Rr<S>> {
-  static constexpr const char* type = "Rr";
-  static std::string believed(const FiveBarParams<double>& p) {
-    const FiveBarParams<S> c = cast<S>(p);
-    return "inline constexpr RrParams<Scalar> believed" + text(RrParams<S>{c.legs[0], c.g}) + ";\n";
-  }
-};
+RrParams<S> params_of(const FiveBarParams<double>& p, const Rr<S>*) {
+  const FiveBarParams<S> c = cast<S>(p);
+  return {c.legs[0], c.g};
+}
 
 template <class S>
 void require_room(const Scene& scene, const ReferenceBundle<S>& reference) {
@@ -102,14 +88,11 @@ void require_room(const Scene& scene, const ReferenceBundle<S>& reference) {
                                reference.path.size(), segments_max));
 }
 
-/// All that the image is told of the scene.
+/// All constants of the image.
 template <class M>
 std::string constants(const Scene& scene, Pacing pacing,
                       const ReferenceBundle<typename M::Scalar>& reference) {
   using S = typename M::Scalar;
-  const char* axis = scene.drives.protocol == Protocol::cia402
-                         ? "Cia402Axis"
-                         : (scene.drives.protocol == Protocol::mit ? "MitAxis" : "OdriveAxis");
   const AxesText axes = axes_text(scene, pacing);
   std::string path;
   for (const PathSegment<S>& s : reference.path) path += "      " + text(s) + ",\n";
@@ -125,20 +108,19 @@ std::string constants(const Scene& scene, Pacing pacing,
       "inline constexpr bool lockstep = {};              // a tick is a complete set of samples, and not a "
       "time\n"
       "inline constexpr bool armed_by_link = {};\n\n"
-      "{}{}\n"
+      "inline constexpr {}Params<Scalar> believed{};\n{}\n"
       "/// `session`: of the link to a supervisor computer; another one at every power-up, 1 to 255.\n"
       "inline Node::Config config([[maybe_unused]] std::uint8_t session) {{\n"
-      "{}"
-      "  Node::Config c{{\n{}}};\n"
-      "{}"
-      "  c.link.session = session;\n"
+      "{}  Node::Config c{{\n{}}};\n"
+      "{}  c.link.session = session;\n"
       "  return c;\n"
       "}}\n\n"
       "}}  // namespace esmc::baked\n",
-      std::is_same_v<S, float> ? "float" : "double", Names<M>::type, axis,
-      static_cast<std::uint32_t>(scene.bitrate),
+      std::is_same_v<S, float> ? "float" : "double", M::joints == 4 ? "FiveBar" : "Rr",
+      axis_type(scene.drives.protocol), static_cast<std::uint32_t>(scene.bitrate),
       static_cast<std::uint32_t>(std::llround(1e9 / scene.rate_hz)), pacing == Pacing::lockstep,
-      armed_by_link(scene), Names<M>::believed(believed_mechanism(scene)), axes.tables,
+      armed_by_link(scene), M::joints == 4 ? "FiveBar" : "Rr",
+      text(params_of(believed_mechanism(scene), static_cast<M*>(nullptr))), axes.tables,
       path.empty() ? "  constexpr std::span<const PathSegment<Scalar>> path{};\n"
                    : "  static const PathSegment<Scalar> path[] = {\n" + path + "  };\n",
       body, axes.make);
@@ -156,8 +138,7 @@ std::string header(const Scene& scene, Pacing pacing) {
          constants<M>(scene, pacing, reference);
 }
 
-/// Everything that `constants` says, without the words around it: renaming or rewording those keeps the
-/// identity.
+/// The values of `constants` without the text around them, so that rewording it keeps the identity.
 template <class M>
 std::string values(const Scene& scene, Pacing pacing, const ReferenceBundle<typename M::Scalar>& reference) {
   const AxesText axes = axes_text(scene, pacing);

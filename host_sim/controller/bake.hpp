@@ -8,12 +8,11 @@
 
 namespace esmc::host {
 
-/// CRC-32 of all values that an image in double precision holds: scenes that differ in nothing that a
-/// controller is made of have the same. A controller with a command interface announces it.
+/// CRC-32 of all values of an image in double precision: equal for scenes with the same controller. A
+/// controller with a command interface sends it.
 std::uint32_t identity_of(Scene scene, Pacing pacing);
 
-/// The C++ header that an image of the scene is compiled with. Throws InputError where a board has no room
-/// for the reference.
+/// The C++ header of an image. Throws InputError where the reference has more pieces than a board holds.
 std::string baked_header(const Scene& scene, Pacing pacing, bool single_precision);
 
 }  // namespace esmc::host

@@ -1,13 +1,12 @@
 #pragma once
-/// Numbers and plain structures as C++ initialisers, exact to the last bit. Aggregates are taken apart by
-/// structured bindings, so that a member that is added to one and forgotten here does not compile.
+/// Numbers and plain structures as C++ initialisers, exact to the last bit. Structured bindings take
+/// aggregates apart, so that one with a new member that is missing here does not compile.
 
 #include <fmt/format.h>
 
 #include <array>
 #include <cmath>
 #include <concepts>
-#include <limits>
 #include <string>
 #include <type_traits>
 
@@ -31,7 +30,7 @@ std::string text(T v) {
   if constexpr (std::is_signed_v<T>) return fmt::format("{}", static_cast<long long>(v));
   return fmt::format("{}U{}", static_cast<unsigned long long>(v), sizeof(T) > 4 ? "LL" : "");
 }
-/// The image's Enum turns into whichever enumeration stands in its place.
+/// The image's Enum converts to the enumeration in its place.
 template <class T>
 requires std::is_enum_v<T> std::string text(T v) { return fmt::format("Enum{{{}}}", static_cast<int>(v)); }
 template <class S, int N>
@@ -41,15 +40,36 @@ std::string text(const Eigen::Matrix<S, N, 1>& v) {
   return out + ")";
 }
 
+/// Number of members of an aggregate that is written as a list of them; 0: of another form.
+template <class T>
+inline constexpr int members = 0;
+template <>
+inline constexpr int members<link::Bounds> = 2;
+template <>
+inline constexpr int members<PhaseClock> = 2;
+template <>
+inline constexpr int members<drive::AxisConfig> = 4;
+template <>
+inline constexpr int members<drive::OdriveCheck> = 4;
+template <>
+inline constexpr int members<drive::OdriveTable> = 4;
+template <>
+inline constexpr int members<drive::Cia402Settings> = 14;
+template <class S>
+inline constexpr int members<Range<S>> = 2;
+template <class S>
+inline constexpr int members<RrParams<S>> = 2;
+template <class S>
+inline constexpr int members<FiveBarParams<S>> = 4;
+template <class S>
+inline constexpr int members<Limits<S>> = 10;
+template <class S>
+inline constexpr int members<LegParams<S>> = 12;
+
 // Declared before they are needed: arrays of aggregates, aggregates of aggregates.
-inline std::string text(const link::Bounds&);
+template <class T>
+requires(members<T> > 0) std::string text(const T& v);
 inline std::string text(const link::Parameters&);
-inline std::string text(const drive::OdriveCheck&);
-inline std::string text(const PhaseClock&);
-template <class S>
-std::string text(const Range<S>&);
-template <class S>
-std::string text(const LegParams<S>&);
 template <class S>
 std::string text(const PathSegment<S>&);
 
@@ -70,9 +90,24 @@ std::string braces(const T&... member) {
   return "{" + out + "}";
 }
 
-inline std::string text(const link::Bounds& v) {
-  const auto& [lower, upper] = v;
-  return braces(lower, upper);
+template <class T>
+requires(members<T> > 0) std::string text(const T& v) {
+  if constexpr (members<T> == 2) {
+    const auto& [a, b] = v;
+    return braces(a, b);
+  } else if constexpr (members<T> == 4) {
+    const auto& [a, b, c, d] = v;
+    return braces(a, b, c, d);
+  } else if constexpr (members<T> == 10) {
+    const auto& [a, b, c, d, e, f, g, h, i, j] = v;
+    return braces(a, b, c, d, e, f, g, h, i, j);
+  } else if constexpr (members<T> == 12) {
+    const auto& [a, b, c, d, e, f, g, h, i, j, k, l] = v;
+    return braces(a, b, c, d, e, f, g, h, i, j, k, l);
+  } else {
+    const auto& [a, b, c, d, e, f, g, h, i, j, k, l, m, n] = v;
+    return braces(a, b, c, d, e, f, g, h, i, j, k, l, m, n);
+  }
 }
 inline std::string text(const link::Parameters& v) {
   return "link::Parameters(" + text(v.values()) + ", " + text(v.bounds()) + ")";
@@ -84,58 +119,11 @@ inline std::string text(const link::LinkConfig& v) {
   return braces(base_id, std::uint8_t{1}, jump, age, status, telemetry, table, period, source, space,
                 position, scene, parameters);
 }
-inline std::string text(const drive::AxisConfig& v) {
-  const auto& [node, direction, gear_ratio, offset] = v;
-  return braces(node, direction, gear_ratio, offset);
-}
-inline std::string text(const drive::OdriveCheck& v) {
-  const auto& [endpoint, type, lower, upper] = v;
-  return braces(endpoint, type, lower, upper);
-}
-inline std::string text(const drive::OdriveTable& v) {
-  const auto& [checks, count, check_version, firmware] = v;
-  return braces(checks, count, check_version, firmware);
-}
-inline std::string text(const drive::Cia402Settings& v) {
-  const auto& [rated, unit, limit, counts, velocity, period, heartbeat, consumer, master, retry, sdo, abort,
-               fault, quick] = v;
-  return braces(rated, unit, limit, counts, velocity, period, heartbeat, consumer, master, retry, sdo, abort,
-                fault, quick);
-}
 inline std::string text(const drive::MitAxis::Settings& v) {
   const auto& [ranges, dialect, master, retry] = v;
   const auto& [position, velocity, torque] = ranges;
   return "{" + braces(position, velocity, torque) + ", " + text(dialect) + ", " + text(master) + ", " +
          text(retry) + "}";
-}
-template <class S>
-std::string text(const Range<S>& v) {
-  const auto& [lower, upper] = v;
-  return braces(lower, upper);
-}
-template <class S>
-std::string text(const Limits<S>& v) {
-  const auto& [type1, type2, speed, closure, x, y, angle, age, jump, join] = v;
-  return braces(type1, type2, speed, closure, x, y, angle, age, jump, join);
-}
-template <class S>
-std::string text(const LegParams<S>& v) {
-  const auto& [l1, l2, lg1, lg2, m1, m2, J1, J2, d1, d2, gamma1, gamma2] = v;
-  return braces(l1, l2, lg1, lg2, m1, m2, J1, J2, d1, d2, gamma1, gamma2);
-}
-template <class S>
-std::string text(const FiveBarParams<S>& v) {
-  const auto& [l0, m0, g, legs] = v;
-  return braces(l0, m0, g, legs);
-}
-template <class S>
-std::string text(const RrParams<S>& v) {
-  const auto& [arm, g] = v;
-  return braces(arm, g);
-}
-inline std::string text(const PhaseClock& v) {
-  const auto& [start, per_tick] = v;
-  return braces(start, per_tick);
 }
 template <class S>
 std::string text(const PathSegment<S>& v) {
@@ -157,18 +145,15 @@ std::string text(const Gains<M>& v) {
   return "{" + text(lambda) + ", " + text(k) + ", " + text(layer) + ", " +
          braces(own_lambda, own_k, own_layer, kp, kd) + "}";
 }
-inline std::string mode_text(const FiveBar<float>::Mode& v) {
-  const auto& [working, assembly] = v;
-  return braces(working, assembly);
+template <class Mode>
+std::string mode_text(const Mode& v) {
+  if constexpr (requires { v.assembly; })
+    return braces(v.working, v.assembly);
+  else
+    return "{" + text(v.working) + "}";
 }
-inline std::string mode_text(const FiveBar<double>::Mode& v) {
-  const auto& [working, assembly] = v;
-  return braces(working, assembly);
-}
-inline std::string mode_text(const Rr<float>::Mode& v) { return "{" + text(v.working) + "}"; }
-inline std::string mode_text(const Rr<double>::Mode& v) { return "{" + text(v.working) + "}"; }
 
-/// The optional part that applies, as the address of its function; null where none does.
+/// Address of the first part that applies; null: none does.
 inline std::string part_text(std::initializer_list<std::pair<bool, const char*>> parts) {
   for (const auto& [applies, name] : parts) {
     if (applies) return fmt::format("&part::{}<Mechanism>", name);
@@ -192,17 +177,15 @@ std::string text(const ControllerConfig<M>& v) {
          line(text(stopping)) + line(text(guide_speed)) + line(text(guide_acceleration)) +
          line(text(motors)) + line(text(sensors)) + line(text(preload)) +
          line(allocate != nullptr ? "&part::four_motors<Mechanism>" : "nullptr") + line(text(variance)) +
-         line(fuse != nullptr ? "&part::closure_projection<Mechanism>" : "nullptr") +
-
-         line(text(delay)) + line(text(lag)) + line(text(bandwidth)) +
+         line(fuse != nullptr ? "&part::closure_projection<Mechanism>" : "nullptr") + line(text(delay)) +
+         line(text(lag)) + line(text(bandwidth)) +
          line(part_text({{reach == &part::super_twisting<M>, "super_twisting"},
                          {reach == &part::implicit_coupled<M>, "implicit_coupled"}})) +
          line(part_text({{observer != nullptr, "momentum_observer"}})) +
          line(part_text({{predict != nullptr, "predictor"}})) + "      }";
 }
 
-/// Of a cycle. The axes are made by themselves, by calls, and so is the line, by `line`; a session is drawn
-/// by the image.
+/// Of a cycle; `line` is the text of its line. Calls make the axes, and the image draws its session.
 template <class Config>
 std::string cycle_text(const Config& v, const std::string& line) {
   const auto& [controller, axes, its_line, count, heartbeat, waiting, absolute, zero, mismatch, torque_time,

@@ -2,12 +2,8 @@
 
 #include <algorithm>
 #include <array>
-#include <cmath>
 #include <limits>
-#include <stdexcept>
-#include <type_traits>
-
-#include "host_sim/controller/robust.hpp"
+#include <numbers>
 
 #include "firmware/cycle/four_motors.hpp"
 
@@ -75,41 +71,17 @@ std::vector<PathSegment<double>> through_points(const std::vector<PathPoint>& po
   return out;
 }
 
-LegParams<double> scaled(LegParams<double> p, const ModelFactors& f) {
-  p.l1 *= f.l1;
-  p.l2 *= f.l2;
-  p.lg1 *= f.lg1;
-  p.lg2 *= f.lg2;
-  p.m1 *= f.m1;
-  p.m2 *= f.m2;
-  p.J1 *= f.J1;
-  p.J2 *= f.J2;
-  return p;
-}
+static_assert(static_cast<int>(LawChoice::pd) == static_cast<int>(LawKind::pd) &&
+              static_cast<int>(ReachingChoice::implicit) == static_cast<int>(Reaching::implicit));
 
-LawKind law_kind(LawChoice l) {
-  switch (l) {
-    case LawChoice::esmc:
-      return LawKind::esmc;
-    case LawChoice::esmc_projected:
-      return LawKind::esmc_projected;
-    case LawChoice::smc:
-      return LawKind::smc;
-    case LawChoice::ctc:
-      return LawKind::ctc;
-    case LawChoice::pd:
-    case LawChoice::open_loop:
-    case LawChoice::none:
-      break;
-  }
-  return LawKind::pd;
-}
+/// A scene without a law of its own (open_loop, none) makes no controller that is run.
+LawKind law_kind(LawChoice l) { return l <= LawChoice::pd ? static_cast<LawKind>(l) : LawKind::pd; }
 
 template <class M>
 void set_gains(const Scene& s, double delay, Gains<M>& g) {
   using S = typename M::Scalar;
   const auto layer = [&](double gain, double given) {
-    // Without switching gain the layer does nothing, but it must not be zero: s / layer is taken.
+    // Without switching gain the layer has no effect, but s / layer is computed: it must not be zero.
     const bool implicit =
         s.reaching == ReachingChoice::implicit || s.reaching == ReachingChoice::implicit_coupled;
     const double width = implicit && gain > 0.0 ? implicit_layer(gain, s.tick(), delay) : given;
@@ -132,18 +104,6 @@ void set_gains(const Scene& s, double delay, Gains<M>& g) {
   own.layer = layer(k, angles ? s.layer.angle : s.layer.position);
   own.kp = static_cast<S>(s.kp.value_or(lambda * lambda));
   own.kd = static_cast<S>(s.kd.value_or(2.0 * lambda));
-}
-
-/// In the scalar of the controller; designed in double whatever that is.
-template <class M>
-void take_robust(const Scene& scene, Pacing pacing, Gains<M>& g) {
-  using S = typename M::Scalar;
-  using Designed = std::conditional_t<M::has_type2, FiveBar<double>, Rr<double>>;
-  const Gains<Designed> d = robust_gains<Designed>(scene, pacing).gains;
-  g.k = d.k.template cast<S>();
-  g.layer = d.layer.template cast<S>();
-  g.independent.k = static_cast<S>(d.independent.k);
-  g.independent.layer = static_cast<S>(d.independent.layer);
 }
 
 template <class S>
@@ -190,7 +150,7 @@ FiveBarParams<double> believed_mechanism(const Scene& scene) {
   const auto friction = find_effect<ViscousFriction>(scene.effects);
   const auto dry = find_effect<CoulombFriction>(scene.effects);
   for (std::size_t j = 0; j < 2; ++j) {
-    p.legs[j] = scaled(p.legs[j], f);
+    for (const LegKey& k : leg_keys) p.legs[j].*k.value *= f.*k.factor;
     if (f.exact_friction && friction) {
       p.legs[j].d1 = friction->coefficient[2 * j];
       p.legs[j].d2 = friction->coefficient[2 * j + 1];
@@ -284,66 +244,49 @@ ReferenceBundle<float> make_reference<float>(const Scene& scene, Pacing pacing) 
   return out;
 }
 
+namespace {
+
 template <class M>
-ControllerConfig<M> make_controller(const Scene& scene, Pacing pacing,
-                                    const ReferenceBundle<typename M::Scalar>& reference) {
+void set_law(const Scene& scene, Pacing pacing, ControllerConfig<M>& c) {
   using S = typename M::Scalar;
-  ControllerConfig<M> c;
-  c.mechanism = make_mechanism(believed_mechanism(scene), static_cast<M*>(nullptr));
-  c.mode = mode_of(scene, static_cast<M*>(nullptr));
   c.law = law_kind(scene.law);
-  const bool sliding = c.law == LawKind::esmc || c.law == LawKind::esmc_projected || c.law == LawKind::smc;
-  switch (scene.reaching) {
-    case ReachingChoice::sign:
-      c.reaching = Reaching::sign;
-      break;
-    case ReachingChoice::saturation:
-      c.reaching = Reaching::saturation;
-      break;
-    case ReachingChoice::tanh:
-      c.reaching = Reaching::tanh;
-      break;
-    case ReachingChoice::implicit:
-      c.reaching = Reaching::implicit;
-      break;
-    case ReachingChoice::super_twisting:
-      if (sliding) c.reach = &part::super_twisting<M>;
-      break;
-    case ReachingChoice::implicit_coupled:
-      if (sliding) c.reach = &part::implicit_coupled<M>;
-      break;
-  }
+  if (scene.reaching <= ReachingChoice::implicit) c.reaching = static_cast<Reaching>(scene.reaching);
+  if (scene.sliding() && scene.reaching == ReachingChoice::super_twisting) c.reach = &part::super_twisting<M>;
+  if (scene.sliding() && scene.reaching == ReachingChoice::implicit_coupled)
+    c.reach = &part::implicit_coupled<M>;
   c.delay_ticks = static_cast<S>(delay_ticks(scene, pacing));
   c.lag_ticks = static_cast<S>(scene.sensor_lag_ticks);
   c.observer_bandwidth = static_cast<S>(scene.disturbance_observer);
   if (scene.disturbance_observer > 0.0) c.observer = &part::momentum_observer<M>;
   if (scene.predictor) c.predict = &part::predictor<M>;
   set_gains(scene, borne_delay(scene, pacing), c.gains);
-  if (scene.robust_gain) take_robust(scene, pacing, c.gains);
-  c.reference = reference.get();
-  c.join_ticks = reference.join_ticks;
+}
+
+template <class M>
+void set_procedures(const Scene& scene, Pacing pacing, ControllerConfig<M>& c) {
+  using S = typename M::Scalar;
   const auto ticks = [&](double seconds) {
     return static_cast<std::uint32_t>(std::llround(seconds * scene.rate_hz));
   };
   c.ramp_ticks = ticks(scene.torque_ramp.value_or(pacing == Pacing::realtime ? 0.2 : 0.0));
   c.halt_ticks = scene.limits.halt_time > 0.0 ? std::max(1U, ticks(scene.limits.halt_time)) : 0U;
-  if (scene.drives.sign_test.value_or(scene.hardware && !scene.all_motors)) {
+  if (scene.drives.sign_test.value_or(scene.hardware && !scene.all_motors))
     c.sign_test_move = static_cast<S>(scene.drives.sign_test_move);
-  }
   if (scene.command) {
     c.guide_speed = static_cast<S>(scene.command->speed);
     c.guide_acceleration = static_cast<S>(scene.command->acceleration);
   }
-  c.torque_lead = static_cast<S>(scene.drives.torque_lead);
   c.lower_ticks = ticks(scene.limits.lower_time);
-  c.after_halt =
-      scene.limits.after_halt == AfterHalt::hold
-          ? esmc::AfterHalt::hold
-          : (scene.limits.after_halt == AfterHalt::lower ? esmc::AfterHalt::lower : esmc::AfterHalt::release);
-  c.limits = make_limits<S>(scene);
+  c.after_halt = scene.limits.after_halt;
+}
+
+template <class M>
+void set_motors_and_sensors(const Scene& scene, ControllerConfig<M>& c) {
+  using S = typename M::Scalar;
+  c.torque_lead = static_cast<S>(scene.drives.torque_lead);
   c.motors = scene.all_motors ? Motors::all : Motors::base;
   c.sensors = scene.all_sensors ? Sensors::all : Sensors::base;
-  if (c.law != LawKind::pd) c.allocate = allocation_for<M>(c.motors);  // pd: from the base motors alone
+  if (c.law != LawKind::pd) c.allocate = allocation_for<M>(c.motors);  // pd: base motors alone
   if constexpr (M::joints == 4) {
     for (int i = 0; i < 4 && !scene.encoder_sigma.empty(); ++i) {
       const double sigma = scene.encoder_sigma[static_cast<std::size_t>(i)] / scene.encoder_sigma[0];
@@ -351,7 +294,6 @@ ControllerConfig<M> make_controller(const Scene& scene, Pacing pacing,
       c.fuse = &part::closure_projection<M>;
     }
   }
-  c.sample_time = static_cast<S>(scene.tick());
   for (int i = 0; i < c.motor_count(); ++i) {
     const auto u = static_cast<std::size_t>(i);
     const int joint = ControllerConfig<M>::joint_of(i, c.motor_count());
@@ -361,16 +303,33 @@ ControllerConfig<M> make_controller(const Scene& scene, Pacing pacing,
     c.torque_weight[joint] =
         static_cast<S>(scene.torque_weight.empty() ? 1.0 / (limit * limit) : scene.torque_weight[u]);
   }
+}
+
+}  // namespace
+
+template <class M>
+ControllerConfig<M> controller_without_design(const Scene& scene, Pacing pacing,
+                                              const ReferenceBundle<typename M::Scalar>& reference) {
+  using S = typename M::Scalar;
+  ControllerConfig<M> c;
+  c.mechanism = make_mechanism(believed_mechanism(scene), static_cast<M*>(nullptr));
+  c.mode = mode_of(scene, static_cast<M*>(nullptr));
+  c.reference = reference.get();
+  c.join_ticks = reference.join_ticks;
+  c.limits = make_limits<S>(scene);
+  c.sample_time = static_cast<S>(scene.tick());
+  set_law(scene, pacing, c);
+  set_procedures(scene, pacing, c);
+  set_motors_and_sensors(scene, c);
   return c;
 }
 
-template ControllerConfig<FiveBar<double>> make_controller<FiveBar<double>>(const Scene&, Pacing,
-                                                                            const ReferenceBundle<double>&);
-template ControllerConfig<FiveBar<float>> make_controller<FiveBar<float>>(const Scene&, Pacing,
-                                                                          const ReferenceBundle<float>&);
-template ControllerConfig<Rr<float>> make_controller<Rr<float>>(const Scene&, Pacing,
-                                                                const ReferenceBundle<float>&);
-template ControllerConfig<Rr<double>> make_controller<Rr<double>>(const Scene&, Pacing,
-                                                                  const ReferenceBundle<double>&);
+#define ESMC_INSTANCE(M, S) \
+  template ControllerConfig<M<S>> controller_without_design(const Scene&, Pacing, const ReferenceBundle<S>&);
+ESMC_INSTANCE(FiveBar, double)
+ESMC_INSTANCE(FiveBar, float)
+ESMC_INSTANCE(Rr, double)
+ESMC_INSTANCE(Rr, float)
+#undef ESMC_INSTANCE
 
 }  // namespace esmc::host

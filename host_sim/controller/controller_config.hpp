@@ -1,9 +1,8 @@
 #pragma once
-/// From a scene to what the controller runs with. Here, and in the rooms above, the two sides meet.
+/// From a scene to the controller's configuration, without robust gains: make_controller.hpp adds those.
 
 #include <cmath>
 #include <cstdint>
-#include <numbers>
 #include <vector>
 
 #include "firmware/cycle/controller.hpp"
@@ -39,7 +38,7 @@ ReferenceBundle<float> make_reference<float>(const Scene& scene, Pacing pacing);
 
 /// The controller's belief: the true mechanism times the factors of [control.model].
 FiveBarParams<double> believed_mechanism(const Scene& scene);
-/// Whether poses of one are poses of the other.
+/// Whether both have the same poses.
 [[nodiscard]] bool same_lengths(const FiveBarParams<double>& a, const FiveBarParams<double>& b);
 
 /// The same numbers in another scalar type.
@@ -83,19 +82,20 @@ typename Rr<S>::Mode mode_of(const Scene& s, const Rr<S>*) {
   return std::max(1, static_cast<int>(std::ceil(s.tick() / s.step - 1e-9)));
 }
 
-/// Known torque delay the implicit law is told, in ticks.
+/// Torque delay that the controller assumes, in ticks.
 [[nodiscard]] inline double delay_ticks(const Scene& s, Pacing pacing) {
   return s.delay_ticks.value_or(pacing == Pacing::realtime ? 2.0 : 0.0);
 }
 
-/// What the reaching law has to bear: the sensors' lag, and the delay where no predictor bridges it.
+/// Delay that the reaching law tolerates, in ticks: the sensors' lag, and the torque's where no predictor
+/// bridges it.
 [[nodiscard]] inline double borne_delay(const Scene& s, Pacing pacing) {
   return s.sensor_lag_ticks + (s.predictor ? 0.0 : delay_ticks(s, pacing));
 }
 
-/// `reference` must outlive the configuration.
+/// The configuration with the gains of [control]: none for gain = "robust". `reference` must outlive it.
 template <class M>
-ControllerConfig<M> make_controller(const Scene& scene, Pacing pacing,
-                                    const ReferenceBundle<typename M::Scalar>& reference);
+ControllerConfig<M> controller_without_design(const Scene& scene, Pacing pacing,
+                                              const ReferenceBundle<typename M::Scalar>& reference);
 
 }  // namespace esmc::host

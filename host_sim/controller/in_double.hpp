@@ -1,5 +1,5 @@
 #pragma once
-/// What a controller in single precision saw and did, for records that are kept in double.
+/// Samples and results of a controller in single precision as doubles, for records.
 
 #include <cstddef>
 

@@ -3,7 +3,6 @@
 #include <fmt/format.h>
 
 #include <deque>
-#include <limits>
 #include <mutex>
 #include <numbers>
 
@@ -59,15 +58,14 @@ std::uint32_t period_of(const Reference<double>& r, double tick) {
   return ticks < 4e9 ? static_cast<std::uint32_t>(ticks) : 0U;
 }
 
-/// The way onto the reference, then one period of it: what a scene lasts beyond that changes nothing.
+/// The way onto the reference, then one period of it.
 template <class M>
 void along_reference(const Scene& scene, Problem<M>& p, std::uint32_t join_ticks) {
   const auto& c = p.controller;
   JoinedReference<double> reference(c.reference, join_ticks, c.sample_time);
   reference.start(p.start.position, p.start.velocity);
   const auto late = 1U + static_cast<std::uint32_t>(std::ceil(p.told_ticks));
-  // Where not every tick is looked at, those that are stand at uneven distances: even ones may keep step with
-  // the motion.
+  // Ticks that are left out are unevenly spaced: an even spacing may be in step with the motion.
   const auto look = [&](std::uint32_t from, std::uint32_t to, std::uint32_t most) {
     const double width = std::max(1.0, static_cast<double>(to - from) / most);
     constexpr double golden = 0.6180339887498949;
@@ -81,7 +79,7 @@ void along_reference(const Scene& scene, Problem<M>& p, std::uint32_t join_ticks
                       period = period_of(c.reference, c.sample_time);
   look(0, joined, stretch_points);
   p.joining = p.points.size();
-  // `late` more: until then the torque that acts is still one of the way there.
+  // `late` more: until then torques of the way there still act.
   const std::uint32_t end = period > 0 && period + late < ticks - joined ? joined + period + late : ticks;
   const double pieces = period == 0 && c.reference.kind == ReferenceKind::sine
                             ? (end - joined) * c.sample_time * c.reference.speed.cwiseAbs().maxCoeff() / 6.28
@@ -119,8 +117,7 @@ void over_workspace(const Scene& scene, Problem<M>& p) {
   }
   for (const auto& leg : p.believed.legs) reach = std::max(reach, leg.l1 + leg.l2);
   std::array<std::array<double, 2>, 2> box{{{-reach, reach}, {-reach, reach}}};
-  if (scene.limits.workspace) {  // of a generous one only what can be reached: the grid would miss the
-                                 // mechanism otherwise
+  if (scene.limits.workspace) {  // within reach: the grid of a large one would miss the mechanism
     for (std::size_t i = 0; i < 2; ++i)
       box[i] = {std::max(box[i][0], (*scene.limits.workspace)[i][0]),
                 std::min(box[i][1], (*scene.limits.workspace)[i][1])};
@@ -211,11 +208,9 @@ std::vector<double> numbers_of(const Problem<M>& p) {
 
 template <class M>
 Problem<M> design_problem(const Scene& scene, Pacing pacing) {
-  Scene plain = scene;
-  plain.robust_gain = false;  // the controller without its gains
   Problem<M> p;
   const ReferenceBundle<double> reference = make_reference(scene, pacing);
-  p.controller = make_controller<M>(plain, pacing, reference);
+  p.controller = controller_without_design<M>(scene, pacing, reference);
   p.believed = believed_mechanism(scene);
   p.uncertainty = *scene.uncertainty;
   p.told_ticks = borne_delay(scene, pacing);
@@ -235,8 +230,7 @@ RobustGains<M> robust_gains(const Scene& scene, Pacing pacing) {
     RobustGains<M> gains;
   };
   static std::mutex mutex;
-  static std::deque<Known>
-      known;  // a loop makes its controller several times, a campaign and a sweep thousands of times
+  static std::deque<Known> known;  // a sweep makes its controller thousands of times
   constexpr std::size_t known_max = 32;
   const Problem<M> p = design_problem<M>(scene, pacing);
   const std::vector<double> key = numbers_of(p);

@@ -1,5 +1,5 @@
 #pragma once
-/// Robust gains of a scene: the problem that host_sim/design solves, and its answer, computed once per scene.
+/// Robust gains of a scene: the problem that host_sim/design solves, and its cached solution.
 
 #include "host_sim/controller/controller_config.hpp"
 #include "host_sim/design/design.hpp"
@@ -12,12 +12,12 @@ namespace esmc::host {
 template <class M>
 design::Problem<M> design_problem(const Scene& scene, Pacing pacing);
 
-/// Gains for gain = "robust". Throws InputError with the reason where the design gives none.
 template <class M>
 struct RobustGains {
   Gains<M> gains;
-  double stiffness = 0.0;  ///< as of a design
+  double stiffness = 0.0;  ///< of the design, 1/s
 };
+/// Gains for gain = "robust". Throws InputError with the reason where the design is refused.
 template <class M>
 RobustGains<M> robust_gains(const Scene& scene, Pacing pacing);
 

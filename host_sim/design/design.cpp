@@ -66,8 +66,7 @@ Answer<M> answer(const Problem<M>& p) {
   if (!(tube > 0.0)) {
     out.design.refused =
         "no tube around the motion holds the band that the layer of the reaching law leaves in it [F38]: "
-        "less delay, "
-        "a smaller layer or narrower intervals are needed";
+        "less delay, a smaller layer or narrower intervals are needed";
     out.curable = true;
     return out;
   }
@@ -132,30 +131,15 @@ Design<M> design(const Problem<M>& p) {
   if (!p.along_time) return d;
   d.start = start_size(p);
   if (d.refused.empty() && d.start > d.tube * d.inside) {
-    d.warnings.push_back(fmt::format(
-        "the start is {:.3g} times as far from the motion as the promise reaches: it holds from the "
-        "instant at which the error has come within; reference.join begins within",
-        d.start / (d.tube * d.inside)));
+    d.warnings.push_back(
+        fmt::format("the start is {:.3g} times as far from the motion as the promise reaches: it holds from "
+                    "the instant at which the error has come within; reference.join begins within",
+                    d.start / (d.tube * d.inside)));
   }
   return d;
 }
 
-template <class M>
-void apply(const Problem<M>& p, const Design<M>& d, Gains<M>& g) {
-  const auto& c = p.controller;
-  const bool implicit = c.reaching == Reaching::implicit;
-  for (int i = 0; i < M::channels; ++i) {
-    g.k[i] = d.row[static_cast<std::size_t>(i)].k;
-    if (implicit && g.k[i] > 0.0) g.layer[i] = implicit_layer(g.k[i], c.sample_time, p.told_ticks);
-  }
-  g.independent.k = d.k_independent;
-  if (implicit && g.independent.k > 0.0)
-    g.independent.layer = implicit_layer(g.independent.k, c.sample_time, p.told_ticks);
-}
-
 template Design<FiveBar<double>> design(const Problem<FiveBar<double>>&);
 template Design<Rr<double>> design(const Problem<Rr<double>>&);
-template void apply(const Problem<FiveBar<double>>&, const Design<FiveBar<double>>&, Gains<FiveBar<double>>&);
-template void apply(const Problem<Rr<double>>&, const Design<Rr<double>>&, Gains<Rr<double>>&);
 
 }  // namespace esmc::host::design

@@ -1,5 +1,5 @@
 #pragma once
-/// One design in one tube: the search over states, the gains it asks for, bands, torque.
+/// One design in one tube: the search over states, gains, bands, torque.
 
 #include <fmt/format.h>
 
@@ -33,9 +33,9 @@ class Designer : private Search<M> {
     torque();
     return d_;
   }
-  /// Size of tube that the band of the layer asks for; 0: none does.
+  /// Size of tube that holds the band of the layer; 0: no band.
   [[nodiscard]] double asked_tube() const { return asked_tube_; }
-  /// Refused for what another law, layer or rate may not mind.
+  /// Whether another law, layer or rate may not be refused.
   [[nodiscard]] bool curable() const { return curable_; }
 
  private:
@@ -47,7 +47,7 @@ class Designer : private Search<M> {
   using typename Base::Found;
   using typename Base::Worsts;
 
-  /// A row without believed mass has no switching term to pay with.
+  /// A row without believed mass has no switching term.
   bool payable() {
     if (smc_) {
       if (d_.mismatch < 1.0) return true;
@@ -123,26 +123,25 @@ class Designer : private Search<M> {
     return true;
   }
 
-  /// What the implicit step's linear zone holds, and asks of the gains.
+  /// The linear zone of the implicit step, and the gains that it needs.
   void linear_zone() {
     const LinearZone<M> z = linear_zone_of(p_, u_, swing_, looks_);
     d_.disturbance = z.disturbance;
     if (!smc_) d_.mismatch = z.mismatch;
     if (p_.controller.reaching != Reaching::implicit) return;
     if (!z.holds) {
-      d_.warnings.push_back(fmt::format(
-          "sampled, nothing is promised: a mass matrix wrong by {:.0f} % meets a loop that answers an "
-          "acceleration {:.2f}-fold: "
-          "their product must stay below 0.95; smaller lambda, shorter tick, less delay, or narrower masses",
-          100.0 * z.mismatch, z.peak.command));
+      d_.warnings.push_back(
+          fmt::format("sampled, nothing is promised: a mass matrix wrong by {:.0f} % meets a loop that "
+                      "answers an acceleration {:.2f}-fold: their product must stay below 0.95; smaller "
+                      "lambda, shorter tick, less delay, or narrower masses",
+                      100.0 * z.mismatch, z.peak.command));
       return;
     }
     for (int i = 0; i < M::channels; ++i) {
       if (u_.mass()[i] > 0.0) d_.row[static_cast<std::size_t>(i)].linear = z.gain[i];
     }
     linear_independent_ = z.gain_independent;
-    // What is measured late keeps to the motion; the mechanism is ahead of it by what the motion does in the
-    // meantime.
+    // The delayed measurement follows the motion; the mechanism is ahead by the motion during the delay.
     d_.ahead = p_.lag * z.speed;
     d_.sampled = Band{margin * (z.band.error + d_.ahead),
                       margin * (z.band.sliding + p_.lag * (z.acceleration + lambda_ * z.speed))};
@@ -161,7 +160,7 @@ class Designer : private Search<M> {
     }
   }
 
-  /// What a layer leaves [F38], and whether the tube holds it.
+  /// The band of a layer [F38], and whether the tube holds it.
   void bands() {
     const auto& c = p_.controller;
     if (c.reaching == Reaching::sign) return;
@@ -188,15 +187,13 @@ class Designer : private Search<M> {
     if (level <= lambda_ * tube_) return;
     d_.refused = fmt::format(
         "the layer of the reaching law leaves a band of {:.3g} {} [F38], and the tube is {:.3g} {}: what "
-        "holds in the "
-        "tube says nothing of the band; a larger uncertainty.tube, a smaller layer or delay, narrower "
-        "intervals",
+        "holds in the tube says nothing of the band; a larger uncertainty.tube, a smaller layer or delay, "
+        "narrower intervals",
         asked_tube_, unit(), tube_, unit());
     curable_ = true;
   }
 
-  /// Within their layers the rows make s of the independent coordinates die at the eigenvalues of
-  /// (C^T M C)^-1 C^T M diag(K / layer) C: one row may be steep where it is hardly heavy.
+  /// Decay rate of s within the layers: an eigenvalue of (C^T M C)^-1 C^T M diag(K / layer) C.
   [[nodiscard]] double rate_in_layer(const State<M>& s, const Gains<M>& g) const {
     Mat<double, 2, 2> H = Mat<double, 2, 2>::Zero(), steep = H;
     for (int i = 0; i < M::channels; ++i) {
@@ -210,7 +207,7 @@ class Designer : private Search<M> {
                  rest = half * half - (A(0, 0) * A(1, 1) - A(0, 1) * A(1, 0));
     return half + std::sqrt(std::max(0.0, rest));
   }
-  /// What holds in continuous time may ring in a sampled loop that knows its delay.
+  /// A layer that holds in continuous time may oscillate in the sampled and delayed loop.
   void sampled_layer() {
     const auto& c = p_.controller;
     if (c.reaching != Reaching::saturation && c.reaching != Reaching::tanh) return;
@@ -230,8 +227,8 @@ class Designer : private Search<M> {
     if (loop <= most || !d_.refused.empty()) return;
     d_.refused = fmt::format(
         "within its layer the loop is too stiff for its tick: (gain / layer + lambda) * tick = {:.3g}, at "
-        "most {:.2g}, half of what "
-        "makes it ring by itself with a delay of {:g} ticks: a larger control.layer",
+        "most {:.2g}, half of what makes it ring by itself with a delay of {:g} ticks: a larger "
+        "control.layer",
         loop, most, p_.told_ticks);
     curable_ = true;
   }
@@ -240,7 +237,7 @@ class Designer : private Search<M> {
 
   [[nodiscard]] bool four() const { return p_.controller.allocate != nullptr; }
 
-  /// The worst places for each motor and, of four, for what all give together.
+  /// The worst places for each motor and, of four, for all together.
   struct Efforts {
     std::array<Worsts, M::joints> torque{};
     Worsts force{}, preload{};
@@ -303,13 +300,12 @@ class Designer : private Search<M> {
       } else if (d_.peak[k] > limit) {
         d_.warnings.push_back(
             fmt::format("motor {}: at the edge of the tube the law asks for up to {:.3g} N m ({}), "
-                        "torque_limit is {:.3g} "
-                        "N m: while it is clamped nothing is promised",
+                        "torque_limit is {:.3g} N m: while it is clamped nothing is promised",
                         i + 1, d_.peak[k], where(d_.peak_place), limit));
       }
     }
   }
-  /// Of four motors one gives what another one cannot; what counts is what they give together.
+  /// Four motors share the load: only their sum counts.
   void judge_four() {
     const auto& c = p_.controller;
     if (d_.hold_shares.force < enough && d_.refused.empty()) {
@@ -333,7 +329,7 @@ class Designer : private Search<M> {
           i + 1, given, rest, rest > 0.0 ? "" : ": its gear changes sides"));
     }
   }
-  /// The place is that of the joint which is nearest to its limit.
+  /// Keeps the place of the joint nearest to its limit.
   void keep(std::array<double, M::joints>& most, Place& place, int joint, const Found& f) const {
     most[static_cast<std::size_t>(joint)] = f.need;
     for (int j = 0; j < joint; ++j) {

@@ -1,5 +1,5 @@
 #pragma once
-/// What motors have to give: for the worst plant on the motion, and for what the law asks.
+/// Torques of the motors: of the worst plant on the motion, and of the law.
 
 #include <algorithm>
 #include <cmath>
@@ -10,15 +10,15 @@
 
 namespace esmc::host::design {
 
-/// What motors are asked for (at the joints) to do what forces w on the channels do, and what they give of
-/// it.
+/// Torques at the joints that equal forces w on the channels.
 template <class M>
 struct Effort {
   Vec<double, M::joints> torque = Vec<double, M::joints>::Zero();
-  double force = 1.0;    ///< four motors within their limits: share of w that all of them together can give
-  double preload = 1.0;  ///< four motors: what is left of the preload, 0: it is the limit on the other side
+  double force = 1.0;  ///< four motors: share of w that they give together within their limits
+  double preload =
+      1.0;  ///< four motors: remaining share of the preload; 0: it is the limit on the other side
 };
-/// As the controller shares it out. Two motors may be asked for more than their limit, four may not.
+/// As the controller allocates them. Of two motors they may exceed the limits, of four they do not.
 template <class M>
 [[nodiscard]] Effort<M> effort(const ControllerConfig<M>& c, const typename M::Pose& pose,
                                const typename M::Channels& w) {
@@ -34,8 +34,8 @@ template <class M>
   return out;
 }
 
-/// How much of torque_limit the effort `e` for w is: of two motors the one that needs most of its own, of
-/// four what they give together. > 1: more than there is.
+/// Share of torque_limit that the effort `e` for w takes: of two motors the largest, of four that of all
+/// together. > 1: beyond the limits.
 template <class M>
 [[nodiscard]] double share_of_limits(const ControllerConfig<M>& c, const typename M::Pose& pose,
                                      const typename M::Channels& w, const Effort<M>& e) {
@@ -45,12 +45,12 @@ template <class M>
     if (e.torque[j] != 0.0) most = std::max(most, std::abs(e.torque[j]) / c.torque_limit[j]);
   }
   if (c.allocate == nullptr) return most;
-  // What is met of a force beyond all limits tells how far these reach, also where that is beyond w.
+  // The share of a force beyond all limits that they meet says how far the limits reach.
   constexpr double much = 0x1p20;
   return 1.0 / (much * effort(c, pose, typename M::Channels(w * much)).force);
 }
 
-/// What the worst plant takes of every joint on the motion itself, N m: magnitudes.
+/// Torques of the worst plant on the motion itself, N m: magnitudes.
 template <class M>
 [[nodiscard]] Effort<M> holding(const Problem<M>& p, const Uncertain<M>& u, double swing, const State<M>& s) {
   using Channels = typename M::Channels;
@@ -83,13 +83,12 @@ template <class M>
   return out;
 }
 
-/// What the law with those gains asks for, N m: magnitudes.
+/// Torques of the law with those gains, N m: magnitudes.
 template <class M>
 [[nodiscard]] Effort<M> asking(const Problem<M>& p, const Gains<M>& g, const State<M>& s) {
   const auto& c = p.controller;
-  typename M::Channels a, sliding;
-  demand(c.law, c.mechanism, g, c.reaching, s.track, a, sliding);
-  Effort<M> out = effort(p.controller, s.track.pose, c.mechanism.force(a, s.track.rates));
+  const Demand<M> d = demand(c.law, c.mechanism, g, c.reaching, s.track);
+  Effort<M> out = effort(p.controller, s.track.pose, c.mechanism.force(d.acceleration, s.track.rates));
   out.torque = out.torque.cwiseAbs();
   return out;
 }

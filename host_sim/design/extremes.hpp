@@ -1,10 +1,10 @@
 #pragma once
-/// The worst that the uncertain parameters can do at one state: delta of [F34], with [F36] for the mass
-/// centres. Every row of delta depends on the parameters of one bar (and on payload and gravity), and on each
-/// of them linearly, but for the place of the mass centre, which enters row phi as a square: so its extremes
-/// lie in corners, and there.
+/// Extremes of delta [F34] over the uncertain parameters at one state, with [F36] for the mass centres. A row
+/// depends on one bar, payload and gravity, linearly but for the place of the mass centre, which enters row
+/// phi as a square: its extremes are at corners, and at the vertex of that square.
 
 #include <array>
+#include <tuple>
 
 #include "host_sim/design/problem.hpp"
 
@@ -17,7 +17,7 @@ enum class Cause { mass, mass_centre, inertia, gravity, payload, friction, count
   return names[static_cast<std::size_t>(c)];
 }
 
-/// Smallest and largest of a sum that grows term by term.
+/// Smallest and largest value.
 struct Span {
   double low = 0.0, high = 0.0;
   void add(double a, double b) {
@@ -32,17 +32,17 @@ struct Span {
 };
 inline constexpr Span nothing{1e300, -1e300};
 
-/// Values of one bar, and of what hangs on it.
+/// Values of one bar.
 struct Corner {
   double m, J, offset;  ///< kg, kg m2; true less believed place of the mass centre, m
 };
-/// Of a bar.
+/// Intervals of one bar.
 struct Box {
   Interval m, J, offset;
   Corner believed;
 };
 
-/// A bar in a state: the rows it has, and what is asked of them.
+/// A bar in a state: its rows and their accelerations.
 struct Bar {
   int angle = 0, x = 0;  ///< rows
   Vec2<double> along;    ///< axis
@@ -52,13 +52,13 @@ struct Bar {
   Vec2<double> turn;    ///< d omega / d independent rates
 };
 
-/// Forces and a moment at the point that the controller takes for the mass centre.
+/// Force and moment at the believed mass centre.
 struct Wrench {
   Vec2<double> force = Vec2<double>::Zero();
   double moment = 0.0;
 };
 
-/// The whole of the uncertainty, corner by corner.
+/// The uncertainty of a problem.
 template <class M>
 class Uncertain {
  public:
@@ -88,7 +88,7 @@ class Uncertain {
     return {p_->uncertainty.gravity.lower * p_->believed.g, p_->uncertainty.gravity.upper * p_->believed.g};
   }
   [[nodiscard]] const Interval& payload() const { return p_->uncertainty.payload; }
-  /// Whether an uncertain payload has rows of its own to be paid from.
+  /// Whether the effector has rows with mass, which hold an uncertain payload.
   [[nodiscard]] bool effector_rows() const { return first > 0 && mass_[0] > 0.0; }
 
   [[nodiscard]] static Bar bar(const State<M>& s, int b) {
@@ -109,7 +109,7 @@ class Uncertain {
     return out;
   }
 
-  /// What the controller asks for, less what the true bar takes: delta of one bar [F36].
+  /// Delta of one bar [F36]: force of the controller less that of the true bar.
   [[nodiscard]] Wrench lack(const Bar& s, const Box& of, const Corner& c, double g) const {
     const Vec2<double> n = perp(s.along);
     const double believed_g = p_->believed.g, dl = -c.offset;
@@ -140,8 +140,8 @@ class Uncertain {
     return l.l2 - l.lg2;
   }
 
-  /// Believed less true friction of a joint, N m. `swing`: by how much the independent rates vary in the
-  /// tube: where the joint may come to rest, dry friction may be anything up to its limit.
+  /// Believed less true friction of a joint, N m. `swing`: variation of the independent rates in the tube:
+  /// where the joint may come to rest, dry friction is anything up to its limit.
   [[nodiscard]] Span friction(const State<M>& s, int joint, double swing) const {
     const auto& leg = p_->believed.legs[static_cast<std::size_t>(joint / 2)];
     const bool outer = joint % 2 == 1;
@@ -162,8 +162,8 @@ class Uncertain {
     return out;
   }
 
-  /// Extremes of delta, row by row [F35]; rows without mass are empty, their friction is paid by the bars.
-  /// `only`: of one cause, the others as believed.
+  /// Extremes of delta, row by row [F35]; rows without mass are empty, the bars pay their friction. `only`:
+  /// of one cause, the others as believed.
   [[nodiscard]] std::array<Span, M::channels> rows(const State<M>& s, double swing,
                                                    Cause only = Cause::count) const {
     std::array<Span, M::channels> out{};
@@ -174,64 +174,33 @@ class Uncertain {
     const Interval g = open(Cause::gravity, gravity(), p_->believed.g),
                    load = open(Cause::payload, payload(), 0.0);
     for (int b = 0; b < bars; ++b) {
+      const Corner& c = box_[b].believed;
+      const Box of{open(Cause::mass, box_[b].m, c.m), open(Cause::inertia, box_[b].J, c.J),
+                   open(Cause::mass_centre, box_[b].offset, 0.0), c};
       const Bar bar_at = bar(s, b);
-      const Box& of = box_[b];
-      const Interval m = open(Cause::mass, of.m, of.believed.m),
-                     J = open(Cause::inertia, of.J, of.believed.J),
-                     off = open(Cause::mass_centre, of.offset, 0.0);
-      const Vec2<double> n = perp(bar_at.along);
-      const bool carries = b % 2 == 1 && !effector_rows();
-      Span x = nothing, y = nothing, turn = nothing;
-      for (const double gravity_now : {g.lower, g.upper}) {
-        const double pull = dot(n, Vec2<double>(bar_at.a.x(), bar_at.a.y() + gravity_now));
-        const double bend =
-            bar_at.alpha != 0.0 ? std::clamp(-0.5 * pull / bar_at.alpha, off.lower, off.upper) : off.lower;
-        for (const double load_now : {load.lower, load.upper}) {
-          Wrench tip;
-          if (carries) {
-            tip.force = to_leg(tip_lack(s, load_now, gravity_now), b / 2) * (1.0 / legs);
-            tip.moment = beyond(b / 2) * dot(n, tip.force);
-          }
-          for (const double mass : {m.lower, m.upper}) {
-            for (const double inertia : {J.lower, J.upper}) {
-              for (const double offset : {off.lower, off.upper, bend}) {
-                const Wrench w = lack(bar_at, of, {mass, inertia, offset}, gravity_now);
-                x.hold(w.force.x() + tip.force.x());
-                y.hold(w.force.y() + tip.force.y());
-                turn.hold(w.moment + tip.moment);
-              }
-            }
-          }
-        }
-      }
-      at(bar_at.x) = x;
-      at(bar_at.x + 1) = y;
-      at(bar_at.angle) = turn;
+      std::tie(at(bar_at.x), at(bar_at.x + 1), at(bar_at.angle)) = bar_rows(s, b, bar_at, of, g, load);
     }
     if (effector_rows()) {
-      Span x = nothing, y = nothing;
+      at(0) = at(1) = nothing;
       for (const double gravity_now : {g.lower, g.upper}) {
         for (const double load_now : {load.lower, load.upper}) {
           const Vec2<double> w = tip_lack(s, load_now, gravity_now);
-          x.hold(w.x());
-          y.hold(w.y());
+          at(0).hold(w.x());
+          at(1).hold(w.y());
         }
       }
-      at(0) = x;
-      at(1) = y;
     }
-    if (only == Cause::count || only == Cause::friction) {
-      for (int leg = 0; leg < legs; ++leg) {  // s_theta1 = s_phi1, s_theta2 = s_phi2 - s_phi1
-        const Span inner = friction(s, 2 * leg, swing), outer = friction(s, 2 * leg + 1, swing);
-        const int row = first + 8 * leg + 2;
-        at(row).add(inner.low - outer.high, inner.high - outer.low);
-        at(row + 1).add(outer.low, outer.high);
-      }
+    for (int leg = 0; leg < legs && (only == Cause::count || only == Cause::friction); ++leg) {
+      // s_theta1 = s_phi1, s_theta2 = s_phi2 - s_phi1
+      const Span inner = friction(s, 2 * leg, swing), outer = friction(s, 2 * leg + 1, swing);
+      const int row = first + 8 * leg + 2;
+      at(row).add(inner.low - outer.high, inner.high - outer.low);
+      at(row + 1).add(outer.low, outer.high);
     }
     return out;
   }
 
-  /// Part of the true inertia in independent coordinates.
+  /// Share of a bar in the true inertia, in independent coordinates.
   [[nodiscard]] static Mat<double, 2, 2> inertia(const Bar& b, const Corner& c) {
     const Mat<double, 2, 2> A = b.A + perp(b.along) * b.turn.transpose() * c.offset;
     return A.transpose() * A * c.m + b.turn * b.turn.transpose() * c.J;
@@ -256,6 +225,38 @@ class Uncertain {
   }
 
  private:
+  /// Extremes of the rows x, y and phi of bar b, whose parameters are in `of`, under gravity g and payload.
+  [[nodiscard]] std::tuple<Span, Span, Span> bar_rows(const State<M>& s, int b, const Bar& bar_at,
+                                                      const Box& of, const Interval& g,
+                                                      const Interval& load) const {
+    const Vec2<double> n = perp(bar_at.along);
+    const bool carries = b % 2 == 1 && !effector_rows();
+    Span x = nothing, y = nothing, turn = nothing;
+    for (const double gravity_now : {g.lower, g.upper}) {
+      const double pull = dot(n, Vec2<double>(bar_at.a.x(), bar_at.a.y() + gravity_now));
+      const double bend = bar_at.alpha != 0.0
+                              ? std::clamp(-0.5 * pull / bar_at.alpha, of.offset.lower, of.offset.upper)
+                              : of.offset.lower;
+      for (const double load_now : {load.lower, load.upper}) {
+        Wrench tip;
+        if (carries) {
+          tip.force = to_leg(tip_lack(s, load_now, gravity_now), b / 2) * (1.0 / legs);
+          tip.moment = beyond(b / 2) * dot(n, tip.force);
+        }
+        for (const double mass : {of.m.lower, of.m.upper}) {
+          for (const double inertia : {of.J.lower, of.J.upper}) {
+            for (const double offset : {of.offset.lower, of.offset.upper, bend}) {
+              const Wrench w = lack(bar_at, of, {mass, inertia, offset}, gravity_now);
+              x.hold(w.force.x() + tip.force.x());
+              y.hold(w.force.y() + tip.force.y());
+              turn.hold(w.moment + tip.moment);
+            }
+          }
+        }
+      }
+    }
+    return {x, y, turn};
+  }
   [[nodiscard]] static Vec2<double> axis(const typename M::Pose& pose, [[maybe_unused]] int leg, int i) {
     if constexpr (first > 0) {
       return pose.leg[leg].axis[i];

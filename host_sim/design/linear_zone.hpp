@@ -1,11 +1,11 @@
 #pragma once
-/// The sampled loop while no row of the switching term is at its end: with the implicit step K_i / layer_i is
+/// The sampled loop while no row of the switching term is saturated: with the implicit step K_i / layer_i is
 /// the same 1 / (1 + d) h in all rows, so that C^T M K sw(C sigma) = H_believed sigma / ((1 + d) h) [F28],
-/// and what is left is a scalar loop with a disturbance H^-1 C^T delta and a gain that is wrong by H^-1
-/// H_believed - 1: small gain, with peak gains. To first order: the metric of H_believed is taken as the same
-/// over the memory of the loop, about 1 / lambda.
+/// which leaves a scalar loop with the disturbance H^-1 C^T delta and the gain error H^-1 H_believed - 1:
+/// small gain, with peak gains. To first order: the metric of H_believed is constant over the memory of the
+/// loop, about 1 / lambda.
 
-#include "host_sim/design/design.hpp"
+#include "host_sim/design/result.hpp"
 #include "host_sim/design/sampled_loop.hpp"
 #include "host_sim/design/worst.hpp"
 
@@ -15,15 +15,15 @@ template <class M>
 struct LinearZone {
   double disturbance = 0.0;                ///< largest |H^-1 C^T delta|, m/s2 or rad/s2
   double mismatch = 0.0;                   ///< largest |H^-1 H_believed - 1|, in the metric of H_believed
-  PeakGains peak;                          ///< worst of all delays up to the one that is told
-  bool holds = false;                      ///< small gain
-  Band band;                               ///< where the error stays that is measured
+  PeakGains peak;                          ///< worst of all delays up to the assumed one
+  bool holds = false;                      ///< the small-gain condition
+  Band band;                               ///< of the measured error
   double speed = 0.0, acceleration = 0.0;  ///< largest of the motion, of the independent coordinates
-  typename M::Channels gain = M::Channels::Zero();  ///< that keeps every row off its end
+  typename M::Channels gain = M::Channels::Zero();  ///< with which no row saturates
   double gain_independent = 0.0;
 };
 
-/// Acceleration by which a torque misses that was computed for an earlier instant of the motion.
+/// Acceleration error of a torque that was computed for an earlier instant of the motion.
 template <class M>
 [[nodiscard]] Vec2<double> stale_acceleration(const Problem<M>& p, const Place& at, const State<M>& s,
                                               const Mat<double, 2, 2>& H) {
@@ -43,7 +43,7 @@ template <class M>
   return inverse(H) * f;
 }
 
-/// At those places of the motion, the error small.
+/// At those places of the motion, for small errors.
 template <class M>
 [[nodiscard]] LinearZone<M> linear_zone_of(const Problem<M>& p, const Uncertain<M>& u, double swing,
                                            const std::vector<Place>& places) {

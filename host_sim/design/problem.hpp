@@ -1,8 +1,7 @@
 #pragma once
-/// What a design starts from: a controller without its gains, a motion, what is uncertain. And one place in
-/// the tube around that motion, in the terms of the law. Controller side only: nothing of the plant.
+/// Input of a design: a controller without its gains, a motion, and uncertainty. And one state in the tube
+/// around that motion. Controller side only: nothing of the plant.
 
-#include <algorithm>
 #include <cmath>
 #include <vector>
 
@@ -11,35 +10,34 @@
 
 namespace esmc::host::design {
 
-/// A point of the motion that is to be held.
+/// A point of the motion.
 struct Point {
   double time = 0.0;       ///< s; 0 for places of the workspace
   Motion2<double> now;     ///< in the reference's own space
-  Motion2<double> before;  ///< when the torque that acts now was computed, at worst
+  Motion2<double> before;  ///< at the oldest instant from which a torque acts now
 };
 
 /// Fastest motion through a place of a workspace; its directions are in Place.
 struct Bounds {
   double speed = 0.0, acceleration = 0.0;  ///< of the effector, m/s and m/s2, >= 0
-  double late = 0.0;                       ///< s, >= 0: how old the torque is that acts now, at worst
+  double late = 0.0;                       ///< s, >= 0: largest age of the torque that acts now
 };
 
 template <class M>
 struct Problem {
-  ControllerConfig<M> controller;  ///< its k and layers are not read; layers of saturation and tanh are
+  ControllerConfig<M> controller;  ///< k is not read; layers only of saturation and tanh
   FiveBarParams<double> believed;  ///< RR: legs[0] and g
   UncertaintyScene uncertainty;
   std::vector<Point> points;
-  std::size_t joining = 0;  ///< how many of the points, from the first, are the way onto the motion
-  bool along_time = true;   ///< neighbours in `points` are neighbours in time; else places of a workspace
+  std::size_t joining = 0;  ///< number of the first points that are the way onto the motion
+  bool along_time = true;   ///< `points` are consecutive in time; else places of a workspace
   Bounds bounds;            ///< of a workspace
-  double told_ticks =
-      0.0;                ///< delay that the implicit law is told, of torque and of what is measured together
-  double lag = 0.0;       ///< s, >= 0: part of it by which what is measured is late
-  Motion2<double> start;  ///< of the mechanism, in the reference's own space
+  double told_ticks = 0.0;  ///< delay that the law assumes, of torque and measurements together
+  double lag = 0.0;         ///< s, >= 0: the part of it that is the delay of measurements
+  Motion2<double> start;    ///< of the mechanism, in the reference's own space
 };
 
-/// Where in the tube: |e| = share_e E in direction angle_e, sigma = e' + lambda e likewise, |sigma| = share_s
+/// Place in the tube: |e| = share_e E in direction angle_e; sigma = e' + lambda e likewise, |sigma| = share_s
 /// lambda E. In a workspace also the directions of the reference's velocity and acceleration, and the share
 /// of its speed.
 struct Place {
@@ -50,8 +48,8 @@ struct Place {
 
 [[nodiscard]] inline Vec2<double> towards(double angle) { return {std::cos(angle), std::sin(angle)}; }
 
-/// Reference at a place: in a workspace as fast as it may be, in the place's directions. And the one for
-/// which the torque was computed that acts now.
+/// Reference at a place, in a workspace at its largest speed; and the reference at the instant from which a
+/// torque acts now.
 template <class M>
 [[nodiscard]] Motion2<double> motion_at(const Problem<M>& p, const Place& at) {
   Motion2<double> m = p.points[at.point].now;
@@ -70,19 +68,19 @@ template <class M>
   return m;
 }
 
-/// One place, and what the law makes of it.
+/// State at a place, in the terms of the law.
 template <class M>
 struct State {
   using Channels = typename M::Channels;
   Tracking<M> track;
   Vec2<double> error, error_rate;  ///< of the independent coordinates
-  Channels wanted;                 ///< q''_r: what the law asks for without its switching term
+  Channels wanted;                 ///< q''_r: acceleration of the law without its switching term
   Channels sliding;                ///< s
   Channels rates;                  ///< of the channels
   List<Channels, 2> column;        ///< C
 };
 
-/// Desired pose and motion at a point. False: out of reach.
+/// Desired pose and motion. False: out of reach.
 template <class M>
 [[nodiscard]] bool desired(const Problem<M>& p, const Motion2<double>& m, Tracking<M>& t) {
   const auto& c = p.controller;
@@ -110,7 +108,7 @@ template <class M>
            m.channel_rates(pose, m.chain_rates(pose, Vec2<double>(0, 1)))}};
 }
 
-/// q''_r and s of the law: what it does without gain.
+/// Sets q''_r and s: the law without gain.
 template <class M>
 void ask(const Problem<M>& p, State<M>& s) {
   const auto& c = p.controller;
@@ -118,11 +116,13 @@ void ask(const Problem<M>& p, State<M>& s) {
   without.k.setZero();
   without.layer.setOnes();
   without.independent.k = 0.0;
-  demand(c.law, c.mechanism, without, Reaching::saturation, s.track, s.wanted, s.sliding);
+  const Demand<M> d = demand(c.law, c.mechanism, without, Reaching::saturation, s.track);
+  s.wanted = d.acceleration;
+  s.sliding = d.sliding;
 }
 
-/// The state at a place of a tube of size E (m or rad). False: out of reach, or beyond what the controller
-/// guards.
+/// The state at a place of a tube of size E (m or rad). False: out of reach, or beyond the controller's
+/// limits.
 template <class M>
 [[nodiscard]] bool state_at(const Problem<M>& p, const Place& at, double tube, State<M>& s) {
   const auto& c = p.controller;

@@ -1,7 +1,7 @@
 #pragma once
-/// The scalar loop that all laws are in their linear zone [F28]: a double integrator, e'' = w - u, with
-/// u = (lambda + kappa) e' + lambda kappa e, sampled and held, acting some ticks late. Its peak gains from an
-/// acceleration w that is as bad as it can be, |w| <= 1 in every tick: sums of the absolute impulse response.
+/// The scalar loop that all laws are in their linear zone [F28]: a double integrator, e'' = w - u, with u =
+/// (lambda + kappa) e' + lambda kappa e, sampled, held and delayed. Its peak gains from the worst
+/// acceleration with |w| <= 1 in every tick: sums of the absolute impulse response.
 
 #include <cmath>
 #include <vector>
@@ -18,7 +18,7 @@ struct PeakGains {
 [[nodiscard]] inline PeakGains peak_gains(double lambda, double kappa, double tick, double delay) {
   PeakGains out;
   const int whole = static_cast<int>(std::floor(delay)), oldest = whole + 1;
-  const double part = delay - whole;  // of a tick, for which the command before acts still
+  const double part = delay - whole;  // of a tick, in which the command before still acts
   std::vector<double> held(static_cast<std::size_t>(oldest) + 1, 0.0);
   double e = 0.0, rate = 0.0;
   constexpr int longest = 2'000'000;

@@ -1,7 +1,6 @@
 #pragma once
 /// The search for the worst places of the tube: a grid over motion and tube, then climbs from its worst
-/// points. What it finds is a lower bound; `margin` of design.hpp is for what lies between, and
-/// docs/robust-design.md has a test of it from outside.
+/// points. It finds a lower bound; `margin` covers the places between.
 
 #include <fmt/format.h>
 
@@ -10,7 +9,7 @@
 #include <string>
 #include <utility>
 
-#include "host_sim/design/design.hpp"
+#include "host_sim/design/result.hpp"
 #include "host_sim/design/worst.hpp"
 
 namespace esmc::host::design {
@@ -18,7 +17,7 @@ namespace esmc::host::design {
 template <class M>
 class Search {
  public:
-  /// `looks`: about how many points of the motion are looked at before the climbs.
+  /// `looks`: about the number of points of the motion before the climbs.
   Search(const Problem<M>& p, double tube, std::size_t looks)
       : p_(p),
         u_(p),
@@ -35,13 +34,13 @@ class Search {
       star(looks / 4);
     }
   }
-  /// Whether the tube has left the reach, or what is guarded.
+  /// Whether the tube left the reach or the controller's limits.
   [[nodiscard]] bool left() const { return left_; }
 
  protected:
   using Channels = typename M::Channels;
   static constexpr int directions = 6;
-  /// Of a motion, each with a worst place of its own: two of the way onto it, four of the rest.
+  /// Sections of a motion, each with its own worst place: two of the way onto it, four of the rest.
   static constexpr std::size_t parts_joining = 2, parts = 6;
   struct Found {
     double need = 0.0;
@@ -53,8 +52,8 @@ class Search {
     const std::size_t stride = (to - from + most - 1) / most;
     for (std::size_t n = from; n < to; n += stride) looks_.push_back({n});
   }
-  /// Places of a workspace, each with all its directions: those of velocity and acceleration have nothing to
-  /// do with each other. And at rest, where dry friction is whatever it likes.
+  /// Places of a workspace, each with all directions of velocity and acceleration; and at rest, where dry
+  /// friction is free.
   void star(std::size_t most) {
     const std::size_t stride = std::max<std::size_t>(1, (p_.points.size() + most - 1) / most);
     for (std::size_t n = 0; n < p_.points.size(); n += stride) {
@@ -66,8 +65,8 @@ class Search {
   }
   static double turned(int k) { return 2.0 * std::numbers::pi * k / directions; }
 
-  /// Calls f(place, state) for the centre of the tube and its edge, point by point. False: a place that
-  /// cannot be.
+  /// Calls f(place, state) for the centre of the tube and its edge, point by point. False: an impossible
+  /// place.
   template <class F>
   bool everywhere(bool poses_only, const F& f) {
     State<M> s;
@@ -149,7 +148,7 @@ class Search {
     });
   }
 
-  /// Share of s that no motion follows, in the metric of the believed M.
+  /// Share of s outside the range of C, in the metric of the believed M.
   [[nodiscard]] double beyond(const State<M>& s) const {
     Mat<double, 2, 2> H;
     Vec2<double> f;
@@ -167,7 +166,7 @@ class Search {
     return std::sqrt(weigh(r, r) / weigh(s.sliding, s.sliding));
   }
 
-  /// Keeps the worst place of each part of the motion: a climb begins at each.
+  /// Keeps the worst place of each section of the motion, where a climb begins.
   using Worsts = std::array<Found, parts>;
   void note(std::size_t row, const Place& at, double need) {
     note(found_[row], at, need);
@@ -192,8 +191,7 @@ class Search {
     return best;
   }
 
-  /// [F37]: the maximum norm of H^-1 H_believed - 1, and the gain that a state asks for, at the worst
-  /// corners.
+  /// [F37]: the maximum norms of H^-1 H_believed - 1 and of H^-1 F.
   static std::pair<double, double> smc_norms(const Mat<double, 2, 2>& believed, const Mat<double, 2, 2>& H,
                                              const Vec2<double>& F) {
     const Mat<double, 2, 2> inv = inverse(H), E = inv * believed - Mat<double, 2, 2>::Identity();
@@ -213,7 +211,7 @@ class Search {
     });
   }
 
-  /// From the worst places of a row to worse ones nearby.
+  /// Climbs from the worst places of a row.
   void refine(int row) {
     const auto k = static_cast<std::size_t>(row);
     if (force_[k] <= 0.0) return;
@@ -233,7 +231,7 @@ class Search {
       }
     }
   }
-  /// By halving steps of angles, and of time or place.
+  /// Hill climbing by halving steps of angles, and of time or place.
   template <class F>
   void climb(Found& best, const F& need) {
     State<M> s;

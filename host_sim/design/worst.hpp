@@ -1,8 +1,7 @@
 #pragma once
-/// Worst cases of what rows cannot tell one by one: inertia H = C^T M C and force C^T delta together, over
-/// corners of all uncertain parameters. A search from corner to corner, from several starts: each parameter
-/// set belongs to one bar (or the payload, or a joint's friction), whose share of H and of the force adds to
-/// those of the others.
+/// Worst cases of inertia H = C^T M C and force C^T delta together, over the corners of all uncertain
+/// parameters: a search from corner to corner, from several starts. Each parameter belongs to one part (a
+/// bar, the payload, a joint's friction), and the shares of the parts in H and in the force add up.
 
 #include "host_sim/design/extremes.hpp"
 
@@ -55,7 +54,7 @@ class Worst {
 
   [[nodiscard]] const Mat<double, 2, 2>& believed() const { return believed_; }
 
-  /// Largest of f(H, F), as far as corners tell and the search finds it.
+  /// Largest f(H, F) that the search finds at corners.
   template <class F>
   [[nodiscard]] double largest(const F& f) const {
     double best = -1e300;
@@ -65,7 +64,7 @@ class Worst {
     return best;
   }
 
-  /// Extremes of v . (C^T delta): exact over corners, because parts add.
+  /// Extremes of v . (C^T delta), exact over corners.
   [[nodiscard]] Span along(const Vec2<double>& v) const {
     Span out = nothing;
     for (int g = 0; g < gravities_; ++g) {

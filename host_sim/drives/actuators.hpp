@@ -1,6 +1,5 @@
 #pragma once
-/// From the torques the drives were told to the motion of the plant over a tick: what the drives can deliver,
-/// and when it takes effect.
+/// From the torques that the drives were told to the motion of the plant over a tick: limits and delays.
 
 #include <algorithm>
 #include <cmath>
@@ -12,13 +11,13 @@
 
 namespace esmc::host {
 
-/// What a drive can deliver of the torque it is told. One object per motor.
+/// The limits of one drive.
 class TorqueStage {
  public:
   explicit TorqueStage(const std::vector<Effect>& effects)
       : saturation_(find_effect<TorqueSaturation>(effects)), thermal_(find_effect<ThermalLimit>(effects)) {}
 
-  /// Torque over a tick of `seconds`; `clipped` is set where it is less than what was asked.
+  /// Torque over a tick of `seconds`; sets `clipped` where it differs from `torque`.
   [[nodiscard]] double operator()(double torque, double seconds, bool& clipped) {
     double out = torque;
     if (saturation_) out = std::clamp(out, -saturation_->limit, saturation_->limit);
@@ -55,7 +54,7 @@ class Actuators {
         jitter_(find_effect<Jitter>(effects)),
         random_(seed, 1000) {}
 
-  /// What the drives make of the torques asked for in this tick, per joint. Call once per tick.
+  /// Delivered torques of this tick, per joint. Call once per tick.
   Joints deliver(const Joints& asked, double tick, bool& clipped) {
     Joints out{};
     for (std::size_t m = 0; m < motor_joint_.size(); ++m)

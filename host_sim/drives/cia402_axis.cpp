@@ -32,7 +32,7 @@ std::int32_t saturated(double v) {
   return static_cast<std::int32_t>(std::clamp(std::round(v), -2147483648.0, 2147483647.0));
 }
 
-/// The objects that may travel in a PDO: towards the drive, and from it.
+/// Whether an object may be mapped to a PDO towards the drive, or from it.
 bool mappable(std::uint16_t index, bool towards) {
   constexpr std::array<std::uint16_t, 4> in{0x6040, 0x6060, 0x6071, 0x6072};
   constexpr std::array<std::uint16_t, 6> out{0x1001, 0x603F, 0x6041, 0x6061, 0x6064, 0x606C};
@@ -55,13 +55,12 @@ bool in_range(std::uint16_t index, unsigned first) { return index >= first && in
 
 Cia402Axis::Cia402Axis(const AxisMount& mount, const Settings& settings, const SensorEffects& sensor,
                        int joint, std::uint64_t seed)
-    : mount_(mount), settings_(settings), sensor_(sensor, settings.period, mount.rev_per_rad(), joint, seed) {
+    : EmulatedAxis(mount, sensor, settings.period, joint, seed), settings_(settings) {
   define_communication();
   define_drive();
 }
 
-// ---- object dictionary
-// ------------------------------------------------------------------------------------------
+// ---- object dictionary ----
 
 void Cia402Axis::define(std::uint16_t index, std::uint8_t sub, std::uint8_t bytes, std::uint32_t value,
                         bool writable) {
@@ -76,7 +75,7 @@ void Cia402Axis::set(std::uint16_t index, std::uint8_t sub, std::uint32_t value)
   e.value = value & mask_of(e.bytes);
 }
 
-/// As common drives leave the factory: heartbeats off, every PDO sent when it changes.
+/// Factory settings: heartbeats off, every PDO sent when it changes.
 void Cia402Axis::define_communication() {
   const std::uint32_t n = node();
   define(0x1000, 0, 4, 0x0002'0192, false);  // a servo drive of profile 402
@@ -181,7 +180,7 @@ std::uint32_t Cia402Axis::objection(std::uint16_t index, std::uint8_t sub, std::
   }
 }
 
-/// Mapping while in use is refused; so are objects that do not exist, or do not fit.
+/// Refuses a change of a mapping in use, and objects that do not exist or do not fit.
 std::uint32_t Cia402Axis::objection_to_pdo(std::uint16_t index, std::uint8_t sub, std::uint32_t value) const {
   const bool in = in_range(index, 0x1400) || in_range(index, 0x1600);
   const bool communication = in_range(index, 0x1400) || in_range(index, 0x1800);
@@ -209,7 +208,7 @@ std::uint32_t Cia402Axis::objection_to_pdo(std::uint16_t index, std::uint8_t sub
   }
   if (value > entries_max) return wire::abort_pdo_length;
   unsigned bytes = 0;
-  for (std::uint8_t i = 1; i <= value; ++i) {
+  for (std::uint8_t i = 1; i <= static_cast<std::uint8_t>(value); ++i) {
     const Mapped m = mapped(this->value(map, i));
     if (!objects_.contains(key(m.index, m.sub)))
       return wire::abort_not_mappable;  // an entry that was never written
@@ -225,8 +224,7 @@ void Cia402Axis::write(std::uint16_t index, std::uint8_t sub, std::uint32_t valu
   if (index == 0x1017) since_heartbeat_ = 0.0;
 }
 
-// ---- the bus
-// ------------------------------------------------------------------------------------------------------
+// ---- the bus ----
 
 void Cia402Axis::publish(double joint_angle, double joint_rate, const Send& send) {
   reading_ = sensor_.read(truth(joint_angle, joint_rate));
@@ -345,7 +343,7 @@ void Cia402Axis::watch_master(const Send& send) {
   nmt_ = behaviour == 0 ? pre_operational : stopped;
 }
 
-/// The abort-connection option decides.
+/// Reaction by the abort-connection option.
 void Cia402Axis::connection_lost(const Send& send) {
   switch (value(0x6007, 0)) {
     case 1:
@@ -384,10 +382,10 @@ void Cia402Axis::send_pdo(unsigned number, const Send& send) {
   const std::uint32_t count = value(object16(0x1A00, number), 0);
   if ((cob & wire::cob_invalid) != 0 || count == 0) return;
   refresh();
-  hal::CanFrame f = wire::frame(cob & cob_id_bits, 0);
+  hal::CanFrame f = hal::data_frame(cob & cob_id_bits, 0);
   for (std::uint8_t i = 1; i <= count; ++i) {
     const Mapped m = mapped(value(object16(0x1A00, number), i));
-    wire::put(f, f.size, value(m.index, m.sub), m.bytes);
+    hal::put_field(f, f.size, value(m.index, m.sub), m.bytes);
     f.size = static_cast<std::uint8_t>(f.size + m.bytes);
     if (m.index == 0x6041) confirmations_ = closed_loop() ? confirmations_ + 1 : 0;
   }
@@ -407,7 +405,7 @@ void Cia402Axis::receive_pdo(unsigned number, const hal::CanFrame& received, con
   bool controls = false;
   for (std::uint8_t i = 1; i <= count; ++i) {
     const Mapped m = mapped(value(map, i));
-    const std::uint32_t v = wire::get(f, at, m.bytes);
+    const std::uint32_t v = hal::get_field(f, at, m.bytes);
     at += m.bytes;
     if (m.index == 0x6040) {
       controls = true;
@@ -419,8 +417,7 @@ void Cia402Axis::receive_pdo(unsigned number, const hal::CanFrame& received, con
   if (controls) write(0x6040, 0, control_word, send);
 }
 
-// ---- the drive
-// ----------------------------------------------------------------------------------------------------
+// ---- the drive ----
 
 void Cia402Axis::go(Power to) {
   if (power_ == Power::enabled && to != Power::enabled) {
@@ -442,7 +439,7 @@ void Cia402Axis::fail(std::uint16_t code, const Send& send) {
   emergency(code, send);
 }
 
-/// Transitions as figure and table of the profile have them, one per controlword.
+/// Transitions of the profile, one per controlword.
 void Cia402Axis::control(std::uint16_t word, const Send& send) {
   const bool edge = (word & 0x80U) != 0 && (last_control_ & 0x80U) == 0;
   last_control_ = word;
@@ -470,29 +467,16 @@ void Cia402Axis::control(std::uint16_t word, const Send& send) {
 }
 
 std::uint16_t Cia402Axis::statusword() const {
-  constexpr std::uint16_t voltage = 0x0010, remote = 0x0200, follows = 0x1000;
-  switch (power_) {
-    case Power::not_ready:
-      return 0x0000;
-    case Power::disabled:
-      return 0x0040 | voltage | remote;
-    case Power::ready:
-      return 0x0021 | voltage | remote;
-    case Power::on:
-      return 0x0023 | voltage | remote;
-    case Power::enabled:
-      return 0x0027 | voltage | remote | (closed_loop() ? follows : std::uint16_t{0});
-    case Power::quick_stop:
-      return 0x0007 | voltage | remote;
-    case Power::fault_reaction:
-      return 0x000F | voltage | remote;
-    case Power::fault:
-      return 0x0008 | voltage | remote;
-  }
-  return 0;
+  constexpr std::uint16_t voltage_and_remote = 0x0210, follows = 0x1000;
+  // In the order of Power.
+  constexpr std::array<std::uint16_t, 8> states{0x0000, 0x0040, 0x0021, 0x0023,
+                                                0x0027, 0x0007, 0x000F, 0x0008};
+  if (power_ == Power::not_ready) return 0;
+  const std::uint16_t word = states[static_cast<std::size_t>(power_)] | voltage_and_remote;
+  return closed_loop() ? word | follows : word;
 }
 
-/// What the drive measures and computes, into its objects.
+/// Measured and computed values into their objects.
 void Cia402Axis::refresh() {
   set(0x6041, 0, statusword());
   set(0x6061, 0, value(0x6060, 0));
@@ -513,15 +497,9 @@ double Cia402Axis::acting_torque() const {
   return std::clamp(static_cast<double>(static_cast<std::int16_t>(value(0x6071, 0))), -most, most);
 }
 
-double Cia402Axis::joint_torque() const {
+double Cia402Axis::shaft_torque() const {
   const double rated = value(0x6076, 0) * settings_.rated_torque_unit;
-  return acting_torque() / 1000.0 * rated * mount_.direction * mount_.gear_ratio;
+  return acting_torque() / 1000.0 * rated;
 }
-
-ShaftReading Cia402Axis::truth(double angle, double rate) const {
-  return {(angle - mount_.offset) * mount_.rev_per_rad(), rate * mount_.rev_per_rad()};
-}
-
-void Cia402Axis::settle(double joint_angle) { sensor_.settle(truth(joint_angle, 0.0)); }
 
 }  // namespace esmc::host

@@ -6,9 +6,7 @@
 #include <cstdint>
 #include <map>
 
-#include "hal/can.hpp"
 #include "host_sim/drives/emulated_axis.hpp"
-#include "host_sim/effects/shaft_sensor.hpp"
 #include "host_sim/scene/drive_defects.hpp"
 
 namespace esmc::host {
@@ -16,9 +14,9 @@ namespace esmc::host {
 class Cia402Axis final : public EmulatedAxis {
  public:
   struct Settings {
-    /// In lockstep publish() begins a tick and says one thing: that it is not operational, or its PDOs with
-    /// what it reads now, for the SYNC that ended the last tick. By its own clock it answers SYNC at once
-    /// with its last reading, and beats only as object 1017 says.
+    /// In lockstep publish() begins a tick: it reports that the drive is not operational, or sends the PDOs,
+    /// with the present reading, for the SYNC that ended the last tick. Otherwise the drive answers SYNC at
+    /// once with its last reading, and sends heartbeats by object 1017 only.
     bool lockstep = true;
     double period = 1e-3;             ///< s of virtual time between calls of publish()
     double rated_torque = 1.0;        ///< N m at the shaft
@@ -29,24 +27,21 @@ class Cia402Axis final : public EmulatedAxis {
     Defects defects{};
   };
 
-  /// `joint`: which one of the model the shaft turns; `seed`: of its sensor noise.
   Cia402Axis(const AxisMount& mount, const Settings& settings, const SensorEffects& sensor, int joint,
              std::uint64_t seed);
 
-  void settle(double joint_angle) override;
   void publish(double joint_angle, double joint_rate, const Send& send) override;
-  /// True: in lockstep, the controller's tick is over. That is its torque frame (RPDO1) while not
-  /// operational, and the SYNC after it when operational.
+  /// True, in lockstep: the controller's tick is over, with its torque frame (RPDO1) while not operational
+  /// and with the SYNC after it when operational.
   bool receive(const hal::CanFrame& f, const Send& send) override;
   [[nodiscard]] bool commanded_by(const hal::CanFrame& f) const override;
-  [[nodiscard]] double joint_torque() const override;
   [[nodiscard]] bool closed_loop() const override;
   /// Object 603F.
   [[nodiscard]] std::uint32_t error() const override { return value(0x603F, 0); }
-  /// Statuswords sent in a row that said operation enabled.
+  /// Consecutive statuswords that reported operation enabled.
   [[nodiscard]] int confirmations() const override { return confirmations_; }
 
-  /// What an object holds, as many bytes as it has; 0 for none.
+  /// Value of an object; 0: there is none.
   [[nodiscard]] std::uint32_t value(std::uint16_t index, std::uint8_t sub) const;
 
  private:
@@ -66,7 +61,7 @@ class Cia402Axis final : public EmulatedAxis {
   void set(std::uint16_t index, std::uint8_t sub, std::uint32_t value);
 
   void serve(const hal::CanFrame& request, const Send& send);
-  /// The reason not to, or 0.
+  /// SDO abort code for writing this value; 0: allowed.
   [[nodiscard]] std::uint32_t objection(std::uint16_t index, std::uint8_t sub, std::uint32_t value) const;
   [[nodiscard]] std::uint32_t objection_to_pdo(std::uint16_t index, std::uint8_t sub,
                                                std::uint32_t value) const;
@@ -88,17 +83,14 @@ class Cia402Axis final : public EmulatedAxis {
   void fail(std::uint16_t code, const Send& send);
   [[nodiscard]] std::uint16_t statusword() const;
   void refresh();
-  [[nodiscard]] ShaftReading truth(double angle, double rate) const;
+  [[nodiscard]] double shaft_torque() const override;
   [[nodiscard]] std::uint8_t node() const { return static_cast<std::uint8_t>(mount_.node); }
   /// Target torque after the drive's limit, thousandths of the rated torque; 0 unless it acts.
   [[nodiscard]] double acting_torque() const;
 
   static constexpr unsigned pdos = 4;
 
-  AxisMount mount_;
   Settings settings_;
-  ShaftSensor sensor_;
-  ShaftReading reading_{};
   std::map<std::uint32_t, Entry> objects_;
   Power power_ = Power::disabled;
   std::uint8_t nmt_ = 0x7F;  // as in its heartbeat

@@ -1,19 +1,20 @@
 #pragma once
-/// What every emulated drive does: it reports its shaft, takes commands from the bus and turns them into
-/// torque. Written from the drives' documents, with wire formats shared with the firmware and nothing else.
+/// An emulated drive: reports its shaft, takes commands from the bus and turns them into torque. Written from
+/// the drives' documents; shares wire formats with the firmware and nothing else.
 
 #include <cstdint>
 #include <functional>
 #include <numbers>
 
 #include "hal/can.hpp"
+#include "host_sim/effects/shaft_sensor.hpp"
 
 namespace esmc::host {
 
 /// How the motor sits in the mechanism: model angle = direction * shaft angle / gear_ratio + offset.
 struct AxisMount {
   int node = 0;
-  double direction = 1.0, gear_ratio = 1.0, offset = 0.0;
+  double direction = 1.0, gear_ratio = 1.0, offset = 0.0;  ///< offset: rad
 
   [[nodiscard]] double rev_per_rad() const { return direction * gear_ratio / (2.0 * std::numbers::pi); }
 };
@@ -24,32 +25,45 @@ class EmulatedAxis {
 
   virtual ~EmulatedAxis() = default;
 
-  /// The joint has rested here for long, rad.
-  virtual void settle(double joint_angle) = 0;
-  /// One period of the drive: sensor, watchdog, whatever it sends by itself. In lockstep this begins a tick,
-  /// and exactly one frame is then the axis' report of the tick.
+  /// The joint has been at rest at this angle, rad, for long.
+  virtual void settle(double joint_angle) { sensor_.settle(truth(joint_angle, 0.0)); }
+  /// One period of the drive (sensor, watchdog, periodic frames) with its joint at rad and rad/s. In lockstep
+  /// this begins a tick, and exactly one of the frames is the axis' report of the tick.
   virtual void publish(double joint_angle, double joint_rate, const Send& send) = 0;
   /// A frame from the bus; `send` for its replies. Returns true when it completes the command of a tick.
   virtual bool receive(const hal::CanFrame& f, const Send& send) = 0;
-  /// True for what a controller sends to this axis and nobody else does: no requests, no emergency stop,
-  /// nothing that drives say.
+  /// True for a command to this axis that only a controller sends: no request, no emergency stop, no frame of
+  /// a drive.
   [[nodiscard]] virtual bool commanded_by(const hal::CanFrame& f) const = 0;
 
   /// Torque at the joint, N m, model convention: zero unless in torque control.
-  [[nodiscard]] virtual double joint_torque() const = 0;
+  [[nodiscard]] double joint_torque() const { return shaft_torque() * mount_.direction * mount_.gear_ratio; }
+  /// In torque control.
   [[nodiscard]] virtual bool closed_loop() const = 0;
-  /// In the words of the drive; 0: none.
+  /// Error word of the drive; 0: none.
   [[nodiscard]] virtual std::uint32_t error() const = 0;
-  /// Its watchdog has taken the torque away, and it says nothing of it: a drive for which that is no error.
+  /// Its watchdog has set the torque to zero, in a protocol that does not report that as an error.
   [[nodiscard]] virtual bool timed_out() const { return false; }
-  /// Reports in a row that said torque control without error, as many as the controller wants to hear or
-  /// more.
+  /// Consecutive reports of torque control without error; the controller waits for two.
   [[nodiscard]] virtual int confirmations() const = 0;
 
  protected:
-  EmulatedAxis() = default;
+  /// `joint`: index in the model; with `seed` it decides the noise of the sensor.
+  EmulatedAxis(const AxisMount& mount, const SensorEffects& sensor, double period, int joint,
+               std::uint64_t seed)
+      : mount_(mount), sensor_(sensor, period, mount.rev_per_rad(), joint, seed) {}
   EmulatedAxis(const EmulatedAxis&) = default;
   EmulatedAxis& operator=(const EmulatedAxis&) = default;
+
+  /// N m, before gear and direction.
+  [[nodiscard]] virtual double shaft_torque() const = 0;
+  [[nodiscard]] ShaftReading truth(double joint_angle, double joint_rate) const {
+    return {(joint_angle - mount_.offset) * mount_.rev_per_rad(), joint_rate * mount_.rev_per_rad()};
+  }
+
+  AxisMount mount_;
+  ShaftSensor sensor_;
+  ShaftReading reading_{};
 };
 
 }  // namespace esmc::host

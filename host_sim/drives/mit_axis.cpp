@@ -28,13 +28,8 @@ double from_field(std::uint16_t code, double low, double high, unsigned bits) {
 
 MitAxis::MitAxis(const AxisMount& mount, const Settings& settings, const SensorEffects& sensor, int joint,
                  std::uint64_t seed)
-    : mount_(mount),
-      settings_(settings),
-      sensor_(sensor, settings.period, mount.rev_per_rad(), joint, seed) {}
+    : EmulatedAxis(mount, sensor, settings.period, joint, seed), settings_(settings) {}
 
-ShaftReading MitAxis::truth(double angle, double rate) const {
-  return {(angle - mount_.offset) * mount_.rev_per_rad(), rate * mount_.rev_per_rad()};
-}
 double MitAxis::shaft_angle() const { return (reading_.position_rev - zero_rev_) * turn; }
 double MitAxis::shaft_rate() const { return reading_.velocity_rev_s * turn; }
 
@@ -121,7 +116,5 @@ double MitAxis::shaft_torque() const {
                         demand_.kd * (demand_.velocity - shaft_rate()) + demand_.torque;
   return std::clamp(torque, -settings_.torque_range, settings_.torque_range);
 }
-
-double MitAxis::joint_torque() const { return shaft_torque() * mount_.direction * mount_.gear_ratio; }
 
 }  // namespace esmc::host

@@ -1,14 +1,12 @@
 #pragma once
-/// An emulated drive in MIT mode, as the original firmware has it: one reply per command, sent before the
-/// command is acted on; codes truncated and not clamped, so that what is out of range wraps around; a
+/// An emulated drive in MIT mode, as the original firmware behaves: one reply per command, sent before the
+/// command takes effect; codes truncated and not clamped, so that a value out of range wraps around; a
 /// time-out that sets the command to zero and leaves the drive in motor mode.
 
 #include <cstdint>
 
 #include "firmware/drive/mit.hpp"
-#include "hal/can.hpp"
 #include "host_sim/drives/emulated_axis.hpp"
-#include "host_sim/effects/shaft_sensor.hpp"
 #include "host_sim/scene/drive_defects.hpp"
 
 namespace esmc::host {
@@ -31,24 +29,19 @@ class MitAxis final : public EmulatedAxis {
     Defects defects{};
   };
 
-  /// `joint`: which one of the model the shaft turns; `seed`: of its sensor noise.
   MitAxis(const AxisMount& mount, const Settings& settings, const SensorEffects& sensor, int joint,
           std::uint64_t seed);
 
   void settle(double joint_angle) override;
-  /// In lockstep this sends the reply that reports the tick: the answer to the command that ended the tick
-  /// before, sampled now. The first one is sent unasked.
+  /// In lockstep this sends the reply to the command of the tick before, sampled now; the first one without
+  /// a command.
   void publish(double joint_angle, double joint_rate, const Send& send) override;
   bool receive(const hal::CanFrame& received, const Send& send) override;
   [[nodiscard]] bool commanded_by(const hal::CanFrame& f) const override;
-  [[nodiscard]] double joint_torque() const override;
-  /// In motor mode.
   [[nodiscard]] bool closed_loop() const override { return enabled_; }
   [[nodiscard]] std::uint32_t error() const override { return 0; }
-  /// Replies since it entered motor mode, one per period counted.
+  /// Periods with a reply since it entered motor mode.
   [[nodiscard]] int confirmations() const override { return confirmations_; }
-
-  /// The last command has been set to zero because no other came.
   [[nodiscard]] bool timed_out() const override { return timed_out_; }
 
  private:
@@ -57,17 +50,13 @@ class MitAxis final : public EmulatedAxis {
   };
 
   [[nodiscard]] bool mine(const hal::CanFrame& f) const;
-  [[nodiscard]] ShaftReading truth(double angle, double rate) const;
   [[nodiscard]] double shaft_angle() const;  ///< rad, of the last reading, from the drive's zero
   [[nodiscard]] double shaft_rate() const;
-  [[nodiscard]] double shaft_torque() const;
+  [[nodiscard]] double shaft_torque() const override;
   void reply(const Send& send);
   void act(drive::mit::Special s);
 
-  AxisMount mount_;
   Settings settings_;
-  ShaftSensor sensor_;
-  ShaftReading reading_{};
   Demand demand_{};
   StaleBytes stale_;
   double zero_rev_ = 0.0;
@@ -75,7 +64,7 @@ class MitAxis final : public EmulatedAxis {
   int confirmations_ = 0;
   bool enabled_ = false;
   bool timed_out_ = false;
-  bool counted_ = false;  // a confirmation of this period
+  bool counted_ = false;  // a reply of this period is in confirmations_
 };
 
 }  // namespace esmc::host

@@ -10,7 +10,7 @@ namespace esmc::host {
 namespace wire = drive::odrive;
 
 namespace {
-// 0.6 keeps its own error numbers; what an axis of ours can report.
+// Error numbers differ between the versions.
 std::uint32_t watchdog_error(wire::Version v) {
   return v == wire::Version::v0_6 ? wire::error_watchdog_0_6 : wire::error_watchdog_0_5_6;
 }
@@ -23,16 +23,9 @@ constexpr double clock_error = 1e-4;               // of an unsynchronised drive
 
 OdriveAxis::OdriveAxis(const AxisMount& mount, const Settings& settings, const SensorEffects& sensor,
                        int joint, std::uint64_t seed)
-    : mount_(mount),
+    : EmulatedAxis(mount, sensor, settings.period, joint, seed),
       settings_(settings),
-      sensor_(sensor, settings.period, mount.rev_per_rad(), joint, seed),
       phase_(0.3 + 0.4 * (joint % 2)) {}
-
-ShaftReading OdriveAxis::truth(double angle, double rate) const {
-  return {(angle - mount_.offset) * mount_.rev_per_rad(), rate * mount_.rev_per_rad()};
-}
-
-void OdriveAxis::settle(double joint_angle) { sensor_.settle(truth(joint_angle, 0.0)); }
 
 void OdriveAxis::publish(double joint_angle, double joint_rate, const Send& send) {
   reading_ = sampled(joint_angle, joint_rate);
@@ -112,18 +105,12 @@ bool OdriveAxis::receive(const hal::CanFrame& received, const Send& send) {
     case wire::Message::rx_sdo:
       serve(f, send);
       return false;
-    case wire::Message::get_version:
-    case wire::Message::get_error:
-    case wire::Message::tx_sdo:
-    case wire::Message::heartbeat:
-    case wire::Message::encoder_estimates:
-    case wire::Message::get_torques:
+    default:  // frames of drives, and requests that are remote frames
       return false;
   }
-  return false;
 }
 
-/// Reading only: nothing of ours writes, and a configuration is not changed behind the scene's back.
+/// Answers reads; the configuration cannot be written.
 void OdriveAxis::serve(const hal::CanFrame& request, const Send& send) const {
   if (settings_.version != wire::Version::v0_6 || request.size < 4 || request.data[0] != 0) return;
   for (const OdriveEndpoint& e : settings_.endpoints.list) {
@@ -165,8 +152,6 @@ bool OdriveAxis::commanded_by(const hal::CanFrame& f) const {
   return message == wire::Message::set_axis_state || message == wire::Message::set_controller_mode ||
          message == wire::Message::set_input_torque || message == wire::Message::clear_errors;
 }
-
-double OdriveAxis::joint_torque() const { return shaft_torque() * mount_.direction * mount_.gear_ratio; }
 
 double OdriveAxis::shaft_torque() const {
   const bool torque_mode =

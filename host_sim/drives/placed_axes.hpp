@@ -1,5 +1,5 @@
 #pragma once
-/// Which drive of the scene sits on which joint, and how.
+/// The drives of a scene: joint, mount and settings of each.
 
 #include <algorithm>
 #include <cmath>
@@ -37,21 +37,10 @@ inline std::vector<PlacedAxis> placed_axes(const Scene& s) {
 }
 
 /// MIT mode as a scene has it.
-inline drive::mit::Dialect dialect_of(const Scene& s) {
-  switch (s.drives.dialect) {
-    case MitDialect::mini_cheetah:
-      break;
-    case MitDialect::cubemars:
-      return drive::mit::Dialect::cubemars;
-    case MitDialect::damiao:
-      return drive::mit::Dialect::damiao;
-  }
-  return drive::mit::Dialect::mini_cheetah;
-}
 inline MitAxis::Settings mit_settings(const Scene& s, std::size_t motor, bool lockstep) {
   const DriveScene& d = s.drives;
   MitAxis::Settings out;
-  out.dialect = dialect_of(s);
+  out.dialect = d.dialect;
   out.master_id = static_cast<std::uint16_t>(d.master_id[motor]);
   out.reply_size = out.dialect == drive::mit::Dialect::mini_cheetah ? 6 : 8;
   out.position_range = d.position_range[motor];
@@ -64,8 +53,8 @@ inline MitAxis::Settings mit_settings(const Scene& s, std::size_t motor, bool lo
   return out;
 }
 
-/// The speed that an ODrive must allow, rev/s of the shaft, and the current for the largest torque that the
-/// controller may ask for, A.
+/// Speed that an ODrive must allow, rev/s of the shaft, and current for the largest torque of the controller,
+/// A.
 inline double odrive_vel_limit(const Scene& s, std::size_t motor) {
   return s.limits.joint_speed * s.drives.gear_ratio[motor] / (2.0 * std::numbers::pi);
 }

@@ -1,7 +1,6 @@
 #pragma once
-/// What lies between the torque a drive makes and the torque a joint feels: lag, ripple, play, an elastic
-/// gear. Each is a stage the torque passes; stages that store something have states, which the integrator
-/// carries.
+/// From the drive's torque to the joint's: lag, ripple, play, an elastic gear. Each is a stage that the
+/// torque passes; the states of a stage are integrated with those of the plant.
 
 #include <memory>
 #include <span>

@@ -1,6 +1,5 @@
 #pragma once
-/// The effects a scene may name: their parameters. One that is not named has no state and no cost: everything
-/// made from this list is empty then.
+/// Parameters of the effects a scene may name. One that is not named has no state and no cost.
 
 #include <array>
 #include <cstdint>
@@ -21,28 +20,26 @@ struct ViscousFriction {
   static constexpr const char* type = "viscous_friction";
   PerJoint coefficient{};  ///< N m s/rad
 };
-/// Dry friction in every joint: set-valued (a held joint stays where it is), or the cheap tanh(rate /
-/// regularised).
+/// Dry friction in every joint: set-valued (a held joint does not creep), or tanh(rate / regularised).
 struct CoulombFriction {
   static constexpr const char* type = "coulomb_friction";
   PerJoint torque{};         ///< N m
   double regularised = 0.0;  ///< rad/s; 0: set-valued
 };
-/// Spring and damper between rotor and joint: the rotor gets an angle and a rate of its own.
+/// Spring and damper between rotor and joint; the rotor has its own angle and rate.
 struct JointFlexibility {
   static constexpr const char* type = "joint_flexibility";
-  PerJoint stiffness{}, damping{},
-      rotor_inertia{};  ///< N m/rad, N m s/rad, kg m2, all at the joint, per motor
+  // At the joint, per motor:
+  PerJoint stiffness{}, damping{}, rotor_inertia{};  ///< N m/rad, N m s/rad, kg m2
 };
-/// Play between rotor and joint; inside the gap no torque passes. Alone it brings its own contact stiffness.
+/// Play between rotor and joint; inside the gap no torque passes.
 struct Backlash {
   static constexpr const char* type = "backlash";
   double gap = 0.0;  ///< rad at the joint, from contact to contact
-  double stiffness = 0.0, damping = 0.0,
-         rotor_inertia = 0.0;  ///< of the contact; unused beside joint_flexibility
+  // Of the contact, N m/rad, N m s/rad, kg m2; unused beside joint_flexibility:
+  double stiffness = 0.0, damping = 0.0, rotor_inertia = 0.0;
 };
-/// Stops for the base joints. Rigid (restitution by impulse) or, with a stiffness, springs that give back
-/// restitution^2 of their energy.
+/// Stops of the base joints: rigid, or with a stiffness springs that return restitution^2 of their energy.
 struct EndStops {
   static constexpr const char* type = "end_stops";
   std::array<double, 2> lower{}, upper{};  ///< rad
@@ -82,7 +79,7 @@ struct TorqueRipple {
   double amplitude = 0.0;  ///< N m at the joint
   double per_turn = 0.0;   ///< periods per turn of the joint
 };
-/// I2t: a motor that has been above its continuous torque for long is held down to it until it has cooled.
+/// I2t: a motor above its continuous torque for long is limited to it until it has cooled.
 struct ThermalLimit {
   static constexpr const char* type = "thermal_limit";
   double continuous = 0.0;     ///< N m at the joint
@@ -141,7 +138,7 @@ struct Span {
 struct BitTiming {
   static constexpr const char* type = "bit_timing";
 };
-/// A receiver misses a frame that everybody else has: its buffer was full. Nobody notices.
+/// A receiver misses a frame that all others have, unnoticed: its buffer was full.
 struct Loss {
   static constexpr const char* type = "loss";
   double probability = 0.0;  ///< per frame and receiver
@@ -154,16 +151,15 @@ struct Duplication {
   double probability = 0.0;  ///< per frame
   Span when{};
 };
-/// Disturbed bits: seen, and the frame is repeated; or not seen by the CRC, which hardly ever happens on a
-/// real bus.
+/// Disturbed bits: detected, and the frame is repeated; or not detected by the CRC, rare on a real bus.
 struct Corruption {
   static constexpr const char* type = "corruption";
   double detected = 0.0;    ///< probability per transmission
   double undetected = 0.0;  ///< probability per frame
-  int bits = 1;             ///< of the payload that are flipped without anybody noticing
+  int bits = 1;             ///< of the payload that are flipped undetected
   Span when{};
 };
-/// A node that sends what nobody needs, with random data.
+/// A node that sends frames that no receiver uses, with random data.
 struct BabblingNode {
   static constexpr const char* type = "babbling_node";
   std::uint32_t identifier = 0;

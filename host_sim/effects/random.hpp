@@ -23,7 +23,7 @@ class Uniform {
   std::mt19937_64 bits_;
 };
 
-/// The standard fixes the bits of mt19937_64 but not those of its normal distribution; Box and Muller's is.
+/// By Box and Muller: the standard does not fix the bits of its normal distribution.
 class Normal {
  public:
   /// `stream` sets apart the users of one seed.

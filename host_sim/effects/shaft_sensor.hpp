@@ -1,5 +1,5 @@
 #pragma once
-/// What a drive knows of its shaft: the truth, or what encoder, noise, bias and delay make of it.
+/// The drive's reading of its shaft, with encoder, noise, bias and delay.
 
 #include <cmath>
 #include <deque>
@@ -32,8 +32,8 @@ struct SensorEffects {
 
 class ShaftSensor {
  public:
-  /// `period` between readings, s; `rev_per_rad` turns of the shaft per radian of the joint (signed); `joint`
-  /// in the order of the model, which also tells the noise of one sensor from that of another.
+  /// `period` between readings, s; `rev_per_rad`: turns of the shaft per radian of the joint, signed; `joint`
+  /// in the order of the model: each has its own noise.
   ShaftSensor(const SensorEffects& effects, double period, double rev_per_rad, int joint, std::uint64_t seed)
       : observed_(effects.encoder || effects.noise), random_(seed, static_cast<std::uint64_t>(joint)) {
     step_ = period / samples_per_reading;
@@ -54,8 +54,8 @@ class ShaftSensor {
     waiting_.assign(delay_, rest);
   }
 
-  /// Reading at the end of a period that began at the last reading. The shaft angle in between is the cubic
-  /// through both ends, sampled as often as the drive's own loop does (8 kHz at 1 kHz readings).
+  /// Reading at the end of a period that began at the last reading. In between the shaft angle is the cubic
+  /// through both ends, sampled at the rate of the drive's own loop (8 kHz at 1 kHz readings).
   ShaftReading read(const ShaftReading& truth) {
     ShaftReading now{truth.position_rev + bias_rev_, truth.velocity_rev_s};
     if (observed_) now = observe(truth);
@@ -87,8 +87,8 @@ class ShaftSensor {
     return counts_per_rev_ > 0.0 ? std::round(rev * counts_per_rev_) / counts_per_rev_ : rev;
   }
 
-  /// The drive's tracking loop, critically damped with both poles at e^{-bandwidth T}: at constant speed it
-  /// reports that speed, however fast the loop is.
+  /// The drive's tracking loop, critically damped with both poles at e^{-bandwidth T}; exact at constant
+  /// speed.
   void track(double y) {
     const double ahead = position_ + step_ * velocity_, miss = y - ahead, quick = 1.0 - decay_;
     position_ = ahead + (1.0 - decay_ * decay_) * miss;

@@ -12,12 +12,9 @@ namespace {
 
 void require_inertia(const Scene& scene, const RigidBar& b) {
   if (b.mass > 0.0 && b.inertia > 0.0) return;
-  throw InputError(
-      "",
-      fmt::format(
-          "{}: the bar of {} has m = {} kg and J = {} kg m2; programs that read MJCF or URDF need m > 0 and "
-          "J > 0 (small values will do)",
-          scene.file, b.joint, b.mass, b.inertia));
+  throw InputError("", fmt::format("{}: the bar of {} has m = {} kg and J = {} kg m2; programs that read "
+                                   "MJCF or URDF need m > 0 and J > 0 (small values will do)",
+                                   scene.file, b.joint, b.mass, b.inertia));
 }
 
 }  // namespace

@@ -1,5 +1,5 @@
 #pragma once
-/// What MJCF and URDF both say: bars, their joints, and the words around them.
+/// Common parts of MJCF and URDF: bars, their joints, and comments.
 
 #include <optional>
 #include <string>
@@ -28,11 +28,10 @@ struct Chain {
 };
 std::vector<Chain> chains_of(const Scene& scene);
 
-/// For the inside of a comment: conventions, and the effects of the scene that the format cannot express.
-/// `expressed`: those it can.
+/// Text of a comment: conventions, and the effects of the scene that are not in `expressed`.
 std::string preamble(const Scene& scene, const std::vector<std::string>& expressed);
 
-/// For an attribute or a comment: no markup, no control characters, no "--".
+/// Text for an attribute or a comment: without markup, control characters and "--".
 std::string xml_text(const std::string& text);
 
 }  // namespace esmc::host

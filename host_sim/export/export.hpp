@@ -1,5 +1,5 @@
 #pragma once
-/// The mechanism of a scene, as it is (not as the controller believes it), in the formats of other programs.
+/// The true mechanism of a scene in the formats of other programs.
 
 #include <string>
 
@@ -11,8 +11,8 @@ namespace esmc::host {
 /// keyframe `start`. Throws InputError for a bar without mass or inertia, which MuJoCo cannot take.
 std::string mjcf(const Scene& scene);
 
-/// URDF: a tree. The joint between the distal bars of the five-bar is cut, and a comment says where.
-/// Throws InputError as mjcf does: readers refuse or drop such links.
+/// URDF: a tree. The joint between the distal bars of the five-bar is cut, and a comment says where. Throws
+/// InputError as mjcf does: readers refuse or drop such links.
 std::string urdf(const Scene& scene);
 
 }  // namespace esmc::host

@@ -3,21 +3,16 @@
 
 #include <fmt/format.h>
 
-#include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
 #include <numbers>
 #include <vector>
 
 #include "host_sim/error.hpp"
-#include "host_sim/identify/inertia.hpp"
 #include "host_sim/identify/motion_at.hpp"
 #include "host_sim/record/derivatives.hpp"
 
 namespace esmc::host::momentum {
-
-using Matrix = Eigen::MatrixXd;
-using Vector = Eigen::VectorXd;
 
 inline constexpr auto rate_half = derivative_half;
 inline constexpr int hops_per_window = 4;
@@ -107,14 +102,14 @@ class Equations {
  public:
   explicit Equations(const IdentifyProblem& p) : p_(p), window_{std::round(p.window / p.tick)} {
     const auto slope = slope_weights();
-    ticks_.reserve(p.angle.size());
-    for (std::size_t n = rate_half; n + rate_half < p.angle.size(); ++n) {
+    ticks_.reserve(p.torque.size());
+    for (std::size_t n = rate_half; n + rate_half < p.torque.size(); ++n) {
       std::array<double, 2> rate{};
       for (std::size_t k = 0; k < slope.size(); ++k) {
-        for (std::size_t j = 0; j < 2; ++j) rate[j] += slope[k] * p.angle[n + k - rate_half][j] / p.tick;
+        for (std::size_t j = 0; j < 2; ++j) rate[j] += slope[k] * p.angle[j][n + k - rate_half] / p.tick;
       }
       MotionAt m;
-      if (!motion_at(p, p.angle[n], rate, m)) {
+      if (!motion_at(p, {p.angle[0][n], p.angle[1][n]}, rate, m)) {
         throw InputError("", fmt::format("row {}: the measured base angles fit no closed mechanism with the "
                                          "scene's lengths: calibrate "
                                          "them first",
@@ -123,7 +118,7 @@ class Equations {
       ticks_.push_back(tick_of(p, m));
     }
     // A rate is smoothed over some ticks, and the kink that friction makes of it where it turns round shifts
-    // that instant. How far is one unknown per joint more; nobody is told.
+    // that instant. By how much is one more unknown per joint, which is not reported.
     for (std::size_t n = 1; n < ticks_.size(); ++n) {
       for (Eigen::Index k = 0; k < ticks_[n].reversal.cols(); ++k) {
         const double turned = sign(ticks_[n].relative[k]) - sign(ticks_[n - 1].relative[k]);

@@ -63,8 +63,8 @@ IdentifyProblem read_problem(const RecordedRun& run, const IdentifyOptions& o) {
                         run.log, log.rows(), o.window, needed, static_cast<double>(needed) * p.tick));
   }
   require_every_tick(log, 0, p.tick);
+  p.angle = {log.columns[1], log.columns[2]};
   for (std::size_t i = 0; i < log.rows(); ++i) {
-    p.angle.push_back({log.columns[1][i], log.columns[2][i]});
     std::array<double, 4> torque{};
     for (std::size_t m = 0; m < motors.size(); ++m) torque[motors[m]] = log.columns[3 + m][i];
     p.torque.push_back(torque);
@@ -127,7 +127,7 @@ Json json_of(const Identification& r, const RecordedRun& run, const IdentifyProb
   Json j;
   j["scene"] = run.scene.name;
   j["log"] = run.log;
-  j["rows"] = p.angle.size();
+  j["rows"] = p.torque.size();
   j["windows"] = r.windows;
   j["coverage"] = o.coverage;
   j["parameters"] = Json::array();
@@ -164,7 +164,7 @@ void print(const Identification& r, const RecordedRun& run, const IdentifyProble
   fmt::print(
       "{}: {} ticks, {} windows of {:g} s, {} base parameters; intervals are {:g} standard uncertainties to "
       "either side\n",
-      printable(run.scene.name), p.angle.size(), r.windows, o.window, r.parameters.size(), o.coverage);
+      printable(run.scene.name), p.torque.size(), r.windows, o.window, r.parameters.size(), o.coverage);
   fmt::print("{:<18}{:>12}{:>12}{:>12}{:>12}\n", "", "nominal", "estimate", "from", "to");
   std::string sums;
   for (const BaseParameter& b : r.parameters) {

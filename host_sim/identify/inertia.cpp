@@ -2,10 +2,9 @@
 
 #include <fmt/format.h>
 
-#include <Eigen/Eigenvalues>
-#include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "host_sim/identify/equations.hpp"
 #include "host_sim/record/derivatives.hpp"
@@ -15,85 +14,76 @@ namespace {
 
 using namespace momentum;
 
-constexpr double dependent = 1e-7;  // of a column's length: what is left of one that others make up
-constexpr double weak_sigma = 0.5;  // an uncertainty of half of everything there is
+constexpr double dependent = 1e-7;        // of a column's length: what is left of one that others make up
+constexpr double weak_uncertainty = 0.5;  // an uncertainty of half of everything there is
 
-/// Which columns stand for themselves, and what the others add to them: QR in the order of the columns.
+/// The columns of the standard parameters that base parameters are named after.
+Matrix columns_of(const Matrix& W, const std::vector<BaseParameter>& parameters) {
+  Matrix out(W.rows(), static_cast<Eigen::Index>(parameters.size()));
+  for (std::size_t i = 0; i < parameters.size(); ++i)
+    out.col(static_cast<Eigen::Index>(i)) = W.col(parameters[i].of);
+  return out;
+}
+
+/// Which columns stand for themselves, and what the others add to them: Gram-Schmidt in the order of the
+/// columns.
 std::vector<BaseParameter> independent_columns(const Matrix& W,
                                                const std::vector<StandardParameter>& standard) {
   std::vector<BaseParameter> out;
-  Matrix Q(W.rows(), 0);
-  std::vector<int> basis;
-  const auto count = static_cast<std::size_t>(W.cols());
-  std::vector<std::pair<int, Vector>> made_up;  // column, coefficients on the basis so far
+  std::vector<Vector> orthonormal;
   for (int c = 0; c < W.cols(); ++c) {
     Vector v = W.col(c);
     const double length = v.norm();
-    for (int pass = 0; pass < 2; ++pass) v -= Q * (Q.transpose() * v);
+    for (int pass = 0; pass < 2; ++pass)
+      for (const Vector& q : orthonormal) v -= q * q.dot(v);
     if (!(length > 1e-12)) continue;  // nothing depends on it: no gravity, no motion
     if (v.norm() > dependent * length) {
-      Q.conservativeResize(Eigen::NoChange, Q.cols() + 1);
-      Q.rightCols(1) = v.normalized();
-      basis.push_back(c);
-    } else {
-      Matrix B(W.rows(), static_cast<Eigen::Index>(basis.size()));
-      for (std::size_t i = 0; i < basis.size(); ++i) B.col(static_cast<Eigen::Index>(i)) = W.col(basis[i]);
-      made_up.emplace_back(c, B.colPivHouseholderQr().solve(W.col(c)));
+      orthonormal.push_back(v.normalized());
+      const std::string& name = standard[static_cast<std::size_t>(c)].name;
+      out.push_back({c, std::vector<double>(standard.size(), 0.0), name, 0.0, 0.0, 0.0});
+      out.back().share[static_cast<std::size_t>(c)] = 1.0;
+      continue;
     }
-  }
-  for (std::size_t i = 0; i < basis.size(); ++i) {
-    BaseParameter b{basis[i],
-                    std::vector<double>(count, 0.0),
-                    standard[static_cast<std::size_t>(basis[i])].name,
-                    0.0,
-                    0.0,
-                    0.0};
-    b.share[static_cast<std::size_t>(basis[i])] = 1.0;
-    for (const auto& [column, coefficients] : made_up) {
-      if (static_cast<Eigen::Index>(i) >= coefficients.size()) continue;
+    const Vector coefficients = least_squares(columns_of(W, out), W.col(c));
+    for (std::size_t i = 0; i < out.size(); ++i) {
       const double x = coefficients[static_cast<Eigen::Index>(i)];
       if (std::abs(x) < 1e-6) continue;
-      b.share[static_cast<std::size_t>(column)] = x;
-      b.text += fmt::format(" {} {:.6g} {}", x < 0.0 ? "-" : "+", std::abs(x),
-                            standard[static_cast<std::size_t>(column)].name);
+      const std::string& name = standard[static_cast<std::size_t>(c)].name;
+      out[i].share[static_cast<std::size_t>(c)] = x;
+      out[i].text += fmt::format(" {} {:.6g} {}", x < 0.0 ? "-" : "+", std::abs(x), name);
     }
-    out.push_back(b);
   }
   return out;
 }
 
-/// Least squares for parameters and delay about a delay, rows weighted.
+/// Least squares for parameters and delay about a delay, rows weighted. x: base parameters, then the step of
+/// the delay, then the shifts of the reversals.
 struct Step {
   Vector x, residual;
   Matrix A;
 };
-Step solve(const Equations& e, const Matrix& W, const Eigen::Vector2d& weight, double delay) {
+Step solve(const Equations& e, const Matrix& W, const std::array<double, 2>& weight, double delay) {
   constexpr double h = 0.25;
-  const Vector b = e.torque(delay), by_delay = (e.torque(delay + h) - e.torque(delay - h)) / (2.0 * h);
+  Vector b = e.torque(delay);
   Step s;
   s.A.resize(W.rows(), W.cols() + 1 + e.reversal.cols());
-  s.A << W, -by_delay, e.reversal;
-  Vector rhs = b;
+  s.A.leftCols(W.cols()) = W;
+  s.A.col(W.cols()) = (e.torque(delay - h) - e.torque(delay + h)) / (2.0 * h);
+  s.A.rightCols(e.reversal.cols()) = e.reversal;
   for (Eigen::Index i = 0; i < W.rows(); ++i) {
-    s.A.row(i) *= weight[i % 2];
-    rhs[i] *= weight[i % 2];
+    s.A.row(i) *= weight[static_cast<std::size_t>(i % 2)];
+    b[i] *= weight[static_cast<std::size_t>(i % 2)];
   }
-  s.x = s.A.colPivHouseholderQr().solve(rhs);
-  s.residual = rhs - s.A * s.x;
+  s.x = least_squares(s.A, b);
+  s.residual = b - apply(s.A, s.x);
   return s;
 }
 
-Matrix covariance_of(const Step& s) {
-  const Eigen::Index k = s.A.cols(), rows = s.A.rows(), windows = rows / 2;
-  const Eigen::Index blocks = std::clamp<Eigen::Index>(windows / hops_per_window, 1, 60);
-  Matrix gradients = Matrix::Zero(k, blocks);
-  for (Eigen::Index i = 0; i < rows; ++i)
-    gradients.col((i / 2) * blocks / windows) += s.A.row(i).transpose() * s.residual[i];
-  gradients.colwise() -= gradients.rowwise().mean().eval();
-  const Matrix inverse = (s.A.transpose() * s.A).completeOrthogonalDecomposition().pseudoInverse();
-  const auto B = static_cast<double>(blocks);
-  return inverse * (B / std::max(1.0, B - static_cast<double>(k)) * gradients * gradients.transpose()) *
-         inverse;
+/// Of parameters and delay.
+Matrix covariance_of(const Step& s, Eigen::Index count) {
+  const Eigen::Index blocks = std::clamp<Eigen::Index>(s.A.rows() / 2 / hops_per_window, 1, 60);
+  const Matrix gradient = gradient_covariance(s.A, s.residual, blocks);
+  return congruent(pseudo_inverse(gram(s.A)), gradient).topLeftCorner(count, count);
 }
 
 /// Combinations whose uncertainty is as large as what is there, in units of the nominal values.
@@ -114,10 +104,10 @@ std::vector<std::string> weak_directions(const std::vector<BaseParameter>& param
     }
   }
   std::vector<std::string> out;
-  const Eigen::SelfAdjointEigenSolver<Matrix> modes(C);
+  const Modes modes = symmetric_modes(C);
   for (Eigen::Index m = n - 1; m >= 0; --m) {
-    if (std::sqrt(std::max(0.0, modes.eigenvalues()[m])) <= weak_sigma) break;
-    const Vector v = modes.eigenvectors().col(m);
+    if (std::sqrt(std::max(0.0, modes.value[m])) <= weak_uncertainty) break;
+    const Vector v = modes.vector.col(m);
     std::string text;
     for (Eigen::Index a = 0; a < n; ++a) {
       if (std::abs(v[a]) < 0.3) continue;
@@ -165,6 +155,63 @@ std::size_t ticks_needed(const IdentifyProblem& p) {
 
 namespace {
 
+/// Sets the nominal values of the base parameters. Returns what an uncertainty of each is compared with: the
+/// largest nominal value of its kind, moment of inertia or mass moment, as many of them may be 0.
+Vector set_nominal(std::vector<BaseParameter>& parameters, const IdentifyProblem& p,
+                   const std::vector<StandardParameter>& standard) {
+  const auto kind = [](const BaseParameter& b) { return b.of % per_leg < 2 ? 0 : 1; };
+  double size[2] = {0.0, 0.0};
+  for (BaseParameter& b : parameters) {
+    for (std::size_t k = 0; k < b.share.size(); ++k)
+      b.nominal += b.share[k] * p.nominal[static_cast<Eigen::Index>(k)];
+    if (standard[static_cast<std::size_t>(b.of)].inertial)
+      size[kind(b)] = std::max(size[kind(b)], std::abs(b.nominal));
+  }
+  Vector scale(static_cast<Eigen::Index>(parameters.size()));
+  for (std::size_t i = 0; i < parameters.size(); ++i)
+    scale[static_cast<Eigen::Index>(i)] = std::max(1e-12, size[kind(parameters[i])]);
+  return scale;
+}
+
+/// The best delay of a coarse grid, ticks: the least residual with the delay as it is.
+double coarse_delay(const Equations& e, const Matrix& W, const std::array<double, 2>& weight) {
+  double best = 0.0, least = std::numeric_limits<double>::infinity();
+  for (double delay = -2.0; delay <= 10.0; delay += 1.0) {
+    const Step at = solve(e, W, weight, delay);
+    const double cost = (at.residual + at.A.col(W.cols()) * at.x[W.cols()]).squaredNorm();
+    if (cost < least) {
+      least = cost;
+      best = delay;
+    }
+  }
+  return best;
+}
+
+/// Residual and effort per base joint, and weights from them.
+void weigh(const Vector& residual, const Vector& torque, std::array<double, 2>& weight, Identification& out) {
+  for (std::size_t j = 0; j < 2; ++j) {
+    double square = 0.0, effort = 0.0;
+    for (auto i = static_cast<Eigen::Index>(j); i < residual.size(); i += 2) {
+      square += std::pow(residual[i] / weight[j], 2);
+      effort += torque[i] * torque[i];
+    }
+    out.residual[j] = std::sqrt(square / out.windows);
+    out.effort[j] = std::sqrt(effort / out.windows);
+  }
+  const double least = 1e-9 * (out.effort[0] + out.effort[1]) + 1e-300;
+  for (std::size_t j = 0; j < 2; ++j) weight[j] = 1.0 / std::max(out.residual[j], least);
+}
+
+void set_covariance(Identification& out, const Matrix& covariance) {
+  const auto sigma = [&](std::size_t i) {
+    const auto k = static_cast<Eigen::Index>(i);
+    return std::sqrt(std::max(0.0, covariance(k, k)));
+  };
+  out.covariance = covariance;
+  for (std::size_t i = 0; i < out.parameters.size(); ++i) out.parameters[i].sigma = sigma(i);
+  out.delay_sigma = sigma(out.parameters.size());
+}
+
 /// With the angles as they are.
 Identification fit(const IdentifyProblem& p) {
   const auto standard = standard_parameters(p.five_bar);
@@ -181,102 +228,48 @@ Identification fit(const IdentifyProblem& p) {
         fmt::format("{} of {} combinations at all", expected - out.parameters.size(), expected));
     return out;
   }
-  const auto n = static_cast<Eigen::Index>(out.parameters.size());
-  Matrix W(e.W.rows(), n);
-  Vector scale(n);
-  double size[2] = {0.0, 0.0};  // of what there is, where a nominal value is 0
-  for (Eigen::Index i = 0; i < n; ++i) {
-    BaseParameter& b = out.parameters[static_cast<std::size_t>(i)];
-    W.col(i) = e.W.col(b.of);
-    for (std::size_t k = 0; k < b.share.size(); ++k)
-      b.nominal += b.share[k] * p.nominal[static_cast<Eigen::Index>(k)];
-    const int moment = b.of % per_leg < 2 ? 0 : 1;
-    if (standard[static_cast<std::size_t>(b.of)].inertial)
-      size[moment] = std::max(size[moment], std::abs(b.nominal));
-  }
-  for (Eigen::Index i = 0; i < n; ++i)
-    scale[i] = std::max(1e-12, size[out.parameters[static_cast<std::size_t>(i)].of % per_leg < 2 ? 0 : 1]);
-
-  Eigen::Vector2d weight = Eigen::Vector2d::Ones();
-  Step s;
+  const Matrix W = columns_of(e.W, out.parameters);
+  const Vector scale = set_nominal(out.parameters, p, standard);
+  const Eigen::Index n = W.cols();
+  std::array weight{1.0, 1.0};
+  out.delay_ticks = coarse_delay(e, W, weight);
   for (int pass = 0; pass < 2; ++pass) {
-    // From the best of a coarse grid.
-    double least = -1.0;
-    for (double d = -2.0; d <= 10.0 && pass == 0; d += 1.0) {
-      const Step at = solve(e, W, weight, d);
-      Vector plain = at.residual;  // with the delay as it is
-      plain += at.A.col(n) * at.x[n];
-      const double cost = plain.squaredNorm();
-      if (least < 0.0 || cost < least) {
-        least = cost;
-        out.delay_ticks = d;
-      }
-    }
-    for (int i = 0; i < 30; ++i) {
+    Step s;
+    double step = 1.0;
+    for (int i = 0; i < 30 && std::abs(step) >= 1e-9; ++i) {
       s = solve(e, W, weight, out.delay_ticks);
-      const double step = std::clamp(s.x[n], -1.0, 1.0);
+      step = std::clamp(s.x[n], -1.0, 1.0);
       out.delay_ticks = std::clamp(out.delay_ticks + step, delay_min, delay_max);
-      if (std::abs(step) < 1e-9) break;
     }
-    const Vector torque = e.torque(out.delay_ticks);
-    for (int j = 0; j < 2; ++j) {
-      double square = 0.0, effort = 0.0;
-      for (Eigen::Index i = j; i < s.residual.size(); i += 2) {
-        square += std::pow(s.residual[i] / weight[j], 2);
-        effort += torque[i] * torque[i];
-      }
-      out.residual[static_cast<std::size_t>(j)] = std::sqrt(square / out.windows);
-      out.effort[static_cast<std::size_t>(j)] = std::sqrt(effort / out.windows);
-    }
-    for (int j = 0; j < 2; ++j) {
-      const auto u = static_cast<std::size_t>(j);
-      weight[j] = 1.0 / std::max(out.residual[u], 1e-9 * (out.effort[0] + out.effort[1]) + 1e-300);
-    }
+    weigh(s.residual, e.torque(out.delay_ticks), weight, out);
   }
-  s = solve(e, W, weight, out.delay_ticks);
-  out.covariance = covariance_of(s).topLeftCorner(n + 1, n + 1);
-  for (Eigen::Index i = 0; i < n; ++i) {
-    out.parameters[static_cast<std::size_t>(i)].value = s.x[i];
-    out.parameters[static_cast<std::size_t>(i)].sigma = std::sqrt(std::max(0.0, out.covariance(i, i)));
-  }
-  out.delay_sigma = std::sqrt(std::max(0.0, out.covariance(n, n)));
+  const Step s = solve(e, W, weight, out.delay_ticks);
+  set_covariance(out, covariance_of(s, n + 1));
+  for (Eigen::Index i = 0; i < n; ++i) out.parameters[static_cast<std::size_t>(i)].value = s.x[i];
   out.weak = weak_directions(out.parameters, out.covariance, scale, standard);
   return out;
 }
 
-/// The angles that a critically damped observer of this bandwidth has followed: it is late by acceleration /
-/// bandwidth^2.
-IdentifyProblem before_observer(const IdentifyProblem& p, double share) {
-  IdentifyProblem out = p;
-  const auto weights = curvature_weights();
-  const double scale = share / std::pow(p.observer_bandwidth * p.tick, 2);
-  for (std::size_t n = 0; n < p.angle.size(); ++n) {
-    for (std::size_t j = 0; j < 2; ++j)
-      out.angle[n][j] +=
-          scale * curvature(weights, p.angle.size(), n, [&](std::size_t row) { return p.angle[row][j]; });
-  }
-  return out;
+/// `share` of the lag of the drives' observers taken back.
+IdentifyProblem without_lag(IdentifyProblem p, double share) {
+  for (auto& angle : p.angle) angle = before_observer(angle, p.observer_bandwidth * p.tick, share);
+  return p;
 }
 
 }  // namespace
 
 Identification identify(const IdentifyProblem& p) {
   if (!(p.observer_bandwidth > 0.0)) return fit(p);
-  Identification out = fit(before_observer(p, 0.5));
+  Identification out = fit(without_lag(p, 0.5));
   if (!out.weak.empty()) return out;
-  const Identification none = fit(p), whole = fit(before_observer(p, 1.0));
-  const auto n = static_cast<Eigen::Index>(out.parameters.size());
-  if (none.parameters.size() != out.parameters.size() || whole.parameters.size() != out.parameters.size())
-    return out;
-  Vector range(n + 1);
-  for (Eigen::Index i = 0; i < n; ++i)
-    range[i] = whole.parameters[static_cast<std::size_t>(i)].value -
-               none.parameters[static_cast<std::size_t>(i)].value;
-  range[n] = whole.delay_ticks - none.delay_ticks;
-  out.covariance += range * range.transpose() / 12.0;  // evenly distributed between none and all of it
-  for (Eigen::Index i = 0; i < n; ++i)
-    out.parameters[static_cast<std::size_t>(i)].sigma = std::sqrt(std::max(0.0, out.covariance(i, i)));
-  out.delay_sigma = std::sqrt(std::max(0.0, out.covariance(n, n)));
+  const Identification none = fit(p), whole = fit(without_lag(p, 1.0));
+  const std::size_t n = out.parameters.size();
+  if (none.parameters.size() != n || whole.parameters.size() != n) return out;
+  Vector range(static_cast<Eigen::Index>(n) + 1);
+  for (std::size_t i = 0; i < n; ++i)
+    range[static_cast<Eigen::Index>(i)] = whole.parameters[i].value - none.parameters[i].value;
+  range[static_cast<Eigen::Index>(n)] = whole.delay_ticks - none.delay_ticks;
+  set_covariance(out, out.covariance + gram(range.transpose()) / 12.0);  // evenly between none and all of it
   return out;
 }
 

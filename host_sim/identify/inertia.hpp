@@ -4,37 +4,13 @@
 /// momentum form, under smooth windows: no acceleration appears. Equations of its own: nothing of the
 /// controller's model is used.
 
-#include <Eigen/Core>
 #include <array>
 #include <string>
 #include <vector>
 
+#include "host_sim/identify/problem.hpp"
+
 namespace esmc::host {
-
-/// Lengths are known: calibrate them first. Angles and torques in the order of the model.
-struct IdentifyProblem {
-  bool five_bar = true;
-  double l0 = 0.0;                   ///< m
-  std::array<double, 2> l1{}, l2{};  ///< m, per leg
-  int assembly = -1;                 ///< sign of D2
-  double gravity = 0.0;              ///< m/s2
-  double tick = 1e-3;                ///< s
-  double window = 0.1;               ///< s, of one equation
-  double observer_bandwidth =
-      1000.0;  ///< rad/s: the angles may be late as after an observer of that bandwidth, or not; 0: are not
-  std::vector<std::array<double, 2>> angle;   ///< rad, of the base joints (RR: both), per tick
-  std::vector<std::array<double, 4>> torque;  ///< N m asked of each joint at that tick; 0 without a motor
-  Eigen::VectorXd
-      nominal;  ///< of the standard parameters, see standard_parameters(); frictions 0 where nothing is known
-};
-
-/// What the equations are linear in: per leg a = J1 + m1 lg1^2 + m2 l1^2, c = J2 + m2 lg2^2, h = m2 lg2, s =
-/// m1 lg1 + m2 l1; the mass at the effector; then viscous and Coulomb friction of each joint.
-struct StandardParameter {
-  std::string name, unit;
-  bool inertial = true;
-};
-[[nodiscard]] std::vector<StandardParameter> standard_parameters(bool five_bar);
 
 /// A combination of standard parameters that the motion of this mechanism depends on: `of` + sum of `share` *
 /// others.
@@ -47,13 +23,13 @@ struct BaseParameter {
 
 struct Identification {
   std::vector<BaseParameter> parameters;
-  Eigen::MatrixXd covariance;  ///< of parameters, then the delay
+  Matrix covariance;  ///< of parameters, then the delay
   double delay_ticks = 0.0, delay_sigma = 0.0;
   std::array<double, 2> residual{};  ///< N m rms, of the window means, per equation (base joint)
   std::array<double, 2> effort{};    ///< N m rms of the torque itself, likewise
   int windows = 0;
-  std::vector<std::string>
-      weak;  ///< combinations of parameters that the motion does not determine; then nothing else counts
+  /// Combinations of parameters that the motion does not determine; then nothing else counts.
+  std::vector<std::string> weak;
 };
 
 /// A log that is too short for its windows: how many ticks are needed.

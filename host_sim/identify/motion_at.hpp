@@ -6,9 +6,8 @@
 #include <complex>
 
 #include <Eigen/Core>
-#include <Eigen/LU>
 
-#include "host_sim/identify/inertia.hpp"
+#include "host_sim/identify/problem.hpp"
 
 namespace esmc::host {
 
@@ -50,7 +49,10 @@ inline bool motion_at(const IdentifyProblem& p, const std::array<double, 2>& bas
     Eigen::Matrix2d U, V, U_dot, V_dot;
     U << column(i * bar[1]), column(-i * bar[3]);
     V << column(-i * bar[0]), column(i * bar[2]);
-    const Eigen::Matrix2d inverse = U.inverse(), G = inverse * V;
+    Eigen::Matrix2d inverse;
+    inverse << U(1, 1), -U(0, 1), -U(1, 0), U(0, 0);
+    inverse *= 1.0 / (U(0, 0) * U(1, 1) - U(0, 1) * U(1, 0));
+    const Eigen::Matrix2d G = inverse * V;
     const Eigen::Vector2d outer = G * w;
     U_dot << column(-bar[1] * outer[0]), column(-bar[3] * outer[1]);
     V_dot << column(bar[0] * w[0]), column(bar[2] * w[1]);

@@ -2,7 +2,6 @@
 
 #include <fmt/format.h>
 
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -14,99 +13,148 @@ constexpr std::array<double LegParams<double>::*, 4> factored{&LegParams<double>
                                                               &LegParams<double>::J1, &LegParams<double>::J2};
 constexpr std::array factor_names{"m1", "m2", "J1", "J2"};
 constexpr double useless = 1.0;  // an uncertainty of 100 %
-constexpr double told_apart =
-    0.1;  // what a payload and factors may take of each other's place, as a factor, and still be two things
-constexpr double explains_better =
-    10.0;  // what a payload must take of the misfit to be believed where the factors alone are possible
-constexpr double near_lower = 0.5,
-                 near_upper = 2.0;  // true over believed; beyond, what was believed is of another kind
-
-/// Of the base parameters, the inertial ones.
-Eigen::VectorXd base_values(const Identification& r, const Eigen::VectorXd& standard,
-                            const std::vector<std::size_t>& which) {
-  Eigen::VectorXd out(static_cast<Eigen::Index>(which.size()));
-  for (std::size_t i = 0; i < which.size(); ++i) {
-    double sum = 0.0;
-    const auto& share = r.parameters[which[i]].share;
-    for (std::size_t k = 0; k < share.size(); ++k) sum += share[k] * standard[static_cast<Eigen::Index>(k)];
-    out[static_cast<Eigen::Index>(i)] = sum;
-  }
-  return out;
-}
+// A payload and factors are told apart where 1 kg of payload, expressed in factors, is below this.
+constexpr double told_apart = 0.1;
+// A payload is believed where factors alone are possible if it divides the misfit by this.
+constexpr double explains_better = 10.0;
+constexpr double near_lower = 0.5, near_upper = 2.0;  // true over believed; beyond, the belief is wrong
 
 std::string interval(double lower, double upper) {
   return fmt::format("[{:.6g}, {:.6g}]", std::max(0.0, lower), std::max(0.0, upper));
 }
 
-using Factors = Eigen::Vector4d;  // on m1, m2, J1, J2: true over believed, less 1
+/// The inertial base parameters: what was found of them, and what factors and a payload make of them.
+struct Changes {
+  std::vector<const BaseParameter*> of;
+  Vector found;       ///< less nominal
+  Matrix covariance;  ///< of found
+  Matrix by_factor;   ///< 4 columns, per unit of a factor
+  Vector by_payload;  ///< per kg
 
-/// Least squares A x = b, rows already divided by their deviations. What the rows hardly determine stays 0.
-struct Fit {
-  Factors value = Factors::Zero();
-  Eigen::Matrix4d covariance = Eigen::Matrix4d::Zero();  // of unit rows
-  std::array<bool, 4> told{true, true, true, true};
-  double payload = 0.0, payload_variance = 0.0;  // kg, kg^2
-  bool with_payload = false, payload_apart = true;
-  double misfit = 1.0;  // mean square of what stays
+  /// Values of the base parameters that these values of the standard parameters give.
+  [[nodiscard]] Vector from_standard(const Vector& standard) const {
+    Vector out = Vector::Zero(static_cast<Eigen::Index>(of.size()));
+    for (std::size_t i = 0; i < of.size(); ++i)
+      for (std::size_t k = 0; k < of[i]->share.size(); ++k)
+        out[static_cast<Eigen::Index>(i)] += of[i]->share[k] * standard[static_cast<Eigen::Index>(k)];
+    return out;
+  }
 };
 
-Fit fit(const Eigen::MatrixXd& A, const Eigen::VectorXd& b) {
-  Fit out;
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> normal(A.transpose() * A);
-  const Eigen::VectorXd right = A.transpose() * b;
+Changes changes_of(const Identification& r, const IdentifyProblem& p, const FiveBarParams<double>& believed,
+                   const std::vector<StandardParameter>& standard) {
+  Changes c;
+  std::vector<Eigen::Index> at;
+  for (std::size_t i = 0; i < r.parameters.size(); ++i) {
+    if (!standard[static_cast<std::size_t>(r.parameters[i].of)].inertial) continue;
+    c.of.push_back(&r.parameters[i]);
+    at.push_back(static_cast<Eigen::Index>(i));
+  }
+  const auto n = static_cast<Eigen::Index>(at.size());
+  c.found.resize(n);
+  c.covariance.resize(n, n);
+  for (std::size_t i = 0; i < at.size(); ++i) {
+    c.found[static_cast<Eigen::Index>(i)] = c.of[i]->value - c.of[i]->nominal;
+    for (std::size_t k = 0; k < at.size(); ++k)
+      c.covariance(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(k)) = r.covariance(at[i], at[k]);
+  }
+  c.by_factor.resize(n, 4);
+  for (std::size_t f = 0; f < factored.size(); ++f) {  // linear in each of them
+    FiveBarParams<double> without = believed;
+    for (auto& leg : without.legs) leg.*factored[f] = 0.0;
+    c.by_factor.col(static_cast<Eigen::Index>(f)) =
+        c.from_standard(standard_values(believed, p.five_bar) - standard_values(without, p.five_bar));
+  }
+  FiveBarParams<double> heavier{};  // 1 kg at the effector
+  heavier.m0 = 1.0;
+  if (!p.five_bar) {
+    heavier.legs[0].l1 = p.l1[0];
+    heavier.legs[0].lg2 = p.l2[0];
+    heavier.legs[0].m2 = 1.0;
+  }
+  c.by_payload = c.from_standard(standard_values(heavier, p.five_bar));
+  return c;
+}
+
+/// Makes the covariance of what was found the unit matrix. The legs may differ by more than that, and then
+/// the intervals are as wide.
+Matrix whitening(const Changes& c) {
+  const Vector size = c.covariance.diagonal()
+                          .cwiseSqrt()
+                          .cwiseMax(1e-9 * c.by_factor.cwiseAbs().rowwise().maxCoeff())
+                          .cwiseMax(1e-15);
+  const Matrix scale = size.cwiseInverse().asDiagonal();
+  const Modes modes = symmetric_modes(congruent(scale, c.covariance));
+  const Matrix shrink = modes.value.cwiseMax(1e-9).cwiseSqrt().cwiseInverse().asDiagonal();
+  return product(shrink, product(modes.vector.transpose(), scale));
+}
+
+/// Least squares A x = b for the factors, rows already divided by their deviations.
+struct FactorFit {
+  Vector value = Vector::Zero(4);                    ///< of m1, m2, J1, J2: true over believed, less 1
+  Matrix covariance = Matrix::Zero(4, 4);            ///< of unit rows
+  std::array<bool, 4> told{true, true, true, true};  ///< others are hardly determined and stay 0
+  double payload = 0.0, payload_variance = 0.0;      ///< kg, kg^2
+  bool with_payload = false, payload_apart = true;
+  double misfit = 1.0;  ///< mean square of the residual
+};
+
+/// At least 1; `free`: rows less unknowns.
+double misfit_of(const Vector& residual, Eigen::Index free) {
+  return free > 0 ? std::max(1.0, residual.squaredNorm() / static_cast<double>(free)) : 1.0;
+}
+
+FactorFit fit(const Matrix& A, const Vector& b) {
+  FactorFit out;
+  const Modes normal = symmetric_modes(gram(A));
+  const Vector right = apply(A.transpose(), b);
   for (Eigen::Index m = 0; m < 4; ++m) {
-    const Eigen::VectorXd v = normal.eigenvectors().col(m);
-    const double information = normal.eigenvalues()[m];
+    const Vector v = normal.vector.col(m);
+    const double information = normal.value[m];
     if (!(information > 1.0 / (useless * useless))) {
       for (std::size_t f = 0; f < out.told.size(); ++f)
         out.told[f] = out.told[f] && std::abs(v[static_cast<Eigen::Index>(f)]) < 0.2;
       continue;
     }
     out.value += v * (v.dot(right) / information);
-    out.covariance += v * v.transpose() / information;
+    out.covariance += gram(v.transpose()) / information;
   }
-  const auto n = A.rows();
-  out.misfit = n > 4 ? std::max(1.0, (b - A * out.value).squaredNorm() / static_cast<double>(n - 4)) : 1.0;
+  out.misfit = misfit_of(b - apply(A, out.value), A.rows() - 4);
   return out;
 }
 
-/// The same with a payload, whose column is p (per kg). A mass at the effector of equal legs does what a mass
+/// Factors and a payload, whose column is p (per kg). A mass at the effector of equal legs does what a mass
 /// at the tip of each does: where the rows cannot tell them apart, the payload is the one that leaves the
 /// factors nearest to 1.
-Fit fit_with_payload(const Eigen::MatrixXd& A, const Eigen::VectorXd& b, const Eigen::VectorXd& p) {
-  Fit out = fit(A, b);
+FactorFit fit_with_payload(const Matrix& A, const Vector& b, const Vector& p) {
+  FactorFit out = fit(A, b);
   out.with_payload = true;
-  const Factors g = fit(A, p).value;  // what factors make of 1 kg
-  const Eigen::VectorXd apart = p - A * g;
-  const double information = apart.squaredNorm();
-  const auto n = A.rows();
-  if (n > 4 && information > 0.0 && g.norm() / std::sqrt(information) < told_apart) {
+  const Vector g = fit(A, p).value;  // what factors make of 1 kg
+  const Vector apart = p - apply(A, g);
+  const double information = apart.squaredNorm(), size = g.squaredNorm();
+  if (A.rows() > 4 && information > 0.0 && g.norm() / std::sqrt(information) < told_apart) {
     out.payload = apart.dot(b) / information;
     out.payload_variance = 1.0 / information;
-    out.covariance += g * g.transpose() / information;
-    out.value -= g * out.payload;
+    out.covariance += gram(g.transpose()) / information;
   } else {
-    const double size = g.squaredNorm();
     if (!(size > 0.0)) return out;
     out.payload_apart = false;
     out.payload = g.dot(out.value) / size;
-    out.payload_variance = g.dot(out.covariance * g) / (size * size);
-    const Eigen::Matrix4d across = Eigen::Matrix4d::Identity() - g * g.transpose() / size;
-    out.covariance = (across * out.covariance * across).eval();
-    out.value -= g * out.payload;
+    out.payload_variance = quadratic(out.covariance, g) / (size * size);
+    out.covariance = congruent(Matrix::Identity(4, 4) - gram(g.transpose()) / size, out.covariance);
   }
-  const double left = (b - A * out.value - p * out.payload).squaredNorm();
-  out.misfit = n > 5 ? std::max(1.0, left / static_cast<double>(n - 5)) : 1.0;
+  out.value -= g * out.payload;
+  out.misfit = misfit_of(b - apply(A, out.value) - p * out.payload, A.rows() - 5);
   return out;
 }
 
-double half_width(const Fit& f, Eigen::Index i, double coverage) {
+double half_width(const FactorFit& f, Eigen::Index i, double coverage) {
   return coverage * std::sqrt(std::max(0.0, f.covariance(i, i)) * f.misfit);
 }
 
 /// The factors that are no masses or inertias of this mechanism: below 0, or far from 1 by more than is
 /// uncertain. "" where none is.
-std::string far_factors(const Fit& f, double coverage) {
+std::string far_factors(const FactorFit& f, double coverage) {
   std::string out;
   for (std::size_t k = 0; k < factored.size(); ++k) {
     const auto i = static_cast<Eigen::Index>(k);
@@ -117,11 +165,103 @@ std::string far_factors(const Fit& f, double coverage) {
   return out;
 }
 
+/// Factors alone, or with a payload where that explains better what was found; and what is to be said of it.
+FactorFit choose_fit(const Changes& c, double coverage, std::vector<std::string>& warnings) {
+  const Matrix root = whitening(c), A = product(root, c.by_factor);
+  const Vector b = apply(root, c.found);
+  const FactorFit alone = fit(A, b), with = fit_with_payload(A, b, apply(root, c.by_payload));
+  const std::string far = far_factors(alone, coverage);
+  const bool possible = far_factors(with, coverage).empty();
+  if (far.empty()) {
+    if (!possible || !with.payload_apart || alone.misfit < explains_better * with.misfit) return alone;
+    warnings.push_back(fmt::format(
+        "factors alone do not explain what was found, with a payload of {:.3g} kg they do: the table has it",
+        with.payload));
+    return with;
+  }
+  if (possible && with.misfit <= 2.0 * alone.misfit) {
+    warnings.push_back(fmt::format(
+        "factors alone would be {} of what is believed, outside [{:g}, {:g}]: the table has a payload of "
+        "{:.3g} "
+        "kg instead{}",
+        far, near_lower, near_upper, with.payload,
+        with.payload_apart ? ""
+                           : ", the one with factors nearest to 1: this mechanism's motion does not tell it "
+                             "from heavier legs"));
+    return with;
+  }
+  warnings.push_back(fmt::format(
+      "{} of what is believed lies outside [{:g}, {:g}], and a payload does not mend it: check [mechanism] "
+      "(masses, mass centres, legs that are alike) before using the factors",
+      far, near_lower, near_upper));
+  return alone;
+}
+
+/// Lines for factors and payload. Warns of base parameters whose value found is outside what the lines allow.
+std::string factor_lines(const Changes& c, const FactorFit& f, double coverage,
+                         const std::vector<StandardParameter>& standard, std::vector<std::string>& warnings) {
+  std::string out;
+  Vector middle = Vector::Zero(c.found.size()), reach = middle;  // of the base parameters, by the table
+  const auto add = [&](const Vector& column, double lower, double upper) {
+    middle += column * (0.5 * (lower + upper));
+    reach += column.cwiseAbs() * (0.5 * (upper - lower));
+  };
+  for (std::size_t k = 0; k < factored.size(); ++k) {
+    const auto i = static_cast<Eigen::Index>(k);
+    if (!f.told[k]) {
+      out += fmt::format("# {}: not told apart by this motion\n", factor_names[k]);
+      continue;
+    }
+    const double half = half_width(f, i, coverage), is = 1.0 + f.value[i];
+    const double lower = std::max(0.0, is - half), upper = std::max(0.0, is + half);
+    out += fmt::format("{} = {}\n", factor_names[k], interval(lower, upper));
+    add(c.by_factor.col(i), lower - 1.0, upper - 1.0);
+  }
+  if (f.with_payload) {
+    const double half = coverage * std::sqrt(f.payload_variance * f.misfit);
+    out += fmt::format("payload = [{:.6g}, {:.6g}]\n", f.payload - half, f.payload + half);
+    add(c.by_payload, f.payload - half, f.payload + half);
+  }
+  std::string missed;
+  for (std::size_t k = 0; k < c.of.size(); ++k) {
+    const auto i = static_cast<Eigen::Index>(k);
+    if (std::abs(c.found[i] - middle[i]) <= reach[i] + coverage * std::sqrt(c.covariance(i, i))) continue;
+    missed += (missed.empty() ? "" : ", ") + standard[static_cast<std::size_t>(c.of[k]->of)].name;
+  }
+  if (!missed.empty())
+    warnings.push_back(fmt::format(
+        "the table does not contain what was found, of {}: factors common to both legs do not explain it",
+        missed));
+  return out;
+}
+
+std::string friction_lines(const Identification& r, double coverage,
+                           const std::vector<StandardParameter>& standard,
+                           std::vector<std::string>& warnings) {
+  std::string out;
+  for (const BaseParameter& v : r.parameters) {
+    const StandardParameter& of = standard[static_cast<std::size_t>(v.of)];
+    if (!of.inertial && v.value + coverage * v.sigma < 0.0)
+      warnings.push_back(fmt::format("{} = {:.3g} {} is below 0: no friction is, the table has 0", of.name,
+                                     v.value, of.unit));
+  }
+  for (const char* kind : {"viscous", "coulomb"}) {
+    std::string list;
+    for (const BaseParameter& v : r.parameters) {
+      if (!standard[static_cast<std::size_t>(v.of)].name.starts_with(kind)) continue;
+      list +=
+          (list.empty() ? "" : ", ") + interval(v.value - coverage * v.sigma, v.value + coverage * v.sigma);
+    }
+    if (!list.empty()) out += fmt::format("{} = [{}]\n", kind, list);
+  }
+  return out;
+}
+
 }  // namespace
 
-Eigen::VectorXd standard_values(const FiveBarParams<double>& p, bool five_bar) {
+Vector standard_values(const FiveBarParams<double>& p, bool five_bar) {
   const int legs = five_bar ? 2 : 1, inertial = five_bar ? 9 : 4;
-  Eigen::VectorXd out = Eigen::VectorXd::Zero(inertial + 4 * legs);
+  Vector out = Vector::Zero(inertial + 4 * legs);
   for (int leg = 0; leg < legs; ++leg) {
     const LegParams<double>& l = p.legs[static_cast<std::size_t>(leg)];
     out.segment<4>(4 * leg) << l.J1 + l.m1 * l.lg1 * l.lg1 + l.m2 * l.l1 * l.l1, l.J2 + l.m2 * l.lg2 * l.lg2,
@@ -136,120 +276,13 @@ Eigen::VectorXd standard_values(const FiveBarParams<double>& p, bool five_bar) {
 UncertaintyTable uncertainty_table(const Identification& r, const IdentifyProblem& p,
                                    const FiveBarParams<double>& believed, double coverage) {
   const auto standard = standard_parameters(p.five_bar);
-  std::vector<std::size_t> inertial;
-  for (std::size_t i = 0; i < r.parameters.size(); ++i) {
-    if (standard[static_cast<std::size_t>(r.parameters[i].of)].inertial) inertial.push_back(i);
-  }
-  const auto n = static_cast<Eigen::Index>(inertial.size());
-  Eigen::MatrixXd B(n, 4), C(n, n);
-  for (std::size_t f = 0; f < factored.size(); ++f) {  // linear in each of them
-    FiveBarParams<double> without = believed;
-    for (auto& leg : without.legs) leg.*factored[f] = 0.0;
-    B.col(static_cast<Eigen::Index>(f)) = base_values(
-        r, standard_values(believed, p.five_bar) - standard_values(without, p.five_bar), inertial);
-  }
-  Eigen::VectorXd change(n);
-  for (Eigen::Index i = 0; i < n; ++i) {
-    const BaseParameter& b = r.parameters[inertial[static_cast<std::size_t>(i)]];
-    change[i] = b.value - b.nominal;
-    for (Eigen::Index k = 0; k < n; ++k) {
-      C(i, k) = r.covariance(static_cast<Eigen::Index>(inertial[static_cast<std::size_t>(i)]),
-                             static_cast<Eigen::Index>(inertial[static_cast<std::size_t>(k)]));
-    }
-  }
-  // Weighted by what is known of each; the legs may differ more than that, and then the intervals are as
-  // wide.
-  const Eigen::VectorXd size =
-      C.diagonal().cwiseSqrt().cwiseMax(1e-9 * B.cwiseAbs().rowwise().maxCoeff()).cwiseMax(1e-15);
-  const Eigen::MatrixXd white = size.cwiseInverse().asDiagonal() * C * size.cwiseInverse().asDiagonal();
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> modes(white);
-  const Eigen::MatrixXd root = modes.eigenvalues().cwiseMax(1e-9).cwiseSqrt().cwiseInverse().asDiagonal() *
-                               modes.eigenvectors().transpose() * size.cwiseInverse().asDiagonal();
-  const Eigen::MatrixXd A = root * B;
-  const Eigen::VectorXd b = root * change;
-  Eigen::VectorXd tip =
-      Eigen::VectorXd::Zero(static_cast<Eigen::Index>(standard.size()));  // 1 kg at the effector
-  if (p.five_bar) {
-    tip[8] = 1.0;
-  } else {
-    const double l1 = p.l1[0], l2 = p.l2[0];
-    tip.head<4>() << l1 * l1, l2 * l2, l2, l1;
-  }
-  const Eigen::VectorXd payload = base_values(r, tip, inertial);
-
+  const Changes c = changes_of(r, p, believed, standard);
   UncertaintyTable table;
-  std::string& out = table.toml;
-  Fit f = fit(A, b);
-  const Fit with = fit_with_payload(A, b, root * payload);
-  const bool possible = far_factors(with, coverage).empty();
-  if (const std::string far = far_factors(f, coverage); !far.empty()) {
-    if (possible && with.misfit <= 2.0 * f.misfit) {
-      table.warnings.push_back(
-          fmt::format("factors alone would be {} of what is believed, outside [{:g}, {:g}]: the table has a "
-                      "payload of {:.3g} kg instead{}",
-                      far, near_lower, near_upper, with.payload,
-                      with.payload_apart ? ""
-                                         : ", the one with factors nearest to 1: this mechanism's motion "
-                                           "does not tell it from heavier legs"));
-      f = with;
-    } else {
-      table.warnings.push_back(
-          fmt::format("{} of what is believed lies outside [{:g}, {:g}], and a payload does not mend it: "
-                      "check [mechanism] (masses, mass centres, "
-                      "legs that are alike) before using the factors",
-                      far, near_lower, near_upper));
-    }
-  } else if (possible && with.payload_apart && f.misfit >= explains_better * with.misfit) {
-    table.warnings.push_back(fmt::format(
-        "factors alone do not explain what was found, with a payload of {:.3g} kg they do: the table has it",
-        with.payload));
-    f = with;
-  }
-  out = "[uncertainty]                  # true over believed, both legs; mass centres as believed\n";
-  Eigen::VectorXd middle = Eigen::VectorXd::Zero(n),
-                  reach = Eigen::VectorXd::Zero(n);  // of the base parameters, by the table
-  for (std::size_t k = 0; k < factored.size(); ++k) {
-    const auto i = static_cast<Eigen::Index>(k);
-    const double half = half_width(f, i, coverage), is = 1.0 + f.value[i];
-    out += f.told[k] ? fmt::format("{} = {}\n", factor_names[k], interval(is - half, is + half))
-                     : fmt::format("# {}: not told apart by this motion\n", factor_names[k]);
-    if (!f.told[k]) continue;
-    const double lower = std::max(0.0, is - half), upper = std::max(0.0, is + half);
-    middle += B.col(i) * (0.5 * (lower + upper) - 1.0);
-    reach += B.col(i).cwiseAbs() * (0.5 * (upper - lower));
-  }
-  if (f.with_payload) {
-    const double half = coverage * std::sqrt(f.payload_variance * f.misfit);
-    out += fmt::format("payload = [{:.6g}, {:.6g}]\n", f.payload - half, f.payload + half);
-    middle += payload * f.payload;
-    reach += payload.cwiseAbs() * half;
-  }
-  std::string missed;
-  for (Eigen::Index i = 0; i < n; ++i) {
-    if (std::abs(change[i] - middle[i]) <= reach[i] + coverage * std::sqrt(C(i, i))) continue;
-    const BaseParameter& of = r.parameters[inertial[static_cast<std::size_t>(i)]];
-    missed += (missed.empty() ? "" : ", ") + standard[static_cast<std::size_t>(of.of)].name;
-  }
-  if (!missed.empty())
-    table.warnings.push_back(fmt::format(
-        "the table does not contain what was found, of {}: factors common to both legs do not explain it",
-        missed));
-  for (const BaseParameter& v : r.parameters) {
-    const StandardParameter& of = standard[static_cast<std::size_t>(v.of)];
-    if (!of.inertial && v.value + coverage * v.sigma < 0.0)
-      table.warnings.push_back(fmt::format("{} = {:.3g} {} is below 0: no friction is, the table has 0",
-                                           of.name, v.value, of.unit));
-  }
-  for (const char* kind : {"viscous", "coulomb"}) {
-    std::string list;
-    for (const BaseParameter& v : r.parameters) {
-      if (!standard[static_cast<std::size_t>(v.of)].name.starts_with(kind)) continue;
-      list +=
-          (list.empty() ? "" : ", ") + interval(v.value - coverage * v.sigma, v.value + coverage * v.sigma);
-    }
-    if (!list.empty()) out += fmt::format("{} = [{}]\n", kind, list);
-  }
-  out += fmt::format(
+  const FactorFit f = choose_fit(c, coverage, table.warnings);
+  table.toml = "[uncertainty]                  # true over believed, both legs; mass centres as believed\n";
+  table.toml += factor_lines(c, f, coverage, standard, table.warnings);
+  table.toml += friction_lines(r, coverage, standard, table.warnings);
+  table.toml += fmt::format(
       "# of the torque; what sensors lag is not in it: control.delay_ticks = {:.2f}, from {:.2f} to {:.2f}\n",
       std::max(0.0, r.delay_ticks), r.delay_ticks - coverage * r.delay_sigma,
       r.delay_ticks + coverage * r.delay_sigma);

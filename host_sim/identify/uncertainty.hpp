@@ -1,5 +1,5 @@
 #pragma once
-/// What was identified, in the words of a scene.
+/// An identification as the table [uncertainty] of a scene.
 
 #include <string>
 #include <vector>
@@ -10,7 +10,7 @@
 namespace esmc::host {
 
 /// The standard parameters of a mechanism, in the order of standard_parameters().
-Eigen::VectorXd standard_values(const FiveBarParams<double>& p, bool five_bar);
+Vector standard_values(const FiveBarParams<double>& p, bool five_bar);
 
 /// A table [uncertainty] and what is to be said about it, one line each.
 struct UncertaintyTable {

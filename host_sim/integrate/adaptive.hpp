@@ -1,15 +1,14 @@
 #pragma once
-/// What the adaptive methods share: step control, dense output, events. A method derives from
+/// Step control, dense output and events of the adaptive methods. A method derives from
 /// Adaptive<Method, System> and supplies
-///   static constexpr double error_order   the error of a step goes with h^error_order
-///   static constexpr double memory        weight of the previous error in the control, HW (IV.2.43) beta
-///   void begin(t, y)                      slope at y into first_, nothing remembered of earlier steps
-///   double attempt(t, h, y, tol)          next_ after h from y; returns the error in the norm of Tolerance,
-///   NaN if
-///                                         something was not finite, infinity if equations were not solved
-///   void accept(t, h, y)                  y becomes next_, projected, and first_ the slope there
-///   void compute(t, h, y)                 as attempt and accept, without an error
-///   void interpolate(theta, out)          theta in [0, 1] of the last step, not projected
+///   error_order            the error of a step goes with h^error_order
+///   memory                 weight of the previous error in the step control, HW (IV.2.43) beta
+///   begin(t, y)            slope at y into first_, nothing remembered of earlier steps
+///   attempt(t, h, y, tol)  next_ after h from y. Returns the error in the norm of Tolerance; NaN if
+///                          something was not finite, infinity if equations were not solved
+///   accept(t, h, y)        y becomes next_, projected, and first_ the slope there
+///   compute(t, h, y)       as attempt and accept, without an error
+///   interpolate(theta, y)  y at theta in [0, 1] of the last step, not projected
 
 #include "host_sim/integrate/roots.hpp"
 #include "host_sim/integrate/system.hpp"
@@ -29,17 +28,16 @@ class Adaptive {
     record(t, h, t + h);
   }
 
-  /// From t0 to t1 >= t0, with steps as the tolerance needs; the length of the next step is kept for the next
-  /// call, nothing else is, so inputs of the system may jump between calls. y: last accepted state, whatever
-  /// the reason.
+  /// From t0 to t1 >= t0 with steps as the tolerance needs. Only the length of the next step is kept for the
+  /// next call, so inputs of the system may jump between calls. y: the last accepted state in any case.
   Advance advance(double t0, double t1, State& y, const Tolerance& tol) {
     return run(t0, t1, y, tol, [](double, const State&) { return 1.0; });
   }
 
-  /// The same, but ends where g(t, y) first changes sign between accepted steps: Advance::t is within 1e-14
-  /// max(|t|, length of the step) behind the sign change of g on the dense output, and y is the projected
-  /// state there. A g that changes sign twice in one step is not seen; tol.max_step bounds the step. A root
-  /// at t0 is none: neither g(t0) = 0 nor rounding at an event that the last call ended with.
+  /// As advance, but ends where g(t, y) first changes sign between accepted steps: Advance::t is at most
+  /// 1e-14 max(|t|, length of the step) behind the sign change on the dense output, y the projected state
+  /// there. Two changes of sign in one step are not seen (tol.max_step bounds the step). A root at t0 does
+  /// not count: neither g(t0) = 0 nor rounding at an event that ended the last call.
   template <class G>
   Advance advance_to_event(double t0, double t1, State& y, const Tolerance& tol, const G& g) {
     return run(t0, t1, y, tol, g);
@@ -62,7 +60,7 @@ class Adaptive {
 
   /// Length that the next step would have, s; 0: not known yet.
   [[nodiscard]] double next_step() const { return next_step_; }
-  /// As constructed; for a start with no relation to what was before.
+  /// As constructed.
   void forget() { next_step_ = 0.0, error_before_ = 1e-4, dense_ = false, event_ = no_time; }
 
  protected:
@@ -128,26 +126,22 @@ class Adaptive {
         ++done.rejected;
         shrunk = true;
         undefined = undefined || std::isnan(error);
-        next_step_ =
-            h *
-            (std::isfinite(error) ? std::max(0.2, 0.9 * std::pow(error, -1.0 / Method::error_order)) : 0.25);
-        if (!(0.1 * next_step_ > epsilon * std::abs(done.t) && next_step_ > epsilon * epsilon * (t1 - t0))) {
-          next_step_ = 0.0;
-          return ended(undefined ? Reason::non_finite : Reason::step_underflow);
-        }
-        continue;
+        next_step_ = h * shrinking(error);
+        if (0.1 * next_step_ > epsilon * std::abs(done.t) && next_step_ > epsilon * epsilon * (t1 - t0))
+          continue;
+        next_step_ = 0.0;
+        return ended(undefined ? Reason::non_finite : Reason::step_underflow);
       }
       method().accept(done.t, h, y);
       ++done.steps;
-      const double grown = h * growth(error, shrunk);
-      next_step_ =
-          h < wanted ? std::max(wanted, grown) : grown;  // a step cut short says little against a long one
+      next_step_ = h * growth(error, shrunk);
+      if (h < wanted) next_step_ = std::max(wanted, next_step_);  // a step cut short says little
       shrunk = undefined = false;
       record(done.t, h, last ? t1 : done.t + h);
       done.t = end_;
       if (!all_finite(size(), y) || !all_finite(size(), first_)) return ended(Reason::non_finite);
 
-      if (side == 0.0) side = just_after_begin(g);
+      if (side == 0.0) side = g(after_begin(), state_at(after_begin()));  // leaving a root
       const double now = g(end_, y);
       if (std::isnan(now)) return ended(Reason::non_finite);
       if (side * now < 0.0 || (now == 0.0 && side != 0.0)) {
@@ -174,6 +168,9 @@ class Adaptive {
     return h > 0.0 ? h : 1e-6 * (t1 - t0);  // NaN here is judged where it matters, in the step itself
   }
 
+  static double shrinking(double error) {
+    return std::isfinite(error) ? std::max(0.2, 0.9 * std::pow(error, -1.0 / Method::error_order)) : 0.25;
+  }
   /// Proportional and integral, HW (IV.2.43c).
   double growth(double error, bool shrunk) {
     constexpr double alpha = 1.0 / Method::error_order - 0.75 * Method::memory;
@@ -183,18 +180,14 @@ class Adaptive {
     return std::clamp(factor, 0.2, shrunk ? 1.0 : 8.0);
   }
 
-  /// Sign of g on leaving a root at the beginning of the step, far enough from it that rounding has no say.
-  template <class G>
-  double just_after_begin(const G& g) {
-    const double t = std::min(end_, begin_ + std::max(length_ * 0x1p-20, 8.0 * epsilon * std::abs(begin_)));
-    return g(t, state_at(t));
+  /// An instant after the begin of the step, far enough from it that rounding has no say.
+  [[nodiscard]] double after_begin() const {
+    return std::min(end_, begin_ + std::max(length_ * 0x1p-20, 8.0 * epsilon * std::abs(begin_)));
   }
 
   template <class G>
   double locate(const G& g, double side, double now, State& y) {
-    double begin = begin_;
-    if (begin_ == event_)
-      begin = std::min(end_, begin_ + std::max(length_ * 0x1p-20, 8.0 * epsilon * std::abs(begin_)));
+    const double begin = begin_ == event_ ? after_begin() : begin_;
     const double width =
         std::max(1e-14 * std::max(std::abs(end_), length_), std::numeric_limits<double>::min());
     const auto f = [&](double t) { return g(t, state_at(t)); };

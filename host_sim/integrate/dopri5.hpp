@@ -1,8 +1,7 @@
 #pragma once
 /// Dormand-Prince 5(4), HNW table II.5.2; continuous extension of order 4, HNW (II.6.12) in Shampine's form.
 
-#include "host_sim/integrate/adaptive.hpp"
-#include "host_sim/integrate/stages.hpp"
+#include "host_sim/integrate/dormand_prince.hpp"
 
 namespace esmc::host {
 
@@ -31,9 +30,9 @@ inline constexpr Row dense{-12715105075.0 / 11282082432,  0.0,
 }  // namespace dopri5
 
 template <System S>
-class Dopri5 : public Adaptive<Dopri5<S>, S> {
-  using Base = Adaptive<Dopri5<S>, S>;
-  friend Base;
+class Dopri5 : public DormandPrince<Dopri5<S>, S, dopri5::a, dopri5::c, 6> {
+  using Base = DormandPrince<Dopri5<S>, S, dopri5::a, dopri5::c, 6>;
+  friend Adaptive<Dopri5<S>, S>;
 
  public:
   using State = typename S::State;
@@ -45,14 +44,13 @@ class Dopri5 : public Adaptive<Dopri5<S>, S> {
   explicit Dopri5(S&&) = delete;
 
  private:
+  using Base::k_, Base::work_;
   static constexpr double error_order = 5.0;
   static constexpr double memory = 0.04;
 
-  void begin(double t, const State& y) { this->evaluate(t, y, this->first_); }
-
   double attempt(double t, double h, const State& y, const Tolerance& tol) {
     const std::size_t n = this->size();
-    inner_stages(t, h, y);
+    this->stages(t, h, y);
     this->evaluate(t + h, this->next_, k_[6]);
     weighted(n, dopri5::error, k_, h, State{}, work_);
     return all_finite(n, this->next_) ? scaled_norm(n, work_, y, this->next_, tol)
@@ -67,51 +65,15 @@ class Dopri5 : public Adaptive<Dopri5<S>, S> {
     if (!std::equal(work_.begin(), work_.begin() + static_cast<std::ptrdiff_t>(n), this->next_.begin())) {
       this->evaluate(t + h, this->next_, k_[6]);
     }
-    copy_entries(n, k_[6], this->first_);
-    end_slope_ = true;
-    move(y);
-  }
-
-  void compute(double t, double h, State& y) {
-    inner_stages(t, h, y);
-    this->system_->project(this->next_);
-    end_slope_ = false;
-    move(y);
+    this->accept_with_slope(y);
   }
 
   void interpolate(double theta, State& out) {
     const std::size_t n = this->size();
-    const double h = this->length_;
-    if (!end_slope_) {
-      this->evaluate(this->end_, this->next_, k_[6]);
-      end_slope_ = true;
-    }
-    weighted(n, dopri5::dense, k_, h, State{}, work_);
-    for (std::size_t i = 0; i < n; ++i) {
-      const double rise = this->next_[i] - this->previous_[i], bend = h * k_[0][i] - rise;
-      const double twist = rise - h * k_[6][i] - bend, back = 1.0 - theta;
-      out[i] = this->previous_[i] + theta * (rise + back * (bend + theta * (twist + back * work_[i])));
-    }
+    this->end_slope();
+    weighted(n, dopri5::dense, k_, this->length_, State{}, work_);
+    for (std::size_t i = 0; i < n; ++i) out[i] = this->continued(i, theta, work_[i]);
   }
-
-  void inner_stages(double t, double h, const State& y) {
-    const std::size_t n = this->size();
-    copy_entries(n, this->first_, k_[0]);
-    each_stage<1, 6>([&](auto s) {
-      weighted_row<dopri5::a, s.value>(n, k_, h, y, work_);
-      this->evaluate(t + dopri5::c[s.value] * h, work_, k_[s.value]);
-    });
-    weighted_row<dopri5::a, 6>(n, k_, h, y, this->next_);
-  }
-
-  void move(State& y) {
-    copy_entries(this->size(), y, this->previous_);
-    copy_entries(this->size(), this->next_, y);
-  }
-
-  std::array<State, dopri5::stages> k_{};
-  State work_{};
-  bool end_slope_ = false;  // k_[6] belongs to next_
 };
 
 }  // namespace esmc::host

@@ -9,7 +9,6 @@
 namespace esmc::host::dopri8 {
 
 inline constexpr std::size_t stages = 16;
-inline constexpr std::size_t main_stages = 12;
 using Row = std::array<double, stages>;
 
 inline constexpr Row c{0.0,

@@ -1,5 +1,7 @@
 #pragma once
-/// LU decomposition with partial pivoting in fixed storage.
+/// LU decomposition with partial pivoting in fixed storage. Not Eigen's PartialPivLU: with four solutions
+/// each, 15 x 15 takes that 3.7 us and this 2.8 us (27 x 27: 14 and 11), and the digests of radau5 would
+/// change.
 
 #include <array>
 #include <cmath>

@@ -5,7 +5,7 @@
 
 namespace esmc::host {
 
-template <System S, bool compensated = false>
+template <System S>
 class Rk4 {
  public:
   using State = typename S::State;
@@ -25,9 +25,7 @@ class Rk4 {
     system_->slope(t + 0.5 * h, stage_, k3_);
     shift(n, y, h, k3_);
     system_->slope(t + h, stage_, k4_);
-    for (std::size_t i = 0; i < n; ++i) {
-      sum_.add(y[i], i, h / 6.0 * (k1_[i] + 2.0 * (k2_[i] + k3_[i]) + k4_[i]));
-    }
+    for (std::size_t i = 0; i < n; ++i) y[i] += h / 6.0 * (k1_[i] + 2.0 * (k2_[i] + k3_[i]) + k4_[i]);
     system_->project(y);
   }
 
@@ -38,7 +36,6 @@ class Rk4 {
 
   const S* system_;
   State stage_{}, k1_{}, k2_{}, k3_{}, k4_{};
-  Accumulator<State, compensated> sum_;
 };
 
 }  // namespace esmc::host

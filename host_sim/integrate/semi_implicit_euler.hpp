@@ -6,7 +6,7 @@
 
 namespace esmc::host {
 
-template <System S, bool compensated = false>
+template <System S>
 class SemiImplicitEuler {
  public:
   using State = typename S::State;
@@ -21,15 +21,14 @@ class SemiImplicitEuler {
     constexpr std::size_t m = S::positions;
     system_->slope(t, y, slope_);
     const std::size_t n = system_->size();
-    for (std::size_t i = m; i < n; ++i) sum_.add(y[i], i, h * slope_[i]);
-    for (std::size_t i = 0; i < m; ++i) sum_.add(y[i], i, h * y[m + i]);
+    for (std::size_t i = m; i < n; ++i) y[i] += h * slope_[i];
+    for (std::size_t i = 0; i < m; ++i) y[i] += h * y[m + i];
     system_->project(y);
   }
 
  private:
   const S* system_;
   State slope_{};
-  Accumulator<State, compensated> sum_;
 };
 
 }  // namespace esmc::host

@@ -1,9 +1,8 @@
 #pragma once
-/// What every method of host_sim/integrate/ agrees on: the system, tolerances, and how an advance ends.
+/// The system, tolerances and results of the methods in host_sim/integrate.
 ///
-/// Sources are HNW = Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I, 2nd ed., and HW =
-/// Hairer, Wanner, II, 2nd ed. Nothing here allocates; a method holds a pointer to its system, which must
-/// outlive it.
+/// HNW = Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I, 2nd ed.; HW = Hairer, Wanner,
+/// II, 2nd ed. No method allocates; a method holds a pointer to its system, which must outlive it.
 
 #include <algorithm>
 #include <array>
@@ -14,23 +13,13 @@
 
 namespace esmc::host {
 
-/// y' = slope(t, y), where y lies on a manifold that project restores.
-///   static constexpr std::size_t capacity;  State = std::array<double, capacity>; of several systems side by
-///   side, where
-///                                           a method allows it, a type that is several numbers
-///   std::size_t size() const                entries in use, <= capacity; the rest are never read or written
-///   static constexpr std::size_t positions  y[0, positions) are positions, y[positions, 2 positions) their
-///   rates,
-///                                           in that order; the rest are other states. 0: all are other
-///                                           states
-///   void slope(double t, const State& y, State& dy) const
-///                                           smooth in t and y during one call of a method. May give NaN or
-///                                           infinity, and must not throw
-///   void project(State& y) const            closure restored in position and velocity; does nothing in a
-///   free
-///                                           system. Called after each step
-/// Optional, for stiff methods: void jacobian(double t, const State& y, std::array<State, capacity>& J)
-/// const, with J[i][j] the derivative of slope i by y[j].
+/// y' = slope(t, y) on a manifold that project restores.
+///
+/// State is std::array<double, capacity>, or of a type that is several numbers where a method allows that.
+/// size() <= capacity entries are in use; y[0, positions) are positions, y[positions, 2 positions) their
+/// rates in the same order, the rest other states. slope is smooth in t and y during one call of a method;
+/// it may give NaN or infinity and must not throw. project is called after each step and restores closure in
+/// position and velocity. Optional, for stiff methods: jacobian, J[i][j] = derivative of slope i by y[j].
 template <class S>
 concept System = requires(const S& s, double t, const typename S::State& y, typename S::State& out) {
   requires std::same_as<typename S::State, std::array<typename S::State::value_type, S::capacity>>;
@@ -72,11 +61,10 @@ enum class Reason {
 };
 
 struct Advance {
-  double t =
-      0.0;  ///< y is the state at this time; t1 exactly if reached, else that of the last accepted step
+  double t = 0.0;  ///< s, of the state y: t1 exactly if reached, else the end of the last accepted step
   long steps = 0;  ///< accepted
   long rejected = 0;
-  long slopes = 0;  ///< evaluations of slope, those for a difference Jacobian and for dense output included
+  long slopes = 0;  ///< evaluations of slope, with those for difference Jacobians and dense output
   Reason reason = Reason::reached;
 
   [[nodiscard]] bool ok() const { return reason == Reason::reached || reason == Reason::event; }
@@ -105,28 +93,5 @@ template <class State>
   }
   return n == 0 ? 0.0 : std::sqrt(sum / static_cast<double>(n));
 }
-
-/// y += dy entry by entry. Compensated: what rounding took from a sum is kept and added to the next one
-/// (Kahan), so that 10^8 steps are as good as one; the carry is below the last bit of y, so a y changed by
-/// others does no harm.
-template <class State, bool compensated>
-class Accumulator {
- public:
-  template <class Number>
-  void add(Number& y, std::size_t i, const Number& dy) {
-    if constexpr (compensated) {
-      const Number wanted = dy + carry_[i], sum = y + wanted;
-      const Number lost = wanted - (sum - y);
-      carry_[i] = std::isfinite(lost) ? lost : 0.0;
-      y = sum;
-    } else {
-      y += dy;
-    }
-  }
-
- private:
-  struct Nothing {};
-  [[no_unique_address]] std::conditional_t<compensated, State, Nothing> carry_{};
-};
 
 }  // namespace esmc::host

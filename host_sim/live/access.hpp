@@ -1,9 +1,9 @@
 #pragma once
-/// Who may speak with a server on this machine: whoever knows its token, from a page of its own.
+/// Access to a server on this machine: by its token, from a page of its own.
 ///
-/// A browser lets any page send requests to 127.0.0.1. What keeps them out: the token, which only the
-/// terminal shows; the `Origin` of a WebSocket, which a page cannot choose; and `Host`, which names another
-/// machine when a foreign name has been made to resolve to this one (DNS rebinding).
+/// A browser lets any page send requests to 127.0.0.1. Three checks refuse them: the token, which only the
+/// terminal shows; `Origin` of a WebSocket, which a page cannot choose; and `Host`, which names another
+/// machine when a foreign name resolves to this one (DNS rebinding).
 
 #include <string>
 #include <string_view>
@@ -13,7 +13,7 @@ namespace esmc::host {
 /// 128 bits of the operating system's entropy in hexadecimal. Throws RunError where there is none.
 std::string make_token();
 
-/// Takes as long for any two texts of the same length, so that nobody can guess digit by digit.
+/// Takes the same time for all texts of one length, so that digits cannot be guessed one by one.
 [[nodiscard]] bool same_token(std::string_view given, std::string_view token);
 
 /// 127.0.0.1:PORT or localhost:PORT.

@@ -68,7 +68,7 @@
     stale = true;
   }
 
-  /** What a state means to the person in front of it. */
+  /** What a state means for the user. */
   const meanings = {
     disabled: ["warn", "‖", "off", "The brake is closed. Start arms the drives."],
     enabling: ["warn", "…", "arming", "The drives are being set up and armed."],
@@ -135,7 +135,7 @@
       setTimeout(connect, 2000);
     });
   }
-  onLook(() => { stale = true; strips.forEach((strip) => strip.redraw()); });
+  onLook(() => { stale = true; strips.forEach((strip) => strip.draw()); });
   connect();
   requestAnimationFrame(picture);
 })();

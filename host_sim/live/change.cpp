@@ -1,52 +1,36 @@
 #include <algorithm>
 #include <cmath>
-#include <map>
 #include <set>
 
+#include "host_sim/controller/axes_config.hpp"
 #include "host_sim/drives/placed_axes.hpp"
 #include "host_sim/effects/shaft_sensor.hpp"
+#include "host_sim/error.hpp"
 #include "host_sim/live/session.hpp"
-#include "host_sim/loop/halves.hpp"
+#include "host_sim/loop/loop_scene.hpp"
+#include "host_sim/scene/toml_text.hpp"
 
 namespace esmc::host {
 namespace {
 
-/// The text of each table of a scene as run, by its first name; keys above all tables stand for themselves.
-std::map<std::string, std::string> tables(const std::string& toml) {
-  std::map<std::string, std::string> out;
-  std::string table;
-  for (std::size_t at = 0; at < toml.size();) {
-    const std::size_t end = std::min(toml.find('\n', at), toml.size());
-    const std::string line = toml.substr(at, end - at);
-    at = end + 1;
-    if (line.empty()) continue;
-    const std::size_t name = line.find_first_not_of('[');
-    if (name > 0) table = line.substr(name, line.find_first_of(".]", name) - name);
-    out[table.empty() ? line.substr(0, line.find(' ')) : table] += line + "\n";
-  }
-  return out;
-}
-
+/// First names of what differs between two scenes as run: tables, keys above all tables, files.
 std::set<std::string> changed_tables(const Scene& from, const Scene& to) {
   std::set<std::string> out;
-  const auto a = tables(from.toml), b = tables(to.toml);
-  const auto compare = [&](const auto& x, const auto& y) {
-    for (const auto& [name, text] : x) {
-      const auto other = y.find(name);
-      if (other == y.end() || other->second != text) out.insert(name);
+  const auto differing = [&](const Scene& x, const Scene& y) {
+    const toml::table a = toml::parse(x.toml), b = toml::parse(y.toml);
+    for (auto&& [key, value] : a) {
+      const toml::node* other = b.get(key);
+      if (other == nullptr || toml_text(toml::table{{key, value}}) != toml_text(toml::table{{key, *other}}))
+        out.emplace(key.str());
     }
-  };
-  compare(a, b);
-  compare(b, a);
-  const auto files = [&](const Scene& x, const Scene& y) {  // in the text they have the same names
-    for (const Companion& c : x.companions) {
+    for (const Companion& c : x.companions) {  // in the text they have the same names
       if (std::ranges::none_of(y.companions,
                                [&](const Companion& o) { return o.name == c.name && o.text == c.text; }))
         out.insert(c.key().substr(0, c.key().find('.')));
     }
   };
-  files(from, to);
-  files(to, from);
+  differing(from, to);
+  differing(to, from);
   return out;
 }
 
@@ -55,8 +39,8 @@ bool same_sensors(const Scene& from, const Scene& to) {
   return a.encoder == b.encoder && a.noise == b.noise && a.bias == b.bias && a.delay == b.delay;
 }
 
-/// s, at most 1. On the way onto a reference that turns, the speed that is missing at first is made up for;
-/// where that takes longer than half a turn, the way leads far off.
+/// Time to join a reference, s, at most 1. On the way onto a reference that turns, the mechanism has to catch
+/// up with it; where that takes longer than half a turn, it goes far off the reference.
 double usual_join(const ReferenceScene& r) {
   constexpr double turn = 3.0;  // rad
   double fastest = r.type == ReferenceType::circle ? std::abs(r.speed) : 0.0;
@@ -79,7 +63,7 @@ void prepare_live_scene(Scene& scene, bool controller_elsewhere) {
   if (!scene.reference.join) scene.reference.join = usual_join(scene.reference);
 }
 
-RestartLevel what_it_takes(const Scene& from, const Scene& to) {
+RestartLevel restart_level(const Scene& from, const Scene& to) {
   if (from.type != to.type) throw InputError("", "'mechanism.type': another mechanism needs another bench");
   const auto changed = changed_tables(from, to);
   if (changed.contains("mechanism") || changed.contains("initial")) return RestartLevel::home;
@@ -93,33 +77,12 @@ RestartLevel what_it_takes(const Scene& from, const Scene& to) {
 
 InjectOrder usual_injection(const InjectionRow& row, std::size_t drive) {
   constexpr int for_ever = 1'000'000;
-  InjectOrder o{&row, drive, row.longest == 0 ? for_ever : row.longest, 0.5, 0};
-  switch (row.kind) {
-    case Injected::scattered_loss:
-      o.amount = 0.4;
-      break;
-    case Injected::delay:
-      o.amount = 2.0;
-      break;
-    case Injected::denormal:
-      o.amount = 1e-40;
-      break;
-    case Injected::huge:
-      o.amount = 1e6;
-      break;
-    case Injected::sensor_jump:
-      o.amount = 0.5;
-      break;
-    case Injected::sensor_step:
-      o.amount = 0.02;
-      break;
-    case Injected::flood:
-      o.amount = 2000.0;
-      break;
-    default:
-      break;
-  }
-  return o;
+  constexpr std::pair<Injected, double> amounts[] = {
+      {Injected::scattered_loss, 0.4}, {Injected::delay, 2.0},        {Injected::denormal, 1e-40},
+      {Injected::huge, 1e6},           {Injected::sensor_step, 0.02}, {Injected::flood, 2000.0}};
+  const auto* known = std::ranges::find(amounts, row.kind, &std::pair<Injected, double>::first);
+  const double amount = known != std::end(amounts) ? known->second : 0.5;
+  return {&row, drive, row.longest == 0 ? for_ever : row.longest, amount, 0};
 }
 
 bool can_inject(const InjectionRow& row, Protocol protocol) {
@@ -128,17 +91,11 @@ bool can_inject(const InjectionRow& row, Protocol protocol) {
 }
 
 bool can_inject_from_outside(const InjectionRow& row) {
-  switch (row.kind) {
-    case Injected::controller_death:
-    case Injected::controller_late:
-    case Injected::controller_bus_off:
-    case Injected::queue_full:
-    case Injected::enable_open:
-    case Injected::flood:  // of a real interface: not through one of its nodes
-      return false;
-    default:
-      return true;
-  }
+  // A flood is one of a real interface, not of one of its nodes.
+  constexpr Injected of_the_controller[] = {Injected::controller_death,   Injected::controller_late,
+                                            Injected::controller_bus_off, Injected::queue_full,
+                                            Injected::enable_open,        Injected::flood};
+  return std::ranges::find(of_the_controller, row.kind) == std::end(of_the_controller);
 }
 
 }  // namespace esmc::host

@@ -110,9 +110,7 @@ class Drawing {
       return [x0 + ux * s - uy * off, y0 + uy * s + ux * off];
     });
     Mechanism.drawPath(c, { toScreen: (p) => p }, points, { strokeStyle: colour("ink"), lineWidth: 1.5 });
-    Object.assign(c, { fillStyle: colour("ink") }).beginPath();
-    c.arc(x1, y1, 5, 0, 2 * Math.PI);
-    c.fill();
+    Mechanism.dot(c, [x1, y1], 4.25, colour("ink"));
   }
   /** As long as 90 pixels at the hand's full strength, and labelled. */
   arrow(c, [px, py], [fx, fy], force, most) {

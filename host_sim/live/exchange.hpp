@@ -1,5 +1,5 @@
 #pragma once
-/// What passes between the loop of a live bench and its server: samples and events one way, orders the other.
+/// Data between the loop of a live bench and its server: samples and events one way, orders the other.
 
 #include <array>
 #include <cstdint>
@@ -14,7 +14,7 @@
 
 namespace esmc::host {
 
-/// A tick as a page sees it. Plain values: made 1000 times a second.
+/// A tick as a page shows it.
 struct LiveSample {
   double t = 0.0;          ///< s since the bench began, by ticks
   const char* state = "";  ///< of the supervisor, or of the plant where there is none
@@ -29,7 +29,7 @@ struct LiveSample {
   bool holding = false, brake = true, injecting = false, saturated = false;
 };
 
-/// Something worth a line.
+/// A line of the page's log.
 struct LiveEvent {
   double t = 0.0;    ///< s, as in LiveSample
   std::string kind;  ///< "state" | "fault" | "order" | "scene" | "note"
@@ -47,12 +47,13 @@ struct InjectOrder {
   int choice = 0;
 };
 
-/// Another scene, already read and found possible. What that takes:
+/// What a change of the scene restarts.
 enum class RestartLevel : std::uint8_t {
   nothing,  ///< the mechanism goes on with other effects
   restart,  ///< stop, brake, drives and controller anew, start
   home,     ///< and the mechanism where the scene begins
 };
+/// Another scene, read and checked.
 struct SceneOrder {
   std::shared_ptr<const Scene> scene;
   RestartLevel takes = RestartLevel::restart;

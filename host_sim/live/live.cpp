@@ -30,11 +30,11 @@ std::string with_token(std::string_view page, const std::string& token) {
   return out;
 }
 
-/// The loop: orders, tick, samples, and then sleep until the next tick. Never waits for anything else.
+/// The loop: orders, tick, samples, then sleep until the next tick. It never waits for the server.
 class Runner {
  public:
-  Runner(LiveSession& session, Exchange& exchange, LiveApi::Loop& told)
-      : session_(session), exchange_(exchange), told_(told) {}
+  Runner(LiveSession& session, Exchange& exchange, LiveApi::LoopCounts& counts)
+      : session_(session), exchange_(exchange), counts_(counts) {}
 
   /// Until Ctrl-C or `seconds` of ticks have passed; then the drives are idle.
   void run(std::optional<double> seconds) {
@@ -49,13 +49,13 @@ class Runner {
         while (exchange_.orders.pop(o)) session_.order(o);
         step();
         pace.wait();
-        told_.late = late + pace.late();
+        counts_.late = late + pace.late();
       }
       late += pace.late();
     }
     session_.order(LiveCommand::stop);
-    constexpr int patience = 5000;
-    for (int n = 0; n < patience && (n == 0 || !session_.at_rest()); ++n) step();
+    constexpr int ticks_to_rest = 5000;
+    for (int n = 0; n < ticks_to_rest && (n == 0 || !session_.at_rest()); ++n) step();
   }
   [[nodiscard]] const std::vector<LiveEvent>& faults() const { return faults_; }
 
@@ -67,24 +67,23 @@ class Runner {
         std::max<std::uint64_t>(1, static_cast<std::uint64_t>(session_.scene().rate_hz / 1000.0));
     if (const std::uint64_t n = session_.ticks(); n != shown_ && n % stride == 0) {
       shown_ = n;
-      LiveSample s = session_.sample();
-      if (!exchange_.samples.push(std::move(s))) ++told_.dropped;
+      if (!exchange_.samples.push(LiveSample(session_.sample()))) ++counts_.dropped;
     }
     for (LiveEvent& e : session_.take_events()) {
       if (e.kind == "fault" && faults_.size() < faults_kept) faults_.push_back(e);
-      (void)exchange_.events.push(std::move(e));  // full: the desk is gone, and with it whoever would read it
+      (void)exchange_.events.push(std::move(e));  // full: the server has ended
     }
   }
   static constexpr std::size_t faults_kept = 1000;
 
   LiveSession& session_;
   Exchange& exchange_;
-  LiveApi::Loop& told_;
+  LiveApi::LoopCounts& counts_;
   std::vector<LiveEvent> faults_;
   std::uint64_t shown_ = 0;
 };
 
-Json summary(const LiveSession& session, const Runner& runner, const LiveApi::Loop& loop,
+Json summary(const LiveSession& session, const Runner& runner, const LiveApi::LoopCounts& loop,
              const ServerCounts& served, std::uint64_t malformed) {
   Json faults = Json::array();
   for (const LiveEvent& e : runner.faults())
@@ -114,14 +113,14 @@ int run_live(const LiveOptions& o) {
   std::optional<HostBus> bus;
   if (!here) bus.emplace(open_bus(o.run.bus, scene->bitrate));
   auto exchange = std::make_unique<Exchange>();
-  LiveApi desk(o.run, scene, *exchange);
+  LiveApi api(o.run, scene, *exchange);
   ServerOptions options;
   options.port = o.port;
   options.token = make_token();
   options.files["/"] = {"text/html; charset=utf-8", with_token(live_html, options.token)};
   options.files["/live.css"] = {"text/css; charset=utf-8", std::string(live_css)};
   options.files["/live.js"] = {"text/javascript; charset=utf-8", std::string(live_js)};
-  const auto server = open_server(options, desk);
+  const auto server = open_server(options, api);
   const auto session = here ? make_live_session(scene) : make_live_plant(scene, *bus);
 
   std::FILE* told = o.run.json ? stderr : stdout;
@@ -130,7 +129,7 @@ int run_live(const LiveOptions& o) {
 
   std::atomic<bool> over{false};
   std::thread serving([&] { server->run(over); });
-  Runner runner(*session, *exchange, desk.loop());
+  Runner runner(*session, *exchange, api.loop());
   try {
     runner.run(o.duration);
   } catch (...) {
@@ -140,14 +139,14 @@ int run_live(const LiveOptions& o) {
   }
   over = true;
   serving.join();
-  const Json s = summary(*session, runner, desk.loop(), server->counts(), desk.malformed());
+  const Json s = summary(*session, runner, api.loop(), server->counts(), api.malformed());
   if (o.run.json) {
     fmt::print("{}\n", s.dump(2));
     return 0;
   }
   fmt::print("{}: {:.3f} s, {} ticks, {} late; {}, {} faults; {} pages, {} requests refused\n",
              s["scene"].get<std::string>(), s["duration_s"].get<double>(), session->ticks(),
-             desk.loop().late.load(), session->sample().state, runner.faults().size(), server->counts().pages,
+             api.loop().late.load(), session->sample().state, runner.faults().size(), server->counts().pages,
              server->counts().refused);
   return 0;
 }

@@ -47,29 +47,6 @@ std::vector<std::string> texts(const Json& j) {
 
 std::string dump(const Json& j) { return j.dump(-1, ' ', false, Json::error_handler_t::replace); }
 
-/// Samples as columns: shorter than rows with names, and what a plot wants.
-class Columns {
- public:
-  void begin(const char* name) {
-    fmt::format_to(std::back_inserter(out_), "{}\"{}\":[", first_ ? "{" : ",", name), first_ = false,
-                                                                                      comma_ = false;
-  }
-  void add(double v, int digits) {
-    if (std::exchange(comma_, true)) out_.push_back(',');
-    if (std::isfinite(v)) {
-      fmt::format_to(std::back_inserter(out_), "{:.{}g}", v, digits);
-    } else {
-      out_.append(std::string_view("null"));
-    }
-  }
-  void end() { out_.push_back(']'); }
-  [[nodiscard]] std::string text() { return (first_ ? "{" : "") + fmt::to_string(out_) + "}"; }
-
- private:
-  fmt::memory_buffer out_;
-  bool first_ = true, comma_ = false;
-};
-
 Json mechanism_json(const Scene& s) {
   const bool five_bar = s.type == MechanismType::five_bar;
   Json legs = Json::array();
@@ -80,15 +57,6 @@ Json mechanism_json(const Scene& s) {
           {"legs", std::move(legs)}};
 }
 
-const char* law_name(LawChoice l) {
-  constexpr const char* names[] = {"esmc", "esmc_projected", "smc", "ctc", "pd", "open_loop", "none"};
-  return names[static_cast<std::size_t>(l)];
-}
-const char* reaching_name(ReachingChoice r) {
-  constexpr const char* names[] = {"sign",     "saturation",     "tanh",
-                                   "implicit", "super_twisting", "implicit_coupled"};
-  return names[static_cast<std::size_t>(r)];
-}
 std::string per_kind(const PerKind& k) {
   return k.position == k.angle ? fmt::format("{}", k.position)
                                : fmt::format("{{ position = {}, angle = {} }}", k.position, k.angle);
@@ -96,23 +64,23 @@ std::string per_kind(const PerKind& k) {
 
 }  // namespace
 
-/// A page that is connected: what it has been told, and its hand.
+/// A connected page: how far it is up to date, and its hand.
 class Page final : public Client {
  public:
-  explicit Page(LiveApi& desk) : desk_(desk), sample_(desk.samples_.first), hand_(desk.grip_) {}
+  explicit Page(LiveApi& api) : api_(api), sample_(api.samples_.first), hand_(api.usual_hand_) {}
   ~Page() override {
-    if (held_) (void)desk_.exchange_.orders.push(Hand{.most = hand_.most});  // nobody pulls any more
+    if (held_) (void)api_.exchange_.orders.push(Hand{.most = hand_.most});  // releases the pull
   }
   [[nodiscard]] std::string next() override;
   void on_message(std::string_view message) override;
 
  private:
-  void obey(const Json& j);
+  void apply(const Json& j);
   void inject(const Json& j);
-  void pull(const Json& j);
+  void set_hand(const Json& j);
   [[nodiscard]] std::string samples();
 
-  LiveApi& desk_;
+  LiveApi& api_;
   std::uint64_t sample_, event_ = 0, scene_ = 0;
   bool greeted_ = false, held_ = false;
   Hand hand_;
@@ -124,11 +92,11 @@ LiveApi::LiveApi(const RunOptions& options, std::shared_ptr<const Scene> scene, 
       given_(options.sets),
       scene_(std::move(scene)),
       exchange_(exchange),
-      grip_(usual_hand(*scene_)) {}
+      usual_hand_(usual_hand(*scene_)) {}
 
 std::unique_ptr<Client> LiveApi::on_connect() { return std::make_unique<Page>(*this); }
 
-void LiveApi::turn() {
+void LiveApi::on_timer() {
   LiveSample s;
   while (exchange_.samples.pop(s)) samples_.add(s, samples_kept);
   LiveEvent e;
@@ -149,7 +117,7 @@ void LiveApi::set(const std::vector<std::string>& sets) {
   }
   if (sets.empty()) o.sets = given_, what = "the scene as given";
   const auto scene = read_live_scene(o);
-  const RestartLevel takes = what_it_takes(*scene_, *scene);
+  const RestartLevel takes = restart_level(*scene_, *scene);
   if (!controller_here() && takes != RestartLevel::nothing) {
     throw InputError(
         "", "the controller is on " + options_.bus +
@@ -163,6 +131,10 @@ void LiveApi::set(const std::vector<std::string>& sets) {
   ++scene_number_;
 }
 
+bool LiveApi::injectable(const InjectionRow& row) const {
+  return can_inject(row, scene_->drives.protocol) && (controller_here() || can_inject_from_outside(row));
+}
+
 std::string LiveApi::scene_json() const {
   const Scene& s = *scene_;
   Json effects = Json::array();
@@ -170,8 +142,8 @@ std::string LiveApi::scene_json() const {
     effects.push_back({{"type", e.type}, {"parameters", e.parameters}});
   Json j{{"name", printable(s.name)},
          {"mechanism", mechanism_json(s)},
-         {"law", law_name(s.law)},
-         {"reaching", reaching_name(s.reaching)},
+         {"law", name(s.law)},
+         {"reaching", name(s.reaching)},
          {"lambda", per_kind(s.lambda)},
          {"gain", s.robust_gain ? std::string("robust") : per_kind(s.gain)},
          {"layer", per_kind(s.layer)},
@@ -187,8 +159,7 @@ std::string LiveApi::scene_json() const {
 std::string LiveApi::hello_json() const {
   Json faults = Json::array();
   for (const InjectionRow& r : injection_rows()) {
-    if (!can_inject(r, scene_->drives.protocol) || (!controller_here() && !can_inject_from_outside(r)))
-      continue;
+    if (!injectable(r)) continue;
     const InjectOrder usual = usual_injection(r, 0);
     Json ms = r.longest == 0 ? Json(nullptr) : Json(1e3 * usual.ticks * scene_->tick());
     faults.push_back({{"name", r.name}, {"ms", std::move(ms)}});
@@ -201,19 +172,29 @@ std::string LiveApi::hello_json() const {
       {"drives", scene_->drives.nodes.size()},
       {"channels", scene_->type == MechanismType::five_bar ? Json{"x", "y"} : Json{"theta1", "theta2"}},
       {"faults", std::move(faults)},
-      {"hand", {{"stiffness", grip_.stiffness}, {"damping", grip_.damping}, {"most", grip_.most}}}};
+      {"hand",
+       {{"stiffness", usual_hand_.stiffness}, {"damping", usual_hand_.damping}, {"most", usual_hand_.most}}}};
   return dump(hello);
 }
 
+/// Samples as columns: shorter than rows with names, and what a plot wants.
 std::string Page::samples() {
-  const auto& kept = desk_.samples_;
+  const auto& kept = api_.samples_;
   sample_ = std::clamp(sample_, kept.first, kept.end());
   const std::uint64_t to = std::min(kept.end(), sample_ + samples_at_once);
-  Columns c;
-  const auto column = [&](const char* name, int digits, const auto& value) {
-    c.begin(name);
-    for (std::uint64_t i = sample_; i < to; ++i) c.add(value(kept.at(i)), digits);
-    c.end();
+  fmt::memory_buffer out;
+  const auto column = [&](std::string_view name, int digits, const auto& value) {
+    fmt::format_to(std::back_inserter(out), "{}\"{}\":[", out.size() == 0 ? '{' : ',', name);
+    for (std::uint64_t i = sample_; i < to; ++i) {
+      const double v = value(kept.at(i));
+      if (i > sample_) out.push_back(',');
+      if (std::isfinite(v)) {
+        fmt::format_to(std::back_inserter(out), "{:.{}g}", v, digits);
+      } else {
+        out.append(std::string_view("null"));
+      }
+    }
+    out.push_back(']');
   };
   column("t", 9, [](const LiveSample& s) { return s.t; });
   column("x", 6, [](const LiveSample& s) { return s.effector[0]; });
@@ -223,31 +204,30 @@ std::string Page::samples() {
   column("error", 5, [](const LiveSample& s) {
     return std::hypot(s.effector[0] - s.desired[0], s.effector[1] - s.desired[1]);
   });
-  for (std::size_t m = 0; m < static_cast<std::size_t>(desk_.scene_->motors()); ++m) {
-    column(fmt::format("tau{}", m + 1).c_str(), 4, [m](const LiveSample& s) { return s.torque[m]; });
-  }
+  for (std::size_t m = 0; m < static_cast<std::size_t>(api_.scene_->motors()); ++m)
+    column(fmt::format("tau{}", m + 1), 4, [m](const LiveSample& s) { return s.torque[m]; });
   column("s1", 4, [](const LiveSample& s) { return s.sliding[0]; });
   column("s2", 4, [](const LiveSample& s) { return s.sliding[1]; });
   column("force", 4, [](const LiveSample& s) { return std::hypot(s.force[0], s.force[1]); });
   sample_ = to;
-  return c.text();
+  return fmt::to_string(out) + "}";
 }
 
 std::string Page::next() {
-  const auto& kept = desk_.samples_;
-  const bool scene = scene_ != desk_.scene_number_, event = event_ < desk_.events_.end();
+  const auto& kept = api_.samples_;
+  const bool scene = scene_ != api_.scene_number_, event = event_ < api_.events_.end();
   if (greeted_ && !scene && !event && answers_.empty() && sample_ >= kept.end()) return {};
   std::string out = "{";
   const auto part = [&](const char* name, const std::string& json) {
     out += fmt::format("{}\"{}\":{}", out.size() > 1 ? "," : "", name, json);
   };
-  if (!std::exchange(greeted_, true)) part("hello", desk_.hello_json());
-  if (scene) part("scene", desk_.scene_json());
-  scene_ = desk_.scene_number_;
+  if (!std::exchange(greeted_, true)) part("hello", api_.hello_json());
+  if (scene) part("scene", api_.scene_json());
+  scene_ = api_.scene_number_;
   if (event) {
     Json list = Json::array();
-    for (event_ = std::max(event_, desk_.events_.first); event_ < desk_.events_.end(); ++event_) {
-      const LiveEvent& e = desk_.events_.at(event_);
+    for (event_ = std::max(event_, api_.events_.first); event_ < api_.events_.end(); ++event_) {
+      const LiveEvent& e = api_.events_.at(event_);
       list.push_back({{"t", e.t}, {"kind", e.kind}, {"text", e.text}});
     }
     part("events", dump(list));
@@ -267,8 +247,8 @@ std::string Page::next() {
                    {"brake", s.brake},
                    {"injecting", s.injecting},
                    {"saturated", s.saturated},
-                   {"late", desk_.loop_.late.load()},
-                   {"dropped", desk_.loop_.dropped.load()}};
+                   {"late", api_.loop_.late.load()},
+                   {"dropped", api_.loop_.dropped.load()}};
     part("now", dump(now));
   }
   return out + "}";
@@ -278,15 +258,15 @@ void Page::on_message(std::string_view message) {
   try {
     const Json j = Json::parse(message.begin(), message.end(), nullptr, false);
     if (!j.is_object()) throw Malformed();
-    obey(j);
+    apply(j);
   } catch (const Malformed&) {
-    ++desk_.malformed_;
+    ++api_.malformed_;
   } catch (const std::exception& e) {  // of a scene that is refused: what is wrong and what is allowed
     answers_.emplace_back(printable(e.what()));
   }
 }
 
-void Page::obey(const Json& j) {
+void Page::apply(const Json& j) {
   for (const auto& [key, value] : j.items()) {
     if (key == "do") {
       constexpr std::pair<const char*, LiveCommand> words[] = {{"start", LiveCommand::start},
@@ -297,24 +277,24 @@ void Page::obey(const Json& j) {
       const auto word =
           std::ranges::find(words, text(value), [](const auto& w) { return std::string(w.first); });
       if (word == std::end(words)) throw Malformed();
-      desk_.send(word->second);
+      api_.send(word->second);
     } else if (key == "hand") {
-      pull(value);
+      set_hand(value);
     } else if (key == "inject") {
       inject(value);
     } else if (key == "set") {
-      desk_.set(texts(value));
+      api_.set(texts(value));
     } else if (key == "effects") {
       std::string list;
       for (const std::string& e : texts(value)) list += (list.empty() ? "{ " : ", { ") + e + " }";
-      desk_.set({"effects=[" + list + "]"});
+      api_.set({"effects=[" + list + "]"});
     } else {
       throw Malformed();
     }
   }
 }
 
-void Page::pull(const Json& j) {
+void Page::set_hand(const Json& j) {
   if (!j.is_object()) throw Malformed();
   Hand h = hand_;
   constexpr double most_stiff = 1e4, most_damped = 1e3, strongest = 1e3;
@@ -327,20 +307,19 @@ void Page::pull(const Json& j) {
   h.holding = j.contains("at") && !j["at"].is_null();
   if (h.holding) h.anchor = pair(j["at"]);
   h.push = j.contains("push") ? pair(j["push"]) : V2{};
-  desk_.send(h);
+  api_.send(h);
   hand_ = h;
   held_ = h.holding || h.push.x != 0.0 || h.push.y != 0.0;
 }
 
 void Page::inject(const Json& j) {
-  if (j.is_null()) return desk_.send(InjectOrder{});
+  if (j.is_null()) return api_.send(InjectOrder{});
   if (!j.is_object() || !j.contains("fault")) throw Malformed();
   const std::string name = text(j["fault"]);
-  const Scene& scene = *desk_.scene_;
+  const Scene& scene = *api_.scene_;
   const auto rows = injection_rows();
   const auto row = std::ranges::find(rows, name, &InjectionRow::name);
-  if (row == rows.end() || !can_inject(*row, scene.drives.protocol) ||
-      (!desk_.controller_here() && !can_inject_from_outside(*row)))
+  if (row == rows.end() || !api_.injectable(*row))
     throw InputError("", printable(name) + ": no fault of these drives");
   const double drive = j.contains("drive") ? number(j["drive"]) : 1.0;
   if (!(drive >= 1.0 && drive <= static_cast<double>(scene.motors())) || drive != std::floor(drive)) {
@@ -351,7 +330,7 @@ void Page::inject(const Json& j) {
     o.ticks = static_cast<int>(std::clamp(std::round(number(j["ms"]) * 1e-3 * scene.rate_hz), 1.0, 1e6));
   }
   if (j.contains("amount")) o.amount = number(j["amount"]);
-  desk_.send(o);
+  api_.send(o);
 }
 
 }  // namespace esmc::host

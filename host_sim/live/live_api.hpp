@@ -1,6 +1,6 @@
 #pragma once
-/// What a live bench tells its pages and understands of them; JSON text both ways, docs/live.md has the
-/// messages. Runs in the server's thread: reads scenes there, so that the loop gets only what is possible.
+/// Messages between a live bench and its pages: JSON text both ways, listed in docs/live.md. Runs in the
+/// server's thread and reads scenes there, so that the loop gets only scenes that are possible.
 
 #include <deque>
 #include <memory>
@@ -13,27 +13,27 @@
 
 namespace esmc::host {
 
-class LiveApi final : public Desk {
+class LiveApi final : public Service {
  public:
-  /// `scene`: as the loop begins with. All live as long as the desk.
+  /// `scene`: the one that the loop begins with. All arguments outlive this.
   LiveApi(const RunOptions& options, std::shared_ptr<const Scene> scene, Exchange& exchange);
 
   [[nodiscard]] std::unique_ptr<Client> on_connect() override;
-  void turn() override;
-  /// Messages that were no JSON, or none that a page sends.
+  void on_timer() override;
+  /// Number of messages that are no JSON, or that no page sends.
   [[nodiscard]] std::uint64_t malformed() const { return malformed_; }
-  /// Ticks whose samples found the way to the desk full, and late ones: told by the loop.
-  struct Loop {
+  /// Set by the loop: late ticks, and samples dropped because the queue was full.
+  struct LoopCounts {
     std::atomic<std::uint64_t> late{0}, dropped{0};
   };
-  [[nodiscard]] Loop& loop() { return loop_; }
+  [[nodiscard]] LoopCounts& loop() { return loop_; }
 
  private:
   friend class Page;
 
-  /// What is kept of samples or events, each with a number for ever.
+  /// The latest samples or events, numbered from 0.
   template <class T>
-  struct Kept {
+  struct History {
     std::deque<T> list;
     std::uint64_t first = 0;  ///< number of the oldest
     void add(T x, std::size_t most) {
@@ -51,6 +51,7 @@ class LiveApi final : public Desk {
   void set(const std::vector<std::string>& sets);
   void send(LiveOrder o);
   [[nodiscard]] bool controller_here() const { return options_.bus == "virtual"; }
+  [[nodiscard]] bool injectable(const InjectionRow& row) const;
   [[nodiscard]] std::string scene_json() const;
   [[nodiscard]] std::string hello_json() const;
 
@@ -58,21 +59,21 @@ class LiveApi final : public Desk {
   std::vector<std::string> given_;  ///< the sets of the command line
   std::shared_ptr<const Scene> scene_;
   Exchange& exchange_;
-  Kept<LiveSample> samples_;
-  Kept<LiveEvent> events_;
+  History<LiveSample> samples_;
+  History<LiveEvent> events_;
   std::uint64_t scene_number_ = 1, malformed_ = 0;
-  Loop loop_;
-  Hand grip_;  ///< stiffness, damping and strength of a hand on this mechanism
+  LoopCounts loop_;
+  Hand usual_hand_;
 };
 
-/// An effect as a scene as run has it: payload, and `mass = 0.3`.
+/// An effect of a scene: payload, and `mass = 0.3`.
 struct EffectText {
   std::string type, parameters;
 };
 std::vector<EffectText> effect_texts(const std::string& toml);
-/// Sets with one more: the earlier one of the same key goes.
+/// Adds a set; it replaces an earlier one of the same key.
 std::vector<std::string> with_set(std::vector<std::string> sets, const std::string& set);
-/// A hand that this mechanism can be moved by: a fraction of what its motors can hold at full reach.
+/// A hand that can move this mechanism: half of the force that its motors can hold at full reach.
 Hand usual_hand(const Scene& scene);
 /// Reads and checks the scene of a bench. Throws InputError.
 std::shared_ptr<const Scene> read_live_scene(const RunOptions& o);

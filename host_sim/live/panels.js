@@ -21,7 +21,7 @@ class ControlPanel {
     on(form.elements.law, "change", () => this.suit());
   }
   fields() { return [...this.form.elements].filter(({ name }) => name); }
-  /** What a law does not use is greyed. */
+  /** Greys the fields that the law does not use. */
   suit() {
     const { law, reaching, lambda, gain, layer, kp, kd } = this.form.elements, sliding = /smc/.test(law.value);
     for (const field of [reaching, gain, layer]) field.disabled = !sliding;

@@ -12,21 +12,20 @@
 namespace esmc::host {
 namespace {
 
-constexpr lws_usec_t turn_us = 20'000;
-constexpr unsigned patience_s = 5;  ///< for a request, or for the network to take what we send
+constexpr lws_usec_t period_us = 20'000;
+constexpr unsigned timeout_s = 5;  ///< of a request, and of sending
 
-/// What libwebsockets keeps for a connection.
+/// Per connection; libwebsockets allocates it.
 struct Connection {
-  Client* visitor;
-  std::string* heard;  ///< of a message that comes in parts
-  bool pending;        ///< a message waits to be taken
+  Client* client;
+  std::string* received;  ///< parts of a message so far
   const Served* file;
   std::size_t sent;
 };
 
 class LwsServer final : public Server {
  public:
-  LwsServer(const ServerOptions& options, Desk& desk) : options_(options), desk_(desk) {
+  LwsServer(const ServerOptions& options, Service& service) : options_(options), service_(service) {
     lws_set_log_level(0, nullptr);
     protocols_[0] = {"esmc", &LwsServer::callback, sizeof(Connection), 4096, 0, this, 0};
     lws_context_creation_info info{};
@@ -40,8 +39,8 @@ class LwsServer final : public Server {
     info.max_http_header_data = 4096;
     info.max_http_header_pool = connections_max;
     info.fd_limit_per_thread = connections_max + 8;  // the listening socket, the library's own
-    info.timeout_secs = info.timeout_secs_ah_idle = patience_s;
-    info.keepalive_timeout = static_cast<int>(patience_s);
+    info.timeout_secs = info.timeout_secs_ah_idle = timeout_s;
+    info.keepalive_timeout = static_cast<int>(timeout_s);
     info.server_string = "esmc";
     info.user = this;
     context_ = lws_create_context(&info);
@@ -59,25 +58,25 @@ class LwsServer final : public Server {
   [[nodiscard]] ServerCounts counts() const override { return counts_; }
   void run(const std::atomic<bool>& stop) override {
     timer_.server = this;
-    lws_sul_schedule(context_, 0, &timer_.entry, &LwsServer::turn, turn_us);
+    lws_sul_schedule(context_, 0, &timer_.entry, &LwsServer::on_timer, period_us);
     while (!stop && lws_service(context_, 0) >= 0) {
     }
     lws_sul_cancel(&timer_.entry);
   }
 
  private:
-  /// The library hands back its entry; the server behind it comes with it.
+  /// The library passes its entry back; the server follows it in memory.
   struct Timer {
     lws_sorted_usec_list_t entry{};
     LwsServer* server = nullptr;
   };
   static_assert(offsetof(Timer, entry) == 0);
 
-  static void turn(lws_sorted_usec_list_t* entry) {
+  static void on_timer(lws_sorted_usec_list_t* entry) {
     LwsServer& s = *reinterpret_cast<Timer*>(entry)->server;  // NOLINT(*-reinterpret-cast): its first member
-    s.desk_.turn();
+    s.service_.on_timer();
     lws_callback_on_writable_all_protocol(s.context_, s.protocols_.data());
-    lws_sul_schedule(s.context_, 0, entry, &LwsServer::turn, turn_us);
+    lws_sul_schedule(s.context_, 0, entry, &LwsServer::on_timer, period_us);
   }
 
   static int callback(lws* wsi, lws_callback_reasons reason, void* user, void* in, std::size_t length) {
@@ -92,19 +91,19 @@ class LwsServer final : public Server {
         case LWS_CALLBACK_HTTP_CONFIRM_UPGRADE:
           return s->upgrade(wsi, static_cast<const char*>(in));
         case LWS_CALLBACK_ESTABLISHED:
-          *c = {s->desk_.on_connect().release(), new std::string, false, nullptr, 0};
-          ++s->visitors_;
+          *c = {s->service_.on_connect().release(), new std::string, nullptr, 0};
+          ++s->clients_;
           ++s->counts_.pages;
           lws_callback_on_writable(wsi);
           return 0;
         case LWS_CALLBACK_SERVER_WRITEABLE:
-          return send_next(wsi, *c->visitor);
+          return send_next(wsi, *c->client);
         case LWS_CALLBACK_RECEIVE:
           return s->receive(wsi, *c, {static_cast<const char*>(in), length});
         case LWS_CALLBACK_CLOSED:
-          if (c->visitor != nullptr) --s->visitors_;
-          delete c->visitor;
-          delete c->heard;
+          if (c->client != nullptr) --s->clients_;
+          delete c->client;
+          delete c->received;
           return 0;
         case LWS_CALLBACK_CLOSED_HTTP:
         case LWS_CALLBACK_HTTP_FILE_COMPLETION:
@@ -122,51 +121,43 @@ class LwsServer final : public Server {
     const int n = lws_hdr_copy(wsi, text.data(), static_cast<int>(text.size()), which);
     return n > 0 ? std::string(text.data(), static_cast<std::size_t>(n)) : std::string();
   }
-  /// An HTTP status that says no; 0: on_connect. `page`: it came by a WebSocket, which always has an origin.
+  /// HTTP status of a refusal; 0: accepted. `page`: a WebSocket, which always has an origin.
   [[nodiscard]] unsigned refusal(lws* wsi, bool page) const {
-    if (!own_host(header(wsi, WSI_TOKEN_HOST), port_)) return HTTP_STATUS_FORBIDDEN;
-    const bool told = lws_hdr_total_length(wsi, WSI_TOKEN_ORIGIN) > 0;
-    if ((page || told) && !own_origin(header(wsi, WSI_TOKEN_ORIGIN), port_)) return HTTP_STATUS_FORBIDDEN;
+    const bool has_origin = page || lws_hdr_total_length(wsi, WSI_TOKEN_ORIGIN) > 0;
     std::array<char, 256> text{};
     const char* token = lws_get_urlarg_by_name(wsi, "token=", text.data(), static_cast<int>(text.size()));
-    return token != nullptr && same_token(token, options_.token)
-               ? 0U
-               : static_cast<unsigned>(HTTP_STATUS_FORBIDDEN);
+    const bool accepted = own_host(header(wsi, WSI_TOKEN_HOST), port_) &&
+                          (!has_origin || own_origin(header(wsi, WSI_TOKEN_ORIGIN), port_)) &&
+                          token != nullptr && same_token(token, options_.token);
+    return accepted ? 0U : static_cast<unsigned>(HTTP_STATUS_FORBIDDEN);
   }
   int refuse(lws* wsi, unsigned status, const char* why) {
     ++counts_.refused;
-    return lws_return_http_status(wsi, status, why);
+    (void)lws_return_http_status(wsi, status, why);
+    return -1;
   }
 
   int serve(lws* wsi, Connection& c, const char* path) {
     c = {};
-    if (lws_hdr_total_length(wsi, WSI_TOKEN_GET_URI) <= 0) {
-      (void)refuse(wsi, HTTP_STATUS_METHOD_NOT_ALLOWED, "GET only");
-      return -1;
-    }
-    if (const unsigned status = refusal(wsi, false)) {
-      (void)refuse(wsi, status,
-                   "the URL that esmc live printed has the token, and only that opens the bench");
-      return -1;
-    }
+    if (lws_hdr_total_length(wsi, WSI_TOKEN_GET_URI) <= 0)
+      return refuse(wsi, HTTP_STATUS_METHOD_NOT_ALLOWED, "GET only");
+    if (const unsigned status = refusal(wsi, false))
+      return refuse(wsi, status,
+                    "the URL that esmc live printed has the token, and only that opens the bench");
     const auto file = options_.files.find(std::string_view(path));
-    if (file == options_.files.end()) {
-      (void)refuse(wsi, HTTP_STATUS_NOT_FOUND, "no such file");
-      return -1;
-    }
+    if (file == options_.files.end()) return refuse(wsi, HTTP_STATUS_NOT_FOUND, "no such file");
     c.file = &file->second;
     std::array<unsigned char, LWS_PRE + 2048> buffer{};
     unsigned char *at = buffer.data() + LWS_PRE, *const begin = at,
                   *const end = buffer.data() + buffer.size() - 1;
     if (lws_add_http_common_headers(wsi, HTTP_STATUS_OK, c.file->type, c.file->body.size(), &at, end) != 0)
       return -1;
+    const auto bytes = [](const char* text) {
+      return reinterpret_cast<const unsigned char*>(text);  // NOLINT(*-reinterpret-cast)
+    };
     for (const auto& [name, value] : headers) {
-      if (lws_add_http_header_by_name(
-              wsi, reinterpret_cast<const unsigned char*>(name),  // NOLINT(*-reinterpret-cast)
-              reinterpret_cast<const unsigned char*>(value),      // NOLINT(*-reinterpret-cast)
-              static_cast<int>(std::strlen(value)), &at, end) != 0) {
-        return -1;
-      }
+      const auto length = static_cast<int>(std::strlen(value));
+      if (lws_add_http_header_by_name(wsi, bytes(name), bytes(value), length, &at, end) != 0) return -1;
     }
     if (lws_finalize_write_http_header(wsi, begin, &at, end) != 0) return -1;
     lws_callback_on_writable(wsi);
@@ -209,14 +200,14 @@ class LwsServer final : public Server {
     (void)lws_hdr_copy(wsi, path.data(), static_cast<int>(path.size()), WSI_TOKEN_GET_URI);
     unsigned status = refusal(wsi, true);
     if (status == 0 && std::strcmp(path.data(), "/bench") != 0) status = HTTP_STATUS_NOT_FOUND;
-    if (status == 0 && visitors_ >= visitors_max) status = HTTP_STATUS_SERVICE_UNAVAILABLE;
+    if (status == 0 && clients_ >= clients_max) status = HTTP_STATUS_SERVICE_UNAVAILABLE;
     if (status == 0) return 0;
     (void)refuse(wsi, status, "");
     return 1;
   }
 
-  static int send_next(lws* wsi, Client& visitor) {
-    const std::string text = visitor.next();
+  static int send_next(lws* wsi, Client& client) {
+    const std::string text = client.next();
     if (text.empty()) return 0;
     std::vector<unsigned char> buffer(LWS_PRE + text.size());
     std::memcpy(buffer.data() + LWS_PRE, text.data(), text.size());
@@ -227,33 +218,33 @@ class LwsServer final : public Server {
   }
 
   int receive(lws* wsi, Connection& c, std::string_view part) {
-    if (c.heard->size() + part.size() + lws_remaining_packet_payload(wsi) > message_max) {
+    if (c.received->size() + part.size() + lws_remaining_packet_payload(wsi) > message_max) {
       ++counts_.too_long;
       lws_close_reason(wsi, LWS_CLOSE_STATUS_MESSAGE_TOO_LARGE, nullptr, 0);
       return -1;
     }
-    c.heard->append(part);
+    c.received->append(part);
     if (lws_is_final_fragment(wsi) == 0 || lws_remaining_packet_payload(wsi) > 0) return 0;
     ++counts_.messages;
-    c.visitor->on_message(*c.heard);
-    c.heard->clear();
+    c.client->on_message(*c.received);
+    c.received->clear();
     return 0;
   }
 
   ServerOptions options_;
-  Desk& desk_;
+  Service& service_;
   std::array<lws_protocols, 2> protocols_{};
   lws_context* context_ = nullptr;
   int port_ = 0;
-  std::size_t visitors_ = 0;
+  std::size_t clients_ = 0;
   ServerCounts counts_;
   Timer timer_;
 };
 
 }  // namespace
 
-std::unique_ptr<Server> open_server(const ServerOptions& options, Desk& desk) {
-  return std::make_unique<LwsServer>(options, desk);
+std::unique_ptr<Server> open_server(const ServerOptions& options, Service& service) {
+  return std::make_unique<LwsServer>(options, service);
 }
 
 }  // namespace esmc::host

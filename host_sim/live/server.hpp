@@ -1,6 +1,6 @@
 #pragma once
-/// HTTP and WebSocket on the loopback interface, in the calling thread, by libwebsockets. Knows bytes, tokens
-/// and origins; what they mean is the desk's.
+/// HTTP and WebSocket on the loopback interface, in the calling thread, by libwebsockets. It checks tokens
+/// and origins; the service interprets the messages.
 
 #include <atomic>
 #include <cstdint>
@@ -23,8 +23,8 @@ class Client {
   virtual ~Client() = default;
   Client(const Client&) = delete;
   Client& operator=(const Client&) = delete;
-  /// What the page is to be told next; empty: nothing now. Asked again only once the last message has gone
-  /// out: a slow page gets fewer.
+  /// The next message to the page; empty: none now. Called when the last one has been sent, so that a slow
+  /// page gets fewer.
   [[nodiscard]] virtual std::string next() = 0;
   virtual void on_message(std::string_view message) = 0;
 
@@ -32,18 +32,18 @@ class Client {
   Client() = default;
 };
 
-/// Who answers.
-class Desk {
+/// Answers the clients of a server, in its thread.
+class Service {
  public:
-  virtual ~Desk() = default;
-  Desk(const Desk&) = delete;
-  Desk& operator=(const Desk&) = delete;
+  virtual ~Service() = default;
+  Service(const Service&) = delete;
+  Service& operator=(const Service&) = delete;
   [[nodiscard]] virtual std::unique_ptr<Client> on_connect() = 0;
-  /// Now and then, about 50 times a second.
-  virtual void turn() = 0;
+  /// About 50 times a second.
+  virtual void on_timer() = 0;
 
  protected:
-  Desk() = default;
+  Service() = default;
 };
 
 struct ServerOptions {
@@ -52,14 +52,13 @@ struct ServerOptions {
   std::map<std::string, Served, std::less<>> files;  ///< by path; "/" is the page
 };
 
-/// What the server has done so far.
 struct ServerCounts {
   std::uint64_t pages = 0, refused = 0, messages = 0, too_long = 0;
 };
 
 class Server {
  public:
-  static constexpr std::size_t visitors_max = 8;
+  static constexpr std::size_t clients_max = 8;
   static constexpr std::size_t message_max = 64 * 1024;  ///< bytes, from a page
   static constexpr int connections_max = 64;
 
@@ -67,7 +66,7 @@ class Server {
   Server(const Server&) = delete;
   Server& operator=(const Server&) = delete;
   [[nodiscard]] virtual int port() const = 0;
-  /// Serves until `stop`, which it looks at about 50 times a second.
+  /// Serves until `stop`, which is read about 50 times a second.
   virtual void run(const std::atomic<bool>& stop) = 0;
   [[nodiscard]] virtual ServerCounts counts() const = 0;
 
@@ -76,7 +75,7 @@ class Server {
 };
 
 /// Bound to 127.0.0.1 and listening. Throws InputError where the port is taken, or where this program was
-/// built without a web server. The desk lives longer.
-std::unique_ptr<Server> open_server(const ServerOptions& options, Desk& desk);
+/// built without a web server. The service outlives the server.
+std::unique_ptr<Server> open_server(const ServerOptions& options, Service& service);
 
 }  // namespace esmc::host

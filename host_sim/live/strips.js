@@ -1,4 +1,4 @@
-// The last ten seconds of a few signals, drawn by uPlot; without it a note stands in their place.
+// The last ten seconds of a few signals.
 "use strict";
 
 const stripSeconds = 10, stripBin = 0.01;
@@ -48,61 +48,36 @@ class Thinned {
   }
 }
 
-/** options: title, unit, scale (of the values), series: [{name, label, colour}], zero: the range begins there. */
-class Strip {
+/** options: title, unit, scale (of the values), series: [{name, label, colour}], zero: the range begins there; least: of the range. */
+class Strip extends Plot {
   constructor(host, kept, options) {
-    Object.assign(this, { scale: 1, zero: false, height: 136 }, options, { kept });
-    this.host = el("div", { role: "img", "aria-label": `${this.title} of the last ten seconds` });
-    const legend = el("div", { class: "legend" });
-    for (const s of this.series) {
+    const legend = options.series.flatMap((s) => {
       const swatch = el("i", {});
-      swatch.style.borderColor = `var(--${s.colour})`;
-      legend.append(swatch, s.label, (s.output = el("output", {})));
-    }
-    host.append(el("figure", { class: "strip" }, el("figcaption", {}, el("h2", {}, this.title), el("span", { class: "note" }, this.unit), legend), this.host));
-    if (typeof uPlot === "undefined") {
+      swatch.style.borderColor = `var(--${s.colour})`;  // no attribute: the page's policy forbids inline styles
+      return [swatch, s.label, (s.output = el("output", {}))];
+    });
+    super(host, { scale: 1, zero: false, height: 136, ...options, kept }, `${options.title} of the last ten seconds`, legend);
+    const lines = this.series.map((s) => ({ stroke: () => colour(s.colour), width: 1.5, points: { show: false } }));
+    if (!this.create(lines, { x: { range: (u, lo, hi) => [hi - stripSeconds, hi] }, y: { range: (u, lo, hi) => this.range(lo, hi) } },
+      this.marksOf(() => 6, " s"), { size: 56, ...this.marksOf(() => 4) }, { cursor: { show: false } }))
       this.host.append(el("p", { class: "note" }, "No plots: this esmc was built without uPlot."));
-      return;
-    }
-    this.plot = new uPlot(this.settings(), this.data(), this.host);
-    new ResizeObserver(() => this.plot.setSize({ width: this.width(), height: this.height })).observe(this.host);
   }
-  width() { return Math.max(160, this.host.clientWidth); }
   data() {
     const { columns } = this.kept;
     return [columns.t, ...this.series.map(({ name }) => columns[name].map((v) => (v === null ? null : v * this.scale)))];
   }
-  settings() {
-    const axis = { font: `11px ${getComputedStyle(document.body).fontFamily}`, stroke: () => colour("muted"),
-      grid: { stroke: () => colour("rule"), width: 1 }, ticks: { show: false } };
-    const marks = (wanted, unit = "") => ({
-      splits: (u, i, lo, hi) => ticks(lo, hi, wanted).map(({ value }) => value),
-      values: (u, splits, i) => { const { min, max } = u.scales[i === 0 ? "x" : "y"]; return ticks(min, max, wanted).map(({ text }) => text + unit); },
-    });
-    return {
-      width: this.width(), height: this.height, legend: { show: false }, cursor: { show: false }, padding: [6, 12, 0, 0], pxAlign: 0,
-      scales: { x: { time: false, range: (u, lo, hi) => [hi - stripSeconds, hi] }, y: { range: (u, lo, hi) => this.range(lo, hi) } },
-      series: [{}, ...this.series.map((s) => ({ stroke: () => colour(s.colour), width: 1.5, points: { show: false } }))],
-      axes: [
-        { ...axis, size: 22, gap: 4, ...marks(6, " s") },
-        { ...axis, size: 56, ...marks(4) }],
-    };
-  }
   /** Room around the values; not so narrow that rounding fills it. */
   range(lo, hi) {
     if (!Number.isFinite(lo) || !Number.isFinite(hi)) return [0, 1];
-    const least = this.least ?? 1e-6;
-    if (this.zero) return [0, Math.max(1.1 * hi, least)];
-    const half = Math.max(0.55 * (hi - lo), least), middle = (lo + hi) / 2;
+    if (this.zero) return [0, Math.max(1.1 * hi, this.least)];
+    const half = Math.max(0.55 * (hi - lo), this.least), middle = (lo + hi) / 2;
     return [middle - half, middle + half];
   }
   show() {
     for (const { name, output } of this.series) {
-      const column = this.kept.columns[name], v = column[column.length - 1];
-      output.value = Number.isFinite(v) ? sig(v * this.scale, 3) : "–";
+      const last = this.kept.columns[name].at(-1);
+      output.value = Number.isFinite(last) ? sig(last * this.scale, 3) : "–";
     }
     this.plot?.setData(this.data());
   }
-  /** In the colours of now. */
-  redraw() { this.plot?.redraw(true, true); }
 }

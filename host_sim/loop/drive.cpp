@@ -12,7 +12,7 @@
 #include "host_sim/drives/cia402_axis.hpp"
 #include "host_sim/drives/mit_axis.hpp"
 #include "host_sim/drives/odrive_axis.hpp"
-#include "host_sim/loop/halves.hpp"
+#include "host_sim/loop/waiting.hpp"
 #include "host_sim/scene/drive_defects.hpp"
 
 namespace esmc::host {
@@ -30,7 +30,6 @@ Defects read_defects(const DriveOptions& o) {
   return out;
 }
 
-/// In real numbers what the options allow; a NaN is refused like the rest.
 void require(bool allowed, const std::string& option, double value, const char* what) {
   if (!allowed) throw InputError("", fmt::format("--{} {}: must be {}", option, value, what));
 }
@@ -114,25 +113,25 @@ class Drive {
   void run() {
     const auto step = std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(period_));
     auto next = Clock::now();
-    note();
+    log_state();
     while (!stop_requested() && !(options_.duration && time() >= *options_.duration - 0.5 * period_)) {
       next += step;
-      if (Clock::now() > next + step) {  // counted and not made up for
+      if (Clock::now() > next + step) {  // late periods are skipped
         ++late_;
         next = Clock::now();
       }
       while (Clock::now() < next && !stop_requested()) {
         wait_for_frame_until(bus_, next);
-        take();
+        receive();
       }
-      take();
+      receive();
       if (bus_.gone()) throw RunError(gone_text);
       const double torque = axis_->joint_torque();
       max_torque_ = std::max(max_torque_, std::abs(torque));
       shaft_.advance(torque, period_);
       ++periods_;
       axis_->publish(shaft_.angle, shaft_.rate, sender());
-      note();
+      log_state();
     }
   }
 
@@ -160,27 +159,27 @@ class Drive {
   }
 
  private:
-  static constexpr int frames_at_once = 256;  ///< then the clock is looked at again
+  static constexpr int frames_at_once = 256;  ///< read before the next look at the clock
   static constexpr std::size_t events_max = 10000;
 
   [[nodiscard]] double time() const { return static_cast<double>(periods_) * period_; }
   [[nodiscard]] EmulatedAxis::Send sender() {
     return [this](const hal::CanFrame& f) { ++(bus_.try_send(f) == hal::SendStatus::ok ? sent_ : lost_); };
   }
-  void take() {
+  void receive() {
     hal::CanFrame f;
     for (int n = 0; n < frames_at_once && bus_.try_receive(f); ++n) {
       ++received_;
       if (axis_->commanded_by(f)) ++commands_;
       (void)axis_->receive(f, sender());
-      note();
+      log_state();
     }
   }
-  void note() {
+  void log_state() {
     const bool closed = axis_->closed_loop();
     const std::uint32_t error = axis_->error();
-    if (noted_ && closed == closed_ && error == error_) return;
-    noted_ = true;
+    if (logged_ && closed == closed_ && error == error_) return;
+    logged_ = true;
     closed_ = closed;
     error_ = error;
     if (events_.size() < events_max) {
@@ -198,7 +197,7 @@ class Drive {
   double period_;
   double max_torque_ = 0.0;
   std::uint64_t periods_ = 0, late_ = 0, received_ = 0, commands_ = 0, sent_ = 0, lost_ = 0;
-  bool noted_ = false, closed_ = false;
+  bool logged_ = false, closed_ = false;
   std::uint32_t error_ = 0;
   Json events_ = Json::array();
 };

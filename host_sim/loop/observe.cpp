@@ -1,5 +1,3 @@
-#include "host_sim/loop/observe.hpp"
-
 #include <fmt/format.h>
 
 #include <nlohmann/json.hpp>
@@ -7,7 +5,9 @@
 #include <thread>
 
 #include "host_sim/controller/axes_config.hpp"
-#include "host_sim/loop/halves.hpp"
+#include "host_sim/loop/loop_scene.hpp"
+#include "host_sim/loop/run.hpp"
+#include "host_sim/loop/waiting.hpp"
 #include "host_sim/record/recorder.hpp"
 
 namespace esmc::host {
@@ -15,11 +15,11 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-/// Everything is heard, nothing is said.
+/// Receives everything, sends nothing.
 class ListenOnly {
  public:
   ListenOnly(HostBus& bus, const Scene& scene) : bus_(&bus), scene_(&scene) {}
-  hal::SendStatus try_send(const hal::CanFrame&) { return hal::SendStatus::ok; }  // and that was all
+  hal::SendStatus try_send(const hal::CanFrame&) { return hal::SendStatus::ok; }
   [[nodiscard]] bool try_receive(hal::CanFrame& f) {
     if (!bus_->try_receive(f)) return false;
     require_same_scene(*scene_, f);
@@ -33,7 +33,7 @@ class ListenOnly {
 };
 static_assert(hal::TimesFrames<ListenOnly>);
 
-/// Where the angles leave the mechanism; empty where they close no loop.
+/// The pose of measured angles; empty where they close no loop.
 template <class M>
 std::optional<Estimate<M>> located(const ControllerConfig<M>& c, const Sample<M>& s) {
   if constexpr (M::joints == 4) {
@@ -60,12 +60,14 @@ class Observer {
         cycle_(make_cycle<M>(scene, Pacing::realtime, reference_)) {}
 
   void tick() {
-    with([&](auto& c) {
-      c.receive(bus_);
-      c.tick(bus_, false);
-    });
+    std::visit(
+        [&](auto& c) {
+          c.receive(bus_);
+          c.tick(bus_, false);
+        },
+        cycle_);
   }
-  /// The nodes that are not heard, as a list; empty: all are.
+  /// "1, 2": the silent nodes.
   [[nodiscard]] std::string silent() const {
     std::string out;
     for (const Json& j : joints()) {
@@ -79,7 +81,7 @@ class Observer {
     j["zero"] = scene_.drives.zero == Zero::absolute ? "absolute" : "not confirmed";
     std::optional<Estimate<M>> at;
     if (silent().empty() && scene_.drives.zero == Zero::absolute)
-      at = with([](const auto& c) { return located<M>(c.controller().config(), c.sample()); });
+      at = std::visit([](const auto& c) { return located<M>(c.controller().config(), c.sample()); }, cycle_);
     j["effector"] = at ? Json::array({at->pose.effector.x(), at->pose.effector.y()}) : Json(nullptr);
     j["working_mode"] = Json(nullptr);
     j["min_abs_sin_type1"] = at ? Json(M::min_abs_sin_type1(at->pose)) : Json(nullptr);
@@ -87,8 +89,7 @@ class Observer {
       if (at)
         j["working_mode"] =
             Json::array({sign_text(M::sin_type1(at->pose, 0)), sign_text(M::sin_type1(at->pose, 1))});
-      // From base joints alone both assembly modes are possible: the one of the scene is taken for granted,
-      // not seen.
+      // Base joints alone allow both assembly modes: then that of the scene is assumed.
       j["assembly_mode"] = at && scene_.all_sensors ? Json(sign_text(at->pose.sin_type2)) : Json(nullptr);
       j["assumed_assembly_mode"] =
           at && !scene_.all_sensors ? Json(sign_text(at->pose.sin_type2)) : Json(nullptr);
@@ -101,7 +102,7 @@ class Observer {
 
  private:
   [[nodiscard]] Json joints() const {
-    return with([&](const auto& c) {
+    const auto list = [&](const auto& c) {
       Json out = Json::array();
       const auto& config = c.controller().config();
       for (int i = 0, n = config.sensor_count(); i < n; ++i) {
@@ -118,23 +119,15 @@ class Observer {
                        {"error", axis.error() ? Json(axis.error_code()) : Json(nullptr)}});
       }
       return out;
-    });
+    };
+    return std::visit(list, cycle_);
   }
-  /// Of the axis at a place in the cycle.
+  /// Node of the axis at a place in the cycle.
   [[nodiscard]] int node_at(std::size_t place) const {
     std::size_t i = 0;
     while (axis_of(scene_, i) != place) ++i;
     return scene_.drives.nodes[i];
   }
-  template <class F>
-  decltype(auto) with(F&& f) {
-    return std::visit(std::forward<F>(f), cycle_);
-  }
-  template <class F>
-  decltype(auto) with(F&& f) const {
-    return std::visit(std::forward<F>(f), cycle_);
-  }
-
   const Scene& scene_;
   ListenOnly bus_;
   ReferenceBundle<double> reference_;

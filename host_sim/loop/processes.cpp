@@ -1,28 +1,34 @@
+/// The two ends as processes of their own, and both in one process against the wall clock: there each has its
+/// own ticks at absolute instants, as drives and a board have. A torque acts from the moment it arrives (to
+/// within one integration step), one tick late at most.
+
 #include <fmt/format.h>
 
+#include <atomic>
 #include <chrono>
+#include <exception>
+#include <thread>
 
 #include "host_sim/bus/open_bus.hpp"
-#include "host_sim/loop/halves.hpp"
-#include "host_sim/loop/observe.hpp"
-#include "host_sim/loop/realtime.hpp"
+#include "host_sim/bus/response.hpp"
+#include "host_sim/loop/controller_end.hpp"
+#include "host_sim/loop/pace.hpp"
+#include "host_sim/loop/plant_end.hpp"
+#include "host_sim/loop/progress.hpp"
+#include "host_sim/loop/run.hpp"
 #include "host_sim/record/controller_recorder.hpp"
 #include "host_sim/record/finish.hpp"
 
 namespace esmc::host {
 namespace {
 
-/// `esmc plant` in lockstep: waits for the controller's first frame, then sets the pace.
+using Clock = std::chrono::steady_clock;
+using Seconds = std::chrono::duration<double>;
+
+/// In lockstep the plant sets the pace: one tick for each complete set of torques.
 template <class World>
-int plant_lockstep(const Scene& scene, const RunOptions& o, HostBus& bus) {
-  OutputDirectory out = output_of(o);
-  FrameLog frames(out.open("frames.log"), bus.interface(), static_cast<std::uint32_t>(scene.bitrate),
-                  out.open("frames.csv"));
-  PlantHalf<World, HostBus> plant(scene, o, bus, frames, out.open("log.csv"), false);
-  if (wait_for(bus, [&] { return plant.drain() > 0; }) == Waited::silent) {
-    throw RunError("no controller was heard for 5 s on " + bus.name());
-  }
-  const auto begin = std::chrono::steady_clock::now();
+RunEnd lead_plant(const Scene& scene, const RunOptions& o, PlantEnd<World, HostBus>& plant) {
+  const auto begin = Clock::now();
   bool stop = stop_requested();
   Progress progress(tick_count(scene));
   while (!plant.finished() && !stop) {
@@ -33,30 +39,113 @@ int plant_lockstep(const Scene& scene, const RunOptions& o, HostBus& bus) {
   }
   RunEnd end = plant.end(begin);
   end.interrupted = stop;
-  frames.close();
-  return finish_run(o, scene, "plant", plant.recorder().statistics(), end, plant.recorder().log(), out);
+  return end;
 }
 
-/// `esmc controller` in lockstep: asks the drives to arm until they answer, then answers every complete set.
-template <class World>
-int controller_lockstep(const Scene& scene, const RunOptions& o, HostBus& bus) {
-  OutputDirectory out = output_of(o);
-  FrameLog frames(out.open("frames.log"), bus.interface(), static_cast<std::uint32_t>(scene.bitrate),
-                  out.open("frames.csv"));
-  Tapped<HostBus> tap(bus, frames);
-  ControllerHalf<World, Tapped<HostBus>> controller(scene, Pacing::lockstep, tap);
-  ControllerRecorder<World> recorder(scene, out.open("log.csv"));
-  const auto begin = std::chrono::steady_clock::now();
-  if (controller.await_drives(std::chrono::milliseconds(150)) == Waited::silent) {
-    throw RunError("no drive was heard for 5 s on " + bus.name());
+/// The plant's ticks until the scene's duration, Ctrl-C, `over()` or 5 s without a command from the
+/// controller.
+template <class World, class Over>
+RunEnd pace_plant(const Scene& scene, const RunOptions& o, PlantEnd<World, HostBus>& plant,
+                  const Over& over) {
+  const auto begin = Clock::now();
+  const Seconds arming(arming_time_max(scene));
+  auto heard = begin;
+  Pace pace(scene.tick() / plant.substeps(), o.again.bus == nullptr);
+  std::uint64_t late = 0;
+  Progress progress(tick_count(scene));
+  while (!plant.finished() && !must_stop(o, plant.done()) && !over()) {
+    progress.at(plant.done());
+    if (!plant.released() && Clock::now() - begin > arming) {
+      throw RunError(fmt::format(
+          "the drives were not in closed-loop control after {} s (controller dead or not started)",
+          arming.count()));
+    }
+    plant.publish();
+    const std::uint64_t before = pace.late();
+    for (int substep = 0; substep < plant.substeps(); ++substep) {
+      pace.wait();
+      plant.advance_substep(substep);
+      if (plant.drain() > 0) heard = Clock::now();
+    }
+    if (pace.late() > before) ++late;
+    // A board sends nothing to the drives before a supervisor computer has armed it.
+    if ((plant.released() || !armed_by_link(scene)) &&
+        Clock::now() - heard > std::chrono::milliseconds(silence_ms))
+      throw RunError("the controller was not heard for 5 s");
   }
+  RunEnd end = plant.end(begin);
+  end.interrupted = stop_requested();
+  end.late_ticks = late;
+  return end;
+}
+
+/// The drives go on reporting, with the mechanism at rest, until `done()`: the controller has to hear that
+/// they are idle.
+template <class World, class Done>
+void keep_publishing(const Scene& scene, PlantEnd<World, HostBus>& plant, const Done& done) {
+  Pace pace(scene.tick());
+  const auto give_up = Clock::now() + std::chrono::seconds(2);
+  while (!done() && Clock::now() < give_up) {
+    pace.wait();
+    plant.publish();
+    (void)plant.drain();
+  }
+}
+
+/// The controller's ticks against the clock, until `done()` or Ctrl-C. Returns how many were late.
+template <class World, class Bus, class Done>
+std::uint64_t pace_controller(const Scene& scene, const RunOptions& o, ControllerEnd<World, Bus>& controller,
+                              ControllerRecorder<World>& recorder, const Done& done) {
+  Pace pace(scene.tick(), o.again.bus == nullptr);
+  // Samples that are later than this are the next tick's, one tick old.
+  const auto patience =
+      std::chrono::duration_cast<std::chrono::microseconds>(Seconds(patience_ticks * scene.tick()));
+  const Seconds arming(arming_time_max(scene));
+  const auto sample = [&] {
+    pace.wait();
+    controller.sample(patience);
+    return true;
+  };
+  const auto give_up = [&](const std::string& why) {
+    controller.shut_down(sample);
+    throw RunError(why);
+  };
+  const auto begin = Clock::now();
+  while (!done() && !must_stop(o, recorder.ticks())) {
+    sample();
+    controller.tick(true);
+    recorder.tick(controller.result(), controller.sample(), pace.since());
+    if (recorder.ticks() > 0) continue;
+    const bool in_time = Clock::now() - begin <= arming;
+    if (controller.supervisor().state() == State::fault && !armed_by_link(scene))
+      give_up("the controller refused to arm: " + controller.refusal());
+    if (!in_time) {
+      give_up(fmt::format("the drives were not in closed-loop control after {} s ({})", arming.count(),
+                          armed_by_link(scene)
+                              ? "no supervisor computer armed them"
+                              : "plant dead or not started, or not ready: " + controller.unready()));
+    }
+  }
+  const std::uint64_t late = pace.late();
+  controller.shut_down(sample);
+  return late;
+}
+
+/// In lockstep: asks the drives to arm until they answer, then answers every complete set of samples. Returns
+/// the number of sets, and whether the run was stopped.
+template <class World, class Bus>
+std::pair<std::uint64_t, bool> answer_plant(const Scene& scene, const RunOptions& o, FrameLog& frames,
+                                            ControllerEnd<World, Bus>& controller,
+                                            ControllerRecorder<World>& recorder, const std::string& bus) {
+  if (controller.await_drives(std::chrono::milliseconds(150)) == Waited::silent)
+    throw RunError("no drive was heard for 5 s on " + bus);
   bool stop = false, overloaded = false;
   std::uint64_t sets = 0;
-  // An overload ends the loop: which set the next samples belong to is no longer known.
+  // After an overload it is unknown which set the next samples belong to.
   Progress progress(tick_count(scene));
   while (recorder.ticks_released() < tick_count(scene) && !stop && !overloaded) {
     progress.at(recorder.ticks());
-    const Waited set = controller.await_set();
+    const Waited set = controller.await_samples();
     stop = set == Waited::stopped || must_stop(o, recorder.ticks() + 1);
     if (set == Waited::silent && !stop) {
       controller.shut_down();
@@ -74,13 +163,7 @@ int controller_lockstep(const Scene& scene, const RunOptions& o, HostBus& bus) {
     }
   }
   if (stop || recorder.tested_only()) controller.shut_down();
-  if (!stop) recorder.require_run();
-  RunEnd end = recorder.end(begin, o, controller.supervisor(), frames, tap.lost(),
-                            static_cast<double>(sets) * scene.tick());
-  end.interrupted = stop;
-  if (!stop) controller.shut_down();
-  frames.close();
-  return finish_run(o, scene, "controller", recorder.statistics(), end, recorder.log(), out);
+  return {sets, stop};
 }
 
 HostBus bus_of(const RunOptions& o, const Scene& scene) {
@@ -91,36 +174,105 @@ template <class World>
 int plant(const Scene& scene, const RunOptions& o) {
   require_reachable<World>(scene, o.realtime ? Pacing::realtime : Pacing::lockstep);
   HostBus bus = bus_of(o, scene);
-  return o.realtime ? plant_realtime<World>(scene, o, bus) : plant_lockstep<World>(scene, o, bus);
+  BusRunFiles files(o, scene, bus.interface(), true);
+  PlantEnd<World, HostBus> plant(scene, o, bus, files.frames, files.log, false);
+  if (!armed_by_link(scene) && !o.again.of_hil &&
+      wait_for(bus, [&] { return plant.drain() > 0; }) == Waited::silent) {
+    throw RunError("no controller was heard for 5 s on " + bus.name());
+  }
+  const RunEnd end =
+      o.realtime ? pace_plant(scene, o, plant, [] { return false; }) : lead_plant(scene, o, plant);
+  return finish_run(o, scene, "plant", plant.recorder(), end, files);
 }
 
 template <class World>
 int controller(const Scene& scene, const RunOptions& o) {
-  require_reachable<World>(scene, o.realtime ? Pacing::realtime : Pacing::lockstep);
+  const Pacing pacing = o.realtime ? Pacing::realtime : Pacing::lockstep;
+  require_reachable<World>(scene, pacing);
   HostBus bus = bus_of(o, scene);
-  return o.realtime ? controller_realtime<World>(scene, o, bus) : controller_lockstep<World>(scene, o, bus);
+  BusRunFiles files(o, scene, bus.interface(), true);
+  Tapped<HostBus> tap(bus, files.frames);
+  ControllerEnd<World, Tapped<HostBus>> controller(scene, pacing, tap);
+  ControllerRecorder<World> recorder(scene, files.log);
+  const auto begin = Clock::now();
+  const auto end_of = [&](double bus_time, bool interrupted) {
+    if (!interrupted) recorder.require_run();
+    RunEnd end = recorder.end(begin, o.seed, controller.supervisor(),
+                              bus_summary(files.frames, tap.lost(), scene.bitrate * bus_time));
+    end.interrupted = interrupted;
+    return end;
+  };
+  RunEnd end;
+  if (o.realtime) {
+    const std::uint64_t late = pace_controller(
+        scene, o, controller, recorder, [&] { return recorder.ticks_released() >= tick_count(scene); });
+    end = end_of(Seconds(Clock::now() - begin).count(), stop_requested());
+    end.late_ticks = late;
+  } else {
+    const auto [sets, stop] = answer_plant(scene, o, files.frames, controller, recorder, bus.name());
+    end = end_of(static_cast<double>(sets) * scene.tick(), stop);
+    if (!stop) controller.shut_down();
+  }
+  return finish_run(o, scene, "controller", recorder, end, files);
 }
 
-/// In lockstep the halves find each other by the request to arm.
-Scene read_half_scene(const RunOptions& o) {
+/// Both ends in one process: the plant in this thread, the controller in another, each on its own socket.
+template <class World>
+int hil_realtime(const Scene& scene, const RunOptions& o) {
+  BusEnds ends = open_both_ends(o.bus, scene.bitrate);
+  BusRunFiles files(o, scene, ends.plant.interface(), true);
+  PlantEnd<World, HostBus> plant(scene, o, ends.plant, files.frames, files.log, false);
+  ControllerEnd<World, HostBus> controller(scene, Pacing::realtime, ends.control);
+  ControllerRecorder<World> seen(scene, nullptr);
+  std::atomic<bool> over{false}, shut_down{false};
+  std::exception_ptr plant_failure, controller_failure;
+  std::uint64_t late = 0;
+  std::thread thread([&] {
+    try {
+      late = pace_controller(scene, o, controller, seen, [&] { return over.load(); });
+    } catch (...) {
+      controller_failure = std::current_exception();
+    }
+    shut_down = true;
+  });
+  RunEnd end;
+  try {
+    end = pace_plant(scene, o, plant, [&] { return shut_down.load(); });
+    over = true;
+    keep_publishing(scene, plant, [&] { return shut_down.load(); });
+  } catch (...) {
+    plant_failure = std::current_exception();
+  }
+  over = true;
+  thread.join();
+  if (controller_failure) std::rethrow_exception(controller_failure);
+  if (plant_failure) std::rethrow_exception(plant_failure);
+  end.late_ticks = end.late_ticks.value_or(0) + late;
+  end.fault_t = seen.statistics().fault_time();
+  end.histograms = seen.latencies();
+  set_outcome(end, controller.supervisor());
+  return finish_run(o, scene, "hil", plant.recorder(), end, files);
+}
+
+/// In lockstep the ends find each other by the request to arm.
+Scene read_scene_of_end(const RunOptions& o) {
   Scene scene = read_loop_scene(o);
   if (armed_by_link(scene) && !o.realtime) {
     throw InputError(scene.control_where, "command.arm = \"link\" with two processes needs --realtime");
   }
+  refuse_bus_effects(scene, no_effects_on_interface);
   return scene;
 }
 
 }  // namespace
 
 int run_plant(const RunOptions& o) {
-  const Scene scene = read_half_scene(o);
-  refuse_bus_effects(scene, "a CAN interface is not ours to disturb");
+  const Scene scene = read_scene_of_end(o);
   return scene.type == MechanismType::five_bar ? plant<FiveBarWorld>(scene, o) : plant<RrWorld>(scene, o);
 }
 
 int run_controller(const RunOptions& o) {
-  Scene scene = read_half_scene(o);
-  refuse_bus_effects(scene, "a CAN interface is not ours to disturb");
+  Scene scene = read_scene_of_end(o);
   if (o.observe) {
     HostBus bus = open_bus(o.bus, scene.bitrate);
     return run_observe(scene, o, bus);
@@ -131,6 +283,16 @@ int run_controller(const RunOptions& o) {
   }
   return scene.type == MechanismType::five_bar ? controller<FiveBarWorld>(scene, o)
                                                : controller<RrWorld>(scene, o);
+}
+
+int run_hil_realtime(const Scene& scene, const RunOptions& o) {
+  if (o.bus == "virtual") {
+    throw InputError("",
+                     "--realtime needs --bus socketcan:INTERFACE or slcan:PLANT,CONTROLLER: the virtual bus "
+                     "has no clock of its own");
+  }
+  return scene.type == MechanismType::five_bar ? hil_realtime<FiveBarWorld>(scene, o)
+                                               : hil_realtime<RrWorld>(scene, o);
 }
 
 }  // namespace esmc::host

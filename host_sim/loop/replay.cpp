@@ -1,5 +1,3 @@
-#include "host_sim/loop/replay.hpp"
-
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -73,7 +71,7 @@ int run_replay(const ReplayOptions& o) {
   if (r.interrupted && scene.accuracy)
     throw InputError(
         "", o.directory + ": was interrupted while the step was being chosen, there is nothing to run again");
-  Comparison comparison(r.directory, scene.tick(), r.realtime, !r.one_half());
+  Comparison comparison(r.directory, scene.tick(), r.realtime, !r.one_end());
   RunOptions run;
   run.scene = r.file("scene.toml");
   run.seed = r.seed;
@@ -83,7 +81,7 @@ int run_replay(const ReplayOptions& o) {
                nullptr,     r.command == "hil"};
   if (r.interrupted || r.realtime) run.again.ticks = r.ticks;
   std::optional<RecordedBus> bus;
-  if (r.one_half()) {
+  if (r.one_end()) {
     bus.emplace(r.interface, passed_frames(r));
     run.again.bus = &*bus;
   }

@@ -3,6 +3,7 @@
 #include <cmath>
 #include <limits>
 
+#include "host_sim/controller/make_controller.hpp"
 #include "host_sim/drives/actuators.hpp"
 #include "host_sim/drives/placed_axes.hpp"
 #include "host_sim/loop/progress.hpp"
@@ -10,7 +11,6 @@
 #include "host_sim/loop/trace.hpp"
 #include "host_sim/record/finish.hpp"
 #include "host_sim/record/recorder.hpp"
-#include "host_sim/scene/read_effects.hpp"
 
 namespace esmc::host {
 namespace {
@@ -31,10 +31,10 @@ class SimRun {
         actuators_(scene.effects, scene.motor_joints(), scene.seed) {}
 
   [[nodiscard]] Recorder<World>& recorder() { return recorder_; }
-  /// Where the effector was at every tick, for studies.
+  /// Appends the effector's position at every tick of a closed loop.
   void keep_path(std::vector<V2>* path) { path_ = path; }
   void use_single_precision() { single_precision_ = true; }
-  /// For who shows the progress of many runs.
+  /// A run among many shows no progress of its own.
   void without_progress() { progress_ = false; }
 
   RunEnd run(int substeps) {
@@ -50,14 +50,9 @@ class SimRun {
       open_loop(substeps, end);
     }
     end.wall_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
-    const auto o = motion_.output();
-    end.q.assign(o.q.begin(), o.q.end());
-    end.qd.assign(o.qd.begin(), o.qd.end());
+    set_final_state(end, motion_, recorder_.statistics());
     end.state_dimension = motion_.state_dimension() + actuators_.states();
-    end.method = motion_.method();
     end.seed = options_.seed;
-    Statistics& s = recorder_.statistics();
-    s.energy_error = larger(s.energy_error, motion_.energy_error());
     return end;
   }
 
@@ -84,8 +79,7 @@ class SimRun {
     }
   }
 
-  /// The controller of the firmware, its torque applied directly over the tick. C: its model, in one scalar
-  /// type or the other.
+  /// The firmware's controller, its torque applied directly over the tick. `C`: its mechanism.
   template <class C>
   void closed_loop(int substeps, RunEnd& end) {
     const auto reference = make_reference<typename C::Scalar>(scene_, Pacing::lockstep);
@@ -122,8 +116,7 @@ class SimRun {
         break;
       }
     }
-    end.final_state = name(supervisor.state());
-    if (supervisor.fault() != Fault::none) end.faults.emplace_back(name(supervisor.fault()));
+    set_outcome(end, supervisor);
     if (supervisor.fault() == Fault::loop_not_closed && controller.odd_encoder() != 0)
       end.odd_encoder = World::joint_names[controller.odd_encoder() - 1];
   }
@@ -151,7 +144,7 @@ class SimRun {
     using S = typename C::Scalar;
     for (Sensor& s : sensors) {
       const auto shaft = motion_.shaft(static_cast<std::size_t>(s.axis.joint));
-      if (exact_) {  // not through revolutions and back: the truth to the last bit
+      if (exact_) {  // the truth to the last bit, without conversion to revolutions
         sample.angle[s.axis.joint] = static_cast<S>(shaft.angle);
         sample.rate[s.axis.joint] = static_cast<S>(shaft.rate);
         continue;
@@ -181,8 +174,7 @@ class SimRun {
   return d;
 }
 
-/// Where the program chooses: L-stable for stiff springs, order 8 where digits are dear. `esmc accuracy`
-/// shows why.
+/// Method for simulation.accuracy: L-stable for stiff springs, order 8 for many digits (`esmc accuracy`).
 [[nodiscard]] Method method_for(const Scene& s) {
   const auto stops = find_effect<EndStops>(s.effects);
   const bool stiff = find_effect<JointFlexibility>(s.effects) || find_effect<Backlash>(s.effects) ||
@@ -204,8 +196,8 @@ int simulate(Scene scene, const RunOptions& o) {
     const RunEnd end = run.run(steps_per_tick(scene));
     return finish(run, end);
   }
-  // Step halving. The change between two passes bounds the error of the finer one about 15 times over (RK4),
-  // and when it stops shrinking, rounding has been reached.
+  // Step halving. The change between two passes is about 15 times the error of the finer one (RK4); when it
+  // stops shrinking, rounding has been reached.
   constexpr int finest = 4096;
   std::vector<double> before;
   double change = std::numeric_limits<double>::infinity();
@@ -215,7 +207,7 @@ int simulate(Scene scene, const RunOptions& o) {
     try {
       end = run.run(substeps);
       require_finite(end.q, scene.duration);
-    } catch (const Diverged&) {  // a step that is too long for what the scene holds
+    } catch (const Diverged&) {  // the step is too long
       if (substeps == finest) throw;
       before.clear();
       continue;
@@ -249,49 +241,49 @@ int run_sim(const RunOptions& o) {
 }
 
 namespace {
-enum class Purpose { study, study_in_single_precision, sweep, sweep_without_base };
 template <class World>
-Trace trace_of(const Scene& scene, Purpose purpose) {
-  Trace out;
-  const RunOptions none;
-  SimRun<World> run(scene, none, nullptr);
-  const bool sweep = purpose == Purpose::sweep || purpose == Purpose::sweep_without_base;
-  if (sweep) {
-    if (purpose == Purpose::sweep_without_base) run.recorder().without_base_errors();
-    run.recorder().without_digest();
-    run.without_progress();
-  } else {
-    run.keep_path(&out.effector);
-  }
-  if (purpose == Purpose::study_in_single_precision) run.use_single_precision();
+void run_to_end(SimRun<World>& run, const Scene& scene, Trace& out) {
   try {
     out.end = run.run(steps_per_tick(scene));
-  } catch (const Diverged&) {  // a study wants to know, not to end
+  } catch (const Diverged&) {  // a result of the study
     out.end.q.assign(World::Plant::outputs, std::numeric_limits<double>::quiet_NaN());
     out.end.qd = out.end.q;
   }
-  if (sweep && run.recorder().reference_left())
-    throw InputError(scene.reference_where, "the reference leaves the reach of the mechanism");
   out.statistics = run.recorder().statistics();
+}
+template <class World>
+Trace trace_of(const Scene& scene, bool single_precision) {
+  Trace out;
+  const RunOptions none;
+  SimRun<World> run(scene, none, nullptr);
+  run.keep_path(&out.effector);
+  if (single_precision) run.use_single_precision();
+  run_to_end(run, scene, out);
+  return out;
+}
+template <class World>
+Trace case_of(const Scene& scene, bool base_errors) {
+  Trace out;
+  const RunOptions none;
+  SimRun<World> run(scene, none, nullptr);
+  if (!base_errors) run.recorder().without_base_errors();
+  run.recorder().without_digest();
+  run.without_progress();
+  run_to_end(run, scene, out);
+  if (run.recorder().reference_left())
+    throw InputError(scene.reference_where, "the reference leaves the reach of the mechanism");
   return out;
 }
 }  // namespace
 
 Trace trace(const Scene& scene, bool single_precision) {
-  const Purpose purpose = single_precision ? Purpose::study_in_single_precision : Purpose::study;
-  return scene.type == MechanismType::five_bar ? trace_of<FiveBarWorld>(scene, purpose)
-                                               : trace_of<RrWorld>(scene, purpose);
+  return scene.type == MechanismType::five_bar ? trace_of<FiveBarWorld>(scene, single_precision)
+                                               : trace_of<RrWorld>(scene, single_precision);
 }
 
 Trace run_case(const Scene& scene, bool base_errors) {
-  const Purpose purpose = base_errors ? Purpose::sweep : Purpose::sweep_without_base;
-  return scene.type == MechanismType::five_bar ? trace_of<FiveBarWorld>(scene, purpose)
-                                               : trace_of<RrWorld>(scene, purpose);
-}
-
-std::atomic<bool>& stop_requested() {
-  static std::atomic<bool> flag{false};
-  return flag;
+  return scene.type == MechanismType::five_bar ? case_of<FiveBarWorld>(scene, base_errors)
+                                               : case_of<RrWorld>(scene, base_errors);
 }
 
 }  // namespace esmc::host

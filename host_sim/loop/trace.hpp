@@ -19,9 +19,8 @@ struct Trace {
 /// float.
 Trace trace(const Scene& scene, bool single_precision = false);
 
-/// The same for a case of a sweep: no path, no digest and, unless wanted, no errors of the base joints.
-/// Throws InputError where the reference leaves the reach of the true mechanism; a state that is not finite
-/// shows in end.q.
+/// A case of a sweep: without path, digest and, unless wanted, errors of the base joints. Throws InputError
+/// where the reference leaves the reach of the true mechanism; a state that is not finite shows in end.q.
 Trace run_case(const Scene& scene, bool base_errors);
 
 }  // namespace esmc::host

@@ -1,5 +1,5 @@
 #pragma once
-/// Waiting for frames: a socket is polled, a virtual bus has them already or never will.
+/// Waiting for frames: a socket is polled; on a virtual bus they are there already or will not come.
 
 #include <poll.h>
 
@@ -15,15 +15,17 @@
 #include "hal/virtual/virtual_bus.hpp"
 #include "host_sim/bus/frame_log.hpp"
 #include "host_sim/bus/host_bus.hpp"
+#include "host_sim/error.hpp"
+#include "host_sim/record/run_options.hpp"
 
 namespace esmc::host {
 
-/// Up to `patience`; true: there is something to read.
+/// True: there is something to read, within `patience`.
 inline bool readable_within(pollfd p, std::chrono::nanoseconds patience) {
   const auto seconds = std::chrono::floor<std::chrono::seconds>(patience);
   const timespec time{static_cast<time_t>(seconds.count()), static_cast<long>((patience - seconds).count())};
   if (::ppoll(&p, 1, &time, nullptr) <= 0) return false;
-  // A dead interface is always "ready": whoever asks again at once would burn the processor.
+  // A dead interface is always "ready": polling it in a loop would take the whole processor.
   if ((p.revents & (POLLERR | POLLHUP | POLLNVAL)) != 0)
     std::this_thread::sleep_for(std::chrono::milliseconds(1));
   return (p.revents & POLLIN) != 0;
@@ -55,39 +57,26 @@ bool wait_for_frame(Tapped<Bus>& tap, int milliseconds) {
 /// Whether the bus is lost for good.
 template <class Bus>
 bool is_gone(Bus& bus) {
-  if constexpr (requires { bus.gone(); }) {
-    return bus.gone();
-  } else {
-    return false;
-  }
-}
-template <class Bus>
-bool is_gone(Tapped<Bus>& tap) {
-  return is_gone(tap.bus());
+  if constexpr (requires { bus.bus(); }) return is_gone(bus.bus());
+  if constexpr (requires { bus.gone(); }) return bus.gone();
+  return false;
 }
 
-/// Whether a frame may still come while one waits.
+/// Whether a frame may still come while the program waits.
 template <class Bus>
-inline constexpr bool can_wait = std::is_same_v<Bus, hal::SocketCan> || std::is_same_v<Bus, HostBus>;
-template <class Bus>
-inline constexpr bool can_wait<Tapped<Bus>> = can_wait<Bus>;
-
-/// Whether it is worth while to wait on this very bus.
-template <class Bus>
-bool may_come(const Bus&) {
-  return can_wait<Bus>;
+bool may_come(const Bus& bus) {
+  if constexpr (requires { bus.bus(); }) return may_come(bus.bus());
+  if constexpr (requires { bus.recorded(); }) return bus.recorded() == nullptr;
+  return std::is_same_v<Bus, hal::SocketCan>;
 }
-inline bool may_come(const HostBus& bus) { return bus.recorded() == nullptr; }
-inline bool may_come(const Tapped<HostBus>& tap) { return may_come(tap.bus()); }
 
 enum class Waited : std::uint8_t { done, stopped, silent };
 
-/// Waits until `done`, which takes what has arrived and is asked again after each arrival. `stop` (Ctrl-C)
-/// and the deadline count at every pass, whatever arrives: frames of others on the bus are no reason to wait
-/// on.
+/// Waits until `done()`, which reads frames and is called after each arrival. `stop` (Ctrl-C) and the
+/// deadline count at every pass: frames of other nodes do not prolong the wait.
 template <class Bus, class Done, class Stop>
 Waited wait_until(Bus& bus, const Done& done, const Stop& stop, std::chrono::milliseconds patience) {
-  // On a virtual bus everything is there already, and a look at the clock would cost as much as the frames.
+  // First without the clock, which on a virtual bus would cost as much as the frames.
   if (done()) return Waited::done;
   using Clock = std::chrono::steady_clock;
   constexpr std::chrono::milliseconds slice(100);
@@ -100,6 +89,26 @@ Waited wait_until(Bus& bus, const Done& done, const Stop& stop, std::chrono::mil
     if (!frame && !may_come(bus)) return Waited::silent;
   } while (!done());
   return Waited::done;
+}
+
+inline constexpr int silence_ms = 5000;      ///< without a frame of the other end: the run has failed
+inline constexpr int shutdown_wait_ms = 20;  ///< per tick, for the other end after a stop
+inline constexpr const char* gone_text = "the slcan adapter is gone: unplugged, or closed at its other end";
+
+/// Waits for the other end: until `done`, Ctrl-C or silence. Throws RunError when the bus is gone.
+template <class Bus, class Done>
+Waited wait_for(Bus& bus, const Done& done, int patience_ms = silence_ms) {
+  const Waited w = wait_until(
+      bus, done, [&] { return stop_requested().load() || is_gone(bus); },
+      std::chrono::milliseconds(patience_ms));
+  if (w != Waited::done && is_gone(bus)) throw RunError(gone_text);
+  return w;
+}
+/// After a stop: waits briefly. False: silent.
+template <class Bus, class Done>
+bool wait_briefly(Bus& bus, const Done& done) {
+  return wait_until(
+             bus, done, [] { return false; }, std::chrono::milliseconds(shutdown_wait_ms)) == Waited::done;
 }
 
 }  // namespace esmc::host

@@ -1,5 +1,5 @@
 #pragma once
-/// Sys and method of a motion behind one virtual call per tick.
+/// System and method of a motion behind one virtual call per tick.
 
 #include <memory>
 #include <utility>
@@ -10,8 +10,8 @@
 #include "host_sim/integrate/rk4.hpp"
 #include "host_sim/integrate/semi_implicit_euler.hpp"
 #include "host_sim/plant/hand.hpp"
+#include "host_sim/plant/method.hpp"
 #include "host_sim/plant/moreau_jean.hpp"
-#include "host_sim/plant/motion.hpp"
 #include "host_sim/plant/system.hpp"
 
 namespace esmc::host {
@@ -44,11 +44,11 @@ class EngineOf final : public Engine<Plant> {
   EngineOf(const Plant& plant, std::unique_ptr<Attachments> attached, Method method,
            const typename Plant::State& initial, const MakeStepper& make_stepper)
       : attached_(std::move(attached)),
-        system_(make_system(plant, *attached_)),
+        system_(plant, *attached_),
         stepper_(make_stepper(system_)),
         method_(method) {
     Sys::put(y_, initial.angle, initial.rate);
-    if constexpr (has_effects) system_.start(y_);
+    system_.start(y_);
   }
   EngineOf(const EngineOf&) = delete;
   EngineOf& operator=(const EngineOf&) = delete;
@@ -64,30 +64,12 @@ class EngineOf final : public Engine<Plant> {
     rate = Sys::rates(y_);
   }
   [[nodiscard]] double work() const override { return y_[Sys::work]; }
-  [[nodiscard]] Shaft shaft(std::size_t joint) const override {
-    if constexpr (has_effects) {
-      return system_.shaft(joint, y_);
-    } else {
-      return {Plant::joint_angles(Sys::angles(y_))[joint], Plant::joint_rates(Sys::rates(y_))[joint]};
-    }
-  }
-  [[nodiscard]] std::size_t effect_states() const override {
-    if constexpr (has_effects) return system_.effect_states();
-    return 0;
-  }
+  [[nodiscard]] Shaft shaft(std::size_t joint) const override { return system_.shaft(joint, y_); }
+  [[nodiscard]] std::size_t effect_states() const override { return system_.size() - Sys::work - 1; }
   [[nodiscard]] std::vector<double> breaks() const override { return attached_->loads.breaks; }
   [[nodiscard]] Method method() const override { return method_; }
 
  private:
-  static constexpr bool has_effects = requires(const Sys& s) { s.effect_states(); };
-  static Sys make_system(const Plant& plant, const Attachments& attached) {
-    if constexpr (has_effects) {
-      return Sys(plant, attached);
-    } else {
-      return Sys(plant);
-    }
-  }
-
   std::unique_ptr<Attachments> attached_;
   Sys system_;
   Stepper stepper_;

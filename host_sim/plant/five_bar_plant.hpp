@@ -1,7 +1,6 @@
 #pragma once
-/// The equations of FiveBarPlantOf, for whoever instantiates it: plant.cpp, and loops over several mechanisms
-/// at once. They have no branch that depends on numbers but those of `project`, which asks `choose`, `none`
-/// for each number on its own.
+/// The equations of FiveBarPlantOf, for the files that instantiate it: one mechanism (five_bar_plant.cpp) or
+/// several side by side (sweep/lanes). Only `project` branches on numbers; it does so by `choose` and `none`.
 
 #include <cmath>
 #include <cstddef>
@@ -10,7 +9,7 @@
 
 namespace esmc::host {
 
-// What a comparison decides where S is one number.
+// Of one number; a type of several numbers has its own.
 [[nodiscard]] constexpr double choose(bool condition, double yes, double no) { return condition ? yes : no; }
 [[nodiscard]] inline double magnitude(double v) { return std::abs(v); }
 [[nodiscard]] constexpr bool none(bool condition) { return !condition; }
@@ -98,8 +97,7 @@ typename FiveBarPlantOf<Both, S>::Angles FiveBarPlantOf<Both, S>::response(const
 
 template <class Both, class S>
 void FiveBarPlantOf<Both, S>::project(Angles& angle, Angles& rate) const {
-  // One Newton step: an integrator leaves a gap of its own local error e, and this one leaves e^2. Repeated
-  // only where that is not yet nothing.
+  // A Newton step turns a gap of the integrator's local error e into e^2; repeated until that is rounding.
   constexpr double nothing = 4e-17, little = 1e-9;
   auto going = S(0.0) <= S(0.0);
   for (int round = 0; round < 4; ++round) {

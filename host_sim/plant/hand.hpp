@@ -1,6 +1,5 @@
 #pragma once
-/// A hand at the effector that moves while the simulation runs: no effect of a scene, which is known
-/// beforehand.
+/// A hand at the effector, moved while the simulation runs.
 
 #include <cmath>
 
@@ -24,7 +23,7 @@ struct Hand {
   }
 };
 
-/// The hand as the right-hand side sees it; the hand outlives it.
+/// A hand, which must outlive it, as a load.
 class HandLoad final : public EffectorLoad {
  public:
   explicit HandLoad(const Hand& hand) : hand_(&hand) {}

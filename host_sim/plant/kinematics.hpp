@@ -8,16 +8,15 @@
 
 namespace esmc::host {
 
-/// Joint angles (theta1, theta2) of a 2R chain whose tip is at p in its own frame; `bend` = sign of sin
-/// theta2.
+/// Joint angles (theta1, theta2), rad, of a leg with its tip at p in its own frame, m; `bend` = sign of sin
+/// theta2. Empty: out of reach.
 std::optional<std::array<double, 2>> reach(const LegParams<double>& leg, V2 p, int bend);
 
 /// All four joint angles of a five-bar whose effector is at p. Empty: out of reach.
 std::optional<std::array<double, 4>> reach(const FiveBarParams<double>& m, V2 p,
                                            const std::array<int, 2>& bend);
 
-/// All four joint angles from the base joints; `assembly` = sign of sin(phi12 + phi22). Empty: does not
-/// close.
+/// All four joint angles from the base joints; `assembly` = sign of sin(phi12 + phi22). Empty: not closed.
 std::optional<std::array<double, 4>> close(const FiveBarParams<double>& m, const std::array<double, 2>& base,
                                            int assembly);
 

@@ -29,8 +29,8 @@ class SmoothedCoulomb final : public JointLoad {
   double per_rate_;
 };
 
-/// Loading along the stiffness, unloading along restitution^2 of it (Walton and Braun 1986): the rebound
-/// speed is restitution times the impact speed, whatever the mass.
+/// Unloading along restitution^2 of the stiffness (Walton and Braun 1986): the rebound speed is restitution
+/// times the impact speed for every mass.
 class SoftStops final : public JointLoad {
  public:
   explicit SoftStops(const EndStops& e) : stops_(e) {}

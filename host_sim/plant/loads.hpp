@@ -21,8 +21,8 @@ class JointLoad {
 class EffectorLoad {
  public:
   virtual ~EffectorLoad() = default;
-  /// A stretch of time begins that no jump of the load divides; `middle` lies inside. A stage of an
-  /// integrator may sit right on the jump, so that asking the clock there would be ambiguous.
+  /// Begins a stretch of time around `middle` in which the load does not jump: at the jump itself, where a
+  /// stage of an integrator may lie, the time alone would be ambiguous.
   virtual void begin(double middle) = 0;
   /// Force in N on an effector at p moving with v.
   [[nodiscard]] virtual V2 force(V2 p, V2 v) const = 0;
@@ -34,7 +34,7 @@ struct Loads {
   std::vector<double> breaks;  ///< instants at which a load jumps: no step may cross one
 };
 
-/// Set-valued effects are not among them: a right-hand side cannot express those (plant/moreau_jean.hpp).
+/// Without set-valued effects (plant/moreau_jean.hpp).
 Loads make_loads(const std::vector<Effect>& effects);
 
 /// Coulomb friction with its set and rigid stops: whether a scene needs the time-stepping scheme.

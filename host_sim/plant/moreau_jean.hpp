@@ -1,15 +1,13 @@
 #pragma once
 /// Time stepping for set-valued friction and rigid stops (Moreau 1988, Jean 1999; theta = 1/2): velocities
-/// may jump, contact acts by impulses over the step, and a joint that sticks has the rate zero, not a small
-/// one.
+/// may jump, contact acts by impulses over the step, the rate of a joint that sticks is exactly zero.
 ///
 /// Per step h:  v_free = v + h a(t + h/2, q + h/2 v, (v + v+) / 2), v+ predicted by a first pass;  impulses
 /// r_i at the joints with
 ///   w+ = w_free + W r,   friction: |r_i| <= h torque_i, w_i+ = 0 or r_i = -h torque_i sgn w_i+
 ///                        stop:      r_i pushes back only, w_i+ = -e w_i or more where it touches
-/// and q+ = q + h (v + v+) / 2. Second order between the instants at which a joint sticks, slips or hits;
-/// first order across them, as any scheme that does not search for them; exact for constant deceleration to
-/// rest.
+/// and q+ = q + h (v + v+) / 2. Second order between the instants at which a joint sticks, slips or hits,
+/// first order across them; exact for constant deceleration to rest.
 
 #include <algorithm>
 #include <array>

@@ -8,24 +8,6 @@
 
 namespace esmc::host {
 
-const char* name(Method m) {
-  switch (m) {
-    case Method::semi_implicit_euler:
-      return "semi_implicit_euler";
-    case Method::rk4:
-      return "rk4";
-    case Method::dopri5:
-      return "dopri5";
-    case Method::dopri8:
-      return "dopri8";
-    case Method::radau5:
-      return "radau5";
-    case Method::moreau_jean:
-      return "moreau_jean";
-  }
-  return "";
-}
-
 template <class Plant>
 Motion<Plant>::Motion(const Setup& setup, const State& initial)
     : setup_(std::make_unique<Setup>(setup)), state_(initial), payload_(find_effect<Payload>(setup.effects)) {
@@ -57,9 +39,8 @@ int Motion<Plant>::state_dimension() const {
 }
 
 template <class Plant>
-typename Motion<Plant>::Reading Motion<Plant>::shaft(std::size_t joint) const {
-  const Shaft s = engine_->shaft(joint);
-  return {s.angle, s.rate};
+Shaft Motion<Plant>::shaft(std::size_t joint) const {
+  return engine_->shaft(joint);
 }
 
 template <class Plant>

@@ -6,19 +6,15 @@
 #include <optional>
 #include <vector>
 
-#include "host_sim/effects/effects.hpp"
+#include "host_sim/effects/drivetrain.hpp"
+#include "host_sim/plant/method.hpp"
 #include "host_sim/plant/motor_torques.hpp"
 #include "host_sim/plant/plant.hpp"
 
 namespace esmc::host {
 
-/// By the name a scene gives it. `moreau_jean` is what set-valued effects need, and gets chosen for them.
-enum class Method { semi_implicit_euler, rk4, dopri5, dopri8, radau5, moreau_jean };
-[[nodiscard]] const char* name(Method m);
-
-/// A plant carried along by an integrator; knows system and method, so that Motion need not.
 template <class Plant>
-class Engine;
+class Engine;  // integrates a plant: engine.hpp
 
 struct Hand;
 
@@ -50,17 +46,13 @@ class Motion {
   /// Positions and rates of the mechanism, and the states of effects.
   [[nodiscard]] int state_dimension() const;
   /// Angle and rate, model convention, of the shaft whose encoder a drive reads.
-  struct Reading {
-    double angle, rate;
-  };
-  [[nodiscard]] Reading shaft(std::size_t joint) const;
+  [[nodiscard]] Shaft shaft(std::size_t joint) const;
 
   /// Advances from t over `seconds` in `steps` equal steps; more where an effect begins or ends in between.
-  /// Torques are evaluated wherever the integrator looks.
   void advance(double t, double seconds, int steps, const MotorTorques<Joints>& torque);
 
-  /// Change of energy that the work of motors and loads does not account for, relative to the largest
-  /// exchange seen so far (kinetic energy, change of potential energy, work).
+  /// Change of energy less the work of motors and loads, relative to the largest kinetic energy, change of
+  /// potential energy or work seen so far.
   [[nodiscard]] double energy_error();
   [[nodiscard]] double energy() const {
     return plant().kinetic_energy(state_) + plant().potential_energy(state_);

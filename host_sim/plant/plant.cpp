@@ -1,10 +1,6 @@
 #include "host_sim/plant/plant.hpp"
 
-#include "host_sim/plant/five_bar_plant.hpp"
-
 namespace esmc::host {
-
-template class FiveBarPlantOf<Double2, double>;
 
 LegDynamics<double>::Pose RrPlant::pose(const Angles& angle) const {
   return leg_.pose(direction(angle[0]), direction(angle[1]));

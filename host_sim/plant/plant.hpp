@@ -1,6 +1,6 @@
 #pragma once
-/// The true mechanisms, in redundant coordinates, written without a line of the controller's model (values of
-/// parameters apart), so that an error in one shows against the other.
+/// The true mechanisms in redundant coordinates. They share no equation with the controller's model, so that
+/// an error in one shows against the other.
 ///
 /// Coordinates: the absolute angles psi_jk of the bars in the inertial frame N, all counter-clockwise. The
 /// effector mass is split between the two leg tips, which closure makes one point. With A the closure
@@ -29,9 +29,9 @@ struct Planar {
 };
 using V2 = Planar<double>;
 
-/// One leg in N (T = double), or the two legs of a 5R side by side (T = Double2: each operation once for
-/// both; or two legs of several mechanisms), by Lagrange's equations in absolute bar angles. `side` is +1 for
-/// leg 1 (and the RR arm), -1 for leg 2, whose model angles are mirrored: psi = pi - theta.
+/// One leg in N (T = double), or the two legs of one or several 5R side by side, by Lagrange's equations in
+/// absolute bar angles. `side` is +1 for leg 1 (and the RR arm), -1 for leg 2, whose model angles are
+/// mirrored: psi = pi - theta.
 template <class T>
 class LegDynamics {
  public:
@@ -176,8 +176,7 @@ class FiveBarPlantOf {
 
   /// Angular accelerations of the bars under joint torques (model convention, N m).
   [[nodiscard]] Angles acceleration(const Angles& angle, const Angles& rate, const Joints& torque) const;
-  /// What joint torques (impulses) alone do to the rates of the bars: M^-1 with closure kept, times the
-  /// torques.
+  /// Change of the bars' rates by joint impulses alone (N m s): M^-1 with closure kept, times the impulses.
   [[nodiscard]] Angles response(const Angles& angle, const Joints& torque) const;
   /// Moves angles and rates onto the closure, along the shortest way in the mass metric.
   void project(Angles& angle, Angles& rate) const;
@@ -191,8 +190,7 @@ class FiveBarPlantOf {
  private:
   using Legs = LegDynamics<Both>;
   [[nodiscard]] typename Legs::Pose pose(const Angles& angle) const;
-  /// What the bars must give up so that the tips do not part by `gap`: along the shortest way in the mass
-  /// metric.
+  /// The bars' motion that the tips' `gap` is made of: the smallest in the mass metric.
   [[nodiscard]] typename Legs::Pair closing(const typename Legs::Pose& p, Planar<S> gap) const;
   Legs legs_;
 };

@@ -1,6 +1,5 @@
 #pragma once
-/// Double2 doubles side by side: the same operation on both legs of a 5R as one instruction (SSE2, which
-/// every x86-64 has, NEON). Each half has the bits that a double alone would have.
+/// Two doubles side by side: one instruction for both legs of a 5R (SSE2, NEON), with the bits of a double.
 
 #include <array>
 #include <cmath>
@@ -14,8 +13,7 @@ using Double2 = double __attribute__((vector_size(16)));
 }  // namespace esmc::host
 
 namespace esmc::ieee {
-/// Out of the compiler's sight, in two.cpp: of a constant that it sees gcc loads one half and doubles it, at
-/// every use.
+/// Defined in simd_pair.cpp: gcc would load one half of a known constant and double it at every use.
 template <>
 struct Constants<host::Double2> {
   using Real = double;
@@ -28,8 +26,8 @@ struct Constants<host::Double2> {
 
 namespace esmc::host {
 
-/// Sine and cosine of a bar's angle. Beyond the range of firmware/numeric (a day of turning) the C library
-/// takes over.
+/// Sine and cosine of a bar's angle; beyond the range of firmware/numeric (a day of turning) by the C
+/// library.
 [[nodiscard]] SinCos<double> sin_cos_any_range(double angle);
 [[nodiscard]] SinCos<Double2> sin_cos_any_range(Double2 angle);
 

@@ -1,8 +1,6 @@
 #pragma once
 /// A plant as the integrators see it: y = [angles, rates, work done on the mechanism, states of effects].
-///
-/// Two of them, so that a scene without effects runs through code that knows of none: the same numbers to the
-/// last bit and not one instruction more.
+/// BareSystem has no effects, so that a scene without them pays no instruction for them.
 
 #include <span>
 #include <utility>
@@ -13,6 +11,17 @@
 #include "host_sim/plant/plant.hpp"
 
 namespace esmc::host {
+
+/// What the effects of a scene add: loads, and a drivetrain per motor.
+struct Attachments {
+  Loads loads;
+  std::vector<Drivetrain> drivetrain;    ///< per motor; empty where no effect asks for one
+  std::vector<std::size_t> motor_joint;  ///< joint of each motor
+
+  [[nodiscard]] bool none() const {
+    return loads.joint.empty() && loads.effector.empty() && drivetrain.empty();
+  }
+};
 
 /// Angles, rates and work; the part all systems share.
 template <class Plant, std::size_t Extra>
@@ -38,6 +47,10 @@ class MechanismState {
       y[i] = angle[i];
       y[positions + i] = rate[i];
     }
+  }
+  /// The shaft of a joint without a drivetrain.
+  [[nodiscard]] Shaft shaft(std::size_t joint, const State& y) const {
+    return {Plant::joint_angles(angles(y))[joint], Plant::joint_rates(rates(y))[joint]};
   }
   void project(State& y) const {
     Angles angle = angles(y), rate = rates(y);
@@ -73,20 +86,11 @@ class BareSystem : public MechanismState<Plant, 0> {
   using Base = MechanismState<Plant, 0>;
   using State = typename Base::State;
   using Base::Base;
+  BareSystem(const Plant& plant, const Attachments&) : Base(plant) {}
   static constexpr std::size_t size() { return Base::capacity; }
+  static void start(const State&) {}
   void slope(double t, const State& y, State& dy) const {
     this->mechanism_slope(Base::angles(y), Base::rates(y), this->torques().at(t), dy);
-  }
-};
-
-/// What the effects of a scene add: loads, and a drivetrain per motor.
-struct Attachments {
-  Loads loads;
-  std::vector<Drivetrain> drivetrain;    ///< per motor; empty where no effect asks for one
-  std::vector<std::size_t> motor_joint;  ///< joint of each motor
-
-  [[nodiscard]] bool none() const {
-    return loads.joint.empty() && loads.effector.empty() && drivetrain.empty();
   }
 };
 
@@ -101,7 +105,6 @@ class LoadedSystem : public MechanismState<Plant, Drivetrain::most_states * Plan
     for (const Drivetrain& d : attached.drivetrain) size_ += d.states();
   }
   [[nodiscard]] std::size_t size() const { return size_; }
-  [[nodiscard]] std::size_t effect_states() const { return size_ - Base::work - 1; }
 
   void slope(double t, const State& y, State& dy) const {
     const auto angle = Base::angles(y), rate = Base::rates(y);
@@ -139,8 +142,7 @@ class LoadedSystem : public MechanismState<Plant, Drivetrain::most_states * Plan
   }
   /// Where the encoder of the drive on a joint sits: on the rotor where that is a body of its own.
   [[nodiscard]] Shaft shaft(std::size_t joint, const State& y) const {
-    const Shaft at_joint{Plant::joint_angles(Base::angles(y))[joint],
-                         Plant::joint_rates(Base::rates(y))[joint]};
+    const Shaft at_joint = Base::shaft(joint, y);
     std::size_t at = Base::work + 1;
     for (std::size_t m = 0; m < attached_->drivetrain.size(); ++m) {
       const Drivetrain& d = attached_->drivetrain[m];

@@ -6,7 +6,7 @@
 
 namespace esmc::host {
 
-/// A System made of closed chains; what is special about a problem is Derived: its mounting and its loads.
+/// A System of closed chains; Derived adds mounting and loads.
 template <class Derived, class Mechanism>
 class ChainSystem {
  public:

@@ -1,14 +1,12 @@
 #pragma once
-/// Any number of serial chains of firmware/mechanism, held together at points: the modular algorithm, serial
-/// then coupling, in redundant coordinates. All joint coordinates are kept and closure is a multiplier:
+/// Serial chains of firmware/mechanism coupled at points, in redundant coordinates with closure multipliers:
 ///   M a + A^T lambda = Q,   A a = gamma                                             [F11] with C = 1
 /// M, Q and the rows of A and gamma are passes along the chains (`rates`, `bias`, `joint_torques`, `tip_*` of
-/// Serial); nothing is derived per mechanism.
+/// Serial).
 ///
 /// Where closure is regular, lambda comes from A M^-1 A^T. That squares the condition number, so next to a
-/// loss of rank the rows of A are made orthonormal in the metric of M^-1 instead; and at the loss itself,
-/// where A says nothing about some direction although the motion goes on smoothly, the acceleration is taken
-/// from instants just before and after.
+/// loss of rank the rows of A are made orthonormal in the metric of M^-1 instead. At the loss itself A leaves
+/// a direction undetermined: the acceleration is interpolated from instants before and after.
 
 #include <array>
 #include <cmath>
@@ -74,9 +72,8 @@ class ClosedChains<Closures<Points...>, Chains...> {
   }
 
   /// Accelerations of all joints. `load(poses, force)` adds generalised forces on the joints, N m or N, to
-  /// those of gravity and friction. Next to a loss of rank the state is taken as closed, and a moving
-  /// mechanism has its acceleration all the same; one at rest there gets the one that minimises Gauss's
-  /// constraint.
+  /// those of gravity and friction. Next to a loss of rank the state must be closed; at rest there, the
+  /// acceleration minimises Gauss's constraint.
   template <class Load>
   [[nodiscard]] Coordinates acceleration(const Coordinates& q, const Coordinates& v, const Load& load) const {
     bool full = true;
@@ -85,8 +82,8 @@ class ClosedChains<Closures<Points...>, Chains...> {
     return full || !moving ? a : interpolated(q, v, load);
   }
 
-  /// Moves q and v onto the closure, in position and velocity, the shortest way in the metric of M. A
-  /// direction in which closure has lost its rank is left as it is.
+  /// Moves q and v onto the closure the shortest way in the metric of M, but in directions in which closure
+  /// has lost its rank.
   void project(Coordinates& q, Coordinates& v) const {
     const double nothing = 4.0 * std::numeric_limits<double>::epsilon() * reach_;
     for (int round = 0;; ++round) {
@@ -101,8 +98,8 @@ class ClosedChains<Closures<Points...>, Chains...> {
     }
   }
 
-  /// How many closures are independent here; less than `rows` where closure has lost rank, or where every
-  /// closure that is left has less than `least_share` of its own direction, in the mass metric.
+  /// Number of independent closures; others have less than `least_share` of a direction of their own, in the
+  /// mass metric.
   [[nodiscard]] int rank(const Coordinates& q, double least_share = kNoShare) const {
     return Basis(frame(q), least_share).rank;
   }
@@ -125,9 +122,9 @@ class ClosedChains<Closures<Points...>, Chains...> {
  private:
   static constexpr List<int, chains> sizes_{{Chains::joints...}};
   static constexpr int size(int chain) { return sizes_[chain]; }
-  /// Closure is about to lose rank where a row of A has less than this share left, in the mass metric, that
-  /// the other rows do not span. With share s, rounding eps leaves s^-1 eps in positions, s^-2 in rates and
-  /// s^-3 in accelerations: here, 1e-9 of what they are.
+  /// Closure is close to losing rank where the other rows of A span all but this share of a row, in the mass
+  /// metric. With share s rounding eps is s^-1 eps in positions, s^-2 eps in rates, s^-3 eps in
+  /// accelerations.
   static constexpr double kCloseShare = 1e-2;
   /// Less than this is rounding.
   static constexpr double kNoShare = 1e-8;
@@ -223,8 +220,7 @@ class ClosedChains<Closures<Points...>, Chains...> {
     return out;
   }
 
-  /// The x of A x = r that is shortest in the metric of M. `full` is cleared where closure has lost rank;
-  /// what it no longer determines is then 0.
+  /// The x of A x = r that is shortest in the metric of M. `full` is cleared where closure has lost rank.
   [[nodiscard]] Coordinates shortest(const Frame& f, const Rows& r, double least_share, bool& full) const {
     if constexpr (points == 0) {
       return Coordinates::Zero();
@@ -246,9 +242,8 @@ class ClosedChains<Closures<Points...>, Chains...> {
     }
   }
 
-  /// Rows of A made orthonormal in the metric of M^-1, the row that has most left first: A = L N. Every row
-  /// is orthogonalised twice, which makes N as orthonormal as rounding allows however close to dependent they
-  /// are.
+  /// Rows of A made orthonormal in the metric of M^-1, the row with the largest rest first: A = L N. Each row
+  /// is orthogonalised twice, so that N is orthonormal to rounding.
   struct Basis {
     List<Coordinates, rows> row{}, weighted{};  // of N, and M^-1 times it
     Mat<double, rows, rows> L = Mat<double, rows, rows>::Zero();
@@ -349,7 +344,7 @@ class ClosedChains<Closures<Points...>, Chains...> {
   template <class Load>
   [[nodiscard]] Coordinates interpolated(const Coordinates& q, const Coordinates& v, const Load& load) const {
     constexpr double distance =
-        0.05;  // rad or m: rounding grows with its third power, the rest falls with its eighth
+        0.05;  // rad or m: rounding falls with its third power, the error grows with its eighth
     constexpr std::array<double, 4> weight{56.0 / 70.0, -28.0 / 70.0, 8.0 / 70.0, -1.0 / 70.0};
     const double step = distance / v.cwiseAbs().maxCoeff();
     Coordinates a = Coordinates::Zero();

@@ -1,6 +1,5 @@
 #pragma once
-/// Benchmark problems as systems. The mechanisms are parts list and mounting; the equations come from
-/// closed_chains.hpp (and, for the five-bar, from the plant).
+/// Benchmark problems as systems. The equations are those of closed_chains.hpp and of the five-bar's plant.
 
 #include "host_sim/plant/plant.hpp"
 #include "host_sim/problems/chain_system.hpp"

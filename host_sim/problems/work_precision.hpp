@@ -40,8 +40,7 @@ struct WorkPrecision {
   std::vector<OrderFound> orders;
 };
 
-inline constexpr int instants =
-    8;  ///< equally spaced, at which a run is compared; steps are counted between them
+inline constexpr int instants = 8;  ///< equally spaced, at which a run is compared
 
 /// A problem: a system, where it starts, and where its positions are at the end, known from elsewhere.
 template <class S>
@@ -115,9 +114,8 @@ void measure(const Problem<S>& p, const Once& once, WorkPoint& point) {
   return (n * sxy - sx * sy) / (n * sxx - sx * sx);
 }
 
-/// The order that steps and errors show at their fine end, above rounding. NaN where they have not settled on
-/// one: the slope of the finest four differs from that of the window before by more than half of what is to
-/// be judged.
+/// The order that steps and errors show at their fine end, above rounding. NaN where the slope of the finest
+/// four differs from that of the window before by more than half of the tolerance on an order.
 [[nodiscard]] inline double order_of(const std::vector<std::pair<double, double>>& step_error, int order,
                                      double rounding) {
   constexpr double inf = std::numeric_limits<double>::infinity();
@@ -138,9 +136,8 @@ void measure(const Problem<S>& p, const Once& once, WorkPoint& point) {
   return std::abs(fine - before) <= settled ? fine : std::numeric_limits<double>::quiet_NaN();
 }
 
-/// Fixed steps, ever finer until rounding or `most_steps` ends it; a number and not a time, so that a slow
-/// machine judges the same orders. The order is read off the root mean square over the track: the error at
-/// one instant may pass through zero.
+/// Fixed steps, ever finer until rounding or `most_steps`. The order is that of the root mean square over the
+/// track: the error at one instant may pass through zero.
 template <class Method, class S>
 void fixed_steps(const Problem<S>& p, int first_steps, long most_steps, WorkPrecision& out) {
   std::vector<std::pair<double, double>> track_error;

@@ -23,7 +23,7 @@ std::string_view cell(std::string_view& rest) {
   return out;
 }
 
-/// Keys and places of two documents that are not the same; what the wall clock says is not asked.
+/// Appends the values in which two documents differ.
 void compare(const Json& recorded, const Json& computed, const std::string& path,
              const std::vector<std::string>& ignored, std::vector<Difference>& out) {
   if (std::find(ignored.begin(), ignored.end(), path) != ignored.end()) return;
@@ -42,7 +42,7 @@ void compare(const Json& recorded, const Json& computed, const std::string& path
 
 }  // namespace
 
-LineComparison::LineComparison(std::string directory, std::string name,
+LineComparison::LineComparison(const std::string& directory, std::string name,
                                std::vector<std::string> ignored_columns, double tick)
     : name_(std::move(name)),
       ignored_(std::move(ignored_columns)),
@@ -51,12 +51,10 @@ LineComparison::LineComparison(std::string directory, std::string name,
   if (file_ == nullptr) throw InputError("", directory + "/" + name_ + ": cannot be read");
 }
 
-LineComparison::~LineComparison() { std::fclose(file_); }
-
 bool LineComparison::next(std::string& recorded) {
   recorded.clear();
   std::array<char, 4096> part{};
-  while (std::fgets(part.data(), static_cast<int>(part.size()), file_) != nullptr) {
+  while (std::fgets(part.data(), static_cast<int>(part.size()), file_.get()) != nullptr) {
     recorded += part.data();
     if (recorded.back() != '\n') continue;
     recorded.pop_back();
@@ -138,7 +136,7 @@ Difference LineComparison::frame_difference(const std::string& recorded, const s
 
 std::FILE* Comparison::open(const std::string& name) {
   if (name != "log.csv" && (name != "frames.log" || !frames_)) return nullptr;
-  // In real time the delay of a tick is the wall clock's.
+  // In real time the delay of a tick depends on the wall clock.
   auto& lines = files_[name];
   lines = std::make_unique<LineComparison>(
       directory_, name, realtime_ ? std::vector<std::string>{"delay"} : std::vector<std::string>{}, tick_);
@@ -153,7 +151,7 @@ std::FILE* Comparison::open(const std::string& name) {
 
 void Comparison::summary(const Json& computed, const Json& recorded) {
   std::vector<std::string> ignored{"wall_s", "real_time_factor", "run"};
-  // The wall clock decided these; and of both halves in one process the frames repeat the plant's.
+  // These depend on the wall clock.
   if (realtime_)
     ignored.insert(ignored.end(), {"late_ticks", "bus", "supervisor", "tracking", "interrupted"});
   if (!frames_) ignored.emplace_back("bus.load");
@@ -161,7 +159,6 @@ void Comparison::summary(const Json& computed, const Json& recorded) {
   const std::size_t before = others_.size();
   compare(recorded, computed, "", ignored, others_);
   same_digest_ = recorded.value("digest", Json()) == computed.value("digest", Json());
-  // The digest first: it is what people look at.
   const auto digest = std::find_if(others_.begin() + static_cast<std::ptrdiff_t>(before), others_.end(),
                                    [](const Difference& d) { return d.what == "digest"; });
   if (digest != others_.end())

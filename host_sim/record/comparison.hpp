@@ -1,6 +1,5 @@
 #pragma once
-/// A run that is repeated, against the files of the one that was recorded: line by line while it writes,
-/// nothing is stored.
+/// Compares a repeated run with the files of the recorded one, line by line while it writes.
 
 #include <cstdint>
 #include <cstdio>
@@ -12,9 +11,11 @@
 #include <string_view>
 #include <vector>
 
+#include "host_sim/file_handle.hpp"
+
 namespace esmc::host {
 
-/// The first place of a file at which the repeated run is another.
+/// The first difference in a file.
 struct Difference {
   std::string file;
   std::uint64_t line = 0;             ///< of the file, from 1; 0: no line of it
@@ -23,18 +24,17 @@ struct Difference {
   std::string recorded, computed;
 };
 
-/// Lines of one file. `describe` says what two lines differ in.
+/// Lines of one file.
 class LineComparison {
  public:
-  LineComparison(std::string directory, std::string name, std::vector<std::string> ignored_columns,
+  LineComparison(const std::string& directory, std::string name, std::vector<std::string> ignored_columns,
                  double tick);
-  ~LineComparison();
-  LineComparison(const LineComparison&) = delete;
+  LineComparison(const LineComparison&) = delete;  // streams point to it
   LineComparison& operator=(const LineComparison&) = delete;
 
-  /// What the run writes, in pieces of any size.
+  /// Text that the run writes, in pieces of any size.
   void take(std::string_view text);
-  /// The run writes no more: neither may the recording.
+  /// The run writes no more; more lines in the recording are a difference.
   void end();
   [[nodiscard]] std::uint64_t lines() const { return lines_; }
   [[nodiscard]] const std::optional<Difference>& difference() const { return difference_; }
@@ -49,26 +49,25 @@ class LineComparison {
   std::string name_, header_, pending_, recorded_;
   std::vector<std::string> ignored_;
   double tick_;
-  std::FILE* file_;
+  FileHandle file_;
   std::uint64_t lines_ = 0;
   std::optional<Difference> difference_;
 };
 
-/// All that a run leaves.
+/// All files of a run.
 class Comparison {
  public:
-  /// `directory` holds what was recorded, with these ticks, s. `realtime`: what the wall clock decided is not
-  /// compared. `frames`: they are in the run's output; otherwise something else judges them.
+  /// `directory`: of the recording; `tick`: s. `realtime`: values that the wall clock decided are not
+  /// compared. `frames`: frames.log is compared here; false: by a RecordedBus.
   Comparison(std::string directory, double tick, bool realtime, bool frames)
       : directory_(std::move(directory)), tick_(tick), realtime_(realtime), frames_(frames) {}
 
-  /// Where the run writes this file; null for one that is not compared. Whoever opens it again begins anew.
+  /// Stream for the run's file of this name; null: it is not compared. Opened again, it begins anew.
   [[nodiscard]] std::FILE* open(const std::string& name);
-  /// The run's, against the recorded one.
   void summary(const nlohmann::ordered_json& computed, const nlohmann::ordered_json& recorded);
   void add(Difference d) { others_.push_back(std::move(d)); }
 
-  /// One per file, in the order in which they help: frames, log, summary.
+  /// One per file: frames, log, summary.
   [[nodiscard]] std::vector<Difference> differences();
   /// Lines of a file that were compared.
   [[nodiscard]] std::uint64_t lines(const std::string& name) const;

@@ -1,15 +1,13 @@
 #pragma once
-/// The log and the summary of a controller on its own: what it measured, wanted and commanded. The truth is
-/// in the other process (or in the world), so the summary has no closure, energy or digest.
+/// Log and summary of a controller on its own: measurements, references, commands. The true motion is known
+/// elsewhere, so the summary has no closure, energy or digest.
 
 #include <chrono>
 #include <string>
 #include <vector>
 
-#include "host_sim/bus/frame_log.hpp"
 #include "host_sim/error.hpp"
 #include "host_sim/record/recorder.hpp"
-#include "host_sim/record/run_options.hpp"
 
 namespace esmc::host {
 
@@ -28,10 +26,10 @@ class ControllerRecorder {
   }
 
   [[nodiscard]] std::uint64_t ticks() const { return statistics_.ticks(); }
-  /// With those of the sign test, which are not recorded: since the drives were released, as a plant counts
-  /// its duration.
+  /// Since the drives were released, as a plant counts its duration: with the ticks of the sign test, which
+  /// are not recorded.
   [[nodiscard]] std::uint64_t ticks_released() const { return ticks_released_; }
-  /// A run that ended within the sign test has shown nothing.
+  /// Throws RunError for a run that ended within the sign test.
   void require_run() const {
     if (tested_only()) throw RunError("the sign test was not over within simulation.duration");
   }
@@ -83,20 +81,18 @@ class ControllerRecorder {
     log_.row(row_, name(r.state));
   }
 
-  RunEnd end(std::chrono::steady_clock::time_point begin, const RunOptions& o, const Supervisor& supervisor,
-             const FrameLog& frames, std::uint64_t lost, double bus_time) const {
+  /// The end of a run that began at `begin`.
+  RunEnd end(std::chrono::steady_clock::time_point begin, std::uint64_t seed, const Supervisor& supervisor,
+             const BusSummary& bus) const {
     RunEnd e;
     e.wall_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
-    e.seed = o.seed;
-    e.final_state = name(supervisor.state());
-    if (supervisor.fault() != Fault::none) e.faults.emplace_back(name(supervisor.fault()));
-    e.bus =
-        BusSummary{frames.frames(), lost,
-                   bus_time > 0.0 ? static_cast<double>(frames.bits()) / (scene_.bitrate * bus_time) : 0.0};
+    e.seed = seed;
+    set_outcome(e, supervisor);
+    e.bus = bus;
     e.histograms = latencies();
     return e;
   }
-  /// As far as a controller sees them; none in lockstep, where a tick takes no time.
+  /// As the controller sees them; none in lockstep, where a tick takes no time.
   [[nodiscard]] std::vector<NamedHistogram> latencies() const {
     if (!(command_.largest() > 0.0)) return {};
     return {{"Feedback latency", "from the arrival of a sample to the instant of the tick that uses it",

@@ -1,7 +1,8 @@
 #pragma once
-/// Derivatives of what was recorded at equal distances: of the cubic through 2 n + 1 points by least squares,
-/// at its middle. Symmetric, so that nothing is late.
+/// Derivatives of equidistant samples: of the cubic through 2 n + 1 points by least squares, at its middle,
+/// so without delay.
 
+#include <cmath>
 #include <cstddef>
 #include <vector>
 
@@ -48,6 +49,17 @@ double curvature(const std::vector<double>& weights, std::size_t rows, std::size
   double sum = 0.0;
   for (std::size_t k = 0; k < weights.size(); ++k) sum += weights[k] * at(row + k - derivative_half);
   return sum;
+}
+
+/// Angles before a critically damped observer followed them, which is late by acceleration / bandwidth^2:
+/// `share` of that lag is taken back. `bandwidth`: rad per row, > 0.
+inline std::vector<double> before_observer(const std::vector<double>& angle, double bandwidth, double share) {
+  const std::vector<double> weights = curvature_weights();
+  std::vector<double> out = angle;
+  for (std::size_t i = 0; i < angle.size(); ++i)
+    out[i] += share / std::pow(bandwidth, 2) *
+              curvature(weights, angle.size(), i, [&](std::size_t row) { return angle[row]; });
+  return out;
 }
 
 }  // namespace esmc::host

@@ -17,36 +17,14 @@ constexpr std::size_t flush_bytes = 1U << 16U;
 }  // namespace
 
 Log::Log(std::FILE* file, std::vector<std::string> columns, std::size_t rows)
-    : file_(file), columns_(std::move(columns)), stride_((rows + report_rows - 1) / report_rows) {
-  if (stride_ == 0) stride_ = 1;
+    : file_(file),
+      columns_(std::move(columns)),
+      stride_(std::max<std::size_t>(1, (rows + report_rows - 1) / report_rows)) {
   const auto is_torque = [](const std::string& c) { return c.starts_with("tau") && !c.ends_with("_cmd"); };
   torque_ = static_cast<std::size_t>(std::ranges::find_if(columns_, is_torque) - columns_.begin());
   motors_ = static_cast<std::size_t>(std::ranges::count_if(columns_, is_torque));
   if (file_ == nullptr) return;
   fmt::format_to(std::back_inserter(buffer_), "{}\n", fmt::join(columns_, ","));
-}
-
-Log::Log(Log&& other) noexcept { *this = std::move(other); }
-
-Log& Log::operator=(Log&& other) noexcept {
-  std::swap(file_, other.file_);
-  std::swap(buffer_, other.buffer_);
-  std::swap(columns_, other.columns_);
-  std::swap(thinned_, other.thinned_);
-  std::swap(stride_, other.stride_);
-  std::swap(written_, other.written_);
-  std::swap(torque_, other.torque_);
-  std::swap(motors_, other.motors_);
-  std::swap(last_torque_, other.last_torque_);
-  std::swap(change_, other.change_);
-  std::swap(changes_, other.changes_);
-  std::swap(last_row_, other.last_row_);
-  std::swap(tick_time_, other.tick_time_);
-  return *this;
-}
-
-Log::~Log() {
-  if (file_ != nullptr) std::fclose(file_);
 }
 
 void Log::row(const std::vector<double>& values, const char* state) {
@@ -73,12 +51,12 @@ void Log::row(const std::vector<double>& values, const char* state) {
   }
   ++written_;
   if (buffer_.size() >= flush_bytes) {
-    std::fwrite(buffer_.data(), 1, buffer_.size(), file_);
+    std::fwrite(buffer_.data(), 1, buffer_.size(), file_.get());
     buffer_.clear();
   }
 }
 
-/// What would be lost by leaving rows out, and what is in no row.
+/// Values that thinning would lose, and the tick time.
 void Log::update_chatter(const std::vector<double>& values) {
   const auto now = std::chrono::steady_clock::now();
   const auto first = values.begin() + static_cast<std::ptrdiff_t>(torque_);
@@ -93,8 +71,8 @@ void Log::update_chatter(const std::vector<double>& values) {
 
 void Log::close() {
   if (file_ == nullptr) return;
-  const bool whole = std::fwrite(buffer_.data(), 1, buffer_.size(), file_) == buffer_.size();
-  const bool closed = std::fclose(std::exchange(file_, nullptr)) == 0;
+  const bool whole = std::fwrite(buffer_.data(), 1, buffer_.size(), file_.get()) == buffer_.size();
+  const bool closed = std::fclose(file_.release()) == 0;
   if (!whole || !closed) throw RunError("the log could not be written completely (disk full?)");
 }
 

@@ -21,15 +21,15 @@ namespace fs = std::filesystem;
 
 namespace {
 
-/// Every name that a command may leave.
+/// Names of all files that a run may leave.
 constexpr const char* output_names[] = {
     "scene.toml",   "summary.json", "log.csv",      "frames.log", "frames.csv", "report.html", "check.csv",
     reference_copy, model_copy,     endpoints_copy, "sweep.toml", "cases.csv",  "timing.json", "timing.csv"};
 
 constexpr const char* partial_prefix = ".partial-";
 
-/// What a process that was killed has left. Not what belongs to a living one or to somebody else, and not
-/// what was interrupted while files were moved: what stood there before may be in it.
+/// Whether this is the folder of a process that was killed; not of a living one, and not one interrupted
+/// while files were moved, which may hold the former files.
 bool abandoned(const fs::path& p) {
   const std::string name = p.filename();
   if (!name.starts_with(partial_prefix)) return false;
@@ -37,12 +37,13 @@ bool abandoned(const fs::path& p) {
   if (pid.empty() || pid.size() > 9 ||
       !std::all_of(pid.begin(), pid.end(), [](char c) { return c >= '0' && c <= '9'; }))
     return false;
-  const bool dead = ::kill(static_cast<pid_t>(std::atol(pid.c_str())), 0) != 0 && errno == ESRCH;
+  const bool dead =
+      ::kill(static_cast<pid_t>(std::strtol(pid.c_str(), nullptr, 10)), 0) != 0 && errno == ESRCH;
   std::error_code error;
   return dead && fs::is_directory(fs::symlink_status(p, error)) && !fs::exists(p / "former", error);
 }
 
-/// Of two files that are moved, so that it can be undone.
+/// A move that can be undone.
 struct Move {
   fs::path from, to;
 };
@@ -61,7 +62,7 @@ OutputDirectory::OutputDirectory(const std::string& directory) {
     if (p.has_filename()) created_.insert(created_.begin(), p);
     if (p == p.parent_path()) break;
   }
-  error.clear();  // that there is nothing is no error
+  error.clear();  // of files that do not exist
   if (!created_.empty()) fs::create_directories(final_, error);
   if (!error && !fs::is_directory(final_, error) && !error)
     error = std::make_error_code(std::errc::not_a_directory);
@@ -70,7 +71,7 @@ OutputDirectory::OutputDirectory(const std::string& directory) {
     if (fs::is_directory(final_ / name, error))
       refuse(std::string(name) + " is a directory there, a file is to replace it");
   }
-  // What an earlier run left has one of these; without them a file of such a name is somebody's own.
+  // A directory of an earlier run has one of these.
   constexpr const char* signs[] = {"summary.json", "check.csv", "campaign.json", "accuracy.json"};
   if (std::none_of(std::begin(signs), std::end(signs),
                    [&](const char* sign) { return fs::exists(final_ / sign, error); })) {

@@ -1,6 +1,6 @@
 #pragma once
-/// --out DIR: everything is written beside DIR's final names and moved into place when the run is complete,
-/// so that a failed run leaves nothing partial behind.
+/// --out DIR: files are written to a folder inside DIR and moved into place when the run is complete, so that
+/// a failed run leaves no partial result.
 
 #include <cstdio>
 #include <filesystem>
@@ -16,23 +16,21 @@ class OutputDirectory {
   OutputDirectory() = default;
   /// Creates DIR if need be. Throws InputError when it cannot be written.
   explicit OutputDirectory(const std::string& directory);
-  /// Nothing is written; what a run would write is compared.
+  /// Writes nothing; the files are compared.
   explicit OutputDirectory(Comparison& against) : against_(&against) {}
   OutputDirectory(const OutputDirectory&) = delete;
   OutputDirectory& operator=(const OutputDirectory&) = delete;
   ~OutputDirectory();
 
   [[nodiscard]] bool wanted() const { return !final_.empty(); }
-  /// Path to write a file under for now; empty when nothing is wanted.
+  /// Temporary path of a file; empty when nothing is wanted.
   [[nodiscard]] std::string path(const std::string& name) const;
-  /// The same, open; null when nothing is wanted. Throws InputError when it cannot be written.
+  /// The file, open; null when nothing is wanted. Throws InputError when it cannot be written.
   [[nodiscard]] std::FILE* open(const std::string& name) const;
   void write(const std::string& name, const std::string& text) const;
-  /// Throws InputError where a file of the run would replace this one, or take it away; but for `copy`, which
-  /// is the same.
+  /// Throws InputError where a file of the run, other than `copy`, would replace this one.
   void spare(const std::string& input, const std::string& copy = "") const;
-  /// Moves everything into place, or nothing: what stood there comes back when one of the files cannot be
-  /// replaced.
+  /// Moves all files into place or, when one cannot be replaced, none. Throws RunError.
   void commit();
   [[nodiscard]] std::string directory() const { return final_.string(); }
 
@@ -44,8 +42,7 @@ class OutputDirectory {
   std::vector<std::filesystem::path> created_;  ///< folders that did not exist, outermost first
 };
 
-/// Prints `text`, or makes it the content of `file` if that is not empty: all of it or nothing. Throws
-/// InputError when the file cannot be written.
+/// Prints `text`, or writes it to `file` if that is not empty: completely or not at all. Throws InputError.
 void print_or_write(const std::string& text, const std::string& file);
 
 }  // namespace esmc::host

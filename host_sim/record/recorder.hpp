@@ -1,6 +1,6 @@
 #pragma once
-/// Turns ticks into log rows and statistics: the truth of the plant against the reference, and what the
-/// controller saw and did where it is in the same process.
+/// Turns ticks into log rows and statistics: true motion, reference, and the controller's tick where it runs
+/// in the same process.
 
 #include <algorithm>
 #include <cmath>
@@ -68,6 +68,22 @@ Motion<typename World::Plant> make_motion(const Scene& s) {
   return make_motion<World>(s, initial_state<World>(s));
 }
 
+/// The supervisor's part of the end of a run.
+inline void set_outcome(RunEnd& e, const Supervisor& supervisor) {
+  e.final_state = name(supervisor.state());
+  e.faults.clear();
+  if (supervisor.fault() != Fault::none) e.faults.emplace_back(name(supervisor.fault()));
+}
+/// The mechanism's part of it.
+template <class Plant>
+void set_final_state(RunEnd& e, Motion<Plant>& motion, Statistics& statistics) {
+  const typename Plant::Output o = motion.output();
+  e.q.assign(o.q.begin(), o.q.end());
+  e.qd.assign(o.qd.begin(), o.qd.end());
+  e.method = motion.method();
+  statistics.energy_error = larger(statistics.energy_error, motion.energy_error());
+}
+
 /// The reference as the true mechanism would have to follow it, tick by tick.
 template <class World>
 class ReferenceTrack {
@@ -78,7 +94,7 @@ class ReferenceTrack {
     std::array<double, 2> base;
   };
 
-  /// `begins`: it is known when, which a plant does not see of a controller elsewhere that tests signs first.
+  /// `begins`: its beginning is known; not for a plant whose controller, elsewhere, tests signs first.
   ReferenceTrack(const Scene& scene, Pacing pacing, bool begins = true)
       : bundle_(std::make_unique<ReferenceBundle<double>>(make_reference(scene, pacing))),
         present_(begins && scene.reference.type != ReferenceType::none),
@@ -91,9 +107,9 @@ class ReferenceTrack {
 
   [[nodiscard]] bool present() const { return present_; }
   [[nodiscard]] const ReferenceBundle<double>& bundle() const { return *bundle_; }
-  /// Whoever does not look at them: Point::base is then 0.
+  /// Point::base is 0 from now on.
   void without_base() { with_base_ = false; }
-  /// Whether no point at this tick is the scene's fault, and not that of a way onto the reference.
+  /// Whether a missing point at this tick is an error of the scene, not of the join.
   [[nodiscard]] bool must_reach(std::uint32_t tick) const {
     return tick >= bundle_->join_ticks && joined_.reference().kind != ReferenceKind::hold_start;
   }
@@ -104,8 +120,8 @@ class ReferenceTrack {
     joined_.start(at_effector ? Vec2<double>(effector.x, effector.y) : Vec2<double>(base[0], base[1]),
                   at_effector ? Vec2<double>(velocity.x, velocity.y) : Vec2<double>(rate[0], rate[1]));
   }
-  /// Empty: out of reach. `solved`: a controller's tick; its inverse kinematics of the very same point, with
-  /// the true lengths, is not repeated.
+  /// Empty: out of reach. `solved`: a controller's tick, whose inverse kinematics of the same point with the
+  /// true lengths is reused.
   [[nodiscard]] std::optional<Point> at(std::uint32_t tick, const TickResult<M>* solved = nullptr) const {
     const bool at_effector = joined_.reference().space == ReferenceSpace::effector;
     const bool followed =
@@ -136,17 +152,17 @@ class ReferenceTrack {
   M mechanism_;
   typename M::Mode mode_;
   JoinedReference<double> joined_;
-  bool same_;          // whatever start the controller has measured, its reference is this one
-  bool true_lengths_;  // of what the controller believes
+  bool same_;          // the controller's reference does not depend on its measured start
+  bool true_lengths_;  // the controller believes the true lengths
   bool with_base_ = true;
 };
 
-/// What the controller of a tick saw and did; null pointers where it runs elsewhere.
+/// The controller's tick; null pointers where it runs elsewhere.
 template <class M>
 struct ControllerView {
   const TickResult<M>* result = nullptr;
   const Sample<M>* sample = nullptr;
-  bool exact = true;  ///< false: rounded to a lesser scalar type, the reference included
+  bool exact = true;  ///< false: rounded to single precision, the reference included
 };
 
 template <class World>
@@ -166,7 +182,7 @@ class Recorder {
   [[nodiscard]] Statistics& statistics() { return statistics_; }
   [[nodiscard]] Log& log() { return log_; }
   void without_digest() { digest_ = false; }
-  /// The errors of the base joints then say nothing.
+  /// Leaves out the errors of the base joints.
   void without_base_errors() {
     base_errors_ = false;
     track_.without_base();
@@ -174,8 +190,8 @@ class Recorder {
   /// Whether the reference has left the reach of the true mechanism.
   [[nodiscard]] bool reference_left() const { return reference_left_; }
 
-  /// A tick that begins in the plant's present state, under `torque` per joint until the next.
-  /// `disarmed`: a drive has left closed loop, for a plant that does not see the supervisor.
+  /// A tick that begins in the plant's present state, under `torque` per joint until the next. `disarmed`: a
+  /// drive has left closed loop; counts where the supervisor is not seen.
   void tick(std::uint32_t n, Motion<Plant>& motion, const typename Plant::Joints& torque, bool saturated,
             const ControllerView<M>& seen, bool disarmed = false) {
     const typename Plant::Output o = motion.output();

@@ -11,7 +11,8 @@
 #include <utility>
 
 #include "host_sim/error.hpp"
-#include "host_sim/fnv.hpp"
+#include "host_sim/record/digest.hpp"
+#include "host_sim/record/table.hpp"
 #include "host_sim/scene/scene.hpp"
 #include "host_sim/version.hpp"
 
@@ -26,13 +27,8 @@ bool number(std::string_view text, T& out, int base = 10) {
   return error == std::errc() && end == text.data() + text.size();
 }
 
-/// Throws where `path` is no regular file that can be opened: a pipe would wait, a device would never end.
 std::ifstream opened(const std::string& path) {
-  std::error_code error;
-  if (!std::filesystem::is_regular_file(path, error)) {
-    const bool there = std::filesystem::exists(path, error);
-    throw InputError("", path + (there ? ": is not a regular file" : ": there is no such file"));
-  }
+  require_regular_file(path);
   std::ifstream in(path, std::ios::binary);
   if (!in) throw InputError("", path + ": cannot be read");
   return in;
@@ -45,7 +41,7 @@ std::string text_of(const std::string& path) {
   return text.str();
 }
 
-/// Whole lines; every line of frames.log is one of candump -L. Returns how many.
+/// Number of lines. Throws InputError for an incomplete one and, with `frames`, for one not of candump -L.
 std::uint64_t count_lines(const Recording& r, const char* name, bool frames) {
   const std::string path = r.file(name);
   std::ifstream in = opened(path);
@@ -89,7 +85,7 @@ std::optional<hal::CanFrame> parse_frame(std::string_view text) {
   return hal::well_formed(f) ? std::optional(f) : std::nullopt;
 }
 
-/// What summary.json says of the run; `what` is said of a key that is not as it must be.
+/// A value of summary.json. Throws InputError where it is missing or of another type.
 template <class T>
 T at(const Recording& r, const char* pointer) {
   try {
@@ -106,7 +102,6 @@ T at(const Recording& r, const char* pointer) {
 std::uint64_t with_companion(std::uint64_t hash, const std::string& name, const std::string& text) {
   return fnv(fnv(hash, fmt::format("{} {}\n", name, text.size())), text);
 }
-std::string digest_text(std::uint64_t hash) { return fmt::format("{:016x}", hash); }
 
 }  // namespace
 
@@ -137,12 +132,10 @@ std::string scene_digest(const Scene& scene) {
   return digest_text(hash);
 }
 
-Recording read_recording(const std::string& directory, bool any_version) {
-  namespace fs = std::filesystem;
-  std::error_code error;
-  if (!fs::is_directory(directory, error))
-    throw InputError(
-        "", directory + ": no such directory; allowed is what sim, hil, plant or controller left with --out");
+namespace {
+
+/// Command, version, seed and the like from the summary. Throws InputError.
+Recording read_summary(const std::string& directory, bool any_version) {
   Recording r;
   r.directory = directory;
   try {
@@ -163,24 +156,24 @@ Recording read_recording(const std::string& directory, bool any_version) {
   r.seed = at<std::uint64_t>(r, "/seed");
   r.ticks = at<std::uint64_t>(r, "/ticks");
   r.interrupted = r.summary.contains("interrupted");
+  return r;
+}
+
+void require_same_digest(const Recording& r) {
+  std::error_code error;
   std::uint64_t hash = fnv(fnv_start, text_of(r.file("scene.toml")));
   for (const char* name : companion_names) {
-    if (fs::exists(r.file(name), error)) hash = with_companion(hash, name, text_of(r.file(name)));
+    if (std::filesystem::exists(r.file(name), error))
+      hash = with_companion(hash, name, text_of(r.file(name)));
   }
   const std::string was = at<std::string>(r, "/run/scene_digest"), is = digest_text(hash);
   if (was != is)
     throw InputError(r.file("scene.toml"), "is not the scene that was run: its digest is " + is +
                                                ", summary.json says " + printable(was));
-  const std::uint64_t rows = count_lines(r, "log.csv", false);
-  if (rows == 0 || rows - 1 != r.ticks)  // ticks + 1 of a number that is not a run's may be 0
-    throw InputError(
-        r.file("log.csv"),
-        fmt::format(
-            "has {} lines, and should have a header and one for each of {} ticks: torn or of another run",
-            rows, r.ticks));
-  if (r.interrupted && r.ticks == 0)
-    throw InputError("", directory + ": was interrupted before t = 0, there is nothing to run again");
-  if (r.command == "sim") return r;
+}
+
+/// Checks frames.log and, of one end, frames.csv. Returns the interface.
+std::string read_frames(const Recording& r) {
   const std::uint64_t lines = count_lines(r, "frames.log", true);
   const auto frames = at<std::uint64_t>(r, "/bus/frames");
   if (lines == 0) throw InputError(r.file("frames.log"), "has no frames");
@@ -191,8 +184,8 @@ Recording read_recording(const std::string& directory, bool any_version) {
   std::ifstream in(r.file("frames.log"), std::ios::binary);
   std::string line;
   std::getline(in, line);
-  r.interface = parse_candump(line)->interface;
-  if (!r.one_half()) return r;
+  std::string interface = parse_candump(line)->interface;
+  if (!r.one_end()) return interface;
   const std::uint64_t passages = count_lines(r, "frames.csv", false);
   if (passages != lines + 1)
     throw InputError(r.file("frames.csv"),
@@ -201,6 +194,29 @@ Recording read_recording(const std::string& directory, bool any_version) {
   if (at<std::uint64_t>(r, "/bus/lost") > 0)
     throw InputError(r.file("summary.json"),
                      "/bus/lost is not 0: which frames could not be sent then is not known");
+  return interface;
+}
+
+}  // namespace
+
+Recording read_recording(const std::string& directory, bool any_version) {
+  std::error_code error;
+  if (!std::filesystem::is_directory(directory, error))
+    throw InputError(
+        "", directory + ": no such directory; allowed is what sim, hil, plant or controller left with --out");
+  Recording r = read_summary(directory, any_version);
+  require_same_digest(r);
+  const std::uint64_t rows = count_lines(r, "log.csv", false);
+  if (rows == 0 ||
+      rows - 1 != r.ticks)  // not rows != ticks + 1: a number that is not of a run may be 2^64 - 1
+    throw InputError(
+        r.file("log.csv"),
+        fmt::format(
+            "has {} lines, and should have a header and one for each of {} ticks: torn or of another run",
+            rows, r.ticks));
+  if (r.interrupted && r.ticks == 0)
+    throw InputError("", directory + ": was interrupted before t = 0, there is nothing to run again");
+  if (r.command != "sim") r.interface = read_frames(r);
   return r;
 }
 

@@ -1,5 +1,5 @@
 #pragma once
-/// What a run has left in a directory, checked: whole, of this program, of the scene that lies beside it.
+/// Files of a recorded run, checked: complete, of this program, of the scene beside them.
 
 #include <cstddef>
 #include <cstdint>
@@ -21,10 +21,10 @@ struct CandumpLine {
   hal::CanFrame frame{};
   std::size_t text = 0;  ///< where the frame begins in the line
 };
-/// None: it is not one.
+/// None: not a line of candump -L.
 std::optional<CandumpLine> parse_candump(std::string_view line);
 
-/// The digest in summary.json of what was run: the scene and the files that it names.
+/// Digest of the scene and the files that it names, as in summary.json.
 std::string scene_digest(const Scene& scene);
 
 struct Recording {
@@ -36,13 +36,13 @@ struct Recording {
   bool interrupted = false;
   nlohmann::ordered_json summary;
 
-  /// One half against what the other one said: its frames.log has a frames.csv beside it.
-  [[nodiscard]] bool one_half() const { return realtime || command == "plant" || command == "controller"; }
+  /// Replayed as one end against the frames of the other: its frames.log has a frames.csv beside it.
+  [[nodiscard]] bool one_end() const { return realtime || command == "plant" || command == "controller"; }
   [[nodiscard]] std::string file(const char* name) const { return directory + "/" + name; }
 };
 
-/// Throws InputError that says what is missing, torn or of something else. `any_version`: this program need
-/// not be of the version that recorded.
+/// Throws InputError for a directory that is incomplete or inconsistent. `any_version`: of any version of
+/// this program.
 Recording read_recording(const std::string& directory, bool any_version);
 
 /// frames.log with frames.csv. Throws InputError where they do not fit together.

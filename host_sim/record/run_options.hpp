@@ -1,6 +1,5 @@
 #pragma once
-/// What is asked of a run: the commands sim, hil, plant, controller, and those that run a scene for another
-/// reason.
+/// Options of the run commands: sim, hil, plant, controller, and commands that run a scene.
 
 #include <atomic>
 #include <cstdint>
@@ -14,14 +13,14 @@ namespace esmc::host {
 class Comparison;
 class RecordedBus;
 
-/// A run that repeats a recorded one: nothing is written or printed, all is compared.
+/// A run that repeats a recorded one: it is compared, and writes and prints nothing.
 struct ReplayContext {
-  Comparison* comparison = nullptr;                  ///< null: not one
+  Comparison* comparison = nullptr;                  ///< null: not a replay
   const nlohmann::ordered_json* recorded = nullptr;  ///< its summary
-  std::optional<std::uint64_t> ticks;                ///< after which it ended, if before its time
+  std::optional<std::uint64_t> ticks;                ///< after which it ended; none: after its duration
   std::string interface;                             ///< of its frames.log
-  RecordedBus* bus = nullptr;                        ///< one half: what the other one said
-  bool of_hil = false;  ///< the plant's half began together with the controller's
+  RecordedBus* bus = nullptr;  ///< of a plant or controller alone: the frames of the other end
+  bool of_hil = false;         ///< plant and controller began together
 };
 
 struct RunOptions {
@@ -39,8 +38,11 @@ struct RunOptions {
 };
 
 /// Set by SIGINT and SIGTERM: loops end with zero torque and a summary.
-std::atomic<bool>& stop_requested();
-/// The same for a run that has recorded so many ticks, and perhaps repeats one that was ended then.
+inline std::atomic<bool>& stop_requested() {
+  static std::atomic<bool> flag{false};
+  return flag;
+}
+/// Whether a run that has recorded so many ticks must end, as a replay at the tick of the recording's end.
 inline bool must_stop(const RunOptions& o, std::uint64_t ticks) {
   return stop_requested() || (o.again.ticks && ticks >= *o.again.ticks);
 }

@@ -18,11 +18,8 @@ namespace {
 constexpr std::uintmax_t bytes_max = std::uintmax_t{4} << 30U;
 
 std::string bytes_of(const std::string& file) {
+  require_regular_file(file);
   std::error_code error;
-  if (!std::filesystem::is_regular_file(file, error)) {
-    const bool there = std::filesystem::exists(file, error);
-    throw InputError("", file + (there ? ": is not a regular file" : ": there is no such file"));
-  }
   if (std::filesystem::file_size(file, error) > bytes_max || error)
     throw InputError("", file + ": is larger than 4 GiB");
   std::ifstream in(file, std::ios::binary);
@@ -43,6 +40,13 @@ std::vector<std::string_view> fields_of(std::string_view line) {
 }
 
 }  // namespace
+
+void require_regular_file(const std::string& file) {
+  std::error_code error;
+  if (std::filesystem::is_regular_file(file, error)) return;
+  const bool there = std::filesystem::exists(file, error);
+  throw InputError("", file + (there ? ": is not a regular file" : ": there is no such file"));
+}
 
 RecordedTable read_table(const std::string& file, const std::vector<std::string>& names,
                          const std::string& hint, const std::string& word) {

@@ -77,6 +77,7 @@ function(esmc_embed target input symbol)
     COMMENT "Embedding ${input}"
     VERBATIM)
   target_sources(${target} PRIVATE "${output}")
+  set_source_files_properties("${output}" PROPERTIES SKIP_PRECOMPILE_HEADERS ON)
 endfunction()
 
 function(esmc_embed_page target input symbol)

@@ -11,7 +11,7 @@ function histogramFigure({ title, note, edges_s: edges, counts, total, mean_s: m
     node.append(...children);
     return node;
   };
-  // What is shorter than the first bin (1 ns) is zero and would stretch the axis.
+  // Durations below the first bin (1 ns) are zero and would stretch the axis.
   const zeros = edges[0] < 1e-9 && counts.length > 1 ? counts[0] : 0, first = zeros ? 1 + counts.slice(1).findIndex((n) => n > 0) : 0;
   [edges, counts] = [edges.slice(first), counts.slice(first)];
   const edge = (k) => Math.log10(edges[k]);

@@ -111,12 +111,7 @@ const WorkspaceMap = (() => {
       const pose = this.pose();
       if (pose) {
         pose.bases.forEach((base, j) => Mechanism.drawPath(c, view, [base, pose.elbows[j], pose.effector], { strokeStyle: colour("ink"), lineWidth: 1.5 }));
-        for (const point of [...pose.bases, ...pose.elbows, pose.effector]) {
-          const [px, py] = view.toScreen(point);
-          Object.assign(c, { fillStyle: colour("ink") }).beginPath();
-          c.arc(px, py, 3, 0, 2 * Math.PI);
-          c.fill();
-        }
+        for (const point of [...pose.bases, ...pose.elbows, pose.effector]) Mechanism.dot(c, view.toScreen(point), 2.25, colour("ink"));
       }
       write(c, { fillStyle: colour("muted"), textBaseline: "bottom", textAlign: "right" }, `grid ${sig(1e3 * step)} mm`, width - 4, height - 2);
     }

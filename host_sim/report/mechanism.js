@@ -27,7 +27,7 @@ const Mechanism = (() => {
     return { bases, elbows, tips, effector: tips[0] };
   }
 
-  /** What the modes are the signs of: sin theta_j2 per leg, and D2 = sin(phi12 + phi22), null for RR. */
+  /** The modes are the signs of these: sin theta_j2 per leg, and D2 = sin(phi12 + phi22), null for RR. */
   function modes(geometry, angles) {
     const working = legs(geometry).map((_, j) => Math.sin(angles[2 * j + 1]));
     return { working, assembly: working.length === 2 ? Math.sin(angles[0] + angles[1] + angles[2] + angles[3]) : null };
@@ -51,12 +51,6 @@ const Mechanism = (() => {
       toWorld: ([px, py]) => [mx + (px - width / 2) / scale, my - (py - height / 2) / scale] };
   }
 
-  /** Round distance (m) that is about `pixels` long. */
-  function mesh(view, pixels = 60) {
-    const raw = pixels / view.scale, decade = 10 ** Math.floor(Math.log10(raw));
-    return decade * [1, 2, 5, 10].find((m) => m * decade >= 0.999 * raw);
-  }
-
   function path(c, points, style, dashes = []) {
     Object.assign(c, { lineJoin: "round", globalAlpha: 1 }, style).setLineDash(dashes);
     c.beginPath();
@@ -71,9 +65,9 @@ const Mechanism = (() => {
     c.globalAlpha = 1;
   }
 
-  /** Grid lines through the origin of the world; returns their distance, m. */
+  /** Grid lines through the origin of the world, about 60 px apart; returns their distance, m. */
   function drawGrid(c, view, palette) {
-    const step = mesh(view), [x0, y1] = view.toWorld([0, 0]), [x1, y0] = view.toWorld([view.width, view.height]);
+    const step = roundStep(60 / view.scale), [x0, y1] = view.toWorld([0, 0]), [x1, y0] = view.toWorld([view.width, view.height]);
     const style = { strokeStyle: palette("rule"), lineWidth: 1 }, crisp = (p) => Math.round(p) + 0.5;
     for (let k = Math.ceil(x0 / step); k * step <= x1; ++k) {
       const px = crisp(view.toScreen([k * step, 0])[0]);
@@ -86,10 +80,10 @@ const Mechanism = (() => {
     return step;
   }
 
-  /** A path of the world: points [[x, y], ...] or a function of an index with its bounds. */
+  /** A path of the world. */
   const drawPath = (c, view, points, style, dashes) => path(c, points.map(view.toScreen), style, dashes);
 
-  function joint(c, [px, py], radius, fill, rim) {
+  function dot(c, [px, py], radius, fill, rim = fill) {
     Object.assign(c, { fillStyle: fill, strokeStyle: rim, lineWidth: 1.5, globalAlpha: 1 }).beginPath();
     c.arc(px, py, radius, 0, 2 * Math.PI);
     c.fill();
@@ -97,21 +91,21 @@ const Mechanism = (() => {
   }
 
   /** Bases on the ground, links, joints, effector. A pose that is not finite is not drawn. */
-  function drawPose(c, view, pose, palette, { alpha = 1 } = {}) {
+  function drawPose(c, view, pose, palette) {
     const at = view.toScreen, tip = at(pose.effector);
     pose.bases.forEach((base, j) => {
       const [px, py] = at(base), elbow = at(pose.elbows[j]), foot = (dx) => [px + dx, py + 16], tint = palette(`c${j}`);
       path(c, [foot(-20), foot(20), foot(14), [px, py], foot(-14)], { strokeStyle: palette("muted"), lineWidth: 1.5 });
       if (Number.isFinite(elbow[0] + elbow[1] + tip[0] + tip[1])) {
-        path(c, [elbow, tip], { strokeStyle: tint, lineWidth: 7, lineCap: "round", globalAlpha: 0.5 * alpha });
-        path(c, [[px, py], elbow], { strokeStyle: tint, lineWidth: 9, lineCap: "round", globalAlpha: 0.9 * alpha });
-        joint(c, elbow, 4.5, palette("panel"), palette("ink"));
+        path(c, [elbow, tip], { strokeStyle: tint, lineWidth: 7, lineCap: "round", globalAlpha: 0.5 });
+        path(c, [[px, py], elbow], { strokeStyle: tint, lineWidth: 9, lineCap: "round", globalAlpha: 0.9 });
+        dot(c, elbow, 4.5, palette("panel"), palette("ink"));
       }
-      joint(c, [px, py], 6, palette("panel"), palette("ink"));
+      dot(c, [px, py], 6, palette("panel"), palette("ink"));
     });
     c.lineCap = "butt";
-    if (Number.isFinite(tip[0] + tip[1])) joint(c, tip, 5.5, palette("c6"), palette("ink"));
+    if (Number.isFinite(tip[0] + tip[1])) dot(c, tip, 5.5, palette("c6"), palette("ink"));
   }
 
-  return { legs, pose, modes, box, fit, mesh, drawGrid, drawPath, drawPose };
+  return { legs, pose, modes, box, fit, dot, drawGrid, drawPath, drawPose };
 })();

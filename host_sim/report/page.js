@@ -40,11 +40,16 @@ function el(tag, attributes, ...children) {
   return node;
 }
 
+/** The next of 1, 2, 5 times a power of ten. */
+function roundStep(least) {
+  const decade = 10 ** Math.floor(Math.log10(least));
+  return decade * [1, 2, 5, 10].find((m) => m * decade >= 0.999 * least);
+}
+
 /** About `wanted` round numbers in [lo, hi] and how to print them. */
 function ticks(lo, hi, wanted) {
   if (!(hi > lo)) return [];
-  const raw = (hi - lo) / Math.max(1, wanted), decade = 10 ** Math.floor(Math.log10(raw)), marks = [];
-  const step = decade * [1, 2, 5, 10].find((m) => m * decade >= 0.999 * raw), digits = Math.max(0, Math.ceil(-Math.log10(step) - 1e-9));
+  const step = roundStep((hi - lo) / Math.max(1, wanted)), digits = Math.max(0, Math.ceil(-Math.log10(step) - 1e-9)), marks = [];
   const text = (v) => (v === 0 ? "0" : step > 1e-4 && step < 1e5 ? v.toFixed(digits).replace("-", "−") : sig(v, 2));
   for (let k = Math.ceil(lo / step - 1e-9); k <= hi / step + 1e-9; ++k) marks.push({ value: k * step, text: text(k * step) });
   return marks;

@@ -1,4 +1,4 @@
-// Plots that share one time axis: one cursor, one window. Lines are drawn by uPlot; without it a note stands in their place.
+// Plots that share one time axis: one cursor, one window.
 "use strict";
 
 /** Time for everything on the page: the window that is shown, and the cursor. */
@@ -6,15 +6,12 @@ class TimeAxis {
   /** Times of the rows, ascending, s. */
   constructor(time) {
     this.listeners = { view: [], now: [] };
-    this.setTimes(time);
-    this.now = this.end;
-    this.view = [this.start, this.end];
-    this.busy = false;  // playing: the pointer leaves the cursor alone
-  }
-  setTimes(time) {
     this.time = time;
     [this.start, this.end] = time.length ? [time[0], time[time.length - 1]] : [0, 1];
     if (!(this.end > this.start)) this.end = this.start + 1e-3;  // one row
+    this.now = this.end;
+    this.view = [this.start, this.end];
+    this.busy = false;  // playing: the pointer leaves the cursor alone
   }
   /** "view" or "now": called with the axis whenever it has changed. */
   on(what, listener) { this.listeners[what].push(listener); }
@@ -48,25 +45,21 @@ class TimeAxis {
   }
 }
 
-const plotMargin = { left: 64, right: 12 };
-
 /** A plot in a figure with a legend of buttons.
     options: title, unit; time: seconds per row (default: of the axis); height, px;
-    series: [{label, values, colour, style: "line" | "ref" | "under" | "bars", hidden}], values may hold NaN: a gap;
+    series: [{label, values, colour, style: "line" | "ref" | "under", hidden}], values may hold NaN: a gap;
     limits: [{value, label, colour}], lines at +-value; marks: [{t, label, colour}], instants;
     zero: the axis shows it; log: logarithmic, what is not positive falls out below; until: rows that scale the axis end there (s);
-    fixed: [lo, hi], a range that stays; bands: a name per row, drawn as named stretches instead of lines. */
-class TimePlot {
+    bands: a name per row, drawn as named stretches instead of lines. */
+class TimePlot extends Plot {
   constructor(host, axis, options) {
-    Object.assign(this, { series: [], limits: [], marks: [], log: false, height: 132, time: axis.time, unit: "" }, options, { axis });
-    this.output = el("output", {});
-    this.host = el("div", { role: "img", "aria-label": `${this.title} against time` });
-    const legend = el("div", { class: "legend" }, ...(this.series.length > 1 ? this.series : []).map((s, k) => this.entry(s, k)));
-    if (this.series.length === 1) this.series[0].output = this.output;
-    host.append(el("figure", {}, el("figcaption", {}, el("h2", {}, this.title), el("span", { class: "note" }, this.unit), this.output, legend), this.host));
-    if (typeof uPlot === "undefined") return;
+    const { series = [] } = options, output = el("output", {}), buttons = series.length > 1 ? series.map(TimePlot.entry) : [];
+    super(host, { series, limits: [], marks: [], log: false, height: 132, time: axis.time, unit: "", ...options, axis, output },
+      `${options.title} against time`, buttons, output);
+    buttons.forEach((button, k) => on(button, "click", () => this.toggle(button, k)));
+    if (series.length === 1) series[0].output = output;
+    if (!this.create(...this.settings())) return;
     this.cursor = el("i", { class: "now" });
-    this.plot = new uPlot(this.settings(), this.data(), this.host);
     this.plot.over.append(this.cursor);
     this.listen();
     axis.on("view", () => this.show());
@@ -74,15 +67,15 @@ class TimePlot {
     this.showNow();
   }
   /** A button of the legend. */
-  entry(s, k) {
+  static entry(s) {
     const swatch = el("i", { class: s.style ?? "line", style: `border-color: var(--${s.colour})` });
-    const button = el("button", { type: "button", "aria-pressed": String(!s.hidden), title: "hide or show" }, swatch, s.label, (s.output = el("output", {})));
-    on(button, "click", () => {
-      s.hidden = !s.hidden;
-      button.setAttribute("aria-pressed", String(!s.hidden));
-      this.plot?.setSeries(k + 1, { show: !s.hidden });
-    });
-    return button;
+    return el("button", { type: "button", "aria-pressed": String(!s.hidden), title: "hide or show" }, swatch, s.label, (s.output = el("output", {})));
+  }
+  toggle(button, k) {
+    const s = this.series[k];
+    s.hidden = !s.hidden;
+    button.setAttribute("aria-pressed", String(!s.hidden));
+    this.plot?.setSeries(k + 1, { show: !s.hidden });
   }
   /** As uPlot wants them: null for a gap. */
   data() {
@@ -91,38 +84,23 @@ class TimePlot {
       : this.series.map(({ values }) => Array.from(values, (v) => (Number.isFinite(v) ? floor(v) : null)));
     return [Array.from(this.time), ...lists];
   }
-  width() { return Math.max(160, document.documentElement.hasAttribute("data-printing") ? 660 : this.host.clientWidth); }
+  /** Arguments of create(). */
   settings() {
-    const font = `11px ${getComputedStyle(document.body).fontFamily}`;
-    const axis = { font, stroke: () => colour("muted"), grid: { stroke: () => colour("rule"), width: 1 }, ticks: { show: false } };
-    const linear = (wanted, unit = "") => {  // round numbers, printed with the digits that tell them apart
-      let texts = [];
-      return { values: () => texts, splits: (u, i, lo, hi) => {
-        const list = ticks(lo, hi, wanted(u));
-        texts = list.map(({ text }) => text + unit);
-        return list.map(({ value }) => value);
-      } };
-    };
-    const styles = { line: { width: 1.6 }, ref: { width: 1.2, dash: [5, 4] }, under: { width: 6, alpha: 0.3 } };
+    const styles = { line: { width: 1.6 }, ref: { width: 1.2, dash: [5, 4] }, under: { width: 6, alpha: 0.3 } }, left = { size: 64 };
     const lines = this.bands ? [{ show: false }] : this.series.map((s) => ({ stroke: () => colour(s.colour), show: !s.hidden, points: { show: this.time.length < 3 },
-      ...(s.style === "bars" ? { fill: () => colour(s.colour), paths: uPlot.paths.stepped({ align: 1 }), width: 0.5 } : styles[s.style ?? "line"]) }));
+      ...styles[s.style ?? "line"] }));
     const decades = (lo, hi) => {
       const first = Math.ceil(Math.log10(lo) - 1e-9), last = Math.floor(Math.log10(hi) + 1e-9), skip = Math.max(1, Math.ceil((last - first) / 5));
       return Array.from({ length: Math.max(0, Math.floor((last - first) / skip) + 1) }, (_, k) => 10 ** (first + k * skip));
     };
-    return {
-      width: this.width(), height: this.height, legend: { show: false }, padding: [6, plotMargin.right, 0, 0], pxAlign: 0,
-      cursor: { x: false, y: false, points: { show: false }, drag: { x: true, y: false, setScale: false }, bind: { dblclick: () => null } },
-      scales: { x: { time: false, range: () => this.axis.view }, y: { distr: this.log ? 3 : 1, range: (u, lo, hi) => this.range(lo, hi) } },
-      series: [{}, ...lines],
-      axes: [
-        { ...axis, size: 22, gap: 4, ...linear((u) => u.width / 85, " s") },
-        this.bands ? { show: true, size: plotMargin.left, splits: () => [], values: () => [] }
-          : this.log ? { ...axis, size: plotMargin.left, filter: (u, splits) => splits, splits: (u, i, lo, hi) => decades(lo, hi),
-            values: (u, splits) => splits.map((v) => power(Math.round(Math.log10(v)))) }
-            : { ...axis, size: plotMargin.left, ...linear(() => this.height / 32) }],
-      hooks: { draw: [(u) => this.decorate(u)], setSelect: [(u) => this.selected(u)] },
-    };
+    const y = this.bands ? { ...left, splits: () => [], values: () => [] }
+      : this.log ? { ...left, filter: (u, splits) => splits, splits: (u, i, lo, hi) => decades(lo, hi),
+        values: (u, splits) => splits.map((v) => power(Math.round(Math.log10(v)))) }
+        : { ...left, ...this.marksOf(() => this.height / 32) };
+    return [lines, { x: { range: () => this.axis.view }, y: { distr: this.log ? 3 : 1, range: (u, lo, hi) => this.range(lo, hi) } },
+      this.marksOf((u) => u.width / 85, " s"), y,
+      { cursor: { x: false, y: false, points: { show: false }, drag: { x: true, y: false, setScale: false }, bind: { dblclick: () => null } },
+        hooks: { draw: [(u) => this.decorate(u)], setSelect: [(u) => this.selected(u)] } }];
   }
   listen() {
     const over = this.plot.over, follow = (event) => {
@@ -131,19 +109,13 @@ class TimePlot {
     on(over, "pointermove", follow);
     on(over, "pointerdown", follow);
     on(over, "dblclick", () => this.axis.reset());
-    new ResizeObserver(() => this.resize()).observe(this.host);
   }
-  resize() { if (this.plot && this.width() !== this.plot.width) { this.plot.setSize({ width: this.width(), height: this.height }); this.showNow(); } }
   selected(u) {
     const { left, width } = u.select;
     if (width > 4) this.axis.setView(u.posToVal(left, "x"), u.posToVal(left + width, "x"));
     u.setSelect({ left: 0, width: 0, top: 0, height: 0 }, false);
   }
-  /** New rows: the values of the series have been replaced, or the list of times. */
-  refresh(time = this.time) { this.time = time; this.plot?.setData(this.data(), false); this.show(); }
   show() { this.plot?.setScale("x", { min: this.axis.view[0], max: this.axis.view[1] }); this.showNow(); }
-  /** Draws again in the colours of now. */
-  draw() { if (this.plot) { this.resize(); this.plot.redraw(true, true); this.showNow(); } }
   row() {
     if (this.time === this.axis.time) return this.axis.row();
     let row = 0;
@@ -160,7 +132,6 @@ class TimePlot {
   /** Vertical range of what is visible. */
   range(lo, hi) {
     if (this.bands) return [0, 1];
-    if (this.fixed) return this.fixed;
     const shown = this.series.filter((s) => !s.hidden), [from, to] = this.axis.view.map((t) => this.axis.row(t));
     if (this.log) return this.logRange(shown, from, to);
     if (!(lo <= hi)) [lo, hi] = [0, 1];

@@ -19,13 +19,7 @@ std::string json_for_html(const nlohmann::ordered_json& data) {
       data.dump(-1, ' ', /*ensure_ascii=*/false, nlohmann::ordered_json::error_handler_t::replace);
   std::string safe;
   safe.reserve(plain.size() + 64);
-  for (const char c : plain) {
-    if (c == '<') {
-      safe += "\\u003c";
-    } else {
-      safe += c;
-    }
-  }
+  for (const char c : plain) c == '<' ? safe.append("\\u003c") : safe.append(1, c);
   return safe;
 }
 

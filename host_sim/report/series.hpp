@@ -1,5 +1,5 @@
 #pragma once
-/// What a report shows besides the rows of the log: distributions of durations, and a load over time.
+/// Data of a report besides the rows of the log: distributions of durations, and a load over time.
 
 #include <algorithm>
 #include <array>
@@ -17,7 +17,7 @@ class Histogram {
  public:
   static constexpr std::size_t octaves = 40, per_octave = 8, bins = octaves * per_octave;
 
-  /// What is no duration (negative, NaN) is left out; what is outside the bins counts in the outermost.
+  /// Negative values and NaN are left out; durations outside the bins count in the outermost.
   void add(double seconds) {
     if (!(seconds >= 0.0)) return;
     const std::uint64_t at = std::bit_cast<std::uint64_t>(seconds) >> shift;
@@ -81,6 +81,13 @@ class Binned {
  private:
   std::vector<double> bins_;
   std::uint64_t ticks_ = 0, stride_ = 1;
+};
+
+/// A row of log.csv, as plots show it.
+struct SeriesRow {
+  std::vector<double> values;
+  std::string state;     ///< empty: the log has no such column
+  double chatter = 0.0;  ///< N m: change of torque per tick, mean over motors and ticks since the last row
 };
 
 }  // namespace esmc::host

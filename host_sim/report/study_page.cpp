@@ -15,56 +15,76 @@ extern const std::string_view look_css;  // look.css, embedded by embed.cmake
 
 namespace {
 
-constexpr double width = 640, height = 400, left = 70, right = 170, top = 34, bottom = 50;
-// Okabe and Ito: told apart by every kind of colour vision, on white and on black.
+constexpr double figure_width = 640, figure_height = 400, left = 70, right = 170, top = 34, bottom = 50;
+// Okabe and Ito: distinct for every kind of colour vision, on white and on black.
 constexpr const char* colours[] = {"#0072b2", "#d55e00", "#009e73", "#cc79a7",
                                    "#e69f00", "#56b4e9", "#999999", "#b8a800"};
 
 std::string escaped(const std::string& s) {
   std::string out;
   for (const char c : s) {
-    switch (c) {
-      case '<':
-        out += "&lt;";
-        break;
-      case '>':
-        out += "&gt;";
-        break;
-      case '&':
-        out += "&amp;";
-        break;
-      default:
-        out += c;
+    if (c == '<') {
+      out += "&lt;";
+    } else if (c == '>') {
+      out += "&gt;";
+    } else if (c == '&') {
+      out += "&amp;";
+    } else {
+      out += c;
     }
   }
   return out;
 }
 
+/// Begin of a figure with its title; the caller adds "</svg>\n".
+std::string svg(const std::string& title, double tall = figure_height) {
+  return fmt::format(
+      "<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 {0} {1}' role='img' aria-label='{2}'><text "
+      "x='{3}' "
+      "y='20' class='title'>{2}</text>",
+      figure_width, tall, escaped(title), left);
+}
+/// `anchor`: start, middle or end.
+std::string label(double x, double y, const char* anchor, const std::string& text) {
+  return fmt::format("<text x='{:.1f}' y='{:.1f}' text-anchor='{}'>{}</text>", x, y, anchor, escaped(text));
+}
+std::string grid_line(double x, double y, char direction, double to) {
+  return fmt::format("<path class='grid' d='M{:.1f} {:.1f}{}{}'/>", x, y, direction, to);
+}
+std::string decade(int d) { return fmt::format("1e{}", d); }
+
 struct Axis {
   int first = 0, last = 1;  ///< decades
   double from = 0.0, to = 1.0;
 
+  Axis(double low, double high, double at_first, double at_last)
+      : first(static_cast<int>(std::floor(std::log10(low)))),
+        last(std::max(first + 1, static_cast<int>(std::ceil(std::log10(high))))),
+        from(at_first),
+        to(at_last) {}
   [[nodiscard]] double at(double v) const {
     return from + (to - from) * (std::log10(v) - first) / (last - first);
+  }
+  /// Calls mark(decade, position) for at most nine decades.
+  template <class Mark>
+  void for_each_mark(Mark mark) const {
+    const int every = std::max(1, (last - first + 7) / 8);
+    for (int d = first; d <= last; d += every) mark(d, at(std::pow(10.0, d)));
   }
 };
 
 /// `kind` picks shape and colour; the class lets a page with a look of its own choose another colour.
 std::string marker(std::size_t kind, double x, double y) {
   kind %= std::size(colours);
-  switch (kind % 3) {
-    case 0:
-      return fmt::format(
-          "<circle class='s{3}' cx='{0:.1f}' cy='{1:.1f}' r='3' color='{2}' fill='currentColor'/>", x, y,
-          colours[kind], kind);
-    case 1:
-      return fmt::format(
-          "<rect class='s{3}' x='{0:.1f}' y='{1:.1f}' width='6' height='6' color='{2}' fill='currentColor'/>",
-          x - 3, y - 3, colours[kind], kind);
-    default:
-      return fmt::format("<path class='s{3}' d='M{0:.1f} {1:.1f}l4 7h-8z' color='{2}' fill='currentColor'/>",
-                         x, y - 4, colours[kind], kind);
+  std::string shape;
+  if (kind % 3 == 0) {
+    shape = fmt::format("circle cx='{:.1f}' cy='{:.1f}' r='3'", x, y);
+  } else if (kind % 3 == 1) {
+    shape = fmt::format("rect x='{:.1f}' y='{:.1f}' width='6' height='6'", x - 3, y - 3);
+  } else {
+    shape = fmt::format("path d='M{:.1f} {:.1f}l4 7h-8z'", x, y - 4);
   }
+  return fmt::format("<{} class='s{}' color='{}' fill='currentColor'/>", shape, kind, colours[kind]);
 }
 
 bool drawable(const std::pair<double, double>& p) {
@@ -86,38 +106,18 @@ std::string log_log_svg(const std::string& title, const std::string& x_label, co
     }
   }
   if (!(x1 > 0.0)) return "";
-  const auto axis = [](double low, double high, double from, double to) {
-    const int first = static_cast<int>(std::floor(std::log10(low)));
-    return Axis{first, std::max(first + 1, static_cast<int>(std::ceil(std::log10(high)))), from, to};
-  };
-  const Axis x = axis(x0, x1, left, width - right), y = axis(y0, y1, height - bottom, top);
-  std::string out = fmt::format(
-      "<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 {} {}' role='img' aria-label='{}'><text x='{}' "
-      "y='20' class='title'>{}</text>",
-      width, height, escaped(title), left, escaped(title));
-  const auto ticks = [&](const Axis& a, bool horizontal) {
-    const int every = std::max(1, (a.last - a.first + 7) / 8);
-    for (int d = a.first; d <= a.last; d += every) {
-      const double at = a.at(std::pow(10.0, d));
-      if (horizontal) {
-        out += fmt::format(
-            "<path class='grid' d='M{0:.1f} {1}V{2}'/><text x='{0:.1f}' y='{3}' "
-            "text-anchor='middle'>1e{4}</text>",
-            at, top, height - bottom, height - bottom + 16, d);
-      } else {
-        out += fmt::format(
-            "<path class='grid' d='M{1} {0:.1f}H{2}'/><text x='{3}' y='{4:.1f}' "
-            "text-anchor='end'>1e{5}</text>",
-            at, left, width - right, left - 6, at + 4, d);
-      }
-    }
-  };
-  ticks(x, true);
-  ticks(y, false);
-  out += fmt::format("<text x='{}' y='{}' text-anchor='middle'>{}</text>", (left + width - right) / 2,
-                     height - 12, escaped(x_label));
+  const double end = figure_width - right, base = figure_height - bottom;
+  const Axis x(x0, x1, left, end), y(y0, y1, base, top);
+  std::string out = svg(title);
+  x.for_each_mark([&](int d, double at) {
+    out += grid_line(at, top, 'V', base) + label(at, base + 16, "middle", decade(d));
+  });
+  y.for_each_mark([&](int d, double at) {
+    out += grid_line(left, at, 'H', end) + label(left - 6, at + 4, "end", decade(d));
+  });
+  out += label((left + end) / 2, figure_height - 12, "middle", x_label);
   out += fmt::format("<text transform='translate(16 {}) rotate(-90)' text-anchor='middle'>{}</text>",
-                     (top + height - bottom) / 2, escaped(y_label));
+                     (top + base) / 2, escaped(y_label));
   for (std::size_t i = 0; i < series.size(); ++i) {
     std::string line, marks;
     for (const auto& p : series[i].points) {
@@ -131,8 +131,7 @@ std::string log_log_svg(const std::string& title, const std::string& x_label, co
     out += fmt::format(
         "<path class='s{}' d='{}' fill='none' color='{}' stroke='currentColor' stroke-width='1.5'{}/>{}",
         kind, line, colours[kind], i % 2 == 1 ? " stroke-dasharray='5 3'" : "", marks);
-    out += marker(i, width - right + 16, ly - 4) +
-           fmt::format("<text x='{}' y='{}'>{}</text>", width - right + 26, ly, escaped(series[i].name));
+    out += marker(i, end + 16, ly - 4) + label(end + 26, ly, "start", series[i].name);
   }
   return out + "</svg>\n";
 }
@@ -154,39 +153,52 @@ std::string bar_svg(const std::string& title, const std::string& x_label, const 
     most = std::max(most, b.count);
   }
   if (!(hi > lo) || !(most > 0.0) || !(bars.front().to > bars.front().from)) return "";
-  constexpr double end = width - 30, base = height - bottom;
+  constexpr double end = figure_width - 30, base = figure_height - bottom;
   const int decades = std::max(1, static_cast<int>(std::ceil(std::log10(most + 0.5))));
   const auto x = [&](double v) { return left + (v - lo) / (hi - lo) * (end - left); };
   const auto y = [&](double count) {
     return base - (std::log10(count) + 0.3) / (decades + 0.3) * (base - top);
   };
-  std::string out = fmt::format(
-      "<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 {} {}' role='img' aria-label='{}'><text x='{}' "
-      "y='20' "
-      "class='title'>{}</text>",
-      width, height, escaped(title), left, escaped(title));
+  std::string out = svg(title);
   for (int d = 0; d <= decades; ++d) {
     const double at = y(std::pow(10.0, d));
-    out += fmt::format(
-        "<path class='grid' d='M{} {:.1f}H{}'/><text x='{}' y='{:.1f}' text-anchor='end'>1e{}</text>", left,
-        at, end, left - 6, at + 4, d);
+    out += grid_line(left, at, 'H', end) + label(left - 6, at + 4, "end", decade(d));
   }
   double step = bars.front().to - bars.front().from;  // marks at edges of bars
   while ((hi - lo) / step > 8.5) step *= 2.0;
   for (double v = lo; v <= hi + 1e-9 * step; v += step)
-    out += fmt::format("<text x='{:.1f}' y='{}' text-anchor='middle'>{:.4g}</text>", x(v), base + 16, v);
-  out += fmt::format("<text x='{}' y='{}' text-anchor='middle'>{}</text>", (left + end) / 2, height - 12,
-                     escaped(x_label));
+    out += label(x(v), base + 16, "middle", fmt::format("{:.4g}", v));
+  out += label((left + end) / 2, figure_height - 12, "middle", x_label);
   for (const Bar& b : bars) {
     if (!(b.count > 0.0)) continue;
     out += fmt::format(
         "<rect class='s0' fill='currentColor' color='{}' x='{:.1f}' y='{:.1f}' width='{:.1f}' "
-        "height='{:.1f}'><title>{:.4g} to "
-        "{:.4g}: {:.0f}</title></rect>",
+        "height='{:.1f}'><title>{:.4g} to {:.4g}: {:.0f}</title></rect>",
         colours[0], x(b.from), y(b.count), std::max(1.0, x(b.to) - x(b.from) - 0.5), base - y(b.count),
         b.from, b.to, b.count);
   }
   return out + "</svg>\n";
+}
+
+std::string histogram_svg(const std::string& title, const std::string& x_label,
+                          const std::vector<double>& sorted) {
+  constexpr std::size_t bins = 60;
+  constexpr double tall = 200, end = figure_width - 20, base = tall - 44, bar = (end - left) / bins;
+  const double low = sorted.front(), span = sorted.back() - low;
+  std::array<std::size_t, bins> count{};
+  for (const double v : sorted)
+    ++count[std::min(bins - 1, static_cast<std::size_t>((v - low) / span * bins))];
+  const auto most = static_cast<double>(*std::max_element(count.begin(), count.end()));
+  std::string out = svg(title, tall);
+  for (std::size_t i = 0; i < bins; ++i) {
+    const double h = (base - top) * static_cast<double>(count[i]) / most;
+    out += fmt::format("<rect x='{:.1f}' y='{:.1f}' width='{:.1f}' height='{:.1f}' fill='{}'/>",
+                       left + bar * static_cast<double>(i), base - h, bar - 1, h, colours[0]);
+  }
+  out += grid_line(left, base, 'H', end) + label(left - 6, top + 10, "end", fmt::format("{:g}", most));
+  out += label(left, base + 16, "start", fmt::format("{:.3g}", low)) +
+         label(end, base + 16, "end", fmt::format("{:.3g}", sorted.back()));
+  return out + label((left + end) / 2, tall - 10, "middle", x_label) + "</svg>\n";
 }
 
 std::string study_page(const std::string& title, const std::string& command, const std::string& body,

@@ -28,7 +28,11 @@ struct Bar {
 /// nothing to show.
 std::string bar_svg(const std::string& title, const std::string& x_label, const std::vector<Bar>& bars);
 
-/// What a study found, in a line; nothing is shown without a headline.
+/// How numbers are spread. `sorted`: finite, ascending, not all equal.
+std::string histogram_svg(const std::string& title, const std::string& x_label,
+                          const std::vector<double>& sorted);
+
+/// Result of a study in a line; without a headline nothing is shown.
 struct StudyVerdict {
   enum class Level { ok, warn, bad } level = Level::ok;
   std::string headline, detail;
@@ -44,7 +48,7 @@ std::string table_html(const std::string& title, const std::vector<std::vector<s
 
 /// Rows of text as an HTML table; the first row is its head.
 std::string html_table(const std::vector<std::vector<std::string>>& rows);
-/// The same as Markdown and as CSV.
+/// Rows as Markdown and as CSV.
 std::string markdown_table(const std::vector<std::vector<std::string>>& rows);
 std::string csv_table(const std::vector<std::vector<std::string>>& rows);
 

@@ -5,6 +5,7 @@
 #include <limits>
 #include <numbers>
 #include <optional>
+#include <utility>
 
 #include "host_sim/plant/kinematics.hpp"
 
@@ -91,8 +92,10 @@ void trace(const Point& point, double widest, std::vector<WorkspaceMap::Path>& o
       const End last = end(former, u);
       refine(point, reached, last.u, last.p, widest, path);
     }
-    if ((!p || k == steps) && path.size() > 1) out.push_back(std::move(path));
-    if (!p || k == steps) path = {};
+    if (!p || k == steps) {
+      WorkspaceMap::Path done = std::exchange(path, {});
+      if (done.size() > 1) out.push_back(std::move(done));
+    }
     before = p;
   }
 }
@@ -104,14 +107,12 @@ void trace_type1(const Mechanism& m, double widest, std::vector<WorkspaceMap::Pa
     for (const double radius : {leg.p.l1 + leg.p.l2, std::abs(leg.p.l1 - leg.p.l2)}) {
       const double slack = 1e-12 * radius;
       if (!(radius > 1e-9 * leg.p.l1)) continue;
-      trace(
-          [&](double u) -> std::optional<V2> {
-            const V2 p = V2{leg.x, 0.0} + radius * along(u);
-            if (!std::ranges::all_of(m.legs, [&](const Leg& l) { return l.reaches(p, slack); }))
-              return std::nullopt;
-            return p;
-          },
-          widest, out);
+      const auto rim = [&](double u) -> std::optional<V2> {
+        const V2 p = V2{leg.x, 0.0} + radius * along(u);
+        if (!std::ranges::all_of(m.legs, [&](const Leg& l) { return l.reaches(p, slack); })) return {};
+        return p;
+      };
+      trace(rim, widest, out);
     }
   }
 }
@@ -126,20 +127,18 @@ void trace_type2(const Leg& a, const Leg& b, double widest, std::vector<Workspac
   };
   for (const double span : {a.p.l2 + b.p.l2, a.p.l2 - b.p.l2}) {
     for (const int branch : {-1, 1}) {
-      trace(
-          [&](double u) -> std::optional<V2> {
-            const V2 line = along(u), base{a.x, 0.0}, to = V2{b.x, 0.0} - span * line - base;
-            const double d = length(to), middle = (d * d + a.p.l1 * a.p.l1 - b.p.l1 * b.p.l1) / (2.0 * d);
-            const double height2 = a.p.l1 * a.p.l1 - middle * middle;
-            if (!(height2 >= 0.0)) return std::nullopt;
-            const V2 unit = (1.0 / d) * to, normal{-unit.y, unit.x};
-            const V2 elbow = base + middle * unit + (branch * std::sqrt(height2)) * normal;
-            const V2 tip = elbow + a.p.l2 * line;
-            if (!bends_rightly(a, elbow, tip) || !bends_rightly(b, elbow + span * line, tip))
-              return std::nullopt;
-            return tip;
-          },
-          widest, out);
+      const auto locus = [&](double u) -> std::optional<V2> {
+        const V2 line = along(u), base{a.x, 0.0}, to = V2{b.x, 0.0} - span * line - base;
+        const double d = length(to), middle = (d * d + a.p.l1 * a.p.l1 - b.p.l1 * b.p.l1) / (2.0 * d);
+        const double height2 = a.p.l1 * a.p.l1 - middle * middle;
+        if (!(height2 >= 0.0)) return {};
+        const V2 unit = (1.0 / d) * to, normal{-unit.y, unit.x};
+        const V2 elbow = base + middle * unit + (branch * std::sqrt(height2)) * normal;
+        const V2 tip = elbow + a.p.l2 * line;
+        if (!bends_rightly(a, elbow, tip) || !bends_rightly(b, elbow + span * line, tip)) return {};
+        return tip;
+      };
+      trace(locus, widest, out);
     }
   }
 }

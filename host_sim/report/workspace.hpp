@@ -32,7 +32,7 @@ struct WorkspaceMap {
 /// Of a five-bar in the working mode `bend` (signs of sin theta_j2). `nodes` along the longer side, >= 2.
 [[nodiscard]] WorkspaceMap workspace_map(const FiveBarParams<double>& m, const std::array<int, 2>& bend,
                                          const std::vector<MotorLimit>& motors, int nodes);
-/// Of the RR arm.
+/// Map of the RR arm.
 [[nodiscard]] WorkspaceMap workspace_map(const RrParams<double>& m, int bend,
                                          const std::vector<MotorLimit>& motors, int nodes);
 

@@ -1,5 +1,5 @@
 #pragma once
-/// What real drives do wrong and emulated ones can be made to.
+/// Defects of real drives that emulated ones can have.
 
 #include <array>
 #include <cstdint>
@@ -26,7 +26,7 @@ struct Defects {
 struct DefectName {
   std::string_view name;
   bool Defects::*flag;
-  std::string_view protocols;  ///< whose drives can have it
+  std::string_view protocols;  ///< protocols of the drives that can have it
   std::string_view meaning;
 };
 
@@ -58,7 +58,7 @@ inline constexpr std::array defect_names{
         "made pre-operational, it goes on with its last torque: the profile's 6007 does not name that"},
 };
 
-/// Gives a drive of `protocol` the defect `name`. Returns why it cannot have it; empty: it has it.
+/// Gives a drive of `protocol` the defect `name`. Returns why that is impossible; empty: done.
 [[nodiscard]] inline std::string set_defect(Defects& defects, std::string_view name,
                                             std::string_view protocol) {
   std::string all;
@@ -75,10 +75,10 @@ inline constexpr std::array defect_names{
   return "unknown, allowed are " + all;
 }
 
-/// The bytes of the frame received last, and of those before it where they were longer.
+/// Bytes of the last frame received, and beyond its length of longer ones before it.
 class StaleBytes {
  public:
-  /// The frame as firmware sees it that does not look at its length: eight bytes.
+  /// The frame as firmware reads it that ignores the length: eight bytes.
   hal::CanFrame fill(hal::CanFrame f) {
     for (std::uint8_t i = 0; i < f.size && i < hal::can_classic_size_max; ++i) last_[i] = f.data[i];
     for (std::uint8_t i = 0; i < hal::can_classic_size_max; ++i) f.data[i] = last_[i];

@@ -1,12 +1,14 @@
-#include "host_sim/scene/keys.hpp"
-
-#include <fmt/format.h>
+/// The tables of keys of scenes, and of those of `esmc spatial`; docs/scenes.md and docs/spatial.md print
+/// them.
 
 #include <algorithm>
 #include <array>
-#include <cmath>
-#include <numeric>
-#include <stdexcept>
+#include <variant>
+
+#include "host_sim/effects/effects.hpp"
+#include "host_sim/plant/motion.hpp"
+#include "host_sim/scene/keys.hpp"
+#include "host_sim/scene/names.hpp"
 
 namespace esmc::host {
 namespace {
@@ -14,11 +16,23 @@ namespace {
 constexpr double inf = std::numeric_limits<double>::infinity();
 constexpr double big = 1e6;  // magnitudes beyond this are a slip of units
 
+template <class Variant>
+struct EffectTypes;
+template <class... T>
+struct EffectTypes<std::variant<T...>> {
+  static constexpr std::array list{T::type...};
+};
+constexpr auto plain_reaching = [] {
+  std::array<const char*, 4> out{};
+  std::ranges::copy_n(names_of<ReachingChoice>.begin(), out.size(), out.begin());
+  return out;
+}();
+
 // clang-format off
-constexpr std::array keys{
+constexpr std::array planar{
     Key{"name", "string", "\"scene\"", "", -inf, inf, false, "", "shown in reports"},
 
-    Key{"mechanism.type", "string", "", "", -inf, inf, false, "five_bar | rr", "which mechanism"},
+    Key{"mechanism.type", "string", "", "", -inf, inf, false, choices<MechanismType>, "which mechanism"},
     Key{"mechanism.half_base", "number", "", "m", 0, 1e3, true, "", "five_bar: half the distance between the base joints"},
     Key{"mechanism.gravity", "number", "", "m/s2", 0, 1e3, false, "", "along -y; 0 for a horizontal mechanism"},
     Key{"mechanism.effector_mass", "number", "0.0", "kg", 0, big, false, "", "five_bar: point mass at the effector"},
@@ -35,8 +49,8 @@ constexpr std::array keys{
     Key{"mechanism.leg.J1", "number", "", "kg m2", 0, big, false, "", "inertia of the proximal bar about its mass centre"},
     Key{"mechanism.leg.J2", "number", "", "kg m2", 0, big, false, "", "inertia of the distal bar about its mass centre"},
 
-    Key{"control.law", "string", "", "", -inf, inf, false, "esmc | esmc_projected | smc | ctc | pd | open_loop | none", "control law"},
-    Key{"control.reaching", "string", "\"implicit\"", "", -inf, inf, false, "sign | saturation | tanh | implicit | super_twisting | implicit_coupled", "what replaces sgn s"},
+    Key{"control.law", "string", "", "", -inf, inf, false, choices<LawChoice>, "control law"},
+    Key{"control.reaching", "string", "\"implicit\"", "", -inf, inf, false, choices<ReachingChoice>, "what replaces sgn s"},
     Key{"control.lambda", "number or {position, angle}", "", "1/s", 0, 1e5, true, "", "esmc, esmc_projected, smc: slope of the surface; ctc: K_p = lambda^2, K_d = 2 lambda unless kp, kd are given"},
     Key{"control.gain", "number, {position, angle} or \"robust\"", "", "m/s2, rad/s2", 0, 1e9, false, "", "esmc, esmc_projected, smc: switching gain k; \"robust\": one per channel, from [uncertainty]; super_twisting: L in m/s3, rad/s3, how fast the disturbance may change"},
     Key{"control.layer", "number or {position, angle}", "0.05", "m/s, rad/s", 0, 1e6, true, "", "boundary layer of saturation and tanh"},
@@ -93,7 +107,7 @@ constexpr std::array keys{
     Key{"uncertainty.reaching_time", "number", "0.1", "s", 0, 60, true, "", "in which what cannot leave the tube reaches the sliding surface (in continuous time, without a layer)"},
     Key{"uncertainty.over", "string", "\"reference\"", "", -inf, inf, false, "reference | workspace", "where the gains hold"},
 
-    Key{"reference.type", "string", "", "", -inf, inf, false, "circle | line | polyline | joint_sine | hold | file", "kind of reference"},
+    Key{"reference.type", "string", "", "", -inf, inf, false, choices<ReferenceType>, "kind of reference"},
     Key{"reference.join", "number", "-", "s", 0, 60, false, "", "from the measured pose onto the reference by a quintic; default 0 in sim and lockstep, 1.0 on hardware"},
     Key{"reference[circle].center", "numbers", "", "m", -1e3, 1e3, false, "", "centre (x, y)"},
     Key{"reference[circle].radius", "number", "", "m", 0, 1e3, true, "", "radius"},
@@ -130,11 +144,11 @@ constexpr std::array keys{
     Key{"limits.feedback_jump", "number", "-", "rad", 0, 100, false, "", "how far a measured angle may be, per tick, from where its rate takes it; 0: any; default joint_speed / rate_hz"},
     Key{"limits.join_acceleration", "number", "-", "rad/s2", 1e-6, 1e9, false, "", "base joints on the way onto the reference (reference.join); default any: it is the torque that bounds it"},
     Key{"limits.halt_time", "number", "0.1", "s", 0, 60, false, "", "to rest under control, where a fault allows it; 0: every fault takes the torque away at once"},
-    Key{"limits.after_halt", "string", "-", "", -inf, inf, false, "release | hold | lower", "once at rest: torque off, held until the operator ends it, or weight let down; default lower with gravity, release without"},
+    Key{"limits.after_halt", "string", "-", "", -inf, inf, false, choices<AfterHalt>, "once at rest: torque off, held until the operator ends it, or weight let down; default lower with gravity, release without"},
     Key{"limits.lower_time", "number", "1.0", "s", 0, 600, true, "", "after_halt = lower: in which the weight compensation fades"},
     Key{"limits.max_age_ticks", "integer", "2", "ticks", 0, 100, false, "", "missed samples that are extrapolated; one more is a fault"},
 
-    Key{"drives.protocol", "string", "\"odrive\"", "", -inf, inf, false, "odrive | odrive_0.5 | cia402 | mit", "what the drives speak"},
+    Key{"drives.protocol", "string", "\"odrive\"", "", -inf, inf, false, choices<Protocol>, "what the drives speak"},
     Key{"drives.nodes", "integers", "-", "", 0, 127, false, "", "CAN node per motor, base joints first; odrive 0..62, cia402 1..127, mit 1..62 (damiao 15); default 1, 2, ..."},
     Key{"drives.direction", "numbers", "-", "", -1, 1, false, "", "+1: motor turns with the joint angle of the model (leg 2: clockwise seen from the front); -1 against; default +1"},
     Key{"drives.gear_ratio", "numbers", "-", "", 1e-3, 1e4, false, "", "motor turns per joint turn; default 1"},
@@ -146,7 +160,7 @@ constexpr std::array keys{
     Key{"drives.torque_mismatch", "number", "0.0", "N m", 0, big, false, "", "how far the torque a drive reports may be from its command, at the joint; 0: any (odrive_0.5 reports none)"},
     Key{"drives.torque_time", "number", "5e-3", "s", 0, 10, false, "", "in which a drive follows its command (first-order lag), for torque_mismatch"},
     Key{"drives.torque_lead", "number", "0.0", "s", 0, 1, false, "", "from the instant of a tick to the one at which its torque acts: measured angles are extrapolated by it"},
-    Key{"drives.zero", "string", "\"absolute\"", "", -inf, inf, false, "absolute | pose | end_stop", "how the encoder zero is known"},
+    Key{"drives.zero", "string", "\"absolute\"", "", -inf, inf, false, choices<Zero>, "how the encoder zero is known"},
     Key{"drives.heartbeat_timeout", "number", "0.03", "s", 0, 10, true, "", "silence of a drive's heartbeat that is a fault; the emulated drives beat every 10 ms"},
     Key{"drives.boot_time", "number", "0.75", "s", 0.75, 30, false, "", "from the order to arm to a drive's first frame, then the fault enabling_timeout; more only where the output drive_enable switches the supply of the drives' electronics"},
     Key{"drives.watchdog_timeout", "number", "-", "s", 0, 10, true, "", "the drive's own watchdog: torque off without a setpoint for this long; default 0.01, at least 3 ticks"},
@@ -159,7 +173,7 @@ constexpr std::array keys{
     Key{"drives.torque_constant", "number or numbers", "-", "N m/A", 0, 1e3, true, "", "odrive with endpoints: what the drives must have, one for all motors or one each; with it the current limit is checked as well"},
     Key{"drives.confirmed", "boolean", "-", "", -inf, inf, false, "", "what the drives cannot be asked for has been checked by hand; default true in lockstep, in hil and where the bus exists in software only"},
     Key{"drives.defect", "string", "-", "", -inf, inf, false, "", "what the emulated drives of esmc hil and esmc plant do wrong, a name that esmc drive --help lists"},
-    Key{"drives.dialect", "string", "\"mini_cheetah\"", "", -inf, inf, false, "mini_cheetah | cubemars | damiao", "mit: whose replies"},
+    Key{"drives.dialect", "string", "\"mini_cheetah\"", "", -inf, inf, false, choices<drive::mit::Dialect>, "mit: whose replies"},
     Key{"drives.master_id", "integer or integers", "0", "", 0, 2047, false, "", "mit: identifier of the replies, one for all motors or one each; a motor's own node: it replies on that"},
     Key{"drives.position_range", "number or numbers", "12.5", "rad", 0, 1e3, true, "", "mit: half width of the drive's position field, one for all motors or one each"},
     Key{"drives.velocity_range", "number or numbers", "50.0", "rad/s", 0, 1e4, true, "", "mit: likewise, velocity"},
@@ -169,7 +183,7 @@ constexpr std::array keys{
     Key{"sensors.offset", "numbers", "-", "rad", -1e3, 1e3, false, "", "as in [drives]"},
     Key{"command", "table", "-", "", -inf, inf, false, "", "interface to a supervisor computer; without it there is none"},
     Key{"command.base_id", "integer", "1920", "", 32, 2016, false, "", "first of 32 identifiers, a multiple of 32 that no drive has (1920 = 0x780)"},
-    Key{"command.source", "string", "\"reference\"", "", -inf, inf, false, "hold | reference | stream", "where the motion comes from, until the supervisor computer chooses: rest, [reference], its set points and samples"},
+    Key{"command.source", "string", "\"reference\"", "", -inf, inf, false, choices<link::Source>, "where the motion comes from, until the supervisor computer chooses: rest, [reference], its set points and samples"},
     Key{"command.arm", "string", "\"start\"", "", -inf, inf, false, "start | link", "start: the program arms by itself; link: only the supervisor computer does"},
     Key{"command.speed", "number", "", "m/s or rad/s", 0, 1e3, true, "", "of each coordinate, for set points and samples; x and y, or with joint_sine the base joints"},
     Key{"command.acceleration", "number", "", "m/s2 or rad/s2", 0, big, true, "", "of each coordinate, likewise"},
@@ -184,11 +198,11 @@ constexpr std::array keys{
     Key{"bus.bitrate", "integer", "1000000", "bit/s", 10000, 1000000, false, "", "CAN bit rate; `esmc check` computes the bus load from it"},
 
     Key{"simulation.duration", "number", "", "s", 0, 1e6, true, "", "from t = 0"},
-    Key{"simulation.integrator", "string", "\"rk4\"", "", -inf, inf, false, "semi_implicit_euler | rk4 | dopri5 | dopri8 | radau5 | moreau_jean", "method, at the fixed step below; set-valued effects are always stepped by moreau_jean"},
+    Key{"simulation.integrator", "string", "\"rk4\"", "", -inf, inf, false, choices<Method>, "method, at the fixed step below; set-valued effects are always stepped by moreau_jean"},
     Key{"simulation.step", "number", "0.0005", "s", 0, 1, true, "", "integration step; a tick is cut into equal steps no longer than this"},
     Key{"simulation.accuracy", "number", "-", "", 1e-12, 1e-2, false, "", "instead of integrator and step: largest absolute error of final_state.q; the program chooses the method and halves the step until it is met"},
 
-    Key{"effects.type", "string", "", "", -inf, inf, false, "viscous_friction | coulomb_friction | joint_flexibility | backlash | end_stops | payload | external_force | torque_lag | torque_saturation | torque_ripple | thermal_limit | encoder | noise | bias | delay | jitter | compute_delay | bit_timing | loss | duplication | corruption | babbling_node | bus_off | drive_dropout", "which effect; each at most once"},
+    Key{"effects.type", "string", "", "", -inf, inf, false, joined<EffectTypes<Effect>::list>, "which effect; each at most once"},
     Key{"effects[viscous_friction].coefficient", "numbers", "", "N m s/rad", 0, big, false, "", "per joint of a leg; four values: the two legs differ"},
     Key{"effects[coulomb_friction].torque", "numbers", "", "N m", 0, big, false, "", "per joint of a leg; four values: the two legs differ"},
     Key{"effects[coulomb_friction].regularised", "number", "-", "rad/s", 1e-9, 1e3, false, "", "tanh(rate / regularised) instead of true stiction"},
@@ -252,89 +266,87 @@ constexpr std::array keys{
     Key{"effects[encoder].bandwidth", "number", "1000.0", "rad/s", 1, 1e5, false, "", "of the drive's position and velocity observer"},
     Key{"effects[torque_saturation].limit", "number", "", "N m", 0, big, true, "", "largest torque at the joint that a drive delivers"},
 };
-// clang-format on
 
-/// Edit distance, where a swap of two neighbours counts once.
-std::size_t distance(std::string_view a, std::string_view b) {
-  std::vector<std::size_t> before(b.size() + 1), now(b.size() + 1), next(b.size() + 1);
-  std::iota(now.begin(), now.end(), 0U);
-  for (std::size_t i = 1; i <= a.size(); ++i) {
-    next[0] = i;
-    for (std::size_t j = 1; j <= b.size(); ++j) {
-      next[j] = std::min({now[j] + 1, next[j - 1] + 1, now[j - 1] + (a[i - 1] == b[j - 1] ? 0U : 1U)});
-      const bool swapped = i > 1 && j > 1 && a[i - 1] == b[j - 2] && a[i - 2] == b[j - 1];
-      if (swapped) next[j] = std::min(next[j], before[j - 2] + 1);
-    }
-    before = now;
-    now = next;
-  }
-  return now[b.size()];
-}
+constexpr std::array spatial{
+    Key{"name", "string", "\"scene\"", "", -inf, inf, false, "", "shown in summaries"},
+
+    Key{"body", "table", "-", "", -inf, inf, false, "", "a free rigid body; or [platform]"},
+    Key{"body.mass", "number", "", "kg", 0, big, true, "", ""},
+    Key{"body.inertia", "numbers", "", "kg m2", 0, big, true, "", "principal, about the mass centre; the frame of the body lies along its principal axes"},
+    Key{"body.gravity", "number", "0.0", "m/s2", 0, 1e3, false, "", "along -z"},
+
+    Key{"platform", "table", "-", "", -inf, inf, false, "", "a Gough-Stewart platform: six legs, each universal joint, slide, spherical joint"},
+    Key{"platform.mass", "number", "", "kg", 0, big, true, "", ""},
+    Key{"platform.inertia", "numbers", "", "kg m2", 0, big, true, "", "principal, about the mass centre"},
+    Key{"platform.gravity", "number", "9.8", "m/s2", 0, 1e3, false, "", "along -z"},
+    Key{"platform.base_radius", "number", "", "m", 0, 1e3, true, "", "of the circle of the universal joints, at z = 0"},
+    Key{"platform.base_spread", "number", "", "rad", 0, 1.0471975511965976, false, "", "the joints of pair k stand at 120 k degrees less and plus this"},
+    Key{"platform.radius", "number", "", "m", 0, 1e3, true, "", "of the circle of the spherical joints"},
+    Key{"platform.spread", "number", "", "rad", 0, 1.0471975511965976, false, "", "likewise"},
+    Key{"platform.joint_height", "number", "0.0", "m", -1e3, 1e3, false, "", "of the spherical joints above the mass centre of the platform, along its z"},
+    Key{"platform.home", "number", "", "m", 0, 1e3, true, "", "height of the mass centre about which it works; positions count from there"},
+    Key{"platform.cylinder", "table", "", "", -inf, inf, false, "", "lower body of every leg"},
+    Key{"platform.cylinder.mass", "number", "", "kg", 0, big, true, "", ""},
+    Key{"platform.cylinder.centre", "number", "", "m", 0, 1e3, false, "", "mass centre, from the base joint up the leg"},
+    Key{"platform.cylinder.transverse", "number", "", "kg m2", 0, big, true, "", "inertia across the leg, about the mass centre"},
+    Key{"platform.cylinder.axial", "number", "", "kg m2", 0, big, true, "", "inertia about the axis of the leg"},
+    Key{"platform.rod", "table", "", "", -inf, inf, false, "", "upper body of every leg"},
+    Key{"platform.rod.mass", "number", "", "kg", 0, big, true, "", ""},
+    Key{"platform.rod.centre", "number", "", "m", 0, 1e3, false, "", "mass centre, from the platform's joint down the leg"},
+    Key{"platform.rod.transverse", "number", "", "kg m2", 0, big, true, "", "inertia across the leg, about the mass centre"},
+    Key{"platform.rod.axial", "number", "", "kg m2", 0, big, true, "", "inertia about the axis of the leg"},
+    Key{"platform.rod.viscous", "number", "0.0", "N s/m", 0, big, false, "", "friction of the slide"},
+
+    Key{"control.law", "string", "", "", -inf, inf, false, choices<SpatialLawName>, "smc_euler: minimal coordinates, for comparison; none: no force"},
+    Key{"control.reaching", "string", "\"implicit\"", "", -inf, inf, false, joined<plain_reaching>, "what replaces sgn s"},
+    Key{"control.lambda", "number or {position, angle}", "", "1/s", 0, 1e5, true, "", "slope of the surface"},
+    Key{"control.gain", "number or {position, angle}", "", "m/s2, rad/s2", 0, 1e9, false, "", "switching gain k"},
+    Key{"control.layer", "number or {position, angle}", "0.05", "m/s, rad/s", 0, 1e6, true, "", "boundary layer of saturation and tanh"},
+    Key{"control.rate_hz", "number", "1000.0", "Hz", 10, 100000, false, "", "control ticks per second"},
+    Key{"control.hysteresis", "number", "0.1", "", 0, 0.9, false, "", "cos of half the turn beyond which the other way round is taken; 0: at 180 degrees, 0.1: at 191.5"},
+    Key{"control.force_limit", "number", "", "N", 0, big, true, "", "hard clamp of each motor; of a free body, of each entry of the force"},
+    Key{"control.moment_limit", "number", "-", "N m", 0, big, true, "", "free body: of each entry of the moment; required"},
+    Key{"control.model", "table", "-", "", -inf, inf, false, "", "what the controller believes, as factors on the true values"},
+    Key{"control.model.mass", "number", "1.0", "", 0, 100, true, "", "of the body or the platform"},
+    Key{"control.model.inertia", "number", "1.0", "", 0, 100, true, "", "likewise"},
+    Key{"control.model.legs", "number", "1.0", "", 0, 100, false, "", "platform: masses and inertias of the legs; 0: legs without mass"},
+
+    Key{"reference.type", "string", "", "", -inf, inf, false, choices<SpatialReferenceName>, "kind of reference"},
+    Key{"reference.position", "numbers", "[0, 0, 0]", "m", -1e3, 1e3, false, "", "where it starts; of a platform from home"},
+    Key{"reference.rotation", "numbers", "[0, 0, 0]", "rad", -7, 7, false, "", "how it starts, as rotation vector: axis times angle"},
+    Key{"reference[turn].axis", "numbers", "", "", -1e3, 1e3, false, "", "in the frame of the body, any length but 0"},
+    Key{"reference[turn].angle", "number", "", "rad", -100, 100, false, "", "of the whole turn, rest to rest by a quintic, along the great circle of the quaternions (slerp)"},
+    Key{"reference[turn].shift", "numbers", "[0, 0, 0]", "m", -1e3, 1e3, false, "", "by which the position moves meanwhile"},
+    Key{"reference[turn].duration", "number", "", "s", 0, 3600, true, "", ""},
+    Key{"reference[spin].axis", "numbers", "", "", -1e3, 1e3, false, "", "in the frame of the body, any length but 0"},
+    Key{"reference[spin].rate", "number", "", "rad/s", -1e3, 1e3, false, "", "for ever"},
+    Key{"reference[tumble].axis", "numbers", "", "", -1e3, 1e3, false, "", "in the frame of the body at the start, any length but 0"},
+    Key{"reference[tumble].rate", "number", "", "rad/s", -1e3, 1e3, false, "", "for ever"},
+    Key{"reference[tumble].second_axis", "numbers", "", "", -1e3, 1e3, false, "", "which the first turns, any length but 0"},
+    Key{"reference[tumble].second_rate", "number", "", "rad/s", -1e3, 1e3, false, "", "for ever"},
+    Key{"reference[sway].axis", "numbers", "", "", -1e3, 1e3, false, "", "in the frame of the body, any length but 0"},
+    Key{"reference[sway].angle", "number", "", "rad", -100, 100, false, "", "there and back, (1 - cos)/2 of the phase"},
+    Key{"reference[sway].shift", "numbers", "[0, 0, 0]", "m", -1e3, 1e3, false, "", "likewise"},
+    Key{"reference[sway].frequency", "number", "", "Hz", 0, 1e3, true, "", "periods per second"},
+
+    Key{"initial.position", "numbers", "[0, 0, 0]", "m", -1e3, 1e3, false, "", "off the start of the reference"},
+    Key{"initial.rotation", "numbers", "[0, 0, 0]", "rad", -7, 7, false, "", "off the start of the reference, rotation vector in the frame of the body"},
+    Key{"initial.velocity", "numbers", "[0, 0, 0]", "m/s", -1e3, 1e3, false, "", ""},
+    Key{"initial.turning", "numbers", "[0, 0, 0]", "rad/s", -1e3, 1e3, false, "", "angular velocity in the frame of the body"},
+
+    Key{"measurement.position_noise", "number", "0.0", "m", 0, 1, false, "", "standard deviation, each entry"},
+    Key{"measurement.attitude_noise", "number", "0.0", "rad", 0, 1, false, "", "of a rotation vector, each entry"},
+    Key{"measurement.rate_noise", "number", "0.0", "m/s, rad/s", 0, 1e3, false, "", "of both velocities, each entry"},
+    Key{"measurement.alternate_sign", "boolean", "false", "", -inf, inf, false, "", "the quaternion comes as q and -q in turns: must change nothing"},
+
+    Key{"simulation.duration", "number", "", "s", 0, 1e6, true, "", ""},
+    Key{"simulation.step", "number", "1e-3", "s", 0, 1, true, "", "largest step of the plant (RK4); a tick is divided into equal ones"},
+};
+// clang-format on
 
 }  // namespace
 
-std::string nearest(std::string_view word, const std::vector<std::string>& known) {
-  const std::string* best = nullptr;
-  std::size_t least = 3;
-  for (const std::string& k : known) {
-    const std::size_t d = distance(word, k);
-    if (d < least && d < k.size()) {
-      least = d;
-      best = &k;
-    }
-  }
-  return best != nullptr ? *best : std::string();
-}
-
-std::span<const Key> scene_keys() { return keys; }
-
-const Key& find_key(std::string_view path, std::span<const Key> among) {
-  for (const Key& k : among) {
-    if (k.path == path) return k;
-  }
-  throw std::logic_error("no entry in the key table: " + std::string(path));
-}
-
-std::string allowed(const Key& k) {
-  std::string out;
-  if (!k.choices.empty()) {
-    out = fmt::format("{}one of: {}", k.kind == "strings" ? "array of strings, each " : "", k.choices);
-  } else {
-    out = fmt::format("{}", k.kind);
-    const bool low = std::isfinite(k.low), high = std::isfinite(k.high);
-    if (low && high) {
-      out += k.low_open ? fmt::format(" > {} and <= {}", k.low, k.high)
-                        : fmt::format(" from {} to {}", k.low, k.high);
-    } else if (low) {
-      out += fmt::format(" {} {}", k.low_open ? ">" : ">=", k.low);
-    }
-  }
-  if (!k.unit.empty()) out += fmt::format(", {}", k.unit);
-  return out;
-}
-
-std::string wanted(const Key& k) {
-  std::string out = allowed(k);
-  if (!k.choices.empty()) return out;
-  if (k.kind.find("{position, angle}") != std::string_view::npos) {
-    // The bounds hold for each of the two values.
-    return "a number, or a table {position, angle} of numbers," + out.substr(k.kind.size()) +
-           (k.kind.ends_with("\"robust\"") ? "; or \"robust\"" : "");
-  }
-  const bool plural = k.kind.ends_with('s') && k.kind.find(" or ") == std::string_view::npos;
-  return plural ? out : (k.kind.starts_with("integer") ? "an " : "a ") + out;
-}
-
-std::string keys_markdown(std::span<const Key> of) {
-  std::string out = "| key | allowed | default | meaning |\n|---|---|---|---|\n";
-  for (const Key& k : of) {
-    std::string range = allowed(k), fallback(k.fallback);
-    for (std::size_t at = 0; (at = range.find(" | ", at)) != std::string::npos;) range.erase(at, 1)[at] = ',';
-    if (fallback.empty()) fallback = "required";
-    if (fallback == "-") fallback = "optional";
-    out += fmt::format("| `{}` | {} | {} | {} |\n", k.path, range, fallback, k.meaning);
-  }
-  return out;
-}
+std::span<const Key> scene_keys() { return planar; }
+std::span<const Key> spatial_keys() { return spatial; }
 
 }  // namespace esmc::host

@@ -1,6 +1,5 @@
 #pragma once
-/// Endpoints of an ODrive's configuration: what decides over torque and can be read over CAN with firmware
-/// 0.6.
+/// Endpoints of an ODrive's configuration that affect torque and can be read over CAN with firmware 0.6.
 
 #include <array>
 #include <cstdint>
@@ -28,28 +27,22 @@ struct OdriveValueName {
   const char* path;
   drive::odrive::ValueType type;
 };
-inline constexpr std::array odrive_values{
-    OdriveValueName{OdriveValue::enable_watchdog, "axis0.config.enable_watchdog",
-                    drive::odrive::ValueType::u8},
-    OdriveValueName{OdriveValue::watchdog_timeout, "axis0.config.watchdog_timeout",
-                    drive::odrive::ValueType::f32},
-    OdriveValueName{OdriveValue::control_mode, "axis0.controller.config.control_mode",
-                    drive::odrive::ValueType::u8},
-    OdriveValueName{OdriveValue::input_mode, "axis0.controller.config.input_mode",
-                    drive::odrive::ValueType::u8},
-    OdriveValueName{OdriveValue::torque_mode_limit, "axis0.controller.config.enable_torque_mode_vel_limit",
-                    drive::odrive::ValueType::u8},
-    OdriveValueName{OdriveValue::vel_limit, "axis0.controller.config.vel_limit",
-                    drive::odrive::ValueType::f32},
-    OdriveValueName{OdriveValue::overspeed_error, "axis0.controller.config.enable_overspeed_error",
-                    drive::odrive::ValueType::u8},
-    OdriveValueName{OdriveValue::torque_constant, "axis0.config.motor.torque_constant",
-                    drive::odrive::ValueType::f32},
-    OdriveValueName{OdriveValue::current_limit, "axis0.config.motor.current_soft_max",
-                    drive::odrive::ValueType::f32},
-    OdriveValueName{OdriveValue::heartbeat_period, "axis0.config.can.heartbeat_msg_rate_ms",
-                    drive::odrive::ValueType::u32},
-};
+inline constexpr auto odrive_values = [] {
+  using enum OdriveValue;
+  using enum drive::odrive::ValueType;
+  return std::array<OdriveValueName, 10>{{
+      {enable_watchdog, "axis0.config.enable_watchdog", u8},
+      {watchdog_timeout, "axis0.config.watchdog_timeout", f32},
+      {control_mode, "axis0.controller.config.control_mode", u8},
+      {input_mode, "axis0.controller.config.input_mode", u8},
+      {torque_mode_limit, "axis0.controller.config.enable_torque_mode_vel_limit", u8},
+      {vel_limit, "axis0.controller.config.vel_limit", f32},
+      {overspeed_error, "axis0.controller.config.enable_overspeed_error", u8},
+      {torque_constant, "axis0.config.motor.torque_constant", f32},
+      {current_limit, "axis0.config.motor.current_soft_max", f32},
+      {heartbeat_period, "axis0.config.can.heartbeat_msg_rate_ms", u32},
+  }};
+}();
 
 struct OdriveEndpoint {
   OdriveValue value;

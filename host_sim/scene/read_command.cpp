@@ -1,15 +1,13 @@
-#include "host_sim/scene/read_command.hpp"
+#include "host_sim/scene/readers.hpp"
 
 #include <fmt/format.h>
-
-#include <algorithm>
 
 namespace esmc::host {
 namespace {
 
 constexpr std::uint32_t block = 32;  // identifiers, as docs/esmc.dbc has them
 
-/// [low, high] around the scene's own values, which the controller starts with.
+/// [lower, upper] around the scene's own values, which the controller starts with; zeros: not given.
 std::array<double, 2> gain_range(Section& s, const char* key, const PerKind& own) {
   const auto given = s.optional_numbers(key, {2});
   if (!given) return {0.0, 0.0};
@@ -67,18 +65,14 @@ std::vector<std::uint32_t> drive_identifiers(const Scene& scene) {
 
 CommandScene read_command(Section s, const Scene& scene) {
   CommandScene c;
-  if (scene.robust_gain) {  // its orders set one gain per kind of channel, and "forget" would set those of
-                            // the scene
+  if (scene.robust_gain) {
     s.fail("",
            "[command] and control.gain = \"robust\" exclude each other: the interface has one gain per kind "
-           "of channel, the "
-           "design one per channel; give control.gain as numbers (esmc design says which)");
+           "of channel, the design one per channel; give control.gain as numbers (esmc design says which)");
   }
   c.base_id = s.integer("base_id");
   check_identifiers(s, scene, c.base_id);
-  const std::string source = s.text("source");
-  c.source = source == "hold" ? CommandSource::hold
-                              : (source == "stream" ? CommandSource::stream : CommandSource::reference);
+  c.source = s.choice<link::Source>("source");
   c.arm_by_link = s.text("arm") == "link";
   c.speed = s.number("speed");
   c.acceleration = s.number("acceleration");
@@ -90,10 +84,8 @@ CommandScene read_command(Section s, const Scene& scene) {
   c.telemetry_ticks = s.integer("telemetry_ticks");
   c.lambda = gain_range(s, "lambda", scene.lambda);
   c.gain = gain_range(s, "gain", scene.gain);
-  const bool sliding =
-      scene.law == LawChoice::esmc || scene.law == LawChoice::esmc_projected || scene.law == LawChoice::smc;
   for (const char* key : {"lambda", "gain"}) {
-    if (s.has(key) && !sliding) s.fail(key, "is for the laws esmc, esmc_projected and smc");
+    if (s.has(key) && !scene.sliding()) s.fail(key, "is for the laws esmc, esmc_projected and smc");
   }
   s.finish();
   return c;

@@ -1,4 +1,4 @@
-#include "host_sim/scene/read_drives.hpp"
+#include "host_sim/scene/readers.hpp"
 
 #include <fmt/format.h>
 
@@ -54,25 +54,22 @@ void read_cia402(Section& s, const Scene& scene, DriveScene& d) {
   for (const double ratio : d.gear_ratio) {
     const double raw = scene.limits.joint_speed * ratio / d.velocity_unit;
     if (!(raw <= 2147483647.0)) {
-      s.fail(
-          "velocity_unit",
-          fmt::format("makes limits.joint_speed the number {:g}: at most 2147483647 fits into object 606C, "
-                      "and a faster joint would not be seen",
-                      raw));
+      s.fail("velocity_unit", fmt::format("makes limits.joint_speed the number {:g}: at most 2147483647 fits "
+                                          "into object 606C, and a faster joint would not be seen",
+                                          raw));
     }
   }
   for (const double rated : d.rated_torque) {
     const double raw = rated / d.rated_torque_unit;
     if (!(raw >= 100.0 && raw <= 4e9)) {
-      s.fail("rated_torque_unit",
-             fmt::format("makes a rated torque of {:g} N m the number {:g}: 100 to 4e9 are "
-                         "allowed in object 6076, so that it can be told to 1 %",
-                         rated, raw));
+      s.fail("rated_torque_unit", fmt::format("makes a rated torque of {:g} N m the number {:g}: 100 to 4e9 "
+                                              "are allowed in object 6076, so that it can be told to 1 %",
+                                              rated, raw));
     }
   }
 }
 
-/// What has to be known of ODrives before they are armed.
+/// What must be known of ODrives before they are armed.
 void read_odrive(Section& s, Scene& scene) {
   DriveScene& d = scene.drives;
   if (s.has("confirmed")) d.confirmed = s.boolean("confirmed");
@@ -88,13 +85,11 @@ void read_odrive(Section& s, Scene& scene) {
   d.endpoints = read_odrive_endpoints(s.where("endpoints"), path, scene.companions.back().text);
 }
 
-/// The keys of MIT drives are read whatever the protocol, so that --set drives.protocol is enough to compare.
+/// Keys of MIT drives are read with every protocol, so that --set drives.protocol is enough to compare.
 void read_mit(Section& s, Scene& scene) {
   DriveScene& d = scene.drives;
   const auto n = static_cast<std::size_t>(scene.motors());
-  const std::string dialect = s.text("dialect");
-  d.dialect = dialect == "mini_cheetah" ? MitDialect::mini_cheetah
-                                        : (dialect == "cubemars" ? MitDialect::cubemars : MitDialect::damiao);
+  d.dialect = s.choice<drive::mit::Dialect>("dialect");
   for (const double id : s.each("master_id", n)) {
     if (id != std::floor(id)) s.fail("master_id", "must be an integer from 0 to 2047, or one per motor");
     d.master_id.push_back(static_cast<int>(id));
@@ -103,7 +98,7 @@ void read_mit(Section& s, Scene& scene) {
   d.velocity_range = s.each("velocity_range", n);
   d.torque_range = s.each("torque_range", n);
   if (d.protocol != Protocol::mit) return;
-  const int node_max = d.dialect == MitDialect::damiao ? 15 : 62;
+  const int node_max = d.dialect == drive::mit::Dialect::damiao ? 15 : 62;
   for (std::size_t i = 0; i < n; ++i) {
     if (d.nodes[i] < 1 || d.nodes[i] > node_max) {
       s.fail("nodes", fmt::format("must be from 1 to {} for MIT drives of this dialect", node_max));
@@ -116,40 +111,29 @@ void read_mit(Section& s, Scene& scene) {
       }
     }
     if (scene.closed_loop() && scene.torque_limit[i] > d.torque_range[i] * d.gear_ratio[i]) {
-      s.fail("torque_range",
-             fmt::format("must let control.torque_limit through: motor {} may be asked for {} N m at "
-                         "the joint, its field ends at {}",
-                         i + 1, scene.torque_limit[i], d.torque_range[i] * d.gear_ratio[i]));
+      s.fail("torque_range", fmt::format("must let control.torque_limit through: motor {} may be asked for "
+                                         "{} N m at the joint, its field ends at {}",
+                                         i + 1, scene.torque_limit[i], d.torque_range[i] * d.gear_ratio[i]));
     }
   }
 }
 
-}  // namespace
-
-void read_drives(Section s, Scene& scene) {
-  DriveScene& d = scene.drives;
-  const auto n = static_cast<std::size_t>(scene.motors());
-  const std::string protocol = s.text("protocol");
-  d.protocol = protocol == "odrive"       ? Protocol::odrive
-               : protocol == "odrive_0.5" ? Protocol::odrive_0_5
-               : protocol == "cia402"     ? Protocol::cia402
-                                          : Protocol::mit;
-  if (const auto defect = s.optional_text("defect")) {
-    const std::string why = set_defect(d.defects, *defect, protocol);
-    if (!why.empty()) s.fail("defect", "\"" + *defect + "\": " + why);
-  }
-  const std::string zero = s.text("zero");
-  d.zero = zero == "absolute" ? Zero::absolute : (zero == "pose" ? Zero::pose : Zero::end_stop);
+/// How the encoder zero is known.
+void read_zero(Section& s, Scene& scene) {
+  scene.drives.zero = s.choice<Zero>("zero");
   if (const auto pose = s.optional_numbers("zero_pose", {2, 4})) {
-    if (pose->size() != (scene.all_sensors ? static_cast<std::size_t>(scene.joints()) : 2U)) {
+    if (pose->size() != (scene.all_sensors ? static_cast<std::size_t>(scene.joints()) : 2U))
       s.fail("zero_pose", "must have one angle per sensed joint");
-    }
-    d.zero_pose = *pose;
+    scene.drives.zero_pose = *pose;
   }
+}
+
+/// Tests before and while running.
+void read_tests(Section& s, Scene& scene) {
+  DriveScene& d = scene.drives;
   if (s.has("sign_test")) d.sign_test = s.boolean("sign_test");
-  if (d.sign_test.value_or(false) && scene.all_motors) {
+  if (d.sign_test.value_or(false) && scene.all_motors)
     s.fail("sign_test", "is for two motors: with four, each moves all the others");
-  }
   if (s.has("watchdog_test")) d.watchdog_test = s.boolean("watchdog_test");
   d.sign_test_move = s.number("sign_test_move");
   d.torque_mismatch = s.number("torque_mismatch");
@@ -157,32 +141,51 @@ void read_drives(Section s, Scene& scene) {
     s.fail("torque_mismatch",
            "must be 0: this drive does not say its torque (allowed with odrive, cia402, mit)");
   }
-  d.torque_time = s.number("torque_time");
-  d.torque_lead = s.number("torque_lead");
-  d.heartbeat_timeout = s.number("heartbeat_timeout");
-  // A slow loop must not starve the default between two of its ticks.
-  d.boot_time = s.number("boot_time");
-  d.watchdog_timeout = s.optional_number("watchdog_timeout").value_or(std::max(0.01, 3.0 * scene.tick()));
-  // Lists for the base motors alone are enough where there is no bus.
+}
+
+/// One entry per motor. Lists for the base motors alone are enough where there is no bus.
+void read_mounts(Section& s, Scene& scene) {
+  DriveScene& d = scene.drives;
+  const auto n = static_cast<std::size_t>(scene.motors());
   const std::vector<std::size_t> sizes =
       n == 2 ? std::vector<std::size_t>{2} : std::vector<std::size_t>{n, 2};
-  const auto filled = [&](std::vector<double> v, double rest) {
-    if (v.size() < n) d.missing = "[drives] must name all four motors for control.motors = \"all\"";
-    v.resize(n, rest);
-    return v;
+  const auto note_missing = [&](std::size_t given) {
+    if (given < n) d.missing = "[drives] must name all four motors for control.motors = \"all\"";
   };
   const auto list = [&](const char* key, double rest) {
-    const auto given = s.optional_numbers(key, sizes);
-    return given ? filled(*given, rest) : std::vector<double>(n, rest);
+    std::vector<double> v = s.optional_numbers(key, sizes).value_or(std::vector<double>(n, rest));
+    note_missing(v.size());
+    v.resize(n, rest);
+    return v;
   };
   d.direction = list("direction", 1.0);
   d.gear_ratio = list("gear_ratio", 1.0);
   d.offset = list("offset", 0.0);
-  const auto nodes = s.optional_integers("nodes", sizes);
-  if (nodes && nodes->size() < n)
-    d.missing = "[drives] must name all four motors for control.motors = \"all\"";
-  if (nodes) d.nodes = *nodes;
+  if (const auto nodes = s.optional_integers("nodes", sizes)) {
+    note_missing(nodes->size());
+    d.nodes = *nodes;
+  }
   add_free_nodes(d.nodes, n);
+}
+
+}  // namespace
+
+void read_drives(Section s, Scene& scene) {
+  DriveScene& d = scene.drives;
+  d.protocol = s.choice<Protocol>("protocol");
+  if (const auto defect = s.optional_text("defect")) {
+    const std::string why = set_defect(d.defects, *defect, name(d.protocol));
+    if (!why.empty()) s.fail("defect", "\"" + *defect + "\": " + why);
+  }
+  read_zero(s, scene);
+  read_tests(s, scene);
+  d.torque_time = s.number("torque_time");
+  d.torque_lead = s.number("torque_lead");
+  d.heartbeat_timeout = s.number("heartbeat_timeout");
+  d.boot_time = s.number("boot_time");
+  // A slow loop must not starve the default between two of its ticks.
+  d.watchdog_timeout = s.optional_number("watchdog_timeout").value_or(std::max(0.01, 3.0 * scene.tick()));
+  read_mounts(s, scene);
   read_cia402(s, scene, d);
   check_axes(s, d);
   read_odrive(s, scene);

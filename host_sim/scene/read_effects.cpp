@@ -1,4 +1,4 @@
-#include "host_sim/scene/read_effects.hpp"
+#include "host_sim/scene/readers.hpp"
 
 #include <fmt/format.h>
 
@@ -170,10 +170,11 @@ std::vector<Effect> read_effects(Section& root, const Scene& scene) {
 void refuse_bus_effects(const Scene& scene, const std::string& why) {
   for (const Effect& e : scene.effects) {
     if (!acts_on_bus(e)) continue;
-    throw InputError(scene.bus_effects_where,
-                     fmt::format("effect '{}' cannot act: {}; allowed on the virtual bus: esmc "
-                                 "hil SCENE, without --realtime",
-                                 type_name(e), why));
+    throw InputError(
+        scene.bus_effects_where,
+        fmt::format(
+            "effect '{}' cannot act: {}; allowed on the virtual bus: esmc hil SCENE, without --realtime",
+            type_name(e), why));
   }
 }
 

@@ -1,4 +1,4 @@
-#include "host_sim/scene/read_reference.hpp"
+#include "host_sim/scene/readers.hpp"
 
 #include <fmt/format.h>
 
@@ -61,17 +61,16 @@ std::optional<PathPoint> parse_point(std::string_view line) {
   return PathPoint{v[0], v[1], v[2]};
 }
 
-/// The points of a CSV, whose path is relative to the scene file, and its text.
-std::vector<PathPoint> read_path(const Section& s, const std::string& scene_file, const std::string& name,
-                                 double longest, std::string& text) {
-  const std::filesystem::path path = std::filesystem::path(scene_file).parent_path() / name;
-  text = read_bytes(s, path);
-  std::istringstream in(text);
+/// The points of a CSV, whose path is relative to the scene file; its text becomes a companion of the scene.
+void read_path(Section& s, Scene& scene, double longest) {
+  const std::filesystem::path path = std::filesystem::path(scene.file).parent_path() / s.text("path");
+  scene.companions.push_back({reference_copy, read_bytes(s, path), path.string()});
+  std::istringstream in(scene.companions.back().text);
   std::string line;
   std::getline(in, line);
   while (!line.empty() && (line.back() == '\r' || line.back() == ' ')) line.pop_back();
   if (line != "t,x,y") throw InputError(path.string() + ":1", "the header must be t,x,y and nothing else");
-  std::vector<PathPoint> out;
+  std::vector<PathPoint>& out = scene.reference.table;
   for (int number = 2; std::getline(in, line); ++number) {
     if (line.empty() || line == "\r") continue;
     const auto p = parse_point(line);
@@ -85,7 +84,16 @@ std::vector<PathPoint> read_path(const Section& s, const std::string& scene_file
   }
   if (out.size() < 3)
     throw InputError(path.string() + ":2", "three or more points are needed (two are a line)");
-  return out;
+}
+
+/// Of a polyline, m; with the way back where it repeats.
+double length_of(const ReferenceScene& r) {
+  double length = 0.0;
+  for (std::size_t i = 0; i < r.points.size() - (r.repeat ? 0U : 1U); ++i) {
+    const auto &a = r.points[i], &b = r.points[(i + 1) % r.points.size()];
+    length += std::hypot(b[0] - a[0], b[1] - a[1]);
+  }
+  return length;
 }
 
 }  // namespace
@@ -93,48 +101,43 @@ std::vector<PathPoint> read_path(const Section& s, const std::string& scene_file
 void read_reference(Section s, Scene& scene) {
   ReferenceScene& r = scene.reference;
   const double longest = std::min(reference_time_max, reference_ticks_max / scene.rate_hz);
-  const std::string type = s.text("type");
+  r.type = s.choice<ReferenceType>("type");
   r.join = s.optional_number("join");
-  s.use_schema("reference[" + type + "]");
-  if (type == "circle") {
-    r.type = ReferenceType::circle;
-    r.center = s.pair("center");
-    r.radius = s.number("radius");
-    r.speed = s.number("speed");
-    r.phase = s.number("phase");
-  } else if (type == "line") {
-    r.type = ReferenceType::line;
-    r.points = {s.pair("from"), s.pair("to")};
-    r.duration = s.number("duration");
-    r.repeat = s.boolean("repeat");
-  } else if (type == "polyline") {
-    r.type = ReferenceType::polyline;
-    r.points = s.pairs("points", 2);
-    r.speed = s.number("speed");
-    r.repeat = s.boolean("repeat");
-    double length = 0.0;
-    for (std::size_t i = 0; i < r.points.size(); ++i) {
-      const auto &a = r.points[i], &b = r.points[(i + 1) % r.points.size()];
-      if (i + 1 < r.points.size() || r.repeat) length += std::hypot(b[0] - a[0], b[1] - a[1]);
-    }
-    if (!(length / r.speed <= longest)) {
-      s.fail("speed", fmt::format("is too slow: the polyline would take {:.3g} s, at most {:g} s are allowed",
-                                  length / r.speed, longest));
-    }
-  } else if (type == "joint_sine") {
-    r.type = ReferenceType::joint_sine;
-    r.offset = s.pair("offset");
-    r.amplitude = s.pair("amplitude");
-    r.omega = s.pair("omega");
-    r.phases = s.pair("phase");
-  } else if (type == "hold") {
-    r.type = ReferenceType::hold;
-    if (const auto p = s.optional_numbers("position", {2})) r.position = {(*p)[0], (*p)[1]};
-  } else {
-    r.type = ReferenceType::file;
-    scene.companions.push_back(
-        {reference_copy, "", (std::filesystem::path(scene.file).parent_path() / s.text("path")).string()});
-    r.table = read_path(s, scene.file, s.text("path"), longest, scene.companions.back().text);
+  s.use_schema(fmt::format("reference[{}]", name(r.type)));
+  switch (r.type) {
+    case ReferenceType::circle:
+      r.center = s.pair("center");
+      r.radius = s.number("radius");
+      r.speed = s.number("speed");
+      r.phase = s.number("phase");
+      break;
+    case ReferenceType::line:
+      r.points = {s.pair("from"), s.pair("to")};
+      r.duration = s.number("duration");
+      r.repeat = s.boolean("repeat");
+      break;
+    case ReferenceType::polyline:
+      r.points = s.pairs("points", 2);
+      r.speed = s.number("speed");
+      r.repeat = s.boolean("repeat");
+      if (const double seconds = length_of(r) / r.speed; !(seconds <= longest)) {
+        s.fail("speed",
+               fmt::format("is too slow: the polyline would take {:.3g} s, at most {:g} s are allowed",
+                           seconds, longest));
+      }
+      break;
+    case ReferenceType::joint_sine:
+      r.offset = s.pair("offset");
+      r.amplitude = s.pair("amplitude");
+      r.omega = s.pair("omega");
+      r.phases = s.pair("phase");
+      break;
+    case ReferenceType::hold:
+      if (const auto p = s.optional_numbers("position", {2})) r.position = {(*p)[0], (*p)[1]};
+      break;
+    case ReferenceType::file:
+    case ReferenceType::none:
+      read_path(s, scene, longest);
   }
   s.finish();
 }

@@ -3,35 +3,21 @@
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
+#include <span>
 #include <utility>
 
 #include "host_sim/plant/kinematics.hpp"
-#include "host_sim/scene/read_command.hpp"
-#include "host_sim/scene/read_drives.hpp"
-#include "host_sim/scene/read_effects.hpp"
-#include "host_sim/scene/read_reference.hpp"
-#include "host_sim/scene/read_uncertainty.hpp"
-#include "host_sim/scene/reader.hpp"
-#include "host_sim/scene/scene.hpp"
+#include "host_sim/scene/readers.hpp"
 #include "host_sim/scene/start.hpp"
-#include "host_sim/scene/toml_text.hpp"
 
 namespace esmc::host {
 namespace {
 
 LegParams<double> read_leg(Section s) {
   LegParams<double> p;
-  p.l1 = s.number("l1");
-  p.l2 = s.number("l2");
-  p.lg1 = s.number("lg1");
-  p.lg2 = s.number("lg2");
-  p.m1 = s.number("m1");
-  p.m2 = s.number("m2");
-  p.J1 = s.number("J1");
-  p.J2 = s.number("J2");
+  for (const LegKey& k : leg_keys) p.*k.value = s.number(k.name);
   s.finish();
-  const ParamError e = check(p);
-  if (e == ParamError::no_inertia) {
+  if (check(p) == ParamError::no_inertia) {
     s.fail("",
            "a bar without mass and inertia cannot move: J1, J2 or the masses beyond the joint must be > 0");
   }
@@ -41,7 +27,7 @@ LegParams<double> read_leg(Section s) {
 int mode_sign(const std::string& s) { return s == "+" ? 1 : -1; }
 
 void read_mechanism(Section s, Scene& scene) {
-  scene.type = s.text("type") == "five_bar" ? MechanismType::five_bar : MechanismType::rr;
+  scene.type = s.choice<MechanismType>("type");
   const bool five_bar = scene.type == MechanismType::five_bar;
   scene.mechanism.g = s.number("gravity");
   if (five_bar) {
@@ -62,7 +48,7 @@ void read_mechanism(Section s, Scene& scene) {
   s.finish();
 }
 
-/// The [mechanism] of another scene, in place of what the true one is believed to be.
+/// The [mechanism] of another scene, which the controller believes in.
 FiveBarParams<double> read_belief(const Section& s, const std::string& name, Scene& scene) {
   const std::filesystem::path path = std::filesystem::path(scene.file).parent_path() / name;
   if (name.find('\0') != std::string::npos) s.fail("mechanism", "must be a file name, without NUL");
@@ -83,21 +69,11 @@ ModelFactors read_model(Section s, Scene& scene) {
   f.half_base = s.number("half_base");
   f.effector_mass = s.number("effector_mass");
   f.gravity = s.number("gravity");
-  f.l1 = s.number("l1");
-  f.l2 = s.number("l2");
-  f.lg1 = s.number("lg1");
-  f.lg2 = s.number("lg2");
-  f.m1 = s.number("m1");
-  f.m2 = s.number("m2");
-  f.J1 = s.number("J1");
-  f.J2 = s.number("J2");
+  for (const LegKey& k : leg_keys) f.*k.factor = s.number(k.name);
   f.exact_friction = s.text("friction") == "exact";
   s.finish();
   for (LegParams<double> leg : scene.believed ? scene.believed->legs : scene.mechanism.legs) {
-    leg.m1 *= f.m1;
-    leg.m2 *= f.m2;
-    leg.J1 *= f.J1;
-    leg.J2 *= f.J2;
+    for (const LegKey& k : std::span(leg_keys).last<4>()) leg.*k.value *= f.*k.factor;  // masses, inertias
     if (check(leg) == ParamError::no_inertia)
       s.fail("",
              "'control.model' believes in a bar without mass and inertia, which no torque could be computed "
@@ -106,8 +82,8 @@ ModelFactors read_model(Section s, Scene& scene) {
   return f;
 }
 
-/// Their squares become weights, which both scalar types must hold. Fails where they are further apart than
-/// that.
+/// Fails where the largest value is more than `most` times the least: their squares become weights, which
+/// both scalar types must hold.
 void require_alike(const Section& s, const char* key, const std::vector<double>& values, double most) {
   if (values.empty()) return;
   const auto [least, largest] = std::minmax_element(values.begin(), values.end());
@@ -135,38 +111,27 @@ std::vector<Waveform> read_waveforms(Section& control, std::size_t motors) {
   return out;
 }
 
-LawChoice law_of(const std::string& s) {
-  if (s == "esmc") return LawChoice::esmc;
-  if (s == "esmc_projected") return LawChoice::esmc_projected;
-  if (s == "smc") return LawChoice::smc;
-  if (s == "ctc") return LawChoice::ctc;
-  if (s == "pd") return LawChoice::pd;
-  return s == "open_loop" ? LawChoice::open_loop : LawChoice::none;
-}
-
 void read_gains(Section& s, Scene& scene) {
   const auto kinds = [&](const char* key) {
     const auto v = s.per_kind(key);
     return PerKind{v[0], v[1]};
   };
-  const bool sliding =
-      scene.law == LawChoice::esmc || scene.law == LawChoice::esmc_projected || scene.law == LawChoice::smc;
+  const bool sliding = scene.sliding();
   scene.kp = s.optional_number("kp");
   scene.kd = s.optional_number("kd");
   const bool own_gains = scene.kp && scene.kd;
   if (sliding || (scene.law == LawChoice::ctc && !own_gains) || s.has("lambda"))
     scene.lambda = kinds("lambda");
   const bool robust = s.is_word("gain", "robust");
-  scene.robust_gain = robust && sliding;  // the others take no gain, and it may stay in the file
+  scene.robust_gain = robust && sliding;
   if (!robust && (sliding || s.has("gain"))) scene.gain = kinds("gain");
   scene.layer = kinds("layer");
   if (scene.law == LawChoice::pd && !own_gains) s.fail("", "law = \"pd\" needs control.kp and control.kd");
 }
 
-/// What the optional parts of the controller ask of the rest of [control].
+/// Fails where the optional parts of the controller do not fit the rest of [control].
 void require_parts_fit(Section& s, const Scene& scene) {
-  const bool sliding =
-      scene.law == LawChoice::esmc || scene.law == LawChoice::esmc_projected || scene.law == LawChoice::smc;
+  const bool sliding = scene.sliding();
   const bool modelled = sliding || scene.law == LawChoice::ctc, observes = scene.disturbance_observer > 0.0;
   const bool twists = sliding && scene.reaching == ReachingChoice::super_twisting;
   const bool couples = sliding && scene.reaching == ReachingChoice::implicit_coupled;
@@ -188,8 +153,7 @@ void require_parts_fit(Section& s, const Scene& scene) {
   if (part && scene.all_motors && scene.all_sensors) {
     s.fail("sensors",
            "must be \"base\" with super_twisting, implicit_coupled, disturbance_observer and predictor where "
-           "motors = \"all\": "
-           "they work in the base joints, which lose the mechanism at type 2");
+           "motors = \"all\": they work in the base joints, which lose the mechanism at type 2");
   }
   const double told = scene.delay_ticks.value_or(0.0);
   if ((observes || scene.predictor || twists) && (told > 8.0 || told != std::round(told))) {
@@ -202,14 +166,8 @@ void require_parts_fit(Section& s, const Scene& scene) {
 
 void read_control(Section s, Scene& scene) {
   const bool five_bar = scene.type == MechanismType::five_bar;
-  scene.law = law_of(s.text("law"));
-  const std::string reaching = s.text("reaching");
-  scene.reaching = reaching == "sign"             ? ReachingChoice::sign
-                   : reaching == "saturation"     ? ReachingChoice::saturation
-                   : reaching == "tanh"           ? ReachingChoice::tanh
-                   : reaching == "implicit"       ? ReachingChoice::implicit
-                   : reaching == "super_twisting" ? ReachingChoice::super_twisting
-                                                  : ReachingChoice::implicit_coupled;
+  scene.law = s.choice<LawChoice>("law");
+  scene.reaching = s.choice<ReachingChoice>("reaching");
   read_gains(s, scene);
   scene.delay_ticks = s.optional_number("delay_ticks");
   scene.sensor_lag_ticks = s.number("sensor_lag_ticks");
@@ -280,10 +238,9 @@ void read_limits(Section s, Scene& scene) {
   l.join_acceleration = s.optional_number("join_acceleration").value_or(0.0);
   l.halt_time = s.number("halt_time");
   l.lower_time = s.number("lower_time");
-  const bool falls = scene.mechanism.g > 0.0;
-  const std::string after = s.has("after_halt") ? s.text("after_halt") : (falls ? "lower" : "release");
-  l.after_halt =
-      after == "hold" ? AfterHalt::hold : (after == "lower" ? AfterHalt::lower : AfterHalt::release);
+  l.after_halt = s.has("after_halt")       ? s.choice<AfterHalt>("after_halt")
+                 : scene.mechanism.g > 0.0 ? AfterHalt::lower
+                                           : AfterHalt::release;
   const auto range = [](Section& of, const char* key) {
     const auto r = of.pair(key);
     if (!(r[0] < r[1])) of.fail(key, "must be [lower, upper] with lower < upper");
@@ -303,20 +260,12 @@ void read_limits(Section s, Scene& scene) {
   s.finish();
 }
 
-Method method_of(const std::string& s) {
-  for (const Method m :
-       {Method::semi_implicit_euler, Method::dopri5, Method::dopri8, Method::radau5, Method::moreau_jean}) {
-    if (s == name(m)) return m;
-  }
-  return Method::rk4;
-}
-
 constexpr double substeps_max = 1e6;  // of a tick, for fixed steps
 
 void read_simulation(Section s, Scene& scene) {
   scene.duration = s.number("duration");
   const bool named = s.has("integrator") || s.has("step");
-  scene.method = method_of(s.text("integrator"));
+  scene.method = s.choice<Method>("integrator");
   scene.step = s.number("step");
   scene.accuracy = s.optional_number("accuracy");
   if (scene.accuracy && named) s.fail("accuracy", "chooses method and step: leave out integrator and step");
@@ -330,7 +279,7 @@ void read_simulation(Section s, Scene& scene) {
   if (ticks < 0.5 || ticks > 2e9) s.fail("duration", "must hold between 1 and 2e9 control ticks");
 }
 
-/// In the scene as run, the files that it names are those that lie beside it.
+/// Makes the scene as run name the copies of its files, which lie beside it.
 void name_companions(Scene& scene, toml::table& table) {
   std::sort(scene.companions.begin(), scene.companions.end(),
             [](const Companion& a, const Companion& b) { return a.name < b.name; });
@@ -359,17 +308,12 @@ Scene read_scene_table(toml::table table, const std::string& file) {
   if (scene.closed_loop() && scene.reference.type == ReferenceType::none) {
     root.fail("", "missing table [reference]: a closed loop needs one");
   }
-  static const toml::table empty;
-  const auto or_empty = [&](const char* key) {
-    const auto s = root.section(key);
-    return s ? *s : Section(empty, file, key, key);
-  };
-  read_initial(or_empty("initial"), scene);
-  read_limits(or_empty("limits"), scene);
-  read_drives(or_empty("drives"), scene);
+  read_initial(root.section_or_empty("initial"), scene);
+  read_limits(root.section_or_empty("limits"), scene);
+  read_drives(root.section_or_empty("drives"), scene);
   read_sensors(root.section("sensors"), root, scene);
   if (const auto s = root.section("command")) scene.command = read_command(*s, scene);
-  Section bus = or_empty("bus");
+  Section bus = root.section_or_empty("bus");
   scene.bitrate = bus.integer("bitrate");
   bus.finish();
   read_simulation(root.required_section("simulation"), scene);

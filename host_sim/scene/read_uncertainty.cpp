@@ -1,4 +1,4 @@
-#include "host_sim/scene/read_uncertainty.hpp"
+#include "host_sim/scene/readers.hpp"
 
 #include <fmt/format.h>
 

@@ -3,7 +3,6 @@
 
 #include <toml++/toml.h>
 #include <array>
-#include <memory>
 #include <optional>
 #include <set>
 #include <span>
@@ -11,28 +10,18 @@
 #include <vector>
 
 #include "host_sim/error.hpp"
+#include "host_sim/names.hpp"
 #include "host_sim/scene/keys.hpp"
+#include "host_sim/scene/toml_text.hpp"
 
 namespace esmc::host {
-
-/// Parses a file and merges "section.key=value" overrides into it. An override that changes a `type` drops
-/// the file's keys of the former type, one that gives a start drops the file's other ways to give it, and
-/// accuracy drops integrator and step as they drop it. Throws InputError. The bytes of a file that is no
-/// longer than any scene; `what` it should be, for errors. Throws InputError.
-std::string read_text_file(const std::string& file, const std::string& what);
-toml::table parse_scene_file(const std::string& file, const std::vector<std::string>& sets);
-toml::table parse_scene_text(const std::string& text, const std::string& name,
-                             const std::vector<std::string>& sets);
 
 struct Scene;
 /// The scene of a table, with the checks and the errors of read_scene; `file` stands for it in errors.
 Scene read_scene_table(toml::table table, const std::string& file);
 
-/// Where a node was written: "FILE:LINE", or "--set key=value".
-std::string place(const toml::node& node, const std::string& file);
-
-/// A table being read. `schema` is the prefix in the key table, which is that of scenes unless told
-/// otherwise. Ask for every key, then call finish().
+/// A table being read. `schema` is the prefix of its keys in the key table. Read every key, then call
+/// finish(). Every reading function throws InputError for a value that the key table does not allow.
 class Section {
  public:
   Section(const toml::table& table, std::string file, std::string name, std::string schema,
@@ -49,7 +38,7 @@ class Section {
   /// FILE:LINE; where a table has keys from --set, those are named as well.
   [[nodiscard]] std::string where() const;
   [[nodiscard]] std::string where(const std::string& key) const;
-  /// The place of `key`, and every --set in it or in the other tables that a finding depends on.
+  /// The place of `key`, with every --set in it or in the `others`, which a finding depends on as well.
   [[nodiscard]] std::string where(const std::string& key, const std::vector<std::string>& others) const;
 
   double number(const std::string& key);
@@ -58,6 +47,11 @@ class Section {
   bool boolean(const std::string& key);
   std::string text(const std::string& key);
   std::optional<std::string> optional_text(const std::string& key);
+  /// An enumerator by its name; the key table has the same names.
+  template <Named E>
+  E choice(const std::string& key) {
+    return *from_name<E>(text(key));
+  }
   /// Exactly as many numbers as one of `sizes`.
   std::vector<double> numbers(const std::string& key, const std::vector<std::size_t>& sizes);
   std::optional<std::vector<double>> optional_numbers(const std::string& key,
@@ -66,20 +60,22 @@ class Section {
                                                     const std::vector<std::size_t>& sizes);
   std::array<double, 2> pair(const std::string& key);
   std::vector<std::array<double, 2>> pairs(const std::string& key, std::size_t at_least);
-  /// Strings out of the key's choices.
+  /// `size` strings, each one of the key's choices.
   std::vector<std::string> texts(const std::string& key, std::size_t size);
   /// A number, or a table { position, angle }.
   std::array<double, 2> per_kind(const std::string& key);
-  /// Whether the key is given as the text `word` (a key of numbers that knows one word).
+  /// Whether the key is given as the text `word`.
   bool is_word(const std::string& key, const std::string& word);
-  /// One number, or [lower, upper]; nothing where it is not given.
+  /// One number, or [lower, upper].
   std::optional<std::vector<double>> number_or_pair(const std::string& key);
   /// A number for all, or one each.
   std::vector<double> each(const std::string& key, std::size_t count);
 
   /// Sub-table, read under `schema` (default: this schema + "." + key).
-  std::optional<Section> section(const std::string& key, const std::string& schema = "");
+  std::optional<Section> section(const std::string& key);
   Section required_section(const std::string& key);
+  /// Sub-table, or an empty one.
+  Section section_or_empty(const std::string& key);
   std::vector<Section> sections(const std::string& key, const std::string& schema = "");
 
   /// Keys of another branch of the schema belong to this table as well (reference[circle].radius).
@@ -87,16 +83,23 @@ class Section {
     schema_ = schema;
     schemas_.push_back(schema);
   }
-  /// Throws when the table holds a key that nobody asked for.
+  /// Throws when the table holds a key that was not read.
   void finish() const;
 
   [[noreturn]] void fail(const std::string& key, const std::string& what) const;
 
  private:
+  /// Null: the key is not given. Throws where it is missing and `required`.
   const toml::node* find(const std::string& key, bool required);
-  const Key& spec(const std::string& key) const {
-    return find_key(schema_.empty() ? key : schema_ + "." + key, keys_);
+  /// The same, of a key that is required where it has no default.
+  const toml::node* find(const std::string& key) { return find(key, spec(key).fallback.empty()); }
+  /// An array of a length that `sizes` has; null: not given. `of`: plural of what is in it.
+  const toml::array* list(const std::string& key, const toml::node* node,
+                          const std::vector<std::size_t>& sizes, const char* of) const;
+  [[nodiscard]] std::string path(const std::string& key) const {
+    return schema_.empty() ? key : schema_ + "." + key;
   }
+  [[nodiscard]] const Key& spec(const std::string& key) const { return find_key(path(key), keys_); }
   [[nodiscard]] std::string full(const std::string& key) const {
     return name_.empty() ? key : name_ + "." + key;
   }

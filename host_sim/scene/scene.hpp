@@ -1,6 +1,5 @@
 #pragma once
-/// Everything that decides a run, as read from a scene file. Plain values; who uses what is decided
-/// elsewhere.
+/// Everything that decides a run, as read from a scene file. Plain values.
 
 #include <algorithm>
 #include <array>
@@ -14,19 +13,11 @@
 #include "host_sim/effects/effects.hpp"
 #include "host_sim/plant/motion.hpp"
 #include "host_sim/scene/drive_defects.hpp"
+#include "host_sim/scene/names.hpp"
 #include "host_sim/scene/odrive_endpoints.hpp"
 #include "host_sim/scene/uncertainty.hpp"
 
 namespace esmc::host {
-
-enum class MechanismType { five_bar, rr };
-enum class LawChoice { esmc, esmc_projected, smc, ctc, pd, open_loop, none };
-enum class ReachingChoice { sign, saturation, tanh, implicit, super_twisting, implicit_coupled };
-enum class ReferenceType { none, circle, line, polyline, joint_sine, hold, file };
-enum class Protocol { odrive, odrive_0_5, cia402, mit };
-enum class MitDialect { mini_cheetah, cubemars, damiao };
-enum class Zero { absolute, pose, end_stop };
-enum class AfterHalt { release, hold, lower };
 
 /// A gain per kind of channel.
 struct PerKind {
@@ -34,12 +25,27 @@ struct PerKind {
   double angle = 0.0;
 };
 
-/// What the controller believes, as factors on the true mechanism.
+/// The controller's belief as factors on the true mechanism.
 struct ModelFactors {
   double half_base = 1, effector_mass = 1, gravity = 1;
   double l1 = 1, l2 = 1, lg1 = 1, lg2 = 1, m1 = 1, m2 = 1, J1 = 1, J2 = 1;
   bool exact_friction = false;
 };
+
+/// Keys of a leg, their values, and their factors in [control.model].
+struct LegKey {
+  const char* name;
+  double LegParams<double>::*value;
+  double ModelFactors::*factor;
+};
+inline constexpr LegKey leg_keys[] = {{"l1", &LegParams<double>::l1, &ModelFactors::l1},
+                                      {"l2", &LegParams<double>::l2, &ModelFactors::l2},
+                                      {"lg1", &LegParams<double>::lg1, &ModelFactors::lg1},
+                                      {"lg2", &LegParams<double>::lg2, &ModelFactors::lg2},
+                                      {"m1", &LegParams<double>::m1, &ModelFactors::m1},
+                                      {"m2", &LegParams<double>::m2, &ModelFactors::m2},
+                                      {"J1", &LegParams<double>::J1, &ModelFactors::J1},
+                                      {"J2", &LegParams<double>::J2, &ModelFactors::J2}};
 
 /// A point of a reference file: time and effector position.
 struct PathPoint {
@@ -62,13 +68,13 @@ struct ReferenceScene {
 inline constexpr const char* reference_copy = "scene_reference.csv";   ///< reference.path
 inline constexpr const char* model_copy = "scene_model.toml";          ///< control.model.mechanism
 inline constexpr const char* endpoints_copy = "scene_endpoints.json";  ///< drives.endpoints
-/// A file that a scene names, as it was read. Beside the scene as run it lies under one of the names below,
-/// so that a directory that a run left can be run again anywhere.
+/// A file that a scene names, as read. A run writes it beside the scene under one of these names, so that its
+/// directory can be run again anywhere.
 struct Companion {
   std::string name, text;
   std::string source;  ///< path that it was read from
 
-  /// Of the scene: what names it.
+  /// The key that names it.
   [[nodiscard]] std::string key() const {
     return name == reference_copy ? "reference.path"
                                   : (name == model_copy ? "control.model.mechanism" : "drives.endpoints");
@@ -108,19 +114,16 @@ struct DriveScene {
   std::optional<bool> confirmed;                    // unset: unless the bus can carry real drives
   std::string where;                                // FILE:LINE
   Defects defects{};                                // of the emulated drives
-  MitDialect dialect = MitDialect::mini_cheetah;
+  drive::mit::Dialect dialect = drive::mit::Dialect::mini_cheetah;
   std::vector<int> master_id;                                        // mit, per motor
   std::vector<double> position_range, velocity_range, torque_range;  // mit, per motor: rad, rad/s, N m
-  std::string
-      missing;  ///< what a loop on a bus would still need to be told; esmc sim has no drives and needs none
+  std::string missing;  ///< what a loop on a bus still needs; `esmc sim` has no drives and needs none
 };
-
-enum class CommandSource { hold, reference, stream };
 
 /// The interface to a supervisor computer.
 struct CommandScene {
   int base_id = 0;
-  CommandSource source = CommandSource::reference;
+  link::Source source = link::Source::reference;
   bool arm_by_link = false;
   double speed = 0.0, acceleration = 0.0;  // m/s or rad/s, of each coordinate
   int stream_age_ticks = 0, counter_jump = 0, status_ticks = 0, telemetry_ticks = 0;
@@ -197,6 +200,12 @@ struct Scene {
   [[nodiscard]] int joints() const { return type == MechanismType::five_bar ? 4 : 2; }
   [[nodiscard]] int motors() const { return all_motors ? joints() : 2; }
   [[nodiscard]] bool closed_loop() const { return law != LawChoice::open_loop && law != LawChoice::none; }
+  /// Whether the law has a sliding surface and a switching gain.
+  [[nodiscard]] bool sliding() const { return law <= LawChoice::smc; }
+  /// Whether the ODrive protocol carries the drives, of either firmware.
+  [[nodiscard]] bool odrive() const {
+    return drives.protocol == Protocol::odrive || drives.protocol == Protocol::odrive_0_5;
+  }
   [[nodiscard]] double tick() const { return 1.0 / rate_hz; }
   /// Joint of a motor, motors in the order of [drives].
   [[nodiscard]] std::vector<std::size_t> motor_joints() const {
@@ -208,18 +217,24 @@ struct Scene {
   [[nodiscard]] RrParams<double> arm() const { return {mechanism.legs[0], mechanism.g}; }
 };
 
-/// Ticks between heartbeats of ours (CANopen): a third of the time after which the drives miss us, so that
-/// one may be lost. At most 20: a drive watches from the first one that it hears, and must hear one between
-/// the set-up of its watchdog and its torque, which are an object per tick apart, 60 at least.
+/// Ticks between the controller's heartbeats (CANopen): a third of the drives' time-out, so that one may be
+/// lost. At most 20: a drive must receive one between the set-up of its watchdog and its torque, at least 60
+/// ticks later.
 [[nodiscard]] inline std::uint32_t heartbeat_ticks(const Scene& scene) {
   return static_cast<std::uint32_t>(
       std::clamp(std::floor(scene.drives.watchdog_timeout * scene.rate_hz / 3.0), 1.0, 20.0));
 }
 
-/// Reads a scene. `sets` are "section.key=value" overrides. Throws InputError naming file, line, key, what is
-/// allowed. Nothing is left half-read: the scene returned is possible and its start is reachable.
+/// Identifiers that the drives of a scene send or receive.
+std::vector<std::uint32_t> drive_identifiers(const Scene& scene);
+/// Throws InputError where a scene has effects that need a bus and there is none; `why`: "esmc sim has no
+/// bus".
+void refuse_bus_effects(const Scene& scene, const std::string& why);
+
+/// Reads a scene; `sets` are "section.key=value" overrides. The scene is possible and its start reachable:
+/// else throws InputError with file, line, key and the allowed values.
 Scene read_scene(const std::string& file, const std::vector<std::string>& sets);
-/// The same from a text; `name` stands for the file in errors.
+/// Same from a text; `name` stands for the file in errors.
 Scene read_scene_text(const std::string& text, const std::string& name, const std::vector<std::string>& sets);
 
 }  // namespace esmc::host

@@ -30,10 +30,9 @@ FirstPoint first_point(const ReferenceScene& r, const std::string& where) {
                r.offset[1] + r.amplitude[1] * std::sin(r.phases[1])}};
     case ReferenceType::hold:
       if (r.position) return {false, *r.position};
-      throw InputError(
-          where,
-          "the start is not given: reference.type = \"hold\" without a position holds the start, "
-          "so [initial] needs position or joints");
+      throw InputError(where,
+                       "the start is not given: reference.type = \"hold\" without a position holds the "
+                       "start, so [initial] needs position or joints");
     case ReferenceType::file:
       return {false, {r.table.front().x, r.table.front().y}};
     case ReferenceType::none:
@@ -47,16 +46,14 @@ class Starter {
   Starter(Scene& scene, std::string where) : scene_(scene), where_(std::move(where)) {}
 
   void at_position(V2 p, V2 v) {
-    const bool five_bar = scene_.type == MechanismType::five_bar;
-    if (five_bar) {
-      const auto theta = reach(scene_.mechanism, p, scene_.working_mode);
+    const auto take = [&](const auto& theta) {
       if (!theta) unreachable(p);
       scene_.start_angle.assign(theta->begin(), theta->end());
-    } else {
-      const auto theta = reach(scene_.mechanism.legs[0], p, scene_.working_mode[0]);
-      if (!theta) unreachable(p);
-      scene_.start_angle.assign(theta->begin(), theta->end());
-    }
+    };
+    if (scene_.type == MechanismType::five_bar)
+      take(reach(scene_.mechanism, p, scene_.working_mode));
+    else
+      take(reach(scene_.mechanism.legs[0], p, scene_.working_mode[0]));
     scene_.start_rate.assign(scene_.start_angle.size(), 0.0);
     if (v.x != 0.0 || v.y != 0.0) {
       for (std::size_t j = 0; j < scene_.start_angle.size() / 2; ++j) set_rate(j, j == 0 ? v : V2{-v.x, v.y});
@@ -93,19 +90,19 @@ class Starter {
     const int sign = d2 > 0.0 ? 1 : -1;
     if (scene_.assembly_mode == 0) scene_.assembly_mode = sign;
     if (scene_.assembly_mode != sign) {
-      throw InputError(
-          where_, fmt::format("at the start sin(phi12 + phi22) = {:.3g}: mechanism.assembly_mode must be "
-                              "\"{}\", or start elsewhere",
-                              d2, sign > 0 ? "+" : "-"));
+      throw InputError(where_, fmt::format("at the start sin(phi12 + phi22) = {:.3g}: "
+                                           "mechanism.assembly_mode must be \"{}\", or start elsewhere",
+                                           d2, sign > 0 ? "+" : "-"));
     }
   }
 
  private:
   [[noreturn]] void unreachable(V2 p) const {
-    throw InputError(where_,
-                     fmt::format("({}, {}) cannot be reached: every leg needs |l1 - l2| <= distance from its "
-                                 "base <= l1 + l2",
-                                 p.x, p.y));
+    throw InputError(
+        where_,
+        fmt::format(
+            "({}, {}) cannot be reached: every leg needs |l1 - l2| <= distance from its base <= l1 + l2", p.x,
+            p.y));
   }
   void set_rate(std::size_t j, V2 v) {
     const std::array<double, 2> theta{scene_.start_angle[2 * j], scene_.start_angle[2 * j + 1]};
@@ -121,10 +118,10 @@ class Starter {
              b = leg_tip(scene_.mechanism.legs[1], {q[2], q[3]});
     const double gap = std::hypot(scene_.mechanism.l0 + a.x - (-scene_.mechanism.l0 - b.x), a.y - b.y);
     if (!(gap <= 1e-6)) {
-      throw InputError(where_,
-                       fmt::format("the four joint angles do not close: the leg tips are {:.3g} m apart "
-                                   "(allowed: 1e-6)",
-                                   gap));
+      throw InputError(
+          where_,
+          fmt::format("the four joint angles do not close: the leg tips are {:.3g} m apart (allowed: 1e-6)",
+                      gap));
     }
   }
   /// All four rates from those of the base joints: U v = (l1 sin(theta2) rate)_j, then each leg's own.

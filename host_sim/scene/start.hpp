@@ -1,5 +1,5 @@
 #pragma once
-/// Where a scene starts: the true joint angles and rates at t = 0.
+/// Start of a scene: the true joint angles and rates at t = 0.
 
 #include <string>
 

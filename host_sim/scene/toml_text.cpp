@@ -1,12 +1,173 @@
 #include "host_sim/scene/toml_text.hpp"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
+#include <algorithm>
 #include <cmath>
+#include <filesystem>
+#include <fstream>
 #include <sstream>
+
+#include "host_sim/error.hpp"
+#include "host_sim/scene/keys.hpp"
 
 namespace esmc::host {
 namespace {
+
+std::string one_line(std::string_view text) {
+  std::string out;
+  for (const char c : text) out += c == '\n' || c == '\r' ? ' ' : c;
+  return out;
+}
+
+constexpr std::string_view set_mark = "--set ";
+
+bool from_set(const toml::node& node) {
+  const auto& path = node.source().path;
+  return path && path->starts_with(set_mark);
+}
+
+/// Removes keys of the file from a table. Keys from another --set stay, and are refused later.
+template <class Wanted>
+void drop(toml::table& table, const Wanted& wanted) {
+  std::vector<std::string> gone;
+  for (auto&& [k, node] : table) {
+    if (!from_set(node) && wanted(std::string(k.str()))) gone.emplace_back(k.str());
+  }
+  for (const std::string& key : gone) table.erase(key);
+}
+
+bool is_key(const std::string& path) {
+  const auto is = [&](const Key& k) { return k.path == path; };
+  return std::ranges::any_of(scene_keys(), is) || std::ranges::any_of(spatial_keys(), is);
+}
+
+constexpr std::size_t text_max = 1U << 20U;  // bytes of a scene; its largest table is a polyline
+constexpr int depth_max = 32;                // the deepest key of a scene has four parts
+
+/// Depth of recursion of a parser: open brackets, and parts of a dotted key.
+struct Depth {
+  int brackets = 0, parts = 0;
+};
+
+/// Refuses a text that is longer or nested deeper than any scene, for which the parser would run out of
+/// stack. Skips strings and comments.
+void require_shallow(const std::string& text, const std::string& name) {
+  if (text.size() > text_max) {
+    throw InputError("", fmt::format("{}: {} bytes, at most {} are taken", name, text.size(), text_max));
+  }
+  Depth depth;
+  int line = 1;
+  for (std::size_t at = 0; at < text.size(); ++at) {
+    const char c = text[at];
+    if (c == '"' || c == '\'') {
+      const std::string three(3, c);
+      const bool long_one = text.compare(at, 3, three) == 0;
+      const std::string end = long_one ? three : std::string(1, c);
+      for (at += end.size(); at < text.size() && text.compare(at, end.size(), end) != 0; ++at) {
+        if (c == '"' && text[at] == '\\') ++at;
+        if (at < text.size() && text[at] == '\n') {
+          ++line;
+          if (!long_one) break;
+        }
+      }
+      at += end.size() - 1;
+      continue;
+    }
+    if (c == '#') {
+      at = std::min(text.find('\n', at), text.size()) - 1;
+      continue;
+    }
+    if (c == '\n') ++line;
+    if (c == '[' || c == '{') ++depth.brackets;
+    if ((c == ']' || c == '}') && depth.brackets > 0) --depth.brackets;
+    if (c == '.') {
+      ++depth.parts;
+    } else if (std::string_view("[]{},=\n").find(c) != std::string_view::npos) {
+      depth.parts = 0;
+    }
+    if (depth.brackets > depth_max || depth.parts > depth_max) {
+      throw InputError(name.starts_with(set_mark) ? name : fmt::format("{}:{}", name, line),
+                       fmt::format("keys or brackets nested more than {} deep", depth_max));
+    }
+  }
+}
+
+/// Removes what an override replaces: keys of the former `type`, other starts, the other choice of a step.
+/// Returns whether the override replaces the whole table.
+bool make_room(const std::string& name, toml::table& into, const toml::table& from) {
+  const auto type = from["type"].value<std::string>(), former = into["type"].value<std::string>();
+  if (type && former && *type != *former) {
+    if (from.is_inline()) return true;
+    drop(into, [&](const std::string& key) { return !is_key(name + "." + key); });
+  }
+  if (name == "simulation") {
+    const bool fixed = from.contains("integrator") || from.contains("step");
+    if (fixed) drop(into, [](const std::string& key) { return key == "accuracy"; });
+    if (from.contains("accuracy"))
+      drop(into, [](const std::string& key) { return key == "integrator" || key == "step"; });
+  }
+  if (name != "initial") return false;
+  constexpr std::pair<std::string_view, std::string_view> ways[] = {
+      {"at", ""}, {"position", "velocity"}, {"joints", "joint_rates"}};
+  for (const auto& given : ways) {
+    if (!from.contains(given.first)) continue;
+    drop(into, [&](const std::string& key) {
+      return std::ranges::any_of(
+          ways, [&](const auto& w) { return w.first != given.first && (key == w.first || key == w.second); });
+    });
+  }
+  return false;
+}
+
+void merge(toml::table& into, toml::table&& from, const std::string& above = "") {
+  for (auto&& [k, node] : from) {
+    const std::string key(k.str()), name = above.empty() ? key : above + "." + key;
+    toml::table* existing = into.contains(key) ? into[key].as_table() : nullptr;
+    if (existing != nullptr && node.is_table() && !make_room(name, *existing, *node.as_table())) {
+      merge(*existing, std::move(*node.as_table()), name);
+    } else {
+      node.visit([&](auto& value) { into.insert_or_assign(key, std::move(value)); });
+    }
+  }
+}
+
+/// Every --set below a node, once each.
+void collect_sets(const toml::node& node, std::vector<std::string>& out) {
+  if (from_set(node)) {
+    if (std::ranges::find(out, *node.source().path) == out.end()) out.push_back(*node.source().path);
+    return;
+  }
+  if (const toml::table* t = node.as_table()) {
+    for (auto&& [key, child] : *t) collect_sets(child, out);
+  } else if (const toml::array* a = node.as_array()) {
+    for (const toml::node& child : *a) collect_sets(child, out);
+  }
+}
+
+toml::table parse_override(const std::string& set) {
+  const std::size_t equals = set.find('=');
+  const std::string label = std::string(set_mark) + one_line(set);
+  if (equals == std::string::npos || equals == 0)
+    throw InputError("", label + ": section.key=value is needed");
+  require_shallow(set, label);
+  try {
+    return toml::parse(set, label);
+  } catch (const toml::parse_error&) {
+    // A bare word is taken for a string: --set control.law=smc
+    constexpr const char* bare = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789._/+-";
+    const std::string word = set.substr(equals + 1);
+    if (word.empty() || word.find_first_not_of(bare) != std::string::npos) {
+      throw InputError("", label + ": neither a TOML value nor a bare word (letters, digits, . _ / + -)");
+    }
+    try {
+      return toml::parse(set.substr(0, equals + 1) + "\"" + word + "\"", label);
+    } catch (const toml::parse_error&) {
+      throw InputError("", label + ": section.key=value is needed");
+    }
+  }
+}
 
 template <class Value>
 std::string as_library_prints(const Value& value) {
@@ -17,9 +178,10 @@ std::string as_library_prints(const Value& value) {
 
 std::string key_text(const toml::key& key) {
   const std::string text(key.str());
-  const bool bare = !text.empty() && text.find_first_not_of(
-                                         "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ"
-                                         "0123456789_-") == std::string::npos;
+  const bool bare =
+      !text.empty() &&
+      text.find_first_not_of("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-") ==
+          std::string::npos;
   return bare ? text : as_library_prints(toml::value<std::string>(text));
 }
 
@@ -78,6 +240,53 @@ void write(std::string& out, const toml::table& table, const std::string& path) 
 }
 
 }  // namespace
+
+std::string read_text_file(const std::string& file, const std::string& what) {
+  if (std::filesystem::is_directory(file))
+    throw InputError("", fmt::format("{}: is a directory, a {} is needed", file, what));
+  if (!std::filesystem::is_regular_file(file))
+    throw InputError("", fmt::format("{}: no such {}", file, what));
+  std::ifstream in(file, std::ios::binary);
+  std::string text(text_max + 1, '\0');
+  in.read(text.data(), static_cast<std::streamsize>(text.size()));
+  if (in.bad() || !in.is_open()) throw InputError("", file + ": cannot be read");
+  if (in.gcount() > static_cast<std::streamsize>(text_max))
+    throw InputError("", fmt::format("{}: more than {} bytes, no scene is that long", file, text_max));
+  text.resize(static_cast<std::size_t>(in.gcount()));
+  return text;
+}
+
+toml::table parse_scene_file(const std::string& file, const std::vector<std::string>& sets) {
+  return parse_scene_text(read_text_file(file, "scene file"), file, sets);
+}
+
+toml::table parse_scene_text(const std::string& text, const std::string& name,
+                             const std::vector<std::string>& sets) {
+  require_shallow(text, name);
+  try {
+    toml::table root = toml::parse(text, name);
+    for (const std::string& set : sets) merge(root, parse_override(set));
+    return root;
+  } catch (const toml::parse_error& e) {
+    throw InputError(fmt::format("{}:{}", name, e.source().begin.line),
+                     "not valid TOML: " + one_line(e.description()));
+  }
+}
+
+std::string place(const toml::node& node, const std::string& file) {
+  const auto& source = node.source();
+  if (from_set(node)) return *source.path;
+  return fmt::format("{}:{}", file, source.begin.line > 0 ? source.begin.line : 1);
+}
+
+std::string with_sets(const std::string& where, const std::vector<const toml::node*>& nodes) {
+  std::vector<std::string> sets;
+  for (const toml::node* node : nodes) {
+    if (node != nullptr) collect_sets(*node, sets);
+  }
+  std::erase(sets, where);
+  return sets.empty() ? where : where + " with " + fmt::format("{}", fmt::join(sets, ", "));
+}
 
 std::string toml_text(const toml::table& root) {
   std::string out;

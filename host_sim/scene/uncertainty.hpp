@@ -1,5 +1,5 @@
 #pragma once
-/// What a scene says of its mechanism that nobody knows exactly: [uncertainty]. Plain values.
+/// [uncertainty]: intervals of the mechanism's parameters. Plain values.
 
 #include <array>
 #include <optional>
@@ -12,8 +12,8 @@ struct Interval {
   friend bool operator==(const Interval&, const Interval&) = default;
 };
 
-/// The truth lies in these intervals around what the controller believes ([mechanism] times [control.model]).
-/// The same of both legs, but for friction.
+/// Intervals of the truth around the controller's belief ([mechanism] times [control.model]), equal for both
+/// legs but for friction.
 struct UncertaintyScene {
   Interval m1{1, 1}, m2{1, 1}, J1{1, 1}, J2{1, 1};  ///< truth / belief
   Interval lg1, lg2;                                ///< truth - belief, m
@@ -21,8 +21,7 @@ struct UncertaintyScene {
   Interval payload;  ///< point mass at the effector beyond the believed one, kg
   /// Of the four joints (RR: the first two), N m s/rad and N m; unset: as the controller believes.
   std::optional<std::array<Interval, 4>> viscous, coulomb;
-  /// Half widths of lengths, as shares of the believed ones: for simulated plants only, no gain answers for
-  /// them.
+  /// Half widths of lengths, as shares of the believed ones, for simulated plants only: no gain covers them.
   double l1 = 0.0, l2 = 0.0, half_base = 0.0;
 
   std::optional<double>

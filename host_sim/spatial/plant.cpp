@@ -27,7 +27,7 @@ V3d down(double gravity) { return V3d(0, 0, -gravity); }
 
 }  // namespace
 
-/// Where the two bodies of a leg are and how they move, in N. Both have the same axes and angular velocity.
+/// Pose and motion of the two bodies of a leg, in N. Both have the same axes and angular velocity.
 struct SpatialPlant::Leg {
   V3d base, joint;    ///< ends of the leg, m
   V3d arm;            ///< from the mass centre of the platform to the joint, m
@@ -73,6 +73,53 @@ SpatialPlant::Leg SpatialPlant::leg(const SpatialState& s, int j) const {
   return l;
 }
 
+/// The end of a leg at the platform, whose force on it is f: its acceleration is column 0 + columns 1 to 3
+/// times f. `force`: of the motor, N.
+Mat<double, 3, 4> SpatialPlant::end_acceleration(const Leg& l, double force) const {
+  const V3d e1 = l.frame.col(0), e2 = l.frame.col(1), n = l.frame.col(2), w = l.omega;
+  const V3d to_base = l.base - l.cylinder, to_joint = l.joint - l.rod, between = l.rod - l.cylinder;
+  const V3d relative = l.rod_rate - l.cylinder_rate;
+  const auto inertia = [&](const StrutParams<double>& p) -> M3d {
+    return l.frame * V3d(p.transverse, p.transverse, p.axial).asDiagonal() * l.frame.transpose();
+  };
+  const M3d Ic = inertia(p_.cylinder), Ir = inertia(p_.rod);
+  // Unknowns: cylinder a, alpha; rod a, alpha; multipliers. Rows 12 on: joints, J x = gamma.
+  Mat<double, 9, 12> J = Mat<double, 9, 12>::Zero();
+  Vec<double, 9> gamma;
+  J.block<3, 3>(0, 0) = M3d::Identity();  // the cylinder's point at the base stays
+  J.block<3, 3>(0, 3) = -tilde(to_base);
+  gamma.head<3>() = -w.cross(w.cross(to_base));
+  J.block<1, 3>(3, 3) = e2.cross(l.first).transpose();  // first . (alpha x e2)
+  gamma[3] = -l.first.dot(w.cross(w.cross(e2)));
+  J.block<3, 3>(4, 3) = M3d::Identity();  // no turning in the slide
+  J.block<3, 3>(4, 9) = -M3d::Identity();
+  gamma.segment<3>(4).setZero();
+  for (int k = 0; k < 2; ++k) {  // no shift across it
+    const V3d e = k == 0 ? e1 : e2;
+    J.block<1, 3>(7 + k, 0) = -e.transpose();
+    J.block<1, 3>(7 + k, 6) = e.transpose();
+    J.block<1, 3>(7 + k, 3) = e.cross(between).transpose();
+    gamma[7 + k] = -2.0 * w.cross(e).dot(relative) - w.cross(w.cross(e)).dot(between);
+  }
+  Mat<double, 21, 21> K = Mat<double, 21, 21>::Zero();
+  K.block<3, 3>(0, 0) = p_.cylinder.mass * M3d::Identity();
+  K.block<3, 3>(3, 3) = Ic;
+  K.block<3, 3>(6, 6) = p_.rod.mass * M3d::Identity();
+  K.block<3, 3>(9, 9) = Ir;
+  K.block<12, 9>(0, 12) = J.transpose();
+  K.block<9, 12>(12, 0) = J;
+  Mat<double, 21, 4> right = Mat<double, 21, 4>::Zero();
+  const V3d drive = (force - p_.rod.viscous * l.length_rate) * n;
+  right.col(0) << p_.cylinder.mass * down(gravity_) - drive, -w.cross(Ic * w),
+      p_.rod.mass * down(gravity_) + drive, -w.cross(Ir * w), gamma;
+  right.block<3, 3>(6, 1) = M3d::Identity();
+  right.block<3, 3>(9, 1) = tilde(to_joint);
+  const Mat<double, 21, 4> x = K.partialPivLu().solve(right);
+  Mat<double, 3, 4> end = x.middleRows<3>(6) - tilde(to_joint) * x.middleRows<3>(9);
+  end.col(0) += w.cross(w.cross(to_joint));
+  return end;
+}
+
 SpatialPlant::Acceleration SpatialPlant::acceleration(const SpatialState& s, const Input& u) const {
   const M3d R = axes(s.attitude), I = R * body_.inertia.asDiagonal() * R.transpose();
   const V3d spin = s.turning.cross(I * s.turning);
@@ -80,7 +127,7 @@ SpatialPlant::Acceleration SpatialPlant::acceleration(const SpatialState& s, con
     const V3d force(u[0], u[1], u[2]), moment = R * V3d(u[3], u[4], u[5]);
     return {force / body_.mass + down(gravity_), I.inverse() * (moment - spin)};
   }
-  // Of the platform: a, alpha; of each leg: the force of the platform on it.
+  // Unknowns: a and alpha of the platform, and its force on each leg.
   Mat<double, 24, 24> A = Mat<double, 24, 24>::Zero();
   Vec<double, 24> b = Vec<double, 24>::Zero();
   A.topLeftCorner<3, 3>() = body_.mass * M3d::Identity();
@@ -89,53 +136,13 @@ SpatialPlant::Acceleration SpatialPlant::acceleration(const SpatialState& s, con
   b.segment<3>(3) = -spin;
   for (int j = 0; j < 6; ++j) {
     const Leg l = leg(s, j);
-    const V3d e1 = l.frame.col(0), e2 = l.frame.col(1), n = l.frame.col(2), w = l.omega;
-    const V3d to_base = l.base - l.cylinder, to_joint = l.joint - l.rod, between = l.rod - l.cylinder;
-    const V3d relative = l.rod_rate - l.cylinder_rate;
-    const auto inertia = [&](const StrutParams<double>& p) -> M3d {
-      return l.frame * V3d(p.transverse, p.transverse, p.axial).asDiagonal() * l.frame.transpose();
-    };
-    const M3d Ic = inertia(p_.cylinder), Ir = inertia(p_.rod);
-    // Unknowns: cylinder a, alpha; rod a, alpha; multipliers. Rows 12 on: joints, J x = gamma.
-    Mat<double, 9, 12> J = Mat<double, 9, 12>::Zero();
-    Vec<double, 9> gamma;
-    J.block<3, 3>(0, 0) = M3d::Identity();  // the cylinder's point at the base stays
-    J.block<3, 3>(0, 3) = -tilde(to_base);
-    gamma.head<3>() = -w.cross(w.cross(to_base));
-    J.block<1, 3>(3, 3) = e2.cross(l.first).transpose();  // first . (alpha x e2)
-    gamma[3] = -l.first.dot(w.cross(w.cross(e2)));
-    J.block<3, 3>(4, 3) = M3d::Identity();  // no turning in the slide
-    J.block<3, 3>(4, 9) = -M3d::Identity();
-    gamma.segment<3>(4).setZero();
-    for (int k = 0; k < 2; ++k) {  // no shift across it
-      const V3d e = k == 0 ? e1 : e2;
-      J.block<1, 3>(7 + k, 0) = -e.transpose();
-      J.block<1, 3>(7 + k, 6) = e.transpose();
-      J.block<1, 3>(7 + k, 3) = e.cross(between).transpose();
-      gamma[7 + k] = -2.0 * w.cross(e).dot(relative) - w.cross(w.cross(e)).dot(between);
-    }
-    Mat<double, 21, 21> K = Mat<double, 21, 21>::Zero();
-    K.block<3, 3>(0, 0) = p_.cylinder.mass * M3d::Identity();
-    K.block<3, 3>(3, 3) = Ic;
-    K.block<3, 3>(6, 6) = p_.rod.mass * M3d::Identity();
-    K.block<3, 3>(9, 9) = Ir;
-    K.block<12, 9>(0, 12) = J.transpose();
-    K.block<9, 12>(12, 0) = J;
-    Mat<double, 21, 4> right = Mat<double, 21, 4>::Zero();
-    const V3d drive = (u[static_cast<std::size_t>(j)] - p_.rod.viscous * l.length_rate) * n;
-    right.col(0) << p_.cylinder.mass * down(gravity_) - drive, -w.cross(Ic * w),
-        p_.rod.mass * down(gravity_) + drive, -w.cross(Ir * w), gamma;
-    right.block<3, 3>(6, 1) = M3d::Identity();
-    right.block<3, 3>(9, 1) = tilde(to_joint);
-    const Mat<double, 21, 4> x = K.partialPivLu().solve(right);
-    Mat<double, 3, 4> tip = x.middleRows<3>(6) - tilde(to_joint) * x.middleRows<3>(9);
-    tip.col(0) += w.cross(w.cross(to_joint));
-    // a + alpha x arm + omega x (omega x arm) = tip
+    const Mat<double, 3, 4> end = end_acceleration(l, u[static_cast<std::size_t>(j)]);
+    // a + alpha x arm + omega x (omega x arm) = end
     const int at = 6 + 3 * j;
     A.block<3, 3>(at, 0) = M3d::Identity();
     A.block<3, 3>(at, 3) = -tilde(l.arm);
-    A.block<3, 3>(at, at) = -tip.rightCols<3>();
-    b.segment<3>(at) = tip.col(0) - s.turning.cross(s.turning.cross(l.arm));
+    A.block<3, 3>(at, at) = -end.rightCols<3>();
+    b.segment<3>(at) = end.col(0) - s.turning.cross(s.turning.cross(l.arm));
     A.block<3, 3>(0, at) = M3d::Identity();
     A.block<3, 3>(3, at) = tilde(l.arm);
   }

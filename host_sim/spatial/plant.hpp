@@ -1,12 +1,9 @@
 #pragma once
 /// The true mechanism in space: a free rigid body, or a platform on six legs (universal joint, slide,
-/// spherical joint).
-///
-/// Nothing of the controller's model is in here. Every body is described for itself, by the acceleration of
-/// its mass centre and its angular acceleration, both in N; Newton's and Euler's equations, and one
-/// multiplier for each equation of a joint: nine inside a leg, three at the platform. Positions and
-/// velocities of legs follow from the platform, so that closure does not drift; the quaternion is scaled back
-/// to norm 1 after every step.
+/// spherical joint). It shares nothing with the controller's model. The unknowns are the accelerations of the
+/// mass centre of every body and the angular ones, both in N, and one multiplier per joint equation, nine in
+/// a leg and three at the platform; the equations are Newton's and Euler's. Positions and velocities of legs
+/// follow from the platform, so that closure does not drift; the quaternion is normalised after every step.
 
 #include <array>
 
@@ -16,7 +13,7 @@ namespace esmc::host {
 
 using V3d = Vec<double, 3>;
 
-/// What the plant integrates.
+/// State of the plant.
 struct SpatialState {
   V3d position = V3d::Zero();           ///< mass centre, m
   Vec<double, 4> attitude{1, 0, 0, 0};  ///< w, x, y, z; from the frame of the body to N
@@ -43,18 +40,19 @@ class SpatialPlant {
 
   [[nodiscard]] Acceleration acceleration(const SpatialState& s, const Input& u) const;
   [[nodiscard]] SpatialEnergy energy(const SpatialState& s) const;
-  /// Power of the input less what friction takes, W.
+  /// Power of the input less that of friction, W.
   [[nodiscard]] double power(const SpatialState& s, const Input& u) const;
   /// Angular momentum about the mass centre, of a free body, in N.
   [[nodiscard]] V3d angular_momentum(const SpatialState& s) const;
 
-  /// RK4 over one step of h seconds with the input held; `work` gains what the input did, J. How far the norm
-  /// of the quaternion was from 1 before it was scaled back.
+  /// RK4 over one step of h seconds with the input held; `work` grows by the work of the input, J. Returns
+  /// the distance of the quaternion's norm from 1 before it is normalised.
   double step(SpatialState& s, const Input& u, double h, double& work) const;
 
  private:
   struct Leg;  ///< of one moment
   [[nodiscard]] Leg leg(const SpatialState& s, int j) const;
+  [[nodiscard]] Mat<double, 3, 4> end_acceleration(const Leg& l, double force) const;
   [[nodiscard]] V3d slide_axis_of_home(int j) const;
 
   RigidBodyParams<double> body_;

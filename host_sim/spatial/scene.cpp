@@ -5,7 +5,6 @@
 #include <cmath>
 
 #include "host_sim/scene/reader.hpp"
-#include "host_sim/scene/toml_text.hpp"
 
 namespace esmc::host {
 namespace {
@@ -52,7 +51,8 @@ void read_platform(Section s, SpatialScene& scene) {
   const double base = s.number("base_radius"), base_spread = s.number("base_spread"),
                radius = s.number("radius"), spread = s.number("spread"), height = s.number("joint_height");
   for (int j = 0; j < 6; ++j) {
-    const double pair = j / 2 * 2.0943951023931953, side = j % 2 == 0 ? -1.0 : 1.0;
+    const int of_pair = j / 2;
+    const double pair = of_pair * 2.0943951023931953, side = j % 2 == 0 ? -1.0 : 1.0;
     const double low = pair + side * base_spread, high = pair + side * spread;
     p.base[j] = {base * std::cos(low), base * std::sin(low), 0.0};
     p.joint[j] = {radius * std::cos(high), radius * std::sin(high), height};
@@ -69,13 +69,9 @@ void read_platform(Section s, SpatialScene& scene) {
 }
 
 void read_control(Section s, SpatialScene& scene) {
-  scene.law_name = s.text("law");
-  scene.law = scene.law_name == "esmc"             ? SpatialLawName::esmc
-              : scene.law_name == "esmc_projected" ? SpatialLawName::esmc_projected
-              : scene.law_name == "smc_euler"      ? SpatialLawName::smc_euler
-                                                   : SpatialLawName::none;
+  scene.law = s.choice<SpatialLawName>("law");
   scene.rate_hz = s.number("rate_hz");
-  scene.reaching = s.text("reaching");
+  scene.reaching = s.choice<ReachingChoice>("reaching");
   scene.layer = s.per_kind("layer");
   scene.hysteresis = s.number("hysteresis");
   if (const auto m = s.section("model")) {
@@ -83,7 +79,7 @@ void read_control(Section s, SpatialScene& scene) {
     scene.model = {model.number("mass"), model.number("inertia"), model.number("legs")};
     model.finish();
   }
-  if (scene.law == SpatialLawName::none) {  // the keys it has no use for may stand there all the same
+  if (scene.law == SpatialLawName::none) {  // keys of the other laws are allowed and have no effect
     for (const char* key : {"lambda", "gain"})
       if (s.has(key)) (void)s.per_kind(key);
     (void)s.optional_number("force_limit");
@@ -104,27 +100,22 @@ void read_control(Section s, SpatialScene& scene) {
 
 void read_reference(Section s, SpatialScene& scene) {
   auto& r = scene.reference;
-  const std::string type = s.text("type");
+  using Type = SpatialReferenceName;
+  r.type = s.choice<Type>("type");
   r.position = vector(s, "position");
   r.rotation = vector(s, "rotation");
-  if (type == "hold") return s.finish();
-  s.use_schema("reference[" + type + "]");
+  if (r.type == Type::hold) return s.finish();
+  s.use_schema(fmt::format("reference[{}]", name(r.type)));
   r.axis = unit(s, "axis");
-  if (type == "turn") {
-    r.type = SpatialReferenceName::turn;
-    r.duration = s.number("duration");
-  } else if (type == "sway") {
-    r.type = SpatialReferenceName::sway;
-    r.frequency = s.number("frequency");
-  } else {
-    r.type = type == "spin" ? SpatialReferenceName::spin : SpatialReferenceName::tumble;
-    r.rate = s.number("rate");
-  }
-  if (type == "turn" || type == "sway") {
+  if (r.type == Type::turn) r.duration = s.number("duration");
+  if (r.type == Type::sway) r.frequency = s.number("frequency");
+  if (r.type == Type::turn || r.type == Type::sway) {
     r.angle = s.number("angle");
     r.shift = vector(s, "shift");
+  } else {
+    r.rate = s.number("rate");
   }
-  if (type == "tumble") {
+  if (r.type == Type::tumble) {
     r.second_axis = unit(s, "second_axis");
     r.second_rate = s.number("second_rate");
   }
@@ -150,16 +141,11 @@ SpatialScene read_spatial_scene(const std::string& file, const std::vector<std::
   }
   read_control(root.required_section("control"), scene);
   read_reference(root.required_section("reference"), scene);
-  static const toml::table empty;
-  const auto or_empty = [&](const char* key) {
-    const auto s = root.section(key);
-    return s ? *s : Section(empty, file, key, key, spatial_keys());
-  };
-  Section initial = or_empty("initial");
+  Section initial = root.section_or_empty("initial");
   scene.initial = {vector(initial, "position"), vector(initial, "rotation"), vector(initial, "velocity"),
                    vector(initial, "turning")};
   initial.finish();
-  Section m = or_empty("measurement");
+  Section m = root.section_or_empty("measurement");
   scene.measurement = {m.number("position_noise"), m.number("attitude_noise"), m.number("rate_noise"),
                        m.boolean("alternate_sign")};
   m.finish();

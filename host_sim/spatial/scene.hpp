@@ -1,5 +1,5 @@
 #pragma once
-/// What a scene of `esmc spatial` says.
+/// A scene of `esmc spatial`.
 
 #include <array>
 #include <optional>
@@ -7,11 +7,9 @@
 #include <vector>
 
 #include "firmware/mechanism/spatial_params.hpp"
+#include "host_sim/scene/names.hpp"
 
 namespace esmc::host {
-
-enum class SpatialLawName { esmc, esmc_projected, smc_euler, none };
-enum class SpatialReferenceName { hold, turn, spin, tumble, sway };
 
 struct SpatialScene {
   std::string name, toml;  ///< toml: as run, with every --set
@@ -20,8 +18,8 @@ struct SpatialScene {
   double gravity = 0.0;
 
   SpatialLawName law = SpatialLawName::esmc;
-  std::string law_name, reaching;
-  std::array<double, 2> lambda{}, gain{}, layer{};  ///< of positions, of angles
+  ReachingChoice reaching = ReachingChoice::implicit;  ///< one of the first four
+  std::array<double, 2> lambda{}, gain{}, layer{};     ///< of positions, of angles
   double rate_hz = 1000.0, hysteresis = 0.1, force_limit = 0.0, moment_limit = 0.0;
   struct Model {
     double mass = 1.0, inertia = 1.0, legs = 1.0;

@@ -1,5 +1,5 @@
 #pragma once
-/// What the controller in space is told, from a scene.
+/// From a scene of `esmc spatial` to the configuration of its controller.
 
 #include <algorithm>
 #include <cmath>
@@ -28,23 +28,8 @@ template <class S>
 SpatialReference<S> make_spatial_reference(const SpatialScene& s) {
   const auto& r = s.reference;
   SpatialReference<S> out;
-  switch (r.type) {
-    case SpatialReferenceName::hold:
-      out.kind = SpatialReferenceKind::hold;
-      break;
-    case SpatialReferenceName::turn:
-      out.kind = SpatialReferenceKind::turn;
-      break;
-    case SpatialReferenceName::spin:
-      out.kind = SpatialReferenceKind::spin;
-      break;
-    case SpatialReferenceName::tumble:
-      out.kind = SpatialReferenceKind::tumble;
-      break;
-    case SpatialReferenceName::sway:
-      out.kind = SpatialReferenceKind::sway;
-      break;
-  }
+  static_assert(static_cast<int>(SpatialReferenceName::sway) == static_cast<int>(SpatialReferenceKind::sway));
+  out.kind = static_cast<SpatialReferenceKind>(r.type);
   const Quaternion<double> start = exponential(r.rotation);
   const double rate = r.type == SpatialReferenceName::sway ? 6.283185307179586477 * r.frequency : r.rate;
   out.position = spatial_start(s).cast<S>();
@@ -61,7 +46,7 @@ SpatialReference<S> make_spatial_reference(const SpatialScene& s) {
   return out;
 }
 
-/// The mechanism as the controller believes it to be.
+/// The believed mechanism.
 template <class S>
 RigidBodyParams<S> believed(const RigidBodyParams<double>& p, const SpatialScene::Model& m) {
   return {S(p.mass * m.mass), (p.inertia * m.inertia).cast<S>()};
@@ -95,13 +80,10 @@ SpatialConfig<M> make_spatial_config(const SpatialScene& s) {
   using S = typename M::Scalar;
   SpatialConfig<M> c;
   believed_mechanism(s, c.mechanism);
-  c.law = s.law == SpatialLawName::esmc_projected ? SpatialLaw::esmc_projected
-          : s.law == SpatialLawName::smc_euler    ? SpatialLaw::smc_euler
-                                                  : SpatialLaw::esmc;
-  c.reaching = s.reaching == "sign"         ? Reaching::sign
-               : s.reaching == "saturation" ? Reaching::saturation
-               : s.reaching == "tanh"       ? Reaching::tanh
-                                            : Reaching::implicit;
+  static_assert(static_cast<int>(SpatialLawName::smc_euler) == static_cast<int>(SpatialLaw::smc_euler) &&
+                static_cast<int>(ReachingChoice::implicit) == static_cast<int>(Reaching::implicit));
+  if (s.law != SpatialLawName::none) c.law = static_cast<SpatialLaw>(s.law);
+  c.reaching = static_cast<Reaching>(s.reaching);
   const auto kind = [&](std::size_t i) {
     const bool implicit = c.reaching == Reaching::implicit;
     return typename SpatialGains<S>::Kind{

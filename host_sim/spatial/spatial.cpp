@@ -12,9 +12,7 @@
 #include "host_sim/effects/random.hpp"
 #include "host_sim/error.hpp"
 #include "host_sim/loop/progress.hpp"
-#include "host_sim/record/log.hpp"
-#include "host_sim/record/output.hpp"
-#include "host_sim/record/summary.hpp"
+#include "host_sim/record/finish.hpp"
 #include "host_sim/spatial/plant.hpp"
 #include "host_sim/spatial/setup.hpp"
 
@@ -29,7 +27,7 @@ constexpr double degrees = 57.295779513082320877;
 
 Q attitude_of(const SpatialState& s) { return {s.attitude[0], s.attitude.tail<3>()}; }
 
-/// What the summary needs of a run.
+/// Figures of a run for its summary.
 struct Account {
   ErrorStatistics angle, distance;  ///< rad, m; settled: the last quarter
   Digest digest;
@@ -57,7 +55,7 @@ class Energy {
   SpatialEnergy start_;
 };
 
-/// Noise and signs between the plant and the controller.
+/// Measurements with noise and alternating signs of the quaternion.
 class Measuring {
  public:
   Measuring(const SpatialScene::Measurement& m, std::uint64_t seed) : m_(m), noise_(seed, 3000) {}
@@ -94,109 +92,118 @@ std::vector<std::string> log_columns() {
   return c;
 }
 
-template <class M>
-Account simulate(const SpatialScene& scene, const RunOptions& o, std::FILE* log_file) {
-  using S = typename M::Scalar;
-  const auto begin = std::chrono::steady_clock::now();
-  const SpatialPlant plant =
-      scene.platform ? SpatialPlant(*scene.platform) : SpatialPlant(scene.body, scene.gravity);
-  const SpatialReference<S> reference = make_spatial_reference<S>(scene);
-  SpatialController<M> controller(make_spatial_config<M>(scene));
-  SpatialState s;
-  s.position = spatial_start(scene) + scene.initial.position;
-  const Q start = exponential(scene.reference.rotation) * exponential(scene.initial.rotation);
-  s.attitude << start.w, start.v;
-  s.attitude.normalize();
-  s.velocity = scene.initial.velocity;
-  s.turning = rotated(attitude_of(s), scene.initial.turning);
-  const V3 momentum = plant.angular_momentum(s);
+/// The state as the digest takes it: position, attitude, velocity, angular velocity.
+std::array<double, 13> listed(const SpatialState& s) {
+  std::array<double, 13> out{};
+  Eigen::Map<Vec<double, 13>>(out.data()) << s.position, s.attitude, s.velocity, s.turning;
+  return out;
+}
 
-  Account a;
-  const Energy energy(plant, s);
-  Measuring measure(scene.measurement, o.seed);
-  const std::uint32_t ticks = spatial_ticks(scene);
-  const double tick = scene.tick();
-  const int steps = std::max(1, static_cast<int>(std::ceil(tick / scene.step - 1e-9)));
-  Log log(log_file, log_columns(), ticks);
-  Progress progress(ticks);
-  Vec<double, 6> before = Vec<double, 6>::Zero();
-  for (std::uint32_t n = 0; n < ticks && !a.interrupted; ++n) {
-    progress.at(n);
-    const double t = n * tick;
-    const SpatialMotion<S> wanted = reference.at(n, S(tick));
+/// A run of `esmc spatial`, tick by tick.
+template <class M>
+class Run {
+ public:
+  Run(const SpatialScene& scene, std::uint64_t seed, std::FILE* log)
+      : scene_(scene),
+        plant_(scene.platform ? SpatialPlant(*scene.platform) : SpatialPlant(scene.body, scene.gravity)),
+        reference_(make_spatial_reference<S>(scene)),
+        controller_(make_spatial_config<M>(scene)),
+        measure_(scene.measurement, seed),
+        ticks_(spatial_ticks(scene)),
+        log_(log, log_columns(), ticks_) {
+    s_.position = spatial_start(scene) + scene.initial.position;
+    const Q start = exponential(scene.reference.rotation) * exponential(scene.initial.rotation);
+    s_.attitude << start.w, start.v;
+    s_.attitude.normalize();
+    s_.velocity = scene.initial.velocity;
+    s_.turning = rotated(attitude_of(s_), scene.initial.turning);
+  }
+
+  Account run() {
+    const auto begin = std::chrono::steady_clock::now();
+    const V3 momentum = plant_.angular_momentum(s_);
+    const Energy energy(plant_, s_);
+    const int steps = std::max(1, static_cast<int>(std::ceil(scene_.tick() / scene_.step - 1e-9)));
+    Progress progress(ticks_);
+    for (std::uint32_t n = 0; n < ticks_ && !a_.interrupted; ++n) {
+      progress.at(n);
+      const Vec<double, 6> u = control(n);
+      if (n % 16 == 0) energy.look(s_, a_);
+      ++a_.ticks;
+      for (int k = 0; k < steps; ++k) {
+        const double drift =
+            plant_.step(s_, {u[0], u[1], u[2], u[3], u[4], u[5]}, scene_.tick() / steps, a_.work);
+        a_.norm_drift = larger(a_.norm_drift, drift);
+      }
+      a_.interrupted = stop_requested();
+    }
+    log_.close();
+    energy.look(s_, a_);
+    const double size = momentum.norm();
+    a_.momentum = size > 0.0 ? (plant_.angular_momentum(s_) - momentum).norm() / size : 0.0;
+    a_.end = s_;
+    a_.wall_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+    return a_;
+  }
+
+ private:
+  using S = typename M::Scalar;
+
+  /// The controller's tick n: its input to the plant, which is accounted for and logged.
+  Vec<double, 6> control(std::uint32_t n) {
+    const double t = n * scene_.tick();
+    const SpatialMotion<S> wanted = reference_.at(n, S(scene_.tick()));
     SpatialResult<S> result;
-    if (scene.law != SpatialLawName::none) result = controller.tick(measure.operator()<S>(s, n), wanted);
-    if (result.fault != SpatialFault::none && a.fault.empty()) {
-      a.fault = name(result.fault);
-      a.fault_t = t;
+    if (scene_.law != SpatialLawName::none)
+      result = controller_.tick(measure_.template operator()<S>(s_, n), wanted);
+    if (result.fault != SpatialFault::none && a_.fault.empty()) {
+      a_.fault = name(result.fault);
+      a_.fault_t = t;
     }
     const Vec<double, 6> u = result.input.template cast<double>();
-    const Q desired{double(wanted.attitude.w), wanted.attitude.v.template cast<double>()}, q = attitude_of(s);
+    account(n, u);
+    if (result.saturated) ++a_.saturated;
+    const auto state = listed(s_);
+    require_finite(state, t);
+    a_.digest.add(state);
+    const Q desired{double(wanted.attitude.w), wanted.attitude.v.template cast<double>()},
+        q = attitude_of(s_);
     const V3 there = wanted.position.template cast<double>();
     const V3 left = logarithm(Q(q.conjugate() * desired));
-    const double angle = std::sqrt(dot(left, left)), distance = (there - s.position).norm();
-    if (a.fault.empty()) {
-      a.angle.add(n >= ticks - ticks / 4, angle);
-      a.distance.add(n >= ticks - ticks / 4, distance);
+    const double angle = std::sqrt(dot(left, left)), distance = (there - s_.position).norm();
+    if (a_.fault.empty()) {
+      a_.angle.add(n >= ticks_ - ticks_ / 4, angle);
+      a_.distance.add(n >= ticks_ - ticks_ / 4, distance);
     }
-    a.force_max = larger(
-        a.force_max, (scene.platform ? u : Vec<double, 6>(u.cwiseProduct(Vec<double, 6>(1, 1, 1, 0, 0, 0))))
-                         .cwiseAbs()
-                         .maxCoeff());
-    a.moment_max = larger(a.moment_max, u.tail<3>().cwiseAbs().maxCoeff());
-    if (n > 0) a.change += (u - before).cwiseAbs().mean();
-    before = u;
-    if (result.saturated) ++a.saturated;
-    const std::array<double, 13> state{s.position[0], s.position[1], s.position[2], s.attitude[0],
-                                       s.attitude[1], s.attitude[2], s.attitude[3], s.velocity[0],
-                                       s.velocity[1], s.velocity[2], s.turning[0],  s.turning[1],
-                                       s.turning[2]};
-    require_finite(state, t);
-    a.digest.add(state);
-    if (log.wanted()) {
-      const V3 turning = rotated(q.conjugate(), s.turning);
-      std::vector<double> row{t,
-                              state[0],
-                              state[1],
-                              state[2],
-                              q.w,
-                              q.v[0],
-                              q.v[1],
-                              q.v[2],
-                              there[0],
-                              there[1],
-                              there[2],
-                              desired.w,
-                              desired.v[0],
-                              desired.v[1],
-                              desired.v[2],
-                              s.velocity[0],
-                              s.velocity[1],
-                              s.velocity[2],
-                              turning[0],
-                              turning[1],
-                              turning[2],
-                              angle * degrees,
-                              distance};
-      for (int i = 0; i < 6; ++i) row.push_back(u[i]);
-      for (int i = 0; i < 6; ++i) row.push_back(double(result.sliding[i]));
-      log.row(row, "");
+    if (log_.wanted()) {
+      Vec<double, 35> row;
+      row << t, s_.position, s_.attitude, there, desired.w, desired.v, s_.velocity,
+          rotated(q.conjugate(), s_.turning), angle * degrees, distance, u,
+          result.sliding.template cast<double>();
+      log_.row({row.data(), row.data() + row.size()}, "");
     }
-    if (n % 16 == 0) energy.look(s, a);
-    ++a.ticks;
-    for (int k = 0; k < steps; ++k)
-      a.norm_drift =
-          larger(a.norm_drift, plant.step(s, {u[0], u[1], u[2], u[3], u[4], u[5]}, tick / steps, a.work));
-    a.interrupted = stop_requested();
+    return u;
   }
-  log.close();
-  energy.look(s, a);
-  const double size = momentum.norm();
-  a.momentum = size > 0.0 ? (plant.angular_momentum(s) - momentum).norm() / size : 0.0;
-  a.end = s;
-  a.wall_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
-  return a;
-}
+
+  void account(std::uint32_t n, const Vec<double, 6>& u) {
+    const double force = scene_.platform ? u.cwiseAbs().maxCoeff() : u.head<3>().cwiseAbs().maxCoeff();
+    a_.force_max = larger(a_.force_max, force);
+    a_.moment_max = larger(a_.moment_max, u.tail<3>().cwiseAbs().maxCoeff());
+    if (n > 0) a_.change += (u - before_).cwiseAbs().mean();
+    before_ = u;
+  }
+
+  const SpatialScene& scene_;
+  SpatialPlant plant_;
+  SpatialReference<S> reference_;
+  SpatialController<M> controller_;
+  Measuring measure_;
+  std::uint32_t ticks_;
+  Log log_;
+  SpatialState s_;
+  Account a_;
+  Vec<double, 6> before_ = Vec<double, 6>::Zero();
+};
 
 template <class V>
 std::vector<double> listed(const V& v) {
@@ -221,8 +228,7 @@ Json tracking_json(const Account& a) {
           {"settled_max_m", settled.second}};
 }
 
-/// Beyond these the plant is not the mechanism: norm of the quaternion per step, energy as a part of what is
-/// exchanged.
+/// Bounds on integration errors: norm of the quaternion per step, energy as a share of the exchanged energy.
 constexpr double norm_drift_most = 1e-6, energy_error_most = 1e-3;
 
 std::vector<std::string> warnings_of(const SpatialScene& s, const Account& a) {
@@ -240,7 +246,7 @@ Json summary_of(const SpatialScene& s, const RunOptions& o, const Account& a) {
   j["scene"] = s.name;
   j["seed"] = o.seed;
   j["mechanism"] = s.platform ? "platform" : "body";
-  j["law"] = s.law_name;
+  j["law"] = name(s.law);
   j["scalar"] = o.single_precision ? "float" : "double";
   j["duration_s"] = s.duration;
   j["simulated_s"] = static_cast<double>(a.ticks) * s.tick();
@@ -307,21 +313,18 @@ std::string text_of(const Json& j) {
 
 int run_spatial(const RunOptions& o) {
   const SpatialScene scene = read_spatial_scene(o.scene, o.sets);
-  OutputDirectory out(o.out);
+  OutputDirectory out = output_of(o);
   out.spare(o.scene);
   std::FILE* const log = out.open("log.csv");
-  const Account a = scene.platform ? (o.single_precision ? simulate<Hexapod<float>>(scene, o, log)
-                                                         : simulate<Hexapod<double>>(scene, o, log))
-                                   : (o.single_precision ? simulate<FreeBody<float>>(scene, o, log)
-                                                         : simulate<FreeBody<double>>(scene, o, log));
+  const auto run = [&]<class Float, class Double>(const Float*, const Double*) {
+    return o.single_precision ? Run<Float>(scene, o.seed, log).run() : Run<Double>(scene, o.seed, log).run();
+  };
+  const Account a =
+      scene.platform ? run(static_cast<Hexapod<float>*>(nullptr), static_cast<Hexapod<double>*>(nullptr))
+                     : run(static_cast<FreeBody<float>*>(nullptr), static_cast<FreeBody<double>*>(nullptr));
   const Json summary = summary_of(scene, o, a);
-  if (out.wanted()) {
-    out.write("scene.toml", scene.toml);
-    out.write("summary.json", summary.dump(2) + "\n");
-    out.commit();
-  }
-  fmt::print("{}{}", o.json ? summary.dump(2) : text_of(summary), o.json ? "\n" : "");
-  return a.fault.empty() ? 0 : 1;
+  out.write("scene.toml", scene.toml);
+  return publish_summary(o, summary, text_of(summary), !a.fault.empty(), out);
 }
 
 }  // namespace esmc::host

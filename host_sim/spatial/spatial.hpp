@@ -1,5 +1,5 @@
 #pragma once
-/// `esmc spatial`: the controller in space against the plant in space.
+/// `esmc spatial`: controller and plant in space.
 
 #include "host_sim/record/run_options.hpp"
 

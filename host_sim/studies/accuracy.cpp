@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cctype>
 #include <cstdio>
 #include <map>
@@ -18,7 +19,6 @@ using Json = nlohmann::ordered_json;
 using Rows = std::vector<std::vector<std::string>>;
 
 std::string text(double v) { return std::isfinite(v) ? fmt::format("{:.3g}", v) : ""; }
-Json json(double v) { return std::isfinite(v) ? Json(v) : Json(nullptr); }
 
 struct Study {
   WorkPrecision work;
@@ -68,24 +68,52 @@ Rows cost_rows(const Study& s) {
   }
   return rows;
 }
-Rows tracking_rows(const Study& s) {
-  Rows rows{
-      {"study", "setting", "settled_max_rad", "settled_rms_m", "mean_abs_delta_nm", "us_per_tick", "fault"}};
+Json tracking_json(const Study& s) {
+  Json out = Json::array();
   for (const TrackingPoint& p : s.tracking) {
-    rows.push_back({p.study, p.setting, text(p.settled_max_rad), text(p.settled_rms_m), text(p.chatter_nm),
-                    text(p.us_per_tick), p.fault});
+    out.push_back({{"study", p.study},
+                   {"setting", p.setting},
+                   {"settled_max_rad", p.settled_max_rad},
+                   {"settled_rms_m", p.settled_rms_m},
+                   {"mean_abs_delta_nm", p.chatter_nm},
+                   {"us_per_tick", p.us_per_tick},
+                   {"fault", p.fault.empty() ? Json(nullptr) : Json(p.fault)}});
   }
-  return rows;
+  return out;
 }
-Rows effect_rows(const Study& s) {
-  Rows rows{{"effect", "parameters", "integrator", "deviation_m", "settled_max_rad", "without_rad",
-             "states_added", "ns_per_step", "ns_without", "fault"}};
+Json effects_json(const Study& s) {
+  Json out = Json::array();
   for (const EffectPoint& p : s.effects) {
-    std::string parameters = p.parameters;  // a comma would split the cell of the CSV
-    for (char& c : parameters) c = c == ',' ? ';' : c;
-    rows.push_back({p.effect, parameters, p.integrator, text(p.deviation_m), text(p.settled_max_rad),
-                    text(p.without_rad), std::to_string(p.states), text(p.ns_per_step), text(p.ns_without),
-                    p.fault});
+    out.push_back({{"effect", p.effect},
+                   {"parameters", p.parameters},
+                   {"integrator", p.integrator},
+                   {"deviation_m", p.deviation_m},
+                   {"settled_max_rad", p.settled_max_rad},
+                   {"without_rad", p.without_rad},
+                   {"states_added", p.states},
+                   {"ns_per_step", p.ns_per_step},
+                   {"ns_without", p.ns_without},
+                   {"fault", p.fault.empty() ? Json(nullptr) : Json(p.fault)}});
+  }
+  return out;
+}
+/// A list of flat objects with the same keys as a table.
+Rows rows_of(const Json& list) {
+  Rows rows;
+  for (const Json& object : list) {
+    if (rows.empty()) rows.emplace_back();
+    const bool first = rows.size() == 1;
+    std::vector<std::string> row;
+    for (const auto& [key, value] : object.items()) {
+      if (first) rows.front().push_back(key);
+      std::string cell = value.is_string()           ? value.get<std::string>()
+                         : value.is_number_integer() ? value.dump()
+                         : value.is_number()         ? text(value.get<double>())
+                                                     : "";
+      if (key == "parameters") std::ranges::replace(cell, ',', ';');  // a comma would split the cell of a CSV
+      row.push_back(std::move(cell));
+    }
+    rows.push_back(std::move(row));
   }
   return rows;
 }
@@ -127,7 +155,7 @@ Json document(const Study& s) {
                                    {"method", p.method},
                                    {"adaptive", p.adaptive},
                                    {"setting", p.setting},
-                                   {"error", json(p.error)},
+                                   {"error", p.error},
                                    {"cpu_ms", p.cpu_ms}});
   }
   j["orders"] = Json::array();
@@ -135,32 +163,11 @@ Json document(const Study& s) {
     j["orders"].push_back({{"problem", o.problem},
                            {"method", o.method},
                            {"order", o.order},
-                           {"measured", json(o.found)},
+                           {"measured", o.found},
                            {"holds", o.holds()}});
   }
-  j["tracking"] = Json::array();
-  for (const TrackingPoint& p : s.tracking) {
-    j["tracking"].push_back({{"study", p.study},
-                             {"setting", p.setting},
-                             {"settled_max_rad", json(p.settled_max_rad)},
-                             {"settled_rms_m", json(p.settled_rms_m)},
-                             {"mean_abs_delta_nm", json(p.chatter_nm)},
-                             {"us_per_tick", p.us_per_tick},
-                             {"fault", p.fault.empty() ? Json(nullptr) : Json(p.fault)}});
-  }
-  j["effects"] = Json::array();
-  for (const EffectPoint& p : s.effects) {
-    j["effects"].push_back({{"effect", p.effect},
-                            {"parameters", p.parameters},
-                            {"integrator", p.integrator},
-                            {"deviation_m", p.deviation_m},
-                            {"settled_max_rad", json(p.settled_max_rad)},
-                            {"without_rad", json(p.without_rad)},
-                            {"states_added", p.states},
-                            {"ns_per_step", p.ns_per_step},
-                            {"ns_without", p.ns_without},
-                            {"fault", p.fault.empty() ? Json(nullptr) : Json(p.fault)}});
-  }
+  j["tracking"] = tracking_json(s);
+  j["effects"] = effects_json(s);
   j["seconds"] = s.seconds;
   return j;
 }
@@ -169,8 +176,8 @@ Json document(const Study& s) {
 std::vector<std::pair<std::string, Rows>> sections(const Study& s) {
   return {{"CPU time in ms to an error, per method", cost_rows(s)},
           {"Measured orders", order_rows(s)},
-          {"Tracking of the comparison scenario", tracking_rows(s)},
-          {"Effects on the comparison scenario", effect_rows(s)}};
+          {"Tracking of the comparison scenario", rows_of(tracking_json(s))},
+          {"Effects on the comparison scenario", rows_of(effects_json(s))}};
 }
 
 StudyVerdict verdict(const Study& s) {
@@ -195,8 +202,8 @@ void write_files(const Study& s, const AccuracyOptions& o, OutputDirectory& out)
   if (!out.wanted()) return;
   out.write("work_precision.csv", csv_table(work_rows(s)));
   out.write("orders.csv", csv_table(order_rows(s)));
-  out.write("tracking.csv", csv_table(tracking_rows(s)));
-  out.write("effects.csv", csv_table(effect_rows(s)));
+  out.write("tracking.csv", csv_table(rows_of(tracking_json(s))));
+  out.write("effects.csv", csv_table(rows_of(effects_json(s))));
   out.write("accuracy.json", document(s).dump(2) + "\n");
   std::string tables, markdown;
   std::vector<std::string> drawings;

@@ -1,5 +1,5 @@
 #pragma once
-/// `esmc accuracy`: what accuracy costs in time, measured anew in every run.
+/// `esmc accuracy`: the cost of accuracy in time, measured in every run.
 
 #include <string>
 #include <vector>
@@ -21,8 +21,7 @@ WorkPrecision integrator_study(double effort);
 
 /// One closed loop of the comparison scenario with one thing changed.
 struct TrackingPoint {
-  std::string study;    ///< what was varied
-  std::string setting;  ///< to what
+  std::string study, setting;  ///< the parameter that varies, and its value
   double settled_max_rad = 0.0, settled_rms_m = 0.0;
   double chatter_nm = 0.0;   ///< mean change of torque per tick
   double us_per_tick = 0.0;  ///< of the whole loop, plant included
@@ -30,7 +29,7 @@ struct TrackingPoint {
 };
 std::vector<TrackingPoint> tracking_study(bool quick);
 
-/// An effect on the comparison scenario: what leaving it out hides, and what having it costs.
+/// An effect on the comparison scenario: the deviation without it, and its cost.
 struct EffectPoint {
   std::string effect, parameters, integrator;
   double deviation_m = 0.0;      ///< largest distance between the effector with it and without

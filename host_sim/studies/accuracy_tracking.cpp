@@ -1,4 +1,4 @@
-/// Closed loops of the comparison scenario: tracking against what the loop is given, and the effects.
+/// Closed loops of the comparison scenario: tracking errors by setting, and effects.
 
 #include <fmt/format.h>
 
@@ -42,9 +42,9 @@ Timed timed(const Scene& scene, bool single_precision, int runs) {
 
 std::string fault_of(const Trace& t) { return t.end.faults.empty() ? "" : t.end.faults.front(); }
 
-class Tracking {
+class TrackingStudy {
  public:
-  explicit Tracking(int runs) : runs_(runs) {}
+  explicit TrackingStudy(int runs) : runs_(runs) {}
   void add(const std::string& study, const std::string& setting, const std::vector<std::string>& sets,
            bool single_precision = false) {
     const Scene scene = comparison(sets);
@@ -63,7 +63,7 @@ class Tracking {
 }  // namespace
 
 std::vector<TrackingPoint> tracking_study(bool quick) {
-  Tracking t(quick ? 1 : 5);
+  TrackingStudy t(quick ? 1 : 5);
   const std::string ctc = "control.law=ctc", fast = "control.lambda=200.0";
   t.add("law", "esmc", {});
   t.add("law", "esmc_projected", {"control.law=esmc_projected"});
@@ -102,13 +102,13 @@ std::vector<TrackingPoint> tracking_study(bool quick) {
 
 namespace {
 
-struct Named {
+struct NamedEffect {
   const char* parameters;  ///< TOML of the effect
   const char* step;        ///< s: short enough for it
 };
 
 /// Parameters of a small laboratory five-bar with cheap gears.
-constexpr Named named[] = {
+constexpr NamedEffect named[] = {
     {"type = \"viscous_friction\", coefficient = [0.01, 0.002]", "5e-4"},
     {"type = \"coulomb_friction\", torque = [0.02, 0.005]", "5e-4"},
     {"type = \"coulomb_friction\", torque = [0.02, 0.005], regularised = 0.01", "5e-4"},
@@ -140,13 +140,13 @@ double ns_per_step(const Scene& scene) {
   auto motion = make_motion<FiveBarWorld>(scene);
   const double begin = thread_cpu_s();
   for (int n = 0; n < ticks; ++n) {
-    // Torques that hold it where it is, more or less: every effect meets an ordinary state.
+    // Torques that nearly hold the mechanism: every effect acts in an ordinary state.
     motion.advance(n * scene.tick(), scene.tick(), substeps, {{0.05, 0.0, 0.05, 0.0}, nullptr});
   }
   return 1e9 * (thread_cpu_s() - begin) / (ticks * substeps);
 }
 
-/// Smallest of some measurements of each, taken in turns, so that a slow moment of the machine meets both.
+/// Least of nine measurements of each, taken in turns, so that a slow moment of the machine affects both.
 std::pair<double, double> paired_ns(const Scene& a, const Scene& b) {
   std::pair<double, double> best{1e300, 1e300};
   for (int k = 0; k < 9; ++k) {
@@ -160,7 +160,7 @@ std::pair<double, double> paired_ns(const Scene& a, const Scene& b) {
 
 std::vector<EffectPoint> effect_study() {
   std::vector<EffectPoint> out;
-  for (const Named& n : named) {
+  for (const NamedEffect& n : named) {
     const std::vector<std::string> with{fmt::format("effects=[{{ {} }}]", n.parameters),
                                         fmt::format("simulation.step={}", n.step)};
     const Trace effect = trace(comparison(with));

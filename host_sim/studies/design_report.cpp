@@ -13,7 +13,6 @@
 #include "host_sim/loop/trace.hpp"
 #include "host_sim/parallel.hpp"
 #include "host_sim/record/recorder.hpp"
-#include "host_sim/scene/read_effects.hpp"
 #include "host_sim/studies/sampled_plant.hpp"
 
 namespace esmc::host {
@@ -21,12 +20,12 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-/// Simulated plants, with lengths as believed or not.
+/// Outcome of simulated plants.
 struct Plants {
   std::uint64_t count = 0, outside_band = 0, stopped = 0;
   double largest = 0.0;  ///< settled error, m or rad
   std::uint64_t worst = 0;
-  std::string fault;  ///< of the first that stopped
+  std::string fault;  ///< of the first one that stopped
 };
 
 Plants simulate(const Scene& scene, std::uint64_t seed, std::uint64_t count, bool lengths, double band) {
@@ -38,7 +37,7 @@ Plants simulate(const Scene& scene, std::uint64_t seed, std::uint64_t count, boo
       try {
         const Trace t = trace(sampled_plant(scene, seed, i, lengths));
         const bool rr = scene.type == MechanismType::rr;
-        error[i] = (rr ? t.statistics.base() : t.statistics.effector()).settled().largest;
+        error[i] = (rr ? t.statistics.sums().base : t.statistics.sums().effector).settled().largest;
         if (!t.end.faults.empty()) fault[i] = t.end.faults.front();
         if (!std::isfinite(error[i])) fault[i] = "diverged";
       } catch (const InputError&) {  // other lengths: the reference may be out of reach
@@ -62,16 +61,6 @@ Plants simulate(const Scene& scene, std::uint64_t seed, std::uint64_t count, boo
   }
   return out;
 }
-
-const char* law_name(LawChoice l) {
-  return l == LawChoice::smc ? "smc" : (l == LawChoice::esmc ? "esmc" : "esmc_projected");
-}
-const char* reaching_name(ReachingChoice r) {
-  constexpr const char* names[] = {"sign", "saturation", "tanh", "implicit"};
-  return names[static_cast<std::size_t>(r)];
-}
-
-std::string joined(const std::vector<std::string>& v) { return fmt::format("{}", fmt::join(v, ", ")); }
 
 template <class World>
 class Report {
@@ -98,10 +87,14 @@ class Report {
 
  private:
   [[nodiscard]] static const char* unit() { return M::has_type2 ? "m" : "rad"; }
+  [[nodiscard]] bool uncertain_lengths() const {
+    const UncertaintyScene& u = *scene_.uncertainty;
+    return u.l1 > 0.0 || u.l2 > 0.0 || u.half_base > 0.0;
+  }
   [[nodiscard]] bool smc() const { return scene_.law == LawChoice::smc; }
   [[nodiscard]] bool held() const { return !exact_ || (exact_->outside_band == 0 && exact_->stopped == 0); }
 
-  /// The scene may be later than the controller was told: as `esmc check` judges it.
+  /// Refused where `esmc check` refuses the layer, with the delays of the scene.
   void sampled_layer() {
     if (!d_.refused.empty() ||
         (scene_.reaching != ReachingChoice::saturation && scene_.reaching != ReachingChoice::tanh))
@@ -120,17 +113,17 @@ class Report {
     warnings_ = d_.warnings;
     for (const std::string& s : outside(scene_))
       warnings_.push_back("the scene's own mechanism is outside: " + s);
-    if (scene_.uncertainty->l1 > 0.0 || scene_.uncertainty->l2 > 0.0 || scene_.uncertainty->half_base > 0.0) {
+    if (uncertain_lengths()) {
       warnings_.emplace_back(
           "lengths: no gain answers for l1, l2, half_base; --simulate shows what their tolerances do");
     }
     if (const auto rest = not_covered(scene_); !rest.empty())
-      warnings_.push_back("the promise knows nothing of: " + joined(rest));
+      warnings_.push_back("the promise knows nothing of: " + fmt::format("{}", fmt::join(rest, ", ")));
     if (scene_.law == LawChoice::esmc && d_.beyond_range > 0.0) {
-      warnings_.push_back(fmt::format(
-          "law esmc: the condition is that of s in the range of C; at the edge of the tube {:.0f} % of s "
-          "is not (r of [F32]); esmc_projected has none",
-          100.0 * d_.beyond_range));
+      warnings_.push_back(
+          fmt::format("law esmc: the condition is that of s in the range of C; at the edge of the tube "
+                      "{:.0f} % of s is not (r of [F32]); esmc_projected has none",
+                      100.0 * d_.beyond_range));
     }
   }
 
@@ -139,11 +132,9 @@ class Report {
     s.robust_gain = true;
     const double band = promised();
     exact_ = simulate(s, o_.run.seed, o_.simulate, false, band);
-    const auto& u = *scene_.uncertainty;
-    if (u.l1 > 0.0 || u.l2 > 0.0 || u.half_base > 0.0)
-      lengths_ = simulate(s, o_.run.seed, o_.simulate, true, band);
+    if (uncertain_lengths()) lengths_ = simulate(s, o_.run.seed, o_.simulate, true, band);
   }
-  /// What a simulated plant is held against; m or rad.
+  /// Bound on the error of a simulated plant, m or rad, and its name.
   [[nodiscard]] const char* judge() const {
     return d_.sampled ? "the band" : (d_.layer ? "the band of the layer in continuous time" : "the tube");
   }
@@ -151,7 +142,7 @@ class Report {
     return d_.sampled ? d_.sampled->error : (d_.layer ? d_.layer->error : d_.tube);
   }
 
-  /// What asks for the gain of a row.
+  /// The condition that the gain of a row follows from.
   [[nodiscard]] std::string dictates(const design::Row<M>& r) const {
     if (r.linear > r.need + r.eta) return "layer";
     return r.eta > r.need ? "reaching_time" : design::name(r.cause);
@@ -179,8 +170,8 @@ class Report {
   [[nodiscard]] Json json() const {
     Json j;
     j["scene"] = scene_.name;
-    j["law"] = law_name(scene_.law);
-    j["reaching"] = reaching_name(scene_.reaching);
+    j["law"] = name(scene_.law);
+    j["reaching"] = name(scene_.reaching);
     j["over"] = scene_.uncertainty->workspace ? "workspace" : "reference";
     j["refused"] = d_.refused.empty() ? Json(nullptr) : Json(d_.refused);
     j["tube"] = {{"error", d_.tube},
@@ -240,9 +231,9 @@ class Report {
     return out + "\n";
   }
   [[nodiscard]] std::string text() const {
-    std::string out = fmt::format("{}: {} law, {} reaching, over {}\n", printable(scene_.name),
-                                  law_name(scene_.law), reaching_name(scene_.reaching),
-                                  scene_.uncertainty->workspace ? "the workspace" : "the reference");
+    std::string out =
+        fmt::format("{}: {} law, {} reaching, over {}\n", printable(scene_.name), name(scene_.law),
+                    name(scene_.reaching), scene_.uncertainty->workspace ? "the workspace" : "the reference");
     if (d_.tube > 0.0)
       out +=
           fmt::format("tube: error up to {} ({})", quantity(d_.tube), d_.tube_given ? "given" : "computed");
@@ -250,22 +241,31 @@ class Report {
       out += fmt::format("; what begins within {} never leaves it", quantity(d_.tube * d_.inside));
     if (d_.tube > 0.0) out += "\n";
     if (!d_.refused.empty()) return out + "refused: " + d_.refused + "\n";
+    out += gains_text() + bands_text() + torque_text();
+    if (exact_) out += plants_text(*exact_, "");
+    if (lengths_) out += plants_text(*lengths_, " with other lengths");
+    for (const std::string& w : warnings_) out += "warning: " + w + "\n";
+    return out;
+  }
+  [[nodiscard]] std::string gains_text() const {
     if (smc()) {
-      out += fmt::format("gain {:.4g} {}/s2; mass matrix wrong by {:.2f} in the maximum norm [F37], {}\n",
+      return fmt::format("gain {:.4g} {}/s2; mass matrix wrong by {:.2f} in the maximum norm [F37], {}\n",
                          d_.k_independent, unit(), d_.mismatch, where(d_.row[0].place));
-    } else {
-      out += fmt::format("{:<6} {:>10} {:>10} {:>10} {:>10}  dictated by\n", "", "gain", "condition",
-                         "reaching", "layer");
-      for (int i = 0; i < M::channels; ++i) {
-        const auto& r = d_.row[static_cast<std::size_t>(i)];
-        if (r.k == 0.0) continue;
-        out += fmt::format("{:<6} {:>10.4g} {:>10.4g} {:>10.4g} {:>10.4g}  {}, {}\n", World::channel_names[i],
-                           r.k, r.need, r.eta, r.linear,
-                           dictates(r) == "reaching_time" ? "reaching time" : dictates(r), where(r.place));
-      }
-      out += "(positions m/s2, angles rad/s2; gain = 1.05 max(condition + reaching, layer))\n";
     }
-    out += fmt::format(
+    std::string out = fmt::format("{:<6} {:>10} {:>10} {:>10} {:>10}  dictated by\n", "", "gain", "condition",
+                                  "reaching", "layer");
+    for (int i = 0; i < M::channels; ++i) {
+      const auto& r = d_.row[static_cast<std::size_t>(i)];
+      if (r.k == 0.0) continue;
+      const std::string cause = dictates(r);
+      out += fmt::format("{:<6} {:>10.4g} {:>10.4g} {:>10.4g} {:>10.4g}  {}, {}\n", World::channel_names[i],
+                         r.k, r.need, r.eta, r.linear, cause == "reaching_time" ? "reaching time" : cause,
+                         where(r.place));
+    }
+    return out + "(positions m/s2, angles rad/s2; gain = 1.05 max(condition + reaching, layer))\n";
+  }
+  [[nodiscard]] std::string bands_text() const {
+    std::string out = fmt::format(
         "reaching, in continuous time: what begins within {} {} on the surface after {:.3g} s{}\n",
         quantity(d_.tube * d_.inside), d_.layer ? "would be" : "is", d_.reaching_time,
         d_.layer ? " without its layer, and comes into the band of [F38] with it" : "");
@@ -274,23 +274,27 @@ class Report {
           fmt::format("cost of the layer [F38]: in continuous time the error stays within {} instead of 0\n",
                       quantity(d_.layer->error));
     }
-    if (d_.sampled) {
-      out += fmt::format(
-          "sampled every {:.3g} ms, up to {:g} tick{} late: the promise is a band, |e| <= {}, |e' + lambda "
-          "e| <= {}/s\n",
-          1e3 * scene_.tick(), problem_.told_ticks, problem_.told_ticks == 1.0 ? "" : "s",
-          quantity(d_.sampled->error), quantity(d_.sampled->sliding));
-      if (d_.ahead > 0.0) {
-        out += fmt::format(
-            "of that {} are what the motion goes on while what is measured is {:g} tick{} late: no gain "
-            "makes that less\n",
-            quantity(d_.ahead), scene_.sensor_lag_ticks, scene_.sensor_lag_ticks == 1.0 ? "" : "s");
-      }
-    } else {
-      out += fmt::format("sampled: no band is promised{}; --simulate judges by {}\n",
+    if (!d_.sampled) {
+      return out +
+             fmt::format("sampled: no band is promised{}; --simulate judges by {}\n",
                          scene_.reaching == ReachingChoice::implicit ? "" : " but for implicit reaching",
                          judge());
     }
+    out += fmt::format(
+        "sampled every {:.3g} ms, up to {:g} tick{} late: the promise is a band, |e| <= {}, |e' + lambda e| "
+        "<= {}/s\n",
+        1e3 * scene_.tick(), problem_.told_ticks, problem_.told_ticks == 1.0 ? "" : "s",
+        quantity(d_.sampled->error), quantity(d_.sampled->sliding));
+    if (d_.ahead > 0.0) {
+      out += fmt::format(
+          "of that {} are what the motion goes on while what is measured is {:g} tick{} late: no gain makes "
+          "that less\n",
+          quantity(d_.ahead), scene_.sensor_lag_ticks, scene_.sensor_lag_ticks == 1.0 ? "" : "s");
+    }
+    return out;
+  }
+  [[nodiscard]] std::string torque_text() const {
+    std::string out;
     for (int m = 0; m < scene_.motors(); ++m) {
       const auto joint = static_cast<std::size_t>(ControllerConfig<M>::joint_of(m, scene_.motors()));
       out += fmt::format(
@@ -298,9 +302,6 @@ class Report {
           "tube, limit {:.3g}\n",
           m + 1, d_.hold[joint], d_.peak[joint], scene_.torque_limit[static_cast<std::size_t>(m)]);
     }
-    if (exact_) out += plants_text(*exact_, "");
-    if (lengths_) out += plants_text(*lengths_, " with other lengths");
-    for (const std::string& w : warnings_) out += "warning: " + w + "\n";
     return out;
   }
 
@@ -320,7 +321,7 @@ int run_design(const DesignOptions& o) {
   Scene scene = read_scene(o.run.scene, sets);
   if (!scene.uncertainty)
     throw InputError("", o.run.scene + ": a design needs the table [uncertainty], which says what against");
-  if (scene.law != LawChoice::esmc && scene.law != LawChoice::esmc_projected && scene.law != LawChoice::smc) {
+  if (!scene.sliding()) {
     throw InputError(
         scene.control_where,
         "this law has no switching gain to design: control.law must be esmc, esmc_projected or smc");
@@ -330,8 +331,7 @@ int run_design(const DesignOptions& o) {
       scene.predictor) {
     throw InputError(scene.control_where,
                      "esmc design promises for the plain laws: control.reaching must be sign, saturation, "
-                     "tanh or implicit, "
-                     "without disturbance_observer and predictor");
+                     "tanh or implicit, without disturbance_observer and predictor");
   }
   if (o.simulate > 0) refuse_bus_effects(scene, "esmc design simulates without a bus");
   scene.seed = o.run.seed;

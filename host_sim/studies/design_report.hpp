@@ -1,5 +1,5 @@
 #pragma once
-/// esmc design SCENE: robust gains from stated uncertainty, and what they promise.
+/// `esmc design`: robust gains from stated uncertainty, and their guarantees.
 
 #include <cstdint>
 
@@ -10,10 +10,11 @@ namespace esmc::host {
 struct DesignOptions {
   RunOptions run;
   bool workspace = false;      ///< as uncertainty.over = "workspace"
-  std::uint64_t simulate = 0;  ///< plants out of the intervals that are simulated
+  std::uint64_t simulate = 0;  ///< number of plants from the intervals to simulate
 };
 
-/// 0: gains are given (and every simulated plant stayed in the band); 1: refused, or one did not.
+/// Exit status 0: gains are printed and every simulated plant stayed in the band; 1: refused, or a plant did
+/// not.
 int run_design(const DesignOptions& o);
 
 }  // namespace esmc::host

@@ -3,97 +3,13 @@
 #include <algorithm>
 
 #include "firmware/control/allocation.hpp"
-#include "firmware/control/law.hpp"
 #include "firmware/mechanism/matrices.hpp"
-#include "host_sim/studies/eval_json.hpp"
+#include "host_sim/studies/eval_input.hpp"
 
 namespace esmc::host {
 namespace {
 
-template <class S>
-LegParams<S> read_leg(const Node& n) {
-  return {n.number<S>("l1"), n.number<S>("l2"), n.number<S>("lg1"),    n.number<S>("lg2"),
-          n.number<S>("m1"), n.number<S>("m2"), n.number<S>("J1"),     n.number<S>("J2"),
-          n.number<S>("c1"), n.number<S>("c2"), n.number<S>("gamma1"), n.number<S>("gamma2")};
-}
-
-Reaching read_switch(const Node& n) {
-  const std::string s = n.text("switch");
-  if (s == "sign") return Reaching::sign;
-  if (s == "sat") return Reaching::saturation;
-  if (s == "tanh") return Reaching::tanh;
-  if (s == "super_twisting" || s == "implicit" || s == "implicit_coupled") {
-    n.at("switch").fail("'esmc.switch' must be sign, sat or tanh: " + s +
-                        " depends on the sample time, and a case has none");
-  }
-  n.at("switch").fail("'esmc.switch' must be sign, sat or tanh");
-}
-
-/// A list of numbers that must be >= 0, or > 0.
-template <class S, int N>
-Vec<S, N> read_bounded(const Node& n, const char* key, bool positive) {
-  const Vec<S, N> v = n.vector<S, N>(key);
-  for (int i = 0; i < N; ++i) {
-    if (positive ? !(v[i] > S(0)) : !(v[i] >= S(0)))
-      n.at(key).fail(std::string("'esmc.") + key + "' must be " + (positive ? "> 0" : ">= 0"));
-  }
-  return v;
-}
-
-template <class M, class S = typename M::Scalar>
-Gains<M> read_gains(const Node& n) {
-  Gains<M> g;
-  g.lambda = read_bounded<S, M::channels>(n, "lambda", false);
-  g.k = read_bounded<S, M::channels>(n, "k", false);
-  g.layer = n.has("eps") ? read_bounded<S, M::channels>(n, "eps", true) : M::Channels::Ones().eval();
-  g.independent.lambda = g.lambda[0];
-  g.independent.k = g.k[0];
-  g.independent.layer = g.layer[0];
-  return g;
-}
-
-template <class S>
-void require_valid(ParamError e, const Node& n) {
-  if (e != ParamError::none) {
-    n.fail(
-        "'params' is not a possible mechanism: lengths > 0, masses and inertias >= 0, gravity >= 0, and "
-        "every bar must resist turning");
-  }
-}
-
-/// The four joint angles and rates of a state must be those of its (x, y) and rates: two mechanisms in one
-/// case have no result. In double, so that single precision reads the same cases.
-void require_consistent(const Node& n, const FiveBarParams<double>& m, const List<int, 2>& working) {
-  constexpr double tolerance = 1e-6;  // of the mechanism's size, and of its speed
-  const Node state = n.at("state");
-  if (!state.has("theta")) return;
-  const Vec<double, 4> theta = state.vector<double, 4>("theta");
-  const bool rates = state.has("thetad");
-  const Vec<double, 4> w = rates ? state.vector<double, 4>("thetad") : Vec<double, 4>::Zero().eval();
-  const Vec2<double> x(state.number<double>("x"), state.number<double>("y"));
-  const Vec2<double> v(state.number<double>("xd"), state.number<double>("yd"));
-  for (unsigned j = 0; j < 2; ++j) {
-    const LegParams<double>& leg = m.legs[j];
-    const double side = j == 0 ? 1.0 : -1.0;  // leg 2 lives in a mirrored frame
-    const double a = theta[2 * j], b = a + theta[2 * j + 1], wa = w[2 * j], wb = wa + w[2 * j + 1];
-    const Vec2<double> tip(side * (m.l0 + leg.l1 * std::cos(a) + leg.l2 * std::cos(b)),
-                           leg.l1 * std::sin(a) + leg.l2 * std::sin(b));
-    const Vec2<double> rate(-side * (leg.l1 * std::sin(a) * wa + leg.l2 * std::sin(b) * wb),
-                            leg.l1 * std::cos(a) * wa + leg.l2 * std::cos(b) * wb);
-    const double size = m.l0 + leg.l1 + leg.l2;
-    const double speed = leg.l1 * std::abs(wa) + leg.l2 * std::abs(wb) + v.norm();
-    const std::string which = " of leg " + std::to_string(j + 1);
-    if (!((tip - x).norm() <= tolerance * size))
-      state.at("theta").fail("'state.theta'" + which + " does not lead to ('state.x', 'state.y')");
-    const double bend = std::sin(theta[2 * j + 1]);
-    if (std::abs(bend) > tolerance && (bend > 0.0) != (working[static_cast<int>(j)] > 0))
-      state.at("theta").fail("'state.theta'" + which + " does not bend as 'mode.sigma' says");
-    if (rates && !((rate - v).norm() <= tolerance * (speed + size)))
-      state.at("thetad").fail("'state.thetad'" + which + " does not lead to ('state.xd', 'state.yd')");
-  }
-}
-
-/// Forward dynamics in whichever independent coordinates are better conditioned here.
+/// Forward dynamics in base joints (`base_form`) or chain coordinates, whichever are better conditioned.
 template <class M, class S = typename M::Scalar>
 typename M::Channels accelerations(const M& m, const typename M::Pose& p, const typename M::Rates& r,
                                    const Vec2<S>& force_chain, const Vec2<S>& force_base, bool base_form) {
@@ -146,7 +62,7 @@ Json law_block(const M& m, const Tracking<M>& t, const Gains<M>& gain, Reaching 
   out["qd_d"] = to_json_array(rate_d);
   out["qdd_d"] =
       to_json_array(m.channel_accelerations(t.desired_pose, t.desired_rates, t.desired_acceleration));
-  out["e"] = to_json_array(m.error(t.desired_pose, t.pose));
+  out["e"] = to_json_array(channel_errors(m, t).e);
   out["edot"] = to_json_array((rate_d - rate).eval());
   out["s"] = to_json_array(d.sliding);
   out["vprime"] = to_json_array(demand(LawKind::esmc, m, gain, reaching, t).acceleration);
@@ -412,7 +328,7 @@ Json evaluate_case(const Node& n, const std::string& id) {
 
 }  // namespace
 
-std::string evaluate(const std::string& text, const std::string& file, ScalarType scalar) {
+std::string evaluate(const std::string& text, const std::string& file, bool single_precision) {
   Json input;
   try {
     input = Json::parse(text);
@@ -437,8 +353,7 @@ std::string evaluate(const std::string& text, const std::string& file, ScalarTyp
     const auto id = c["id"].get<std::string>();
     position = std::min(text.find("\"" + id + "\"", position), text.size());
     const Node n(c, file + ":" + std::to_string(line_of(text, position)) + ": case '" + id + "'", "");
-    out["cases"].push_back(scalar == ScalarType::double_precision ? evaluate_case<double>(n, id)
-                                                                  : evaluate_case<float>(n, id));
+    out["cases"].push_back(single_precision ? evaluate_case<float>(n, id) : evaluate_case<double>(n, id));
   }
   return out.dump(1);
 }

@@ -5,11 +5,8 @@
 
 namespace esmc::host {
 
-enum class ScalarType { double_precision, single_precision };
-
-/// Evaluates every case of a document in the schema of tests/reference/README.md and returns
-/// the text of {"cases": [...]} with the computed blocks under the same names. Throws InputError naming file,
-/// line, case.
-std::string evaluate(const std::string& text, const std::string& file, ScalarType scalar);
+/// Evaluates every case of a document in the schema of tests/reference/README.md and returns the text of
+/// {"cases": [...]} with the computed blocks under the same names. Throws InputError naming file, line, case.
+std::string evaluate(const std::string& text, const std::string& file, bool single_precision);
 
 }  // namespace esmc::host

@@ -9,7 +9,7 @@
 namespace esmc::host {
 namespace {
 
-/// Numbers in intervals, one after the other.
+/// Draws one number after another from intervals.
 class Draw {
  public:
   Draw(std::uint64_t seed, std::uint64_t index) : seed_(seed), index_(index), corner_(index % 2 == 0) {}
@@ -40,11 +40,11 @@ bool within(double v, const Interval& i) {
   return v >= i.lower - slack && v <= i.upper + slack;
 }
 
-/// s; and ticks.
+/// Delays that the controller assumes, s and ticks.
 double told_torque_delay(const Scene& s) { return delay_ticks(s, Pacing::lockstep) * s.tick(); }
 int told_sensor_delay(const Scene& s) { return static_cast<int>(std::floor(s.sensor_lag_ticks)); }
 
-/// Lets the plant have the delays that the controller is told.
+/// Gives the plant the delays that the controller assumes.
 void delay(Scene& s) {
   const auto own = find_effect<ComputeDelay>(s.effects);
   if (const double late = told_torque_delay(s); late > (own ? own->time : 0.0)) {
@@ -66,7 +66,7 @@ Scene sampled_plant(const Scene& scene, std::uint64_t seed, std::uint64_t index,
   const FiveBarParams<double> belief = believed_mechanism(scene);
   Draw draw(seed, index);
   Scene out = scene;
-  out.model = {};  // the belief is given as such, friction included
+  out.model = {};  // `believed` includes the factors and friction
   out.believed = belief;
   FiveBarParams<double>& truth = out.mechanism;
   truth = belief;
@@ -161,8 +161,7 @@ std::vector<std::string> outside(const Scene& scene) {
 
 std::vector<std::string> not_covered(const Scene& scene) {
   std::vector<std::string> out;
-  const bool implicit =
-      scene.reaching == ReachingChoice::implicit;  // the others are promised nothing sampled
+  const bool implicit = scene.reaching == ReachingChoice::implicit;  // only this one has a sampled guarantee
   for (const Effect& e : scene.effects) {
     const std::string type = type_name(e);
     const auto* torque = std::get_if<ComputeDelay>(&e);

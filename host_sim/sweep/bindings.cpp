@@ -1,5 +1,5 @@
-/// Numbers of a Scene that a sweep sets without reading the scene again. For each of them the reader checks
-/// nothing but the range and what CaseScenes::bind checks again: legs that can move, and the start.
+/// Numbers of a Scene that a sweep sets without reading the scene again. The reader checks their range and
+/// what CaseScenes::bind checks again: legs that can move, and the start.
 
 #include <string>
 #include <string_view>

@@ -8,7 +8,6 @@
 #include <optional>
 
 #include "host_sim/error.hpp"
-#include "host_sim/scene/read_effects.hpp"
 #include "host_sim/scene/reader.hpp"
 #include "host_sim/scene/start.hpp"
 

@@ -1,6 +1,5 @@
 #pragma once
-/// From a case of a sweep to the scene that runs: the same scene, with the same checks, as `esmc sim --set`
-/// makes.
+/// From a case of a sweep to its scene, with the checks of `esmc sim --set`.
 
 #include <memory>
 #include <string>
@@ -11,7 +10,7 @@
 
 namespace esmc::host {
 
-/// How a number of a Scene is set without reading the scene again; see sweep_bind.cpp.
+/// How a number of a Scene is set without reading the scene again; see bindings.cpp.
 struct Binding {
   using Set = void (*)(Scene&, double);
   Set set = nullptr;             ///< null: the scene is read again
@@ -21,9 +20,9 @@ struct Binding {
 
 /// Scenes of a specification, one at a time. Not for several threads at once; a copy starts afresh.
 ///
-/// Keys "plant...." change the true mechanism alone, the controller goes on believing what [mechanism] and
-/// control.model say. What is only a number in the Scene is set there; for any other key the scene is read
-/// again, which takes some 100 times as long.
+/// Keys "plant...." change the true mechanism alone; the controller's model stays that of [mechanism] and
+/// control.model. A key that is one number of the Scene is set there; for any other the scene is read again,
+/// which takes some 100 times as long.
 class CaseScenes {
  public:
   /// Reads the scene and tries the ends of every axis. Throws InputError naming the [[vary]] that does not
@@ -39,7 +38,7 @@ class CaseScenes {
   [[nodiscard]] const Scene& nominal() const;
   /// Value of an axis in a case: what cases.csv shows. A factor is shown as such.
   [[nodiscard]] SweepValue value(std::uint64_t index, std::size_t axis) const;
-  /// s, of a case that nothing ends: the mean over all cases, for a sweep may vary simulation.duration, too.
+  /// Mean duration of the cases, s.
   [[nodiscard]] double mean_duration() const;
   /// For tests: every scene is read again.
   void read_always();

@@ -13,7 +13,7 @@
 
 #include "firmware/link/crc.hpp"
 #include "host_sim/error.hpp"
-#include "host_sim/fnv.hpp"
+#include "host_sim/record/digest.hpp"
 
 namespace esmc::host {
 namespace {
@@ -23,19 +23,6 @@ constexpr std::size_t head_size = 32;  // magic, identity, cases, objectives
 
 std::uint32_t crc32(const char* data, std::size_t size) {
   return link::crc32(std::span(reinterpret_cast<const std::uint8_t*>(data), size));
-}
-
-template <class T>
-void put(std::string& out, const T& v) {
-  std::array<char, sizeof(T)> bytes{};
-  std::memcpy(bytes.data(), &v, sizeof(T));
-  out.append(bytes.data(), bytes.size());
-}
-template <class T>
-T get(const char* from) {
-  T v;
-  std::memcpy(&v, from, sizeof(T));
-  return v;
 }
 
 bool write_all(int descriptor, const std::string& bytes) {
@@ -78,7 +65,7 @@ Journal::Journal(const std::string& file, std::uint64_t identity, std::uint64_t 
   struct stat what {};
   if (::fstat(descriptor_, &what) != 0 || !S_ISREG(what.st_mode)) refuse("is not a regular file");
   if (what.st_nlink == 0) refuse("another sweep has just ended here");
-  // What is cut short must be ours: of a head that was torn off, its beginning.
+  // A short head must begin as ours does.
   std::string begin(magic.size(), '\0');
   const ssize_t first = ::pread(descriptor_, begin.data(), begin.size(), 0);
   if (first < 0 ||
@@ -116,10 +103,9 @@ void Journal::read_back() {
   const auto size = static_cast<ssize_t>(record.size());
   for (; ::pread(descriptor_, record.data(), record.size(), at) == size; at += size) {
     const std::size_t checked = record.size() - 4;
-    if (get<std::uint32_t>(record.data() + checked) != crc32(record.data(), checked)) break;
-    Finished f{get<std::uint64_t>(record.data()), get<std::uint32_t>(record.data() + 8),
-               std::vector<double>(objectives_)};
-    for (std::size_t i = 0; i < objectives_; ++i) f.values[i] = get<double>(record.data() + 12 + 8 * i);
+    std::size_t read = 0, crc = checked;
+    if (take<std::uint32_t>(record, crc) != crc32(record.data(), checked)) break;
+    Finished f = take_finished(record, read, objectives_);
     if (f.index >= cases_ || known[f.index]) continue;
     known[f.index] = true;
     found_.push_back(std::move(f));
@@ -132,9 +118,7 @@ void Journal::append(const std::vector<Finished>& cases) {
   bytes.reserve(cases.size() * record_size());
   for (const Finished& f : cases) {
     const std::size_t begin = bytes.size();
-    put(bytes, f.index);
-    put(bytes, f.outcome);
-    for (const double v : f.values) put(bytes, v);
+    put(bytes, f);
     put(bytes, crc32(bytes.data() + begin, bytes.size() - begin));
   }
   if (!write_all(descriptor_, bytes)) {

@@ -1,34 +1,29 @@
 #pragma once
-/// The finished cases of a sweep in a file that only grows, so that a killed sweep goes on where it was.
+/// The finished cases of a sweep in a file that only grows, so that a killed sweep can be continued.
 ///
-/// A head that says whose journal it is, then records of one size, each with a CRC-32 of its own. What a kill
-/// or a full disk has left half-written at the end is cut off when the file is opened again.
+/// A head with the sweep's identity, then records of one size, each with its CRC-32. A record that a kill or
+/// a full disk has cut short is removed when the file is opened again.
 
 #include <cstdint>
 #include <string>
 #include <vector>
 
-namespace esmc::host {
+#include "host_sim/sweep/finished.hpp"
 
-/// What a case came to. `outcome`: see CaseOutcome; `values`: one per objective.
-struct Finished {
-  std::uint64_t index = 0;
-  std::uint32_t outcome = 0;
-  std::vector<double> values;
-};
+namespace esmc::host {
 
 class Journal {
  public:
-  /// Opens or creates FILE and takes hold of it: a second process that tries gets an error. `columns`:
-  /// objectives. `identity`: of everything that decides a result. Throws InputError where the file is another
-  /// sweep's, in use or cannot be written. `restart`: whatever stood there is thrown away first.
+  /// Opens or creates FILE and locks it. `columns`: objectives. `identity`: hash of everything that decides a
+  /// result. `restart`: earlier records are removed. Throws InputError where the file is another sweep's, in
+  /// use or cannot be written.
   Journal(const std::string& file, std::uint64_t identity, std::uint64_t cases, std::size_t columns,
           bool restart = false);
   Journal(const Journal&) = delete;
   Journal& operator=(const Journal&) = delete;
   ~Journal();
 
-  /// What stood there when it was opened; every index once.
+  /// The records at opening; every index once.
   [[nodiscard]] const std::vector<Finished>& found() const { return found_; }
   /// In one piece. Throws RunError where the disk is full; what was written before stays.
   void append(const std::vector<Finished>& cases);

@@ -9,7 +9,6 @@
 #include <nlohmann/json.hpp>
 
 #include "host_sim/error.hpp"
-#include "host_sim/report/histogram_svg.hpp"
 #include "host_sim/report/study_page.hpp"
 #include "host_sim/sweep/pareto.hpp"
 #include "host_sim/sweep/runner.hpp"
@@ -56,7 +55,7 @@ std::string field(const std::string& text) {
 
 std::string number(double v) { return std::isfinite(v) ? fmt::format("{}", v) : std::string(); }
 
-/// What several rows of cases.csv share: number, values of the axes.
+/// Number and values of the axes of a case.
 std::string axes_of(const SweepSpec& spec, const CaseScenes& scenes, std::uint64_t index) {
   std::string out = std::to_string(index);
   for (std::size_t a = 0; a < spec.vary.size(); ++a)
@@ -64,19 +63,18 @@ std::string axes_of(const SweepSpec& spec, const CaseScenes& scenes, std::uint64
   return out;
 }
 
-class TextFile {
- public:
-  explicit TextFile(const std::string& file) : file_(file), out_(file, std::ios::binary) {}
-  void line(const std::string& text) { out_ << text << '\n'; }
-  void close() {
-    out_.close();
-    if (!out_) throw RunError(file_ + " could not be written completely (disk full?)");
-  }
+/// A header, and row(case) for every case.
+template <class Row>
+void write_table(const std::string& file, const std::string& head, const SweepTable& table, const Row& row) {
+  std::ofstream out(file, std::ios::binary);
+  out << head << '\n';
+  for (std::uint64_t i = 0; i < table.outcome.size(); ++i) out << row(i) << '\n';
+  out.close();
+  if (!out) throw RunError(file + " could not be written completely (disk full?)");
+}
 
- private:
-  std::string file_;
-  std::ofstream out_;
-};
+/// Of the values of an objective, as in its entry of the summary.
+constexpr const char* quantiles[] = {"min", "p05", "median", "p95", "max"};
 
 }  // namespace
 
@@ -161,8 +159,7 @@ std::string sweep_text(const Json& s) {
   for (const auto& [name, o] : s["objectives"].items()) {
     if (o.is_null()) continue;
     out += fmt::format("{:<20}", name);
-    for (const char* q : {"min", "p05", "median", "p95", "max"})
-      out += fmt::format("{:>12.4g}", o[q].get<double>());
+    for (const char* q : quantiles) out += fmt::format("{:>12.4g}", o[q].get<double>());
     out += "\n";
   }
   for (const Json& f : s["fronts"]) {
@@ -176,30 +173,24 @@ std::string sweep_text(const Json& s) {
 
 void write_cases(const std::string& file, const SweepSpec& spec, const CaseScenes& scenes,
                  const SweepTable& table) {
-  TextFile out(file);
   std::string head = "case";
   for (const Vary& v : spec.vary) head.append(1, ',').append(field(v.key));
   head += ",outcome";
   const auto columns = repeatable(spec);
   for (const std::size_t c : columns) head += fmt::format(",{}", name_of(spec.wanted[c]));
-  out.line(head);
-  for (std::uint64_t i = 0; i < table.outcome.size(); ++i) {
+  write_table(file, head, table, [&](std::uint64_t i) {
     std::string row = axes_of(spec, scenes, i);
     row.append(1, ',').append(outcome_name(table.outcome[i]));
     for (const std::size_t c : columns) row.append(1, ',').append(number(table.at(i, c)));
-    out.line(row);
-  }
-  out.close();
+    return row;
+  });
 }
 
 void write_timing(const std::string& file, const SweepSpec& spec, const SweepTable& table) {
   const auto c = static_cast<std::size_t>(
       std::find(spec.wanted.begin(), spec.wanted.end(), Objective::tick_ns) - spec.wanted.begin());
-  TextFile out(file);
-  out.line("case,tick_ns");
-  for (std::uint64_t i = 0; i < table.outcome.size(); ++i)
-    out.line(fmt::format("{},{}", i, number(table.at(i, c))));
-  out.close();
+  write_table(file, "case,tick_ns", table,
+              [&](std::uint64_t i) { return fmt::format("{},{}", i, number(table.at(i, c))); });
 }
 
 std::string sweep_page(const SweepSpec& spec, const CaseScenes& scenes, const SweepTable& table,

@@ -1,6 +1,5 @@
 #pragma once
-/// What a complete sweep leaves behind. Everything but timing.csv is a function of the specification, the
-/// scene and the program.
+/// The files of a complete sweep. All but the timing are a function of specification, scene and program.
 
 #include <cstdint>
 #include <nlohmann/json_fwd.hpp>

@@ -1,5 +1,5 @@
 #pragma once
-/// Pareto fronts: what cannot be made better in one objective without getting worse in another.
+/// Pareto fronts: points that no other point dominates.
 
 #include <cstddef>
 #include <vector>

@@ -13,8 +13,8 @@ namespace {
 /// As OpenMPI, MPICH and Intel's mpirun, and Slurm's launcher say it.
 bool started_together() {
   for (const char* name : {"OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MPI_LOCALNRANKS"}) {
-    const char* value = std::getenv(name);  // NOLINT(concurrency-mt-unsafe): before there are threads
-    if (value != nullptr && std::atoi(value) > 1) return true;
+    const char* value = std::getenv(name);  // before there are threads
+    if (value != nullptr && std::strtol(value, nullptr, 10) > 1) return true;
   }
   return false;
 }

@@ -1,6 +1,6 @@
 #pragma once
-/// The processes of a sweep over machines. MPI is behind this interface, in a module that is loaded only
-/// where `mpirun` has started the program: nobody else pays for it, or needs it installed.
+/// The processes of a sweep over several machines. MPI is in a module that is loaded only where `mpirun` has
+/// started the program; without mpirun it need not be installed.
 
 #include <memory>
 #include <string>
@@ -13,7 +13,7 @@ class Ranks {
   [[nodiscard]] virtual int rank() const = 0;
   [[nodiscard]] virtual int size() const = 0;
   virtual void send(int to, const std::string& bytes) = 0;
-  /// The next message from anyone, and whose it is. `wait` = false: -1 where there is none yet.
+  /// The next message; returns the rank that sent it. `wait` = false: -1 where there is none yet.
   [[nodiscard]] virtual int receive(std::string& bytes, bool wait) = 0;
 
  protected:

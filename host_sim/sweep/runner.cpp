@@ -44,30 +44,35 @@ std::string outcome_name(std::uint32_t outcome) {
   return name(static_cast<Fault>(outcome - outcome_fault));
 }
 
-Score score_of(const Trace& trace, double tick, std::uint32_t& outcome) {
+Score score_of(const RunSums<double>& s, double tick) {
   Score out = empty_score();
   const auto set = [&](Objective o, double v) { out[static_cast<std::size_t>(o)] = v; };
-  outcome = outcome_ok;
-  if (!trace.end.faults.empty()) outcome = outcome_fault + fault_number(trace.end.faults.front());
-  if (!all_finite(trace.end.q) || !all_finite(trace.end.qd)) {
-    outcome = outcome_diverged;
-    return out;
-  }
-  const Statistics& s = trace.statistics;
   const auto moments = [&](Objective rms, Objective max, const ErrorStatistics::Moments& m) {
     if (m.count == 0) return;
     set(rms, m.rms());
     set(max, m.largest);
   };
-  moments(Objective::rms_m, Objective::max_m, s.effector().all());
-  moments(Objective::settled_rms_m, Objective::settled_max_m, s.effector().settled());
-  moments(Objective::rms_rad, Objective::max_rad, s.base().all());
-  moments(Objective::settled_rms_rad, Objective::settled_max_rad, s.base().settled());
-  set(Objective::torque_max_nm, s.torque_max());
+  moments(Objective::rms_m, Objective::max_m, s.effector.all());
+  moments(Objective::settled_rms_m, Objective::settled_max_m, s.effector.settled());
+  moments(Objective::rms_rad, Objective::max_rad, s.base.all());
+  moments(Objective::settled_rms_rad, Objective::settled_max_rad, s.base.settled());
+  set(Objective::torque_max_nm, s.torque_max);
   set(Objective::torque_activity_nm, s.torque_activity());
-  set(Objective::saturated_ticks, static_cast<double>(s.saturated_ticks()));
-  set(Objective::energy_j, s.power_sum() * tick);
-  set(Objective::faulted, outcome == outcome_ok ? 0.0 : 1.0);
+  set(Objective::saturated_ticks, s.saturated_ticks);
+  set(Objective::energy_j, s.power_sum * tick);
+  set(Objective::faulted, 0.0);
+  return out;
+}
+
+Score score_of(const Trace& trace, double tick, std::uint32_t& outcome) {
+  outcome = outcome_ok;
+  if (!trace.end.faults.empty()) outcome = outcome_fault + fault_number(trace.end.faults.front());
+  if (!all_finite(trace.end.q) || !all_finite(trace.end.qd)) {
+    outcome = outcome_diverged;
+    return empty_score();
+  }
+  Score out = score_of(trace.statistics.sums(), tick);
+  out[static_cast<std::size_t>(Objective::faulted)] = outcome == outcome_ok ? 0.0 : 1.0;
   return out;
 }
 
@@ -113,7 +118,7 @@ void CaseRunner::run_together(std::vector<LaneJob>& jobs, std::vector<Finished>&
       (void)run_alone(jobs[i].index, out);
       continue;
     }
-    Score score = score_of(scores_[i], jobs[i].settings);
+    Score score = score_of(scores_[i].sums, jobs[i].settings.tick);
     score[static_cast<std::size_t>(Objective::tick_ns)] =
         wall * 1e9 / static_cast<double>(jobs.size()) / jobs[i].settings.ticks;
     out.push_back(finished(jobs[i].index, outcome_ok, score));
@@ -125,16 +130,12 @@ bool CaseRunner::run(const Package& package, std::vector<Finished>& out) {
   for (auto& g : groups_) g.clear();
   for (const std::uint64_t index : package.cases) {
     if (stop_requested()) return false;
-    if (kernel_ == nullptr) {
-      if (!run_alone(index, out)) return false;
-      continue;
-    }
     LaneJob job;
     job.index = index;
     job.bundle = bundle_;
-    bool fits = false;
+    bool fits = kernel_ != nullptr;
     try {
-      fits = make_lane_job(scenes_.at(index), spec_->wanted, one_reference_, job);
+      fits = fits && make_lane_job(scenes_.at(index), spec_->wanted, one_reference_, job);
     } catch (const InputError&) {
       fits = false;
     }

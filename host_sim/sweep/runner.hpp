@@ -23,13 +23,14 @@ struct Package {
   std::vector<std::uint64_t> cases;
 };
 
+/// The objectives of a run that ended well, but tick_ns. `tick` in s.
+[[nodiscard]] Score score_of(const RunSums<double>& sums, double tick);
 /// What `esmc sim` would say of the scene: the very numbers of its summary. `outcome`: see above.
 [[nodiscard]] Score score_of(const Trace& trace, double tick, std::uint32_t& outcome);
 
 class CaseRunner {
  public:
-  /// `kernel`: several cases at once where it covers them, the same numbers to the last bit; null: each
-  /// alone.
+  /// `kernel`: several cases at once where it covers them, to the same bits; null: each alone.
   CaseRunner(const SweepSpec& spec, const CaseScenes& scenes, const LaneKernel* kernel);
 
   /// False where Ctrl-C came in between: `out` is then not complete.

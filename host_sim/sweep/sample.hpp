@@ -1,6 +1,6 @@
 #pragma once
-/// Which cases a sweep has: every number is a function of seed, axis and case alone, so that nothing depends
-/// on who computes it, or when.
+/// The cases of a sweep. Every number is a function of seed, axis and case alone, so that the result does not
+/// depend on threads and processes.
 
 #include <cstdint>
 #include <vector>
@@ -27,13 +27,12 @@ struct Axis {
 
 inline constexpr std::uint64_t noise_stream = 0x4000'0000'0000'0000ULL;  ///< apart from those of axes
 
-/// A random permutation of 0 .. size - 1 that is never stored: a Feistel network, walked until it is back in
-/// range.
+/// Element `index` of a random permutation of 0 .. size - 1: a Feistel network, repeated until in range.
 [[nodiscard]] std::uint64_t permuted(std::uint64_t seed, std::uint64_t stream, std::uint64_t index,
                                      std::uint64_t size);
 
-/// `samples` cases of the sampled axes for every point of the grid of crossed ones; the last crossed axis
-/// changes fastest, and the same samples stand at each of its points.
+/// `samples` cases of the sampled axes at every point of the grid of crossed ones, the same samples at each;
+/// the last crossed axis changes fastest.
 class Design {
  public:
   static constexpr std::uint64_t most_cases = 10'000'000;

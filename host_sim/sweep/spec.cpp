@@ -16,7 +16,7 @@
 namespace esmc::host {
 namespace {
 
-/// A table of the specification: every key is asked for, and what nobody asked for is an error.
+/// A table of the specification. finish() refuses keys that were not read.
 class Table {
  public:
   Table(const toml::table& table, std::string file, std::string name)
@@ -38,31 +38,23 @@ class Table {
   [[noreturn]] void fail(const std::string& what) const { throw InputError(where(), what); }
 
   std::optional<double> number(const std::string& key) {
-    const toml::node* node = get(key);
-    if (node == nullptr) return std::nullopt;
-    const auto v = node->is_number() ? node->value<double>() : std::nullopt;
-    if (!v || !std::isfinite(*v)) wrong(key, "a finite number");
+    const auto v = read<double>(key, &toml::node::is_number, "a finite number");
+    if (v && !std::isfinite(*v)) wrong(key, "a finite number");
     return v;
   }
   std::optional<std::uint64_t> count(const std::string& key, std::uint64_t low, std::uint64_t high) {
-    const toml::node* node = get(key);
-    if (node == nullptr) return std::nullopt;
-    const auto v = node->is_integer() ? node->value<std::int64_t>() : std::nullopt;
-    if (!v || *v < 0 || static_cast<std::uint64_t>(*v) < low || static_cast<std::uint64_t>(*v) > high)
-      wrong(key, fmt::format("an integer from {} to {}", low, high));
-    return static_cast<std::uint64_t>(*v);
+    const std::string allowed = fmt::format("an integer from {} to {}", low, high);
+    const auto v = read<std::int64_t>(key, &toml::node::is_integer, allowed);
+    if (!v) return std::nullopt;
+    const auto n = static_cast<std::uint64_t>(*v);
+    if (*v < 0 || n < low || n > high) wrong(key, allowed);
+    return n;
   }
   bool flag(const std::string& key) {
-    const toml::node* node = get(key);
-    if (node == nullptr) return false;
-    if (!node->is_boolean()) wrong(key, "true or false");
-    return *node->value<bool>();
+    return read<bool>(key, &toml::node::is_boolean, "true or false").value_or(false);
   }
   std::optional<std::string> text(const std::string& key) {
-    const toml::node* node = get(key);
-    if (node == nullptr) return std::nullopt;
-    if (!node->is_string()) wrong(key, "a string");
-    return node->value<std::string>();
+    return read<std::string>(key, &toml::node::is_string, "a string");
   }
   std::vector<std::string> texts(const std::string& key, const toml::array* list,
                                  const std::string& allowed) const {
@@ -87,6 +79,15 @@ class Table {
   }
 
  private:
+  template <class T>
+  std::optional<T> read(const std::string& key, bool (toml::node::*is)() const noexcept,
+                        const std::string& allowed) {
+    const toml::node* node = get(key);
+    if (node == nullptr) return std::nullopt;
+    if (!(node->*is)()) wrong(key, allowed);
+    return node->value<T>();
+  }
+
   const toml::table* table_;
   std::string file_, name_;
   std::vector<std::string> asked_;

@@ -14,8 +14,8 @@
 #include <thread>
 
 #include "host_sim/error.hpp"
-#include "host_sim/fnv.hpp"
 #include "host_sim/parallel.hpp"
+#include "host_sim/record/digest.hpp"
 #include "host_sim/record/finish.hpp"
 #include "host_sim/record/output.hpp"
 #include "host_sim/record/recording.hpp"
@@ -56,7 +56,7 @@ std::vector<std::string> varied_files(const SweepSpec& spec) {
 
 std::uint64_t identity_of(const SweepSpec& spec, const Scene& scene) {
   std::uint64_t text = fnv(fnv(fnv_start, spec.text), scene_digest(scene));
-  for (const std::string& file : varied_files(spec)) {  // what is no such name is a value like others
+  for (const std::string& file : varied_files(spec)) {  // other values are in the text already
     std::error_code error;
     if (!fs::is_regular_file(file, error)) continue;
     std::ifstream in(file, std::ios::binary);
@@ -69,22 +69,23 @@ std::uint64_t identity_of(const SweepSpec& spec, const Scene& scene) {
 std::string json_text(const Json& j) { return j.dump(2, ' ', false, Json::error_handler_t::replace); }
 
 /// Wall-clock figures, apart from everything that is repeatable.
-Json timing(const SweepOptions& o, const WorkerConfig& crew, const Ranks* ranks, std::size_t cases,
+Json timing(const SweepOptions& o, const WorkerConfig& config, const Ranks* ranks, std::size_t cases,
             double duration, double wall_s, double cpu_s) {
-  const int processes = ranks != nullptr ? ranks->size() : 1, workers = processes * crew.jobs;
+  const int processes = ranks != nullptr ? ranks->size() : 1, workers = processes * config.jobs;
   const double simulated = static_cast<double>(cases) * duration;
-  return {{"command", o.command_line},
-          {"cases", cases},
-          {"wall_s", wall_s},
-          {"processes", processes},
-          {"threads_each", crew.jobs},
-          {"threads", thread_library()},
-          {"lanes",
-           crew.kernel != nullptr ? fmt::format("{} x {}", crew.kernel->lanes, crew.kernel->name) : "none"},
-          {"cases_per_s", static_cast<double>(cases) / wall_s},
-          {"simulated_s_per_core_s", simulated / wall_s / workers},
-          {"cpu_s", ranks == nullptr ? Json(cpu_s) : Json(nullptr)},
-          {"simulated_s_per_cpu_s", ranks == nullptr ? Json(simulated / cpu_s) : Json(nullptr)}};
+  return {
+      {"command", o.command_line},
+      {"cases", cases},
+      {"wall_s", wall_s},
+      {"processes", processes},
+      {"threads_each", config.jobs},
+      {"threads", thread_library()},
+      {"lanes",
+       config.kernel != nullptr ? fmt::format("{} x {}", config.kernel->lanes, config.kernel->name) : "none"},
+      {"cases_per_s", static_cast<double>(cases) / wall_s},
+      {"simulated_s_per_core_s", simulated / wall_s / workers},
+      {"cpu_s", ranks == nullptr ? Json(cpu_s) : Json(nullptr)},
+      {"simulated_s_per_cpu_s", ranks == nullptr ? Json(simulated / cpu_s) : Json(nullptr)}};
 }
 
 class Sweep {
@@ -106,12 +107,12 @@ class Sweep {
     found_ = journal_->found().size();
   }
 
-  int run(const WorkerConfig& crew, Ranks* ranks) {
+  int run(const WorkerConfig& config, Ranks* ranks) {
     if (found_ > 0 && !o_.json) fmt::print("{} of {} cases were done before\n", found_, done_.size());
     std::fflush(stdout);
     const auto begin = std::chrono::steady_clock::now();
     const double cpu_before = cpu_time();
-    const auto workers = static_cast<std::size_t>(crew.jobs * (ranks != nullptr ? ranks->size() : 1));
+    const auto workers = static_cast<std::size_t>(config.jobs * (ranks != nullptr ? ranks->size() : 1));
     std::size_t now = found_;
     {
       WorkList list(done_, workers, [&](const std::vector<Finished>& cases) {
@@ -119,14 +120,14 @@ class Sweep {
         keep(cases);
         now += cases.size();
       });
-      work_off(list, crew, ranks);
+      work_off(list, config, ranks);
     }
     const double wall_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
     if (now < done_.size()) {
       throw RunError(fmt::format("interrupted after {} of {} cases{}", now, done_.size(),
                                  journal_ ? "; the same command goes on from there" : ""));
     }
-    finish(timing(o_, crew, ranks, now - found_, scenes_.mean_duration(), wall_s, cpu_time() - cpu_before));
+    finish(timing(o_, config, ranks, now - found_, scenes_.mean_duration(), wall_s, cpu_time() - cpu_before));
     return 0;
   }
 
@@ -178,45 +179,45 @@ class Sweep {
   std::size_t found_ = 0;
 };
 
-/// `called`: the other processes have been told to begin, and will be told when to end.
-int run_with(const SweepOptions& o, Ranks* ranks, bool& called) {
+/// `broadcast`: set once the other processes have the job; they will then be told when to end.
+int run_with(const SweepOptions& o, Ranks* ranks, bool& broadcast) {
   const SweepSpec spec = read_sweep(o.spec);
   const CaseScenes scenes(spec);
   const auto processors = static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
-  const WorkerConfig crew{&spec, &scenes, o.jobs > 0 ? o.jobs : (ranks != nullptr ? 1 : processors),
-                          o.scalar ? nullptr : &lane_kernels().front()};
+  const WorkerConfig config{&spec, &scenes, o.jobs > 0 ? o.jobs : (ranks != nullptr ? 1 : processors),
+                            o.scalar ? nullptr : &lane_kernels().front()};
   const std::uint64_t identity = identity_of(spec, scenes.nominal());
   if (ranks != nullptr && ranks->rank() > 0) {
-    serve(crew, *ranks, identity);
+    serve(config, *ranks, identity);
     return 0;
   }
   Sweep sweep(o, spec, scenes, identity);
   if (ranks != nullptr) broadcast_job(*ranks, identity);
-  called = true;
-  return sweep.run(crew, ranks);
+  broadcast = true;
+  return sweep.run(config, ranks);
 }
 
 }  // namespace
 
 int run_sweep(const SweepOptions& o) {
   const auto ranks = join_ranks();
-  bool called = false;
-  if (ranks == nullptr) return run_with(o, nullptr, called);
+  bool broadcast = false;
+  if (ranks == nullptr) return run_with(o, nullptr, broadcast);
   if (ranks->rank() == 0) {
     try {
-      return run_with(o, ranks.get(), called);
+      return run_with(o, ranks.get(), broadcast);
     } catch (...) {
-      if (!called) finish_workers(*ranks);
+      if (!broadcast) finish_workers(*ranks);
       throw;
     }
   }
   try {
-    return run_with(o, ranks.get(), called);
+    return run_with(o, ranks.get(), broadcast);
   } catch (const std::exception&) {
     std::string message;
     (void)ranks->receive(message, true);
-    // Sent home, the first process has found the same and says so: a status of ours would let mpirun end it
-    // before it has.
+    // 'x': the first process has found the same error and reports it; a failing status here would let mpirun
+    // end it before.
     if (message[0] == 'x') return 0;
     ranks->send(0, "eprocess " + std::to_string(ranks->rank()) + " cannot read what the first one has read");
     return 2;

@@ -9,8 +9,8 @@ struct SweepOptions {
   std::string spec, out, command_line;
   int jobs = 0;  ///< threads of this process; 0: all processors, under mpirun one
   bool json = false;
-  bool restart = false;  ///< what an unfinished sweep has left in --out is thrown away
-  bool scalar = false;   ///< no SIMD lanes: every case on its own. The same result
+  bool restart = false;  ///< discards an unfinished sweep in --out
+  bool scalar = false;   ///< no SIMD lanes: every case alone, with the same result
 };
 
 /// Exit status: 0, or 1 for one that was interrupted.

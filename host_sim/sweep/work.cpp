@@ -1,7 +1,6 @@
 #include "host_sim/sweep/work.hpp"
 
 #include <algorithm>
-#include <cstring>
 #include <exception>
 #include <thread>
 
@@ -15,22 +14,7 @@ namespace {
 constexpr std::size_t largest_package = 128;
 
 // Messages. To the others: 'g' + identity: begin; 'p' + cases: do these; 'x': no more. From them: 'r' +
-// results, which asks for more; 'e' + text: something is wrong there. Same machine architecture on all sides,
-// as MPI_CHAR has it.
-template <class T>
-void put(std::string& out, const T& v) {
-  const std::size_t at = out.size();
-  out.resize(at + sizeof(T));
-  std::memcpy(out.data() + at, &v, sizeof(T));
-}
-template <class T>
-T take(const std::string& in, std::size_t& at) {
-  T v{};
-  if (at + sizeof(T) > in.size()) throw RunError("a message of another process is too short");
-  std::memcpy(&v, in.data() + at, sizeof(T));
-  at += sizeof(T);
-  return v;
-}
+// results, which asks for more; 'e' + text: an error ended that process.
 
 std::string packages_message(const std::vector<Package>& packages) {
   std::string out = "p";
@@ -52,29 +36,19 @@ std::vector<Package> read_packages(const std::string& in) {
 
 std::string results_message(const std::vector<Finished>& cases) {
   std::string out = "r";
-  for (const Finished& f : cases) {
-    put(out, f.index);
-    put(out, f.outcome);
-    for (const double v : f.values) put(out, v);
-  }
+  for (const Finished& f : cases) put(out, f);
   return out;
 }
 std::vector<Finished> read_results(const std::string& in, std::size_t objectives) {
   std::vector<Finished> out;
-  for (std::size_t at = 1; at < in.size();) {
-    Finished f;
-    f.index = take<std::uint64_t>(in, at);
-    f.outcome = take<std::uint32_t>(in, at);
-    for (std::size_t i = 0; i < objectives; ++i) f.values.push_back(take<double>(in, at));
-    out.push_back(std::move(f));
-  }
+  for (std::size_t at = 1; at < in.size();) out.push_back(take_finished(in, at, objectives));
   return out;
 }
 
 /// This process's threads, until the list is empty.
-void compute(WorkList& list, const WorkerConfig& crew) {
-  run_jobs(crew.jobs, [&](int) {
-    CaseRunner runner(*crew.spec, *crew.scenes, crew.kernel);
+void compute(WorkList& list, const WorkerConfig& config) {
+  run_jobs(config.jobs, [&](int) {
+    CaseRunner runner(*config.spec, *config.scenes, config.kernel);
     Package package;
     std::vector<Finished> out;
     try {
@@ -91,17 +65,17 @@ void compute(WorkList& list, const WorkerConfig& crew) {
   });
 }
 
-/// The first process's conversation with the others, and what their processes have to say.
-class Conversation {
+/// Gives the other processes their cases and takes their results.
+class Dispatcher {
  public:
-  Conversation(WorkList& list, Ranks& ranks, const WorkerConfig& crew)
+  Dispatcher(WorkList& list, Ranks& ranks, const WorkerConfig& config)
       : list_(list),
         ranks_(ranks),
-        objectives_(crew.spec->wanted.size()),
-        jobs_(static_cast<std::size_t>(crew.jobs)),
-        here_(ranks.size() - 1) {}
+        objectives_(config.spec->wanted.size()),
+        jobs_(static_cast<std::size_t>(config.jobs)),
+        busy_(ranks.size() - 1) {}
 
-  [[nodiscard]] bool over() const { return here_ == 0; }
+  [[nodiscard]] bool over() const { return busy_ == 0; }
   /// One message, if there is one; false: none.
   bool answer() {
     std::string message;
@@ -109,25 +83,25 @@ class Conversation {
     if (from < 0) return false;
     if (message.empty() || message[0] == 'e') {
       list_.stop();
-      --here_;
+      --busy_;
       if (error_.empty()) error_ = message.substr(std::min<std::size_t>(1, message.size()));
       return true;
     }
     try {
       list_.finish(read_results(message, objectives_));
-    } catch (...) {  // the journal: everybody is still to be sent home
+    } catch (...) {  // by the journal; the other processes must still be told to end
       list_.stop();
-      failed_ = std::current_exception();
+      exception_ = std::current_exception();
     }
     std::vector<Package> more;
     Package package;
     while (more.size() < jobs_ && !stop_requested() && list_.next(package)) more.push_back(package);
-    if (more.empty()) --here_;
+    if (more.empty()) --busy_;
     ranks_.send(from, more.empty() ? "x" : packages_message(more));
     return true;
   }
   void rethrow() const {
-    if (failed_) std::rethrow_exception(failed_);
+    if (exception_) std::rethrow_exception(exception_);
     if (!error_.empty()) throw RunError(error_);
   }
 
@@ -135,9 +109,9 @@ class Conversation {
   WorkList& list_;
   Ranks& ranks_;
   std::size_t objectives_, jobs_;  ///< jobs: threads of each of the others, as of this one
-  int here_;                       ///< others that still work
+  int busy_;                       ///< others that still work
   std::string error_;
-  std::exception_ptr failed_;
+  std::exception_ptr exception_;
 };
 
 }  // namespace
@@ -173,23 +147,23 @@ void WorkList::stop() {
   stopped_ = true;
 }
 
-void work_off(WorkList& list, const WorkerConfig& crew, Ranks* ranks) {
-  if (ranks == nullptr) return compute(list, crew);
+void work_off(WorkList& list, const WorkerConfig& config, Ranks* ranks) {
+  if (ranks == nullptr) return compute(list, config);
   std::exception_ptr failed;
   std::thread own([&] {
     try {
-      compute(list, crew);
+      compute(list, config);
     } catch (...) {
       failed = std::current_exception();
     }
   });
-  Conversation talk(list, *ranks, crew);
-  while (!talk.over()) {
-    if (!talk.answer()) std::this_thread::sleep_for(std::chrono::microseconds(200));
+  Dispatcher dispatcher(list, *ranks, config);
+  while (!dispatcher.over()) {
+    if (!dispatcher.answer()) std::this_thread::sleep_for(std::chrono::microseconds(200));
   }
   own.join();
   if (failed) std::rethrow_exception(failed);
-  talk.rethrow();
+  dispatcher.rethrow();
 }
 
 void broadcast_job(Ranks& ranks, std::uint64_t identity) {
@@ -202,7 +176,7 @@ void finish_workers(Ranks& ranks) {
   for (int r = 1; r < ranks.size(); ++r) ranks.send(r, "x");
 }
 
-void serve(const WorkerConfig& crew, Ranks& ranks, std::uint64_t identity) {
+void serve(const WorkerConfig& config, Ranks& ranks, std::uint64_t identity) {
   std::string message;
   std::vector<Finished> results;
   (void)ranks.receive(message, true);
@@ -215,8 +189,8 @@ void serve(const WorkerConfig& crew, Ranks& ranks, std::uint64_t identity) {
   }
   try {
     std::vector<std::unique_ptr<CaseRunner>> runners;
-    for (int i = 0; i < crew.jobs; ++i)
-      runners.push_back(std::make_unique<CaseRunner>(*crew.spec, *crew.scenes, crew.kernel));
+    for (int i = 0; i < config.jobs; ++i)
+      runners.push_back(std::make_unique<CaseRunner>(*config.spec, *config.scenes, config.kernel));
     std::vector<std::vector<Finished>> each(runners.size());
     while (true) {
       ranks.send(0, results_message(results));

@@ -1,6 +1,6 @@
 #pragma once
-/// Who computes which cases: threads of this process, and of others where mpirun has started them. The result
-/// does not depend on it.
+/// Distribution of the cases over threads of this process, and of others under mpirun. The result does not
+/// depend on it.
 
 #include <chrono>
 #include <cstdint>
@@ -14,12 +14,12 @@
 
 namespace esmc::host {
 
-/// The cases that are still to do, in packages, and the place where finished ones go.
+/// Gives out the cases that are still to do, in packages, and takes finished ones.
 class WorkList {
  public:
   using Sink = std::function<void(const std::vector<Finished>&)>;
-  /// `done[i]`: case i needs no work. `sink` gets every finished package, one at a time. `workers`: so that
-  /// each gets its share of a short sweep.
+  /// `done[i]`: case i needs no work. `sink` gets every finished package, one at a time. `workers`: number of
+  /// threads of all processes, among which a short sweep is shared out evenly.
   WorkList(std::vector<bool> done, std::size_t workers, Sink sink);
 
   /// False: nothing left, or the sweep is to stop. Any thread.
@@ -47,11 +47,11 @@ struct WorkerConfig {
 };
 
 /// Works the list off with this process's threads and, as the first of several processes, serves the others.
-void work_off(WorkList& list, const WorkerConfig& crew, Ranks* ranks);
-/// What the other processes do: ask, compute, deliver, until there is no more. `identity` must be the
-/// first's.
-void serve(const WorkerConfig& crew, Ranks& ranks, std::uint64_t identity);
-/// Tells the others what to work on, before work_off; or, without, that there is nothing to do.
+void work_off(WorkList& list, const WorkerConfig& config, Ranks* ranks);
+/// The other processes: request cases, compute and deliver until none are left. `identity` must be that of
+/// the first process.
+void serve(const WorkerConfig& config, Ranks& ranks, std::uint64_t identity);
+/// Tells the other processes, before work_off, which sweep they work on; or, instead, to end.
 void broadcast_job(Ranks& ranks, std::uint64_t identity);
 void finish_workers(Ranks& ranks);
 

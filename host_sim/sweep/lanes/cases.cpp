@@ -2,10 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
+#include "host_sim/controller/make_controller.hpp"
 #include "host_sim/plant/plant.hpp"
-#include "host_sim/record/summary.hpp"
 
 namespace esmc::host {
 namespace {
@@ -35,19 +34,6 @@ class References final : public LaneReference {
   const std::vector<LaneJob>& jobs_;
 };
 
-/// The first tick at or after the time that errors count as settled from.
-std::uint32_t settled_from(const Scene& scene) {
-  auto n = static_cast<std::uint32_t>(Statistics::settling_time * scene.rate_hz);
-  n = n > 2 ? n - 2 : 0;
-  while (!(n * scene.tick() >= Statistics::settling_time)) ++n;
-  return n;
-}
-
-bool is_of_base(Objective o) {
-  return o == Objective::rms_rad || o == Objective::max_rad || o == Objective::settled_rms_rad ||
-         o == Objective::settled_max_rad;
-}
-
 /// As Motion and its engine begin.
 void put_start(const Scene& scene, LaneCase& out) {
   FiveBarPlant::Joints angle{}, rate{};
@@ -62,7 +48,10 @@ void put_start(const Scene& scene, LaneCase& out) {
 }  // namespace
 
 bool wants_base_errors(const std::vector<Objective>& wanted) {
-  return std::any_of(wanted.begin(), wanted.end(), is_of_base);
+  return std::any_of(wanted.begin(), wanted.end(), [](Objective o) {
+    return o == Objective::rms_rad || o == Objective::max_rad || o == Objective::settled_rms_rad ||
+           o == Objective::settled_max_rad;
+  });
 }
 
 bool fits_lanes(const Scene& s) {
@@ -88,35 +77,17 @@ bool make_lane_job(const Scene& scene, const std::vector<Objective>& wanted, boo
   s.working_mode = scene.working_mode;
   s.assembly_mode = scene.assembly_mode;
   s.ticks = tick_count(scene);
-  s.settled_from = settled_from(scene);
   s.tick = scene.tick();
   s.steps = std::max(
       1, static_cast<int>(std::ceil(s.tick / (s.tick / steps_per_tick(scene)) - 1e-9)));  // as Actuators
   s.step = s.tick / s.steps;
+  s.base_errors = wants_base_errors(wanted);
+  s.one_reference = one_reference;
   LaneCase& n = out.numbers;
+  n.controller = c;
   n.believed = believed_mechanism(scene);
   n.plant = scene.mechanism;
   s.true_lengths = same_lengths(n.believed, n.plant);
-  s.base_errors = wants_base_errors(wanted);
-  s.one_reference = one_reference;
-  for (int i = 0; i < M::channels; ++i) {
-    const auto u = static_cast<std::size_t>(i);
-    n.lambda[u] = c.gains.lambda[i];
-    n.k[u] = c.gains.k[i];
-    n.layer[u] = c.gains.layer[i];
-  }
-  const auto& own = c.gains.independent;
-  n.independent = {own.lambda, own.k, own.layer, own.kp, own.kd};
-  n.type1 = c.limits.min_abs_sin_type1;
-  n.type2 = c.limits.min_abs_sin_type2;
-  n.joint_speed = c.limits.joint_speed;
-  n.feedback_jump = c.limits.feedback_jump;
-  n.lead = c.torque_lead;
-  n.workspace = {{{c.limits.workspace_x.lower, c.limits.workspace_x.upper},
-                  {c.limits.workspace_y.lower, c.limits.workspace_y.upper}}};
-  for (std::size_t i = 0; i < 2; ++i)
-    n.joint_angle[i] = {c.limits.joint_angle[i].lower, c.limits.joint_angle[i].upper};
-  n.torque_limit = {c.torque_limit[0], c.torque_limit[2]};
   put_start(scene, n);
   return true;
 }
@@ -129,35 +100,6 @@ void run_lane_jobs(const LaneKernel& kernel, const std::vector<LaneJob>& jobs, s
   out.assign(lanes, {});
   kernel.run(jobs.front().settings, cases.data(), References(kernel, jobs), out.data());
   out.resize(jobs.size());
-}
-
-Score score_of(const LaneScore& lane, const LaneSettings& s) {
-  Score out;
-  out.fill(std::numeric_limits<double>::quiet_NaN());
-  const auto set = [&](Objective o, double v) { out[static_cast<std::size_t>(o)] = v; };
-  const auto moments = [&](Objective rms, Objective max, double square, double largest, std::uint64_t count) {
-    if (count == 0) return;
-    const ErrorStatistics::Moments m{square, largest, count};
-    set(rms, m.rms());
-    set(max, m.largest);
-  };
-  const std::uint64_t settled = s.ticks > s.settled_from ? s.ticks - s.settled_from : 0;
-  moments(Objective::rms_m, Objective::max_m, lane.square, lane.largest, s.ticks);
-  moments(Objective::settled_rms_m, Objective::settled_max_m, lane.settled_square, lane.settled_largest,
-          settled);
-  if (s.base_errors) {
-    moments(Objective::rms_rad, Objective::max_rad, lane.base_square, lane.base_largest,
-            std::uint64_t{2} * s.ticks);
-    moments(Objective::settled_rms_rad, Objective::settled_max_rad, lane.base_settled_square,
-            lane.base_settled_largest, 2 * settled);
-  }
-  set(Objective::torque_max_nm, lane.torque_max);
-  const double deltas = 2.0 * (s.ticks - 1.0);
-  set(Objective::torque_activity_nm, deltas > 0.0 ? lane.delta_sum / deltas : 0.0);
-  set(Objective::saturated_ticks, lane.saturated);
-  set(Objective::energy_j, lane.power_sum * s.tick);
-  set(Objective::faulted, 0.0);
-  return out;
 }
 
 }  // namespace esmc::host

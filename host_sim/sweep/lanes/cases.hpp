@@ -1,5 +1,5 @@
 #pragma once
-/// From scenes to what lane_kernel.hpp takes, and back to scores.
+/// From scenes to the cases of kernel.hpp.
 
 #include <memory>
 
@@ -19,9 +19,9 @@ struct LaneJob {
   JoinedReference<double> reference;
 };
 
-/// False where the scene holds something that the lanes do not cover: another mechanism, effects, four motors
-/// or sensors, joining, a ramp, a sign test, a reference of the joints or one that begins where the mechanism
-/// happens to be. `wanted`: objectives; `one_reference`: no key of [reference] varies.
+/// False where the scene has a part that lanes do not cover: another mechanism, effects, four motors or
+/// sensors, joining, a ramp, a sign test, a reference of the joints or of the measured start.
+/// `wanted`: objectives; `one_reference`: no key of [reference] varies.
 [[nodiscard]] bool fits_lanes(const Scene& scene);
 [[nodiscard]] bool make_lane_job(const Scene& scene, const std::vector<Objective>& wanted, bool one_reference,
                                  LaneJob& out);
@@ -31,6 +31,5 @@ void run_lane_jobs(const LaneKernel& kernel, const std::vector<LaneJob>& jobs, s
 
 /// Whether one of them is of the base joints.
 [[nodiscard]] bool wants_base_errors(const std::vector<Objective>& wanted);
-[[nodiscard]] Score score_of(const LaneScore& lane, const LaneSettings& settings);
 
 }  // namespace esmc::host

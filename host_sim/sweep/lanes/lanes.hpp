@@ -1,15 +1,13 @@
 #pragma once
-/// Several doubles side by side as one number: what the templates of firmware and plant compute for one
-/// mechanism, they compute for N at once, each with the bits that it would have alone. Only operations that
-/// IEEE 754 rounds exactly are used, one after the other as for one number.
+/// N doubles side by side as one scalar type: the templates of firmware and plant compute N mechanisms at
+/// once, each with the bits it has alone, as only operations that IEEE 754 rounds exactly are used, in the
+/// same order.
 ///
-/// `Tag` tells apart the instructions a file is compiled for, so that no two files give the linker the same
-/// function to choose from.
+/// `Tag` is a type of the file that is compiled for some instruction set, so that no two files define the
+/// same function for the linker to choose from.
 ///
-/// A condition that would end the computation for one number (out of reach, not closed) must not end it for
-/// the others: an `if` on a comparison is never taken here. The lanes it would have been taken in are noted
-/// in `stray`; the computation goes on in all of them, and what it gives in those lanes from then on is
-/// nobody's.
+/// An `if` on a comparison of lanes is never taken. The lanes in which it should have been are noted in
+/// `stray`; the computation goes on, and its results in those lanes are invalid.
 
 #include <array>
 #include <bit>
@@ -24,32 +22,18 @@
 
 namespace esmc::host {
 
-// For single lanes in which a function needs its seldom branches. Compiled for every processor.
+// Lane by lane, where a function needs its rare branches. Compiled for every processor.
 [[gnu::cold]] void arc_tangent2_each(const double* y, const double* x, double* out, int n);
 [[gnu::cold]] void angle_of_unit_each(const double* y, const double* x, double* out, int n);
 [[gnu::cold]] void wrap_to_pi_each(const double* angle, double* out, int n);
 void hyperbolic_tangent_each(const double* x, double* out, int n);
 
-/// What gcc and clang call vectors.
+/// N numbers as vectors of gcc and clang.
 template <int N>
-struct LaneVectors;
-template <>
-struct LaneVectors<2> {
-  using Reals = double __attribute__((vector_size(16)));
-  using Masks = std::int64_t __attribute__((vector_size(16)));
-  using Bits = std::uint64_t __attribute__((vector_size(16)));
-};
-template <>
-struct LaneVectors<4> {
-  using Reals = double __attribute__((vector_size(32)));
-  using Masks = std::int64_t __attribute__((vector_size(32)));
-  using Bits = std::uint64_t __attribute__((vector_size(32)));
-};
-template <>
-struct LaneVectors<8> {
-  using Reals = double __attribute__((vector_size(64)));
-  using Masks = std::int64_t __attribute__((vector_size(64)));
-  using Bits = std::uint64_t __attribute__((vector_size(64)));
+struct LaneVectors {
+  using Reals [[gnu::vector_size(8 * N)]] = double;
+  using Masks [[gnu::vector_size(8 * N)]] = std::int64_t;
+  using Bits [[gnu::vector_size(8 * N)]] = std::uint64_t;
 };
 
 template <int N, class Tag>
@@ -92,7 +76,7 @@ struct LaneMask {
   }
   [[nodiscard]] bool operator[](int i) const { return v[i] != 0; }
 
-  /// Lanes in which an `if` of a template should have been taken, since whoever asks has last cleared it.
+  /// Lanes in which an `if` should have been taken since this was last cleared.
   static inline thread_local constinit V stray{};
   explicit operator bool() const {
     stray |= v;
@@ -137,12 +121,18 @@ struct Lanes {
   friend Mask operator>(Lanes a, Lanes b) { return mask(a.v > b.v); }
   friend Mask operator>=(Lanes a, Lanes b) { return mask(a.v >= b.v); }
   friend Mask operator==(Lanes a, Lanes b) { return mask(a.v == b.v); }
+  friend Mask operator!=(Lanes a, Lanes b) { return mask(a.v != b.v); }
+  /// Of a number that is the same in all lanes.
+  explicit operator std::uint32_t() const { return static_cast<std::uint32_t>(v[0]); }
 
   friend Lanes choose(Mask c, Lanes yes, Lanes no) {
     using B = typename Mask::V;
     return std::bit_cast<V>(B((std::bit_cast<B>(yes.v) & c.v) | (std::bit_cast<B>(no.v) & ~c.v)));
   }
   friend Lanes magnitude(Lanes a) { return from(bits_of(a) & ~sign_bit); }
+  friend Lanes abs(Lanes a) { return magnitude(a); }
+  /// A NaN makes its lane stray elsewhere.
+  friend Lanes larger(Lanes a, Lanes b) { return choose(b > a, b, a); }
   friend Lanes square_root(Lanes a) {
 #ifdef __AVX512F__
     if constexpr (N == 8) return V(_mm512_mask_sqrt_pd((__m512d)a.v, 0xFF, (__m512d)a.v));

@@ -1,34 +1,17 @@
 #pragma once
-/// One loop for several five-bars: what Controller::tick, Motion::advance, Recorder::tick and Statistics::add
-/// do in a tick without effects, faults or joining, with the same templates underneath and in the same order.
-/// Whatever else happens in a lane takes it out: its case is run alone.
+/// One loop for several five-bars: the firmware's controller, and what Motion::advance and Recorder::tick do
+/// in a tick without effects and faults, with the same templates underneath and in the same order. A lane in
+/// which anything else happens is taken out: its case is run alone.
 
+#include <array>
+#include <bit>
 #include <cstddef>
 
-#include "firmware/control/law.hpp"
-#include "firmware/cycle/estimate.hpp"
 #include "host_sim/integrate/rk4.hpp"
 #include "host_sim/plant/five_bar_plant.hpp"
 #include "host_sim/plant/system.hpp"
+#include "host_sim/sweep/lanes/controller.hpp"
 #include "host_sim/sweep/lanes/kernel.hpp"
-#include "host_sim/sweep/lanes/lanes.hpp"
-
-template <int N, class Tag>
-struct Eigen::NumTraits<esmc::host::Lanes<N, Tag>> : Eigen::GenericNumTraits<double> {
-  using Real = esmc::host::Lanes<N, Tag>;
-  using NonInteger = Real;
-  using Nested = Real;
-  using Literal = Real;
-  enum {
-    IsComplex = 0,
-    IsInteger = 0,
-    IsSigned = 1,
-    RequireInitialization = 0,
-    ReadCost = 1,
-    AddCost = 1,
-    MulCost = 1
-  };
-};
 
 namespace esmc::host {
 
@@ -44,33 +27,18 @@ class LaneLoop {
   LaneLoop(const LaneSettings& s, const LaneCase* cases)
       : settings_(s),
         cases_(cases),
-        mode_{{{s.working_mode[0], s.working_mode[1]}}, s.assembly_mode},
-        believed_(params(&LaneCase::believed)),
-        true_(params(&LaneCase::plant)),
-        plant_(params(&LaneCase::plant)),
+        true_(params([](const LaneCase& c) { return c.plant; })),
+        plant_(params([](const LaneCase& c) { return c.plant; })),
         system_(plant_),
-        stepper_(system_) {
-    for (int i = 0; i < M::channels; ++i) {
-      const auto u = static_cast<std::size_t>(i);
-      gains_.lambda[i] = each([&](const LaneCase& c) { return c.lambda[u]; });
-      gains_.k[i] = each([&](const LaneCase& c) { return c.k[u]; });
-      gains_.layer[i] = each([&](const LaneCase& c) { return c.layer[u]; });
-    }
-    const auto own = [&](std::size_t i) { return each([&](const LaneCase& c) { return c.independent[i]; }); };
-    gains_.independent = {own(0), own(1), own(2), own(3), own(4)};
+        stepper_(system_),
+        controller_(configuration()) {
+    supervisor_.begin_tick(Command::enable, {});
+    supervisor_.begin_tick(Command::none, {.all_ready = true});
     typename Plant::Angles angle, rate;
-    for (std::size_t i = 0; i < angle.size(); ++i) {
-      angle[i] = each([&](const LaneCase& c) { return c.angle[i]; });
-      rate[i] = each([&](const LaneCase& c) { return c.rate[i]; });
-    }
+    gather(angle, [](const LaneCase& c) { return c.angle; });
+    gather(rate, [](const LaneCase& c) { return c.rate; });
     y_.fill(L(0.0));
     System::put(y_, angle, rate);
-    last_torque_ = last_angle_ = {L(0.0), L(0.0)};
-    for (L* sum :
-         {&square_, &settled_square_, &base_square_, &base_settled_square_, &largest_, &settled_largest_,
-          &base_largest_, &base_settled_largest_, &torque_max_, &delta_sum_, &power_sum_, &saturated_}) {
-      *sum = L(0.0);
-    }
     Mask::stray = typename Mask::V{};
   }
 
@@ -80,185 +48,135 @@ class LaneLoop {
     for (std::uint32_t first = 0; first < settings_.ticks && !none(fine_); first += block) {
       const std::uint32_t count = settings_.ticks - first < block ? settings_.ticks - first : block;
       reference.fill(first, count, track.data());
-      const std::size_t stride = settings_.one_reference ? 6 : 6 * n;
-      for (std::uint32_t i = 0; i < count; ++i) tick(first + i, track.data() + i * stride);
+      track_ = {track.data(), first, settings_.one_reference};
+      for (std::uint32_t i = 0; i < count; ++i) tick(first + i);
       fine_ = fine_ && !Mask(Mask::stray);
     }
-    require_in_range(System::angles(y_), System::rates(y_));
+    const typename Plant::Angles angle = System::angles(y_), rate = System::rates(y_);
+    for (std::size_t i = 0; i < angle.size(); ++i) fine_ = fine_ && finite(angle[i]) && finite(rate[i]);
     put(out);
   }
 
  private:
+  /// `to` becomes of(case) of all lanes: a struct of numbers, or a vector.
+  template <class To, class F>
+  void gather(To& to, const F& of) const {
+    constexpr std::size_t numbers = sizeof(to) / sizeof(L);
+    std::array<L, numbers> out;
+    for (int lane = 0; lane < n; ++lane) {
+      const auto from = std::bit_cast<std::array<double, numbers>>(of(cases_[lane]));
+      for (std::size_t i = 0; i < numbers; ++i) out[i].v[lane] = from[i];
+    }
+    to = std::bit_cast<To>(out);
+  }
+  template <int Size, class F>
+  void gather(Vec<L, Size>& to, const F& of) const {
+    for (int i = 0; i < Size; ++i) gather(to[i], [&](const LaneCase& c) { return of(c)[i]; });
+  }
   template <class F>
-  [[nodiscard]] L each(const F& f) const {
-    L out;
-    for (int i = 0; i < n; ++i) out.v[i] = f(cases_[i]);
+  [[nodiscard]] FiveBarParams<L> params(const F& of) const {
+    FiveBarParams<L> out;
+    gather(out, of);
     return out;
   }
-  [[nodiscard]] FiveBarParams<L> params(FiveBarParams<double> LaneCase::*of) const {
-    FiveBarParams<L> p;
-    p.l0 = each([&](const LaneCase& c) { return (c.*of).l0; });
-    p.m0 = each([&](const LaneCase& c) { return (c.*of).m0; });
-    p.g = each([&](const LaneCase& c) { return (c.*of).g; });
-    using Leg = LegParams<double>;
-    using Legs = LegParams<L>;
-    constexpr double Leg::*from[] = {&Leg::l1, &Leg::l2, &Leg::lg1, &Leg::lg2, &Leg::m1,     &Leg::m2,
-                                     &Leg::J1, &Leg::J2, &Leg::d1,  &Leg::d2,  &Leg::gamma1, &Leg::gamma2};
-    constexpr L Legs::*to[] = {&Legs::l1, &Legs::l2, &Legs::lg1, &Legs::lg2, &Legs::m1,     &Legs::m2,
-                               &Legs::J1, &Legs::J2, &Legs::d1,  &Legs::d2,  &Legs::gamma1, &Legs::gamma2};
-    for (std::size_t j = 0; j < 2; ++j) {
-      for (std::size_t i = 0; i < std::size(from); ++i)
-        p.legs[j].*to[i] = each([&](const LaneCase& c) { return (c.*of).legs[j].*from[i]; });
-    }
-    return p;
-  }
-  [[nodiscard]] L limit(double LaneCase::*of) const {
-    return each([&](const LaneCase& c) { return c.*of; });
-  }
-  [[nodiscard]] Mask within(L v, std::array<std::array<double, 2>, 2> LaneCase::*of, std::size_t i) const {
-    return each([&](const LaneCase& c) { return (c.*of)[i][0]; }) <= v &&
-           v <= each([&](const LaneCase& c) { return (c.*of)[i][1]; });
-  }
-  void require(Mask allowed) { fine_ = fine_ && allowed; }
-  /// Finite, and no angle for which the plant's sine would take the C library's.
-  void require_in_range(const typename Plant::Angles& angle, const typename Plant::Angles& rate) {
-    for (std::size_t i = 0; i < angle.size(); ++i)
-      require(magnitude(angle[i]) <= L(0.9 * ieee::Constants<double>::kLargestAngle) &&
-              magnitude(rate[i]) <= L(1e100));
+  /// What LaneSettings says to be equal is taken from the first lane.
+  [[nodiscard]] typename Controller<M>::Config configuration() const {
+    typename Controller<M>::Config out;
+    const auto set = [&](auto& to, const auto& of) {
+      gather(to, [&](const LaneCase& c) { return of(c.controller); });
+    };
+    using Of = ControllerConfig<FiveBar<double>>;
+    const Of& common = cases_->controller;
+    out.mechanism = M(params([](const LaneCase& c) { return c.believed; }));
+    out.mode = {common.mode.working, common.mode.assembly};
+    out.law = common.law;
+    out.reaching = common.reaching;
+    out.reference.track = &track_;
+    out.sample_time = common.sample_time;
+    set(out.torque_lead, [](const Of& c) { return c.torque_lead; });
+    set(out.torque_limit, [](const Of& c) { return c.torque_limit; });
+    set(out.gains.lambda, [](const Of& c) { return c.gains.lambda; });
+    set(out.gains.k, [](const Of& c) { return c.gains.k; });
+    set(out.gains.layer, [](const Of& c) { return c.gains.layer; });
+    set(out.gains.independent, [](const Of& c) { return c.gains.independent; });
+    set(out.limits.min_abs_sin_type1, [](const Of& c) { return c.limits.min_abs_sin_type1; });
+    set(out.limits.min_abs_sin_type2, [](const Of& c) { return c.limits.min_abs_sin_type2; });
+    set(out.limits.joint_speed, [](const Of& c) { return c.limits.joint_speed; });
+    set(out.limits.closure, [](const Of& c) { return c.limits.closure; });
+    set(out.limits.workspace_x, [](const Of& c) { return c.limits.workspace_x; });
+    set(out.limits.workspace_y, [](const Of& c) { return c.limits.workspace_y; });
+    set(out.limits.joint_angle, [](const Of& c) { return c.limits.joint_angle; });
+    set(out.limits.feedback_jump, [](const Of& c) {  // 0: any, which lanes do not tell from a number
+      return c.limits.feedback_jump > 0.0 ? c.limits.feedback_jump : std::numeric_limits<double>::max();
+    });
+    return out;
   }
 
-  void tick(std::uint32_t number, const double* reference) {
+  void tick(std::uint32_t number) {
     const typename Plant::State state{System::angles(y_), System::rates(y_)};
-    require_in_range(state.angle, state.rate);
     const auto theta = Plant::joint_angles(state.angle), w = Plant::joint_rates(state.rate);
-    Tracking<M> t;
-    observe(number, {theta[0], theta[2]}, {w[0], w[2]}, t);
-    const auto coordinate = [&](int i) {
-      return settings_.one_reference ? L(reference[i]) : L::load(reference + i * n);
-    };
-    const auto pair = [&](int i) { return Vec2<L>(coordinate(i), coordinate(i + 1)); };
-    const Vec2<L> position = pair(0);
-    (void)desired_at_effector(believed_, mode_, position, pair(2), pair(4), t.desired_pose, t.desired_rates,
-                              t.desired_acceleration);
-    Vec2<L> torque;
-    if (settings_.law == LawKind::pd) {
-      torque = torque_pd<M>(gains_, t);
-    } else {
-      typename M::Channels acceleration, sliding;
-      demand(settings_.law, believed_, gains_, settings_.reaching, t, acceleration, sliding);
-      torque = believed_.base_torque(t.pose, believed_.force(acceleration, t.rates));
+    for (const std::size_t j : {0U, 2U}) {
+      sample_.angle[static_cast<int>(j)] = theta[j];
+      sample_.rate[static_cast<int>(j)] = w[j];
     }
-    const Mask clamped = clamp(torque);
-    record(number, plant_.output(state), position, t, torque, clamped);
-    const typename Plant::Joints held{torque[0], L(0.0), torque[1], L(0.0)};
-    system_.set_torques({held, nullptr});
+    const TickResult<M> done = controller_.tick(sample_, supervisor_);
+    record(number, plant_.output(state), done);
+    system_.set_torques({{done.torque[0], L(0.0), done.torque[2], L(0.0)}, nullptr});
     for (int i = 0; i < settings_.steps; ++i) stepper_.step(0.0, settings_.step, y_);
   }
 
-  /// Controller::observe: sample -> estimate -> guards.
-  void observe(std::uint32_t number, const std::array<L, 2>& measured, const std::array<L, 2>& rate,
-               Tracking<M>& t) {
-    Vec2<L> angle;
-    const L jump = limit(&LaneCase::feedback_jump), lead = limit(&LaneCase::lead),
-            speed = limit(&LaneCase::joint_speed);
-    for (int i = 0; i < 2; ++i) {
-      const auto u = static_cast<std::size_t>(i);
-      if (number > 0) {
-        const L off = measured[u] - last_angle_[u] - rate[u] * (settings_.tick * 1.0);
-        require(!(jump > L(0.0)) || magnitude(off) <= jump * 1.0);
-      }
-      last_angle_[u] = measured[u];
-      angle[i] = measured[u] + rate[u] * lead;
-      require(magnitude(rate[u]) <= speed && within(angle[i], &LaneCase::joint_angle, u));
-    }
-    (void)estimate_from_base(believed_, mode_, angle, Vec2<L>(rate[0], rate[1]), t.pose, t.rates);
-    for (int j = 0; j < 2; ++j) {
-      const L sine = M::sin_type1(t.pose, j);
-      require(magnitude(sine) >= limit(&LaneCase::type1) && sine * L(double(mode_.working[j])) > L(0.0));
-      require(within(t.pose.effector[j], &LaneCase::workspace, static_cast<std::size_t>(j)));
-    }
-    require(M::sin_type2_in_mode(t.pose, mode_) >= limit(&LaneCase::type2));
-  }
-
-  /// Controller::limit.
-  Mask clamp(Vec2<L>& torque) {
-    Mask clamped(false);
-    for (int i = 0; i < 2; ++i) {
-      const L most = each([&](const LaneCase& c) { return c.torque_limit[static_cast<std::size_t>(i)]; });
-      require(magnitude(torque[i]) <= L(1.7976931348623157e308));
-      const Mask over = !(magnitude(torque[i]) <= most);
-      torque[i] = choose(over, choose(torque[i] < L(0.0), -most, most), torque[i]);
-      clamped = clamped || over;
-    }
-    return clamped;
-  }
-
-  /// Recorder::tick and Statistics::add.
-  void record(std::uint32_t number, const typename Plant::Output& o, const Vec2<L>& position,
-              const Tracking<M>& t, const Vec2<L>& torque, Mask clamped) {
-    const bool settled = number >= settings_.settled_from;
-    const Planar<L> miss = o.effector - Planar<L>{position.x(), position.y()};
-    add(square_root(dot(miss, miss)), settled, square_, largest_, settled_square_, settled_largest_);
-    typename M::Pose true_pose;
-    if (!settings_.true_lengths) (void)true_.inverse(position, mode_, true_pose);
+  /// As Recorder::tick.
+  void record(std::uint32_t number, const typename Plant::Output& o, const TickResult<M>& done) {
+    const bool settled = number * settings_.tick >= settling_time;
+    const Vec2<L>& x = done.desired_effector;
+    const Planar<L> miss = o.effector - Planar<L>{x[0], x[1]};
+    sums_.effector.add(settled, square_root(dot(miss, miss)));
+    typename M::Pose desired;  // out of the true mechanism's reach: a stray lane
+    if (!settings_.true_lengths) (void)true_.inverse(x, controller_.config().mode, desired);
     if (settings_.base_errors) {
-      const Vec2<L> base = M::base_angles(settings_.true_lengths ? t.desired_pose : true_pose);
-      for (std::size_t i = 0; i < 2; ++i) {
-        add(magnitude(wrap_to_pi(L(o.q[2 + 2 * i] - base[static_cast<int>(i)]))), settled, base_square_,
-            base_largest_, base_settled_square_, base_settled_largest_);
-      }
+      const Vec2<L> base = settings_.true_lengths ? done.desired_base() : M::base_angles(desired);
+      for (std::size_t i = 0; i < 2; ++i)
+        sums_.base.add(settled, magnitude(wrap_to_pi(L(o.q[2 + 2 * i] - base[static_cast<int>(i)]))));
     }
-    saturated_ += L(clamped);
-    L power(0.0);
-    for (int i = 0; i < 2; ++i) {
-      const auto u = static_cast<std::size_t>(i);
-      power += magnitude(torque[i] * o.qd[2 + 2 * u]);
-      torque_max_ = larger_of(torque_max_, magnitude(torque[i]));
-      if (number > 0) delta_sum_ += magnitude(torque[i] - last_torque_[u]);
-      last_torque_[u] = torque[i];
-    }
-    power_sum_ += power;
-  }
-  static L larger_of(L a, L b) { return choose(b > a, b, a); }
-  static void add(L e, bool settled, L& square, L& largest, L& settled_square, L& settled_largest) {
-    square += e * e;
-    largest = larger_of(largest, e);
-    if (!settled) return;
-    settled_square += e * e;
-    settled_largest = larger_of(settled_largest, e);
+    const std::array<L, 2> torque{done.torque[0], done.torque[2]};
+    L power = 0.0;
+    for (std::size_t i = 0; i < 2; ++i) power += magnitude(torque[i] * o.qd[2 + 2 * i]);
+    sums_.add(torque, power, done.saturated);
   }
 
   void put(LaneScore* out) const {
+    const auto lane = [](const ErrorSums<L>& sums, int i) {
+      const auto one = [i](const typename ErrorSums<L>::Moments& m) {
+        return ErrorStatistics::Moments{m.square[i], m.largest[i], m.count};
+      };
+      return ErrorStatistics(one(sums.all()), one(sums.settled()));
+    };
     for (int i = 0; i < n; ++i) {
-      out[i] = {fine_[i],
-                square_[i],
-                largest_[i],
-                settled_square_[i],
-                settled_largest_[i],
-                base_square_[i],
-                base_largest_[i],
-                base_settled_square_[i],
-                base_settled_largest_[i],
-                torque_max_[i],
-                delta_sum_[i],
-                power_sum_[i],
-                saturated_[i]};
+      out[i].ok = fine_[i];
+      RunSums<double>& s = out[i].sums;
+      s.effector = lane(sums_.effector, i);
+      s.base = lane(sums_.base, i);
+      s.torque_max = sums_.torque_max[i];
+      s.delta_sum = sums_.delta_sum[i];
+      s.power_sum = sums_.power_sum[i];
+      s.saturated_ticks = sums_.saturated_ticks[i];
+      s.deltas = sums_.deltas;
     }
   }
 
   LaneSettings settings_;
   const LaneCase* cases_;
-  typename M::Mode mode_;
-  M believed_, true_;
+  M true_;
   Plant plant_;
   System system_;
   Rk4<System> stepper_;
-  Gains<M> gains_;
+  LaneTrack track_;
+  Controller<M> controller_;
+  Supervisor supervisor_;
+  Sample<M> sample_;
   typename System::State y_;
-  std::array<L, 2> last_angle_, last_torque_;
+  RunSums<L> sums_;
   Mask fine_{true};
-  L square_, largest_, settled_square_, settled_largest_, base_square_, base_largest_, base_settled_square_,
-      base_settled_largest_, torque_max_, delta_sum_, power_sum_, saturated_;
 };
 
 template <class L>

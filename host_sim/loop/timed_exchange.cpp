@@ -1,10 +1,10 @@
-#include "host_sim/loop/hil_timed.hpp"
+#include "host_sim/loop/timed_exchange.hpp"
 
 #include <algorithm>
 
 namespace esmc::host {
 
-BusSummary bus_summary(TimedBus& bus, const Scene& scene, std::uint64_t frames) {
+BusSummary timed_bus_summary(TimedBus& bus, const Scene& scene, std::uint64_t frames) {
   const TimedBus::Counts& c = bus.counts();
   BusSummary s;
   s.frames = frames;

@@ -1,16 +1,15 @@
+#include "host_sim/controller/axes_config.hpp"
 #include "host_sim/live/session.hpp"
 
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <cmath>
 #include <limits>
 #include <optional>
 #include <utility>
 
 #include "host_sim/live/loop_parts.hpp"
-#include "host_sim/loop/halves.hpp"
-#include "host_sim/record/recorder.hpp"
+#include "host_sim/loop/loop_scene.hpp"
 
 namespace esmc::host {
 namespace {
@@ -19,13 +18,13 @@ constexpr double none = std::numeric_limits<double>::quiet_NaN();
 constexpr int arming_patience_s = 5;
 
 template <class World_>
-class Session final : public LiveSession {
+class Session final : public SessionParts {
  public:
   using Plant = typename World_::Plant;
   using M = typename World_::Mechanism;
   using State_ = typename Plant::State;
 
-  explicit Session(std::shared_ptr<const Scene> scene) : scene_(std::move(scene)) {
+  explicit Session(std::shared_ptr<const Scene> scene) : SessionParts(std::move(scene)) {
     build(initial_state<World_>(*scene_));
     start_ = true;
   }
@@ -34,34 +33,28 @@ class Session final : public LiveSession {
     std::visit([&](const auto& x) { take(x); }, o);
   }
   void tick() override;
-  [[nodiscard]] const LiveSample& sample() const override { return sample_; }
-  [[nodiscard]] std::vector<LiveEvent> take_events() override { return std::exchange(events_, {}); }
-  [[nodiscard]] const Scene& scene() const override { return *scene_; }
   [[nodiscard]] bool at_rest() const override {
     const State s = supervisor().state();
     return !start_ && (s == State::disabled || s == State::fault);
   }
-  [[nodiscard]] std::string digest() const override { return digest_.text(); }
-  [[nodiscard]] std::uint64_t ticks() const override { return ticks_; }
-  [[nodiscard]] std::uint64_t run_ticks() const override { return run_ticks_; }
 
  private:
   /// Everything that is made of a scene. The members refer to each other in this order.
   struct Bench {
     std::shared_ptr<const Scene> scene;
-    const ProtocolTraits& words;
+    const ProtocolTraits& traits;
     ReferenceBundle<double> reference;
     AnyCycle<M> cycle;
-    World<Plant> world;
+    FaultyPlant<Plant> world;
     FaultyBus wire;
 
     Bench(std::shared_ptr<const Scene> s, const State_& at, const Hand& hand, const Injection& injection)
         : scene(std::move(s)),
-          words(dialect(scene->drives.protocol)),
+          traits(dialect(scene->drives.protocol)),
           reference(make_reference(*scene, Pacing::lockstep)),
           cycle(make_cycle<M>(*scene, Pacing::lockstep, reference)),
-          world(make_motion<World_>(*scene, at, &hand), *scene, *scene, injection, words),
-          wire(injection, words, world.nodes()) {}
+          world(make_motion<World_>(*scene, at, &hand), *scene, *scene, injection, traits),
+          wire(injection, traits, world.nodes()) {}
   };
 
   template <class F>
@@ -74,15 +67,13 @@ class Session final : public LiveSession {
   void command(Command c) {
     with([&](auto& x) { x.command(c); });
   }
-  void say(const char* kind, std::string text) { events_.push_back({now(), kind, std::move(text)}); }
-  [[nodiscard]] double now() const { return static_cast<double>(ticks_) * scene_->tick(); }
 
   /// Drives and controller as after power-up, the mechanism in `at`.
   void build(const State_& at) {
     fault_.clear();
     bench_ = std::make_unique<Bench>(scene_, at, hand_, fault_.injection());
     result_ = {};
-    told_ = State::disabled;
+    reported_ = State::disabled;
     armed_since_ = ticks_;
   }
   [[nodiscard]] State_ resting() const {
@@ -94,7 +85,7 @@ class Session final : public LiveSession {
   void take(std::monostate) {}
   void take(const Hand& h) { hand_ = h; }
   void take(LiveCommand c);
-  void take(const InjectOrder& o);
+  void take(const InjectOrder& o) { inject(o); }
   void take(const SceneOrder& o);
   void home(const char* why) {
     next_.reset();
@@ -103,28 +94,21 @@ class Session final : public LiveSession {
     digest_ = {};
     build(initial_state<World_>(*scene_));
     start_ = true;
-    say("order", why);
+    emit("order", why);
   }
   void halt() { command(supervisor().state() == State::enabling ? Command::stop : Command::halt); }
 
-  /// What the operator's wishes mean in the state that the controller is in.
-  void steer();
+  /// Does what has been ordered and was not possible so far.
+  void act_on_orders();
   void control();
-  void look();
+  void update_sample();
 
-  std::shared_ptr<const Scene> scene_;
   std::optional<SceneOrder> next_;  ///< waits until the mechanism is at rest
-  Hand hand_{.most = 1.0};
-  LiveFault fault_;
   std::unique_ptr<Bench> bench_;
   TickResult<M> result_{};
-  LiveSample sample_;
-  std::vector<LiveEvent> events_;
-  Digest digest_;
-  std::uint64_t ticks_ = 0, run_ticks_ = 0, armed_since_ = 0;
-  bool start_ = false;     ///< enable as soon as possible
-  bool diverged_ = false;  ///< the state is not finite: only home helps
-  State told_ = State::disabled;
+  std::uint64_t armed_since_ = 0;
+  bool start_ = false;  ///< enable as soon as possible
+  State reported_ = State::disabled;
 };
 
 template <class World_>
@@ -134,7 +118,7 @@ void Session<World_>::take(LiveCommand c) {
     case LiveCommand::home:
       return home("home: everything as when the bench began");
     case LiveCommand::start:
-      if (s == State::fault) return say("note", "a fault is latched: reset first");
+      if (s == State::fault) return emit("note", "a fault is latched: reset first");
       start_ = s == State::disabled || s == State::stopping;
       return;
     case LiveCommand::halt:
@@ -144,9 +128,9 @@ void Session<World_>::take(LiveCommand c) {
       start_ = false;
       return command(Command::stop);
     case LiveCommand::reset:
-      if (s != State::fault) return say("note", "no fault is latched");
-      if (diverged_) return say("note", "the simulated state is not finite: home");
-      say("order", "reset");
+      if (s != State::fault) return emit("note", "no fault is latched");
+      if (diverged_) return emit("note", "the simulated state is not finite: home");
+      emit("order", "reset");
       command(Command::reset);
       start_ = true;
       return;
@@ -154,32 +138,26 @@ void Session<World_>::take(LiveCommand c) {
 }
 
 template <class World_>
-void Session<World_>::take(const InjectOrder& o) {
-  std::string what = fault_.order(o, bench_->words, *scene_);
-  if (!what.empty()) say("order", std::move(what));
-}
-
-template <class World_>
 void Session<World_>::take(const SceneOrder& o) {
   const State s = supervisor().state();
   if (o.takes == RestartLevel::nothing && !next_) {
-    bench_->world.go_on(make_motion<World_>(*o.scene, bench_->world.motion().state(), &hand_), *o.scene);
+    bench_->world.set_motion(make_motion<World_>(*o.scene, bench_->world.motion().state(), &hand_), *o.scene);
     scene_ = bench_->scene = o.scene;
-    return say("scene", o.what + ": from now on; states of effects begin anew");
+    return emit("scene", o.what + ": from now on; states of effects begin anew");
   }
   const RestartLevel before = next_ ? next_->takes : RestartLevel::nothing;
   next_ = o;
   next_->takes = std::max(before, o.takes);
-  if (s == State::fault) return say("scene", o.what + ": in force after the reset");
+  if (s == State::fault) return emit("scene", o.what + ": in force after the reset");
   start_ = start_ || s != State::disabled;
   if (s != State::disabled && s != State::stopping) halt();
-  say("scene", o.what + (s == State::disabled && !start_ ? ": in force" : ": halt, new controller, start"));
+  emit("scene", o.what + (s == State::disabled && !start_ ? ": in force" : ": halt, new controller, start"));
 }
 
 template <class World_>
-void Session<World_>::steer() {
+void Session<World_>::act_on_orders() {
   const State s = supervisor().state();
-  // Held or let down: whoever waits for a rebuild, or for a start, does not wait for that.
+  // A rebuild or a start does not wait until a mechanism that is held or lowered is at rest.
   if ((next_ || start_) && (s == State::holding || s == State::lowering)) command(Command::stop);
   if (s != State::disabled) return;
   if (next_) {
@@ -206,7 +184,7 @@ void Session<World_>::control() {
 
 template <class World_>
 void Session<World_>::tick() {
-  steer();
+  act_on_orders();
   Bench& b = *bench_;
   const bool first = fault_.begin_tick(), active = fault_.active();
   b.wire.begin_tick(active);
@@ -215,13 +193,12 @@ void Session<World_>::tick() {
   control();
   b.wire.inject_foreign_frames_after_tick(fault_.foreign());
   b.world.deliver(b.wire, now() * 1e3);
-  look();
-  // A holding brake: closed while the controller is off, open in a fault, as in esmc hil, to show what comes
-  // of it.
+  update_sample();
+  // A holding brake: closed while the controller is off; open in a fault, as in esmc hil, to show the fall.
   const State s = supervisor().state();
   if (b.world.released() && (s == State::stopping || s == State::disabled)) {
-    b.world.go_on(make_motion<World_>(*scene_, resting(), &hand_), *scene_);
-    b.world.hold();
+    b.world.set_motion(make_motion<World_>(*scene_, resting(), &hand_), *scene_);
+    b.world.close_brake();
   }
   if (b.world.released()) {
     if (!diverged_) b.world.advance(static_cast<double>(run_ticks_) * scene_->tick());
@@ -232,18 +209,9 @@ void Session<World_>::tick() {
 }
 
 template <class World_>
-void Session<World_>::look() {
-  const World<Plant>& world = bench_->world;
-  if (world.released()) {
-    const typename Plant::Output o = world.motion().output();
-    digest_.add(o.q);
-    digest_.add(o.qd);
-  }
+void Session<World_>::update_sample() {
+  sample_mechanism(bench_->world);
   LiveSample& s = sample_;
-  if (!show_mechanism(s, world, hand_) && !std::exchange(diverged_, true)) {
-    say("fault", "the simulated state is not finite any more: home");
-  }
-  s.t = now();
   s.state = esmc::name(supervisor().state());
   s.fault = esmc::name(supervisor().fault());
   const State state = supervisor().state();
@@ -252,20 +220,19 @@ void Session<World_>::look() {
                       : std::array{none, none};
   s.sliding = {result_.sliding[0], result_.sliding[1]};
   s.saturated = result_.saturated;
-  s.injecting = fault_.active();
   if (state == State::enabling &&
       static_cast<double>(ticks_ - armed_since_) * scene_->tick() > arming_patience_s) {
-    say("note", fmt::format("the drives did not arm within {} s", arming_patience_s));
+    emit("note", fmt::format("the drives did not arm within {} s", arming_patience_s));
     command(Command::stop);
   }
-  if (state == told_) return;
-  told_ = state;
+  if (state == reported_) return;
+  reported_ = state;
   if (state == State::fault) {
-    say("fault", fmt::format("{}: torque off", s.fault));
+    emit("fault", fmt::format("{}: torque off", s.fault));
   } else if (state == State::halting && supervisor().fault() != Fault::none) {
-    say("fault", fmt::format("{}: to rest under control", s.fault));
+    emit("fault", fmt::format("{}: to rest under control", s.fault));
   } else {
-    say("state", s.state);
+    emit("state", s.state);
   }
 }
 

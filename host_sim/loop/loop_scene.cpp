@@ -1,6 +1,10 @@
-#include "host_sim/loop/halves.hpp"
+#include "host_sim/loop/loop_scene.hpp"
 
+#include <fmt/format.h>
+
+#include "host_sim/controller/axes_config.hpp"
 #include "host_sim/controller/bake.hpp"
+#include "host_sim/error.hpp"
 
 namespace esmc::host {
 
@@ -20,6 +24,13 @@ BusObstacle bus_obstacle(const Scene& scene) {
   }
   return {scene.control_where, scene.drives.missing};
 }
+
+void require_bus_loop(const Scene& scene) {
+  const BusObstacle obstacle = bus_obstacle(scene);
+  if (!obstacle.what.empty()) throw InputError(obstacle.where, obstacle.what);
+}
+
+double arming_time_max(const Scene& s) { return armed_by_link(s) ? 60.0 : enabling_time_max(s) + 1.0; }
 
 std::string to_confirm(const Scene& scene) {
   const DriveScene& d = scene.drives;
@@ -55,7 +66,7 @@ std::string to_confirm(const Scene& scene) {
       list("their zero: the joints stay inside position_range of it");
       break;
   }
-  if (scene.hardware) {  // how it is wired: of emulated drives the scene itself says that
+  if (scene.hardware) {  // the wiring; of emulated drives the scene decides
     list("each of drives.nodes moves the joint that it is listed for");
     if (d.zero == Zero::absolute) list("the encoders are absolute, with drives.offset");
   }
@@ -67,16 +78,14 @@ void require_confirmed(const Scene& scene) {
   if (open.empty() || scene.drives.confirmed.value_or(!scene.hardware)) return;
   throw InputError(scene.drives.where,
                    "'drives.confirmed' must be true before these drives are armed, once somebody has checked "
-                   "what cannot be "
-                   "read back: " +
+                   "what cannot be read back: " +
                        open);
 }
 
 Scene read_loop_scene(const RunOptions& o) {
   Scene scene = read_scene(o.scene, o.sets);
   scene.seed = o.seed;
-  const BusObstacle obstacle = bus_obstacle(scene);
-  if (!obstacle.what.empty()) throw InputError(obstacle.where, obstacle.what);
+  require_bus_loop(scene);
   if (scene.command) scene.identity = identity_of(scene, o.realtime ? Pacing::realtime : Pacing::lockstep);
   return scene;
 }

@@ -1,0 +1,364 @@
+#include "host_sim/cli/commands.hpp"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <filesystem>
+#include <fstream>
+#include <iostream>
+#include <sstream>
+
+#include "host_sim/bus/open_bus.hpp"
+#include "host_sim/calibrate/calibrate.hpp"
+#include "host_sim/campaign/campaign.hpp"
+#include "host_sim/check/check.hpp"
+#include "host_sim/cli/bake.hpp"
+#include "host_sim/cli/options.hpp"
+#include "host_sim/controller/board_costs.hpp"
+#include "host_sim/export/export.hpp"
+#include "host_sim/identify/identify.hpp"
+#include "host_sim/live/live.hpp"
+#include "host_sim/loop/drive.hpp"
+#include "host_sim/loop/run.hpp"
+#include "host_sim/record/output.hpp"
+#include "host_sim/scene/keys.hpp"
+#include "host_sim/scene/names.hpp"
+#include "host_sim/scene/starting_scene.hpp"
+#include "host_sim/spatial/spatial.hpp"
+#include "host_sim/studies/accuracy.hpp"
+#include "host_sim/studies/design_report.hpp"
+#include "host_sim/studies/eval.hpp"
+#include "host_sim/sweep/sweep.hpp"
+
+namespace esmc::host {
+namespace {
+
+void add_run_options(CLI::App& c, RunOptions& o) {
+  add_scene(c, o);
+  add_out(c, o.out, "scene.toml, summary.json, log.csv, report.html");
+  add_json(c, o.json);
+  add_seed(c, o.seed, "of the random effects; the same seed gives the same run");
+}
+void add_bus(CLI::App& c, RunOptions& o) {
+  c.add_option("--bus", o.bus, bus_forms)->required();
+  c.add_flag("--realtime", o.realtime, "wall-clock ticks instead of lockstep");
+}
+
+struct InitOptions {
+  std::string mechanism;
+};
+struct EvalOptions {
+  std::string file = "-";
+  bool single_precision = false;
+};
+struct ExportOptions {
+  RunOptions run;
+  std::string format;
+};
+struct KeysOptions {
+  std::string of = "scene";
+};
+
+int run_init(const InitOptions& o) {
+  fmt::print("{}", starting_scene(o.mechanism));
+  return 0;
+}
+
+int run_eval(const EvalOptions& o) {
+  std::ostringstream text;
+  if (o.file == "-") {
+    text << std::cin.rdbuf();
+  } else {
+    std::ifstream in(o.file, std::ios::binary);
+    if (!in || std::filesystem::is_directory(o.file)) throw InputError("", o.file + ": cannot be read");
+    text << in.rdbuf();
+  }
+  fmt::print("{}\n", evaluate(text.str(), o.file == "-" ? "stdin" : o.file, o.single_precision));
+  return 0;
+}
+
+int run_export(const ExportOptions& o) {
+  const Scene scene = read_scene(o.run.scene, o.run.sets);
+  print_or_write(o.format == "urdf" ? urdf(scene) : mjcf(scene), o.run.out);
+  return 0;
+}
+
+int run_keys(const KeysOptions& o) {
+  fmt::print("{}", keys_markdown(o.of == "spatial" ? spatial_keys() : scene_keys()));
+  return 0;
+}
+
+void add_init_and_eval(Program& p) {
+  const auto [init, init_options] =
+      add(p, "init", "print a commented scene to start from", run_init, Signals::end);
+  init.add_option("MECHANISM", init_options.mechanism, "five_bar | rr")
+      ->required()
+      ->check(one_of(names_of<MechanismType>));
+
+  const auto [eval, eval_options] =
+      add(p, "eval", "evaluate model and laws at given states (JSON in, JSON out)", run_eval, Signals::end);
+  eval.add_option("FILE", eval_options.file, "cases in the schema of tests/reference; - is stdin")
+      ->capture_default_str();
+  add_scalar(eval, eval_options.single_precision, "");
+}
+
+constexpr const char* of_controller = ": of the controller; float is what a board without double computes";
+
+void add_loops(Program& p) {
+  const auto [sim, sim_options] =
+      add(p, "sim", "closed loop in one process, torque applied directly", run_sim);
+  add_run_options(sim, sim_options);
+
+  const auto [hil, hil_options] =
+      add(p, "hil", "the loop through real CAN frames: controller on one node, drives and plant on the other",
+          run_hil);
+  add_run_options(hil, hil_options);
+  hil.add_option("--bus", hil_options.bus, "virtual | socketcan:INTERFACE | slcan:PLANT,CONTROLLER")
+      ->capture_default_str();
+  hil.add_flag("--realtime", hil_options.realtime, "wall-clock ticks instead of lockstep");
+  add_scalar(hil, hil_options.single_precision, of_controller);
+
+  const auto [plant, plant_options] =
+      add(p, "plant", "the drives' and the mechanism's end of hil, as a process of its own", run_plant);
+  add_run_options(plant, plant_options);
+  add_bus(plant, plant_options);
+
+  const auto [controller, controller_options] =
+      add(p, "controller", "the controller's end of hil, as a process of its own", run_controller);
+  add_run_options(controller, controller_options);
+  add_bus(controller, controller_options);
+  controller.add_flag("--observe", controller_options.observe,
+                      "listen only: show joints, effector, modes and ages; send nothing and arm nothing");
+
+  const auto [replay, replay_options] =
+      add(p, "replay", "repeat a recorded run from its scene, seed and frames, and compare every bit",
+          run_replay);
+  replay.add_option("DIR", replay_options.directory, "what sim, hil, plant or controller left with --out")
+      ->required();
+  replay.add_flag("--any-version", replay_options.any_version,
+                  "accept recordings of another version of esmc");
+  add_json(replay, replay_options.json);
+}
+
+void add_drive(Program& p) {
+  const auto [c, d] =
+      add(p, "drive", "an emulated drive alone on a CAN interface, with a shaft of its own, in real time",
+          run_drive);
+  c.add_option("--protocol", d.protocol, "odrive | odrive_0.5 | cia402 | mit")
+      ->required()
+      ->check(one_of(names_of<Protocol>));
+  c.add_option("--bus", d.bus, bus_forms)->required();
+  c.add_option("--duration", d.duration, "s; else until Ctrl-C");
+  c.add_option("--defect", d.defects, "a defect of the drive, see below; may be repeated")
+      ->type_name("NAME")
+      ->expected(1)
+      ->take_all();
+  add_json(c, d.json, "print the summary as one JSON document, and nothing else");
+  c.option_defaults()->always_capture_default();
+  c.add_option("--bitrate", d.bit_rate, "of an slcan adapter, bit/s");
+  c.add_option("--node", d.node, "of the drive");
+  c.add_option("--inertia", d.shaft.inertia, "of the shaft, kg m2");
+  c.add_option("--friction", d.shaft.friction, "viscous, N m s/rad");
+  c.add_option("--load", d.shaft.load, "torque against the positive direction, N m");
+  c.add_option("--angle", d.shaft.angle, "of the shaft at the start, rad");
+  c.add_option("--rate", d.rate_hz, "samples and steps of the shaft, Hz");
+  c.add_option("--watchdog", d.watchdog, "the drive's time-out, s (cia402: object 1016 sets it)");
+  c.add_option("--dialect", d.dialect, "mit: mini_cheetah | cubemars | damiao")
+      ->check(one_of(names_of<drive::mit::Dialect>));
+  c.add_option("--master-id", d.master_id, "mit: identifier of the replies");
+  c.add_option("--position-range", d.position_range, "mit: half width of the field, rad");
+  c.add_option("--velocity-range", d.velocity_range, "mit: likewise, rad/s");
+  c.add_option("--torque-range", d.torque_range, "mit: likewise, N m");
+  c.add_option("--rated-torque", d.rated_torque, "cia402: N m");
+  c.footer(defects_text());
+}
+
+void add_scene_commands(Program& p) {
+  const auto [check, check_options] = add(p, "check",
+                                          "check a scene without running it: reach, singularity and torque "
+                                          "margins, gains against delays, bus load",
+                                          run_check);
+  add_scene(check, check_options);
+  add_out(check, check_options.out, "scene.toml and check.csv: the torques along the reference");
+  add_json(check, check_options.json);
+
+  const auto [bake, bake_options] = add(
+      p, "bake", "a scene as the constants of a board's image (C++); scenes that check refuses are refused",
+      run_bake, Signals::end);
+  add_scene(bake, bake_options.run);
+  add_out_file(bake, bake_options.run.out);
+  add_scalar(bake, bake_options.run.single_precision, ": of the controller");
+  bake.add_flag("--realtime", bake_options.run.realtime,
+                "ticks by the board's clock, for real drives; else lockstep with esmc plant");
+  std::vector<std::string> names;
+  for (const Board& b : boards) names.emplace_back(b.name);
+  bake.add_option("--board", bake_options.board,
+                  "refuse what takes more than 60 % of this board's tick or memory: " +
+                      fmt::format("{}", fmt::join(names, " | ")))
+      ->check(CLI::IsMember(names));
+
+  const auto [c, to] = add(
+      p, "export", "the scene's mechanism for other programs: MJCF, its loop closed, or URDF, its loop cut",
+      run_export, Signals::end);
+  add_scene(c, to.run);
+  c.add_option("--format", to.format, "mjcf | urdf")->required()->check(CLI::IsMember({"mjcf", "urdf"}));
+  add_out_file(c, to.run.out);
+}
+
+void add_accuracy(Program& p) {
+  const auto [c, o] =
+      add(p, "accuracy", "the cost of accuracy in time: integrators, tick rate, sensors, effects",
+          run_accuracy, Signals::end);
+  c.add_flag("--quick", o.quick, "a minute instead of several");
+  add_out(c, o.out, "CSV, JSON, Markdown tables and report.html");
+  add_json(c, o.json, "print the study as one JSON document");
+}
+
+void add_campaign(Program& p) {
+  const auto [c, o] =
+      add(p, "campaign",
+          "faults on a virtual bus, episode after episode, each checked against the safety invariants",
+          run_campaign);
+  c.add_option("SCENE", o.scene, "scene file (TOML); default: variants of the five-bar on a circle");
+  add_sets(c, o.sets);
+  add_integer(c, "--episodes", o.episodes, "number of episodes")
+      ->check(CLI::Range(std::uint64_t{1}, std::uint64_t{1} << 62U))
+      ->default_str("10000");
+  add_seed(c, o.seed, "of the first episode; the next one has the next");
+  add_jobs(c, o.jobs, "threads, without effect on the result; default: as many as processors");
+  c.add_option("--protocol", o.protocol, "in place of the scene's drives.protocol");
+  c.add_option("--fault", o.fault, "only this fault, in episodes where it is possible")->type_name("NAME");
+  add_integer(c, "--replay", o.replay, "run only the episode of this seed, twice, and print its ticks")
+      ->type_name("SEED");
+  add_out(c, o.out, "campaign.json, campaign.md, report.html; with --replay episode.json, episode.txt");
+  add_json(c, o.json);
+}
+
+void add_design(Program& p) {
+  const auto [c, o] =
+      add(p, "design", "switching gains from stated uncertainty: per channel, with their guarantees and cost",
+          run_design);
+  add_scene(c, o.run, "scene file (TOML) with a table [uncertainty], see docs/robust-design.md");
+  c.add_flag("--workspace", o.workspace,
+             "for every place of the workspace, at the speed and acceleration of the reference");
+  c.add_option("--simulate", o.simulate,
+               "number of plants from the intervals to run as `esmc sim` does, with these gains")
+      ->check(CLI::Range(std::uint64_t{1}, std::uint64_t{1'000'000}))
+      ->type_name("UINT");
+  add_seed(c, o.run.seed, "of the simulated plants");
+  add_json(c, o.run.json);
+}
+
+void add_sweep(Program& p) {
+  const auto [c, o] =
+      add(p, "sweep",
+          "parameters, gains and uncertainties: many runs of one scene over all cores, or under mpirun",
+          run_sweep);
+  c.add_option("SPEC", o.spec, "parameters to vary and objectives (TOML), see docs/sweep.md")->required();
+  add_jobs(c, o.jobs, "threads of each process; default: all processors, under mpirun one");
+  add_out(c, o.out,
+          "cases.csv, summary.json, report.html, timing.json; an unfinished sweep there is continued");
+  c.add_flag("--restart", o.restart, "discard an unfinished sweep in DIR");
+  c.add_flag("--scalar", o.scalar, "no SIMD lanes: slower, the same numbers");
+  add_json(c, o.json, "print the summary as one JSON document");
+}
+
+void add_observer_bandwidth(CLI::App& c, double& bandwidth) {
+  // A bandwidth below 1 rad/s would hide every motion.
+  c.add_option("--observer-bandwidth", bandwidth,
+               "rad/s, the least of the drives' observers: motion that they may hide adds to the "
+               "uncertainties; 0: no observers")
+      ->check(number("0, or 1 to 1e6", [](double v) { return v == 0.0 || (v >= 1.0 && v <= 1e6); }))
+      ->capture_default_str();
+}
+
+void add_calibrate(Program& p) {
+  const auto [c, o] =
+      add(p, "calibrate",
+          "lengths and encoder offsets from the log of a run with redundant encoders, with their uncertainty",
+          run_calibrate, Signals::end);
+  c.add_option("LOG", o.log, "directory of a run (log.csv, scene.toml), or a log.csv")->required();
+  c.add_option("--scene", o.scene, "nominal mechanism; default scene.toml beside the log")->type_name("FILE");
+  c.add_option("--half-base", o.half_base, "m, measured: the scale of all lengths")->check(above_zero());
+  c.add_flag("--trust-half-base", o.trust_half_base, "the scene's half_base is exact")
+      ->excludes("--half-base");
+  c.add_option("--effector", o.effector, "CSV t,x,y: measured positions of the effector, s and m")
+      ->type_name("FILE");
+  add_positive(c, "--effector-sigma", o.effector_sigma, "standard deviation of each of their coordinates, m");
+  c.add_flag("--free-frame", o.free_frame, "they are in a frame of their own, not in that of the base")
+      ->needs("--effector");
+  c.add_flag("--keep-nominal", o.keep_nominal,
+             "parameters that the log does not determine stay nominal, instead of an error");
+  add_observer_bandwidth(c, o.observer_bandwidth);
+  add_positive(c, "--within", o.within, "relative change of a length beyond which it is another mechanism");
+  c.add_option("--write", o.write, "scene file to write: the nominal one, corrected")->type_name("FILE");
+  add_json(c, o.json);
+}
+
+void add_identify(Program& p) {
+  const auto [c, o] =
+      add(p, "identify",
+          "base inertial parameters, friction and torque delay from the log of a run, with intervals",
+          run_identify, Signals::end);
+  c.add_option("LOG", o.log, "directory of a run (log.csv, scene.toml), or a log.csv")->required();
+  c.add_option("--scene", o.scene, "lengths and nominal parameters; default scene.toml beside the log")
+      ->type_name("FILE");
+  add_positive(c, "--window", o.window, "s under which the equations are taken");
+  add_observer_bandwidth(c, o.observer_bandwidth);
+  add_positive(c, "--coverage", o.coverage, "half width of the intervals, in standard uncertainties");
+  add_json(c, o.json);
+}
+
+void add_live(Program& p) {
+  const auto [c, o] =
+      add(p, "live", "a bench in the browser: the running loop, drawn; pull at it, change it, break it",
+          run_live);
+  add_scene(c, o.run);
+  add_seed(c, o.run.seed, "of the random effects");
+  c.add_option("--port", o.port, "on 127.0.0.1; 0: any free one")
+      ->check(CLI::Range(0, 65535))
+      ->capture_default_str();
+  c.add_option("--duration", o.duration, "s; else until Ctrl-C")->check(above_zero());
+  c.add_option(
+       "--bus", o.run.bus,
+       "virtual | socketcan:INTERFACE | slcan:ENDPOINT; not virtual: for a controller there, in real time")
+      ->capture_default_str();
+  add_json(c, o.run.json, "print the summary as one JSON document, and the URL on stderr");
+}
+
+void add_spatial_and_keys(Program& p) {
+  const auto [c, o] =
+      add(p, "spatial",
+          "closed loop in space, orientation by unit quaternion: a free body, or a platform on six legs",
+          run_spatial);
+  add_scene(c, o);
+  add_out(c, o.out, "scene.toml, summary.json, log.csv");
+  add_json(c, o.json);
+  add_seed(c, o.seed, "of the noise in [measurement]");
+  add_scalar(c, o.single_precision, of_controller);
+
+  const auto [keys, keys_options] =
+      add(p, "keys", "print the table of scene keys (Markdown)", run_keys, Signals::end);
+  keys.add_option("OF", keys_options.of, "scene | spatial")
+      ->check(CLI::IsMember({"scene", "spatial"}))
+      ->capture_default_str();
+}
+
+}  // namespace
+
+void add_commands(Program& p) {
+  add_init_and_eval(p);
+  add_loops(p);
+  add_drive(p);
+  add_scene_commands(p);
+  add_accuracy(p);
+  add_campaign(p);
+  add_design(p);
+  add_sweep(p);
+  add_calibrate(p);
+  add_identify(p);
+  add_live(p);
+  add_spatial_and_keys(p);
+}
+
+}  // namespace esmc::host

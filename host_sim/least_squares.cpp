@@ -1,0 +1,43 @@
+#include "host_sim/least_squares.hpp"
+
+#include <Eigen/Eigenvalues>
+#include <Eigen/QR>
+#include <algorithm>
+#include <limits>
+
+namespace esmc::host {
+
+Vector least_squares(const Matrix& A, const Vector& b) { return A.colPivHouseholderQr().solve(b); }
+
+Modes symmetric_modes(const Matrix& S) {
+  const Eigen::SelfAdjointEigenSolver<Matrix> solver(S);
+  return {solver.eigenvalues(), solver.eigenvectors()};
+}
+
+Matrix product(const Matrix& A, const Matrix& B) { return A * B; }
+Vector apply(const Matrix& A, const Vector& x) { return A * x; }
+double quadratic(const Matrix& S, const Vector& x) { return x.dot(apply(S, x)); }
+Matrix gram(const Matrix& A) { return A.transpose() * A; }
+Matrix congruent(const Matrix& T, const Matrix& S) { return product(product(T, S), T.transpose()); }
+
+Matrix pseudo_inverse(const Matrix& S) {
+  const Modes m = symmetric_modes(S);
+  const double least = std::numeric_limits<double>::epsilon() * static_cast<double>(S.rows()) *
+                       std::max(0.0, m.value.maxCoeff());
+  Vector inverse = Vector::Zero(S.rows());
+  for (Eigen::Index i = 0; i < S.rows(); ++i)
+    if (m.value[i] > least) inverse[i] = 1.0 / m.value[i];
+  return congruent(m.vector, inverse.asDiagonal());
+}
+
+Matrix gradient_covariance(const Matrix& A, const Vector& r, Eigen::Index blocks) {
+  const Eigen::Index equations = A.rows() / 2;
+  Matrix gradients = Matrix::Zero(A.cols(), blocks);
+  for (Eigen::Index i = 0; i < A.rows(); ++i)
+    gradients.col((i / 2) * blocks / equations) += A.row(i).transpose() * r[i];
+  gradients.colwise() -= gradients.rowwise().mean().eval();
+  const auto count = static_cast<double>(blocks), free = count - static_cast<double>(A.cols());
+  return count / std::max(1.0, free) * gram(gradients.transpose());
+}
+
+}  // namespace esmc::host

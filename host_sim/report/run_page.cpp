@@ -1,0 +1,119 @@
+#include "host_sim/report/run_page.hpp"
+
+#include <fmt/format.h>
+
+#include <cmath>
+#include <utility>
+
+#include "host_sim/report/report.hpp"
+
+namespace esmc::host {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+/// With as many digits as a picture needs; null where it is not finite.
+Json rounded(double v, int digits) {
+  if (std::abs(v) < 1e-300) return 0.0;  // out of the range of stod
+  return std::isfinite(v) ? Json(std::stod(fmt::format("{:.{}g}", v, digits))) : Json(nullptr);
+}
+Json rounded(const std::vector<double>& values, int digits) {
+  Json out = Json::array();
+  for (const double v : values) out.push_back(rounded(v, digits));
+  return out;
+}
+
+Json mechanism_json(const PageMechanism& m) {
+  Json legs = Json::array();
+  for (std::size_t j = 0; j < (m.five_bar ? 2U : 1U); ++j)
+    legs.push_back({{"l1", m.params.legs[j].l1}, {"l2", m.params.legs[j].l2}});
+  return {{"type", m.five_bar ? "five_bar" : "rr"},
+          {"half_base", m.five_bar ? Json(m.params.l0) : Json(nullptr)},
+          {"legs", std::move(legs)}};
+}
+
+Json paths_json(const std::vector<WorkspaceMap::Path>& paths) {
+  Json out = Json::array();
+  for (const WorkspaceMap::Path& path : paths) {
+    Json points = Json::array();
+    for (const V2 p : path) points.push_back({rounded(p.x, 5), rounded(p.y, 5)});
+    out.push_back(std::move(points));
+  }
+  return out;
+}
+
+Json workspace_json(const PageMechanism& m) {
+  constexpr int nodes = 81;
+  const WorkspaceMap map =
+      m.five_bar ? workspace_map(m.params, m.working_mode, m.motors, nodes)
+                 : workspace_map({m.params.legs[0], m.params.g}, m.working_mode[0], m.motors, nodes);
+  return {{"x", {map.x0, map.x1}},          {"y", {map.y0, map.y1}},
+          {"columns", map.columns},         {"rows", map.rows},
+          {"force", rounded(map.force, 4)}, {"type2_sine", rounded(map.type2_sine, 4)},
+          {"type1", paths_json(map.type1)}, {"type2", paths_json(map.type2)}};
+}
+
+Json histograms_json(const std::vector<NamedHistogram>& list) {
+  Json out = Json::array();
+  for (const auto& [title, note, h] : list) {
+    if (h.total() == 0) continue;
+    std::size_t first = 0, last = Histogram::bins;
+    while (first < last && h.counts()[first] == 0) ++first;
+    while (last > first && h.counts()[last - 1] == 0) --last;
+    Json counts = Json::array(), edges = Json::array();
+    for (std::size_t i = first; i < last; ++i) counts.push_back(h.counts()[i]);
+    for (std::size_t i = first; i <= last; ++i) edges.push_back(rounded(Histogram::edge(i), 6));
+    out.push_back({{"title", title},
+                   {"note", note},
+                   {"edges_s", std::move(edges)},
+                   {"counts", std::move(counts)},
+                   {"total", h.total()},
+                   {"mean_s", h.mean()},
+                   {"p99_s", h.quantile(0.99)},
+                   {"max_s", h.largest()}});
+  }
+  return out;
+}
+
+/// Share of the bus time that frames took, in bins of equally many ticks.
+Json load_json(const PageLoad& l) {
+  const std::vector<double>& bins = l.bits.bins();
+  if (bins.empty() || l.bitrate <= 0) return nullptr;
+  Json values = Json::array();
+  const auto stride = static_cast<double>(l.bits.stride());
+  for (std::size_t i = 0; i < bins.size(); ++i) {
+    const double ticks = i + 1 == bins.size() ? static_cast<double>(l.bits.last_ticks()) : stride;
+    values.push_back(rounded(bins[i] / (ticks * l.tick * l.bitrate), 4));
+  }
+  return {{"start_s", -static_cast<double>(l.before) * l.tick},
+          {"bin_s", stride * l.tick},
+          {"load", std::move(values)}};
+}
+
+/// Ten digits show an error of 1e-9 on an angle; all seventeen would double the file.
+Json rows_json(const std::vector<SeriesRow>& list) {
+  Json rows = Json::array();
+  for (const SeriesRow& r : list) {
+    Json row = rounded(r.values, 10);
+    if (!r.state.empty()) row.push_back(r.state);
+    row.push_back(rounded(r.chatter, 4));
+    rows.push_back(std::move(row));
+  }
+  return rows;
+}
+
+}  // namespace
+
+std::string run_page(RunPage page) {
+  Json& data = page.data;
+  data["mechanism"] = mechanism_json(page.mechanism);
+  data["working_mode"] = page.mechanism.working_mode;
+  data["workspace"] = workspace_json(page.mechanism);
+  data["histograms"] = histograms_json(page.histograms);
+  data["bus_load"] = load_json(page.load);
+  data["columns"] = page.columns;
+  data["rows"] = rows_json(page.rows);
+  return render_report(data);
+}
+
+}  // namespace esmc::host
