@@ -6,6 +6,7 @@
 
 #include <vector>
 
+#include "firmware/control/fused_law.hpp"
 #include "tests/benchmarks/setting.hpp"
 
 namespace esmc::bench {
@@ -41,7 +42,7 @@ template <LawKind Law, class M>
 [[nodiscard, gnu::noinline]] Vec2<typename M::Scalar> torque_of(const M& m, const Gains<M>& g,
                                                                 const Tracking<M>& t) {
   typename M::Channels acceleration, sliding;
-  demand<M, Rows::with_mass>(Law, m, g, Reaching::implicit, t, acceleration, sliding);
+  fused_acceleration(Law, m, g, Reaching::implicit, t, acceleration, sliding);
   benchmark::DoNotOptimize(sliding);
   return m.base_torque(t.pose, m.force(acceleration, t.rates));
 }

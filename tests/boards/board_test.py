@@ -3,12 +3,15 @@
 
 usage: board_test.py build ROOT BOARD ESMC       with the esmc command that bakes
        board_test.py image ELF SCALAR [FLASH RAM]   what must not be in it, and what it takes of the memories, at most
+       board_test.py image ELF SCALAR COSTS         the same, with the bounds of board_costs.hpp
        board_test.py parts ELF [NAME...]         the optional parts of the controller in it are these, and no others
        board_test.py loop ELF MACHINE SCALAR ESMC SCENE
                                                     closes the loop with `esmc plant` over slcan: the same digest as
                                                     `esmc hil --scalar SCALAR`, to the last bit
-       board_test.py count ELF MACHINE DOCS [--update]
-                                                    instructions per tick: the table of docs/boards.md
+       board_test.py count ELF MACHINE DOCS COSTS [--update | --sample COUNT]
+                                                    instructions per tick, and what optional parts add: the tables of
+                                                    docs/boards.md and of host_sim/controller/board_costs.hpp; with
+                                                    --sample of esmc and of COUNT other laws
        board_test.py crash ELF MACHINE              faults that it provokes leave their record
        board_test.py same ROOT BOARD BOARD          two boards link the same control archive, byte for byte"""
 import json
@@ -25,6 +28,12 @@ import page_table
 import stack_bound
 import zcu102
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "support"))
+import sample  # noqa: E402
+
+LAWS = ("esmc", "esmc_projected", "smc", "ctc", "pd")  # in the order of count.cpp
+OPTIONS = ("super_twisting", "implicit_coupled", "momentum_observer", "predictor", "closure_projection", "four_motors")
+LARGEST = ("super_twisting", "momentum_observer", "predictor", "closure_projection")  # that fit together
 ICOUNT = "shift=6,sleep=off"  # an instruction is 64 ns; the emulator does not wait for anybody
 
 
@@ -46,14 +55,25 @@ def build(root, board, esmc):
     return 0
 
 
+def bounds_of(costs, board):
+    """Bytes of flash and RAM that board_costs.hpp grants the image of a board."""
+    return re.search(rf'\{{"{board}", \w+, [\d.e]+, \d+, \d+, (\d+), (\d+)\}}', Path(costs).read_text(encoding="utf-8")).groups()
+
+
+def flash_and_ram(elf):
+    size = run("arm-none-eabi-size", elf).stdout.splitlines()[1].split()
+    return int(size[0]) + int(size[1]), int(size[1]) + int(size[2])
+
+
 def image(elf, scalar, flash_max=1 << 20, ram_max=1 << 17):
+    if str(flash_max).endswith(".hpp"):
+        flash_max, ram_max = bounds_of(flash_max, Path(elf).stem)
     names = run("arm-none-eabi-nm", "-C", elf).stdout
     hosted = (r"_?malloc\w*|_?free|_sbrk\w*|operator new.*|operator delete.*|__cxa_\w*|_Unwind\w*|__gxx_personality\w*|"
               r"typeinfo .*|vtable .*|\w*printf\w*|_write|_read|.*aligned_malloc.*")
     software = r"|__aeabi_d\w+" if scalar == "float" else ""  # of a processor that has no double
     bad = re.findall(rf"^.* [tTwWbBdDrRvV] ({hosted}{software})$", names, re.M)
-    size = run("arm-none-eabi-size", elf).stdout.splitlines()[1].split()
-    flash, ram = int(size[0]) + int(size[1]), int(size[1]) + int(size[2])
+    flash, ram = flash_and_ram(elf)
     print(f"forbidden symbols: {bad}; flash {flash} bytes, RAM {ram} bytes with the stack")
     with tempfile.TemporaryDirectory() as folder:
         run("arm-none-eabi-objcopy", "-O", "binary", elf, f"{folder}/flash")
@@ -65,9 +85,8 @@ def image(elf, scalar, flash_max=1 << 20, ram_max=1 << 17):
 
 
 def parts(elf, *names):
-    known = ("super_twisting", "implicit_coupled", "momentum_observer", "predictor", "four_motors", "closure_projection")
     symbols = run("arm-none-eabi-nm", "-C", elf).stdout
-    found = {part for part in known if re.search(rf"\besmc::part::{part}<", symbols)}
+    found = {part for part in OPTIONS if re.search(rf"\besmc::part::{part}<", symbols)}
     print("optional parts:", " ".join(sorted(found)) or "none")
     return 0 if "esmc::Controller<" in symbols and found == set(names) else 1
 
@@ -139,9 +158,44 @@ def loop(elf, machine, scalar, esmc, scene):
     return 0
 
 
-def count(elf, machine, docs, update):
-    rows = []
-    board = qemu(elf, machine, "stdio")
+def flash_of_options(folder):
+    """Bytes that optional parts add to the image of a board without any: it is linked again with their functions."""
+    board = folder.name
+    link = run("ninja", "-t", "commands", f"{board}.elf", cwd=folder).stdout.splitlines()[-1]
+    symbols = run("arm-none-eabi-nm", folder / "firmware/libesmc_control.a").stdout
+    without = flash_and_ram(folder / f"{board}.elf")
+
+    def symbol(option):
+        return re.search(rf" (_ZN4esmc4part[0-9]+{option}INS_7FiveBar\w+)", symbols)[1]
+
+    def added(*options):
+        keep = " ".join(f"-Wl,-u,{symbol(o)}" for o in options)
+        with tempfile.TemporaryDirectory() as temporary:
+            command = re.sub(r"-Map=\S+", f"-Map={temporary}/map", link).replace(f"-o {board}.elf", f"-o {temporary}/with.elf {keep}")
+            done = run("sh", "-c", command, cwd=folder)
+            if done.returncode != 0:
+                raise SystemExit(done.stdout + done.stderr)
+            flash, ram = flash_and_ram(f"{temporary}/with.elf")
+        if ram != without[1]:
+            raise SystemExit(f"{options} take RAM: {ram - without[1]} bytes")
+        return flash - without[0]
+
+    return {**{o: added(o) for o in OPTIONS}, "largest": added(*LARGEST)}
+
+
+def selected(elf, count):
+    """What makes the emulator tell the image of `count` to count esmc, and that many other laws drawn by the commit's hash."""
+    drawn = [0, *sample.drawn(range(1, len(LAWS)), count, lambda i: LAWS[i])]
+    if len(drawn) == len(LAWS):
+        return len(LAWS), []
+    address, bits = symbols_of(elf)["esmc_laws_to_count"], sum(1 << i for i in drawn)
+    return len(drawn), ["-device", f"loader,addr={address:#x},data={bits:#x},data-len=4"]
+
+
+def count(elf, machine, docs, costs, update, at_most):
+    laws, options = {}, {}
+    wanted, more = selected(elf, at_most)
+    board = qemu(elf, machine, "stdio", *more)
     for line in board.stdout:
         if line.startswith("done"):
             break
@@ -150,15 +204,28 @@ def count(elf, machine, docs, update):
             print("unexpected:", line)
             board.kill()
             return 1
-        law, states, refused, least, mean, most = m[1], *map(int, m.groups()[1:])
+        name, states, refused, least, mean, most = m[1], *map(int, m.groups()[1:])
         if refused or states < 1000:
-            print(f"{law}: {refused} states in which no tick was counted, {states} counted")
+            print(f"{name}: {refused} states in which no tick was counted, {states} counted")
             board.kill()
             return 1
-        rows.append(f"| `{law}` | {least} | {mean} | {most} |")
+        (options if name in (*OPTIONS, "largest") else laws)[name] = (least, mean, most)
     board.kill()
-    table = "| law | least | mean | most |\n|---|---|---|---|\n" + "\n".join(rows) + "\n"
-    return page_table.check(docs, f"count {machine}", table, update)
+    if len(laws) != wanted:
+        print(f"{len(laws)} laws counted, not {wanted}")
+        return 1
+    check = page_table.check if wanted == len(LAWS) else page_table.check_some
+    rows = "".join(f"| `{law}` | {least} | {mean} | {most} |\n" for law, (least, mean, most) in laws.items())
+    failed = check(docs, f"count {machine}", "| law | least | mean | most |\n|---|---|---|---|\n" + rows, update)
+    flash = flash_of_options(Path(elf).parent)
+    more = {name: most - laws["esmc"][2] for name, (_, _, most) in options.items()}
+    rows = "".join(f"| `{o}` | {more[o]} | {flash[o]} |\n" for o in OPTIONS)
+    rows += f"| {', '.join(f'`{o}`' for o in LARGEST)} together | {more['largest']} | {flash['largest']} |\n"
+    head = "| optional part | instructions more than `esmc`, at most | bytes of flash |\n|---|---|---|\n"
+    failed |= page_table.check(docs, f"costs {machine}", head + rows, update)
+    rows = [f'    {{"{law}", {most}, 0}},' for law, (_, _, most) in laws.items()]
+    rows += [f'    {{"{o}", {more[o]}, {flash[o]}}},' for o in OPTIONS]
+    return failed | check(costs, f"costs {machine}", "\n".join(rows) + "\n    // ", update)
 
 
 def crash(elf, machine):
@@ -219,5 +286,6 @@ if __name__ == "__main__":
     update = "--update" in arguments
     arguments = [a for a in arguments if a != "--update"]
     if what == "count":
-        sys.exit(count(*arguments, update))
+        at_most = sample.take_option(arguments)
+        sys.exit(count(*arguments, update, at_most))
     sys.exit({"build": build, "crash": crash, "image": image, "loop": loop, "parts": parts, "same": same}[what](*arguments))

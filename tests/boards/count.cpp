@@ -1,10 +1,11 @@
 /// Image of an emulated board that counts its own instructions: whole ticks of the cycle, frames in to frames
 /// out, in random states of all working and assembly modes, law by law. With QEMU's -icount shift=6 an
 /// instruction takes 64 ns of virtual time and the 25 MHz timer counts 1.6 per instruction. Prints a line per
-/// law, then "done".
+/// law, a line per optional part, then "done".
 
 #include <cstdint>
 #include <cstring>
+#include <iterator>
 #include <new>
 #include <optional>
 
@@ -94,13 +95,14 @@ constexpr S turn = S(6.283185307F);
 template <class M>
 struct State {
   typename M::Mode mode{};
-  Vec2<S> angle, rate;
+  Vec<S, M::joints> angle, rate;
 };
 
 /// Effector anywhere in reach of the circle's neighbourhood, bars bent either way; not at a singularity.
 template <class M>
 std::optional<State<M>> draw(const M& m, Random& r) {
   State<M> s;
+  Vec2<S> base;
   if constexpr (M::joints == 4) {
     s.mode.working = {{{r.coin() ? 1 : -1, r.coin() ? 1 : -1}}};
     s.mode.assembly = 1;
@@ -109,23 +111,35 @@ std::optional<State<M>> draw(const M& m, Random& r) {
     if (!pose || M::min_abs_sin_type1(*pose) < S(0.1F) || M::abs_sin_type2(*pose) < S(0.2F))
       return std::nullopt;
     s.mode.assembly = pose->sin_type2 > S(0) ? 1 : -1;
-    s.angle = M::base_angles(*pose);
+    s.angle = M::angles(*pose);
+    base = M::base_angles(*pose);
   } else {
     s.mode.working = r.coin() ? 1 : -1;
-    s.angle = Vec2<S>(r.between(S(-3), S(3)), r.between(S(0.3F), S(2.8F)) * S(s.mode.working));
+    s.angle = base = Vec2<S>(r.between(S(-3), S(3)), r.between(S(0.3F), S(2.8F)) * S(s.mode.working));
   }
   // Thrown off the reference, every channel at its limit, or on it, every channel within its layer.
   const S fastest = r.coin() ? S(2) : S(0.002F);
-  s.rate = Vec2<S>(r.between(-fastest, fastest), r.between(-fastest, fastest));
+  const Vec2<S> base_rate(r.between(-fastest, fastest), r.between(-fastest, fastest));
+  if constexpr (M::joints == 4) {
+    typename M::Pose pose;
+    typename M::Rates rates;
+    if (!estimate_from_base(m, s.mode, base, base_rate, pose, rates)) return std::nullopt;
+    s.rate << rates.leg[0], rates.leg[1];
+  } else {
+    s.rate = base_rate;
+  }
   return s;
 }
 
-void offer(ArrayBus& bus, const State<M>& s, std::uint8_t state, bool heartbeat) {
+/// Motors alone, or four axes on all joints.
+void offer(ArrayBus& bus, const State<M>& s, int axes, std::uint8_t state, bool heartbeat) {
   bus.clear();
-  for (unsigned i = 0; i < 2; ++i) {
-    if (heartbeat) bus.offer(test::heartbeat(i + 1, state));
-    bus.offer(test::encoder(i + 1, static_cast<float>(s.angle[static_cast<int>(i)] / turn),
-                            static_cast<float>(s.rate[static_cast<int>(i)] / turn)));
+  for (int i = 0; i < axes; ++i) {
+    const auto node = static_cast<unsigned>(i) + 1U;
+    const int joint = ControllerConfig<M>::joint_of(i, axes);
+    if (heartbeat) bus.offer(test::heartbeat(node, state));
+    bus.offer(test::encoder(node, static_cast<float>(s.angle[joint] / turn),
+                            static_cast<float>(s.rate[joint] / turn)));
   }
 }
 
@@ -149,14 +163,14 @@ bool measure(const Node::Config& config, const State<M>& s, ArrayBus& bus, const
   node = ::new (static_cast<void*>(memory)) Node(config);
   node->command(Command::enable);
   for (int n = 0; n < 12; ++n) {
-    offer(bus, s, n < 1 ? test::axis_idle : test::axis_closed_loop, true);
+    offer(bus, s, config.axis_count, n < 1 ? test::axis_idle : test::axis_closed_loop, true);
     node->receive(bus);
     node->tick(bus);
     if (node->supervisor().fault() != Fault::none) return false;
     if (node->supervisor().running() && node->controller().config().join_ticks == 0 && n >= 4) break;
   }
   if (!node->supervisor().running()) return false;
-  offer(bus, s, test::axis_closed_loop, true);
+  offer(bus, s, config.axis_count, test::axis_closed_loop, true);
   const std::uint32_t begin = timer.now();
   node->receive(bus);
   node->tick(bus);
@@ -166,7 +180,81 @@ bool measure(const Node::Config& config, const State<M>& s, ArrayBus& bus, const
   return true;
 }
 
+/// Counts a tick in each of `states` states and prints a line.
+void report(Text& out, const char* name, Node::Config& config, std::uint32_t states, ArrayBus& bus,
+            const Timer& timer) {
+  Counts counts;
+  Random random;
+  std::uint32_t drawn = 0, refused = 0;
+  while (drawn < states) {
+    const auto s = draw(config.controller.mechanism, random);
+    if (!s) continue;
+    ++drawn;
+    config.controller.mode = s->mode;
+    if (!measure(config, *s, bus, timer, counts)) ++refused;
+  }
+  out << name << " states " << counts.states << " refused " << refused << " least " << counts.least
+      << " mean " << static_cast<std::uint32_t>(counts.sum / (counts.states > 0 ? counts.states : 1U))
+      << " most " << counts.most << "\n";
+}
+
+/// Four axes instead of the two motors.
+void on_all_joints(Node::Config& c) {
+  c.axis_count = 4;
+  for (unsigned i = 0; i < 4; ++i) {
+    const drive::AxisConfig mount{static_cast<std::uint8_t>(i + 1U), 1.0F, 1.0F, 0.0F};
+    c.axes[i] = drive::OdriveAxis(mount, drive::odrive::Version::v0_6, 150U, {});
+    c.axes[i].restarts_within(30U);
+  }
+  c.controller.torque_limit.setConstant(c.controller.torque_limit[0]);
+  c.controller.torque_weight.setConstant(c.controller.torque_weight[0]);
+}
+
+/// The optional parts of the controller, with the law esmc.
+struct Option {
+  const char* name;
+  void (*add)(Node::Config&);
+};
+constexpr auto super_twisting = [](Node::Config& c) { c.controller.reach = &part::super_twisting<M>; };
+constexpr auto implicit_coupled = [](Node::Config& c) { c.controller.reach = &part::implicit_coupled<M>; };
+constexpr auto momentum_observer = [](Node::Config& c) {
+  c.controller.observer = &part::momentum_observer<M>;
+  c.controller.observer_bandwidth = S(50);
+};
+constexpr auto predictor = [](Node::Config& c) {
+  c.controller.predict = &part::predictor<M>;
+  c.controller.delay_ticks = S(2);
+};
+constexpr auto closure_projection = [](Node::Config& c) {
+  on_all_joints(c);
+  c.controller.sensors = Sensors::all;
+  c.controller.fuse = &part::closure_projection<M>;
+  c.controller.encoder_variance.setOnes();
+};
+constexpr auto four_motors = [](Node::Config& c) {
+  on_all_joints(c);
+  c.controller.motors = Motors::all;
+  c.controller.allocate = allocation_for<M>(Motors::all);
+};
+constexpr Option options[] = {{"super_twisting", super_twisting},
+                              {"implicit_coupled", implicit_coupled},
+                              {"momentum_observer", momentum_observer},
+                              {"predictor", predictor},
+                              {"closure_projection", closure_projection},
+                              {"four_motors", four_motors},
+                              {"largest", [](Node::Config& c) {
+                                 super_twisting(c);
+                                 momentum_observer(c);
+                                 predictor(c);
+                                 closure_projection(c);
+                               }}};
+
 }  // namespace
+
+extern "C" {
+/// The laws to count, one bit each in the order below; the emulator sets them before the start. 0: all.
+[[gnu::section(".noinit"), gnu::used]] volatile std::uint32_t esmc_laws_to_count;
+}
 
 extern "C" [[noreturn]] void esmc_main() {
   static Uart port(0x4000'4000U);
@@ -186,21 +274,20 @@ extern "C" [[noreturn]] void esmc_main() {
   config.controller.limits.joint_speed = S(1e3F);
   config.controller.limits.workspace_x = config.controller.limits.workspace_y = {};
   config.controller.limits.joint_angle = {};
-  for (const Law& law : laws) {
+  for (std::size_t i = 0; i < std::size(laws); ++i) {
+    const Law& law = laws[i];
+    if (esmc_laws_to_count != 0 && (esmc_laws_to_count >> i & 1U) == 0) continue;
     config.controller.law = law.kind;
-    Counts counts;
-    Random random;
-    std::uint32_t drawn = 0, refused = 0;
-    while (drawn < ESMC_STATES) {
-      const auto s = draw(config.controller.mechanism, random);
-      if (!s) continue;
-      ++drawn;
-      config.controller.mode = s->mode;
-      if (!measure(config, *s, bus, timer, counts)) ++refused;
-    }
-    out << law.name << " states " << counts.states << " refused " << refused << " least " << counts.least
-        << " mean " << static_cast<std::uint32_t>(counts.sum / (counts.states > 0 ? counts.states : 1U))
-        << " most " << counts.most << "\n";
+    report(out, law.name, config, ESMC_STATES, bus, timer);
+  }
+  config.controller.law = LawKind::esmc;
+  constexpr std::uint32_t states = ESMC_STATES / 50U;
+  for (const Option& option : options) {
+    if (states == 0) break;
+    static Node::Config with;
+    with = config;
+    option.add(with);
+    report(out, option.name, with, states, bus, timer);
   }
   out << "done\n";
   for (;;) {

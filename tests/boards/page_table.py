@@ -2,6 +2,17 @@
 from pathlib import Path
 
 
+def check_some(page, name, table, _=False):
+    """0 if the page has all lines of this table, and maybe more."""
+    text = Path(page).read_text(encoding="utf-8")
+    old = text.split(f"<!-- {name} -->\n")[1].split(f"<!-- /{name} -->")[0].splitlines()
+    missing = [line for line in table.splitlines() if line not in old]
+    print(table)
+    if missing:
+        print(f"{Path(page).name} does not have:", *missing, sep="\n")
+    return int(bool(missing))
+
+
 def check(page, name, table, update):
     """0 if the page has this table, or got it (`update`)."""
     text = Path(page).read_text(encoding="utf-8")

@@ -3,7 +3,7 @@
 
 #include <string>
 
-#include "host_sim/loop/halves.hpp"
+#include "host_sim/loop/plant_end.hpp"
 
 namespace esmc::test {
 
@@ -22,8 +22,7 @@ NodeRun run_node(Node& node, const host::RunOptions& options, const host::Scene&
   const auto bus = std::make_unique<hal::VirtualBus<2>>();
   host::FrameLog frames(frames_path.empty() ? nullptr : std::fopen(frames_path.c_str(), "wb"), "virtual",
                         static_cast<std::uint32_t>(scene.bitrate));
-  host::PlantHalf<World, hal::VirtualBus<2>::Port> plant(scene, options, bus->port(0), frames, nullptr,
-                                                         false);
+  host::PlantEnd<World, hal::VirtualBus<2>::Port> plant(scene, options, bus->port(0), frames, nullptr, false);
   node.command(Command::enable);
   while (!plant.finished()) {
     plant.publish();

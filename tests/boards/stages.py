@@ -22,7 +22,7 @@ OF = {stage: names.split() for stage, names in {
     "checks": "tick open gather drive_fault check_shafts status apply_link_commands send_telemetry begin_tick raise compute observe accept keep advance",
     "closure": "estimate_from_base estimate_from_all",
     "reference": "follow desire desired desired_at_effector join_feasible start",
-    "law": "demand esmc_acceleration projected_acceleration smc_acceleration ctc_acceleration torque_pd",
+    "law": "fused_acceleration channelwise_acceleration smc_acceleration ctc_acceleration torque_pd",
     "model": "force",
     "allocation": "apply_law base_torque gather_on_base allocate_all to_base_motors",
     "limits": "guard guarded limit limit_torque allowed",
@@ -140,7 +140,7 @@ def stages(elf, machine, scalar, esmc, scene, docs, update):
 
 
 def self_test():
-    functions = {1: ["now", "measure"], 2: ["get_u32", "receive"], 3: ["arc_tangent2"], 4: ["for_each_error_row", "esmc_acceleration", "apply_law"],
+    functions = {1: ["now", "measure"], 2: ["get_u32", "receive"], 3: ["arc_tangent2"], 4: ["for_each_error_row", "channelwise_acceleration", "apply_law"],
                  5: ["bare"], 6: ["try_send", "transmit", "tick"]}
     first, second = [2] * 30 + [3] * 10 + [4, 3, 5] * 5 + [6] * 7, [4] * 50
     got = list(by_stage(functions, [5, 1, 5, 1, *first, 1, *[5] * 60, 1, *second, 1]))

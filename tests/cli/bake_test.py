@@ -60,6 +60,21 @@ class Bake(unittest.TestCase):
         self.refused(CIRCLE, *sets(f'reference={{type="polyline",points=[{corners}],speed=0.2}}',
                                    'initial={at="reference"}'), text="allowed are 64")
 
+    def test_what_exceeds_the_budget_of_a_board_is_not_baked(self):
+        g4 = ("--board", "nucleo_g474re", "--scalar", "float")
+        done = bake(CIRCLE, *g4)
+        self.assertEqual((done.returncode, done.stderr, done.stdout), (0, "", bake(CIRCLE, "--scalar", "float").stdout))
+        self.refused(CIRCLE, *g4, *sets("control.rate_hz=40000"), text=r"takes \d+ of the 4250 cycles of a tick of nucleo_g474re")
+        # The largest rate that is offered is taken; one more is not. (What the bus carries ends far below it.)
+        offered = re.search(r"control.rate_hz = (\d+) or less", bake(CIRCLE, *g4, *sets("control.rate_hz=40000")).stderr)[1]
+        self.refused(CIRCLE, *g4, *sets(f"control.rate_hz={offered}"), text="esmc check refuses it")
+        self.refused(CIRCLE, *g4, *sets(f"control.rate_hz={int(offered) + 1}"), text=f"control.rate_hz = {offered} or less")
+        parts = ('control.reaching="super_twisting"', "control.predictor=true", "control.delay_ticks=2", "control.disturbance_observer=20.0")
+        self.refused(CIRCLE, *g4, *sets(f"control.rate_hz={offered}", *parts), text="cycles of a tick of nucleo_g474re")
+        self.refused(CIRCLE, "--board", "nucleo_g474re", text="nucleo_g474re needs --scalar float")
+        self.refused(CIRCLE, "--board", "nucleo_h743zi2", "--scalar", "float", text="nucleo_h743zi2 needs --scalar double")
+        self.refused(CIRCLE, "--board", "nucleo_g0", text="nucleo_g0")
+
     def test_bad_input(self):
         self.refused("no_such.toml", text="no_such.toml")
         done = bake(CIRCLE, "--out", "/no/such/folder/scene.hpp")

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 """esmc campaign from outside: the contract of its document, the same result whatever the number of threads, replay,
-and as many episodes as fit into a test run, without a violation. Usage: campaign_test.py ESMC SCENES EPISODES"""
+and as many episodes as fit into a test run, without a violation. Usage: campaign_test.py ESMC SCENES EPISODES [--sample COUNT]"""
 
 import json
 import pathlib
@@ -8,6 +8,10 @@ import subprocess
 import sys
 import tempfile
 
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
+import sample  # noqa: E402
+
+SAMPLE = sample.take_option(sys.argv)
 ESMC, SCENES, EPISODES = sys.argv[1], pathlib.Path(sys.argv[2]), int(sys.argv[3])
 FAULTS = """nothing frame_loss burst_loss scattered_loss duplication delay reordering corruption not_finite denormal huge end_of_range
  wrong_length remote_frame fd_frame extended_frame frozen_sensor sensor_jump sensor_step sensor_flipped swapped_nodes
@@ -60,10 +64,13 @@ def main_run():
         check(j["faults"][fault]["latched"].get(name, 0) > EPISODES / 400, f"{fault} is seldom latched as {name}")
 
 
-def threads_and_seeds():
+def threads():
     one, three = (campaign("--episodes", "1000", "--seed", "77", "--jobs", n) for n in ("1", "3"))
     check(one == three, "the result depends on --jobs")
-    other = campaign("--episodes", "1000", "--seed", "78")
+
+
+def seeds_and_protocols():
+    one, other = (campaign("--episodes", "1000", "--seed", n) for n in ("77", "78"))
     check(one["digest"] != other["digest"], "the result does not depend on --seed")
     digests = {p: campaign("--episodes", "300", "--protocol", p) for p in PROTOCOLS}
     check(all(j["violations"] == [] for j in digests.values()), "one protocol alone")
@@ -82,15 +89,27 @@ def scenes_of_ones_own():
         check(j["violations"] == [], f"{scene}: {j['violations'][:3]}")
 
 
-def other_times():
+def other_times(protocols):
     """What is demanded follows from the scene: the watchdogs of a slow loop are slow, and no fault of the controller."""
     scene = str(SCENES / "five_bar_circle.toml")
-    for protocol in PROTOCOLS:
+    for protocol in protocols:
         for sets in (["control.rate_hz=100"], ["control.rate_hz=333", "limits.max_age_ticks=5"], ["control.rate_hz=5000"],
                      ["drives.watchdog_timeout=0.05", "limits.feedback_jump=0"], ["drives.heartbeat_timeout=0.1"]):
             options = [o for s in sets for o in ("--set", s)]
             j = campaign(scene, "--protocol", protocol, "--episodes", "250", *options)
             check(j["violations"] == [], f"{protocol}, {sets}: {j['violations'][:3]}")
+
+
+def other_times_odrive():
+    other_times(PROTOCOLS[:2])
+
+
+def other_times_of_torque_modes():
+    other_times(PROTOCOLS[2:])
+
+
+def slow_loop():
+    scene = str(SCENES / "five_bar_circle.toml")
     slow = campaign(scene, "--set", "control.rate_hz=100", "--episodes", "250")["reaction_ms"]
     check(30.0 < slow["host_death_max"] <= 50.0, f"host death at 100 Hz: {slow['host_death_max']} ms")
     check(slow["stale_max"] <= 20.0 + 1e-9 and slow["safe_max"] <= 21.0, f"stale feedback at 100 Hz: {slow}")
@@ -161,8 +180,9 @@ def bad_input():
               f"{arguments}: {run.stderr!r}")
 
 
-for part in (main_run, threads_and_seeds, watchdogs_are_read_back, scenes_of_ones_own, other_times, four_motors, what_no_campaign_can_judge, replay,
-             violations_are_told, bad_input):
+PARTS = (main_run, threads, seeds_and_protocols, watchdogs_are_read_back, scenes_of_ones_own, other_times_odrive,
+         other_times_of_torque_modes, slow_loop, four_motors, what_no_campaign_can_judge, replay, violations_are_told, bad_input)
+for part in sample.drawn(PARTS, SAMPLE, lambda p: p.__name__):
     part()
 print("campaign_test: " + ("passed" if failed == 0 else f"{failed} checks failed"))
 sys.exit(1 if failed else 0)

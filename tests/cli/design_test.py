@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""`esmc design` and gain = "robust", from outside. usage: design_test.py ESMC SCENES"""
+"""`esmc design` and gain = "robust", from outside. usage: design_test.py ESMC SCENES [--sample COUNT]"""
 import json
 import re
 import subprocess
@@ -7,6 +7,10 @@ import sys
 import unittest
 from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "support"))
+import sample  # noqa: E402
+
+SAMPLE = sample.take_option(sys.argv)
 ESMC, SCENES = sys.argv[1], Path(sys.argv[2])
 SCENE = str(SCENES / "five_bar_robust.toml")
 CIRCLE = str(SCENES / "five_bar_circle.toml")
@@ -312,4 +316,4 @@ class Design(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    unittest.main(argv=sys.argv[:1])
+    unittest.main(argv=sys.argv[:1], testLoader=sample.SampledLoader(SAMPLE))

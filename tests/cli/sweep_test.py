@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 """esmc sweep from outside: bad specifications, the same files whatever the number of threads and processes, a kill in the
-middle and the same command again. Usage: sweep_test.py ESMC HOST_SIM [sanitized]"""
+middle and the same command again. Usage: sweep_test.py ESMC HOST_SIM [sanitized] [--sample COUNT]"""
 
 import csv
 import json
@@ -13,6 +13,10 @@ import sys
 import tempfile
 import time
 
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
+import sample  # noqa: E402
+
+SAMPLE = sample.take_option(sys.argv)
 ESMC, HOST_SIM = str(pathlib.Path(sys.argv[1]).resolve()), pathlib.Path(sys.argv[2]).resolve()
 SCENE = HOST_SIM / "scenes" / "five_bar_circle.toml"
 SANITIZED = sys.argv[3:] == ["sanitized"]  # slow, and MPI has leaks of its own
@@ -123,7 +127,8 @@ def same(a, b, what):
         check((a / name).read_bytes() == (b / name).read_bytes(), f"{what}: {name} differs")
 
 
-def threads_and_processes(folder, spec):
+def threads_and_processes(folder):
+    spec = folder / "good.toml"
     one = folder / "one"
     sweep(spec, "--out", one, "--jobs", 1)
     check(sorted(f.name for f in one.iterdir()) == ["cases.csv", "report.html", "scene.toml", "summary.json", "sweep.toml", "timing.json"],
@@ -152,7 +157,9 @@ def threads_and_processes(folder, spec):
 
 def what_the_table_says(folder):
     """A case of the table is what esmc sim says of that scene, and the design is what was asked for."""
-    rows = list(csv.DictReader((folder / "one" / "cases.csv").open(encoding="utf-8")))
+    out = folder / "table"
+    sweep(folder / "good.toml", "--out", out)
+    rows = list(csv.DictReader((out / "cases.csv").open(encoding="utf-8")))
     check(len(rows) == 2 * N and [r["case"] for r in rows] == [str(i) for i in range(2 * N)], "rows of cases.csv")
     gains = sorted(float(r["control.gain"]) for r in rows[:N])
     check(all(10 * 40 ** (i / N) <= g * (1 + 1e-12) and g <= 10 * 40 ** ((i + 1) / N) * (1 + 1e-12) for i, g in enumerate(gains)), "strata of the gains")
@@ -169,7 +176,7 @@ def what_the_table_says(folder):
                            f"control.law={r['control.law']}").stdout)
         check(float(r["settled_rms_m"]) == s["tracking"]["settled_rms_m"], f"case {r['case']}: settled_rms_m")
         check(float(r["torque_activity_nm"]) == s["torque"]["mean_abs_delta_nm"], f"case {r['case']}: torque_activity_nm")
-    summary = json.loads((folder / "one" / "summary.json").read_text())
+    summary = json.loads((out / "summary.json").read_text())
     front = summary["fronts"][0]["cases"]
     points = [(float(rows[i]["settled_rms_m"]), float(rows[i]["torque_activity_nm"])) for i in front]
     check(points == sorted(points) and all(a[1] > b[1] for a, b in zip(points, points[1:])), "the front is not one")
@@ -243,8 +250,8 @@ def kill_and_go_on(folder):
     check(sorted(f.name for f in whole.iterdir()) == sorted(f.name for f in killed.iterdir()), "something is left of the killed ones")
 
 
-def places_that_cannot_be_written(folder, spec):
-    file = folder / "file"
+def places_that_cannot_be_written(folder):
+    spec, file = folder / "good.toml", folder / "file"
     file.write_text("")
     check("--out" in sweep(spec, "--out", file, status=2).stderr, "a file instead of a folder")
     if pathlib.Path("/dev/full").exists():
@@ -311,23 +318,18 @@ def impossible_cases(folder):
     check(0 < j["outcomes"].get("impossible", 0) < 80 and sum(j["outcomes"].values()) == 80, f"outcomes {j['outcomes']}")
 
 
-def examples():
+def examples(_):
     for spec in sorted((HOST_SIM / "sweeps").glob("*.toml")):
         text = spec.read_text(encoding="utf-8")
         check("scene" in text and "[[vary]]" in text, f"{spec.name} is no specification")
 
 
+PARTS = (bad_specifications, threads_and_processes, what_the_table_says, impossible_cases, what_is_not_its_own, places_that_cannot_be_written,
+         kill_and_go_on, varied_files_belong_to_it, examples)
+
 with tempfile.TemporaryDirectory() as scratch:
     here = pathlib.Path(scratch)
-    good = here / "good.toml"
-    good.write_text(GOOD, encoding="utf-8")
-    bad_specifications(here)
-    threads_and_processes(here, good)
-    what_the_table_says(here)
-    impossible_cases(here)
-    what_is_not_its_own(here)
-    places_that_cannot_be_written(here, good)
-    kill_and_go_on(here)
-    varied_files_belong_to_it(here)
-    examples()
+    (here / "good.toml").write_text(GOOD, encoding="utf-8")
+    for part in sample.drawn(PARTS, SAMPLE, lambda p: p.__name__):
+        part(here)
 sys.exit(1 if failed else 0)

@@ -91,7 +91,7 @@ SEEDS = 8
 def tracking(esmc, sensing, world, seed):
     """Effector rms after 0.25 s, m. Without the two tables that sensors = "base" has no use for."""
     text = (SCENES / "five_bar_fusion.toml").read_text(encoding="utf-8")
-    text = text.replace("encoder_sigma = 3e-4           # rad: equal ones; four values where they differ\n", "")
+    text = re.sub(r"^encoder_sigma = .*\n", "", text, flags=re.M)
     if 'control.sensors="base"' in sensing:
         text = text.replace("[sensors]\nnodes = [3, 4]\n", "")
     with tempfile.TemporaryDirectory() as folder:

@@ -50,7 +50,7 @@ FIGURES = [
         ("end_stops", PUSH + effects('type="end_stops", lower=[-1.0, -3.0], upper=[0.5, 3.0], restitution=0.6'),
          lambda r: r["theta1"])]),
     ("torque_saturation", "torque, N m", 0.0, 0.6, [
-        ("asked for", effects('type="torque_saturation", limit=1.0'), lambda r: r["tau1_cmd"]),
+        ("commanded", effects('type="torque_saturation", limit=1.0'), lambda r: r["tau1_cmd"]),
         ("torque_saturation", effects('type="torque_saturation", limit=1.0'), lambda r: r["tau1"])]),
     ("torque_ripple", "joint rate, rad/s", 1.0, 3.0, [
         ("without", [], lambda r: r["theta1_rate"]),
@@ -59,7 +59,7 @@ FIGURES = [
         ("true", effects('type="encoder", bits=11'), lambda r: r["theta1_rate"]),
         ("read through encoder", effects('type="encoder", bits=11'), lambda r: r["theta1_rate_meas"])]),
     ("compute_delay", "torque, N m", 0.5, 0.7, [
-        ("told: control.delay_ticks = 2", ESMC_LAW + ["control.delay_ticks=2"] + effects('type="compute_delay", time=2e-3'),
+        ("control.delay_ticks = 2", ESMC_LAW + ["control.delay_ticks=2"] + effects('type="compute_delay", time=2e-3'),
          lambda r: r["tau1"]),
         ("compute_delay", ESMC_LAW + ["control.delay_ticks=0"] + effects('type="compute_delay", time=2e-3'),
          lambda r: r["tau1"])]),

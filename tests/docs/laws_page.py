@@ -124,7 +124,7 @@ def comparisons(s, *sides):
 
 
 def verdicts(found):
-    out = "| world | mechanism | " + " | ".join("any" if b == ANY else f"<= {b:g}" for b in BUDGETS) + " |\n|---|---" + "|---" * len(BUDGETS) + "|\n"
+    out = "| environment | mechanism | " + " | ".join("any" if b == ANY else f"<= {b:g}" for b in BUDGETS) + " |\n|---|---" + "|---" * len(BUDGETS) + "|\n"
     for condition in study.CONDITIONS:
         cells = {c.budget: c.cell() for c in found if c.condition == condition}
         out += f"| {WORLD[condition[0]]} | {MECHANISM[condition[1]]} | " + " | ".join(cells.get(b, "") for b in BUDGETS) + " |\n"
@@ -141,21 +141,21 @@ def sentences(s, counted):
     found = comparisons(s)
     where = {v: [c for c in found if c.verdict == v] for v in ("ahead", "level", "behind")}
     count = lambda v: sum(c.condition[1] == "joined" for c in where[v])
-    yield (f"**The short of it**, of laws without an integral: in {len(where['level'])} of {len(found)} comparisons (world, mechanism, bound on the activity) "
+    yield (f"**Summary** for laws without an integral: in {len(where['level'])} of {len(found)} comparisons (environment, mechanism, bound on the activity) "
            f"the best setting of ESMC and the best of the other laws are level, within {100 * (LEVEL - 1):.0f} %; ESMC is ahead in {len(where['ahead'])} and behind in "
-           f"{len(where['behind'])}. Where the start is joined it is ahead in {count('ahead')} of "
+           f"{len(where['behind'])}. With a joined start it is ahead in {count('ahead')} of "
            f"{sum(c.condition[1] == 'joined' for c in found)} and behind in {count('behind')}.")
     lines = lambda of: "".join(f"\n  * {c.words()}" for c in of) or " nowhere."
     yield "**Where ESMC wins**:" + lines(where["ahead"])
     yield "**Where another law is better**:" + lines(where["behind"])
     share = lambda law: " and ".join(f"{100 * a / b:.0f} %" for a, b in zip(counted[law], counted["esmc"]))
-    yield (f"**Level is no win for ESMC either**: `smc` takes {share('smc')} of the instructions of `esmc` per tick (M4F, M7), `ctc` {share('ctc')}, "
+    yield (f"**A tie favours `smc`, which is cheaper**: `smc` takes {share('smc')} of the instructions of `esmc` per tick (M4F, M7), `ctc` {share('ctc')}, "
            f"`esmc_projected` {share('esmc_projected')}.")
     alone = comparisons(s, *DEFAULT)
     at = lambda verdict: listed(budget_name(b) for b in BUDGETS if any(c.verdict == verdict and c.budget == b for c in alone)) \
         if any(c.verdict == verdict for c in alone) else "no bound"
     count = lambda verdict: sum(c.verdict == verdict for c in alone)
-    yield (f"**The default alone**, `esmc` `implicit`, whose stiffness nobody chooses, against `ctc`, of which both poles were searched for "
+    yield (f"**The default alone**, `esmc` `implicit`, whose stiffness is not chosen, against `ctc` with a search for both poles "
            f"([table](#the-default-alone)): ahead in {count('ahead')} of {len(alone)} (at {at('ahead')}), behind in {count('behind')} (at {at('behind')}).")
     parts = []
     for world in study.WORLDS:
@@ -168,8 +168,8 @@ def sentences(s, counted):
     for world in study.WORLDS:
         values = [s.best(("esmc implicit",), (world, m))[0] / s.best(("esmc saturation",), (world, m))[0] for m in study.MECHANISMS]
         parts.append(f"{span(values)} ({WORLD[world]})")
-    yield ("**`implicit` or a layer of one's own**: the best error of `esmc` `implicit`, which takes its stiffness from tick and told delay, over "
-           "that of `esmc` `saturation`, whose layer was searched for: " + listed(parts) + ".")
+    yield ("**`implicit` or a chosen layer**: the best error of `esmc` `implicit`, whose stiffness follows from tick and `delay_ticks`, over "
+           "that of `esmc` `saturation` with a search for its layer: " + listed(parts) + ".")
     for other, said in (("super_twisting", "An integral, `super_twisting`"), ("implicit_coupled", "All channels together, `implicit_coupled`")):
         parts = []
         for world in study.WORLDS:
@@ -178,31 +178,31 @@ def sentences(s, counted):
         lengths = span([s.best((f"esmc {other}",), (w, "lengths"))[0] / s.best(("esmc implicit",), (w, "lengths"))[0] for w in study.WORLDS])
         yield f"**{said}**: the best error of `esmc` with it over that with `implicit` is {listed(parts)}; with wrong lengths {lengths}."
     values = [s.best(("esmc super_twisting",), c)[0] / s.best(("smc super_twisting",), c)[0] for c in study.CONDITIONS]
-    yield (f"**With an integral in both** the best error of `esmc` is {span(values)} times that of `smc`. It is the integral that pays, not the number of "
-           "surfaces; an integral or a disturbance observer beside `ctc` was not tried here ([reaching.md](reaching.md#what-they-buy) has the observer).")
+    yield (f"**With an integral in both** the best error of `esmc` is {span(values)} times that of `smc`. The integral helps, not the number of "
+           "surfaces; an integral or a disturbance observer beside `ctc` was not tried here ([reaching.md](reaching.md#benefit) has the observer).")
     parts = []
     for world in study.WORLDS:
         sign, smooth = s.best(("esmc sign",), (world, "exact")), s.best(("esmc implicit",), (world, "exact"))
         parts.append(f"{sizes(sign[0])} at {sign[1]:.2g} N m per tick against {sizes(smooth[0])} at {smooth[1]:.2g} ({WORLD[world]})")
     yield "**`sign`** against `implicit`, exact mechanism, each at its best: " + "; ".join(parts) + "."
     values = [s.best(("ctc",), c)[0] / s.best(MINE, c)[0] for c in study.CONDITIONS]
-    yield f"**`ctc`**, with both of its poles searched for, reaches {span(values)} times the best error of ESMC without an integral."
+    yield f"**`ctc`**, with a search for both poles, reaches {span(values)} times the best error of ESMC without an integral."
     values = [s.best(("pd",), c)[0] / s.best(MINE, c)[0] for c in study.CONDITIONS]
     yield f"**`pd`**, which needs no model, reaches {span(values)} times the best error of ESMC without an integral."
     for world in study.WORLDS:
         pair = {m: [c.cell() or "none" for b in BUDGETS for c in [Comparison(s, (world, m), b)]] for m in ("exact", "joined")}
         changed = [f"{budget_name(b)} {x.replace('*', '')}, joined {y.replace('*', '')}"
                    for b, x, y in zip(BUDGETS, pair["exact"], pair["joined"]) if x.split()[0] != y.split()[0]]
-        yield (f"**What the start does** ({WORLD[world]}): " +
-               ("the verdict is the same without the blow at the start." if not changed else "the verdict differs at " + "; ".join(changed) + "."))
+        yield (f"**Effect of the start** ({WORLD[world]}): " +
+               ("the verdict is the same without the jump at the start." if not changed else "the verdict differs at " + "; ".join(changed) + "."))
     for world in study.WORLDS:
         exact, masses, both = (s.best(PLAIN, (world, m))[0] for m in ("exact", "masses", "lengths"))
-        yield (f"**What a wrong model costs** ({WORLD[world]}): the smallest error of any law without an integral is {sizes(exact)} with the exact mechanism, "
+        yield (f"**Cost of a wrong model** ({WORLD[world]}): the smallest error of any law without an integral is {sizes(exact)} with the exact mechanism, "
                f"{sizes(masses)} with wrong masses, {sizes(both)} with wrong lengths as well.")
 
 
 def fronts(s):
-    out = ["| world | mechanism | on the front, with how many settings |", "|---|---|---|"]
+    out = ["| environment | mechanism | laws on the front, with the number of settings |", "|---|---|---|"]
     for w, m in study.CONDITIONS:
         members = sorted(s.on_front((w, m)).items(), key=lambda item: -item[1])
         out.append(f"| {WORLD[w]} | {MECHANISM[m]} | " + ", ".join(f"{code(law)} {n}" for law, n in members) + " |")
@@ -271,17 +271,17 @@ def figures(s):
 
 
 def text(s, counted):
-    out = "## What the numbers say\n\n" + "".join(f"* {line}\n" for line in sentences(s, counted))
-    out += ("\n### Who is ahead\n\nBest of the others over best of ESMC (`esmc` and `esmc_projected`, any reaching), all without an integral, above 1 ESMC is better, for bounds on the "
+    out = "## Results\n\n" + "".join(f"* {line}\n" for line in sentences(s, counted))
+    out += ("\n### Ratio of best errors\n\nBest error of the other laws over best error of ESMC (`esmc` and `esmc_projected`, any reaching), all without an integral; above 1 ESMC is better. For bounds on the "
             f"activity in N m per tick. Level: within {100 * (LEVEL - 1):.0f} %, where the worse may use {100 * (LEVEL - 1):.0f} % more activity.\n\n")
-    out += verdicts(comparisons(s)) + "\n### The default alone\n\nThe same for `esmc` `implicit` and `ctc`; no number: one of them has no such quiet setting.\n\n"
+    out += verdicts(comparisons(s)) + "\n### The default alone\n\nThe same for `esmc` `implicit` and `ctc`; no number: one of them has no setting as quiet.\n\n"
     out += verdicts(comparisons(s, *DEFAULT)) + "\n### The front of all laws\n\n" + (
-        f"A setting is on it if no other is as good in both and {100 * (LEVEL - 1):.0f} % better in one.\n\n") + fronts(s)
+        f"A setting is on the front if no other one is as good in both and {100 * (LEVEL - 1):.0f} % better in one.\n\n") + fronts(s)
     for world in study.WORLDS:
-        out += (f"\n### World: {WORLD[world]}\n\n![Error against torque activity](images/laws_{world}.svg)\n\n"
+        out += (f"\n### Environment: {WORLD[world]}\n\n![Error against torque activity](images/laws_{world}.svg)\n\n"
                 f"Smallest error of each law, its activity (N m per tick) and setting; bold: within {100 * (LEVEL - 1):.0f} % of the smallest "
                 "of all.\n\n" + table(s, world))
-    out += ("\n### How easily it is mistuned\n\nShare of a law's settings that come within twice the smallest error of any law with, or without, an integral as it is, at no more than 0.02 N m per "
+    out += ("\n### Sensitivity to tuning\n\nShare of a law's settings within twice the smallest error of any law with, or without, an integral like itself, at no more than 0.02 N m per "
             "tick; " + listed(MECHANISM[m] for m in study.MECHANISMS) + ".\n\n" + robust(s))
     return out + "\n### Time per tick\n\n" + (
         "Instructions of a whole tick, mean, counted in the emulator with `implicit` "

@@ -19,8 +19,8 @@ import callgrind  # noqa: E402
 PAGE = ROOT / "docs/performance.md"
 TICK = "tick/five_bar/esmc/double"
 # What a tick does, and the functions whose own instructions it is (others are inlined into these); the first that matches.
-STAGES = (("law: errors, rates and reaching term of 18 channels", r"\bdemand|angle_of_unit"),
-          ("torque: Cᵀ(M v' + f + g), limits", r"Controller<.*>::act\b"),
+STAGES = (("law: errors, rates and reaching term of 18 channels", r"_acceleration\b|\bdemand|angle_of_unit"),
+          ("torque: Cᵀ(M v' + f + g), limits", r"Controller<.*>::apply_law\b"),
           ("where the mechanism is: closure, rates, guards", r"Controller<.*>::(observe|guarded)\b|estimate|::forward\b"),
           ("reference: path, inverse kinematics, rates", r"Reference<|Controller<.*>::desired?\b"),
           ("controller and supervisor: states, checks of the torque", r"Controller<|Supervisor|Outlook|within_limits_at"),

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""The tables of docs/reaching.md: what laws and optional parts make of four worlds, and their instructions per tick. Python's
+"""The tables of docs/reaching.md: error and torque activity of laws and optional parts in four environments, and their instructions per tick. Python's
 standard library; valgrind for the instructions.
 
 usage: reaching_page.py ESMC             makes all runs and writes the tables
@@ -93,7 +93,7 @@ def lambda_table(esmc):
 def gain_table(esmc):
     """What L too large and too small does to the super-twisting law."""
     values = (15.0, 150.0, 1500.0, 15000.0)
-    lines = ["| world | L = " + " | ".join(f"{v:g}" for v in values) + " |", "|---|" + "---|" * len(values)]
+    lines = ["| environment | L = " + " | ".join(f"{v:g}" for v in values) + " |", "|---|" + "---|" * len(values)]
     for world in ("friction", "delay"):
         lines.append(f"| {world} | " + " | ".join(cell(run(esmc, world, "super_twisting", "none", f"control.gain={v}")) for v in values) + " |")
     return "\n".join(lines) + "\n"

@@ -102,7 +102,7 @@ def type2_table(rows):
 
 
 TYPE2 = (("four motors", ()),
-         ("four motors, masses believed 10 % too small", ("control.model={m1=0.9, m2=0.9}",)),
+         ("four motors, masses of the model 10 % too small", ("control.model={m1=0.9, m2=0.9}",)),
          ("four motors, encoders of 16 bits", ('effects=[{type="encoder", bits=16}]', "control.delay_ticks=2", "control.gain=40.0")),
          ("two motors", ("control.motors=base", "control.torque_limit=2.0", "sensors={nodes=[3, 4]}", "drives.nodes=[1, 2]")))
 

@@ -29,7 +29,7 @@ CASES = [
     ("free_body", "turn through 90° of pitch, masses wrong", []),
     ("hexapod", "exact model", []),
     ("hexapod", "platform's mass + 20 %, inertia - 10 %", ["control.model={mass=1.2, inertia=0.9}"]),
-    ("hexapod", "legs believed without mass", ["control.model={legs=0.0}"]),
+    ("hexapod", "model with massless legs", ["control.model={legs=0.0}"]),
 ]
 HALF_TURN = ['reference={type="hold"}', "initial.position=[0,0,0]", "initial.rotation=[0,0,3.141592653589793]",
              "measurement.attitude_noise=0.02", "control.lambda=4.0",

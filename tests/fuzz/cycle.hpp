@@ -297,9 +297,9 @@ class CycleRun {
   }
   /// What a board does with its store of parameters, between ticks; or a word that it would not say.
   void store(Bytes& in) {
-    const link::StoreWish wish = cycle_.link().take_store_wish();
+    const link::StoreRequest wish = cycle_.link().take_store_request();
     link::StoreStatus s{.state = static_cast<link::StoreState>(in.below(5)), .sequence = in.u8()};
-    if (wish != link::StoreWish::none) s.state = link::StoreState::idle;
+    if (wish != link::StoreRequest::none) s.state = link::StoreState::idle;
     cycle_.link().store_status(s);
   }
   /// At rest in another pose that closes.

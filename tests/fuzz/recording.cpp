@@ -379,7 +379,7 @@ void judge(const Files& files, const Summary& s, bool any_version, std::size_t o
   if (r->command == "sim") return;
   require(r->interface == own_line(whole_lines(files[3])->front())->interface,
           "the interface is that of the first frame");
-  if (!r->one_half()) return;
+  if (!r->one_end()) return;
   std::size_t refused = 0;
   const auto wanted = own_passage(files, refused);
   std::size_t n = 0;

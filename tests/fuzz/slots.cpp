@@ -11,8 +11,7 @@
 #include <vector>
 
 #include "firmware/link/parameter_slots.hpp"
-#include "hal/flash/g4.hpp"
-#include "hal/flash/h7.hpp"
+#include "hal/flash/bank_slots.hpp"
 #include "tests/fuzz/bytes.hpp"
 #include "tests/support/flash_model.hpp"
 #include "tests/support/slot_memory.hpp"

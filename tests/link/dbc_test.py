@@ -1,11 +1,13 @@
 #!/usr/bin/python3
 """docs/esmc.dbc against the firmware's codec, with canmatrix as the reader of the DBC file: frames in both directions,
-value tables against the enumerations, and the supervisor computer of tests/link against both.
+value tables against the enumerators in the headers of firmware/ and their names, the version of the protocol, and the
+supervisor computer of tests/link against all of them.
 
-usage: dbc_test.py LINK_FRAMES [--self-test]   --self-test: a DBC that is wrong in one place must be noticed"""
+usage: dbc_test.py LINK_FRAMES [--self-test]   --self-test: one error in the DBC file or in a header must be noticed"""
 import logging
 import random
 import re
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -17,10 +19,14 @@ import canmatrix.formats  # noqa: E402
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 import supervisor  # noqa: E402
 
-DBC = Path(__file__).resolve().parents[2] / "docs/esmc.dbc"
+ROOT = Path(__file__).resolve().parents[2]
+DBC = ROOT / "docs/esmc.dbc"
 BASE = 0x780
-TABLES = {"State", "Fault", "Order", "Source", "Space", "Reaction", "Answer", "Subject", "Index",
-          "Store", "Slot_1", "Slot_2"}
+# Signal: header and enumeration. Their values are the wire format.
+TABLES = {"State": ("safety/supervisor", "State"), "Fault": ("safety/faults", "Fault"), "Order": ("link/codec", "Order"),
+          "Source": ("link/codec", "Source"), "Space": ("link/codec", "Space"), "Reaction": ("link/codec", "Reacted"),
+          "Answer": ("link/codec", "Answer"), "Subject": ("link/codec", "Subject"), "Index": ("link/parameters", "Index"),
+          "Store": ("link/codec", "StoreState"), "Slot_1": ("link/codec", "SlotContent"), "Slot_2": ("link/codec", "SlotContent")}
 
 
 def load(path):
@@ -105,20 +111,67 @@ def into_controller(program, frames):
                 yield f"{frame.name}.{name} {data.hex()}: {told[name]}, in the DBC file {want}"
 
 
-def value_tables(program, frames):
-    tables = {}
+def header(name, root):
+    """Text of a header of firmware/ without its comments."""
+    return re.sub(r"//[^\n]*", "", (root / f"firmware/{name}.hpp").read_text(encoding="utf-8"))
+
+
+def enumerators(name, enum, root):
+    """{value: enumerator}; every enumerator must have its value in the source, so that an insertion renumbers none."""
+    body = re.search(rf"enum class (?:\[\[nodiscard\]\] )?{enum} : std::uint8_t\s*\{{(.*?)\}}", header(name, root), re.S)
+    entries = [entry.split("=") for entry in body[1].split(",") if entry.strip()] if body else []
+    if not entries or any(len(entry) != 2 for entry in entries):
+        raise ValueError(f"firmware/{name}.hpp: {enum}: an enumerator without its value")
+    values = {int(value, 0): enumerator.strip() for enumerator, value in entries}
+    if len(values) != len(entries):
+        raise ValueError(f"firmware/{name}.hpp: {enum}: a value twice")
+    return values
+
+
+def value_tables(program, frames, root):
+    tables = {signal: enumerators(*where, root) for signal, where in TABLES.items()}
+    names = {}
     for line in run(program, "tables"):
         title, number, name = line.split()
-        tables.setdefault(title, {})[int(number)] = name
-    if tables.keys() != TABLES:
-        yield f"tables {sorted(tables)}"
+        names.setdefault(title, {})[int(number)] = name
+    if names.keys() != {"State", "Fault", "Store", "Slot_1", "Slot_2"}:
+        yield f"names of {sorted(names)}"
+    for title, table in names.items():
+        if table != tables[title]:
+            yield f"{title}: names {table}, enumerators {tables[title]}"
     for frame in frames.values():
         for s in frame.signals:
             values = {int(k): v for k, v in s.values.items()}
+            if s.name in TABLES and values and (s.min, s.max) != (0, max(values)) and s.name != "Index":
+                yield f"{frame.name}.{s.name}: from {s.min} to {s.max}, with the values {values}"
             if s.name in TABLES and values != tables[s.name]:
                 yield f"{frame.name}.{s.name}: values {values}, in the firmware {tables[s.name]}"
             if s.name not in TABLES and values:
                 yield f"{frame.name}.{s.name} has values that nothing is compared with"
+
+
+def protocol_version(program, path, root):
+    """The constant of the codec, the Identity that it encodes, VERSION of the DBC file, the page and supervisor.py."""
+    constant = int(re.search(r"protocol_version = (\d+);", header("link/codec", root))[1])
+    page = (ROOT / "docs/command-interface.md").read_text(encoding="utf-8")
+    said = {"the DBC file": re.findall(r'^VERSION "(\d+)"', path.read_text(encoding="utf-8"), re.M),
+            "command-interface.md": re.findall(r"\*\*protocol version (\d+)\*\*", page),
+            "supervisor.py": [str(supervisor.PROTOCOL_VERSION)]}
+    for where, versions in said.items():
+        if versions != [str(constant)]:
+            yield f"protocol version {constant}, in {where} {versions}"
+    desk = supervisor.Desk(BASE)
+    for line in run(program, "encode"):
+        name, identifier, data, *_ = line.split()
+        if name == "Identity":
+            desk.hear(int(identifier), bytes.fromhex(data))
+            if desk.version != constant:
+                yield f"Identity {data}: protocol version {desk.version}, in the header {constant}"
+    try:
+        supervisor.Desk(BASE).hear(BASE + 0x1C, bytes([1, 2, 3, 4, constant + 1, 0, 0, 0]))
+        yield "supervisor.py takes a controller of another protocol version"
+    except RuntimeError:
+        pass
 
 
 def layout(frames):
@@ -162,10 +215,11 @@ def shown_frames(frames):
             yield f"command-interface.md: 780#{text} is not {order}"
 
 
-def problems(program, path):
+def problems(program, path, root=ROOT):
     frames = load(path)
     yield from layout(frames)
-    yield from value_tables(program, frames)
+    yield from value_tables(program, frames, root)
+    yield from protocol_version(program, path, root)
     yield from out_of_controller(program, frames)
     yield from into_controller(program, frames)
     yield from own_computer(frames)
@@ -179,21 +233,32 @@ def self_test(program):
              (r"BO_ 1937 Fault_Record", "BO_ 1951 Fault_Record"), (r"SG_ Drive_Error : 32\|32@1\+", "SG_ Drive_Error : 32|32@0+"),
              (r"SG_ Space : 12\|1@", "SG_ Space : 13|1@"), (r"\Z", 'BO_ 1950 More: 8 Controller\n SG_ A : 0|8@1+ (1,0) [0|1] "" Supervisor\n'),
              (r"SG_ Count : 16\|16@1\+ \(1,0\)", "SG_ Count : 16|16@1- (1,0)"), (r"(?<=Store )0 \"none\"", '0 "no"'),
-             (r"SG_ Slot_2 : 24\|8", "SG_ Slot_2 : 16|8"), (r'10 "forget"', '10 "erase"')]
+             (r"SG_ Slot_2 : 24\|8", "SG_ Slot_2 : 16|8"), (r'10 "forget"', '10 "erase"'), (r'VERSION "1"', 'VERSION "2"'),
+             (r"SG_ Fault : 16\|8@1\+ \(1,0\) \[0\|30\]", "SG_ Fault : 16|8@1+ (1,0) [0|29]")]
+    # In a header: two enumerators that changed places, one put into the middle, one without its value, one that is new.
+    enums = [("safety/faults", r"feedback_jump = 2,(.*?)stale_feedback = 3,", r"feedback_jump = 3,\1stale_feedback = 2,"),
+             ("safety/faults", r"stale_feedback = 3,", "inserted = 3,\n stale_feedback = 4,"),
+             ("safety/faults", r"stale_feedback = 3,", "stale_feedback,"),
+             ("safety/faults", r"(enabling_timeout = 30,)", r"\1\n one_more = 31,"),
+             ("safety/supervisor", r"running = 3,", "running = 9,"), ("link/codec", r"forget = 10,", "erase = 10,"),
+             ("link/codec", r"protocol_version = 1;", "protocol_version = 2;"), ("link/parameters", r"silence = 11,", "silence = 12,")]
     failed = 0
     with tempfile.TemporaryDirectory() as folder:
-        for pattern, instead in wrong:
-            path = Path(folder, "wrong.dbc")
-            text, n = re.subn(pattern, instead, good, count=1)
+        for file, pattern, instead in [(None, *w) for w in wrong] + enums:
+            root = Path(folder)
+            shutil.copytree(ROOT / "firmware", root / "firmware", dirs_exist_ok=True)
+            path = root / (f"firmware/{file}.hpp" if file else "wrong.dbc")
+            text, n = re.subn(pattern, instead, path.read_text(encoding="utf-8") if file else good, count=1, flags=re.S)
             path.write_text(text, encoding="utf-8")
             try:
-                found = list(problems(program, path))
-            except Exception as error:  # noqa: BLE001: a DBC that cannot be read was noticed as well
+                found = list(problems(program, DBC if file else path, root))
+            except Exception as error:  # noqa: BLE001: what cannot be read was noticed as well
                 found = [repr(error)]
             if n != 1 or not found:
                 failed += 1
                 print(f"dbc_test.py: does not notice {instead!r}")
-    print(f"{len(wrong) - failed} of {len(wrong)} seeded errors found")
+    total = len(wrong) + len(enums)
+    print(f"{total - failed} of {total} seeded errors found")
     return failed
 
 

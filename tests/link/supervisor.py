@@ -13,6 +13,7 @@ import time
 
 ORDERS = ["none", "arm", "disarm", "off", "reset", "confirm_zero", "hold", "reference", "stream", "store",
           "forget"]
+PROTOCOL_VERSION = 1  # of the command interface
 STATES = ["disabled", "enabling", "testing", "running", "halting", "holding", "lowering", "stopping", "fault"]
 
 
@@ -34,6 +35,7 @@ class Desk:
         self.counter = [0] * 6
         self.state, self.fault, self.source = None, 0, 0
         self.effector, self.error, self.desired, self.records, self.counters = None, None, None, [], None
+        self.scene, self.version = None, None
 
     def seal(self, message, payload, tag=0):
         self.counter[message] = (self.counter[message] + 1) % 16
@@ -69,6 +71,10 @@ class Desk:
             self.counters = struct.unpack("<HHHH", data)
         elif message == 0x16:
             self.effector = struct.unpack("<ff", data)
+        elif message == 0x1C:
+            self.scene, self.version = int.from_bytes(data[0:4], "little"), data[4]
+            if self.version != PROTOCOL_VERSION:
+                raise RuntimeError(f"the controller has version {self.version} of the interface, this program {PROTOCOL_VERSION}")
         elif message == 0x17:
             self.error = struct.unpack("<ff", data)
             self.desired = [a + b for a, b in zip(self.effector, self.error)] if self.effector else None
@@ -169,7 +175,7 @@ def main():
     bus.send(desk.ask(2))
     for _ in range(3):
         bus.hear(desk)
-    report.update(state=desk.state, fault=desk.fault, records=desk.records, counters=desk.counters)
+    report.update(state=desk.state, fault=desk.fault, records=desk.records, counters=desk.counters, protocol_version=desk.version)
     with open(sys.argv[2], "w", encoding="utf-8") as out:
         json.dump(report, out)
     return 0

@@ -9,6 +9,8 @@ import re
 import sys
 import tempfile
 
+from sources import code_of
+
 # name, pattern, files excepted (fullmatch of the path), what to do instead
 RULES = [
     ("new", r"\b(new|delete)\b(?!\s*;)", None, "no heap"),
@@ -32,13 +34,9 @@ RULES = [
 ]
 
 
-def code_of(text):
-    """The text with comments and literals blanked, line for line. `= delete` and `= default` are no heap."""
-    def blank(match):
-        return re.sub(r"[^\n]", " ", match[0])
-    token = r'//[^\n]*|/\*.*?\*/|"(?:\\.|[^"\\\n])*"|(?<![0-9a-fA-F])\'(?:\\.|[^\'\\\n])+\''
-    text = re.sub(token, blank, text, flags=re.S)
-    return re.sub(r"=\s*delete\b", lambda m: " " * len(m[0]), text)
+def searched_code(text):
+    """The text with comments, literals and `= delete`, which is no heap, blanked, line for line."""
+    return re.sub(r"=\s*delete\b", lambda m: " " * len(m[0]), code_of(text))
 
 
 def violations(root):
@@ -48,7 +46,7 @@ def violations(root):
     for file in found:
         place = file.relative_to(root).as_posix()
         raw = file.read_text(encoding="utf-8")
-        text = code_of(raw)
+        text = searched_code(raw)
         for name, pattern, excepted, instead in RULES:
             if excepted and re.fullmatch(excepted, place):
                 continue

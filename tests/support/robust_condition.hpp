@@ -161,8 +161,7 @@ class Trials {
     if (!host::design::displaced(c.mechanism, c.mode, e, k)) return {};
     const Vec2<double> rate = M::independent(k.desired_rates) - ed;
     k.rates = c.mechanism.chain_rates(k.pose, rate);
-    typename M::Channels asked, s;
-    demand(c.law, c.mechanism, gains_, Reaching::sign, k, asked, s);
+    const auto asked = demand(c.law, c.mechanism, gains_, Reaching::sign, k).acceleration;
     const auto tau = host::design::effort(c, k.pose, c.mechanism.force(asked, k.rates)).torque;
 
     double payload = 0.0;

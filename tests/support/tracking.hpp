@@ -3,7 +3,7 @@
 /// oracle's.
 
 #include "firmware/control/allocation.hpp"
-#include "firmware/control/law.hpp"
+#include "firmware/control/fused_law.hpp"
 #include "tests/support/random_mechanism.hpp"
 
 namespace esmc::test {

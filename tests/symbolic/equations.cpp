@@ -120,7 +120,7 @@ int main() try {
                "`firmware/mechanism/` and\n"
                "prints what comes out; a test compares. Numbers in brackets are the report's equations, here "
                "without its\n"
-               "misprints. Notation: [theory.md](theory.md).\n\n";
+               "misprints. Notation: [model.md](model.md).\n\n";
   esmc::test::print_rr();
   esmc::test::print_five_bar();
   return 0;

@@ -298,7 +298,7 @@ TYPED_TEST(BoxAllocated, PreloadKeepsItsSideAndMovesNothing) {
     const Vec2<S> F = r.vector<S, 2>(0.5);
     const Vec<S, 4> limit = Vec<S, 4>::Constant(S(5)), even = Vec<S, 4>::Ones();
     // A torque that moves nothing has these signs: they can be had.
-    const Mat<S, 4, 2> n = box::against_each_other(R, even);
+    const Mat<S, 4, 2> n = box::null_space(R, even);
     const Vec<S, 4> still = n * r.vector<S, 2>(1);
     Vec<S, 4> preload;
     for (int i = 0; i < 4; ++i) preload[i] = still[i] > S(0) ? S(0.1) : S(-0.1);

@@ -174,7 +174,7 @@ TEST_P(EveryModeAndReaching, ProjectedLawDissipatesAsF33SaysOnThePlant) {
           i.t.desired_acceleration.platform - i.plant_acceleration.platform + lambda * ed;
       const M::Rates sigma_rates = m.chain_rates(i.t.pose, sigma);
       M::Rates turning = m.chain_bias(i.t.pose, i.t.rates, sigma_rates);
-      add(turning, m.chain_rates(i.t.pose, sigma_rate));
+      turning += m.chain_rates(i.t.pose, sigma_rate);
       const Channels s = m.channel_rates(i.t.pose, sigma_rates);
       const Channels s_rate = m.channel_accelerations(i.t.pose, i.t.rates, sigma_rates, turning);
       const double v_rate = s.dot(m.mass().cwiseProduct(s_rate));

@@ -44,10 +44,10 @@ Vec<typename M::Scalar, M::joints> by_law(const ControllerConfig<M>& c, const Tr
   Demand<M> d;
   switch (c.law) {
     case LawKind::esmc:
-      esmc_acceleration(c.mechanism, c.gains, c.reaching, t, d.acceleration, d.sliding);
+      d = esmc_acceleration(c.mechanism, c.gains, c.reaching, t);
       break;
     case LawKind::esmc_projected:
-      projected_acceleration(c.mechanism, c.gains, c.reaching, t, d.acceleration, d.sliding);
+      d = projected_acceleration(c.mechanism, c.gains, c.reaching, t);
       break;
     case LawKind::smc:
       smc_acceleration(c.mechanism, c.gains, c.reaching, t, d.acceleration, d.sliding);

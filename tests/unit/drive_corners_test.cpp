@@ -161,6 +161,15 @@ TEST(Cia402Entries, ArePackedAsTheProfileHasThem) {
   EXPECT_EQ(off.bytes, 4);
   EXPECT_EQ(off.task, cia402::Task::verify);
   EXPECT_EQ(off.source, cia402::Source::plus_node);
+  const cia402::Entry on = cia402::detail::cob(communication, cia402::Task::verify, id, 0xFU);
+  EXPECT_TRUE((on.object == canopen::Object{0x1801, 1}));
+  EXPECT_EQ(on.constant, 0x280U);
+  EXPECT_EQ(on.mask, 0xFU);
+  EXPECT_FALSE(on.optional);
+  EXPECT_EQ(on.bytes, 4);
+  EXPECT_EQ(on.task, cia402::Task::verify);
+  EXPECT_EQ(on.source, cia402::Source::plus_node);
+  EXPECT_EQ(cia402::detail::cob(communication, cia402::Task::write, id).mask, 0xFFFF'FFFFU);
   const cia402::Entry entry = cia402::detail::map(mapping, 2, {0x606C, 0}, 32);
   EXPECT_TRUE((entry.object == canopen::Object{0x1A01, 2}));
   EXPECT_EQ(entry.constant, 0x606C'0020U);

@@ -8,8 +8,7 @@
 #include <span>
 
 #include "firmware/link/parameter_slots.hpp"
-#include "hal/flash/g4.hpp"
-#include "hal/flash/h7.hpp"
+#include "hal/flash/bank_slots.hpp"
 #include "tests/support/flash_model.hpp"
 #include "tests/support/link_bench.hpp"
 

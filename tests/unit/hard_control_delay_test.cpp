@@ -1,5 +1,5 @@
 /// How much gain a delay allows: the loop on the plant against the roots of the linear loop, and against the
-/// rule of model.md section 10,  (K/layer + lambda) h |H^-1 H_hat| < 2 sin(pi / (4 d + 2)).
+/// bound of docs/theory.md,  (K/layer + lambda) h |H^-1 H_hat| < 2 sin(pi / (4 d + 2)).
 
 #include <gtest/gtest.h>
 

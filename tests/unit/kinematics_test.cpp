@@ -7,6 +7,7 @@
 
 #include <gtest/gtest.h>
 
+#include "firmware/control/esmc.hpp"
 #include "firmware/cycle/estimate.hpp"
 #include "firmware/mechanism/matrices.hpp"
 #include "tests/support/random_mechanism.hpp"
@@ -322,7 +323,8 @@ TYPED_TEST(Kinematics, ChannelErrorsAreDifferencesOfCoordinates) {
           FiveBarModel::Q{Real(x[0]), Real(x[1]), a, a + Real(th[1]), b, b - Real(th[3])});
     };
     const auto qd = at(t, to.effector), q = at(c.theta, from.effector);
-    const Vec<S, 18> got = m.error(to, from);
+    const auto still = FiveBar<S>::Rates::Zero();
+    const Vec<S, 18> got = channel_errors(m, Tracking<FiveBar<S>>{from, to, still, still, still}).e;
     for (int i = 0; i < 18; ++i) {
       const Real want = qd[static_cast<unsigned>(i)] - q[static_cast<unsigned>(i)];
       error.take(seed, m.is_angle(i) ? apart(Real(got[i]), want) : std::fabs(Real(got[i]) - want));

@@ -31,8 +31,8 @@ Vec<S, 4> random_weight(std::uint64_t seed) {
   return w;
 }
 
-/// Whoever sets nothing gets no gain, and layers that nothing is divided by in vain.
-TYPED_TEST(Laws, GainsThatNobodySetsAreZeroAndLayersOne) {
+/// Layers of 1 can be divided by.
+TYPED_TEST(Laws, UnsetGainsAreZeroAndLayersOne) {
   using S = TypeParam;
   const Gains<FiveBar<S>> g;
   EXPECT_TRUE((g.lambda.array() == S(0)).all() && (g.k.array() == S(0)).all() &&
@@ -41,9 +41,8 @@ TYPED_TEST(Laws, GainsThatNobodySetsAreZeroAndLayersOne) {
   EXPECT_TRUE(i.lambda == S(0) && i.k == S(0) && i.layer == S(1) && i.kp == S(0) && i.kd == S(0));
 }
 
-/// What a tick asks for: the rows with mass are those of the whole demand to the last bit, s of a joint is
-/// what the bars beside it say (model.md section 10), and differs by rounding of those.
-TYPED_TEST(Laws, ATickAsksForTheRowsWithMass) {
+/// s of a joint is the difference of its bars' (model.md section 10), within their rounding.
+TYPED_TEST(Laws, FusedLawEqualsTheLawInRowsWithMass) {
   using S = TypeParam;
   using M = FiveBar<S>;
   for (const LawKind law : {LawKind::esmc, LawKind::esmc_projected}) {
@@ -52,7 +51,7 @@ TYPED_TEST(Laws, ATickAsksForTheRowsWithMass) {
       const auto c = random_tracking<S>(seed);
       const auto whole = demand(law, c.mechanism, c.gain, c.reaching, c.t);
       typename M::Channels acceleration, sliding;
-      demand<M, Rows::with_mass>(law, c.mechanism, c.gain, c.reaching, c.t, acceleration, sliding);
+      fused_acceleration(law, c.mechanism, c.gain, c.reaching, c.t, acceleration, sliding);
       for (int i = 0; i < M::channels; ++i) {
         if (!M::has_mass(i)) continue;
         EXPECT_EQ(acceleration[i], whole.acceleration[i]) << seed << " row " << i;
@@ -82,7 +81,7 @@ TYPED_TEST(Laws, SignNeedsNoLayerOnTheReferenceItself) {
       typename M::Channels acceleration, sliding;
       acceleration.setConstant(std::numeric_limits<S>::quiet_NaN());
       sliding.setZero();
-      demand<M, Rows::with_mass>(law, c.mechanism, c.gain, Reaching::sign, c.t, acceleration, sliding);
+      fused_acceleration(law, c.mechanism, c.gain, Reaching::sign, c.t, acceleration, sliding);
       EXPECT_TRUE(acceleration.allFinite()) << seed;
       for (int i = 0; law == LawKind::esmc && i < M::channels; ++i) {
         if (M::has_mass(i)) {
@@ -413,7 +412,7 @@ TYPED_TEST(Laws, WithoutAModelNothingIsDemanded) {
   using S = TypeParam;
   auto c = random_tracking<S>(1);
   auto v = FiveBar<S>::Channels::Ones().eval(), s = v;
-  demand(LawKind::pd, c.mechanism, c.gain, c.reaching, c.t, v, s);
+  fused_acceleration(LawKind::pd, c.mechanism, c.gain, c.reaching, c.t, v, s);
   EXPECT_TRUE(v.isZero(0) && s.isZero(0));
 }
 
@@ -424,10 +423,11 @@ TYPED_TEST(Laws, WithoutAModelNothingIsDemanded) {
 }
 TYPED_TEST(Laws, AtRestNothingMoves) {
   EXPECT_EQ(leave_numbers_on_the_stack(), 8.0);
-  const auto r = rest<FiveBar<TypeParam>>();
+  const auto r = FiveBar<TypeParam>::Rates::Zero();
   EXPECT_TRUE(r.platform.isZero(0) && r.leg[0].isZero(0) && r.leg[1].isZero(0));
   EXPECT_EQ(leave_numbers_on_the_stack(), 8.0);
-  EXPECT_TRUE(rest<Rr<TypeParam>>().isZero(0));
+  const typename Rr<TypeParam>::Rates arm = Rr<TypeParam>::Rates::Zero();
+  EXPECT_TRUE(arm.isZero(0));
 }
 
 /// A NaN anywhere in the state must come out as a NaN torque (the limiter then stops the motors), never as a

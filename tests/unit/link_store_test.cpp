@@ -74,7 +74,7 @@ TEST(LinkStore, WithoutAStoreTheOrdersAreRefused) {
   EXPECT_EQ(b.one(b.desk.order(Desk::store)), Outcome::refused);
   EXPECT_EQ(b.one(b.desk.order(Desk::forget)), Outcome::refused);
   EXPECT_EQ(b.link.counters().refused, 2);
-  EXPECT_EQ(b.link.take_store_wish(), StoreWish::none);
+  EXPECT_EQ(b.link.take_store_request(), StoreRequest::none);
   EXPECT_EQ(b.desk.count(Desk::slots), 0);
   b.tick({b.desk.ask(2)});
   EXPECT_EQ(b.desk.count(Desk::slots), 1) << "who asks is told that there is none";
@@ -139,7 +139,7 @@ TEST(LinkStore, CheckedLikeEveryOrder) {
   b.desk.crc32 ^= 0x8000U;
   EXPECT_EQ(b.order(Desk::store), Outcome::refused);
   EXPECT_EQ(memory.begun, 0);
-  EXPECT_EQ(b.link.take_store_wish(), StoreWish::none);
+  EXPECT_EQ(b.link.take_store_request(), StoreRequest::none);
   b.desk.crc32 ^= 0x8000U;
   auto order = b.desk.order(Desk::store);
   b.turn({order, order});

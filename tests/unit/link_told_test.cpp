@@ -80,7 +80,7 @@ TEST(Link, WhichSceneItWasMadeOfIsToldAtOnceOnRequestAndWithTheTable) {
   EXPECT_EQ(b.desk.count(Desk::identity), 1);
   EXPECT_EQ(f.size, 8);
   EXPECT_EQ(Desk::word(f, 0, 4), 0x89ABCDEFU);
-  EXPECT_EQ(f.data[4], 1);
+  EXPECT_EQ(f.data[4], protocol_version);
   EXPECT_EQ(Desk::word(f, 5, 3), 0U);
   EXPECT_EQ(decode_identity(f, c.base_id), 0x89ABCDEFU);
   EXPECT_FALSE(decode_identity(f, c.base_id + 32));

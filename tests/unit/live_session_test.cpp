@@ -10,7 +10,8 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 
-#include "host_sim/loop/halves.hpp"
+#include "host_sim/error.hpp"
+#include "host_sim/loop/loop_scene.hpp"
 #include "host_sim/loop/run.hpp"
 
 namespace esmc::host {
@@ -34,7 +35,7 @@ void run(LiveSession& s, int ticks) {
 }
 SceneOrder change(const LiveSession& s, const std::string& file, const std::vector<std::string>& sets) {
   auto next = std::make_shared<const Scene>(scene_of(file, sets));
-  const RestartLevel takes = what_it_takes(s.scene(), *next);
+  const RestartLevel takes = restart_level(s.scene(), *next);
   return {next, takes, "test"};
 }
 /// Ticks until the supervisor says so, or a number that no test allows.
@@ -107,9 +108,9 @@ TEST(LiveSession, AnotherFileBehindTheSameNameIsAnotherController) {
   };
   const Scene same = believing("five_bar_circle.toml"), other = believing("five_bar_robust.toml");
   EXPECT_EQ(same.toml, other.toml);
-  EXPECT_EQ(what_it_takes(same, believing("five_bar_circle.toml")), RestartLevel::nothing);
-  EXPECT_EQ(what_it_takes(same, other), RestartLevel::restart);
-  EXPECT_EQ(what_it_takes(scene_of(five_bar), same), RestartLevel::restart);
+  EXPECT_EQ(restart_level(same, believing("five_bar_circle.toml")), RestartLevel::nothing);
+  EXPECT_EQ(restart_level(same, other), RestartLevel::restart);
+  EXPECT_EQ(restart_level(scene_of(five_bar), same), RestartLevel::restart);
 }
 
 TEST(LiveSession, AnotherLawTakesOverWhereTheMechanismStands) {
@@ -162,7 +163,7 @@ TEST(LiveSession, WhatAChangeTakes) {
   EXPECT_EQ(takes({"control.lambda=20"}), RestartLevel::restart);
   EXPECT_EQ(takes({"reference.radius=0.05"}), RestartLevel::restart);
   EXPECT_EQ(takes({"mechanism.leg.m2=0.2"}), RestartLevel::home);
-  EXPECT_THROW((void)what_it_takes(s->scene(), scene_of(rr)), InputError);
+  EXPECT_THROW((void)restart_level(s->scene(), scene_of(rr)), InputError);
   EXPECT_THROW((void)scene_of(five_bar, {"effects=[{type=\"bit_timing\"}]"}), InputError);
 }
 

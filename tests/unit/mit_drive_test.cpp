@@ -8,7 +8,8 @@
 #include <string>
 #include <vector>
 
-#include "host_sim/loop/halves.hpp"
+#include "host_sim/loop/controller_end.hpp"
+#include "host_sim/loop/plant_end.hpp"
 #include "tests/support/mit_bytes.hpp"
 
 namespace esmc::host {
@@ -182,8 +183,8 @@ class MitLoop : public testing::Test {
     FrameLog frames;
     const auto bus = std::make_unique<hal::VirtualBus<3>>();
     using Port = hal::VirtualBus<3>::Port;
-    PlantHalf<FiveBarWorld, Port> plant(scene, o, bus->port(0), frames, nullptr, true);
-    ControllerHalf<FiveBarWorld, Port> controller(scene, Pacing::lockstep, bus->port(1));
+    PlantEnd<FiveBarWorld, Port> plant(scene, o, bus->port(0), frames, nullptr, true);
+    ControllerEnd<FiveBarWorld, Port> controller(scene, Pacing::lockstep, bus->port(1));
     int ticks = 0, zeros = 0, entered = 0;
     const unsigned node = static_cast<unsigned>(scene.drives.nodes[0]);
     const auto watch = [&] {
@@ -197,7 +198,7 @@ class MitLoop : public testing::Test {
     };
     while (plant.done() < 100 && ticks < 200) {
       plant.publish();
-      ASSERT_EQ(controller.await_set(), Waited::done);
+      ASSERT_EQ(controller.await_samples(), Waited::done);
       EXPECT_FALSE(controller.overloaded());
       controller.tick(true);
       ++ticks;
@@ -209,11 +210,11 @@ class MitLoop : public testing::Test {
     EXPECT_EQ(entered, 1);
     EXPECT_EQ(plant.done(), 100U);
     EXPECT_EQ(controller.supervisor().state(), State::running);
-    controller.part([&] {
+    controller.shut_down([&] {
       (void)plant.await_last_torques();
       plant.publish();
       watch();
-      return controller.await_last_set();
+      return controller.await_last_samples();
     });
     EXPECT_EQ(controller.supervisor().state(), State::disabled);
   }

@@ -161,7 +161,7 @@ TEST(TorqueFeedbackCheck, ADriveThatFollowsInItsTimeIsPlausible) {
   for (int n = 0; n < 500; ++n) {
     const double told = std::sin(0.05 * n);
     ASSERT_TRUE(echo.plausible(0, static_cast<float>(real))) << n;
-    echo.told({told, 0, 0, 0});
+    echo.commanded({told, 0, 0, 0});
     real += (told - real) * (1.0 - std::exp(-tick / 5e-3));
   }
 }
@@ -169,7 +169,7 @@ TEST(TorqueFeedbackCheck, ADriveThatFollowsInItsTimeIsPlausible) {
 TEST(TorqueFeedbackCheck, FiveTicksOffInARowAreAFault) {
   for (const double off : {0.049, 0.051, -0.051}) {
     Echo echo(0.05, 0.0, tick);
-    echo.told({1.0, 0, 0, 0});
+    echo.commanded({1.0, 0, 0, 0});
     for (int n = 1; n <= 8; ++n) {
       EXPECT_EQ(echo.plausible(0, static_cast<float>(1.0 + off)), std::abs(off) < 0.05 || n < 5)
           << off << ' ' << n;

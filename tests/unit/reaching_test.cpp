@@ -19,19 +19,13 @@ template <class S>
 class ReachingLaw : public testing::Test {};
 TYPED_TEST_SUITE(ReachingLaw, Scalars, ScalarName);
 
-/// What lies beyond the last channel stays as it was.
-TYPED_TEST(ReachingLaw, AddsToItsChannelsOnly) {
+/// sw of every channel is that of the channel alone.
+TYPED_TEST(ReachingLaw, OfAllChannelsIsThatOfEach) {
   using S = TypeParam;
-  struct Row {
-    Vec<S, 3> channels = Vec<S, 3>::Ones();
-    S after = S(7);
-  };
+  const Vec<S, 3> s(S(1), S(-0.25), S(0)), layer(S(1), S(2), S(0.5));
   for (const Reaching law : kAll) {
-    const Row s, k, layer;
-    Row to;
-    add_switching(law, s.channels, k.channels, layer.channels, to.channels);
-    for (int i = 0; i < 3; ++i) EXPECT_EQ(to.channels[i], S(1) + switching(law, S(1), S(1)));
-    EXPECT_EQ(to.after, S(7));
+    const Vec<S, 3> sw = switching(law, s, layer);
+    for (int i = 0; i < 3; ++i) EXPECT_EQ(sw[i], switching(law, s[i], layer[i]));
   }
 }
 
@@ -105,7 +99,7 @@ TYPED_TEST(ReachingLaw, IsAddedChannelByChannel) {
       layer(S(0.5), S(0.75), S(0.25), S(4), S(1)), before(S(1), S(-2), S(0.1), S(-4), S(8));
   for (const Reaching law : kAll) {
     Vec<S, 5> to = before;
-    add_switching(law, s, k, layer, to);
+    to += k.cwiseProduct(switching(law, s, layer));
     for (int i = 0; i < 5; ++i) {
       const Real z = Real(s[i]) / Real(layer[i]);
       const Real sw = law == Reaching::sign   ? Real(z > 0) - Real(z < 0)

@@ -216,7 +216,8 @@ struct Case {
     oracle.gravity = Real(platform.gravity);
     const S phi = r.in<S>(-3, 3);
     const SinCos<S> turned = sin_cos(phi);
-    pose.platform = {r.vector<S, 2>(0.1), Vec2<S>(turned.cos, turned.sin)};
+    pose.centre = r.vector<S, 2>(0.1);
+    pose.axis = Vec2<S>(turned.cos, turned.sin);
     List<Dyad<S>, kLegs> leg;
     List<LegFrame<S>, kLegs> frame;
     for (int j = 0; j < 3; ++j) {
@@ -233,7 +234,7 @@ struct Case {
       oracle.base[k] = {Real(frame[j].base.x()), Real(frame[j].base.y())};
       platform.at[j] = r.vector<S, 2>(0.12);
       oracle.at[k] = {Real(platform.at[j].x()), Real(platform.at[j].y())};
-      const Vec2<S> point = pose.platform.centre + platform.arm(pose.platform, j);
+      const Vec2<S> point = pose.centre + platform.arm(pose, j);
       auto& reached = pose.leg[j];
       if (!dyad_inverse(leg[j], frame[j].point_to_leg(point), r.sign(), reached)) return false;
       if (std::fabs(static_cast<double>(reached.turn[1].y())) < 0.25) return false;
@@ -244,8 +245,8 @@ struct Case {
     }
     m = Mechanism(platform, leg, frame);
     rate = r.vector<S, 3>(2);
-    q[0] = Real(pose.platform.centre.x());
-    q[1] = Real(pose.platform.centre.y());
+    q[0] = Real(pose.centre.x());
+    q[1] = Real(pose.centre.y());
     q[2] = Real(phi);
     q = oracle.close(q);
     qd = oracle.complete(q, {Real(rate[0]), Real(rate[1]), Real(rate[2])}, {});

@@ -141,9 +141,8 @@ TYPED_TEST(SerialChain, RatesBiasAndTransposeAreDerivatives) {
   }
 }
 
-/// C^T M C qdd + C^T (M c + f + g) = tau is Lagrange's equation of the chain.
-/// What the laws call, against the oracle as well; every row is told once.
-TYPED_TEST(SerialChain, CompareAndResolveAreErrorsRatesAndAccelerations) {
+/// Every row is visited once.
+TYPED_TEST(SerialChain, RowsAreErrorsRatesAndAccelerations) {
   using S = typename TypeParam::S;
   constexpr int N = TypeParam::joints, K = 4 * N;
   Accuracy error("error"), rates("rates"), accelerations("accelerations"), resolved("resolved"),
@@ -191,6 +190,7 @@ TYPED_TEST(SerialChain, CompareAndResolveAreErrorsRatesAndAccelerations) {
     x->expect_below(30 * kEpsilon<S>);
 }
 
+/// C^T M C qdd + C^T (M c + f + g) = tau is Lagrange's equation of the chain.
 TYPED_TEST(SerialChain, ReducedDynamicsIsLagrange) {
   using S = typename TypeParam::S;
   constexpr std::size_t n = TypeParam::n;

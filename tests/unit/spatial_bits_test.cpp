@@ -63,7 +63,7 @@ std::uint32_t bits(const M& mechanism, const Vec3<S>& home) {
           std::array<std::uint8_t, sizeof(S)> bytes{};
           const S value = result.input[i];
           std::memcpy(bytes.data(), &value, sizeof(S));
-          for (const std::uint8_t b : bytes) crc = link::crc32_part(crc, b);
+          for (const std::uint8_t b : bytes) crc = link::crc32_add(crc, b);
         }
       }
     }

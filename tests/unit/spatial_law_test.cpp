@@ -169,10 +169,10 @@ TEST(EsmcInSpace, MinimalCoordinatesSlideRowByRow) {
     if (!far_from_pole(t.pose.attitude) || !far_from_pole(t.desired_pose.attitude)) continue;
     ++taken;
     SpatialDemand<Body::M> now;
-    ASSERT_TRUE(demand_euler(b.m, g, Reaching::sign, t, now));
+    ASSERT_TRUE(euler_acceleration(b.m, g, Reaching::sign, t, now));
     const auto sliding = [&](const auto& s, const auto& d) {
       SpatialDemand<Body::M> there;
-      EXPECT_TRUE(demand_euler(b.m, g, Reaching::sign, tracking(b.m, s, d), there));
+      EXPECT_TRUE(euler_acceleration(b.m, g, Reaching::sign, tracking(b.m, s, d), there));
       return there.sliding;
     };
     const Vec<D, 6> rate = derivative(b.plant, b.s, b.wanted, input(b.m, t, now), sliding);
@@ -307,7 +307,7 @@ void same_to_first_order(std::uint64_t seed) {
       return Vec<D, 6>(u.data());
     };
     SpatialDemand<typename Case::M> euler;
-    EXPECT_TRUE(demand_euler(b.m, g, Reaching::saturation, t, euler));
+    EXPECT_TRUE(euler_acceleration(b.m, g, Reaching::saturation, t, euler));
     SpatialTracking<typename Case::M> still = t;  // what holds it there: nothing of the error in it
     still.desired_pose = still.pose;
     still.turn = {};

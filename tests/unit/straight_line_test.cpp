@@ -77,8 +77,7 @@ TEST(StraightLine, LawsAreTheLaws) {
     std::array<double, 8> s{};
     const auto asked = demand<Rr<double>>(LawKind::esmc, whole, g, Reaching::implicit, t);
     Rr<double>::Channels acceleration, sliding;
-    demand<Rr<double>, Rows::with_mass>(LawKind::esmc, whole, g, Reaching::implicit, t, acceleration,
-                                        sliding);
+    fused_acceleration(LawKind::esmc, whole, g, Reaching::implicit, t, acceleration, sliding);
     by_hand.compare(seed, HandWrittenArm(rough, g)(t, s),
                     whole.base_torque(t.pose, whole.force(asked.acceleration, t.rates)), 1);
     for (int i = 0; i < 8; ++i)

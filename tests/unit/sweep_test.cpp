@@ -12,6 +12,7 @@
 
 #include "host_sim/error.hpp"
 #include "host_sim/sweep/journal.hpp"
+#include "host_sim/sweep/lanes/controller.hpp"
 #include "host_sim/sweep/lanes/kernel.hpp"
 #include "host_sim/sweep/lanes/lanes.hpp"
 #include "host_sim/sweep/pareto.hpp"
@@ -258,6 +259,26 @@ TEST(SweepLanes, ElementaryFunctionsHaveTheBitsOfOneNumber) {
       if (!(std::abs(yk) <= 1e4)) continue;
       const SinCos<Pair> sc = sin_cos(Pair::load(y.data()));
       EXPECT_TRUE(same(sc.sin[k], sin_cos(yk).sin) && same(sc.cos[k], sin_cos(yk).cos)) << yk;
+    }
+  }
+}
+
+TEST(SweepLanes, TorqueLimitIsThatOfOneNumber) {
+  const std::array<double, 8> torques{0.0, -0.0, 3.0, -3.0, 5.0, -7.0, HUGE_VAL, std::nan("")};
+  for (const double limit : {3.0, 0.0, -1.0, std::nan("")}) {
+    for (std::size_t i = 0; i < torques.size(); i += 2) {
+      Pair together = Pair::load(&torques[i]);
+      const auto checks = limit_torque(together, Pair(limit));
+      for (const std::size_t k : {0U, 1U}) {
+        double alone = torques[i + k];
+        const TorqueCheck check = esmc::limit_torque(alone, limit);
+        for (const TorqueCheck c : {TorqueCheck::passed, TorqueCheck::limited, TorqueCheck::not_finite}) {
+          EXPECT_EQ((checks == c)[static_cast<int>(k)], check == c) << torques[i + k] << " " << limit;
+        }
+        if (check != TorqueCheck::not_finite) {
+          EXPECT_EQ(together[static_cast<int>(k)], alone);
+        }
+      }
     }
   }
 }

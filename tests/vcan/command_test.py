@@ -48,6 +48,7 @@ def circle(out, report):
     on_circle = sum(abs(r) < 3e-6 for r in report["radii"])
     print("circle:", states, "on the circle:", on_circle, "of", len(report["radii"]), "ticks heard, tracking:",
           median(report["errors"]), "m, counters:", report["counters"])
+    assert report["protocol_version"] == 1, report
     assert report["after_wrong_frames"] == "disabled", report
     assert report["counters"][1] >= 2 and report["counters"][3] >= 1, report["counters"]
     assert report["streamed_ticks"] >= 50 and report["state_after_stream"] == "running", report

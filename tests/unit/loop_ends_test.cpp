@@ -1,6 +1,7 @@
-/// The halves of a loop on a bus that carries more than their frames, and how they part.
+/// The ends of a loop on a bus that carries other frames as well, and their shut-down.
 
-#include "host_sim/loop/halves.hpp"
+#include "host_sim/loop/controller_end.hpp"
+#include "host_sim/loop/plant_end.hpp"
 
 #include <gtest/gtest.h>
 #include <sys/socket.h>
@@ -21,9 +22,9 @@ namespace {
 using namespace std::chrono_literals;
 using Socket = hal::SocketCan;
 
-class Halves : public testing::Test {
+class LoopEnds : public testing::Test {
  protected:
-  Halves() {
+  LoopEnds() {
     std::array<int, 2> fd{};
     EXPECT_EQ(::socketpair(AF_UNIX, SOCK_SEQPACKET, 0, fd.data()), 0);
     here_ = Socket(fd[0]);
@@ -44,7 +45,7 @@ class Halves : public testing::Test {
   Socket here_{-1}, there_{-1};
 };
 
-TEST_F(Halves, AWatchdogWithMoreThanItsTimeIsNoProof) {
+TEST_F(LoopEnds, AWatchdogWithMoreThanItsTimeIsNoProof) {
   DriveScene d = scene_.drives;
   for (const double rate : {250.0, 1000.0, 8000.0}) {
     for (const double timeout : {0.01, 0.1}) {
@@ -59,15 +60,15 @@ TEST_F(Halves, AWatchdogWithMoreThanItsTimeIsNoProof) {
 }
 
 /// Passive encoders stand between the motors, joint by joint, and nobody enables them.
-TEST_F(Halves, WhoIsNotReadyIsAMotor) {
+TEST_F(LoopEnds, OnlyMotorsAreReportedAsNotReady) {
   options_.sets = {"control.sensors=\"all\"", "drives.nodes=[7, 8]", "sensors.nodes=[3, 4]"};
   const Scene mixed = read_loop_scene(options_);
-  const ControllerHalf<FiveBarWorld, Socket> controller(mixed, Pacing::realtime, here_);
+  const ControllerEnd<FiveBarWorld, Socket> controller(mixed, Pacing::realtime, here_);
   EXPECT_EQ(controller.unready(), "node 7 (silent), node 8 (silent)");
 }
 
-TEST_F(Halves, ThePlantHearsAControllerOnlyInCommandsToItsDrives) {
-  PlantHalf<FiveBarWorld, Socket> plant(scene_, options_, here_, frames_, nullptr, false);
+TEST_F(LoopEnds, ThePlantHearsAControllerOnlyInCommandsToItsDrives) {
+  PlantEnd<FiveBarWorld, Socket> plant(scene_, options_, here_, frames_, nullptr, false);
   hal::CanFrame request = test::message(1, test::cmd_torque, 0, 0);
   request.remote = true;
   hal::CanFrame wide = test::message(1, test::cmd_mode, 1, 1);
@@ -87,7 +88,7 @@ TEST_F(Halves, ThePlantHearsAControllerOnlyInCommandsToItsDrives) {
 }
 
 /// What a controller is made of decides, and nothing else: not what only the plant knows.
-TEST_F(Halves, ASceneIsKnownByWhatAControllerIsMadeOf) {
+TEST_F(LoopEnds, TheIdentityCoversWhatTheControllerIsMadeOf) {
   options_.scene = ESMC_COMMAND_SCENE;
   const auto identity = [&](const char* set) {
     RunOptions o = options_;
@@ -107,11 +108,11 @@ TEST_F(Halves, ASceneIsKnownByWhatAControllerIsMadeOf) {
   EXPECT_EQ(scene_.identity, 0U) << "without a command interface nobody can say it";
 }
 
-TEST_F(Halves, ThePlantRefusesAControllerOfAnotherScene) {
+TEST_F(LoopEnds, ThePlantRefusesAControllerOfAnotherScene) {
   options_.scene = ESMC_COMMAND_SCENE;
   scene_ = read_loop_scene(options_);
   const auto base = static_cast<std::uint32_t>(scene_.command->base_id);
-  PlantHalf<FiveBarWorld, Socket> plant(scene_, options_, here_, frames_, nullptr, false);
+  PlantEnd<FiveBarWorld, Socket> plant(scene_, options_, here_, frames_, nullptr, false);
   for (const hal::CanFrame& f : {link::encode_identity(base, scene_.identity), link::encode_identity(base, 0),
                                  link::encode_identity(base + 32, scene_.identity + 1)}) {
     ASSERT_EQ(there_.try_send(f), hal::SendStatus::ok);
@@ -126,10 +127,10 @@ TEST_F(Halves, ThePlantRefusesAControllerOfAnotherScene) {
   }
 }
 
-TEST_F(Halves, TheControllerSaysWhichSceneItWasMadeOf) {
+TEST_F(LoopEnds, TheControllerSaysWhichSceneItWasMadeOf) {
   options_.scene = ESMC_COMMAND_SCENE;
   scene_ = read_loop_scene(options_);
-  ControllerHalf<FiveBarWorld, Socket> controller(scene_, Pacing::lockstep, here_);
+  ControllerEnd<FiveBarWorld, Socket> controller(scene_, Pacing::lockstep, here_);
   controller.request_arming();
   std::optional<std::uint32_t> said;
   for (hal::CanFrame f; there_.try_receive(f);) {
@@ -140,8 +141,8 @@ TEST_F(Halves, TheControllerSaysWhichSceneItWasMadeOf) {
 }
 
 /// A stranger speaks at once and all the time; the drive comes late.
-TEST_F(Halves, TheControllerAsksUntilADriveOfItsOwnIsHeard) {
-  ControllerHalf<FiveBarWorld, Socket> controller(scene_, Pacing::lockstep, here_);
+TEST_F(LoopEnds, TheControllerAsksUntilOneOfItsDrivesAnswers) {
+  ControllerEnd<FiveBarWorld, Socket> controller(scene_, Pacing::lockstep, here_);
   std::thread others([&] {
     for (int i = 0; i < 30; ++i) {
       (void)there_.try_send(test::heartbeat(9, 8));
@@ -156,15 +157,15 @@ TEST_F(Halves, TheControllerAsksUntilADriveOfItsOwnIsHeard) {
       << "in 300 ms, every 20 ms, two motors; a slow machine asks less often";
 }
 
-TEST_F(Halves, AFloodInsteadOfASetIsAFaultAndNotAWait) {
-  ControllerHalf<FiveBarWorld, Socket> controller(scene_, Pacing::lockstep, here_);
+TEST_F(LoopEnds, AFloodInsteadOfASetIsAFaultAndNotAWait) {
+  ControllerEnd<FiveBarWorld, Socket> controller(scene_, Pacing::lockstep, here_);
   std::atomic<bool> over{false};
   std::thread others([&] {
     while (!over) {
       if (there_.try_send(test::heartbeat(9, 8)) != hal::SendStatus::ok) std::this_thread::sleep_for(1ms);
     }
   });
-  EXPECT_EQ(controller.await_set(), Waited::done);
+  EXPECT_EQ(controller.await_samples(), Waited::done);
   EXPECT_TRUE(controller.overloaded());
   controller.tick(true);
   EXPECT_EQ(controller.supervisor().fault(), Fault::bus_overload);
@@ -181,7 +182,7 @@ class Loop {
         controller(scene, Pacing::lockstep, bus->port(1)) {}
   void tick() {
     plant.publish();
-    EXPECT_EQ(controller.await_set(), Waited::done);
+    EXPECT_EQ(controller.await_samples(), Waited::done);
     controller.tick(true);
     EXPECT_TRUE(plant.await_torques());
     plant.advance(controller.view());
@@ -189,35 +190,35 @@ class Loop {
   bool next() {
     (void)plant.await_last_torques();
     plant.publish();
-    return controller.await_last_set();
+    return controller.await_last_samples();
   }
   std::unique_ptr<hal::VirtualBus<2>> bus = std::make_unique<hal::VirtualBus<2>>();
-  PlantHalf<FiveBarWorld, hal::VirtualBus<2>::Port> plant;
-  ControllerHalf<FiveBarWorld, hal::VirtualBus<2>::Port> controller;
+  PlantEnd<FiveBarWorld, hal::VirtualBus<2>::Port> plant;
+  ControllerEnd<FiveBarWorld, hal::VirtualBus<2>::Port> controller;
 };
 
-TEST_F(Halves, PartingEndsDisabledWhenTheDrivesHaveSaidIdle) {
+TEST_F(LoopEnds, ShutDownEndsDisabledWhenTheDrivesReportIdle) {
   for (const int ticks : {1, 15, 25, 100}) {  // while enabling, and while running
     Loop loop(scene_, options_, frames_);
     for (int i = 0; i < ticks; ++i) loop.tick();
     EXPECT_EQ(loop.plant.released(), ticks > 40);
-    loop.controller.part([&] { return loop.next(); });
+    loop.controller.shut_down([&] { return loop.next(); });
     EXPECT_EQ(loop.controller.supervisor().state(), State::disabled) << ticks;
   }
 }
 
-TEST_F(Halves, PartingFromDrivesThatSayNothingEnds) {
+TEST_F(LoopEnds, ShutDownEndsWithSilentDrives) {
   Loop loop(scene_, options_, frames_);
   for (int i = 0; i < 100; ++i) loop.tick();
   int passes = 0;
-  loop.controller.part([&] { return ++passes, true; });
+  loop.controller.shut_down([&] { return ++passes, true; });
   EXPECT_EQ(loop.controller.supervisor().state(), State::stopping);
   EXPECT_GE(passes, 10) << "a heartbeat period";
   EXPECT_LE(passes, 60);
 }
 
-/// t = 0: the second heartbeat of closed-loop control reaches both halves, in the same tick.
-TEST_F(Halves, BothHalvesAgreeOnWhenTheRunBegins) {
+/// t = 0: the second heartbeat of closed-loop control reaches both ends, in the same tick.
+TEST_F(LoopEnds, BothEndsAgreeOnTheBeginningOfTheRun) {
   Loop loop(scene_, options_, frames_);
   int ticks = 0;
   while (!loop.plant.released() && ticks < 100) {
