@@ -92,7 +92,8 @@ def run(*command):
 
 def of_image(elf, folder):
     """(bytes at most, path, bytes reserved); raises Refused."""
-    frames, calls = read_graph(p.read_text() for p in sorted(Path(folder).rglob("*.ci")))
+    frames, calls = read_graph(p.read_text() for p in sorted(Path(folder).rglob("*.ci"))
+                               if "boards/CMakeFiles" not in str(p) or f"/{Path(elf).stem}.dir/" in str(p))  # not of other images
     symbols = {n: int(a, 16) for a, n in re.findall(r"^([0-9a-f]+) \w (\S+)$", run("arm-none-eabi-nm", elf), re.M)}
     calls = with_parts(calls, symbols)
     # Of a function that several objects have the linker took one; what only another one calls is not in the image.
