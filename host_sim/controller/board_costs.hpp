@@ -29,32 +29,32 @@ struct Cost {
 // Measured by the emulator, and written by `tests/boards/board_test.py count ... --update`.
 inline constexpr Cost costs_float[] = {
     // <!-- costs mps2-an386 -->
-    {"esmc", 3095, 0},
-    {"esmc_projected", 2951, 0},
-    {"smc", 2883, 0},
-    {"ctc", 2854, 0},
-    {"pd", 2427, 0},
-    {"super_twisting", 2333, 8552},
-    {"implicit_coupled", 12231, 10168},
-    {"momentum_observer", 1915, 2976},
-    {"predictor", 4266, 3648},
-    {"closure_projection", 2601, 2232},
-    {"four_motors", 4440, 9792},
+    {"esmc", 3071, 0},
+    {"esmc_projected", 2928, 0},
+    {"smc", 2870, 0},
+    {"ctc", 2833, 0},
+    {"pd", 2419, 0},
+    {"super_twisting", 4531, 10472},
+    {"implicit_coupled", 13204, 13656},
+    {"momentum_observer", 2047, 3576},
+    {"predictor", 4935, 3632},
+    {"closure_projection", 2597, 2208},
+    {"four_motors", 4316, 9512},
     // <!-- /costs mps2-an386 -->
 };
 inline constexpr Cost costs_double[] = {
     // <!-- costs mps2-an500 -->
-    {"esmc", 4369, 0},
-    {"esmc_projected", 3867, 0},
-    {"smc", 3415, 0},
-    {"ctc", 3380, 0},
-    {"pd", 2865, 0},
-    {"super_twisting", 2636, 10232},
-    {"implicit_coupled", 11854, 12176},
-    {"momentum_observer", 2684, 2840},
-    {"predictor", 5181, 2496},
-    {"closure_projection", 3079, 2008},
-    {"four_motors", 4382, 9392},
+    {"esmc", 5171, 0},
+    {"esmc_projected", 4463, 0},
+    {"smc", 3717, 0},
+    {"ctc", 3672, 0},
+    {"pd", 2876, 0},
+    {"super_twisting", 5012, 11224},
+    {"implicit_coupled", 13222, 12760},
+    {"momentum_observer", 3579, 3608},
+    {"predictor", 7087, 2952},
+    {"closure_projection", 3075, 1928},
+    {"four_motors", 4195, 9232},
     // <!-- /costs mps2-an500 -->
 };
 
