@@ -184,8 +184,8 @@ void judge_bus(const Scene& s, const BusAnalysis& bus, Findings& f) {
     }
     if (static_cast<std::uint32_t>(s.command->base_id) < last) {
       f.warning(
-          "command.base_id 0x{:X} comes before drive frames (up to 0x{:X}) on the bus: orders that nobody "
-          "foresees delay them, beyond the latencies stated here",
+          "command.base_id 0x{:X} comes before drive frames (up to 0x{:X}) on the bus: unscheduled "
+          "orders delay them, beyond the latencies stated here",
           s.command->base_id, last);
     }
   }
@@ -260,8 +260,8 @@ void judge_odrive(const Scene& scene, Findings& f) {
   if (!scene.odrive()) return;
   if (std::ranges::find(scene.drives.nodes, 0) != scene.drives.nodes.end()) {
     f.warning(
-        "drives.nodes names node 0: its command 0 has the identifier of CANopen's NMT, and a drive that "
-        "nobody has given a number may be 0; take 1 or more");
+        "drives.nodes names node 0: its command 0 has the identifier of CANopen's NMT, and a drive "
+        "without a number of its own may be 0; take 1 or more");
   }
   if (scene.rate_hz > 1000.0) f.warning("ODrive sends encoder estimates at 1 kHz at most");
 }

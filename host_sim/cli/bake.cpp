@@ -32,7 +32,7 @@ int run_bake(const BakeOptions& o) {
   require_confirmed(scene);
   if (armed_by_link(scene) && !o.run.realtime) {
     throw InputError(scene.control_where,
-                     "command.arm = \"link\" needs --realtime: in lockstep nobody would arm the image");
+                     "command.arm = \"link\" needs --realtime: in lockstep no console arms the image");
   }
   if (!o.board.empty()) require_budget(scene, o);
   if (const std::string why = refusal_of(scene); !why.empty()) {

@@ -162,7 +162,7 @@ std::vector<Effect> read_effects(Section& root, const Scene& scene) {
   if (find_effect<BabblingNode>(out) && !find_effect<BitTiming>(out)) {
     root.fail(
         "effects",
-        "babbling_node needs bit_timing beside it: without it frames take no time, and nobody is in the way");
+        "babbling_node needs bit_timing beside it: without it frames take no time and delay no other frame");
   }
   return out;
 }
