@@ -1,6 +1,8 @@
 #pragma once
 /// FNV-1a 64, and the digests of runs and scenes made with it.
 
+#include <fmt/format.h>
+
 #include <bit>
 #include <cstdint>
 #include <span>
@@ -19,7 +21,7 @@ inline constexpr std::uint64_t fnv_start = 0xCBF29CE484222325ULL;
   return hash;
 }
 /// Sixteen hexadecimal digits.
-[[nodiscard]] std::string digest_text(std::uint64_t hash);
+[[nodiscard]] inline std::string digest_text(std::uint64_t hash) { return fmt::format("{:016x}", hash); }
 
 /// FNV-1a 64 over the little-endian doubles of q then qd at every tick from t = 0.
 ///

@@ -13,8 +13,6 @@ namespace esmc::host {
 
 using Json = nlohmann::ordered_json;
 
-std::string digest_text(std::uint64_t hash) { return fmt::format("{:016x}", hash); }
-
 BusSummary bus_summary(const FrameLog& frames, std::uint64_t lost, double capacity) {
   return {frames.frames(), lost, capacity > 0.0 ? static_cast<double>(frames.bits()) / capacity : 0.0};
 }
