@@ -51,15 +51,15 @@ template <class S>
 template <class T>
 class Sum {
  public:
-  void add(const T& x) {
+  ESMC_INLINE void add(const T& x) {
     value_ = plus(x);
     empty_ = false;
   }
-  void subtract(const T& x) {
+  ESMC_INLINE void subtract(const T& x) {
     value_ = empty_ ? T(-x) : T(value_ - x);
     empty_ = false;
   }
-  [[nodiscard]] T plus(const T& x) const { return empty_ ? x : T(value_ + x); }
+  [[nodiscard]] ESMC_INLINE T plus(const T& x) const { return empty_ ? x : T(value_ + x); }
   [[nodiscard]] bool empty() const { return empty_; }
   /// Not defined while empty.
   [[nodiscard]] const T& value() const { return value_; }

@@ -8,16 +8,15 @@
 
 namespace esmc::part {
 
-/// v' and s of the configured law, without K sw(s).
+/// v' and s of the configured law, without K sw(s); joint rows of v', which have no mass, may be zero.
 template <class M>
 void without_switching(const ControllerConfig<M>& config, const Tracking<M>& t,
                        typename M::Channels& acceleration, typename M::Channels& sliding) {
   Gains<M> gain = config.gains;
   gain.k.setZero();
   gain.independent.k = typename M::Scalar(0);
-  const Demand<M> d = demand(config.law, config.mechanism, gain, Reaching::saturation, t);
-  acceleration = d.acceleration;
-  sliding = d.sliding;
+  acceleration.setZero();  // the caller adds to every row
+  fused_acceleration(config.law, config.mechanism, gain, Reaching::saturation, t, acceleration, sliding);
 }
 
 /// Torques at all joints, gathered on the base joints.

@@ -57,9 +57,13 @@ class Chain {
   constexpr explicit Chain(const List<Body<S>, joints>& bodies) : bodies_(bodies) {}
 
   [[nodiscard]] const Body<S>& body(int i) const { return bodies_[i]; }
-  static constexpr bool revolute(int i) { return kinds_[i] == Joint::revolute; }
+  ESMC_INLINE static constexpr bool revolute(int i) { return kinds_[i] == Joint::revolute; }
   /// Whether the axis of body i can turn: a revolute joint lies between it and the base.
-  static constexpr bool turns(int i) { return i >= 0 && (revolute(i) || turns(i - 1)); }
+  ESMC_INLINE static constexpr bool turns(int i) {
+    for (int j = 0; j <= i; ++j)
+      if (revolute(j)) return true;
+    return false;
+  }
 
   /// Displacement of joint i, m; 0 of a revolute one.
   ESMC_INLINE static S slid(const Pose& p, int i) {
@@ -90,8 +94,10 @@ class Chain {
   /// A quantity that is linear in the axes (a difference of poses, a rate, an acceleration): of the axis of a
   /// body, and of what its joint slides along it.
   struct BodyMotion {
-    Vec2<S> axis = Vec2<S>::Zero(), slide = Vec2<S>::Zero();
+    Vec2<S> axis, slide;
 
+    ESMC_INLINE BodyMotion() : axis(Vec2<S>::Zero()), slide(Vec2<S>::Zero()) {}
+    ESMC_INLINE BodyMotion(const Vec2<S>& of_axis, const Vec2<S>& of_slide) : axis(of_axis), slide(of_slide) {}
     ESMC_INLINE friend BodyMotion operator+(const BodyMotion& a, const BodyMotion& b) {
       return {a.axis + b.axis, a.slide + b.slide};
     }
