@@ -347,16 +347,20 @@ class OdriveAxis {
   Received take(const std::optional<odrive::EncoderEstimates>& e) {
     if (!e) return Received::malformed;
     alive_ = reported_ = true;
-    const bool zero = e->position_rev == 0.0F && e->velocity_rev_s == 0.0F;
-    if (zero && away_) disconnect();
-    connected_ = connected_ || !zero;
-    unconnected_ = version_ == Version::v0_5_6 && !connected_;
-    sampled_ = !unconnected_;
-    if (unconnected_) return Received::accepted;
+    sampled_ = version_ != Version::v0_5_6 || encoder_connected(*e);
+    if (!sampled_) return Received::accepted;
     estimates_ = *e;
-    away_ = e->position_rev > near_zero_rev || e->position_rev < -near_zero_rev;
     sample_age_ticks_ = 0;
     return Received::accepted;
+  }
+  /// Of firmware 0.5.6, whether this report comes from a connected encoder.
+  bool encoder_connected(const odrive::EncoderEstimates& e) {
+    const bool zero = e.position_rev == 0.0F && e.velocity_rev_s == 0.0F;
+    if (zero && away_) disconnect();
+    connected_ = connected_ || !zero;
+    unconnected_ = !connected_;
+    if (connected_) away_ = e.position_rev > near_zero_rev || e.position_rev < -near_zero_rev;
+    return connected_;
   }
 
   Received take(const std::optional<odrive::Torques>& t) {
