@@ -277,7 +277,8 @@ template <class S>
   return box::clamped(out, limit);
 }
 
-/// allocate_within for forces w on the channels of a 5R.
+/// allocate_within with R and F of four_motors, for forces w (N or N m) on the channels of a 5R. Limit and
+/// preload in N m per motor.
 template <class S>
 [[nodiscard]] BoxAllocation<S> allocate_all_within(const FiveBar<S>& m, const typename FiveBar<S>::Pose& p,
                                                    const typename FiveBar<S>::Channels& w,

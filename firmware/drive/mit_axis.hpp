@@ -43,7 +43,8 @@ class MitAxis {
   MitAxis() = default;
   MitAxis(const AxisConfig& config, const Settings& settings) : config_(config), settings_(settings) {}
 
-  /// No side effect unless `accepted`. If replies use the node's identifier, its other frames are commands.
+  /// Takes a reply of the drive. Changes nothing unless the result is `accepted`. A frame with the node's
+  /// identifier that is no reply is a `foreign_command`; a broken reply on another identifier is `malformed`.
   Received receive(const hal::CanFrame& f) {
     if (f.extended || f.remote) return Received::not_mine;
     if (f.id == settings_.master_id && f.size > 0 && mit::names(f.data[0], config_.node, settings_.dialect)) {

@@ -153,7 +153,8 @@ class Chain {
   ESMC_INLINE static S turned_at(int i, const Pose& desired, const Pose& actual) {
     return angle_of_unit(cross(actual.axis[i], desired.axis[i]), dot(actual.axis[i], desired.axis[i]));
   }
-  /// Of joint i, rad in (-pi, pi] or m. `before`, `turned`: `turned_at` of the body before and of this one.
+  /// Error of joint i, desired less actual: rad in (-pi, pi], or m. `before`, `turned`: `turned_at` of the
+  /// body before and of this one.
   ESMC_INLINE static S joint_error(int i, S before, S turned, const Pose& desired, const Pose& actual) {
     if (!revolute(i)) return slid(desired, i) - slid(actual, i);
     return i == 0 ? turned : wrap_to_pi(S(turned - before));

@@ -157,7 +157,8 @@ class SpatialCoupling {
     return out;
   }
 
-  /// M v' + v + f + g of (37) from accelerations v' and rates of the channels.
+  /// M p' + v + f + g of (37) on every channel, N or N m, from the accelerations p' (argument `v`) and the
+  /// rates of the channels. v: omega x I omega; f: friction of the joints; g: weight.
   [[nodiscard]] Channels force(const Channels& v, const Channels& rates) const {
     Channels out;
     const BodyRows<S> w = body_force(platform_.mass, platform_.inertia, gravity_,

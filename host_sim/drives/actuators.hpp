@@ -54,7 +54,8 @@ class Actuators {
         jitter_(find_effect<Jitter>(effects)),
         random_(seed, 1000) {}
 
-  /// Delivered torques of this tick, per joint. Call once per tick.
+  /// Torques that the drives deliver for the commands `asked` over `tick` seconds, per joint, N m. Sets
+  /// `clipped` if a limit acts, never clears it. Heats the motors: call once per tick.
   Joints deliver(const Joints& asked, double tick, bool& clipped) {
     Joints out{};
     for (std::size_t m = 0; m < motor_joint_.size(); ++m)

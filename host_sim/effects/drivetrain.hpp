@@ -37,7 +37,8 @@ class Drivetrain {
   [[nodiscard]] std::size_t states() const { return states_; }
   void start(Shaft joint, std::span<double> own) const;
   double pass(double torque, Shaft joint, std::span<const double> own, std::span<double> slope) const;
-  /// Where the drive's encoder sits.
+  /// Angle (rad) and rate (rad/s) that the drive's encoder sees: of the rotor if a stage has one, else of the
+  /// joint. `own`: all states of this drivetrain.
   [[nodiscard]] Shaft rotor(Shaft joint, std::span<const double> own) const {
     return rotor_at_ < 0 ? joint
                          : Shaft{own[static_cast<std::size_t>(rotor_at_)],

@@ -61,7 +61,7 @@ void prepare_live_scene(Scene& scene, bool controller_elsewhere = false);
 /// What a change from one scene to the next restarts. Throws InputError where another bench is needed.
 RestartLevel restart_level(const Scene& from, const Scene& to);
 
-/// A fault with its usual amount and length.
+/// A fault on `drive` (from 0) with its usual amount and length; one without a longest lasts 1e6 ticks.
 InjectOrder usual_injection(const InjectionRow& row, std::size_t drive);
 /// True if a fault can begin while the loop runs on these drives.
 bool can_inject(const InjectionRow& row, Protocol protocol);

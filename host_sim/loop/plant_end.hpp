@@ -66,7 +66,7 @@ class PlantEnd {
     plant_.publish(tap_);
     require_armed_in_time();
   }
-  /// Throws RunError when the drives take too long to arm.
+  /// Throws RunError if the drives are not armed after arming_time_max() of virtual time.
   void require_armed_in_time() const {
     if (!plant_.released() && plant_.time() > arming_time_max(scene_)) {
       throw RunError(fmt::format("the drives were not in closed-loop control after {} s of virtual time",

@@ -73,7 +73,8 @@ class LegDynamics {
   };
   /// Joint torques (model convention: relative joints, mirrored for leg 2) as moments on the bars.
   [[nodiscard]] Pair on_bars(T tau1, T tau2) const { return {side_ * (tau1 - tau2), side_ * tau2}; }
-  /// Q: weight, inertia forces of the rates, joint torques.
+  /// Q on the two bars, N m: weight, inertia forces of the bar rates w1, w2 (rad/s), joint torques tau1,
+  /// tau2.
   [[nodiscard]] Pair force(const Pose& p, T w1, T w2, T tau1, T tau2) const {
     const T k = coupling_ * p.sin_difference;
     const Pair motors = on_bars(tau1, tau2);
