@@ -42,7 +42,7 @@ class Cia402Axis {
     if (in_tick && sample_age_ticks_ == 0) sample_age_ticks_ = 1;
   }
 
-  /// No side effect unless `accepted`.
+  /// Takes a frame of the drive. Changes nothing unless the result is `accepted`.
   Received receive(const hal::CanFrame& f) {
     const bool before = std::exchange(sampled_, false);
     const Received r = sort(f);

@@ -72,16 +72,17 @@ class Chain {
   ESMC_INLINE static void put_slide(Pose& p, int i, S q) {
     if constexpr (slides) p.slide[i] = revolute(i) ? S(0) : q;
   }
-  /// From the joint of body i to its end, m.
+  /// Distance from the joint of body i to its end, m.
   ESMC_INLINE S reach(const Pose& p, int i) const {
     return revolute(i) ? bodies_[i].length : S(bodies_[i].length + slid(p, i));
   }
-  /// Of the mass centre of body i from its origin, where x is its axis (m), or a rate of its axis (m/s).
+  /// Vector from the origin of body i to its mass centre, m, where x is its axis; its rate, m/s, where x is
+  /// the rate of the axis, 1/s.
   ESMC_INLINE Vec2<S> from_joint(const Vec2<S>& x, int i) const {
     if (shapes_[i] == Shape::bar) return x * bodies_[i].centre;
     return x * bodies_[i].centre + perp(x) * bodies_[i].centre_across;
   }
-  /// Of a force (N) at the mass centre of body i about its origin, N m.
+  /// Moment of a force (N) at the mass centre of body i about its origin, N m.
   ESMC_INLINE S moment_of(const Vec2<S>& force, const Pose& p, int i) const {
     const S moment = bodies_[i].centre * cross(p.axis[i], force);
     return shapes_[i] == Shape::bar ? moment : S(moment - bodies_[i].centre_across * dot(p.axis[i], force));

@@ -80,7 +80,7 @@ class SpatialCoupling {
   };
 
   SpatialCoupling() = default;
-  /// `joint`: where each leg holds the platform, from its mass centre in its frame, m.
+  /// `joint`: spherical joint of each leg, from the mass centre of the platform, in its frame, m.
   SpatialCoupling(const RigidBodyParams<S>& platform, const List<Vec3<S>, Legs>& joint,
                   const List<Leg, Legs>& leg, S gravity)
       : platform_(platform), joint_(joint), leg_(leg), gravity_(gravity) {}

@@ -17,7 +17,7 @@ class TorqueStage {
   explicit TorqueStage(const std::vector<Effect>& effects)
       : saturation_(find_effect<TorqueSaturation>(effects)), thermal_(find_effect<ThermalLimit>(effects)) {}
 
-  /// Torque over a tick of `seconds`; sets `clipped` where it differs from `torque`.
+  /// Delivered torque over a tick of `seconds`, N m; sets `clipped` where it differs from `torque`.
   [[nodiscard]] double operator()(double torque, double seconds, bool& clipped) {
     double out = torque;
     if (saturation_) out = std::clamp(out, -saturation_->limit, saturation_->limit);

@@ -18,7 +18,7 @@ class DrivetrainStage {
  public:
   virtual ~DrivetrainStage() = default;
   [[nodiscard]] virtual int states() const { return 0; }
-  /// At rest, nothing stored, rotor in the middle of its play.
+  /// Sets the own states to those of a joint with nothing stored and the rotor in the middle of its play.
   virtual void start(Shaft, std::span<double>) const {}
   /// Torque that goes on towards the joint; writes the slopes of its own states.
   virtual double pass(double torque, Shaft rotor, Shaft joint, std::span<const double> own,

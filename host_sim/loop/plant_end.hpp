@@ -79,7 +79,7 @@ class PlantEnd {
     if (w != Waited::silent) return w == Waited::done;
     throw RunError("the controller sent no torque command for 5 s (controller dead or not started)");
   }
-  /// After Ctrl-C: briefly, without an error.
+  /// Waits at most 20 ms for torques, after Ctrl-C. False: not all came.
   bool await_last_torques() {
     return wait_briefly(tap_.bus(), [&] { return receive_torques(); });
   }
