@@ -73,7 +73,8 @@ class PlantEnd {
                                  arming_time_max(scene_)));
     }
   }
-  /// False: Ctrl-C. Throws RunError when the controller is silent.
+  /// Waits until every motor has its torque. False: Ctrl-C. Throws RunError when the controller is silent for
+  /// 5 s.
   bool await_torques() {
     const Waited w = wait_for(tap_.bus(), [&] { return receive_torques(); });
     if (w != Waited::silent) return w == Waited::done;
