@@ -61,7 +61,7 @@ class Sum {
   }
   [[nodiscard]] ESMC_INLINE T plus(const T& x) const { return empty_ ? x : T(value_ + x); }
   [[nodiscard]] bool empty() const { return empty_; }
-  /// Not defined while empty.
+  /// The sum; undefined while empty.
   [[nodiscard]] const T& value() const { return value_; }
 
  private:

@@ -60,7 +60,8 @@ inline void copy_used(const CanFrame& from, CanFrame& to) {
   f.size = size;
   return f;
 }
-/// Little-endian field in the data of a frame: the low `bytes` (1..4) of `value`, from byte `at` on.
+/// Writes the low `bytes` (1..4) of `value` into the data of a frame, little-endian, from byte `at` on. Not
+/// checked: at + bytes <= 64. `size` stays.
 constexpr void put_field(CanFrame& f, std::size_t at, std::uint32_t value, std::size_t bytes) {
   for (std::size_t i = 0; i < bytes; ++i) f.data[at + i] = static_cast<std::uint8_t>(value >> (8U * i));
 }

@@ -155,7 +155,7 @@ class Polygon {
   Polygon(const Vec<S, 4>& from, const Mat<S, 4, 2>& n, const TorqueBox<S>& bounds, S slack)
       : from_(from), n_(n), bounds_(bounds), slack_(slack), torque_(from) {}
 
-  /// Where rounding leaves no point inside, the one that is outside by least.
+  /// Torques of the closest point, N m; where rounding leaves no point inside, of the one outside by least.
   [[nodiscard]] Vec<S, 4> closest() {
     consider(Vec2<S>(S(0), S(0)), -1, S(0), -1, S(0));
     for (int i = 0; i < 4; ++i) {
@@ -208,7 +208,7 @@ class Polygon {
   bool none_ = true;
 };
 
-/// Removes what rounding leaves beyond the limits.
+/// Clamps the torques to +-limit, N m: removes rounding errors.
 template <class S>
 [[nodiscard]] BoxAllocation<S> clamped(BoxAllocation<S> a, const Vec<S, 4>& limit) {
   for (int i = 0; i < 4; ++i) {
@@ -277,7 +277,8 @@ template <class S>
   return box::clamped(out, limit);
 }
 
-/// allocate_within for forces w on the channels of a 5R.
+/// allocate_within with R and F of four_motors, for forces w (N or N m) on the channels of a 5R. Limit and
+/// preload in N m per motor.
 template <class S>
 [[nodiscard]] BoxAllocation<S> allocate_all_within(const FiveBar<S>& m, const typename FiveBar<S>::Pose& p,
                                                    const typename FiveBar<S>::Channels& w,

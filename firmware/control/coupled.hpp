@@ -50,7 +50,7 @@ class CoupledStep {
     }
     return false;
   }
-  /// Steps of the last solution; 0: the clamp solved it.
+  /// Number of steps of the last solution; 0: the clamp solved it.
   [[nodiscard]] int steps() const { return steps_; }
 
  private:

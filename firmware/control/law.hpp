@@ -80,7 +80,8 @@ void smc_acceleration(const M& m, const Gains<M>& gain, Reaching reaching, const
   acceleration = independent_acceleration(m, t, u);
 }
 
-/// u = a_d + Kd e' + Kp e, model.md section 8.
+/// Computed torque, u = a_d + Kd e' + Kp e on the independent coordinates, model.md section 8; `sliding` is
+/// zero.
 template <class M>
 void ctc_acceleration(const M& m, const Gains<M>& gain, const Tracking<M>& t,
                       typename M::Channels& acceleration, typename M::Channels& sliding) {

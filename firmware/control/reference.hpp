@@ -41,7 +41,8 @@ struct Quintic {
   List<Vec2<S>, 6> c{{{Vec2<S>::Zero(), Vec2<S>::Zero(), Vec2<S>::Zero(), Vec2<S>::Zero(), Vec2<S>::Zero(),
                        Vec2<S>::Zero()}}};
 
-  /// From a to b, derivatives included. duration: s, > 0.
+  /// The polynomial from a to b with equal position, velocity and acceleration at both ends. duration: s, >
+  /// 0.
   [[nodiscard]] static Quintic between(const Motion2<S>& a, const Motion2<S>& b, S duration) {
     const S d = duration, d2 = duration * duration;
     const Vec2<S> p = b.position - a.position - a.velocity * d - a.acceleration * (d2 * S(0.5));

@@ -45,7 +45,7 @@ class SuperTwisting {
  public:
   static constexpr int most_delay = 8;  ///< ticks
 
-  /// To the state of the first tick: integral zero, no w under way.
+  /// Returns to the state of the first tick: integral zero, no w under way.
   void reset() { ticks_ = 0; }
 
   /// Acceleration w that lowers s by w per second. rate: bound L >= 0 of the disturbance's rate of change,

@@ -50,7 +50,7 @@ class Controller {
             config_.stopping_ticks_max};
   }
 
-  /// Replaces the reference while it is active.
+  /// The generator of set points; its motion replaces the reference while it is active.
   [[nodiscard]] SetpointGenerator<S>& setpoints() { return setpoints_; }
   /// The mechanism can reach this position: effector or base joints, as in the reference.
   [[nodiscard]] bool reachable(const Vec2<S>& position) const;

@@ -73,13 +73,14 @@ class Cycle {
     silent_ticks_.fill(drive::age_max);
   }
 
-  /// For the next tick. A later command does not replace a stop, and only a stop replaces a halt.
+  /// Stores a command for the next tick. A later command does not replace a stop, and only a stop replaces a
+  /// halt.
   void command(Command c) {
     if (command_ != Command::stop && (command_ != Command::halt || c == Command::stop)) command_ = c;
   }
   /// State of the normally closed contact `enable`, before each tick; open is a fault. Closed if not wired.
   void enable_input(bool closed) { enable_closed_ = closed; }
-  /// From the loop, before the tick: two ticks in a row began late, or one by far. A fault.
+  /// Raises the fault tick_late in the next tick: two ticks in a row began late, or one by far.
   void tick_late() { late_ = true; }
   /// Lockstep: us that have passed at the next tick without samples; < 1000 s.
   void time_passed(std::uint32_t us) {
@@ -100,7 +101,8 @@ class Cycle {
   [[nodiscard]] const BusCounters& counters() const { return counters_; }
   [[nodiscard]] const Sample<M>& sample() const { return sample_; }
   [[nodiscard]] const link::CommandLink& link() const { return link_; }
-  /// For a store of parameters: link::restore() before the first tick, link::serve() between ticks.
+  /// The command link, for a store of parameters: link::restore() before the first tick, link::serve()
+  /// between ticks.
   [[nodiscard]] link::CommandLink& link() { return link_; }
   [[nodiscard]] const D& axis(int i) const { return axes_[static_cast<unsigned>(i)]; }
 

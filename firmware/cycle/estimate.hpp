@@ -45,8 +45,9 @@ template <class M, class S = typename M::Scalar>
                                                                    : std::nullopt;
 }
 
-/// Encoders on all joints (theta11, theta12, theta21, theta22): regular at type 2 too. Position and velocity
-/// of the effector are the means of the two leg tips.
+/// Encoders on all joints (theta11, theta12, theta21, theta22; rad, rad/s): regular at type 2 too. Position
+/// and velocity of the effector are the means of the two leg tips. Never fails: `closure` reports readings
+/// that contradict each other.
 template <class S>
 [[nodiscard, gnu::cold]] Estimate<FiveBar<S>> estimate_from_all(const FiveBar<S>& m, const Vec<S, 4>& angle,
                                                                 const Vec<S, 4>& rate) {

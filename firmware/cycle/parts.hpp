@@ -29,14 +29,14 @@ struct PartMemory {
   [[nodiscard]] Vec<S, M::joints> torque(int ago) const {
     return ago < ticks ? sent[ago] : Vec<S, M::joints>::Zero().eval();
   }
-  /// At the end of a tick under the law.
+  /// Records the torques sent, N m; call at the end of a tick under the law. `as_asked`: none was limited.
   void keep(const Vec<S, M::joints>& torque, bool as_asked) {
     for (int k = depth - 1; k > 0; --k) sent[k] = sent[k - 1];
     sent[0] = torque;
     whole = as_asked;
     if (ticks < depth) ++ticks;
   }
-  /// To the state before the first tick.
+  /// Returns to the state before the first tick.
   void reset() {
     ticks = 0;
     twisting.reset();

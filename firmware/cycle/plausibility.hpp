@@ -27,7 +27,7 @@ class SampleJumpCheck {
     return within(off, jump * ticks);
   }
 
-  /// At the end of a tick. `step`: of the joints that have an encoder.
+  /// Keeps the sample for the next tick; call at the end of a tick. Every `step`-th joint has an encoder.
   void keep(const Sample<M>& now, int step) {
     for (int j = 0; j < M::joints; j += step) {
       const auto u = static_cast<unsigned>(j);
@@ -64,14 +64,15 @@ class TorqueFeedbackCheck {
       : tolerance_(tolerance), share_(sample_time / (time + sample_time)) {}
   [[nodiscard]] bool compares() const { return tolerance_ > S(0); }
 
-  /// At the end of a tick: the new command at the joints, N m.
+  /// Takes the new command at the joints, N m; call at the end of a tick.
   void commanded(const Vec<S, M::joints>& torque) {
     if (compares()) expected_ += (torque - expected_) * share_;
   }
 
   /// Deviations before there was torque do not count.
   void forget() { off_ = {}; }
-  /// Once per tick. False: the reported torque of a joint was off in `patience` consecutive reports.
+  /// Judges the torque reported for a joint, N m; call once per tick. False: `patience` consecutive reports
+  /// were off by more than the tolerance. An empty report counts neither way.
   [[nodiscard]] bool plausible(int joint, const std::optional<float>& reported) {
     auto& n = off_[static_cast<unsigned>(joint)];
     if (!compares() || !reported) return true;

@@ -29,7 +29,8 @@ template <class S>
 class SetpointGenerator {
  public:
   SetpointGenerator() = default;
-  /// `speed`, `acceleration` > 0; `sample_time` in s, > 0. `angles`: differences are wrapped to (-pi, pi].
+  /// Limits `speed` (m/s or rad/s) and `acceleration` (per s), > 0; `sample_time` in s, > 0. `angles`:
+  /// differences are wrapped to (-pi, pi].
   SetpointGenerator(S speed, S acceleration, S sample_time, bool angles)
       : speed_(speed), acceleration_(acceleration), sample_time_(sample_time), angles_(angles) {}
 
@@ -42,9 +43,9 @@ class SetpointGenerator {
     following_ = false;
     brake({position, velocity, Vec2<S>::Zero()});
   }
-  /// To rest from the present motion, each coordinate ahead of its position.
+  /// Plans the way to rest from the present motion, each coordinate ahead of its position.
   void hold() { brake(at()); }
-  /// To rest at `target`.
+  /// Plans the way from the present motion to rest at `target`, m or rad.
   void go_to(const Vec2<S>& target) {
     const Motion2<S> now = at();
     const Vec2<S> offset = apart(now.position, target);
@@ -53,7 +54,7 @@ class SetpointGenerator {
     plan(offset, now.velocity, time);
     base_ = {now.position - offset, Vec2<S>::Zero(), Vec2<S>::Zero()};
   }
-  /// Along samples, one per tick; the offset between the first one and the present motion fades away.
+  /// Follows samples, one per tick; the offset between the first one and the present motion fades away.
   void follow(const Vec2<S>& position, const Vec2<S>& velocity) {
     if (!following_) {
       const Motion2<S> now = at();
@@ -85,7 +86,7 @@ class SetpointGenerator {
     }
     return m;
   }
-  /// To the next tick.
+  /// Moves on to the next tick.
   void advance() {
     if (ticks_ < ticks_max) ++ticks_;
     if (age_ < ticks_max) ++age_;

@@ -12,7 +12,7 @@ template <class S>
 class StopTrajectory {
  public:
   StopTrajectory() = default;
-  /// `ticks`: duration.
+  /// `ticks`: duration; `sample_time`: s.
   StopTrajectory(std::uint32_t ticks, S sample_time) : ticks_(ticks), sample_time_(sample_time) {}
 
   [[nodiscard]] bool begun() const { return begun_; }

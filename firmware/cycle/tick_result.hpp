@@ -31,7 +31,7 @@ struct TickResult {
     nothing_desired();
     sliding.setZero();
   }
-  /// No torque; the caller must set effector, desired_effector, desired_direction and sliding.
+  /// Zero torque; the caller must set effector, desired_effector, desired_direction and sliding.
   explicit TickResult(Unset) {
     unroll<M::joints>([&](auto i) ESMC_INLINE { torque[i] = S(0); });
   }
@@ -41,7 +41,7 @@ struct TickResult {
     for (auto& d : desired_direction.items) d.setZero();
   }
 
-  /// rad, in (-pi, pi]. Not computed in the tick, for no torque needs it.
+  /// Desired angles of the base joints, rad, in (-pi, pi]. Not computed in the tick: no torque needs them.
   [[nodiscard]] Vec2<S> desired_base() const { return angles_of(desired_direction); }
 };
 

@@ -77,7 +77,7 @@ struct Nmt {
   return Nmt{static_cast<NmtCommand>(f.data[0]), f.data[1]};
 }
 
-/// Without counter (object 1019 is 0).
+/// SYNC without counter (object 1019 is 0).
 [[nodiscard]] constexpr hal::CanFrame encode_sync() { return hal::data_frame(id_sync, 0); }
 
 [[nodiscard]] constexpr hal::CanFrame encode_heartbeat(std::uint8_t node, NmtState state) {

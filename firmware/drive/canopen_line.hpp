@@ -19,7 +19,7 @@ class CanopenLine {
   void request(Send&& send) {
     send(canopen::encode_sync());
   }
-  /// No heartbeat unless `good`: drives that miss it stop by themselves.
+  /// Sends the heartbeat when due, but only if `good`: drives that miss it stop by themselves.
   template <class Send>
   void end_tick(Send&& send, bool good) {
     if (wait_ticks_ > 0) --wait_ticks_;

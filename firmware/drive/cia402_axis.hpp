@@ -42,7 +42,7 @@ class Cia402Axis {
     if (in_tick && sample_age_ticks_ == 0) sample_age_ticks_ = 1;
   }
 
-  /// No side effect unless `accepted`.
+  /// Takes a frame of the drive. Changes nothing unless the result is `accepted`.
   Received receive(const hal::CanFrame& f) {
     const bool before = std::exchange(sampled_, false);
     const Received r = sort(f);
@@ -73,8 +73,9 @@ class Cia402Axis {
   /// Operation enabled in cyclic torque mode, reported without error in two ticks after the request, and no
   /// other state since. Two PDOs confirm a tick, one of them is enough to be not ready.
   [[nodiscard]] bool ready() const { return confirmations_ >= 2 && closed_loop(); }
-  /// Torque-free states reported in two ticks after the voltage was disabled, or stopped or booted since. A
-  /// stopped drive has no torque by its abort-connection option, which does not apply in pre-operational.
+  /// True after controlword `disable voltage` if the drive then reported a state without torque in two ticks
+  /// in a row, was stopped by NMT, or booted. Its abort-connection option ends the torque of a stopped drive;
+  /// that option does not apply in pre-operational.
   [[nodiscard]] bool idle() const { return control_ == 0 && (quiet_ >= 2 || booted_); }
   [[nodiscard]] bool must_be_released() const { return release_pending_; }
   [[nodiscard]] bool alive() const { return alive_; }

@@ -31,7 +31,8 @@ class Cia402Configurator {
   /// N m, as read from the drive; 0 before.
   [[nodiscard]] float rated_torque() const { return rated_torque_; }
 
-  /// Sends the present request. False: the bus did not take it.
+  /// Sends the read or write of the present entry, again if it is in flight. False: the bus did not take it,
+  /// nothing has changed. Not after the last entry is complete.
   template <class Send>
   bool request(Send&& send, const Cia402Settings& settings, std::uint8_t node) {
     const cia402::Entry& e = cia402::setup[entry_];

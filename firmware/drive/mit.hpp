@@ -111,7 +111,7 @@ constexpr void put_command(hal::CanFrame& f, std::uint32_t node, const Command& 
   return r;
 }
 
-/// For the drive's end. `size`: bytes of the frame; vendor bytes other than the error are 0.
+/// Reply of an emulated drive. `size`: bytes of the frame; vendor bytes other than the error are 0.
 [[nodiscard]] constexpr hal::CanFrame encode_reply(std::uint32_t id, std::uint8_t node, const Reply& r,
                                                    Dialect d, std::uint8_t size) {
   hal::CanFrame f = hal::data_frame(id, size);
@@ -126,7 +126,7 @@ constexpr void put_command(hal::CanFrame& f, std::uint32_t node, const Command& 
   if (d == Dialect::cubemars) f.data[7] = r.error;
   return f;
 }
-/// For the drive's end, of a frame of eight bytes.
+/// Command as an emulated drive reads it, from a frame of eight bytes.
 [[nodiscard]] constexpr Command decode_command(const hal::CanFrame& f) {
   return {static_cast<std::uint16_t>(f.data[0] << 8U | f.data[1]),
           static_cast<std::uint16_t>(f.data[2] << 4U | f.data[3] >> 4U),

@@ -43,7 +43,8 @@ class MitAxis {
   MitAxis() = default;
   MitAxis(const AxisConfig& config, const Settings& settings) : config_(config), settings_(settings) {}
 
-  /// No side effect unless `accepted`. If replies use the node's identifier, its other frames are commands.
+  /// Takes a reply of the drive. Changes nothing unless the result is `accepted`. A frame with the node's
+  /// identifier that is no reply is a `foreign_command`; a broken reply on another identifier is `malformed`.
   Received receive(const hal::CanFrame& f) {
     if (f.extended || f.remote) return Received::not_mine;
     if (f.id == settings_.master_id && f.size > 0 && mit::names(f.data[0], config_.node, settings_.dialect)) {
@@ -66,7 +67,8 @@ class MitAxis {
   [[nodiscard]] bool brought_sample() const { return true; }  // every reply does
   [[nodiscard]] std::uint32_t heartbeat_age_ticks() const { return age_ticks_; }
 
-  /// Of the last reply, even with an error. Steps: range / 32767.5 in angle, range / 2047.5 in rate.
+  /// Angle (rad) and rate (rad/s) of the last reply, even with an error. Steps: range / 32767.5 in angle,
+  /// range / 2047.5 in rate.
   template <class S>
   [[nodiscard]] JointSample<S> sample() const {
     const S per_rad = S(config_.direction) / S(config_.gear_ratio);
@@ -90,7 +92,7 @@ class MitAxis {
   [[nodiscard]] bool alive() const { return alive_; }
   [[nodiscard]] bool error() const { return error_ != 0; }
   [[nodiscard]] std::uint32_t error_code() const { return error_; }
-  /// Asked into motor mode and not out of it, and not reporting another mode.
+  /// True if the last order was to enter motor mode and the drive reports no other mode.
   [[nodiscard]] bool closed_loop() const { return step_ == Step::entered && !says(mode_off); }
   // The protocol has no emergency stop, no report of a time-out, no set-up and nothing to read back.
   [[nodiscard]] bool emergency_stopped() const { return false; }

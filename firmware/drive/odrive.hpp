@@ -157,7 +157,7 @@ struct Torques {
   if (!has_size(f, 8)) return std::nullopt;
   return Torques{std::bit_cast<float>(detail::get_u32(f, 0)), std::bit_cast<float>(detail::get_u32(f, 4))};
 }
-/// For the drive's end: a classic data frame of this size or longer.
+/// Whether an emulated drive takes the frame: a classic data frame of this size or longer.
 [[nodiscard]] constexpr bool has_at_least(const hal::CanFrame& f, std::uint8_t size) {
   return f.size >= size && !f.remote && !f.fd;
 }
@@ -208,7 +208,7 @@ enum class ValueType : std::uint8_t { u8, u32, f32 };  ///< booleans are u8
   return type == ValueType::u32 ? static_cast<float>(raw) : std::bit_cast<float>(raw);
 }
 
-/// For the drive's end.
+/// Version reply of an emulated drive.
 [[nodiscard]] constexpr hal::CanFrame encode_version(std::uint8_t node,
                                                      const std::array<std::uint8_t, 3>& firmware) {
   hal::CanFrame f = detail::frame(node, Message::get_version, 8);

@@ -30,11 +30,12 @@ class OdriveAxis {
   /// Tests the watchdog before the axis is first ready, and after a possible restart: without frames, at zero
   /// torque, it must expire within `ticks`. 0: no test.
   void prove_watchdog(std::uint32_t ticks) { watchdog_ticks_max_ = ticks; }
-  /// Without a heartbeat for more than `ticks` the axis may have restarted: read-back and watchdog test are
-  /// repeated. Default and upper limit: `retry_ticks`.
+  /// Sets the silence, in ticks, after which the axis may have restarted: read-back and watchdog test are
+  /// then repeated. Default and upper limit: `retry_ticks`.
   void restarts_within(std::uint32_t ticks) { silence_ticks_ = ticks < retry_ticks_ ? ticks : retry_ticks_; }
 
-  /// No side effect unless `accepted`. An emergency stop is accepted from any node, with any format.
+  /// Takes a frame of the drive. Changes nothing unless the result is `accepted`. An emergency stop is
+  /// accepted from any node, with any format.
   Received receive(const hal::CanFrame& f) {
     if (f.extended) return Received::not_mine;
     if ((f.id >> 5U) == config_.node) return to_this(f);
@@ -139,7 +140,7 @@ class OdriveAxis {
     if (step_ == Step::configure && (alive_ || due)) configure(send);
   }
 
-  /// The last request cannot have been heard: repeat it at the next enable().
+  /// Repeats the last request, which the drive cannot have heard, at the next enable().
   void ask_again() {
     wait_ticks_ = 0;
     patient_ = false;

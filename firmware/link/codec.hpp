@@ -104,7 +104,7 @@ constexpr void put_float(Frame& f, unsigned at, float v) {
 [[nodiscard]] constexpr float get_float(const Frame& f, unsigned at) {
   return std::bit_cast<float>(get_field(f, at, 4));
 }
-/// Two's complement of 24 bits.
+/// Signed number of 24 bits (two's complement), little-endian, from byte `at` on.
 [[nodiscard]] constexpr std::int32_t get_i24(const Frame& f, unsigned at) {
   constexpr std::uint32_t sign = 0x80'0000;
   return static_cast<std::int32_t>((get_field(f, at, 3) ^ sign)) - static_cast<std::int32_t>(sign);
@@ -114,7 +114,7 @@ constexpr void put_float(Frame& f, unsigned at, float v) {
 }
 }  // namespace detail
 
-/// What byte 0 of a frame must be.
+/// Required value of byte 0 of a frame: CRC-8 over identifier, session and bytes 1..7.
 [[nodiscard]] constexpr std::uint8_t checksum(const hal::CanFrame& f, std::uint8_t session) {
   std::uint8_t c = crc8_add(crc8_start, static_cast<std::uint8_t>(f.id));
   c = crc8_add(c, static_cast<std::uint8_t>(f.id >> 8U));
@@ -146,7 +146,7 @@ struct Pair {
   Space space = Space::effector;
   std::array<float, 2> value{};
 };
-/// `unit`: position_unit or velocity_unit.
+/// Decodes two 24-bit numbers times `unit`: position_unit or velocity_unit.
 [[nodiscard]] constexpr std::optional<Pair> decode_pair(const hal::CanFrame& f, float unit) {
   if ((f.data[1] >> 5U) != 0) return std::nullopt;
   return Pair{

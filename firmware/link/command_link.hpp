@@ -31,10 +31,11 @@ class CommandLink {
   [[nodiscard]] Source source() const { return source_; }
   [[nodiscard]] std::uint32_t scene() const { return config_.scene; }
 
-  /// Once per tick, before its frames.
+  /// Begins a tick; call before its frames.
   void begin_tick() { ++tick_; }
 
-  /// `waited`: ticks from arrival to reception of the frame, below 2^31.
+  /// Takes a frame from the bus and counts the outcome. `waited`: ticks from its arrival to this call, below
+  /// 2^31.
   Outcome receive(const hal::CanFrame& f, std::uint32_t waited = 0) {
     waited_ticks_ = waited;
     if (!active() || f.extended || f.id - config_.base_id >= block_size) return Outcome::not_mine;
@@ -52,7 +53,7 @@ class CommandLink {
     r.source = source_;
     return r;
   }
-  /// At power-up, before the first tick: stored gains, for the next take(). False: not acceptable, not taken.
+  /// Takes stored gains at power-up, before the first tick, for the next take(). False: refused, no effect.
   bool restore(const Gains& g) {
     const bool good = parameters_.restore(g);
     request_.has_gains = request_.has_gains || good;
@@ -61,7 +62,7 @@ class CommandLink {
   [[nodiscard]] StoreRequest take_store_request() {
     return std::exchange(store_request_, StoreRequest::none);
   }
-  /// Status of the store, sent when it changes. Without a call there is no store.
+  /// Sets the status of the store, which is sent when it changes. Without a call there is no store.
   void store_status(const StoreStatus& s) {
     slots_due_ = slots_due_ || s != store_;
     store_ = s;
@@ -69,8 +70,8 @@ class CommandLink {
   /// A set point that take() gave could not be followed.
   void refuse() { count(Outcome::refused); }
 
-  /// No frame for more than `silence` ticks in a state that the supervisor computer has armed, or no sample
-  /// of a begun stream for more than `stream_age` ticks.
+  /// True if no frame came for more than `silence` ticks in an armed state, or no sample of a begun stream
+  /// for more than `stream_age` ticks.
   [[nodiscard]] bool lost() const {
     const auto silence = static_cast<std::uint32_t>(parameters_[Index::silence]);
     const bool armed = state_ != State::disabled && state_ != State::stopping && state_ != State::fault;

@@ -76,16 +76,17 @@ class Chain {
   ESMC_INLINE static void put_slide(Pose& p, int i, S q) {
     if constexpr (slides) p.slide[i] = revolute(i) ? S(0) : q;
   }
-  /// From the joint of body i to its end, m.
+  /// Distance from the joint of body i to its end, m.
   ESMC_INLINE S reach(const Pose& p, int i) const {
     return revolute(i) ? bodies_[i].length : S(bodies_[i].length + slid(p, i));
   }
-  /// Of the mass centre of body i from its origin, where x is its axis (m), or a rate of its axis (m/s).
+  /// Vector from the origin of body i to its mass centre, m, where x is its axis; its rate, m/s, where x is
+  /// the rate of the axis, 1/s.
   ESMC_INLINE Vec2<S> from_joint(const Vec2<S>& x, int i) const {
     if (shapes_[i] == Shape::bar) return x * bodies_[i].centre;
     return x * bodies_[i].centre + perp(x) * bodies_[i].centre_across;
   }
-  /// Of a force (N) at the mass centre of body i about its origin, N m.
+  /// Moment of a force (N) at the mass centre of body i about its origin, N m.
   ESMC_INLINE S moment_of(const Vec2<S>& force, const Pose& p, int i) const {
     const S moment = bodies_[i].centre * cross(p.axis[i], force);
     return shapes_[i] == Shape::bar ? moment : S(moment - bodies_[i].centre_across * dot(p.axis[i], force));
@@ -160,7 +161,8 @@ class Chain {
   ESMC_INLINE static S turned_at(int i, const Pose& desired, const Pose& actual) {
     return angle_of_unit(cross(actual.axis[i], desired.axis[i]), dot(actual.axis[i], desired.axis[i]));
   }
-  /// Of joint i, rad in (-pi, pi] or m. `before`, `turned`: `turned_at` of the body before and of this one.
+  /// Error of joint i, desired less actual: rad in (-pi, pi], or m. `before`, `turned`: `turned_at` of the
+  /// body before and of this one.
   ESMC_INLINE static S joint_error(int i, S before, S turned, const Pose& desired, const Pose& actual) {
     if (!revolute(i)) return slid(desired, i) - slid(actual, i);
     return i == 0 ? turned : wrap_to_pi(S(turned - before));

@@ -76,8 +76,8 @@ class FiveBar : public Coupling<S, PointMass<S>, Dyad<S>, 2> {
       : Base({p.m0, p.g}, {{make_dyad(p.legs[0], p.g), make_dyad(p.legs[1], p.g)}},
              {{LegFrame<S>{Vec2<S>(p.l0, S(0)), S(1)}, LegFrame<S>{Vec2<S>(-p.l0, S(0)), S(-1)}}}) {}
 
-  /// From all four joint angles (theta11, theta12, theta21, theta22), rad. The effector is the mean of the
-  /// two leg tips, whose distance is `closure_residual`.
+  /// Pose from all four joint angles (theta11, theta12, theta21, theta22), rad. The effector is the mean of
+  /// the two leg tips, whose distance is `closure_residual`.
   [[nodiscard]] Pose pose(const Vec<S, 4>& theta) const {
     Pose p;
     for (int j = 0; j < 2; ++j) p.leg[j] = Leg::pose(theta.template segment<2>(2 * j));
@@ -172,7 +172,7 @@ class FiveBar : public Coupling<S, PointMass<S>, Dyad<S>, 2> {
   }
 
   [[nodiscard]] static S abs_sin_type2(const Pose& p) { return absolute(p.sin_type2); }
-  /// D2 times the sign that it has in the assembly mode: negative in the other one.
+  /// D2 times its sign in the assembly mode `mode`: negative in the other assembly mode.
   [[nodiscard]] static S sin_type2_in_mode(const Pose& p, const Mode& mode) {
     return p.sin_type2 * S(mode.assembly);
   }

@@ -82,7 +82,7 @@ template <class S>
   return {next.w * f, Vec3<S>(next.v * f)};
 }
 
-/// Of q and -q the one with w > 0; at w = 0, a turn by 180 degrees, the one whose first nonzero entry is
+/// Whichever of q and -q has w > 0; at w = 0, a turn by 180 degrees, the one whose first nonzero entry is
 /// positive, so that the result does not depend on the sign of the argument.
 template <class S>
 [[nodiscard]] Quaternion<S> shortest(const Quaternion<S>& q) {
@@ -109,9 +109,9 @@ template <class S>
 struct Rotation {
   Vec3<S> x = Vec3<S>(S(1), S(0), S(0)), y = Vec3<S>(S(0), S(1), S(0)), z = Vec3<S>(S(0), S(0), S(1));
 
-  /// From the body's frame.
+  /// Vector `a`, given in the body's frame, in the frame in which q is given.
   [[nodiscard]] Vec3<S> out(const Vec3<S>& a) const { return x * a.x() + y * a.y() + z * a.z(); }
-  /// Into the body's frame.
+  /// Inverse of `out`: a vector in the body's frame.
   [[nodiscard]] Vec3<S> in(const Vec3<S>& a) const { return Vec3<S>(dot(x, a), dot(y, a), dot(z, a)); }
 };
 

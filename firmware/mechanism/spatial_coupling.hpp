@@ -80,7 +80,7 @@ class SpatialCoupling {
   };
 
   SpatialCoupling() = default;
-  /// `joint`: where each leg holds the platform, from its mass centre in its frame, m.
+  /// `joint`: spherical joint of each leg, from the mass centre of the platform, in its frame, m.
   SpatialCoupling(const RigidBodyParams<S>& platform, const List<Vec3<S>, Legs>& joint,
                   const List<Leg, Legs>& leg, S gravity)
       : platform_(platform), joint_(joint), leg_(leg), gravity_(gravity) {}
@@ -157,7 +157,8 @@ class SpatialCoupling {
     return out;
   }
 
-  /// M v' + v + f + g of (37) from accelerations v' and rates of the channels.
+  /// M p' + v + f + g of (37) on every channel, N or N m, from the accelerations p' (argument `v`) and the
+  /// rates of the channels. v: omega x I omega; f: friction of the joints; g: weight.
   [[nodiscard]] Channels force(const Channels& v, const Channels& rates) const {
     Channels out;
     const BodyRows<S> w = body_force(platform_.mass, platform_.inertia, gravity_,

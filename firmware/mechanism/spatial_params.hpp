@@ -34,8 +34,8 @@ struct HexapodParams {
   StrutParams<S> cylinder{}, rod{};
   S gravity{};  ///< m/s2, >= 0
 
-  /// Direction of leg j at home, the platform level, m. The first axis of its universal joint is the x axis
-  /// of N after the shortest turn that lays the z axis along this.
+  /// Vector from base joint to platform joint of leg j at home, the platform level, in N, m. The shortest
+  /// rotation that turns the z axis of N onto it turns the x axis onto the first axis of the universal joint.
   [[nodiscard]] Vec<S, 3> home_direction(int j) const { return home + joint[j] - base[j]; }
 };
 

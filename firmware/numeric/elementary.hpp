@@ -314,7 +314,7 @@ template <class S>
   const S z = sine * sine;
   return sine + sine * z * horner(z, Constants<S>::kAsin);
 }
-/// Not inline, for the rare case.
+/// arc_tangent2, not inline: for the rare case.
 template <class S>
 [[nodiscard, gnu::noinline, gnu::cold]] S arc_tangent2_apart(S y, S x) {
   return arc_tangent2(y, x);

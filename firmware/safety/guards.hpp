@@ -52,7 +52,7 @@ struct Limits {
   S feedback_jump{};      ///< rad per tick between an angle and its prediction from the rate; 0: any
   S join_acceleration{};  ///< rad/s2, base joints while joining the reference; 0: any
 
-  /// Without the limits that a mechanism may already have crossed when it is brought to rest.
+  /// These limits without workspace and joint angles, which a mechanism may have crossed when a halt begins.
   [[nodiscard]] constexpr Limits while_halting() const {
     Limits l = *this;
     l.workspace_x = l.workspace_y = {};

@@ -93,8 +93,9 @@ class Supervisor {
   /// Occurrences of a fault since power-up, at most count_max; consecutive ticks count as one.
   [[nodiscard]] std::uint16_t count(Fault f) const { return counts_[static_cast<unsigned>(f)].times; }
 
-  /// `stage_done`: from the controller: motors answered (testing), at rest (halting), let down (lowering).
-  /// `passed`: periods since the previous tick, < 2^31; not 1 in lockstep only.
+  /// Makes the transitions of a tick. `stage_done`, from the controller: motors answered (testing), at rest
+  /// (halting), let down (lowering). `passed`: periods since the previous tick, < 2^31; not 1 in lockstep
+  /// only.
   void begin_tick(Command command, DriveStatus drives, bool stage_done = false, std::uint32_t passed = 1) {
     ++tick_;
     switch (state_) {

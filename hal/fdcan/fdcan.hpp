@@ -109,7 +109,7 @@ class Fdcan {
   /// 1 Mbit/s. 0, not known, with FD frames.
   [[nodiscard]] std::uint32_t frame_age_us() const { return age_us_; }
 
-  /// Withdraws perishable frames, that in the controller too unless it is being sent.
+  /// Withdraws perishable frames, also the one in the controller unless it is being sent.
   void withdraw() {
     withdrawn_ += waiting_.withdraw();
     if (perishable_) cancel();

@@ -46,12 +46,12 @@ struct G4 {
     constexpr Word bfb2 = 1U << 20, dbank = 1U << 22;
     return (a.read(0x20) & (dbank | bfb2)) == dbank;
   }
-  /// Data cache off: it does not see an erasure. Constants in the code are slower meanwhile.
+  /// Switches the data cache off, as it does not see an erasure. Reading constants is slower meanwhile.
   template <Access A>
   static void before(A& a) {
     a.write(acr, a.read(acr) & ~dcen);
   }
-  /// Data cache on again; it must be emptied while it is off.
+  /// Empties the data cache while it is off, then switches it on.
   template <Access A>
   static void after(A& a) {
     const Word off = a.read(acr) & ~dcen;

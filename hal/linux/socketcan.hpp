@@ -28,7 +28,8 @@ class SocketCan {
   [[nodiscard]] int descriptor() const { return fd_; }
 
   [[nodiscard]] SendStatus try_send(const CanFrame& f);
-  /// Also reads error frames: after bus-off every try_send returns bus_off until recover().
+  /// Takes the next frame; false: none. Also reads error frames: after bus-off every try_send returns bus_off
+  /// until recover().
   [[nodiscard]] bool try_receive(CanFrame& f);
   /// Waiting time of the frame received last, by the kernel's time stamp, us; 0 without a stamp.
   [[nodiscard]] std::uint32_t frame_age_us() const { return frame_age_us_; }

@@ -19,8 +19,9 @@ inline constexpr int slcan_line_max = 1 + 8 + 1 + 16 + 4 + 1;
 inline constexpr char slcan_end = '\r';    ///< ends every line; alone: an adapter's positive answer
 inline constexpr char slcan_error = '\a';  ///< an adapter's negative answer, without CR
 
-/// Writes the line of a classic frame with its CR, upper case, and returns its length, 5..27. 0, `line`
-/// untouched: FD, or not well formed. Kinds: t and T data, r and R remote, capitals 29-bit identifiers.
+/// Writes the line of a classic frame with its CR, upper case, and returns its length, 5..27. Returns 0
+/// and leaves `line` for an FD frame, or one that is not well formed. Kinds: t and T data, r and R remote,
+/// capitals 29-bit identifiers.
 [[nodiscard]] constexpr int slcan_encode(const CanFrame& f, std::array<char, slcan_line_max>& line) {
   if (!well_formed(f) || f.fd || f.bit_rate_switch) return 0;
   int length = 0;

@@ -43,7 +43,7 @@ class FrameLog {
     frame(f);
     if (passage_ != nullptr) pass(false, age_us);
   }
-  /// A frame of a bus that knows end and length of its frames.
+  /// Logs a frame of a bus that knows when its last bit came (`time_s`, virtual, s) and its bits on the wire.
   void frame_at(double time_s, std::uint32_t bits, const hal::CanFrame& f);
   /// Throws RunError when a file could not be written completely.
   void close();

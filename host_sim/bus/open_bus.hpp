@@ -20,7 +20,7 @@ struct BusEnds {
 /// An interface serves both; adapters on serial lines are two, slcan:PLANT,CONTROLLER.
 BusEnds open_both_ends(const std::string& bus, int bit_rate);
 
-/// Whether hardware may be on it; true for every serial line.
+/// Whether real drives may be on the bus; true for every serial line.
 bool carries_real_drives(const std::string& bus);
 
 }  // namespace esmc::host

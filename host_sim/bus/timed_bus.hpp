@@ -87,7 +87,8 @@ class TimedBus {
 
   /// Asks `node` to send. The frame waits behind frames of the same identifier in the node.
   hal::SendStatus send(std::size_t node, const hal::CanFrame& f);
-  /// The next frame that is complete, not later than `until`. Empty: it is `until` now.
+  /// Moves time to the end of the next frame and returns the frame; empty: none ends by `until`, which is
+  /// now.
   std::optional<Delivery> next(Time until);
   /// No frame is on the wire, and no node has one to send now.
   [[nodiscard]] bool quiet();

@@ -26,7 +26,7 @@ enum Unknown : int {
 };
 using Unknowns = Vector;  ///< `unknowns` entries
 
-/// "half_base", "leg 1 l1", "offset theta11", ...
+/// Name of an unknown, 0 .. unknowns - 1: "half_base", "leg 1 l1", "offset theta11", ...
 [[nodiscard]] const char* name_of(int unknown, bool five_bar);
 [[nodiscard]] constexpr bool is_length(int unknown) { return unknown <= unknown_l22; }
 /// "m" or "rad".

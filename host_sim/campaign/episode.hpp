@@ -150,7 +150,8 @@ class EpisodeLoop {
   [[nodiscard]] const ControllerWord& word() const { return word_; }
   [[nodiscard]] bool active(Injected k) const { return active_ && injection_.kind() == k; }
 
-  /// `since`: ticks since the fault began, -1 before.
+  /// Switches the injected fault on or off for this tick, and with it whether the controller ticks. `since`:
+  /// ticks since the fault began, -1 before.
   void begin_tick(int since) {
     active_ = since >= 0 && since < injection_.length;
     bus_.begin_tick(active_);

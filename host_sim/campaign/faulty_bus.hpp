@@ -23,7 +23,7 @@ class FaultyBus {
         draw_(injection.bits),
         bits_per_ms_(bitrate / 1e3) {}
 
-  /// `active`: the fault acts in this tick.
+  /// Begins a tick. `active`: the fault acts in this tick.
   void begin_tick(bool active);
 
   void from_drive(std::size_t axis, const hal::CanFrame& f);

@@ -96,9 +96,9 @@ inline constexpr std::string_view motion_faults =
     "reference_unreachable join_infeasible halt_failed sign_test";
 
 [[nodiscard]] std::span<const InjectionRow> injection_rows();
-/// Whether a drive of this protocol can show it, on a scene with these times.
+/// Whether a drive of this protocol can show the fault, on a scene with these times.
 [[nodiscard]] bool possible(const InjectionRow& row, const ProtocolTraits& d, const EpisodeTimes& t);
-/// Whether it keeps samples from the controller.
+/// Whether the fault keeps samples from the controller.
 [[nodiscard]] bool takes_samples(Injected k);
 /// Whether a blank-separated list holds a word.
 [[nodiscard]] bool lists(std::string_view list, std::string_view word);
@@ -125,7 +125,7 @@ struct Injection {
   [[nodiscard]] Injected kind() const { return row->kind; }
 };
 
-/// `only`: one of the rows, where it is possible; empty: any.
+/// Draws a fault. `only`: name of its row, where it is possible; empty: any.
 [[nodiscard]] Injection draw_injection(Draw& draw, const EpisodeTimes& times, const ProtocolTraits& dialect,
                                        std::string_view only = {});
 /// Whether a guard of this scene must notice the wrong numbers in samples; true for faults without any.

@@ -65,7 +65,8 @@ class Judge {
   /// "": none.
   [[nodiscard]] std::string_view first_fault() const { return first_fault_; }
 
-  /// After the frames of a tick have arrived and before the mechanism moves. `first`: the fault begins.
+  /// Judges a tick; call after its frames have arrived, before the mechanism moves. `first`: the fault
+  /// begins.
   template <class Plant, class Bus>
   void look(std::uint64_t tick, Operator asked, const ControllerWord& word, const Plant& plant,
             const Bus& bus, bool first) {
@@ -86,7 +87,7 @@ class Judge {
     energy(plant);
     if (word.ticked) powered_ = word.powered;
   }
-  /// After the last tick.
+  /// Completes the verdict; call after the last tick.
   void end() {
     if (first_fault_.empty()) return;
     const InjectionRow& row = *injection_->row;

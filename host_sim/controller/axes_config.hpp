@@ -38,7 +38,8 @@ drive::MitAxis::Settings mit_settings(const Scene& scene, std::size_t i);
 /// s from the order to arm until every drive must confirm torque control. A set-up takes about a hundred
 /// answers, at most one per tick.
 [[nodiscard]] double enabling_time_max(const Scene& s);
-/// s of it without a frame from a drive, or, after frames from all, without progress of a set-up.
+/// s for which enabling may make no progress before the fault enabling_timeout: some drive has sent no frame
+/// yet, or all have and no motor is being set up.
 [[nodiscard]] double waiting_time_max(const Scene& s);
 
 /// The cycle as a board has it, for the protocol of the scene; and its configuration.

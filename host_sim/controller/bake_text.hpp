@@ -161,7 +161,7 @@ inline std::string part_text(std::initializer_list<std::pair<bool, const char*>>
   return "nullptr";
 }
 
-/// The mechanism is made from `believed` of the image.
+/// Initialiser of the configuration, for the C++ of an image; its mechanism is the image's `believed`.
 template <class M>
 std::string text(const ControllerConfig<M>& v) {
   const auto& [m, mode, law, reaching, gains, reference, limits, torque_limit, torque_weight, sample_time,

@@ -28,7 +28,7 @@ struct ReferenceBundle {
   }
 };
 
-/// In double, or in float as a board has it.
+/// The reference of the scene, in double, or in float as a board has it.
 template <class S = double>
 ReferenceBundle<S> make_reference(const Scene& scene, Pacing pacing);
 template <>

@@ -18,7 +18,7 @@ struct Effort {
   double preload =
       1.0;  ///< four motors: remaining share of the preload; 0: it is the limit on the other side
 };
-/// As the controller allocates them. Of two motors they may exceed the limits, of four they do not.
+/// Torques as the controller allocates them: of two motors they may exceed the limits, of four never.
 template <class M>
 [[nodiscard]] Effort<M> effort(const ControllerConfig<M>& c, const typename M::Pose& pose,
                                const typename M::Channels& w) {

@@ -134,7 +134,7 @@ class Uncertain {
       return b.a + (perp(b.along) * b.alpha - b.along * (b.omega * b.omega_r)) * beyond(0);
     }
   }
-  /// From the believed mass centre of the distal bar to its end, m.
+  /// Distance from the believed mass centre of the distal bar to its end, m.
   [[nodiscard]] double beyond(int leg) const {
     const auto& l = p_->believed.legs[static_cast<std::size_t>(leg)];
     return l.l2 - l.lg2;

@@ -43,7 +43,7 @@ template <class M>
   return inverse(H) * f;
 }
 
-/// At those places of the motion, for small errors.
+/// The linear zone at `places` of the motion, for small errors.
 template <class M>
 [[nodiscard]] LinearZone<M> linear_zone_of(const Problem<M>& p, const Uncertain<M>& u, double swing,
                                            const std::vector<Place>& places) {

@@ -64,8 +64,8 @@ struct Design {
   std::size_t states = 0;  ///< number of states that the search looked at
 };
 
-/// Largest stiffness * tick of a layer whose torque acts `delay` ticks late: half of what makes the loop ring
-/// by itself [F39].
+/// Largest stiffness * tick (1) that a design accepts for a layer whose torque acts `delay` ticks late: half
+/// of the bound at which the loop becomes unstable [F39].
 [[nodiscard]] inline double steepest(double delay) {
   return std::sin(std::numbers::pi / (4.0 * delay + 2.0));
 }

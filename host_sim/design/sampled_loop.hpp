@@ -14,7 +14,8 @@ struct PeakGains {
   bool stable = true;
 };
 
-/// `kappa` = K / layer, 1/s; `tick` in s, > 0; `delay` in ticks and parts of ticks, >= 0.
+/// Peak gains of the sampled loop in its layer. `kappa` = K / layer and `lambda`, 1/s; `tick` in s, > 0;
+/// `delay` in ticks and parts of ticks, >= 0.
 [[nodiscard]] inline PeakGains peak_gains(double lambda, double kappa, double tick, double delay) {
   PeakGains out;
   const int whole = static_cast<int>(std::floor(delay)), oldest = whole + 1;

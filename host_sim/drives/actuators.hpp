@@ -17,7 +17,7 @@ class TorqueStage {
   explicit TorqueStage(const std::vector<Effect>& effects)
       : saturation_(find_effect<TorqueSaturation>(effects)), thermal_(find_effect<ThermalLimit>(effects)) {}
 
-  /// Torque over a tick of `seconds`; sets `clipped` where it differs from `torque`.
+  /// Delivered torque over a tick of `seconds`, N m; sets `clipped` where it differs from `torque`.
   [[nodiscard]] double operator()(double torque, double seconds, bool& clipped) {
     double out = torque;
     if (saturation_) out = std::clamp(out, -saturation_->limit, saturation_->limit);
@@ -54,7 +54,8 @@ class Actuators {
         jitter_(find_effect<Jitter>(effects)),
         random_(seed, 1000) {}
 
-  /// Delivered torques of this tick, per joint. Call once per tick.
+  /// Torques that the drives deliver for the commands `asked` over `tick` seconds, per joint, N m. Sets
+  /// `clipped` if a limit acts, never clears it. Heats the motors: call once per tick.
   Joints deliver(const Joints& asked, double tick, bool& clipped) {
     Joints out{};
     for (std::size_t m = 0; m < motor_joint_.size(); ++m)

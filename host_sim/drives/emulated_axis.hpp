@@ -38,7 +38,7 @@ class EmulatedAxis {
 
   /// Torque at the joint, N m, model convention: zero unless in torque control.
   [[nodiscard]] double joint_torque() const { return shaft_torque() * mount_.direction * mount_.gear_ratio; }
-  /// In torque control.
+  /// Whether the drive is in torque control.
   [[nodiscard]] virtual bool closed_loop() const = 0;
   /// Error word of the drive; 0: none.
   [[nodiscard]] virtual std::uint32_t error() const = 0;

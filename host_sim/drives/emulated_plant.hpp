@@ -130,7 +130,7 @@ class EmulatedPlant {
     return std::ranges::all_of(axes_, [](const SeatedAxis& a) { return !a.placed.motor || a.answered; });
   }
 
-  /// Torques that the drives have been told, N m at the joints.
+  /// Torques that the drives have been commanded, N m at the joints.
   [[nodiscard]] Joints asked() const {
     Joints out{};
     for (const SeatedAxis& a : axes_) {
@@ -138,7 +138,7 @@ class EmulatedPlant {
     }
     return out;
   }
-  /// What the drives can deliver of `asked` over `seconds`. Call once before each advance().
+  /// Torques (N m) that the drives deliver of `asked` over `seconds`. Call once before each advance().
   [[nodiscard]] Joints deliver(const Joints& asked, double seconds, bool& clipped) {
     return actuators_.deliver(asked, seconds, clipped);
   }

@@ -36,7 +36,7 @@ inline std::vector<PlacedAxis> placed_axes(const Scene& s) {
   return out;
 }
 
-/// MIT mode as a scene has it.
+/// Settings of the emulated MIT drive of `motor`, from the scene.
 inline MitAxis::Settings mit_settings(const Scene& s, std::size_t motor, bool lockstep) {
   const DriveScene& d = s.drives;
   MitAxis::Settings out;

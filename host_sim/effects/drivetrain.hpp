@@ -18,7 +18,7 @@ class DrivetrainStage {
  public:
   virtual ~DrivetrainStage() = default;
   [[nodiscard]] virtual int states() const { return 0; }
-  /// At rest, nothing stored, rotor in the middle of its play.
+  /// Sets the own states to those of a joint with nothing stored and the rotor in the middle of its play.
   virtual void start(Shaft, std::span<double>) const {}
   /// Torque that goes on towards the joint; writes the slopes of its own states.
   virtual double pass(double torque, Shaft rotor, Shaft joint, std::span<const double> own,
@@ -37,7 +37,8 @@ class Drivetrain {
   [[nodiscard]] std::size_t states() const { return states_; }
   void start(Shaft joint, std::span<double> own) const;
   double pass(double torque, Shaft joint, std::span<const double> own, std::span<double> slope) const;
-  /// Where the drive's encoder sits.
+  /// Angle (rad) and rate (rad/s) that the drive's encoder sees: of the rotor if a stage has one, else of the
+  /// joint. `own`: all states of this drivetrain.
   [[nodiscard]] Shaft rotor(Shaft joint, std::span<const double> own) const {
     return rotor_at_ < 0 ? joint
                          : Shaft{own[static_cast<std::size_t>(rotor_at_)],

@@ -90,7 +90,7 @@ struct Window {
     const double x = std::numbers::pi * u / length, s = std::sin(x);
     return 4.0 * s * s * s * std::cos(x) * std::numbers::pi / length;
   }
-  /// From 0 to u.
+  /// Integral of the window from 0 to u, ticks.
   [[nodiscard]] double integral(double u) const {
     const double x = std::clamp(u, 0.0, length) * std::numbers::pi / length;
     return (3.0 * x / 8.0 - std::sin(2.0 * x) / 4.0 + std::sin(4.0 * x) / 32.0) * length / std::numbers::pi;

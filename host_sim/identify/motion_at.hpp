@@ -20,7 +20,8 @@ struct MotionAt {
       Eigen::Matrix<double, 4, 2>::Zero();  ///< its derivative along the motion, 1/s
 };
 
-/// False where the base angles fit no closed mechanism.
+/// Fills `m` from base angles (rad) and rates (rad/s). False, with `m` undefined, where the base angles fit
+/// no closed mechanism or the rates are not finite (type 2).
 inline bool motion_at(const IdentifyProblem& p, const std::array<double, 2>& base,
                       const std::array<double, 2>& base_rate, MotionAt& m) {
   using Complex = std::complex<double>;

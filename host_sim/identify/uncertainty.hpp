@@ -18,10 +18,10 @@ struct UncertaintyTable {
   std::vector<std::string> warnings;
 };
 
-/// Factors on m1, m2, J1, J2 of both legs that would explain what was identified, with mass centres as
-/// believed; frictions. Where a factor is below 0, or beyond [0.5, 2] by more than is uncertain, a payload is
-/// tried as one more unknown. What the motion does not tell apart is left out and said so. `coverage`:
-/// standard uncertainties to either side, > 0.
+/// Intervals of four factors on m1, m2, J1, J2, common to both legs, that explain the identified parameters,
+/// with mass centres as believed; and of the frictions. Where a factor is below 0, or outside [0.5, 2] by
+/// more than its uncertainty, a payload (kg) is fitted too. A factor that the motion does not determine
+/// becomes a comment. `coverage`: half width of an interval in standard uncertainties, > 0.
 UncertaintyTable uncertainty_table(const Identification& r, const IdentifyProblem& p,
                                    const FiveBarParams<double>& believed, double coverage);
 

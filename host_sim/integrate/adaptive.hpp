@@ -28,8 +28,9 @@ class Adaptive {
     record(t, h, t + h);
   }
 
-  /// From t0 to t1 >= t0 with steps as the tolerance needs. Only the length of the next step is kept for the
-  /// next call, so inputs of the system may jump between calls. y: the last accepted state in any case.
+  /// Integrates from t0 to t1 >= t0 (s) with steps as the tolerance needs. Only the length of the next step
+  /// is kept for the next call, so inputs of the system may jump between calls. y: the last accepted state in
+  /// any case.
   Advance advance(double t0, double t1, State& y, const Tolerance& tol) {
     return run(t0, t1, y, tol, [](double, const State&) { return 1.0; });
   }
@@ -60,7 +61,7 @@ class Adaptive {
 
   /// Length that the next step would have, s; 0: not known yet.
   [[nodiscard]] double next_step() const { return next_step_; }
-  /// As constructed.
+  /// Returns to the state after construction.
   void forget() { next_step_ = 0.0, error_before_ = 1e-4, dense_ = false, event_ = no_time; }
 
  protected:

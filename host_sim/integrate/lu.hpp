@@ -18,8 +18,8 @@ class Lu {
 
   [[nodiscard]] Matrix& matrix() { return m_; }
 
-  /// Of the leading n x n block, n <= capacity, in place. False: singular or not finite, and solve must not
-  /// be used.
+  /// Factors the leading n x n block, n <= capacity, in place. False: singular or not finite; solve must then
+  /// not be used.
   [[nodiscard]] bool factor(std::size_t n) {
     for (std::size_t k = 0; k < n; ++k) {
       std::size_t best = k;

@@ -16,9 +16,9 @@ std::string make_token();
 /// Takes the same time for all texts of one length, so that digits cannot be guessed one by one.
 [[nodiscard]] bool same_token(std::string_view given, std::string_view token);
 
-/// 127.0.0.1:PORT or localhost:PORT.
+/// Whether a Host header is 127.0.0.1:PORT or localhost:PORT.
 [[nodiscard]] bool own_host(std::string_view host, int port);
-/// The same with http:// before it.
+/// Whether an Origin header is one of these with http:// before it.
 [[nodiscard]] bool own_origin(std::string_view origin, int port);
 
 }  // namespace esmc::host

@@ -42,7 +42,7 @@ class LiveFault {
     since_ = -1;
     first_ = false;
   }
-  /// True in its first tick; it acts at least in that one.
+  /// Begins a tick. True in the first tick of the fault, which acts at least in that one.
   [[nodiscard]] bool begin_tick() {
     if (since_ >= injection_.length) since_ = -1;
     return std::exchange(first_, false) && active();

@@ -15,7 +15,7 @@ class Ring {
   static_assert((Capacity & (Capacity - 1)) == 0 && Capacity > 0);
 
  public:
-  /// By the sender. False: full, `value` is untouched.
+  /// Appends `value`; the sender's thread alone. False: full, `value` is unchanged.
   [[nodiscard]] bool push(T&& value) {
     const std::size_t at = written_.load(std::memory_order_relaxed);
     if (at - taken_.load(std::memory_order_acquire) == Capacity) return false;
@@ -23,7 +23,7 @@ class Ring {
     written_.store(at + 1, std::memory_order_release);
     return true;
   }
-  /// By the receiver. False: empty, `value` is untouched.
+  /// Takes the oldest value; the receiver's thread alone. False: empty, `value` is unchanged.
   [[nodiscard]] bool pop(T& value) {
     const std::size_t at = taken_.load(std::memory_order_relaxed);
     if (at == written_.load(std::memory_order_acquire)) return false;

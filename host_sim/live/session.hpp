@@ -26,12 +26,12 @@ class LiveSession {
   /// Called between ticks. An order that is impossible now becomes an event.
   virtual void order(const LiveOrder& o) = 0;
   virtual void tick() = 0;
-  /// Of the last tick.
+  /// Sample of the last tick.
   [[nodiscard]] virtual const LiveSample& sample() const = 0;
   /// Events since the last call.
   [[nodiscard]] virtual std::vector<LiveEvent> take_events() = 0;
   [[nodiscard]] virtual const Scene& scene() const = 0;
-  /// No torque, and no start pending.
+  /// Whether there is neither torque nor a pending start.
   [[nodiscard]] virtual bool at_rest() const = 0;
   /// Digest of the motion as in `esmc hil`, from the first tick under control on.
   [[nodiscard]] virtual std::string digest() const = 0;
@@ -61,7 +61,7 @@ void prepare_live_scene(Scene& scene, bool controller_elsewhere = false);
 /// What a change from one scene to the next restarts. Throws InputError where another bench is needed.
 RestartLevel restart_level(const Scene& from, const Scene& to);
 
-/// A fault with its usual amount and length.
+/// A fault on `drive` (from 0) with its usual amount and length; one without a longest lasts 1e6 ticks.
 InjectOrder usual_injection(const InjectionRow& row, std::size_t drive);
 /// True if a fault can begin while the loop runs on these drives.
 bool can_inject(const InjectionRow& row, Protocol protocol);

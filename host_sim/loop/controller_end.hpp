@@ -63,7 +63,7 @@ class ControllerEnd {
     const int odd = with([](const auto& c) -> int { return c.controller().odd_encoder(); });
     return supervisor().fault() == Fault::loop_not_closed && odd != 0 ? World::joint_names[odd - 1] : "";
   }
-  /// Why it did not arm: the fault, with node and object where a drive reports one.
+  /// The reason why the controller did not arm: the fault, with node and object where a drive reports one.
   [[nodiscard]] std::string refusal() const {
     std::string out = name(supervisor().fault());
     if (supervisor().fault() == Fault::enabling_timeout && !unready().empty())
@@ -152,11 +152,11 @@ class ControllerEnd {
       tick(true);
     }
   }
-  /// Likewise where the other end brings about the ticks.
+  /// Same, with ticks that the samples of the other end bring about.
   void shut_down() {
     shut_down([&] { return await_last_samples(); });
   }
-  /// After a stop: waits for samples, briefly.
+  /// Waits at most 20 ms for samples, after a stop. False: not all came.
   bool await_last_samples() {
     return wait_briefly(bus_, [&] { return receive_samples(); });
   }

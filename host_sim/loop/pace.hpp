@@ -10,7 +10,7 @@ namespace esmc::host {
 /// Absolute instants k * period after the first call; late ones are counted and not made up for.
 class Pace {
  public:
-  /// `waits` false: ticks follow each other at once, for what is repeated.
+  /// `waits` false: wait() returns at once, for a replay. `period_s` in s.
   explicit Pace(double period_s, bool waits = true)
       : waits_(waits),
         period_(std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(period_s))),

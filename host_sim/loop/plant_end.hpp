@@ -66,20 +66,21 @@ class PlantEnd {
     plant_.publish(tap_);
     require_armed_in_time();
   }
-  /// Throws RunError when the drives take too long to arm.
+  /// Throws RunError if the drives are not armed after arming_time_max() of virtual time.
   void require_armed_in_time() const {
     if (!plant_.released() && plant_.time() > arming_time_max(scene_)) {
       throw RunError(fmt::format("the drives were not in closed-loop control after {} s of virtual time",
                                  arming_time_max(scene_)));
     }
   }
-  /// False: Ctrl-C. Throws RunError when the controller is silent.
+  /// Waits until every motor has its torque. False: Ctrl-C. Throws RunError when the controller is silent for
+  /// 5 s.
   bool await_torques() {
     const Waited w = wait_for(tap_.bus(), [&] { return receive_torques(); });
     if (w != Waited::silent) return w == Waited::done;
     throw RunError("the controller sent no torque command for 5 s (controller dead or not started)");
   }
-  /// After Ctrl-C: briefly, without an error.
+  /// Waits at most 20 ms for torques, after Ctrl-C. False: not all came.
   bool await_last_torques() {
     return wait_briefly(tap_.bus(), [&] { return receive_torques(); });
   }

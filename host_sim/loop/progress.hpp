@@ -25,7 +25,7 @@ class Progress {
   void at(std::uint64_t tick) {
     if (tick % 64 == 0) show(tick);
   }
-  /// Looks at the clock every time.
+  /// Draws the bar, `tick` ticks being done; at most every 0.2 s and not in the first 2 s.
   void show(std::uint64_t tick) {
     if (ticks_ == 0) return;
     const auto now = Clock::now();

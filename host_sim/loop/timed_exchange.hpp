@@ -45,7 +45,7 @@ class TimedExchange {
     }
     controller_.receive();
   }
-  /// The rest of the tick, and the motion over it. Never interrupted.
+  /// Completes the tick on the bus, then moves the plant over it. Always true: never interrupted.
   bool torques() {
     rest();
     plant_.advance(commands_, controller_.view());
@@ -59,7 +59,7 @@ class TimedExchange {
     samples();
     return true;
   }
-  /// After the last tick of a run that was not stopped.
+  /// Shuts the drives down after the last tick of a run that was not stopped.
   void close() {
     controller_.shut_down([&] { return idle_tick(); });
   }

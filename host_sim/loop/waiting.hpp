@@ -104,7 +104,7 @@ Waited wait_for(Bus& bus, const Done& done, int patience_ms = silence_ms) {
   if (w != Waited::done && is_gone(bus)) throw RunError(gone_text);
   return w;
 }
-/// After a stop: waits briefly. False: silent.
+/// Waits at most shutdown_wait_ms for `done`, after a stop. False: it did not come.
 template <class Bus, class Done>
 bool wait_briefly(Bus& bus, const Done& done) {
   return wait_until(

@@ -34,7 +34,7 @@ struct Loads {
   std::vector<double> breaks;  ///< instants at which a load jumps: no step may cross one
 };
 
-/// Without set-valued effects (plant/moreau_jean.hpp).
+/// The loads of all effects but set-valued ones (plant/moreau_jean.hpp).
 Loads make_loads(const std::vector<Effect>& effects);
 
 /// Coulomb friction with its set and rigid stops: whether a scene needs the time-stepping scheme.

@@ -73,7 +73,8 @@ class LegDynamics {
   };
   /// Joint torques (model convention: relative joints, mirrored for leg 2) as moments on the bars.
   [[nodiscard]] Pair on_bars(T tau1, T tau2) const { return {side_ * (tau1 - tau2), side_ * tau2}; }
-  /// Q: weight, inertia forces of the rates, joint torques.
+  /// Q on the two bars, N m: weight, inertia forces of the bar rates w1, w2 (rad/s), joint torques tau1,
+  /// tau2.
   [[nodiscard]] Pair force(const Pose& p, T w1, T w2, T tau1, T tau2) const {
     const T k = coupling_ * p.sin_difference;
     const Pair motors = on_bars(tau1, tau2);
@@ -83,12 +84,13 @@ class LegDynamics {
   [[nodiscard]] static Pair solve(const Pose& p, Pair f) {
     return {p.m11 * f.first + p.m12 * f.second, p.m12 * f.first + p.m22 * f.second};
   }
-  /// J a: what angular rates (or accelerations) of the bars give the tip.
+  /// J a: velocity of the tip, m/s, from bar rates, rad/s; or its acceleration at rest, from bar
+  /// accelerations.
   [[nodiscard]] Vector tip_rate(const Pose& p, Pair w) const {
     const T a = l1_ * w.first, b = l2_ * w.second;
     return {-a * p.e1.y - b * p.e2.y, a * p.e1.x + b * p.e2.x};
   }
-  /// J^T f: what a force on the tip does to the bars.
+  /// J^T f: moments on the bars, N m, of a force on the tip, N.
   [[nodiscard]] Pair tip_force(const Pose& p, Vector f) const {
     return {l1_ * (p.e1.x * f.y - p.e1.y * f.x), l2_ * (p.e2.x * f.y - p.e2.y * f.x)};
   }
@@ -112,7 +114,7 @@ class LegDynamics {
   [[nodiscard]] Vector tip(Vector e1, Vector e2) const {
     return {base_x_ + l1_ * e1.x + l2_ * e2.x, l1_ * e1.y + l2_ * e2.y};
   }
-  /// What a unit force on the tip, in x and in y, does as torques of the two joints (model convention).
+  /// Torques of the two joints (model convention) per force on the tip, N m per N: [joint](x, y).
   [[nodiscard]] std::array<Vector, 2> torque_per_force(const Pose& p) const {
     const Vector bar1{-side_ * l1_ * p.e1.y, side_ * l1_ * p.e1.x},
         bar2{-side_ * l2_ * p.e2.y, side_ * l2_ * p.e2.x};

@@ -129,7 +129,7 @@ class LoadedSystem : public MechanismState<Plant, Drivetrain::most_states * Plan
     this->mechanism_slope(angle, rate, torque, dy);
   }
 
-  /// States of the drivetrains of a mechanism at rest in y's angles.
+  /// Sets the states of the drivetrains in y: each rotor has angle and rate of its joint, nothing is stored.
   void start(State& y) const {
     const Joints theta = Plant::joint_angles(Base::angles(y)), w = Plant::joint_rates(Base::rates(y));
     std::size_t at = Base::work + 1;

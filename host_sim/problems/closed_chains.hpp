@@ -82,8 +82,8 @@ class ClosedChains<Closures<Points...>, Chains...> {
     return full || !moving ? a : interpolated(q, v, load);
   }
 
-  /// Moves q and v onto the closure the shortest way in the metric of M, but in directions in which closure
-  /// has lost its rank.
+  /// Moves q and v onto the closure by the least change in the metric of M: at most four Newton steps for q,
+  /// one for v. Directions in which the closure has lost rank stay. Judge the result by gap().
   void project(Coordinates& q, Coordinates& v) const {
     const double nothing = 4.0 * std::numeric_limits<double>::epsilon() * reach_;
     for (int round = 0;; ++round) {

@@ -33,7 +33,7 @@ class Ldlt {
     });
   }
 
-  /// What the rows before it leave of diagonal entry i; not positive, or NaN: singular.
+  /// Entry i of D: the diagonal entry less its share in the rows before. Not positive or NaN: singular.
   [[nodiscard]] double pivot(int i) const { return d_[i]; }
 
   [[nodiscard]] Vector solve(Vector b) const {

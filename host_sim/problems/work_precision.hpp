@@ -83,7 +83,7 @@ void integrate_track(Problem<S>& p, int steps) {
   }
 }
 
-/// Runs `once(y)` from the start until it has been timed well enough.
+/// Runs `once(y)` from the start up to five times or for 2 ms; sets error and least CPU time of `point`.
 template <class S, class Once>
 void measure(const Problem<S>& p, const Once& once, WorkPoint& point) {
   constexpr double patience_s = 2e-3;

@@ -92,7 +92,7 @@ class ControllerRecorder {
     e.histograms = latencies();
     return e;
   }
-  /// As the controller sees them; none in lockstep, where a tick takes no time.
+  /// Latencies as the controller sees them; none in lockstep, where a tick takes no time.
   [[nodiscard]] std::vector<NamedHistogram> latencies() const {
     if (!(command_.largest() > 0.0)) return {};
     return {{"Feedback latency", "from the arrival of a sample to the instant of the tick that uses it",

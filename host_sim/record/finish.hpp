@@ -32,7 +32,7 @@ struct BusRunFiles {
   std::FILE* log;  ///< for the recorder, which closes it
 };
 
-/// The scene as run, and the files that it names.
+/// Writes the scene as run, and the files that it names, into `out`.
 void write_scene(const Scene& scene, const OutputDirectory& out);
 
 /// Writes scene.toml, summary.json and report.html beside log.csv and frames.log, and prints the summary.

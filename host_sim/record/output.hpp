@@ -16,7 +16,7 @@ class OutputDirectory {
   OutputDirectory() = default;
   /// Creates DIR if need be. Throws InputError when it cannot be written.
   explicit OutputDirectory(const std::string& directory);
-  /// Writes nothing; the files are compared.
+  /// Writes no file; compares the contents with those of a recording.
   explicit OutputDirectory(Comparison& against) : against_(&against) {}
   OutputDirectory(const OutputDirectory&) = delete;
   OutputDirectory& operator=(const OutputDirectory&) = delete;
@@ -25,7 +25,7 @@ class OutputDirectory {
   [[nodiscard]] bool wanted() const { return !final_.empty(); }
   /// Temporary path of a file; empty when nothing is wanted.
   [[nodiscard]] std::string path(const std::string& name) const;
-  /// The file, open; null when nothing is wanted. Throws InputError when it cannot be written.
+  /// Opens a file for writing; null when nothing is wanted. Throws InputError when it cannot be written.
   [[nodiscard]] std::FILE* open(const std::string& name) const;
   void write(const std::string& name, const std::string& text) const;
   /// Throws InputError where a file of the run, other than `copy`, would replace this one.

@@ -187,7 +187,7 @@ class Recorder {
     base_errors_ = false;
     track_.without_base();
   }
-  /// Whether the reference has left the reach of the true mechanism.
+  /// Whether the reference, once joined, has left the reach of the true mechanism in any tick so far.
   [[nodiscard]] bool reference_left() const { return reference_left_; }
 
   /// A tick that begins in the plant's present state, under `torque` per joint until the next. `disarmed`: a

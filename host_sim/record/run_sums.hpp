@@ -11,7 +11,7 @@
 
 namespace esmc::host {
 
-/// The larger of two, or NaN where there is one: std::max may drop it.
+/// The larger of two numbers, NaN if either is NaN: std::max may drop a NaN.
 [[nodiscard]] inline double larger(double a, double b) { return b > a || std::isnan(b) ? b : a; }
 
 inline constexpr double settling_time = 0.25;  ///< s: errors from then on are settled

@@ -105,7 +105,7 @@ struct RunEnd {
 };
 
 class FrameLog;
-/// `capacity`: bits that the bus could have carried.
+/// The bus part of a summary. `lost`: frames; `capacity`: bits that the bus could have carried.
 [[nodiscard]] BusSummary bus_summary(const FrameLog& frames, std::uint64_t lost, double capacity);
 
 nlohmann::ordered_json make_summary(const Scene& scene, const Statistics& s, const RunEnd& end);

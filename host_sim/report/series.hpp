@@ -30,7 +30,7 @@ class Histogram {
   [[nodiscard]] double largest() const { return largest_; }
   [[nodiscard]] double mean() const { return total_ > 0 ? sum_ / static_cast<double>(total_) : 0.0; }
   [[nodiscard]] const std::array<std::uint64_t, bins>& counts() const { return counts_; }
-  /// Lower edge of a bin, s.
+  /// Lower edge of a bin, s; edge(bins) is the upper edge of the last.
   [[nodiscard]] static double edge(std::size_t bin) { return std::bit_cast<double>((offset + bin) << shift); }
   /// A duration that the share `q` of all does not exceed: the upper edge of its bin, or the largest.
   [[nodiscard]] double quantile(double q) const {

@@ -78,7 +78,7 @@ inline constexpr std::array defect_names{
 /// Bytes of the last frame received, and beyond its length of longer ones before it.
 class StaleBytes {
  public:
-  /// The frame as firmware reads it that ignores the length: eight bytes.
+  /// The frame of eight bytes as seen by firmware that ignores the length.
   hal::CanFrame fill(hal::CanFrame f) {
     for (std::uint8_t i = 0; i < f.size && i < hal::can_classic_size_max; ++i) last_[i] = f.data[i];
     for (std::uint8_t i = 0; i < hal::can_classic_size_max; ++i) f.data[i] = last_[i];

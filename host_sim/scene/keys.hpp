@@ -22,7 +22,7 @@ struct Key {
 };
 
 std::span<const Key> scene_keys();
-/// Of the scenes of `esmc spatial`.
+/// Keys of the scenes of `esmc spatial`.
 std::span<const Key> spatial_keys();
 /// The entry of a key. Throws std::logic_error where there is none: a reader of this program is wrong.
 const Key& find_key(std::string_view path, std::span<const Key> keys = scene_keys());

@@ -74,7 +74,7 @@ struct Companion {
   std::string name, text;
   std::string source;  ///< path that it was read from
 
-  /// The key that names it.
+  /// The key that names this file.
   [[nodiscard]] std::string key() const {
     return name == reference_copy ? "reference.path"
                                   : (name == model_copy ? "control.model.mechanism" : "drives.endpoints");

@@ -18,7 +18,7 @@ toml::table parse_scene_file(const std::string& file, const std::vector<std::str
 toml::table parse_scene_text(const std::string& text, const std::string& name,
                              const std::vector<std::string>& sets);
 
-/// Where a node was written: "FILE:LINE", or "--set key=value".
+/// Place of a node, for messages: "FILE:LINE", or "--set key=value".
 std::string place(const toml::node& node, const std::string& file);
 /// `where`, followed by every other --set below `nodes`, which may be null.
 std::string with_sets(const std::string& where, const std::vector<const toml::node*>& nodes);

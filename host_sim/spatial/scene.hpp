@@ -43,7 +43,7 @@ struct SpatialScene {
   [[nodiscard]] double tick() const { return 1.0 / rate_hz; }
 };
 
-/// Throws InputError with file, line and key.
+/// Reads FILE, then applies each of `sets`, "section.key=value". Throws InputError with file, line and key.
 SpatialScene read_spatial_scene(const std::string& file, const std::vector<std::string>& sets);
 
 }  // namespace esmc::host

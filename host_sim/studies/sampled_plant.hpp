@@ -9,11 +9,11 @@
 
 namespace esmc::host {
 
-/// The scene with plant `index` in place of its own: even ones at a corner of all intervals, the others
-/// anywhere between. It has the delays that the controller assumes, where the scene has no longer ones: of
-/// the torque as compute_delay; of measurements, whole ticks as delay, unless encoder or noise has an
-/// observer. The controller's belief stays. `lengths`: with the tolerances of l1, l2, half_base too. Depends
-/// on its arguments only.
+/// The scene, which must have [uncertainty], with plant `index` in place of its own. An even index draws a
+/// corner of all intervals, an odd one a point between. Friction and payload are drawn too and replace those
+/// effects; the controller's belief stays. Delays are at least those that the controller assumes: of the
+/// torque as compute_delay; of measurements, whole ticks as delay, unless there is an encoder or noise.
+/// `lengths`: draws l1, l2 and half_base too. Depends on its arguments only.
 Scene sampled_plant(const Scene& scene, std::uint64_t seed, std::uint64_t index, bool lengths);
 
 /// Parameters of the scene's own mechanism and effects outside [uncertainty], one phrase each; and effects

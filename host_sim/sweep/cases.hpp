@@ -40,7 +40,7 @@ class CaseScenes {
   [[nodiscard]] SweepValue value(std::uint64_t index, std::size_t axis) const;
   /// Mean duration of the cases, s.
   [[nodiscard]] double mean_duration() const;
-  /// For tests: every scene is read again.
+  /// For tests: reads every scene again instead of changing the last one.
   void read_always();
 
  private:

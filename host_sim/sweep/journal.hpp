@@ -25,9 +25,9 @@ class Journal {
 
   /// The records at opening; every index once.
   [[nodiscard]] const std::vector<Finished>& found() const { return found_; }
-  /// In one piece. Throws RunError where the disk is full; what was written before stays.
+  /// Writes finished cases in one piece. Throws RunError where the disk is full; earlier records stay.
   void append(const std::vector<Finished>& cases);
-  /// The sweep is complete and its files are in place.
+  /// Deletes the file; call when the sweep is complete and its files are in place.
   void remove();
 
  private:
@@ -42,7 +42,7 @@ class Journal {
   std::vector<Finished> found_;
 };
 
-/// Of the program that is running: another build may differ in the last bit. 0 where it cannot be read.
+/// Hash of the running program, as another build may differ in the last bit. 0 where it cannot be read.
 [[nodiscard]] std::uint64_t program_hash();
 
 }  // namespace esmc::host

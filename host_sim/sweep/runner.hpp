@@ -25,7 +25,7 @@ struct Package {
 
 /// The objectives of a run that ended well, but tick_ns. `tick` in s.
 [[nodiscard]] Score score_of(const RunSums<double>& sums, double tick);
-/// What `esmc sim` would say of the scene: the very numbers of its summary. `outcome`: see above.
+/// The objectives of a run, with the same bits as in the summary of `esmc sim`. Sets `outcome`: see above.
 [[nodiscard]] Score score_of(const Trace& trace, double tick, std::uint32_t& outcome);
 
 class CaseRunner {

@@ -38,16 +38,16 @@ class Design {
   static constexpr std::uint64_t most_cases = 10'000'000;
 
   Design() = default;
-  /// `samples` >= 1. Of a grid it is 1.
+  /// `samples` >= 1; 1 for a grid.
   Design(Sampling method, std::uint64_t samples, std::uint64_t seed, std::vector<Axis> axes);
 
-  /// 0 where it would be more than most_cases.
+  /// Number of cases; 0 where it would exceed most_cases.
   [[nodiscard]] std::uint64_t cases() const { return cases_; }
   [[nodiscard]] std::uint64_t samples() const { return samples_; }
   [[nodiscard]] const std::vector<Axis>& axes() const { return axes_; }
-  /// Of a listed axis: which of its values.
+  /// Index of the value of a listed axis in case `index`.
   [[nodiscard]] std::uint64_t chosen(std::uint64_t index, std::size_t axis) const;
-  /// Of a range: the number.
+  /// Value of a range axis in case `index`.
   [[nodiscard]] double value(std::uint64_t index, std::size_t axis) const;
 
  private:

@@ -56,7 +56,7 @@ inline constexpr std::array<ObjectiveText, objective_count> objectives{{
 using Score = std::array<double, objective_count>;
 
 using SweepValue = std::variant<bool, std::int64_t, double, std::string>;
-/// As TOML has it.
+/// The value as TOML text.
 [[nodiscard]] std::string text_of(const SweepValue& v);
 
 /// One [[vary]].

@@ -122,7 +122,7 @@ struct Lanes {
   friend Mask operator>=(Lanes a, Lanes b) { return mask(a.v >= b.v); }
   friend Mask operator==(Lanes a, Lanes b) { return mask(a.v == b.v); }
   friend Mask operator!=(Lanes a, Lanes b) { return mask(a.v != b.v); }
-  /// Of a number that is the same in all lanes.
+  /// Value of lane 0; for numbers that are the same in all lanes.
   explicit operator std::uint32_t() const { return static_cast<std::uint32_t>(v[0]); }
 
   friend Lanes choose(Mask c, Lanes yes, Lanes no) {
