@@ -17,8 +17,9 @@ struct Estimate {
   typename M::Scalar closure;  ///< m, distance between the leg tips as measured; 0 without passive encoders
 };
 
-/// Base encoders only: the passive joints follow from closure in the given assembly mode [F18], [F23]. False,
-/// without pose and rates: the base angles fit no closed mechanism. The rates are not finite at type 2.
+/// Base encoders only (rad, rad/s): the passive joints follow from closure in the given assembly mode [F18],
+/// [F23]. False, without pose and rates: the base angles fit no closed mechanism. The rates are not finite at
+/// type 2.
 template <class S>
 [[nodiscard]] bool estimate_from_base(const FiveBar<S>& m, const typename FiveBar<S>::Mode& mode,
                                       const Vec2<S>& angle, const Vec2<S>& rate,
@@ -35,7 +36,7 @@ template <class S>
   rates = rate;
   return true;
 }
-/// Same, result returned by value.
+/// estimate_from_base by value; nothing where that returns false. `closure` is 0.
 template <class M, class S = typename M::Scalar>
 [[nodiscard]] std::optional<Estimate<M>> estimate_from_base(const M& m, const typename M::Mode& mode,
                                                             const Vec2<S>& angle, const Vec2<S>& rate) {
@@ -71,7 +72,8 @@ struct Desired {
   typename M::Rates acceleration;
 };
 
-/// Effector at x (m) with velocity v and acceleration a. False, without results: outside the workspace.
+/// Reference of an effector at x (m) with velocity v (m/s) and acceleration a (m/s2). False, without results:
+/// outside the workspace. Rates and accelerations are not finite at type 1.
 template <class M, class S = typename M::Scalar>
 [[nodiscard]] ESMC_INLINE inline bool desired_at_effector(const M& m, const typename M::Mode& mode,
                                                           const Vec2<S>& x, const Vec2<S>& v,
@@ -84,7 +86,8 @@ template <class M, class S = typename M::Scalar>
   return true;
 }
 
-/// Base joints at q (rad) with rates qd and accelerations qdd. False, without results: they do not close.
+/// Reference of base joints at q (rad) with rates qd (rad/s) and accelerations qdd (rad/s2). False, without
+/// results: they do not close. Rates and accelerations are not finite at type 2.
 template <class M, class S = typename M::Scalar>
 [[nodiscard]] bool desired_at_base(const M& m, const typename M::Mode& mode, const Vec2<S>& q,
                                    const Vec2<S>& qd, const Vec2<S>& qdd, typename M::Pose& pose,
@@ -94,7 +97,8 @@ template <class M, class S = typename M::Scalar>
   return true;
 }
 
-/// Same, result returned by value.
+/// Reference of an effector at x (m) with velocity v (m/s) and acceleration a (m/s2), by value. Nothing:
+/// outside the workspace. Rates and accelerations are not finite at type 1.
 template <class M, class S = typename M::Scalar>
 [[nodiscard]] std::optional<Desired<M>> desired_at_effector(const M& m, const typename M::Mode& mode,
                                                             const Vec2<S>& x, const Vec2<S>& v,
@@ -103,6 +107,7 @@ template <class M, class S = typename M::Scalar>
   return desired_at_effector(m, mode, x, v, a, d.pose, d.rates, d.acceleration) ? std::optional<Desired<M>>(d)
                                                                                 : std::nullopt;
 }
+/// The other desired_at_base by value; nothing where that returns false.
 template <class M, class S = typename M::Scalar>
 [[nodiscard]] std::optional<Desired<M>> desired_at_base(const M& m, const typename M::Mode& mode,
                                                         const Vec2<S>& q, const Vec2<S>& qd,

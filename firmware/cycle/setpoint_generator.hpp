@@ -29,8 +29,8 @@ template <class S>
 class SetpointGenerator {
  public:
   SetpointGenerator() = default;
-  /// Limits `speed` (m/s or rad/s) and `acceleration` (per s), > 0; `sample_time` in s, > 0. `angles`:
-  /// differences are wrapped to (-pi, pi].
+  /// Limits `speed` (m/s or rad/s) and `acceleration` (m/s2 or rad/s2), > 0; `sample_time` in s, > 0.
+  /// `angles`: differences are wrapped to (-pi, pi].
   SetpointGenerator(S speed, S acceleration, S sample_time, bool angles)
       : speed_(speed), acceleration_(acceleration), sample_time_(sample_time), angles_(angles) {}
 
@@ -38,14 +38,15 @@ class SetpointGenerator {
   [[nodiscard]] bool active() const { return active_; }
   void activate(bool yes) { active_ = yes; }
 
-  /// The first tick: from a measured state to rest.
+  /// Plans the way to rest from the measured state of the first tick (m and m/s, or rad and rad/s).
   void start(const Vec2<S>& position, const Vec2<S>& velocity) {
     following_ = false;
     brake({position, velocity, Vec2<S>::Zero()});
   }
   /// Plans the way to rest from the present motion, each coordinate ahead of its position.
   void hold() { brake(at()); }
-  /// Plans the way from the present motion to rest at `target`, m or rad.
+  /// Plans the way from the present motion to rest at `target`, m or rad. The caller checks that the target
+  /// is in reach; nothing checks the way to it here.
   void go_to(const Vec2<S>& target) {
     const Motion2<S> now = at();
     const Vec2<S> offset = apart(now.position, target);
@@ -54,7 +55,8 @@ class SetpointGenerator {
     plan(offset, now.velocity, time);
     base_ = {now.position - offset, Vec2<S>::Zero(), Vec2<S>::Zero()};
   }
-  /// Follows samples, one per tick; the offset between the first one and the present motion fades away.
+  /// Follows samples (m and m/s, or rad and rad/s), one per tick; the offset between the first one and the
+  /// present motion fades away.
   void follow(const Vec2<S>& position, const Vec2<S>& velocity) {
     if (!following_) {
       const Motion2<S> now = at();

@@ -84,7 +84,8 @@ enum class State : std::uint8_t {
       return State::unknown;
   }
 }
-/// The power stage gives no torque in this state.
+/// The power stage gives no torque in this state, which is two steps or more from operation_enabled. False in
+/// switched_on, one step from it, and in unknown.
 [[nodiscard]] constexpr bool is_torque_free(State s) {
   return s == State::not_ready || s == State::switch_on_disabled || s == State::ready_to_switch_on ||
          s == State::fault;
@@ -114,7 +115,7 @@ struct Motion {
   std::int8_t mode;
 };
 
-/// Into a classic data frame.
+/// Writes RPDO1 of a node into f, a classic data frame already: only identifier, size and data change.
 constexpr void put_command(hal::CanFrame& f, std::uint8_t node, Command c) {
   f.id = canopen::id_rpdo1 + node;
   f.size = 4;
@@ -126,6 +127,7 @@ constexpr void put_command(hal::CanFrame& f, std::uint8_t node, Command c) {
   put_command(f, node, c);
   return f;
 }
+/// Decoders return nothing for a wrong length, remote or FD frame. The caller has checked the identifier.
 [[nodiscard]] constexpr std::optional<Report> decode_report(const hal::CanFrame& f) {
   if (!canopen::has_size(f, 8)) return std::nullopt;
   return Report{static_cast<std::uint16_t>(get_field(f, 0, 2)), static_cast<std::int32_t>(get_field(f, 2, 4)),

@@ -59,12 +59,14 @@ struct Reply {
   const float steps = (value / range + 1.0F) * (0.5F * static_cast<float>(code_max));
   return static_cast<std::uint16_t>(steps + 0.5F);
 }
+/// The value of a code, in the unit of `range` (rad, rad/s or N m): the inverse of `code`.
 [[nodiscard]] constexpr float value(std::uint16_t code, float range, std::uint16_t code_max) {
   return (2.0F * static_cast<float>(code) - static_cast<float>(code_max)) / static_cast<float>(code_max) *
          range;
 }
 
-/// Into a classic data frame.
+/// Writes a command, in codes of the wire (see `code`), into f, which is a classic data frame already: only
+/// identifier, size and data change. `node`: 11 bits.
 constexpr void put_command(hal::CanFrame& f, std::uint32_t node, const Command& c) {
   f.id = node;
   f.size = 8;
@@ -98,7 +100,7 @@ constexpr void put_command(hal::CanFrame& f, std::uint32_t node, const Command& 
   return d == Dialect::damiao ? ((first ^ node) & 0x0FU) == 0 : first == node;
 }
 
-/// Nothing: wrong length, remote or FD. The caller has checked identifier and first byte.
+/// Decodes a reply; nothing: wrong length, remote or FD. The caller has checked identifier and first byte.
 [[nodiscard]] constexpr std::optional<Reply> decode_reply(const hal::CanFrame& f, Dialect d) {
   if (f.remote || f.fd || !has_reply_size(f.size, d)) return std::nullopt;
   Reply r;
@@ -134,7 +136,7 @@ constexpr void put_command(hal::CanFrame& f, std::uint32_t node, const Command& 
           static_cast<std::uint16_t>(f.data[5] << 4U | f.data[6] >> 4U),
           static_cast<std::uint16_t>((f.data[6] & 0x0FU) << 8U | f.data[7])};
 }
-/// Nothing: an ordinary command.
+/// Returns the kind of a special frame. Nothing: an ordinary command.
 [[nodiscard]] constexpr std::optional<Special> decode_special(const hal::CanFrame& f) {
   for (unsigned i = 0; i < 7; ++i) {
     if (f.data[i] != 0xFF) return std::nullopt;

@@ -87,7 +87,7 @@ constexpr hal::CanFrame frame(std::uint8_t node, Message m, std::uint8_t size) {
 [[nodiscard]] constexpr hal::CanFrame encode_estop(std::uint8_t node) {
   return detail::frame(node, Message::estop, 0);
 }
-/// Torque at the motor shaft, N m, into a classic data frame.
+/// Writes the torque at the motor shaft, N m, into f, a classic data frame already.
 constexpr void put_torque(hal::CanFrame& f, std::uint8_t node, float torque) {
   f.id = identifier(node, Message::set_input_torque);
   f.size = 8;

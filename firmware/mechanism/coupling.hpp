@@ -99,7 +99,7 @@ class Coupling {
     return row < Platform::channels || Leg::has_mass((row - Platform::channels) % Leg::channels);
   }
 
-  /// C^ p# (39), [F10], for the 5R [F12]. Pole at type 1 of any leg.
+  /// C^ p# (39), [F10], for the 5R [F12]: joint rates (rad/s) for platform rates (m/s). Pole at type 1.
   [[nodiscard]] Rates chain_rates(const LegPoses& p, const Independent& platform) const {
     Rates out;
     out.platform = platform;
@@ -109,8 +109,8 @@ class Coupling {
     return out;
   }
 
-  /// d/dt (C^ p#) [F22]: joint accelerations J_j^-1 (S_j a - Jdot_j qd_j) of a platform acceleration a. Pole
-  /// at type 1.
+  /// d/dt (C^ p#) [F22]: joint accelerations J_j^-1 (S_j a - Jdot_j qd_j), rad/s2, of the acceleration a =
+  /// `platform` (m/s2) in a pose with these rates. Pole at type 1 of any leg.
   [[nodiscard]] Rates chain_accelerations(const LegPoses& p, const Rates& rates,
                                           const Independent& platform) const {
     Rates out;

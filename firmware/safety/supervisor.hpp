@@ -76,10 +76,10 @@ class Supervisor {
   explicit Supervisor(const Config& config) : config_(config) {}
 
   [[nodiscard]] State state() const { return state_; }
-  /// The first fault of the episode.
+  /// The first fault since power-up or reset; Fault::none where there was none.
   [[nodiscard]] Fault fault() const { return fault_; }
   [[nodiscard]] bool running() const { return state_ == State::running; }
-  /// Coming to rest, or at rest, under torque.
+  /// The mechanism comes to rest, or is at rest, under torque.
   [[nodiscard]] bool retreating() const {
     return state_ == State::halting || state_ == State::holding || state_ == State::lowering;
   }
@@ -87,7 +87,7 @@ class Supervisor {
   [[nodiscard]] bool powered() const { return running() || retreating() || state_ == State::testing; }
   /// Ticks since power-up, modulo 2^32.
   [[nodiscard]] std::uint32_t tick() const { return tick_; }
-  /// The tick that found the latched fault.
+  /// Value of tick() when the latched fault was found. Without one: that of the last fault, at first 0.
   [[nodiscard]] std::uint32_t fault_tick() const { return fault_tick_; }
   static constexpr std::uint16_t count_max = 0xFFFF;
   /// Occurrences of a fault since power-up, at most count_max; consecutive ticks count as one.

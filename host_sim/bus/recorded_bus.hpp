@@ -60,7 +60,7 @@ class RecordedBus {
   [[nodiscard]] bool over() const { return !head_; }
   [[nodiscard]] const std::string& interface() const { return interface_; }
   [[nodiscard]] std::uint64_t passed() const { return line_ - 1; }
-  /// Call when the node is done: further sent frames in the recording are a deviation.
+  /// Call when the node is done: a sent frame that remains in the recording is then a deviation.
   void end() {
     for (; head_; advance()) {
       if (head_->sent) return deviate(head_->frame, std::nullopt);

@@ -36,8 +36,8 @@ struct Bars {
   }
 };
 
-/// Tip of leg 1 less tip of leg 2: 2 l0 + l11 e^{i phi11} + l12 e^{i phi12} + l21 e^{-i phi21} + l22 e^{-i
-/// phi22}.
+/// Tip of leg 1 less tip of leg 2, m, with phi of corrected angles:
+/// 2 l0 + l11 e^{i phi11} + l12 e^{i phi12} + l21 e^{-i phi21} + l22 e^{-i phi22}.
 inline Row closure_row(const Unknowns& u, const MeasuredAngles& a) {
   Row r;
   r.residual = 2.0 * u[unknown_l0];
@@ -46,7 +46,7 @@ inline Row closure_row(const Unknowns& u, const MeasuredAngles& a) {
   return r;
 }
 
-/// The reading, brought into the base frame, less the effector: the mean of both tips (RR: its tip).
+/// The reading, brought into the base frame, less the effector, m: the mean of both tips (RR: its tip).
 inline Row effector_row(const Unknowns& u, bool five_bar, const EffectorReading& reading,
                         const MeasuredAngles& a) {
   const std::complex<double> turned =

@@ -13,7 +13,7 @@ namespace esmc::host {
 /// Index in the cycle, whose axes are in the order of their joints, of the scene's drive i, motors first.
 std::size_t axis_of(const Scene& scene, std::size_t i);
 
-/// Settings of the axis of drive i, in the order of the scene: motors first, then passive encoders.
+/// Node, direction, gear ratio and offset (rad) of drive i in the scene: motors first, then passive encoders.
 drive::AxisConfig mount(const Scene& scene, std::size_t i);
 struct OdriveSettings {
   drive::odrive::Version version{};
@@ -35,11 +35,11 @@ drive::MitAxis::Settings mit_settings(const Scene& scene, std::size_t i);
 /// Whether a supervisor computer arms and resets, instead of this program.
 [[nodiscard]] inline bool armed_by_link(const Scene& s) { return s.command && s.command->arm_by_link; }
 
-/// s from the order to arm until every drive must confirm torque control. A set-up takes about a hundred
-/// answers, at most one per tick.
+/// Time, s, from the order to arm until every drive must confirm torque control. A set-up takes about a
+/// hundred answers, at most one per tick.
 [[nodiscard]] double enabling_time_max(const Scene& s);
-/// s for which enabling may make no progress before the fault enabling_timeout: some drive has sent no frame
-/// yet, or all have and no motor is being set up.
+/// Time, s, for which enabling may make no progress before the fault enabling_timeout: some drive has sent no
+/// frame yet, or all have and no motor is being set up.
 [[nodiscard]] double waiting_time_max(const Scene& s);
 
 /// The cycle as a board has it, for the protocol of the scene; and its configuration.
@@ -49,7 +49,7 @@ template <class M>
 using AnyCycleConfig = std::variant<typename OdriveCycle<M>::Config, typename Cia402Cycle<M>::Config,
                                     typename MitCycle<M>::Config>;
 
-/// With one axis per motor and passive encoder. `reference` must outlive the cycle.
+/// The configuration of one axis per motor and passive encoder. `reference` must outlive the cycle.
 template <class M>
 AnyCycleConfig<M> make_cycle_config(const Scene& scene, Pacing pacing,
                                     const ReferenceBundle<typename M::Scalar>& reference);

@@ -39,7 +39,7 @@ class EmulatedPlant {
   /// `lockstep`: a tick of the drives is one of the controller's.
   EmulatedPlant(Motion<Plant> motion, const Scene& scene, bool lockstep = true)
       : EmulatedPlant(std::move(motion), scene, make_axes(scene, lockstep)) {}
-  /// With the drives given, which begin at rest in the plant's present pose.
+  /// Takes the drives `axes` instead of the scene's. They begin at rest in the plant's present pose.
   EmulatedPlant(Motion<Plant> motion, const Scene& scene, std::vector<SeatedAxis> axes)
       : motion_(std::move(motion)),
         axes_(std::move(axes)),
@@ -58,7 +58,7 @@ class EmulatedPlant {
     motion_ = std::move(motion);
     actuators_ = Actuators<Plant>(scene.effects, scene.motor_joints(), scene.seed);
   }
-  /// A drive as after power-up, on a shaft at rest where it is.
+  /// Replaces a drive by one as after power-up, on a shaft at rest at its present angle.
   void restart_drive(std::size_t axis, const Scene& scene, bool lockstep) {
     SeatedAxis& a = axes_[axis];
     a.drive = make_axis(scene, a.placed, lockstep);
@@ -95,13 +95,13 @@ class EmulatedPlant {
     begin_tick();
     publish(send, [](std::size_t, const Reading& now) { return std::optional(now); });
   }
-  /// Likewise, through one access to the bus, which counts lost frames.
+  /// Begins a tick of healthy drives with one access to the bus, which counts lost frames.
   template <hal::CanBus Bus>
   void publish(Bus& bus) {
     publish_from([&](std::size_t, const hal::CanFrame& f) { (void)bus.try_send(f); });
   }
 
-  /// A frame that one drive has received; its replies go to `send(axis, frame)`.
+  /// Gives one drive a frame that it has received; its replies go to `send(axis, frame)`.
   template <class Send>
   void hand_over(std::size_t axis, const hal::CanFrame& f, const Send& send) {
     SeatedAxis& a = axes_[axis];

@@ -13,7 +13,8 @@ struct LiveOptions {
   std::optional<double> duration;  ///< s; none: until Ctrl-C
 };
 
-/// Returns the exit status.
+/// Prints the pages' address, runs until `duration` or Ctrl-C, prints a summary. Returns the exit status 0,
+/// with faults too. Throws InputError or RunError.
 int run_live(const LiveOptions& o);
 
 }  // namespace esmc::host

@@ -50,9 +50,9 @@ using FourBarChain = ClosedChains<Closures<TipOnTip<0, 1>, TipOnTip<2, 1>>, Seri
 class TwoFourBars : public ChainSystem<TwoFourBars, FourBarChain> {
  public:
   TwoFourBars();
-  /// Upright, B0 moving at 1 m/s to the right.
+  /// Start of the benchmark: rods upright, B0 moving at 1 m/s to the right.
   [[nodiscard]] State start() const;
-  /// The parallelogram with its rods at an angle (rad) and a rate (rad/s).
+  /// State of the parallelogram with its rods at an angle (rad) and a rate (rad/s).
   [[nodiscard]] static State parallelogram(double angle, double rate);
   /// Position of B0, m.
   [[nodiscard]] static Vec2<double> b0(const State& y) { return {std::cos(y[0]), std::sin(y[0])}; }

@@ -45,7 +45,8 @@ struct RrWorld {
   static double rate(const Plant::Output& o, int joint) { return o.qd[static_cast<std::size_t>(joint)]; }
 };
 
-/// The plant of a scene in a state, with its effects as at t = 0. `hand`: one that may pull at the effector.
+/// The plant of a scene in a state, with its effects as at t = 0. `hand`: one that may pull at the effector
+/// and outlives the motion, or null.
 template <class World>
 Motion<typename World::Plant> make_motion(const Scene& s, const typename World::Plant::State& state,
                                           const Hand* hand = nullptr) {
@@ -54,7 +55,7 @@ Motion<typename World::Plant> make_motion(const Scene& s, const typename World::
                                         s.effects, s.motor_joints(), s.method, hand},
                                        state);
 }
-/// Its state at t = 0.
+/// State of the plant of a scene at t = 0.
 template <class World>
 typename World::Plant::State initial_state(const Scene& s) {
   typename World::Plant::Joints angle{}, rate{};
@@ -68,13 +69,13 @@ Motion<typename World::Plant> make_motion(const Scene& s) {
   return make_motion<World>(s, initial_state<World>(s));
 }
 
-/// The supervisor's part of the end of a run.
+/// Sets the supervisor's part of the end of a run: state and faults.
 inline void set_outcome(RunEnd& e, const Supervisor& supervisor) {
   e.final_state = name(supervisor.state());
   e.faults.clear();
   if (supervisor.fault() != Fault::none) e.faults.emplace_back(name(supervisor.fault()));
 }
-/// The mechanism's part of it.
+/// Sets the mechanism's part of it: coordinates, rates, method; the energy error goes to the statistics.
 template <class Plant>
 void set_final_state(RunEnd& e, Motion<Plant>& motion, Statistics& statistics) {
   const typename Plant::Output o = motion.output();
@@ -114,14 +115,14 @@ class ReferenceTrack {
     return tick >= bundle_->join_ticks && joined_.reference().kind != ReferenceKind::hold_start;
   }
 
-  /// Where the mechanism is at t = 0.
+  /// Sets the state of the mechanism at t = 0: m and m/s, rad and rad/s.
   void start(V2 effector, V2 velocity, const std::array<double, 2>& base, const std::array<double, 2>& rate) {
     const bool at_effector = joined_.reference().space == ReferenceSpace::effector;
     joined_.start(at_effector ? Vec2<double>(effector.x, effector.y) : Vec2<double>(base[0], base[1]),
                   at_effector ? Vec2<double>(velocity.x, velocity.y) : Vec2<double>(rate[0], rate[1]));
   }
-  /// Empty: out of reach. `solved`: a controller's tick, whose inverse kinematics of the same point with the
-  /// true lengths is reused.
+  /// Returns the reference at a tick. Empty: out of reach. `solved`: a controller's tick, whose inverse
+  /// kinematics of the same point with the true lengths is reused.
   [[nodiscard]] std::optional<Point> at(std::uint32_t tick, const TickResult<M>* solved = nullptr) const {
     const bool at_effector = joined_.reference().space == ReferenceSpace::effector;
     const bool followed =
@@ -190,8 +191,8 @@ class Recorder {
   /// Whether the reference, once joined, has left the reach of the true mechanism in any tick so far.
   [[nodiscard]] bool reference_left() const { return reference_left_; }
 
-  /// A tick that begins in the plant's present state, under `torque` per joint until the next. `disarmed`: a
-  /// drive has left closed loop; counts where the supervisor is not seen.
+  /// Records a tick that begins in the plant's present state, under `torque` (N m per joint) until the next.
+  /// `disarmed`: a drive has left closed loop; counts where the supervisor is not seen.
   void tick(std::uint32_t n, Motion<Plant>& motion, const typename Plant::Joints& torque, bool saturated,
             const ControllerView<M>& seen, bool disarmed = false) {
     const typename Plant::Output o = motion.output();

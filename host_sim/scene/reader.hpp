@@ -21,7 +21,8 @@ struct Scene;
 Scene read_scene_table(toml::table table, const std::string& file);
 
 /// A table being read. `schema` is the prefix of its keys in the key table. Read every key, then call
-/// finish(). Every reading function throws InputError for a value that the key table does not allow.
+/// finish(). Every reading function throws InputError for a value that the key table does not allow, and for
+/// an absent key without a default. An absent key with one gives the default; optional_ functions give none.
 class Section {
  public:
   Section(const toml::table& table, std::string file, std::string name, std::string schema,
@@ -52,30 +53,32 @@ class Section {
   E choice(const std::string& key) {
     return *from_name<E>(text(key));
   }
-  /// Exactly as many numbers as one of `sizes`.
+  /// Reads an array of numbers whose length is one of `sizes`. The default is sizes.front() zeros.
   std::vector<double> numbers(const std::string& key, const std::vector<std::size_t>& sizes);
   std::optional<std::vector<double>> optional_numbers(const std::string& key,
                                                       const std::vector<std::size_t>& sizes);
   std::optional<std::vector<int>> optional_integers(const std::string& key,
                                                     const std::vector<std::size_t>& sizes);
   std::array<double, 2> pair(const std::string& key);
+  /// Reads an array of pairs [a, b], `at_least` or more. The default is an empty one.
   std::vector<std::array<double, 2>> pairs(const std::string& key, std::size_t at_least);
-  /// `size` strings, each one of the key's choices.
+  /// Reads an array of `size` strings, each one of the key's choices.
   std::vector<std::string> texts(const std::string& key, std::size_t size);
-  /// A number, or a table { position, angle }.
+  /// Reads { position, angle } into [position, angle]; a number stands for both.
   std::array<double, 2> per_kind(const std::string& key);
   /// Whether the key is given as the text `word`.
   bool is_word(const std::string& key, const std::string& word);
-  /// One number, or [lower, upper].
+  /// Reads one number (a vector of 1) or [lower, upper] (of 2, order not checked). None: the key is absent.
   std::optional<std::vector<double>> number_or_pair(const std::string& key);
-  /// A number for all, or one each.
+  /// Reads an array of `count` numbers; one number stands for all of them.
   std::vector<double> each(const std::string& key, std::size_t count);
 
-  /// Sub-table, read under `schema` (default: this schema + "." + key).
+  /// Returns the sub-table `key`, to be read under this schema + "." + key. None: the key is absent.
   std::optional<Section> section(const std::string& key);
   Section required_section(const std::string& key);
-  /// Sub-table, or an empty one.
+  /// Returns the sub-table `key`, or an empty table where the key is absent.
   Section section_or_empty(const std::string& key);
+  /// Returns the tables of the array `key`, to be read under `schema` (default: this schema + "." + key).
   std::vector<Section> sections(const std::string& key, const std::string& schema = "");
 
   /// Keys of another branch of the schema belong to this table as well (reference[circle].radius).

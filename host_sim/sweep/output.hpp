@@ -21,11 +21,11 @@ struct SweepTable {
   }
 };
 
-/// Cases of each front of the specification; those alone that ended well.
+/// Returns the cases of each front of the specification; only cases that ended well.
 [[nodiscard]] std::vector<std::vector<std::uint64_t>> fronts_of(const SweepSpec& spec,
                                                                 const SweepTable& table);
 
-/// Counts, ranges, fronts: what --json prints.
+/// Returns counts, ranges and fronts of a sweep: the object that --json prints.
 [[nodiscard]] nlohmann::ordered_json sweep_summary(const SweepSpec& spec, const CaseScenes& scenes,
                                                    const SweepTable& table);
 [[nodiscard]] std::string sweep_text(const nlohmann::ordered_json& summary);
@@ -33,7 +33,7 @@ struct SweepTable {
 /// Writes cases.csv row by row. Throws RunError.
 void write_cases(const std::string& file, const SweepSpec& spec, const CaseScenes& scenes,
                  const SweepTable& table);
-/// case,tick_ns: wall-clock time, which no two runs share.
+/// Writes case,tick_ns: wall-clock time, which no two runs share. Throws RunError.
 void write_timing(const std::string& file, const SweepSpec& spec, const SweepTable& table);
 [[nodiscard]] std::string sweep_page(const SweepSpec& spec, const CaseScenes& scenes, const SweepTable& table,
                                      const nlohmann::ordered_json& summary);
