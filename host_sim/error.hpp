@@ -27,7 +27,7 @@ class Diverged : public RunError {
   using RunError::RunError;
 };
 
-/// For a terminal: control characters, of a scene's name or a key, as escapes.
+/// Returns the text with control characters as escapes (\n, \t, \x1b), for a terminal.
 inline std::string printable(std::string_view text) {
   constexpr const char* digits = "0123456789abcdef";
   std::string out;

@@ -19,20 +19,20 @@ struct Modes {
 };
 [[nodiscard]] Modes symmetric_modes(const Matrix& S);
 
-[[nodiscard]] Matrix product(const Matrix& A, const Matrix& B);
-[[nodiscard]] Vector apply(const Matrix& A, const Vector& x);
+[[nodiscard]] Matrix product(const Matrix& A, const Matrix& B);  ///< A B
+[[nodiscard]] Vector apply(const Matrix& A, const Vector& x);    ///< A x
 /// x^T S x.
 [[nodiscard]] double quadratic(const Matrix& S, const Vector& x);
 /// A^T A.
 [[nodiscard]] Matrix gram(const Matrix& A);
 /// T S T^T, e.g. the covariance of T x.
 [[nodiscard]] Matrix congruent(const Matrix& T, const Matrix& S);
-/// Pseudo-inverse of a symmetric matrix without negative eigenvalues.
+/// Pseudo-inverse of a symmetric matrix; eigenvalues that are negative or 0 but for rounding count as 0.
 [[nodiscard]] Matrix pseudo_inverse(const Matrix& S);
 
 /// Covariance of the gradient A^T r at the minimum of |r| = |A x - b|. Equations stand in pairs of rows, in
 /// the order of time. Residuals are correlated in time, so it is taken from how the gradients of consecutive
-/// blocks of equations scatter: `blocks` >= 1 of them.
+/// blocks of equations scatter: `blocks` of them, more than A has columns. One block gives 0.
 [[nodiscard]] Matrix gradient_covariance(const Matrix& A, const Vector& r, Eigen::Index blocks);
 
 }  // namespace esmc::host

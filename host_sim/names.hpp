@@ -17,12 +17,13 @@ inline constexpr auto names_of = nullptr;
 template <class E>
 concept Named = std::is_enum_v<E> && !std::is_null_pointer_v<std::remove_const_t<decltype(names_of<E>)>>;
 
+/// Name of an enumerator. One beyond the table (ReferenceType::none) must not be passed: it is not checked.
 template <Named E>
 [[nodiscard]] constexpr const char* name(E e) {
   return names_of<E>[static_cast<std::size_t>(e)];
 }
 
-/// Nothing where no enumerator has the name.
+/// Returns the enumerator of this name, case-sensitive; nothing where none has it.
 template <Named E>
 [[nodiscard]] constexpr std::optional<E> from_name(std::string_view text) {
   for (std::size_t i = 0; i < names_of<E>.size(); ++i) {

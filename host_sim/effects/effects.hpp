@@ -187,10 +187,12 @@ using Effect = std::variant<ViscousFriction, CoulombFriction, JointFlexibility, 
                             SensorNoise, SensorBias, SensorDelay, Jitter, ComputeDelay, BitTiming, Loss,
                             Duplication, Corruption, BabblingNode, BusOff, DriveDropout>;
 
+/// Name of the effect in scenes, "viscous_friction".
 [[nodiscard]] inline const char* type_name(const Effect& e) {
   return std::visit([](const auto& x) { return x.type; }, e);
 }
 
+/// Returns a copy of the first effect of type T; none: there is no such effect.
 template <class T>
 [[nodiscard]] std::optional<T> find_effect(const std::vector<Effect>& effects) {
   for (const Effect& e : effects) {
@@ -199,7 +201,7 @@ template <class T>
   return std::nullopt;
 }
 
-/// Effects that need a bus to act on, and one that this program carries frame by frame.
+/// Whether an effect acts on a bus: it needs one that this program carries frame by frame.
 [[nodiscard]] inline bool acts_on_bus(const Effect& e) {
   return std::holds_alternative<BitTiming>(e) || std::holds_alternative<Loss>(e) ||
          std::holds_alternative<Duplication>(e) || std::holds_alternative<Corruption>(e) ||

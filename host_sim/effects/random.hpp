@@ -10,20 +10,20 @@ namespace esmc::host {
 /// Users of one seed, set apart (of Normal: sensors have their joint's number, actuators 1000).
 enum class Stream : std::uint64_t { bus_loss = 2000, bus_duplication, bus_corruption, babbling_node };
 
-/// In [0, 1), in steps of 2^-53.
+/// Draws uniform numbers in [0, 1), in steps of 2^-53.
 class Uniform {
  public:
   Uniform(std::uint64_t seed, Stream stream)
       : bits_(seed * 0x9E3779B97F4A7C15ULL + static_cast<std::uint64_t>(stream)) {}
   [[nodiscard]] double operator()() { return static_cast<double>(bits_() >> 11U) * 0x1p-53; }
-  /// 0 .. n - 1.
+  /// Draws a uniform integer in 0 .. n - 1; n = 0 gives 0.
   [[nodiscard]] std::uint32_t below(std::uint32_t n) { return static_cast<std::uint32_t>((*this)() * n); }
 
  private:
   std::mt19937_64 bits_;
 };
 
-/// By Box and Muller: the standard does not fix the bits of its normal distribution.
+/// Draws numbers of N(0, 1) by Box and Muller: the standard does not fix the bits of its normal distribution.
 class Normal {
  public:
   /// `stream` sets apart the users of one seed.

@@ -11,6 +11,7 @@
 
 namespace esmc::host {
 
+/// In turns of the shaft and turns per second.
 struct ShaftReading {
   double position_rev, velocity_rev_s;
 };
@@ -45,7 +46,7 @@ class ShaftSensor {
     decay_ = std::exp(-bandwidth_ * step_);
   }
 
-  /// The shaft has been at rest here for long.
+  /// Resets to a shaft that has been at rest at `truth` for long. Call before the first read().
   void settle(const ShaftReading& truth) {
     previous_ = truth;
     position_ = measured(truth.position_rev);
@@ -54,8 +55,8 @@ class ShaftSensor {
     waiting_.assign(delay_, rest);
   }
 
-  /// Reading at the end of a period that began at the last reading. In between the shaft angle is the cubic
-  /// through both ends, sampled at the rate of the drive's own loop (8 kHz at 1 kHz readings).
+  /// Returns the reading at the end of a period that began at the last reading; call once per period. Between
+  /// them the shaft angle is the cubic through both ends, sampled eight times per period.
   ShaftReading read(const ShaftReading& truth) {
     ShaftReading now{truth.position_rev + bias_rev_, truth.velocity_rev_s};
     if (observed_) now = observe(truth);

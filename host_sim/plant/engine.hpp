@@ -77,7 +77,8 @@ class EngineOf final : public Engine<Plant> {
   typename Sys::State y_{};
 };
 
-/// An engine for the effects of a scene: bare where none of them touches the right-hand side.
+/// Makes an engine for the effects of a scene: bare where none of them touches the right-hand side. `plant`
+/// and `hand` must outlive it. Set-valued effects replace `method` by moreau_jean.
 template <class Plant>
 std::unique_ptr<Engine<Plant>> make_engine(const Plant& plant, const std::vector<Effect>& effects,
                                            const std::vector<std::size_t>& motor_joint, Method method,

@@ -37,7 +37,7 @@ struct Loads {
 /// The loads of all effects but set-valued ones (plant/moreau_jean.hpp).
 Loads make_loads(const std::vector<Effect>& effects);
 
-/// Coulomb friction with its set and rigid stops: whether a scene needs the time-stepping scheme.
+/// Whether effects need the time-stepping scheme: Coulomb friction not regularised, or rigid end stops.
 [[nodiscard]] bool set_valued(const std::vector<Effect>& effects);
 
 }  // namespace esmc::host

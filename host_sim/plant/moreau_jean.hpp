@@ -31,8 +31,10 @@ class MoreauJean {
   static constexpr int order = 1;
   static constexpr const char* name = "moreau_jean";
 
+  /// `system` must outlive this.
   MoreauJean(const Sys& system, const SetValued& contact) : system_(&system), contact_(contact) {}
 
+  /// Advances y from t by one step of h, s.
   void step(double t, double h, State& y) {
     const Sys& s = *system_;
     const Angles before = Sys::rates(y);

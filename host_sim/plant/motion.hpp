@@ -34,6 +34,7 @@ class Motion {
     const Hand* hand = nullptr;            ///< one that may pull at the effector; outlives the motion
   };
 
+  /// `initial`: the state at t = 0, which is moved onto the closure.
   Motion(const Setup& setup, const State& initial);
   Motion(Motion&&) noexcept;
   Motion& operator=(Motion&&) noexcept;
@@ -42,22 +43,24 @@ class Motion {
   [[nodiscard]] const Plant& plant() const { return loaded_ ? setup_->with_payload : setup_->plant; }
   [[nodiscard]] const State& state() const { return state_; }
   [[nodiscard]] Output output() const { return plant().output(state_); }
-  [[nodiscard]] Method method() const;
-  /// Positions and rates of the mechanism, and the states of effects.
+  [[nodiscard]] Method method() const;  ///< in use: moreau_jean where effects are set-valued
+  /// Number of states: positions and rates of the mechanism, and states of effects.
   [[nodiscard]] int state_dimension() const;
-  /// Angle and rate, model convention, of the shaft whose encoder a drive reads.
+  /// Angle (rad) and rate (rad/s), model convention, of the shaft whose encoder the joint's drive reads.
   [[nodiscard]] Shaft shaft(std::size_t joint) const;
 
-  /// Advances from t over `seconds` in `steps` equal steps; more where an effect begins or ends in between.
+  /// Advances from t, s, where the last advance ended, over `seconds` in `steps` >= 1 equal steps; more where
+  /// an effect begins or ends in between. A state that diverges becomes not finite: the caller checks.
   void advance(double t, double seconds, int steps, const MotorTorques<Joints>& torque);
 
   /// Change of energy less the work of motors and loads, relative to the largest kinetic energy, change of
   /// potential energy or work seen so far.
   [[nodiscard]] double energy_error();
+  /// Kinetic and potential energy now, J.
   [[nodiscard]] double energy() const {
     return plant().kinetic_energy(state_) + plant().potential_energy(state_);
   }
-  [[nodiscard]] double work() const;
+  [[nodiscard]] double work() const;  ///< of motors and loads since t = 0, J
 
  private:
   void set_payload(bool loaded);

@@ -17,6 +17,7 @@ struct Waveform {
   double offset = 0.0;
   std::vector<Term> terms;
 
+  /// Torque, N m, at time t, s.
   [[nodiscard]] double at(double t) const {
     double v = offset;
     for (const Term& term : terms) v += term.amp * std::sin(term.omega * t + term.phase);
@@ -27,9 +28,10 @@ struct Waveform {
 /// Waveforms per motor, placed on joints and limited by what the drives deliver.
 struct OpenLoop {
   std::vector<Waveform> wave;
-  std::vector<std::size_t> joint;
-  double limit = std::numeric_limits<double>::infinity();
+  std::vector<std::size_t> joint;                          ///< of each waveform, model order
+  double limit = std::numeric_limits<double>::infinity();  ///< N m, either way
 
+  /// Torques per joint, N m, at time t, s; 0 at joints without a motor.
   template <class Joints>
   [[nodiscard]] Joints at(double t) const {
     Joints out{};
@@ -41,7 +43,7 @@ struct OpenLoop {
 template <class Joints>
 struct MotorTorques {
   Joints held{};                   ///< N m per joint, model convention
-  const OpenLoop* open = nullptr;  ///< instead of held
+  const OpenLoop* open = nullptr;  ///< instead of held; must outlive this
 
   [[nodiscard]] Joints at(double t) const { return open == nullptr ? held : open->at<Joints>(t); }
 };

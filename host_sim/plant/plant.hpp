@@ -38,6 +38,7 @@ class LegDynamics {
   using Vector = Planar<T>;
 
   LegDynamics() = default;
+  /// `gravity` in m/s2; `tip_mass`: kg at the tip; base at (base_x, 0) in N, m.
   template <class Number>
   LegDynamics(const LegParams<T>& p, const Number& gravity, const Number& tip_mass, T base_x, T side)
       : l1_(p.l1),
@@ -80,7 +81,7 @@ class LegDynamics {
     const Pair motors = on_bars(tau1, tau2);
     return {motors.first - k * w2 * w2 - weight1_ * p.e1.x, motors.second + k * w1 * w1 - weight2_ * p.e2.x};
   }
-  /// M^-1 f.
+  /// M^-1 f: accelerations of the bars, rad/s2, under moments f, N m.
   [[nodiscard]] static Pair solve(const Pose& p, Pair f) {
     return {p.m11 * f.first + p.m12 * f.second, p.m12 * f.first + p.m22 * f.second};
   }
@@ -94,7 +95,7 @@ class LegDynamics {
   [[nodiscard]] Pair tip_force(const Pose& p, Vector f) const {
     return {l1_ * (p.e1.x * f.y - p.e1.y * f.x), l2_ * (p.e2.x * f.y - p.e2.y * f.x)};
   }
-  /// The tip's acceleration at constant rates.
+  /// The tip's acceleration, m/s2, at constant bar rates, rad/s.
   [[nodiscard]] Vector tip_bias(const Pose& p, T w1, T w2) const {
     const T a = l1_ * w1 * w1, b = l2_ * w2 * w2;
     return {-a * p.e1.x - b * p.e2.x, -a * p.e1.y - b * p.e2.y};
@@ -104,13 +105,14 @@ class LegDynamics {
     T xx, xy, yy;
     friend Symmetric operator+(Symmetric a, Symmetric b) { return {a.xx + b.xx, a.xy + b.xy, a.yy + b.yy}; }
   };
-  /// J M^-1 J^T: how the tip yields to a force.
+  /// J M^-1 J^T: acceleration of the tip per force on it, 1/kg, both in N.
   [[nodiscard]] Symmetric tip_mobility(const Pose& p) const {
     const T a = l11_ * p.m11, b = l22_ * p.m22, c = l12_ * p.m12;
     const T ax = a * p.e1.x + c * p.e2.x, ay = a * p.e1.y + c * p.e2.y;
     const T bx = b * p.e2.x + c * p.e1.x, by = b * p.e2.y + c * p.e1.y;
     return {ay * p.e1.y + by * p.e2.y, -(ax * p.e1.y + bx * p.e2.y), ax * p.e1.x + bx * p.e2.x};
   }
+  /// Tip in N, m; e1, e2: unit vectors along the bars.
   [[nodiscard]] Vector tip(Vector e1, Vector e2) const {
     return {base_x_ + l1_ * e1.x + l2_ * e2.x, l1_ * e1.y + l2_ * e2.y};
   }
@@ -120,6 +122,7 @@ class LegDynamics {
         bar2{-side_ * l2_ * p.e2.y, side_ * l2_ * p.e2.x};
     return {bar1 + bar2, bar2};
   }
+  /// Kinetic and potential energy, J, the latter above the base; w1, w2: bar rates, rad/s.
   [[nodiscard]] T kinetic(Vector e1, Vector e2, T w1, T w2) const {
     return 0.5 * (i1_ * w1 * w1 + i2_ * w2 * w2) + coupling_ * dot(e1, e2) * w1 * w2;
   }
@@ -170,18 +173,21 @@ class FiveBarPlantOf {
     return {{theta[0], theta[0] + theta[1], pi - theta[2], pi - theta[2] - theta[3]},
             {rate[0], rate[0] + rate[1], -rate[2], -rate[2] - rate[3]}};
   }
+  /// The model's joint angles (rates) from those of the bars: the inverse of from_joints.
   [[nodiscard]] static Joints joint_angles(const Angles& psi) {
     constexpr double pi = 3.14159265358979323846;
     return {psi[0], psi[1] - psi[0], pi - psi[2], psi[2] - psi[3]};
   }
   [[nodiscard]] static Joints joint_rates(const Angles& w) { return {w[0], w[1] - w[0], -w[2], w[2] - w[3]}; }
 
-  /// Angular accelerations of the bars under joint torques (model convention, N m).
+  /// Angular accelerations of the bars, rad/s2, under joint torques (model convention, N m). Not finite where
+  /// closure loses its rank.
   [[nodiscard]] Angles acceleration(const Angles& angle, const Angles& rate, const Joints& torque) const;
-  /// Change of the bars' rates by joint impulses alone (N m s): M^-1 with closure kept, times the impulses.
+  /// Change of the bars' rates, rad/s, by joint impulses `torque` alone, N m s, with closure kept.
   [[nodiscard]] Angles response(const Angles& angle, const Joints& torque) const;
   /// Moves angles and rates onto the closure, along the shortest way in the mass metric.
   void project(Angles& angle, Angles& rate) const;
+  /// Effector for a load: the tip of leg 1, in N.
   [[nodiscard]] EffectorPointOf<S> effector_point(const Angles& angle, const Angles& rate) const;
   [[nodiscard]] Output output(const State& s) const;
   [[nodiscard]] Planar<S> effector(const Angles& angle) const;

@@ -26,8 +26,8 @@ struct Constants<host::Double2> {
 
 namespace esmc::host {
 
-/// Sine and cosine of a bar's angle; beyond the range of firmware/numeric (a day of turning) by the C
-/// library.
+/// Sine and cosine of an angle of any size, rad, by the C library; direction() takes the faster way within
+/// the range of firmware/numeric (a day of turning). NaN where the angle is not finite.
 [[nodiscard]] SinCos<double> sin_cos_any_range(double angle);
 [[nodiscard]] SinCos<Double2> sin_cos_any_range(Double2 angle);
 
@@ -41,7 +41,7 @@ namespace esmc::host {
   return near ? ieee::sin_cos_in_range(angle) : sin_cos_any_range(angle);
 }
 
-/// Both: Double2, or the like of another S.
+/// Parameters of legs a and b as [0] and [1] of each number. Both: Double2, or the like of another S.
 template <class Both, class S>
 [[nodiscard]] LegParams<Both> side_by_side(const LegParams<S>& a, const LegParams<S>& b) {
   return {Both{a.l1, b.l1}, Both{a.l2, b.l2}, Both{a.lg1, b.lg1},       Both{a.lg2, b.lg2},

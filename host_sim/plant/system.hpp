@@ -37,7 +37,7 @@ class MechanismState {
 
   explicit MechanismState(const Plant& plant) : plant_(&plant) {}
   [[nodiscard]] const Plant& plant() const { return *plant_; }
-  void set_plant(const Plant& plant) { plant_ = &plant; }
+  void set_plant(const Plant& plant) { plant_ = &plant; }  ///< must outlive this, as the first one
   void set_torques(const MotorTorques<Joints>& torques) { torques_ = torques; }
 
   static Angles angles(const State& y) { return part(y, 0); }
@@ -48,10 +48,11 @@ class MechanismState {
       y[positions + i] = rate[i];
     }
   }
-  /// The shaft of a joint without a drivetrain.
+  /// Angle (rad) and rate (rad/s), model convention, of a joint without a drivetrain.
   [[nodiscard]] Shaft shaft(std::size_t joint, const State& y) const {
     return {Plant::joint_angles(angles(y))[joint], Plant::joint_rates(rates(y))[joint]};
   }
+  /// Moves the angles and rates in y onto the closure.
   void project(State& y) const {
     Angles angle = angles(y), rate = rates(y);
     plant_->project(angle, rate);

@@ -75,10 +75,10 @@ inline constexpr std::array defect_names{
   return "unknown, allowed are " + all;
 }
 
-/// Bytes of the last frame received, and beyond its length of longer ones before it.
+/// Receive buffer of firmware that ignores the length of frames; 0 at first.
 class StaleBytes {
  public:
-  /// The frame of eight bytes as seen by firmware that ignores the length.
+  /// Returns `f` padded to eight bytes with those of the frames before, and keeps its own.
   hal::CanFrame fill(hal::CanFrame f) {
     for (std::uint8_t i = 0; i < f.size && i < hal::can_classic_size_max; ++i) last_[i] = f.data[i];
     for (std::uint8_t i = 0; i < hal::can_classic_size_max; ++i) f.data[i] = last_[i];

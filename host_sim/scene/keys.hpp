@@ -24,11 +24,12 @@ struct Key {
 std::span<const Key> scene_keys();
 /// Keys of the scenes of `esmc spatial`.
 std::span<const Key> spatial_keys();
-/// The entry of a key. Throws std::logic_error where there is none: a reader of this program is wrong.
+/// Returns the entry of a key. Throws std::logic_error where there is none: a reader of this program is
+/// wrong.
 const Key& find_key(std::string_view path, std::span<const Key> keys = scene_keys());
-/// "number > 0, rad", for the table.
+/// Returns what a key allows: "number > 0, rad", for the table.
 std::string allowed(const Key& k);
-/// "a number > 0, rad", for a message: "'key' must be ..."
+/// Returns what a key allows with an article, "a number > 0, rad", for a message: "'key' must be ..."
 std::string wanted(const Key& k);
 /// The known word nearest to `word`, within an edit distance of 2; empty: none.
 std::string nearest(std::string_view word, const std::vector<std::string>& known);

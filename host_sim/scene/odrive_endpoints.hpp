@@ -49,7 +49,7 @@ struct OdriveEndpoint {
   std::uint16_t id;
   drive::odrive::ValueType type;
 };
-/// Of one version of the firmware.
+/// Endpoints of one version of the firmware.
 struct OdriveEndpoints {
   std::array<std::uint8_t, 3> firmware{};  ///< major, minor, revision
   std::vector<OdriveEndpoint> list;        ///< of `odrive_values`, those that the file has
@@ -62,7 +62,8 @@ struct OdriveEndpoints {
   }
 };
 
-/// Reads the vendor's flat_endpoints.json; `text`: what is in it. Throws InputError at `where`.
+/// Reads the vendor's flat_endpoints.json; its content goes to `text`. Throws InputError at `where` for a
+/// file that is missing, over 16 MiB or of another form; endpoints that it does not have are left out.
 OdriveEndpoints read_odrive_endpoints(const std::string& where, const std::string& path, std::string& text);
 
 }  // namespace esmc::host

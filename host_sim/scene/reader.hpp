@@ -17,12 +17,13 @@
 namespace esmc::host {
 
 struct Scene;
-/// The scene of a table, with the checks and the errors of read_scene; `file` stands for it in errors.
+/// Reads a scene from a parsed table, with the checks and errors of read_scene; `file`: its name in errors.
 Scene read_scene_table(toml::table table, const std::string& file);
 
 /// A table being read. `schema` is the prefix of its keys in the key table. Read every key, then call
 /// finish(). Every reading function throws InputError for a value that the key table does not allow, and for
 /// an absent key without a default. An absent key with one gives the default; optional_ functions give none.
+/// The TOML table must outlive the Section.
 class Section {
  public:
   Section(const toml::table& table, std::string file, std::string name, std::string schema,
@@ -37,6 +38,8 @@ class Section {
   [[nodiscard]] bool has(const std::string& key) const { return table_->contains(key); }
   [[nodiscard]] bool empty() const { return table_->empty(); }
   /// FILE:LINE; where a table has keys from --set, those are named as well.
+  /// The place of this table, for errors: FILE:LINE, with every --set in it. Of `key`: likewise; absent: the
+  /// table's.
   [[nodiscard]] std::string where() const;
   [[nodiscard]] std::string where(const std::string& key) const;
   /// The place of `key`, with every --set in it or in the `others`, which a finding depends on as well.
@@ -66,14 +69,15 @@ class Section {
   std::vector<std::string> texts(const std::string& key, std::size_t size);
   /// Reads { position, angle } into [position, angle]; a number stands for both.
   std::array<double, 2> per_kind(const std::string& key);
-  /// Whether the key is given as the text `word`.
+  /// Whether the key is given as the text `word`; false where it is absent or of another type.
   bool is_word(const std::string& key, const std::string& word);
   /// Reads one number (a vector of 1) or [lower, upper] (of 2, order not checked). None: the key is absent.
   std::optional<std::vector<double>> number_or_pair(const std::string& key);
   /// Reads an array of `count` numbers; one number stands for all of them.
   std::vector<double> each(const std::string& key, std::size_t count);
 
-  /// Returns the sub-table `key`, to be read under this schema + "." + key. None: the key is absent.
+  /// Returns the sub-table `key`, to be read under this schema + "." + key. None: the key is absent;
+  /// required_section() then throws InputError.
   std::optional<Section> section(const std::string& key);
   Section required_section(const std::string& key);
   /// Returns the sub-table `key`, or an empty table where the key is absent.
@@ -81,14 +85,15 @@ class Section {
   /// Returns the tables of the array `key`, to be read under `schema` (default: this schema + "." + key).
   std::vector<Section> sections(const std::string& key, const std::string& schema = "");
 
-  /// Keys of another branch of the schema belong to this table as well (reference[circle].radius).
+  /// Looks up the keys read from here on under `schema` ("reference[circle]") in the key table.
   void use_schema(const std::string& schema) {
     schema_ = schema;
     schemas_.push_back(schema);
   }
-  /// Throws when the table holds a key that was not read.
+  /// Throws InputError when the table holds a key that was not read.
   void finish() const;
 
+  /// Throws InputError "FILE:LINE: 'section.key' what"; with an empty key: "FILE:LINE: what".
   [[noreturn]] void fail(const std::string& key, const std::string& what) const;
 
  private:

@@ -199,22 +199,23 @@ struct Scene {
 
   [[nodiscard]] int joints() const { return type == MechanismType::five_bar ? 4 : 2; }
   [[nodiscard]] int motors() const { return all_motors ? joints() : 2; }
+  /// Whether a controller computes the torques: the law is neither open_loop nor none.
   [[nodiscard]] bool closed_loop() const { return law != LawChoice::open_loop && law != LawChoice::none; }
-  /// Whether the law has a sliding surface and a switching gain.
+  /// Whether the law has a sliding surface and a switching gain: esmc, esmc_projected, smc.
   [[nodiscard]] bool sliding() const { return law <= LawChoice::smc; }
   /// Whether the ODrive protocol carries the drives, of either firmware.
   [[nodiscard]] bool odrive() const {
     return drives.protocol == Protocol::odrive || drives.protocol == Protocol::odrive_0_5;
   }
-  [[nodiscard]] double tick() const { return 1.0 / rate_hz; }
-  /// Joint of a motor, motors in the order of [drives].
+  [[nodiscard]] double tick() const { return 1.0 / rate_hz; }  ///< s
+  /// Index of the joint of each motor, in the order of [drives]; five-bar with two motors: 0 and 2.
   [[nodiscard]] std::vector<std::size_t> motor_joints() const {
     const auto n = static_cast<std::size_t>(motors()), all = static_cast<std::size_t>(joints());
     std::vector<std::size_t> out;
     for (std::size_t m = 0; m < n; ++m) out.push_back(m * all / n);
     return out;
   }
-  [[nodiscard]] RrParams<double> arm() const { return {mechanism.legs[0], mechanism.g}; }
+  [[nodiscard]] RrParams<double> arm() const { return {mechanism.legs[0], mechanism.g}; }  ///< type rr
 };
 
 /// Ticks between the controller's heartbeats (CANopen): a third of the drives' time-out, so that one may be
@@ -225,7 +226,8 @@ struct Scene {
       std::clamp(std::floor(scene.drives.watchdog_timeout * scene.rate_hz / 3.0), 1.0, 20.0));
 }
 
-/// Identifiers that the drives of a scene send or receive.
+/// Returns CAN identifiers that the drives of a scene send or receive: for ODrives the first of each node's
+/// block of 32, else all of them.
 std::vector<std::uint32_t> drive_identifiers(const Scene& scene);
 /// Throws InputError where a scene has effects that need a bus and there is none; `why`: "esmc sim has no
 /// bus".
@@ -234,7 +236,7 @@ void refuse_bus_effects(const Scene& scene, const std::string& why);
 /// Reads a scene; `sets` are "section.key=value" overrides. The scene is possible and its start reachable:
 /// else throws InputError with file, line, key and the allowed values.
 Scene read_scene(const std::string& file, const std::vector<std::string>& sets);
-/// Same from a text; `name` stands for the file in errors.
+/// Reads a scene from TOML text, otherwise like read_scene; `name` stands for the file in errors.
 Scene read_scene_text(const std::string& text, const std::string& name, const std::vector<std::string>& sets);
 
 }  // namespace esmc::host

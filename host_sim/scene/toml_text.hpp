@@ -7,20 +7,21 @@
 
 namespace esmc::host {
 
-/// The bytes of a file no longer than any scene; `what` names its kind in errors. Throws InputError.
+/// Returns the bytes of a regular file of at most 1 MiB; `what` names its kind in errors. Throws InputError
+/// for a longer file and for one that is missing, a directory or not readable.
 std::string read_text_file(const std::string& file, const std::string& what);
 
 /// Parses a scene and merges the "section.key=value" overrides of `sets` into it. An override of a `type`
 /// drops the file's keys of the former type, a start drops the file's other starts, and accuracy and
 /// integrator or step drop each other. Throws InputError.
 toml::table parse_scene_file(const std::string& file, const std::vector<std::string>& sets);
-/// Same from a text; `name` stands for the file in errors.
+/// Parses a scene from TOML text, otherwise like parse_scene_file; `name` stands for the file in errors.
 toml::table parse_scene_text(const std::string& text, const std::string& name,
                              const std::vector<std::string>& sets);
 
 /// Place of a node, for messages: "FILE:LINE", or "--set key=value".
 std::string place(const toml::node& node, const std::string& file);
-/// `where`, followed by every other --set below `nodes`, which may be null.
+/// Returns `where`, followed by " with" and every other --set at or below `nodes`; null nodes are skipped.
 std::string with_sets(const std::string& where, const std::vector<const toml::node*>& nodes);
 
 /// A table as text that reads back to the same values, numbers as short as that allows (0.35, where toml++
