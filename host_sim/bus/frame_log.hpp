@@ -21,12 +21,12 @@ class FrameLog {
   /// for the replay of one end: number of the node's look at the bus, sent or received, age.
   FrameLog(std::FILE* file, std::string interface, std::uint32_t bitrate, std::FILE* passage = nullptr);
 
-  /// Virtual time of the tick that begins, s. Frames of the tick follow each other at the bit rate.
+  /// Sets the virtual time of the tick that begins, s, never back. Its frames follow at the bit rate.
   void tick(double time_s) {
     const auto now = static_cast<std::int64_t>(time_s * 1e6 + 0.5);
     time_us_ = now > time_us_ ? now : time_us_;
   }
-  /// Likewise, called once per tick: counts the load of the tick before.
+  /// Calls tick(), and adds the bits of the tick before to load(). Call once per tick.
   void begin_tick(double time_s) {
     tick(time_s);
     if (file_ == nullptr) return;
@@ -35,6 +35,7 @@ class FrameLog {
   }
   /// The node looks at the bus again: it did not know of the frames that it receives from here on.
   void look() { ++looks_; }
+  /// Counts and logs a frame that the node has sent, or received after it waited for age_us.
   void sent(const hal::CanFrame& f) {
     frame(f);
     if (passage_ != nullptr) pass(true, 0);
@@ -68,7 +69,7 @@ class FrameLog {
   Binned load_;
 };
 
-/// A bus whose traffic, as one node sees it, goes through a FrameLog.
+/// A bus whose traffic, as one node sees it, goes through a FrameLog. Bus and log must outlive it.
 template <hal::CanBus Bus>
 class Tapped {
  public:
@@ -96,7 +97,7 @@ class Tapped {
   }
   [[nodiscard]] Bus& bus() { return *bus_; }
   [[nodiscard]] const Bus& bus() const { return *bus_; }
-  [[nodiscard]] std::uint64_t lost() const { return lost_; }
+  [[nodiscard]] std::uint64_t lost() const { return lost_; }  ///< frames that the bus did not take
 
  private:
   [[nodiscard]] std::uint32_t age_us() const {

@@ -16,14 +16,14 @@ namespace esmc::host {
 
 class HostBus {
  public:
-  /// `name`: for messages.
+  /// `name`: for messages. A recording must outlive the bus.
   HostBus(std::string name, hal::SocketCan socket) : name_(std::move(name)), bus_(std::move(socket)) {}
   HostBus(std::string name, std::unique_ptr<hal::SlcanAdapter> adapter)
       : name_(std::move(name)), bus_(std::move(adapter)) {}
   explicit HostBus(RecordedBus& recorded) : name_(recorded.interface()), bus_(&recorded) {}
 
   [[nodiscard]] const std::string& name() const { return name_; }
-  /// For frames.log: a word, not a path.
+  /// Name for frames.log: "slcan" on a serial line, else name().
   [[nodiscard]] std::string interface() const { return serial() ? "slcan" : name_; }
 
   hal::SendStatus try_send(const hal::CanFrame& f) {
@@ -34,13 +34,13 @@ class HostBus {
     if (RecordedBus* r = recorded()) return r->try_receive(f);
     return serial() ? adapter().try_receive(f) : std::get<hal::SocketCan>(bus_).try_receive(f);
   }
-  /// 0, not known, on a serial line.
+  /// Age, us, of the frame last received, when it was received; 0, not known, on a serial line.
   [[nodiscard]] std::uint32_t frame_age_us() const {
     if (const RecordedBus* r = recorded()) return r->frame_age_us();
     return serial() ? 0U : std::get<hal::SocketCan>(bus_).frame_age_us();
   }
 
-  /// Null: not a recording.
+  /// The recording that this bus is; null: it is an interface or a serial line.
   [[nodiscard]] RecordedBus* recorded() const {
     return bus_.index() == 2 ? std::get<RecordedBus*>(bus_) : nullptr;
   }
@@ -48,18 +48,18 @@ class HostBus {
     if (RecordedBus* r = recorded()) r->look();
   }
 
-  /// The other end of the serial line is gone for good. (An interface may come up again.)
+  /// Whether the other end of a serial line is gone for good; false on an interface, which may come up again.
   [[nodiscard]] bool gone() { return serial() && adapter().port().gone(); }
-  /// Received bytes wait in the port, unknown to poll().
+  /// Whether received bytes wait in the serial port, unknown to poll().
   [[nodiscard]] bool has_input() { return serial() && adapter().port().has_input(); }
-  /// Argument of poll(): input, and room for unsent bytes.
+  /// Argument of poll(): input, and room for unsent bytes. Not for a recording: throws bad_variant_access.
   [[nodiscard]] pollfd polled() {
     if (!serial()) return {std::get<hal::SocketCan>(bus_).descriptor(), POLLIN, 0};
     hal::SerialPort& p = adapter().port();
     // A closed socket stays "readable".
     return {p.gone() ? -1 : p.descriptor(), static_cast<short>(POLLIN | (p.has_output() ? POLLOUT : 0)), 0};
   }
-  /// Sends the unsent bytes.
+  /// Sends unsent bytes of a serial line as far as it takes them.
   void flush() {
     if (serial()) adapter().port().flush();
   }

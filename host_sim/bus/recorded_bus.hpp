@@ -37,6 +37,7 @@ class RecordedBus {
     std::int64_t time_us;
   };
 
+  /// Takes any well-formed frame. One that is not the next of the recording becomes the deviation().
   [[nodiscard]] hal::SendStatus try_send(const hal::CanFrame& f) {
     if (!hal::well_formed(f)) return hal::SendStatus::refused;
     const bool then = head_ && head_->sent;
@@ -52,14 +53,14 @@ class RecordedBus {
     return true;
   }
   [[nodiscard]] std::uint32_t frame_age_us() const { return age_us_; }
-  /// The node looks at the bus again: it may receive the frames that had come by then.
+  /// Call before each look of the node at the bus: it may then receive the frames that had come by that look.
   void look() { ++looks_; }
 
-  /// The next recorded frame is one that the node received, at this look or a later one.
+  /// Whether the next recorded frame is one that the node received, at this look or a later one.
   [[nodiscard]] bool has_input() const { return head_ && !head_->sent; }
   [[nodiscard]] bool over() const { return !head_; }
   [[nodiscard]] const std::string& interface() const { return interface_; }
-  [[nodiscard]] std::uint64_t passed() const { return line_ - 1; }
+  [[nodiscard]] std::uint64_t passed() const { return line_ - 1; }  ///< recorded frames so far
   /// Call when the node is done: a sent frame that remains in the recording is then a deviation.
   void end() {
     for (; head_; advance()) {

@@ -30,8 +30,9 @@ struct BusMessage {
   Role role = Role::other;
 };
 
-/// Time from the nominal request of a message (its jitter included) to the end of its interframe space. `of`
-/// is an element of `all`. Empty: no bound below twenty of the longest periods.
+/// Longest time, in bit times, from the nominal request of a message (jitter included) to the end of its
+/// interframe space. `of` must be an element of `all`, not a copy. Empty: none below 20 of the longest
+/// periods.
 [[nodiscard]] std::optional<double> response_time(const std::vector<BusMessage>& all, const BusMessage& of);
 
 struct BusAnalysis {
@@ -52,7 +53,7 @@ struct BusAnalysis {
 /// Share of a tick that the controller waits for answers to SYNC, against the clock: later ones belong to the
 /// next tick.
 inline constexpr double patience_ticks = 0.4;
-/// The messages of a scene's loop, and their latencies.
+/// The messages of a scene's loop on the bus; and their worst latencies, s, with the load (1: full).
 [[nodiscard]] std::vector<BusMessage> bus_messages(const Scene& scene);
 [[nodiscard]] BusAnalysis analyse_bus(const Scene& scene);
 

@@ -15,7 +15,7 @@
 
 namespace esmc::host {
 
-/// Fault confinement of one node.
+/// Fault confinement of one node by the counters of ISO 11898-1. Each function below counts one event.
 class ErrorCounters {
  public:
   enum class State : std::uint8_t { active, passive, off };
@@ -30,7 +30,7 @@ class ErrorCounters {
   /// One good frame takes the counter back below the limit.
   void received() { receive_ = receive_ > 127 ? 119 : receive_ - (receive_ > 0 ? 1 : 0); }
   void receive_error() { receive_ += receive_ < 255 ? 1 : 0; }
-  void give_up() { transmit_ = 256; }
+  void give_up() { transmit_ = 256; }  ///< to bus-off at once
   void reset() { transmit_ = receive_ = 0; }
 
  private:
@@ -85,15 +85,16 @@ class TimedBus {
     latency_.clear();
   }
 
-  /// Asks `node` to send. The frame waits behind frames of the same identifier in the node.
+  /// Asks `node` to send; the frame waits behind those of the same identifier. refused: ill-formed or CAN FD;
+  /// bus_off; bus_full: its queue is full or the node cut off.
   hal::SendStatus send(std::size_t node, const hal::CanFrame& f);
-  /// Moves time to the end of the next frame and returns the frame; empty: none ends by `until`, which is
-  /// now.
+  /// Moves time to the end of the next frame and returns the frame; empty: none ends by `until`, and now() is
+  /// `until`.
   std::optional<Delivery> next(Time until);
-  /// No frame is on the wire, and no node has one to send now.
+  /// Whether no frame is on the wire and no node has one to send now.
   [[nodiscard]] bool quiet();
 
-  /// Restarts a node in bus-off: it returns after 128 times 11 recessive bits.
+  /// Restarts a node in bus-off: it returns after 128 times 11 recessive bits. No effect on another node.
   void restart(std::size_t node);
   [[nodiscard]] ErrorCounters counters(std::size_t node);
   [[nodiscard]] const Counts& counts() const { return counts_; }
@@ -162,7 +163,7 @@ class TimedBus {
   std::uint64_t busy_ = 0;
 };
 
-/// A node's access to the bus, with the frames that wait to be read.
+/// A node's access to the bus, which must outlive it, with the frames that wait to be read.
 class BusPort {
  public:
   BusPort(TimedBus& bus, std::size_t node) : bus_(&bus), node_(node) {}

@@ -29,7 +29,7 @@ struct WireFrame {
   std::uint32_t size = 0;
   std::uint32_t stuffed = 0;  ///< stuff bits among them
 };
-/// `f` is a well-formed classic frame.
+/// Bits of `f`, which must be a well-formed classic frame: it is not checked.
 [[nodiscard]] WireFrame on_the_wire(const hal::CanFrame& f);
 
 /// The exact length of this frame with its interframe space, in bits.

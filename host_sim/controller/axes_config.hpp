@@ -22,6 +22,7 @@ struct OdriveSettings {
   std::uint32_t silence_ticks = 1;  ///< after longer without a heartbeat the drive may have restarted
   std::uint32_t proof_ticks = 0;    ///< within which a starved watchdog must trip; 0: it is not tested
 };
+/// Settings of the controller for drive i of a scene, which must have that protocol: it is not checked.
 OdriveSettings odrive_settings(const Scene& scene, Pacing pacing, std::size_t i);
 drive::Cia402Settings cia402_settings(const Scene& scene, std::size_t i);
 drive::MitAxis::Settings mit_settings(const Scene& scene, std::size_t i);

@@ -38,7 +38,7 @@ ReferenceBundle<float> make_reference<float>(const Scene& scene, Pacing pacing);
 
 /// The controller's belief: the true mechanism times the factors of [control.model].
 FiveBarParams<double> believed_mechanism(const Scene& scene);
-/// Whether both have the same poses.
+/// Whether l1, l2 and l0 of both are equal to the last bit, and so all poses.
 [[nodiscard]] bool same_lengths(const FiveBarParams<double>& a, const FiveBarParams<double>& b);
 
 /// The same numbers in another scalar type.
@@ -63,6 +63,7 @@ Rr<S> make_mechanism(const FiveBarParams<double>& p, const Rr<S>*) {
   return Rr<S>(RrParams<S>{c.legs[0], c.g});
 }
 
+/// Working and assembly mode of a scene; the null pointer chooses the type.
 template <class S>
 typename FiveBar<S>::Mode mode_of(const Scene& s, const FiveBar<S>*) {
   return {{{s.working_mode[0], s.working_mode[1]}}, s.assembly_mode};
@@ -77,7 +78,7 @@ typename Rr<S>::Mode mode_of(const Scene& s, const Rr<S>*) {
   return static_cast<std::uint32_t>(std::llround(s.duration * s.rate_hz));
 }
 
-/// Steps of a fixed-step integrator in a tick.
+/// Steps of a fixed-step integrator in a tick, >= 1, none longer than simulation.step.
 [[nodiscard]] inline int steps_per_tick(const Scene& s) {
   return std::max(1, static_cast<int>(std::ceil(s.tick() / s.step - 1e-9)));
 }

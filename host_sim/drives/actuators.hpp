@@ -17,7 +17,8 @@ class TorqueStage {
   explicit TorqueStage(const std::vector<Effect>& effects)
       : saturation_(find_effect<TorqueSaturation>(effects)), thermal_(find_effect<ThermalLimit>(effects)) {}
 
-  /// Delivered torque over a tick of `seconds`, N m; sets `clipped` where it differs from `torque`.
+  /// Delivered torque over a tick of `seconds`, N m; sets `clipped` where it differs from `torque`, never
+  /// clears it. Heats the motor: call once per tick.
   [[nodiscard]] double operator()(double torque, double seconds, bool& clipped) {
     double out = torque;
     if (saturation_) out = std::clamp(out, -saturation_->limit, saturation_->limit);
@@ -63,7 +64,8 @@ class Actuators {
     return out;
   }
 
-  /// Moves the plant over a tick that began at t, in steps no longer than `step`.
+  /// Moves the plant over `seconds` from t, s, in steps no longer than `step`, s. `torque`, N m per joint,
+  /// acts at once, or after the delay of compute_delay and jitter: until then the torques before it.
   void advance(Motion<Plant>& motion, double t, double seconds, double step, const Joints& torque) {
     if (!late_ && !jitter_) return motion.advance(t, seconds, count(seconds, step), {torque, nullptr});
     double delay = late_ ? late_->time : 0.0;

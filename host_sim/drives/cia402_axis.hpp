@@ -36,7 +36,7 @@ class Cia402Axis final : public EmulatedAxis {
   bool receive(const hal::CanFrame& f, const Send& send) override;
   [[nodiscard]] bool commanded_by(const hal::CanFrame& f) const override;
   [[nodiscard]] bool closed_loop() const override;
-  /// Object 603F.
+  /// Error code, object 603F; 0: none.
   [[nodiscard]] std::uint32_t error() const override { return value(0x603F, 0); }
   /// Consecutive statuswords that reported operation enabled.
   [[nodiscard]] int confirmations() const override { return confirmations_; }

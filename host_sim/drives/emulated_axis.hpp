@@ -16,6 +16,7 @@ struct AxisMount {
   int node = 0;
   double direction = 1.0, gear_ratio = 1.0, offset = 0.0;  ///< offset: rad
 
+  /// Turns of the shaft per radian of the joint, signed.
   [[nodiscard]] double rev_per_rad() const { return direction * gear_ratio / (2.0 * std::numbers::pi); }
 };
 
@@ -25,12 +26,12 @@ class EmulatedAxis {
 
   virtual ~EmulatedAxis() = default;
 
-  /// The joint has been at rest at this angle, rad, for long.
+  /// Resets the sensor to a joint that has been at rest at this angle, rad, for long.
   virtual void settle(double joint_angle) { sensor_.settle(truth(joint_angle, 0.0)); }
   /// One period of the drive (sensor, watchdog, periodic frames) with its joint at rad and rad/s. In lockstep
   /// this begins a tick, and exactly one of the frames is the axis' report of the tick.
   virtual void publish(double joint_angle, double joint_rate, const Send& send) = 0;
-  /// A frame from the bus; `send` for its replies. Returns true when it completes the command of a tick.
+  /// Takes a frame from the bus, of any node; replies go to `send`. True: it completes the command of a tick.
   virtual bool receive(const hal::CanFrame& f, const Send& send) = 0;
   /// True for a command to this axis that only a controller sends: no request, no emergency stop, no frame of
   /// a drive.
@@ -42,7 +43,7 @@ class EmulatedAxis {
   [[nodiscard]] virtual bool closed_loop() const = 0;
   /// Error word of the drive; 0: none.
   [[nodiscard]] virtual std::uint32_t error() const = 0;
-  /// Its watchdog has set the torque to zero, in a protocol that does not report that as an error.
+  /// Whether its watchdog has set the torque to zero, in a protocol that does not report that as an error.
   [[nodiscard]] virtual bool timed_out() const { return false; }
   /// Consecutive reports of torque control without error; the controller waits for two.
   [[nodiscard]] virtual int confirmations() const = 0;

@@ -24,6 +24,7 @@ struct SeatedAxis {
   std::unique_ptr<EmulatedAxis> drive;
   bool answered = false;  ///< its torque command of the tick has come
 };
+/// The drives of a scene as power-up leaves them, in the order of [drives].
 [[nodiscard]] inline std::vector<SeatedAxis> make_axes(const Scene& scene, bool lockstep) {
   std::vector<SeatedAxis> out;
   for (const PlacedAxis& a : placed_axes(scene)) out.push_back({a, make_axis(scene, a, lockstep)});
@@ -72,7 +73,7 @@ class EmulatedPlant {
   /// Virtual time since the start of arming, s.
   [[nodiscard]] double time() const { return static_cast<double>(ticks_) * tick_; }
 
-  /// Begins a tick: the brake opens where the drives have confirmed.
+  /// Begins a tick: the brake opens if every motor has confirmed; time() grows by a tick.
   void begin_tick() {
     released_ = released_ || all_motors([](const EmulatedAxis& d) { return d.confirmations() >= 2; });
     ++ticks_;
@@ -89,13 +90,13 @@ class EmulatedPlant {
       if (seen) a.drive->publish(seen->angle, seen->rate, [&](const hal::CanFrame& f) { send(i, f); });
     }
   }
-  /// Begins a tick of healthy drives, each with its own access to the bus.
+  /// Begins a tick in which every drive reports what it is; `send(axis, frame)` takes each frame.
   template <class Send>
   void publish_from(const Send& send) {
     begin_tick();
     publish(send, [](std::size_t, const Reading& now) { return std::optional(now); });
   }
-  /// Begins a tick of healthy drives with one access to the bus, which counts lost frames.
+  /// Same as publish_from, but all frames go to `bus`; one that it does not take is lost.
   template <hal::CanBus Bus>
   void publish(Bus& bus) {
     publish_from([&](std::size_t, const hal::CanFrame& f) { (void)bus.try_send(f); });
@@ -108,13 +109,15 @@ class EmulatedPlant {
     a.answered = a.drive->receive(f, [&](const hal::CanFrame& reply) { send(axis, reply); }) || a.answered;
   }
   static constexpr int frames_at_once = 4096;  ///< read before the caller checks its deadline again
-  /// Reads frames until every motor has its torque of this tick: later frames belong to the next tick.
+  /// Reads frames until every motor has its torque of this tick (later ones belong to the next), none waits,
+  /// or frames_at_once are read. Judge by answered().
   template <hal::CanBus Bus>
   void collect(Bus& bus) {
     for (int n = 0; n < frames_at_once && !answered() && take(bus, [](const hal::CanFrame&) {}); ++n) {
     }
   }
-  /// Reads all waiting frames. Returns the number of commands to these drives among them.
+  /// Reads the waiting frames, frames_at_once at most. Returns the number of commands to these drives in
+  /// them.
   template <hal::CanBus Bus>
   int drain(Bus& bus) {
     int commands = 0;
@@ -125,7 +128,7 @@ class EmulatedPlant {
     }
     return commands;
   }
-  /// Every motor has received a torque command since publish().
+  /// Whether every motor has received a torque command since publish().
   [[nodiscard]] bool answered() const {
     return std::ranges::all_of(axes_, [](const SeatedAxis& a) { return !a.placed.motor || a.answered; });
   }
@@ -138,7 +141,8 @@ class EmulatedPlant {
     }
     return out;
   }
-  /// Torques (N m) that the drives deliver of `asked` over `seconds`. Call once before each advance().
+  /// Torques (N m) that the drives deliver of `asked` over `seconds`. Call once before each advance(). Sets
+  /// `clipped` where a limit acts, never clears it.
   [[nodiscard]] Joints deliver(const Joints& asked, double seconds, bool& clipped) {
     return actuators_.deliver(asked, seconds, clipped);
   }
@@ -148,17 +152,17 @@ class EmulatedPlant {
   }
   [[nodiscard]] int state_dimension() const { return motion_.state_dimension() + actuators_.states(); }
 
-  /// Every motor is in torque control.
+  /// Whether every motor is in torque control.
   [[nodiscard]] bool closed_loop() const {
     return all_motors([](const EmulatedAxis& d) { return d.closed_loop(); });
   }
-  /// A motor has left torque control after the release.
+  /// Whether a motor is out of torque control after the release.
   [[nodiscard]] bool disarmed() const { return released_ && !closed_loop(); }
   /// The watchdog of a motor that stays in torque control has set its torque to zero after the release.
   [[nodiscard]] bool timed_out() const {
     return released_ && !all_motors([](const EmulatedAxis& d) { return !d.timed_out(); });
   }
-  /// A drive reports an error.
+  /// Whether a drive reports an error.
   [[nodiscard]] bool failed() const { return drive_errors() != 0; }
   /// Error words of all drives, or-ed.
   [[nodiscard]] std::uint32_t drive_errors() const {

@@ -21,7 +21,7 @@ struct PlacedAxis {
   std::size_t entry = 0;  ///< in the lists of [drives]
 };
 
-/// Motors first (base joints first), then passive encoders: the order of the scene.
+/// Joint and mount of every drive of a scene, motors first, then passive encoders: the order of [drives].
 inline std::vector<PlacedAxis> placed_axes(const Scene& s) {
   std::vector<PlacedAxis> out;
   for (std::size_t i = 0; i < s.drives.nodes.size(); ++i) {
@@ -53,16 +53,17 @@ inline MitAxis::Settings mit_settings(const Scene& s, std::size_t motor, bool lo
   return out;
 }
 
-/// Speed that an ODrive must allow, rev/s of the shaft, and current for the largest torque of the controller,
-/// A.
+/// Speed, rev/s of the shaft, that an ODrive must allow for limits.joint_speed.
 inline double odrive_vel_limit(const Scene& s, std::size_t motor) {
   return s.limits.joint_speed * s.drives.gear_ratio[motor] / (2.0 * std::numbers::pi);
 }
+/// Current, A, for the torque_limit of `motor`; torque_constant in N m/A, > 0.
 inline double odrive_current(const Scene& s, std::size_t motor, double torque_constant) {
   return s.torque_limit[motor] / s.drives.gear_ratio[motor] / torque_constant;
 }
 
-/// The axis as the real drive would be configured for a scene. `lockstep`: its ticks are the controller's.
+/// Makes the emulated drive as the real one would be configured for a scene. `lockstep`: its ticks are the
+/// controller's.
 inline std::unique_ptr<EmulatedAxis> make_axis(const Scene& s, const PlacedAxis& a, bool lockstep = true) {
   const SensorEffects sensor(s.effects);
   if (s.drives.protocol == Protocol::mit && a.motor) {

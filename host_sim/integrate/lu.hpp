@@ -39,7 +39,7 @@ class Lu {
     return true;
   }
 
-  /// x becomes the solution for the right-hand side x.
+  /// Replaces the right-hand side in x by the solution; n as in factor(), which must have returned true.
   void solve(std::size_t n, Vector& x) const {
     for (std::size_t k = 0; k < n; ++k) std::swap(x[k], x[pivot_[k]]);
     for (std::size_t i = 1; i < n; ++i) {

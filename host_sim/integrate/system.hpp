@@ -70,7 +70,7 @@ struct Advance {
   [[nodiscard]] bool ok() const { return reason == Reason::reached || reason == Reason::event; }
 };
 
-/// The first n entries; the others stay as they are.
+/// Copies the first n entries; the others of `to` stay.
 template <class State>
 void copy_entries(std::size_t n, const State& from, State& to) {
   std::copy_n(from.begin(), n, to.begin());
