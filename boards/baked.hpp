@@ -19,6 +19,7 @@ struct Enum {
 template <class... T>
 inline constexpr int size = 1 + static_cast<int>(sizeof...(T));
 
+/// A column vector of these entries.
 template <class S, class... T>
 [[nodiscard]] Vec<S, size<T...>> column(S first, T... rest) {
   Vec<S, size<T...>> v;

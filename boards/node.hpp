@@ -144,7 +144,7 @@ class TimedLoop {
   [[nodiscard]] std::uint32_t instant_us() const {
     return !asked_ ? next_us_ : (Node::samples_on_demand ? began_us_ + patience_us_ : began_us_);
   }
-  /// Delay of the last tick.
+  /// Delay of the last tick against its instant, us.
   [[nodiscard]] std::uint32_t lateness_us() const { return lateness_us_; }
   /// Number of late ticks since the start.
   [[nodiscard]] std::uint32_t late() const { return late_; }

@@ -32,7 +32,7 @@ struct Modes {
 
 /// Covariance of the gradient A^T r at the minimum of |r| = |A x - b|. Equations stand in pairs of rows, in
 /// the order of time. Residuals are correlated in time, so it is taken from how the gradients of consecutive
-/// blocks of equations scatter: `blocks` of them, more than A has columns. One block gives 0.
+/// blocks of equations scatter: `blocks` >= 1 of them, better more than A has columns. One block gives 0.
 [[nodiscard]] Matrix gradient_covariance(const Matrix& A, const Vector& r, Eigen::Index blocks);
 
 }  // namespace esmc::host

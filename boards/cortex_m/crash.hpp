@@ -22,8 +22,8 @@ struct CrashRecord {
     return mark ^
            (exception + 3U * fault_status + 5U * address + 13U * sp + 17U * hard_status + 7U * pc + 11U * lr);
   }
-  [[nodiscard]] bool sealed() const { return valid == sum(); }
-  void seal() { valid = sum(); }
+  [[nodiscard]] bool sealed() const { return valid == sum(); }  ///< a complete record is there
+  void seal() { valid = sum(); }                                ///< call when all fields are set
   void forget() { valid = 0; }
 };
 extern CrashRecord crash_record;

@@ -28,7 +28,7 @@ class LinuxBoard {
     bool known_ = false, high_ = false;
   };
   [[nodiscard]] hal::SocketCan& bus() { return bus_; }
-  /// None: the drives' own watchdogs react if the computer stops.
+  /// There is no watchdog: the drives' own ones react if the computer stops.
   [[nodiscard]] NoWatchdog& watchdog() { return watchdog_; }
   /// A line without a request is not wired: the contact counts as closed, an output has no effect.
   [[nodiscard]] hal::GpioLine& enable() { return enable_; }

@@ -20,8 +20,9 @@ class Histogram {
     if (us > most_) most_ = us;
   }
   [[nodiscard]] std::uint64_t count() const { return count_; }
-  [[nodiscard]] std::uint32_t most() const { return most_; }
-  /// The value that a share (0..1) of all does not exceed; 1000: that or more.
+  [[nodiscard]] std::uint32_t most() const { return most_; }  ///< us, not cut at 1000
+  /// The value, us, that a share (0..1) of all does not exceed; 1000: that or more; 0 also where there is
+  /// none.
   [[nodiscard]] std::uint32_t quantile(double share) const {
     std::uint64_t seen = 0;
     for (std::uint32_t us = 0; us < bins_.size(); ++us) {
@@ -79,8 +80,8 @@ class Recorder {
     rows_[head % size] = row;
     head_.store(head + 1, std::memory_order_release);
   }
-  [[nodiscard]] std::uint64_t lost() const { return lost_; }
-  /// Writes the rest of the ring to the file.
+  [[nodiscard]] std::uint64_t lost() const { return lost_; }  ///< rows that found the ring full
+  /// Waits until the rest of the ring is written; rows pushed later are dropped. The file stays open.
   void close() {
     over_.store(true, std::memory_order_release);
     if (reader_.joinable()) reader_.join();

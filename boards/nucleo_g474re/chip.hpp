@@ -75,7 +75,7 @@ struct NucleoG474re {
   }
   static void prepare_can() {}
 
-  /// From the random number generator, on the 48 MHz oscillator.
+  /// A word of the random number generator, on the 48 MHz oscillator; 0: it gives none.
   [[nodiscard]] static Word random() {
     set_bits(rcc + 0x98, 1);  // CRRCR: HSI48
     if (!await(rcc + 0x98, 2, 2)) return 0;

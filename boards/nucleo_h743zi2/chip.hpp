@@ -94,7 +94,7 @@ struct NucleoH743zi2 {
     reg(0x4000'A804U) = 1U << 6;
   }
 
-  /// From the random number generator, on the 48 MHz oscillator.
+  /// A word of the random number generator, on the 48 MHz oscillator; 0: it gives none.
   [[nodiscard]] static Word random() {
     set_bits(rcc, 1U << 12);  // CR: HSI48ON
     if (!await(rcc, 1U << 13, 1U << 13)) return 0;

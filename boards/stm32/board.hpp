@@ -17,7 +17,7 @@ class NucleoBoard {
     cause_ = Chip::reset_cause();
     console_.start(Chip::reset_clock_hz);
   }
-  /// Starts clocks and bus.
+  /// Starts clocks and bus (bit/s). Returns which of them failed; the rest is then not started.
   [[nodiscard]] StartFault start(Word bit_rate) {
     if (const StartFault fault = Chip::start_clocks(); fault != StartFault::none) return fault;
     console_.start(Chip::console_clock_hz);
@@ -31,9 +31,9 @@ class NucleoBoard {
   [[nodiscard]] static const Pin& enable() { return Chip::enable; }
   [[nodiscard]] static const Pin& drive_enable() { return Chip::drive_enable; }
   [[nodiscard]] static const Pin& brake() { return Chip::brake; }
-  /// Of parameters, in bank 2 of the flash; the code lies in bank 1 (memory.ld), which stays readable while
-  /// bank 2 is erased (25 ms on a G4, up to four seconds on an H7). So ticks and the refresh of the watchdog
-  /// go on; only a read of bank 2 would wait, and the driver does not read it then.
+  /// Slots of parameters, in bank 2 of the flash; the code lies in bank 1 (memory.ld), which stays readable
+  /// while bank 2 is erased (25 ms on a G4, up to four seconds on an H7). So ticks and the refresh of the
+  /// watchdog go on; only a read of bank 2 would wait, and the driver does not read it then.
   [[nodiscard]] Chip::Slots& slots() { return slots_; }
   [[nodiscard]] Word now_us() const { return microseconds(); }
   [[nodiscard]] Console& console() { return console_; }

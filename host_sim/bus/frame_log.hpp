@@ -49,8 +49,8 @@ class FrameLog {
   /// Throws RunError when a file could not be written completely.
   void close();
 
-  [[nodiscard]] std::uint64_t frames() const { return frames_; }
-  [[nodiscard]] std::uint64_t bits() const { return bits_; }  ///< with worst-case stuffing, or as given
+  [[nodiscard]] std::uint64_t frames() const { return frames_; }  ///< also where nothing is written
+  [[nodiscard]] std::uint64_t bits() const { return bits_; }      ///< with worst-case stuffing, or as given
   /// Bits before the first tick, then of each tick but the last. Empty where nothing is written.
   [[nodiscard]] const Binned& load() const { return load_; }
 

@@ -67,7 +67,7 @@ class RecordedBus {
       if (head_->sent) return deviate(head_->frame, std::nullopt);
     }
   }
-  [[nodiscard]] const std::optional<Deviation>& deviation() const { return deviation_; }
+  [[nodiscard]] const std::optional<Deviation>& deviation() const { return deviation_; }  ///< the first
 
  private:
   void advance() {

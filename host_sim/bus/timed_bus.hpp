@@ -15,7 +15,7 @@
 
 namespace esmc::host {
 
-/// Fault confinement of one node by the counters of ISO 11898-1. Each function below counts one event.
+/// Fault confinement of one node: the error counters of ISO 11898-1, which the events below change.
 class ErrorCounters {
  public:
   enum class State : std::uint8_t { active, passive, off };
@@ -78,7 +78,7 @@ class TimedBus {
   explicit TimedBus(const Config& config);
 
   [[nodiscard]] Time now() const { return now_; }
-  [[nodiscard]] double seconds(Time t) const { return static_cast<double>(t) / bitrate_; }
+  [[nodiscard]] double seconds(Time t) const { return static_cast<double>(t) / bitrate_; }  ///< t in s
   /// t = 0 of the scene is now. Latencies count from here on, without the frames of arming.
   void begin_run() {
     origin_ = now_;
@@ -98,7 +98,7 @@ class TimedBus {
   void restart(std::size_t node);
   [[nodiscard]] ErrorCounters counters(std::size_t node);
   [[nodiscard]] const Counts& counts() const { return counts_; }
-  [[nodiscard]] const std::vector<Latency>& latencies() const { return latency_; }
+  [[nodiscard]] const std::vector<Latency>& latencies() const { return latency_; }  ///< since begin_run()
   [[nodiscard]] std::uint64_t busy_bits() const { return busy_; }  ///< frames and error frames
 
  private:
@@ -175,7 +175,7 @@ class BusPort {
     return true;
   }
   [[nodiscard]] std::size_t waiting() const { return waiting_.size(); }
-  void deliver(const hal::CanFrame& f) { waiting_.push_back(f); }
+  void deliver(const hal::CanFrame& f) { waiting_.push_back(f); }  ///< to be read by try_receive()
 
  private:
   TimedBus* bus_;

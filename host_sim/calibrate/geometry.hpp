@@ -44,7 +44,7 @@ struct Calibration {
   bool converged = false;
   bool in_numbers = true;  ///< false: far from any mechanism; only `value` is set
 
-  [[nodiscard]] double sigma(int unknown) const;
+  [[nodiscard]] double sigma(int unknown) const;  ///< standard uncertainty, m or rad
 };
 
 /// Least squares in which angles and positions carry the errors (a Gauss-Helmert model): the correction of
@@ -53,8 +53,8 @@ struct Calibration {
 /// of white noise. Where the data determine nothing at all, every direction is weak and `value` nominal.
 [[nodiscard]] Calibration calibrate(const CalibrationProblem& problem);
 
-/// Effector from the base encoders (RR: both) of a row: the solution next to the one that the passive
-/// encoders tell. Empty: these lengths cannot be closed.
+/// Effector x + i y, m, in the base frame from the base encoders (RR: both) of a row: the solution next to
+/// the one that the passive encoders tell. Empty: these lengths cannot be closed.
 [[nodiscard]] std::optional<std::complex<double>> effector_from_base(const Unknowns& u, bool five_bar,
                                                                      const MeasuredAngles& angle);
 

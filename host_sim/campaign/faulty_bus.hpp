@@ -31,9 +31,9 @@ class FaultyBus {
   void from_computer(const hal::CanFrame& f) { orders_.push_back(f); }
   /// A frame of another node, which the controller and the drives receive.
   void from_stranger(const hal::CanFrame& f);
-  /// Frames of other nodes in this tick, after those of the drives.
+  /// Brings delayed frames and the flood of other nodes; call in each tick after the drives' frames.
   void inject_foreign_frames();
-  /// `foreign`: a command of another controller.
+  /// Brings what other nodes send after the tick, if that fault acts: an emergency stop, or `foreign`.
   void inject_foreign_frames_after_tick(const hal::CanFrame& foreign);
 
   /// The controller's access; satisfies hal::CanBus.

@@ -46,7 +46,7 @@ class FaultyPlant : public EmulatedPlant<Plant> {
   [[nodiscard]] const MotorState& motor(std::size_t i) const { return records_[i].state; }
   /// Distance that a motor's joint has turned since the last tick, rad.
   [[nodiscard]] double turned(std::size_t i) const { return records_[i].turned; }
-  /// As of the base; `scene` outlives this.
+  /// Same as EmulatedPlant::set_motion; `scene` must outlive this.
   void set_motion(Motion<Plant> motion, const Scene& scene) {
     Base::set_motion(std::move(motion), scene);
     scene_ = &scene;

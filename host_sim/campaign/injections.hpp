@@ -130,6 +130,6 @@ struct Injection {
                                        std::string_view only = {});
 /// Whether a guard of this scene must notice the wrong numbers in samples; true for faults without any.
 [[nodiscard]] bool has_to_show(const Injection& i, const Scene& scene);
-[[nodiscard]] std::string describe(const Injection& i);
+[[nodiscard]] std::string describe(const Injection& i);  ///< one line: fault, phase, length, drive, amount
 
 }  // namespace esmc::host

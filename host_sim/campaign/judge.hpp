@@ -62,7 +62,7 @@ class Judge {
 
   [[nodiscard]] const Verdict& verdict() const { return verdict_; }
   [[nodiscard]] const Reaction& reaction() const { return reaction_; }
-  /// "": none.
+  /// Name of the controller's first fault; "": none.
   [[nodiscard]] std::string_view first_fault() const { return first_fault_; }
 
   /// Judges a tick; call after its frames have arrived, before the mechanism moves. `first`: the fault

@@ -13,6 +13,7 @@ namespace esmc::host {
 
 class Findings {
  public:
+  /// Adds an error, formatted by fmt; refused() is true from then on. warning() adds a warning.
   template <class... Values>
   void error(fmt::format_string<Values...> text, Values&&... values) {
     refused_ = true;
@@ -30,11 +31,12 @@ class Findings {
   bool refused_ = false;
 };
 
-/// Gains, layer and lambda against tick and delay: docs/theory.md, "Boundary layers and the implicit law".
+/// Adds findings on gains, layer and lambda for this tick and delay: docs/theory.md, "Boundary layers and the
+/// implicit law".
 void judge_gains(const Scene& scene, Findings& f);
-/// The same for reaching `saturation` and `tanh`. `stiffness`: largest decay rate within the layer, 1/s.
+/// Adds findings on the layers of `saturation` and `tanh`. `stiffness`: largest decay rate within them, 1/s.
 void judge_layer(const Scene& scene, double stiffness, Findings& f);
-/// Springs too stiff for an explicit method with a fixed step.
+/// Adds findings on springs too stiff for an explicit method with a fixed step.
 void judge_step(const Scene& scene, Findings& f);
 
 }  // namespace esmc::host

@@ -63,7 +63,7 @@ CLI::IsMember one_of(const std::array<const char*, n>& names) {
   return CLI::IsMember(std::vector<std::string>(names.begin(), names.end()));
 }
 
-/// `to`: an integer, also an optional one.
+/// Adds an option for an integer >= 0; `to` may be optional. It and all below must outlive the parsing.
 template <class T>
 CLI::Option* add_integer(CLI::App& c, const std::string& option, T& to, const std::string& help) {
   return c

@@ -41,7 +41,7 @@ FiveBarParams<double> believed_mechanism(const Scene& scene);
 /// Whether l1, l2 and l0 of both are equal to the last bit, and so all poses.
 [[nodiscard]] bool same_lengths(const FiveBarParams<double>& a, const FiveBarParams<double>& b);
 
-/// The same numbers in another scalar type.
+/// The same numbers rounded to the scalar type S.
 template <class S>
 LegParams<S> cast(const LegParams<double>& p) {
   return {S(p.l1), S(p.l2), S(p.lg1), S(p.lg2), S(p.m1),     S(p.m2),

@@ -87,7 +87,7 @@ class Uncertain {
   [[nodiscard]] Interval gravity() const {
     return {p_->uncertainty.gravity.lower * p_->believed.g, p_->uncertainty.gravity.upper * p_->believed.g};
   }
-  [[nodiscard]] const Interval& payload() const { return p_->uncertainty.payload; }
+  [[nodiscard]] const Interval& payload() const { return p_->uncertainty.payload; }  ///< kg
   /// Whether the effector has rows with mass, which hold an uncertain payload.
   [[nodiscard]] bool effector_rows() const { return first > 0 && mass_[0] > 0.0; }
 
@@ -120,7 +120,8 @@ class Uncertain {
     out.moment = (of.believed.J - c.J) * s.alpha + c.m * dl * dot(n, a) - c.m * dl * dl * s.alpha;
     return out;
   }
-  /// The same of a point mass `m` at the effector, and of gravity on the believed one. In N.
+  /// Delta of a point mass `m`, kg, at the effector and of gravity g, m/s2, on the believed one: N, in N's
+  /// frame.
   [[nodiscard]] Vec2<double> tip_lack(const State<M>& s, double m, double g) const {
     const double own = first > 0 ? mass_[0] : 0.0;
     const Vec2<double> a = tip_wanted(s);

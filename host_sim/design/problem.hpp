@@ -91,6 +91,7 @@ template <class M>
                                t.desired_rates, t.desired_acceleration);
 }
 
+/// Sets t.pose to the desired pose less the error e. False: out of reach, or of the working mode.
 inline bool displaced(const FiveBar<double>& m, const FiveBar<double>::Mode& mode, const Vec2<double>& e,
                       Tracking<FiveBar<double>>& t) {
   return m.inverse(t.desired_pose.effector - e, mode, t.pose);

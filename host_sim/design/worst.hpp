@@ -14,6 +14,7 @@ namespace esmc::host::design {
   const double r = std::hypot(half, off);
   return {mean - r, mean + r};
 }
+/// Inverse of a 2 x 2 matrix; not finite where it is singular.
 [[nodiscard]] inline Mat<double, 2, 2> inverse(const Mat<double, 2, 2>& m) {
   Mat<double, 2, 2> out;
   out << m(1, 1), -m(0, 1), -m(1, 0), m(0, 0);
@@ -52,7 +53,7 @@ class Worst {
     }
   }
 
-  [[nodiscard]] const Mat<double, 2, 2>& believed() const { return believed_; }
+  [[nodiscard]] const Mat<double, 2, 2>& believed() const { return believed_; }  ///< H as believed
 
   /// Largest f(H, F) that the search finds at corners.
   template <class F>

@@ -90,7 +90,7 @@ class EmulatedPlant {
       if (seen) a.drive->publish(seen->angle, seen->rate, [&](const hal::CanFrame& f) { send(i, f); });
     }
   }
-  /// Begins a tick in which every drive reports what it is; `send(axis, frame)` takes each frame.
+  /// Begins a tick in which every drive reports its true state; `send(axis, frame)` takes each frame.
   template <class Send>
   void publish_from(const Send& send) {
     begin_tick();

@@ -32,7 +32,7 @@ struct Identification {
   std::vector<std::string> weak;
 };
 
-/// A log that is too short for its windows: how many ticks are needed.
+/// Least number of ticks that a log must have for the windows of p.
 [[nodiscard]] std::size_t ticks_needed(const IdentifyProblem& p);
 
 /// Least squares with the delay as one more unknown. The covariance is that of the estimator for residuals

@@ -70,8 +70,8 @@ class LiveApi final : public Service {
 struct EffectText {
   std::string type, parameters;
 };
-std::vector<EffectText> effect_texts(const std::string& toml);
-/// Adds a set; it replaces an earlier one of the same key.
+std::vector<EffectText> effect_texts(const std::string& toml);  ///< of a scene, in its order
+/// Returns `sets` with `set` at the end, in place of an earlier one of the same key.
 std::vector<std::string> with_set(std::vector<std::string> sets, const std::string& set);
 /// A hand that can move this mechanism: half of the force that its motors can hold at full reach.
 Hand usual_hand(const Scene& scene);

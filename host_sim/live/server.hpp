@@ -26,7 +26,7 @@ class Client {
   /// The next message to the page; empty: none now. Called when the last one has been sent, so that a slow
   /// page gets fewer.
   [[nodiscard]] virtual std::string next() = 0;
-  virtual void on_message(std::string_view message) = 0;
+  virtual void on_message(std::string_view message) = 0;  ///< of at most Server::message_max bytes
 
  protected:
   Client() = default;
@@ -74,8 +74,8 @@ class Server {
   Server() = default;
 };
 
-/// Bound to 127.0.0.1 and listening. Throws InputError where the port is taken, or where this program was
-/// built without a web server. The service outlives the server.
+/// Opens a server on 127.0.0.1 that listens. Throws InputError where the port is taken, or where this program
+/// was built without a web server. The service must outlive the server.
 std::unique_ptr<Server> open_server(const ServerOptions& options, Service& service);
 
 }  // namespace esmc::host

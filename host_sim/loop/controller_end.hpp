@@ -49,11 +49,11 @@ class ControllerEnd {
       return sample_;
     }
   }
-  /// A drive has sent a frame.
+  /// Whether any drive has sent a frame.
   [[nodiscard]] bool heard() const {
     return with([](const auto& c) { return c.heard(); });
   }
-  /// More frames came in a tick than a tick may read.
+  /// Whether more frames came since the last tick than a tick may read.
   [[nodiscard]] bool overloaded() const {
     return with([](const auto& c) { return c.overloaded(); });
   }
@@ -93,7 +93,7 @@ class ControllerEnd {
   Waited await_samples() {
     return wait_for(bus_, [&] { return receive_samples(); });
   }
-  /// Asks the drives to arm, every `retry`, until one of them answers. Silent: after 5 s.
+  /// Asks the drives to arm, every `retry`, until one answers or a fault is latched: done. Silent: after 5 s.
   Waited await_drives(std::chrono::milliseconds retry) {
     const auto answered = [&] {
       receive();
@@ -108,6 +108,7 @@ class ControllerEnd {
     }
     return w;
   }
+  /// Reads the waiting frames. tick() acts on them; `answer`: it sends torque commands.
   void receive() {
     with([&](auto& c) { c.receive(bus_); });
   }
@@ -152,7 +153,7 @@ class ControllerEnd {
       tick(true);
     }
   }
-  /// Same, with ticks that the samples of the other end bring about.
+  /// Shuts down as above; each tick waits at most 20 ms for the samples of the other end.
   void shut_down() {
     shut_down([&] { return await_last_samples(); });
   }

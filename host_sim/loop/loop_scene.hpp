@@ -26,7 +26,7 @@ Scene read_loop_scene(const RunOptions& o);
 /// Throws RunError if `f` announces a controller with this scene's command.base_id that was made from another
 /// scene.
 void require_same_scene(const Scene& scene, const hal::CanFrame& f);
-/// s (in lockstep: of virtual time) until the plant's end reports that its drives are not armed: more than
+/// Time, s (in lockstep: virtual), until the plant's end reports that its drives are not armed: more than
 /// the controller takes to report it, and more again where a supervisor computer arms.
 [[nodiscard]] double arming_time_max(const Scene& scene);
 

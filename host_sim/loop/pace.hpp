@@ -7,7 +7,8 @@
 
 namespace esmc::host {
 
-/// Absolute instants k * period after the first call; late ones are counted and not made up for.
+/// Absolute instants k * period after construction. wait() sleeps until the next one; one missed by more than
+/// a period is counted as late, and the instants go on from now.
 class Pace {
  public:
   /// `waits` false: wait() returns at once, for a replay. `period_s` in s.

@@ -54,7 +54,7 @@ class PlantEnd {
   [[nodiscard]] Recorder<World>& recorder() { return recorder_; }
   [[nodiscard]] EmulatedPlant<Plant>& plant() { return plant_; }
   [[nodiscard]] bool released() const { return plant_.released(); }
-  [[nodiscard]] bool finished() const { return done_ >= ticks_; }
+  [[nodiscard]] bool finished() const { return done_ >= ticks_; }  ///< simulation.duration is over
   /// Recorded ticks.
   [[nodiscard]] std::uint32_t done() const { return done_; }
   /// Integration steps of a tick.
@@ -115,7 +115,7 @@ class PlantEnd {
     }
     ++done_;
   }
-  /// Under the torques of the last commands, over a whole tick.
+  /// Records the tick and moves over it under the torques of the last commands.
   void advance(const ControllerView<M>& seen) {
     const TorqueCommand whole{0.0, plant_.asked()};
     advance({&whole, 1}, seen);

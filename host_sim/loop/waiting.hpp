@@ -20,7 +20,7 @@
 
 namespace esmc::host {
 
-/// True: there is something to read, within `patience`.
+/// Waits up to `patience` for input on p. False: there is none. An error on p costs 1 ms.
 inline bool readable_within(pollfd p, std::chrono::nanoseconds patience) {
   const auto seconds = std::chrono::floor<std::chrono::seconds>(patience);
   const timespec time{static_cast<time_t>(seconds.count()), static_cast<long>((patience - seconds).count())};

@@ -32,7 +32,7 @@ class LineComparison {
   LineComparison(const LineComparison&) = delete;  // streams point to it
   LineComparison& operator=(const LineComparison&) = delete;
 
-  /// Text that the run writes, in pieces of any size.
+  /// Takes text that the run writes, in pieces of any size, and compares each line that is complete.
   void take(std::string_view text);
   /// The run writes no more; more lines in the recording are a difference.
   void end();
@@ -64,6 +64,7 @@ class Comparison {
 
   /// Stream for the run's file of this name; null: it is not compared. Opened again, it begins anew.
   [[nodiscard]] std::FILE* open(const std::string& name);
+  /// Compares the summaries; call once, at the end of the run: complete() is true from then on.
   void summary(const nlohmann::ordered_json& computed, const nlohmann::ordered_json& recorded);
   void add(Difference d) { others_.push_back(std::move(d)); }
 

@@ -26,7 +26,7 @@ inline std::vector<double> slope_weights() {
   return w;
 }
 
-/// Weights of the second derivative, likewise, per row squared.
+/// Weights of the second derivative on the rows -n..n, per row squared.
 inline std::vector<double> curvature_weights() {
   const auto n = static_cast<int>(derivative_half);
   double s0 = 0.0, s2 = 0.0, s4 = 0.0;

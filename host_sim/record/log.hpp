@@ -19,7 +19,7 @@ class Log {
   /// `file` is closed at the end; null: nothing is written. `rows`: expected, for thinning the report's copy.
   Log(std::FILE* file, std::vector<std::string> columns, std::size_t rows);
 
-  /// False: rows are ignored.
+  /// Whether there is a file. Without one row() must not be called.
   [[nodiscard]] bool wanted() const { return file_ != nullptr; }
   /// `values` of all columns but the last, which is `state`; empty: there is no such column.
   void row(const std::vector<double>& values, const char* state);

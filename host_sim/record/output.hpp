@@ -14,7 +14,8 @@ class Comparison;
 class OutputDirectory {
  public:
   OutputDirectory() = default;
-  /// Creates DIR if need be. Throws InputError when it cannot be written.
+  /// Creates DIR if need be; "": no file is wanted. Throws InputError when it cannot be written, or has a
+  /// file of an output's name that no earlier run has left.
   explicit OutputDirectory(const std::string& directory);
   /// Writes no file; compares the contents with those of a recording.
   explicit OutputDirectory(Comparison& against) : against_(&against) {}
@@ -27,10 +28,12 @@ class OutputDirectory {
   [[nodiscard]] std::string path(const std::string& name) const;
   /// Opens a file for writing; null when nothing is wanted. Throws InputError when it cannot be written.
   [[nodiscard]] std::FILE* open(const std::string& name) const;
+  /// Writes a whole file; no effect when none is wanted. Throws RunError when the disk is full.
   void write(const std::string& name, const std::string& text) const;
-  /// Throws InputError where a file of the run, other than `copy`, would replace this one.
+  /// Throws InputError where an output of the run, other than `copy`, would replace the file `input`.
   void spare(const std::string& input, const std::string& copy = "") const;
-  /// Moves all files into place or, when one cannot be replaced, none. Throws RunError.
+  /// Moves all files into place and removes those of an earlier run; where that fails, changes nothing and
+  /// throws RunError.
   void commit();
   [[nodiscard]] std::string directory() const { return final_.string(); }
 

@@ -75,7 +75,8 @@ inline void set_outcome(RunEnd& e, const Supervisor& supervisor) {
   e.faults.clear();
   if (supervisor.fault() != Fault::none) e.faults.emplace_back(name(supervisor.fault()));
 }
-/// Sets the mechanism's part of it: coordinates, rates, method; the energy error goes to the statistics.
+/// Sets the mechanism's part of the end of a run: coordinates, rates, method; the energy error goes to
+/// `statistics`.
 template <class Plant>
 void set_final_state(RunEnd& e, Motion<Plant>& motion, Statistics& statistics) {
   const typename Plant::Output o = motion.output();
@@ -106,7 +107,7 @@ class ReferenceTrack {
               !scene.predictor),
         true_lengths_(same_lengths(believed_mechanism(scene), scene.mechanism)) {}
 
-  [[nodiscard]] bool present() const { return present_; }
+  [[nodiscard]] bool present() const { return present_; }  ///< there is one, and its beginning is known
   [[nodiscard]] const ReferenceBundle<double>& bundle() const { return *bundle_; }
   /// Point::base is 0 from now on.
   void without_base() { with_base_ = false; }
@@ -172,6 +173,7 @@ class Recorder {
   using Plant = typename World::Plant;
   using M = typename World::Mechanism;
 
+  /// `scene` must outlive this. `log`: closed by this, null: none. `with_controller`: tick() sees its ticks.
   Recorder(const Scene& scene, Pacing pacing, std::FILE* log, bool with_controller)
       : scene_(scene),
         track_(scene, pacing, with_controller || !scene.drives.sign_test.value_or(false)),
@@ -182,7 +184,7 @@ class Recorder {
   [[nodiscard]] ReferenceTrack<World>& track() { return track_; }
   [[nodiscard]] Statistics& statistics() { return statistics_; }
   [[nodiscard]] Log& log() { return log_; }
-  void without_digest() { digest_ = false; }
+  void without_digest() { digest_ = false; }  ///< for the rest of the run
   /// Leaves out the errors of the base joints.
   void without_base_errors() {
     base_errors_ = false;
@@ -192,7 +194,8 @@ class Recorder {
   [[nodiscard]] bool reference_left() const { return reference_left_; }
 
   /// Records a tick that begins in the plant's present state, under `torque` (N m per joint) until the next.
-  /// `disarmed`: a drive has left closed loop; counts where the supervisor is not seen.
+  /// `disarmed`: a drive has left closed loop; counts where the supervisor is not seen. Throws Diverged where
+  /// the state is not finite.
   void tick(std::uint32_t n, Motion<Plant>& motion, const typename Plant::Joints& torque, bool saturated,
             const ControllerView<M>& seen, bool disarmed = false) {
     const typename Plant::Output o = motion.output();
@@ -313,7 +316,7 @@ class Recorder {
   std::vector<double> torque_, row_;
 };
 
-/// Throws InputError where the reference leaves the true mechanism's reach during the run.
+/// Throws InputError where the reference leaves the true mechanism's reach in the first 2e6 ticks of the run.
 template <class World>
 void require_reachable(const Scene& scene, Pacing pacing) {
   if (scene.reference.type == ReferenceType::none) return;

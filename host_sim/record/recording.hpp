@@ -45,7 +45,8 @@ struct Recording {
 /// this program.
 Recording read_recording(const std::string& directory, bool any_version);
 
-/// frames.log with frames.csv. Throws InputError where they do not fit together.
+/// Gives the frames of frames.log one by one, with frames.csv. Throws InputError where they do not fit
+/// together.
 RecordedBus::Source passed_frames(const Recording& r);
 
 }  // namespace esmc::host

@@ -62,7 +62,7 @@ struct TickRecord {
 
 class Statistics {
  public:
-  void add(const TickRecord& r);
+  void add(const TickRecord& r);  ///< tick by tick
   [[nodiscard]] std::uint64_t ticks() const { return ticks_; }
   /// s; tick of the fault. From it on errors do not count.
   [[nodiscard]] std::optional<double> fault_time() const { return fault_time_; }
@@ -71,7 +71,7 @@ class Statistics {
   double closure_max = 0.0, energy_error = 0.0;
   bool has_truth = true;  ///< false for a controller on its own: no closure, energy, final state, digest
 
-  /// Parts of the summary.
+  /// The objects `tracking` (null: no tick had a reference) and `torque` of the summary.
   [[nodiscard]] nlohmann::ordered_json tracking() const;
   [[nodiscard]] nlohmann::ordered_json torque() const;
 
@@ -108,6 +108,7 @@ class FrameLog;
 /// The bus part of a summary. `lost`: frames; `capacity`: bits that the bus could have carried.
 [[nodiscard]] BusSummary bus_summary(const FrameLog& frames, std::uint64_t lost, double capacity);
 
+/// The document summary.json of a run.
 nlohmann::ordered_json make_summary(const Scene& scene, const Statistics& s, const RunEnd& end);
 
 inline constexpr double chatter_share =

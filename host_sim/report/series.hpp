@@ -27,9 +27,9 @@ class Histogram {
     ++total_;
   }
   [[nodiscard]] std::uint64_t total() const { return total_; }
-  [[nodiscard]] double largest() const { return largest_; }
+  [[nodiscard]] double largest() const { return largest_; }  ///< s, like the mean; 0: none
   [[nodiscard]] double mean() const { return total_ > 0 ? sum_ / static_cast<double>(total_) : 0.0; }
-  [[nodiscard]] const std::array<std::uint64_t, bins>& counts() const { return counts_; }
+  [[nodiscard]] const std::array<std::uint64_t, bins>& counts() const { return counts_; }  ///< per bin
   /// Lower edge of a bin, s; edge(bins) is the upper edge of the last.
   [[nodiscard]] static double edge(std::size_t bin) { return std::bit_cast<double>((offset + bin) << shift); }
   /// A duration that the share `q` of all does not exceed: the upper edge of its bin, or the largest.
@@ -62,7 +62,7 @@ class Binned {
  public:
   static constexpr std::size_t most = 512;
 
-  /// One more tick, with its amount.
+  /// Adds one more tick, with its amount.
   void add(double amount) {
     if (ticks_ == most * stride_) {
       for (std::size_t i = 0; i < most / 2; ++i) bins_[i] = bins_[2 * i] + bins_[2 * i + 1];

@@ -14,7 +14,7 @@ struct Series {
   bool line = true;                               ///< from point to point
 };
 
-/// A figure with its legend. Lines differ in colour and marker.
+/// A figure (SVG) with logarithmic axes and a legend. Lines differ in colour and marker.
 std::string log_log_svg(const std::string& title, const std::string& x_label, const std::string& y_label,
                         const std::vector<Series>& series);
 
@@ -28,7 +28,7 @@ struct Bar {
 /// nothing to show.
 std::string bar_svg(const std::string& title, const std::string& x_label, const std::vector<Bar>& bars);
 
-/// How numbers are spread. `sorted`: finite, ascending, not all equal.
+/// A histogram (SVG) of numbers. `sorted`: finite, ascending, not all equal; it is not checked.
 std::string histogram_svg(const std::string& title, const std::string& x_label,
                           const std::vector<double>& sorted);
 

@@ -29,10 +29,10 @@ struct WorkspaceMap {
   std::vector<Path> type1, type2;  ///< loci: sin theta_j2 = 0, and sin(phi12 + phi22) = 0
 };
 
-/// Of a five-bar in the working mode `bend` (signs of sin theta_j2). `nodes` along the longer side, >= 2.
+/// Map of a five-bar in the working mode `bend` (signs of sin theta_j2). `nodes` along the longer side, >= 2.
 [[nodiscard]] WorkspaceMap workspace_map(const FiveBarParams<double>& m, const std::array<int, 2>& bend,
                                          const std::vector<MotorLimit>& motors, int nodes);
-/// Map of the RR arm.
+/// Map of the RR arm; `bend`: sign of sin theta2.
 [[nodiscard]] WorkspaceMap workspace_map(const RrParams<double>& m, int bend,
                                          const std::vector<MotorLimit>& motors, int nodes);
 

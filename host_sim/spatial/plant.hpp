@@ -38,7 +38,7 @@ class SpatialPlant {
   /// mass.
   explicit SpatialPlant(const HexapodParams<double>& p);
 
-  [[nodiscard]] Acceleration acceleration(const SpatialState& s, const Input& u) const;
+  [[nodiscard]] Acceleration acceleration(const SpatialState& s, const Input& u) const;  ///< m/s2, rad/s2
   [[nodiscard]] SpatialEnergy energy(const SpatialState& s) const;
   /// Power of the input less that of friction, W.
   [[nodiscard]] double power(const SpatialState& s, const Input& u) const;

@@ -40,7 +40,7 @@ struct SpatialScene {
   } measurement;
   double duration = 0.0, step = 1e-3;
 
-  [[nodiscard]] double tick() const { return 1.0 / rate_hz; }
+  [[nodiscard]] double tick() const { return 1.0 / rate_hz; }  ///< s
 };
 
 /// Reads FILE, then applies each of `sets`, "section.key=value". Throws InputError with file, line and key.

@@ -15,7 +15,9 @@ namespace esmc::host {
 
 using Json = nlohmann::ordered_json;
 
-/// One object of the input with the place to name in errors ("FILE:LINE: case 'id': state").
+/// One value of the input, which must outlive it, with the place to name in errors ("FILE:LINE: case 'id':
+/// state"). Reading functions throw InputError for an absent key, another type and a number that is not
+/// finite.
 class Node {
  public:
   Node(const Json& value, std::string where, std::string path)
@@ -104,7 +106,7 @@ inline Reaching read_switch(const Node& n) {
   n.at("switch").fail("'esmc.switch' must be sign, sat or tanh");
 }
 
-/// A list of numbers that must be >= 0, or > 0.
+/// Reads a list of N numbers, each >= 0 or, if `positive`, > 0. Throws InputError.
 template <class S, int N>
 Vec<S, N> read_bounded(const Node& n, const char* key, bool positive) {
   const Vec<S, N> v = n.vector<S, N>(key);

@@ -32,7 +32,8 @@ class CaseScenes {
   CaseScenes& operator=(const CaseScenes&) = delete;
   ~CaseScenes();
 
-  /// Throws InputError where these values make no possible scene: an unreachable start, for one.
+  /// The scene of a case, valid until the next call. Throws InputError where its values make no possible
+  /// scene.
   [[nodiscard]] const Scene& at(std::uint64_t index);
   /// The scene as given, nothing varied.
   [[nodiscard]] const Scene& nominal() const;

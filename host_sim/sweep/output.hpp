@@ -28,7 +28,7 @@ struct SweepTable {
 /// Returns counts, ranges and fronts of a sweep: the object that --json prints.
 [[nodiscard]] nlohmann::ordered_json sweep_summary(const SweepSpec& spec, const CaseScenes& scenes,
                                                    const SweepTable& table);
-[[nodiscard]] std::string sweep_text(const nlohmann::ordered_json& summary);
+[[nodiscard]] std::string sweep_text(const nlohmann::ordered_json& summary);  ///< for the terminal
 
 /// Writes cases.csv row by row. Throws RunError.
 void write_cases(const std::string& file, const SweepSpec& spec, const CaseScenes& scenes,

@@ -10,7 +10,7 @@ namespace esmc::host {
 class Ranks {
  public:
   virtual ~Ranks() = default;
-  [[nodiscard]] virtual int rank() const = 0;
+  [[nodiscard]] virtual int rank() const = 0;  ///< of this process, 0 .. size() - 1
   [[nodiscard]] virtual int size() const = 0;
   virtual void send(int to, const std::string& bytes) = 0;
   /// The next message; returns the rank that sent it. `wait` = false: -1 where there is none yet.

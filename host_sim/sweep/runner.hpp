@@ -33,7 +33,7 @@ class CaseRunner {
   /// `kernel`: several cases at once where it covers them, to the same bits; null: each alone.
   CaseRunner(const SweepSpec& spec, const CaseScenes& scenes, const LaneKernel* kernel);
 
-  /// False where Ctrl-C came in between: `out` is then not complete.
+  /// Runs the cases and appends them to `out`. False: Ctrl-C came in between, `out` is not complete.
   [[nodiscard]] bool run(const Package& package, std::vector<Finished>& out);
 
  private:

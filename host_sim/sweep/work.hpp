@@ -22,11 +22,11 @@ class WorkList {
   /// threads of all processes, among which a short sweep is shared out evenly.
   WorkList(std::vector<bool> done, std::size_t workers, Sink sink);
 
-  /// False: nothing left, or the sweep is to stop. Any thread.
+  /// Gives out the next package; from any thread. False: nothing left, or the sweep is to stop.
   [[nodiscard]] bool next(Package& out);
-  /// Any thread; throws what the sink throws.
+  /// Takes finished cases to the sink; from any thread. Throws what the sink throws.
   void finish(const std::vector<Finished>& cases);
-  /// Nothing more is given out.
+  /// Makes next() return false from now on, for good.
   void stop();
   [[nodiscard]] bool complete() const { return finished_ == done_.size(); }
 

@@ -15,7 +15,7 @@ namespace esmc::host {
 
 struct Scene;
 
-/// The same in all lanes.
+/// Settings that are the same in all lanes.
 struct LaneSettings {
   LawKind law{};
   Reaching reaching{};

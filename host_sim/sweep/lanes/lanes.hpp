@@ -63,6 +63,7 @@ struct LaneMask {
   friend LaneMask operator!(LaneMask a) { return V(~a.v); }
   friend LaneMask operator&&(LaneMask a, LaneMask b) { return V(a.v & b.v); }
   friend LaneMask operator||(LaneMask a, LaneMask b) { return V(a.v | b.v); }
+  /// Whether the mask is false in every lane. Notes no stray lane.
   friend bool none(LaneMask a) {
 #ifdef __AVX512DQ__
     if constexpr (N == 8) return _mm512_movepi64_mask((__m512i)a.v) == 0;
@@ -97,6 +98,7 @@ struct Lanes {
   Lanes(V x) : v(x) {}             // NOLINT(google-explicit-constructor)
   Lanes(double x) : v(x - V{}) {}  // NOLINT(google-explicit-constructor): x - 0 is x, that of -0 included
   explicit Lanes(Mask m) : v(std::bit_cast<V>(m.v & std::bit_cast<typename Mask::V>(Lanes(1.0).v))) {}
+  /// Reads (store: writes) N doubles, one per lane; any alignment.
   [[nodiscard]] static Lanes load(const double* from) {
     Lanes out;
     for (int i = 0; i < N; ++i) out.v[i] = from[i];
