@@ -52,7 +52,7 @@ class LockstepLoop {
 
   LockstepLoop(Node& node, B& board) : node_(node), board_(board) {}
 
-  /// One turn; call in an endless loop.
+  /// Does one turn, without waiting; call in an endless loop.
   void turn() {
     node_.enable_input(board_.enable().closed());
     node_.receive(board_.bus());
@@ -113,8 +113,8 @@ class TimedLoop {
         next_us_(board.now_us()),
         on_bus_us_(next_us_) {}
 
-  /// One turn; call in an endless loop, or after each frame and at instant_us(). True: a tick was done, and
-  /// `seen` was called with its result.
+  /// Does one turn, without waiting; call in an endless loop, or after each frame and at instant_us(). True:
+  /// a tick was done, and `seen` was called with its result.
   template <class Seen>
   bool turn(Seen&& seen) {
     node_.enable_input(board_.enable().closed());

@@ -21,8 +21,7 @@ class Histogram {
   }
   [[nodiscard]] std::uint64_t count() const { return count_; }
   [[nodiscard]] std::uint32_t most() const { return most_; }  ///< us, not cut at 1000
-  /// The value, us, that a share (0..1) of all does not exceed; 1000: that or more; 0 also where there is
-  /// none.
+  /// The value, us, that a share (0..1) of all does not exceed; 1000: that or more. 0 of an empty count.
   [[nodiscard]] std::uint32_t quantile(double share) const {
     std::uint64_t seen = 0;
     for (std::uint32_t us = 0; us < bins_.size(); ++us) {

@@ -46,7 +46,7 @@ class FrameLog {
   }
   /// Logs a frame of a bus that knows when its last bit came (`time_s`, virtual, s) and its bits on the wire.
   void frame_at(double time_s, std::uint32_t bits, const hal::CanFrame& f);
-  /// Throws RunError when a file could not be written completely.
+  /// Closes the files. Throws RunError when one could not be written completely.
   void close();
 
   [[nodiscard]] std::uint64_t frames() const { return frames_; }  ///< also where nothing is written
@@ -74,6 +74,7 @@ template <hal::CanBus Bus>
 class Tapped {
  public:
   Tapped(Bus& bus, FrameLog& log) : bus_(&bus), log_(&log) {}
+  /// Sends; a frame that the bus takes is logged, one that it does not is counted in lost().
   [[nodiscard]] hal::SendStatus try_send(const hal::CanFrame& f) {
     const hal::SendStatus s = bus_->try_send(f);
     if (s == hal::SendStatus::ok) {
@@ -95,7 +96,7 @@ class Tapped {
   [[nodiscard]] std::uint32_t frame_age_us() const requires hal::TimesFrames<Bus> {
     return bus_->frame_age_us();
   }
-  [[nodiscard]] Bus& bus() { return *bus_; }
+  [[nodiscard]] Bus& bus() { return *bus_; }  ///< the bus behind it
   [[nodiscard]] const Bus& bus() const { return *bus_; }
   [[nodiscard]] std::uint64_t lost() const { return lost_; }  ///< frames that the bus did not take
 

@@ -22,7 +22,7 @@ class HostBus {
       : name_(std::move(name)), bus_(std::move(adapter)) {}
   explicit HostBus(RecordedBus& recorded) : name_(recorded.interface()), bus_(&recorded) {}
 
-  [[nodiscard]] const std::string& name() const { return name_; }
+  [[nodiscard]] const std::string& name() const { return name_; }  ///< for messages
   /// Name for frames.log: "slcan" on a serial line, else name().
   [[nodiscard]] std::string interface() const { return serial() ? "slcan" : name_; }
 

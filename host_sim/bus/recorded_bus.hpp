@@ -52,13 +52,13 @@ class RecordedBus {
     advance();
     return true;
   }
-  [[nodiscard]] std::uint32_t frame_age_us() const { return age_us_; }
+  [[nodiscard]] std::uint32_t frame_age_us() const { return age_us_; }  ///< of the frame received last
   /// Call before each look of the node at the bus: it may then receive the frames that had come by that look.
   void look() { ++looks_; }
 
   /// Whether the next recorded frame is one that the node received, at this look or a later one.
   [[nodiscard]] bool has_input() const { return head_ && !head_->sent; }
-  [[nodiscard]] bool over() const { return !head_; }
+  [[nodiscard]] bool over() const { return !head_; }  ///< no recorded frame is left
   [[nodiscard]] const std::string& interface() const { return interface_; }
   [[nodiscard]] std::uint64_t passed() const { return line_ - 1; }  ///< recorded frames so far
   /// Call when the node is done: a sent frame that remains in the recording is then a deviation.

@@ -31,8 +31,7 @@ struct BusMessage {
 };
 
 /// Longest time, in bit times, from the nominal request of a message (jitter included) to the end of its
-/// interframe space. `of` must be an element of `all`, not a copy. Empty: none below 20 of the longest
-/// periods.
+/// interframe space. `of` must be an element of `all`, no copy. Empty: none below 20 of the longest periods.
 [[nodiscard]] std::optional<double> response_time(const std::vector<BusMessage>& all, const BusMessage& of);
 
 struct BusAnalysis {

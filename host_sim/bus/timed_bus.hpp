@@ -27,11 +27,11 @@ class ErrorCounters {
   }
   void sent() { transmit_ -= transmit_ > 0 ? 1 : 0; }
   void transmit_error() { transmit_ += 8; }
-  /// One good frame takes the counter back below the limit.
+  /// Counts a good frame received, which takes the counter back below the limit of passive.
   void received() { receive_ = receive_ > 127 ? 119 : receive_ - (receive_ > 0 ? 1 : 0); }
   void receive_error() { receive_ += receive_ < 255 ? 1 : 0; }
-  void give_up() { transmit_ = 256; }  ///< to bus-off at once
-  void reset() { transmit_ = receive_ = 0; }
+  void give_up() { transmit_ = 256; }         ///< to bus-off at once
+  void reset() { transmit_ = receive_ = 0; }  ///< to active
 
  private:
   int transmit_ = 0, receive_ = 0;
@@ -77,7 +77,7 @@ class TimedBus {
 
   explicit TimedBus(const Config& config);
 
-  [[nodiscard]] Time now() const { return now_; }
+  [[nodiscard]] Time now() const { return now_; }                                           ///< bit times
   [[nodiscard]] double seconds(Time t) const { return static_cast<double>(t) / bitrate_; }  ///< t in s
   /// t = 0 of the scene is now. Latencies count from here on, without the frames of arming.
   void begin_run() {
@@ -88,15 +88,14 @@ class TimedBus {
   /// Asks `node` to send; the frame waits behind those of the same identifier. refused: ill-formed or CAN FD;
   /// bus_off; bus_full: its queue is full or the node cut off.
   hal::SendStatus send(std::size_t node, const hal::CanFrame& f);
-  /// Moves time to the end of the next frame and returns the frame; empty: none ends by `until`, and now() is
-  /// `until`.
+  /// Moves time to the end of the next frame and returns it. Empty: none ends by `until`, which is now().
   std::optional<Delivery> next(Time until);
   /// Whether no frame is on the wire and no node has one to send now.
   [[nodiscard]] bool quiet();
 
   /// Restarts a node in bus-off: it returns after 128 times 11 recessive bits. No effect on another node.
   void restart(std::size_t node);
-  [[nodiscard]] ErrorCounters counters(std::size_t node);
+  [[nodiscard]] ErrorCounters counters(std::size_t node);  ///< of a node, now
   [[nodiscard]] const Counts& counts() const { return counts_; }
   [[nodiscard]] const std::vector<Latency>& latencies() const { return latency_; }  ///< since begin_run()
   [[nodiscard]] std::uint64_t busy_bits() const { return busy_; }  ///< frames and error frames
@@ -174,8 +173,8 @@ class BusPort {
     waiting_.pop_front();
     return true;
   }
-  [[nodiscard]] std::size_t waiting() const { return waiting_.size(); }
-  void deliver(const hal::CanFrame& f) { waiting_.push_back(f); }  ///< to be read by try_receive()
+  [[nodiscard]] std::size_t waiting() const { return waiting_.size(); }  ///< frames to be read
+  void deliver(const hal::CanFrame& f) { waiting_.push_back(f); }        ///< to be read by try_receive()
 
  private:
   TimedBus* bus_;

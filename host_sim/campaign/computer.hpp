@@ -17,6 +17,7 @@ class Computer {
  public:
   explicit Computer(const Scene& scene) : base_(static_cast<std::uint32_t>(scene.command->base_id)) {}
 
+  /// Takes a frame of the bus; it uses the controller's status and parameter table, and no other.
   void hear(const hal::CanFrame& f) {
     if (f.id == base_ + static_cast<std::uint32_t>(link::Message::status)) {
       tick_ = static_cast<std::uint16_t>(f.data[4] | f.data[5] << 8);

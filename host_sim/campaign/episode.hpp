@@ -56,7 +56,7 @@ class EpisodeKind {
   EpisodeKind(const EpisodeKind&) = delete;
   EpisodeKind& operator=(const EpisodeKind&) = delete;
 
-  /// `only`: the fault of the episode; empty: any.
+  /// Runs the episode of a seed. `only`: name of its fault; empty: any. `trace` gets a line per tick.
   [[nodiscard]] EpisodeResult run(std::uint64_t seed, Draw draw, EpisodeTrace* trace = nullptr,
                                   std::string_view only = {}) const;
 
@@ -132,7 +132,7 @@ class EpisodeLoop {
   using M = typename World::Mechanism;
   using Kind = EpisodeKind<World>;
 
-  /// Both outlive this.
+  /// Both arguments must outlive this.
   EpisodeLoop(const Kind& kind, const Injection& injection)
       : kind_(kind),
         injection_(injection),

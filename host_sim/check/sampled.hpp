@@ -23,16 +23,15 @@ class Findings {
   void warning(fmt::format_string<Values...> text, Values&&... values) {
     list_.push_back({{"level", "warning"}, {"text", fmt::format(text, std::forward<Values>(values)...)}});
   }
-  [[nodiscard]] bool refused() const { return refused_; }
-  [[nodiscard]] const nlohmann::ordered_json& list() const { return list_; }
+  [[nodiscard]] bool refused() const { return refused_; }                     ///< there is an error
+  [[nodiscard]] const nlohmann::ordered_json& list() const { return list_; }  ///< [{level, text}]
 
  private:
   nlohmann::ordered_json list_ = nlohmann::ordered_json::array();
   bool refused_ = false;
 };
 
-/// Adds findings on gains, layer and lambda for this tick and delay: docs/theory.md, "Boundary layers and the
-/// implicit law".
+/// Adds findings on gains, layer and lambda: docs/theory.md, "Boundary layers and the implicit law".
 void judge_gains(const Scene& scene, Findings& f);
 /// Adds findings on the layers of `saturation` and `tanh`. `stiffness`: largest decay rate within them, 1/s.
 void judge_layer(const Scene& scene, double stiffness, Findings& f);

@@ -23,7 +23,7 @@ namespace esmc::host {
 /// What SIGINT and SIGTERM do: end the process, or request the end of its loop.
 enum class Signals { end, request_stop };
 
-/// A subcommand that calls run(options), and its options.
+/// Adds a subcommand that calls run(options). Returns it and its options; `p` must outlive the parsing.
 template <class Options>
 std::pair<CLI::App&, Options&> add(Program& p, const char* name, const char* description,
                                    int (*run)(const Options&), Signals signals = Signals::request_stop) {
@@ -53,6 +53,7 @@ inline auto above_zero() {
   return number("a number > 0", [](double v) { return v > 0.0; });
 }
 
+/// Adds an option for a finite number > 0 into `to`, which must outlive the parsing.
 inline void add_positive(CLI::App& c, const char* option, double& to, const char* help) {
   c.add_option(option, to, help)->check(above_zero())->capture_default_str();
 }

@@ -6,7 +6,7 @@
 
 namespace esmc::host::design {
 
-/// A problem without points, or with impossible numbers, is refused; no exception.
+/// Designs gains. A problem without points or with impossible numbers is refused in the result; no exception.
 template <class M>
 [[nodiscard]] Design<M> design(const Problem<M>& p);
 

@@ -82,8 +82,9 @@ class Uncertain {
     }
   }
 
-  [[nodiscard]] const Channels& mass() const { return mass_; }
-  [[nodiscard]] const Box& box(int b) const { return box_[b]; }
+  [[nodiscard]] const Channels& mass() const { return mass_; }   ///< M as believed
+  [[nodiscard]] const Box& box(int b) const { return box_[b]; }  ///< of bar b, leg by leg
+  /// True gravity, m/s2.
   [[nodiscard]] Interval gravity() const {
     return {p_->uncertainty.gravity.lower * p_->believed.g, p_->uncertainty.gravity.upper * p_->believed.g};
   }
@@ -120,13 +121,13 @@ class Uncertain {
     out.moment = (of.believed.J - c.J) * s.alpha + c.m * dl * dot(n, a) - c.m * dl * dl * s.alpha;
     return out;
   }
-  /// Delta of a point mass `m`, kg, at the effector and of gravity g, m/s2, on the believed one: N, in N's
-  /// frame.
+  /// Delta, N, in frame N, of a point mass `m`, kg, at the effector and of gravity g on the believed one.
   [[nodiscard]] Vec2<double> tip_lack(const State<M>& s, double m, double g) const {
     const double own = first > 0 ? mass_[0] : 0.0;
     const Vec2<double> a = tip_wanted(s);
     return -Vec2<double>(a.x(), a.y() + g) * m + Vec2<double>(0, own * (p_->believed.g - g));
   }
+  /// Acceleration of the effector that the law wants without its switching term, m/s2.
   [[nodiscard]] Vec2<double> tip_wanted(const State<M>& s) const {
     if constexpr (first > 0) {
       return {s.wanted[0], s.wanted[1]};
@@ -206,6 +207,7 @@ class Uncertain {
     const Mat<double, 2, 2> A = b.A + perp(b.along) * b.turn.transpose() * c.offset;
     return A.transpose() * A * c.m + b.turn * b.turn.transpose() * c.J;
   }
+  /// Velocity of the effector per independent rate, column by column.
   [[nodiscard]] Mat<double, 2, 2> tip_columns(const State<M>& s) const {
     if constexpr (first > 0) {
       return Mat<double, 2, 2>::Identity();

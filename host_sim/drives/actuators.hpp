@@ -32,7 +32,7 @@ class TorqueStage {
     clipped = clipped || out != torque;
     return out;
   }
-  [[nodiscard]] int states() const { return thermal_ ? 1 : 0; }
+  [[nodiscard]] int states() const { return thermal_ ? 1 : 0; }  ///< number of them
 
  private:
   static constexpr double cooled = 0.9;  ///< hysteresis, so that the limit does not chatter

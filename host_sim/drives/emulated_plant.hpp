@@ -52,7 +52,7 @@ class EmulatedPlant {
 
   [[nodiscard]] Motion<Plant>& motion() { return motion_; }
   [[nodiscard]] const Motion<Plant>& motion() const { return motion_; }
-  [[nodiscard]] std::vector<SeatedAxis>& axes() { return axes_; }
+  [[nodiscard]] std::vector<SeatedAxis>& axes() { return axes_; }  ///< in the order of [drives]
   [[nodiscard]] const std::vector<SeatedAxis>& axes() const { return axes_; }
   /// Replaces the mechanism's motion and the effects on its actuators; the drives keep their state.
   void set_motion(Motion<Plant> motion, const Scene& scene) {
@@ -116,8 +116,7 @@ class EmulatedPlant {
     for (int n = 0; n < frames_at_once && !answered() && take(bus, [](const hal::CanFrame&) {}); ++n) {
     }
   }
-  /// Reads the waiting frames, frames_at_once at most. Returns the number of commands to these drives in
-  /// them.
+  /// Reads the waiting frames, at most frames_at_once. Returns the number of commands to these drives.
   template <hal::CanBus Bus>
   int drain(Bus& bus) {
     int commands = 0;

@@ -12,8 +12,7 @@ struct LoneShaft {
   double angle = 0.0;      ///< rad
   double rate = 0.0;       ///< rad/s
 
-  /// Moves the shaft over `seconds` under a constant torque, N m, exactly: J dw/dt = torque - load - friction
-  /// w.
+  /// Moves the shaft exactly, under a constant torque, N m: inertia dw/dt = torque - load - friction w.
   void advance(double torque, double seconds) {
     const double net = torque - load, x = friction * seconds / inertia;
     if (x < 1e-9) {  // the terms left out are below rounding

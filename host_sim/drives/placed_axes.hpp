@@ -62,8 +62,7 @@ inline double odrive_current(const Scene& s, std::size_t motor, double torque_co
   return s.torque_limit[motor] / s.drives.gear_ratio[motor] / torque_constant;
 }
 
-/// Makes the emulated drive as the real one would be configured for a scene. `lockstep`: its ticks are the
-/// controller's.
+/// Makes the drive as the real one is configured for a scene. `lockstep`: its ticks are the controller's.
 inline std::unique_ptr<EmulatedAxis> make_axis(const Scene& s, const PlacedAxis& a, bool lockstep = true) {
   const SensorEffects sensor(s.effects);
   if (s.drives.protocol == Protocol::mit && a.motor) {

@@ -28,7 +28,7 @@ struct SensorEffects {
         noise(find_effect<SensorNoise>(effects)),
         bias(find_effect<SensorBias>(effects)),
         delay(find_effect<SensorDelay>(effects)) {}
-  [[nodiscard]] bool none() const { return !encoder && !noise && !bias && !delay; }
+  [[nodiscard]] bool none() const { return !encoder && !noise && !bias && !delay; }  ///< no effect
 };
 
 class ShaftSensor {

@@ -16,7 +16,7 @@ class Lu {
   using Matrix = std::array<std::array<double, capacity>, capacity>;
   using Vector = std::array<double, capacity>;
 
-  [[nodiscard]] Matrix& matrix() { return m_; }
+  [[nodiscard]] Matrix& matrix() { return m_; }  ///< to be set before factor()
 
   /// Factors the leading n x n block, n <= capacity, in place. False: singular or not finite; solve must then
   /// not be used.

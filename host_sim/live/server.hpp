@@ -65,7 +65,7 @@ class Server {
   virtual ~Server() = default;
   Server(const Server&) = delete;
   Server& operator=(const Server&) = delete;
-  [[nodiscard]] virtual int port() const = 0;
+  [[nodiscard]] virtual int port() const = 0;  ///< it listens to
   /// Serves until `stop`, which is read about 50 times a second.
   virtual void run(const std::atomic<bool>& stop) = 0;
   [[nodiscard]] virtual ServerCounts counts() const = 0;

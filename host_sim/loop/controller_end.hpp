@@ -57,7 +57,7 @@ class ControllerEnd {
   [[nodiscard]] bool overloaded() const {
     return with([](const auto& c) { return c.overloaded(); });
   }
-  [[nodiscard]] const TickResult<M>& result() const { return result_; }
+  [[nodiscard]] const TickResult<M>& result() const { return result_; }  ///< of the last tick
   /// Joint whose encoder contradicts the others, after a fault loop_not_closed; empty: unknown.
   [[nodiscard]] std::string odd_encoder() const {
     const int odd = with([](const auto& c) -> int { return c.controller().odd_encoder(); });

@@ -13,7 +13,7 @@ namespace esmc::host {
 struct BusObstacle {
   std::string where, what;
 };
-BusObstacle bus_obstacle(const Scene& scene);
+BusObstacle bus_obstacle(const Scene& scene);  ///< the first one
 /// Throws InputError where there is an obstacle.
 void require_bus_loop(const Scene& scene);
 /// Settings that decide over torque, cannot be read back from these drives and must be checked by hand; one

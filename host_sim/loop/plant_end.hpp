@@ -53,8 +53,8 @@ class PlantEnd {
 
   [[nodiscard]] Recorder<World>& recorder() { return recorder_; }
   [[nodiscard]] EmulatedPlant<Plant>& plant() { return plant_; }
-  [[nodiscard]] bool released() const { return plant_.released(); }
-  [[nodiscard]] bool finished() const { return done_ >= ticks_; }  ///< simulation.duration is over
+  [[nodiscard]] bool released() const { return plant_.released(); }  ///< t = 0 has been reached
+  [[nodiscard]] bool finished() const { return done_ >= ticks_; }    ///< simulation.duration is over
   /// Recorded ticks.
   [[nodiscard]] std::uint32_t done() const { return done_; }
   /// Integration steps of a tick.

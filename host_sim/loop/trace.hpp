@@ -19,8 +19,8 @@ struct Trace {
 /// float.
 Trace trace(const Scene& scene, bool single_precision = false);
 
-/// A case of a sweep: without path, digest and, unless wanted, errors of the base joints. Throws InputError
-/// where the reference leaves the reach of the true mechanism; a state that is not finite shows in end.q.
+/// Runs a case of a sweep, without path, digest and, unless wanted, base_errors. Throws InputError where the
+/// reference leaves the reach of the true mechanism; a state that is not finite shows in end.q.
 Trace run_case(const Scene& scene, bool base_errors);
 
 }  // namespace esmc::host

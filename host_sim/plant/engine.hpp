@@ -29,7 +29,7 @@ class Engine {
   virtual void get(Angles& angle, Angles& rate) const = 0;
   [[nodiscard]] virtual double work() const = 0;  ///< of motors and loads since the start, J
   [[nodiscard]] virtual Shaft shaft(std::size_t joint) const = 0;
-  [[nodiscard]] virtual std::size_t effect_states() const = 0;
+  [[nodiscard]] virtual std::size_t effect_states() const = 0;   ///< number of them
   [[nodiscard]] virtual std::vector<double> breaks() const = 0;  ///< instants that no step may cross, s
   [[nodiscard]] virtual Method method() const = 0;
 };

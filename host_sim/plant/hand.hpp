@@ -14,8 +14,7 @@ struct Hand {
   V2 push{};                              ///< N, besides
   double most = 0.0;                      ///< N, > 0: no hand pulls harder
 
-  /// Force, N, on an effector at p, m, moving with v, m/s: push and pull together, cut to `most` in their
-  /// direction.
+  /// Force, N, on an effector at p, m, moving with v, m/s: push and pull, their sum cut to `most`.
   [[nodiscard]] V2 force(V2 p, V2 v) const {
     V2 f = push;
     if (holding) f = f + stiffness * (anchor - p) - damping * v;

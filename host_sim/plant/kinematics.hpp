@@ -12,8 +12,7 @@ namespace esmc::host {
 /// theta2. Empty: out of reach.
 std::optional<std::array<double, 2>> reach(const LegParams<double>& leg, V2 p, int bend);
 
-/// All four joint angles, rad, of a five-bar with its effector at p, m; `bend` = sign of sin theta2 per leg.
-/// Empty: out of reach.
+/// All joint angles, rad, of a five-bar with its effector at p, m; `bend` per leg. Empty: out of reach.
 std::optional<std::array<double, 4>> reach(const FiveBarParams<double>& m, V2 p,
                                            const std::array<int, 2>& bend);
 

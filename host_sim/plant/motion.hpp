@@ -41,7 +41,7 @@ class Motion {
   ~Motion();
 
   [[nodiscard]] const Plant& plant() const { return loaded_ ? setup_->with_payload : setup_->plant; }
-  [[nodiscard]] const State& state() const { return state_; }
+  [[nodiscard]] const State& state() const { return state_; }  ///< bars in N: rad, rad/s
   [[nodiscard]] Output output() const { return plant().output(state_); }
   [[nodiscard]] Method method() const;  ///< in use: moreau_jean where effects are set-valued
   /// Number of states: positions and rates of the mechanism, and states of effects.

@@ -126,7 +126,7 @@ class LegDynamics {
   [[nodiscard]] T kinetic(Vector e1, Vector e2, T w1, T w2) const {
     return 0.5 * (i1_ * w1 * w1 + i2_ * w2 * w2) + coupling_ * dot(e1, e2) * w1 * w2;
   }
-  [[nodiscard]] T potential(Vector e1, Vector e2) const { return weight1_ * e1.y + weight2_ * e2.y; }
+  [[nodiscard]] T potential(Vector e1, Vector e2) const { return weight1_ * e1.y + weight2_ * e2.y; }  ///< J
 
  private:
   T l1_{}, l2_{}, base_x_{}, side_{};

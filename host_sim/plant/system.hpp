@@ -40,6 +40,7 @@ class MechanismState {
   void set_plant(const Plant& plant) { plant_ = &plant; }  ///< must outlive this, as the first one
   void set_torques(const MotorTorques<Joints>& torques) { torques_ = torques; }
 
+  /// Angles and rates of the bars within y; put() writes them.
   static Angles angles(const State& y) { return part(y, 0); }
   static Angles rates(const State& y) { return part(y, positions); }
   static void put(State& y, const Angles& angle, const Angles& rate) {
@@ -141,7 +142,7 @@ class LoadedSystem : public MechanismState<Plant, Drivetrain::most_states * Plan
       at += d.states();
     }
   }
-  /// Where the encoder of the drive on a joint sits: on the rotor where that is a body of its own.
+  /// Angle (rad) and rate (rad/s) at the encoder of a joint's drive: of the rotor where that is a body.
   [[nodiscard]] Shaft shaft(std::size_t joint, const State& y) const {
     const Shaft at_joint = Base::shaft(joint, y);
     std::size_t at = Base::work + 1;

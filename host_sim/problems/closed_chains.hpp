@@ -109,6 +109,7 @@ class ClosedChains<Closures<Points...>, Chains...> {
   [[nodiscard]] Rows gap_rate(const Coordinates& q, const Coordinates& v) const {
     return closure_rates(frame(q), v);
   }
+  /// Kinetic energy of all chains, J.
   [[nodiscard]] double kinetic_energy(const Coordinates& q, const Coordinates& v) const {
     double twice = 0.0;
     each([&](auto c) {

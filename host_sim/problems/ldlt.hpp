@@ -36,6 +36,7 @@ class Ldlt {
   /// Entry i of D: the diagonal entry less its share in the rows before. Not positive or NaN: singular.
   [[nodiscard]] double pivot(int i) const { return d_[i]; }
 
+  /// x of S x = b; not finite where a pivot is 0.
   [[nodiscard]] Vector solve(Vector b) const {
     unroll<N>([&](auto i) { unroll<i>([&](auto k) { b[i] -= l_[i][k] * b[k]; }); });
     unroll<N>([&](auto i) { b[i] *= inverse_[i]; });

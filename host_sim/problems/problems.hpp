@@ -56,7 +56,7 @@ class TwoFourBars : public ChainSystem<TwoFourBars, FourBarChain> {
   [[nodiscard]] static State parallelogram(double angle, double rate);
   /// Position of B0, m.
   [[nodiscard]] static Vec2<double> b0(const State& y) { return {std::cos(y[0]), std::sin(y[0])}; }
-  [[nodiscard]] int rank(const State& y) const { return mechanism().rank(position(y)); }
+  [[nodiscard]] int rank(const State& y) const { return mechanism().rank(position(y)); }  ///< of closure
 
   template <class Poses>
   void operator()(const Poses&, Coordinates&) const {}

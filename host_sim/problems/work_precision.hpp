@@ -31,7 +31,7 @@ struct OrderFound {
   std::string problem, method;
   int order = 0;       ///< theory
   double found = 0.0;  ///< slope of log error over log step; NaN where the errors did not settle on one
-  [[nodiscard]] bool judged() const { return std::isfinite(found); }
+  [[nodiscard]] bool judged() const { return std::isfinite(found); }  ///< an order was found
   [[nodiscard]] bool holds() const { return !judged() || std::abs(found - order) <= 0.2; }
 };
 
@@ -55,6 +55,7 @@ struct Problem {
   std::array<typename S::State, instants> track{};  ///< the way there, finely integrated; for the orders only
 };
 
+/// CPU time of this thread so far, s.
 [[nodiscard]] inline double thread_cpu_s() {
   timespec t{};
   clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);

@@ -36,8 +36,8 @@ class LineComparison {
   void take(std::string_view text);
   /// The run writes no more; more lines in the recording are a difference.
   void end();
-  [[nodiscard]] std::uint64_t lines() const { return lines_; }
-  [[nodiscard]] const std::optional<Difference>& difference() const { return difference_; }
+  [[nodiscard]] std::uint64_t lines() const { return lines_; }  ///< compared so far
+  [[nodiscard]] const std::optional<Difference>& difference() const { return difference_; }  ///< the first
 
  private:
   void line(std::string_view computed);
@@ -68,11 +68,11 @@ class Comparison {
   void summary(const nlohmann::ordered_json& computed, const nlohmann::ordered_json& recorded);
   void add(Difference d) { others_.push_back(std::move(d)); }
 
-  /// One per file: frames, log, summary.
+  /// The first difference of frames.log, of log.csv, and all of the summary.
   [[nodiscard]] std::vector<Difference> differences();
   /// Lines of a file that were compared.
   [[nodiscard]] std::uint64_t lines(const std::string& name) const;
-  /// False: the run did not come to its end.
+  /// Whether the run came to its end: summary() has been called.
   [[nodiscard]] bool complete() const { return complete_; }
   [[nodiscard]] bool same_digest() const { return same_digest_; }
 

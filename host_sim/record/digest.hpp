@@ -12,6 +12,7 @@
 namespace esmc::host {
 
 inline constexpr std::uint64_t fnv_start = 0xCBF29CE484222325ULL;
+/// Continues `hash`, which begins with fnv_start, with a byte.
 [[nodiscard]] constexpr std::uint64_t fnv_byte(std::uint64_t hash, std::uint8_t byte) {
   return (hash ^ byte) * 0x100000001B3ULL;
 }

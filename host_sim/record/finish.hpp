@@ -32,7 +32,7 @@ struct BusRunFiles {
   std::FILE* log;  ///< for the recorder, which closes it
 };
 
-/// Writes the scene as run, and the files that it names, into `out`.
+/// Writes the scene as run, and the files that it names, into `out`; no effect where no file is wanted.
 void write_scene(const Scene& scene, const OutputDirectory& out);
 
 /// Writes scene.toml, summary.json and report.html beside log.csv and frames.log, and prints the summary.

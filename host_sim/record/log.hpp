@@ -21,13 +21,13 @@ class Log {
 
   /// Whether there is a file. Without one row() must not be called.
   [[nodiscard]] bool wanted() const { return file_ != nullptr; }
-  /// `values` of all columns but the last, which is `state`; empty: there is no such column.
+  /// Adds a row: `values` of all columns but the last, which is `state`; "": there is no such column.
   void row(const std::vector<double>& values, const char* state);
-  /// Throws RunError when the file could not be written completely.
+  /// Writes what is left and closes the file. Throws RunError when it could not be written completely.
   void close();
 
   [[nodiscard]] const std::vector<std::string>& columns() const { return columns_; }
-  [[nodiscard]] const std::vector<SeriesRow>& thinned() const { return thinned_; }
+  [[nodiscard]] const std::vector<SeriesRow>& thinned() const { return thinned_; }  ///< every so many rows
   /// Wall time from one row to the next.
   [[nodiscard]] const Histogram& tick_time() const { return tick_time_; }
 

@@ -23,7 +23,7 @@ class OutputDirectory {
   OutputDirectory& operator=(const OutputDirectory&) = delete;
   ~OutputDirectory();
 
-  [[nodiscard]] bool wanted() const { return !final_.empty(); }
+  [[nodiscard]] bool wanted() const { return !final_.empty(); }  ///< files are written
   /// Temporary path of a file; empty when nothing is wanted.
   [[nodiscard]] std::string path(const std::string& name) const;
   /// Opens a file for writing; null when nothing is wanted. Throws InputError when it cannot be written.
@@ -32,10 +32,9 @@ class OutputDirectory {
   void write(const std::string& name, const std::string& text) const;
   /// Throws InputError where an output of the run, other than `copy`, would replace the file `input`.
   void spare(const std::string& input, const std::string& copy = "") const;
-  /// Moves all files into place and removes those of an earlier run; where that fails, changes nothing and
-  /// throws RunError.
+  /// Moves all files into place and removes those of an earlier run, or changes nothing and throws RunError.
   void commit();
-  [[nodiscard]] std::string directory() const { return final_.string(); }
+  [[nodiscard]] std::string directory() const { return final_.string(); }  ///< DIR; "": none
 
  private:
   void take_back() const;

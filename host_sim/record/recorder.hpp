@@ -75,8 +75,7 @@ inline void set_outcome(RunEnd& e, const Supervisor& supervisor) {
   e.faults.clear();
   if (supervisor.fault() != Fault::none) e.faults.emplace_back(name(supervisor.fault()));
 }
-/// Sets the mechanism's part of the end of a run: coordinates, rates, method; the energy error goes to
-/// `statistics`.
+/// Sets coordinates, rates and method of the end of a run; the energy error goes to `statistics`.
 template <class Plant>
 void set_final_state(RunEnd& e, Motion<Plant>& motion, Statistics& statistics) {
   const typename Plant::Output o = motion.output();

@@ -21,7 +21,7 @@ struct CandumpLine {
   hal::CanFrame frame{};
   std::size_t text = 0;  ///< where the frame begins in the line
 };
-/// None: not a line of candump -L.
+/// Reads a line of candump -L, without its newline; none: it is no such line.
 std::optional<CandumpLine> parse_candump(std::string_view line);
 
 /// Digest of the scene and the files that it names, as in summary.json.
@@ -45,8 +45,7 @@ struct Recording {
 /// this program.
 Recording read_recording(const std::string& directory, bool any_version);
 
-/// Gives the frames of frames.log one by one, with frames.csv. Throws InputError where they do not fit
-/// together.
+/// Gives the frames of frames.log with their rows of frames.csv. Throws InputError where they do not fit.
 RecordedBus::Source passed_frames(const Recording& r);
 
 }  // namespace esmc::host

@@ -26,13 +26,13 @@ class Histogram {
     sum_ += seconds;
     ++total_;
   }
-  [[nodiscard]] std::uint64_t total() const { return total_; }
-  [[nodiscard]] double largest() const { return largest_; }  ///< s, like the mean; 0: none
+  [[nodiscard]] std::uint64_t total() const { return total_; }  ///< durations counted
+  [[nodiscard]] double largest() const { return largest_; }     ///< s, like the mean; 0: none
   [[nodiscard]] double mean() const { return total_ > 0 ? sum_ / static_cast<double>(total_) : 0.0; }
   [[nodiscard]] const std::array<std::uint64_t, bins>& counts() const { return counts_; }  ///< per bin
   /// Lower edge of a bin, s; edge(bins) is the upper edge of the last.
   [[nodiscard]] static double edge(std::size_t bin) { return std::bit_cast<double>((offset + bin) << shift); }
-  /// A duration that the share `q` of all does not exceed: the upper edge of its bin, or the largest.
+  /// A duration, s, that the share `q` (0..1) of all does not exceed: upper edge of its bin, or largest().
   [[nodiscard]] double quantile(double q) const {
     std::uint64_t seen = 0;
     for (std::size_t i = 0; i < bins; ++i) {

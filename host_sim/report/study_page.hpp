@@ -18,7 +18,7 @@ struct Series {
 std::string log_log_svg(const std::string& title, const std::string& x_label, const std::string& y_label,
                         const std::vector<Series>& series);
 
-/// A figure as a file of its own, on white.
+/// Turns a figure into the text of an SVG file of its own, on white.
 std::string standalone(const std::string& svg);
 
 struct Bar {

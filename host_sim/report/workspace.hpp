@@ -24,7 +24,7 @@ struct WorkspaceMap {
   /// every direction, beside holding the mechanism at rest. Below 0: they cannot hold it. Empty without
   /// motors.
   std::vector<double> force;
-  /// The same for sin(phi12 + phi22), whose sign is the assembly mode; empty for RR.
+  /// sin(phi12 + phi22) at the same nodes, whose sign is the assembly mode; empty for RR.
   std::vector<double> type2_sine;
   std::vector<Path> type1, type2;  ///< loci: sin theta_j2 = 0, and sin(phi12 + phi22) = 0
 };

@@ -21,11 +21,10 @@ struct Key {
   std::string_view meaning;
 };
 
-std::span<const Key> scene_keys();
+std::span<const Key> scene_keys();  ///< valid for ever
 /// Keys of the scenes of `esmc spatial`.
 std::span<const Key> spatial_keys();
-/// Returns the entry of a key. Throws std::logic_error where there is none: a reader of this program is
-/// wrong.
+/// Returns the entry of a key. Throws std::logic_error where there is none: a reader is wrong.
 const Key& find_key(std::string_view path, std::span<const Key> keys = scene_keys());
 /// Returns what a key allows: "number > 0, rad", for the table.
 std::string allowed(const Key& k);

@@ -38,8 +38,7 @@ class Section {
   [[nodiscard]] bool has(const std::string& key) const { return table_->contains(key); }
   [[nodiscard]] bool empty() const { return table_->empty(); }
   /// FILE:LINE; where a table has keys from --set, those are named as well.
-  /// The place of this table, for errors: FILE:LINE, with every --set in it. Of `key`: likewise; absent: the
-  /// table's.
+  /// The place of this table, or of `key` if it is there, for errors: FILE:LINE, with every --set in it.
   [[nodiscard]] std::string where() const;
   [[nodiscard]] std::string where(const std::string& key) const;
   /// The place of `key`, with every --set in it or in the `others`, which a finding depends on as well.
@@ -51,7 +50,7 @@ class Section {
   bool boolean(const std::string& key);
   std::string text(const std::string& key);
   std::optional<std::string> optional_text(const std::string& key);
-  /// An enumerator by its name; the key table has the same names.
+  /// Reads an enumerator of E by its name; the key's choices must be the names of E.
   template <Named E>
   E choice(const std::string& key) {
     return *from_name<E>(text(key));

@@ -197,7 +197,7 @@ struct Scene {
   /// True state at t = 0: joint angles and rates (four for the five-bar, two for RR).
   std::vector<double> start_angle, start_rate;
 
-  [[nodiscard]] int joints() const { return type == MechanismType::five_bar ? 4 : 2; }
+  [[nodiscard]] int joints() const { return type == MechanismType::five_bar ? 4 : 2; }  ///< passive ones too
   [[nodiscard]] int motors() const { return all_motors ? joints() : 2; }
   /// Whether a controller computes the torques: the law is neither open_loop nor none.
   [[nodiscard]] bool closed_loop() const { return law != LawChoice::open_loop && law != LawChoice::none; }

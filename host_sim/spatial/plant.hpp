@@ -39,7 +39,7 @@ class SpatialPlant {
   explicit SpatialPlant(const HexapodParams<double>& p);
 
   [[nodiscard]] Acceleration acceleration(const SpatialState& s, const Input& u) const;  ///< m/s2, rad/s2
-  [[nodiscard]] SpatialEnergy energy(const SpatialState& s) const;
+  [[nodiscard]] SpatialEnergy energy(const SpatialState& s) const;                       ///< of all bodies
   /// Power of the input less that of friction, W.
   [[nodiscard]] double power(const SpatialState& s, const Input& u) const;
   /// Angular momentum about the mass centre, of a free body, in N.

@@ -15,9 +15,8 @@ namespace esmc::host {
 
 using Json = nlohmann::ordered_json;
 
-/// One value of the input, which must outlive it, with the place to name in errors ("FILE:LINE: case 'id':
-/// state"). Reading functions throw InputError for an absent key, another type and a number that is not
-/// finite.
+/// One value of the input, which must outlive it, with the place to name in errors ("FILE:LINE: case 'id'").
+/// Reading functions throw InputError for an absent key, another type and a number that is not finite.
 class Node {
  public:
   Node(const Json& value, std::string where, std::string path)
@@ -33,7 +32,7 @@ class Node {
       fail("'" + path_ + "' must be an array with more entries");
     return {(*value_)[i], where_, path_ + "[" + std::to_string(i) + "]"};
   }
-  [[nodiscard]] std::size_t size() const { return value_->is_array() ? value_->size() : 0; }
+  [[nodiscard]] std::size_t size() const { return value_->is_array() ? value_->size() : 0; }  ///< 0: no array
   template <class S>
   [[nodiscard]] S number() const {
     if (!value_->is_number()) fail("'" + path_ + "' must be a number");

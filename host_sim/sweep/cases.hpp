@@ -32,8 +32,7 @@ class CaseScenes {
   CaseScenes& operator=(const CaseScenes&) = delete;
   ~CaseScenes();
 
-  /// The scene of a case, valid until the next call. Throws InputError where its values make no possible
-  /// scene.
+  /// The scene of a case, valid until the next call. Throws InputError where its values are impossible.
   [[nodiscard]] const Scene& at(std::uint64_t index);
   /// The scene as given, nothing varied.
   [[nodiscard]] const Scene& nominal() const;

@@ -16,6 +16,7 @@ struct SweepTable {
   std::vector<double> values;  ///< case by case, `columns` each
   std::vector<std::uint32_t> outcome;
 
+  /// Value of objective `column` in case `index`; neither is checked.
   [[nodiscard]] double at(std::uint64_t index, std::size_t column) const {
     return values[index * columns + column];
   }

@@ -22,8 +22,8 @@ class Ranks {
   Ranks& operator=(const Ranks&) = default;
 };
 
-/// Null where the program was started alone. Throws RunError where mpirun has started several and MPI is not
-/// there.
+/// Joins the processes that mpirun has started; null: this one was started alone. Throws RunError where there
+/// are several and MPI is not installed.
 [[nodiscard]] std::unique_ptr<Ranks> join_ranks();
 
 }  // namespace esmc::host

@@ -43,7 +43,7 @@ class Design {
 
   /// Number of cases; 0 where it would exceed most_cases.
   [[nodiscard]] std::uint64_t cases() const { return cases_; }
-  [[nodiscard]] std::uint64_t samples() const { return samples_; }
+  [[nodiscard]] std::uint64_t samples() const { return samples_; }  ///< per point of the grid
   [[nodiscard]] const std::vector<Axis>& axes() const { return axes_; }
   /// Index of the value of a listed axis in case `index`.
   [[nodiscard]] std::uint64_t chosen(std::uint64_t index, std::size_t axis) const;

@@ -77,8 +77,8 @@ struct SweepSpec {
   std::vector<std::vector<std::size_t>> pareto;  ///< of the fronts: places in `wanted`
 };
 
-/// Throws InputError naming file, line, key and what is allowed. Whether the scene has the keys is not looked
-/// at here.
+/// Reads the file of a sweep. Throws InputError naming file, line, key and what is allowed. Whether the scene
+/// has the keys is not checked here.
 [[nodiscard]] SweepSpec read_sweep(const std::string& file);
 
 }  // namespace esmc::host

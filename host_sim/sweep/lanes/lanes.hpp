@@ -133,7 +133,7 @@ struct Lanes {
   }
   friend Lanes magnitude(Lanes a) { return from(bits_of(a) & ~sign_bit); }
   friend Lanes abs(Lanes a) { return magnitude(a); }
-  /// A NaN makes its lane stray elsewhere.
+  /// The larger one; a for a NaN in either: that makes its lane stray elsewhere.
   friend Lanes larger(Lanes a, Lanes b) { return choose(b > a, b, a); }
   friend Lanes square_root(Lanes a) {
 #ifdef __AVX512F__
