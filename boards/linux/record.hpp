@@ -30,7 +30,7 @@ class Histogram {
     }
     return 0;
   }
-  /// Rows "name,us,count" of the bins that are not empty.
+  /// Writes rows "name,us,count" of the bins that are not empty.
   void write(std::FILE* out, const char* name) const {
     for (std::size_t us = 0; us < bins_.size(); ++us) {
       if (bins_[us] > 0)

@@ -51,7 +51,7 @@ struct Function {
   Word number;
 };
 
-/// TIM2 as a counter of microseconds, which wraps after 71 minutes.
+/// Starts TIM2 as a counter of microseconds, which wraps after 71 minutes.
 inline void start_microseconds(Word timer_hz) {
   constexpr Word tim2 = 0x4000'0000U;
   reg(tim2 + 0x28) = timer_hz / 1'000'000U - 1U;  // PSC
@@ -65,7 +65,7 @@ inline void start_microseconds(Word timer_hz) {
 class IndependentWatchdog {
  public:
   explicit constexpr IndependentWatchdog(Word base) : base_(base) {}
-  /// `timeout_us`: 1000 to 500 000.
+  /// Starts the watchdog. `timeout_us`: 1000 to 500 000, not checked.
   void start(Word timeout_us) const {
     reg(base_) = 0xCCCC;
     reg(base_) = 0x5555;

@@ -33,7 +33,7 @@ class Zcu102Board {
   [[nodiscard]] bool start(std::uint32_t bit_rate) { return bus_.open(can_clock_hz, bit_rate); }
 
   [[nodiscard]] Can& bus() { return bus_; }
-  /// Call it at least every 4 s: the counter wraps.
+  /// Time, us. Call it at least every 4 s: the counter of cycles wraps.
   [[nodiscard]] std::uint32_t now_us() {
     std::uint32_t cycles = 0;
     asm volatile("mrc p15, 0, %0, c9, c13, 0" : "=r"(cycles));  // PMCCNTR

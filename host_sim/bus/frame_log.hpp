@@ -33,7 +33,7 @@ class FrameLog {
     load_.add(static_cast<double>(bits_ - seen_bits_));
     seen_bits_ = bits_;
   }
-  /// The node looks at the bus again: it did not know of the frames that it receives from here on.
+  /// Call when the node looks at the bus again: it did not know of the frames that it receives from here on.
   void look() { ++looks_; }
   /// Counts and logs a frame that the node has sent, or received after it waited for age_us.
   void sent(const hal::CanFrame& f) {

@@ -9,8 +9,8 @@ namespace esmc::host {
 
 inline constexpr const char* bus_forms = "socketcan:INTERFACE | slcan:ENDPOINT";
 
-/// Opens a bus, in one of the bus_forms, for one node. `bit_rate`: bit/s, for an adapter on a serial line;
-/// that of an interface is set by the administrator.
+/// Opens a bus, named in one of the bus_forms, for one node. `bit_rate`: bit/s, for an adapter on a serial
+/// line; that of an interface is set by the administrator.
 HostBus open_bus(const std::string& bus, int bit_rate);
 
 /// Two nodes on one bus.

@@ -52,7 +52,7 @@ struct BusAnalysis {
 /// Share of a tick that the controller waits for answers to SYNC, against the clock: later ones belong to the
 /// next tick.
 inline constexpr double patience_ticks = 0.4;
-/// The messages of a scene's loop on the bus; and their worst latencies, s, with the load (1: full).
+/// The messages of a scene's loop on the bus; analyse_bus: their worst latencies, s, and the load (1: full).
 [[nodiscard]] std::vector<BusMessage> bus_messages(const Scene& scene);
 [[nodiscard]] BusAnalysis analyse_bus(const Scene& scene);
 

@@ -79,7 +79,7 @@ class TimedBus {
 
   [[nodiscard]] Time now() const { return now_; }                                           ///< bit times
   [[nodiscard]] double seconds(Time t) const { return static_cast<double>(t) / bitrate_; }  ///< t in s
-  /// t = 0 of the scene is now. Latencies count from here on, without the frames of arming.
+  /// Makes now t = 0 of the scene. Latencies count from here on, without the frames of arming.
   void begin_run() {
     origin_ = now_;
     latency_.clear();

@@ -21,7 +21,7 @@ struct CampaignOptions {
   std::string out, command_line;
 };
 
-/// Returns the exit status: 1 where an invariant did not hold.
+/// Runs a campaign. Returns the exit status: 1 where an invariant did not hold.
 int run_campaign(const CampaignOptions& o);
 
 }  // namespace esmc::host

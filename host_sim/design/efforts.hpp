@@ -50,7 +50,7 @@ template <class M>
   return 1.0 / (much * effort(c, pose, typename M::Channels(w * much)).force);
 }
 
-/// Torques of the worst plant on the motion itself, N m: magnitudes.
+/// Largest torque magnitudes, N m, that keep the worst plant on the motion itself; `swing`: see friction().
 template <class M>
 [[nodiscard]] Effort<M> holding(const Problem<M>& p, const Uncertain<M>& u, double swing, const State<M>& s) {
   using Channels = typename M::Channels;
@@ -83,7 +83,7 @@ template <class M>
   return out;
 }
 
-/// Torques of the law with those gains, N m: magnitudes.
+/// Torque magnitudes, N m, that the law with gains g asks for in state s.
 template <class M>
 [[nodiscard]] Effort<M> asking(const Problem<M>& p, const Gains<M>& g, const State<M>& s) {
   const auto& c = p.controller;

@@ -110,7 +110,7 @@ class Uncertain {
     return out;
   }
 
-  /// Delta of one bar [F36]: force of the controller less that of the true bar.
+  /// Delta of one bar [F36], N and N m: force and moment of the controller less those of the true bar.
   [[nodiscard]] Wrench lack(const Bar& s, const Box& of, const Corner& c, double g) const {
     const Vec2<double> n = perp(s.along);
     const double believed_g = p_->believed.g, dl = -c.offset;

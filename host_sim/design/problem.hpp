@@ -80,7 +80,7 @@ struct State {
   List<Channels, 2> column;        ///< C
 };
 
-/// Desired pose and motion. False: out of reach.
+/// Sets the desired pose, rates and acceleration in t from the reference m. False: out of reach.
 template <class M>
 [[nodiscard]] bool desired(const Problem<M>& p, const Motion2<double>& m, Tracking<M>& t) {
   const auto& c = p.controller;
@@ -102,14 +102,14 @@ inline bool displaced(const Rr<double>& m, const Rr<double>::Mode& mode, const V
   return Rr<double>::in_working_mode(t.pose, mode);
 }
 
-/// C at a pose.
+/// C at a pose: rates of the channels per rate of each independent coordinate.
 template <class M>
 [[nodiscard]] List<typename M::Channels, 2> columns(const M& m, const typename M::Pose& pose) {
   return {{m.channel_rates(pose, m.chain_rates(pose, Vec2<double>(1, 0))),
            m.channel_rates(pose, m.chain_rates(pose, Vec2<double>(0, 1)))}};
 }
 
-/// Sets q''_r and s: the law without gain.
+/// Sets s.wanted and s.sliding from s.track: the law without gain.
 template <class M>
 void ask(const Problem<M>& p, State<M>& s) {
   const auto& c = p.controller;

@@ -7,7 +7,7 @@
 
 namespace esmc::host::design {
 
-/// Symmetric part of a 2 x 2 matrix: eigenvalues in ascending order.
+/// Eigenvalues, ascending, of the symmetric part of a 2 x 2 matrix.
 [[nodiscard]] inline Vec2<double> eigenvalues(const Mat<double, 2, 2>& m) {
   const double mean = 0.5 * (m(0, 0) + m(1, 1)), half = 0.5 * (m(0, 0) - m(1, 1)),
                off = 0.5 * (m(0, 1) + m(1, 0));
@@ -65,7 +65,7 @@ class Worst {
     return best;
   }
 
-  /// Extremes of v . (C^T delta), exact over corners.
+  /// Smallest and largest v . (C^T delta) over all corners, exactly.
   [[nodiscard]] Span along(const Vec2<double>& v) const {
     Span out = nothing;
     for (int g = 0; g < gravities_; ++g) {
@@ -80,7 +80,7 @@ class Worst {
     }
     return out;
   }
-  /// f(C^T delta) of the corners that push most along each of eight directions.
+  /// Calls f(C^T delta) with the corner that pushes most along each of eight directions, per gravity.
   template <class F>
   void each_push(const F& f) const {
     for (int g = 0; g < gravities_; ++g) {
@@ -99,7 +99,7 @@ class Worst {
       }
     }
   }
-  /// Extremes of v . H v.
+  /// Smallest and largest v . H v over all corners.
   [[nodiscard]] Span energy(const Vec2<double>& v) const {
     Span sum;
     for (int k = 0; k < parts_; ++k) {

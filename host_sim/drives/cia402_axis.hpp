@@ -31,8 +31,8 @@ class Cia402Axis final : public EmulatedAxis {
              std::uint64_t seed);
 
   void publish(double joint_angle, double joint_rate, const Send& send) override;
-  /// True, in lockstep: the controller's tick is over, with its torque frame (RPDO1) while not operational
-  /// and with the SYNC after it when operational.
+  /// Takes a frame. True, in lockstep: the controller's tick is over, with its torque frame (RPDO1) while not
+  /// operational and with the SYNC after it when operational.
   bool receive(const hal::CanFrame& f, const Send& send) override;
   [[nodiscard]] bool commanded_by(const hal::CanFrame& f) const override;
   [[nodiscard]] bool closed_loop() const override;
@@ -41,7 +41,7 @@ class Cia402Axis final : public EmulatedAxis {
   /// Consecutive statuswords that reported operation enabled.
   [[nodiscard]] int confirmations() const override { return confirmations_; }
 
-  /// Value of an object; 0: there is none.
+  /// Value of an object of the dictionary; 0 also where there is no such object.
   [[nodiscard]] std::uint32_t value(std::uint16_t index, std::uint8_t sub) const;
 
  private:

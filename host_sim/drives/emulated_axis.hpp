@@ -28,8 +28,8 @@ class EmulatedAxis {
 
   /// Resets the sensor to a joint that has been at rest at this angle, rad, for long.
   virtual void settle(double joint_angle) { sensor_.settle(truth(joint_angle, 0.0)); }
-  /// One period of the drive (sensor, watchdog, periodic frames) with its joint at rad and rad/s. In lockstep
-  /// this begins a tick, and exactly one of the frames is the axis' report of the tick.
+  /// Does one period of the drive (sensor, watchdog, periodic frames), its joint at rad and rad/s. In
+  /// lockstep this begins a tick, and exactly one of the frames is the axis' report of the tick.
   virtual void publish(double joint_angle, double joint_rate, const Send& send) = 0;
   /// Takes a frame from the bus, of any node; replies go to `send`. True: it completes the command of a tick.
   virtual bool receive(const hal::CanFrame& f, const Send& send) = 0;

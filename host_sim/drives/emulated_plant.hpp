@@ -157,7 +157,7 @@ class EmulatedPlant {
   }
   /// Whether a motor is out of torque control after the release.
   [[nodiscard]] bool disarmed() const { return released_ && !closed_loop(); }
-  /// The watchdog of a motor that stays in torque control has set its torque to zero after the release.
+  /// Whether, after the release, a motor is in torque control whose watchdog has set its torque to zero.
   [[nodiscard]] bool timed_out() const {
     return released_ && !all_motors([](const EmulatedAxis& d) { return !d.timed_out(); });
   }

@@ -36,7 +36,7 @@ class Drivetrain {
   [[nodiscard]] bool empty() const { return stages_.empty(); }
   [[nodiscard]] std::size_t states() const { return states_; }
   void start(Shaft joint, std::span<double> own) const;
-  /// Returns the torque at the joint, N m, and writes the slopes of the states `own`.
+  /// Returns the torque at the joint, N m, for the drive's `torque`; writes the slopes of the states `own`.
   double pass(double torque, Shaft joint, std::span<const double> own, std::span<double> slope) const;
   /// Angle (rad) and rate (rad/s) that the drive's encoder sees: of the rotor if a stage has one, else of the
   /// joint. `own`: all states of this drivetrain.

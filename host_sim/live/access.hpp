@@ -13,12 +13,12 @@ namespace esmc::host {
 /// 128 bits of the operating system's entropy in hexadecimal. Throws RunError where there is none.
 std::string make_token();
 
-/// Takes the same time for all texts of one length, so that digits cannot be guessed one by one.
+/// Whether both are equal; in the same time for all texts of one length: digits cannot be guessed one by one.
 [[nodiscard]] bool same_token(std::string_view given, std::string_view token);
 
 /// Whether a Host header is 127.0.0.1:PORT or localhost:PORT.
 [[nodiscard]] bool own_host(std::string_view host, int port);
-/// Whether an Origin header is one of these with http:// before it.
+/// Whether an Origin header is http://127.0.0.1:PORT or http://localhost:PORT.
 [[nodiscard]] bool own_origin(std::string_view origin, int port);
 
 }  // namespace esmc::host

@@ -38,8 +38,8 @@ class Service {
   virtual ~Service() = default;
   Service(const Service&) = delete;
   Service& operator=(const Service&) = delete;
-  [[nodiscard]] virtual std::unique_ptr<Client> on_connect() = 0;
-  /// About 50 times a second.
+  [[nodiscard]] virtual std::unique_ptr<Client> on_connect() = 0;  ///< for a page that has connected
+  /// Called about 50 times a second.
   virtual void on_timer() = 0;
 
  protected:

@@ -138,6 +138,7 @@ class ControllerEnd {
     with([](auto& c) { c.ask_again(); });
     tick(false);
   }
+  /// Orders zero torque and idle drives, from the next tick on.
   void stop() {
     with([](auto& c) { c.command(Command::stop); });
   }

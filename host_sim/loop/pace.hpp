@@ -27,7 +27,7 @@ class Pace {
     std::this_thread::sleep_until(next_);
   }
   [[nodiscard]] std::uint64_t late() const { return late_; }  ///< instants missed so far
-  /// s since the instant that wait() waited for.
+  /// Time, s, since the instant that wait() waited for.
   [[nodiscard]] double since() const { return std::chrono::duration<double>(Clock::now() - next_).count(); }
 
  private:

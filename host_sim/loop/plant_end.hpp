@@ -55,12 +55,12 @@ class PlantEnd {
   [[nodiscard]] EmulatedPlant<Plant>& plant() { return plant_; }
   [[nodiscard]] bool released() const { return plant_.released(); }  ///< t = 0 has been reached
   [[nodiscard]] bool finished() const { return done_ >= ticks_; }    ///< simulation.duration is over
-  /// Recorded ticks.
+  /// Number of recorded ticks.
   [[nodiscard]] std::uint32_t done() const { return done_; }
-  /// Integration steps of a tick.
+  /// Number of integration steps in a tick.
   [[nodiscard]] int substeps() const { return substeps_; }
 
-  /// Begins a tick: the drives' reports.
+  /// Begins a tick: every drive sends its reports. Throws RunError like require_armed_in_time().
   void publish() {
     frames_.begin_tick(plant_.time());
     plant_.publish(tap_);
@@ -133,7 +133,7 @@ class PlantEnd {
     if (substep + 1 == substeps_) ++done_;
   }
 
-  /// The end of a run that began at `begin`.
+  /// Returns the outcome of a run that began at `begin`; call after the last tick.
   RunEnd end(std::chrono::steady_clock::time_point begin) {
     RunEnd e;
     e.wall_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();

@@ -21,7 +21,7 @@ class Progress {
     if (drawn_) std::fputs("\r\033[K", stderr);
   }
 
-  /// Call at every tick; looks at the clock at every 64th.
+  /// Shows that `tick` ticks are done. Call at every tick: it looks at the clock at every 64th.
   void at(std::uint64_t tick) {
     if (tick % 64 == 0) show(tick);
   }

@@ -32,7 +32,7 @@ template <class S, class Pair>
 std::array<S, 4> angles(const Pair& b) {
   return {b.first[0], b.second[0], b.first[1], b.second[1]};
 }
-/// Leg 1 minus leg 2, their sum, and leg 1 alone.
+/// apart: leg 1 minus leg 2; together: their sum; first: leg 1 alone.
 template <class S, class Both>
 Planar<S> apart(const Planar<Both>& v) {
   return {v.x[0] - v.x[1], v.y[0] - v.y[1]};

@@ -41,7 +41,8 @@ namespace esmc::host {
   return near ? ieee::sin_cos_in_range(angle) : sin_cos_any_range(angle);
 }
 
-/// Parameters of legs a and b as [0] and [1] of each number. Both: Double2, or the like of another S.
+/// Packs the parameters of legs a and b as [0] and [1] of each number. Both: Double2, or the like of another
+/// S.
 template <class Both, class S>
 [[nodiscard]] LegParams<Both> side_by_side(const LegParams<S>& a, const LegParams<S>& b) {
   return {Both{a.l1, b.l1}, Both{a.l2, b.l2}, Both{a.lg1, b.lg1},       Both{a.lg2, b.lg2},

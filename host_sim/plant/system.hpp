@@ -91,6 +91,7 @@ class BareSystem : public MechanismState<Plant, 0> {
   BareSystem(const Plant& plant, const Attachments&) : Base(plant) {}
   static constexpr std::size_t size() { return Base::capacity; }
   static void start(const State&) {}
+  /// Sets dy to the slope of y at time t, s.
   void slope(double t, const State& y, State& dy) const {
     this->mechanism_slope(Base::angles(y), Base::rates(y), this->torques().at(t), dy);
   }

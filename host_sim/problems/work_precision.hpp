@@ -138,8 +138,8 @@ void measure(const Problem<S>& p, const Once& once, WorkPoint& point) {
   return std::abs(fine - before) <= settled ? fine : std::numeric_limits<double>::quiet_NaN();
 }
 
-/// Fixed steps, ever finer until rounding or `most_steps`. The order is that of the root mean square over the
-/// track: the error at one instant may pass through zero.
+/// Adds points of fixed steps, ever finer until rounding or `most_steps`, and the order, of the root mean
+/// square over the track: the error at one instant may pass through zero.
 template <class Method, class S>
 void fixed_steps(const Problem<S>& p, int first_steps, long most_steps, WorkPrecision& out) {
   std::vector<std::pair<double, double>> track_error;
@@ -193,7 +193,8 @@ void tolerances(const Problem<S>& p, WorkPrecision& out) {
   }
 }
 
-/// All methods. `first_steps`: number of steps of RK4 that is just too coarse; `most_steps` of one run.
+/// Adds points and orders of all methods. `first_steps`: number of steps of RK4 that is just too coarse;
+/// `most_steps` of one run.
 template <class S>
 void work_precision(const Problem<S>& p, int first_steps, long most_steps, WorkPrecision& out) {
   fixed_steps<SemiImplicitEuler<S>>(p, 8 * first_steps, most_steps, out);

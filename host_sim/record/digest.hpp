@@ -21,7 +21,7 @@ inline constexpr std::uint64_t fnv_start = 0xCBF29CE484222325ULL;
   for (const char c : text) hash = fnv_byte(hash, static_cast<std::uint8_t>(c));
   return hash;
 }
-/// Sixteen hexadecimal digits.
+/// The hash as sixteen hexadecimal digits.
 [[nodiscard]] inline std::string digest_text(std::uint64_t hash) { return fmt::format("{:016x}", hash); }
 
 /// FNV-1a 64 over the little-endian doubles of q then qd at every tick from t = 0.

@@ -108,7 +108,7 @@ class ReferenceTrack {
 
   [[nodiscard]] bool present() const { return present_; }  ///< there is one, and its beginning is known
   [[nodiscard]] const ReferenceBundle<double>& bundle() const { return *bundle_; }
-  /// Point::base is 0 from now on.
+  /// Makes Point::base 0 from now on, for good.
   void without_base() { with_base_ = false; }
   /// Whether a missing point at this tick is an error of the scene, not of the join.
   [[nodiscard]] bool must_reach(std::uint32_t tick) const {
@@ -184,7 +184,7 @@ class Recorder {
   [[nodiscard]] Statistics& statistics() { return statistics_; }
   [[nodiscard]] Log& log() { return log_; }
   void without_digest() { digest_ = false; }  ///< for the rest of the run
-  /// Leaves out the errors of the base joints.
+  /// Leaves out the errors of the base joints from now on, for good.
   void without_base_errors() {
     base_errors_ = false;
     track_.without_base();

@@ -18,7 +18,7 @@
 namespace esmc::host {
 
 [[noreturn]] void throw_diverged(double t);
-/// Throws Diverged where a state at time t is not finite.
+/// Throws Diverged where a state at time t, s, has an entry that is not finite.
 inline void require_finite(std::span<const double> state, double t) {
   double zero = 0.0;  // NaN as soon as one is not finite
   for (const double v : state) zero += v * 0.0;
@@ -64,7 +64,7 @@ class Statistics {
  public:
   void add(const TickRecord& r);  ///< tick by tick
   [[nodiscard]] std::uint64_t ticks() const { return ticks_; }
-  /// s; tick of the fault. From it on errors do not count.
+  /// Time of the first tick with a fault, s; none: no fault. Errors from it on do not count.
   [[nodiscard]] std::optional<double> fault_time() const { return fault_time_; }
 
   Digest digest;

@@ -32,7 +32,7 @@ std::string allowed(const Key& k);
 std::string wanted(const Key& k);
 /// The known word nearest to `word`, within an edit distance of 2; empty: none.
 std::string nearest(std::string_view word, const std::vector<std::string>& known);
-/// The table as Markdown.
+/// The key table as Markdown, as in docs/scenes.md.
 std::string keys_markdown(std::span<const Key> keys = scene_keys());
 
 }  // namespace esmc::host

@@ -54,6 +54,7 @@ struct OdriveEndpoints {
   std::array<std::uint8_t, 3> firmware{};  ///< major, minor, revision
   std::vector<OdriveEndpoint> list;        ///< of `odrive_values`, those that the file has
 
+  /// Whether the file has an endpoint for v.
   [[nodiscard]] bool has(OdriveValue v) const {
     for (const OdriveEndpoint& e : list) {
       if (e.value == v) return true;

@@ -37,8 +37,7 @@ class Section {
 
   [[nodiscard]] bool has(const std::string& key) const { return table_->contains(key); }
   [[nodiscard]] bool empty() const { return table_->empty(); }
-  /// FILE:LINE; where a table has keys from --set, those are named as well.
-  /// The place of this table, or of `key` if it is there, for errors: FILE:LINE, with every --set in it.
+  /// The place of this table, or of `key` if it is there, for errors: FILE:LINE, and every --set in it.
   [[nodiscard]] std::string where() const;
   [[nodiscard]] std::string where(const std::string& key) const;
   /// The place of `key`, with every --set in it or in the `others`, which a finding depends on as well.

@@ -42,7 +42,7 @@ struct EffectPoint {
 };
 std::vector<EffectPoint> effect_study();
 
-/// Exit status 1 where an integrator did not show its order.
+/// Runs `esmc accuracy`. Returns the exit status: 1 where an integrator did not show its order.
 int run_accuracy(const AccuracyOptions& o);
 
 }  // namespace esmc::host

@@ -13,8 +13,8 @@ struct DesignOptions {
   std::uint64_t simulate = 0;  ///< number of plants from the intervals to simulate
 };
 
-/// Exit status 0: gains are printed and every simulated plant stayed in the band; 1: refused, or a plant did
-/// not.
+/// Runs `esmc design`. Returns 0: gains are printed and every simulated plant stayed in the band; 1: refused,
+/// or a plant did not.
 int run_design(const DesignOptions& o);
 
 }  // namespace esmc::host

@@ -57,7 +57,7 @@ class Node {
     if (!v.value_->is_string()) v.fail("'" + v.path_ + "' must be a string");
     return v.value_->get<std::string>();
   }
-  /// +1 or -1.
+  /// Reads +1 or -1; throws InputError for another value.
   [[nodiscard]] int sign() const {
     const auto v = number<double>();
     if (v != 1.0 && v != -1.0) fail("'" + path_ + "' must be 1 or -1");

@@ -16,8 +16,8 @@ namespace esmc::host {
 /// `lengths`: draws l1, l2 and half_base too. Depends on its arguments only.
 Scene sampled_plant(const Scene& scene, std::uint64_t seed, std::uint64_t index, bool lengths);
 
-/// Parameters of the scene's own mechanism and effects outside [uncertainty], one phrase each; and effects
-/// that the guarantee of a design does not cover: all but delays that the controller assumes.
+/// Parameters of the scene's own mechanism and effects outside [uncertainty], one phrase each; not_covered:
+/// effects that the guarantee of a design does not cover, all but delays that the controller assumes.
 std::vector<std::string> outside(const Scene& scene);
 std::vector<std::string> not_covered(const Scene& scene);
 

@@ -13,7 +13,7 @@ struct SweepOptions {
   bool scalar = false;   ///< no SIMD lanes: every case alone, with the same result
 };
 
-/// Exit status: 0, or 1 for one that was interrupted.
+/// Runs `esmc sweep`. Returns the exit status: 0, or 1 for a sweep that was interrupted.
 int run_sweep(const SweepOptions& o);
 
 }  // namespace esmc::host

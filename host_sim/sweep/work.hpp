@@ -48,8 +48,8 @@ struct WorkerConfig {
 
 /// Works the list off with this process's threads and, as the first of several processes, serves the others.
 void work_off(WorkList& list, const WorkerConfig& config, Ranks* ranks);
-/// The other processes: request cases, compute and deliver until none are left. `identity` must be that of
-/// the first process.
+/// Works for the first process: requests cases, computes and delivers until none are left. `identity` must be
+/// that of the first process.
 void serve(const WorkerConfig& config, Ranks& ranks, std::uint64_t identity);
 /// Tells the other processes, before work_off, which sweep they work on; or, instead, to end.
 void broadcast_job(Ranks& ranks, std::uint64_t identity);
