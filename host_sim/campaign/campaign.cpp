@@ -1,6 +1,7 @@
 #include "host_sim/campaign/campaign.hpp"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
 #include <atomic>
@@ -79,9 +80,7 @@ using Runner = std::function<EpisodeResult(std::uint64_t seed, const Draw& draw,
 template <class World>
 Runner runner_of(const Scene& scene) {
   const auto kind = std::make_shared<const EpisodeKind<World>>(scene);
-  return [kind](std::uint64_t seed, const Draw& draw, EpisodeTrace* trace, std::string_view only) {
-    return kind->run(seed, draw, trace, only);
-  };
+  return [kind](const auto&... arguments) { return kind->run(arguments...); };
 }
 
 Runner make_runner(const Scene& scene) {
@@ -123,7 +122,7 @@ OdriveEndpoints some_endpoints() {
   return out;
 }
 std::string protocol_set(std::string_view protocol) {
-  return fmt::format("drives.protocol=\"{}\"", protocol);
+  return fmt::format(R"(drives.protocol="{}")", protocol);
 }
 
 /// The scenes of a campaign. An episode is a function of its seed and of these.
@@ -139,25 +138,23 @@ class Campaign {
     if (!o.scene.empty()) {
       Sets sets = o.sets;
       if (!o.protocol.empty()) sets.push_back(protocol_set(o.protocol));
-      const Scene scene = read_scene(o.scene, sets);
-      kinds_.push_back({make_runner(scene), name(scene.drives.protocol)});
+      runners_.push_back(make_runner(read_scene(o.scene, sets)));
       return;
     }
     for (const DriveVariant& d : drive_variants()) {
       if (!o.protocol.empty() && o.protocol != d.protocol) continue;
       for (const Variant& v : variants()) add(o, d, v);
     }
-    if (kinds_.empty()) {
+    if (runners_.empty()) {
       throw InputError(
           "", "--protocol " + printable(o.protocol) + ": allowed are odrive, odrive_0.5, cia402, mit");
     }
   }
   [[nodiscard]] EpisodeResult run(std::uint64_t seed, EpisodeTrace* trace = nullptr) const {
     Draw draw(seed);
-    const std::size_t variant = draw.below(kinds_.size());
-    EpisodeResult e = kinds_[variant].run(seed, draw, trace, fault_);
+    const std::size_t variant = draw.below(runners_.size());
+    EpisodeResult e = runners_[variant](seed, draw, trace, fault_);
     e.variant = variant;
-    e.protocol = kinds_[variant].protocol;
     return e;
   }
 
@@ -173,14 +170,10 @@ class Campaign {
     if (d.read_back && !scene.drives.endpoints && scene.drives.confirmed.value_or(true)) {
       scene.drives.endpoints = some_endpoints();
     }
-    kinds_.push_back({make_runner(scene), name(scene.drives.protocol)});
+    runners_.push_back(make_runner(scene));
   }
 
-  struct Kind {
-    Runner run;
-    const char* protocol;
-  };
-  std::vector<Kind> kinds_;
+  std::vector<Runner> runners_;
   std::string fault_;
 };
 
@@ -193,19 +186,19 @@ CampaignTotals run_all(const Campaign& campaign, const CampaignOptions& o) {
   Progress progress(o.episodes);
   const auto next_batch = [&] { return next.fetch_add(at_once); };
   run_jobs(o.jobs > 0 ? o.jobs : processors, [&](int slot) {
-    CampaignTotals mine;
     try {
       for (std::uint64_t from = next_batch(); from < o.episodes && !stop_requested(); from = next_batch()) {
         if (slot == 0) progress.at(from);
-        for (std::uint64_t i = from; i < std::min(o.episodes, from + at_once); ++i)
-          mine.add(campaign.run(o.seed + i));
+        for (std::uint64_t i = from; i < std::min(o.episodes, from + at_once); ++i) {
+          const EpisodeResult e = campaign.run(o.seed + i);
+          const std::lock_guard lock(mutex);
+          totals.add(e);
+        }
       }
     } catch (...) {
       next = o.episodes;  // the other threads need not go on
       throw;
     }
-    const std::lock_guard lock(mutex);
-    totals.add(mine);
   });
   return totals;
 }
@@ -230,10 +223,9 @@ int replay(const Campaign& campaign, const CampaignOptions& o) {
   j["ticks"] = e.ticks;
   j["digest"] = fmt::format("{:016x}", e.digest);
   j["bit_equal"] = equal;
+  const std::string lines = fmt::format("{}\n", fmt::join(trace, "\n"));
   OutputDirectory out(o.out);
   if (out.wanted()) {
-    std::string lines;
-    for (const std::string& line : trace) lines += line + "\n";
     out.write("episode.txt", lines);
     out.write("episode.json", j.dump(2) + "\n");
     out.commit();
@@ -241,8 +233,7 @@ int replay(const Campaign& campaign, const CampaignOptions& o) {
   if (o.json) {
     fmt::print("{}\n", j.dump(2));
   } else {
-    for (const std::string& line : trace) fmt::print("{}\n", line);
-    fmt::print("seed {} on variant {}: {}\n", e.seed, e.variant, describe(e.injection));
+    fmt::print("{}seed {} on variant {}: {}\n", lines, e.seed, e.variant, describe(e.injection));
     fmt::print("latched {}; {}\n", j["latched"].get<std::string>(),
                held ? "every invariant held"
                     : fmt::format("{} broken at tick {}", e.verdict.invariant, e.verdict.tick));

@@ -118,13 +118,6 @@ class EpisodeScript {
   int join_, orders_at_, after_;
 };
 
-/// Frame of the fault foreign_controller; empty for other faults.
-inline hal::CanFrame foreign_command(const ProtocolTraits& traits, const Scene& scene, const Injection& i) {
-  if (i.kind() != Injected::foreign_controller) return {};
-  if (i.choice % 2 == 0) return traits.foreign_torque(scene, i.drive, i.amount * scene.torque_limit[i.drive]);
-  return traits.foreign_command(scene.drives.nodes[i.drive], static_cast<unsigned>(i.choice / 2));
-}
-
 /// Plant, bus, computer and a copy of the controller, for one pass.
 template <class World>
 class EpisodeLoop {
@@ -136,7 +129,7 @@ class EpisodeLoop {
   EpisodeLoop(const Kind& kind, const Injection& injection)
       : kind_(kind),
         injection_(injection),
-        traits_(dialect(kind.scene_.drives.protocol)),
+        traits_(protocol_traits(kind.scene_.drives.protocol)),
         plant_(make_motion<World>(kind.scene_), kind.scene_, kind.defective(injection.kind()), injection,
                traits_),
         bus_(injection, traits_, plant_.nodes(), kind.scene_.bitrate),
@@ -188,24 +181,12 @@ class EpisodeLoop {
   }
 
  private:
-  static void apply(auto& cycle, Operator order) {
-    switch (order) {
-      case Operator::enable:
-        return cycle.command(Command::enable);
-      case Operator::stop:
-        return cycle.command(Command::stop);
-      case Operator::halt:
-        return cycle.command(Command::halt);
-      case Operator::reset:
-        return cycle.command(Command::reset);
-      case Operator::nothing:
-        return;
-    }
-  }
   void tick(auto& cycle, Operator order) {
     cycle.receive(bus_);
     cycle.enable_input(!active(Injected::enable_open));
-    apply(cycle, order);
+    constexpr Command orders[] = {Command::none, Command::enable, Command::stop, Command::halt,
+                                  Command::reset};  // as enum Operator
+    if (order != Operator::nothing) cycle.command(orders[static_cast<std::size_t>(order)]);
     const TickResult<M> r = cycle.tick(bus_);
     cycle.request(bus_);
     word_.powered = cycle.supervisor().powered();
@@ -229,9 +210,10 @@ template <class World>
 EpisodeResult EpisodeKind<World>::run(std::uint64_t seed, Draw draw, EpisodeTrace* trace,
                                       std::string_view only) const {
   constexpr int watch_ticks = 30;
-  const ProtocolTraits& traits = dialect(scene_.drives.protocol);
+  const ProtocolTraits& traits = protocol_traits(scene_.drives.protocol);
   EpisodeResult out;
   out.seed = seed;
+  out.protocol = name(scene_.drives.protocol);
   Injection injection = draw_injection(draw, times_, traits, only);
   if (!has_to_show(injection, promised_)) injection.notice_ticks = InjectionRow::not_demanded;
   const EpisodeScript script(injection, times_, draw);

@@ -130,8 +130,8 @@ class FaultyPlant : public EmulatedPlant<Plant> {
   void strike(FaultyBus& bus) {
     const std::size_t i = injection_->drive;
     const int node = nodes_[i];
-    const auto receive = [&](const FewFrames& frames) {
-      for (const hal::CanFrame& f : frames.all())
+    const auto receive = [&](const std::vector<hal::CanFrame>& frames) {
+      for (const hal::CanFrame& f : frames)
         this->hand_over(i, f, [&](std::size_t axis, const hal::CanFrame& g) { bus.from_drive(axis, g); });
     };
     switch (injection_->kind()) {

@@ -126,10 +126,13 @@ struct Injection {
 };
 
 /// `only`: one of the rows, where it is possible; empty: any.
-[[nodiscard]] Injection draw_injection(Draw& draw, const EpisodeTimes& times, const ProtocolTraits& dialect,
+[[nodiscard]] Injection draw_injection(Draw& draw, const EpisodeTimes& times, const ProtocolTraits& traits,
                                        std::string_view only = {});
 /// Whether a guard of this scene must notice the wrong numbers in samples; true for faults without any.
 [[nodiscard]] bool has_to_show(const Injection& i, const Scene& scene);
+/// Frame of the fault foreign_controller; empty for other faults.
+[[nodiscard]] hal::CanFrame foreign_command(const ProtocolTraits& traits, const Scene& scene,
+                                            const Injection& i);
 [[nodiscard]] std::string describe(const Injection& i);
 
 }  // namespace esmc::host

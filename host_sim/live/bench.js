@@ -22,6 +22,7 @@
   function greet(hello) {
     Object.assign(hand, hello.hand);
     for (const name of ["stiffness", "damping", "most"]) byId(name).value = Number(hand[name].toPrecision(3));
+    control.offer(hello);
     faults.show(hello);
     byId("line").textContent = `esmc ${hello.version}, ${hello.bus === "virtual" ? "virtual bus" : hello.bus}`;
     for (const node of document.querySelectorAll("#control, [data-do]:not([data-do=home])")) node.hidden = !hello.controller;

@@ -1,6 +1,3 @@
-#include "host_sim/controller/axes_config.hpp"
-#include "host_sim/live/session.hpp"
-
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -8,6 +5,7 @@
 #include <optional>
 #include <utility>
 
+#include "host_sim/controller/axes_config.hpp"
 #include "host_sim/live/loop_parts.hpp"
 #include "host_sim/loop/loop_scene.hpp"
 
@@ -17,20 +15,15 @@ namespace {
 constexpr double none = std::numeric_limits<double>::quiet_NaN();
 constexpr int arming_patience_s = 5;
 
-template <class World_>
-class Session final : public SessionParts {
+template <class World>
+class Session final : public PlantOnBus<World> {
  public:
-  using Plant = typename World_::Plant;
-  using M = typename World_::Mechanism;
-  using State_ = typename Plant::State;
+  using Base = PlantOnBus<World>;
+  using M = typename World::Mechanism;
 
-  explicit Session(std::shared_ptr<const Scene> scene) : SessionParts(std::move(scene)) {
-    build(initial_state<World_>(*scene_));
+  explicit Session(std::shared_ptr<const Scene> scene) : Base(std::move(scene)) {
+    build(initial_state<World>(*scene_));
     start_ = true;
-  }
-
-  void order(const LiveOrder& o) override {
-    std::visit([&](const auto& x) { take(x); }, o);
   }
   void tick() override;
   [[nodiscard]] bool at_rest() const override {
@@ -39,60 +32,40 @@ class Session final : public SessionParts {
   }
 
  private:
-  /// Everything that is made of a scene. The members refer to each other in this order.
-  struct Bench {
-    std::shared_ptr<const Scene> scene;
-    const ProtocolTraits& traits;
+  using Base::scene_, Base::bus_, Base::plant_, Base::fault_, Base::ticks_, Base::emit;
+
+  /// The cycle refers to the reference.
+  struct Controlling {
     ReferenceBundle<double> reference;
     AnyCycle<M> cycle;
-    FaultyPlant<Plant> world;
-    FaultyBus wire;
-
-    Bench(std::shared_ptr<const Scene> s, const State_& at, const Hand& hand, const Injection& injection)
-        : scene(std::move(s)),
-          traits(dialect(scene->drives.protocol)),
-          reference(make_reference(*scene, Pacing::lockstep)),
-          cycle(make_cycle<M>(*scene, Pacing::lockstep, reference)),
-          world(make_motion<World_>(*scene, at, &hand), *scene, *scene, injection, traits),
-          wire(injection, traits, world.nodes()) {}
+    explicit Controlling(const Scene& scene)
+        : reference(make_reference(scene, Pacing::lockstep)),
+          cycle(make_cycle<M>(scene, Pacing::lockstep, reference)) {}
   };
 
-  template <class F>
-  decltype(auto) with(F&& f) {
-    return std::visit(std::forward<F>(f), bench_->cycle);
-  }
   [[nodiscard]] const Supervisor& supervisor() const {
-    return std::visit([](const auto& c) -> const Supervisor& { return c.supervisor(); }, bench_->cycle);
+    return std::visit([](const auto& c) -> const Supervisor& { return c.supervisor(); }, controller_->cycle);
   }
   void command(Command c) {
-    with([&](auto& x) { x.command(c); });
+    std::visit([&](auto& x) { x.command(c); }, controller_->cycle);
   }
 
   /// Drives and controller as after power-up, the mechanism in `at`.
-  void build(const State_& at) {
-    fault_.clear();
-    bench_ = std::make_unique<Bench>(scene_, at, hand_, fault_.injection());
+  void build(const typename Base::PlantState& at) {
+    Base::build(at, true);
+    controller_ = std::make_unique<Controlling>(*scene_);
     result_ = {};
     reported_ = State::disabled;
     armed_since_ = ticks_;
   }
-  [[nodiscard]] State_ resting() const {
-    State_ s = bench_->world.motion().state();
-    s.rate = {};
-    return s;
-  }
-
-  void take(std::monostate) {}
-  void take(const Hand& h) { hand_ = h; }
-  void take(LiveCommand c);
-  void take(const InjectOrder& o) { inject(o); }
-  void take(const SceneOrder& o);
+  void take(LiveCommand c) override;
+  void take(const SceneOrder& o) override;
   void home(const char* why) {
     next_.reset();
-    diverged_ = false;
-    run_ticks_ = 0;
-    digest_ = {};
-    build(initial_state<World_>(*scene_));
+    this->diverged_ = false;
+    this->run_ticks_ = 0;
+    this->digest_ = {};
+    build(initial_state<World>(*scene_));
     start_ = true;
     emit("order", why);
   }
@@ -104,15 +77,15 @@ class Session final : public SessionParts {
   void update_sample();
 
   std::optional<SceneOrder> next_;  ///< waits until the mechanism is at rest
-  std::unique_ptr<Bench> bench_;
+  std::unique_ptr<Controlling> controller_;
   TickResult<M> result_{};
   std::uint64_t armed_since_ = 0;
   bool start_ = false;  ///< enable as soon as possible
   State reported_ = State::disabled;
 };
 
-template <class World_>
-void Session<World_>::take(LiveCommand c) {
+template <class World>
+void Session<World>::take(LiveCommand c) {
   const State s = supervisor().state();
   switch (c) {
     case LiveCommand::home:
@@ -129,7 +102,7 @@ void Session<World_>::take(LiveCommand c) {
       return command(Command::stop);
     case LiveCommand::reset:
       if (s != State::fault) return emit("note", "no fault is latched");
-      if (diverged_) return emit("note", "the simulated state is not finite: home");
+      if (this->diverged_) return emit("note", "the simulated state is not finite: home");
       emit("order", "reset");
       command(Command::reset);
       start_ = true;
@@ -137,14 +110,10 @@ void Session<World_>::take(LiveCommand c) {
   }
 }
 
-template <class World_>
-void Session<World_>::take(const SceneOrder& o) {
+template <class World>
+void Session<World>::take(const SceneOrder& o) {
   const State s = supervisor().state();
-  if (o.takes == RestartLevel::nothing && !next_) {
-    bench_->world.set_motion(make_motion<World_>(*o.scene, bench_->world.motion().state(), &hand_), *o.scene);
-    scene_ = bench_->scene = o.scene;
-    return emit("scene", o.what + ": from now on; states of effects begin anew");
-  }
+  if (o.takes == RestartLevel::nothing && !next_) return this->change_effects(o);
   const RestartLevel before = next_ ? next_->takes : RestartLevel::nothing;
   next_ = o;
   next_->takes = std::max(before, o.takes);
@@ -154,15 +123,15 @@ void Session<World_>::take(const SceneOrder& o) {
   emit("scene", o.what + (s == State::disabled && !start_ ? ": in force" : ": halt, new controller, start"));
 }
 
-template <class World_>
-void Session<World_>::act_on_orders() {
+template <class World>
+void Session<World>::act_on_orders() {
   const State s = supervisor().state();
   // A rebuild or a start does not wait until a mechanism that is held or lowered is at rest.
   if ((next_ || start_) && (s == State::holding || s == State::lowering)) command(Command::stop);
   if (s != State::disabled) return;
   if (next_) {
     scene_ = next_->scene;
-    build(next_->takes == RestartLevel::home ? initial_state<World_>(*scene_) : resting());
+    build(next_->takes == RestartLevel::home ? initial_state<World>(*scene_) : this->resting());
     next_.reset();
   }
   if (std::exchange(start_, false)) {
@@ -171,47 +140,37 @@ void Session<World_>::act_on_orders() {
   }
 }
 
-template <class World_>
-void Session<World_>::control() {
+template <class World>
+void Session<World>::control() {
   if (fault_.kind() == Injected::controller_death || fault_.kind() == Injected::controller_late) return;
-  with([&](auto& c) {
-    c.receive(bench_->wire);
+  const auto tick = [&](auto& c) {
+    c.receive(*bus_);
     c.enable_input(fault_.kind() != Injected::enable_open);
-    result_ = c.tick(bench_->wire);
-    c.request(bench_->wire);
-  });
+    result_ = c.tick(*bus_);
+    c.request(*bus_);
+  };
+  std::visit(tick, controller_->cycle);
 }
 
-template <class World_>
-void Session<World_>::tick() {
+template <class World>
+void Session<World>::tick() {
   act_on_orders();
-  Bench& b = *bench_;
-  const bool first = fault_.begin_tick(), active = fault_.active();
-  b.wire.begin_tick(active);
-  b.world.publish(b.wire, active, first);
-  b.wire.inject_foreign_frames();
+  this->publish();
   control();
-  b.wire.inject_foreign_frames_after_tick(fault_.foreign());
-  b.world.deliver(b.wire, now() * 1e3);
+  bus_->inject_foreign_frames_after_tick(fault_.foreign());
+  plant_->deliver(*bus_, this->now() * 1e3);
   update_sample();
   // A holding brake: closed while the controller is off; open in a fault, as in esmc hil, to show the fall.
   const State s = supervisor().state();
-  if (b.world.released() && (s == State::stopping || s == State::disabled)) {
-    b.world.set_motion(make_motion<World_>(*scene_, resting(), &hand_), *scene_);
-    b.world.close_brake();
-  }
-  if (b.world.released()) {
-    if (!diverged_) b.world.advance(static_cast<double>(run_ticks_) * scene_->tick());
-    ++run_ticks_;
-  }
-  ++ticks_;
-  fault_.end_tick();
+  if (plant_->released() && (s == State::stopping || s == State::disabled)) this->close_brake();
+  this->advance(scene_->tick());
+  this->end_tick();
 }
 
-template <class World_>
-void Session<World_>::update_sample() {
-  sample_mechanism(bench_->world);
-  LiveSample& s = sample_;
+template <class World>
+void Session<World>::update_sample() {
+  this->sample_mechanism();
+  LiveSample& s = this->sample_;
   s.state = esmc::name(supervisor().state());
   s.fault = esmc::name(supervisor().fault());
   const State state = supervisor().state();

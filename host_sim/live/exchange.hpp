@@ -37,6 +37,8 @@ struct LiveEvent {
 };
 
 enum class LiveCommand : std::uint8_t { start, halt, stop, reset, home };
+template <>
+inline constexpr auto names_of<LiveCommand> = std::to_array({"start", "halt", "stop", "reset", "home"});
 
 /// A fault for one drive or for all; without a row: the fault that acts ends.
 struct InjectOrder {

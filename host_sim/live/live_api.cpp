@@ -10,6 +10,7 @@
 
 #include "host_sim/error.hpp"
 #include "host_sim/live/session.hpp"
+#include "host_sim/report/run_page.hpp"
 #include "host_sim/version.hpp"
 
 namespace esmc::host {
@@ -46,16 +47,6 @@ std::vector<std::string> texts(const Json& j) {
 }
 
 std::string dump(const Json& j) { return j.dump(-1, ' ', false, Json::error_handler_t::replace); }
-
-Json mechanism_json(const Scene& s) {
-  const bool five_bar = s.type == MechanismType::five_bar;
-  Json legs = Json::array();
-  for (std::size_t j = 0; j < (five_bar ? 2U : 1U); ++j)
-    legs.push_back({{"l1", s.mechanism.legs[j].l1}, {"l2", s.mechanism.legs[j].l2}});
-  return {{"type", five_bar ? "five_bar" : "rr"},
-          {"half_base", five_bar ? Json(s.mechanism.l0) : Json(nullptr)},
-          {"legs", std::move(legs)}};
-}
 
 std::string per_kind(const PerKind& k) {
   return k.position == k.angle ? fmt::format("{}", k.position)
@@ -141,7 +132,7 @@ std::string LiveApi::scene_json() const {
   for (const EffectText& e : effect_texts(s.toml))
     effects.push_back({{"type", e.type}, {"parameters", e.parameters}});
   Json j{{"name", printable(s.name)},
-         {"mechanism", mechanism_json(s)},
+         {"mechanism", mechanism_json(s.mechanism, s.type == MechanismType::five_bar)},
          {"law", name(s.law)},
          {"reaching", name(s.reaching)},
          {"lambda", per_kind(s.lambda)},
@@ -164,12 +155,14 @@ std::string LiveApi::hello_json() const {
     Json ms = r.longest == 0 ? Json(nullptr) : Json(1e3 * usual.ticks * scene_->tick());
     faults.push_back({{"name", r.name}, {"ms", std::move(ms)}});
   }
+  const auto& laws = names_of<LawChoice>;  // those before open_loop close a loop
   const Json hello{
       {"version", version},
       {"bus", options_.bus},
       {"controller", controller_here()},
       {"motors", scene_->motors()},
-      {"drives", scene_->drives.nodes.size()},
+      {"laws", std::vector(laws.begin(), laws.begin() + static_cast<int>(LawChoice::open_loop))},
+      {"reaching_laws", names_of<ReachingChoice>},
       {"channels", scene_->type == MechanismType::five_bar ? Json{"x", "y"} : Json{"theta1", "theta2"}},
       {"faults", std::move(faults)},
       {"hand",
@@ -269,15 +262,9 @@ void Page::on_message(std::string_view message) {
 void Page::apply(const Json& j) {
   for (const auto& [key, value] : j.items()) {
     if (key == "do") {
-      constexpr std::pair<const char*, LiveCommand> words[] = {{"start", LiveCommand::start},
-                                                               {"halt", LiveCommand::halt},
-                                                               {"stop", LiveCommand::stop},
-                                                               {"reset", LiveCommand::reset},
-                                                               {"home", LiveCommand::home}};
-      const auto word =
-          std::ranges::find(words, text(value), [](const auto& w) { return std::string(w.first); });
-      if (word == std::end(words)) throw Malformed();
-      api_.send(word->second);
+      const auto command = from_name<LiveCommand>(text(value));
+      if (!command) throw Malformed();
+      api_.send(*command);
     } else if (key == "hand") {
       set_hand(value);
     } else if (key == "inject") {

@@ -23,15 +23,6 @@ Json rounded(const std::vector<double>& values, int digits) {
   return out;
 }
 
-Json mechanism_json(const PageMechanism& m) {
-  Json legs = Json::array();
-  for (std::size_t j = 0; j < (m.five_bar ? 2U : 1U); ++j)
-    legs.push_back({{"l1", m.params.legs[j].l1}, {"l2", m.params.legs[j].l2}});
-  return {{"type", m.five_bar ? "five_bar" : "rr"},
-          {"half_base", m.five_bar ? Json(m.params.l0) : Json(nullptr)},
-          {"legs", std::move(legs)}};
-}
-
 Json paths_json(const std::vector<WorkspaceMap::Path>& paths) {
   Json out = Json::array();
   for (const WorkspaceMap::Path& path : paths) {
@@ -104,9 +95,18 @@ Json rows_json(const std::vector<SeriesRow>& list) {
 
 }  // namespace
 
+Json mechanism_json(const FiveBarParams<double>& m, bool five_bar) {
+  Json legs = Json::array();
+  for (std::size_t j = 0; j < (five_bar ? 2U : 1U); ++j)
+    legs.push_back({{"l1", m.legs[j].l1}, {"l2", m.legs[j].l2}});
+  return {{"type", five_bar ? "five_bar" : "rr"},
+          {"half_base", five_bar ? Json(m.l0) : Json(nullptr)},
+          {"legs", std::move(legs)}};
+}
+
 std::string run_page(RunPage page) {
   Json& data = page.data;
-  data["mechanism"] = mechanism_json(page.mechanism);
+  data["mechanism"] = mechanism_json(page.mechanism.params, page.mechanism.five_bar);
   data["working_mode"] = page.mechanism.working_mode;
   data["workspace"] = workspace_json(page.mechanism);
   data["histograms"] = histograms_json(page.histograms);

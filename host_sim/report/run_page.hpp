@@ -33,6 +33,8 @@ struct RunPage {
   std::vector<std::string> columns;  ///< of rows; the last one is chatter
   const std::vector<SeriesRow>& rows;
 };
+/// The geometry that mechanism.js draws; RR: legs[0].
+[[nodiscard]] nlohmann::ordered_json mechanism_json(const FiveBarParams<double>& m, bool five_bar);
 /// The HTML of the page.
 [[nodiscard]] std::string run_page(RunPage page);
 

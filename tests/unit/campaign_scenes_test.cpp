@@ -83,7 +83,7 @@ TEST(EpisodeTimes, OfOneKilohertzAreThoseOfTheRecord) {
     // With these, what is due is what a table of numbers once said.
     for (std::uint64_t seed = 0; seed < 400; ++seed) {
       Draw d(seed);
-      const Injection i = draw_injection(d, t, dialect(s.drives.protocol));
+      const Injection i = draw_injection(d, t, protocol_traits(s.drives.protocol));
       const std::string name(i.row->name);
       EXPECT_LE(i.length, i.row->longest == 0 ? i.length : i.row->longest) << name;
       const auto due = [&](const char* of, int ticks, double safe_ms) {
@@ -144,7 +144,7 @@ std::set<std::string> fits_too(const Scene& s, std::string_view fault) {
   const EpisodeTimes t = episode_times(s);
   for (std::uint64_t seed = 0; seed < 1000; ++seed) {
     Draw d(seed);
-    const Injection i = draw_injection(d, t, dialect(s.drives.protocol));
+    const Injection i = draw_injection(d, t, protocol_traits(s.drives.protocol));
     if (i.row->name == fault) out.insert(i.fits_too);
   }
   return out;
