@@ -1,35 +1,11 @@
 #include "host_sim/parallel.hpp"
 
-#include <cstddef>
-
-#ifdef ESMC_WITH_TBB
-#include <oneapi/tbb/global_control.h>
-#include <oneapi/tbb/parallel_for.h>
-#include <oneapi/tbb/task_arena.h>
-#else
 #include <exception>
 #include <mutex>
 #include <thread>
 #include <vector>
-#endif
 
 namespace esmc::host {
-
-#ifdef ESMC_WITH_TBB
-
-const char* thread_library() { return "oneTBB"; }
-
-void run_jobs(int jobs, const std::function<void(int)>& work) {
-  namespace tbb = oneapi::tbb;
-  const tbb::global_control limit(tbb::global_control::max_allowed_parallelism,
-                                  static_cast<std::size_t>(jobs));
-  tbb::task_arena arena(jobs);
-  arena.execute([&] { tbb::parallel_for(0, jobs, 1, work, tbb::simple_partitioner()); });
-}
-
-#else
-
-const char* thread_library() { return "std::thread"; }
 
 void run_jobs(int jobs, const std::function<void(int)>& work) {
   std::exception_ptr first;
@@ -48,7 +24,5 @@ void run_jobs(int jobs, const std::function<void(int)>& work) {
   for (std::thread& t : threads) t.join();
   if (first) std::rethrow_exception(first);
 }
-
-#endif
 
 }  // namespace esmc::host

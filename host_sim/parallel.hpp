@@ -5,10 +5,8 @@
 
 namespace esmc::host {
 
-/// Calls work(slot) once for every slot 0 .. jobs - 1, each in a thread of oneTBB, or of the standard library
-/// where the program was built without. The first exception of any is thrown again once all are done.
+/// Calls work(slot) once for every slot 0 .. jobs - 1, each in a thread of its own. The first exception of
+/// any is thrown again once all are done.
 void run_jobs(int jobs, const std::function<void(int slot)>& work);
-/// "oneTBB" or "std::thread".
-[[nodiscard]] const char* thread_library();
 
 }  // namespace esmc::host

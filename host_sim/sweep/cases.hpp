@@ -10,7 +10,7 @@
 
 namespace esmc::host {
 
-/// How a number of a Scene is set without reading the scene again; see bindings.cpp.
+/// How a number of a Scene is set without reading the scene again.
 struct Binding {
   using Set = void (*)(Scene&, double);
   Set set = nullptr;             ///< null: the scene is read again
@@ -62,8 +62,5 @@ class CaseScenes {
   std::unique_ptr<Scene> base_, scene_;
   std::vector<SweepValue> read_for_;  ///< the values that base_ was read for
 };
-
-/// The binding of a key, "plant" and "mechanism" being the same; null where there is none.
-[[nodiscard]] Binding find_binding(const std::string& key, const Scene& nominal);
 
 }  // namespace esmc::host

@@ -54,13 +54,14 @@ void Journal::refuse(const std::string& why) {
   if (descriptor_ >= 0) ::close(descriptor_);
   throw InputError("", file_ + ": " + why);
 }
+void Journal::refuse_unwritable() { refuse(std::string("cannot be written: ") + std::strerror(errno)); }
 
 Journal::Journal(const std::string& file, std::uint64_t identity, std::uint64_t cases, std::size_t columns,
                  bool restart)
     : file_(file), cases_(cases), objectives_(columns) {
   descriptor_ = ::open(file.c_str(), O_RDWR | O_CREAT | O_APPEND | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK,
                        0666);  // NOLINT(*-vararg)
-  if (descriptor_ < 0) refuse(std::string("cannot be written: ") + std::strerror(errno));
+  if (descriptor_ < 0) refuse_unwritable();
   if (::flock(descriptor_, LOCK_EX | LOCK_NB) != 0) refuse("another sweep is writing here");
   struct stat what {};
   if (::fstat(descriptor_, &what) != 0 || !S_ISREG(what.st_mode)) refuse("is not a regular file");
@@ -71,8 +72,7 @@ Journal::Journal(const std::string& file, std::uint64_t identity, std::uint64_t 
   if (first < 0 ||
       begin.compare(0, static_cast<std::size_t>(first), magic.data(), static_cast<std::size_t>(first)) != 0)
     refuse("is not the journal of a sweep");
-  if (restart && ::ftruncate(descriptor_, 0) != 0)
-    refuse(std::string("cannot be written: ") + std::strerror(errno));
+  if (restart && ::ftruncate(descriptor_, 0) != 0) refuse_unwritable();
   std::string head(magic.begin(), magic.end());
   put(head, identity);
   put(head, cases);
@@ -83,12 +83,11 @@ Journal::Journal(const std::string& file, std::uint64_t identity, std::uint64_t 
     if (there != head) {
       refuse(
           "is the journal of another sweep: specification, scene or program have changed since; take another "
-          "--out, or "
-          "--restart");
+          "--out, or --restart");
     }
     read_back();
   } else if (size < 0 || ::ftruncate(descriptor_, 0) != 0 || !write_all(descriptor_, head)) {
-    refuse(std::string("cannot be written: ") + std::strerror(errno));
+    refuse_unwritable();
   }
 }
 
@@ -110,7 +109,7 @@ void Journal::read_back() {
     known[f.index] = true;
     found_.push_back(std::move(f));
   }
-  if (::ftruncate(descriptor_, at) != 0) refuse(std::string("cannot be written: ") + std::strerror(errno));
+  if (::ftruncate(descriptor_, at) != 0) refuse_unwritable();
 }
 
 void Journal::append(const std::vector<Finished>& cases) {

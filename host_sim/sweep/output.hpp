@@ -21,6 +21,11 @@ struct SweepTable {
   }
 };
 
+/// Rows of `points` (all of one length, smaller is better) that no other row dominates, in the order of the
+/// first column, then the second, ... Of equal rows the first one stands for all. Rows with a number that is
+/// not finite are left out.
+[[nodiscard]] std::vector<std::size_t> pareto_front(const std::vector<std::vector<double>>& points);
+
 /// Cases of each front of the specification; those alone that ended well.
 [[nodiscard]] std::vector<std::vector<std::uint64_t>> fronts_of(const SweepSpec& spec,
                                                                 const SweepTable& table);

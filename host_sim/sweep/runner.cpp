@@ -13,19 +13,14 @@
 namespace esmc::host {
 namespace {
 
-constexpr double nothing = std::numeric_limits<double>::quiet_NaN();
-
 Score empty_score() {
   Score s;
-  s.fill(nothing);
+  s.fill(std::numeric_limits<double>::quiet_NaN());
   return s;
 }
 
 bool all_finite(const std::vector<double>& v) {
-  for (const double x : v) {
-    if (!std::isfinite(x)) return false;
-  }
-  return true;
+  return std::ranges::all_of(v, [](double x) { return std::isfinite(x); });
 }
 
 std::uint32_t fault_number(const std::string& of) {
@@ -128,7 +123,7 @@ void CaseRunner::run_together(std::vector<LaneJob>& jobs, std::vector<Finished>&
 
 bool CaseRunner::run(const Package& package, std::vector<Finished>& out) {
   for (auto& g : groups_) g.clear();
-  for (const std::uint64_t index : package.cases) {
+  for (const std::uint64_t index : package) {
     if (stop_requested()) return false;
     LaneJob job;
     job.index = index;

@@ -19,9 +19,7 @@ inline constexpr std::uint32_t outcome_ok = 0, outcome_diverged = 1, outcome_imp
 [[nodiscard]] std::string outcome_name(std::uint32_t outcome);
 
 /// Cases of a sweep that are done together.
-struct Package {
-  std::vector<std::uint64_t> cases;
-};
+using Package = std::vector<std::uint64_t>;
 
 /// The objectives of a run that ended well, but tick_ns. `tick` in s.
 [[nodiscard]] Score score_of(const RunSums<double>& sums, double tick);
@@ -39,12 +37,11 @@ class CaseRunner {
  private:
   [[nodiscard]] Finished finished(std::uint64_t index, std::uint32_t outcome, const Score& score) const;
   [[nodiscard]] bool run_alone(std::uint64_t index, std::vector<Finished>& out);
-
-  const SweepSpec* spec_;
-  CaseScenes scenes_;
   /// The cases of a package that go together, until a kernel is full.
   void run_together(std::vector<LaneJob>& jobs, std::vector<Finished>& out);
 
+  const SweepSpec* spec_;
+  CaseScenes scenes_;
   const LaneKernel* kernel_;
   bool one_reference_ = true;
   std::vector<std::vector<LaneJob>> groups_;  ///< of equal settings

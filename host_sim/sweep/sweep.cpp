@@ -79,7 +79,6 @@ Json timing(const SweepOptions& o, const WorkerConfig& config, const Ranks* rank
       {"wall_s", wall_s},
       {"processes", processes},
       {"threads_each", config.jobs},
-      {"threads", thread_library()},
       {"lanes",
        config.kernel != nullptr ? fmt::format("{} x {}", config.kernel->lanes, config.kernel->name) : "none"},
       {"cases_per_s", static_cast<double>(cases) / wall_s},
@@ -162,10 +161,11 @@ class Sweep {
     }
     fmt::print("{}", sweep_text(summary));
     const Json& rate = timing[timing["cpu_s"].is_null() ? "simulated_s_per_core_s" : "simulated_s_per_cpu_s"];
-    fmt::print("{:.3g} s: {:.0f} cases/s, {:.0f} simulated seconds per core-second ({} x {} {}, lanes: {})\n",
-               timing["wall_s"].get<double>(), timing["cases_per_s"].get<double>(), rate.get<double>(),
-               timing["processes"].get<int>(), timing["threads_each"].get<int>(),
-               timing["threads"].get<std::string>(), timing["lanes"].get<std::string>());
+    fmt::print(
+        "{:.3g} s: {:.0f} cases/s, {:.0f} simulated seconds per core-second ({} x {} threads, lanes: {})\n",
+        timing["wall_s"].get<double>(), timing["cases_per_s"].get<double>(), rate.get<double>(),
+        timing["processes"].get<int>(), timing["threads_each"].get<int>(),
+        timing["lanes"].get<std::string>());
     if (out_.wanted()) fmt::print("report: {}\n", (fs::path(out_.directory()) / "report.html").string());
   }
 

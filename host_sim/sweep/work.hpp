@@ -28,7 +28,6 @@ class WorkList {
   void finish(const std::vector<Finished>& cases);
   /// Nothing more is given out.
   void stop();
-  [[nodiscard]] bool complete() const { return finished_ == done_.size(); }
 
  private:
   std::mutex guard_;

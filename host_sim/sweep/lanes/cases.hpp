@@ -15,8 +15,7 @@ struct LaneJob {
   std::uint64_t index = 0;
   LaneSettings settings;
   LaneCase numbers;
-  std::shared_ptr<const ReferenceBundle<double>> bundle;  ///< the reference looks into it
-  JoinedReference<double> reference;
+  std::shared_ptr<const ReferenceBundle<double>> bundle;
 };
 
 /// False where the scene has a part that lanes do not cover: another mechanism, effects, four motors or
