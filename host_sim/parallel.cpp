@@ -1,11 +1,15 @@
 #include "host_sim/parallel.hpp"
 
+#include <algorithm>
+#include <atomic>
 #include <exception>
 #include <mutex>
 #include <thread>
 #include <vector>
 
 namespace esmc::host {
+
+int processors() { return static_cast<int>(std::max(1U, std::thread::hardware_concurrency())); }
 
 void run_jobs(int jobs, const std::function<void(int)>& work) {
   std::exception_ptr first;
@@ -23,6 +27,18 @@ void run_jobs(int jobs, const std::function<void(int)>& work) {
   safely(0);
   for (std::thread& t : threads) t.join();
   if (first) std::rethrow_exception(first);
+}
+
+void run_each(int jobs, std::uint64_t count, const std::function<bool(std::uint64_t)>& work) {
+  std::atomic<std::uint64_t> next{0};
+  run_jobs(jobs, [&](int) {
+    try {
+      for (std::uint64_t i = next++; i < count && work(i);) i = next++;
+    } catch (...) {
+      next = count;  // the other threads need not go on
+      throw;
+    }
+  });
 }
 
 }  // namespace esmc::host

@@ -4,12 +4,10 @@
 #include <fmt/ranges.h>
 
 #include <algorithm>
-#include <atomic>
 #include <functional>
 #include <memory>
 #include <mutex>
 #include <nlohmann/json.hpp>
-#include <thread>
 
 #include "host_sim/campaign/episode.hpp"
 #include "host_sim/campaign/totals.hpp"
@@ -178,27 +176,16 @@ class Campaign {
 };
 
 CampaignTotals run_all(const Campaign& campaign, const CampaignOptions& o) {
-  const auto processors = static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
-  constexpr std::uint64_t at_once = 64;
-  std::atomic<std::uint64_t> next{0};
   std::mutex mutex;
   CampaignTotals totals;
   Progress progress(o.episodes);
-  const auto next_batch = [&] { return next.fetch_add(at_once); };
-  run_jobs(o.jobs > 0 ? o.jobs : processors, [&](int slot) {
-    try {
-      for (std::uint64_t from = next_batch(); from < o.episodes && !stop_requested(); from = next_batch()) {
-        if (slot == 0) progress.at(from);
-        for (std::uint64_t i = from; i < std::min(o.episodes, from + at_once); ++i) {
-          const EpisodeResult e = campaign.run(o.seed + i);
-          const std::lock_guard lock(mutex);
-          totals.add(e);
-        }
-      }
-    } catch (...) {
-      next = o.episodes;  // the other threads need not go on
-      throw;
-    }
+  run_each(o.jobs > 0 ? o.jobs : processors(), o.episodes, [&](std::uint64_t i) {
+    if (stop_requested()) return false;
+    const EpisodeResult e = campaign.run(o.seed + i);
+    const std::lock_guard lock(mutex);
+    totals.add(e);
+    progress.at(totals.episodes());
+    return true;
   });
   return totals;
 }

@@ -99,18 +99,10 @@ class EpisodeScript {
   }
   /// Whether the fault begins in this tick or has begun.
   [[nodiscard]] bool begins(std::uint64_t tick, int run) const {
-    switch (injection_.phase) {
-      case Phase::arming:
-        return tick >= static_cast<std::uint64_t>(injection_.offset);
-      case Phase::joining:
-        return run >= injection_.offset;
-      case Phase::running:
-        return run >= join_ + injection_.offset;
-      case Phase::halting:
-      case Phase::stopping:
-        break;
-    }
-    return run >= orders_at_ + injection_.offset;
+    const Phase phase = injection_.phase;
+    if (phase == Phase::arming) return tick >= static_cast<std::uint64_t>(injection_.offset);
+    const int from = phase == Phase::joining ? 0 : (phase == Phase::running ? join_ : orders_at_);
+    return run >= from + injection_.offset;
   }
 
  private:

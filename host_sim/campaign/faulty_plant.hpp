@@ -134,16 +134,10 @@ class FaultyPlant : public EmulatedPlant<Plant> {
       for (const hal::CanFrame& f : frames)
         this->hand_over(i, f, [&](std::size_t axis, const hal::CanFrame& g) { bus.from_drive(axis, g); });
     };
-    switch (injection_->kind()) {
-      case Injected::drive_error:
-        return receive(traits_->fail(node));
-      case Injected::drive_disarm:
-        return receive(traits_->disarm(node));
-      case Injected::drive_reset:
-        return this->restart_drive(i, *scene_, lockstep_);
-      default:
-        return;
-    }
+    const Injected kind = injection_->kind();
+    if (kind == Injected::drive_error) receive(traits_->fail(node));
+    if (kind == Injected::drive_disarm) receive(traits_->disarm(node));
+    if (kind == Injected::drive_reset) this->restart_drive(i, *scene_, lockstep_);
   }
 
   /// Reading of the afflicted drive's encoder.

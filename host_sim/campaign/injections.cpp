@@ -88,6 +88,12 @@ bool among(Injected k, std::initializer_list<Injected> list) {
   return std::ranges::find(list, k) != list.end();
 }
 
+/// Whether it keeps samples from the controller.
+bool takes_samples(Injected k) {
+  return among(k, {Injected::loss, Injected::extended, Injected::babbling, Injected::drive_bus_off,
+                   Injected::drive_silent});
+}
+
 /// Of a passive encoder only the samples count.
 bool of_motors(Injected k) {
   return among(k,
@@ -273,11 +279,6 @@ bool possible(const InjectionRow& row, const ProtocolTraits& d, const EpisodeTim
       {Injected::emergency_stop, d.emergency_stop != nullptr},
   };
   return std::ranges::all_of(needs, [&](const auto& n) { return n.first != row.kind || n.second; });
-}
-
-bool takes_samples(Injected k) {
-  return among(k, {Injected::loss, Injected::extended, Injected::babbling, Injected::drive_bus_off,
-                   Injected::drive_silent});
 }
 
 bool lists(std::string_view list, std::string_view word) {

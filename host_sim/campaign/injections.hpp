@@ -98,8 +98,6 @@ inline constexpr std::string_view motion_faults =
 [[nodiscard]] std::span<const InjectionRow> injection_rows();
 /// Whether a drive of this protocol can show it, on a scene with these times.
 [[nodiscard]] bool possible(const InjectionRow& row, const ProtocolTraits& d, const EpisodeTimes& t);
-/// Whether it keeps samples from the controller.
-[[nodiscard]] bool takes_samples(Injected k);
 /// Whether a blank-separated list holds a word.
 [[nodiscard]] bool lists(std::string_view list, std::string_view word);
 

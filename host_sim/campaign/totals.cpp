@@ -7,8 +7,6 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
-#include "host_sim/report/study_page.hpp"
-
 namespace esmc::host {
 
 using Json = nlohmann::ordered_json;
@@ -22,6 +20,13 @@ std::uint64_t Times::count() const {
   std::uint64_t n = 0;
   for (const auto& bin : bins_) n += bin.second;
   return n;
+}
+
+std::vector<Bar> Times::bars() const {
+  std::vector<Bar> out;
+  for (const auto& [bin, n] : bins_)
+    out.push_back({std::max(0.0, (bin - 1) * bin_ms), bin * bin_ms, static_cast<double>(n)});
+  return out;
 }
 
 Json Times::json() const {
@@ -109,9 +114,9 @@ std::string CampaignTotals::text() const {
   return out + fmt::format("digest {:016x}\n", digest_);
 }
 
-std::vector<std::vector<std::string>> CampaignTotals::fault_rows() const {
-  std::vector<std::vector<std::string>> rows{{"fault", "episodes", "at drive 1, 2, 3, 4", "under torque",
-                                              "noticed at most, ms", "zero torque at most, ms", "latched"}};
+TextTable CampaignTotals::fault_rows() const {
+  TextTable rows{{"fault", "episodes", "at drive 1, 2, 3, 4", "under torque", "noticed at most, ms",
+                  "zero torque at most, ms", "latched"}};
   const auto most = [](const Times& t) {
     return t.count() > 0 ? fmt::format("{:.3f}", t.longest()) : std::string("");
   };
@@ -150,18 +155,11 @@ std::string CampaignTotals::page(const std::string& command, std::uint64_t wante
   time("Controller dead: torque zero within", death_);
   out.tiles.push_back({"Digest", fmt::format("{:016x}", digest_), ""});
   std::vector<std::string> drawings;
-  for (const auto& [title, times] : reactions()) {
-    std::vector<Bar> bars;
-    for (const auto& bin : times->json()) {
-      const double to = bin["up_to_ms"];
-      bars.push_back(
-          {std::max(0.0, to - Times::bin_ms), to, static_cast<double>(bin["count"].get<std::uint64_t>())});
-    }
-    drawings.push_back(bar_svg(std::string("From ") + title, "ms; heights: episodes", bars));
-  }
+  for (const auto& [title, times] : reactions())
+    drawings.push_back(bar_svg(std::string("From ") + title, "ms; heights: episodes", times->bars()));
   std::string body;
   if (!violations_.empty()) {
-    std::vector<std::vector<std::string>> rows{{"fault", "phase", "invariant", "tick", "seed for --replay"}};
+    TextTable rows{{"fault", "phase", "invariant", "tick", "seed for --replay"}};
     for (const auto& [seed, v] : violations_)
       rows.push_back({v.fault, v.phase, v.invariant, std::to_string(v.tick), std::to_string(seed)});
     body += table_html("Violations", rows);
@@ -173,12 +171,9 @@ std::string CampaignTotals::page(const std::string& command, std::uint64_t wante
 std::string CampaignTotals::markdown() const {
   std::string out = markdown_table(fault_rows());
   for (const auto& [title, times] : reactions()) {
-    std::vector<std::vector<std::string>> bins{{fmt::format("{}, ms", title), "episodes"}};
-    for (const auto& bin : times->json()) {
-      const double up_to = bin["up_to_ms"];
-      bins.push_back({fmt::format("{:.2f} to {:.2f}", std::max(0.0, up_to - Times::bin_ms), up_to),
-                      fmt::format("{}", bin["count"].get<std::uint64_t>())});
-    }
+    TextTable bins{{fmt::format("{}, ms", title), "episodes"}};
+    for (const Bar& b : times->bars())
+      bins.push_back({fmt::format("{:.2f} to {:.2f}", b.from, b.to), fmt::format("{:.0f}", b.count)});
     out.append("\n").append(markdown_table(bins));
   }
   return out;

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "host_sim/campaign/episode.hpp"
+#include "host_sim/report/study_page.hpp"
 
 namespace esmc::host {
 
@@ -20,7 +21,9 @@ class Times {
   void add(double ms);
   [[nodiscard]] double longest() const { return longest_; }  ///< ms; 0: none
   [[nodiscard]] std::uint64_t count() const;
-  /// [{up_to_ms, count}], empty bins left out; a time on an edge belongs to the bin that ends there.
+  /// Empty bins left out; a time on an edge belongs to the bin that ends there.
+  [[nodiscard]] std::vector<Bar> bars() const;
+  /// [{up_to_ms, count}]
   [[nodiscard]] nlohmann::ordered_json json() const;
 
  private:
@@ -56,7 +59,7 @@ class CampaignTotals {
   [[nodiscard]] std::string page(const std::string& command, std::uint64_t wanted) const;
 
  private:
-  [[nodiscard]] std::vector<std::vector<std::string>> fault_rows() const;
+  [[nodiscard]] TextTable fault_rows() const;
   [[nodiscard]] std::vector<std::pair<const char*, const Times*>> reactions() const;
   static constexpr std::size_t violations_max = 1000;
 

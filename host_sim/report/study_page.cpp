@@ -23,15 +23,8 @@ constexpr const char* colours[] = {"#0072b2", "#d55e00", "#009e73", "#cc79a7",
 std::string escaped(const std::string& s) {
   std::string out;
   for (const char c : s) {
-    if (c == '<') {
-      out += "&lt;";
-    } else if (c == '>') {
-      out += "&gt;";
-    } else if (c == '&') {
-      out += "&amp;";
-    } else {
-      out += c;
-    }
+    const char* entity = c == '<' ? "&lt;" : (c == '>' ? "&gt;" : (c == '&' ? "&amp;" : nullptr));
+    entity != nullptr ? out.append(entity) : out.append(1, c);
   }
   return out;
 }
@@ -244,12 +237,9 @@ std::string figures_html(const std::vector<std::string>& drawings) {
   return out + "</section>\n";
 }
 
-std::string table_html(const std::string& title, const std::vector<std::vector<std::string>>& rows) {
-  return fmt::format("<section class='panel'><h2>{}</h2>{}</section>\n", escaped(title), html_table(rows));
-}
-
-std::string html_table(const std::vector<std::vector<std::string>>& rows) {
-  std::string out = "<div class='wide'><table>";
+std::string table_html(const std::string& title, const TextTable& rows) {
+  std::string out =
+      fmt::format("<section class='panel'><h2>{}</h2><div class='wide'><table>", escaped(title));
   const auto is_number = [](const std::string& s) {
     return s.find_first_not_of("0123456789.+-e ") == std::string::npos;
   };
@@ -265,10 +255,10 @@ std::string html_table(const std::vector<std::vector<std::string>>& rows) {
     }
     out += "</tr>\n";
   }
-  return out + "</table></div>\n";
+  return out + "</table></div>\n</section>\n";
 }
 
-std::string markdown_table(const std::vector<std::vector<std::string>>& rows) {
+std::string markdown_table(const TextTable& rows) {
   std::string out;
   for (std::size_t r = 0; r < rows.size(); ++r) {
     out += fmt::format("| {} |\n", fmt::join(rows[r], " | "));
@@ -279,7 +269,7 @@ std::string markdown_table(const std::vector<std::vector<std::string>>& rows) {
   return out;
 }
 
-std::string csv_table(const std::vector<std::vector<std::string>>& rows) {
+std::string csv_table(const TextTable& rows) {
   std::string out;
   for (const auto& row : rows) out += fmt::format("{}\n", fmt::join(row, ","));
   return out;

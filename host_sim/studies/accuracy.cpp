@@ -16,7 +16,6 @@ namespace esmc::host {
 namespace {
 
 using Json = nlohmann::ordered_json;
-using Rows = std::vector<std::vector<std::string>>;
 
 std::string text(double v) { return std::isfinite(v) ? fmt::format("{:.3g}", v) : ""; }
 
@@ -26,16 +25,16 @@ struct Study {
   double seconds = 0.0;
 };
 
-Rows work_rows(const Study& s) {
-  Rows rows{{"problem", "method", "control", "setting", "error", "cpu_ms"}};
+TextTable work_rows(const Study& s) {
+  TextTable rows{{"problem", "method", "control", "setting", "error", "cpu_ms"}};
   for (const WorkPoint& p : s.work.points) {
     rows.push_back({p.problem, p.method, p.adaptive ? "tolerance" : "step", text(p.setting), text(p.error),
                     text(p.cpu_ms)});
   }
   return rows;
 }
-Rows order_rows(const Study& s) {
-  Rows rows{{"problem", "method", "order", "measured", "verdict"}};
+TextTable order_rows(const Study& s) {
+  TextTable rows{{"problem", "method", "order", "measured", "verdict"}};
   for (const OrderFound& o : s.work.orders) {
     rows.push_back({o.problem, o.method, std::to_string(o.order),
                     o.judged() ? fmt::format("{:.2f}", o.found) : "",
@@ -62,8 +61,8 @@ std::vector<Curve> curves(const Study& s) {
   return out;
 }
 /// CPU time to an error: the cheapest run of each method that met it.
-Rows cost_rows(const Study& s) {
-  Rows rows{{"problem", "method", "1e-3", "1e-6", "1e-9", "1e-12"}};
+TextTable cost_rows(const Study& s) {
+  TextTable rows{{"problem", "method", "1e-3", "1e-6", "1e-9", "1e-12"}};
   for (const Curve& c : curves(s)) {
     rows.push_back({c.problem, c.method + (c.adaptive ? " (adaptive)" : "")});
     for (const double wanted : {1e-3, 1e-6, 1e-9, 1e-12}) {
@@ -77,8 +76,8 @@ Rows cost_rows(const Study& s) {
   return rows;
 }
 /// A list of flat objects with the same keys as a table.
-Rows rows_of(const Json& list) {
-  Rows rows;
+TextTable rows_of(const Json& list) {
+  TextTable rows;
   for (const Json& object : list) {
     const bool first = rows.empty();
     if (first) rows.emplace_back();
@@ -147,7 +146,7 @@ Json document(const Study& s) {
 }
 
 /// The sections of every form the study is given in.
-std::vector<std::pair<std::string, Rows>> sections(const Study& s) {
+std::vector<std::pair<std::string, TextTable>> sections(const Study& s) {
   return {{"CPU time in ms to an error, per method", cost_rows(s)},
           {"Measured orders", order_rows(s)},
           {"Tracking of the comparison scenario", rows_of(s.tracking)},

@@ -4,9 +4,7 @@
 #include <fmt/ranges.h>
 
 #include <algorithm>
-#include <atomic>
 #include <nlohmann/json.hpp>
-#include <thread>
 
 #include "host_sim/check/sampled.hpp"
 #include "host_sim/controller/robust.hpp"
@@ -31,19 +29,18 @@ struct Plants {
 Plants simulate(const Scene& scene, std::uint64_t seed, std::uint64_t count, bool lengths, double band) {
   std::vector<double> error(count, 0.0);
   std::vector<std::string> fault(count);
-  std::atomic<std::uint64_t> next = 0;
-  run_jobs(static_cast<int>(std::clamp(std::thread::hardware_concurrency(), 1U, 64U)), [&](int) {
-    for (std::uint64_t i = next++; i < count && !stop_requested(); i = next++) {
-      try {
-        const Trace t = trace(sampled_plant(scene, seed, i, lengths));
-        const bool rr = scene.type == MechanismType::rr;
-        error[i] = (rr ? t.statistics.sums().base : t.statistics.sums().effector).settled().largest;
-        if (!t.end.faults.empty()) fault[i] = t.end.faults.front();
-        if (!std::isfinite(error[i])) fault[i] = "diverged";
-      } catch (const InputError&) {  // other lengths: the reference may be out of reach
-        fault[i] = "impossible";
-      }
+  run_each(std::min(processors(), 64), count, [&](std::uint64_t i) {
+    if (stop_requested()) return false;
+    try {
+      const Trace t = trace(sampled_plant(scene, seed, i, lengths));
+      const bool rr = scene.type == MechanismType::rr;
+      error[i] = (rr ? t.statistics.sums().base : t.statistics.sums().effector).settled().largest;
+      if (!t.end.faults.empty()) fault[i] = t.end.faults.front();
+      if (!std::isfinite(error[i])) fault[i] = "diverged";
+    } catch (const InputError&) {  // other lengths: the reference may be out of reach
+      fault[i] = "impossible";
     }
+    return true;
   });
   if (stop_requested()) throw RunError("interrupted");
   Plants out;

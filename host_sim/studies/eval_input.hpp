@@ -70,16 +70,15 @@ class Node {
   std::string where_, path_;
 };
 
+/// A vector as an array of numbers, a matrix as an array of its rows.
 template <class Derived>
-Json to_json_array(const Eigen::MatrixBase<Derived>& m) {
+Json list(const Eigen::MatrixBase<Derived>& m) {
   Json out = Json::array();
   for (Eigen::Index i = 0; i < m.rows(); ++i) {
     if constexpr (Derived::ColsAtCompileTime == 1) {
       out.push_back(m(i, 0));
     } else {
-      Json row = Json::array();
-      for (Eigen::Index k = 0; k < m.cols(); ++k) row.push_back(m(i, k));
-      out.push_back(std::move(row));
+      out.push_back(list(m.row(i).transpose()));
     }
   }
   return out;

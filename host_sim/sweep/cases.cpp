@@ -221,10 +221,6 @@ CaseScenes::CaseScenes(const SweepSpec& spec) : spec_(&spec) {
   }
 }
 
-CaseScenes::CaseScenes(const CaseScenes& o)
-    : spec_(o.spec_), tables_(o.tables_), bound_(o.bound_), any_mechanism_(o.any_mechanism_) {}
-CaseScenes::~CaseScenes() = default;
-
 const Scene& CaseScenes::nominal() const { return tables_->nominal; }
 
 void CaseScenes::read_always() {
@@ -292,12 +288,12 @@ void CaseScenes::read(std::uint64_t index) {
     }
   };
   fill(false);
-  auto scene = std::make_unique<Scene>(read_scene_table(table, spec_->scene));
+  Scene scene = read_scene_table(table, spec_->scene);
   if (plant) {
-    const FiveBarParams<double> believed = scene->believed.value_or(scene->mechanism);
+    const FiveBarParams<double> believed = scene.believed.value_or(scene.mechanism);
     fill(true);
-    *scene = read_scene_table(std::move(table), spec_->scene);
-    scene->believed = believed;
+    scene = read_scene_table(std::move(table), spec_->scene);
+    scene.believed = believed;
   }
   base_ = std::move(scene);
   read_for_ = std::move(values);
@@ -335,11 +331,7 @@ void CaseScenes::bind(std::uint64_t index, Scene& scene) const {
 
 const Scene& CaseScenes::at(std::uint64_t index) {
   read(index);
-  if (!scene_) {
-    scene_ = std::make_unique<Scene>(*base_);
-  } else {
-    *scene_ = *base_;
-  }
+  scene_ = base_;
   bind(index, *scene_);
   const std::uint64_t samples = spec_->design.samples();
   scene_->seed = random_bits(spec_->seed, noise_stream, index % samples);

@@ -2,6 +2,7 @@
 /// From a case of a sweep to its scene, with the checks of `esmc sim --set`.
 
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -18,7 +19,7 @@ struct Binding {
   bool low_open = false;
 };
 
-/// Scenes of a specification, one at a time. Not for several threads at once; a copy starts afresh.
+/// Scenes of a specification, one at a time. Not for several threads at once: each takes a copy.
 ///
 /// Keys "plant...." change the true mechanism alone; the controller's model stays that of [mechanism] and
 /// control.model. A key that is one number of the Scene is set there; for any other the scene is read again,
@@ -28,9 +29,6 @@ class CaseScenes {
   /// Reads the scene and tries the ends of every axis. Throws InputError naming the [[vary]] that does not
   /// fit.
   explicit CaseScenes(const SweepSpec& spec);
-  CaseScenes(const CaseScenes& o);
-  CaseScenes& operator=(const CaseScenes&) = delete;
-  ~CaseScenes();
 
   /// Throws InputError where these values make no possible scene: an unreachable start, for one.
   [[nodiscard]] const Scene& at(std::uint64_t index);
@@ -59,7 +57,7 @@ class CaseScenes {
   std::shared_ptr<const Tables> tables_;
   std::vector<Bound> bound_;
   bool any_mechanism_ = false;  ///< of the bound ones: the start has to be computed again
-  std::unique_ptr<Scene> base_, scene_;
+  std::optional<Scene> base_, scene_;
   std::vector<SweepValue> read_for_;  ///< the values that base_ was read for
 };
 

@@ -75,6 +75,26 @@ void write_table(const std::string& file, const std::string& head, const SweepTa
 /// Of the values of an objective, as in its entry of the summary.
 constexpr const char* quantiles[] = {"min", "p05", "median", "p95", "max"};
 
+/// Cases of each front of the specification; those alone that ended well.
+std::vector<std::vector<std::uint64_t>> fronts_of(const SweepSpec& spec, const SweepTable& table) {
+  std::vector<std::vector<std::uint64_t>> out;
+  for (const auto& columns : spec.pareto) {
+    std::vector<std::vector<double>> points;
+    std::vector<std::uint64_t> index;
+    for (std::uint64_t i = 0; i < table.outcome.size(); ++i) {
+      if (table.outcome[i] != outcome_ok) continue;
+      std::vector<double> p;
+      for (const std::size_t c : columns) p.push_back(table.at(i, c));
+      points.push_back(std::move(p));
+      index.push_back(i);
+    }
+    std::vector<std::uint64_t> front;
+    for (const std::size_t i : pareto_front(points)) front.push_back(index[i]);
+    out.push_back(std::move(front));
+  }
+  return out;
+}
+
 }  // namespace
 
 std::vector<std::size_t> pareto_front(const std::vector<std::vector<double>>& points) {
@@ -97,25 +117,6 @@ std::vector<std::size_t> pareto_front(const std::vector<std::vector<double>>& po
     if (std::none_of(front.rbegin(), front.rend(), no_better)) front.push_back(i);
   }
   return front;
-}
-
-std::vector<std::vector<std::uint64_t>> fronts_of(const SweepSpec& spec, const SweepTable& table) {
-  std::vector<std::vector<std::uint64_t>> out;
-  for (const auto& columns : spec.pareto) {
-    std::vector<std::vector<double>> points;
-    std::vector<std::uint64_t> index;
-    for (std::uint64_t i = 0; i < table.outcome.size(); ++i) {
-      if (table.outcome[i] != outcome_ok) continue;
-      std::vector<double> p;
-      for (const std::size_t c : columns) p.push_back(table.at(i, c));
-      points.push_back(std::move(p));
-      index.push_back(i);
-    }
-    std::vector<std::uint64_t> front;
-    for (const std::size_t i : pareto_front(points)) front.push_back(index[i]);
-    out.push_back(std::move(front));
-  }
-  return out;
 }
 
 Json sweep_summary(const SweepSpec& spec, const CaseScenes& scenes, const SweepTable& table) {
@@ -218,14 +219,14 @@ std::string sweep_page(const SweepSpec& spec, const CaseScenes& scenes, const Sw
                        const Json& summary) {
   constexpr std::size_t most_points = 4000, most_rows = 50;
   std::string body;
-  std::vector<std::vector<std::string>> rows{{"objective", "min", "p05", "median", "p95", "max", "mean"}};
+  TextTable rows{{"objective", "min", "p05", "median", "p95", "max", "mean"}};
   for (const auto& [name, o] : summary["objectives"].items()) {
     if (o.is_null()) continue;
     rows.push_back({name});
     for (const char* q : {"min", "p05", "median", "p95", "max", "mean"})
       rows.back().push_back(fmt::format("{:.4g}", o[q].get<double>()));
   }
-  std::vector<std::vector<std::string>> ends{{"outcome", "cases"}};
+  TextTable ends{{"outcome", "cases"}};
   for (const auto& [name, n] : summary["outcomes"].items())
     ends.push_back({name, std::to_string(n.get<std::uint64_t>())});
   body += table_html("Outcomes", ends) + table_html("Objectives", rows);
@@ -244,7 +245,7 @@ std::string sweep_page(const SweepSpec& spec, const CaseScenes& scenes, const Sw
     body += figures_html({log_log_svg(y + " against " + x, x, y, {all, front})});
     if (every > 1)
       body += fmt::format("<p class='note'>One case in {} is drawn; the front is of all.</p>", every);
-    std::vector<std::vector<std::string>> best{{"case"}};
+    TextTable best{{"case"}};
     for (const Vary& v : spec.vary) best[0].push_back(v.key);
     for (const std::size_t c : columns) best[0].emplace_back(name_of(spec.wanted[c]));
     const std::size_t step = fronts[f].size() / most_rows + 1;

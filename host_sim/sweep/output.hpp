@@ -26,10 +26,6 @@ struct SweepTable {
 /// not finite are left out.
 [[nodiscard]] std::vector<std::size_t> pareto_front(const std::vector<std::vector<double>>& points);
 
-/// Cases of each front of the specification; those alone that ended well.
-[[nodiscard]] std::vector<std::vector<std::uint64_t>> fronts_of(const SweepSpec& spec,
-                                                                const SweepTable& table);
-
 /// Counts, ranges, fronts: what --json prints.
 [[nodiscard]] nlohmann::ordered_json sweep_summary(const SweepSpec& spec, const CaseScenes& scenes,
                                                    const SweepTable& table);

@@ -11,8 +11,6 @@
 
 namespace esmc::host {
 
-struct Trace;
-
 /// How a case ended: these, or `outcome_fault` + the number of the fault.
 inline constexpr std::uint32_t outcome_ok = 0, outcome_diverged = 1, outcome_impossible = 2,
                                outcome_fault = 16;
@@ -20,11 +18,6 @@ inline constexpr std::uint32_t outcome_ok = 0, outcome_diverged = 1, outcome_imp
 
 /// Cases of a sweep that are done together.
 using Package = std::vector<std::uint64_t>;
-
-/// The objectives of a run that ended well, but tick_ns. `tick` in s.
-[[nodiscard]] Score score_of(const RunSums<double>& sums, double tick);
-/// What `esmc sim` would say of the scene: the very numbers of its summary. `outcome`: see above.
-[[nodiscard]] Score score_of(const Trace& trace, double tick, std::uint32_t& outcome);
 
 class CaseRunner {
  public:

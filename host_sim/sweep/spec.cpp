@@ -151,12 +151,11 @@ void read_axis(Table& t, Sampling method, Vary& v, Axis& axis) {
   axis.steps = steps.value_or(0);
 }
 
-std::size_t find_objective(const Table& t, const std::string& name) {
+Objective find_objective(const Table& t, const std::string& name) {
   std::vector<std::string> known;
-  for (std::size_t i = 0; i < objective_count; ++i) {
-    known.emplace_back(objectives[i].name);
-    if (known.back() == name) return i;
-  }
+  for (const ObjectiveText& o : objectives) known.emplace_back(o.name);
+  const auto found = std::ranges::find(known, name);
+  if (found != known.end()) return static_cast<Objective>(found - known.begin());
   const std::string close = nearest(name, known);
   t.fail(fmt::format(
       "unknown objective '{}'; {}", name,
@@ -171,7 +170,7 @@ void read_objectives(Table& root, SweepSpec& spec) {
                    Objective::torque_max_nm, Objective::energy_j,      Objective::faulted};
   } else {
     for (const std::string& name : root.texts("objectives", list->as_array(), allowed)) {
-      const auto o = static_cast<Objective>(find_objective(root, name));
+      const Objective o = find_objective(root, name);
       if (std::find(spec.wanted.begin(), spec.wanted.end(), o) != spec.wanted.end())
         root.wrong("objectives", "none twice");
       spec.wanted.push_back(o);
@@ -186,7 +185,7 @@ void read_objectives(Table& root, SweepSpec& spec) {
   for (const toml::node& item : *fronts->as_array()) {
     std::vector<std::size_t> front;
     for (const std::string& name : root.texts("pareto", item.as_array(), want)) {
-      const auto o = static_cast<Objective>(find_objective(root, name));
+      const Objective o = find_objective(root, name);
       const auto at = std::find(spec.wanted.begin(), spec.wanted.end(), o);
       if (at == spec.wanted.end() || o == Objective::tick_ns) root.wrong("pareto", want);
       front.push_back(static_cast<std::size_t>(at - spec.wanted.begin()));

@@ -11,7 +11,6 @@
 #include <iterator>
 #include <nlohmann/json.hpp>
 #include <optional>
-#include <thread>
 
 #include "host_sim/error.hpp"
 #include "host_sim/parallel.hpp"
@@ -183,8 +182,7 @@ class Sweep {
 int run_with(const SweepOptions& o, Ranks* ranks, bool& broadcast) {
   const SweepSpec spec = read_sweep(o.spec);
   const CaseScenes scenes(spec);
-  const auto processors = static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
-  const WorkerConfig config{&spec, &scenes, o.jobs > 0 ? o.jobs : (ranks != nullptr ? 1 : processors),
+  const WorkerConfig config{&spec, &scenes, o.jobs > 0 ? o.jobs : (ranks != nullptr ? 1 : processors()),
                             o.scalar ? nullptr : &lane_kernels().front()};
   const std::uint64_t identity = identity_of(spec, scenes.nominal());
   if (ranks != nullptr && ranks->rank() > 0) {
@@ -202,26 +200,19 @@ int run_with(const SweepOptions& o, Ranks* ranks, bool& broadcast) {
 int run_sweep(const SweepOptions& o) {
   const auto ranks = join_ranks();
   bool broadcast = false;
-  if (ranks == nullptr) return run_with(o, nullptr, broadcast);
-  if (ranks->rank() == 0) {
-    try {
-      return run_with(o, ranks.get(), broadcast);
-    } catch (...) {
-      if (!broadcast) finish_workers(*ranks);
-      throw;
-    }
-  }
   try {
     return run_with(o, ranks.get(), broadcast);
   } catch (const std::exception&) {
-    std::string message;
-    (void)ranks->receive(message, true);
-    // 'x': the first process has found the same error and reports it; a failing status here would let mpirun
-    // end it before.
-    if (message[0] == 'x') return 0;
-    ranks->send(0, "eprocess " + std::to_string(ranks->rank()) + " cannot read what the first one has read");
-    return 2;
+    if (ranks != nullptr && ranks->rank() == 0 && !broadcast) finish_workers(*ranks);
+    if (ranks == nullptr || ranks->rank() == 0) throw;
   }
+  std::string message;
+  (void)ranks->receive(message, true);
+  // 'x': the first process has found the same error and reports it; a failing status here would let mpirun
+  // end it before.
+  if (message[0] == 'x') return 0;
+  ranks->send(0, "eprocess " + std::to_string(ranks->rank()) + " cannot read what the first one has read");
+  return 2;
 }
 
 }  // namespace esmc::host

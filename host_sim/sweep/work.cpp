@@ -23,7 +23,7 @@ constexpr std::size_t largest_package = 128;
 std::string packages_message(const std::vector<Package>& packages) {
   std::string out = "p";
   for (const Package& p : packages) {
-    put(out, static_cast<std::uint64_t>(p.size()));
+    put(out, p.size());
     for (const std::uint64_t i : p) put(out, i);
   }
   return out;
@@ -31,21 +31,9 @@ std::string packages_message(const std::vector<Package>& packages) {
 std::vector<Package> read_packages(const std::string& in) {
   std::vector<Package> out;
   for (std::size_t at = 1; at < in.size();) {
-    Package p;
-    for (auto n = take<std::uint64_t>(in, at); n > 0; --n) p.push_back(take<std::uint64_t>(in, at));
-    out.push_back(std::move(p));
+    Package& p = out.emplace_back(take<std::size_t>(in, at));
+    for (std::uint64_t& i : p) i = take<std::uint64_t>(in, at);
   }
-  return out;
-}
-
-std::string results_message(const std::vector<Finished>& cases) {
-  std::string out = "r";
-  for (const Finished& f : cases) put(out, f);
-  return out;
-}
-std::vector<Finished> read_results(const std::string& in, std::size_t objectives) {
-  std::vector<Finished> out;
-  for (std::size_t at = 1; at < in.size();) out.push_back(take_finished(in, at, objectives));
   return out;
 }
 
@@ -101,7 +89,10 @@ class Dispatcher {
       return true;
     }
     try {
-      list_.finish(read_results(message, objectives_));
+      std::vector<Finished> results;
+      for (std::size_t at = 1; at < message.size();)
+        results.push_back(take_finished(message, at, objectives_));
+      list_.finish(results);
     } catch (...) {  // by the journal; the other processes must still be told to end
       list_.stop();
       exception_ = std::current_exception();
@@ -206,8 +197,7 @@ void finish_workers(Ranks& ranks) {
 }
 
 void serve(const WorkerConfig& config, Ranks& ranks, std::uint64_t identity) {
-  std::string message;
-  std::vector<Finished> results;
+  std::string message, results = "r";
   (void)ranks.receive(message, true);
   if (message[0] == 'x') return;
   std::size_t at = 1;
@@ -222,18 +212,17 @@ void serve(const WorkerConfig& config, Ranks& ranks, std::uint64_t identity) {
       runners.push_back(std::make_unique<CaseRunner>(*config.spec, *config.scenes, config.kernel));
     std::vector<std::vector<Finished>> each(runners.size());
     while (true) {
-      ranks.send(0, results_message(results));
-      results.clear();
+      ranks.send(0, results);
+      results.assign(1, 'r');
       (void)ranks.receive(message, true);
       if (message[0] == 'x') return;
       const auto packages = read_packages(message);
       run_jobs(static_cast<int>(std::min(packages.size(), runners.size())), [&](int slot) {
         const auto i = static_cast<std::size_t>(slot);
-        each[i].clear();
         (void)runners[i]->run(packages[i], each[i]);
       });
       for (auto& some : each) {
-        results.insert(results.end(), some.begin(), some.end());
+        for (const Finished& f : some) put(results, f);
         some.clear();
       }
     }

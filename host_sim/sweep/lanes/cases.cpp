@@ -37,6 +37,21 @@ void fill_references(const LaneSettings& settings, const LaneCase* cases, int la
   }
 }
 
+const std::vector<LaneKernel>& lane_kernels() {
+  static const std::vector<LaneKernel> list = [] {
+    std::vector<LaneKernel> out;
+#ifdef ESMC_WIDE_LANES
+    if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") &&
+        __builtin_cpu_supports("avx512vl"))
+      out.push_back({"AVX-512", 8, &lane_kernel_avx512});
+    if (__builtin_cpu_supports("avx2")) out.push_back({"AVX2", 4, &lane_kernel_avx2});
+#endif
+    out.push_back({"baseline", 2, &lane_kernel_baseline});
+    return out;
+  }();
+  return list;
+}
+
 bool wants_base_errors(const std::vector<Objective>& wanted) {
   return std::any_of(wanted.begin(), wanted.end(), [](Objective o) {
     return o == Objective::rms_rad || o == Objective::max_rad || o == Objective::settled_rms_rad ||

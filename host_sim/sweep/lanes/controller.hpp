@@ -15,15 +15,6 @@ struct Eigen::NumTraits<esmc::host::Lanes<N, Tag>> : Eigen::GenericNumTraits<dou
   using NonInteger = Real;
   using Nested = Real;
   using Literal = Real;
-  enum {
-    IsComplex = 0,
-    IsInteger = 0,
-    IsSigned = 1,
-    RequireInitialization = 0,
-    ReadCost = 1,
-    AddCost = 1,
-    MulCost = 1
-  };
 };
 
 /// isZero of the controller's preload, which no lane has.
