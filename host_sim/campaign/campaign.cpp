@@ -37,37 +37,35 @@ std::string phase(double share) { return fmt::format("reference.phase={}", 6.28 
 
 const std::vector<Variant>& variants() {
   constexpr const char *bar = "five_bar", *arm = "rr";
+  constexpr const char* linked =
+      R"(command={ base_id=0x780, arm="link", timeout=0.1, speed=0.1, acceleration=1.0 })";
   static const std::vector<Variant> list{
       {bar, {}},
-      {bar, {phase(0.1), "reference.speed=3.0", "limits.after_halt=\"release\""}},
-      {bar, {phase(0.2), "reference.speed=-6.0", "limits.after_halt=\"hold\""}},
-      {bar, {phase(0.3), "reference.speed=-10.0", "control.law=\"esmc_projected\""}},
-      {bar, {phase(0.4), "reference.speed=5.0", "control.law=\"smc\""}},
+      {bar, {phase(0.1), "reference.speed=3.0", "limits.after_halt=release"}},
+      {bar, {phase(0.2), "reference.speed=-6.0", "limits.after_halt=hold"}},
+      {bar, {phase(0.3), "reference.speed=-10.0", "control.law=esmc_projected"}},
+      {bar, {phase(0.4), "reference.speed=5.0", "control.law=smc"}},
       {bar,
-       {phase(0.5), "reference.speed=8.0", "control.law=\"ctc\"", "mechanism.gravity=0",
-        "limits.after_halt=\"release\""}},
-      {bar, {phase(0.6), "control.law=\"pd\"", "control.kp=20", "control.kd=0.5", "reference.speed=2.0"}},
-      {bar, {phase(0.7), "control.reaching=\"saturation\"", "control.layer=0.5"}},
-      {bar, {phase(0.8), "control.reaching=\"tanh\"", "control.layer=0.5", "reference.speed=-4.0"}},
-      {bar, {phase(0.9), "control.reaching=\"sign\"", "reference.speed=3.0"}},
+       {phase(0.5), "reference.speed=8.0", "control.law=ctc", "mechanism.gravity=0",
+        "limits.after_halt=release"}},
+      {bar, {phase(0.6), "control.law=pd", "control.kp=20", "control.kd=0.5", "reference.speed=2.0"}},
+      {bar, {phase(0.7), "control.reaching=saturation", "control.layer=0.5"}},
+      {bar, {phase(0.8), "control.reaching=tanh", "control.layer=0.5", "reference.speed=-4.0"}},
+      {bar, {phase(0.9), "control.reaching=sign", "reference.speed=3.0"}},
       {bar, {phase(0.15), "control.torque_ramp=0.02", "reference.speed=4.0"}},
-      {bar, {"reference.type=\"hold\"", "initial.position=[0.03, 0.2]", "limits.after_halt=\"lower\""}},
+      {bar, {"reference.type=hold", "initial.position=[0.03, 0.2]", "limits.after_halt=lower"}},
       {bar,
        {phase(0.25), "drives.gear_ratio=[4.0, 9.0]", "drives.direction=[-1, 1]",
         "drives.offset=[0.3, -1.0]"}},
       {bar, {phase(0.35), "limits.halt_time=0", "reference.speed=7.0"}},
       {bar, {phase(0.45), "reference.join=0"}},
-      {bar, {phase(0.55), "control.sensors=\"all\"", "sensors.nodes=[3, 4]"}, true},
-      {bar, {phase(0.65), "control.sensors=\"all\"", "control.motors=\"all\"", "drives.nodes=[1, 2, 3, 4]"}},
+      {bar, {phase(0.55), "control.sensors=all", "sensors.nodes=[3, 4]"}, true},
+      {bar, {phase(0.65), "control.sensors=all", "control.motors=all", "drives.nodes=[1, 2, 3, 4]"}},
       {bar, {phase(0.75), "drives.sign_test=true"}},
-      {bar,
-       {phase(0.85), "command.base_id=0x780", "command.arm=\"link\"", "command.timeout=0.1",
-        "command.speed=0.1", "command.acceleration=1.0"}},
-      {bar,
-       {"command.base_id=0x780", "command.arm=\"link\"", "command.timeout=0.1", "command.speed=0.1",
-        "command.acceleration=1.0", "drives.sign_test=true", "limits.after_halt=\"hold\""}},
+      {bar, {phase(0.85), linked}},
+      {bar, {linked, "drives.sign_test=true", "limits.after_halt=hold"}},
       {arm, {}},
-      {arm, {"limits.after_halt=\"hold\"", "control.law=\"smc\""}},
+      {arm, {"limits.after_halt=hold", "control.law=smc"}},
   };
   return list;
 }
@@ -95,19 +93,16 @@ struct DriveVariant {
   bool read_back = false;  ///< ODrive 0.6: its configuration, the watchdog's with it, before each arming
 };
 const std::vector<DriveVariant>& drive_variants() {
+  constexpr const char *mismatch = "drives.torque_mismatch=0.5", *at_once = "drives.torque_time=0";
+  constexpr const char *turns = "drives.position_range=40.0", *speeds = "drives.velocity_range=200.0";
   static const std::vector<DriveVariant> list{
       {"odrive", {}},
-      {"odrive", {"drives.torque_mismatch=0.5", "drives.torque_time=0"}, true},
+      {"odrive", {mismatch, at_once}, true},
       {"odrive_0.5", {}},
-      {"cia402", {"drives.torque_mismatch=0.5", "drives.torque_time=0"}},
-      {"mit",
-       {"drives.dialect=\"mini_cheetah\"", "drives.position_range=40.0", "drives.velocity_range=200.0"}},
-      {"mit",
-       {"drives.dialect=\"cubemars\"", "drives.torque_mismatch=0.5", "drives.torque_time=0",
-        "drives.position_range=40.0", "drives.velocity_range=200.0"}},
-      {"mit",
-       {"drives.dialect=\"damiao\"", "drives.torque_mismatch=0.5", "drives.torque_time=0",
-        "drives.position_range=40.0", "drives.velocity_range=200.0"}},
+      {"cia402", {mismatch, at_once}},
+      {"mit", {"drives.dialect=mini_cheetah", turns, speeds}},
+      {"mit", {"drives.dialect=cubemars", mismatch, at_once, turns, speeds}},
+      {"mit", {"drives.dialect=damiao", mismatch, at_once, turns, speeds}},
   };
   return list;
 }
@@ -129,9 +124,10 @@ class Campaign {
   explicit Campaign(const CampaignOptions& o) : fault_(o.fault) {
     const auto named = [&](const InjectionRow& r) { return r.name == fault_; };
     if (!fault_.empty() && std::ranges::none_of(injection_rows(), named)) {
-      std::string all;
-      for (const InjectionRow& r : injection_rows()) all += (all.empty() ? "" : ", ") + std::string(r.name);
-      throw InputError("", "--fault " + printable(fault_) + ": allowed are " + all);
+      std::vector<std::string_view> all;
+      for (const InjectionRow& r : injection_rows()) all.push_back(r.name);
+      throw InputError("",
+                       fmt::format("--fault {}: allowed are {}", printable(fault_), fmt::join(all, ", ")));
     }
     if (!o.scene.empty()) {
       Sets sets = o.sets;

@@ -161,7 +161,9 @@ class EpisodeLoop {
   void deliver(std::uint64_t tick) {
     plant_.deliver(bus_, static_cast<double>(tick) * kind_.times_.tick * 1e3);
   }
-  void advance(std::uint64_t tick) { plant_.advance(static_cast<double>(tick) * kind_.times_.tick); }
+  void advance(std::uint64_t tick) {
+    plant_.advance(static_cast<double>(tick) * kind_.times_.tick, kind_.scene_.tick());
+  }
 
   [[nodiscard]] std::string line(std::uint64_t tick) {
     std::string out =

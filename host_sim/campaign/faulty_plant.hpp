@@ -1,7 +1,6 @@
 #pragma once
 /// The emulated plant with the faults of drives and sensors, and what the judge has to know of its motors.
 
-#include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <optional>
@@ -96,8 +95,7 @@ class FaultyPlant : public EmulatedPlant<Plant> {
     }
   }
 
-  /// Moves over a tick that began at t, or over `seconds` from there, s.
-  void advance(double t) { advance(t, scene_->tick()); }
+  /// Moves over `seconds` from t on, s.
   void advance(double t, double seconds) {
     if (!this->released()) return;
     bool clipped = false;
@@ -144,19 +142,15 @@ class FaultyPlant : public EmulatedPlant<Plant> {
   [[nodiscard]] Reading sensed(Record& r, Reading now, bool first) const {
     if (first) r.kept = now;
     if (!active_) return now;
-    switch (injection_->kind()) {
-      case Injected::frozen_sensor:
-        // The angle alone, or both; a stuck counter may also show the speed as zero.
-        if (injection_->choice % 3 == 0) return {r.kept.angle, now.rate};
-        return {r.kept.angle, injection_->choice % 3 == 1 ? r.kept.rate : 0.0};
-      case Injected::sensor_jump:
-      case Injected::sensor_step:
-        return {now.angle + injection_->amount, now.rate};
-      case Injected::sensor_flipped:
-        return {-now.angle, -now.rate};
-      default:
-        return now;
+    const Injected kind = injection_->kind();
+    if (kind == Injected::frozen_sensor) {
+      // The angle alone, or both; a stuck counter may also show the speed as zero.
+      if (injection_->choice % 3 == 0) return {r.kept.angle, now.rate};
+      return {r.kept.angle, injection_->choice % 3 == 1 ? r.kept.rate : 0.0};
     }
+    if (kind == Injected::sensor_jump || kind == Injected::sensor_step)
+      return {now.angle + injection_->amount, now.rate};
+    return kind == Injected::sensor_flipped ? Reading{-now.angle, -now.rate} : now;
   }
 
   void note_torque(std::size_t i, double now_ms) {

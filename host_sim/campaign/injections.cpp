@@ -3,7 +3,6 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <initializer_list>
 #include <numbers>
@@ -163,19 +162,11 @@ double draw_amount(Draw& draw, Injected kind, const EpisodeTimes& t) {
 }
 
 int phase_length(Phase p, const EpisodeTimes& t) {
-  switch (p) {
-    case Phase::arming:  // which waits for heartbeats
-      return 45 * std::max(t.beat_ticks, usual_beat_ticks) / usual_beat_ticks;
-    case Phase::joining:
-      return t.join_ticks;
-    case Phase::running:
-      return 15;
-    case Phase::halting:
-      return t.halt_ticks + 10;
-    case Phase::stopping:
-      break;
-  }
-  return 5;
+  if (p == Phase::arming)
+    return 45 * std::max(t.beat_ticks, usual_beat_ticks) / usual_beat_ticks;  // heartbeats
+  if (p == Phase::joining) return t.join_ticks;
+  if (p == Phase::halting) return t.halt_ticks + 10;
+  return p == Phase::running ? 15 : 5;
 }
 
 /// Expected result of lost samples, by their number.
@@ -249,7 +240,6 @@ void expect(Injection& i, const EpisodeTimes& t, const ProtocolTraits& traits) {
   if (row.kind == Injected::foreign_controller) i.safe_ms += traits.ticks_to_let_go * tick_ms;
   if (starves(row.kind))
     i.watch_ticks = std::max(i.watch_ticks, static_cast<int>(std::ceil(t.watchdog_ms / tick_ms)));
-  i.unwatched = row.kind == Injected::watchdog_off;
   // After the loss of the computer the mechanism comes to rest under control, with torque until then.
   if (row.kind == Injected::computer_gone)
     i.safe_ms = t.off_after_halt_ticks > 0 ? i.safe_ms + t.off_after_halt_ticks * tick_ms : 1e12;
@@ -258,11 +248,6 @@ void expect(Injection& i, const EpisodeTimes& t, const ProtocolTraits& traits) {
 }
 
 }  // namespace
-
-const char* name(Phase p) {
-  constexpr std::array names{"arming", "joining", "running", "halting", "stopping"};
-  return names[static_cast<std::size_t>(p)];
-}
 
 std::span<const InjectionRow> injection_rows() { return rows; }
 

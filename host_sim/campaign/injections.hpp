@@ -2,6 +2,7 @@
 /// The faults of a campaign: one row per fault, with its expected result. Written from the drives' side,
 /// without the controller's code.
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <span>
@@ -15,8 +16,9 @@
 namespace esmc::host {
 
 enum class Phase : std::uint8_t { arming, joining, running, halting, stopping };
-inline constexpr std::size_t phase_count = 5;
-[[nodiscard]] const char* name(Phase p);
+template <>
+inline constexpr auto names_of<Phase> = std::array{"arming", "joining", "running", "halting", "stopping"};
+inline constexpr std::size_t phase_count = names_of<Phase>.size();
 
 enum class Injected : std::uint8_t {
   nothing,
@@ -116,7 +118,6 @@ struct Injection {
   int watch_ticks = 30;    ///< from its beginning, to wait for the drives' watchdogs
   std::string fits_too{};  ///< names that fit on this scene
   bool stale = false;      ///< takes away more samples than are extrapolated
-  bool unwatched = false;  ///< no watchdog of a drive ends it
   bool must_pass = false;  ///< so few samples that no fault fits
   int usable_tick = 0;     ///< of the episode; from it on every drive and encoder can be heard
 

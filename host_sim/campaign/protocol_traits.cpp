@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <bit>
-#include <cmath>
 
 #include "firmware/drive/canopen.hpp"
 #include "firmware/drive/cia402.hpp"

@@ -40,15 +40,6 @@ enum class LiveCommand : std::uint8_t { start, halt, stop, reset, home };
 template <>
 inline constexpr auto names_of<LiveCommand> = std::to_array({"start", "halt", "stop", "reset", "home"});
 
-/// A fault for one drive or for all; without a row: the fault that acts ends.
-struct InjectOrder {
-  const InjectionRow* row = nullptr;
-  std::size_t drive = 0;
-  int ticks = 1;
-  double amount = 0.0;
-  int choice = 0;
-};
-
 /// What a change of the scene restarts.
 enum class RestartLevel : std::uint8_t {
   nothing,  ///< the mechanism goes on with other effects
@@ -62,7 +53,8 @@ struct SceneOrder {
   std::string what;  ///< for the event
 };
 
-using LiveOrder = std::variant<std::monostate, LiveCommand, Hand, InjectOrder, SceneOrder>;
+/// An Injection without a row ends the fault that acts.
+using LiveOrder = std::variant<LiveCommand, Hand, Injection, SceneOrder>;
 
 /// The loop sends samples and events and takes orders; the server the other way round.
 struct Exchange {

@@ -79,14 +79,14 @@ RestartLevel restart_level(const Scene& from, const Scene& to) {
   return RestartLevel::nothing;
 }
 
-InjectOrder usual_injection(const InjectionRow& row, std::size_t drive) {
+Injection usual_injection(const InjectionRow& row, std::size_t drive) {
   constexpr int for_ever = 1'000'000;
   constexpr std::pair<Injected, double> amounts[] = {
       {Injected::scattered_loss, 0.4}, {Injected::delay, 2.0},        {Injected::denormal, 1e-40},
       {Injected::huge, 1e6},           {Injected::sensor_step, 0.02}, {Injected::flood, 2000.0}};
   const auto* known = std::ranges::find(amounts, row.kind, &std::pair<Injected, double>::first);
   const double amount = known != std::end(amounts) ? known->second : 0.5;
-  return {&row, drive, row.longest == 0 ? for_ever : row.longest, amount, 0};
+  return {.row = &row, .length = row.longest == 0 ? for_ever : row.longest, .drive = drive, .amount = amount};
 }
 
 bool can_inject(const InjectionRow& row, Protocol protocol) {

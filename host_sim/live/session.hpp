@@ -30,17 +30,17 @@ class LiveFault {
   [[nodiscard]] const hal::CanFrame& foreign() const { return foreign_; }
 
   /// Returns the text of the event; "": nothing has changed.
-  std::string order(const InjectOrder& o, const ProtocolTraits& traits, const Scene& scene) {
+  std::string order(const Injection& o, const ProtocolTraits& traits, const Scene& scene) {
     if (o.row == nullptr) {
       if (!active()) return {};
       since_ = -1;
       return fmt::format("{}: over", injection_.row->name);
     }
-    injection_ = {.row = o.row, .length = o.ticks, .drive = o.drive, .amount = o.amount, .choice = o.choice};
+    injection_ = o;
     since_ = 0;
     first_ = true;
     foreign_ = foreign_command(traits, scene, injection_);
-    return fmt::format("{} at drive {} for {:g} ms", o.row->name, o.drive + 1, 1e3 * o.ticks * scene.tick());
+    return fmt::format("{} at drive {} for {:g} ms", o.row->name, o.drive + 1, 1e3 * o.length * scene.tick());
   }
   /// True in its first tick; it acts at least in that one.
   [[nodiscard]] bool begin_tick() {
@@ -90,9 +90,8 @@ class LiveSession {
 
   virtual void take(LiveCommand c) = 0;
   virtual void take(const SceneOrder& o) = 0;
-  void take(std::monostate) {}
   void take(const Hand& h) { hand_ = h; }
-  void take(const InjectOrder& o) {
+  void take(const Injection& o) {
     std::string text = fault_.order(o, traits(), *scene_);
     if (!text.empty()) emit("order", std::move(text));
   }
@@ -128,7 +127,7 @@ void prepare_live_scene(Scene& scene, bool controller_elsewhere = false);
 RestartLevel restart_level(const Scene& from, const Scene& to);
 
 /// A fault with its usual amount and length.
-InjectOrder usual_injection(const InjectionRow& row, std::size_t drive);
+Injection usual_injection(const InjectionRow& row, std::size_t drive);
 /// True if a fault can begin while the loop runs on these drives.
 bool can_inject(const InjectionRow& row, Protocol protocol);
 /// True if that needs no access to the controller.

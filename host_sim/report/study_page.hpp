@@ -27,8 +27,8 @@ std::string standalone(const std::string& svg);
 struct Bar {
   double from = 0.0, to = 0.0, count = 0.0;
 };
-/// Counts per interval; heights are logarithms, so that one in a million is seen. Empty where there is
-/// nothing to show.
+/// Counts per interval, ascending; heights are logarithms, so that one in a million is seen. Empty where
+/// there is nothing to show.
 std::string bar_svg(const std::string& title, const std::string& x_label, const std::vector<Bar>& bars);
 
 /// How numbers are spread. `sorted`: finite, ascending, not all equal.

@@ -74,11 +74,7 @@ class Report {
   }
 
   int print() const {
-    if (o_.run.json) {
-      fmt::print("{}\n", json().dump(2));
-    } else {
-      fmt::print("{}", text());
-    }
+    fmt::print("{}", o_.run.json ? json().dump(2) + "\n" : text());
     return d_.refused.empty() && held() ? 0 : 1;
   }
 

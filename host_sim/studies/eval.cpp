@@ -77,7 +77,7 @@ Json evaluate_rr(const Node& n) {
   using M = Rr<S>;
   const Node pn = n.at("params");
   const RrParams<S> params{read_leg<S>(pn), pn.number<S>("g")};
-  require_valid<S>(check(params), n);
+  require_valid(check(params), n);
   const M m(params);
   const Node state = n.at("state");
   const Vec2<S> theta = state.vector<S, 2>("theta"), rate = state.vector<S, 2>("thetad");
@@ -130,7 +130,7 @@ class FiveBarCase {
     const Node pn = n.at("params");
     if (pn.at("legs").size() != 2) pn.at("legs").fail("'params.legs' must have 2 entries");
     const auto params = read_params<S>(pn);
-    require_valid<S>(check(params), n);
+    require_valid(check(params), n);
     m_ = M(params);
     for (int j = 0; j < 2; ++j)
       sigma_.working[j] = n.at("mode").at("sigma").at(static_cast<std::size_t>(j)).sign();

@@ -107,10 +107,8 @@ inline Reaching read_switch(const Node& n) {
 template <class S, int N>
 Vec<S, N> read_bounded(const Node& n, const char* key, bool positive) {
   const Vec<S, N> v = n.vector<S, N>(key);
-  for (int i = 0; i < N; ++i) {
-    if (positive ? !(v[i] > S(0)) : !(v[i] >= S(0)))
-      n.at(key).fail(std::string("'esmc.") + key + "' must be " + (positive ? "> 0" : ">= 0"));
-  }
+  if (!(positive ? (v.array() > S(0)).all() : (v.array() >= S(0)).all()))
+    n.at(key).fail(std::string("'esmc.") + key + "' must be " + (positive ? "> 0" : ">= 0"));
   return v;
 }
 
@@ -126,8 +124,7 @@ Gains<M> read_gains(const Node& n) {
   return g;
 }
 
-template <class S>
-void require_valid(ParamError e, const Node& n) {
+inline void require_valid(ParamError e, const Node& n) {
   if (e != ParamError::none) {
     n.fail(
         "'params' is not a possible mechanism: lengths > 0, masses and inertias >= 0, gravity >= 0, and "

@@ -4,8 +4,6 @@
 
 #include <algorithm>
 #include <charconv>
-#include <cmath>
-#include <optional>
 #include <utility>
 
 #include "host_sim/error.hpp"
@@ -207,6 +205,7 @@ CaseScenes::CaseScenes(const SweepSpec& spec) : spec_(&spec) {
     const Axis& axis = spec.design.axes()[a];
     Bound b;
     b.plant = is_plant(v.key);
+    any_plant_ = any_plant_ || b.plant;
     if (v.factor) b.nominal = nominal_number(tables->scene, v);
     const bool numbers = std::all_of(v.values.begin(), v.values.end(), [](const SweepValue& x) {
       return std::holds_alternative<double>(x) || std::holds_alternative<std::int64_t>(x);
@@ -312,15 +311,10 @@ void CaseScenes::bind(std::uint64_t index, Scene& scene) const {
       std::swap(scene.mechanism, *scene.believed);
     }
   };
-  bool plant = false;
-  for (std::size_t a = 0; a < bound_.size(); ++a) {
-    plant = plant || bound_[a].plant;
-    if (bound_[a].binding.set != nullptr && !bound_[a].plant) set(a);
-  }
-  if (plant) {
-    if (!scene.believed) scene.believed = scene.mechanism;
+  for (const bool of_plant : {false, true}) {
+    if (of_plant && any_plant_ && !scene.believed) scene.believed = scene.mechanism;
     for (std::size_t a = 0; a < bound_.size(); ++a) {
-      if (bound_[a].binding.set != nullptr && bound_[a].plant) set(a);
+      if (bound_[a].binding.set != nullptr && bound_[a].plant == of_plant) set(a);
     }
   }
   if (!any_mechanism_) return;

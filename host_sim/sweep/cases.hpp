@@ -3,7 +3,6 @@
 
 #include <memory>
 #include <optional>
-#include <string>
 #include <vector>
 
 #include "host_sim/scene/scene.hpp"
@@ -57,6 +56,7 @@ class CaseScenes {
   std::shared_ptr<const Tables> tables_;
   std::vector<Bound> bound_;
   bool any_mechanism_ = false;  ///< of the bound ones: the start has to be computed again
+  bool any_plant_ = false;      ///< a key changes the true mechanism alone
   std::optional<Scene> base_, scene_;
   std::vector<SweepValue> read_for_;  ///< the values that base_ was read for
 };

@@ -5,11 +5,10 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include <array>
 #include <cerrno>
-#include <cstring>
 #include <fstream>
 #include <span>
+#include <string_view>
 
 #include "firmware/link/crc.hpp"
 #include "host_sim/error.hpp"
@@ -18,7 +17,7 @@
 namespace esmc::host {
 namespace {
 
-constexpr std::array<char, 8> magic{'e', 's', 'm', 'c', 's', 'w', 'p', '1'};
+constexpr std::string_view magic = "esmcswp1";
 constexpr std::size_t head_size = 32;  // magic, identity, cases, objectives
 
 std::uint32_t crc32(const char* data, std::size_t size) {
@@ -69,11 +68,10 @@ Journal::Journal(const std::string& file, std::uint64_t identity, std::uint64_t 
   // A short head must begin as ours does.
   std::string begin(magic.size(), '\0');
   const ssize_t first = ::pread(descriptor_, begin.data(), begin.size(), 0);
-  if (first < 0 ||
-      begin.compare(0, static_cast<std::size_t>(first), magic.data(), static_cast<std::size_t>(first)) != 0)
+  if (first < 0 || !magic.starts_with(begin.substr(0, static_cast<std::size_t>(first))))
     refuse("is not the journal of a sweep");
   if (restart && ::ftruncate(descriptor_, 0) != 0) refuse_unwritable();
-  std::string head(magic.begin(), magic.end());
+  std::string head(magic);
   put(head, identity);
   put(head, cases);
   put(head, static_cast<std::uint64_t>(columns));

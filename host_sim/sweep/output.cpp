@@ -44,12 +44,8 @@ std::vector<double> sorted_column(const SweepTable& t, std::size_t column) {
 std::string field(const std::string& text) {
   if (text.find_first_of(",\"\n\r") == std::string::npos) return text;
   std::string out = "\"";
-  for (const char c : text) {
-    if (c == '"') out += '"';
-    out += c;
-  }
-  out += '"';
-  return out;
+  for (const char c : text) out.append(c == '"' ? 2 : 1, c);
+  return out + "\"";
 }
 
 std::string number(double v) { return std::isfinite(v) ? fmt::format("{}", v) : std::string(); }
@@ -223,8 +219,7 @@ std::string sweep_page(const SweepSpec& spec, const CaseScenes& scenes, const Sw
   for (const auto& [name, o] : summary["objectives"].items()) {
     if (o.is_null()) continue;
     rows.push_back({name});
-    for (const char* q : {"min", "p05", "median", "p95", "max", "mean"})
-      rows.back().push_back(fmt::format("{:.4g}", o[q].get<double>()));
+    for (const Json& value : o) rows.back().push_back(fmt::format("{:.4g}", value.get<double>()));
   }
   TextTable ends{{"outcome", "cases"}};
   for (const auto& [name, n] : summary["outcomes"].items())

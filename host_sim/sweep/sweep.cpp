@@ -1,11 +1,10 @@
 #include "host_sim/sweep/sweep.hpp"
 
 #include <fmt/format.h>
-#include <time.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <chrono>
+#include <ctime>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
@@ -18,7 +17,6 @@
 #include "host_sim/record/finish.hpp"
 #include "host_sim/record/output.hpp"
 #include "host_sim/record/recording.hpp"
-#include "host_sim/record/run_options.hpp"
 #include "host_sim/sweep/output.hpp"
 #include "host_sim/sweep/ranks.hpp"
 #include "host_sim/sweep/work.hpp"
@@ -32,12 +30,8 @@ namespace fs = std::filesystem;
 
 constexpr const char* journal_name = "sweep.journal";
 
-/// Of all threads of this process.
-double cpu_time() {
-  timespec t{};
-  ::clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
-  return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
-}
+/// Of all threads of this process, s.
+double cpu_time() { return static_cast<double>(std::clock()) / CLOCKS_PER_SEC; }
 
 /// Files that cases read besides the scene's own.
 std::vector<std::string> varied_files(const SweepSpec& spec) {
@@ -148,8 +142,7 @@ class Sweep {
       out_.write("summary.json", json_text(summary) + "\n");
       out_.write("report.html", sweep_page(spec_, scenes_, table_, summary));
       out_.write("timing.json", json_text(timing) + "\n");
-      const auto& w = spec_.wanted;
-      if (std::find(w.begin(), w.end(), Objective::tick_ns) != w.end())
+      if (std::ranges::count(spec_.wanted, Objective::tick_ns) > 0)
         write_timing(out_.path("timing.csv"), spec_, table_);
       out_.commit();
       journal_->remove();

@@ -2,7 +2,6 @@
 /// Distribution of the cases over threads of this process, and of others under mpirun. The result does not
 /// depend on it.
 
-#include <chrono>
 #include <cstdint>
 #include <functional>
 #include <mutex>

@@ -22,6 +22,15 @@ void put_start(const Scene& scene, LaneCase& out) {
   out.rate = state.rate;
 }
 
+/// False where the scene has a part that lanes do not cover: another mechanism, effects, four motors or
+/// sensors, a reference of the joints or of the measured start.
+bool fits_lanes(const Scene& s) {
+  return s.type == MechanismType::five_bar && s.closed_loop() && s.effects.empty() && !s.all_motors &&
+         !s.all_sensors && s.method == Method::rk4 && s.reference.type != ReferenceType::joint_sine &&
+         s.reference.type != ReferenceType::none &&
+         (s.reference.type != ReferenceType::hold || s.reference.position);
+}
+
 }  // namespace
 
 void fill_references(const LaneSettings& settings, const LaneCase* cases, int lanes, std::uint32_t first,
@@ -53,17 +62,8 @@ const std::vector<LaneKernel>& lane_kernels() {
 }
 
 bool wants_base_errors(const std::vector<Objective>& wanted) {
-  return std::any_of(wanted.begin(), wanted.end(), [](Objective o) {
-    return o == Objective::rms_rad || o == Objective::max_rad || o == Objective::settled_rms_rad ||
-           o == Objective::settled_max_rad;
-  });
-}
-
-bool fits_lanes(const Scene& s) {
-  return s.type == MechanismType::five_bar && s.closed_loop() && s.effects.empty() && !s.all_motors &&
-         !s.all_sensors && s.method == Method::rk4 && s.reference.type != ReferenceType::joint_sine &&
-         s.reference.type != ReferenceType::none &&
-         (s.reference.type != ReferenceType::hold || s.reference.position);
+  return std::ranges::any_of(
+      wanted, [](Objective o) { return o >= Objective::rms_rad && o <= Objective::settled_max_rad; });
 }
 
 bool make_lane_job(const Scene& scene, const std::vector<Objective>& wanted, bool one_reference,
