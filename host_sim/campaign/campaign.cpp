@@ -73,9 +73,9 @@ const std::vector<Variant>& variants() {
 /// Runs an episode on one scene.
 using Runner = std::function<EpisodeResult(std::uint64_t seed, const Draw& draw, EpisodeTrace* trace,
                                            std::string_view only)>;
-template <class World>
+template <class Traits>
 Runner runner_of(const Scene& scene) {
-  const auto kind = std::make_shared<const EpisodeKind<World>>(scene);
+  const auto kind = std::make_shared<const EpisodeKind<Traits>>(scene);
   return [kind](const auto&... arguments) { return kind->run(arguments...); };
 }
 
@@ -83,7 +83,7 @@ Runner make_runner(const Scene& scene) {
   const BusObstacle obstacle = bus_obstacle(scene);
   if (!obstacle.what.empty()) throw InputError(obstacle.where, obstacle.what);
   refuse_bus_effects(scene, "a campaign disturbs its bus by the faults that it draws");
-  return scene.type == MechanismType::five_bar ? runner_of<FiveBarWorld>(scene) : runner_of<RrWorld>(scene);
+  return scene.type == MechanismType::five_bar ? runner_of<FiveBarTraits>(scene) : runner_of<RrTraits>(scene);
 }
 
 /// The drives of the built-in loops.

@@ -29,14 +29,14 @@ struct EpisodeResult {
 /// A line per tick.
 using EpisodeTrace = std::vector<std::string>;
 
-template <class World>
+template <class Traits>
 class EpisodeLoop;
 
 /// What episodes on one scene share; read only.
-template <class World>
+template <class Traits>
 class EpisodeKind {
  public:
-  using M = typename World::Mechanism;
+  using M = typename Traits::Mechanism;
 
   explicit EpisodeKind(const Scene& scene) : EpisodeKind(scene, scene) {}
   /// `promised`: the scene by which the loop of `scene` is judged; a test makes them differ.
@@ -61,7 +61,7 @@ class EpisodeKind {
                                   std::string_view only = {}) const;
 
  private:
-  friend class EpisodeLoop<World>;
+  friend class EpisodeLoop<Traits>;
   /// Ticks from the command to enable to the release of the brake, without a fault. Throws RunError where the
   /// loop does not reach its reference: a campaign on such a loop says nothing about the faults.
   [[nodiscard]] int arming_ticks() const;
@@ -111,18 +111,18 @@ class EpisodeScript {
 };
 
 /// Plant, bus, computer and a copy of the controller, for one pass.
-template <class World>
+template <class Traits>
 class EpisodeLoop {
  public:
-  using M = typename World::Mechanism;
-  using Kind = EpisodeKind<World>;
+  using M = typename Traits::Mechanism;
+  using Kind = EpisodeKind<Traits>;
 
   /// Both outlive this.
   EpisodeLoop(const Kind& kind, const Injection& injection)
       : kind_(kind),
         injection_(injection),
         traits_(protocol_traits(kind.scene_.drives.protocol)),
-        plant_(make_motion<World>(kind.scene_), kind.scene_, kind.defective(injection.kind()), injection,
+        plant_(make_motion<Traits>(kind.scene_), kind.scene_, kind.defective(injection.kind()), injection,
                traits_),
         bus_(injection, traits_, plant_.nodes(), kind.scene_.bitrate),
         cycle_(kind.cycle_),
@@ -130,7 +130,7 @@ class EpisodeLoop {
     if (kind.times_.link_ticks > 0) computer_.emplace(kind.scene_);
   }
 
-  [[nodiscard]] FaultyPlant<typename World::Plant>& plant() { return plant_; }
+  [[nodiscard]] FaultyPlant<typename Traits::Plant>& plant() { return plant_; }
   [[nodiscard]] const FaultyBus& bus() const { return bus_; }
   [[nodiscard]] const ControllerWord& word() const { return word_; }
   [[nodiscard]] bool active(Injected k) const { return active_ && injection_.kind() == k; }
@@ -191,7 +191,7 @@ class EpisodeLoop {
   const Kind& kind_;
   const Injection& injection_;
   const ProtocolTraits& traits_;
-  FaultyPlant<typename World::Plant> plant_;
+  FaultyPlant<typename Traits::Plant> plant_;
   FaultyBus bus_;
   AnyCycle<M> cycle_;
   hal::CanFrame foreign_;
@@ -200,9 +200,9 @@ class EpisodeLoop {
   bool active_ = false;
 };
 
-template <class World>
-EpisodeResult EpisodeKind<World>::run(std::uint64_t seed, Draw draw, EpisodeTrace* trace,
-                                      std::string_view only) const {
+template <class Traits>
+EpisodeResult EpisodeKind<Traits>::run(std::uint64_t seed, Draw draw, EpisodeTrace* trace,
+                                       std::string_view only) const {
   constexpr int watch_ticks = 30;
   const ProtocolTraits& traits = protocol_traits(scene_.drives.protocol);
   EpisodeResult out;
@@ -211,7 +211,7 @@ EpisodeResult EpisodeKind<World>::run(std::uint64_t seed, Draw draw, EpisodeTrac
   Injection injection = draw_injection(draw, times_, traits, only);
   if (!has_to_show(injection, promised_)) injection.notice_ticks = InjectionRow::not_demanded;
   const EpisodeScript script(injection, times_, draw);
-  EpisodeLoop<World> loop(*this, injection);
+  EpisodeLoop<Traits> loop(*this, injection);
   auto& plant = loop.plant();
   Judge judge(injection, times_, scene_.effects.empty(), traits.tells_its_state);
   Digest digest;
@@ -257,12 +257,12 @@ EpisodeResult EpisodeKind<World>::run(std::uint64_t seed, Draw draw, EpisodeTrac
   return out;
 }
 
-template <class World>
-int EpisodeKind<World>::arming_ticks() const {
+template <class Traits>
+int EpisodeKind<Traits>::arming_ticks() const {
   constexpr int looks_ahead = 16;  // as the controller does when it joins
   const int patience = std::max(2000, static_cast<int>(2.0 * scene_.rate_hz));
   const Injection nothing{.row = &injection_rows()[0]};
-  EpisodeLoop<World> loop(*this, nothing);
+  EpisodeLoop<Traits> loop(*this, nothing);
   int armed = -1;
   for (int tick = 0; armed < 0 || tick <= armed + times_.join_ticks + looks_ahead; ++tick) {
     if (armed < 0 && tick >= patience) throw RunError(scene_.name + ": the drives do not arm");

@@ -37,11 +37,11 @@ void FaultyBus::faulty(const hal::CanFrame& f) {
       up(f);
       return up(f);
     case Injected::delay:
-      late_.push_back({tick_ + static_cast<std::uint64_t>(injection_->amount), f});
+      late_.emplace_back(tick_ + static_cast<std::uint64_t>(injection_->amount), f);
       return;
     case Injected::reordering:  // every second one is overtaken by the next
       if (tick_ % 2 != 0) return up(f);
-      late_.push_back({tick_ + 1, f});
+      late_.emplace_back(tick_ + 1, f);
       return;
     default:
       return up(mangled(f));
@@ -98,8 +98,8 @@ void FaultyBus::from_stranger(const hal::CanFrame& f) {
 }
 
 void FaultyBus::inject_foreign_frames() {
-  while (!late_.empty() && late_.front().due <= tick_) {
-    up(late_.front().frame);
+  while (!late_.empty() && late_.front().first <= tick_) {
+    up(late_.front().second);
     late_.pop_front();
   }
   if (!active_ || injection_->kind() != Injected::flood) return;

@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <deque>
+#include <utility>
 #include <vector>
 
 #include "hal/can.hpp"
@@ -70,11 +71,7 @@ class FaultyBus {
   double ms_ = 0.0;
   std::deque<hal::CanFrame> orders_, to_controller_;
   std::vector<Delivery> to_drives_;
-  struct Late {
-    std::uint64_t due;
-    hal::CanFrame frame;
-  };
-  std::deque<Late> late_;
+  std::deque<std::pair<std::uint64_t, hal::CanFrame>> late_;  ///< tick in which it is due; frame
 };
 
 }  // namespace esmc::host

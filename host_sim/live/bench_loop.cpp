@@ -14,14 +14,14 @@ namespace {
 constexpr double none = std::numeric_limits<double>::quiet_NaN();
 constexpr int arming_patience_s = 5;
 
-template <class World>
-class Session final : public PlantOnBus<World> {
+template <class Traits>
+class Session final : public PlantOnBus<Traits> {
  public:
-  using Base = PlantOnBus<World>;
-  using M = typename World::Mechanism;
+  using Base = PlantOnBus<Traits>;
+  using M = typename Traits::Mechanism;
 
   explicit Session(std::shared_ptr<const Scene> scene) : Base(std::move(scene)) {
-    build(initial_state<World>(*scene_));
+    build(initial_state<Traits>(*scene_));
     start_ = true;
   }
   void tick() override {
@@ -45,11 +45,11 @@ class Session final : public PlantOnBus<World> {
  private:
   using Base::scene_, Base::bus_, Base::plant_, Base::fault_, Base::ticks_, Base::emit;
 
-  /// The cycle refers to the reference.
-  struct Controlling {
+  /// Reference and cycle, which refers to it.
+  struct ControllerEnd {
     ReferenceBundle<double> reference;
     AnyCycle<M> cycle;
-    explicit Controlling(const Scene& scene)
+    explicit ControllerEnd(const Scene& scene)
         : reference(make_reference(scene, Pacing::lockstep)),
           cycle(make_cycle<M>(scene, Pacing::lockstep, reference)) {}
   };
@@ -64,7 +64,7 @@ class Session final : public PlantOnBus<World> {
   /// Drives and controller as after power-up, the mechanism in `at`.
   void build(const typename Base::PlantState& at) {
     Base::build(at, true);
-    controller_ = std::make_unique<Controlling>(*scene_);
+    controller_ = std::make_unique<ControllerEnd>(*scene_);
     result_ = {};
     reported_ = State::disabled;
     armed_since_ = ticks_;
@@ -110,7 +110,7 @@ class Session final : public PlantOnBus<World> {
     this->diverged_ = false;
     this->run_ticks_ = 0;
     this->digest_ = {};
-    build(initial_state<World>(*scene_));
+    build(initial_state<Traits>(*scene_));
     start_ = true;
     emit("order", why);
   }
@@ -124,7 +124,7 @@ class Session final : public PlantOnBus<World> {
     if (s != State::disabled) return;
     if (next_) {
       scene_ = next_->scene;
-      build(next_->takes == RestartLevel::home ? initial_state<World>(*scene_) : this->resting());
+      build(next_->takes == RestartLevel::home ? initial_state<Traits>(*scene_) : this->resting());
       next_.reset();
     }
     if (std::exchange(start_, false)) {
@@ -170,7 +170,7 @@ class Session final : public PlantOnBus<World> {
   }
 
   std::optional<SceneOrder> next_;  ///< waits until the mechanism is at rest
-  std::unique_ptr<Controlling> controller_;
+  std::unique_ptr<ControllerEnd> controller_;
   TickResult<M> result_{};
   std::uint64_t armed_since_ = 0;
   bool start_ = false;  ///< enable as soon as possible
@@ -181,8 +181,8 @@ class Session final : public PlantOnBus<World> {
 
 std::unique_ptr<LiveSession> make_live_session(std::shared_ptr<const Scene> scene) {
   if (scene->type == MechanismType::five_bar)
-    return std::make_unique<Session<FiveBarWorld>>(std::move(scene));
-  return std::make_unique<Session<RrWorld>>(std::move(scene));
+    return std::make_unique<Session<FiveBarTraits>>(std::move(scene));
+  return std::make_unique<Session<RrTraits>>(std::move(scene));
 }
 
 }  // namespace esmc::host

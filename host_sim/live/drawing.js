@@ -44,13 +44,10 @@ class Drawing {
   }
   tell() { this.told({ at: this.held, push: this.keys.size ? this.pushing : null, strong: this.strong }); }
 
-  setGeometry(geometry) {
-    this.geometry = geometry;
-    this.frame();
-  }
   /** The view begins around the base; it grows when the mechanism leaves it. */
-  frame() {
-    const legs = Mechanism.legs(this.geometry);
+  frame(geometry = this.geometry) {
+    const legs = Mechanism.legs(geometry);
+    this.geometry = geometry;
     this.corners = legs.flatMap(({ base, l1, l2 }) => [[base - l1, -0.35 * l1], [base + l1, l1 + 0.8 * l2]]);
     this.trail = [];
     this.wish = [];

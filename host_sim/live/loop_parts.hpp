@@ -12,17 +12,17 @@
 namespace esmc::host {
 
 /// A session with its mechanism and drives behind a faulty bus, wherever the controller is.
-template <class World>
+template <class Traits>
 class PlantOnBus : public LiveSession {
  protected:
-  using Plant = typename World::Plant;
+  using Plant = typename Traits::Plant;
   using PlantState = typename Plant::State;
   using LiveSession::LiveSession;
 
   /// Drives as after power-up, the mechanism in `at`.
   void build(const PlantState& at, bool lockstep) {
     fault_ = {};
-    plant_ = std::make_unique<FaultyPlant<Plant>>(make_motion<World>(*scene_, at, &hand_), *scene_, *scene_,
+    plant_ = std::make_unique<FaultyPlant<Plant>>(make_motion<Traits>(*scene_, at, &hand_), *scene_, *scene_,
                                                   fault_.injection(), traits(), lockstep);
     bus_ = std::make_unique<FaultyBus>(fault_.injection(), traits(), plant_->nodes());
   }
@@ -33,12 +33,12 @@ class PlantOnBus : public LiveSession {
   }
   /// The brake closes; the mechanism is at rest under it.
   void close_brake() {
-    plant_->set_motion(make_motion<World>(*scene_, resting(), &hand_), *scene_);
+    plant_->set_motion(make_motion<Traits>(*scene_, resting(), &hand_), *scene_);
     plant_->close_brake();
   }
   /// The mechanism goes on with other effects.
   void change_effects(const SceneOrder& o) {
-    plant_->set_motion(make_motion<World>(*o.scene, plant_->motion().state(), &hand_), *o.scene);
+    plant_->set_motion(make_motion<Traits>(*o.scene, plant_->motion().state(), &hand_), *o.scene);
     scene_ = o.scene;
     emit("scene", o.what + ": from now on; states of effects begin anew");
   }

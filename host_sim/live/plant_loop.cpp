@@ -11,10 +11,10 @@ namespace {
 
 /// As esmc plant --realtime: a torque acts from the part of the tick in which it arrives. The campaign's
 /// faulty bus stands between the drives and the real one.
-template <class World>
-class PlantSession final : public PlantOnBus<World> {
+template <class Traits>
+class PlantSession final : public PlantOnBus<Traits> {
  public:
-  using Base = PlantOnBus<World>;
+  using Base = PlantOnBus<Traits>;
 
   PlantSession(std::shared_ptr<const Scene> scene, HostBus& real) : Base(std::move(scene)), real_(real) {
     home();
@@ -39,7 +39,7 @@ class PlantSession final : public PlantOnBus<World> {
   static constexpr int parts = 4, frames_at_once = 4096;
 
   void home() {
-    this->build(initial_state<World>(*scene_), false);
+    this->build(initial_state<Traits>(*scene_), false);
     this->run_ticks_ = 0;
     this->diverged_ = false;
   }
@@ -88,8 +88,8 @@ class PlantSession final : public PlantOnBus<World> {
 
 std::unique_ptr<LiveSession> make_live_plant(std::shared_ptr<const Scene> scene, HostBus& bus) {
   if (scene->type == MechanismType::five_bar)
-    return std::make_unique<PlantSession<FiveBarWorld>>(std::move(scene), bus);
-  return std::make_unique<PlantSession<RrWorld>>(std::move(scene), bus);
+    return std::make_unique<PlantSession<FiveBarTraits>>(std::move(scene), bus);
+  return std::make_unique<PlantSession<RrTraits>>(std::move(scene), bus);
 }
 
 }  // namespace esmc::host

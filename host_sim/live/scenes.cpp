@@ -147,9 +147,9 @@ std::shared_ptr<const Scene> read_live_scene(const RunOptions& o) {
   prepare_live_scene(*scene, paced.realtime);
   require_confirmed(*scene);
   if (scene->type == MechanismType::five_bar) {
-    require_reachable<FiveBarWorld>(*scene, Pacing::lockstep);
+    require_reachable<FiveBarTraits>(*scene, Pacing::lockstep);
   } else {
-    require_reachable<RrWorld>(*scene, Pacing::lockstep);
+    require_reachable<RrTraits>(*scene, Pacing::lockstep);
   }
   return scene;
 }

@@ -117,7 +117,7 @@ constexpr NamedEffect named[] = {
 double ns_per_step(const Scene& scene) {
   constexpr int ticks = 2000;
   const int substeps = std::max(1, static_cast<int>(std::ceil(scene.tick() / scene.step - 1e-9)));
-  auto motion = make_motion<FiveBarWorld>(scene);
+  auto motion = make_motion<FiveBarTraits>(scene);
   const double begin = thread_cpu_s();
   for (int n = 0; n < ticks; ++n) {
     // Torques that nearly hold the mechanism: every effect acts in an ordinary state.

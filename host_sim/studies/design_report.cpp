@@ -59,10 +59,10 @@ Plants simulate(const Scene& scene, std::uint64_t seed, std::uint64_t count, boo
   return out;
 }
 
-template <class World>
+template <class Traits>
 class Report {
  public:
-  using M = typename World::Mechanism;
+  using M = typename Traits::Mechanism;
   Report(const Scene& scene, const DesignOptions& o)
       : scene_(scene),
         o_(o),
@@ -176,7 +176,7 @@ class Report {
     for (int i = 0; i < M::channels && !smc(); ++i) {
       const auto& r = d_.row[static_cast<std::size_t>(i)];
       if (r.k == 0.0) continue;
-      j["gains"].push_back({{"channel", World::channel_names[i]},
+      j["gains"].push_back({{"channel", Traits::channel_names[i]},
                             {"unit", M::is_angle(i) ? "rad/s2" : "m/s2"},
                             {"k", r.k},
                             {"need", r.need},
@@ -251,7 +251,7 @@ class Report {
       const auto& r = d_.row[static_cast<std::size_t>(i)];
       if (r.k == 0.0) continue;
       const std::string cause = dictates(r);
-      out += fmt::format("{:<6} {:>10.4g} {:>10.4g} {:>10.4g} {:>10.4g}  {}, {}\n", World::channel_names[i],
+      out += fmt::format("{:<6} {:>10.4g} {:>10.4g} {:>10.4g} {:>10.4g}  {}, {}\n", Traits::channel_names[i],
                          r.k, r.need, r.eta, r.linear, cause == "reaching_time" ? "reaching time" : cause,
                          where(r.place));
     }
@@ -328,8 +328,8 @@ int run_design(const DesignOptions& o) {
   }
   if (o.simulate > 0) refuse_bus_effects(scene, "esmc design simulates without a bus");
   scene.seed = o.run.seed;
-  return scene.type == MechanismType::five_bar ? Report<FiveBarWorld>(scene, o).print()
-                                               : Report<RrWorld>(scene, o).print();
+  return scene.type == MechanismType::five_bar ? Report<FiveBarTraits>(scene, o).print()
+                                               : Report<RrTraits>(scene, o).print();
 }
 
 }  // namespace esmc::host

@@ -54,7 +54,7 @@ struct Outcome {
 /// Episodes of the loop of `real`, judged by what `promised` says; `only`: with this fault.
 Outcome run(const Scene& real, const Scene& promised, int episodes, std::uint64_t seed = 1,
             std::string_view only = {}) {
-  const EpisodeKind<FiveBarWorld> kind(real, promised);
+  const EpisodeKind<FiveBarTraits> kind(real, promised);
   Outcome out;
   for (int i = 0; i < episodes; ++i) {
     const std::uint64_t at = seed + static_cast<std::uint64_t>(i);
@@ -316,7 +316,7 @@ TEST(Campaign, GuardsThatAreWiderThanTheirSceneSaysAreFoundAtAnyRate) {
 TEST(Campaign, ALoopThatFailsByItselfIsNoMatterForACampaign) {
   const Scene s = scene("odrive", 1000.0, {"drives.heartbeat_timeout=0.005"});  // the drives beat every 10 ms
   try {
-    const EpisodeKind<FiveBarWorld> kind(s);
+    const EpisodeKind<FiveBarTraits> kind(s);
     ADD_FAILURE() << "a campaign began";
   } catch (const RunError& e) {
     EXPECT_NE(std::string(e.what()).find("heartbeat_lost"), std::string::npos) << e.what();
