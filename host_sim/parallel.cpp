@@ -1,35 +1,15 @@
 #include "host_sim/parallel.hpp"
 
-#include <cstddef>
-
-#ifdef ESMC_WITH_TBB
-#include <oneapi/tbb/global_control.h>
-#include <oneapi/tbb/parallel_for.h>
-#include <oneapi/tbb/task_arena.h>
-#else
+#include <algorithm>
+#include <atomic>
 #include <exception>
 #include <mutex>
 #include <thread>
 #include <vector>
-#endif
 
 namespace esmc::host {
 
-#ifdef ESMC_WITH_TBB
-
-const char* thread_library() { return "oneTBB"; }
-
-void run_jobs(int jobs, const std::function<void(int)>& work) {
-  namespace tbb = oneapi::tbb;
-  const tbb::global_control limit(tbb::global_control::max_allowed_parallelism,
-                                  static_cast<std::size_t>(jobs));
-  tbb::task_arena arena(jobs);
-  arena.execute([&] { tbb::parallel_for(0, jobs, 1, work, tbb::simple_partitioner()); });
-}
-
-#else
-
-const char* thread_library() { return "std::thread"; }
+int processors() { return static_cast<int>(std::max(1U, std::thread::hardware_concurrency())); }
 
 void run_jobs(int jobs, const std::function<void(int)>& work) {
   std::exception_ptr first;
@@ -49,6 +29,16 @@ void run_jobs(int jobs, const std::function<void(int)>& work) {
   if (first) std::rethrow_exception(first);
 }
 
-#endif
+void run_each(int jobs, std::uint64_t count, const std::function<bool(std::uint64_t)>& work) {
+  std::atomic<std::uint64_t> next{0};
+  run_jobs(jobs, [&](int) {
+    try {
+      for (std::uint64_t i = next++; i < count && work(i);) i = next++;
+    } catch (...) {
+      next = count;  // the other threads need not go on
+      throw;
+    }
+  });
+}
 
 }  // namespace esmc::host

@@ -1,14 +1,13 @@
 #include "host_sim/campaign/campaign.hpp"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
-#include <atomic>
 #include <functional>
 #include <memory>
 #include <mutex>
 #include <nlohmann/json.hpp>
-#include <thread>
 
 #include "host_sim/campaign/episode.hpp"
 #include "host_sim/campaign/totals.hpp"
@@ -38,37 +37,35 @@ std::string phase(double share) { return fmt::format("reference.phase={}", 6.28 
 
 const std::vector<Variant>& variants() {
   constexpr const char *bar = "five_bar", *arm = "rr";
+  constexpr const char* linked =
+      R"(command={ base_id=0x780, arm="link", timeout=0.1, speed=0.1, acceleration=1.0 })";
   static const std::vector<Variant> list{
       {bar, {}},
-      {bar, {phase(0.1), "reference.speed=3.0", "limits.after_halt=\"release\""}},
-      {bar, {phase(0.2), "reference.speed=-6.0", "limits.after_halt=\"hold\""}},
-      {bar, {phase(0.3), "reference.speed=-10.0", "control.law=\"esmc_projected\""}},
-      {bar, {phase(0.4), "reference.speed=5.0", "control.law=\"smc\""}},
+      {bar, {phase(0.1), "reference.speed=3.0", "limits.after_halt=release"}},
+      {bar, {phase(0.2), "reference.speed=-6.0", "limits.after_halt=hold"}},
+      {bar, {phase(0.3), "reference.speed=-10.0", "control.law=esmc_projected"}},
+      {bar, {phase(0.4), "reference.speed=5.0", "control.law=smc"}},
       {bar,
-       {phase(0.5), "reference.speed=8.0", "control.law=\"ctc\"", "mechanism.gravity=0",
-        "limits.after_halt=\"release\""}},
-      {bar, {phase(0.6), "control.law=\"pd\"", "control.kp=20", "control.kd=0.5", "reference.speed=2.0"}},
-      {bar, {phase(0.7), "control.reaching=\"saturation\"", "control.layer=0.5"}},
-      {bar, {phase(0.8), "control.reaching=\"tanh\"", "control.layer=0.5", "reference.speed=-4.0"}},
-      {bar, {phase(0.9), "control.reaching=\"sign\"", "reference.speed=3.0"}},
+       {phase(0.5), "reference.speed=8.0", "control.law=ctc", "mechanism.gravity=0",
+        "limits.after_halt=release"}},
+      {bar, {phase(0.6), "control.law=pd", "control.kp=20", "control.kd=0.5", "reference.speed=2.0"}},
+      {bar, {phase(0.7), "control.reaching=saturation", "control.layer=0.5"}},
+      {bar, {phase(0.8), "control.reaching=tanh", "control.layer=0.5", "reference.speed=-4.0"}},
+      {bar, {phase(0.9), "control.reaching=sign", "reference.speed=3.0"}},
       {bar, {phase(0.15), "control.torque_ramp=0.02", "reference.speed=4.0"}},
-      {bar, {"reference.type=\"hold\"", "initial.position=[0.03, 0.2]", "limits.after_halt=\"lower\""}},
+      {bar, {"reference.type=hold", "initial.position=[0.03, 0.2]", "limits.after_halt=lower"}},
       {bar,
        {phase(0.25), "drives.gear_ratio=[4.0, 9.0]", "drives.direction=[-1, 1]",
         "drives.offset=[0.3, -1.0]"}},
       {bar, {phase(0.35), "limits.halt_time=0", "reference.speed=7.0"}},
       {bar, {phase(0.45), "reference.join=0"}},
-      {bar, {phase(0.55), "control.sensors=\"all\"", "sensors.nodes=[3, 4]"}, true},
-      {bar, {phase(0.65), "control.sensors=\"all\"", "control.motors=\"all\"", "drives.nodes=[1, 2, 3, 4]"}},
+      {bar, {phase(0.55), "control.sensors=all", "sensors.nodes=[3, 4]"}, true},
+      {bar, {phase(0.65), "control.sensors=all", "control.motors=all", "drives.nodes=[1, 2, 3, 4]"}},
       {bar, {phase(0.75), "drives.sign_test=true"}},
-      {bar,
-       {phase(0.85), "command.base_id=0x780", "command.arm=\"link\"", "command.timeout=0.1",
-        "command.speed=0.1", "command.acceleration=1.0"}},
-      {bar,
-       {"command.base_id=0x780", "command.arm=\"link\"", "command.timeout=0.1", "command.speed=0.1",
-        "command.acceleration=1.0", "drives.sign_test=true", "limits.after_halt=\"hold\""}},
+      {bar, {phase(0.85), linked}},
+      {bar, {linked, "drives.sign_test=true", "limits.after_halt=hold"}},
       {arm, {}},
-      {arm, {"limits.after_halt=\"hold\"", "control.law=\"smc\""}},
+      {arm, {"limits.after_halt=hold", "control.law=smc"}},
   };
   return list;
 }
@@ -76,19 +73,17 @@ const std::vector<Variant>& variants() {
 /// Runs an episode on one scene.
 using Runner = std::function<EpisodeResult(std::uint64_t seed, const Draw& draw, EpisodeTrace* trace,
                                            std::string_view only)>;
-template <class World>
+template <class Traits>
 Runner runner_of(const Scene& scene) {
-  const auto kind = std::make_shared<const EpisodeKind<World>>(scene);
-  return [kind](std::uint64_t seed, const Draw& draw, EpisodeTrace* trace, std::string_view only) {
-    return kind->run(seed, draw, trace, only);
-  };
+  const auto kind = std::make_shared<const EpisodeKind<Traits>>(scene);
+  return [kind](const auto&... arguments) { return kind->run(arguments...); };
 }
 
 Runner make_runner(const Scene& scene) {
   const BusObstacle obstacle = bus_obstacle(scene);
   if (!obstacle.what.empty()) throw InputError(obstacle.where, obstacle.what);
   refuse_bus_effects(scene, "a campaign disturbs its bus by the faults that it draws");
-  return scene.type == MechanismType::five_bar ? runner_of<FiveBarWorld>(scene) : runner_of<RrWorld>(scene);
+  return scene.type == MechanismType::five_bar ? runner_of<FiveBarTraits>(scene) : runner_of<RrTraits>(scene);
 }
 
 /// The drives of the built-in loops.
@@ -98,19 +93,16 @@ struct DriveVariant {
   bool read_back = false;  ///< ODrive 0.6: its configuration, the watchdog's with it, before each arming
 };
 const std::vector<DriveVariant>& drive_variants() {
+  constexpr const char *mismatch = "drives.torque_mismatch=0.5", *at_once = "drives.torque_time=0";
+  constexpr const char *turns = "drives.position_range=40.0", *speeds = "drives.velocity_range=200.0";
   static const std::vector<DriveVariant> list{
       {"odrive", {}},
-      {"odrive", {"drives.torque_mismatch=0.5", "drives.torque_time=0"}, true},
+      {"odrive", {mismatch, at_once}, true},
       {"odrive_0.5", {}},
-      {"cia402", {"drives.torque_mismatch=0.5", "drives.torque_time=0"}},
-      {"mit",
-       {"drives.dialect=\"mini_cheetah\"", "drives.position_range=40.0", "drives.velocity_range=200.0"}},
-      {"mit",
-       {"drives.dialect=\"cubemars\"", "drives.torque_mismatch=0.5", "drives.torque_time=0",
-        "drives.position_range=40.0", "drives.velocity_range=200.0"}},
-      {"mit",
-       {"drives.dialect=\"damiao\"", "drives.torque_mismatch=0.5", "drives.torque_time=0",
-        "drives.position_range=40.0", "drives.velocity_range=200.0"}},
+      {"cia402", {mismatch, at_once}},
+      {"mit", {"drives.dialect=mini_cheetah", turns, speeds}},
+      {"mit", {"drives.dialect=cubemars", mismatch, at_once, turns, speeds}},
+      {"mit", {"drives.dialect=damiao", mismatch, at_once, turns, speeds}},
   };
   return list;
 }
@@ -123,7 +115,7 @@ OdriveEndpoints some_endpoints() {
   return out;
 }
 std::string protocol_set(std::string_view protocol) {
-  return fmt::format("drives.protocol=\"{}\"", protocol);
+  return fmt::format(R"(drives.protocol="{}")", protocol);
 }
 
 /// The scenes of a campaign. An episode is a function of its seed and of these.
@@ -132,32 +124,31 @@ class Campaign {
   explicit Campaign(const CampaignOptions& o) : fault_(o.fault) {
     const auto named = [&](const InjectionRow& r) { return r.name == fault_; };
     if (!fault_.empty() && std::ranges::none_of(injection_rows(), named)) {
-      std::string all;
-      for (const InjectionRow& r : injection_rows()) all += (all.empty() ? "" : ", ") + std::string(r.name);
-      throw InputError("", "--fault " + printable(fault_) + ": allowed are " + all);
+      std::vector<std::string_view> all;
+      for (const InjectionRow& r : injection_rows()) all.push_back(r.name);
+      throw InputError("",
+                       fmt::format("--fault {}: allowed are {}", printable(fault_), fmt::join(all, ", ")));
     }
     if (!o.scene.empty()) {
       Sets sets = o.sets;
       if (!o.protocol.empty()) sets.push_back(protocol_set(o.protocol));
-      const Scene scene = read_scene(o.scene, sets);
-      kinds_.push_back({make_runner(scene), name(scene.drives.protocol)});
+      runners_.push_back(make_runner(read_scene(o.scene, sets)));
       return;
     }
     for (const DriveVariant& d : drive_variants()) {
       if (!o.protocol.empty() && o.protocol != d.protocol) continue;
       for (const Variant& v : variants()) add(o, d, v);
     }
-    if (kinds_.empty()) {
+    if (runners_.empty()) {
       throw InputError(
           "", "--protocol " + printable(o.protocol) + ": allowed are odrive, odrive_0.5, cia402, mit");
     }
   }
   [[nodiscard]] EpisodeResult run(std::uint64_t seed, EpisodeTrace* trace = nullptr) const {
     Draw draw(seed);
-    const std::size_t variant = draw.below(kinds_.size());
-    EpisodeResult e = kinds_[variant].run(seed, draw, trace, fault_);
+    const std::size_t variant = draw.below(runners_.size());
+    EpisodeResult e = runners_[variant](seed, draw, trace, fault_);
     e.variant = variant;
-    e.protocol = kinds_[variant].protocol;
     return e;
   }
 
@@ -173,39 +164,24 @@ class Campaign {
     if (d.read_back && !scene.drives.endpoints && scene.drives.confirmed.value_or(true)) {
       scene.drives.endpoints = some_endpoints();
     }
-    kinds_.push_back({make_runner(scene), name(scene.drives.protocol)});
+    runners_.push_back(make_runner(scene));
   }
 
-  struct Kind {
-    Runner run;
-    const char* protocol;
-  };
-  std::vector<Kind> kinds_;
+  std::vector<Runner> runners_;
   std::string fault_;
 };
 
 CampaignTotals run_all(const Campaign& campaign, const CampaignOptions& o) {
-  const auto processors = static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
-  constexpr std::uint64_t at_once = 64;
-  std::atomic<std::uint64_t> next{0};
   std::mutex mutex;
   CampaignTotals totals;
   Progress progress(o.episodes);
-  const auto next_batch = [&] { return next.fetch_add(at_once); };
-  run_jobs(o.jobs > 0 ? o.jobs : processors, [&](int slot) {
-    CampaignTotals mine;
-    try {
-      for (std::uint64_t from = next_batch(); from < o.episodes && !stop_requested(); from = next_batch()) {
-        if (slot == 0) progress.at(from);
-        for (std::uint64_t i = from; i < std::min(o.episodes, from + at_once); ++i)
-          mine.add(campaign.run(o.seed + i));
-      }
-    } catch (...) {
-      next = o.episodes;  // the other threads need not go on
-      throw;
-    }
+  run_each(o.jobs > 0 ? o.jobs : processors(), o.episodes, [&](std::uint64_t i) {
+    if (stop_requested()) return false;
+    const EpisodeResult e = campaign.run(o.seed + i);
     const std::lock_guard lock(mutex);
-    totals.add(mine);
+    totals.add(e);
+    progress.at(totals.episodes());
+    return true;
   });
   return totals;
 }
@@ -230,10 +206,9 @@ int replay(const Campaign& campaign, const CampaignOptions& o) {
   j["ticks"] = e.ticks;
   j["digest"] = fmt::format("{:016x}", e.digest);
   j["bit_equal"] = equal;
+  const std::string lines = fmt::format("{}\n", fmt::join(trace, "\n"));
   OutputDirectory out(o.out);
   if (out.wanted()) {
-    std::string lines;
-    for (const std::string& line : trace) lines += line + "\n";
     out.write("episode.txt", lines);
     out.write("episode.json", j.dump(2) + "\n");
     out.commit();
@@ -241,8 +216,7 @@ int replay(const Campaign& campaign, const CampaignOptions& o) {
   if (o.json) {
     fmt::print("{}\n", j.dump(2));
   } else {
-    for (const std::string& line : trace) fmt::print("{}\n", line);
-    fmt::print("seed {} on variant {}: {}\n", e.seed, e.variant, describe(e.injection));
+    fmt::print("{}seed {} on variant {}: {}\n", lines, e.seed, e.variant, describe(e.injection));
     fmt::print("latched {}; {}\n", j["latched"].get<std::string>(),
                held ? "every invariant held"
                     : fmt::format("{} broken at tick {}", e.verdict.invariant, e.verdict.tick));

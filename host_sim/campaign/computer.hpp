@@ -1,7 +1,6 @@
 #pragma once
 /// A supervisor computer that passes the operator's orders on over the command interface, and may vanish.
 
-#include <algorithm>
 #include <cstdint>
 #include <optional>
 #include <utility>
@@ -39,10 +38,9 @@ class Computer {
     if (wanted_ == Operator::nothing || !session_ || (wanted_ == Operator::enable && !table_))
       return Operator::nothing;
     const Operator asked = std::exchange(wanted_, Operator::nothing);
-    send(order(asked == Operator::enable ? link::Order::arm
-               : asked == Operator::stop ? link::Order::off
-               : asked == Operator::halt ? link::Order::disarm
-                                         : link::Order::reset));
+    constexpr link::Order orders[] = {link::Order::none, link::Order::arm, link::Order::off,
+                                      link::Order::disarm, link::Order::reset};  // as enum Operator
+    send(order(orders[static_cast<std::size_t>(asked)]));
     return asked;
   }
 

@@ -29,14 +29,14 @@ struct EpisodeResult {
 /// A line per tick.
 using EpisodeTrace = std::vector<std::string>;
 
-template <class World>
+template <class Traits>
 class EpisodeLoop;
 
 /// What episodes on one scene share; read only.
-template <class World>
+template <class Traits>
 class EpisodeKind {
  public:
-  using M = typename World::Mechanism;
+  using M = typename Traits::Mechanism;
 
   explicit EpisodeKind(const Scene& scene) : EpisodeKind(scene, scene) {}
   /// `promised`: the scene by which the loop of `scene` is judged; a test makes them differ.
@@ -61,7 +61,7 @@ class EpisodeKind {
                                   std::string_view only = {}) const;
 
  private:
-  friend class EpisodeLoop<World>;
+  friend class EpisodeLoop<Traits>;
   /// Ticks from the command to enable to the release of the brake, without a fault. Throws RunError where the
   /// loop does not reach its reference: a campaign on such a loop says nothing about the faults.
   [[nodiscard]] int arming_ticks() const;
@@ -99,18 +99,10 @@ class EpisodeScript {
   }
   /// Whether the fault begins in this tick or has begun.
   [[nodiscard]] bool begins(std::uint64_t tick, int run) const {
-    switch (injection_.phase) {
-      case Phase::arming:
-        return tick >= static_cast<std::uint64_t>(injection_.offset);
-      case Phase::joining:
-        return run >= injection_.offset;
-      case Phase::running:
-        return run >= join_ + injection_.offset;
-      case Phase::halting:
-      case Phase::stopping:
-        break;
-    }
-    return run >= orders_at_ + injection_.offset;
+    const Phase phase = injection_.phase;
+    if (phase == Phase::arming) return tick >= static_cast<std::uint64_t>(injection_.offset);
+    const int from = phase == Phase::joining ? 0 : (phase == Phase::running ? join_ : orders_at_);
+    return run >= from + injection_.offset;
   }
 
  private:
@@ -118,26 +110,19 @@ class EpisodeScript {
   int join_, orders_at_, after_;
 };
 
-/// Frame of the fault foreign_controller; empty for other faults.
-inline hal::CanFrame foreign_command(const ProtocolTraits& traits, const Scene& scene, const Injection& i) {
-  if (i.kind() != Injected::foreign_controller) return {};
-  if (i.choice % 2 == 0) return traits.foreign_torque(scene, i.drive, i.amount * scene.torque_limit[i.drive]);
-  return traits.foreign_command(scene.drives.nodes[i.drive], static_cast<unsigned>(i.choice / 2));
-}
-
 /// Plant, bus, computer and a copy of the controller, for one pass.
-template <class World>
+template <class Traits>
 class EpisodeLoop {
  public:
-  using M = typename World::Mechanism;
-  using Kind = EpisodeKind<World>;
+  using M = typename Traits::Mechanism;
+  using Kind = EpisodeKind<Traits>;
 
   /// Both arguments must outlive this.
   EpisodeLoop(const Kind& kind, const Injection& injection)
       : kind_(kind),
         injection_(injection),
-        traits_(dialect(kind.scene_.drives.protocol)),
-        plant_(make_motion<World>(kind.scene_), kind.scene_, kind.defective(injection.kind()), injection,
+        traits_(protocol_traits(kind.scene_.drives.protocol)),
+        plant_(make_motion<Traits>(kind.scene_), kind.scene_, kind.defective(injection.kind()), injection,
                traits_),
         bus_(injection, traits_, plant_.nodes(), kind.scene_.bitrate),
         cycle_(kind.cycle_),
@@ -145,7 +130,7 @@ class EpisodeLoop {
     if (kind.times_.link_ticks > 0) computer_.emplace(kind.scene_);
   }
 
-  [[nodiscard]] FaultyPlant<typename World::Plant>& plant() { return plant_; }
+  [[nodiscard]] FaultyPlant<typename Traits::Plant>& plant() { return plant_; }
   [[nodiscard]] const FaultyBus& bus() const { return bus_; }
   [[nodiscard]] const ControllerWord& word() const { return word_; }
   [[nodiscard]] bool active(Injected k) const { return active_ && injection_.kind() == k; }
@@ -177,7 +162,9 @@ class EpisodeLoop {
   void deliver(std::uint64_t tick) {
     plant_.deliver(bus_, static_cast<double>(tick) * kind_.times_.tick * 1e3);
   }
-  void advance(std::uint64_t tick) { plant_.advance(static_cast<double>(tick) * kind_.times_.tick); }
+  void advance(std::uint64_t tick) {
+    plant_.advance(static_cast<double>(tick) * kind_.times_.tick, kind_.scene_.tick());
+  }
 
   [[nodiscard]] std::string line(std::uint64_t tick) {
     std::string out =
@@ -189,24 +176,12 @@ class EpisodeLoop {
   }
 
  private:
-  static void apply(auto& cycle, Operator order) {
-    switch (order) {
-      case Operator::enable:
-        return cycle.command(Command::enable);
-      case Operator::stop:
-        return cycle.command(Command::stop);
-      case Operator::halt:
-        return cycle.command(Command::halt);
-      case Operator::reset:
-        return cycle.command(Command::reset);
-      case Operator::nothing:
-        return;
-    }
-  }
   void tick(auto& cycle, Operator order) {
     cycle.receive(bus_);
     cycle.enable_input(!active(Injected::enable_open));
-    apply(cycle, order);
+    constexpr Command orders[] = {Command::none, Command::enable, Command::stop, Command::halt,
+                                  Command::reset};  // as enum Operator
+    if (order != Operator::nothing) cycle.command(orders[static_cast<std::size_t>(order)]);
     const TickResult<M> r = cycle.tick(bus_);
     cycle.request(bus_);
     word_.powered = cycle.supervisor().powered();
@@ -217,7 +192,7 @@ class EpisodeLoop {
   const Kind& kind_;
   const Injection& injection_;
   const ProtocolTraits& traits_;
-  FaultyPlant<typename World::Plant> plant_;
+  FaultyPlant<typename Traits::Plant> plant_;
   FaultyBus bus_;
   AnyCycle<M> cycle_;
   hal::CanFrame foreign_;
@@ -226,17 +201,18 @@ class EpisodeLoop {
   bool active_ = false;
 };
 
-template <class World>
-EpisodeResult EpisodeKind<World>::run(std::uint64_t seed, Draw draw, EpisodeTrace* trace,
-                                      std::string_view only) const {
+template <class Traits>
+EpisodeResult EpisodeKind<Traits>::run(std::uint64_t seed, Draw draw, EpisodeTrace* trace,
+                                       std::string_view only) const {
   constexpr int watch_ticks = 30;
-  const ProtocolTraits& traits = dialect(scene_.drives.protocol);
+  const ProtocolTraits& traits = protocol_traits(scene_.drives.protocol);
   EpisodeResult out;
   out.seed = seed;
+  out.protocol = name(scene_.drives.protocol);
   Injection injection = draw_injection(draw, times_, traits, only);
   if (!has_to_show(injection, promised_)) injection.notice_ticks = InjectionRow::not_demanded;
   const EpisodeScript script(injection, times_, draw);
-  EpisodeLoop<World> loop(*this, injection);
+  EpisodeLoop<Traits> loop(*this, injection);
   auto& plant = loop.plant();
   Judge judge(injection, times_, scene_.effects.empty(), traits.tells_its_state);
   Digest digest;
@@ -282,12 +258,12 @@ EpisodeResult EpisodeKind<World>::run(std::uint64_t seed, Draw draw, EpisodeTrac
   return out;
 }
 
-template <class World>
-int EpisodeKind<World>::arming_ticks() const {
+template <class Traits>
+int EpisodeKind<Traits>::arming_ticks() const {
   constexpr int looks_ahead = 16;  // as the controller does when it joins
   const int patience = std::max(2000, static_cast<int>(2.0 * scene_.rate_hz));
   const Injection nothing{.row = &injection_rows()[0]};
-  EpisodeLoop<World> loop(*this, nothing);
+  EpisodeLoop<Traits> loop(*this, nothing);
   int armed = -1;
   for (int tick = 0; armed < 0 || tick <= armed + times_.join_ticks + looks_ahead; ++tick) {
     if (armed < 0 && tick >= patience) throw RunError(scene_.name + ": the drives do not arm");

@@ -1,6 +1,6 @@
 #include "host_sim/campaign/faulty_bus.hpp"
 
-#include <algorithm>
+#include <array>
 #include <bit>
 #include <limits>
 
@@ -15,15 +15,6 @@ void FaultyBus::begin_tick(bool active) {
   to_drives_.clear();
 }
 
-bool FaultyBus::is_sample(const hal::CanFrame& f) const {
-  return dialect_->is_sample(f, (*nodes_)[injection_->drive]);
-}
-
-void FaultyBus::up(const hal::CanFrame& f) {
-  ++frames_;
-  to_controller_.push_back(f);
-}
-
 void FaultyBus::from_drive(std::size_t axis, const hal::CanFrame& f) {
   const Injected kind = injection_->kind();
   if (active_ && (kind == Injected::controller_bus_off || kind == Injected::babbling)) return;
@@ -34,26 +25,23 @@ void FaultyBus::from_drive(std::size_t axis, const hal::CanFrame& f) {
 
 /// A frame of the drive that the fault afflicts.
 void FaultyBus::faulty(const hal::CanFrame& f) {
-  const auto twice = [&](const hal::CanFrame& g) { up(g), up(g); };
   switch (injection_->kind()) {
     case Injected::loss:
     case Injected::drive_silent:
     case Injected::drive_bus_off:
       return;
     case Injected::heartbeat_lost:
-      if (!dialect_->is_heartbeat(f, (*nodes_)[injection_->drive])) up(f);
+      if (!traits_->is_heartbeat(f, node())) up(f);
       return;
     case Injected::duplication:
-      return twice(f);
+      up(f);
+      return up(f);
     case Injected::delay:
-      late_.push_back({tick_ + static_cast<std::uint64_t>(injection_->amount), f});
+      late_.emplace_back(tick_ + static_cast<std::uint64_t>(injection_->amount), f);
       return;
     case Injected::reordering:  // every second one is overtaken by the next
-      if (tick_ % 2 == 0) {
-        late_.push_back({tick_ + 1, f});
-      } else {
-        up(f);
-      }
+      if (tick_ % 2 != 0) return up(f);
+      late_.emplace_back(tick_ + 1, f);
       return;
     default:
       return up(mangled(f));
@@ -66,34 +54,34 @@ hal::CanFrame FaultyBus::mangled(hal::CanFrame f) {
                                              std::bit_cast<float>(0xFFA0'0001U)};
   const auto choice = static_cast<unsigned>(injection_->choice);
   const int which = injection_->choice % 2;
-  switch (injection_->kind()) {
+  const Injected kind = injection_->kind();
+  if (kind != Injected::corruption && kind != Injected::extended && !traits_->is_sample(f, node())) return f;
+  switch (kind) {
     case Injected::corruption:
       for (int n = draw_.between(1, 8); n > 0 && f.size > 0; --n) {
         f.data[draw_.below(f.size)] ^= static_cast<std::uint8_t>(1U << draw_.below(8));
       }
       break;
     case Injected::not_finite:
-      if (is_sample(f)) dialect_->put_number(f, which, not_numbers[choice / 2 % 4]);
+      traits_->put_number(f, which, not_numbers[choice / 2 % 4]);
       break;
     case Injected::denormal:
     case Injected::huge:
-      if (is_sample(f)) dialect_->put_number(f, which, static_cast<float>(injection_->amount));
+      traits_->put_number(f, which, static_cast<float>(injection_->amount));
       break;
     case Injected::end_of_range:
-      if (is_sample(f)) dialect_->put_end(f, choice);
+      traits_->put_end(f, choice);
       break;
     case Injected::wrong_length:
-      if (is_sample(f)) f.size = dialect_->wrong_size(f, draw_.bits());
+      f.size = traits_->wrong_size(f, draw_.bits());
       break;
     case Injected::remote:
-      if (is_sample(f)) f.remote = true;
+      f.remote = true;
       break;
     case Injected::flexible_rate:
-      if (is_sample(f)) {
-        f.fd = true;
-        f.bit_rate_switch = which == 0;
-        if (choice % 4 > 1) f.size = hal::can_fd_size_max;
-      }
+      f.fd = true;
+      f.bit_rate_switch = which == 0;
+      if (choice % 4 > 1) f.size = hal::can_fd_size_max;
       break;
     case Injected::extended:
       f.extended = true;
@@ -110,8 +98,8 @@ void FaultyBus::from_stranger(const hal::CanFrame& f) {
 }
 
 void FaultyBus::inject_foreign_frames() {
-  while (!late_.empty() && late_.front().due <= tick_) {
-    up(late_.front().frame);
+  while (!late_.empty() && late_.front().first <= tick_) {
+    up(late_.front().second);
     late_.pop_front();
   }
   if (!active_ || injection_->kind() != Injected::flood) return;
@@ -127,7 +115,7 @@ void FaultyBus::inject_foreign_frames() {
 void FaultyBus::inject_foreign_frames_after_tick(const hal::CanFrame& foreign) {
   if (!active_) return;
   if (injection_->kind() == Injected::emergency_stop) {
-    from_stranger(dialect_->emergency_stop((*nodes_)[injection_->drive]));
+    from_stranger(traits_->emergency_stop(node()));
   }
   if (injection_->kind() == Injected::foreign_controller) from_stranger(foreign);
 }
@@ -136,13 +124,12 @@ hal::SendStatus FaultyBus::try_send(const hal::CanFrame& f) {
   if (!hal::well_formed(f)) return hal::SendStatus::refused;
   const Injected kind = injection_->kind();
   if (active_ && kind == Injected::controller_bus_off) return hal::SendStatus::bus_off;
-  if (jammed() || (active_ && kind == Injected::queue_full)) return hal::SendStatus::bus_full;
-  ++frames_;
+  if (active_ && (kind == Injected::babbling || kind == Injected::queue_full))
+    return hal::SendStatus::bus_full;
   ms_ += worst_bits(f.size) / bits_per_ms_;
-  const bool lost =
-      (kind == Injected::scattered_loss && active_ && draw_.uniform() < injection_->amount) ||
-      (kind == Injected::commands_lost && active_) ||
-      (kind == Injected::torque_lost && active_ && dialect_->is_torque(f, (*nodes_)[injection_->drive]));
+  const bool lost = active_ && (kind == Injected::commands_lost ||
+                                (kind == Injected::scattered_loss && draw_.uniform() < injection_->amount) ||
+                                (kind == Injected::torque_lost && traits_->is_torque(f, node())));
   if (lost) return hal::SendStatus::ok;
   to_drives_.push_back({f, ms_, true});
   if (active_ && kind == Injected::duplication) to_drives_.push_back({f, ms_, true});

@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <deque>
+#include <utility>
 #include <vector>
 
 #include "hal/can.hpp"
@@ -15,10 +16,10 @@ namespace esmc::host {
 class FaultyBus {
  public:
   /// `nodes` of the drives, motors first; all references outlive the bus. `bitrate`: bit/s.
-  FaultyBus(const Injection& injection, const ProtocolTraits& dialect, const std::vector<int>& nodes,
+  FaultyBus(const Injection& injection, const ProtocolTraits& traits, const std::vector<int>& nodes,
             double bitrate = 1e6)
       : injection_(&injection),
-        dialect_(&dialect),
+        traits_(&traits),
         nodes_(&nodes),
         draw_(injection.bits),
         bits_per_ms_(bitrate / 1e3) {}
@@ -53,30 +54,24 @@ class FaultyBus {
   [[nodiscard]] bool hears(std::size_t axis) const {
     return !(active_ && injection_->kind() == Injected::drive_bus_off && axis == injection_->drive);
   }
-  [[nodiscard]] std::uint64_t frames() const { return frames_; }
 
  private:
-  [[nodiscard]] bool jammed() const { return active_ && injection_->kind() == Injected::babbling; }
-  [[nodiscard]] bool is_sample(const hal::CanFrame& f) const;
-  void up(const hal::CanFrame& f);
+  [[nodiscard]] int node() const { return (*nodes_)[injection_->drive]; }  ///< of the afflicted drive
+  void up(const hal::CanFrame& f) { to_controller_.push_back(f); }
   void faulty(const hal::CanFrame& f);
   hal::CanFrame mangled(hal::CanFrame f);
 
   const Injection* injection_;
-  const ProtocolTraits* dialect_;
+  const ProtocolTraits* traits_;
   const std::vector<int>* nodes_;
   Draw draw_;
   double bits_per_ms_;
   bool active_ = false;
-  std::uint64_t tick_ = 0, frames_ = 0;
+  std::uint64_t tick_ = 0;
   double ms_ = 0.0;
   std::deque<hal::CanFrame> orders_, to_controller_;
   std::vector<Delivery> to_drives_;
-  struct Late {
-    std::uint64_t due;
-    hal::CanFrame frame;
-  };
-  std::deque<Late> late_;
+  std::deque<std::pair<std::uint64_t, hal::CanFrame>> late_;  ///< tick in which it is due; frame
 };
 
 }  // namespace esmc::host

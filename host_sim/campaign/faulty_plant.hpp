@@ -1,7 +1,6 @@
 #pragma once
 /// The emulated plant with the faults of drives and sensors, and what the judge has to know of its motors.
 
-#include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <optional>
@@ -96,8 +95,7 @@ class FaultyPlant : public EmulatedPlant<Plant> {
     }
   }
 
-  /// Moves over a tick that began at t, or over `seconds` from there, s.
-  void advance(double t) { advance(t, scene_->tick()); }
+  /// Moves over `seconds` from t on, s.
   void advance(double t, double seconds) {
     if (!this->released()) return;
     bool clipped = false;
@@ -130,39 +128,29 @@ class FaultyPlant : public EmulatedPlant<Plant> {
   void strike(FaultyBus& bus) {
     const std::size_t i = injection_->drive;
     const int node = nodes_[i];
-    const auto receive = [&](const FewFrames& frames) {
-      for (const hal::CanFrame& f : frames.all())
+    const auto receive = [&](const std::vector<hal::CanFrame>& frames) {
+      for (const hal::CanFrame& f : frames)
         this->hand_over(i, f, [&](std::size_t axis, const hal::CanFrame& g) { bus.from_drive(axis, g); });
     };
-    switch (injection_->kind()) {
-      case Injected::drive_error:
-        return receive(traits_->fail(node));
-      case Injected::drive_disarm:
-        return receive(traits_->disarm(node));
-      case Injected::drive_reset:
-        return this->restart_drive(i, *scene_, lockstep_);
-      default:
-        return;
-    }
+    const Injected kind = injection_->kind();
+    if (kind == Injected::drive_error) receive(traits_->fail(node));
+    if (kind == Injected::drive_disarm) receive(traits_->disarm(node));
+    if (kind == Injected::drive_reset) this->restart_drive(i, *scene_, lockstep_);
   }
 
   /// Reading of the afflicted drive's encoder.
   [[nodiscard]] Reading sensed(Record& r, Reading now, bool first) const {
     if (first) r.kept = now;
     if (!active_) return now;
-    switch (injection_->kind()) {
-      case Injected::frozen_sensor:
-        // The angle alone, or both; a stuck counter may also show the speed as zero.
-        if (injection_->choice % 3 == 0) return {r.kept.angle, now.rate};
-        return {r.kept.angle, injection_->choice % 3 == 1 ? r.kept.rate : 0.0};
-      case Injected::sensor_jump:
-      case Injected::sensor_step:
-        return {now.angle + injection_->amount, now.rate};
-      case Injected::sensor_flipped:
-        return {-now.angle, -now.rate};
-      default:
-        return now;
+    const Injected kind = injection_->kind();
+    if (kind == Injected::frozen_sensor) {
+      // The angle alone, or both; a stuck counter may also show the speed as zero.
+      if (injection_->choice % 3 == 0) return {r.kept.angle, now.rate};
+      return {r.kept.angle, injection_->choice % 3 == 1 ? r.kept.rate : 0.0};
     }
+    if (kind == Injected::sensor_jump || kind == Injected::sensor_step)
+      return {now.angle + injection_->amount, now.rate};
+    return kind == Injected::sensor_flipped ? Reading{-now.angle, -now.rate} : now;
   }
 
   void note_torque(std::size_t i, double now_ms) {

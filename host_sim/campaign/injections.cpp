@@ -3,10 +3,10 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <initializer_list>
 #include <numbers>
+#include <utility>
 
 #include "host_sim/drives/placed_axes.hpp"
 
@@ -20,68 +20,63 @@ constexpr int never = InjectionRow::not_demanded;
 
 // Lengths are for 1 kHz, max_age_ticks = 2 and a watchdog of 10 ms; draw_length adapts them. The result of
 // faults that take samples depends on how many are lost: expect_of_lost_samples.
-constexpr std::array rows{
-    InjectionRow{"nothing", Injected::nothing, everywhere, 1, 1, "none"},
-    InjectionRow{"frame_loss", Injected::loss, everywhere, 1, 2, "stale_feedback"},
-    InjectionRow{"burst_loss", Injected::loss, everywhere, 3, 25, "stale_feedback"},
-    InjectionRow{"scattered_loss", Injected::scattered_loss, everywhere, 5, 40,
-                 "none stale_feedback heartbeat_lost drive_error drive_disarmed torque_mismatch sign_test"},
-    InjectionRow{"duplication", Injected::duplication, everywhere, 1, 40, "none"},
-    InjectionRow{"delay", Injected::delay, everywhere, 1, 40,
-                 "none stale_feedback drive_disarmed torque_mismatch", true},
-    InjectionRow{"reordering", Injected::reordering, everywhere, 1, 40,
-                 "none stale_feedback drive_disarmed torque_mismatch", true},
-    InjectionRow{"corruption", Injected::corruption, everywhere, 1, 5, "*"},
-    InjectionRow{"not_finite", Injected::not_finite, everywhere, 1, 20, "feedback_not_finite", false, 0},
-    InjectionRow{"denormal", Injected::denormal, everywhere, 1, 20, "none", true},
-    InjectionRow{"huge", Injected::huge, everywhere, 1, 20, "feedback_jump joint_speed", true, 0},
-    InjectionRow{"end_of_range", Injected::end_of_range, everywhere, 1, 20,
-                 "feedback_jump joint_speed drive_error", true, 0},
-    InjectionRow{"wrong_length", Injected::wrong_length, everywhere, 1, 20, "malformed_frame", false, 0},
-    InjectionRow{"remote_frame", Injected::remote, everywhere, 1, 20, "malformed_frame stale_feedback", false,
-                 0},
-    InjectionRow{"fd_frame", Injected::flexible_rate, everywhere, 1, 20, "malformed_frame", false, 0},
-    InjectionRow{"extended_frame", Injected::extended, everywhere, 1, 20, "stale_feedback"},
-    InjectionRow{"frozen_sensor", Injected::frozen_sensor, everywhere, 1, 60, "none", true},
-    InjectionRow{"sensor_jump", Injected::sensor_jump, everywhere, 0, 0, "feedback_jump drive_error", true,
-                 0},
-    InjectionRow{"sensor_step", Injected::sensor_step, everywhere, 0, 0, "none", true},
-    InjectionRow{"sensor_flipped", Injected::sensor_flipped, everywhere, 0, 0, "none drive_error", true},
-    InjectionRow{"swapped_nodes", Injected::swapped_nodes, at_start, 0, 0, "none", true},
-    InjectionRow{"drive_error", Injected::drive_error, everywhere, 1, 1, "drive_error drive_disarmed", false,
-                 2, Waits::for_heartbeat},
-    InjectionRow{"drive_disarm", Injected::drive_disarm, everywhere, 1, 1, "drive_disarmed torque_mismatch",
-                 true, 2, Waits::for_heartbeat},
-    InjectionRow{"drive_reset", Injected::drive_reset, everywhere, 1, 1,
-                 "drive_disarmed stale_feedback torque_mismatch drive_configuration", true, 2,
-                 Waits::for_heartbeat},
-    InjectionRow{"drive_silent", Injected::drive_silent, everywhere, 0, 0, "stale_feedback"},
-    InjectionRow{"late_power", Injected::late_power, at_start, 0, 0, "enabling_timeout"},
-    InjectionRow{"zero_until_closed_loop", Injected::zero_until_closed_loop, at_start, 0, 0, "none"},
-    InjectionRow{"heartbeat_lost", Injected::heartbeat_lost, everywhere, 0, 0, "heartbeat_lost", false, 2,
-                 Waits::for_heartbeat_timeout},
-    InjectionRow{"drive_bus_off", Injected::drive_bus_off, everywhere, 1, 40,
-                 "stale_feedback drive_error drive_disarmed"},
-    InjectionRow{"watchdog_off", Injected::watchdog_off, at_start, 0, 0, "none drive_configuration"},
-    InjectionRow{"controller_death", Injected::controller_death, everywhere, 0, 0, "none"},
-    InjectionRow{"controller_late", Injected::controller_late, everywhere, 1, 30,
-                 "none drive_error drive_disarmed feedback_jump torque_mismatch sign_test", true},
-    InjectionRow{"controller_bus_off", Injected::controller_bus_off, everywhere, 1, 40,
-                 "bus_off stale_feedback", false, 1},
-    InjectionRow{"commands_lost", Injected::commands_lost, everywhere, 1, 40,
-                 "none drive_error drive_disarmed stale_feedback torque_mismatch sign_test", true},
-    InjectionRow{"torque_lost", Injected::torque_lost, everywhere, 1, 40,
-                 "none drive_error drive_disarmed torque_mismatch", true},
-    InjectionRow{"queue_full", Injected::queue_full, everywhere, 1, 40,
-                 "none drive_error drive_disarmed stale_feedback torque_mismatch sign_test", true},
-    InjectionRow{"babbling_node", Injected::babbling, everywhere, 1, 40, "stale_feedback"},
-    InjectionRow{"flood", Injected::flood, everywhere, 1, 5, "bus_overload", false, 0},
-    InjectionRow{"foreign_controller", Injected::foreign_controller, everywhere, 1, 30, "foreign_controller",
-                 false, 1},
-    InjectionRow{"emergency_stop", Injected::emergency_stop, everywhere, 1, 1, "emergency_stop", false, 1},
-    InjectionRow{"enable_open", Injected::enable_open, everywhere, 1, 20, "enable_open", false, 0},
-    InjectionRow{"computer_gone", Injected::computer_gone, everywhere, 0, 0, "command_lost"},
-};
+constexpr auto rows = std::to_array<InjectionRow>({
+    {"nothing", Injected::nothing, everywhere, 1, 1, "none"},
+    {"frame_loss", Injected::loss, everywhere, 1, 2, "stale_feedback"},
+    {"burst_loss", Injected::loss, everywhere, 3, 25, "stale_feedback"},
+    {"scattered_loss", Injected::scattered_loss, everywhere, 5, 40,
+     "none stale_feedback heartbeat_lost drive_error drive_disarmed torque_mismatch sign_test"},
+    {"duplication", Injected::duplication, everywhere, 1, 40, "none"},
+    {"delay", Injected::delay, everywhere, 1, 40, "none stale_feedback drive_disarmed torque_mismatch", true},
+    {"reordering", Injected::reordering, everywhere, 1, 40,
+     "none stale_feedback drive_disarmed torque_mismatch", true},
+    {"corruption", Injected::corruption, everywhere, 1, 5, "*"},
+    {"not_finite", Injected::not_finite, everywhere, 1, 20, "feedback_not_finite", false, 0},
+    {"denormal", Injected::denormal, everywhere, 1, 20, "none", true},
+    {"huge", Injected::huge, everywhere, 1, 20, "feedback_jump joint_speed", true, 0},
+    {"end_of_range", Injected::end_of_range, everywhere, 1, 20, "feedback_jump joint_speed drive_error", true,
+     0},
+    {"wrong_length", Injected::wrong_length, everywhere, 1, 20, "malformed_frame", false, 0},
+    {"remote_frame", Injected::remote, everywhere, 1, 20, "malformed_frame stale_feedback", false, 0},
+    {"fd_frame", Injected::flexible_rate, everywhere, 1, 20, "malformed_frame", false, 0},
+    {"extended_frame", Injected::extended, everywhere, 1, 20, "stale_feedback"},
+    {"frozen_sensor", Injected::frozen_sensor, everywhere, 1, 60, "none", true},
+    {"sensor_jump", Injected::sensor_jump, everywhere, 0, 0, "feedback_jump drive_error", true, 0},
+    {"sensor_step", Injected::sensor_step, everywhere, 0, 0, "none", true},
+    {"sensor_flipped", Injected::sensor_flipped, everywhere, 0, 0, "none drive_error", true},
+    {"swapped_nodes", Injected::swapped_nodes, at_start, 0, 0, "none", true},
+    {"drive_error", Injected::drive_error, everywhere, 1, 1, "drive_error drive_disarmed", false, 2,
+     Waits::for_heartbeat},
+    {"drive_disarm", Injected::drive_disarm, everywhere, 1, 1, "drive_disarmed torque_mismatch", true, 2,
+     Waits::for_heartbeat},
+    {"drive_reset", Injected::drive_reset, everywhere, 1, 1,
+     "drive_disarmed stale_feedback torque_mismatch drive_configuration", true, 2, Waits::for_heartbeat},
+    {"drive_silent", Injected::drive_silent, everywhere, 0, 0, "stale_feedback"},
+    {"late_power", Injected::late_power, at_start, 0, 0, "enabling_timeout"},
+    {"zero_until_closed_loop", Injected::zero_until_closed_loop, at_start, 0, 0, "none"},
+    {"heartbeat_lost", Injected::heartbeat_lost, everywhere, 0, 0, "heartbeat_lost", false, 2,
+     Waits::for_heartbeat_timeout},
+    {"drive_bus_off", Injected::drive_bus_off, everywhere, 1, 40,
+     "stale_feedback drive_error drive_disarmed"},
+    {"watchdog_off", Injected::watchdog_off, at_start, 0, 0, "none drive_configuration"},
+    {"controller_death", Injected::controller_death, everywhere, 0, 0, "none"},
+    {"controller_late", Injected::controller_late, everywhere, 1, 30,
+     "none drive_error drive_disarmed feedback_jump torque_mismatch sign_test", true},
+    {"controller_bus_off", Injected::controller_bus_off, everywhere, 1, 40, "bus_off stale_feedback", false,
+     1},
+    {"commands_lost", Injected::commands_lost, everywhere, 1, 40,
+     "none drive_error drive_disarmed stale_feedback torque_mismatch sign_test", true},
+    {"torque_lost", Injected::torque_lost, everywhere, 1, 40,
+     "none drive_error drive_disarmed torque_mismatch", true},
+    {"queue_full", Injected::queue_full, everywhere, 1, 40,
+     "none drive_error drive_disarmed stale_feedback torque_mismatch sign_test", true},
+    {"babbling_node", Injected::babbling, everywhere, 1, 40, "stale_feedback"},
+    {"flood", Injected::flood, everywhere, 1, 5, "bus_overload", false, 0},
+    {"foreign_controller", Injected::foreign_controller, everywhere, 1, 30, "foreign_controller", false, 1},
+    {"emergency_stop", Injected::emergency_stop, everywhere, 1, 1, "emergency_stop", false, 1},
+    {"enable_open", Injected::enable_open, everywhere, 1, 20, "enable_open", false, 0},
+    {"computer_gone", Injected::computer_gone, everywhere, 0, 0, "command_lost"},
+});
 
 // Scene values of the rows.
 constexpr int usual_age_ticks = 2, usual_watchdog_ticks = 10, usual_beat_ticks = 10;
@@ -90,6 +85,12 @@ constexpr double usual_jump = 0.05;  // rad per tick
 
 bool among(Injected k, std::initializer_list<Injected> list) {
   return std::ranges::find(list, k) != list.end();
+}
+
+/// Whether it keeps samples from the controller.
+bool takes_samples(Injected k) {
+  return among(k, {Injected::loss, Injected::extended, Injected::babbling, Injected::drive_bus_off,
+                   Injected::drive_silent});
 }
 
 /// Of a passive encoder only the samples count.
@@ -135,65 +136,46 @@ bool disturbs_requests(Injected k) {
   return starves(k) || among(k, {Injected::scattered_loss, Injected::corruption, Injected::drive_silent});
 }
 
-void draw_amount(Draw& draw, Injection& i, const EpisodeTimes& t) {
+double draw_amount(Draw& draw, Injected kind, const EpisodeTimes& t) {
   const double coarser =
       std::max(1.0, t.jump / usual_jump);  // guard against jumps, relative to the usual one
-  i.choice = static_cast<int>(draw.below(64));
-  switch (i.row->kind) {
+  switch (kind) {
     case Injected::scattered_loss:
-      i.amount = draw.uniform(0.05, 0.6);
-      break;
+      return draw.uniform(0.05, 0.6);
     case Injected::delay:
-      i.amount = draw.between(1, std::max(5, t.max_age_ticks + 3));
-      break;
+      return draw.between(1, std::max(5, t.max_age_ticks + 3));
     case Injected::denormal:
-      i.amount = draw.signed_magnitude(1e-45, 1e-38);
-      break;
+      return draw.signed_magnitude(1e-45, 1e-38);
     case Injected::huge:
-      i.amount = draw.signed_magnitude(1e3, 3e38);
-      break;
+      return draw.signed_magnitude(1e3, 3e38);
     case Injected::sensor_jump:
-      i.amount = draw.signed_magnitude(0.15 * coarser, std::max(3.0, 0.6 * coarser));
-      break;
+      return draw.signed_magnitude(0.15 * coarser, std::max(3.0, 0.6 * coarser));
     case Injected::sensor_step:
-      i.amount = draw.signed_magnitude(1e-5, 0.04 * coarser);
-      break;
+      return draw.signed_magnitude(1e-5, 0.04 * coarser);
     case Injected::flood:
-      i.amount = draw.between(1100, 3000);
-      break;
+      return draw.between(1100, 3000);
     case Injected::foreign_controller:
-      i.amount = draw.uniform(-1.0, 1.0);
-      break;
+      return draw.uniform(-1.0, 1.0);
     default:
-      i.amount = draw.uniform();
-      break;
+      return draw.uniform();
   }
-  i.bits = draw.bits();
 }
 
 int phase_length(Phase p, const EpisodeTimes& t) {
-  switch (p) {
-    case Phase::arming:  // which waits for heartbeats
-      return 45 * std::max(t.beat_ticks, usual_beat_ticks) / usual_beat_ticks;
-    case Phase::joining:
-      return t.join_ticks;
-    case Phase::running:
-      return 15;
-    case Phase::halting:
-      return t.halt_ticks + 10;
-    case Phase::stopping:
-      break;
-  }
-  return 5;
+  if (p == Phase::arming)
+    return 45 * std::max(t.beat_ticks, usual_beat_ticks) / usual_beat_ticks;  // heartbeats
+  if (p == Phase::joining) return t.join_ticks;
+  if (p == Phase::halting) return t.halt_ticks + 10;
+  return p == Phase::running ? 15 : 5;
 }
 
 /// Expected result of lost samples, by their number.
-void expect_of_lost_samples(Injection& i, const EpisodeTimes& t, const ProtocolTraits& dialect) {
+void expect_of_lost_samples(Injection& i, const EpisodeTimes& t, const ProtocolTraits& traits) {
   const Injected kind = i.row->kind;
   i.stale = i.length > t.max_age_ticks;
   // Where the request for a sample is lost as well, one more sample is missing.
   const bool deaf = kind == Injected::babbling || kind == Injected::drive_bus_off;
-  const bool asked = deaf && dialect.samples_on_demand;
+  const bool asked = deaf && traits.samples_on_demand;
   i.must_pass = i.length + (asked ? 1 : 0) <= t.max_age_ticks;
   i.notice_ticks = i.stale ? t.max_age_ticks : never;
   // With a high max_age_ticks other guards may trip first.
@@ -207,7 +189,7 @@ void expect_of_lost_samples(Injection& i, const EpisodeTimes& t, const ProtocolT
 }
 
 /// Expected result of a fault as drawn, and its deadline.
-void expect(Injection& i, const EpisodeTimes& t, const ProtocolTraits& dialect) {
+void expect(Injection& i, const EpisodeTimes& t, const ProtocolTraits& traits) {
   const InjectionRow& row = *i.row;
   const double tick_ms = 1e3 * t.tick;
   const auto fits_if = [&](bool condition, std::string_view names) {
@@ -216,8 +198,8 @@ void expect(Injection& i, const EpisodeTimes& t, const ProtocolTraits& dialect) 
   i.notice_ticks = row.notice_ticks;
   if (row.waits == Waits::for_heartbeat) i.notice_ticks += t.beat_ticks;
   if (row.waits == Waits::for_heartbeat_timeout) i.notice_ticks += t.heartbeat_ticks;
-  if (takes_samples(row.kind) || (row.kind == Injected::remote && dialect.remote_is_nothing)) {
-    expect_of_lost_samples(i, t, dialect);
+  if (takes_samples(row.kind) || (row.kind == Injected::remote && traits.remote_is_nothing)) {
+    expect_of_lost_samples(i, t, traits);
   }
   fits_if(t.out_of_range && row.wrong_motion, "drive_error");
   fits_if(t.read_back && i.phase == Phase::arming && disturbs_requests(row.kind), "drive_configuration");
@@ -247,7 +229,7 @@ void expect(Injection& i, const EpisodeTimes& t, const ProtocolTraits& dialect) 
       i.watch_ticks = t.link_ticks + t.off_after_halt_ticks;
       break;
     case Injected::controller_late:  // no sample was requested
-      fits_if(dialect.samples_on_demand && t.max_age_ticks == 0, "stale_feedback");
+      fits_if(traits.samples_on_demand && t.max_age_ticks == 0, "stale_feedback");
       break;
     default:
       break;
@@ -255,56 +237,33 @@ void expect(Injection& i, const EpisodeTimes& t, const ProtocolTraits& dialect) 
   // A jammed bus or a controller in bus-off delivers no command: the drives' watchdogs end the torque.
   const bool mute = row.kind == Injected::babbling || row.kind == Injected::controller_bus_off;
   i.safe_ms = mute ? t.watchdog_ms : i.notice_ticks * tick_ms + std::max(tick_ms, t.frames_ms);
-  if (row.kind == Injected::foreign_controller) i.safe_ms += dialect.ticks_to_let_go * tick_ms;
+  if (row.kind == Injected::foreign_controller) i.safe_ms += traits.ticks_to_let_go * tick_ms;
   if (starves(row.kind))
     i.watch_ticks = std::max(i.watch_ticks, static_cast<int>(std::ceil(t.watchdog_ms / tick_ms)));
-  i.unwatched = row.kind == Injected::watchdog_off;
   // After the loss of the computer the mechanism comes to rest under control, with torque until then.
   if (row.kind == Injected::computer_gone)
     i.safe_ms = t.off_after_halt_ticks > 0 ? i.safe_ms + t.off_after_halt_ticks * tick_ms : 1e12;
   const bool lets_go = row.kind == Injected::drive_disarm || row.kind == Injected::drive_reset;
-  if (lets_go && !dialect.tells_its_state) i.notice_ticks = never;
+  if (lets_go && !traits.tells_its_state) i.notice_ticks = never;
 }
 
 }  // namespace
 
-const char* name(Phase p) {
-  constexpr std::array names{"arming", "joining", "running", "halting", "stopping"};
-  return names[static_cast<std::size_t>(p)];
-}
-
 std::span<const InjectionRow> injection_rows() { return rows; }
 
 bool possible(const InjectionRow& row, const ProtocolTraits& d, const EpisodeTimes& t) {
-  switch (row.kind) {
-    case Injected::zero_until_closed_loop:
-      return t.zeros_at_boot;
-    case Injected::computer_gone:
-      return t.link_ticks > 0;
-    case Injected::not_finite:
-    case Injected::denormal:
-    case Injected::huge:
-      return d.put_number != nullptr;
-    case Injected::end_of_range:
-      return d.put_end != nullptr;
-    case Injected::heartbeat_lost:
-      return d.is_heartbeat != nullptr;
-    case Injected::drive_error:
-      return d.fail != nullptr;
-    case Injected::drive_disarm:
-      return d.disarm != nullptr;
-    case Injected::emergency_stop:
-      return d.emergency_stop != nullptr;
-    case Injected::foreign_controller:
-      return d.foreign_torque != nullptr;
-    default:
-      return true;
-  }
-}
-
-bool takes_samples(Injected k) {
-  return among(k, {Injected::loss, Injected::extended, Injected::babbling, Injected::drive_bus_off,
-                   Injected::drive_silent});
+  const std::pair<Injected, bool> needs[] = {
+      {Injected::zero_until_closed_loop, t.zeros_at_boot},
+      {Injected::computer_gone, t.link_ticks > 0},
+      {Injected::not_finite, d.put_number != nullptr},
+      {Injected::denormal, d.put_number != nullptr},
+      {Injected::huge, d.put_number != nullptr},
+      {Injected::end_of_range, d.put_end != nullptr},
+      {Injected::heartbeat_lost, d.is_heartbeat != nullptr},
+      {Injected::drive_error, d.fail != nullptr},
+      {Injected::emergency_stop, d.emergency_stop != nullptr},
+  };
+  return std::ranges::all_of(needs, [&](const auto& n) { return n.first != row.kind || n.second; });
 }
 
 bool lists(std::string_view list, std::string_view word) {
@@ -316,11 +275,11 @@ bool lists(std::string_view list, std::string_view word) {
   return false;
 }
 
-Injection draw_injection(Draw& draw, const EpisodeTimes& times, const ProtocolTraits& dialect,
+Injection draw_injection(Draw& draw, const EpisodeTimes& times, const ProtocolTraits& traits,
                          std::string_view only) {
   Injection i;
   const auto wanted = [&](const InjectionRow& r) {
-    return (only.empty() || r.name == only) && possible(r, dialect, times);
+    return (only.empty() || r.name == only) && possible(r, traits, times);
   };
   const bool any = std::ranges::any_of(rows, wanted);  // false: `only` is not possible here, nothing is done
   do {
@@ -332,8 +291,10 @@ Injection draw_injection(Draw& draw, const EpisodeTimes& times, const ProtocolTr
   i.offset = i.row->phases == at_start ? 0 : draw.between(0, phase_length(i.phase, times) - 1);
   i.length = draw_length(draw, *i.row, times);
   i.drive = draw.below(of_motors(i.row->kind) ? times.motors : times.axes);
-  draw_amount(draw, i, times);
-  expect(i, times, dialect);
+  i.choice = static_cast<int>(draw.below(64));
+  i.amount = draw_amount(draw, i.row->kind, times);
+  i.bits = draw.bits();
+  expect(i, times, traits);
   return i;
 }
 
@@ -370,6 +331,12 @@ bool has_to_show(const Injection& i, const Scene& scene) {
   const double jump = 2.0 * scene.limits.feedback_jump;
   const bool jumps = jump > 0.0 && std::abs(angle - rate * scene.tick()) > jump;
   return jumps || (of_base && rate > 2.0 * scene.limits.joint_speed);
+}
+
+hal::CanFrame foreign_command(const ProtocolTraits& traits, const Scene& scene, const Injection& i) {
+  if (i.kind() != Injected::foreign_controller) return {};
+  if (i.choice % 2 == 0) return traits.foreign_torque(scene, i.drive, i.amount * scene.torque_limit[i.drive]);
+  return traits.foreign_command(scene.drives.nodes[i.drive], static_cast<unsigned>(i.choice / 2));
 }
 
 std::string describe(const Injection& i) {

@@ -2,6 +2,7 @@
 /// The faults of a campaign: one row per fault, with its expected result. Written from the drives' side,
 /// without the controller's code.
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <span>
@@ -15,8 +16,9 @@
 namespace esmc::host {
 
 enum class Phase : std::uint8_t { arming, joining, running, halting, stopping };
-inline constexpr std::size_t phase_count = 5;
-[[nodiscard]] const char* name(Phase p);
+template <>
+inline constexpr auto names_of<Phase> = std::array{"arming", "joining", "running", "halting", "stopping"};
+inline constexpr std::size_t phase_count = names_of<Phase>.size();
 
 enum class Injected : std::uint8_t {
   nothing,
@@ -98,8 +100,6 @@ inline constexpr std::string_view motion_faults =
 [[nodiscard]] std::span<const InjectionRow> injection_rows();
 /// Whether a drive of this protocol can show the fault, on a scene with these times.
 [[nodiscard]] bool possible(const InjectionRow& row, const ProtocolTraits& d, const EpisodeTimes& t);
-/// Whether the fault keeps samples from the controller.
-[[nodiscard]] bool takes_samples(Injected k);
 /// Whether a blank-separated list holds a word.
 [[nodiscard]] bool lists(std::string_view list, std::string_view word);
 
@@ -118,7 +118,6 @@ struct Injection {
   int watch_ticks = 30;    ///< from its beginning, to wait for the drives' watchdogs
   std::string fits_too{};  ///< names that fit on this scene
   bool stale = false;      ///< takes away more samples than are extrapolated
-  bool unwatched = false;  ///< no watchdog of a drive ends it
   bool must_pass = false;  ///< so few samples that no fault fits
   int usable_tick = 0;     ///< of the episode; from it on every drive and encoder can be heard
 
@@ -126,10 +125,13 @@ struct Injection {
 };
 
 /// Draws a fault. `only`: name of its row, where it is possible; empty: any.
-[[nodiscard]] Injection draw_injection(Draw& draw, const EpisodeTimes& times, const ProtocolTraits& dialect,
+[[nodiscard]] Injection draw_injection(Draw& draw, const EpisodeTimes& times, const ProtocolTraits& traits,
                                        std::string_view only = {});
 /// Whether a guard of this scene must notice the wrong numbers in samples; true for faults without any.
 [[nodiscard]] bool has_to_show(const Injection& i, const Scene& scene);
-[[nodiscard]] std::string describe(const Injection& i);  ///< one line: fault, phase, length, drive, amount
+/// Frame of the fault foreign_controller; empty for other faults.
+[[nodiscard]] hal::CanFrame foreign_command(const ProtocolTraits& traits, const Scene& scene,
+                                            const Injection& i);
+[[nodiscard]] std::string describe(const Injection& i);
 
 }  // namespace esmc::host

@@ -114,25 +114,16 @@ class Judge {
     // An order to arm that met silent drives expires.
     if (order_left_ > 0 && --order_left_ == 0) allowed_ = false;
     if (!word.ticked) return;
-    switch (asked) {
-      case Operator::enable:
-        allowed_ = allowed_ || !latched_;
-        order_left_ = injection_->usable_tick > static_cast<int>(tick_) + times_.silent_ticks
-                          ? times_.silent_ticks + 1
-                          : 0;
-        break;
-      case Operator::stop:
-        allowed_ = false;
-        break;
-      case Operator::halt:
-        if (allowed_) halt_left_ = times_.off_after_halt_ticks;
-        break;
-      case Operator::reset:
-        latched_ = allowed_ = false;
-        halt_left_ = 0;
-        break;
-      case Operator::nothing:
-        break;
+    if (asked == Operator::enable) {
+      allowed_ = allowed_ || !latched_;
+      const bool silent = injection_->usable_tick > static_cast<int>(tick_) + times_.silent_ticks;
+      order_left_ = silent ? times_.silent_ticks + 1 : 0;
+    }
+    if (asked == Operator::halt && allowed_) halt_left_ = times_.off_after_halt_ticks;
+    if (asked == Operator::stop || asked == Operator::reset) allowed_ = false;
+    if (asked == Operator::reset) {
+      latched_ = false;
+      halt_left_ = 0;
     }
   }
 
@@ -148,7 +139,8 @@ class Judge {
       if (word.ticked && !word.powered) broken("torque_without_power");
       if (latched_) broken("torque_after_fault");
     }
-    if (!injection_->unwatched && now_ms_ - m.fed_ms > times_.watchdog_ms) broken("watchdog");
+    const bool watched = injection_->kind() != Injected::watchdog_off;
+    if (watched && now_ms_ - m.fed_ms > times_.watchdog_ms) broken("watchdog");
   }
 
   void latch(const ControllerWord& word) {

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <bit>
-#include <cmath>
 
 #include "firmware/drive/canopen.hpp"
 #include "firmware/drive/cia402.hpp"
@@ -13,6 +12,7 @@ namespace esmc::host {
 namespace {
 
 using Frame = hal::CanFrame;
+using Frames = std::vector<Frame>;
 
 std::uint8_t node_id(int node) { return static_cast<std::uint8_t>(node); }
 std::uint32_t node_bits(int node) { return static_cast<std::uint32_t>(node); }
@@ -27,36 +27,25 @@ std::uint8_t other_size(const Frame& f, std::uint64_t any) {
 // ---- ODrive ----
 
 namespace odrive = drive::odrive;
+using odrive::AxisState, odrive::Message;
 
-constexpr ProtocolTraits odrive_dialect{
-    .is_sample =
-        [](const Frame& f, int node) {
-          return f.id == odrive::identifier(node_id(node), odrive::Message::encoder_estimates);
-        },
-    .is_heartbeat =
-        [](const Frame& f, int node) {
-          return f.id == odrive::identifier(node_id(node), odrive::Message::heartbeat);
-        },
-    .is_torque =
-        [](const Frame& f, int node) {
-          return f.id == odrive::identifier(node_id(node), odrive::Message::set_input_torque);
-        },
+bool is(const Frame& f, int node, Message m) { return f.id == odrive::identifier(node_id(node), m); }
+
+constexpr ProtocolTraits odrive_traits{
+    .is_sample = [](const Frame& f, int node) { return is(f, node, Message::encoder_estimates); },
+    .is_heartbeat = [](const Frame& f, int node) { return is(f, node, Message::heartbeat); },
+    .is_torque = [](const Frame& f, int node) { return is(f, node, Message::set_input_torque); },
     .wrong_size = other_size,
     .put_number =
         [](Frame& f, int which, float value) {
-          const auto bits = std::bit_cast<std::uint32_t>(value);
-          for (unsigned i = 0; i < 4; ++i) {
-            f.data[static_cast<unsigned>(which) * 4U + i] = static_cast<std::uint8_t>(bits >> (8U * i));
-          }
+          hal::put_field(f, which == 0 ? 0 : 4, std::bit_cast<std::uint32_t>(value), 4);
         },
-    .put_end = nullptr,
-    .disarm = [](int node) -> FewFrames {
-      return {{odrive::encode_set_axis_state(node_id(node), odrive::AxisState::idle)}, 1};
-    },
+    .disarm = [](int node) { return Frames{odrive::encode_set_axis_state(node_id(node), AxisState::idle)}; },
     // After a NaN the drive disarms with an error.
-    .fail = [](int node) -> FewFrames {
-      return {{odrive::encode_torque(node_id(node), std::bit_cast<float>(0x7FC0'0000U))}, 1};
-    },
+    .fail =
+        [](int node) {
+          return Frames{odrive::encode_torque(node_id(node), std::bit_cast<float>(0x7FC0'0000U))};
+        },
     .emergency_stop = [](int node) { return odrive::encode_estop(node_id(node)); },
     .foreign_torque =
         [](const Scene& s, std::size_t motor, double torque) {
@@ -65,24 +54,14 @@ constexpr ProtocolTraits odrive_dialect{
         },
     .foreign_command =
         [](int node, unsigned choice) {
-          switch (choice % 4) {
-            case 0:
-              return odrive::encode_set_axis_state(node_id(node), odrive::AxisState::idle);
-            case 1:
-              return odrive::encode_set_axis_state(node_id(node), odrive::AxisState::closed_loop_control);
-            case 2:
-              return odrive::encode_clear_errors(node_id(node), odrive::Version::v0_6);
-            default:
-              return odrive::encode_set_controller_mode(node_id(node));
-          }
+          const std::uint8_t id = node_id(node);
+          const Frame all[] = {odrive::encode_set_axis_state(id, AxisState::idle),
+                               odrive::encode_set_axis_state(id, AxisState::closed_loop_control),
+                               odrive::encode_clear_errors(id, odrive::Version::v0_6),
+                               odrive::encode_set_controller_mode(id)};
+          return all[choice % std::size(all)];
         },
     .torque_step = [](const Scene&, std::size_t) { return 0.0; },
-    .zero_is_a_step = true,
-    .tells_its_state = true,
-    .ticks_to_let_go = 0,
-    .is_sign_of_life = nullptr,
-    .samples_on_demand = false,
-    .remote_is_nothing = false,
 };
 
 // ---- CiA 402 ----
@@ -90,30 +69,28 @@ constexpr ProtocolTraits odrive_dialect{
 namespace canopen = drive::canopen;
 namespace cia402 = drive::cia402;
 
-constexpr ProtocolTraits cia402_dialect{
-    .is_sample =
-        [](const Frame& f, int node) {
-          return f.id == canopen::id_tpdo1 + node_bits(node) || f.id == canopen::id_tpdo2 + node_bits(node);
-        },
-    .is_heartbeat = [](const Frame& f, int node) { return f.id == canopen::id_heartbeat + node_bits(node); },
-    .is_torque = [](const Frame& f, int node) { return f.id == canopen::id_rpdo1 + node_bits(node); },
+bool is(const Frame& f, int node, std::uint32_t function) { return f.id == function + node_bits(node); }
+
+constexpr ProtocolTraits cia402_traits{
+    .is_sample = [](const Frame& f,
+                    int node) { return is(f, node, canopen::id_tpdo1) || is(f, node, canopen::id_tpdo2); },
+    .is_heartbeat = [](const Frame& f, int node) { return is(f, node, canopen::id_heartbeat); },
+    .is_torque = [](const Frame& f, int node) { return is(f, node, canopen::id_rpdo1); },
     .wrong_size = other_size,
-    .put_number = nullptr,
     .put_end =
         [](Frame& f, unsigned choice) {  // position of one PDO, velocity of the other
-          const std::size_t at = f.size == 8 ? 2 : 0;
-          hal::put_field(f, at, choice % 2 == 0 ? 0x7FFF'FFFFU : 0x8000'0000U, 4);
+          hal::put_field(f, f.size == 8 ? 2 : 0, choice % 2 == 0 ? 0x7FFF'FFFFU : 0x8000'0000U, 4);
         },
-    .disarm = [](int node) -> FewFrames {
-      return {{cia402::encode_command(node_id(node), {0x0006, 0})}, 1};
-    },
+    .disarm =
+        [](int node) {
+          return Frames{cia402::encode_command(node_id(node), {0x0006, 0})};
+        },
     // A lost connection becomes a fault, then the drive leaves operational.
-    .fail = [](int node) -> FewFrames {
-      return {{canopen::encode_sdo_write(node_id(node), cia402::abort_connection_option, 1, 2),
-               canopen::encode_nmt(canopen::NmtCommand::enter_pre_operational, node_id(node))},
-              2};
-    },
-    .emergency_stop = nullptr,
+    .fail =
+        [](int node) {
+          return Frames{canopen::encode_sdo_write(node_id(node), cia402::abort_connection_option, 1, 2),
+                        canopen::encode_nmt(canopen::NmtCommand::enter_pre_operational, node_id(node))};
+        },
     .foreign_torque =
         [](const Scene& s, std::size_t motor, double torque) {
           const double thousandths = shaft(s, motor, torque) / s.drives.rated_torque[motor] * 1000.0;
@@ -123,46 +100,32 @@ constexpr ProtocolTraits cia402_dialect{
         },
     .foreign_command =
         [](int node, unsigned choice) {
-          switch (choice % 5) {
-            case 0:
-              return canopen::encode_nmt(canopen::NmtCommand::stop, 0);
-            case 1:
-              return canopen::encode_nmt(canopen::NmtCommand::reset_node, node_id(node));
-            case 2:
-              return canopen::encode_sdo_write(node_id(node), cia402::mode_of_operation, 1, 1);
-            case 3:
-              return canopen::encode_sync();
-            default:
-              return cia402::encode_command(node_id(node), {0x0007, 0});
-          }
+          const std::uint8_t id = node_id(node);
+          const Frame all[] = {canopen::encode_nmt(canopen::NmtCommand::stop, 0),
+                               canopen::encode_nmt(canopen::NmtCommand::reset_node, id),
+                               canopen::encode_sdo_write(id, cia402::mode_of_operation, 1, 1),
+                               canopen::encode_sync(), cia402::encode_command(id, {0x0007, 0})};
+          return all[choice % std::size(all)];
         },
     .torque_step =
         [](const Scene& s, std::size_t motor) {
           return s.drives.rated_torque[motor] * s.drives.gear_ratio[motor] * 1e-3;
         },
-    .zero_is_a_step = true,
-    .tells_its_state = true,
-    .ticks_to_let_go = 0,
-    .is_sign_of_life =
-        [](const Scene& s, const Frame& f) {
-          return f.id == canopen::id_heartbeat + node_bits(s.drives.controller_node);
-        },
+    .is_sign_of_life = [](const Scene& s,
+                          const Frame& f) { return is(f, s.drives.controller_node, canopen::id_heartbeat); },
     .samples_on_demand = true,
-    .remote_is_nothing = false,
 };
 
 // ---- MIT mode ----
 
 namespace mit = drive::mit;
 
-constexpr ProtocolTraits mit_dialect{
+constexpr ProtocolTraits mit_traits{
     .is_sample = [](const Frame&, int) { return true; },
-    .is_heartbeat = nullptr,
     // With the frames that enter and leave motor mode: without the zero command between them a real drive
     // would not reply, and the emulated one does, in lockstep.
     .is_torque = [](const Frame& f, int node) { return f.id == node_bits(node); },
     .wrong_size = [](const Frame&, std::uint64_t any) { return static_cast<std::uint8_t>(1U + any % 4U); },
-    .put_number = nullptr,
     .put_end =
         [](Frame& f, unsigned choice) {
           const auto end = static_cast<std::uint8_t>(choice % 2 == 0 ? 0xFF : 0x00);
@@ -173,11 +136,7 @@ constexpr ProtocolTraits mit_dialect{
             f.data[4] = static_cast<std::uint8_t>((end & 0xF0U) | (f.data[4] & 0x0FU));
           }
         },
-    .disarm = [](int node) -> FewFrames {
-      return {{mit::encode_special(node_bits(node), mit::Special::leave)}, 1};
-    },
-    .fail = nullptr,
-    .emergency_stop = nullptr,
+    .disarm = [](int node) { return Frames{mit::encode_special(node_bits(node), mit::Special::leave)}; },
     .foreign_torque =
         [](const Scene& s, std::size_t motor, double torque) {
           const auto range = static_cast<float>(s.drives.torque_range[motor]);
@@ -197,24 +156,15 @@ constexpr ProtocolTraits mit_dialect{
     .zero_is_a_step = false,
     .tells_its_state = false,
     .ticks_to_let_go = 1,
-    .is_sign_of_life = nullptr,
     .samples_on_demand = true,
     .remote_is_nothing = true,
 };
 
 }  // namespace
 
-const ProtocolTraits& dialect(Protocol p) {
-  switch (p) {
-    case Protocol::cia402:
-      return cia402_dialect;
-    case Protocol::mit:
-      return mit_dialect;
-    case Protocol::odrive:
-    case Protocol::odrive_0_5:
-      break;
-  }
-  return odrive_dialect;
+const ProtocolTraits& protocol_traits(Protocol p) {
+  if (p == Protocol::cia402) return cia402_traits;
+  return p == Protocol::mit ? mit_traits : odrive_traits;
 }
 
 }  // namespace esmc::host

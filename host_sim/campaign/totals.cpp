@@ -7,8 +7,6 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
-#include "host_sim/report/study_page.hpp"
-
 namespace esmc::host {
 
 using Json = nlohmann::ordered_json;
@@ -18,15 +16,17 @@ void Times::add(double ms) {
   longest_ = std::max(longest_, ms);
 }
 
-void Times::add(const Times& other) {
-  for (const auto& [bin, n] : other.bins_) bins_[bin] += n;
-  longest_ = std::max(longest_, other.longest_);
-}
-
 std::uint64_t Times::count() const {
   std::uint64_t n = 0;
   for (const auto& bin : bins_) n += bin.second;
   return n;
+}
+
+std::vector<Bar> Times::bars() const {
+  std::vector<Bar> out;
+  for (const auto& [bin, n] : bins_)
+    out.push_back({std::max(0.0, (bin - 1) * bin_ms), bin * bin_ms, static_cast<double>(n)});
+  return out;
 }
 
 Json Times::json() const {
@@ -56,46 +56,17 @@ void CampaignTotals::add(const EpisodeResult& e) {
   if (e.reaction.death_ms >= 0.0) death_.add(e.reaction.death_ms);
   if (e.verdict.invariant.empty()) return;
   ++violation_count_;
-  violations_.push_back({e.seed, e.verdict.tick, e.digest, std::string(e.injection.row->name),
-                         name(e.injection.phase), std::string(e.verdict.invariant)});
-  if (violations_.size() > 2 * violations_max) keep_lowest();
-}
-
-void CampaignTotals::keep_lowest() {
-  std::sort(violations_.begin(), violations_.end(),
-            [](const Violation& a, const Violation& b) { return a.seed < b.seed; });
-  if (violations_.size() > violations_max) violations_.resize(violations_max);
-}
-
-void CampaignTotals::add(const CampaignTotals& other) {
-  episodes_ += other.episodes_;
-  ticks_us_ += other.ticks_us_;
-  violation_count_ += other.violation_count_;
-  digest_ += other.digest_;
-  violations_.insert(violations_.end(), other.violations_.begin(), other.violations_.end());
-  keep_lowest();
-  for (const auto& [key, o] : other.faults_) {
-    FaultTotals& f = faults_[key];
-    f.episodes += o.episodes;
-    f.under_torque += o.under_torque;
-    for (std::size_t i = 0; i < phase_count; ++i) f.phases[i] += o.phases[i];
-    for (std::size_t i = 0; i < f.drives.size(); ++i) f.drives[i] += o.drives[i];
-    for (const auto& [fault, n] : o.latched) f.latched[fault] += n;
-    f.notice.add(o.notice);
-    f.safe.add(o.safe);
-  }
-  for (const auto& [key, n] : other.protocols_) protocols_[key] += n;
-  stale_.add(other.stale_);
-  safe_.add(other.safe_);
-  death_.add(other.death_);
+  violations_[e.seed] = {e.verdict.tick, e.digest, std::string(e.injection.row->name),
+                         name(e.injection.phase), std::string(e.verdict.invariant)};
+  if (violations_.size() > violations_max) violations_.erase(std::prev(violations_.end()));
 }
 
 Json CampaignTotals::json() const {
   Json j;
   j["episodes"] = episodes_;
   j["violations"] = Json::array();
-  for (const Violation& v : violations_) {
-    j["violations"].push_back({{"seed", v.seed},
+  for (const auto& [seed, v] : violations_) {
+    j["violations"].push_back({{"seed", seed},
                                {"fault", v.fault},
                                {"invariant", v.invariant},
                                {"phase", v.phase},
@@ -135,28 +106,26 @@ std::string CampaignTotals::text() const {
                      stale_.longest(), safe_.longest(), safe_.count());
   out += fmt::format("controller death: torque zero within {:.3f} ms of its last command ({} episodes)\n",
                      death_.longest(), death_.count());
-  constexpr std::size_t shown = 10;
-  for (std::size_t i = 0; i < std::min(shown, violations_.size()); ++i) {
-    const Violation& v = violations_[i];
-    out += fmt::format("violation: seed {} {} in {}: {} at tick {} (see --replay {})\n", v.seed, v.fault,
-                       v.phase, v.invariant, v.tick, v.seed);
+  for (int left = 10; const auto& [seed, v] : violations_) {
+    if (left-- == 0) break;
+    out += fmt::format("violation: seed {} {} in {}: {} at tick {} (see --replay {})\n", seed, v.fault,
+                       v.phase, v.invariant, v.tick, seed);
   }
   return out + fmt::format("digest {:016x}\n", digest_);
 }
 
-std::vector<std::vector<std::string>> CampaignTotals::fault_rows() const {
-  std::vector<std::vector<std::string>> rows{{"fault", "episodes", "at drive 1, 2, 3, 4", "under torque",
-                                              "noticed at most, ms", "zero torque at most, ms", "latched"}};
+TextTable CampaignTotals::fault_rows() const {
+  TextTable rows{{"fault", "episodes", "at drive 1, 2, 3, 4", "under torque", "noticed at most, ms",
+                  "zero torque at most, ms", "latched"}};
   const auto most = [](const Times& t) {
     return t.count() > 0 ? fmt::format("{:.3f}", t.longest()) : std::string("");
   };
   for (const auto& [key, f] : faults_) {
     std::string latched;
-    for (const auto& [fault, n] : f.latched) {
-      latched.append(fmt::format("{}{} {}", latched.empty() ? "" : ", ", fault, n));
-    }
-    rows.push_back({key, fmt::format("{}", f.episodes), fmt::format("{}", fmt::join(f.drives, ", ")),
-                    fmt::format("{}", f.under_torque), most(f.notice), most(f.safe), latched});
+    for (const auto& [fault, n] : f.latched)
+      latched += fmt::format("{}{} {}", latched.empty() ? "" : ", ", fault, n);
+    rows.push_back({key, std::to_string(f.episodes), fmt::format("{}", fmt::join(f.drives, ", ")),
+                    std::to_string(f.under_torque), most(f.notice), most(f.safe), latched});
   }
   return rows;
 }
@@ -168,54 +137,43 @@ std::vector<std::pair<const char*, const Times*>> CampaignTotals::reactions() co
 }
 
 std::string CampaignTotals::page(const std::string& command, std::uint64_t wanted) const {
-  StudyVerdict v;
+  StudyVerdict out;
   const bool cut = episodes_ < wanted;
-  v.level = violation_count_ > 0    ? StudyVerdict::Level::bad
-            : cut || episodes_ == 0 ? StudyVerdict::Level::warn
-                                    : StudyVerdict::Level::ok;
-  v.headline = fmt::format("{} violations of an invariant in {} episodes", violation_count_, episodes_);
-  if (cut) v.detail = fmt::format("Interrupted: {} episodes were asked for", wanted);
+  out.level = violation_count_ > 0    ? StudyVerdict::Level::bad
+              : cut || episodes_ == 0 ? StudyVerdict::Level::warn
+                                      : StudyVerdict::Level::ok;
+  out.headline = fmt::format("{} violations of an invariant in {} episodes", violation_count_, episodes_);
+  if (cut) out.detail = fmt::format("Interrupted: {} episodes were asked for", wanted);
   const auto time = [&](const char* name, const Times& t) {
-    v.tiles.push_back({name, t.count() > 0 ? fmt::format("{:.3f} ms", t.longest()) : "–",
-                       fmt::format("{} episodes", t.count())});
+    out.tiles.push_back({name, t.count() > 0 ? fmt::format("{:.3f} ms", t.longest()) : "–",
+                         fmt::format("{} episodes", t.count())});
   };
-  v.tiles.push_back({"Simulated", fmt::format("{:.1f} s", simulated_s()),
-                     fmt::format("{} kinds of fault", faults_.size())});
+  out.tiles.push_back({"Simulated", fmt::format("{:.1f} s", simulated_s()),
+                       fmt::format("{} kinds of fault", faults_.size())});
   time("Stale feedback noticed within", stale_);
   time("Torque zero within", safe_);
   time("Controller dead: torque zero within", death_);
-  v.tiles.push_back({"Digest", fmt::format("{:016x}", digest_), ""});
+  out.tiles.push_back({"Digest", fmt::format("{:016x}", digest_), ""});
   std::vector<std::string> drawings;
-  for (const auto& [title, times] : reactions()) {
-    std::vector<Bar> bars;
-    for (const auto& bin : times->json()) {
-      const double to = bin["up_to_ms"];
-      bars.push_back(
-          {std::max(0.0, to - Times::bin_ms), to, static_cast<double>(bin["count"].get<std::uint64_t>())});
-    }
-    drawings.push_back(bar_svg(std::string("From ") + title, "ms; heights: episodes", bars));
-  }
+  for (const auto& [title, times] : reactions())
+    drawings.push_back(bar_svg(std::string("From ") + title, "ms; heights: episodes", times->bars()));
   std::string body;
   if (!violations_.empty()) {
-    std::vector<std::vector<std::string>> rows{{"fault", "phase", "invariant", "tick", "seed for --replay"}};
-    for (const Violation& one : violations_)
-      rows.push_back(
-          {one.fault, one.phase, one.invariant, fmt::format("{}", one.tick), fmt::format("{}", one.seed)});
+    TextTable rows{{"fault", "phase", "invariant", "tick", "seed for --replay"}};
+    for (const auto& [seed, v] : violations_)
+      rows.push_back({v.fault, v.phase, v.invariant, std::to_string(v.tick), std::to_string(seed)});
     body += table_html("Violations", rows);
   }
   return study_page("Fault-injection campaign", command,
-                    body + figures_html(drawings) + table_html("Faults", fault_rows()), v);
+                    body + figures_html(drawings) + table_html("Faults", fault_rows()), out);
 }
 
 std::string CampaignTotals::markdown() const {
   std::string out = markdown_table(fault_rows());
   for (const auto& [title, times] : reactions()) {
-    std::vector<std::vector<std::string>> bins{{fmt::format("{}, ms", title), "episodes"}};
-    for (const auto& bin : times->json()) {
-      const double up_to = bin["up_to_ms"];
-      bins.push_back({fmt::format("{:.2f} to {:.2f}", std::max(0.0, up_to - Times::bin_ms), up_to),
-                      fmt::format("{}", bin["count"].get<std::uint64_t>())});
-    }
+    TextTable bins{{fmt::format("{}, ms", title), "episodes"}};
+    for (const Bar& b : times->bars())
+      bins.push_back({fmt::format("{:.2f} to {:.2f}", b.from, b.to), fmt::format("{:.0f}", b.count)});
     out.append("\n").append(markdown_table(bins));
   }
   return out;

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "host_sim/campaign/episode.hpp"
+#include "host_sim/report/study_page.hpp"
 
 namespace esmc::host {
 
@@ -18,10 +19,11 @@ class Times {
  public:
   static constexpr double bin_ms = 0.25;
   void add(double ms);
-  void add(const Times& other);
   [[nodiscard]] double longest() const { return longest_; }  ///< ms; 0: none
   [[nodiscard]] std::uint64_t count() const;
-  /// [{up_to_ms, count}], empty bins left out; a time on an edge belongs to the bin that ends there.
+  /// Empty bins left out; a time on an edge belongs to the bin that ends there.
+  [[nodiscard]] std::vector<Bar> bars() const;
+  /// [{up_to_ms, count}]
   [[nodiscard]] nlohmann::ordered_json json() const;
 
  private:
@@ -38,18 +40,15 @@ struct FaultTotals {
 };
 
 struct Violation {
-  std::uint64_t seed, tick, digest;
+  std::uint64_t tick, digest;
   std::string fault, phase, invariant;
 };
 
 class CampaignTotals {
  public:
   void add(const EpisodeResult& e);
-  void add(const CampaignTotals& other);
   [[nodiscard]] std::uint64_t episodes() const { return episodes_; }
   [[nodiscard]] std::uint64_t violation_count() const { return violation_count_; }
-  /// Sorted by seed, at most violations_max.
-  [[nodiscard]] const std::vector<Violation>& violations() const { return violations_; }
   [[nodiscard]] double simulated_s() const { return static_cast<double>(ticks_us_) * 1e-6; }
   /// The document of `--json`.
   [[nodiscard]] nlohmann::ordered_json json() const;
@@ -60,13 +59,12 @@ class CampaignTotals {
   [[nodiscard]] std::string page(const std::string& command, std::uint64_t wanted) const;
 
  private:
-  [[nodiscard]] std::vector<std::vector<std::string>> fault_rows() const;
+  [[nodiscard]] TextTable fault_rows() const;
   [[nodiscard]] std::vector<std::pair<const char*, const Times*>> reactions() const;
   static constexpr std::size_t violations_max = 1000;
-  void keep_lowest();
 
   std::uint64_t episodes_ = 0, ticks_us_ = 0, violation_count_ = 0, digest_ = 0;
-  std::vector<Violation> violations_;
+  std::map<std::uint64_t, Violation> violations_;  ///< by seed; of more than violations_max the first ones
   std::map<std::string, FaultTotals, std::less<>> faults_;
   std::map<std::string, std::uint64_t, std::less<>> protocols_;
   Times stale_, safe_, death_;

@@ -342,8 +342,8 @@ int report(const Scene& scene, const RunOptions& o) {
 
 std::string refusal_of(const Scene& scene) {
   Log log(nullptr, {}, 0);
-  const Findings f = scene.type == MechanismType::five_bar ? judge<FiveBarWorld>(scene, log).findings
-                                                           : judge<RrWorld>(scene, log).findings;
+  const Findings f = scene.type == MechanismType::five_bar ? judge<FiveBarTraits>(scene, log).findings
+                                                           : judge<RrTraits>(scene, log).findings;
   for (const Json& item : f.list()) {
     if (item["level"] == "error") return item["text"].get<std::string>();
   }
@@ -352,7 +352,7 @@ std::string refusal_of(const Scene& scene) {
 
 int run_check(const RunOptions& o) {
   const Scene scene = read_scene(o.scene, o.sets);
-  return scene.type == MechanismType::five_bar ? report<FiveBarWorld>(scene, o) : report<RrWorld>(scene, o);
+  return scene.type == MechanismType::five_bar ? report<FiveBarTraits>(scene, o) : report<RrTraits>(scene, o);
 }
 
 }  // namespace esmc::host

@@ -176,11 +176,11 @@ Margins margins(const Scene& scene, Log& log) {
   return none;
 }
 
-template StartMargins start_margins<FiveBarWorld>(const Scene&);
-template StartMargins start_margins<RrWorld>(const Scene&);
-template std::vector<std::string> check_columns<FiveBarWorld>(const Scene&);
-template std::vector<std::string> check_columns<RrWorld>(const Scene&);
-template Margins margins<FiveBarWorld>(const Scene&, Log&);
-template Margins margins<RrWorld>(const Scene&, Log&);
+template StartMargins start_margins<FiveBarTraits>(const Scene&);
+template StartMargins start_margins<RrTraits>(const Scene&);
+template std::vector<std::string> check_columns<FiveBarTraits>(const Scene&);
+template std::vector<std::string> check_columns<RrTraits>(const Scene&);
+template Margins margins<FiveBarTraits>(const Scene&, Log&);
+template Margins margins<RrTraits>(const Scene&, Log&);
 
 }  // namespace esmc::host

@@ -1,5 +1,7 @@
 #include "host_sim/live/access.hpp"
 
+#include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <sys/random.h>
 
 #include <algorithm>
@@ -16,10 +18,7 @@ std::string make_token() {
   if (::getrandom(bytes.data(), bytes.size(), 0) != static_cast<ssize_t>(bytes.size())) {
     throw RunError("the operating system gives no random bytes for a token");
   }
-  constexpr const char* digits = "0123456789abcdef";
-  std::string out;
-  for (const std::uint8_t b : bytes) out += {digits[b >> 4U], digits[b & 0xFU]};
-  return out;
+  return fmt::format("{:02x}", fmt::join(bytes, ""));
 }
 
 bool same_token(std::string_view given, std::string_view token) {

@@ -22,6 +22,7 @@
   function greet(hello) {
     Object.assign(hand, hello.hand);
     for (const name of ["stiffness", "damping", "most"]) byId(name).value = Number(hand[name].toPrecision(3));
+    control.offer(hello);
     faults.show(hello);
     byId("line").textContent = `esmc ${hello.version}, ${hello.bus === "virtual" ? "virtual bus" : hello.bus}`;
     for (const node of document.querySelectorAll("#control, [data-do]:not([data-do=home])")) node.hidden = !hello.controller;
@@ -41,7 +42,7 @@
     byId("name").textContent = scene.name || "esmc live";
     byId("subtitle").textContent = `${scene.mechanism.type === "rr" ? "RR arm" : "5R five-bar"}; law ${scene.law}${/smc/.test(scene.law) ? `, ${scene.reaching}` : ""}; ${scene.rate_hz} Hz`;
     document.title = `${scene.name || "esmc"} · live`;
-    if (JSON.stringify(drawing.geometry) !== JSON.stringify(scene.mechanism)) drawing.setGeometry(scene.mechanism);
+    if (JSON.stringify(drawing.geometry) !== JSON.stringify(scene.mechanism)) drawing.frame(scene.mechanism);
     control.show(scene);
     effects.show(scene);
     keys.show(scene);

@@ -44,13 +44,10 @@ class Drawing {
   }
   tell() { this.told({ at: this.held, push: this.keys.size ? this.pushing : null, strong: this.strong }); }
 
-  setGeometry(geometry) {
-    this.geometry = geometry;
-    this.frame();
-  }
   /** The view begins around the base; it grows when the mechanism leaves it. */
-  frame() {
-    const legs = Mechanism.legs(this.geometry);
+  frame(geometry = this.geometry) {
+    const legs = Mechanism.legs(geometry);
+    this.geometry = geometry;
     this.corners = legs.flatMap(({ base, l1, l2 }) => [[base - l1, -0.35 * l1], [base + l1, l1 + 0.8 * l2]]);
     this.trail = [];
     this.wish = [];
@@ -84,24 +81,9 @@ class Drawing {
     const force = Math.hypot(...now.force);
     if (force > 0) this.arrow(c, view.toScreen(tip), now.force, force, most);
     if (now.brake) write(c, { fillStyle: colour("warn"), textAlign: "left", font: "600 13px system-ui, sans-serif" }, "brake closed", 10, 20);
-    this.legend(c, width);
-  }
-  legend(c, width) {
-    c.font = `12px ${getComputedStyle(document.body).fontFamily}`;
-    const entries = [["c6", "effector", []], ["c2", "wanted", [5, 4]]];
-    let px = width - 10;
-    for (const [tint, text, dashes] of entries) {
-      write(c, { fillStyle: colour("muted"), textAlign: "right", textBaseline: "middle" }, text, px, 14);
-      px -= c.measureText(text).width + 6;
-      Mechanism.drawPath(c, { toScreen: (p) => p }, [[px - 22, 14], [px, 14]], { strokeStyle: colour(tint), lineWidth: 2 }, dashes);
-      px -= 34;
-    }
-    c.textBaseline = "alphabetic";
   }
   cross(c, [px, py]) {
-    Object.assign(c, { strokeStyle: colour("c2"), lineWidth: 2 }).beginPath();
-    for (const [dx, dy] of [[8, 8], [8, -8]]) { c.moveTo(px - dx, py - dy); c.lineTo(px + dx, py + dy); }
-    c.stroke();
+    for (const dy of [8, -8]) Mechanism.path(c, [[px - 8, py - dy], [px + 8, py + dy]], { strokeStyle: colour("c2"), lineWidth: 2 });
   }
   spring(c, [x0, y0], [x1, y1]) {
     const length = Math.hypot(x1 - x0, y1 - y0), coils = 12, [ux, uy] = length > 1 ? [(x1 - x0) / length, (y1 - y0) / length] : [1, 0];
@@ -109,21 +91,17 @@ class Drawing {
       const s = length * k / coils, off = k > 0 && k < coils ? (k % 2 ? 5 : -5) : 0;
       return [x0 + ux * s - uy * off, y0 + uy * s + ux * off];
     });
-    Mechanism.drawPath(c, { toScreen: (p) => p }, points, { strokeStyle: colour("ink"), lineWidth: 1.5 });
+    Mechanism.path(c, points, { strokeStyle: colour("ink"), lineWidth: 1.5 });
     Mechanism.dot(c, [x1, y1], 4.25, colour("ink"));
   }
   /** As long as 90 pixels at the hand's full strength, and labelled. */
   arrow(c, [px, py], [fx, fy], force, most) {
     const length = 90 * force / Math.max(most, 1e-9), [ux, uy] = [fx / force, -fy / force], [ex, ey] = [px + ux * length, py + uy * length];
-    Object.assign(c, { strokeStyle: colour("c1"), fillStyle: colour("c1"), lineWidth: 4, lineCap: "round" }).beginPath();
-    c.moveTo(px, py);
-    c.lineTo(ex, ey);
-    c.stroke();
+    Mechanism.path(c, [[px, py], [ex, ey]], { strokeStyle: colour("c1"), fillStyle: colour("c1"), lineWidth: 4 });
     c.beginPath();
     c.moveTo(ex + ux * 10, ey + uy * 10);
     for (const side of [1, -1]) c.lineTo(ex - uy * 6 * side, ey + ux * 6 * side);
     c.fill();
-    c.lineCap = "butt";
     write(c, { fillStyle: colour("ink"), font: "600 13px system-ui, sans-serif", textAlign: ux < 0 ? "right" : "left" }, amount(force, "N"), ex + ux * 16, ey + uy * 16 + 4);
   }
 }

@@ -37,15 +37,8 @@ struct LiveEvent {
 };
 
 enum class LiveCommand : std::uint8_t { start, halt, stop, reset, home };
-
-/// A fault for one drive or for all; without a row: the fault that acts ends.
-struct InjectOrder {
-  const InjectionRow* row = nullptr;
-  std::size_t drive = 0;
-  int ticks = 1;
-  double amount = 0.0;
-  int choice = 0;
-};
+template <>
+inline constexpr auto names_of<LiveCommand> = std::to_array({"start", "halt", "stop", "reset", "home"});
 
 /// What a change of the scene restarts.
 enum class RestartLevel : std::uint8_t {
@@ -60,7 +53,8 @@ struct SceneOrder {
   std::string what;  ///< for the event
 };
 
-using LiveOrder = std::variant<std::monostate, LiveCommand, Hand, InjectOrder, SceneOrder>;
+/// An Injection without a row ends the fault that acts.
+using LiveOrder = std::variant<LiveCommand, Hand, Injection, SceneOrder>;
 
 /// The loop sends samples and events and takes orders; the server the other way round.
 struct Exchange {

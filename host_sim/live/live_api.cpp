@@ -10,6 +10,7 @@
 
 #include "host_sim/error.hpp"
 #include "host_sim/live/session.hpp"
+#include "host_sim/report/run_page.hpp"
 #include "host_sim/version.hpp"
 
 namespace esmc::host {
@@ -47,16 +48,6 @@ std::vector<std::string> texts(const Json& j) {
 
 std::string dump(const Json& j) { return j.dump(-1, ' ', false, Json::error_handler_t::replace); }
 
-Json mechanism_json(const Scene& s) {
-  const bool five_bar = s.type == MechanismType::five_bar;
-  Json legs = Json::array();
-  for (std::size_t j = 0; j < (five_bar ? 2U : 1U); ++j)
-    legs.push_back({{"l1", s.mechanism.legs[j].l1}, {"l2", s.mechanism.legs[j].l2}});
-  return {{"type", five_bar ? "five_bar" : "rr"},
-          {"half_base", five_bar ? Json(s.mechanism.l0) : Json(nullptr)},
-          {"legs", std::move(legs)}};
-}
-
 std::string per_kind(const PerKind& k) {
   return k.position == k.angle ? fmt::format("{}", k.position)
                                : fmt::format("{{ position = {}, angle = {} }}", k.position, k.angle);
@@ -71,14 +62,152 @@ class Page final : public Client {
   ~Page() override {
     if (held_) (void)api_.exchange_.orders.push(Hand{.most = hand_.most});  // releases the pull
   }
-  [[nodiscard]] std::string next() override;
-  void on_message(std::string_view message) override;
+  [[nodiscard]] std::string next() override {
+    const auto& kept = api_.samples_;
+    const bool scene = scene_ != api_.scene_number_, event = event_ < api_.events_.end();
+    if (greeted_ && !scene && !event && answers_.empty() && sample_ >= kept.end()) return {};
+    std::string out = "{";
+    const auto part = [&](const char* name, const std::string& json) {
+      out += fmt::format("{}\"{}\":{}", out.size() > 1 ? "," : "", name, json);
+    };
+    if (!std::exchange(greeted_, true)) part("hello", api_.hello_json());
+    if (scene) part("scene", api_.scene_json());
+    scene_ = api_.scene_number_;
+    if (event) {
+      Json list = Json::array();
+      for (event_ = std::max(event_, api_.events_.first); event_ < api_.events_.end(); ++event_) {
+        const LiveEvent& e = api_.events_.at(event_);
+        list.push_back({{"t", e.t}, {"kind", e.kind}, {"text", e.text}});
+      }
+      part("events", dump(list));
+    }
+    if (!answers_.empty()) part("answers", dump(std::exchange(answers_, {})));
+    if (sample_ < kept.end()) {
+      part("samples", samples());
+      const LiveSample& s = kept.list.back();
+      const Json now{{"t", s.t},
+                     {"state", s.state},
+                     {"fault", s.fault},
+                     {"q", s.q},
+                     {"effector", s.effector},
+                     {"desired", s.desired},
+                     {"force", s.force},
+                     {"anchor", s.holding ? Json(s.anchor) : Json(nullptr)},
+                     {"brake", s.brake},
+                     {"injecting", s.injecting},
+                     {"saturated", s.saturated},
+                     {"late", api_.loop_.late.load()},
+                     {"dropped", api_.loop_.dropped.load()}};
+      part("now", dump(now));
+    }
+    return out + "}";
+  }
+  void on_message(std::string_view message) override {
+    try {
+      const Json j = Json::parse(message.begin(), message.end(), nullptr, false);
+      if (!j.is_object()) throw Malformed();
+      apply(j);
+    } catch (const Malformed&) {
+      ++api_.malformed_;
+    } catch (const std::exception& e) {  // of a scene that is refused: what is wrong and what is allowed
+      answers_.emplace_back(printable(e.what()));
+    }
+  }
 
  private:
-  void apply(const Json& j);
-  void inject(const Json& j);
-  void set_hand(const Json& j);
-  [[nodiscard]] std::string samples();
+  void apply(const Json& j) {
+    for (const auto& [key, value] : j.items()) {
+      if (key == "do") {
+        const auto command = from_name<LiveCommand>(text(value));
+        if (!command) throw Malformed();
+        api_.send(*command);
+      } else if (key == "hand") {
+        set_hand(value);
+      } else if (key == "inject") {
+        inject(value);
+      } else if (key == "set") {
+        api_.set(texts(value));
+      } else if (key == "effects") {
+        std::string list;
+        for (const std::string& e : texts(value)) list += (list.empty() ? "{ " : ", { ") + e + " }";
+        api_.set({"effects=[" + list + "]"});
+      } else {
+        throw Malformed();
+      }
+    }
+  }
+  void inject(const Json& j) {
+    if (j.is_null()) return api_.send(Injection{});
+    if (!j.is_object() || !j.contains("fault")) throw Malformed();
+    const std::string name = text(j["fault"]);
+    const Scene& scene = *api_.scene_;
+    const auto rows = injection_rows();
+    const auto row = std::ranges::find(rows, name, &InjectionRow::name);
+    if (row == rows.end() || !api_.injectable(*row))
+      throw InputError("", printable(name) + ": no fault of these drives");
+    const double drive = j.contains("drive") ? number(j["drive"]) : 1.0;
+    if (!(drive >= 1.0 && drive <= static_cast<double>(scene.motors())) || drive != std::floor(drive)) {
+      throw InputError("", fmt::format("drive: 1 to {}", scene.motors()));
+    }
+    Injection o = usual_injection(*row, static_cast<std::size_t>(drive) - 1);
+    if (j.contains("ms") && !j["ms"].is_null()) {
+      o.length = static_cast<int>(std::clamp(std::round(number(j["ms"]) * 1e-3 * scene.rate_hz), 1.0, 1e6));
+    }
+    if (j.contains("amount")) o.amount = number(j["amount"]);
+    api_.send(o);
+  }
+  void set_hand(const Json& j) {
+    if (!j.is_object()) throw Malformed();
+    Hand h = hand_;
+    constexpr double most_stiff = 1e4, most_damped = 1e3, strongest = 1e3;
+    const auto optional = [&](const char* key, double& into, double most) {
+      if (j.contains(key)) into = std::clamp(number(j[key]), 0.0, most);
+    };
+    optional("stiffness", h.stiffness, most_stiff);
+    optional("damping", h.damping, most_damped);
+    optional("most", h.most, strongest);
+    h.holding = j.contains("at") && !j["at"].is_null();
+    if (h.holding) h.anchor = pair(j["at"]);
+    h.push = j.contains("push") ? pair(j["push"]) : V2{};
+    api_.send(h);
+    hand_ = h;
+    held_ = h.holding || h.push.x != 0.0 || h.push.y != 0.0;
+  }
+  /// Samples as columns: shorter than rows with names, and what a plot wants.
+  [[nodiscard]] std::string samples() {
+    const auto& kept = api_.samples_;
+    sample_ = std::clamp(sample_, kept.first, kept.end());
+    const std::uint64_t to = std::min(kept.end(), sample_ + samples_at_once);
+    fmt::memory_buffer out;
+    const auto column = [&](std::string_view name, int digits, const auto& value) {
+      fmt::format_to(std::back_inserter(out), "{}\"{}\":[", out.size() == 0 ? '{' : ',', name);
+      for (std::uint64_t i = sample_; i < to; ++i) {
+        const double v = value(kept.at(i));
+        if (i > sample_) out.push_back(',');
+        if (std::isfinite(v)) {
+          fmt::format_to(std::back_inserter(out), "{:.{}g}", v, digits);
+        } else {
+          out.append(std::string_view("null"));
+        }
+      }
+      out.push_back(']');
+    };
+    column("t", 9, [](const LiveSample& s) { return s.t; });
+    column("x", 6, [](const LiveSample& s) { return s.effector[0]; });
+    column("y", 6, [](const LiveSample& s) { return s.effector[1]; });
+    column("xd", 6, [](const LiveSample& s) { return s.desired[0]; });
+    column("yd", 6, [](const LiveSample& s) { return s.desired[1]; });
+    column("error", 5, [](const LiveSample& s) {
+      return std::hypot(s.effector[0] - s.desired[0], s.effector[1] - s.desired[1]);
+    });
+    for (std::size_t m = 0; m < static_cast<std::size_t>(api_.scene_->motors()); ++m)
+      column(fmt::format("tau{}", m + 1), 4, [m](const LiveSample& s) { return s.torque[m]; });
+    column("s1", 4, [](const LiveSample& s) { return s.sliding[0]; });
+    column("s2", 4, [](const LiveSample& s) { return s.sliding[1]; });
+    column("force", 4, [](const LiveSample& s) { return std::hypot(s.force[0], s.force[1]); });
+    sample_ = to;
+    return fmt::to_string(out) + "}";
+  }
 
   LiveApi& api_;
   std::uint64_t sample_, event_ = 0, scene_ = 0;
@@ -141,7 +270,7 @@ std::string LiveApi::scene_json() const {
   for (const EffectText& e : effect_texts(s.toml))
     effects.push_back({{"type", e.type}, {"parameters", e.parameters}});
   Json j{{"name", printable(s.name)},
-         {"mechanism", mechanism_json(s)},
+         {"mechanism", mechanism_json(s.mechanism, s.type == MechanismType::five_bar)},
          {"law", name(s.law)},
          {"reaching", name(s.reaching)},
          {"lambda", per_kind(s.lambda)},
@@ -160,177 +289,23 @@ std::string LiveApi::hello_json() const {
   Json faults = Json::array();
   for (const InjectionRow& r : injection_rows()) {
     if (!injectable(r)) continue;
-    const InjectOrder usual = usual_injection(r, 0);
-    Json ms = r.longest == 0 ? Json(nullptr) : Json(1e3 * usual.ticks * scene_->tick());
+    const Injection usual = usual_injection(r, 0);
+    Json ms = r.longest == 0 ? Json(nullptr) : Json(1e3 * usual.length * scene_->tick());
     faults.push_back({{"name", r.name}, {"ms", std::move(ms)}});
   }
+  const auto& laws = names_of<LawChoice>;  // those before open_loop close a loop
   const Json hello{
       {"version", version},
       {"bus", options_.bus},
       {"controller", controller_here()},
       {"motors", scene_->motors()},
-      {"drives", scene_->drives.nodes.size()},
+      {"laws", std::vector(laws.begin(), laws.begin() + static_cast<int>(LawChoice::open_loop))},
+      {"reaching_laws", names_of<ReachingChoice>},
       {"channels", scene_->type == MechanismType::five_bar ? Json{"x", "y"} : Json{"theta1", "theta2"}},
       {"faults", std::move(faults)},
       {"hand",
        {{"stiffness", usual_hand_.stiffness}, {"damping", usual_hand_.damping}, {"most", usual_hand_.most}}}};
   return dump(hello);
-}
-
-/// Samples as columns: shorter than rows with names, and what a plot wants.
-std::string Page::samples() {
-  const auto& kept = api_.samples_;
-  sample_ = std::clamp(sample_, kept.first, kept.end());
-  const std::uint64_t to = std::min(kept.end(), sample_ + samples_at_once);
-  fmt::memory_buffer out;
-  const auto column = [&](std::string_view name, int digits, const auto& value) {
-    fmt::format_to(std::back_inserter(out), "{}\"{}\":[", out.size() == 0 ? '{' : ',', name);
-    for (std::uint64_t i = sample_; i < to; ++i) {
-      const double v = value(kept.at(i));
-      if (i > sample_) out.push_back(',');
-      if (std::isfinite(v)) {
-        fmt::format_to(std::back_inserter(out), "{:.{}g}", v, digits);
-      } else {
-        out.append(std::string_view("null"));
-      }
-    }
-    out.push_back(']');
-  };
-  column("t", 9, [](const LiveSample& s) { return s.t; });
-  column("x", 6, [](const LiveSample& s) { return s.effector[0]; });
-  column("y", 6, [](const LiveSample& s) { return s.effector[1]; });
-  column("xd", 6, [](const LiveSample& s) { return s.desired[0]; });
-  column("yd", 6, [](const LiveSample& s) { return s.desired[1]; });
-  column("error", 5, [](const LiveSample& s) {
-    return std::hypot(s.effector[0] - s.desired[0], s.effector[1] - s.desired[1]);
-  });
-  for (std::size_t m = 0; m < static_cast<std::size_t>(api_.scene_->motors()); ++m)
-    column(fmt::format("tau{}", m + 1), 4, [m](const LiveSample& s) { return s.torque[m]; });
-  column("s1", 4, [](const LiveSample& s) { return s.sliding[0]; });
-  column("s2", 4, [](const LiveSample& s) { return s.sliding[1]; });
-  column("force", 4, [](const LiveSample& s) { return std::hypot(s.force[0], s.force[1]); });
-  sample_ = to;
-  return fmt::to_string(out) + "}";
-}
-
-std::string Page::next() {
-  const auto& kept = api_.samples_;
-  const bool scene = scene_ != api_.scene_number_, event = event_ < api_.events_.end();
-  if (greeted_ && !scene && !event && answers_.empty() && sample_ >= kept.end()) return {};
-  std::string out = "{";
-  const auto part = [&](const char* name, const std::string& json) {
-    out += fmt::format("{}\"{}\":{}", out.size() > 1 ? "," : "", name, json);
-  };
-  if (!std::exchange(greeted_, true)) part("hello", api_.hello_json());
-  if (scene) part("scene", api_.scene_json());
-  scene_ = api_.scene_number_;
-  if (event) {
-    Json list = Json::array();
-    for (event_ = std::max(event_, api_.events_.first); event_ < api_.events_.end(); ++event_) {
-      const LiveEvent& e = api_.events_.at(event_);
-      list.push_back({{"t", e.t}, {"kind", e.kind}, {"text", e.text}});
-    }
-    part("events", dump(list));
-  }
-  if (!answers_.empty()) part("answers", dump(std::exchange(answers_, {})));
-  if (sample_ < kept.end()) {
-    part("samples", samples());
-    const LiveSample& s = kept.list.back();
-    const Json now{{"t", s.t},
-                   {"state", s.state},
-                   {"fault", s.fault},
-                   {"q", s.q},
-                   {"effector", s.effector},
-                   {"desired", s.desired},
-                   {"force", s.force},
-                   {"anchor", s.holding ? Json(s.anchor) : Json(nullptr)},
-                   {"brake", s.brake},
-                   {"injecting", s.injecting},
-                   {"saturated", s.saturated},
-                   {"late", api_.loop_.late.load()},
-                   {"dropped", api_.loop_.dropped.load()}};
-    part("now", dump(now));
-  }
-  return out + "}";
-}
-
-void Page::on_message(std::string_view message) {
-  try {
-    const Json j = Json::parse(message.begin(), message.end(), nullptr, false);
-    if (!j.is_object()) throw Malformed();
-    apply(j);
-  } catch (const Malformed&) {
-    ++api_.malformed_;
-  } catch (const std::exception& e) {  // of a scene that is refused: what is wrong and what is allowed
-    answers_.emplace_back(printable(e.what()));
-  }
-}
-
-void Page::apply(const Json& j) {
-  for (const auto& [key, value] : j.items()) {
-    if (key == "do") {
-      constexpr std::pair<const char*, LiveCommand> words[] = {{"start", LiveCommand::start},
-                                                               {"halt", LiveCommand::halt},
-                                                               {"stop", LiveCommand::stop},
-                                                               {"reset", LiveCommand::reset},
-                                                               {"home", LiveCommand::home}};
-      const auto word =
-          std::ranges::find(words, text(value), [](const auto& w) { return std::string(w.first); });
-      if (word == std::end(words)) throw Malformed();
-      api_.send(word->second);
-    } else if (key == "hand") {
-      set_hand(value);
-    } else if (key == "inject") {
-      inject(value);
-    } else if (key == "set") {
-      api_.set(texts(value));
-    } else if (key == "effects") {
-      std::string list;
-      for (const std::string& e : texts(value)) list += (list.empty() ? "{ " : ", { ") + e + " }";
-      api_.set({"effects=[" + list + "]"});
-    } else {
-      throw Malformed();
-    }
-  }
-}
-
-void Page::set_hand(const Json& j) {
-  if (!j.is_object()) throw Malformed();
-  Hand h = hand_;
-  constexpr double most_stiff = 1e4, most_damped = 1e3, strongest = 1e3;
-  const auto optional = [&](const char* key, double& into, double most) {
-    if (j.contains(key)) into = std::clamp(number(j[key]), 0.0, most);
-  };
-  optional("stiffness", h.stiffness, most_stiff);
-  optional("damping", h.damping, most_damped);
-  optional("most", h.most, strongest);
-  h.holding = j.contains("at") && !j["at"].is_null();
-  if (h.holding) h.anchor = pair(j["at"]);
-  h.push = j.contains("push") ? pair(j["push"]) : V2{};
-  api_.send(h);
-  hand_ = h;
-  held_ = h.holding || h.push.x != 0.0 || h.push.y != 0.0;
-}
-
-void Page::inject(const Json& j) {
-  if (j.is_null()) return api_.send(InjectOrder{});
-  if (!j.is_object() || !j.contains("fault")) throw Malformed();
-  const std::string name = text(j["fault"]);
-  const Scene& scene = *api_.scene_;
-  const auto rows = injection_rows();
-  const auto row = std::ranges::find(rows, name, &InjectionRow::name);
-  if (row == rows.end() || !api_.injectable(*row))
-    throw InputError("", printable(name) + ": no fault of these drives");
-  const double drive = j.contains("drive") ? number(j["drive"]) : 1.0;
-  if (!(drive >= 1.0 && drive <= static_cast<double>(scene.motors())) || drive != std::floor(drive)) {
-    throw InputError("", fmt::format("drive: 1 to {}", scene.motors()));
-  }
-  InjectOrder o = usual_injection(*row, static_cast<std::size_t>(drive) - 1);
-  if (j.contains("ms") && !j["ms"].is_null()) {
-    o.ticks = static_cast<int>(std::clamp(std::round(number(j["ms"]) * 1e-3 * scene.rate_hz), 1.0, 1e6));
-  }
-  if (j.contains("amount")) o.amount = number(j["amount"]);
-  api_.send(o);
 }
 
 }  // namespace esmc::host

@@ -20,6 +20,12 @@ class ControlPanel {
     });
     on(form.elements.law, "change", () => this.suit());
   }
+  /** The choices of a bench, from the program's own tables of names. */
+  offer({ laws, reaching_laws: reachings }) {
+    const { law, reaching } = this.form.elements;
+    for (const [select, names] of [[law, laws], [reaching, reachings]])
+      if (!select.length) select.append(...names.map((name) => el("option", {}, name)));
+  }
   fields() { return [...this.form.elements].filter(({ name }) => name); }
   /** Greys the fields that the law does not use. */
   suit() {

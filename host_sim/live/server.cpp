@@ -105,11 +105,11 @@ class LwsServer final : public Server {
           delete c->client;
           delete c->received;
           return 0;
-        case LWS_CALLBACK_CLOSED_HTTP:
-        case LWS_CALLBACK_HTTP_FILE_COMPLETION:
-          return 0;
+        case LWS_CALLBACK_HTTP_BODY:
+        case LWS_CALLBACK_HTTP_BODY_COMPLETION:
+          return -1;
         default:
-          return reason == LWS_CALLBACK_HTTP_BODY || reason == LWS_CALLBACK_HTTP_BODY_COMPLETION ? -1 : 0;
+          return 0;
       }
     } catch (const std::exception&) {
       return -1;  // of one connection; exceptions cannot pass the library
@@ -211,10 +211,8 @@ class LwsServer final : public Server {
     if (text.empty()) return 0;
     std::vector<unsigned char> buffer(LWS_PRE + text.size());
     std::memcpy(buffer.data() + LWS_PRE, text.data(), text.size());
-    return lws_write(wsi, buffer.data() + LWS_PRE, text.size(), LWS_WRITE_TEXT) <
-                   static_cast<int>(text.size())
-               ? -1
-               : 0;
+    const int sent = lws_write(wsi, buffer.data() + LWS_PRE, text.size(), LWS_WRITE_TEXT);
+    return sent < static_cast<int>(text.size()) ? -1 : 0;
   }
 
   int receive(lws* wsi, Connection& c, std::string_view part) {

@@ -7,15 +7,57 @@
 /// would make them: halt, brake, drives and controller anew from the new scene, start; the reference is
 /// joined from where the mechanism stands.
 
+#include <fmt/format.h>
+
 #include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "host_sim/live/exchange.hpp"
+#include "host_sim/record/digest.hpp"
 
 namespace esmc::host {
 
 class HostBus;
+
+/// A fault of the campaign that begins when it is ordered.
+class LiveFault {
+ public:
+  [[nodiscard]] const Injection& injection() const { return injection_; }
+  [[nodiscard]] bool active() const { return since_ >= 0; }
+  [[nodiscard]] Injected kind() const { return active() ? injection_.kind() : Injected::nothing; }
+  [[nodiscard]] const hal::CanFrame& foreign() const { return foreign_; }
+
+  /// Returns the text of the event; "": nothing has changed.
+  std::string order(const Injection& o, const ProtocolTraits& traits, const Scene& scene) {
+    if (o.row == nullptr) {
+      if (!active()) return {};
+      since_ = -1;
+      return fmt::format("{}: over", injection_.row->name);
+    }
+    injection_ = o;
+    since_ = 0;
+    first_ = true;
+    foreign_ = foreign_command(traits, scene, injection_);
+    return fmt::format("{} at drive {} for {:g} ms", o.row->name, o.drive + 1, 1e3 * o.length * scene.tick());
+  }
+  /// True in its first tick; it acts at least in that one.
+  [[nodiscard]] bool begin_tick() {
+    if (since_ >= injection_.length) since_ = -1;
+    return std::exchange(first_, false) && active();
+  }
+  /// One that was ordered within the tick has not begun.
+  void end_tick() {
+    if (active() && !first_) ++since_;
+  }
+
+ private:
+  Injection injection_{.row = &injection_rows()[0]};
+  int since_ = -1;  ///< ticks since it began; -1: none
+  bool first_ = false;
+  hal::CanFrame foreign_{};
+};
 
 class LiveSession {
  public:
@@ -24,25 +66,48 @@ class LiveSession {
   LiveSession& operator=(const LiveSession&) = delete;
 
   /// Called between ticks. An order that is impossible now becomes an event.
-  virtual void order(const LiveOrder& o) = 0;
+  void order(const LiveOrder& o) {
+    std::visit([&](const auto& x) { take(x); }, o);
+  }
   virtual void tick() = 0;
   /// Sample of the last tick.
-  [[nodiscard]] virtual const LiveSample& sample() const = 0;
+  [[nodiscard]] const LiveSample& sample() const { return sample_; }
   /// Events since the last call.
-  [[nodiscard]] virtual std::vector<LiveEvent> take_events() = 0;
-  [[nodiscard]] virtual const Scene& scene() const = 0;
+  [[nodiscard]] std::vector<LiveEvent> take_events() { return std::exchange(events_, {}); }
+  [[nodiscard]] const Scene& scene() const { return *scene_; }
   /// Whether there is neither torque nor a pending start.
-  [[nodiscard]] virtual bool at_rest() const = 0;
+  [[nodiscard]] virtual bool at_rest() const { return true; }
   /// Digest of the motion as in `esmc hil`, from the first tick under control on.
-  [[nodiscard]] virtual std::string digest() const = 0;
+  [[nodiscard]] std::string digest() const { return digest_.text(); }
   /// Ticks since the session began, and those of them that are in the digest.
-  [[nodiscard]] virtual std::uint64_t ticks() const = 0;
-  [[nodiscard]] virtual std::uint64_t run_ticks() const = 0;
+  [[nodiscard]] std::uint64_t ticks() const { return ticks_; }
+  [[nodiscard]] std::uint64_t run_ticks() const { return run_ticks_; }
   /// s between calls of tick(): a tick, or a part of one where the controller is on a bus.
-  [[nodiscard]] virtual double period() const { return scene().tick(); }
+  [[nodiscard]] virtual double period() const { return scene_->tick(); }
 
  protected:
-  LiveSession() = default;
+  explicit LiveSession(std::shared_ptr<const Scene> scene) : scene_(std::move(scene)) {}
+
+  virtual void take(LiveCommand c) = 0;
+  virtual void take(const SceneOrder& o) = 0;
+  void take(const Hand& h) { hand_ = h; }
+  void take(const Injection& o) {
+    std::string text = fault_.order(o, traits(), *scene_);
+    if (!text.empty()) emit("order", std::move(text));
+  }
+  void emit(const char* kind, std::string text) { events_.push_back({now(), kind, std::move(text)}); }
+  [[nodiscard]] double now() const { return (static_cast<double>(ticks_) + part_) * scene_->tick(); }
+  [[nodiscard]] const ProtocolTraits& traits() const { return protocol_traits(scene_->drives.protocol); }
+
+  std::shared_ptr<const Scene> scene_;
+  Hand hand_{.most = 1.0};
+  LiveFault fault_;
+  LiveSample sample_;
+  std::vector<LiveEvent> events_;
+  Digest digest_;
+  std::uint64_t ticks_ = 0, run_ticks_ = 0;
+  double part_ = 0.0;      ///< of the tick that has begun
+  bool diverged_ = false;  ///< the state is not finite: only home helps
 };
 
 /// A loop on the virtual bus, which starts by itself. Throws InputError where that cannot run the scene.
@@ -61,8 +126,8 @@ void prepare_live_scene(Scene& scene, bool controller_elsewhere = false);
 /// What a change from one scene to the next restarts. Throws InputError where another bench is needed.
 RestartLevel restart_level(const Scene& from, const Scene& to);
 
-/// A fault on `drive` (from 0) with its usual amount and length; one without a longest lasts 1e6 ticks.
-InjectOrder usual_injection(const InjectionRow& row, std::size_t drive);
+/// A fault with its usual amount and length.
+Injection usual_injection(const InjectionRow& row, std::size_t drive);
 /// True if a fault can begin while the loop runs on these drives.
 bool can_inject(const InjectionRow& row, Protocol protocol);
 /// True if that needs no access to the controller.

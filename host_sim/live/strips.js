@@ -6,12 +6,7 @@ const stripSeconds = 10, stripBin = 0.01;
 /** Samples thinned to the smallest and the largest of each bin, in the order in which they came: what chatters stays a band. */
 class Thinned {
   constructor(names) {
-    this.names = names;
-    this.clear();
-  }
-  clear() {
-    this.columns = Object.fromEntries(["t", ...this.names].map((name) => [name, []]));
-    this.bin = null;
+    Object.assign(this, { names, columns: Object.fromEntries(["t", ...names].map((name) => [name, []])), bin: null });
   }
   /** Columns of equal length, t among them. */
   add(samples) {

@@ -133,7 +133,8 @@ int run_hil(const Scene& scene, const RunOptions& o) {
 int run_hil(const RunOptions& o) {
   const Scene scene = read_loop_scene(o);
   require_confirmed(scene);
-  return scene.type == MechanismType::five_bar ? run_hil<FiveBarWorld>(scene, o) : run_hil<RrWorld>(scene, o);
+  return scene.type == MechanismType::five_bar ? run_hil<FiveBarTraits>(scene, o)
+                                               : run_hil<RrTraits>(scene, o);
 }
 
 }  // namespace esmc::host

@@ -191,8 +191,8 @@ int observe(const Scene& scene, const RunOptions& o, HostBus& bus) {
 }  // namespace
 
 int run_observe(const Scene& scene, const RunOptions& o, HostBus& bus) {
-  return scene.type == MechanismType::five_bar ? observe<FiveBarWorld>(scene, o, bus)
-                                               : observe<RrWorld>(scene, o, bus);
+  return scene.type == MechanismType::five_bar ? observe<FiveBarTraits>(scene, o, bus)
+                                               : observe<RrTraits>(scene, o, bus);
 }
 
 }  // namespace esmc::host

@@ -268,7 +268,7 @@ Scene read_scene_of_end(const RunOptions& o) {
 
 int run_plant(const RunOptions& o) {
   const Scene scene = read_scene_of_end(o);
-  return scene.type == MechanismType::five_bar ? plant<FiveBarWorld>(scene, o) : plant<RrWorld>(scene, o);
+  return scene.type == MechanismType::five_bar ? plant<FiveBarTraits>(scene, o) : plant<RrTraits>(scene, o);
 }
 
 int run_controller(const RunOptions& o) {
@@ -281,8 +281,8 @@ int run_controller(const RunOptions& o) {
     scene.hardware = o.realtime && carries_real_drives(o.bus);
     require_confirmed(scene);
   }
-  return scene.type == MechanismType::five_bar ? controller<FiveBarWorld>(scene, o)
-                                               : controller<RrWorld>(scene, o);
+  return scene.type == MechanismType::five_bar ? controller<FiveBarTraits>(scene, o)
+                                               : controller<RrTraits>(scene, o);
 }
 
 int run_hil_realtime(const Scene& scene, const RunOptions& o) {
@@ -291,8 +291,8 @@ int run_hil_realtime(const Scene& scene, const RunOptions& o) {
                      "--realtime needs --bus socketcan:INTERFACE or slcan:PLANT,CONTROLLER: the virtual bus "
                      "has no clock of its own");
   }
-  return scene.type == MechanismType::five_bar ? hil_realtime<FiveBarWorld>(scene, o)
-                                               : hil_realtime<RrWorld>(scene, o);
+  return scene.type == MechanismType::five_bar ? hil_realtime<FiveBarTraits>(scene, o)
+                                               : hil_realtime<RrTraits>(scene, o);
 }
 
 }  // namespace esmc::host

@@ -236,8 +236,8 @@ int run_sim(const RunOptions& o) {
   Scene scene = read_scene(o.scene, o.sets);
   refuse_bus_effects(scene, "esmc sim has no bus");
   scene.seed = o.seed;
-  return scene.type == MechanismType::five_bar ? simulate<FiveBarWorld>(scene, o)
-                                               : simulate<RrWorld>(scene, o);
+  return scene.type == MechanismType::five_bar ? simulate<FiveBarTraits>(scene, o)
+                                               : simulate<RrTraits>(scene, o);
 }
 
 namespace {
@@ -277,13 +277,13 @@ Trace case_of(const Scene& scene, bool base_errors) {
 }  // namespace
 
 Trace trace(const Scene& scene, bool single_precision) {
-  return scene.type == MechanismType::five_bar ? trace_of<FiveBarWorld>(scene, single_precision)
-                                               : trace_of<RrWorld>(scene, single_precision);
+  return scene.type == MechanismType::five_bar ? trace_of<FiveBarTraits>(scene, single_precision)
+                                               : trace_of<RrTraits>(scene, single_precision);
 }
 
 Trace run_case(const Scene& scene, bool base_errors) {
-  return scene.type == MechanismType::five_bar ? case_of<FiveBarWorld>(scene, base_errors)
-                                               : case_of<RrWorld>(scene, base_errors);
+  return scene.type == MechanismType::five_bar ? case_of<FiveBarTraits>(scene, base_errors)
+                                               : case_of<RrTraits>(scene, base_errors);
 }
 
 }  // namespace esmc::host

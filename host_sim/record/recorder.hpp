@@ -19,7 +19,7 @@
 namespace esmc::host {
 
 /// Plant and controller model of the same mechanism.
-struct FiveBarWorld {
+struct FiveBarTraits {
   using Plant = FiveBarPlant;
   using Mechanism = FiveBar<double>;
   using SinglePrecision = FiveBar<float>;
@@ -32,7 +32,7 @@ struct FiveBarWorld {
   static double angle(const Plant::Output& o, int joint) { return o.q[static_cast<std::size_t>(joint) + 2]; }
   static double rate(const Plant::Output& o, int joint) { return o.qd[static_cast<std::size_t>(joint) + 2]; }
 };
-struct RrWorld {
+struct RrTraits {
   using Plant = RrPlant;
   using Mechanism = Rr<double>;
   using SinglePrecision = Rr<float>;

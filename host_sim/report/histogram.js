@@ -5,12 +5,6 @@
     that one late tick in a million is seen. */
 function histogramFigure({ title, note, edges_s: edges, counts, total, mean_s: mean, p99_s: p99, max_s: max }) {
   const [width, height, left, right, top, bottom] = [560, 170, 44, 14, 16, 26], base = height - bottom;
-  const svg = (tag, attributes, ...children) => {
-    const node = document.createElementNS("http://www.w3.org/2000/svg", tag);
-    for (const [key, value] of Object.entries(attributes)) node.setAttribute(key, value);
-    node.append(...children);
-    return node;
-  };
   // Durations below the first bin (1 ns) are zero and would stretch the axis.
   const zeros = edges[0] < 1e-9 && counts.length > 1 ? counts[0] : 0, first = zeros ? 1 + counts.slice(1).findIndex((n) => n > 0) : 0;
   [edges, counts] = [edges.slice(first), counts.slice(first)];

@@ -50,7 +50,7 @@ const WorkspaceMap = (() => {
     return canvas;
   }
 
-  /** On a canvas: map (see report.hpp), geometry (mechanism.js), side: sign of sin(phi12 + phi22) of the run or 0,
+  /** On a canvas: map (see run_page.hpp), geometry (mechanism.js), side: sign of sin(phi12 + phi22) of the run or 0,
       reference: points of the path, pose() now. */
   class View {
     constructor(canvas, { map, geometry, side, reference, pose, legend, output }) {

@@ -51,6 +51,7 @@ const Mechanism = (() => {
       toWorld: ([px, py]) => [mx + (px - width / 2) / scale, my - (py - height / 2) / scale] };
   }
 
+  /** A path of the screen; NaN: a gap. */
   function path(c, points, style, dashes = []) {
     Object.assign(c, { lineJoin: "round", globalAlpha: 1 }, style).setLineDash(dashes);
     c.beginPath();
@@ -69,13 +70,11 @@ const Mechanism = (() => {
   function drawGrid(c, view, palette) {
     const step = roundStep(60 / view.scale), [x0, y1] = view.toWorld([0, 0]), [x1, y0] = view.toWorld([view.width, view.height]);
     const style = { strokeStyle: palette("rule"), lineWidth: 1 }, crisp = (p) => Math.round(p) + 0.5;
-    for (let k = Math.ceil(x0 / step); k * step <= x1; ++k) {
-      const px = crisp(view.toScreen([k * step, 0])[0]);
-      path(c, [[px, 0], [px, view.height]], style);
-    }
-    for (let k = Math.ceil(y0 / step); k * step <= y1; ++k) {
-      const py = crisp(view.toScreen([0, k * step])[1]);
-      path(c, [[0, py], [view.width, py]], style);
+    for (const [axis, lo, hi] of [[0, x0, x1], [1, y0, y1]]) {
+      for (let k = Math.ceil(lo / step); k * step <= hi; ++k) {
+        const at = crisp(view.toScreen([k * step, k * step])[axis]);
+        path(c, axis ? [[0, at], [view.width, at]] : [[at, 0], [at, view.height]], style);
+      }
     }
     return step;
   }
@@ -107,5 +106,5 @@ const Mechanism = (() => {
     if (Number.isFinite(tip[0] + tip[1])) dot(c, tip, 5.5, palette("c6"), palette("ink"));
   }
 
-  return { legs, pose, modes, box, fit, dot, drawGrid, drawPath, drawPose };
+  return { legs, pose, modes, box, fit, dot, path, drawGrid, drawPath, drawPose };
 })();

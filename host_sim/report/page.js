@@ -32,13 +32,14 @@ function duration(seconds) {
   return amount(seconds, unit, scale);
 }
 
-/** An element with attributes and children; strings become text, never markup. */
-function el(tag, attributes, ...children) {
-  const node = document.createElement(tag);
+const filled = (node, attributes, children) => {
   for (const [key, value] of Object.entries(attributes)) node.setAttribute(key, value);
   node.append(...children);
   return node;
-}
+};
+/** An element with attributes and children; strings become text, never markup. The same of a drawing. */
+const el = (tag, attributes, ...children) => filled(document.createElement(tag), attributes, children);
+const svg = (tag, attributes, ...children) => filled(document.createElementNS("http://www.w3.org/2000/svg", tag), attributes, children);
 
 /** The next of 1, 2, 5 times a power of ten. */
 function roundStep(least) {

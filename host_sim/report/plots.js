@@ -1,6 +1,13 @@
 // Plots that share one time axis: one cursor, one window.
 "use strict";
 
+/** The last row at or before t of ascending times. */
+function rowAt(times, t) {
+  let [lo, hi] = [0, times.length];
+  while (hi - lo > 1) { const mid = (lo + hi) >> 1; if (times[mid] <= t) lo = mid; else hi = mid; }
+  return lo;
+}
+
 /** Time for everything on the page: the window that is shown, and the cursor. */
 class TimeAxis {
   /** Times of the rows, ascending, s. */
@@ -16,12 +23,7 @@ class TimeAxis {
   /** "view" or "now": called with the axis whenever it has changed. */
   on(what, listener) { this.listeners[what].push(listener); }
   tell(what) { this.listeners[what].forEach((listener) => listener(this)); }
-  /** The last row at or before t. */
-  row(t = this.now) {
-    let [lo, hi] = [0, this.time.length];
-    while (hi - lo > 1) { const mid = (lo + hi) >> 1; if (this.time[mid] <= t) lo = mid; else hi = mid; }
-    return lo;
-  }
+  row(t = this.now) { return rowAt(this.time, t); }
   setNow(t) { this.now = clamp(t, this.start, this.end); this.tell("now"); }
   /** Shows [lo, hi], moved inside the log and never narrower than a few rows. */
   setView(lo, hi) {
@@ -61,7 +63,12 @@ class TimePlot extends Plot {
     if (!this.create(...this.settings())) return;
     this.cursor = el("i", { class: "now" });
     this.plot.over.append(this.cursor);
-    this.listen();
+    const over = this.plot.over, follow = (event) => {
+      if (!axis.busy || event.type === "pointerdown") axis.setNow(this.plot.posToVal(event.clientX - over.getBoundingClientRect().left, "x"));
+    };
+    on(over, "pointermove", follow);
+    on(over, "pointerdown", follow);
+    on(over, "dblclick", () => axis.reset());
     axis.on("view", () => this.show());
     axis.on("now", () => this.showNow());
     this.showNow();
@@ -102,26 +109,13 @@ class TimePlot extends Plot {
       { cursor: { x: false, y: false, points: { show: false }, drag: { x: true, y: false, setScale: false }, bind: { dblclick: () => null } },
         hooks: { draw: [(u) => this.decorate(u)], setSelect: [(u) => this.selected(u)] } }];
   }
-  listen() {
-    const over = this.plot.over, follow = (event) => {
-      if (!this.axis.busy || event.type === "pointerdown") this.axis.setNow(this.plot.posToVal(event.clientX - over.getBoundingClientRect().left, "x"));
-    };
-    on(over, "pointermove", follow);
-    on(over, "pointerdown", follow);
-    on(over, "dblclick", () => this.axis.reset());
-  }
   selected(u) {
     const { left, width } = u.select;
     if (width > 4) this.axis.setView(u.posToVal(left, "x"), u.posToVal(left + width, "x"));
     u.setSelect({ left: 0, width: 0, top: 0, height: 0 }, false);
   }
   show() { this.plot?.setScale("x", { min: this.axis.view[0], max: this.axis.view[1] }); this.showNow(); }
-  row() {
-    if (this.time === this.axis.time) return this.axis.row();
-    let row = 0;
-    while (row + 1 < this.time.length && this.time[row + 1] <= this.axis.now) ++row;
-    return row;
-  }
+  row() { return rowAt(this.time, this.axis.now); }
   showNow() {
     const row = this.row();
     for (const s of this.series) if (s.output) s.output.value = sig(s.values[row], 4);

@@ -3,11 +3,13 @@
 #include <fmt/format.h>
 
 #include <cmath>
+#include <string_view>
 #include <utility>
 
-#include "host_sim/report/report.hpp"
-
 namespace esmc::host {
+
+extern const std::string_view report_template;  // report.html.in, embedded by embed.cmake
+
 namespace {
 
 using Json = nlohmann::ordered_json;
@@ -21,15 +23,6 @@ Json rounded(const std::vector<double>& values, int digits) {
   Json out = Json::array();
   for (const double v : values) out.push_back(rounded(v, digits));
   return out;
-}
-
-Json mechanism_json(const PageMechanism& m) {
-  Json legs = Json::array();
-  for (std::size_t j = 0; j < (m.five_bar ? 2U : 1U); ++j)
-    legs.push_back({{"l1", m.params.legs[j].l1}, {"l2", m.params.legs[j].l2}});
-  return {{"type", m.five_bar ? "five_bar" : "rr"},
-          {"half_base", m.five_bar ? Json(m.params.l0) : Json(nullptr)},
-          {"legs", std::move(legs)}};
 }
 
 Json paths_json(const std::vector<WorkspaceMap::Path>& paths) {
@@ -102,11 +95,41 @@ Json rows_json(const std::vector<SeriesRow>& list) {
   return rows;
 }
 
+constexpr std::string_view placeholder = "/*ESMC_DATA*/";
+
+/// JSON text that an HTML parser cannot mistake for markup. In JSON `<` occurs only inside strings, where
+/// \u003c means the same; without it there is neither `</script>` nor `<!--`.
+std::string json_for_html(const Json& data) {
+  const std::string plain = data.dump(-1, ' ', /*ensure_ascii=*/false, Json::error_handler_t::replace);
+  std::string safe;
+  safe.reserve(plain.size() + 64);
+  for (const char c : plain) c == '<' ? safe.append("\\u003c") : safe.append(1, c);
+  return safe;
+}
+
+/// Puts the data into the page `report.html.in`, which draws everything itself when it is opened.
+std::string render_report(const Json& data) {
+  const std::size_t at = report_template.find(placeholder);
+  std::string page(report_template.substr(0, at));
+  page += json_for_html(data);
+  page += report_template.substr(at + placeholder.size());
+  return page;
+}
+
 }  // namespace
+
+Json mechanism_json(const FiveBarParams<double>& m, bool five_bar) {
+  Json legs = Json::array();
+  for (std::size_t j = 0; j < (five_bar ? 2U : 1U); ++j)
+    legs.push_back({{"l1", m.legs[j].l1}, {"l2", m.legs[j].l2}});
+  return {{"type", five_bar ? "five_bar" : "rr"},
+          {"half_base", five_bar ? Json(m.l0) : Json(nullptr)},
+          {"legs", std::move(legs)}};
+}
 
 std::string run_page(RunPage page) {
   Json& data = page.data;
-  data["mechanism"] = mechanism_json(page.mechanism);
+  data["mechanism"] = mechanism_json(page.mechanism.params, page.mechanism.five_bar);
   data["working_mode"] = page.mechanism.working_mode;
   data["workspace"] = workspace_json(page.mechanism);
   data["histograms"] = histograms_json(page.histograms);

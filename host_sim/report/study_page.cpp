@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <string_view>
 
 #include "host_sim/version.hpp"
@@ -23,15 +22,8 @@ constexpr const char* colours[] = {"#0072b2", "#d55e00", "#009e73", "#cc79a7",
 std::string escaped(const std::string& s) {
   std::string out;
   for (const char c : s) {
-    if (c == '<') {
-      out += "&lt;";
-    } else if (c == '>') {
-      out += "&gt;";
-    } else if (c == '&') {
-      out += "&amp;";
-    } else {
-      out += c;
-    }
+    const char* entity = c == '<' ? "&lt;" : (c == '>' ? "&gt;" : (c == '&' ? "&amp;" : nullptr));
+    entity != nullptr ? out.append(entity) : out.append(1, c);
   }
   return out;
 }
@@ -76,15 +68,11 @@ struct Axis {
 /// `kind` picks shape and colour; the class lets a page with a look of its own choose another colour.
 std::string marker(std::size_t kind, double x, double y) {
   kind %= std::size(colours);
-  std::string shape;
-  if (kind % 3 == 0) {
-    shape = fmt::format("circle cx='{:.1f}' cy='{:.1f}' r='3'", x, y);
-  } else if (kind % 3 == 1) {
-    shape = fmt::format("rect x='{:.1f}' y='{:.1f}' width='6' height='6'", x - 3, y - 3);
-  } else {
-    shape = fmt::format("path d='M{:.1f} {:.1f}l4 7h-8z'", x, y - 4);
-  }
-  return fmt::format("<{} class='s{}' color='{}' fill='currentColor'/>", shape, kind, colours[kind]);
+  const std::string shapes[] = {fmt::format("circle cx='{:.1f}' cy='{:.1f}' r='3'", x, y),
+                                fmt::format("rect x='{:.1f}' y='{:.1f}' width='6' height='6'", x - 3, y - 3),
+                                fmt::format("path d='M{:.1f} {:.1f}l4 7h-8z'", x, y - 4)};
+  return fmt::format("<{} class='s{}' color='{}' fill='currentColor'/>", shapes[kind % 3], kind,
+                     colours[kind]);
 }
 
 bool drawable(const std::pair<double, double>& p) {
@@ -146,13 +134,9 @@ std::string standalone(const std::string& svg) {
 }
 
 std::string bar_svg(const std::string& title, const std::string& x_label, const std::vector<Bar>& bars) {
-  double lo = std::numeric_limits<double>::infinity(), hi = 0.0, most = 0.0;
-  for (const Bar& b : bars) {
-    lo = std::min(lo, b.from);
-    hi = std::max(hi, b.to);
-    most = std::max(most, b.count);
-  }
-  if (!(hi > lo) || !(most > 0.0) || !(bars.front().to > bars.front().from)) return "";
+  if (bars.empty() || !(bars.front().to > bars.front().from)) return "";
+  const double lo = bars.front().from, hi = bars.back().to,
+               most = std::ranges::max(bars, {}, &Bar::count).count;
   constexpr double end = figure_width - 30, base = figure_height - bottom;
   const int decades = std::max(1, static_cast<int>(std::ceil(std::log10(most + 0.5))));
   const auto x = [&](double v) { return left + (v - lo) / (hi - lo) * (end - left); };
@@ -244,12 +228,9 @@ std::string figures_html(const std::vector<std::string>& drawings) {
   return out + "</section>\n";
 }
 
-std::string table_html(const std::string& title, const std::vector<std::vector<std::string>>& rows) {
-  return fmt::format("<section class='panel'><h2>{}</h2>{}</section>\n", escaped(title), html_table(rows));
-}
-
-std::string html_table(const std::vector<std::vector<std::string>>& rows) {
-  std::string out = "<div class='wide'><table>";
+std::string table_html(const std::string& title, const TextTable& rows) {
+  std::string out =
+      fmt::format("<section class='panel'><h2>{}</h2><div class='wide'><table>", escaped(title));
   const auto is_number = [](const std::string& s) {
     return s.find_first_not_of("0123456789.+-e ") == std::string::npos;
   };
@@ -265,10 +246,10 @@ std::string html_table(const std::vector<std::vector<std::string>>& rows) {
     }
     out += "</tr>\n";
   }
-  return out + "</table></div>\n";
+  return out + "</table></div>\n</section>\n";
 }
 
-std::string markdown_table(const std::vector<std::vector<std::string>>& rows) {
+std::string markdown_table(const TextTable& rows) {
   std::string out;
   for (std::size_t r = 0; r < rows.size(); ++r) {
     out += fmt::format("| {} |\n", fmt::join(rows[r], " | "));
@@ -279,7 +260,7 @@ std::string markdown_table(const std::vector<std::vector<std::string>>& rows) {
   return out;
 }
 
-std::string csv_table(const std::vector<std::vector<std::string>>& rows) {
+std::string csv_table(const TextTable& rows) {
   std::string out;
   for (const auto& row : rows) out += fmt::format("{}\n", fmt::join(row, ","));
   return out;

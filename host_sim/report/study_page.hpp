@@ -8,6 +8,9 @@
 
 namespace esmc::host {
 
+/// Rows of text; the first row is the head.
+using TextTable = std::vector<std::vector<std::string>>;
+
 struct Series {
   std::string name;
   std::vector<std::pair<double, double>> points;  ///< > 0; others are left out
@@ -24,8 +27,8 @@ std::string standalone(const std::string& svg);
 struct Bar {
   double from = 0.0, to = 0.0, count = 0.0;
 };
-/// Counts per interval; heights are logarithms, so that one in a million is seen. Empty where there is
-/// nothing to show.
+/// Counts per interval, ascending; heights are logarithms, so that one in a million is seen. Empty where
+/// there is nothing to show.
 std::string bar_svg(const std::string& title, const std::string& x_label, const std::vector<Bar>& bars);
 
 /// A histogram (SVG) of numbers. `sorted`: finite, ascending, not all equal; it is not checked.
@@ -44,12 +47,10 @@ std::string study_page(const std::string& title, const std::string& command, con
                        const StudyVerdict& verdict = {});
 /// Panels of a page: figures side by side; a table under its title.
 std::string figures_html(const std::vector<std::string>& drawings);
-std::string table_html(const std::string& title, const std::vector<std::vector<std::string>>& rows);
+std::string table_html(const std::string& title, const TextTable& rows);
 
-/// Rows of text as an HTML table; the first row is its head.
-std::string html_table(const std::vector<std::vector<std::string>>& rows);
 /// Rows as Markdown and as CSV.
-std::string markdown_table(const std::vector<std::vector<std::string>>& rows);
-std::string csv_table(const std::vector<std::vector<std::string>>& rows);
+std::string markdown_table(const TextTable& rows);
+std::string csv_table(const TextTable& rows);
 
 }  // namespace esmc::host

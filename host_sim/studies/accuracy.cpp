@@ -16,27 +16,25 @@ namespace esmc::host {
 namespace {
 
 using Json = nlohmann::ordered_json;
-using Rows = std::vector<std::vector<std::string>>;
 
 std::string text(double v) { return std::isfinite(v) ? fmt::format("{:.3g}", v) : ""; }
 
 struct Study {
   WorkPrecision work;
-  std::vector<TrackingPoint> tracking;
-  std::vector<EffectPoint> effects;
+  Json tracking, effects;
   double seconds = 0.0;
 };
 
-Rows work_rows(const Study& s) {
-  Rows rows{{"problem", "method", "control", "setting", "error", "cpu_ms"}};
+TextTable work_rows(const Study& s) {
+  TextTable rows{{"problem", "method", "control", "setting", "error", "cpu_ms"}};
   for (const WorkPoint& p : s.work.points) {
     rows.push_back({p.problem, p.method, p.adaptive ? "tolerance" : "step", text(p.setting), text(p.error),
                     text(p.cpu_ms)});
   }
   return rows;
 }
-Rows order_rows(const Study& s) {
-  Rows rows{{"problem", "method", "order", "measured", "verdict"}};
+TextTable order_rows(const Study& s) {
+  TextTable rows{{"problem", "method", "order", "measured", "verdict"}};
   for (const OrderFound& o : s.work.orders) {
     rows.push_back({o.problem, o.method, std::to_string(o.order),
                     o.judged() ? fmt::format("{:.2f}", o.found) : "",
@@ -44,65 +42,45 @@ Rows order_rows(const Study& s) {
   }
   return rows;
 }
-/// CPU time to an error: the cheapest run of each method that met it.
-Rows cost_rows(const Study& s) {
-  constexpr double wanted[] = {1e-3, 1e-6, 1e-9, 1e-12};
-  Rows rows{{"problem", "method", "1e-3", "1e-6", "1e-9", "1e-12"}};
-  std::map<std::pair<std::string, std::string>, std::array<double, 4>> best;
-  std::vector<std::pair<std::string, std::string>> order;
+/// The runs of a method on a problem.
+struct Curve {
+  std::string problem, method;
+  bool adaptive = false;
+  std::vector<std::pair<double, double>> points;  ///< CPU time in ms, error
+};
+std::vector<Curve> curves(const Study& s) {
+  std::vector<Curve> out;
   for (const WorkPoint& p : s.work.points) {
-    const auto key = std::make_pair(p.problem, p.method + (p.adaptive ? " (adaptive)" : ""));
-    auto [at, fresh] = best.try_emplace(key);
-    if (fresh) {
-      at->second.fill(std::numeric_limits<double>::infinity());
-      order.push_back(key);
-    }
-    for (std::size_t i = 0; i < 4; ++i) {
-      if (p.error <= wanted[i]) at->second[i] = std::min(at->second[i], p.cpu_ms);
-    }
+    const auto is_of = [&](const Curve& c) {
+      return c.problem == p.problem && c.method == p.method && c.adaptive == p.adaptive;
+    };
+    auto at = std::ranges::find_if(out, is_of);
+    if (at == out.end()) at = out.insert(at, {p.problem, p.method, p.adaptive, {}});
+    at->points.emplace_back(p.cpu_ms, p.error);
   }
-  for (const auto& key : order) {
-    std::vector<std::string> row{key.first, key.second};
-    for (const double v : best[key]) row.push_back(text(v));
-    rows.push_back(row);
+  return out;
+}
+/// CPU time to an error: the cheapest run of each method that met it.
+TextTable cost_rows(const Study& s) {
+  TextTable rows{{"problem", "method", "1e-3", "1e-6", "1e-9", "1e-12"}};
+  for (const Curve& c : curves(s)) {
+    rows.push_back({c.problem, c.method + (c.adaptive ? " (adaptive)" : "")});
+    for (const double wanted : {1e-3, 1e-6, 1e-9, 1e-12}) {
+      double best = std::numeric_limits<double>::infinity();
+      for (const auto& [cpu_ms, error] : c.points) {
+        if (error <= wanted) best = std::min(best, cpu_ms);
+      }
+      rows.back().push_back(text(best));
+    }
   }
   return rows;
 }
-Json tracking_json(const Study& s) {
-  Json out = Json::array();
-  for (const TrackingPoint& p : s.tracking) {
-    out.push_back({{"study", p.study},
-                   {"setting", p.setting},
-                   {"settled_max_rad", p.settled_max_rad},
-                   {"settled_rms_m", p.settled_rms_m},
-                   {"mean_abs_delta_nm", p.chatter_nm},
-                   {"us_per_tick", p.us_per_tick},
-                   {"fault", p.fault.empty() ? Json(nullptr) : Json(p.fault)}});
-  }
-  return out;
-}
-Json effects_json(const Study& s) {
-  Json out = Json::array();
-  for (const EffectPoint& p : s.effects) {
-    out.push_back({{"effect", p.effect},
-                   {"parameters", p.parameters},
-                   {"integrator", p.integrator},
-                   {"deviation_m", p.deviation_m},
-                   {"settled_max_rad", p.settled_max_rad},
-                   {"without_rad", p.without_rad},
-                   {"states_added", p.states},
-                   {"ns_per_step", p.ns_per_step},
-                   {"ns_without", p.ns_without},
-                   {"fault", p.fault.empty() ? Json(nullptr) : Json(p.fault)}});
-  }
-  return out;
-}
 /// A list of flat objects with the same keys as a table.
-Rows rows_of(const Json& list) {
-  Rows rows;
+TextTable rows_of(const Json& list) {
+  TextTable rows;
   for (const Json& object : list) {
-    if (rows.empty()) rows.emplace_back();
-    const bool first = rows.size() == 1;
+    const bool first = rows.empty();
+    if (first) rows.emplace_back();
     std::vector<std::string> row;
     for (const auto& [key, value] : object.items()) {
       if (first) rows.front().push_back(key);
@@ -120,19 +98,14 @@ Rows rows_of(const Json& list) {
 
 /// One figure per problem: name of the problem, drawing.
 std::vector<std::pair<std::string, std::string>> figures(const Study& s) {
-  std::map<std::string, std::vector<Series>> by_problem;
-  std::vector<std::string> problems;
-  for (const WorkPoint& p : s.work.points) {
-    auto [at, fresh] = by_problem.try_emplace(p.problem);
-    if (fresh) problems.push_back(p.problem);
-    const std::string label = p.method + (p.adaptive ? " adaptive" : "");
-    if (at->second.empty() || at->second.back().name != label) at->second.push_back({label, {}});
-    at->second.back().points.emplace_back(p.cpu_ms, p.error);
+  std::vector<std::pair<std::string, std::vector<Series>>> problems;
+  for (Curve& c : curves(s)) {
+    if (problems.empty() || problems.back().first != c.problem) problems.push_back({c.problem, {}});
+    problems.back().second.push_back({c.method + (c.adaptive ? " adaptive" : ""), std::move(c.points)});
   }
   std::vector<std::pair<std::string, std::string>> out;
-  for (const std::string& p : problems) {
-    out.emplace_back(p, log_log_svg(p, "CPU time, ms", "error at the end", by_problem[p]));
-  }
+  for (const auto& [problem, series] : problems)
+    out.emplace_back(problem, log_log_svg(problem, "CPU time, ms", "error at the end", series));
   return out;
 }
 
@@ -166,18 +139,18 @@ Json document(const Study& s) {
                            {"measured", o.found},
                            {"holds", o.holds()}});
   }
-  j["tracking"] = tracking_json(s);
-  j["effects"] = effects_json(s);
+  j["tracking"] = s.tracking;
+  j["effects"] = s.effects;
   j["seconds"] = s.seconds;
   return j;
 }
 
 /// The sections of every form the study is given in.
-std::vector<std::pair<std::string, Rows>> sections(const Study& s) {
+std::vector<std::pair<std::string, TextTable>> sections(const Study& s) {
   return {{"CPU time in ms to an error, per method", cost_rows(s)},
           {"Measured orders", order_rows(s)},
-          {"Tracking of the comparison scenario", rows_of(tracking_json(s))},
-          {"Effects on the comparison scenario", rows_of(effects_json(s))}};
+          {"Tracking of the comparison scenario", rows_of(s.tracking)},
+          {"Effects on the comparison scenario", rows_of(s.effects)}};
 }
 
 StudyVerdict verdict(const Study& s) {
@@ -202,8 +175,8 @@ void write_files(const Study& s, const AccuracyOptions& o, OutputDirectory& out)
   if (!out.wanted()) return;
   out.write("work_precision.csv", csv_table(work_rows(s)));
   out.write("orders.csv", csv_table(order_rows(s)));
-  out.write("tracking.csv", csv_table(rows_of(tracking_json(s))));
-  out.write("effects.csv", csv_table(rows_of(effects_json(s))));
+  out.write("tracking.csv", csv_table(rows_of(s.tracking)));
+  out.write("effects.csv", csv_table(rows_of(s.effects)));
   out.write("accuracy.json", document(s).dump(2) + "\n");
   std::string tables, markdown;
   std::vector<std::string> drawings;

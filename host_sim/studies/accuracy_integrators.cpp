@@ -10,33 +10,29 @@
 namespace esmc::host {
 namespace {
 
-template <class Plant>
-void plant_problem(const std::string& name, const Plant& plant, const typename Plant::State& start,
-                   double end, const MotorTorques<typename Plant::Joints>& torque, int fine, int first_steps,
-                   long most_steps, WorkPrecision& out, const typename Plant::State* golden = nullptr) {
-  using Sys = BareSystem<Plant>;
-  Sys system(plant);
-  system.set_torques(torque);
-  Problem<Sys> p{name, &system, {}, end};
-  Sys::put(p.start, start.angle, start.rate);
-  integrate_track(p, fine);
-  p.reference = p.track.back();
-  if (golden != nullptr) Sys::put(p.reference, golden->angle, golden->rate);
-  work_precision(p, first_steps, most_steps, out);
-}
-
-/// A problem of studies/. `known`: positions at the end, from elsewhere; empty: finely integrated.
+/// `known`: positions at the end, from elsewhere; empty: finely integrated.
 template <class S>
-void known_problem(const std::string& name, const S& system, double end, const std::vector<double>& known,
-                   int fine, int first_steps, long most_steps, double rounding, bool smooth,
-                   WorkPrecision& out) {
-  Problem<S> p{name, &system, system.start(), end};
+void known_problem(const std::string& name, const S& system, const typename S::State& start, double end,
+                   const std::vector<double>& known, int fine, int first_steps, long most_steps,
+                   double rounding, bool smooth, WorkPrecision& out) {
+  Problem<S> p{name, &system, start, end};
   p.rounding = rounding;
   p.smooth = smooth;
   integrate_track(p, fine);
   p.reference = p.track.back();
   for (std::size_t i = 0; i < known.size(); ++i) p.reference[i] = known[i];
   work_precision(p, first_steps, most_steps, out);
+}
+
+template <class Plant>
+void plant_problem(const std::string& name, const Plant& plant, const typename Plant::State& start,
+                   double end, const MotorTorques<typename Plant::Joints>& torque, int fine, int first_steps,
+                   long most_steps, WorkPrecision& out, const std::vector<double>& known = {}) {
+  BareSystem<Plant> system(plant);
+  system.set_torques(torque);
+  typename BareSystem<Plant>::State y{};
+  BareSystem<Plant>::put(y, start.angle, start.rate);
+  known_problem(name, system, y, end, known, fine, first_steps, most_steps, 2e-15, true, out);
 }
 
 OpenLoop waves(double amplitude) {
@@ -78,16 +74,17 @@ WorkPrecision integrator_study(double effort) {
                 FiveBarPlant::from_joints({0.33914579427821183820, 1.85318013531281830819,
                                            1.31276054418215195822, 1.48475269532538599760},
                                           {0, 0, 0, 0}),
-                0.25, {}, 64, 32, budget, out, &golden);
+                0.25, {}, 64, 32, budget, out, {golden.angle.begin(), golden.angle.end()});
   // B1 to B3: references of the literature, recomputed in quadruple precision. Of B2 only the position of B0
   // is known: the angle of its rod.
-  known_problem("B1 Andrews, 0.03 s", Andrews(), 0.03,
+  known_problem("B1 Andrews, 0.03 s", Andrews(), Andrews().start(), 0.03,
                 {15.81077119515370709711938, -15.75637105841183946972777, 0.04082224011964580485828232,
                  0.5244099658799540693716556, -0.5347301163420795937701850, 1.048080741041937873068515,
                  0.5347301163420795937701850},
                 200, 160, budget, 1e-14, true, out);
-  known_problem("B2 two four-bars, 20 s", TwoFourBars(), 20.0, {}, 1000, 400, budget, 2e-13, false, out);
-  known_problem("B3 pendulum, 10 s", Pendulum(), 10.0,
+  known_problem("B2 two four-bars, 20 s", TwoFourBars(), TwoFourBars().start(), 20.0, {}, 1000, 400, budget,
+                2e-13, false, out);
+  known_problem("B3 pendulum, 10 s", Pendulum(), Pendulum().start(), 10.0,
                 {-0.275087462576116860054391, -0.961419205099125064265135}, 400, 80, budget, 1e-14, true,
                 out);
   return out;

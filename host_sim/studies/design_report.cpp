@@ -4,9 +4,7 @@
 #include <fmt/ranges.h>
 
 #include <algorithm>
-#include <atomic>
 #include <nlohmann/json.hpp>
-#include <thread>
 
 #include "host_sim/check/sampled.hpp"
 #include "host_sim/controller/robust.hpp"
@@ -31,19 +29,18 @@ struct Plants {
 Plants simulate(const Scene& scene, std::uint64_t seed, std::uint64_t count, bool lengths, double band) {
   std::vector<double> error(count, 0.0);
   std::vector<std::string> fault(count);
-  std::atomic<std::uint64_t> next = 0;
-  run_jobs(static_cast<int>(std::clamp(std::thread::hardware_concurrency(), 1U, 64U)), [&](int) {
-    for (std::uint64_t i = next++; i < count && !stop_requested(); i = next++) {
-      try {
-        const Trace t = trace(sampled_plant(scene, seed, i, lengths));
-        const bool rr = scene.type == MechanismType::rr;
-        error[i] = (rr ? t.statistics.sums().base : t.statistics.sums().effector).settled().largest;
-        if (!t.end.faults.empty()) fault[i] = t.end.faults.front();
-        if (!std::isfinite(error[i])) fault[i] = "diverged";
-      } catch (const InputError&) {  // other lengths: the reference may be out of reach
-        fault[i] = "impossible";
-      }
+  run_each(std::min(processors(), 64), count, [&](std::uint64_t i) {
+    if (stop_requested()) return false;
+    try {
+      const Trace t = trace(sampled_plant(scene, seed, i, lengths));
+      const bool rr = scene.type == MechanismType::rr;
+      error[i] = (rr ? t.statistics.sums().base : t.statistics.sums().effector).settled().largest;
+      if (!t.end.faults.empty()) fault[i] = t.end.faults.front();
+      if (!std::isfinite(error[i])) fault[i] = "diverged";
+    } catch (const InputError&) {  // other lengths: the reference may be out of reach
+      fault[i] = "impossible";
     }
+    return true;
   });
   if (stop_requested()) throw RunError("interrupted");
   Plants out;
@@ -62,10 +59,10 @@ Plants simulate(const Scene& scene, std::uint64_t seed, std::uint64_t count, boo
   return out;
 }
 
-template <class World>
+template <class Traits>
 class Report {
  public:
-  using M = typename World::Mechanism;
+  using M = typename Traits::Mechanism;
   Report(const Scene& scene, const DesignOptions& o)
       : scene_(scene),
         o_(o),
@@ -77,11 +74,7 @@ class Report {
   }
 
   int print() const {
-    if (o_.run.json) {
-      fmt::print("{}\n", json().dump(2));
-    } else {
-      fmt::print("{}", text());
-    }
+    fmt::print("{}", o_.run.json ? json().dump(2) + "\n" : text());
     return d_.refused.empty() && held() ? 0 : 1;
   }
 
@@ -183,7 +176,7 @@ class Report {
     for (int i = 0; i < M::channels && !smc(); ++i) {
       const auto& r = d_.row[static_cast<std::size_t>(i)];
       if (r.k == 0.0) continue;
-      j["gains"].push_back({{"channel", World::channel_names[i]},
+      j["gains"].push_back({{"channel", Traits::channel_names[i]},
                             {"unit", M::is_angle(i) ? "rad/s2" : "m/s2"},
                             {"k", r.k},
                             {"need", r.need},
@@ -258,7 +251,7 @@ class Report {
       const auto& r = d_.row[static_cast<std::size_t>(i)];
       if (r.k == 0.0) continue;
       const std::string cause = dictates(r);
-      out += fmt::format("{:<6} {:>10.4g} {:>10.4g} {:>10.4g} {:>10.4g}  {}, {}\n", World::channel_names[i],
+      out += fmt::format("{:<6} {:>10.4g} {:>10.4g} {:>10.4g} {:>10.4g}  {}, {}\n", Traits::channel_names[i],
                          r.k, r.need, r.eta, r.linear, cause == "reaching_time" ? "reaching time" : cause,
                          where(r.place));
     }
@@ -335,8 +328,8 @@ int run_design(const DesignOptions& o) {
   }
   if (o.simulate > 0) refuse_bus_effects(scene, "esmc design simulates without a bus");
   scene.seed = o.run.seed;
-  return scene.type == MechanismType::five_bar ? Report<FiveBarWorld>(scene, o).print()
-                                               : Report<RrWorld>(scene, o).print();
+  return scene.type == MechanismType::five_bar ? Report<FiveBarTraits>(scene, o).print()
+                                               : Report<RrTraits>(scene, o).print();
 }
 
 }  // namespace esmc::host

@@ -34,18 +34,15 @@ Json model_block(const M& m, const typename M::Pose& p, const typename M::Rates&
   const Channels c = bias(m, p, r);
   const typename M::Rates still = m.chain_rates(p, Vec2<S>::Zero());
   const Channels g = m.force(Channels::Zero(), still);
-  const Channels f = m.force(Channels::Zero(), r) - g;
-  Json out;
-  out["C"] = to_json_array(C);
-  out["A"] = to_json_array(matrix_A(m, p));
-  out["b"] = to_json_array(vector_b(m, p, r));
-  out["M_diag"] = to_json_array(m.mass());
-  out["g"] = to_json_array(g);
-  out["f"] = to_json_array(f);
-  out["H"] = to_json_array(mass_matrix(m, C));
-  out["h"] = to_json_array(gather<M>(C, m.force(c, r)));
-  out["bias"] = to_json_array(c);
-  return out;
+  return {{"C", list(C)},
+          {"A", list(matrix_A(m, p))},
+          {"b", list(vector_b(m, p, r))},
+          {"M_diag", list(m.mass())},
+          {"g", list(g)},
+          {"f", list(m.force(Channels::Zero(), r) - g)},
+          {"H", list(mass_matrix(m, C))},
+          {"h", list(gather<M>(C, m.force(c, r)))},
+          {"bias", list(c)}};
 }
 
 /// e, e', s, v' of the full law, and the channels they come from.
@@ -55,18 +52,15 @@ Json law_block(const M& m, const Tracking<M>& t, const Gains<M>& gain, Reaching 
   using Channels = typename M::Channels;
   const Channels rate = m.channel_rates(t.pose, t.rates);
   const Channels rate_d = m.channel_rates(t.desired_pose, t.desired_rates);
-  Json out;
-  out["q"] = to_json_array(q);
-  out["q_d"] = to_json_array(q_d);
-  out["qd"] = to_json_array(rate);
-  out["qd_d"] = to_json_array(rate_d);
-  out["qdd_d"] =
-      to_json_array(m.channel_accelerations(t.desired_pose, t.desired_rates, t.desired_acceleration));
-  out["e"] = to_json_array(channel_errors(m, t).e);
-  out["edot"] = to_json_array((rate_d - rate).eval());
-  out["s"] = to_json_array(d.sliding);
-  out["vprime"] = to_json_array(demand(LawKind::esmc, m, gain, reaching, t).acceleration);
-  return out;
+  return {{"q", list(q)},
+          {"q_d", list(q_d)},
+          {"qd", list(rate)},
+          {"qd_d", list(rate_d)},
+          {"qdd_d", list(m.channel_accelerations(t.desired_pose, t.desired_rates, t.desired_acceleration))},
+          {"e", list(channel_errors(m, t).e)},
+          {"edot", list(rate_d - rate)},
+          {"s", list(d.sliding)},
+          {"vprime", list(demand(LawKind::esmc, m, gain, reaching, t).acceleration)}};
 }
 
 /// [theta1, theta2, phi1, phi2, Xg1, Yg1, Xg2, Yg2], angles as given (not wrapped).
@@ -83,7 +77,7 @@ Json evaluate_rr(const Node& n) {
   using M = Rr<S>;
   const Node pn = n.at("params");
   const RrParams<S> params{read_leg<S>(pn), pn.number<S>("g")};
-  require_valid<S>(check(params), n);
+  require_valid(check(params), n);
   const M m(params);
   const Node state = n.at("state");
   const Vec2<S> theta = state.vector<S, 2>("theta"), rate = state.vector<S, 2>("thetad");
@@ -91,20 +85,17 @@ Json evaluate_rr(const Node& n) {
   Json out;
   Mat<S, 2, 2> J;
   for (int k = 0; k < 2; ++k) J.col(k) = m.tip_rate(p, Vec2<S>::Unit(k));
-  out["effector"] = {{"pos", to_json_array(p.effector)},
-                     {"vel", to_json_array(m.tip_rate(p, rate))},
-                     {"J", to_json_array(J)}};
+  out["effector"] = {{"pos", list(p.effector)}, {"vel", list(m.tip_rate(p, rate))}, {"J", list(J)}};
   out["model"] = model_block(m, p, rate);
   if (n.has("forward")) {
     const Vec2<S> tau = n.at("forward").vector<S, 2>("tau");
     const auto pdot = accelerations<M>(m, p, rate, tau, tau, false);
-    out["forward"] = {{"thetadd", to_json_array(pdot.template head<2>().eval())},
-                      {"pdot", to_json_array(pdot)}};
+    out["forward"] = {{"thetadd", list(pdot.template head<2>())}, {"pdot", list(pdot)}};
   }
   if (n.has("inverse")) {
     const Vec2<S> a = n.at("inverse").vector<S, 2>("thetadd");
     const Vec2<S> tau = m.base_torque(p, m.force(m.channel_accelerations(p, rate, a), rate));
-    out["inverse"] = {{"tau", to_json_array(tau)}};
+    out["inverse"] = {{"tau", list(tau)}};
   }
   if (n.has("esmc")) {
     const Node e = n.at("esmc");
@@ -115,8 +106,8 @@ Json evaluate_rr(const Node& n) {
     Json block = law_block(m, t, gain, read_switch(e), leg_coordinates(m.arm(), p.arm, theta),
                            leg_coordinates(m.arm(), t.desired_pose.arm, theta_d), d);
     const Vec2<S> u = m.base_torque(p, m.force(d.acceleration, rate));
-    block["u"] = to_json_array(u);
-    block["v_projected"] = to_json_array(accelerations<M>(m, p, rate, u, u, false));
+    block["u"] = list(u);
+    block["v_projected"] = list(accelerations<M>(m, p, rate, u, u, false));
     out["esmc"] = std::move(block);
   }
   return out;
@@ -139,7 +130,7 @@ class FiveBarCase {
     const Node pn = n.at("params");
     if (pn.at("legs").size() != 2) pn.at("legs").fail("'params.legs' must have 2 entries");
     const auto params = read_params<S>(pn);
-    require_valid<S>(check(params), n);
+    require_valid(check(params), n);
     m_ = M(params);
     for (int j = 0; j < 2; ++j)
       sigma_.working[j] = n.at("mode").at("sigma").at(static_cast<std::size_t>(j)).sign();
@@ -163,13 +154,9 @@ class FiveBarCase {
   }
 
   Json evaluate() const {
-    Json out;
-    out["state"] = state();
-    out["singularity"] = singularity();
-    Json model;
-    model["Chat"] = to_json_array(matrix_Chat(m_, p_));
+    Json model{{"Chat", list(matrix_Chat(m_, p_))}};
     model.update(model_block(m_, p_, r_));
-    out["model"] = std::move(model);
+    Json out{{"state", state()}, {"singularity", singularity()}, {"model", std::move(model)}};
     if (n_.has("forward")) out["forward"] = forward();
     if (n_.has("inverse")) out["inverse"] = inverse();
     if (n_.has("esmc")) laws(out);
@@ -184,16 +171,14 @@ class FiveBarCase {
     return params;
   }
   Json state() const {
-    Json out;
     const auto closed = m_.forward(Vec2<S>(theta_[0], theta_[2]), n_.at("mode").at("assembly").sign());
-    out["x"] = closed ? Json(closed->effector.x()) : Json(nullptr);
-    out["y"] = closed ? Json(closed->effector.y()) : Json(nullptr);
     const auto r = m_.chain_rates(p_, r_.platform);
-    out["theta"] = to_json_array(unwrapped_like(M::angles(inverse_), theta_));
     Vec<S, 4> rates;
     rates << r.leg[0], r.leg[1];
-    out["thetad"] = to_json_array(rates);
-    return out;
+    return {{"x", closed ? Json(closed->effector.x()) : Json(nullptr)},
+            {"y", closed ? Json(closed->effector.y()) : Json(nullptr)},
+            {"theta", list(unwrapped_like(M::angles(inverse_), theta_))},
+            {"thetad", list(rates)}};
   }
   static Vec<S, 4> unwrapped_like(Vec<S, 4> angle, const Vec<S, 4>& reference) {
     const S turn = S(6.283185307179586476925286766559L);
@@ -206,13 +191,11 @@ class FiveBarCase {
     const S mean = (H(0, 0) + H(1, 1)) / S(2), half = (H(0, 0) - H(1, 1)) / S(2);
     const S radius = std::sqrt(half * half + H(0, 1) * H(0, 1)), large = mean + radius;
     const S det = H(0, 0) * H(1, 1) - H(0, 1) * H(0, 1);
-    Json out;
-    out["sin_theta12"] = M::sin_type1(p_, 0);
-    out["sin_theta22"] = M::sin_type1(p_, 1);
-    out["D2"] = p_.sin_type2;
-    out["det_Chat_base"] = chat(2, 0) * chat(4, 1) - chat(2, 1) * chat(4, 0);
-    out["cond_H"] = large * large / det;
-    return out;
+    return {{"sin_theta12", M::sin_type1(p_, 0)},
+            {"sin_theta22", M::sin_type1(p_, 1)},
+            {"D2", p_.sin_type2},
+            {"det_Chat_base", chat(2, 0) * chat(4, 1) - chat(2, 1) * chat(4, 0)},
+            {"cond_H", large * large / det}};
   }
   typename M::Channels forward_from(const Vec<S, 4>& tau) const {
     const List<Vec2<S>, 2> legs{{tau.template head<2>(), tau.template tail<2>()}};
@@ -224,13 +207,13 @@ class FiveBarCase {
     Json out;
     if (f.has("tau4")) {
       const auto pdot = forward_from(f.vector<S, 4>("tau4"));
-      out["xdd"] = to_json_array(pdot.template head<2>().eval());
-      out["pdot"] = to_json_array(pdot);
+      out["xdd"] = list(pdot.template head<2>());
+      out["pdot"] = list(pdot);
     }
     if (f.has("tau2")) {
       const Vec2<S> base = f.vector<S, 2>("tau2");
       const auto pdot = forward_from(Vec<S, 4>(base[0], S(0), base[1], S(0)));
-      out["xdd_from_tau2"] = to_json_array(pdot.template head<2>().eval());
+      out["xdd_from_tau2"] = list(pdot.template head<2>());
     }
     return out;
   }
@@ -246,17 +229,14 @@ class FiveBarCase {
     }
     const auto pdot = m_.channel_accelerations(p_, r_, acceleration);
     const auto w = m_.force(pdot, r_);
-    Json out;
-    out["pdot"] = to_json_array(pdot);
-    out["F"] = to_json_array(m_.platform_force(p_, w));
-    out["tau2"] = to_json_array(m_.base_torque(p_, w));
-    out["tau4_minnorm"] = to_json_array(allocate_all(m_, p_, w, Vec<S, 4>::Ones().eval()));
+    Json out{{"pdot", list(pdot)},
+             {"F", list(m_.platform_force(p_, w))},
+             {"tau2", list(m_.base_torque(p_, w))},
+             {"tau4_minnorm", list(allocate_all(m_, p_, w, Vec<S, 4>::Ones().eval()))}};
     if (in.has("W_diag")) {
       const Vec<S, 4> weight = in.vector<S, 4>("W_diag");
-      for (int i = 0; i < 4; ++i) {
-        if (!(weight[i] > S(0))) in.at("W_diag").fail("'inverse.W_diag' must be > 0");
-      }
-      out["tau4_weighted"] = to_json_array(allocate_all(m_, p_, w, weight));
+      if (!(weight.array() > S(0)).all()) in.at("W_diag").fail("'inverse.W_diag' must be > 0");
+      out["tau4_weighted"] = list(allocate_all(m_, p_, w, weight));
     }
     return out;
   }
@@ -276,10 +256,10 @@ class FiveBarCase {
         law_block(m_, t, gain, reaching, coordinates(m_, p_, theta_), coordinates(m_, *desired, theta_d), d);
     const auto w = m_.force(d.acceleration, r_);
     const Vec2<S> F = m_.platform_force(p_, w), base = m_.base_torque(p_, w);
-    block["F"] = to_json_array(F);
-    block["tau2"] = to_json_array(base);
-    block["tau4_minnorm"] = to_json_array(allocate_all(m_, p_, w, Vec<S, 4>::Ones().eval()));
-    block["v_projected"] = to_json_array(accelerations<M>(m_, p_, r_, F, base, base_form_));
+    block["F"] = list(F);
+    block["tau2"] = list(base);
+    block["tau4_minnorm"] = list(allocate_all(m_, p_, w, Vec<S, 4>::Ones().eval()));
+    block["v_projected"] = list(accelerations<M>(m_, p_, r_, F, base, base_form_));
     out["esmc"] = std::move(block);
     out["smc_xy"] = smc(t, gain, reaching);
   }
@@ -295,11 +275,7 @@ class FiveBarCase {
       v[i] = demand(LawKind::smc, m_, own, reaching, t).acceleration[i];
     }
     const auto w = m_.force(independent_acceleration(m_, t, v), r_);
-    Json out;
-    out["v"] = to_json_array(v);
-    out["F"] = to_json_array(m_.platform_force(p_, w));
-    out["tau2"] = to_json_array(m_.base_torque(p_, w));
-    return out;
+    return {{"v", list(v)}, {"F", list(m_.platform_force(p_, w))}, {"tau2", list(m_.base_torque(p_, w))}};
   }
 
   Node n_;
@@ -312,18 +288,12 @@ class FiveBarCase {
 };
 
 std::size_t line_of(const std::string& text, std::size_t position) {
-  return 1 + static_cast<std::size_t>(std::count(
-                 text.begin(), text.begin() + static_cast<std::ptrdiff_t>(std::min(position, text.size())),
-                 '\n'));
+  return 1 + static_cast<std::size_t>(std::ranges::count(text.substr(0, position), '\n'));
 }
 
 template <class S>
-Json evaluate_case(const Node& n, const std::string& id) {
-  Json out;
-  out["id"] = id;
-  const Json blocks = n.at("params").has("legs") ? FiveBarCase<S>(n).evaluate() : evaluate_rr<S>(n);
-  out.update(blocks);
-  return out;
+Json evaluate_case(const Node& n) {
+  return n.at("params").has("legs") ? FiveBarCase<S>(n).evaluate() : evaluate_rr<S>(n);
 }
 
 }  // namespace
@@ -336,8 +306,8 @@ std::string evaluate(const std::string& text, const std::string& file, bool sing
     throw InputError(file + ":" + std::to_string(line_of(text, e.byte)), "not valid JSON");
   } catch (const Json::exception& e) {  // valid, but not for a double
     const std::string what = e.what();
-    throw InputError(file, "not usable JSON: " +
-                               what.substr(what.find("] ") == std::string::npos ? 0 : what.find("] ") + 2));
+    const std::size_t mark = what.find("] ");  // after the number of the library's error
+    throw InputError(file, "not usable JSON: " + what.substr(mark == std::string::npos ? 0 : mark + 2));
   }
   if (!input.is_object() || !input.contains("cases") || !input["cases"].is_array()) {
     throw InputError(file + ":1", "an object with an array \"cases\" is needed");
@@ -353,7 +323,8 @@ std::string evaluate(const std::string& text, const std::string& file, bool sing
     const auto id = c["id"].get<std::string>();
     position = std::min(text.find("\"" + id + "\"", position), text.size());
     const Node n(c, file + ":" + std::to_string(line_of(text, position)) + ": case '" + id + "'", "");
-    out["cases"].push_back(single_precision ? evaluate_case<float>(n, id) : evaluate_case<double>(n, id));
+    Json& block = out["cases"].emplace_back(Json{{"id", id}});
+    block.update(single_precision ? evaluate_case<float>(n) : evaluate_case<double>(n));
   }
   return out.dump(1);
 }

@@ -71,16 +71,15 @@ class Node {
   std::string where_, path_;
 };
 
+/// A vector as an array of numbers, a matrix as an array of its rows.
 template <class Derived>
-Json to_json_array(const Eigen::MatrixBase<Derived>& m) {
+Json list(const Eigen::MatrixBase<Derived>& m) {
   Json out = Json::array();
   for (Eigen::Index i = 0; i < m.rows(); ++i) {
     if constexpr (Derived::ColsAtCompileTime == 1) {
       out.push_back(m(i, 0));
     } else {
-      Json row = Json::array();
-      for (Eigen::Index k = 0; k < m.cols(); ++k) row.push_back(m(i, k));
-      out.push_back(std::move(row));
+      out.push_back(list(m.row(i).transpose()));
     }
   }
   return out;
@@ -109,10 +108,8 @@ inline Reaching read_switch(const Node& n) {
 template <class S, int N>
 Vec<S, N> read_bounded(const Node& n, const char* key, bool positive) {
   const Vec<S, N> v = n.vector<S, N>(key);
-  for (int i = 0; i < N; ++i) {
-    if (positive ? !(v[i] > S(0)) : !(v[i] >= S(0)))
-      n.at(key).fail(std::string("'esmc.") + key + "' must be " + (positive ? "> 0" : ">= 0"));
-  }
+  if (!(positive ? (v.array() > S(0)).all() : (v.array() >= S(0)).all()))
+    n.at(key).fail(std::string("'esmc.") + key + "' must be " + (positive ? "> 0" : ">= 0"));
   return v;
 }
 
@@ -128,8 +125,7 @@ Gains<M> read_gains(const Node& n) {
   return g;
 }
 
-template <class S>
-void require_valid(ParamError e, const Node& n) {
+inline void require_valid(ParamError e, const Node& n) {
   if (e != ParamError::none) {
     n.fail(
         "'params' is not a possible mechanism: lengths > 0, masses and inertias >= 0, gravity >= 0, and "

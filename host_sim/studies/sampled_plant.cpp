@@ -41,22 +41,23 @@ bool within(double v, const Interval& i) {
 }
 
 /// Delays that the controller assumes, s and ticks.
-double told_torque_delay(const Scene& s) { return delay_ticks(s, Pacing::lockstep) * s.tick(); }
-int told_sensor_delay(const Scene& s) { return static_cast<int>(std::floor(s.sensor_lag_ticks)); }
+double known_torque_delay(const Scene& s) { return delay_ticks(s, Pacing::lockstep) * s.tick(); }
+int known_sensor_delay(const Scene& s) { return static_cast<int>(std::floor(s.sensor_lag_ticks)); }
+
+/// Makes an effect of the scene at least so large; `size` is its only parameter.
+template <class E, class T>
+void enlarge(std::vector<Effect>& effects, T E::*size, T least) {
+  const auto own = find_effect<E>(effects);
+  if (!(least > (own ? (*own).*size : T(0)))) return;
+  std::erase_if(effects, [](const Effect& e) { return std::holds_alternative<E>(e); });
+  effects.emplace_back(E{least});
+}
 
 /// Gives the plant the delays that the controller assumes.
 void delay(Scene& s) {
-  const auto own = find_effect<ComputeDelay>(s.effects);
-  if (const double late = told_torque_delay(s); late > (own ? own->time : 0.0)) {
-    std::erase_if(s.effects, [](const Effect& e) { return std::holds_alternative<ComputeDelay>(e); });
-    s.effects.emplace_back(ComputeDelay{late});
-  }
-  if (find_effect<Encoder>(s.effects) || find_effect<SensorNoise>(s.effects)) return;
-  const auto old = find_effect<SensorDelay>(s.effects);
-  if (const int late = told_sensor_delay(s); late > (old ? old->ticks : 0)) {
-    std::erase_if(s.effects, [](const Effect& e) { return std::holds_alternative<SensorDelay>(e); });
-    s.effects.emplace_back(SensorDelay{late});
-  }
+  enlarge(s.effects, &ComputeDelay::time, known_torque_delay(s));
+  if (!find_effect<Encoder>(s.effects) && !find_effect<SensorNoise>(s.effects))
+    enlarge(s.effects, &SensorDelay::ticks, known_sensor_delay(s));
 }
 
 }  // namespace
@@ -166,8 +167,8 @@ std::vector<std::string> not_covered(const Scene& scene) {
     const std::string type = type_name(e);
     const auto* torque = std::get_if<ComputeDelay>(&e);
     const auto* sensor = std::get_if<SensorDelay>(&e);
-    if (implicit && torque != nullptr && torque->time <= told_torque_delay(scene) * (1.0 + 1e-9)) continue;
-    if (implicit && sensor != nullptr && sensor->ticks <= told_sensor_delay(scene)) continue;
+    if (implicit && torque != nullptr && torque->time <= known_torque_delay(scene) * (1.0 + 1e-9)) continue;
+    if (implicit && sensor != nullptr && sensor->ticks <= known_sensor_delay(scene)) continue;
     if (type != ViscousFriction::type && type != CoulombFriction::type && type != Payload::type)
       out.push_back(type);
   }

@@ -4,10 +4,10 @@
 
 #include <algorithm>
 #include <charconv>
-#include <cmath>
-#include <optional>
+#include <utility>
 
 #include "host_sim/error.hpp"
+#include "host_sim/scene/keys.hpp"
 #include "host_sim/scene/reader.hpp"
 #include "host_sim/scene/start.hpp"
 
@@ -18,6 +18,80 @@ constexpr std::string_view plant_prefix = "plant.";
 bool is_plant(const std::string& key) { return key.starts_with(plant_prefix); }
 std::string table_key(const std::string& key) {
   return is_plant(key) ? "mechanism." + key.substr(plant_prefix.size()) : key;
+}
+
+template <double LegParams<double>::*member>
+void both(Scene& s, double v) {
+  for (LegParams<double>& leg : s.mechanism.legs) leg.*member = v;
+}
+template <std::size_t leg, double LegParams<double>::*member>
+void one(Scene& s, double v) {
+  s.mechanism.legs[leg].*member = v;
+}
+template <double ModelFactors::*member>
+void factor(Scene& s, double v) {
+  s.model.*member = v;
+}
+template <PerKind Scene::*member>
+void per_kind(Scene& s, double v) {
+  s.*member = {v, v};
+}
+
+#define ESMC_LEG(x)                                              \
+  {"mechanism.leg." #x, both<&LegParams<double>::x>},            \
+      {"mechanism.legs.1." #x, one<0, &LegParams<double>::x>},   \
+      {"mechanism.legs.2." #x, one<1, &LegParams<double>::x>}, { \
+    "control.model." #x, factor<&ModelFactors::x>                \
+  }
+
+/// Numbers of a Scene that a sweep sets without reading the scene again, by their keys in a specification.
+/// The reader checks their range and what CaseScenes::bind checks again: legs that can move, and the start.
+constexpr std::pair<std::string_view, Binding::Set> bindings[] = {
+    ESMC_LEG(l1),
+    ESMC_LEG(l2),
+    ESMC_LEG(lg1),
+    ESMC_LEG(lg2),
+    ESMC_LEG(m1),
+    ESMC_LEG(m2),
+    ESMC_LEG(J1),
+    ESMC_LEG(J2),
+    {"mechanism.half_base", [](Scene& s, double v) { s.mechanism.l0 = v; }},
+    {"mechanism.effector_mass", [](Scene& s, double v) { s.mechanism.m0 = v; }},
+    {"control.model.half_base", factor<&ModelFactors::half_base>},
+    {"control.model.effector_mass", factor<&ModelFactors::effector_mass>},
+    {"control.model.gravity", factor<&ModelFactors::gravity>},
+    {"control.lambda", per_kind<&Scene::lambda>},
+    {"control.gain",
+     [](Scene& s, double v) {
+       s.gain = {v, v};
+       s.robust_gain = false;
+     }},
+    {"control.layer", per_kind<&Scene::layer>},
+    {"control.kp", [](Scene& s, double v) { s.kp = v; }},
+    {"control.kd", [](Scene& s, double v) { s.kd = v; }},
+    {"control.delay_ticks", [](Scene& s, double v) { s.delay_ticks = v; }},
+    {"reference.radius", [](Scene& s, double v) { s.reference.radius = v; }},
+    {"reference.speed", [](Scene& s, double v) { s.reference.speed = v; }},
+    {"reference.phase", [](Scene& s, double v) { s.reference.phase = v; }},
+};
+#undef ESMC_LEG
+
+/// Null where the key has to be read.
+Binding find_binding(const std::string& key, const Scene& nominal) {
+  const std::string name = table_key(key);
+  const auto* found =
+      std::ranges::find(bindings, std::string_view(name), &std::pair<std::string_view, Binding::Set>::first);
+  if (found == std::end(bindings)) return {};
+  const bool five_bar = nominal.type == MechanismType::five_bar;
+  if (name.starts_with("reference.") && nominal.reference.type != ReferenceType::circle) return {};
+  if (!five_bar && (name.starts_with("mechanism.legs") || name == "mechanism.half_base" ||
+                    name == "mechanism.effector_mass"))
+    return {};
+  std::string path = name;  // in the table of keys
+  if (name.starts_with("mechanism.legs.")) path = "mechanism.leg." + name.substr(name.rfind('.') + 1);
+  if (name.starts_with("reference.")) path = "reference[circle]" + name.substr(name.find('.'));
+  const Key& k = find_key(path);
+  return {found->second, k.low, k.high, k.low_open};
 }
 
 std::vector<std::string> parts_of(const std::string& key) {
@@ -131,6 +205,7 @@ CaseScenes::CaseScenes(const SweepSpec& spec) : spec_(&spec) {
     const Axis& axis = spec.design.axes()[a];
     Bound b;
     b.plant = is_plant(v.key);
+    any_plant_ = any_plant_ || b.plant;
     if (v.factor) b.nominal = nominal_number(tables->scene, v);
     const bool numbers = std::all_of(v.values.begin(), v.values.end(), [](const SweepValue& x) {
       return std::holds_alternative<double>(x) || std::holds_alternative<std::int64_t>(x);
@@ -144,10 +219,6 @@ CaseScenes::CaseScenes(const SweepSpec& spec) : spec_(&spec) {
     }
   }
 }
-
-CaseScenes::CaseScenes(const CaseScenes& o)
-    : spec_(o.spec_), tables_(o.tables_), bound_(o.bound_), any_mechanism_(o.any_mechanism_) {}
-CaseScenes::~CaseScenes() = default;
 
 const Scene& CaseScenes::nominal() const { return tables_->nominal; }
 
@@ -216,12 +287,12 @@ void CaseScenes::read(std::uint64_t index) {
     }
   };
   fill(false);
-  auto scene = std::make_unique<Scene>(read_scene_table(table, spec_->scene));
+  Scene scene = read_scene_table(table, spec_->scene);
   if (plant) {
-    const FiveBarParams<double> believed = scene->believed.value_or(scene->mechanism);
+    const FiveBarParams<double> believed = scene.believed.value_or(scene.mechanism);
     fill(true);
-    *scene = read_scene_table(std::move(table), spec_->scene);
-    scene->believed = believed;
+    scene = read_scene_table(std::move(table), spec_->scene);
+    scene.believed = believed;
   }
   base_ = std::move(scene);
   read_for_ = std::move(values);
@@ -240,15 +311,10 @@ void CaseScenes::bind(std::uint64_t index, Scene& scene) const {
       std::swap(scene.mechanism, *scene.believed);
     }
   };
-  bool plant = false;
-  for (std::size_t a = 0; a < bound_.size(); ++a) {
-    plant = plant || bound_[a].plant;
-    if (bound_[a].binding.set != nullptr && !bound_[a].plant) set(a);
-  }
-  if (plant) {
-    if (!scene.believed) scene.believed = scene.mechanism;
+  for (const bool of_plant : {false, true}) {
+    if (of_plant && any_plant_ && !scene.believed) scene.believed = scene.mechanism;
     for (std::size_t a = 0; a < bound_.size(); ++a) {
-      if (bound_[a].binding.set != nullptr && bound_[a].plant) set(a);
+      if (bound_[a].binding.set != nullptr && bound_[a].plant == of_plant) set(a);
     }
   }
   if (!any_mechanism_) return;
@@ -259,11 +325,7 @@ void CaseScenes::bind(std::uint64_t index, Scene& scene) const {
 
 const Scene& CaseScenes::at(std::uint64_t index) {
   read(index);
-  if (!scene_) {
-    scene_ = std::make_unique<Scene>(*base_);
-  } else {
-    *scene_ = *base_;
-  }
+  scene_ = base_;
   bind(index, *scene_);
   const std::uint64_t samples = spec_->design.samples();
   scene_->seed = random_bits(spec_->seed, noise_stream, index % samples);

@@ -2,7 +2,7 @@
 /// From a case of a sweep to its scene, with the checks of `esmc sim --set`.
 
 #include <memory>
-#include <string>
+#include <optional>
 #include <vector>
 
 #include "host_sim/scene/scene.hpp"
@@ -10,7 +10,7 @@
 
 namespace esmc::host {
 
-/// How a number of a Scene is set without reading the scene again; see bindings.cpp.
+/// How a number of a Scene is set without reading the scene again.
 struct Binding {
   using Set = void (*)(Scene&, double);
   Set set = nullptr;             ///< null: the scene is read again
@@ -18,7 +18,7 @@ struct Binding {
   bool low_open = false;
 };
 
-/// Scenes of a specification, one at a time. Not for several threads at once; a copy starts afresh.
+/// Scenes of a specification, one at a time. Not for several threads at once: each takes a copy.
 ///
 /// Keys "plant...." change the true mechanism alone; the controller's model stays that of [mechanism] and
 /// control.model. A key that is one number of the Scene is set there; for any other the scene is read again,
@@ -28,9 +28,6 @@ class CaseScenes {
   /// Reads the scene and tries the ends of every axis. Throws InputError naming the [[vary]] that does not
   /// fit.
   explicit CaseScenes(const SweepSpec& spec);
-  CaseScenes(const CaseScenes& o);
-  CaseScenes& operator=(const CaseScenes&) = delete;
-  ~CaseScenes();
 
   /// The scene of a case, valid until the next call. Throws InputError where its values are impossible.
   [[nodiscard]] const Scene& at(std::uint64_t index);
@@ -59,11 +56,9 @@ class CaseScenes {
   std::shared_ptr<const Tables> tables_;
   std::vector<Bound> bound_;
   bool any_mechanism_ = false;  ///< of the bound ones: the start has to be computed again
-  std::unique_ptr<Scene> base_, scene_;
+  bool any_plant_ = false;      ///< a key changes the true mechanism alone
+  std::optional<Scene> base_, scene_;
   std::vector<SweepValue> read_for_;  ///< the values that base_ was read for
 };
-
-/// The binding of a key, "plant" and "mechanism" being the same; null where there is none.
-[[nodiscard]] Binding find_binding(const std::string& key, const Scene& nominal);
 
 }  // namespace esmc::host

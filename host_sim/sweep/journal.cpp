@@ -5,11 +5,10 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include <array>
 #include <cerrno>
-#include <cstring>
 #include <fstream>
 #include <span>
+#include <string_view>
 
 #include "firmware/link/crc.hpp"
 #include "host_sim/error.hpp"
@@ -18,7 +17,7 @@
 namespace esmc::host {
 namespace {
 
-constexpr std::array<char, 8> magic{'e', 's', 'm', 'c', 's', 'w', 'p', '1'};
+constexpr std::string_view magic = "esmcswp1";
 constexpr std::size_t head_size = 32;  // magic, identity, cases, objectives
 
 std::uint32_t crc32(const char* data, std::size_t size) {
@@ -54,13 +53,14 @@ void Journal::refuse(const std::string& why) {
   if (descriptor_ >= 0) ::close(descriptor_);
   throw InputError("", file_ + ": " + why);
 }
+void Journal::refuse_unwritable() { refuse(std::string("cannot be written: ") + std::strerror(errno)); }
 
 Journal::Journal(const std::string& file, std::uint64_t identity, std::uint64_t cases, std::size_t columns,
                  bool restart)
     : file_(file), cases_(cases), objectives_(columns) {
   descriptor_ = ::open(file.c_str(), O_RDWR | O_CREAT | O_APPEND | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK,
                        0666);  // NOLINT(*-vararg)
-  if (descriptor_ < 0) refuse(std::string("cannot be written: ") + std::strerror(errno));
+  if (descriptor_ < 0) refuse_unwritable();
   if (::flock(descriptor_, LOCK_EX | LOCK_NB) != 0) refuse("another sweep is writing here");
   struct stat what {};
   if (::fstat(descriptor_, &what) != 0 || !S_ISREG(what.st_mode)) refuse("is not a regular file");
@@ -68,12 +68,10 @@ Journal::Journal(const std::string& file, std::uint64_t identity, std::uint64_t 
   // A short head must begin as ours does.
   std::string begin(magic.size(), '\0');
   const ssize_t first = ::pread(descriptor_, begin.data(), begin.size(), 0);
-  if (first < 0 ||
-      begin.compare(0, static_cast<std::size_t>(first), magic.data(), static_cast<std::size_t>(first)) != 0)
+  if (first < 0 || !magic.starts_with(begin.substr(0, static_cast<std::size_t>(first))))
     refuse("is not the journal of a sweep");
-  if (restart && ::ftruncate(descriptor_, 0) != 0)
-    refuse(std::string("cannot be written: ") + std::strerror(errno));
-  std::string head(magic.begin(), magic.end());
+  if (restart && ::ftruncate(descriptor_, 0) != 0) refuse_unwritable();
+  std::string head(magic);
   put(head, identity);
   put(head, cases);
   put(head, static_cast<std::uint64_t>(columns));
@@ -83,12 +81,11 @@ Journal::Journal(const std::string& file, std::uint64_t identity, std::uint64_t 
     if (there != head) {
       refuse(
           "is the journal of another sweep: specification, scene or program have changed since; take another "
-          "--out, or "
-          "--restart");
+          "--out, or --restart");
     }
     read_back();
   } else if (size < 0 || ::ftruncate(descriptor_, 0) != 0 || !write_all(descriptor_, head)) {
-    refuse(std::string("cannot be written: ") + std::strerror(errno));
+    refuse_unwritable();
   }
 }
 
@@ -110,7 +107,7 @@ void Journal::read_back() {
     known[f.index] = true;
     found_.push_back(std::move(f));
   }
-  if (::ftruncate(descriptor_, at) != 0) refuse(std::string("cannot be written: ") + std::strerror(errno));
+  if (::ftruncate(descriptor_, at) != 0) refuse_unwritable();
 }
 
 void Journal::append(const std::vector<Finished>& cases) {

@@ -10,7 +10,6 @@
 
 #include "host_sim/error.hpp"
 #include "host_sim/report/study_page.hpp"
-#include "host_sim/sweep/pareto.hpp"
 #include "host_sim/sweep/runner.hpp"
 #include "host_sim/version.hpp"
 
@@ -45,12 +44,8 @@ std::vector<double> sorted_column(const SweepTable& t, std::size_t column) {
 std::string field(const std::string& text) {
   if (text.find_first_of(",\"\n\r") == std::string::npos) return text;
   std::string out = "\"";
-  for (const char c : text) {
-    if (c == '"') out += '"';
-    out += c;
-  }
-  out += '"';
-  return out;
+  for (const char c : text) out.append(c == '"' ? 2 : 1, c);
+  return out + "\"";
 }
 
 std::string number(double v) { return std::isfinite(v) ? fmt::format("{}", v) : std::string(); }
@@ -76,8 +71,7 @@ void write_table(const std::string& file, const std::string& head, const SweepTa
 /// Of the values of an objective, as in its entry of the summary.
 constexpr const char* quantiles[] = {"min", "p05", "median", "p95", "max"};
 
-}  // namespace
-
+/// Cases of each front of the specification; those alone that ended well.
 std::vector<std::vector<std::uint64_t>> fronts_of(const SweepSpec& spec, const SweepTable& table) {
   std::vector<std::vector<std::uint64_t>> out;
   for (const auto& columns : spec.pareto) {
@@ -95,6 +89,30 @@ std::vector<std::vector<std::uint64_t>> fronts_of(const SweepSpec& spec, const S
     out.push_back(std::move(front));
   }
   return out;
+}
+
+}  // namespace
+
+std::vector<std::size_t> pareto_front(const std::vector<std::vector<double>>& points) {
+  std::vector<std::size_t> order;
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    if (std::all_of(points[i].begin(), points[i].end(), [](double v) { return std::isfinite(v); }))
+      order.push_back(i);
+  }
+  std::sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) {
+    return points[a] != points[b] ? points[a] < points[b] : a < b;
+  });
+  // In this order nothing that comes later dominates what came before.
+  std::vector<std::size_t> front;
+  for (const std::size_t i : order) {
+    const auto no_better = [&](std::size_t f) {
+      return std::equal(points[f].begin(), points[f].end(), points[i].begin(),
+                        [](double a, double b) { return a <= b; });
+    };
+    // The last one of a front of two objectives has the smallest second.
+    if (std::none_of(front.rbegin(), front.rend(), no_better)) front.push_back(i);
+  }
+  return front;
 }
 
 Json sweep_summary(const SweepSpec& spec, const CaseScenes& scenes, const SweepTable& table) {
@@ -197,14 +215,13 @@ std::string sweep_page(const SweepSpec& spec, const CaseScenes& scenes, const Sw
                        const Json& summary) {
   constexpr std::size_t most_points = 4000, most_rows = 50;
   std::string body;
-  std::vector<std::vector<std::string>> rows{{"objective", "min", "p05", "median", "p95", "max", "mean"}};
+  TextTable rows{{"objective", "min", "p05", "median", "p95", "max", "mean"}};
   for (const auto& [name, o] : summary["objectives"].items()) {
     if (o.is_null()) continue;
     rows.push_back({name});
-    for (const char* q : {"min", "p05", "median", "p95", "max", "mean"})
-      rows.back().push_back(fmt::format("{:.4g}", o[q].get<double>()));
+    for (const Json& value : o) rows.back().push_back(fmt::format("{:.4g}", value.get<double>()));
   }
-  std::vector<std::vector<std::string>> ends{{"outcome", "cases"}};
+  TextTable ends{{"outcome", "cases"}};
   for (const auto& [name, n] : summary["outcomes"].items())
     ends.push_back({name, std::to_string(n.get<std::uint64_t>())});
   body += table_html("Outcomes", ends) + table_html("Objectives", rows);
@@ -223,7 +240,7 @@ std::string sweep_page(const SweepSpec& spec, const CaseScenes& scenes, const Sw
     body += figures_html({log_log_svg(y + " against " + x, x, y, {all, front})});
     if (every > 1)
       body += fmt::format("<p class='note'>One case in {} is drawn; the front is of all.</p>", every);
-    std::vector<std::vector<std::string>> best{{"case"}};
+    TextTable best{{"case"}};
     for (const Vary& v : spec.vary) best[0].push_back(v.key);
     for (const std::size_t c : columns) best[0].emplace_back(name_of(spec.wanted[c]));
     const std::size_t step = fronts[f].size() / most_rows + 1;

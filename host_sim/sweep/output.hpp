@@ -22,9 +22,10 @@ struct SweepTable {
   }
 };
 
-/// Returns the cases of each front of the specification; only cases that ended well.
-[[nodiscard]] std::vector<std::vector<std::uint64_t>> fronts_of(const SweepSpec& spec,
-                                                                const SweepTable& table);
+/// Rows of `points` (all of one length, smaller is better) that no other row dominates, in the order of the
+/// first column, then the second, ... Of equal rows the first one stands for all. Rows with a number that is
+/// not finite are left out.
+[[nodiscard]] std::vector<std::size_t> pareto_front(const std::vector<std::vector<double>>& points);
 
 /// Returns counts, ranges and fronts of a sweep: the object that --json prints.
 [[nodiscard]] nlohmann::ordered_json sweep_summary(const SweepSpec& spec, const CaseScenes& scenes,

@@ -13,19 +13,14 @@
 namespace esmc::host {
 namespace {
 
-constexpr double nothing = std::numeric_limits<double>::quiet_NaN();
-
 Score empty_score() {
   Score s;
-  s.fill(nothing);
+  s.fill(std::numeric_limits<double>::quiet_NaN());
   return s;
 }
 
 bool all_finite(const std::vector<double>& v) {
-  for (const double x : v) {
-    if (!std::isfinite(x)) return false;
-  }
-  return true;
+  return std::ranges::all_of(v, [](double x) { return std::isfinite(x); });
 }
 
 std::uint32_t fault_number(const std::string& of) {
@@ -35,15 +30,7 @@ std::uint32_t fault_number(const std::string& of) {
   return 0;
 }
 
-}  // namespace
-
-std::string outcome_name(std::uint32_t outcome) {
-  if (outcome == outcome_ok) return "ok";
-  if (outcome == outcome_diverged) return "diverged";
-  if (outcome < outcome_fault) return "impossible";
-  return name(static_cast<Fault>(outcome - outcome_fault));
-}
-
+/// The objectives of a run that ended well, but tick_ns. `tick` in s.
 Score score_of(const RunSums<double>& s, double tick) {
   Score out = empty_score();
   const auto set = [&](Objective o, double v) { out[static_cast<std::size_t>(o)] = v; };
@@ -64,6 +51,7 @@ Score score_of(const RunSums<double>& s, double tick) {
   return out;
 }
 
+/// What `esmc sim` would say of the scene: the very numbers of its summary.
 Score score_of(const Trace& trace, double tick, std::uint32_t& outcome) {
   outcome = outcome_ok;
   if (!trace.end.faults.empty()) outcome = outcome_fault + fault_number(trace.end.faults.front());
@@ -74,6 +62,15 @@ Score score_of(const Trace& trace, double tick, std::uint32_t& outcome) {
   Score out = score_of(trace.statistics.sums(), tick);
   out[static_cast<std::size_t>(Objective::faulted)] = outcome == outcome_ok ? 0.0 : 1.0;
   return out;
+}
+
+}  // namespace
+
+std::string outcome_name(std::uint32_t outcome) {
+  if (outcome == outcome_ok) return "ok";
+  if (outcome == outcome_diverged) return "diverged";
+  if (outcome < outcome_fault) return "impossible";
+  return name(static_cast<Fault>(outcome - outcome_fault));
 }
 
 Finished CaseRunner::finished(std::uint64_t index, std::uint32_t outcome, const Score& score) const {
@@ -128,7 +125,7 @@ void CaseRunner::run_together(std::vector<LaneJob>& jobs, std::vector<Finished>&
 
 bool CaseRunner::run(const Package& package, std::vector<Finished>& out) {
   for (auto& g : groups_) g.clear();
-  for (const std::uint64_t index : package.cases) {
+  for (const std::uint64_t index : package) {
     if (stop_requested()) return false;
     LaneJob job;
     job.index = index;

@@ -11,22 +11,13 @@
 
 namespace esmc::host {
 
-struct Trace;
-
 /// How a case ended: these, or `outcome_fault` + the number of the fault.
 inline constexpr std::uint32_t outcome_ok = 0, outcome_diverged = 1, outcome_impossible = 2,
                                outcome_fault = 16;
 [[nodiscard]] std::string outcome_name(std::uint32_t outcome);  ///< "ok", ..., or of the fault
 
 /// Cases of a sweep that are done together.
-struct Package {
-  std::vector<std::uint64_t> cases;
-};
-
-/// The objectives of a run that ended well, but tick_ns. `tick` in s.
-[[nodiscard]] Score score_of(const RunSums<double>& sums, double tick);
-/// The objectives of a run, with the same bits as in the summary of `esmc sim`. Sets `outcome`: see above.
-[[nodiscard]] Score score_of(const Trace& trace, double tick, std::uint32_t& outcome);
+using Package = std::vector<std::uint64_t>;
 
 class CaseRunner {
  public:
@@ -39,12 +30,11 @@ class CaseRunner {
  private:
   [[nodiscard]] Finished finished(std::uint64_t index, std::uint32_t outcome, const Score& score) const;
   [[nodiscard]] bool run_alone(std::uint64_t index, std::vector<Finished>& out);
-
-  const SweepSpec* spec_;
-  CaseScenes scenes_;
   /// The cases of a package that go together, until a kernel is full.
   void run_together(std::vector<LaneJob>& jobs, std::vector<Finished>& out);
 
+  const SweepSpec* spec_;
+  CaseScenes scenes_;
   const LaneKernel* kernel_;
   bool one_reference_ = true;
   std::vector<std::vector<LaneJob>> groups_;  ///< of equal settings

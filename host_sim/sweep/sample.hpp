@@ -5,9 +5,13 @@
 #include <cstdint>
 #include <vector>
 
+#include "host_sim/names.hpp"
+
 namespace esmc::host {
 
 enum class Sampling { grid, random, latin_hypercube };
+template <>
+inline constexpr auto names_of<Sampling> = std::array{"grid", "random", "latin_hypercube"};
 
 /// What one key of the scene goes through.
 struct Axis {

@@ -69,7 +69,7 @@ class Table {
   void finish() const {
     for (auto&& [k, node] : *table_) {
       const std::string key(k.str());
-      if (std::find(asked_.begin(), asked_.end(), key) != asked_.end()) continue;
+      if (std::ranges::count(asked_, key) > 0) continue;
       const std::string close = nearest(key, asked_);
       throw InputError(where(&node),
                        fmt::format("unknown key '{}'; {}", name_.empty() ? key : name_ + "." + key,
@@ -123,8 +123,8 @@ void read_axis(Table& t, Sampling method, Vary& v, Axis& axis) {
       t.wrong("values", fmt::format("an array of 1 to {} values", most_values));
     for (const toml::node& item : *list) {
       v.values.push_back(value_of(item, t));
-      const auto same = std::find(v.values.begin(), v.values.end() - 1, v.values.back());
-      if (list->size() <= 1000 && same != v.values.end() - 1) t.wrong("values", "none twice");
+      if (list->size() <= 1000 && std::ranges::count(v.values, v.values.back()) > 1)
+        t.wrong("values", "none twice");
     }
     if (steps || axis.logarithmic) t.fail("steps and log go with a range, not with values");
     axis.listed = v.values.size();
@@ -151,12 +151,11 @@ void read_axis(Table& t, Sampling method, Vary& v, Axis& axis) {
   axis.steps = steps.value_or(0);
 }
 
-std::size_t find_objective(const Table& t, const std::string& name) {
+Objective find_objective(const Table& t, const std::string& name) {
   std::vector<std::string> known;
-  for (std::size_t i = 0; i < objective_count; ++i) {
-    known.emplace_back(objectives[i].name);
-    if (known.back() == name) return i;
-  }
+  for (const ObjectiveText& o : objectives) known.emplace_back(o.name);
+  const auto found = std::ranges::find(known, name);
+  if (found != known.end()) return static_cast<Objective>(found - known.begin());
   const std::string close = nearest(name, known);
   t.fail(fmt::format(
       "unknown objective '{}'; {}", name,
@@ -171,9 +170,8 @@ void read_objectives(Table& root, SweepSpec& spec) {
                    Objective::torque_max_nm, Objective::energy_j,      Objective::faulted};
   } else {
     for (const std::string& name : root.texts("objectives", list->as_array(), allowed)) {
-      const auto o = static_cast<Objective>(find_objective(root, name));
-      if (std::find(spec.wanted.begin(), spec.wanted.end(), o) != spec.wanted.end())
-        root.wrong("objectives", "none twice");
+      const Objective o = find_objective(root, name);
+      if (std::ranges::count(spec.wanted, o) > 0) root.wrong("objectives", "none twice");
       spec.wanted.push_back(o);
     }
     if (spec.wanted.empty()) root.wrong("objectives", "one or more");
@@ -186,7 +184,7 @@ void read_objectives(Table& root, SweepSpec& spec) {
   for (const toml::node& item : *fronts->as_array()) {
     std::vector<std::size_t> front;
     for (const std::string& name : root.texts("pareto", item.as_array(), want)) {
-      const auto o = static_cast<Objective>(find_objective(root, name));
+      const Objective o = find_objective(root, name);
       const auto at = std::find(spec.wanted.begin(), spec.wanted.end(), o);
       if (at == spec.wanted.end() || o == Objective::tick_ns) root.wrong("pareto", want);
       front.push_back(static_cast<std::size_t>(at - spec.wanted.begin()));
@@ -214,9 +212,8 @@ bool overlap(const std::string& a, const std::string& b) {
     return inner == outer || inner.starts_with(outer + ".");
   };
   for (const std::string& x : places_of(a)) {
-    for (const std::string& y : places_of(b)) {
-      if (in(x, y) || in(y, x)) return true;
-    }
+    const auto sets_same = [&](const std::string& y) { return in(x, y) || in(y, x); };
+    if (std::ranges::any_of(places_of(b), sets_same)) return true;
   }
   return false;
 }
@@ -252,10 +249,7 @@ std::vector<Axis> read_axes(Table& root, SweepSpec& spec, Sampling method) {
 }  // namespace
 
 std::string text_of(const SweepValue& v) {
-  if (const auto* b = std::get_if<bool>(&v)) return *b ? "true" : "false";
-  if (const auto* i = std::get_if<std::int64_t>(&v)) return fmt::format("{}", *i);
-  if (const auto* d = std::get_if<double>(&v)) return fmt::format("{}", *d);
-  return std::get<std::string>(v);
+  return std::visit([](const auto& x) { return fmt::format("{}", x); }, v);
 }
 
 SweepSpec read_sweep(const std::string& file) {
@@ -274,20 +268,18 @@ SweepSpec read_sweep(const std::string& file) {
   if (node == nullptr || node->as_table() == nullptr)
     root.wrong("sample", "a table: method, and count unless that is grid");
   Table sample(*node->as_table(), file, "sample");
-  const auto name = sample.text("method");
-  const bool grid = name == "grid", random = name == "random";
-  if (!grid && !random && name != "latin_hypercube")
-    sample.wrong("method", "grid | random | latin_hypercube");
+  const auto method = from_name<Sampling>(sample.text("method").value_or(""));
+  if (!method) sample.wrong("method", std::string(choices<Sampling>));
+  const bool grid = method == Sampling::grid;
   const auto count = sample.count("count", 1, Design::most_cases);
   if (grid && count) sample.fail("a grid has as many cases as it has points: leave out count");
   if (!grid && !count) sample.wrong("count", fmt::format("an integer from 1 to {}", Design::most_cases));
   spec.seed = sample.count("seed", 0, std::uint64_t{1} << 62U).value_or(1);
   sample.finish();
-  const Sampling method = grid ? Sampling::grid : random ? Sampling::random : Sampling::latin_hypercube;
   read_objectives(root, spec);
-  auto axes = read_axes(root, spec, method);
+  auto axes = read_axes(root, spec, *method);
   root.finish();
-  spec.design = Design(method, count.value_or(1), spec.seed, std::move(axes));
+  spec.design = Design(*method, count.value_or(1), spec.seed, std::move(axes));
   if (spec.design.cases() == 0) sample.fail(fmt::format("more than {} cases", Design::most_cases));
   return spec;
 }

@@ -1,17 +1,15 @@
 #include "host_sim/sweep/sweep.hpp"
 
 #include <fmt/format.h>
-#include <time.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <chrono>
+#include <ctime>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
 #include <nlohmann/json.hpp>
 #include <optional>
-#include <thread>
 
 #include "host_sim/error.hpp"
 #include "host_sim/parallel.hpp"
@@ -19,7 +17,6 @@
 #include "host_sim/record/finish.hpp"
 #include "host_sim/record/output.hpp"
 #include "host_sim/record/recording.hpp"
-#include "host_sim/record/run_options.hpp"
 #include "host_sim/sweep/output.hpp"
 #include "host_sim/sweep/ranks.hpp"
 #include "host_sim/sweep/work.hpp"
@@ -33,12 +30,8 @@ namespace fs = std::filesystem;
 
 constexpr const char* journal_name = "sweep.journal";
 
-/// Of all threads of this process.
-double cpu_time() {
-  timespec t{};
-  ::clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
-  return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
-}
+/// Of all threads of this process, s.
+double cpu_time() { return static_cast<double>(std::clock()) / CLOCKS_PER_SEC; }
 
 /// Files that cases read besides the scene's own.
 std::vector<std::string> varied_files(const SweepSpec& spec) {
@@ -79,7 +72,6 @@ Json timing(const SweepOptions& o, const WorkerConfig& config, const Ranks* rank
       {"wall_s", wall_s},
       {"processes", processes},
       {"threads_each", config.jobs},
-      {"threads", thread_library()},
       {"lanes",
        config.kernel != nullptr ? fmt::format("{} x {}", config.kernel->lanes, config.kernel->name) : "none"},
       {"cases_per_s", static_cast<double>(cases) / wall_s},
@@ -150,8 +142,7 @@ class Sweep {
       out_.write("summary.json", json_text(summary) + "\n");
       out_.write("report.html", sweep_page(spec_, scenes_, table_, summary));
       out_.write("timing.json", json_text(timing) + "\n");
-      const auto& w = spec_.wanted;
-      if (std::find(w.begin(), w.end(), Objective::tick_ns) != w.end())
+      if (std::ranges::count(spec_.wanted, Objective::tick_ns) > 0)
         write_timing(out_.path("timing.csv"), spec_, table_);
       out_.commit();
       journal_->remove();
@@ -162,10 +153,11 @@ class Sweep {
     }
     fmt::print("{}", sweep_text(summary));
     const Json& rate = timing[timing["cpu_s"].is_null() ? "simulated_s_per_core_s" : "simulated_s_per_cpu_s"];
-    fmt::print("{:.3g} s: {:.0f} cases/s, {:.0f} simulated seconds per core-second ({} x {} {}, lanes: {})\n",
-               timing["wall_s"].get<double>(), timing["cases_per_s"].get<double>(), rate.get<double>(),
-               timing["processes"].get<int>(), timing["threads_each"].get<int>(),
-               timing["threads"].get<std::string>(), timing["lanes"].get<std::string>());
+    fmt::print(
+        "{:.3g} s: {:.0f} cases/s, {:.0f} simulated seconds per core-second ({} x {} threads, lanes: {})\n",
+        timing["wall_s"].get<double>(), timing["cases_per_s"].get<double>(), rate.get<double>(),
+        timing["processes"].get<int>(), timing["threads_each"].get<int>(),
+        timing["lanes"].get<std::string>());
     if (out_.wanted()) fmt::print("report: {}\n", (fs::path(out_.directory()) / "report.html").string());
   }
 
@@ -183,8 +175,7 @@ class Sweep {
 int run_with(const SweepOptions& o, Ranks* ranks, bool& broadcast) {
   const SweepSpec spec = read_sweep(o.spec);
   const CaseScenes scenes(spec);
-  const auto processors = static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
-  const WorkerConfig config{&spec, &scenes, o.jobs > 0 ? o.jobs : (ranks != nullptr ? 1 : processors),
+  const WorkerConfig config{&spec, &scenes, o.jobs > 0 ? o.jobs : (ranks != nullptr ? 1 : processors()),
                             o.scalar ? nullptr : &lane_kernels().front()};
   const std::uint64_t identity = identity_of(spec, scenes.nominal());
   if (ranks != nullptr && ranks->rank() > 0) {
@@ -202,26 +193,19 @@ int run_with(const SweepOptions& o, Ranks* ranks, bool& broadcast) {
 int run_sweep(const SweepOptions& o) {
   const auto ranks = join_ranks();
   bool broadcast = false;
-  if (ranks == nullptr) return run_with(o, nullptr, broadcast);
-  if (ranks->rank() == 0) {
-    try {
-      return run_with(o, ranks.get(), broadcast);
-    } catch (...) {
-      if (!broadcast) finish_workers(*ranks);
-      throw;
-    }
-  }
   try {
     return run_with(o, ranks.get(), broadcast);
   } catch (const std::exception&) {
-    std::string message;
-    (void)ranks->receive(message, true);
-    // 'x': the first process has found the same error and reports it; a failing status here would let mpirun
-    // end it before.
-    if (message[0] == 'x') return 0;
-    ranks->send(0, "eprocess " + std::to_string(ranks->rank()) + " cannot read what the first one has read");
-    return 2;
+    if (ranks != nullptr && ranks->rank() == 0 && !broadcast) finish_workers(*ranks);
+    if (ranks == nullptr || ranks->rank() == 0) throw;
   }
+  std::string message;
+  (void)ranks->receive(message, true);
+  // 'x': the first process has found the same error and reports it; a failing status here would let mpirun
+  // end it before.
+  if (message[0] == 'x') return 0;
+  ranks->send(0, "eprocess " + std::to_string(ranks->rank()) + " cannot read what the first one has read");
+  return 2;
 }
 
 }  // namespace esmc::host

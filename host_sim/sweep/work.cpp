@@ -1,7 +1,12 @@
 #include "host_sim/sweep/work.hpp"
 
+#include <dlfcn.h>
+
 #include <algorithm>
+#include <chrono>
+#include <cstdlib>
 #include <exception>
+#include <filesystem>
 #include <thread>
 
 #include "host_sim/error.hpp"
@@ -19,30 +24,27 @@ constexpr std::size_t largest_package = 128;
 std::string packages_message(const std::vector<Package>& packages) {
   std::string out = "p";
   for (const Package& p : packages) {
-    put(out, static_cast<std::uint64_t>(p.cases.size()));
-    for (const std::uint64_t i : p.cases) put(out, i);
+    put(out, p.size());
+    for (const std::uint64_t i : p) put(out, i);
   }
   return out;
 }
 std::vector<Package> read_packages(const std::string& in) {
   std::vector<Package> out;
   for (std::size_t at = 1; at < in.size();) {
-    Package p;
-    for (auto n = take<std::uint64_t>(in, at); n > 0; --n) p.cases.push_back(take<std::uint64_t>(in, at));
-    out.push_back(std::move(p));
+    Package& p = out.emplace_back(take<std::size_t>(in, at));
+    for (std::uint64_t& i : p) i = take<std::uint64_t>(in, at);
   }
   return out;
 }
 
-std::string results_message(const std::vector<Finished>& cases) {
-  std::string out = "r";
-  for (const Finished& f : cases) put(out, f);
-  return out;
-}
-std::vector<Finished> read_results(const std::string& in, std::size_t objectives) {
-  std::vector<Finished> out;
-  for (std::size_t at = 1; at < in.size();) out.push_back(take_finished(in, at, objectives));
-  return out;
+/// As OpenMPI, MPICH and Intel's mpirun, and Slurm's launcher say it.
+bool started_together() {
+  for (const char* name : {"OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MPI_LOCALNRANKS"}) {
+    const char* value = std::getenv(name);  // before there are threads
+    if (value != nullptr && std::strtol(value, nullptr, 10) > 1) return true;
+  }
+  return false;
 }
 
 /// This process's threads, until the list is empty.
@@ -88,7 +90,10 @@ class Dispatcher {
       return true;
     }
     try {
-      list_.finish(read_results(message, objectives_));
+      std::vector<Finished> results;
+      for (std::size_t at = 1; at < message.size();)
+        results.push_back(take_finished(message, at, objectives_));
+      list_.finish(results);
     } catch (...) {  // by the journal; the other processes must still be told to end
       list_.stop();
       exception_ = std::current_exception();
@@ -116,6 +121,22 @@ class Dispatcher {
 
 }  // namespace
 
+std::unique_ptr<Ranks> join_ranks() {
+  if (!started_together()) return nullptr;
+  std::error_code error;
+  const auto folder = std::filesystem::read_symlink("/proc/self/exe", error).parent_path();
+  void* module = ::dlopen((folder / "esmc_mpi.so").c_str(), RTLD_NOW | RTLD_GLOBAL);
+  if (module == nullptr) {
+    throw RunError(
+        "mpirun has started several processes, but this program was built without MPI: install "
+        "libopenmpi-dev and build again");
+  }
+  using Join = Ranks* (*)();
+  auto* join = reinterpret_cast<Join>(::dlsym(module, "esmc_join_ranks"));  // NOLINT(*-reinterpret-cast)
+  if (join == nullptr) throw RunError("esmc_mpi.so is not of this program");
+  return std::unique_ptr<Ranks>(join());
+}
+
 WorkList::WorkList(std::vector<bool> done, std::size_t workers, Sink sink)
     : done_(std::move(done)),
       finished_(static_cast<std::size_t>(std::count(done_.begin(), done_.end(), true))),
@@ -126,12 +147,12 @@ WorkList::WorkList(std::vector<bool> done, std::size_t workers, Sink sink)
 
 bool WorkList::next(Package& out) {
   const std::lock_guard lock(guard_);
-  out.cases.clear();
+  out.clear();
   if (stopped_) return false;
-  for (; at_ < done_.size() && out.cases.size() < package_size_; ++at_) {
-    if (!done_[at_]) out.cases.push_back(at_);
+  for (; at_ < done_.size() && out.size() < package_size_; ++at_) {
+    if (!done_[at_]) out.push_back(at_);
   }
-  return !out.cases.empty();
+  return !out.empty();
 }
 
 void WorkList::finish(const std::vector<Finished>& cases) {
@@ -177,8 +198,7 @@ void finish_workers(Ranks& ranks) {
 }
 
 void serve(const WorkerConfig& config, Ranks& ranks, std::uint64_t identity) {
-  std::string message;
-  std::vector<Finished> results;
+  std::string message, results = "r";
   (void)ranks.receive(message, true);
   if (message[0] == 'x') return;
   std::size_t at = 1;
@@ -193,18 +213,17 @@ void serve(const WorkerConfig& config, Ranks& ranks, std::uint64_t identity) {
       runners.push_back(std::make_unique<CaseRunner>(*config.spec, *config.scenes, config.kernel));
     std::vector<std::vector<Finished>> each(runners.size());
     while (true) {
-      ranks.send(0, results_message(results));
-      results.clear();
+      ranks.send(0, results);
+      results.assign(1, 'r');
       (void)ranks.receive(message, true);
       if (message[0] == 'x') return;
       const auto packages = read_packages(message);
       run_jobs(static_cast<int>(std::min(packages.size(), runners.size())), [&](int slot) {
         const auto i = static_cast<std::size_t>(slot);
-        each[i].clear();
         (void)runners[i]->run(packages[i], each[i]);
       });
       for (auto& some : each) {
-        results.insert(results.end(), some.begin(), some.end());
+        for (const Finished& f : some) put(results, f);
         some.clear();
       }
     }

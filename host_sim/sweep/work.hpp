@@ -2,7 +2,6 @@
 /// Distribution of the cases over threads of this process, and of others under mpirun. The result does not
 /// depend on it.
 
-#include <chrono>
 #include <cstdint>
 #include <functional>
 #include <mutex>
@@ -28,7 +27,6 @@ class WorkList {
   void finish(const std::vector<Finished>& cases);
   /// Makes next() return false from now on, for good.
   void stop();
-  [[nodiscard]] bool complete() const { return finished_ == done_.size(); }
 
  private:
   std::mutex guard_;

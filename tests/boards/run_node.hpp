@@ -18,7 +18,7 @@ struct NodeRun {
 template <class Node>
 NodeRun run_node(Node& node, const host::RunOptions& options, const host::Scene& scene,
                  const std::string& frames_path) {
-  using World = std::conditional_t<Node::Mechanism::joints == 4, host::FiveBarWorld, host::RrWorld>;
+  using World = std::conditional_t<Node::Mechanism::joints == 4, host::FiveBarTraits, host::RrTraits>;
   const auto bus = std::make_unique<hal::VirtualBus<2>>();
   host::FrameLog frames(frames_path.empty() ? nullptr : std::fopen(frames_path.c_str(), "wb"), "virtual",
                         static_cast<std::uint32_t>(scene.bitrate));

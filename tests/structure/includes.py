@@ -80,7 +80,7 @@ HOST = {
     "campaign": (CONTROLLER, "bus controller drives loop plant record report scene"),
     "sweep": (CONTROLLER, "controller integrate loop plant record report scene"),
     "studies": (CONTROLLER, "check controller integrate loop plant problems record report scene sweep"),
-    "live": (CONTROLLER, "bus campaign controller drives effects loop plant record scene"),
+    "live": (CONTROLLER, "bus campaign controller drives effects loop plant record report scene"),
     "cli": (CONTROLLER, "bus calibrate campaign check controller export identify live loop record scene spatial studies sweep"),
 }
 # Files that share a room with what sees the controller, and no more: the plant in space, the judge of a campaign and what it

@@ -7,7 +7,7 @@ import re
 import subprocess
 import sys
 
-OWN = re.compile(r"esmc::host::lane_kernel_v\d\(\)$")
+OWN = re.compile(r"esmc::host::lane_kernel_avx\w+\(.*\)$")
 
 
 def violations(listing):
@@ -19,10 +19,10 @@ def violations(listing):
 
 
 def self_test():
-    entry = "0000000000000000 T esmc::host::lane_kernel_v4()\n"
+    entry = "0000000000000000 T esmc::host::lane_kernel_avx512(esmc::host::LaneSettings const&)\n"
     cases = [
         (entry, 0),
-        (entry + "0000000000000010 t esmc::host::run_lanes<...>(...)\n", 0),
+        (entry + "0000000000000010 t esmc::host::LaneLoop<...>::run(...)\n", 0),
         (entry + "0000000000000010 W std::array<double, 2ul>::operator[](unsigned long)\n", 1),
         (entry + "0000000000000010 V guard variable for x\n", 1),
         (entry + "0000000000000010 u y\n", 1),

@@ -54,7 +54,7 @@ struct Outcome {
 /// Episodes of the loop of `real`, judged by what `promised` says; `only`: with this fault.
 Outcome run(const Scene& real, const Scene& promised, int episodes, std::uint64_t seed = 1,
             std::string_view only = {}) {
-  const EpisodeKind<FiveBarWorld> kind(real, promised);
+  const EpisodeKind<FiveBarTraits> kind(real, promised);
   Outcome out;
   for (int i = 0; i < episodes; ++i) {
     const std::uint64_t at = seed + static_cast<std::uint64_t>(i);
@@ -83,7 +83,7 @@ TEST(EpisodeTimes, OfOneKilohertzAreThoseOfTheRecord) {
     // With these, what is due is what a table of numbers once said.
     for (std::uint64_t seed = 0; seed < 400; ++seed) {
       Draw d(seed);
-      const Injection i = draw_injection(d, t, dialect(s.drives.protocol));
+      const Injection i = draw_injection(d, t, protocol_traits(s.drives.protocol));
       const std::string name(i.row->name);
       EXPECT_LE(i.length, i.row->longest == 0 ? i.length : i.row->longest) << name;
       const auto due = [&](const char* of, int ticks, double safe_ms) {
@@ -144,7 +144,7 @@ std::set<std::string> fits_too(const Scene& s, std::string_view fault) {
   const EpisodeTimes t = episode_times(s);
   for (std::uint64_t seed = 0; seed < 1000; ++seed) {
     Draw d(seed);
-    const Injection i = draw_injection(d, t, dialect(s.drives.protocol));
+    const Injection i = draw_injection(d, t, protocol_traits(s.drives.protocol));
     if (i.row->name == fault) out.insert(i.fits_too);
   }
   return out;
@@ -316,7 +316,7 @@ TEST(Campaign, GuardsThatAreWiderThanTheirSceneSaysAreFoundAtAnyRate) {
 TEST(Campaign, ALoopThatFailsByItselfIsNoMatterForACampaign) {
   const Scene s = scene("odrive", 1000.0, {"drives.heartbeat_timeout=0.005"});  // the drives beat every 10 ms
   try {
-    const EpisodeKind<FiveBarWorld> kind(s);
+    const EpisodeKind<FiveBarTraits> kind(s);
     ADD_FAILURE() << "a campaign began";
   } catch (const RunError& e) {
     EXPECT_NE(std::string(e.what()).find("heartbeat_lost"), std::string::npos) << e.what();

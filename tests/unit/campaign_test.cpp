@@ -76,8 +76,8 @@ TEST(Injections, EveryFaultIsDrawnInEveryPhaseItHas) {
   for (std::uint64_t seed = 0; seed < 5000; ++seed) {
     Draw d(seed);
     const Protocol p = seed % 2 == 0 ? Protocol::odrive : Protocol::cia402;
-    const Injection i = draw_injection(d, t, dialect(p));
-    ASSERT_TRUE(possible(*i.row, dialect(p), t));
+    const Injection i = draw_injection(d, t, protocol_traits(p));
+    ASSERT_TRUE(possible(*i.row, protocol_traits(p), t));
     seen.insert({i.row->name, i.phase});
     ++drives[i.drive];
     ASSERT_GE(i.length, 1);
@@ -95,7 +95,7 @@ TEST(Injections, WhatIsDueDependsOnHowManySamplesAreGone) {
   t.heartbeat_ticks = 50;
   for (std::uint64_t seed = 0; seed < 5000; ++seed) {
     Draw d(seed);
-    const Injection i = draw_injection(d, t, dialect(Protocol::odrive));
+    const Injection i = draw_injection(d, t, protocol_traits(Protocol::odrive));
     if (i.row->kind == Injected::loss) {
       EXPECT_EQ(i.must_pass, i.length <= 4);
       EXPECT_EQ(i.stale, i.length > 4);
@@ -487,7 +487,7 @@ class OnTheWire : public testing::Test {
     injection.row = &row(fault);
     injection.amount = amount;
     injection.choice = choice;
-    return {injection, dialect(Protocol::odrive), nodes};
+    return {injection, protocol_traits(Protocol::odrive), nodes};
   }
   const std::vector<int> nodes{5, 6};
   Injection injection{.drive = 0};

@@ -237,7 +237,7 @@ TEST(LiveSession, EveryFaultThatIsOfferedIsOverAfterAResetOrHome) {
     s->tick();
     EXPECT_TRUE(s->sample().injecting);
     run(*s, 100);
-    s->order(InjectOrder{});
+    s->order(Injection{});
     s->tick();
     EXPECT_FALSE(s->sample().injecting);
   }

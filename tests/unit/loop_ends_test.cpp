@@ -63,12 +63,12 @@ TEST_F(LoopEnds, AWatchdogWithMoreThanItsTimeIsNoProof) {
 TEST_F(LoopEnds, OnlyMotorsAreReportedAsNotReady) {
   options_.sets = {"control.sensors=\"all\"", "drives.nodes=[7, 8]", "sensors.nodes=[3, 4]"};
   const Scene mixed = read_loop_scene(options_);
-  const ControllerEnd<FiveBarWorld, Socket> controller(mixed, Pacing::realtime, here_);
+  const ControllerEnd<FiveBarTraits, Socket> controller(mixed, Pacing::realtime, here_);
   EXPECT_EQ(controller.unready(), "node 7 (silent), node 8 (silent)");
 }
 
 TEST_F(LoopEnds, ThePlantHearsAControllerOnlyInCommandsToItsDrives) {
-  PlantEnd<FiveBarWorld, Socket> plant(scene_, options_, here_, frames_, nullptr, false);
+  PlantEnd<FiveBarTraits, Socket> plant(scene_, options_, here_, frames_, nullptr, false);
   hal::CanFrame request = test::message(1, test::cmd_torque, 0, 0);
   request.remote = true;
   hal::CanFrame wide = test::message(1, test::cmd_mode, 1, 1);
@@ -112,7 +112,7 @@ TEST_F(LoopEnds, ThePlantRefusesAControllerOfAnotherScene) {
   options_.scene = ESMC_COMMAND_SCENE;
   scene_ = read_loop_scene(options_);
   const auto base = static_cast<std::uint32_t>(scene_.command->base_id);
-  PlantEnd<FiveBarWorld, Socket> plant(scene_, options_, here_, frames_, nullptr, false);
+  PlantEnd<FiveBarTraits, Socket> plant(scene_, options_, here_, frames_, nullptr, false);
   for (const hal::CanFrame& f : {link::encode_identity(base, scene_.identity), link::encode_identity(base, 0),
                                  link::encode_identity(base + 32, scene_.identity + 1)}) {
     ASSERT_EQ(there_.try_send(f), hal::SendStatus::ok);
@@ -130,7 +130,7 @@ TEST_F(LoopEnds, ThePlantRefusesAControllerOfAnotherScene) {
 TEST_F(LoopEnds, TheControllerSaysWhichSceneItWasMadeOf) {
   options_.scene = ESMC_COMMAND_SCENE;
   scene_ = read_loop_scene(options_);
-  ControllerEnd<FiveBarWorld, Socket> controller(scene_, Pacing::lockstep, here_);
+  ControllerEnd<FiveBarTraits, Socket> controller(scene_, Pacing::lockstep, here_);
   controller.request_arming();
   std::optional<std::uint32_t> said;
   for (hal::CanFrame f; there_.try_receive(f);) {
@@ -142,7 +142,7 @@ TEST_F(LoopEnds, TheControllerSaysWhichSceneItWasMadeOf) {
 
 /// A stranger speaks at once and all the time; the drive comes late.
 TEST_F(LoopEnds, TheControllerAsksUntilOneOfItsDrivesAnswers) {
-  ControllerEnd<FiveBarWorld, Socket> controller(scene_, Pacing::lockstep, here_);
+  ControllerEnd<FiveBarTraits, Socket> controller(scene_, Pacing::lockstep, here_);
   std::thread others([&] {
     for (int i = 0; i < 30; ++i) {
       (void)there_.try_send(test::heartbeat(9, 8));
@@ -158,7 +158,7 @@ TEST_F(LoopEnds, TheControllerAsksUntilOneOfItsDrivesAnswers) {
 }
 
 TEST_F(LoopEnds, AFloodInsteadOfASetIsAFaultAndNotAWait) {
-  ControllerEnd<FiveBarWorld, Socket> controller(scene_, Pacing::lockstep, here_);
+  ControllerEnd<FiveBarTraits, Socket> controller(scene_, Pacing::lockstep, here_);
   std::atomic<bool> over{false};
   std::thread others([&] {
     while (!over) {
@@ -193,8 +193,8 @@ class Loop {
     return controller.await_last_samples();
   }
   std::unique_ptr<hal::VirtualBus<2>> bus = std::make_unique<hal::VirtualBus<2>>();
-  PlantEnd<FiveBarWorld, hal::VirtualBus<2>::Port> plant;
-  ControllerEnd<FiveBarWorld, hal::VirtualBus<2>::Port> controller;
+  PlantEnd<FiveBarTraits, hal::VirtualBus<2>::Port> plant;
+  ControllerEnd<FiveBarTraits, hal::VirtualBus<2>::Port> controller;
 };
 
 TEST_F(LoopEnds, ShutDownEndsDisabledWhenTheDrivesReportIdle) {

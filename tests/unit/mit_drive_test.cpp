@@ -183,8 +183,8 @@ class MitLoop : public testing::Test {
     FrameLog frames;
     const auto bus = std::make_unique<hal::VirtualBus<3>>();
     using Port = hal::VirtualBus<3>::Port;
-    PlantEnd<FiveBarWorld, Port> plant(scene, o, bus->port(0), frames, nullptr, true);
-    ControllerEnd<FiveBarWorld, Port> controller(scene, Pacing::lockstep, bus->port(1));
+    PlantEnd<FiveBarTraits, Port> plant(scene, o, bus->port(0), frames, nullptr, true);
+    ControllerEnd<FiveBarTraits, Port> controller(scene, Pacing::lockstep, bus->port(1));
     int ticks = 0, zeros = 0, entered = 0;
     const unsigned node = static_cast<unsigned>(scene.drives.nodes[0]);
     const auto watch = [&] {

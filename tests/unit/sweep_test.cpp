@@ -15,7 +15,7 @@
 #include "host_sim/sweep/lanes/controller.hpp"
 #include "host_sim/sweep/lanes/kernel.hpp"
 #include "host_sim/sweep/lanes/lanes.hpp"
-#include "host_sim/sweep/pareto.hpp"
+#include "host_sim/sweep/output.hpp"
 #include "host_sim/sweep/runner.hpp"
 #include "host_sim/sweep/sample.hpp"
 
@@ -313,7 +313,7 @@ std::string vary(const std::string& key, const std::string& how) {
 std::vector<Finished> run_all(const SweepSpec& spec, const CaseScenes& scenes, const LaneKernel* kernel) {
   CaseRunner runner(spec, scenes, kernel);
   Package all;
-  for (std::uint64_t i = 0; i < spec.design.cases(); ++i) all.cases.push_back(i);
+  for (std::uint64_t i = 0; i < spec.design.cases(); ++i) all.push_back(i);
   std::vector<Finished> out;
   EXPECT_TRUE(runner.run(all, out));
   std::sort(out.begin(), out.end(), [](const Finished& a, const Finished& b) { return a.index < b.index; });

@@ -11,29 +11,6 @@ namespace {
 
 using M = FiveBar<double>;
 
-class References final : public LaneReference {
- public:
-  References(const LaneKernel& kernel, const std::vector<LaneJob>& jobs)
-      : lanes_(kernel.lanes), jobs_(jobs) {}
-  void fill(std::uint32_t first, std::uint32_t count, double* out) const override {
-    const bool one = jobs_.front().settings.one_reference;
-    const int columns = one ? 1 : lanes_;
-    for (std::uint32_t i = 0; i < count; ++i, out += static_cast<std::ptrdiff_t>(6 * columns)) {
-      for (int lane = 0; lane < columns; ++lane) {
-        const auto u = std::min(static_cast<std::size_t>(lane), jobs_.size() - 1);
-        const Motion2<double> m = jobs_[u].reference.at(first + i);
-        const double values[] = {m.position[0], m.position[1],     m.velocity[0],
-                                 m.velocity[1], m.acceleration[0], m.acceleration[1]};
-        for (int c = 0; c < 6; ++c) out[c * columns + lane] = values[c];
-      }
-    }
-  }
-
- private:
-  int lanes_;
-  const std::vector<LaneJob>& jobs_;
-};
-
 /// As Motion and its engine begin.
 void put_start(const Scene& scene, LaneCase& out) {
   FiveBarPlant::Joints angle{}, rate{};
@@ -45,20 +22,48 @@ void put_start(const Scene& scene, LaneCase& out) {
   out.rate = state.rate;
 }
 
-}  // namespace
-
-bool wants_base_errors(const std::vector<Objective>& wanted) {
-  return std::any_of(wanted.begin(), wanted.end(), [](Objective o) {
-    return o == Objective::rms_rad || o == Objective::max_rad || o == Objective::settled_rms_rad ||
-           o == Objective::settled_max_rad;
-  });
-}
-
+/// False where the scene has a part that lanes do not cover: another mechanism, effects, four motors or
+/// sensors, a reference of the joints or of the measured start.
 bool fits_lanes(const Scene& s) {
   return s.type == MechanismType::five_bar && s.closed_loop() && s.effects.empty() && !s.all_motors &&
          !s.all_sensors && s.method == Method::rk4 && s.reference.type != ReferenceType::joint_sine &&
          s.reference.type != ReferenceType::none &&
          (s.reference.type != ReferenceType::hold || s.reference.position);
+}
+
+}  // namespace
+
+void fill_references(const LaneSettings& settings, const LaneCase* cases, int lanes, std::uint32_t first,
+                     std::uint32_t count, double* out) {
+  const int columns = settings.one_reference ? 1 : lanes;
+  for (std::uint32_t i = 0; i < count; ++i, out += static_cast<std::ptrdiff_t>(6 * columns)) {
+    for (int lane = 0; lane < columns; ++lane) {
+      const Motion2<double> m = cases[lane].reference.at(first + i);
+      const double values[] = {m.position[0], m.position[1],     m.velocity[0],
+                               m.velocity[1], m.acceleration[0], m.acceleration[1]};
+      for (int c = 0; c < 6; ++c) out[c * columns + lane] = values[c];
+    }
+  }
+}
+
+const std::vector<LaneKernel>& lane_kernels() {
+  static const std::vector<LaneKernel> list = [] {
+    std::vector<LaneKernel> out;
+#ifdef ESMC_WIDE_LANES
+    if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") &&
+        __builtin_cpu_supports("avx512vl"))
+      out.push_back({"AVX-512", 8, &lane_kernel_avx512});
+    if (__builtin_cpu_supports("avx2")) out.push_back({"AVX2", 4, &lane_kernel_avx2});
+#endif
+    out.push_back({"baseline", 2, &lane_kernel_baseline});
+    return out;
+  }();
+  return list;
+}
+
+bool wants_base_errors(const std::vector<Objective>& wanted) {
+  return std::ranges::any_of(
+      wanted, [](Objective o) { return o >= Objective::rms_rad && o <= Objective::settled_max_rad; });
 }
 
 bool make_lane_job(const Scene& scene, const std::vector<Objective>& wanted, bool one_reference,
@@ -69,7 +74,6 @@ bool make_lane_job(const Scene& scene, const std::vector<Objective>& wanted, boo
   const ControllerConfig<M> c = make_controller<M>(scene, Pacing::lockstep, *out.bundle);
   if (c.join_ticks > 0 || c.ramp_ticks > 0 || c.sign_test_move > 0.0) return false;
   if (c.reach != nullptr || c.observer != nullptr || c.predict != nullptr) return false;
-  out.reference = JoinedReference<double>(c.reference, 0, c.sample_time);
   LaneSettings& s = out.settings;
   s = {};
   s.law = c.law;
@@ -85,6 +89,7 @@ bool make_lane_job(const Scene& scene, const std::vector<Objective>& wanted, boo
   s.one_reference = one_reference;
   LaneCase& n = out.numbers;
   n.controller = c;
+  n.reference = JoinedReference<double>(c.reference, 0, c.sample_time);
   n.believed = believed_mechanism(scene);
   n.plant = scene.mechanism;
   s.true_lengths = same_lengths(n.believed, n.plant);
@@ -98,7 +103,7 @@ void run_lane_jobs(const LaneKernel& kernel, const std::vector<LaneJob>& jobs, s
   for (std::size_t i = 0; i < lanes; ++i)
     cases.push_back(jobs[std::min(i, jobs.size() - 1)].numbers);  // the rest for nothing
   out.assign(lanes, {});
-  kernel.run(jobs.front().settings, cases.data(), References(kernel, jobs), out.data());
+  kernel.run(jobs.front().settings, cases.data(), out.data());
   out.resize(jobs.size());
 }
 

@@ -15,14 +15,11 @@ struct LaneJob {
   std::uint64_t index = 0;
   LaneSettings settings;
   LaneCase numbers;
-  std::shared_ptr<const ReferenceBundle<double>> bundle;  ///< the reference looks into it
-  JoinedReference<double> reference;
+  std::shared_ptr<const ReferenceBundle<double>> bundle;
 };
 
-/// False where the scene has a part that lanes do not cover: another mechanism, effects, four motors or
-/// sensors, joining, a ramp, a sign test, a reference of the joints or of the measured start.
+/// False where the scene has a part that lanes do not cover, as effects, joining, a ramp or a sign test.
 /// `wanted`: objectives; `one_reference`: no key of [reference] varies.
-[[nodiscard]] bool fits_lanes(const Scene& scene);
 [[nodiscard]] bool make_lane_job(const Scene& scene, const std::vector<Objective>& wanted, bool one_reference,
                                  LaneJob& out);
 

@@ -15,15 +15,6 @@ struct Eigen::NumTraits<esmc::host::Lanes<N, Tag>> : Eigen::GenericNumTraits<dou
   using NonInteger = Real;
   using Nested = Real;
   using Literal = Real;
-  enum {
-    IsComplex = 0,
-    IsInteger = 0,
-    IsSigned = 1,
-    RequireInitialization = 0,
-    ReadCost = 1,
-    AddCost = 1,
-    MulCost = 1
-  };
 };
 
 /// isZero of the controller's preload, which no lane has.
@@ -41,7 +32,7 @@ struct std::numeric_limits<esmc::host::Lanes<N, Tag>> : std::numeric_limits<doub
 
 namespace esmc::host {
 
-/// Motion of the reference at consecutive ticks from `first` on, in the layout of LaneReference::fill.
+/// Motion of the reference at consecutive ticks from `first` on, in the layout of fill_references.
 struct LaneTrack {
   const double* values = nullptr;
   std::uint64_t first = 0;
@@ -79,7 +70,7 @@ LaneTorqueCheck<N, Tag> limit_torque(Lanes<N, Tag>& torque, Lanes<N, Tag> limit)
 
 namespace esmc {
 
-/// The reference as a table: what each lane follows is computed by LaneReference.
+/// The reference as a table: what each lane follows is computed by fill_references.
 template <int N, class Tag>
 struct Reference<host::Lanes<N, Tag>> {
   using L = host::Lanes<N, Tag>;

@@ -4,7 +4,6 @@
 
 #include <array>
 #include <cstdint>
-#include <optional>
 #include <vector>
 
 #include "firmware/cycle/controller_config.hpp"
@@ -34,6 +33,7 @@ struct LaneSettings {
 /// Of one lane.
 struct LaneCase {
   ControllerConfig<FiveBar<double>> controller;
+  JoinedReference<double> reference;  ///< looks into the bundle of its job
   FiveBarParams<double> believed, plant;
   std::array<double, 4> angle{}, rate{};  ///< of the plant's bars at t = 0, closed
 };
@@ -43,29 +43,21 @@ struct LaneScore {
   RunSums<double> sums;
 };
 
-/// Position, velocity, acceleration of the effector's reference: out[tick * 6 + coordinate] with one for all
-/// lanes, else out[(tick * 6 + coordinate) * lanes + lane].
-class LaneReference {
- public:
-  virtual ~LaneReference() = default;
-  virtual void fill(std::uint32_t first, std::uint32_t count, double* out) const = 0;
-
- protected:
-  LaneReference() = default;
-  LaneReference(const LaneReference&) = default;
-  LaneReference& operator=(const LaneReference&) = default;
-};
+/// Position, velocity, acceleration of the effector's reference at `count` ticks from `first` on:
+/// out[tick * 6 + coordinate] with one for all lanes, else out[(tick * 6 + coordinate) * lanes + lane].
+void fill_references(const LaneSettings& settings, const LaneCase* cases, int lanes, std::uint32_t first,
+                     std::uint32_t count, double* out);
 
 struct LaneKernel {
   const char* name;  ///< "AVX-512", ...
   int lanes;
-  void (*run)(const LaneSettings&, const LaneCase* cases, const LaneReference& reference, LaneScore* out);
+  void (*run)(const LaneSettings&, const LaneCase* cases, LaneScore* out);
 };
 
-// Each in its own file, kernel_*.cpp.
-[[nodiscard]] LaneKernel lane_kernel_baseline();
-[[nodiscard]] LaneKernel lane_kernel_v3();  // x86 alone
-[[nodiscard]] LaneKernel lane_kernel_v4();
+// loop.cpp, compiled for two lanes on any processor, and for the wider ones of x86.
+void lane_kernel_baseline(const LaneSettings& settings, const LaneCase* cases, LaneScore* out);
+void lane_kernel_avx2(const LaneSettings& settings, const LaneCase* cases, LaneScore* out);
+void lane_kernel_avx512(const LaneSettings& settings, const LaneCase* cases, LaneScore* out);
 /// Those that this machine can run, the fastest first.
 [[nodiscard]] const std::vector<LaneKernel>& lane_kernels();
 

@@ -2,19 +2,20 @@
 
 namespace esmc::host {
 
-void arc_tangent2_each(const double* y, const double* x, double* out, int n) {
-  for (int i = 0; i < n; ++i) out[i] = arc_tangent2(y[i], x[i]);
-}
-void angle_of_unit_each(const double* y, const double* x, double* out, int n) {
-  for (int i = 0; i < n; ++i) out[i] = angle_of_unit(y[i], x[i]);
-}
-
-void wrap_to_pi_each(const double* angle, double* out, int n) {
-  for (int i = 0; i < n; ++i) out[i] = wrap_to_pi(angle[i]);
-}
-
-void hyperbolic_tangent_each(const double* x, double* out, int n) {
-  for (int i = 0; i < n; ++i) out[i] = hyperbolic_tangent(x[i]);
+void each_lane(EachLane f, const double* a, const double* b, double* out, int n) {
+  const auto all = [&](const auto& of) {
+    for (int i = 0; i < n; ++i) out[i] = of(a[i], b[i]);
+  };
+  switch (f) {
+    case EachLane::arc_tangent2:
+      return all([](double y, double x) { return arc_tangent2(y, x); });
+    case EachLane::angle_of_unit:
+      return all([](double y, double x) { return angle_of_unit(y, x); });
+    case EachLane::wrap_to_pi:
+      return all([](double angle, double) { return wrap_to_pi(angle); });
+    case EachLane::hyperbolic_tangent:
+      return all([](double x, double) { return hyperbolic_tangent(x); });
+  }
 }
 
 }  // namespace esmc::host

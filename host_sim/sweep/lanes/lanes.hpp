@@ -22,11 +22,10 @@
 
 namespace esmc::host {
 
-// Lane by lane, where a function needs its rare branches. Compiled for every processor.
-[[gnu::cold]] void arc_tangent2_each(const double* y, const double* x, double* out, int n);
-[[gnu::cold]] void angle_of_unit_each(const double* y, const double* x, double* out, int n);
-[[gnu::cold]] void wrap_to_pi_each(const double* angle, double* out, int n);
-void hyperbolic_tangent_each(const double* x, double* out, int n);
+/// Functions that are taken lane by lane where they need their rare branches, or always.
+enum class EachLane { arc_tangent2, angle_of_unit, wrap_to_pi, hyperbolic_tangent };
+/// Compiled for every processor. Functions of one number take the first.
+void each_lane(EachLane f, const double* a, const double* b, double* out, int n);
 
 /// N numbers as vectors of gcc and clang.
 template <int N>
@@ -158,13 +157,8 @@ struct Lanes {
     const Bits steep = (ax - ay) & Bits(sign_bit);  // ay > ax: neither has the bit
     const Mask is_steep = mask(steep.v != 0U);
     const Lanes large = choose(is_steep, from(ay), from(ax)), small = choose(is_steep, from(ax), from(ay));
-    if (!none(!(large >= Lanes(1.0 / C::kSafe) && large <= Lanes(C::kSafe)))) {
-      std::array<double, size> a{}, b{};
-      y.store(a.data());
-      x.store(b.data());
-      arc_tangent2_each(a.data(), b.data(), a.data(), N);
-      return load(a.data());
-    }
+    if (!none(!(large >= Lanes(1.0 / C::kSafe) && large <= Lanes(C::kSafe)))) [[unlikely]]
+      return each(EachLane::arc_tangent2, y, x);
     const Mask one = small > 0.71875 * large, half = small > 0.2578125 * large;
     const Lanes above = choose(one, small - large, choose(half, small - 0.5 * large, small));
     const Lanes below = choose(one, large + small, choose(half, large + 0.5 * small, large));
@@ -181,14 +175,9 @@ struct Lanes {
   }
   friend Lanes angle_of_unit(Lanes y, Lanes x) {
     const Mask near = magnitude(y) <= Lanes(ieee::Constants<double>::kAsinReach), ahead = x > Lanes(0.0);
-    return none(!near) && none(!ahead) ? ieee::arc_sine_in_reach(y) : angle_of_unit_apart(y, x);
-  }
-  [[gnu::cold, gnu::noinline]] static Lanes angle_of_unit_apart(Lanes y, Lanes x) {
-    std::array<double, size> a{}, b{};
-    y.store(a.data());
-    x.store(b.data());
-    angle_of_unit_each(a.data(), b.data(), a.data(), N);
-    return load(a.data());
+    if (none(!near) && none(!ahead)) [[likely]]
+      return ieee::arc_sine_in_reach(y);
+    return each(EachLane::angle_of_unit, y, x);
   }
   struct SinCosPair {
     std::array<Lanes, 2> sin, cos;
@@ -199,18 +188,11 @@ struct Lanes {
   }
   friend Lanes wrap_to_pi(Lanes angle) {
     constexpr double pi = ieee::Constants<double>::kPi.head;
-    if (none(!(angle > Lanes(-pi) && angle <= Lanes(pi)))) return angle;
-    std::array<double, size> a{};
-    angle.store(a.data());
-    wrap_to_pi_each(a.data(), a.data(), N);
-    return load(a.data());
+    if (none(!(angle > Lanes(-pi) && angle <= Lanes(pi)))) [[likely]]
+      return angle;
+    return each(EachLane::wrap_to_pi, angle, angle);
   }
-  friend Lanes hyperbolic_tangent(Lanes x) {
-    std::array<double, size> a{};
-    x.store(a.data());
-    hyperbolic_tangent_each(a.data(), a.data(), N);
-    return load(a.data());
-  }
+  friend Lanes hyperbolic_tangent(Lanes x) { return each(EachLane::hyperbolic_tangent, x, x); }
 
   // ---- firmware/control/reaching.hpp ----
   friend Lanes sign_of(Lanes s) {
@@ -250,6 +232,13 @@ struct Lanes {
     Lanes out;
     for (int i = 0; i < N; ++i) out.v[i] = table[static_cast<std::size_t>(row.v[i])];
     return out;
+  }
+  [[gnu::noinline]] static Lanes each(EachLane f, Lanes a, Lanes b) {
+    std::array<double, size> first{}, second{};
+    a.store(first.data());
+    b.store(second.data());
+    each_lane(f, first.data(), second.data(), first.data(), N);
+    return load(first.data());
   }
   static Bits bits_of(Lanes a) { return std::bit_cast<typename Bits::V>(a.v); }
   static Lanes from(Bits b) { return std::bit_cast<V>(b.v); }

@@ -42,12 +42,12 @@ class LaneLoop {
     Mask::stray = typename Mask::V{};
   }
 
-  void run(const LaneReference& reference, LaneScore* out) {
+  void run(LaneScore* out) {
     constexpr std::uint32_t block = 64;
     alignas(64) std::array<double, static_cast<std::size_t>(block * 6 * n)> track;
     for (std::uint32_t first = 0; first < settings_.ticks && !none(fine_); first += block) {
       const std::uint32_t count = settings_.ticks - first < block ? settings_.ticks - first : block;
-      reference.fill(first, count, track.data());
+      fill_references(settings_, cases_, n, first, count, track.data());
       track_ = {track.data(), first, settings_.one_reference};
       for (std::uint32_t i = 0; i < count; ++i) tick(first + i);
       fine_ = fine_ && !Mask(Mask::stray);
@@ -178,10 +178,5 @@ class LaneLoop {
   RunSums<L> sums_;
   Mask fine_{true};
 };
-
-template <class L>
-void run_lanes(const LaneSettings& s, const LaneCase* cases, const LaneReference& reference, LaneScore* out) {
-  LaneLoop<L>(s, cases).run(reference, out);
-}
 
 }  // namespace esmc::host

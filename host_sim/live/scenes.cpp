@@ -1,3 +1,5 @@
+/// Scenes of a live bench: reading, checks, what a change restarts, effects as text, faults to inject.
+
 #include <algorithm>
 #include <cmath>
 #include <set>
@@ -6,8 +8,10 @@
 #include "host_sim/drives/placed_axes.hpp"
 #include "host_sim/effects/shaft_sensor.hpp"
 #include "host_sim/error.hpp"
+#include "host_sim/live/live_api.hpp"
 #include "host_sim/live/session.hpp"
 #include "host_sim/loop/loop_scene.hpp"
+#include "host_sim/record/recorder.hpp"
 #include "host_sim/scene/toml_text.hpp"
 
 namespace esmc::host {
@@ -75,19 +79,19 @@ RestartLevel restart_level(const Scene& from, const Scene& to) {
   return RestartLevel::nothing;
 }
 
-InjectOrder usual_injection(const InjectionRow& row, std::size_t drive) {
+Injection usual_injection(const InjectionRow& row, std::size_t drive) {
   constexpr int for_ever = 1'000'000;
   constexpr std::pair<Injected, double> amounts[] = {
       {Injected::scattered_loss, 0.4}, {Injected::delay, 2.0},        {Injected::denormal, 1e-40},
       {Injected::huge, 1e6},           {Injected::sensor_step, 0.02}, {Injected::flood, 2000.0}};
   const auto* known = std::ranges::find(amounts, row.kind, &std::pair<Injected, double>::first);
   const double amount = known != std::end(amounts) ? known->second : 0.5;
-  return {&row, drive, row.longest == 0 ? for_ever : row.longest, amount, 0};
+  return {.row = &row, .length = row.longest == 0 ? for_ever : row.longest, .drive = drive, .amount = amount};
 }
 
 bool can_inject(const InjectionRow& row, Protocol protocol) {
   const bool begins_later = (row.phases & (1U << static_cast<unsigned>(Phase::running))) != 0;
-  return row.kind != Injected::nothing && begins_later && possible(row, dialect(protocol), {});
+  return row.kind != Injected::nothing && begins_later && possible(row, protocol_traits(protocol), {});
 }
 
 bool can_inject_from_outside(const InjectionRow& row) {
@@ -96,6 +100,58 @@ bool can_inject_from_outside(const InjectionRow& row) {
                                             Injected::controller_bus_off, Injected::queue_full,
                                             Injected::enable_open,        Injected::flood};
   return std::ranges::find(of_the_controller, row.kind) == std::end(of_the_controller);
+}
+
+std::vector<EffectText> effect_texts(const std::string& toml) {
+  const toml::table scene = toml::parse(toml);
+  std::vector<EffectText> out;
+  const toml::array* effects = scene["effects"].as_array();
+  if (effects == nullptr) return out;
+  for (const toml::node& effect : *effects) {
+    EffectText text;
+    for (auto&& [key, value] : *effect.as_table()) {
+      if (key == "type") {
+        text.type = value.value_or(std::string());
+        continue;
+      }
+      const std::string line = toml_text(toml::table{{key, value}});
+      text.parameters += (text.parameters.empty() ? "" : ", ") + line.substr(0, line.find('\n'));
+    }
+    out.push_back(std::move(text));
+  }
+  return out;
+}
+
+std::vector<std::string> with_set(std::vector<std::string> sets, const std::string& set) {
+  const std::string key = set.substr(0, std::min(set.find('='), set.size()));
+  std::erase_if(sets, [&](const std::string& s) { return s.substr(0, s.find('=')) == key; });
+  sets.push_back(set);
+  return sets;
+}
+
+Hand usual_hand(const Scene& scene) {
+  const LegParams<double>& leg = scene.mechanism.legs[0];
+  const double reach = leg.l1 + leg.l2;
+  constexpr double share = 0.5, stretch = 0.15, damped = 0.02;  // of the torque; of the reach; s
+  Hand h;
+  h.most = share * *std::ranges::min_element(scene.torque_limit) / reach;
+  h.stiffness = h.most / (stretch * reach);
+  h.damping = damped * h.stiffness;
+  return h;
+}
+
+std::shared_ptr<const Scene> read_live_scene(const RunOptions& o) {
+  RunOptions paced = o;
+  paced.realtime = o.bus != "virtual";  // as the controller on the other end is made
+  auto scene = std::make_shared<Scene>(read_loop_scene(paced));
+  prepare_live_scene(*scene, paced.realtime);
+  require_confirmed(*scene);
+  if (scene->type == MechanismType::five_bar) {
+    require_reachable<FiveBarTraits>(*scene, Pacing::lockstep);
+  } else {
+    require_reachable<RrTraits>(*scene, Pacing::lockstep);
+  }
+  return scene;
 }
 
 }  // namespace esmc::host
