@@ -6,8 +6,8 @@
 #include <string>
 #include <vector>
 
-#include "firmware/mechanism/spatial_params.hpp"
 #include "host_sim/scene/names.hpp"
+#include "host_sim/spatial/params.hpp"
 
 namespace esmc::host {
 

@@ -5,7 +5,7 @@
 #include <cmath>
 #include <cstdint>
 
-#include "firmware/control/spatial_controller.hpp"
+#include "host_sim/spatial/controller.hpp"
 #include "host_sim/spatial/scene.hpp"
 
 namespace esmc::host {

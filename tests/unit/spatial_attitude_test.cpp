@@ -220,9 +220,9 @@ TEST(AttitudeOfLongRuns, StaysOnTheSphere) {
   }
   EXPECT_LT(worst, 8 * kEpsilon<float>);
   const auto plant = body_plant();
-  host::SpatialState s;
+  SpatialState s;
   s.turning = {3, -1, 2};
-  const host::V3d momentum = plant.angular_momentum(s);
+  const V3d momentum = plant.angular_momentum(s);
   D work = 0, drift = 0;
   for (int n = 0; n < 1000000; ++n) drift = std::fmax(drift, plant.step(s, {}, 1e-3, work));
   EXPECT_LT(drift, 1e-12);
@@ -272,7 +272,7 @@ TEST(Singularity, OfThePlatformIsNamed) {
   using M = Hexapod<D>;
   SpatialReference<D> reference;
   reference.position = p.home;
-  SpatialLoop<M> loop{SpatialController<M>(platform_config(p)), reference, host::SpatialPlant(p)};
+  SpatialLoop<M> loop{SpatialController<M>(platform_config(p)), reference, SpatialPlant(p)};
   loop.state.position = p.home;
   EXPECT_EQ(loop.step().fault, SpatialFault::none);
   SpatialLoop<M> at_joint = loop;

@@ -40,7 +40,7 @@ struct Wanted {
 };
 
 template <class M>
-SpatialTracking<M> tracking(const M& m, const host::SpatialState& s, const SpatialMotion<D>& d) {
+SpatialTracking<M> tracking(const M& m, const SpatialState& s, const SpatialMotion<D>& d) {
   SpatialTracking<M> t;
   const auto x = sample_of<D>(s);
   EXPECT_TRUE(m.pose(x.position, normalised(x.attitude), t.pose) &&
@@ -55,7 +55,7 @@ SpatialTracking<M> tracking(const M& m, const host::SpatialState& s, const Spati
 
 /// What a law asks for, as inputs of the plant.
 template <class M>
-host::SpatialPlant::Input input(const M& m, const SpatialTracking<M>& t, const SpatialDemand<M>& demand) {
+SpatialPlant::Input input(const M& m, const SpatialTracking<M>& t, const SpatialDemand<M>& demand) {
   Vec<D, 6> u = m.gather(t.pose, m.force(demand.acceleration, m.channel_rates(t.pose, t.rates)));
   if constexpr (M::legs > 0) {
     const Vec<D, 6> F = u;
@@ -66,10 +66,10 @@ host::SpatialPlant::Input input(const M& m, const SpatialTracking<M>& t, const S
 
 /// d/dt at t = 0 of f(state, wanted motion), the input held.
 template <class F>
-auto derivative(const host::SpatialPlant& plant, const host::SpatialState& s, const Wanted& wanted,
-                const host::SpatialPlant::Input& u, F&& f) {
+auto derivative(const SpatialPlant& plant, const SpatialState& s, const Wanted& wanted,
+                const SpatialPlant::Input& u, F&& f) {
   const auto at = [&](D t) {
-    host::SpatialState moved = s;
+    SpatialState moved = s;
     D work = 0;
     plant.step(moved, u, t, work);
     return f(moved, wanted.at(t));
@@ -84,8 +84,8 @@ struct Body {
   using M = FreeBody<D>;
   RigidBodyParams<D> p;
   M m;
-  host::SpatialPlant plant;
-  host::SpatialState s;
+  SpatialPlant plant;
+  SpatialState s;
   Wanted wanted;
   explicit Body(Random& r)
       : p(random_body<D>(r)),
@@ -98,8 +98,8 @@ struct Six {
   using M = Hexapod<D>;
   HexapodParams<D> p;
   M m;
-  host::SpatialPlant plant;
-  host::SpatialState s;
+  SpatialPlant plant;
+  SpatialState s;
   Wanted wanted;
   explicit Six(Random& r)
       : p(random_hexapod<D>(r)),
@@ -114,7 +114,7 @@ TEST(AttitudeErrorInSpace, RatesAreDerivatives) {
   for (std::uint64_t seed = 0; seed < 100; ++seed) {
     Random r(seed);
     const Body b(r);
-    const auto error = [&](const host::SpatialState& s, const SpatialMotion<D>& d) {
+    const auto error = [&](const SpatialState& s, const SpatialMotion<D>& d) {
       const auto x = sample_of<D>(s);
       return attitude_error(x.attitude.conjugate() * d.attitude, d.turning, d.turning_rate, x.turning);
     };
@@ -203,7 +203,7 @@ TEST(EsmcInSpace, PlatformObeysTheIdentitiesOfTheClosedLoop) {
     using M = Six::M;
     const auto t = tracking(b.m, b.s, b.wanted.at(0));
     const auto now = esmc_acceleration(b.m, g, Reaching::sign, t);
-    const auto sliding = [&](const host::SpatialState& s, const SpatialMotion<D>& d) {
+    const auto sliding = [&](const SpatialState& s, const SpatialMotion<D>& d) {
       return esmc_acceleration(b.m, g, Reaching::sign, tracking(b.m, s, d)).sliding;
     };
     const M::Channels rate = derivative(b.plant, b.s, b.wanted, input(b.m, t, now), sliding), M0 = b.m.mass();
@@ -239,7 +239,7 @@ TEST(EsmcInSpace, ProjectedPlatformFallsWithoutRemainder) {
     const Six b(r);
     const auto t = tracking(b.m, b.s, b.wanted.at(0));
     const auto now = projected_acceleration(b.m, g, Reaching::sign, t);
-    const auto V = [&](const host::SpatialState& s, const SpatialMotion<D>& d) {
+    const auto V = [&](const SpatialState& s, const SpatialMotion<D>& d) {
       const auto x = tracking(b.m, s, d);
       const Vec<D, 6> sigma = projected_acceleration(b.m, g, Reaching::sign, x).sliding.head<6>();
       Vec<D, 1> v;

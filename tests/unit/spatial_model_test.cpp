@@ -247,11 +247,11 @@ TYPED_TEST(PlatformInSpace, HexapodAgreesWithNewtonAndEulerBodyByBody) {
     Random r(seed);
     const auto params = random_hexapod<S>(r);
     const auto m = make_hexapod(params);
-    const host::SpatialPlant plant(in_double(params));
+    const SpatialPlant plant(in_double(params));
     const auto state = PlatformState<S>::near_home(params, r);
     typename Hexapod<S>::Pose pose;
     ASSERT_TRUE(m.pose(state.position, state.attitude, pose));
-    host::SpatialPlant::Input u{};
+    SpatialPlant::Input u{};
     for (double& f : u) f = r.in<double>(-50, 50);
     const auto s = state.plant();
     const Vec<double, 6> acceleration = independent_acceleration(s, plant.acceleration(s, u));
@@ -276,9 +276,9 @@ TYPED_TEST(PlatformInSpace, FreeBodyObeysEuler) {
     const PlatformState<S> state{r.vector<S, 3>(2), random_attitude<S>(r), r.vector<S, 6>(5)};
     typename FreeBody<S>::Pose pose;
     ASSERT_TRUE(m.pose(state.position, state.attitude, pose));
-    host::SpatialPlant::Input u{};
+    SpatialPlant::Input u{};
     for (double& f : u) f = r.in<double>(-1, 1);
-    const host::SpatialPlant plant({double(body.mass), body.inertia.template cast<double>()}, 9.0);
+    const SpatialPlant plant({double(body.mass), body.inertia.template cast<double>()}, 9.0);
     const auto s = state.plant();
     const auto a = independent_acceleration(s, plant.acceleration(s, u));
     const auto rates = m.chain_rates(pose, state.rate);
@@ -305,8 +305,7 @@ TYPED_TEST(PlatformInSpace, KineticEnergyIsThatOfThePlant) {
     const auto M = m.mass();
     Vec<S, 1> got = Vec<S, 1>::Zero();
     for (int i = 0; i < p.size(); ++i) got[0] += S(0.5) * M[i] * p[i] * p[i];
-    energy.compare(seed, got,
-                   Vec<double, 1>(host::SpatialPlant(in_double(params)).energy(state.plant()).kinetic));
+    energy.compare(seed, got, Vec<double, 1>(SpatialPlant(in_double(params)).energy(state.plant()).kinetic));
   }
   energy.expect_below(50 * kEpsilon<S>);
 }

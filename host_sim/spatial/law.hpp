@@ -1,14 +1,15 @@
 #pragma once
 /// ESMC in space: from state and reference to the acceleration v' asked of every channel; the force on the
-/// platform is then C^T (M v' + v + f + g), as in law.hpp for the plane. M: a SpatialCoupling.
+/// platform is then C^T (M v' + v + f + g), as in firmware/control/law.hpp for the plane. M: a
+/// SpatialCoupling.
 
 #include <cstdint>
 
-#include "firmware/control/attitude.hpp"
 #include "firmware/control/reaching.hpp"
-#include "firmware/mechanism/spatial_coupling.hpp"
+#include "host_sim/spatial/attitude.hpp"
+#include "host_sim/spatial/coupling.hpp"
 
-namespace esmc {
+namespace esmc::host {
 
 /// Laws in space, see docs/spatial.md.
 enum class SpatialLaw : std::uint8_t {
@@ -126,4 +127,4 @@ template <class M, class S = typename M::Scalar>
   return true;
 }
 
-}  // namespace esmc
+}  // namespace esmc::host

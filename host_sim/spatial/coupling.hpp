@@ -1,7 +1,7 @@
 #pragma once
 /// The coupling algorithm of the report, eqs. (37)-(47), in space: a rigid platform, oriented by a unit
 /// quaternion, on any number of serial legs with spherical joints at the platform; without legs a free body.
-/// coupling.hpp is the planar case.
+/// firmware/mechanism/coupling.hpp is the planar case.
 ///
 ///   q0 = [x; q], seven coordinates; p0# = [velocity of the mass centre, in N; omega, in the frame of the
 ///   platform], six q0' = D+ p0#:   x' = v,   q' = 1/2 q (0, omega)
@@ -11,10 +11,10 @@
 #include <cmath>
 #include <utility>
 
-#include "firmware/mechanism/spatial.hpp"
-#include "firmware/mechanism/spatial_params.hpp"
+#include "host_sim/spatial/params.hpp"
+#include "host_sim/spatial/serial.hpp"
 
-namespace esmc {
+namespace esmc::host {
 
 /// Solves A x = b by elimination with row pivoting; x replaces b. Returns the smallest pivot, or 0 where one
 /// vanishes or is NaN: b is then undefined.
@@ -259,4 +259,4 @@ class SpatialCoupling {
   S gravity_{};
 };
 
-}  // namespace esmc
+}  // namespace esmc::host

@@ -6,11 +6,11 @@
 #include <cstdint>
 #include <limits>
 
-#include "firmware/control/spatial_law.hpp"
-#include "firmware/control/spatial_reference.hpp"
-#include "firmware/mechanism/hexapod.hpp"
+#include "host_sim/spatial/hexapod.hpp"
+#include "host_sim/spatial/law.hpp"
+#include "host_sim/spatial/reference.hpp"
 
-namespace esmc {
+namespace esmc::host {
 
 /// Why the controller has stopped.
 enum class SpatialFault : std::uint8_t {
@@ -137,4 +137,4 @@ class SpatialController {
   return names[static_cast<unsigned>(fault)];
 }
 
-}  // namespace esmc
+}  // namespace esmc::host

@@ -1,12 +1,13 @@
 #pragma once
-/// Reference motions of a body in space as functions of the tick number; time is counted as in reference.hpp.
+/// Reference motions of a body in space as functions of the tick number; time is counted as in
+/// firmware/control/reference.hpp.
 
 #include <cstdint>
 
 #include "firmware/control/reference.hpp"
-#include "firmware/mechanism/rotation.hpp"
+#include "host_sim/spatial/rotation.hpp"
 
-namespace esmc {
+namespace esmc::host {
 
 /// Desired motion of a body, SI units; angular quantities in its own (desired) frame.
 template <class S>
@@ -90,4 +91,4 @@ struct SpatialReference {
   }
 };
 
-}  // namespace esmc
+}  // namespace esmc::host

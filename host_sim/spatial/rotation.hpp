@@ -8,7 +8,7 @@
 #include "firmware/numeric/elementary.hpp"
 #include "firmware/types.hpp"
 
-namespace esmc {
+namespace esmc::host {
 
 template <class S>
 using Vec3 = Vec<S, 3>;
@@ -136,7 +136,7 @@ template <class S>
 ///   q_e = q* q_d,   e = 2 vec q_e,   w~ = R_e w_d - w,   e' = q_e0 w~ + w~ x vec q_e
 ///
 /// e is 2 sin(angle / 2) about the axis of the remaining turn: the rotation vector to first order, of length
-/// 2 at 180 degrees and smooth there, of opposite sign for q_e and -q_e (choice: control/attitude.hpp).
+/// 2 at 180 degrees and smooth there, of opposite sign for q_e and -q_e (choice: attitude.hpp).
 template <class S>
 struct AttitudeError {
   Quaternion<S> turn;    ///< q_e
@@ -160,4 +160,4 @@ template <class S>
   return a;
 }
 
-}  // namespace esmc
+}  // namespace esmc::host

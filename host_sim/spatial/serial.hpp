@@ -1,6 +1,7 @@
 #pragma once
 /// The serial algorithm of the report, eqs. (1)-(7), for a chain of bodies in space, each joined to the one
-/// before by a revolute or a prismatic joint about or along any axis; serial.hpp is the planar case.
+/// before by a revolute or a prismatic joint about or along any axis; firmware/mechanism/serial.hpp is the
+/// planar case.
 ///
 /// p = [p#; p°]: p# the joint rates, p° = [omega of every body, in its own frame; velocity of every mass
 /// centre, in N]. Frames of bodies are parallel to their principal axes, so M (6) is diagonal and constant,
@@ -11,10 +12,10 @@
 
 #include <type_traits>
 
-#include "firmware/mechanism/rotation.hpp"
 #include "firmware/mechanism/serial.hpp"
+#include "host_sim/spatial/rotation.hpp"
 
-namespace esmc {
+namespace esmc::host {
 
 /// Constants of one body in space, SI units. The frame of the body: origin at its joint, axes parallel to the
 /// principal ones.
@@ -269,4 +270,4 @@ class SpatialSerial {
   S gravity_{};
 };
 
-}  // namespace esmc
+}  // namespace esmc::host

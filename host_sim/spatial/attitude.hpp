@@ -3,9 +3,9 @@
 
 #include <cmath>
 
-#include "firmware/mechanism/rotation.hpp"
+#include "host_sim/spatial/rotation.hpp"
 
-namespace esmc {
+namespace esmc::host {
 
 /// Chooses between q_e and -q_e, the two ways round to the same attitude, with memory.
 ///
@@ -83,4 +83,4 @@ struct EulerChart {
   }
 };
 
-}  // namespace esmc
+}  // namespace esmc::host
