@@ -85,7 +85,6 @@ class SpatialCoupling {
                   const List<Leg, Legs>& leg, S gravity)
       : platform_(platform), joint_(joint), leg_(leg), gravity_(gravity) {}
 
-  [[nodiscard]] const Leg& leg(int j) const { return leg_[j]; }
   static constexpr int row_leg(int j) { return dof + j * leg_channels; }
   /// Whether the row is an angular velocity, not the velocity of a point or the rate of a joint.
   static constexpr bool is_turn(int row) {
@@ -165,14 +164,6 @@ class SpatialCoupling {
                                      Vec3<S>(rates[3], rates[4], rates[5]));
     out.template head<dof>() = joined(w.centre, w.turn);
     for (int j = 0; j < Legs; ++j) part(out, j) = leg_[j].force(part(v, j), part(rates, j));
-    return out;
-  }
-
-  /// Diagonal of M.
-  [[nodiscard]] Channels mass() const {
-    Channels out;
-    out.template head<dof>() = joined(Vec3<S>::Constant(platform_.mass), platform_.inertia);
-    for (int j = 0; j < Legs; ++j) part(out, j) = leg_[j].mass();
     return out;
   }
 

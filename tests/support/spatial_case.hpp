@@ -92,6 +92,18 @@ struct PlatformState {
   }
 };
 
+/// Diagonal of M: the forces of unit accelerations. The weight is in rows of vertical velocities only, which
+/// have the mass of the row before.
+template <class M>
+typename M::Channels mass_of(const M& m) {
+  const typename M::Channels zero = M::Channels::Zero(), weight = m.force(zero, zero);
+  typename M::Channels out = m.force(M::Channels::Ones().eval(), zero);
+  for (int i = 1; i < M::channels; ++i) {
+    if (weight[i] != 0) out[i] = out[i - 1];
+  }
+  return out;
+}
+
 /// p0#' of the plant's acceleration: its angular part in the frame of the platform.
 inline Vec<double, 6> independent_acceleration(const SpatialState& s, const SpatialPlant::Acceleration& a) {
   const Quaternion<double> q{s.attitude[0], s.attitude.tail<3>()};

@@ -187,7 +187,7 @@ Mat<D, 6, 6> mass_matrix(const M& m, const typename M::Pose& p) {
   Mat<D, 6, 6> H;
   for (int k = 0; k < 6; ++k) {
     const typename M::Channels column = m.channel_rates(p, m.chain_rates(p, Vec<D, 6>::Unit(k)));
-    H.col(k) = m.gather(p, typename M::Channels(column.cwiseProduct(m.mass())));
+    H.col(k) = m.gather(p, typename M::Channels(column.cwiseProduct(mass_of(m))));
   }
   return H;
 }
@@ -206,7 +206,8 @@ TEST(EsmcInSpace, PlatformObeysTheIdentitiesOfTheClosedLoop) {
     const auto sliding = [&](const SpatialState& s, const SpatialMotion<D>& d) {
       return esmc_acceleration(b.m, g, Reaching::sign, tracking(b.m, s, d)).sliding;
     };
-    const M::Channels rate = derivative(b.plant, b.s, b.wanted, input(b.m, t, now), sliding), M0 = b.m.mass();
+    const M::Channels rate = derivative(b.plant, b.s, b.wanted, input(b.m, t, now), sliding),
+                      M0 = mass_of(b.m);
     M::Channels left = rate;
     D reaching = 0;
     for (int i = 0; i < M::channels; ++i) {
@@ -247,7 +248,7 @@ TEST(EsmcInSpace, ProjectedPlatformFallsWithoutRemainder) {
       return v;
     };
     Vec<D, 1> want;
-    want << -7.0 * b.m.mass().cwiseProduct(now.sliding.cwiseAbs()).sum();
+    want << -7.0 * mass_of(b.m).cwiseProduct(now.sliding.cwiseAbs()).sum();
     fall.compare(seed, derivative(b.plant, b.s, b.wanted, input(b.m, t, now), V), want);
   }
   fall.expect_below(1e-6);
@@ -265,20 +266,19 @@ TEST(EulerAnglesInSpace, RatesTurningAndDriftBelongTogether) {
                            about(Vec3<D>::UnitX().eval(), x[0]));
     };
     const auto chart = EulerChart<D>::at(attitude(0));
-    back.compare(seed, Vec3<D>(chart.angle.roll, chart.angle.pitch, chart.angle.yaw), a, 1);
+    back.compare(seed, chart.angle, a, 1);
     const auto omega = [&](D t) {
       const D h = 1e-4;
       const Quaternion<D> q = attitude(t).conjugate();
       const auto log = [&](D by) { return logarithm(Quaternion<D>(q * attitude(t + by))); };
       return Vec3<D>(((log(h) - log(-h)) * 8 - (log(2 * h) - log(-2 * h))) / (12 * h));
     };
-    const EulerAngles<D> rates{d[0], d[1], d[2]};
-    there.compare(seed, chart.turning(rates), omega(0), 1);
-    const auto inverse = chart.rates(chart.turning(rates));
-    back.compare(seed, Vec3<D>(inverse.roll, inverse.pitch, inverse.yaw), d, 1);
+    there.compare(seed, chart.turning(d), omega(0), 1);
+    const auto inverse = chart.rates(chart.turning(d));
+    back.compare(seed, inverse, d, 1);
     const D h = 1e-3;
     const Vec3<D> change = ((omega(h) - omega(-h)) * 8 - (omega(2 * h) - omega(-2 * h))) / (12 * h);
-    drift.compare(seed, Vec3<D>(chart.turning({dd[0], dd[1], dd[2]}) + chart.drift(rates)), change, 10);
+    drift.compare(seed, Vec3<D>(chart.turning(dd) + chart.drift(d)), change, 10);
   }
   there.expect_below(1e-9);
   back.expect_below(1e-13);

@@ -19,7 +19,7 @@ struct SpatialChain {
   struct Part {
     std::array<Real, 3> offset{}, axis{}, centre{}, spread{};
     std::array<std::array<Real, 3>, 3> mount{};
-    Real mass = 0, viscous = 0, coulomb = 0;
+    Real mass = 0, viscous = 0;
     bool slides = false;
   };
   std::array<Part, N> part{};
@@ -135,7 +135,6 @@ struct ChainCase {
       b.mass = body.mass;
       b.inertia = body.inertia;
       b.viscous = r.in<S>(0, 0.1);
-      b.coulomb = r.in<S>(0, 0.1);
       const Rotation<Real> mount =
           rotation(Quaternion<Real>{Real(b.mount.w), b.mount.v.template cast<Real>()});
       const Vec<Real, 3> I = b.inertia.template cast<Real>();
@@ -149,7 +148,6 @@ struct ChainCase {
       }
       p.mass = Real(b.mass);
       p.viscous = Real(b.viscous);
-      p.coulomb = Real(b.coulomb);
       p.slides = kinds[i] == Joint::prismatic;
     }
     chain = Firmware(bodies, r.vector<S, 3>(0.3), gravity);
@@ -204,7 +202,7 @@ void inverse_dynamics(std::uint64_t seed, Accuracy& torque) {
   Vec<Real, static_cast<int>(n)> want;
   for (std::size_t i = 0; i < n; ++i) {
     const Real rate = Case::row(c.qd)[i];
-    Real sum = eq.rest[i] + c.oracle.part[i].viscous * rate + c.oracle.part[i].coulomb * (rate > 0 ? 1 : -1);
+    Real sum = eq.rest[i] + c.oracle.part[i].viscous * rate;
     for (std::size_t j = 0; j < n; ++j) sum += eq.mass[i][j] * Case::row(c.qdd)[j];
     want[static_cast<int>(i)] = sum;
   }
@@ -302,7 +300,7 @@ TYPED_TEST(PlatformInSpace, KineticEnergyIsThatOfThePlant) {
     typename Hexapod<S>::Pose pose;
     ASSERT_TRUE(m.pose(state.position, state.attitude, pose));
     const auto p = m.channel_rates(pose, m.chain_rates(pose, state.rate));
-    const auto M = m.mass();
+    const auto M = mass_of(m);
     Vec<S, 1> got = Vec<S, 1>::Zero();
     for (int i = 0; i < p.size(); ++i) got[0] += S(0.5) * M[i] * p[i] * p[i];
     energy.compare(seed, got, Vec<double, 1>(SpatialPlant(in_double(params)).energy(state.plant()).kinetic));
