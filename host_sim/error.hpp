@@ -1,9 +1,12 @@
 #pragma once
 /// How host tools fail: bad input (exit 2) and failed runs (exit 1), each one line on stderr.
 
+#include <fmt/core.h>
+
 #include <stdexcept>
 #include <string>
 #include <string_view>
+#include <utility>
 
 namespace esmc::host {
 
@@ -13,6 +16,16 @@ class InputError : public std::runtime_error {
   InputError(const std::string& where, const std::string& what)
       : std::runtime_error(where.empty() ? what : where + ": " + what) {}
 };
+
+/// Throws InputError with a formatted text.
+template <class... T>
+[[noreturn]] void refuse_at(const std::string& where, fmt::format_string<T...> text, T&&... values) {
+  throw InputError(where, fmt::format(text, std::forward<T>(values)...));
+}
+template <class... T>
+[[noreturn]] void refuse(fmt::format_string<T...> text, T&&... values) {
+  refuse_at("", text, std::forward<T>(values)...);
+}
 
 /// The input was fine, the run was not.
 class RunError : public std::runtime_error {

@@ -110,8 +110,6 @@ class OdriveAxis {
   [[nodiscard]] bool config_mismatch() const {
     return read_back_.config_mismatch() || watchdog_did_not_trip_;
   }
-  /// The watchdog did not expire in its test.
-  [[nodiscard]] bool watchdog_is_off() const { return watchdog_did_not_trip_; }
   /// The endpoint of the last mismatch; OdriveReadBack::version_endpoint for the version.
   [[nodiscard]] std::optional<std::uint16_t> refused_endpoint() const { return read_back_.refused(); }
   [[nodiscard]] std::uint8_t node() const { return config_.node; }

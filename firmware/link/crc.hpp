@@ -16,12 +16,6 @@ inline constexpr std::uint8_t crc8_inverted = 0xFF;
   for (int bit = 0; bit < 8; ++bit) c = (c & 0x80U) != 0 ? (c << 1U) ^ polynomial : c << 1U;
   return static_cast<std::uint8_t>(c);
 }
-[[nodiscard]] constexpr std::uint8_t crc8(std::span<const std::uint8_t> bytes) {
-  std::uint8_t c = crc8_start;
-  for (const std::uint8_t b : bytes) c = crc8_add(c, b);
-  return static_cast<std::uint8_t>(c ^ crc8_inverted);
-}
-
 /// CRC-32/ISO-HDLC (Ethernet, zip): polynomial 0x04C11DB7, reflected, start and result inverted.
 inline constexpr std::uint32_t crc32_start = 0xFFFF'FFFF;
 [[nodiscard]] constexpr std::uint32_t crc32_add(std::uint32_t crc, std::uint8_t byte) {

@@ -85,10 +85,6 @@ class Supervisor {
   }
   /// There may be torque.
   [[nodiscard]] bool powered() const { return running() || retreating() || state_ == State::testing; }
-  /// Ticks since power-up, modulo 2^32.
-  [[nodiscard]] std::uint32_t tick() const { return tick_; }
-  /// Value of tick() when the latched fault was found. Without one: that of the last fault, at first 0.
-  [[nodiscard]] std::uint32_t fault_tick() const { return fault_tick_; }
   static constexpr std::uint16_t count_max = 0xFFFF;
   /// Occurrences of a fault since power-up, at most count_max; consecutive ticks count as one.
   [[nodiscard]] std::uint16_t count(Fault f) const { return counts_[static_cast<unsigned>(f)].times; }
@@ -158,10 +154,7 @@ class Supervisor {
     if (f == Fault::none || state_ == State::disabled) return;
     count(counts_[static_cast<unsigned>(f)]);
     const bool halt = config_.can_halt && (running() || retreating()) && reaction(f) == Reaction::halt;
-    if (fault_ == Fault::none) {
-      fault_ = f;
-      fault_tick_ = tick_;
-    }
+    if (fault_ == Fault::none) fault_ = f;
     if (!halt) {
       state_ = State::fault;
     } else if (running()) {
@@ -201,7 +194,8 @@ class Supervisor {
   Config config_{};
   State state_ = State::disabled;
   Fault fault_ = Fault::none;
-  std::uint32_t tick_ = 0, fault_tick_ = 0, waited_ticks_ = 0;
+  std::uint32_t tick_ = 0;  // since power-up, modulo 2^32
+  std::uint32_t waited_ticks_ = 0;
   std::array<Count, static_cast<unsigned>(fault_count)> counts_{};
 };
 

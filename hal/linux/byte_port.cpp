@@ -28,19 +28,19 @@ constexpr std::array speeds{57'600,    115'200,   230'400,   460'800,   500'000,
 
 std::string reason(int code) { return std::strerror(code); }
 
-int fail(std::string& why, const std::string& because) {
+Descriptor fail(std::string& why, const std::string& because) {
   why = because;
-  return -1;
+  return {};
 }
 
 /// False: not connected, for the reason `why`.
-bool connect_in_time(int fd, const sockaddr* address, socklen_t size, std::string& why) {
-  if (::connect(fd, address, size) == 0) return true;
+bool connect_in_time(const Descriptor& fd, const sockaddr* address, socklen_t size, std::string& why) {
+  if (::connect(fd.get(), address, size) == 0) return true;
   if (errno == EINPROGRESS) {
-    pollfd p{fd, POLLOUT, 0};
+    pollfd p{fd.get(), POLLOUT, 0};
     int code = ETIMEDOUT;
     socklen_t length = sizeof code;
-    if (::poll(&p, 1, patience_ms) > 0) (void)::getsockopt(fd, SOL_SOCKET, SO_ERROR, &code, &length);
+    if (::poll(&p, 1, patience_ms) > 0) (void)::getsockopt(fd.get(), SOL_SOCKET, SO_ERROR, &code, &length);
     if (code == 0) return true;
     why = reason(code);
   } else {
@@ -50,21 +50,20 @@ bool connect_in_time(int fd, const sockaddr* address, socklen_t size, std::strin
   return false;
 }
 
-int open_unix(const std::string& path, std::string& why) {
+Descriptor open_unix(const std::string& path, std::string& why) {
   sockaddr_un address{};
   if (path.empty() || path.size() >= sizeof address.sun_path) {
     return fail(why, path.empty() ? "a path is missing" : "the path is too long for a socket");
   }
   address.sun_family = AF_UNIX;
   path.copy(address.sun_path, path.size());
-  const int fd = ::socket(AF_UNIX, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
-  if (fd < 0) return fail(why, reason(errno));
+  Descriptor fd(::socket(AF_UNIX, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0));
+  if (!fd.is_open()) return fail(why, reason(errno));
   if (connect_in_time(fd, reinterpret_cast<const sockaddr*>(&address), sizeof address, why)) return fd;
-  ::close(fd);
-  return -1;
+  return {};
 }
 
-int open_tcp(const std::string& where, std::string& why) {
+Descriptor open_tcp(const std::string& where, std::string& why) {
   const std::size_t colon = where.rfind(':');
   if (colon == std::string::npos || colon == 0 || colon + 1 == where.size()) {
     return fail(why, "tcp:HOST:PORT is needed");
@@ -79,21 +78,18 @@ int open_tcp(const std::string& where, std::string& why) {
   if (code != 0) return fail(why, code == EAI_SYSTEM ? reason(errno) : ::gai_strerror(code));
   const std::unique_ptr<addrinfo, decltype(&::freeaddrinfo)> owner(list, &::freeaddrinfo);
   for (const addrinfo* a = list; a != nullptr; a = a->ai_next) {
-    const int fd = ::socket(a->ai_family, a->ai_socktype | SOCK_NONBLOCK | SOCK_CLOEXEC, a->ai_protocol);
-    if (fd < 0) {
+    Descriptor fd(::socket(a->ai_family, a->ai_socktype | SOCK_NONBLOCK | SOCK_CLOEXEC, a->ai_protocol));
+    if (!fd.is_open()) {
       why = reason(errno);
-      continue;
-    }
-    if (connect_in_time(fd, a->ai_addr, a->ai_addrlen, why)) {
+    } else if (connect_in_time(fd, a->ai_addr, a->ai_addrlen, why)) {
       // Lines are short and must not wait for more of them.
       const int on = 1;
-      (void)::setsockopt(fd, IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
+      (void)::setsockopt(fd.get(), IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
       why.clear();
       return fd;
     }
-    ::close(fd);
   }
-  return -1;
+  return {};
 }
 
 bool make_raw(int fd, int speed) {
@@ -110,7 +106,7 @@ bool make_raw(int fd, int speed) {
   return ::tcflush(fd, TCIOFLUSH) == 0;  // older input is not for this program
 }
 
-int open_tty(const std::string& endpoint, std::string& why) {
+Descriptor open_tty(const std::string& endpoint, std::string& why) {
   std::string path = endpoint;
   int speed = 115'200;
   struct stat there {};
@@ -124,37 +120,34 @@ int open_tty(const std::string& endpoint, std::string& why) {
     if (known == speeds.end()) {
       why = "@" + baud + ": allowed are";
       for (const int& s : speeds) why += (&s == speeds.data() ? " " : ", ") + std::to_string(s);
-      return -1;
+      return {};
     }
     speed = *known;
   }
-  const int fd = ::open(path.c_str(), O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC);  // NOLINT(*-vararg)
-  if (fd < 0) {
+  Descriptor fd(::open(path.c_str(), O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC));  // NOLINT(*-vararg)
+  if (!fd.is_open()) {
     why = reason(errno);
     if (errno == EACCES) why += " (is the user in the device's group, dialout?)";
     if (errno == ENXIO || errno == EISDIR) why = "no serial line (a socket is unix:PATH)";
-    return -1;
-  }
-  if (::isatty(fd) != 1) {
+  } else if (::isatty(fd.get()) != 1) {
     why = "no serial line";
-  } else if (::flock(fd, LOCK_EX | LOCK_NB) != 0) {
+  } else if (::flock(fd.get(), LOCK_EX | LOCK_NB) != 0) {
     // Two readers would each get some of the bytes. pyserial and others use the same lock.
     why = errno == EWOULDBLOCK ? "another program uses it; every node needs an adapter of its own"
                                : reason(errno);
-  } else if (!make_raw(fd, speed)) {
+  } else if (!make_raw(fd.get(), speed)) {
     why = "cannot be set up: " + reason(errno);
   } else {
     return fd;
   }
-  ::close(fd);
-  return -1;
+  return {};
 }
 
 }  // namespace
 
-SerialPort::SerialPort(int fd) : fd_(fd) {
+SerialPort::SerialPort(Descriptor fd) : fd_(std::move(fd)) {
   struct stat kind {};
-  socket_ = fd >= 0 && ::fstat(fd, &kind) == 0 && S_ISSOCK(kind.st_mode);
+  socket_ = is_open() && ::fstat(descriptor(), &kind) == 0 && S_ISSOCK(kind.st_mode);
 }
 
 SerialPort SerialPort::open(const std::string& endpoint, std::string& why) {
@@ -168,29 +161,14 @@ SerialPort SerialPort::open(const std::string& endpoint, std::string& why) {
   return SerialPort(open_tty(endpoint, why));
 }
 
-SerialPort& SerialPort::operator=(SerialPort&& other) noexcept {
-  std::swap(fd_, other.fd_);
-  socket_ = other.socket_;
-  gone_ = other.gone_;
-  rest_ = other.rest_;
-  sent_ = other.sent_;
-  unsent_ = other.unsent_;
-  input_ = other.input_;
-  next_ = other.next_;
-  filled_ = other.filled_;
-  return *this;
-}
-
 SerialPort::~SerialPort() {
-  if (fd_ < 0) return;
   // A line that takes no more bytes must not delay the end of the program.
-  if (!socket_ && has_output()) (void)::tcflush(fd_, TCOFLUSH);
-  ::close(fd_);
+  if (is_open() && !socket_ && has_output()) (void)::tcflush(descriptor(), TCOFLUSH);
 }
 
 std::size_t SerialPort::write_some(std::span<const char> out) {
-  const ssize_t n = socket_ ? ::send(fd_, out.data(), out.size(), MSG_DONTWAIT | MSG_NOSIGNAL)
-                            : ::write(fd_, out.data(), out.size());
+  const ssize_t n = socket_ ? ::send(descriptor(), out.data(), out.size(), MSG_DONTWAIT | MSG_NOSIGNAL)
+                            : ::write(descriptor(), out.data(), out.size());
   if (n >= 0) return static_cast<std::size_t>(n);
   if (errno != EAGAIN && errno != EWOULDBLOCK && errno != EINTR && errno != ENOBUFS) gone_ = true;
   return 0;
@@ -216,7 +194,7 @@ bool SerialPort::try_read(char& in) {
   if (!has_input()) {
     flush();
     if (gone_) return false;
-    const ssize_t n = ::read(fd_, input_.data(), input_.size());
+    const ssize_t n = ::read(descriptor(), input_.data(), input_.size());
     next_ = 0;
     filled_ = n > 0 ? static_cast<std::size_t>(n) : 0;
     if (n == 0 || (n < 0 && errno != EAGAIN && errno != EWOULDBLOCK && errno != EINTR)) gone_ = true;

@@ -5,8 +5,8 @@
 #include <cstddef>
 #include <span>
 #include <string>
-#include <utility>
 
+#include "hal/linux/descriptor.hpp"
 #include "hal/slcan/slcan.hpp"
 
 namespace esmc::hal {
@@ -20,16 +20,16 @@ class SerialPort {
   static SerialPort open(const std::string& endpoint, std::string& why);
 
   /// Adopts a non-blocking descriptor, as a socket pair in tests.
-  explicit SerialPort(int fd);
-  SerialPort(SerialPort&& other) noexcept { *this = std::move(other); }
-  SerialPort& operator=(SerialPort&& other) noexcept;
+  explicit SerialPort(int fd) : SerialPort(Descriptor(fd)) {}
+  SerialPort(SerialPort&&) noexcept = default;
+  SerialPort& operator=(SerialPort&&) noexcept = default;
   SerialPort(const SerialPort&) = delete;
   SerialPort& operator=(const SerialPort&) = delete;
   /// Drops unsent bytes.
   ~SerialPort();
 
-  [[nodiscard]] bool is_open() const { return fd_ >= 0; }
-  [[nodiscard]] int descriptor() const { return fd_; }
+  [[nodiscard]] bool is_open() const { return fd_.is_open(); }
+  [[nodiscard]] int descriptor() const { return fd_.get(); }
 
   /// All of `out` (up to 64 bytes) or nothing. What the line does not take at once is sent first next time.
   [[nodiscard]] bool try_write(std::span<const char> out);
@@ -43,10 +43,11 @@ class SerialPort {
   void flush();
 
  private:
+  explicit SerialPort(Descriptor fd);
   /// Returns the number of bytes that the system took.
   std::size_t write_some(std::span<const char> out);
 
-  int fd_ = -1;
+  Descriptor fd_;
   bool socket_ = false, gone_ = false;
   std::array<char, 64> rest_{};
   std::size_t sent_ = 0, unsent_ = 0;

@@ -74,16 +74,13 @@ std::error_code GpioLine::request(const std::string& place, Use use, const char*
 
 bool GpioLine::closed() const {
   if (line_ < 0) return true;
-  gpio_v2_line_values v{};
-  v.mask = 1;
+  gpio_v2_line_values v{.bits = 0, .mask = 1};
   return kernel_->ioctl(line_, GPIO_V2_LINE_GET_VALUES_IOCTL, &v) == 0 && (v.bits & 1U) != 0;
 }
 
 bool GpioLine::set(bool high) const {
   if (line_ < 0) return true;
-  gpio_v2_line_values v{};
-  v.mask = 1;
-  v.bits = high ? 1 : 0;
+  gpio_v2_line_values v{.bits = high ? 1U : 0U, .mask = 1};
   return kernel_->ioctl(line_, GPIO_V2_LINE_SET_VALUES_IOCTL, &v) == 0;
 }
 

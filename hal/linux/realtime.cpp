@@ -6,7 +6,6 @@
 #include <sys/mman.h>
 #include <sys/timerfd.h>
 #include <time.h>
-#include <unistd.h>
 
 #include <array>
 #include <cerrno>
@@ -23,8 +22,7 @@ std::uint64_t monotonic_ns() {
 }
 
 std::error_code fixed_priority(int priority) {
-  sched_param wanted{};
-  wanted.sched_priority = priority;
+  const sched_param wanted{.sched_priority = priority};
   return reason(::pthread_setschedparam(::pthread_self(), SCHED_FIFO, &wanted));
 }
 
@@ -36,17 +34,14 @@ std::error_code lock_memory() {
 }
 
 Alarm::Alarm() : timer_(::timerfd_create(CLOCK_MONOTONIC, TFD_NONBLOCK | TFD_CLOEXEC)) {}
-Alarm::~Alarm() {
-  if (timer_ >= 0) ::close(timer_);
-}
 
 void Alarm::wait(std::uint64_t instant_ns, int descriptor) const {
   itimerspec at{};
   at.it_value.tv_sec = static_cast<time_t>(instant_ns / 1'000'000'000U);
   at.it_value.tv_nsec = static_cast<long>(instant_ns % 1'000'000'000U);
-  (void)::timerfd_settime(timer_, TFD_TIMER_ABSTIME, &at, nullptr);
+  (void)::timerfd_settime(timer_.get(), TFD_TIMER_ABSTIME, &at, nullptr);
   // A second at most, in case there is no timer. A lost interface must not wake this thread all the time.
-  std::array<pollfd, 2> either{pollfd{timer_, POLLIN, 0}, pollfd{descriptor, POLLIN, 0}};
+  std::array<pollfd, 2> either{pollfd{timer_.get(), POLLIN, 0}, pollfd{descriptor, POLLIN, 0}};
   if (::poll(either.data(), either.size(), 1000) > 0 &&
       (either[1].revents & (POLLERR | POLLHUP | POLLNVAL)) != 0) {
     (void)::clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &at.it_value, nullptr);

@@ -4,6 +4,8 @@
 #include <cstdint>
 #include <system_error>
 
+#include "hal/linux/descriptor.hpp"
+
 namespace esmc::hal {
 
 /// CLOCK_MONOTONIC, ns.
@@ -19,14 +21,11 @@ namespace esmc::hal {
 class Alarm {
  public:
   Alarm();
-  Alarm(const Alarm&) = delete;
-  Alarm& operator=(const Alarm&) = delete;
-  ~Alarm();
   /// Until `instant_ns` of monotonic_ns(), `descriptor` is readable, a signal comes, or a second has passed.
   void wait(std::uint64_t instant_ns, int descriptor) const;
 
  private:
-  int timer_;
+  Descriptor timer_;
 };
 
 }  // namespace esmc::hal

@@ -8,14 +8,12 @@
 #include <sys/socket.h>
 #include <sys/time.h>
 #include <sys/uio.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <array>
 #include <cerrno>
 #include <cstring>
 #include <limits>
-#include <utility>
 
 namespace esmc::hal {
 namespace {
@@ -49,32 +47,22 @@ SocketCan SocketCan::open(const std::string& interface, std::error_code& error) 
   // Optional: an interface without FD refuses FD frames when they are sent.
   const int on = 1;
   const can_err_mask_t errors = CAN_ERR_BUSOFF | CAN_ERR_RESTARTED;
-  (void)::setsockopt(s.fd_, SOL_CAN_RAW, CAN_RAW_FD_FRAMES, &on, sizeof on);
-  (void)::setsockopt(s.fd_, SOL_CAN_RAW, CAN_RAW_ERR_FILTER, &errors, sizeof errors);
-  (void)::setsockopt(s.fd_, SOL_SOCKET, SO_TIMESTAMP, &on, sizeof on);
+  (void)::setsockopt(s.descriptor(), SOL_CAN_RAW, CAN_RAW_FD_FRAMES, &on, sizeof on);
+  (void)::setsockopt(s.descriptor(), SOL_CAN_RAW, CAN_RAW_ERR_FILTER, &errors, sizeof errors);
+  (void)::setsockopt(s.descriptor(), SOL_SOCKET, SO_TIMESTAMP, &on, sizeof on);
 
   ifreq request{};
   interface.copy(request.ifr_name, IFNAMSIZ - 1);
-  if (::ioctl(s.fd_, SIOCGIFINDEX, &request) < 0) return fail(errno);
+  if (::ioctl(s.descriptor(), SIOCGIFINDEX, &request) < 0) return fail(errno);
   const int index = request.ifr_ifindex;
-  if (::ioctl(s.fd_, SIOCGIFFLAGS, &request) < 0) return fail(errno);
+  if (::ioctl(s.descriptor(), SIOCGIFFLAGS, &request) < 0) return fail(errno);
   if ((request.ifr_flags & IFF_UP) == 0) return fail(ENETDOWN);
   sockaddr_can address{};
   address.can_family = AF_CAN;
   address.can_ifindex = index;
-  if (::bind(s.fd_, reinterpret_cast<const sockaddr*>(&address), sizeof address) < 0) return fail(errno);
+  if (::bind(s.descriptor(), reinterpret_cast<const sockaddr*>(&address), sizeof address) < 0)
+    return fail(errno);
   return s;
-}
-
-SocketCan& SocketCan::operator=(SocketCan&& other) noexcept {
-  std::swap(fd_, other.fd_);
-  bus_off_ = other.bus_off_;
-  frame_age_us_ = other.frame_age_us_;
-  return *this;
-}
-
-SocketCan::~SocketCan() {
-  if (fd_ >= 0) ::close(fd_);
 }
 
 SendStatus SocketCan::try_send(const CanFrame& f) {
@@ -86,7 +74,7 @@ SendStatus SocketCan::try_send(const CanFrame& f) {
   raw.flags = f.fd && f.bit_rate_switch ? CANFD_BRS : 0;
   std::copy_n(f.data.begin(), f.size, raw.data);
   const std::size_t size = f.fd ? CANFD_MTU : CAN_MTU;
-  const ssize_t written = ::send(fd_, &raw, size, MSG_DONTWAIT | MSG_NOSIGNAL);
+  const ssize_t written = ::send(descriptor(), &raw, size, MSG_DONTWAIT | MSG_NOSIGNAL);
   if (written == static_cast<ssize_t>(size)) return SendStatus::ok;
   if (errno == EAGAIN || errno == EWOULDBLOCK || errno == ENOBUFS || errno == EINTR)
     return SendStatus::bus_full;
@@ -104,7 +92,7 @@ bool SocketCan::try_receive(CanFrame& f) {
     message.msg_iovlen = 1;
     message.msg_control = control.data();
     message.msg_controllen = control.size();
-    const ssize_t n = ::recvmsg(fd_, &message, MSG_DONTWAIT);
+    const ssize_t n = ::recvmsg(descriptor(), &message, MSG_DONTWAIT);
     const bool fd = n == static_cast<ssize_t>(CANFD_MTU);
     if (!fd && n != static_cast<ssize_t>(CAN_MTU)) return false;
     if ((raw.can_id & CAN_ERR_FLAG) != 0U) {

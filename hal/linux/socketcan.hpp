@@ -6,6 +6,7 @@
 #include <system_error>
 
 #include "hal/can.hpp"
+#include "hal/linux/descriptor.hpp"
 
 namespace esmc::hal {
 
@@ -18,14 +19,9 @@ class SocketCan {
 
   /// Adopts a descriptor with a struct canfd_frame or can_frame per packet, as a socket pair in tests.
   explicit SocketCan(int fd) : fd_(fd) {}
-  SocketCan(SocketCan&& other) noexcept : fd_(other.fd_), bus_off_(other.bus_off_) { other.fd_ = -1; }
-  SocketCan& operator=(SocketCan&& other) noexcept;
-  SocketCan(const SocketCan&) = delete;
-  SocketCan& operator=(const SocketCan&) = delete;
-  ~SocketCan();
 
-  [[nodiscard]] bool is_open() const { return fd_ >= 0; }
-  [[nodiscard]] int descriptor() const { return fd_; }
+  [[nodiscard]] bool is_open() const { return fd_.is_open(); }
+  [[nodiscard]] int descriptor() const { return fd_.get(); }
 
   [[nodiscard]] SendStatus try_send(const CanFrame& f);
   /// Takes the next frame; false: none. Also reads error frames: after bus-off every try_send returns bus_off
@@ -37,7 +33,7 @@ class SocketCan {
   void recover() { bus_off_ = false; }
 
  private:
-  int fd_ = -1;
+  Descriptor fd_;
   bool bus_off_ = false;
   std::uint32_t frame_age_us_ = 0;
 };

@@ -1,7 +1,5 @@
 #include "host_sim/bus/open_bus.hpp"
 
-#include <fmt/format.h>
-
 #include <cerrno>
 #include <filesystem>
 #include <string_view>
@@ -19,44 +17,34 @@ std::string behind(std::string_view prefix, const std::string& bus) {
 }
 
 [[noreturn]] void refuse_form(const std::string& bus) {
-  throw InputError("",
-                   "--bus " + bus +
-                       ": allowed are socketcan:INTERFACE, slcan:ENDPOINT (a tty, unix:PATH, tcp:HOST:PORT) "
-                       "and, for hil, virtual");
+  refuse(
+      "--bus {}: allowed are socketcan:INTERFACE, slcan:ENDPOINT (a tty, unix:PATH, tcp:HOST:PORT) and, for "
+      "hil, virtual",
+      bus);
 }
 
 HostBus open_socketcan(const std::string& interface) {
   std::error_code error;
   hal::SocketCan bus = hal::SocketCan::open(interface, error);
   if (bus.is_open()) return {interface, std::move(bus)};
-  const std::string label = "--bus socketcan:" + interface + ": ";
-  switch (error.value()) {
-    case ENODEV:
-      throw InputError("", label + "no such CAN interface (ip link show type vcan, type can)");
-    case ENETDOWN:
-      throw InputError("", label + "the interface is down (ip link set up " + interface + ")");
-    case EAFNOSUPPORT:
-    case EPROTONOSUPPORT:
-      throw InputError(
-          "", label + "this kernel has no CAN; --bus virtual needs none, docs/hil.md shows a way to vcan");
-    default:
-      throw InputError("", label + error.message());
-  }
+  std::string why = error.message();
+  if (error.value() == ENODEV) why = "no such CAN interface (ip link show type vcan, type can)";
+  if (error.value() == ENETDOWN) why = "the interface is down (ip link set up " + interface + ")";
+  if (error.value() == EAFNOSUPPORT || error.value() == EPROTONOSUPPORT)
+    why = "this kernel has no CAN; --bus virtual needs none, docs/hil.md shows a way to vcan";
+  refuse("--bus socketcan:{}: {}", interface, why);
 }
 
 HostBus open_slcan(const std::string& endpoint, int bit_rate) {
-  const std::string label = "--bus slcan:" + endpoint + ": ";
   const int speed = hal::slcan_speed(bit_rate);
-  if (speed < 0) {
-    throw InputError(
-        "",
-        fmt::format(
-            "{}slcan has no command for {} bit/s (10, 20, 50, 100, 125, 250, 500, 800 kbit/s and 1 Mbit/s)",
-            label, bit_rate));
-  }
+  if (speed < 0)
+    refuse(
+        "--bus slcan:{}: slcan has no command for {} bit/s (10, 20, 50, 100, 125, 250, 500, 800 kbit/s and 1 "
+        "Mbit/s)",
+        endpoint, bit_rate);
   std::string why;
   hal::SerialPort port = hal::SerialPort::open(endpoint, why);
-  if (!port.is_open()) throw InputError("", label + why);
+  if (!port.is_open()) refuse("--bus slcan:{}: {}", endpoint, why);
   return {endpoint, std::make_unique<hal::SlcanAdapter>(std::move(port), speed)};
 }
 
@@ -76,12 +64,11 @@ BusEnds open_both_ends(const std::string& bus, int bit_rate) {
   const std::size_t comma = endpoints.find(',');
   const std::string plant = endpoints.substr(0, comma),
                     control = comma == std::string::npos ? "" : endpoints.substr(comma + 1);
-  if (plant.empty() || control.empty() || control.find(',') != std::string::npos) {
-    throw InputError(
-        "", "--bus " + bus +
-                ": hil is two nodes, and an adapter is one: slcan:PLANT,CONTROLLER names two adapters on "
-                "one cable; with one, run esmc plant or esmc controller on it");
-  }
+  if (plant.empty() || control.empty() || control.find(',') != std::string::npos)
+    refuse(
+        "--bus {}: hil is two nodes, and an adapter is one: slcan:PLANT,CONTROLLER names two adapters on one "
+        "cable; with one, run esmc plant or esmc controller on it",
+        bus);
   return {open_slcan(plant, bit_rate), open_slcan(control, bit_rate)};
 }
 

@@ -81,28 +81,24 @@ namespace {
 
 constexpr double beats_per_s = 100.0;  // of every emulated drive
 
-void add_odrive(const Scene& s, std::vector<BusMessage>& out) {
+void add_odrive(const Scene& s, double tick, double beat, std::vector<BusMessage>& out) {
   namespace wire = drive::odrive;
-  const double tick = s.tick() * s.bitrate;
   for (std::size_t i = 0; i < s.drives.nodes.size(); ++i) {
     const auto node = static_cast<std::uint8_t>(s.drives.nodes[i]);
     const auto add = [&](const char* what, wire::Message m, double period, Role role) {
       out.push_back(message(fmt::format("{} {}", what, node), wire::identifier(node, m), 8, period, role));
     };
-    add("heartbeat", wire::Message::heartbeat, std::max(s.bitrate / beats_per_s, tick), Role::other);
+    add("heartbeat", wire::Message::heartbeat, beat, Role::other);
     add("sample", wire::Message::encoder_estimates, tick, Role::sample);
     if (i >= static_cast<std::size_t>(s.motors())) continue;
     add("torque", wire::Message::set_input_torque, tick, Role::command);
-    if (s.drives.torque_mismatch > 0.0) {
-      add("estimated torque", wire::Message::get_torques, std::max(s.bitrate / beats_per_s, tick),
-          Role::other);
-    }
+    if (s.drives.torque_mismatch > 0.0)
+      add("estimated torque", wire::Message::get_torques, beat, Role::other);
   }
 }
 
-void add_cia402(const Scene& s, std::vector<BusMessage>& out) {
+void add_cia402(const Scene& s, double tick, double beat, std::vector<BusMessage>& out) {
   namespace wire = drive::canopen;
-  const double tick = s.tick() * s.bitrate, beat = std::max(s.bitrate / beats_per_s, tick);
   out.push_back(message("sync", wire::id_sync, 0, tick, Role::command));
   for (std::size_t i = 0; i < s.drives.nodes.size(); ++i) {
     const auto node = static_cast<std::uint32_t>(s.drives.nodes[i]);
@@ -119,8 +115,7 @@ void add_cia402(const Scene& s, std::vector<BusMessage>& out) {
                         heartbeat_ticks(s) * tick, Role::other));
 }
 
-void add_mit(const Scene& s, std::vector<BusMessage>& out) {
-  const double tick = s.tick() * s.bitrate;
+void add_mit(const Scene& s, double tick, std::vector<BusMessage>& out) {
   for (std::size_t i = 0; i < s.drives.nodes.size(); ++i) {
     const auto node = static_cast<std::uint32_t>(s.drives.nodes[i]);
     out.push_back(message(fmt::format("reply {}", node), static_cast<std::uint32_t>(s.drives.master_id[i]), 8,
@@ -130,10 +125,7 @@ void add_mit(const Scene& s, std::vector<BusMessage>& out) {
 }
 
 /// A supervisor computer's, where there is one: docs/esmc.dbc.
-void add_link(const Scene& s, std::vector<BusMessage>& out) {
-  if (!s.command) return;
-  const CommandScene& c = *s.command;
-  const double tick = s.tick() * s.bitrate;
+void add_link(const CommandScene& c, int motors, double tick, std::vector<BusMessage>& out) {
   const auto add = [&](const char* what, std::uint32_t offset, double ticks) {
     if (ticks > 0.0) {
       out.push_back(
@@ -146,28 +138,23 @@ void add_link(const Scene& s, std::vector<BusMessage>& out) {
   }
   add("status", 0x10, c.status_ticks);
   // One of a set in a tick.
-  const int set = 2 + s.motors();
-  add("telemetry", 0x16,
-      c.telemetry_ticks > 0 ? std::max(1.0, static_cast<double>(c.telemetry_ticks) / set) : 0.0);
+  const double ticks = c.telemetry_ticks;
+  add("telemetry", 0x16, ticks > 0.0 ? std::max(1.0, ticks / (2 + motors)) : 0.0);
 }
 
 }  // namespace
 
 std::vector<BusMessage> bus_messages(const Scene& s) {
   std::vector<BusMessage> out;
-  switch (s.drives.protocol) {
-    case Protocol::odrive:
-    case Protocol::odrive_0_5:
-      add_odrive(s, out);
-      break;
-    case Protocol::cia402:
-      add_cia402(s, out);
-      break;
-    case Protocol::mit:
-      add_mit(s, out);
-      break;
+  const double tick = s.tick() * s.bitrate, beat = std::max(s.bitrate / beats_per_s, tick);
+  if (s.drives.protocol == Protocol::cia402) {
+    add_cia402(s, tick, beat, out);
+  } else if (s.drives.protocol == Protocol::mit) {
+    add_mit(s, tick, out);
+  } else {
+    add_odrive(s, tick, beat, out);
   }
-  add_link(s, out);
+  if (s.command) add_link(*s.command, s.motors(), tick, out);
   if (const auto b = find_effect<BabblingNode>(s.effects)) {
     out.push_back(message("babbling_node", b->identifier, static_cast<std::uint32_t>(b->size),
                           s.bitrate / b->rate_hz, Role::other, b->extended));

@@ -39,8 +39,7 @@ class ErrorCounters {
 
 class TimedBus {
  public:
-  using Time = std::int64_t;  ///< bit times since the bus began
-  static constexpr std::size_t nodes_max = 16;
+  using Time = std::int64_t;                       ///< bit times since the bus began
   static constexpr std::size_t controller = 0;     ///< node; drive i of the scene is node i + 1
   static constexpr std::size_t queue_frames = 10;  ///< per node: Linux's default for a CAN interface
   static constexpr std::uint32_t error_frame_bits =
@@ -48,7 +47,7 @@ class TimedBus {
   static constexpr std::uint32_t suspend_bits = 8;  ///< that a passive node waits after its own frame
 
   struct Config {
-    std::size_t drives = 0;  ///< <= nodes_max - 2
+    std::size_t drives = 0;  ///< <= 14
     double bitrate = 1e6;    ///< bit/s
     std::vector<Effect> effects;
     std::uint64_t seed = 1;

@@ -44,10 +44,8 @@ JointLog read_log(const RecordedRun& run) {
       five_bar ? ": what four encoders say is needed, of a five-bar that ran with control.sensors = \"all\""
                : ": the log of an RR arm that ran under its controller is needed")};
   require_ascending(log.table, 0);
-  if (five_bar && log.table.rows() < rows_min) {
-    throw InputError("", fmt::format("{}: {} rows are too few: {} or more are needed", run.log,
-                                     log.table.rows(), rows_min));
-  }
+  if (five_bar && log.table.rows() < rows_min)
+    refuse("{}: {} rows are too few: {} or more are needed", run.log, log.table.rows(), rows_min);
   return log;
 }
 
@@ -75,28 +73,23 @@ std::vector<EffectorReading> read_effector(const std::string& file, const JointL
   std::vector<EffectorReading> out;
   for (std::size_t i = 0; i < readings.rows(); ++i) {
     const double at = readings.columns[0][i];
-    if (t.size() < 2 || !(at >= t.front() && at <= t.back())) {
-      throw InputError(readings.where(i),
-                       fmt::format("t = {} s is outside the log, which goes from {} to {} s", at,
-                                   t.empty() ? 0.0 : t.front(), t.empty() ? 0.0 : t.back()));
-    }
+    if (t.size() < 2 || !(at >= t.front() && at <= t.back()))
+      refuse_at(readings.where(i), "t = {} s is outside the log, which goes from {} to {} s", at,
+                t.empty() ? 0.0 : t.front(), t.empty() ? 0.0 : t.back());
     const auto after = std::clamp<std::ptrdiff_t>(std::upper_bound(t.begin(), t.end(), at) - t.begin(), 1,
                                                   static_cast<std::ptrdiff_t>(t.size()) - 1);
     const auto k = static_cast<std::size_t>(after);
     if (at > t[k - 1] && at < t[k] &&
         t[k] - t[k - 1] > gap_max * (t.back() - t.front()) / static_cast<double>(t.size() - 1))
-      throw InputError(readings.where(i), fmt::format("t = {} s is in a gap of the log, from {:g} to {:g} s",
-                                                      at, t[k - 1], t[k]));
+      refuse_at(readings.where(i), "t = {} s is in a gap of the log, from {:g} to {:g} s", at, t[k - 1],
+                t[k]);
     const double u = (at - t[k - 1]) / (t[k] - t[k - 1]);
     EffectorReading r{{}, readings.columns[1][i], readings.columns[2][i]};
-    if (!free_frame && std::hypot(r.x, r.y) > 2.0 * reach) {
-      throw InputError(
-          readings.where(i),
-          fmt::format(
-              "({:g}, {:g}) m is {:.3g} m from the base, and the mechanism reaches {:.3g} m: metres are "
-              "needed, in the frame of the base (else --free-frame)",
-              r.x, r.y, std::hypot(r.x, r.y), reach));
-    }
+    if (!free_frame && std::hypot(r.x, r.y) > 2.0 * reach)
+      refuse_at(readings.where(i),
+                "({:g}, {:g}) m is {:.3g} m from the base, and the mechanism reaches {:.3g} m: metres are "
+                "needed, in the frame of the base (else --free-frame)",
+                r.x, r.y, std::hypot(r.x, r.y), reach);
     const MeasuredAngles a = log.angles(k - 1), b = log.angles(k);
     for (std::size_t j = 0; j < a.size(); ++j) r.angle[j] = a[j] + u * (b[j] - a[j]);
     out.push_back(r);
@@ -123,31 +116,23 @@ double reach_of(const CalibrationProblem& p) {
 
 void require_scale(const CalibrationProblem& p, const CalibrateOptions& o) {
   const std::size_t n = p.effector.size();
-  if (!o.effector.empty() && n < (p.five_bar ? 2U : 3U)) {
-    throw InputError(o.effector, fmt::format("{} readings of the effector are too few: {} or more are needed",
-                                             n, p.five_bar ? 2 : 3));
-  }
-  if (p.five_bar && o.effector.empty() && !p.half_base_known) {
-    throw InputError("",
-                     "encoders tell the shape of the mechanism but not its scale: --half-base M (measured), "
-                     "--trust-half-base "
-                     "(the scene's is right) or --effector FILE with two or more readings is needed");
-  }
-  if (!p.five_bar && o.effector.empty()) {
-    throw InputError("",
-                     "an RR arm has no loop whose closure its encoders could contradict: --effector FILE "
-                     "with three or more "
-                     "readings is needed");
-  }
-  if (!p.five_bar && o.free_frame) {
-    throw InputError("",
-                     "--free-frame: the angle of the readings' frame and the offset of an RR arm's first "
-                     "joint are the same "
-                     "unknown: give the readings in the frame of the base");
-  }
+  if (!o.effector.empty() && n < (p.five_bar ? 2U : 3U))
+    refuse_at(o.effector, "{} readings of the effector are too few: {} or more are needed", n,
+              p.five_bar ? 2 : 3);
+  if (p.five_bar && o.effector.empty() && !p.half_base_known)
+    refuse(
+        "encoders tell the shape of the mechanism but not its scale: --half-base M (measured), "
+        "--trust-half-base (the scene's is right) or --effector FILE with two or more readings is needed");
+  if (!p.five_bar && o.effector.empty())
+    refuse(
+        "an RR arm has no loop whose closure its encoders could contradict: --effector FILE with three or "
+        "more readings is needed");
+  if (!p.five_bar && o.free_frame)
+    refuse(
+        "--free-frame: the angle of the readings' frame and the offset of an RR arm's first joint are the "
+        "same unknown: give the readings in the frame of the base");
   if (!p.five_bar && (o.half_base || o.trust_half_base))
-    throw InputError("",
-                     std::string(o.half_base ? "--half-base" : "--trust-half-base") + ": an RR arm has none");
+    refuse("{}: an RR arm has none", o.half_base ? "--half-base" : "--trust-half-base");
 }
 
 /// The problem of a log. Throws InputError.
@@ -169,57 +154,45 @@ CalibrationProblem problem_of(const RecordedRun& run, const CalibrateOptions& o,
 /// Throws where the result is no calibration of this mechanism.
 void judge(const Calibration& c, const CalibrationProblem& p, const RecordedRun& run,
            const CalibrateOptions& o) {
-  if (!c.in_numbers) {
-    throw InputError("", fmt::format("{}: no lengths near the nominal ones fit it even roughly: is it the "
-                                     "log of this mechanism, in s and rad{}?",
-                                     run.log, o.effector.empty() ? "" : ", and the effector readings in m"));
-  }
-  if (c.encoder_sigma > encoder_sigma_max) {
-    throw InputError(
-        "",
-        fmt::format(
-            "{}: no lengths make the loop close better than {:.2g} mm rms: is it the log of this mechanism?",
-            run.log, 1e3 * c.closure_rms));
-  }
+  if (!c.in_numbers)
+    refuse(
+        "{}: no lengths near the nominal ones fit it even roughly: is it the log of this mechanism, in s and "
+        "rad{}?",
+        run.log, o.effector.empty() ? "" : ", and the effector readings in m");
+  if (c.encoder_sigma > encoder_sigma_max)
+    refuse("{}: no lengths make the loop close better than {:.2g} mm rms: is it the log of this mechanism?",
+           run.log, 1e3 * c.closure_rms);
   if (!c.weak.empty() && !o.keep_nominal) {
     std::string names;
     for (std::size_t i = 0; i < std::min<std::size_t>(c.weak.size(), 3); ++i)
       names += (i > 0 ? "; " : "") + c.weak[i].text;
     if (c.weak.size() > 3) names += fmt::format("; and {} more", c.weak.size() - 3);
-    if (c.encoder_sigma > encoder_sigma_odd) {
-      throw InputError("", fmt::format("{}: its angles are beside every loop by {:.2g} rad rms, and so it "
-                                       "does not determine {}: did an encoder slip or "
-                                       "jump, or is this noise? --keep-nominal leaves these as they are",
-                                       run.log, c.encoder_sigma, names));
-    }
-    throw InputError(
-        "",
-        fmt::format("{}: does not determine {}: let the mechanism move further, in both legs; --keep-nominal "
-                    "leaves these as they are",
-                    run.log, names));
+    if (c.encoder_sigma > encoder_sigma_odd)
+      refuse(
+          "{}: its angles are beside every loop by {:.2g} rad rms, and so it does not determine {}: did an "
+          "encoder slip or jump, or is this noise? --keep-nominal leaves these as they are",
+          run.log, c.encoder_sigma, names);
+    refuse(
+        "{}: does not determine {}: let the mechanism move further, in both legs; --keep-nominal leaves "
+        "these as they are",
+        run.log, names);
   }
   // Expected misfit from the accuracy of readings and encoders; five times as much has another cause.
   const double expected = std::numbers::sqrt2 * p.effector_sigma + 4.0 * reach_of(p) * c.encoder_sigma;
-  if (!(c.effector_rms <= 5.0 * expected)) {
-    throw InputError(
-        o.effector,
-        fmt::format(
-            "no lengths meet the effector readings better than {:.3g} mm rms, {:.2g} mm are to be expected "
-            "of "
-            "--effector-sigma and the encoders: are they in m, in the frame of the base (else --free-frame), "
-            "and on the clock of the log?",
-            1e3 * c.effector_rms, 1e3 * expected));
-  }
+  if (!(c.effector_rms <= 5.0 * expected))
+    refuse_at(o.effector,
+              "no lengths meet the effector readings better than {:.3g} mm rms, {:.2g} mm are to be expected "
+              "of --effector-sigma and the encoders: are they in m, in the frame of the base (else "
+              "--free-frame), and on the clock of the log?",
+              1e3 * c.effector_rms, 1e3 * expected);
   if (!c.converged) throw RunError("the least-squares fit did not converge");
   for (const int u : c.estimated) {
     const double change = is_length(u) ? std::abs(c.value[u] / p.nominal[u] - 1.0) : 0.0;
-    if (change > o.within) {
-      throw InputError(
-          "",
-          fmt::format("{}: {} would be {:.4g} m, {:.0f} % from the nominal {:.4g} m: is it the log of this "
-                      "mechanism? --within allows more than {:g}",
-                      run.log, name_of(u, p.five_bar), c.value[u], 100.0 * change, p.nominal[u], o.within));
-    }
+    if (change > o.within)
+      refuse(
+          "{}: {} would be {:.4g} m, {:.0f} % from the nominal {:.4g} m: is it the log of this mechanism? "
+          "--within allows more than {:g}",
+          run.log, name_of(u, p.five_bar), c.value[u], 100.0 * change, p.nominal[u], o.within);
   }
 }
 

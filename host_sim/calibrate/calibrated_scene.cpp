@@ -106,8 +106,7 @@ std::string calibrated_scene(const RecordedRun& run, const Unknowns& value) {
   try {
     (void)read_scene_text(text, "calibrated scene", {});
   } catch (const InputError& e) {
-    throw InputError("",
-                     std::string("--write: the scene does not fit its calibrated mechanism: ") + e.what());
+    refuse("--write: the scene does not fit its calibrated mechanism: {}", e.what());
   }
   return text;
 }
@@ -116,7 +115,7 @@ void refuse_overwrite(const std::string& file, const std::vector<std::string>& i
   for (const std::string& input : inputs) {
     std::error_code error;
     if (!input.empty() && std::filesystem::equivalent(file, input, error) && !error)
-      throw InputError("", "--write: " + file + " is an input of this calibration");
+      refuse("--write: {} is an input of this calibration", file);
   }
 }
 

@@ -7,8 +7,6 @@
 #include <limits>
 #include <numeric>
 
-#include "host_sim/calibrate/rows.hpp"
-
 namespace esmc::host {
 namespace {
 
@@ -285,7 +283,8 @@ Matrix strong_directions(const CalibrationProblem& p, const Matrix& basis, const
                          const Matrix& covariance, Calibration& out) {
   const Modes modes = symmetric_modes(n.H);
   const double least = excitation_min * excitation_min * static_cast<double>(p.angles.size());
-  std::vector<Vector> strong;
+  Matrix strong(basis.cols(), basis.cols());
+  Eigen::Index count = 0;
   for (Eigen::Index i = 0; i < basis.cols(); ++i) {
     const Vector v = modes.vector.col(i);
     const double of_effector = quadratic(n.H_effector, v),
@@ -294,17 +293,15 @@ Matrix strong_directions(const CalibrationProblem& p, const Matrix& basis, const
     const double s =
         std::max(1.0 / std::sqrt(information), std::sqrt(std::max(0.0, quadratic(covariance, v))));
     if (s <= weak_sigma) {
-      strong.push_back(v);
+      strong.col(count++) = v;
       continue;
     }
     const Unknowns kept = apply(basis, v);
     out.covariance += gram(kept.transpose()) * (weak_sigma * weak_sigma);
     const Unknowns along = apply(columns_of(out.estimated, 1.0), v);
-    out.weak.push_back({along, s, combination(along, p.five_bar, p.nominal, out.mean_length)});
+    out.weak.push_back({s, combination(along, p.five_bar, p.nominal, out.mean_length)});
   }
-  Matrix columns(basis.cols(), static_cast<Eigen::Index>(strong.size()));
-  for (std::size_t i = 0; i < strong.size(); ++i) columns.col(static_cast<Eigen::Index>(i)) = strong[i];
-  return columns;
+  return strong.leftCols(count);
 }
 
 void measure_residuals(const CalibrationProblem& p, Calibration& out) {

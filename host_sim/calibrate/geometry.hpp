@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "host_sim/calibrate/unknowns.hpp"
+#include "host_sim/calibrate/rows.hpp"
 
 namespace esmc::host {
 
@@ -25,7 +25,6 @@ struct CalibrationProblem {
 
 /// A combination of unknowns that the data do not determine.
 struct WeakDirection {
-  Unknowns along;      ///< of length 1, lengths over mean_length
   double sigma = 0.0;  ///< standard uncertainty as a part of a length, or rad; may be infinite
   std::string text;    ///< "half_base and all lengths together: the scale", "0.7 leg 1 l1 - 0.7 leg 2 l1"
 };

@@ -34,10 +34,9 @@ std::int32_t saturated(double v) {
 
 /// Whether an object may be mapped to a PDO towards the drive, or from it.
 bool mappable(std::uint16_t index, bool towards) {
-  constexpr std::array<std::uint16_t, 4> in{0x6040, 0x6060, 0x6071, 0x6072};
-  constexpr std::array<std::uint16_t, 6> out{0x1001, 0x603F, 0x6041, 0x6061, 0x6064, 0x606C};
-  if (towards) return std::find(in.begin(), in.end(), index) != in.end();
-  return index == 0x6077 || std::find(out.begin(), out.end(), index) != out.end();
+  constexpr std::array in{0x6040, 0x6060, 0x6071, 0x6072};
+  constexpr std::array out{0x1001, 0x603F, 0x6041, 0x6061, 0x6064, 0x606C, 0x6077};
+  return towards ? std::ranges::count(in, index) > 0 : std::ranges::count(out, index) > 0;
 }
 
 struct Mapped {
@@ -153,28 +152,27 @@ void Cia402Axis::serve(const hal::CanFrame& request, const Send& send) {
 }
 
 std::uint32_t Cia402Axis::objection(std::uint16_t index, std::uint8_t sub, std::uint32_t value) const {
-  const auto option = [&](int low, int high) {
+  const auto refused_unless = [](bool allowed) { return allowed ? 0U : wire::abort_value; };
+  const auto option = [&](int high) {
     const int v = static_cast<std::int16_t>(value);
-    return low <= v && v <= high ? 0U : wire::abort_value;
+    return refused_unless(0 <= v && v <= high);
   };
   switch (index) {
     case 0x1005:
-      return value == 0x80 ? 0U : wire::abort_value;  // another identifier may be one of its own
+      return refused_unless(value == 0x80);  // another identifier may be one of its own
     case 0x1014:
-      return (value & ~wire::cob_invalid) == 0x80U + node() ? 0U : wire::abort_value;
+      return refused_unless((value & ~wire::cob_invalid) == 0x80U + node());
     case 0x1029:
-      return value > 2 ? wire::abort_value : 0U;
+      return refused_unless(value <= 2);
     case 0x6007:
-      return option(0, 3);
+      return option(3);
     case 0x605A:
-      return option(0, 8);
+      return option(8);
     case 0x605E:
-      return option(0, 4);
-    case 0x6060: {
-      const bool supported =
-          value == 0 || (value <= 32 && (this->value(0x6502, 0) >> (value - 1U) & 1U) != 0);
-      return supported ? 0 : wire::abort_value;
-    }
+      return option(4);
+    case 0x6060:
+      return refused_unless(value == 0 ||
+                            (value <= 32 && (this->value(0x6502, 0) >> (value - 1U) & 1U) != 0));
     default:
       return objection_to_pdo(index, sub, value);
   }
@@ -263,7 +261,7 @@ bool Cia402Axis::receive(const hal::CanFrame& f, const Send& send) {
   if (master != 0 && f.id == 0x700 + master) {
     watching_ = true;
     since_master_ = 0.0;
-    if (lost_ && power_ != Power::fault && power_ != Power::fault_reaction) emergency(0, send);
+    if (lost_ && !faulty()) emergency(0, send);
     lost_ = false;
     return false;
   }
@@ -349,7 +347,7 @@ void Cia402Axis::connection_lost(const Send& send) {
     case 1:
       return fail(emergency_heartbeat, send);
     case 2:
-      if (power_ != Power::fault && power_ != Power::fault_reaction) go(Power::disabled);
+      if (!faulty()) go(Power::disabled);
       break;
     case 3:
       quick_stop();
@@ -361,8 +359,7 @@ void Cia402Axis::connection_lost(const Send& send) {
 }
 
 void Cia402Axis::emergency(std::uint16_t code, const Send& send) {
-  const bool faulty = power_ == Power::fault || power_ == Power::fault_reaction;
-  set(0x1001, 0, (code != 0 ? register_communication : 0U) | (faulty ? register_generic : 0U));
+  set(0x1001, 0, (code != 0 ? register_communication : 0U) | (faulty() ? register_generic : 0U));
   if (nmt_ == stopped || (value(0x1014, 0) & wire::cob_invalid) != 0) return;
   send(wire::encode_emergency(node(), {code, static_cast<std::uint8_t>(value(0x1001, 0))}));
 }

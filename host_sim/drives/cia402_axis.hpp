@@ -38,8 +38,6 @@ class Cia402Axis final : public EmulatedAxis {
   [[nodiscard]] bool closed_loop() const override;
   /// Error code, object 603F; 0: none.
   [[nodiscard]] std::uint32_t error() const override { return value(0x603F, 0); }
-  /// Consecutive statuswords that reported operation enabled.
-  [[nodiscard]] int confirmations() const override { return confirmations_; }
 
   /// Value of an object of the dictionary; 0 also where there is no such object.
   [[nodiscard]] std::uint32_t value(std::uint16_t index, std::uint8_t sub) const;
@@ -82,9 +80,9 @@ class Cia402Axis final : public EmulatedAxis {
   void quick_stop();
   void fail(std::uint16_t code, const Send& send);
   [[nodiscard]] std::uint16_t statusword() const;
+  [[nodiscard]] bool faulty() const { return power_ == Power::fault || power_ == Power::fault_reaction; }
   void refresh();
   [[nodiscard]] double shaft_torque() const override;
-  [[nodiscard]] std::uint8_t node() const { return static_cast<std::uint8_t>(mount_.node); }
   /// Target torque after the drive's limit, thousandths of the rated torque; 0 unless it acts.
   [[nodiscard]] double acting_torque() const;
 
@@ -104,7 +102,6 @@ class Cia402Axis final : public EmulatedAxis {
   bool watching_ = false;  // a heartbeat of the master has been heard
   bool lost_ = false;      // and then none for too long
   bool told_ = false;      // lockstep: the torque frame of the tick has come
-  int confirmations_ = 0;
 };
 
 }  // namespace esmc::host

@@ -46,7 +46,7 @@ class EmulatedAxis {
   /// Whether its watchdog has set the torque to zero, in a protocol that does not report that as an error.
   [[nodiscard]] virtual bool timed_out() const { return false; }
   /// Consecutive reports of torque control without error; the controller waits for two.
-  [[nodiscard]] virtual int confirmations() const = 0;
+  [[nodiscard]] int confirmations() const { return confirmations_; }
 
  protected:
   /// `joint`: index in the model; with `seed` it decides the noise of the sensor.
@@ -62,9 +62,12 @@ class EmulatedAxis {
     return {(joint_angle - mount_.offset) * mount_.rev_per_rad(), joint_rate * mount_.rev_per_rad()};
   }
 
+  [[nodiscard]] std::uint8_t node() const { return static_cast<std::uint8_t>(mount_.node); }
+
   AxisMount mount_;
   ShaftSensor sensor_;
   ShaftReading reading_{};
+  int confirmations_ = 0;
 };
 
 }  // namespace esmc::host

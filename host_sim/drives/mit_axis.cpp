@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 
 namespace esmc::host {
 
@@ -11,7 +10,6 @@ namespace wire = drive::mit;
 namespace {
 
 constexpr double kp_max = 500.0, kd_max = 5.0;  // N m/rad, N m s/rad; the same in every drive
-constexpr double turn = 2.0 * std::numbers::pi;
 
 /// Linear map of [low, high] to n bits: truncated towards zero, and only the low bits sent.
 std::uint16_t to_field(double value, double low, double high, unsigned bits) {
@@ -29,9 +27,6 @@ double from_field(std::uint16_t code, double low, double high, unsigned bits) {
 MitAxis::MitAxis(const AxisMount& mount, const Settings& settings, const SensorEffects& sensor, int joint,
                  std::uint64_t seed)
     : EmulatedAxis(mount, sensor, settings.period, joint, seed), settings_(settings) {}
-
-double MitAxis::shaft_angle() const { return (reading_.position_rev - zero_rev_) * turn; }
-double MitAxis::shaft_rate() const { return reading_.velocity_rev_s * turn; }
 
 void MitAxis::settle(double joint_angle) {
   reading_ = truth(joint_angle, 0.0);  // in real time a command may come before the first publish()
@@ -52,7 +47,7 @@ void MitAxis::publish(double joint_angle, double joint_rate, const Send& send) {
 }
 
 bool MitAxis::mine(const hal::CanFrame& f) const {
-  return !f.extended && !f.fd && !f.remote && f.id == static_cast<std::uint32_t>(mount_.node);
+  return !f.extended && !f.fd && !f.remote && f.id == node();
 }
 
 bool MitAxis::receive(const hal::CanFrame& received, const Send& send) {
@@ -100,8 +95,7 @@ void MitAxis::reply(const Send& send) {
   r.velocity = to_field(shaft_rate(), -settings_.velocity_range, settings_.velocity_range, 12);
   r.torque = to_field(shaft_torque(), -settings_.torque_range, settings_.torque_range, 12);
   if (settings_.dialect == Dialect::damiao) r.error = enabled_ ? 1 : 0;
-  send(wire::encode_reply(settings_.master_id, static_cast<std::uint8_t>(mount_.node), r, settings_.dialect,
-                          settings_.reply_size));
+  send(wire::encode_reply(settings_.master_id, node(), r, settings_.dialect, settings_.reply_size));
   if (enabled_ && !counted_) {
     ++confirmations_;
     counted_ = true;

@@ -4,6 +4,7 @@
 /// time-out that sets the command to zero and leaves the drive in motor mode.
 
 #include <cstdint>
+#include <numbers>
 
 #include "firmware/drive/mit.hpp"
 #include "host_sim/drives/emulated_axis.hpp"
@@ -40,18 +41,18 @@ class MitAxis final : public EmulatedAxis {
   [[nodiscard]] bool commanded_by(const hal::CanFrame& f) const override;
   [[nodiscard]] bool closed_loop() const override { return enabled_; }
   [[nodiscard]] std::uint32_t error() const override { return 0; }
-  /// Periods with a reply since it entered motor mode.
-  [[nodiscard]] int confirmations() const override { return confirmations_; }
   [[nodiscard]] bool timed_out() const override { return timed_out_; }
 
  private:
+  static constexpr double turn = 2.0 * std::numbers::pi;
   struct Demand {  // of the last command; rad, rad/s, N m/rad, N m s/rad, N m
     double position = 0.0, velocity = 0.0, kp = 0.0, kd = 0.0, torque = 0.0;
   };
 
   [[nodiscard]] bool mine(const hal::CanFrame& f) const;
-  [[nodiscard]] double shaft_angle() const;  ///< rad, of the last reading, from the drive's zero
-  [[nodiscard]] double shaft_rate() const;
+  /// rad, of the last reading, from the drive's zero.
+  [[nodiscard]] double shaft_angle() const { return (reading_.position_rev - zero_rev_) * turn; }
+  [[nodiscard]] double shaft_rate() const { return reading_.velocity_rev_s * turn; }
   [[nodiscard]] double shaft_torque() const override;
   void reply(const Send& send);
   void act(drive::mit::Special s);
@@ -61,7 +62,6 @@ class MitAxis final : public EmulatedAxis {
   StaleBytes stale_;
   double zero_rev_ = 0.0;
   double since_command_ = 0.0;
-  int confirmations_ = 0;
   bool enabled_ = false;
   bool timed_out_ = false;
   bool counted_ = false;  // a reply of this period is in confirmations_

@@ -10,13 +10,6 @@ namespace esmc::host {
 namespace wire = drive::odrive;
 
 namespace {
-// Error numbers differ between the versions.
-std::uint32_t watchdog_error(wire::Version v) {
-  return v == wire::Version::v0_6 ? wire::error_watchdog_0_6 : wire::error_watchdog_0_5_6;
-}
-std::uint32_t estop_error(wire::Version v) {
-  return v == wire::Version::v0_6 ? wire::error_estop_0_6 : wire::error_estop_0_5_6;
-}
 constexpr std::uint32_t error_bad_setpoint = 0x2;  // SYSTEM_LEVEL
 constexpr double clock_error = 1e-4;               // of an unsynchronised drive: periods per period
 }  // namespace
@@ -57,65 +50,64 @@ void OdriveAxis::expire() {
     input_torque_ = 0.0F;
     return;
   }
-  disarm(watchdog_error(settings_.version));
+  disarm(new_version() ? wire::error_watchdog_0_6 : wire::error_watchdog_0_5_6);
   dead_ = settings_.defects.latched_timeout;
 }
 
 bool OdriveAxis::receive(const hal::CanFrame& received, const Send& send) {
-  if (received.extended || received.fd || (received.id >> 5U) != static_cast<std::uint32_t>(mount_.node))
-    return false;
+  if (received.extended || received.fd || (received.id >> 5U) != node()) return false;
   const bool stale = settings_.defects.short_frames_stale && !received.remote;
   const hal::CanFrame f = stale ? stale_.fill(received) : received;
   if (settings_.defects.watchdog_any_frame) since_fed_ = 0.0;
   // 0.5.6 feeds its watchdog with any message to the axis, requests included; 0.6 with setpoints only.
-  if (settings_.version == wire::Version::v0_5_6) since_fed_ = 0.0;
+  if (!new_version()) since_fed_ = 0.0;
   const auto message = static_cast<wire::Message>(f.id & 0x1FU);
   if (f.remote) {
     if (message == wire::Message::heartbeat) send(heartbeat());
     if (message == wire::Message::encoder_estimates) send(estimates());
-    if (settings_.version != wire::Version::v0_6) return false;
-    const auto node = static_cast<std::uint8_t>(mount_.node);
-    if (message == wire::Message::get_version) send(wire::encode_version(node, settings_.endpoints.firmware));
-    if (message == wire::Message::get_error) send(wire::encode_errors(node, error_, disarm_reason_));
+    if (!new_version()) return false;
+    if (message == wire::Message::get_version)
+      send(wire::encode_version(node(), settings_.endpoints.firmware));
+    if (message == wire::Message::get_error) send(wire::encode_errors(node(), error_, disarm_reason_));
     if (message == wire::Message::get_torques) send(torques());
     return false;
   }
   switch (message) {
     case wire::Message::set_axis_state:
       if (const auto s = wire::decode_axis_state_request(f)) request_state(*s);
-      return false;
+      break;
     case wire::Message::set_controller_mode:
       if (const auto m = wire::decode_controller_mode(f)) {
         control_mode_ = m->control;
         input_mode_ = m->input;
       }
-      return false;
+      break;
     case wire::Message::set_input_torque:
       if (const auto torque = wire::decode_torque(f)) {
         setpoint(*torque);
         return true;
       }
-      return false;
+      break;
     case wire::Message::clear_errors:
       if (!dead_) error_ = 0;
-      return false;
+      break;
     case wire::Message::estop:
-      disarm(estop_error(settings_.version));
-      return false;
+      disarm(new_version() ? wire::error_estop_0_6 : wire::error_estop_0_5_6);
+      break;
     case wire::Message::rx_sdo:
       serve(f, send);
-      return false;
+      break;
     default:  // frames of drives, and requests that are remote frames
-      return false;
+      break;
   }
+  return false;
 }
 
 /// Answers reads; the configuration cannot be written.
 void OdriveAxis::serve(const hal::CanFrame& request, const Send& send) const {
-  if (settings_.version != wire::Version::v0_6 || request.size < 4 || request.data[0] != 0) return;
+  if (!new_version() || request.size < 4 || request.data[0] != 0) return;
   for (const OdriveEndpoint& e : settings_.endpoints.list) {
-    if (e.id == wire::endpoint_of(request))
-      send(wire::encode_value(static_cast<std::uint8_t>(mount_.node), e.id, raw(e.value)));
+    if (e.id == wire::endpoint_of(request)) send(wire::encode_value(node(), e.id, raw(e.value)));
   }
 }
 
@@ -147,7 +139,7 @@ std::uint32_t OdriveAxis::raw(OdriveValue v) const {
 }
 
 bool OdriveAxis::commanded_by(const hal::CanFrame& f) const {
-  if (f.extended || f.fd || f.remote || (f.id >> 5U) != static_cast<std::uint32_t>(mount_.node)) return false;
+  if (f.extended || f.fd || f.remote || (f.id >> 5U) != node()) return false;
   const auto message = static_cast<wire::Message>(f.id & 0x1FU);
   return message == wire::Message::set_axis_state || message == wire::Message::set_controller_mode ||
          message == wire::Message::set_input_torque || message == wire::Message::clear_errors;
@@ -157,36 +149,26 @@ double OdriveAxis::shaft_torque() const {
   const bool torque_mode =
       control_mode_ == wire::control_mode_torque && input_mode_ == wire::input_mode_passthrough;
   if (!closed_loop() || !torque_mode) return 0.0;
-  double torque = static_cast<double>(input_torque_);
   // Of a NaN, which comes here without a check only, fmin makes full torque.
   const auto limited = [&](double v) {
     return std::fmax(std::fmin(v, settings_.torque_max), -settings_.torque_max);
   };
-  torque = limited(torque);
-  if (settings_.defects.torque_mode_limit) {
-    const double speed = reading_.velocity_rev_s;
-    torque = limited(std::clamp(torque, (-settings_.vel_limit - speed) * settings_.vel_gain,
-                                (settings_.vel_limit - speed) * settings_.vel_gain));
-  }
-  return torque;
+  const double torque = limited(static_cast<double>(input_torque_)), speed = reading_.velocity_rev_s;
+  if (!settings_.defects.torque_mode_limit) return torque;
+  return limited(std::clamp(torque, (-settings_.vel_limit - speed) * settings_.vel_gain,
+                            (settings_.vel_limit - speed) * settings_.vel_gain));
 }
 
-hal::CanFrame OdriveAxis::heartbeat() const {
-  return wire::encode_heartbeat(static_cast<std::uint8_t>(mount_.node), error_, state_);
-}
+hal::CanFrame OdriveAxis::heartbeat() const { return wire::encode_heartbeat(node(), error_, state_); }
 
 hal::CanFrame OdriveAxis::estimates() const {
-  if (settings_.defects.zero_until_closed_loop && !connected_) {
-    return wire::encode_encoder_estimates(static_cast<std::uint8_t>(mount_.node), 0.0F, 0.0F);
-  }
-  return wire::encode_encoder_estimates(static_cast<std::uint8_t>(mount_.node),
-                                        static_cast<float>(reading_.position_rev),
-                                        static_cast<float>(reading_.velocity_rev_s));
+  const bool seen = connected_ || !settings_.defects.zero_until_closed_loop;
+  return wire::encode_encoder_estimates(node(), seen ? static_cast<float>(reading_.position_rev) : 0.0F,
+                                        seen ? static_cast<float>(reading_.velocity_rev_s) : 0.0F);
 }
 
 hal::CanFrame OdriveAxis::torques() const {
-  return wire::encode_torques(static_cast<std::uint8_t>(mount_.node),
-                              {input_torque_, static_cast<float>(shaft_torque())});
+  return wire::encode_torques(node(), {input_torque_, static_cast<float>(shaft_torque())});
 }
 
 void OdriveAxis::disarm(std::uint32_t error) {
@@ -198,11 +180,7 @@ void OdriveAxis::disarm(std::uint32_t error) {
 }
 
 void OdriveAxis::request_state(std::uint32_t state) {
-  const bool arm = state == static_cast<std::uint32_t>(wire::AxisState::closed_loop_control);
-  if (!arm) {
-    disarm(0);
-    return;
-  }
+  if (state != static_cast<std::uint32_t>(wire::AxisState::closed_loop_control)) return disarm(0);
   if (error_ != 0 || closed_loop()) return;  // a drive with an error refuses until it is cleared
   state_ = wire::AxisState::closed_loop_control;
   connected_ = true;
@@ -212,10 +190,7 @@ void OdriveAxis::request_state(std::uint32_t state) {
 
 void OdriveAxis::setpoint(float torque) {
   since_fed_ = 0.0;
-  if (!std::isfinite(torque) && !settings_.defects.no_nan_check) {
-    disarm(error_bad_setpoint);
-    return;
-  }
+  if (!std::isfinite(torque) && !settings_.defects.no_nan_check) return disarm(error_bad_setpoint);
   input_torque_ = torque;
 }
 

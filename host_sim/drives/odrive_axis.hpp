@@ -40,10 +40,9 @@ class OdriveAxis final : public EmulatedAxis {
     return state_ == drive::odrive::AxisState::closed_loop_control;
   }
   [[nodiscard]] std::uint32_t error() const override { return error_; }
-  /// Consecutive heartbeats that reported closed-loop control without error.
-  [[nodiscard]] int confirmations() const override { return confirmations_; }
 
  private:
+  [[nodiscard]] bool new_version() const { return settings_.version == Version::v0_6; }  ///< else 0.5.6
   [[nodiscard]] ShaftReading sampled(double joint_angle, double joint_rate);
   void expire();
   void serve(const hal::CanFrame& request, const Send& send) const;
@@ -67,7 +66,6 @@ class OdriveAxis final : public EmulatedAxis {
   StaleBytes stale_;
   bool connected_ = false;  // defects.zero_until_closed_loop: closed loop has been entered since power-up
   bool dead_ = false;       // until it is restarted
-  int confirmations_ = 0;
 };
 
 }  // namespace esmc::host

@@ -2,100 +2,72 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 namespace esmc::host {
 namespace {
 
-class Lag final : public DrivetrainStage {
- public:
-  explicit Lag(const TorqueLag& e) : per_second_(1.0 / e.time_constant) {}
-  [[nodiscard]] int states() const override { return 1; }
-  void start(Shaft, std::span<double> own) const override { own[0] = 0.0; }
-  double pass(double torque, Shaft, Shaft, std::span<const double> own,
-              std::span<double> slope) const override {
-    slope[0] = (torque - own[0]) * per_second_;
-    return own[0];
-  }
-
- private:
-  double per_second_;
-};
-
-class Ripple final : public DrivetrainStage {
- public:
-  explicit Ripple(const TorqueRipple& e) : e_(e) {}
-  double pass(double torque, Shaft rotor, Shaft, std::span<const double>, std::span<double>) const override {
-    return torque + e_.amplitude * std::sin(e_.per_turn * rotor.angle);
-  }
-
- private:
-  TorqueRipple e_;
-};
-
-/// Spring, damper and play between rotor and joint.
-class Gear final : public DrivetrainStage {
- public:
-  Gear(double stiffness, double damping, double inertia, double gap)
-      : stiffness_(stiffness), damping_(damping), inertia_(inertia), half_gap_(0.5 * gap) {}
-  [[nodiscard]] int states() const override { return 2; }
-  [[nodiscard]] bool has_rotor() const override { return true; }
-  void start(Shaft joint, std::span<double> own) const override {
-    own[0] = joint.angle;
-    own[1] = joint.rate;
-  }
-  double pass(double torque, Shaft rotor, Shaft joint, std::span<const double>,
-              std::span<double> slope) const override {
-    const double through = transmitted(rotor.angle - joint.angle, rotor.rate - joint.rate);
-    slope[0] = rotor.rate;
-    slope[1] = (torque - through) / inertia_;
-    return through;
-  }
-
- private:
-  [[nodiscard]] double transmitted(double twist, double rate) const {
-    if (half_gap_ == 0.0) return stiffness_ * twist + damping_ * rate;
-    const double side = twist > 0.0 ? 1.0 : -1.0, pressed = side * twist - half_gap_;
-    if (!(pressed > 0.0)) return 0.0;
-    return side *
-           std::max(0.0, stiffness_ * pressed + damping_ * side * rate);  // teeth push, they do not pull
-  }
-  double stiffness_, damping_, inertia_, half_gap_;
-};
+using Own = std::span<const double>;
+using Slope = std::span<double>;
 
 }  // namespace
 
+void Drivetrain::add(std::size_t states, decltype(Stage::pass) pass) {
+  stages_.push_back({states, std::move(pass)});
+  states_ += states;
+}
+
+void Drivetrain::add_gear(double stiffness, double damping, double inertia, double gap) {
+  const auto transmitted = [stiffness, damping, half_gap = 0.5 * gap](double twist, double rate) {
+    if (half_gap == 0.0) return stiffness * twist + damping * rate;
+    const double side = twist > 0.0 ? 1.0 : -1.0, pressed = side * twist - half_gap;
+    if (!(pressed > 0.0)) return 0.0;
+    // Teeth push, they do not pull.
+    return side * std::max(0.0, stiffness * pressed + damping * side * rate);
+  };
+  rotor_at_ = states_;
+  has_rotor_ = true;
+  add(2, [=](double torque, Shaft rotor, Shaft joint, Own, Slope slope) {
+    const double through = transmitted(rotor.angle - joint.angle, rotor.rate - joint.rate);
+    slope[0] = rotor.rate;
+    slope[1] = (torque - through) / inertia;
+    return through;
+  });
+}
+
 Drivetrain::Drivetrain(const std::vector<Effect>& effects, std::size_t motor) {
-  if (const auto e = find_effect<TorqueLag>(effects)) stages_.push_back(std::make_unique<Lag>(*e));
-  if (const auto e = find_effect<TorqueRipple>(effects)) stages_.push_back(std::make_unique<Ripple>(*e));
+  if (const auto e = find_effect<TorqueLag>(effects)) {
+    add(1, [per_second = 1.0 / e->time_constant](double torque, Shaft, Shaft, Own own, Slope slope) {
+      slope[0] = (torque - own[0]) * per_second;
+      return own[0];
+    });
+  }
+  if (const auto e = find_effect<TorqueRipple>(effects)) {
+    add(0, [e = *e](double torque, Shaft rotor, Shaft, Own, Slope) {
+      return torque + e.amplitude * std::sin(e.per_turn * rotor.angle);
+    });
+  }
   const auto play = find_effect<Backlash>(effects);
   if (const auto e = find_effect<JointFlexibility>(effects)) {
-    stages_.push_back(std::make_unique<Gear>(e->stiffness[motor], e->damping[motor], e->rotor_inertia[motor],
-                                             play ? play->gap : 0.0));
+    add_gear(e->stiffness[motor], e->damping[motor], e->rotor_inertia[motor], play ? play->gap : 0.0);
   } else if (play) {
-    stages_.push_back(std::make_unique<Gear>(play->stiffness, play->damping, play->rotor_inertia, play->gap));
-  }
-  for (const auto& s : stages_) {
-    if (s->has_rotor()) rotor_at_ = static_cast<int>(states_);
-    states_ += static_cast<std::size_t>(s->states());
+    add_gear(play->stiffness, play->damping, play->rotor_inertia, play->gap);
   }
 }
 
 void Drivetrain::start(Shaft joint, std::span<double> own) const {
-  for (const auto& s : stages_) {
-    const auto n = static_cast<std::size_t>(s->states());
-    s->start(joint, own.first(n));
-    own = own.subspan(n);
-  }
+  if (!has_rotor_) return;
+  own[rotor_at_] = joint.angle;
+  own[rotor_at_ + 1] = joint.rate;
 }
 
 double Drivetrain::pass(double torque, Shaft joint, std::span<const double> own,
                         std::span<double> slope) const {
   const Shaft at_rotor = rotor(joint, own);
-  for (const auto& s : stages_) {
-    const auto n = static_cast<std::size_t>(s->states());
-    torque = s->pass(torque, at_rotor, joint, own.first(n), slope.first(n));
-    own = own.subspan(n);
-    slope = slope.subspan(n);
+  for (const Stage& s : stages_) {
+    torque = s.pass(torque, at_rotor, joint, own.first(s.states), slope.first(s.states));
+    own = own.subspan(s.states);
+    slope = slope.subspan(s.states);
   }
   return torque;
 }

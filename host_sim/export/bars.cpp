@@ -3,6 +3,8 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
+#include <string_view>
 
 #include "host_sim/error.hpp"
 #include "host_sim/version.hpp"
@@ -12,9 +14,10 @@ namespace {
 
 void require_inertia(const Scene& scene, const RigidBar& b) {
   if (b.mass > 0.0 && b.inertia > 0.0) return;
-  throw InputError("", fmt::format("{}: the bar of {} has m = {} kg and J = {} kg m2; programs that read "
-                                   "MJCF or URDF need m > 0 and J > 0 (small values will do)",
-                                   scene.file, b.joint, b.mass, b.inertia));
+  refuse(
+      "{}: the bar of {} has m = {} kg and J = {} kg m2; programs that read MJCF or URDF need m > 0 and J > "
+      "0 (small values will do)",
+      scene.file, b.joint, b.mass, b.inertia);
 }
 
 }  // namespace
@@ -89,26 +92,12 @@ std::string xml_text(const std::string& text) {
   for (const char* none : {"\xEF\xBF\xBE", "\xEF\xBF\xBF"}) {  // U+FFFE, U+FFFF: no characters of XML
     for (std::size_t at = 0; (at = legal.find(none, at)) != std::string::npos;) legal.replace(at, 3, 1, '?');
   }
+  constexpr std::string_view marks = "&<>\"";
+  constexpr std::array entities{"&amp;", "&lt;", "&gt;", "&quot;"};
   for (const char c : legal) {
-    switch (c) {
-      case '&':
-        out += "&amp;";
-        break;
-      case '<':
-        out += "&lt;";
-        break;
-      case '>':
-        out += "&gt;";
-        break;
-      case '"':
-        out += "&quot;";
-        break;
-      case '-':
-        if (!out.empty() && out.back() == '-') out += ' ';  // "--" would end a comment
-        [[fallthrough]];
-      default:
-        out += c;
-    }
+    const std::size_t mark = marks.find(c);
+    if (c == '-' && out.ends_with('-')) out += ' ';  // "--" would end a comment
+    out += mark < entities.size() ? entities[mark] : std::string(1, c);
   }
   return out;
 }

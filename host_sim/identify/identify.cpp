@@ -42,26 +42,20 @@ IdentifyProblem read_problem(const RecordedRun& run, const IdentifyOptions& o) {
   std::vector<std::string> names{"t", joints[0] + "_meas", joints[second] + "_meas"};
   const std::vector<std::size_t> motors = scene.motor_joints();
   for (const std::size_t m : motors) names.push_back("tau" + joints[m].substr(5) + "_cmd");
-  const RecordedTable log =
-      read_table(run.log, names,
-                 std::string(": the log of ") + (p.five_bar ? "a five-bar" : "an RR arm") +
-                     " that ran under its controller is needed",
-                 "state");
+  const char* const kind = p.five_bar ? "a five-bar" : "an RR arm";
+  const RecordedTable log = read_table(
+      run.log, names, fmt::format(": the log of {} that ran under its controller is needed", kind), "state");
   require_ascending(log, 0);
-  for (std::size_t i = 0; i < log.words.size();
-       ++i) {  // before and after, the torques are not those of the columns
-    if (log.words[i] != "running") {
-      throw InputError(log.where(i),
-                       "state is '" + printable(log.words[i].substr(0, 40)) +
-                           "': only rows of a running controller tell torques, leave the others out");
-    }
+  for (std::size_t i = 0; i < log.words.size(); ++i) {
+    if (log.words[i] == "running") continue;  // before and after, the torques are not those of the columns
+    refuse_at(log.where(i),
+              "state is '{}': only rows of a running controller tell torques, leave the others out",
+              printable(log.words[i].substr(0, 40)));
   }
   const std::size_t needed = ticks_needed(p);
-  if (log.rows() < needed) {
-    throw InputError(
-        "", fmt::format("{}: {} rows are too few: twenty windows of {:g} s need {}, {:.3g} s of motion",
-                        run.log, log.rows(), o.window, needed, static_cast<double>(needed) * p.tick));
-  }
+  if (log.rows() < needed)
+    refuse("{}: {} rows are too few: twenty windows of {:g} s need {}, {:.3g} s of motion", run.log,
+           log.rows(), o.window, needed, static_cast<double>(needed) * p.tick);
   require_every_tick(log, 0, p.tick);
   p.angle = {log.columns[1], log.columns[2]};
   for (std::size_t i = 0; i < log.rows(); ++i) {
@@ -72,46 +66,37 @@ IdentifyProblem read_problem(const RecordedRun& run, const IdentifyOptions& o) {
   return p;
 }
 
-void judge(const Identification& r, const RecordedRun& run, const IdentifyProblem& p,
-           const IdentifyOptions& o) {
-  const auto standard = standard_parameters(p.five_bar);
+void judge(const Identification& r, const RecordedRun& run, const IdentifyOptions& o) {
   const auto refuse_weak = [&] {
-    throw InputError(
-        "", fmt::format("{}: the motion does not determine {}{}: move faster, and both joints differently",
-                        run.log, r.weak.front(),
-                        r.weak.size() > 1 ? fmt::format(", nor {} more combination{}", r.weak.size() - 1,
-                                                        r.weak.size() > 2 ? "s" : "")
-                                          : ""));
+    refuse("{}: the motion does not determine {}{}: move faster, and both joints differently", run.log,
+           r.weak.front(),
+           r.weak.size() > 1
+               ? fmt::format(", nor {} more combination{}", r.weak.size() - 1, r.weak.size() > 2 ? "s" : "")
+               : "");
   };
   if (!r.weak.empty() && r.covariance.size() == 0) refuse_weak();
   for (std::size_t j = 0; j < 2; ++j) {
-    if (!(r.effort[j] > 0.0))
-      throw InputError("", fmt::format("{}: motor {} has no torque at all in this log", run.log, j + 1));
-    if (!(r.residual[j] <= unexplained_max * std::max(r.effort[0], r.effort[1]))) {
-      throw InputError(
-          "",
-          fmt::format(
-              "{}: {:.2g} of {:.2g} N m rms stay unexplained: is it the log of this mechanism, and are its "
-              "lengths calibrated?",
-              run.log, r.residual[j], r.effort[j]));
-    }
+    if (!(r.effort[j] > 0.0)) refuse("{}: motor {} has no torque at all in this log", run.log, j + 1);
+    if (!(r.residual[j] <= unexplained_max * std::max(r.effort[0], r.effort[1])))
+      refuse(
+          "{}: {:.2g} of {:.2g} N m rms stay unexplained: is it the log of this mechanism, and are its "
+          "lengths calibrated?",
+          run.log, r.residual[j], r.effort[j]);
   }
   if (!r.weak.empty()) refuse_weak();
   const double half = o.coverage * r.delay_sigma;
-  if (!(half <= delay_half_max && r.delay_ticks + half >= -1.0)) {
-    throw InputError("", fmt::format("{}: the torque would be {:.3g} +- {:.2g} ticks late: are the torques "
-                                     "those that moved it, with their "
-                                     "signs?",
-                                     run.log, r.delay_ticks, half));
-  }
+  if (!(half <= delay_half_max && r.delay_ticks + half >= -1.0))
+    refuse(
+        "{}: the torque would be {:.3g} +- {:.2g} ticks late: are the torques those that moved it, with "
+        "their signs?",
+        run.log, r.delay_ticks, half);
   for (const BaseParameter& b : r.parameters) {
-    const StandardParameter& s = standard[static_cast<std::size_t>(b.of)];
-    if (!s.inertial && b.value + 2.0 * o.coverage * b.sigma < 0.0) {
-      throw InputError("", fmt::format("{}: {} would be {:.3g} {}, and friction brakes: are the torques "
-                                       "those that moved it, with their "
-                                       "signs, and is nothing else in the way?",
-                                       run.log, s.name, b.value, s.unit));
-    }
+    const StandardParameter& s = b.of;
+    if (!s.inertial && b.value + 2.0 * o.coverage * b.sigma < 0.0)
+      refuse(
+          "{}: {} would be {:.3g} {}, and friction brakes: are the torques those that moved it, with their "
+          "signs, and is nothing else in the way?",
+          run.log, s.name, b.value, s.unit);
   }
 }
 
@@ -123,7 +108,6 @@ constexpr const char* legend(bool five_bar) {
 
 Json json_of(const Identification& r, const RecordedRun& run, const IdentifyProblem& p,
              const IdentifyOptions& o, const UncertaintyTable& table) {
-  const auto standard = standard_parameters(p.five_bar);
   Json j;
   j["scene"] = run.scene.name;
   j["log"] = run.log;
@@ -132,14 +116,14 @@ Json json_of(const Identification& r, const RecordedRun& run, const IdentifyProb
   j["coverage"] = o.coverage;
   j["parameters"] = Json::array();
   for (const BaseParameter& b : r.parameters) {
-    const StandardParameter& s = standard[static_cast<std::size_t>(b.of)];
     Json share = Json::object();
-    for (std::size_t i = 0; i < b.share.size(); ++i) {
-      if (b.share[i] != 0.0) share[standard[i].name] = b.share[i];
+    Eigen::Index i = 0;
+    for (const StandardParameter& s : standard_parameters(p.five_bar)) {
+      if (const double x = b.share[i++]; x != 0.0) share[s.name] = x;
     }
     j["parameters"].push_back({{"name", b.text},
-                               {"unit", s.unit},
-                               {"inertial", s.inertial},
+                               {"unit", b.of.unit},
+                               {"inertial", b.of.inertial},
                                {"share", share},
                                {"nominal", b.nominal},
                                {"value", b.value},
@@ -160,7 +144,6 @@ Json json_of(const Identification& r, const RecordedRun& run, const IdentifyProb
 
 void print(const Identification& r, const RecordedRun& run, const IdentifyProblem& p,
            const IdentifyOptions& o, const UncertaintyTable& table) {
-  const auto standard = standard_parameters(p.five_bar);
   fmt::print(
       "{}: {} ticks, {} windows of {:g} s, {} base parameters; intervals are {:g} standard uncertainties to "
       "either side\n",
@@ -168,7 +151,7 @@ void print(const Identification& r, const RecordedRun& run, const IdentifyProble
   fmt::print("{:<18}{:>12}{:>12}{:>12}{:>12}\n", "", "nominal", "estimate", "from", "to");
   std::string sums;
   for (const BaseParameter& b : r.parameters) {
-    const StandardParameter& s = standard[static_cast<std::size_t>(b.of)];
+    const StandardParameter& s = b.of;
     const bool sum = b.text != s.name;
     if (sum) sums += fmt::format("{}*: {}\n", s.name, b.text);
     fmt::print("{:<18}{:>12.4g}{:>12.4g}{:>12.4g}{:>12.4g} {}\n", s.name + (sum ? "*" : ""), b.nominal,
@@ -188,17 +171,16 @@ void print(const Identification& r, const RecordedRun& run, const IdentifyProble
 int run_identify(const IdentifyOptions& o) {
   const RecordedRun run = open_run(o.log, o.scene);
   if (o.window < 20.0 * run.scene.tick() || o.window > 10.0)
-    throw InputError("", fmt::format("--window {:g}: from 20 ticks ({:g} s) to 10 s are allowed", o.window,
-                                     20.0 * run.scene.tick()));
+    refuse("--window {:g}: from 20 ticks ({:g} s) to 10 s are allowed", o.window, 20.0 * run.scene.tick());
   const IdentifyProblem p = read_problem(run, o);
   const Identification r = [&] {
     try {
       return identify(p);
     } catch (const InputError& e) {
-      throw InputError("", run.log + ": " + e.what());
+      refuse_at(run.log, "{}", e.what());
     }
   }();
-  judge(r, run, p, o);
+  judge(r, run, o);
   const UncertaintyTable table = uncertainty_table(r, p, believed_mechanism(run.scene), o.coverage);
   if (o.json) {
     fmt::print("{}\n", json_of(r, run, p, o, table).dump(2));

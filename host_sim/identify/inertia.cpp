@@ -21,7 +21,7 @@ constexpr double weak_uncertainty = 0.5;  // an uncertainty of half of everythin
 Matrix columns_of(const Matrix& W, const std::vector<BaseParameter>& parameters) {
   Matrix out(W.rows(), static_cast<Eigen::Index>(parameters.size()));
   for (std::size_t i = 0; i < parameters.size(); ++i)
-    out.col(static_cast<Eigen::Index>(i)) = W.col(parameters[i].of);
+    out.col(static_cast<Eigen::Index>(i)) = W.col(parameters[i].column);
   return out;
 }
 
@@ -37,20 +37,18 @@ std::vector<BaseParameter> independent_columns(const Matrix& W,
     for (int pass = 0; pass < 2; ++pass)
       for (const Vector& q : orthonormal) v -= q * q.dot(v);
     if (!(length > 1e-12)) continue;  // nothing depends on it: no gravity, no motion
+    const StandardParameter& of = standard[static_cast<std::size_t>(c)];
     if (v.norm() > dependent * length) {
       orthonormal.push_back(v.normalized());
-      const std::string& name = standard[static_cast<std::size_t>(c)].name;
-      out.push_back({c, std::vector<double>(standard.size(), 0.0), name, 0.0, 0.0, 0.0});
-      out.back().share[static_cast<std::size_t>(c)] = 1.0;
+      out.push_back({of, c, Vector::Unit(W.cols(), c), of.name, 0.0, 0.0, 0.0});
       continue;
     }
     const Vector coefficients = least_squares(columns_of(W, out), W.col(c));
     for (std::size_t i = 0; i < out.size(); ++i) {
       const double x = coefficients[static_cast<Eigen::Index>(i)];
       if (std::abs(x) < 1e-6) continue;
-      const std::string& name = standard[static_cast<std::size_t>(c)].name;
-      out[i].share[static_cast<std::size_t>(c)] = x;
-      out[i].text += fmt::format(" {} {:.6g} {}", x < 0.0 ? "-" : "+", std::abs(x), name);
+      out[i].share[c] = x;
+      out[i].text += fmt::format(" {} {:.6g} {}", x < 0.0 ? "-" : "+", std::abs(x), of.name);
     }
   }
   return out;
@@ -88,36 +86,24 @@ Matrix covariance_of(const Step& s, Eigen::Index count) {
 
 /// Combinations whose uncertainty is as large as what is there, in units of the nominal values.
 std::vector<std::string> weak_directions(const std::vector<BaseParameter>& parameters,
-                                         const Matrix& covariance, const Vector& scale,
-                                         const std::vector<StandardParameter>& standard) {
-  std::vector<int> inertial;
+                                         const Matrix& covariance, const Vector& scale) {
+  std::vector<Eigen::Index> at;  // of the inertial ones
+  std::vector<std::string> name;
   for (std::size_t i = 0; i < parameters.size(); ++i) {
-    if (standard[static_cast<std::size_t>(parameters[i].of)].inertial)
-      inertial.push_back(static_cast<int>(i));
+    if (!parameters[i].of.inertial) continue;
+    at.push_back(static_cast<Eigen::Index>(i));
+    name.push_back(parameters[i].of.name);
   }
-  const auto n = static_cast<Eigen::Index>(inertial.size());
-  Matrix C(n, n);
-  for (Eigen::Index a = 0; a < n; ++a) {
-    for (Eigen::Index b = 0; b < n; ++b) {
-      const int i = inertial[static_cast<std::size_t>(a)], j = inertial[static_cast<std::size_t>(b)];
-      C(a, b) = covariance(i, j) / (scale[i] * scale[j]);
-    }
-  }
+  const Vector size = scale(at);
+  const Modes modes = symmetric_modes(covariance(at, at).cwiseQuotient(size * size.transpose()));
   std::vector<std::string> out;
-  const Modes modes = symmetric_modes(C);
-  for (Eigen::Index m = n - 1; m >= 0; --m) {
+  for (Eigen::Index m = size.size() - 1; m >= 0; --m) {
     if (std::sqrt(std::max(0.0, modes.value[m])) <= weak_uncertainty) break;
-    const Vector v = modes.vector.col(m);
-    std::string text;
-    for (Eigen::Index a = 0; a < n; ++a) {
-      if (std::abs(v[a]) < 0.3) continue;
-      const std::string& name =
-          standard[static_cast<std::size_t>(
-                       parameters[static_cast<std::size_t>(inertial[static_cast<std::size_t>(a)])].of)]
-              .name;
-      text += (text.empty() ? "" : ", ") + name;
+    std::vector<std::string> parts;
+    for (std::size_t a = 0; a < name.size(); ++a) {
+      if (std::abs(modes.vector(static_cast<Eigen::Index>(a), m)) >= 0.3) parts.push_back(name[a]);
     }
-    out.push_back(text);
+    out.push_back(fmt::format("{}", fmt::join(parts, ", ")));
   }
   return out;
 }
@@ -126,22 +112,17 @@ std::vector<std::string> weak_directions(const std::vector<BaseParameter>& param
 
 std::vector<StandardParameter> standard_parameters(bool five_bar) {
   std::vector<StandardParameter> out;
-  const int legs = five_bar ? 2 : 1;
-  const auto joint = [&](int leg, int k) {
-    return five_bar ? fmt::format("{}{}", leg + 1, k + 1) : fmt::format("{}", k + 1);
-  };
-  for (int leg = 0; leg < legs; ++leg) {
-    const std::string index = five_bar ? fmt::format("{}", leg + 1) : "";
-    out.push_back({"a" + index, "kg m2", true});
-    out.push_back({"c" + index, "kg m2", true});
-    out.push_back({"h" + index, "kg m", true});
-    out.push_back({"s" + index, "kg m", true});
+  const std::vector<std::string> legs =
+      five_bar ? std::vector<std::string>{"1", "2"} : std::vector<std::string>{""};
+  for (const std::string& leg : legs) {
+    for (const char* moment : {"a", "c"}) out.push_back({moment + leg, "kg m2", true});
+    for (const char* moment : {"h", "s"}) out.push_back({moment + leg, "kg m", true});
   }
   if (five_bar) out.push_back({"m0", "kg", true});
   for (const auto& [name, unit] : {std::pair("viscous", "N m s/rad"), std::pair("coulomb", "N m")}) {
-    for (int leg = 0; leg < legs; ++leg) {
-      for (int k = 0; k < 2; ++k)
-        out.push_back({fmt::format("{} theta{}", name, joint(leg, k)), unit, false});
+    for (const std::string& leg : legs) {
+      for (const char* joint : {"1", "2"})
+        out.push_back({fmt::format("{} theta{}{}", name, leg, joint), unit, false});
     }
   }
   return out;
@@ -157,15 +138,12 @@ namespace {
 
 /// Sets the nominal values of the base parameters. Returns what an uncertainty of each is compared with: the
 /// largest nominal value of its kind, moment of inertia or mass moment, as many of them may be 0.
-Vector set_nominal(std::vector<BaseParameter>& parameters, const IdentifyProblem& p,
-                   const std::vector<StandardParameter>& standard) {
-  const auto kind = [](const BaseParameter& b) { return b.of % per_leg < 2 ? 0 : 1; };
+Vector set_nominal(std::vector<BaseParameter>& parameters, const IdentifyProblem& p) {
+  const auto kind = [](const BaseParameter& b) { return b.column % per_leg < 2 ? 0 : 1; };
   double size[2] = {0.0, 0.0};
   for (BaseParameter& b : parameters) {
-    for (std::size_t k = 0; k < b.share.size(); ++k)
-      b.nominal += b.share[k] * p.nominal[static_cast<Eigen::Index>(k)];
-    if (standard[static_cast<std::size_t>(b.of)].inertial)
-      size[kind(b)] = std::max(size[kind(b)], std::abs(b.nominal));
+    for (Eigen::Index k = 0; k < b.share.size(); ++k) b.nominal += b.share[k] * p.nominal[k];
+    if (b.of.inertial) size[kind(b)] = std::max(size[kind(b)], std::abs(b.nominal));
   }
   Vector scale(static_cast<Eigen::Index>(parameters.size()));
   for (std::size_t i = 0; i < parameters.size(); ++i)
@@ -203,22 +181,19 @@ void weigh(const Vector& residual, const Vector& torque, std::array<double, 2>& 
 }
 
 void set_covariance(Identification& out, const Matrix& covariance) {
-  const auto sigma = [&](std::size_t i) {
-    const auto k = static_cast<Eigen::Index>(i);
-    return std::sqrt(std::max(0.0, covariance(k, k)));
-  };
   out.covariance = covariance;
-  for (std::size_t i = 0; i < out.parameters.size(); ++i) out.parameters[i].sigma = sigma(i);
-  out.delay_sigma = sigma(out.parameters.size());
+  const Vector sigma = covariance.diagonal().cwiseMax(0.0).cwiseSqrt();
+  for (std::size_t i = 0; i < out.parameters.size(); ++i)
+    out.parameters[i].sigma = sigma[static_cast<Eigen::Index>(i)];
+  out.delay_sigma = sigma[sigma.size() - 1];
 }
 
 /// With the angles as they are.
 Identification fit(const IdentifyProblem& p) {
-  const auto standard = standard_parameters(p.five_bar);
   const Equations e(p);
   Identification out;
   out.windows = e.windows();
-  out.parameters = independent_columns(e.W, standard);
+  out.parameters = independent_columns(e.W, standard_parameters(p.five_bar));
   // A mass may be moved between the tips and to the effector; without gravity nothing depends on s. Whatever
   // else is missing has not been moved.
   const std::size_t expected = (p.five_bar ? 7U : 4U) - (p.gravity > 0.0 ? 0U : (p.five_bar ? 2U : 1U)) +
@@ -229,7 +204,7 @@ Identification fit(const IdentifyProblem& p) {
     return out;
   }
   const Matrix W = columns_of(e.W, out.parameters);
-  const Vector scale = set_nominal(out.parameters, p, standard);
+  const Vector scale = set_nominal(out.parameters, p);
   const Eigen::Index n = W.cols();
   std::array weight{1.0, 1.0};
   out.delay_ticks = coarse_delay(e, W, weight);
@@ -246,7 +221,7 @@ Identification fit(const IdentifyProblem& p) {
   const Step s = solve(e, W, weight, out.delay_ticks);
   set_covariance(out, covariance_of(s, n + 1));
   for (Eigen::Index i = 0; i < n; ++i) out.parameters[static_cast<std::size_t>(i)].value = s.x[i];
-  out.weak = weak_directions(out.parameters, out.covariance, scale, standard);
+  out.weak = weak_directions(out.parameters, out.covariance, scale);
   return out;
 }
 
@@ -262,13 +237,16 @@ Identification identify(const IdentifyProblem& p) {
   if (!(p.observer_bandwidth > 0.0)) return fit(p);
   Identification out = fit(without_lag(p, 0.5));
   if (!out.weak.empty()) return out;
-  const Identification none = fit(p), whole = fit(without_lag(p, 1.0));
-  const std::size_t n = out.parameters.size();
-  if (none.parameters.size() != n || whole.parameters.size() != n) return out;
-  Vector range(static_cast<Eigen::Index>(n) + 1);
-  for (std::size_t i = 0; i < n; ++i)
-    range[static_cast<Eigen::Index>(i)] = whole.parameters[i].value - none.parameters[i].value;
-  range[static_cast<Eigen::Index>(n)] = whole.delay_ticks - none.delay_ticks;
+  const auto values = [](const Identification& r) {
+    Vector all(static_cast<Eigen::Index>(r.parameters.size()) + 1);
+    Eigen::Index i = 0;
+    for (const BaseParameter& b : r.parameters) all[i++] = b.value;
+    all[i] = r.delay_ticks;
+    return all;
+  };
+  const Vector none = values(fit(p)), whole = values(fit(without_lag(p, 1.0)));
+  if (none.size() != out.covariance.rows() || whole.size() != none.size()) return out;
+  const Vector range = whole - none;
   set_covariance(out, out.covariance + gram(range.transpose()) / 12.0);  // evenly between none and all of it
   return out;
 }

@@ -15,9 +15,10 @@ namespace esmc::host {
 /// A combination of standard parameters that the motion of this mechanism depends on: `of` + sum of `share` *
 /// others.
 struct BaseParameter {
-  int of = 0;                 ///< index of the standard parameter it is named after
-  std::vector<double> share;  ///< of every standard parameter: 1 for `of`, 0 for those that stand alone
-  std::string text;           ///< "a1 + 0.0144 m0"
+  StandardParameter of;  ///< that it is named after
+  int column = 0;        ///< index of that one
+  Vector share;          ///< of every standard parameter: 1 for `of`, 0 for those that stand alone
+  std::string text;      ///< "a1 + 0.0144 m0"
   double nominal = 0.0, value = 0.0, sigma = 0.0;
 };
 

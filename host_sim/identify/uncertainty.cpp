@@ -35,29 +35,25 @@ struct Changes {
   [[nodiscard]] Vector from_standard(const Vector& standard) const {
     Vector out = Vector::Zero(static_cast<Eigen::Index>(of.size()));
     for (std::size_t i = 0; i < of.size(); ++i)
-      for (std::size_t k = 0; k < of[i]->share.size(); ++k)
-        out[static_cast<Eigen::Index>(i)] += of[i]->share[k] * standard[static_cast<Eigen::Index>(k)];
+      for (Eigen::Index k = 0; k < standard.size(); ++k)
+        out[static_cast<Eigen::Index>(i)] += of[i]->share[k] * standard[k];
     return out;
   }
 };
 
-Changes changes_of(const Identification& r, const IdentifyProblem& p, const FiveBarParams<double>& believed,
-                   const std::vector<StandardParameter>& standard) {
+Changes changes_of(const Identification& r, const IdentifyProblem& p, const FiveBarParams<double>& believed) {
   Changes c;
   std::vector<Eigen::Index> at;
   for (std::size_t i = 0; i < r.parameters.size(); ++i) {
-    if (!standard[static_cast<std::size_t>(r.parameters[i].of)].inertial) continue;
+    if (!r.parameters[i].of.inertial) continue;
     c.of.push_back(&r.parameters[i]);
     at.push_back(static_cast<Eigen::Index>(i));
   }
   const auto n = static_cast<Eigen::Index>(at.size());
   c.found.resize(n);
-  c.covariance.resize(n, n);
-  for (std::size_t i = 0; i < at.size(); ++i) {
+  for (std::size_t i = 0; i < at.size(); ++i)
     c.found[static_cast<Eigen::Index>(i)] = c.of[i]->value - c.of[i]->nominal;
-    for (std::size_t k = 0; k < at.size(); ++k)
-      c.covariance(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(k)) = r.covariance(at[i], at[k]);
-  }
+  c.covariance = r.covariance(at, at);
   c.by_factor.resize(n, 4);
   for (std::size_t f = 0; f < factored.size(); ++f) {  // linear in each of them
     FiveBarParams<double> without = believed;
@@ -199,7 +195,7 @@ FactorFit choose_fit(const Changes& c, double coverage, std::vector<std::string>
 
 /// Lines for factors and payload. Warns of base parameters whose value found is outside what the lines allow.
 std::string factor_lines(const Changes& c, const FactorFit& f, double coverage,
-                         const std::vector<StandardParameter>& standard, std::vector<std::string>& warnings) {
+                         std::vector<std::string>& warnings) {
   std::string out;
   Vector middle = Vector::Zero(c.found.size()), reach = middle;  // of the base parameters, by the table
   const auto add = [&](const Vector& column, double lower, double upper) {
@@ -226,7 +222,7 @@ std::string factor_lines(const Changes& c, const FactorFit& f, double coverage,
   for (std::size_t k = 0; k < c.of.size(); ++k) {
     const auto i = static_cast<Eigen::Index>(k);
     if (std::abs(c.found[i] - middle[i]) <= reach[i] + coverage * std::sqrt(c.covariance(i, i))) continue;
-    missed += (missed.empty() ? "" : ", ") + standard[static_cast<std::size_t>(c.of[k]->of)].name;
+    missed += (missed.empty() ? "" : ", ") + c.of[k]->of.name;
   }
   if (!missed.empty())
     warnings.push_back(fmt::format(
@@ -235,12 +231,10 @@ std::string factor_lines(const Changes& c, const FactorFit& f, double coverage,
   return out;
 }
 
-std::string friction_lines(const Identification& r, double coverage,
-                           const std::vector<StandardParameter>& standard,
-                           std::vector<std::string>& warnings) {
+std::string friction_lines(const Identification& r, double coverage, std::vector<std::string>& warnings) {
   std::string out;
   for (const BaseParameter& v : r.parameters) {
-    const StandardParameter& of = standard[static_cast<std::size_t>(v.of)];
+    const StandardParameter& of = v.of;
     if (!of.inertial && v.value + coverage * v.sigma < 0.0)
       warnings.push_back(fmt::format("{} = {:.3g} {} is below 0: no friction is, the table has 0", of.name,
                                      v.value, of.unit));
@@ -248,7 +242,7 @@ std::string friction_lines(const Identification& r, double coverage,
   for (const char* kind : {"viscous", "coulomb"}) {
     std::string list;
     for (const BaseParameter& v : r.parameters) {
-      if (!standard[static_cast<std::size_t>(v.of)].name.starts_with(kind)) continue;
+      if (!v.of.name.starts_with(kind)) continue;
       list +=
           (list.empty() ? "" : ", ") + interval(v.value - coverage * v.sigma, v.value + coverage * v.sigma);
     }
@@ -275,13 +269,12 @@ Vector standard_values(const FiveBarParams<double>& p, bool five_bar) {
 
 UncertaintyTable uncertainty_table(const Identification& r, const IdentifyProblem& p,
                                    const FiveBarParams<double>& believed, double coverage) {
-  const auto standard = standard_parameters(p.five_bar);
-  const Changes c = changes_of(r, p, believed, standard);
+  const Changes c = changes_of(r, p, believed);
   UncertaintyTable table;
   const FactorFit f = choose_fit(c, coverage, table.warnings);
   table.toml = "[uncertainty]                  # true over believed, both legs; mass centres as believed\n";
-  table.toml += factor_lines(c, f, coverage, standard, table.warnings);
-  table.toml += friction_lines(r, coverage, standard, table.warnings);
+  table.toml += factor_lines(c, f, coverage, table.warnings);
+  table.toml += friction_lines(r, coverage, table.warnings);
   table.toml += fmt::format(
       "# of the torque; what sensors lag is not in it: control.delay_ticks = {:.2f}, from {:.2f} to {:.2f}\n",
       std::max(0.0, r.delay_ticks), r.delay_ticks - coverage * r.delay_sigma,

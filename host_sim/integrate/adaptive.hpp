@@ -1,5 +1,5 @@
 #pragma once
-/// Step control, dense output and events of the adaptive methods. A method derives from
+/// Step control of the adaptive methods. A method derives from
 /// Adaptive<Method, System> and supplies
 ///   error_order            the error of a step goes with h^error_order
 ///   memory                 weight of the previous error in the step control, HW (IV.2.43) beta
@@ -8,9 +8,7 @@
 ///                          something was not finite, infinity if equations were not solved
 ///   accept(t, h, y)        y becomes next_, projected, and first_ the slope there
 ///   compute(t, h, y)       as attempt and accept, without an error
-///   interpolate(theta, y)  y at theta in [0, 1] of the last step, not projected
 
-#include "host_sim/integrate/roots.hpp"
 #include "host_sim/integrate/system.hpp"
 
 namespace esmc::host {
@@ -20,81 +18,20 @@ class Adaptive {
  public:
   using State = typename S::State;
 
+  explicit Adaptive(const S& system) : system_(&system) {}
+  explicit Adaptive(S&&) = delete;
+
   /// One step of h seconds, of either sign, from time t, whatever its error; not solvable: y becomes NaN.
   void step(double t, double h, State& y) {
-    dense_ = false;
     method().begin(t, y);
     method().compute(t, h, y);
-    record(t, h, t + h);
+    length_ = h;
   }
 
   /// Integrates from t0 to t1 >= t0 (s) with steps as the tolerance needs. Only the length of the next step
   /// is kept for the next call, so inputs of the system may jump between calls. y: the last accepted state in
   /// any case.
   Advance advance(double t0, double t1, State& y, const Tolerance& tol) {
-    return run(t0, t1, y, tol, [](double, const State&) { return 1.0; });
-  }
-
-  /// As advance, but ends where g(t, y) first changes sign between accepted steps: Advance::t is at most
-  /// 1e-14 max(|t|, length of the step) behind the sign change on the dense output, y the projected state
-  /// there. Two changes of sign in one step are not seen (tol.max_step bounds the step). A root at t0 does
-  /// not count: neither g(t0) = 0 nor rounding at an event that ended the last call.
-  template <class G>
-  Advance advance_to_event(double t0, double t1, State& y, const Tolerance& tol, const G& g) {
-    return run(t0, t1, y, tol, g);
-  }
-
-  /// Dense output in the last accepted step, projected. NaN outside it, and if there is none.
-  [[nodiscard]] State state_at(double t) {
-    State out{};
-    const double theta = t == end_ ? 1.0 : (t - begin_) / length_;
-    if (dense_ && theta >= 0.0 && theta <= 1.0) {
-      method().interpolate(theta, out);
-      system_->project(out);
-    } else {
-      std::fill_n(out.begin(), system_->size(), std::numeric_limits<double>::quiet_NaN());
-    }
-    return out;
-  }
-  [[nodiscard]] double last_begin() const { return begin_; }
-  [[nodiscard]] double last_end() const { return end_; }
-
-  /// Length that the next step would have, s; 0: not known yet.
-  [[nodiscard]] double next_step() const { return next_step_; }
-  /// Returns to the state after construction.
-  void forget() { next_step_ = 0.0, error_before_ = 1e-4, dense_ = false, event_ = no_time; }
-
- protected:
-  explicit Adaptive(const S& system) : system_(&system) {}
-
-  void evaluate(double t, const State& y, State& dy) {
-    system_->slope(t, y, dy);
-    ++slopes_;
-  }
-  [[nodiscard]] std::size_t size() const { return system_->size(); }
-
-  const S* system_;
-  State first_{};                                  ///< slope at the current state
-  State previous_{};                               ///< state before the last step
-  State next_{};                                   ///< state after it
-  double begin_ = 0.0, end_ = 0.0, length_ = 0.0;  ///< of the last accepted step
-  long slopes_ = 0;
-
- private:
-  static constexpr double no_time = std::numeric_limits<double>::quiet_NaN();
-  static constexpr double epsilon = std::numeric_limits<double>::epsilon();
-
-  Method& method() { return static_cast<Method&>(*this); }
-
-  void record(double t, double h, double end) {
-    begin_ = t;
-    length_ = h;
-    end_ = end;
-    dense_ = true;
-  }
-
-  template <class G>
-  Advance run(double t0, double t1, State& y, const Tolerance& tol, const G& g) {
     Advance done;
     done.t = t0;
     const auto ended = [&](Reason reason) {
@@ -106,12 +43,8 @@ class Adaptive {
     if (!(t0 <= t1 && std::isfinite(t1 - t0))) return ended(Reason::bad_interval);
     if (!tol.valid()) return ended(Reason::bad_tolerance);
     if (t0 == t1) return ended(Reason::reached);
-    dense_ = false;
     method().begin(t0, y);
     if (!all_finite(size(), first_)) return ended(Reason::non_finite);
-    double side = g(t0, y);
-    if (std::isnan(side)) return ended(Reason::non_finite);
-    if (t0 == event_) side = 0.0;
     if (!(next_step_ > 0.0)) next_step_ = first_step(t0, t1, y, tol);
 
     bool shrunk = false, undefined = false;  // since the last accepted step: rejected, and not finite
@@ -121,7 +54,6 @@ class Adaptive {
       // Two equal steps instead of a long and a tiny one.
       const double h = rest <= 1.01 * wanted && rest <= tol.max_step ? rest : std::min(wanted, 0.5 * rest);
       const bool last = h == rest;
-      dense_ = false;
       const double error = method().attempt(done.t, h, y, tol);
       if (!(error <= 1.0)) {
         ++done.rejected;
@@ -138,21 +70,30 @@ class Adaptive {
       next_step_ = h * growth(error, shrunk);
       if (h < wanted) next_step_ = std::max(wanted, next_step_);  // a step cut short says little
       shrunk = undefined = false;
-      record(done.t, h, last ? t1 : done.t + h);
-      done.t = end_;
+      length_ = h;
+      done.t = last ? t1 : done.t + h;
       if (!all_finite(size(), y) || !all_finite(size(), first_)) return ended(Reason::non_finite);
-
-      if (side == 0.0) side = g(after_begin(), state_at(after_begin()));  // leaving a root
-      const double now = g(end_, y);
-      if (std::isnan(now)) return ended(Reason::non_finite);
-      if (side * now < 0.0 || (now == 0.0 && side != 0.0)) {
-        done.t = event_ = locate(g, side, now, y);
-        return ended(Reason::event);
-      }
-      side = now;
     }
     return ended(Reason::reached);
   }
+
+ protected:
+  void evaluate(double t, const State& y, State& dy) {
+    system_->slope(t, y, dy);
+    ++slopes_;
+  }
+  [[nodiscard]] std::size_t size() const { return system_->size(); }
+
+  const S* system_;
+  State first_{};        ///< slope at the current state
+  State next_{};         ///< state after the step in hand
+  double length_ = 0.0;  ///< of the last accepted step
+  long slopes_ = 0;
+
+ private:
+  static constexpr double epsilon = std::numeric_limits<double>::epsilon();
+
+  Method& method() { return static_cast<Method&>(*this); }
 
   /// HNW (II.4), starting step size algorithm.
   double first_step(double t0, double t1, const State& y, const Tolerance& tol) {
@@ -160,9 +101,10 @@ class Adaptive {
     const double d0 = scaled_norm(n, y, y, y, tol), d1 = scaled_norm(n, first_, y, y, tol);
     const double h0 = std::min(t1 - t0, d0 < 1e-5 || d1 < 1e-5 ? 1e-6 : 0.01 * d0 / d1);
     for (std::size_t i = 0; i < n; ++i) next_[i] = y[i] + h0 * first_[i];
-    evaluate(t0 + h0, next_, previous_);
-    for (std::size_t i = 0; i < n; ++i) previous_[i] -= first_[i];
-    const double d2 = scaled_norm(n, previous_, y, y, tol) / h0, largest = std::max(d1, d2);
+    State change{};
+    evaluate(t0 + h0, next_, change);
+    for (std::size_t i = 0; i < n; ++i) change[i] -= first_[i];
+    const double d2 = scaled_norm(n, change, y, y, tol) / h0, largest = std::max(d1, d2);
     const double h1 =
         largest <= 1e-15 ? std::max(1e-6, 1e-3 * h0) : std::pow(0.01 / largest, 1.0 / Method::error_order);
     const double h = std::min(100.0 * h0, h1);
@@ -181,25 +123,8 @@ class Adaptive {
     return std::clamp(factor, 0.2, shrunk ? 1.0 : 8.0);
   }
 
-  /// An instant after the begin of the step, far enough from it that rounding has no say.
-  [[nodiscard]] double after_begin() const {
-    return std::min(end_, begin_ + std::max(length_ * 0x1p-20, 8.0 * epsilon * std::abs(begin_)));
-  }
-
-  template <class G>
-  double locate(const G& g, double side, double now, State& y) {
-    const double begin = begin_ == event_ ? after_begin() : begin_;
-    const double width =
-        std::max(1e-14 * std::max(std::abs(end_), length_), std::numeric_limits<double>::min());
-    const auto f = [&](double t) { return g(t, state_at(t)); };
-    const Bracket root = bracket_root(f, begin, side, end_, now, width);
-    if (root.after < end_) y = state_at(root.after);
-    return root.after;
-  }
-
-  double next_step_ = 0.0, error_before_ = 1e-4;
-  double event_ = no_time;
-  bool dense_ = false;
+  double next_step_ = 0.0;  // 0: not known yet
+  double error_before_ = 1e-4;
 };
 
 }  // namespace esmc::host

@@ -1,5 +1,5 @@
 #pragma once
-/// Dormand-Prince 5(4), HNW table II.5.2; continuous extension of order 4, HNW (II.6.12) in Shampine's form.
+/// Dormand-Prince 5(4), HNW table II.5.2.
 
 #include "host_sim/integrate/dormand_prince.hpp"
 
@@ -22,11 +22,6 @@ inline constexpr std::array<Row, stages> a{{
 /// Order 5 minus order 4.
 inline constexpr Row error{71.0 / 57600,      0.0,        -71.0 / 16695, 71.0 / 1920,
                            -17253.0 / 339200, 22.0 / 525, -1.0 / 40};
-/// What the interpolant has beyond the cubic through both ends.
-inline constexpr Row dense{-12715105075.0 / 11282082432,  0.0,
-                           87487479700.0 / 32700410799,   -10690763975.0 / 1880347072,
-                           701980252875.0 / 199316789632, -1453857185.0 / 822651844,
-                           69997945.0 / 29380423};
 }  // namespace dopri5
 
 template <System S>
@@ -37,11 +32,8 @@ class Dopri5 : public DormandPrince<Dopri5<S>, S, dopri5::a, dopri5::c, 6> {
  public:
   using State = typename S::State;
   static constexpr int order = 5;
-  static constexpr int dense_order = 4;
   static constexpr const char* name = "dopri5";
-
-  explicit Dopri5(const S& system) : Base(system) {}
-  explicit Dopri5(S&&) = delete;
+  using Base::Base;
 
  private:
   using Base::k_, Base::work_;
@@ -66,13 +58,6 @@ class Dopri5 : public DormandPrince<Dopri5<S>, S, dopri5::a, dopri5::c, 6> {
       this->evaluate(t + h, this->next_, k_[6]);
     }
     this->accept_with_slope(y);
-  }
-
-  void interpolate(double theta, State& out) {
-    const std::size_t n = this->size();
-    this->end_slope();
-    weighted(n, dopri5::dense, k_, this->length_, State{}, work_);
-    for (std::size_t i = 0; i < n; ++i) out[i] = this->continued(i, theta, work_[i]);
   }
 };
 

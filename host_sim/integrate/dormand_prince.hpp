@@ -43,17 +43,15 @@ template <class Method, System S, const auto& a, const auto& c, std::size_t end>
 class DormandPrince : public Adaptive<Method, S> {
  public:
   using State = typename S::State;
-
- protected:
   using Adaptive<Method, S>::Adaptive;
 
+ protected:
   void begin(double t, const State& y) { this->evaluate(t, y, this->first_); }
 
   void compute(double t, double h, State& y) {
     stages(t, h, y);
     this->system_->project(this->next_);
-    end_slope_ = false;
-    move(y);
+    copy_entries(this->size(), this->next_, y);
   }
 
   /// All stages but the last, and next_.
@@ -67,22 +65,7 @@ class DormandPrince : public Adaptive<Method, S> {
   /// y becomes next_, whose slope is the last stage.
   void accept_with_slope(State& y) {
     copy_entries(this->size(), k_[end], this->first_);
-    end_slope_ = true;
-    move(y);
-  }
-  /// Makes the last stage the slope after the last step.
-  void end_slope() {
-    if (!end_slope_) this->evaluate(this->end_, this->next_, k_[end]);
-    end_slope_ = true;
-  }
-
-  /// Entry i at theta in [0, 1] of the last step, end_slope() known: the cubic through both ends with their
-  /// slopes, and what the method has `beyond` it.
-  [[nodiscard]] double continued(std::size_t i, double theta, double beyond) const {
-    const double h = this->length_, back = 1.0 - theta;
-    const double rise = this->next_[i] - this->previous_[i], bend = h * k_[0][i] - rise;
-    const double twist = rise - h * k_[end][i] - bend;
-    return this->previous_[i] + theta * (rise + back * (bend + theta * (twist + back * beyond)));
+    copy_entries(this->size(), this->next_, y);
   }
 
   std::array<State, a.size()> k_{};
@@ -94,12 +77,6 @@ class DormandPrince : public Adaptive<Method, S> {
     weighted_row<a, s>(n, k_, h, y, work_);
     this->evaluate(t + c[s] * h, work_, k_[s]);
   }
-  void move(State& y) {
-    copy_entries(this->size(), y, this->previous_);
-    copy_entries(this->size(), this->next_, y);
-  }
-
-  bool end_slope_ = false;  // k_[end] belongs to next_
 };
 
 }  // namespace esmc::host

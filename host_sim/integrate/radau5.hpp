@@ -1,13 +1,27 @@
 #pragma once
 /// Radau IIA of order 5 for stiff systems: three stages, L-stable, stiffly accurate; HW table IV.5.6 and
-/// IV.8. The equations of all stages at once (real, 3 n unknowns) by simplified Newton, with the system's
-/// Jacobian or one by forward differences. Continuous extension: the collocation polynomial, of order 3.
+/// IV.8. The equations of all stages at once (real, 3 n unknowns) by simplified Newton, with a
+/// Jacobian by forward differences.
 
 #include "host_sim/integrate/adaptive.hpp"
 #include "host_sim/integrate/lu.hpp"
-#include "host_sim/integrate/radau5_table.hpp"
 
 namespace esmc::host {
+
+/// Coefficients, HW table IV.5.6 and IV.8.
+namespace radau5 {
+inline constexpr double r6 = 2.449489742783178098197284074705891391966;  // sqrt 6
+inline constexpr std::array<double, 3> c{(4.0 - r6) / 10.0, (4.0 + r6) / 10.0, 1.0};
+/// Inverse of the Runge-Kutta matrix.
+inline constexpr std::array<std::array<double, 3>, 3> inverse{{
+    {2.0 + r6 / 2.0, -1.2 + 29.0 * r6 / 30.0, 0.4 - 4.0 * r6 / 15.0},
+    {-1.2 - 29.0 * r6 / 30.0, 2.0 - r6 / 2.0, 0.4 + 4.0 * r6 / 15.0},
+    {-1.0 + 8.0 * r6 / 3.0, -1.0 - 8.0 * r6 / 3.0, 5.0},
+}};
+/// Its real eigenvalue, and the weights of the stages in the error: HW (IV.8.18) times that eigenvalue.
+inline constexpr double eigenvalue = 3.637834252744495732208418513577775;
+inline constexpr std::array<double, 3> error{(-13.0 - 7.0 * r6) / 3.0, (-13.0 + 7.0 * r6) / 3.0, -1.0 / 3.0};
+}  // namespace radau5
 
 /// Storage goes with 9 capacity^2 doubles, time of a step with 18 size^3. capacity <= 32.
 template <System S>
@@ -19,11 +33,8 @@ class Radau5 : public Adaptive<Radau5<S>, S> {
  public:
   using State = typename S::State;
   static constexpr int order = 5;
-  static constexpr int dense_order = 3;
   static constexpr const char* name = "radau5";
-
-  explicit Radau5(const S& system) : Base(system) {}
-  explicit Radau5(S&&) = delete;
+  using Base::Base;
 
  private:
   static constexpr double error_order = 4.0;
@@ -72,16 +83,7 @@ class Radau5 : public Adaptive<Radau5<S>, S> {
     this->system_->project(this->next_);
     last_ = z_;
     for (std::size_t i = 0; i < n; ++i) last_[2][i] = this->next_[i] - y[i];
-    copy_entries(n, y, this->previous_);
     copy_entries(n, this->next_, y);
-  }
-
-  void interpolate(double theta, State& out) {
-    const auto weight = collocation(theta);
-    for (std::size_t i = 0; i < this->size(); ++i) {
-      out[i] =
-          this->previous_[i] + weight[0] * last_[0][i] + weight[1] * last_[1][i] + weight[2] * last_[2][i];
-    }
   }
 
   /// Lagrange polynomials to the stages; the one to theta = 0 has the value 0.
@@ -194,19 +196,15 @@ class Radau5 : public Adaptive<Radau5<S>, S> {
 
   void differentiate(double t, const State& y) {
     const std::size_t n = this->size();
-    if constexpr (HasJacobian<S>) {
-      this->system_->jacobian(t, y, jacobian_);
-    } else {
-      copy_entries(n, y, work_);
-      for (std::size_t j = 0; j < n; ++j) {
-        const double wanted =
-            std::sqrt(std::numeric_limits<double>::epsilon() * std::max(1e-5, std::abs(y[j])));
-        work_[j] = y[j] + wanted;
-        const double d = work_[j] - y[j];
-        this->evaluate(t, work_, slope_);
-        for (std::size_t i = 0; i < n; ++i) jacobian_[i][j] = (slope_[i] - this->first_[i]) / d;
-        work_[j] = y[j];
-      }
+    copy_entries(n, y, work_);
+    for (std::size_t j = 0; j < n; ++j) {
+      const double wanted =
+          std::sqrt(std::numeric_limits<double>::epsilon() * std::max(1e-5, std::abs(y[j])));
+      work_[j] = y[j] + wanted;
+      const double d = work_[j] - y[j];
+      this->evaluate(t, work_, slope_);
+      for (std::size_t i = 0; i < n; ++i) jacobian_[i][j] = (slope_[i] - this->first_[i]) / d;
+      work_[j] = y[j];
     }
     jacobian_known_ = jacobian_current_ = true;
     factored_for_ = 0.0;

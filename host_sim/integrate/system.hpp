@@ -19,7 +19,7 @@ namespace esmc::host {
 /// size() <= capacity entries are in use; y[0, positions) are positions, y[positions, 2 positions) their
 /// rates in the same order, the rest other states. slope is smooth in t and y during one call of a method;
 /// it may give NaN or infinity and must not throw. project is called after each step and restores closure in
-/// position and velocity. Optional, for stiff methods: jacobian, J[i][j] = derivative of slope i by y[j].
+/// position and velocity.
 template <class S>
 concept System = requires(const S& s, double t, const typename S::State& y, typename S::State& out) {
   requires std::same_as<typename S::State, std::array<typename S::State::value_type, S::capacity>>;
@@ -27,12 +27,6 @@ concept System = requires(const S& s, double t, const typename S::State& y, type
   { s.size() } -> std::convertible_to<std::size_t>;
   s.slope(t, y, out);
   s.project(out);
-};
-
-template <class S>
-concept HasJacobian = System<S> && requires(const S& s, double t, const typename S::State& y,
-                                            std::array<typename S::State, S::capacity>& J) {
-  s.jacobian(t, y, J);
 };
 
 /// The error of each step is kept below 1 in the root mean square over the entries in use of
@@ -52,10 +46,9 @@ struct Tolerance {
 /// Why an advance ended.
 enum class Reason {
   reached,         ///< at t1
-  event,           ///< at the first sign change
   bad_interval,    ///< t1 < t0, or not finite: nothing done
   bad_tolerance,   ///< nothing done
-  non_finite,      ///< slope, error or event function not finite, however short the step
+  non_finite,      ///< slope or error not finite, however short the step
   step_underflow,  ///< tolerance not met (or implicit equations not solved) however short the step
   too_many_steps,  ///< max_attempts
 };
@@ -64,10 +57,10 @@ struct Advance {
   double t = 0.0;  ///< s, of the state y: t1 exactly if reached, else the end of the last accepted step
   long steps = 0;  ///< accepted
   long rejected = 0;
-  long slopes = 0;  ///< evaluations of slope, with those for difference Jacobians and dense output
+  long slopes = 0;  ///< evaluations of slope, with those for difference Jacobians
   Reason reason = Reason::reached;
 
-  [[nodiscard]] bool ok() const { return reason == Reason::reached || reason == Reason::event; }
+  [[nodiscard]] bool ok() const { return reason == Reason::reached; }
 };
 
 /// Copies the first n entries; the others of `to` stay.

@@ -6,9 +6,8 @@
 
 #include "host_sim/integrate/dopri5.hpp"
 #include "host_sim/integrate/dopri8.hpp"
+#include "host_sim/integrate/fixed_step.hpp"
 #include "host_sim/integrate/radau5.hpp"
-#include "host_sim/integrate/rk4.hpp"
-#include "host_sim/integrate/semi_implicit_euler.hpp"
 #include "host_sim/plant/hand.hpp"
 #include "host_sim/plant/method.hpp"
 #include "host_sim/plant/moreau_jean.hpp"
@@ -56,7 +55,7 @@ class EngineOf final : public Engine<Plant> {
 
   void run(double t, double step, int steps, const MotorTorques<typename Plant::Joints>& torque) override {
     system_.set_torques(torque);
-    for (const auto& load : attached_->loads.effector) load->begin(t + 0.5 * step * steps);
+    attached_->loads.begin(t + 0.5 * step * steps);
     for (int i = 0; i < steps; ++i) stepper_.step(t + i * step, step, y_);
   }
   void set_plant(const Plant& plant) override { system_.set_plant(plant); }
@@ -86,25 +85,23 @@ std::unique_ptr<Engine<Plant>> make_engine(const Plant& plant, const std::vector
                                            const typename Plant::State& initial, const Hand* hand = nullptr) {
   auto attached = std::make_unique<Attachments>();
   attached->loads = make_loads(effects);
-  if (hand != nullptr) attached->loads.effector.push_back(std::make_unique<HandLoad>(*hand));
+  if (hand != nullptr) attached->loads.effector.push_back({[hand](V2 p, V2 v) { return hand->force(p, v); }});
   attached->motor_joint = motor_joint;
   for (std::size_t m = 0; m < motor_joint.size(); ++m) {
     Drivetrain d(effects, m);
     if (d.empty()) break;  // the effects of a drivetrain are the same for every motor
     attached->drivetrain.push_back(std::move(d));
   }
+  const auto with = [&]<class Sys, class Stepper>(auto... more) -> std::unique_ptr<Engine<Plant>> {
+    return std::make_unique<EngineOf<Plant, Sys, Stepper>>(plant, std::move(attached), method, initial,
+                                                           [&](const Sys& s) { return Stepper(s, more...); });
+  };
   if (set_valued(effects) || method == Method::moreau_jean) {
     using Sys = LoadedSystem<Plant>;
-    using Stepper = MoreauJean<Sys, Plant>;
-    const SetValued contact{find_effect<CoulombFriction>(effects), find_effect<EndStops>(effects)};
-    return std::make_unique<EngineOf<Plant, Sys, Stepper>>(plant, std::move(attached), Method::moreau_jean,
-                                                           initial,
-                                                           [&](const Sys& s) { return Stepper(s, contact); });
+    method = Method::moreau_jean;
+    return with.template operator()<Sys, MoreauJean<Sys, Plant>>(
+        SetValued{find_effect<CoulombFriction>(effects), find_effect<EndStops>(effects)});
   }
-  const auto with = [&]<class Sys, class Stepper>() -> std::unique_ptr<Engine<Plant>> {
-    return std::make_unique<EngineOf<Plant, Sys, Stepper>>(plant, std::move(attached), method, initial,
-                                                           [](const Sys& s) { return Stepper(s); });
-  };
   const auto of = [&]<class Sys>() -> std::unique_ptr<Engine<Plant>> {
     switch (method) {
       case Method::semi_implicit_euler:

@@ -140,17 +140,6 @@ typename FiveBarPlantOf<Both, S>::Output FiveBarPlantOf<Both, S>::output(const S
 }
 
 template <class Both, class S>
-Planar<S> FiveBarPlantOf<Both, S>::effector(const Angles& angle) const {
-  const typename Legs::Pose p = pose(angle);
-  return 0.5 * five_bar::together<S>(legs_.tip(p.e1, p.e2));
-}
-
-template <class Both, class S>
-Planar<S> FiveBarPlantOf<Both, S>::effector_rate(const Angles& angle, const Angles& rate) const {
-  return 0.5 * five_bar::together<S>(legs_.tip_rate(pose(angle), five_bar::bars<Both>(rate)));
-}
-
-template <class Both, class S>
 S FiveBarPlantOf<Both, S>::kinetic_energy(const State& s) const {
   const typename Legs::Pose p = pose(s.angle);
   const typename Legs::Pair w = five_bar::bars<Both>(s.rate);

@@ -3,7 +3,7 @@
 
 #include <cmath>
 
-#include "host_sim/plant/loads.hpp"
+#include "host_sim/plant/plant.hpp"
 
 namespace esmc::host {
 
@@ -21,17 +21,6 @@ struct Hand {
     const double size = std::sqrt(dot(f, f));
     return size > most ? (most / size) * f : f;
   }
-};
-
-/// A hand, which must outlive it, as a load.
-class HandLoad final : public EffectorLoad {
- public:
-  explicit HandLoad(const Hand& hand) : hand_(&hand) {}
-  void begin(double) override {}
-  [[nodiscard]] V2 force(V2 p, V2 v) const override { return hand_->force(p, v); }
-
- private:
-  const Hand* hand_;
 };
 
 }  // namespace esmc::host

@@ -1,7 +1,8 @@
 #pragma once
 /// Effects that put torques on joints or a force on the effector, as the right-hand side sees them.
 
-#include <memory>
+#include <functional>
+#include <limits>
 #include <span>
 #include <vector>
 
@@ -10,28 +11,28 @@
 
 namespace esmc::host {
 
-class JointLoad {
- public:
-  virtual ~JointLoad() = default;
-  /// Adds torques, N m, at the joint angles and rates of the model.
-  virtual void add(std::span<const double> angle, std::span<const double> rate,
-                   std::span<double> torque) const = 0;
-};
+/// Adds torques, N m, at the joint angles and rates of the model.
+using JointLoad = std::function<void(std::span<const double> angle, std::span<const double> rate,
+                                     std::span<double> torque)>;
 
-class EffectorLoad {
- public:
-  virtual ~EffectorLoad() = default;
-  /// Begins a stretch of time around `middle` in which the load does not jump: at the jump itself, where a
-  /// stage of an integrator may lie, the time alone would be ambiguous.
-  virtual void begin(double middle) = 0;
+struct EffectorLoad {
   /// Force in N on an effector at p moving with v.
-  [[nodiscard]] virtual V2 force(V2 p, V2 v) const = 0;
+  std::function<V2(V2 p, V2 v)> force;
+  double from = -std::numeric_limits<double>::infinity(), to = -from;  ///< s
+  /// Whether it acts in the stretch of time in hand: at the jump itself, where a stage of an integrator may
+  /// lie, the time alone would be ambiguous.
+  bool acting = true;
 };
 
 struct Loads {
-  std::vector<std::unique_ptr<JointLoad>> joint;
-  std::vector<std::unique_ptr<EffectorLoad>> effector;
+  std::vector<JointLoad> joint;
+  std::vector<EffectorLoad> effector;
   std::vector<double> breaks;  ///< instants at which a load jumps: no step may cross one
+
+  /// Begins a stretch of time around `middle` in which no load jumps.
+  void begin(double middle) {
+    for (EffectorLoad& load : effector) load.acting = middle > load.from && middle < load.to;
+  }
 };
 
 /// The loads of all effects but set-valued ones (plant/moreau_jean.hpp).

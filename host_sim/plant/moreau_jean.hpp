@@ -14,6 +14,7 @@
 #include <cmath>
 #include <limits>
 #include <optional>
+#include <span>
 
 #include "host_sim/effects/effects.hpp"
 
@@ -81,6 +82,7 @@ class MoreauJean {
     bool friction = false;
     Angles response{};  ///< of the bars to a unit impulse
     double impulse = 0.0;
+    [[nodiscard]] bool sticks() const { return friction && impulse > lower && impulse < upper; }
   };
 
   void collect(double h, const Joints& theta, const Joints& w) {
@@ -137,11 +139,8 @@ class MoreauJean {
 
   /// What sticks rests exactly. Two independent joints at rest hold a mechanism of two degrees of freedom.
   void settle(double scale, Angles& after) const {
-    std::size_t stuck = 0;
-    for (std::size_t i = 0; i < rows_; ++i) {
-      const Row& r = row_[i];
-      if (r.friction && r.impulse > r.lower && r.impulse < r.upper) ++stuck;
-    }
+    const auto rows = std::span(row_).first(rows_);
+    const auto stuck = std::ranges::count_if(rows, &Row::sticks);
     if (stuck == 0) return;
     const Joints w = Plant::joint_rates(after);
     double left = 0.0;
@@ -152,9 +151,8 @@ class MoreauJean {
     }
     if constexpr (Plant::joints == 2) {  // joint rates are free coordinates of the arm
       Joints kept = w;
-      for (std::size_t i = 0; i < rows_; ++i) {
-        const Row& r = row_[i];
-        if (r.friction && r.impulse > r.lower && r.impulse < r.upper) kept[r.joint] = 0.0;
+      for (const Row& r : rows) {
+        if (r.sticks()) kept[r.joint] = 0.0;
       }
       after = {kept[0], kept[0] + kept[1]};
     }

@@ -143,24 +143,32 @@ struct EffectorPointOf {
 };
 using EffectorPoint = EffectorPointOf<double>;
 
-/// Both: the two legs side by side, [0] and [1] being numbers of type S.
-template <class Both, class S>
-class FiveBarPlantOf {
- public:
+/// The types of a plant. `angles`: of the bars; `joints` as in the model; `outputs`: of final_state.q.
+template <class S, std::size_t angles, std::size_t joints_, std::size_t outputs_>
+struct PlantTypes {
   using Scalar = S;
-  static constexpr int coordinates = 4;  ///< psi11, psi12, psi21, psi22
-  static constexpr int joints = 4;       ///< theta11, theta12, theta21, theta22
-  static constexpr int outputs = 6;      ///< x, y and the joints: final_state.q
-  using Angles = std::array<S, 4>;
-  using Joints = std::array<S, 4>;
+  static constexpr int coordinates = int{angles}, joints = int{joints_}, outputs = int{outputs_};
+  using Angles = std::array<S, angles>;
+  using Joints = std::array<S, joints_>;
   struct State {
     Angles angle{}, rate{};
   };
   struct Output {
-    std::array<S, 6> q{}, qd{};
+    std::array<S, outputs_> q{}, qd{};
     Planar<S> effector, effector_rate;
     S closure{};  ///< |tip 1 - tip 2|, m
   };
+};
+
+/// Both: the two legs side by side, [0] and [1] being numbers of type S.
+template <class Both, class S>
+class FiveBarPlantOf : public PlantTypes<S, 4, 4, 6> {
+  using Types = PlantTypes<S, 4, 4, 6>;
+
+ public:
+  // Coordinates psi11, psi12, psi21, psi22; joints theta11, theta12, theta21, theta22; outputs x, y and the
+  // joints.
+  using typename Types::Angles, typename Types::Joints, typename Types::State, typename Types::Output;
 
   /// `payload`: a further point mass at the effector, kg.
   explicit FiveBarPlantOf(const FiveBarParams<S>& p, S payload = 0.0)
@@ -190,8 +198,6 @@ class FiveBarPlantOf {
   /// Effector for a load: the tip of leg 1, in N.
   [[nodiscard]] EffectorPointOf<S> effector_point(const Angles& angle, const Angles& rate) const;
   [[nodiscard]] Output output(const State& s) const;
-  [[nodiscard]] Planar<S> effector(const Angles& angle) const;
-  [[nodiscard]] Planar<S> effector_rate(const Angles& angle, const Angles& rate) const;
   [[nodiscard]] S kinetic_energy(const State& s) const;
   [[nodiscard]] S potential_energy(const State& s) const;
 
@@ -206,23 +212,8 @@ using FiveBarPlant = FiveBarPlantOf<Double2, double>;
 extern template class FiveBarPlantOf<Double2, double>;
 
 /// The true RR arm: one leg, nothing to close.
-class RrPlant {
+class RrPlant : public PlantTypes<double, 2, 2, 2> {
  public:
-  using Scalar = double;
-  static constexpr int coordinates = 2;
-  static constexpr int joints = 2;
-  static constexpr int outputs = 2;
-  using Angles = std::array<double, 2>;
-  using Joints = std::array<double, 2>;
-  struct State {
-    Angles angle{}, rate{};
-  };
-  struct Output {
-    std::array<double, 2> q{}, qd{};
-    V2 effector, effector_rate;
-    double closure = 0.0;
-  };
-
   explicit RrPlant(const RrParams<double>& p, double payload = 0.0) : leg_(p.arm, p.g, payload, 0.0, 1.0) {}
 
   [[nodiscard]] static State from_joints(const Joints& theta, const Joints& rate) {
@@ -231,19 +222,40 @@ class RrPlant {
   [[nodiscard]] static Joints joint_angles(const Angles& psi) { return {psi[0], psi[1] - psi[0]}; }
   [[nodiscard]] static Joints joint_rates(const Angles& w) { return {w[0], w[1] - w[0]}; }
 
-  [[nodiscard]] Angles acceleration(const Angles& angle, const Angles& rate, const Joints& torque) const;
-  [[nodiscard]] Angles response(const Angles& angle, const Joints& torque) const;
+  [[nodiscard]] Angles acceleration(const Angles& angle, const Angles& rate, const Joints& torque) const {
+    const Leg::Pose p = pose(angle);
+    const Leg::Pair a = Leg::solve(p, leg_.force(p, rate[0], rate[1], torque[0], torque[1]));
+    return {a.first, a.second};
+  }
+  [[nodiscard]] Angles response(const Angles& angle, const Joints& torque) const {
+    const Leg::Pair a = Leg::solve(pose(angle), leg_.on_bars(torque[0], torque[1]));
+    return {a.first, a.second};
+  }
   void project(Angles&, Angles&) const {}
-  [[nodiscard]] EffectorPoint effector_point(const Angles& angle, const Angles& rate) const;
-  [[nodiscard]] Output output(const State& s) const;
-  [[nodiscard]] V2 effector(const Angles& angle) const;
-  [[nodiscard]] V2 effector_rate(const Angles& angle, const Angles& rate) const;
-  [[nodiscard]] double kinetic_energy(const State& s) const;
-  [[nodiscard]] double potential_energy(const State& s) const;
+  [[nodiscard]] EffectorPoint effector_point(const Angles& angle, const Angles& rate) const {
+    const Leg::Pose p = pose(angle);
+    return {leg_.tip(p.e1, p.e2), leg_.tip_rate(p, {rate[0], rate[1]}), leg_.torque_per_force(p)};
+  }
+  [[nodiscard]] Output output(const State& s) const {
+    const Leg::Pose p = pose(s.angle);
+    return {joint_angles(s.angle), joint_rates(s.rate), leg_.tip(p.e1, p.e2),
+            leg_.tip_rate(p, {s.rate[0], s.rate[1]}), 0.0};
+  }
+  [[nodiscard]] double kinetic_energy(const State& s) const {
+    const Leg::Pose p = pose(s.angle);
+    return leg_.kinetic(p.e1, p.e2, s.rate[0], s.rate[1]);
+  }
+  [[nodiscard]] double potential_energy(const State& s) const {
+    const Leg::Pose p = pose(s.angle);
+    return leg_.potential(p.e1, p.e2);
+  }
 
  private:
-  [[nodiscard]] LegDynamics<double>::Pose pose(const Angles& angle) const;
-  LegDynamics<double> leg_;
+  using Leg = LegDynamics<double>;
+  [[nodiscard]] Leg::Pose pose(const Angles& angle) const {
+    return leg_.pose(direction(angle[0]), direction(angle[1]));
+  }
+  Leg leg_;
 };
 
 }  // namespace esmc::host

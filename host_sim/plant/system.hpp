@@ -121,12 +121,12 @@ class LoadedSystem : public MechanismState<Plant, Drivetrain::most_states * Plan
                          std::span(dy).subspan(at, d.states()));
       at += d.states();
     }
-    for (const auto& load : attached_->loads.joint) load->add(theta, w, torque);
+    for (const JointLoad& load : attached_->loads.joint) load(theta, w, torque);
     if (!attached_->loads.effector.empty()) {
       const EffectorPoint at_tip = this->plant().effector_point(angle, rate);
       V2 force;
-      for (const auto& load : attached_->loads.effector)
-        force = force + load->force(at_tip.position, at_tip.rate);
+      for (const EffectorLoad& load : attached_->loads.effector)
+        if (load.acting) force = force + load.force(at_tip.position, at_tip.rate);
       for (std::size_t i = 0; i < 2; ++i) torque[i] += dot(at_tip.torque_per_force[i], force);
     }
     this->mechanism_slope(angle, rate, torque, dy);

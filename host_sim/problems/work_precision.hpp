@@ -12,9 +12,8 @@
 
 #include "host_sim/integrate/dopri5.hpp"
 #include "host_sim/integrate/dopri8.hpp"
+#include "host_sim/integrate/fixed_step.hpp"
 #include "host_sim/integrate/radau5.hpp"
-#include "host_sim/integrate/rk4.hpp"
-#include "host_sim/integrate/semi_implicit_euler.hpp"
 
 namespace esmc::host {
 

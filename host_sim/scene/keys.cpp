@@ -297,7 +297,7 @@ constexpr std::array spatial{
     Key{"platform.rod.axial", "number", "", "kg m2", 0, big, true, "", "inertia about the axis of the leg"},
     Key{"platform.rod.viscous", "number", "0.0", "N s/m", 0, big, false, "", "friction of the slide"},
 
-    Key{"control.law", "string", "", "", -inf, inf, false, choices<SpatialLawName>, "smc_euler: minimal coordinates, for comparison; none: no force"},
+    Key{"control.law", "string", "", "", -inf, inf, false, choices<SpatialLaw>, "smc_euler: minimal coordinates, for comparison; none: no force"},
     Key{"control.reaching", "string", "\"implicit\"", "", -inf, inf, false, joined<plain_reaching>, "what replaces sgn s"},
     Key{"control.lambda", "number or {position, angle}", "", "1/s", 0, 1e5, true, "", "slope of the surface"},
     Key{"control.gain", "number or {position, angle}", "", "m/s2, rad/s2", 0, 1e9, false, "", "switching gain k"},
@@ -311,7 +311,7 @@ constexpr std::array spatial{
     Key{"control.model.inertia", "number", "1.0", "", 0, 100, true, "", "likewise"},
     Key{"control.model.legs", "number", "1.0", "", 0, 100, false, "", "platform: masses and inertias of the legs; 0: legs without mass"},
 
-    Key{"reference.type", "string", "", "", -inf, inf, false, choices<SpatialReferenceName>, "kind of reference"},
+    Key{"reference.type", "string", "", "", -inf, inf, false, choices<SpatialReferenceKind>, "kind of reference"},
     Key{"reference.position", "numbers", "[0, 0, 0]", "m", -1e3, 1e3, false, "", "where it starts; of a platform from home"},
     Key{"reference.rotation", "numbers", "[0, 0, 0]", "rad", -7, 7, false, "", "how it starts, as rotation vector: axis times angle"},
     Key{"reference[turn].axis", "numbers", "", "", -1e3, 1e3, false, "", "in the frame of the body, any length but 0"},

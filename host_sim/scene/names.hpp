@@ -44,12 +44,24 @@ template <>
 inline constexpr auto names_of<link::Source> = std::array{"hold", "reference", "stream"};
 
 // Scenes of `esmc spatial`.
-enum class SpatialLawName { esmc, esmc_projected, smc_euler, none };
+enum class SpatialLaw {
+  esmc,            ///< [F29]: an error, a surface and a switching term in every channel
+  esmc_projected,  ///< [F33]: one surface in the six independent velocities, switching in every channel
+  smc_euler,       ///< [F27] in minimal coordinates: position, yaw, pitch, roll. Ends at pitch = +-90 degrees
+  none,            ///< no force
+};
 template <>
-inline constexpr auto names_of<SpatialLawName> = std::array{"esmc", "esmc_projected", "smc_euler", "none"};
+inline constexpr auto names_of<SpatialLaw> = std::array{"esmc", "esmc_projected", "smc_euler", "none"};
 
-enum class SpatialReferenceName { hold, turn, spin, tumble, sway };
+enum class SpatialReferenceKind {
+  hold,    ///< stay at the start
+  turn,    ///< once, rest to rest by a quintic: `angle` about `axis` along the great circle, `shift` along a
+           ///< line
+  spin,    ///< `rate` about `axis`, for ever
+  tumble,  ///< that, and `second_rate` about `second_axis`, which the first turns
+  sway,    ///< there and back: (1 - cos)/2 of the phase times `angle` about `axis` and `shift`
+};
 template <>
-inline constexpr auto names_of<SpatialReferenceName> = std::array{"hold", "turn", "spin", "tumble", "sway"};
+inline constexpr auto names_of<SpatialReferenceKind> = std::array{"hold", "turn", "spin", "tumble", "sway"};
 
 }  // namespace esmc::host

@@ -188,34 +188,23 @@ V3d SpatialPlant::angular_momentum(const SpatialState& s) const {
 }
 
 double SpatialPlant::step(SpatialState& s, const Input& u, double h, double& work) const {
-  struct Rate {
-    V3d position;
-    Vec<double, 4> attitude;
-    V3d velocity, turning;
-    double work;
-  };
+  using Rate = Vec<double, 14>;  // of position, attitude, velocity, angular velocity; power
   const auto rate = [&](const SpatialState& at) {
     const Acceleration a = acceleration(at, u);
-    const double w = at.attitude[0];
     const V3d v = at.attitude.tail<3>();
-    Rate r{at.velocity, {}, a.point, a.turning, power(at, u)};
-    r.attitude << -0.5 * at.turning.dot(v), 0.5 * (w * at.turning + at.turning.cross(v));
+    Rate r;
+    r << at.velocity, -0.5 * at.turning.dot(v), 0.5 * (at.attitude[0] * at.turning + at.turning.cross(v)),
+        a.point, a.turning, power(at, u);
     return r;
   };
   const auto moved = [&](const Rate& r, double dt) {
-    return SpatialState{s.position + dt * r.position, s.attitude + dt * r.attitude,
-                        s.velocity + dt * r.velocity, s.turning + dt * r.turning};
+    return SpatialState{s.position + dt * r.head<3>(), s.attitude + dt * r.segment<4>(3),
+                        s.velocity + dt * r.segment<3>(7), s.turning + dt * r.segment<3>(10)};
   };
   const Rate k1 = rate(s), k2 = rate(moved(k1, 0.5 * h)), k3 = rate(moved(k2, 0.5 * h)),
-             k4 = rate(moved(k3, h));
-  const auto mean = []<class T>(const T& a, const T& b, const T& c, const T& d) -> T {
-    return (a + 2.0 * b + 2.0 * c + d) / 6.0;
-  };
-  s.position += h * mean(k1.position, k2.position, k3.position, k4.position);
-  s.attitude += h * mean(k1.attitude, k2.attitude, k3.attitude, k4.attitude);
-  s.velocity += h * mean(k1.velocity, k2.velocity, k3.velocity, k4.velocity);
-  s.turning += h * mean(k1.turning, k2.turning, k3.turning, k4.turning);
-  work += h * mean(k1.work, k2.work, k3.work, k4.work);
+             k4 = rate(moved(k3, h)), mean = (k1 + 2.0 * k2 + 2.0 * k3 + k4) / 6.0;
+  s = moved(mean, h);
+  work += h * mean[13];
   const double norm = s.attitude.norm();
   s.attitude /= norm;
   return std::abs(norm - 1.0);

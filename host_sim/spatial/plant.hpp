@@ -7,7 +7,7 @@
 
 #include <array>
 
-#include "firmware/mechanism/spatial_params.hpp"
+#include "host_sim/spatial/params.hpp"
 
 namespace esmc::host {
 

@@ -69,7 +69,7 @@ void read_platform(Section s, SpatialScene& scene) {
 }
 
 void read_control(Section s, SpatialScene& scene) {
-  scene.law = s.choice<SpatialLawName>("law");
+  scene.law = s.choice<SpatialLaw>("law");
   scene.rate_hz = s.number("rate_hz");
   scene.reaching = s.choice<ReachingChoice>("reaching");
   scene.layer = s.per_kind("layer");
@@ -79,7 +79,7 @@ void read_control(Section s, SpatialScene& scene) {
     scene.model = {model.number("mass"), model.number("inertia"), model.number("legs")};
     model.finish();
   }
-  if (scene.law == SpatialLawName::none) {  // keys of the other laws are allowed and have no effect
+  if (scene.law == SpatialLaw::none) {  // keys of the other laws are allowed and have no effect
     for (const char* key : {"lambda", "gain"})
       if (s.has(key)) (void)s.per_kind(key);
     (void)s.optional_number("force_limit");
@@ -100,7 +100,7 @@ void read_control(Section s, SpatialScene& scene) {
 
 void read_reference(Section s, SpatialScene& scene) {
   auto& r = scene.reference;
-  using Type = SpatialReferenceName;
+  using Type = SpatialReferenceKind;
   r.type = s.choice<Type>("type");
   r.position = vector(s, "position");
   r.rotation = vector(s, "rotation");

@@ -6,8 +6,8 @@
 #include <string>
 #include <vector>
 
-#include "firmware/mechanism/spatial_params.hpp"
 #include "host_sim/scene/names.hpp"
+#include "host_sim/spatial/params.hpp"
 
 namespace esmc::host {
 
@@ -17,7 +17,7 @@ struct SpatialScene {
   std::optional<HexapodParams<double>> platform;  ///< its `platform` is `body`
   double gravity = 0.0;
 
-  SpatialLawName law = SpatialLawName::esmc;
+  SpatialLaw law = SpatialLaw::esmc;
   ReachingChoice reaching = ReachingChoice::implicit;  ///< one of the first four
   std::array<double, 2> lambda{}, gain{}, layer{};     ///< of positions, of angles
   double rate_hz = 1000.0, hysteresis = 0.1, force_limit = 0.0, moment_limit = 0.0;
@@ -26,7 +26,7 @@ struct SpatialScene {
   } model;
 
   struct Reference {
-    SpatialReferenceName type = SpatialReferenceName::hold;
+    SpatialReferenceKind type = SpatialReferenceKind::hold;
     Vec<double, 3> position, rotation, axis{0, 0, 1}, second_axis{1, 0, 0},
         shift{0, 0, 0};  ///< axes of length 1
     double angle = 0.0, duration = 1.0, rate = 0.0, second_rate = 0.0, frequency = 1.0;

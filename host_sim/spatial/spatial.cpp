@@ -13,8 +13,9 @@
 #include "host_sim/error.hpp"
 #include "host_sim/loop/progress.hpp"
 #include "host_sim/record/finish.hpp"
+#include "host_sim/spatial/controller.hpp"
 #include "host_sim/spatial/plant.hpp"
-#include "host_sim/spatial/setup.hpp"
+#include "host_sim/spatial/scene.hpp"
 
 namespace esmc::host {
 namespace {
@@ -27,32 +28,108 @@ constexpr double degrees = 57.295779513082320877;
 
 Q attitude_of(const SpatialState& s) { return {s.attitude[0], s.attitude.tail<3>()}; }
 
+// ---- from a scene to the configuration of its controller
+
+std::uint32_t spatial_ticks(const SpatialScene& s) {
+  return static_cast<std::uint32_t>(std::llround(s.duration * s.rate_hz));
+}
+
+PhaseClock clock_of(double rate, double tick) {
+  constexpr double turn_of_phase = 18446744073709551616.0;  // 2^64
+  const double turns = rate * tick / 6.283185307179586477, part = turns - std::floor(turns);
+  return {0, static_cast<std::uint64_t>(std::min(part * turn_of_phase, turn_of_phase * (1.0 - 0x1p-53)))};
+}
+
+Vec3<double> spatial_start(const SpatialScene& s) {
+  return Vec3<double>((s.platform ? s.platform->home : Vec3<double>::Zero()) + s.reference.position);
+}
+
+template <class S>
+SpatialReference<S> make_spatial_reference(const SpatialScene& s) {
+  const auto& r = s.reference;
+  SpatialReference<S> out;
+  out.kind = r.type;
+  const Quaternion<double> start = exponential(r.rotation);
+  const double rate = r.type == SpatialReferenceKind::sway ? 6.283185307179586477 * r.frequency : r.rate;
+  out.position = spatial_start(s).cast<S>();
+  out.attitude = normalised(Quaternion<S>{S(start.w), start.v.cast<S>()});
+  out.axis = r.axis.cast<S>();
+  out.second_axis = r.second_axis.cast<S>();
+  out.angle = S(r.angle);
+  out.shift = r.shift.cast<S>();
+  out.duration = S(r.duration);
+  out.rate = S(rate);
+  out.second_rate = S(r.second_rate);
+  out.phase = clock_of(rate, s.tick());
+  out.second_phase = clock_of(r.second_rate, s.tick());
+  return out;
+}
+
+/// The believed mechanism.
+template <class S>
+RigidBodyParams<S> believed(const RigidBodyParams<double>& p, const SpatialScene::Model& m) {
+  return {S(p.mass * m.mass), (p.inertia * m.inertia).cast<S>()};
+}
+template <class S>
+void believed_mechanism(const SpatialScene& s, FreeBody<S>& out) {
+  out = make_free_body(believed<S>(s.body, s.model), S(s.gravity));
+}
+template <class S>
+void believed_mechanism(const SpatialScene& s, Hexapod<S>& out) {
+  const HexapodParams<double>& p = *s.platform;
+  HexapodParams<S> b;
+  b.platform = believed<S>(p.platform, s.model);
+  for (int j = 0; j < 6; ++j) {
+    b.base[j] = p.base[j].cast<S>();
+    b.joint[j] = p.joint[j].cast<S>();
+  }
+  b.home = p.home.cast<S>();
+  const auto strut = [&](const StrutParams<double>& x) {
+    const double f = s.model.legs;
+    return StrutParams<S>{S(x.centre), S(x.mass * f), S(x.transverse * f), S(x.axial * f), S(x.viscous)};
+  };
+  b.cylinder = strut(p.cylinder);
+  b.rod = strut(p.rod);
+  b.gravity = S(p.gravity);
+  out = make_hexapod(b);
+}
+
+template <class M>
+SpatialConfig<M> make_spatial_config(const SpatialScene& s) {
+  using S = typename M::Scalar;
+  SpatialConfig<M> c;
+  believed_mechanism(s, c.mechanism);
+  c.law = s.law;
+  static_assert(static_cast<int>(ReachingChoice::implicit) == static_cast<int>(Reaching::implicit));
+  c.reaching = static_cast<Reaching>(s.reaching);
+  const auto kind = [&](std::size_t i) {
+    const bool implicit = c.reaching == Reaching::implicit;
+    return typename SpatialGains<S>::Kind{
+        S(s.lambda[i]), S(s.gain[i]),
+        implicit ? implicit_layer(S(s.gain[i]), S(s.tick()), S(0)) : S(s.layer[i])};
+  };
+  c.gains.point = kind(0);
+  c.gains.turn = kind(1);
+  c.hysteresis = S(s.hysteresis);
+  c.force_limit = S(s.force_limit);
+  c.moment_limit = S(s.moment_limit);
+  if (s.platform) c.length = S(s.platform->joint[0].head<2>().norm());
+  return c;
+}
+
+// ---- a run
+
 /// Figures of a run for its summary.
 struct Account {
   ErrorStatistics angle, distance;  ///< rad, m; settled: the last quarter
   Digest digest;
   double force_max = 0.0, moment_max = 0.0, change = 0.0, norm_drift = 0.0;
-  double start_energy = 0.0, work = 0.0, balance = 0.0, scale = 0.0, momentum = 0.0;
+  double work = 0.0, balance = 0.0, scale = 0.0, momentum = 0.0;
   std::uint64_t ticks = 0, saturated = 0;
   std::string fault;
   double fault_t = 0.0, wall_s = 0.0;
   bool interrupted = false;
   SpatialState end;
-};
-
-class Energy {
- public:
-  Energy(const SpatialPlant& plant, const SpatialState& s) : plant_(plant), start_(plant.energy(s)) {}
-  void look(const SpatialState& s, Account& a) const {
-    const SpatialEnergy e = plant_.energy(s);
-    const double rise = e.potential - start_.potential, left = e.kinetic - start_.kinetic + rise - a.work;
-    a.scale = std::max({a.scale, e.kinetic, std::abs(rise), std::abs(a.work)});
-    a.balance = larger(a.balance, std::abs(left));
-  }
-
- private:
-  const SpatialPlant& plant_;
-  SpatialEnergy start_;
 };
 
 /// Measurements with noise and alternating signs of the quaternion.
@@ -122,13 +199,13 @@ class Run {
   Account run() {
     const auto begin = std::chrono::steady_clock::now();
     const V3 momentum = plant_.angular_momentum(s_);
-    const Energy energy(plant_, s_);
+    start_ = plant_.energy(s_);
     const int steps = std::max(1, static_cast<int>(std::ceil(scene_.tick() / scene_.step - 1e-9)));
     Progress progress(ticks_);
     for (std::uint32_t n = 0; n < ticks_ && !a_.interrupted; ++n) {
       progress.at(n);
       const Vec<double, 6> u = control(n);
-      if (n % 16 == 0) energy.look(s_, a_);
+      if (n % 16 == 0) account_energy();
       ++a_.ticks;
       for (int k = 0; k < steps; ++k) {
         const double drift =
@@ -138,7 +215,7 @@ class Run {
       a_.interrupted = stop_requested();
     }
     log_.close();
-    energy.look(s_, a_);
+    account_energy();
     const double size = momentum.norm();
     a_.momentum = size > 0.0 ? (plant_.angular_momentum(s_) - momentum).norm() / size : 0.0;
     a_.end = s_;
@@ -154,7 +231,7 @@ class Run {
     const double t = n * scene_.tick();
     const SpatialMotion<S> wanted = reference_.at(n, S(scene_.tick()));
     SpatialResult<S> result;
-    if (scene_.law != SpatialLawName::none)
+    if (scene_.law != SpatialLaw::none)
       result = controller_.tick(measure_.template operator()<S>(s_, n), wanted);
     if (result.fault != SpatialFault::none && a_.fault.empty()) {
       a_.fault = name(result.fault);
@@ -193,8 +270,16 @@ class Run {
     before_ = u;
   }
 
+  void account_energy() {
+    const SpatialEnergy e = plant_.energy(s_);
+    const double rise = e.potential - start_.potential, left = e.kinetic - start_.kinetic + rise - a_.work;
+    a_.scale = std::max({a_.scale, e.kinetic, std::abs(rise), std::abs(a_.work)});
+    a_.balance = larger(a_.balance, std::abs(left));
+  }
+
   const SpatialScene& scene_;
   SpatialPlant plant_;
+  SpatialEnergy start_;
   SpatialReference<S> reference_;
   SpatialController<M> controller_;
   Measuring measure_;
@@ -211,21 +296,18 @@ std::vector<double> listed(const V& v) {
 }
 
 Json tracking_json(const Account& a) {
-  // A run that ends in a fault before its last quarter has nothing settled.
-  const auto moments = [](const ErrorStatistics::Moments& m, double unit) {
-    return m.count > 0 ? std::pair<Json, Json>(m.rms() * unit, m.largest * unit)
-                       : std::pair<Json, Json>(nullptr, nullptr);
+  Json j;
+  const auto put = [&](const std::string& which, const ErrorStatistics::Moments& m, const std::string& unit,
+                       double per_unit) {
+    // A run that ends in a fault before its last quarter has nothing settled.
+    j[which + "rms_" + unit] = m.count > 0 ? Json(m.rms() * per_unit) : Json(nullptr);
+    j[which + "max_" + unit] = m.count > 0 ? Json(m.largest * per_unit) : Json(nullptr);
   };
-  const auto turn = moments(a.angle.all(), degrees), settled_turn = moments(a.angle.settled(), degrees),
-             distance = moments(a.distance.all(), 1.0), settled = moments(a.distance.settled(), 1.0);
-  return {{"rms_deg", turn.first},
-          {"max_deg", turn.second},
-          {"settled_rms_deg", settled_turn.first},
-          {"settled_max_deg", settled_turn.second},
-          {"rms_m", distance.first},
-          {"max_m", distance.second},
-          {"settled_rms_m", settled.first},
-          {"settled_max_m", settled.second}};
+  put("", a.angle.all(), "deg", degrees);
+  put("settled_", a.angle.settled(), "deg", degrees);
+  put("", a.distance.all(), "m", 1.0);
+  put("settled_", a.distance.settled(), "m", 1.0);
+  return j;
 }
 
 /// Bounds on integration errors: norm of the quaternion per step, energy as a share of the exchanged energy.
@@ -241,7 +323,7 @@ std::vector<std::string> warnings_of(const SpatialScene& s, const Account& a) {
 }
 
 Json summary_of(const SpatialScene& s, const RunOptions& o, const Account& a) {
-  const bool driven = s.law != SpatialLawName::none;
+  const bool driven = s.law != SpatialLaw::none;
   Json j;
   j["scene"] = s.name;
   j["seed"] = o.seed;
@@ -309,6 +391,12 @@ std::string text_of(const Json& j) {
                            j["digest"].get<std::string>());
 }
 
+template <template <class> class M>
+Account run(const SpatialScene& scene, const RunOptions& o, std::FILE* log) {
+  return o.single_precision ? Run<M<float>>(scene, o.seed, log).run()
+                            : Run<M<double>>(scene, o.seed, log).run();
+}
+
 }  // namespace
 
 int run_spatial(const RunOptions& o) {
@@ -316,12 +404,7 @@ int run_spatial(const RunOptions& o) {
   OutputDirectory out = output_of(o);
   out.spare(o.scene);
   std::FILE* const log = out.open("log.csv");
-  const auto run = [&]<class Float, class Double>(const Float*, const Double*) {
-    return o.single_precision ? Run<Float>(scene, o.seed, log).run() : Run<Double>(scene, o.seed, log).run();
-  };
-  const Account a =
-      scene.platform ? run(static_cast<Hexapod<float>*>(nullptr), static_cast<Hexapod<double>*>(nullptr))
-                     : run(static_cast<FreeBody<float>*>(nullptr), static_cast<FreeBody<double>*>(nullptr));
+  const Account a = scene.platform ? run<Hexapod>(scene, o, log) : run<FreeBody>(scene, o, log);
   const Json summary = summary_of(scene, o, a);
   out.write("scene.toml", scene.toml);
   return publish_summary(o, summary, text_of(summary), !a.fault.empty(), out);

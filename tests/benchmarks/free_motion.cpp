@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "host_sim/integrate/dopri8.hpp"
-#include "host_sim/integrate/rk4.hpp"
+#include "host_sim/integrate/fixed_step.hpp"
 #include "host_sim/plant/kinematics.hpp"
 #include "host_sim/plant/system.hpp"
 #include "tests/benchmarks/free_motion_peer.hpp"

@@ -36,8 +36,7 @@ FOLDERS = {
     "firmware/safety": ("safety", "supervisor"),
     "firmware/drive": ("drive_corners", "odrive_codec", "odrive_axis", "odrive_faults", "odrive_frames", "odrive_read_back",
                        "canopen_codec", "cia402_axis", "cia402_corners", "cia402_counts", "cia402_frames", "cia402_halves", "cia402_setup", "mit_codec", "mit_axis"),
-    "firmware/control": ("reaching", "reference", "control_corners", "super_twisting", "coupled_step", "allocation", "box_allocation",
-                         "spatial_attitude", "spatial_law", "spatial_bits", "law"),
+    "firmware/control": ("reaching", "reference", "control_corners", "super_twisting", "coupled_step", "allocation", "box_allocation", "law"),
 }
 SLOW = "*Random*"  # tests by the hundred thousand frames come last
 FLAGS = ["-std=c++20", "-isystem", "/usr/include/eigen3", "-DEIGEN_DONT_VECTORIZE", "-DEIGEN_NO_DEBUG", "-ffp-contract=off",
@@ -71,20 +70,8 @@ class Bench:
                                *(["-c", "-o", out] if out else ["-fsyntax-only"]), self.root / test],
                               capture_output=True, text=True, check=False)
 
-    @functools.cache  # noqa: B019
-    def plants(self, tests):
-        """Objects of the simulator that these tests call: of every header of it that they include."""
-        out = []
-        for name in sorted({n for t in tests for n in self.includes(t) if n.startswith("host_sim/")}):
-            source = self.root / name.replace(".hpp", ".cpp")
-            if source.exists():
-                out.append(self.build / f"host_{source.stem}.o")
-                if self.compile(self.root, source, out[-1]).returncode != 0:
-                    sys.exit(f"{self.folder}: {source} does not compile")
-        return out
-
-    def link(self, objects, tests, out):
-        subprocess.run([self.cxx, *objects, *self.plants(tuple(tests)), "-o", out, "-lgtest", "-lgtest_main", "-lpthread"], check=True)
+    def link(self, objects, out):
+        subprocess.run([self.cxx, *objects, "-o", out, "-lgtest", "-lgtest_main", "-lpthread"], check=True)
 
     def filters(self, test):
         """gtest's patterns for what is in a file: first all that is fast, then the rest."""
@@ -168,7 +155,7 @@ class Bench:
             if self.compile(overlay, test, out).returncode != 0:
                 sys.exit(f"{self.folder}: {test} does not compile")
         program = self.build / "together.out"
-        self.link(objects, self.tests, program)
+        self.link(objects, program)
         for test in self.tests:
             for tests in self.filters(test):
                 start = time.monotonic()
@@ -209,7 +196,7 @@ class Bench:
         for test in self.judges(m.file):
             if self.compile(overlay, test, self.build / "alone.o").returncode != 0:
                 return "not compiled", test
-            self.link([self.build / "alone.o"], [test], self.build / "alone.out")
+            self.link([self.build / "alone.o"], self.build / "alone.out")
             status = self.once(self.build / "alone.out", "*", patience=3 * sum(self.patience[f] for f in self.filters(test)))
             if status != 0:
                 return "did not end" if status == TIMED_OUT else "failed", test

@@ -30,7 +30,7 @@ INCLUDE = re.compile(r'^\s*#\s*(?:include|import)\s*([<"])([^>"]+)[>"]')
 STD = r"<[a-z_]+>"  # C++ headers have neither path nor suffix; C and OS headers do
 HAL = r"hal/[a-z_]+\.hpp"
 MODEL = STD + r"|firmware/(types\.hpp|numeric/.*|mechanism/.*)"
-SHARED = r"firmware/(types\.hpp|numeric/.*|mechanism/(spatial_)?params\.hpp|(drive/(odrive|canopen|cia402|mit)|link/codec)\.hpp)"
+SHARED = r"firmware/(types\.hpp|numeric/.*|mechanism/params\.hpp|(drive/(odrive|canopen|cia402|mit)|link/codec)\.hpp)"
 
 BOARDS = rf"{STD}|{HAL}|firmware/.*|boards/.*|(chip|scene)\.hpp"
 
@@ -86,7 +86,7 @@ HOST = {
 # Files that share a room with what sees the controller, and no more: the plant in space, the judge of a campaign and what it
 # judges, the equations of estimations.
 ALONE = [
-    (r"host_sim/spatial/plant\.[ch]pp", rf"{STD}|<Eigen/.*>|host_sim/spatial/plant\.hpp|{SHARED}"),
+    (r"host_sim/spatial/plant\.[ch]pp", rf"{STD}|<Eigen/.*>|host_sim/spatial/(plant|params)\.hpp|{SHARED}"),
     (r"host_sim/campaign/(computer|protocol_traits|draw|injections|judge|times|faulty_bus|faulty_plant)\.[ch]pp",
      rf"<.*>|hal/.*|host_sim/(bus|campaign|drives|plant|scene)/.*|host_sim/error\.hpp|{SHARED}"),
     (r"host_sim/(calibrate/(?!calibrate\.|calibrated_scene\.)|identify/(?!identify\.))[a-z_]+\.[ch]pp",
@@ -236,7 +236,7 @@ def self_test(root):
         ("hal/zynqmp_can/zynqmp_can.hpp", '#include "hal/fdcan/registers.hpp"'),
         ("boards/mps2/main.cpp", '#include "tests/support/odrive_bytes.hpp"'),
         ("host_sim/plant/plant.hpp", '#include "firmware/mechanism/five_bar.hpp"'),
-        ("host_sim/spatial/plant.hpp", '#include "firmware/mechanism/rotation.hpp"'),
+        ("host_sim/spatial/plant.hpp", '#include "host_sim/spatial/rotation.hpp"'),
         ("host_sim/plant/plant.hpp", '#include "firmware/control/reference.hpp"'),
         ("host_sim/plant/plant.hpp", '#include "firmware/drive/odrive_axis.hpp"'),
         ("host_sim/scene/scene.hpp", '#include "firmware/safety/guards.hpp"'),

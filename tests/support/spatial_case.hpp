@@ -2,11 +2,13 @@
 /// Random mechanisms in space with random states, for the firmware's scalar S and, exactly the same, for the
 /// oracles.
 
-#include "firmware/mechanism/hexapod.hpp"
+#include "host_sim/spatial/hexapod.hpp"
 #include "host_sim/spatial/plant.hpp"
 #include "tests/support/random_mechanism.hpp"
 
 namespace esmc::test {
+
+using namespace host;
 
 template <class S>
 Quaternion<S> random_attitude(Random& r) {
@@ -78,8 +80,8 @@ struct PlatformState {
   static PlatformState near_home(const HexapodParams<S>& p, Random& r) {
     return {p.home + r.vector<S, 3>(0.05), exponential(r.vector<S, 3>(0.3)), r.vector<S, 6>(2)};
   }
-  [[nodiscard]] host::SpatialState plant() const {
-    host::SpatialState s;
+  [[nodiscard]] SpatialState plant() const {
+    SpatialState s;
     s.position = position.template cast<double>();
     s.attitude << double(attitude.w), attitude.v.template cast<double>();
     s.attitude.normalize();
@@ -90,9 +92,20 @@ struct PlatformState {
   }
 };
 
+/// Diagonal of M: the forces of unit accelerations. The weight is in rows of vertical velocities only, which
+/// have the mass of the row before.
+template <class M>
+typename M::Channels mass_of(const M& m) {
+  const typename M::Channels zero = M::Channels::Zero(), weight = m.force(zero, zero);
+  typename M::Channels out = m.force(M::Channels::Ones().eval(), zero);
+  for (int i = 1; i < M::channels; ++i) {
+    if (weight[i] != 0) out[i] = out[i - 1];
+  }
+  return out;
+}
+
 /// p0#' of the plant's acceleration: its angular part in the frame of the platform.
-inline Vec<double, 6> independent_acceleration(const host::SpatialState& s,
-                                               const host::SpatialPlant::Acceleration& a) {
+inline Vec<double, 6> independent_acceleration(const SpatialState& s, const SpatialPlant::Acceleration& a) {
   const Quaternion<double> q{s.attitude[0], s.attitude.tail<3>()};
   Vec<double, 6> out;
   out << a.point, rotated(q.conjugate(), a.turning);

@@ -1,13 +1,13 @@
 #pragma once
 /// The controller in space against the plant, tick by tick.
 
-#include "firmware/control/spatial_controller.hpp"
+#include "host_sim/spatial/controller.hpp"
 #include "tests/support/spatial_case.hpp"
 
 namespace esmc::test {
 
 template <class S>
-SpatialSample<S> sample_of(const host::SpatialState& s) {
+SpatialSample<S> sample_of(const SpatialState& s) {
   const Quaternion<double> q{s.attitude[0], s.attitude.tail<3>()};
   return {s.position.cast<S>(),
           s.velocity.cast<S>(),
@@ -28,8 +28,8 @@ struct SpatialLoop {
   static constexpr double tick = 1e-3;
   SpatialController<M> controller;
   SpatialReference<S> reference;
-  host::SpatialPlant plant;
-  host::SpatialState state{};
+  SpatialPlant plant;
+  SpatialState state{};
   std::uint32_t n = 0;
   double work = 0.0;
   SpatialSample<S> sample{};  ///< of the last tick
@@ -43,7 +43,7 @@ struct SpatialLoop {
     sample = sample_of<S>(state);
     touch(sample, motion);
     result = controller.tick(sample, motion);
-    host::SpatialPlant::Input u{};
+    SpatialPlant::Input u{};
     for (int i = 0; i < 6; ++i) u[static_cast<std::size_t>(i)] = double(result.input[i]);
     plant.step(state, u, tick, work);
     return result;
@@ -70,6 +70,6 @@ SpatialConfig<FreeBody<S>> body_config(S gravity = S(0)) {
   c.moment_limit = S(100);
   return c;
 }
-inline host::SpatialPlant body_plant(double gravity = 0.0) { return {{2, {0.02, 0.03, 0.045}}, gravity}; }
+inline SpatialPlant body_plant(double gravity = 0.0) { return {{2, {0.02, 0.03, 0.045}}, gravity}; }
 
 }  // namespace esmc::test

@@ -156,7 +156,7 @@ TEST(Effects, PulseIsAnImpulseAndTheHandASpring) {
   Motion<RrPlant> m({plant, plant, {pulse}, {0, 1}, Method::rk4}, start);
   m.advance(0.0, 1e-3, 1, {});
   // Short against any motion: M qd = J^T F dt, so F dt . v / 2 is the kinetic energy.
-  const V2 v = plant.effector_rate(m.state().angle, m.state().rate);
+  const V2 v = m.output().effector_rate;
   EXPECT_NEAR(0.5 * 1e-4 * (2.0 * v.x - v.y), m.energy(), 1e-5 * m.energy());
 
   ExternalForce hand;
@@ -166,7 +166,7 @@ TEST(Effects, PulseIsAnImpulseAndTheHandASpring) {
   hand.to = 100.0;
   Motion<RrPlant> h({plant, plant, {hand}, {0, 1}, Method::rk4}, start);
   const auto stored = [&] {
-    const V2 d = plant.effector(h.state().angle) - V2{0.1, 0.4};
+    const V2 d = h.output().effector - V2{0.1, 0.4};
     return 25.0 * dot(d, d) + h.energy();
   };
   const double before = stored();

@@ -1,10 +1,11 @@
-/// Step control, events, closure and failures of the adaptive integrators, against closed forms.
+/// Step control, closure and failures of the adaptive integrators, against closed forms.
 
 #include <gtest/gtest.h>
 
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <vector>
 
 #include "host_sim/integrate/dopri5.hpp"
 #include "host_sim/integrate/dopri8.hpp"
@@ -76,10 +77,6 @@ TYPED_TEST(Adaptive, CountsEverySlope) {
   typename TestFixture::template Method<Counting> method(pendulum);
   Pendulum::State y{2.0, 0.0};
   EXPECT_EQ(method.advance(0.0, 10.0, y, {1e-8, 1e-8}).slopes, count);
-  count = 0;
-  EXPECT_EQ(
-      method.advance_to_event(10.0, 20.0, y, {1e-8, 1e-8}, [](double, const auto& s) { return s[0]; }).slopes,
-      count);
 }
 
 /// Ticks of 1 ms must not hold the step at 1 ms of bookkeeping: what was learned stays.
@@ -88,74 +85,15 @@ TYPED_TEST(Adaptive, RemembersItsStepAcrossCalls) {
   typename TestFixture::template Method<Pendulum> method(pendulum);
   Pendulum::State y{1.0, 0.0};
   ASSERT_TRUE(method.advance(0.0, 5.0, y, {1e-8, 1e-8}).ok());
-  const double learned = method.next_step();
-  EXPECT_GT(learned, 1e-3);
   for (int i = 0; i < 100; ++i) {
     const Advance a = method.advance(5.0 + 1e-3 * i, 5.0 + 1e-3 * (i + 1), y, {1e-8, 1e-8});
     ASSERT_TRUE(a.ok());
     EXPECT_EQ(a.steps, 1);
     EXPECT_EQ(a.rejected, 0);
   }
-  EXPECT_GE(method.next_step(), learned);
-  method.forget();
-  EXPECT_EQ(method.next_step(), 0.0);
 }
 
-/// Times of zero angle of the pendulum: a quarter of the period of the elliptic integral, then halves.
-TYPED_TEST(Adaptive, FindsThePendulumAtTheBottom) {
-  const Pendulum pendulum;
-  typename TestFixture::template Method<Pendulum> method(pendulum);
-  const double amplitude = 2.5, period = Pendulum::period(amplitude);
-  Pendulum::State y{amplitude, 0.0};
-  double t = 0.0;
-  for (int k = 0; k < 8; ++k) {
-    const auto angle = [](double, const auto& s) { return s[0]; };
-    const Advance a = method.advance_to_event(t, t + 20.0, y, {1e-11, 1e-11}, angle);
-    ASSERT_EQ(a.reason, Reason::event) << k;
-    EXPECT_NEAR(a.t, period * (0.25 + 0.5 * k), 1e-8) << k;
-    EXPECT_LT(std::abs(y[0]), 1e-12) << k;
-    EXPECT_EQ(method.state_at(a.t)[0], y[0]);
-    t = a.t;
-  }
-}
-
-/// A bouncing ball: polynomials of degree 2, so every impact is exact but for rounding. Rebounds start on the
-/// event.
-TYPED_TEST(Adaptive, FindsTheImpactsOfABall) {
-  const Ball ball;
-  typename TestFixture::template Method<Ball> method(ball);
-  const double restitution = 0.8;
-  Ball::State y{1.0, 0.0};
-  double t = 0.0, expected = std::sqrt(2.0 / ball.g), speed = ball.g * expected;
-  for (int k = 0; k < 12; ++k) {
-    Tolerance tol{1e-10, 1e-10};
-    tol.max_step = 0.01;
-    const Advance a = method.advance_to_event(t, t + 5.0, y, tol, [](double, const auto& s) { return s[0]; });
-    ASSERT_EQ(a.reason, Reason::event) << k;
-    EXPECT_NEAR(a.t, expected, 2e-13) << k;
-    EXPECT_NEAR(y[1], -speed, 2e-12) << k;
-    speed *= restitution;
-    expected += 2.0 * speed / ball.g;
-    y[1] = -restitution * y[1];
-    t = a.t;
-  }
-}
-
-TYPED_TEST(Adaptive, EventAtTheStartIsNone) {
-  const Pendulum pendulum;
-  typename TestFixture::template Method<Pendulum> method(pendulum);
-  Pendulum::State y{0.0, 1.0};
-  const auto angle = [](double, const auto& s) { return s[0]; };
-  const Advance a = method.advance_to_event(0.0, 10.0, y, {1e-10, 1e-10}, angle);
-  EXPECT_EQ(a.reason, Reason::event);
-  EXPECT_NEAR(a.t, 0.5 * Pendulum::period(2.0 * std::asin(0.5)), 1e-8);
-  const Advance none =
-      method.advance_to_event(0.0, 1.0, y, {1e-10, 1e-10}, [](double, const auto&) { return 1.0; });
-  EXPECT_EQ(none.reason, Reason::reached);
-  EXPECT_EQ(none.t, 1.0);
-}
-
-TYPED_TEST(Adaptive, ClosureHoldsAndDenseOutputIsOnIt) {
+TYPED_TEST(Adaptive, ClosureHolds) {
   const RodPendulum rod;
   typename TestFixture::template Method<RodPendulum> method(rod);
   const double amplitude = 2.0, period = Pendulum::period(amplitude);
@@ -164,14 +102,8 @@ TYPED_TEST(Adaptive, ClosureHoldsAndDenseOutputIsOnIt) {
   for (int i = 0; i < 100; ++i) {
     ASSERT_TRUE(method.advance(period * i / 100, period * (i + 1) / 100, y, {1e-10, 1e-10}).ok());
     EXPECT_LE(RodPendulum::drift(y), 1e-15);
-    EXPECT_LE(RodPendulum::drift(method.state_at(0.5 * (method.last_begin() + method.last_end()))), 1e-15);
   }
   for (std::size_t i = 0; i < 4; ++i) EXPECT_NEAR(y[i], start[i], 2e-8) << i;
-  const Advance a = method.advance_to_event(period, 2.0 * period, y, {1e-11, 1e-11},
-                                            [](double, const auto& s) { return s[0]; });
-  ASSERT_EQ(a.reason, Reason::event);
-  EXPECT_NEAR(a.t, 1.25 * period, 2e-8);
-  EXPECT_LE(RodPendulum::drift(y), 1e-15);
 }
 
 /// y' = y + 1/2, halved by every "projection": a slope kept from before it would be far off.
@@ -193,20 +125,28 @@ TYPED_TEST(Adaptive, SlopeIsTakenAfterTheProjection) {
   double expected = 1.0;
   for (int i = 0; i < 4; ++i) expected = 0.5 * ((expected + 0.5) * std::exp(0.25) - 0.5);
   EXPECT_NEAR(y[0], expected, 2e-6);
-  // Dense output ends in the projected state; it is projected (here: halved) once more.
-  EXPECT_NEAR(2.0 * method.state_at(1.0)[0], y[0], 1e-14);
 }
 
+struct TimedBall : Ball {
+  std::vector<double>* times = nullptr;
+  void slope(double t, const State& y, State& dy) const {
+    times->push_back(t);
+    Ball::slope(t, y, dy);
+  }
+};
+
 TYPED_TEST(Adaptive, LastStepsAreEqualRatherThanOneTiny) {
-  const Ball ball;
-  typename TestFixture::template Method<Ball> method(ball);
+  std::vector<double> times;
+  TimedBall ball;
+  ball.times = &times;
+  typename TestFixture::template Method<TimedBall> method(ball);
   Tolerance tol{1e-6, 1e-6};
   tol.max_step = 0.4;
   Ball::State y{1.0, 0.0};
   ASSERT_TRUE(method.advance(-10.0, 0.0, y, tol).ok());
   const Advance a = method.advance(0.0, 1.0, y, tol);
   EXPECT_EQ(a.steps, 3);
-  EXPECT_NEAR(method.last_begin(), 0.7, 1e-12);
+  EXPECT_TRUE(std::ranges::any_of(times, [](double t) { return std::abs(t - 0.7) < 1e-12; }));
 }
 
 TYPED_TEST(Adaptive, ZeroLengthBackwardsAndNonsenseAreRefused) {
@@ -230,7 +170,6 @@ TYPED_TEST(Adaptive, ZeroLengthBackwardsAndNonsenseAreRefused) {
     EXPECT_EQ(method.advance(0.0, 1.0, y, bad).reason, Reason::bad_tolerance);
   }
   EXPECT_EQ(y, start);
-  EXPECT_TRUE(std::isnan(method.state_at(0.5)[0]));
 }
 
 TYPED_TEST(Adaptive, ShortestIntervalOfALongRunIsOneStep) {
@@ -286,9 +225,6 @@ TYPED_TEST(Adaptive, FailuresHaveAReasonAndAnEnd) {
   impossible.max_attempts = 2000;
   q = {1.0, 0.5};
   EXPECT_FALSE(method.advance(0.0, 10.0, q, impossible).ok());
-  q = {1.0, 0.0};
-  EXPECT_EQ(method.advance_to_event(0.0, 1.0, q, {}, [](double, const auto&) { return nan; }).reason,
-            Reason::non_finite);
 }
 
 /// Steps go with tolerance^(-1/8), so 1e8 in tolerance is a factor of 10; by an estimate of order 5 it would

@@ -35,29 +35,6 @@ TEST(Radau5, VanDerPolAsPublished) {
   }
 }
 
-/// The same with the system's own Jacobian, which costs no slopes.
-struct VanDerPolJacobian : VanDerPol {
-  void jacobian(double, const State& y, std::array<State, capacity>& J) const {
-    J[0][0] = 0.0;
-    J[0][1] = 1.0;
-    J[1][0] = (-2.0 * y[0] * y[1] - 1.0) / epsilon;
-    J[1][1] = (1.0 - y[0] * y[0]) / epsilon;
-  }
-};
-
-TEST(Radau5, UsesTheJacobianOfTheSystem) {
-  static_assert(host::HasJacobian<VanDerPolJacobian> && !host::HasJacobian<VanDerPol>);
-  const VanDerPolJacobian with;
-  const VanDerPol without;
-  Radau5<VanDerPolJacobian> a(with);
-  Radau5<VanDerPol> b(without);
-  VanDerPol::State y{2.0, 0.0}, z{2.0, 0.0};
-  const long slopes_with = a.advance(0.0, 2.0, y, {1e-6, 1e-6}).slopes;
-  const long slopes_without = b.advance(0.0, 2.0, z, {1e-6, 1e-6}).slopes;
-  EXPECT_NEAR(y[0], 0.1706167732170483e1, 1e-7);
-  EXPECT_LT(slopes_with, slopes_without);
-}
-
 /// The method is stiffly accurate: with lambda -> -infinity the error at fixed h falls like 1 / lambda, where
 /// methods that are only A-stable keep an error of h^(order of a stage).
 TEST(Radau5, ProtheroRobinsonErrorFallsWithStiffness) {
@@ -121,7 +98,6 @@ TEST(Radau5, UnsolvableFixedStepGivesNan) {
   method.step(0.0, 50.0, y);
   EXPECT_TRUE(std::isnan(y[0]));
   EXPECT_EQ(y[1], mark);
-  EXPECT_TRUE(std::isnan(method.state_at(1.0)[0]));
 }
 
 /// Double pendulum of equal masses and rods, by its angles: not integrable, but not yet chaotic over this

@@ -4,13 +4,14 @@
 
 #include <memory>
 
-#include "firmware/control/spatial_controller.hpp"
+#include "host_sim/spatial/controller.hpp"
 #include "tests/support/heap_guard.hpp"
 
 namespace {
 
-using namespace esmc;
-using test::HeapGuard;
+using namespace esmc::host;
+using esmc::Reaching;
+using esmc::test::HeapGuard;
 
 HexapodParams<double> platform() {
   HexapodParams<double> p;

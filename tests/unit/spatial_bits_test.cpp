@@ -5,10 +5,10 @@
 #include <array>
 #include <cstring>
 
-#include "firmware/control/spatial_controller.hpp"
 #include "firmware/link/crc.hpp"
+#include "host_sim/spatial/controller.hpp"
 
-namespace esmc {
+namespace esmc::host {
 namespace {
 
 template <class S>
@@ -81,4 +81,4 @@ TEST(LawBitsInSpace, AreTheSameFromEveryCompilerAndOnEveryMachine) {
 }
 
 }  // namespace
-}  // namespace esmc
+}  // namespace esmc::host

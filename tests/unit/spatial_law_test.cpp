@@ -40,7 +40,7 @@ struct Wanted {
 };
 
 template <class M>
-SpatialTracking<M> tracking(const M& m, const host::SpatialState& s, const SpatialMotion<D>& d) {
+SpatialTracking<M> tracking(const M& m, const SpatialState& s, const SpatialMotion<D>& d) {
   SpatialTracking<M> t;
   const auto x = sample_of<D>(s);
   EXPECT_TRUE(m.pose(x.position, normalised(x.attitude), t.pose) &&
@@ -55,7 +55,7 @@ SpatialTracking<M> tracking(const M& m, const host::SpatialState& s, const Spati
 
 /// What a law asks for, as inputs of the plant.
 template <class M>
-host::SpatialPlant::Input input(const M& m, const SpatialTracking<M>& t, const SpatialDemand<M>& demand) {
+SpatialPlant::Input input(const M& m, const SpatialTracking<M>& t, const SpatialDemand<M>& demand) {
   Vec<D, 6> u = m.gather(t.pose, m.force(demand.acceleration, m.channel_rates(t.pose, t.rates)));
   if constexpr (M::legs > 0) {
     const Vec<D, 6> F = u;
@@ -66,10 +66,10 @@ host::SpatialPlant::Input input(const M& m, const SpatialTracking<M>& t, const S
 
 /// d/dt at t = 0 of f(state, wanted motion), the input held.
 template <class F>
-auto derivative(const host::SpatialPlant& plant, const host::SpatialState& s, const Wanted& wanted,
-                const host::SpatialPlant::Input& u, F&& f) {
+auto derivative(const SpatialPlant& plant, const SpatialState& s, const Wanted& wanted,
+                const SpatialPlant::Input& u, F&& f) {
   const auto at = [&](D t) {
-    host::SpatialState moved = s;
+    SpatialState moved = s;
     D work = 0;
     plant.step(moved, u, t, work);
     return f(moved, wanted.at(t));
@@ -84,8 +84,8 @@ struct Body {
   using M = FreeBody<D>;
   RigidBodyParams<D> p;
   M m;
-  host::SpatialPlant plant;
-  host::SpatialState s;
+  SpatialPlant plant;
+  SpatialState s;
   Wanted wanted;
   explicit Body(Random& r)
       : p(random_body<D>(r)),
@@ -98,8 +98,8 @@ struct Six {
   using M = Hexapod<D>;
   HexapodParams<D> p;
   M m;
-  host::SpatialPlant plant;
-  host::SpatialState s;
+  SpatialPlant plant;
+  SpatialState s;
   Wanted wanted;
   explicit Six(Random& r)
       : p(random_hexapod<D>(r)),
@@ -114,7 +114,7 @@ TEST(AttitudeErrorInSpace, RatesAreDerivatives) {
   for (std::uint64_t seed = 0; seed < 100; ++seed) {
     Random r(seed);
     const Body b(r);
-    const auto error = [&](const host::SpatialState& s, const SpatialMotion<D>& d) {
+    const auto error = [&](const SpatialState& s, const SpatialMotion<D>& d) {
       const auto x = sample_of<D>(s);
       return attitude_error(x.attitude.conjugate() * d.attitude, d.turning, d.turning_rate, x.turning);
     };
@@ -187,7 +187,7 @@ Mat<D, 6, 6> mass_matrix(const M& m, const typename M::Pose& p) {
   Mat<D, 6, 6> H;
   for (int k = 0; k < 6; ++k) {
     const typename M::Channels column = m.channel_rates(p, m.chain_rates(p, Vec<D, 6>::Unit(k)));
-    H.col(k) = m.gather(p, typename M::Channels(column.cwiseProduct(m.mass())));
+    H.col(k) = m.gather(p, typename M::Channels(column.cwiseProduct(mass_of(m))));
   }
   return H;
 }
@@ -203,10 +203,11 @@ TEST(EsmcInSpace, PlatformObeysTheIdentitiesOfTheClosedLoop) {
     using M = Six::M;
     const auto t = tracking(b.m, b.s, b.wanted.at(0));
     const auto now = esmc_acceleration(b.m, g, Reaching::sign, t);
-    const auto sliding = [&](const host::SpatialState& s, const SpatialMotion<D>& d) {
+    const auto sliding = [&](const SpatialState& s, const SpatialMotion<D>& d) {
       return esmc_acceleration(b.m, g, Reaching::sign, tracking(b.m, s, d)).sliding;
     };
-    const M::Channels rate = derivative(b.plant, b.s, b.wanted, input(b.m, t, now), sliding), M0 = b.m.mass();
+    const M::Channels rate = derivative(b.plant, b.s, b.wanted, input(b.m, t, now), sliding),
+                      M0 = mass_of(b.m);
     M::Channels left = rate;
     D reaching = 0;
     for (int i = 0; i < M::channels; ++i) {
@@ -239,7 +240,7 @@ TEST(EsmcInSpace, ProjectedPlatformFallsWithoutRemainder) {
     const Six b(r);
     const auto t = tracking(b.m, b.s, b.wanted.at(0));
     const auto now = projected_acceleration(b.m, g, Reaching::sign, t);
-    const auto V = [&](const host::SpatialState& s, const SpatialMotion<D>& d) {
+    const auto V = [&](const SpatialState& s, const SpatialMotion<D>& d) {
       const auto x = tracking(b.m, s, d);
       const Vec<D, 6> sigma = projected_acceleration(b.m, g, Reaching::sign, x).sliding.head<6>();
       Vec<D, 1> v;
@@ -247,7 +248,7 @@ TEST(EsmcInSpace, ProjectedPlatformFallsWithoutRemainder) {
       return v;
     };
     Vec<D, 1> want;
-    want << -7.0 * b.m.mass().cwiseProduct(now.sliding.cwiseAbs()).sum();
+    want << -7.0 * mass_of(b.m).cwiseProduct(now.sliding.cwiseAbs()).sum();
     fall.compare(seed, derivative(b.plant, b.s, b.wanted, input(b.m, t, now), V), want);
   }
   fall.expect_below(1e-6);
@@ -265,20 +266,19 @@ TEST(EulerAnglesInSpace, RatesTurningAndDriftBelongTogether) {
                            about(Vec3<D>::UnitX().eval(), x[0]));
     };
     const auto chart = EulerChart<D>::at(attitude(0));
-    back.compare(seed, Vec3<D>(chart.angle.roll, chart.angle.pitch, chart.angle.yaw), a, 1);
+    back.compare(seed, chart.angle, a, 1);
     const auto omega = [&](D t) {
       const D h = 1e-4;
       const Quaternion<D> q = attitude(t).conjugate();
       const auto log = [&](D by) { return logarithm(Quaternion<D>(q * attitude(t + by))); };
       return Vec3<D>(((log(h) - log(-h)) * 8 - (log(2 * h) - log(-2 * h))) / (12 * h));
     };
-    const EulerAngles<D> rates{d[0], d[1], d[2]};
-    there.compare(seed, chart.turning(rates), omega(0), 1);
-    const auto inverse = chart.rates(chart.turning(rates));
-    back.compare(seed, Vec3<D>(inverse.roll, inverse.pitch, inverse.yaw), d, 1);
+    there.compare(seed, chart.turning(d), omega(0), 1);
+    const auto inverse = chart.rates(chart.turning(d));
+    back.compare(seed, inverse, d, 1);
     const D h = 1e-3;
     const Vec3<D> change = ((omega(h) - omega(-h)) * 8 - (omega(2 * h) - omega(-2 * h))) / (12 * h);
-    drift.compare(seed, Vec3<D>(chart.turning({dd[0], dd[1], dd[2]}) + chart.drift(rates)), change, 10);
+    drift.compare(seed, Vec3<D>(chart.turning(dd) + chart.drift(d)), change, 10);
   }
   there.expect_below(1e-9);
   back.expect_below(1e-13);

@@ -19,7 +19,7 @@ struct SpatialChain {
   struct Part {
     std::array<Real, 3> offset{}, axis{}, centre{}, spread{};
     std::array<std::array<Real, 3>, 3> mount{};
-    Real mass = 0, viscous = 0, coulomb = 0;
+    Real mass = 0, viscous = 0;
     bool slides = false;
   };
   std::array<Part, N> part{};
@@ -135,7 +135,6 @@ struct ChainCase {
       b.mass = body.mass;
       b.inertia = body.inertia;
       b.viscous = r.in<S>(0, 0.1);
-      b.coulomb = r.in<S>(0, 0.1);
       const Rotation<Real> mount =
           rotation(Quaternion<Real>{Real(b.mount.w), b.mount.v.template cast<Real>()});
       const Vec<Real, 3> I = b.inertia.template cast<Real>();
@@ -149,7 +148,6 @@ struct ChainCase {
       }
       p.mass = Real(b.mass);
       p.viscous = Real(b.viscous);
-      p.coulomb = Real(b.coulomb);
       p.slides = kinds[i] == Joint::prismatic;
     }
     chain = Firmware(bodies, r.vector<S, 3>(0.3), gravity);
@@ -204,7 +202,7 @@ void inverse_dynamics(std::uint64_t seed, Accuracy& torque) {
   Vec<Real, static_cast<int>(n)> want;
   for (std::size_t i = 0; i < n; ++i) {
     const Real rate = Case::row(c.qd)[i];
-    Real sum = eq.rest[i] + c.oracle.part[i].viscous * rate + c.oracle.part[i].coulomb * (rate > 0 ? 1 : -1);
+    Real sum = eq.rest[i] + c.oracle.part[i].viscous * rate;
     for (std::size_t j = 0; j < n; ++j) sum += eq.mass[i][j] * Case::row(c.qdd)[j];
     want[static_cast<int>(i)] = sum;
   }
@@ -247,11 +245,11 @@ TYPED_TEST(PlatformInSpace, HexapodAgreesWithNewtonAndEulerBodyByBody) {
     Random r(seed);
     const auto params = random_hexapod<S>(r);
     const auto m = make_hexapod(params);
-    const host::SpatialPlant plant(in_double(params));
+    const SpatialPlant plant(in_double(params));
     const auto state = PlatformState<S>::near_home(params, r);
     typename Hexapod<S>::Pose pose;
     ASSERT_TRUE(m.pose(state.position, state.attitude, pose));
-    host::SpatialPlant::Input u{};
+    SpatialPlant::Input u{};
     for (double& f : u) f = r.in<double>(-50, 50);
     const auto s = state.plant();
     const Vec<double, 6> acceleration = independent_acceleration(s, plant.acceleration(s, u));
@@ -276,9 +274,9 @@ TYPED_TEST(PlatformInSpace, FreeBodyObeysEuler) {
     const PlatformState<S> state{r.vector<S, 3>(2), random_attitude<S>(r), r.vector<S, 6>(5)};
     typename FreeBody<S>::Pose pose;
     ASSERT_TRUE(m.pose(state.position, state.attitude, pose));
-    host::SpatialPlant::Input u{};
+    SpatialPlant::Input u{};
     for (double& f : u) f = r.in<double>(-1, 1);
-    const host::SpatialPlant plant({double(body.mass), body.inertia.template cast<double>()}, 9.0);
+    const SpatialPlant plant({double(body.mass), body.inertia.template cast<double>()}, 9.0);
     const auto s = state.plant();
     const auto a = independent_acceleration(s, plant.acceleration(s, u));
     const auto rates = m.chain_rates(pose, state.rate);
@@ -302,11 +300,10 @@ TYPED_TEST(PlatformInSpace, KineticEnergyIsThatOfThePlant) {
     typename Hexapod<S>::Pose pose;
     ASSERT_TRUE(m.pose(state.position, state.attitude, pose));
     const auto p = m.channel_rates(pose, m.chain_rates(pose, state.rate));
-    const auto M = m.mass();
+    const auto M = mass_of(m);
     Vec<S, 1> got = Vec<S, 1>::Zero();
     for (int i = 0; i < p.size(); ++i) got[0] += S(0.5) * M[i] * p[i] * p[i];
-    energy.compare(seed, got,
-                   Vec<double, 1>(host::SpatialPlant(in_double(params)).energy(state.plant()).kinetic));
+    energy.compare(seed, got, Vec<double, 1>(SpatialPlant(in_double(params)).energy(state.plant()).kinetic));
   }
   energy.expect_below(50 * kEpsilon<S>);
 }

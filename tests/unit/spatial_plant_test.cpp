@@ -34,11 +34,11 @@ Jacobi jacobi(Real u, Real k) {
 /// again, as Jacobi's functions say.
 TEST(TorqueFreeTop, TurnsOverAsJacobiSays) {
   const Vec3<double> I(0.01, 0.02, 0.035);
-  const host::SpatialPlant plant({1.0, I}, 0.0);
+  const SpatialPlant plant({1.0, I}, 0.0);
   // Next to the separatrix: most of the time it spins about the middle axis. At t = 0 omega_2 = 0, so that sn
   // starts at 0.
   const double first = 3.0, third = 1.3;
-  host::SpatialState s;
+  SpatialState s;
   s.turning = {first, 0, third};
   const Real I1 = Real(I[0]), I2 = Real(I[1]), I3 = Real(I[2]);
   const Real w1 = Real(first), w3 = Real(third);
@@ -51,7 +51,7 @@ TEST(TorqueFreeTop, TurnsOverAsJacobiSays) {
   const Real k = std::sqrt((I3 - I2) * (L2 - T2 * I1) / ((I2 - I1) * (T2 * I3 - L2)));
   ASSERT_LT(k, 1);
   const Real rate = std::sqrt((I2 - I1) * (T2 * I3 - L2) / (I1 * I2 * I3));
-  const host::V3d momentum = plant.angular_momentum(s);
+  const V3d momentum = plant.angular_momentum(s);
   const double energy = plant.energy(s).kinetic;
   double work = 0, worst = 0;
   int over = 0;
@@ -83,8 +83,8 @@ TEST(PlatformOnLegs, EnergyIsWhatTheMotorsDid) {
   for (std::uint64_t seed = 0; seed < 5; ++seed) {
     Random r(seed);
     const auto p = random_hexapod<double>(r);
-    const host::SpatialPlant plant(p);
-    host::SpatialState s = PlatformState<double>::near_home(p, r).plant();
+    const SpatialPlant plant(p);
+    SpatialState s = PlatformState<double>::near_home(p, r).plant();
     s.velocity *= 0.2;
     s.turning *= 0.2;
     const auto total = [&] {
@@ -93,7 +93,7 @@ TEST(PlatformOnLegs, EnergyIsWhatTheMotorsDid) {
     };
     const double before = total();
     double work = 0;
-    host::SpatialPlant::Input u{};
+    SpatialPlant::Input u{};
     for (double& f : u) f = r.in<double>(0, 20);
     double most = 0;
     for (int n = 0; n < 400; ++n) {

@@ -7,7 +7,7 @@
 #include <bit>
 #include <cstddef>
 
-#include "host_sim/integrate/rk4.hpp"
+#include "host_sim/integrate/fixed_step.hpp"
 #include "host_sim/plant/five_bar_plant.hpp"
 #include "host_sim/plant/system.hpp"
 #include "host_sim/sweep/lanes/controller.hpp"

@@ -3,7 +3,7 @@
 
 #include "firmware/types.hpp"
 
-namespace esmc {
+namespace esmc::host {
 
 /// A rigid body; its frame lies in the mass centre, along the principal axes.
 template <class S>
@@ -39,4 +39,4 @@ struct HexapodParams {
   [[nodiscard]] Vec<S, 3> home_direction(int j) const { return home + joint[j] - base[j]; }
 };
 
-}  // namespace esmc
+}  // namespace esmc::host

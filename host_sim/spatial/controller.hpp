@@ -2,18 +2,18 @@
 /// One tick of control in space: from samples to the inputs of a free body (force, moment) or of a platform
 /// on six legs (one force per motor). Faults are latched; every input is then 0.
 
+#include <array>
 #include <cmath>
-#include <cstdint>
 #include <limits>
 
-#include "firmware/control/spatial_law.hpp"
-#include "firmware/control/spatial_reference.hpp"
-#include "firmware/mechanism/hexapod.hpp"
+#include "host_sim/spatial/hexapod.hpp"
+#include "host_sim/spatial/law.hpp"
+#include "host_sim/spatial/reference.hpp"
 
-namespace esmc {
+namespace esmc::host {
 
 /// Why the controller has stopped.
-enum class SpatialFault : std::uint8_t {
+enum class SpatialFault {
   none,
   not_finite,      ///< a measured or computed value is not a number
   not_unit,        ///< the norm of the measured quaternion differs from 1 by more than a tenth
@@ -21,6 +21,9 @@ enum class SpatialFault : std::uint8_t {
   type2,           ///< the motors' forces no longer hold the platform
   euler_singular,  ///< smc_euler at pitch = +-90 degrees
 };
+template <>
+inline constexpr auto names_of<SpatialFault> =
+    std::array{"none", "not_finite", "not_unit", "type1", "type2", "euler_singular"};
 
 /// Measured motion. The attitude may be q or -q, its norm off by rounding and noise.
 template <class S>
@@ -70,7 +73,6 @@ class SpatialController {
     }
     return out;
   }
-  [[nodiscard]] SpatialFault fault() const { return fault_; }
 
  private:
   [[nodiscard]] SpatialFault work(const SpatialSample<S>& sample, const SpatialMotion<S>& reference,
@@ -100,6 +102,8 @@ class SpatialController {
       case SpatialLaw::smc_euler:
         if (!euler_acceleration(m, config_.gains, config_.reaching, t, demand))
           return SpatialFault::euler_singular;
+        break;
+      case SpatialLaw::none:
         break;
     }
     const Vec<S, 6> force = m.gather(t.pose, m.force(demand.acceleration, m.channel_rates(t.pose, t.rates)));
@@ -131,10 +135,4 @@ class SpatialController {
   SpatialFault fault_ = SpatialFault::none;
 };
 
-/// Name in messages and logs.
-[[nodiscard]] constexpr const char* name(SpatialFault fault) {
-  constexpr const char* names[] = {"none", "not_finite", "not_unit", "type1", "type2", "euler_singular"};
-  return names[static_cast<unsigned>(fault)];
-}
-
-}  // namespace esmc
+}  // namespace esmc::host

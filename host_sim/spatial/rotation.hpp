@@ -8,7 +8,7 @@
 #include "firmware/numeric/elementary.hpp"
 #include "firmware/types.hpp"
 
-namespace esmc {
+namespace esmc::host {
 
 template <class S>
 using Vec3 = Vec<S, 3>;
@@ -73,16 +73,7 @@ template <class S>
   return {t.cos, Vec3<S>(rotation * (t.sin / angle))};
 }
 
-/// The orientation after h seconds of constant angular velocity (rad/s, in the frame of the body). Normalised
-/// by the first term of 1 / sqrt, whose error is the square of the rounding error of one product.
-template <class S>
-[[nodiscard]] Quaternion<S> advanced(const Quaternion<S>& q, const Vec3<S>& rate, S h) {
-  const Quaternion<S> next = q * exponential(Vec3<S>(rate * h));
-  const S f = S(1.5) - S(0.5) * next.squared_norm();
-  return {next.w * f, Vec3<S>(next.v * f)};
-}
-
-/// Whichever of q and -q has w > 0; at w = 0, a turn by 180 degrees, the one whose first nonzero entry is
+/// Of q and -q the one with w > 0; at w = 0, a turn by 180 degrees, the one whose first nonzero entry is
 /// positive, so that the result does not depend on the sign of the argument.
 template <class S>
 [[nodiscard]] Quaternion<S> shortest(const Quaternion<S>& q) {
@@ -136,10 +127,9 @@ template <class S>
 ///   q_e = q* q_d,   e = 2 vec q_e,   w~ = R_e w_d - w,   e' = q_e0 w~ + w~ x vec q_e
 ///
 /// e is 2 sin(angle / 2) about the axis of the remaining turn: the rotation vector to first order, of length
-/// 2 at 180 degrees and smooth there, of opposite sign for q_e and -q_e (choice: control/attitude.hpp).
+/// 2 at 180 degrees and smooth there, of opposite sign for q_e and -q_e (AttitudeChoice of law.hpp chooses).
 template <class S>
 struct AttitudeError {
-  Quaternion<S> turn;    ///< q_e
   Vec3<S> e;             ///< rad, to first order
   Vec3<S> e_rate;        ///< e', exact
   Vec3<S> rate;          ///< w~, rad/s
@@ -151,7 +141,6 @@ template <class S>
 [[nodiscard]] AttitudeError<S> attitude_error(const Quaternion<S>& turn, const Vec3<S>& desired_rate,
                                               const Vec3<S>& desired_acceleration, const Vec3<S>& rate) {
   AttitudeError<S> a;
-  a.turn = turn;
   a.e = turn.v * S(2);
   const Vec3<S> wd = rotated(turn, desired_rate);
   a.rate = wd - rate;
@@ -160,4 +149,4 @@ template <class S>
   return a;
 }
 
-}  // namespace esmc
+}  // namespace esmc::host

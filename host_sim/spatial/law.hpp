@@ -1,20 +1,83 @@
 #pragma once
 /// ESMC in space: from state and reference to the acceleration v' asked of every channel; the force on the
-/// platform is then C^T (M v' + v + f + g), as in law.hpp for the plane. M: a SpatialCoupling.
+/// platform is then C^T (M v' + v + f + g), as in firmware/control/law.hpp for the plane. M: a
+/// SpatialCoupling.
 
-#include <cstdint>
-
-#include "firmware/control/attitude.hpp"
 #include "firmware/control/reaching.hpp"
-#include "firmware/mechanism/spatial_coupling.hpp"
+#include "host_sim/scene/names.hpp"
+#include "host_sim/spatial/coupling.hpp"
 
-namespace esmc {
+namespace esmc::host {
 
-/// Laws in space, see docs/spatial.md.
-enum class SpatialLaw : std::uint8_t {
-  esmc,            ///< [F29]: an error, a surface and a switching term in every channel
-  esmc_projected,  ///< [F33]: one surface in the six independent velocities, switching in every channel
-  smc_euler,       ///< [F27] in minimal coordinates: position, yaw, pitch, roll. Ends at pitch = +-90 degrees
+/// Chooses between q_e and -q_e, the two ways round to the same attitude, with memory.
+///
+/// The chosen way stays until its scalar part falls below -hysteresis: the remaining turn is then longer than
+/// 180 degrees by a margin. With hysteresis = 0, noise at 180 degrees changes the way at every sample and the
+/// torque dithers; without any change the body may go the long way round (it unwinds). The sign of the input
+/// does not matter, to the last bit: of q and -q the one next to the last choice is taken.
+template <class S>
+class AttitudeChoice {
+ public:
+  AttitudeChoice() = default;
+  /// hysteresis: in [0, 1), cos of half the angle at which the way changes: 0.1 is 180 + 11.5 degrees.
+  explicit AttitudeChoice(S hysteresis) : hysteresis_(hysteresis) {}
+
+  /// q_e or -q_e. After a reset the short way; at exactly 180 degrees that of `shortest`.
+  [[nodiscard]] Quaternion<S> choose(const Quaternion<S>& turn) {
+    Quaternion<S> q = shortest(turn);
+    if (known_) {
+      const S along = dot(last_, turn);  // 0: both are as far from the last choice
+      if (along > S(0)) q = turn;
+      if (along < S(0)) q = turn.negative();
+      if (q.w < -hysteresis_) q = q.negative();
+    }
+    last_ = q;
+    known_ = true;
+    return q;
+  }
+  void reset() { known_ = false; }
+
+ private:
+  S hysteresis_{};
+  Quaternion<S> last_{};
+  bool known_ = false;
+};
+
+/// Euler angles (roll, pitch, yaw) at one attitude, R = Rz(yaw) Ry(pitch) Rx(roll), and the map between their
+/// rates and the angular velocity.
+template <class S>
+struct EulerChart {
+  Vec3<S> angle;  ///< rad
+  SinCos<S> roll, pitch;
+
+  [[nodiscard]] static EulerChart at(const Quaternion<S>& q) {
+    const Rotation<S> r = rotation(q);
+    EulerChart c;
+    // cos pitch from two entries: from the sine alone it would lose half its digits next to 90 degrees.
+    const S level = square_root(r.x.x() * r.x.x() + r.x.y() * r.x.y());
+    c.angle = Vec3<S>(arc_tangent2(r.y.z(), r.z.z()), arc_tangent2(S(-r.x.z()), level),
+                      arc_tangent2(r.x.y(), r.x.x()));
+    c.roll = sin_cos(c.angle.x());
+    c.pitch = {-r.x.z(), level};
+    return c;
+  }
+
+  /// B^-1 w: rates of an angular velocity in the frame of the body. Pole at pitch = +-90 degrees.
+  [[nodiscard]] Vec3<S> rates(const Vec3<S>& w) const {
+    const S yaw = (w.y() * roll.sin + w.z() * roll.cos) / pitch.cos;
+    return Vec3<S>(w.x() + yaw * pitch.sin, w.y() * roll.cos - w.z() * roll.sin, yaw);
+  }
+  /// B d: angular velocity of rates d, in the frame of the body.
+  [[nodiscard]] Vec3<S> turning(const Vec3<S>& d) const {
+    return Vec3<S>(d.x() - d.z() * pitch.sin, d.y() * roll.cos + d.z() * pitch.cos * roll.sin,
+                   d.z() * pitch.cos * roll.cos - d.y() * roll.sin);
+  }
+  /// Bdot d: angular acceleration at constant rates d.
+  [[nodiscard]] Vec3<S> drift(const Vec3<S>& d) const {
+    const S yp = d.z() * d.y(), yr = d.z() * d.x(), pr = d.y() * d.x();
+    return Vec3<S>(-yp * pitch.cos, yr * pitch.cos * roll.cos - pr * roll.sin - yp * pitch.sin * roll.sin,
+                   -pr * roll.cos - yp * pitch.sin * roll.cos - yr * pitch.cos * roll.sin);
+  }
 };
 
 /// Gains, one set for velocities of points and one for angular velocities.
@@ -102,28 +165,25 @@ template <class M, class S = typename M::Scalar>
   const EulerChart<S> here = EulerChart<S>::at(t.pose.attitude),
                       there = EulerChart<S>::at(t.desired_pose.attitude);
   if (!(here.pitch.cos > gain.least_cos_pitch) || !(there.pitch.cos > gain.least_cos_pitch)) return false;
-  const EulerAngles<S> rate = here.rates(M::turn_of(v)), rate_d = there.rates(M::turn_of(vd)),
-                       push_d = there.rates(Vec3<S>(M::turn_of(ad) - there.drift(rate_d)));
+  const Vec3<S> rate = here.rates(M::turn_of(v)), rate_d = there.rates(M::turn_of(vd)),
+                push_d = there.rates(Vec3<S>(M::turn_of(ad) - there.drift(rate_d)));
   out = {};
   const auto channel = [&](int row, const typename SpatialGains<S>::Kind& g, S e, S ed, S of_reference) {
     const S s = ed + g.lambda * e;
     out.sliding[row] = s;
     return S(of_reference + g.lambda * ed + g.k * switching(reaching, s, g.layer));
   };
-  Vec3<S> point;
-  for (int i = 0; i < 3; ++i)
+  Vec3<S> point, u;
+  for (int i = 0; i < 3; ++i) {
     point[i] =
         channel(i, gain.point, S(t.desired_pose.position[i] - t.pose.position[i]), S(vd[i] - v[i]), S(ad[i]));
-  const EulerAngles<S> u{channel(3, gain.turn, wrap_to_pi(S(there.angle.roll - here.angle.roll)),
-                                 S(rate_d.roll - rate.roll), push_d.roll),
-                         channel(4, gain.turn, wrap_to_pi(S(there.angle.pitch - here.angle.pitch)),
-                                 S(rate_d.pitch - rate.pitch), push_d.pitch),
-                         channel(5, gain.turn, wrap_to_pi(S(there.angle.yaw - here.angle.yaw)),
-                                 S(rate_d.yaw - rate.yaw), push_d.yaw)};
+    u[i] = channel(3 + i, gain.turn, wrap_to_pi(S(there.angle[i] - here.angle[i])), S(rate_d[i] - rate[i]),
+                   push_d[i]);
+  }
   const Vec3<S> turn = here.turning(u) + here.drift(rate);
   out.acceleration = m.channel_accelerations(t.pose, t.rates, t.rates,
                                              m.chain_accelerations(t.pose, t.rates, M::joined(point, turn)));
   return true;
 }
 
-}  // namespace esmc
+}  // namespace esmc::host

@@ -1,6 +1,7 @@
 #pragma once
 /// The serial algorithm of the report, eqs. (1)-(7), for a chain of bodies in space, each joined to the one
-/// before by a revolute or a prismatic joint about or along any axis; serial.hpp is the planar case.
+/// before by a revolute or a prismatic joint about or along any axis; firmware/mechanism/serial.hpp is the
+/// planar case.
 ///
 /// p = [p#; p°]: p# the joint rates, p° = [omega of every body, in its own frame; velocity of every mass
 /// centre, in N]. Frames of bodies are parallel to their principal axes, so M (6) is diagonal and constant,
@@ -11,10 +12,10 @@
 
 #include <type_traits>
 
-#include "firmware/mechanism/rotation.hpp"
 #include "firmware/mechanism/serial.hpp"
+#include "host_sim/spatial/rotation.hpp"
 
-namespace esmc {
+namespace esmc::host {
 
 /// Constants of one body in space, SI units. The frame of the body: origin at its joint, axes parallel to the
 /// principal ones.
@@ -27,7 +28,6 @@ struct SpatialBody {
   S mass{};                                  ///< kg
   Vec3<S> inertia = Vec3<S>::Zero();         ///< principal, about the mass centre, kg m2
   S viscous{};                               ///< of its joint, N m s/rad or N s/m
-  S coulomb{};                               ///< of its joint, N m or N
 };
 
 /// Channel rows of one body without its joint.
@@ -57,7 +57,6 @@ class SpatialSerial {
   using Joints = Vec<S, joints>;
   using Channels = Vec<S, channels>;
 
-  static constexpr int row_joint(int i) { return i; }
   static constexpr int row_turn(int i) { return joints + 3 * i; }
   static constexpr int row_centre(int i) { return 4 * joints + 3 * i; }
   static constexpr bool is_turn(int row) { return row >= joints && row < 4 * joints; }
@@ -130,11 +129,6 @@ class SpatialSerial {
     return out;
   }
 
-  [[nodiscard]] Vec3<S> tip_rate(const Pose& p, const Joints& qd) const {
-    Walk w;
-    unroll<joints>([&](auto i) ESMC_INLINE { step(w, i, p, qd); });
-    return w.origin + cross(w.omega, Vec3<S>(p.tip - p.origin[joints - 1]));
-  }
   /// Jdot(a) b of the tip.
   [[nodiscard]] Vec3<S> tip_bias(const Pose& p, const Joints& a, const Joints& b) const {
     Walk wa, wb;
@@ -171,19 +165,8 @@ class SpatialSerial {
     Channels out;
     unroll<joints>([&](auto i) ESMC_INLINE {
       const SpatialBody<S>& b = bodies_[i];
-      const S friction = b.viscous * rates[i] + b.coulomb * (S(rates[i] > S(0)) - S(rates[i] < S(0)));
-      put(out, i, friction,
+      put(out, i, S(b.viscous * rates[i]),
           body_force(b.mass, b.inertia, gravity_, rows_of(v, i), rows_at(rates, row_turn(i))));
-    });
-    return out;
-  }
-
-  /// Diagonal of M.
-  [[nodiscard]] Channels mass() const {
-    Channels out;
-    unroll<joints>([&](auto i) ESMC_INLINE {
-      const SpatialBody<S>& b = bodies_[i];
-      put(out, i, S(0), {b.inertia, Vec3<S>(b.mass, b.mass, b.mass)});
     });
     return out;
   }
@@ -269,4 +252,4 @@ class SpatialSerial {
   S gravity_{};
 };
 
-}  // namespace esmc
+}  // namespace esmc::host

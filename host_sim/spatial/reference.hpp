@@ -1,12 +1,14 @@
 #pragma once
-/// Reference motions of a body in space as functions of the tick number; time is counted as in reference.hpp.
+/// Reference motions of a body in space as functions of the tick number; time is counted as in
+/// firmware/control/reference.hpp.
 
 #include <cstdint>
 
 #include "firmware/control/reference.hpp"
-#include "firmware/mechanism/rotation.hpp"
+#include "host_sim/scene/names.hpp"
+#include "host_sim/spatial/rotation.hpp"
 
-namespace esmc {
+namespace esmc::host {
 
 /// Desired motion of a body, SI units; angular quantities in its own (desired) frame.
 template <class S>
@@ -14,16 +16,6 @@ struct SpatialMotion {
   Vec3<S> position = Vec3<S>::Zero(), velocity = Vec3<S>::Zero(), acceleration = Vec3<S>::Zero();
   Quaternion<S> attitude{};
   Vec3<S> turning = Vec3<S>::Zero(), turning_rate = Vec3<S>::Zero();  ///< rad/s, rad/s2
-};
-
-/// Shapes of a reference in space.
-enum class SpatialReferenceKind : std::uint8_t {
-  hold,    ///< stay at the start
-  turn,    ///< once, rest to rest by a quintic: `angle` about `axis` along the great circle (slerp), `shift`
-           ///< along a line
-  spin,    ///< `rate` about `axis`, for ever
-  tumble,  ///< that, and `second_rate` about `second_axis`, which the first turns
-  sway,    ///< there and back: (1 - cos)/2 of the phase times `angle` about `axis` and `shift`
 };
 
 /// A reference in space. Fields that a kind does not use are ignored. Axes have length 1, in the frame of the
@@ -90,4 +82,4 @@ struct SpatialReference {
   }
 };
 
-}  // namespace esmc
+}  // namespace esmc::host

@@ -1,9 +1,9 @@
 #pragma once
-/// The free rigid body and the Gough-Stewart platform (6-UPS), both from spatial_coupling.hpp.
+/// The free rigid body and the Gough-Stewart platform (6-UPS), both from coupling.hpp.
 
-#include "firmware/mechanism/spatial_coupling.hpp"
+#include "host_sim/spatial/coupling.hpp"
 
-namespace esmc {
+namespace esmc::host {
 
 /// Leg of universal joint, slide, spherical joint, with the bodies cross (without mass), cylinder, rod. In
 /// the frame of the base joint, whose z axis is the direction of the leg at home, the leg points along (sin
@@ -76,4 +76,4 @@ template <class S>
   return Hexapod<S>(p.platform, p.joint, leg, p.gravity);
 }
 
-}  // namespace esmc
+}  // namespace esmc::host

@@ -1,7 +1,7 @@
 #pragma once
 /// The coupling algorithm of the report, eqs. (37)-(47), in space: a rigid platform, oriented by a unit
 /// quaternion, on any number of serial legs with spherical joints at the platform; without legs a free body.
-/// coupling.hpp is the planar case.
+/// firmware/mechanism/coupling.hpp is the planar case.
 ///
 ///   q0 = [x; q], seven coordinates; p0# = [velocity of the mass centre, in N; omega, in the frame of the
 ///   platform], six q0' = D+ p0#:   x' = v,   q' = 1/2 q (0, omega)
@@ -11,10 +11,10 @@
 #include <cmath>
 #include <utility>
 
-#include "firmware/mechanism/spatial.hpp"
-#include "firmware/mechanism/spatial_params.hpp"
+#include "host_sim/spatial/params.hpp"
+#include "host_sim/spatial/serial.hpp"
 
-namespace esmc {
+namespace esmc::host {
 
 /// Solves A x = b by elimination with row pivoting; x replaces b. Returns the smallest pivot, or 0 where one
 /// vanishes or is NaN: b is then undefined.
@@ -85,7 +85,6 @@ class SpatialCoupling {
                   const List<Leg, Legs>& leg, S gravity)
       : platform_(platform), joint_(joint), leg_(leg), gravity_(gravity) {}
 
-  [[nodiscard]] const Leg& leg(int j) const { return leg_[j]; }
   static constexpr int row_leg(int j) { return dof + j * leg_channels; }
   /// Whether the row is an angular velocity, not the velocity of a point or the rate of a joint.
   static constexpr bool is_turn(int row) {
@@ -166,14 +165,6 @@ class SpatialCoupling {
                                      Vec3<S>(rates[3], rates[4], rates[5]));
     out.template head<dof>() = joined(w.centre, w.turn);
     for (int j = 0; j < Legs; ++j) part(out, j) = leg_[j].force(part(v, j), part(rates, j));
-    return out;
-  }
-
-  /// Diagonal of M.
-  [[nodiscard]] Channels mass() const {
-    Channels out;
-    out.template head<dof>() = joined(Vec3<S>::Constant(platform_.mass), platform_.inertia);
-    for (int j = 0; j < Legs; ++j) part(out, j) = leg_[j].mass();
     return out;
   }
 
@@ -260,4 +251,4 @@ class SpatialCoupling {
   S gravity_{};
 };
 
-}  // namespace esmc
+}  // namespace esmc::host
