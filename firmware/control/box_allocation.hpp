@@ -43,7 +43,7 @@ struct Side {
   bool upper = false;  ///< of the two sides the one with the larger force across
 };
 
-/// Largest share of F, at most 1, that motors with limits +-limit attain.
+/// Largest share of F, at most 1, that motors with limits +-limit attain; below 1 it sets the side `reached`.
 template <class S>
 [[nodiscard]] S attainable(const Mat<S, 4, 2>& rows, const Vec2<S>& F, const Vec<S, 4>& limit,
                            Side& reached) {
@@ -61,7 +61,7 @@ template <class S>
   return share;
 }
 
-/// Least share, from 0 to 1, by which `wanted` must be widened towards +-limit for F to be attainable.
+/// Least share, 0 to 1, by which `wanted` must widen towards +-limit to attain F; above 0 it sets `reached`.
 template <class S>
 [[nodiscard]] S widening(const Mat<S, 4, 2>& rows, const Vec2<S>& F, const TorqueBox<S>& wanted,
                          const Vec<S, 4>& limit, Side& reached) {

@@ -16,7 +16,7 @@ enum class Reaching : std::uint8_t {
   implicit,    ///< backward Euler [F39]: saturation whose layer (1 + d) h K follows from the sampling
 };
 
-/// Whether sw is `saturated`.
+/// True if sw of this law is `saturated`: saturation and implicit.
 [[nodiscard]] constexpr bool clamps(Reaching law) {
   return law == Reaching::saturation || law == Reaching::implicit;
 }

@@ -107,8 +107,8 @@ class Chain {
       return {a.axis - b.axis, a.slide - b.slide};
     }
   };
-  /// The same quantity of the mass centre. `at_end`: of the end of the body before; is moved to the end of
-  /// this one.
+  /// The quantity m of body i at its mass centre. `at_end`: the quantity at the end of the body before; is
+  /// moved to the end of this one.
   ESMC_INLINE Vec2<S> to_mass_centre(Sum<Vec2<S>>& at_end, int i, const BodyMotion& m) const {
     Vec2<S> out;  // the only object returned, or it would be copied by way of memory
     if (!revolute(i)) at_end.add(m.slide);
@@ -125,6 +125,7 @@ class Chain {
   struct RateWalk {
     Sum<S> spin;  ///< of the body in hand, rad/s
   };
+  /// Rate of body i at the joint rates qd; call for i = 0, 1, .. in this order, with one w.
   ESMC_INLINE static BodyMotion move(RateWalk& w, int i, const Pose& p, const Joints& qd) {
     BodyMotion m;
     if (revolute(i)) w.spin.add(qd[i]);
@@ -139,6 +140,7 @@ class Chain {
   struct BiasWalk {
     Sum<S> spin_a, spin_b;
   };
+  /// Acceleration of body i at constant rates a and b; call for i = 0, 1, .. in this order, with one w.
   ESMC_INLINE static BodyMotion move(BiasWalk& w, int i, const Pose& p, const Joints& a, const Joints& b) {
     BodyMotion m;
     if (revolute(i)) {
@@ -150,7 +152,7 @@ class Chain {
       m.slide = m.axis * slid(p, i) + perp(p.axis[i]) * (w.spin_a.value() * b[i] + w.spin_b.value() * a[i]);
     return m;
   }
-  /// Desired less actual.
+  /// Desired less actual pose of body i.
   ESMC_INLINE static BodyMotion gap(int i, const Pose& desired, const Pose& actual) {
     BodyMotion m;
     if (turns(i)) m.axis = desired.axis[i] - actual.axis[i];

@@ -22,7 +22,7 @@ template <class M, class S = typename M::Scalar>
   return out;
 }
 
-/// c = Cdot p# [F5], [F16].
+/// c = Cdot p# [F5], [F16]: accelerations of all channels while p# is constant.
 template <class M>
 [[nodiscard]] typename M::Channels bias(const M& m, const typename M::Pose& p, const typename M::Rates& r) {
   return m.channel_accelerations(p, r, m.chain_bias(p, r, r));
@@ -112,7 +112,7 @@ template <class S>
   return out;
 }
 
-/// H^-1 F of a symmetric positive definite H, by Cholesky.
+/// H^-1 F of a symmetric positive definite H, which is not checked; its lower triangle is not read.
 template <class S>
 [[nodiscard]] Vec2<S> solve_spd(const Mat<S, 2, 2>& H, const Vec2<S>& F) {
   const S factor = H(0, 1) / H(0, 0);

@@ -38,31 +38,31 @@ class Rr {
 
   [[nodiscard]] const Leg& arm() const { return arm_; }
 
-  /// theta: rad, within the range of sin_cos.
+  /// Pose at the joint angles theta, rad; NaN beyond the range of sin_cos.
   [[nodiscard]] Pose pose(const Vec2<S>& theta) const {
     Pose p{Leg::pose(theta), {}};
     p.effector = arm_.tip(p.arm);
     return p;
   }
-  /// Inverse kinematics [F17] in the working mode. Empty: out of reach or NaN.
+  /// Inverse kinematics [F17] of the effector (m) in the working mode. Empty: out of reach, at base, or NaN.
   [[nodiscard]] std::optional<Pose> inverse(const Vec2<S>& effector, const Mode& mode) const {
     Pose p;
     return inverse(effector, mode, p) ? std::optional<Pose>(p) : std::nullopt;
   }
-  /// Same in place; false: out of reach, `p` is undefined.
+  /// Inverse kinematics [F17] of the effector (m) into `p`. False: no such pose, `p` is undefined.
   [[nodiscard]] bool inverse(const Vec2<S>& effector, const Mode& mode, Pose& p) const {
     p.effector = effector;
     return dyad_inverse(arm_, effector, mode.working, p.arm);
   }
-  /// (cos, sin) of theta1 and of theta2.
+  /// Sets `out` to (cos, sin) of theta1 and of theta2.
   static void base_directions(const Pose& p, List<Vec2<S>, 2>& out) { out = p.arm.turn; }
-  /// rad, each in (-pi, pi].
+  /// (theta1, theta2), rad, each in (-pi, pi].
   [[nodiscard]] static Vec2<S> angles(const Pose& p) { return angles_of(p.arm.turn); }
   [[nodiscard]] static Vec2<S> base_angles(const Pose& p) { return angles(p); }
-  [[nodiscard]] static S sin_type1(const Pose& p) { return p.arm.turn[1].y(); }
+  [[nodiscard]] static S sin_type1(const Pose& p) { return p.arm.turn[1].y(); }  ///< sin theta2
   static S min_abs_sin_type1(const Pose& p) { return sin_type1(p) < S(0) ? -sin_type1(p) : sin_type1(p); }
 
-  /// The arm has no type 2.
+  /// 1, as far from type 2 as can be: the arm has none.
   [[nodiscard]] static S abs_sin_type2(const Pose&) { return S(1); }
   [[nodiscard]] static S sin_type2_in_mode(const Pose&, const Mode&) { return S(1); }
   [[nodiscard]] static bool in_working_mode(const Pose& p, const Mode& mode) {
@@ -117,7 +117,7 @@ class Rr {
     return arm_.joint_torques(p.arm, w);
   }
   [[nodiscard]] Vec2<S> tip_rate(const Pose& p, const Rates& r) const { return arm_.tip_rate(p.arm, r); }
-  /// Joint rates (accelerations) that give the effector this velocity (acceleration) [F8]. Pole at type 1.
+  /// Joint rates (rad/s) at the effector's velocity v (m/s) [F8]. Not finite at type 1.
   [[nodiscard]] Rates rates_of_effector(const Pose& p, const Vec2<S>& v) const {
     return arm_.tip_inverse(p.arm, v);
   }

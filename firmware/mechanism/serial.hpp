@@ -24,10 +24,10 @@ class Serial {
   using Channels = Vec<S, channels>;
   using Pose = typename C::Pose;
 
-  static constexpr int row_joint(int i) { return i; }
-  static constexpr int row_angle(int i) { return joints + i; }
-  static constexpr int row_x(int i) { return 2 * joints + 2 * i; }
-  /// Joint rows have none: see `force`.
+  static constexpr int row_joint(int i) { return i; }               ///< rate of joint i
+  static constexpr int row_angle(int i) { return joints + i; }      ///< angular rate of bar i
+  static constexpr int row_x(int i) { return 2 * joints + 2 * i; }  ///< of body i; its y is the next row
+  /// False for the rows of the joints: see `force`.
   static constexpr bool has_mass(int row) { return row >= joints; }
 
   Serial() = default;
@@ -36,7 +36,7 @@ class Serial {
 
   [[nodiscard]] const Body<S>& body(int i) const { return chain_.body(i); }
 
-  /// q: joint angles (rad, within the range of sin_cos) and displacements (m).
+  /// Pose at q: joint angles (rad; NaN beyond the range of sin_cos) and displacements (m).
   [[nodiscard]] static Pose pose(const Joints& q) {
     Pose p;
     Sum<S> angle;
@@ -59,7 +59,7 @@ class Serial {
     return p;
   }
 
-  /// p = C p# (2): all velocities from the joint rates. Also the part C a of all accelerations.
+  /// p = C p# (2): all velocities (rad/s, m/s) of joint rates. Also the part C a of all accelerations.
   [[nodiscard, gnu::always_inline]] Channels rates(const Pose& p, const Joints& qd) const {
     Channels out;
     typename C::RateWalk w;
@@ -243,8 +243,8 @@ class Serial {
     return out;
   }
 
-  /// J^-1 v of two bars [F8]: joint rates of a tip velocity. theta_2 enters by its own sine, so the relative
-  /// accuracy holds down to the pole at type 1 (sin theta_2 = 0).
+  /// J^-1 v of two bars [F8]: joint rates (rad/s) of a tip velocity (m/s). theta_2 enters by its own sine, so
+  /// the relative accuracy holds down to the pole at type 1 (sin theta_2 = 0).
   [[nodiscard]] Joints tip_inverse(const Pose& p, const Vec2<S>& v) const
       requires(joints == 2 && !C::slides) {
     const S inner = dot(p.axis[1], v) / (body(0).length * p.turn[1].y());
