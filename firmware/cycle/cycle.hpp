@@ -78,15 +78,15 @@ class Cycle {
   void command(Command c) {
     if (command_ != Command::stop && (command_ != Command::halt || c == Command::stop)) command_ = c;
   }
-  /// State of the normally closed contact `enable`, before each tick; open is a fault. Closed if not wired.
+  /// Sets the state of the normally closed contact `enable`; open is a fault. Closed until the first call.
   void enable_input(bool closed) { enable_closed_ = closed; }
   /// Raises the fault tick_late in the next tick: two ticks in a row began late, or one by far.
   void tick_late() { late_ = true; }
-  /// Lockstep: us that have passed at the next tick without samples; < 1000 s.
+  /// Lockstep: sets the time since the last tick, us, < 1e9, for the next tick() without `answer` alone.
   void time_passed(std::uint32_t us) {
     passed_ticks_ = static_cast<std::uint32_t>(S(us) * S(1e-6F) / controller_.config().sample_time);
   }
-  /// The output `drive_enable`: drives may have power. Low before enabling and in a fault.
+  /// The output `drive_enable`, true where drives may have power: not in disabled and fault.
   [[nodiscard]] bool drive_enable() const {
     return supervisor_.state() != State::disabled && supervisor_.state() != State::fault;
   }
@@ -106,28 +106,29 @@ class Cycle {
   [[nodiscard]] link::CommandLink& link() { return link_; }
   [[nodiscard]] const D& axis(int i) const { return axes_[static_cast<unsigned>(i)]; }
 
-  /// Repeats the enabling sequence at the next tick instead of after its time: no axis has been heard yet.
+  /// Makes every axis repeat its last request at the next tick, not after its time: none has been heard yet.
   void ask_again() {
     for (D& a : axes_) a.ask_again();
   }
 
-  /// Every axis has sent its frames of the tick: in lockstep the time to tick.
+  /// True if every axis has sent its frames of the tick: in lockstep the time to tick.
   [[nodiscard]] bool complete() const {
     bool all = opened_;
     for (int i = 0; i < axis_count_; ++i) all = all && axis(i).heard_this_tick();
     return all;
   }
-  /// Some axis has sent its frames of the tick.
+  /// True if some axis has sent its frames of the tick.
   [[nodiscard]] bool set_begun() const {
     return opened_ && any_axis([](const D& a) { return a.heard_this_tick(); });
   }
-  /// Some axis has been heard since the start.
+  /// True once some axis has been heard; never false again.
   [[nodiscard]] bool heard() const {
     return any_axis([](const D& a) { return a.alive(); });
   }
-  /// Every motor has reported idle after its last request.
+  /// True if every motor has reported idle after its last request; see Drive::idle.
   [[nodiscard]] bool all_idle() const { return status().all_idle; }
-  /// receive() reads no more before the next tick, which will raise bus_overload: do not wait for complete().
+  /// True if receive() reads no more before the next tick, which raises bus_overload: complete() may not
+  /// come.
   [[nodiscard]] bool overloaded() const { return (bus_events_ & flooded) != 0; }
 
   /// Reads the waiting frames, at most frames_per_tick_max per tick. May be called several times per tick.

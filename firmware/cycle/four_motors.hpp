@@ -15,7 +15,7 @@ bool four_motors(const ControllerConfig<M>& c, const typename M::Pose& p, const 
 
 namespace esmc {
 
-/// ControllerConfig::allocate for these motors.
+/// ControllerConfig::allocate for these motors: part::four_motors for `all` of a 5R, else null.
 template <class M>
 [[nodiscard]] constexpr decltype(ControllerConfig<M>::allocate) allocation_for(
     [[maybe_unused]] Motors motors) {

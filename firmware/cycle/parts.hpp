@@ -25,7 +25,7 @@ struct PartMemory {
   Vec2<S> momentum;  ///< of the base joints, predicted for the next tick without torque, N m s
   Vec2<S> disturbance = Vec2<S>::Zero();  ///< observed on the base joints, N m
 
-  /// The torque sent `ago` ticks before the last one.
+  /// The torque sent `ago` ticks before the last one, N m at the joints; zero where none was kept.
   [[nodiscard]] Vec<S, M::joints> torque(int ago) const {
     return ago < ticks ? sent[ago] : Vec<S, M::joints>::Zero().eval();
   }

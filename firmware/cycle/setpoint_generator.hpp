@@ -34,7 +34,7 @@ class SetpointGenerator {
   SetpointGenerator(S speed, S acceleration, S sample_time, bool angles)
       : speed_(speed), acceleration_(acceleration), sample_time_(sample_time), angles_(angles) {}
 
-  /// This motion replaces the reference.
+  /// True if the caller is to follow this motion instead of the reference.
   [[nodiscard]] bool active() const { return active_; }
   void activate(bool yes) { active_ = yes; }
 
@@ -72,7 +72,7 @@ class SetpointGenerator {
     age_ = 0;
   }
 
-  /// Motion of the present tick.
+  /// Motion of the present tick, m or rad, and per s, s2.
   [[nodiscard]] Motion2<S> at() const {
     Motion2<S> m = base_;
     if (following_ && age_ > 0) {  // a sample is missing: constant velocity

@@ -35,7 +35,7 @@ struct TickResult {
   explicit TickResult(Unset) {
     unroll<M::joints>([&](auto i) ESMC_INLINE { torque[i] = S(0); });
   }
-  void nothing_seen() { effector.setZero(); }
+  void nothing_seen() { effector.setZero(); }  ///< there is no estimate in this tick
   void nothing_desired() {
     desired_effector.setZero();
     for (auto& d : desired_direction.items) d.setZero();

@@ -24,6 +24,7 @@ inline constexpr std::uint8_t crc8_inverted = 0xFF;
 
 /// CRC-32/ISO-HDLC (Ethernet, zip): polynomial 0x04C11DB7, reflected, start and result inverted.
 inline constexpr std::uint32_t crc32_start = 0xFFFF'FFFF;
+/// Adds a byte to the state before the inversion, at first crc32_start.
 [[nodiscard]] constexpr std::uint32_t crc32_add(std::uint32_t crc, std::uint8_t byte) {
   constexpr std::uint32_t polynomial_reflected = 0xEDB8'8320;
   crc ^= byte;

@@ -27,7 +27,7 @@ class FaultMemory {
     for (unsigned i = 1; i < count; ++i) pending_[i] = pending_[i] || records_[i].count > 0;
     pending_[0] = true;
   }
-  /// Sends at most one queued record, that of `first` before others.
+  /// Sends at most one queued record, that of `first` before others; it stays queued if the bus is full.
   template <class Send>
   void transmit(std::uint32_t base, Fault first, Send&& send) {
     unsigned i = static_cast<unsigned>(first);

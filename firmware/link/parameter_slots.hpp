@@ -68,7 +68,8 @@ class ParameterSlots {
     return status_.state == StoreState::storing || status_.state == StoreState::forgetting;
   }
 
-  /// Ignored while busy() and without a store.
+  /// Begins to store gains, which poll() carries out; status() tells the end. Ignored while busy() or without
+  /// a store; fails while an operation that timed out may still go on.
   void store(const Gains& gains) {
     if (!begin(StoreState::storing)) return;
     std::uint32_t next = newest_ + 1;
@@ -76,14 +77,14 @@ class ParameterSlots {
     if (current_ != none && !later(next, slots_[current_].sequence)) next = slots_[current_].sequence + 1;
     record_ = SlotRecord{next, scene_, gains}.encode();
   }
-  /// Erases the older record first: a loss of power in between must not bring it back.
+  /// Begins to erase both records, as store(); the older first: a loss of power must not bring it back.
   void forget() {
     if (!begin(StoreState::forgetting)) return;
     record_.fill(hal::erased_word);
     second_ = true;
   }
 
-  /// One step of the present operation.
+  /// Makes one step of the present operation without waiting; call between ticks, also if not busy().
   void poll() {
     if (!busy()) {
       // An operation that timed out may still end and leave the memory as ordered.

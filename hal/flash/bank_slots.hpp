@@ -99,7 +99,8 @@ class BankSlots {
 
   [[nodiscard]] bool available() const { return Chip::available(a_); }
 
-  /// False while the bank is being written: a read would halt the processor until it is done.
+  /// Reads word `at` of a slot. False, `word` untouched: out of range, damaged, or the bank is being written,
+  /// when a read would halt the processor until it is done.
   [[nodiscard]] bool read(unsigned slot, unsigned at, std::uint32_t& word) {
     if (slot >= memory_slots || at >= Chip::slot_bytes / 4 || operating_ || busy()) return false;
     return a_.load(address(slot, at), word);
@@ -113,6 +114,7 @@ class BankSlots {
     return operating_ = true;
   }
 
+  /// Begins to program the unit at word `at`, a multiple of unit_words. False: not begun.
   [[nodiscard]] bool begin_program(unsigned slot, unsigned at,
                                    std::span<const std::uint32_t, unit_words> unit) {
     if (slot >= memory_slots || at % unit_words != 0 || at >= Chip::slot_bytes / 4 || !open()) return false;
@@ -122,6 +124,7 @@ class BankSlots {
     return operating_ = true;
   }
 
+  /// Ends a completed operation. failed: once per failed operation; ready also if there is none.
   MemoryStatus poll() {
     if (!operating_) return MemoryStatus::ready;
     const Word state = a_.read(Chip::sr);

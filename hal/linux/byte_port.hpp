@@ -33,14 +33,14 @@ class SerialPort {
 
   /// All of `out` (up to 64 bytes) or nothing. What the line does not take at once is sent first next time.
   [[nodiscard]] bool try_write(std::span<const char> out);
-  [[nodiscard]] bool try_read(char& in);
-  [[nodiscard]] bool gone() const { return gone_; }
+  [[nodiscard]] bool try_read(char& in);             ///< false: no byte now, `in` untouched
+  [[nodiscard]] bool gone() const { return gone_; }  ///< for good: end of file, hang-up or an error
 
   /// Bytes have been read ahead, of which a poll of the descriptor does not know.
   [[nodiscard]] bool has_input() const { return next_ < filled_; }
   /// A rest waits for flush(), once the descriptor is writable.
   [[nodiscard]] bool has_output() const { return sent_ < unsent_; }
-  void flush();
+  void flush();  ///< writes as much of the rest as the line takes, without waiting
 
  private:
   /// Returns the number of bytes that the system took.
@@ -63,7 +63,7 @@ static_assert(LosablePort<SerialPort>);
 /// times nor bus errors: bus_off means that the port is gone.
 class SlcanAdapter {
  public:
-  /// `speed`: from slcan_speed().
+  /// Opens the CAN channel. `speed`: from slcan_speed(), 0..8, not checked.
   SlcanAdapter(SerialPort port, int speed);
   SlcanAdapter(const SlcanAdapter&) = delete;
   SlcanAdapter& operator=(const SlcanAdapter&) = delete;

@@ -35,9 +35,9 @@ class GpioLine {
                                         const GpioKernel& kernel = gpio_kernel);
   [[nodiscard]] bool is_open() const { return line_ >= 0; }
 
-  /// hal::DigitalInput. A line that cannot be read is open. Closed without a request.
+  /// True if the contact is closed (hal::DigitalInput), and without a request; false if it cannot be read.
   [[nodiscard]] bool closed() const;
-  /// hal::DigitalOutput. No effect without a request. False: the kernel refused.
+  /// Sets the level (hal::DigitalOutput); no effect, and true, without a request. False: the kernel refused.
   bool set(bool high) const;
 
  private:

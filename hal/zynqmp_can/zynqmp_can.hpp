@@ -42,6 +42,7 @@ class ZynqmpCan {
     return opened_;
   }
 
+  /// Queues a frame. refused: not well formed, or FD; bus_full: waiting_max frames wait.
   SendStatus try_send(const CanFrame& f) {
     if (!well_formed(f) || f.fd || f.bit_rate_switch) return SendStatus::refused;
     if (!opened_) return SendStatus::bus_off;
@@ -52,6 +53,7 @@ class ZynqmpCan {
     return SendStatus::ok;
   }
 
+  /// Takes the oldest received frame, of any identifier. False: none or off the bus, `f` untouched.
   [[nodiscard]] bool try_receive(CanFrame& f) {
     if (!opened_) return false;
     pump();
@@ -87,7 +89,7 @@ class ZynqmpCan {
     }
   }
 
-  /// The controller has left the bus after 256 errors, or never joined.
+  /// True if the controller has left the bus after 256 errors and not rejoined, or never joined.
   [[nodiscard]] bool off() const {
     if (!opened_) return true;
     const zynqmp_can::Word state = a_.read(zynqmp_can::sr);
