@@ -8,8 +8,7 @@ namespace esmc {
 /// Joint torques tau (N m) with R^T tau = F and least tau^T W tau, W diagonal > 0 [F26]: weighted minimum
 /// norm by Gram-Schmidt QR of W^-1/2 R, which does not square the condition number as the normal equations
 /// do. rows: R, independent rates to joint rates; F: force on the independent coordinates. Only the ratios of
-/// the weights count; the smallest may be any normal number. Nearly parallel columns of R give torques that
-/// are huge or not finite.
+/// the weights count. Nearly parallel columns of R give torques that are huge or not finite.
 template <class S>
 [[nodiscard]] Vec<S, 4> minimum_norm(const Mat<S, 4, 2>& rows, const Vec2<S>& F, const Vec<S, 4>& weight) {
   Vec<S, 4> root;  // W^-1/2

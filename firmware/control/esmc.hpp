@@ -26,8 +26,7 @@ struct Gains {
   } independent{};
 };
 
-/// State and reference as every law takes them. Poses are closed, rates belong to their pose. Not initialised
-/// by itself.
+/// State and reference as every law takes them: closed poses and their rates. Not initialised by itself.
 template <class M>
 struct Tracking {
   typename M::Pose pose, desired_pose;

@@ -1,7 +1,6 @@
 #pragma once
 /// The laws as a control tick evaluates them: bit for bit `demand` of law.hpp, but in one pass over the rows
-/// that stores no errors. Joint rows of v' are not set: they have no mass, so C^T (M v' + f + g) does not
-/// depend on them.
+/// that stores no errors. Joint rows of v' are not set: without mass they do not enter C^T (M v' + f + g).
 
 #include "firmware/control/law.hpp"
 

@@ -22,8 +22,7 @@ enum class Reaching : std::uint8_t {
 }
 
 /// The layer with which `saturation` is the implicit step [F39], in the unit of s: gain K >= 0, sample time
-/// h > 0 (s), torque delay d >= 0 (ticks). Always > 0: a gain of 0, or one whose layer would underflow, gets
-/// the layer of gain 1.
+/// h > 0 (s), torque delay d >= 0 (ticks). Always > 0: where it would be 0 or underflow, that of gain 1.
 template <class S>
 [[nodiscard]] constexpr S implicit_layer(S gain, S sample_time, S delay_ticks) {
   const S of_unit = (S(1) + delay_ticks) * sample_time, layer = of_unit * gain;

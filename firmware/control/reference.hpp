@@ -93,8 +93,7 @@ struct Reference {
   std::span<const PathSegment<S>> path{};  ///< owned by the caller, ascending start_tick
   std::uint32_t repeat_ticks = 0;          ///< length of one round of the path; 0: once
 
-  /// Motion at a tick; sample_time: s, > 0. hold_start and an empty path give the centre at rest. Not inline:
-  /// one copy in an image.
+  /// Motion at a tick; sample_time: s, > 0. hold_start and an empty path give the centre at rest.
   [[nodiscard, gnu::noinline]] Motion2<S> at(std::uint64_t tick, S sample_time) const {
     Motion2<S> m;
     m.position = centre;

@@ -36,6 +36,7 @@ class Closure {
     for (int i = 0; i < 4; ++i) out[i] = -variance_[i] * dot(column_[i], multiplier);
     return out;
   }
+  /// Rate of the gap, m/s, of joint rates in rad/s.
   [[nodiscard]] Vec2<S> rate(const Vec<S, 4>& joint_rate) const {
     Vec2<S> out = Vec2<S>::Zero();
     for (int i = 0; i < 4; ++i) out += column_[i] * joint_rate[i];
@@ -69,8 +70,7 @@ template <class S>
 }
 
 /// 1 + the only joint whose angle alone can close the gap to `allowed` / 4 (m) while every other joint leaves
-/// more than `allowed` / 2; else 0. The result is wrong only if the other three readings contradict each
-/// other by half of the limit.
+/// more than `allowed` / 2; else 0. Wrong only if the other three readings contradict each other by that.
 template <class S>
 [[nodiscard, gnu::noinline]] std::uint8_t contradicting_joint(const FiveBar<S>& m,
                                                               const typename FiveBar<S>::Pose& p, S allowed) {

@@ -73,8 +73,7 @@ class Cycle {
     silent_ticks_.fill(drive::age_max);
   }
 
-  /// Stores a command for the next tick. A later command does not replace a stop, and only a stop replaces a
-  /// halt.
+  /// Stores a command for the next tick in place of an earlier one; only a stop replaces a halt or a stop.
   void command(Command c) {
     if (command_ != Command::stop && (command_ != Command::halt || c == Command::stop)) command_ = c;
   }
@@ -101,8 +100,7 @@ class Cycle {
   [[nodiscard]] const BusCounters& counters() const { return counters_; }
   [[nodiscard]] const Sample<M>& sample() const { return sample_; }
   [[nodiscard]] const link::CommandLink& link() const { return link_; }
-  /// The command link, for a store of parameters: link::restore() before the first tick, link::serve()
-  /// between ticks.
+  /// The link, for a store of parameters: link::restore() before the first tick, link::serve() between ticks.
   [[nodiscard]] link::CommandLink& link() { return link_; }
   [[nodiscard]] const D& axis(int i) const { return axes_[static_cast<unsigned>(i)]; }
 
@@ -127,8 +125,7 @@ class Cycle {
   }
   /// True if every motor has reported idle after its last request; see Drive::idle.
   [[nodiscard]] bool all_idle() const { return status().all_idle; }
-  /// True if receive() reads no more before the next tick, which raises bus_overload: complete() may not
-  /// come.
+  /// True if receive() reads no more before the next tick, which raises bus_overload: do not wait for more.
   [[nodiscard]] bool overloaded() const { return (bus_events_ & flooded) != 0; }
 
   /// Reads the waiting frames, at most frames_per_tick_max per tick. May be called several times per tick.

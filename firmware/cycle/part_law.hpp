@@ -25,6 +25,7 @@ template <class S>
                               const std::type_identity_t<Vec<S, 4>>& torque) {
   return m.gather_on_base(p, Vec2<S>::Zero(), {{torque.template head<2>(), torque.template tail<2>()}});
 }
+/// The torques themselves, N m: both joints of an RR arm are base joints.
 template <class S>
 [[nodiscard]] Vec2<S> on_base(const Rr<S>&, const typename Rr<S>::Pose&,
                               const std::type_identity_t<Vec2<S>>& torque) {

@@ -17,8 +17,8 @@ class SampleJumpCheck {
  public:
   using S = typename M::Scalar;
 
-  /// False: a sample newer than the last one differs from its prediction by more than `jump` rad per tick
-  /// between them. Finite samples only; true before the first one and with jump = 0.
+  /// True unless a sample newer than the last one kept differs from its prediction by more than `jump` (rad)
+  /// per tick between them; true before the first one and with jump = 0. The caller checks finite().
   [[nodiscard]] Truth<S> plausible(int joint, const Sample<M>& now, S jump, S sample_time) const {
     const auto u = static_cast<unsigned>(joint);
     if (!(jump > S(0)) || !known_[u] || now.age_ticks[u] > age_[u]) return Truth<S>(true);

@@ -55,8 +55,7 @@ class SetpointGenerator {
     plan(offset, now.velocity, time);
     base_ = {now.position - offset, Vec2<S>::Zero(), Vec2<S>::Zero()};
   }
-  /// Follows samples (m and m/s, or rad and rad/s), one per tick; the offset between the first one and the
-  /// present motion fades away.
+  /// Follows samples (m, m/s or rad, rad/s), one per tick; the first one's offset from the motion fades away.
   void follow(const Vec2<S>& position, const Vec2<S>& velocity) {
     if (!following_) {
       const Motion2<S> now = at();

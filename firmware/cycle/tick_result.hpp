@@ -36,6 +36,7 @@ struct TickResult {
     unroll<M::joints>([&](auto i) ESMC_INLINE { torque[i] = S(0); });
   }
   void nothing_seen() { effector.setZero(); }  ///< there is no estimate in this tick
+  /// Sets the desired effector and directions to zero: there is no desired motion in this tick.
   void nothing_desired() {
     desired_effector.setZero();
     for (auto& d : desired_direction.items) d.setZero();

@@ -90,8 +90,8 @@ concept Drive = requires(D& d, const D& c, const hal::CanFrame& f, hal::CanFrame
   d.enable(send);
   d.disable(send);
   { c.can_carry(torque) } -> std::same_as<bool>;  ///< monotonic in abs(torque), constant over time
-  c.put_torque(out, torque);
-  c.template sample<float>();  ///< JointSample of the last report; see sample_age_ticks()
+  c.put_torque(out, torque);                      ///< N m at the joint; sets id, size and data of `out` alone
+  c.template sample<float>();                     ///< JointSample of the last report; see sample_age_ticks()
   line.request(send);
   line.end_tick(send, true);
 };

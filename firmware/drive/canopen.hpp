@@ -105,6 +105,7 @@ struct Emergency {
   std::uint16_t code;           ///< 0: no error any more
   std::uint8_t error_register;  ///< object 1001
 };
+/// EMCY of a node (1..127), vendor bytes 0.
 [[nodiscard]] constexpr hal::CanFrame encode_emergency(std::uint8_t node, Emergency e) {
   hal::CanFrame f = hal::data_frame(id_emergency + node, 8);
   put_field(f, 0, e.code, 2);
@@ -141,6 +142,7 @@ namespace detail {
 }
 }  // namespace detail
 
+/// Request to read an object of a node (1..127).
 [[nodiscard]] constexpr hal::CanFrame encode_sdo_read(std::uint8_t node, Object o) {
   return detail::sdo(id_sdo_request + node, 0x40, o);
 }
@@ -158,6 +160,7 @@ namespace detail {
   put_field(f, 4, value, bytes);
   return f;
 }
+/// A drive's answer to a write that it carried out.
 [[nodiscard]] constexpr hal::CanFrame encode_sdo_written(std::uint8_t node, Object o) {
   return detail::sdo(id_sdo_reply + node, 0x60, o);
 }

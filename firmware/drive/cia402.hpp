@@ -58,6 +58,7 @@ enum class State : std::uint8_t {
   unknown,  ///< a combination of bits without meaning
 };
 
+/// State that a statusword (6041) reports.
 [[nodiscard]] constexpr State state_of(std::uint16_t status) {
   switch (status & 0x4FU) {
     case 0x00:

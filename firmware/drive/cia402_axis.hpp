@@ -21,6 +21,7 @@ class Cia402Axis {
   Cia402Axis() = default;
   Cia402Axis(const AxisConfig& config, const Settings& settings) : config_(config), settings_(settings) {}
 
+  /// Counts the ages; once per tick, before the frames of the tick are received.
   void begin_tick() {
     // Without enable() in the last tick the next enabling starts anew: the drive may have changed.
     if (!asking_ && control_ == 0) {
@@ -84,9 +85,8 @@ class Cia402Axis {
   [[nodiscard]] bool emergency_stopped() const { return false; }
   /// Its watchdog is our heartbeat, whose time-out is read back instead of tested.
   [[nodiscard]] bool tx_suspended() const { return false; }
-  /// True in the set-up by SDO, in NMT start, or between `ready to switch on` and torque control: brakes and
-  /// capacitors take time. A second attempt counts only if the first one left `switch on disabled`, where a
-  /// drive without power waits.
+  /// True in the set-up by SDO, NMT start, or between `ready to switch on` and torque control: brakes and so
+  /// on take time. A second attempt counts only if the first left `switch on disabled`, as without power.
   [[nodiscard]] bool setting_up() const {
     const bool on_its_way = step_ == Step::operate && (control_ == cia402::control_switch_on ||
                                                        control_ == cia402::control_enable_operation);
@@ -97,6 +97,7 @@ class Cia402Axis {
   [[nodiscard]] bool error() const { return emergency_ != 0 || faulty(); }  ///< EMCY, or state fault
   /// Emergency error code, 0 for none.
   [[nodiscard]] std::uint32_t error_code() const { return emergency_; }
+  /// True if the drive last reported operation enabled, in NMT operational and cyclic torque mode.
   [[nodiscard]] bool closed_loop() const {
     return nmt_ == canopen::NmtState::operational && state_ == cia402::State::operation_enabled &&
            mode_ == cia402::mode_cyclic_torque;
@@ -150,9 +151,8 @@ class Cia402Axis {
   [[nodiscard]] bool can_carry(S joint_torque) const {
     return drive::can_carry(shaft_torque(config_, joint_torque));
   }
-  /// Writes controlword and joint torque (N m, model convention) into f, a classic data frame already: in
-  /// thousandths of the rated torque, half rounded away from zero. Zero unless can_carry(), and before the
-  /// rated torque is known.
+  /// Writes controlword and joint torque (N m, model convention) into f, a classic data frame before; rounded
+  /// to 1/1000 of the rated torque, clamped to the frame. 0 unless can_carry() and the rated torque is known.
   template <class S>
   void put_torque(hal::CanFrame& f, S joint_torque) const {
     const float rated = configurator_.rated_torque();

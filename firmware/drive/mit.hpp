@@ -86,6 +86,7 @@ constexpr void put_command(hal::CanFrame& f, std::uint32_t node, const Command& 
   put_command(f, node, c);
   return f;
 }
+/// Special frame to a node (11 bits): seven bytes FF, then `s`.
 [[nodiscard]] constexpr hal::CanFrame encode_special(std::uint32_t node, Special s) {
   hal::CanFrame f = hal::data_frame(node, 8);
   for (unsigned i = 0; i < 7; ++i) f.data[i] = 0xFF;

@@ -57,6 +57,7 @@ class MitAxis {
     return f.id == config_.node ? Received::foreign_command : Received::not_mine;
   }
 
+  /// Counts the age of the last reply; once per tick, before the frames of the tick are received.
   void begin_tick() {
     counted_ = false;
     if (age_ticks_ < age_max) ++age_ticks_;
@@ -67,8 +68,7 @@ class MitAxis {
   [[nodiscard]] bool brought_sample() const { return true; }                      // every reply does
   [[nodiscard]] std::uint32_t heartbeat_age_ticks() const { return age_ticks_; }  ///< of the last reply
 
-  /// Angle (rad) and rate (rad/s) of the last reply, even with an error. Steps: range / 32767.5 in angle,
-  /// range / 2047.5 in rate.
+  /// Joint angle (rad) and rate (rad/s) of the last reply, even with an error, model convention.
   template <class S>
   [[nodiscard]] JointSample<S> sample() const {
     const S per_rad = S(config_.direction) / S(config_.gear_ratio);

@@ -102,6 +102,7 @@ constexpr void put_torque(hal::CanFrame& f, std::uint8_t node, float torque) {
   put_torque(f, node, torque);
   return f;
 }
+/// Report of an emulated drive; neither NaN nor range is checked.
 [[nodiscard]] constexpr hal::CanFrame encode_encoder_estimates(std::uint8_t node, float position_rev,
                                                                float velocity_rev_s) {
   hal::CanFrame f = detail::frame(node, Message::encoder_estimates, 8);
@@ -162,7 +163,7 @@ struct Torques {
   if (!has_size(f, 8)) return std::nullopt;
   return Torques{std::bit_cast<float>(detail::get_u32(f, 0)), std::bit_cast<float>(detail::get_u32(f, 4))};
 }
-/// Whether an emulated drive takes the frame: a classic data frame of this size or longer.
+/// True if an emulated drive takes the frame: a classic data frame of this size or longer.
 [[nodiscard]] constexpr bool has_at_least(const hal::CanFrame& f, std::uint8_t size) {
   return f.size >= size && !f.remote && !f.fd;
 }
@@ -180,6 +181,7 @@ struct Torques {
 struct ControllerMode {
   std::uint32_t control, input;
 };
+/// Decodes Set_Controller_Mode to any numbers; empty unless has_size(f, 8). The caller checks the identifier.
 [[nodiscard]] constexpr std::optional<ControllerMode> decode_controller_mode(const hal::CanFrame& f) {
   if (!has_size(f, 8)) return std::nullopt;
   return ControllerMode{detail::get_u32(f, 0), detail::get_u32(f, 4)};
@@ -188,11 +190,13 @@ struct ControllerMode {
 /// Types of the endpoints that are read.
 enum class ValueType : std::uint8_t { u8, u32, f32 };  ///< booleans are u8
 
+/// Remote frame by which a drive is asked for its version (0.6).
 [[nodiscard]] constexpr hal::CanFrame encode_version_request(std::uint8_t node) {
   hal::CanFrame f = detail::frame(node, Message::get_version, 8);
   f.remote = true;
   return f;
 }
+/// Request to read the value of an endpoint (0.6), which the drive answers with a TxSdo.
 [[nodiscard]] constexpr hal::CanFrame encode_read(std::uint8_t node, std::uint16_t endpoint) {
   hal::CanFrame f = detail::frame(node, Message::rx_sdo, 8);
   detail::put_u32(f, 0, std::uint32_t{endpoint} << 8U);
@@ -230,6 +234,7 @@ enum class ValueType : std::uint8_t { u8, u32, f32 };  ///< booleans are u8
   detail::put_u32(f, 4, disarm_reason);
   return f;
 }
+/// TxSdo of an emulated drive. `raw`: the value's bits; of a u8 the low eight.
 [[nodiscard]] constexpr hal::CanFrame encode_value(std::uint8_t node, std::uint16_t endpoint,
                                                    std::uint32_t raw) {
   hal::CanFrame f = detail::frame(node, Message::tx_sdo, 8);

@@ -104,6 +104,7 @@ class OdriveAxis {
     acknowledged_ = reports_emergency_stop();
   }
   [[nodiscard]] bool error() const { return last_.axis_error != 0 || last_.component_flags != 0; }
+  /// True if the last heartbeat reported closed-loop control, with or without an error.
   [[nodiscard]] bool closed_loop() const {
     return last_.axis_state == odrive::AxisState::closed_loop_control;
   }
@@ -149,8 +150,7 @@ class OdriveAxis {
     patient_ = false;
   }
 
-  /// Requests idle, and makes the next enable() begin anew with the read-back; clears config_mismatch(). Call
-  /// every tick until idle().
+  /// Requests idle; every tick until idle(). Clears config_mismatch(): the next enable() reads back anew.
   template <class Send>
   void disable(Send&& send) {
     confirmations_ = 0;
@@ -168,8 +168,7 @@ class OdriveAxis {
   [[nodiscard]] bool can_carry(S joint_torque) const {
     return drive::can_carry(shaft_torque(config_, joint_torque));
   }
-  /// Writes the command of a joint torque (N m, model convention) into f, a classic data frame already; zero
-  /// unless can_carry().
+  /// Writes a joint torque (N m, model convention) into f, a classic data frame before; 0 unless can_carry().
   template <class S>
   void put_torque(hal::CanFrame& f, S joint_torque) const {
     const float torque = shaft_torque(config_, joint_torque);

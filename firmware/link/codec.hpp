@@ -193,6 +193,7 @@ struct Status {
   std::uint32_t tick = 0;  ///< 24 bits are sent
   std::uint8_t session = 1;
 };
+/// Status with its checksum; the low four bits of `counter` are sent.
 [[nodiscard]] constexpr hal::CanFrame encode_status(std::uint32_t base, const Status& s,
                                                     std::uint8_t counter) {
   hal::CanFrame f = detail::frame(base, Message::status);
@@ -214,6 +215,7 @@ struct FaultRecord {
   std::uint32_t time_us = 0;      ///< of the last one, since power-up, modulo 2^32
   std::uint32_t drive_error = 0;  ///< error code of the drive
 };
+/// First of the two frames of a record: fault, axis, count, time.
 [[nodiscard]] constexpr hal::CanFrame encode_fault_record(std::uint32_t base, const FaultRecord& r) {
   hal::CanFrame f = detail::frame(base, Message::fault_record);
   f.data[0] = static_cast<std::uint8_t>(r.fault);
@@ -222,6 +224,7 @@ struct FaultRecord {
   put_field(f, 4, r.time_us, 4);
   return f;
 }
+/// Second of the two frames of a record: fault, axis, drive error.
 [[nodiscard]] constexpr hal::CanFrame encode_fault_detail(std::uint32_t base, const FaultRecord& r) {
   hal::CanFrame f = detail::frame(base, Message::fault_detail);
   f.data[0] = static_cast<std::uint8_t>(r.fault);
@@ -230,6 +233,7 @@ struct FaultRecord {
   return f;
 }
 
+/// Value of a parameter, in the unit of its Index, with the answer to a write of it or a request.
 [[nodiscard]] constexpr hal::CanFrame encode_parameter_value(std::uint32_t base, std::uint8_t index,
                                                              Answer answer, bool writable, float value) {
   hal::CanFrame f = detail::frame(base, Message::parameter_value);
@@ -239,6 +243,7 @@ struct FaultRecord {
   detail::put_float(f, 4, value);
   return f;
 }
+/// Checksum of the table (Parameters::crc) and number of its entries.
 [[nodiscard]] constexpr hal::CanFrame encode_parameter_table(std::uint32_t base, std::uint32_t crc,
                                                              std::uint8_t count) {
   hal::CanFrame f = detail::frame(base, Message::parameter_table);

@@ -34,8 +34,7 @@ class CommandLink {
   /// Begins a tick; call before its frames.
   void begin_tick() { ++tick_; }
 
-  /// Takes a frame from the bus and counts the outcome. `waited`: ticks from its arrival to this call, below
-  /// 2^31.
+  /// Takes a frame and counts the outcome. `waited`: ticks from its arrival to this call, below 2^31.
   Outcome receive(const hal::CanFrame& f, std::uint32_t waited = 0) {
     waited_ticks_ = waited;
     if (!active() || f.extended || f.id - config_.base_id >= block_size) return Outcome::not_mine;

@@ -16,6 +16,7 @@ inline constexpr std::uint8_t crc8_inverted = 0xFF;
   for (int bit = 0; bit < 8; ++bit) c = (c & 0x80U) != 0 ? (c << 1U) ^ polynomial : c << 1U;
   return static_cast<std::uint8_t>(c);
 }
+/// CRC-8/SAE-J1850 of all bytes; 0 of none.
 [[nodiscard]] constexpr std::uint8_t crc8(std::span<const std::uint8_t> bytes) {
   std::uint8_t c = crc8_start;
   for (const std::uint8_t b : bytes) c = crc8_add(c, b);
@@ -31,6 +32,7 @@ inline constexpr std::uint32_t crc32_start = 0xFFFF'FFFF;
   for (int bit = 0; bit < 8; ++bit) crc = (crc & 1U) != 0 ? (crc >> 1U) ^ polynomial_reflected : crc >> 1U;
   return crc;
 }
+/// CRC-32/ISO-HDLC of all bytes; 0 of none.
 [[nodiscard]] constexpr std::uint32_t crc32(std::span<const std::uint8_t> bytes) {
   std::uint32_t c = crc32_start;
   for (const std::uint8_t b : bytes) c = crc32_add(c, b);

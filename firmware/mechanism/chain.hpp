@@ -58,7 +58,7 @@ class Chain {
 
   [[nodiscard]] const Body<S>& body(int i) const { return bodies_[i]; }
   ESMC_INLINE static constexpr bool revolute(int i) { return kinds_[i] == Joint::revolute; }
-  /// Whether the axis of body i can turn: a revolute joint lies between it and the base.
+  /// True if the axis of body i can turn: a revolute joint lies between it and the base.
   ESMC_INLINE static constexpr bool turns(int i) {
     for (int j = 0; j <= i; ++j)
       if (revolute(j)) return true;
@@ -80,8 +80,7 @@ class Chain {
   ESMC_INLINE S reach(const Pose& p, int i) const {
     return revolute(i) ? bodies_[i].length : S(bodies_[i].length + slid(p, i));
   }
-  /// Vector from the origin of body i to its mass centre, m, where x is its axis; its rate, m/s, where x is
-  /// the rate of the axis, 1/s.
+  /// Vector from the origin of body i to its mass centre, m, for its axis x; the vector's rate for x'.
   ESMC_INLINE Vec2<S> from_joint(const Vec2<S>& x, int i) const {
     if (shapes_[i] == Shape::bar) return x * bodies_[i].centre;
     return x * bodies_[i].centre + perp(x) * bodies_[i].centre_across;

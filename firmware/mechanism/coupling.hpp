@@ -188,8 +188,7 @@ class Coupling {
     return gather(p, w.template head<Platform::channels>(), leg_torques(p, w));
   }
 
-  /// Calls f(row, e, e', q''_d) once for every channel (90), [F29]; see Serial::for_each_error_row. t: a
-  /// Tracking.
+  /// Calls f(row, e, e', q''_d) once for every channel (90), [F29] of a Tracking; see Serial's.
   template <bool joint_rows = true, class Tracking, class F>
   ESMC_INLINE void for_each_error_row(const Tracking& t, F&& f) const {
     const Independent e = Platform::error(t.desired_pose, t.pose);

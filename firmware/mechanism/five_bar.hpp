@@ -19,9 +19,8 @@ template <class S>
                  gravity);
 }
 
-/// Inverse kinematics of a dyad [F17], without its angles: tip (m, in the frame of the leg) to pose, with
-/// sign sin theta_2 = `working_mode` (+1 or -1). False when the tip is out of reach, at the base or NaN: `p`
-/// is then unchanged.
+/// Inverse kinematics of a dyad [F17] into `p`: tip in m, in the frame of the leg; sign sin theta_2 is
+/// `working_mode` (+1 or -1). False, `p` unchanged: the tip is out of reach, at the base or NaN.
 template <class S>
 [[nodiscard]] bool dyad_inverse(const Dyad<S>& dyad, const Vec2<S>& tip, int working_mode,
                                 typename Dyad<S>::Pose& p) {
@@ -91,8 +90,7 @@ class FiveBar : public Coupling<S, PointMass<S>, Dyad<S>, 2> {
     return tip_in_base(p, 0) - tip_in_base(p, 1);
   }
 
-  /// Inverse kinematics [F17] of the effector (m, in N) in the working mode; the assembly mode follows.
-  /// Empty: out of reach or NaN.
+  /// Inverse kinematics [F17] of the effector (m, in N); mode.assembly is ignored. Empty: out of reach, NaN.
   [[nodiscard]] std::optional<Pose> inverse(const Vec2<S>& effector, const Mode& mode) const {
     Pose p;
     return inverse(effector, mode, p) ? std::optional<Pose>(p) : std::nullopt;
@@ -188,6 +186,7 @@ class FiveBar : public Coupling<S, PointMass<S>, Dyad<S>, 2> {
   static constexpr bool is_angle(int row) { return row >= 2 && (row - 2) % Leg::channels < 2 * Leg::joints; }
   [[nodiscard]] static Vec2<S> independent(const Rates& r) { return r.platform; }           ///< (x', y'), m/s
   [[nodiscard]] static Vec2<S> base(const Rates& r) { return {r.leg[0][0], r.leg[1][0]}; }  ///< rad/s
+  /// x_d - x of the effector, m.
   [[nodiscard]] static Vec2<S> independent_error(const Pose& desired, const Pose& actual) {
     return PointMass<S>::error(desired, actual);
   }
@@ -239,8 +238,7 @@ class FiveBar : public Coupling<S, PointMass<S>, Dyad<S>, 2> {
     return gather_on_base(p, w.template head<2>(), this->leg_torques(p, w));
   }
 
-  /// C^_a^T [w0; tau] [F25], N m: a force at the effector (N) and torques at all joints, gathered on the base
-  /// joints.
+  /// C^_a^T [w0; tau] [F25], N m: effector force w0 (N) and joint torques (N m) gathered on the base joints.
   [[nodiscard, gnu::always_inline]] Vec2<S> gather_on_base(const Pose& p, const Vec2<S>& w0,
                                                            const List<Vec2<S>, 2>& tau) const {
     Vec2<S> f = w0;  // force on the effector, the moments of the distal bars included

@@ -58,6 +58,7 @@ template <class S>
   A.template rightCols<6>() = -Mat<S, 6, 6>::Identity();
   return A;
 }
+/// A of the RR arm (6 x 8), [J, -1] of [F1].
 template <class S>
 [[nodiscard]] Mat<S, 6, 8> matrix_A(const Rr<S>& m, const typename Rr<S>::Pose& p) {
   return matrix_A(m.arm(), p.arm);
@@ -81,15 +82,17 @@ template <class S>
   return A;
 }
 
-/// b = -Adot p, so that A pdot = b [F4], [F15]: the accelerations that remain at constant joint rates.
+/// b = -Adot p of a dyad, so that A pdot = b [F4]. qd: joint rates, rad/s.
 template <class S>
 [[nodiscard]] Vec<S, 6> vector_b(const Dyad<S>& leg, const typename Dyad<S>::Pose& p, const Vec2<S>& qd) {
   return -leg.bias(p, qd, qd).template tail<6>();
 }
+/// b = -Adot p of the RR arm, so that A pdot = b [F4]. qd: joint rates, rad/s.
 template <class S>
 [[nodiscard]] Vec<S, 6> vector_b(const Rr<S>& m, const typename Rr<S>::Pose& p, const Vec2<S>& qd) {
   return vector_b(m.arm(), p.arm, qd);
 }
+/// b = -Adot p of the 5R, so that A pdot = b [F15]. r: rates of effector and joints.
 template <class S>
 [[nodiscard]] Vec<S, 16> vector_b(const FiveBar<S>& m, const typename FiveBar<S>::Pose& p,
                                   const typename FiveBar<S>::Rates& r) {

@@ -65,6 +65,7 @@ class Rr {
   /// 1, as far from type 2 as can be: the arm has none.
   [[nodiscard]] static S abs_sin_type2(const Pose&) { return S(1); }
   [[nodiscard]] static S sin_type2_in_mode(const Pose&, const Mode&) { return S(1); }
+  /// True if sin theta2 has the sign of the mode; false at type 1 and for a NaN.
   [[nodiscard]] static bool in_working_mode(const Pose& p, const Mode& mode) {
     return sin_type1(p) * S(mode.working) > S(0);
   }
@@ -74,6 +75,7 @@ class Rr {
   static constexpr bool is_angle(int row) { return row < 2 * Leg::joints; }
   [[nodiscard]] static Vec2<S> independent(const Rates& r) { return r; }
   [[nodiscard]] static Vec2<S> base(const Rates& r) { return r; }
+  /// theta_d - theta of both joints, rad, in (-pi, pi].
   [[nodiscard]] static Vec2<S> independent_error(const Pose& desired, const Pose& actual) {
     Vec2<S> out;
     unroll<2>([&](auto i) {
@@ -113,6 +115,7 @@ class Rr {
   }
   [[nodiscard]] Channels force(const Channels& v, const Rates& r) const { return arm_.force(v, r); }
   [[nodiscard]] Channels mass() const { return arm_.mass(); }
+  /// C^T w (1), N m: torques of both joints of forces w on the channels.
   [[nodiscard]] Vec2<S> base_torque(const Pose& p, const Channels& w) const {
     return arm_.joint_torques(p.arm, w);
   }
@@ -121,6 +124,7 @@ class Rr {
   [[nodiscard]] Rates rates_of_effector(const Pose& p, const Vec2<S>& v) const {
     return arm_.tip_inverse(p.arm, v);
   }
+  /// Joint accelerations (rad/s2) at the effector's acceleration a (m/s2) and rates r. Not finite at type 1.
   [[nodiscard]] Rates accelerations_of_effector(const Pose& p, const Rates& r, const Vec2<S>& a) const {
     return arm_.tip_inverse(p.arm, a - arm_.tip_bias(p.arm, r, r));
   }

@@ -255,8 +255,7 @@ template <BinaryFloat S, std::size_t N>
   return out;
 }
 
-/// Direction of the vector (x, y), rad in [-pi, pi]; zeros and infinities as in C's atan2. NaN when either is
-/// NaN.
+/// Direction of the vector (x, y), rad in [-pi, pi]; zeros and infinities as in C's atan2. NaN for a NaN.
 template <BinaryFloat S>
 [[nodiscard]] inline S arc_tangent2(S y, S x) {
   using C = ieee::Constants<S>;

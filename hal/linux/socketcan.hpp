@@ -29,8 +29,7 @@ class SocketCan {
 
   /// refused: not well formed, or FD on a classic interface; bus_off: until recover(), or interface down.
   [[nodiscard]] SendStatus try_send(const CanFrame& f);
-  /// Takes the next frame; false: none. Also reads error frames: after bus-off every try_send returns bus_off
-  /// until recover().
+  /// Takes the next frame; false: none. An error frame of bus-off makes try_send fail until recover().
   [[nodiscard]] bool try_receive(CanFrame& f);
   /// Waiting time of the frame received last, by the kernel's time stamp, us; 0 without a stamp.
   [[nodiscard]] std::uint32_t frame_age_us() const { return frame_age_us_; }

@@ -19,9 +19,8 @@ inline constexpr int slcan_line_max = 1 + 8 + 1 + 16 + 4 + 1;
 inline constexpr char slcan_end = '\r';    ///< ends every line; alone: an adapter's positive answer
 inline constexpr char slcan_error = '\a';  ///< an adapter's negative answer, without CR
 
-/// Writes the line of a classic frame with its CR, upper case, and returns its length, 5..27. Returns 0
-/// and leaves `line` for an FD frame, or one that is not well formed. Kinds: t and T data, r and R remote,
-/// capitals 29-bit identifiers.
+/// Writes the line of a classic frame with its CR, upper case, and returns its length, 6..27; 0, `line`
+/// untouched, for an FD frame or one not well formed. t, T: data; r, R: remote; capitals: 29-bit identifier.
 [[nodiscard]] constexpr int slcan_encode(const CanFrame& f, std::array<char, slcan_line_max>& line) {
   if (!well_formed(f) || f.fd || f.bit_rate_switch) return 0;
   int length = 0;
@@ -163,7 +162,7 @@ class SlcanBus {
     return taken ? SendStatus::ok : SendStatus::bus_full;
   }
 
-  /// False: no frame among the available bytes; `f` untouched.
+  /// Takes the next frame. False: none among the available bytes; `f` untouched.
   [[nodiscard]] constexpr bool try_receive(CanFrame& f) {
     char byte = 0;
     for (int n = 0; n < bytes_per_receive && port_->try_read(byte); ++n) {

@@ -30,9 +30,8 @@ class ZynqmpCan {
 
   explicit ZynqmpCan(const Access& access) : a_(access) {}
 
-  /// Joins the bus at `bit_rate` (bit/s) with a reference clock of `clock` (Hz), without filters. False, and
-  /// off the bus: the rate is not exactly possible, the controller does not answer, or the bus is never
-  /// recessive for 11 bits.
+  /// Joins the bus at `bit_rate` (bit/s) with a reference clock of `clock` (Hz), without filters. False, off
+  /// the bus: rate not exactly possible, no answer of the controller, or never 11 recessive bits on the bus.
   [[nodiscard]] bool open(std::uint32_t clock, std::uint32_t bit_rate) {
     opened_ = left_ = false;
     timing_ = bit_timing(clock, bit_rate, zynqmp_can::limits);
@@ -72,9 +71,8 @@ class ZynqmpCan {
     return true;
   }
 
-  /// Withdraws waiting perishable frames. The one in the controller can be withdrawn by a reset only, which
-  /// costs the error counters and may cost an error frame: done if the bus has not taken it since the last
-  /// withdraw().
+  /// Withdraws waiting perishable frames; also the one in the controller if the bus has not taken it since
+  /// the last withdraw(): by a reset, which costs the error counters and maybe an error frame.
   void withdraw() {
     if (!opened_) return;
     pump();
