@@ -44,7 +44,7 @@ struct Demand {
 /// Tracking errors of all channels [F29], in the unit of the channel, per s, per s2.
 template <class M>
 struct ChannelErrors {
-  typename M::Channels e;       ///< q_d - q, angles in (-pi, pi]
+  typename M::Channels e;       ///< q_d - q, angles in [-pi, pi]
   typename M::Channels e_rate;  ///< e' = C(q_d) p#_d - C(q) p#
   typename M::Channels qdd_d;   ///< q''_d = C(q_d) a_d + Cdot(q_d) p#_d
 };

@@ -48,7 +48,7 @@ template <class S>
   if (clamps(law)) return saturated(s, layer);
   return law == Reaching::sign ? sign_of(s) : hyperbolic_tangent(s / layer);
 }
-/// sw(s) of every channel, each with its own layer.
+/// sw(s) of every channel, each with its own layer > 0, in the unit of its s; a NaN stays in its channel.
 template <class S, int N>
 [[nodiscard]] Vec<S, N> switching(Reaching law, const Vec<S, N>& s, const Vec<S, N>& layer) {
   Vec<S, N> out;

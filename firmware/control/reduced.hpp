@@ -29,11 +29,11 @@ class Reduced {
   [[nodiscard]] Vec2<S> times(const Vec2<S>& v) const {
     return {h00_ * v[0] + h01_ * v[1], h01_ * v[0] + h11_ * v[1]};
   }
-  /// H_a^-1 F: accelerations of the base joints by torques on them. Not finite at type 2.
+  /// H_a^-1 F: accelerations (rad/s2) of the base joints by torques on them (N m). Not finite at type 2.
   [[nodiscard]] Vec2<S> solve(const Vec2<S>& F) const {
     return {(h11_ * F[0] - h01_ * F[1]) * inverse_, (h00_ * F[1] - h01_ * F[0]) * inverse_};
   }
-  /// sigma of s = C_a sigma + r with C_a^T M r = 0 [F32]: H_a^-1 C_a^T M s.
+  /// sigma (rad/s) of s = C_a sigma + r with C_a^T M r = 0 [F32]: H_a^-1 C_a^T M s. Not finite at type 2.
   [[nodiscard]] Vec2<S> nearest(const Channels& s) const {
     return solve({weighed(column_[0], s), weighed(column_[1], s)});
   }

@@ -91,18 +91,18 @@ class Cycle {
   }
   /// The output of a brake that opens with power: high while there may be torque.
   [[nodiscard]] bool release_brake() const { return supervisor_.powered(); }
-  /// The torques of the last tick were finite, within their limits, and zero where the state allows none.
-  /// Only broken memory makes it false; it is the condition for refreshing the watchdog.
+  /// True if the torques of the last tick were finite, within their limits, and zero where the state allows
+  /// none. Only broken memory makes it false; it is the condition for refreshing the watchdog.
   [[nodiscard]] bool output_ok() const { return output_ok_; }
 
   [[nodiscard]] const Supervisor& supervisor() const { return supervisor_; }
   [[nodiscard]] const Controller<M>& controller() const { return controller_; }
-  [[nodiscard]] const BusCounters& counters() const { return counters_; }
-  [[nodiscard]] const Sample<M>& sample() const { return sample_; }
+  [[nodiscard]] const BusCounters& counters() const { return counters_; }  ///< since the start
+  [[nodiscard]] const Sample<M>& sample() const { return sample_; }        ///< of the last tick
   [[nodiscard]] const link::CommandLink& link() const { return link_; }
   /// The link, for a store of parameters: link::restore() before the first tick, link::serve() between ticks.
   [[nodiscard]] link::CommandLink& link() { return link_; }
-  [[nodiscard]] const D& axis(int i) const { return axes_[static_cast<unsigned>(i)]; }
+  [[nodiscard]] const D& axis(int i) const { return axes_[static_cast<unsigned>(i)]; }  ///< i < axis_count
 
   /// Makes every axis repeat its last request at the next tick, not after its time: none has been heard yet.
   void ask_again() {

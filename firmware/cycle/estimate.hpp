@@ -36,7 +36,7 @@ template <class S>
   rates = rate;
   return true;
 }
-/// estimate_from_base by value; nothing where that returns false. `closure` is 0.
+/// Pose and rates from base encoders (rad, rad/s), by value, `closure` 0; empty: they fit no mechanism.
 template <class M, class S = typename M::Scalar>
 [[nodiscard]] std::optional<Estimate<M>> estimate_from_base(const M& m, const typename M::Mode& mode,
                                                             const Vec2<S>& angle, const Vec2<S>& rate) {
@@ -106,7 +106,7 @@ template <class M, class S = typename M::Scalar>
   return desired_at_effector(m, mode, x, v, a, d.pose, d.rates, d.acceleration) ? std::optional<Desired<M>>(d)
                                                                                 : std::nullopt;
 }
-/// The other desired_at_base by value; nothing where that returns false.
+/// Reference of base joints at q (rad), qd (rad/s), qdd (rad/s2), by value; empty: they do not close.
 template <class M, class S = typename M::Scalar>
 [[nodiscard]] std::optional<Desired<M>> desired_at_base(const M& m, const typename M::Mode& mode,
                                                         const Vec2<S>& q, const Vec2<S>& qd,

@@ -8,7 +8,7 @@
 
 namespace esmc::part {
 
-/// v' and s of the configured law, without K sw(s); joint rows of v', which have no mass, may be zero.
+/// Sets v' and s of the configured law, without K sw(s); joint rows of v', which have no mass, may be zero.
 template <class M>
 void without_switching(const ControllerConfig<M>& config, const Tracking<M>& t,
                        typename M::Channels& acceleration, typename M::Channels& sliding) {

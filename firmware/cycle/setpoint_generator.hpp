@@ -36,7 +36,7 @@ class SetpointGenerator {
 
   /// True if the caller is to follow this motion instead of the reference.
   [[nodiscard]] bool active() const { return active_; }
-  void activate(bool yes) { active_ = yes; }
+  void activate(bool yes) { active_ = yes; }  ///< sets active(), and nothing else
 
   /// Plans the way to rest from the measured state of the first tick (m and m/s, or rad and rad/s).
   void start(const Vec2<S>& position, const Vec2<S>& velocity) {

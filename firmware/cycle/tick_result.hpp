@@ -42,7 +42,7 @@ struct TickResult {
     for (auto& d : desired_direction.items) d.setZero();
   }
 
-  /// Desired angles of the base joints, rad, in (-pi, pi]. Not computed in the tick: no torque needs them.
+  /// Desired angles of the base joints, rad, in [-pi, pi]. Not computed in the tick: no torque needs them.
   [[nodiscard]] Vec2<S> desired_base() const { return angles_of(desired_direction); }
 };
 

@@ -53,9 +53,9 @@ class Cia402Axis {
 
   /// True if both PDOs of the tick have come, or a heartbeat of a drive that is not operational.
   [[nodiscard]] bool heard_this_tick() const { return reported_ || (has_report_ && has_motion_); }
-  [[nodiscard]] std::uint32_t sample_age_ticks() const { return sample_age_ticks_; }
-  [[nodiscard]] bool brought_sample() const { return sampled_; }
-  [[nodiscard]] std::uint32_t heartbeat_age_ticks() const { return heartbeat_age_ticks_; }
+  [[nodiscard]] std::uint32_t sample_age_ticks() const { return sample_age_ticks_; }  ///< 0: this tick
+  [[nodiscard]] bool brought_sample() const { return sampled_; }  ///< the last accepted frame did
+  [[nodiscard]] std::uint32_t heartbeat_age_ticks() const { return heartbeat_age_ticks_; }  ///< 0: this tick
 
   /// Joint angle (rad) and rate (rad/s) of the last pair of PDOs, model convention; see sample_age_ticks().
   template <class S>
@@ -76,14 +76,14 @@ class Cia402Axis {
   /// other state since. Two PDOs confirm a tick, one of them is enough to be not ready.
   [[nodiscard]] bool ready() const { return confirmations_ >= 2 && closed_loop(); }
   /// True after controlword `disable voltage` if the drive then reported a state without torque in two ticks
-  /// in a row, was stopped by NMT, or booted. Its abort-connection option ends the torque of a stopped drive;
-  /// that option does not apply in pre-operational.
+  /// in a row, was stopped by NMT, or booted. The drive's abort-connection option ends the torque of a
+  /// stopped drive; that option does not apply in pre-operational.
   [[nodiscard]] bool idle() const { return control_ == 0 && (quiet_ >= 2 || booted_); }
   [[nodiscard]] bool must_be_released() const { return release_pending_; }  ///< enabled, and not idle() since
   [[nodiscard]] bool alive() const { return alive_; }  ///< heartbeat, EMCY or SDO has come
-  /// CiA 402 has no message for it: the drive's own input shows as a fault or a disabled drive.
+  /// False: CiA 402 has no message for it; the drive's own input shows as a fault or a disabled drive.
   [[nodiscard]] bool emergency_stopped() const { return false; }
-  /// Its watchdog is our heartbeat, whose time-out is read back instead of tested.
+  /// False: the drive's watchdog is our heartbeat, whose time-out is read back instead of tested.
   [[nodiscard]] bool tx_suspended() const { return false; }
   /// True in the set-up by SDO, NMT start, or between `ready to switch on` and torque control: brakes and so
   /// on take time. A second attempt counts only if the first left `switch on disabled`, as without power.
@@ -93,7 +93,7 @@ class Cia402Axis {
     return attempts_ <= (progressed_ ? attempts_max : 1) &&
            (step_ == Step::setup || step_ == Step::start || on_its_way);
   }
-  void acknowledge() {}
+  void acknowledge() {}  ///< nothing to reset: see emergency_stopped()
   [[nodiscard]] bool error() const { return emergency_ != 0 || faulty(); }  ///< EMCY, or state fault
   /// Emergency error code, 0 for none.
   [[nodiscard]] std::uint32_t error_code() const { return emergency_; }

@@ -20,15 +20,15 @@ class Cia402Configurator {
   void clear_mismatch() { config_mismatch_ = false; }  ///< refused() stays until begin()
 
   [[nodiscard]] bool in_flight() const { return in_flight_; }  ///< a request waits for its answer
-  /// The request was sent four times without an answer.
+  /// True if the request in flight was sent four times without an answer.
   [[nodiscard]] bool exhausted() const { return sent_ > repetitions_max; }
   /// True once a value read back was not the required one or the drive refused; until clear_mismatch().
   [[nodiscard]] bool config_mismatch() const { return config_mismatch_; }
   /// The object of the last mismatch, until begin().
   [[nodiscard]] std::optional<canopen::Object> refused() const { return refused_; }
-  /// N m per thousandth, as read from the drive; 0 before.
+  /// N m at the shaft per thousandth of the rated torque, as read from the drive; 0 before.
   [[nodiscard]] float torque_lsb() const { return rated_torque_ / 1000.0F; }
-  /// N m, as read from the drive; 0 before.
+  /// Rated torque, N m at the shaft, as read from the drive; 0 before.
   [[nodiscard]] float rated_torque() const { return rated_torque_; }
 
   /// Sends the read or write of the present entry, again if it is in flight. False: the bus did not take it,

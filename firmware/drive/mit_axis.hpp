@@ -65,7 +65,7 @@ class MitAxis {
 
   [[nodiscard]] bool heard_this_tick() const { return age_ticks_ == 0; }          ///< a reply came
   [[nodiscard]] std::uint32_t sample_age_ticks() const { return age_ticks_; }     ///< of the last reply
-  [[nodiscard]] bool brought_sample() const { return true; }                      // every reply does
+  [[nodiscard]] bool brought_sample() const { return true; }                      ///< every reply does
   [[nodiscard]] std::uint32_t heartbeat_age_ticks() const { return age_ticks_; }  ///< of the last reply
 
   /// Joint angle (rad) and rate (rad/s) of the last reply, even with an error, model convention.
@@ -84,24 +84,24 @@ class MitAxis {
            config_.gear_ratio;
   }
 
-  /// The bus took the frame that enters motor mode, and replies without error came in two ticks since.
+  /// True if the bus took the frame into motor mode, and replies without error came in two ticks since.
   [[nodiscard]] bool ready() const { return step_ == Step::entered && replies_ >= replies_wanted; }
-  /// The bus took the frame that leaves motor mode, and replies came in two ticks since.
+  /// True if the bus took the frame that leaves motor mode, and replies came in two ticks since.
   [[nodiscard]] bool idle() const { return step_ == Step::left && replies_ >= replies_wanted; }
   [[nodiscard]] bool must_be_released() const { return release_pending_; }  ///< entered, and not idle() since
-  [[nodiscard]] bool alive() const { return alive_; }  ///< a reply has come since the start
-  [[nodiscard]] bool error() const { return error_ != 0; }
+  [[nodiscard]] bool alive() const { return alive_; }       ///< a reply has come since the start
+  [[nodiscard]] bool error() const { return error_ != 0; }  ///< of the drive, or found in its replies
   [[nodiscard]] std::uint32_t error_code() const { return error_; }  ///< 0: none; bits: see above
   /// True if the last order was to enter motor mode and the drive reports no other mode.
   [[nodiscard]] bool closed_loop() const { return step_ == Step::entered && !says(mode_off); }
   // The protocol has no emergency stop, no report of a time-out, no set-up and nothing to read back.
-  [[nodiscard]] bool emergency_stopped() const { return false; }
+  [[nodiscard]] bool emergency_stopped() const { return false; }  ///< the protocol has none
   [[nodiscard]] bool tx_suspended() const { return false; }
   [[nodiscard]] bool setting_up() const { return false; }
   void acknowledge() {}
-  [[nodiscard]] bool config_mismatch() const { return false; }
+  [[nodiscard]] bool config_mismatch() const { return false; }  ///< nothing can be read back
 
-  /// Frames towards motor mode; call every tick while enabling, before put_torque(0).
+  /// Sends frames towards motor mode; call every tick while enabling, before put_torque(0).
   ///
   ///   leave motor mode  ->  replies in two ticks  ->  enter motor mode, without an error  ->  replies in two
   ///   ticks: ready()

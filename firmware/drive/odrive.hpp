@@ -211,7 +211,7 @@ enum class ValueType : std::uint8_t { u8, u32, f32 };  ///< booleans are u8
   if (!has_size(f, 8)) return std::nullopt;
   return std::array{f.data[4], f.data[5], f.data[6]};
 }
-/// Value of a TxSdo; integers beyond 2^24 are rounded. Nothing if the frame is too short for the type.
+/// Value of a TxSdo, a NaN too; integers beyond 2^24 are rounded. Empty: remote, FD, or too short for `type`.
 [[nodiscard]] constexpr std::optional<float> decode_value(const hal::CanFrame& f, ValueType type) {
   if (!has_at_least(f, type == ValueType::u8 ? 5 : 8)) return std::nullopt;
   if (type == ValueType::u8) return static_cast<float>(f.data[4]);
@@ -219,7 +219,7 @@ enum class ValueType : std::uint8_t { u8, u32, f32 };  ///< booleans are u8
   return type == ValueType::u32 ? static_cast<float>(raw) : std::bit_cast<float>(raw);
 }
 
-/// Version reply of an emulated drive.
+/// Get_Version of an emulated drive (0.6). `firmware`: major, minor, revision.
 [[nodiscard]] constexpr hal::CanFrame encode_version(std::uint8_t node,
                                                      const std::array<std::uint8_t, 3>& firmware) {
   hal::CanFrame f = detail::frame(node, Message::get_version, 8);

@@ -53,9 +53,9 @@ class OdriveAxis {
   }
 
   [[nodiscard]] bool heard_this_tick() const { return reported_; }  ///< an encoder report came
-  [[nodiscard]] std::uint32_t sample_age_ticks() const { return sample_age_ticks_; }
-  [[nodiscard]] bool brought_sample() const { return sampled_; }
-  [[nodiscard]] std::uint32_t heartbeat_age_ticks() const { return heartbeat_age_ticks_; }
+  [[nodiscard]] std::uint32_t sample_age_ticks() const { return sample_age_ticks_; }  ///< 0: this tick
+  [[nodiscard]] bool brought_sample() const { return sampled_; }  ///< the last accepted frame did
+  [[nodiscard]] std::uint32_t heartbeat_age_ticks() const { return heartbeat_age_ticks_; }  ///< 0: this tick
 
   /// Joint angle (rad) and rate (rad/s) of the last sample, model convention; see sample_age_ticks().
   template <class S>
@@ -96,9 +96,9 @@ class OdriveAxis {
   [[nodiscard]] bool setting_up() const {
     return tx_suspended() || (step_ == Step::request && !read_back_.done());
   }
-  /// An emergency stop was seen on the bus or reported by the axis, and not acknowledged since.
+  /// True if an emergency stop was seen on the bus or reported by the axis, and not acknowledged since.
   [[nodiscard]] bool emergency_stopped() const { return stopped_; }
-  /// The operator's reset of an emergency stop: its report may be cleared once; a newer one stops again.
+  /// Resets an emergency stop for the operator: its report may be cleared once; a newer one stops again.
   void acknowledge() {
     stopped_ = false;
     acknowledged_ = reports_emergency_stop();
@@ -109,8 +109,8 @@ class OdriveAxis {
     return last_.axis_state == odrive::AxisState::closed_loop_control;
   }
   [[nodiscard]] std::uint32_t error_code() const { return last_.axis_error; }  ///< 0: none
-  /// A value read back is not the required one, or was not answered, or the watchdog did not trip; cleared by
-  /// disable(). Firmware 0.5.6 cannot be read back.
+  /// True if a value read back is not the required one or was not answered, or the watchdog did not trip;
+  /// cleared by disable(). Firmware 0.5.6 cannot be read back.
   [[nodiscard]] bool config_mismatch() const {
     return read_back_.config_mismatch() || watchdog_did_not_trip_;
   }

@@ -252,14 +252,14 @@ struct FaultRecord {
   return f;
 }
 
-/// `scene`: CRC-32 of the values of the scene that the controller was made of; 0: not known.
+/// Identity. `scene`: CRC-32 of the values of the scene that the controller was made of; 0: not known.
 [[nodiscard]] constexpr hal::CanFrame encode_identity(std::uint32_t base, std::uint32_t scene) {
   hal::CanFrame f = detail::frame(base, Message::identity);
   put_field(f, 0, scene, 4);
   f.data[4] = protocol_version;
   return f;
 }
-/// Scene of an Identity; nothing unless the frame is the Identity of a controller at this base.
+/// Scene of an Identity; empty unless the frame is the Identity of a controller at this base: all is checked.
 [[nodiscard]] constexpr std::optional<std::uint32_t> decode_identity(const hal::CanFrame& f,
                                                                      std::uint32_t base) {
   if (f.id != base + static_cast<std::uint32_t>(Message::identity) || f.extended || f.remote || f.fd ||

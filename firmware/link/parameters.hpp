@@ -85,7 +85,7 @@ class Parameters {
     return true;
   }
 
-  /// CRC-32/ISO-HDLC over the binary32 values in the order of their indices, little endian.
+  /// CRC-32/ISO-HDLC over the present values (binary32, little endian) in the order of their indices.
   [[nodiscard]] std::uint32_t crc() const { return crc_; }
 
  private:

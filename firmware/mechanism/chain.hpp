@@ -158,11 +158,11 @@ class Chain {
     if (!revolute(i)) m.slide = desired.axis[i] * slid(desired, i) - actual.axis[i] * slid(actual, i);
     return m;
   }
-  /// Angle from the actual to the desired axis, in (-pi, pi].
+  /// Angle from the actual to the desired axis of body i, rad, in [-pi, pi].
   ESMC_INLINE static S turned_at(int i, const Pose& desired, const Pose& actual) {
     return angle_of_unit(cross(actual.axis[i], desired.axis[i]), dot(actual.axis[i], desired.axis[i]));
   }
-  /// Error of joint i, desired less actual: rad in (-pi, pi], or m. `before`, `turned`: `turned_at` of the
+  /// Error of joint i, desired less actual: rad in [-pi, pi], or m. `before`, `turned`: `turned_at` of the
   /// body before and of this one.
   ESMC_INLINE static S joint_error(int i, S before, S turned, const Pose& desired, const Pose& actual) {
     if (!revolute(i)) return slid(desired, i) - slid(actual, i);

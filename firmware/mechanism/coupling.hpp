@@ -27,7 +27,7 @@ struct PointMass {
   S mass{};     ///< m0, kg
   S gravity{};  ///< m/s2
 
-  /// Velocity of attachment point `leg` by p0#: (dq/dq0) D+ of (39), here 1.
+  /// Velocity (m/s) of a leg's attachment point by p0#: (dq/dq0) D+ of (39), here 1.
   [[nodiscard]] static Vec2<S> attachment_rate(const Pose&, int, const Vec2<S>& v) { return v; }
   /// Transpose of attachment_rate: force on p0# (N) by a force on the attachment point (N).
   [[nodiscard]] static Vec2<S> attachment_force(const Pose&, int, const Vec2<S>& f) { return f; }
@@ -122,7 +122,7 @@ class Coupling {
     return out;
   }
 
-  /// d/dt of C^ along motion a, applied to b: -J_j^-1 Jdot_j(a) b, which is q''_j0 of [F16] for a = b.
+  /// d/dt of C^ along motion a, applied to b: -J_j^-1 Jdot_j(a) b, q''_j0 of [F16] for a = b. Pole at type 1.
   [[nodiscard]] Rates chain_bias(const LegPoses& p, const Rates& a, const Rates& b) const {
     Rates out;
     out.platform.setZero();
@@ -131,7 +131,7 @@ class Coupling {
     return out;
   }
 
-  /// blkdiag(C_j) (40), [F11]: all channels from platform and joint rates.
+  /// blkdiag(C_j) (40), [F11]: rates of all channels from platform and joint rates, which must agree.
   [[nodiscard]] Channels channel_rates(const LegPoses& p, const Rates& r) const {
     return assembled(r.platform, [&](auto j) ESMC_INLINE { return leg_[j].rates(p.leg[j], r.leg[j]); });
   }
@@ -183,12 +183,12 @@ class Coupling {
     return out;
   }
 
-  /// F = C^T w of (95), [F20], on p0#.
+  /// F = C^T w of (95), [F20]: force on p0# (N) by forces w (N, N m) on the channels. Pole at type 1.
   [[nodiscard]] Independent platform_force(const LegPoses& p, const Channels& w) const {
     return gather(p, w.template head<Platform::channels>(), leg_torques(p, w));
   }
 
-  /// Calls f(row, e, e', q''_d) once for every channel (90), [F29] of a Tracking; see Serial's.
+  /// Calls f(row, e, e', q''_d) once per channel (90), [F29] of a Tracking t; see Serial::for_each_error_row.
   template <bool joint_rows = true, class Tracking, class F>
   ESMC_INLINE void for_each_error_row(const Tracking& t, F&& f) const {
     const Independent e = Platform::error(t.desired_pose, t.pose);

@@ -39,7 +39,7 @@ template <class S>
   return true;
 }
 
-/// Angles of two directions, rad, each in (-pi, pi].
+/// Angles of two directions, which need not be unit vectors, rad, each in [-pi, pi].
 template <class S>
 [[nodiscard]] Vec2<S> angles_of(const List<Vec2<S>, 2>& direction) {
   Vec2<S> out;
@@ -140,7 +140,7 @@ class FiveBar : public Coupling<S, PointMass<S>, Dyad<S>, 2> {
     return true;
   }
 
-  /// (theta11, theta12, theta21, theta22), rad, each in (-pi, pi].
+  /// (theta11, theta12, theta21, theta22) of a pose, rad, each in [-pi, pi].
   [[nodiscard]] static Vec<S, 4> angles(const Pose& p) {
     Vec<S, 4> out;
     out << angles_of(p.leg[0].turn), angles_of(p.leg[1].turn);
@@ -151,7 +151,7 @@ class FiveBar : public Coupling<S, PointMass<S>, Dyad<S>, 2> {
   static void base_directions(const Pose& p, List<Vec2<S>, 2>& out) {
     unroll<2>([&](auto j) ESMC_INLINE { out[j] = p.leg[j].turn[0]; });
   }
-  /// (theta11, theta21), rad, each in (-pi, pi].
+  /// (theta11, theta21) of a pose, rad, each in [-pi, pi].
   [[nodiscard]] static Vec2<S> base_angles(const Pose& p) {
     List<Vec2<S>, 2> direction;
     base_directions(p, direction);
@@ -190,7 +190,7 @@ class FiveBar : public Coupling<S, PointMass<S>, Dyad<S>, 2> {
   [[nodiscard]] static Vec2<S> independent_error(const Pose& desired, const Pose& actual) {
     return PointMass<S>::error(desired, actual);
   }
-  /// theta_d - theta of the base joints, rad, in (-pi, pi].
+  /// theta_d - theta of the base joints, rad, in [-pi, pi].
   [[nodiscard]] static Vec2<S> base_error(const Pose& desired, const Pose& actual) {
     Vec2<S> out;
     for (int j = 0; j < 2; ++j) {
@@ -213,7 +213,7 @@ class FiveBar : public Coupling<S, PointMass<S>, Dyad<S>, 2> {
 
   // ---- base-joint form: theta11, theta21 independent. Regular at type 1, pole at type 2 ----
 
-  /// Rates of effector and joints by those of the base joints, rad/s [F23].
+  /// Rates of effector and joints by those of the base joints, rad/s [F23]. Not finite at type 2.
   [[nodiscard]] Rates base_rates(const Pose& p, const Vec2<S>& base) const {
     Vec2<S> closure;
     unroll<2>([&](auto j) ESMC_INLINE { closure[j] = l1(j) * p.leg[j].turn[1].y() * base[j]; });

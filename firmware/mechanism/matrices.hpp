@@ -28,7 +28,7 @@ template <class M>
   return m.channel_accelerations(p, r, m.chain_bias(p, r, r));
 }
 
-/// H = C^T M C [F20] for a C of either form.
+/// H = C^T M C [F20] of matrix_C (kg for the 5R) or matrix_C_base (kg m2), symmetric.
 template <class M, class S = typename M::Scalar>
 [[nodiscard]] Mat<S, 2, 2> mass_matrix(const M& m, const Mat<S, M::channels, 2>& C) {
   const typename M::Channels mass = m.mass();
@@ -42,7 +42,7 @@ template <class M, class S = typename M::Scalar>
   return H;
 }
 
-/// C^T w for a C of either form.
+/// C^T w of matrix_C or matrix_C_base: force on the independent coordinates by forces w on the channels.
 template <class M, class S = typename M::Scalar>
 [[nodiscard]] Vec2<S> gather(const Mat<S, M::channels, 2>& C, const typename M::Channels& w) {
   Vec2<S> out = Vec2<S>::Zero();

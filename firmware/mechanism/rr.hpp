@@ -56,15 +56,15 @@ class Rr {
   }
   /// Sets `out` to (cos, sin) of theta1 and of theta2.
   static void base_directions(const Pose& p, List<Vec2<S>, 2>& out) { out = p.arm.turn; }
-  /// (theta1, theta2), rad, each in (-pi, pi].
+  /// (theta1, theta2) of a pose, rad, each in [-pi, pi].
   [[nodiscard]] static Vec2<S> angles(const Pose& p) { return angles_of(p.arm.turn); }
-  [[nodiscard]] static Vec2<S> base_angles(const Pose& p) { return angles(p); }
+  [[nodiscard]] static Vec2<S> base_angles(const Pose& p) { return angles(p); }  ///< both joints are
   [[nodiscard]] static S sin_type1(const Pose& p) { return p.arm.turn[1].y(); }  ///< sin theta2
   static S min_abs_sin_type1(const Pose& p) { return sin_type1(p) < S(0) ? -sin_type1(p) : sin_type1(p); }
 
   /// 1, as far from type 2 as can be: the arm has none.
   [[nodiscard]] static S abs_sin_type2(const Pose&) { return S(1); }
-  [[nodiscard]] static S sin_type2_in_mode(const Pose&, const Mode&) { return S(1); }
+  [[nodiscard]] static S sin_type2_in_mode(const Pose&, const Mode&) { return S(1); }  ///< no type 2
   /// True if sin theta2 has the sign of the mode; false at type 1 and for a NaN.
   [[nodiscard]] static bool in_working_mode(const Pose& p, const Mode& mode) {
     return sin_type1(p) * S(mode.working) > S(0);
@@ -72,10 +72,10 @@ class Rr {
 
   // ---- what a control law needs: the same names and meanings as in FiveBar, Coupling ----
 
-  static constexpr bool is_angle(int row) { return row < 2 * Leg::joints; }
+  static constexpr bool is_angle(int row) { return row < 2 * Leg::joints; }  ///< false: a length
   [[nodiscard]] static Vec2<S> independent(const Rates& r) { return r; }
   [[nodiscard]] static Vec2<S> base(const Rates& r) { return r; }
-  /// theta_d - theta of both joints, rad, in (-pi, pi].
+  /// theta_d - theta of both joints, rad, in [-pi, pi].
   [[nodiscard]] static Vec2<S> independent_error(const Pose& desired, const Pose& actual) {
     Vec2<S> out;
     unroll<2>([&](auto i) {
@@ -98,7 +98,7 @@ class Rr {
                                           const Rates& a, const Rates& b, F&& f) const {
     arm_.for_each_reference_row(p.arm, sigma, acceleration, a, b, f);
   }
-  static void fill_joint_rows(Channels& s) { Leg::fill_joint_rows(s); }
+  static void fill_joint_rows(Channels& s) { Leg::fill_joint_rows(s); }  ///< see Serial
   [[nodiscard]] Rates chain_rates(const Pose&, const Independent& p) const { return p; }
   [[nodiscard]] Rates chain_accelerations(const Pose&, const Rates&, const Independent& a) const { return a; }
   [[nodiscard]] Rates chain_bias(const Pose&, const Rates&, const Rates&) const { return Rates::Zero(); }
@@ -114,7 +114,7 @@ class Rr {
     return channel_accelerations(p, r, r, acceleration);
   }
   [[nodiscard]] Channels force(const Channels& v, const Rates& r) const { return arm_.force(v, r); }
-  [[nodiscard]] Channels mass() const { return arm_.mass(); }
+  [[nodiscard]] Channels mass() const { return arm_.mass(); }  ///< diagonal of M, kg m2 and kg
   /// C^T w (1), N m: torques of both joints of forces w on the channels.
   [[nodiscard]] Vec2<S> base_torque(const Pose& p, const Channels& w) const {
     return arm_.joint_torques(p.arm, w);

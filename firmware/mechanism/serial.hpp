@@ -105,7 +105,7 @@ class Serial {
     return out;
   }
 
-  /// Position of the tip, m.
+  /// Position of the tip in the frame of the base, m.
   [[nodiscard]] Vec2<S> tip(const Pose& p) const {
     Sum<Vec2<S>> x;
     unroll<joints>([&](auto i) ESMC_INLINE { x.add(p.axis[i] * chain_.reach(p, i)); });
@@ -143,7 +143,7 @@ class Serial {
     return acc.empty() ? Vec2<S>(Vec2<S>::Zero()) : acc.value();
   }
 
-  /// Mass centres of all bodies, m.
+  /// Mass centres of all bodies in the frame of the base, m.
   [[nodiscard]] List<Vec2<S>, joints> centres(const Pose& p) const {
     List<Vec2<S>, joints> out;
     Vec2<S> start = Vec2<S>::Zero();
@@ -154,7 +154,7 @@ class Serial {
     return out;
   }
 
-  /// e = q_d - q of all channels [F29]. Angles come from the unit vectors, so they are in (-pi, pi] by
+  /// e = q_d - q of all channels [F29]. Angles come from the unit vectors, so they are in [-pi, pi] by
   /// construction; joint entries have no mass and serve display only.
   [[nodiscard]] Channels error(const Pose& desired, const Pose& actual) const {
     Channels out;

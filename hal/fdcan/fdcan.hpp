@@ -107,8 +107,8 @@ class Fdcan {
     return true;
   }
 
-  /// Time since the end of the frame received last, at most its stuff bits too long. Wraps after 65 ms at
-  /// 1 Mbit/s. 0, not known, with FD frames.
+  /// Time in us since the end of the frame received last, at most its stuff bits too long. Wraps after 65 ms
+  /// at 1 Mbit/s. 0, not known, with FD frames.
   [[nodiscard]] std::uint32_t frame_age_us() const { return age_us_; }
 
   /// Withdraws perishable frames, also the one in the controller unless it is being sent.
@@ -117,7 +117,7 @@ class Fdcan {
     if (perishable_) cancel();
   }
 
-  /// True if the controller has left the bus after 256 errors, or never joined.
+  /// True if the controller has left the bus after 256 errors and not rejoined, or never joined.
   [[nodiscard]] bool off() const { return !opened_ || (a_.read(fdcan::psr) & fdcan::psr_bit::bus_off) != 0; }
   /// Rejoins after bus-off, dropping all waiting frames: the controller waits for 128 idle sequences and is
   /// off() until then. Torque does not resume, for bus_off is a latched fault.

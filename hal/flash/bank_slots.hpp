@@ -38,9 +38,9 @@ struct G4 {
   static constexpr Word address = 0x0804'0000U, slot_bytes = 2048, first = 126;          // pages of bank 2
   static constexpr unsigned unit_words = 2;
 
-  /// CR: PER, BKER, PNB.
+  /// CR to erase a page of bank 2: PER, BKER, PNB.
   static constexpr Word erase(Word page) { return 1U << 1 | 1U << 11 | page << 3; }
-  /// OPTR: two banks (DBANK), and bank 1 at 0x0800'0000 (BFB2).
+  /// True if OPTR says two banks (DBANK), and bank 1 at 0x0800'0000 (BFB2).
   template <Access A>
   static bool available(const A& a) {
     constexpr Word bfb2 = 1U << 20, dbank = 1U << 22;
@@ -76,9 +76,9 @@ struct H7 {
   static constexpr Word address = 0x0810'0000U, slot_bytes = 128 * 1024, first = 6;  // sectors of bank 2
   static constexpr unsigned unit_words = 8;
 
-  /// CR2: SER, PSIZE, SNB.
+  /// CR2 to erase a sector of bank 2: SER, PSIZE, SNB.
   static constexpr Word erase(Word sector) { return idle | 1U << 2 | sector << 8; }
-  /// OPTCR: bank 1 at 0x0800'0000 (SWAP_BANK).
+  /// True if OPTCR says bank 1 at 0x0800'0000 (SWAP_BANK).
   template <Access A>
   static bool available(const A& a) {
     return (a.read(0x18) & 1U << 31) == 0;

@@ -41,7 +41,7 @@ inline constexpr char slcan_error = '\a';  ///< an adapter's negative answer, wi
   return length;
 }
 
-/// A number of 1 to 8 hexadecimal digits, either case. False, `out` untouched: anything else.
+/// Reads a number of 1 to 8 hexadecimal digits, either case. False, `out` untouched: anything else.
 [[nodiscard]] constexpr bool slcan_hex(std::span<const char> digits, std::uint32_t& out) {
   if (digits.empty() || digits.size() > 8) return false;
   std::uint32_t value = 0;
@@ -56,8 +56,8 @@ inline constexpr char slcan_error = '\a';  ///< an adapter's negative answer, wi
   return true;
 }
 
-/// A line without its CR, as a frame. False, `out` untouched: identifier out of range, length above 8, digits
-/// missing or left over. Four digits behind the data are a time stamp, checked and dropped.
+/// Reads a line without its CR as a frame. False, `out` untouched: identifier out of range, length above 8,
+/// digits missing or left over. Four digits behind the data are a time stamp, checked and dropped.
 [[nodiscard]] constexpr bool slcan_decode(std::span<const char> line, CanFrame& out) {
   if (line.empty()) return false;
   CanFrame f;
@@ -86,7 +86,7 @@ inline constexpr char slcan_error = '\a';  ///< an adapter's negative answer, wi
 /// Bytes in, frames out. A line that is no frame is skipped up to its CR and counted.
 class SlcanDecoder {
  public:
-  /// True: the byte completed the frame in `out`. Else `out` is untouched.
+  /// Takes a byte of the line. True: it completed the frame in `out`; false: `out` is untouched.
   [[nodiscard]] constexpr bool feed(char byte, CanFrame& out) {
     if (byte == slcan_error && length_ == 0) {
       count(errors_);
@@ -107,11 +107,11 @@ class SlcanDecoder {
     return false;
   }
 
-  /// Lines that were neither a frame nor an answer. All counts stop at their largest value.
+  /// Number of lines that were neither a frame nor an answer. All counts stop at their largest value.
   [[nodiscard]] constexpr std::uint32_t malformed() const { return malformed_; }
-  /// Positive answers of the other end.
+  /// Number of positive answers of the other end.
   [[nodiscard]] constexpr std::uint32_t answers() const { return answers_; }
-  /// Negative answers.
+  /// Number of negative answers of the other end.
   [[nodiscard]] constexpr std::uint32_t errors() const { return errors_; }
 
  private:
