@@ -218,8 +218,8 @@ template <class S>
 
 }  // namespace box
 
-/// Least tau^T W tau (N m), W > 0, with R^T tau = F and every |tau_i| <= limit_i; arguments as for
-/// minimum_norm, whose bits it returns where no bound is met.
+/// Torques tau (N m) of least tau^T W tau, W > 0, with R^T tau = F and every |tau_i| <= limit_i. rows: R, as
+/// in FourMotors; weight: diagonal of W. The bits of minimum_norm where no bound is met.
 /// preload: motor i stays at or above preload_i where that is > 0, at or below where it is < 0, free at 0;
 /// |preload_i| <= limit_i. If F needs more, the preload of all motors gives way by the same share, towards
 /// the opposite limit; if that does not suffice, F is shortened. An F that is not finite gives such torques.

@@ -21,8 +21,8 @@ struct BusCounters {
   std::uint32_t not_mine = 0;         ///< of other nodes
   std::uint32_t malformed = 0;        ///< of our axes with a wrong length or format
   std::uint32_t foreign_command = 0;  ///< commands to our axes from other nodes
-  std::uint32_t sent = 0;
-  std::uint32_t send_failed = 0;  ///< queue full: the frame was dropped
+  std::uint32_t sent = 0;             ///< frames that the bus took
+  std::uint32_t send_failed = 0;      ///< dropped: the bus was full or off, or refused it
 };
 
 /// A control tick with its frames. M: Rr or FiveBar; D: the drives' protocol.

@@ -12,7 +12,7 @@ namespace esmc::drive {
 
 /// Relation between the joint (model convention) and the motor shaft.
 struct AxisConfig {
-  std::uint8_t node = 0;
+  std::uint8_t node = 0;    ///< of the drive on its bus
   float direction = 1.0F;   ///< +1: the motor turns with the joint angle of the model, -1: against it
   float gear_ratio = 1.0F;  ///< motor turns per joint turn, > 0
   float offset = 0.0F;      ///< joint angle at encoder zero, rad

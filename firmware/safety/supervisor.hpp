@@ -40,11 +40,11 @@ static_assert(state_names.back() != nullptr);
 /// Commands of an operator.
 enum class Command : std::uint8_t {
   none,
-  enable,
+  enable,        ///< from disabled to enabling; no effect in any other state
   stop,          ///< zero torque, drives to idle
   halt,          ///< to rest under control first, where the configuration allows it
   confirm_zero,  ///< the mechanism stands in its zero pose; obeyed while disabled
-  reset
+  reset          ///< from fault to disabled; ends holding too
 };
 
 /// Behaviour after a mechanism has been brought to rest.
