@@ -21,9 +21,9 @@ class WaitingFrames {
     return true;
   }
   [[nodiscard]] bool empty() const { return size_ == 0; }
-  /// The oldest frame; only if not empty().
+  /// The oldest frame; the caller ensures that it is not empty().
   [[nodiscard]] const CanFrame& front() const { return frames_[first_]; }
-  /// Removes the oldest frame; only if not empty().
+  /// Removes the oldest frame; the caller ensures that it is not empty().
   void pop() {
     first_ = (first_ + 1) % capacity;
     --size_;

@@ -91,7 +91,7 @@ class MitAxis {
   [[nodiscard]] bool must_be_released() const { return release_pending_; }  ///< entered, and not idle() since
   [[nodiscard]] bool alive() const { return alive_; }       ///< a reply has come since the start
   [[nodiscard]] bool error() const { return error_ != 0; }  ///< of the drive, or found in its replies
-  [[nodiscard]] std::uint32_t error_code() const { return error_; }  ///< 0: none; bits: see above
+  [[nodiscard]] std::uint32_t error_code() const { return error_; }  ///< 0: none; low byte: the drive's own
   /// True if the last order was to enter motor mode and the drive reports no other mode.
   [[nodiscard]] bool closed_loop() const { return step_ == Step::entered && !says(mode_off); }
   // The protocol has no emergency stop, no report of a time-out, no set-up and nothing to read back.

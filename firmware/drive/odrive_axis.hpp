@@ -108,7 +108,7 @@ class OdriveAxis {
   [[nodiscard]] bool closed_loop() const {
     return last_.axis_state == odrive::AxisState::closed_loop_control;
   }
-  [[nodiscard]] std::uint32_t error_code() const { return last_.axis_error; }  ///< 0: none
+  [[nodiscard]] std::uint32_t error_code() const { return last_.axis_error; }  ///< 0: none, or a component's
   /// True if a value read back is not the required one or was not answered, or the watchdog did not trip;
   /// cleared by disable(). Firmware 0.5.6 cannot be read back.
   [[nodiscard]] bool config_mismatch() const {

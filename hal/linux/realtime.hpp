@@ -6,10 +6,10 @@
 
 namespace esmc::hal {
 
-/// CLOCK_MONOTONIC, ns.
+/// Time of CLOCK_MONOTONIC, ns: since boot, never set back.
 [[nodiscard]] std::uint64_t monotonic_ns();
 
-/// Gives this thread a fixed priority, 1 to 99 (SCHED_FIFO). Needs CAP_SYS_NICE or a limit (ulimit -r).
+/// Gives this thread a fixed priority, 1 to 99 (SCHED_FIFO). EPERM without CAP_SYS_NICE or limit (ulimit -r).
 [[nodiscard]] std::error_code fixed_priority(int priority);
 /// Locks present and future memory of the process in RAM, and touches 256 KiB of this thread's stack. Needs
 /// CAP_IPC_LOCK or a limit (ulimit -l).

@@ -27,7 +27,7 @@ class SocketCan {
   [[nodiscard]] bool is_open() const { return fd_ >= 0; }
   [[nodiscard]] int descriptor() const { return fd_; }
 
-  /// refused: not well formed, or FD on a classic interface; bus_off: until recover(), or interface down.
+  /// Sends f. refused: not well formed, or FD on a classic bus; bus_off: until recover(), or interface down.
   [[nodiscard]] SendStatus try_send(const CanFrame& f);
   /// Takes the next frame; false: none. An error frame of bus-off makes try_send fail until recover().
   [[nodiscard]] bool try_receive(CanFrame& f);

@@ -147,7 +147,7 @@ class SlcanBus {
 
   explicit constexpr SlcanBus(P& port) : port_(&port) {}
 
-  /// bus_full: the port does not take the line now; refused: no classic frame; bus_off: the port is gone.
+  /// Sends f. bus_full: the port does not take it now; refused: no classic frame; bus_off: the port is gone.
   constexpr SendStatus try_send(const CanFrame& f) {
     std::array<char, slcan_line_max> line{};
     const int length = slcan_encode(f, line);
