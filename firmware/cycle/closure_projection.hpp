@@ -29,7 +29,7 @@ class Closure {
     yy_ = xx * inverse;
   }
 
-  /// The smallest turns, weighted by the variances, that close `gap`.
+  /// The smallest turns (rad), relative to the standard deviations, that close `gap` (m), to first order.
   [[nodiscard]] Vec<S, 4> correction(const Vec2<S>& gap) const {
     const Vec2<S> multiplier = weighed(gap);
     Vec<S, 4> out;
@@ -54,8 +54,7 @@ class Closure {
 };
 
 /// Smallest distance of the leg tips, m, over all angles of joint i (0 to 3: theta11, theta12, theta21,
-/// theta22) with the other readings fixed: the distance of the other tip from the circle of this leg's tip
-/// around the joint. Exact, for neither centre nor radius depends on the reading of joint i.
+/// theta22) while the other readings stay. Exact: does not depend on the reading of joint i.
 template <class S>
 [[nodiscard]] S remaining_gap(const FiveBar<S>& m, const typename FiveBar<S>::Pose& p, int i) {
   const int leg = i / 2, other = 1 - leg;

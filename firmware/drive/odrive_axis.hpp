@@ -103,6 +103,7 @@ class OdriveAxis {
     stopped_ = false;
     acknowledged_ = reports_emergency_stop();
   }
+  /// True if the last heartbeat reports an error of the axis or, firmware 0.5.6, of a component.
   [[nodiscard]] bool error() const { return last_.axis_error != 0 || last_.component_flags != 0; }
   /// True if the last heartbeat reported closed-loop control, with or without an error.
   [[nodiscard]] bool closed_loop() const {

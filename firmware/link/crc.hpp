@@ -6,10 +6,10 @@
 
 namespace esmc::link {
 
-/// CRC-8/SAE-J1850: polynomial 0x1D, start 0xFF, result inverted, nothing reflected. crc8_add takes the state
-/// before the inversion, at first crc8_start.
+/// CRC-8/SAE-J1850: polynomial 0x1D, start 0xFF, result inverted, nothing reflected.
 inline constexpr std::uint8_t crc8_start = 0xFF;
 inline constexpr std::uint8_t crc8_inverted = 0xFF;
+/// Adds a byte to the state before the inversion, at first crc8_start.
 [[nodiscard]] constexpr std::uint8_t crc8_add(std::uint8_t crc, std::uint8_t byte) {
   constexpr unsigned polynomial = 0x1D;
   unsigned c = crc ^ byte;

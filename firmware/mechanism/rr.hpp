@@ -88,6 +88,7 @@ class Rr {
   [[nodiscard]] static Vec2<S> base_error(const Pose& desired, const Pose& actual) {
     return independent_error(desired, actual);
   }
+  /// Calls f(row, e, e', q''_d) once per channel [F29] of a Tracking t; see Serial::for_each_error_row.
   template <bool joint_rows = true, class Tracking, class F>
   ESMC_INLINE void for_each_error_row(const Tracking& t, F&& f) const {
     arm_.template for_each_error_row<joint_rows>(t.desired_pose.arm, t.desired_rates, t.desired_acceleration,
