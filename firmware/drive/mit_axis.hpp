@@ -125,8 +125,7 @@ class MitAxis {
     if (step_ == Step::unknown && (alive_ || due)) leave(send);
   }
 
-  /// The next enable() goes on or starts over at once, without waiting for retry_ticks.
-  void ask_again() { wait_ticks_ = 0; }
+  void ask_again() { wait_ticks_ = 0; }  ///< the next enable() goes on or starts over at once
 
   /// Sends frames that end motor mode, from the second call on: a drive keeps its last command, so the zero
   /// command of the first tick must reach it before. Call every tick until idle().
