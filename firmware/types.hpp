@@ -20,7 +20,7 @@ using Mat = Eigen::Matrix<S, Rows, Cols>;
 template <class S>
 using Vec2 = Vec<S, 2>;
 
-/// std::array indexed by int, so that loops over joints and legs need no casts.
+/// std::array indexed by int, so that loops over joints and legs need no casts. No index is checked.
 template <class T, int N>
 struct List {
   std::array<T, static_cast<std::size_t>(N)> items;
@@ -59,7 +59,7 @@ class Sum {
     value_ = empty_ ? T(-x) : T(value_ - x);
     empty_ = false;
   }
-  [[nodiscard]] ESMC_INLINE T plus(const T& x) const { return empty_ ? x : T(value_ + x); }
+  [[nodiscard]] ESMC_INLINE T plus(const T& x) const { return empty_ ? x : T(value_ + x); }  ///< sum + x
   [[nodiscard]] bool empty() const { return empty_; }
   /// The sum; undefined while empty.
   [[nodiscard]] const T& value() const { return value_; }

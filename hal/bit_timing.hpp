@@ -17,8 +17,8 @@ struct BitTimingLimits {
   std::uint32_t prescaler, segment1, segment2, jump_width;
 };
 
-/// The finest quanta, at least 8, that give exactly `bit_rate` (bit/s) from `clock` (Hz). The sample point is
-/// at 80 % of the bit or just after, and two quanta before its end or more; the jump width is the largest.
+/// The finest quanta, at least 8, that give exactly `bit_rate` (bit/s) from `clock` (Hz); none: not exact().
+/// Sample point at 80 % of the bit or just after, two quanta or more before its end; largest jump width.
 [[nodiscard]] constexpr BitTiming bit_timing(std::uint32_t clock, std::uint32_t bit_rate,
                                              const BitTimingLimits& most) {
   if (bit_rate == 0 || clock % bit_rate != 0) return {};

@@ -47,13 +47,14 @@ inline void copy_used(const CanFrame& from, CanFrame& to) {
   std::memcpy(static_cast<void*>(&to), &from, offsetof(CanFrame, data) + can_classic_size_max);
 }
 
-/// A frame that a controller may put on the wire: identifier in range, size allowed by its format.
+/// True for a frame that a controller may put on the wire: identifier in range, size allowed by its format.
 [[nodiscard]] constexpr bool well_formed(const CanFrame& f) {
   const std::uint32_t id_max = f.extended ? 0x1FFF'FFFFU : 0x7FFU;
   const std::uint8_t size_max = f.fd ? can_fd_size_max : can_classic_size_max;
   return f.id <= id_max && f.size <= size_max && !(f.fd && f.remote);
 }
 
+/// Classic data frame with an 11-bit identifier and `size` bytes 0; neither is checked.
 [[nodiscard]] constexpr CanFrame data_frame(std::uint32_t id, std::uint8_t size) {
   CanFrame f;
   f.id = id;
@@ -65,6 +66,7 @@ inline void copy_used(const CanFrame& from, CanFrame& to) {
 constexpr void put_field(CanFrame& f, std::size_t at, std::uint32_t value, std::size_t bytes) {
   for (std::size_t i = 0; i < bytes; ++i) f.data[at + i] = static_cast<std::uint8_t>(value >> (8U * i));
 }
+/// The number in `bytes` (1..4) bytes of data from `at` on, little-endian. Not checked: at + bytes <= 64.
 [[nodiscard]] constexpr std::uint32_t get_field(const CanFrame& f, std::size_t at, std::size_t bytes) {
   std::uint32_t value = 0;
   for (std::size_t i = 0; i < bytes; ++i) value |= std::uint32_t{f.data[at + i]} << (8U * i);

@@ -14,15 +14,16 @@ class WaitingFrames {
  public:
   static constexpr std::uint32_t capacity = 32;
 
-  /// False: full.
+  /// Appends a copy of f. False: full, nothing changed.
   [[nodiscard]] bool push(const CanFrame& f) {
     if (size_ == capacity) return false;
     at(size_++) = f;
     return true;
   }
   [[nodiscard]] bool empty() const { return size_ == 0; }
-  /// The oldest frame; only if not empty().
+  /// The oldest frame; the caller ensures that it is not empty().
   [[nodiscard]] const CanFrame& front() const { return frames_[first_]; }
+  /// Removes the oldest frame; the caller ensures that it is not empty().
   void pop() {
     first_ = (first_ + 1) % capacity;
     --size_;

@@ -8,8 +8,7 @@ namespace esmc {
 /// Joint torques tau (N m) with R^T tau = F and least tau^T W tau, W diagonal > 0 [F26]: weighted minimum
 /// norm by Gram-Schmidt QR of W^-1/2 R, which does not square the condition number as the normal equations
 /// do. rows: R, independent rates to joint rates; F: force on the independent coordinates. Only the ratios of
-/// the weights count; the smallest may be any normal number. Nearly parallel columns of R give torques that
-/// are huge or not finite.
+/// the weights count. Nearly parallel columns of R give torques that are huge or not finite.
 template <class S>
 [[nodiscard]] Vec<S, 4> minimum_norm(const Mat<S, 4, 2>& rows, const Vec2<S>& F, const Vec<S, 4>& weight) {
   Vec<S, 4> root;  // W^-1/2
@@ -53,8 +52,8 @@ struct FourMotors {
   Vec2<S> F;          ///< on the independent coordinates: N m (base joints) or N (x, y)
 };
 
-/// Task that forces w on the channels set, in the better conditioned form: base joints near type 1 and at a
-/// tie, (x, y) near type 2.
+/// The task that takes the place of forces w (N, N m) on the channels, in the better conditioned form: base
+/// joints near type 1 and at a tie, (x, y) near type 2.
 template <class S>
 [[nodiscard]] FourMotors<S> four_motors(const FiveBar<S>& m, const typename FiveBar<S>::Pose& p,
                                         const typename FiveBar<S>::Channels& w) {

@@ -36,14 +36,13 @@ template <class S>
   return b > a ? b : a;
 }
 
-/// A side of the polygon of forces, parallel to the row of `motor`, which is free there; all other motors are
-/// at a bound.
+/// A side of the polygon of forces, parallel to the row of `motor`, which is free; the others are at a bound.
 struct Side {
   int motor = -1;      ///< -1: not on a side
   bool upper = false;  ///< of the two sides the one with the larger force across
 };
 
-/// Largest share of F, at most 1, that motors with limits +-limit attain.
+/// Largest share of F, at most 1, that motors with limits +-limit attain; below 1 it sets the side `reached`.
 template <class S>
 [[nodiscard]] S attainable(const Mat<S, 4, 2>& rows, const Vec2<S>& F, const Vec<S, 4>& limit,
                            Side& reached) {
@@ -61,7 +60,7 @@ template <class S>
   return share;
 }
 
-/// Least share, from 0 to 1, by which `wanted` must be widened towards +-limit for F to be attainable.
+/// Least share, 0 to 1, by which `wanted` must widen towards +-limit to attain F; above 0 it sets `reached`.
 template <class S>
 [[nodiscard]] S widening(const Mat<S, 4, 2>& rows, const Vec2<S>& F, const TorqueBox<S>& wanted,
                          const Vec<S, 4>& limit, Side& reached) {
@@ -104,8 +103,7 @@ template <class S>
   return torque;
 }
 
-/// N: two torque vectors without effect on the motion, orthonormal in W: R^T n = 0, n^T W n = 1. `root`:
-/// W^-1/2.
+/// N: two torque vectors without effect on the motion: R^T N = 0, N^T W N = 1. root: W^-1/2, all > 0.
 template <class S>
 [[nodiscard]] Mat<S, 4, 2> null_space(const Mat<S, 4, 2>& rows, const Vec<S, 4>& root) {
   Mat<S, 4, 4> q;  // orthonormal; the first two span W^-1/2 R
@@ -220,12 +218,11 @@ template <class S>
 
 }  // namespace box
 
-/// Least tau^T W tau (N m), W > 0, with R^T tau = F and every |tau_i| <= limit_i; arguments as for
-/// minimum_norm, whose bits it returns where no bound is met.
+/// Torques tau (N m) of least tau^T W tau, W > 0, with R^T tau = F and every |tau_i| <= limit_i. rows: R, as
+/// in FourMotors; weight: diagonal of W. The bits of minimum_norm where no bound is met.
 /// preload: motor i stays at or above preload_i where that is > 0, at or below where it is < 0, free at 0;
 /// |preload_i| <= limit_i. If F needs more, the preload of all motors gives way by the same share, towards
-/// the opposite limit; if that does not suffice, F is shortened. A value of F that is not finite gives
-/// torques that are not.
+/// the opposite limit; if that does not suffice, F is shortened. An F that is not finite gives such torques.
 template <class S>
 [[nodiscard]] BoxAllocation<S> allocate_within(const Mat<S, 4, 2>& rows, const Vec2<S>& F,
                                                const Vec<S, 4>& weight, const Vec<S, 4>& limit,
@@ -277,8 +274,7 @@ template <class S>
   return box::clamped(out, limit);
 }
 
-/// allocate_within with R and F of four_motors, for forces w (N or N m) on the channels of a 5R. Limit and
-/// preload in N m per motor.
+/// allocate_within for forces w (N or N m) on the channels of a 5R, with its R and F from four_motors.
 template <class S>
 [[nodiscard]] BoxAllocation<S> allocate_all_within(const FiveBar<S>& m, const typename FiveBar<S>::Pose& p,
                                                    const typename FiveBar<S>::Channels& w,

@@ -1,6 +1,5 @@
 #pragma once
-/// The implicit step of all channels together: not a clamp in each, but the s+ that the mechanism can reach.
-/// docs/reaching.md.
+/// The implicit step of all channels together: the s+ that the mechanism can reach. docs/reaching.md.
 
 #include <limits>
 
@@ -29,8 +28,7 @@ class CoupledStep {
   /// s: unit of the channel / s; weight: w_i >= 0. Keeps references to all three.
   CoupledStep(const Reduced<M>& reduced, const Channels& s, const Channels& weight)
       : reduced_(reduced), s_(s), weight_(weight) {}
-  /// q: change of the base joint rates, rad/s. False: not solved within `most_steps`, or a NaN; q is then
-  /// undefined.
+  /// Sets q, the change of the base joint rates, rad/s. False, q undefined: not within `most_steps`, or NaN.
   [[nodiscard]] bool solve(Vec2<S>& q) {
     q = Vec2<S>::Zero();
     if (clamped(q)) return true;

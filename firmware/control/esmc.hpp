@@ -26,8 +26,7 @@ struct Gains {
   } independent{};
 };
 
-/// State and reference as every law takes them. Poses are closed, rates belong to their pose. Not initialised
-/// by itself.
+/// State and reference as every law takes them: closed poses and their rates. Not initialised by itself.
 template <class M>
 struct Tracking {
   typename M::Pose pose, desired_pose;
@@ -42,13 +41,14 @@ struct Demand {
   typename M::Channels sliding;       ///< s, unit of the channel / s; zero where the law has none
 };
 
-/// Tracking errors of all channels [F29].
+/// Tracking errors of all channels [F29], in the unit of the channel, per s, per s2.
 template <class M>
 struct ChannelErrors {
-  typename M::Channels e;       ///< q_d - q, angles in (-pi, pi]
+  typename M::Channels e;       ///< q_d - q, angles in [-pi, pi]
   typename M::Channels e_rate;  ///< e' = C(q_d) p#_d - C(q) p#
   typename M::Channels qdd_d;   ///< q''_d = C(q_d) a_d + Cdot(q_d) p#_d
 };
+/// Tracking errors of the state `t` in every channel [F29]; NaN in, NaN out.
 template <class M>
 [[nodiscard]] ChannelErrors<M> channel_errors(const M& m, const Tracking<M>& t) {
   using S = typename M::Scalar;

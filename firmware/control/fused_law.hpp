@@ -1,13 +1,12 @@
 #pragma once
 /// The laws as a control tick evaluates them: bit for bit `demand` of law.hpp, but in one pass over the rows
-/// that stores no errors. Joint rows of v' are not set: they have no mass, so C^T (M v' + f + g) does not
-/// depend on them.
+/// that stores no errors. Joint rows of v' are not set: without mass they do not enter C^T (M v' + f + g).
 
 #include "firmware/control/law.hpp"
 
 namespace esmc {
 
-/// esmc and esmc_projected with a reaching law that clamps. One function per law: in one for both, the
+/// Sets v' and s of esmc or esmc_projected with a reaching law that clamps. One function per law: in one, the
 /// compiler no longer keeps the rows in registers.
 template <LawKind law, class M>
 [[gnu::noinline]] void clamped_acceleration(const M& m, const Gains<M>& gain, const Tracking<M>& t,
@@ -30,6 +29,7 @@ template <LawKind law, class M>
   }
   M::fill_joint_rows(sliding);
 }
+/// clamped_acceleration of `law`: esmc, or else esmc_projected.
 template <class M>
 void channelwise_acceleration(LawKind law, const M& m, const Gains<M>& gain, const Tracking<M>& t,
                               typename M::Channels& acceleration, typename M::Channels& sliding) {
@@ -40,7 +40,7 @@ void channelwise_acceleration(LawKind law, const M& m, const Gains<M>& gain, con
   }
 }
 
-/// The same with sign or tanh, which add K sw(s) in a second pass: a tick with them may take longer.
+/// Sets v' and s of esmc or esmc_projected with sign or tanh: a second pass adds K sw(s), and takes longer.
 template <class M>
 [[gnu::noinline]] void unclamped_acceleration(LawKind law, const M& m, const Gains<M>& gain,
                                               Reaching reaching, const Tracking<M>& t,
@@ -54,7 +54,8 @@ template <class M>
   acceleration += gain.k.cwiseProduct(switching(reaching, sliding, gain.layer));
 }
 
-/// v' of the rows with mass and, for a log, s: of a joint the difference of its bars' (model.md section 10).
+/// Sets v' (unit of the channel / s2; joint rows undefined) and, for a log, s (/ s; of a joint the difference
+/// of its bars', model.md section 10) of any law. Both zero for pd: see torque_pd.
 template <class M>
 void fused_acceleration(LawKind law, const M& m, const Gains<M>& gain, Reaching reaching,
                         const Tracking<M>& t, typename M::Channels& acceleration,

@@ -63,7 +63,8 @@ template <class M, class S = typename M::Scalar>
   return m.channel_accelerations(t.pose, t.rates, m.chain_accelerations(t.pose, t.rates, u));
 }
 
-/// u = a_d + lambda e' + k sw(s), s = e' + lambda e [F27]; s stands in the first two rows of `sliding`.
+/// Sets v' = C u + c with u = a_d + lambda e' + k sw(s), s = e' + lambda e of the independent coordinates
+/// [F27]. s stands in the first two rows of `sliding`, the others are zero.
 template <class M>
 void smc_acceleration(const M& m, const Gains<M>& gain, Reaching reaching, const Tracking<M>& t,
                       typename M::Channels& acceleration, typename M::Channels& sliding) {
@@ -80,8 +81,8 @@ void smc_acceleration(const M& m, const Gains<M>& gain, Reaching reaching, const
   acceleration = independent_acceleration(m, t, u);
 }
 
-/// Computed torque, u = a_d + Kd e' + Kp e on the independent coordinates, model.md section 8; `sliding` is
-/// zero.
+/// Sets v' = C u + c with u = a_d + Kd e' + Kp e of the independent coordinates (computed torque, model.md
+/// section 8), and `sliding` to zero.
 template <class M>
 void ctc_acceleration(const M& m, const Gains<M>& gain, const Tracking<M>& t,
                       typename M::Channels& acceleration, typename M::Channels& sliding) {
@@ -100,7 +101,7 @@ template <class M, class S = typename M::Scalar>
          (M::base(t.desired_rates) - M::base(t.rates)) * gain.independent.kd;
 }
 
-/// smc and ctc; zeros for pd, which asks for a torque directly.
+/// Sets v' and s of smc or ctc; zeros for any other law (pd asks for a torque directly, see torque_pd).
 template <class M>
 void independent_law(LawKind law, const M& m, const Gains<M>& gain, Reaching reaching, const Tracking<M>& t,
                      typename M::Channels& acceleration, typename M::Channels& sliding) {
@@ -110,7 +111,7 @@ void independent_law(LawKind law, const M& m, const Gains<M>& gain, Reaching rea
   sliding.setZero();
 }
 
-/// v' and s of any law, all rows. The controller calls `fused_acceleration`.
+/// v' and s of any law, all rows; zeros for pd. The controller calls `fused_acceleration`.
 template <class M>
 [[nodiscard]] Demand<M> demand(LawKind law, const M& m, const Gains<M>& gain, Reaching reaching,
                                const Tracking<M>& t) {

@@ -16,14 +16,13 @@ enum class Reaching : std::uint8_t {
   implicit,    ///< backward Euler [F39]: saturation whose layer (1 + d) h K follows from the sampling
 };
 
-/// Whether sw is `saturated`.
+/// True if sw of this law is `saturated`: saturation and implicit.
 [[nodiscard]] constexpr bool clamps(Reaching law) {
   return law == Reaching::saturation || law == Reaching::implicit;
 }
 
 /// The layer with which `saturation` is the implicit step [F39], in the unit of s: gain K >= 0, sample time
-/// h > 0 (s), torque delay d >= 0 (ticks). Always > 0: a gain of 0, or one whose layer would underflow, gets
-/// the layer of gain 1.
+/// h > 0 (s), torque delay d >= 0 (ticks). Always > 0: where it would be 0 or underflow, that of gain 1.
 template <class S>
 [[nodiscard]] constexpr S implicit_layer(S gain, S sample_time, S delay_ticks) {
   const S of_unit = (S(1) + delay_ticks) * sample_time, layer = of_unit * gain;
@@ -49,7 +48,7 @@ template <class S>
   if (clamps(law)) return saturated(s, layer);
   return law == Reaching::sign ? sign_of(s) : hyperbolic_tangent(s / layer);
 }
-/// sw(s) of every channel, each with its own layer.
+/// sw(s) of every channel, each with its own layer > 0, in the unit of its s; a NaN stays in its channel.
 template <class S, int N>
 [[nodiscard]] Vec<S, N> switching(Reaching law, const Vec<S, N>& s, const Vec<S, N>& layer) {
   Vec<S, N> out;

@@ -14,7 +14,7 @@ namespace esmc {
 struct PhaseClock {
   std::uint64_t start = 0, per_tick = 0;
 
-  /// rad, in [-pi, pi).
+  /// Angle at a tick, rad, in [-pi, pi].
   template <class S>
   [[nodiscard]] S angle(std::uint64_t tick) const {
     const auto phase = static_cast<std::int64_t>(start + per_tick * tick);
@@ -41,8 +41,8 @@ struct Quintic {
   List<Vec2<S>, 6> c{{{Vec2<S>::Zero(), Vec2<S>::Zero(), Vec2<S>::Zero(), Vec2<S>::Zero(), Vec2<S>::Zero(),
                        Vec2<S>::Zero()}}};
 
-  /// The polynomial from a to b with equal position, velocity and acceleration at both ends. duration: s, >
-  /// 0.
+  /// The polynomial with position, velocity and acceleration of `a` at its start and of `b` at its end.
+  /// duration: s, > 0, which the caller checks.
   [[nodiscard]] static Quintic between(const Motion2<S>& a, const Motion2<S>& b, S duration) {
     const S d = duration, d2 = duration * duration;
     const Vec2<S> p = b.position - a.position - a.velocity * d - a.acceleration * (d2 * S(0.5));
@@ -52,7 +52,7 @@ struct Quintic {
             {{a.position, a.velocity * d, a.acceleration * (d2 * S(0.5)), p * S(10) - v * S(4) + w * S(0.5),
               p * S(-15) + v * S(7) - w, p * S(6) - v * S(3) + w * S(0.5)}}};
   }
-  /// t: s, clamped to [0, duration]; a NaN gives NaN.
+  /// Motion at t (s, clamped to [0, duration]); a NaN gives NaN.
   [[nodiscard]] Motion2<S> at(S t) const {
     const S u = t <= S(0) ? S(0) : (t >= duration ? S(1) : t / duration), r = S(1) / duration;
     Motion2<S> m;
@@ -93,8 +93,7 @@ struct Reference {
   std::span<const PathSegment<S>> path{};  ///< owned by the caller, ascending start_tick
   std::uint32_t repeat_ticks = 0;          ///< length of one round of the path; 0: once
 
-  /// Motion at a tick; sample_time: s, > 0. hold_start and an empty path give the centre at rest. Not inline:
-  /// one copy in an image.
+  /// Motion at a tick; sample_time: s, > 0. hold_start and an empty path give the centre at rest.
   [[nodiscard, gnu::noinline]] Motion2<S> at(std::uint64_t tick, S sample_time) const {
     Motion2<S> m;
     m.position = centre;
@@ -156,7 +155,8 @@ class JoinedReference {
 
   [[nodiscard]] const Reference<S>& reference() const { return reference_; }
 
-  /// Position and velocity at tick 0, in the coordinates of the reference.
+  /// Begins at this position and velocity (m or rad, per s) at tick 0, in the coordinates of the reference.
+  /// With hold_start the position becomes the centre.
   void start(const Vec2<S>& position, const Vec2<S>& velocity) {
     if (reference_.kind == ReferenceKind::hold_start) reference_.centre = position;
     if (join_ticks_ == 0) return;
@@ -168,6 +168,7 @@ class JoinedReference {
     join_ = Quintic<S>::between(offset, {}, S(join_ticks_) * sample_time_);
   }
 
+  /// Motion at a tick since start(): the reference, and the rest of the offset for join_ticks.
   [[nodiscard]] Motion2<S> at(std::uint64_t tick) const {
     Motion2<S> m = reference_.at(tick, sample_time_);
     if (tick < join_ticks_) {

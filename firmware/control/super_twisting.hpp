@@ -78,7 +78,7 @@ class SuperTwisting {
     return w;
   }
 
-  /// The integral: disturbance that is compensated, unit of s / s.
+  /// The integral: disturbance that is compensated, unit of s / s. Undefined from reset() to the next step().
   [[nodiscard]] const Vec2<S>& integral() const { return z_; }
 
  private:

@@ -29,13 +29,14 @@ class Closure {
     yy_ = xx * inverse;
   }
 
-  /// The smallest turns, weighted by the variances, that close `gap`.
+  /// The smallest turns (rad), relative to the standard deviations, that close `gap` (m), to first order.
   [[nodiscard]] Vec<S, 4> correction(const Vec2<S>& gap) const {
     const Vec2<S> multiplier = weighed(gap);
     Vec<S, 4> out;
     for (int i = 0; i < 4; ++i) out[i] = -variance_[i] * dot(column_[i], multiplier);
     return out;
   }
+  /// Rate of the gap, m/s, of joint rates in rad/s.
   [[nodiscard]] Vec2<S> rate(const Vec<S, 4>& joint_rate) const {
     Vec2<S> out = Vec2<S>::Zero();
     for (int i = 0; i < 4; ++i) out += column_[i] * joint_rate[i];
@@ -53,8 +54,7 @@ class Closure {
 };
 
 /// Smallest distance of the leg tips, m, over all angles of joint i (0 to 3: theta11, theta12, theta21,
-/// theta22) with the other readings fixed: the distance of the other tip from the circle of this leg's tip
-/// around the joint. Exact, for neither centre nor radius depends on the reading of joint i.
+/// theta22) while the other readings stay. Exact: does not depend on the reading of joint i.
 template <class S>
 [[nodiscard]] S remaining_gap(const FiveBar<S>& m, const typename FiveBar<S>::Pose& p, int i) {
   const int leg = i / 2, other = 1 - leg;
@@ -69,8 +69,7 @@ template <class S>
 }
 
 /// 1 + the only joint whose angle alone can close the gap to `allowed` / 4 (m) while every other joint leaves
-/// more than `allowed` / 2; else 0. The result is wrong only if the other three readings contradict each
-/// other by half of the limit.
+/// more than `allowed` / 2; else 0. Wrong only if the other three readings contradict each other by that.
 template <class S>
 [[nodiscard, gnu::noinline]] std::uint8_t contradicting_joint(const FiveBar<S>& m,
                                                               const typename FiveBar<S>::Pose& p, S allowed) {

@@ -52,9 +52,10 @@ class Controller {
 
   /// The generator of set points; its motion replaces the reference while it is active.
   [[nodiscard]] SetpointGenerator<S>& setpoints() { return setpoints_; }
-  /// The mechanism can reach this position: effector or base joints, as in the reference.
+  /// True if the mechanism has a pose at this finite position: effector (m) or base joints (rad), as in the
+  /// reference. Neither limits nor the way there are checked.
   [[nodiscard]] bool reachable(const Vec2<S>& position) const;
-  /// While disabled only.
+  /// Sets the gains from the table of the link (see esmc::set_gains). The caller ensures that it is disabled.
   void set_gains(const link::Parameters& p, S delay_ticks);
 
   /// One tick: sample -> estimate -> guards -> reference -> law -> allocation -> limits. A fault is raised at

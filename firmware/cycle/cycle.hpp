@@ -21,8 +21,8 @@ struct BusCounters {
   std::uint32_t not_mine = 0;         ///< of other nodes
   std::uint32_t malformed = 0;        ///< of our axes with a wrong length or format
   std::uint32_t foreign_command = 0;  ///< commands to our axes from other nodes
-  std::uint32_t sent = 0;
-  std::uint32_t send_failed = 0;  ///< queue full: the frame was dropped
+  std::uint32_t sent = 0;             ///< frames that the bus took
+  std::uint32_t send_failed = 0;      ///< dropped: the bus was full or off, or refused it
 };
 
 /// A control tick with its frames. M: Rr or FiveBar; D: the drives' protocol.
@@ -73,61 +73,59 @@ class Cycle {
     silent_ticks_.fill(drive::age_max);
   }
 
-  /// Stores a command for the next tick. A later command does not replace a stop, and only a stop replaces a
-  /// halt.
+  /// Stores a command for the next tick in place of an earlier one; only a stop replaces a halt or a stop.
   void command(Command c) {
     if (command_ != Command::stop && (command_ != Command::halt || c == Command::stop)) command_ = c;
   }
-  /// State of the normally closed contact `enable`, before each tick; open is a fault. Closed if not wired.
+  /// Sets the state of the normally closed contact `enable`; open is a fault. Closed until the first call.
   void enable_input(bool closed) { enable_closed_ = closed; }
   /// Raises the fault tick_late in the next tick: two ticks in a row began late, or one by far.
   void tick_late() { late_ = true; }
-  /// Lockstep: us that have passed at the next tick without samples; < 1000 s.
+  /// Lockstep: sets the time since the last tick, us, < 1e9, for the next tick() without `answer` alone.
   void time_passed(std::uint32_t us) {
     passed_ticks_ = static_cast<std::uint32_t>(S(us) * S(1e-6F) / controller_.config().sample_time);
   }
-  /// The output `drive_enable`: drives may have power. Low before enabling and in a fault.
+  /// The output `drive_enable`, true where drives may have power: not in disabled and fault.
   [[nodiscard]] bool drive_enable() const {
     return supervisor_.state() != State::disabled && supervisor_.state() != State::fault;
   }
   /// The output of a brake that opens with power: high while there may be torque.
   [[nodiscard]] bool release_brake() const { return supervisor_.powered(); }
-  /// The torques of the last tick were finite, within their limits, and zero where the state allows none.
-  /// Only broken memory makes it false; it is the condition for refreshing the watchdog.
+  /// True if the torques of the last tick were finite, within their limits, and zero where the state allows
+  /// none. Only broken memory makes it false; it is the condition for refreshing the watchdog.
   [[nodiscard]] bool output_ok() const { return output_ok_; }
 
   [[nodiscard]] const Supervisor& supervisor() const { return supervisor_; }
   [[nodiscard]] const Controller<M>& controller() const { return controller_; }
-  [[nodiscard]] const BusCounters& counters() const { return counters_; }
-  [[nodiscard]] const Sample<M>& sample() const { return sample_; }
+  [[nodiscard]] const BusCounters& counters() const { return counters_; }  ///< since the start
+  [[nodiscard]] const Sample<M>& sample() const { return sample_; }        ///< of the last tick
   [[nodiscard]] const link::CommandLink& link() const { return link_; }
-  /// The command link, for a store of parameters: link::restore() before the first tick, link::serve()
-  /// between ticks.
+  /// The link, for a store of parameters: link::restore() before the first tick, link::serve() between ticks.
   [[nodiscard]] link::CommandLink& link() { return link_; }
-  [[nodiscard]] const D& axis(int i) const { return axes_[static_cast<unsigned>(i)]; }
+  [[nodiscard]] const D& axis(int i) const { return axes_[static_cast<unsigned>(i)]; }  ///< i < axis_count
 
-  /// Repeats the enabling sequence at the next tick instead of after its time: no axis has been heard yet.
+  /// Makes every axis repeat its last request at the next tick, not after its time: none has been heard yet.
   void ask_again() {
     for (D& a : axes_) a.ask_again();
   }
 
-  /// Every axis has sent its frames of the tick: in lockstep the time to tick.
+  /// True if every axis has sent its frames of the tick: in lockstep the time to tick.
   [[nodiscard]] bool complete() const {
     bool all = opened_;
     for (int i = 0; i < axis_count_; ++i) all = all && axis(i).heard_this_tick();
     return all;
   }
-  /// Some axis has sent its frames of the tick.
+  /// True if some axis has sent its frames of the tick.
   [[nodiscard]] bool set_begun() const {
     return opened_ && any_axis([](const D& a) { return a.heard_this_tick(); });
   }
-  /// Some axis has been heard since the start.
+  /// True once some axis has been heard; never false again.
   [[nodiscard]] bool heard() const {
     return any_axis([](const D& a) { return a.alive(); });
   }
-  /// Every motor has reported idle after its last request.
+  /// True if every motor has reported idle after its last request; see Drive::idle.
   [[nodiscard]] bool all_idle() const { return status().all_idle; }
-  /// receive() reads no more before the next tick, which will raise bus_overload: do not wait for complete().
+  /// True if receive() reads no more before the next tick, which raises bus_overload: do not wait for more.
   [[nodiscard]] bool overloaded() const { return (bus_events_ & flooded) != 0; }
 
   /// Reads the waiting frames, at most frames_per_tick_max per tick. May be called several times per tick.

@@ -10,12 +10,12 @@ namespace esmc {
 /// that comes later must not meet an old order. Reset by assignment when enabling ends.
 template <int axes_max>
 struct EnablingWait {
-  std::uint32_t ticks = 0;          ///< without progress
-  bool waits = false, all = false;  ///< all: every axis has been heard
-  std::array<bool, static_cast<unsigned>(axes_max)> heard{};
+  std::uint32_t ticks = 0;                                    ///< without progress
+  bool waits = false, all = false;                            ///< all: every axis has been heard
+  std::array<bool, static_cast<unsigned>(axes_max)> heard{};  ///< each axis, since enabling began
 
-  /// Once per tick while enabling, `passed` ticks after the last. `silent(i)`: ticks since axis i was heard;
-  /// `setting_up(i)`: it is a motor whose set-up goes on. True: `ticks_max` is reached.
+  /// Counts; call once per tick while enabling, `passed` ticks after the last. `silent(i)`: ticks since axis
+  /// i was heard; `setting_up(i)`: it is a motor whose set-up goes on. True: `ticks_max` is reached.
   template <class Silent, class SettingUp>
   bool expired(int axis_count, std::uint32_t passed, std::uint32_t ticks_max, Silent&& silent,
                SettingUp&& setting_up) {

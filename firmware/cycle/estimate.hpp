@@ -17,9 +17,8 @@ struct Estimate {
   typename M::Scalar closure;  ///< m, distance between the leg tips as measured; 0 without passive encoders
 };
 
-/// Base encoders only (rad, rad/s): the passive joints follow from closure in the given assembly mode [F18],
-/// [F23]. False, without pose and rates: the base angles fit no closed mechanism. The rates are not finite at
-/// type 2.
+/// From base encoders (rad, rad/s): the passive joints follow from closure in the given assembly mode [F18],
+/// [F23]. False, without results: the angles fit no closed mechanism. Rates are not finite at type 2.
 template <class S>
 [[nodiscard]] bool estimate_from_base(const FiveBar<S>& m, const typename FiveBar<S>::Mode& mode,
                                       const Vec2<S>& angle, const Vec2<S>& rate,
@@ -28,6 +27,7 @@ template <class S>
   rates = m.base_rates(pose, rate);
   return true;
 }
+/// From the encoders of an RR arm (rad, rad/s). Always true: a NaN or too large an angle gives a NaN pose.
 template <class S>
 [[nodiscard]] bool estimate_from_base(const Rr<S>& m, const typename Rr<S>::Mode&, const Vec2<S>& angle,
                                       const Vec2<S>& rate, typename Rr<S>::Pose& pose,
@@ -36,7 +36,7 @@ template <class S>
   rates = rate;
   return true;
 }
-/// estimate_from_base by value; nothing where that returns false. `closure` is 0.
+/// Pose and rates from base encoders (rad, rad/s), by value, `closure` 0; empty: they fit no mechanism.
 template <class M, class S = typename M::Scalar>
 [[nodiscard]] std::optional<Estimate<M>> estimate_from_base(const M& m, const typename M::Mode& mode,
                                                             const Vec2<S>& angle, const Vec2<S>& rate) {
@@ -46,9 +46,8 @@ template <class M, class S = typename M::Scalar>
                                                                    : std::nullopt;
 }
 
-/// Encoders on all joints (theta11, theta12, theta21, theta22; rad, rad/s): regular at type 2 too. Position
-/// and velocity of the effector are the means of the two leg tips. Never fails: `closure` reports readings
-/// that contradict each other.
+/// From encoders on all joints (theta11, theta12, theta21, theta22; rad, rad/s), at type 2 too. The effector
+/// is the mean of the leg tips. Never fails: `closure` reports readings that contradict each other.
 template <class S>
 [[nodiscard, gnu::cold]] Estimate<FiveBar<S>> estimate_from_all(const FiveBar<S>& m, const Vec<S, 4>& angle,
                                                                 const Vec<S, 4>& rate) {
@@ -107,7 +106,7 @@ template <class M, class S = typename M::Scalar>
   return desired_at_effector(m, mode, x, v, a, d.pose, d.rates, d.acceleration) ? std::optional<Desired<M>>(d)
                                                                                 : std::nullopt;
 }
-/// The other desired_at_base by value; nothing where that returns false.
+/// Reference of base joints at q (rad), qd (rad/s), qdd (rad/s2), by value; empty: they do not close.
 template <class M, class S = typename M::Scalar>
 [[nodiscard]] std::optional<Desired<M>> desired_at_base(const M& m, const typename M::Mode& mode,
                                                         const Vec2<S>& q, const Vec2<S>& qd,

@@ -5,8 +5,8 @@
 
 namespace esmc::part {
 
-/// Motor torques for the forces w on the channels (box_allocation.hpp), for ControllerConfig::allocate. True:
-/// saturated. Compiled into the archive for FiveBar.
+/// Sets the torques of all motors, N m, for forces w on the channels (box_allocation.hpp), as
+/// ControllerConfig::allocate. True: w was shortened. Compiled into the archive for FiveBar.
 template <class M>
 bool four_motors(const ControllerConfig<M>& c, const typename M::Pose& p, const typename M::Channels& w,
                  Vec<typename M::Scalar, M::joints>& torque);
@@ -15,7 +15,7 @@ bool four_motors(const ControllerConfig<M>& c, const typename M::Pose& p, const 
 
 namespace esmc {
 
-/// ControllerConfig::allocate for these motors.
+/// ControllerConfig::allocate for these motors: part::four_motors for `all` of a 5R, else null.
 template <class M>
 [[nodiscard]] constexpr decltype(ControllerConfig<M>::allocate) allocation_for(
     [[maybe_unused]] Motors motors) {

@@ -7,7 +7,7 @@
 namespace esmc {
 
 /// Sets the gains of every channel of their kind and of the independent coordinates. With the implicit
-/// reaching law the layer follows from the gain; `delay_ticks` as in the configuration.
+/// reaching law the layer of a gain > 0 follows from it: see implicit_layer, also for `delay_ticks`.
 template <class M>
 void set_gains(Gains<M>& g, const link::Parameters& p, Reaching reaching, typename M::Scalar sample_time,
                typename M::Scalar delay_ticks) {

@@ -6,7 +6,8 @@
 
 namespace esmc {
 
-/// Applies the requests to the controller and returns the command to the supervisor.
+/// Takes the requests of the link, applies them to the controller, and returns the command for the
+/// supervisor. A set point out of reach is refused. delay_ticks: see set_gains.
 template <class M>
 Command apply_requests(link::CommandLink& link, Controller<M>& controller, typename M::Scalar delay_ticks) {
   using S = typename M::Scalar;
@@ -27,7 +28,7 @@ Command apply_requests(link::CommandLink& link, Controller<M>& controller, typen
   return r.command;
 }
 
-/// Telemetry of a tick.
+/// Telemetry of a tick; the caller adds the error of a drive. `error` is zero except in running.
 template <class M>
 [[nodiscard]] link::Report report_of(const Controller<M>& controller, const TickResult<M>& t,
                                      const Sample<M>& sample) {

@@ -38,7 +38,7 @@ Vec2<S> drift(const M& m, const typename M::Pose& p, const typename M::Rates& r,
   return out;
 }
 
-/// d' = omega (p' - tau - drift - d): backward Euler in d, trapezoid in the drift; no rate is differentiated.
+/// Updates memory.disturbance by d' = omega (p' - tau - drift - d): backward Euler in d, trapezoid in drift.
 template <class M>
 void momentum_observer(const ControllerConfig<M>& config, const Tracking<M>& t, PartMemory<M>& memory) {
   using S = typename M::Scalar;

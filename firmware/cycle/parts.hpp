@@ -25,7 +25,7 @@ struct PartMemory {
   Vec2<S> momentum;  ///< of the base joints, predicted for the next tick without torque, N m s
   Vec2<S> disturbance = Vec2<S>::Zero();  ///< observed on the base joints, N m
 
-  /// The torque sent `ago` ticks before the last one.
+  /// The torque sent `ago` ticks before the last one, N m at the joints; zero where none was kept.
   [[nodiscard]] Vec<S, M::joints> torque(int ago) const {
     return ago < ticks ? sent[ago] : Vec<S, M::joints>::Zero().eval();
   }
@@ -58,18 +58,18 @@ using PredictorPart = void (*)(const ControllerConfig<M>& config, const PartMemo
 
 namespace part {
 
-/// reaching = "super_twisting", for esmc, esmc_projected and smc.
+/// Sets v' and s with reaching = "super_twisting", for esmc, esmc_projected and smc; advances its memory.
 template <class M>
 void super_twisting(const ControllerConfig<M>& config, const Tracking<M>& t, PartMemory<M>& memory,
                     typename M::Channels& acceleration, typename M::Channels& sliding);
-/// reaching = "implicit_coupled", for esmc and esmc_projected.
+/// Sets v' and s with reaching = "implicit_coupled", for esmc and esmc_projected; uses no memory.
 template <class M>
 void implicit_coupled(const ControllerConfig<M>& config, const Tracking<M>& t, PartMemory<M>& memory,
                       typename M::Channels& acceleration, typename M::Channels& sliding);
-/// disturbance_observer: by the generalised momentum of the base joints.
+/// Updates memory.disturbance (N m) from the generalised momentum of the base joints; once per tick.
 template <class M>
 void momentum_observer(const ControllerConfig<M>& config, const Tracking<M>& t, PartMemory<M>& memory);
-/// predictor = true: the model under the sent torques and the observed disturbance, over the known delay.
+/// Moves pose and rates of t over the known delay: the model under sent torques and observed disturbance.
 template <class M>
 void predictor(const ControllerConfig<M>& config, const PartMemory<M>& memory, Tracking<M>& t);
 

@@ -17,8 +17,8 @@ class SampleJumpCheck {
  public:
   using S = typename M::Scalar;
 
-  /// False: a sample newer than the last one differs from its prediction by more than `jump` rad per tick
-  /// between them. Finite samples only; true before the first one and with jump = 0.
+  /// True unless a sample newer than the last one kept differs from its prediction by more than `jump` (rad)
+  /// per tick between them; true before the first one and with jump = 0. The caller checks finite().
   [[nodiscard]] Truth<S> plausible(int joint, const Sample<M>& now, S jump, S sample_time) const {
     const auto u = static_cast<unsigned>(joint);
     if (!(jump > S(0)) || !known_[u] || now.age_ticks[u] > age_[u]) return Truth<S>(true);
@@ -62,14 +62,14 @@ class TorqueFeedbackCheck {
   /// `tolerance`: N m, 0: no check; `time`: time constant of the lag, s.
   TorqueFeedbackCheck(S tolerance, S time, S sample_time)
       : tolerance_(tolerance), share_(sample_time / (time + sample_time)) {}
-  [[nodiscard]] bool compares() const { return tolerance_ > S(0); }
+  [[nodiscard]] bool compares() const { return tolerance_ > S(0); }  ///< false: plausible() is always true
 
   /// Takes the new command at the joints, N m; call at the end of a tick.
   void commanded(const Vec<S, M::joints>& torque) {
     if (compares()) expected_ += (torque - expected_) * share_;
   }
 
-  /// Deviations before there was torque do not count.
+  /// Forgets the deviations counted so far; call in ticks without torque, whose reports do not count.
   void forget() { off_ = {}; }
   /// Judges the torque reported for a joint, N m; call once per tick. False: `patience` consecutive reports
   /// were off by more than the tolerance. An empty report counts neither way.
@@ -98,16 +98,17 @@ class ZeroPose {
   /// `absolute`: encoders keep their zero, and no confirmation is needed.
   ZeroPose(bool absolute, const Vec<S, M::joints>& pose) : absolute_(absolute), pose_(pose) {}
 
-  [[nodiscard]] bool confirmed() const { return absolute_ || confirmed_; }
-  /// rad, to be added to the angle of the encoder.
+  [[nodiscard]] bool confirmed() const { return absolute_ || confirmed_; }  ///< angles are valid
+  /// Shift of a joint, rad, to be added to the angle of its encoder; 0 before the first confirm().
   [[nodiscard]] S shift(int joint) const { return shift_[joint]; }
-  /// The mechanism stands in its zero pose; `angle`: of the encoders, with the present shift.
+  /// Sets the shifts: the mechanism stands in its zero pose. `angle`: of the encoders, rad, with the present
+  /// shift; the caller checks that it is finite and fresh. No effect with absolute encoders.
   void confirm(const Vec<S, M::joints>& angle) {
     if (absolute_) return;
     shift_ += pose_ - angle;
     confirmed_ = true;
   }
-  void forget() { confirmed_ = false; }
+  void forget() { confirmed_ = false; }  ///< an encoder may have lost its zero; no effect if absolute
 
  private:
   bool absolute_ = true, confirmed_ = false;

@@ -34,9 +34,9 @@ class SetpointGenerator {
   SetpointGenerator(S speed, S acceleration, S sample_time, bool angles)
       : speed_(speed), acceleration_(acceleration), sample_time_(sample_time), angles_(angles) {}
 
-  /// This motion replaces the reference.
+  /// True if the caller is to follow this motion instead of the reference.
   [[nodiscard]] bool active() const { return active_; }
-  void activate(bool yes) { active_ = yes; }
+  void activate(bool yes) { active_ = yes; }  ///< sets active(), and nothing else
 
   /// Plans the way to rest from the measured state of the first tick (m and m/s, or rad and rad/s).
   void start(const Vec2<S>& position, const Vec2<S>& velocity) {
@@ -55,8 +55,7 @@ class SetpointGenerator {
     plan(offset, now.velocity, time);
     base_ = {now.position - offset, Vec2<S>::Zero(), Vec2<S>::Zero()};
   }
-  /// Follows samples (m and m/s, or rad and rad/s), one per tick; the offset between the first one and the
-  /// present motion fades away.
+  /// Follows samples (m, m/s or rad, rad/s), one per tick; the first one's offset from the motion fades away.
   void follow(const Vec2<S>& position, const Vec2<S>& velocity) {
     if (!following_) {
       const Motion2<S> now = at();
@@ -72,7 +71,7 @@ class SetpointGenerator {
     age_ = 0;
   }
 
-  /// Motion of the present tick.
+  /// Motion of the present tick, m or rad, and per s, s2.
   [[nodiscard]] Motion2<S> at() const {
     Motion2<S> m = base_;
     if (following_ && age_ > 0) {  // a sample is missing: constant velocity

@@ -28,13 +28,14 @@ class SignTest {
   /// `move`: rotation that each joint must show, rad, > 0, several steps of the encoder.
   SignTest(S move, S sample_time) : move_(move), sample_time_(sample_time) {}
 
+  /// Makes the next step() begin with the first motor.
   void reset() {
     motor_ = 0;
     tick_ = half_ = 0;
   }
 
-  /// One tick. `angle`, `rate`: of the base joints, measured; `torque`: balances the weight, plus the pulse
-  /// on return; `limit`: of the base motors, N m.
+  /// One tick. `angle`, `rate`: of the base joints, measured, rad and rad/s; `torque` (N m): balances the
+  /// weight, plus the pulse on return; `limit`: of the base motors, N m. passed is kept until reset().
   Verdict step(const M& m, const typename M::Pose& now, const Vec2<S>& angle, const Vec2<S>& rate,
                const Vec2<S>& limit, Vec2<S>& torque) {
     if (motor_ == motors) return Verdict::passed;

@@ -12,10 +12,10 @@ template <class S>
 class StopTrajectory {
  public:
   StopTrajectory() = default;
-  /// `ticks`: duration; `sample_time`: s.
+  /// `ticks`: duration, > 0 if begin() is called; `sample_time`: s, > 0.
   StopTrajectory(std::uint32_t ticks, S sample_time) : ticks_(ticks), sample_time_(sample_time) {}
 
-  [[nodiscard]] bool begun() const { return begun_; }
+  [[nodiscard]] bool begun() const { return begun_; }  ///< true from begin() to end()
   /// Begins at these base angles (rad) and rates (rad/s). The quintic ends v T / 2 ahead and does not
   /// overshoot: with u = t / T its speed is v (1 - 3 u^2 + 2 u^3), its largest deceleration 1.5 v / T.
   void begin(const Vec2<S>& angle, const Vec2<S>& rate) {
@@ -28,14 +28,15 @@ class StopTrajectory {
     tick_ = 0;
     begun_ = true;
   }
-  void end() { begun_ = false; }
+  void end() { begun_ = false; }  ///< begun() is false until the next begin()
+  /// Moves on to the next tick; no effect unless begun().
   void advance() {
     if (begun_ && tick_ < last) ++tick_;
   }
-  /// Rest after the end.
+  /// Motion of the base joints in the present tick, rad and per s, s2; at rest after the duration.
   [[nodiscard]] Motion2<S> at() const { return way_.at(S(tick_) * sample_time_); }
-  [[nodiscard]] bool over() const { return tick_ >= ticks_; }
-  /// Four times the duration has passed.
+  [[nodiscard]] bool over() const { return tick_ >= ticks_; }  ///< the duration has passed
+  /// True once four times the duration has passed.
   [[nodiscard]] bool overdue() const { return tick_ / 4 >= ticks_; }
 
  private:

@@ -35,13 +35,14 @@ struct TickResult {
   explicit TickResult(Unset) {
     unroll<M::joints>([&](auto i) ESMC_INLINE { torque[i] = S(0); });
   }
-  void nothing_seen() { effector.setZero(); }
+  void nothing_seen() { effector.setZero(); }  ///< there is no estimate in this tick
+  /// Sets the desired effector and directions to zero: there is no desired motion in this tick.
   void nothing_desired() {
     desired_effector.setZero();
     for (auto& d : desired_direction.items) d.setZero();
   }
 
-  /// Desired angles of the base joints, rad, in (-pi, pi]. Not computed in the tick: no torque needs them.
+  /// Desired angles of the base joints, rad, in [-pi, pi]. Not computed in the tick: no torque needs them.
   [[nodiscard]] Vec2<S> desired_base() const { return angles_of(desired_direction); }
 };
 

@@ -12,7 +12,7 @@ namespace esmc::drive {
 
 /// Relation between the joint (model convention) and the motor shaft.
 struct AxisConfig {
-  std::uint8_t node = 0;
+  std::uint8_t node = 0;    ///< of the drive on its bus
   float direction = 1.0F;   ///< +1: the motor turns with the joint angle of the model, -1: against it
   float gear_ratio = 1.0F;  ///< motor turns per joint turn, > 0
   float offset = 0.0F;      ///< joint angle at encoder zero, rad
@@ -39,20 +39,21 @@ inline constexpr std::uint32_t age_max = 0xFFFF'FFFF;
 /// N m at the shaft, more than any motor has: beyond it the gear ratio must be wrong.
 inline constexpr float shaft_torque_max = 1e4F;
 
-/// Torque at the shaft for a torque at the joint (N m, model convention), rounded to float.
+/// Torque at the motor shaft (N m, positive as the motor counts) of a torque at the joint (N m, model
+/// convention). A NaN stays one, an overflow is infinite; whether it may be sent: can_carry().
 template <class S>
 [[nodiscard]] constexpr float shaft_torque(const AxisConfig& c, S joint_torque) {
   return static_cast<float>(joint_torque) * c.direction / c.gear_ratio;
 }
-/// A shaft torque may be sent: finite and not above shaft_torque_max.
+/// True if a shaft torque (N m) may be sent: finite, and at most shaft_torque_max in magnitude.
 [[nodiscard]] constexpr bool can_carry(float torque) { return __builtin_fabsf(torque) <= shaft_torque_max; }
 
 /// Frames that a protocol sends once per bus instead of per axis: none for most protocols.
 struct NoLine {
-  /// Requests the samples of the next tick from the drives.
+  /// Would request the samples of the next tick; these drives send them unasked, so nothing is sent.
   template <class Send>
   void request(Send&&) {}
-  /// Frames of the tick that belong to no axis. `good`: there is no fault.
+  /// Would send the frames of the tick that belong to no axis; there are none. Flag: there is no fault.
   template <class Send>
   void end_tick(Send&&, bool /*good*/) {}
 };
@@ -69,28 +70,28 @@ concept Drive = requires(D& d, const D& c, const hal::CanFrame& f, hal::CanFrame
                          bool (*send)(const hal::CanFrame&), float torque, typename D::Line& line) {
   d.begin_tick();
   { d.receive(f) } -> std::same_as<Received>;
-  { c.heard_this_tick() } -> std::same_as<bool>;            ///< its cyclic frames of the tick are complete
-  { c.sample_age_ticks() } -> std::same_as<std::uint32_t>;  ///< 0: of this tick; age_max before the first
-  { c.brought_sample() } -> std::same_as<bool>;             ///< the last accepted frame completed a sample
-  { c.heartbeat_age_ticks() } -> std::same_as<std::uint32_t>;
-  { c.ready() } -> std::same_as<bool>;  ///< torque control confirmed twice, without error
-  { c.idle() } -> std::same_as<bool>;   ///< no torque, as far as is known
-  { c.alive() } -> std::same_as<bool>;  ///< the axis has sent a frame of its own
-  { c.error() } -> std::same_as<bool>;
+  { c.heard_this_tick() } -> std::same_as<bool>;               ///< its cyclic frames of the tick are complete
+  { c.sample_age_ticks() } -> std::same_as<std::uint32_t>;     ///< 0: of this tick; age_max before the first
+  { c.brought_sample() } -> std::same_as<bool>;                ///< the last accepted frame completed a sample
+  { c.heartbeat_age_ticks() } -> std::same_as<std::uint32_t>;  ///< 0: of this tick; age_max before the first
+  { c.ready() } -> std::same_as<bool>;                ///< torque control confirmed twice, without error
+  { c.idle() } -> std::same_as<bool>;                 ///< no torque, as far as is known
+  { c.alive() } -> std::same_as<bool>;                ///< the axis has sent a frame of its own
+  { c.error() } -> std::same_as<bool>;                ///< the drive reports one
   { c.error_code() } -> std::same_as<std::uint32_t>;  ///< of the drive's protocol
-  { c.closed_loop() } -> std::same_as<bool>;
-  { c.must_be_released() } -> std::same_as<bool>;  ///< asked into torque control, not seen idle since
-  { c.emergency_stopped() } -> std::same_as<bool>;
-  { c.config_mismatch() } -> std::same_as<bool>;  ///< a value read back is not the configured one
-  { c.tx_suspended() } -> std::same_as<bool>;     ///< nothing may be sent: its watchdog is being tested
-  { c.setting_up() } -> std::same_as<bool>;       ///< in a set-up that ends by itself
-  d.acknowledge();                                ///< the operator's reset of an emergency stop
-  d.ask_again();                                  ///< repeat the last request at the next enable()
+  { c.closed_loop() } -> std::same_as<bool>;          ///< the drive reports torque control
+  { c.must_be_released() } -> std::same_as<bool>;     ///< asked into torque control, not seen idle since
+  { c.emergency_stopped() } -> std::same_as<bool>;    ///< seen or reported, not acknowledged since
+  { c.config_mismatch() } -> std::same_as<bool>;      ///< a value read back is not the configured one
+  { c.tx_suspended() } -> std::same_as<bool>;         ///< nothing may be sent: its watchdog is being tested
+  { c.setting_up() } -> std::same_as<bool>;           ///< in a set-up that ends by itself
+  d.acknowledge();                                    ///< the operator's reset of an emergency stop
+  d.ask_again();                                      ///< repeat the last request at the next enable()
   d.enable(send);
   d.disable(send);
   { c.can_carry(torque) } -> std::same_as<bool>;  ///< monotonic in abs(torque), constant over time
-  c.put_torque(out, torque);
-  c.template sample<float>();
+  c.put_torque(out, torque);                      ///< N m at the joint; sets id, size and data of `out` alone
+  c.template sample<float>();                     ///< JointSample of the last report; see sample_age_ticks()
   line.request(send);
   line.end_tick(send, true);
 };

@@ -53,7 +53,7 @@ inline constexpr std::uint32_t abort_time_out = 0x0504'0000, abort_command = 0x0
                                abort_length = 0x0607'0010, abort_no_sub_index = 0x0609'0011,
                                abort_value = 0x0609'0030, abort_device_state = 0x0800'0022;
 
-/// A classic data frame of this size.
+/// True for a classic data frame of exactly this size, whatever its identifier.
 [[nodiscard]] constexpr bool has_size(const hal::CanFrame& f, std::uint8_t size) {
   return f.size == size && !f.remote && !f.fd;
 }
@@ -65,13 +65,14 @@ struct Nmt {
   NmtCommand command;  ///< may hold a value without a name here
   std::uint8_t node;   ///< 0: all
 };
+/// Frame that gives a command to a node (1..127), or to all nodes (0).
 [[nodiscard]] constexpr hal::CanFrame encode_nmt(NmtCommand command, std::uint8_t node) {
   hal::CanFrame f = hal::data_frame(id_nmt, 2);
   f.data[0] = static_cast<std::uint8_t>(command);
   f.data[1] = node;
   return f;
 }
-/// Decoders return nothing for a wrong length, remote or FD frame. The caller has checked the identifier.
+/// Decodes an NMT frame; empty for a wrong length, remote or FD frame. The caller checks the identifier.
 [[nodiscard]] constexpr std::optional<Nmt> decode_nmt(const hal::CanFrame& f) {
   if (!has_size(f, 2)) return std::nullopt;
   return Nmt{static_cast<NmtCommand>(f.data[0]), f.data[1]};
@@ -85,7 +86,8 @@ struct Nmt {
   f.data[0] = static_cast<std::uint8_t>(state);
   return f;
 }
-/// Boot-up is a heartbeat with state 0. Nothing for undefined states, node guarding's toggle bit included.
+/// State in a heartbeat, boot_up included; empty for an undefined state (node guarding's toggle bit too), a
+/// wrong length, remote or FD frame. The caller checks the identifier.
 [[nodiscard]] constexpr std::optional<NmtState> decode_heartbeat(const hal::CanFrame& f) {
   if (!has_size(f, 1)) return std::nullopt;
   switch (const auto s = static_cast<NmtState>(f.data[0])) {
@@ -103,12 +105,14 @@ struct Emergency {
   std::uint16_t code;           ///< 0: no error any more
   std::uint8_t error_register;  ///< object 1001
 };
+/// EMCY of a node (1..127), vendor bytes 0.
 [[nodiscard]] constexpr hal::CanFrame encode_emergency(std::uint8_t node, Emergency e) {
   hal::CanFrame f = hal::data_frame(id_emergency + node, 8);
   put_field(f, 0, e.code, 2);
   f.data[2] = e.error_register;
   return f;
 }
+/// Decodes EMCY; empty for a wrong length, remote or FD frame. The caller checks the identifier.
 [[nodiscard]] constexpr std::optional<Emergency> decode_emergency(const hal::CanFrame& f) {
   if (!has_size(f, 8)) return std::nullopt;
   return Emergency{static_cast<std::uint16_t>(get_field(f, 0, 2)), f.data[2]};
@@ -138,25 +142,29 @@ namespace detail {
 }
 }  // namespace detail
 
+/// Request to read an object of a node (1..127).
 [[nodiscard]] constexpr hal::CanFrame encode_sdo_read(std::uint8_t node, Object o) {
   return detail::sdo(id_sdo_request + node, 0x40, o);
 }
-/// `bytes`: 1, 2 or 4.
+/// Expedited request to write the low `bytes` (1, 2 or 4; not checked) bytes of `value` to an object.
 [[nodiscard]] constexpr hal::CanFrame encode_sdo_write(std::uint8_t node, Object o, std::uint32_t value,
                                                        std::uint8_t bytes) {
   hal::CanFrame f = detail::sdo(id_sdo_request + node, detail::with_size(0x20, bytes), o);
   put_field(f, 4, value, bytes);
   return f;
 }
+/// A drive's answer to a read: the low `bytes` (1, 2 or 4; not checked) bytes of `value`.
 [[nodiscard]] constexpr hal::CanFrame encode_sdo_value(std::uint8_t node, Object o, std::uint32_t value,
                                                        std::uint8_t bytes) {
   hal::CanFrame f = detail::sdo(id_sdo_reply + node, detail::with_size(0x40, bytes), o);
   put_field(f, 4, value, bytes);
   return f;
 }
+/// A drive's answer to a write that it carried out.
 [[nodiscard]] constexpr hal::CanFrame encode_sdo_written(std::uint8_t node, Object o) {
   return detail::sdo(id_sdo_reply + node, 0x60, o);
 }
+/// A drive's refusal of a read or write. `code`: one of abort_*.
 [[nodiscard]] constexpr hal::CanFrame encode_sdo_abort(std::uint8_t node, Object o, std::uint32_t code) {
   hal::CanFrame f = detail::sdo(id_sdo_reply + node, 0x80, o);
   put_field(f, 4, code, 4);
@@ -187,7 +195,7 @@ namespace detail {
 }
 }  // namespace detail
 
-/// Frame of a client.
+/// Decodes a request to a drive; empty for a wrong length, remote or FD frame. Caller checks the identifier.
 [[nodiscard]] constexpr std::optional<Sdo> decode_sdo_request(const hal::CanFrame& f) {
   if (!has_size(f, 8)) return std::nullopt;
   const std::uint8_t command = f.data[0];
@@ -196,7 +204,7 @@ namespace detail {
   if (command == 0x80) return Sdo{SdoKind::abort, detail::object_of(f), get_field(f, 4, 4), 4};
   return Sdo{SdoKind::other, detail::object_of(f), 0, 0};
 }
-/// Frame of a server.
+/// Decodes a drive's answer; empty for a wrong length, remote or FD frame. Caller checks the identifier.
 [[nodiscard]] constexpr std::optional<Sdo> decode_sdo_reply(const hal::CanFrame& f) {
   if (!has_size(f, 8)) return std::nullopt;
   const std::uint8_t command = f.data[0];

@@ -15,11 +15,12 @@ class CanopenLine {
   CanopenLine(std::uint8_t node, std::uint32_t heartbeat_ticks)
       : node_(node), heartbeat_ticks_(heartbeat_ticks) {}
 
+  /// Sends SYNC, on which every drive samples and reports.
   template <class Send>
   void request(Send&& send) {
     send(canopen::encode_sync());
   }
-  /// Sends the heartbeat when due, but only if `good`: drives that miss it stop by themselves.
+  /// Once per tick: sends the heartbeat when due, but only if `good`: drives that miss it stop by themselves.
   template <class Send>
   void end_tick(Send&& send, bool good) {
     if (wait_ticks_ > 0) --wait_ticks_;

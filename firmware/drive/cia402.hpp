@@ -25,7 +25,7 @@ inline constexpr Object abort_connection_option{0x6007, 0}, error_code{0x603F, 0
 inline constexpr Object mode_of_operation{0x6060, 0}, mode_display{0x6061, 0}, supported_modes{0x6502, 0};
 inline constexpr Object position{0x6064, 0}, velocity{0x606C, 0};
 inline constexpr Object target_torque{0x6071, 0}, actual_torque{0x6077, 0};  ///< 1/1000 of the rated torque
-inline constexpr Object max_torque{0x6072, 0};                               ///< likewise
+inline constexpr Object max_torque{0x6072, 0};                               ///< 1/1000 of the rated torque
 inline constexpr Object rated_torque{0x6076, 0};  ///< unit of the drive: mN m, uN m
 inline constexpr Object interpolation_value{0x60C2, 1},
     interpolation_index{0x60C2, 2};  ///< value * 10^index s
@@ -58,6 +58,7 @@ enum class State : std::uint8_t {
   unknown,  ///< a combination of bits without meaning
 };
 
+/// State that a statusword (6041) reports.
 [[nodiscard]] constexpr State state_of(std::uint16_t status) {
   switch (status & 0x4FU) {
     case 0x00:
@@ -84,8 +85,8 @@ enum class State : std::uint8_t {
       return State::unknown;
   }
 }
-/// The power stage gives no torque in this state, which is two steps or more from operation_enabled. False in
-/// switched_on, one step from it, and in unknown.
+/// True if the power stage gives no torque in this state, which is two steps or more from operation_enabled.
+/// False in switched_on, one step from it, and in unknown.
 [[nodiscard]] constexpr bool is_torque_free(State s) {
   return s == State::not_ready || s == State::switch_on_disabled || s == State::ready_to_switch_on ||
          s == State::fault;
@@ -127,12 +128,13 @@ constexpr void put_command(hal::CanFrame& f, std::uint8_t node, Command c) {
   put_command(f, node, c);
   return f;
 }
-/// Decoders return nothing for a wrong length, remote or FD frame. The caller has checked the identifier.
+/// Decodes TPDO1; empty for a wrong length, remote or FD frame. The caller checks the identifier.
 [[nodiscard]] constexpr std::optional<Report> decode_report(const hal::CanFrame& f) {
   if (!canopen::has_size(f, 8)) return std::nullopt;
   return Report{static_cast<std::uint16_t>(get_field(f, 0, 2)), static_cast<std::int32_t>(get_field(f, 2, 4)),
                 static_cast<std::int16_t>(get_field(f, 6, 2))};
 }
+/// Decodes TPDO2; empty for a wrong length, remote or FD frame. The caller checks the identifier.
 [[nodiscard]] constexpr std::optional<Motion> decode_motion(const hal::CanFrame& f) {
   if (!canopen::has_size(f, 5)) return std::nullopt;
   return Motion{static_cast<std::int32_t>(get_field(f, 0, 4)), static_cast<std::int8_t>(f.data[4])};

@@ -21,6 +21,7 @@ class Cia402Axis {
   Cia402Axis() = default;
   Cia402Axis(const AxisConfig& config, const Settings& settings) : config_(config), settings_(settings) {}
 
+  /// Counts the ages; once per tick, before the frames of the tick are received.
   void begin_tick() {
     // Without enable() in the last tick the next enabling starts anew: the drive may have changed.
     if (!asking_ && control_ == 0) {
@@ -50,12 +51,13 @@ class Cia402Axis {
     return r;
   }
 
-  /// Both PDOs of the tick once operational, a heartbeat before; SDO replies do not come once per tick.
+  /// True if both PDOs of the tick have come, or a heartbeat of a drive that is not operational.
   [[nodiscard]] bool heard_this_tick() const { return reported_ || (has_report_ && has_motion_); }
-  [[nodiscard]] std::uint32_t sample_age_ticks() const { return sample_age_ticks_; }
-  [[nodiscard]] bool brought_sample() const { return sampled_; }
-  [[nodiscard]] std::uint32_t heartbeat_age_ticks() const { return heartbeat_age_ticks_; }
+  [[nodiscard]] std::uint32_t sample_age_ticks() const { return sample_age_ticks_; }  ///< 0: this tick
+  [[nodiscard]] bool brought_sample() const { return sampled_; }  ///< the last accepted frame did
+  [[nodiscard]] std::uint32_t heartbeat_age_ticks() const { return heartbeat_age_ticks_; }  ///< 0: this tick
 
+  /// Joint angle (rad) and rate (rad/s) of the last pair of PDOs, model convention; see sample_age_ticks().
   template <class S>
   [[nodiscard]] JointSample<S> sample() const {
     const S per_shaft = S(config_.direction) / S(config_.gear_ratio);
@@ -70,47 +72,47 @@ class Cia402Axis {
     return static_cast<float>(torque_) * torque_lsb() * config_.direction * config_.gear_ratio;
   }
 
-  /// Operation enabled in cyclic torque mode, reported without error in two ticks after the request, and no
+  /// True if the drive reported operation enabled in cyclic torque mode without error in two ticks, and no
   /// other state since. Two PDOs confirm a tick, one of them is enough to be not ready.
   [[nodiscard]] bool ready() const { return confirmations_ >= 2 && closed_loop(); }
   /// True after controlword `disable voltage` if the drive then reported a state without torque in two ticks
-  /// in a row, was stopped by NMT, or booted. Its abort-connection option ends the torque of a stopped drive;
-  /// that option does not apply in pre-operational.
+  /// in a row, was stopped by NMT, or booted. The drive's abort-connection option ends the torque of a
+  /// stopped drive; that option does not apply in pre-operational.
   [[nodiscard]] bool idle() const { return control_ == 0 && (quiet_ >= 2 || booted_); }
-  [[nodiscard]] bool must_be_released() const { return release_pending_; }
-  [[nodiscard]] bool alive() const { return alive_; }
-  /// CiA 402 has no message for it: the drive's own input shows as a fault or a disabled drive.
+  [[nodiscard]] bool must_be_released() const { return release_pending_; }  ///< enabled, and not idle() since
+  [[nodiscard]] bool alive() const { return alive_; }  ///< heartbeat, EMCY or SDO has come
+  /// False: CiA 402 has no message for it; the drive's own input shows as a fault or a disabled drive.
   [[nodiscard]] bool emergency_stopped() const { return false; }
-  /// Its watchdog is our heartbeat, whose time-out is read back instead of tested.
+  /// False: the drive's watchdog is our heartbeat, whose time-out is read back instead of tested.
   [[nodiscard]] bool tx_suspended() const { return false; }
-  /// Object dictionary, NMT start, or between `ready to switch on` and torque control: brakes and capacitors
-  /// take time. A second attempt counts only if the first one left `switch on disabled`, where a drive
-  /// without power waits.
+  /// True in the set-up by SDO, NMT start, or between `ready to switch on` and torque control: brakes and so
+  /// on take time. A second attempt counts only if the first left `switch on disabled`, as without power.
   [[nodiscard]] bool setting_up() const {
     const bool on_its_way = step_ == Step::operate && (control_ == cia402::control_switch_on ||
                                                        control_ == cia402::control_enable_operation);
     return attempts_ <= (progressed_ ? attempts_max : 1) &&
            (step_ == Step::setup || step_ == Step::start || on_its_way);
   }
-  void acknowledge() {}
-  [[nodiscard]] bool error() const { return emergency_ != 0 || faulty(); }
+  void acknowledge() {}  ///< nothing to reset: see emergency_stopped()
+  [[nodiscard]] bool error() const { return emergency_ != 0 || faulty(); }  ///< EMCY, or state fault
   /// Emergency error code, 0 for none.
   [[nodiscard]] std::uint32_t error_code() const { return emergency_; }
+  /// True if the drive last reported operation enabled, in NMT operational and cyclic torque mode.
   [[nodiscard]] bool closed_loop() const {
     return nmt_ == canopen::NmtState::operational && state_ == cia402::State::operation_enabled &&
            mode_ == cia402::mode_cyclic_torque;
   }
-  /// Holds for a tick after the last enable().
+  /// True once a value read back is not the required one; cleared by disable() or a tick without enable().
   [[nodiscard]] bool config_mismatch() const { return configurator_.config_mismatch(); }
-  /// The object of the last mismatch, until the set-up starts anew.
+  /// The object of the last mismatch, until the set-up starts anew; empty: none.
   [[nodiscard]] std::optional<canopen::Object> contradicting_object() const {
     return configurator_.refused();
   }
   [[nodiscard]] std::uint8_t node() const { return config_.node; }
-  /// N m per thousandth, as read from the drive; 0 before.
+  /// N m at the shaft per thousandth of the rated torque, as read from the drive; 0 before.
   [[nodiscard]] float torque_lsb() const { return configurator_.torque_lsb(); }
 
-  /// Frames towards cyclic torque mode; call every tick while enabling.
+  /// Sends frames towards cyclic torque mode; call every tick while enabling.
   ///
   ///   NMT pre-operational, heartbeat on  ->  a heartbeat says pre-operational  ->  cia402::setup
   ///     ->  NMT start  ->  PDOs  ->  controlwords 06, 07, 0F, each after its statusword  ->  ready()
@@ -130,9 +132,9 @@ class Cia402Axis {
     operate();
   }
 
-  void ask_again() { wait_ticks_ = 0; }
+  void ask_again() { wait_ticks_ = 0; }  ///< the next enable() repeats its request or starts over
 
-  /// The controlword in the torque frame of every tick disables the voltage. A drive without our PDOs is
+  /// Ends torque control: the controlword of put_torque() disables the voltage. A drive without our PDOs is
   /// stopped by NMT, to which its abort-connection option (6007) reacts; so is a drive that has not obeyed
   /// for retry_ticks, for our heartbeat goes on and would keep its torque alive.
   template <class Send>
@@ -144,13 +146,13 @@ class Cia402Axis {
     send(canopen::encode_nmt(canopen::NmtCommand::stop, config_.node));
   }
 
-  /// This joint torque (N m, model convention) may be sent; beyond the range of the frame it is clamped.
+  /// True if this joint torque (N m, model convention) may be sent; beyond the frame's range it is clamped.
   template <class S>
   [[nodiscard]] bool can_carry(S joint_torque) const {
     return drive::can_carry(shaft_torque(config_, joint_torque));
   }
-  /// Joint torque, N m, model convention; sent in thousandths of the rated torque, rounded half away from
-  /// zero. Zero for a torque that cannot be carried, and before the rated torque is known.
+  /// Writes controlword and joint torque (N m, model convention) into f, a classic data frame before; rounded
+  /// to 1/1000 of the rated torque, clamped to the frame. 0 unless can_carry() and the rated torque is known.
   template <class S>
   void put_torque(hal::CanFrame& f, S joint_torque) const {
     const float rated = configurator_.rated_torque();

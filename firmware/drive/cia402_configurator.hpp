@@ -11,28 +11,28 @@ namespace esmc::drive {
 /// Position in cia402::setup and the request in flight.
 class Cia402Configurator {
  public:
-  /// Starts with the first entry.
+  /// Returns to the first entry and forgets refused(); a mismatch stays.
   void begin() {
     entry_ = 0;
     refused_.reset();
     begin_transfer(false);
   }
-  void clear_mismatch() { config_mismatch_ = false; }
+  void clear_mismatch() { config_mismatch_ = false; }  ///< refused() stays until begin()
 
-  [[nodiscard]] bool in_flight() const { return in_flight_; }
-  /// The request was sent four times without an answer.
+  [[nodiscard]] bool in_flight() const { return in_flight_; }  ///< a request waits for its answer
+  /// True if the request in flight was sent four times without an answer.
   [[nodiscard]] bool exhausted() const { return sent_ > repetitions_max; }
-  /// A value read back is not the required one, or the drive refused a write.
+  /// True once a value read back was not the required one or the drive refused; until clear_mismatch().
   [[nodiscard]] bool config_mismatch() const { return config_mismatch_; }
   /// The object of the last mismatch, until begin().
   [[nodiscard]] std::optional<canopen::Object> refused() const { return refused_; }
-  /// N m per thousandth, as read from the drive; 0 before.
+  /// N m at the shaft per thousandth of the rated torque, as read from the drive; 0 before.
   [[nodiscard]] float torque_lsb() const { return rated_torque_ / 1000.0F; }
-  /// N m, as read from the drive; 0 before.
+  /// Rated torque, N m at the shaft, as read from the drive; 0 before.
   [[nodiscard]] float rated_torque() const { return rated_torque_; }
 
   /// Sends the read or write of the present entry, again if it is in flight. False: the bus did not take it,
-  /// nothing has changed. Not after the last entry is complete.
+  /// nothing has changed. The caller does not call it after the last entry is complete.
   template <class Send>
   bool request(Send&& send, const Cia402Settings& settings, std::uint8_t node) {
     const cia402::Entry& e = cia402::setup[entry_];
@@ -47,7 +47,8 @@ class Cia402Configurator {
     return true;
   }
 
-  /// Takes an answer of the drive. True: it completes the last entry. An answer to no request is ignored.
+  /// Takes an answer of the drive. True: it completes the last entry; false: more entries, a mismatch, or an
+  /// answer to no request, which has no effect.
   bool take(const canopen::Sdo& reply, const Cia402Settings& settings, std::uint8_t node) {
     const cia402::Entry& e = cia402::setup[entry_];
     if (!in_flight_ || !(reply.object == e.object)) return false;

@@ -33,6 +33,7 @@ struct Interpolation {
   std::uint8_t value;
   std::int8_t index;
 };
+/// Interpolation period of `period_us`, rounded to at most 255 units; above 255 s it is 255 s.
 [[nodiscard]] constexpr Interpolation interpolation(std::uint32_t period_us) {
   std::uint32_t value = period_us;
   std::int8_t index = -6;
@@ -154,7 +155,7 @@ inline constexpr auto setup = std::to_array<Entry>({
                 detail::cob_mask),
 });
 
-/// The required value of an entry; the object holds as many low bytes of it as it has.
+/// The value that an entry requires of this drive; the object holds the low `e.bytes` bytes of it.
 [[nodiscard]] constexpr std::uint32_t value_of(const Entry& e, const Cia402Settings& s, std::uint8_t node) {
   const auto low16 = [](std::int16_t v) { return std::uint32_t{static_cast<std::uint16_t>(v)}; };
   switch (e.source) {
@@ -180,6 +181,7 @@ inline constexpr auto setup = std::to_array<Entry>({
       return e.constant;
   }
 }
+/// True if an SDO abort code says that the drive does not have the object.
 [[nodiscard]] constexpr bool absent(std::uint32_t abort_code) {
   return abort_code == canopen::abort_no_object || abort_code == canopen::abort_no_sub_index;
 }

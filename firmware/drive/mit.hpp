@@ -50,7 +50,8 @@ struct Reply {
   bool whole_torque = true;  ///< false: 5 bytes, without the low eight bits of the torque
 };
 
-/// The code nearest to a value, clamped to the range; the middle for a NaN, or unless the range is above 0.
+/// Code nearest to `value`: codes 0..code_max stand for -range..range, in the unit of `value`, and beyond is
+/// clamped. The middle (just above zero) for a NaN, or unless the range is above 0.
 [[nodiscard]] constexpr std::uint16_t code(float value, float range, std::uint16_t code_max) {
   if (!(range > 0.0F)) return static_cast<std::uint16_t>(code_max / 2U + 1U);
   if (value >= range) return code_max;
@@ -79,11 +80,13 @@ constexpr void put_command(hal::CanFrame& f, std::uint32_t node, const Command& 
   f.data[6] = static_cast<std::uint8_t>(c.kd << 4U | c.torque >> 8U);
   f.data[7] = static_cast<std::uint8_t>(c.torque);
 }
+/// Command in codes of the wire (see `code`) as a classic data frame. `node`: 11 bits.
 [[nodiscard]] constexpr hal::CanFrame encode_command(std::uint32_t node, const Command& c) {
   hal::CanFrame f;
   put_command(f, node, c);
   return f;
 }
+/// Special frame to a node (11 bits): seven bytes FF, then `s`.
 [[nodiscard]] constexpr hal::CanFrame encode_special(std::uint32_t node, Special s) {
   hal::CanFrame f = hal::data_frame(node, 8);
   for (unsigned i = 0; i < 7; ++i) f.data[i] = 0xFF;
@@ -91,16 +94,16 @@ constexpr void put_command(hal::CanFrame& f, std::uint32_t node, const Command& 
   return f;
 }
 
-/// The dialect has replies of `size` bytes.
+/// True if a reply of this dialect may have `size` bytes: 5 to 7 for mini_cheetah, 8 for the others.
 [[nodiscard]] constexpr bool has_reply_size(std::uint8_t size, Dialect d) {
   return d == Dialect::mini_cheetah ? size >= 5 && size <= 7 : size == 8;
 }
-/// The first byte of a reply names this node. Damiao sends its low four bits.
+/// True if the first byte of a reply names this node; of Damiao only the low four bits are compared.
 [[nodiscard]] constexpr bool names(std::uint8_t first, std::uint8_t node, Dialect d) {
   return d == Dialect::damiao ? ((first ^ node) & 0x0FU) == 0 : first == node;
 }
 
-/// Decodes a reply; nothing: wrong length, remote or FD. The caller has checked identifier and first byte.
+/// Decodes a reply; empty for a wrong length, remote or FD frame. The caller checks identifier and `names`.
 [[nodiscard]] constexpr std::optional<Reply> decode_reply(const hal::CanFrame& f, Dialect d) {
   if (f.remote || f.fd || !has_reply_size(f.size, d)) return std::nullopt;
   Reply r;
@@ -113,7 +116,8 @@ constexpr void put_command(hal::CanFrame& f, std::uint32_t node, const Command& 
   return r;
 }
 
-/// Reply of an emulated drive. `size`: bytes of the frame; vendor bytes other than the error are 0.
+/// Reply of an emulated drive as a frame with identifier `id`. `size`: bytes of the frame, for which the
+/// caller ensures has_reply_size(); vendor bytes other than the error are 0.
 [[nodiscard]] constexpr hal::CanFrame encode_reply(std::uint32_t id, std::uint8_t node, const Reply& r,
                                                    Dialect d, std::uint8_t size) {
   hal::CanFrame f = hal::data_frame(id, size);
@@ -128,7 +132,7 @@ constexpr void put_command(hal::CanFrame& f, std::uint32_t node, const Command& 
   if (d == Dialect::cubemars) f.data[7] = r.error;
   return f;
 }
-/// Command as an emulated drive reads it, from a frame of eight bytes.
+/// Command as an emulated drive reads it. The caller checks identifier, length (8), and decode_special().
 [[nodiscard]] constexpr Command decode_command(const hal::CanFrame& f) {
   return {static_cast<std::uint16_t>(f.data[0] << 8U | f.data[1]),
           static_cast<std::uint16_t>(f.data[2] << 4U | f.data[3] >> 4U),
@@ -136,7 +140,7 @@ constexpr void put_command(hal::CanFrame& f, std::uint32_t node, const Command& 
           static_cast<std::uint16_t>(f.data[5] << 4U | f.data[6] >> 4U),
           static_cast<std::uint16_t>((f.data[6] & 0x0FU) << 8U | f.data[7])};
 }
-/// Returns the kind of a special frame. Nothing: an ordinary command.
+/// Kind of a special frame; empty for an ordinary command. The caller checks identifier and length (8).
 [[nodiscard]] constexpr std::optional<Special> decode_special(const hal::CanFrame& f) {
   for (unsigned i = 0; i < 7; ++i) {
     if (f.data[i] != 0xFF) return std::nullopt;

@@ -35,7 +35,7 @@ class MitAxis {
 
   /// error_code(): the drive's own error in the low eight bits, and errors found in its reply.
   static constexpr std::uint32_t position_at_rail = 0x100;  ///< first or last code: shaft beyond the range
-  static constexpr std::uint32_t velocity_at_rail = 0x200;  ///< likewise
+  static constexpr std::uint32_t velocity_at_rail = 0x200;  ///< first or last code: speed beyond the range
   /// The position moved by more than half of its span between two replies: firmware without a clamp has
   /// wrapped around, and later positions are wrong by the span. Latched until the controller restarts.
   static constexpr std::uint32_t position_lost = 0x400;
@@ -57,18 +57,18 @@ class MitAxis {
     return f.id == config_.node ? Received::foreign_command : Received::not_mine;
   }
 
+  /// Counts the age of the last reply; once per tick, before the frames of the tick are received.
   void begin_tick() {
     counted_ = false;
     if (age_ticks_ < age_max) ++age_ticks_;
   }
 
-  [[nodiscard]] bool heard_this_tick() const { return age_ticks_ == 0; }
-  [[nodiscard]] std::uint32_t sample_age_ticks() const { return age_ticks_; }
-  [[nodiscard]] bool brought_sample() const { return true; }  // every reply does
-  [[nodiscard]] std::uint32_t heartbeat_age_ticks() const { return age_ticks_; }
+  [[nodiscard]] bool heard_this_tick() const { return age_ticks_ == 0; }          ///< a reply came
+  [[nodiscard]] std::uint32_t sample_age_ticks() const { return age_ticks_; }     ///< of the last reply
+  [[nodiscard]] bool brought_sample() const { return true; }                      ///< every reply does
+  [[nodiscard]] std::uint32_t heartbeat_age_ticks() const { return age_ticks_; }  ///< of the last reply
 
-  /// Angle (rad) and rate (rad/s) of the last reply, even with an error. Steps: range / 32767.5 in angle,
-  /// range / 2047.5 in rate.
+  /// Joint angle (rad) and rate (rad/s) of the last reply, even with an error, model convention.
   template <class S>
   [[nodiscard]] JointSample<S> sample() const {
     const S per_rad = S(config_.direction) / S(config_.gear_ratio);
@@ -77,31 +77,31 @@ class MitAxis {
             S(mit::value(last_.velocity, r.velocity, mit::code_max_12)) * per_rad};
   }
 
-  /// Torque that the drive reports, N m at the joint, model convention; empty if the reply has it cut.
+  /// Torque of the last reply, N m at the joint, model convention; empty if the reply has it cut (5 bytes).
   [[nodiscard]] std::optional<float> observed_torque() const {
     if (!last_.whole_torque) return std::nullopt;
     return mit::value(last_.torque, settings_.ranges.torque, mit::code_max_12) * config_.direction *
            config_.gear_ratio;
   }
 
-  /// The bus took the frame that enters motor mode, and replies without error came in two ticks since.
+  /// True if the bus took the frame into motor mode, and replies without error came in two ticks since.
   [[nodiscard]] bool ready() const { return step_ == Step::entered && replies_ >= replies_wanted; }
-  /// The bus took the frame that leaves motor mode, and replies came in two ticks since.
+  /// True if the bus took the frame that leaves motor mode, and replies came in two ticks since.
   [[nodiscard]] bool idle() const { return step_ == Step::left && replies_ >= replies_wanted; }
-  [[nodiscard]] bool must_be_released() const { return release_pending_; }
-  [[nodiscard]] bool alive() const { return alive_; }
-  [[nodiscard]] bool error() const { return error_ != 0; }
-  [[nodiscard]] std::uint32_t error_code() const { return error_; }
+  [[nodiscard]] bool must_be_released() const { return release_pending_; }  ///< entered, and not idle() since
+  [[nodiscard]] bool alive() const { return alive_; }       ///< a reply has come since the start
+  [[nodiscard]] bool error() const { return error_ != 0; }  ///< of the drive, or found in its replies
+  [[nodiscard]] std::uint32_t error_code() const { return error_; }  ///< 0: none; low byte: the drive's own
   /// True if the last order was to enter motor mode and the drive reports no other mode.
   [[nodiscard]] bool closed_loop() const { return step_ == Step::entered && !says(mode_off); }
   // The protocol has no emergency stop, no report of a time-out, no set-up and nothing to read back.
-  [[nodiscard]] bool emergency_stopped() const { return false; }
+  [[nodiscard]] bool emergency_stopped() const { return false; }  ///< the protocol has none
   [[nodiscard]] bool tx_suspended() const { return false; }
   [[nodiscard]] bool setting_up() const { return false; }
   void acknowledge() {}
-  [[nodiscard]] bool config_mismatch() const { return false; }
+  [[nodiscard]] bool config_mismatch() const { return false; }  ///< nothing can be read back
 
-  /// Frames towards motor mode; call every tick while enabling, before put_torque(0).
+  /// Sends frames towards motor mode; call every tick while enabling, before put_torque(0).
   ///
   ///   leave motor mode  ->  replies in two ticks  ->  enter motor mode, without an error  ->  replies in two
   ///   ticks: ready()
@@ -125,9 +125,10 @@ class MitAxis {
     if (step_ == Step::unknown && (alive_ || due)) leave(send);
   }
 
-  void ask_again() { wait_ticks_ = 0; }
+  void ask_again() { wait_ticks_ = 0; }  ///< the next enable() goes on or starts over at once
 
-  /// Ends motor mode from the second tick on: a drive keeps its last command, so a zero command comes first.
+  /// Sends frames that end motor mode, from the second call on: a drive keeps its last command, so the zero
+  /// command of the first tick must reach it before. Call every tick until idle().
   template <class Send>
   void disable(Send&& send) {
     wait_ticks_ = 0;
@@ -142,13 +143,13 @@ class MitAxis {
     replies_ = 0;
   }
 
-  /// The shaft torque for this joint torque (N m, model convention) may be sent.
+  /// True if the shaft torque for this joint torque (N m, model convention) may be sent: finite, <= 1e4 N m.
   template <class S>
   [[nodiscard]] bool can_carry(S joint_torque) const {
     return drive::can_carry(shaft_torque(config_, joint_torque));
   }
-  /// Joint torque, N m, model convention, rounded to the nearest step and clamped to the range of the drive;
-  /// zero (to half a step) for a torque that cannot be carried. Gains are zero.
+  /// Writes a joint torque (N m, model convention) with gains 0 into f, a classic data frame already: rounded
+  /// to a step, clamped to the drive's range; zero (to half a step) unless can_carry().
   template <class S>
   void put_torque(hal::CanFrame& f, S joint_torque) const {
     const float torque = can_carry(joint_torque) ? shaft_torque(config_, joint_torque) : 0.0F;

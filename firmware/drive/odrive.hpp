@@ -43,13 +43,14 @@ inline constexpr std::uint32_t error_watchdog_0_5_6 = 0x0000'0800;
 inline constexpr std::uint32_t error_estop_0_6 = 0x0200'0000;
 inline constexpr std::uint32_t error_estop_0_5_6 = 0x0000'4000;
 
+/// CAN identifier (11 bits) of a message of or to a node. `node`: 0..node_max or broadcast, not checked.
 [[nodiscard]] constexpr std::uint32_t identifier(std::uint8_t node, Message m) {
   return (std::uint32_t{node} << 5U) | static_cast<std::uint32_t>(m);
 }
 
-/// Messages that only a controller sends to an axis: axis state (07); mode and set points, of which position
-/// and speed carry a torque too (0B..0E); limits (0F); trajectories and anticogging (10..13); reboot (16);
-/// errors, zero, gains (18..1B); 0.5.6: node (06); 0.6: firmware update (1F).
+/// True for messages that only a controller sends to an axis: axis state (07); mode and set points, of which
+/// position and speed carry a torque too (0B..0E); limits (0F); trajectories and anticogging (10..13); reboot
+/// (16); errors, zero, gains (18..1B); 0.5.6: node (06); 0.6: firmware update (1F).
 [[nodiscard]] constexpr bool is_command(std::uint32_t message, Version v) {
   constexpr std::uint32_t both = 1U << 0x07U | 0x1FU << 0x0BU | 0xFU << 0x10U | 1U << 0x16U | 0xFU << 0x18U;
   const std::uint32_t all = both | (v == Version::v0_6 ? 1U << 0x1FU : 1U << 0x06U);
@@ -75,6 +76,7 @@ constexpr hal::CanFrame frame(std::uint8_t node, Message m, std::uint8_t size) {
   detail::put_u32(f, 0, static_cast<std::uint32_t>(s));
   return f;
 }
+/// Request for torque control with unfiltered set points.
 [[nodiscard]] constexpr hal::CanFrame encode_set_controller_mode(std::uint8_t node) {
   hal::CanFrame f = detail::frame(node, Message::set_controller_mode, 8);
   detail::put_u32(f, 0, control_mode_torque);
@@ -87,18 +89,20 @@ constexpr hal::CanFrame frame(std::uint8_t node, Message m, std::uint8_t size) {
 [[nodiscard]] constexpr hal::CanFrame encode_estop(std::uint8_t node) {
   return detail::frame(node, Message::estop, 0);
 }
-/// Writes the torque at the motor shaft, N m, into f, a classic data frame already.
+/// Writes the command of a torque at the motor shaft (N m, not checked) into f, a classic data frame already.
 constexpr void put_torque(hal::CanFrame& f, std::uint8_t node, float torque) {
   f.id = identifier(node, Message::set_input_torque);
   f.size = 8;
   detail::put_u32(f, 0, std::bit_cast<std::uint32_t>(torque));
   detail::put_u32(f, 4, 0);
 }
+/// Command of a torque at the motor shaft (N m, not checked) as a frame of its own.
 [[nodiscard]] constexpr hal::CanFrame encode_torque(std::uint8_t node, float torque) {
   hal::CanFrame f;
   put_torque(f, node, torque);
   return f;
 }
+/// Report of an emulated drive; neither NaN nor range is checked.
 [[nodiscard]] constexpr hal::CanFrame encode_encoder_estimates(std::uint8_t node, float position_rev,
                                                                float velocity_rev_s) {
   hal::CanFrame f = detail::frame(node, Message::encoder_estimates, 8);
@@ -106,8 +110,8 @@ constexpr void put_torque(hal::CanFrame& f, std::uint8_t node, float torque) {
   detail::put_u32(f, 4, std::bit_cast<std::uint32_t>(velocity_rev_s));
   return f;
 }
-/// 0.6: byte 5 procedure_result, byte 6 bit 0 trajectory_done. 0.5.6: bytes 5..7 motor, encoder and
-/// controller flags, trajectory_done in the last bit. A drive in torque control sends zeros in all of them.
+/// Heartbeat of an emulated drive. Bytes 5..7 are 0, as in torque control (0.6: procedure_result and
+/// trajectory_done; 0.5.6: motor, encoder and controller flags, trajectory_done in the last bit).
 [[nodiscard]] constexpr hal::CanFrame encode_heartbeat(std::uint8_t node, std::uint32_t error, AxisState s) {
   hal::CanFrame f = detail::frame(node, Message::heartbeat, 8);
   detail::put_u32(f, 0, error);
@@ -136,35 +140,39 @@ struct Torques {
   return f;
 }
 
-/// A classic data frame of this size.
+/// True for a classic data frame of exactly this size, whatever its identifier.
 [[nodiscard]] constexpr bool has_size(const hal::CanFrame& f, std::uint8_t size) {
   return ((f.size ^ size) | f.remote | f.fd) == 0;
 }
 
-/// Decoders return nothing for a wrong length, remote or FD frame. The caller has checked the identifier.
+/// Decodes a heartbeat; empty for a wrong length, remote or FD frame. The caller checks the identifier.
 [[nodiscard]] constexpr std::optional<Heartbeat> decode_heartbeat(const hal::CanFrame& f, Version v) {
   if (!has_size(f, 8)) return std::nullopt;
   const auto flags = static_cast<std::uint8_t>(f.data[5] | f.data[6] | (f.data[7] & 0x7FU));
   return Heartbeat{detail::get_u32(f, 0), static_cast<AxisState>(f.data[4]),
                    v == Version::v0_5_6 ? flags : std::uint8_t{0}};
 }
+/// Decodes Get_Encoder_Estimates as decode_heartbeat does; a NaN or infinity is passed on.
 [[nodiscard]] constexpr std::optional<EncoderEstimates> decode_encoder_estimates(const hal::CanFrame& f) {
   if (!has_size(f, 8)) return std::nullopt;
   return EncoderEstimates{std::bit_cast<float>(detail::get_u32(f, 0)),
                           std::bit_cast<float>(detail::get_u32(f, 4))};
 }
+/// Decodes Get_Torques as decode_heartbeat does; a NaN or infinity is passed on.
 [[nodiscard]] constexpr std::optional<Torques> decode_torques(const hal::CanFrame& f) {
   if (!has_size(f, 8)) return std::nullopt;
   return Torques{std::bit_cast<float>(detail::get_u32(f, 0)), std::bit_cast<float>(detail::get_u32(f, 4))};
 }
-/// Whether an emulated drive takes the frame: a classic data frame of this size or longer.
+/// True if an emulated drive takes the frame: a classic data frame of this size or longer.
 [[nodiscard]] constexpr bool has_at_least(const hal::CanFrame& f, std::uint8_t size) {
   return f.size >= size && !f.remote && !f.fd;
 }
+/// Torque that a command asks of an emulated drive: N m at the shaft, any float; empty unless has_at_least.
 [[nodiscard]] constexpr std::optional<float> decode_torque(const hal::CanFrame& f) {
   if (!has_at_least(f, 4)) return std::nullopt;
   return std::bit_cast<float>(detail::get_u32(f, 0));
 }
+/// AxisState that a command asks of an emulated drive, any number; empty unless has_at_least(f, 4).
 [[nodiscard]] constexpr std::optional<std::uint32_t> decode_axis_state_request(const hal::CanFrame& f) {
   if (!has_at_least(f, 4)) return std::nullopt;
   return detail::get_u32(f, 0);
@@ -173,6 +181,7 @@ struct Torques {
 struct ControllerMode {
   std::uint32_t control, input;
 };
+/// Decodes Set_Controller_Mode to any numbers; empty unless has_size(f, 8). The caller checks the identifier.
 [[nodiscard]] constexpr std::optional<ControllerMode> decode_controller_mode(const hal::CanFrame& f) {
   if (!has_size(f, 8)) return std::nullopt;
   return ControllerMode{detail::get_u32(f, 0), detail::get_u32(f, 4)};
@@ -181,26 +190,28 @@ struct ControllerMode {
 /// Types of the endpoints that are read.
 enum class ValueType : std::uint8_t { u8, u32, f32 };  ///< booleans are u8
 
+/// Remote frame by which a drive is asked for its version (0.6).
 [[nodiscard]] constexpr hal::CanFrame encode_version_request(std::uint8_t node) {
   hal::CanFrame f = detail::frame(node, Message::get_version, 8);
   f.remote = true;
   return f;
 }
+/// Request to read the value of an endpoint (0.6), which the drive answers with a TxSdo.
 [[nodiscard]] constexpr hal::CanFrame encode_read(std::uint8_t node, std::uint16_t endpoint) {
   hal::CanFrame f = detail::frame(node, Message::rx_sdo, 8);
   detail::put_u32(f, 0, std::uint32_t{endpoint} << 8U);
   return f;
 }
-/// Endpoint of an RxSdo or TxSdo of four bytes or more.
+/// Endpoint of an RxSdo or TxSdo. The caller checks that it has four bytes or more.
 [[nodiscard]] constexpr std::uint16_t endpoint_of(const hal::CanFrame& f) {
   return static_cast<std::uint16_t>(detail::get_u32(f, 0) >> 8U);
 }
-/// Major, minor and revision of the firmware.
+/// Major, minor and revision of the firmware in a Get_Version; empty for a wrong length, remote or FD frame.
 [[nodiscard]] constexpr std::optional<std::array<std::uint8_t, 3>> decode_version(const hal::CanFrame& f) {
   if (!has_size(f, 8)) return std::nullopt;
   return std::array{f.data[4], f.data[5], f.data[6]};
 }
-/// Value of a TxSdo; integers beyond 2^24 are rounded. Nothing if the frame is too short for the type.
+/// Value of a TxSdo, a NaN too; integers beyond 2^24 are rounded. Empty: remote, FD, or too short for `type`.
 [[nodiscard]] constexpr std::optional<float> decode_value(const hal::CanFrame& f, ValueType type) {
   if (!has_at_least(f, type == ValueType::u8 ? 5 : 8)) return std::nullopt;
   if (type == ValueType::u8) return static_cast<float>(f.data[4]);
@@ -208,7 +219,7 @@ enum class ValueType : std::uint8_t { u8, u32, f32 };  ///< booleans are u8
   return type == ValueType::u32 ? static_cast<float>(raw) : std::bit_cast<float>(raw);
 }
 
-/// Version reply of an emulated drive.
+/// Get_Version of an emulated drive (0.6). `firmware`: major, minor, revision.
 [[nodiscard]] constexpr hal::CanFrame encode_version(std::uint8_t node,
                                                      const std::array<std::uint8_t, 3>& firmware) {
   hal::CanFrame f = detail::frame(node, Message::get_version, 8);
@@ -223,6 +234,7 @@ enum class ValueType : std::uint8_t { u8, u32, f32 };  ///< booleans are u8
   detail::put_u32(f, 4, disarm_reason);
   return f;
 }
+/// TxSdo of an emulated drive. `raw`: the value's bits; of a u8 the low eight.
 [[nodiscard]] constexpr hal::CanFrame encode_value(std::uint8_t node, std::uint16_t endpoint,
                                                    std::uint32_t raw) {
   hal::CanFrame f = detail::frame(node, Message::tx_sdo, 8);

@@ -52,11 +52,12 @@ class OdriveAxis {
       fall_silent();
   }
 
-  [[nodiscard]] bool heard_this_tick() const { return reported_; }
-  [[nodiscard]] std::uint32_t sample_age_ticks() const { return sample_age_ticks_; }
-  [[nodiscard]] bool brought_sample() const { return sampled_; }
-  [[nodiscard]] std::uint32_t heartbeat_age_ticks() const { return heartbeat_age_ticks_; }
+  [[nodiscard]] bool heard_this_tick() const { return reported_; }  ///< an encoder report came
+  [[nodiscard]] std::uint32_t sample_age_ticks() const { return sample_age_ticks_; }  ///< 0: this tick
+  [[nodiscard]] bool brought_sample() const { return sampled_; }  ///< the last accepted frame did
+  [[nodiscard]] std::uint32_t heartbeat_age_ticks() const { return heartbeat_age_ticks_; }  ///< 0: this tick
 
+  /// Joint angle (rad) and rate (rad/s) of the last sample, model convention; see sample_age_ticks().
   template <class S>
   [[nodiscard]] JointSample<S> sample() const {
     const S turn = S(6.283185307179586476925286766559L);
@@ -70,52 +71,56 @@ class OdriveAxis {
     if (torque_age_ticks_ > 0) return std::nullopt;
     return torque_ * config_.direction * config_.gear_ratio;
   }
-  /// Age of that message; age_max before the first.
+  /// Ticks since the last message for observed_torque(); 0: in this tick; age_max before the first.
   [[nodiscard]] std::uint32_t torque_age_ticks() const { return torque_age_ticks_; }
 
-  /// Closed-loop control reported without error in two heartbeats since the last request: an axis without
-  /// power reports it once and drops out again.
+  /// True if heartbeats in two ticks since the last request reported closed-loop control without error (an
+  /// axis without power reports it once and drops out again), and the encoder is connected.
   [[nodiscard]] bool ready() const { return confirmed() && !unconnected_; }
-  /// The axis reports position and speed 0: firmware 0.5.6 does so after a boot until its first closed loop
-  /// connects the encoder, so such a report is no sample. Any other report shows a connected encoder, until
-  /// exactly 0 and 0 follow a position away from 0, as after a restart.
+  /// True if the axis reports position and speed 0: firmware 0.5.6 does so after a boot until its first
+  /// closed loop connects the encoder, so such a report is no sample. Any other report shows a connected
+  /// encoder, until exactly 0 and 0 follow a position away from 0, as after a restart.
   [[nodiscard]] bool encoder_unconnected() const { return unconnected_; }
-  /// Idle, reported after the last request.
+  /// True if the last heartbeat reports idle and came after the last disable(), without a request for
+  /// closed-loop control since, and there is no config_mismatch().
   [[nodiscard]] bool idle() const {
     return answered_ && !asked_ && !config_mismatch() && last_.axis_state == odrive::AxisState::idle;
   }
-  /// Asked into closed loop, and not reported idle since.
+  /// True from a request for closed-loop control until idle().
   [[nodiscard]] bool must_be_released() const { return release_pending_; }
-  /// A heartbeat or a sample has come.
+  /// True once a heartbeat or an encoder report has come.
   [[nodiscard]] bool alive() const { return alive_; }
-  /// The watchdog is being tested: nothing may be sent to the axis.
+  /// True while the watchdog is tested: the caller must send nothing to the axis.
   [[nodiscard]] bool tx_suspended() const { return step_ == Step::test_watchdog; }
+  /// True while the watchdog test or the read-back goes on; each ends by itself.
   [[nodiscard]] bool setting_up() const {
     return tx_suspended() || (step_ == Step::request && !read_back_.done());
   }
-  /// An emergency stop was seen on the bus or reported by the axis, and not acknowledged since.
+  /// True if an emergency stop was seen on the bus or reported by the axis, and not acknowledged since.
   [[nodiscard]] bool emergency_stopped() const { return stopped_; }
-  /// The operator's reset of an emergency stop: its report may be cleared once; a newer one stops again.
+  /// Resets an emergency stop for the operator: its report may be cleared once; a newer one stops again.
   void acknowledge() {
     stopped_ = false;
     acknowledged_ = reports_emergency_stop();
   }
+  /// True if the last heartbeat reports an error of the axis or, firmware 0.5.6, of a component.
   [[nodiscard]] bool error() const { return last_.axis_error != 0 || last_.component_flags != 0; }
+  /// True if the last heartbeat reported closed-loop control, with or without an error.
   [[nodiscard]] bool closed_loop() const {
     return last_.axis_state == odrive::AxisState::closed_loop_control;
   }
-  [[nodiscard]] std::uint32_t error_code() const { return last_.axis_error; }
-  /// A value read back is not the required one, or was not answered, or the watchdog did not trip; cleared by
-  /// disable(). Firmware 0.5.6 cannot be read back.
+  [[nodiscard]] std::uint32_t error_code() const { return last_.axis_error; }  ///< 0: none, or a component's
+  /// True if a value read back is not the required one or was not answered, or the watchdog did not trip;
+  /// cleared by disable(). Firmware 0.5.6 cannot be read back.
   [[nodiscard]] bool config_mismatch() const {
     return read_back_.config_mismatch() || watchdog_did_not_trip_;
   }
-  /// The endpoint of the last mismatch; OdriveReadBack::version_endpoint for the version.
+  /// The endpoint of the last mismatch; OdriveReadBack::version_endpoint: the version; empty: none.
   [[nodiscard]] std::optional<std::uint16_t> refused_endpoint() const { return read_back_.refused(); }
   [[nodiscard]] std::uint8_t node() const { return config_.node; }
 
-  /// Frames towards closed-loop torque control; call every tick while enabling. A frame that the bus does not
-  /// take is sent again.
+  /// Sends frames towards closed-loop torque control; call every tick while enabling. A frame that the bus
+  /// does not take is sent again.
   ///
   ///   controller mode  ->  a newer heartbeat  ->  clear errors, unless it is an emergency stop
   ///     ->  a heartbeat without error, and all read back  ->  closed-loop control  ->  two heartbeats:
@@ -144,7 +149,7 @@ class OdriveAxis {
     patient_ = false;
   }
 
-  /// Frames that take the axis out of closed-loop control.
+  /// Requests idle; every tick until idle(). Clears config_mismatch(): the next enable() reads back anew.
   template <class Send>
   void disable(Send&& send) {
     confirmations_ = 0;
@@ -157,12 +162,12 @@ class OdriveAxis {
     send(odrive::encode_set_axis_state(config_.node, odrive::AxisState::idle));
   }
 
-  /// The shaft torque for this joint torque (N m, model convention) may be sent.
+  /// True if the shaft torque for this joint torque (N m, model convention) may be sent: finite, <= 1e4 N m.
   template <class S>
   [[nodiscard]] bool can_carry(S joint_torque) const {
     return drive::can_carry(shaft_torque(config_, joint_torque));
   }
-  /// Joint torque, N m, model convention, rounded to float at the shaft; zero if it cannot be carried.
+  /// Writes a joint torque (N m, model convention) into f, a classic data frame before; 0 unless can_carry().
   template <class S>
   void put_torque(hal::CanFrame& f, S joint_torque) const {
     const float torque = shaft_torque(config_, joint_torque);

@@ -36,15 +36,15 @@ class OdriveReadBack {
   OdriveReadBack() = default;
   explicit OdriveReadBack(const OdriveTable& table) : table_(table) {}
 
-  /// All values were answered and are allowed.
+  /// True if every value was answered and is allowed; at once with an empty table.
   [[nodiscard]] bool done() const { return next_ == questions(); }
-  /// A value is not allowed, or was not answered.
+  /// True once a value was not allowed, or not answered after four attempts; until restart().
   [[nodiscard]] bool config_mismatch() const { return config_mismatch_; }
-  /// The endpoint of the mismatch, until the next question.
+  /// The endpoint of the last mismatch, until ask() sends the next question; empty: none.
   [[nodiscard]] std::optional<std::uint16_t> refused() const { return refused_; }
   static constexpr std::uint16_t version_endpoint = 0xFFFF;  ///< stands for the version
 
-  /// Begins with the first question.
+  /// Forgets all answers and a mismatch: the next ask() sends the first question.
   void restart() {
     next_ = 0;
     config_mismatch_ = false;
@@ -72,7 +72,8 @@ class OdriveReadBack {
     wait_ticks_ = patience_ticks - 1;
   }
 
-  /// Get_Version of the axis, which may also come cyclically without a question.
+  /// Judges a Get_Version of the axis. not_mine, without effect: the version is not being asked for, as when
+  /// it comes cyclically; malformed: wrong length. The caller checks the identifier.
   Received take_version(const hal::CanFrame& f) {
     if (!asked_ || !asks_version() || f.remote) return Received::not_mine;
     const auto v = odrive::decode_version(f);
@@ -80,7 +81,8 @@ class OdriveReadBack {
     judge(*v == table_.firmware);
     return Received::accepted;
   }
-  /// TxSdo of the axis; answers to questions of other nodes are not_mine.
+  /// Judges a TxSdo of the axis. not_mine, without effect: another endpoint than the one being asked for, as
+  /// an answer to another node; malformed: too short for the value. The caller checks the identifier.
   Received take_value(const hal::CanFrame& f) {
     if (!asked_ || asks_version() || f.remote || f.size < 4 || odrive::endpoint_of(f) != check().endpoint) {
       return Received::not_mine;

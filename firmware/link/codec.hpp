@@ -122,6 +122,7 @@ constexpr void put_float(Frame& f, unsigned at, float v) {
   for (unsigned i = 1; i < 8; ++i) c = crc8_add(c, f.data[i]);
   return static_cast<std::uint8_t>(c ^ crc8_inverted);
 }
+/// True if byte 0 is the checksum for this session. The caller checks that the frame has 8 bytes.
 [[nodiscard]] constexpr bool intact(const hal::CanFrame& f, std::uint8_t session) {
   return f.data[0] == checksum(f, session);
 }
@@ -135,6 +136,7 @@ struct CommandFrame {
   std::uint16_t tick = 0;        ///< of the last Status heard, its low 16 bits
   std::uint16_t parameters = 0;  ///< low half of the CRC-32 of the table that the operator knows
 };
+/// Decodes an order; empty: unknown, or a reserved bit is set. The caller checks identifier, size, intact().
 [[nodiscard]] constexpr std::optional<CommandFrame> decode_command(const hal::CanFrame& f) {
   if ((f.data[1] >> 4U) != 0 || f.data[2] >= order_count || f.data[3] != 0) return std::nullopt;
   return CommandFrame{static_cast<Order>(f.data[2]), static_cast<std::uint16_t>(get_field(f, 4, 2)),
@@ -146,7 +148,7 @@ struct Pair {
   Space space = Space::effector;
   std::array<float, 2> value{};
 };
-/// Decodes two 24-bit numbers times `unit`: position_unit or velocity_unit.
+/// Decodes two 24-bit numbers times `unit` (position_unit or velocity_unit); empty: a reserved bit is set.
 [[nodiscard]] constexpr std::optional<Pair> decode_pair(const hal::CanFrame& f, float unit) {
   if ((f.data[1] >> 5U) != 0) return std::nullopt;
   return Pair{
@@ -159,6 +161,7 @@ struct ParameterWrite {
   std::uint8_t index = 0;
   float value = 0;
 };
+/// Decodes a write; empty: a reserved bit is set. Index and value are not checked: the value may be a NaN.
 [[nodiscard]] constexpr std::optional<ParameterWrite> decode_parameter_write(const hal::CanFrame& f) {
   if ((f.data[1] >> 4U) != 0 || f.data[3] != 0) return std::nullopt;
   return ParameterWrite{f.data[2], detail::get_float(f, 4)};
@@ -169,6 +172,7 @@ struct RequestFrame {
   Subject subject = Subject::faults;
   std::uint8_t index = 0;  ///< of a parameter
 };
+/// Decodes a question; empty: unknown subject, or a reserved bit is set. The index is not checked.
 [[nodiscard]] constexpr std::optional<RequestFrame> decode_request(const hal::CanFrame& f) {
   if ((f.data[1] >> 4U) != 0 || f.data[2] >= subject_count || get_field(f, 4, 4) != 0) return std::nullopt;
   return RequestFrame{static_cast<Subject>(f.data[2]), f.data[3]};
@@ -189,6 +193,7 @@ struct Status {
   std::uint32_t tick = 0;  ///< 24 bits are sent
   std::uint8_t session = 1;
 };
+/// Status with its checksum; the low four bits of `counter` are sent.
 [[nodiscard]] constexpr hal::CanFrame encode_status(std::uint32_t base, const Status& s,
                                                     std::uint8_t counter) {
   hal::CanFrame f = detail::frame(base, Message::status);
@@ -210,6 +215,7 @@ struct FaultRecord {
   std::uint32_t time_us = 0;      ///< of the last one, since power-up, modulo 2^32
   std::uint32_t drive_error = 0;  ///< error code of the drive
 };
+/// First of the two frames of a record: fault, axis, count, time.
 [[nodiscard]] constexpr hal::CanFrame encode_fault_record(std::uint32_t base, const FaultRecord& r) {
   hal::CanFrame f = detail::frame(base, Message::fault_record);
   f.data[0] = static_cast<std::uint8_t>(r.fault);
@@ -218,6 +224,7 @@ struct FaultRecord {
   put_field(f, 4, r.time_us, 4);
   return f;
 }
+/// Second of the two frames of a record: fault, axis, drive error.
 [[nodiscard]] constexpr hal::CanFrame encode_fault_detail(std::uint32_t base, const FaultRecord& r) {
   hal::CanFrame f = detail::frame(base, Message::fault_detail);
   f.data[0] = static_cast<std::uint8_t>(r.fault);
@@ -226,6 +233,7 @@ struct FaultRecord {
   return f;
 }
 
+/// Value of a parameter, in the unit of its Index, with the answer to a write of it or a request.
 [[nodiscard]] constexpr hal::CanFrame encode_parameter_value(std::uint32_t base, std::uint8_t index,
                                                              Answer answer, bool writable, float value) {
   hal::CanFrame f = detail::frame(base, Message::parameter_value);
@@ -235,6 +243,7 @@ struct FaultRecord {
   detail::put_float(f, 4, value);
   return f;
 }
+/// Checksum of the table (Parameters::crc) and number of its entries.
 [[nodiscard]] constexpr hal::CanFrame encode_parameter_table(std::uint32_t base, std::uint32_t crc,
                                                              std::uint8_t count) {
   hal::CanFrame f = detail::frame(base, Message::parameter_table);
@@ -243,14 +252,14 @@ struct FaultRecord {
   return f;
 }
 
-/// `scene`: CRC-32 of the values of the scene that the controller was made of; 0: not known.
+/// Identity. `scene`: CRC-32 of the values of the scene that the controller was made of; 0: not known.
 [[nodiscard]] constexpr hal::CanFrame encode_identity(std::uint32_t base, std::uint32_t scene) {
   hal::CanFrame f = detail::frame(base, Message::identity);
   put_field(f, 0, scene, 4);
   f.data[4] = protocol_version;
   return f;
 }
-/// Scene of an Identity; nothing unless the frame is the Identity of a controller at this base.
+/// Scene of an Identity; empty unless the frame is the Identity of a controller at this base: all is checked.
 [[nodiscard]] constexpr std::optional<std::uint32_t> decode_identity(const hal::CanFrame& f,
                                                                      std::uint32_t base) {
   if (f.id != base + static_cast<std::uint32_t>(Message::identity) || f.extended || f.remote || f.fd ||
@@ -320,7 +329,7 @@ struct Counters {
   put_field(f, 6, c.refused, 2);
   return f;
 }
-/// Two floats: effector m, tracking_error m, joint_i rad and N m.
+/// Frame of two floats from the controller; `message`: effector (m), tracking_error (m), joint_i (rad, N m).
 [[nodiscard]] constexpr hal::CanFrame encode_floats(std::uint32_t base, std::uint8_t message, float first,
                                                     float second) {
   hal::CanFrame f = hal::data_frame(base + message, 8);

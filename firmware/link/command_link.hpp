@@ -24,7 +24,7 @@ class CommandLink {
   explicit CommandLink(const LinkConfig& c)
       : config_(c), parameters_(c.parameters), session_(c.session), source_(c.source) {}
 
-  [[nodiscard]] bool active() const { return config_.base_id != 0; }
+  [[nodiscard]] bool active() const { return config_.base_id != 0; }  ///< false: every frame is not_mine
   [[nodiscard]] const Parameters& parameters() const { return parameters_; }
   [[nodiscard]] const Counters& counters() const { return counters_; }
   [[nodiscard]] std::uint8_t session() const { return session_; }
@@ -34,8 +34,7 @@ class CommandLink {
   /// Begins a tick; call before its frames.
   void begin_tick() { ++tick_; }
 
-  /// Takes a frame from the bus and counts the outcome. `waited`: ticks from its arrival to this call, below
-  /// 2^31.
+  /// Takes a frame and counts the outcome. `waited`: ticks from its arrival to this call, below 2^31.
   Outcome receive(const hal::CanFrame& f, std::uint32_t waited = 0) {
     waited_ticks_ = waited;
     if (!active() || f.extended || f.id - config_.base_id >= block_size) return Outcome::not_mine;
@@ -46,7 +45,7 @@ class CommandLink {
     return o;
   }
 
-  /// The requests since the last call.
+  /// Returns the requests since the last call and forgets them; the source is the present one in any case.
   [[nodiscard]] Request take() {
     Request r = request_;
     request_ = {};
@@ -59,6 +58,7 @@ class CommandLink {
     request_.has_gains = request_.has_gains || good;
     return good;
   }
+  /// Returns the last request to the store since the last call, and forgets it.
   [[nodiscard]] StoreRequest take_store_request() {
     return std::exchange(store_request_, StoreRequest::none);
   }
@@ -67,7 +67,7 @@ class CommandLink {
     slots_due_ = slots_due_ || s != store_;
     store_ = s;
   }
-  /// A set point that take() gave could not be followed.
+  /// Counts a refused frame: the caller could not follow a set point that take() gave.
   void refuse() { count(Outcome::refused); }
 
   /// True if no frame came for more than `silence` ticks in an armed state, or no sample of a begun stream
@@ -79,7 +79,8 @@ class CommandLink {
            (streaming_ && tick_ - sample_tick_ > static_cast<std::uint32_t>(parameters_[Index::stream_age]));
   }
 
-  /// At the end of a tick. `send` says whether the bus took the frame.
+  /// Sends what is due at the end of a tick: Status, faults, telemetry, answers. `send` returns whether the
+  /// bus took the frame; if not, all but a merely periodic Status is tried again in the next tick.
   template <class Send>
   void transmit(const Supervisor& s, const Report& r, Send&& send) {
     change_state(s.state());

@@ -11,8 +11,7 @@ namespace esmc::link {
 /// One record per fault: number of occurrences; time, motor and drive error of the last one.
 class FaultMemory {
  public:
-  /// Records faults new in this tick; call once per tick. `axis`, `drive_error`: of the drive that reports an
-  /// error.
+  /// Records faults new in this tick; once per tick. `axis`, `drive_error`: of a drive that reports an error.
   void update(const Supervisor& s, std::uint32_t time_us, std::uint8_t axis, std::uint32_t drive_error) {
     for (unsigned i = 1; i < count; ++i) {
       FaultRecord& r = records_[i];
@@ -27,7 +26,7 @@ class FaultMemory {
     for (unsigned i = 1; i < count; ++i) pending_[i] = pending_[i] || records_[i].count > 0;
     pending_[0] = true;
   }
-  /// Sends at most one queued record, that of `first` before others.
+  /// Sends at most one queued record, that of `first` before others; it stays queued if the bus is full.
   template <class Send>
   void transmit(std::uint32_t base, Fault first, Send&& send) {
     unsigned i = static_cast<unsigned>(first);

@@ -19,10 +19,10 @@ struct LinkConfig {
   std::uint32_t telemetry_ticks = 0;        ///< between two sets of telemetry; 0: none
   std::uint32_t table_ticks = 0;            ///< between two Parameter_Table; 0: on request only
   std::uint32_t period_ns = 0;              ///< of a tick
-  Source source = Source::reference;
-  Space space = Space::effector;
-  std::array<Bounds, 2> position{};  ///< of set points and samples, m or rad
-  std::uint32_t scene = 0;           ///< CRC-32 of the values of the scene; 0: not known
+  Source source = Source::reference;        ///< at power-up, until an order changes it
+  Space space = Space::effector;            ///< of set points and samples; others are refused
+  std::array<Bounds, 2> position{};         ///< of set points and samples, m or rad
+  std::uint32_t scene = 0;                  ///< CRC-32 of the values of the scene; 0: not known
   Parameters parameters{};
 };
 
@@ -56,7 +56,7 @@ enum class StoreRequest : std::uint8_t { none, store, forget };
 struct Report {
   std::array<float, 2> effector{}, error{};         ///< m
   std::array<float, joints_max> angle{}, torque{};  ///< rad, N m
-  std::uint8_t joints = 0;
+  std::uint8_t joints = 0;                          ///< entries of `angle` and `torque` that are used
   std::uint8_t axis = no_axis;    ///< motor with a drive error, or the encoder that contradicts the others
   std::uint32_t drive_error = 0;  ///< error code of that drive
 };

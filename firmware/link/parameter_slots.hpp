@@ -53,7 +53,8 @@ class ParameterSlots {
   ParameterSlots(Memory& memory, const Parameters& baked, std::uint32_t scene, std::uint32_t polls_max)
       : memory_(memory), baked_(baked), scene_(scene), polls_max_(polls_max) {}
 
-  /// At power-up: gains of the newest record that this image can use as a whole. Empty: use the baked gains.
+  /// Reads, at power-up, the gains of the newest record that this image can use as a whole. Empty: use the
+  /// baked gains.
   [[nodiscard]] std::optional<Gains> load() {
     if (scene_ == 0 || !memory_.available()) return std::nullopt;
     status_.state = StoreState::idle;
@@ -64,11 +65,13 @@ class ParameterSlots {
   }
 
   [[nodiscard]] const StoreStatus& status() const { return status_; }
+  /// True while poll() carries out a store() or forget().
   [[nodiscard]] bool busy() const {
     return status_.state == StoreState::storing || status_.state == StoreState::forgetting;
   }
 
-  /// Ignored while busy() and without a store.
+  /// Begins to store gains, which poll() carries out; status() tells the end. Ignored while busy() or without
+  /// a store; fails while an operation that timed out may still go on.
   void store(const Gains& gains) {
     if (!begin(StoreState::storing)) return;
     std::uint32_t next = newest_ + 1;
@@ -76,14 +79,14 @@ class ParameterSlots {
     if (current_ != none && !later(next, slots_[current_].sequence)) next = slots_[current_].sequence + 1;
     record_ = SlotRecord{next, scene_, gains}.encode();
   }
-  /// Erases the older record first: a loss of power in between must not bring it back.
+  /// Begins to erase both records, as store(); the older first: a loss of power must not bring it back.
   void forget() {
     if (!begin(StoreState::forgetting)) return;
     record_.fill(hal::erased_word);
     second_ = true;
   }
 
-  /// One step of the present operation.
+  /// Makes one step of the present operation without waiting; call between ticks, also if not busy().
   void poll() {
     if (!busy()) {
       // An operation that timed out may still end and leave the memory as ordered.
@@ -234,14 +237,14 @@ class ParameterSlots {
   bool unknown_ = false;  ///< an operation timed out and goes on: the content of the slots is not known
 };
 
-/// At power-up, before the first tick: takes the stored gains if they can be used.
+/// Gives the stored gains, if they can be used, to the link; at power-up, before the first tick.
 template <class Memory>
 void restore(CommandLink& link, ParameterSlots<Memory>& slots) {
   if (!link.active()) return;  // no orders can come
   if (const auto gains = slots.load()) (void)link.restore(*gains);
   link.store_status(slots.status());
 }
-/// Between two ticks: passes a request to the store, and polls it once.
+/// Passes a request of the link to the store, and polls the store once; between two ticks.
 template <class Memory>
 void serve(CommandLink& link, ParameterSlots<Memory>& slots) {
   const StoreRequest request = link.take_store_request();

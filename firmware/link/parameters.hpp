@@ -46,13 +46,16 @@ class Parameters {
   }
 
   [[nodiscard]] float operator[](Index i) const { return values_[static_cast<unsigned>(i)]; }
-  [[nodiscard]] float at(std::uint8_t i) const { return values_[i]; }
+  [[nodiscard]] float at(std::uint8_t i) const { return values_[i]; }  ///< i < parameter_count: not checked
   [[nodiscard]] const Values& values() const { return values_; }
   [[nodiscard]] const std::array<Bounds, gain_count>& bounds() const { return bounds_; }
+  /// True for a gain whose upper bound is above its lower one; false for any other index.
   [[nodiscard]] bool writable(std::uint8_t i) const {
     return i < gain_count && bounds_[i].upper > bounds_[i].lower;
   }
 
+  /// Sets parameter i. The first of unknown_index, read_only, not_now (not `disabled`), out_of_bounds (a NaN
+  /// too) that applies is returned, without effect; else ok.
   Answer write(std::uint8_t i, float value, bool disabled) {
     if (i >= parameter_count) return Answer::unknown_index;
     if (!writable(i)) return Answer::read_only;
@@ -64,7 +67,7 @@ class Parameters {
   }
 
   [[nodiscard]] Gains gains() const { return {values_[0], values_[1], values_[2], values_[3]}; }
-  /// Writable gains are within their bounds, the others equal to the present value, bit by bit.
+  /// True if the writable gains are within their bounds and the others equal the present ones, bit by bit.
   [[nodiscard]] bool acceptable(const Gains& g) const {
     bool good = true;
     for (std::uint8_t i = 0; i < gain_count; ++i) {
@@ -74,7 +77,7 @@ class Parameters {
     }
     return good;
   }
-  /// Takes all gains if they are acceptable, else none.
+  /// Takes all gains and returns true if they are acceptable(); else false, and nothing changes.
   bool restore(const Gains& g) {
     if (!acceptable(g)) return false;
     for (unsigned i = 0; i < gain_count; ++i) values_[i] = g[i];
@@ -82,7 +85,7 @@ class Parameters {
     return true;
   }
 
-  /// CRC-32/ISO-HDLC over the binary32 values in the order of their indices, little endian.
+  /// CRC-32/ISO-HDLC over the present values (binary32, little endian) in the order of their indices.
   [[nodiscard]] std::uint32_t crc() const { return crc_; }
 
  private:

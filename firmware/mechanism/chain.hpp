@@ -58,7 +58,7 @@ class Chain {
 
   [[nodiscard]] const Body<S>& body(int i) const { return bodies_[i]; }
   ESMC_INLINE static constexpr bool revolute(int i) { return kinds_[i] == Joint::revolute; }
-  /// Whether the axis of body i can turn: a revolute joint lies between it and the base.
+  /// True if the axis of body i can turn: a revolute joint lies between it and the base.
   ESMC_INLINE static constexpr bool turns(int i) {
     for (int j = 0; j <= i; ++j)
       if (revolute(j)) return true;
@@ -80,8 +80,7 @@ class Chain {
   ESMC_INLINE S reach(const Pose& p, int i) const {
     return revolute(i) ? bodies_[i].length : S(bodies_[i].length + slid(p, i));
   }
-  /// Vector from the origin of body i to its mass centre, m, where x is its axis; its rate, m/s, where x is
-  /// the rate of the axis, 1/s.
+  /// Vector from the origin of body i to its mass centre, m, for its axis x; the vector's rate for x'.
   ESMC_INLINE Vec2<S> from_joint(const Vec2<S>& x, int i) const {
     if (shapes_[i] == Shape::bar) return x * bodies_[i].centre;
     return x * bodies_[i].centre + perp(x) * bodies_[i].centre_across;
@@ -107,8 +106,8 @@ class Chain {
       return {a.axis - b.axis, a.slide - b.slide};
     }
   };
-  /// The same quantity of the mass centre. `at_end`: of the end of the body before; is moved to the end of
-  /// this one.
+  /// The quantity m of body i at its mass centre. `at_end`: the quantity at the end of the body before; is
+  /// moved to the end of this one.
   ESMC_INLINE Vec2<S> to_mass_centre(Sum<Vec2<S>>& at_end, int i, const BodyMotion& m) const {
     Vec2<S> out;  // the only object returned, or it would be copied by way of memory
     if (!revolute(i)) at_end.add(m.slide);
@@ -125,6 +124,7 @@ class Chain {
   struct RateWalk {
     Sum<S> spin;  ///< of the body in hand, rad/s
   };
+  /// Rate of body i at the joint rates qd; call for i = 0, 1, .. in this order, with one w.
   ESMC_INLINE static BodyMotion move(RateWalk& w, int i, const Pose& p, const Joints& qd) {
     BodyMotion m;
     if (revolute(i)) w.spin.add(qd[i]);
@@ -139,6 +139,7 @@ class Chain {
   struct BiasWalk {
     Sum<S> spin_a, spin_b;
   };
+  /// Acceleration of body i at constant rates a and b; call for i = 0, 1, .. in this order, with one w.
   ESMC_INLINE static BodyMotion move(BiasWalk& w, int i, const Pose& p, const Joints& a, const Joints& b) {
     BodyMotion m;
     if (revolute(i)) {
@@ -150,18 +151,18 @@ class Chain {
       m.slide = m.axis * slid(p, i) + perp(p.axis[i]) * (w.spin_a.value() * b[i] + w.spin_b.value() * a[i]);
     return m;
   }
-  /// Desired less actual.
+  /// Desired less actual pose of body i.
   ESMC_INLINE static BodyMotion gap(int i, const Pose& desired, const Pose& actual) {
     BodyMotion m;
     if (turns(i)) m.axis = desired.axis[i] - actual.axis[i];
     if (!revolute(i)) m.slide = desired.axis[i] * slid(desired, i) - actual.axis[i] * slid(actual, i);
     return m;
   }
-  /// Angle from the actual to the desired axis, in (-pi, pi].
+  /// Angle from the actual to the desired axis of body i, rad, in [-pi, pi].
   ESMC_INLINE static S turned_at(int i, const Pose& desired, const Pose& actual) {
     return angle_of_unit(cross(actual.axis[i], desired.axis[i]), dot(actual.axis[i], desired.axis[i]));
   }
-  /// Error of joint i, desired less actual: rad in (-pi, pi], or m. `before`, `turned`: `turned_at` of the
+  /// Error of joint i, desired less actual: rad in [-pi, pi], or m. `before`, `turned`: `turned_at` of the
   /// body before and of this one.
   ESMC_INLINE static S joint_error(int i, S before, S turned, const Pose& desired, const Pose& actual) {
     if (!revolute(i)) return slid(desired, i) - slid(actual, i);

@@ -27,15 +27,15 @@ struct PointMass {
   S mass{};     ///< m0, kg
   S gravity{};  ///< m/s2
 
-  /// Velocity of attachment point `leg` by p0#: (dq/dq0) D+ of (39), here 1.
+  /// Velocity (m/s) of a leg's attachment point by p0#: (dq/dq0) D+ of (39), here 1.
   [[nodiscard]] static Vec2<S> attachment_rate(const Pose&, int, const Vec2<S>& v) { return v; }
-  /// Its transpose: force on p0# by a force on the attachment point.
+  /// Transpose of attachment_rate: force on p0# (N) by a force on the attachment point (N).
   [[nodiscard]] static Vec2<S> attachment_force(const Pose&, int, const Vec2<S>& f) { return f; }
   /// e = q_d - q, m.
   [[nodiscard]] static Vec2<S> error(const Pose& desired, const Pose& actual) {
     return desired.effector - actual.effector;
   }
-  /// M_0 v' + g_0, N.
+  /// M_0 v' + g_0, N, of an acceleration v' (m/s2).
   [[nodiscard]] Vec2<S> force(const Vec2<S>& v) const { return {mass * v.x(), mass * (v.y() + gravity)}; }
   [[nodiscard]] Vec2<S> weight() const { return Vec2<S>::Constant(mass); }  ///< diagonal of M_0
 };
@@ -46,11 +46,11 @@ struct LegFrame {
   Vec2<S> base = Vec2<S>::Zero();  ///< m
   S mirror{1};                     ///< +1 parallel to N, -1 mirrored: S_j = diag(mirror, 1) (56)
 
-  /// S_j v, which is its own inverse.
+  /// S_j v: a vector in N, seen in Nj. S_j is its own inverse.
   [[nodiscard]] Vec2<S> to_leg(const Vec2<S>& v) const { return {mirror * v.x(), v.y()}; }
-  [[nodiscard]] Vec2<S> from_leg(const Vec2<S>& v) const { return to_leg(v); }
-  [[nodiscard]] Vec2<S> point_to_leg(const Vec2<S>& p) const { return to_leg(p - base); }
-  [[nodiscard]] Vec2<S> point_from_leg(const Vec2<S>& p) const { return base + from_leg(p); }
+  [[nodiscard]] Vec2<S> from_leg(const Vec2<S>& v) const { return to_leg(v); }  ///< a vector in Nj, seen in N
+  [[nodiscard]] Vec2<S> point_to_leg(const Vec2<S>& p) const { return to_leg(p - base); }      ///< N to Nj, m
+  [[nodiscard]] Vec2<S> point_from_leg(const Vec2<S>& p) const { return base + from_leg(p); }  ///< m, to N
 };
 
 /// A platform held by `Legs` serial chains (37)-(47). S: scalar type; see the top of the file.
@@ -64,7 +64,7 @@ class Coupling {
   using Independent = Vec<S, Platform::dof>;  ///< p0#: platform coordinates
   using Channels = Vec<S, channels>;          ///< rows of p in the order of model.md section 4
 
-  /// [p0#; joint rates] = C^ p#, or accelerations likewise [F10]. Not initialised by itself.
+  /// [p0#; joint rates] = C^ p# [F10], or the accelerations of both. Not initialised by itself.
   struct Rates {
     Independent platform;
     List<typename Leg::Joints, Legs> leg;
@@ -122,7 +122,7 @@ class Coupling {
     return out;
   }
 
-  /// d/dt of C^ along motion a, applied to b: -J_j^-1 Jdot_j(a) b, which is q''_j0 of [F16] for a = b.
+  /// d/dt of C^ along motion a, applied to b: -J_j^-1 Jdot_j(a) b, q''_j0 of [F16] for a = b. Pole at type 1.
   [[nodiscard]] Rates chain_bias(const LegPoses& p, const Rates& a, const Rates& b) const {
     Rates out;
     out.platform.setZero();
@@ -131,7 +131,7 @@ class Coupling {
     return out;
   }
 
-  /// blkdiag(C_j) (40), [F11]: all channels from platform and joint rates.
+  /// blkdiag(C_j) (40), [F11]: rates of all channels from platform and joint rates, which must agree.
   [[nodiscard]] Channels channel_rates(const LegPoses& p, const Rates& r) const {
     return assembled(r.platform, [&](auto j) ESMC_INLINE { return leg_[j].rates(p.leg[j], r.leg[j]); });
   }
@@ -147,7 +147,7 @@ class Coupling {
     });
     return out;
   }
-  /// The same along the motion r itself: pdot = C a + c [F20].
+  /// All channel accelerations pdot = C a + c [F20] at the rates r; a: `acceleration` of platform and joints.
   [[nodiscard]] Channels channel_accelerations(const LegPoses& p, const Rates& r,
                                                const Rates& acceleration) const {
     return channel_accelerations(p, r, r, acceleration);
@@ -183,13 +183,12 @@ class Coupling {
     return out;
   }
 
-  /// F = C^T w of (95), [F20], on p0#.
+  /// F = C^T w of (95), [F20]: force on p0# (N) by forces w (N, N m) on the channels. Pole at type 1.
   [[nodiscard]] Independent platform_force(const LegPoses& p, const Channels& w) const {
     return gather(p, w.template head<Platform::channels>(), leg_torques(p, w));
   }
 
-  /// Calls f(row, e, e', q''_d) once for every channel (90), [F29]; see Serial::for_each_error_row. t: a
-  /// Tracking.
+  /// Calls f(row, e, e', q''_d) once per channel (90), [F29] of a Tracking t; see Serial::for_each_error_row.
   template <bool joint_rows = true, class Tracking, class F>
   ESMC_INLINE void for_each_error_row(const Tracking& t, F&& f) const {
     const Independent e = Platform::error(t.desired_pose, t.pose);
@@ -219,7 +218,7 @@ class Coupling {
               ESMC_INLINE { f(std::integral_constant<int, row_leg(j) + row>{}, of_sigma, reference); });
     });
   }
-  /// See Serial::fill_joint_rows.
+  /// Sets the joint rows of every leg from those of its bars; see Serial::fill_joint_rows.
   static void fill_joint_rows(Channels& s) {
     unroll<Legs>([&](auto j) ESMC_INLINE { Leg::fill_joint_rows(s, row_leg(j)); });
   }

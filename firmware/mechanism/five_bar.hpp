@@ -11,7 +11,7 @@
 
 namespace esmc {
 
-/// The leg or arm that `p` describes; gravity in m/s2.
+/// The leg or arm that `p` describes, not checked (see check()); gravity along -y, m/s2.
 template <class S>
 [[nodiscard]] Dyad<S> make_dyad(const LegParams<S>& p, S gravity) {
   return Dyad<S>({{Body<S>{p.l1, p.lg1, S(0), p.m1, p.J1, p.d1, p.gamma1},
@@ -19,9 +19,8 @@ template <class S>
                  gravity);
 }
 
-/// Inverse kinematics of a dyad [F17], without its angles: tip (m, in the frame of the leg) to pose, with
-/// sign sin theta_2 = `working_mode` (+1 or -1). False when the tip is out of reach, at the base or NaN: `p`
-/// is then unchanged.
+/// Inverse kinematics of a dyad [F17] into `p`: tip in m, in the frame of the leg; sign sin theta_2 is
+/// `working_mode` (+1 or -1). False, `p` unchanged: the tip is out of reach, at the base or NaN.
 template <class S>
 [[nodiscard]] bool dyad_inverse(const Dyad<S>& dyad, const Vec2<S>& tip, int working_mode,
                                 typename Dyad<S>::Pose& p) {
@@ -40,7 +39,7 @@ template <class S>
   return true;
 }
 
-/// Angles of two directions, rad, each in (-pi, pi].
+/// Angles of two directions, which need not be unit vectors, rad, each in [-pi, pi].
 template <class S>
 [[nodiscard]] Vec2<S> angles_of(const List<Vec2<S>, 2>& direction) {
   Vec2<S> out;
@@ -91,13 +90,12 @@ class FiveBar : public Coupling<S, PointMass<S>, Dyad<S>, 2> {
     return tip_in_base(p, 0) - tip_in_base(p, 1);
   }
 
-  /// Inverse kinematics [F17] of the effector (m, in N) in the working mode; the assembly mode follows.
-  /// Empty: out of reach or NaN.
+  /// Inverse kinematics [F17] of the effector (m, in N); mode.assembly is ignored. Empty: out of reach, NaN.
   [[nodiscard]] std::optional<Pose> inverse(const Vec2<S>& effector, const Mode& mode) const {
     Pose p;
     return inverse(effector, mode, p) ? std::optional<Pose>(p) : std::nullopt;
   }
-  /// Same in place; false: out of reach, `p` is undefined.
+  /// Inverse kinematics [F17] into `p`: effector in m, in N. False: out of reach or NaN, `p` is undefined.
   [[nodiscard]] bool inverse(const Vec2<S>& effector, const Mode& mode, Pose& p) const {
     for (int j = 0; j < 2; ++j) {
       if (!dyad_inverse(this->leg(j), this->frame(j).point_to_leg(effector), mode.working[j], p.leg[j]))
@@ -114,7 +112,7 @@ class FiveBar : public Coupling<S, PointMass<S>, Dyad<S>, 2> {
     Pose p;
     return forward(base_angles, assembly_mode, p) ? std::optional<Pose>(p) : std::nullopt;
   }
-  /// Same in place; false: not closed, `p` is undefined.
+  /// Forward kinematics [F18] into `p`: base joints in rad, sign D2. False: not closed or NaN, `p` undefined.
   [[nodiscard]] bool forward(const Vec2<S>& base_angles, int assembly_mode, Pose& p) const {
     List<Vec2<S>, 2> elbow;
     const auto t = sin_cos(std::array<S, 2>{base_angles[0], base_angles[1]});
@@ -142,18 +140,18 @@ class FiveBar : public Coupling<S, PointMass<S>, Dyad<S>, 2> {
     return true;
   }
 
-  /// (theta11, theta12, theta21, theta22), rad, each in (-pi, pi].
+  /// (theta11, theta12, theta21, theta22) of a pose, rad, each in [-pi, pi].
   [[nodiscard]] static Vec<S, 4> angles(const Pose& p) {
     Vec<S, 4> out;
     out << angles_of(p.leg[0].turn), angles_of(p.leg[1].turn);
     return out;
   }
 
-  /// (cos, sin) of theta11 and of theta21.
+  /// Sets `out` to (cos, sin) of theta11 and of theta21.
   static void base_directions(const Pose& p, List<Vec2<S>, 2>& out) {
     unroll<2>([&](auto j) ESMC_INLINE { out[j] = p.leg[j].turn[0]; });
   }
-  /// (theta11, theta21), rad, each in (-pi, pi].
+  /// (theta11, theta21) of a pose, rad, each in [-pi, pi].
   [[nodiscard]] static Vec2<S> base_angles(const Pose& p) {
     List<Vec2<S>, 2> direction;
     base_directions(p, direction);
@@ -162,6 +160,7 @@ class FiveBar : public Coupling<S, PointMass<S>, Dyad<S>, 2> {
 
   /// sin theta_j2: 0 at a type-1 (serial) singularity.
   [[nodiscard]] static S sin_type1(const Pose& p, int leg) { return p.leg[leg].turn[1].y(); }
+  /// Smallest |sin theta_j2| of the legs.
   [[nodiscard]] static S min_abs_sin_type1(const Pose& p) {
     const S a = absolute(sin_type1(p, 0)), b = absolute(sin_type1(p, 1));
     if constexpr (requires { choose(a < b, a, b); }) {
@@ -171,11 +170,12 @@ class FiveBar : public Coupling<S, PointMass<S>, Dyad<S>, 2> {
     }
   }
 
-  [[nodiscard]] static S abs_sin_type2(const Pose& p) { return absolute(p.sin_type2); }
+  [[nodiscard]] static S abs_sin_type2(const Pose& p) { return absolute(p.sin_type2); }  ///< |D2|
   /// D2 times its sign in the assembly mode `mode`: negative in the other assembly mode.
   [[nodiscard]] static S sin_type2_in_mode(const Pose& p, const Mode& mode) {
     return p.sin_type2 * S(mode.assembly);
   }
+  /// True if both legs bend as `mode` says; false at type 1 and for a NaN.
   [[nodiscard]] static auto in_working_mode(const Pose& p, const Mode& mode) {
     return sin_type1(p, 0) * S(mode.working[0]) > S(0) && sin_type1(p, 1) * S(mode.working[1]) > S(0);
   }
@@ -184,12 +184,13 @@ class FiveBar : public Coupling<S, PointMass<S>, Dyad<S>, 2> {
 
   /// Whether the channel is an angle (rad) and not a length (m).
   static constexpr bool is_angle(int row) { return row >= 2 && (row - 2) % Leg::channels < 2 * Leg::joints; }
-  [[nodiscard]] static Vec2<S> independent(const Rates& r) { return r.platform; }
-  [[nodiscard]] static Vec2<S> base(const Rates& r) { return {r.leg[0][0], r.leg[1][0]}; }
+  [[nodiscard]] static Vec2<S> independent(const Rates& r) { return r.platform; }           ///< (x', y'), m/s
+  [[nodiscard]] static Vec2<S> base(const Rates& r) { return {r.leg[0][0], r.leg[1][0]}; }  ///< rad/s
+  /// x_d - x of the effector, m.
   [[nodiscard]] static Vec2<S> independent_error(const Pose& desired, const Pose& actual) {
     return PointMass<S>::error(desired, actual);
   }
-  /// theta_d - theta of the base joints, rad, in (-pi, pi].
+  /// theta_d - theta of the base joints, rad, in [-pi, pi].
   [[nodiscard]] static Vec2<S> base_error(const Pose& desired, const Pose& actual) {
     Vec2<S> out;
     for (int j = 0; j < 2; ++j) {
@@ -200,18 +201,19 @@ class FiveBar : public Coupling<S, PointMass<S>, Dyad<S>, 2> {
     return out;
   }
 
-  [[nodiscard]] static Vec2<S> tip_rate(const Pose&, const Rates& r) { return r.platform; }
-  /// Rates (accelerations) of all joints that give the effector this velocity (acceleration). Pole at type 1.
+  [[nodiscard]] static Vec2<S> tip_rate(const Pose&, const Rates& r) { return r.platform; }  ///< m/s, in N
+  /// Rates of effector and joints (rad/s) at the effector's velocity v (m/s). Not finite at type 1.
   [[nodiscard]] Rates rates_of_effector(const Pose& p, const Vec2<S>& v) const {
     return this->chain_rates(p, v);
   }
+  /// Accelerations of effector and joints at the effector's acceleration a (m/s2). Not finite at type 1.
   [[nodiscard]] Rates accelerations_of_effector(const Pose& p, const Rates& r, const Vec2<S>& a) const {
     return this->chain_accelerations(p, r, a);
   }
 
   // ---- base-joint form: theta11, theta21 independent. Regular at type 1, pole at type 2 ----
 
-  /// Rates of effector and joints by those of the base joints, rad/s [F23].
+  /// Rates of effector and joints by those of the base joints, rad/s [F23]. Not finite at type 2.
   [[nodiscard]] Rates base_rates(const Pose& p, const Vec2<S>& base) const {
     Vec2<S> closure;
     unroll<2>([&](auto j) ESMC_INLINE { closure[j] = l1(j) * p.leg[j].turn[1].y() * base[j]; });
@@ -236,8 +238,7 @@ class FiveBar : public Coupling<S, PointMass<S>, Dyad<S>, 2> {
     return gather_on_base(p, w.template head<2>(), this->leg_torques(p, w));
   }
 
-  /// C^_a^T [w0; tau] [F25], N m: a force at the effector (N) and torques at all joints, gathered on the base
-  /// joints.
+  /// C^_a^T [w0; tau] [F25], N m: effector force w0 (N) and joint torques (N m) gathered on the base joints.
   [[nodiscard, gnu::always_inline]] Vec2<S> gather_on_base(const Pose& p, const Vec2<S>& w0,
                                                            const List<Vec2<S>, 2>& tau) const {
     Vec2<S> f = w0;  // force on the effector, the moments of the distal bars included

@@ -22,13 +22,13 @@ template <class M, class S = typename M::Scalar>
   return out;
 }
 
-/// c = Cdot p# [F5], [F16].
+/// c = Cdot p# [F5], [F16]: accelerations of all channels while p# is constant.
 template <class M>
 [[nodiscard]] typename M::Channels bias(const M& m, const typename M::Pose& p, const typename M::Rates& r) {
   return m.channel_accelerations(p, r, m.chain_bias(p, r, r));
 }
 
-/// H = C^T M C [F20] for a C of either form.
+/// H = C^T M C [F20] of matrix_C (kg for the 5R) or matrix_C_base (kg m2), symmetric.
 template <class M, class S = typename M::Scalar>
 [[nodiscard]] Mat<S, 2, 2> mass_matrix(const M& m, const Mat<S, M::channels, 2>& C) {
   const typename M::Channels mass = m.mass();
@@ -42,7 +42,7 @@ template <class M, class S = typename M::Scalar>
   return H;
 }
 
-/// C^T w for a C of either form.
+/// C^T w of matrix_C or matrix_C_base: force on the independent coordinates by forces w on the channels.
 template <class M, class S = typename M::Scalar>
 [[nodiscard]] Vec2<S> gather(const Mat<S, M::channels, 2>& C, const typename M::Channels& w) {
   Vec2<S> out = Vec2<S>::Zero();
@@ -58,6 +58,7 @@ template <class S>
   A.template rightCols<6>() = -Mat<S, 6, 6>::Identity();
   return A;
 }
+/// A of the RR arm (6 x 8), [J, -1] of [F1].
 template <class S>
 [[nodiscard]] Mat<S, 6, 8> matrix_A(const Rr<S>& m, const typename Rr<S>::Pose& p) {
   return matrix_A(m.arm(), p.arm);
@@ -81,15 +82,17 @@ template <class S>
   return A;
 }
 
-/// b = -Adot p, so that A pdot = b [F4], [F15]: the accelerations that remain at constant joint rates.
+/// b = -Adot p of a dyad, so that A pdot = b [F4]. qd: joint rates, rad/s.
 template <class S>
 [[nodiscard]] Vec<S, 6> vector_b(const Dyad<S>& leg, const typename Dyad<S>::Pose& p, const Vec2<S>& qd) {
   return -leg.bias(p, qd, qd).template tail<6>();
 }
+/// b = -Adot p of the RR arm, so that A pdot = b [F4]. qd: joint rates, rad/s.
 template <class S>
 [[nodiscard]] Vec<S, 6> vector_b(const Rr<S>& m, const typename Rr<S>::Pose& p, const Vec2<S>& qd) {
   return vector_b(m.arm(), p.arm, qd);
 }
+/// b = -Adot p of the 5R, so that A pdot = b [F15]. r: rates of effector and joints.
 template <class S>
 [[nodiscard]] Vec<S, 16> vector_b(const FiveBar<S>& m, const typename FiveBar<S>::Pose& p,
                                   const typename FiveBar<S>::Rates& r) {
@@ -112,7 +115,7 @@ template <class S>
   return out;
 }
 
-/// H^-1 F of a symmetric positive definite H, by Cholesky.
+/// H^-1 F of a symmetric positive definite H, which is not checked; its lower triangle is not read.
 template <class S>
 [[nodiscard]] Vec2<S> solve_spd(const Mat<S, 2, 2>& H, const Vec2<S>& F) {
   const S factor = H(0, 1) / H(0, 0);

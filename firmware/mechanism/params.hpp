@@ -57,6 +57,7 @@ constexpr bool above_zero(S v) {
 }
 }  // namespace detail
 
+/// The first error in the parameters of a leg; none: physical.
 template <class S>
 constexpr ParamError check(const LegParams<S>& p) {
   using detail::above_zero;
@@ -73,11 +74,13 @@ constexpr ParamError check(const LegParams<S>& p) {
   return ParamError::none;
 }
 
+/// The first error in the parameters of an arm; none: physical.
 template <class S>
 constexpr ParamError check(const RrParams<S>& p) {
   return detail::at_least_zero(p.g) ? check(p.arm) : ParamError::gravity;
 }
 
+/// The first error in the parameters of a 5R; none: physical. Whether its legs can meet is not checked.
 template <class S>
 constexpr ParamError check(const FiveBarParams<S>& p) {
   if (!detail::above_zero(p.l0)) return ParamError::link_length;

@@ -38,42 +38,44 @@ class Rr {
 
   [[nodiscard]] const Leg& arm() const { return arm_; }
 
-  /// theta: rad, within the range of sin_cos.
+  /// Pose at the joint angles theta, rad; NaN beyond the range of sin_cos.
   [[nodiscard]] Pose pose(const Vec2<S>& theta) const {
     Pose p{Leg::pose(theta), {}};
     p.effector = arm_.tip(p.arm);
     return p;
   }
-  /// Inverse kinematics [F17] in the working mode. Empty: out of reach or NaN.
+  /// Inverse kinematics [F17] of the effector (m) in the working mode. Empty: out of reach, at base, or NaN.
   [[nodiscard]] std::optional<Pose> inverse(const Vec2<S>& effector, const Mode& mode) const {
     Pose p;
     return inverse(effector, mode, p) ? std::optional<Pose>(p) : std::nullopt;
   }
-  /// Same in place; false: out of reach, `p` is undefined.
+  /// Inverse kinematics [F17] of the effector (m) into `p`. False: no such pose, `p` is undefined.
   [[nodiscard]] bool inverse(const Vec2<S>& effector, const Mode& mode, Pose& p) const {
     p.effector = effector;
     return dyad_inverse(arm_, effector, mode.working, p.arm);
   }
-  /// (cos, sin) of theta1 and of theta2.
+  /// Sets `out` to (cos, sin) of theta1 and of theta2.
   static void base_directions(const Pose& p, List<Vec2<S>, 2>& out) { out = p.arm.turn; }
-  /// rad, each in (-pi, pi].
+  /// (theta1, theta2) of a pose, rad, each in [-pi, pi].
   [[nodiscard]] static Vec2<S> angles(const Pose& p) { return angles_of(p.arm.turn); }
-  [[nodiscard]] static Vec2<S> base_angles(const Pose& p) { return angles(p); }
-  [[nodiscard]] static S sin_type1(const Pose& p) { return p.arm.turn[1].y(); }
+  [[nodiscard]] static Vec2<S> base_angles(const Pose& p) { return angles(p); }  ///< both joints are
+  [[nodiscard]] static S sin_type1(const Pose& p) { return p.arm.turn[1].y(); }  ///< sin theta2
   static S min_abs_sin_type1(const Pose& p) { return sin_type1(p) < S(0) ? -sin_type1(p) : sin_type1(p); }
 
-  /// The arm has no type 2.
+  /// 1, as far from type 2 as can be: the arm has none.
   [[nodiscard]] static S abs_sin_type2(const Pose&) { return S(1); }
-  [[nodiscard]] static S sin_type2_in_mode(const Pose&, const Mode&) { return S(1); }
+  [[nodiscard]] static S sin_type2_in_mode(const Pose&, const Mode&) { return S(1); }  ///< no type 2
+  /// True if sin theta2 has the sign of the mode; false at type 1 and for a NaN.
   [[nodiscard]] static bool in_working_mode(const Pose& p, const Mode& mode) {
     return sin_type1(p) * S(mode.working) > S(0);
   }
 
   // ---- what a control law needs: the same names and meanings as in FiveBar, Coupling ----
 
-  static constexpr bool is_angle(int row) { return row < 2 * Leg::joints; }
+  static constexpr bool is_angle(int row) { return row < 2 * Leg::joints; }  ///< false: a length
   [[nodiscard]] static Vec2<S> independent(const Rates& r) { return r; }
   [[nodiscard]] static Vec2<S> base(const Rates& r) { return r; }
+  /// theta_d - theta of both joints, rad, in [-pi, pi].
   [[nodiscard]] static Vec2<S> independent_error(const Pose& desired, const Pose& actual) {
     Vec2<S> out;
     unroll<2>([&](auto i) {
@@ -86,6 +88,7 @@ class Rr {
   [[nodiscard]] static Vec2<S> base_error(const Pose& desired, const Pose& actual) {
     return independent_error(desired, actual);
   }
+  /// Calls f(row, e, e', q''_d) once per channel [F29] of a Tracking t; see Serial::for_each_error_row.
   template <bool joint_rows = true, class Tracking, class F>
   ESMC_INLINE void for_each_error_row(const Tracking& t, F&& f) const {
     arm_.template for_each_error_row<joint_rows>(t.desired_pose.arm, t.desired_rates, t.desired_acceleration,
@@ -96,7 +99,7 @@ class Rr {
                                           const Rates& a, const Rates& b, F&& f) const {
     arm_.for_each_reference_row(p.arm, sigma, acceleration, a, b, f);
   }
-  static void fill_joint_rows(Channels& s) { Leg::fill_joint_rows(s); }
+  static void fill_joint_rows(Channels& s) { Leg::fill_joint_rows(s); }  ///< see Serial
   [[nodiscard]] Rates chain_rates(const Pose&, const Independent& p) const { return p; }
   [[nodiscard]] Rates chain_accelerations(const Pose&, const Rates&, const Independent& a) const { return a; }
   [[nodiscard]] Rates chain_bias(const Pose&, const Rates&, const Rates&) const { return Rates::Zero(); }
@@ -112,15 +115,17 @@ class Rr {
     return channel_accelerations(p, r, r, acceleration);
   }
   [[nodiscard]] Channels force(const Channels& v, const Rates& r) const { return arm_.force(v, r); }
-  [[nodiscard]] Channels mass() const { return arm_.mass(); }
+  [[nodiscard]] Channels mass() const { return arm_.mass(); }  ///< diagonal of M, kg m2 and kg
+  /// C^T w (1), N m: torques of both joints of forces w on the channels.
   [[nodiscard]] Vec2<S> base_torque(const Pose& p, const Channels& w) const {
     return arm_.joint_torques(p.arm, w);
   }
   [[nodiscard]] Vec2<S> tip_rate(const Pose& p, const Rates& r) const { return arm_.tip_rate(p.arm, r); }
-  /// Joint rates (accelerations) that give the effector this velocity (acceleration) [F8]. Pole at type 1.
+  /// Joint rates (rad/s) at the effector's velocity v (m/s) [F8]. Not finite at type 1.
   [[nodiscard]] Rates rates_of_effector(const Pose& p, const Vec2<S>& v) const {
     return arm_.tip_inverse(p.arm, v);
   }
+  /// Joint accelerations (rad/s2) at the effector's acceleration a (m/s2) and rates r. Not finite at type 1.
   [[nodiscard]] Rates accelerations_of_effector(const Pose& p, const Rates& r, const Vec2<S>& a) const {
     return arm_.tip_inverse(p.arm, a - arm_.tip_bias(p.arm, r, r));
   }

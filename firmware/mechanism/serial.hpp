@@ -24,10 +24,10 @@ class Serial {
   using Channels = Vec<S, channels>;
   using Pose = typename C::Pose;
 
-  static constexpr int row_joint(int i) { return i; }
-  static constexpr int row_angle(int i) { return joints + i; }
-  static constexpr int row_x(int i) { return 2 * joints + 2 * i; }
-  /// Joint rows have none: see `force`.
+  static constexpr int row_joint(int i) { return i; }               ///< rate of joint i
+  static constexpr int row_angle(int i) { return joints + i; }      ///< angular rate of bar i
+  static constexpr int row_x(int i) { return 2 * joints + 2 * i; }  ///< of body i; its y is the next row
+  /// False for the rows of the joints: see `force`.
   static constexpr bool has_mass(int row) { return row >= joints; }
 
   Serial() = default;
@@ -36,7 +36,7 @@ class Serial {
 
   [[nodiscard]] const Body<S>& body(int i) const { return chain_.body(i); }
 
-  /// q: joint angles (rad, within the range of sin_cos) and displacements (m).
+  /// Pose at q: joint angles (rad; NaN beyond the range of sin_cos) and displacements (m).
   [[nodiscard]] static Pose pose(const Joints& q) {
     Pose p;
     Sum<S> angle;
@@ -59,7 +59,7 @@ class Serial {
     return p;
   }
 
-  /// p = C p# (2): all velocities from the joint rates. Also the part C a of all accelerations.
+  /// p = C p# (2): all velocities (rad/s, m/s) of joint rates. Also the part C a of all accelerations.
   [[nodiscard, gnu::always_inline]] Channels rates(const Pose& p, const Joints& qd) const {
     Channels out;
     typename C::RateWalk w;
@@ -105,7 +105,7 @@ class Serial {
     return out;
   }
 
-  /// Position of the tip, m.
+  /// Position of the tip in the frame of the base, m.
   [[nodiscard]] Vec2<S> tip(const Pose& p) const {
     Sum<Vec2<S>> x;
     unroll<joints>([&](auto i) ESMC_INLINE { x.add(p.axis[i] * chain_.reach(p, i)); });
@@ -143,7 +143,7 @@ class Serial {
     return acc.empty() ? Vec2<S>(Vec2<S>::Zero()) : acc.value();
   }
 
-  /// Mass centres of all bodies, m.
+  /// Mass centres of all bodies in the frame of the base, m.
   [[nodiscard]] List<Vec2<S>, joints> centres(const Pose& p) const {
     List<Vec2<S>, joints> out;
     Vec2<S> start = Vec2<S>::Zero();
@@ -154,7 +154,7 @@ class Serial {
     return out;
   }
 
-  /// e = q_d - q of all channels [F29]. Angles come from the unit vectors, so they are in (-pi, pi] by
+  /// e = q_d - q of all channels [F29]. Angles come from the unit vectors, so they are in [-pi, pi] by
   /// construction; joint entries have no mass and serve display only.
   [[nodiscard]] Channels error(const Pose& desired, const Pose& actual) const {
     Channels out;
@@ -243,8 +243,8 @@ class Serial {
     return out;
   }
 
-  /// J^-1 v of two bars [F8]: joint rates of a tip velocity. theta_2 enters by its own sine, so the relative
-  /// accuracy holds down to the pole at type 1 (sin theta_2 = 0).
+  /// J^-1 v of two bars [F8]: joint rates (rad/s) of a tip velocity (m/s). theta_2 enters by its own sine, so
+  /// the relative accuracy holds down to the pole at type 1 (sin theta_2 = 0).
   [[nodiscard]] Joints tip_inverse(const Pose& p, const Vec2<S>& v) const
       requires(joints == 2 && !C::slides) {
     const S inner = dot(p.axis[1], v) / (body(0).length * p.turn[1].y());

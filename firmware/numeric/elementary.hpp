@@ -183,7 +183,7 @@ template <BinaryFloat S>
 [[nodiscard]] inline S square_root(S value) {
   return std::sqrt(value);
 }
-/// |value|, for any ordered scalar.
+/// |value|, for any ordered scalar; NaN for a NaN.
 template <class S>
 [[nodiscard]] inline S magnitude(S value) {
   if constexpr (BinaryFloat<S>) {
@@ -225,7 +225,7 @@ template <class S>
 
 }  // namespace ieee
 
-/// angle: rad. Both NaN when |angle| > 1e4 (double), > 1e3 (float), or when it is not finite.
+/// Sine and cosine of `angle`, rad. Both NaN when |angle| > 1e4 (double), > 1e3 (float), or not finite.
 template <BinaryFloat S>
 [[nodiscard]] inline SinCos<S> sin_cos(S angle) {
   if (!(std::fabs(angle) <= ieee::Constants<S>::kLargestAngle)) {
@@ -234,11 +234,12 @@ template <BinaryFloat S>
   return ieee::sin_cos_in_range(angle);
 }
 
-/// sin_cos of several angles, the same bits in less time.
+/// Sines and cosines of several angles, in the order of the angles.
 template <BinaryFloat S, std::size_t N>
 struct SinCosLanes {
   std::array<S, N> sin, cos;
 };
+/// sin_cos of every angle (rad): the same bits in less time. An angle out of range gives NaN for itself only.
 template <BinaryFloat S, std::size_t N>
 [[nodiscard]] inline SinCosLanes<S, N> sin_cos(const std::array<S, N>& angle) {
   SinCosLanes<S, N> out;
@@ -254,8 +255,7 @@ template <BinaryFloat S, std::size_t N>
   return out;
 }
 
-/// Direction of the vector (x, y), rad in [-pi, pi]; zeros and infinities as in C's atan2. NaN when either is
-/// NaN.
+/// Direction of the vector (x, y), rad in [-pi, pi]; zeros and infinities as in C's atan2. NaN for a NaN.
 template <BinaryFloat S>
 [[nodiscard]] inline S arc_tangent2(S y, S x) {
   using C = ieee::Constants<S>;

@@ -93,6 +93,7 @@ enum class Reaction : std::uint8_t {
   halt,         ///< the state is known and the drives obey: come to rest under control
 };
 
+/// Reaction to a fault where the mechanism can halt; zero_torque also for `none` and values without a name.
 [[nodiscard]] constexpr Reaction reaction(Fault f) {
   switch (f) {
     case Fault::workspace:

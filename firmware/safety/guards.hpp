@@ -36,7 +36,7 @@ template <class S>
 struct Range {
   S lower = -std::numeric_limits<S>::max();
   S upper = std::numeric_limits<S>::max();
-  [[nodiscard]] constexpr Truth<S> contains(S v) const { return lower <= v && v <= upper; }
+  [[nodiscard]] constexpr Truth<S> contains(S v) const { return lower <= v && v <= upper; }  ///< NaN: no
 };
 
 /// Crossing one is a latched fault.
@@ -64,14 +64,15 @@ struct Limits {
 /// Quantities that the guards check, from the measured state.
 template <class S>
 struct Measured {
-  S abs_sin_type1{};  ///< smallest over the legs
-  S sin_type2{};      ///< D2, > 0 in the assembly mode; 1 without type 2 (RR, four motors)
-  S closure{};        ///< m, 0 without passive encoders
-  S x{}, y{};         ///< effector, m
-  Truth<S> working_mode_kept{};
-  std::array<S, base_joint_count> joint_angle{}, joint_rate{};
+  S abs_sin_type1{};             ///< smallest over the legs
+  S sin_type2{};                 ///< D2, > 0 in the assembly mode; 1 without type 2 (RR, four motors)
+  S closure{};                   ///< m, 0 without passive encoders
+  S x{}, y{};                    ///< effector, m
+  Truth<S> working_mode_kept{};  ///< every leg bends to its configured side
+  std::array<S, base_joint_count> joint_angle{}, joint_rate{};  ///< rad, rad/s
 };
 
+/// Fault of the first limit that `m` is beyond, in a fixed order, joints first. A NaN is beyond every limit.
 template <class S>
 constexpr Fault guard(const Limits<S>& limit, const Measured<S>& m) {
   for (int i = 0; i < base_joint_count; ++i) {
@@ -90,7 +91,7 @@ constexpr Fault guard(const Limits<S>& limit, const Measured<S>& m) {
 /// Result of limit_torque.
 enum class TorqueCheck : std::uint8_t { passed, limited, not_finite };
 
-/// Hard clamp to +-limit. not_finite, torque 0: the torque is not finite, or the limit is NaN or negative.
+/// Clamps `torque` to +-limit (N m). not_finite, torque 0: it is not finite, or the limit is NaN or negative.
 template <class S>
 constexpr TorqueCheck limit_torque(S& torque, S limit) {
   if (!finite(torque) || !(limit >= S(0))) {

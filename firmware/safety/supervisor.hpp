@@ -40,11 +40,11 @@ static_assert(state_names.back() != nullptr);
 /// Commands of an operator.
 enum class Command : std::uint8_t {
   none,
-  enable,
+  enable,        ///< from disabled to enabling; no effect in any other state
   stop,          ///< zero torque, drives to idle
   halt,          ///< to rest under control first, where the configuration allows it
   confirm_zero,  ///< the mechanism stands in its zero pose; obeyed while disabled
-  reset
+  reset          ///< from fault to disabled; ends holding too
 };
 
 /// Behaviour after a mechanism has been brought to rest.
@@ -79,11 +79,11 @@ class Supervisor {
   /// The first fault since power-up or reset; Fault::none where there was none.
   [[nodiscard]] Fault fault() const { return fault_; }
   [[nodiscard]] bool running() const { return state_ == State::running; }
-  /// The mechanism comes to rest, or is at rest, under torque.
+  /// True while the mechanism comes to rest, or is at rest, under torque: halting, holding, lowering.
   [[nodiscard]] bool retreating() const {
     return state_ == State::halting || state_ == State::holding || state_ == State::lowering;
   }
-  /// There may be torque.
+  /// True in the states in which there may be torque: testing, running, halting, holding, lowering.
   [[nodiscard]] bool powered() const { return running() || retreating() || state_ == State::testing; }
   static constexpr std::uint16_t count_max = 0xFFFF;
   /// Occurrences of a fault since power-up, at most count_max; consecutive ticks count as one.
@@ -147,9 +147,11 @@ class Supervisor {
     }
   }
 
-  /// Latches the first fault of an episode; later ones are counted only. Ignored while disabled: there is no
-  /// torque to take away, and enabling finds a persisting fault again. Always inline: the simulator compiles
-  /// the controller for several instruction sets, and a copy of its own must not serve them all.
+  // Always inline: the simulator compiles the controller for several instruction sets, and one copy must not
+  // serve them all.
+  /// Counts a fault, latches the first since power-up or reset, and enters fault, or halting where both the
+  /// configuration and reaction(f) allow it. `none` has no effect, nor has any fault while disabled: there is
+  /// no torque to take away, and enabling finds a persisting fault again.
   [[gnu::always_inline]] inline void raise(Fault f) {
     if (f == Fault::none || state_ == State::disabled) return;
     count(counts_[static_cast<unsigned>(f)]);

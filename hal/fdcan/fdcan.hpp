@@ -81,6 +81,7 @@ class Fdcan {
     return opened_;
   }
 
+  /// Queues a frame. refused: not well formed, or FD without data_rate; bus_full: waiting_max frames wait.
   SendStatus try_send(const CanFrame& f) {
     if (!well_formed(f) || (f.fd && !fd_) || (f.bit_rate_switch && !f.fd)) return SendStatus::refused;
     if (off()) return SendStatus::bus_off;
@@ -90,6 +91,7 @@ class Fdcan {
     return SendStatus::ok;
   }
 
+  /// Takes the oldest received frame, of any identifier. False: none, `f` untouched.
   [[nodiscard]] bool try_receive(CanFrame& f) {
     if (!opened_) return false;
     pump();
@@ -105,8 +107,8 @@ class Fdcan {
     return true;
   }
 
-  /// Time since the end of the frame received last, at most its stuff bits too long. Wraps after 65 ms at
-  /// 1 Mbit/s. 0, not known, with FD frames.
+  /// Time in us since the end of the frame received last, at most its stuff bits too long. Wraps after 65 ms
+  /// at 1 Mbit/s. 0, not known, with FD frames.
   [[nodiscard]] std::uint32_t frame_age_us() const { return age_us_; }
 
   /// Withdraws perishable frames, also the one in the controller unless it is being sent.
@@ -115,7 +117,7 @@ class Fdcan {
     if (perishable_) cancel();
   }
 
-  /// The controller has left the bus after 256 errors, or never joined.
+  /// True if the controller has left the bus after 256 errors and not rejoined, or never joined.
   [[nodiscard]] bool off() const { return !opened_ || (a_.read(fdcan::psr) & fdcan::psr_bit::bus_off) != 0; }
   /// Rejoins after bus-off, dropping all waiting frames: the controller waits for 128 idle sequences and is
   /// off() until then. Torque does not resume, for bus_off is a latched fault.

@@ -38,9 +38,9 @@ struct G4 {
   static constexpr Word address = 0x0804'0000U, slot_bytes = 2048, first = 126;          // pages of bank 2
   static constexpr unsigned unit_words = 2;
 
-  /// CR: PER, BKER, PNB.
+  /// CR to erase a page of bank 2: PER, BKER, PNB.
   static constexpr Word erase(Word page) { return 1U << 1 | 1U << 11 | page << 3; }
-  /// OPTR: two banks (DBANK), and bank 1 at 0x0800'0000 (BFB2).
+  /// True if OPTR says two banks (DBANK), and bank 1 at 0x0800'0000 (BFB2).
   template <Access A>
   static bool available(const A& a) {
     constexpr Word bfb2 = 1U << 20, dbank = 1U << 22;
@@ -76,9 +76,9 @@ struct H7 {
   static constexpr Word address = 0x0810'0000U, slot_bytes = 128 * 1024, first = 6;  // sectors of bank 2
   static constexpr unsigned unit_words = 8;
 
-  /// CR2: SER, PSIZE, SNB.
+  /// CR2 to erase a sector of bank 2: SER, PSIZE, SNB.
   static constexpr Word erase(Word sector) { return idle | 1U << 2 | sector << 8; }
-  /// OPTCR: bank 1 at 0x0800'0000 (SWAP_BANK).
+  /// True if OPTCR says bank 1 at 0x0800'0000 (SWAP_BANK).
   template <Access A>
   static bool available(const A& a) {
     return (a.read(0x18) & 1U << 31) == 0;
@@ -99,12 +99,14 @@ class BankSlots {
 
   [[nodiscard]] bool available() const { return Chip::available(a_); }
 
-  /// False while the bank is being written: a read would halt the processor until it is done.
+  /// Reads word `at` of a slot. False, `word` untouched: out of range, damaged, or the bank is being written,
+  /// when a read would halt the processor until it is done.
   [[nodiscard]] bool read(unsigned slot, unsigned at, std::uint32_t& word) {
     if (slot >= memory_slots || at >= Chip::slot_bytes / 4 || operating_ || busy()) return false;
     return a_.load(address(slot, at), word);
   }
 
+  /// Begins to erase a slot, 0 or 1; poll() tells the end. False: not begun.
   [[nodiscard]] bool begin_erase(unsigned slot) {
     if (slot >= memory_slots || !open()) return false;
     const Word command = Chip::erase(Chip::first + slot);
@@ -113,6 +115,7 @@ class BankSlots {
     return operating_ = true;
   }
 
+  /// Begins to program the unit at word `at`, a multiple of unit_words. False: not begun.
   [[nodiscard]] bool begin_program(unsigned slot, unsigned at,
                                    std::span<const std::uint32_t, unit_words> unit) {
     if (slot >= memory_slots || at % unit_words != 0 || at >= Chip::slot_bytes / 4 || !open()) return false;
@@ -122,6 +125,7 @@ class BankSlots {
     return operating_ = true;
   }
 
+  /// Ends a completed operation. failed: once per failed operation; ready also if there is none.
   MemoryStatus poll() {
     if (!operating_) return MemoryStatus::ready;
     const Word state = a_.read(Chip::sr);

@@ -31,16 +31,16 @@ class SerialPort {
   [[nodiscard]] bool is_open() const { return fd_.is_open(); }
   [[nodiscard]] int descriptor() const { return fd_.get(); }
 
-  /// All of `out` (up to 64 bytes) or nothing. What the line does not take at once is sent first next time.
+  /// True: all of `out` (up to 64 bytes) is taken, of which a rest may wait for flush(). False: nothing is.
   [[nodiscard]] bool try_write(std::span<const char> out);
-  [[nodiscard]] bool try_read(char& in);
-  [[nodiscard]] bool gone() const { return gone_; }
+  [[nodiscard]] bool try_read(char& in);             ///< false: no byte now, `in` untouched
+  [[nodiscard]] bool gone() const { return gone_; }  ///< for good: end of file, hang-up or an error
 
-  /// Bytes have been read ahead, of which a poll of the descriptor does not know.
+  /// True if bytes have been read ahead, of which a poll of the descriptor does not know.
   [[nodiscard]] bool has_input() const { return next_ < filled_; }
-  /// A rest waits for flush(), once the descriptor is writable.
+  /// True if a rest waits for flush(), once the descriptor is writable.
   [[nodiscard]] bool has_output() const { return sent_ < unsent_; }
-  void flush();
+  void flush();  ///< writes as much of the rest as the line takes, without waiting
 
  private:
   explicit SerialPort(Descriptor fd);
@@ -57,14 +57,14 @@ class SerialPort {
 
 static_assert(LosablePort<SerialPort>);
 
-/// The digit of slcan's command S for a bit rate, bit/s (8 is 1 Mbit/s); -1: none.
+/// The digit, 0..8, of slcan's command S for exactly this bit rate, bit/s (8: 1 Mbit/s); -1: there is none.
 [[nodiscard]] int slcan_speed(int bits_per_second);
 
 /// An adapter on a serial line; its CAN channel is open from constructor to destructor. It reports neither
 /// times nor bus errors: bus_off means that the port is gone.
 class SlcanAdapter {
  public:
-  /// `speed`: from slcan_speed().
+  /// Opens the CAN channel. `speed`: from slcan_speed(), 0..8, not checked.
   SlcanAdapter(SerialPort port, int speed);
   SlcanAdapter(const SlcanAdapter&) = delete;
   SlcanAdapter& operator=(const SlcanAdapter&) = delete;

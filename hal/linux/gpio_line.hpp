@@ -28,16 +28,15 @@ class GpioLine {
   GpioLine& operator=(const GpioLine&) = delete;
   ~GpioLine();
 
-  /// `place`: chip and offset, "gpiochip0:17". `consumer`: name shown to other programs, at most 31
-  /// characters. Once per line; std::errc::invalid_argument: no valid place, else the error of the kernel
-  /// (EBUSY: in use).
+  /// Opens a line, once. `place`: chip and offset, "gpiochip0:17"; `consumer`: name for other programs, <= 31
+  /// characters. invalid_argument: no valid place or open already; else the kernel's error (EBUSY: in use).
   [[nodiscard]] std::error_code request(const std::string& place, Use use, const char* consumer,
                                         const GpioKernel& kernel = gpio_kernel);
   [[nodiscard]] bool is_open() const { return line_ >= 0; }
 
-  /// hal::DigitalInput. A line that cannot be read is open. Closed without a request.
+  /// True if the contact is closed (hal::DigitalInput), and without a request; false if it cannot be read.
   [[nodiscard]] bool closed() const;
-  /// hal::DigitalOutput. No effect without a request. False: the kernel refused.
+  /// Sets the level (hal::DigitalOutput); no effect, and true, without a request. False: the kernel refused.
   bool set(bool high) const;
 
  private:

@@ -8,10 +8,10 @@
 
 namespace esmc::hal {
 
-/// CLOCK_MONOTONIC, ns.
+/// Time of CLOCK_MONOTONIC, ns: since boot, never set back.
 [[nodiscard]] std::uint64_t monotonic_ns();
 
-/// Fixed priority of this thread, 1 to 99 (SCHED_FIFO). Needs CAP_SYS_NICE or a limit (ulimit -r).
+/// Gives this thread a fixed priority, 1 to 99 (SCHED_FIFO). EPERM without CAP_SYS_NICE or limit (ulimit -r).
 [[nodiscard]] std::error_code fixed_priority(int priority);
 /// Locks present and future memory of the process in RAM, and touches 256 KiB of this thread's stack. Needs
 /// CAP_IPC_LOCK or a limit (ulimit -l).
@@ -21,7 +21,7 @@ namespace esmc::hal {
 class Alarm {
  public:
   Alarm();
-  /// Until `instant_ns` of monotonic_ns(), `descriptor` is readable, a signal comes, or a second has passed.
+  /// Waits until `instant_ns` of monotonic_ns(), `descriptor` is readable, a signal, or a second has passed.
   void wait(std::uint64_t instant_ns, int descriptor) const;
 
  private:

@@ -23,13 +23,13 @@ class SocketCan {
   [[nodiscard]] bool is_open() const { return fd_.is_open(); }
   [[nodiscard]] int descriptor() const { return fd_.get(); }
 
+  /// Sends f. refused: not well formed, or FD on a classic bus; bus_off: until recover(), or interface down.
   [[nodiscard]] SendStatus try_send(const CanFrame& f);
-  /// Takes the next frame; false: none. Also reads error frames: after bus-off every try_send returns bus_off
-  /// until recover().
+  /// Takes the next frame; false: none. An error frame of bus-off makes try_send fail until recover().
   [[nodiscard]] bool try_receive(CanFrame& f);
   /// Waiting time of the frame received last, by the kernel's time stamp, us; 0 without a stamp.
   [[nodiscard]] std::uint32_t frame_age_us() const { return frame_age_us_; }
-  /// The controller has been restarted (ip link set ... up); an operator's decision, never automatic.
+  /// Ends bus_off after the controller was restarted (ip link set ... up): an operator's decision only.
   void recover() { bus_off_ = false; }
 
  private:

@@ -19,9 +19,8 @@ inline constexpr int slcan_line_max = 1 + 8 + 1 + 16 + 4 + 1;
 inline constexpr char slcan_end = '\r';    ///< ends every line; alone: an adapter's positive answer
 inline constexpr char slcan_error = '\a';  ///< an adapter's negative answer, without CR
 
-/// Writes the line of a classic frame with its CR, upper case, and returns its length, 5..27. Returns 0
-/// and leaves `line` for an FD frame, or one that is not well formed. Kinds: t and T data, r and R remote,
-/// capitals 29-bit identifiers.
+/// Writes the line of a classic frame with its CR, upper case, and returns its length, 6..27; 0, `line`
+/// untouched, for an FD frame or one not well formed. t, T: data; r, R: remote; capitals: 29-bit identifier.
 [[nodiscard]] constexpr int slcan_encode(const CanFrame& f, std::array<char, slcan_line_max>& line) {
   if (!well_formed(f) || f.fd || f.bit_rate_switch) return 0;
   int length = 0;
@@ -42,7 +41,7 @@ inline constexpr char slcan_error = '\a';  ///< an adapter's negative answer, wi
   return length;
 }
 
-/// A number of 1 to 8 hexadecimal digits, either case. False, `out` untouched: anything else.
+/// Reads a number of 1 to 8 hexadecimal digits, either case. False, `out` untouched: anything else.
 [[nodiscard]] constexpr bool slcan_hex(std::span<const char> digits, std::uint32_t& out) {
   if (digits.empty() || digits.size() > 8) return false;
   std::uint32_t value = 0;
@@ -57,8 +56,8 @@ inline constexpr char slcan_error = '\a';  ///< an adapter's negative answer, wi
   return true;
 }
 
-/// A line without its CR, as a frame. False, `out` untouched: identifier out of range, length above 8, digits
-/// missing or left over. Four digits behind the data are a time stamp, checked and dropped.
+/// Reads a line without its CR as a frame. False, `out` untouched: identifier out of range, length above 8,
+/// digits missing or left over. Four digits behind the data are a time stamp, checked and dropped.
 [[nodiscard]] constexpr bool slcan_decode(std::span<const char> line, CanFrame& out) {
   if (line.empty()) return false;
   CanFrame f;
@@ -87,7 +86,7 @@ inline constexpr char slcan_error = '\a';  ///< an adapter's negative answer, wi
 /// Bytes in, frames out. A line that is no frame is skipped up to its CR and counted.
 class SlcanDecoder {
  public:
-  /// True: the byte completed the frame in `out`. Else `out` is untouched.
+  /// Takes a byte of the line. True: it completed the frame in `out`; false: `out` is untouched.
   [[nodiscard]] constexpr bool feed(char byte, CanFrame& out) {
     if (byte == slcan_error && length_ == 0) {
       count(errors_);
@@ -108,11 +107,11 @@ class SlcanDecoder {
     return false;
   }
 
-  /// Lines that were neither a frame nor an answer. All counts stop at their largest value.
+  /// Number of lines that were neither a frame nor an answer. All counts stop at their largest value.
   [[nodiscard]] constexpr std::uint32_t malformed() const { return malformed_; }
-  /// Positive answers of the other end.
+  /// Number of positive answers of the other end.
   [[nodiscard]] constexpr std::uint32_t answers() const { return answers_; }
-  /// Negative answers.
+  /// Number of negative answers of the other end.
   [[nodiscard]] constexpr std::uint32_t errors() const { return errors_; }
 
  private:
@@ -148,7 +147,7 @@ class SlcanBus {
 
   explicit constexpr SlcanBus(P& port) : port_(&port) {}
 
-  /// bus_full: the port does not take the line now; refused: no classic frame; bus_off: the port is gone.
+  /// Sends f. bus_full: the port does not take it now; refused: no classic frame; bus_off: the port is gone.
   constexpr SendStatus try_send(const CanFrame& f) {
     std::array<char, slcan_line_max> line{};
     const int length = slcan_encode(f, line);
@@ -163,7 +162,7 @@ class SlcanBus {
     return taken ? SendStatus::ok : SendStatus::bus_full;
   }
 
-  /// False: no frame among the available bytes; `f` untouched.
+  /// Takes the next frame. False: none among the available bytes; `f` untouched.
   [[nodiscard]] constexpr bool try_receive(CanFrame& f) {
     char byte = 0;
     for (int n = 0; n < bytes_per_receive && port_->try_read(byte); ++n) {

@@ -27,7 +27,7 @@ class VirtualBus {
       if (--count_ == 0) first_ = 0;
       return true;
     }
-    [[nodiscard]] std::size_t waiting() const { return count_; }
+    [[nodiscard]] std::size_t waiting() const { return count_; }  ///< frames not received yet
 
    private:
     friend class VirtualBus;
@@ -42,7 +42,7 @@ class VirtualBus {
   VirtualBus(const VirtualBus&) = delete;
   VirtualBus& operator=(const VirtualBus&) = delete;
 
-  [[nodiscard]] Port& port(std::size_t i) { return ports_[i]; }
+  [[nodiscard]] Port& port(std::size_t i) { return ports_[i]; }  ///< i < Ports, not checked
 
  private:
   SendStatus send(const Port& from, const CanFrame& f) {

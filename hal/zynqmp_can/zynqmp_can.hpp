@@ -30,9 +30,8 @@ class ZynqmpCan {
 
   explicit ZynqmpCan(const Access& access) : a_(access) {}
 
-  /// Joins the bus at `bit_rate` (bit/s) with a reference clock of `clock` (Hz), without filters. False, and
-  /// off the bus: the rate is not exactly possible, the controller does not answer, or the bus is never
-  /// recessive for 11 bits.
+  /// Joins the bus at `bit_rate` (bit/s) with a reference clock of `clock` (Hz), without filters. False, off
+  /// the bus: rate not exactly possible, no answer of the controller, or never 11 recessive bits on the bus.
   [[nodiscard]] bool open(std::uint32_t clock, std::uint32_t bit_rate) {
     opened_ = left_ = false;
     timing_ = bit_timing(clock, bit_rate, zynqmp_can::limits);
@@ -42,6 +41,7 @@ class ZynqmpCan {
     return opened_;
   }
 
+  /// Queues a frame. refused: not well formed, or FD; bus_full: waiting_max frames wait.
   SendStatus try_send(const CanFrame& f) {
     if (!well_formed(f) || f.fd || f.bit_rate_switch) return SendStatus::refused;
     if (!opened_) return SendStatus::bus_off;
@@ -52,6 +52,7 @@ class ZynqmpCan {
     return SendStatus::ok;
   }
 
+  /// Takes the oldest received frame, of any identifier. False: none or off the bus, `f` untouched.
   [[nodiscard]] bool try_receive(CanFrame& f) {
     if (!opened_) return false;
     pump();
@@ -70,9 +71,8 @@ class ZynqmpCan {
     return true;
   }
 
-  /// Withdraws waiting perishable frames. The one in the controller can be withdrawn by a reset only, which
-  /// costs the error counters and may cost an error frame: done if the bus has not taken it since the last
-  /// withdraw().
+  /// Withdraws waiting perishable frames; also the one in the controller if the bus has not taken it since
+  /// the last withdraw(): by a reset, which costs the error counters and maybe an error frame.
   void withdraw() {
     if (!opened_) return;
     pump();
@@ -87,7 +87,7 @@ class ZynqmpCan {
     }
   }
 
-  /// The controller has left the bus after 256 errors, or never joined.
+  /// True if the controller has left the bus after 256 errors and not rejoined, or never joined.
   [[nodiscard]] bool off() const {
     if (!opened_) return true;
     const zynqmp_can::Word state = a_.read(zynqmp_can::sr);
