@@ -10,6 +10,9 @@
 
 namespace esmc::host {
 
+using esmc::cross;  // those of the plane, beside those below
+using esmc::dot;
+
 template <class S>
 using Vec3 = Vec<S, 3>;
 
