@@ -6,7 +6,7 @@
 #include <variant>
 
 #include "firmware/cycle/instances.hpp"
-#include "host_sim/controller/make_controller.hpp"
+#include "host_sim/controller/robust.hpp"
 
 namespace esmc::host {
 
@@ -35,8 +35,7 @@ drive::MitAxis::Settings mit_settings(const Scene& scene, std::size_t i);
 /// Whether a supervisor computer arms and resets, instead of this program.
 [[nodiscard]] inline bool armed_by_link(const Scene& s) { return s.command && s.command->arm_by_link; }
 
-/// s from the order to arm until every drive must confirm torque control. A set-up takes about a hundred
-/// answers, at most one per tick.
+/// s from the order to arm until every drive must confirm torque control: a set-up takes 100 answers or so.
 [[nodiscard]] double enabling_time_max(const Scene& s);
 /// s of it without a frame from a drive, or, after frames from all, without progress of a set-up.
 [[nodiscard]] double waiting_time_max(const Scene& s);

@@ -82,8 +82,7 @@ class ClosedChains<Closures<Points...>, Chains...> {
     return full || !moving ? a : interpolated(q, v, load);
   }
 
-  /// Moves q and v onto the closure the shortest way in the metric of M, but in directions in which closure
-  /// has lost its rank.
+  /// Moves q and v onto the closure the shortest way in the metric of M, but where closure has lost its rank.
   void project(Coordinates& q, Coordinates& v) const {
     const double nothing = 4.0 * std::numeric_limits<double>::epsilon() * reach_;
     for (int round = 0;; ++round) {
@@ -98,8 +97,7 @@ class ClosedChains<Closures<Points...>, Chains...> {
     }
   }
 
-  /// Number of independent closures; others have less than `least_share` of a direction of their own, in the
-  /// mass metric.
+  /// Number of closures with at least `least_share` of a direction of their own, in the mass metric.
   [[nodiscard]] int rank(const Coordinates& q, double least_share = kNoShare) const {
     return Basis(frame(q), least_share).rank;
   }

@@ -1,6 +1,5 @@
 #pragma once
-/// Turns ticks into log rows and statistics: true motion, reference, and the controller's tick where it runs
-/// in the same process.
+/// Turns ticks into log rows and statistics: motion, reference, and the tick of a controller in this process.
 
 #include <algorithm>
 #include <cmath>
@@ -44,6 +43,12 @@ struct RrWorld {
   static double angle(const Plant::Output& o, int joint) { return o.q[static_cast<std::size_t>(joint)]; }
   static double rate(const Plant::Output& o, int joint) { return o.qd[static_cast<std::size_t>(joint)]; }
 };
+
+/// Calls f with the world of a scene.
+template <class F>
+auto with_world(const Scene& s, const F& f) {
+  return s.type == MechanismType::five_bar ? f(FiveBarWorld()) : f(RrWorld());
+}
 
 /// The plant of a scene in a state, with its effects as at t = 0. `hand`: one that may pull at the effector.
 template <class World>
@@ -120,8 +125,7 @@ class ReferenceTrack {
     joined_.start(at_effector ? Vec2<double>(effector.x, effector.y) : Vec2<double>(base[0], base[1]),
                   at_effector ? Vec2<double>(velocity.x, velocity.y) : Vec2<double>(rate[0], rate[1]));
   }
-  /// Empty: out of reach. `solved`: a controller's tick, whose inverse kinematics of the same point with the
-  /// true lengths is reused.
+  /// Empty: out of reach. `solved`: a controller's tick, whose inverse kinematics is reused where it may be.
   [[nodiscard]] std::optional<Point> at(std::uint32_t tick, const TickResult<M>* solved = nullptr) const {
     const bool at_effector = joined_.reference().space == ReferenceSpace::effector;
     const bool followed =

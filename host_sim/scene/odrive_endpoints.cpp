@@ -73,9 +73,8 @@ OdriveEndpoints read_odrive_endpoints(const std::string& where, const std::strin
                        e["id"] < 0x10000 && e.contains("type") && e["type"].is_string();
     if (!whole)
       fail(fmt::format("names a file whose {} has no id from 0 to 65535 and type: {}", v.path, path));
-    if (!fits(v.type, e["type"].get<std::string>())) {
+    if (!fits(v.type, e["type"].get<std::string>()))
       fail(fmt::format("names a file whose {} has another type than this program knows: {}", v.path, path));
-    }
     out.list.push_back({v.value, e["id"].get<std::uint16_t>(), v.type});
   }
   return out;

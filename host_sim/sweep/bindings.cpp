@@ -4,7 +4,7 @@
 #include <string>
 #include <string_view>
 
-#include "host_sim/scene/keys.hpp"
+#include "host_sim/scene/key.hpp"
 #include "host_sim/sweep/cases.hpp"
 
 namespace esmc::host {

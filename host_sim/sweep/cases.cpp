@@ -9,7 +9,7 @@
 
 #include "host_sim/error.hpp"
 #include "host_sim/scene/reader.hpp"
-#include "host_sim/scene/start.hpp"
+#include "host_sim/scene/scene.hpp"
 
 namespace esmc::host {
 namespace {
