@@ -5,6 +5,7 @@
 #include <limits>
 #include <random>
 
+#include "host_sim/controller/robust.hpp"
 #include "host_sim/drives/placed_axes.hpp"
 
 namespace esmc::host {

@@ -95,9 +95,8 @@ BusSummary timed_bus_summary(TimedBus& bus, const Scene& scene, std::uint64_t fr
 
 /// The frames of a tick on a bus with effects: frames take time or get lost, so a tick has a deadline.
 ///
-///   samples   every drive asks its node to send; until the sample of every axis has arrived, or no node has
-///   a
-///             frame left to send, or the tick is over
+///   samples   every drive asks its node to send; until the sample of every axis has arrived, or no node
+///             has a frame left to send, or the tick is over
 ///   (tick)    with the samples received; missing ones are extrapolated up to limits.max_age_ticks
 ///   torques   until the tick is over; each torque acts from the instant at which the drive received it
 ///

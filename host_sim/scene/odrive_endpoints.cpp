@@ -19,15 +19,8 @@ using Json = nlohmann::json;
 constexpr std::uintmax_t bytes_max = 16U << 20U;  // the vendor's have some hundred kilobytes
 
 bool fits(ValueType type, const std::string& name) {
-  switch (type) {
-    case ValueType::u8:
-      return name == "bool" || name == "uint8";
-    case ValueType::u32:
-      return name == "uint32";
-    case ValueType::f32:
-      return name == "float";
-  }
-  return false;
+  if (type == ValueType::u8) return name == "bool" || name == "uint8";
+  return name == (type == ValueType::u32 ? "uint32" : "float");
 }
 
 /// "0.6.10", with anything but a digit after it.
