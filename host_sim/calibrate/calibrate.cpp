@@ -14,7 +14,7 @@
 #include "host_sim/error.hpp"
 #include "host_sim/record/derivatives.hpp"
 #include "host_sim/record/output.hpp"
-#include "host_sim/record/recorded_run.hpp"
+#include "host_sim/record/recording.hpp"
 
 namespace esmc::host {
 namespace {

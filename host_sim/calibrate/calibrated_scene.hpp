@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "host_sim/calibrate/geometry.hpp"
-#include "host_sim/record/recorded_run.hpp"
+#include "host_sim/record/recording.hpp"
 
 namespace esmc::host {
 

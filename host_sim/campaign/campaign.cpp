@@ -17,7 +17,7 @@
 #include "host_sim/parallel.hpp"
 #include "host_sim/record/output.hpp"
 #include "host_sim/record/run_options.hpp"
-#include "host_sim/scene/starting_scene.hpp"
+#include "host_sim/scene/scene.hpp"
 
 namespace esmc::host {
 namespace {

@@ -4,7 +4,6 @@
 #include <fmt/ranges.h>
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <nlohmann/json.hpp>
 
@@ -25,33 +24,6 @@ using Json = nlohmann::ordered_json;
 /// False with every joint driven and measured: type 2 is then no singularity of the loop.
 bool guarded_type2(const Scene& s) {
   return s.type == MechanismType::five_bar && !(s.all_motors && s.all_sensors);
-}
-
-void judge_start(const Scene& s, const StartMargins& at, Findings& f) {
-  const auto beyond = [](double v, const std::array<double, 2>& allowed) {
-    return !(v >= allowed[0] && v <= allowed[1]);
-  };
-  if (!(at.sin_type1 >= s.limits.min_abs_sin_type1)) {
-    f.error("|sin theta_j2| = {:.3g} at the start, below limits.min_abs_sin_type1 = {}", at.sin_type1,
-            s.limits.min_abs_sin_type1);
-  }
-  if (guarded_type2(s) && !(at.sin_type2 >= s.limits.min_abs_sin_type2)) {
-    f.error("|D2| = {:.3g} at the start, below limits.min_abs_sin_type2 = {}", at.sin_type2,
-            s.limits.min_abs_sin_type2);
-  }
-  if (s.limits.workspace && (beyond(at.effector[0], (*s.limits.workspace)[0]) ||
-                             beyond(at.effector[1], (*s.limits.workspace)[1]))) {
-    f.error("the start ({:.3g}, {:.3g}) m is beyond limits.workspace", at.effector[0], at.effector[1]);
-  }
-  for (std::size_t i = 0; i < 2; ++i) {
-    if (s.limits.joint_angle && beyond(at.base[i], (*s.limits.joint_angle)[i])) {
-      f.error("base joint {} starts at {:.3g} rad, beyond limits.joint_angle", i + 1, at.base[i]);
-    }
-    if (!(std::abs(at.rate[i]) <= s.limits.joint_speed)) {
-      f.error("base joint {} starts at {:.3g} rad/s, limits.joint_speed = {}", i + 1, at.rate[i],
-              s.limits.joint_speed);
-    }
-  }
 }
 
 /// Without a controller there are no ticks, in which some effects act.
@@ -107,27 +79,35 @@ void judge_together(const Scene& s, const Margins& m, Findings& f) {
   }
 }
 
-void judge_path(const Scene& s, const Margins& m, Findings& f) {
-  if (m.sin_type1 < s.limits.min_abs_sin_type1) {
-    f.error("|sin theta_j2| falls to {:.3g} along the reference, below limits.min_abs_sin_type1 = {}",
-            m.sin_type1, s.limits.min_abs_sin_type1);
+/// Limits of the controller, at the start or along the reference.
+void judge_limits(const Scene& s, const Margins& m, bool start, Findings& f) {
+  const auto least = [&](double v) {
+    return fmt::format(fmt::runtime(start ? "= {:.3g} at the start" : "falls to {:.3g} along the reference"),
+                       v);
+  };
+  if (!(m.sin_type1 >= s.limits.min_abs_sin_type1)) {
+    f.error("|sin theta_j2| {}, below limits.min_abs_sin_type1 = {}", least(m.sin_type1),
+            s.limits.min_abs_sin_type1);
   }
-  if (guarded_type2(s) && m.sin_type2 < s.limits.min_abs_sin_type2) {
-    f.error("|D2| falls to {:.3g} along the reference, below limits.min_abs_sin_type2 = {}", m.sin_type2,
-            s.limits.min_abs_sin_type2);
-  }
-  if (m.joint_speed > s.limits.joint_speed) {
-    f.error("a base joint turns at {:.3g} rad/s along the reference, limits.joint_speed = {}", m.joint_speed,
-            s.limits.joint_speed);
-  }
+  if (guarded_type2(s) && !(m.sin_type2 >= s.limits.min_abs_sin_type2))
+    f.error("|D2| {}, below limits.min_abs_sin_type2 = {}", least(m.sin_type2), s.limits.min_abs_sin_type2);
   if (const auto& w = s.limits.workspace; w && (m.x.beyond((*w)[0]) || m.y.beyond((*w)[1]))) {
-    f.error("the reference spans x = [{:.3g}, {:.3g}], y = [{:.3g}, {:.3g}] m, beyond limits.workspace",
-            m.x.low, m.x.high, m.y.low, m.y.high);
+    f.error("{} beyond limits.workspace",
+            start ? fmt::format("the start ({:.3g}, {:.3g}) m is", m.x.low, m.y.low)
+                  : fmt::format("the reference spans x = [{:.3g}, {:.3g}], y = [{:.3g}, {:.3g}] m,", m.x.low,
+                                m.x.high, m.y.low, m.y.high));
   }
-  for (std::size_t i = 0; s.limits.joint_angle && i < 2; ++i) {
-    if (m.angle[i].beyond((*s.limits.joint_angle)[i])) {
-      f.error("base joint {} spans [{:.3g}, {:.3g}] rad along the reference, beyond limits.joint_angle",
-              i + 1, m.angle[i].low, m.angle[i].high);
+  for (std::size_t i = 0; i < 2; ++i) {
+    const Extent& angle = m.angle[i];
+    if (s.limits.joint_angle && angle.beyond((*s.limits.joint_angle)[i])) {
+      f.error("base joint {} {}, beyond limits.joint_angle", i + 1,
+              start ? fmt::format("starts at {:.3g} rad", angle.low)
+                    : fmt::format("spans [{:.3g}, {:.3g}] rad along the reference", angle.low, angle.high));
+    }
+    if (!(m.joint_speed[i] <= s.limits.joint_speed)) {
+      f.error("base joint {} {} at {:.3g} rad/s{}, limits.joint_speed = {}", i + 1,
+              start ? "starts" : "turns", m.joint_speed[i], start ? "" : " along the reference",
+              s.limits.joint_speed);
     }
   }
 }
@@ -143,15 +123,15 @@ void judge_preload(const Scene& s, const Margins& m, Findings& f) {
   }
 }
 
-void judge_motion(const Scene& s, const StartMargins& at, const Margins& m, Findings& f) {
+void judge_motion(const Scene& s, const Margins& start, const Margins& m, Findings& f) {
   judge_step(s, f);
   if (s.closed_loop())
-    judge_start(s, at, f);
+    judge_limits(s, start, true, f);
   else
     judge_open_loop(s, f);
   if (!m.unreachable.empty()) f.error("{}", m.unreachable);
   if (!m.unreachable.empty() || !s.closed_loop()) return;
-  judge_path(s, m, f);
+  judge_limits(s, m, false, f);
   judge_preload(s, m, f);
   if (m.together)
     judge_together(s, m, f);
@@ -232,7 +212,7 @@ std::string bus_text(const BusAnalysis& bus) {
   return out + fmt::format(" from sample to torque {}\n", us(bus.loop_s));
 }
 
-struct Verdict {
+struct Judgement {
   Margins margins;
   BusAnalysis bus;
   Findings findings;
@@ -266,17 +246,16 @@ void judge_odrive(const Scene& scene, Findings& f) {
   if (scene.rate_hz > 1000.0) f.warning("ODrive sends encoder estimates at 1 kHz at most");
 }
 
-template <class World>
-Verdict judge(const Scene& scene, Log& log) {
-  Verdict v{margins<World>(scene, log), analyse_bus(scene), {}};
-  judge_motion(scene, start_margins<World>(scene), v.margins, v.findings);
+Judgement judge(const Scene& scene, Log& log) {
+  Judgement v{margins(scene, log), analyse_bus(scene), {}};
+  judge_motion(scene, start_margins(scene), v.margins, v.findings);
   judge_bus(scene, v.bus, v.findings);
   judge_heartbeats(scene, v.findings);
   judge_odrive(scene, v.findings);
   return v;
 }
 
-Json report_json(const Scene& scene, const Verdict& v, const std::string& obstacle) {
+Json report_json(const Scene& scene, const Judgement& v, const std::string& obstacle) {
   const auto& [m, bus, f] = v;
   const bool five_bar = scene.type == MechanismType::five_bar;
   Json j;
@@ -287,7 +266,7 @@ Json report_json(const Scene& scene, const Verdict& v, const std::string& obstac
   j["margins"] = {
       {"min_abs_sin_type1", m.sin_type1},
       {"min_abs_sin_type2", five_bar ? Json(m.sin_type2) : Json(nullptr)},
-      {"max_joint_speed", m.joint_speed},
+      {"max_joint_speed", std::max(m.joint_speed[0], m.joint_speed[1])},
       {"max_torque_nm", m.torque},
       {"torque_share", scene.closed_loop() && std::isfinite(m.share) ? Json(m.share) : Json(nullptr)},
       {"least_preload_nm", m.preload.empty() ? Json(nullptr) : Json(m.preload)}};
@@ -296,16 +275,16 @@ Json report_json(const Scene& scene, const Verdict& v, const std::string& obstac
   return j;
 }
 
-std::string report_text(const Scene& scene, const Verdict& v, const std::string& obstacle) {
+std::string report_text(const Scene& scene, const Judgement& v, const std::string& obstacle) {
   const auto& [m, bus, f] = v;
   std::string out = fmt::format("{}: {}\n", printable(scene.name),
                                 f.refused()        ? "would not run through"
                                 : obstacle.empty() ? "fit to run"
                                                    : "fit for sim, not for a bus: " + obstacle);
   const bool five_bar = scene.type == MechanismType::five_bar;
-  out +=
-      fmt::format("along the reference: |sin theta_j2| >= {:.3g},{} base joints <= {:.3g} rad/s\n",
-                  m.sin_type1, five_bar ? fmt::format(" |D2| >= {:.3g},", m.sin_type2) : "", m.joint_speed);
+  out += fmt::format("along the reference: |sin theta_j2| >= {:.3g},{} base joints <= {:.3g} rad/s\n",
+                     m.sin_type1, five_bar ? fmt::format(" |D2| >= {:.3g},", m.sin_type2) : "",
+                     std::max(m.joint_speed[0], m.joint_speed[1]));
   for (std::size_t i = 0; i < m.torque.size(); ++i)
     out += fmt::format("motor {}: <= {:.3g} N m\n", i + 1, m.torque[i]);
   if (m.together && scene.closed_loop()) {
@@ -318,11 +297,22 @@ std::string report_text(const Scene& scene, const Verdict& v, const std::string&
   return out;
 }
 
-template <class World>
-int report(const Scene& scene, const RunOptions& o) {
+}  // namespace
+
+std::string refusal_of(const Scene& scene) {
+  Log log(nullptr, {}, 0);
+  const Findings f = judge(scene, log).findings;
+  for (const Json& item : f.list()) {
+    if (item["level"] == "error") return item["text"].get<std::string>();
+  }
+  return bus_obstacle(scene).what;
+}
+
+int run_check(const RunOptions& o) {
+  const Scene scene = read_scene(o.scene, o.sets);
   OutputDirectory out(o.out);
-  Log log(out.open("check.csv"), check_columns<World>(scene), tick_count(scene));
-  const Verdict v = judge<World>(scene, log);
+  Log log(out.open("check.csv"), check_columns(scene), tick_count(scene));
+  const Judgement v = judge(scene, log);
   log.close();
   if (out.wanted()) {
     write_scene(scene, out);
@@ -336,23 +326,6 @@ int report(const Scene& scene, const RunOptions& o) {
     if (out.wanted()) fmt::print("torques along the reference: {}/check.csv\n", out.directory());
   }
   return v.findings.refused() ? 1 : 0;
-}
-
-}  // namespace
-
-std::string refusal_of(const Scene& scene) {
-  Log log(nullptr, {}, 0);
-  const Findings f = scene.type == MechanismType::five_bar ? judge<FiveBarTraits>(scene, log).findings
-                                                           : judge<RrTraits>(scene, log).findings;
-  for (const Json& item : f.list()) {
-    if (item["level"] == "error") return item["text"].get<std::string>();
-  }
-  return bus_obstacle(scene).what;
-}
-
-int run_check(const RunOptions& o) {
-  const Scene scene = read_scene(o.scene, o.sets);
-  return scene.type == MechanismType::five_bar ? report<FiveBarTraits>(scene, o) : report<RrTraits>(scene, o);
 }
 
 }  // namespace esmc::host

@@ -7,7 +7,7 @@
 #include <limits>
 
 #include "firmware/cycle/instances.hpp"
-#include "host_sim/controller/make_controller.hpp"
+#include "host_sim/controller/robust.hpp"
 #include "host_sim/design/efforts.hpp"
 #include "host_sim/error.hpp"
 #include "host_sim/record/recorder.hpp"
@@ -51,6 +51,20 @@ ControllerConfig<M> allocating_controller(const Scene& scene, const ReferenceBun
   return c;
 }
 
+/// Widens the margins by a pose and the rates of the base joints.
+template <class M>
+void add_motion(const typename M::Pose& pose, const Vec2<double>& rates, Margins& to) {
+  to.sin_type1 = std::min(to.sin_type1, M::min_abs_sin_type1(pose));
+  to.sin_type2 = std::min(to.sin_type2, M::abs_sin_type2(pose));
+  to.x.widen(pose.effector.x());
+  to.y.widen(pose.effector.y());
+  for (std::size_t i = 0; i < 2; ++i) {
+    const auto k = static_cast<int>(i);
+    to.angle[i].widen(M::base_angles(pose)[k]);
+    to.joint_speed[i] = std::max(to.joint_speed[i], std::abs(rates[k]));
+  }
+}
+
 template <class World>
 class Follower {
  public:
@@ -85,7 +99,7 @@ class Follower {
         out_.unreachable = fmt::format("the reference leaves the reach of the mechanism at t = {:.3f} s", t);
         break;
       }
-      add_pose(d->pose, d->rates);
+      add_motion<M>(d->pose, M::base(d->rates), out_);
       row_ = {t, d->pose.effector.x(), d->pose.effector.y()};
       for (int i = 0; i < 2; ++i) row_.push_back(M::base_angles(d->pose)[i]);
       add_torques(t, d->pose, m.force(m.channel_accelerations(d->pose, d->rates, d->acceleration), d->rates));
@@ -97,18 +111,6 @@ class Follower {
   }
 
  private:
-  void add_pose(const typename M::Pose& pose, const typename M::Rates& rates) {
-    out_.sin_type1 = std::min(out_.sin_type1, M::min_abs_sin_type1(pose));
-    out_.sin_type2 = std::min(out_.sin_type2, M::abs_sin_type2(pose));
-    out_.x.widen(pose.effector.x());
-    out_.y.widen(pose.effector.y());
-    for (std::size_t i = 0; i < 2; ++i) {
-      const auto k = static_cast<int>(i);
-      out_.angle[i].widen(M::base_angles(pose)[k]);
-      out_.joint_speed = std::max(out_.joint_speed, std::abs(M::base(rates)[k]));
-    }
-  }
-
   /// `w`: force on every channel.
   void add_torques(double t, const typename M::Pose& pose, const typename M::Channels& w) {
     const auto effort = design::effort(controller_, pose, w);
@@ -141,22 +143,21 @@ class Follower {
   std::vector<double> row_;
 };
 
-}  // namespace
-
 template <class World>
-StartMargins start_margins(const Scene& scene) {
+Margins start_margins_of(const Scene& scene) {
   using M = typename World::Mechanism;
-  const auto p = start_pose(scene, make_mechanism(scene.mechanism, static_cast<M*>(nullptr)));
-  StartMargins s{M::min_abs_sin_type1(p), M::abs_sin_type2(p), {p.effector.x(), p.effector.y()}, {}, {}};
-  for (std::size_t i = 0; i < 2; ++i) {
-    s.base[i] = scene.start_angle[joint_of<M>(i, 2)];
-    s.rate[i] = scene.start_rate[joint_of<M>(i, 2)];
+  const Vec2<double> rates(scene.start_rate[joint_of<M>(0, 2)], scene.start_rate[joint_of<M>(1, 2)]);
+  Margins out;
+  add_motion<M>(start_pose(scene, make_mechanism(scene.mechanism, static_cast<M*>(nullptr))), rates, out);
+  for (std::size_t i = 0; i < 2; ++i) {  // not wrapped, as they are measured
+    const double angle = scene.start_angle[joint_of<M>(i, 2)];
+    out.angle[i] = {angle, angle};
   }
-  return s;
+  return out;
 }
 
 template <class World>
-std::vector<std::string> check_columns(const Scene& scene) {
+std::vector<std::string> check_columns_of(const Scene& scene) {
   using M = typename World::Mechanism;
   std::vector<std::string> c{"t", "x_ref", "y_ref"};
   for (std::size_t i = 0; i < 2; ++i)
@@ -168,19 +169,22 @@ std::vector<std::string> check_columns(const Scene& scene) {
   return c;
 }
 
-template <class World>
+}  // namespace
+
+Margins start_margins(const Scene& scene) {
+  return with_world(scene, [&]<class World>(World) { return start_margins_of<World>(scene); });
+}
+
+std::vector<std::string> check_columns(const Scene& scene) {
+  return with_world(scene, [&]<class World>(World) { return check_columns_of<World>(scene); });
+}
+
 Margins margins(const Scene& scene, Log& log) {
-  if (scene.reference.type != ReferenceType::none) return Follower<World>(scene, log).run();
+  if (scene.reference.type != ReferenceType::none)
+    return with_world(scene, [&]<class World>(World) { return Follower<World>(scene, log).run(); });
   Margins none;
   none.torque.assign(static_cast<std::size_t>(scene.motors()), 0.0);
   return none;
 }
-
-template StartMargins start_margins<FiveBarTraits>(const Scene&);
-template StartMargins start_margins<RrTraits>(const Scene&);
-template std::vector<std::string> check_columns<FiveBarTraits>(const Scene&);
-template std::vector<std::string> check_columns<RrTraits>(const Scene&);
-template Margins margins<FiveBarTraits>(const Scene&, Log&);
-template Margins margins<RrTraits>(const Scene&, Log&);
 
 }  // namespace esmc::host

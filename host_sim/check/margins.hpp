@@ -19,40 +19,32 @@ struct Extent {
   }
   /// Whether a value is beyond [lower, upper].
   [[nodiscard]] bool beyond(const std::array<double, 2>& allowed) const {
-    return low < allowed[0] || high > allowed[1];
+    return !(low >= allowed[0] && high <= allowed[1]);
   }
 };
 
-/// The start, which the controller guards like every later tick.
-struct StartMargins {
-  double sin_type1 = 1.0, sin_type2 = 1.0;
-  std::array<double, 2> effector{}, base{}, rate{};  ///< m; rad and rad/s of the base joints
-};
-
-/// Smallest margins and largest demands along the reference.
+/// Smallest margins and largest demands along the reference, or at the start.
 struct Margins {
   double sin_type1 = 1.0, sin_type2 = 1.0;
-  double joint_speed = 0.0;           ///< of the base joints, rad/s
-  std::vector<double> torque;         ///< largest per motor, N m
-  bool together = false;              ///< four motors share the load
-  double share = 0.0, share_t = 0.0;  ///< largest share of torque_limit, and when, s
-  std::vector<double> share_torque;   ///< per motor at that time, N m
-  Extent x, y;                        ///< of the effector's path, m
-  std::array<Extent, 2> angle;        ///< of the base joints, rad
+  std::array<double, 2> joint_speed{};  ///< of the base joints, rad/s
+  std::vector<double> torque;           ///< largest per motor, N m
+  bool together = false;                ///< four motors share the load
+  double share = 0.0, share_t = 0.0;    ///< largest share of torque_limit, and when, s
+  std::vector<double> share_torque;     ///< per motor at that time, N m
+  Extent x, y;                          ///< of the effector's path, m
+  std::array<Extent, 2> angle;          ///< of the base joints, rad
   std::vector<double> preload,
       preload_t;            ///< least torque towards control.preload per motor, N m, and when, s
   std::string unreachable;  ///< why the reference cannot be followed; empty: it can
 };
 
-template <class World>
-StartMargins start_margins(const Scene& scene);
+/// Of the start alone, which the controller guards like every later tick.
+Margins start_margins(const Scene& scene);
 
 /// Columns of check.csv: what the reference asks of each joint and motor, tick by tick.
-template <class World>
 std::vector<std::string> check_columns(const Scene& scene);
 
 /// Follows the reference for at most 2e6 ticks, a row of `log` each. Throws RunError where it is interrupted.
-template <class World>
 Margins margins(const Scene& scene, Log& log);
 
 }  // namespace esmc::host

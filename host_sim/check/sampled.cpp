@@ -37,12 +37,10 @@ double stiffness(const Scene& s) {
                     s.gain.angle / s.layer.angle + s.lambda.angle);
   }
   const auto of = [&]<class M>(const M*) { return robust_gains<M>(s, Pacing::lockstep).stiffness; };
-  return s.type == MechanismType::five_bar ? of(static_cast<FiveBar<double>*>(nullptr))
-                                           : of(static_cast<Rr<double>*>(nullptr));
+  return with_mechanism<double>(s, of);
 }
 
-/// If momentum is measured later than assumed, the observer itself can oscillate: s = -omega e^{-s late} does
-/// from omega late = pi/2 on.
+/// If momentum is measured later than assumed, the observer oscillates from omega late = pi/2 on.
 void judge_observer(const Scene& s, const Delay& d, Findings& f) {
   const double late = d.certain + d.lag - s.delay_ticks.value_or(0.0),
                turn = s.disturbance_observer * late * s.tick();

@@ -1,6 +1,5 @@
 #pragma once
-/// Findings of `esmc check`, and its judgement of sampling: the loop near the surface, and steps of
-/// integration.
+/// Findings of `esmc check`, and its judgement of the sampled loop and of the steps of integration.
 
 #include <fmt/format.h>
 

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <algorithm>
 #include <filesystem>
 #include <fstream>
 #include <iostream>
@@ -12,18 +13,19 @@
 #include "host_sim/calibrate/calibrate.hpp"
 #include "host_sim/campaign/campaign.hpp"
 #include "host_sim/check/check.hpp"
-#include "host_sim/cli/bake.hpp"
 #include "host_sim/cli/options.hpp"
+#include "host_sim/controller/axes_config.hpp"
+#include "host_sim/controller/bake.hpp"
 #include "host_sim/controller/board_costs.hpp"
 #include "host_sim/export/export.hpp"
 #include "host_sim/identify/identify.hpp"
 #include "host_sim/live/live.hpp"
-#include "host_sim/loop/drive.hpp"
+#include "host_sim/loop/loop_scene.hpp"
 #include "host_sim/loop/run.hpp"
 #include "host_sim/record/output.hpp"
-#include "host_sim/scene/keys.hpp"
+#include "host_sim/scene/key.hpp"
 #include "host_sim/scene/names.hpp"
-#include "host_sim/scene/starting_scene.hpp"
+#include "host_sim/scene/scene.hpp"
 #include "host_sim/spatial/spatial.hpp"
 #include "host_sim/studies/accuracy.hpp"
 #include "host_sim/studies/design_report.hpp"
@@ -44,9 +46,6 @@ void add_bus(CLI::App& c, RunOptions& o) {
   c.add_flag("--realtime", o.realtime, "wall-clock ticks instead of lockstep");
 }
 
-struct InitOptions {
-  std::string mechanism;
-};
 struct EvalOptions {
   std::string file = "-";
   bool single_precision = false;
@@ -55,12 +54,14 @@ struct ExportOptions {
   RunOptions run;
   std::string format;
 };
-struct KeysOptions {
-  std::string of = "scene";
+struct BakeOptions {
+  RunOptions run;
+  std::string board;  ///< name in board_costs.hpp; empty: no budget is checked
 };
+using Word = std::string;  // the one argument of a command without options
 
-int run_init(const InitOptions& o) {
-  fmt::print("{}", starting_scene(o.mechanism));
+int run_init(const Word& mechanism) {
+  fmt::print("{}", starting_scene(mechanism));
   return 0;
 }
 
@@ -83,15 +84,40 @@ int run_export(const ExportOptions& o) {
   return 0;
 }
 
-int run_keys(const KeysOptions& o) {
-  fmt::print("{}", keys_markdown(o.of == "spatial" ? spatial_keys() : scene_keys()));
+int run_keys(const Word& of) {
+  fmt::print("{}", keys_markdown(of == "spatial" ? spatial_keys() : scene_keys()));
+  return 0;
+}
+
+void require_budget(const Scene& scene, const BakeOptions& o) {
+  const Board* board = std::ranges::find(boards, o.board, [](const Board& b) { return std::string(b.name); });
+  if (board->single_precision != o.run.single_precision)
+    throw InputError("", o.board + " needs --scalar " + (board->single_precision ? "float" : "double"));
+  if (const std::string excess = budget_excess(scene, *board); !excess.empty())
+    throw InputError(scene.control_where, excess);
+}
+
+/// Refuses a scene that `esmc check` refuses, that a bus cannot run, or that exceeds the budget of the board.
+int run_bake(const BakeOptions& o) {
+  Scene scene = read_loop_scene(o.run);
+  scene.hardware = o.run.realtime;
+  require_confirmed(scene);
+  if (armed_by_link(scene) && !o.run.realtime) {
+    throw InputError(scene.control_where,
+                     "command.arm = \"link\" needs --realtime: in lockstep no console arms the image");
+  }
+  if (!o.board.empty()) require_budget(scene, o);
+  if (const std::string why = refusal_of(scene); !why.empty())
+    throw InputError("", o.run.scene + ": esmc check refuses it: " + why);
+  const Pacing pacing = o.run.realtime ? Pacing::realtime : Pacing::lockstep;
+  print_or_write(baked_header(scene, pacing, o.run.single_precision), o.run.out);
   return 0;
 }
 
 void add_init_and_eval(Program& p) {
-  const auto [init, init_options] =
+  const auto [init, mechanism] =
       add(p, "init", "print a commented scene to start from", run_init, Signals::end);
-  init.add_option("MECHANISM", init_options.mechanism, "five_bar | rr")
+  init.add_option("MECHANISM", mechanism, "five_bar | rr")
       ->required()
       ->check(one_of(names_of<MechanismType>));
 
@@ -337,9 +363,9 @@ void add_spatial_and_keys(Program& p) {
   add_seed(c, o.seed, "of the noise in [measurement]");
   add_scalar(c, o.single_precision, of_controller);
 
-  const auto [keys, keys_options] =
-      add(p, "keys", "print the table of scene keys (Markdown)", run_keys, Signals::end);
-  keys.add_option("OF", keys_options.of, "scene | spatial")
+  const auto [keys, of] = add(p, "keys", "print the table of scene keys (Markdown)", run_keys, Signals::end);
+  of = "scene";
+  keys.add_option("OF", of, "scene | spatial")
       ->check(CLI::IsMember({"scene", "spatial"}))
       ->capture_default_str();
 }

@@ -11,8 +11,9 @@
 #include <sstream>
 
 #include "host_sim/cli/commands.hpp"
+#include "host_sim/cli/options.hpp"
 #include "host_sim/error.hpp"
-#include "host_sim/scene/keys.hpp"
+#include "host_sim/scene/key.hpp"
 #include "host_sim/version.hpp"
 
 namespace esmc::host {
@@ -21,8 +22,7 @@ namespace {
 constexpr int exit_failed_run = 1;
 constexpr int exit_bad_input = 2;
 
-/// Keeps files and sockets from becoming the standard output that a caller has closed: writing there must
-/// fail.
+/// Keeps files and sockets from becoming a standard output that the caller has closed.
 void occupy_standard_streams() {
   for (const int fd : {STDIN_FILENO, STDOUT_FILENO, STDERR_FILENO}) {
     if (::fcntl(fd, F_GETFD) == -1 && ::open("/dev/null", O_RDONLY) != fd) return;  // NOLINT(*-vararg)

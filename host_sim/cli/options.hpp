@@ -14,11 +14,17 @@
 #include <utility>
 #include <vector>
 
-#include "host_sim/cli/program.hpp"
 #include "host_sim/error.hpp"
 #include "host_sim/record/run_options.hpp"
 
 namespace esmc::host {
+
+/// The running program as its subcommands see it.
+struct Program {
+  CLI::App& app;
+  std::string command_line;  ///< for reports
+  int status = 0;            ///< exit status of the command that ran
+};
 
 /// What SIGINT and SIGTERM do: end the process, or request the end of its loop.
 enum class Signals { end, request_stop };

@@ -5,6 +5,7 @@
 #include <limits>
 #include <random>
 
+#include "host_sim/controller/robust.hpp"
 #include "host_sim/drives/placed_axes.hpp"
 
 namespace esmc::host {
@@ -59,9 +60,8 @@ link::LinkConfig make_link(const Scene& scene, Pacing pacing, ReferenceSpace spa
   const bool joints = space == ReferenceSpace::base_joints;
   c.space = joints ? link::Space::base_joints : link::Space::effector;
   const auto& box = joints ? scene.limits.joint_angle : scene.limits.workspace;
-  for (std::size_t i = 0; i < 2; ++i) {
+  for (std::size_t i = 0; i < 2; ++i)
     c.position[i] = box ? link::Bounds{real((*box)[i][0]), real((*box)[i][1])} : link::Bounds{-1e3F, 1e3F};
-  }
   const auto bounds = [&](const std::array<double, 2>& r) { return link::Bounds{real(r[0]), real(r[1])}; };
   const link::Parameters::Values values{
       real(scene.lambda.position),
@@ -127,8 +127,7 @@ typename C::Config config_of(const Scene& scene, Pacing pacing,
   return c;
 }
 
-/// Checks of the configuration of motor i, as far as the scene gives values and the table of endpoints has
-/// them.
+/// Checks of the configuration of motor i: of values that the scene and the table of endpoints have.
 [[nodiscard]] drive::OdriveTable odrive_table(const Scene& scene, std::size_t i) {
   drive::OdriveTable t;
   const DriveScene& d = scene.drives;
@@ -195,9 +194,8 @@ OdriveSettings odrive_settings(const Scene& scene, Pacing pacing, std::size_t i)
       std::max(silence_ticks(scene), static_cast<std::uint32_t>(std::ceil(two_beats * scene.rate_hz)));
   if (motor) s.table = odrive_table(scene, i);
   // In lockstep the whole loop would wait for a drive without torque.
-  if (motor && pacing == Pacing::realtime && d.watchdog_test.value_or(scene.hardware)) {
+  if (motor && pacing == Pacing::realtime && d.watchdog_test.value_or(scene.hardware))
     s.proof_ticks = watchdog_proof_ticks(d, scene.rate_hz);
-  }
   return s;
 }
 
@@ -278,10 +276,7 @@ AnyCycle<M> make_cycle(const Scene& scene, Pacing pacing,
 #define ESMC_INSTANCE(M, S)                                                                               \
   template AnyCycleConfig<M<S>> make_cycle_config<M<S>>(const Scene&, Pacing, const ReferenceBundle<S>&); \
   template AnyCycle<M<S>> make_cycle<M<S>>(const Scene&, Pacing, const ReferenceBundle<S>&);
-ESMC_INSTANCE(FiveBar, double)
-ESMC_INSTANCE(FiveBar, float)
-ESMC_INSTANCE(Rr, double)
-ESMC_INSTANCE(Rr, float)
+ESMC_EACH_CONTROLLER(ESMC_INSTANCE)
 #undef ESMC_INSTANCE
 
 }  // namespace esmc::host

@@ -6,7 +6,7 @@
 #include <variant>
 
 #include "firmware/cycle/instances.hpp"
-#include "host_sim/controller/make_controller.hpp"
+#include "host_sim/controller/controller_config.hpp"
 
 namespace esmc::host {
 

@@ -13,12 +13,14 @@ using bake::text;
 /// A table of points is kept in the image's memory.
 constexpr std::size_t segments_max = 64;
 
-const char* axis_type(Protocol p) {
-  return p == Protocol::cia402 ? "Cia402Axis" : (p == Protocol::mit ? "MitAxis" : "OdriveAxis");
-}
-const char* settings_type(Protocol p) {
-  return p == Protocol::cia402 ? "Cia402Settings"
-                               : (p == Protocol::mit ? "MitAxis::Settings" : "OdriveTable");
+/// The firmware's types of an axis and of its settings.
+struct AxisTypes {
+  const char *axis, *settings;
+};
+AxisTypes types_of(const Scene& s) {
+  if (s.drives.protocol == Protocol::cia402) return {"Cia402Axis", "Cia402Settings"};
+  if (s.drives.protocol == Protocol::mit) return {"MitAxis", "MitAxis::Settings"};
+  return {"OdriveAxis", "OdriveTable"};
 }
 std::string settings_text(const Scene& scene, Pacing pacing, std::size_t i) {
   if (scene.drives.protocol == Protocol::cia402) return text(cia402_settings(scene, i));
@@ -26,8 +28,7 @@ std::string settings_text(const Scene& scene, Pacing pacing, std::size_t i) {
   return text(odrive_settings(scene, pacing, i).table);
 }
 
-/// Settings of the drives as tables, the statements that make the axes from them, and the bare values of
-/// both.
+/// Tables of the drives' settings, the statements that make the axes from them, and the bare values of both.
 struct AxesText {
   std::string tables, make, values;
 };
@@ -44,16 +45,15 @@ void add_table(AxesText& out, const Scene& scene, const char* type, const char* 
 
 AxesText axes_text(const Scene& scene, Pacing pacing) {
   AxesText out;
-  const Protocol protocol = scene.drives.protocol;
+  const AxisTypes types = types_of(scene);
   add_table(out, scene, "AxisConfig", "mounts", [&](std::size_t i) { return text(mount(scene, i)); });
-  add_table(out, scene, settings_type(protocol), "settings",
+  add_table(out, scene, types.settings, "settings",
             [&](std::size_t i) { return settings_text(scene, pacing, i); });
   for (std::size_t i = 0; i < scene.drives.nodes.size(); ++i) {
     const std::string place = fmt::format("  c.axes[{}]", axis_of(scene, i));
     const OdriveSettings s = scene.odrive() ? odrive_settings(scene, pacing, i) : OdriveSettings{};
     const std::string more = scene.odrive() ? text(s.version) + ", " + text(s.retry_ticks) + ", " : "";
-    out.make +=
-        fmt::format("{} = drive::{}(mounts[{}], {}settings[{}]);\n", place, axis_type(protocol), i, more, i);
+    out.make += fmt::format("{} = drive::{}(mounts[{}], {}settings[{}]);\n", place, types.axis, i, more, i);
     if (!scene.odrive()) continue;
     out.make += fmt::format("{}.restarts_within({});\n", place, text(s.silence_ticks));
     if (s.proof_ticks > 0) out.make += fmt::format("{}.prove_watchdog({});\n", place, text(s.proof_ticks));
@@ -67,17 +67,6 @@ std::string line_text(const Scene& scene) {
   return scene.drives.protocol == Protocol::cia402
              ? fmt::format("drive::CanopenLine({}, {})", scene.drives.controller_node, heartbeat_ticks(scene))
              : "{}";
-}
-
-/// The believed mechanism as parameters of the image's mechanism.
-template <class S>
-FiveBarParams<S> params_of(const FiveBarParams<double>& p, const FiveBar<S>*) {
-  return cast<S>(p);
-}
-template <class S>
-RrParams<S> params_of(const FiveBarParams<double>& p, const Rr<S>*) {
-  const FiveBarParams<S> c = cast<S>(p);
-  return {c.legs[0], c.g};
 }
 
 template <class S>
@@ -116,8 +105,8 @@ std::string constants(const Scene& scene, Pacing pacing,
       "  return c;\n"
       "}}\n\n"
       "}}  // namespace esmc::baked\n",
-      std::is_same_v<S, float> ? "float" : "double", M::joints == 4 ? "FiveBar" : "Rr",
-      axis_type(scene.drives.protocol), static_cast<std::uint32_t>(scene.bitrate),
+      std::is_same_v<S, float> ? "float" : "double", M::joints == 4 ? "FiveBar" : "Rr", types_of(scene).axis,
+      static_cast<std::uint32_t>(scene.bitrate),
       static_cast<std::uint32_t>(std::llround(1e9 / scene.rate_hz)), pacing == Pacing::lockstep,
       armed_by_link(scene), M::joints == 4 ? "FiveBar" : "Rr",
       text(params_of(believed_mechanism(scene), static_cast<M*>(nullptr))), axes.tables,
@@ -161,18 +150,14 @@ std::uint32_t identity_of(Scene scene, Pacing pacing) {
   const auto values_of = [&]<class M>(const M*) {
     return values<M>(scene, pacing, make_reference<double>(scene, pacing));
   };
-  const std::string text = scene.type == MechanismType::five_bar
-                               ? values_of(static_cast<FiveBar<double>*>(nullptr))
-                               : values_of(static_cast<Rr<double>*>(nullptr));
+  const std::string text = with_mechanism<double>(scene, values_of);
   const std::vector<std::uint8_t> bytes(text.begin(), text.end());
   return link::crc32(bytes);
 }
 
 std::string baked_header(const Scene& scene, Pacing pacing, bool single_precision) {
-  const bool five_bar = scene.type == MechanismType::five_bar;
-  return single_precision
-             ? (five_bar ? header<FiveBar<float>>(scene, pacing) : header<Rr<float>>(scene, pacing))
-             : (five_bar ? header<FiveBar<double>>(scene, pacing) : header<Rr<double>>(scene, pacing));
+  const auto of = [&]<class M>(const M*) { return header<M>(scene, pacing); };
+  return single_precision ? with_mechanism<float>(scene, of) : with_mechanism<double>(scene, of);
 }
 
 }  // namespace esmc::host

@@ -83,11 +83,20 @@ template <class T, int N>
 std::string text(const List<T, N>& v) {
   return "{" + text(v.items) + "}";
 }
+/// An expression of C++ in place of a value.
+struct Code {
+  std::string expression;
+};
+inline std::string text(const Code& v) { return v.expression; }
 template <class... T>
-std::string braces(const T&... member) {
+std::string list(const T&... member) {
   std::string out;
   ((out += (out.empty() ? "" : ", ") + text(member)), ...);
-  return "{" + out + "}";
+  return out;
+}
+template <class... T>
+std::string braces(const T&... member) {
+  return "{" + list(member...) + "}";
 }
 
 template <class T>
@@ -122,35 +131,32 @@ inline std::string text(const link::LinkConfig& v) {
 inline std::string text(const drive::MitAxis::Settings& v) {
   const auto& [ranges, dialect, master, retry] = v;
   const auto& [position, velocity, torque] = ranges;
-  return "{" + braces(position, velocity, torque) + ", " + text(dialect) + ", " + text(master) + ", " +
-         text(retry) + "}";
+  return braces(Code{braces(position, velocity, torque)}, dialect, master, retry);
 }
 template <class S>
 std::string text(const PathSegment<S>& v) {
   const auto& [start_tick, offset, curve] = v;
   const auto& [duration, c] = curve;
-  return "{" + text(start_tick) + ", " + text(offset) + ", " + braces(duration, c) + "}";
+  return braces(start_tick, offset, Code{braces(duration, c)});
 }
 /// Its path is `path` of the image.
 template <class S>
 std::string text(const Reference<S>& v) {
   const auto& [kind, space, centre, amplitude, speed, phase, path, repeat] = v;
-  return "{" + text(kind) + ", " + text(space) + ", " + text(centre) + ", " + text(amplitude) + ", " +
-         text(speed) + ", " + text(phase) + ", path, " + text(repeat) + "}";
+  return braces(kind, space, centre, amplitude, speed, phase, Code{"path"}, repeat);
 }
 template <class M>
 std::string text(const Gains<M>& v) {
   const auto& [lambda, k, layer, own] = v;
   const auto& [own_lambda, own_k, own_layer, kp, kd] = own;
-  return "{" + text(lambda) + ", " + text(k) + ", " + text(layer) + ", " +
-         braces(own_lambda, own_k, own_layer, kp, kd) + "}";
+  return braces(lambda, k, layer, Code{braces(own_lambda, own_k, own_layer, kp, kd)});
 }
 template <class Mode>
 std::string mode_text(const Mode& v) {
   if constexpr (requires { v.assembly; })
     return braces(v.working, v.assembly);
   else
-    return "{" + text(v.working) + "}";
+    return braces(v.working);
 }
 
 /// Address of the first part that applies; null: none does.
@@ -168,21 +174,18 @@ std::string text(const ControllerConfig<M>& v) {
                torque_lead, join, ramp, sign_test, halt, lower, after_halt, enabling, stopping, guide_speed,
                guide_acceleration, motors, sensors, preload, allocate, variance, fuse, delay, lag, bandwidth,
                reach, observer, predict] = v;
-  const auto line = [](const std::string& s) { return "          " + s + ",\n"; };
-  return "{\n" + line("Mechanism(believed)") + line(mode_text(mode)) + line(text(law)) +
-         line(text(reaching)) + line(text(gains)) + line(text(reference)) + line(text(limits)) +
-         line(text(torque_limit)) + line(text(torque_weight)) + line(text(sample_time)) +
-         line(text(torque_lead)) + line(text(join)) + line(text(ramp)) + line(text(sign_test)) +
-         line(text(halt)) + line(text(lower)) + line(text(after_halt)) + line(text(enabling)) +
-         line(text(stopping)) + line(text(guide_speed)) + line(text(guide_acceleration)) +
-         line(text(motors)) + line(text(sensors)) + line(text(preload)) +
-         line(allocate != nullptr ? "&part::four_motors<Mechanism>" : "nullptr") + line(text(variance)) +
-         line(fuse != nullptr ? "&part::closure_projection<Mechanism>" : "nullptr") + line(text(delay)) +
-         line(text(lag)) + line(text(bandwidth)) +
-         line(part_text({{reach == &part::super_twisting<M>, "super_twisting"},
-                         {reach == &part::implicit_coupled<M>, "implicit_coupled"}})) +
-         line(part_text({{observer != nullptr, "momentum_observer"}})) +
-         line(part_text({{predict != nullptr, "predictor"}})) + "      }";
+  std::string lines;
+  const auto add = [&](const auto&... member) { ((lines += "          " + text(member) + ",\n"), ...); };
+  add(Code{"Mechanism(believed)"}, Code{mode_text(mode)}, law, reaching, gains, reference, limits,
+      torque_limit, torque_weight, sample_time, torque_lead, join, ramp, sign_test, halt, lower, after_halt,
+      enabling, stopping, guide_speed, guide_acceleration, motors, sensors, preload,
+      Code{part_text({{allocate != nullptr, "four_motors"}})}, variance,
+      Code{part_text({{fuse != nullptr, "closure_projection"}})}, delay, lag, bandwidth,
+      Code{part_text({{reach == &part::super_twisting<M>, "super_twisting"},
+                      {reach == &part::implicit_coupled<M>, "implicit_coupled"}})},
+      Code{part_text({{observer != nullptr, "momentum_observer"}})},
+      Code{part_text({{predict != nullptr, "predictor"}})});
+  return "{\n" + lines + "      }";
 }
 
 /// Of a cycle; `line` is the text of its line. Calls make the axes, and the image draws its session.
@@ -192,10 +195,9 @@ std::string cycle_text(const Config& v, const std::string& line) {
                timed, link, delay] = v;
   link::LinkConfig known = link;
   known.session = 1;
-  return "      " + text(controller) + ",\n      {},\n      " + line + ",\n      " + text(count) + ", " +
-         text(heartbeat) + ", " + text(waiting) + ", " + text(absolute) + ", " + text(zero) + ", " +
-         text(mismatch) + ", " + text(torque_time) + ", " + text(timed) + ",\n      " + text(known) +
-         ",\n      " + text(delay);
+  return "      " + text(controller) + ",\n      {},\n      " + line + ",\n      " +
+         list(count, heartbeat, waiting, absolute, zero, mismatch, torque_time, timed) + ",\n      " +
+         text(known) + ",\n      " + text(delay);
 }
 
 }  // namespace esmc::host::bake

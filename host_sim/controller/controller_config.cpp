@@ -237,9 +237,8 @@ ReferenceBundle<float> make_reference<float>(const Scene& scene, Pacing pacing) 
   ReferenceBundle<float> out;
   out.reference = {r.kind,  r.space, r.centre.cast<float>(), r.amplitude.cast<float>(), r.speed.cast<float>(),
                    r.phase, {},      r.repeat_ticks};
-  for (const PathSegment<double>& s : exact.path) {
+  for (const PathSegment<double>& s : exact.path)
     out.path.push_back({s.start_tick, static_cast<float>(s.offset), in_scalar<float>(s.curve)});
-  }
   out.join_ticks = exact.join_ticks;
   return out;
 }
@@ -326,10 +325,7 @@ ControllerConfig<M> controller_without_design(const Scene& scene, Pacing pacing,
 
 #define ESMC_INSTANCE(M, S) \
   template ControllerConfig<M<S>> controller_without_design(const Scene&, Pacing, const ReferenceBundle<S>&);
-ESMC_INSTANCE(FiveBar, double)
-ESMC_INSTANCE(FiveBar, float)
-ESMC_INSTANCE(Rr, double)
-ESMC_INSTANCE(Rr, float)
+ESMC_EACH_CONTROLLER(ESMC_INSTANCE)
 #undef ESMC_INSTANCE
 
 }  // namespace esmc::host

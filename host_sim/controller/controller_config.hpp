@@ -1,5 +1,5 @@
 #pragma once
-/// From a scene to the controller's configuration, without robust gains: make_controller.hpp adds those.
+/// From a scene to the controller's configuration, without the gains that robust.hpp adds.
 
 #include <cmath>
 #include <cstdint>
@@ -52,15 +52,24 @@ FiveBarParams<S> cast(const FiveBarParams<double>& p) {
   return {S(p.l0), S(p.m0), S(p.g), {cast<S>(p.legs[0]), cast<S>(p.legs[1])}};
 }
 
-/// The mechanism of a type, chosen by the null pointer. RR takes leg 1 and gravity.
+/// Parameters of the mechanism of a type, chosen by the null pointer. RR takes leg 1 and gravity.
 template <class S>
-FiveBar<S> make_mechanism(const FiveBarParams<double>& p, const FiveBar<S>*) {
-  return FiveBar<S>(cast<S>(p));
+FiveBarParams<S> params_of(const FiveBarParams<double>& p, const FiveBar<S>*) {
+  return cast<S>(p);
 }
 template <class S>
-Rr<S> make_mechanism(const FiveBarParams<double>& p, const Rr<S>*) {
-  const FiveBarParams<S> c = cast<S>(p);
-  return Rr<S>(RrParams<S>{c.legs[0], c.g});
+RrParams<S> params_of(const FiveBarParams<double>& p, const Rr<S>*) {
+  return {cast<S>(p.legs[0]), S(p.g)};
+}
+template <class M>
+M make_mechanism(const FiveBarParams<double>& p, const M* of) {
+  return M(params_of(p, of));
+}
+/// Calls f with a null pointer to the mechanism of a scene in the scalar type S.
+template <class S, class F>
+auto with_mechanism(const Scene& s, const F& f) {
+  return s.type == MechanismType::five_bar ? f(static_cast<FiveBar<S>*>(nullptr))
+                                           : f(static_cast<Rr<S>*>(nullptr));
 }
 
 /// Working and assembly mode of a scene; the null pointer chooses the type.
@@ -88,8 +97,7 @@ typename Rr<S>::Mode mode_of(const Scene& s, const Rr<S>*) {
   return s.delay_ticks.value_or(pacing == Pacing::realtime ? 2.0 : 0.0);
 }
 
-/// Delay that the reaching law tolerates, in ticks: the sensors' lag, and the torque's where no predictor
-/// bridges it.
+/// Delay that the reaching law tolerates, in ticks: of the sensors, and of torque that no predictor bridges.
 [[nodiscard]] inline double borne_delay(const Scene& s, Pacing pacing) {
   return s.sensor_lag_ticks + (s.predictor ? 0.0 : delay_ticks(s, pacing));
 }
@@ -98,5 +106,8 @@ typename Rr<S>::Mode mode_of(const Scene& s, const Rr<S>*) {
 template <class M>
 ControllerConfig<M> controller_without_design(const Scene& scene, Pacing pacing,
                                               const ReferenceBundle<typename M::Scalar>& reference);
+/// For explicit instances of templates on the mechanism: `instance` of each one in each scalar type.
+#define ESMC_EACH_CONTROLLER(instance) \
+  instance(FiveBar, double) instance(FiveBar, float) instance(Rr, double) instance(Rr, float)
 
 }  // namespace esmc::host

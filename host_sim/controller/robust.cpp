@@ -95,8 +95,7 @@ void along_reference(const Scene& scene, Problem<M>& p, std::uint32_t join_ticks
   }
 }
 
-/// Every place of the workspace within the limits, at the highest speed and acceleration of the reference,
-/// each in any direction.
+/// Every place of the workspace within the limits, with the reference's highest speed and acceleration.
 template <class M>
 void over_workspace(const Scene& scene, Problem<M>& p) {
   auto& c = p.controller;
@@ -147,59 +146,48 @@ void over_workspace(const Scene& scene, Problem<M>& p) {
   }
 }
 
-void put(std::vector<double>& to, const Interval& i) { to.insert(to.end(), {i.lower, i.upper}); }
+void append(std::vector<double>& to, double v) { to.push_back(v); }
+template <class E>
+requires std::is_enum_v<E>
+void append(std::vector<double>& to, E v) { to.push_back(static_cast<double>(v)); }
+template <class Vector>
+void append(std::vector<double>& to, const Eigen::MatrixBase<Vector>& v) {
+  for (int i = 0; i < v.size(); ++i) to.push_back(v[i]);
+}
+void append(std::vector<double>& to, const Interval& i) { to.insert(to.end(), {i.lower, i.upper}); }
+void append(std::vector<double>& to, const LegParams<double>& leg) {
+  const auto& [l1, l2, lg1, lg2, m1, m2, J1, J2, d1, d2, g1, g2] = leg;
+  to.insert(to.end(), {l1, l2, lg1, lg2, m1, m2, J1, J2, d1, d2, g1, g2});
+}
+template <class... T>
+void put(std::vector<double>& to, const T&... value) {
+  (append(to, value), ...);
+}
 
 /// All numbers that a design depends on: equal lists, equal designs.
 template <class M>
 std::vector<double> numbers_of(const Problem<M>& p) {
   const auto& c = p.controller;
-  std::vector<double> out{static_cast<double>(c.law),
-                          static_cast<double>(c.reaching),
-                          c.sample_time,
-                          p.told_ticks,
-                          p.lag,
-                          static_cast<double>(c.motors),
-                          static_cast<double>(c.sensors),
-                          static_cast<double>(c.reference.space),
-                          c.limits.min_abs_sin_type1,
-                          c.limits.min_abs_sin_type2,
-                          p.along_time ? 1.0 : 0.0,
-                          static_cast<double>(p.joining),
-                          p.bounds.speed,
-                          p.bounds.acceleration,
-                          p.bounds.late};
-  for (int i = 0; i < M::channels; ++i) out.insert(out.end(), {c.gains.lambda[i], c.gains.layer[i]});
-  out.insert(out.end(), {c.gains.independent.lambda, c.gains.independent.layer});
-  for (int i = 0; i < M::joints; ++i)
-    out.insert(out.end(), {c.torque_limit[i], c.torque_weight[i], c.preload[i]});
-  if constexpr (M::joints == 4) {
-    out.insert(out.end(), {static_cast<double>(c.mode.working[0]), static_cast<double>(c.mode.working[1]),
-                           static_cast<double>(c.mode.assembly)});
-  } else {
-    out.push_back(c.mode.working);
-  }
+  const auto& own = c.gains.independent;
   const FiveBarParams<double>& b = p.believed;
-  out.insert(out.end(), {b.l0, b.m0, b.g});
-  for (const auto& l : b.legs) {
-    const auto& [l1, l2, lg1, lg2, m1, m2, J1, J2, d1, d2, g1, g2] = l;
-    out.insert(out.end(), {l1, l2, lg1, lg2, m1, m2, J1, J2, d1, d2, g1, g2});
-  }
   const UncertaintyScene& u = p.uncertainty;
-  for (const Interval& i : {u.m1, u.m2, u.J1, u.J2, u.lg1, u.lg2, u.gravity, u.payload}) put(out, i);
-  for (const auto& set : {u.viscous, u.coulomb}) {
-    out.push_back(set ? 1.0 : 0.0);
-    if (set) {
-      for (const Interval& i : *set) put(out, i);
-    }
+  std::vector<double> out;
+  put(out, c.law, c.reaching, c.sample_time, p.told_ticks, p.lag, c.motors, c.sensors, c.reference.space,
+      c.limits.min_abs_sin_type1, c.limits.min_abs_sin_type2, p.along_time, static_cast<double>(p.joining),
+      p.bounds.speed, p.bounds.acceleration, p.bounds.late, c.gains.lambda, c.gains.layer, own.lambda,
+      own.layer, c.torque_limit, c.torque_weight, c.preload, b.l0, b.m0, b.g, b.legs[0], b.legs[1], u.m1,
+      u.m2, u.J1, u.J2, u.lg1, u.lg2, u.gravity, u.payload, u.tube.value_or(0.0), u.reaching_time);
+  if constexpr (M::joints == 4) {
+    put(out, c.mode.working[0], c.mode.working[1], c.mode.assembly);
+  } else {
+    put(out, c.mode.working);
   }
-  out.insert(out.end(), {u.tube.value_or(0.0), u.reaching_time});
-  const auto motion = [&](const Motion2<double>& m) {
-    out.insert(out.end(), {m.position.x(), m.position.y(), m.velocity.x(), m.velocity.y(), m.acceleration.x(),
-                           m.acceleration.y()});
-  };
+  for (const auto& joints : {u.viscous, u.coulomb}) {
+    put(out, joints.has_value());
+    if (joints) put(out, (*joints)[0], (*joints)[1], (*joints)[2], (*joints)[3]);
+  }
   for (const Point& at : p.points) {
-    motion(at.now);
-    motion(at.before);
+    for (const Motion2<double>& m : {at.now, at.before}) put(out, m.position, m.velocity, m.acceleration);
   }
   return out;
 }
@@ -253,9 +241,29 @@ RobustGains<M> robust_gains(const Scene& scene, Pacing pacing) {
   return answer(now);
 }
 
+template <class M>
+ControllerConfig<M> make_controller(const Scene& scene, Pacing pacing,
+                                    const ReferenceBundle<typename M::Scalar>& reference) {
+  using S = typename M::Scalar;
+  ControllerConfig<M> c = controller_without_design<M>(scene, pacing, reference);
+  if (!scene.robust_gain) return c;
+  using Designed = std::conditional_t<M::has_type2, FiveBar<double>, Rr<double>>;
+  const Gains<Designed> d = robust_gains<Designed>(scene, pacing).gains;
+  c.gains.k = d.k.template cast<S>();
+  c.gains.layer = d.layer.template cast<S>();
+  c.gains.independent.k = static_cast<S>(d.independent.k);
+  c.gains.independent.layer = static_cast<S>(d.independent.layer);
+  return c;
+}
+
 template Problem<FiveBar<double>> design_problem(const Scene&, Pacing);
 template Problem<Rr<double>> design_problem(const Scene&, Pacing);
 template RobustGains<FiveBar<double>> robust_gains(const Scene&, Pacing);
 template RobustGains<Rr<double>> robust_gains(const Scene&, Pacing);
+
+#define ESMC_INSTANCE(M, S) \
+  template ControllerConfig<M<S>> make_controller(const Scene&, Pacing, const ReferenceBundle<S>&);
+ESMC_EACH_CONTROLLER(ESMC_INSTANCE)
+#undef ESMC_INSTANCE
 
 }  // namespace esmc::host

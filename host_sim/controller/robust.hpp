@@ -7,8 +7,7 @@
 namespace esmc::host {
 
 /// A controller of the scene without its gains, its motion (or its workspace) and its uncertainty. The scene
-/// must have [uncertainty] and a law with a switching gain. Throws InputError where the reference leaves the
-/// reach.
+/// has [uncertainty] and a switching gain. Throws InputError where the reference leaves the reach.
 template <class M>
 design::Problem<M> design_problem(const Scene& scene, Pacing pacing);
 
@@ -21,9 +20,10 @@ struct RobustGains {
 template <class M>
 RobustGains<M> robust_gains(const Scene& scene, Pacing pacing);
 
-extern template design::Problem<FiveBar<double>> design_problem(const Scene&, Pacing);
-extern template design::Problem<Rr<double>> design_problem(const Scene&, Pacing);
-extern template RobustGains<FiveBar<double>> robust_gains(const Scene&, Pacing);
-extern template RobustGains<Rr<double>> robust_gains(const Scene&, Pacing);
+/// The configuration with the gains of the scene. `reference` must outlive it. Throws InputError like
+/// robust_gains.
+template <class M>
+ControllerConfig<M> make_controller(const Scene& scene, Pacing pacing,
+                                    const ReferenceBundle<typename M::Scalar>& reference);
 
 }  // namespace esmc::host

@@ -10,7 +10,4 @@ namespace esmc::host::design {
 template <class M>
 [[nodiscard]] Design<M> design(const Problem<M>& p);
 
-extern template Design<FiveBar<double>> design(const Problem<FiveBar<double>>&);
-extern template Design<Rr<double>> design(const Problem<Rr<double>>&);
-
 }  // namespace esmc::host::design

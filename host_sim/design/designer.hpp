@@ -104,9 +104,8 @@ class Designer : private Search<M> {
         const Vec2<double> v(-s.column[1][kink], s.column[0][kink]);
         if (dot(v, v) == 0.0) continue;
         double sum = 0.0;
-        for (int i = 0; i < M::channels; ++i) {
+        for (int i = 0; i < M::channels; ++i)
           sum += u_.mass()[i] * span_[i] * edge * std::abs(s.column[0][i] * v[0] + s.column[1][i] * v[1]);
-        }
         least = std::min(least, sum / std::sqrt(w.energy(v).high));
       }
     });

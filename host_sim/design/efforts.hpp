@@ -34,8 +34,7 @@ template <class M>
   return out;
 }
 
-/// Share of torque_limit that the effort `e` for w takes: of two motors the largest, of four that of all
-/// together. > 1: beyond the limits.
+/// Share of torque_limit that the effort `e` for w takes: the largest of two motors, or of four together.
 template <class M>
 [[nodiscard]] double share_of_limits(const ControllerConfig<M>& c, const typename M::Pose& pose,
                                      const typename M::Channels& w, const Effort<M>& e) {

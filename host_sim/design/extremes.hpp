@@ -164,8 +164,7 @@ class Uncertain {
     return out;
   }
 
-  /// Extremes of delta, row by row [F35]; rows without mass are empty, the bars pay their friction. `only`:
-  /// of one cause, the others as believed.
+  /// Extremes of delta, row by row [F35]; rows without mass are empty. `only`: of one cause.
   [[nodiscard]] std::array<Span, M::channels> rows(const State<M>& s, double swing,
                                                    Cause only = Cause::count) const {
     std::array<Span, M::channels> out{};

@@ -48,8 +48,7 @@ struct Place {
 
 [[nodiscard]] inline Vec2<double> towards(double angle) { return {std::cos(angle), std::sin(angle)}; }
 
-/// Reference at a place, in a workspace at its largest speed; and the reference at the instant from which a
-/// torque acts now.
+/// Reference at a place, now and at the instant from which a torque acts now.
 template <class M>
 [[nodiscard]] Motion2<double> motion_at(const Problem<M>& p, const Place& at) {
   Motion2<double> m = p.points[at.point].now;
@@ -122,8 +121,7 @@ void ask(const Problem<M>& p, State<M>& s) {
   s.sliding = d.sliding;
 }
 
-/// The state at a place of a tube of size E (m or rad). False: out of reach, or beyond the controller's
-/// limits.
+/// The state at a place of a tube of size E (m or rad). False: beyond reach, or the controller's limits.
 template <class M>
 [[nodiscard]] bool state_at(const Problem<M>& p, const Place& at, double tube, State<M>& s) {
   const auto& c = p.controller;

@@ -70,8 +70,7 @@ struct Design {
   return std::sin(std::numbers::pi / (4.0 * delay + 2.0));
 }
 
-/// Sets the gains of a design, with layers as the controller has them; lambda, and layer of other laws than
-/// the implicit, must be set.
+/// Sets the gains of a design, and the layers of the implicit law; lambda and other layers must be set.
 template <class M>
 void apply(const Problem<M>& p, const Design<M>& d, Gains<M>& g) {
   const auto& c = p.controller;

@@ -52,8 +52,7 @@ class Search {
     const std::size_t stride = (to - from + most - 1) / most;
     for (std::size_t n = from; n < to; n += stride) looks_.push_back({n});
   }
-  /// Places of a workspace, each with all directions of velocity and acceleration; and at rest, where dry
-  /// friction is free.
+  /// Places of a workspace, with all directions of velocity and acceleration; and at rest (dry friction).
   void star(std::size_t most) {
     const std::size_t stride = std::max<std::size_t>(1, (p_.points.size() + most - 1) / most);
     for (std::size_t n = 0; n < p_.points.size(); n += stride) {
@@ -65,8 +64,7 @@ class Search {
   }
   static double turned(int k) { return 2.0 * std::numbers::pi * k / directions; }
 
-  /// Calls f(place, state) for the centre of the tube and its edge, point by point. False: an impossible
-  /// place.
+  /// Calls f(place, state) for the tube's centre and edge, point by point. False: an impossible place.
   template <class F>
   bool everywhere(bool poses_only, const F& f) {
     State<M> s;
@@ -126,9 +124,8 @@ class Search {
   /// Needs of the rows (for smc: of the gain, in place of row 0), lengths of the rows of C.
   bool look() {
     return everywhere(false, [&](const Place& at, const State<M>& s) {
-      for (int i = 0; i < M::channels; ++i) {
+      for (int i = 0; i < M::channels; ++i)
         span_[i] = std::max(span_[i], std::hypot(s.column[0][i], s.column[1][i]));
-      }
       if (smc_) {
         const double wrong = smc_mismatch(Worst<M>(u_, s, swing_));
         if (wrong > d_.mismatch) {
@@ -243,6 +240,7 @@ class Search {
       best = {now, at};
       return true;
     };
+    constexpr std::array angles{&Place::angle_e, &Place::angle_s, &Place::angle_v, &Place::angle_a};
     double turn = std::numbers::pi / directions;
     auto along = static_cast<std::ptrdiff_t>(step_);
     for (int halvings = 0; halvings < 8;) {
@@ -253,22 +251,13 @@ class Search {
         better = attempt(at) || better;
       }
       for (const int sign : {-1, 1}) {
-        Place at = best.place;
-        at.angle_e += sign * turn;
-        better = attempt(at) || better;
-        at = best.place;
-        at.angle_s += sign * turn;
-        better = attempt(at) || better;
-        if (!p_.along_time) {
-          at = best.place;
-          at.angle_v += sign * turn;
-          better = attempt(at) || better;
-          at = best.place;
-          at.angle_a += sign * turn;
+        for (std::size_t i = 0; i < (p_.along_time ? 2U : angles.size()); ++i) {
+          Place at = best.place;
+          at.*angles[i] += sign * turn;
           better = attempt(at) || better;
         }
         if (along == 0) continue;
-        at = best.place;
+        Place at = best.place;
         at.point = static_cast<std::size_t>(static_cast<std::ptrdiff_t>(at.point) +
                                             sign * along);  // may wrap: then too large
         better = attempt(at) || better;

@@ -88,13 +88,7 @@ class Worst {
         const double angle = 0.7853981633974483 * d;
         const Vec2<double> v(std::cos(angle), std::sin(angle));
         Vec2<double> sum = Vec2<double>::Zero();
-        for (int k = 0; k < parts_; ++k) {
-          int at = 0;
-          for (int c = 1; c < count_[k]; ++c) {
-            if (dot(v, share(g, k, c).F) > dot(v, share(g, k, at).F)) at = c;
-          }
-          sum += share(g, k, at).F;
-        }
+        for (int k = 0; k < parts_; ++k) sum += share(g, k, pushing(g, k, v, 0)).F;
         f(sum);
       }
     }
@@ -153,6 +147,13 @@ class Worst {
   void put(int corner, const Share& s) { shares_[gravities_][parts_][corner] = s; }
   void close(int n) { count_[parts_++] = n; }
 
+  /// The corner of a part that pushes most along v: `at` where none pushes more.
+  [[nodiscard]] int pushing(int g, int part, const Vec2<double>& v, int at) const {
+    for (int c = 0; c < count_[part]; ++c) {
+      if (dot(v, share(g, part, c).F) > dot(v, share(g, part, at).F)) at = c;
+    }
+    return at;
+  }
   /// Start 0..3: every part at the corner that pushes most along a direction; 4, 5: first and last corners.
   template <class F>
   [[nodiscard]] double climb(int g, int start, const F& f) const {
@@ -161,10 +162,7 @@ class Worst {
     const double angle = 0.7853981633974483 * start;
     const Vec2<double> v(std::cos(angle), std::sin(angle));
     for (int k = 0; k < parts_; ++k) {
-      at[k] = start == 4 ? 0 : count_[k] - 1;
-      for (int c = 0; start < 4 && c < count_[k]; ++c) {
-        if (dot(v, share(g, k, c).F) > dot(v, share(g, k, at[k]).F)) at[k] = c;
-      }
+      at[k] = start == 4 ? 0 : (start == 5 ? count_[k] - 1 : pushing(g, k, v, count_[k] - 1));
       sum.H += share(g, k, at[k]).H;
       sum.F += share(g, k, at[k]).F;
     }

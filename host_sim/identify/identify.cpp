@@ -10,7 +10,7 @@
 #include "host_sim/error.hpp"
 #include "host_sim/identify/inertia.hpp"
 #include "host_sim/identify/uncertainty.hpp"
-#include "host_sim/record/recorded_run.hpp"
+#include "host_sim/record/recording.hpp"
 
 namespace esmc::host {
 namespace {

@@ -1,6 +1,5 @@
 #pragma once
-/// The controller's end of hardware in the loop on its CAN node: the firmware's cycle, with the texts that a
-/// run needs of it.
+/// The controller's end of hardware in the loop on its CAN node: the firmware's cycle, and texts about it.
 
 #include <algorithm>
 #include <chrono>
@@ -10,11 +9,39 @@
 #include <vector>
 
 #include "host_sim/controller/axes_config.hpp"
-#include "host_sim/controller/in_double.hpp"
 #include "host_sim/loop/waiting.hpp"
 #include "host_sim/record/recorder.hpp"
 
 namespace esmc::host {
+
+// Samples and results of a controller in single precision as doubles, for records.
+
+/// M and C: the same mechanism in double and in the controller's scalar type.
+template <class M, class C>
+TickResult<M> in_double(const TickResult<C>& r) {
+  TickResult<M> out;
+  out.state = r.state;
+  out.fault = r.fault;
+  out.running_tick = r.running_tick;
+  out.saturated = r.saturated;
+  out.stage_done = r.stage_done;
+  out.torque = r.torque.template cast<double>();
+  out.effector = r.effector.template cast<double>();
+  out.desired_effector = r.desired_effector.template cast<double>();
+  for (int i = 0; i < 2; ++i) out.desired_direction[i] = r.desired_direction[i].template cast<double>();
+  out.sliding = r.sliding.template cast<double>();
+  return out;
+}
+
+template <class M, class C>
+Sample<M> in_double(const Sample<C>& s) {
+  Sample<M> out;
+  out.angle = s.angle.template cast<double>();
+  out.rate = s.rate.template cast<double>();
+  out.age_ticks = s.age_ticks;
+  for (std::size_t i = 0; i < out.phase.size(); ++i) out.phase[i] = static_cast<double>(s.phase[i]);
+  return out;
+}
 
 /// `C`: the mechanism in the controller's scalar type.
 template <class World, class Bus, class C = typename World::Mechanism>
@@ -33,9 +60,8 @@ class ControllerEnd {
                                                    scene.rate_hz)) +
                         1),
         cycle_(make_cycle<C>(scene, pacing, reference_)) {
-    for (std::size_t i = 0; i < static_cast<std::size_t>(scene.motors()); ++i) {
+    for (std::size_t i = 0; i < static_cast<std::size_t>(scene.motors()); ++i)
       motors_.emplace_back(static_cast<int>(axis_of(scene, i)), scene.drives.nodes[i]);
-    }
     if (!armed_by_link(scene)) with([](auto& c) { c.command(Command::enable); });
   }
 
@@ -63,7 +89,15 @@ class ControllerEnd {
     const int odd = with([](const auto& c) -> int { return c.controller().odd_encoder(); });
     return supervisor().fault() == Fault::loop_not_closed && odd != 0 ? World::joint_names[odd - 1] : "";
   }
-  /// The reason why the controller did not arm: the fault, with node and object where a drive reports one.
+  /// Shuts down and throws RunError where arming was refused.
+  template <class Next>
+  void require_armed(const Next& next) {
+    if (supervisor().state() != State::fault) return;
+    const std::string why = refusal();
+    shut_down(next);
+    throw RunError("the controller refused to arm: " + why);
+  }
+  /// Why it did not arm: the fault, with node and object where a drive reports one.
   [[nodiscard]] std::string refusal() const {
     std::string out = name(supervisor().fault());
     if (supervisor().fault() == Fault::enabling_timeout && !unready().empty())
@@ -88,8 +122,7 @@ class ControllerEnd {
   }
   [[nodiscard]] ControllerView<M> view() const { return {&result_, &sample(), std::is_same_v<C, M>}; }
 
-  /// Reads frames until every axis has sent its sample, or until more came than a tick may read, for a tick
-  /// that raises bus_overload.
+  /// Reads frames until every axis has sent its sample, or more came than a tick may read (bus_overload).
   Waited await_samples() {
     return wait_for(bus_, [&] { return receive_samples(); });
   }

@@ -1,4 +1,3 @@
-#include "host_sim/loop/drive.hpp"
 
 #include <fmt/format.h>
 
@@ -12,6 +11,7 @@
 #include "host_sim/drives/cia402_axis.hpp"
 #include "host_sim/drives/mit_axis.hpp"
 #include "host_sim/drives/odrive_axis.hpp"
+#include "host_sim/loop/run.hpp"
 #include "host_sim/loop/waiting.hpp"
 #include "host_sim/scene/drive_defects.hpp"
 
@@ -55,9 +55,8 @@ void check(const DriveOptions& o) {
     throw InputError("", fmt::format("--node {}: must be from {} to {} with --protocol {}", o.node, low, high,
                                      o.protocol));
   }
-  if (o.master_id < 0 || o.master_id > 0x7FF) {
+  if (o.master_id < 0 || o.master_id > 0x7FF)
     throw InputError("", fmt::format("--master-id {}: must be from 0 to 2047", o.master_id));
-  }
 }
 
 std::unique_ptr<EmulatedAxis> make_drive(const DriveOptions& o, const Defects& defects) {
@@ -65,9 +64,7 @@ std::unique_ptr<EmulatedAxis> make_drive(const DriveOptions& o, const Defects& d
   const SensorEffects ideal({});
   if (o.protocol == "mit") {
     MitAxis::Settings s;
-    s.dialect = o.dialect == "damiao"     ? MitAxis::Dialect::damiao
-                : o.dialect == "cubemars" ? MitAxis::Dialect::cubemars
-                                          : MitAxis::Dialect::mini_cheetah;
+    s.dialect = *from_name<drive::mit::Dialect>(o.dialect);
     s.reply_size = s.dialect == MitAxis::Dialect::mini_cheetah ? 6 : 8;
     s.master_id = static_cast<std::uint16_t>(o.master_id);
     s.position_range = o.position_range;
@@ -182,9 +179,8 @@ class Drive {
     logged_ = true;
     closed_ = closed;
     error_ = error;
-    if (events_.size() < events_max) {
+    if (events_.size() < events_max)
       events_.push_back({{"t", time()}, {"closed_loop", closed}, {"error", error}});
-    }
     if (options_.json) return;
     fmt::print("{:.3f} s: {}, error 0x{:x}\n", time(), closed ? "torque control" : "idle", error);
     std::fflush(stdout);
@@ -206,9 +202,8 @@ class Drive {
 
 std::string defects_text() {
   std::string out = "Defects for --defect:\n";
-  for (const DefectName& d : defect_names) {
+  for (const DefectName& d : defect_names)
     out += fmt::format("  {:<28} {} ({})\n", d.name, d.meaning, d.protocols);
-  }
   return out;
 }
 

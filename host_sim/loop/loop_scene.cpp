@@ -43,13 +43,11 @@ std::string to_confirm(const Scene& scene) {
       const bool constant = d.torque_constant.empty();
       if (d.protocol == Protocol::odrive_0_5)
         list("control_mode is torque and input_mode passthrough, as stored");
-      if (unread(OdriveValue::enable_watchdog) || unread(OdriveValue::watchdog_timeout)) {
+      if (unread(OdriveValue::enable_watchdog) || unread(OdriveValue::watchdog_timeout))
         list("enable_watchdog, and watchdog_timeout as in drives.watchdog_timeout");
-      }
       if (unread(OdriveValue::torque_mode_limit)) list("enable_torque_mode_vel_limit is off");
-      if (unread(OdriveValue::vel_limit) || unread(OdriveValue::overspeed_error)) {
+      if (unread(OdriveValue::vel_limit) || unread(OdriveValue::overspeed_error))
         list("vel_limit above limits.joint_speed at the shaft, and overspeed trips");
-      }
       if (unread(OdriveValue::torque_constant) || constant) list("torque_constant is the motor's");
       if (unread(OdriveValue::current_limit) || constant)
         list("the current limit allows control.torque_limit");

@@ -76,25 +76,26 @@ class Observer {
     return out;
   }
   [[nodiscard]] Json look() const {
-    Json j;
-    j["joints"] = joints();
-    j["zero"] = scene_.drives.zero == Zero::absolute ? "absolute" : "not confirmed";
-    std::optional<Estimate<M>> at;
-    if (silent().empty() && scene_.drives.zero == Zero::absolute)
-      at = std::visit([](const auto& c) { return located<M>(c.controller().config(), c.sample()); }, cycle_);
-    j["effector"] = at ? Json::array({at->pose.effector.x(), at->pose.effector.y()}) : Json(nullptr);
-    j["working_mode"] = Json(nullptr);
-    j["min_abs_sin_type1"] = at ? Json(M::min_abs_sin_type1(at->pose)) : Json(nullptr);
+    Json j = {{"joints", joints()},
+              {"zero", scene_.drives.zero == Zero::absolute ? "absolute" : "not confirmed"},
+              {"effector", nullptr},
+              {"working_mode", nullptr},
+              {"min_abs_sin_type1", nullptr}};
+    if constexpr (M::has_type2)
+      j.update({{"assembly_mode", nullptr}, {"assumed_assembly_mode", nullptr}, {"sin_type2", nullptr}});
+    if (!silent().empty() || scene_.drives.zero != Zero::absolute) return j;
+    const auto at =
+        std::visit([](const auto& c) { return located<M>(c.controller().config(), c.sample()); }, cycle_);
+    if (!at) return j;
+    j["effector"] = Json::array({at->pose.effector.x(), at->pose.effector.y()});
+    j["min_abs_sin_type1"] = M::min_abs_sin_type1(at->pose);
     if constexpr (M::has_type2) {
-      if (at)
-        j["working_mode"] =
-            Json::array({sign_text(M::sin_type1(at->pose, 0)), sign_text(M::sin_type1(at->pose, 1))});
+      j["working_mode"] =
+          Json::array({sign_text(M::sin_type1(at->pose, 0)), sign_text(M::sin_type1(at->pose, 1))});
       // Base joints alone allow both assembly modes: then that of the scene is assumed.
-      j["assembly_mode"] = at && scene_.all_sensors ? Json(sign_text(at->pose.sin_type2)) : Json(nullptr);
-      j["assumed_assembly_mode"] =
-          at && !scene_.all_sensors ? Json(sign_text(at->pose.sin_type2)) : Json(nullptr);
-      j["sin_type2"] = at ? Json(at->pose.sin_type2) : Json(nullptr);
-    } else if (at) {
+      j[scene_.all_sensors ? "assembly_mode" : "assumed_assembly_mode"] = sign_text(at->pose.sin_type2);
+      j["sin_type2"] = at->pose.sin_type2;
+    } else {
       j["working_mode"] = Json::array({sign_text(at->pose.arm.turn[1].y())});
     }
     return j;
@@ -191,8 +192,7 @@ int observe(const Scene& scene, const RunOptions& o, HostBus& bus) {
 }  // namespace
 
 int run_observe(const Scene& scene, const RunOptions& o, HostBus& bus) {
-  return scene.type == MechanismType::five_bar ? observe<FiveBarTraits>(scene, o, bus)
-                                               : observe<RrTraits>(scene, o, bus);
+  return with_world(scene, [&]<class World>(World) { return observe<World>(scene, o, bus); });
 }
 
 }  // namespace esmc::host

@@ -1,9 +1,7 @@
 #pragma once
 /// The plant's end of hardware in the loop on its CAN node: emulated plant, recorder and frame log.
 
-#include <algorithm>
 #include <chrono>
-#include <cmath>
 #include <span>
 #include <vector>
 
@@ -38,8 +36,7 @@ class PlantEnd {
   using M = typename World::Mechanism;
   using Joints = typename Plant::Joints;
 
-  /// All references outlive this. `log`: closed by the recorder; null: none. `with_controller`: advance() is
-  /// given the controller's ticks.
+  /// All references outlive this. `log` may be null. `with_controller`: advance() is given its ticks.
   PlantEnd(const Scene& scene, const RunOptions& o, Bus& bus, FrameLog& frames, std::FILE* log,
            bool with_controller)
       : scene_(scene),
@@ -49,7 +46,7 @@ class PlantEnd {
         recorder_(scene, o.realtime ? Pacing::realtime : Pacing::lockstep, log, with_controller),
         plant_(make_motion<World>(scene), scene, !o.realtime),
         ticks_(tick_count(scene)),
-        substeps_(std::max(1, static_cast<int>(std::ceil(scene.tick() / scene.step - 1e-9)))) {}
+        substeps_(steps_per_tick(scene)) {}
 
   [[nodiscard]] Recorder<World>& recorder() { return recorder_; }
   [[nodiscard]] EmulatedPlant<Plant>& plant() { return plant_; }
@@ -95,8 +92,7 @@ class PlantEnd {
     double since;  ///< s since the tick began
     Joints torque;
   };
-  /// Records the tick (from t = 0 on) and moves over it. The first of `commands` holds from its beginning;
-  /// the last one is recorded.
+  /// Records the tick, with the last of `commands`, and moves over it. The first one holds since it began.
   void advance(std::span<const TorqueCommand> commands, const ControllerView<M>& seen) {
     if (!plant_.released()) return;
     bool clipped = false;

@@ -42,8 +42,7 @@ RunEnd lead_plant(const Scene& scene, const RunOptions& o, PlantEnd<World, HostB
   return end;
 }
 
-/// The plant's ticks until the scene's duration, Ctrl-C, `over()` or 5 s without a command from the
-/// controller.
+/// The plant's ticks until the scene's duration, Ctrl-C, `over()` or 5 s of silence of the controller.
 template <class World, class Over>
 RunEnd pace_plant(const Scene& scene, const RunOptions& o, PlantEnd<World, HostBus>& plant,
                   const Over& over) {
@@ -79,8 +78,7 @@ RunEnd pace_plant(const Scene& scene, const RunOptions& o, PlantEnd<World, HostB
   return end;
 }
 
-/// The drives go on reporting, with the mechanism at rest, until `done()`: the controller has to hear that
-/// they are idle.
+/// The drives report, the mechanism at rest, until `done()`: the controller must hear that they are idle.
 template <class World, class Done>
 void keep_publishing(const Scene& scene, PlantEnd<World, HostBus>& plant, const Done& done) {
   Pace pace(scene.tick());
@@ -106,10 +104,6 @@ std::uint64_t pace_controller(const Scene& scene, const RunOptions& o, Controlle
     controller.sample(patience);
     return true;
   };
-  const auto give_up = [&](const std::string& why) {
-    controller.shut_down(sample);
-    throw RunError(why);
-  };
   const auto begin = Clock::now();
   while (!done() && !must_stop(o, recorder.ticks())) {
     sample();
@@ -117,14 +111,14 @@ std::uint64_t pace_controller(const Scene& scene, const RunOptions& o, Controlle
     recorder.tick(controller.result(), controller.sample(), pace.since());
     if (recorder.ticks() > 0) continue;
     const bool in_time = Clock::now() - begin <= arming;
-    if (controller.supervisor().state() == State::fault && !armed_by_link(scene))
-      give_up("the controller refused to arm: " + controller.refusal());
-    if (!in_time) {
-      give_up(fmt::format("the drives were not in closed-loop control after {} s ({})", arming.count(),
-                          armed_by_link(scene)
-                              ? "no supervisor computer armed them"
-                              : "plant dead or not started, or not ready: " + controller.unready()));
-    }
+    if (!armed_by_link(scene)) controller.require_armed(sample);
+    if (in_time) continue;
+    const std::string why = armed_by_link(scene)
+                                ? "no supervisor computer armed them"
+                                : "plant dead or not started, or not ready: " + controller.unready();
+    controller.shut_down(sample);
+    throw RunError(
+        fmt::format("the drives were not in closed-loop control after {} s ({})", arming.count(), why));
   }
   const std::uint64_t late = pace.late();
   controller.shut_down(sample);
@@ -156,11 +150,7 @@ std::pair<std::uint64_t, bool> answer_plant(const Scene& scene, const RunOptions
     controller.tick(true);
     frames.tick(static_cast<double>(++sets) * scene.tick());
     recorder.tick(controller.result(), controller.sample());
-    if (controller.supervisor().state() == State::fault && recorder.ticks() == 0) {
-      const std::string why = controller.refusal();
-      controller.shut_down();
-      throw RunError("the controller refused to arm: " + why);
-    }
+    if (recorder.ticks() == 0) controller.require_armed([&] { return controller.await_last_samples(); });
   }
   if (stop || recorder.tested_only()) controller.shut_down();
   return {sets, stop};
@@ -257,9 +247,8 @@ int hil_realtime(const Scene& scene, const RunOptions& o) {
 /// In lockstep the ends find each other by the request to arm.
 Scene read_scene_of_end(const RunOptions& o) {
   Scene scene = read_loop_scene(o);
-  if (armed_by_link(scene) && !o.realtime) {
+  if (armed_by_link(scene) && !o.realtime)
     throw InputError(scene.control_where, "command.arm = \"link\" with two processes needs --realtime");
-  }
   refuse_bus_effects(scene, no_effects_on_interface);
   return scene;
 }
@@ -268,7 +257,7 @@ Scene read_scene_of_end(const RunOptions& o) {
 
 int run_plant(const RunOptions& o) {
   const Scene scene = read_scene_of_end(o);
-  return scene.type == MechanismType::five_bar ? plant<FiveBarTraits>(scene, o) : plant<RrTraits>(scene, o);
+  return with_world(scene, [&]<class World>(World) { return plant<World>(scene, o); });
 }
 
 int run_controller(const RunOptions& o) {
@@ -281,8 +270,7 @@ int run_controller(const RunOptions& o) {
     scene.hardware = o.realtime && carries_real_drives(o.bus);
     require_confirmed(scene);
   }
-  return scene.type == MechanismType::five_bar ? controller<FiveBarTraits>(scene, o)
-                                               : controller<RrTraits>(scene, o);
+  return with_world(scene, [&]<class World>(World) { return controller<World>(scene, o); });
 }
 
 int run_hil_realtime(const Scene& scene, const RunOptions& o) {
@@ -291,8 +279,7 @@ int run_hil_realtime(const Scene& scene, const RunOptions& o) {
                      "--realtime needs --bus socketcan:INTERFACE or slcan:PLANT,CONTROLLER: the virtual bus "
                      "has no clock of its own");
   }
-  return scene.type == MechanismType::five_bar ? hil_realtime<FiveBarTraits>(scene, o)
-                                               : hil_realtime<RrTraits>(scene, o);
+  return with_world(scene, [&]<class World>(World) { return hil_realtime<World>(scene, o); });
 }
 
 }  // namespace esmc::host

@@ -3,7 +3,7 @@
 #include <cmath>
 #include <limits>
 
-#include "host_sim/controller/make_controller.hpp"
+#include "host_sim/controller/robust.hpp"
 #include "host_sim/drives/actuators.hpp"
 #include "host_sim/drives/placed_axes.hpp"
 #include "host_sim/loop/progress.hpp"
@@ -236,13 +236,17 @@ int run_sim(const RunOptions& o) {
   Scene scene = read_scene(o.scene, o.sets);
   refuse_bus_effects(scene, "esmc sim has no bus");
   scene.seed = o.seed;
-  return scene.type == MechanismType::five_bar ? simulate<FiveBarTraits>(scene, o)
-                                               : simulate<RrTraits>(scene, o);
+  return with_world(scene, [&]<class World>(World) { return simulate<World>(scene, o); });
 }
 
 namespace {
-template <class World>
-void run_to_end(SimRun<World>& run, const Scene& scene, Trace& out) {
+/// A run without files, after `set_up(run, its trace)`.
+template <class World, class SetUp>
+Trace study(const Scene& scene, const SetUp& set_up) {
+  Trace out;
+  const RunOptions none;
+  SimRun<World> run(scene, none, nullptr);
+  set_up(run, out);
   try {
     out.end = run.run(steps_per_tick(scene));
   } catch (const Diverged&) {  // a result of the study
@@ -250,40 +254,29 @@ void run_to_end(SimRun<World>& run, const Scene& scene, Trace& out) {
     out.end.qd = out.end.q;
   }
   out.statistics = run.recorder().statistics();
-}
-template <class World>
-Trace trace_of(const Scene& scene, bool single_precision) {
-  Trace out;
-  const RunOptions none;
-  SimRun<World> run(scene, none, nullptr);
-  run.keep_path(&out.effector);
-  if (single_precision) run.use_single_precision();
-  run_to_end(run, scene, out);
-  return out;
-}
-template <class World>
-Trace case_of(const Scene& scene, bool base_errors) {
-  Trace out;
-  const RunOptions none;
-  SimRun<World> run(scene, none, nullptr);
-  if (!base_errors) run.recorder().without_base_errors();
-  run.recorder().without_digest();
-  run.without_progress();
-  run_to_end(run, scene, out);
-  if (run.recorder().reference_left())
-    throw InputError(scene.reference_where, "the reference leaves the reach of the mechanism");
+  out.reference_left = run.recorder().reference_left();
   return out;
 }
 }  // namespace
 
 Trace trace(const Scene& scene, bool single_precision) {
-  return scene.type == MechanismType::five_bar ? trace_of<FiveBarTraits>(scene, single_precision)
-                                               : trace_of<RrTraits>(scene, single_precision);
+  const auto set_up = [&](auto& run, Trace& out) {
+    run.keep_path(&out.effector);
+    if (single_precision) run.use_single_precision();
+  };
+  return with_world(scene, [&]<class World>(World) { return study<World>(scene, set_up); });
 }
 
 Trace run_case(const Scene& scene, bool base_errors) {
-  return scene.type == MechanismType::five_bar ? case_of<FiveBarTraits>(scene, base_errors)
-                                               : case_of<RrTraits>(scene, base_errors);
+  const auto set_up = [&](auto& run, Trace&) {
+    if (!base_errors) run.recorder().without_base_errors();
+    run.recorder().without_digest();
+    run.without_progress();
+  };
+  Trace out = with_world(scene, [&]<class World>(World) { return study<World>(scene, set_up); });
+  if (out.reference_left)
+    throw InputError(scene.reference_where, "the reference leaves the reach of the mechanism");
+  return out;
 }
 
 }  // namespace esmc::host

@@ -12,11 +12,11 @@ namespace esmc::host {
 struct Trace {
   Statistics statistics;
   RunEnd end;
-  std::vector<V2> effector;  ///< m, true position at every tick of a closed loop
+  std::vector<V2> effector;     ///< m, true position at every tick of a closed loop
+  bool reference_left = false;  ///< the reference has left the reach of the true mechanism
 };
 
-/// Runs a scene as `esmc sim` does, with its method and step. `single_precision`: the controller computes in
-/// float.
+/// Runs a scene as `esmc sim` does. `single_precision`: the controller computes in float.
 Trace trace(const Scene& scene, bool single_precision = false);
 
 /// Runs a case of a sweep, without path, digest and, unless wanted, base_errors. Throws InputError where the

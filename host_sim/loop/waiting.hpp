@@ -5,13 +5,10 @@
 
 #include <algorithm>
 #include <chrono>
-#include <cstddef>
 #include <cstdint>
 #include <ctime>
 #include <thread>
-#include <type_traits>
 
-#include "hal/linux/socketcan.hpp"
 #include "hal/virtual/virtual_bus.hpp"
 #include "host_sim/bus/frame_log.hpp"
 #include "host_sim/bus/host_bus.hpp"
@@ -31,10 +28,7 @@ inline bool readable_within(pollfd p, std::chrono::nanoseconds patience) {
   return (p.revents & POLLIN) != 0;
 }
 
-/// Up to `milliseconds` for a frame to receive; false when there is none.
-inline bool wait_for_frame(hal::SocketCan& bus, int milliseconds) {
-  return readable_within({bus.descriptor(), POLLIN, 0}, std::chrono::milliseconds(milliseconds));
-}
+/// Up to `patience` for a frame to receive; false when there is none.
 inline bool wait_for_frame(HostBus& bus, std::chrono::nanoseconds patience) {
   if (const RecordedBus* r = bus.recorded()) return r->has_input();
   if (bus.has_input()) return true;
@@ -67,7 +61,7 @@ template <class Bus>
 bool may_come(const Bus& bus) {
   if constexpr (requires { bus.bus(); }) return may_come(bus.bus());
   if constexpr (requires { bus.recorded(); }) return bus.recorded() == nullptr;
-  return std::is_same_v<Bus, hal::SocketCan>;
+  return false;
 }
 
 enum class Waited : std::uint8_t { done, stopped, silent };

@@ -98,8 +98,7 @@ class ClosedChains<Closures<Points...>, Chains...> {
     }
   }
 
-  /// Number of independent closures; others have less than `least_share` of a direction of their own, in the
-  /// mass metric.
+  /// Number of closures with at least `least_share` of a direction of their own, in the mass metric.
   [[nodiscard]] int rank(const Coordinates& q, double least_share = kNoShare) const {
     return Basis(frame(q), least_share).rank;
   }

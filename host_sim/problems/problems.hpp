@@ -1,10 +1,45 @@
 #pragma once
 /// Benchmark problems as systems. The equations are those of closed_chains.hpp and of the five-bar's plant.
 
+#include "host_sim/integrate/system.hpp"
 #include "host_sim/plant/plant.hpp"
-#include "host_sim/problems/chain_system.hpp"
+#include "host_sim/problems/closed_chains.hpp"
 
 namespace esmc::host {
+
+/// A System of closed chains; Derived adds mounting and loads.
+template <class Derived, class Mechanism>
+class ChainSystem {
+ public:
+  static constexpr std::size_t positions = Mechanism::coordinates;
+  static constexpr std::size_t capacity = 2 * positions;
+  using State = std::array<double, capacity>;
+  using Coordinates = typename Mechanism::Coordinates;
+
+  explicit ChainSystem(const Mechanism& m) : mechanism_(m) {}
+
+  [[nodiscard]] static constexpr std::size_t size() { return capacity; }
+  void slope(double, const State& y, State& dy) const {
+    const Coordinates q = position(y), v = rate(y);
+    put(v, mechanism_.acceleration(q, v, static_cast<const Derived&>(*this)), dy);
+  }
+  void project(State& y) const {
+    Coordinates q = position(y), v = rate(y);
+    mechanism_.project(q, v);
+    put(q, v, y);
+  }
+  [[nodiscard]] const Mechanism& mechanism() const { return mechanism_; }
+
+  static Coordinates position(const State& y) { return Eigen::Map<const Coordinates>(y.data()); }
+  static Coordinates rate(const State& y) { return Eigen::Map<const Coordinates>(y.data() + positions); }
+  static void put(const Coordinates& first, const Coordinates& second, State& y) {
+    Eigen::Map<Coordinates>(y.data()) = first;
+    Eigen::Map<Coordinates>(y.data() + positions) = second;
+  }
+
+ private:
+  Mechanism mechanism_;
+};
 
 using Bar = Link<Joint::revolute>;
 using Plate = Link<Joint::revolute, Shape::plate>;
@@ -62,8 +97,7 @@ class TwoFourBars : public ChainSystem<TwoFourBars, FourBarChain> {
   void operator()(const Poses&, Coordinates&) const {}
 };
 
-/// A simple pendulum in Cartesian coordinates (IFToMM benchmark A01): a point mass of 1 kg, 1 m from the
-/// origin, from (-1, 0) at rest.
+/// A pendulum in Cartesian coordinates (IFToMM benchmark A01): 1 kg, 1 m from the origin, at rest in (-1, 0).
 class Pendulum {
  public:
   static constexpr std::size_t positions = 2, capacity = 4;
@@ -75,8 +109,7 @@ class Pendulum {
   static void project(State& y);
 };
 
-/// 5R-FALL: a five-bar that falls from rest through both kinds of singularity. Positions: the four absolute
-/// bar angles of FiveBarPlant.
+/// 5R-FALL: a five-bar that falls through both kinds of singularity. Positions: FiveBarPlant's bar angles.
 class FallingFiveBar {
  public:
   static constexpr std::size_t positions = 4, capacity = 8;

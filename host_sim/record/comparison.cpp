@@ -1,10 +1,7 @@
 #include "host_sim/record/comparison.hpp"
 
 #include <algorithm>
-#include <array>
-#include <cerrno>
 #include <cmath>
-#include <cstdlib>
 #include <nlohmann/json.hpp>
 #include <utility>
 
@@ -29,9 +26,8 @@ void compare(const Json& recorded, const Json& computed, const std::string& path
   if (std::find(ignored.begin(), ignored.end(), path) != ignored.end()) return;
   if (recorded.is_object() && computed.is_object()) {
     const auto inner = [&](const std::string& key) { return path.empty() ? key : path + "." + key; };
-    for (const auto& [key, value] : recorded.items()) {
+    for (const auto& [key, value] : recorded.items())
       compare(value, computed.contains(key) ? computed[key] : Json("absent"), inner(key), ignored, out);
-    }
     for (const auto& [key, value] : computed.items()) {
       if (!recorded.contains(key)) compare("absent", value, inner(key), ignored, out);
     }
@@ -47,20 +43,8 @@ LineComparison::LineComparison(const std::string& directory, std::string name,
     : name_(std::move(name)),
       ignored_(std::move(ignored_columns)),
       tick_(tick),
-      file_(std::fopen((directory + "/" + name_).c_str(), "rb")) {
-  if (file_ == nullptr) throw InputError("", directory + "/" + name_ + ": cannot be read");
-}
-
-bool LineComparison::next(std::string& recorded) {
-  recorded.clear();
-  std::array<char, 4096> part{};
-  while (std::fgets(part.data(), static_cast<int>(part.size()), file_.get()) != nullptr) {
-    recorded += part.data();
-    if (recorded.back() != '\n') continue;
-    recorded.pop_back();
-    return true;
-  }
-  return !recorded.empty();
+      file_(directory + "/" + name_, std::ios::binary) {
+  if (!file_) throw InputError("", directory + "/" + name_ + ": cannot be read");
 }
 
 void LineComparison::take(std::string_view text) {
@@ -84,7 +68,7 @@ void LineComparison::take(std::string_view text) {
 void LineComparison::line(std::string_view computed) {
   if (difference_) return;
   ++lines_;
-  const bool there = next(recorded_);
+  const bool there = static_cast<bool>(std::getline(file_, recorded_));
   if (lines_ == 1) header_ = computed;
   if (!there) {
     difference_ =
@@ -99,7 +83,7 @@ void LineComparison::line(std::string_view computed) {
 }
 
 void LineComparison::end() {
-  if (!difference_ && next(recorded_))
+  if (!difference_ && std::getline(file_, recorded_))
     difference_ = Difference{name_, lines_ + 1, std::nullopt, "the repeated run ends", recorded_, "nothing"};
 }
 

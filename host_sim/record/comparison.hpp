@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <cstdio>
+#include <fstream>
 #include <map>
 #include <memory>
 #include <nlohmann/json_fwd.hpp>
@@ -10,8 +11,6 @@
 #include <string>
 #include <string_view>
 #include <vector>
-
-#include "host_sim/file_handle.hpp"
 
 namespace esmc::host {
 
@@ -41,7 +40,6 @@ class LineComparison {
 
  private:
   void line(std::string_view computed);
-  bool next(std::string& recorded);
   [[nodiscard]] std::optional<Difference> row_difference(std::string_view recorded,
                                                          std::string_view computed) const;
   [[nodiscard]] Difference frame_difference(const std::string& recorded, const std::string& computed) const;
@@ -49,7 +47,7 @@ class LineComparison {
   std::string name_, header_, pending_, recorded_;
   std::vector<std::string> ignored_;
   double tick_;
-  FileHandle file_;
+  std::ifstream file_;
   std::uint64_t lines_ = 0;
   std::optional<Difference> difference_;
 };

@@ -26,8 +26,7 @@ class ControllerRecorder {
   }
 
   [[nodiscard]] std::uint64_t ticks() const { return statistics_.ticks(); }
-  /// Since the drives were released, as a plant counts its duration: with the ticks of the sign test, which
-  /// are not recorded.
+  /// Since the drives were released: with the ticks of the sign test, which are not recorded.
   [[nodiscard]] std::uint64_t ticks_released() const { return ticks_released_; }
   /// Throws RunError for a run that ended within the sign test.
   void require_run() const {
@@ -46,9 +45,8 @@ class ControllerRecorder {
     const std::vector<double> q = pose(sample);
     TickRecord record;
     record.t = static_cast<double>(ticks()) * scene_.tick();
-    for (std::size_t i = 0; i < torque_.size(); ++i) {
+    for (std::size_t i = 0; i < torque_.size(); ++i)
       torque_[i] = r.torque[ControllerConfig<M>::joint_of(static_cast<int>(i), scene_.motors())];
-    }
     record.torque = torque_;
     record.saturated = r.saturated;
     record.faulted = r.fault != Fault::none;
@@ -113,9 +111,8 @@ class ControllerRecorder {
     for (int i = 0; i < 2; ++i)
       c.push_back(std::string(World::joint_names[static_cast<std::size_t>(i * M::joints / 2)]) + "_ref");
     for (const char* n : World::channel_names) c.push_back(std::string("s_") + n);
-    for (int i = 0; i < M::joints; i += s.all_sensors ? 1 : M::joints / 2) {
+    for (int i = 0; i < M::joints; i += s.all_sensors ? 1 : M::joints / 2)
       c.push_back(std::string(World::joint_names[static_cast<std::size_t>(i)]) + "_rate_meas");
-    }
     for (int i = 0; i < M::joints; i += s.all_sensors ? 1 : M::joints / 2) {
       const std::string joint = World::joint_names[static_cast<std::size_t>(i)];
       c.insert(c.end(), {joint + "_age_ticks", joint + "_phase"});

@@ -1,6 +1,5 @@
 #pragma once
-/// Derivatives of equidistant samples: of the cubic through 2 n + 1 points by least squares, at its middle,
-/// so without delay.
+/// Derivatives of equidistant samples: of the cubic through 2 n + 1 points by least squares, at its middle.
 
 #include <cmath>
 #include <cstddef>
@@ -10,17 +9,19 @@ namespace esmc::host {
 
 inline constexpr std::size_t derivative_half = 4;  ///< n, rows
 
+/// Sum of x^power over the rows x = -n..n.
+inline double power_sum(int power) {
+  double sum = 0.0;
+  for (int x = -static_cast<int>(derivative_half); x <= static_cast<int>(derivative_half); ++x)
+    sum += std::pow(x, power);
+  return sum;
+}
+
 /// Weights of the first derivative on the rows -n..n, per row.
 inline std::vector<double> slope_weights() {
-  // On an odd grid 1 and x^2 are orthogonal to x and x^3: two unknowns, s2 = sum x^2, s4, s6.
+  // On an odd grid 1 and x^2 are orthogonal to x and x^3: two unknowns.
   const auto n = static_cast<int>(derivative_half);
-  double s2 = 0.0, s4 = 0.0, s6 = 0.0;
-  for (int x = -n; x <= n; ++x) {
-    const double y = static_cast<double>(x) * x;
-    s2 += y;
-    s4 += y * y;
-    s6 += y * y * y;
-  }
+  const double s2 = power_sum(2), s4 = power_sum(4), s6 = power_sum(6);
   std::vector<double> w;
   for (int x = -n; x <= n; ++x) w.push_back((s6 * x - s4 * x * x * x) / (s2 * s6 - s4 * s4));
   return w;
@@ -29,20 +30,13 @@ inline std::vector<double> slope_weights() {
 /// Weights of the second derivative on the rows -n..n, per row squared.
 inline std::vector<double> curvature_weights() {
   const auto n = static_cast<int>(derivative_half);
-  double s0 = 0.0, s2 = 0.0, s4 = 0.0;
-  for (int x = -n; x <= n; ++x) {
-    const double y = static_cast<double>(x) * x;
-    s0 += 1.0;
-    s2 += y;
-    s4 += y * y;
-  }
+  const double s0 = power_sum(0), s2 = power_sum(2), s4 = power_sum(4);
   std::vector<double> w;
   for (int x = -n; x <= n; ++x) w.push_back(2.0 * (s0 * x * x - s2) / (s0 * s4 - s2 * s2));
   return w;
 }
 
-/// Second derivative of `at(row)` per row squared, rows 0 .. rows-1; 0 where there are not n rows on either
-/// side.
+/// Second derivative of `at(row)` per row squared, rows 0 .. rows-1; 0 with less than n rows on a side.
 template <class At>
 double curvature(const std::vector<double>& weights, std::size_t rows, std::size_t row, At&& at) {
   if (row < derivative_half || row + derivative_half >= rows) return 0.0;

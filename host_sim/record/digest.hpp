@@ -26,8 +26,7 @@ inline constexpr std::uint64_t fnv_start = 0xCBF29CE484222325ULL;
 
 /// FNV-1a 64 over the little-endian doubles of q then qd at every tick from t = 0.
 ///
-/// A chain of dependent multiplications. Given in portions with other work between them, the processor
-/// overlaps the two.
+/// A chain of dependent multiplications: the processor overlaps portions with other work between them.
 class Digest {
  public:
   void add(std::span<const double> values) {

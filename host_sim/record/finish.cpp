@@ -3,7 +3,6 @@
 #include <fmt/format.h>
 
 #include <nlohmann/json.hpp>
-#include <utility>
 
 #include "host_sim/record/comparison.hpp"
 #include "host_sim/record/recording.hpp"

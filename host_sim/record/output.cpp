@@ -43,11 +43,6 @@ bool abandoned(const fs::path& p) {
   return dead && fs::is_directory(fs::symlink_status(p, error)) && !fs::exists(p / "former", error);
 }
 
-/// A move that can be undone.
-struct Move {
-  fs::path from, to;
-};
-
 }  // namespace
 
 OutputDirectory::OutputDirectory(const std::string& directory) {
@@ -135,7 +130,7 @@ void OutputDirectory::write(const std::string& name, const std::string& text) co
 
 void OutputDirectory::commit() {
   if (!wanted()) return;
-  std::vector<Move> done;
+  std::vector<std::pair<fs::path, fs::path>> done;  // from, to
   try {
     std::vector<std::string> fresh;
     for (const fs::directory_entry& e : fs::directory_iterator(partial_))
@@ -146,7 +141,7 @@ void OutputDirectory::commit() {
       if (fs::is_directory(from))
         throw fs::filesystem_error("", from, std::make_error_code(std::errc::is_a_directory));
       fs::rename(from, to);
-      done.push_back({from, to});
+      done.emplace_back(from, to);
     };
     // A file of an earlier run must not stand beside this run's summary.
     for (const char* name : output_names) {
@@ -155,7 +150,7 @@ void OutputDirectory::commit() {
     for (const std::string& name : fresh) move(partial_ / name, final_ / name);
   } catch (const fs::filesystem_error& e) {
     std::error_code ignored;
-    for (auto m = done.rbegin(); m != done.rend(); ++m) fs::rename(m->to, m->from, ignored);
+    for (auto m = done.rbegin(); m != done.rend(); ++m) fs::rename(m->second, m->first, ignored);
     throw RunError("--out: " + e.path1().string() + " cannot be moved: " + e.code().message() +
                    "; nothing was changed there");
   }

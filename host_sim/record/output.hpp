@@ -1,6 +1,5 @@
 #pragma once
-/// --out DIR: files are written to a folder inside DIR and moved into place when the run is complete, so that
-/// a failed run leaves no partial result.
+/// --out DIR: files are moved into place when the run is complete; a failed run leaves no partial result.
 
 #include <cstdio>
 #include <filesystem>

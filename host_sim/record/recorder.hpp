@@ -1,6 +1,5 @@
 #pragma once
-/// Turns ticks into log rows and statistics: true motion, reference, and the controller's tick where it runs
-/// in the same process.
+/// Turns ticks into log rows and statistics: motion, reference, and the tick of a controller in this process.
 
 #include <algorithm>
 #include <cmath>
@@ -45,8 +44,13 @@ struct RrTraits {
   static double rate(const Plant::Output& o, int joint) { return o.qd[static_cast<std::size_t>(joint)]; }
 };
 
-/// The plant of a scene in a state, with its effects as at t = 0. `hand`: one that may pull at the effector
-/// and outlives the motion, or null.
+/// Calls f with the world of a scene.
+template <class F>
+auto with_world(const Scene& s, const F& f) {
+  return s.type == MechanismType::five_bar ? f(FiveBarTraits()) : f(RrTraits());
+}
+
+/// The plant of a scene in a state, with its effects as at t = 0. `hand`: one that may pull at the effector.
 template <class World>
 Motion<typename World::Plant> make_motion(const Scene& s, const typename World::Plant::State& state,
                                           const Hand* hand = nullptr) {

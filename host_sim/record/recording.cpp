@@ -8,12 +8,9 @@
 #include <memory>
 #include <sstream>
 #include <type_traits>
-#include <utility>
 
 #include "host_sim/error.hpp"
 #include "host_sim/record/digest.hpp"
-#include "host_sim/record/table.hpp"
-#include "host_sim/scene/scene.hpp"
 #include "host_sim/version.hpp"
 
 namespace esmc::host {
@@ -237,13 +234,10 @@ RecordedBus::Source passed_frames(const Recording& r) {
     ++files->n;
     const auto line = parse_candump(files->frame);
     PassedFrame p;
-    const std::string_view row = files->row;
-    const std::size_t first = row.find(','),
-                      second = row.find(',', first == std::string_view::npos ? first : first + 1);
+    const auto field = fields_of(files->row);
     unsigned sent = 2;
-    const bool good = line && second != std::string_view::npos && number(row.substr(0, first), p.look) &&
-                      number(row.substr(first + 1, second - first - 1), sent) && sent < 2 &&
-                      number(row.substr(second + 1), p.age_us) && (sent == 0 || p.age_us == 0);
+    const bool good = line && field.size() == 3 && number(field[0], p.look) && number(field[1], sent) &&
+                      sent < 2 && number(field[2], p.age_us) && (sent == 0 || p.age_us == 0);
     if (!good)
       throw InputError(fmt::format("{}:{}", files->path, files->n + 1),
                        "allowed is LOOK,0,AGE for a frame that was received, LOOK,1,0 for one that was sent");
@@ -252,6 +246,27 @@ RecordedBus::Source passed_frames(const Recording& r) {
     p.frame = line->frame;
     return p;
   };
+}
+
+RecordedRun open_run(const std::string& log, const std::string& scene) {
+  namespace fs = std::filesystem;
+  std::error_code ignored;
+  if (log.find('\0') != std::string::npos) throw InputError("", "the log must be a file name, without NUL");
+  RecordedRun out;
+  out.log = fs::is_directory(log, ignored) ? (fs::path(log) / "log.csv").string() : log;
+  if (!fs::exists(out.log, ignored)) throw InputError("", out.log + ": there is no such log");
+  out.scene_file = scene.empty() ? (fs::path(out.log).parent_path() / "scene.toml").string() : scene;
+  if (scene.empty() && !fs::exists(out.scene_file, ignored))
+    throw InputError(
+        "",
+        out.scene_file + ": there is no scene beside the log: --scene FILE says which mechanism it is of");
+  out.scene = read_scene(out.scene_file, {});
+  return out;
+}
+
+std::vector<std::string> joint_names(MechanismType type) {
+  if (type == MechanismType::rr) return {"theta1", "theta2"};
+  return {"theta11", "theta12", "theta21", "theta22"};
 }
 
 }  // namespace esmc::host

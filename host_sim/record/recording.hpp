@@ -7,12 +7,13 @@
 #include <optional>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "host_sim/bus/recorded_bus.hpp"
+#include "host_sim/record/table.hpp"
+#include "host_sim/scene/scene.hpp"
 
 namespace esmc::host {
-
-struct Scene;
 
 /// A line of frames.log.
 struct CandumpLine {
@@ -41,11 +42,22 @@ struct Recording {
   [[nodiscard]] std::string file(const char* name) const { return directory + "/" + name; }
 };
 
-/// Throws InputError for a directory that is incomplete or inconsistent. `any_version`: of any version of
-/// this program.
+/// Throws InputError for an incomplete or inconsistent directory. `any_version`: of this program.
 Recording read_recording(const std::string& directory, bool any_version);
 
 /// Gives the frames of frames.log with their rows of frames.csv. Throws InputError where they do not fit.
 RecordedBus::Source passed_frames(const Recording& r);
+
+/// A run that was recorded, or a log alone: for estimations, which need no other file.
+struct RecordedRun {
+  std::string log, scene_file;
+  Scene scene;
+};
+
+/// `log`: a directory of a run, or a log.csv. `scene` empty: the scene.toml beside it. Throws InputError.
+RecordedRun open_run(const std::string& log, const std::string& scene);
+
+/// "theta11", ...: the joints of a mechanism, in the order of the model.
+std::vector<std::string> joint_names(MechanismType type);
 
 }  // namespace esmc::host

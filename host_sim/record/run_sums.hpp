@@ -58,8 +58,7 @@ struct RunSums {
   S saturated_ticks = 0.0;
   std::uint64_t deltas = 0;  ///< summands of delta_sum
 
-  /// A tick. `torque`: N m, per motor, at most four of them; `power`: sum of |torque rate| over the motors,
-  /// W.
+  /// A tick. `torque`: N m, per motor, at most four; `power`: sum of |torque rate| over the motors, W.
   void add(std::span<const S> torque, S power, Truth<S> saturated) {
     using std::abs;
     saturated_ticks += S(saturated);

@@ -59,24 +59,6 @@ Json Statistics::torque() const {
           {"saturated_ticks", static_cast<std::uint64_t>(sums_.saturated_ticks)}};
 }
 
-namespace {
-Json disturbances_json(const BusSummary::Disturbances& d) {
-  Json messages = Json::array(), nodes = Json::array();
-  for (const BusSummary::Message& m : d.messages)
-    messages.push_back({{"id", m.id},
-                        {"extended", m.extended},
-                        {"count", m.frames},
-                        {"latency_mean_s", m.mean_s},
-                        {"latency_max_s", m.max_s}});
-  for (const BusSummary::Node& n : d.nodes)
-    nodes.push_back(
-        {{"name", n.name}, {"error_state", n.state}, {"tec", n.transmit_errors}, {"rec", n.receive_errors}});
-  return {{"timed", d.timed},           {"errors", d.errors},       {"missed", d.missed},
-          {"duplicated", d.duplicated}, {"corrupted", d.corrupted}, {"messages", std::move(messages)},
-          {"nodes", std::move(nodes)}};
-}
-}  // namespace
-
 Json make_summary(const Scene& scene, const Statistics& s, const RunEnd& end) {
   const double simulated = static_cast<double>(s.ticks()) * scene.tick();
   Json effects = Json::array();
@@ -99,7 +81,7 @@ Json make_summary(const Scene& scene, const Statistics& s, const RunEnd& end) {
   j["energy"] = {{"relative_error", s.energy_error}};
   j["bus"] = nullptr;
   if (end.bus) j["bus"] = {{"frames", end.bus->frames}, {"load", end.bus->load}, {"lost", end.bus->lost}};
-  if (end.bus && end.bus->disturbances) j["bus"].update(disturbances_json(*end.bus->disturbances));
+  if (end.bus && end.bus->disturbances) j["bus"].update(*end.bus->disturbances);
   j["supervisor"] = {{"final_state", end.final_state}, {"faults", end.faults}, {"fault_t_s", nullptr}};
   const auto fault_t = s.fault_time() ? s.fault_time() : end.fault_t;
   if (!end.faults.empty() && fault_t) j["supervisor"]["fault_t_s"] = *fault_t;

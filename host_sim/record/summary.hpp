@@ -2,8 +2,8 @@
 /// The result of a run: digest, errors, torque, energy; the document that --json prints.
 
 #include <array>
-#include <cmath>
 #include <cstdint>
+#include <memory>
 #include <nlohmann/json_fwd.hpp>
 #include <optional>
 #include <span>
@@ -26,26 +26,10 @@ inline void require_finite(std::span<const double> state, double t) {
 }
 
 struct BusSummary {
-  /// Of a bus with effects only.
-  struct Message {
-    std::uint32_t id = 0;
-    bool extended = false;
-    std::uint64_t frames = 0;
-    double mean_s = 0.0, max_s = 0.0;  ///< from the request to send to the last bit
-  };
-  struct Node {
-    std::string name, state;
-    int transmit_errors = 0, receive_errors = 0;
-  };
-  struct Disturbances {
-    std::uint64_t errors = 0, missed = 0, duplicated = 0, corrupted = 0;
-    bool timed = false;
-    std::vector<Message> messages;
-    std::vector<Node> nodes;
-  };
   std::uint64_t frames = 0, lost = 0;
   double load = 0.0;  ///< fraction of the bus time, worst-case bit stuffing; exact with bit_timing
-  std::optional<Disturbances> disturbances{};
+  std::shared_ptr<const nlohmann::ordered_json>
+      disturbances{};  ///< keys of the summary for a bus with effects
 };
 
 /// One tick for the statistics. `torque` per motor, N m at the joint.

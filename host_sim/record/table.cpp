@@ -8,7 +8,6 @@
 #include <filesystem>
 #include <fstream>
 #include <sstream>
-#include <string_view>
 
 #include "host_sim/error.hpp"
 
@@ -29,6 +28,8 @@ std::string bytes_of(const std::string& file) {
   return std::move(text).str();
 }
 
+}  // namespace
+
 std::vector<std::string_view> fields_of(std::string_view line) {
   std::vector<std::string_view> out;
   for (std::size_t at = 0;; ++at) {
@@ -38,8 +39,6 @@ std::vector<std::string_view> fields_of(std::string_view line) {
     at = end;
   }
 }
-
-}  // namespace
 
 void require_regular_file(const std::string& file) {
   std::error_code error;

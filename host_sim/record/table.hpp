@@ -3,6 +3,7 @@
 
 #include <cstddef>
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace esmc::host {
@@ -17,6 +18,9 @@ struct RecordedTable {
   /// FILE:LINE of a row.
   [[nodiscard]] std::string where(std::size_t row) const { return file + ":" + std::to_string(row + 2); }
 };
+
+/// What is between the commas of a line.
+std::vector<std::string_view> fields_of(std::string_view line);
 
 /// Throws InputError unless `file` is a regular file: a pipe would wait, a device would never end.
 void require_regular_file(const std::string& file);

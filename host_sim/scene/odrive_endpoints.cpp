@@ -19,15 +19,8 @@ using Json = nlohmann::json;
 constexpr std::uintmax_t bytes_max = 16U << 20U;  // the vendor's have some hundred kilobytes
 
 bool fits(ValueType type, const std::string& name) {
-  switch (type) {
-    case ValueType::u8:
-      return name == "bool" || name == "uint8";
-    case ValueType::u32:
-      return name == "uint32";
-    case ValueType::f32:
-      return name == "float";
-  }
-  return false;
+  if (type == ValueType::u8) return name == "bool" || name == "uint8";
+  return name == (type == ValueType::u32 ? "uint32" : "float");
 }
 
 /// "0.6.10", with anything but a digit after it.
@@ -73,9 +66,8 @@ OdriveEndpoints read_odrive_endpoints(const std::string& where, const std::strin
                        e["id"] < 0x10000 && e.contains("type") && e["type"].is_string();
     if (!whole)
       fail(fmt::format("names a file whose {} has no id from 0 to 65535 and type: {}", v.path, path));
-    if (!fits(v.type, e["type"].get<std::string>())) {
+    if (!fits(v.type, e["type"].get<std::string>()))
       fail(fmt::format("names a file whose {} has another type than this program knows: {}", v.path, path));
-    }
     out.list.push_back({v.value, e["id"].get<std::uint16_t>(), v.type});
   }
   return out;

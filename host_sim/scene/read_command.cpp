@@ -14,9 +14,7 @@ std::array<double, 2> gain_range(Section& s, const char* key, const PerKind& own
   const std::array<double, 2> r{(*given)[0], (*given)[1]};
   if (!(r[0] < r[1])) s.fail(key, "must be [lower, upper] with lower < upper");
   for (const double v : {own.position, own.angle}) {
-    if (!(r[0] <= v && v <= r[1])) {
-      s.fail(key, fmt::format("must contain what [control] has, {:g}", v));
-    }
+    if (!(r[0] <= v && v <= r[1])) s.fail(key, fmt::format("must contain what [control] has, {:g}", v));
   }
   return r;
 }
@@ -63,32 +61,23 @@ std::vector<std::uint32_t> drive_identifiers(const Scene& scene) {
   return out;
 }
 
-CommandScene read_command(Section s, const Scene& scene) {
-  CommandScene c;
+void read_command(Section s, Scene& scene) {
   if (scene.robust_gain) {
     s.fail("",
            "[command] and control.gain = \"robust\" exclude each other: the interface has one gain per kind "
            "of channel, the design one per channel; give control.gain as numbers (esmc design says which)");
   }
-  c.base_id = s.integer("base_id");
+  CommandScene& c = scene.command.emplace();
+  s.read_fields(scene);
   check_identifiers(s, scene, c.base_id);
-  c.source = s.choice<link::Source>("source");
   c.arm_by_link = s.text("arm") == "link";
-  c.speed = s.number("speed");
-  c.acceleration = s.number("acceleration");
-  c.stream_age_ticks = s.integer("stream_age_ticks");
   c.timeout = s.optional_number("timeout").value_or(c.arm_by_link ? 1.0 : 0.0);
-  c.order_age = s.number("order_age");
-  c.counter_jump = s.integer("counter_jump");
-  c.status_ticks = s.integer("status_ticks");
-  c.telemetry_ticks = s.integer("telemetry_ticks");
   c.lambda = gain_range(s, "lambda", scene.lambda);
   c.gain = gain_range(s, "gain", scene.gain);
   for (const char* key : {"lambda", "gain"}) {
     if (s.has(key) && !scene.sliding()) s.fail(key, "is for the laws esmc, esmc_projected and smc");
   }
   s.finish();
-  return c;
 }
 
 }  // namespace esmc::host

@@ -28,9 +28,8 @@ void check_axes(const Section& s, const DriveScene& d) {
       s.fail("nodes", fmt::format("names node {}: {} are allowed with this protocol", d.nodes[i],
                                   canopen ? "1 to 127" : "0 to 62"));
     }
-    if (canopen && d.nodes[i] == d.controller_node) {
+    if (canopen && d.nodes[i] == d.controller_node)
       s.fail("nodes", fmt::format("names node {}, which is drives.controller_node", d.nodes[i]));
-    }
   }
 }
 
@@ -38,14 +37,9 @@ void check_axes(const Section& s, const DriveScene& d) {
 void read_cia402(Section& s, const Scene& scene, DriveScene& d) {
   const auto n = static_cast<std::size_t>(scene.motors());
   d.rated_torque.assign(n, 1.0);
-  for (std::size_t i = 0; i < scene.torque_limit.size(); ++i) {
+  for (std::size_t i = 0; i < scene.torque_limit.size(); ++i)
     d.rated_torque[i] = scene.torque_limit[i] / d.gear_ratio[i];
-  }
   if (s.has("rated_torque")) d.rated_torque = s.each("rated_torque", n);
-  d.rated_torque_unit = s.number("rated_torque_unit");
-  d.counts_per_turn = s.integer("counts_per_turn");
-  d.velocity_unit = s.number("velocity_unit");
-  d.controller_node = s.integer("controller_node");
   if (d.protocol != Protocol::cia402) return;
   if (d.watchdog_timeout < 1e-3) {
     s.fail("watchdog_timeout",
@@ -72,7 +66,6 @@ void read_cia402(Section& s, const Scene& scene, DriveScene& d) {
 /// What must be known of ODrives before they are armed.
 void read_odrive(Section& s, Scene& scene) {
   DriveScene& d = scene.drives;
-  if (s.has("confirmed")) d.confirmed = s.boolean("confirmed");
   if (s.has("torque_constant"))
     d.torque_constant = s.each("torque_constant", static_cast<std::size_t>(scene.motors()));
   d.where = s.where();
@@ -89,20 +82,15 @@ void read_odrive(Section& s, Scene& scene) {
 void read_mit(Section& s, Scene& scene) {
   DriveScene& d = scene.drives;
   const auto n = static_cast<std::size_t>(scene.motors());
-  d.dialect = s.choice<drive::mit::Dialect>("dialect");
   for (const double id : s.each("master_id", n)) {
     if (id != std::floor(id)) s.fail("master_id", "must be an integer from 0 to 2047, or one per motor");
     d.master_id.push_back(static_cast<int>(id));
   }
-  d.position_range = s.each("position_range", n);
-  d.velocity_range = s.each("velocity_range", n);
-  d.torque_range = s.each("torque_range", n);
   if (d.protocol != Protocol::mit) return;
   const int node_max = d.dialect == drive::mit::Dialect::damiao ? 15 : 62;
   for (std::size_t i = 0; i < n; ++i) {
-    if (d.nodes[i] < 1 || d.nodes[i] > node_max) {
+    if (d.nodes[i] < 1 || d.nodes[i] > node_max)
       s.fail("nodes", fmt::format("must be from 1 to {} for MIT drives of this dialect", node_max));
-    }
     for (std::size_t k = 0; k < n; ++k) {
       if (i != k && d.master_id[i] == d.nodes[k]) {
         s.fail("master_id",
@@ -118,9 +106,8 @@ void read_mit(Section& s, Scene& scene) {
   }
 }
 
-/// How the encoder zero is known.
-void read_zero(Section& s, Scene& scene) {
-  scene.drives.zero = s.choice<Zero>("zero");
+/// Where the operator confirms the encoder zero.
+void read_zero_pose(Section& s, Scene& scene) {
   if (const auto pose = s.optional_numbers("zero_pose", {2, 4})) {
     if (pose->size() != (scene.all_sensors ? static_cast<std::size_t>(scene.joints()) : 2U))
       s.fail("zero_pose", "must have one angle per sensed joint");
@@ -129,14 +116,10 @@ void read_zero(Section& s, Scene& scene) {
 }
 
 /// Tests before and while running.
-void read_tests(Section& s, Scene& scene) {
-  DriveScene& d = scene.drives;
-  if (s.has("sign_test")) d.sign_test = s.boolean("sign_test");
+void check_tests(const Section& s, const Scene& scene) {
+  const DriveScene& d = scene.drives;
   if (d.sign_test.value_or(false) && scene.all_motors)
     s.fail("sign_test", "is for two motors: with four, each moves all the others");
-  if (s.has("watchdog_test")) d.watchdog_test = s.boolean("watchdog_test");
-  d.sign_test_move = s.number("sign_test_move");
-  d.torque_mismatch = s.number("torque_mismatch");
   if (d.torque_mismatch > 0.0 && d.protocol == Protocol::odrive_0_5) {
     s.fail("torque_mismatch",
            "must be 0: this drive does not say its torque (allowed with odrive, cia402, mit)");
@@ -172,17 +155,13 @@ void read_mounts(Section& s, Scene& scene) {
 
 void read_drives(Section s, Scene& scene) {
   DriveScene& d = scene.drives;
-  d.protocol = s.choice<Protocol>("protocol");
+  s.read_fields(scene);
   if (const auto defect = s.optional_text("defect")) {
     const std::string why = set_defect(d.defects, *defect, name(d.protocol));
     if (!why.empty()) s.fail("defect", "\"" + *defect + "\": " + why);
   }
-  read_zero(s, scene);
-  read_tests(s, scene);
-  d.torque_time = s.number("torque_time");
-  d.torque_lead = s.number("torque_lead");
-  d.heartbeat_timeout = s.number("heartbeat_timeout");
-  d.boot_time = s.number("boot_time");
+  read_zero_pose(s, scene);
+  check_tests(s, scene);
   // A slow loop must not starve the default between two of its ticks.
   d.watchdog_timeout = s.optional_number("watchdog_timeout").value_or(std::max(0.01, 3.0 * scene.tick()));
   read_mounts(s, scene);
@@ -201,9 +180,8 @@ void read_sensors(const std::optional<Section>& given, Section& root, Scene& sce
       root.fail("sensors", "is only for control.sensors = \"all\" with motors = \"base\"");
     return;
   }
-  if (d.protocol == Protocol::cia402) {
+  if (d.protocol == Protocol::cia402)
     d.missing = "passive encoders ([sensors]) exist for the ODrive protocols only";
-  }
   if (!given) {
     d.missing = "control.sensors = \"all\" needs a table [sensors] with the nodes of the passive encoders";
     add_free_nodes(d.nodes, 4);

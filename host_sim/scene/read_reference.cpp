@@ -101,43 +101,16 @@ double length_of(const ReferenceScene& r) {
 void read_reference(Section s, Scene& scene) {
   ReferenceScene& r = scene.reference;
   const double longest = std::min(reference_time_max, reference_ticks_max / scene.rate_hz);
-  r.type = s.choice<ReferenceType>("type");
-  r.join = s.optional_number("join");
+  s.read_fields(scene);
   s.use_schema(fmt::format("reference[{}]", name(r.type)));
-  switch (r.type) {
-    case ReferenceType::circle:
-      r.center = s.pair("center");
-      r.radius = s.number("radius");
-      r.speed = s.number("speed");
-      r.phase = s.number("phase");
-      break;
-    case ReferenceType::line:
-      r.points = {s.pair("from"), s.pair("to")};
-      r.duration = s.number("duration");
-      r.repeat = s.boolean("repeat");
-      break;
-    case ReferenceType::polyline:
-      r.points = s.pairs("points", 2);
-      r.speed = s.number("speed");
-      r.repeat = s.boolean("repeat");
-      if (const double seconds = length_of(r) / r.speed; !(seconds <= longest)) {
-        s.fail("speed",
-               fmt::format("is too slow: the polyline would take {:.3g} s, at most {:g} s are allowed",
-                           seconds, longest));
-      }
-      break;
-    case ReferenceType::joint_sine:
-      r.offset = s.pair("offset");
-      r.amplitude = s.pair("amplitude");
-      r.omega = s.pair("omega");
-      r.phases = s.pair("phase");
-      break;
-    case ReferenceType::hold:
-      if (const auto p = s.optional_numbers("position", {2})) r.position = {(*p)[0], (*p)[1]};
-      break;
-    case ReferenceType::file:
-    case ReferenceType::none:
-      read_path(s, scene, longest);
+  s.read_fields(scene);
+  if (r.type == ReferenceType::line) r.points = {s.pair("from"), s.pair("to")};
+  if (r.type == ReferenceType::file) read_path(s, scene, longest);
+  if (r.type == ReferenceType::polyline) {
+    if (const double seconds = length_of(r) / r.speed; !(seconds <= longest)) {
+      s.fail("speed", fmt::format("is too slow: the polyline would take {:.3g} s, at most {:g} s are allowed",
+                                  seconds, longest));
+    }
   }
   s.finish();
 }

@@ -7,8 +7,9 @@
 #include <utility>
 
 #include "host_sim/plant/kinematics.hpp"
+#include "host_sim/scene/fields.hpp"
 #include "host_sim/scene/readers.hpp"
-#include "host_sim/scene/start.hpp"
+#include "host_sim/scene/scene.hpp"
 
 namespace esmc::host {
 namespace {
@@ -27,9 +28,8 @@ LegParams<double> read_leg(Section s) {
 int mode_sign(const std::string& s) { return s == "+" ? 1 : -1; }
 
 void read_mechanism(Section s, Scene& scene) {
-  scene.type = s.choice<MechanismType>("type");
+  s.read_fields(scene);
   const bool five_bar = scene.type == MechanismType::five_bar;
-  scene.mechanism.g = s.number("gravity");
   if (five_bar) {
     scene.mechanism.l0 = s.number("half_base");
     scene.mechanism.m0 = s.number("effector_mass");
@@ -63,13 +63,10 @@ FiveBarParams<double> read_belief(const Section& s, const std::string& name, Sce
   return other.mechanism;
 }
 
-ModelFactors read_model(Section s, Scene& scene) {
-  ModelFactors f;
+void read_model(Section s, Scene& scene) {
+  ModelFactors& f = scene.model;
   if (const auto name = s.optional_text("mechanism")) scene.believed = read_belief(s, *name, scene);
-  f.half_base = s.number("half_base");
-  f.effector_mass = s.number("effector_mass");
-  f.gravity = s.number("gravity");
-  for (const LegKey& k : leg_keys) f.*k.factor = s.number(k.name);
+  s.read_fields(scene);
   f.exact_friction = s.text("friction") == "exact";
   s.finish();
   for (LegParams<double> leg : scene.believed ? scene.believed->legs : scene.mechanism.legs) {
@@ -79,11 +76,9 @@ ModelFactors read_model(Section s, Scene& scene) {
              "'control.model' believes in a bar without mass and inertia, which no torque could be computed "
              "for: m1, m2, J1, J2 must leave some");
   }
-  return f;
 }
 
-/// Fails where the largest value is more than `most` times the least: their squares become weights, which
-/// both scalar types must hold.
+/// Fails where values differ by more than a factor `most`: both scalar types must hold their squares.
 void require_alike(const Section& s, const char* key, const std::vector<double>& values, double most) {
   if (values.empty()) return;
   const auto [least, largest] = std::minmax_element(values.begin(), values.end());
@@ -112,20 +107,13 @@ std::vector<Waveform> read_waveforms(Section& control, std::size_t motors) {
 }
 
 void read_gains(Section& s, Scene& scene) {
-  const auto kinds = [&](const char* key) {
-    const auto v = s.per_kind(key);
-    return PerKind{v[0], v[1]};
-  };
   const bool sliding = scene.sliding();
-  scene.kp = s.optional_number("kp");
-  scene.kd = s.optional_number("kd");
   const bool own_gains = scene.kp && scene.kd;
   if (sliding || (scene.law == LawChoice::ctc && !own_gains) || s.has("lambda"))
-    scene.lambda = kinds("lambda");
+    take(s, "lambda", scene.lambda);
   const bool robust = s.is_word("gain", "robust");
   scene.robust_gain = robust && sliding;
-  if (!robust && (sliding || s.has("gain"))) scene.gain = kinds("gain");
-  scene.layer = kinds("layer");
+  if (!robust && (sliding || s.has("gain"))) take(s, "gain", scene.gain);
   if (scene.law == LawChoice::pd && !own_gains) s.fail("", "law = \"pd\" needs control.kp and control.kd");
 }
 
@@ -166,15 +154,8 @@ void require_parts_fit(Section& s, const Scene& scene) {
 
 void read_control(Section s, Scene& scene) {
   const bool five_bar = scene.type == MechanismType::five_bar;
-  scene.law = s.choice<LawChoice>("law");
-  scene.reaching = s.choice<ReachingChoice>("reaching");
+  s.read_fields(scene);
   read_gains(s, scene);
-  scene.delay_ticks = s.optional_number("delay_ticks");
-  scene.sensor_lag_ticks = s.number("sensor_lag_ticks");
-  scene.disturbance_observer = s.number("disturbance_observer");
-  scene.predictor = s.boolean("predictor");
-  scene.torque_ramp = s.optional_number("torque_ramp");
-  scene.rate_hz = s.number("rate_hz");
   scene.all_motors = s.text("motors") == "all" && five_bar;
   scene.all_sensors = s.text("sensors") == "all" && five_bar;
   if (s.has("encoder_sigma")) {
@@ -198,7 +179,7 @@ void read_control(Section s, Scene& scene) {
       s.fail("preload", fmt::format("must be within torque_limit: motor {} has {} N m of {} N m", i + 1,
                                     scene.preload[i], scene.torque_limit[i]));
   }
-  if (const auto model = s.section("model")) scene.model = read_model(*model, scene);
+  if (const auto model = s.section("model")) read_model(*model, scene);
   if (scene.law == LawChoice::open_loop || s.has("torque")) {
     const auto torque = read_waveforms(s, motors);
     if (scene.law == LawChoice::open_loop) scene.torque = torque;
@@ -209,8 +190,7 @@ void read_control(Section s, Scene& scene) {
 void read_initial(Section s, Scene& scene) {
   InitialScene& i = scene.initial;
   const auto at = s.optional_text("at");
-  if (const auto p = s.optional_numbers("position", {2})) i.position = {(*p)[0], (*p)[1]};
-  const auto velocity = s.pair("velocity");
+  s.read_fields(scene);
   const std::vector<std::size_t> sizes =
       scene.type == MechanismType::five_bar ? std::vector<std::size_t>{2, 4} : std::vector<std::size_t>{2};
   i.joints = s.optional_numbers("joints", sizes).value_or(std::vector<double>{});
@@ -221,7 +201,6 @@ void read_initial(Section s, Scene& scene) {
   if (rates && i.joints.empty()) s.fail("joint_rates", "goes with initial.joints");
   if (rates && rates->size() != i.joints.size())
     s.fail("joint_rates", "must have as many values as initial.joints");
-  i.velocity = velocity;
   i.joint_rates = rates.value_or(std::vector<double>(i.joints.size(), 0.0));
   i.at_reference = !i.position && i.joints.empty();
   s.finish();
@@ -229,15 +208,9 @@ void read_initial(Section s, Scene& scene) {
 
 void read_limits(Section s, Scene& scene) {
   LimitsScene& l = scene.limits;
-  l.min_abs_sin_type1 = s.number("min_abs_sin_type1");
-  l.min_abs_sin_type2 = s.number("min_abs_sin_type2");
-  l.joint_speed = s.number("joint_speed");
-  l.closure = s.number("closure");
-  l.max_age_ticks = s.integer("max_age_ticks");
+  s.read_fields(scene);
   l.feedback_jump = s.optional_number("feedback_jump").value_or(l.joint_speed * scene.tick());
   l.join_acceleration = s.optional_number("join_acceleration").value_or(0.0);
-  l.halt_time = s.number("halt_time");
-  l.lower_time = s.number("lower_time");
   l.after_halt = s.has("after_halt")       ? s.choice<AfterHalt>("after_halt")
                  : scene.mechanism.g > 0.0 ? AfterHalt::lower
                                            : AfterHalt::release;
@@ -250,11 +223,10 @@ void read_limits(Section s, Scene& scene) {
     l.workspace = {range(*w, "x"), range(*w, "y")};
     w->finish();
   }
-  const auto pairs = s.pairs("joint_angle", 2);
+  const auto pairs = s.pairs("joint_angle");
   if (!pairs.empty()) {
-    if (pairs.size() != 2 || !(pairs[0][0] < pairs[0][1]) || !(pairs[1][0] < pairs[1][1])) {
+    if (pairs.size() != 2 || !(pairs[0][0] < pairs[0][1]) || !(pairs[1][0] < pairs[1][1]))
       s.fail("joint_angle", "must be [lower, upper] with lower < upper for each of the two base joints");
-    }
     l.joint_angle = {pairs[0], pairs[1]};
   }
   s.finish();
@@ -263,12 +235,9 @@ void read_limits(Section s, Scene& scene) {
 constexpr double substeps_max = 1e6;  // of a tick, for fixed steps
 
 void read_simulation(Section s, Scene& scene) {
-  scene.duration = s.number("duration");
-  const bool named = s.has("integrator") || s.has("step");
-  scene.method = s.choice<Method>("integrator");
-  scene.step = s.number("step");
-  scene.accuracy = s.optional_number("accuracy");
-  if (scene.accuracy && named) s.fail("accuracy", "chooses method and step: leave out integrator and step");
+  s.read_fields(scene);
+  if (scene.accuracy && (s.has("integrator") || s.has("step")))
+    s.fail("accuracy", "chooses method and step: leave out integrator and step");
   s.finish();
   if (scene.tick() / scene.step > substeps_max) {
     s.fail("step",
@@ -284,9 +253,9 @@ void name_companions(Scene& scene, toml::table& table) {
   std::sort(scene.companions.begin(), scene.companions.end(),
             [](const Companion& a, const Companion& b) { return a.name < b.name; });
   for (const Companion& c : scene.companions) {
-    if (c.name == reference_copy) table["reference"].as_table()->insert_or_assign("path", c.name);
-    if (c.name == model_copy) table["control"]["model"].as_table()->insert_or_assign("mechanism", c.name);
-    if (c.name == endpoints_copy) table["drives"].as_table()->insert_or_assign("endpoints", c.name);
+    const std::string key = c.key();
+    const std::size_t dot = key.rfind('.');
+    table.at_path(key.substr(0, dot)).as_table()->insert_or_assign(key.substr(dot + 1), c.name);
   }
 }
 
@@ -299,22 +268,21 @@ Scene read_scene_table(toml::table table, const std::string& file) {
   scene.name = root.text("name");
   read_mechanism(root.required_section("mechanism"), scene);
   read_control(root.required_section("control"), scene);
-  if (const auto s = root.section("uncertainty")) scene.uncertainty = read_uncertainty(*s, scene);
+  if (const auto s = root.section("uncertainty")) read_uncertainty(*s, scene);
   if (scene.robust_gain && !scene.uncertainty) {
     throw InputError(root.where("control"),
                      "'control.gain' = \"robust\" needs the table [uncertainty], which says what against");
   }
   if (const auto s = root.section("reference")) read_reference(*s, scene);
-  if (scene.closed_loop() && scene.reference.type == ReferenceType::none) {
+  if (scene.closed_loop() && scene.reference.type == ReferenceType::none)
     root.fail("", "missing table [reference]: a closed loop needs one");
-  }
   read_initial(root.section_or_empty("initial"), scene);
   read_limits(root.section_or_empty("limits"), scene);
   read_drives(root.section_or_empty("drives"), scene);
   read_sensors(root.section("sensors"), root, scene);
-  if (const auto s = root.section("command")) scene.command = read_command(*s, scene);
+  if (const auto s = root.section("command")) read_command(*s, scene);
   Section bus = root.section_or_empty("bus");
-  scene.bitrate = bus.integer("bitrate");
+  bus.read_fields(scene);
   bus.finish();
   read_simulation(root.required_section("simulation"), scene);
   scene.control_where = root.where("control");
@@ -322,7 +290,7 @@ Scene read_scene_table(toml::table table, const std::string& file) {
   scene.simulation_where = root.where("simulation");
   set_start(scene, root.where("initial", {"mechanism", "reference"}),
             root.where("reference", {"mechanism", "initial"}));
-  scene.effects = read_effects(root, scene);
+  read_effects(root, scene);
   scene.bus_effects_where = root.where("effects");
   scene.uncertainty_where = root.where("uncertainty", {"control"});
   root.finish();
@@ -330,6 +298,12 @@ Scene read_scene_table(toml::table table, const std::string& file) {
   scene.toml = toml_text(table);
   return scene;
 }
+
+// Embedded at build time from host_sim/scenes, so that what is printed is what the tests run.
+extern const std::string_view five_bar_scene;
+extern const std::string_view rr_scene;
+
+std::string_view starting_scene(const std::string& kind) { return kind == "rr" ? rr_scene : five_bar_scene; }
 
 Scene read_scene(const std::string& file, const std::vector<std::string>& sets) {
   return read_scene_table(parse_scene_file(file, sets), file);

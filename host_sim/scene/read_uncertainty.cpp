@@ -36,7 +36,7 @@ Interval offset(Section& s, const char* key) {
 
 std::optional<std::array<Interval, 4>> per_joint(Section& s, const char* key, bool five_bar) {
   if (!s.has(key)) return std::nullopt;
-  const auto given = s.pairs(key, 2);
+  const auto given = s.pairs(key);
   if (given.size() != 2 && !(five_bar && given.size() == 4)) {
     s.fail(key, five_bar ? "must have [lower, upper] for each of the two joints of a leg, or for all four"
                          : "must have [lower, upper] for each of the two joints");
@@ -48,9 +48,10 @@ std::optional<std::array<Interval, 4>> per_joint(Section& s, const char* key, bo
 
 }  // namespace
 
-UncertaintyScene read_uncertainty(Section s, const Scene& scene) {
+void read_uncertainty(Section s, Scene& scene) {
   const bool five_bar = scene.type == MechanismType::five_bar;
-  UncertaintyScene u;
+  UncertaintyScene& u = scene.uncertainty.emplace();
+  s.read_fields(scene);
   u.m1 = factor(s, "m1");
   u.m2 = factor(s, "m2");
   u.J1 = factor(s, "J1");
@@ -68,14 +69,9 @@ UncertaintyScene read_uncertainty(Section s, const Scene& scene) {
   }
   u.viscous = per_joint(s, "viscous", five_bar);
   u.coulomb = per_joint(s, "coulomb", five_bar);
-  u.l1 = s.number("l1");
-  u.l2 = s.number("l2");
   if (five_bar) u.half_base = s.number("half_base");
-  u.tube = s.optional_number("tube");
-  u.reaching_time = s.number("reaching_time");
   u.workspace = s.text("over") == "workspace";
   s.finish();
-  return u;
 }
 
 }  // namespace esmc::host

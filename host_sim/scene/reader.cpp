@@ -68,6 +68,15 @@ double Section::checked(const toml::node& node, const std::string& key) const {
   return *value;
 }
 
+void Section::read_fields(Scene& scene) {
+  const std::string above = path("");
+  for (const Key& k : keys_) {
+    if (k.read == nullptr || !k.path.starts_with(above)) continue;
+    const std::string key(k.path.substr(above.size()));
+    if (key.find('.') == std::string::npos) k.read(*this, key, scene);
+  }
+}
+
 double Section::number(const std::string& key) {
   const toml::node* node = find(key);
   return node != nullptr ? checked(*node, key) : std::stod(std::string(spec(key).fallback));
@@ -148,13 +157,13 @@ std::array<double, 2> Section::pair(const std::string& key) {
   return {v[0], v[1]};
 }
 
-std::vector<std::array<double, 2>> Section::pairs(const std::string& key, std::size_t at_least) {
+std::vector<std::array<double, 2>> Section::pairs(const std::string& key) {
   const toml::node* node = find(key);
   std::vector<std::array<double, 2>> out;
   if (node == nullptr) return out;
   const toml::array* list = node->as_array();
-  const std::string want = fmt::format("{} or more pairs [a, b] ({})", at_least, allowed(spec(key)));
-  if (list == nullptr || list->size() < at_least) wrong(*node, key, want);
+  const std::string want = fmt::format("2 or more pairs [a, b] ({})", allowed(spec(key)));
+  if (list == nullptr || list->size() < 2) wrong(*node, key, want);
   for (const toml::node& item : *list) {
     const toml::array* two = item.as_array();
     if (two == nullptr || two->size() != 2) wrong(item, key, want);
@@ -215,9 +224,7 @@ std::vector<double> Section::each(const std::string& key, std::size_t count) {
 std::optional<Section> Section::section(const std::string& key) {
   const toml::node* node = find(key, false);
   if (node == nullptr) return std::nullopt;
-  if (!node->is_table()) {
-    throw InputError(place(*node, file_), fmt::format("'{}' must be a table", full(key)));
-  }
+  if (!node->is_table()) wrong(*node, key, "a table");
   return Section(*node->as_table(), file_, full(key), path(key), keys_);
 }
 
@@ -240,14 +247,10 @@ std::vector<Section> Section::sections(const std::string& key, const std::string
   const toml::node* node = find(key, false);
   if (node == nullptr) return out;
   const toml::array* list = node->as_array();
-  if (list == nullptr)
-    throw InputError(place(*node, file_), fmt::format("'{}' must be an array of tables", full(key)));
+  if (list == nullptr) wrong(*node, key, "an array of tables");
   for (std::size_t i = 0; i < list->size(); ++i) {
     const toml::table* table = list->get(i)->as_table();
-    if (table == nullptr) {
-      throw InputError(place(*list->get(i), file_),
-                       fmt::format("'{}' must be an array of tables", full(key)));
-    }
+    if (table == nullptr) wrong(*list->get(i), key, "an array of tables");
     out.emplace_back(*table, file_, fmt::format("{}[{}]", full(key), i), schema.empty() ? path(key) : schema,
                      keys_);
   }

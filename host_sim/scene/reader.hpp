@@ -11,7 +11,7 @@
 
 #include "host_sim/error.hpp"
 #include "host_sim/names.hpp"
-#include "host_sim/scene/keys.hpp"
+#include "host_sim/scene/key.hpp"
 #include "host_sim/scene/toml_text.hpp"
 
 namespace esmc::host {
@@ -36,6 +36,10 @@ class Section {
         keys_(keys) {}
 
   [[nodiscard]] bool has(const std::string& key) const { return table_->contains(key); }
+  /// The same, of a key that belongs to this table.
+  bool given(const std::string& key) { return find(key, false) != nullptr; }
+  /// Reads the keys of this table that the key table has a field for.
+  void read_fields(Scene& scene);
   [[nodiscard]] bool empty() const { return table_->empty(); }
   /// The place of this table, or of `key` if it is there, for errors: FILE:LINE, and every --set in it.
   [[nodiscard]] std::string where() const;
@@ -61,8 +65,8 @@ class Section {
   std::optional<std::vector<int>> optional_integers(const std::string& key,
                                                     const std::vector<std::size_t>& sizes);
   std::array<double, 2> pair(const std::string& key);
-  /// Reads an array of pairs [a, b], `at_least` or more. The default is an empty one.
-  std::vector<std::array<double, 2>> pairs(const std::string& key, std::size_t at_least);
+  /// Reads an array of two or more pairs [a, b]. The default is an empty one.
+  std::vector<std::array<double, 2>> pairs(const std::string& key);
   /// Reads an array of `size` strings, each one of the key's choices.
   std::vector<std::string> texts(const std::string& key, std::size_t size);
   /// Reads { position, angle } into [position, angle]; a number stands for both.

@@ -68,8 +68,7 @@ struct ReferenceScene {
 inline constexpr const char* reference_copy = "scene_reference.csv";   ///< reference.path
 inline constexpr const char* model_copy = "scene_model.toml";          ///< control.model.mechanism
 inline constexpr const char* endpoints_copy = "scene_endpoints.json";  ///< drives.endpoints
-/// A file that a scene names, as read. A run writes it beside the scene under one of these names, so that its
-/// directory can be run again anywhere.
+/// A file that a scene names, as read. A run leaves it beside the scene under one of these names.
 struct Companion {
   std::string name, text;
   std::string source;  ///< path that it was read from
@@ -219,8 +218,7 @@ struct Scene {
 };
 
 /// Ticks between the controller's heartbeats (CANopen): a third of the drives' time-out, so that one may be
-/// lost. At most 20: a drive must receive one between the set-up of its watchdog and its torque, at least 60
-/// ticks later.
+/// lost. At most 20: a drive must receive one within the 60 ticks from its watchdog's set-up to its torque.
 [[nodiscard]] inline std::uint32_t heartbeat_ticks(const Scene& scene) {
   return static_cast<std::uint32_t>(
       std::clamp(std::floor(scene.drives.watchdog_timeout * scene.rate_hz / 3.0), 1.0, 20.0));
@@ -229,9 +227,14 @@ struct Scene {
 /// Returns CAN identifiers that the drives of a scene send or receive: for ODrives the first of each node's
 /// block of 32, else all of them.
 std::vector<std::uint32_t> drive_identifiers(const Scene& scene);
-/// Throws InputError where a scene has effects that need a bus and there is none; `why`: "esmc sim has no
-/// bus".
+/// Throws InputError where a scene has effects that need a bus; `why` there is none: "esmc sim has no bus".
 void refuse_bus_effects(const Scene& scene, const std::string& why);
+
+/// Fills start_angle, start_rate and a missing assembly_mode. Throws InputError at `initial` or `reference`
+/// (places in the scene file) when the start is out of reach, contradicts a mode or does not close.
+void set_start(Scene& scene, const std::string& initial, const std::string& reference);
+/// The commented scene that `esmc init` prints: "five_bar" or "rr".
+std::string_view starting_scene(const std::string& kind);
 
 /// Reads a scene; `sets` are "section.key=value" overrides. The scene is possible and its start reachable:
 /// else throws InputError with file, line, key and the allowed values.

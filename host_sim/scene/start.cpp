@@ -1,11 +1,10 @@
-#include "host_sim/scene/start.hpp"
-
 #include <fmt/format.h>
 
 #include <cmath>
 
 #include "host_sim/error.hpp"
 #include "host_sim/plant/kinematics.hpp"
+#include "host_sim/scene/scene.hpp"
 
 namespace esmc::host {
 namespace {

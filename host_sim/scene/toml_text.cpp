@@ -10,7 +10,7 @@
 #include <sstream>
 
 #include "host_sim/error.hpp"
-#include "host_sim/scene/keys.hpp"
+#include "host_sim/scene/key.hpp"
 
 namespace esmc::host {
 namespace {
@@ -51,12 +51,10 @@ struct Depth {
   int brackets = 0, parts = 0;
 };
 
-/// Refuses a text that is longer or nested deeper than any scene, for which the parser would run out of
-/// stack. Skips strings and comments.
+/// Refuses a text that is longer or nested deeper than any scene: the parser would run out of stack.
 void require_shallow(const std::string& text, const std::string& name) {
-  if (text.size() > text_max) {
+  if (text.size() > text_max)
     throw InputError("", fmt::format("{}: {} bytes, at most {} are taken", name, text.size(), text_max));
-  }
   Depth depth;
   int line = 1;
   for (std::size_t at = 0; at < text.size(); ++at) {
@@ -158,9 +156,8 @@ toml::table parse_override(const std::string& set) {
     // A bare word is taken for a string: --set control.law=smc
     constexpr const char* bare = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789._/+-";
     const std::string word = set.substr(equals + 1);
-    if (word.empty() || word.find_first_not_of(bare) != std::string::npos) {
+    if (word.empty() || word.find_first_not_of(bare) != std::string::npos)
       throw InputError("", label + ": neither a TOML value nor a bare word (letters, digits, . _ / + -)");
-    }
     try {
       return toml::parse(set.substr(0, equals + 1) + "\"" + word + "\"", label);
     } catch (const toml::parse_error&) {
@@ -195,9 +192,8 @@ std::string number_text(double v) {
 std::string inline_text(const toml::node& node) {
   std::string out;
   if (const toml::table* table = node.as_table()) {
-    for (auto&& [key, value] : *table) {
+    for (auto&& [key, value] : *table)
       out += (out.empty() ? " " : ", ") + key_text(key) + " = " + inline_text(value);
-    }
     return "{" + out + " }";
   }
   if (const toml::array* array = node.as_array()) {

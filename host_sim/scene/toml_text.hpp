@@ -24,8 +24,7 @@ std::string place(const toml::node& node, const std::string& file);
 /// Returns `where`, followed by " with" and every other --set at or below `nodes`; null nodes are skipped.
 std::string with_sets(const std::string& where, const std::vector<const toml::node*>& nodes);
 
-/// A table as text that reads back to the same values, numbers as short as that allows (0.35, where toml++
-/// prints 0.34999999999999998).
+/// A table as text that reads back to the same values, with the shortest numbers that do.
 std::string toml_text(const toml::table& root);
 
 }  // namespace esmc::host

@@ -12,8 +12,7 @@ struct Interval {
   friend bool operator==(const Interval&, const Interval&) = default;
 };
 
-/// Intervals of the truth around the controller's belief ([mechanism] times [control.model]), equal for both
-/// legs but for friction.
+/// Intervals of the truth around what the controller believes; the same for both legs, friction excepted.
 struct UncertaintyScene {
   Interval m1{1, 1}, m2{1, 1}, J1{1, 1}, J2{1, 1};  ///< truth / belief
   Interval lg1, lg2;                                ///< truth - belief, m

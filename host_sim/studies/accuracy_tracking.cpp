@@ -9,7 +9,7 @@
 
 #include "host_sim/loop/trace.hpp"
 #include "host_sim/record/recorder.hpp"
-#include "host_sim/scene/starting_scene.hpp"
+#include "host_sim/scene/scene.hpp"
 #include "host_sim/studies/accuracy.hpp"
 
 namespace esmc::host {

@@ -3,7 +3,7 @@
 #include <fmt/format.h>
 
 #include "host_sim/controller/controller_config.hpp"
-#include "host_sim/scene/start.hpp"
+#include "host_sim/scene/scene.hpp"
 #include "host_sim/sweep/sample.hpp"
 
 namespace esmc::host {

@@ -7,9 +7,9 @@
 #include <utility>
 
 #include "host_sim/error.hpp"
-#include "host_sim/scene/keys.hpp"
+#include "host_sim/scene/key.hpp"
 #include "host_sim/scene/reader.hpp"
-#include "host_sim/scene/start.hpp"
+#include "host_sim/scene/scene.hpp"
 
 namespace esmc::host {
 namespace {

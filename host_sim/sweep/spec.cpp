@@ -10,7 +10,7 @@
 #include <set>
 
 #include "host_sim/error.hpp"
-#include "host_sim/scene/keys.hpp"
+#include "host_sim/scene/key.hpp"
 #include "host_sim/scene/reader.hpp"
 
 namespace esmc::host {

@@ -11,7 +11,7 @@
 #include <string_view>
 #include <vector>
 
-#include "host_sim/scene/keys.hpp"
+#include "host_sim/scene/key.hpp"
 #include "tests/fuzz/bytes.hpp"
 #include "tests/support/cycle_setup.hpp"
 

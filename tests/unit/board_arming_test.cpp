@@ -11,7 +11,7 @@
 #include "hal/fdcan/fdcan.hpp"
 #include "host_sim/controller/axes_config.hpp"
 #include "host_sim/drives/placed_axes.hpp"
-#include "host_sim/scene/starting_scene.hpp"
+#include "host_sim/scene/scene.hpp"
 #include "tests/support/board_double.hpp"
 #include "tests/support/fdcan_model.hpp"
 #include "tests/support/odrive_bytes.hpp"

@@ -3,7 +3,7 @@
 #include <string>
 
 #include "host_sim/controller/board_costs.hpp"
-#include "host_sim/scene/starting_scene.hpp"
+#include "host_sim/scene/scene.hpp"
 
 namespace esmc::host {
 namespace {

@@ -13,7 +13,6 @@
 
 #include "host_sim/campaign/episode.hpp"
 #include "host_sim/scene/scene.hpp"
-#include "host_sim/scene/starting_scene.hpp"
 
 namespace {
 

@@ -27,7 +27,7 @@ class LoopEnds : public testing::Test {
   LoopEnds() {
     std::array<int, 2> fd{};
     EXPECT_EQ(::socketpair(AF_UNIX, SOCK_SEQPACKET, 0, fd.data()), 0);
-    here_ = Socket(fd[0]);
+    here_ = HostBus("here", Socket(fd[0]));
     there_ = Socket(fd[1]);
     options_.scene = ESMC_SCENE;  // nodes 1 and 2
     scene_ = read_loop_scene(options_);
@@ -42,7 +42,8 @@ class LoopEnds : public testing::Test {
   RunOptions options_;
   Scene scene_;
   FrameLog frames_;
-  Socket here_{-1}, there_{-1};
+  HostBus here_{"here", Socket(-1)};
+  Socket there_{-1};
 };
 
 TEST_F(LoopEnds, AWatchdogWithMoreThanItsTimeIsNoProof) {
@@ -63,12 +64,12 @@ TEST_F(LoopEnds, AWatchdogWithMoreThanItsTimeIsNoProof) {
 TEST_F(LoopEnds, OnlyMotorsAreReportedAsNotReady) {
   options_.sets = {"control.sensors=\"all\"", "drives.nodes=[7, 8]", "sensors.nodes=[3, 4]"};
   const Scene mixed = read_loop_scene(options_);
-  const ControllerEnd<FiveBarTraits, Socket> controller(mixed, Pacing::realtime, here_);
+  const ControllerEnd<FiveBarTraits, HostBus> controller(mixed, Pacing::realtime, here_);
   EXPECT_EQ(controller.unready(), "node 7 (silent), node 8 (silent)");
 }
 
 TEST_F(LoopEnds, ThePlantHearsAControllerOnlyInCommandsToItsDrives) {
-  PlantEnd<FiveBarTraits, Socket> plant(scene_, options_, here_, frames_, nullptr, false);
+  PlantEnd<FiveBarTraits, HostBus> plant(scene_, options_, here_, frames_, nullptr, false);
   hal::CanFrame request = test::message(1, test::cmd_torque, 0, 0);
   request.remote = true;
   hal::CanFrame wide = test::message(1, test::cmd_mode, 1, 1);
@@ -112,7 +113,7 @@ TEST_F(LoopEnds, ThePlantRefusesAControllerOfAnotherScene) {
   options_.scene = ESMC_COMMAND_SCENE;
   scene_ = read_loop_scene(options_);
   const auto base = static_cast<std::uint32_t>(scene_.command->base_id);
-  PlantEnd<FiveBarTraits, Socket> plant(scene_, options_, here_, frames_, nullptr, false);
+  PlantEnd<FiveBarTraits, HostBus> plant(scene_, options_, here_, frames_, nullptr, false);
   for (const hal::CanFrame& f : {link::encode_identity(base, scene_.identity), link::encode_identity(base, 0),
                                  link::encode_identity(base + 32, scene_.identity + 1)}) {
     ASSERT_EQ(there_.try_send(f), hal::SendStatus::ok);
@@ -130,7 +131,7 @@ TEST_F(LoopEnds, ThePlantRefusesAControllerOfAnotherScene) {
 TEST_F(LoopEnds, TheControllerSaysWhichSceneItWasMadeOf) {
   options_.scene = ESMC_COMMAND_SCENE;
   scene_ = read_loop_scene(options_);
-  ControllerEnd<FiveBarTraits, Socket> controller(scene_, Pacing::lockstep, here_);
+  ControllerEnd<FiveBarTraits, HostBus> controller(scene_, Pacing::lockstep, here_);
   controller.request_arming();
   std::optional<std::uint32_t> said;
   for (hal::CanFrame f; there_.try_receive(f);) {
@@ -142,7 +143,7 @@ TEST_F(LoopEnds, TheControllerSaysWhichSceneItWasMadeOf) {
 
 /// A stranger speaks at once and all the time; the drive comes late.
 TEST_F(LoopEnds, TheControllerAsksUntilOneOfItsDrivesAnswers) {
-  ControllerEnd<FiveBarTraits, Socket> controller(scene_, Pacing::lockstep, here_);
+  ControllerEnd<FiveBarTraits, HostBus> controller(scene_, Pacing::lockstep, here_);
   std::thread others([&] {
     for (int i = 0; i < 30; ++i) {
       (void)there_.try_send(test::heartbeat(9, 8));
@@ -158,7 +159,7 @@ TEST_F(LoopEnds, TheControllerAsksUntilOneOfItsDrivesAnswers) {
 }
 
 TEST_F(LoopEnds, AFloodInsteadOfASetIsAFaultAndNotAWait) {
-  ControllerEnd<FiveBarTraits, Socket> controller(scene_, Pacing::lockstep, here_);
+  ControllerEnd<FiveBarTraits, HostBus> controller(scene_, Pacing::lockstep, here_);
   std::atomic<bool> over{false};
   std::thread others([&] {
     while (!over) {

@@ -25,7 +25,7 @@ class Waiting : public testing::Test {
   Waiting() {
     std::array<int, 2> fd{};
     EXPECT_EQ(::socketpair(AF_UNIX, SOCK_SEQPACKET, 0, fd.data()), 0);
-    here_ = hal::SocketCan(fd[0]);
+    here_ = HostBus("here", hal::SocketCan(fd[0]));
     there_ = hal::SocketCan(fd[1]);
   }
   void foreign() { EXPECT_EQ(there_.try_send(test::heartbeat(9, 8)), hal::SendStatus::ok); }
@@ -37,7 +37,8 @@ class Waiting : public testing::Test {
   }
   static constexpr auto never = [] { return false; };
 
-  hal::SocketCan here_{-1}, there_{-1};
+  HostBus here_{"here", hal::SocketCan(-1)};
+  hal::SocketCan there_{-1};
 };
 
 /// At every pass another frame has arrived.

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "host_sim/controller/make_controller.hpp"
+#include "host_sim/controller/robust.hpp"
 #include "host_sim/plant/plant.hpp"
 
 namespace esmc::host {

@@ -9,6 +9,9 @@
 
 namespace esmc::host {
 
+class Section;
+struct Scene;
+
 struct Key {
   std::string_view path;  ///< "section.key"; variants of a section in brackets: "reference[circle].radius"
   std::string_view kind;  ///< number, integer, string, boolean, numbers, integers, table, ...
@@ -19,6 +22,8 @@ struct Key {
   bool low_open = false;     ///< the lower bound itself is not allowed
   std::string_view choices;  ///< allowed strings, separated by " | "
   std::string_view meaning;
+  /// Reads it into the field that it alone decides; null: the reader of its section does.
+  void (*read)(Section& section, const std::string& key, Scene& scene) = nullptr;
 };
 
 std::span<const Key> scene_keys();  ///< valid for ever

@@ -1,4 +1,4 @@
-#include "host_sim/scene/keys.hpp"
+#include "host_sim/scene/key.hpp"
 
 #include <fmt/format.h>
 
