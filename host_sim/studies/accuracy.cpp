@@ -104,6 +104,7 @@ std::vector<std::pair<std::string, std::string>> figures(const Study& s) {
     problems.back().second.push_back({c.method + (c.adaptive ? " adaptive" : ""), std::move(c.points)});
   }
   std::vector<std::pair<std::string, std::string>> out;
+  out.reserve(problems.size());
   for (const auto& [problem, series] : problems)
     out.emplace_back(problem, log_log_svg(problem, "CPU time, ms", "error at the end", series));
   return out;

@@ -17,7 +17,7 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-Scene comparison(std::vector<std::string> sets) {
+Scene comparison(const std::vector<std::string>& sets) {
   return read_scene_text(std::string(starting_scene("five_bar")), "comparison scenario", sets);
 }
 

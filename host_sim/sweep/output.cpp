@@ -79,8 +79,8 @@ std::vector<std::vector<std::uint64_t>> fronts_of(const SweepSpec& spec, const S
     std::vector<std::uint64_t> index;
     for (std::uint64_t i = 0; i < table.outcome.size(); ++i) {
       if (table.outcome[i] != outcome_ok) continue;
-      std::vector<double> p;
-      for (const std::size_t c : columns) p.push_back(table.at(i, c));
+      std::vector<double> p(columns.size());
+      std::ranges::transform(columns, p.begin(), [&](std::size_t c) { return table.at(i, c); });
       points.push_back(std::move(p));
       index.push_back(i);
     }

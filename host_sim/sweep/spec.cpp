@@ -152,8 +152,9 @@ void read_axis(Table& t, Sampling method, Vary& v, Axis& axis) {
 }
 
 Objective find_objective(const Table& t, const std::string& name) {
-  std::vector<std::string> known;
-  for (const ObjectiveText& o : objectives) known.emplace_back(o.name);
+  std::vector<std::string> known(objective_count);
+  std::ranges::transform(objectives, known.begin(),
+                         [](const ObjectiveText& o) { return std::string(o.name); });
   const auto found = std::ranges::find(known, name);
   if (found != known.end()) return static_cast<Objective>(found - known.begin());
   const std::string close = nearest(name, known);

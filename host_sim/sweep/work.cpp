@@ -208,9 +208,8 @@ void serve(const WorkerConfig& config, Ranks& ranks, std::uint64_t identity) {
     return;
   }
   try {
-    std::vector<std::unique_ptr<CaseRunner>> runners;
-    for (int i = 0; i < config.jobs; ++i)
-      runners.push_back(std::make_unique<CaseRunner>(*config.spec, *config.scenes, config.kernel));
+    std::vector<CaseRunner> runners(static_cast<std::size_t>(config.jobs),
+                                    CaseRunner(*config.spec, *config.scenes, config.kernel));
     std::vector<std::vector<Finished>> each(runners.size());
     while (true) {
       ranks.send(0, results);
@@ -220,7 +219,7 @@ void serve(const WorkerConfig& config, Ranks& ranks, std::uint64_t identity) {
       const auto packages = read_packages(message);
       run_jobs(static_cast<int>(std::min(packages.size(), runners.size())), [&](int slot) {
         const auto i = static_cast<std::size_t>(slot);
-        (void)runners[i]->run(packages[i], each[i]);
+        (void)runners[i].run(packages[i], each[i]);
       });
       for (auto& some : each) {
         for (const Finished& f : some) put(results, f);

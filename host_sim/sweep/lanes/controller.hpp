@@ -21,7 +21,7 @@ struct Eigen::NumTraits<esmc::host::Lanes<N, Tag>> : Eigen::GenericNumTraits<dou
 template <int N, class Tag>
 struct Eigen::internal::scalar_fuzzy_impl<esmc::host::Lanes<N, Tag>> {
   using L = esmc::host::Lanes<N, Tag>;
-  template <class>
+  template <class>  // NOLINTNEXTLINE(readability-identifier-naming): Eigen's name
   static bool isMuchSmallerThan(const L& x, const L& y, const L& precision) {
     return none(!(magnitude(x) <= magnitude(y) * precision));
   }

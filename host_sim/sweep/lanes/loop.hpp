@@ -61,7 +61,7 @@ class LaneLoop {
   /// `to` becomes of(case) of all lanes: a struct of numbers, or a vector.
   template <class To, class F>
   void gather(To& to, const F& of) const {
-    constexpr std::size_t numbers = sizeof(to) / sizeof(L);
+    constexpr std::size_t numbers = sizeof(to) / sizeof(L);  // NOLINT(bugprone-sizeof-expression)
     std::array<L, numbers> out;
     for (int lane = 0; lane < n; ++lane) {
       const auto from = std::bit_cast<std::array<double, numbers>>(of(cases_[lane]));
