@@ -17,13 +17,11 @@ template <class M>
 using MitCycle = Cycle<M, drive::MitAxis>;
 
 /// @cond
-// NOLINTBEGIN(bugprone-macro-parentheses): the keyword of a template and a type take none
 #define ESMC_CONTROLLER(TEMPLATE, M)          \
   TEMPLATE class Controller<M>;               \
   TEMPLATE class Cycle<M, drive::OdriveAxis>; \
   TEMPLATE class Cycle<M, drive::Cia402Axis>; \
   TEMPLATE class Cycle<M, drive::MitAxis>
-// NOLINTEND(bugprone-macro-parentheses)
 ESMC_CONTROLLER(extern template, FiveBar<double>);
 ESMC_CONTROLLER(extern template, FiveBar<float>);
 ESMC_CONTROLLER(extern template, Rr<double>);

@@ -63,6 +63,15 @@ def arguments_of(command):
     return arguments
 
 
+def sources_of(file, build):
+    """The source files of the project that a translation unit stands for: itself, or those that a unity unit includes."""
+    if not file.is_relative_to(build):
+        return [file] if file.is_relative_to(ROOT) else []
+    if not file.name.startswith("unity_"):
+        return []  # generated
+    return [pathlib.Path(name) for name in re.findall(r'^#include "(/.*)"$', file.read_text(encoding="utf-8"), re.M)]
+
+
 def commands_of(builds):
     """The compile commands of the product by (source file, board), generated sources left out."""
     commands = {}
@@ -72,14 +81,12 @@ def commands_of(builds):
             print(f"{build}: not configured, left out")
             continue
         for entry in json.loads(database.read_text(encoding="utf-8")):
-            file = pathlib.Path(entry["file"])
-            if file.is_relative_to(build) or not file.is_relative_to(ROOT):
-                continue
-            place, board = file.relative_to(ROOT), "" if build == builds[0] else build.name
-            if place.parts[0] not in (("boards",) if board else PRODUCT) or (place.as_posix(), board) in commands:
-                continue
-            commands[place.as_posix(), board] = {"directory": entry["directory"], "file": entry["file"],
-                                                 "arguments": arguments_of(entry["command"])}
+            for file in sources_of(pathlib.Path(entry["file"]), build):
+                place, board = file.relative_to(ROOT), "" if build == builds[0] else build.name
+                if place.parts[0] not in (("boards",) if board else PRODUCT) or (place.as_posix(), board) in commands:
+                    continue
+                arguments = [str(file) if a == entry["file"] else a for a in arguments_of(entry["command"])]
+                commands[place.as_posix(), board] = {"directory": entry["directory"], "file": str(file), "arguments": arguments}
     return commands
 
 
