@@ -29,32 +29,32 @@ struct Cost {
 // Measured by the emulator, and written by `tests/boards/board_test.py count ... --update`.
 inline constexpr Cost costs_float[] = {
     // <!-- costs mps2-an386 -->
-    {"esmc", 3071, 0},
-    {"esmc_projected", 2928, 0},
-    {"smc", 2870, 0},
-    {"ctc", 2833, 0},
-    {"pd", 2419, 0},
-    {"super_twisting", 4531, 10472},
-    {"implicit_coupled", 13204, 13656},
-    {"momentum_observer", 2047, 3576},
-    {"predictor", 4935, 3632},
-    {"closure_projection", 2597, 2208},
-    {"four_motors", 4316, 9512},
+    {"esmc", 3051, 0},
+    {"esmc_projected", 2906, 0},
+    {"smc", 2841, 0},
+    {"ctc", 2800, 0},
+    {"pd", 2386, 0},
+    {"super_twisting", 2334, 3200},
+    {"implicit_coupled", 11250, 5896},
+    {"momentum_observer", 1849, 3576},
+    {"predictor", 4150, 3632},
+    {"closure_projection", 2615, 2440},
+    {"four_motors", 4309, 9632},
     // <!-- /costs mps2-an386 -->
 };
 inline constexpr Cost costs_double[] = {
     // <!-- costs mps2-an500 -->
-    {"esmc", 5171, 0},
-    {"esmc_projected", 4463, 0},
-    {"smc", 3717, 0},
-    {"ctc", 3672, 0},
-    {"pd", 2876, 0},
-    {"super_twisting", 5012, 11224},
-    {"implicit_coupled", 13222, 12760},
-    {"momentum_observer", 3579, 3608},
-    {"predictor", 7087, 2952},
-    {"closure_projection", 3075, 1928},
-    {"four_motors", 4195, 9232},
+    {"esmc", 4228, 0},
+    {"esmc_projected", 3785, 0},
+    {"smc", 3413, 0},
+    {"ctc", 3368, 0},
+    {"pd", 2762, 0},
+    {"super_twisting", 3277, 3432},
+    {"implicit_coupled", 11600, 5144},
+    {"momentum_observer", 2847, 3608},
+    {"predictor", 5876, 2976},
+    {"closure_projection", 3043, 1912},
+    {"four_motors", 4165, 9232},
     // <!-- /costs mps2-an500 -->
 };
 
