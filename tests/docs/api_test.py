@@ -85,7 +85,7 @@ def judge(doxygen, doxyfile, root):
 
 
 def self_test(doxygen, doxyfile):
-    seeds = [("firmware/control/law.hpp", "/// u = a_d", "/// \\nonsense u = a_d", "nonsense"),
+    seeds = [("firmware/control/law.hpp", "/// Sets v' = C u + c", "/// \\nonsense Sets v' = C u + c", "nonsense"),
              ("firmware/control/law.hpp", "[F27]", "[F99]", "F99"),
              ("firmware/control/law.hpp", "/// Laws, see docs/theory.md.", "", "LawKind"),
              ("docs/api.md", "`esmc::Cycle`", "`esmc::Cyclone`", "Cyclone"),

@@ -64,7 +64,9 @@ TYPED_TEST(Parts, SuperTwistingActsOnWhatTheChannelsHaveInCommon) {
         }
         w[i] = (sigma[i] - std::copysign(low, sigma[i])) / h;
       }
-      const Channels18 got = (acceleration - without.acceleration).template cast<Real>(), want = C * w;
+      Channels18 got = (acceleration - without.acceleration).template cast<Real>(), want = C * w;
+      for (int i = 0; i < 18; ++i)
+        if (!FiveBar<S>::has_mass(i)) got[i] = want[i] = 0;  // the pass of a tick leaves these rows out
       // sigma / h: what sigma loses in cancellation is magnified by the root near zero.
       error.compare(seed, got, want,
                     Real(without.acceleration.cwiseAbs().maxCoeff()) + want.cwiseAbs().maxCoeff());
