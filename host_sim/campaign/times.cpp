@@ -1,4 +1,4 @@
-#include "host_sim/campaign/times.hpp"
+#include "host_sim/campaign/injections.hpp"
 
 #include <algorithm>
 #include <cmath>

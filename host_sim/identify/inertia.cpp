@@ -108,34 +108,6 @@ std::vector<std::string> weak_directions(const std::vector<BaseParameter>& param
   return out;
 }
 
-}  // namespace
-
-std::vector<StandardParameter> standard_parameters(bool five_bar) {
-  std::vector<StandardParameter> out;
-  const std::vector<std::string> legs =
-      five_bar ? std::vector<std::string>{"1", "2"} : std::vector<std::string>{""};
-  for (const std::string& leg : legs) {
-    for (const char* moment : {"a", "c"}) out.push_back({moment + leg, "kg m2", true});
-    for (const char* moment : {"h", "s"}) out.push_back({moment + leg, "kg m", true});
-  }
-  if (five_bar) out.push_back({"m0", "kg", true});
-  for (const auto& [name, unit] : {std::pair("viscous", "N m s/rad"), std::pair("coulomb", "N m")}) {
-    for (const std::string& leg : legs) {
-      for (const char* joint : {"1", "2"})
-        out.push_back({fmt::format("{} theta{}{}", name, leg, joint), unit, false});
-    }
-  }
-  return out;
-}
-
-std::size_t ticks_needed(const IdentifyProblem& p) {
-  const double length = std::round(p.window / p.tick);  // twenty windows side by side, and the margins
-  return static_cast<std::size_t>(20.0 * length + 2.0 * std::min(delay_max, 0.5 * length)) + 2 * rate_half +
-         2;
-}
-
-namespace {
-
 /// Sets the nominal values of the base parameters. Returns what an uncertainty of each is compared with: the
 /// largest nominal value of its kind, moment of inertia or mass moment, as many of them may be 0.
 Vector set_nominal(std::vector<BaseParameter>& parameters, const IdentifyProblem& p) {
@@ -232,6 +204,30 @@ IdentifyProblem without_lag(IdentifyProblem p, double share) {
 }
 
 }  // namespace
+
+std::vector<StandardParameter> standard_parameters(bool five_bar) {
+  std::vector<StandardParameter> out;
+  const std::vector<std::string> legs =
+      five_bar ? std::vector<std::string>{"1", "2"} : std::vector<std::string>{""};
+  for (const std::string& leg : legs) {
+    for (const char* moment : {"a", "c"}) out.push_back({moment + leg, "kg m2", true});
+    for (const char* moment : {"h", "s"}) out.push_back({moment + leg, "kg m", true});
+  }
+  if (five_bar) out.push_back({"m0", "kg", true});
+  for (const auto& [name, unit] : {std::pair("viscous", "N m s/rad"), std::pair("coulomb", "N m")}) {
+    for (const std::string& leg : legs) {
+      for (const char* joint : {"1", "2"})
+        out.push_back({fmt::format("{} theta{}{}", name, leg, joint), unit, false});
+    }
+  }
+  return out;
+}
+
+std::size_t ticks_needed(const IdentifyProblem& p) {
+  const double length = std::round(p.window / p.tick);  // twenty windows side by side, and the margins
+  return static_cast<std::size_t>(20.0 * length + 2.0 * std::min(delay_max, 0.5 * length)) + 2 * rate_half +
+         2;
+}
 
 Identification identify(const IdentifyProblem& p) {
   if (!(p.observer_bandwidth > 0.0)) return fit(p);
