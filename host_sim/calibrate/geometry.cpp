@@ -314,10 +314,6 @@ const char* name_of(int unknown, bool five_bar) {
   return five_bar ? five[static_cast<std::size_t>(unknown)] : arm[static_cast<std::size_t>(unknown)];
 }
 
-double Calibration::sigma(int unknown) const {
-  return std::sqrt(std::max(0.0, covariance(unknown, unknown)));
-}
-
 Calibration calibrate(const CalibrationProblem& p) {
   Calibration out;
   out.estimated = estimated_of(p);

@@ -3,6 +3,7 @@
 /// any, from measured positions of the effector. Equations of its own, in complex numbers: nothing of the
 /// controller's model is used.
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <complex>
@@ -177,7 +178,9 @@ struct Calibration {
   bool converged = false;
   bool in_numbers = true;  ///< false: far from any mechanism; only `value` is set
 
-  [[nodiscard]] double sigma(int unknown) const;  ///< standard uncertainty, m or rad
+  [[nodiscard]] double sigma(int unknown) const {
+    return std::sqrt(std::max(0.0, covariance(unknown, unknown)));
+  }  ///< standard uncertainty, m or rad
 };
 
 /// Least squares in which angles and positions carry the errors (a Gauss-Helmert model): the correction of

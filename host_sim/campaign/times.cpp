@@ -20,19 +20,6 @@ double time_out(const Scene& s) {
 // Drives count in ticks and allow half a tick of rounding; at exactly half a tick it may go either way.
 constexpr double either_way = 1e-9;  // ticks
 
-int most_ticks(double seconds, const Scene& s) {
-  return static_cast<int>(std::floor(seconds * s.rate_hz + 0.5 + either_way));
-}
-int first_tick_after(double seconds, const Scene& s) {
-  return static_cast<int>(std::ceil(seconds * s.rate_hz + 0.5 - either_way));
-}
-
-/// ms; two frames for every motor, one for the last.
-double frames_ms(const Scene& s) {
-  const double bits = worst_bits(8), frames = 2 * s.motors() - 1;
-  return frames * bits / (s.bitrate / 1e3);
-}
-
 /// Whether a motor may leave the range of its drive's replies before limits.joint_speed, or within two turns.
 bool out_of_range(const Scene& s) {
   if (s.drives.protocol != Protocol::mit) return false;
@@ -56,12 +43,13 @@ EpisodeTimes episode_times(const Scene& s) {
   t.halt_ticks = ticks(s.limits.halt_time);
   t.max_age_ticks = s.limits.max_age_ticks;
   t.heartbeat_ticks = static_cast<int>(std::ceil(s.drives.heartbeat_timeout * s.rate_hz));
-  t.beat_ticks = std::max(1, most_ticks(beat, s));
-  t.watchdog_ticks = first_tick_after(time_out(s), s);
+  t.beat_ticks = std::max(1, static_cast<int>(std::floor(beat * s.rate_hz + 0.5 + either_way)));
+  t.watchdog_ticks = static_cast<int>(std::ceil(time_out(s) * s.rate_hz + 0.5 - either_way));
   t.feed_ticks = s.drives.protocol == Protocol::cia402 ? static_cast<int>(heartbeat_ticks(s)) : 1;
   // A drive counts ticks from the one in which it was fed: up to a tick and a half more.
   t.watchdog_ms = ms * time_out(s) + 2.0 * ms * t.tick;
-  t.frames_ms = frames_ms(s);
+  t.frames_ms =
+      (2.0 * s.motors() - 1.0) * worst_bits(8) / (s.bitrate / ms);  // two for each motor, one for the last
   t.jump = s.limits.feedback_jump > 0.0 ? s.limits.feedback_jump : s.limits.joint_speed * t.tick;
   t.steps_per_tick = std::max(1, static_cast<int>(std::ceil(t.tick / s.step - either_way)));
   const double lambda = std::max(s.lambda.position, s.lambda.angle);

@@ -227,7 +227,11 @@ class Run {
       a_.fault_t = t;
     }
     const Vec<double, 6> u = result.input.template cast<double>();
-    account(n, u);
+    const double force = scene_.platform ? u.cwiseAbs().maxCoeff() : u.head<3>().cwiseAbs().maxCoeff();
+    a_.force_max = larger(a_.force_max, force);
+    a_.moment_max = larger(a_.moment_max, u.tail<3>().cwiseAbs().maxCoeff());
+    if (n > 0) a_.change += (u - before_).cwiseAbs().mean();
+    before_ = u;
     if (result.saturated) ++a_.saturated;
     const auto state = listed(s_);
     require_finite(state, t);
@@ -249,14 +253,6 @@ class Run {
       log_.row({row.data(), row.data() + row.size()}, "");
     }
     return u;
-  }
-
-  void account(std::uint32_t n, const Vec<double, 6>& u) {
-    const double force = scene_.platform ? u.cwiseAbs().maxCoeff() : u.head<3>().cwiseAbs().maxCoeff();
-    a_.force_max = larger(a_.force_max, force);
-    a_.moment_max = larger(a_.moment_max, u.tail<3>().cwiseAbs().maxCoeff());
-    if (n > 0) a_.change += (u - before_).cwiseAbs().mean();
-    before_ = u;
   }
 
   void account_energy() {

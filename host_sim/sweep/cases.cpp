@@ -172,11 +172,6 @@ double nominal_number(toml::table root, const Vary& v) {
   return *node->value<double>();
 }
 
-bool possible(const Scene& s) {
-  return check(s.mechanism.legs[0]) != ParamError::no_inertia &&
-         check(s.mechanism.legs[1]) != ParamError::no_inertia;
-}
-
 }  // namespace
 
 struct CaseScenes::Tables {
@@ -312,7 +307,10 @@ void CaseScenes::bind(std::uint64_t index, Scene& scene) const {
     }
   }
   if (!any_mechanism_) return;
-  if (!possible(scene)) throw InputError(spec_->scene, "a bar without mass and inertia cannot move");
+  for (const LegParams<double>& leg : scene.mechanism.legs) {
+    if (check(leg) == ParamError::no_inertia)
+      throw InputError(spec_->scene, "a bar without mass and inertia cannot move");
+  }
   if (!tables_->assembly_mode_given) scene.assembly_mode = 0;
   set_start(scene, scene.control_where, scene.reference_where);
 }
