@@ -20,19 +20,6 @@ double time_out(const Scene& s) {
 // Drives count in ticks and allow half a tick of rounding; at exactly half a tick it may go either way.
 constexpr double either_way = 1e-9;  // ticks
 
-/// Whether a motor may leave the range of its drive's replies before limits.joint_speed, or within two turns.
-bool out_of_range(const Scene& s) {
-  if (s.drives.protocol != Protocol::mit) return false;
-  constexpr double turns = 4.0 * std::numbers::pi;
-  bool any = false;
-  for (std::size_t i = 0; i < static_cast<std::size_t>(s.motors()); ++i) {
-    const double gear = s.drives.gear_ratio[i];
-    any = any || s.drives.velocity_range[i] < s.limits.joint_speed * gear ||
-          s.drives.position_range[i] < turns * gear;
-  }
-  return any;
-}
-
 }  // namespace
 
 EpisodeTimes episode_times(const Scene& s) {
@@ -54,7 +41,6 @@ EpisodeTimes episode_times(const Scene& s) {
   t.steps_per_tick = std::max(1, static_cast<int>(std::ceil(t.tick / s.step - either_way)));
   const double lambda = std::max(s.lambda.position, s.lambda.angle);
   t.open_ticks = lambda > 0.0 ? static_cast<int>(std::floor(1.0 / (lambda * t.tick))) : t.open_ticks;
-  t.out_of_range = out_of_range(s);
   t.read_back = s.drives.endpoints.has_value();
   t.silent_ticks =
       std::max(2, static_cast<int>(std::floor(
@@ -63,6 +49,11 @@ EpisodeTimes episode_times(const Scene& s) {
     t.link_ticks = static_cast<int>(std::ceil(s.command->timeout * s.rate_hz));
   t.zeros_at_boot = s.drives.protocol == Protocol::odrive_0_5;
   t.motors = static_cast<std::size_t>(s.motors());
+  for (std::size_t i = 0; s.drives.protocol == Protocol::mit && i < t.motors; ++i) {
+    const double gear = s.drives.gear_ratio[i];  // before limits.joint_speed, or within two turns
+    t.out_of_range = t.out_of_range || s.drives.velocity_range[i] < s.limits.joint_speed * gear ||
+                     s.drives.position_range[i] < 4.0 * std::numbers::pi * gear;
+  }
   t.axes = s.drives.nodes.size();
   if (s.limits.after_halt != AfterHalt::hold) {
     t.off_after_halt_ticks = 4 * t.halt_ticks + ticks(s.limits.lower_time) + 4;

@@ -75,8 +75,15 @@ class Starter {
     if (scene_.type == MechanismType::rr || q.size() == 4) {
       scene_.start_angle = q;
       scene_.start_rate = qd;
-      if (q.size() == 4) check_closure();
-      return;
+      if (q.size() != 4) return;
+      const V2 a = leg_tip(scene_.mechanism.legs[0], {q[0], q[1]}),
+               b = leg_tip(scene_.mechanism.legs[1], {q[2], q[3]});
+      const double gap = std::hypot(scene_.mechanism.l0 + a.x - (-scene_.mechanism.l0 - b.x), a.y - b.y);
+      if (gap <= 1e-6) return;
+      throw InputError(
+          where_,
+          fmt::format("the four joint angles do not close: the leg tips are {:.3g} m apart (allowed: 1e-6)",
+                      gap));
     }
     if (scene_.assembly_mode == 0) {
       throw InputError(
@@ -108,18 +115,6 @@ class Starter {
   }
 
  private:
-  void check_closure() const {
-    const auto& q = scene_.start_angle;
-    const V2 a = leg_tip(scene_.mechanism.legs[0], {q[0], q[1]}),
-             b = leg_tip(scene_.mechanism.legs[1], {q[2], q[3]});
-    const double gap = std::hypot(scene_.mechanism.l0 + a.x - (-scene_.mechanism.l0 - b.x), a.y - b.y);
-    if (!(gap <= 1e-6)) {
-      throw InputError(
-          where_,
-          fmt::format("the four joint angles do not close: the leg tips are {:.3g} m apart (allowed: 1e-6)",
-                      gap));
-    }
-  }
   /// All four rates from those of the base joints: U v = (l1 sin(theta2) rate)_j, then each leg's own.
   [[nodiscard]] std::vector<double> closed_rates(const std::array<double, 4>& q,
                                                  const std::vector<double>& base) const {
