@@ -235,23 +235,6 @@ Matrix covariance_of(const Normal& n, const Rows& loop, std::size_t effector_row
   return congruent(pseudo_inverse(n.H), gradient);
 }
 
-}  // namespace
-
-const char* name_of(int unknown, bool five_bar) {
-  static constexpr std::array five{"half_base",      "leg 1 l1",       "leg 1 l2",       "leg 2 l1",
-                                   "leg 2 l2",       "offset theta11", "offset theta12", "offset theta21",
-                                   "offset theta22", "frame x",        "frame y",        "frame angle"};
-  static constexpr std::array arm{
-      "", "l1", "l2", "", "", "offset theta1", "offset theta2", "", "", "frame x", "frame y", "frame angle"};
-  return five_bar ? five[static_cast<std::size_t>(unknown)] : arm[static_cast<std::size_t>(unknown)];
-}
-
-double Calibration::sigma(int unknown) const {
-  return std::sqrt(std::max(0.0, covariance(unknown, unknown)));
-}
-
-namespace {
-
 /// A five-bar's shape alone, with the scale as it is: the best of the fits from `starts`. How well its loop
 /// closes says how good the encoders are: `sigma`, rad, in and out.
 Unknowns fit_shape(const CalibrationProblem& p, const std::vector<Unknowns>& starts,
@@ -321,6 +304,15 @@ void measure_residuals(const CalibrationProblem& p, Calibration& out) {
 }
 
 }  // namespace
+
+const char* name_of(int unknown, bool five_bar) {
+  static constexpr std::array five{"half_base",      "leg 1 l1",       "leg 1 l2",       "leg 2 l1",
+                                   "leg 2 l2",       "offset theta11", "offset theta12", "offset theta21",
+                                   "offset theta22", "frame x",        "frame y",        "frame angle"};
+  static constexpr std::array arm{
+      "", "l1", "l2", "", "", "offset theta1", "offset theta2", "", "", "frame x", "frame y", "frame angle"};
+  return five_bar ? five[static_cast<std::size_t>(unknown)] : arm[static_cast<std::size_t>(unknown)];
+}
 
 Calibration calibrate(const CalibrationProblem& p) {
   Calibration out;

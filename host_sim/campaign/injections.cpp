@@ -267,12 +267,7 @@ bool possible(const InjectionRow& row, const ProtocolTraits& d, const EpisodeTim
 }
 
 bool lists(std::string_view list, std::string_view word) {
-  while (!list.empty()) {
-    const std::size_t end = std::min(list.find(' '), list.size());
-    if (list.substr(0, end) == word) return true;
-    list.remove_prefix(std::min(end + 1, list.size()));
-  }
-  return false;
+  return fmt::format(" {} ", list).find(fmt::format(" {} ", word)) != std::string::npos;
 }
 
 Injection draw_injection(Draw& draw, const EpisodeTimes& times, const ProtocolTraits& traits,

@@ -1,4 +1,4 @@
-#include "host_sim/campaign/times.hpp"
+#include "host_sim/campaign/injections.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -20,32 +20,6 @@ double time_out(const Scene& s) {
 // Drives count in ticks and allow half a tick of rounding; at exactly half a tick it may go either way.
 constexpr double either_way = 1e-9;  // ticks
 
-int most_ticks(double seconds, const Scene& s) {
-  return static_cast<int>(std::floor(seconds * s.rate_hz + 0.5 + either_way));
-}
-int first_tick_after(double seconds, const Scene& s) {
-  return static_cast<int>(std::ceil(seconds * s.rate_hz + 0.5 - either_way));
-}
-
-/// ms; two frames for every motor, one for the last.
-double frames_ms(const Scene& s) {
-  const double bits = worst_bits(8), frames = 2 * s.motors() - 1;
-  return frames * bits / (s.bitrate / 1e3);
-}
-
-/// Whether a motor may leave the range of its drive's replies before limits.joint_speed, or within two turns.
-bool out_of_range(const Scene& s) {
-  if (s.drives.protocol != Protocol::mit) return false;
-  constexpr double turns = 4.0 * std::numbers::pi;
-  bool any = false;
-  for (std::size_t i = 0; i < static_cast<std::size_t>(s.motors()); ++i) {
-    const double gear = s.drives.gear_ratio[i];
-    any = any || s.drives.velocity_range[i] < s.limits.joint_speed * gear ||
-          s.drives.position_range[i] < turns * gear;
-  }
-  return any;
-}
-
 }  // namespace
 
 EpisodeTimes episode_times(const Scene& s) {
@@ -56,17 +30,17 @@ EpisodeTimes episode_times(const Scene& s) {
   t.halt_ticks = ticks(s.limits.halt_time);
   t.max_age_ticks = s.limits.max_age_ticks;
   t.heartbeat_ticks = static_cast<int>(std::ceil(s.drives.heartbeat_timeout * s.rate_hz));
-  t.beat_ticks = std::max(1, most_ticks(beat, s));
-  t.watchdog_ticks = first_tick_after(time_out(s), s);
+  t.beat_ticks = std::max(1, static_cast<int>(std::floor(beat * s.rate_hz + 0.5 + either_way)));
+  t.watchdog_ticks = static_cast<int>(std::ceil(time_out(s) * s.rate_hz + 0.5 - either_way));
   t.feed_ticks = s.drives.protocol == Protocol::cia402 ? static_cast<int>(heartbeat_ticks(s)) : 1;
   // A drive counts ticks from the one in which it was fed: up to a tick and a half more.
   t.watchdog_ms = ms * time_out(s) + 2.0 * ms * t.tick;
-  t.frames_ms = frames_ms(s);
+  t.frames_ms =
+      (2.0 * s.motors() - 1.0) * worst_bits(8) / (s.bitrate / ms);  // two for each motor, one for the last
   t.jump = s.limits.feedback_jump > 0.0 ? s.limits.feedback_jump : s.limits.joint_speed * t.tick;
   t.steps_per_tick = std::max(1, static_cast<int>(std::ceil(t.tick / s.step - either_way)));
   const double lambda = std::max(s.lambda.position, s.lambda.angle);
   t.open_ticks = lambda > 0.0 ? static_cast<int>(std::floor(1.0 / (lambda * t.tick))) : t.open_ticks;
-  t.out_of_range = out_of_range(s);
   t.read_back = s.drives.endpoints.has_value();
   t.silent_ticks =
       std::max(2, static_cast<int>(std::floor(
@@ -75,6 +49,11 @@ EpisodeTimes episode_times(const Scene& s) {
     t.link_ticks = static_cast<int>(std::ceil(s.command->timeout * s.rate_hz));
   t.zeros_at_boot = s.drives.protocol == Protocol::odrive_0_5;
   t.motors = static_cast<std::size_t>(s.motors());
+  for (std::size_t i = 0; s.drives.protocol == Protocol::mit && i < t.motors; ++i) {
+    const double gear = s.drives.gear_ratio[i];  // before limits.joint_speed, or within two turns
+    t.out_of_range = t.out_of_range || s.drives.velocity_range[i] < s.limits.joint_speed * gear ||
+                     s.drives.position_range[i] < 4.0 * std::numbers::pi * gear;
+  }
   t.axes = s.drives.nodes.size();
   if (s.limits.after_halt != AfterHalt::hold) {
     t.off_after_halt_ticks = 4 * t.halt_ticks + ticks(s.limits.lower_time) + 4;

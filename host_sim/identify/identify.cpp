@@ -100,12 +100,6 @@ void judge(const Identification& r, const RecordedRun& run, const IdentifyOption
   }
 }
 
-constexpr const char* legend(bool five_bar) {
-  return five_bar ? "per leg j: aj = J1 + m1 lg1^2 + m2 l1^2, cj = J2 + m2 lg2^2, hj = m2 lg2, sj = m1 lg1 + "
-                    "m2 l1; m0 the effector's mass"
-                  : "a = J1 + m1 lg1^2 + m2 l1^2, c = J2 + m2 lg2^2, h = m2 lg2, s = m1 lg1 + m2 l1";
-}
-
 Json json_of(const Identification& r, const RecordedRun& run, const IdentifyProblem& p,
              const IdentifyOptions& o, const UncertaintyTable& table) {
   Json j;
@@ -159,7 +153,11 @@ void print(const Identification& r, const RecordedRun& run, const IdentifyProble
   }
   fmt::print("{:<18}{:>12}{:>12.4g}{:>12.4g}{:>12.4g} ticks\n", "torque delay", "", r.delay_ticks,
              r.delay_ticks - o.coverage * r.delay_sigma, r.delay_ticks + o.coverage * r.delay_sigma);
-  fmt::print("{}\n{}", legend(p.five_bar), sums);
+  fmt::print("{}\n{}",
+             p.five_bar ? "per leg j: aj = J1 + m1 lg1^2 + m2 l1^2, cj = J2 + m2 lg2^2, hj = m2 lg2, sj = m1 "
+                          "lg1 + m2 l1; m0 the effector's mass"
+                        : "a = J1 + m1 lg1^2 + m2 l1^2, c = J2 + m2 lg2^2, h = m2 lg2, s = m1 lg1 + m2 l1",
+             sums);
   fmt::print("unexplained: {:.2g} and {:.2g} N m rms of {:.2g} and {:.2g}\n", r.residual[0], r.residual[1],
              r.effort[0], r.effort[1]);
   for (const std::string& w : table.warnings) fmt::print("warning: {}\n", w);

@@ -15,27 +15,27 @@ Body<double> rod() { return body(1.0, 0.5, 0.0, 1.0, 1.0 / 12.0); }
 
 }  // namespace
 
-AndrewsChains Andrews::build() {
-  const Serial<double, Bar, Bar> crank_and_rod(  // the rod points backwards
-      {{body(0.007, 0.00092, 0.0, 0.04325, 2.194e-6), body(-0.028, -0.0115, 0.0, 0.00365, 4.410e-7)}}, 0.0);
-  const Serial<double, Plate> k3({{body(0.035, 0.01874, 0.01043, 0.02373, 5.255e-6)}}, 0.0);
-  const Serial<double, Plate, Bar> k5_k4(
-      {{body(0.04, 0.02308, 0.00916, 0.07050, 1.169e-5), body(0.02, 0.02 - 0.01421, 0.0, 0.00706, 5.667e-7)}},
-      0.0);
-  const Serial<double, Plate, Bar> k7_k6({{body(0.04, 0.01228, -0.00449, 0.05498, 1.912e-5),
-                                           body(0.02, 0.02 - 0.01421, 0.0, 0.00706, 5.667e-7)}},
-                                         0.0);
-  AndrewsChains::Mounting m;
-  const Vec2<double> a(-0.06934, -0.00227);
-  m.base = {{Vec2<double>::Zero(), Vec2<double>(-0.03635, 0.03273), a, a}};
-  // The literature counts these angles from another axis of the body.
-  m.zero[gamma] = m.zero[phi] = m.zero[epsilon] = -quarter;
-  m.zero[omega] = quarter;
-  m.offset = {{Vec2<double>::Zero(), Vec2<double>::Zero(), Vec2<double>::Zero()}};
-  return {crank_and_rod, k3, k5_k4, k7_k6, m};
-}
-
-Andrews::Andrews() : ChainSystem(build()) {}
+Andrews::Andrews()
+    : ChainSystem([] {
+        const Serial<double, Bar, Bar> crank_and_rod(  // the rod points backwards
+            {{body(0.007, 0.00092, 0.0, 0.04325, 2.194e-6), body(-0.028, -0.0115, 0.0, 0.00365, 4.410e-7)}},
+            0.0);
+        const Serial<double, Plate> k3({{body(0.035, 0.01874, 0.01043, 0.02373, 5.255e-6)}}, 0.0);
+        const Serial<double, Plate, Bar> k5_k4({{body(0.04, 0.02308, 0.00916, 0.07050, 1.169e-5),
+                                                 body(0.02, 0.02 - 0.01421, 0.0, 0.00706, 5.667e-7)}},
+                                               0.0);
+        const Serial<double, Plate, Bar> k7_k6({{body(0.04, 0.01228, -0.00449, 0.05498, 1.912e-5),
+                                                 body(0.02, 0.02 - 0.01421, 0.0, 0.00706, 5.667e-7)}},
+                                               0.0);
+        AndrewsChains::Mounting m;
+        const Vec2<double> a(-0.06934, -0.00227);
+        m.base = {{Vec2<double>::Zero(), Vec2<double>(-0.03635, 0.03273), a, a}};
+        // The literature counts these angles from another axis of the body.
+        m.zero[gamma] = m.zero[phi] = m.zero[epsilon] = -quarter;
+        m.zero[omega] = quarter;
+        m.offset = {{Vec2<double>::Zero(), Vec2<double>::Zero(), Vec2<double>::Zero()}};
+        return AndrewsChains(crank_and_rod, k3, k5_k4, k7_k6, m);
+      }()) {}
 
 Andrews::State Andrews::start() const {
   State y{};
@@ -82,7 +82,7 @@ void Pendulum::project(State& y) {
 }
 
 FallingFiveBar::FallingFiveBar()
-    : FallingFiveBar([] {
+    : plant_([] {
         const LegParams<double> leg{
             .l1 = 0.12, .l2 = 0.16, .lg1 = 0.06, .lg2 = 0.068, .m1 = 0.1, .m2 = 0.1, .J1 = 2e-4, .J2 = 7e-4};
         return FiveBarParams<double>{.l0 = 0.05, .m0 = 0.0, .g = 9.8, .legs = {leg, leg}};

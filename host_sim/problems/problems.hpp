@@ -71,7 +71,6 @@ class Andrews : public ChainSystem<Andrews, AndrewsChains> {
   }
 
  private:
-  static AndrewsChains build();
   Vec2<double> spring_from_k3_{0.014 - -0.03635,
                                0.072 - 0.03273};  // its end on the ground, from the joint of K3
 };
@@ -116,7 +115,6 @@ class FallingFiveBar {
   using State = std::array<double, capacity>;
 
   FallingFiveBar();
-  explicit FallingFiveBar(const FiveBarParams<double>& p) : plant_(p) {}
   [[nodiscard]] static constexpr std::size_t size() { return capacity; }
   [[nodiscard]] State start() const;
   void slope(double t, const State& y, State& dy) const;

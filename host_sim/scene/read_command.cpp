@@ -1,6 +1,8 @@
-#include "host_sim/scene/readers.hpp"
+#include "host_sim/scene/reader.hpp"
 
 #include <fmt/format.h>
+
+#include "host_sim/scene/scene.hpp"
 
 namespace esmc::host {
 namespace {
@@ -17,18 +19,6 @@ std::array<double, 2> gain_range(Section& s, const char* key, const PerKind& own
     if (!(r[0] <= v && v <= r[1])) s.fail(key, fmt::format("must contain what [control] has, {:g}", v));
   }
   return r;
-}
-
-void check_identifiers(const Section& s, const Scene& scene, int base) {
-  if (base % static_cast<int>(block) != 0) s.fail("base_id", fmt::format("must be a multiple of {}", block));
-  for (const std::uint32_t id : drive_identifiers(scene)) {
-    if (id / block == static_cast<std::uint32_t>(base) / block) {
-      s.fail("base_id",
-             fmt::format(
-                 "takes the identifiers 0x{:03x} to 0x{:03x}, and the drives of this scene have 0x{:03x}",
-                 base, base + static_cast<int>(block) - 1, id));
-    }
-  }
 }
 
 }  // namespace
@@ -69,7 +59,15 @@ void read_command(Section s, Scene& scene) {
   }
   CommandScene& c = scene.command.emplace();
   s.read_fields(scene);
-  check_identifiers(s, scene, c.base_id);
+  const auto base = static_cast<std::uint32_t>(c.base_id);
+  if (base % block != 0) s.fail("base_id", fmt::format("must be a multiple of {}", block));
+  for (const std::uint32_t id : drive_identifiers(scene)) {
+    if (id / block != base / block) continue;
+    s.fail(
+        "base_id",
+        fmt::format("takes the identifiers 0x{:03x} to 0x{:03x}, and the drives of this scene have 0x{:03x}",
+                    base, base + block - 1, id));
+  }
   c.arm_by_link = s.text("arm") == "link";
   c.timeout = s.optional_number("timeout").value_or(c.arm_by_link ? 1.0 : 0.0);
   c.lambda = gain_range(s, "lambda", scene.lambda);

@@ -1,10 +1,12 @@
-#include "host_sim/scene/readers.hpp"
+#include "host_sim/scene/reader.hpp"
 
 #include <fmt/format.h>
 
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
+
+#include "host_sim/scene/scene.hpp"
 
 namespace esmc::host {
 namespace {
@@ -106,26 +108,6 @@ void read_mit(Section& s, Scene& scene) {
   }
 }
 
-/// Where the operator confirms the encoder zero.
-void read_zero_pose(Section& s, Scene& scene) {
-  if (const auto pose = s.optional_numbers("zero_pose", {2, 4})) {
-    if (pose->size() != (scene.all_sensors ? static_cast<std::size_t>(scene.joints()) : 2U))
-      s.fail("zero_pose", "must have one angle per sensed joint");
-    scene.drives.zero_pose = *pose;
-  }
-}
-
-/// Tests before and while running.
-void check_tests(const Section& s, const Scene& scene) {
-  const DriveScene& d = scene.drives;
-  if (d.sign_test.value_or(false) && scene.all_motors)
-    s.fail("sign_test", "is for two motors: with four, each moves all the others");
-  if (d.torque_mismatch > 0.0 && d.protocol == Protocol::odrive_0_5) {
-    s.fail("torque_mismatch",
-           "must be 0: this drive does not say its torque (allowed with odrive, cia402, mit)");
-  }
-}
-
 /// One entry per motor. Lists for the base motors alone are enough where there is no bus.
 void read_mounts(Section& s, Scene& scene) {
   DriveScene& d = scene.drives;
@@ -160,8 +142,17 @@ void read_drives(Section s, Scene& scene) {
     const std::string why = set_defect(d.defects, *defect, name(d.protocol));
     if (!why.empty()) s.fail("defect", "\"" + *defect + "\": " + why);
   }
-  read_zero_pose(s, scene);
-  check_tests(s, scene);
+  if (const auto pose = s.optional_numbers("zero_pose", {2, 4})) {
+    if (pose->size() != (scene.all_sensors ? static_cast<std::size_t>(scene.joints()) : 2U))
+      s.fail("zero_pose", "must have one angle per sensed joint");
+    d.zero_pose = *pose;
+  }
+  if (d.sign_test.value_or(false) && scene.all_motors)
+    s.fail("sign_test", "is for two motors: with four, each moves all the others");
+  if (d.torque_mismatch > 0.0 && d.protocol == Protocol::odrive_0_5) {
+    s.fail("torque_mismatch",
+           "must be 0: this drive does not say its torque (allowed with odrive, cia402, mit)");
+  }
   // A slow loop must not starve the default between two of its ticks.
   d.watchdog_timeout = s.optional_number("watchdog_timeout").value_or(std::max(0.01, 3.0 * scene.tick()));
   read_mounts(s, scene);

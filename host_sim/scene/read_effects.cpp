@@ -1,6 +1,8 @@
-#include "host_sim/scene/readers.hpp"
+#include "host_sim/scene/reader.hpp"
 
 #include <fmt/format.h>
+
+#include "host_sim/scene/scene.hpp"
 
 namespace esmc::host {
 namespace {
@@ -14,7 +16,6 @@ void read_span(Section& s, double& from, double& to) {
 // What the table of keys does not say of an effect that has been read.
 template <class T>
 void complete(Section& s, const Scene& scene, T& e) {
-  if constexpr (requires { e.when; }) read_span(s, e.when.from, e.when.to);
   if constexpr (requires { e.drive; }) {
     if (const auto drives = static_cast<int>(scene.drives.nodes.size()); e.drive > drives)
       s.fail("drive",
@@ -24,7 +25,6 @@ void complete(Section& s, const Scene& scene, T& e) {
 void complete(Section& s, const Scene&, CoulombFriction& e) {
   e.regularised = s.optional_number("regularised").value_or(0.0);
 }
-void complete(Section& s, const Scene&, Payload& e) { read_span(s, e.from, e.to); }
 void complete(Section& s, const Scene& scene, EndStops& e) {
   const std::size_t stride = scene.start_angle.size() / 2;
   for (std::size_t i = 0; i < 2; ++i) {
@@ -35,7 +35,6 @@ void complete(Section& s, const Scene& scene, EndStops& e) {
   }
 }
 void complete(Section& s, const Scene&, ExternalForce& e) {
-  read_span(s, e.from, e.to);
   e.human = s.text("kind") == "human";
   if (e.human) {
     e.anchor = s.pair("anchor");
@@ -46,17 +45,14 @@ void complete(Section& s, const Scene&, ExternalForce& e) {
   }
 }
 void complete(Section& s, const Scene&, Loss& e) {
-  read_span(s, e.when.from, e.when.to);
   const std::string at = s.text("at");
   e.at_controller = at != "drives";
   e.at_drives = at != "controller";
 }
 void complete(Section& s, const Scene&, Corruption& e) {
-  read_span(s, e.when.from, e.when.to);
   if (!(e.detected > 0.0 || e.undetected > 0.0)) s.fail("", "needs detected > 0 or undetected > 0");
 }
 void complete(Section& s, const Scene&, BabblingNode& e) {
-  read_span(s, e.when.from, e.when.to);
   if (!e.extended && e.identifier > 0x7FF)
     s.fail("identifier", "is at most 2047 (0x7FF) without extended = true");
 }
@@ -81,7 +77,13 @@ void read_effects(Section& root, Scene& scene) {
     append(effects, type);
     s.use_schema("effects[" + type + "]");
     s.read_fields(scene);
-    std::visit([&](auto& e) { complete(s, scene, e); }, effects.back());
+    std::visit(
+        [&](auto& e) {
+          if constexpr (requires { e.when; }) read_span(s, e.when.from, e.when.to);
+          if constexpr (requires { e.from; }) read_span(s, e.from, e.to);
+          complete(s, scene, e);
+        },
+        effects.back());
     if (type == Backlash::type) gear_given = s.has("stiffness") || s.has("damping") || s.has("rotor_inertia");
     s.finish();
   }

@@ -1,4 +1,4 @@
-#include "host_sim/scene/readers.hpp"
+#include "host_sim/scene/reader.hpp"
 
 #include <fmt/format.h>
 
@@ -14,7 +14,7 @@
 #include <string_view>
 #include <vector>
 
-#include "host_sim/error.hpp"
+#include "host_sim/scene/scene.hpp"
 
 namespace esmc::host {
 namespace {
@@ -86,16 +86,6 @@ void read_path(Section& s, Scene& scene, double longest) {
     throw InputError(path.string() + ":2", "three or more points are needed (two are a line)");
 }
 
-/// Of a polyline, m; with the way back where it repeats.
-double length_of(const ReferenceScene& r) {
-  double length = 0.0;
-  for (std::size_t i = 0; i < r.points.size() - (r.repeat ? 0U : 1U); ++i) {
-    const auto &a = r.points[i], &b = r.points[(i + 1) % r.points.size()];
-    length += std::hypot(b[0] - a[0], b[1] - a[1]);
-  }
-  return length;
-}
-
 }  // namespace
 
 void read_reference(Section s, Scene& scene) {
@@ -107,7 +97,12 @@ void read_reference(Section s, Scene& scene) {
   if (r.type == ReferenceType::line) r.points = {s.pair("from"), s.pair("to")};
   if (r.type == ReferenceType::file) read_path(s, scene, longest);
   if (r.type == ReferenceType::polyline) {
-    if (const double seconds = length_of(r) / r.speed; !(seconds <= longest)) {
+    double length = 0.0;  // m; with the way back where it repeats
+    for (std::size_t i = 0; i < r.points.size() - (r.repeat ? 0U : 1U); ++i) {
+      const auto &a = r.points[i], &b = r.points[(i + 1) % r.points.size()];
+      length += std::hypot(b[0] - a[0], b[1] - a[1]);
+    }
+    if (const double seconds = length / r.speed; !(seconds <= longest)) {
       s.fail("speed", fmt::format("is too slow: the polyline would take {:.3g} s, at most {:g} s are allowed",
                                   seconds, longest));
     }

@@ -8,8 +8,6 @@
 
 #include "host_sim/plant/kinematics.hpp"
 #include "host_sim/scene/fields.hpp"
-#include "host_sim/scene/readers.hpp"
-#include "host_sim/scene/scene.hpp"
 
 namespace esmc::host {
 namespace {
@@ -248,17 +246,6 @@ void read_simulation(Section s, Scene& scene) {
   if (ticks < 0.5 || ticks > 2e9) s.fail("duration", "must hold between 1 and 2e9 control ticks");
 }
 
-/// Makes the scene as run name the copies of its files, which lie beside it.
-void name_companions(Scene& scene, toml::table& table) {
-  std::sort(scene.companions.begin(), scene.companions.end(),
-            [](const Companion& a, const Companion& b) { return a.name < b.name; });
-  for (const Companion& c : scene.companions) {
-    const std::string key = c.key();
-    const std::size_t dot = key.rfind('.');
-    table.at_path(key.substr(0, dot)).as_table()->insert_or_assign(key.substr(dot + 1), c.name);
-  }
-}
-
 }  // namespace
 
 Scene read_scene_table(toml::table table, const std::string& file) {
@@ -294,7 +281,13 @@ Scene read_scene_table(toml::table table, const std::string& file) {
   scene.bus_effects_where = root.where("effects");
   scene.uncertainty_where = root.where("uncertainty", {"control"});
   root.finish();
-  name_companions(scene, table);
+  // The scene as run names the copies of its files, which lie beside it.
+  std::ranges::sort(scene.companions, {}, &Companion::name);
+  for (const Companion& c : scene.companions) {
+    const std::string key = c.key();
+    const std::size_t dot = key.rfind('.');
+    table.at_path(key.substr(0, dot)).as_table()->insert_or_assign(key.substr(dot + 1), c.name);
+  }
   scene.toml = toml_text(table);
   return scene;
 }

@@ -1,6 +1,8 @@
-#include "host_sim/scene/readers.hpp"
+#include "host_sim/scene/reader.hpp"
 
 #include <fmt/format.h>
+
+#include "host_sim/scene/scene.hpp"
 
 namespace esmc::host {
 namespace {

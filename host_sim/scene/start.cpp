@@ -46,7 +46,13 @@ class Starter {
 
   void at_position(V2 p, V2 v) {
     const auto take = [&](const auto& theta) {
-      if (!theta) unreachable(p);
+      if (!theta) {
+        throw InputError(
+            where_,
+            fmt::format(
+                "({}, {}) cannot be reached: every leg needs |l1 - l2| <= distance from its base <= l1 + l2",
+                p.x, p.y));
+      }
       scene_.start_angle.assign(theta->begin(), theta->end());
     };
     if (scene_.type == MechanismType::five_bar)
@@ -54,8 +60,14 @@ class Starter {
     else
       take(reach(scene_.mechanism.legs[0], p, scene_.working_mode[0]));
     scene_.start_rate.assign(scene_.start_angle.size(), 0.0);
-    if (v.x != 0.0 || v.y != 0.0) {
-      for (std::size_t j = 0; j < scene_.start_angle.size() / 2; ++j) set_rate(j, j == 0 ? v : V2{-v.x, v.y});
+    if (v.x == 0.0 && v.y == 0.0) return;
+    for (std::size_t j = 0; j < scene_.start_angle.size() / 2; ++j) {
+      const std::array<double, 2> theta{scene_.start_angle[2 * j], scene_.start_angle[2 * j + 1]};
+      const auto w = joint_rates(scene_.mechanism.legs[j], theta, j == 0 ? v : V2{-v.x, v.y});
+      if (!std::isfinite(w[0]) || !std::isfinite(w[1]))
+        throw InputError(where_, "no such velocity at a type-1 singularity");
+      scene_.start_rate[2 * j] = w[0];
+      scene_.start_rate[2 * j + 1] = w[1];
     }
   }
 
@@ -63,8 +75,15 @@ class Starter {
     if (scene_.type == MechanismType::rr || q.size() == 4) {
       scene_.start_angle = q;
       scene_.start_rate = qd;
-      if (q.size() == 4) check_closure();
-      return;
+      if (q.size() != 4) return;
+      const V2 a = leg_tip(scene_.mechanism.legs[0], {q[0], q[1]}),
+               b = leg_tip(scene_.mechanism.legs[1], {q[2], q[3]});
+      const double gap = std::hypot(scene_.mechanism.l0 + a.x - (-scene_.mechanism.l0 - b.x), a.y - b.y);
+      if (gap <= 1e-6) return;
+      throw InputError(
+          where_,
+          fmt::format("the four joint angles do not close: the leg tips are {:.3g} m apart (allowed: 1e-6)",
+                      gap));
     }
     if (scene_.assembly_mode == 0) {
       throw InputError(
@@ -96,33 +115,6 @@ class Starter {
   }
 
  private:
-  [[noreturn]] void unreachable(V2 p) const {
-    throw InputError(
-        where_,
-        fmt::format(
-            "({}, {}) cannot be reached: every leg needs |l1 - l2| <= distance from its base <= l1 + l2", p.x,
-            p.y));
-  }
-  void set_rate(std::size_t j, V2 v) {
-    const std::array<double, 2> theta{scene_.start_angle[2 * j], scene_.start_angle[2 * j + 1]};
-    const auto w = joint_rates(scene_.mechanism.legs[j], theta, v);
-    if (!std::isfinite(w[0]) || !std::isfinite(w[1]))
-      throw InputError(where_, "no such velocity at a type-1 singularity");
-    scene_.start_rate[2 * j] = w[0];
-    scene_.start_rate[2 * j + 1] = w[1];
-  }
-  void check_closure() const {
-    const auto& q = scene_.start_angle;
-    const V2 a = leg_tip(scene_.mechanism.legs[0], {q[0], q[1]}),
-             b = leg_tip(scene_.mechanism.legs[1], {q[2], q[3]});
-    const double gap = std::hypot(scene_.mechanism.l0 + a.x - (-scene_.mechanism.l0 - b.x), a.y - b.y);
-    if (!(gap <= 1e-6)) {
-      throw InputError(
-          where_,
-          fmt::format("the four joint angles do not close: the leg tips are {:.3g} m apart (allowed: 1e-6)",
-                      gap));
-    }
-  }
   /// All four rates from those of the base joints: U v = (l1 sin(theta2) rate)_j, then each leg's own.
   [[nodiscard]] std::vector<double> closed_rates(const std::array<double, 4>& q,
                                                  const std::vector<double>& base) const {

@@ -30,10 +30,6 @@ Q attitude_of(const SpatialState& s) { return {s.attitude[0], s.attitude.tail<3>
 
 // ---- from a scene to the configuration of its controller
 
-std::uint32_t spatial_ticks(const SpatialScene& s) {
-  return static_cast<std::uint32_t>(std::llround(s.duration * s.rate_hz));
-}
-
 PhaseClock clock_of(double rate, double tick) {
   constexpr double turn_of_phase = 18446744073709551616.0;  // 2^64
   const double turns = rate * tick / 6.283185307179586477, part = turns - std::floor(turns);
@@ -132,32 +128,25 @@ struct Account {
   SpatialState end;
 };
 
-/// Measurements with noise and alternating signs of the quaternion.
-class Measuring {
- public:
-  Measuring(const SpatialScene::Measurement& m, std::uint64_t seed) : m_(m), noise_(seed, 3000) {}
-  template <class S>
-  SpatialSample<S> operator()(const SpatialState& s, std::uint32_t n) {
-    Q q = attitude_of(s);
-    V3 position = s.position, velocity = s.velocity, turning = rotated(q.conjugate(), s.turning);
-    if (m_.position_noise > 0.0) position += draw() * m_.position_noise;
-    if (m_.attitude_noise > 0.0) q = q * exponential(V3(draw() * m_.attitude_noise));
-    if (m_.rate_noise > 0.0) {
-      velocity += draw() * m_.rate_noise;
-      turning += draw() * m_.rate_noise;
-    }
-    if (m_.alternate_sign && n % 2 == 1) q = q.negative();
-    return {position.cast<S>(), velocity.cast<S>(), {S(q.w), q.v.cast<S>()}, turning.cast<S>()};
+/// A measurement with noise, in odd ticks with the other sign of the quaternion.
+template <class S>
+SpatialSample<S> measured(const SpatialState& s, std::uint32_t n, const SpatialScene::Measurement& m,
+                          Normal& noise) {
+  const auto draw = [&] {
+    const double x = noise(), y = noise(), z = noise();
+    return V3(x, y, z);
+  };
+  Q q = attitude_of(s);
+  V3 position = s.position, velocity = s.velocity, turning = rotated(q.conjugate(), s.turning);
+  if (m.position_noise > 0.0) position += draw() * m.position_noise;
+  if (m.attitude_noise > 0.0) q = q * exponential(V3(draw() * m.attitude_noise));
+  if (m.rate_noise > 0.0) {
+    velocity += draw() * m.rate_noise;
+    turning += draw() * m.rate_noise;
   }
-
- private:
-  V3 draw() {
-    const double x = noise_(), y = noise_(), z = noise_();
-    return {x, y, z};
-  }
-  SpatialScene::Measurement m_;
-  Normal noise_;
-};
+  if (m.alternate_sign && n % 2 == 1) q = q.negative();
+  return {position.cast<S>(), velocity.cast<S>(), {S(q.w), q.v.cast<S>()}, turning.cast<S>()};
+}
 
 std::vector<std::string> log_columns() {
   std::vector<std::string> c{"t"};
@@ -185,8 +174,8 @@ class Run {
         plant_(scene.platform ? SpatialPlant(*scene.platform) : SpatialPlant(scene.body, scene.gravity)),
         reference_(make_spatial_reference<S>(scene)),
         controller_(make_spatial_config<M>(scene)),
-        measure_(scene.measurement, seed),
-        ticks_(spatial_ticks(scene)),
+        noise_(seed, 3000),
+        ticks_(static_cast<std::uint32_t>(std::llround(scene.duration * scene.rate_hz))),
         log_(log, log_columns(), ticks_) {
     s_.position = spatial_start(scene) + scene.initial.position;
     const Q start = exponential(scene.reference.rotation) * exponential(scene.initial.rotation);
@@ -232,13 +221,17 @@ class Run {
     const SpatialMotion<S> wanted = reference_.at(n, S(scene_.tick()));
     SpatialResult<S> result;
     if (scene_.law != SpatialLaw::none)
-      result = controller_.tick(measure_.template operator()<S>(s_, n), wanted);
+      result = controller_.tick(measured<S>(s_, n, scene_.measurement, noise_), wanted);
     if (result.fault != SpatialFault::none && a_.fault.empty()) {
       a_.fault = name(result.fault);
       a_.fault_t = t;
     }
     const Vec<double, 6> u = result.input.template cast<double>();
-    account(n, u);
+    const double force = scene_.platform ? u.cwiseAbs().maxCoeff() : u.head<3>().cwiseAbs().maxCoeff();
+    a_.force_max = larger(a_.force_max, force);
+    a_.moment_max = larger(a_.moment_max, u.tail<3>().cwiseAbs().maxCoeff());
+    if (n > 0) a_.change += (u - before_).cwiseAbs().mean();
+    before_ = u;
     if (result.saturated) ++a_.saturated;
     const auto state = listed(s_);
     require_finite(state, t);
@@ -262,14 +255,6 @@ class Run {
     return u;
   }
 
-  void account(std::uint32_t n, const Vec<double, 6>& u) {
-    const double force = scene_.platform ? u.cwiseAbs().maxCoeff() : u.head<3>().cwiseAbs().maxCoeff();
-    a_.force_max = larger(a_.force_max, force);
-    a_.moment_max = larger(a_.moment_max, u.tail<3>().cwiseAbs().maxCoeff());
-    if (n > 0) a_.change += (u - before_).cwiseAbs().mean();
-    before_ = u;
-  }
-
   void account_energy() {
     const SpatialEnergy e = plant_.energy(s_);
     const double rise = e.potential - start_.potential, left = e.kinetic - start_.kinetic + rise - a_.work;
@@ -282,7 +267,7 @@ class Run {
   SpatialEnergy start_;
   SpatialReference<S> reference_;
   SpatialController<M> controller_;
-  Measuring measure_;
+  Normal noise_;
   std::uint32_t ticks_;
   Log log_;
   SpatialState s_;

@@ -7,9 +7,7 @@
 #include <utility>
 
 #include "host_sim/error.hpp"
-#include "host_sim/scene/key.hpp"
-#include "host_sim/scene/reader.hpp"
-#include "host_sim/scene/scene.hpp"
+#include "host_sim/scene/fields.hpp"
 
 namespace esmc::host {
 namespace {
@@ -20,78 +18,74 @@ std::string table_key(const std::string& key) {
   return is_plant(key) ? "mechanism." + key.substr(plant_prefix.size()) : key;
 }
 
-template <double LegParams<double>::*member>
-void both(Scene& s, double v) {
-  for (LegParams<double>& leg : s.mechanism.legs) leg.*member = v;
-}
-template <std::size_t leg, double LegParams<double>::*member>
-void one(Scene& s, double v) {
-  s.mechanism.legs[leg].*member = v;
-}
-template <double ModelFactors::*member>
-void factor(Scene& s, double v) {
-  s.model.*member = v;
-}
-template <PerKind Scene::*member>
-void per_kind(Scene& s, double v) {
-  s.*member = {v, v};
-}
-
-#define ESMC_LEG(x)                                              \
-  {"mechanism.leg." #x, both<&LegParams<double>::x>},            \
-      {"mechanism.legs.1." #x, one<0, &LegParams<double>::x>},   \
-      {"mechanism.legs.2." #x, one<1, &LegParams<double>::x>}, { \
-    "control.model." #x, factor<&ModelFactors::x>                \
+template <auto field>
+void set(Scene& s, double v) {
+  auto& to = field_of(s, field);
+  if constexpr (std::is_same_v<decltype(to), PerKind&>) {
+    to = {v, v};
+  } else {
+    to = v;
   }
+}
 
-/// Numbers of a Scene that a sweep sets without reading the scene again, by their keys in a specification.
-/// The reader checks their range and what CaseScenes::bind checks again: legs that can move, and the start.
-constexpr std::pair<std::string_view, Binding::Set> bindings[] = {
-    ESMC_LEG(l1),
-    ESMC_LEG(l2),
-    ESMC_LEG(lg1),
-    ESMC_LEG(lg2),
-    ESMC_LEG(m1),
-    ESMC_LEG(m2),
-    ESMC_LEG(J1),
-    ESMC_LEG(J2),
-    {"mechanism.half_base", [](Scene& s, double v) { s.mechanism.l0 = v; }},
-    {"mechanism.effector_mass", [](Scene& s, double v) { s.mechanism.m0 = v; }},
-    {"control.model.half_base", factor<&ModelFactors::half_base>},
-    {"control.model.effector_mass", factor<&ModelFactors::effector_mass>},
-    {"control.model.gravity", factor<&ModelFactors::gravity>},
-    {"control.lambda", per_kind<&Scene::lambda>},
+/// Numbers of a Scene that a sweep sets without reading the scene again, by their keys; those of legs
+/// besides. The reader checks their range and what CaseScenes::bind checks again: legs that can move, and the
+/// start.
+constexpr std::pair<std::string_view, void (*)(Scene&, double)> bindings[] = {
+    {"mechanism.half_base", set<&FiveBarParams<double>::l0>},
+    {"mechanism.effector_mass", set<&FiveBarParams<double>::m0>},
+    {"control.model.half_base", set<&ModelFactors::half_base>},
+    {"control.model.effector_mass", set<&ModelFactors::effector_mass>},
+    {"control.model.gravity", set<&ModelFactors::gravity>},
+    {"control.lambda", set<&Scene::lambda>},
     {"control.gain",
      [](Scene& s, double v) {
-       s.gain = {v, v};
+       set<&Scene::gain>(s, v);
        s.robust_gain = false;
      }},
-    {"control.layer", per_kind<&Scene::layer>},
-    {"control.kp", [](Scene& s, double v) { s.kp = v; }},
-    {"control.kd", [](Scene& s, double v) { s.kd = v; }},
-    {"control.delay_ticks", [](Scene& s, double v) { s.delay_ticks = v; }},
-    {"reference.radius", [](Scene& s, double v) { s.reference.radius = v; }},
-    {"reference.speed", [](Scene& s, double v) { s.reference.speed = v; }},
-    {"reference.phase", [](Scene& s, double v) { s.reference.phase = v; }},
+    {"control.layer", set<&Scene::layer>},
+    {"control.kp", set<&Scene::kp>},
+    {"control.kd", set<&Scene::kd>},
+    {"control.delay_ticks", set<&Scene::delay_ticks>},
+    {"reference.radius", set<&ReferenceScene::radius>},
+    {"reference.speed", set<&ReferenceScene::speed>},
+    {"reference.phase", set<&ReferenceScene::phase>},
 };
-#undef ESMC_LEG
+
+Binding::Set setter_of(const std::string& name) {
+  for (const auto& [key, set] : bindings) {
+    if (key == name) return set;
+  }
+  for (const auto& [part, value, factor] : leg_keys) {
+    if (name == std::string("control.model.") + part)
+      return [f = factor](Scene& s, double v) { s.model.*f = v; };
+    for (const auto& [legs, first, end] : {std::tuple("mechanism.leg.", 0U, 2U),
+                                           {"mechanism.legs.1.", 0U, 1U},
+                                           {"mechanism.legs.2.", 1U, 2U}}) {
+      if (name != std::string(legs) + part) continue;
+      return [m = value, leg = first, last = end](Scene& s, double v) {
+        for (unsigned i = leg; i < last; ++i) s.mechanism.legs[i].*m = v;
+      };
+    }
+  }
+  return nullptr;
+}
 
 /// Null where the key has to be read.
 Binding find_binding(const std::string& key, const Scene& nominal) {
   const std::string name = table_key(key);
-  const auto* found =
-      std::ranges::find(bindings, std::string_view(name), &std::pair<std::string_view, Binding::Set>::first);
-  if (found == std::end(bindings)) return {};
-  const bool five_bar = nominal.type == MechanismType::five_bar;
+  const Binding::Set set = setter_of(name);
+  if (set == nullptr) return {};
   if (name.starts_with("reference.") && nominal.reference.type != ReferenceType::circle) return {};
-  if (!five_bar && (name.starts_with("mechanism.legs") || name == "mechanism.half_base" ||
-                    name == "mechanism.effector_mass"))
+  if (nominal.type != MechanismType::five_bar &&
+      (name.starts_with("mechanism.legs") || name == "mechanism.half_base" ||
+       name == "mechanism.effector_mass"))
     return {};
   std::string path = name;  // in the table of keys
   if (name.starts_with("mechanism.legs.")) path = "mechanism.leg." + name.substr(name.rfind('.') + 1);
   if (name.starts_with("reference.")) path = "reference[circle]" + name.substr(name.find('.'));
   const Key& k = find_key(path);
-  return {found->second, k.low, k.high, k.low_open};
+  return {set, k.low, k.high, k.low_open};
 }
 
 std::vector<std::string> parts_of(const std::string& key) {
@@ -176,11 +170,6 @@ double nominal_number(toml::table root, const Vary& v) {
   if (node == nullptr || !node->is_number())
     throw InputError(v.where, fmt::format("'{}' has a factor, but the scene gives no number there", v.key));
   return *node->value<double>();
-}
-
-bool possible(const Scene& s) {
-  return check(s.mechanism.legs[0]) != ParamError::no_inertia &&
-         check(s.mechanism.legs[1]) != ParamError::no_inertia;
 }
 
 }  // namespace
@@ -318,7 +307,10 @@ void CaseScenes::bind(std::uint64_t index, Scene& scene) const {
     }
   }
   if (!any_mechanism_) return;
-  if (!possible(scene)) throw InputError(spec_->scene, "a bar without mass and inertia cannot move");
+  for (const LegParams<double>& leg : scene.mechanism.legs) {
+    if (check(leg) == ParamError::no_inertia)
+      throw InputError(spec_->scene, "a bar without mass and inertia cannot move");
+  }
   if (!tables_->assembly_mode_given) scene.assembly_mode = 0;
   set_start(scene, scene.control_where, scene.reference_where);
 }

@@ -1,6 +1,7 @@
 #pragma once
 /// From a case of a sweep to its scene, with the checks of `esmc sim --set`.
 
+#include <functional>
 #include <memory>
 #include <optional>
 #include <vector>
@@ -12,7 +13,7 @@ namespace esmc::host {
 
 /// How a number of a Scene is set without reading the scene again.
 struct Binding {
-  using Set = void (*)(Scene&, double);
+  using Set = std::function<void(Scene&, double)>;
   Set set = nullptr;             ///< null: the scene is read again
   double low = 0.0, high = 0.0;  ///< allowed
   bool low_open = false;

@@ -68,9 +68,6 @@ void write_table(const std::string& file, const std::string& head, const SweepTa
   if (!out) throw RunError(file + " could not be written completely (disk full?)");
 }
 
-/// Of the values of an objective, as in its entry of the summary.
-constexpr const char* quantiles[] = {"min", "p05", "median", "p95", "max"};
-
 /// Cases of each front of the specification; those alone that ended well.
 std::vector<std::vector<std::uint64_t>> fronts_of(const SweepSpec& spec, const SweepTable& table) {
   std::vector<std::vector<std::uint64_t>> out;
@@ -177,7 +174,8 @@ std::string sweep_text(const Json& s) {
   for (const auto& [name, o] : s["objectives"].items()) {
     if (o.is_null()) continue;
     out += fmt::format("{:<20}", name);
-    for (const char* q : quantiles) out += fmt::format("{:>12.4g}", o[q].get<double>());
+    for (const char* q : {"min", "p05", "median", "p95", "max"})
+      out += fmt::format("{:>12.4g}", o[q].get<double>());
     out += "\n";
   }
   for (const Json& f : s["fronts"]) {

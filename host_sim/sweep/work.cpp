@@ -67,57 +67,41 @@ void compute(WorkList& list, const WorkerConfig& config) {
   });
 }
 
-/// Gives the other processes their cases and takes their results.
-class Dispatcher {
- public:
-  Dispatcher(WorkList& list, Ranks& ranks, const WorkerConfig& config)
-      : list_(list),
-        ranks_(ranks),
-        objectives_(config.spec->wanted.size()),
-        jobs_(static_cast<std::size_t>(config.jobs)),
-        busy_(ranks.size() - 1) {}
-
-  [[nodiscard]] bool over() const { return busy_ == 0; }
-  /// One message, if there is one; false: none.
-  bool answer() {
-    std::string message;
-    const int from = ranks_.receive(message, false);
-    if (from < 0) return false;
+/// Gives the other processes their cases and takes their results, until none of them works any more. Returns
+/// what went wrong, null: nothing.
+std::exception_ptr dispatch(WorkList& list, Ranks& ranks, const WorkerConfig& config) {
+  std::exception_ptr journal, others;
+  std::string message;
+  for (int busy = ranks.size() - 1; busy > 0;) {
+    const int from = ranks.receive(message, false);
+    if (from < 0) {
+      std::this_thread::sleep_for(std::chrono::microseconds(200));
+      continue;
+    }
     if (message.empty() || message[0] == 'e') {
-      list_.stop();
-      --busy_;
-      if (error_.empty()) error_ = message.substr(std::min<std::size_t>(1, message.size()));
-      return true;
+      list.stop();
+      --busy;
+      if (!others && message.size() > 1) others = std::make_exception_ptr(RunError(message.substr(1)));
+      continue;
     }
     try {
       std::vector<Finished> results;
       for (std::size_t at = 1; at < message.size();)
-        results.push_back(take_finished(message, at, objectives_));
-      list_.finish(results);
+        results.push_back(take_finished(message, at, config.spec->wanted.size()));
+      list.finish(results);
     } catch (...) {  // by the journal; the other processes must still be told to end
-      list_.stop();
-      exception_ = std::current_exception();
+      list.stop();
+      journal = std::current_exception();
     }
     std::vector<Package> more;
     Package package;
-    while (more.size() < jobs_ && !stop_requested() && list_.next(package)) more.push_back(package);
-    if (more.empty()) --busy_;
-    ranks_.send(from, more.empty() ? "x" : packages_message(more));
-    return true;
+    while (more.size() < static_cast<std::size_t>(config.jobs) && !stop_requested() && list.next(package))
+      more.push_back(package);
+    if (more.empty()) --busy;
+    ranks.send(from, more.empty() ? "x" : packages_message(more));
   }
-  void rethrow() const {
-    if (exception_) std::rethrow_exception(exception_);
-    if (!error_.empty()) throw RunError(error_);
-  }
-
- private:
-  WorkList& list_;
-  Ranks& ranks_;
-  std::size_t objectives_, jobs_;  ///< jobs: threads of each of the others, as of this one
-  int busy_;                       ///< others that still work
-  std::string error_;
-  std::exception_ptr exception_;
-};
+  return journal ? journal : others;
+}
 
 }  // namespace
 
@@ -178,13 +162,11 @@ void work_off(WorkList& list, const WorkerConfig& config, Ranks* ranks) {
       failed = std::current_exception();
     }
   });
-  Dispatcher dispatcher(list, *ranks, config);
-  while (!dispatcher.over()) {
-    if (!dispatcher.answer()) std::this_thread::sleep_for(std::chrono::microseconds(200));
-  }
+  const std::exception_ptr others = dispatch(list, *ranks, config);
   own.join();
-  if (failed) std::rethrow_exception(failed);
-  dispatcher.rethrow();
+  for (const std::exception_ptr& e : {failed, others}) {
+    if (e) std::rethrow_exception(e);
+  }
 }
 
 void broadcast_job(Ranks& ranks, std::uint64_t identity) {

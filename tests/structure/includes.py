@@ -89,7 +89,7 @@ ALONE = [
     (r"host_sim/spatial/plant\.[ch]pp", rf"{STD}|<Eigen/.*>|host_sim/spatial/(plant|params)\.hpp|{SHARED}"),
     (r"host_sim/campaign/(computer|protocol_traits|draw|injections|judge|times|faulty_bus|faulty_plant)\.[ch]pp",
      rf"<.*>|hal/.*|host_sim/(bus|campaign|drives|plant|scene)/.*|host_sim/error\.hpp|{SHARED}"),
-    (r"host_sim/(calibrate/(?!calibrate\.|calibrated_scene\.)|identify/(?!identify\.))[a-z_]+\.[ch]pp",
+    (r"host_sim/(calibrate/(?!calibrate\.)|identify/(?!identify\.))[a-z_]+\.[ch]pp",
      rf"<.*>|host_sim/(calibrate|identify|record)/.*|host_sim/(error|least_squares)\.hpp|{SHARED}"),
 ]
 FIRMWARE = {VALUES: SHARED, MODELS: rf"{MODEL}|{SHARED}", CONTROLLER: r"firmware/.*"}

@@ -9,7 +9,6 @@
 #include <set>
 #include <string>
 
-#include "host_sim/campaign/draw.hpp"
 #include "host_sim/campaign/faulty_bus.hpp"
 #include "host_sim/campaign/injections.hpp"
 #include "host_sim/campaign/judge.hpp"
