@@ -1,4 +1,4 @@
-#include "host_sim/check/margins.hpp"
+#include "host_sim/check/check.hpp"
 
 #include <fmt/format.h>
 

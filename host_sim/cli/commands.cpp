@@ -9,7 +9,7 @@
 #include <iostream>
 #include <sstream>
 
-#include "host_sim/bus/open_bus.hpp"
+#include "host_sim/bus/host_bus.hpp"
 #include "host_sim/calibrate/calibrate.hpp"
 #include "host_sim/campaign/campaign.hpp"
 #include "host_sim/check/check.hpp"
@@ -27,9 +27,7 @@
 #include "host_sim/scene/names.hpp"
 #include "host_sim/scene/scene.hpp"
 #include "host_sim/spatial/spatial.hpp"
-#include "host_sim/studies/accuracy.hpp"
-#include "host_sim/studies/design_report.hpp"
-#include "host_sim/studies/eval.hpp"
+#include "host_sim/studies/studies.hpp"
 #include "host_sim/sweep/sweep.hpp"
 
 namespace esmc::host {

@@ -7,12 +7,12 @@
 #include <nlohmann/json.hpp>
 #include <thread>
 
-#include "host_sim/bus/open_bus.hpp"
+#include "host_sim/bus/host_bus.hpp"
 #include "host_sim/error.hpp"
-#include "host_sim/live/access.hpp"
 #include "host_sim/live/live_api.hpp"
+#include "host_sim/live/server.hpp"
 #include "host_sim/live/session.hpp"
-#include "host_sim/loop/pace.hpp"
+#include "host_sim/loop/waiting.hpp"
 
 namespace esmc::host {
 

@@ -8,7 +8,6 @@
 #include "host_sim/drives/placed_axes.hpp"
 #include "host_sim/loop/progress.hpp"
 #include "host_sim/loop/run.hpp"
-#include "host_sim/loop/trace.hpp"
 #include "host_sim/record/finish.hpp"
 #include "host_sim/record/recorder.hpp"
 

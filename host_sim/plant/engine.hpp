@@ -8,8 +8,7 @@
 #include "host_sim/integrate/dopri8.hpp"
 #include "host_sim/integrate/fixed_step.hpp"
 #include "host_sim/integrate/radau5.hpp"
-#include "host_sim/plant/hand.hpp"
-#include "host_sim/plant/method.hpp"
+#include "host_sim/plant/inputs.hpp"
 #include "host_sim/plant/moreau_jean.hpp"
 #include "host_sim/plant/system.hpp"
 

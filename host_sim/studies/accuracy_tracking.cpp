@@ -7,10 +7,10 @@
 #include <nlohmann/json.hpp>
 #include <utility>
 
-#include "host_sim/loop/trace.hpp"
+#include "host_sim/loop/run.hpp"
 #include "host_sim/record/recorder.hpp"
 #include "host_sim/scene/scene.hpp"
-#include "host_sim/studies/accuracy.hpp"
+#include "host_sim/studies/studies.hpp"
 
 namespace esmc::host {
 namespace {

@@ -256,7 +256,7 @@ def self_test(root):
         ("host_sim/identify/inertia.hpp", '#include "host_sim/controller/controller_config.hpp"'),
         ("host_sim/design/problem.hpp", '#include "host_sim/plant/plant.hpp"'),
         ("host_sim/design/problem.hpp", '#include "host_sim/scene/scene.hpp"'),
-        ("host_sim/studies/eval.hpp", '#include "tests/support/fake_bus.hpp"'),
+        ("host_sim/studies/studies.hpp", '#include "tests/support/fake_bus.hpp"'),
     ]
     failed = 0
     with tempfile.TemporaryDirectory() as scratch:
