@@ -10,7 +10,7 @@
 #include "firmware/cycle/four_motors.hpp"
 #include "host_sim/bus/response.hpp"
 #include "host_sim/design/efforts.hpp"
-#include "host_sim/loop/loop_scene.hpp"
+#include "host_sim/loop/run.hpp"
 #include "host_sim/record/finish.hpp"
 #include "host_sim/record/recorder.hpp"
 

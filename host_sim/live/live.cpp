@@ -1,4 +1,4 @@
-#include "host_sim/live/live.hpp"
+#include "host_sim/live/live_api.hpp"
 
 #include <fmt/format.h>
 
@@ -9,7 +9,6 @@
 
 #include "host_sim/bus/host_bus.hpp"
 #include "host_sim/error.hpp"
-#include "host_sim/live/live_api.hpp"
 #include "host_sim/live/server.hpp"
 #include "host_sim/live/session.hpp"
 #include "host_sim/loop/waiting.hpp"

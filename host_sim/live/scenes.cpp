@@ -10,7 +10,7 @@
 #include "host_sim/error.hpp"
 #include "host_sim/live/live_api.hpp"
 #include "host_sim/live/session.hpp"
-#include "host_sim/loop/loop_scene.hpp"
+#include "host_sim/loop/run.hpp"
 #include "host_sim/record/recorder.hpp"
 #include "host_sim/scene/toml_text.hpp"
 

@@ -1,10 +1,12 @@
 #pragma once
-/// The run commands. Each returns the exit status, 1 after a fault, and throws InputError and RunError.
+/// The run commands, and what their scenes need before they may run on a bus. Each command returns the exit
+/// status, 1 after a fault, and throws InputError and RunError.
 
 #include <optional>
 #include <string>
 #include <vector>
 
+#include "hal/can.hpp"
 #include "host_sim/bus/host_bus.hpp"
 #include "host_sim/drives/emulated_axis.hpp"
 #include "host_sim/plant/plant.hpp"
@@ -71,5 +73,24 @@ Trace trace(const Scene& scene, bool single_precision = false);
 /// Runs a case of a sweep, without path, digest and, unless wanted, base_errors. Throws InputError where the
 /// reference leaves the reach of the true mechanism; a state that is not finite shows in end.q.
 Trace run_case(const Scene& scene, bool base_errors);
+
+/// Why a scene that `esmc sim` runs cannot run on a bus; `what` empty: it can.
+struct BusObstacle {
+  std::string where, what;
+};
+BusObstacle bus_obstacle(const Scene& scene);  ///< the first one
+/// Throws InputError where there is an obstacle.
+void require_bus_loop(const Scene& scene);
+/// Settings that decide over torque and cannot be read back from these drives, in one line.
+std::string to_confirm(const Scene& scene);
+/// Throws InputError with to_confirm() where the scene must confirm those settings and does not.
+void require_confirmed(const Scene& scene);
+/// Reads the scene of a command that uses a bus. Throws InputError, for a scene with an obstacle as well.
+Scene read_loop_scene(const RunOptions& o);
+/// Throws RunError if `f` announces a controller with this command.base_id that was made from another scene.
+void require_same_scene(const Scene& scene, const hal::CanFrame& f);
+/// Time, s (in lockstep: virtual), until the plant's end reports that its drives are not armed: more than
+/// the controller takes to report it, and more again where a supervisor computer arms.
+[[nodiscard]] double arming_time_max(const Scene& scene);
 
 }  // namespace esmc::host

@@ -39,7 +39,7 @@ struct Loads {
   }
 };
 
-/// The loads of all effects but set-valued ones (plant/moreau_jean.hpp).
+/// The loads of all effects but set-valued ones (engine.hpp).
 Loads make_loads(const std::vector<Effect>& effects);
 
 /// Whether effects need the time-stepping scheme: Coulomb friction not regularised, or rigid end stops.
