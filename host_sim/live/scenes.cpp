@@ -146,11 +146,7 @@ std::shared_ptr<const Scene> read_live_scene(const RunOptions& o) {
   auto scene = std::make_shared<Scene>(read_loop_scene(paced));
   prepare_live_scene(*scene, paced.realtime);
   require_confirmed(*scene);
-  if (scene->type == MechanismType::five_bar) {
-    require_reachable<FiveBarTraits>(*scene, Pacing::lockstep);
-  } else {
-    require_reachable<RrTraits>(*scene, Pacing::lockstep);
-  }
+  with_world(*scene, [&]<class World>(World) { require_reachable<World>(*scene, Pacing::lockstep); });
   return scene;
 }
 
