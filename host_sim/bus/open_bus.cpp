@@ -1,4 +1,4 @@
-#include "host_sim/bus/open_bus.hpp"
+#include "host_sim/bus/host_bus.hpp"
 
 #include <cerrno>
 #include <filesystem>

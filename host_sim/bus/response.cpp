@@ -41,44 +41,6 @@ BusMessage message(std::string name, std::uint32_t id, std::uint32_t size, doubl
           period,          0.0, role};
 }
 
-}  // namespace
-
-std::optional<double> response_time(const std::vector<BusMessage>& all, const BusMessage& of) {
-  double blocking = 0.0, longest = 0.0, demand = 0.0;
-  for (const BusMessage& m : all) {
-    longest = std::max(longest, m.period);
-    if (m.key > of.key) {
-      blocking = std::max(blocking, static_cast<double>(m.bits));
-    } else {
-      demand += m.bits / m.period;
-    }
-  }
-  if (demand > 1.0) return std::nullopt;
-  const double limit = 20.0 * longest;
-  // Bits of what is more urgent (and, with `own`, of the message itself) asked for in a window.
-  const auto urgent = [&](double window, bool own) {
-    double bits = 0.0;
-    for (const BusMessage& m : all) {
-      if (&m == &of ? own : m.key <= of.key) bits += arrivals(window + m.jitter, m.period) * m.bits;
-    }
-    return bits;
-  };
-  const auto busy = fixed_point(of.bits, limit, [&](double t) { return blocking + urgent(t, true); });
-  if (!busy) return std::nullopt;
-  const double instances = arrivals(*busy + of.jitter, of.period);
-  double worst = 0.0;
-  for (double q = 0.0; q < instances; ++q) {
-    // A frame asked for within the first bit of ours still wins: one bit time more.
-    const auto wait = fixed_point(blocking + q * of.bits, limit,
-                                  [&](double w) { return blocking + q * of.bits + urgent(w + 1.0, false); });
-    if (!wait) return std::nullopt;
-    worst = std::max(worst, of.jitter + *wait - q * of.period + of.bits);
-  }
-  return worst;
-}
-
-namespace {
-
 constexpr double beats_per_s = 100.0;  // of every emulated drive
 
 void add_odrive(const Scene& s, double tick, double beat, std::vector<BusMessage>& out) {
@@ -142,29 +104,6 @@ void add_link(const CommandScene& c, int motors, double tick, std::vector<BusMes
   add("telemetry", 0x16, ticks > 0.0 ? std::max(1.0, ticks / (2 + motors)) : 0.0);
 }
 
-}  // namespace
-
-std::vector<BusMessage> bus_messages(const Scene& s) {
-  std::vector<BusMessage> out;
-  const double tick = s.tick() * s.bitrate, beat = std::max(s.bitrate / beats_per_s, tick);
-  if (s.drives.protocol == Protocol::cia402) {
-    add_cia402(s, tick, beat, out);
-  } else if (s.drives.protocol == Protocol::mit) {
-    add_mit(s, tick, out);
-  } else {
-    add_odrive(s, tick, beat, out);
-  }
-  if (s.command) add_link(*s.command, s.motors(), tick, out);
-  if (const auto b = find_effect<BabblingNode>(s.effects)) {
-    out.push_back(message("babbling_node", b->identifier, static_cast<std::uint32_t>(b->size),
-                          s.bitrate / b->rate_hz, Role::other, b->extended));
-  }
-  std::ranges::stable_sort(out, {}, &BusMessage::key);
-  return out;
-}
-
-namespace {
-
 /// All frames of a tick, one after the other, with those of a babbling node between them. Empty: they do not
 /// fit in a tick.
 std::optional<double> whole_tick(const std::vector<BusMessage>& all, double tick) {
@@ -211,6 +150,59 @@ std::optional<double> settle_jitter(std::vector<BusMessage>& all, std::optional<
 }
 
 }  // namespace
+
+std::optional<double> response_time(const std::vector<BusMessage>& all, const BusMessage& of) {
+  double blocking = 0.0, longest = 0.0, demand = 0.0;
+  for (const BusMessage& m : all) {
+    longest = std::max(longest, m.period);
+    if (m.key > of.key) {
+      blocking = std::max(blocking, static_cast<double>(m.bits));
+    } else {
+      demand += m.bits / m.period;
+    }
+  }
+  if (demand > 1.0) return std::nullopt;
+  const double limit = 20.0 * longest;
+  // Bits of what is more urgent (and, with `own`, of the message itself) asked for in a window.
+  const auto urgent = [&](double window, bool own) {
+    double bits = 0.0;
+    for (const BusMessage& m : all) {
+      if (&m == &of ? own : m.key <= of.key) bits += arrivals(window + m.jitter, m.period) * m.bits;
+    }
+    return bits;
+  };
+  const auto busy = fixed_point(of.bits, limit, [&](double t) { return blocking + urgent(t, true); });
+  if (!busy) return std::nullopt;
+  const double instances = arrivals(*busy + of.jitter, of.period);
+  double worst = 0.0;
+  for (double q = 0.0; q < instances; ++q) {
+    // A frame asked for within the first bit of ours still wins: one bit time more.
+    const auto wait = fixed_point(blocking + q * of.bits, limit,
+                                  [&](double w) { return blocking + q * of.bits + urgent(w + 1.0, false); });
+    if (!wait) return std::nullopt;
+    worst = std::max(worst, of.jitter + *wait - q * of.period + of.bits);
+  }
+  return worst;
+}
+
+std::vector<BusMessage> bus_messages(const Scene& s) {
+  std::vector<BusMessage> out;
+  const double tick = s.tick() * s.bitrate, beat = std::max(s.bitrate / beats_per_s, tick);
+  if (s.drives.protocol == Protocol::cia402) {
+    add_cia402(s, tick, beat, out);
+  } else if (s.drives.protocol == Protocol::mit) {
+    add_mit(s, tick, out);
+  } else {
+    add_odrive(s, tick, beat, out);
+  }
+  if (s.command) add_link(*s.command, s.motors(), tick, out);
+  if (const auto b = find_effect<BabblingNode>(s.effects)) {
+    out.push_back(message("babbling_node", b->identifier, static_cast<std::uint32_t>(b->size),
+                          s.bitrate / b->rate_hz, Role::other, b->extended));
+  }
+  std::ranges::stable_sort(out, {}, &BusMessage::key);
+  return out;
+}
 
 BusAnalysis analyse_bus(const Scene& scene) {
   std::vector<BusMessage> all = bus_messages(scene);

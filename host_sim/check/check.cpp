@@ -9,10 +9,8 @@
 
 #include "firmware/cycle/four_motors.hpp"
 #include "host_sim/bus/response.hpp"
-#include "host_sim/check/margins.hpp"
-#include "host_sim/check/sampled.hpp"
 #include "host_sim/design/efforts.hpp"
-#include "host_sim/loop/loop_scene.hpp"
+#include "host_sim/loop/run.hpp"
 #include "host_sim/record/finish.hpp"
 #include "host_sim/record/recorder.hpp"
 

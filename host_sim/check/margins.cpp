@@ -1,4 +1,4 @@
-#include "host_sim/check/margins.hpp"
+#include "host_sim/check/check.hpp"
 
 #include <fmt/format.h>
 
@@ -143,40 +143,34 @@ class Follower {
   std::vector<double> row_;
 };
 
-template <class World>
-Margins start_margins_of(const Scene& scene) {
-  using M = typename World::Mechanism;
-  const Vec2<double> rates(scene.start_rate[joint_of<M>(0, 2)], scene.start_rate[joint_of<M>(1, 2)]);
-  Margins out;
-  add_motion<M>(start_pose(scene, make_mechanism(scene.mechanism, static_cast<M*>(nullptr))), rates, out);
-  for (std::size_t i = 0; i < 2; ++i) {  // not wrapped, as they are measured
-    const double angle = scene.start_angle[joint_of<M>(i, 2)];
-    out.angle[i] = {angle, angle};
-  }
-  return out;
-}
-
-template <class World>
-std::vector<std::string> check_columns_of(const Scene& scene) {
-  using M = typename World::Mechanism;
-  std::vector<std::string> c{"t", "x_ref", "y_ref"};
-  for (std::size_t i = 0; i < 2; ++i)
-    c.push_back(World::joint_names[joint_of<M>(i, 2)] + std::string("_ref"));
-  for (std::size_t i = 0; i < static_cast<std::size_t>(scene.motors()); ++i)
-    c.emplace_back(World::torque_names[joint_of<M>(i, scene.motors())]);
-  c.emplace_back("min_abs_sin_type1");
-  if (scene.type == MechanismType::five_bar) c.emplace_back("abs_D2");
-  return c;
-}
-
 }  // namespace
 
 Margins start_margins(const Scene& scene) {
-  return with_world(scene, [&]<class World>(World) { return start_margins_of<World>(scene); });
+  return with_world(scene, [&]<class World>(World) {
+    using M = typename World::Mechanism;
+    const Vec2<double> rates(scene.start_rate[joint_of<M>(0, 2)], scene.start_rate[joint_of<M>(1, 2)]);
+    Margins out;
+    add_motion<M>(start_pose(scene, make_mechanism(scene.mechanism, static_cast<M*>(nullptr))), rates, out);
+    for (std::size_t i = 0; i < 2; ++i) {  // not wrapped, as they are measured
+      const double angle = scene.start_angle[joint_of<M>(i, 2)];
+      out.angle[i] = {angle, angle};
+    }
+    return out;
+  });
 }
 
 std::vector<std::string> check_columns(const Scene& scene) {
-  return with_world(scene, [&]<class World>(World) { return check_columns_of<World>(scene); });
+  return with_world(scene, [&]<class World>(World) {
+    using M = typename World::Mechanism;
+    std::vector<std::string> c{"t", "x_ref", "y_ref"};
+    for (std::size_t i = 0; i < 2; ++i)
+      c.push_back(World::joint_names[joint_of<M>(i, 2)] + std::string("_ref"));
+    for (std::size_t i = 0; i < static_cast<std::size_t>(scene.motors()); ++i)
+      c.emplace_back(World::torque_names[joint_of<M>(i, scene.motors())]);
+    c.emplace_back("min_abs_sin_type1");
+    if (scene.type == MechanismType::five_bar) c.emplace_back("abs_D2");
+    return c;
+  });
 }
 
 Margins margins(const Scene& scene, Log& log) {

@@ -1,4 +1,4 @@
-#include "host_sim/check/sampled.hpp"
+#include "host_sim/check/check.hpp"
 
 #include <algorithm>
 #include <cmath>

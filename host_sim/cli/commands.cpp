@@ -9,7 +9,7 @@
 #include <iostream>
 #include <sstream>
 
-#include "host_sim/bus/open_bus.hpp"
+#include "host_sim/bus/host_bus.hpp"
 #include "host_sim/calibrate/calibrate.hpp"
 #include "host_sim/campaign/campaign.hpp"
 #include "host_sim/check/check.hpp"
@@ -19,17 +19,14 @@
 #include "host_sim/controller/board_costs.hpp"
 #include "host_sim/export/export.hpp"
 #include "host_sim/identify/identify.hpp"
-#include "host_sim/live/live.hpp"
-#include "host_sim/loop/loop_scene.hpp"
+#include "host_sim/live/live_api.hpp"
 #include "host_sim/loop/run.hpp"
 #include "host_sim/record/output.hpp"
 #include "host_sim/scene/key.hpp"
 #include "host_sim/scene/names.hpp"
 #include "host_sim/scene/scene.hpp"
 #include "host_sim/spatial/spatial.hpp"
-#include "host_sim/studies/accuracy.hpp"
-#include "host_sim/studies/design_report.hpp"
-#include "host_sim/studies/eval.hpp"
+#include "host_sim/studies/studies.hpp"
 #include "host_sim/sweep/sweep.hpp"
 
 namespace esmc::host {

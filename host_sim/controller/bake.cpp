@@ -2,7 +2,6 @@
 
 #include <vector>
 
-#include "host_sim/controller/bake_text.hpp"
 #include "host_sim/version.hpp"
 
 namespace esmc::host {

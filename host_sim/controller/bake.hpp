@@ -1,10 +1,209 @@
 #pragma once
-/// A scene as constants of a board's image.
+/// A scene as constants of a board's image: numbers and plain structures as C++ initialisers, exact to the
+/// last bit. Structured bindings take aggregates apart, so that one with a new member that is missing here
+/// does not compile.
 
+#include <fmt/format.h>
+
+#include <array>
+#include <cmath>
+#include <concepts>
 #include <cstdint>
 #include <string>
+#include <type_traits>
 
+#include "host_sim/controller/axes_config.hpp"
 #include "host_sim/controller/controller_config.hpp"
+#include "host_sim/error.hpp"
+
+namespace esmc::host::bake {
+
+template <std::floating_point T>
+std::string text(T v) {
+  constexpr bool single = std::is_same_v<T, float>;
+  if (!std::isfinite(v))
+    throw InputError(
+        "",
+        "a number of this scene, or the quotient of two, is beyond what the scalar type of the image holds");
+  return fmt::format("{:a}{}", v, single ? "F" : "");
+}
+inline std::string text(bool v) { return v ? "true" : "false"; }
+template <std::integral T>
+std::string text(T v) {
+  if constexpr (std::is_signed_v<T>) return fmt::format("{}", static_cast<long long>(v));
+  return fmt::format("{}U{}", static_cast<unsigned long long>(v), sizeof(T) > 4 ? "LL" : "");
+}
+/// The image's Enum converts to the enumeration in its place.
+template <class T>
+requires std::is_enum_v<T> std::string text(T v) { return fmt::format("Enum{{{}}}", static_cast<int>(v)); }
+template <class S, int N>
+std::string text(const Eigen::Matrix<S, N, 1>& v) {
+  std::string out = "column(";
+  for (int i = 0; i < N; ++i) out += (i > 0 ? ", " : "") + text(v[i]);
+  return out + ")";
+}
+
+/// Number of members of an aggregate that is written as a list of them; 0: of another form.
+template <class T>
+inline constexpr int members = 0;
+template <>
+inline constexpr int members<link::Bounds> = 2;
+template <>
+inline constexpr int members<PhaseClock> = 2;
+template <>
+inline constexpr int members<drive::AxisConfig> = 4;
+template <>
+inline constexpr int members<drive::OdriveCheck> = 4;
+template <>
+inline constexpr int members<drive::OdriveTable> = 4;
+template <>
+inline constexpr int members<drive::Cia402Settings> = 14;
+template <class S>
+inline constexpr int members<Range<S>> = 2;
+template <class S>
+inline constexpr int members<RrParams<S>> = 2;
+template <class S>
+inline constexpr int members<FiveBarParams<S>> = 4;
+template <class S>
+inline constexpr int members<Limits<S>> = 10;
+template <class S>
+inline constexpr int members<LegParams<S>> = 12;
+
+// Declared before they are needed: arrays of aggregates, aggregates of aggregates.
+template <class T>
+requires(members<T> > 0) std::string text(const T& v);
+inline std::string text(const link::Parameters&);
+template <class S>
+std::string text(const PathSegment<S>&);
+
+template <class T, std::size_t N>
+std::string text(const std::array<T, N>& v) {
+  std::string out = "{{";
+  for (std::size_t i = 0; i < N; ++i) out += (i > 0 ? ", " : "") + text(v[i]);
+  return out + "}}";
+}
+template <class T, int N>
+std::string text(const List<T, N>& v) {
+  return "{" + text(v.items) + "}";
+}
+/// An expression of C++ in place of a value.
+struct Code {
+  std::string expression;
+};
+inline std::string text(const Code& v) { return v.expression; }
+template <class... T>
+std::string list(const T&... member) {
+  std::string out;
+  ((out += (out.empty() ? "" : ", ") + text(member)), ...);
+  return out;
+}
+template <class... T>
+std::string braces(const T&... member) {
+  return "{" + list(member...) + "}";
+}
+
+template <class T>
+requires(members<T> > 0) std::string text(const T& v) {
+  if constexpr (members<T> == 2) {
+    const auto& [a, b] = v;
+    return braces(a, b);
+  } else if constexpr (members<T> == 4) {
+    const auto& [a, b, c, d] = v;
+    return braces(a, b, c, d);
+  } else if constexpr (members<T> == 10) {
+    const auto& [a, b, c, d, e, f, g, h, i, j] = v;
+    return braces(a, b, c, d, e, f, g, h, i, j);
+  } else if constexpr (members<T> == 12) {
+    const auto& [a, b, c, d, e, f, g, h, i, j, k, l] = v;
+    return braces(a, b, c, d, e, f, g, h, i, j, k, l);
+  } else {
+    const auto& [a, b, c, d, e, f, g, h, i, j, k, l, m, n] = v;
+    return braces(a, b, c, d, e, f, g, h, i, j, k, l, m, n);
+  }
+}
+inline std::string text(const link::Parameters& v) {
+  return "link::Parameters(" + text(v.values()) + ", " + text(v.bounds()) + ")";
+}
+inline std::string text(const link::LinkConfig& v) {
+  const auto& [base_id, session, jump, age, status, telemetry, table, period, source, space, position, scene,
+               parameters] = v;
+  (void)session;  // drawn by the image
+  return braces(base_id, std::uint8_t{1}, jump, age, status, telemetry, table, period, source, space,
+                position, scene, parameters);
+}
+inline std::string text(const drive::MitAxis::Settings& v) {
+  const auto& [ranges, dialect, master, retry] = v;
+  const auto& [position, velocity, torque] = ranges;
+  return braces(Code{braces(position, velocity, torque)}, dialect, master, retry);
+}
+template <class S>
+std::string text(const PathSegment<S>& v) {
+  const auto& [start_tick, offset, curve] = v;
+  const auto& [duration, c] = curve;
+  return braces(start_tick, offset, Code{braces(duration, c)});
+}
+/// Its path is `path` of the image.
+template <class S>
+std::string text(const Reference<S>& v) {
+  const auto& [kind, space, centre, amplitude, speed, phase, path, repeat] = v;
+  return braces(kind, space, centre, amplitude, speed, phase, Code{"path"}, repeat);
+}
+template <class M>
+std::string text(const Gains<M>& v) {
+  const auto& [lambda, k, layer, own] = v;
+  const auto& [own_lambda, own_k, own_layer, kp, kd] = own;
+  return braces(lambda, k, layer, Code{braces(own_lambda, own_k, own_layer, kp, kd)});
+}
+template <class Mode>
+std::string mode_text(const Mode& v) {
+  if constexpr (requires { v.assembly; })
+    return braces(v.working, v.assembly);
+  else
+    return braces(v.working);
+}
+
+/// Address of the first part that applies; null: none does.
+inline std::string part_text(std::initializer_list<std::pair<bool, const char*>> parts) {
+  for (const auto& [applies, name] : parts) {
+    if (applies) return fmt::format("&part::{}<Mechanism>", name);
+  }
+  return "nullptr";
+}
+
+/// Initialiser of the configuration, for the C++ of an image; its mechanism is the image's `believed`.
+template <class M>
+std::string text(const ControllerConfig<M>& v) {
+  const auto& [m, mode, law, reaching, gains, reference, limits, torque_limit, torque_weight, sample_time,
+               torque_lead, join, ramp, sign_test, halt, lower, after_halt, enabling, stopping, guide_speed,
+               guide_acceleration, motors, sensors, preload, allocate, variance, fuse, delay, lag, bandwidth,
+               reach, observer, predict] = v;
+  std::string lines;
+  const auto add = [&](const auto&... member) { ((lines += "          " + text(member) + ",\n"), ...); };
+  add(Code{"Mechanism(believed)"}, Code{mode_text(mode)}, law, reaching, gains, reference, limits,
+      torque_limit, torque_weight, sample_time, torque_lead, join, ramp, sign_test, halt, lower, after_halt,
+      enabling, stopping, guide_speed, guide_acceleration, motors, sensors, preload,
+      Code{part_text({{allocate != nullptr, "four_motors"}})}, variance,
+      Code{part_text({{fuse != nullptr, "closure_projection"}})}, delay, lag, bandwidth,
+      Code{part_text({{reach == &part::super_twisting<M>, "super_twisting"},
+                      {reach == &part::implicit_coupled<M>, "implicit_coupled"}})},
+      Code{part_text({{observer != nullptr, "momentum_observer"}})},
+      Code{part_text({{predict != nullptr, "predictor"}})});
+  return "{\n" + lines + "      }";
+}
+
+/// Of a cycle; `line` is the text of its line. Calls make the axes, and the image draws its session.
+template <class Config>
+std::string cycle_text(const Config& v, const std::string& line) {
+  const auto& [controller, axes, its_line, count, heartbeat, waiting, absolute, zero, mismatch, torque_time,
+               timed, link, delay] = v;
+  link::LinkConfig known = link;
+  known.session = 1;
+  return "      " + text(controller) + ",\n      {},\n      " + line + ",\n      " +
+         list(count, heartbeat, waiting, absolute, zero, mismatch, torque_time, timed) + ",\n      " +
+         text(known) + ",\n      " + text(delay);
+}
+
+}  // namespace esmc::host::bake
 
 namespace esmc::host {
 

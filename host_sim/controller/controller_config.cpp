@@ -139,6 +139,65 @@ Quintic<S> in_scalar(const Quintic<double>& q) {
   return out;
 }
 
+template <class M>
+void set_law(const Scene& scene, Pacing pacing, ControllerConfig<M>& c) {
+  using S = typename M::Scalar;
+  c.law = law_kind(scene.law);
+  if (scene.reaching <= ReachingChoice::implicit) c.reaching = static_cast<Reaching>(scene.reaching);
+  if (scene.sliding() && scene.reaching == ReachingChoice::super_twisting) c.reach = &part::super_twisting<M>;
+  if (scene.sliding() && scene.reaching == ReachingChoice::implicit_coupled)
+    c.reach = &part::implicit_coupled<M>;
+  c.delay_ticks = static_cast<S>(delay_ticks(scene, pacing));
+  c.lag_ticks = static_cast<S>(scene.sensor_lag_ticks);
+  c.observer_bandwidth = static_cast<S>(scene.disturbance_observer);
+  if (scene.disturbance_observer > 0.0) c.observer = &part::momentum_observer<M>;
+  if (scene.predictor) c.predict = &part::predictor<M>;
+  set_gains(scene, borne_delay(scene, pacing), c.gains);
+}
+
+template <class M>
+void set_procedures(const Scene& scene, Pacing pacing, ControllerConfig<M>& c) {
+  using S = typename M::Scalar;
+  const auto ticks = [&](double seconds) {
+    return static_cast<std::uint32_t>(std::llround(seconds * scene.rate_hz));
+  };
+  c.ramp_ticks = ticks(scene.torque_ramp.value_or(pacing == Pacing::realtime ? 0.2 : 0.0));
+  c.halt_ticks = scene.limits.halt_time > 0.0 ? std::max(1U, ticks(scene.limits.halt_time)) : 0U;
+  if (scene.drives.sign_test.value_or(scene.hardware && !scene.all_motors))
+    c.sign_test_move = static_cast<S>(scene.drives.sign_test_move);
+  if (scene.command) {
+    c.guide_speed = static_cast<S>(scene.command->speed);
+    c.guide_acceleration = static_cast<S>(scene.command->acceleration);
+  }
+  c.lower_ticks = ticks(scene.limits.lower_time);
+  c.after_halt = scene.limits.after_halt;
+}
+
+template <class M>
+void set_motors_and_sensors(const Scene& scene, ControllerConfig<M>& c) {
+  using S = typename M::Scalar;
+  c.torque_lead = static_cast<S>(scene.drives.torque_lead);
+  c.motors = scene.all_motors ? Motors::all : Motors::base;
+  c.sensors = scene.all_sensors ? Sensors::all : Sensors::base;
+  if (c.law != LawKind::pd) c.allocate = allocation_for<M>(c.motors);  // pd: base motors alone
+  if constexpr (M::joints == 4) {
+    for (int i = 0; i < 4 && !scene.encoder_sigma.empty(); ++i) {
+      const double sigma = scene.encoder_sigma[static_cast<std::size_t>(i)] / scene.encoder_sigma[0];
+      c.encoder_variance[i] = static_cast<S>(sigma * sigma);
+      c.fuse = &part::closure_projection<M>;
+    }
+  }
+  for (int i = 0; i < c.motor_count(); ++i) {
+    const auto u = static_cast<std::size_t>(i);
+    const int joint = ControllerConfig<M>::joint_of(i, c.motor_count());
+    const double limit = scene.torque_limit[u];
+    if (!scene.preload.empty()) c.preload[joint] = static_cast<S>(scene.preload[u]);
+    c.torque_limit[joint] = static_cast<S>(limit);
+    c.torque_weight[joint] =
+        static_cast<S>(scene.torque_weight.empty() ? 1.0 / (limit * limit) : scene.torque_weight[u]);
+  }
+}
+
 }  // namespace
 
 FiveBarParams<double> believed_mechanism(const Scene& scene) {
@@ -242,69 +301,6 @@ ReferenceBundle<float> make_reference<float>(const Scene& scene, Pacing pacing) 
   out.join_ticks = exact.join_ticks;
   return out;
 }
-
-namespace {
-
-template <class M>
-void set_law(const Scene& scene, Pacing pacing, ControllerConfig<M>& c) {
-  using S = typename M::Scalar;
-  c.law = law_kind(scene.law);
-  if (scene.reaching <= ReachingChoice::implicit) c.reaching = static_cast<Reaching>(scene.reaching);
-  if (scene.sliding() && scene.reaching == ReachingChoice::super_twisting) c.reach = &part::super_twisting<M>;
-  if (scene.sliding() && scene.reaching == ReachingChoice::implicit_coupled)
-    c.reach = &part::implicit_coupled<M>;
-  c.delay_ticks = static_cast<S>(delay_ticks(scene, pacing));
-  c.lag_ticks = static_cast<S>(scene.sensor_lag_ticks);
-  c.observer_bandwidth = static_cast<S>(scene.disturbance_observer);
-  if (scene.disturbance_observer > 0.0) c.observer = &part::momentum_observer<M>;
-  if (scene.predictor) c.predict = &part::predictor<M>;
-  set_gains(scene, borne_delay(scene, pacing), c.gains);
-}
-
-template <class M>
-void set_procedures(const Scene& scene, Pacing pacing, ControllerConfig<M>& c) {
-  using S = typename M::Scalar;
-  const auto ticks = [&](double seconds) {
-    return static_cast<std::uint32_t>(std::llround(seconds * scene.rate_hz));
-  };
-  c.ramp_ticks = ticks(scene.torque_ramp.value_or(pacing == Pacing::realtime ? 0.2 : 0.0));
-  c.halt_ticks = scene.limits.halt_time > 0.0 ? std::max(1U, ticks(scene.limits.halt_time)) : 0U;
-  if (scene.drives.sign_test.value_or(scene.hardware && !scene.all_motors))
-    c.sign_test_move = static_cast<S>(scene.drives.sign_test_move);
-  if (scene.command) {
-    c.guide_speed = static_cast<S>(scene.command->speed);
-    c.guide_acceleration = static_cast<S>(scene.command->acceleration);
-  }
-  c.lower_ticks = ticks(scene.limits.lower_time);
-  c.after_halt = scene.limits.after_halt;
-}
-
-template <class M>
-void set_motors_and_sensors(const Scene& scene, ControllerConfig<M>& c) {
-  using S = typename M::Scalar;
-  c.torque_lead = static_cast<S>(scene.drives.torque_lead);
-  c.motors = scene.all_motors ? Motors::all : Motors::base;
-  c.sensors = scene.all_sensors ? Sensors::all : Sensors::base;
-  if (c.law != LawKind::pd) c.allocate = allocation_for<M>(c.motors);  // pd: base motors alone
-  if constexpr (M::joints == 4) {
-    for (int i = 0; i < 4 && !scene.encoder_sigma.empty(); ++i) {
-      const double sigma = scene.encoder_sigma[static_cast<std::size_t>(i)] / scene.encoder_sigma[0];
-      c.encoder_variance[i] = static_cast<S>(sigma * sigma);
-      c.fuse = &part::closure_projection<M>;
-    }
-  }
-  for (int i = 0; i < c.motor_count(); ++i) {
-    const auto u = static_cast<std::size_t>(i);
-    const int joint = ControllerConfig<M>::joint_of(i, c.motor_count());
-    const double limit = scene.torque_limit[u];
-    if (!scene.preload.empty()) c.preload[joint] = static_cast<S>(scene.preload[u]);
-    c.torque_limit[joint] = static_cast<S>(limit);
-    c.torque_weight[joint] =
-        static_cast<S>(scene.torque_weight.empty() ? 1.0 / (limit * limit) : scene.torque_weight[u]);
-  }
-}
-
-}  // namespace
 
 template <class M>
 ControllerConfig<M> controller_without_design(const Scene& scene, Pacing pacing,

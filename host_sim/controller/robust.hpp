@@ -2,7 +2,7 @@
 /// Robust gains of a scene: the problem that host_sim/design solves, and its cached solution.
 
 #include "host_sim/controller/controller_config.hpp"
-#include "host_sim/design/design.hpp"
+#include "host_sim/design/result.hpp"
 
 namespace esmc::host {
 

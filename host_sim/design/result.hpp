@@ -1,5 +1,6 @@
 #pragma once
-/// Result of a design, and the gains that follow from it.
+/// Switching gains from stated uncertainty: docs/robust-design.md. `esmc design` and gain = "robust" call the
+/// same function.
 
 #include <cmath>
 #include <numbers>
@@ -83,5 +84,9 @@ void apply(const Problem<M>& p, const Design<M>& d, Gains<M>& g) {
   if (implicit && g.independent.k > 0.0)
     g.independent.layer = implicit_layer(g.independent.k, c.sample_time, p.told_ticks);
 }
+
+/// Designs gains. A problem without points or with impossible numbers is refused in the result; no exception.
+template <class M>
+[[nodiscard]] Design<M> design(const Problem<M>& p);
 
 }  // namespace esmc::host::design

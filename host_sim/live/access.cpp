@@ -1,4 +1,4 @@
-#include "host_sim/live/access.hpp"
+#include "host_sim/live/server.hpp"
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>

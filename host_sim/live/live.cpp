@@ -1,4 +1,4 @@
-#include "host_sim/live/live.hpp"
+#include "host_sim/live/live_api.hpp"
 
 #include <fmt/format.h>
 
@@ -7,12 +7,11 @@
 #include <nlohmann/json.hpp>
 #include <thread>
 
-#include "host_sim/bus/open_bus.hpp"
+#include "host_sim/bus/host_bus.hpp"
 #include "host_sim/error.hpp"
-#include "host_sim/live/access.hpp"
-#include "host_sim/live/live_api.hpp"
+#include "host_sim/live/server.hpp"
 #include "host_sim/live/session.hpp"
-#include "host_sim/loop/pace.hpp"
+#include "host_sim/loop/waiting.hpp"
 
 namespace esmc::host {
 

@@ -4,11 +4,12 @@
 
 #include <deque>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
-#include "host_sim/live/exchange.hpp"
 #include "host_sim/live/server.hpp"
+#include "host_sim/live/session.hpp"
 #include "host_sim/record/run_options.hpp"
 
 namespace esmc::host {
@@ -77,5 +78,15 @@ std::vector<std::string> with_set(std::vector<std::string> sets, const std::stri
 Hand usual_hand(const Scene& scene);
 /// Reads and checks the scene of a bench. Throws InputError.
 std::shared_ptr<const Scene> read_live_scene(const RunOptions& o);
+
+struct LiveOptions {
+  RunOptions run;
+  int port = 0;                    ///< 0: one that is free
+  std::optional<double> duration;  ///< s; none: until Ctrl-C
+};
+
+/// Prints the pages' address, runs until `duration` or Ctrl-C, prints a summary. Returns the exit status 0,
+/// with faults too. Throws InputError or RunError.
+int run_live(const LiveOptions& o);
 
 }  // namespace esmc::host

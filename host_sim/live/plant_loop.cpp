@@ -3,7 +3,7 @@
 #include <utility>
 
 #include "host_sim/live/loop_parts.hpp"
-#include "host_sim/loop/loop_scene.hpp"
+#include "host_sim/loop/run.hpp"
 #include "host_sim/loop/waiting.hpp"
 
 namespace esmc::host {

@@ -10,7 +10,7 @@
 #include "host_sim/error.hpp"
 #include "host_sim/live/live_api.hpp"
 #include "host_sim/live/session.hpp"
-#include "host_sim/loop/loop_scene.hpp"
+#include "host_sim/loop/run.hpp"
 #include "host_sim/record/recorder.hpp"
 #include "host_sim/scene/toml_text.hpp"
 
@@ -146,11 +146,7 @@ std::shared_ptr<const Scene> read_live_scene(const RunOptions& o) {
   auto scene = std::make_shared<Scene>(read_loop_scene(paced));
   prepare_live_scene(*scene, paced.realtime);
   require_confirmed(*scene);
-  if (scene->type == MechanismType::five_bar) {
-    require_reachable<FiveBarTraits>(*scene, Pacing::lockstep);
-  } else {
-    require_reachable<RrTraits>(*scene, Pacing::lockstep);
-  }
+  with_world(*scene, [&]<class World>(World) { require_reachable<World>(*scene, Pacing::lockstep); });
   return scene;
 }
 

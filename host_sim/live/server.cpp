@@ -7,7 +7,6 @@
 #include <vector>
 
 #include "host_sim/error.hpp"
-#include "host_sim/live/access.hpp"
 
 namespace esmc::host {
 namespace {

@@ -8,7 +8,7 @@
 #include <optional>
 #include <vector>
 
-#include "host_sim/bus/open_bus.hpp"
+#include "host_sim/bus/host_bus.hpp"
 #include "host_sim/bus/timed_bus.hpp"
 #include "host_sim/loop/controller_end.hpp"
 #include "host_sim/loop/plant_end.hpp"

@@ -1,4 +1,4 @@
-#include "host_sim/loop/loop_scene.hpp"
+#include "host_sim/loop/run.hpp"
 
 #include <fmt/format.h>
 

@@ -5,7 +5,6 @@
 #include <thread>
 
 #include "host_sim/controller/axes_config.hpp"
-#include "host_sim/loop/loop_scene.hpp"
 #include "host_sim/loop/run.hpp"
 #include "host_sim/loop/waiting.hpp"
 #include "host_sim/record/recorder.hpp"

@@ -7,7 +7,7 @@
 
 #include "host_sim/bus/frame_log.hpp"
 #include "host_sim/drives/emulated_plant.hpp"
-#include "host_sim/loop/loop_scene.hpp"
+#include "host_sim/loop/run.hpp"
 #include "host_sim/loop/waiting.hpp"
 #include "host_sim/record/recorder.hpp"
 #include "host_sim/record/run_options.hpp"

@@ -1,17 +1,20 @@
 #pragma once
-/// The run commands. Each returns the exit status, 1 after a fault, and throws InputError and RunError.
+/// The run commands, and what their scenes need before they may run on a bus. Each command returns the exit
+/// status, 1 after a fault, and throws InputError and RunError.
 
 #include <optional>
 #include <string>
 #include <vector>
 
+#include "hal/can.hpp"
 #include "host_sim/bus/host_bus.hpp"
-#include "host_sim/drives/lone_shaft.hpp"
+#include "host_sim/drives/emulated_axis.hpp"
+#include "host_sim/plant/plant.hpp"
 #include "host_sim/record/run_options.hpp"
+#include "host_sim/record/summary.hpp"
+#include "host_sim/scene/scene.hpp"
 
 namespace esmc::host {
-
-struct Scene;
 
 int run_sim(const RunOptions& o);
 int run_hil(const RunOptions& o);
@@ -55,5 +58,39 @@ struct DriveOptions {
 std::string defects_text();
 /// `esmc drive`: one emulated drive with a shaft of its own on a CAN interface, in real time.
 int run_drive(const DriveOptions& o);
+
+/// A closed loop run for a study: no files, no summary, every effector position kept.
+struct Trace {
+  Statistics statistics;
+  RunEnd end;
+  std::vector<V2> effector;     ///< m, true position at every tick of a closed loop
+  bool reference_left = false;  ///< the reference has left the reach of the true mechanism
+};
+
+/// Runs a scene as `esmc sim` does. `single_precision`: the controller computes in float.
+Trace trace(const Scene& scene, bool single_precision = false);
+
+/// Runs a case of a sweep, without path, digest and, unless wanted, base_errors. Throws InputError where the
+/// reference leaves the reach of the true mechanism; a state that is not finite shows in end.q.
+Trace run_case(const Scene& scene, bool base_errors);
+
+/// Why a scene that `esmc sim` runs cannot run on a bus; `what` empty: it can.
+struct BusObstacle {
+  std::string where, what;
+};
+BusObstacle bus_obstacle(const Scene& scene);  ///< the first one
+/// Throws InputError where there is an obstacle.
+void require_bus_loop(const Scene& scene);
+/// Settings that decide over torque and cannot be read back from these drives, in one line.
+std::string to_confirm(const Scene& scene);
+/// Throws InputError with to_confirm() where the scene must confirm those settings and does not.
+void require_confirmed(const Scene& scene);
+/// Reads the scene of a command that uses a bus. Throws InputError, for a scene with an obstacle as well.
+Scene read_loop_scene(const RunOptions& o);
+/// Throws RunError if `f` announces a controller with this command.base_id that was made from another scene.
+void require_same_scene(const Scene& scene, const hal::CanFrame& f);
+/// Time, s (in lockstep: virtual), until the plant's end reports that its drives are not armed: more than
+/// the controller takes to report it, and more again where a supervisor computer arms.
+[[nodiscard]] double arming_time_max(const Scene& scene);
 
 }  // namespace esmc::host

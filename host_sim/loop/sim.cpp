@@ -8,7 +8,6 @@
 #include "host_sim/drives/placed_axes.hpp"
 #include "host_sim/loop/progress.hpp"
 #include "host_sim/loop/run.hpp"
-#include "host_sim/loop/trace.hpp"
 #include "host_sim/record/finish.hpp"
 #include "host_sim/record/recorder.hpp"
 
@@ -230,16 +229,6 @@ int simulate(Scene scene, const RunOptions& o) {
                   *scene.accuracy, change));
 }
 
-}  // namespace
-
-int run_sim(const RunOptions& o) {
-  Scene scene = read_scene(o.scene, o.sets);
-  refuse_bus_effects(scene, "esmc sim has no bus");
-  scene.seed = o.seed;
-  return with_world(scene, [&]<class World>(World) { return simulate<World>(scene, o); });
-}
-
-namespace {
 /// A run without files, after `set_up(run, its trace)`.
 template <class World, class SetUp>
 Trace study(const Scene& scene, const SetUp& set_up) {
@@ -257,7 +246,15 @@ Trace study(const Scene& scene, const SetUp& set_up) {
   out.reference_left = run.recorder().reference_left();
   return out;
 }
+
 }  // namespace
+
+int run_sim(const RunOptions& o) {
+  Scene scene = read_scene(o.scene, o.sets);
+  refuse_bus_effects(scene, "esmc sim has no bus");
+  scene.seed = o.seed;
+  return with_world(scene, [&]<class World>(World) { return simulate<World>(scene, o); });
+}
 
 Trace trace(const Scene& scene, bool single_precision) {
   const auto set_up = [&](auto& run, Trace& out) {

@@ -1,4 +1,4 @@
-#include "host_sim/plant/loads.hpp"
+#include "host_sim/plant/system.hpp"
 
 #include "firmware/numeric/elementary.hpp"
 

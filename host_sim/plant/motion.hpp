@@ -7,16 +7,13 @@
 #include <vector>
 
 #include "host_sim/effects/drivetrain.hpp"
-#include "host_sim/plant/method.hpp"
-#include "host_sim/plant/motor_torques.hpp"
+#include "host_sim/plant/inputs.hpp"
 #include "host_sim/plant/plant.hpp"
 
 namespace esmc::host {
 
 template <class Plant>
 class Engine;  // integrates a plant: engine.hpp
-
-struct Hand;
 
 template <class Plant>
 class Motion {

@@ -100,37 +100,6 @@ std::uint64_t with_companion(std::uint64_t hash, const std::string& name, const 
   return fnv(fnv(hash, fmt::format("{} {}\n", name, text.size())), text);
 }
 
-}  // namespace
-
-std::optional<CandumpLine> parse_candump(std::string_view line) {
-  CandumpLine out;
-  const std::size_t point = line.find('.'), close = line.find(')');
-  if (!line.starts_with("(") || point == std::string_view::npos || close == std::string_view::npos ||
-      close != point + 7)
-    return std::nullopt;
-  std::uint64_t seconds = 0, micro = 0;
-  if (!number(line.substr(1, point - 1), seconds) || !number(line.substr(point + 1, 6), micro))
-    return std::nullopt;
-  if (seconds > 1'000'000'000'000) return std::nullopt;
-  out.time_us = static_cast<std::int64_t>(seconds * 1'000'000 + micro);
-  const std::size_t space = line.find(' ', close + 2);
-  if (space == std::string_view::npos || line[close + 1] != ' ') return std::nullopt;
-  out.interface = line.substr(close + 2, space - close - 2);
-  out.text = space + 1;
-  const auto frame = parse_frame(line.substr(out.text));
-  if (!frame || out.interface.empty()) return std::nullopt;
-  out.frame = *frame;
-  return out;
-}
-
-std::string scene_digest(const Scene& scene) {
-  std::uint64_t hash = fnv(fnv_start, scene.toml);
-  for (const Companion& c : scene.companions) hash = with_companion(hash, c.name, c.text);
-  return digest_text(hash);
-}
-
-namespace {
-
 /// Command, version, seed and the like from the summary. Throws InputError.
 Recording read_summary(const std::string& directory, bool any_version) {
   Recording r;
@@ -195,6 +164,33 @@ std::string read_frames(const Recording& r) {
 }
 
 }  // namespace
+
+std::optional<CandumpLine> parse_candump(std::string_view line) {
+  CandumpLine out;
+  const std::size_t point = line.find('.'), close = line.find(')');
+  if (!line.starts_with("(") || point == std::string_view::npos || close == std::string_view::npos ||
+      close != point + 7)
+    return std::nullopt;
+  std::uint64_t seconds = 0, micro = 0;
+  if (!number(line.substr(1, point - 1), seconds) || !number(line.substr(point + 1, 6), micro))
+    return std::nullopt;
+  if (seconds > 1'000'000'000'000) return std::nullopt;
+  out.time_us = static_cast<std::int64_t>(seconds * 1'000'000 + micro);
+  const std::size_t space = line.find(' ', close + 2);
+  if (space == std::string_view::npos || line[close + 1] != ' ') return std::nullopt;
+  out.interface = line.substr(close + 2, space - close - 2);
+  out.text = space + 1;
+  const auto frame = parse_frame(line.substr(out.text));
+  if (!frame || out.interface.empty()) return std::nullopt;
+  out.frame = *frame;
+  return out;
+}
+
+std::string scene_digest(const Scene& scene) {
+  std::uint64_t hash = fnv(fnv_start, scene.toml);
+  for (const Companion& c : scene.companions) hash = with_companion(hash, c.name, c.text);
+  return digest_text(hash);
+}
 
 Recording read_recording(const std::string& directory, bool any_version) {
   std::error_code error;

@@ -1,4 +1,4 @@
-#include "host_sim/record/table.hpp"
+#include "host_sim/record/recording.hpp"
 
 #include <fmt/format.h>
 

@@ -1,4 +1,4 @@
-#include "host_sim/report/workspace.hpp"
+#include "host_sim/report/run_page.hpp"
 
 #include <algorithm>
 #include <cmath>

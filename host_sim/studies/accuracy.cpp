@@ -1,4 +1,4 @@
-#include "host_sim/studies/accuracy.hpp"
+#include "host_sim/studies/studies.hpp"
 
 #include <fmt/format.h>
 

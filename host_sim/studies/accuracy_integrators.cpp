@@ -5,7 +5,7 @@
 #include "host_sim/plant/kinematics.hpp"
 #include "host_sim/plant/system.hpp"
 #include "host_sim/problems/problems.hpp"
-#include "host_sim/studies/accuracy.hpp"
+#include "host_sim/studies/studies.hpp"
 
 namespace esmc::host {
 namespace {

@@ -7,10 +7,10 @@
 #include <nlohmann/json.hpp>
 #include <utility>
 
-#include "host_sim/loop/trace.hpp"
+#include "host_sim/loop/run.hpp"
 #include "host_sim/record/recorder.hpp"
 #include "host_sim/scene/scene.hpp"
-#include "host_sim/studies/accuracy.hpp"
+#include "host_sim/studies/studies.hpp"
 
 namespace esmc::host {
 namespace {
@@ -22,6 +22,58 @@ Scene comparison(const std::vector<std::string>& sets) {
 }
 
 Json fault_of(const Trace& t) { return t.end.faults.empty() ? Json(nullptr) : Json(t.end.faults.front()); }
+
+struct NamedEffect {
+  const char *type, *parameters;  ///< TOML of the effect
+  const char* step = "5e-4";      ///< s: short enough for it
+};
+
+/// Parameters of a small laboratory five-bar with cheap gears.
+constexpr NamedEffect named[] = {
+    {"viscous_friction", "coefficient = [0.01, 0.002]"},
+    {"coulomb_friction", "torque = [0.02, 0.005]"},
+    {"coulomb_friction", "torque = [0.02, 0.005], regularised = 0.01"},
+    {"joint_flexibility", "stiffness = 100.0, damping = 0.02, rotor_inertia = 1e-3", "2e-4"},
+    {"backlash", "gap = 0.001, stiffness = 200.0, damping = 0.1, rotor_inertia = 1e-3", "2e-4"},
+    {"end_stops", "lower = [-1.0, -1.0], upper = [2.0, 2.0]"},
+    {"end_stops", "lower = [-1.0, -1.0], upper = [2.0, 2.0], stiffness = 1000.0, restitution = 0.5"},
+    {"payload", "mass = 0.05, from = 0.5"},
+    {"external_force", "force = [0.5, 0.0], from = 0.5, to = 1.0"},
+    {"external_force", R"(kind = "human", anchor = [0.0, 0.17], stiffness = 10.0, damping = 0.5)"},
+    {"torque_lag", "time_constant = 0.0005"},
+    {"torque_saturation", "limit = 0.5"},
+    {"torque_ripple", "amplitude = 0.01, per_turn = 14.0"},
+    {"thermal_limit", "continuous = 0.4, time_constant = 10.0"},
+    {"encoder", "bits = 16"},
+    {"noise", "sigma = 1e-5"},
+    {"bias", "angle = [0.002, 0.0]"},
+    {"delay", "ticks = 1"},
+    {"jitter", "sigma = 1e-4"},
+    {"compute_delay", "time = 5e-4"},
+};
+
+/// CPU time of one step of the plant alone, ns.
+double ns_per_step(const Scene& scene) {
+  constexpr int ticks = 2000;
+  const int substeps = std::max(1, static_cast<int>(std::ceil(scene.tick() / scene.step - 1e-9)));
+  auto motion = make_motion<FiveBarTraits>(scene);
+  const double begin = thread_cpu_s();
+  for (int n = 0; n < ticks; ++n) {
+    // Torques that nearly hold the mechanism: every effect acts in an ordinary state.
+    motion.advance(n * scene.tick(), scene.tick(), substeps, {{0.05, 0.0, 0.05, 0.0}, nullptr});
+  }
+  return 1e9 * (thread_cpu_s() - begin) / (ticks * substeps);
+}
+
+/// Least of nine measurements of each, taken in turns, so that a slow moment of the machine affects both.
+std::pair<double, double> paired_ns(const Scene& a, const Scene& b) {
+  std::pair<double, double> best{1e300, 1e300};
+  for (int k = 0; k < 9; ++k) {
+    best.first = std::min(best.first, ns_per_step(a));
+    best.second = std::min(best.second, ns_per_step(b));
+  }
+  return best;
+}
 
 }  // namespace
 
@@ -81,62 +133,6 @@ Json tracking_study(bool quick) {
   }
   return points;
 }
-
-namespace {
-
-struct NamedEffect {
-  const char *type, *parameters;  ///< TOML of the effect
-  const char* step = "5e-4";      ///< s: short enough for it
-};
-
-/// Parameters of a small laboratory five-bar with cheap gears.
-constexpr NamedEffect named[] = {
-    {"viscous_friction", "coefficient = [0.01, 0.002]"},
-    {"coulomb_friction", "torque = [0.02, 0.005]"},
-    {"coulomb_friction", "torque = [0.02, 0.005], regularised = 0.01"},
-    {"joint_flexibility", "stiffness = 100.0, damping = 0.02, rotor_inertia = 1e-3", "2e-4"},
-    {"backlash", "gap = 0.001, stiffness = 200.0, damping = 0.1, rotor_inertia = 1e-3", "2e-4"},
-    {"end_stops", "lower = [-1.0, -1.0], upper = [2.0, 2.0]"},
-    {"end_stops", "lower = [-1.0, -1.0], upper = [2.0, 2.0], stiffness = 1000.0, restitution = 0.5"},
-    {"payload", "mass = 0.05, from = 0.5"},
-    {"external_force", "force = [0.5, 0.0], from = 0.5, to = 1.0"},
-    {"external_force", R"(kind = "human", anchor = [0.0, 0.17], stiffness = 10.0, damping = 0.5)"},
-    {"torque_lag", "time_constant = 0.0005"},
-    {"torque_saturation", "limit = 0.5"},
-    {"torque_ripple", "amplitude = 0.01, per_turn = 14.0"},
-    {"thermal_limit", "continuous = 0.4, time_constant = 10.0"},
-    {"encoder", "bits = 16"},
-    {"noise", "sigma = 1e-5"},
-    {"bias", "angle = [0.002, 0.0]"},
-    {"delay", "ticks = 1"},
-    {"jitter", "sigma = 1e-4"},
-    {"compute_delay", "time = 5e-4"},
-};
-
-/// CPU time of one step of the plant alone, ns.
-double ns_per_step(const Scene& scene) {
-  constexpr int ticks = 2000;
-  const int substeps = std::max(1, static_cast<int>(std::ceil(scene.tick() / scene.step - 1e-9)));
-  auto motion = make_motion<FiveBarTraits>(scene);
-  const double begin = thread_cpu_s();
-  for (int n = 0; n < ticks; ++n) {
-    // Torques that nearly hold the mechanism: every effect acts in an ordinary state.
-    motion.advance(n * scene.tick(), scene.tick(), substeps, {{0.05, 0.0, 0.05, 0.0}, nullptr});
-  }
-  return 1e9 * (thread_cpu_s() - begin) / (ticks * substeps);
-}
-
-/// Least of nine measurements of each, taken in turns, so that a slow moment of the machine affects both.
-std::pair<double, double> paired_ns(const Scene& a, const Scene& b) {
-  std::pair<double, double> best{1e300, 1e300};
-  for (int k = 0; k < 9; ++k) {
-    best.first = std::min(best.first, ns_per_step(a));
-    best.second = std::min(best.second, ns_per_step(b));
-  }
-  return best;
-}
-
-}  // namespace
 
 Json effect_study() {
   Json out = Json::array();

@@ -1,4 +1,4 @@
-#include "host_sim/studies/design_report.hpp"
+#include "host_sim/studies/studies.hpp"
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -6,12 +6,11 @@
 #include <algorithm>
 #include <nlohmann/json.hpp>
 
-#include "host_sim/check/sampled.hpp"
+#include "host_sim/check/check.hpp"
 #include "host_sim/controller/robust.hpp"
-#include "host_sim/loop/trace.hpp"
+#include "host_sim/loop/run.hpp"
 #include "host_sim/parallel.hpp"
 #include "host_sim/record/recorder.hpp"
-#include "host_sim/studies/sampled_plant.hpp"
 
 namespace esmc::host {
 namespace {

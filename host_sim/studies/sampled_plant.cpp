@@ -1,4 +1,4 @@
-#include "host_sim/studies/sampled_plant.hpp"
+#include "host_sim/studies/studies.hpp"
 
 #include <fmt/format.h>
 

@@ -7,7 +7,7 @@
 
 #include "firmware/safety/faults.hpp"
 #include "host_sim/error.hpp"
-#include "host_sim/loop/trace.hpp"
+#include "host_sim/loop/run.hpp"
 #include "host_sim/record/run_options.hpp"
 
 namespace esmc::host {

@@ -8,7 +8,7 @@
 #include <fstream>
 #include <sstream>
 
-#include "host_sim/controller/bake_text.hpp"
+#include "host_sim/controller/bake.hpp"
 #include "scene.hpp"
 #include "tests/boards/run_node.hpp"
 

@@ -8,7 +8,6 @@
 #include <vector>
 
 #include "host_sim/drives/emulated_axis.hpp"
-#include "host_sim/drives/lone_shaft.hpp"
 #include "host_sim/effects/shaft_sensor.hpp"
 #include "tests/fuzz/bytes.hpp"
 

@@ -248,15 +248,15 @@ def self_test(root):
         ("host_sim/plant/plant.hpp", '#include "host_sim/controller/controller_config.hpp"'),
         ("host_sim/effects/effects.hpp", '#include "host_sim/plant/plant.hpp"'),
         ("host_sim/scene/scene.hpp", '#include "host_sim/drives/actuators.hpp"'),
-        ("host_sim/controller/bake.hpp", '#include "host_sim/loop/loop_scene.hpp"'),
+        ("host_sim/controller/bake.hpp", '#include "host_sim/loop/run.hpp"'),
         ("host_sim/record/recording.hpp", '#include "host_sim/sweep/journal.hpp"'),
         ("host_sim/campaign/judge.hpp", '#include "host_sim/live/session.hpp"'),
         ("host_sim/campaign/judge.hpp", '#include "firmware/safety/supervisor.hpp"'),
         ("host_sim/calibrate/geometry.hpp", '#include "firmware/mechanism/five_bar.hpp"'),
         ("host_sim/identify/inertia.hpp", '#include "host_sim/controller/controller_config.hpp"'),
-        ("host_sim/design/problem.hpp", '#include "host_sim/plant/plant.hpp"'),
-        ("host_sim/design/problem.hpp", '#include "host_sim/scene/scene.hpp"'),
-        ("host_sim/studies/eval.hpp", '#include "tests/support/fake_bus.hpp"'),
+        ("host_sim/design/extremes.hpp", '#include "host_sim/plant/plant.hpp"'),
+        ("host_sim/design/extremes.hpp", '#include "host_sim/scene/scene.hpp"'),
+        ("host_sim/studies/studies.hpp", '#include "tests/support/fake_bus.hpp"'),
     ]
     failed = 0
     with tempfile.TemporaryDirectory() as scratch:

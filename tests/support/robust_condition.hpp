@@ -6,8 +6,8 @@
 
 #include <algorithm>
 
-#include "host_sim/design/design.hpp"
 #include "host_sim/design/efforts.hpp"
+#include "host_sim/design/result.hpp"
 #include "tests/support/random_mechanism.hpp"
 
 namespace esmc::test {

@@ -12,7 +12,7 @@
 #include <vector>
 
 #include "host_sim/drives/cia402_axis.hpp"
-#include "host_sim/drives/lone_shaft.hpp"
+#include "host_sim/drives/emulated_axis.hpp"
 #include "host_sim/drives/mit_axis.hpp"
 #include "host_sim/drives/odrive_axis.hpp"
 #include "host_sim/drives/placed_axes.hpp"

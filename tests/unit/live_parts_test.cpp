@@ -7,9 +7,9 @@
 #include <thread>
 
 #include "host_sim/error.hpp"
-#include "host_sim/live/access.hpp"
 #include "host_sim/live/live_api.hpp"
-#include "host_sim/live/ring.hpp"
+#include "host_sim/live/server.hpp"
+#include "host_sim/live/session.hpp"
 
 namespace esmc::host {
 namespace {

@@ -11,7 +11,6 @@
 #include <nlohmann/json.hpp>
 
 #include "host_sim/error.hpp"
-#include "host_sim/loop/loop_scene.hpp"
 #include "host_sim/loop/run.hpp"
 
 namespace esmc::host {

@@ -11,7 +11,6 @@
 
 #include "host_sim/error.hpp"
 #include "host_sim/record/recording.hpp"
-#include "host_sim/record/table.hpp"
 #include "host_sim/scene/scene.hpp"
 #include "host_sim/version.hpp"
 

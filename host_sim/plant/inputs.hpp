@@ -1,5 +1,5 @@
 #pragma once
-/// The torques of the motors over a stretch of time: held by the drives, or an open-loop scene's waveforms.
+/// What moves a plant beside its effects: torques of the motors, a hand; and the method that integrates it.
 
 #include <algorithm>
 #include <array>
@@ -7,7 +7,33 @@
 #include <limits>
 #include <vector>
 
+#include "host_sim/names.hpp"
+#include "host_sim/plant/plant.hpp"
+
 namespace esmc::host {
+
+/// A hand at the effector, moved while the simulation runs.
+struct Hand {
+  bool holding = false;                   ///< spring and damper towards `anchor`
+  V2 anchor{};                            ///< m
+  double stiffness = 0.0, damping = 0.0;  ///< N/m, N s/m, >= 0
+  V2 push{};                              ///< N, besides
+  double most = 0.0;                      ///< N, > 0: no hand pulls harder
+
+  /// Force, N, on an effector at p, m, moving with v, m/s: push and pull, their sum cut to `most`.
+  [[nodiscard]] V2 force(V2 p, V2 v) const {
+    V2 f = push;
+    if (holding) f = f + stiffness * (anchor - p) - damping * v;
+    const double size = std::sqrt(dot(f, f));
+    return size > most ? (most / size) * f : f;
+  }
+};
+
+/// `moreau_jean` is what set-valued effects need; a scene with such effects gets it in any case.
+enum class Method { semi_implicit_euler, rk4, dopri5, dopri8, radau5, moreau_jean };
+template <>
+inline constexpr auto names_of<Method> =
+    std::array{"semi_implicit_euler", "rk4", "dopri5", "dopri8", "radau5", "moreau_jean"};
 
 /// tau(t) = offset + sum amp sin(omega t + phase), N m.
 struct Waveform {
@@ -40,6 +66,7 @@ struct OpenLoop {
   }
 };
 
+/// Of the motors over a stretch of time: held by the drives, or an open-loop scene's waveforms.
 template <class Joints>
 struct MotorTorques {
   Joints held{};                   ///< N m per joint, model convention

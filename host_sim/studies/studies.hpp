@@ -1,0 +1,64 @@
+#pragma once
+/// `esmc accuracy`, `esmc eval` and `esmc design`.
+
+#include <cstdint>
+#include <nlohmann/json_fwd.hpp>
+#include <string>
+#include <vector>
+
+#include "host_sim/problems/work_precision.hpp"
+#include "host_sim/record/run_options.hpp"
+#include "host_sim/scene/scene.hpp"
+
+namespace esmc::host {
+
+struct AccuracyOptions {
+  bool quick = false;
+  bool json = false;
+  std::string out;
+  std::string command_line;
+};
+
+/// Error against work of every integrator on every problem, and the orders shown. `effort` scales the CPU
+/// time.
+WorkPrecision integrator_study(double effort);
+
+/// Closed loops of the comparison scenario with one thing changed, a flat object each: the parameter that
+/// varies (study) and its value (setting), errors, mean change of torque per tick, time per tick of the whole
+/// loop, fault or null.
+nlohmann::ordered_json tracking_study(bool quick);
+
+/// Effects on the comparison scenario, a flat object each: the largest distance between the effector with it
+/// and without, errors, states, time per step of the plant. What is without it is integrated by RK4.
+nlohmann::ordered_json effect_study();
+
+/// Runs `esmc accuracy`. Returns the exit status: 1 where an integrator did not show its order.
+int run_accuracy(const AccuracyOptions& o);
+
+/// Evaluates every case of a document in the schema of tests/reference/README.md and returns the text of
+/// {"cases": [...]} with the computed blocks under the same names. Throws InputError naming file, line, case.
+std::string evaluate(const std::string& text, const std::string& file, bool single_precision);
+
+struct DesignOptions {
+  RunOptions run;
+  bool workspace = false;      ///< as uncertainty.over = "workspace"
+  std::uint64_t simulate = 0;  ///< number of plants from the intervals to simulate
+};
+
+/// Runs `esmc design`. Returns 0: gains are printed and every simulated plant stayed in the band; 1: refused,
+/// or a plant did not.
+int run_design(const DesignOptions& o);
+
+/// The scene, which must have [uncertainty], with plant `index` in place of its own. An even index draws a
+/// corner of all intervals, an odd one a point between. Friction and payload are drawn too and replace those
+/// effects; the controller's belief stays. Delays are at least those that the controller assumes: of the
+/// torque as compute_delay; of measurements, whole ticks as delay, unless there is an encoder or noise.
+/// `lengths`: draws l1, l2 and half_base too. Depends on its arguments only.
+Scene sampled_plant(const Scene& scene, std::uint64_t seed, std::uint64_t index, bool lengths);
+
+/// Parameters of the scene's own mechanism and effects outside [uncertainty], one phrase each; not_covered:
+/// effects that the guarantee of a design does not cover, all but delays that the controller assumes.
+std::vector<std::string> outside(const Scene& scene);
+std::vector<std::string> not_covered(const Scene& scene);
+
+}  // namespace esmc::host
