@@ -12,6 +12,7 @@
 #include "host_sim/drives/odrive_axis.hpp"
 #include "host_sim/loop/run.hpp"
 #include "host_sim/loop/waiting.hpp"
+#include "host_sim/names.hpp"
 #include "host_sim/scene/drive_defects.hpp"
 
 namespace esmc::host {

@@ -244,22 +244,6 @@ RecordedBus::Source passed_frames(const Recording& r) {
   };
 }
 
-RecordedRun open_run(const std::string& log, const std::string& scene) {
-  namespace fs = std::filesystem;
-  std::error_code ignored;
-  if (log.find('\0') != std::string::npos) throw InputError("", "the log must be a file name, without NUL");
-  RecordedRun out;
-  out.log = fs::is_directory(log, ignored) ? (fs::path(log) / "log.csv").string() : log;
-  if (!fs::exists(out.log, ignored)) throw InputError("", out.log + ": there is no such log");
-  out.scene_file = scene.empty() ? (fs::path(out.log).parent_path() / "scene.toml").string() : scene;
-  if (scene.empty() && !fs::exists(out.scene_file, ignored))
-    throw InputError(
-        "",
-        out.scene_file + ": there is no scene beside the log: --scene FILE says which mechanism it is of");
-  out.scene = read_scene(out.scene_file, {});
-  return out;
-}
-
 std::vector<std::string> joint_names(MechanismType type) {
   if (type == MechanismType::rr) return {"theta1", "theta2"};
   return {"theta11", "theta12", "theta21", "theta22"};
