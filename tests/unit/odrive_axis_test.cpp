@@ -350,6 +350,8 @@ TEST(OdriveAxis, ZerosBeforeTheFirstClosedLoopAreNoSample) {
   EXPECT_TRUE(told(0.0F, 0.0F)) << "from nearby it is an angle";
   EXPECT_TRUE(told(-0.25F, 0.0F));
   EXPECT_FALSE(told(0.0F, 0.0F)) << "from a distance it may have restarted";
+  EXPECT_TRUE(told(0.25F, 0.0F));
+  EXPECT_FALSE(told(0.0F, 0.0F)) << "whatever the side";
   ask(a);
   hear(a, 8);
   EXPECT_FALSE(told(0.0F, 0.0F));
