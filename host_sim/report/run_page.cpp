@@ -95,7 +95,7 @@ Json rows_json(const std::vector<SeriesRow>& list) {
   return rows;
 }
 
-constexpr std::string_view placeholder = "/*ESMC_DATA*/";
+constexpr std::string_view data_mark = "/*ESMC_DATA*/";
 
 /// JSON text that an HTML parser cannot mistake for markup. In JSON `<` occurs only inside strings, where
 /// \u003c means the same; without it there is neither `</script>` nor `<!--`.
@@ -109,10 +109,10 @@ std::string json_for_html(const Json& data) {
 
 /// Puts the data into the page `report.html.in`, which draws everything itself when it is opened.
 std::string render_report(const Json& data) {
-  const std::size_t at = report_template.find(placeholder);
+  const std::size_t at = report_template.find(data_mark);
   std::string page(report_template.substr(0, at));
   page += json_for_html(data);
-  page += report_template.substr(at + placeholder.size());
+  page += report_template.substr(at + data_mark.size());
   return page;
 }
 

@@ -36,9 +36,9 @@ class Section {
         keys_(keys) {}
 
   [[nodiscard]] bool has(const std::string& key) const { return table_->contains(key); }
-  /// The same, of a key that belongs to this table.
+  /// Whether the key is there; finish() then does not refuse it.
   bool given(const std::string& key) { return find(key, false) != nullptr; }
-  /// Reads the keys of this table that the key table has a field for.
+  /// Reads every key of this table whose entry in the key table names a field; see fields.hpp.
   void read_fields(Scene& scene);
   [[nodiscard]] bool empty() const { return table_->empty(); }
   /// The place of this table, or of `key` if it is there, for errors: FILE:LINE, and every --set in it.
