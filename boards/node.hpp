@@ -33,7 +33,7 @@ struct NoWatchdog {
   static void refresh() {}
 };
 
-/// Sets the outputs, and refreshes the watchdog if the output of the tick was correct.
+/// After node.tick(): sets the outputs, and refreshes the watchdog if the output of the tick was correct.
 template <class Node, Board B>
 void finish_tick(Node& node, B& board) {
   board.drive_enable().set(node.drive_enable());
@@ -50,7 +50,7 @@ class LockstepLoop {
  public:
   static constexpr std::uint32_t retry_us = 100'000, enabling_us = 5'000'000;
 
-  LockstepLoop(Node& node, B& board) : node_(node), board_(board) {}
+  LockstepLoop(Node& node, B& board) : node_(node), board_(board) {}  ///< both must outlive the loop
 
   /// Does one turn, without waiting; call in an endless loop.
   void turn() {
@@ -103,7 +103,8 @@ class TimedLoop {
   static constexpr std::uint32_t rejoin_us = 200'000;  ///< between attempts to come back to the bus
   static constexpr std::uint32_t gap_us = 50'000;
 
-  /// `period_ns`: up to a second. `patience`: share of the period to wait for requested samples.
+  /// Both must outlive the loop; the first tick is due now. `period_ns`: 1000 ns to a second, not checked.
+  /// `patience`: share of the period, 0..1, to wait for requested samples.
   TimedLoop(Node& node, B& board, std::uint32_t period_ns, float patience = 0.4F)
       : node_(node),
         board_(board),

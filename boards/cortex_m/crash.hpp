@@ -18,13 +18,14 @@ struct CrashRecord {
   std::uint32_t sp;            ///< at the fault, including the stacked registers
   std::uint32_t pc, lr;        ///< 0: the stack could not be read
 
+  /// The checksum of all fields but `valid`.
   [[nodiscard]] std::uint32_t sum() const {
     return mark ^
            (exception + 3U * fault_status + 5U * address + 13U * sp + 17U * hard_status + 7U * pc + 11U * lr);
   }
   [[nodiscard]] bool sealed() const { return valid == sum(); }  ///< a complete record is there
   void seal() { valid = sum(); }                                ///< call when all fields are set
-  void forget() { valid = 0; }
+  void forget() { valid = 0; }                                  ///< the record is no longer sealed()
 };
 extern CrashRecord crash_record;
 

@@ -13,7 +13,8 @@ extern const std::uint32_t esmc_data_image;
 
 namespace esmc {
 
-/// Sets initialised data and clears .bss; paints the unused stack, so that its deepest use can be read later.
+/// Sets initialised data and clears .bss; paints the unused stack, so that its deepest use can be read
+/// later. Call first after a reset: before it no static variable has its value.
 [[gnu::always_inline]] inline void prepare_memory() {
   const std::uint32_t* from = &esmc_data_image;
   for (std::uint32_t* to = &esmc_data_begin; to < &esmc_data_end;) *to++ = *from++;

@@ -10,7 +10,7 @@ namespace esmc {
 
 class LinuxBoard {
  public:
-  explicit LinuxBoard(hal::SocketCan& bus) : bus_(bus) {}
+  explicit LinuxBoard(hal::SocketCan& bus) : bus_(bus) {}  ///< `bus` must outlive the board
 
   /// An output that makes a system call only when it changes.
   class Output {

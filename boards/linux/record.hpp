@@ -21,7 +21,7 @@ class Histogram {
   }
   [[nodiscard]] std::uint64_t count() const { return count_; }
   [[nodiscard]] std::uint32_t most() const { return most_; }  ///< us, not cut at 1000
-  /// The value, us, that a share (0..1) of all does not exceed; 1000: that or more. 0 of an empty count.
+  /// The value, us, that a share (0..1) of all does not exceed; 1000: that or more. 0 if nothing was added.
   [[nodiscard]] std::uint32_t quantile(double share) const {
     std::uint64_t seen = 0;
     for (std::uint32_t us = 0; us < bins_.size(); ++us) {
@@ -44,11 +44,12 @@ class Histogram {
   std::uint32_t most_ = 0;
 };
 
-/// A ring of rows that a thread writes to a file; `push` never waits, and counts rows if the ring is full.
+/// A ring of rows that a thread writes to a file; `push` never waits: a full ring drops and counts rows.
 template <class Row, std::size_t size = 16384>
 class Recorder {
  public:
-  /// `write(FILE*, row)` writes a row. Null `file`: nothing is recorded.
+  /// `write(FILE*, row)` writes a row, on the thread; it is copied. `file` must stay open until close();
+  /// null: nothing is recorded.
   template <class Write>
   Recorder(std::FILE* file, const Write& write) : rows_(size) {
     if (file == nullptr) return;

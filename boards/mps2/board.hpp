@@ -21,6 +21,7 @@ class Uart {
     reg(base_ + bauddiv) = 217;  // 115 200 of 25 MHz; ignored by the emulator
     reg(base_ + control) = 3;    // transmitter and receiver on, no interrupts
   }
+  /// Takes all of the bytes. False: they do not fit the ring, none is taken.
   bool try_write(std::span<const char> bytes) {
     drain();
     if (bytes.size() > ring_size - 1 - ((head_ - tail_) % ring_size)) return false;
@@ -31,6 +32,7 @@ class Uart {
     drain();
     return true;
   }
+  /// False: no byte has come, `byte` untouched.
   bool try_read(char& byte) {
     drain();
     if ((reg(base_ + state) & 2U) == 0) return false;
@@ -54,6 +56,7 @@ class Uart {
 /// second one without a refresh resets the processor.
 class Watchdog {
  public:
+  /// Starts it with a time-out of time_us, below 171 s, not checked.
   void start(std::uint32_t time_us) {
     reg(base + lock) = 0x1ACC'E551U;
     reg(base + load) = 25U * time_us;
@@ -69,6 +72,7 @@ class Mps2Board {
  public:
   static constexpr std::uint32_t watchdog_us = 100'000;  ///< of the emulator's time; a tick takes < 1 ms
 
+  /// Starts clock and watchdog: the first refresh is due within watchdog_us.
   Mps2Board() {
     reg(fpgaio + prescale) = 24;  // 25 MHz to 1 MHz
     watchdog_.start(watchdog_us);

@@ -16,6 +16,7 @@ inline constexpr Word flash_base = 0x4002'2000U;
 /// (RM0440, 3.3.4), which must not be a crash at every start. It may come some cycles late; the checksum then
 /// refuses the record.
 struct DamagedFlash {
+  /// Loads the word at `address`. False, `word` untouched: it is damaged.
   [[nodiscard]] static bool load(Word address, Word& word) {
     esmc_flash_damaged = 0;
     const Word value = reg(address);
@@ -45,6 +46,7 @@ struct NucleoG474re {
   static constexpr Function functions[] = {
       {{gpio_a, 11}, 9}, {{gpio_a, 12}, 9}, {{gpio_a, 2}, 7}};  // FDCAN1_RX, FDCAN1_TX, USART2_TX
 
+  /// Starts the clocks of the ports and of the console.
   static void start_ports() {
     set_bits(rcc + 0x4C, 3);         // AHB2ENR: ports A and B
     set_bits(rcc + 0x58, 1U << 17);  // APB1ENR1: USART2
@@ -73,7 +75,7 @@ struct NucleoG474re {
     finish_access(rcc + 0x58);
     return StartFault::none;
   }
-  static void prepare_can() {}
+  static void prepare_can() {}  ///< this chip needs nothing before the CAN controller is opened
 
   /// A word of the random number generator, on the 48 MHz oscillator; 0: it gives none.
   [[nodiscard]] static Word random() {

@@ -13,6 +13,7 @@ inline constexpr Word flash_base = 0x5200'2000U;
 /// not be a crash at every start. With CCR.BFHFNMIGN and FAULTMASK the load ignores it, and the status
 /// registers show it.
 struct DamagedFlash {
+  /// Loads the word at `address`. False, `word` untouched: it is damaged.
   [[nodiscard]] static bool load(Word address, Word& word) {
     constexpr Word ccr = 0xE000'ED14U, cfsr = 0xE000'ED28U, bus_fault = 0xFF00U, ignore = 1U << 8,
                    dbeccerr = 1U << 26;
@@ -49,6 +50,7 @@ struct NucleoH743zi2 {
   static constexpr Function functions[] = {
       {{gpio_d, 0}, 9}, {{gpio_d, 1}, 9}, {{gpio_d, 8}, 7}};  // FDCAN1_RX, FDCAN1_TX, USART3_TX
 
+  /// Starts the clocks of the ports and of the console.
   static void start_ports() {
     set_bits(rcc + 0xE0, (1U << 1) | (1U << 3) | (1U << 4));  // AHB4ENR: ports B, D, E
     set_bits(rcc + 0xE8, 1U << 18);                           // APB1LENR: USART3

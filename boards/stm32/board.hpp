@@ -17,7 +17,7 @@ class NucleoBoard {
     cause_ = Chip::reset_cause();
     console_.start(Chip::reset_clock_hz);
   }
-  /// Starts clocks and bus (bit/s). Returns which of them failed; the rest is then not started.
+  /// Starts clocks and bus (bit/s), not the watchdog. Returns `none`, or the step that failed, the last done.
   [[nodiscard]] StartFault start(Word bit_rate) {
     if (const StartFault fault = Chip::start_clocks(); fault != StartFault::none) return fault;
     console_.start(Chip::console_clock_hz);
@@ -35,7 +35,7 @@ class NucleoBoard {
   /// while bank 2 is erased (25 ms on a G4, up to four seconds on an H7). So ticks and the refresh of the
   /// watchdog go on; only a read of bank 2 would wait, and the driver does not read it then.
   [[nodiscard]] Chip::Slots& slots() { return slots_; }
-  [[nodiscard]] Word now_us() const { return microseconds(); }
+  [[nodiscard]] Word now_us() const { return microseconds(); }  ///< since start(), wraps after 71 minutes
   [[nodiscard]] Console& console() { return console_; }
   /// Flags of the last reset, chip specific.
   [[nodiscard]] Word reset_cause() const { return cause_; }

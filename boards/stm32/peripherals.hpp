@@ -10,10 +10,11 @@ using Word = std::uint32_t;
 
 [[nodiscard]] inline volatile Word& reg(Word address) { return *reinterpret_cast<volatile Word*>(address); }
 inline void set_bits(Word address, Word bits) { reg(address) = reg(address) | bits; }
+/// Replaces the bits of `mask` by those of `value`, which has no others: not checked.
 inline void set_field(Word address, Word mask, Word value) { reg(address) = (reg(address) & ~mask) | value; }
 /// Reads back a register of the clock control: a clock that was switched on runs then.
 inline void finish_access(Word address) { [[maybe_unused]] const Word read_back = reg(address); }
-/// Waits for a register value. False: not within about half a second at the speed of the internal oscillator.
+/// Waits until the bits of `mask` are `value`. False: not within about half a second (internal oscillator).
 [[nodiscard]] inline bool await(Word address, Word mask, Word value) {
   for (int n = 0; n < 1'000'000; ++n) {
     if ((reg(address) & mask) == value) return true;
@@ -21,20 +22,22 @@ inline void finish_access(Word address) { [[maybe_unused]] const Word read_back 
   return false;
 }
 
-/// A pin of the port at address `port`. As a contact it is closed when high.
+/// Pin `number`, 0..15, of the port at address `port`, whose clock must run. A contact is closed when high.
 struct Pin {
   Word port;
   unsigned number;
 
+  /// Makes the pin an output that is low.
   void output_low() const {
     set(false);
     set_field(port, 3U << (2 * number), 1U << (2 * number));
   }
-  /// With a pull-down: an open contact and a broken wire read low.
+  /// Makes the pin an input with a pull-down: an open contact and a broken wire read low.
   void input_pulled_down() const {
     set_field(port + 0x0C, 3U << (2 * number), 2U << (2 * number));
     set_field(port, 3U << (2 * number), 0);
   }
+  /// Gives the pin to a peripheral by its alternate function, 0..15.
   void alternate(Word function) const {
     const unsigned at = 4 * (number % 8);
     set_field(port + (number < 8 ? 0x20 : 0x24), 0xFU << at, function << at);
@@ -51,7 +54,7 @@ struct Function {
   Word number;
 };
 
-/// Starts TIM2 as a counter of microseconds, which wraps after 71 minutes.
+/// Starts TIM2, fed with timer_hz (whole MHz), as a counter of microseconds, which wraps after 71 minutes.
 inline void start_microseconds(Word timer_hz) {
   constexpr Word tim2 = 0x4000'0000U;
   reg(tim2 + 0x28) = timer_hz / 1'000'000U - 1U;  // PSC
@@ -84,6 +87,7 @@ class IndependentWatchdog {
 class Console {
  public:
   explicit constexpr Console(Word base) : base_(base) {}
+  /// Sets the rate for a peripheral clock of clock_hz and starts; again when that clock changes.
   void start(Word clock_hz) const {
     reg(base_) = 0;                           // the rate can be set while it is off
     reg(base_ + 0x0C) = clock_hz / 115'200U;  // BRR
@@ -103,13 +107,14 @@ class Console {
     while (n > 0) put(digits[--n]);
     return *this;
   }
+  /// Eight digits, without a prefix.
   Console& hex(Word value) {
     for (int shift = 28; shift >= 0; shift -= 4)
       put("0123456789abcdef"[(value >> static_cast<unsigned>(shift)) & 0xFU]);
     return *this;
   }
-  [[nodiscard]] bool idle() const { return tail_ == head_; }
-  /// Sends the next byte if the line is ready.
+  [[nodiscard]] bool idle() const { return tail_ == head_; }  ///< the ring is empty
+  /// Sends the next byte if the line is ready; nothing else sends, so call it again and again.
   void pump() {
     if (tail_ == head_ || (reg(base_ + 0x1C) & (1U << 7)) == 0) return;
     reg(base_ + 0x28) = static_cast<unsigned char>(ring_[tail_++ % size]);

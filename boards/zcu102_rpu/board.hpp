@@ -30,6 +30,7 @@ class Zcu102Board {
     asm volatile("mcr p15, 0, %0, c9, c12, 0" ::"r"(5U));        // PMCR: counters on, cycle counter from 0
     asm volatile("mcr p15, 0, %0, c9, c12, 1" ::"r"(1U << 31));  // PMCNTENSET: the cycle counter
   }
+  /// Joins the bus at `bit_rate`, bit/s. False: as hal::ZynqmpCan::open.
   [[nodiscard]] bool start(std::uint32_t bit_rate) { return bus_.open(can_clock_hz, bit_rate); }
 
   [[nodiscard]] Can& bus() { return bus_; }

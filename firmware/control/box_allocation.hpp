@@ -86,7 +86,7 @@ template <class S>
   return out;
 }
 
-/// The only torques that give a force F on a side.
+/// The only torques that give a force F on the side `at` (motor >= 0): every other motor is at its bound.
 template <class S>
 [[nodiscard]] Vec<S, 4> on_side(const Mat<S, 4, 2>& rows, const Vec2<S>& F, const TorqueBox<S>& bounds,
                                 Side at) {
@@ -150,6 +150,8 @@ template <class S>
 template <class S>
 class Polygon {
  public:
+  /// Keeps references to `from`, `n` and `bounds`, which must outlive it. A torque that exceeds its bound by
+  /// at most `slack`, N m, counts as inside.
   Polygon(const Vec<S, 4>& from, const Mat<S, 4, 2>& n, const TorqueBox<S>& bounds, S slack)
       : from_(from), n_(n), bounds_(bounds), slack_(slack), torque_(from) {}
 
@@ -222,7 +224,7 @@ template <class S>
 /// in FourMotors; weight: diagonal of W. The bits of minimum_norm where no bound is met.
 /// preload: motor i stays at or above preload_i where that is > 0, at or below where it is < 0, free at 0;
 /// |preload_i| <= limit_i. If F needs more, the preload of all motors gives way by the same share, towards
-/// the opposite limit; if that does not suffice, F is shortened. An F that is not finite gives such torques.
+/// the opposite limit; if that does not suffice, F is shortened. F not finite: nor are the torques.
 template <class S>
 [[nodiscard]] BoxAllocation<S> allocate_within(const Mat<S, 4, 2>& rows, const Vec2<S>& F,
                                                const Vec<S, 4>& weight, const Vec<S, 4>& limit,

@@ -25,7 +25,7 @@ class CoupledStep {
   using Channels = typename M::Channels;
   static constexpr int most_steps = 24;
 
-  /// s: unit of the channel / s; weight: w_i >= 0. Keeps references to all three.
+  /// s: unit of the channel / s; weight: w_i >= 0. Keeps references: all three must outlive this object.
   CoupledStep(const Reduced<M>& reduced, const Channels& s, const Channels& weight)
       : reduced_(reduced), s_(s), weight_(weight) {}
   /// Sets q, the change of the base joint rates, rad/s. False, q undefined: not within `most_steps`, or NaN.

@@ -1,6 +1,6 @@
 #pragma once
 /// The laws as a control tick evaluates them: bit for bit `demand` of law.hpp, but in one pass over the rows
-/// that stores no errors. Joint rows of v' are not set: without mass they do not enter C^T (M v' + f + g).
+/// that stores no errors. Joint rows of v' are undefined: without mass they do not enter C^T (M v' + f + g).
 
 #include "firmware/control/law.hpp"
 
@@ -54,8 +54,9 @@ template <class M>
   acceleration += gain.k.cwiseProduct(switching(reaching, sliding, gain.layer));
 }
 
-/// Sets v' (unit of the channel / s2; joint rows undefined) and, for a log, s (/ s; of a joint the difference
-/// of its bars', model.md section 10) of any law. Both zero for pd: see torque_pd.
+/// Sets v' (unit of the channel / s2; joint rows undefined) and, for a log, s (/ s; in a joint's row that of
+/// its bar less that of the bar before). smc: s of both coordinates in the first two rows, else 0; ctc: s 0;
+/// pd: both 0, see torque_pd.
 template <class M>
 void fused_acceleration(LawKind law, const M& m, const Gains<M>& gain, Reaching reaching,
                         const Tracking<M>& t, typename M::Channels& acceleration,

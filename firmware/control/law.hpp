@@ -101,7 +101,7 @@ template <class M, class S = typename M::Scalar>
          (M::base(t.desired_rates) - M::base(t.rates)) * gain.independent.kd;
 }
 
-/// Sets v' and s of smc or ctc; zeros for any other law (pd asks for a torque directly, see torque_pd).
+/// Sets v' and s of smc, or v' and s = 0 of ctc; zeros for any other law (pd: see torque_pd).
 template <class M>
 void independent_law(LawKind law, const M& m, const Gains<M>& gain, Reaching reaching, const Tracking<M>& t,
                      typename M::Channels& acceleration, typename M::Channels& sliding) {

@@ -90,7 +90,7 @@ struct Reference {
   Vec2<S> amplitude = Vec2<S>::Zero();  ///< circle: radius in both; sine: of each coordinate
   Vec2<S> speed = Vec2<S>::Zero();      ///< rad/s, of each phase (the circle uses the first)
   List<PhaseClock, 2> phase{};
-  std::span<const PathSegment<S>> path{};  ///< owned by the caller, ascending start_tick
+  std::span<const PathSegment<S>> path{};  ///< kept by reference; ascending start_tick
   std::uint32_t repeat_ticks = 0;          ///< length of one round of the path; 0: once
 
   /// Motion at a tick; sample_time: s, > 0. hold_start and an empty path give the centre at rest.
@@ -150,6 +150,7 @@ template <class S>
 class JoinedReference {
  public:
   JoinedReference() = default;
+  /// `join_ticks`: duration of joining, 0: at once; sample_time: s, > 0. The path must outlive this object.
   JoinedReference(const Reference<S>& reference, std::uint32_t join_ticks, S sample_time)
       : reference_(reference), join_ticks_(join_ticks), sample_time_(sample_time) {}
 

@@ -9,6 +9,7 @@ template <class S>
 class Closure {
  public:
   using M = FiveBar<S>;
+  /// Keeps a reference to `variance` (> 0, relative to each other), which must outlive it.
   Closure(const M& m, const typename M::Pose& p, const Vec<S, 4>& variance) : variance_(variance) {
     unroll<2>([&](auto j) ESMC_INLINE {
       const S sign = j == 0 ? S(1) : S(-1);

@@ -29,6 +29,7 @@ class Controller {
   using Config = ControllerConfig<M>;
 
   Controller() = default;
+  /// Copies `config`, in which nothing is checked; the path of its reference must outlive this object.
   explicit Controller(const Config& config)
       : config_(config),
         halting_limits_(config.limits.while_halting()),
@@ -41,7 +42,7 @@ class Controller {
         uses_memory_(config.reach != nullptr || config.observer != nullptr || config.predict != nullptr) {}
 
   [[nodiscard]] const Config& config() const { return config_; }
-  /// 1 + joint of the encoder that alone explains the last gap above limits.closure; 0: none, or no `fuse`.
+  /// 1 + joint of the encoder that last explained, alone, a gap above limits.closure; 0: none yet, no `fuse`.
   [[nodiscard]] std::uint8_t odd_encoder() const { return odd_encoder_; }
   /// Configuration of the supervisor of this controller.
   [[nodiscard]] Supervisor::Config supervision() const {
@@ -55,11 +56,12 @@ class Controller {
   /// True if the mechanism has a pose at this finite position: effector (m) or base joints (rad), as in the
   /// reference. Neither limits nor the way there are checked.
   [[nodiscard]] bool reachable(const Vec2<S>& position) const;
-  /// Sets the gains from the table of the link (see esmc::set_gains). The caller ensures that it is disabled.
+  /// Sets the gains from the table of the link (see esmc::set_gains); call it only while disabled.
   void set_gains(const link::Parameters& p, S delay_ticks);
 
-  /// One tick: sample -> estimate -> guards -> reference -> law -> allocation -> limits. A fault is raised at
-  /// the supervisor, and every torque of the tick is then zero.
+  /// One tick, after supervisor.begin_tick(): sample -> estimate -> guards -> reference -> law -> allocation
+  /// -> limits. A fault is raised at the supervisor; all torques of the tick are then zero, unless the
+  /// reaction is a halt, which begins in the same tick.
   TickResult<M> tick(const Sample<M>& measured, Supervisor& supervisor);
 
  private:

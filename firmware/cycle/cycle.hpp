@@ -42,7 +42,8 @@ class Cycle {
     /// One per joint with a motor or a sensor, in the order of the joints.
     std::array<D, static_cast<unsigned>(axes_max)> axes{};
     typename D::Line line{};
-    int axis_count = 2;
+    int axis_count = 2;  ///< of `axes` in use: 2 or M::joints
+    /// Ticks without a heartbeat, then the fault heartbeat_lost. 0 allows none: set it.
     std::uint32_t heartbeat_age_ticks_max = 0;
     std::uint32_t waiting_ticks_max = 750;  ///< of EnablingWait, then the fault enabling_timeout
     bool zero_absolute = true;  ///< encoders keep their zero without power; false: confirm_zero first
@@ -54,6 +55,7 @@ class Cycle {
     S delay_ticks{};            ///< as in the layers of controller.gains; for gains that come by the link
   };
 
+  /// Starts in `disabled`. Nothing in `config` is checked.
   explicit Cycle(const Config& config)
       : controller_(config.controller),
         supervisor_(controller_.supervision()),
@@ -104,7 +106,7 @@ class Cycle {
   [[nodiscard]] link::CommandLink& link() { return link_; }
   [[nodiscard]] const D& axis(int i) const { return axes_[static_cast<unsigned>(i)]; }  ///< i < axis_count
 
-  /// Makes every axis repeat its last request at the next tick, not after its time: none has been heard yet.
+  /// Makes every axis repeat its last request at the next tick without waiting. Call only before heard().
   void ask_again() {
     for (D& a : axes_) a.ask_again();
   }
@@ -149,7 +151,7 @@ class Cycle {
     }
   }
 
-  /// Requests the samples of the next tick: in lockstep at the end of a tick, in real time at its beginning.
+  /// Requests the next samples, if samples_on_demand: in lockstep at a tick's end, in real time at its start.
   template <hal::CanBus Bus>
   void request(Bus& bus) {
     for (D& a : axes_) {
@@ -161,7 +163,7 @@ class Cycle {
     });
   }
 
-  /// One tick: transitions, frames of the drives, state to torque, torque to frames. Without `answer` no
+  /// One tick, after receive(): transitions, faults, state to torque, torque to frames. Without `answer` no
   /// torque frame is sent (lockstep: the set was not complete).
   template <hal::CanBus Bus>
   TickResult<M> tick(Bus& bus, bool answer = true) {

@@ -36,7 +36,7 @@ template <class S>
   rates = rate;
   return true;
 }
-/// Pose and rates from base encoders (rad, rad/s), by value, `closure` 0; empty: they fit no mechanism.
+/// Pose and rates from base encoders (rad, rad/s), by value, `closure` 0; empty: no pose has them.
 template <class M, class S = typename M::Scalar>
 [[nodiscard]] std::optional<Estimate<M>> estimate_from_base(const M& m, const typename M::Mode& mode,
                                                             const Vec2<S>& angle, const Vec2<S>& rate) {
@@ -86,7 +86,7 @@ template <class M, class S = typename M::Scalar>
 }
 
 /// Reference of base joints at q (rad) with rates qd (rad/s) and accelerations qdd (rad/s2). False, without
-/// results: they do not close. Rates and accelerations are not finite at type 2.
+/// results: the legs cannot be closed at q. Rates and accelerations are not finite at type 2.
 template <class M, class S = typename M::Scalar>
 [[nodiscard]] bool desired_at_base(const M& m, const typename M::Mode& mode, const Vec2<S>& q,
                                    const Vec2<S>& qd, const Vec2<S>& qdd, typename M::Pose& pose,
@@ -106,7 +106,8 @@ template <class M, class S = typename M::Scalar>
   return desired_at_effector(m, mode, x, v, a, d.pose, d.rates, d.acceleration) ? std::optional<Desired<M>>(d)
                                                                                 : std::nullopt;
 }
-/// Reference of base joints at q (rad), qd (rad/s), qdd (rad/s2), by value; empty: they do not close.
+/// Reference of base joints at q (rad), qd (rad/s), qdd (rad/s2), by value; empty: the legs cannot be closed
+/// at q. Rates and accelerations are not finite at type 2.
 template <class M, class S = typename M::Scalar>
 [[nodiscard]] std::optional<Desired<M>> desired_at_base(const M& m, const typename M::Mode& mode,
                                                         const Vec2<S>& q, const Vec2<S>& qd,

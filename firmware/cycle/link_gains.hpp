@@ -6,8 +6,8 @@
 
 namespace esmc {
 
-/// Sets the gains of every channel of their kind and of the independent coordinates. With the implicit
-/// reaching law the layer of a gain > 0 follows from it: see implicit_layer, also for `delay_ticks`.
+/// Sets lambda and K, for angles or positions, of each channel and of the independent coordinates. With the
+/// implicit reaching law K > 0 also sets the layer: implicit_layer of K, sample_time (s) and delay_ticks.
 template <class M>
 void set_gains(Gains<M>& g, const link::Parameters& p, Reaching reaching, typename M::Scalar sample_time,
                typename M::Scalar delay_ticks) {

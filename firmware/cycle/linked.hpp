@@ -7,7 +7,7 @@
 namespace esmc {
 
 /// Takes the requests of the link, applies them to the controller, and returns the command for the
-/// supervisor. A set point out of reach is refused. delay_ticks: see set_gains.
+/// supervisor's next begin_tick(). A set point out of reach is refused. delay_ticks: see set_gains.
 template <class M>
 Command apply_requests(link::CommandLink& link, Controller<M>& controller, typename M::Scalar delay_ticks) {
   using S = typename M::Scalar;

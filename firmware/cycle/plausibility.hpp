@@ -71,7 +71,7 @@ class TorqueFeedbackCheck {
 
   /// Forgets the deviations counted so far; call in ticks without torque, whose reports do not count.
   void forget() { off_ = {}; }
-  /// Judges the torque reported for a joint, N m; call once per tick. False: `patience` consecutive reports
+  /// Judges the torque reported for a joint, N m; call once per tick. False: the last five reports, or more,
   /// were off by more than the tolerance. An empty report counts neither way.
   [[nodiscard]] bool plausible(int joint, const std::optional<float>& reported) {
     auto& n = off_[static_cast<unsigned>(joint)];
@@ -95,7 +95,7 @@ class ZeroPose {
   using S = typename M::Scalar;
 
   ZeroPose() = default;
-  /// `absolute`: encoders keep their zero, and no confirmation is needed.
+  /// `absolute`: encoders keep their zero, without confirm(). `pose`: of the joints at confirm(), rad.
   ZeroPose(bool absolute, const Vec<S, M::joints>& pose) : absolute_(absolute), pose_(pose) {}
 
   [[nodiscard]] bool confirmed() const { return absolute_ || confirmed_; }  ///< angles are valid

@@ -43,7 +43,7 @@ class SetpointGenerator {
     following_ = false;
     brake({position, velocity, Vec2<S>::Zero()});
   }
-  /// Plans the way to rest from the present motion, each coordinate ahead of its position.
+  /// Plans the way from the present motion to rest, half of velocity * braking time ahead; ends a stream.
   void hold() { brake(at()); }
   /// Plans the way from the present motion to rest at `target`, m or rad. The caller checks that the target
   /// is in reach; nothing checks the way to it here.

@@ -25,7 +25,7 @@ class SignTest {
   enum class Verdict : std::uint8_t { going_on, passed, failed };
 
   SignTest() = default;
-  /// `move`: rotation that each joint must show, rad, > 0, several steps of the encoder.
+  /// `move`: rotation that each joint must show, rad, > 0, several steps of the encoder; sample_time: s, > 0.
   SignTest(S move, S sample_time) : move_(move), sample_time_(sample_time) {}
 
   /// Makes the next step() begin with the first motor.

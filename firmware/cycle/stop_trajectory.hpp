@@ -16,8 +16,9 @@ class StopTrajectory {
   StopTrajectory(std::uint32_t ticks, S sample_time) : ticks_(ticks), sample_time_(sample_time) {}
 
   [[nodiscard]] bool begun() const { return begun_; }  ///< true from begin() to end()
-  /// Begins at these base angles (rad) and rates (rad/s). The quintic ends v T / 2 ahead and does not
-  /// overshoot: with u = t / T its speed is v (1 - 3 u^2 + 2 u^3), its largest deceleration 1.5 v / T.
+  /// Begins at these base angles (rad) and rates v (rad/s). With the duration T = ticks * sample_time the
+  /// quintic ends v T / 2 ahead and does not overshoot: with u = t / T its speed is v (1 - 3 u^2 + 2 u^3),
+  /// its largest deceleration 1.5 v / T.
   void begin(const Vec2<S>& angle, const Vec2<S>& rate) {
     const S duration = S(ticks_) * sample_time_;
     Motion2<S> from, to;

@@ -81,6 +81,7 @@ struct Nmt {
 /// SYNC without counter (object 1019 is 0).
 [[nodiscard]] constexpr hal::CanFrame encode_sync() { return hal::data_frame(id_sync, 0); }
 
+/// Heartbeat of a node (1..127) in this state; neither is checked.
 [[nodiscard]] constexpr hal::CanFrame encode_heartbeat(std::uint8_t node, NmtState state) {
   hal::CanFrame f = hal::data_frame(id_heartbeat + node, 1);
   f.data[0] = static_cast<std::uint8_t>(state);

@@ -123,6 +123,7 @@ constexpr void put_command(hal::CanFrame& f, std::uint8_t node, Command c) {
   put_field(f, 0, c.control, 2);
   put_field(f, 2, static_cast<std::uint16_t>(c.torque), 2);
 }
+/// RPDO1 of a node (1..127, not checked) as a frame of its own.
 [[nodiscard]] constexpr hal::CanFrame encode_command(std::uint8_t node, Command c) {
   hal::CanFrame f;
   put_command(f, node, c);

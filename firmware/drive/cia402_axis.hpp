@@ -36,8 +36,8 @@ class Cia402Axis {
     if (heartbeat_age_ticks_ < age_max) ++heartbeat_age_ticks_;
   }
 
-  /// A SYNC is being sent: PDOs received so far belong to an earlier one. `in_tick`: it opens the tick of the
-  /// last begin_tick(), so a sample received since then is a tick old.
+  /// Call when SYNC is sent: PDOs received so far belong to an earlier SYNC and count no more. `in_tick`:
+  /// begin_tick() was called for the tick that this SYNC opens, so a sample received since is a tick old.
   void expect_set(bool in_tick) {
     has_report_ = has_motion_ = reported_ = false;
     if (in_tick && sample_age_ticks_ == 0) sample_age_ticks_ = 1;

@@ -38,7 +38,7 @@ enum class Special : std::uint8_t { enter = 0xFC, leave = 0xFD, set_zero = 0xFE 
 inline constexpr std::uint16_t code_max_16 = 0xFFFF, code_max_12 = 0x0FFF;
 inline constexpr std::uint16_t middle_16 = 0x8000, middle_12 = 0x0800;
 
-/// Fields as they are on the wire.
+/// Fields as they are on the wire: position has 16 bits, each other 12, which is not checked.
 struct Command {
   std::uint16_t position = middle_16, velocity = middle_12, kp = 0, kd = 0, torque = middle_12;
 };

@@ -86,6 +86,7 @@ constexpr hal::CanFrame frame(std::uint8_t node, Message m, std::uint8_t size) {
 [[nodiscard]] constexpr hal::CanFrame encode_clear_errors(std::uint8_t node, Version v) {
   return detail::frame(node, Message::clear_errors, v == Version::v0_6 ? 1 : 0);  // 0.6: identify = 0
 }
+/// Order to disarm at once, with an error.
 [[nodiscard]] constexpr hal::CanFrame encode_estop(std::uint8_t node) {
   return detail::frame(node, Message::estop, 0);
 }
@@ -133,6 +134,7 @@ struct EncoderEstimates {
 struct Torques {
   float target, estimate;
 };
+/// Get_Torques of an emulated drive (0.6).
 [[nodiscard]] constexpr hal::CanFrame encode_torques(std::uint8_t node, Torques t) {
   hal::CanFrame f = detail::frame(node, Message::get_torques, 8);
   detail::put_u32(f, 0, std::bit_cast<std::uint32_t>(t.target));
@@ -227,6 +229,7 @@ enum class ValueType : std::uint8_t { u8, u32, f32 };  ///< booleans are u8
   for (unsigned i = 0; i < 3; ++i) f.data[4 + i] = firmware[i];
   return f;
 }
+/// Get_Error of an emulated drive (0.6): its active errors, and those at its last disarming.
 [[nodiscard]] constexpr hal::CanFrame encode_errors(std::uint8_t node, std::uint32_t active,
                                                     std::uint32_t disarm_reason) {
   hal::CanFrame f = detail::frame(node, Message::get_error, 8);

@@ -51,7 +51,8 @@ class OdriveReadBack {
     withdraw();
   }
 
-  /// Sends the next question, or repeats the last; every tick until done() or config_mismatch().
+  /// Asks `node` the next question, or repeats the last; call every tick until done() or config_mismatch().
+  /// `send(frame)` returns whether the bus took the frame; if not, the next call tries again.
   template <class Send>
   void ask(std::uint8_t node, Send&& send) {
     if (done() || config_mismatch_) return;

@@ -70,8 +70,8 @@ class CommandLink {
   /// Counts a refused frame: the caller could not follow a set point that take() gave.
   void refuse() { count(Outcome::refused); }
 
-  /// True if no frame came for more than `silence` ticks in an armed state, or no sample of a begun stream
-  /// for more than `stream_age` ticks.
+  /// True if no intact frame in order came for more than `silence` ticks (0: not checked) in an armed state,
+  /// or no sample of a begun stream for more than `stream_age` ticks.
   [[nodiscard]] bool lost() const {
     const auto silence = static_cast<std::uint32_t>(parameters_[Index::silence]);
     const bool armed = state_ != State::disabled && state_ != State::stopping && state_ != State::fault;
@@ -79,8 +79,8 @@ class CommandLink {
            (streaming_ && tick_ - sample_tick_ > static_cast<std::uint32_t>(parameters_[Index::stream_age]));
   }
 
-  /// Sends what is due at the end of a tick: Status, faults, telemetry, answers. `send` returns whether the
-  /// bus took the frame; if not, all but a merely periodic Status is tried again in the next tick.
+  /// Sends what is due, at the end of every tick: Status, faults, telemetry, answers. `send` returns whether
+  /// the bus took the frame; if not, all but a merely periodic Status is tried again in the next tick.
   template <class Send>
   void transmit(const Supervisor& s, const Report& r, Send&& send) {
     change_state(s.state());

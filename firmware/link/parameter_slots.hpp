@@ -27,6 +27,7 @@ struct SlotRecord {
   std::uint32_t scene = 0;     ///< LinkConfig::scene of the image that wrote it
   Gains gains{};
 
+  /// The checksum that belongs into the last word: of all words before it.
   static constexpr std::uint32_t sum(const Words& w) {
     std::uint32_t c = crc32_start;
     for (unsigned i = 0; i + 1 < words; ++i) {
@@ -48,8 +49,9 @@ class ParameterSlots {
  public:
   static_assert(SlotRecord::words % Memory::unit_words == 0, "a record is whole units of the memory");
 
-  /// `baked`: values and bounds of the image; `scene`: its identity, 0 (not known): no store. An operation of
-  /// the memory that takes more than `polls_max` calls of poll() has failed.
+  /// `memory` must outlive this; there is no store before load(). `baked`: values and bounds of the image;
+  /// `scene`: identity of the image, 0 (not known): no store. An operation of the memory that takes more than
+  /// `polls_max` calls of poll() has failed.
   ParameterSlots(Memory& memory, const Parameters& baked, std::uint32_t scene, std::uint32_t polls_max)
       : memory_(memory), baked_(baked), scene_(scene), polls_max_(polls_max) {}
 

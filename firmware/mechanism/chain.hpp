@@ -106,8 +106,8 @@ class Chain {
       return {a.axis - b.axis, a.slide - b.slide};
     }
   };
-  /// The quantity m of body i at its mass centre. `at_end`: the quantity at the end of the body before; is
-  /// moved to the end of this one.
+  /// The quantity m of body i at its mass centre. `at_end`: the quantity at the end of the body before; this
+  /// function moves it to the end of body i.
   ESMC_INLINE Vec2<S> to_mass_centre(Sum<Vec2<S>>& at_end, int i, const BodyMotion& m) const {
     Vec2<S> out;  // the only object returned, or it would be copied by way of memory
     if (!revolute(i)) at_end.add(m.slide);

@@ -94,7 +94,9 @@ class Coupling {
   [[nodiscard]] const Leg& leg(int j) const { return leg_[j]; }
   [[nodiscard]] const LegFrame<S>& frame(int j) const { return frame_[j]; }
   [[nodiscard]] const Platform& platform() const { return platform_; }
+  /// Row of p with which leg j begins.
   static constexpr int row_leg(int j) { return Platform::channels + j * Leg::channels; }
+  /// False for the rows of joints: see Serial::force.
   static constexpr bool has_mass(int row) {
     return row < Platform::channels || Leg::has_mass((row - Platform::channels) % Leg::channels);
   }

@@ -71,12 +71,13 @@ class FiveBar : public Coupling<S, PointMass<S>, Dyad<S>, 2> {
   };
 
   FiveBar() = default;
+  /// Nothing in p is checked: see check().
   explicit FiveBar(const Params& p)
       : Base({p.m0, p.g}, {{make_dyad(p.legs[0], p.g), make_dyad(p.legs[1], p.g)}},
              {{LegFrame<S>{Vec2<S>(p.l0, S(0)), S(1)}, LegFrame<S>{Vec2<S>(-p.l0, S(0)), S(-1)}}}) {}
 
-  /// Pose from all four joint angles (theta11, theta12, theta21, theta22), rad. The effector is the mean of
-  /// the two leg tips, whose distance is `closure_residual`.
+  /// Pose from all four joint angles (theta11, theta12, theta21, theta22), rad; NaN beyond the range of
+  /// sin_cos. The effector is the mean of the two leg tips, whose difference is `closure_residual`.
   [[nodiscard]] Pose pose(const Vec<S, 4>& theta) const {
     Pose p;
     for (int j = 0; j < 2; ++j) p.leg[j] = Leg::pose(theta.template segment<2>(2 * j));

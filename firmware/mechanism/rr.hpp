@@ -34,7 +34,7 @@ class Rr {
   };
 
   Rr() = default;
-  explicit Rr(const Params& p) : arm_(make_dyad(p.arm, p.g)) {}
+  explicit Rr(const Params& p) : arm_(make_dyad(p.arm, p.g)) {}  ///< p is not checked: see check()
 
   [[nodiscard]] const Leg& arm() const { return arm_; }
 
@@ -49,7 +49,7 @@ class Rr {
     Pose p;
     return inverse(effector, mode, p) ? std::optional<Pose>(p) : std::nullopt;
   }
-  /// Inverse kinematics [F17] of the effector (m) into `p`. False: no such pose, `p` is undefined.
+  /// Inverse kinematics [F17] of the effector (m) into `p`. False: no such pose or NaN, `p` is undefined.
   [[nodiscard]] bool inverse(const Vec2<S>& effector, const Mode& mode, Pose& p) const {
     p.effector = effector;
     return dyad_inverse(arm_, effector, mode.working, p.arm);

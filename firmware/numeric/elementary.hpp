@@ -179,6 +179,7 @@ template <class S>
 
 }  // namespace ieee
 
+/// The square root, correctly rounded; NaN of a NaN and below zero.
 template <BinaryFloat S>
 [[nodiscard]] inline S square_root(S value) {
   return std::sqrt(value);

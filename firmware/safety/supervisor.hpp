@@ -90,8 +90,7 @@ class Supervisor {
   [[nodiscard]] std::uint16_t count(Fault f) const { return counts_[static_cast<unsigned>(f)].times; }
 
   /// Makes the transitions of a tick. `stage_done`, from the controller: motors answered (testing), at rest
-  /// (halting), let down (lowering). `passed`: periods since the previous tick, < 2^31; not 1 in lockstep
-  /// only.
+  /// (halting), let down (lowering). `passed`: periods since the previous tick, < 2^31, for the time-outs.
   void begin_tick(Command command, DriveStatus drives, bool stage_done = false, std::uint32_t passed = 1) {
     ++tick_;
     switch (state_) {

@@ -39,7 +39,7 @@ class Fdcan {
  public:
   static constexpr std::uint32_t waiting_max = WaitingFrames::capacity;  ///< frames
 
-  explicit Fdcan(const Access& access) : a_(access) {}
+  explicit Fdcan(const Access& access) : a_(access) {}  ///< copies `access`; off the bus until open()
 
   /// Joins the bus at `bit_rate` (bit/s) with a kernel clock of `clock` (Hz); `data_rate` 0: classic frames
   /// only. No filter: other nodes that use our identifiers must be noticed. False, and off the bus: a rate is

@@ -56,6 +56,7 @@ struct H7 {
                         tx_buffers = rx_elements * element::words,
                         ram_words = tx_buffers + tx_elements * element::words;
   static constexpr Word fill = 0x7F, index = 0x3F;
+  /// All frames into FIFO 0, which keeps the old ones when full; transmit queue.
   template <class Access>
   static void configure(Access& a) {
     a.write(0x80, 0);  // GFC: as above

@@ -95,8 +95,9 @@ class BankSlots {
  public:
   static constexpr unsigned unit_words = Chip::unit_words;
 
-  explicit BankSlots(const A& access) : a_(access) {}
+  explicit BankSlots(const A& access) : a_(access) {}  ///< copies `access`
 
+  /// True if the option bytes of the chip allow the use of bank 2.
   [[nodiscard]] bool available() const { return Chip::available(a_); }
 
   /// Reads word `at` of a slot. False, `word` untouched: out of range, damaged, or the bank is being written,

@@ -19,7 +19,7 @@ class SerialPort {
   /// failure is_open() is false and `why` is the reason; else `why` is empty.
   static SerialPort open(const std::string& endpoint, std::string& why);
 
-  /// Adopts a non-blocking descriptor, as a socket pair in tests.
+  /// Adopts a non-blocking descriptor, which it closes: a socket pair in tests.
   explicit SerialPort(int fd) : SerialPort(Descriptor(fd)) {}
   SerialPort(SerialPort&&) noexcept = default;
   SerialPort& operator=(SerialPort&&) noexcept = default;
@@ -71,7 +71,6 @@ class SlcanAdapter {
   ~SlcanAdapter();
 
   [[nodiscard]] SerialPort& port() { return port_; }
-  [[nodiscard]] const SlcanDecoder& decoder() const { return bus_.decoder(); }
   SendStatus try_send(const CanFrame& f) { return bus_.try_send(f); }
   [[nodiscard]] bool try_receive(CanFrame& f) { return bus_.try_receive(f); }
 

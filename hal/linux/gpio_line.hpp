@@ -30,6 +30,7 @@ class GpioLine {
 
   /// Opens a line, once. `place`: chip and offset, "gpiochip0:17"; `consumer`: name for other programs, <= 31
   /// characters. invalid_argument: no valid place or open already; else the kernel's error (EBUSY: in use).
+  /// `kernel` must outlive the line.
   [[nodiscard]] std::error_code request(const std::string& place, Use use, const char* consumer,
                                         const GpioKernel& kernel = gpio_kernel);
   [[nodiscard]] bool is_open() const { return line_ >= 0; }

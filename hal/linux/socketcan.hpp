@@ -17,7 +17,7 @@ class SocketCan {
   /// network_down, not_supported: a kernel without CAN, ...) and is_open() is false.
   static SocketCan open(const std::string& interface, std::error_code& error);
 
-  /// Adopts a descriptor with a struct canfd_frame or can_frame per packet, as a socket pair in tests.
+  /// Adopts a descriptor and closes it, with a canfd_frame or can_frame per packet: a socket pair in tests.
   explicit SocketCan(int fd) : fd_(fd) {}
 
   [[nodiscard]] bool is_open() const { return fd_.is_open(); }

@@ -28,7 +28,7 @@ class ZynqmpCan {
  public:
   static constexpr std::uint32_t waiting_max = WaitingFrames::capacity;  ///< frames
 
-  explicit ZynqmpCan(const Access& access) : a_(access) {}
+  explicit ZynqmpCan(const Access& access) : a_(access) {}  ///< copies it; off the bus until open()
 
   /// Joins the bus at `bit_rate` (bit/s) with a reference clock of `clock` (Hz), without filters. False, off
   /// the bus: rate not exactly possible, no answer of the controller, or never 11 recessive bits on the bus.

@@ -44,6 +44,7 @@ class HostBus {
   [[nodiscard]] RecordedBus* recorded() const {
     return bus_.index() == 2 ? std::get<RecordedBus*>(bus_) : nullptr;
   }
+  /// Call before each look at the bus: see RecordedBus::look. No effect on an interface or a serial line.
   void look() {
     if (RecordedBus* r = recorded()) r->look();
   }
@@ -74,24 +75,24 @@ class HostBus {
 
 static_assert(hal::TimesFrames<HostBus>);
 
-// What --bus names. These functions throw InputError that says what to do.
+/// Forms of what --bus names. The InputError that the functions below throw says what to do.
 
 inline constexpr const char* bus_forms = "socketcan:INTERFACE | slcan:ENDPOINT";
 
-/// Opens a bus, named in one of the bus_forms, for one node. `bit_rate`: bit/s, for an adapter on a serial
-/// line; that of an interface is set by the administrator.
+/// Opens a bus, named in one of the bus_forms, for one node, or throws InputError. `bit_rate`: bit/s, for an
+/// adapter on a serial line; that of an interface is set by the administrator.
 HostBus open_bus(const std::string& bus, int bit_rate);
 
 /// Two nodes on one bus.
 struct BusEnds {
   HostBus plant, control;
 };
-/// Opens a bus for two nodes. An interface serves both; adapters on serial lines are two,
-/// slcan:PLANT,CONTROLLER.
+/// Opens a bus for two nodes, or throws InputError. An interface serves both; adapters on serial lines are
+/// two, slcan:PLANT,CONTROLLER.
 BusEnds open_both_ends(const std::string& bus, int bit_rate);
 
 /// Whether real drives may be on the bus: true for every serial line and for an interface of a device, false
-/// for a virtual interface or an unknown one.
+/// for a virtual interface or an unknown one. Throws InputError unless `bus` has one of the bus_forms.
 bool carries_real_drives(const std::string& bus);
 
 }  // namespace esmc::host

@@ -25,6 +25,7 @@ class RecordedBus {
  public:
   /// Returns the next frame with each call; none: no more.
   using Source = std::function<std::optional<PassedFrame>()>;
+  /// Calls `next` at once for the first frame; what it captures must outlive the bus.
   RecordedBus(std::string interface, Source next)
       : interface_(std::move(interface)), source_(std::move(next)), head_(source_()) {}
 
@@ -45,6 +46,7 @@ class RecordedBus {
     if (then) advance();
     return hal::SendStatus::ok;
   }
+  /// Takes the next frame. False, `f` untouched: the node had none at this look, or sent one first.
   [[nodiscard]] bool try_receive(hal::CanFrame& f) {
     if (!has_input() || head_->look > looks_) return false;
     f = head_->frame;
@@ -60,7 +62,7 @@ class RecordedBus {
   [[nodiscard]] bool has_input() const { return head_ && !head_->sent; }
   [[nodiscard]] bool over() const { return !head_; }  ///< no recorded frame is left
   [[nodiscard]] const std::string& interface() const { return interface_; }
-  [[nodiscard]] std::uint64_t passed() const { return line_ - 1; }  ///< recorded frames so far
+  [[nodiscard]] std::uint64_t passed() const { return line_ - 1; }  ///< recorded frames taken so far
   /// Call when the node is done: a sent frame that remains in the recording is then a deviation.
   void end() {
     for (; head_; advance()) {

@@ -52,8 +52,9 @@ struct BusAnalysis {
 /// Share of a tick that the controller waits for answers to SYNC, against the clock: later ones belong to the
 /// next tick.
 inline constexpr double patience_ticks = 0.4;
-/// The messages of a scene's loop on the bus; analyse_bus: their worst latencies, s, and the load (1: full).
+/// The messages of a scene's loop on the bus, the most urgent first.
 [[nodiscard]] std::vector<BusMessage> bus_messages(const Scene& scene);
+/// Worst latencies, s, of bus_messages(scene), and the load of the bus (1: full).
 [[nodiscard]] BusAnalysis analyse_bus(const Scene& scene);
 
 }  // namespace esmc::host

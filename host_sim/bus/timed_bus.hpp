@@ -87,7 +87,7 @@ class TimedBus {
   /// Asks `node` to send; the frame waits behind those of the same identifier. refused: ill-formed or CAN FD;
   /// bus_off; bus_full: its queue is full or the node cut off.
   hal::SendStatus send(std::size_t node, const hal::CanFrame& f);
-  /// Moves time to the end of the next frame and returns it. Empty: none ends by `until`, which is now().
+  /// Moves time to the end of the next frame, which it returns; if none ends by `until`, to `until`: empty.
   std::optional<Delivery> next(Time until);
   /// Whether no frame is on the wire and no node has one to send now.
   [[nodiscard]] bool quiet();

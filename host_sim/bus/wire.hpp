@@ -12,9 +12,9 @@ inline constexpr std::uint32_t interframe_bits = 3;
 /// CRC delimiter, ACK slot and delimiter, end of frame: never stuffed.
 inline constexpr std::uint32_t trailer_bits = 10;
 
-/// Bits of a data frame with n data bytes, interframe space included, with the most stuff bits: one after the
-/// first five equal bits, then, as each stuff bit begins the next run, one after every four. A remote frame
-/// is as long as a frame without data.
+/// Bits of a data frame with n (0..8) data bytes, interframe space included, with the most stuff bits: one
+/// after the first five equal bits, then, as each stuff bit begins the next run, one after every four. A
+/// remote frame is as long as a frame without data.
 [[nodiscard]] constexpr std::uint32_t worst_bits(std::uint32_t n, bool extended = false) {
   const std::uint32_t stuffable = (extended ? 54 : 34) + 8 * n;
   return stuffable + (stuffable - 1) / 4 + trailer_bits + interframe_bits;
@@ -32,7 +32,7 @@ struct WireFrame {
 /// Bits of `f`, which must be a well-formed classic frame: it is not checked.
 [[nodiscard]] WireFrame on_the_wire(const hal::CanFrame& f);
 
-/// The exact length of this frame with its interframe space, in bits.
+/// The exact length of a well-formed classic frame with its interframe space, in bits.
 [[nodiscard]] inline std::uint32_t exact_bits(const hal::CanFrame& f) {
   return on_the_wire(f).size + trailer_bits + interframe_bits;
 }

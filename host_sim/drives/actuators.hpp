@@ -47,6 +47,7 @@ class Actuators {
  public:
   using Joints = typename Plant::Joints;
 
+  /// Copies all. `motor_joint`: joint of each motor; `seed`: of the jitter.
   Actuators(const std::vector<Effect>& effects, const std::vector<std::size_t>& motor_joint,
             std::uint64_t seed)
       : motor_joint_(motor_joint),
@@ -65,7 +66,7 @@ class Actuators {
   }
 
   /// Moves the plant over `seconds` from t, s, in steps no longer than `step`, s. `torque`, N m per joint,
-  /// acts at once, or after the delay of compute_delay and jitter: until then the torques before it.
+  /// acts at once, or after the delay of compute_delay and jitter; until then earlier torques act.
   void advance(Motion<Plant>& motion, double t, double seconds, double step, const Joints& torque) {
     if (!late_ && !jitter_) return motion.advance(t, seconds, count(seconds, step), {torque, nullptr});
     double delay = late_ ? late_->time : 0.0;

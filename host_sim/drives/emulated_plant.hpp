@@ -96,7 +96,7 @@ class EmulatedPlant {
     begin_tick();
     publish(send, [](std::size_t, const Reading& now) { return std::optional(now); });
   }
-  /// Same as publish_from, but all frames go to `bus`; one that it does not take is lost.
+  /// Begins a tick as publish_from does, with all frames to `bus`; one that it does not take is lost.
   template <hal::CanBus Bus>
   void publish(Bus& bus) {
     publish_from([&](std::size_t, const hal::CanFrame& f) { (void)bus.try_send(f); });
@@ -145,7 +145,8 @@ class EmulatedPlant {
   [[nodiscard]] Joints deliver(const Joints& asked, double seconds, bool& clipped) {
     return actuators_.deliver(asked, seconds, clipped);
   }
-  /// Moves from t over `seconds` in steps no longer than `step`, s; the brake holds until released.
+  /// Moves the mechanism from t over `seconds` in steps no longer than `step`, s, under `torque` (N m at the
+  /// joints, from deliver()); no effect until released().
   void advance(double t, double seconds, double step, const Joints& torque) {
     if (released_) actuators_.advance(motion_, t, seconds, step, torque);
   }

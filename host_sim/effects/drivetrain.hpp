@@ -19,10 +19,11 @@ class Drivetrain {
  public:
   static constexpr int most_states = 3;
 
+  /// `motor`: index in the order of [drives], below 4. Copies what it needs.
   Drivetrain(const std::vector<Effect>& effects, std::size_t motor);
   [[nodiscard]] bool empty() const { return stages_.empty(); }
   [[nodiscard]] std::size_t states() const { return states_; }
-  /// At rest, nothing stored, rotor in the middle of its play. `own` is 0 before.
+  /// Sets `own`, states() zeros before: the rotor moves with the joint, in the middle of its play.
   void start(Shaft joint, std::span<double> own) const;
   /// Returns the torque at the joint, N m, for the drive's `torque`; writes the slopes of the states `own`.
   double pass(double torque, Shaft joint, std::span<const double> own, std::span<double> slope) const;

@@ -18,7 +18,7 @@ class Adaptive {
  public:
   using State = typename S::State;
 
-  explicit Adaptive(const S& system) : system_(&system) {}
+  explicit Adaptive(const S& system) : system_(&system) {}  ///< `system` must outlive this
   explicit Adaptive(S&&) = delete;
 
   /// One step of h seconds, of either sign, from time t, whatever its error; not solvable: y becomes NaN.

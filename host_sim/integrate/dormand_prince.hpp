@@ -21,8 +21,8 @@ void weighted(std::size_t n, const Weights& weight, const Stages& k, double h, c
   }
 }
 
-/// The same with row `row` of a table known to the compiler: zeros are gone, the rest is straight-line code.
-/// Order 8 on the five-bar spent more on the loop above than on the mechanism.
+/// As weighted(), with row `row` of a table known to the compiler: no zeros, straight-line code. Order 8 on
+/// the five-bar spent more on the loop of weighted() than on the mechanism.
 template <const auto& table, std::size_t row, class Stages, class State>
 void weighted_row(std::size_t n, const Stages& k, double h, const State& start, State& out) {
   [&]<std::size_t... J>(std::index_sequence<J...>) {

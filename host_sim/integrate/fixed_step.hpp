@@ -14,7 +14,7 @@ class SemiImplicitEuler {
   static constexpr int order = 1;
   static constexpr const char* name = "semi_implicit_euler";
 
-  explicit SemiImplicitEuler(const S& system) : system_(&system) {}
+  explicit SemiImplicitEuler(const S& system) : system_(&system) {}  ///< `system` must outlive this
   explicit SemiImplicitEuler(S&&) = delete;
 
   /// One step of h seconds, of either sign, from time t.
@@ -40,7 +40,7 @@ class Rk4 {
   static constexpr int order = 4;
   static constexpr const char* name = "rk4";
 
-  explicit Rk4(const S& system) : system_(&system) {}
+  explicit Rk4(const S& system) : system_(&system) {}  ///< `system` must outlive this
   explicit Rk4(S&&) = delete;
 
   /// One step of h seconds, of either sign, from time t.

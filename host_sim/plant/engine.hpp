@@ -197,7 +197,7 @@ class EngineOf final : public Engine<Plant> {
   using Base = Engine<Plant>;
   using Angles = typename Plant::Angles;
 
-  /// `make_stepper(system)`; the attachments live as long as the engine.
+  /// `plant` must outlive this. `make_stepper(system)` returns the method, which may keep the system.
   template <class MakeStepper>
   EngineOf(const Plant& plant, std::unique_ptr<Attachments> attached, Method method,
            const typename Plant::State& initial, const MakeStepper& make_stepper)

@@ -33,7 +33,8 @@ struct Loads {
   std::vector<EffectorLoad> effector;
   std::vector<double> breaks;  ///< instants at which a load jumps: no step may cross one
 
-  /// Begins a stretch of time around `middle` in which no load jumps.
+  /// Sets which effector loads act from here on: those whose interval holds `middle`, s. The caller ends the
+  /// stretch at the next of `breaks`; nothing is switched within it.
   void begin(double middle) {
     for (EffectorLoad& load : effector) load.acting = middle > load.from && middle < load.to;
   }
@@ -137,6 +138,7 @@ class LoadedSystem : public MechanismState<Plant, Drivetrain::most_states * Plan
   using State = typename Base::State;
   using Joints = typename Plant::Joints;
 
+  /// Both must outlive this.
   LoadedSystem(const Plant& plant, const Attachments& attached) : Base(plant), attached_(&attached) {
     for (const Drivetrain& d : attached.drivetrain) size_ += d.states();
   }

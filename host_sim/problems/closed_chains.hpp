@@ -99,6 +99,7 @@ class ClosedChains<Closures<Points...>, Chains...> {
     List<Vec2<double>, points> offset{};     ///< of each closure, m
   };
 
+  /// Copies the chains; nothing is checked.
   ClosedChains(const Chains&... chain, const Mounting& mounting) : chain_(chain...), mounting_(mounting) {
     each([&](auto c) {
       double length = 0.0;
@@ -118,9 +119,9 @@ class ClosedChains<Closures<Points...>, Chains...> {
     return sum;
   }
 
-  /// Accelerations of all joints. `load(poses, force)` adds generalised forces on the joints, N m or N, to
-  /// those of gravity and friction. Next to a loss of rank the state must be closed; at rest there, the
-  /// acceleration minimises Gauss's constraint.
+  /// Accelerations of all joints, rad/s2 or m/s2. `load(poses, force)`, poses(c) being the pose of chain c,
+  /// adds generalised forces on the joints, N m or N, to those of gravity and friction. Next to a loss of
+  /// rank the state must be closed; at rest there, the acceleration minimises Gauss's constraint.
   template <class Load>
   [[nodiscard]] Coordinates acceleration(const Coordinates& q, const Coordinates& v, const Load& load) const {
     bool full = true;
@@ -145,7 +146,8 @@ class ClosedChains<Closures<Points...>, Chains...> {
     }
   }
 
-  /// Number of closures with at least `least_share` of a direction of their own, in the mass metric.
+  /// Number of closure equations (two per point) of which at least a share `least_share`, in the mass metric,
+  /// is independent of the others; `rows` where closure is regular.
   [[nodiscard]] int rank(const Coordinates& q, double least_share = kNoShare) const {
     return Basis(frame(q), least_share).rank;
   }

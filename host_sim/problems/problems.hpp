@@ -55,7 +55,7 @@ class Andrews : public ChainSystem<Andrews, AndrewsChains> {
   enum Angle : unsigned { beta, theta, gamma, delta, phi, epsilon, omega };
 
   Andrews();
-  [[nodiscard]] State start() const;
+  [[nodiscard]] State start() const;  ///< at rest, closed, as the literature gives it
 
   /// Drive torque on the crank, and the spring on K3.
   template <class Poses>
@@ -93,7 +93,7 @@ class TwoFourBars : public ChainSystem<TwoFourBars, FourBarChain> {
   [[nodiscard]] int rank(const State& y) const { return mechanism().rank(position(y)); }  ///< of closure
 
   template <class Poses>
-  void operator()(const Poses&, Coordinates&) const {}
+  void operator()(const Poses&, Coordinates&) const {}  ///< no load besides weight
 };
 
 /// A pendulum in Cartesian coordinates (IFToMM benchmark A01): 1 kg, 1 m from the origin, at rest in (-1, 0).
@@ -116,7 +116,7 @@ class FallingFiveBar {
 
   FallingFiveBar();
   [[nodiscard]] static constexpr std::size_t size() { return capacity; }
-  [[nodiscard]] State start() const;
+  [[nodiscard]] State start() const;  ///< at rest
   void slope(double t, const State& y, State& dy) const;
   void project(State& y) const;
   /// Effector x, y, m, and joint angles theta11, theta12, theta21, theta22, rad; and their rates.

@@ -45,7 +45,7 @@ inline constexpr int instants = 8;  ///< equally spaced, at which a run is compa
 template <class S>
 struct Problem {
   std::string name;
-  const S* system;
+  const S* system;  ///< must outlive the problem
   typename S::State start;
   double end;                     ///< s
   typename S::State reference{};  ///< positions at `end`; the other entries are not looked at
@@ -115,8 +115,8 @@ void measure(const Problem<S>& p, const Once& once, WorkPoint& point) {
   return (n * sxy - sx * sy) / (n * sxx - sx * sx);
 }
 
-/// The order that steps and errors show at their fine end, above rounding. NaN where the slope of the finest
-/// four differs from that of the window before by more than half of the tolerance on an order.
+/// The order that steps and errors (coarse first) show at their fine end, above rounding. NaN where the slope
+/// of the finest four differs from that of the window before by more than half of the tolerance on an order.
 [[nodiscard]] inline double order_of(const std::vector<std::pair<double, double>>& step_error, int order,
                                      double rounding) {
   constexpr double inf = std::numeric_limits<double>::infinity();
@@ -138,7 +138,7 @@ void measure(const Problem<S>& p, const Once& once, WorkPoint& point) {
 }
 
 /// Adds points of fixed steps, ever finer until rounding or `most_steps`, and the order, of the root mean
-/// square over the track: the error at one instant may pass through zero.
+/// square over the track (integrate_track first): the error at one instant may pass through zero.
 template <class Method, class S>
 void fixed_steps(const Problem<S>& p, int first_steps, long most_steps, WorkPrecision& out) {
   std::vector<std::pair<double, double>> track_error;

@@ -37,7 +37,7 @@ struct SpatialReference {
   S rate{}, second_rate{};             ///< rad/s; of sway that of the phase
   PhaseClock phase{}, second_phase{};  ///< the same per tick
 
-  /// sample_time: s, > 0.
+  /// Desired motion at a tick; sample_time: s, > 0.
   [[nodiscard]] SpatialMotion<S> at(std::uint64_t tick, S sample_time) const {
     SpatialMotion<S> m;
     m.position = position;
@@ -138,6 +138,7 @@ class SpatialController {
   using S = typename M::Scalar;
 
   explicit SpatialController(const SpatialConfig<M>& config) : config_(config), choice_(config.hysteresis) {}
+  /// One tick. After the first fault every later result is that fault with all inputs 0.
 
   [[nodiscard]] SpatialResult<S> tick(const SpatialSample<S>& sample, const SpatialMotion<S>& reference) {
     SpatialResult<S> out;

@@ -85,7 +85,7 @@ class SpatialCoupling {
                   const List<Leg, Legs>& leg, S gravity)
       : platform_(platform), joint_(joint), leg_(leg), gravity_(gravity) {}
 
-  static constexpr int row_leg(int j) { return dof + j * leg_channels; }
+  static constexpr int row_leg(int j) { return dof + j * leg_channels; }  ///< row of p where leg j begins
   /// Whether the row is an angular velocity, not the velocity of a point or the rate of a joint.
   static constexpr bool is_turn(int row) {
     return row < dof ? row >= 3 : Leg::is_turn((row - dof) % leg_channels);
@@ -221,6 +221,7 @@ class SpatialCoupling {
     }
   }
 
+  /// The halves of p0# or of a force on it: of the mass centre, in N; of the turn, in the platform's frame.
   [[nodiscard]] static Vec3<S> point_of(const Independent& v) { return Vec3<S>(v[0], v[1], v[2]); }
   [[nodiscard]] static Vec3<S> turn_of(const Independent& v) { return Vec3<S>(v[3], v[4], v[5]); }
   [[nodiscard]] static Independent joined(const Vec3<S>& point, const Vec3<S>& turn) {

@@ -62,12 +62,13 @@ using FreeBody = SpatialCoupling<S, UpsLeg<S>, 0>;
 template <class S>
 using Hexapod = SpatialCoupling<S, UpsLeg<S>, 6>;
 
-/// gravity: m/s2, along -z.
+/// The controller's model of a free body, not checked; gravity: m/s2, along -z.
 template <class S>
 [[nodiscard]] FreeBody<S> make_free_body(const RigidBodyParams<S>& body, S gravity) {
   return FreeBody<S>(body, {}, {}, gravity);
 }
 
+/// The controller's model of a platform on six legs. Nothing in p is checked.
 template <class S>
 [[nodiscard]] Hexapod<S> make_hexapod(const HexapodParams<S>& p) {
   List<UpsLeg<S>, 6> leg;

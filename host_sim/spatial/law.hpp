@@ -35,7 +35,7 @@ class AttitudeChoice {
     known_ = true;
     return q;
   }
-  void reset() { known_ = false; }
+  void reset() { known_ = false; }  ///< the next choose() begins without memory
 
  private:
   S hysteresis_{};
@@ -50,6 +50,7 @@ struct EulerChart {
   Vec3<S> angle;  ///< rad
   SinCos<S> roll, pitch;
 
+  /// The chart at an attitude q of norm 1, not checked; pitch in [-pi/2, pi/2].
   [[nodiscard]] static EulerChart at(const Quaternion<S>& q) {
     const Rotation<S> r = rotation(q);
     EulerChart c;

@@ -45,8 +45,9 @@ class SpatialPlant {
   /// Angular momentum about the mass centre, of a free body, in N.
   [[nodiscard]] V3d angular_momentum(const SpatialState& s) const;
 
-  /// RK4 over one step of h seconds with the input held; `work` grows by the work of the input, J. Returns
-  /// the distance of the quaternion's norm from 1 before it is normalised.
+  /// RK4 over one step of h seconds with the input held; `work`, J, grows by the integral of power(): work of
+  /// the input less that of friction. Returns how far the quaternion's norm was from 1 before it was
+  /// normalised.
   double step(SpatialState& s, const Input& u, double h, double& work) const;
 
  private:

@@ -109,6 +109,7 @@ struct Rotation {
   [[nodiscard]] Vec3<S> in(const Vec3<S>& a) const { return Vec3<S>(dot(x, a), dot(y, a), dot(z, a)); }
 };
 
+/// The matrix of q, whose norm must be 1.
 template <class S>
 [[nodiscard]] Rotation<S> rotation(const Quaternion<S>& q) {
   const S w = q.w, x = q.v.x(), y = q.v.y(), z = q.v.z(), two(2), one(1);
@@ -117,7 +118,7 @@ template <class S>
           Vec3<S>(two * (x * z + w * y), two * (y * z - w * x), one - two * (x * x + y * y))};
 }
 
-/// a_N of a_B: from the frame of the body to that in which q is given.
+/// a_N of a_B: from the frame of the body to that in which q, of norm 1, is given.
 template <class S>
 [[nodiscard]] Vec3<S> rotated(const Quaternion<S>& q, const Vec3<S>& a) {
   const Vec3<S> t = cross(q.v, a) * S(2);

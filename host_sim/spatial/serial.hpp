@@ -57,8 +57,8 @@ class SpatialSerial {
   using Joints = Vec<S, joints>;
   using Channels = Vec<S, channels>;
 
-  static constexpr int row_turn(int i) { return joints + 3 * i; }
-  static constexpr int row_centre(int i) { return 4 * joints + 3 * i; }
+  static constexpr int row_turn(int i) { return joints + 3 * i; }        ///< x of omega of body i; then y, z
+  static constexpr int row_centre(int i) { return 4 * joints + 3 * i; }  ///< x of body i; then y, z
   static constexpr bool is_turn(int row) { return row >= joints && row < 4 * joints; }
 
   /// Configuration in N. Not initialised by itself.
@@ -79,6 +79,7 @@ class SpatialSerial {
 
   [[nodiscard]] const SpatialBody<S>& body(int i) const { return bodies_[i]; }
 
+  /// Pose at q: joint angles (rad; NaN beyond the range of sin_cos) and displacements (m).
   [[nodiscard]] Pose pose(const Joints& q) const {
     Pose p;
     p.joint = q;

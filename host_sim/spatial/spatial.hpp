@@ -5,7 +5,7 @@
 
 namespace esmc::host {
 
-/// Runs `esmc spatial`. Returns the exit status: 0, or 1 for a run that ended in a fault.
+/// Runs `esmc spatial`. Returns the exit status: 0, or 1 after a fault. Throws InputError for wrong options.
 int run_spatial(const RunOptions& o);
 
 }  // namespace esmc::host
