@@ -198,7 +198,8 @@ struct Injection {
   [[nodiscard]] Injected kind() const { return row->kind; }
 };
 
-/// Draws a fault. `only`: name of its row, where it is possible; empty: any.
+/// Draws a fault that is possible here. `only`: name of its row; empty: any. Where `only` is no possible row,
+/// the fault is `nothing`.
 [[nodiscard]] Injection draw_injection(Draw& draw, const EpisodeTimes& times, const ProtocolTraits& traits,
                                        std::string_view only = {});
 /// Whether a guard of this scene must notice the wrong numbers in samples; true for faults without any.
