@@ -83,7 +83,7 @@ class EpisodeKind {
 /// The times of an episode that are drawn before it begins.
 class EpisodeScript {
  public:
-  /// `i` must outlive this; times after the way onto the reference are drawn from `draw` at once.
+  /// `i` must outlive this. Draws all times at once: `draw` is not kept.
   EpisodeScript(const Injection& i, const EpisodeTimes& t, Draw& draw)
       : injection_(i),
         join_(t.join_ticks),
@@ -174,7 +174,6 @@ class EpisodeLoop {
     plant_.advance(static_cast<double>(tick) * kind_.times_.tick, kind_.scene_.tick());
   }
 
-  /// The tick's line of an EpisodeTrace.
   [[nodiscard]] std::string line(std::uint64_t tick) {
     std::string out =
         fmt::format("{:4} {}{:>5} {:<9} {:<22}", tick, active_ ? '*' : ' ', word_.ticked ? "tick" : "-",

@@ -45,8 +45,7 @@ class FaultyPlant : public EmulatedPlant<Plant> {
   [[nodiscard]] const MotorState& motor(std::size_t i) const { return records_[i].state; }
   /// Distance that a motor's joint has turned since the last tick, rad.
   [[nodiscard]] double turned(std::size_t i) const { return records_[i].turned; }
-  /// Goes on with this motion and the effects of `scene`, which must outlive this; the drives keep their
-  /// state.
+  /// As EmulatedPlant::set_motion(): replaces motion and scene, not the drives. `scene` must outlive this.
   void set_motion(Motion<Plant> motion, const Scene& scene) {
     Base::set_motion(std::move(motion), scene);
     scene_ = &scene;

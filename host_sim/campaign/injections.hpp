@@ -198,8 +198,7 @@ struct Injection {
   [[nodiscard]] Injected kind() const { return row->kind; }
 };
 
-/// Draws a fault that is possible here. `only`: name of its row; empty: any. Where `only` is no possible row,
-/// the fault is `nothing`.
+/// Draws a possible fault. `only`: name of its row (where that is not possible: `nothing`); empty: any.
 [[nodiscard]] Injection draw_injection(Draw& draw, const EpisodeTimes& times, const ProtocolTraits& traits,
                                        std::string_view only = {});
 /// Whether a guard of this scene must notice the wrong numbers in samples; true for faults without any.

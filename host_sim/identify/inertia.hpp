@@ -35,8 +35,7 @@ struct StandardParameter {
   std::string name, unit;
   bool inertial = true;
 };
-/// All of them, in this order: of both legs, m0, viscous friction of all joints, Coulomb friction of all
-/// joints. RR: of one leg, without m0.
+/// All of them, in this order, leg by leg and joint by joint. RR: those of one leg, without m0.
 [[nodiscard]] std::vector<StandardParameter> standard_parameters(bool five_bar);
 
 /// A combination of standard parameters that the motion of this mechanism depends on: `of` + sum of `share` *

@@ -26,6 +26,7 @@ struct Difference {
 /// Lines of one file.
 class LineComparison {
  public:
+  /// Throws InputError where the recording `directory` has no file `name`. `tick`: s.
   LineComparison(const std::string& directory, std::string name, std::vector<std::string> ignored_columns,
                  double tick);
   LineComparison(const LineComparison&) = delete;  // streams point to it

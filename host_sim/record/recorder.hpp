@@ -44,13 +44,14 @@ struct RrTraits {
   static double rate(const Plant::Output& o, int joint) { return o.qd[static_cast<std::size_t>(joint)]; }
 };
 
-/// Calls f with the world of a scene.
+/// Calls f with FiveBarTraits or RrTraits, by the mechanism of a scene.
 template <class F>
 auto with_world(const Scene& s, const F& f) {
   return s.type == MechanismType::five_bar ? f(FiveBarTraits()) : f(RrTraits());
 }
 
-/// The plant of a scene in a state, with its effects as at t = 0. `hand`: one that may pull at the effector.
+/// The plant of a scene in a state, with its effects as at t = 0. `hand`, which outlives the motion,
+/// may pull at the effector; null: none.
 template <class World>
 Motion<typename World::Plant> make_motion(const Scene& s, const typename World::Plant::State& state,
                                           const Hand* hand = nullptr) {

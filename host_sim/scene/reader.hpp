@@ -133,7 +133,7 @@ class Section {
 };
 
 // Readers of a scene's sections into `scene`, in the order of their calls: each needs those before, and
-// [mechanism], [control] and [simulation]. All throw InputError.
+// [mechanism] and [control]. All throw InputError.
 void read_uncertainty(Section s, Scene& scene);
 void read_reference(Section s, Scene& scene);
 void read_drives(Section s, Scene& scene);

@@ -227,8 +227,7 @@ struct Scene {
 /// Returns CAN identifiers that the drives of a scene send or receive: for ODrives the first of each node's
 /// block of 32, else all of them.
 std::vector<std::uint32_t> drive_identifiers(const Scene& scene);
-/// Throws InputError where a scene has effects that need a bus; `why`: reason for the message, as "esmc sim
-/// has no bus".
+/// Throws InputError where a scene has effects that need a bus; `why`: "esmc sim has no bus".
 void refuse_bus_effects(const Scene& scene, const std::string& why);
 
 /// Fills start_angle, start_rate and a missing assembly_mode. Throws InputError at `initial` or `reference`

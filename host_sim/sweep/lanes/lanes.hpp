@@ -24,7 +24,7 @@ namespace esmc::host {
 
 /// Functions that are taken lane by lane where they need their rare branches, or always.
 enum class EachLane { arc_tangent2, angle_of_unit, wrap_to_pi, hyperbolic_tangent };
-/// Compiled for every processor. Functions of one number take the first.
+/// Calls f for n lanes: out[i] = f(a[i], b[i]), or f(a[i]). Compiled for every processor.
 void each_lane(EachLane f, const double* a, const double* b, double* out, int n);
 
 /// N numbers as vectors of gcc and clang.
