@@ -120,7 +120,7 @@ class ReferenceTrack {
     return tick >= bundle_->join_ticks && joined_.reference().kind != ReferenceKind::hold_start;
   }
 
-  /// Sets the state of the mechanism at t = 0: m and m/s, rad and rad/s.
+  /// Sets the state of the mechanism at t = 0: m and m/s, rad and rad/s. Call before at().
   void start(V2 effector, V2 velocity, const std::array<double, 2>& base, const std::array<double, 2>& rate) {
     const bool at_effector = joined_.reference().space == ReferenceSpace::effector;
     joined_.start(at_effector ? Vec2<double>(effector.x, effector.y) : Vec2<double>(base[0], base[1]),
@@ -177,7 +177,7 @@ class Recorder {
   using Plant = typename World::Plant;
   using M = typename World::Mechanism;
 
-  /// `scene` must outlive this. `log`: closed by this, null: none. `with_controller`: tick() sees its ticks.
+  /// `scene` must outlive this. `log`: closed by this, null: none. `with_controller`: tick() gets both pointers.
   Recorder(const Scene& scene, Pacing pacing, std::FILE* log, bool with_controller)
       : scene_(scene),
         track_(scene, pacing, with_controller || !scene.drives.sign_test.value_or(false)),

@@ -71,7 +71,7 @@ LaneTorqueCheck<N, Tag> limit_torque(Lanes<N, Tag>& torque, Lanes<N, Tag> limit)
 
 namespace esmc {
 
-/// The reference as a table: what each lane follows is computed by fill_references.
+/// The reference as a table that fill_references has computed. `track` must be set and have the tick.
 template <int N, class Tag>
 struct Reference<host::Lanes<N, Tag>> {
   using L = host::Lanes<N, Tag>;

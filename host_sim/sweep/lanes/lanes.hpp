@@ -62,7 +62,7 @@ struct LaneMask {
   friend LaneMask operator!(LaneMask a) { return V(~a.v); }
   friend LaneMask operator&&(LaneMask a, LaneMask b) { return V(a.v & b.v); }
   friend LaneMask operator||(LaneMask a, LaneMask b) { return V(a.v | b.v); }
-  /// Whether the mask is false in every lane. Notes no stray lane.
+  /// Whether the mask is false in every lane; marks no lane as stray.
   friend bool none(LaneMask a) {
 #ifdef __AVX512DQ__
     if constexpr (N == 8) return _mm512_movepi64_mask((__m512i)a.v) == 0;
