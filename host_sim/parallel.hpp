@@ -6,12 +6,14 @@
 
 namespace esmc::host {
 
-/// Of this machine, at least one.
+/// Number of processors of this machine, at least 1.
 [[nodiscard]] int processors();
-/// Calls work(slot) once for every slot 0 .. jobs - 1, each in a thread of its own. The first exception of
-/// any is thrown again once all are done.
+/// Calls work(slot) once for every slot 0 .. jobs - 1 at the same time: slot 0 in the calling thread (also
+/// with jobs < 1), every other one in a thread of its own. Returns once all are done, and then throws the
+/// first exception of any again.
 void run_jobs(int jobs, const std::function<void(int slot)>& work);
-/// Calls work(index) for 0 .. count - 1, in `jobs` threads, until one returns false or throws.
+/// Calls work(index) once for each index 0 .. count - 1, in `jobs` threads. A call that returns false ends
+/// its own thread alone. One that throws ends all, and the exception is thrown again.
 void run_each(int jobs, std::uint64_t count, const std::function<bool(std::uint64_t index)>& work);
 
 }  // namespace esmc::host

@@ -33,7 +33,7 @@ enum Unknown : int {
 };
 using Unknowns = Vector;  ///< `unknowns` entries
 
-/// "half_base", "leg 1 l1", "offset theta11", ...
+/// "half_base", "leg 1 l1", "offset theta11", ...; "" for one that an RR arm does not have.
 [[nodiscard]] const char* name_of(int unknown, bool five_bar);
 [[nodiscard]] constexpr bool is_length(int unknown) { return unknown <= unknown_l22; }
 /// "m" or "rad".
@@ -194,8 +194,8 @@ struct Calibration {
 [[nodiscard]] std::optional<std::complex<double>> effector_from_base(const Unknowns& u, bool five_bar,
                                                                      const MeasuredAngles& angle);
 
-/// Standard uncertainty of the effector in that row, m (root of the sum of both variances), that follows from
-/// the one of the calibration.
+/// Standard uncertainty of the effector at these angles, m (root of the sum of both variances), that follows
+/// from the covariance of the calibration. Infinite where its lengths cannot be closed there.
 [[nodiscard]] double effector_sigma(const Calibration& c, bool five_bar, const MeasuredAngles& angle);
 
 }  // namespace esmc::host

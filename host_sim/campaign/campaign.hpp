@@ -21,7 +21,8 @@ struct CampaignOptions {
   std::string out, command_line;
 };
 
-/// Runs a campaign. Returns the exit status: 1 where an invariant did not hold.
+/// Runs a campaign. Returns the exit status: 1 where an invariant did not hold or episodes are missing
+/// (Ctrl-C). Throws InputError, and RunError for a loop that does not run without a fault.
 int run_campaign(const CampaignOptions& o);
 
 }  // namespace esmc::host

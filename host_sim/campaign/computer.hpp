@@ -14,6 +14,7 @@ namespace esmc::host {
 /// Sends a sign of life every second tick and orders; receives the controller's status.
 class Computer {
  public:
+  /// `scene` has [command].
   explicit Computer(const Scene& scene) : base_(static_cast<std::uint32_t>(scene.command->base_id)) {}
 
   /// Takes a frame of the bus; it uses the controller's status and parameter table, and no other.
@@ -25,8 +26,8 @@ class Computer {
       table_ = static_cast<std::uint16_t>(f.data[0] | f.data[1] << 8);
     }
   }
-  /// Calls `send` with the frames of a tick. Returns the order that is now on the bus: an order to arm waits
-  /// for the number of the parameter table.
+  /// Call once per tick: gives `send` the computer's frames. `wanted` replaces an order that still waits: for
+  /// the first status, and an order to arm for the parameter table. Returns the order sent in this tick.
   template <class Send>
   Operator act(Operator wanted, const Send& send) {
     if (wanted != Operator::nothing) wanted_ = wanted;

@@ -38,8 +38,10 @@ class EpisodeKind {
  public:
   using M = typename Traits::Mechanism;
 
+  /// Copies the scene and runs its loop without a fault, to measure how long arming takes. Throws RunError
+  /// where that loop does not reach its reference, InputError for a scene that no controller can be made of.
   explicit EpisodeKind(const Scene& scene) : EpisodeKind(scene, scene) {}
-  /// `promised`: the scene by which the loop of `scene` is judged; a test makes them differ.
+  /// As above. `promised`: the scene by which the loop of `scene` is judged; a test makes them differ.
   EpisodeKind(const Scene& scene, const Scene& promised)
       : scene_(scene),
         promised_(promised),
@@ -56,7 +58,8 @@ class EpisodeKind {
   EpisodeKind(const EpisodeKind&) = delete;
   EpisodeKind& operator=(const EpisodeKind&) = delete;
 
-  /// Runs the episode of a seed. `only`: name of its fault; empty: any. `trace` gets a line per tick.
+  /// Runs the episode that `draw` decides; `seed` is only copied to the result. `only`: name of the fault to
+  /// draw; empty: any; not possible on this scene: no fault. `trace` gets a line per tick; null: none.
   [[nodiscard]] EpisodeResult run(std::uint64_t seed, Draw draw, EpisodeTrace* trace = nullptr,
                                   std::string_view only = {}) const;
 
@@ -80,6 +83,7 @@ class EpisodeKind {
 /// The times of an episode that are drawn before it begins.
 class EpisodeScript {
  public:
+  /// `i` must outlive this. Draws all times at once: `draw` is not kept.
   EpisodeScript(const Injection& i, const EpisodeTimes& t, Draw& draw)
       : injection_(i),
         join_(t.join_ticks),
@@ -117,7 +121,8 @@ class EpisodeLoop {
   using M = typename Traits::Mechanism;
   using Kind = EpisodeKind<Traits>;
 
-  /// Both arguments must outlive this.
+  /// Both arguments must outlive this. In each tick call begin_tick, send_order, publish, control, deliver,
+  /// advance.
   EpisodeLoop(const Kind& kind, const Injection& injection)
       : kind_(kind),
         injection_(injection),
@@ -148,6 +153,7 @@ class EpisodeLoop {
     if (!computer_ || active(Injected::computer_gone) || !word_.ticked) return order;
     return computer_->act(order, [&](const hal::CanFrame& f) { bus_.from_computer(f); });
   }
+  /// The drives' reports and the frames of other nodes. `first`: the fault begins in this tick.
   void publish(bool first) {
     plant_.publish(bus_, active_, first);
     bus_.inject_foreign_frames();
@@ -159,9 +165,11 @@ class EpisodeLoop {
     if (!computer_) return;
     for (const FaultyBus::Delivery& d : bus_.to_drives()) computer_->hear(d.frame);
   }
+  /// Hands the frames of tick number `tick` to the drives.
   void deliver(std::uint64_t tick) {
     plant_.deliver(bus_, static_cast<double>(tick) * kind_.times_.tick * 1e3);
   }
+  /// Moves the mechanism over the tick; no effect before the brake is released.
   void advance(std::uint64_t tick) {
     plant_.advance(static_cast<double>(tick) * kind_.times_.tick, kind_.scene_.tick());
   }

@@ -27,6 +27,7 @@ class FaultyBus {
   /// Begins a tick. `active`: the fault acts in this tick.
   void begin_tick(bool active);
 
+  /// A frame of drive `axis` (in the order of `nodes`), which the acting fault may lose, delay or change.
   void from_drive(std::size_t axis, const hal::CanFrame& f);
   /// A frame of the supervisor computer, which no fault of the bus loses or delays.
   void from_computer(const hal::CanFrame& f) { orders_.push_back(f); }

@@ -45,7 +45,7 @@ class FaultyPlant : public EmulatedPlant<Plant> {
   [[nodiscard]] const MotorState& motor(std::size_t i) const { return records_[i].state; }
   /// Distance that a motor's joint has turned since the last tick, rad.
   [[nodiscard]] double turned(std::size_t i) const { return records_[i].turned; }
-  /// Same as EmulatedPlant::set_motion; `scene` must outlive this.
+  /// As EmulatedPlant::set_motion(): replaces motion and scene, not the drives. `scene` must outlive this.
   void set_motion(Motion<Plant> motion, const Scene& scene) {
     Base::set_motion(std::move(motion), scene);
     scene_ = &scene;
@@ -95,7 +95,7 @@ class FaultyPlant : public EmulatedPlant<Plant> {
     }
   }
 
-  /// Moves over `seconds` from t on, s.
+  /// Moves over `seconds` from t on, s; no effect before the brake is released.
   void advance(double t, double seconds) {
     if (!this->released()) return;
     bool clipped = false;

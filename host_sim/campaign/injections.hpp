@@ -198,7 +198,7 @@ struct Injection {
   [[nodiscard]] Injected kind() const { return row->kind; }
 };
 
-/// Draws a fault. `only`: name of its row, where it is possible; empty: any.
+/// Draws a possible fault. `only`: name of its row (where that is not possible: `nothing`); empty: any.
 [[nodiscard]] Injection draw_injection(Draw& draw, const EpisodeTimes& times, const ProtocolTraits& traits,
                                        std::string_view only = {});
 /// Whether a guard of this scene must notice the wrong numbers in samples; true for faults without any.

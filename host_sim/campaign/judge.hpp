@@ -53,7 +53,8 @@ struct Reaction {
 /// has hears(i).
 class Judge {
  public:
-  /// `bare`: only motors and gravity act on the mechanism. `told`: drives report whether they are armed.
+  /// `injection` must outlive this. `bare`: only motors and gravity act on the mechanism. `told`: drives
+  /// report whether they are armed.
   Judge(const Injection& injection, const EpisodeTimes& times, bool bare, bool told)
       : injection_(&injection),
         times_(times),

@@ -52,7 +52,7 @@ class CampaignTotals {
   [[nodiscard]] double simulated_s() const { return static_cast<double>(ticks_us_) * 1e-6; }
   /// The document of `--json`.
   [[nodiscard]] nlohmann::ordered_json json() const;
-  [[nodiscard]] std::string text() const;
+  [[nodiscard]] std::string text() const;  ///< for the terminal, with the first ten violations
   /// Tables for a page.
   [[nodiscard]] std::string markdown() const;
   /// The page of --out; `wanted`: episodes that were asked for.

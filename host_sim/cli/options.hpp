@@ -70,7 +70,8 @@ CLI::IsMember one_of(const std::array<const char*, n>& names) {
   return CLI::IsMember(std::vector<std::string>(names.begin(), names.end()));
 }
 
-/// Adds an option for an integer >= 0; `to` may be optional. It and all below must outlive the parsing.
+/// Adds an option for an integer >= 0 into `to`, which may be a std::optional. Other text makes the parsing
+/// throw InputError. The variable that an option fills, here and below, must outlive the parsing.
 template <class T>
 CLI::Option* add_integer(CLI::App& c, const std::string& option, T& to, const std::string& help) {
   return c

@@ -22,7 +22,7 @@ struct OdriveSettings {
   std::uint32_t silence_ticks = 1;  ///< after longer without a heartbeat the drive may have restarted
   std::uint32_t proof_ticks = 0;    ///< within which a starved watchdog must trip; 0: it is not tested
 };
-/// Settings of the controller for drive i of a scene, which must have that protocol: it is not checked.
+/// Controller's settings for drive i of a scene, whose protocol must be that of the name: it is not checked.
 OdriveSettings odrive_settings(const Scene& scene, Pacing pacing, std::size_t i);
 drive::Cia402Settings cia402_settings(const Scene& scene, std::size_t i);
 drive::MitAxis::Settings mit_settings(const Scene& scene, std::size_t i);
@@ -50,7 +50,8 @@ template <class M>
 using AnyCycleConfig = std::variant<typename OdriveCycle<M>::Config, typename Cia402Cycle<M>::Config,
                                     typename MitCycle<M>::Config>;
 
-/// The configuration of one axis per motor and passive encoder. `reference` must outlive the cycle.
+/// The configuration, with one axis per motor and passive encoder. `reference` must outlive the configuration
+/// and the cycle. Throws InputError like make_controller(). In real time each call draws another session.
 template <class M>
 AnyCycleConfig<M> make_cycle_config(const Scene& scene, Pacing pacing,
                                     const ReferenceBundle<typename M::Scalar>& reference);

@@ -18,6 +18,7 @@
 
 namespace esmc::host::bake {
 
+/// The C++ initialiser of a value. Throws InputError for a number that is not finite.
 template <std::floating_point T>
 std::string text(T v) {
   constexpr bool single = std::is_same_v<T, float>;
@@ -142,7 +143,7 @@ std::string text(const PathSegment<S>& v) {
   const auto& [duration, c] = curve;
   return braces(start_tick, offset, Code{braces(duration, c)});
 }
-/// Its path is `path` of the image.
+/// The initialiser of a reference, whose path is the variable `path` of the image.
 template <class S>
 std::string text(const Reference<S>& v) {
   const auto& [kind, space, centre, amplitude, speed, phase, path, repeat] = v;
@@ -162,7 +163,7 @@ std::string mode_text(const Mode& v) {
     return braces(v.working);
 }
 
-/// Address of the first part that applies; null: none does.
+/// C++ text of the address of the first part that applies; "nullptr": none does.
 inline std::string part_text(std::initializer_list<std::pair<bool, const char*>> parts) {
   for (const auto& [applies, name] : parts) {
     if (applies) return fmt::format("&part::{}<Mechanism>", name);
@@ -191,7 +192,8 @@ std::string text(const ControllerConfig<M>& v) {
   return "{\n" + lines + "      }";
 }
 
-/// Of a cycle; `line` is the text of its line. Calls make the axes, and the image draws its session.
+/// Initialisers of the members of a cycle's configuration; `line`: text for its member line. The axes are
+/// left empty, because calls make them, and the session is 1, because the image draws it.
 template <class Config>
 std::string cycle_text(const Config& v, const std::string& line) {
   const auto& [controller, axes, its_line, count, heartbeat, waiting, absolute, zero, mismatch, torque_time,

@@ -36,12 +36,13 @@ ReferenceBundle<double> make_reference<double>(const Scene& scene, Pacing pacing
 template <>
 ReferenceBundle<float> make_reference<float>(const Scene& scene, Pacing pacing);
 
-/// The controller's belief: the true mechanism times the factors of [control.model].
+/// The controller's belief: the scene's `believed`, or else the true mechanism, times the factors of
+/// [control.model]; with friction = "exact" it has the friction of the effects.
 FiveBarParams<double> believed_mechanism(const Scene& scene);
 /// Whether l1, l2 and l0 of both are equal to the last bit, and so all poses.
 [[nodiscard]] bool same_lengths(const FiveBarParams<double>& a, const FiveBarParams<double>& b);
 
-/// The same numbers rounded to the scalar type S.
+/// The parameters, each rounded to the scalar type S.
 template <class S>
 LegParams<S> cast(const LegParams<double>& p) {
   return {S(p.l1), S(p.l2), S(p.lg1), S(p.lg2), S(p.m1),     S(p.m2),

@@ -146,7 +146,7 @@ template <class M>
   return true;
 }
 
-/// Parameters that are uncertain, as the causes of a gain.
+/// Parameters that are uncertain, as the causes of a gain. `count` is no cause and has no name().
 enum class Cause { mass, mass_centre, inertia, gravity, payload, friction, count };
 [[nodiscard]] inline const char* name(Cause c) {
   constexpr std::array names{"mass", "mass centre", "inertia", "gravity", "payload", "friction"};
@@ -156,6 +156,7 @@ enum class Cause { mass, mass_centre, inertia, gravity, payload, friction, count
 /// Smallest and largest value.
 struct Span {
   double low = 0.0, high = 0.0;
+  /// Adds a to low and b to high; hold() widens the span to contain v.
   void add(double a, double b) {
     low += a;
     high += b;
@@ -166,7 +167,7 @@ struct Span {
   }
   [[nodiscard]] double size() const { return std::max(std::abs(low), std::abs(high)); }
 };
-inline constexpr Span nothing{1e300, -1e300};
+inline constexpr Span nothing{1e300, -1e300};  ///< empty; hold() makes it the span of one value
 
 /// Values of one bar.
 struct Corner {
@@ -194,7 +195,7 @@ struct Wrench {
   double moment = 0.0;
 };
 
-/// The uncertainty of a problem.
+/// The uncertainty of a problem, which must outlive this.
 template <class M>
 class Uncertain {
  public:
@@ -228,6 +229,7 @@ class Uncertain {
   /// Whether the effector has rows with mass, which hold an uncertain payload.
   [[nodiscard]] bool effector_rows() const { return first > 0 && mass_[0] > 0.0; }
 
+  /// Bar b of the mechanism in state s, leg by leg.
   [[nodiscard]] static Bar bar(const State<M>& s, int b) {
     const int base = first + 8 * (b / 2), i = b % 2;
     Bar out;
@@ -246,7 +248,8 @@ class Uncertain {
     return out;
   }
 
-  /// Delta of one bar [F36], N and N m: force and moment of the controller less those of the true bar.
+  /// Delta of bar `s` [F36], N and N m: force and moment of the controller less those of the true bar, which
+  /// has the values c under gravity g, m/s2. Of its intervals `of` only the believed values are used.
   [[nodiscard]] Wrench lack(const Bar& s, const Box& of, const Corner& c, double g) const {
     const Vec2<double> n = perp(s.along);
     const double believed_g = p_->believed.g, dl = -c.offset;
@@ -337,7 +340,7 @@ class Uncertain {
     return out;
   }
 
-  /// Share of a bar in the true inertia, in independent coordinates.
+  /// Share of a bar with the values c in the true inertia, in independent coordinates.
   [[nodiscard]] static Mat<double, 2, 2> inertia(const Bar& b, const Corner& c) {
     const Mat<double, 2, 2> A = b.A + perp(b.along) * b.turn.transpose() * c.offset;
     return A.transpose() * A * c.m + b.turn * b.turn.transpose() * c.J;

@@ -23,7 +23,8 @@ struct PeakGains {
   bool stable = true;
 };
 
-/// `kappa` = K / layer, 1/s; `tick` in s, > 0; `delay` in ticks and parts of ticks, >= 0.
+/// `kappa` = K / layer and `lambda` in 1/s; `tick` in s, > 0; `delay` in ticks and parts of ticks, >= 0. An
+/// unstable loop has `stable` = false and no meaningful gains.
 [[nodiscard]] inline PeakGains peak_gains(double lambda, double kappa, double tick, double delay) {
   PeakGains out;
   const int whole = static_cast<int>(std::floor(delay)), oldest = whole + 1;
@@ -70,7 +71,8 @@ struct LinearZone {
   double gain_independent = 0.0;
 };
 
-/// Acceleration error of a torque that was computed for an earlier instant of the motion.
+/// Acceleration error, m/s2 or rad/s2, of a torque that was computed for an earlier instant of the motion; 0
+/// where the reference was out of reach then. `H`: believed inertia.
 template <class M>
 [[nodiscard]] Vec2<double> stale_acceleration(const Problem<M>& p, const Place& at, const State<M>& s,
                                               const Mat<double, 2, 2>& H) {
@@ -90,7 +92,8 @@ template <class M>
   return inverse(H) * f;
 }
 
-/// The linear zone at `places` of the motion, for small errors.
+/// The linear zone at `places` of the motion, for small errors; places out of reach are left out. For other
+/// laws than the implicit one `holds` is false: disturbance, mismatch, speed and acceleration alone are set.
 template <class M>
 [[nodiscard]] LinearZone<M> linear_zone_of(const Problem<M>& p, const Uncertain<M>& u, double swing,
                                            const std::vector<Place>& places) {

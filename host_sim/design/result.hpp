@@ -71,7 +71,7 @@ struct Design {
   return std::sin(std::numbers::pi / (4.0 * delay + 2.0));
 }
 
-/// Sets the gains of a design, and the layers of the implicit law; lambda and other layers must be set.
+/// Sets the gains of a design that is not refused, and layers of the implicit law. All else must be set.
 template <class M>
 void apply(const Problem<M>& p, const Design<M>& d, Gains<M>& g) {
   const auto& c = p.controller;

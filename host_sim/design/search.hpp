@@ -17,7 +17,8 @@ namespace esmc::host::design {
 template <class M>
 class Search {
  public:
-  /// `looks`: about the number of points of the motion before the climbs.
+  /// `p` must outlive this and have points. `tube`: m or rad. `looks`: about the number of points of the
+  /// motion before the climbs.
   Search(const Problem<M>& p, double tube, std::size_t looks)
       : p_(p),
         u_(p),

@@ -40,6 +40,7 @@ class Worst {
  public:
   static constexpr int parts_max = 2 * M::joints + 1, corners_max = 8;
 
+  /// The corners in state s; `swing`: see Uncertain::friction(). Keeps no reference.
   Worst(const Uncertain<M>& u, const State<M>& s, double swing) : believed_(Mat<double, 2, 2>::Zero()) {
     const Mat<double, 2, 2> tip = u.tip_columns(s);
     believed_ += tip.transpose() * tip * u.own_tip();

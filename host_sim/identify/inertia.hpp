@@ -35,6 +35,7 @@ struct StandardParameter {
   std::string name, unit;
   bool inertial = true;
 };
+/// All of them, in this order, leg by leg and joint by joint. RR: those of one leg, without m0.
 [[nodiscard]] std::vector<StandardParameter> standard_parameters(bool five_bar);
 
 /// A combination of standard parameters that the motion of this mechanism depends on: `of` + sum of `share` *
@@ -62,7 +63,8 @@ struct Identification {
 [[nodiscard]] std::size_t ticks_needed(const IdentifyProblem& p);
 
 /// Least squares with the delay as one more unknown. The covariance is that of the estimator for residuals
-/// that are correlated in time. Throws InputError where base angles fit no closed mechanism.
+/// that are correlated in time. p.angle and p.torque have the same length, ticks_needed(p) at least (not
+/// checked). Throws InputError where base angles fit no closed mechanism.
 [[nodiscard]] Identification identify(const IdentifyProblem& p);
 
 }  // namespace esmc::host

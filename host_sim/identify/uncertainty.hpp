@@ -9,7 +9,7 @@
 
 namespace esmc::host {
 
-/// The standard parameters of a mechanism, in the order of standard_parameters().
+/// Values of the standard parameters, in the order of standard_parameters(). RR: `p` is read in legs[0].
 Vector standard_values(const FiveBarParams<double>& p, bool five_bar);
 
 /// A table [uncertainty] and what is to be said about it, one line each.
@@ -21,7 +21,7 @@ struct UncertaintyTable {
 /// Intervals of four factors on m1, m2, J1, J2, common to both legs, that explain the identified parameters,
 /// with mass centres as believed; and of the frictions. Where a factor is below 0, or outside [0.5, 2] by
 /// more than its uncertainty, a payload (kg) is fitted too. A factor that the motion does not determine
-/// becomes a comment. `coverage`: half width of an interval in standard uncertainties, > 0.
+/// becomes a comment. r.weak must be empty. `coverage`: half widths in standard uncertainties, > 0.
 UncertaintyTable uncertainty_table(const Identification& r, const IdentifyProblem& p,
                                    const FiveBarParams<double>& believed, double coverage);
 

@@ -16,7 +16,7 @@ namespace esmc::host {
 
 class LiveApi final : public Service {
  public:
-  /// `scene`: the one that the loop begins with. All arguments outlive this.
+  /// `scene`: the one that the loop begins with. `exchange` must outlive this, and this its clients.
   LiveApi(const RunOptions& options, std::shared_ptr<const Scene> scene, Exchange& exchange);
 
   [[nodiscard]] std::unique_ptr<Client> on_connect() override;

@@ -118,6 +118,7 @@ class LiveFault {
   [[nodiscard]] Injected kind() const { return active() ? injection_.kind() : Injected::nothing; }
   [[nodiscard]] const hal::CanFrame& foreign() const { return foreign_; }
 
+  /// Begins the fault `o` with the next tick, in place of one that acts; without a row, ends that one.
   /// Returns the text of the event; "": nothing has changed.
   std::string order(const Injection& o, const ProtocolTraits& traits, const Scene& scene) {
     if (o.row == nullptr) {
@@ -131,12 +132,13 @@ class LiveFault {
     foreign_ = foreign_command(traits, scene, injection_);
     return fmt::format("{} at drive {} for {:g} ms", o.row->name, o.drive + 1, 1e3 * o.length * scene.tick());
   }
-  /// True in its first tick; it acts at least in that one.
+  /// Call once at the beginning of a tick. Ends the fault if it has acted for its length. True: this is the
+  /// fault's first tick. A fault of length 0 ends without having acted.
   [[nodiscard]] bool begin_tick() {
     if (since_ >= injection_.length) since_ = -1;
     return std::exchange(first_, false) && active();
   }
-  /// One that was ordered within the tick has not begun.
+  /// Call once at the end of a tick: counts it, unless the fault was ordered since begin_tick().
   void end_tick() {
     if (active() && !first_) ++since_;
   }
@@ -158,7 +160,7 @@ class LiveSession {
   void order(const LiveOrder& o) {
     std::visit([&](const auto& x) { take(x); }, o);
   }
-  virtual void tick() = 0;
+  virtual void tick() = 0;  ///< runs one period()
   /// Sample of the last tick.
   [[nodiscard]] const LiveSample& sample() const { return sample_; }
   /// Events since the last call.
@@ -208,18 +210,18 @@ std::unique_ptr<LiveSession> make_live_plant(std::shared_ptr<const Scene> scene,
 
 /// The scene of a bench as it runs: where it does not say otherwise, the reference is joined in 1 s, as on
 /// hardware, or as fast as it turns. A bench starts again and again, from wherever the mechanism stands.
-/// Throws InputError for what a bench cannot do: effects of the bus (faults are injected instead), no closed
-/// loop, a supervisor computer that arms. `controller_elsewhere`: only the first of these is checked.
+/// Throws InputError for what a bench cannot do: effects of the bus (faults are injected instead), a
+/// supervisor computer that arms. `controller_elsewhere`: only effects are checked, nothing is changed.
 void prepare_live_scene(Scene& scene, bool controller_elsewhere = false);
 
 /// What a change from one scene to the next restarts. Throws InputError where another bench is needed.
 RestartLevel restart_level(const Scene& from, const Scene& to);
 
-/// A fault with its usual amount and length.
+/// A fault with its usual amount and length; `drive` from 0.
 Injection usual_injection(const InjectionRow& row, std::size_t drive);
 /// True if a fault can begin while the loop runs on these drives.
 bool can_inject(const InjectionRow& row, Protocol protocol);
-/// True if that needs no access to the controller.
+/// True if the fault can begin without access to the controller, from the bus, drives and sensors.
 bool can_inject_from_outside(const InjectionRow& row);
 
 }  // namespace esmc::host

@@ -50,6 +50,7 @@ class ControllerEnd {
   using M = typename World::Mechanism;
   using S = typename C::Scalar;
 
+  /// `bus` must outlive this. Orders arming at once, unless a supervisor computer arms.
   ControllerEnd(const Scene& scene, Pacing pacing, Bus& bus)
       : reference_(make_reference<S>(scene, pacing)),
         bus_(bus),

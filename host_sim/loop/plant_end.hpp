@@ -14,7 +14,8 @@
 
 namespace esmc::host {
 
-/// The plant's access to the bus: refuses controllers made from another scene.
+/// The plant's access to the bus, which, like log and scene, must outlive this. try_receive() throws RunError
+/// for a controller made from another scene.
 template <hal::CanBus Bus>
 class PlantTap : public Tapped<Bus> {
  public:
@@ -92,7 +93,7 @@ class PlantEnd {
     double since;  ///< s since the tick began
     Joints torque;
   };
-  /// Records the tick, with the last of `commands`, and moves over it. The first one holds since it began.
+  /// Records the tick, with the last of `commands` (>= 1), and moves over it. The first holds since it began.
   void advance(std::span<const TorqueCommand> commands, const ControllerView<M>& seen) {
     if (!plant_.released()) return;
     bool clipped = false;

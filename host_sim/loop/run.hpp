@@ -81,7 +81,7 @@ struct BusObstacle {
 BusObstacle bus_obstacle(const Scene& scene);  ///< the first one
 /// Throws InputError where there is an obstacle.
 void require_bus_loop(const Scene& scene);
-/// Settings that decide over torque and cannot be read back from these drives, in one line.
+/// Settings that decide over torque and cannot be read back from these drives, in one line; "": none.
 std::string to_confirm(const Scene& scene);
 /// Throws InputError with to_confirm() where the scene must confirm those settings and does not.
 void require_confirmed(const Scene& scene);

@@ -60,7 +60,7 @@ inline bool readable_within(pollfd p, std::chrono::nanoseconds patience) {
   return (p.revents & POLLIN) != 0;
 }
 
-/// Up to `patience` for a frame to receive; false when there is none.
+/// Waits up to `patience` for a frame to receive. False: there is none.
 inline bool wait_for_frame(HostBus& bus, std::chrono::nanoseconds patience) {
   if (const RecordedBus* r = bus.recorded()) return r->has_input();
   if (bus.has_input()) return true;

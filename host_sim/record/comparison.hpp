@@ -26,6 +26,7 @@ struct Difference {
 /// Lines of one file.
 class LineComparison {
  public:
+  /// Throws InputError where the recording `directory` has no file `name`. `tick`: s.
   LineComparison(const std::string& directory, std::string name, std::vector<std::string> ignored_columns,
                  double tick);
   LineComparison(const LineComparison&) = delete;  // streams point to it
@@ -60,7 +61,8 @@ class Comparison {
   Comparison(std::string directory, double tick, bool realtime, bool frames)
       : directory_(std::move(directory)), tick_(tick), realtime_(realtime), frames_(frames) {}
 
-  /// Stream for the run's file of this name; null: it is not compared. Opened again, it begins anew.
+  /// Stream for the run's file of this name, to be closed before this ends; null: it is not compared. Opened
+  /// again, it begins anew. Throws InputError where the recording has no such file.
   [[nodiscard]] std::FILE* open(const std::string& name);
   /// Compares the summaries; call once, at the end of the run: complete() is true from then on.
   void summary(const nlohmann::ordered_json& computed, const nlohmann::ordered_json& recorded);

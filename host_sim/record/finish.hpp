@@ -36,7 +36,8 @@ struct BusRunFiles {
 void write_scene(const Scene& scene, const OutputDirectory& out);
 
 /// Writes scene.toml, summary.json and report.html beside log.csv and frames.log, and prints the summary.
-/// Throws Diverged where the final state is not finite. Returns the exit status: 1 after a fault.
+/// Throws Diverged where the final state is not finite. Returns the exit status: 1 after a fault. A replay
+/// compares the summary, writes nothing and returns 0.
 int finish_run(const RunOptions& o, const Scene& scene, const char* kind, const Statistics& statistics,
                const RunEnd& end, Log& log, OutputDirectory& out);
 template <class Recorder>
@@ -46,9 +47,8 @@ int finish_run(const RunOptions& o, const Scene& scene, const char* kind, Record
   return finish_run(o, scene, kind, recorder.statistics(), end, recorder.log(), files.out);
 }
 
-/// The last step of every run: writes `summary` to summary.json, moves all files into place, and prints it,
-/// with
-/// --json, or `text`. Returns the exit status: 1 after a fault.
+/// The last step of every run: writes `summary` to summary.json, moves all files into place, and prints it
+/// with --json, else `text`. Returns the exit status: 1 where `fault`.
 int publish_summary(const RunOptions& o, const nlohmann::ordered_json& summary, const std::string& text,
                     bool fault, OutputDirectory& out);
 

@@ -44,13 +44,14 @@ struct RrTraits {
   static double rate(const Plant::Output& o, int joint) { return o.qd[static_cast<std::size_t>(joint)]; }
 };
 
-/// Calls f with the world of a scene.
+/// Calls f with FiveBarTraits or RrTraits, by the mechanism of a scene.
 template <class F>
 auto with_world(const Scene& s, const F& f) {
   return s.type == MechanismType::five_bar ? f(FiveBarTraits()) : f(RrTraits());
 }
 
-/// The plant of a scene in a state, with its effects as at t = 0. `hand`: one that may pull at the effector.
+/// The plant of a scene in a state, with its effects as at t = 0. `hand`, which outlives the motion,
+/// may pull at the effector; null: none.
 template <class World>
 Motion<typename World::Plant> make_motion(const Scene& s, const typename World::Plant::State& state,
                                           const Hand* hand = nullptr) {
@@ -119,7 +120,7 @@ class ReferenceTrack {
     return tick >= bundle_->join_ticks && joined_.reference().kind != ReferenceKind::hold_start;
   }
 
-  /// Sets the state of the mechanism at t = 0: m and m/s, rad and rad/s.
+  /// Sets the state of the mechanism at t = 0: m and m/s, rad and rad/s. Call before at().
   void start(V2 effector, V2 velocity, const std::array<double, 2>& base, const std::array<double, 2>& rate) {
     const bool at_effector = joined_.reference().space == ReferenceSpace::effector;
     joined_.start(at_effector ? Vec2<double>(effector.x, effector.y) : Vec2<double>(base[0], base[1]),
@@ -176,7 +177,7 @@ class Recorder {
   using Plant = typename World::Plant;
   using M = typename World::Mechanism;
 
-  /// `scene` must outlive this. `log`: closed by this, null: none. `with_controller`: tick() sees its ticks.
+  /// `scene` must outlive this. `log`: closed by this, null: none. `with_controller`: tick() gets its view.
   Recorder(const Scene& scene, Pacing pacing, std::FILE* log, bool with_controller)
       : scene_(scene),
         track_(scene, pacing, with_controller || !scene.drives.sign_test.value_or(false)),

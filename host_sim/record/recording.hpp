@@ -25,7 +25,7 @@ struct RecordedTable {
   [[nodiscard]] std::string where(std::size_t row) const { return file + ":" + std::to_string(row + 2); }
 };
 
-/// What is between the commas of a line.
+/// Texts between the commas of `line`, which must outlive them.
 std::vector<std::string_view> fields_of(std::string_view line);
 
 /// Throws InputError unless `file` is a regular file: a pipe would wait, a device would never end.

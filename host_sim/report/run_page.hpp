@@ -33,6 +33,7 @@ struct WorkspaceMap {
 };
 
 /// Map of a five-bar in the working mode `bend` (signs of sin theta_j2). `nodes` along the longer side, >= 2.
+/// Without rows and columns where the legs cannot meet.
 [[nodiscard]] WorkspaceMap workspace_map(const FiveBarParams<double>& m, const std::array<int, 2>& bend,
                                          const std::vector<MotorLimit>& motors, int nodes);
 /// Map of the RR arm; `bend`: sign of sin theta2.
@@ -77,8 +78,8 @@ struct RunPage {
   PageMechanism mechanism;
   std::vector<NamedHistogram> histograms;  ///< those without entries are left out
   PageLoad load;
-  std::vector<std::string> columns;  ///< of rows; the last one is chatter
-  const std::vector<SeriesRow>& rows;
+  std::vector<std::string> columns;    ///< of rows; the last one is chatter
+  const std::vector<SeriesRow>& rows;  ///< must outlive this
 };
 /// The geometry that mechanism.js draws; RR: legs[0].
 [[nodiscard]] nlohmann::ordered_json mechanism_json(const FiveBarParams<double>& m, bool five_bar);

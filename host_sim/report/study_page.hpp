@@ -49,7 +49,7 @@ std::string study_page(const std::string& title, const std::string& command, con
 std::string figures_html(const std::vector<std::string>& drawings);
 std::string table_html(const std::string& title, const TextTable& rows);
 
-/// Rows as Markdown and as CSV.
+/// Rows as Markdown and as CSV. Cells are not escaped: no | or line end, no comma in them.
 std::string markdown_table(const TextTable& rows);
 std::string csv_table(const TextTable& rows);
 

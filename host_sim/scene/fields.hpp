@@ -8,7 +8,8 @@
 
 namespace esmc::host {
 
-/// The part of a scene that has this type; of its effects the last one, which is being read.
+/// The part of a scene that has the type Part; an effect's type: the last effect, which must be of it (else
+/// std::bad_variant_access). A scene without [command] or [uncertainty] has no such part: it is not checked.
 template <class Part>
 Part& part_of(Scene& s) {
   if constexpr (std::is_constructible_v<Effect, Part>) {
@@ -21,12 +22,13 @@ Part& part_of(Scene& s) {
     return std::get<Part&>(std::tie(s, s.mechanism, s.model, s.reference, s.initial, s.limits, s.drives));
   }
 }
+/// The field of that part.
 template <class Part, class T>
 T& field_of(Scene& s, T Part::*field) {
   return part_of<Part>(s).*field;
 }
 
-/// A value, in the form that its type has in TOML.
+/// Reads a key as a T, in the form that T has in TOML; errors and defaults are those of Section.
 template <class T>
 T value_of(Section& s, const std::string& key) {
   using Pair = std::array<double, 2>;
@@ -42,6 +44,7 @@ inline PerKind value_of<PerKind>(Section& s, const std::string& key) {
   const auto [position, angle] = s.per_kind(key);
   return {position, angle};
 }
+/// Sets `to` to the key's value or default; an optional one stays as it is where the key is absent.
 template <class T>
 void take(Section& s, const std::string& key, T& to) {
   to = value_of<T>(s, key);
@@ -53,11 +56,12 @@ void take(Section& s, const std::string& key, std::optional<T>& to) {
 
 // ---- readers for the key table ----
 
+/// Reads the key into `field`.
 template <auto field>
 void into(Section& s, const std::string& key, Scene& scene) {
   take(s, key, field_of(scene, field));
 }
-/// Two values hold for both legs.
+/// Reads a number per joint into `field`; of a five-bar, two numbers hold for both legs.
 template <auto field>
 void per_joint(Section& s, const std::string& key, Scene& scene) {
   const std::vector<std::size_t> sizes =
@@ -66,7 +70,7 @@ void per_joint(Section& s, const std::string& key, Scene& scene) {
   auto& to = field_of(scene, field);
   for (std::size_t i = 0; i < to.size(); ++i) to[i] = v[i % v.size()];
 }
-/// A number for all motors, or one each.
+/// Reads one number for all motors, or one each, into `field`.
 template <auto field>
 void per_motor(Section& s, const std::string& key, Scene& scene) {
   const auto v = s.each(key, static_cast<std::size_t>(scene.motors()));

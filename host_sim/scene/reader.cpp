@@ -142,7 +142,7 @@ std::vector<double> Section::numbers(const std::string& key, const std::vector<s
 
 std::optional<std::vector<int>> Section::optional_integers(const std::string& key,
                                                            const std::vector<std::size_t>& sizes) {
-  const toml::array* items = list(key, find(key), sizes, "integers");
+  const toml::array* items = list(key, find(key, false), sizes, "integers");
   if (items == nullptr) return std::nullopt;
   std::vector<int> out;
   for (const toml::node& item : *items) {
@@ -150,6 +150,11 @@ std::optional<std::vector<int>> Section::optional_integers(const std::string& ke
     out.push_back(static_cast<int>(checked(item, key)));
   }
   return out;
+}
+
+std::vector<int> Section::integers(const std::string& key, std::size_t size) {
+  find(key, true);
+  return *optional_integers(key, {size});
 }
 
 std::array<double, 2> Section::pair(const std::string& key) {

@@ -22,8 +22,10 @@ Scene read_scene_table(toml::table table, const std::string& file);
 
 /// A table being read. `schema` is the prefix of its keys in the key table. Read every key, then call
 /// finish(). Every reading function throws InputError for a value that the key table does not allow, and for
-/// an absent key without a default. An absent key with one gives the default; optional_ functions give none.
-/// The TOML table must outlive the Section.
+/// an absent key without a default. An absent key with one gives the default; optional_ functions give none,
+/// whether or not there is a default. A key whose default is "-" is for those, or for functions that say
+/// "None" or state a default. A key that the key table does not have is a std::logic_error.
+/// The TOML table and `keys` must outlive the Section.
 class Section {
  public:
   Section(const toml::table& table, std::string file, std::string name, std::string schema,
@@ -35,6 +37,7 @@ class Section {
         schemas_{schema_},
         keys_(keys) {}
 
+  /// Whether the key is there; finish() still refuses it unless it is read.
   [[nodiscard]] bool has(const std::string& key) const { return table_->contains(key); }
   /// Whether the key is there; finish() then does not refuse it.
   bool given(const std::string& key) { return find(key, false) != nullptr; }
@@ -62,12 +65,14 @@ class Section {
   std::vector<double> numbers(const std::string& key, const std::vector<std::size_t>& sizes);
   std::optional<std::vector<double>> optional_numbers(const std::string& key,
                                                       const std::vector<std::size_t>& sizes);
+  /// Reads an array of integers whose length is one of `sizes`; integers(): of `size`, without a default.
   std::optional<std::vector<int>> optional_integers(const std::string& key,
                                                     const std::vector<std::size_t>& sizes);
+  std::vector<int> integers(const std::string& key, std::size_t size);
   std::array<double, 2> pair(const std::string& key);
   /// Reads an array of two or more pairs [a, b]. The default is an empty one.
   std::vector<std::array<double, 2>> pairs(const std::string& key);
-  /// Reads an array of `size` strings, each one of the key's choices.
+  /// Reads an array of `size` strings, each one of the key's choices; the key must be without a default.
   std::vector<std::string> texts(const std::string& key, std::size_t size);
   /// Reads { position, angle } into [position, angle]; a number stands for both.
   std::array<double, 2> per_kind(const std::string& key);
@@ -127,7 +132,8 @@ class Section {
   std::set<std::string> asked_;
 };
 
-// Readers of a scene's sections, in the order of their calls: each needs those before. All throw InputError.
+// Readers of a scene's sections into `scene`, in the order of their calls: each needs those before, and
+// [mechanism] and [control]. All throw InputError.
 void read_uncertainty(Section s, Scene& scene);
 void read_reference(Section s, Scene& scene);
 void read_drives(Section s, Scene& scene);

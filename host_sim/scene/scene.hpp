@@ -132,9 +132,9 @@ struct CommandScene {
 };
 
 struct LimitsScene {
-  double min_abs_sin_type1 = 0, min_abs_sin_type2 = 0, joint_speed = 0, closure = 0;
-  std::optional<std::array<std::array<double, 2>, 2>> workspace;    // x, y: lower, upper
-  std::optional<std::array<std::array<double, 2>, 2>> joint_angle;  // per base joint
+  double min_abs_sin_type1 = 0, min_abs_sin_type2 = 0, joint_speed = 0, closure = 0;  // 1, 1, rad/s, m
+  std::optional<std::array<std::array<double, 2>, 2>> workspace;                      // x, y: lower, upper
+  std::optional<std::array<std::array<double, 2>, 2>> joint_angle;                    // per base joint
   int max_age_ticks = 0;
   double feedback_jump = 0;              // rad per tick; 0: any
   double join_acceleration = 0;          // rad/s2, base joints; 0: any
@@ -160,8 +160,8 @@ struct Scene {
 
   LawChoice law = LawChoice::esmc;
   ReachingChoice reaching = ReachingChoice::implicit;
-  PerKind lambda, gain, layer;
-  bool robust_gain = false;  ///< one gain per channel, designed for `uncertainty`; `gain` is then 0
+  PerKind lambda, gain, layer;  ///< 1/s; m/s2, rad/s2 (super_twisting: per s more); m/s, rad/s
+  bool robust_gain = false;     ///< one gain per channel, designed for `uncertainty`; `gain` is then 0
   std::optional<UncertaintyScene> uncertainty;
   std::optional<double> kp, kd;
   std::optional<double> torque_ramp;  ///< s; unset: 0 in sim and lockstep, 0.2 in real time
@@ -172,7 +172,7 @@ struct Scene {
   double rate_hz = 1000.0;
   bool all_motors = false, all_sensors = false;
   std::vector<double> encoder_sigma;  ///< rad, per joint; empty: the four encoders are not fused
-  std::vector<double> torque_limit;   ///< per motor
+  std::vector<double> torque_limit;   ///< per motor, N m at the joint
   std::vector<double> torque_weight;  ///< per motor, W of [F26]
   std::vector<double> preload;        ///< per motor, N m, signed; empty: none
   ModelFactors model;
@@ -183,10 +183,10 @@ struct Scene {
   LimitsScene limits;
   DriveScene drives;  ///< motors first, then the passive encoders of [sensors]
   std::optional<CommandScene> command;
-  int bitrate = 0;
+  int bitrate = 0;  ///< bit/s
 
-  double duration = 0.0;
-  double step = 0.0;  ///< s; with accuracy: where halving starts
+  double duration = 0.0;  ///< s
+  double step = 0.0;      ///< s; with accuracy: where halving starts
   std::optional<double> accuracy;
   Method method = Method::rk4;
   std::vector<Effect> effects;
@@ -227,13 +227,13 @@ struct Scene {
 /// Returns CAN identifiers that the drives of a scene send or receive: for ODrives the first of each node's
 /// block of 32, else all of them.
 std::vector<std::uint32_t> drive_identifiers(const Scene& scene);
-/// Throws InputError where a scene has effects that need a bus; `why` there is none: "esmc sim has no bus".
+/// Throws InputError where a scene has effects that need a bus; `why`: "esmc sim has no bus".
 void refuse_bus_effects(const Scene& scene, const std::string& why);
 
 /// Fills start_angle, start_rate and a missing assembly_mode. Throws InputError at `initial` or `reference`
 /// (places in the scene file) when the start is out of reach, contradicts a mode or does not close.
 void set_start(Scene& scene, const std::string& initial, const std::string& reference);
-/// The commented scene that `esmc init` prints: "five_bar" or "rr".
+/// The commented scene that `esmc init` prints: for "rr" the RR arm, for any other `kind` the five-bar.
 std::string_view starting_scene(const std::string& kind);
 
 /// Reads a scene; `sets` are "section.key=value" overrides. The scene is possible and its start reachable:

@@ -53,12 +53,15 @@ int run_design(const DesignOptions& o);
 /// corner of all intervals, an odd one a point between. Friction and payload are drawn too and replace those
 /// effects; the controller's belief stays. Delays are at least those that the controller assumes: of the
 /// torque as compute_delay; of measurements, whole ticks as delay, unless there is an encoder or noise.
-/// `lengths`: draws l1, l2 and half_base too. Depends on its arguments only.
+/// `lengths`: draws l1, l2 and half_base too. Depends on its arguments only. Throws InputError where the
+/// start is out of this plant's reach.
 Scene sampled_plant(const Scene& scene, std::uint64_t seed, std::uint64_t index, bool lengths);
 
-/// Parameters of the scene's own mechanism and effects outside [uncertainty], one phrase each; not_covered:
-/// effects that the guarantee of a design does not cover, all but delays that the controller assumes.
+/// Parameters of the scene's own mechanism and effects outside its [uncertainty], which it must have, one
+/// phrase each.
 std::vector<std::string> outside(const Scene& scene);
+/// Types of the scene's effects that the guarantee of a design does not cover: all but friction, payload and,
+/// with the implicit law, delays that the controller assumes.
 std::vector<std::string> not_covered(const Scene& scene);
 
 }  // namespace esmc::host

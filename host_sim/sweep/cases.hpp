@@ -26,8 +26,9 @@ struct Binding {
 /// which takes some 100 times as long.
 class CaseScenes {
  public:
-  /// Reads the scene and tries the ends of every axis. Throws InputError naming the [[vary]] that does not
-  /// fit.
+  /// Reads the scene of `spec`, which must outlive this and its copies, and tries the ends or the values of
+  /// every axis. Throws InputError for a scene that cannot be read or that asks for simulation.accuracy; of
+  /// an axis that does not fit it names the [[vary]].
   explicit CaseScenes(const SweepSpec& spec);
 
   /// The scene of a case, valid until the next call. Throws InputError where its values are impossible.

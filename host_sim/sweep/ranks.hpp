@@ -12,8 +12,8 @@ class Ranks {
   virtual ~Ranks() = default;
   [[nodiscard]] virtual int rank() const = 0;  ///< of this process, 0 .. size() - 1
   [[nodiscard]] virtual int size() const = 0;
-  virtual void send(int to, const std::string& bytes) = 0;
-  /// The next message; returns the rank that sent it. `wait` = false: -1 where there is none yet.
+  virtual void send(int to, const std::string& bytes) = 0;  ///< a message to rank `to`
+  /// Waits for the next message; returns the rank that sent it. Without `wait`: -1 where there is none yet.
   [[nodiscard]] virtual int receive(std::string& bytes, bool wait) = 0;
 
  protected:

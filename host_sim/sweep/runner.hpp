@@ -21,7 +21,8 @@ using Package = std::vector<std::uint64_t>;
 
 class CaseRunner {
  public:
-  /// `kernel`: several cases at once where it covers them, to the same bits; null: each alone.
+  /// `spec`, the specification of `scenes` and `kernel` must outlive this; `scenes` is copied. `kernel`:
+  /// several cases at once where it covers them, to the same bits; null: each alone.
   CaseRunner(const SweepSpec& spec, const CaseScenes& scenes, const LaneKernel* kernel);
 
   /// Runs the cases and appends them to `out`. False: Ctrl-C came in between, `out` is not complete.

@@ -49,8 +49,8 @@ void work_off(WorkList& list, const WorkerConfig& config, Ranks* ranks);
 /// Works for the first process: requests cases, computes and delivers until none are left. `identity` must be
 /// that of the first process.
 void serve(const WorkerConfig& config, Ranks& ranks, std::uint64_t identity);
-/// Tells the other processes, before work_off, which sweep they work on; or, instead, to end.
+/// By the first process: tells the others to begin with the sweep of this identity; call before work_off().
 void broadcast_job(Ranks& ranks, std::uint64_t identity);
-void finish_workers(Ranks& ranks);
+void finish_workers(Ranks& ranks);  ///< tells them, in place of broadcast_job(), to end
 
 }  // namespace esmc::host

@@ -19,14 +19,15 @@ struct LaneJob {
 };
 
 /// False where the scene has a part that lanes do not cover, as effects, joining, a ramp or a sign test.
-/// `wanted`: objectives; `one_reference`: no key of [reference] varies.
+/// `wanted`: objectives; `one_reference`: no key of [reference] varies, and a bundle that `out` has is used
+/// again. Sets all of `out` but the index. Throws InputError where robust gains are refused.
 [[nodiscard]] bool make_lane_job(const Scene& scene, const std::vector<Objective>& wanted, bool one_reference,
                                  LaneJob& out);
 
-/// Runs jobs of equal settings, at most kernel.lanes of them. `out[i].ok` = false: job i is to be run alone.
+/// Runs jobs of equal settings, 1 to kernel.lanes of them. `out[i].ok` = false: job i is to be run alone.
 void run_lane_jobs(const LaneKernel& kernel, const std::vector<LaneJob>& jobs, std::vector<LaneScore>& out);
 
-/// Whether one of them is of the base joints.
+/// Whether an objective of `wanted` is an error of the base joints.
 [[nodiscard]] bool wants_base_errors(const std::vector<Objective>& wanted);
 
 }  // namespace esmc::host

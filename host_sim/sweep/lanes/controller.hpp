@@ -57,7 +57,8 @@ struct LaneTorqueCheck {
     return asked == TorqueCheck::limited ? c.limited : !(c.passed || c.limited);
   }
 };
-/// A torque that is not finite stays as it is: its lane is run again, alone.
+/// Clamps `torque` to +-limit. Where it is not finite, it counts as TorqueCheck::not_finite, its number means
+/// nothing, and its lane is run again, alone.
 template <int N, class Tag>
 LaneTorqueCheck<N, Tag> limit_torque(Lanes<N, Tag>& torque, Lanes<N, Tag> limit) {
   using L = Lanes<N, Tag>;
@@ -70,7 +71,7 @@ LaneTorqueCheck<N, Tag> limit_torque(Lanes<N, Tag>& torque, Lanes<N, Tag> limit)
 
 namespace esmc {
 
-/// The reference as a table: what each lane follows is computed by fill_references.
+/// The reference as a table that fill_references has computed. `track` must be set and have the tick.
 template <int N, class Tag>
 struct Reference<host::Lanes<N, Tag>> {
   using L = host::Lanes<N, Tag>;

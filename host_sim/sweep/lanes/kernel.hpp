@@ -54,7 +54,8 @@ struct LaneKernel {
   void (*run)(const LaneSettings&, const LaneCase* cases, LaneScore* out);
 };
 
-// loop.cpp, compiled for two lanes on any processor, and for the wider ones of x86.
+// loop.cpp, compiled for two lanes on any processor, for four with AVX2 and for eight with AVX-512. `cases`
+// and `out` have an entry per lane. Call a wide one only where lane_kernels() lists it.
 void lane_kernel_baseline(const LaneSettings& settings, const LaneCase* cases, LaneScore* out);
 void lane_kernel_avx2(const LaneSettings& settings, const LaneCase* cases, LaneScore* out);
 void lane_kernel_avx512(const LaneSettings& settings, const LaneCase* cases, LaneScore* out);

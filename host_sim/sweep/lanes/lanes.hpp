@@ -24,7 +24,7 @@ namespace esmc::host {
 
 /// Functions that are taken lane by lane where they need their rare branches, or always.
 enum class EachLane { arc_tangent2, angle_of_unit, wrap_to_pi, hyperbolic_tangent };
-/// Compiled for every processor. Functions of one number take the first.
+/// Calls f for n lanes: out[i] = f(a[i], b[i]), or f(a[i]). Compiled for every processor.
 void each_lane(EachLane f, const double* a, const double* b, double* out, int n);
 
 /// N numbers as vectors of gcc and clang.
@@ -62,7 +62,7 @@ struct LaneMask {
   friend LaneMask operator!(LaneMask a) { return V(~a.v); }
   friend LaneMask operator&&(LaneMask a, LaneMask b) { return V(a.v & b.v); }
   friend LaneMask operator||(LaneMask a, LaneMask b) { return V(a.v | b.v); }
-  /// Whether the mask is false in every lane. Notes no stray lane.
+  /// Whether the mask is false in every lane; marks no lane as stray.
   friend bool none(LaneMask a) {
 #ifdef __AVX512DQ__
     if constexpr (N == 8) return _mm512_movepi64_mask((__m512i)a.v) == 0;
