@@ -155,7 +155,8 @@ inline constexpr auto setup = std::to_array<Entry>({
                 detail::cob_mask),
 });
 
-/// The value that an entry requires of this drive; the object holds the low `e.bytes` bytes of it.
+/// The value that an entry writes, or compares under `e.mask`, for this drive; the object holds the low
+/// `e.bytes` bytes of it. Not for Task::rated and Task::at_least, which are judged against torques of `s`: 0.
 [[nodiscard]] constexpr std::uint32_t value_of(const Entry& e, const Cia402Settings& s, std::uint8_t node) {
   const auto low16 = [](std::int16_t v) { return std::uint32_t{static_cast<std::uint16_t>(v)}; };
   switch (e.source) {

@@ -77,7 +77,9 @@ class Findings {
   bool refused_ = false;
 };
 
-/// Adds findings on gains, layer and lambda: docs/theory.md, "Boundary layers and the implicit law".
+/// Adds findings on the disturbance observer and, for sliding laws, on gains, lambda, the delay that the law
+/// is told, and the layer (by judge_layer): docs/theory.md, "Boundary layers and the implicit law". Throws
+/// InputError like robust_gains() where a law with a layer takes gain = "robust".
 void judge_gains(const Scene& scene, Findings& f);
 /// Adds findings on the layers of `saturation` and `tanh`. `stiffness`: largest decay rate within them, 1/s.
 void judge_layer(const Scene& scene, double stiffness, Findings& f);

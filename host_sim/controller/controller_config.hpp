@@ -5,7 +5,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "firmware/cycle/controller.hpp"
+#include "firmware/cycle/instances.hpp"
 #include "host_sim/scene/scene.hpp"
 
 namespace esmc::host {

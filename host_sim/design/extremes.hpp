@@ -8,7 +8,7 @@
 #include <tuple>
 #include <vector>
 
-#include "firmware/cycle/controller.hpp"
+#include "firmware/cycle/instances.hpp"
 #include "host_sim/scene/uncertainty.hpp"
 
 namespace esmc::host::design {

@@ -31,7 +31,7 @@ std::ifstream opened(const std::string& path) {
   return in;
 }
 
-std::string text_of(const std::string& path) {
+std::string contents_of(const std::string& path) {
   std::ifstream in = opened(path);
   std::ostringstream text;
   text << in.rdbuf();
@@ -105,7 +105,7 @@ Recording read_summary(const std::string& directory, bool any_version) {
   Recording r;
   r.directory = directory;
   try {
-    r.summary = Json::parse(text_of(r.file("summary.json")));
+    r.summary = Json::parse(contents_of(r.file("summary.json")));
   } catch (const nlohmann::json::exception& e) {
     throw InputError(r.file("summary.json"), std::string("no JSON document: ") + e.what());
   }
@@ -127,10 +127,10 @@ Recording read_summary(const std::string& directory, bool any_version) {
 
 void require_same_digest(const Recording& r) {
   std::error_code error;
-  std::uint64_t hash = fnv(fnv_start, text_of(r.file("scene.toml")));
+  std::uint64_t hash = fnv(fnv_start, contents_of(r.file("scene.toml")));
   for (const char* name : companion_names) {
     if (std::filesystem::exists(r.file(name), error))
-      hash = with_companion(hash, name, text_of(r.file(name)));
+      hash = with_companion(hash, name, contents_of(r.file(name)));
   }
   const std::string was = at<std::string>(r, "/run/scene_digest"), is = digest_text(hash);
   if (was != is)

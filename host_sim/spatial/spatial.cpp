@@ -339,7 +339,7 @@ Json summary_of(const SpatialScene& s, const RunOptions& o, const Account& a) {
   return j;
 }
 
-std::string text_of(const Json& j) {
+std::string pretty_text(const Json& j) {
   const auto number = [](const Json& v) { return fmt::format("{:.3g}", v.get<double>()); };
   std::string out = fmt::format(
       "{}: {} on a {}, {} ticks ({} s{})\n", printable(j["scene"].get<std::string>()),
@@ -392,7 +392,7 @@ int run_spatial(const RunOptions& o) {
   const Account a = scene.platform ? run<Hexapod>(scene, o, log) : run<FreeBody>(scene, o, log);
   const Json summary = summary_of(scene, o, a);
   out.write("scene.toml", scene.toml);
-  return publish_summary(o, summary, text_of(summary), !a.fault.empty(), out);
+  return publish_summary(o, summary, pretty_text(summary), !a.fault.empty(), out);
 }
 
 }  // namespace esmc::host
