@@ -81,8 +81,8 @@ class Fdcan {
     return opened_;
   }
 
-  /// Queues a frame. refused: not well formed, FD without data_rate, or bit_rate_switch without FD; bus_off: see
-  /// off(); bus_full: waiting_max frames wait.
+  /// Queues a frame. refused: not well formed, FD without data_rate, or bit_rate_switch without FD; bus_off:
+  /// see off(); bus_full: waiting_max frames wait.
   SendStatus try_send(const CanFrame& f) {
     if (!well_formed(f) || (f.fd && !fd_) || (f.bit_rate_switch && !f.fd)) return SendStatus::refused;
     if (off()) return SendStatus::bus_off;

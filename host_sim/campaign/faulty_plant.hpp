@@ -19,8 +19,8 @@ class FaultyPlant : public EmulatedPlant<Plant> {
   using Base = EmulatedPlant<Plant>;
   using Reading = typename Base::Reading;
 
-  /// Drive `injection.drive`, which exists, is made from `defective`, the others from `scene`; `traits`: of the
-  /// protocol of `scene`. All arguments but `motion` outlive this.
+  /// Drive `injection.drive`, which exists, is made from `defective`, the others from `scene`; `traits`: of
+  /// the protocol of `scene`. All arguments but `motion` outlive this.
   FaultyPlant(Motion<Plant> motion, const Scene& scene, const Scene& defective, const Injection& injection,
               const ProtocolTraits& traits, bool lockstep = true)
       : Base(std::move(motion), scene, make_faulty_axes(scene, defective, injection, lockstep)),
