@@ -36,7 +36,7 @@ FOLDERS = {
     "firmware/safety": ("safety", "supervisor"),
     "firmware/drive": ("drive_corners", "odrive_codec", "odrive_axis", "odrive_faults", "odrive_frames", "odrive_read_back",
                        "canopen_codec", "cia402_axis", "cia402_corners", "cia402_counts", "cia402_frames", "cia402_halves", "cia402_setup", "mit_codec", "mit_axis"),
-    "firmware/control": ("reaching", "reference", "control_corners", "super_twisting", "coupled_step", "allocation", "box_allocation", "law"),
+    "firmware/control": ("reaching", "reference", "control_corners", "super_twisting", "coupled_step", "allocation", "box_allocation", "law", "law_bits"),
 }
 SLOW = "*Random*"  # tests by the hundred thousand frames come last
 FLAGS = ["-std=c++20", "-isystem", "/usr/include/eigen3", "-DEIGEN_DONT_VECTORIZE", "-DEIGEN_NO_DEBUG", "-ffp-contract=off",
