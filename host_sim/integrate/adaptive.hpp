@@ -13,6 +13,13 @@
 
 namespace esmc::host {
 
+struct NeverStop {
+  template <class State>
+  constexpr bool operator()(double, double, const State&) const {
+    return false;
+  }
+};
+
 template <class Method, System S>
 class Adaptive {
  public:
@@ -30,8 +37,9 @@ class Adaptive {
 
   /// Integrates from t0 to t1 >= t0 (s) with steps as the tolerance needs. Only the length of the next step
   /// is kept for the next call, so inputs of the system may jump between calls. y: the last accepted state in
-  /// any case.
-  Advance advance(double t0, double t1, State& y, const Tolerance& tol) {
+  /// any case. `stop(t, h, y)` sees each accepted step, of h from t to y; true: the integration ends there.
+  template <class Stop = NeverStop>
+  Advance advance(double t0, double t1, State& y, const Tolerance& tol, const Stop& stop = {}) {
     Advance done;
     done.t = t0;
     const auto ended = [&](Reason reason) {
@@ -71,8 +79,10 @@ class Adaptive {
       if (h < wanted) next_step_ = std::max(wanted, next_step_);  // a step cut short says little
       shrunk = undefined = false;
       length_ = h;
+      const double from = done.t;
       done.t = last ? t1 : done.t + h;
       if (!all_finite(size(), y) || !all_finite(size(), first_)) return ended(Reason::non_finite);
+      if (stop(from, h, y)) return ended(Reason::stopped);
     }
     return ended(Reason::reached);
   }

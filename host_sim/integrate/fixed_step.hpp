@@ -32,6 +32,37 @@ class SemiImplicitEuler {
   State slope_{};
 };
 
+/// The midpoint rule (order 2) and Heun's method of order 3, HNW table II.1.1: each stage is made of the one
+/// before.
+template <System S, int stages>
+class LowOrder {
+ public:
+  using State = typename S::State;
+  static constexpr int order = stages;
+  static_assert(stages == 2 || stages == 3);
+
+  explicit LowOrder(const S& system) : system_(&system) {}
+  explicit LowOrder(S&&) = delete;
+
+  /// One step of h seconds, of either sign, from time t.
+  void step(double t, double h, State& y) {
+    constexpr double part = stages == 2 ? 0.5 : 1.0 / 3.0, first = stages == 2 ? 0.0 : 0.25;
+    const std::size_t n = system_->size();
+    system_->slope(t, y, k1_);
+    k_ = k1_;
+    for (int s = 1; s < stages; ++s) {
+      for (std::size_t i = 0; i < n; ++i) stage_[i] = y[i] + s * part * h * k_[i];
+      system_->slope(t + s * part * h, stage_, k_);
+    }
+    for (std::size_t i = 0; i < n; ++i) y[i] += h * (first * k1_[i] + (1.0 - first) * k_[i]);
+    system_->project(y);
+  }
+
+ private:
+  const S* system_;
+  State stage_{}, k1_{}, k_{};
+};
+
 /// The classical Runge-Kutta method of order 4, HNW table II.1.2.
 template <System S>
 class Rk4 {

@@ -56,7 +56,7 @@ Motion<typename World::Plant> make_motion(const Scene& s, const typename World::
                                           const Hand* hand = nullptr) {
   const auto payload = find_effect<Payload>(s.effects);
   return Motion<typename World::Plant>({World::plant(s), World::plant(s, payload ? payload->mass : 0.0),
-                                        s.effects, s.motor_joints(), s.method, hand},
+                                        s.effects, s.motor_joints(), s.method, s.resolution, hand},
                                        state);
 }
 /// State of the plant of a scene at t = 0.

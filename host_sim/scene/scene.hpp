@@ -189,6 +189,7 @@ struct Scene {
   double step = 0.0;  ///< s; with accuracy: where halving starts
   std::optional<double> accuracy;
   Method method = Method::rk4;
+  Resolution resolution;  ///< of event_driven; not of the file: the search for an accuracy sets it
   std::vector<Effect> effects;
   std::uint64_t seed = 1;  ///< of everything random; from --seed
   bool hardware = false;   ///< the bus of this run may carry real drives
