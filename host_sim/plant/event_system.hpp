@@ -149,6 +149,10 @@ class EventSystem : public LoadedSystem<Plant> {
     if (struck) collide(t, y);
     for (std::size_t j = 0; j < joints; ++j) {
       if (!stops[j] || struck || mode_[j].held) continue;
+      if (!can_hold(y)) {
+        mode_[j].moves = -mode_[j].moves;
+        continue;
+      }
       hold(j, y);
       ++events_.stick;
     }
@@ -335,6 +339,14 @@ class EventSystem : public LoadedSystem<Plant> {
     return least;
   }
 
+  /// Whether a joint without rate may be held. Beside a held one, the others share one degree of freedom: if
+  /// any of them moves, this one is at a dead point and turns.
+  [[nodiscard]] bool can_hold(const State& y) const {
+    if (held_ == 0) return true;
+    double moving = 0.0;
+    for (const double w : Plant::joint_rates(Base::rates(y))) moving = std::max(moving, std::abs(w));
+    return moving <= 1e4 * rounding;
+  }
   void hold(std::size_t j, State& y) {
     mode_[j].held = true;
     bring_to_rest(j, y);
@@ -389,7 +401,7 @@ class EventSystem : public LoadedSystem<Plant> {
     const Joints theta = Plant::joint_angles(Base::angles(y)), w = Plant::joint_rates(Base::rates(y));
     for (std::size_t j = 0; j < joints; ++j) {
       const bool may = upper(j, theta[j]) - lower(j, theta[j]) > 0.0;
-      if (!mode_[j].held && may && std::abs(w[j]) <= 10.0 * rounding) hold(j, y);
+      if (!mode_[j].held && may && std::abs(w[j]) <= 10.0 * rounding && can_hold(y)) hold(j, y);
     }
   }
 
