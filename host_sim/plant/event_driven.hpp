@@ -57,7 +57,7 @@ class EventEngine final : public Engine<Plant> {
   [[nodiscard]] std::size_t effect_states() const override { return system_.size() - Sys::work - 1; }
   [[nodiscard]] std::vector<double> breaks() const override { return attached_->loads.breaks; }
   [[nodiscard]] Method method() const override { return Method::event_driven; }
-  [[nodiscard]] Effort effort() const override { return {system_.evaluations(), system_.events(), smooth_}; }
+  [[nodiscard]] Effort effort() const override { return {system_.evaluations(), steps_, system_.events(), smooth_}; }
 
  private:
   static constexpr long attempts_max = 20'000;  // of steps in one stretch
@@ -82,6 +82,7 @@ class EventEngine final : public Engine<Plant> {
             before_ = y;
             return false;
           });
+          steps_ += done.steps;
           if (!done.ok() && !event) return fail();
           t = event ? t : end;
         } else {
@@ -99,6 +100,7 @@ class EventEngine final : public Engine<Plant> {
   }
   void fixed(double& t, double h, bool& event) {
     before_ = y_;
+    ++steps_;
     inner_.step(t, h, y_);
     event = happened(t, h, y_);
     if (!event) t += h;
@@ -194,6 +196,7 @@ class EventEngine final : public Engine<Plant> {
   Inner inner_, probe_;
   Resolution resolution_;
   bool smooth_;
+  long steps_ = 0;
   MoreauJean<Sys, Plant> crowd_;
   Tolerance tolerance_;
   State y_{}, before_{};

@@ -59,6 +59,7 @@ struct Events {
 /// What an engine of `event_driven` has done since the start.
 struct Effort {
   long evaluations = 0;  ///< of right-hand sides
+  long steps = 0;
   Events events;
   bool smooth = true;  ///< there is nothing that could have an event
 };

@@ -86,6 +86,7 @@ void set_final_state(RunEnd& e, Motion<Plant>& motion, Statistics& statistics) {
   e.q.assign(o.q.begin(), o.q.end());
   e.qd.assign(o.qd.begin(), o.qd.end());
   e.method = motion.method();
+  e.effort = motion.effort();
   statistics.energy_error = larger(statistics.energy_error, motion.energy_error());
 }
 

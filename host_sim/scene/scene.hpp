@@ -186,8 +186,9 @@ struct Scene {
   int bitrate = 0;
 
   double duration = 0.0;
-  double step = 0.0;  ///< s; with accuracy: where halving starts
+  double step = 0.0;  ///< s; with accuracy: a tick
   std::optional<double> accuracy;
+  AccuracyOf accuracy_of = AccuracyOf::end;
   Method method = Method::rk4;
   Resolution resolution;  ///< of event_driven; not of the file: the search for an accuracy sets it
   std::vector<Effect> effects;
