@@ -29,14 +29,14 @@ class Drivetrain {
   void start(Shaft joint, std::span<double> own) const;
   /// Returns the torque at the joint, N m, for the drive's `torque`; writes the slopes of the states `own`.
   double pass(double torque, Shaft joint, std::span<const double> own, std::span<double> slope) const;
-  /// > 0 where the state has flank `side` pressing; of a drivetrain with play only.
+  /// > 0 where the state has flank `side` pressing, rad; of a drivetrain with play only.
   [[nodiscard]] double contact(int side, Shaft joint, std::span<const double> own) const {
     const Shaft at = rotor(joint, own);
     const double pressed = side * (at.angle - joint.angle) - play_.half_gap;
-    return std::min(pressed, play_.stiffness * pressed + play_.damping * side * (at.rate - joint.rate));
+    if (!(pressed > 0.0)) return pressed;
+    return pressed + std::min(0.0, play_.damping / play_.stiffness * side * (at.rate - joint.rate));
   }
   [[nodiscard]] bool has_play() const { return play_.half_gap > 0.0; }
-  [[nodiscard]] double half_gap() const { return play_.half_gap; }  ///< rad
   /// Angle (rad) and rate (rad/s) that the drive's encoder sees: of the rotor if a stage has one, else of the
   /// joint. `own`: all states of this drivetrain.
   [[nodiscard]] Shaft rotor(Shaft joint, std::span<const double> own) const {

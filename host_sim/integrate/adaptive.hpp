@@ -35,6 +35,13 @@ class Adaptive {
     length_ = h;
   }
 
+  /// Change of slope over the last accepted step of advance(), from its end to its beginning.
+  [[nodiscard]] State bend() const {
+    State out{};
+    for (std::size_t i = 0; i < size(); ++i) out[i] = before_[i] - first_[i];
+    return out;
+  }
+
   /// Integrates from t0 to t1 >= t0 (s) with steps as the tolerance needs. Only the length of the next step
   /// is kept for the next call, so inputs of the system may jump between calls. y: the last accepted state in
   /// any case. `stop(t, h, y)` sees each accepted step, of h from t to y; true: the integration ends there.
@@ -73,6 +80,7 @@ class Adaptive {
         next_step_ = 0.0;
         return ended(undefined ? Reason::non_finite : Reason::step_underflow);
       }
+      copy_entries(size(), first_, before_);
       method().accept(done.t, h, y);
       ++done.steps;
       next_step_ = h * growth(error, shrunk);
@@ -96,6 +104,7 @@ class Adaptive {
 
   const S* system_;
   State first_{};        ///< slope at the current state
+  State before_{};       ///< slope before the last accepted step of advance()
   State next_{};         ///< state after the step in hand
   double length_ = 0.0;  ///< of the last accepted step
   long slopes_ = 0;

@@ -26,6 +26,8 @@ class SemiImplicitEuler {
     for (std::size_t i = 0; i < m; ++i) y[i] += h * y[m + i];
     system_->project(y);
   }
+  /// Change of slope over the last step, from its end to its beginning: unknown.
+  [[nodiscard]] static State bend() { return {}; }
 
  private:
   const S* system_;
@@ -57,6 +59,12 @@ class LowOrder {
     for (std::size_t i = 0; i < n; ++i) y[i] += h * (first * k1_[i] + (1.0 - first) * k_[i]);
     system_->project(y);
   }
+  /// Change of slope over the last step, from its end to its beginning.
+  [[nodiscard]] State bend() const {
+    State out{};
+    for (std::size_t i = 0; i < system_->size(); ++i) out[i] = (k1_[i] - k_[i]) * (stages == 2 ? 2.0 : 1.5);
+    return out;
+  }
 
  private:
   const S* system_;
@@ -86,6 +94,12 @@ class Rk4 {
     system_->slope(t + h, stage_, k4_);
     for (std::size_t i = 0; i < n; ++i) y[i] += h / 6.0 * (k1_[i] + 2.0 * (k2_[i] + k3_[i]) + k4_[i]);
     system_->project(y);
+  }
+  /// Change of slope over the last step, from its end to its beginning.
+  [[nodiscard]] State bend() const {
+    State out{};
+    for (std::size_t i = 0; i < system_->size(); ++i) out[i] = k1_[i] - k4_[i];
+    return out;
   }
 
  private:

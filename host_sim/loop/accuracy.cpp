@@ -128,6 +128,9 @@ class Search {
       agreed_ = close;
     }
     last_ = std::move(now);
+    // Two coarse passes that agree have shown that small errors do not grow; two fine ones have not.
+    if (met && r.tolerance > 0.0 && (last_->effort.events.total() > 0 || (scene_.closed_loop() && asked_ < 1e-6)))
+      refuse_if_ill_posed();
     return met;
   }
   [[nodiscard]] bool trajectory() const { return scene_.accuracy_of == AccuracyOf::trajectory; }

@@ -1,10 +1,13 @@
 #pragma once
 /// Engines of all methods, and the choice among them.
 
+#include <fmt/format.h>
+
 #include <memory>
 #include <utility>
 
 #include "host_sim/effects/effects.hpp"
+#include "host_sim/error.hpp"
 #include "host_sim/integrate/dopri5.hpp"
 #include "host_sim/integrate/dopri8.hpp"
 #include "host_sim/integrate/fixed_step.hpp"
@@ -58,6 +61,35 @@ class EngineOf final : public Engine<Plant> {
   Stepper stepper_;
   Method method_;
   typename Sys::State y_{};
+};
+
+/// Radau of fixed steps; where Newton's iteration fails, the step is divided.
+template <class Sys>
+class DividingRadau5 : public Radau5<Sys> {
+ public:
+  using Radau5<Sys>::Radau5;
+  using State = typename Sys::State;
+  /// Throws Diverged where no part of the step can be solved for.
+  void step(double t, double h, State& y) {
+    constexpr int most = 4096;
+    const State before = y;
+    for (int parts = 1; parts <= most; parts *= 4) {
+      y = before;
+      for (int i = 0; i < parts && finite(y); ++i) Radau5<Sys>::step(t + i * h / parts, h / parts, y);
+      if (finite(y)) return;
+    }
+    if (!finite(before)) return;
+    State slope{};
+    this->system_->slope(t, before, slope);
+    if (!finite(slope)) return;  // not the solver's failure: the state itself runs away
+    throw Diverged(fmt::format(
+        "radau5 cannot solve its equations at t = {:.6g} s, not even with steps of {:.2g} s: a smaller "
+        "simulation.step, another integrator, or simulation.accuracy",
+        t, h / most));
+  }
+
+ private:
+  [[nodiscard]] bool finite(const State& y) const { return all_finite(this->size(), y); }
 };
 
 /// What the effects add to the mechanism. `by_event`: an integration that locates events has the stops, and
@@ -135,7 +167,7 @@ std::unique_ptr<Engine<Plant>> make_engine(const Plant& plant, const std::vector
       case Method::dopri8:
         return with.template operator()<Sys, Dopri8<Sys>>();
       case Method::radau5:
-        return with.template operator()<Sys, Radau5<Sys>>();
+        return with.template operator()<Sys, DividingRadau5<Sys>>();
       case Method::rk4:
       case Method::moreau_jean:
       case Method::event_driven:

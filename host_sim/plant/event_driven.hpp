@@ -17,6 +17,7 @@ class EventEngine final : public Engine<Plant> {
  public:
   using Sys = EventSystem<Plant>;
   using State = typename Sys::State;
+  using Guards = typename Sys::Guards;
   using Angles = typename Plant::Angles;
   using Torques = MotorTorques<typename Plant::Joints>;
 
@@ -66,7 +67,7 @@ class EventEngine final : public Engine<Plant> {
   /// Integrates from t to `end` in steps of at most `step`, torques and loads being smooth between.
   void stretch(double t, double end, double step) {
     const double last = end - 1e-12 * (end - t);
-    if (!smooth_) system_.begin(t, y_);
+    if (!smooth_) first_ = system_.begin(t, y_);
     for (int events = 0; t < last;) {
       const double rest = end - t;
       const auto pieces = std::max(1.0, std::ceil(rest / step - 1e-9));
@@ -95,6 +96,7 @@ class EventEngine final : public Engine<Plant> {
       if (!event) continue;
       t += locate(t, h);
       system_.switch_modes(t, y_);
+      first_ = system_.guards(t, y_);
       if (++events >= crowd_min) return crowd(t, end);
     }
   }
@@ -107,23 +109,52 @@ class EventEngine final : public Engine<Plant> {
   }
   void fail() { y_.fill(std::numeric_limits<double>::quiet_NaN()); }
 
-  /// Whether the modes have ended within the step of h from t (before_) to y.
+  /// Whether the modes have ended within the step of h from t (before_) to y. h becomes shorter where that may
+  /// have been, for a part of the step, earlier than its end shows.
   [[nodiscard]] bool happened(double t, double& h, const State& y) {
     if (smooth_) return false;
-    if (!(system_.least_guard(t + h, y) >= 0.0)) return true;
-    double part = 0.0;
-    if (!system_.may_graze(before_, y, h, part)) return false;
-    State inside = before_;
-    probe_.step(t, part * h, inside);
-    if (system_.least_guard(t + part * h, inside) >= 0.0) return false;
-    h *= part;
-    return true;
+    Guards last = system_.guards(t + h, y);
+    const State bend = inner_.bend();
+    State middle = before_;
+    for (std::size_t i = 0; i < system_.size(); ++i) middle[i] = 0.5 * (before_[i] + y[i]) + 0.125 * h * bend[i];
+    bool event = last.least() < 0.0;
+    for (int i = 0; i < 8; ++i) {
+      const double part = dip(t, h, system_.guards(t + 0.5 * h, middle), last);
+      if (part == 1.0) break;
+      event = true;
+      h *= part;
+      last = guards_after(t, h, middle);
+      (void)guards_after(t, 0.5 * h, middle);
+    }
+    if (!event) first_ = last;
+    return event;
+  }
+  Guards guards_after(double t, double h, State& y) {
+    y = before_;
+    probe_.step(t, h, y);
+    return system_.guards(t + h, y);
+  }
+  /// Part of the step at which a guard is negative that the end of the step does not show, 1: none. A parabola
+  /// through the guard's value in the middle tells where to look.
+  [[nodiscard]] double dip(double t, double h, const Guards& inside, const Guards& last) {
+    constexpr double near = 0.05;  // of its depth: how well the parabola knows the lowest point
+    double first = 1.0;
+    for (std::size_t i = 0; i < last.count; ++i) {
+      const double a = first_.value[i], b = last.value[i], m = inside.value[i];
+      const double slope = 4.0 * m - 3.0 * a - b, curve = 2.0 * (a + b - 2.0 * m);
+      if (b < 0.0 || !(slope < 0.0 && curve > -0.5 * slope)) continue;  // no lowest point inside
+      const double part = -0.5 * slope / curve, lowest = a + 0.5 * slope * part;
+      if (part >= first || !(lowest < near * (std::max(a, b) - lowest))) continue;
+      State there{};
+      if (guards_after(t, part * h, there).value[i] < 0.0) first = part;
+    }
+    return first;
   }
 
   /// Length of the step from before_ at t, at most h, that ends at the first event; y_: the state there. The
   /// step is made anew each time, so the event lies on the method's own solution.
   double locate(double t, double h) {
-    double low = 0.0, high = h, f_low = system_.least_guard(t, before_), f_high = guard_after(t, h);
+    double low = 0.0, high = h, f_low = first_.least(), f_high = guard_after(t, h);
     int kept = 0;  // steps in which the same end stayed
     for (int i = 0; i < 100 && high - low > 1e-15 * h && f_high < -nothing; ++i) {
       double at = i % 8 == 7 ? 0.5 * (low + high) : low + (high - low) * f_low / (f_low - f_high);
@@ -149,7 +180,7 @@ class EventEngine final : public Engine<Plant> {
   double guard_after(double t, double h) {
     y_ = before_;
     inner_.step(t, h, y_);
-    return system_.least_guard(t + h, y_);
+    return system_.guards(t + h, y_).least();
   }
 
   /// More events than can be told apart: small steps of moreau_jean to the end of the stretch.
@@ -200,6 +231,7 @@ class EventEngine final : public Engine<Plant> {
   MoreauJean<Sys, Plant> crowd_;
   Tolerance tolerance_;
   State y_{}, before_{};
+  Guards first_;  // at before_
 };
 
 }  // namespace esmc::host

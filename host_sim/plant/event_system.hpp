@@ -81,48 +81,34 @@ class EventSystem : public LoadedSystem<Plant> {
     bring_to_rest(held_joint(), y);
   }
 
-  /// Least guard: the modes hold while it is not negative.
-  [[nodiscard]] double least_guard(double t, const State& y) const {
-    double least = inf;
-    for_each_guard(t, y, [&](double value, auto, auto, auto) { least = std::min(least, value); });
-    return least;
-  }
-  /// Whether a stop, or a flank, may have been touched within a step although it is open at both ends. Sets
-  /// `part` of the step where it came closest.
-  [[nodiscard]] bool may_graze(const State& before, const State& after, double h, double& part) const {
-    const Joints q0 = Plant::joint_angles(Base::angles(before)), w0 = Plant::joint_rates(Base::rates(before)),
-                 w1 = Plant::joint_rates(Base::rates(after));
-    const auto dips = [&](double gap, double slope, double slope_after) {
-      if (!(slope < 0.0 && slope_after > 0.0)) return false;
-      part = slope / (slope - slope_after);
-      return gap + 0.75 * h * part * slope < 0.0;  // a parabola has 1/2
-    };
-    for (std::size_t j = 0; j < joints; ++j) {
-      if (!mode_[j].stop || mode_[j].touches != 0) continue;
-      for (const int side : {-1, 1})
-        if (dips(gap(j, side, q0[j]), -side * w0[j], -side * w1[j])) return true;
+  /// Values of the guards; the modes hold while none is negative.
+  struct Guards {
+    std::array<double, 6 * joints> value{};
+    std::size_t count = 0;
+    [[nodiscard]] double least() const {
+      double out = inf;
+      for (std::size_t i = 0; i < count; ++i) out = std::min(out, value[i]);
+      return out;
     }
-    for (std::size_t k = 0; k < this->attached().drivetrain.size(); ++k) {
-      const Drivetrain& d = this->attached().drivetrain[k];
-      if (!d.has_play() || flank_[k] != 0) continue;
-      const std::size_t j = this->attached().motor_joint[k];
-      const Shaft r0 = Base::shaft(j, before), r1 = Base::shaft(j, after);
-      for (const int side : {-1, 1})
-        if (dips(d.half_gap() - side * (r0.angle - q0[j]), -side * (r0.rate - w0[j]), -side * (r1.rate - w1[j])))
-          return true;
-    }
-    return false;
+  };
+  [[nodiscard]] Guards guards(double t, const State& y) const {
+    Guards g;
+    for_each_guard(t, y, [&](double value, auto, auto, auto) { g.value[g.count++] = value; });
+    return g;
   }
 
   /// Modes at the start of a stretch in which torques or loads may have jumped.
-  void begin(double t, State& y) {
+  Guards begin(double t, State& y) {
     if (!begun_) {
       begun_ = true;
       first_modes(y);
       settle(t, y);
-    } else if (least_guard(t, y) < 0.0) {
+    } else {
+      const Guards now = guards(t, y);
+      if (now.least() >= 0.0) return now;
       switch_modes(t, y);
     }
+    return guards(t, y);
   }
 
   /// The modes after an event at (t, y), where a guard is negative; impacts change y.
