@@ -15,9 +15,9 @@ namespace esmc::host {
 namespace {
 
 constexpr double inf = std::numeric_limits<double>::infinity();
-constexpr double margin = 2.0;         // of what was asked over the difference of two passes
-constexpr double rounding = 2e-15;     // no tolerance of a step below it
-constexpr double nudge = 1e-10;        // rad, of the start
+constexpr double margin = 2.0;      // of what was asked over the difference of two passes
+constexpr double rounding = 2e-15;  // no tolerance of a step below it
+constexpr double nudge = 1e-10;     // rad, of the start
 constexpr std::uint32_t pilot_ticks = 4;
 constexpr double most_rows = 2e7;
 
@@ -78,10 +78,12 @@ class Search {
   }
 
  private:
-  static double next_tolerance(double t) { return t > 30.0 * rounding ? t / 30.0 : (t > rounding ? rounding : 0.0); }
+  static double next_tolerance(double t) {
+    return t > 30.0 * rounding ? t / 30.0 : (t > rounding ? rounding : 0.0);
+  }
 
-  /// Clears `ladder` where fixed steps of a tick are too long for the first ticks. Returns the method of error
-  /// control that needs fewer right-hand sides there.
+  /// Clears `ladder` where fixed steps of a tick are too long for the first ticks. Returns the method of
+  /// error control that needs fewer right-hand sides there.
   Between choose_by_stiffness(std::vector<Between>& ladder) {
     const auto cost = [&](Between b) {
       Scene pilot = scene_;
@@ -129,7 +131,8 @@ class Search {
     }
     last_ = std::move(now);
     // Two coarse passes that agree have shown that small errors do not grow; two fine ones have not.
-    if (met && r.tolerance > 0.0 && (last_->effort.events.total() > 0 || (scene_.closed_loop() && asked_ < 1e-6)))
+    if (met && r.tolerance > 0.0 &&
+        (last_->effort.events.total() > 0 || (scene_.closed_loop() && asked_ < 1e-6)))
       refuse_if_ill_posed();
     return met;
   }
@@ -150,10 +153,10 @@ class Search {
     }
     const double change = trajectory() ? d.all : d.end;
     if (!(change <= 0.1 * asked_)) {
-      throw RunError(
-          fmt::format("accuracy = {}: ill_posed: the scene itself does not decide its result that far: {:g} rad on "
-                      "the start moves it by {:.2g}",
-                      asked_, nudge, change));
+      throw RunError(fmt::format(
+          "accuracy = {}: ill_posed: the scene itself does not decide its result that far: {:g} rad on "
+          "the start moves it by {:.2g}",
+          asked_, nudge, change));
     }
     nudged_ = true;
   }
@@ -195,8 +198,10 @@ std::uint32_t row_stride(const Scene& scene, std::uint32_t ticks) {
 AccuracyReport meet_accuracy(Scene& scene, std::size_t width, const RunPass& run) {
   if (scene.accuracy_of == AccuracyOf::trajectory &&
       scene.duration * scene.rate_hz * static_cast<double>(width) > most_rows) {
-    throw InputError(scene.simulation_where,
-                     fmt::format("accuracy_of = \"trajectory\" keeps at most {:g} numbers: a shorter duration", most_rows));
+    throw InputError(
+        scene.simulation_where,
+        fmt::format("accuracy_of = \"trajectory\" keeps at most {:g} numbers: a shorter duration",
+                    most_rows));
   }
   return Search(scene, width, run).find();
 }

@@ -1,5 +1,6 @@
 #pragma once
-/// simulation.accuracy: passes over a scene, each finer than the one before, until two agree to what was asked.
+/// simulation.accuracy: passes over a scene, each finer than the one before, until two agree to what was
+/// asked.
 
 #include <functional>
 #include <vector>
@@ -24,8 +25,8 @@ struct Pass {
 /// pass is the accepted one. Throws Diverged.
 using RunPass = std::function<Pass(const Scene& scene, bool recorded)>;
 
-/// Sets scene.method and scene.resolution to what the last pass had. Throws RunError where the accuracy cannot
-/// be met, with the reason. `width`: numbers per row.
+/// Sets scene.method and scene.resolution to what the last pass had. Throws RunError where the accuracy
+/// cannot be met, with the reason. `width`: numbers per row.
 AccuracyReport meet_accuracy(Scene& scene, std::size_t width, const RunPass& run);
 
 }  // namespace esmc::host

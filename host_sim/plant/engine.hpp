@@ -143,8 +143,8 @@ std::unique_ptr<Engine<Plant>> make_event_engine(const Plant& plant, std::unique
 template <class Plant>
 std::unique_ptr<Engine<Plant>> make_engine(const Plant& plant, const std::vector<Effect>& effects,
                                            const std::vector<std::size_t>& motor_joint, Method method,
-                                           const Resolution& resolution,
-                                           const typename Plant::State& initial, const Hand* hand = nullptr) {
+                                           const Resolution& resolution, const typename Plant::State& initial,
+                                           const Hand* hand = nullptr) {
   auto attached = attach(effects, motor_joint, hand, method == Method::event_driven);
   if (method == Method::event_driven)
     return make_event_engine<Plant>(plant, std::move(attached), effects, resolution, initial);

@@ -58,7 +58,9 @@ class EventEngine final : public Engine<Plant> {
   [[nodiscard]] std::size_t effect_states() const override { return system_.size() - Sys::work - 1; }
   [[nodiscard]] std::vector<double> breaks() const override { return attached_->loads.breaks; }
   [[nodiscard]] Method method() const override { return Method::event_driven; }
-  [[nodiscard]] Effort effort() const override { return {system_.evaluations(), steps_, system_.events(), smooth_}; }
+  [[nodiscard]] Effort effort() const override {
+    return {system_.evaluations(), steps_, system_.events(), smooth_};
+  }
 
  private:
   static constexpr long attempts_max = 20'000;  // of steps in one stretch
@@ -76,13 +78,14 @@ class EventEngine final : public Engine<Plant> {
       if constexpr (requires(Inner i) { i.advance(0.0, 0.0, y_, Tolerance{}); }) {
         if (resolution_.tolerance > 0.0) {
           before_ = y_;
-          const Advance done = inner_.advance(t, end, y_, tolerance_, [&](double from, double length, const State& y) {
-            t = from;
-            h = length;
-            if (happened(from, h, y)) return event = true;
-            before_ = y;
-            return false;
-          });
+          const Advance done =
+              inner_.advance(t, end, y_, tolerance_, [&](double from, double length, const State& y) {
+                t = from;
+                h = length;
+                if (happened(from, h, y)) return event = true;
+                before_ = y;
+                return false;
+              });
           steps_ += done.steps;
           if (!done.ok() && !event) return fail();
           t = event ? t : end;
@@ -109,14 +112,15 @@ class EventEngine final : public Engine<Plant> {
   }
   void fail() { y_.fill(std::numeric_limits<double>::quiet_NaN()); }
 
-  /// Whether the modes have ended within the step of h from t (before_) to y. h becomes shorter where that may
-  /// have been, for a part of the step, earlier than its end shows.
+  /// Whether the modes have ended within the step of h from t (before_) to y. h becomes shorter where that
+  /// may have been, for a part of the step, earlier than its end shows.
   [[nodiscard]] bool happened(double t, double& h, const State& y) {
     if (smooth_) return false;
     Guards last = system_.guards(t + h, y);
     const State bend = inner_.bend();
     State middle = before_;
-    for (std::size_t i = 0; i < system_.size(); ++i) middle[i] = 0.5 * (before_[i] + y[i]) + 0.125 * h * bend[i];
+    for (std::size_t i = 0; i < system_.size(); ++i)
+      middle[i] = 0.5 * (before_[i] + y[i]) + 0.125 * h * bend[i];
     bool event = last.least() < 0.0;
     for (int i = 0; i < 8; ++i) {
       const double part = dip(t, h, system_.guards(t + 0.5 * h, middle), last);
@@ -134,8 +138,8 @@ class EventEngine final : public Engine<Plant> {
     probe_.step(t, h, y);
     return system_.guards(t + h, y);
   }
-  /// Part of the step at which a guard is negative that the end of the step does not show, 1: none. A parabola
-  /// through the guard's value in the middle tells where to look.
+  /// Part of the step at which a guard is negative that the end of the step does not show, 1: none. A
+  /// parabola through the guard's value in the middle tells where to look.
   [[nodiscard]] double dip(double t, double h, const Guards& inside, const Guards& last) {
     constexpr double near = 0.05;  // of its depth: how well the parabola knows the lowest point
     double first = 1.0;

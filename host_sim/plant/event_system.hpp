@@ -5,9 +5,10 @@
 ///   stop                      open, or in contact; a rigid one then holds its joint, one way
 ///   gear with play            which flank presses
 ///
-/// A held joint is a row  a_j = 0 with a reaction r_j in [lower, upper]:  friction allows +-T, a rigid stop one
-/// side without bound, both at once both. A soft stop that returns restitution^2 of its energy is a spring of
-/// the mean stiffness and friction that grows with the depth. So all of them are one complementarity problem
+/// A held joint is a row  a_j = 0 with a reaction r_j in [lower, upper]:  friction allows +-T, a rigid stop
+/// one side without bound, both at once both. A soft stop that returns restitution^2 of its energy is a
+/// spring of the mean stiffness and friction that grows with the depth. So all of them are one
+/// complementarity problem
 ///   r_j = lower if a_j > 0,  r_j = upper if a_j < 0,  else between
 /// at the acceleration level, whose acceleration is unique (Gauss's principle).
 
@@ -38,7 +39,8 @@ class EventSystem : public LoadedSystem<Plant> {
     if (friction && !(friction->regularised > 0.0))
       for (std::size_t j = 0; j < joints; ++j) mode_[j].dry = mode_[j].dry_here = friction->torque[j];
     const auto stops = find_effect<EndStops>(effects);
-    for (std::size_t i = 0; stops && i < 2; ++i) mode_[i * joints / 2].stop = Stop{stops->lower[i], stops->upper[i]};
+    for (std::size_t i = 0; stops && i < 2; ++i)
+      mode_[i * joints / 2].stop = Stop{stops->lower[i], stops->upper[i]};
     if (stops) restitution_ = stops->restitution;
     if (stops && stops->stiffness) stiffness_ = *stops->stiffness;
   }
@@ -359,7 +361,8 @@ class EventSystem : public LoadedSystem<Plant> {
       m.touches = 0;
       m.moves = w[j] > 0.0 ? 1 : -1;
       if (m.stop) {  // a start beyond a rigid stop is one in contact
-        if (stiffness_ == 0.0) m.stop = Stop{std::min(m.stop->lower, theta[j]), std::max(m.stop->upper, theta[j])};
+        if (stiffness_ == 0.0)
+          m.stop = Stop{std::min(m.stop->lower, theta[j]), std::max(m.stop->upper, theta[j])};
         for (const int side : {-1, 1})
           if (gap(j, side, theta[j]) <= 0.0) m.touches = side;
         struck = struck || (stiffness_ == 0.0 && m.touches * w[j] > 0.0);
@@ -466,8 +469,8 @@ class EventSystem : public LoadedSystem<Plant> {
   }
 
   /// Which of the held joints stay, and which way the others go. Every assignment is tried; the one that
-  /// violates its conditions least is the solution, unique in its accelerations. The load is raised by 1e-9 so
-  /// that a joint exactly at its limit gives way.
+  /// violates its conditions least is the solution, unique in its accelerations. The load is raised by 1e-9
+  /// so that a joint exactly at its limit gives way.
   void settle(double t, State& y) {
     hold_what_rests(y);
     if (held_ == 0) return;
