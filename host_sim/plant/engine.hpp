@@ -1,19 +1,14 @@
 #pragma once
 /// Engines of all methods, and the choice among them.
 
-#include <fmt/format.h>
-
 #include <memory>
 #include <utility>
 
 #include "host_sim/effects/effects.hpp"
-#include "host_sim/error.hpp"
 #include "host_sim/integrate/dopri5.hpp"
 #include "host_sim/integrate/dopri8.hpp"
 #include "host_sim/integrate/fixed_step.hpp"
-#include "host_sim/integrate/radau5.hpp"
 #include "host_sim/plant/engine_base.hpp"
-#include "host_sim/plant/event_driven.hpp"
 #include "host_sim/plant/moreau_jean.hpp"
 #include "host_sim/plant/system.hpp"
 
@@ -63,35 +58,6 @@ class EngineOf final : public Engine<Plant> {
   typename Sys::State y_{};
 };
 
-/// Radau of fixed steps; where Newton's iteration fails, the step is divided.
-template <class Sys>
-class DividingRadau5 : public Radau5<Sys> {
- public:
-  using Radau5<Sys>::Radau5;
-  using State = typename Sys::State;
-  /// Throws Diverged where no part of the step can be solved for.
-  void step(double t, double h, State& y) {
-    constexpr int most = 4096;
-    const State before = y;
-    for (int parts = 1; parts <= most; parts *= 4) {
-      y = before;
-      for (int i = 0; i < parts && finite(y); ++i) Radau5<Sys>::step(t + i * h / parts, h / parts, y);
-      if (finite(y)) return;
-    }
-    if (!finite(before)) return;
-    State slope{};
-    this->system_->slope(t, before, slope);
-    if (!finite(slope)) return;  // not the solver's failure: the state itself runs away
-    throw Diverged(fmt::format(
-        "radau5 cannot solve its equations at t = {:.6g} s, not even with steps of {:.2g} s: a smaller "
-        "simulation.step, another integrator, or simulation.accuracy",
-        t, h / most));
-  }
-
- private:
-  [[nodiscard]] bool finite(const State& y) const { return all_finite(this->size(), y); }
-};
-
 /// What the effects add to the mechanism. `by_event`: an integration that locates events has the stops, and
 /// says which flank of a gear presses.
 [[nodiscard]] inline std::unique_ptr<Attachments> attach(const std::vector<Effect>& effects,
@@ -111,32 +77,16 @@ class DividingRadau5 : public Radau5<Sys> {
   return attached;
 }
 
+/// An engine of event_driven: event_engine.cpp. `attached` by attach(..., true).
 template <class Plant>
 std::unique_ptr<Engine<Plant>> make_event_engine(const Plant& plant, std::unique_ptr<Attachments> attached,
                                                  const std::vector<Effect>& effects, const Resolution& r,
-                                                 const typename Plant::State& initial) {
-  using Sys = EventSystem<Plant>;
-  const auto with = [&]<class Inner>() -> std::unique_ptr<Engine<Plant>> {
-    return std::make_unique<EventEngine<Plant, Inner>>(plant, std::move(attached), effects, r, initial);
-  };
-  switch (r.between) {
-    case Between::semi_implicit_euler:
-      return with.template operator()<SemiImplicitEuler<Sys>>();
-    case Between::midpoint:
-      return with.template operator()<LowOrder<Sys, 2>>();
-    case Between::heun3:
-      return with.template operator()<LowOrder<Sys, 3>>();
-    case Between::dopri5:
-      return with.template operator()<Dopri5<Sys>>();
-    case Between::dopri8:
-      return with.template operator()<Dopri8<Sys>>();
-    case Between::radau5:
-      return with.template operator()<Radau5<Sys>>();
-    case Between::rk4:
-      break;
-  }
-  return with.template operator()<Rk4<Sys>>();
-}
+                                                 const typename Plant::State& initial);
+
+/// An engine of radau5 at fixed steps: event_engine.cpp.
+template <class Plant, class Sys>
+std::unique_ptr<Engine<Plant>> make_radau_engine(const Plant& plant, std::unique_ptr<Attachments> attached,
+                                                 const typename Plant::State& initial);
 
 /// Makes an engine for the effects of a scene: bare where none of them touches the right-hand side. `plant`
 /// and `hand` must outlive it. Set-valued effects replace `method` by moreau_jean, if it is not event_driven.
@@ -167,7 +117,7 @@ std::unique_ptr<Engine<Plant>> make_engine(const Plant& plant, const std::vector
       case Method::dopri8:
         return with.template operator()<Sys, Dopri8<Sys>>();
       case Method::radau5:
-        return with.template operator()<Sys, DividingRadau5<Sys>>();
+        return make_radau_engine<Plant, Sys>(plant, std::move(attached), initial);
       case Method::rk4:
       case Method::moreau_jean:
       case Method::event_driven:
