@@ -16,6 +16,11 @@ struct Pass {
   std::vector<double> rows;  ///< q at ticks 0, stride, 2 stride, ...; the last row is the final state
   Effort effort;
   bool interrupted = false;
+
+  template <class Values>
+  void add(const Values& q) {
+    rows.insert(rows.end(), q.begin(), q.end());
+  }
 };
 
 /// Of the rows of a pass: all for "trajectory", else some, which guard against agreement by chance.

@@ -36,8 +36,8 @@ class SimRun {
   void keep_path(std::vector<V2>* path) { path_ = path; }
   void use_single_precision() { single_precision_ = true; }
   /// Appends q at every `stride`th tick and at the end.
-  void keep_rows(std::vector<double>* rows, std::uint32_t stride) {
-    rows_ = rows;
+  void keep_rows(Pass* pass, std::uint32_t stride) {
+    pass_ = pass;
     stride_ = stride;
   }
   /// A pass that is only compared needs no statistics.
@@ -59,7 +59,7 @@ class SimRun {
     }
     end.wall_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
     set_final_state(end, motion_, recorder_.statistics());
-    if (rows_ != nullptr) rows_->insert(rows_->end(), end.q.begin(), end.q.end());
+    if (pass_ != nullptr) pass_->add(end.q);
     end.state_dimension = motion_.state_dimension() + actuators_.states();
     end.seed = options_.seed;
     return end;
@@ -68,9 +68,9 @@ class SimRun {
  private:
   void record(std::uint32_t n, const Joints& torque, bool clipped, const ControllerView<M>& seen) {
     if (recording_) recorder_.tick(n, motion_, torque, clipped, seen);
-    if (rows_ == nullptr || n % stride_ != 0) return;
+    if (pass_ == nullptr || n % stride_ != 0) return;
     const auto o = motion_.output();
-    rows_->insert(rows_->end(), o.q.begin(), o.q.end());
+    pass_->add(o.q);
     require_finite(o.q, n * scene_.tick());
   }
 
@@ -179,7 +179,7 @@ class SimRun {
   Motion<Plant> motion_;
   Actuators<Plant> actuators_;
   bool exact_ = true, single_precision_ = false, progress_ = true, recording_ = true;
-  std::vector<double>* rows_ = nullptr;
+  Pass* pass_ = nullptr;
   std::uint32_t stride_ = 1;
   std::vector<V2>* path_ = nullptr;
 };
@@ -191,7 +191,7 @@ void run_to_accuracy(Scene& scene, const Make& make, std::unique_ptr<SimRun<Worl
     Pass p;
     if (recorded) last.reset();  // which has the log open
     std::unique_ptr<SimRun<World>> run = make(s, recorded);
-    run->keep_rows(&p.rows, row_stride(s, tick_count(s)));
+    run->keep_rows(&p, row_stride(s, tick_count(s)));
     if (!recorded) run->without_record();
     RunEnd now = run->run(1);
     require_finite(now.q, s.duration);
@@ -229,19 +229,28 @@ int simulate(Scene scene, const RunOptions& o) {
 
 /// A run without files, after `set_up(run, its trace)`.
 template <class World, class SetUp>
-Trace study(const Scene& scene, const SetUp& set_up) {
+Trace study(Scene scene, const SetUp& set_up) {
   Trace out;
   const RunOptions none;
-  SimRun<World> run(scene, none, nullptr);
-  set_up(run, out);
-  try {
-    out.end = run.run(steps_per_tick(scene));
-  } catch (const Diverged&) {  // a result of the study
-    out.end.q.assign(World::Plant::outputs, std::numeric_limits<double>::quiet_NaN());
-    out.end.qd = out.end.q;
+  const auto make = [&](const Scene& s, bool) {
+    auto run = std::make_unique<SimRun<World>>(s, none, nullptr);
+    set_up(*run, out);
+    return run;
+  };
+  std::unique_ptr<SimRun<World>> run;
+  if (scene.accuracy) {
+    run_to_accuracy<World>(scene, make, run, out.end);
+  } else {
+    run = make(scene, true);
+    try {
+      out.end = run->run(steps_per_tick(scene));
+    } catch (const Diverged&) {  // a result of the study
+      out.end.q.assign(World::Plant::outputs, std::numeric_limits<double>::quiet_NaN());
+      out.end.qd = out.end.q;
+    }
   }
-  out.statistics = run.recorder().statistics();
-  out.reference_left = run.recorder().reference_left();
+  out.statistics = run->recorder().statistics();
+  out.reference_left = run->recorder().reference_left();
   return out;
 }
 
