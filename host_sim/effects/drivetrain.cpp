@@ -60,8 +60,7 @@ Drivetrain::Drivetrain(const std::vector<Effect>& effects, std::size_t motor, co
   }
   const auto play = find_effect<Backlash>(effects);
   if (const auto e = find_effect<JointFlexibility>(effects)) {
-    add_gear(e->stiffness[motor], e->damping[motor], e->rotor_inertia[motor], play ? play->gap : 0.0,
-             flank);
+    add_gear(e->stiffness[motor], e->damping[motor], e->rotor_inertia[motor], play ? play->gap : 0.0, flank);
   } else if (play) {
     add_gear(play->stiffness, play->damping, play->rotor_inertia, play->gap, flank);
   }

@@ -210,10 +210,10 @@ std::string summary_text(const Json& s) {
                        real(s["energy"], "relative_error"));
   if (s.contains("accuracy")) {
     const Json& a = s["accuracy"];
-    out += fmt::format("accuracy: {:.1g} asked, {:.1g} estimated; {}, {}, {} accumulated, {:.2g} s of CPU time\n",
-                       real(a, "asked"), real(a, "estimated"), text(a, "method"),
-                       plural(count(a["events"], "total"), "event"), count(a["events"], "accumulated"),
-                       real(a, "cpu_s"));
+    out += fmt::format(
+        "accuracy: {:.1g} asked, {:.1g} estimated; {}, {}, {} accumulated, {:.2g} s of CPU time\n",
+        real(a, "asked"), real(a, "estimated"), text(a, "method"),
+        plural(count(a["events"], "total"), "event"), count(a["events"], "accumulated"), real(a, "cpu_s"));
   }
   if (!bus.is_null()) {
     out += fmt::format("bus: {} frames, {} lost, load {:.0f} %\n", count(bus, "frames"), count(bus, "lost"),
