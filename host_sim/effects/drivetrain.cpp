@@ -17,7 +17,7 @@ void Drivetrain::add(std::size_t states, decltype(Stage::pass) pass) {
   states_ += states;
 }
 
-void Drivetrain::add_gear(double stiffness, double damping, double inertia, double gap) {
+void Drivetrain::add_gear(double stiffness, double damping, double inertia, double gap, const int* flank) {
   const auto transmitted = [stiffness, damping, half_gap = 0.5 * gap](double twist, double rate) {
     if (half_gap == 0.0) return stiffness * twist + damping * rate;
     const double side = twist > 0.0 ? 1.0 : -1.0, pressed = side * twist - half_gap;
@@ -27,6 +27,17 @@ void Drivetrain::add_gear(double stiffness, double damping, double inertia, doub
   };
   rotor_at_ = states_;
   has_rotor_ = true;
+  play_ = {stiffness, damping, 0.5 * gap};
+  if (flank != nullptr && gap > 0.0) {
+    return add(2, [=, play = play_](double torque, Shaft rotor, Shaft joint, Own, Slope slope) {
+      const double twist = rotor.angle - joint.angle - *flank * play.half_gap;
+      const double through =
+          *flank == 0 ? 0.0 : play.stiffness * twist + play.damping * (rotor.rate - joint.rate);
+      slope[0] = rotor.rate;
+      slope[1] = (torque - through) / inertia;
+      return through;
+    });
+  }
   add(2, [=](double torque, Shaft rotor, Shaft joint, Own, Slope slope) {
     const double through = transmitted(rotor.angle - joint.angle, rotor.rate - joint.rate);
     slope[0] = rotor.rate;
@@ -35,7 +46,7 @@ void Drivetrain::add_gear(double stiffness, double damping, double inertia, doub
   });
 }
 
-Drivetrain::Drivetrain(const std::vector<Effect>& effects, std::size_t motor) {
+Drivetrain::Drivetrain(const std::vector<Effect>& effects, std::size_t motor, const int* flank) {
   if (const auto e = find_effect<TorqueLag>(effects)) {
     add(1, [per_second = 1.0 / e->time_constant](double torque, Shaft, Shaft, Own own, Slope slope) {
       slope[0] = (torque - own[0]) * per_second;
@@ -49,9 +60,9 @@ Drivetrain::Drivetrain(const std::vector<Effect>& effects, std::size_t motor) {
   }
   const auto play = find_effect<Backlash>(effects);
   if (const auto e = find_effect<JointFlexibility>(effects)) {
-    add_gear(e->stiffness[motor], e->damping[motor], e->rotor_inertia[motor], play ? play->gap : 0.0);
+    add_gear(e->stiffness[motor], e->damping[motor], e->rotor_inertia[motor], play ? play->gap : 0.0, flank);
   } else if (play) {
-    add_gear(play->stiffness, play->damping, play->rotor_inertia, play->gap);
+    add_gear(play->stiffness, play->damping, play->rotor_inertia, play->gap, flank);
   }
 }
 

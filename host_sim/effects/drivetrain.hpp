@@ -2,6 +2,7 @@
 /// From the drive's torque to the joint's: lag, ripple, play, an elastic gear. Each is a stage that the
 /// torque passes; the states of a stage are integrated with those of the plant.
 
+#include <algorithm>
 #include <functional>
 #include <span>
 #include <vector>
@@ -19,14 +20,23 @@ class Drivetrain {
  public:
   static constexpr int most_states = 3;
 
-  /// `motor`: index in the order of [drives], below 4. Copies what it needs.
-  Drivetrain(const std::vector<Effect>& effects, std::size_t motor);
+  /// `motor`: index in the order of [drives], below 4. `flank`: the flank of a gear with play that presses (+1,
+  /// -1; 0: none) is what it says, not what the state says; it outlives this. Copies the rest.
+  Drivetrain(const std::vector<Effect>& effects, std::size_t motor, const int* flank = nullptr);
   [[nodiscard]] bool empty() const { return stages_.empty(); }
   [[nodiscard]] std::size_t states() const { return states_; }
   /// Sets `own`, states() zeros before: the rotor moves with the joint, in the middle of its play.
   void start(Shaft joint, std::span<double> own) const;
   /// Returns the torque at the joint, N m, for the drive's `torque`; writes the slopes of the states `own`.
   double pass(double torque, Shaft joint, std::span<const double> own, std::span<double> slope) const;
+  /// > 0 where the state has flank `side` pressing, rad; of a drivetrain with play only.
+  [[nodiscard]] double contact(int side, Shaft joint, std::span<const double> own) const {
+    const Shaft at = rotor(joint, own);
+    const double pressed = side * (at.angle - joint.angle) - play_.half_gap;
+    if (!(pressed > 0.0)) return pressed;
+    return pressed + std::min(0.0, play_.damping / play_.stiffness * side * (at.rate - joint.rate));
+  }
+  [[nodiscard]] bool has_play() const { return play_.half_gap > 0.0; }
   /// Angle (rad) and rate (rad/s) that the drive's encoder sees: of the rotor if a stage has one, else of the
   /// joint. `own`: all states of this drivetrain.
   [[nodiscard]] Shaft rotor(Shaft joint, std::span<const double> own) const {
@@ -43,9 +53,13 @@ class Drivetrain {
   };
   void add(std::size_t states, decltype(Stage::pass) pass);
   /// Spring, damper and play between joint and rotor, whose angle and rate are the stage's states.
-  void add_gear(double stiffness, double damping, double inertia, double gap);
+  void add_gear(double stiffness, double damping, double inertia, double gap, const int* flank);
+  struct Play {
+    double stiffness = 0.0, damping = 0.0, half_gap = 0.0;
+  };
 
   std::vector<Stage> stages_;
+  Play play_;
   std::size_t states_ = 0, rotor_at_ = 0;
   bool has_rotor_ = false;  ///< a body of its own
 };

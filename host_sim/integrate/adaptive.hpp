@@ -13,6 +13,13 @@
 
 namespace esmc::host {
 
+struct NeverStop {
+  template <class State>
+  constexpr bool operator()(double, double, const State&) const {
+    return false;
+  }
+};
+
 template <class Method, System S>
 class Adaptive {
  public:
@@ -28,10 +35,18 @@ class Adaptive {
     length_ = h;
   }
 
+  /// Change of slope over the last accepted step of advance(), from its end to its beginning.
+  [[nodiscard]] State bend() const {
+    State out{};
+    for (std::size_t i = 0; i < size(); ++i) out[i] = before_[i] - first_[i];
+    return out;
+  }
+
   /// Integrates from t0 to t1 >= t0 (s) with steps as the tolerance needs. Only the length of the next step
   /// is kept for the next call, so inputs of the system may jump between calls. y: the last accepted state in
-  /// any case.
-  Advance advance(double t0, double t1, State& y, const Tolerance& tol) {
+  /// any case. `stop(t, h, y)` sees each accepted step, of h from t to y; true: the integration ends there.
+  template <class Stop = NeverStop>
+  Advance advance(double t0, double t1, State& y, const Tolerance& tol, const Stop& stop = {}) {
     Advance done;
     done.t = t0;
     const auto ended = [&](Reason reason) {
@@ -65,14 +80,17 @@ class Adaptive {
         next_step_ = 0.0;
         return ended(undefined ? Reason::non_finite : Reason::step_underflow);
       }
+      copy_entries(size(), first_, before_);
       method().accept(done.t, h, y);
       ++done.steps;
       next_step_ = h * growth(error, shrunk);
       if (h < wanted) next_step_ = std::max(wanted, next_step_);  // a step cut short says little
       shrunk = undefined = false;
       length_ = h;
+      const double from = done.t;
       done.t = last ? t1 : done.t + h;
       if (!all_finite(size(), y) || !all_finite(size(), first_)) return ended(Reason::non_finite);
+      if (stop(from, h, y)) return ended(Reason::stopped);
     }
     return ended(Reason::reached);
   }
@@ -86,6 +104,7 @@ class Adaptive {
 
   const S* system_;
   State first_{};        ///< slope at the current state
+  State before_{};       ///< slope before the last accepted step of advance()
   State next_{};         ///< state after the step in hand
   double length_ = 0.0;  ///< of the last accepted step
   long slopes_ = 0;

@@ -51,6 +51,7 @@ enum class Reason {
   non_finite,      ///< slope or error not finite, however short the step
   step_underflow,  ///< tolerance not met (or implicit equations not solved) however short the step
   too_many_steps,  ///< max_attempts
+  stopped,         ///< by the caller, after an accepted step
 };
 
 struct Advance {

@@ -10,6 +10,7 @@
 
 #include "host_sim/bus/host_bus.hpp"
 #include "host_sim/bus/timed_bus.hpp"
+#include "host_sim/loop/accuracy.hpp"
 #include "host_sim/loop/controller_end.hpp"
 #include "host_sim/loop/plant_end.hpp"
 #include "host_sim/loop/progress.hpp"
@@ -200,16 +201,24 @@ class TimedExchange {
   std::vector<std::optional<std::uint32_t>> due_;  ///< arbitration of each axis' report, until it has arrived
 };
 
+/// How a run is used: it counts, or is a pass of the search for an accuracy, which takes q from it.
+struct Use {
+  std::optional<AccuracyReport> accuracy{};  ///< of the run that counts
+  Pass* pass = nullptr;                      ///< null: the run counts
+};
+
 /// Both ends in one process, in lockstep. `exchange` carries the frames of each tick between them.
 template <class Plant, class Controller, class Exchange>
 int run_lockstep(const Scene& scene, const RunOptions& o, BusRunFiles& files, Plant& plant,
-                 Controller& controller, Exchange& exchange) {
+                 Controller& controller, Exchange& exchange, const Use& use) {
   const auto begin = std::chrono::steady_clock::now();
   const auto idle_tick = [&] { return exchange.idle_tick(); };
   bool stop = false, ended = false;
   Progress progress(tick_count(scene));
+  const std::uint32_t stride = row_stride(scene, tick_count(scene));
   while (!plant.finished() && !stop && !ended) {
     progress.at(plant.done());
+    if (use.pass != nullptr && plant.done() % stride == 0) use.pass->add(plant.plant().motion().output().q);
     exchange.samples();
     stop = must_stop(o, plant.done() + (plant.released() ? 1U : 0U));
     ended = exchange.ended();
@@ -220,33 +229,74 @@ int run_lockstep(const Scene& scene, const RunOptions& o, BusRunFiles& files, Pl
   }
   RunEnd end = plant.end(begin);
   end.interrupted = stop;
+  end.accuracy = use.accuracy;
+  if (use.pass != nullptr) {
+    require_finite(end.q, scene.duration);
+    use.pass->add(end.q);
+    use.pass->effort = end.effort;
+    use.pass->interrupted = stop;
+  }
   exchange.report(end);
   if (stop) controller.shut_down(idle_tick);
   set_outcome(end, controller.supervisor());
   end.odd_encoder = controller.odd_encoder();
   if (!stop) exchange.close();
+  if (use.pass != nullptr) return 0;
   return finish_run(o, scene, "hil", plant.recorder(), end, files);
 }
 
 template <class World, class C = typename World::Mechanism, class PlantBus, class ControlBus>
 int run_direct(const Scene& scene, const RunOptions& o, PlantBus& plant_bus, ControlBus& control_bus,
-               const std::string& interface) {
+               const std::string& interface, const Use& use) {
   BusRunFiles files(o, scene, interface);
   PlantEnd<World, PlantBus> plant(scene, o, plant_bus, files.frames, files.log, true);
   ControllerEnd<World, ControlBus, C> controller(scene, Pacing::lockstep, control_bus);
   DirectExchange exchange(plant, controller, interface);
-  return run_lockstep(scene, o, files, plant, controller, exchange);
+  return run_lockstep(scene, o, files, plant, controller, exchange, use);
 }
 
 template <class World>
-int run_timed(const Scene& scene, const RunOptions& o) {
+int run_timed(const Scene& scene, const RunOptions& o, const Use& use) {
   BusRunFiles files(o, scene, "virtual");
   TimedBus bus({scene.drives.nodes.size(), static_cast<double>(scene.bitrate), scene.effects, scene.seed});
   BusPort port(bus, TimedBus::controller);
   PlantEnd<World, BusPort> plant(scene, o, port, files.frames, files.log, true);
   ControllerEnd<World, BusPort> controller(scene, Pacing::lockstep, port);
   TimedExchange<World> exchange(scene, bus, port, plant, controller, files.frames);
-  return run_lockstep(scene, o, files, plant, controller, exchange);
+  return run_lockstep(scene, o, files, plant, controller, exchange, use);
+}
+
+/// On the virtual bus.
+template <class World>
+int run_virtual(const Scene& scene, const RunOptions& o, const Use& use) {
+  if (std::ranges::any_of(scene.effects, acts_on_bus)) return run_timed<World>(scene, o, use);
+  const std::string interface = o.again.comparison != nullptr ? o.again.interface : "virtual";
+  const auto bus = std::make_unique<hal::VirtualBus<2>>();
+  if (o.single_precision) {
+    return run_direct<World, typename World::SinglePrecision>(scene, o, bus->port(0), bus->port(1), interface,
+                                                              use);
+  }
+  return run_direct<World>(scene, o, bus->port(0), bus->port(1), interface, use);
+}
+
+/// Passes without files until two agree; the run that counts repeats the last one.
+template <class World>
+int run_to_accuracy(Scene scene, const RunOptions& o) {
+  if (o.realtime || o.bus != "virtual") throw InputError(scene.simulation_where, no_accuracy_on_bus);
+  if (constexpr double least = 1e-6; *scene.accuracy < least) {
+    throw RunError(fmt::format(
+        "accuracy = {} cannot be met on a bus, {} can: its frames carry angles and rates as 32-bit floats",
+        *scene.accuracy, least));
+  }
+  RunOptions quiet = o;
+  quiet.out.clear();
+  quiet.again = {};
+  const AccuracyReport report = meet_accuracy(scene, World::Plant::outputs, [&](const Scene& s, bool) {
+    Pass pass;
+    (void)run_virtual<World>(s, quiet, {{}, &pass});
+    return pass;
+  });
+  return run_virtual<World>(scene, o, {report, nullptr});
 }
 
 template <class World>
@@ -256,25 +306,17 @@ int run_hil(const Scene& scene, const RunOptions& o) {
   if (on_bus && (o.realtime || o.bus != "virtual")) refuse_bus_effects(scene, no_effects_on_interface);
   if (o.single_precision && (on_bus || o.realtime || o.bus != "virtual"))
     throw InputError("", "--scalar float: only in lockstep on the virtual bus without effects of the bus");
-  if (on_bus) return run_timed<World>(scene, o);
+  if (scene.accuracy) return run_to_accuracy<World>(scene, o);
   if (o.realtime) return run_hil_realtime(scene, o);
-  if (o.bus == "virtual") {
-    const std::string interface = o.again.comparison != nullptr ? o.again.interface : "virtual";
-    const auto bus = std::make_unique<hal::VirtualBus<2>>();
-    if (o.single_precision) {
-      return run_direct<World, typename World::SinglePrecision>(scene, o, bus->port(0), bus->port(1),
-                                                                interface);
-    }
-    return run_direct<World>(scene, o, bus->port(0), bus->port(1), interface);
-  }
+  if (o.bus == "virtual") return run_virtual<World>(scene, o, {});
   BusEnds ends = open_both_ends(o.bus, scene.bitrate);
-  return run_direct<World>(scene, o, ends.plant, ends.control, ends.plant.interface());
+  return run_direct<World>(scene, o, ends.plant, ends.control, ends.plant.interface(), {});
 }
 
 }  // namespace
 
 int run_hil(const RunOptions& o) {
-  const Scene scene = read_loop_scene(o);
+  const Scene scene = read_loop_scene(o, true);
   require_confirmed(scene);
   return with_world(scene, [&]<class World>(World) { return run_hil<World>(scene, o); });
 }

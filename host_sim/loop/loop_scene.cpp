@@ -8,15 +8,12 @@
 
 namespace esmc::host {
 
-BusObstacle bus_obstacle(const Scene& scene) {
+BusObstacle bus_obstacle(const Scene& scene, bool with_accuracy) {
   if (!scene.closed_loop()) {
     return {scene.control_where,
             "'control.law' = open_loop and none run in esmc sim only: there is no controller"};
   }
-  if (scene.accuracy) {
-    return {scene.simulation_where,
-            "'simulation.accuracy' is for esmc sim; a loop on a bus needs simulation.step"};
-  }
+  if (scene.accuracy && !with_accuracy) return {scene.simulation_where, no_accuracy_on_bus};
   if (scene.drives.protocol == Protocol::mit && scene.all_sensors && !scene.all_motors) {
     return {scene.control_where,
             "passive encoders (control.sensors = \"all\" with two motors) need 'drives.protocol' = odrive or "
@@ -25,8 +22,8 @@ BusObstacle bus_obstacle(const Scene& scene) {
   return {scene.control_where, scene.drives.missing};
 }
 
-void require_bus_loop(const Scene& scene) {
-  const BusObstacle obstacle = bus_obstacle(scene);
+void require_bus_loop(const Scene& scene, bool with_accuracy) {
+  const BusObstacle obstacle = bus_obstacle(scene, with_accuracy);
   if (!obstacle.what.empty()) throw InputError(obstacle.where, obstacle.what);
 }
 
@@ -80,10 +77,10 @@ void require_confirmed(const Scene& scene) {
                        open);
 }
 
-Scene read_loop_scene(const RunOptions& o) {
+Scene read_loop_scene(const RunOptions& o, bool with_accuracy) {
   Scene scene = read_scene(o.scene, o.sets);
   scene.seed = o.seed;
-  require_bus_loop(scene);
+  require_bus_loop(scene, with_accuracy);
   if (scene.command) scene.identity = identity_of(scene, o.realtime ? Pacing::realtime : Pacing::lockstep);
   return scene;
 }

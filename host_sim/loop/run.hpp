@@ -26,6 +26,9 @@ int run_hil_realtime(const Scene& scene, const RunOptions& o);
 /// time or until Ctrl-C, and sends no frame. Throws RunError where a drive is silent at the end.
 int run_observe(const Scene& scene, const RunOptions& o, HostBus& bus);
 
+inline constexpr const char* no_accuracy_on_bus =
+    "'simulation.accuracy' is for esmc sim, sweep and hil on the virtual bus: elsewhere simulation.step is "
+    "needed";
 /// Why effects of the bus are refused outside the virtual bus.
 inline constexpr const char* no_effects_on_interface = "a CAN interface is not ours to disturb";
 
@@ -71,22 +74,24 @@ struct Trace {
 Trace trace(const Scene& scene, bool single_precision = false);
 
 /// Runs a case of a sweep, without path, digest and, unless wanted, base_errors. Throws InputError where the
-/// reference leaves the reach of the true mechanism; a state that is not finite shows in end.q.
+/// reference leaves the reach of the true mechanism, RunError where simulation.accuracy is not met; a state
+/// that is not finite shows in end.q.
 Trace run_case(const Scene& scene, bool base_errors);
 
 /// Why a scene that `esmc sim` runs cannot run on a bus; `what` empty: it can.
 struct BusObstacle {
   std::string where, what;
 };
-BusObstacle bus_obstacle(const Scene& scene);  ///< the first one
+/// The first one. `with_accuracy`: simulation.accuracy is none.
+BusObstacle bus_obstacle(const Scene& scene, bool with_accuracy = false);
 /// Throws InputError where there is an obstacle.
-void require_bus_loop(const Scene& scene);
+void require_bus_loop(const Scene& scene, bool with_accuracy = false);
 /// Settings that decide over torque and cannot be read back from these drives, in one line; "": none.
 std::string to_confirm(const Scene& scene);
 /// Throws InputError with to_confirm() where the scene must confirm those settings and does not.
 void require_confirmed(const Scene& scene);
 /// Reads the scene of a command that uses a bus. Throws InputError, for a scene with an obstacle as well.
-Scene read_loop_scene(const RunOptions& o);
+Scene read_loop_scene(const RunOptions& o, bool with_accuracy = false);
 /// Throws RunError if `f` announces a controller with this command.base_id that was made from another scene.
 void require_same_scene(const Scene& scene, const hal::CanFrame& f);
 /// Time, s (in lockstep: virtual), until the plant's end reports that its drives are not armed: more than

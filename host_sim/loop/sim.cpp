@@ -2,10 +2,12 @@
 #include <chrono>
 #include <cmath>
 #include <limits>
+#include <memory>
 
 #include "host_sim/controller/robust.hpp"
 #include "host_sim/drives/actuators.hpp"
 #include "host_sim/drives/placed_axes.hpp"
+#include "host_sim/loop/accuracy.hpp"
 #include "host_sim/loop/progress.hpp"
 #include "host_sim/loop/run.hpp"
 #include "host_sim/record/finish.hpp"
@@ -33,6 +35,13 @@ class SimRun {
   /// Appends the effector's position at every tick of a closed loop.
   void keep_path(std::vector<V2>* path) { path_ = path; }
   void use_single_precision() { single_precision_ = true; }
+  /// Appends q at every `stride`th tick and at the end.
+  void keep_rows(Pass* pass, std::uint32_t stride) {
+    pass_ = pass;
+    stride_ = stride;
+  }
+  /// A pass that is only compared needs no statistics.
+  void without_record() { recording_ = false; }
   /// A run among many shows no progress of its own.
   void without_progress() { progress_ = false; }
 
@@ -50,12 +59,21 @@ class SimRun {
     }
     end.wall_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
     set_final_state(end, motion_, recorder_.statistics());
+    if (pass_ != nullptr) pass_->add(end.q);
     end.state_dimension = motion_.state_dimension() + actuators_.states();
     end.seed = options_.seed;
     return end;
   }
 
  private:
+  void record(std::uint32_t n, const Joints& torque, bool clipped, const ControllerView<M>& seen) {
+    if (recording_) recorder_.tick(n, motion_, torque, clipped, seen);
+    if (pass_ == nullptr || n % stride_ != 0) return;
+    const auto o = motion_.output();
+    pass_->add(o.q);
+    require_finite(o.q, n * scene_.tick());
+  }
+
   /// Torque as a function of time, no controller, no limits.
   void open_loop(int substeps, RunEnd& end) {
     const double tick = scene_.tick();
@@ -73,7 +91,7 @@ class SimRun {
       const Joints now = torque.at(n * tick);
       const bool clipped =
           std::any_of(now.begin(), now.end(), [&](double v) { return std::abs(v) == wave.limit; });
-      recorder_.tick(n, motion_, now, clipped, {});
+      record(n, now, clipped, {});
       motion_.advance(n * tick, tick, substeps, torque);
     }
   }
@@ -103,9 +121,9 @@ class SimRun {
         asked[i] = static_cast<double>(result.torque[static_cast<int>(i)]);
       const Joints torque = actuators_.deliver(asked, tick, clipped);
       if constexpr (std::is_same_v<C, M>) {
-        recorder_.tick(n, motion_, torque, clipped, {&result, &sample});
+        record(n, torque, clipped, {&result, &sample});
       } else {
-        recorder_.tick(n, motion_, torque, clipped, {});
+        record(n, torque, clipped, {});
       }
       if (path_ != nullptr) path_->push_back(motion_.output().effector);
       actuators_.advance(motion_, n * tick, tick, step, torque);
@@ -160,90 +178,79 @@ class SimRun {
   Recorder<World> recorder_;
   Motion<Plant> motion_;
   Actuators<Plant> actuators_;
-  bool exact_ = true, single_precision_ = false, progress_ = true;
+  bool exact_ = true, single_precision_ = false, progress_ = true, recording_ = true;
+  Pass* pass_ = nullptr;
+  std::uint32_t stride_ = 1;
   std::vector<V2>* path_ = nullptr;
 };
 
-[[nodiscard]] double largest_difference(const std::vector<double>& a, const std::vector<double>& b) {
-  double d = 0.0;
-  for (std::size_t i = 0; i < a.size(); ++i) {
-    const double e = std::abs(a[i] - b[i]);
-    d = e > d || std::isnan(e) ? e : d;
-  }
-  return d;
-}
-
-/// Method for simulation.accuracy: L-stable for stiff springs, order 8 for many digits (`esmc accuracy`).
-[[nodiscard]] Method method_for(const Scene& s) {
-  const auto stops = find_effect<EndStops>(s.effects);
-  const bool stiff = find_effect<JointFlexibility>(s.effects) || find_effect<Backlash>(s.effects) ||
-                     (stops && stops->stiffness);
-  if (stiff) return Method::radau5;
-  return *s.accuracy < 1e-8 ? Method::dopri8 : Method::rk4;
+/// The passes that simulation.accuracy needs; `last` and `end`: the one that counts. `make()`: a run.
+template <class World, class Make>
+void run_to_accuracy(Scene& scene, const Make& make, std::unique_ptr<SimRun<World>>& last, RunEnd& end) {
+  const auto pass = [&](const Scene& s, bool recorded) {
+    Pass p;
+    if (recorded) last.reset();  // which has the log open
+    std::unique_ptr<SimRun<World>> run = make(s, recorded);
+    run->keep_rows(&p, row_stride(s, tick_count(s)));
+    if (!recorded) run->without_record();
+    RunEnd now = run->run(1);
+    require_finite(now.q, s.duration);
+    p.effort = now.effort;
+    p.interrupted = now.interrupted;
+    if (recorded) {
+      last = std::move(run);
+      end = std::move(now);
+    }
+    return p;
+  };
+  AccuracyReport report = meet_accuracy(scene, World::Plant::outputs, pass);
+  if (!end.interrupted) end.accuracy = std::move(report);
 }
 
 template <class World>
 int simulate(Scene scene, const RunOptions& o) {
-  if (scene.accuracy) scene.method = method_for(scene);
   require_reachable<World>(scene, Pacing::lockstep);
   OutputDirectory out = output_of(o);
-  const auto finish = [&](SimRun<World>& run, const RunEnd& end) {
-    return finish_run(o, scene, "sim", run.recorder().statistics(), end, run.recorder().log(), out);
-  };
-  if (!scene.accuracy) {
-    SimRun<World> run(scene, o, out.open("log.csv"));
-    const RunEnd end = run.run(steps_per_tick(scene));
-    return finish(run, end);
+  std::unique_ptr<SimRun<World>> run;
+  RunEnd end;
+  if (scene.accuracy) {
+    run_to_accuracy<World>(
+        scene,
+        [&](const Scene& s, bool recorded) {
+          return std::make_unique<SimRun<World>>(s, o, recorded ? out.open("log.csv") : nullptr);
+        },
+        run, end);
+  } else {
+    run = std::make_unique<SimRun<World>>(scene, o, out.open("log.csv"));
+    end = run->run(steps_per_tick(scene));
   }
-  // Step halving. The change between two passes is about 15 times the error of the finer one (RK4); when it
-  // stops shrinking, rounding has been reached.
-  constexpr int finest = 4096;
-  std::vector<double> before;
-  double change = std::numeric_limits<double>::infinity();
-  for (int substeps = 1; substeps <= finest; substeps *= 2) {
-    SimRun<World> run(scene, o, out.open("log.csv"));
-    RunEnd end;
-    try {
-      end = run.run(substeps);
-      require_finite(end.q, scene.duration);
-    } catch (const Diverged&) {  // the step is too long
-      if (substeps == finest) throw;
-      before.clear();
-      continue;
-    }
-    if (end.interrupted) return finish(run, end);
-    if (!before.empty()) {
-      const double now = largest_difference(before, end.q);
-      if (now <= *scene.accuracy) return finish(run, end);
-      if (substeps > 16 && now > 0.5 * change) {
-        change = now;
-        break;
-      }
-      change = now;
-    }
-    before = end.q;
-  }
-  throw RunError(
-      fmt::format("accuracy = {} was not reached: halving the step changes final_state.q by {:.2g}, and "
-                  "rounding (or a motion that forgets its past) is in the way",
-                  *scene.accuracy, change));
+  return finish_run(o, scene, "sim", run->recorder().statistics(), end, run->recorder().log(), out);
 }
 
 /// A run without files, after `set_up(run, its trace)`.
 template <class World, class SetUp>
-Trace study(const Scene& scene, const SetUp& set_up) {
+Trace study(Scene scene, const SetUp& set_up) {
   Trace out;
   const RunOptions none;
-  SimRun<World> run(scene, none, nullptr);
-  set_up(run, out);
-  try {
-    out.end = run.run(steps_per_tick(scene));
-  } catch (const Diverged&) {  // a result of the study
-    out.end.q.assign(World::Plant::outputs, std::numeric_limits<double>::quiet_NaN());
-    out.end.qd = out.end.q;
+  const auto make = [&](const Scene& s, bool) {
+    auto run = std::make_unique<SimRun<World>>(s, none, nullptr);
+    set_up(*run, out);
+    return run;
+  };
+  std::unique_ptr<SimRun<World>> run;
+  if (scene.accuracy) {
+    run_to_accuracy<World>(scene, make, run, out.end);
+  } else {
+    run = make(scene, true);
+    try {
+      out.end = run->run(steps_per_tick(scene));
+    } catch (const Diverged&) {  // a result of the study
+      out.end.q.assign(World::Plant::outputs, std::numeric_limits<double>::quiet_NaN());
+      out.end.qd = out.end.q;
+    }
   }
-  out.statistics = run.recorder().statistics();
-  out.reference_left = run.recorder().reference_left();
+  out.statistics = run->recorder().statistics();
+  out.reference_left = run->recorder().reference_left();
   return out;
 }
 

@@ -1,195 +1,18 @@
 #pragma once
-/// System and method of a motion behind one virtual call per tick; the method for set-valued effects.
+/// Engines of all methods, and the choice among them.
 
-#include <algorithm>
-#include <array>
-#include <cmath>
-#include <limits>
 #include <memory>
-#include <optional>
-#include <span>
 #include <utility>
 
 #include "host_sim/effects/effects.hpp"
 #include "host_sim/integrate/dopri5.hpp"
 #include "host_sim/integrate/dopri8.hpp"
 #include "host_sim/integrate/fixed_step.hpp"
-#include "host_sim/integrate/radau5.hpp"
-#include "host_sim/plant/inputs.hpp"
+#include "host_sim/plant/engine_base.hpp"
+#include "host_sim/plant/moreau_jean.hpp"
 #include "host_sim/plant/system.hpp"
 
 namespace esmc::host {
-
-struct SetValued {
-  std::optional<CoulombFriction> friction;
-  std::optional<EndStops> stops;
-};
-
-/// Time stepping for set-valued friction and rigid stops (Moreau 1988, Jean 1999; theta = 1/2): velocities
-/// may jump, contact acts by impulses over the step, the rate of a joint that sticks is exactly zero.
-///
-/// Per step h:  v_free = v + h a(t + h/2, q + h/2 v, (v + v+) / 2), v+ predicted by a first pass;  impulses
-/// r_i at the joints with
-///   w+ = w_free + W r,   friction: |r_i| <= h torque_i, w_i+ = 0 or r_i = -h torque_i sgn w_i+
-///                        stop:      r_i pushes back only, w_i+ = -e w_i or more where it touches
-/// and q+ = q + h (v + v+) / 2. Second order between the instants at which a joint sticks, slips or hits,
-/// first order across them; exact for constant deceleration to rest.
-template <class Sys, class Plant>
-class MoreauJean {
- public:
-  using State = typename Sys::State;
-  static constexpr int order = 1;
-  static constexpr const char* name = "moreau_jean";
-
-  /// `system` must outlive this.
-  MoreauJean(const Sys& system, const SetValued& contact) : system_(&system), contact_(contact) {}
-
-  /// Advances y from t by one step of h, s.
-  void step(double t, double h, State& y) {
-    const Sys& s = *system_;
-    const Angles before = Sys::rates(y);
-    State middle = y, slope{};
-    for (std::size_t i = 0; i < Sys::positions; ++i) middle[i] += 0.5 * h * before[i];
-    // Once with the forces of the rates before, once with those of the mean: what sticks is known by then.
-    double impulse_work = 0.0;
-    Angles after = before;
-    for (int pass = 0; pass < 2; ++pass) {
-      s.slope(t + 0.5 * h, middle, slope);
-      for (std::size_t i = 0; i < Sys::positions; ++i) after[i] = before[i] + h * slope[Sys::positions + i];
-      const Angles angle = Sys::angles(middle);
-      rows_ = 0;
-      collect(h, Plant::joint_angles(angle), Plant::joint_rates(before));
-      impulse_work = rows_ == 0 ? 0.0 : resolve(angle, before, after);
-      for (std::size_t i = 0; i < Sys::positions; ++i)
-        middle[Sys::positions + i] = 0.5 * (before[i] + after[i]);
-      if (pass == 0) {
-        for (std::size_t i = Sys::work + 1; i < s.size(); ++i) middle[i] += 0.5 * h * slope[i];
-      }
-    }
-    for (std::size_t i = Sys::work + 1; i < s.size(); ++i) y[i] += h * slope[i];
-    s.slope(t + 0.5 * h, middle, slope);  // for its power at the mean rate
-    y[Sys::work] += h * slope[Sys::work] + impulse_work;
-    bool moving = false;
-    for (std::size_t i = 0; i < Sys::positions; ++i) {
-      moving = moving || before[i] != 0.0 || after[i] != 0.0;
-      y[i] += 0.5 * h * (before[i] + after[i]);
-      y[Sys::positions + i] = after[i];
-    }
-    if (moving) s.project(y);  // what rests is not touched, not even by rounding
-  }
-
- private:
-  using Angles = typename Plant::Angles;
-  using Joints = typename Plant::Joints;
-  static constexpr std::size_t most_rows = Plant::joints + 2;
-  static constexpr double inf = std::numeric_limits<double>::infinity();
-
-  struct Row {
-    std::size_t joint = 0;
-    double lower = 0.0, upper = 0.0;  ///< of the impulse, N m s
-    double rebound = 0.0;             ///< w + rebound is what complements the impulse
-    bool friction = false;
-    Angles response{};  ///< of the bars to a unit impulse
-    double impulse = 0.0;
-    [[nodiscard]] bool sticks() const { return friction && impulse > lower && impulse < upper; }
-  };
-
-  void collect(double h, const Joints& theta, const Joints& w) {
-    if (contact_.friction && !(contact_.friction->regularised > 0.0)) {
-      for (std::size_t j = 0; j < static_cast<std::size_t>(Plant::joints); ++j) {
-        const double most = h * contact_.friction->torque[j];
-        if (most > 0.0) row_[rows_++] = {j, -most, most, 0.0, true, {}, 0.0};
-      }
-    }
-    if (!contact_.stops || contact_.stops->stiffness) return;
-    for (std::size_t i = 0; i < 2; ++i) {
-      const std::size_t j = i * Plant::joints / 2;
-      const double e = contact_.stops->restitution;
-      if (theta[j] >= contact_.stops->upper[i])
-        row_[rows_++] = {j, -inf, 0.0, e * std::max(w[j], 0.0), false, {}, 0.0};
-      if (theta[j] <= contact_.stops->lower[i])
-        row_[rows_++] = {j, 0.0, inf, e * std::min(w[j], 0.0), false, {}, 0.0};
-    }
-  }
-
-  /// Projected Gauss-Seidel over the rows. Returns the work of the impulses.
-  double resolve(const Angles& angle, const Angles& before, Angles& after) {
-    const Sys& s = *system_;
-    double scale = 0.0;
-    for (std::size_t i = 0; i < rows_; ++i) {
-      Joints unit{};
-      unit[row_[i].joint] = 1.0;
-      row_[i].response = s.plant().response(angle, unit);
-    }
-    for (const double v : Plant::joint_rates(after)) scale = std::max(scale, std::abs(v));
-    constexpr int most_sweeps = 1000;
-    for (int sweep = 0; sweep < most_sweeps; ++sweep) {
-      double change = 0.0;
-      for (std::size_t i = 0; i < rows_; ++i) {
-        Row& r = row_[i];
-        const double yields = Plant::joint_rates(r.response)[r.joint];
-        if (!(yields > 0.0)) continue;  // held by the others already
-        const double w = Plant::joint_rates(after)[r.joint] + r.rebound;
-        const double next = std::clamp(r.impulse - w / yields, r.lower, r.upper), delta = next - r.impulse;
-        if (delta == 0.0) continue;
-        r.impulse = next;
-        for (std::size_t k = 0; k < after.size(); ++k) after[k] += delta * r.response[k];
-        change = std::max(change, std::abs(delta * yields));
-      }
-      if (change <= 1e-17 * scale) break;
-    }
-    settle(scale, after);
-    double work = 0.0;
-    const Joints w0 = Plant::joint_rates(before), w1 = Plant::joint_rates(after);
-    for (std::size_t i = 0; i < rows_; ++i)
-      work += row_[i].impulse * 0.5 * (w0[row_[i].joint] + w1[row_[i].joint]);
-    return work;
-  }
-
-  /// What sticks rests exactly. Two independent joints at rest hold a mechanism of two degrees of freedom.
-  void settle(double scale, Angles& after) const {
-    const auto rows = std::span(row_).first(rows_);
-    const auto stuck = std::ranges::count_if(rows, &Row::sticks);
-    if (stuck == 0) return;
-    const Joints w = Plant::joint_rates(after);
-    double left = 0.0;
-    for (const double v : w) left = std::max(left, std::abs(v));
-    if (stuck >= 2 && left <= 1e-9 * scale) {
-      after.fill(0.0);
-      return;
-    }
-    if constexpr (Plant::joints == 2) {  // joint rates are free coordinates of the arm
-      Joints kept = w;
-      for (const Row& r : rows) {
-        if (r.sticks()) kept[r.joint] = 0.0;
-      }
-      after = {kept[0], kept[0] + kept[1]};
-    }
-  }
-
-  const Sys* system_;
-  SetValued contact_;
-  std::array<Row, most_rows> row_{};
-  std::size_t rows_ = 0;
-};
-
-template <class Plant>
-class Engine {
- public:
-  using Angles = typename Plant::Angles;
-  using Joints = typename Plant::Joints;
-
-  virtual ~Engine() = default;
-  /// Integrates from t, s, in `steps` steps of `step`, s, each; no load may jump within.
-  virtual void run(double t, double step, int steps, const MotorTorques<Joints>& torque) = 0;
-  virtual void set_plant(const Plant& plant) = 0;  ///< must outlive this
-  virtual void get(Angles& angle, Angles& rate) const = 0;
-  [[nodiscard]] virtual double work() const = 0;  ///< of motors and loads since the start, J
-  [[nodiscard]] virtual Shaft shaft(std::size_t joint) const = 0;
-  [[nodiscard]] virtual std::size_t effect_states() const = 0;   ///< number of them
-  [[nodiscard]] virtual std::vector<double> breaks() const = 0;  ///< instants that no step may cross, s
-  [[nodiscard]] virtual Method method() const = 0;
-};
 
 template <class Plant, class Sys, class Stepper>
 class EngineOf final : public Engine<Plant> {
@@ -235,21 +58,46 @@ class EngineOf final : public Engine<Plant> {
   typename Sys::State y_{};
 };
 
-/// Makes an engine for the effects of a scene: bare where none of them touches the right-hand side. `plant`
-/// and `hand` must outlive it. Set-valued effects replace `method` by moreau_jean.
-template <class Plant>
-std::unique_ptr<Engine<Plant>> make_engine(const Plant& plant, const std::vector<Effect>& effects,
-                                           const std::vector<std::size_t>& motor_joint, Method method,
-                                           const typename Plant::State& initial, const Hand* hand = nullptr) {
+/// What the effects add to the mechanism. `by_event`: an integration that locates events has the stops, and
+/// says which flank of a gear presses.
+[[nodiscard]] inline std::unique_ptr<Attachments> attach(const std::vector<Effect>& effects,
+                                                         const std::vector<std::size_t>& motor_joint,
+                                                         const Hand* hand, bool by_event) {
   auto attached = std::make_unique<Attachments>();
-  attached->loads = make_loads(effects);
+  std::vector<Effect> loads = effects;
+  if (by_event) std::erase_if(loads, [](const Effect& e) { return std::holds_alternative<EndStops>(e); });
+  attached->loads = make_loads(loads);
   if (hand != nullptr) attached->loads.effector.push_back({[hand](V2 p, V2 v) { return hand->force(p, v); }});
   attached->motor_joint = motor_joint;
   for (std::size_t m = 0; m < motor_joint.size(); ++m) {
-    Drivetrain d(effects, m);
+    Drivetrain d(effects, m, by_event ? &attached->flank[m] : nullptr);
     if (d.empty()) break;  // the effects of a drivetrain are the same for every motor
     attached->drivetrain.push_back(std::move(d));
   }
+  return attached;
+}
+
+/// An engine of event_driven: event_engine.cpp. `attached` by attach(..., true).
+template <class Plant>
+std::unique_ptr<Engine<Plant>> make_event_engine(const Plant& plant, std::unique_ptr<Attachments> attached,
+                                                 const std::vector<Effect>& effects, const Resolution& r,
+                                                 const typename Plant::State& initial);
+
+/// An engine of radau5 at fixed steps: event_engine.cpp.
+template <class Plant, class Sys>
+std::unique_ptr<Engine<Plant>> make_radau_engine(const Plant& plant, std::unique_ptr<Attachments> attached,
+                                                 const typename Plant::State& initial);
+
+/// Makes an engine for the effects of a scene: bare where none of them touches the right-hand side. `plant`
+/// and `hand` must outlive it. Set-valued effects replace `method` by moreau_jean, if it is not event_driven.
+template <class Plant>
+std::unique_ptr<Engine<Plant>> make_engine(const Plant& plant, const std::vector<Effect>& effects,
+                                           const std::vector<std::size_t>& motor_joint, Method method,
+                                           const Resolution& resolution, const typename Plant::State& initial,
+                                           const Hand* hand = nullptr) {
+  auto attached = attach(effects, motor_joint, hand, method == Method::event_driven);
+  if (method == Method::event_driven)
+    return make_event_engine<Plant>(plant, std::move(attached), effects, resolution, initial);
   const auto with = [&]<class Sys, class Stepper>(auto... more) -> std::unique_ptr<Engine<Plant>> {
     return std::make_unique<EngineOf<Plant, Sys, Stepper>>(plant, std::move(attached), method, initial,
                                                            [&](const Sys& s) { return Stepper(s, more...); });
@@ -269,9 +117,10 @@ std::unique_ptr<Engine<Plant>> make_engine(const Plant& plant, const std::vector
       case Method::dopri8:
         return with.template operator()<Sys, Dopri8<Sys>>();
       case Method::radau5:
-        return with.template operator()<Sys, Radau5<Sys>>();
+        return make_radau_engine<Plant, Sys>(plant, std::move(attached), initial);
       case Method::rk4:
       case Method::moreau_jean:
+      case Method::event_driven:
         break;
     }
     return with.template operator()<Sys, Rk4<Sys>>();

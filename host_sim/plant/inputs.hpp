@@ -29,11 +29,40 @@ struct Hand {
   }
 };
 
-/// `moreau_jean` is what set-valued effects need; a scene with such effects gets it in any case.
-enum class Method { semi_implicit_euler, rk4, dopri5, dopri8, radau5, moreau_jean };
+/// `moreau_jean` or `event_driven` is what set-valued effects need; a scene with such effects gets the former
+/// where it does not name the latter.
+enum class Method { semi_implicit_euler, rk4, dopri5, dopri8, radau5, moreau_jean, event_driven };
 template <>
 inline constexpr auto names_of<Method> =
-    std::array{"semi_implicit_euler", "rk4", "dopri5", "dopri8", "radau5", "moreau_jean"};
+    std::array{"semi_implicit_euler", "rk4", "dopri5", "dopri8", "radau5", "moreau_jean", "event_driven"};
+
+/// How `event_driven` integrates between two events.
+enum class Between { semi_implicit_euler, midpoint, heun3, rk4, dopri5, dopri8, radau5 };
+template <>
+inline constexpr auto names_of<Between> =
+    std::array{"semi_implicit_euler", "midpoint", "heun3", "rk4", "dopri5", "dopri8", "radau5"};
+struct Resolution {
+  Between between = Between::rk4;
+  double tolerance = 0.0;     ///< of a step of dopri5, dopri8 and radau5, rad; 0: fixed steps
+  double rebound_min = 1e-9;  ///< rad: a lower bounce off a rigid stop is the last one
+  bool operator==(const Resolution&) const = default;
+};
+
+/// Events located by `event_driven`.
+struct Events {
+  long stick = 0, slip = 0, impact = 0, contact = 0;
+  long accumulated = 0;  ///< impacts that ended a sequence of ever smaller bounces
+  long crowded = 0;      ///< stretches with too many events to locate, stepped by moreau_jean
+  [[nodiscard]] long total() const { return stick + slip + impact + contact + crowded; }
+};
+
+/// What an engine of `event_driven` has done since the start.
+struct Effort {
+  long evaluations = 0;  ///< of right-hand sides
+  long steps = 0;
+  Events events;
+  bool smooth = true;  ///< there is nothing that could have an event
+};
 
 /// tau(t) = offset + sum amp sin(omega t + phase), N m.
 struct Waveform {

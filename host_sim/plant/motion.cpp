@@ -12,8 +12,8 @@ template <class Plant>
 Motion<Plant>::Motion(const Setup& setup, const State& initial)
     : setup_(std::make_unique<Setup>(setup)), state_(initial), payload_(find_effect<Payload>(setup.effects)) {
   setup_->plant.project(state_.angle, state_.rate);
-  engine_ = make_engine<Plant>(setup_->plant, setup_->effects, setup_->motor_joint, setup_->method, state_,
-                               setup_->hand);
+  engine_ = make_engine<Plant>(setup_->plant, setup_->effects, setup_->motor_joint, setup_->method,
+                               setup_->resolution, state_, setup_->hand);
   breaks_ = engine_->breaks();
   if (payload_) breaks_.insert(breaks_.end(), {payload_->from, payload_->to});
   std::sort(breaks_.begin(), breaks_.end());
@@ -31,6 +31,11 @@ Motion<Plant>::~Motion() = default;
 template <class Plant>
 Method Motion<Plant>::method() const {
   return engine_->method();
+}
+
+template <class Plant>
+Effort Motion<Plant>::effort() const {
+  return engine_->effort();
 }
 
 template <class Plant>

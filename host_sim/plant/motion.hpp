@@ -27,7 +27,8 @@ class Motion {
     Plant with_payload;  ///< the same mechanism with the scene's payload at its effector
     std::vector<Effect> effects;
     std::vector<std::size_t> motor_joint;  ///< joint of each motor
-    Method method = Method::rk4;           ///< ignored where effects are set-valued
+    Method method = Method::rk4;           ///< moreau_jean and event_driven alone take set-valued effects
+    Resolution resolution{};               ///< of event_driven
     const Hand* hand = nullptr;            ///< one that may pull at the effector; outlives the motion
   };
 
@@ -41,6 +42,7 @@ class Motion {
   [[nodiscard]] const State& state() const { return state_; }  ///< bars in N: rad, rad/s
   [[nodiscard]] Output output() const { return plant().output(state_); }
   [[nodiscard]] Method method() const;  ///< in use: moreau_jean where effects are set-valued
+  [[nodiscard]] Effort effort() const;  ///< of event_driven since the start
   /// Number of states: positions and rates of the mechanism, and states of effects.
   [[nodiscard]] int state_dimension() const;
   /// Angle (rad) and rate (rad/s), model convention, of the shaft whose encoder the joint's drive reads.

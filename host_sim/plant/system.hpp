@@ -2,6 +2,7 @@
 /// A plant as the integrators see it: y = [angles, rates, work done on the mechanism, states of effects].
 /// BareSystem has no effects, so that a scene without them pays no instruction for them.
 
+#include <array>
 #include <functional>
 #include <limits>
 #include <span>
@@ -51,6 +52,7 @@ struct Attachments {
   Loads loads;
   std::vector<Drivetrain> drivetrain;    ///< per motor; empty where no effect asks for one
   std::vector<std::size_t> motor_joint;  ///< joint of each motor
+  std::array<int, 4> flank{};            ///< per motor: Drivetrain's, where the integration sets it
 
   [[nodiscard]] bool none() const {
     return loads.joint.empty() && loads.effector.empty() && drivetrain.empty();
@@ -137,6 +139,7 @@ class LoadedSystem : public MechanismState<Plant, Drivetrain::most_states * Plan
   using Base = MechanismState<Plant, Drivetrain::most_states * Plant::joints>;
   using State = typename Base::State;
   using Joints = typename Plant::Joints;
+  using Angles = typename Plant::Angles;
 
   /// Both must outlive this.
   LoadedSystem(const Plant& plant, const Attachments& attached) : Base(plant), attached_(&attached) {
@@ -146,7 +149,13 @@ class LoadedSystem : public MechanismState<Plant, Drivetrain::most_states * Plan
 
   void slope(double t, const State& y, State& dy) const {
     const auto angle = Base::angles(y), rate = Base::rates(y);
-    const Joints theta = Plant::joint_angles(angle), w = Plant::joint_rates(rate);
+    const Joints torque =
+        joint_torque(t, y, dy, angle, rate, Plant::joint_angles(angle), Plant::joint_rates(rate));
+    this->mechanism_slope(angle, rate, torque, dy);
+  }
+  /// Torques at the joints, N m. Sets the slopes of the drivetrains' states in dy.
+  Joints joint_torque(double t, const State& y, State& dy, const Angles& angle, const Angles& rate,
+                      const Joints& theta, const Joints& w) const {
     Joints torque = this->torques().at(t);
     std::size_t at = Base::work + 1;
     for (std::size_t m = 0; m < attached_->drivetrain.size(); ++m) {
@@ -164,7 +173,7 @@ class LoadedSystem : public MechanismState<Plant, Drivetrain::most_states * Plan
         if (load.acting) force = force + load.force(at_tip.position, at_tip.rate);
       for (std::size_t i = 0; i < 2; ++i) torque[i] += dot(at_tip.torque_per_force[i], force);
     }
-    this->mechanism_slope(angle, rate, torque, dy);
+    return torque;
   }
 
   /// Sets the states of the drivetrains in y: each rotor has angle and rate of its joint, nothing is stored.
@@ -189,6 +198,9 @@ class LoadedSystem : public MechanismState<Plant, Drivetrain::most_states * Plan
     }
     return at_joint;
   }
+
+ protected:
+  [[nodiscard]] const Attachments& attached() const { return *attached_; }
 
  private:
   const Attachments* attached_;

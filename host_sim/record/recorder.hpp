@@ -57,7 +57,7 @@ Motion<typename World::Plant> make_motion(const Scene& s, const typename World::
                                           const Hand* hand = nullptr) {
   const auto payload = find_effect<Payload>(s.effects);
   return Motion<typename World::Plant>({World::plant(s), World::plant(s, payload ? payload->mass : 0.0),
-                                        s.effects, s.motor_joints(), s.method, hand},
+                                        s.effects, s.motor_joints(), s.method, s.resolution, hand},
                                        state);
 }
 /// State of the plant of a scene at t = 0.
@@ -87,6 +87,7 @@ void set_final_state(RunEnd& e, Motion<Plant>& motion, Statistics& statistics) {
   e.q.assign(o.q.begin(), o.q.end());
   e.qd.assign(o.qd.begin(), o.qd.end());
   e.method = motion.method();
+  e.effort = motion.effort();
   statistics.energy_error = larger(statistics.energy_error, motion.energy_error());
 }
 

@@ -59,6 +59,27 @@ Json Statistics::torque() const {
           {"saturated_ticks", static_cast<std::uint64_t>(sums_.saturated_ticks)}};
 }
 
+namespace {
+Json accuracy_json(const AccuracyReport& a) {
+  const Events& e = a.events;
+  return {{"asked", a.asked},
+          {"of", name(a.of)},
+          {"estimated", a.estimated},
+          {"method", a.method},
+          {"between", a.between},
+          {"step", a.step},
+          {"events",
+           {{"total", e.total()},
+            {"stick", e.stick},
+            {"slip", e.slip},
+            {"impact", e.impact},
+            {"contact", e.contact},
+            {"accumulated", e.accumulated},
+            {"crowded", e.crowded}}},
+          {"cpu_s", a.cpu_s}};
+}
+}  // namespace
+
 Json make_summary(const Scene& scene, const Statistics& s, const RunEnd& end) {
   const double simulated = static_cast<double>(s.ticks()) * scene.tick();
   Json effects = Json::array();
@@ -74,11 +95,12 @@ Json make_summary(const Scene& scene, const Statistics& s, const RunEnd& end) {
   j["law"] = name(scene.law);
   j["active_effects"] = effects;
   j["state_dimension"] = end.state_dimension;
-  j["integrator"] = name(end.method);
+  j["integrator"] = end.accuracy ? end.accuracy->method : name(end.method);
   j["tracking"] = s.tracking();
   j["torque"] = s.torque();
   j["closure"] = {{"max_m", s.closure_max}};
   j["energy"] = {{"relative_error", s.energy_error}};
+  if (end.accuracy) j["accuracy"] = accuracy_json(*end.accuracy);
   j["bus"] = nullptr;
   if (end.bus) j["bus"] = {{"frames", end.bus->frames}, {"load", end.bus->load}, {"lost", end.bus->lost}};
   if (end.bus && end.bus->disturbances) j["bus"].update(*end.bus->disturbances);
@@ -186,6 +208,13 @@ std::string summary_text(const Json& s) {
   if (!s["closure"].is_null())
     out += fmt::format("closure {:.2g} m, energy balance {:.2g}\n", real(s["closure"], "max_m"),
                        real(s["energy"], "relative_error"));
+  if (s.contains("accuracy")) {
+    const Json& a = s["accuracy"];
+    out += fmt::format(
+        "accuracy: {:.1g} asked, {:.1g} estimated; {}, {}, {} accumulated, {:.2g} s of CPU time\n",
+        real(a, "asked"), real(a, "estimated"), text(a, "method"),
+        plural(count(a["events"], "total"), "event"), count(a["events"], "accumulated"), real(a, "cpu_s"));
+  }
   if (!bus.is_null()) {
     out += fmt::format("bus: {} frames, {} lost, load {:.0f} %\n", count(bus, "frames"), count(bus, "lost"),
                        100.0 * real(bus, "load"));

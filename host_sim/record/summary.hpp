@@ -68,6 +68,17 @@ class Statistics {
   std::optional<double> fault_time_;
 };
 
+/// How simulation.accuracy was met.
+struct AccuracyReport {
+  double asked = 0.0;
+  AccuracyOf of = AccuracyOf::end;
+  double estimated = 0.0;       ///< difference to the pass before, which was coarser
+  std::string method, between;  ///< between: of event_driven, from one event to the next
+  double step = 0.0;            ///< mean, s
+  Events events;
+  double cpu_s = 0.0;  ///< of all passes
+};
+
 /// How a run ended, for the summary.
 struct RunEnd {
   double wall_s = 0.0;       ///< of the loop alone
@@ -81,6 +92,8 @@ struct RunEnd {
   std::vector<double> q, qd;  ///< final state
   int state_dimension = 0;
   Method method = Method::rk4;  ///< that integrated the plant
+  Effort effort;                ///< of event_driven
+  std::optional<AccuracyReport> accuracy;
   std::uint64_t seed = 1;
   // For the report only.
   std::vector<NamedHistogram> histograms;

@@ -194,9 +194,10 @@ constexpr std::array planar{
     Key{"bus.bitrate", "integer", "1000000", "bit/s", 10000, 1000000, false, "", "CAN bit rate; `esmc check` computes the bus load from it", into<&Scene::bitrate>},
 
     Key{"simulation.duration", "number", "", "s", 0, 1e6, true, "", "from t = 0", into<&Scene::duration>},
-    Key{"simulation.integrator", "string", "\"rk4\"", "", -inf, inf, false, choices<Method>, "method, at the fixed step below; set-valued effects are always stepped by moreau_jean", into<&Scene::method>},
+    Key{"simulation.integrator", "string", "\"rk4\"", "", -inf, inf, false, choices<Method>, "method, at the fixed step below; set-valued effects need moreau_jean, which replaces the others, or event_driven", into<&Scene::method>},
     Key{"simulation.step", "number", "0.0005", "s", 0, 1, true, "", "integration step; a tick is cut into equal steps no longer than this", into<&Scene::step>},
-    Key{"simulation.accuracy", "number", "-", "", 1e-12, 1e-2, false, "", "instead of integrator and step: largest absolute error of final_state.q; the program chooses the method and halves the step until it is met", into<&Scene::accuracy>},
+    Key{"simulation.accuracy", "number", "-", "", 1e-12, 1e-2, false, "", "instead of integrator and step: largest absolute error of q; the program chooses method and steps, or refuses", into<&Scene::accuracy>},
+    Key{"simulation.accuracy_of", "string", "\"end\"", "", -inf, inf, false, choices<AccuracyOf>, "of final_state.q, or of q in every row of the log", into<&Scene::accuracy_of>},
 
     Key{"effects.type", "string", "", "", -inf, inf, false, joined<EffectTypes<Effect>::list>, "which effect; each at most once"},
     Key{"effects[viscous_friction].coefficient", "numbers", "", "N m s/rad", 0, big, false, "", "per joint of a leg; four values: the two legs differ", per_joint<&ViscousFriction::coefficient>},

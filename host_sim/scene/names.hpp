@@ -27,6 +27,11 @@ template <>
 inline constexpr auto names_of<ReferenceType> =
     std::array{"circle", "line", "polyline", "joint_sine", "hold", "file"};
 
+/// What simulation.accuracy bounds: final_state.q, or q in every row of the log.
+enum class AccuracyOf { end, trajectory };
+template <>
+inline constexpr auto names_of<AccuracyOf> = std::array{"end", "trajectory"};
+
 enum class Protocol { odrive, odrive_0_5, cia402, mit };
 template <>
 inline constexpr auto names_of<Protocol> = std::array{"odrive", "odrive_0.5", "cia402", "mit"};

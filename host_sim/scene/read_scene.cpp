@@ -236,6 +236,7 @@ void read_simulation(Section s, Scene& scene) {
   s.read_fields(scene);
   if (scene.accuracy && (s.has("integrator") || s.has("step")))
     s.fail("accuracy", "chooses method and step: leave out integrator and step");
+  if (!scene.accuracy && s.has("accuracy_of")) s.fail("accuracy_of", "needs 'accuracy'");
   s.finish();
   if (scene.tick() / scene.step > substeps_max) {
     s.fail("step",

@@ -186,9 +186,11 @@ struct Scene {
   int bitrate = 0;  ///< bit/s
 
   double duration = 0.0;  ///< s
-  double step = 0.0;      ///< s; with accuracy: where halving starts
+  double step = 0.0;      ///< s; with accuracy: a tick
   std::optional<double> accuracy;
+  AccuracyOf accuracy_of = AccuracyOf::end;
   Method method = Method::rk4;
+  Resolution resolution;  ///< of event_driven; not of the file: the search for an accuracy sets it
   std::vector<Effect> effects;
   std::uint64_t seed = 1;  ///< of everything random; from --seed
   bool hardware = false;   ///< the bus of this run may carry real drives

@@ -102,7 +102,7 @@ bool make_room(const std::string& name, toml::table& into, const toml::table& fr
   }
   if (name == "simulation") {
     const bool fixed = from.contains("integrator") || from.contains("step");
-    if (fixed) drop(into, [](const std::string& key) { return key == "accuracy"; });
+    if (fixed) drop(into, [](const std::string& key) { return key == "accuracy" || key == "accuracy_of"; });
     if (from.contains("accuracy"))
       drop(into, [](const std::string& key) { return key == "integrator" || key == "step"; });
   }

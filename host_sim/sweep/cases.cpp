@@ -187,8 +187,6 @@ CaseScenes::CaseScenes(const SweepSpec& spec) : spec_(&spec) {
   tables->assembly_mode_given = tables->scene["mechanism"]["assembly_mode"].is_string();
   tables_ = tables;
   const Scene& nominal = tables->nominal;
-  if (nominal.accuracy)
-    throw InputError(nominal.simulation_where, "a sweep needs simulation.integrator and step, not accuracy");
   for (std::size_t a = 0; a < spec.vary.size(); ++a) {
     const Vary& v = spec.vary[a];
     const Axis& axis = spec.design.axes()[a];
@@ -224,7 +222,6 @@ void CaseScenes::try_value(std::size_t axis, const SweepValue& x) const {
     toml::table table = tables_->scene;
     put(table, v.key, x);
     const Scene s = read_scene_table(std::move(table), spec_->scene);
-    if (s.accuracy) throw InputError("", "a sweep needs a fixed step");
     refuse_bus_effects(s, "esmc sweep has no bus");
   } catch (const InputError& e) {
     throw InputError(v.where, fmt::format("{} = {}: {}", v.key, text_of(x), e.what()));

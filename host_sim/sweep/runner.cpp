@@ -69,6 +69,7 @@ Score score_of(const Trace& trace, double tick, std::uint32_t& outcome) {
 std::string outcome_name(std::uint32_t outcome) {
   if (outcome == outcome_ok) return "ok";
   if (outcome == outcome_diverged) return "diverged";
+  if (outcome == outcome_inaccurate) return "inaccurate";
   if (outcome < outcome_fault) return "impossible";
   return name(static_cast<Fault>(outcome - outcome_fault));
 }
@@ -91,6 +92,11 @@ bool CaseRunner::run_alone(std::uint64_t index, std::vector<Finished>& out) {
     score = score_of(trace, scene.tick(), outcome);
     score[static_cast<std::size_t>(Objective::tick_ns)] = wall * 1e9 / (scene.duration * scene.rate_hz);
   } catch (const InputError&) {  // no such scene: an answer like any other
+    score[static_cast<std::size_t>(Objective::faulted)] = 1.0;
+  } catch (const Diverged&) {
+    outcome = outcome_diverged;
+  } catch (const RunError&) {  // simulation.accuracy is not met
+    outcome = outcome_inaccurate;
     score[static_cast<std::size_t>(Objective::faulted)] = 1.0;
   }
   if (outcome == outcome_diverged) score[static_cast<std::size_t>(Objective::faulted)] = 1.0;

@@ -113,7 +113,6 @@ def bad_specifications(folder):
     refused(folder, change('["settled_rms_m", "torque_activity_nm"]]', '["settled_rms_m"]]'), "two or more")
     refused(folder, change('"torque_activity_nm"]]', '"max_m"]]'), "two or more of the objectives")
     refused(folder, change(str(SCENE), "nowhere.toml"), "nowhere.toml: no such scene file")
-    refused(folder, change("simulation.step=1e-3", "simulation.accuracy=1e-6"), "step, not accuracy")
     refused(folder, change("simulation.step=1e-3", "simulation.stp=1"), "stp")
     grid = change('method = "latin_hypercube"\ncount = %d' % N, 'method = "grid"').replace("factor = [0.8, 1.2]", "factor = [0.8, 1.2]\nsteps = 90000")
     refused(folder, grid.replace("log = true", "log = true\nsteps = 90000"), "more than 10000000 cases")
@@ -318,13 +317,31 @@ def impossible_cases(folder):
     check(0 < j["outcomes"].get("impossible", 0) < 80 and sum(j["outcomes"].values()) == 80, f"outcomes {j['outcomes']}")
 
 
+def stated_accuracy(folder):
+    """Cases of a stated accuracy have the errors of cases of a fine step; one that cannot be met is a case as well."""
+    few = GOOD.replace(f"count = {N}", "count = 3")
+    rows = {}
+    for name, sets in (("fine", '"simulation.step=1e-4"'), ("stated", '"simulation.accuracy=1e-8"')):
+        spec = folder / f"{name}.toml"
+        spec.write_text(few.replace('"simulation.step=1e-3"', sets), encoding="utf-8")
+        out = folder / name
+        j = json.loads(sweep(spec, "--out", out, "--json").stdout)
+        check(j["outcomes"] == {"ok": 6}, f"outcomes {j['outcomes']}")
+        with open(out / "cases.csv", newline="", encoding="utf-8") as f:
+            rows[name] = [float(r["settled_rms_m"]) for r in csv.DictReader(f)]
+    check(len(rows["fine"]) == 6 and all(abs(a - b) < 1e-10 for a, b in zip(rows["fine"], rows["stated"])), f"errors {rows}")
+    spec.write_text(few.replace('"simulation.step=1e-3"', '"simulation.accuracy=1e-12", "control.reaching=sign", "control.gain=1e5"'), encoding="utf-8")
+    j = json.loads(sweep(spec, "--json").stdout)
+    check(j["outcomes"].get("inaccurate", 0) > 0, f"outcomes {j['outcomes']}")
+
+
 def examples(_):
     for spec in sorted((HOST_SIM / "sweeps").glob("*.toml")):
         text = spec.read_text(encoding="utf-8")
         check("scene" in text and "[[vary]]" in text, f"{spec.name} is no specification")
 
 
-PARTS = (bad_specifications, threads_and_processes, what_the_table_says, impossible_cases, what_is_not_its_own, places_that_cannot_be_written,
+PARTS = (bad_specifications, threads_and_processes, what_the_table_says, impossible_cases, stated_accuracy, what_is_not_its_own, places_that_cannot_be_written,
          kill_and_go_on, varied_files_belong_to_it, examples)
 
 with tempfile.TemporaryDirectory() as scratch:

@@ -26,8 +26,8 @@ void put_start(const Scene& scene, LaneCase& out) {
 /// sensors, a reference of the joints or of the measured start.
 bool fits_lanes(const Scene& s) {
   return s.type == MechanismType::five_bar && s.closed_loop() && s.effects.empty() && !s.all_motors &&
-         !s.all_sensors && s.method == Method::rk4 && s.reference.type != ReferenceType::joint_sine &&
-         s.reference.type != ReferenceType::none &&
+         !s.all_sensors && s.method == Method::rk4 && !s.accuracy &&
+         s.reference.type != ReferenceType::joint_sine && s.reference.type != ReferenceType::none &&
          (s.reference.type != ReferenceType::hold || s.reference.position);
 }
 

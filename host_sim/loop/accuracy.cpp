@@ -1,0 +1,209 @@
+#include "host_sim/loop/accuracy.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <ctime>
+#include <limits>
+#include <optional>
+
+#include "host_sim/controller/controller_config.hpp"
+#include "host_sim/error.hpp"
+
+namespace esmc::host {
+namespace {
+
+constexpr double inf = std::numeric_limits<double>::infinity();
+constexpr double margin = 2.0;      // of what was asked over the difference of two passes
+constexpr double rounding = 2e-15;  // no tolerance of a step below it
+constexpr double nudge = 1e-10;     // rad, of the start
+constexpr std::uint32_t pilot_ticks = 4;
+constexpr double most_rows = 2e7;
+
+/// Largest difference of the last row, and of all.
+struct Difference {
+  double end = inf, all = inf;
+};
+
+[[nodiscard]] Difference difference(const std::vector<double>& a, const std::vector<double>& b,
+                                    std::size_t width) {
+  if (a.size() != b.size()) return {};
+  Difference d{0.0, 0.0};
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    const double e = std::abs(a[i] - b[i]);
+    d.all = e > d.all || std::isnan(e) ? e : d.all;
+    if (i + width >= a.size()) d.end = e > d.end || std::isnan(e) ? e : d.end;
+  }
+  return d;
+}
+
+class Search {
+ public:
+  Search(Scene& scene, std::size_t width, const RunPass& run)
+      : scene_(scene), asked_(*scene.accuracy), width_(width), run_(run), begin_(std::clock()) {}
+
+  AccuracyReport find() {
+    scene_.method = Method::event_driven;
+    scene_.step = scene_.tick();
+    scene_.resolution.rebound_min = 0.01 * asked_;
+    // Each difference judges the pass before; a factor 50 per order is usual at a tick of 1 ms.
+    std::vector<Between> ladder;
+    if (asked_ >= 1e-3) {
+      ladder = {Between::semi_implicit_euler, Between::midpoint, Between::rk4};
+    } else if (asked_ >= 2e-5) {
+      ladder = {Between::midpoint, Between::rk4};
+    } else if (asked_ >= 1e-7) {
+      ladder = {Between::heun3, Between::rk4};
+    } else if (asked_ >= 1e-9) {
+      ladder = {Between::rk4};
+    }
+    Between fine = choose_by_stiffness(ladder);
+    for (const Between b : ladder) {
+      if (step({b, 0.0, scene_.resolution.rebound_min})) return report();
+    }
+    // Error control: 5th order once, 8th from then on; Radau where the step is bound by stability.
+    double tolerance = asked_ / 30.0;
+    for (int i = 0; i < 7 && tolerance >= rounding; ++i, tolerance = next_tolerance(tolerance)) {
+      const bool met = step({fine, tolerance, scene_.resolution.rebound_min / (i + 1)});
+      if (met) return report();
+      if (fine == Between::dopri5) fine = Between::dopri8;
+      if (i > 0 && stalled()) refuse_if_ill_posed();
+    }
+    refuse_if_ill_posed();
+    if (!finite_) throw *failure_;
+    throw RunError(fmt::format(
+        "accuracy = {} was not reached: the finest two passes differ by {:.2g}, and rounding is in the way",
+        asked_, judged()));
+  }
+
+ private:
+  static double next_tolerance(double t) {
+    return t > 30.0 * rounding ? t / 30.0 : (t > rounding ? rounding : 0.0);
+  }
+
+  /// Clears `ladder` where fixed steps of a tick are too long for the first ticks. Returns the method of
+  /// error control that needs fewer right-hand sides there.
+  Between choose_by_stiffness(std::vector<Between>& ladder) {
+    const auto cost = [&](Between b) {
+      Scene pilot = scene_;
+      const double ticks = std::min<double>(pilot_ticks, tick_count(scene_));
+      pilot.duration = ticks / scene_.rate_hz;
+      pilot.resolution = {b, asked_ / 30.0, scene_.resolution.rebound_min};
+      try {
+        const Pass p = run_(pilot, false);
+        return static_cast<double>(p.effort.evaluations) / ticks;
+      } catch (const Diverged&) {
+        return inf;
+      }
+    };
+    const double explicit_cost = cost(Between::dopri5);
+    if (explicit_cost > 20.0) ladder.clear();
+    if (explicit_cost < 60.0) return Between::dopri5;
+    return 2.0 * cost(Between::radau5) < explicit_cost ? Between::radau5 : Between::dopri5;
+  }
+
+  /// One more pass. True: it is within what was asked.
+  bool step(const Resolution& r) {
+    scene_.resolution = r;
+    Pass now;
+    try {
+      now = run_(scene_, true);
+      finite_ = true;
+    } catch (const Diverged& e) {  // too long a step, or no solution
+      failure_ = e;
+      last_.reset();
+      return false;
+    }
+    if (now.interrupted) {
+      last_ = std::move(now);
+      return true;
+    }
+    bool met = false;
+    if (last_) {
+      const Difference d = difference(last_->rows, now.rows, width_);
+      before_ = judged();
+      difference_ = d;
+      const bool close = margin * judged() <= asked_;
+      // At the end alone two passes may meet by chance: then the way there, or a third pass, must agree.
+      met = close && (trajectory() || d.all <= 100.0 * asked_ || agreed_);
+      agreed_ = close;
+    }
+    last_ = std::move(now);
+    // Two coarse passes that agree have shown that small errors do not grow; two fine ones have not.
+    if (met && r.tolerance > 0.0 &&
+        (last_->effort.events.total() > 0 || (scene_.closed_loop() && asked_ < 1e-6)))
+      refuse_if_ill_posed();
+    return met;
+  }
+  [[nodiscard]] bool trajectory() const { return scene_.accuracy_of == AccuracyOf::trajectory; }
+  [[nodiscard]] double judged() const { return trajectory() ? difference_.all : difference_.end; }
+  [[nodiscard]] bool stalled() const { return std::isfinite(before_) && !(judged() < 0.3 * before_); }
+
+  /// A start that is off by 1e-10 must not change the result by a tenth of what is asked.
+  void refuse_if_ill_posed() {
+    if (!last_ || nudged_) return;
+    Scene other = scene_;
+    double sign = 1.0;
+    for (double& q : other.start_angle) q += nudge * std::exchange(sign, -sign);
+    Difference d;
+    try {
+      d = difference(last_->rows, run_(other, false).rows, width_);
+    } catch (const Diverged&) {  // which is a change, too
+    }
+    const double change = trajectory() ? d.all : d.end;
+    if (!(change <= 0.1 * asked_)) {
+      throw RunError(fmt::format(
+          "accuracy = {}: ill_posed: the scene itself does not decide its result that far: {:g} rad on "
+          "the start moves it by {:.2g}",
+          asked_, nudge, change));
+    }
+    nudged_ = true;
+  }
+
+  [[nodiscard]] AccuracyReport report() const {
+    const Resolution& r = scene_.resolution;
+    const Effort& e = last_->effort;
+    AccuracyReport out;
+    out.asked = asked_;
+    out.of = scene_.accuracy_of;
+    out.estimated = judged();
+    out.method = e.smooth ? name(r.between) : name(Method::event_driven);
+    out.between = name(r.between);
+    out.step = e.steps > 0 ? scene_.duration / static_cast<double>(e.steps) : scene_.tick();
+    out.events = e.events;
+    out.cpu_s = static_cast<double>(std::clock() - begin_) / CLOCKS_PER_SEC;
+    return out;
+  }
+
+  Scene& scene_;
+  double asked_;
+  std::size_t width_;
+  const RunPass& run_;
+  std::clock_t begin_;
+  std::optional<Pass> last_;
+  Difference difference_;
+  double before_ = inf;
+  bool agreed_ = false, nudged_ = false, finite_ = false;
+  std::optional<Diverged> failure_;
+};
+
+}  // namespace
+
+std::uint32_t row_stride(const Scene& scene, std::uint32_t ticks) {
+  if (scene.accuracy_of == AccuracyOf::trajectory) return 1;
+  return std::max(1U, ticks / 256U);
+}
+
+AccuracyReport meet_accuracy(Scene& scene, std::size_t width, const RunPass& run) {
+  if (scene.accuracy_of == AccuracyOf::trajectory &&
+      scene.duration * scene.rate_hz * static_cast<double>(width) > most_rows) {
+    throw InputError(
+        scene.simulation_where,
+        fmt::format("accuracy_of = \"trajectory\" keeps at most {:g} numbers: a shorter duration",
+                    most_rows));
+  }
+  return Search(scene, width, run).find();
+}
+
+}  // namespace esmc::host

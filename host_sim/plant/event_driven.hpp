@@ -1,0 +1,241 @@
+#pragma once
+/// Integration from event to event: smooth between two, restarted at each.
+
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <utility>
+
+#include "host_sim/plant/engine_base.hpp"
+#include "host_sim/plant/event_system.hpp"
+#include "host_sim/plant/moreau_jean.hpp"
+
+namespace esmc::host {
+
+template <class Plant, class Inner>
+class EventEngine final : public Engine<Plant> {
+ public:
+  using Sys = EventSystem<Plant>;
+  using State = typename Sys::State;
+  using Guards = typename Sys::Guards;
+  using Angles = typename Plant::Angles;
+  using Torques = MotorTorques<typename Plant::Joints>;
+
+  EventEngine(const Plant& plant, std::unique_ptr<Attachments> attached, const std::vector<Effect>& effects,
+              const Resolution& resolution, const typename Plant::State& initial)
+      : attached_(std::move(attached)),
+        system_(plant, *attached_, effects, resolution.rebound_min),
+        inner_(system_),
+        probe_(system_),
+        resolution_(resolution),
+        smooth_(system_.smooth()),
+        crowd_(system_, {find_effect<CoulombFriction>(effects), find_effect<EndStops>(effects)}) {
+    tolerance_.absolute = tolerance_.relative = resolution.tolerance;
+    tolerance_.max_attempts = attempts_max;
+    Sys::put(y_, initial.angle, initial.rate);
+    system_.start(y_);
+  }
+  EventEngine(const EventEngine&) = delete;
+  EventEngine& operator=(const EventEngine&) = delete;
+
+  void run(double t, double step, int steps, const Torques& torque) override {
+    system_.set_torques(torque);
+    attached_->loads.begin(t + 0.5 * step * steps);
+    const double end = t + step * steps;
+    while (t < end) {
+      const double to = clamp_switch(t, end, torque);
+      stretch(t, to, step);
+      t = to;
+    }
+  }
+  void set_plant(const Plant& plant) override { system_.set_plant(plant); }
+  void get(Angles& angle, Angles& rate) const override {
+    angle = Sys::angles(y_);
+    rate = Sys::rates(y_);
+  }
+  [[nodiscard]] double work() const override { return y_[Sys::work]; }
+  [[nodiscard]] Shaft shaft(std::size_t joint) const override { return system_.shaft(joint, y_); }
+  [[nodiscard]] std::size_t effect_states() const override { return system_.size() - Sys::work - 1; }
+  [[nodiscard]] std::vector<double> breaks() const override { return attached_->loads.breaks; }
+  [[nodiscard]] Method method() const override { return Method::event_driven; }
+  [[nodiscard]] Effort effort() const override {
+    return {system_.evaluations(), steps_, system_.events(), smooth_};
+  }
+
+ private:
+  static constexpr long attempts_max = 20'000;  // of steps in one stretch
+  static constexpr int crowd_min = 200;         // events in one stretch
+
+  /// Integrates from t to `end` in steps of at most `step`, torques and loads being smooth between.
+  void stretch(double t, double end, double step) {
+    const double last = end - 1e-12 * (end - t);
+    if (!smooth_) first_ = system_.begin(t, y_);
+    for (int events = 0; t < last;) {
+      const double rest = end - t;
+      const auto pieces = std::max(1.0, std::ceil(rest / step - 1e-9));
+      double h = rest / pieces;
+      bool event = false;
+      if constexpr (requires(Inner i) { i.advance(0.0, 0.0, y_, Tolerance{}); }) {
+        if (resolution_.tolerance > 0.0) {
+          before_ = y_;
+          const Advance done =
+              inner_.advance(t, end, y_, tolerance_, [&](double from, double length, const State& y) {
+                t = from;
+                h = length;
+                if (happened(from, h, y)) return event = true;
+                before_ = y;
+                return false;
+              });
+          steps_ += done.steps;
+          if (!done.ok() && !event) return fail();
+          t = event ? t : end;
+        } else {
+          fixed(t, h, event);
+        }
+      } else {
+        fixed(t, h, event);
+      }
+      if (!all_finite(system_.size(), y_)) return fail();
+      if (!event) continue;
+      t += locate(t, h);
+      system_.switch_modes(t, y_);
+      first_ = system_.guards(t, y_);
+      if (++events >= crowd_min) return crowd(t, end);
+    }
+  }
+  void fixed(double& t, double h, bool& event) {
+    before_ = y_;
+    ++steps_;
+    inner_.step(t, h, y_);
+    event = happened(t, h, y_);
+    if (!event) t += h;
+  }
+  void fail() { y_.fill(std::numeric_limits<double>::quiet_NaN()); }
+
+  /// Whether the modes have ended within the step of h from t (before_) to y. h becomes shorter where that
+  /// may have been, for a part of the step, earlier than its end shows.
+  [[nodiscard]] bool happened(double t, double& h, const State& y) {
+    if (smooth_) return false;
+    Guards last = system_.guards(t + h, y);
+    const State bend = inner_.bend();
+    State middle = before_;
+    for (std::size_t i = 0; i < system_.size(); ++i)
+      middle[i] = 0.5 * (before_[i] + y[i]) + 0.125 * h * bend[i];
+    bool event = last.least() < 0.0;
+    for (int i = 0; i < 8; ++i) {
+      const double part = dip(t, h, system_.guards(t + 0.5 * h, middle), last);
+      if (part == 1.0) break;
+      event = true;
+      h *= part;
+      last = guards_after(t, h, middle);
+      (void)guards_after(t, 0.5 * h, middle);
+    }
+    if (!event) first_ = last;
+    return event;
+  }
+  Guards guards_after(double t, double h, State& y) {
+    y = before_;
+    probe_.step(t, h, y);
+    return system_.guards(t + h, y);
+  }
+  /// Part of the step at which a guard is negative that the end of the step does not show, 1: none. A
+  /// parabola through the guard's value in the middle tells where to look.
+  [[nodiscard]] double dip(double t, double h, const Guards& inside, const Guards& last) {
+    constexpr double near = 0.05;  // of its depth: how well the parabola knows the lowest point
+    double first = 1.0;
+    for (std::size_t i = 0; i < last.count; ++i) {
+      const double a = first_.value[i], b = last.value[i], m = inside.value[i];
+      const double slope = 4.0 * m - 3.0 * a - b, curve = 2.0 * (a + b - 2.0 * m);
+      if (b < 0.0 || !(slope < 0.0 && curve > -0.5 * slope)) continue;  // no lowest point inside
+      const double part = -0.5 * slope / curve, lowest = a + 0.5 * slope * part;
+      if (part >= first || !(lowest < near * (std::max(a, b) - lowest))) continue;
+      State there{};
+      if (guards_after(t, part * h, there).value[i] < 0.0) first = part;
+    }
+    return first;
+  }
+
+  /// Length of the step from before_ at t, at most h, that ends at the first event; y_: the state there. The
+  /// step is made anew each time, so the event lies on the method's own solution.
+  double locate(double t, double h) {
+    double low = 0.0, high = h, f_low = first_.least(), f_high = guard_after(t, h);
+    int kept = 0;  // steps in which the same end stayed
+    for (int i = 0; i < 100 && high - low > 1e-15 * h && f_high < -nothing; ++i) {
+      double at = i % 8 == 7 ? 0.5 * (low + high) : low + (high - low) * f_low / (f_low - f_high);
+      if (!(at > low && at < high)) at = 0.5 * (low + high);
+      const double f = guard_after(t, at);
+      if (f < 0.0) {
+        high = at;
+        f_high = f;
+        if (kept == 1) f_low *= 0.5;
+        kept = 1;
+      } else {
+        low = at;
+        f_low = f;
+        if (kept == -1) f_high *= 0.5;
+        kept = -1;
+      }
+    }
+    guard_after(t, high);
+    return high;
+  }
+  static constexpr double nothing = 1e-13;  // of a guard
+  /// Sets y_ to the state after h.
+  double guard_after(double t, double h) {
+    y_ = before_;
+    inner_.step(t, h, y_);
+    return system_.guards(t + h, y_).least();
+  }
+
+  /// More events than can be told apart: small steps of moreau_jean to the end of the stretch.
+  void crowd(double t, double end) {
+    constexpr int steps = 64;
+    const double h = (end - t) / steps;
+    system_.release();
+    for (int i = 0; i < steps; ++i) {
+      system_.follow(y_);
+      crowd_.step(t + i * h, h, y_);
+    }
+    system_.restart();
+    system_.count_crowd();
+  }
+
+  /// First instant in (t, end] at which a waveform meets the drives' limit, or `end`.
+  static double clamp_switch(double t, double end, const Torques& torque) {
+    if (torque.open == nullptr || !std::isfinite(torque.open->limit)) return end;
+    double first = end;
+    for (const Waveform& w : torque.open->wave) {
+      const auto beyond = [&](double at) { return std::abs(w.at(at)) > torque.open->limit; };
+      constexpr int parts = 4;
+      const double inside = t + 1e-9 * (end - t);
+      double low = inside;
+      for (int i = 1; i <= parts; ++i) {
+        double high = i == parts ? end : inside + i * (end - inside) / parts;
+        if (beyond(high) == beyond(inside)) {
+          low = high;
+          continue;
+        }
+        for (int k = 0; k < 60; ++k) {
+          const double middle = 0.5 * (low + high);
+          (beyond(middle) == beyond(inside) ? low : high) = middle;
+        }
+        if (high < first) first = high;
+        break;
+      }
+    }
+    return first;
+  }
+
+  std::unique_ptr<Attachments> attached_;
+  Sys system_;
+  Inner inner_, probe_;
+  Resolution resolution_;
+  bool smooth_;
+  long steps_ = 0;
+  MoreauJean<Sys, Plant> crowd_;
+  Tolerance tolerance_;
+  State y_{}, before_{};
+  Guards first_;  // at before_
+};
+
+}  // namespace esmc::host

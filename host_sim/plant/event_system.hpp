@@ -1,0 +1,548 @@
+#pragma once
+/// A plant whose non-smooth parts are in a mode: smooth between two events, which guards announce.
+///
+///   joint with dry friction   slips one way, or is held (rate exactly zero)
+///   stop                      open, or in contact; a rigid one then holds its joint, one way
+///   gear with play            which flank presses
+///
+/// A held joint is a row  a_j = 0 with a reaction r_j in [lower, upper]:  friction allows +-T, a rigid stop
+/// one side without bound, both at once both. A soft stop that returns restitution^2 of its energy is a
+/// spring of the mean stiffness and friction that grows with the depth. So all of them are one
+/// complementarity problem
+///   r_j = lower if a_j > 0,  r_j = upper if a_j < 0,  else between
+/// at the acceleration level, whose acceleration is unique (Gauss's principle).
+
+#include <array>
+#include <cmath>
+#include <limits>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "host_sim/plant/system.hpp"
+
+namespace esmc::host {
+
+template <class Plant>
+class EventSystem : public LoadedSystem<Plant> {
+ public:
+  using Base = LoadedSystem<Plant>;
+  using typename Base::Angles, typename Base::Joints, typename Base::State;
+  static constexpr auto joints = static_cast<std::size_t>(Plant::joints);
+
+  /// `attached` without the end stops' loads; its flanks are set here. Impacts below `rebound_min`, m or rad
+  /// of bounce, are taken for the last.
+  EventSystem(const Plant& plant, Attachments& attached, const std::vector<Effect>& effects,
+              double rebound_min)
+      : Base(plant, attached), flank_(attached.flank), rebound_min_(rebound_min) {
+    const auto friction = find_effect<CoulombFriction>(effects);
+    if (friction && !(friction->regularised > 0.0))
+      for (std::size_t j = 0; j < joints; ++j) mode_[j].dry = mode_[j].dry_here = friction->torque[j];
+    const auto stops = find_effect<EndStops>(effects);
+    for (std::size_t i = 0; stops && i < 2; ++i)
+      mode_[i * joints / 2].stop = Stop{stops->lower[i], stops->upper[i]};
+    if (stops) restitution_ = stops->restitution;
+    if (stops && stops->stiffness) stiffness_ = *stops->stiffness;
+  }
+
+  /// Whether there is anything that can switch.
+  [[nodiscard]] bool smooth() const {
+    for (const Mode& m : mode_)
+      if (m.dry > 0.0 || m.stop) return false;
+    for (const Drivetrain& d : this->attached().drivetrain)
+      if (d.has_play()) return false;
+    return true;
+  }
+  [[nodiscard]] const Events& events() const { return events_; }
+  [[nodiscard]] long evaluations() const { return evaluations_; }
+
+  void slope(double t, const State& y, State& dy) const {
+    ++evaluations_;
+    const Angles angle = Base::angles(y), rate = Base::rates(y);
+    const Joints theta = Plant::joint_angles(angle), w = Plant::joint_rates(rate);
+    Joints torque = this->joint_torque(t, y, dy, angle, rate, theta, w);
+    if (held_ > 1) {  // two independent joints hold a mechanism of two degrees of freedom
+      Base::put(dy, Angles{}, Angles{});
+      dy[Base::work] = 0.0;
+      return;
+    }
+    for (std::size_t j = 0; j < joints; ++j) torque[j] += contact_torque(j, theta[j]);
+    this->mechanism_slope(angle, rate, torque, dy);
+    if (held_ == 1) {
+      const Angles by = response(angle, held_joint());
+      const double r = -relative(dy, held_joint()) / Plant::joint_rates(by)[held_joint()];
+      for (std::size_t i = 0; i < by.size(); ++i) dy[Base::positions + i] += r * by[i];
+    }
+  }
+
+  /// Onto the closure, held joints exactly at rest.
+  void project(State& y) const {
+    if (held_ < 2) Base::project(y);
+    if (held_ == 0) return;
+    if (held_ > 1) return put_rates(y, Angles{});
+    bring_to_rest(held_joint(), y);
+  }
+
+  /// Values of the guards; the modes hold while none is negative.
+  struct Guards {
+    std::array<double, 6 * joints> value{};
+    std::size_t count = 0;
+    [[nodiscard]] double least() const {
+      double out = inf;
+      for (std::size_t i = 0; i < count; ++i) out = std::min(out, value[i]);
+      return out;
+    }
+  };
+  [[nodiscard]] Guards guards(double t, const State& y) const {
+    Guards g;
+    for_each_guard(t, y, [&](double value, auto, auto, auto) { g.value[g.count++] = value; });
+    return g;
+  }
+
+  /// Modes at the start of a stretch in which torques or loads may have jumped.
+  Guards begin(double t, State& y) {
+    if (!begun_) {
+      begun_ = true;
+      first_modes(y);
+      settle(t, y);
+    } else {
+      const Guards now = guards(t, y);
+      if (now.least() >= 0.0) return now;
+      switch_modes(t, y);
+    }
+    return guards(t, y);
+  }
+
+  /// The modes after an event at (t, y), where a guard is negative; impacts change y.
+  void switch_modes(double t, State& y) {
+    bool struck = false;
+    std::array<bool, joints> stops{};
+    for_each_guard(t, y, [&](double value, Kind kind, std::size_t j, int side) {
+      if (value >= 0.0) return;
+      if (kind == Kind::slip) stops[j] = true;
+      if (kind == Kind::flank) {
+        flank_[j] = flank_[j] == 0 ? side : 0;
+        ++events_.contact;
+      }
+      if (kind != Kind::stop) return;
+      Mode& m = mode_[j];
+      if (stiffness_ > 0.0 || m.touches != 0) {
+        m.touches = m.touches == 0 ? side : 0;
+        ++events_.contact;
+        if (!m.held) m.moves = Plant::joint_rates(Base::rates(y))[j] > 0.0 ? 1 : -1;
+      } else {
+        struck = true;
+      }
+    });
+    if (struck) collide(t, y);
+    for (std::size_t j = 0; j < joints; ++j) {
+      if (!stops[j] || struck || mode_[j].held) continue;
+      if (!can_hold(y)) {
+        mode_[j].moves = -mode_[j].moves;
+        continue;
+      }
+      hold(j, y);
+      ++events_.stick;
+    }
+    settle(t, y);
+  }
+
+  // For a stretch that is left to moreau_jean, which has dry friction and rigid stops as its own.
+  void release() {
+    held_ = 0;
+    for (Mode& m : mode_) m.held = false, m.dry_here = 0.0;
+  }
+  /// Contacts and directions as the state has them.
+  void follow(const State& y) {
+    const Joints theta = Plant::joint_angles(Base::angles(y)), w = Plant::joint_rates(Base::rates(y));
+    for (std::size_t j = 0; j < joints; ++j) {
+      mode_[j].moves = w[j] > 0.0 ? 1 : (w[j] < 0.0 ? -1 : 0);
+      mode_[j].touches = 0;
+      for (const int side : {-1, 1})
+        if (mode_[j].stop && stiffness_ > 0.0 && gap(j, side, theta[j]) < 0.0) mode_[j].touches = side;
+    }
+    follow_flanks(y);
+  }
+  void restart() {
+    for (Mode& m : mode_) m.dry_here = m.dry;
+    begun_ = false;
+  }
+  void count_crowd() { ++events_.crowded; }
+
+ private:
+  static constexpr double inf = std::numeric_limits<double>::infinity();
+  /// Beyond this a guard counts as negative: rad, rad/s. Above rounding, below every tolerance.
+  static constexpr double rounding = 1e-13;
+  enum class Kind { slip, held, stop, flank };
+  struct Stop {
+    double lower, upper;
+  };
+  struct Mode {
+    double dry = 0.0, dry_here = 0.0;  ///< N m: of the joint; as this system accounts for it
+    std::optional<Stop> stop;
+    int moves = 0;    ///< direction that its friction acts against
+    int touches = 0;  ///< its stop: -1 the lower, 1 the upper
+    bool held = false;
+  };
+
+  [[nodiscard]] static double relative(const State& dy, std::size_t j) {
+    Angles a;
+    for (std::size_t i = 0; i < a.size(); ++i) a[i] = dy[Base::positions + i];
+    return Plant::joint_rates(a)[j];
+  }
+  [[nodiscard]] Angles response(const Angles& angle, std::size_t j) const {
+    Joints unit{};
+    unit[j] = 1.0;
+    return this->plant().response(angle, unit);
+  }
+  static void put_rates(State& y, const Angles& rate) { Base::put(y, Base::angles(y), rate); }
+  [[nodiscard]] std::size_t held_joint() const {
+    for (std::size_t j = 0; j < joints; ++j)
+      if (mode_[j].held) return j;
+    return 0;
+  }
+  [[nodiscard]] double gap(std::size_t j, int side, double angle) const {
+    return side > 0 ? mode_[j].stop->upper - angle : angle - mode_[j].stop->lower;
+  }
+  [[nodiscard]] double depth(std::size_t j, double angle) const {
+    const int side = mode_[j].touches;
+    return stiffness_ > 0.0 && side != 0 ? std::max(0.0, -gap(j, side, angle)) : 0.0;
+  }
+  /// Friction torque that a joint can hold; that of a soft stop is half of what it does not give back.
+  [[nodiscard]] double grip(std::size_t j, double angle) const {
+    return mode_[j].dry_here + 0.5 * stiffness_ * (1.0 - restitution_ * restitution_) * depth(j, angle);
+  }
+  /// Of the stop's spring, and of friction where the joint moves.
+  [[nodiscard]] double contact_torque(std::size_t j, double angle) const {
+    const Mode& m = mode_[j];
+    double torque = -0.5 * stiffness_ * (1.0 + restitution_ * restitution_) * m.touches * depth(j, angle);
+    if (!m.held) torque -= m.moves * grip(j, angle);
+    return torque;
+  }
+  [[nodiscard]] double lower(std::size_t j, double angle) const {
+    return stiffness_ == 0.0 && mode_[j].touches > 0 ? -inf : -grip(j, angle);
+  }
+  [[nodiscard]] double upper(std::size_t j, double angle) const {
+    return stiffness_ == 0.0 && mode_[j].touches < 0 ? inf : grip(j, angle);
+  }
+
+  /// Calls f(value, kind, joint or motor, side). A joint that rubs is judged by its rate, and so on.
+  template <class F>
+  void for_each_guard(double t, const State& y, const F& f) const {
+    const Angles angle = Base::angles(y);
+    const Joints theta = Plant::joint_angles(angle), w = Plant::joint_rates(Base::rates(y));
+    for (std::size_t j = 0; j < joints; ++j) {
+      const Mode& m = mode_[j];
+      const bool soft = stiffness_ > 0.0 && m.touches != 0 && restitution_ < 1.0;
+      if (!m.held && (m.dry > 0.0 || soft)) f(m.moves * w[j] + rounding, Kind::slip, j, m.moves);
+      if (!m.stop) continue;
+      for (const int side : {-1, 1}) {
+        const double g = gap(j, side, theta[j]);
+        if (m.touches == 0) f(g + rounding, Kind::stop, j, side);
+        if (m.touches == side && stiffness_ > 0.0) f(rounding - g, Kind::stop, j, side);
+      }
+    }
+    if (held_ > 0) f(reserve(t, y), Kind::held, held_joint(), 0);
+    std::size_t at = Base::work + 1;
+    for (std::size_t k = 0; k < this->attached().drivetrain.size(); ++k) {
+      const Drivetrain& d = this->attached().drivetrain[k];
+      const std::size_t j = this->attached().motor_joint[k];
+      const auto own = std::span(y).subspan(at, d.states());
+      at += d.states();
+      if (!d.has_play()) continue;
+      for (const int side : {-1, 1}) {
+        if (flank_[k] == 0) f(rounding - d.contact(side, {theta[j], w[j]}, own), Kind::flank, k, side);
+        if (flank_[k] == side) f(rounding + d.contact(side, {theta[j], w[j]}, own), Kind::flank, k, side);
+      }
+    }
+  }
+
+  /// Accelerations at the joints under reactions r: free + sum of by[k] r[k], rad/s2.
+  struct Mobility {
+    Joints free{};
+    std::array<Joints, joints> by{};
+    std::array<double, joints> lower{}, upper{};
+  };
+  /// With no reaction at the held joints; `all`: responses to the others as well.
+  [[nodiscard]] Mobility mobility(double t, const State& y) const {
+    ++evaluations_;
+    State dy{};
+    const Angles angle = Base::angles(y), rate = Base::rates(y);
+    const Joints theta = Plant::joint_angles(angle);
+    Joints torque = this->joint_torque(t, y, dy, angle, rate, theta, Plant::joint_rates(rate));
+    Mobility m;
+    for (std::size_t j = 0; j < joints; ++j) {
+      torque[j] += contact_torque(j, theta[j]);
+      if (!mode_[j].held) continue;
+      m.by[j] = Plant::joint_rates(response(angle, j));
+      m.lower[j] = lower(j, theta[j]);
+      m.upper[j] = upper(j, theta[j]);
+    }
+    m.free = Plant::joint_rates(this->plant().acceleration(angle, rate, torque));
+    return m;
+  }
+
+  /// What is left, N m, until the held joints give way. One: of its reaction. Two and more (reactions may be
+  /// indeterminate): the loads that they can hold are a polygon, one pair of edges per held joint (a sum of
+  /// segments); this is the distance to the nearest edge.
+  [[nodiscard]] double reserve(double t, const State& y) const {
+    const Mobility m = mobility(t, y);
+    if (held_ > 1) return polygon_reserve(m);
+    const std::size_t j = held_joint();
+    const double r = -m.free[j] / m.by[j][j];
+    return std::min(m.upper[j] - r, r - m.lower[j]) + slack(m, j);
+  }
+  /// Rounding of a reaction.
+  [[nodiscard]] static double slack(const Mobility& m, std::size_t j) {
+    const auto finite = [](double v) { return std::isfinite(v) ? std::abs(v) : 0.0; };
+    return rounding * (finite(m.lower[j]) + finite(m.upper[j]) + 1e-3);
+  }
+  [[nodiscard]] double polygon_reserve(const Mobility& m) const {
+    std::size_t p = 0, q = 1;  // the best pair of joints for coordinates
+    double best = 0.0;
+    for (std::size_t i = 0; i < joints; ++i) {
+      for (std::size_t k = i + 1; k < joints; ++k) {
+        if (!mode_[i].held || !mode_[k].held) continue;
+        const double minor = std::abs(m.by[i][i] * m.by[k][k] - m.by[i][k] * m.by[k][i]);
+        if (minor > best) best = minor, p = i, q = k;
+      }
+    }
+    double least = 1e3;
+    for (std::size_t e = 0; e < joints; ++e) {
+      if (!mode_[e].held) continue;
+      for (const double sign : {-1.0, 1.0}) {
+        const double nx = -sign * m.by[e][q], ny = sign * m.by[e][p];
+        double reach = nx * m.free[p] + ny * m.free[q], scale = 0.0;  // less the load -free
+        double rounded = 0.0;
+        for (std::size_t k = 0; k < joints; ++k) {
+          if (!mode_[k].held || k == e) continue;
+          const double along = nx * m.by[k][p] + ny * m.by[k][q];
+          if (along != 0.0) reach += along * (along > 0.0 ? m.upper[k] : m.lower[k]);
+          rounded += std::abs(along) * slack(m, k);
+          scale = std::max(scale, std::abs(along));
+        }
+        if (scale > 0.0) least = std::min(least, (reach + rounded) / scale);
+      }
+    }
+    return least;
+  }
+
+  /// Whether a joint without rate may be held. Beside a held one, the others share one degree of freedom: if
+  /// any of them moves, this one is at a dead point and turns.
+  [[nodiscard]] bool can_hold(const State& y) const {
+    if (held_ == 0) return true;
+    double moving = 0.0;
+    for (const double w : Plant::joint_rates(Base::rates(y))) moving = std::max(moving, std::abs(w));
+    return moving <= 1e4 * rounding;
+  }
+  void hold(std::size_t j, State& y) {
+    mode_[j].held = true;
+    bring_to_rest(j, y);
+    ++held_;
+    if (held_ > 1) put_rates(y, Angles{});
+  }
+  /// Rate of joint j to exactly zero by an impulse there.
+  void bring_to_rest(std::size_t j, State& y) const {
+    Angles rate = Base::rates(y);
+    const Angles by = response(Base::angles(y), j);
+    const double r = -Plant::joint_rates(rate)[j] / Plant::joint_rates(by)[j];
+    for (std::size_t i = 0; i < by.size(); ++i) rate[i] += r * by[i];
+    rate[j] = j % 2 == 0 ? 0.0 : rate[j - 1];
+    put_rates(y, rate);
+  }
+
+  void first_modes(State& y) {
+    const Joints theta = Plant::joint_angles(Base::angles(y)), w = Plant::joint_rates(Base::rates(y));
+    bool struck = false;
+    held_ = 0;
+    for (std::size_t j = 0; j < joints; ++j) {
+      Mode& m = mode_[j];
+      m.held = false;
+      m.touches = 0;
+      m.moves = w[j] > 0.0 ? 1 : -1;
+      if (m.stop) {  // a start beyond a rigid stop is one in contact
+        if (stiffness_ == 0.0)
+          m.stop = Stop{std::min(m.stop->lower, theta[j]), std::max(m.stop->upper, theta[j])};
+        for (const int side : {-1, 1})
+          if (gap(j, side, theta[j]) <= 0.0) m.touches = side;
+        struck = struck || (stiffness_ == 0.0 && m.touches * w[j] > 0.0);
+      }
+    }
+    follow_flanks(y);
+    if (struck) collide(0.0, y);
+    hold_what_rests(y);
+  }
+  void follow_flanks(const State& y) {
+    const Joints theta = Plant::joint_angles(Base::angles(y)), w = Plant::joint_rates(Base::rates(y));
+    std::size_t at = Base::work + 1;
+    for (std::size_t k = 0; k < this->attached().drivetrain.size(); ++k) {
+      const Drivetrain& d = this->attached().drivetrain[k];
+      const std::size_t j = this->attached().motor_joint[k];
+      flank_[k] = 0;
+      for (const int side : {-1, 1})
+        if (d.has_play() && d.contact(side, {theta[j], w[j]}, std::span(y).subspan(at, d.states())) > 0.0)
+          flank_[k] = side;
+      at += d.states();
+    }
+  }
+  /// Joints at rest that friction or a stop may hold.
+  void hold_what_rests(State& y) {
+    const Joints theta = Plant::joint_angles(Base::angles(y)), w = Plant::joint_rates(Base::rates(y));
+    for (std::size_t j = 0; j < joints; ++j) {
+      const bool may = upper(j, theta[j]) - lower(j, theta[j]) > 0.0;
+      if (!mode_[j].held && may && std::abs(w[j]) <= 10.0 * rounding && can_hold(y)) hold(j, y);
+    }
+  }
+
+  /// Impact on every rigid stop that is touched: Newton's restitution, no impulse of friction, which is
+  /// bounded. Frees what was held and moves now.
+  void collide(double t, State& y) {
+    const Angles angle = Base::angles(y);
+    const Joints theta = Plant::joint_angles(angle), before = Plant::joint_rates(Base::rates(y));
+    struct Row {
+      std::size_t joint;
+      int side;
+      double rebound;
+      Angles by;
+    };
+    std::vector<Row> rows;
+    for (std::size_t j = 0; j < joints; ++j) {
+      mode_[j].held = false;
+      if (!mode_[j].stop) continue;
+      for (const int side : {-1, 1}) {
+        if (gap(j, side, theta[j]) > rounding && mode_[j].touches != side) continue;
+        double back = restitution_ * std::max(0.0, side * before[j]);
+        rows.push_back({j, side, back, response(angle, j)});
+        mode_[j].touches = 0;
+      }
+    }
+    held_ = 0;
+    const Mobility m = mobility(t, y);
+    for (Row& r : rows) {  // the last bounce
+      const double push = r.side * m.free[r.joint];
+      if (r.rebound > 0.0 && r.rebound * r.rebound < rebound_min_ * std::max(push, 0.0)) {
+        r.rebound = 0.0;
+        ++events_.accumulated;
+      }
+    }
+    ++events_.impact;
+    Angles after = Base::rates(y);
+    y[Base::work] += push_back(rows, before, after);
+    put_rates(y, after);
+    const Joints w = Plant::joint_rates(after);
+    for (const Row& r : rows)
+      if (std::abs(w[r.joint]) <= 10.0 * rounding) mode_[r.joint].touches = r.side;
+    for (std::size_t j = 0; j < joints; ++j) mode_[j].moves = w[j] > 0.0 ? 1 : -1;
+    hold_what_rests(y);
+  }
+  /// Impulses of at most two stops; returns their work.
+  template <class Rows>
+  static double push_back(const Rows& rows, const Joints& before, Angles& after) {
+    const Angles start = after;
+    double least = inf, work = 0.0;
+    for (unsigned active = 0; active < 1U << rows.size(); ++active) {
+      std::array<double, 4> p{};
+      Angles rate = start;
+      const auto w = [&](std::size_t i) {
+        return rows[i].side * Plant::joint_rates(rate)[rows[i].joint] + rows[i].rebound;  // <= 0 is allowed
+      };
+      for (int sweep = 0; sweep < 200; ++sweep) {  // both at once, by relaxation; one needs one sweep
+        for (std::size_t i = 0; i < rows.size(); ++i) {
+          if ((active >> i & 1U) == 0) continue;
+          const double d = -w(i) / (rows[i].side * Plant::joint_rates(rows[i].by)[rows[i].joint]);
+          p[i] += d;
+          for (std::size_t k = 0; k < rate.size(); ++k) rate[k] += d * rows[i].by[k];
+        }
+      }
+      double wrong = 0.0, done = 0.0;
+      const Joints now = Plant::joint_rates(rate);
+      for (std::size_t i = 0; i < rows.size(); ++i) {
+        wrong = std::max({wrong, w(i), rows[i].side * p[i] > 0.0 ? std::abs(p[i]) : 0.0});
+        done += 0.5 * p[i] * (before[rows[i].joint] + now[rows[i].joint]);
+      }
+      if (wrong >= least) continue;
+      least = wrong;
+      after = rate;
+      work = done;
+    }
+    return work;
+  }
+
+  /// Which of the held joints stay, and which way the others go. Every assignment is tried; the one that
+  /// violates its conditions least is the solution, unique in its accelerations. The load is raised by 1e-9
+  /// so that a joint exactly at its limit gives way.
+  void settle(double t, State& y) {
+    hold_what_rests(y);
+    if (held_ == 0) return;
+    constexpr double raised = 1.0 + 1e-9;
+    Mobility m = mobility(t, y);
+    for (double& a : m.free) a *= raised;
+    std::vector<std::size_t> rows;
+    double scale = 0.0;
+    for (std::size_t j = 0; j < joints; ++j) {
+      if (mode_[j].held) rows.push_back(j);
+      scale = std::max(scale, std::abs(m.free[j]));
+    }
+    std::size_t patterns = 1;
+    for (std::size_t i = 0; i < rows.size(); ++i) patterns *= 3;
+    double least = inf;
+    std::array<int, joints> chosen{};
+    for (std::size_t p = 0; p < patterns; ++p) {
+      std::array<int, joints> way{};
+      std::size_t rest = p;
+      for (const std::size_t j : rows) {
+        way[j] = static_cast<int>(rest % 3) == 2 ? -1 : static_cast<int>(rest % 3);
+        rest /= 3;
+      }
+      const double wrong = violation(m, rows, way);
+      if (wrong >= least - 1e-15 * scale) continue;
+      least = wrong;
+      chosen = way;
+    }
+    for (const std::size_t j : rows) {
+      if (chosen[j] == 0) continue;
+      mode_[j].held = false;
+      mode_[j].moves = chosen[j];
+      if (stiffness_ == 0.0 && mode_[j].touches == -chosen[j]) mode_[j].touches = 0, ++events_.contact;
+      --held_;
+      ++events_.slip;
+    }
+  }
+  /// How far, rad/s2, an assignment (0: held, or its direction) is from a solution.
+  [[nodiscard]] double violation(const Mobility& m, const std::vector<std::size_t>& rows,
+                                 const std::array<int, joints>& way) const {
+    Joints a = m.free;
+    std::size_t held = 0, j = 0;
+    for (const std::size_t k : rows) {
+      if (way[k] == 0) {
+        ++held;
+        j = k;
+        continue;
+      }
+      const double r = way[k] > 0 ? m.lower[k] : m.upper[k];
+      if (!std::isfinite(r)) return inf;
+      for (std::size_t i = 0; i < joints; ++i) a[i] += r * m.by[k][i];
+    }
+    if (held > 1) return held < rows.size() ? inf : std::max(0.0, -polygon_reserve(m)) * m.by[j][j];
+    double wrong = 0.0;
+    if (held == 1) {
+      const double r = -a[j] / m.by[j][j];
+      wrong = std::max({0.0, r - m.upper[j], m.lower[j] - r}) * m.by[j][j];
+      for (std::size_t i = 0; i < joints; ++i) a[i] += r * m.by[j][i];
+    }
+    for (const std::size_t k : rows) wrong = std::max(wrong, -way[k] * a[k]);
+    return wrong;
+  }
+
+  std::array<Mode, joints> mode_{};
+  std::array<int, 4>& flank_;
+  double stiffness_ = 0.0;  ///< of the stops, N m/rad; 0: rigid, or none
+  double restitution_ = 0.0;
+  double rebound_min_;
+  std::size_t held_ = 0;
+  bool begun_ = false;
+  Events events_;
+  mutable long evaluations_ = 0;
+};
+
+}  // namespace esmc::host

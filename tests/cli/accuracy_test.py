@@ -1,0 +1,102 @@
+#!/usr/bin/env python3
+"""simulation.accuracy from outside: cases that went wrong once, what is refused, what the summary says.
+usage: accuracy_test.py ESMC SCENES"""
+import csv
+import json
+import math
+import subprocess
+import sys
+import tempfile
+import unittest
+from pathlib import Path
+
+ARM = ['control.law=none', 'reference={type="hold"}', "initial.joints=[0.3,0.7]", "simulation.duration=1"]
+FRICTION = '{type="coulomb_friction",torque=[0.5,0.2]}'
+SMOOTH = FRICTION.replace("}", ",regularised=1e-3}")
+
+
+def esmc(*args):
+    return subprocess.run([ESMC, *map(str, args)], capture_output=True, text=True, check=False)
+
+
+def sets(values):
+    return [word for v in values for word in ("--set", v)]
+
+
+class Accuracy(unittest.TestCase):
+    def run_sim(self, scene, *values, command="sim"):
+        r = esmc(command, Path(SCENES, scene), "--json", *sets(values))
+        self.assertEqual((r.returncode, r.stderr), (0, ""))
+        return json.loads(r.stdout)
+
+    def refused(self, scene, *values, word, command="sim", code=1):
+        r = esmc(command, Path(SCENES, scene), *sets(values))
+        self.assertEqual((r.returncode, r.stdout, r.stderr.count("\n")), (code, "", 1), r.stderr)
+        self.assertIn(word, r.stderr)
+
+    def off(self, run, truth):
+        return max(abs(a - b) for a, b in zip(run["final_state"]["q"], truth, strict=True))
+
+    def test_set_valued_friction_of_the_arm(self):
+        truth = (-2.158441, -0.707371)  # by an event-driven solution of others, six digits
+        for asked in (1e-3, 1e-4, 1e-6):
+            run = self.run_sim("rr_line.toml", *ARM, f"effects=[{FRICTION}]", f"simulation.accuracy={asked}")
+            self.assertLess(self.off(run, truth), asked + 1e-6)
+            a = run["accuracy"]
+            self.assertEqual((a["asked"], a["of"], a["method"]), (asked, "end", "event_driven"))
+            self.assertLessEqual(a["estimated"], asked)
+            self.assertGreater(a["events"]["total"], 5)
+
+    def test_smooth_stiff_friction_is_reached(self):
+        fine = self.run_sim("rr_line.toml", *ARM, f"effects=[{SMOOTH}]", "simulation.integrator=rk4", "simulation.step=1e-5")
+        run = self.run_sim("rr_line.toml", *ARM, f"effects=[{SMOOTH}]", "simulation.accuracy=1e-6")
+        self.assertLess(self.off(run, fine["final_state"]["q"]), 1e-6)
+
+    def test_radau_of_fixed_steps_stays_finite(self):
+        fine = self.run_sim("rr_line.toml", *ARM, f"effects=[{SMOOTH}]", "simulation.integrator=rk4", "simulation.step=1e-5")
+        run = self.run_sim("rr_line.toml", *ARM, f"effects=[{SMOOTH}]", "simulation.integrator=radau5", "simulation.step=1e-3")
+        self.assertLess(self.off(run, fine["final_state"]["q"]), 1e-2)
+
+    def test_few_digits_do_not_cost_many(self):
+        spring = '{type="joint_flexibility",stiffness=[100.0,100.0],damping=[0.1,0.1],rotor_inertia=[0.01,0.01]}'
+        run = self.run_sim("rr_line.toml", *ARM, f"effects=[{spring}]", "simulation.accuracy=1e-2")
+        self.assertEqual((run["integrator"], run["accuracy"]["events"]["total"]), (run["accuracy"]["method"], 0))
+        self.assertNotEqual(run["integrator"], "radau5")
+        self.assertGreater(run["accuracy"]["step"], 9e-4)  # one step per tick
+
+    def test_every_row_of_a_trajectory(self):
+        stops = '{type="end_stops",lower=[-1.0,-0.5],upper=[1.0,2.0],restitution=0.4}'
+        rows = {}
+        for asked in ("1e-8", "1e-4"):
+            with tempfile.TemporaryDirectory() as folder:
+                out = Path(folder, "out")
+                r = esmc("sim", Path(SCENES, "rr_line.toml"), "--out", out, "--json",
+                         *sets([*ARM, f"effects=[{FRICTION},{stops}]", f"simulation.accuracy={asked}", "simulation.accuracy_of=trajectory"]))
+                self.assertEqual((r.returncode, r.stderr), (0, ""))
+                self.assertEqual(json.loads(r.stdout)["accuracy"]["of"], "trajectory")
+                with open(out / "log.csv", newline="", encoding="utf-8") as f:
+                    rows[asked] = [(float(row["theta1"]), float(row["theta2"])) for row in csv.DictReader(f)]
+        self.assertEqual(len(rows["1e-8"]), 1000)
+        self.assertLess(max(math.dist(a, b) for a, b in zip(rows["1e-8"], rows["1e-4"], strict=True)), 1e-4)
+
+    def test_a_bounce_that_never_ends_ends(self):
+        stops = '{type="end_stops",lower=[-1.0,-2.0],upper=[1.0,2.0],restitution=0.5}'
+        run = self.run_sim("rr_line.toml", *ARM[:3], "simulation.duration=4", f"effects=[{stops},{FRICTION}]", "simulation.accuracy=1e-6")
+        self.assertGreater(run["accuracy"]["events"]["accumulated"], 0)
+        self.assertEqual(run["final_state"]["qd"], [0.0, 0.0])
+
+    def test_what_the_scene_does_not_decide_is_refused(self):
+        self.refused("five_bar_circle.toml", "control.law=none", "simulation.duration=5", "simulation.accuracy=1e-9", word="ill_posed")
+
+    def test_a_bus_carries_single_precision(self):
+        run = self.run_sim("five_bar_circle.toml", "simulation.duration=0.2", "simulation.accuracy=1e-6", command="hil")
+        self.assertLessEqual(run["accuracy"]["estimated"], 1e-6)
+        fine = self.run_sim("five_bar_circle.toml", "simulation.duration=0.2", "simulation.step=1e-5", command="hil")
+        self.assertLess(self.off(run, fine["final_state"]["q"]), 1e-6)
+        self.refused("five_bar_circle.toml", "simulation.accuracy=1e-7", word="32-bit", command="hil")
+        self.refused("five_bar_circle.toml", "simulation.accuracy_of=end", word="needs 'accuracy'", code=2)
+
+
+if __name__ == "__main__":
+    ESMC, SCENES = sys.argv[1], sys.argv[2]
+    unittest.main(argv=[sys.argv[0], *sys.argv[3:]])
