@@ -40,4 +40,18 @@ Matrix gradient_covariance(const Matrix& A, const Vector& r, Eigen::Index blocks
   return count / std::max(1.0, free) * gram(gradients.transpose());
 }
 
+MoreUnknowns more_unknowns(const Matrix& A, const Vector& r, const Matrix& Z, Eigen::Index blocks) {
+  constexpr double left_over = 1e-3;  // of a column of Z; less than that is rounding and noise of A
+  const Matrix G = A.colPivHouseholderQr().solve(Z), own = Z - A * G;
+  MoreUnknowns out{Vector::Zero(Z.cols()), Matrix::Identity(Z.cols(), Z.cols()), 0.0, Vector::Zero(A.cols())};
+  for (Eigen::Index c = 0; c < Z.cols(); ++c)
+    if (!(own.col(c).norm() > left_over * Z.col(c).norm())) return out;
+  const Matrix inverse = pseudo_inverse(gram(own));
+  out.value = inverse * (own.transpose() * r);
+  out.covariance = congruent(inverse, gradient_covariance(own, r - own * out.value, blocks));
+  out.statistic = quadratic(pseudo_inverse(out.covariance), out.value);
+  out.shift = G * out.value;
+  return out;
+}
+
 }  // namespace esmc::host

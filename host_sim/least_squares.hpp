@@ -3,6 +3,7 @@
 /// covariance of an estimate whose residuals are correlated in time.
 
 #include <Eigen/Core>
+#include <algorithm>
 
 namespace esmc::host {
 
@@ -34,5 +35,20 @@ struct Modes {
 /// the order of time. Residuals are correlated in time, so it is taken from how the gradients of consecutive
 /// blocks of equations scatter: `blocks` >= 1 of them, better more than A has columns. One block gives 0.
 [[nodiscard]] Matrix gradient_covariance(const Matrix& A, const Vector& r, Eigen::Index blocks);
+
+/// Blocks for that: windows of equations overlap `hops` times.
+[[nodiscard]] inline Eigen::Index correlation_blocks(Eigen::Index rows, Eigen::Index hops) {
+  return std::clamp<Eigen::Index>(rows / 2 / hops, 1, 60);
+}
+
+/// What more unknowns would find in the residual r of min |A x - b|: Z, a column each, of rows like A.
+struct MoreUnknowns {
+  Vector value;
+  Matrix covariance;       ///< for residuals that are correlated in time
+  double statistic = 0.0;  ///< value^T covariance^-1 value; 0: A leaves nothing of Z
+  Vector shift;            ///< of x, without them
+};
+[[nodiscard]] MoreUnknowns more_unknowns(const Matrix& A, const Vector& r, const Matrix& Z,
+                                         Eigen::Index blocks);
 
 }  // namespace esmc::host

@@ -4,17 +4,19 @@
 
 #include <algorithm>
 #include <cmath>
-#include <filesystem>
 #include <nlohmann/json.hpp>
 #include <numbers>
+#include <tuple>
 
+#include "host_sim/calibrate/eccentric.hpp"
 #include "host_sim/calibrate/geometry.hpp"
 #include "host_sim/controller/controller_config.hpp"
 #include "host_sim/error.hpp"
 #include "host_sim/record/derivatives.hpp"
 #include "host_sim/record/output.hpp"
 #include "host_sim/record/recording.hpp"
-#include "host_sim/scene/reader.hpp"
+#include "host_sim/scene/edit.hpp"
+#include "host_sim/scene/toml_text.hpp"
 
 namespace esmc::host {
 namespace {
@@ -228,8 +230,22 @@ std::string scale_text(const CalibrationProblem& p) {
   return text;
 }
 
+/// What a calibration found, for its output.
+struct Found {
+  EffectorError effector;
+  std::vector<EccentricEncoder> eccentric;
+  std::string snippet;
+};
+
+std::string text_of(const EccentricEncoder& e) {
+  return fmt::format("the encoder of {} is off its centre: {:.2g} +- {:.1g} rad once per turn",
+                     joint_names(MechanismType::five_bar)[static_cast<std::size_t>(e.joint)], e.amount,
+                     e.sigma);
+}
+
 Json json_of(const Calibration& c, const CalibrationProblem& p, const RecordedRun& run, const JointLog& log,
-             const EffectorError& e, const std::string& snippet) {
+             const Found& found) {
+  const EffectorError& e = found.effector;
   Json j;
   j["scene"] = run.scene.name;
   j["log"] = run.log;
@@ -254,12 +270,20 @@ Json json_of(const Calibration& c, const CalibrationProblem& p, const RecordedRu
       p.five_bar ? Json{{"nominal_rms_m", c.closure_rms_nominal}, {"rms_m", c.closure_rms}} : Json(nullptr);
   j["effector_readings_rms_m"] = p.effector.empty() ? Json(nullptr) : Json(c.effector_rms);
   j["effector"] = {{"nominal_rms_m", e.rms}, {"nominal_max_m", e.max}, {"sigma_m", e.sigma}};
-  j["toml"] = snippet;
+  j["misfits"] = Json::array();
+  for (const EccentricEncoder& x : found.eccentric)
+    j["misfits"].push_back({{"code", "eccentric_encoder"},
+                            {"where", joint_names(run.scene.type)[static_cast<std::size_t>(x.joint)]},
+                            {"amount", x.amount},
+                            {"sigma", x.sigma},
+                            {"text", text_of(x)}});
+  j["toml"] = found.snippet;
   return j;
 }
 
 void print(const Calibration& c, const CalibrationProblem& p, const RecordedRun& run, const JointLog& log,
-           const EffectorError& e, const std::string& snippet) {
+           const Found& found) {
+  const EffectorError& e = found.effector;
   fmt::print("{}: {} rows, {}\n", printable(run.scene.name), log.table.rows(), scale_text(p));
   fmt::print("{:<16} {:>12} {:>16} {:>12}\n", "", "nominal", "estimate", "+-");
   for (const int u : c.estimated) {
@@ -280,31 +304,18 @@ void print(const Calibration& c, const CalibrationProblem& p, const RecordedRun&
       "these are good for "
       "{:.2g} mm (standard uncertainty)\n",
       1e3 * e.rms, 1e3 * e.max, 1e3 * e.sigma);
-  fmt::print("\n{}", snippet);
+  for (const EccentricEncoder& x : found.eccentric)
+    fmt::print("warning: eccentric_encoder: {}; the uncertainties have grown by what it shifts\n",
+               text_of(x));
+  fmt::print("\n{}", found.snippet);
 }
 
 // ---- the scene with the values of a calibration
 
-toml::table leg_table(LegParams<double> p, double l1, double l2) {
-  toml::table t{{"l1", l1},   {"l2", l2},   {"lg1", p.lg1}, {"lg2", p.lg2},
-                {"m1", p.m1}, {"m2", p.m2}, {"J1", p.J1},   {"J2", p.J2}};
-  t.is_inline(true);
-  return t;
-}
-
-toml::array numbers(const std::vector<double>& values) {
-  toml::array out;
-  for (const double v : values) out.push_back(v);
-  return out;
-}
-
 /// The offsets of what [drives] and [sensors] name, in their order; or, where the zero is set in a pose, the
 /// angles of that pose.
 void correct_offsets(toml::table& into, const Scene& scene, const Unknowns& value) {
-  const auto section = [&](const char* name) -> toml::table& {
-    if (into[name].as_table() == nullptr) into.insert_or_assign(name, toml::table{});
-    return *into[name].as_table();
-  };
+  const auto section = [&](const char* name) -> toml::table& { return sub_table(into, name); };
   const bool five_bar = scene.type == MechanismType::five_bar;
   const std::size_t joints = five_bar ? 4 : 2;
   const auto correction = [&](std::size_t joint) { return value[unknown_o11 + static_cast<int>(joint)]; };
@@ -319,7 +330,7 @@ void correct_offsets(toml::table& into, const Scene& scene, const Unknowns& valu
       pose.push_back(was + correction(j));
       ++sensed;
     }
-    section("drives").insert_or_assign("zero_pose", numbers(pose));
+    section("drives").insert_or_assign("zero_pose", number_array(pose));
     return;
   }
   std::vector<double> drives, sensors;
@@ -328,76 +339,68 @@ void correct_offsets(toml::table& into, const Scene& scene, const Unknowns& valu
     return i < scene.drives.offset.size() ? scene.drives.offset[i] : 0.0;
   };
   for (std::size_t m = 0; m < motors.size(); ++m) drives.push_back(offset(m) + correction(motors[m]));
-  section("drives").insert_or_assign("offset", numbers(drives));
+  section("drives").insert_or_assign("offset", number_array(drives));
   if (!(five_bar && scene.all_sensors && !scene.all_motors)) return;
   for (std::size_t i = 0; i < 2; ++i) sensors.push_back(offset(2 + i) + correction(2 * i + 1));
-  section("sensors").insert_or_assign("offset", numbers(sensors));
+  section("sensors").insert_or_assign("offset", number_array(sensors));
 }
 
-void correct_lengths(toml::table& mechanism, const Scene& scene, const Unknowns& value) {
-  const FiveBarParams<double>& p = scene.mechanism;
-  if (scene.type == MechanismType::rr) {
-    mechanism.insert_or_assign("leg", leg_table(p.legs[0], value[unknown_l11], value[unknown_l12]));
-    return;
+/// `p` with the lengths of a calibration.
+FiveBarParams<double> with_lengths(FiveBarParams<double> p, MechanismType type, const Unknowns& value) {
+  if (type == MechanismType::five_bar) p.l0 = value[unknown_l0];
+  for (int leg = 0; leg < (type == MechanismType::five_bar ? 2 : 1); ++leg) {
+    p.legs[static_cast<std::size_t>(leg)].l1 = value[unknown_l11 + 2 * leg];
+    p.legs[static_cast<std::size_t>(leg)].l2 = value[unknown_l12 + 2 * leg];
   }
-  mechanism.insert_or_assign("half_base", value[unknown_l0]);
-  mechanism.erase("leg");
-  mechanism.insert_or_assign("legs",
-                             toml::array{leg_table(p.legs[0], value[unknown_l11], value[unknown_l12]),
-                                         leg_table(p.legs[1], value[unknown_l21], value[unknown_l22])});
+  return p;
 }
 
 /// TOML to paste: [mechanism] and the corrected offsets, and nothing else.
 std::string calibrated_snippet(const Scene& scene, const Unknowns& value) {
-  toml::table out{{"mechanism", toml::table{}}};
-  correct_lengths(*out["mechanism"].as_table(), scene, value);
+  toml::table out;
+  set_mechanism(sub_table(out, "mechanism"), scene.type, with_lengths(scene.mechanism, scene.type, value),
+                false);
   correct_offsets(out, scene, value);
   const std::string text = toml_text(out);
   return text.substr(text.find_first_not_of('\n'));
 }
 
-/// The whole scene of a run with these values; factors of control.model on lengths are gone. Throws
-/// InputError where it is not possible.
-std::string calibrated_scene(const RecordedRun& run, const Unknowns& value) {
-  toml::table scene = parse_scene_file(run.scene_file, {});
-  correct_lengths(*scene["mechanism"].as_table(), run.scene, value);
-  correct_offsets(scene, run.scene, value);
-  if (toml::table* model = scene["control"]["model"].as_table()) {
-    for (const char* key : {"mechanism", "half_base", "l1", "l2"}) model->erase(key);
-    if (model->empty()) scene["control"].as_table()->erase("model");
-  }
-  const auto absolute = [&](const char* section, const char* key) {  // the new file may stand elsewhere
-    if (const auto path = scene[section][key].value<std::string>()) {
-      const std::filesystem::path whole =
-          std::filesystem::absolute(std::filesystem::path(run.scene_file).parent_path() / *path);
-      scene[section].as_table()->insert_or_assign(key, whole.lexically_normal().string());
-    }
-  };
-  absolute("reference", "path");
-  absolute("drives", "endpoints");
-  std::string text = toml_text(scene);
-  try {
-    (void)read_scene_text(text, "calibrated scene", {});
-  } catch (const InputError& e) {
-    refuse("--write: the scene does not fit its calibrated mechanism: {}", e.what());
-  }
-  return text;
+/// Half widths of the lengths, as shares, into [uncertainty]: `sigmas` standard uncertainties of the leg
+/// whose length is known less well.
+void set_length_uncertainty(toml::table& uncertainty, const Calibration& c, bool five_bar) {
+  constexpr double sigmas = 3.0;
+  const auto share = [&](int unknown) { return std::min(0.5, sigmas * c.sigma(unknown) / c.value[unknown]); };
+  if (five_bar) uncertainty.insert_or_assign("half_base", share(unknown_l0));
+  for (const auto& [key, one, two] :
+       {std::tuple("l1", unknown_l11, unknown_l21), std::tuple("l2", unknown_l12, unknown_l22)})
+    uncertainty.insert_or_assign(key, five_bar ? std::max(share(one), share(two)) : share(one));
 }
 
-/// Throws InputError when `file` is one of the inputs.
-void refuse_overwrite(const std::string& file, const std::vector<std::string>& inputs) {
-  for (const std::string& input : inputs) {
-    std::error_code error;
-    if (!input.empty() && std::filesystem::equivalent(file, input, error) && !error)
-      refuse("--write: {} is an input of this calibration", file);
+/// The whole scene of a run with these values, also in the mechanism that control.model states; a file and
+/// factors on lengths that control.model names are gone. Throws InputError where it is not possible.
+std::string calibrated_scene(const RecordedRun& run, const Calibration& c) {
+  const Scene& of = run.scene;
+  toml::table scene = parse_scene_file(run.scene_file, {});
+  set_mechanism(*scene["mechanism"].as_table(), of.type, with_lengths(of.mechanism, of.type, c.value), false);
+  correct_offsets(scene, of, c.value);
+  set_length_uncertainty(sub_table(scene, "uncertainty"), c, of.type == MechanismType::five_bar);
+  if (toml::table* model = scene["control"]["model"].as_table()) {
+    for (const char* key : {"half_base", "l1", "l2"}) model->erase(key);
+    if (toml::table* own = (*model)["mechanism"].as_table()) {
+      set_mechanism(*own, of.type, with_lengths(*of.believed, of.type, c.value), false);
+    } else {
+      model->erase("mechanism");
+    }
+    if (model->empty()) scene["control"].as_table()->erase("model");
   }
+  return edited_scene(std::move(scene), run.scene_file);
 }
 
 }  // namespace
 
 int run_calibrate(const CalibrateOptions& o) {
   const RecordedRun run = open_run(o.log, o.scene);
-  if (!o.write.empty()) refuse_overwrite(o.write, {run.log, run.scene_file, o.effector});
+  refuse_overwrite(o.write, {run.log, run.scene_file, o.effector});
   const JointLog read = read_log(run);
   // The lag of the drives' observers is unknown: half of the largest, and an even distribution over the
   // range.
@@ -415,13 +418,15 @@ int run_calibrate(const CalibrateOptions& o) {
     const Unknowns range = whole.value - none.value;
     c.covariance += gram(range.transpose()) / 12.0;
   }
-  const EffectorError e = effector_error(c, p, log);
-  const std::string snippet = calibrated_snippet(run.scene, c.value);
-  if (!o.write.empty()) print_or_write(calibrated_scene(run, c.value), o.write);
+  Found found;
+  found.eccentric = name_eccentric(p, c);
+  found.effector = effector_error(c, p, log);
+  found.snippet = calibrated_snippet(run.scene, c.value);
+  if (!o.write.empty()) print_or_write(calibrated_scene(run, c), o.write);
   if (o.json) {
-    fmt::print("{}\n", json_of(c, p, run, log, e, snippet).dump(2));
+    fmt::print("{}\n", json_of(c, p, run, log, found).dump(2));
   } else {
-    print(c, p, run, log, e, snippet);
+    print(c, p, run, log, found);
   }
   return 0;
 }

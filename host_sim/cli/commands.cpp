@@ -329,6 +329,8 @@ void add_identify(Program& p) {
   add_positive(c, "--window", o.window, "s under which the equations are taken");
   add_observer_bandwidth(c, o.observer_bandwidth);
   add_positive(c, "--coverage", o.coverage, "half width of the intervals, in standard uncertainties");
+  c.add_option("--write", o.write, "scene file to write: its controller believes what was found")
+      ->type_name("FILE");
   add_json(c, o.json);
 }
 

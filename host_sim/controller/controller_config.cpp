@@ -206,18 +206,18 @@ FiveBarParams<double> believed_mechanism(const Scene& scene) {
   p.l0 *= f.half_base;
   p.m0 *= f.effector_mass;
   p.g *= f.gravity;
-  const auto friction = find_effect<ViscousFriction>(scene.effects);
-  const auto dry = find_effect<CoulombFriction>(scene.effects);
+  PerJoint viscous = f.viscous, coulomb = f.coulomb;
+  if (f.exact_friction) {
+    viscous = find_effect<ViscousFriction>(scene.effects).value_or(ViscousFriction{}).coefficient;
+    coulomb = find_effect<CoulombFriction>(scene.effects).value_or(CoulombFriction{}).torque;
+  }
   for (std::size_t j = 0; j < 2; ++j) {
-    for (const LegKey& k : leg_keys) p.legs[j].*k.value *= f.*k.factor;
-    if (f.exact_friction && friction) {
-      p.legs[j].d1 = friction->coefficient[2 * j];
-      p.legs[j].d2 = friction->coefficient[2 * j + 1];
-    }
-    if (f.exact_friction && dry) {
-      p.legs[j].gamma1 = dry->torque[2 * j];
-      p.legs[j].gamma2 = dry->torque[2 * j + 1];
-    }
+    LegParams<double>& leg = p.legs[j];
+    for (const LegKey& k : leg_keys) leg.*k.value *= f.*k.factor;
+    leg.d1 = viscous[2 * j];
+    leg.d2 = viscous[2 * j + 1];
+    leg.gamma1 = coulomb[2 * j];
+    leg.gamma2 = coulomb[2 * j + 1];
   }
   return p;
 }

@@ -37,7 +37,7 @@ template <>
 ReferenceBundle<float> make_reference<float>(const Scene& scene, Pacing pacing);
 
 /// The controller's belief: the scene's `believed`, or else the true mechanism, times the factors of
-/// [control.model]; with friction = "exact" it has the friction of the effects.
+/// [control.model], with its friction; with friction = "exact" that of the effects.
 FiveBarParams<double> believed_mechanism(const Scene& scene);
 /// Whether l1, l2 and l0 of both are equal to the last bit, and so all poses.
 [[nodiscard]] bool same_lengths(const FiveBarParams<double>& a, const FiveBarParams<double>& b);

@@ -10,7 +10,10 @@
 #include "host_sim/error.hpp"
 #include "host_sim/identify/inertia.hpp"
 #include "host_sim/identify/uncertainty.hpp"
+#include "host_sim/record/output.hpp"
 #include "host_sim/record/recording.hpp"
+#include "host_sim/scene/edit.hpp"
+#include "host_sim/scene/toml_text.hpp"
 
 namespace esmc::host {
 namespace {
@@ -58,12 +61,38 @@ IdentifyProblem read_problem(const RecordedRun& run, const IdentifyOptions& o) {
            log.rows(), o.window, needed, static_cast<double>(needed) * p.tick);
   require_every_tick(log, 0, p.tick);
   p.angle = {log.columns[1], log.columns[2]};
+  for (const std::size_t m : motors) p.motors.push_back(static_cast<int>(m));
   for (std::size_t i = 0; i < log.rows(); ++i) {
     std::array<double, 4> torque{};
     for (std::size_t m = 0; m < motors.size(); ++m) torque[motors[m]] = log.columns[3 + m][i];
     p.torque.push_back(torque);
   }
   return p;
+}
+
+/// One line on a defect that was found.
+std::string text_of(const Defect& d, const RecordedRun& run, double coverage) {
+  const std::string joint = joint_names(run.scene.type)[static_cast<std::size_t>(d.joint)];
+  const double half = coverage * d.sigma;
+  switch (d.kind) {
+    case DefectKind::direction:
+      return fmt::format(
+          "the dry friction of {} depends on the direction, by {:.3g} +- {:.2g} N m either way", joint,
+          d.amount, half);
+    case DefectKind::rotor:
+      return fmt::format("a rotor behind the gear of {} that the model has not: {:.3g} +- {:.2g} kg m2",
+                         joint, d.amount, half);
+    case DefectKind::torque_constant:
+      return fmt::format("the motor of {} gives {:.4g} +- {:.2g} times the torque that is asked of it", joint,
+                         1.0 + d.amount, half);
+    case DefectKind::cogging:
+      return fmt::format("cogging of {}: {:.3g} +- {:.2g} N m, about {:g} times per turn", joint, d.amount,
+                         half, d.periods);
+    case DefectKind::eccentric:
+      return fmt::format("the encoder of {} is off its centre: {:.3g} +- {:.2g} rad once per turn", joint,
+                         d.amount, half);
+  }
+  return {};
 }
 
 void judge(const Identification& r, const RecordedRun& run, const IdentifyOptions& o) {
@@ -131,6 +160,13 @@ Json json_of(const Identification& r, const RecordedRun& run, const IdentifyProb
                 {"upper", r.delay_ticks + o.coverage * r.delay_sigma}};
   j["residual_nm_rms"] = r.residual;
   j["torque_nm_rms"] = r.effort;
+  j["misfits"] = Json::array();
+  for (const Defect& d : r.defects)
+    j["misfits"].push_back({{"code", defect_codes[static_cast<std::size_t>(d.kind)]},
+                            {"where", joint_names(run.scene.type)[static_cast<std::size_t>(d.joint)]},
+                            {"amount", d.amount},
+                            {"sigma", d.sigma},
+                            {"text", text_of(d, run, o.coverage)}});
   j["warnings"] = table.warnings;
   j["toml"] = table.toml;
   return j;
@@ -160,14 +196,43 @@ void print(const Identification& r, const RecordedRun& run, const IdentifyProble
              sums);
   fmt::print("unexplained: {:.2g} and {:.2g} N m rms of {:.2g} and {:.2g}\n", r.residual[0], r.residual[1],
              r.effort[0], r.effort[1]);
+  for (const Defect& d : r.defects)
+    fmt::print("warning: {}: {}; more unknowns of the intervals, not in the table\n",
+               defect_codes[static_cast<std::size_t>(d.kind)], text_of(d, run, o.coverage));
   for (const std::string& w : table.warnings) fmt::print("warning: {}\n", w);
   fmt::print("\n{}", table.toml);
+}
+
+/// The scene of the run whose controller believes what was found.
+std::string identified_scene(const Identification& r, const RecordedRun& run, const IdentifyProblem& p,
+                             double coverage) {
+  const FiveBarParams<double> found = identified_mechanism(r, p, believed_mechanism(run.scene), coverage);
+  toml::table scene = parse_scene_file(run.scene_file, {});
+  toml::table mechanism{{"type", name(run.scene.type)}};
+  set_mechanism(mechanism, run.scene.type, found, true);
+  mechanism.insert("working_mode", *scene["mechanism"]["working_mode"].as_array());
+  std::vector<double> viscous, coulomb;
+  for (std::size_t leg = 0; leg < (p.five_bar ? 2U : 1U); ++leg) {
+    const LegParams<double>& l = found.legs[leg];
+    viscous.insert(viscous.end(), {l.d1, l.d2});
+    coulomb.insert(coulomb.end(), {l.gamma1, l.gamma2});
+  }
+  toml::table friction{{"viscous", number_array(viscous)}, {"coulomb", number_array(coulomb)}};
+  friction.is_inline(true);
+  sub_table(scene, "control")
+      .insert_or_assign("model", toml::table{{"mechanism", mechanism}, {"friction", friction}});
+  toml::table& uncertainty = sub_table(scene, "uncertainty");
+  for (const char* key : {"m1", "m2", "J1", "J2", "payload"}) uncertainty.erase(key);
+  toml::table around = parse_scene_text(uncertainty_table(r, p, found, coverage).toml, "", {});
+  for (auto&& [key, value] : *around["uncertainty"].as_table()) uncertainty.insert_or_assign(key, value);
+  return edited_scene(std::move(scene), run.scene_file);
 }
 
 }  // namespace
 
 int run_identify(const IdentifyOptions& o) {
   const RecordedRun run = open_run(o.log, o.scene);
+  refuse_overwrite(o.write, {run.log, run.scene_file});
   if (o.window < 20.0 * run.scene.tick() || o.window > 10.0)
     refuse("--window {:g}: from 20 ticks ({:g} s) to 10 s are allowed", o.window, 20.0 * run.scene.tick());
   const IdentifyProblem p = read_problem(run, o);
@@ -180,6 +245,7 @@ int run_identify(const IdentifyOptions& o) {
   }();
   judge(r, run, o);
   const UncertaintyTable table = uncertainty_table(r, p, believed_mechanism(run.scene), o.coverage);
+  if (!o.write.empty()) print_or_write(identified_scene(r, run, p, o.coverage), o.write);
   if (o.json) {
     fmt::print("{}\n", json_of(r, run, p, o, table).dump(2));
   } else {

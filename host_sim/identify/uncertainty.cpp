@@ -26,7 +26,7 @@ std::string interval(double lower, double upper) {
 /// The inertial base parameters: what was found of them, and what factors and a payload make of them.
 struct Changes {
   std::vector<const BaseParameter*> of;
-  Vector found;       ///< less nominal
+  Vector found;       ///< less what is believed
   Matrix covariance;  ///< of found
   Matrix by_factor;   ///< 4 columns, per unit of a factor
   Vector by_payload;  ///< per kg
@@ -51,8 +51,8 @@ Changes changes_of(const Identification& r, const IdentifyProblem& p, const Five
   }
   const auto n = static_cast<Eigen::Index>(at.size());
   c.found.resize(n);
-  for (std::size_t i = 0; i < at.size(); ++i)
-    c.found[static_cast<Eigen::Index>(i)] = c.of[i]->value - c.of[i]->nominal;
+  for (std::size_t i = 0; i < at.size(); ++i) c.found[static_cast<Eigen::Index>(i)] = c.of[i]->value;
+  c.found -= c.from_standard(standard_values(believed, p.five_bar));
   c.covariance = r.covariance(at, at);
   c.by_factor.resize(n, 4);
   for (std::size_t f = 0; f < factored.size(); ++f) {  // linear in each of them
@@ -251,7 +251,95 @@ std::string friction_lines(const Identification& r, double coverage, std::vector
   return out;
 }
 
+/// Adds a point mass at the effector.
+void add_payload(FiveBarParams<double>& p, double mass, bool five_bar) {
+  if (five_bar) {
+    p.m0 = std::max(0.0, p.m0 + mass);
+    return;
+  }
+  LegParams<double>& leg = p.legs[0];
+  const double whole = leg.m2 + mass;
+  if (!(whole > 0.0)) return;
+  leg.J2 = std::max(0.0, leg.J2 + leg.m2 * mass / whole * std::pow(leg.l2 - leg.lg2, 2));
+  leg.lg2 = (leg.m2 * leg.lg2 + mass * leg.l2) / whole;
+  leg.m2 = whole;
+}
+
+/// The masses and inertias of each leg for themselves, and the effector's mass: as near to `p` as what was
+/// found allows. `usual`: the size of each, which its change is compared with.
+void match_each(FiveBarParams<double>& p, const Identification& r, const IdentifyProblem& problem) {
+  constexpr double likely = 0.1;  // change of each, unless the log says otherwise
+  std::vector<double*> value;
+  std::vector<double> usual;
+  for (std::size_t leg = 0; leg < (problem.five_bar ? 2U : 1U); ++leg) {
+    LegParams<double>& l = p.legs[leg];
+    for (double LegParams<double>::*key : factored) value.push_back(&(l.*key));
+    const double both = 0.1 * (l.m1 + l.m2);
+    for (const double x : {l.m1 + both, l.m2 + both, l.J1 + both * l.l1 * l.l1, l.J2 + both * l.l2 * l.l2})
+      usual.push_back(x);
+  }
+  if (problem.five_bar) {
+    value.push_back(&p.m0);
+    usual.push_back(p.m0 + 0.1 * (p.legs[0].m2 + p.legs[1].m2));
+  }
+  const auto n = static_cast<Eigen::Index>(value.size());
+  std::vector<bool> at_zero(value.size(), false);
+  for (std::size_t pass = 0; pass <= value.size(); ++pass) {  // whatever would be below 0 is 0
+    const FiveBarParams<double> centre = p;
+    const Changes c = changes_of(r, problem, centre);
+    const Matrix root = whitening(c);
+    Matrix A = Matrix::Zero(c.found.size() + n, n);
+    Vector b = Vector::Zero(A.rows());
+    b.head(c.found.size()) = apply(root, c.found);
+    for (std::size_t k = 0; k < value.size(); ++k) {
+      const auto i = static_cast<Eigen::Index>(k);
+      A(c.found.size() + i, i) = 1.0;
+      if (at_zero[k]) continue;
+      const double was = *value[k];
+      *value[k] = was + likely * usual[k];
+      A.col(i).head(c.found.size()) = apply(root, c.from_standard(standard_values(p, problem.five_bar) -
+                                                                  standard_values(centre, problem.five_bar)));
+      *value[k] = was;
+    }
+    const Vector x = least_squares(A, b);
+    bool possible = true;
+    for (std::size_t k = 0; k < value.size(); ++k) {
+      if (*value[k] + likely * usual[k] * x[static_cast<Eigen::Index>(k)] >= 0.0) continue;
+      *value[k] = 0.0;
+      at_zero[k] = true;
+      possible = false;
+    }
+    if (!possible) continue;
+    for (std::size_t k = 0; k < value.size(); ++k)
+      *value[k] += likely * usual[k] * x[static_cast<Eigen::Index>(k)];
+    return;
+  }
+}
+
 }  // namespace
+
+FiveBarParams<double> identified_mechanism(const Identification& r, const IdentifyProblem& p,
+                                           FiveBarParams<double> believed, double coverage) {
+  std::vector<std::string> told;
+  const FactorFit f = choose_fit(changes_of(r, p, believed), coverage, told);
+  for (std::size_t leg = 0; leg < (p.five_bar ? 2U : 1U); ++leg) {
+    LegParams<double>& l = believed.legs[leg];
+    for (std::size_t k = 0; k < factored.size(); ++k)
+      l.*factored[k] *= std::max(0.0, 1.0 + f.value[static_cast<Eigen::Index>(k)]);
+  }
+  add_payload(believed, f.payload, p.five_bar);
+  match_each(believed, r, p);
+  double LegParams<double>::*const friction[] = {&LegParams<double>::d1, &LegParams<double>::d2,
+                                                 &LegParams<double>::gamma1, &LegParams<double>::gamma2};
+  for (const BaseParameter& b : r.parameters) {
+    if (b.of.inertial) continue;
+    const auto joint = static_cast<std::size_t>(b.of.name.back() - '1'),
+               leg = p.five_bar ? static_cast<std::size_t>(b.of.name[b.of.name.size() - 2] - '1') : 0U;
+    const bool dry = b.of.name.starts_with("coulomb");
+    believed.legs[leg].*friction[joint + (dry ? 2U : 0U)] = std::max(0.0, b.value);
+  }
+  return believed;
+}
 
 Vector standard_values(const FiveBarParams<double>& p, bool five_bar) {
   const int legs = five_bar ? 2 : 1, inertial = five_bar ? 9 : 4;

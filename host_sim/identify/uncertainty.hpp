@@ -12,6 +12,12 @@ namespace esmc::host {
 /// Values of the standard parameters, in the order of standard_parameters(). RR: `p` is read in legs[0].
 Vector standard_values(const FiveBarParams<double>& p, bool five_bar);
 
+/// The mechanism, with its friction, that explains what was identified and is near to the believed one:
+/// lengths and mass centres as believed (a payload of an arm moves that of its distal bar), and nothing below
+/// 0. r.weak must be empty.
+FiveBarParams<double> identified_mechanism(const Identification& r, const IdentifyProblem& p,
+                                           FiveBarParams<double> believed, double coverage);
+
 /// A table [uncertainty] and what is to be said about it, one line each.
 struct UncertaintyTable {
   std::string toml;

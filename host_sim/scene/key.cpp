@@ -53,6 +53,7 @@ std::string allowed(const Key& k) {
   std::string out;
   if (!k.choices.empty()) {
     out = fmt::format("{}one of: {}", k.kind == "strings" ? "array of strings, each " : "", k.choices);
+    if (k.kind == "string or table") out += ", or a table";
   } else {
     out = k.kind;
     if (std::isfinite(k.low)) {

@@ -46,14 +46,22 @@ void read_mechanism(Section s, Scene& scene) {
   s.finish();
 }
 
-/// The [mechanism] of another scene, which the controller believes in.
-FiveBarParams<double> read_belief(const Section& s, const std::string& name, Scene& scene) {
+/// The mechanism that the controller believes in: a table, or the [mechanism] of another scene.
+FiveBarParams<double> read_belief(Section& s, Scene& scene) {
+  Scene other;
+  if (s.is_table("mechanism")) {
+    Section own = s.required_section("mechanism");
+    own.use_schema("mechanism");
+    read_mechanism(own, other);
+    if (other.type != scene.type) s.fail("mechanism", "is of another type than [mechanism]");
+    return other.mechanism;
+  }
+  const std::string name = *s.optional_text("mechanism");
   const std::filesystem::path path = std::filesystem::path(scene.file).parent_path() / name;
   if (name.find('\0') != std::string::npos) s.fail("mechanism", "must be a file name, without NUL");
   std::string text = read_text_file(path.string(), "scene file");
   const toml::table table = parse_scene_text(text, path.string(), {});
   Section root(table, path.string(), "", "");
-  Scene other;
   read_mechanism(root.required_section("mechanism"), other);
   if (other.type != scene.type)
     s.fail("mechanism", "names a scene of another type of mechanism: " + path.string());
@@ -63,9 +71,15 @@ FiveBarParams<double> read_belief(const Section& s, const std::string& name, Sce
 
 void read_model(Section s, Scene& scene) {
   ModelFactors& f = scene.model;
-  if (const auto name = s.optional_text("mechanism")) scene.believed = read_belief(s, *name, scene);
+  if (s.has("mechanism")) scene.believed = read_belief(s, scene);
   s.read_fields(scene);
-  f.exact_friction = s.text("friction") == "exact";
+  if (s.is_table("friction")) {
+    Section friction = s.required_section("friction");
+    friction.read_fields(scene);
+    friction.finish();
+  } else {
+    f.exact_friction = s.text("friction") == "exact";
+  }
   s.finish();
   for (LegParams<double> leg : scene.believed ? scene.believed->legs : scene.mechanism.legs) {
     for (const LegKey& k : std::span(leg_keys).last<4>()) leg.*k.value *= f.*k.factor;  // masses, inertias

@@ -76,6 +76,8 @@ class Section {
   std::vector<std::string> texts(const std::string& key, std::size_t size);
   /// Reads { position, angle } into [position, angle]; a number stands for both.
   std::array<double, 2> per_kind(const std::string& key);
+  /// Whether the key is given as a table.
+  [[nodiscard]] bool is_table(const std::string& key) const { return (*table_)[key].is_table(); }
   /// Whether the key is given as the text `word`; false where it is absent or of another type.
   bool is_word(const std::string& key, const std::string& word);
   /// Reads one number (a vector of 1) or [lower, upper] (of 2, order not checked). None: the key is absent.

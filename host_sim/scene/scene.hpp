@@ -30,6 +30,7 @@ struct ModelFactors {
   double half_base = 1, effector_mass = 1, gravity = 1;
   double l1 = 1, l2 = 1, lg1 = 1, lg2 = 1, m1 = 1, m2 = 1, J1 = 1, J2 = 1;
   bool exact_friction = false;
+  PerJoint viscous{}, coulomb{};  ///< believed friction, N m s/rad, N m; unused with exact_friction
 };
 
 /// Keys of a leg, their values, and their factors in [control.model].

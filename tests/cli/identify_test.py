@@ -3,6 +3,7 @@
 intervals hold the truth; what is refused. usage: identify_test.py ESMC SCENES_DIR"""
 import csv
 import json
+import math
 import random
 import sys
 import tempfile
@@ -241,6 +242,128 @@ def designed(bench):
     expect(refused and "tried and helps: law smc" in refused, f"design of the full law: {refused}")
 
 
+def settled(bench, scene, *sets):
+    run = bench.run("sim", scene, "--json", *[x for s in sets for x in ("--set", s)])
+    expect(run.returncode == 0, f"sim {sets}: {run.stderr}")
+    return json.loads(run.stdout)["tracking"]["settled_rms_m"] if run.returncode == 0 else float("nan")
+
+
+def written(bench):
+    """--write: a scene whose controller tracks as if it knew the truth, and which every command reads; refusals leave nothing."""
+    legs = unequal_scene(bench)
+    rr = bench.scenes / "rr_line.toml"
+    sine = ["control.delay_ticks=3", "simulation.duration=4.0",
+            'reference={type="joint_sine", offset=[0.3, 1.5], amplitude=[0.5, 0.7], omega=[5.3, 8.9], join=0.3}']
+    cases = [("legs", legs, effects(VISCOUS, COULOMB), []),
+             ("equal", bench.scenes / "five_bar_identification.toml", effects([0.01, 0.002] * 2, [0.02, 0.004] * 2), ["control.model={m1=0.9, m2=1.1, J2=0.8}"]),
+             ("arm", rr, effects([0.1, 0.05], [0.2, 0.1]), ["control.model={m2=0.8, m1=1.1}", *sine])]
+    for name, scene, true_effects, sets in cases:
+        sets = [true_effects, *sets]
+        out, _ = bench.record(f"write {name}", "sim", scene, *[x for s in sets for x in ("--set", s)])
+        file = bench.folder / "elsewhere" / f"{name}.toml"
+        file.parent.mkdir(exist_ok=True)
+        before = bench.good(out, "--write", file)
+        model = tomllib.loads(file.read_text(encoding="utf-8"))["control"]["model"]
+        expect(set(model) == {"mechanism", "friction"}, f"{name}: {model}")
+        wrong, after = settled(bench, scene, *sets), settled(bench, file)
+        exact = settled(bench, scene, *sets, "control.model={m1=1, m2=1, J1=1, J2=1, friction=\"exact\"}")
+        expect(after <= 1.1 * exact and after < wrong, f"{name}: {after} m with what was found, {exact} with the truth, {wrong} before")
+        # The same numbers once more, believed already: nothing is left to find.
+        again, _ = bench.record(f"again {name}", "sim", file)
+        found = tomllib.loads(bench.good(again)["toml"])["uncertainty"]
+        for key in ("m1", "m2", "J1", "J2"):
+            lower, upper = found.get(key, (1, 1))
+            expect(lower <= 1 <= upper, f"{name}: {key} = {found.get(key)} after --write")
+        expect(before["misfits"] == [], f"{name}: {before['misfits']}")
+        for command in (["check"], ["design", "--set", "control.law=smc"], ["hil", "--set", "simulation.duration=0.1"]):
+            run = bench.run(command[0], file, *command[1:])
+            expect(run.returncode in (0, 1) and "esmc: " not in run.stderr.replace("esmc: warning", ""), f"{name}: {command}: {run.returncode} {run.stderr}")
+    plain, _ = bench.record("write plain", "sim", legs)
+    for what, target in (("is an input of this command", plain / "scene.toml"), ("no/such", bench.folder / "no/such/file.toml")):
+        bench.bad(what, plain, "--write", target)
+    text = (plain / "log.csv").read_text(encoding="utf-8").splitlines()[:900]
+    short = bench.folder / "short.csv"
+    short.write_text("\n".join(text) + "\n", encoding="utf-8")
+    target = bench.folder / "never.toml"
+    bench.bad("rows are too few", short, "--scene", legs, "--write", target)
+    expect(not target.exists(), "a refusal left a scene")
+
+
+def belief(bench):
+    """Friction and a mechanism of the controller's own: the same run as by what they replace; what is wrong is said."""
+    scene = bench.scenes / "five_bar_friction.toml"
+
+    def digest(*sets):
+        run = bench.run("sim", scene, "--json", "--set", "simulation.duration=0.7", *[x for s in sets for x in ("--set", s)])
+        expect(run.returncode == 0, f"{sets}: {run.stderr}")
+        return json.loads(run.stdout)["digest"] if run.returncode == 0 else None
+
+    dry = 'effects=[{type="viscous_friction", coefficient=[0.01, 0.002, 0.02, 0.003]}, {type="coulomb_friction", torque=[0.02, 0.005]}]'
+    table = "control.model.friction={viscous=[0.01, 0.002, 0.02, 0.003], coulomb=[0.02, 0.005]}"
+    expect(digest(dry, "control.model.friction=exact") == digest(dry, table) != digest(dry), "stated friction is not that of the effects")
+    leg = "{ l1 = 0.12, l2 = 0.16, lg1 = 0.06, lg2 = 0.068, m1 = 0.1, m2 = 0.1, J1 = 2e-4, J2 = 7e-4 }"
+    own = f'mechanism={{type="five_bar", half_base=0.05, gravity=9.8, working_mode=["+", "+"], leg={leg}}}'
+    expect(digest(f"control.model.{own}") == digest(), "a mechanism like that of the scene, with the factors of the scene")
+    for what, value in (("'control.model.friction' must be one of: none | exact, or a table", "friction=3"),
+                        ("'control.model.friction.viscous' must be 2 or 4 numbers", "friction={viscous=[0.1]}"),
+                        ("unknown key 'control.model.friction.dry'", "friction={dry=[0.1, 0.1]}"),
+                        ("'control.model.mechanism' is of another type", own.replace("five_bar", "rr").replace("half_base=0.05, ", "").replace('["+", "+"]', '["+"]')),
+                        ("missing key 'control.model.mechanism.half_base'", own.replace("half_base=0.05, ", ""))):
+        run = bench.run("sim", scene, "--set", f"control.model.{value}")
+        expect(run.returncode == 2 and what in run.stderr and run.stderr.count("\n") == 1, f"{value}: {run.returncode} {run.stderr}")
+
+
+def misfits(bench):
+    """Logs of random mechanisms without a defect name none; a log of each defect, made of a good one, names it."""
+    draw = random.Random(21)
+    base = bench.scenes / "five_bar_identification.toml"
+
+    def log_of(number):
+        u = lambda low, high: draw.uniform(low, high)
+        rub = [u(0.002, 0.015), u(0.0005, 0.003)], [u(0.0, 0.03), u(0.0, 0.006)]
+        offset, amplitude, omega = [u(0.85, 1.05), u(0.85, 1.05)], [u(0.3, 0.45), u(0.3, 0.45)], [u(7, 11), u(12, 16)]
+        sets = [effects(*rub, noise=u(0, 5e-5)), f"control.model={{m1={u(0.8, 1.2)}, m2={u(0.8, 1.2)}}}",
+                f'reference={{type="joint_sine", offset={offset}, amplitude={amplitude}, omega={omega}, phase=[0.0, 1.0], join=0.3}}']
+        return [str(x) for s in sets for x in ("--set", s)] + ["--seed", str(number)]
+    runs = [log_of(n) for n in range(20)]
+    with ThreadPoolExecutor(2) as pool:
+        found = list(pool.map(lambda n: bench.good(bench.record(f"clean{n}", "sim", base, *runs[n])[0]), range(20)))
+    named = [(n, [m["text"] for m in f["misfits"]]) for n, f in enumerate(found) if f and f["misfits"]]
+    expect(len(named) <= 1, f"misfits of logs without a defect: {named}")
+
+    def edited(name, scene, out, change):
+        """The log with columns changed: {name: list of values}."""
+        with open(out / "log.csv", encoding="utf-8", newline="") as file:
+            rows = list(csv.DictReader(file))
+        number = lambda key: [float(r[key]) for r in rows]
+        for key, values in change(number).items():
+            for r, v in zip(rows, values, strict=True):
+                r[key] = repr(v)
+        path = bench.folder / f"{name}.csv"
+        with open(path, "w", encoding="utf-8", newline="") as file:
+            table = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
+            table.writeheader()
+            table.writerows(rows)
+        return path, "--scene", scene
+
+    def expect_named(code, where, arguments, amount, tolerance):
+        result = bench.good(*arguments)
+        hits = [m for m in result["misfits"] if m["code"] == code and m["where"] == where] if result else []
+        expect(hits and abs(abs(hits[0]["amount"]) - amount) <= tolerance, f"{code} of {where}, {amount}: {result and result['misfits']}")
+
+    out, _ = bench.record("defects", "sim", base, "--set", effects([0.01, 0.002], [0.02, 0.004]))
+    add = lambda values, more: [v + m for v, m in zip(values, more, strict=True)]
+    expect_named("direction_dependent_friction", "theta11", edited("direction", base, out, lambda n: {"tau11_cmd": [v + 0.006 for v in n("tau11_cmd")]}), 0.006, 1e-3)
+    expect_named("torque_constant", "theta21", edited("constant", base, out, lambda n: {"tau21_cmd": [v / 1.05 for v in n("tau21_cmd")]}), 0.05, 0.01)
+    expect_named("cogging", "theta11", edited("cogging", base, out, lambda n: {"tau11_cmd": add(n("tau11_cmd"), [-0.02 * math.sin(24 * a) for a in n("theta11")])}), 0.02, 4e-3)
+    expect_named("eccentric_encoder", "theta21", edited("eccentric", base, out, lambda n: {"theta21_meas": add(n("theta21_meas"), [4e-3 * math.sin(a + 0.5) for a in n("theta21")])}), 4e-3, 2e-3)
+    arm = bench.scenes / "rr_line.toml"
+    out, _ = bench.record("rotor", "sim", arm, "--set", effects([0.1, 0.05], [0.2, 0.1]), "--set", "control.delay_ticks=3", "--set", "simulation.duration=4.0",
+                          "--set", 'reference={type="joint_sine", offset=[0.3, 1.5], amplitude=[0.5, 0.7], omega=[5.3, 8.9], join=0.3}')
+    rotor = lambda n: {"tau2_cmd": add(n("tau2_cmd"), [3.6e-3 * (b - a) / 1e-3 for a, b in zip(n("theta2_rate"), [*n("theta2_rate")[1:], n("theta2_rate")[-1]], strict=True)])}
+    expect_named("rotor_inertia", "theta2", edited("rotor", arm, out, rotor), 3.6e-3, 6e-4)
+
+
 def main():
     if len(sys.argv) != 3:
         print(__doc__, file=sys.stderr)
@@ -252,6 +375,9 @@ def main():
         payload(bench)
         arm(bench)
         designed(bench)
+        written(bench)
+        belief(bench)
+        misfits(bench)
         hostile(bench)
     for what in failures:
         print("FAILED:", what)

@@ -3,6 +3,7 @@
 
 usage: laws_page.py ESMC             makes all runs (some minutes on two cores), then writes numbers, text and pictures
        laws_page.py --redraw         writes text and pictures anew from the numbers kept in docs/laws.csv
+       laws_page.py ESMC --observer  makes the table of laws beside a disturbance observer
        laws_page.py ESMC --check     runs a few of the settings again; numbers, text and pictures must be what is kept
 
 Every sentence between the markers of docs/laws.md is made here from the numbers."""
@@ -16,6 +17,8 @@ import laws_study as study
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 PAGE, KEPT, BOARDS = DOCS / "laws.md", DOCS / "laws.csv", DOCS / "boards.md"
 BEGIN, END = "<!-- study -->\n", "<!-- /study -->"
+BESIDE, BESIDE_END = "<!-- observer -->\n", "<!-- /observer -->"
+QUIET = (0.004, 0.008, 0.02)         # N m per tick
 ANY = float("inf")
 BUDGETS = (0.0025, 0.004, 0.008, 0.02, ANY)  # N m per tick
 LEVEL = 1.1                          # a factor below which two numbers count as equal
@@ -147,7 +150,8 @@ def sentences(s, counted):
            f"{sum(c.condition[1] == 'joined' for c in found)} and behind in {count('behind')}.")
     lines = lambda of: "".join(f"\n  * {c.words()}" for c in of) or " nowhere."
     yield "**Where ESMC wins**:" + lines(where["ahead"])
-    yield "**Where another law is better**:" + lines(where["behind"])
+    yield ("**Where another law is better**:" + lines(where["behind"]) + " That holds for laws alone: beside a disturbance observer "
+           "the best settings of `ctc` and of ESMC [are level](#beside-a-disturbance-observer), and as good as an integral.")
     share = lambda law: " and ".join(f"{100 * a / b:.0f} %" for a, b in zip(counted[law], counted["esmc"]))
     yield (f"**A tie favours `smc`, which is cheaper**: `smc` takes {share('smc')} of the instructions of `esmc` per tick (M4F, M7), `ctc` {share('ctc')}, "
            f"`esmc_projected` {share('esmc_projected')}.")
@@ -179,7 +183,7 @@ def sentences(s, counted):
         yield f"**{said}**: the best error of `esmc` with it over that with `implicit` is {listed(parts)}; with wrong lengths {lengths}."
     values = [s.best(("esmc super_twisting",), c)[0] / s.best(("smc super_twisting",), c)[0] for c in study.CONDITIONS]
     yield (f"**With an integral in both** the best error of `esmc` is {span(values)} times that of `smc`. The integral helps, not the number of "
-           "surfaces; an integral or a disturbance observer beside `ctc` was not tried here ([reaching.md](reaching.md#benefit) has the observer).")
+           "surfaces; [a disturbance observer](#beside-a-disturbance-observer) does for every law what the integral does for these.")
     parts = []
     for world in study.WORLDS:
         sign, smooth = s.best(("esmc sign",), (world, "exact")), s.best(("esmc implicit",), (world, "exact"))
@@ -288,6 +292,22 @@ def text(s, counted):
         "([boards.md](boards.md#instructions-per-tick)), beside the smallest error with any reaching but `super_twisting`, whose ticks take more ([reaching.md](reaching.md)), mechanisms in the same order.\n\n") + costs(s, counted)
 
 
+def beside_row(esmc, law):
+    """Smallest errors of a law alone, and beside the best observer, within bounds on the activity."""
+    cells = []
+    for bandwidths in ((0.0,), () if law in INTEGRAL else study.OBSERVERS[1:]):
+        points = [(e, a, b) for b in bandwidths for e, a in study.observed(esmc, law, b)]
+        for budget in QUIET:
+            error, _, bandwidth = min((p for p in points if p[1] <= budget), default=(None, 0, 0))
+            cells.append("" if error is None else sizes(error) + (f" ({bandwidth:g}/s)" if bandwidth else ""))
+    return f"| {code(law)} | " + " | ".join(cells) + " |\n"
+
+
+def beside(esmc, laws=study.OBSERVED):
+    head = "| law | " + " | ".join(f"{who}, {budget_name(b)}" for who in ("alone", "with observer") for b in QUIET) + " |\n"
+    return head + "|---" * (1 + 2 * len(QUIET)) + "|\n" + "".join(beside_row(esmc, law) for law in laws)
+
+
 def write(scores):
     s = Study(scores)
     before, rest = PAGE.read_text(encoding="utf-8").split(BEGIN)
@@ -307,6 +327,9 @@ def check(esmc, scores):
     for key, values in now.items():
         if values != scores[key]:
             yield f"docs/laws.csv: {key}: {scores[key]} is kept, the program computes {values}"
+    table_kept = PAGE.read_text(encoding="utf-8").split(BESIDE)[1].split(BESIDE_END)[0]
+    if (row := beside_row(esmc, "ctc")) not in table_kept:
+        yield f"docs/laws.md: the row of ctc beside an observer is now {row}: laws_page.py ESMC --observer"
     kept = PAGE.read_text(encoding="utf-8").split(BEGIN)[1].split(END)[0]
     stated = {m[1]: (int(m[2]), int(m[3])) for m in re.finditer(r"^\| `(\w+)` \| (\d+) \| (\d+) \|", kept, re.M)}
     if stated.keys() != instructions().keys() or text(s, stated) != kept:
@@ -325,6 +348,11 @@ def main():
     arguments = sys.argv[1:]
     if arguments == ["--redraw"]:
         write(study.read(KEPT))
+        return 0
+    if len(arguments) == 2 and arguments[1] == "--observer":
+        made = beside(arguments[0])
+        before, rest = PAGE.read_text(encoding="utf-8").split(BESIDE)
+        PAGE.write_text(before + BESIDE + made + BESIDE_END + rest.split(BESIDE_END)[1], encoding="utf-8")
         return 0
     if len(arguments) == 2 and arguments[1] == "--check":
         problems = list(check(arguments[0], study.read(KEPT)))

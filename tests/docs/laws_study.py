@@ -119,6 +119,25 @@ def group(esmc, law, world, mechanism, slope, seconds):
     return [score([r for r in rows if float(r[column]) == m[key]]) for m in made]
 
 
+# What the disturbance observer adds to each law: masses and inertias of the model a sixth too large, one run per setting.
+OBSERVERS = (0.0, 25.0, 50.0, 100.0, 200.0)  # 1/s
+OBSERVED = ("esmc implicit", "esmc saturation", "esmc_projected implicit", "smc implicit", "smc saturation", "esmc super_twisting", "ctc")
+BELIEF = "control.model={m1=1.2, m2=1.2, J1=1.2, J2=1.2}"
+
+
+def observed(esmc, law, bandwidth):
+    """(error, activity) of all settings of a law beside an observer, joined start; a fault is left out."""
+    out = []
+    for slope in LAMBDA:
+        for made in [keys(law, slope, second) for second in SECOND[LAWS[law][2]]]:
+            fixed = made | {"disturbance_observer": bandwidth}
+            text = specification(law, "friction", "joined", fixed, {"rate_hz": [1000.0]})
+            out.append(text.replace(f"'{JOIN}'", f"'{JOIN}', '{BELIEF}'"))
+    with ThreadPoolExecutor(2) as pool:
+        scores = [score(rows) for rows in pool.map(lambda text: sweep(esmc, text), out)]
+    return [(s[1], s[2]) for s in scores if s[3] == 1.0]
+
+
 def measure(esmc, wanted, say=lambda done, of: None):
     """wanted: (law, world, mechanism, lambda, seconds). Gives {(law, world, mechanism, lambda, second): score}."""
     with ThreadPoolExecutor(2) as pool:

@@ -74,7 +74,7 @@ HOST = {
     "record": (CONTROLLER, "bus controller plant report scene"),
     "loop": (CONTROLLER, "bus controller drives plant record scene"),
     "calibrate": (CONTROLLER, "controller record scene"),
-    "identify": (CONTROLLER, "controller record"),
+    "identify": (CONTROLLER, "controller record scene"),
     "check": (CONTROLLER, "bus controller design loop record scene"),
     "spatial": (CONTROLLER, "effects loop record scene"),
     "campaign": (CONTROLLER, "bus controller drives loop plant record report scene"),

@@ -1,0 +1,114 @@
+#include "host_sim/identify/defects.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+namespace esmc::host {
+namespace {
+
+constexpr double clear_per_unknown = 16.0;  // of the statistic: four standard deviations
+constexpr double handicap = 4.0;            // of cogging, which may have any number of periods
+constexpr double shift_told = 1.5;          // standard uncertainties: half of the usual interval
+constexpr int periods_max = 100;            // per turn of a joint; windows smooth more away
+
+/// What the parameters explain of the torque, less that torque.
+Vector unexplained(const Equations& e, const Identification& at) {
+  Vector out = -e.torque(at.delay_ticks);
+  for (const BaseParameter& b : at.parameters) out += b.value * e.W.col(b.column);
+  return out;
+}
+
+/// All defects that a log can tell.
+std::vector<Defect> candidates(const IdentifyProblem& p) {
+  std::vector<Defect> out;
+  const auto has_motor = [&](int joint) { return std::ranges::find(p.motors, joint) != p.motors.end(); };
+  for (int joint = 0; joint < joints_of(p.five_bar); ++joint) {
+    out.push_back({DefectKind::direction, joint});
+    if (!has_motor(joint)) continue;
+    if (joint % 2 == 1) out.push_back({DefectKind::rotor, joint});
+    if (joint != p.motors.front()) out.push_back({DefectKind::torque_constant, joint});
+    for (int k = 1; k <= periods_max; ++k)
+      out.push_back({DefectKind::cogging, joint, static_cast<double>(k)});
+  }
+  for (const int joint : {0, p.five_bar ? 2 : 1}) out.push_back({DefectKind::eccentric, joint});
+  return out;
+}
+
+}  // namespace
+
+Matrix columns_of(const Defect& d, const Equations& e, const IdentifyProblem& p, const Identification& at) {
+  const Eigen::Index j = d.joint;
+  const auto torque = [&](const auto& at_angle) {
+    return e.windowed([&](const Tick& t, double share, double) -> Eigen::Vector2d {
+      return share * at_angle(t.angle[j]) * t.joint.row(j).transpose();
+    });
+  };
+  switch (d.kind) {
+    case DefectKind::direction:
+      return torque([](double) { return 1.0; });
+    case DefectKind::rotor:
+      return e.windowed([&](const Tick& t, double share, double slope) -> Eigen::Vector2d {
+        return t.relative[j] * (slope * t.joint.row(j) - share * t.joint_dot.row(j)).transpose();
+      });
+    case DefectKind::torque_constant:
+      return -e.torque(at.delay_ticks, d.joint);
+    case DefectKind::cogging: {
+      Matrix out(e.W.rows(), 2);
+      out << -torque([&](double a) { return std::sin(d.periods * a); }),
+          -torque([&](double a) { return std::cos(d.periods * a); });
+      return out;
+    }
+    case DefectKind::eccentric: {
+      constexpr double little = 1e-4;  // rad
+      const Vector as_is = unexplained(e, at);
+      Matrix out(e.W.rows(), 2);
+      for (int phase = 0; phase < 2; ++phase) {
+        IdentifyProblem turned = p;
+        for (double& a : turned.angle[d.joint == 0 ? 0 : 1])
+          a += little * (phase == 0 ? std::sin(a) : std::cos(a));
+        out.col(phase) = (as_is - unexplained(Equations(turned), at)) / -little;
+      }
+      return out;
+    }
+  }
+  return {};
+}
+
+std::optional<Defect> find_defect(const std::vector<Explained>& views, const Identification& at) {
+  std::vector<Equations> equations;
+  equations.reserve(views.size());
+  for (const Explained& v : views) equations.emplace_back(v.problem);
+  const auto in_view = [&](const Defect& d, std::size_t v) {
+    const Solution& s = views[v].solution;
+    Matrix Z = columns_of(d, equations[v], views[v].problem, at);
+    for (Eigen::Index i = 0; i < Z.rows(); ++i) Z.row(i) *= s.weight[static_cast<std::size_t>(i % 2)];
+    return more_unknowns(s.A, s.residual, Z, correlation_blocks(Z.rows(), hops_per_window));
+  };
+  std::optional<Defect> best;
+  for (Defect d : candidates(views.front().problem)) {
+    const MoreUnknowns m = in_view(d, 0);
+    const double needed = clear_per_unknown * static_cast<double>(m.value.size()) *
+                          (d.kind == DefectKind::cogging ? handicap : 1.0);
+    d.statistic = m.statistic / needed;
+    d.amount = m.value.size() == 1 ? m.value[0] : m.value.norm();
+    d.sigma = std::sqrt(m.covariance.diagonal().maxCoeff());
+    const auto n = static_cast<Eigen::Index>(at.parameters.size());
+    d.shift = std::abs(m.shift[n]) / at.delay_sigma;
+    for (Eigen::Index i = 0; i < n; ++i)
+      d.shift = std::max(d.shift, std::abs(m.shift[i]) / at.parameters[static_cast<std::size_t>(i)].sigma);
+    if (!(d.statistic > 1.0 && d.shift > shift_told) || (best && best->statistic > d.statistic)) continue;
+    if (views.size() > 1) {  // the lag is anything between none and all of it
+      const Vector range = in_view(d, 2).value - in_view(d, 1).value;
+      const Matrix covariance = m.covariance + gram(range.transpose()) / 12.0;
+      d.statistic = quadratic(pseudo_inverse(covariance), m.value) / needed;
+      d.sigma = std::sqrt(covariance.diagonal().maxCoeff());
+      if (!(d.statistic > 1.0) || (best && best->statistic > d.statistic)) continue;
+    }
+    best = d;
+  }
+  return best;
+}
+
+}  // namespace esmc::host

@@ -1,0 +1,28 @@
+#pragma once
+/// Edits of a scene that a command writes with the values it has found.
+
+#include <toml++/toml.h>
+
+#include <string>
+#include <vector>
+
+#include "host_sim/scene/scene.hpp"
+
+namespace esmc::host {
+
+/// An inline table with the keys of a leg.
+toml::table leg_table(const LegParams<double>& leg);
+toml::array number_array(const std::vector<double>& values);
+/// The sub-table `name`, created if it is not there.
+toml::table& sub_table(toml::table& of, const std::string& name);
+/// Sets half_base (five-bar) and the legs, and with `masses` the effector's mass and gravity, of a
+/// [mechanism].
+void set_mechanism(toml::table& mechanism, MechanismType type, const FiveBarParams<double>& p, bool masses);
+
+/// The text of `scene`, read from `file`, for another folder: files that it names get absolute paths. Throws
+/// InputError where it cannot be read back as a scene.
+std::string edited_scene(toml::table scene, const std::string& file);
+/// Throws InputError when `file`, which --write names, is one of the inputs.
+void refuse_overwrite(const std::string& file, const std::vector<std::string>& inputs);
+
+}  // namespace esmc::host
