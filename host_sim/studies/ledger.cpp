@@ -1,5 +1,8 @@
 #include "host_sim/studies/ledger.hpp"
 
+#include <iterator>
+#include <string_view>
+
 #include "host_sim/controller/controller_config.hpp"
 #include "host_sim/drives/actuators.hpp"
 #include "host_sim/plant/system.hpp"
@@ -7,47 +10,32 @@
 namespace esmc::host {
 namespace {
 
-/// Instructions of one mechanism: of a right-hand side with its share of the projection, and of a tick:
-/// controller, sensors, record.
-struct MechanismPrice {
-  double right_hand_side, tick, open_tick;
+/// A step of a method: right-hand sides, of which an effect pays its share in each, and instructions without
+/// effects, for a five-bar and an arm.
+struct StepPrice {
+  double right_hand_sides, five_bar, rr;
 };
-constexpr MechanismPrice five_bar{622.5, 3600.0, 700.0}, rr{300.0, 2200.0, 450.0};
+/// In the order of Method. Radau's are those of a motion that it solves in the usual number of iterations.
+constexpr StepPrice step_prices[] = {{1, 1412, 294},   {4, 2490, 1262},    {6, 3776, 2148},
+                                     {12, 7744, 4461}, {60, 64277, 20942}, {3, 1951, 1143}};
+static_assert(std::size(step_prices) == std::size(names_of<Method>));
+constexpr double five_bar_tick = 4936, rr_tick = 3180, five_bar_open_tick = 3092, rr_open_tick = 2000;
 
-/// What an effect adds, in instructions per right-hand side, per step of moreau_jean, and per tick.
+/// What an effect adds, in instructions per right-hand side, per step where it is set-valued, and per tick.
 struct EffectPrice {
   const char* type;
   double right_hand_side, set_valued_step, tick;
 };
 constexpr EffectPrice effect_prices[] = {
-    {ViscousFriction::type, 171, 0, 0},  {CoulombFriction::type, 395, 5464, 0},
+    {ViscousFriction::type, 171, 0, 0},  {CoulombFriction::type, 395, 5379, 0},
     {JointFlexibility::type, 364, 0, 0}, {Backlash::type, 390, 0, 0},
-    {EndStops::type, 167, 571, 0},       {Payload::type, 0, 0, 20},
-    {ExternalForce::type, 469, 0, 0},    {TorqueLag::type, 320, 0, 0},
-    {TorqueRipple::type, 504, 0, 0},     {TorqueSaturation::type, 0, 0, 20},
-    {ThermalLimit::type, 0, 0, 150},     {Encoder::type, 0, 0, 400},
-    {SensorNoise::type, 0, 0, 400},      {SensorBias::type, 0, 0, 100},
-    {SensorDelay::type, 0, 0, 100},      {Jitter::type, 0, 0, 200},
-    {ComputeDelay::type, 0, 0, 100}};
-
-/// Right-hand sides of a step. Radau's include its linear algebra and as many as its iterations usually take.
-double right_hand_sides(Method m) {
-  switch (m) {
-    case Method::semi_implicit_euler:
-      return 1.0;
-    case Method::rk4:
-      return 4.0;
-    case Method::dopri5:
-      return 6.0;
-    case Method::dopri8:
-      return 12.0;
-    case Method::radau5:
-      return 40.0;
-    case Method::moreau_jean:
-      break;
-  }
-  return 3.0;
-}
+    {EndStops::type, 167, 486, 0},       {ExternalForce::type, 469, 0, 0},
+    {TorqueLag::type, 321, 0, 0},        {TorqueRipple::type, 504, 0, 0},
+    {Payload::type, 0, 0, 105},          {TorqueSaturation::type, 0, 0, 11},
+    {ThermalLimit::type, 0, 0, 130},     {Encoder::type, 0, 0, 1262},
+    {SensorNoise::type, 0, 0, 3649},     {SensorBias::type, 0, 0, 41},
+    {SensorDelay::type, 0, 0, 97},       {Jitter::type, 0, 0, 380},
+    {ComputeDelay::type, 0, 0, 242}};
 
 /// Takes the place of a plant in motion, to count the steps.
 struct StepCounter {
@@ -72,22 +60,20 @@ Method method_in_use(const Scene& scene) {
 }
 
 double counted_cost(const Scene& scene) {
-  const MechanismPrice& m = scene.type == MechanismType::five_bar ? five_bar : rr;
-  const bool jumps = set_valued(scene.effects);
-  double slope = m.right_hand_side, step = 0.0, tick = scene.closed_loop() ? m.tick : m.open_tick;
+  const bool five_bar = scene.type == MechanismType::five_bar;
+  const StepPrice& method = step_prices[static_cast<std::size_t>(method_in_use(scene))];
+  double step = five_bar ? method.five_bar : method.rr;
+  double tick = scene.closed_loop() ? (five_bar ? five_bar_tick : rr_tick)
+                                    : (five_bar ? five_bar_open_tick : rr_open_tick);
   for (const Effect& e : scene.effects) {
-    const auto* dry = std::get_if<CoulombFriction>(&e);
-    const auto* stops = std::get_if<EndStops>(&e);
-    const bool set = (dry != nullptr && !(dry->regularised > 0.0)) || (stops != nullptr && !stops->stiffness);
+    const bool jumps = set_valued({e});
     for (const EffectPrice& p : effect_prices) {
       if (p.type != std::string_view(type_name(e))) continue;
-      slope += set ? 0.0 : p.right_hand_side;
-      step += set ? p.set_valued_step : 0.0;
+      step += jumps ? p.set_valued_step : method.right_hand_sides * p.right_hand_side;
       if (scene.closed_loop()) tick += p.tick;
     }
   }
-  const double stages = right_hand_sides(jumps ? Method::moreau_jean : scene.method);
-  return steps_of(scene) * (stages * slope + step) + tick_count(scene) * tick;
+  return steps_of(scene) * step + tick_count(scene) * tick;
 }
 
 }  // namespace esmc::host

@@ -6,11 +6,11 @@
 
 namespace esmc::host {
 
-/// Instructions of a run of `scene` with its method and step: those of x86-64, gcc 12, -O3. What several
-/// effects add is summed; the steps that an instant of a load splits off are not counted.
+/// Instructions of a run of `scene` with its method and step, those of docs/accuracy.md: x86-64, gcc 12, -O3.
+/// What several effects add is summed; the steps that the jump of a load splits off are not counted.
 [[nodiscard]] double counted_cost(const Scene& scene);
 
-/// Whether effects of the scene need a method for set-valued ones, in place of the one that it names.
+/// The method that steps the scene: its own, or moreau_jean where set-valued effects need it.
 [[nodiscard]] Method method_in_use(const Scene& scene);
 
 }  // namespace esmc::host

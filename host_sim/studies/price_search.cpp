@@ -1,6 +1,7 @@
 /// What each integrator costs in a scene, and the cheapest variant of a scene that suffices.
 
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <cmath>
 
@@ -14,7 +15,7 @@
 namespace esmc::host {
 namespace {
 
-constexpr int most_steps_per_tick = 100;
+constexpr int most_steps_per_tick = 50;
 constexpr double most_steps = 1e6;  // of a run; a long scene has fewer steps per tick to compare
 constexpr double fine_enough = 1e-11;
 
@@ -22,11 +23,6 @@ constexpr double fine_enough = 1e-11;
 std::vector<Method> methods_for(const Scene& s) {
   if (set_valued(s.effects)) return {Method::moreau_jean};
   return {Method::semi_implicit_euler, Method::rk4, Method::dopri5, Method::dopri8, Method::radau5};
-}
-
-/// The method that the runs of `m` are compared with.
-Method judge_of(Method m) {
-  return m == Method::moreau_jean ? m : (m == Method::dopri8 ? Method::dopri5 : Method::dopri8);
 }
 
 /// 1, 2, 5, 10, ... steps per tick; a tick is the longest step.
@@ -62,29 +58,35 @@ IntegratorStudy price_integrators(const Scene& scene, Bench& bench) {
   const std::vector<Method> methods = methods_for(scene);
   const std::vector<int> counts = counts_for(scene);
   const auto run = [&](Method m, int n) { return bench.run(with_stepping(scene, {m, scene.tick() / n})); };
-  // Two fine runs; where explicit ones diverge, implicit ones.
-  const bool jumps = set_valued(scene.effects);
-  std::vector<std::pair<Method, int>> fine{{Method::dopri8, counts.back()}, {Method::dopri5, counts.back()}};
-  if (jumps) fine = {{Method::moreau_jean, 4 * counts.back()}, {Method::moreau_jean, 2 * counts.back()}};
-  std::vector<Outcome> judges(2);
+  // Two fine runs of different methods; where explicit ones diverge, implicit ones.
+  const int last = counts.back();
+  std::array<std::pair<Method, int>, 2> fine{{{Method::dopri8, 2 * last}, {Method::dopri5, 2 * last}}};
+  if (set_valued(scene.effects)) fine = {{{Method::moreau_jean, 8 * last}, {Method::moreau_jean, 4 * last}}};
+  std::array<Outcome, 2> judges;
   const auto judge = [&](std::uint64_t i) {
     judges[i] = run(fine[i].first, fine[i].second);
     return true;
   };
   run_each(processors(), 2, judge);
   if (!std::isfinite(end_distance(judges[0], judges[1]))) {
-    fine = {{Method::radau5, counts.back()}, {Method::radau5, counts[counts.size() - 2]}};
+    fine = {{{Method::radau5, 2 * last}, {Method::radau5, last}}};
     run_each(processors(), 2, judge);
   }
   IntegratorStudy out;
   out.doubt = end_distance(judges[0], judges[1]);
   std::vector<std::vector<IntegratorPrice>> rows(methods.size());
   run_each(processors(), methods.size(), [&](std::uint64_t m) {
+    const Outcome& against = judges[fine[0].first == methods[m] && fine[1].first != methods[m] ? 1 : 0];
+    double best = no_distance;
+    int stalled = 0;
     for (const int n : counts) {
       const Outcome o = run(methods[m], n);
-      const Outcome& against = judges[judge_of(methods[m]) == fine[0].first ? 0 : 1];
-      rows[m].push_back({{methods[m], scene.tick() / n}, end_distance(o, against), o.cost, o.cpu_s});
-      if (rows[m].back().error <= std::max(fine_enough, out.doubt)) break;  // finer ones show rounding
+      const double error = end_distance(o, against);
+      rows[m].push_back({{methods[m], scene.tick() / n}, error, o.cost, o.cpu_s});
+      stalled = error < 0.5 * best || !std::isfinite(error) ? 0 : stalled + 1;
+      best = std::min(best, error);
+      // Finer ones show rounding, of the arithmetic or of a quantised measurement.
+      if (error <= std::max(fine_enough, out.doubt) || stalled == 2) break;
     }
     return true;
   });

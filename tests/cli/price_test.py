@@ -48,9 +48,8 @@ def table(page, mark):
 
 # ---- cost of a scene by the documented weights ----
 
-WEIGHTS = {r[0]: [float(c) for c in r[1:]] for r in table("accuracy.md", "weights")}
-STAGES = {r[0]: float(r[1]) for r in table("accuracy.md", "stages")}
-TICK = {r[0]: float(r[1]) for r in table("accuracy.md", "tick effects")}
+STEP = {r[0]: [float(c) for c in r[1:]] for r in table("accuracy.md", "step prices")}
+TICK = {r[0]: float(r[1]) for r in table("accuracy.md", "tick prices")}
 LEDGER = [(r[0], r[2], float(r[6])) for r in table("effects.md", "ledger")]
 BARE = next(n for name, _, n in LEDGER if name == "none")
 
@@ -60,25 +59,22 @@ def added(effect):
     kind, smooth = effect["type"], "regularised" in effect or ("stiffness" in effect and effect["type"] == "end_stops")
     rows = [(method, n) for name, method, n in LEDGER if name == kind]
     if kind in ("coulomb_friction", "end_stops") and not smooth:
-        return 0.0, next(n for method, n in rows if method == "moreau_jean") - 3.0 * BARE / 4.0
-    n = next(n for method, n in rows if method == "rk4")
-    return (n - BARE) / 4.0, 0.0
-
-
-def set_valued(effects):
-    return any(added(e)[1] > 0.0 for e in effects)
+        return 0.0, next(n for method, n in rows if method == "moreau_jean") - STEP["moreau_jean"][1]
+    return (next(n for method, n in rows if method == "rk4") - BARE) / 4.0, 0.0
 
 
 def cost(case, effects, method, steps):
-    slope, tick, open_tick = WEIGHTS[case["kind"]]
-    per_step = sum(added(e)[1] for e in effects)
-    method = "moreau_jean" if set_valued(effects) else method
-    per_tick = (tick + sum(TICK.get(e["type"], 0.0) for e in effects)) if case["closed"] else open_tick
+    """Instructions of a tick with its steps."""
+    if any(added(e)[1] > 0.0 for e in effects):
+        method = "moreau_jean"
+    stages, five_bar, rr = STEP[method]
+    step = (five_bar if case["kind"] == "five_bar" else rr) + sum(stages * added(e)[0] + added(e)[1] for e in effects)
+    if not case["closed"]:
+        return steps * step + TICK[case["kind"] + " without controller"]
     late = next((e["time"] for e in effects if e["type"] == "compute_delay"), 0.0)
-    if case["closed"] and late > 0.0:
-        step, tick_s = 1e-3 / steps, 1e-3
-        steps = math.ceil(late / step - 1e-9) + math.ceil((tick_s - late) / step - 1e-9)
-    return steps * (STAGES[method] * (slope + sum(added(e)[0] for e in effects)) + per_step) + per_tick
+    if late > 0.0:
+        steps = math.ceil(late * 1e3 * steps - 1e-9) + math.ceil((1.0 - late * 1e3) * steps - 1e-9)
+    return steps * step + TICK[case["kind"]] + sum(TICK.get(e["type"], 0.0) for e in effects)
 
 
 # ---- random scenes ----
