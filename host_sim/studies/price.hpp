@@ -94,6 +94,7 @@ class Variants {
   [[nodiscard]] Scene scene(Subset effects, const std::optional<Stepping>& stepping = {}) const;
   /// Outcome of the variant, which is run once.
   const Outcome& run(Subset effects);
+  [[nodiscard]] const std::map<Subset, Outcome>& tried() const { return done_; }
   /// Runs several, side by side.
   void run_all(const std::vector<Subset>& some);
   /// The scene with other keys ("control.rate_hz=500") and effects; empty: impossible.

@@ -194,12 +194,24 @@ class Search {
     return out;
   }
 
-  /// The cheapest stepping within the tolerance: they are tried from the cheapest on.
+  /// The cheapest stepping: of the best subset, and of others within the tolerance that can be stepped
+  /// coarser.
   void choose_stepping(Minimal& out) {
-    const Scene scene = v_.scene(best_);
-    out.stepping = {method_in_use(scene), scene.step};
-    out.outcome = v_.run(best_);
-    out.difference = difference(best_);
+    out = {best_, {}, v_.run(best_), difference(best_)};
+    const Scene own = v_.scene(best_);
+    out.stepping = {method_in_use(own), own.step};
+    std::vector<std::pair<double, Subset>> good;
+    for (const auto& [subset, outcome] : v_.tried()) {
+      if (difference(subset) <= tolerance_) good.emplace_back(outcome.cost, subset);
+    }
+    std::ranges::sort(good);
+    if (good.size() > most_stepped) good.resize(most_stepped);
+    for (const auto& [cost, subset] : good) coarsen(subset, out);
+  }
+  /// Tries methods and steps from the cheapest on. One that moves the metric by more than the tolerance is
+  /// not taken, even where its error happens to make up for an effect that is left out.
+  void coarsen(Subset subset, Minimal& out) {
+    const Scene scene = v_.scene(subset);
     std::vector<std::pair<double, Stepping>> cheaper;
     for (const Method m : methods_for(scene)) {
       for (const int n : counts_for(scene)) {
@@ -210,18 +222,17 @@ class Search {
     }
     std::ranges::sort(cheaper, {}, &std::pair<double, Stepping>::first);
     for (const auto& [cost, s] : cheaper) {
-      const Outcome o = v_.bench().run(v_.scene(best_, s));
+      const Outcome o = v_.bench().run(with_stepping(scene, s));
       const double d = v_.bench().distance(o, v_.run(fullest_));
-      if (!(d <= tolerance_)) continue;
-      out.stepping = s;
-      out.outcome = o;
-      out.difference = d;
+      if (!(d <= tolerance_ && v_.bench().distance(o, v_.run(subset)) <= tolerance_)) continue;
+      out = {subset, s, o, d};
       return;
     }
   }
 
   static constexpr std::size_t most_listed = 14;  // effects, whose subsets are listed
   static constexpr int most_tried = 64;
+  static constexpr std::size_t most_stepped = 16;
   Variants& v_;
   Subset fullest_;
   double tolerance_;
