@@ -297,13 +297,13 @@ std::string report_text(const Scene& scene, const Judgement& v, const std::strin
 
 }  // namespace
 
-std::string refusal_of(const Scene& scene) {
+std::string refusal_of(const Scene& scene, bool on_bus) {
   Log log(nullptr, {}, 0);
   const Findings f = judge(scene, log).findings;
   for (const Json& item : f.list()) {
     if (item["level"] == "error") return item["text"].get<std::string>();
   }
-  return bus_obstacle(scene).what;
+  return on_bus ? bus_obstacle(scene).what : "";
 }
 
 int run_check(const RunOptions& o) {

@@ -17,8 +17,8 @@ namespace esmc::host {
 
 /// `esmc check`: findings about a scene without running it. Exit status 1: it would not run to its end.
 int run_check(const RunOptions& o);
-/// The first error of `esmc check`, or why a bus cannot run the scene; empty: neither.
-std::string refusal_of(const Scene& scene);
+/// The first error of `esmc check`, or, `on_bus`, why a bus cannot run the scene; empty: neither.
+std::string refusal_of(const Scene& scene, bool on_bus = true);
 
 /// Smallest and largest of some values.
 struct Extent {

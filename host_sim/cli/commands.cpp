@@ -230,10 +230,28 @@ void add_scene_commands(Program& p) {
 
 void add_accuracy(Program& p) {
   const auto [c, o] =
-      add(p, "accuracy", "the cost of accuracy in time: integrators, tick rate, sensors, effects",
+      add(p, "accuracy",
+          "the price list of a scene: what integrators, effects and the loop change and cost, and the "
+          "cheapest scene that suffices",
           run_accuracy, Signals::end);
-  c.add_flag("--quick", o.quick, "a minute instead of several");
-  add_out(c, o.out, "CSV, JSON, Markdown tables and report.html");
+  c.add_option("SCENE", o.scene, "scene file (TOML); without it: reference problems of the integrators");
+  add_sets(c, o.sets);
+  c.add_option("--of", o.metric, "an error of the summary's tracking, or end: final_state.q; default rms_m")
+      ->check(CLI::IsMember({"end", "rms_m", "max_m", "rms_rad", "max_rad", "settled_rms_m", "settled_max_m",
+                             "settled_rms_rad", "settled_max_rad"}))
+      ->type_name("METRIC");
+  c.add_option("--tolerance", o.tolerance,
+               "how far the cheapest scene may be off in METRIC, in its unit or as a share of the fullest "
+               "scene's: 2%; default 1%")
+      ->type_name("X");
+  c.add_option_function<std::string>(
+       "--effects", [&all = o.all_effects](const std::string& s) { all = s == "all"; },
+       "named | all: also those that the scene does not name, with plausible parameters")
+      ->check(CLI::IsMember({"all", "named"}))
+      ->default_str("named");
+  c.add_option("--write", o.write, "file for the cheapest scene")->type_name("FILE");
+  c.add_flag("--quick", o.quick, "without SCENE: a minute instead of several");
+  add_out(c, o.out, "JSON and report.html; without SCENE: CSV and Markdown tables as well");
   add_json(c, o.json, "print the study as one JSON document");
 }
 

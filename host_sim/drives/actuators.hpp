@@ -67,7 +67,8 @@ class Actuators {
 
   /// Moves the plant over `seconds` from t, s, in steps no longer than `step`, s. `torque`, N m per joint,
   /// acts at once, or after the delay of compute_delay and jitter; until then earlier torques act.
-  void advance(Motion<Plant>& motion, double t, double seconds, double step, const Joints& torque) {
+  template <class Moves = Motion<Plant>>
+  void advance(Moves& motion, double t, double seconds, double step, const Joints& torque) {
     if (!late_ && !jitter_) return motion.advance(t, seconds, count(seconds, step), {torque, nullptr});
     double delay = late_ ? late_->time : 0.0;
     if (jitter_) delay += std::abs(jitter_->sigma * random_());

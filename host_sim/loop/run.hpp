@@ -76,7 +76,7 @@ Trace trace(const Scene& scene, bool single_precision = false);
 /// Runs a case of a sweep, without path, digest and, unless wanted, base_errors. Throws InputError where the
 /// reference leaves the reach of the true mechanism, RunError where simulation.accuracy is not met; a state
 /// that is not finite shows in end.q.
-Trace run_case(const Scene& scene, bool base_errors);
+Trace run_case(const Scene& scene, bool base_errors, bool single_precision = false);
 
 /// Why a scene that `esmc sim` runs cannot run on a bus; `what` empty: it can.
 struct BusObstacle {

@@ -271,8 +271,9 @@ Trace trace(const Scene& scene, bool single_precision) {
   return with_world(scene, [&]<class World>(World) { return study<World>(scene, set_up); });
 }
 
-Trace run_case(const Scene& scene, bool base_errors) {
+Trace run_case(const Scene& scene, bool base_errors, bool single_precision) {
   const auto set_up = [&](auto& run, Trace&) {
+    if (single_precision) run.use_single_precision();
     if (!base_errors) run.recorder().without_base_errors();
     run.recorder().without_digest();
     run.without_progress();

@@ -75,27 +75,6 @@ TextTable cost_rows(const Study& s) {
   }
   return rows;
 }
-/// A list of flat objects with the same keys as a table.
-TextTable rows_of(const Json& list) {
-  TextTable rows;
-  for (const Json& object : list) {
-    const bool first = rows.empty();
-    if (first) rows.emplace_back();
-    std::vector<std::string> row;
-    for (const auto& [key, value] : object.items()) {
-      if (first) rows.front().push_back(key);
-      std::string cell = value.is_string()           ? value.get<std::string>()
-                         : value.is_number_integer() ? value.dump()
-                         : value.is_number()         ? text(value.get<double>())
-                                                     : "";
-      if (key == "parameters") std::ranges::replace(cell, ',', ';');  // a comma would split the cell of a CSV
-      row.push_back(std::move(cell));
-    }
-    rows.push_back(std::move(row));
-  }
-  return rows;
-}
-
 /// One figure per problem: name of the problem, drawing.
 std::vector<std::pair<std::string, std::string>> figures(const Study& s) {
   std::vector<std::pair<std::string, std::vector<Series>>> problems;
@@ -195,9 +174,39 @@ void write_files(const Study& s, const AccuracyOptions& o, OutputDirectory& out)
   out.commit();
 }
 
+std::string table_cell(const Json& v) {
+  if (v.is_string()) return v.get<std::string>();
+  if (v.is_boolean()) return v.get<bool>() ? "yes" : "no";
+  if (v.is_number_integer()) return v.dump();
+  if (v.is_number()) return text(v.get<double>());
+  std::string out;
+  for (const Json& item : v) out += (out.empty() ? "" : " ") + table_cell(item);
+  return out;
+}
+
 }  // namespace
 
+TextTable rows_of(const Json& list) {
+  TextTable rows;
+  for (const Json& object : list) {
+    const bool first = rows.empty();
+    if (first) rows.emplace_back();
+    std::vector<std::string> row;
+    for (const auto& [key, value] : object.items()) {
+      if (first) rows.front().push_back(value.is_object() ? key + ": " + value.items().begin().key() : key);
+      row.push_back(table_cell(value));
+      if (key == "parameters")
+        std::ranges::replace(row.back(), ',', ';');  // a comma would split the cell of a CSV
+    }
+    rows.push_back(std::move(row));
+  }
+  return rows;
+}
+
 int run_accuracy(const AccuracyOptions& o) {
+  if (!o.scene.empty()) return run_price_list(o);
+  if (o.all_effects || !o.sets.empty() || !(o.tolerance + o.metric + o.write).empty())
+    throw InputError("", "--set, --tolerance, --of, --effects and --write need a SCENE");
   OutputDirectory out(o.out);
   Study s;
   const double begin = thread_cpu_s();

@@ -17,6 +17,13 @@ struct AccuracyOptions {
   bool json = false;
   std::string out;
   std::string command_line;
+  // Of a scene:
+  std::string scene;  ///< empty: the problems
+  std::vector<std::string> sets;
+  std::string tolerance;  ///< "X" or "X%"; empty: 1%
+  std::string metric;     ///< empty: rms_m, or end without a reference
+  bool all_effects = false;
+  std::string write;  ///< file for the minimal scene; empty: none
 };
 
 /// Error against work of every integrator on every problem, and the orders shown. `effort` scales the CPU
@@ -32,6 +39,13 @@ nlohmann::ordered_json tracking_study(bool quick);
 /// and without, errors, states, time per step of the plant. What is without it is integrated by RK4.
 nlohmann::ordered_json effect_study();
 
+/// A list of objects with the same keys as a table of text: lists are joined, of an object the first key
+/// counts.
+std::vector<std::vector<std::string>> rows_of(const nlohmann::ordered_json& list);
+
+/// Runs `esmc accuracy SCENE`: what integrators, effects and the loop cost and change in this scene, and the
+/// cheapest scene that stays within a tolerance. Returns 0.
+int run_price_list(const AccuracyOptions& o);
 /// Runs `esmc accuracy`. Returns the exit status: 1 where an integrator did not show its order.
 int run_accuracy(const AccuracyOptions& o);
 

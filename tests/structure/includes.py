@@ -79,7 +79,7 @@ HOST = {
     "spatial": (CONTROLLER, "effects loop record scene"),
     "campaign": (CONTROLLER, "bus controller drives loop plant record report scene"),
     "sweep": (CONTROLLER, "controller integrate loop plant record report scene"),
-    "studies": (CONTROLLER, "check controller integrate loop plant problems record report scene sweep"),
+    "studies": (CONTROLLER, "check controller drives effects integrate loop plant problems record report scene sweep"),
     "live": (CONTROLLER, "bus campaign controller drives effects loop plant record report scene"),
     "cli": (CONTROLLER, "bus calibrate campaign check controller export identify live loop record scene spatial studies sweep"),
 }
