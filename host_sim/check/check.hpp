@@ -1,23 +1,21 @@
 #pragma once
 /// `esmc check`: margins of a scene along its reference, of the true mechanism; the sampled loop; steps.
 
-#include <fmt/format.h>
-
 #include <array>
-#include <nlohmann/json.hpp>
 #include <string>
-#include <utility>
 #include <vector>
 
+#include "host_sim/check/findings.hpp"
 #include "host_sim/record/log.hpp"
 #include "host_sim/record/run_options.hpp"
 #include "host_sim/scene/scene.hpp"
 
 namespace esmc::host {
 
-/// `esmc check`: findings about a scene without running it. Exit status 1: it would not run to its end.
+/// `esmc check`: findings about a scene without running it to its end. Exit status 1: unfit.
 int run_check(const RunOptions& o);
-/// The first error of `esmc check`, or why a bus cannot run the scene; empty: neither.
+/// Why a board must not run the scene: the first finding of `esmc check` that is an error, or about torque or
+/// gain margins that are used up; or what a bus cannot carry. Empty: none.
 std::string refusal_of(const Scene& scene);
 
 /// Smallest and largest of some values.
@@ -56,26 +54,6 @@ std::vector<std::string> check_columns(const Scene& scene);
 
 /// Follows the reference for at most 2e6 ticks, a row of `log` each. Throws RunError where it is interrupted.
 Margins margins(const Scene& scene, Log& log);
-
-class Findings {
- public:
-  /// Adds an error, formatted by fmt; refused() is true from then on. warning() adds a warning.
-  template <class... Values>
-  void error(fmt::format_string<Values...> text, Values&&... values) {
-    refused_ = true;
-    list_.push_back({{"level", "error"}, {"text", fmt::format(text, std::forward<Values>(values)...)}});
-  }
-  template <class... Values>
-  void warning(fmt::format_string<Values...> text, Values&&... values) {
-    list_.push_back({{"level", "warning"}, {"text", fmt::format(text, std::forward<Values>(values)...)}});
-  }
-  [[nodiscard]] bool refused() const { return refused_; }                     ///< there is an error
-  [[nodiscard]] const nlohmann::ordered_json& list() const { return list_; }  ///< [{level, text}]
-
- private:
-  nlohmann::ordered_json list_ = nlohmann::ordered_json::array();
-  bool refused_ = false;
-};
 
 /// Adds findings on gains, layer and lambda: docs/theory.md, "Boundary layers and the implicit law".
 void judge_gains(const Scene& scene, Findings& f);

@@ -93,11 +93,11 @@ class Report {
       return;
     Findings f;
     judge_layer(scene_, d_.stiffness, f);
-    for (const Json& found : f.list()) {
-      if (found["level"] == "error")
-        d_.refused = "with these gains " + found["text"].get<std::string>();
+    for (const Finding& found : f.list()) {
+      if (found.level == Level::error)
+        d_.refused = "with these gains " + found.text;
       else
-        d_.warnings.push_back(found["text"]);
+        d_.warnings.push_back(found.text);
     }
   }
 
