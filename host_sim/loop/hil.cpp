@@ -222,7 +222,7 @@ int run_lockstep(const Scene& scene, const RunOptions& o, BusRunFiles& files, Pl
   end.interrupted = stop;
   exchange.report(end);
   if (stop) controller.shut_down(idle_tick);
-  set_outcome(end, controller.supervisor());
+  set_outcome(end, controller.supervisor(), controller.fault());
   end.odd_encoder = controller.odd_encoder();
   if (!stop) exchange.close();
   return finish_run(o, scene, "hil", plant.recorder(), end, files);

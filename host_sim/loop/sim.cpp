@@ -8,6 +8,7 @@
 #include "host_sim/drives/placed_axes.hpp"
 #include "host_sim/loop/progress.hpp"
 #include "host_sim/loop/run.hpp"
+#include "host_sim/record/fault_record.hpp"
 #include "host_sim/record/finish.hpp"
 #include "host_sim/record/recorder.hpp"
 
@@ -88,6 +89,7 @@ class SimRun {
     std::vector<Sensor> sensors = make_sensors(controller.config().sensor_count());
     Sample<C> sample;
     TickResult<C> result;
+    FaultFinder<World> finder(scene_);
     const double tick = scene_.tick(), step = tick / substeps;
     const std::uint32_t ticks = tick_count(scene_);
     Progress progress(progress_ ? ticks : 0);
@@ -104,6 +106,7 @@ class SimRun {
       const Joints torque = actuators_.deliver(asked, tick, clipped);
       if constexpr (std::is_same_v<C, M>) {
         recorder_.tick(n, motion_, torque, clipped, {&result, &sample});
+        finder.see(result, sample);
       } else {
         recorder_.tick(n, motion_, torque, clipped, {});
       }
@@ -115,7 +118,7 @@ class SimRun {
         break;
       }
     }
-    set_outcome(end, supervisor);
+    set_outcome(end, supervisor, finder.found());
     if (supervisor.fault() == Fault::loop_not_closed && controller.odd_encoder() != 0)
       end.odd_encoder = World::joint_names[controller.odd_encoder() - 1];
   }

@@ -49,8 +49,15 @@ class Told(unittest.TestCase):
             first = next(i for i, r in enumerate(rows) if r["state"] == "fault")
             self.assertGreater(first, 300)
             self.assertEqual(s["supervisor"]["fault_t_s"], float(rows[first]["t"]))
-            self.assertEqual(s["supervisor"]["faults"], ["joint_speed"])
-            self.assertIn(f"fault joint_speed at t = {float(rows[first]['t']):.3f} s", text.stdout)
+            # What the guard saw: the row's measurement, which is beyond the limit, of the joint that is named.
+            fault, = s["supervisor"]["faults"]
+            joint = fault["where"].split(",")[0]
+            self.assertEqual((fault["name"], fault["tick"], fault["t"], fault["limit"]), ("joint_speed", first, float(rows[first]["t"]), 7.5))
+            self.assertEqual(fault["measured"], float(rows[first][joint + "_rate_meas"]))
+            self.assertGreater(abs(fault["measured"]), 7.5)
+            self.assertEqual("node" in fault["where"], command == "hil")
+            self.assertIn(f"FAULT: joint_speed at t = {float(rows[first]['t']):.3f} s: {fault['where']}, {fault['measured']:.4g} rad/s, limit 7.5; ",
+                          text.stdout.splitlines()[-1])
             distance = [((float(r["x"]) - float(r["x_ref"])) ** 2 + (float(r["y"]) - float(r["y_ref"])) ** 2) ** 0.5 for r in rows]
             self.assertAlmostEqual(s["tracking"]["max_m"], max(distance[:first]), delta=1e-12)
             self.assertAlmostEqual(s["tracking"]["settled_max_m"], max(distance[250:first]), delta=1e-12)
@@ -65,10 +72,10 @@ class Told(unittest.TestCase):
         for word in ("chatter", "decides", "cannot carry"):
             self.assertNotIn(word, quiet)
         sign = esmc("sim", self.circle, "--out", self.tmp, *sets("control.reaching=sign")).stdout
-        self.assertRegex(sign, r"\nchatter: .* changes by \d+ % of its maximum")
-        self.assertRegex(sign, r"\nsaturated in 19\d\d of 2000 ticks: the torque limit decides")
-        self.assertEqual(len(self.report(self.tmp)["concerns"]), 2)
-        self.assertRegex(esmc("hil", self.circle, *sets("bus.bitrate=250000")).stdout, r"\nbus load 2\d\d %: a real bus cannot carry")
+        self.assertRegex(sign, r"\nCHECK: chatter: .* changes by \d+ % of its maximum")
+        self.assertRegex(sign, r"; saturated in 19\d\d of 2000 ticks: the torque limit decides")
+        self.assertEqual(len(self.report(self.tmp)["summary"]["verdict"]["reasons"]), 4)
+        self.assertRegex(esmc("hil", self.circle, *sets("bus.bitrate=250000")).stdout, r"\nCHECK: bus load 2\d\d %: a real bus cannot carry")
         free = esmc("sim", self.circle, *sets("control.law=none", "simulation.duration=0.001")).stdout
         self.assertNotIn("chatter", free)
         self.assertIn(" 1 tick (", free)

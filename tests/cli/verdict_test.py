@@ -55,6 +55,42 @@ class Verdicts(unittest.TestCase):
             self.assertTrue(found == set() if one is None else one in found, (values, found))
             self.assertLessEqual({code for _, code, _ in found}, listed)
 
+    def test_summary_terminal_and_page_say_the_same(self):
+        slow = 'effects=[{type="drive_dropout", drive=2, from=0.3, to=0.5}]'
+        for command, values, word, first in (("sim", [], "OK", "after the first 0.25 s, the effector stayed within "),
+                                             ("sim", ["control.gain=0"], "CHECK", "the error is above 5 % of the path"),
+                                             ("hil", ["bus.bitrate=250000"], "CHECK", "bus load 2"),
+                                             ("hil", [slow], "FAULT", "stale_feedback at t = 0.302 s: theta21, node 2, 3 ticks without a sample, limit 2")):
+            out = self.tmp / "out"
+            run = esmc(command, self.circle, "--out", out, *sets("simulation.duration=0.5", *values))
+            summary = json.loads((out / "summary.json").read_text())
+            verdict = summary["verdict"]
+            self.assertEqual((verdict["ok"], verdict["word"], run.returncode), (word == "OK", word, int(word == "FAULT")))
+            self.assertEqual(run.stdout.splitlines()[-1], word + ": " + "; ".join(verdict["reasons"]))
+            self.assertTrue(verdict["reasons"][0].startswith(first), verdict)
+            page = re.search(r'<script type="application/json" id="data">(.*?)</script>', (out / "report.html").read_text(), re.S)[1]
+            self.assertEqual(json.loads(page)["summary"]["verdict"], verdict)
+
+    def fault(self, command, *values):
+        s = json.loads(esmc(command, self.circle, "--json", *sets("simulation.duration=0.5", *values)).stdout)
+        fault, = s["supervisor"]["faults"]
+        self.assertEqual((fault["t"], fault["tick"]), (s["supervisor"]["fault_t_s"], round(1000 * s["supervisor"]["fault_t_s"])))
+        return fault
+
+    def test_a_fault_names_place_value_and_limit(self):
+        for values, name, where, limit, beyond in (
+                (["limits.workspace={x=[-0.3, 0.3], y=[-0.05, 0.2]}"], "workspace", "y", 0.2, lambda v: 0.2 < v < 0.202),
+                (["limits.joint_angle=[[-3.2, 1.0], [-3.2, 3.2]]"], "joint_angle", "theta11", 1.0, lambda v: 1.0 < v < 1.02),
+                (["limits.min_abs_sin_type1=0.9"], "type1_singularity", "", 0.9, lambda v: 0.89 < v < 0.9),
+                (["limits.min_abs_sin_type2=0.9"], "type2_singularity", "", 0.9, lambda v: 0.89 < v < 0.9)):
+            fault = self.fault("sim", *values)
+            self.assertEqual((fault["name"], fault["where"], fault["limit"]), (name, where, limit), fault)
+            self.assertTrue(beyond(fault["measured"]), fault)
+        fault = self.fault("hil", "drives.torque_mismatch=0.01")
+        self.assertEqual((fault["name"], fault["limit"], fault["unit"]), ("torque_mismatch", 0.01, "N m from its command"))
+        self.assertRegex(fault["where"], "^theta[12]1, node [12]$")
+        self.assertGreater(fault["measured"], 0.01)
+
 
 if __name__ == "__main__":
     ESMC, SCENES = sys.argv[1], sys.argv[2]
