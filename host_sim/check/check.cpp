@@ -1,4 +1,6 @@
 #include "host_sim/check/check.hpp"
+#include "host_sim/check/margins.hpp"
+#include "host_sim/check/probe.hpp"
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -43,6 +45,9 @@ void judge_open_loop(const Scene& s, Findings& f) {
 constexpr const char* torque_key = "control.torque_limit";
 constexpr double much = 0.7;  ///< share of a limit that leaves little to correct errors with
 
+/// Torque that is short for a moment is a warning.
+Level shortage(const Margins& m) { return m.short_ticks > 0.05 * m.ticks ? Level::error : Level::warning; }
+
 void judge_each(const Scene& s, const Margins& m, Findings& f) {
   for (std::size_t i = 0; i < m.torque.size(); ++i) {
     const double share = m.torque[i] / s.torque_limit[i];
@@ -50,7 +55,7 @@ void judge_each(const Scene& s, const Margins& m, Findings& f) {
         fmt::format("motor {}: the reference alone takes {:.3g} N m of torque_limit = {} N m", i + 1,
                     m.torque[i], s.torque_limit[i]);
     if (!(share <= 1.0)) {
-      f.error(Code::torque_exceeded, torque_key, "{}", text);
+      f.add(shortage(m), Code::torque_exceeded, torque_key, "{}", text);
     } else if (share > much) {
       f.warning(Code::torque_margin, torque_key, "{}; little is left to correct errors with", text);
     }
@@ -67,16 +72,58 @@ void judge_together(const Scene& s, const Margins& m, Findings& f) {
     std::string names = fmt::format("{}", fmt::join(held, ", "));
     if (const std::size_t last = names.rfind(", "); last != std::string::npos)
       names.replace(last, 2, " and ");
-    f.error(Code::torque_exceeded, torque_key,
-            "motor{} {}: at their torque_limit the four motors together give {:.3g} % of what the reference "
-            "alone takes (t = {:.3f} s)",
-            held.size() == 1 ? "" : "s", names, 100.0 / m.share, m.share_t);
+    f.add(shortage(m), Code::torque_exceeded, torque_key,
+          "motor{} {}: at their torque_limit the four motors together give {:.3g} % of what the reference "
+          "alone takes (t = {:.3f} s)",
+          held.size() == 1 ? "" : "s", names, 100.0 / m.share, m.share_t);
   } else if (m.share > much) {
     f.warning(
         Code::torque_margin, torque_key,
         "the reference alone takes {:.3g} % of what the four motors together give within torque_limit (t = "
         "{:.3f} s); little is left to correct errors with",
         100.0 * m.share, m.share_t);
+  }
+}
+
+/// What the drives cut, and jumps that no motor follows.
+void judge_drives(const Scene& s, const Margins& m, Findings& f) {
+  for (std::size_t i = 0; i < m.drive_short.size(); ++i) {
+    if (m.drive_short[i] == 0.0) continue;
+    f.add(shortage(m), Code::torque_exceeded, "effects",
+          "motor {}: the reference alone takes {:.3g} N m, and its drive gives less ({}); the motors are "
+          "short in {:.2g} % of "
+          "the ticks",
+          i + 1, m.drive_short[i],
+          find_effect<ThermalLimit>(s.effects) ? "thermal_limit" : "torque_saturation",
+          100.0 * m.short_ticks / m.ticks);
+  }
+  const char* unit = s.reference.type == ReferenceType::joint_sine ? "rad" : "m";
+  if (m.position_jump > 0.0)
+    f.error(Code::reference_jumps, "reference", "the reference jumps by {:.3g} {} in one tick",
+            m.position_jump, unit);
+  if (m.speed_jump > 0.05 * m.speed_max) {
+    f.warning(Code::reference_jumps, "reference",
+              "at t = {:.3f} s the speed of the reference jumps by {:.3g} {}/s: a blow for the motors, and "
+              "no law follows "
+              "it{}",
+              m.jump_t, m.speed_jump, unit,
+              s.reference.type == ReferenceType::file ? "; let the table end at rest" : "");
+  }
+}
+
+/// Splines through the corners of a table leave the box of its points.
+void judge_table(const Scene& s, const Margins& m, Findings& f) {
+  if (s.reference.type != ReferenceType::file) return;
+  Extent x, y;
+  for (const PathPoint& p : s.reference.table) {
+    x.widen(p.x);
+    y.widen(p.y);
+  }
+  const double beyond = std::max({x.low - m.x.low, m.x.high - x.high, y.low - m.y.low, m.y.high - y.high});
+  if (beyond > 0.02 * std::max(x.high - x.low, y.high - y.low)) {
+    f.warning(Code::reference_overshoots, "reference.path",
+              "between its points the spline goes {:.3g} mm beyond all of them: more points at the corners",
+              1e3 * beyond);
   }
 }
 
@@ -142,6 +189,8 @@ void judge_motion(const Scene& s, const Margins& start, const Margins& m, Findin
     judge_together(s, m, f);
   else
     judge_each(s, m, f);
+  judge_drives(s, m, f);
+  judge_table(s, m, f);
   judge_gains(s, f);
 }
 
@@ -226,6 +275,7 @@ std::string bus_text(const BusAnalysis& bus) {
 struct Judgement {
   Margins margins;
   BusAnalysis bus;
+  std::vector<ProbePart> parts;
   Findings findings;
 };
 
@@ -260,11 +310,15 @@ void judge_odrive(const Scene& scene, Findings& f) {
 }
 
 Judgement judge(const Scene& scene, Log& log) {
-  Judgement v{margins(scene, log), analyse_bus(scene), {}};
+  Judgement v{margins(scene, log), analyse_bus(scene), {}, {}};
   judge_motion(scene, start_margins(scene), v.margins, v.findings);
   judge_bus(scene, v.bus, v.findings);
   judge_heartbeats(scene, v.findings);
   judge_odrive(scene, v.findings);
+  if (scene.closed_loop() && v.margins.unreachable.empty() && v.margins.ticks > 1) {
+    v.parts = probe_scene(scene, v.margins);
+    judge_probe(v.margins, v.parts, v.findings);
+  }
   return v;
 }
 
@@ -273,7 +327,7 @@ const char* verdict(const Findings& f) {
 }
 
 Json report_json(const Scene& scene, const Judgement& v, const std::string& obstacle) {
-  const auto& [m, bus, f] = v;
+  const auto& [m, bus, parts, f] = v;
   const bool five_bar = scene.type == MechanismType::five_bar;
   Json j;
   j["scene"] = scene.name;
@@ -289,6 +343,16 @@ Json report_json(const Scene& scene, const Judgement& v, const std::string& obst
       {"torque_share", scene.closed_loop() && std::isfinite(m.share) ? Json(m.share) : Json(nullptr)},
       {"least_preload_nm", m.preload.empty() ? Json(nullptr) : Json(m.preload)}};
   j["bus"] = bus_json(bus);
+  j["simulated"] = Json::array();
+  for (const ProbePart& p : v.parts) {
+    j["simulated"].push_back({{"t", p.t},
+                              {"ticks", p.ticks},
+                              {"mean_change_share", p.change},
+                              {"growth_per_tick", p.growth},
+                              {"max_error_m", p.error},
+                              {"saturated_share", p.saturated},
+                              {"fault", p.fault.empty() ? Json(nullptr) : Json(p.fault)}});
+  }
   j["findings"] = Json::array();
   for (const Finding& one : f.list()) {
     j["findings"].push_back(
@@ -298,7 +362,7 @@ Json report_json(const Scene& scene, const Judgement& v, const std::string& obst
 }
 
 std::string report_text(const Scene& scene, const Judgement& v, const std::string& obstacle) {
-  const auto& [m, bus, f] = v;
+  const auto& [m, bus, parts, f] = v;
   const auto warnings = f.count(Level::warning);
   std::string out = fmt::format(
       "{}: {}{}\n", printable(scene.name),

@@ -27,6 +27,8 @@ enum class Code {
   delay_untold,
   no_gain,
   reference_jumps,
+  reference_overshoots,
+  not_followed,
   limit_crossed,
   unreachable,
   preload_lost,
@@ -41,11 +43,13 @@ enum class Code {
   units_suspicious,
 };
 template <>
-inline constexpr auto names_of<Code> = std::array{
-    "torque_exceeded",  "torque_margin", "loop_rings",      "gain_margin",       "loop_margin",
-    "delay_untold",     "no_gain",       "reference_jumps", "limit_crossed",     "unreachable",
-    "preload_lost",     "effect_idle",   "step_too_long",   "bus_load",          "bus_latency",
-    "identifier_clash", "node_zero",     "sample_rate",     "heartbeat_timeout", "units_suspicious"};
+inline constexpr auto names_of<Code> =
+    std::array{"torque_exceeded",      "torque_margin",    "loop_rings",    "gain_margin",
+               "loop_margin",          "delay_untold",     "no_gain",       "reference_jumps",
+               "reference_overshoots", "not_followed",     "limit_crossed", "unreachable",
+               "preload_lost",         "effect_idle",      "step_too_long", "bus_load",
+               "bus_latency",          "identifier_clash", "node_zero",     "sample_rate",
+               "heartbeat_timeout",    "units_suspicious"};
 
 static_assert(names_of<Code>.size() == static_cast<std::size_t>(Code::units_suspicious) + 1);
 

@@ -58,11 +58,13 @@ void judge_gains(const Scene& s, Findings& f) {
   const Delay d = delay_of(s);
   judge_observer(s, d, f);
   if (!s.sliding()) return;
-  if (s.reaching == ReachingChoice::super_twisting && std::max(s.gain.position, s.gain.angle) == 0.0)
-    f.warning(
-        Code::no_gain, "control.gain",
-        "control.gain is L of super_twisting, the largest rate of what disturbs: with 0 it holds against "
-        "nothing (docs/reaching.md)");
+  if (!s.robust_gain && std::max(s.gain.position, s.gain.angle) == 0.0) {
+    f.warning(Code::no_gain, "control.gain",
+              "control.gain = 0{}: the law holds against nothing, and an error of the start stays",
+              s.reaching == ReachingChoice::super_twisting
+                  ? ", which is L of super_twisting, the largest rate of what disturbs (docs/reaching.md)"
+                  : "");
+  }
   if (s.reaching == ReachingChoice::sign)
     f.warning(Code::loop_margin, "control.reaching",
               "reaching = \"sign\" chatters in a sampled loop; \"implicit\" does not");
@@ -109,10 +111,12 @@ void judge_layer(const Scene& s, double stiffness, Findings& f) {
       "a larger control.layer, a smaller gain or lambda (docs/theory.md, \"Boundary layers and the implicit "
       "law\")";
   d.certain += d.bus;
-  if (kappa_t > design::steepest(d.certain)) {
-    f.error(Code::gain_margin, "control.layer",
-            "{}, at most {:.2g}, half of what makes the loop ring by itself with a delay of {:.2g} ticks: {}",
-            is, design::steepest(d.certain), d.certain, cure);
+  if (const double most = design::steepest(d.certain); kappa_t > most) {
+    const bool rings = kappa_t > 2.0 * most;
+    f.add(rings ? Level::error : Level::warning, rings ? Code::loop_rings : Code::gain_margin,
+          "control.layer",
+          "{}, at most {:.2g}, half of what makes the loop ring by itself with a delay of {:.2g} ticks: {}",
+          is, most, d.certain, cure);
   } else if (const double allowed = std::min(0.3, design::steepest(d.certain + d.lag)); kappa_t > allowed) {
     f.warning(Code::loop_margin, "control.layer", "{}, better below {:.2g}: {}", is, allowed, cure);
   }

@@ -33,6 +33,8 @@ class SimRun {
   [[nodiscard]] Recorder<World>& recorder() { return recorder_; }
   /// Appends the effector's position at every tick of a closed loop.
   void keep_path(std::vector<V2>* path) { path_ = path; }
+  /// Appends torques and saturation of every tick of a closed loop.
+  void keep_torques(Trace* trace) { torques_ = trace; }
   void use_single_precision() { single_precision_ = true; }
   /// A run among many shows no progress of its own.
   void without_progress() { progress_ = false; }
@@ -111,6 +113,10 @@ class SimRun {
         recorder_.tick(n, motion_, torque, clipped, {});
       }
       if (path_ != nullptr) path_->push_back(motion_.output().effector);
+      if (torques_ != nullptr) {
+        for (const std::size_t joint : scene_.motor_joints()) torques_->torque.push_back(torque[joint]);
+        torques_->saturated.push_back(clipped || result.saturated);
+      }
       actuators_.advance(motion_, n * tick, tick, step, torque);
       if (stop) {
         supervisor.begin_tick(Command::none, {false, true});  // nor any that would take time to be idle
@@ -135,8 +141,9 @@ class SimRun {
       if (count == 2 && a.joint % (M::joints / 2) != 0) continue;
       const double k = a.mount.rev_per_rad();
       out.push_back({a, ShaftSensor(effects, scene_.tick(), k, a.joint, scene_.seed), k});
-      const double angle = motion_.shaft(static_cast<std::size_t>(a.joint)).angle;
-      out.back().shaft.settle({(angle - a.mount.offset) * k, 0.0});
+      const Shaft shaft = motion_.shaft(static_cast<std::size_t>(a.joint));
+      const double rate = scene_.reference.first_tick > 0 ? shaft.rate : 0.0;  // else it has been at rest
+      out.back().shaft.settle({(shaft.angle - rate * scene_.tick() - a.mount.offset) * k, rate * k});
     }
     exact_ = effects.none();
     return out;
@@ -165,6 +172,7 @@ class SimRun {
   Actuators<Plant> actuators_;
   bool exact_ = true, single_precision_ = false, progress_ = true;
   std::vector<V2>* path_ = nullptr;
+  Trace* torques_ = nullptr;
 };
 
 [[nodiscard]] double largest_difference(const std::vector<double>& a, const std::vector<double>& b) {
@@ -263,6 +271,14 @@ Trace trace(const Scene& scene, bool single_precision) {
   const auto set_up = [&](auto& run, Trace& out) {
     run.keep_path(&out.effector);
     if (single_precision) run.use_single_precision();
+  };
+  return with_world(scene, [&]<class World>(World) { return study<World>(scene, set_up); });
+}
+
+Trace probe(const Scene& scene) {
+  const auto set_up = [](auto& run, Trace& out) {
+    run.keep_torques(&out);
+    run.without_progress();
   };
   return with_world(scene, [&]<class World>(World) { return study<World>(scene, set_up); });
 }

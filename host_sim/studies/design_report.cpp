@@ -94,7 +94,7 @@ class Report {
     Findings f;
     judge_layer(scene_, d_.stiffness, f);
     for (const Finding& found : f.list()) {
-      if (found.level == Level::error)
+      if (found.level == Level::error || found.code == Code::gain_margin)
         d_.refused = "with these gains " + found.text;
       else
         d_.warnings.push_back(found.text);
