@@ -46,7 +46,7 @@ constexpr const char* torque_key = "control.torque_limit";
 constexpr double much = 0.7;  ///< share of a limit that leaves little to correct errors with
 
 /// Torque that is short for a moment is a warning.
-Level shortage(const Margins& m) { return m.short_ticks > 0.05 * m.ticks ? Level::error : Level::warning; }
+Level shortage(const Margins& m) { return m.short_ticks > 0.1 * m.ticks ? Level::error : Level::warning; }
 
 void judge_each(const Scene& s, const Margins& m, Findings& f) {
   for (std::size_t i = 0; i < m.torque.size(); ++i) {

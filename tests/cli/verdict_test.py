@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 """Verdicts before and after a run: what `esmc check` says of a scene against what the scene does in `esmc sim`, and the words of a run.
 usage: verdict_test.py ESMC SCENES_DIR [unittest args]"""
+import csv
 import json
 import re
 import subprocess
@@ -54,6 +55,63 @@ class Verdicts(unittest.TestCase):
             found = self.found(self.circle, *values)
             self.assertTrue(found == set() if one is None else one in found, (values, found))
             self.assertLessEqual({code for _, code, _ in found}, listed)
+
+    def judged(self, values, level, *codes, where=None):
+        for code in codes:
+            found = [f for f in self.check(self.circle, *values)["findings"] if f["code"] == code]
+            self.assertIn(level, [f["level"] for f in found], (values, code))
+            self.assertTrue(where is None or where in [f["where"] for f in found], found)
+
+    def test_torque_counts_what_the_plant_adds(self):
+        self.judged(['effects=[{type="coulomb_friction", torque=[3.0, 0.1]}]'], "error", "torque_exceeded", where="control.torque_limit")
+        self.judged(['effects=[{type="torque_saturation", limit=0.2}]'], "error", "torque_exceeded", where="effects")
+        self.judged(['effects=[{type="thermal_limit", continuous=0.15, time_constant=1.0}]'], "error", "torque_exceeded", where="effects")
+        self.judged(['effects=[{type="payload", mass=0.5}]'], "warning", "torque_margin")
+        self.judged(['effects=[{type="external_force", force=[-30.0, 0.0], from=0.0, to=2.0}]'], "error", "torque_exceeded")
+        self.judged(["control.torque_limit=0.06"], "error", "torque_exceeded")
+        self.judged(["control.torque_limit=0.489"], "warning", "torque_exceeded")  # at the peak only
+        self.assertEqual(esmc("bake", self.circle, *sets("control.torque_limit=0.489")).returncode, 2)
+        self.judged(["control.gain=0"], "warning", "no_gain")
+
+    def test_torques_are_those_of_an_undisturbed_run(self):
+        """A law that knows everything but the effect gives the torque of check.csv once it has settled."""
+        near, law = ("reference.join=0.3", "simulation.duration=1.2", "simulation.step=2e-5"), ("control.disturbance_observer=100", "control.lambda=60")
+        for effect, *control in (('{type="coulomb_friction", torque=[0.05, 0.01], regularised=0.05}', *law), ('{type="payload", mass=0.1}', *law),
+                                 ('{type="external_force", force=[1.0, -2.0], from=0.0, to=9.0}', *law),
+                                 ('{type="joint_flexibility", stiffness=2000, damping=2, rotor_inertia=3e-4}', "control.law=ctc", "control.lambda=80")):
+            values = (*near, *control, f"effects=[{effect}]")
+            esmc("check", self.circle, "--out", self.tmp / "check", *sets(*values))
+            esmc("sim", self.circle, "--out", self.tmp / "sim", *sets(*values))
+            rows = []
+            for name in ("check/check.csv", "sim/log.csv"):
+                with open(self.tmp / name, newline="", encoding="utf-8") as f:
+                    rows.append([(float(r["tau11"]), float(r["tau21"])) for r in csv.DictReader(f)][600:])
+            off = sorted(max(abs(x - y) for x, y in zip(*pair)) for pair in zip(*rows))
+            self.assertLess(off[len(off) * 9 // 10], 0.008, effect)  # but where friction turns round
+
+    def test_loops_that_ring(self):
+        join, heavy = "reference.join=0.3", "control.model={m1=%g, m2=%g, J1=%g, J2=%g}"
+        gear = 'effects=[{type="joint_flexibility", stiffness=%d, rotor_inertia=1e-4}]'
+        for values in ([gear % 100, "simulation.step=1e-4"], [gear % 1000, "simulation.step=1e-4"], ["control.law=ctc", "control.lambda=1200"],
+                       [heavy % (2.2, 2.2, 2.2, 2.2)], [heavy % (1.6, 1.6, 1.6, 1.6), "control.delay_ticks=2", 'effects=[{type="delay", ticks=2}]'],
+                       ["control.law=ctc", "control.lambda=600", 'effects=[{type="encoder", bits=16}]']):
+            self.judged([join, "simulation.duration=1.5", *values], "error", "loop_rings")
+
+    def test_references_that_jump(self):
+        path = self.tmp / "path.csv"
+        table = f'reference={{type="file", path="{path}"}}'
+        path.write_text("t,x,y\n" + "".join(f"{0.1 * k},{-0.04 + 0.027 * k},0.17\n" for k in range(4)))
+        self.judged([table], "warning", "reference_jumps", where="reference")
+        corners = [(-0.04, 0.15), (0.04, 0.15), (0.04, 0.2), (-0.04, 0.2), (-0.04, 0.15)]
+        path.write_text("t,x,y\n" + "".join(f"{0.5 * k},{x},{y}\n" for k, (x, y) in enumerate(corners)))
+        self.judged([table], "warning", "reference_overshoots", where="reference.path")
+
+    def test_what_we_hand_out_is_not_called_unfit(self):
+        for scene in sorted(Path(SCENES).glob("*.toml")):
+            j = self.check(scene)
+            self.assertNotEqual(j["verdict"], "unfit", scene)
+            self.assertLessEqual(sum(p["ticks"] for p in j["simulated"]), 200)
+            self.assertLessEqual({f["code"] for f in j["findings"]}, {"bus_latency", "delay_untold"}, scene)
 
     def test_summary_terminal_and_page_say_the_same(self):
         slow = 'effects=[{type="drive_dropout", drive=2, from=0.3, to=0.5}]'
