@@ -300,11 +300,9 @@ void judge_heartbeats(const Scene& scene, Findings& f) {
 
 void judge_odrive(const Scene& scene, Findings& f) {
   if (!scene.odrive()) return;
-  if (std::ranges::find(scene.drives.nodes, 0) != scene.drives.nodes.end()) {
+  if (std::ranges::find(scene.drives.nodes, 0) != scene.drives.nodes.end())
     f.warning(Code::node_zero, "drives.nodes",
-              "drives.nodes names node 0: its command 0 has the identifier of CANopen's NMT, and a drive "
-              "without a number of its own may be 0; take 1 or more");
-  }
+              "drives.nodes names node 0, which no bus may have; take 1 or more");
   if (scene.rate_hz > 1000.0)
     f.warning(Code::sample_rate, "control.rate_hz", "ODrive sends encoder estimates at 1 kHz at most");
 }
@@ -315,6 +313,7 @@ Judgement judge(const Scene& scene, Log& log) {
   judge_bus(scene, v.bus, v.findings);
   judge_heartbeats(scene, v.findings);
   judge_odrive(scene, v.findings);
+  judge_units(scene, v.findings);
   if (scene.closed_loop() && v.margins.unreachable.empty() && v.margins.ticks > 1) {
     v.parts = probe_scene(scene, v.margins);
     judge_probe(v.margins, v.parts, v.findings);

@@ -15,6 +15,8 @@ int run_check(const RunOptions& o);
 /// gain margins that are used up; or what a bus cannot carry. Empty: none.
 std::string refusal_of(const Scene& scene);
 
+/// Adds hints at lengths, angles and steps that would make sense in another unit.
+void judge_units(const Scene& scene, Findings& f);
 /// Adds findings on gains, layer and lambda: docs/theory.md, "Boundary layers and the implicit law".
 void judge_gains(const Scene& scene, Findings& f);
 /// Adds findings on the layers of `saturation` and `tanh`. `stiffness`: largest decay rate within them, 1/s.

@@ -113,6 +113,29 @@ class Verdicts(unittest.TestCase):
             self.assertLessEqual(sum(p["ticks"] for p in j["simulated"]), 200)
             self.assertLessEqual({f["code"] for f in j["findings"]}, {"bus_latency", "delay_untold"}, scene)
 
+    def test_hints_at_units(self):
+        rr = Path(SCENES, "rr_line.toml")
+        for scene, value, where in ((self.circle, "reference.phase=90", "reference.phase"), (self.circle, "mechanism.leg.lg1=0.3", "mechanism.leg.lg1"),
+                                    (self.circle, "mechanism.leg.J1=2.0", "mechanism.leg.J1"), (self.circle, "simulation.step=1e-2", "simulation.step"),
+                                    (self.circle, "limits.joint_angle=[[-180, 180], [-180, 180]]", "limits.joint_angle"),
+                                    (rr, "reference={type='joint_sine', offset=[30, 45], amplitude=[0.1, 0.1], omega=[1, 1]}", "reference.offset")):
+            self.assertIn(("hint", "units_suspicious", where), self.found(scene, value, *(["mechanism.gravity=0"] if scene == rr else [])), value)
+        mm = self.circle.read_text().replace("half_base = 0.05 ", "half_base = 50 ").replace("l1 = 0.12, l2 = 0.16, lg1 = 0.06, lg2 = 0.068", "l1 = 120, l2 = 160, lg1 = 60, lg2 = 68")
+        (self.tmp / "mm.toml").write_text(mm.replace("center = [0.0, 0.17]", "center = [0.0, 170]").replace("radius = 0.07", "radius = 70"))
+        found = self.found(self.tmp / "mm.toml")
+        for key in ("mechanism.leg.l1", "mechanism.leg.l2", "mechanism.half_base"):
+            self.assertIn(("hint", "units_suspicious", key), found)
+        self.assertNotIn("units_suspicious", {code for _, code, _ in self.found(self.circle, "reference.phase=6.2", "mechanism.leg.lg1=0.12")})
+
+    def test_node_zero_is_for_no_bus(self):
+        zero = sets("drives.nodes=[0, 1]")
+        self.assertIn("'drives.nodes' must be 1 or more on a bus", self.check(self.circle, "drives.nodes=[0, 1]")["not_on_bus_because"])
+        self.assertEqual(esmc("sim", self.circle, *zero).returncode, 0)  # no bus
+        for command in (["hil", self.circle], ["bake", self.circle]):
+            run = esmc(*command, *zero)
+            self.assertEqual(run.returncode, 2)
+            self.assertIn("'drives.nodes' must be 1 or more on a bus", run.stderr)
+
     def test_summary_terminal_and_page_say_the_same(self):
         slow = 'effects=[{type="drive_dropout", drive=2, from=0.3, to=0.5}]'
         for command, values, word, first in (("sim", [], "OK", "after the first 0.25 s, the effector stayed within "),
