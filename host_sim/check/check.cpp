@@ -1,4 +1,6 @@
 #include "host_sim/check/check.hpp"
+#include "host_sim/check/margins.hpp"
+#include "host_sim/check/probe.hpp"
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -35,11 +37,16 @@ void judge_open_loop(const Scene& s, Findings& f) {
     if (std::ranges::find(ticked, type) != std::end(ticked)) idle += (idle.empty() ? "" : ", ") + type;
   }
   if (idle.empty()) return;
-  f.warning("without a controller there are no ticks and no readings: {} {} no effect", idle,
+  f.warning(Code::effect_idle, "effects",
+            "without a controller there are no ticks and no readings: {} {} no effect", idle,
             idle.find(',') == std::string::npos ? "has" : "have");
 }
 
+constexpr const char* torque_key = "control.torque_limit";
 constexpr double much = 0.7;  ///< share of a limit that leaves little to correct errors with
+
+/// Torque that is short for a moment is a warning.
+Level shortage(const Margins& m) { return m.short_ticks > 0.1 * m.ticks ? Level::error : Level::warning; }
 
 void judge_each(const Scene& s, const Margins& m, Findings& f) {
   for (std::size_t i = 0; i < m.torque.size(); ++i) {
@@ -48,9 +55,9 @@ void judge_each(const Scene& s, const Margins& m, Findings& f) {
         fmt::format("motor {}: the reference alone takes {:.3g} N m of torque_limit = {} N m", i + 1,
                     m.torque[i], s.torque_limit[i]);
     if (!(share <= 1.0)) {
-      f.error("{}", text);
+      f.add(shortage(m), Code::torque_exceeded, torque_key, "{}", text);
     } else if (share > much) {
-      f.warning("{}; little is left to correct errors with", text);
+      f.warning(Code::torque_margin, torque_key, "{}; little is left to correct errors with", text);
     }
   }
 }
@@ -65,15 +72,58 @@ void judge_together(const Scene& s, const Margins& m, Findings& f) {
     std::string names = fmt::format("{}", fmt::join(held, ", "));
     if (const std::size_t last = names.rfind(", "); last != std::string::npos)
       names.replace(last, 2, " and ");
-    f.error(
-        "motor{} {}: at their torque_limit the four motors together give {:.3g} % of what the reference "
-        "alone takes (t = {:.3f} s)",
-        held.size() == 1 ? "" : "s", names, 100.0 / m.share, m.share_t);
+    f.add(shortage(m), Code::torque_exceeded, torque_key,
+          "motor{} {}: at their torque_limit the four motors together give {:.3g} % of what the reference "
+          "alone takes (t = {:.3f} s)",
+          held.size() == 1 ? "" : "s", names, 100.0 / m.share, m.share_t);
   } else if (m.share > much) {
     f.warning(
+        Code::torque_margin, torque_key,
         "the reference alone takes {:.3g} % of what the four motors together give within torque_limit (t = "
         "{:.3f} s); little is left to correct errors with",
         100.0 * m.share, m.share_t);
+  }
+}
+
+/// What the drives cut, and jumps that no motor follows.
+void judge_drives(const Scene& s, const Margins& m, Findings& f) {
+  for (std::size_t i = 0; i < m.drive_short.size(); ++i) {
+    if (m.drive_short[i] == 0.0) continue;
+    f.add(shortage(m), Code::torque_exceeded, "effects",
+          "motor {}: the reference alone takes {:.3g} N m, and its drive gives less ({}); the motors are "
+          "short in {:.2g} % of "
+          "the ticks",
+          i + 1, m.drive_short[i],
+          find_effect<ThermalLimit>(s.effects) ? "thermal_limit" : "torque_saturation",
+          100.0 * m.short_ticks / m.ticks);
+  }
+  const char* unit = s.reference.type == ReferenceType::joint_sine ? "rad" : "m";
+  if (m.position_jump > 0.0)
+    f.error(Code::reference_jumps, "reference", "the reference jumps by {:.3g} {} in one tick",
+            m.position_jump, unit);
+  if (m.speed_jump > 0.05 * m.speed_max) {
+    f.warning(Code::reference_jumps, "reference",
+              "at t = {:.3f} s the speed of the reference jumps by {:.3g} {}/s: a blow for the motors, and "
+              "no law follows "
+              "it{}",
+              m.jump_t, m.speed_jump, unit,
+              s.reference.type == ReferenceType::file ? "; let the table end at rest" : "");
+  }
+}
+
+/// Splines through the corners of a table leave the box of its points.
+void judge_table(const Scene& s, const Margins& m, Findings& f) {
+  if (s.reference.type != ReferenceType::file) return;
+  Extent x, y;
+  for (const PathPoint& p : s.reference.table) {
+    x.widen(p.x);
+    y.widen(p.y);
+  }
+  const double beyond = std::max({x.low - m.x.low, m.x.high - x.high, y.low - m.y.low, m.y.high - y.high});
+  if (beyond > 0.02 * std::max(x.high - x.low, y.high - y.low)) {
+    f.warning(Code::reference_overshoots, "reference.path",
+              "between its points the spline goes {:.3g} mm beyond all of them: more points at the corners",
+              1e3 * beyond);
   }
 }
 
@@ -84,13 +134,15 @@ void judge_limits(const Scene& s, const Margins& m, bool start, Findings& f) {
                        v);
   };
   if (!(m.sin_type1 >= s.limits.min_abs_sin_type1)) {
-    f.error("|sin theta_j2| {}, below limits.min_abs_sin_type1 = {}", least(m.sin_type1),
+    f.error(Code::limit_crossed, "limits.min_abs_sin_type1",
+            "|sin theta_j2| {}, below limits.min_abs_sin_type1 = {}", least(m.sin_type1),
             s.limits.min_abs_sin_type1);
   }
   if (guarded_type2(s) && !(m.sin_type2 >= s.limits.min_abs_sin_type2))
-    f.error("|D2| {}, below limits.min_abs_sin_type2 = {}", least(m.sin_type2), s.limits.min_abs_sin_type2);
+    f.error(Code::limit_crossed, "limits.min_abs_sin_type2", "|D2| {}, below limits.min_abs_sin_type2 = {}",
+            least(m.sin_type2), s.limits.min_abs_sin_type2);
   if (const auto& w = s.limits.workspace; w && (m.x.beyond((*w)[0]) || m.y.beyond((*w)[1]))) {
-    f.error("{} beyond limits.workspace",
+    f.error(Code::limit_crossed, "limits.workspace", "{} beyond limits.workspace",
             start ? fmt::format("the start ({:.3g}, {:.3g}) m is", m.x.low, m.y.low)
                   : fmt::format("the reference spans x = [{:.3g}, {:.3g}], y = [{:.3g}, {:.3g}] m,", m.x.low,
                                 m.x.high, m.y.low, m.y.high));
@@ -98,12 +150,13 @@ void judge_limits(const Scene& s, const Margins& m, bool start, Findings& f) {
   for (std::size_t i = 0; i < 2; ++i) {
     const Extent& angle = m.angle[i];
     if (s.limits.joint_angle && angle.beyond((*s.limits.joint_angle)[i])) {
-      f.error("base joint {} {}, beyond limits.joint_angle", i + 1,
+      f.error(Code::limit_crossed, "limits.joint_angle", "base joint {} {}, beyond limits.joint_angle", i + 1,
               start ? fmt::format("starts at {:.3g} rad", angle.low)
                     : fmt::format("spans [{:.3g}, {:.3g}] rad along the reference", angle.low, angle.high));
     }
     if (!(m.joint_speed[i] <= s.limits.joint_speed)) {
-      f.error("base joint {} {} at {:.3g} rad/s{}, limits.joint_speed = {}", i + 1,
+      f.error(Code::limit_crossed, "limits.joint_speed",
+              "base joint {} {} at {:.3g} rad/s{}, limits.joint_speed = {}", i + 1,
               start ? "starts" : "turns", m.joint_speed[i], start ? "" : " along the reference",
               s.limits.joint_speed);
     }
@@ -114,6 +167,7 @@ void judge_preload(const Scene& s, const Margins& m, Findings& f) {
   for (std::size_t i = 0; i < m.preload.size(); ++i) {
     if (!(m.preload[i] < std::abs(s.preload[i]) * (1.0 - 1e-9))) continue;
     f.warning(
+        Code::preload_lost, "control.preload",
         "motor {}: of control.preload = {:g} N m {:.3g} N m are left at t = {:.3f} s{}: other signs, less of "
         "it, or a higher torque_limit",
         i + 1, s.preload[i], std::copysign(1.0, s.preload[i]) * m.preload[i], m.preload_t[i],
@@ -127,7 +181,7 @@ void judge_motion(const Scene& s, const Margins& start, const Margins& m, Findin
     judge_limits(s, start, true, f);
   else
     judge_open_loop(s, f);
-  if (!m.unreachable.empty()) f.error("{}", m.unreachable);
+  if (!m.unreachable.empty()) f.error(Code::unreachable, "reference", "{}", m.unreachable);
   if (!m.unreachable.empty() || !s.closed_loop()) return;
   judge_limits(s, m, false, f);
   judge_preload(s, m, f);
@@ -135,17 +189,23 @@ void judge_motion(const Scene& s, const Margins& start, const Margins& m, Findin
     judge_together(s, m, f);
   else
     judge_each(s, m, f);
+  judge_drives(s, m, f);
+  judge_table(s, m, f);
   judge_gains(s, f);
 }
 
 void judge_bus(const Scene& s, const BusAnalysis& bus, Findings& f) {
   if (bus.load > 1.0) {
-    f.error("the bus cannot carry the loop: load {:.0f} % at {} bit/s", 100.0 * bus.load, s.bitrate);
+    f.error(Code::bus_load, "bus.bitrate", "the bus cannot carry the loop: load {:.0f} % at {} bit/s",
+            100.0 * bus.load, s.bitrate);
     return;
   }
-  if (bus.load > 0.8) f.warning("bus load {:.0f} %: above 80 % frames wait for each other", 100.0 * bus.load);
+  if (bus.load > 0.8)
+    f.warning(Code::bus_load, "bus.bitrate", "bus load {:.0f} %: above 80 % frames wait for each other",
+              100.0 * bus.load);
   if (bus.answers_s > patience_ticks * s.tick()) {
     f.warning(
+        Code::bus_latency, "control.rate_hz",
         "the drives' answers to SYNC take up to {:.0f} us, and against the clock the controller waits {:.0f} "
         "us (40 % of a tick): what is later is used one tick old{}; on a bus of their own they are in time "
         "up to {:.0f} Hz, less what the drives need",
@@ -161,23 +221,25 @@ void judge_bus(const Scene& s, const BusAnalysis& bus, Findings& f) {
       if (m.role != BusMessage::Role::other && !m.extended) last = std::max(last, m.id);
     }
     if (static_cast<std::uint32_t>(s.command->base_id) < last) {
-      f.warning(
-          "command.base_id 0x{:X} comes before drive frames (up to 0x{:X}) on the bus: unscheduled "
-          "orders delay them, beyond the latencies stated here",
-          s.command->base_id, last);
+      f.warning(Code::bus_latency, "command.base_id",
+                "command.base_id 0x{:X} comes before drive frames (up to 0x{:X}) on the bus: unscheduled "
+                "orders delay them, beyond the latencies stated here",
+                s.command->base_id, last);
     }
   }
   const BusAnalysis::Message* before = nullptr;
   for (const BusAnalysis::Message& m : bus.messages) {
     if (before != nullptr && before->id == m.id && before->extended == m.extended) {
       f.warning(
+          Code::identifier_clash, "drives",
           "the frames \"{}\" and \"{}\" share the identifier 0x{:X}: sent at the same time they destroy each "
           "other; give each its own",
           before->name, m.name, m.id);
     }
     before = &m;
     if (m.name == "babbling_node" || (m.response_s && *m.response_s <= m.period_s)) continue;
-    f.warning("the frame \"{}\" (identifier 0x{:X}) can be {}, and the next one is due after {:.0f} us",
+    f.warning(Code::bus_latency, "bus.bitrate",
+              "the frame \"{}\" (identifier 0x{:X}) can be {}, and the next one is due after {:.0f} us",
               m.name, m.id,
               m.response_s ? fmt::format("{:.0f} us late", 1e6 * *m.response_s) : "late without bound",
               1e6 * m.period_s);
@@ -213,6 +275,7 @@ std::string bus_text(const BusAnalysis& bus) {
 struct Judgement {
   Margins margins;
   BusAnalysis bus;
+  std::vector<ProbePart> parts;
   Findings findings;
 };
 
@@ -223,41 +286,51 @@ void judge_heartbeats(const Scene& scene, Findings& f) {
   if (scene.drives.protocol == Protocol::mit) return;
   if (timeout < period) {
     f.warning(
+        Code::heartbeat_timeout, "drives.heartbeat_timeout",
         "drives.heartbeat_timeout = {:g} s is less than the 10 ms between two heartbeats: heartbeat_lost",
         timeout);
   }
   if (timeout > late) {
-    f.warning(
-        "drives.heartbeat_timeout = {:g} s: for so long a drive without heartbeats is believed to give "
-        "torque",
-        timeout);
+    f.warning(Code::heartbeat_timeout, "drives.heartbeat_timeout",
+              "drives.heartbeat_timeout = {:g} s: for so long a drive without heartbeats is believed to give "
+              "torque",
+              timeout);
   }
 }
 
 void judge_odrive(const Scene& scene, Findings& f) {
   if (!scene.odrive()) return;
-  if (std::ranges::find(scene.drives.nodes, 0) != scene.drives.nodes.end()) {
-    f.warning(
-        "drives.nodes names node 0: its command 0 has the identifier of CANopen's NMT, and a drive "
-        "without a number of its own may be 0; take 1 or more");
-  }
-  if (scene.rate_hz > 1000.0) f.warning("ODrive sends encoder estimates at 1 kHz at most");
+  if (std::ranges::find(scene.drives.nodes, 0) != scene.drives.nodes.end())
+    f.warning(Code::node_zero, "drives.nodes",
+              "drives.nodes names node 0, which no bus may have; take 1 or more");
+  if (scene.rate_hz > 1000.0)
+    f.warning(Code::sample_rate, "control.rate_hz", "ODrive sends encoder estimates at 1 kHz at most");
 }
 
 Judgement judge(const Scene& scene, Log& log) {
-  Judgement v{margins(scene, log), analyse_bus(scene), {}};
+  Judgement v{margins(scene, log), analyse_bus(scene), {}, {}};
   judge_motion(scene, start_margins(scene), v.margins, v.findings);
   judge_bus(scene, v.bus, v.findings);
   judge_heartbeats(scene, v.findings);
   judge_odrive(scene, v.findings);
+  judge_units(scene, v.findings);
+  if (scene.closed_loop() && v.margins.unreachable.empty() && v.margins.ticks > 1) {
+    v.parts = probe_scene(scene, v.margins);
+    judge_probe(v.margins, v.parts, v.findings);
+  }
   return v;
 }
 
+const char* verdict(const Findings& f) {
+  return f.refused() ? "unfit" : f.count(Level::warning) > 0 ? "warnings" : "fit";
+}
+
 Json report_json(const Scene& scene, const Judgement& v, const std::string& obstacle) {
-  const auto& [m, bus, f] = v;
+  const auto& [m, bus, parts, f] = v;
   const bool five_bar = scene.type == MechanismType::five_bar;
   Json j;
   j["scene"] = scene.name;
+  j["verdict"] = verdict(f);
   j["runs"] = !f.refused();
   j["runs_on_bus"] = !f.refused() && obstacle.empty();
   j["not_on_bus_because"] = obstacle.empty() ? Json(nullptr) : Json(obstacle);
@@ -269,16 +342,33 @@ Json report_json(const Scene& scene, const Judgement& v, const std::string& obst
       {"torque_share", scene.closed_loop() && std::isfinite(m.share) ? Json(m.share) : Json(nullptr)},
       {"least_preload_nm", m.preload.empty() ? Json(nullptr) : Json(m.preload)}};
   j["bus"] = bus_json(bus);
-  j["findings"] = f.list();
+  j["simulated"] = Json::array();
+  for (const ProbePart& p : v.parts) {
+    j["simulated"].push_back({{"t", p.t},
+                              {"ticks", p.ticks},
+                              {"mean_change_share", p.change},
+                              {"growth_per_tick", p.growth},
+                              {"max_error_m", p.error},
+                              {"saturated_share", p.saturated},
+                              {"fault", p.fault.empty() ? Json(nullptr) : Json(p.fault)}});
+  }
+  j["findings"] = Json::array();
+  for (const Finding& one : f.list()) {
+    j["findings"].push_back(
+        {{"level", name(one.level)}, {"code", name(one.code)}, {"where", one.where}, {"text", one.text}});
+  }
   return j;
 }
 
 std::string report_text(const Scene& scene, const Judgement& v, const std::string& obstacle) {
-  const auto& [m, bus, f] = v;
-  std::string out = fmt::format("{}: {}\n", printable(scene.name),
-                                f.refused()        ? "would not run through"
-                                : obstacle.empty() ? "fit to run"
-                                                   : "fit for sim, not for a bus: " + obstacle);
+  const auto& [m, bus, parts, f] = v;
+  const auto warnings = f.count(Level::warning);
+  std::string out = fmt::format(
+      "{}: {}{}\n", printable(scene.name),
+      f.refused()        ? "would not run through"
+      : obstacle.empty() ? "fit to run"
+                         : "fit for sim, not for a bus: " + obstacle,
+      f.refused() || warnings == 0 ? "" : fmt::format("; {} warning{}", warnings, warnings == 1 ? "" : "s"));
   const bool five_bar = scene.type == MechanismType::five_bar;
   out += fmt::format("along the reference: |sin theta_j2| >= {:.3g},{} base joints <= {:.3g} rad/s\n",
                      m.sin_type1, five_bar ? fmt::format(" |D2| >= {:.3g},", m.sin_type2) : "",
@@ -290,8 +380,7 @@ std::string report_text(const Scene& scene, const Judgement& v, const std::strin
                        100.0 * m.share);
   }
   out += bus_text(bus);
-  for (const Json& item : f.list())
-    out += fmt::format("{}: {}\n", item["level"].get<std::string>(), item["text"].get<std::string>());
+  for (const Finding& one : f.list()) out += fmt::format("{}: {}\n", name(one.level), one.text);
   return out;
 }
 
@@ -300,8 +389,9 @@ std::string report_text(const Scene& scene, const Judgement& v, const std::strin
 std::string refusal_of(const Scene& scene, bool on_bus) {
   Log log(nullptr, {}, 0);
   const Findings f = judge(scene, log).findings;
-  for (const Json& item : f.list()) {
-    if (item["level"] == "error") return item["text"].get<std::string>();
+  for (const Finding& one : f.list()) {
+    if (one.level == Level::error || one.code == Code::torque_exceeded || one.code == Code::gain_margin)
+      return one.text;
   }
   return on_bus ? bus_obstacle(scene).what : "";
 }

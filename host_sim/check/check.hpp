@@ -1,82 +1,22 @@
 #pragma once
 /// `esmc check`: margins of a scene along its reference, of the true mechanism; the sampled loop; steps.
 
-#include <fmt/format.h>
-
-#include <array>
-#include <nlohmann/json.hpp>
 #include <string>
-#include <utility>
-#include <vector>
 
-#include "host_sim/record/log.hpp"
+#include "host_sim/check/findings.hpp"
 #include "host_sim/record/run_options.hpp"
 #include "host_sim/scene/scene.hpp"
 
 namespace esmc::host {
 
-/// `esmc check`: findings about a scene without running it. Exit status 1: it would not run to its end.
+/// `esmc check`: findings about a scene without running it to its end. Exit status 1: unfit.
 int run_check(const RunOptions& o);
-/// The first error of `esmc check`, or, `on_bus`, why a bus cannot run the scene; empty: neither.
+/// Why a board must not run the scene: the first finding of `esmc check` that is an error, or about torque or
+/// gain margins that are used up; or, `on_bus`, what a bus cannot carry. Empty: none.
 std::string refusal_of(const Scene& scene, bool on_bus = true);
 
-/// Smallest and largest of some values.
-struct Extent {
-  double low = 1e300, high = -1e300;
-  void widen(double v) {
-    low = v < low ? v : low;
-    high = v > high ? v : high;
-  }
-  /// Whether a value is beyond [lower, upper].
-  [[nodiscard]] bool beyond(const std::array<double, 2>& allowed) const {
-    return !(low >= allowed[0] && high <= allowed[1]);
-  }
-};
-
-/// Smallest margins and largest demands along the reference, or at the start.
-struct Margins {
-  double sin_type1 = 1.0, sin_type2 = 1.0;
-  std::array<double, 2> joint_speed{};  ///< of the base joints, rad/s
-  std::vector<double> torque;           ///< largest per motor, N m
-  bool together = false;                ///< four motors share the load
-  double share = 0.0, share_t = 0.0;    ///< largest share of torque_limit, and when, s
-  std::vector<double> share_torque;     ///< per motor at that time, N m
-  Extent x, y;                          ///< of the effector's path, m
-  std::array<Extent, 2> angle;          ///< of the base joints, rad
-  std::vector<double> preload,
-      preload_t;            ///< least torque towards control.preload per motor, N m, and when, s
-  std::string unreachable;  ///< why the reference cannot be followed; empty: it can
-};
-
-/// Of the start alone, which the controller guards like every later tick.
-Margins start_margins(const Scene& scene);
-
-/// Columns of check.csv: what the reference asks of each joint and motor, tick by tick.
-std::vector<std::string> check_columns(const Scene& scene);
-
-/// Follows the reference for at most 2e6 ticks, a row of `log` each. Throws RunError where it is interrupted.
-Margins margins(const Scene& scene, Log& log);
-
-class Findings {
- public:
-  /// Adds an error, formatted by fmt; refused() is true from then on. warning() adds a warning.
-  template <class... Values>
-  void error(fmt::format_string<Values...> text, Values&&... values) {
-    refused_ = true;
-    list_.push_back({{"level", "error"}, {"text", fmt::format(text, std::forward<Values>(values)...)}});
-  }
-  template <class... Values>
-  void warning(fmt::format_string<Values...> text, Values&&... values) {
-    list_.push_back({{"level", "warning"}, {"text", fmt::format(text, std::forward<Values>(values)...)}});
-  }
-  [[nodiscard]] bool refused() const { return refused_; }                     ///< there is an error
-  [[nodiscard]] const nlohmann::ordered_json& list() const { return list_; }  ///< [{level, text}]
-
- private:
-  nlohmann::ordered_json list_ = nlohmann::ordered_json::array();
-  bool refused_ = false;
-};
-
+/// Adds hints at lengths, angles and steps that would make sense in another unit.
+void judge_units(const Scene& scene, Findings& f);
 /// Adds findings on the disturbance observer and, for sliding laws, on gains, lambda, the delay that the law
 /// is told, and the layer (by judge_layer): docs/theory.md, "Boundary layers and the implicit law". Throws
 /// InputError like robust_gains() where a law with a layer takes gain = "robust".

@@ -1,4 +1,4 @@
-#include "host_sim/check/check.hpp"
+#include "host_sim/check/margins.hpp"
 
 #include <fmt/format.h>
 
@@ -9,6 +9,7 @@
 #include "firmware/cycle/instances.hpp"
 #include "host_sim/controller/robust.hpp"
 #include "host_sim/design/efforts.hpp"
+#include "host_sim/drives/actuators.hpp"
 #include "host_sim/error.hpp"
 #include "host_sim/record/recorder.hpp"
 #include "host_sim/record/run_options.hpp"
@@ -29,9 +30,23 @@ typename M::Pose start_pose(const Scene& scene, const M& m) {
   return m.pose(q);
 }
 
-/// With the viscous friction of the plant.
-FiveBarParams<double> true_mechanism(const Scene& scene) {
+/// With the friction of the plant, and `payload`, kg, at the effector.
+FiveBarParams<double> true_mechanism(const Scene& scene, double payload) {
   FiveBarParams<double> truth = scene.mechanism;
+  if (const auto f = find_effect<CoulombFriction>(scene.effects)) {
+    for (std::size_t j = 0; j < 2; ++j) {
+      truth.legs[j].gamma1 = f->torque[2 * j];
+      truth.legs[j].gamma2 = f->torque[2 * j + 1];
+    }
+  }
+  truth.m0 += payload;
+  if (LegParams<double>& bar = truth.legs[0]; scene.type == MechanismType::rr && payload > 0.0) {
+    const double mass = bar.m2 + payload, centre = (bar.m2 * bar.lg2 + payload * bar.l2) / mass;
+    const double own = bar.lg2 - centre, load = bar.l2 - centre;
+    bar.J2 += bar.m2 * own * own + payload * load * load;
+    bar.m2 = mass;
+    bar.lg2 = centre;
+  }
   if (const auto f = find_effect<ViscousFriction>(scene.effects)) {
     for (std::size_t j = 0; j < 2; ++j) {
       truth.legs[j].d1 = f->coefficient[2 * j];
@@ -65,6 +80,16 @@ void add_motion(const typename M::Pose& pose, const Vec2<double>& rates, Margins
   }
 }
 
+/// Of all joints, in the order of the model.
+template <class M>
+Vec<double, M::joints> joints_of(const typename M::Rates& r) {
+  if constexpr (M::joints == 4) {
+    return Vec<double, 4>(r.leg[0][0], r.leg[0][1], r.leg[1][0], r.leg[1][1]);
+  } else {
+    return r;
+  }
+}
+
 template <class World>
 class Follower {
  public:
@@ -75,11 +100,19 @@ class Follower {
         bundle_(make_reference(scene, Pacing::lockstep)),
         controller_(allocating_controller<M>(scene, bundle_)),
         reference_(bundle_.get()) {
-    controller_.mechanism = make_mechanism(true_mechanism(scene), static_cast<M*>(nullptr));
+    controller_.mechanism = make_mechanism(true_mechanism(scene, 0.0), static_cast<M*>(nullptr));
+    if (payload_) loaded_ = make_mechanism(true_mechanism(scene, payload_->mass), static_cast<M*>(nullptr));
     if (reference_.kind == ReferenceKind::hold_start)
       reference_.centre = start_pose(scene, controller_.mechanism).effector;
     out_.together = controller_.allocate != nullptr;
     out_.torque.assign(static_cast<std::size_t>(scene.motors()), 0.0);
+    out_.drive_short = out_.torque;
+    drive_.assign(out_.torque.size(), TorqueStage(scene.effects));
+    if (const auto gear = find_effect<JointFlexibility>(scene.effects)) {
+      rotor_.assign(gear->rotor_inertia.begin(), gear->rotor_inertia.begin() + scene.motors());
+    } else if (const auto play = find_effect<Backlash>(scene.effects)) {
+      rotor_.assign(out_.torque.size(), play->rotor_inertia);
+    }
     for (const double asked : scene.preload) out_.preload.push_back(std::abs(asked));
     out_.preload_t.assign(out_.preload.size(), 0.0);
   }
@@ -102,7 +135,8 @@ class Follower {
       add_motion<M>(d->pose, M::base(d->rates), out_);
       row_ = {t, d->pose.effector.x(), d->pose.effector.y()};
       for (int i = 0; i < 2; ++i) row_.push_back(M::base_angles(d->pose)[i]);
-      add_torques(t, d->pose, m.force(m.channel_accelerations(d->pose, d->rates, d->acceleration), d->rates));
+      add_jump(n, r);
+      add_torques(n, d->pose, forces(t, d->pose, d->rates, d->acceleration));
       row_.push_back(M::min_abs_sin_type1(d->pose));
       if (scene_.type == MechanismType::five_bar) row_.push_back(M::abs_sin_type2(d->pose));
       if (log_.wanted()) log_.row(row_, "");
@@ -111,27 +145,82 @@ class Follower {
   }
 
  private:
+  /// Forces on every channel, of all that acts on the mechanism or has to be moved.
+  typename M::Channels forces(double t, const typename M::Pose& pose, const typename M::Rates& rates,
+                              const typename M::Rates& acceleration) const {
+    const M& m = payload_ && t >= payload_->from && t < payload_->to ? loaded_ : controller_.mechanism;
+    typename M::Channels w = m.force(m.channel_accelerations(pose, rates, acceleration), rates);
+    constexpr int first = M::has_type2 ? 2 : 0, legs = M::joints / 2, rows = (M::channels - first) / legs;
+    const Vec<double, M::joints> joint = joints_of<M>(acceleration);
+    for (std::size_t i = 0; i < rotor_.size(); ++i) {
+      const auto j = static_cast<int>(scene_.motor_joints()[i]);
+      w[first + j / 2 * rows + j % 2] += rotor_[i] * joint[j];
+    }
+    for (const Effect& e : scene_.effects) {
+      const auto* f = std::get_if<ExternalForce>(&e);
+      if (f == nullptr || t < f->from || t >= f->to) continue;
+      const Vec2<double> v = m.tip_rate(pose, rates);
+      Vec2<double> force(f->force[0], f->force[1]);
+      if (f->human)
+        force = (Vec2<double>(f->anchor[0], f->anchor[1]) - pose.effector) * f->stiffness - v * f->damping;
+      if constexpr (M::has_type2) {
+        w.template head<2>() -= force;
+      } else {  // J^T of the force, column by column
+        for (int i = 0; i < 2; ++i) w[i] -= m.tip_rate(pose, Vec2<double>::Unit(i)).dot(force);
+      }
+    }
+    return w;
+  }
+
+  /// A jump of position or speed between two ticks is what their mean speed and mean acceleration leave over.
+  void add_jump(std::uint32_t n, const Motion2<double>& now) {
+    const double tick = scene_.tick();
+    out_.speed_max = std::max(out_.speed_max, now.velocity.norm());
+    acceleration_max_ = std::max(acceleration_max_, now.acceleration.norm());
+    if (n > 0) {
+      const double v =
+          (now.velocity - last_.velocity - (now.acceleration + last_.acceleration) * (0.5 * tick)).norm();
+      const double x =
+          (now.position - last_.position - (now.velocity + last_.velocity) * (0.5 * tick)).norm();
+      if (v > 2.0 * tick * acceleration_max_ && v > out_.speed_jump) {
+        out_.speed_jump = v;
+        out_.jump_t = n * tick;
+      }
+      out_.position_jump = std::max(out_.position_jump, x > 2.0 * tick * out_.speed_max ? x : 0.0);
+    }
+    last_ = now;
+  }
+
   /// `w`: force on every channel.
-  void add_torques(double t, const typename M::Pose& pose, const typename M::Channels& w) {
+  void add_torques(std::uint32_t n, const typename M::Pose& pose, const typename M::Channels& w) {
+    const double t = n * scene_.tick();
     const auto effort = design::effort(controller_, pose, w);
     const double share = design::share_of_limits(controller_, pose, w, effort);
     const bool most = !(share <= out_.share);
     if (most) {
       out_.share = share;
       out_.share_t = t;
+      out_.share_tick = n;
       out_.share_torque.clear();
     }
+    bool short_of = !(share <= 1.0);
     for (std::size_t i = 0; i < out_.torque.size(); ++i) {
       const double torque = effort.torque[static_cast<int>(joint_of<M>(i, scene_.motors()))];
       out_.torque[i] = std::max(out_.torque[i], std::abs(torque));
       row_.push_back(torque);
       if (most) out_.share_torque.push_back(torque);
+      bool clipped = false;
+      (void)drive_[i](torque, scene_.tick(), clipped);
+      if (clipped) out_.drive_short[i] = std::max(out_.drive_short[i], std::abs(torque));
+      short_of = short_of || clipped;
       if (i >= out_.preload.size() || scene_.preload[i] == 0.0) continue;
       const double towards = std::copysign(1.0, scene_.preload[i]) * torque;
       if (!(towards < out_.preload[i])) continue;
       out_.preload[i] = towards;
       out_.preload_t[i] = t;
     }
+    out_.short_ticks += short_of ? 1 : 0;
+    ++out_.ticks;
   }
 
   const Scene& scene_;
@@ -139,11 +228,40 @@ class Follower {
   ReferenceBundle<double> bundle_;
   ControllerConfig<M> controller_;
   Reference<double> reference_;
+  std::optional<Payload> payload_ = find_effect<Payload>(scene_.effects);
+  M loaded_;                        // with the payload
+  std::vector<double> rotor_;       // inertia per motor, kg m2 at the joint
+  std::vector<TorqueStage> drive_;  // per motor
+  Motion2<double> last_;
+  double acceleration_max_ = 0.0;
   Margins out_;
   std::vector<double> row_;
 };
 
 }  // namespace
+
+std::optional<Moment> moment_at(const Scene& scene, std::uint32_t tick) {
+  return with_world(scene, [&]<class World>(World) -> std::optional<Moment> {
+    using M = typename World::Mechanism;
+    const M m = make_mechanism(scene.mechanism, static_cast<M*>(nullptr));
+    const auto bundle = make_reference(scene, Pacing::lockstep);
+    Reference<double> reference = bundle.get();
+    if (reference.kind == ReferenceKind::hold_start) reference.centre = start_pose(scene, m).effector;
+    const Motion2<double> r = reference.at(tick, scene.tick());
+    const auto mode = mode_of(scene, static_cast<M*>(nullptr));
+    const auto d = reference.space == ReferenceSpace::effector
+                       ? desired_at_effector(m, mode, r.position, r.velocity, r.acceleration)
+                       : desired_at_base(m, mode, r.position, r.velocity, r.acceleration);
+    if (!d) return std::nullopt;
+    const Vec<double, M::joints> angle = M::angles(d->pose), rate = joints_of<M>(d->rates);
+    Moment out{tick, {}, {}};
+    for (int i = 0; i < M::joints; ++i) {
+      out.angle.push_back(angle[i]);
+      out.rate.push_back(rate[i]);
+    }
+    return out;
+  });
+}
 
 Margins start_margins(const Scene& scene) {
   return with_world(scene, [&]<class World>(World) {

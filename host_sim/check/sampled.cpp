@@ -46,6 +46,7 @@ void judge_observer(const Scene& s, const Delay& d, Findings& f) {
                turn = s.disturbance_observer * late * s.tick();
   if (turn <= std::numbers::pi / 4.0) return;
   f.warning(
+      Code::loop_margin, "control.disturbance_observer",
       "control.disturbance_observer times a delay of {:.2g} ticks that it is not told = {:.3g}, better below "
       "{:.2g}; beyond {:.2g} it rings by itself: a smaller bandwidth, or a faster observer in the drive",
       late, turn, std::numbers::pi / 4.0, std::numbers::pi / 2.0);
@@ -57,24 +58,30 @@ void judge_gains(const Scene& s, Findings& f) {
   const Delay d = delay_of(s);
   judge_observer(s, d, f);
   if (!s.sliding()) return;
-  if (s.reaching == ReachingChoice::super_twisting && std::max(s.gain.position, s.gain.angle) == 0.0)
-    f.warning(
-        "control.gain is L of super_twisting, the largest rate of what disturbs: with 0 it holds against "
-        "nothing (docs/reaching.md)");
+  if (!s.robust_gain && std::max(s.gain.position, s.gain.angle) == 0.0) {
+    f.warning(Code::no_gain, "control.gain",
+              "control.gain = 0{}: the law holds against nothing, and an error of the start stays",
+              s.reaching == ReachingChoice::super_twisting
+                  ? ", which is L of super_twisting, the largest rate of what disturbs (docs/reaching.md)"
+                  : "");
+  }
   if (s.reaching == ReachingChoice::sign)
-    f.warning("reaching = \"sign\" chatters in a sampled loop; \"implicit\" does not");
+    f.warning(Code::loop_margin, "control.reaching",
+              "reaching = \"sign\" chatters in a sampled loop; \"implicit\" does not");
   const bool bridges = s.predictor || s.reaching == ReachingChoice::super_twisting;
   if (bridges || s.reaching == ReachingChoice::implicit || s.reaching == ReachingChoice::implicit_coupled) {
     const double late = std::round(d.certain + d.lag),
                  told = s.delay_ticks.value_or(0.0) + s.sensor_lag_ticks;
     if (s.predictor && s.delay_ticks.value_or(0.0) > late) {
       f.warning(
+          Code::delay_untold, "control.delay_ticks",
           "control.predictor looks control.delay_ticks = {:g} ahead, and this scene is late by about {}: "
           "what it foresees has happened already, and the loop may ring; tell the delay that there is",
           s.delay_ticks.value_or(0.0), late);
     }
     if (late > told) {
       f.warning(
+          Code::delay_untold, "control.delay_ticks",
           "sensors and drives of this scene are late by about {} tick{}, the implicit law is told {}: it "
           "will chatter; set control.delay_ticks = {}",
           late, late == 1.0 ? "" : "s", told, late);
@@ -85,6 +92,7 @@ void judge_gains(const Scene& s, Findings& f) {
     const double bound = 2.0 * std::sin(std::numbers::pi / (4.0 * (std::max(told, late) - bridged) + 2.0));
     if (loop > 0.85 * bound) {
       f.warning(
+          Code::loop_margin, "control.lambda",
           "1 / (1 + delay_ticks) + lambda * tick = {:.3g}, better below {:.2g}; beyond {:.2g} the loop rings "
           "by itself: a smaller lambda",
           loop, 0.85 * bound, bound);
@@ -103,11 +111,14 @@ void judge_layer(const Scene& s, double stiffness, Findings& f) {
       "a larger control.layer, a smaller gain or lambda (docs/theory.md, \"Boundary layers and the implicit "
       "law\")";
   d.certain += d.bus;
-  if (kappa_t > design::steepest(d.certain)) {
-    f.error("{}, at most {:.2g}, half of what makes the loop ring by itself with a delay of {:.2g} ticks: {}",
-            is, design::steepest(d.certain), d.certain, cure);
+  if (const double most = design::steepest(d.certain); kappa_t > most) {
+    const bool rings = kappa_t > 2.0 * most;
+    f.add(rings ? Level::error : Level::warning, rings ? Code::loop_rings : Code::gain_margin,
+          "control.layer",
+          "{}, at most {:.2g}, half of what makes the loop ring by itself with a delay of {:.2g} ticks: {}",
+          is, most, d.certain, cure);
   } else if (const double allowed = std::min(0.3, design::steepest(d.certain + d.lag)); kappa_t > allowed) {
-    f.warning("{}, better below {:.2g}: {}", is, allowed, cure);
+    f.warning(Code::loop_margin, "control.layer", "{}, better below {:.2g}: {}", is, allowed, cure);
   }
 }
 
@@ -128,6 +139,7 @@ void judge_step(const Scene& s, Findings& f) {
     const double omega = std::sqrt(stiffness * (inverse_rotor + 1.0 / inertia));
     if (step * omega <= 0.5) return;
     f.warning(
+        Code::step_too_long, "simulation.step",
         "{} swings at about {:.3g} rad/s: integration steps of {:.2g} s are too long for {}, take at most "
         "{:.2g} s, integrator = \"radau5\" or simulation.accuracy",
         what, omega, step, name(s.method), 0.5 / omega);

@@ -197,10 +197,11 @@ void add_drive(Program& p) {
 }
 
 void add_scene_commands(Program& p) {
-  const auto [check, check_options] = add(p, "check",
-                                          "check a scene without running it: reach, singularity and torque "
-                                          "margins, gains against delays, bus load",
-                                          run_check);
+  const auto [check, check_options] =
+      add(p, "check",
+          "check a scene: reach, singularity and torque margins, gains against "
+          "delays, bus load, and 200 ticks of it simulated",
+          run_check);
   add_scene(check, check_options);
   add_out(check, check_options.out, "scene.toml and check.csv: the torques along the reference");
   add_json(check, check_options.json);

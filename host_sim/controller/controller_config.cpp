@@ -71,6 +71,29 @@ std::vector<PathSegment<double>> through_points(const std::vector<PathPoint>& po
   return out;
 }
 
+/// Makes tick `first` the first one.
+void skip(ReferenceBundle<double>& b, std::uint32_t first, double tick) {
+  for (PhaseClock& c : b.reference.phase.items) c.start += c.per_tick * first;
+  if (b.path.empty()) return;
+  const std::uint32_t round = b.reference.repeat_ticks;
+  if (round > 0) {  // for as long as a part of the scene may last
+    const std::vector<PathSegment<double>> one = b.path;
+    first %= round;
+    for (std::uint32_t begin = round; begin < first + 1000U; begin += round) {
+      for (PathSegment<double> s : one) {
+        s.start_tick += begin;
+        b.path.push_back(s);
+      }
+    }
+    b.reference.repeat_ticks = 0;
+  }
+  while (b.path.size() > 1 && b.path[1].start_tick <= first) b.path.erase(b.path.begin());
+  for (PathSegment<double>& s : b.path) {
+    if (s.start_tick <= first) s.offset += (first - s.start_tick) * tick;
+    s.start_tick = s.start_tick <= first ? 0 : s.start_tick - first;
+  }
+}
+
 static_assert(static_cast<int>(LawChoice::pd) == static_cast<int>(LawKind::pd) &&
               static_cast<int>(ReachingChoice::implicit) == static_cast<int>(Reaching::implicit));
 
@@ -286,6 +309,7 @@ ReferenceBundle<double> make_reference<double>(const Scene& scene, Pacing pacing
     case ReferenceType::none:
       break;
   }
+  if (r.first_tick > 0) skip(out, r.first_tick, tick);
   return out;
 }
 

@@ -46,13 +46,18 @@ class ShaftSensor {
     decay_ = std::exp(-bandwidth_ * step_);
   }
 
-  /// Resets to a shaft that has been at rest at `truth` for long. Call before the first read().
+  /// Resets to a shaft that has moved at constant speed for long and is now at `truth`. Call before the first
+  /// read().
   void settle(const ShaftReading& truth) {
     previous_ = truth;
     position_ = measured(truth.position_rev);
-    velocity_ = 0.0;
-    const ShaftReading rest{observed_ ? position_ : truth.position_rev + bias_rev_, 0.0};
-    waiting_.assign(delay_, rest);
+    velocity_ = truth.velocity_rev_s;
+    ShaftReading last{observed_ ? position_ : truth.position_rev + bias_rev_, velocity_};
+    waiting_.clear();
+    for (std::size_t i = 0; i < delay_; ++i) {
+      waiting_.push_front(last);
+      last.position_rev -= velocity_ * step_ * samples_per_reading;
+    }
   }
 
   /// Returns the reading at the end of a period that began at the last reading; call once per period. Between

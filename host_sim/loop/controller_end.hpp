@@ -10,6 +10,7 @@
 
 #include "host_sim/controller/axes_config.hpp"
 #include "host_sim/loop/waiting.hpp"
+#include "host_sim/record/fault_record.hpp"
 #include "host_sim/record/recorder.hpp"
 
 namespace esmc::host {
@@ -60,9 +61,13 @@ class ControllerEnd {
         shutdown_ticks_(static_cast<int>(std::ceil(std::clamp(scene.drives.heartbeat_timeout, 0.05, 1.0) *
                                                    scene.rate_hz)) +
                         1),
-        cycle_(make_cycle<C>(scene, pacing, reference_)) {
+        cycle_(make_cycle<C>(scene, pacing, reference_)),
+        scene_(scene),
+        nodes_(scene.drives.nodes.size()),
+        finder_(scene) {
     for (std::size_t i = 0; i < static_cast<std::size_t>(scene.motors()); ++i)
       motors_.emplace_back(static_cast<int>(axis_of(scene, i)), scene.drives.nodes[i]);
+    for (std::size_t i = 0; i < nodes_.size(); ++i) nodes_[axis_of(scene, i)] = scene.drives.nodes[i];
     if (!armed_by_link(scene)) with([](auto& c) { c.command(Command::enable); });
   }
 
@@ -85,6 +90,8 @@ class ControllerEnd {
     return with([](const auto& c) { return c.overloaded(); });
   }
   [[nodiscard]] const TickResult<M>& result() const { return result_; }  ///< of the last tick
+  /// The first fault of a tick, with joint and node.
+  [[nodiscard]] const std::optional<FaultRecord>& fault() const { return fault_; }
   /// Joint whose encoder contradicts the others, after a fault loop_not_closed; empty: unknown.
   [[nodiscard]] std::string odd_encoder() const {
     const int odd = with([](const auto& c) -> int { return c.controller().odd_encoder(); });
@@ -156,6 +163,14 @@ class ControllerEnd {
       }
       if (lockstep_) c.request(bus_);
     });
+    finder_.see(result_, sample());
+    if (finder_.found() && !fault_) {
+      fault_ = finder_.found();
+      with([&](const auto& c) {
+        for (int i = axis_count_ - 1; i >= 0; --i) blame(c.axis(i), i);
+      });
+    }
+    expected_ += (result_.torque - expected_) / (scene_.drives.torque_time * scene_.rate_hz + 1.0);
   }
   /// Begins a tick against the clock: reads the waiting frames and, where the drives sample on demand, asks
   /// them and waits for their answers, no longer than `patience`.
@@ -240,6 +255,38 @@ class ControllerEnd {
     }
     return out;
   }
+  /// Adds what axis i knows of the fault.
+  template <class Axis>
+  void blame(const Axis& a, int i) {
+    FaultRecord& f = *fault_;
+    const int joint = axis_count_ == M::joints ? i : i * (M::joints / 2);
+    const std::string node = fmt::format("node {}", nodes_[static_cast<std::size_t>(i)]);
+    const auto put = [&](std::optional<double> measured, std::optional<double> limit, const char* unit) {
+      f.where = fmt::format("{}, {}", World::joint_names[joint], node);
+      f.measured = measured;
+      f.limit = limit;
+      f.unit = unit;
+    };
+    if (f.where == World::joint_names[joint]) f.where += ", " + node;
+    const auto is = [&](Fault fault) { return f.name == name(fault); };
+    const double age = a.heartbeat_age_ticks() * scene_.tick();
+    if (is(Fault::emergency_stop) && a.emergency_stopped()) put({}, {}, "");
+    if (is(Fault::drive_configuration) && a.config_mismatch()) put({}, {}, "");
+    if (!is_motor(i)) return;
+    if (is(Fault::drive_error) && a.error()) put(a.error_code(), {}, "as error code of the drive");
+    if (is(Fault::drive_disarmed) && !a.closed_loop()) put({}, {}, "");
+    if (is(Fault::heartbeat_lost) && age > scene_.drives.heartbeat_timeout)
+      put(age, scene_.drives.heartbeat_timeout, "s without a heartbeat");
+    if (is(Fault::stale_feedback) && f.where.empty() &&
+        a.sample_age_ticks() > static_cast<std::uint32_t>(scene_.limits.max_age_ticks))
+      put(a.sample_age_ticks(), scene_.limits.max_age_ticks, "ticks without a sample");
+    if constexpr (requires { a.observed_torque(); }) {
+      if (const auto seen = a.observed_torque(); is(Fault::torque_mismatch) && seen) {
+        const double off = std::abs(static_cast<double>(*seen) - expected_[joint]);
+        if (off > f.measured.value_or(0.0)) put(off, scene_.drives.torque_mismatch, "N m from its command");
+      }
+    }
+  }
   /// The vendor's name of an endpoint of the scene.
   [[nodiscard]] std::string endpoint_path(std::uint16_t id) const {
     if (id == drive::OdriveReadBack::version_endpoint) return "version of the firmware";
@@ -261,6 +308,12 @@ class ControllerEnd {
   AnyCycle<C> cycle_;
   TickResult<M> result_{};
   Sample<M> sample_{};  // of a controller in another scalar type
+  const Scene& scene_;
+  std::vector<int> nodes_;  // per axis
+  FaultFinder<World> finder_;
+  std::optional<FaultRecord> fault_;
+  Vec<double, M::joints> expected_ =
+      Vec<double, M::joints>::Zero();  // torques as TorqueFeedbackCheck has them
 };
 
 }  // namespace esmc::host

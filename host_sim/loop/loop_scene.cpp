@@ -2,6 +2,8 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
+
 #include "host_sim/controller/axes_config.hpp"
 #include "host_sim/controller/bake.hpp"
 #include "host_sim/error.hpp"
@@ -18,6 +20,12 @@ BusObstacle bus_obstacle(const Scene& scene, bool with_accuracy) {
     return {scene.control_where,
             "passive encoders (control.sensors = \"all\" with two motors) need 'drives.protocol' = odrive or "
             "odrive_0.5: a drive in MIT mode speaks only when it is commanded"};
+  }
+  if (scene.odrive() && std::ranges::find(scene.drives.nodes, 0) != scene.drives.nodes.end()) {
+    return {scene.drives.where,
+            "'drives.nodes' must be 1 or more on a bus: command 0 of node 0 has the identifier of CANopen's "
+            "NMT, and a "
+            "drive without a number of its own may be 0"};
   }
   return {scene.control_where, scene.drives.missing};
 }

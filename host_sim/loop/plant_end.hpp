@@ -142,8 +142,9 @@ class PlantEnd {
     e.load_ticks = e.load.ticks() > done_ ? e.load.ticks() - done_ + 1 : 0;
     e.final_state = disarmed_ ? "drives_disarmed" : "drives_armed";
     if (disarmed_)
-      e.faults.emplace_back(fmt::format("drives_disarmed (axis errors 0x{:x})", plant_.drive_errors()));
-    if (!disarmed_ && plant_.timed_out()) e.faults.emplace_back(e.final_state = "drives_timed_out");
+      e.faults.push_back(
+          {.name = e.final_state, .where = fmt::format("axis errors 0x{:x}", plant_.drive_errors())});
+    if (!disarmed_ && plant_.timed_out()) e.faults.push_back({.name = e.final_state = "drives_timed_out"});
     return e;
   }
 

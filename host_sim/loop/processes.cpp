@@ -67,6 +67,7 @@ class ControllerRecorder {
     record.saturated = r.saturated;
     record.faulted = r.fault != Fault::none;
     record.has_reference = r.state == State::running;
+    record.reference = {r.desired_effector.x(), r.desired_effector.y()};
     record.effector_error =
         std::hypot(r.effector.x() - r.desired_effector.x(), r.effector.y() - r.desired_effector.y());
     const Vec2<double> base = r.desired_base();
@@ -96,12 +97,13 @@ class ControllerRecorder {
   }
 
   /// The end of a run that began at `begin`.
-  RunEnd end(std::chrono::steady_clock::time_point begin, std::uint64_t seed, const Supervisor& supervisor,
+  template <class Controller>
+  RunEnd end(std::chrono::steady_clock::time_point begin, std::uint64_t seed, const Controller& controller,
              const BusSummary& bus) const {
     RunEnd e;
     e.wall_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
     e.seed = seed;
-    set_outcome(e, supervisor);
+    set_outcome(e, controller.supervisor(), controller.fault());
     e.bus = bus;
     e.histograms = latencies();
     return e;
@@ -327,7 +329,7 @@ int controller(const Scene& scene, const RunOptions& o) {
   const auto begin = Clock::now();
   const auto end_of = [&](double bus_time, bool interrupted) {
     if (!interrupted) recorder.require_run();
-    RunEnd end = recorder.end(begin, o.seed, controller.supervisor(),
+    RunEnd end = recorder.end(begin, o.seed, controller,
                               bus_summary(files.frames, tap.lost(), scene.bitrate * bus_time));
     end.interrupted = interrupted;
     return end;
@@ -380,7 +382,7 @@ int hil_realtime(const Scene& scene, const RunOptions& o) {
   end.late_ticks = end.late_ticks.value_or(0) + late;
   end.fault_t = seen.statistics().fault_time();
   end.histograms = seen.latencies();
-  set_outcome(end, controller.supervisor());
+  set_outcome(end, controller.supervisor(), controller.fault());
   return finish_run(o, scene, "hil", plant.recorder(), end, files);
 }
 

@@ -67,11 +67,16 @@ struct Trace {
   Statistics statistics;
   RunEnd end;
   std::vector<V2> effector;     ///< m, true position at every tick of a closed loop
+  std::vector<double> torque;   ///< N m as delivered, motor by motor at every tick; of probe() only
+  std::vector<bool> saturated;  ///< at every tick; of probe() only
   bool reference_left = false;  ///< the reference has left the reach of the true mechanism
 };
 
 /// Runs a scene as `esmc sim` does. `single_precision`: the controller computes in float.
 Trace trace(const Scene& scene, bool single_precision = false);
+
+/// Runs a scene as `esmc sim` does and keeps the torques, for the few ticks that `esmc check` looks at.
+Trace probe(const Scene& scene);
 
 /// Runs a case of a sweep, without path, digest and, unless wanted, base_errors. Throws InputError where the
 /// reference leaves the reach of the true mechanism, RunError where simulation.accuracy is not met; a state

@@ -10,6 +10,7 @@
 #include "host_sim/loop/accuracy.hpp"
 #include "host_sim/loop/progress.hpp"
 #include "host_sim/loop/run.hpp"
+#include "host_sim/record/fault_record.hpp"
 #include "host_sim/record/finish.hpp"
 #include "host_sim/record/recorder.hpp"
 
@@ -34,6 +35,8 @@ class SimRun {
   [[nodiscard]] Recorder<World>& recorder() { return recorder_; }
   /// Appends the effector's position at every tick of a closed loop.
   void keep_path(std::vector<V2>* path) { path_ = path; }
+  /// Appends torques and saturation of every tick of a closed loop.
+  void keep_torques(Trace* trace) { torques_ = trace; }
   void use_single_precision() { single_precision_ = true; }
   /// Appends q at every `stride`th tick and at the end.
   void keep_rows(Pass* pass, std::uint32_t stride) {
@@ -106,6 +109,7 @@ class SimRun {
     std::vector<Sensor> sensors = make_sensors(controller.config().sensor_count());
     Sample<C> sample;
     TickResult<C> result;
+    FaultFinder<World> finder(scene_);
     const double tick = scene_.tick(), step = tick / substeps;
     const std::uint32_t ticks = tick_count(scene_);
     Progress progress(progress_ ? ticks : 0);
@@ -122,10 +126,15 @@ class SimRun {
       const Joints torque = actuators_.deliver(asked, tick, clipped);
       if constexpr (std::is_same_v<C, M>) {
         record(n, torque, clipped, {&result, &sample});
+        finder.see(result, sample);
       } else {
         record(n, torque, clipped, {});
       }
       if (path_ != nullptr) path_->push_back(motion_.output().effector);
+      if (torques_ != nullptr) {
+        for (const std::size_t joint : scene_.motor_joints()) torques_->torque.push_back(torque[joint]);
+        torques_->saturated.push_back(clipped || result.saturated);
+      }
       actuators_.advance(motion_, n * tick, tick, step, torque);
       if (stop) {
         supervisor.begin_tick(Command::none, {false, true});  // nor any that would take time to be idle
@@ -133,7 +142,7 @@ class SimRun {
         break;
       }
     }
-    set_outcome(end, supervisor);
+    set_outcome(end, supervisor, finder.found());
     if (supervisor.fault() == Fault::loop_not_closed && controller.odd_encoder() != 0)
       end.odd_encoder = World::joint_names[controller.odd_encoder() - 1];
   }
@@ -150,8 +159,9 @@ class SimRun {
       if (count == 2 && a.joint % (M::joints / 2) != 0) continue;
       const double k = a.mount.rev_per_rad();
       out.push_back({a, ShaftSensor(effects, scene_.tick(), k, a.joint, scene_.seed), k});
-      const double angle = motion_.shaft(static_cast<std::size_t>(a.joint)).angle;
-      out.back().shaft.settle({(angle - a.mount.offset) * k, 0.0});
+      const Shaft shaft = motion_.shaft(static_cast<std::size_t>(a.joint));
+      const double rate = scene_.reference.first_tick > 0 ? shaft.rate : 0.0;  // else it has been at rest
+      out.back().shaft.settle({(shaft.angle - rate * scene_.tick() - a.mount.offset) * k, rate * k});
     }
     exact_ = effects.none();
     return out;
@@ -182,6 +192,7 @@ class SimRun {
   Pass* pass_ = nullptr;
   std::uint32_t stride_ = 1;
   std::vector<V2>* path_ = nullptr;
+  Trace* torques_ = nullptr;
 };
 
 /// The passes that simulation.accuracy needs; `last` and `end`: the one that counts. `make()`: a run.
@@ -267,6 +278,14 @@ Trace trace(const Scene& scene, bool single_precision) {
   const auto set_up = [&](auto& run, Trace& out) {
     run.keep_path(&out.effector);
     if (single_precision) run.use_single_precision();
+  };
+  return with_world(scene, [&]<class World>(World) { return study<World>(scene, set_up); });
+}
+
+Trace probe(const Scene& scene) {
+  const auto set_up = [](auto& run, Trace& out) {
+    run.keep_torques(&out);
+    run.without_progress();
   };
   return with_world(scene, [&]<class World>(World) { return study<World>(scene, set_up); });
 }

@@ -137,7 +137,7 @@ void Comparison::summary(const Json& computed, const Json& recorded) {
   std::vector<std::string> ignored{"wall_s", "real_time_factor", "run", "accuracy.cpu_s"};
   // These depend on the wall clock.
   if (realtime_)
-    ignored.insert(ignored.end(), {"late_ticks", "bus", "supervisor", "tracking", "interrupted"});
+    ignored.insert(ignored.end(), {"late_ticks", "bus", "supervisor", "tracking", "verdict", "interrupted"});
   if (!frames_) ignored.emplace_back("bus.load");
   complete_ = true;
   const std::size_t before = others_.size();

@@ -6,6 +6,7 @@
 
 #include "host_sim/record/comparison.hpp"
 #include "host_sim/record/recording.hpp"
+#include "host_sim/record/verdict.hpp"
 #include "host_sim/report/run_page.hpp"
 #include "host_sim/version.hpp"
 
@@ -38,7 +39,6 @@ RunPage page_of(const RunOptions& o, const Scene& scene, const Json& summary, co
                         {"compiler", compiler},
                         {"scene_toml", scene.toml},
                         {"summary", summary},
-                        {"concerns", concerns(summary)},
                         {"torque_limit", scene.closed_loop() ? scene.torque_limit : std::vector<double>{}},
                         {"assembly_mode", scene.assembly_mode}},
                .mechanism = page_mechanism(scene),
@@ -86,7 +86,7 @@ int finish_run(const RunOptions& o, const Scene& scene, const char* kind, const 
     text += fmt::format("report: {}/report.html\n", out.directory());
     out.write("report.html", run_page(page_of(o, scene, summary, end, log)));
   }
-  return publish_summary(o, summary, text, !end.faults.empty(), out);
+  return publish_summary(o, summary, text + verdict_line(summary) + "\n", !end.faults.empty(), out);
 }
 
 int publish_summary(const RunOptions& o, const Json& summary, const std::string& text, bool fault,

@@ -75,10 +75,13 @@ Motion<typename World::Plant> make_motion(const Scene& s) {
 }
 
 /// Sets the supervisor's part of the end of a run: state and faults.
-inline void set_outcome(RunEnd& e, const Supervisor& supervisor) {
+/// `seen`: the fault as the loop saw it.
+inline void set_outcome(RunEnd& e, const Supervisor& supervisor, const std::optional<FaultRecord>& seen) {
   e.final_state = name(supervisor.state());
   e.faults.clear();
-  if (supervisor.fault() != Fault::none) e.faults.emplace_back(name(supervisor.fault()));
+  if (supervisor.fault() == Fault::none) return;
+  const FaultRecord plain{.name = name(supervisor.fault())};
+  e.faults.push_back(seen && seen->name == plain.name ? *seen : plain);
 }
 /// Sets coordinates, rates and method of the end of a run; the energy error goes to `statistics`.
 template <class Plant>
@@ -232,6 +235,7 @@ class Recorder {
     const bool led = track_.present() && n >= begin_;
     const auto reference = led ? track_.at(n - begin_, seen.exact ? seen.result : nullptr) : std::nullopt;
     r.has_reference = reference.has_value();
+    if (reference) r.reference = {reference->effector.x, reference->effector.y};
     reference_left_ = reference_left_ || (led && !reference && track_.must_reach(n - begin_));
     add_to_digest(qd.first(half));
     if (reference) {

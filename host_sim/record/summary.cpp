@@ -8,6 +8,7 @@
 
 #include "host_sim/bus/frame_log.hpp"
 #include "host_sim/error.hpp"
+#include "host_sim/record/verdict.hpp"
 
 namespace esmc::host {
 
@@ -29,11 +30,19 @@ void Statistics::add(const TickRecord& r) {
   if (r.faulted && !fault_time_) fault_time_ = r.t;
   if (r.has_reference) has_reference_ = true;
   if (r.has_reference && !fault_time_) {  // after a fault nothing is tracked
+    for (std::size_t i = 0; i < 2; ++i) {
+      reference_low_[i] = std::min(reference_low_[i], r.reference[i]);
+      reference_high_[i] = std::max(reference_high_[i], r.reference[i]);
+    }
     const bool settled = r.t >= settling_time;
     sums_.effector.add(settled, r.effector_error);
     for (const double e : r.base_error) sums_.base.add(settled, std::abs(e));
   }
   sums_.add(r.torque, r.power, r.saturated);
+}
+
+double Statistics::path_size() const {
+  return std::max({0.0, reference_high_[0] - reference_low_[0], reference_high_[1] - reference_low_[1]});
 }
 
 Json Statistics::tracking() const {
@@ -104,8 +113,19 @@ Json make_summary(const Scene& scene, const Statistics& s, const RunEnd& end) {
   j["bus"] = nullptr;
   if (end.bus) j["bus"] = {{"frames", end.bus->frames}, {"load", end.bus->load}, {"lost", end.bus->lost}};
   if (end.bus && end.bus->disturbances) j["bus"].update(*end.bus->disturbances);
-  j["supervisor"] = {{"final_state", end.final_state}, {"faults", end.faults}, {"fault_t_s", nullptr}};
   const auto fault_t = s.fault_time() ? s.fault_time() : end.fault_t;
+  j["supervisor"] = {{"final_state", end.final_state}, {"faults", Json::array()}, {"fault_t_s", nullptr}};
+  const auto known = [](const auto& v) { return v ? Json(*v) : Json(nullptr); };
+  for (const FaultRecord& f : end.faults) {
+    j["supervisor"]["faults"].push_back(
+        {{"name", f.name},
+         {"tick", fault_t ? Json(std::llround(*fault_t * scene.rate_hz)) : Json(nullptr)},
+         {"t", known(fault_t)},
+         {"where", f.where},
+         {"measured", known(f.measured)},
+         {"limit", known(f.limit)},
+         {"unit", f.unit}});
+  }
   if (!end.faults.empty() && fault_t) j["supervisor"]["fault_t_s"] = *fault_t;
   if (!end.odd_encoder.empty()) j["supervisor"]["odd_encoder"] = end.odd_encoder;
   j["final_state"] = {{"q", end.q}, {"qd", end.qd}};
@@ -116,6 +136,7 @@ Json make_summary(const Scene& scene, const Statistics& s, const RunEnd& end) {
   }
   if (end.late_ticks) j["late_ticks"] = *end.late_ticks;
   if (end.interrupted) j["interrupted"] = true;
+  j["verdict"] = verdict_of(j, s.path_size());
   return j;
 }
 
@@ -123,23 +144,6 @@ namespace {
 double real(const Json& j, const char* key) { return j[key].get<double>(); }
 std::uint64_t count(const Json& j, const char* key) { return j[key].get<std::uint64_t>(); }
 std::string text(const Json& j, const char* key) { return j[key].get<std::string>(); }
-std::string plural(std::uint64_t n, const char* word) {
-  return fmt::format("{} {}{}", n, word, n == 1 ? "" : "s");
-}
-
-std::string fault_text(const Json& supervisor) {
-  std::string out;
-  for (const Json& f : supervisor["faults"]) {
-    out += "fault " + f.get<std::string>();
-    if (supervisor.contains("odd_encoder"))
-      out += fmt::format(" (the encoder of {} contradicts the others)", text(supervisor, "odd_encoder"));
-    if (supervisor["fault_t_s"].is_number())
-      out += fmt::format(" at t = {:.3f} s; tracking counts until then", real(supervisor, "fault_t_s"));
-    out += "\n";
-  }
-  return out;
-}
-
 std::string disturbance_text(const Json& bus) {
   std::string out = fmt::format("bus: {}, {} missed, {} duplicated, {} corrupted",
                                 plural(count(bus, "errors"), "error frame"), count(bus, "missed"),
@@ -167,33 +171,6 @@ std::string tracking_text(const Json& t) {
 }
 }  // namespace
 
-std::vector<std::string> concerns(const Json& s) {
-  std::vector<std::string> out;
-  const bool controlled = s["law"] != "open_loop" && s["law"] != "none";
-  const Json &u = s["torque"], &bus = s["bus"];
-  const double change = real(u, "mean_abs_delta_nm"), largest = real(u, "max_nm");
-  const std::uint64_t saturated = count(u, "saturated_ticks"), ticks = count(s, "ticks");
-  if (controlled && change > chatter_share * largest) {
-    out.push_back(fmt::format(
-        "chatter: from tick to tick the torque changes by {:.0f} % of its maximum (docs/get-started.md, "
-        "\"Too much chatter?\")",
-        100.0 * change / largest));
-  }
-  if (ticks > 0 && static_cast<double>(saturated) > saturated_share * static_cast<double>(ticks)) {
-    out.push_back(fmt::format("saturated in {} of {}: the torque limit decides what happens, not the law",
-                              saturated, plural(ticks, "tick")));
-  }
-  const bool timed = !bus.is_null() && bus.value("timed", false);
-  if (!bus.is_null() && !timed && real(bus, "load") > 1.0) {
-    out.push_back(
-        fmt::format("bus load {:.0f} %: a real bus cannot carry this loop; here frames take no time",
-                    100.0 * real(bus, "load")));
-  }
-  if (s.value("late_ticks", std::uint64_t{0}) > 0)
-    out.push_back(plural(count(s, "late_ticks"), "tick") + " late by more than a tick of the wall clock");
-  return out;
-}
-
 std::string summary_text(const Json& s) {
   const Json &u = s["torque"], &bus = s["bus"];
   std::string out = fmt::format(
@@ -201,7 +178,7 @@ std::string summary_text(const Json& s) {
       plural(count(s, "ticks"), "tick"), real(s, "simulated_s"),
       s.contains("interrupted") ? fmt::format(" of {} s, interrupted", real(s, "duration_s")) : "",
       plural(s["supervisor"]["faults"].size(), "fault"));
-  out += fault_text(s["supervisor"]) + tracking_text(s["tracking"]);
+  out += tracking_text(s["tracking"]);
   out += fmt::format("torque: {:.3g} N m max, {:.3g} N m mean change per tick, saturated in {}\n",
                      real(u, "max_nm"), real(u, "mean_abs_delta_nm"),
                      plural(count(u, "saturated_ticks"), "tick"));
@@ -220,7 +197,6 @@ std::string summary_text(const Json& s) {
                        100.0 * real(bus, "load"));
     if (bus.contains("errors")) out += disturbance_text(bus);
   }
-  for (const std::string& one : concerns(s)) out += one + "\n";
   if (s["real_time_factor"].is_number())
     out += fmt::format("{:.0f} x real time", real(s, "real_time_factor"));
   if (s["digest"].is_string()) out += ", digest " + text(s, "digest");

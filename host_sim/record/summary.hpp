@@ -37,6 +37,7 @@ struct TickRecord {
   double t = 0.0;
   std::span<const double> torque;
   bool has_reference = false;
+  std::array<double, 2> reference{};   ///< m
   double effector_error = 0.0;         ///< m
   std::array<double, 2> base_error{};  ///< rad
   double power = 0.0;                  ///< sum of |torque rate| over the motors, W
@@ -60,11 +61,14 @@ class Statistics {
   [[nodiscard]] nlohmann::ordered_json torque() const;
 
   [[nodiscard]] const RunSums<double>& sums() const { return sums_; }
+  /// Largest extent of the reference, m; 0 without one.
+  [[nodiscard]] double path_size() const;
 
  private:
   RunSums<double> sums_;
   std::uint64_t ticks_ = 0;
   bool has_reference_ = false;
+  std::array<double, 2> reference_low_{1e300, 1e300}, reference_high_{-1e300, -1e300};
   std::optional<double> fault_time_;
 };
 
@@ -79,12 +83,20 @@ struct AccuracyReport {
   double cpu_s = 0.0;  ///< of all passes
 };
 
+/// A fault, and what was measured against which limit, where that is known.
+struct FaultRecord {
+  std::string name;
+  std::string where{};  ///< joint, node or key; empty: not known
+  std::optional<double> measured{}, limit{};
+  std::string unit{};  ///< of both
+};
+
 /// How a run ended, for the summary.
 struct RunEnd {
   double wall_s = 0.0;       ///< of the loop alone
   bool interrupted = false;  ///< Ctrl-C
   std::string final_state = "off";
-  std::vector<std::string> faults;
+  std::vector<FaultRecord> faults;
   std::string odd_encoder;                  ///< joint whose encoder contradicts the others; empty: not known
   std::optional<double> fault_t;            ///< where the recorder of the run does not see the supervisor
   std::optional<std::uint64_t> late_ticks;  ///< against the wall clock; none in lockstep
@@ -108,14 +120,7 @@ class FrameLog;
 /// The document summary.json of a run.
 nlohmann::ordered_json make_summary(const Scene& scene, const Statistics& s, const RunEnd& end);
 
-inline constexpr double chatter_share =
-    0.05;  ///< mean change per tick over largest torque, above which it is chatter
-inline constexpr double saturated_share = 0.9;  ///< of the ticks, above which the limit is the controller
-
-/// Warnings about a run, one sentence each; faults are not among them.
-std::vector<std::string> concerns(const nlohmann::ordered_json& summary);
-
-/// A few lines for the terminal, from the summary document.
+/// A few lines for the terminal, from the summary document, without its verdict.
 std::string summary_text(const nlohmann::ordered_json& summary);
 
 }  // namespace esmc::host

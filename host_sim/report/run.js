@@ -61,27 +61,15 @@ const modes = !drawable ? [] : (() => {
 
 // ---- Verdict and facts ----------------------------------------------------------------------------------------------
 function showVerdict() {
-  const { tracking, torque, bus, supervisor } = summary, settled = tracking?.settled_max_m ?? NaN;
-  const pathSize = Math.max(0, ...(hasReference ? [xRef, yRef] : []).map((v) => extent([v])[1] - extent([v])[0])) || Infinity;
-  const faults = supervisor?.faults ?? [];
-  const [faultWhen, within] = faultTime < Infinity ? [` at t = ${sig(faultTime)} s`, "until the fault, "] : ["", ""];
-  const { saturated_ticks: saturated = 0 } = torque ?? {}, limited = `the torque was at its limit for ${plural(saturated, "tick")}`;
-  const concerns = [!data.summary && "the summary is missing", ...(data.concerns ?? []), saturated > 0.05 * summary.ticks && limited,
-    bus?.lost > 0 && `${plural(bus.lost, "frame")} lost on the bus`, summary.real_time_factor < 0.99 && "the loop ran slower than real time",
-    tracking && !within && !(settled < 0.05 * pathSize) && "the error is above 5 % of the path or not a number",
-    ...modes.map((mode) => mode.margin === 0 && `${mode.label.toLowerCase()} changed its sign`)].filter(Boolean);
-  const level = faults.length || /fault/i.test(supervisor?.final_state) ? "bad" : concerns.length ? "warn" : "ok";
-  const [mark, word] = { ok: ["✓", "OK"], warn: ["!", "CHECK"], bad: ["✕", "FAULT"] }[level];
-  const followed = !tracking ? "there was no reference to follow" : !(settled >= 0)
-    ? (within ? "the fault came before tracking had settled, in the first 0.25 s" : "the settled tracking error is unknown")
-    : `${within}after the first 0.25 s, the effector stayed within ${amount(settled, "mm", 1e3)} of the reference`;
+  const { tracking, torque, bus, supervisor, verdict } = summary, faults = supervisor?.faults ?? [];
+  const faultWhen = faultTime < Infinity ? ` at t = ${sig(faultTime)} s` : "", word = String(verdict?.word ?? "CHECK");
+  const level = { OK: "ok", FAULT: "bad" }[word] ?? "warn", reasons = (verdict?.reasons ?? ["the summary is missing"]).map(String);
+  const shown = level === "ok" ? reasons.length : 1;
   const put = (selector, ...content) => query(`#verdict ${selector}`).append(...content);
   byId("verdict").dataset.level = level;
-  put(".symbol", mark);
-  put(".headline", el("b", {}, word), " ", level !== "bad" ? sentence([followed, "no fault"])
-    : `${plural(faults.length, "fault")}: ${faultNames || supervisor.final_state}${faultWhen}`);
-  if (saturated && !concerns.includes(limited)) concerns.push(limited);
-  put(".detail", sentence(level === "bad" ? [followed, ...concerns] : concerns));
+  put(".symbol", { ok: "✓", warn: "!", bad: "✕" }[level]);
+  put(".headline", el("b", {}, word), " ", faults.length ? reasons[0] : sentence(reasons.slice(0, shown)));
+  put(".detail", sentence(reasons.slice(shown)));
   const error = (name, unit, suffix, scale) => [name, amount(tracking?.[`settled_rms_${suffix}`], unit, scale),
     !tracking ? "no reference" : tracking[`settled_max_${suffix}`] >= 0 ? `RMS settled, max ${amount(tracking[`settled_max_${suffix}`], unit, scale)}` : "not settled"];
   const tiles = [error("Effector error", "mm", "m", 1e3), error("Base joint error", "rad", "rad", 1),

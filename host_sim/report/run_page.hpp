@@ -62,7 +62,6 @@ struct PageLoad {
 ///   version   of this program; compiler: that built it
 ///   scene_toml  text of the scene as run
 ///   summary   the object of summary.json
-///   concerns  sentences about the run that a person should read
 ///   torque_limit  per motor, N m, in the order of the columns tau...; empty: none
 ///   mechanism {type: "five_bar" | "rr", half_base, legs: [{l1, l2}, ...]}; one entry in legs stands for both
 ///   working_mode [sign, ...], assembly_mode sign or 0: of the scene

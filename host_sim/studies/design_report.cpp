@@ -34,7 +34,7 @@ Plants simulate(const Scene& scene, std::uint64_t seed, std::uint64_t count, boo
       const Trace t = trace(sampled_plant(scene, seed, i, lengths));
       const bool rr = scene.type == MechanismType::rr;
       error[i] = (rr ? t.statistics.sums().base : t.statistics.sums().effector).settled().largest;
-      if (!t.end.faults.empty()) fault[i] = t.end.faults.front();
+      if (!t.end.faults.empty()) fault[i] = t.end.faults.front().name;
       if (!std::isfinite(error[i])) fault[i] = "diverged";
     } catch (const InputError&) {  // other lengths: the reference may be out of reach
       fault[i] = "impossible";
@@ -93,11 +93,11 @@ class Report {
       return;
     Findings f;
     judge_layer(scene_, d_.stiffness, f);
-    for (const Json& found : f.list()) {
-      if (found["level"] == "error")
-        d_.refused = "with these gains " + found["text"].get<std::string>();
+    for (const Finding& found : f.list()) {
+      if (found.level == Level::error || found.code == Code::gain_margin)
+        d_.refused = "with these gains " + found.text;
       else
-        d_.warnings.push_back(found["text"]);
+        d_.warnings.push_back(found.text);
     }
   }
 

@@ -54,7 +54,7 @@ Score score_of(const RunSums<double>& s, double tick) {
 /// What `esmc sim` would say of the scene: the very numbers of its summary.
 Score score_of(const Trace& trace, double tick, std::uint32_t& outcome) {
   outcome = outcome_ok;
-  if (!trace.end.faults.empty()) outcome = outcome_fault + fault_number(trace.end.faults.front());
+  if (!trace.end.faults.empty()) outcome = outcome_fault + fault_number(trace.end.faults.front().name);
   if (!all_finite(trace.end.q) || !all_finite(trace.end.qd)) {
     outcome = outcome_diverged;
     return empty_score();

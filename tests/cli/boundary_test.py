@@ -37,9 +37,9 @@ def main():
                 d = run(esmc, free, mode, sine)
                 assert d["supervisor"]["faults"] == [], (mode, sine, d["supervisor"])
                 assert d["tracking"]["settled_max_m"] < 1e-7, (mode, sine, d["tracking"])
-            assert run(esmc, free, mode, LIMIT / 2)["supervisor"]["faults"] == ["type1_singularity"], mode
+            assert [f["name"] for f in run(esmc, free, mode, LIMIT / 2)["supervisor"]["faults"]] == ["type1_singularity"], mode
         # With both elbows inwards this line crosses type 2 first: refused by name, too.
-        assert run(esmc, free, '["-","-"]', 0.1)["supervisor"]["faults"] == ["type2_singularity"]
+        assert [f["name"] for f in run(esmc, free, '["-","-"]', 0.1)["supervisor"]["faults"]] == ["type2_singularity"]
 
 
 if __name__ == "__main__":

@@ -91,12 +91,12 @@ class FourMotors(unittest.TestCase):
         self.folder.cleanup()
 
     def check(self, scene, *values):
-        """Whether it is fit, the margins, and what is found about torques."""
+        """Whether the reference has its torque, the margins, and what is found about torques."""
         run = esmc("check", scene, "--json", *sets(*values))
         self.assertIn(run.returncode, (0, 1), run.stderr)
         j = json.loads(run.stdout)
         self.assertEqual(j["runs"], run.returncode == 0)
-        return j["runs"], j["margins"], [f["level"] + ": " + f["text"] for f in j["findings"] if "torque_limit" in f["text"]]
+        return not any(f["code"] == "torque_exceeded" for f in j["findings"]), j["margins"], [f["level"] + ": " + f["text"] for f in j["findings"] if "torque_limit" in f["text"]]
 
     def unsaturated(self, scene, *values):
         """Whether it runs to its end and no tick is saturated: where torque is short the mechanism falls, and a guard may end the run."""
@@ -150,18 +150,18 @@ class FourMotors(unittest.TestCase):
                 self.assertEqual((done.returncode, done.stderr), (0, ""))
                 continue
             self.assertEqual(len(found), 1, found)
-            text, names = found[0], re.match(r"error: motors (\d), (\d) and (\d): ", found[0])
+            text, names = found[0], re.match(r"(?:error|warning): motors (\d), (\d) and (\d): ", found[0])
             self.assertTrue(names, text)
             self.assertRegex(text, r": at their torque_limit the four motors together give 97 % of what the reference alone takes \(t = 0\.\d{3} s\)$")
             at = float(re.search(r"t = (0\.\d{3}) s", text)[1])
             out = self.tmp / "check"
-            self.assertEqual(esmc("check", self.unlike, "--out", out, *sets(*tight)).returncode, 1)
+            self.assertIn(esmc("check", self.unlike, "--out", out, *sets(*tight)).returncode, (0, 1))
             with open(out / "check.csv", newline="", encoding="utf-8") as f:
                 row, = [r for r in csv.DictReader(f) if abs(float(r["t"]) - at) < 1e-9]
             held = [i for i in range(4) if abs(abs(float(row[MOTORS[i]])) - scale * share * limits[i]) < 1e-9]
             self.assertEqual([int(names[n]) - 1 for n in (1, 2, 3)], held)
             self.assertEqual((done.returncode, done.stdout), (2, ""))
-            self.assertEqual(done.stderr, f"esmc: {self.unlike}: esmc check refuses it: {text[len('error: '):]}\n")
+            self.assertEqual(done.stderr, f"esmc: {self.unlike}: esmc check refuses it: {text.split(': ', 1)[1]}\n")
 
     def variant(self, r):
         """A scene that can be followed from the first tick on, and its torque limits up to a scale."""
@@ -217,7 +217,7 @@ class FourMotors(unittest.TestCase):
                     runs, margins, found = self.check(self.unlike, *of(scale))
                     self.assertEqual(runs, enough, found)
                     self.assertAlmostEqual(margins["torque_share"], high / scale, delta=0.01)
-                    self.assertEqual(sum(f.startswith("error: ") for f in found), 0 if enough else 1, found)
+                    self.assertEqual(sum("at their torque_limit" in f for f in found), 0 if enough else 1, found)
                     self.assertEqual(self.baked(self.unlike, *of(scale)).returncode, 0 if enough else 2)
                 # And the torques themselves, with more of them at their limits and with fewer. Close to all that the motors have little is
                 # left to choose, and a small force moves much: sampled finely.

@@ -411,7 +411,7 @@ def a_controller_with_its_turn(esmc, scene):
         finally:
             other.send_signal(signal.SIGINT)
             out, err = other.communicate(timeout=PATIENCE)
-        assert json.loads(out)["supervisor"]["faults"] == ["drive_error"], (out, err)
+        assert [f["name"] for f in json.loads(out)["supervisor"]["faults"]] == ["drive_error"], (out, err)
         page.say(do="home")
         page.wait(lambda m: "now" in m and m["now"]["state"] == "waiting" and m["now"]["brake"], "home")
         bench.end()

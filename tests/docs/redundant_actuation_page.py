@@ -54,7 +54,7 @@ def preload_row(gap, preload, gain=15.0, delay=10):
     change = sum(sum(abs(b - a) for a, b in zip(t, t[1:])) for t in torque.values()) / (4 * (len(late) - 1))
     return {"gap": gap, "preload": preload, "gain": gain, "delay": delay, "turns": turns / seconds, "rms": math.sqrt(sum(e * e for e in error) / len(error)), "max": max(error),
             "change": change, "heat": sum(sum(x * x for x in t) for t in torque.values()) / len(late), "most": max(max(map(abs, t)) for t in torque.values()),
-            "faults": summary["supervisor"]["faults"]}
+            "faults": [f["name"] for f in summary["supervisor"]["faults"]]}
 
 
 def preload_table(rows):
@@ -74,7 +74,7 @@ def gains_table(rows):
 
 def type2_row(name, *sets):
     summary, rows = run("five_bar_type2.toml", *sets)
-    faults = summary["supervisor"]["faults"]
+    faults = [f["name"] for f in summary["supervisor"]["faults"]]
     fault_t = summary["supervisor"]["fault_t_s"]
     out = {"name": name, "faults": faults, "t": fault_t}
     for where in ("near", "away"):

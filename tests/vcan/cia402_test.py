@@ -91,7 +91,7 @@ def main():
         for log in (out / "one" / "frames.log", out / "plant" / "frames.log", out / "candump.log"):
             check_frames(log)
         realtime = json.loads((out / "realtime.json").read_text())
-        faults = set(realtime["supervisor"]["faults"])
+        faults = {f["name"] for f in realtime["supervisor"]["faults"]}
         print("realtime:", realtime["ticks"], "ticks, faults:", sorted(faults))
         assert realtime["ticks"] == 50 and not faults & NOT_BY_STALLING, realtime["supervisor"]
     return 0

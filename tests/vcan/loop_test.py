@@ -74,7 +74,7 @@ def main():
                 assert float(row[column]) == 0.0, (column, row[column])
         assert len(ages) == want["ticks"]
         realtime = json.loads((out / "realtime.json").read_text())
-        faults = set(realtime["supervisor"]["faults"])
+        faults = {f["name"] for f in realtime["supervisor"]["faults"]}
         print("realtime:", realtime["ticks"], "ticks, faults:", sorted(faults))
         assert realtime["late_ticks"] >= 0  # how many is the machine's business
         assert realtime["ticks"] == 50 and not faults & NOT_BY_STALLING, realtime["supervisor"]

@@ -1,0 +1,66 @@
+#pragma once
+/// What the reference of a scene asks of its mechanism and motors, tick by tick.
+
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "host_sim/record/log.hpp"
+#include "host_sim/scene/scene.hpp"
+
+namespace esmc::host {
+
+/// Smallest and largest of some values.
+struct Extent {
+  double low = 1e300, high = -1e300;
+  void widen(double v) {
+    low = v < low ? v : low;
+    high = v > high ? v : high;
+  }
+  /// Whether a value is beyond [lower, upper].
+  [[nodiscard]] bool beyond(const std::array<double, 2>& allowed) const {
+    return !(low >= allowed[0] && high <= allowed[1]);
+  }
+};
+
+/// A state on the reference.
+struct Moment {
+  std::uint32_t tick = 0;
+  std::vector<double> angle, rate;  ///< of all joints, rad and rad/s
+};
+
+/// Smallest margins and largest demands along the reference, or at the start.
+struct Margins {
+  double sin_type1 = 1.0, sin_type2 = 1.0;
+  std::array<double, 2> joint_speed{};  ///< of the base joints, rad/s
+  std::vector<double> torque;           ///< largest per motor, N m
+  bool together = false;                ///< four motors share the load
+  double share = 0.0, share_t = 0.0;    ///< largest share of torque_limit, and when, s
+  std::vector<double> share_torque;     ///< per motor at that time, N m
+  Extent x, y;                          ///< of the effector's path, m
+  std::array<Extent, 2> angle;          ///< of the base joints, rad
+  std::vector<double> preload,
+      preload_t;  ///< least torque towards control.preload per motor, N m, and when, s
+  std::uint32_t share_tick = 0;
+  std::uint32_t ticks = 0, short_ticks = 0;  ///< followed; of them with less torque than needed
+  std::vector<double> drive_short;           ///< largest torque that the drive cuts, per motor, N m; 0: none
+  double speed_max = 0.0, speed_jump = 0.0, position_jump = 0.0,
+         jump_t = 0.0;      ///< of the reference: m or rad, per s; the largest jump of speed, and when, s
+  std::string unreachable;  ///< why the reference cannot be followed; empty: it can
+};
+
+/// Of the start alone, which the controller guards like every later tick.
+Margins start_margins(const Scene& scene);
+
+/// The state on the reference, without join; empty: out of reach.
+std::optional<Moment> moment_at(const Scene& scene, std::uint32_t tick);
+
+/// Columns of check.csv: what the reference asks of each joint and motor, tick by tick.
+std::vector<std::string> check_columns(const Scene& scene);
+
+/// Follows the reference for at most 2e6 ticks, a row of `log` each. Throws RunError where it is interrupted.
+Margins margins(const Scene& scene, Log& log);
+
+}  // namespace esmc::host

@@ -1,0 +1,146 @@
+#include "host_sim/check/probe.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "host_sim/bus/response.hpp"
+#include "host_sim/controller/controller_config.hpp"
+#include "host_sim/loop/run.hpp"
+#include "host_sim/record/verdict.hpp"
+
+namespace esmc::host {
+namespace {
+
+/// Moves the instants of effects: they count from the beginning of the part.
+struct Shift {
+  double by;
+  void operator()(Payload& e) const { e.from -= by, e.to -= by; }
+  void operator()(ExternalForce& e) const { e.from -= by, e.to -= by; }
+  template <class Other>
+  void operator()(Other&) const {}
+};
+
+/// The scene from a moment on its reference, in motion with it.
+Scene part_of(const Scene& scene, const Moment& from, std::uint32_t ticks) {
+  Scene s = scene;
+  s.duration = ticks * s.tick();
+  s.reference.first_tick = from.tick;
+  s.reference.join = 0.0;
+  s.torque_ramp = 0.0;
+  s.start_angle = from.angle;
+  s.start_rate = from.rate;
+  for (Effect& e : s.effects) std::visit(Shift{from.tick * s.tick()}, e);
+  std::erase_if(s.effects, acts_on_bus);
+  if (find_effect<BitTiming>(scene.effects)) {
+    const double bus = analyse_bus(scene).loop_s.value_or(s.tick());
+    const auto late = find_effect<ComputeDelay>(s.effects);
+    std::erase_if(s.effects, [](const Effect& e) { return std::holds_alternative<ComputeDelay>(e); });
+    s.effects.emplace_back(ComputeDelay{bus + (late ? late->time : 0.0)});
+  }
+  if (s.accuracy) {
+    const bool stiff = find_effect<JointFlexibility>(s.effects) || find_effect<Backlash>(s.effects);
+    s.method = stiff ? Method::radau5 : Method::rk4;
+    s.accuracy.reset();
+  }
+  return s;
+}
+
+/// Ticks [from, to) of a run.
+struct Stretch {
+  std::size_t from, to;
+  [[nodiscard]] double size() const { return static_cast<double>(to - from); }
+};
+
+/// Mean over the motors of |change of torque| / torque_limit.
+double mean_change(const Scene& s, const Trace& t, const Stretch& over) {
+  const auto motors = static_cast<std::size_t>(s.motors());
+  double sum = 0.0;
+  for (std::size_t n = over.from; n < over.to; ++n) {
+    for (std::size_t i = 0; i < motors; ++i)
+      sum += std::abs(t.torque[n * motors + i] - t.torque[(n - 1) * motors + i]) / s.torque_limit[i];
+  }
+  return over.size() > 0.0 ? sum / (over.size() * static_cast<double>(motors)) : 0.0;
+}
+
+/// The last 30 % of the ticks count, the 30 % before them say whether it grows or dies away.
+ProbePart run_part(const Scene& s, std::uint32_t begins) {
+  const Trace t = probe(s);
+  ProbePart out{.t = begins * s.tick(), .ticks = tick_count(s)};
+  if (!t.end.faults.empty()) out.fault = t.end.faults.front().name;
+  std::size_t ran = t.saturated.size();
+  if (const auto fault = t.statistics.fault_time())
+    ran = static_cast<std::size_t>(std::llround(*fault * s.rate_hz));
+  const std::size_t first = std::max<std::size_t>(1, ran * 2 / 5), second = std::max(first, ran * 7 / 10);
+  const Stretch before{first, second}, last{second, std::max(ran, second)};
+  out.change = mean_change(s, t, last);
+  const double earlier = mean_change(s, t, before);
+  if (earlier > 0.0 && out.change > 0.0) out.growth = std::pow(out.change / earlier, 1.0 / last.size());
+  for (std::size_t n = last.from; n < last.to; ++n) out.saturated += t.saturated[n] ? 1.0 / last.size() : 0.0;
+  out.error = t.statistics.sums().effector.all().largest;
+  return out;
+}
+
+}  // namespace
+
+std::vector<ProbePart> probe_scene(const Scene& scene, const Margins& m) {
+  const std::uint32_t last = m.ticks, join = make_reference(scene, Pacing::lockstep).join_ticks;
+  if (last <= join + probe_ticks) {
+    Scene whole = scene;
+    whole.duration = std::min(last, probe_ticks) * scene.tick();
+    return {run_part(whole, 0)};
+  }
+  constexpr std::uint32_t ticks = probe_ticks / 2, before = 30;  // so long before the torque is largest
+  const std::uint32_t room = last - join - ticks,
+                      worst =
+                          std::clamp(m.share_tick, join + before + 1, join + before + room) - join - before;
+  std::vector<ProbePart> out;
+  for (const bool second : {false, true}) {
+    auto from = moment_at(scene, join + (second ? (worst + room / 2) % room : worst));
+    if (!from) continue;
+    for (double& rate : from->rate) rate *= second ? 0.9 : 1.0;  // a push, from which a good loop recovers
+    out.push_back(run_part(part_of(scene, *from, ticks), from->tick));
+  }
+  return out;
+}
+
+void judge_probe(const Margins& m, const std::vector<ProbePart>& parts, Findings& f) {
+  if (parts.empty()) return;
+  constexpr double ringing = 0.05, dying = 0.97,
+                   half = 0.45;  // a mean of few ticks: less than half may be half
+  double saturated = 0.0;
+  const ProbePart* rings = nullptr;
+  for (const ProbePart& p : parts) {
+    saturated += p.saturated / static_cast<double>(parts.size());
+    if (p.change > ringing && p.growth > dying && (rings == nullptr || p.change > rings->change)) rings = &p;
+  }
+  if (rings != nullptr) {
+    f.error(Code::loop_rings, "control",
+            "simulated for {} ticks from t = {:.3f} s, the loop rings: from tick to tick the torque changes "
+            "by {:.2g} "
+            "% of torque_limit",
+            rings->ticks, rings->t, 100.0 * rings->change);
+  }
+  if (saturated > half) {
+    f.error(Code::torque_exceeded, "control.torque_limit",
+            "simulated for {} times {} ticks, the motors are saturated in {:.0f} % of the last third",
+            parts.size(), parts.front().ticks, 100.0 * saturated);
+  }
+  for (const ProbePart& p : parts) {
+    if (p.fault.empty() || f.refused()) continue;
+    f.error(Code::limit_crossed, "limits", "simulated from t = {:.3f} s, the loop ends in the fault {}", p.t,
+            p.fault);
+  }
+  const double path = std::max(m.x.high - m.x.low, m.y.high - m.y.low);
+  if (!f.refused() && path > 0.0 && parts.size() > 1 && !(parts.front().error <= error_share * path)) {
+    f.warning(Code::not_followed, "control",
+              "simulated for {} ticks from t = {:.3f} s on the reference, the effector leaves it by {:.3g} "
+              "mm, {:.0f} % "
+              "of the path",
+              parts.front().ticks, parts.front().t, 1e3 * parts.front().error,
+              100.0 * parts.front().error / path);
+  }
+}
+
+}  // namespace esmc::host

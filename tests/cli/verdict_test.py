@@ -1,0 +1,178 @@
+#!/usr/bin/env python3
+"""Verdicts before and after a run: what `esmc check` says of a scene against what the scene does in `esmc sim`, and the words of a run.
+usage: verdict_test.py ESMC SCENES_DIR [unittest args]"""
+import csv
+import json
+import re
+import subprocess
+import sys
+import tempfile
+import unittest
+from pathlib import Path
+
+ESMC = SCENES = ""
+DOCS = Path(__file__).parents[2] / "docs"
+
+
+def esmc(*args):
+    return subprocess.run([ESMC, *map(str, args)], capture_output=True, text=True, timeout=120)
+
+
+def sets(*values):
+    return [a for v in values for a in ("--set", v)]
+
+
+class Verdicts(unittest.TestCase):
+    def setUp(self):
+        self.folder = tempfile.TemporaryDirectory()
+        self.tmp = Path(self.folder.name)
+        self.circle = Path(SCENES, "five_bar_circle.toml")
+
+    def tearDown(self):
+        self.folder.cleanup()
+
+    def check(self, scene, *values):
+        run = esmc("check", scene, "--json", *sets(*values))
+        self.assertEqual(run.stderr, "")
+        j = json.loads(run.stdout)
+        levels = {f["level"] for f in j["findings"]}
+        self.assertEqual(j["verdict"], "unfit" if "error" in levels else "warnings" if "warning" in levels else "fit")
+        self.assertEqual(run.returncode, 1 if j["verdict"] == "unfit" else 0)
+        self.assertEqual(j["runs"], run.returncode == 0)
+        return j
+
+    def found(self, scene, *values):
+        return {(f["level"], f["code"], f["where"]) for f in self.check(scene, *values)["findings"]}
+
+    def test_every_finding_has_a_code_that_the_documents_list(self):
+        listed = set(re.findall(r"`(\w+)`", " ".join(line.split("|")[1] for line in re.findall(
+            r"^\| `.*", (DOCS / "output.md").read_text().split("| code | says |")[1], re.M))))
+        for values, one in (([], None), (["bus.bitrate=700000"], ("warning", "bus_load", "bus.bitrate")),
+                            (["limits.joint_speed=3"], ("error", "limit_crossed", "limits.joint_speed")),
+                            (["control.torque_limit=0.1"], ("error", "torque_exceeded", "control.torque_limit")),
+                            (["drives.nodes=[0, 1]"], ("warning", "node_zero", "drives.nodes")),
+                            (["control.law=none", 'effects=[{type="jitter", sigma=1e-4}]'], ("warning", "effect_idle", "effects"))):
+            found = self.found(self.circle, *values)
+            self.assertTrue(found == set() if one is None else one in found, (values, found))
+            self.assertLessEqual({code for _, code, _ in found}, listed)
+
+    def judged(self, values, level, *codes, where=None):
+        for code in codes:
+            found = [f for f in self.check(self.circle, *values)["findings"] if f["code"] == code]
+            self.assertIn(level, [f["level"] for f in found], (values, code))
+            self.assertTrue(where is None or where in [f["where"] for f in found], found)
+
+    def test_torque_counts_what_the_plant_adds(self):
+        self.judged(['effects=[{type="coulomb_friction", torque=[3.0, 0.1]}]'], "error", "torque_exceeded", where="control.torque_limit")
+        self.judged(['effects=[{type="torque_saturation", limit=0.2}]'], "error", "torque_exceeded", where="effects")
+        self.judged(['effects=[{type="thermal_limit", continuous=0.15, time_constant=1.0}]'], "error", "torque_exceeded", where="effects")
+        self.judged(['effects=[{type="payload", mass=0.5}]'], "warning", "torque_margin")
+        self.judged(['effects=[{type="external_force", force=[-30.0, 0.0], from=0.0, to=2.0}]'], "error", "torque_exceeded")
+        self.judged(["control.torque_limit=0.06"], "error", "torque_exceeded")
+        self.judged(["control.torque_limit=0.489"], "warning", "torque_exceeded")  # at the peak only
+        self.assertEqual(esmc("bake", self.circle, *sets("control.torque_limit=0.489")).returncode, 2)
+        self.judged(["control.gain=0"], "warning", "no_gain")
+
+    def test_torques_are_those_of_an_undisturbed_run(self):
+        """A law that knows everything but the effect gives the torque of check.csv once it has settled."""
+        near, law = ("reference.join=0.3", "simulation.duration=1.2", "simulation.step=2e-5"), ("control.disturbance_observer=100", "control.lambda=60")
+        for effect, *control in (('{type="coulomb_friction", torque=[0.05, 0.01], regularised=0.05}', *law), ('{type="payload", mass=0.1}', *law),
+                                 ('{type="external_force", force=[1.0, -2.0], from=0.0, to=9.0}', *law),
+                                 ('{type="joint_flexibility", stiffness=2000, damping=2, rotor_inertia=3e-4}', "control.law=ctc", "control.lambda=80")):
+            values = (*near, *control, f"effects=[{effect}]")
+            esmc("check", self.circle, "--out", self.tmp / "check", *sets(*values))
+            esmc("sim", self.circle, "--out", self.tmp / "sim", *sets(*values))
+            rows = []
+            for name in ("check/check.csv", "sim/log.csv"):
+                with open(self.tmp / name, newline="", encoding="utf-8") as f:
+                    rows.append([(float(r["tau11"]), float(r["tau21"])) for r in csv.DictReader(f)][600:])
+            off = sorted(max(abs(x - y) for x, y in zip(*pair)) for pair in zip(*rows))
+            self.assertLess(off[len(off) * 9 // 10], 0.008, effect)  # but where friction turns round
+
+    def test_loops_that_ring(self):
+        join, heavy = "reference.join=0.3", "control.model={m1=%g, m2=%g, J1=%g, J2=%g}"
+        gear = 'effects=[{type="joint_flexibility", stiffness=%d, rotor_inertia=1e-4}]'
+        for values in ([gear % 100, "simulation.step=1e-4"], [gear % 1000, "simulation.step=1e-4"], ["control.law=ctc", "control.lambda=1200"],
+                       [heavy % (2.2, 2.2, 2.2, 2.2)], [heavy % (1.6, 1.6, 1.6, 1.6), "control.delay_ticks=2", 'effects=[{type="delay", ticks=2}]'],
+                       ["control.law=ctc", "control.lambda=600", 'effects=[{type="encoder", bits=16}]']):
+            self.judged([join, "simulation.duration=1.5", *values], "error", "loop_rings")
+
+    def test_references_that_jump(self):
+        path = self.tmp / "path.csv"
+        table = f'reference={{type="file", path="{path}"}}'
+        path.write_text("t,x,y\n" + "".join(f"{0.1 * k},{-0.04 + 0.027 * k},0.17\n" for k in range(4)))
+        self.judged([table], "warning", "reference_jumps", where="reference")
+        corners = [(-0.04, 0.15), (0.04, 0.15), (0.04, 0.2), (-0.04, 0.2), (-0.04, 0.15)]
+        path.write_text("t,x,y\n" + "".join(f"{0.5 * k},{x},{y}\n" for k, (x, y) in enumerate(corners)))
+        self.judged([table], "warning", "reference_overshoots", where="reference.path")
+
+    def test_what_we_hand_out_is_not_called_unfit(self):
+        for scene in sorted(Path(SCENES).glob("*.toml")):
+            j = self.check(scene)
+            self.assertNotEqual(j["verdict"], "unfit", scene)
+            self.assertLessEqual(sum(p["ticks"] for p in j["simulated"]), 200)
+            self.assertLessEqual({f["code"] for f in j["findings"]}, {"bus_latency", "delay_untold"}, scene)
+
+    def test_hints_at_units(self):
+        rr = Path(SCENES, "rr_line.toml")
+        for scene, value, where in ((self.circle, "reference.phase=90", "reference.phase"), (self.circle, "mechanism.leg.lg1=0.3", "mechanism.leg.lg1"),
+                                    (self.circle, "mechanism.leg.J1=2.0", "mechanism.leg.J1"), (self.circle, "simulation.step=1e-2", "simulation.step"),
+                                    (self.circle, "limits.joint_angle=[[-180, 180], [-180, 180]]", "limits.joint_angle"),
+                                    (rr, "reference={type='joint_sine', offset=[30, 45], amplitude=[0.1, 0.1], omega=[1, 1]}", "reference.offset")):
+            self.assertIn(("hint", "units_suspicious", where), self.found(scene, value, *(["mechanism.gravity=0"] if scene == rr else [])), value)
+        mm = self.circle.read_text().replace("half_base = 0.05 ", "half_base = 50 ").replace("l1 = 0.12, l2 = 0.16, lg1 = 0.06, lg2 = 0.068", "l1 = 120, l2 = 160, lg1 = 60, lg2 = 68")
+        (self.tmp / "mm.toml").write_text(mm.replace("center = [0.0, 0.17]", "center = [0.0, 170]").replace("radius = 0.07", "radius = 70"))
+        found = self.found(self.tmp / "mm.toml")
+        for key in ("mechanism.leg.l1", "mechanism.leg.l2", "mechanism.half_base"):
+            self.assertIn(("hint", "units_suspicious", key), found)
+        self.assertNotIn("units_suspicious", {code for _, code, _ in self.found(self.circle, "reference.phase=6.2", "mechanism.leg.lg1=0.12")})
+
+    def test_node_zero_is_for_no_bus(self):
+        zero = sets("drives.nodes=[0, 1]")
+        self.assertIn("'drives.nodes' must be 1 or more on a bus", self.check(self.circle, "drives.nodes=[0, 1]")["not_on_bus_because"])
+        self.assertEqual(esmc("sim", self.circle, *zero).returncode, 0)  # no bus
+        for command in (["hil", self.circle], ["bake", self.circle]):
+            run = esmc(*command, *zero)
+            self.assertEqual(run.returncode, 2)
+            self.assertIn("'drives.nodes' must be 1 or more on a bus", run.stderr)
+
+    def test_summary_terminal_and_page_say_the_same(self):
+        slow = 'effects=[{type="drive_dropout", drive=2, from=0.3, to=0.5}]'
+        for command, values, word, first in (("sim", [], "OK", "after the first 0.25 s, the effector stayed within "),
+                                             ("sim", ["control.gain=0"], "CHECK", "the error is above 5 % of the path"),
+                                             ("hil", ["bus.bitrate=250000"], "CHECK", "bus load 2"),
+                                             ("hil", [slow], "FAULT", "stale_feedback at t = 0.302 s: theta21, node 2, 3 ticks without a sample, limit 2")):
+            out = self.tmp / "out"
+            run = esmc(command, self.circle, "--out", out, *sets("simulation.duration=0.5", *values))
+            summary = json.loads((out / "summary.json").read_text())
+            verdict = summary["verdict"]
+            self.assertEqual((verdict["ok"], verdict["word"], run.returncode), (word == "OK", word, int(word == "FAULT")))
+            self.assertEqual(run.stdout.splitlines()[-1], word + ": " + "; ".join(verdict["reasons"]))
+            self.assertTrue(verdict["reasons"][0].startswith(first), verdict)
+            page = re.search(r'<script type="application/json" id="data">(.*?)</script>', (out / "report.html").read_text(), re.S)[1]
+            self.assertEqual(json.loads(page)["summary"]["verdict"], verdict)
+
+    def fault(self, command, *values):
+        s = json.loads(esmc(command, self.circle, "--json", *sets("simulation.duration=0.5", *values)).stdout)
+        fault, = s["supervisor"]["faults"]
+        self.assertEqual((fault["t"], fault["tick"]), (s["supervisor"]["fault_t_s"], round(1000 * s["supervisor"]["fault_t_s"])))
+        return fault
+
+    def test_a_fault_names_place_value_and_limit(self):
+        for values, name, where, limit, beyond in (
+                (["limits.workspace={x=[-0.3, 0.3], y=[-0.05, 0.2]}"], "workspace", "y", 0.2, lambda v: 0.2 < v < 0.202),
+                (["limits.joint_angle=[[-3.2, 1.0], [-3.2, 3.2]]"], "joint_angle", "theta11", 1.0, lambda v: 1.0 < v < 1.02),
+                (["limits.min_abs_sin_type1=0.9"], "type1_singularity", "", 0.9, lambda v: 0.89 < v < 0.9),
+                (["limits.min_abs_sin_type2=0.9"], "type2_singularity", "", 0.9, lambda v: 0.89 < v < 0.9)):
+            fault = self.fault("sim", *values)
+            self.assertEqual((fault["name"], fault["where"], fault["limit"]), (name, where, limit), fault)
+            self.assertTrue(beyond(fault["measured"]), fault)
+        fault = self.fault("hil", "drives.torque_mismatch=0.01")
+        self.assertEqual((fault["name"], fault["limit"], fault["unit"]), ("torque_mismatch", 0.01, "N m from its command"))
+        self.assertRegex(fault["where"], "^theta[12]1, node [12]$")
+        self.assertGreater(fault["measured"], 0.01)
+
+
+if __name__ == "__main__":
+    ESMC, SCENES = sys.argv[1], sys.argv[2]
+    unittest.main(argv=[sys.argv[0], *sys.argv[3:]])
