@@ -22,14 +22,14 @@ constexpr std::uint32_t pilot_ticks = 4;
 constexpr double most_rows = 2e7;
 
 /// Largest difference of the last row, and of all.
-struct Difference {
+struct Deviation {
   double end = inf, all = inf;
 };
 
-[[nodiscard]] Difference difference(const std::vector<double>& a, const std::vector<double>& b,
+[[nodiscard]] Deviation deviation(const std::vector<double>& a, const std::vector<double>& b,
                                     std::size_t width) {
   if (a.size() != b.size()) return {};
-  Difference d{0.0, 0.0};
+  Deviation d{0.0, 0.0};
   for (std::size_t i = 0; i < a.size(); ++i) {
     const double e = std::abs(a[i] - b[i]);
     d.all = e > d.all || std::isnan(e) ? e : d.all;
@@ -121,9 +121,9 @@ class Search {
     }
     bool met = false;
     if (last_) {
-      const Difference d = difference(last_->rows, now.rows, width_);
+      const Deviation d = deviation(last_->rows, now.rows, width_);
       before_ = judged();
-      difference_ = d;
+      deviation_ = d;
       const bool close = margin * judged() <= asked_;
       // At the end alone two passes may meet by chance: then the way there, or a third pass, must agree.
       met = close && (trajectory() || d.all <= 100.0 * asked_ || agreed_);
@@ -137,7 +137,7 @@ class Search {
     return met;
   }
   [[nodiscard]] bool trajectory() const { return scene_.accuracy_of == AccuracyOf::trajectory; }
-  [[nodiscard]] double judged() const { return trajectory() ? difference_.all : difference_.end; }
+  [[nodiscard]] double judged() const { return trajectory() ? deviation_.all : deviation_.end; }
   [[nodiscard]] bool stalled() const { return std::isfinite(before_) && !(judged() < 0.3 * before_); }
 
   /// A start that is off by 1e-10 must not change the result by a tenth of what is asked.
@@ -146,9 +146,9 @@ class Search {
     Scene other = scene_;
     double sign = 1.0;
     for (double& q : other.start_angle) q += nudge * std::exchange(sign, -sign);
-    Difference d;
+    Deviation d;
     try {
-      d = difference(last_->rows, run_(other, false).rows, width_);
+      d = deviation(last_->rows, run_(other, false).rows, width_);
     } catch (const Diverged&) {  // which is a change, too
     }
     const double change = trajectory() ? d.all : d.end;
@@ -182,7 +182,7 @@ class Search {
   const RunPass& run_;
   std::clock_t begin_;
   std::optional<Pass> last_;
-  Difference difference_;
+  Deviation deviation_;
   double before_ = inf;
   bool agreed_ = false, nudged_ = false, finite_ = false;
   std::optional<Diverged> failure_;

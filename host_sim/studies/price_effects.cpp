@@ -5,7 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "host_sim/check/check.hpp"
+#include "host_sim/check/margins.hpp"
 #include "host_sim/scene/toml_text.hpp"
 #include "host_sim/studies/price.hpp"
 

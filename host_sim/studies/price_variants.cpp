@@ -73,7 +73,7 @@ Outcome Bench::run(const Scene& scene, bool single_precision) {
     const Trace t = run_case(scene, true, single_precision);
     out.q = t.end.q;
     out.states = t.end.state_dimension;
-    if (!t.end.faults.empty()) out.fault = t.end.faults.front();
+    if (!t.end.faults.empty()) out.fault = t.end.faults.front().name;
     const nlohmann::ordered_json tracking = t.statistics.tracking();
     if (tracking.is_object() && tracking.contains(metric_) && tracking[metric_].is_number())
       out.value = tracking[metric_].get<double>();
