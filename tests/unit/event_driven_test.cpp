@@ -14,7 +14,7 @@ constexpr double inertia = 1e-3;  // kg m2, of bar 1
 
 Motion<RrPlant> wheel(const std::vector<Effect>& effects, double angle, double rate,
                       const Resolution& resolution = {}) {
-  const RrPlant plant({{0.1, 0.1, 0, 0, 0, 0, inertia, 2e-3}, 0.0});
+  const RrPlant plant(RrParams<double>{{0.1, 0.1, 0, 0, 0, 0, inertia, 2e-3}, 0.0});
   return {{plant, plant, effects, {0}, Method::event_driven, resolution},
           RrPlant::from_joints({angle, 1.0}, {rate, -rate})};
 }
