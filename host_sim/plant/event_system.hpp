@@ -365,6 +365,7 @@ class EventSystem : public LoadedSystem<Plant> {
           m.stop = Stop{std::min(m.stop->lower, theta[j]), std::max(m.stop->upper, theta[j])};
         for (const int side : {-1, 1})
           if (gap(j, side, theta[j]) <= 0.0) m.touches = side;
+        if (stiffness_ == 0.0 && m.touches * w[j] < 0.0) m.touches = 0;  // it leaves
         struck = struck || (stiffness_ == 0.0 && m.touches * w[j] > 0.0);
       }
     }

@@ -85,6 +85,8 @@ Json accuracy_json(const AccuracyReport& a) {
             {"contact", e.contact},
             {"accumulated", e.accumulated},
             {"crowded", e.crowded}}},
+          {"passes", a.passes},
+          {"evaluations", a.evaluations},
           {"cpu_s", a.cpu_s}};
 }
 }  // namespace

@@ -80,7 +80,10 @@ struct AccuracyReport {
   std::string method, between;  ///< between: of event_driven, from one event to the next
   double step = 0.0;            ///< mean, s
   Events events;
-  double cpu_s = 0.0;  ///< of all passes
+  // Of all passes:
+  int passes = 0;
+  long evaluations = 0;  ///< of right-hand sides
+  double cpu_s = 0.0;
 };
 
 /// A fault, and what was measured against which limit, where that is known.

@@ -145,7 +145,7 @@ def same(shown, printed, digests=False):
     if digests and re.findall(digest, shown) != re.findall(digest, printed):
         return False
     free = [(digest, "DIGEST"), (r"\d+ x real time", "N x real time"), (r"(?<=closure )\S+", "TINY"),
-            (r"(?<=energy balance )[^\s,]+", "TINY")]
+            (r"(?<=energy balance )[^\s,]+", "TINY"), (r"\S+ s of CPU time", "N s of CPU time")]
     for pattern, instead in free:
         shown, printed = re.sub(pattern, instead, shown), re.sub(pattern, instead, printed)
     if NUMBER.sub("#", shown) != NUMBER.sub("#", printed):
