@@ -345,8 +345,10 @@ void correct_offsets(toml::table& into, const Scene& scene, const Unknowns& valu
   section("sensors").insert_or_assign("offset", number_array(sensors));
 }
 
-/// `p` with the lengths of a calibration.
-FiveBarParams<double> with_lengths(FiveBarParams<double> p, MechanismType type, const Unknowns& value) {
+/// `p` with the lengths of a calibration, without these rotors.
+FiveBarParams<double> with_lengths(FiveBarParams<double> p, MechanismType type, const Unknowns& value,
+                                   const std::array<double, 2>& rotors) {
+  for (std::size_t leg = 0; leg < 2; ++leg) p.legs[leg].J1 -= rotors[leg];
   if (type == MechanismType::five_bar) p.l0 = value[unknown_l0];
   for (int leg = 0; leg < (type == MechanismType::five_bar ? 2 : 1); ++leg) {
     p.legs[static_cast<std::size_t>(leg)].l1 = value[unknown_l11 + 2 * leg];
@@ -358,8 +360,8 @@ FiveBarParams<double> with_lengths(FiveBarParams<double> p, MechanismType type, 
 /// TOML to paste: [mechanism] and the corrected offsets, and nothing else.
 std::string calibrated_snippet(const Scene& scene, const Unknowns& value) {
   toml::table out;
-  set_mechanism(sub_table(out, "mechanism"), scene.type, with_lengths(scene.mechanism, scene.type, value),
-                false);
+  set_mechanism(sub_table(out, "mechanism"), scene.type,
+                with_lengths(scene.mechanism, scene.type, value, scene.rotor_inertia), false);
   correct_offsets(out, scene, value);
   const std::string text = toml_text(out);
   return text.substr(text.find_first_not_of('\n'));
@@ -381,13 +383,15 @@ void set_length_uncertainty(toml::table& uncertainty, const Calibration& c, bool
 std::string calibrated_scene(const RecordedRun& run, const Calibration& c) {
   const Scene& of = run.scene;
   toml::table scene = parse_scene_file(run.scene_file, {});
-  set_mechanism(*scene["mechanism"].as_table(), of.type, with_lengths(of.mechanism, of.type, c.value), false);
+  set_mechanism(*scene["mechanism"].as_table(), of.type,
+                with_lengths(of.mechanism, of.type, c.value, of.rotor_inertia), false);
   correct_offsets(scene, of, c.value);
   set_length_uncertainty(sub_table(scene, "uncertainty"), c, of.type == MechanismType::five_bar);
   if (toml::table* model = scene["control"]["model"].as_table()) {
     for (const char* key : {"half_base", "l1", "l2"}) model->erase(key);
     if (toml::table* own = (*model)["mechanism"].as_table()) {
-      set_mechanism(*own, of.type, with_lengths(*of.believed, of.type, c.value), false);
+      own->erase("rotor_inertia");  // part of J1
+      set_mechanism(*own, of.type, with_lengths(*of.believed, of.type, c.value, {}), false);
     } else {
       model->erase("mechanism");
     }

@@ -5,8 +5,7 @@
 #include <cstddef>
 #include <vector>
 
-#include "host_sim/identify/inertia.hpp"
-#include "host_sim/least_squares.hpp"
+#include "host_sim/identify/identification.hpp"
 
 namespace esmc::host {
 

@@ -22,6 +22,7 @@ using Json = nlohmann::ordered_json;
 
 constexpr double unexplained_max = 0.3;  // of the torque
 constexpr double delay_half_max = 2.0;   // ticks, half of the interval
+constexpr double torque_factor_off_max = 0.5;
 
 IdentifyProblem read_problem(const RecordedRun& run, const IdentifyOptions& o) {
   IdentifyProblem p;
@@ -113,6 +114,11 @@ void judge(const Identification& r, const RecordedRun& run, const IdentifyOption
           run.log, r.residual[j], r.effort[j]);
   }
   if (!r.weak.empty()) refuse_weak();
+  for (const Defect& d : r.defects) {
+    if (d.kind != DefectKind::torque_constant || std::abs(d.amount) <= torque_factor_off_max) continue;
+    refuse("{}: {}: are the torques those that moved it, with their signs?", run.log,
+           text_of(d, run, o.coverage));
+  }
   const double half = o.coverage * r.delay_sigma;
   if (!(half <= delay_half_max && r.delay_ticks + half >= -1.0))
     refuse(

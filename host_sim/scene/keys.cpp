@@ -34,6 +34,7 @@ constexpr std::array planar{
     Key{"mechanism.effector_mass", "number", "0.0", "kg", 0, big, false, "", "five_bar: point mass at the effector"},
     Key{"mechanism.leg", "table", "-", "", -inf, inf, false, "", "both legs (or the arm); or [[mechanism.legs]] twice"},
     Key{"mechanism.legs", "tables", "-", "", -inf, inf, false, "", "five_bar: the two legs, leg 1 (right) first"},
+    Key{"mechanism.rotor_inertia", "numbers", "[0.0, 0.0]", "kg m2", 0, big, false, "", "rotors behind rigid gears, seen from the joint: gear ratio squared times the motor's; five_bar: of the base joints, rr: [base, 0]"},
     Key{"mechanism.working_mode", "strings", "", "", -inf, inf, false, "+ | -", "array, one per leg (RR: one entry): sign of sin(theta_j2), in the leg's own frame"},
     Key{"mechanism.assembly_mode", "string", "-", "", -inf, inf, false, "+ | -", "five_bar: sign of sin(phi12 + phi22); else from the initial pose"},
     Key{"mechanism.leg.l1", "number", "", "m", 0, 1e3, true, "", "length of the proximal bar"},

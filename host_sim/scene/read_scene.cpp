@@ -41,6 +41,14 @@ void read_mechanism(Section s, Scene& scene) {
   }
   if (!one && two.size() != 2) s.fail("legs", "must be given exactly twice, leg 1 (right) first");
   for (std::size_t j = 0; j < 2; ++j) scene.mechanism.legs[j] = read_leg(one ? *one : two[j]);
+  scene.rotor_inertia = s.pair("rotor_inertia");
+  if (!five_bar && scene.rotor_inertia[1] > 0.0) {
+    s.fail("rotor_inertia",
+           "must be 0 for the elbow: a rotor there acts on the joint's rate, where the model has no mass "
+           "(esmc identify finds it)");
+  }
+  for (std::size_t j = 0; j < 2; ++j)
+    scene.mechanism.legs[j].J1 += scene.rotor_inertia[j];  // turns with bar 1
   const auto modes = s.texts("working_mode", five_bar ? 2 : 1);
   for (std::size_t j = 0; j < modes.size(); ++j) scene.working_mode[j] = mode_sign(modes[j]);
   s.finish();

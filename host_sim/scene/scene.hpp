@@ -154,7 +154,8 @@ struct Scene {
       uncertainty_where;  ///< FILE:LINE, for errors found later
 
   MechanismType type = MechanismType::five_bar;
-  FiveBarParams<double> mechanism;  ///< RR uses legs[0] and g only
+  FiveBarParams<double> mechanism;        ///< RR uses legs[0] and g only
+  std::array<double, 2> rotor_inertia{};  ///< of the base motors, at the joint, kg m2; part of J1 above
   std::optional<FiveBarParams<double>>
       believed;  ///< what control.model's factors go onto, where that is not `mechanism`
   std::array<int, 2> working_mode{};

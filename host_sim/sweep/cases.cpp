@@ -64,7 +64,9 @@ Binding::Set setter_of(const std::string& name) {
                                            {"mechanism.legs.2.", 1U, 2U}}) {
       if (name != std::string(legs) + part) continue;
       return [m = value, leg = first, last = end](Scene& s, double v) {
-        for (unsigned i = leg; i < last; ++i) s.mechanism.legs[i].*m = v;
+        const bool turns_rotor = m == &LegParams<double>::J1;
+        for (unsigned i = leg; i < last; ++i)
+          s.mechanism.legs[i].*m = turns_rotor ? v + s.rotor_inertia[i] : v;
       };
     }
   }
