@@ -83,7 +83,7 @@ def inline(effect):
     return "{" + ", ".join(f"{k} = {json.dumps(v)}" for k, v in effect.items()) + "}"
 
 
-def random_case(seed):
+def random_case(seed, most=6):
     draw = random.Random(seed)
     size = lambda low, high: float(f"{low * (high / low) ** draw.random():.3g}")  # noqa: E731
     kind = draw.choice(["five_bar", "rr"])
@@ -103,11 +103,14 @@ def random_case(seed):
             {"type": "torque_saturation", "limit": size(0.3, 1.0) * torque},
             {"type": "bias", "angle": [size(1e-6, 1e-2), 0.0]},
             {"type": "compute_delay", "time": draw.choice([1e-4, 2e-4, 5e-4])},
+            {"type": "joint_flexibility", "stiffness": size(100.0, 1e4) * torque, "damping": 0.02 * torque, "rotor_inertia": 1e-4 * torque},
+            {"type": "encoder", "bits": draw.choice([14, 18, 22]), "bandwidth": 3000.0},
+            {"type": "noise", "sigma": size(1e-8, 1e-5), "bandwidth": 3000.0},
             {"type": "thermal_limit", "continuous": 0.5 * torque, "time_constant": 5.0},
         ]
     if draw.random() < 0.3:
         pool[1].pop("regularised")
-    effects = draw.sample(pool, draw.randint(3, 6))
+    effects = draw.sample(pool, draw.randint(3, most))
     steps = draw.choice([1, 2, 4])
     sets = [f"simulation.duration={draw.choice([0.2, 0.35, 0.5])}", f"simulation.step={1e-3 / steps}"]
     if not closed:
