@@ -203,8 +203,16 @@ std::string price_page(const PriceList& p, const Json& j, const std::string& com
     if (curves.empty() || curves.back().name != method) curves.push_back({method, {}});
     curves.back().points.emplace_back(r.cost, r.error);
   }
-  std::string body = figures_html(
-      {log_log_svg("What a digit costs in this scene", "instructions, counted", "error at the end", curves)});
+  std::vector<Series> effects;
+  for (const Json& e : p.effects) {
+    const Json& change = e["changes"][p.bench.metric()];
+    if (change.is_null() || change == 0.0 || e["cost_ratio"].is_null()) continue;
+    effects.push_back({e["name"], {{e["cost_ratio"], std::abs(change.get<double>())}}, false});
+  }
+  std::string body =
+      figures_html({log_log_svg("What a digit costs", "instructions of the run", "error at the end", curves),
+                    log_log_svg("What an effect changes", "cost with it, without it = 1",
+                                p.bench.metric() + " changes by, " + unit_of(p.bench.metric()), effects)});
   for (const auto& [title, rows] : price_sections(j)) {
     if (!rows.empty()) body += table_html(title, rows);
   }
@@ -280,18 +288,19 @@ int run_price_list(const AccuracyOptions& o) {
   const std::string metric = !o.metric.empty()                             ? o.metric
                              : scene.reference.type == ReferenceType::none ? "end"
                                                                            : "rms_m";
-  Bench bench(metric, 60 + 12 * scene.effects.size());
+  Bench bench(metric, 60 + (o.all_effects ? 300 : 12 * scene.effects.size()));
   Variants variants(std::move(table), o.scene, bench);
   PriceList p{printable(scene.name), bench, variants};
   (void)tolerance_of(o.tolerance, 0.0);  // refused before anything runs
+  if (!scene.accuracy) require_sound(variants.run(variants.named()), bench, scene);
   p.integrators = price_integrators(scene, bench);
   if (scene.accuracy) {
     const IntegratorPrice* met = p.integrators.cheapest(*scene.accuracy);
     if (met == nullptr)
       throw RunError(fmt::format("simulation.accuracy = {} is met by no fixed step here", *scene.accuracy));
     variants.use(met->stepping);
+    require_sound(variants.run(variants.named()), bench, scene);
   }
-  require_sound(variants.run(variants.named()), bench, scene);
   if (o.all_effects) variants.offer_plausible();
   find_fullest(p);
   p.tolerance = tolerance_of(o.tolerance, size_of(p.whole, bench));
