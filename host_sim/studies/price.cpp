@@ -9,6 +9,7 @@
 #include <cmath>
 #include <cstdio>
 #include <filesystem>
+#include <functional>
 #include <nlohmann/json.hpp>
 
 #include "host_sim/check/check.hpp"
@@ -24,6 +25,7 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 constexpr double digits[] = {1e-3, 1e-6, 1e-9};
+constexpr std::size_t most_drawn = 8;   ///< effects in the figure, as many as there are colours
 constexpr double default_share = 0.01;  ///< of the metric of the fullest scene: the tolerance
 
 Json finite_or_null(double v) { return std::isfinite(v) ? Json(v) : Json(nullptr); }
@@ -211,7 +213,7 @@ std::string price_page(const PriceList& p, const Json& j, const std::string& com
   }
   std::string body =
       figures_html({log_log_svg("What a digit costs", "instructions of the run", "error at the end", curves),
-                    log_log_svg("What an effect changes", "cost with it, without it = 1",
+                    log_log_svg("What effects change: the largest", "cost with it, without it = 1",
                                 p.bench.metric() + " changes by, " + unit_of(p.bench.metric()), effects)});
   for (const auto& [title, rows] : price_sections(j)) {
     if (!rows.empty()) body += table_html(title, rows);
@@ -280,6 +282,10 @@ void show_prices(const PriceList& p, const AccuracyOptions& o, OutputDirectory& 
 
 int run_price_list(const AccuracyOptions& o) {
   OutputDirectory out(o.out);
+  std::error_code none;  // a file that does not exist yet
+  if (std::filesystem::equivalent(o.scene, o.write, none))
+    throw InputError("", "--write " + o.write + ": is the scene itself");
+  out.spare(o.scene);
   toml::table table = parse_scene_file(o.scene, o.sets);
   const Scene scene = read_scene(o.scene, o.sets);
   refuse_bus_effects(scene, "esmc accuracy has no bus");

@@ -198,6 +198,7 @@ class Prices(unittest.TestCase):
         self.refused(FRICTION, "--effects", "some", words=["--effects"])
         self.refused(FRICTION, "--set", "simulation.duration=0.1", "--of", "settled_rms_m", words=["settled_rms_m"])
         self.refused("--write", "x.toml", words=["SCENE"])
+        self.refused(FRICTION, "--write", FRICTION, words=["--write"])
         self.refused(FRICTION, "--set", "effects=[{type='bit_timing'}]", words=["bit_timing"])
         self.refused(FRICTION, "--set", "control.torque_limit=0.01", words=["esmc check refuses it"])
         self.refused(FRICTION, "--set", "effects=[{type='delay', ticks=30}]", words=["fault"], code=1)
@@ -211,7 +212,7 @@ class Prices(unittest.TestCase):
             page = (out / "report.html").read_text(encoding="utf-8")
             for effect in ("viscous_friction", "encoder", "torque_saturation"):
                 self.assertIn(effect, page)
-            self.assertIn("difference" if "difference" in page else "fullest", page)
+            self.assertIn("of the fullest scene", page)
             written = minimal.read_text(encoding="utf-8")
             self.assertTrue(written.startswith("#"))
             summary = sim(minimal)
@@ -219,6 +220,19 @@ class Prices(unittest.TestCase):
             self.assertEqual(summary["tracking"]["rms_m"], j["minimal"]["rms_m"])
             self.assertAlmostEqual(abs(sim(FRICTION, SHORT[1])["tracking"]["rms_m"] - summary["tracking"]["rms_m"]),
                                    j["minimal"]["difference"], delta=1e-15)
+
+    def test_the_cheapest_scene_finds_the_files_of_the_scene(self):
+        with tempfile.TemporaryDirectory() as folder:
+            own, other = Path(folder, "own"), Path(folder, "other")
+            own.mkdir()
+            other.mkdir()
+            rows = [f"{t / 100},{0.02 * math.cos(t / 10)},{0.17 + 0.02 * math.sin(t / 10)}\n" for t in range(60)]
+            (own / "path.csv").write_text("t,x,y\n" + "".join(rows), encoding="utf-8")
+            text = re.sub(r"\[reference\].*?\n\n", '[reference]\ntype = "file"\npath = "path.csv"\njoin = 0.2\n\n',
+                          FRICTION.read_text(encoding="utf-8"), flags=re.S)
+            (own / "scene.toml").write_text(text, encoding="utf-8")
+            j = prices(own / "scene.toml", *SHORT, "--write", other / "minimal.toml")
+            self.assertEqual(sim(other / "minimal.toml")["tracking"]["rms_m"], j["minimal"]["rms_m"])
 
     def check_case(self, case):
         sets = [w for s in with_effects(case, case["effects"]) for w in ("--set", s)]
