@@ -1,6 +1,6 @@
 #include "host_sim/studies/ledger.hpp"
 
-#include <iterator>
+#include <algorithm>
 #include <string_view>
 
 #include "host_sim/controller/controller_config.hpp"
@@ -13,13 +13,14 @@ namespace {
 /// A step of a method: right-hand sides, of which an effect pays its share in each, and instructions without
 /// effects, for a five-bar and an arm.
 struct StepPrice {
+  Method method;
   double right_hand_sides, five_bar, rr;
 };
-/// In the order of Method. Radau's are those of a motion that it solves in the usual number of iterations;
-/// event_driven has those of RK4, which it uses between events, and events are not counted.
-constexpr StepPrice step_prices[] = {{1, 1412, 294},     {4, 2490, 1262}, {6, 3776, 2148}, {12, 7744, 4461},
-                                     {60, 64277, 20942}, {3, 1951, 1143}, {4, 2490, 1262}};
-static_assert(std::size(step_prices) == std::size(names_of<Method>));
+/// Radau's are those of a motion that it solves in its usual number of iterations.
+constexpr StepPrice step_prices[] = {
+    {Method::rk4, 4, 2490, 1262},       {Method::semi_implicit_euler, 1, 1412, 294},
+    {Method::dopri5, 6, 3776, 2148},    {Method::dopri8, 12, 7744, 4461},
+    {Method::radau5, 60, 64277, 20942}, {Method::moreau_jean, 3, 1951, 1143}};
 constexpr double five_bar_tick = 4936, rr_tick = 3180, five_bar_open_tick = 3092, rr_open_tick = 2000;
 
 /// What an effect adds, in instructions per right-hand side, per step where it is set-valued, and per tick.
@@ -63,7 +64,7 @@ Method method_in_use(const Scene& scene) {
 
 double counted_cost(const Scene& scene) {
   const bool five_bar = scene.type == MechanismType::five_bar;
-  const StepPrice& method = step_prices[static_cast<std::size_t>(method_in_use(scene))];
+  const StepPrice& method = *std::ranges::find(step_prices, method_in_use(scene), &StepPrice::method);
   double step = five_bar ? method.five_bar : method.rr;
   double tick = scene.closed_loop() ? (five_bar ? five_bar_tick : rr_tick)
                                     : (five_bar ? five_bar_open_tick : rr_open_tick);

@@ -9,6 +9,7 @@
 #include <cmath>
 #include <cstdio>
 #include <filesystem>
+#include <functional>
 #include <nlohmann/json.hpp>
 
 #include "host_sim/check/check.hpp"
@@ -24,6 +25,7 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 constexpr double digits[] = {1e-3, 1e-6, 1e-9};
+constexpr std::size_t most_drawn = 8;   ///< effects in the figure, as many as there are colours
 constexpr double default_share = 0.01;  ///< of the metric of the fullest scene: the tolerance
 
 Json finite_or_null(double v) { return std::isfinite(v) ? Json(v) : Json(nullptr); }
@@ -203,8 +205,16 @@ std::string price_page(const PriceList& p, const Json& j, const std::string& com
     if (curves.empty() || curves.back().name != method) curves.push_back({method, {}});
     curves.back().points.emplace_back(r.cost, r.error);
   }
-  std::string body = figures_html(
-      {log_log_svg("What a digit costs in this scene", "instructions, counted", "error at the end", curves)});
+  std::vector<Series> effects;
+  for (const Json& e : p.effects) {
+    const Json& change = e["changes"][p.bench.metric()];
+    if (change.is_null() || change == 0.0 || e["cost_ratio"].is_null()) continue;
+    effects.push_back({e["name"], {{e["cost_ratio"], std::abs(change.get<double>())}}, false});
+  }
+  std::string body =
+      figures_html({log_log_svg("What a digit costs", "instructions of the run", "error at the end", curves),
+                    log_log_svg("What effects change: the largest", "cost with it, without it = 1",
+                                p.bench.metric() + " changes by, " + unit_of(p.bench.metric()), effects)});
   for (const auto& [title, rows] : price_sections(j)) {
     if (!rows.empty()) body += table_html(title, rows);
   }
@@ -272,6 +282,10 @@ void show_prices(const PriceList& p, const AccuracyOptions& o, OutputDirectory& 
 
 int run_price_list(const AccuracyOptions& o) {
   OutputDirectory out(o.out);
+  std::error_code none;  // a file that does not exist yet
+  if (std::filesystem::equivalent(o.scene, o.write, none))
+    throw InputError("", "--write " + o.write + ": is the scene itself");
+  out.spare(o.scene);
   toml::table table = parse_scene_file(o.scene, o.sets);
   const Scene scene = read_scene(o.scene, o.sets);
   refuse_bus_effects(scene, "esmc accuracy has no bus");
@@ -280,18 +294,19 @@ int run_price_list(const AccuracyOptions& o) {
   const std::string metric = !o.metric.empty()                             ? o.metric
                              : scene.reference.type == ReferenceType::none ? "end"
                                                                            : "rms_m";
-  Bench bench(metric, 60 + 12 * scene.effects.size());
+  Bench bench(metric, 60 + (o.all_effects ? 300 : 12 * scene.effects.size()));
   Variants variants(std::move(table), o.scene, bench);
   PriceList p{printable(scene.name), bench, variants};
   (void)tolerance_of(o.tolerance, 0.0);  // refused before anything runs
+  if (!scene.accuracy) require_sound(variants.run(variants.named()), bench, scene);
   p.integrators = price_integrators(scene, bench);
   if (scene.accuracy) {
     const IntegratorPrice* met = p.integrators.cheapest(*scene.accuracy);
     if (met == nullptr)
       throw RunError(fmt::format("simulation.accuracy = {} is met by no fixed step here", *scene.accuracy));
     variants.use(met->stepping);
+    require_sound(variants.run(variants.named()), bench, scene);
   }
-  require_sound(variants.run(variants.named()), bench, scene);
   if (o.all_effects) variants.offer_plausible();
   find_fullest(p);
   p.tolerance = tolerance_of(o.tolerance, size_of(p.whole, bench));

@@ -47,7 +47,8 @@ struct Outcome {
 class Bench {
  public:
   /// `metric`: a key of the summary's tracking, or "end". `expected`: number of runs, for a progress bar.
-  Bench(std::string metric, std::uint64_t expected) : metric_(std::move(metric)), progress_(expected) {}
+  Bench(std::string metric, std::uint64_t expected)
+      : metric_(std::move(metric)), progress_(expected), expected_(expected) {}
   [[nodiscard]] const std::string& metric() const { return metric_; }
   [[nodiscard]] bool of_end() const { return metric_ == "end"; }
 
@@ -60,7 +61,7 @@ class Bench {
   std::string metric_;
   std::mutex mutex_;
   Progress progress_;
-  std::uint64_t runs_ = 0;
+  std::uint64_t expected_, runs_ = 0;
 };
 /// Largest difference of q at the end; infinite where one is not finite.
 double end_distance(const Outcome& a, const Outcome& b);

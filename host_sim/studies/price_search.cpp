@@ -189,8 +189,8 @@ class Search {
       all.emplace_back(std::isfinite(sum) ? std::abs(sum) : no_distance, s);
     }
     std::ranges::sort(all);
-    std::vector<Subset> out;
-    for (const auto& [sum, s] : all) out.push_back(s);
+    std::vector<Subset> out(all.size());
+    std::ranges::transform(all, out.begin(), &std::pair<double, Subset>::second);
     return out;
   }
 

@@ -82,7 +82,7 @@ Outcome Bench::run(const Scene& scene, bool single_precision) {
   }
   out.cpu_s = thread_cpu_s() - begin;
   const std::lock_guard lock(mutex_);
-  progress_.show(++runs_);
+  progress_.show(std::min(++runs_, expected_));
   return out;
 }
 
