@@ -118,7 +118,7 @@ void read_mounts(Section& s, Scene& scene) {
     if (given < n) d.missing = "[drives] must name all four motors for control.motors = \"all\"";
   };
   const auto list = [&](const char* key, double rest) {
-    std::vector<double> v = s.optional_numbers(key, sizes).value_or(std::vector<double>(n, rest));
+    std::vector<double> v = s.given(key) ? s.alike(key, sizes) : std::vector<double>(n, rest);
     note_missing(v.size());
     v.resize(n, rest);
     return v;
@@ -182,7 +182,7 @@ void read_sensors(const std::optional<Section>& given, Section& root, Scene& sce
     return;
   }
   Section s = *given;
-  const std::vector<int> nodes = *s.optional_integers("nodes", {2});
+  const std::vector<int> nodes = s.optional_integers("nodes", {2}).value_or(std::vector<int>{1, 2});
   const auto direction = s.optional_numbers("direction", {2}).value_or(std::vector<double>(2, 1.0));
   const auto offset = s.optional_numbers("offset", {2}).value_or(std::vector<double>(2, 0.0));
   for (std::size_t i = 0; i < 2; ++i) {
