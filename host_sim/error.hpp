@@ -7,6 +7,7 @@
 #include <string>
 #include <string_view>
 #include <utility>
+#include <vector>
 
 namespace esmc::host {
 
@@ -15,6 +16,18 @@ class InputError : public std::runtime_error {
  public:
   InputError(const std::string& where, const std::string& what)
       : std::runtime_error(where.empty() ? what : where + ": " + what) {}
+};
+
+/// Several errors of one file, a line each; what() is the first one.
+class InputErrors : public InputError {
+ public:
+  /// `lines`: one or more.
+  explicit InputErrors(std::vector<std::string> lines)
+      : InputError("", lines.front()), lines_(std::move(lines)) {}
+  [[nodiscard]] const std::vector<std::string>& lines() const { return lines_; }
+
+ private:
+  std::vector<std::string> lines_;
 };
 
 /// Throws InputError with a formatted text.
@@ -31,6 +44,13 @@ template <class... T>
 class RunError : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
+};
+
+inline constexpr int exit_interrupted = 130;  ///< as a shell has it after Ctrl-C
+/// Ctrl-C, where nothing is left to be said but that.
+class Interrupted : public RunError {
+ public:
+  using RunError::RunError;
 };
 
 /// A state that is not finite any more: at a fixed step the end of the run, while searching for a step a

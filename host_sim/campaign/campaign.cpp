@@ -233,6 +233,7 @@ int run_campaign(const CampaignOptions& o) {
   OutputDirectory out(o.out);
   const CampaignTotals totals = run_all(campaign, o);
   Json j = totals.json();
+  j["schema"] = 1;
   j["seed"] = o.seed;
   j["interrupted"] = totals.episodes() < o.episodes;
   if (out.wanted()) {
@@ -242,7 +243,8 @@ int run_campaign(const CampaignOptions& o) {
     out.commit();
   }
   fmt::print("{}", o.json ? j.dump(2) + "\n" : totals.text());
-  return totals.violation_count() == 0 && totals.episodes() == o.episodes ? 0 : 1;
+  if (totals.violation_count() > 0) return 1;
+  return totals.episodes() == o.episodes ? 0 : exit_interrupted;
 }
 
 }  // namespace esmc::host

@@ -329,6 +329,7 @@ Json report_json(const Scene& scene, const Judgement& v, const std::string& obst
   const auto& [m, bus, parts, f] = v;
   const bool five_bar = scene.type == MechanismType::five_bar;
   Json j;
+  j["schema"] = 1;
   j["scene"] = scene.name;
   j["verdict"] = verdict(f);
   j["runs"] = !f.refused();

@@ -122,7 +122,7 @@ class Follower {
     const typename M::Mode mode = mode_of(scene_, static_cast<M*>(nullptr));
     const std::uint32_t ticks = std::min<std::uint32_t>(tick_count(scene_), 2'000'000U);
     for (std::uint32_t n = 0; n < ticks; ++n) {
-      if (stop_requested()) throw RunError("interrupted");
+      if (stop_requested()) throw Interrupted("interrupted");
       const double t = n * scene_.tick();
       const Motion2<double> r = reference_.at(n, scene_.tick());
       const auto d = reference_.space == ReferenceSpace::effector

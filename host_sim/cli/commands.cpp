@@ -21,6 +21,7 @@
 #include "host_sim/identify/identify.hpp"
 #include "host_sim/live/live_api.hpp"
 #include "host_sim/loop/run.hpp"
+#include "host_sim/record/compare.hpp"
 #include "host_sim/record/output.hpp"
 #include "host_sim/scene/key.hpp"
 #include "host_sim/scene/names.hpp"
@@ -291,6 +292,19 @@ void add_design(Program& p) {
   add_json(c, o.run.json);
 }
 
+void add_compare(Program& p) {
+  const auto [c, o] =
+      add(p, "compare", "two runs side by side: scenes, metrics, logs; exit status 1 beyond the tolerance",
+          run_compare, Signals::end);
+  c.add_option("DIR_A", o.a, "directory of a run (--out)")->required();
+  c.add_option("DIR_B", o.b, "directory of another")->required();
+  c.add_option("--tolerance", o.tolerance, "times max(1, magnitude): by how much numbers may differ")
+      ->check(number("a number >= 0", [](double v) { return v >= 0.0; }))
+      ->capture_default_str();
+  add_out(c, o.out, "comparison.json, report.html");
+  add_json(c, o.json);
+}
+
 void add_sweep(Program& p) {
   const auto [c, o] =
       add(p, "sweep",
@@ -399,6 +413,7 @@ void add_commands(Program& p) {
   add_campaign(p);
   add_design(p);
   add_sweep(p);
+  add_compare(p);
   add_calibrate(p);
   add_identify(p);
   add_live(p);

@@ -80,13 +80,21 @@ std::string argument_error(const CLI::App& app, const CLI::ParseError& e, int ar
 int run(int argc, char** argv) {
   CLI::App app{"Extended sliding-mode control of the RR arm and the 5R five-bar over CAN"};
   app.name("esmc");
-  app.set_version_flag("--version", version);
+  app.set_version_flag("-V,--version", version);
   app.require_subcommand(1);
   Program program{app, command_line_of(argc, argv)};
   add_commands(program);
-  require_subcommand(app, argc, argv);
+  std::vector<std::string> words(argv + 1, argv + std::max(argc, 1));
+  if (!words.empty() && words.front() == "help") {  // esmc help, esmc help sim
+    words.erase(words.begin());
+    words.resize(std::min<std::size_t>(words.size(), 1));
+    words.emplace_back("--help");
+  } else {
+    require_subcommand(app, argc, argv);
+  }
   try {
-    app.parse(argc, argv);
+    std::ranges::reverse(words);  // as CLI11 takes them
+    app.parse(std::move(words));
   } catch (const CLI::Success& e) {  // --help, --version
     std::ostringstream text;
     program.status = app.exit(e, text, text);
@@ -115,8 +123,13 @@ int main(int argc, char** argv) {
   occupy_standard_streams();
   try {
     return run(argc, argv);
+  } catch (const InputErrors& e) {
+    for (const std::string& line : e.lines()) failed(line.c_str(), exit_bad_input);
+    return exit_bad_input;
   } catch (const InputError& e) {
     return failed(e.what(), exit_bad_input);
+  } catch (const Interrupted& e) {
+    return failed(e.what(), exit_interrupted);
   } catch (const std::exception& e) {
     return failed(e.what(), exit_failed_run);
   }

@@ -4,6 +4,7 @@
 
 #include <nlohmann/json.hpp>
 
+#include "host_sim/error.hpp"
 #include "host_sim/record/comparison.hpp"
 #include "host_sim/record/recording.hpp"
 #include "host_sim/record/verdict.hpp"
@@ -86,7 +87,9 @@ int finish_run(const RunOptions& o, const Scene& scene, const char* kind, const 
     text += fmt::format("report: {}/report.html\n", out.directory());
     out.write("report.html", run_page(page_of(o, scene, summary, end, log)));
   }
-  return publish_summary(o, summary, text + verdict_line(summary) + "\n", !end.faults.empty(), out);
+  const int status =
+      publish_summary(o, summary, text + verdict_line(summary) + "\n", !end.faults.empty(), out);
+  return status == 0 && end.interrupted ? exit_interrupted : status;
 }
 
 int publish_summary(const RunOptions& o, const Json& summary, const std::string& text, bool fault,

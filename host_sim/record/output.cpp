@@ -22,11 +22,15 @@ namespace fs = std::filesystem;
 namespace {
 
 /// Names of all files that a run may leave.
-constexpr const char* output_names[] = {
-    "scene.toml",   "summary.json", "log.csv",      "frames.log", "frames.csv", "report.html", "check.csv",
-    reference_copy, model_copy,     endpoints_copy, "sweep.toml", "cases.csv",  "timing.json", "timing.csv"};
+constexpr const char* output_names[] = {"scene.toml",  "summary.json", "log.csv",        "frames.log",
+                                        "frames.csv",  "report.html",  "check.csv",      reference_copy,
+                                        model_copy,    endpoints_copy, "sweep.toml",     "cases.csv",
+                                        "timing.json", "timing.csv",   "comparison.json"};
 
 constexpr const char* partial_prefix = ".partial-";
+
+/// What an unfinished sweep leaves.
+bool unfinished(const std::string& name) { return name == "sweep.journal"; }
 
 /// Whether this is the folder of a process that was killed; not of a living one, and not one interrupted
 /// while files were moved, which may hold the former files.
@@ -67,12 +71,14 @@ OutputDirectory::OutputDirectory(const std::string& directory) {
       refuse(std::string(name) + " is a directory there, a file is to replace it");
   }
   // A directory of an earlier run has one of these.
-  constexpr const char* signs[] = {"summary.json", "check.csv", "campaign.json", "accuracy.json"};
+  constexpr const char* signs[] = {"summary.json", "check.csv", "campaign.json", "accuracy.json",
+                                   "comparison.json"};
   if (std::none_of(std::begin(signs), std::end(signs),
                    [&](const char* sign) { return fs::exists(final_ / sign, error); })) {
-    for (const char* name : output_names) {
-      if (fs::exists(fs::symlink_status(final_ / name, error)))
-        refuse(std::string(name) + " is there, which no earlier run has left: take another directory");
+    for (const fs::directory_entry& e : fs::directory_iterator(final_, error)) {
+      const std::string name = e.path().filename().string();
+      if (!name.starts_with('.') && !unfinished(name))
+        refuse(name + " is there, which no earlier run has left: take another directory");
     }
   }
   std::error_code ignored;

@@ -71,6 +71,7 @@ FiveBarParams<double> read_belief(Section& s, Scene& scene) {
   const toml::table table = parse_scene_text(text, path.string(), {});
   Section root(table, path.string(), "", "");
   read_mechanism(root.required_section("mechanism"), other);
+  root.throw_errors();
   if (other.type != scene.type)
     s.fail("mechanism", "names a scene of another type of mechanism: " + path.string());
   scene.companions.push_back({model_copy, std::move(text), path.string()});
@@ -269,12 +270,8 @@ void read_simulation(Section s, Scene& scene) {
   if (ticks < 0.5 || ticks > 2e9) s.fail("duration", "must hold between 1 and 2e9 control ticks");
 }
 
-}  // namespace
-
-Scene read_scene_table(toml::table table, const std::string& file) {
-  Section root(table, file, "", "");
-  Scene scene;
-  scene.file = file;
+/// Every section in its order, each of which needs those before.
+void read_sections(Section& root, Scene& scene) {
   scene.name = root.text("name");
   read_mechanism(root.required_section("mechanism"), scene);
   read_control(root.required_section("control"), scene);
@@ -298,12 +295,25 @@ Scene read_scene_table(toml::table table, const std::string& file) {
   scene.control_where = root.where("control");
   scene.reference_where = root.where("reference", {"mechanism"});
   scene.simulation_where = root.where("simulation");
-  set_start(scene, root.where("initial", {"mechanism", "reference"}),
-            root.where("reference", {"mechanism", "initial"}));
+  if (root.errors().empty()) {
+    set_start(scene, root.where("initial", {"mechanism", "reference"}),
+              root.where("reference", {"mechanism", "initial"}));
+  } else {
+    scene.start_angle.assign(static_cast<std::size_t>(scene.joints()), 0.0);
+  }
   read_effects(root, scene);
   scene.bus_effects_where = root.where("effects");
   scene.uncertainty_where = root.where("uncertainty", {"control"});
   root.finish();
+}
+
+}  // namespace
+
+Scene read_scene_table(toml::table table, const std::string& file) {
+  Section root(table, file, "", "");
+  Scene scene;
+  scene.file = file;
+  read_whole(root, [&] { read_sections(root, scene); });
   // The scene as run names the copies of its files, which lie beside it.
   std::ranges::sort(scene.companions, {}, &Companion::name);
   for (const Companion& c : scene.companions) {

@@ -14,6 +14,17 @@ bool is_choice(const Key& k, const std::string& value) {
          (" | " + std::string(k.choices) + " | ").find(" | " + value + " | ") != std::string::npos;
 }
 
+/// The words of "a | b | c".
+std::vector<std::string> words_of(std::string_view choices) {
+  std::vector<std::string> out;
+  while (!choices.empty()) {
+    const std::size_t bar = choices.find(" | ");
+    out.emplace_back(choices.substr(0, bar));
+    choices.remove_prefix(bar == std::string_view::npos ? choices.size() : bar + 3);
+  }
+  return out;
+}
+
 /// First component of a path of the key table behind `schema`; empty: there is none.
 std::string_view child(std::string_view path, const std::string& schema) {
   if (!schema.empty()) {
@@ -21,6 +32,18 @@ std::string_view child(std::string_view path, const std::string& schema) {
     path.remove_prefix(schema.size() + 1);
   }
   return path.substr(0, path.find_first_of(".["));
+}
+
+/// What the key table allows, to read on with after an error.
+double stand_in(const Key& k) {
+  return !std::isfinite(k.low) || (k.low < 1.0 && k.high >= 1.0) ? 1.0 : k.low;
+}
+std::string first_choice(const Key& k) {
+  return k.choices.empty() ? std::string() : words_of(k.choices).front();
+}
+
+double default_of(const Key& k) {
+  return k.fallback.empty() || k.fallback == "-" ? stand_in(k) : std::stod(std::string(k.fallback));
 }
 
 }  // namespace
@@ -42,16 +65,26 @@ std::string Section::where(const std::string& key, const std::vector<std::string
 const toml::node* Section::find(const std::string& key, bool required) {
   asked_.insert(key);
   const toml::node* node = table_->get(key);
-  if (node == nullptr && required) {
-    reject_misspelt();
-    throw InputError(where(), fmt::format("missing key '{}' ({})", full(key), allowed(spec(key))));
+  if (node == nullptr && required && !unsure_ && !reject_misspelt()) {
+    const std::size_t type = schema_.find('[');  // effects[encoder]
+    const std::string of =
+        type == std::string::npos
+            ? ""
+            : fmt::format(" of type = \"{}\"", schema_.substr(type + 1, schema_.find(']') - type - 1));
+    note(where(), fmt::format("missing key '{}'{} ({})", full(key), of, allowed(spec(key))));
   }
   return node;
 }
 
 void Section::wrong(const toml::node& node, const std::string& key, const std::string& instead) const {
-  throw InputError(place(node, file_),
-                   fmt::format("'{}' must be {}", full(key), instead.empty() ? wanted(spec(key)) : instead));
+  std::string text = fmt::format("'{}' must be {}", full(key), instead.empty() ? wanted(spec(key)) : instead);
+  const auto known = std::ranges::find(keys_, path(key), [](const Key& k) { return std::string(k.path); });
+  if (known != keys_.end() && !known->choices.empty()) {  // a table has no entry
+    unsure_ = true;
+    const std::string close = nearest(node.value_or(std::string()), words_of(known->choices));
+    if (!close.empty()) text += fmt::format("; did you mean {}?", close);
+  }
+  note(place(node, file_), text);
 }
 
 void Section::fail(const std::string& key, const std::string& what) const {
@@ -64,6 +97,7 @@ double Section::checked(const toml::node& node, const std::string& key) const {
   if (!value || node.is_boolean() || !std::isfinite(*value) || *value > k.high ||
       (k.low_open ? !(*value > k.low) : !(*value >= k.low))) {
     wrong(node, key);
+    return stand_in(k);
   }
   return *value;
 }
@@ -79,7 +113,7 @@ void Section::read_fields(Scene& scene) {
 
 double Section::number(const std::string& key) {
   const toml::node* node = find(key);
-  return node != nullptr ? checked(*node, key) : std::stod(std::string(spec(key).fallback));
+  return node != nullptr ? checked(*node, key) : default_of(spec(key));
 }
 
 std::optional<double> Section::optional_number(const std::string& key) {
@@ -89,8 +123,11 @@ std::optional<double> Section::optional_number(const std::string& key) {
 
 int Section::integer(const std::string& key) {
   const toml::node* node = find(key);
-  if (node == nullptr) return std::stoi(std::string(spec(key).fallback));
-  if (!node->is_integer()) wrong(*node, key);
+  if (node == nullptr) return static_cast<int>(default_of(spec(key)));
+  if (!node->is_integer()) {
+    wrong(*node, key);
+    return static_cast<int>(stand_in(spec(key)));
+  }
   return static_cast<int>(checked(*node, key));
 }
 
@@ -98,31 +135,32 @@ bool Section::boolean(const std::string& key) {
   const toml::node* node = find(key);
   if (node == nullptr) return spec(key).fallback == "true";
   if (!node->is_boolean()) wrong(*node, key, "true or false");
-  return *node->value<bool>();
+  return node->is_boolean() && *node->value<bool>();
 }
 
 std::optional<std::string> Section::optional_text(const std::string& key) {
   const toml::node* node = find(key, false);
   if (node == nullptr) return std::nullopt;
   auto value = node->is_string() ? node->value<std::string>() : std::nullopt;
-  if (!value || (!spec(key).choices.empty() && !is_choice(spec(key), *value))) wrong(*node, key);
-  return value;
+  if (value && (spec(key).choices.empty() || is_choice(spec(key), *value))) return value;
+  wrong(*node, key);
+  return first_choice(spec(key));
 }
 
 std::string Section::text(const std::string& key) {
   find(key);
   const std::string_view quoted = spec(key).fallback;
-  const auto value = optional_text(key);
-  return value ? *value : std::string(quoted.substr(1, quoted.size() - 2));
+  if (const auto value = optional_text(key)) return *value;
+  return quoted.size() > 2 ? std::string(quoted.substr(1, quoted.size() - 2)) : first_choice(spec(key));
 }
 
 const toml::array* Section::list(const std::string& key, const toml::node* node,
                                  const std::vector<std::size_t>& sizes, const char* of) const {
   if (node == nullptr) return nullptr;
   const toml::array* list = node->as_array();
-  if (list == nullptr || std::ranges::find(sizes, list->size()) == sizes.end())
-    wrong(*node, key, fmt::format("{} {} ({})", fmt::join(sizes, " or "), of, allowed(spec(key))));
-  return list;
+  if (list != nullptr && std::ranges::find(sizes, list->size()) != sizes.end()) return list;
+  wrong(*node, key, fmt::format("{} {} ({})", fmt::join(sizes, " or "), of, allowed(spec(key))));
+  return nullptr;
 }
 
 std::optional<std::vector<double>> Section::optional_numbers(const std::string& key,
@@ -147,14 +185,22 @@ std::optional<std::vector<int>> Section::optional_integers(const std::string& ke
   std::vector<int> out;
   for (const toml::node& item : *items) {
     if (!item.is_integer()) wrong(item, key);
-    out.push_back(static_cast<int>(checked(item, key)));
+    out.push_back(static_cast<int>(item.is_integer() ? checked(item, key) : stand_in(spec(key))));
   }
   return out;
 }
 
 std::vector<int> Section::integers(const std::string& key, std::size_t size) {
   find(key, true);
-  return *optional_integers(key, {size});
+  std::vector<int> stand_ins(size);
+  std::iota(stand_ins.begin(), stand_ins.end(), 1);
+  return optional_integers(key, {size}).value_or(stand_ins);
+}
+
+std::vector<double> Section::alike(const std::string& key, const std::vector<std::size_t>& sizes) {
+  const toml::node* node = find(key);
+  if (node == nullptr || !node->is_number()) return numbers(key, sizes);
+  return std::vector<double>(sizes.front(), checked(*node, key));
 }
 
 std::array<double, 2> Section::pair(const std::string& key) {
@@ -168,10 +214,17 @@ std::vector<std::array<double, 2>> Section::pairs(const std::string& key) {
   if (node == nullptr) return out;
   const toml::array* list = node->as_array();
   const std::string want = fmt::format("2 or more pairs [a, b] ({})", allowed(spec(key)));
-  if (list == nullptr || list->size() < 2) wrong(*node, key, want);
+  const std::vector<std::array<double, 2>> instead{{0.0, 1.0}, {0.0, 1.0}};
+  if (list == nullptr || list->size() < 2) {
+    wrong(*node, key, want);
+    return instead;
+  }
   for (const toml::node& item : *list) {
     const toml::array* two = item.as_array();
-    if (two == nullptr || two->size() != 2) wrong(item, key, want);
+    if (two == nullptr || two->size() != 2) {
+      wrong(item, key, want);
+      return instead;
+    }
     out.push_back({checked(*two->get(0), key), checked(*two->get(1), key)});
   }
   return out;
@@ -187,12 +240,18 @@ std::vector<std::string> Section::texts(const std::string& key, std::size_t size
   const std::string want = size == 1 ? one
                                      : fmt::format("an array of {}, each one of: {}; as in [\"{}\", \"{}\"]",
                                                    size, choices, first, first);
-  if (list == nullptr || list->size() != size) wrong(*node, key, want);
-  std::vector<std::string> out;
-  for (const toml::node& item : *list) {
+  std::vector<std::string> out(size, first);
+  if (list == nullptr || list->size() != size) {
+    if (node != nullptr) wrong(*node, key, want);
+    return out;
+  }
+  for (std::size_t i = 0; i < size; ++i) {
+    const toml::node& item = *list->get(i);
     const auto value = item.is_string() ? item.value<std::string>() : std::nullopt;
-    if (!value || !is_choice(spec(key), *value)) wrong(item, key, want);
-    out.push_back(*value);
+    if (value && is_choice(spec(key), *value))
+      out[i] = *value;
+    else
+      wrong(item, key, want);
   }
   return out;
 }
@@ -204,7 +263,10 @@ std::array<double, 2> Section::per_kind(const std::string& key) {
     const double v = number(key);
     return {v, v};
   }
-  if (table->size() != 2 || !table->contains("position") || !table->contains("angle")) wrong(*node, key);
+  if (table->size() != 2 || !table->contains("position") || !table->contains("angle")) {
+    wrong(*node, key);
+    return {1.0, 1.0};
+  }
   return {checked(*table->get("position"), key), checked(*table->get("angle"), key)};
 }
 
@@ -216,33 +278,37 @@ bool Section::is_word(const std::string& key, const std::string& word) {
 std::optional<std::vector<double>> Section::number_or_pair(const std::string& key) {
   const toml::node* node = find(key, false);
   if (node == nullptr) return std::nullopt;
-  if (node->is_array()) return optional_numbers(key, {2});
+  if (node->is_array()) return optional_numbers(key, {2}).value_or(std::vector<double>{0.0, 1.0});
   return std::vector<double>{checked(*node, key)};
 }
 
 std::vector<double> Section::each(const std::string& key, std::size_t count) {
   const toml::node* node = find(key);
   if (node == nullptr || !node->is_array()) return std::vector<double>(count, number(key));
-  return *optional_numbers(key, {count});
+  return optional_numbers(key, {count}).value_or(std::vector<double>(count, stand_in(spec(key))));
 }
 
 std::optional<Section> Section::section(const std::string& key) {
   const toml::node* node = find(key, false);
   if (node == nullptr) return std::nullopt;
-  if (!node->is_table()) wrong(*node, key, "a table");
-  return Section(*node->as_table(), file_, full(key), path(key), keys_);
+  if (!node->is_table()) {
+    wrong(*node, key, "a table");
+    return std::nullopt;
+  }
+  return Section(*node->as_table(), file_, full(key), path(key), keys_, errors_);
 }
 
 Section Section::section_or_empty(const std::string& key) {
   static const toml::table empty;
-  return section(key).value_or(Section(empty, file_, full(key), path(key), keys_));
+  return section(key).value_or(Section(empty, file_, full(key), path(key), keys_, errors_));
 }
 
 Section Section::required_section(const std::string& key) {
   auto s = section(key);
   if (!s) {
-    reject_misspelt();
-    throw InputError(place(*table_, file_), fmt::format("missing table [{}]", full(key)));
+    if (!has(key) && !reject_misspelt())
+      note(place(*table_, file_), fmt::format("missing table [{}]", full(key)));
+    throw_errors();
   }
   return *s;
 }
@@ -252,12 +318,18 @@ std::vector<Section> Section::sections(const std::string& key, const std::string
   const toml::node* node = find(key, false);
   if (node == nullptr) return out;
   const toml::array* list = node->as_array();
-  if (list == nullptr) wrong(*node, key, "an array of tables");
+  if (list == nullptr) {
+    wrong(*node, key, "an array of tables");
+    return out;
+  }
   for (std::size_t i = 0; i < list->size(); ++i) {
     const toml::table* table = list->get(i)->as_table();
-    if (table == nullptr) wrong(*list->get(i), key, "an array of tables");
-    out.emplace_back(*table, file_, fmt::format("{}[{}]", full(key), i), schema.empty() ? path(key) : schema,
-                     keys_);
+    if (table == nullptr) {
+      wrong(*list->get(i), key, "an array of tables");
+      return out;
+    }
+    out.emplace_back(*table, file_, fmt::format("{}[{}]", full(key), i + 1),
+                     schema.empty() ? path(key) : schema, keys_, errors_);
   }
   return out;
 }
@@ -271,35 +343,73 @@ void Section::reject(const std::string& key, const std::vector<std::string>& kno
   for (const Key& k : keys_) {
     if (common != schema_ && k.path.starts_with(common + "[") && k.path.ends_with("]." + key)) owner = k.path;
   }
-  if (!close.empty()) {
+  std::string elsewhere;  // a key of a section, given without it
+  for (const Key& k : keys_) {
+    if (name_.empty() && k.path.ends_with("." + key) && k.path.find('[') == std::string_view::npos &&
+        elsewhere.empty())
+      elsewhere = k.path;
+  }
+  if (!elsewhere.empty()) {
+    text += fmt::format("; did you mean '{}'?", elsewhere);
+  } else if (!close.empty()) {
     text += fmt::format("; did you mean '{}'?", close);
   } else if (!owner.empty()) {
     owner = owner.substr(common.size() + 1);
     text += fmt::format("; it belongs to type = \"{}\"", owner.substr(0, owner.find(']')));
   }
-  throw InputError(
-      place(*table_->get(key), file_),
-      text + (close.empty() ? "; " : " ") + fmt::format("allowed here: {}", fmt::join(known, ", ")));
+  note(place(*table_->get(key), file_),
+       text + (text.ends_with('?') ? " " : "; ") + fmt::format("allowed here: {}", fmt::join(known, ", ")));
 }
 
-void Section::reject_misspelt() const {
+bool Section::reject_misspelt() const {
+  bool any = false;
   std::set<std::string> known;
   for (const std::string& schema : schemas_) {
     for (const Key& k : keys_) {
       if (const std::string_view name = child(k.path, schema); !name.empty()) known.emplace(name);
+      const std::size_t end = k.path.find("].");  // reference[circle].center
+      if (unsure_ && end != std::string_view::npos &&
+          k.path.starts_with(schema.substr(0, schema.find('[')) + "["))
+        known.emplace(k.path.substr(end + 2));
     }
   }
   for (auto&& [key, node] : *table_) {
     const std::string name(key.str());
-    if (!known.contains(name)) reject(name, {known.begin(), known.end()});
+    if (known.contains(name)) continue;
+    any = true;
+    reject(name, {known.begin(), known.end()});
   }
+  return any;
 }
 
 void Section::finish() const {
+  if (unsure_) {
+    (void)reject_misspelt();
+    return;
+  }
   for (auto&& [key, node] : *table_) {
     const std::string name(key.str());
     if (!asked_.contains(name)) reject(name, {asked_.begin(), asked_.end()});
   }
+}
+
+void Section::note(const std::string& where, const std::string& what) const {
+  std::string line = where.empty() ? what : where + ": " + what;
+  const std::string head = line.substr(0, line.find("; "));  // without what is allowed instead
+  if (std::ranges::none_of(*errors_, [&](const std::string& other) { return other.starts_with(head); }))
+    errors_->push_back(std::move(line));
+}
+
+void Section::throw_errors() const {
+  if (errors_->empty()) return;
+  std::vector<std::string> lines = *errors_;
+  constexpr std::size_t most = 20;
+  if (lines.size() > most) {
+    const std::size_t more = lines.size() - most + 1;
+    lines.resize(most - 1);
+    lines.push_back(fmt::format("and {} more errors", more));
+  }
+  throw InputErrors(std::move(lines));
 }
 
 }  // namespace esmc::host

@@ -3,6 +3,7 @@
 
 #include <toml++/toml.h>
 #include <array>
+#include <memory>
 #include <optional>
 #include <set>
 #include <span>
@@ -21,16 +22,18 @@ struct Scene;
 Scene read_scene_table(toml::table table, const std::string& file);
 
 /// A table being read. `schema` is the prefix of its keys in the key table. Read every key, then call
-/// finish(). Every reading function throws InputError for a value that the key table does not allow, and for
-/// an absent key without a default. An absent key with one gives the default; optional_ functions give none,
-/// whether or not there is a default. A key whose default is "-" is for those, or for functions that say
-/// "None" or state a default. A key that the key table does not have is a std::logic_error.
-/// The TOML table and `keys` must outlive the Section.
+/// finish(). Every reading function notes an error for a value that the key table does not allow, and for an
+/// absent key without a default, and gives a stand-in: once all of the file is read, see errors(). An absent
+/// key with a default gives it; optional_ functions give none, whether or not there is a default. A key whose
+/// default is "-" is for those, or for functions that say "None" or state a default. A key that the key table
+/// does not have is a std::logic_error. The TOML table and `keys` must outlive the Section.
 class Section {
  public:
   Section(const toml::table& table, std::string file, std::string name, std::string schema,
-          std::span<const Key> keys = scene_keys())
-      : table_(&table),
+          std::span<const Key> keys = scene_keys(),
+          std::shared_ptr<std::vector<std::string>> errors = nullptr)
+      : errors_(errors ? std::move(errors) : std::make_shared<std::vector<std::string>>()),
+        table_(&table),
         file_(std::move(file)),
         name_(std::move(name)),
         schema_(std::move(schema)),
@@ -69,6 +72,8 @@ class Section {
   std::optional<std::vector<int>> optional_integers(const std::string& key,
                                                     const std::vector<std::size_t>& sizes);
   std::vector<int> integers(const std::string& key, std::size_t size);
+  /// As numbers(); one number stands for all of them.
+  std::vector<double> alike(const std::string& key, const std::vector<std::size_t>& sizes);
   std::array<double, 2> pair(const std::string& key);
   /// Reads an array of two or more pairs [a, b]. The default is an empty one.
   std::vector<std::array<double, 2>> pairs(const std::string& key);
@@ -102,6 +107,12 @@ class Section {
   /// Throws InputError when the table holds a key that was not read.
   void finish() const;
 
+  /// Errors so far, of all sections of the root: values that the key table does not allow, keys that are
+  /// unknown or missing. Reading goes on with a stand-in; the caller must not use the result.
+  [[nodiscard]] const std::vector<std::string>& errors() const { return *errors_; }
+  /// Throws InputErrors with the first 20 of them, where there are any.
+  void throw_errors() const;
+
   /// Throws InputError "FILE:LINE: 'section.key' what"; with an empty key: "FILE:LINE: what".
   [[noreturn]] void fail(const std::string& key, const std::string& what) const;
 
@@ -121,12 +132,15 @@ class Section {
     return name_.empty() ? key : name_ + "." + key;
   }
   double checked(const toml::node& node, const std::string& key) const;
-  /// Throws for a key of the table that the key table does not have here.
-  void reject_misspelt() const;
-  [[noreturn]] void reject(const std::string& key, const std::vector<std::string>& known) const;
-  [[noreturn]] void wrong(const toml::node& node, const std::string& key,
-                          const std::string& instead = "") const;
+  /// Notes keys of the table that the key table does not have here; false: there are none.
+  bool reject_misspelt() const;
+  void reject(const std::string& key, const std::vector<std::string>& known) const;
+  void wrong(const toml::node& node, const std::string& key, const std::string& instead = "") const;
+  /// Adds an error that is not yet there.
+  void note(const std::string& where, const std::string& what) const;
 
+  std::shared_ptr<std::vector<std::string>> errors_;
+  mutable bool unsure_ = false;  ///< a wrong choice: which keys belong here is not known
   const toml::table* table_;
   std::string file_, name_, schema_;
   std::vector<std::string> schemas_;  ///< all that were in use
@@ -134,7 +148,20 @@ class Section {
   std::set<std::string> asked_;
 };
 
-// Readers of a scene's sections into `scene`, in the order of their calls: each needs those before, and
+/// Calls read() and throws all errors of the file, or the one that read() threw, which may follow from
+/// others.
+template <class F>
+void read_whole(const Section& root, F&& read) {
+  try {
+    read();
+  } catch (const InputError&) {
+    root.throw_errors();
+    throw;
+  }
+  root.throw_errors();
+}
+
+// Readers of the sections of a scene into `scene`, in the order of their calls: each needs those before, and
 // [mechanism] and [control]. All throw InputError.
 void read_uncertainty(Section s, Scene& scene);
 void read_reference(Section s, Scene& scene);

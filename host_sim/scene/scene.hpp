@@ -63,7 +63,7 @@ struct ReferenceScene {
   std::array<double, 2> offset{}, amplitude{}, omega{}, phases{};  // joint_sine
   std::optional<std::array<double, 2>> position;                   // hold
   std::vector<PathPoint> table;                                    // file
-  std::optional<double> join;  // s; unset: 0 in sim and lockstep, 1 on hardware
+  std::optional<double> join;    // s; unset: 0 in sim and lockstep, 1 on hardware
   std::uint32_t first_tick = 0;  // of it at t = 0: `esmc check` looks at parts of a scene
 };
 

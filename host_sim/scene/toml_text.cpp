@@ -119,14 +119,59 @@ bool make_room(const std::string& name, toml::table& into, const toml::table& fr
   return false;
 }
 
+/// Whether all keys of a table are numbers, as in legs.1.l1: they are entries of an array.
+bool numbered(const toml::node& node) {
+  const toml::table* table = node.as_table();
+  return table != nullptr && !table->empty() &&
+         std::all_of(table->begin(), table->end(), [](const auto& entry) {
+           return entry.first.str().find_first_not_of("0123456789") == std::string_view::npos;
+         });
+}
+
+void merge_entries(toml::array& into, toml::table&& from, const std::string& name);
+
+/// Makes two legs of the `leg` of a five-bar where only one of them is overridden.
+void split_legs(toml::table& mechanism, const std::string& key, const toml::node& node) {
+  const toml::table* leg = mechanism["leg"].as_table();
+  if (key != "legs" || !numbered(node) || leg == nullptr ||
+      mechanism["type"].value<std::string>() != "five_bar")
+    return;
+  mechanism.insert_or_assign("legs", toml::array{*leg, *leg});
+  mechanism.erase("leg");
+}
+
 void merge(toml::table& into, toml::table&& from, const std::string& above = "") {
   for (auto&& [k, node] : from) {
     const std::string key(k.str()), name = above.empty() ? key : above + "." + key;
+    if (above == "mechanism") split_legs(into, key, node);
+    if (toml::array* list = into.contains(key) ? into[key].as_array() : nullptr;
+        list != nullptr && numbered(node)) {
+      merge_entries(*list, std::move(*node.as_table()), name);
+      continue;
+    }
     toml::table* existing = into.contains(key) ? into[key].as_table() : nullptr;
     if (existing != nullptr && node.is_table() && !make_room(name, *existing, *node.as_table())) {
       merge(*existing, std::move(*node.as_table()), name);
     } else {
       node.visit([&](auto& value) { into.insert_or_assign(key, std::move(value)); });
+    }
+  }
+}
+
+/// Entries of an array, counted from 1.
+void merge_entries(toml::array& into, toml::table&& from, const std::string& name) {
+  for (auto&& [k, node] : from) {
+    const std::string index(k.str());
+    const std::size_t i = index.size() < 6 ? std::stoul(index) : 0;
+    if (i < 1 || i > into.size())
+      throw InputError("",
+                       fmt::format("{}: '{}' has entries 1 to {}", *node.source().path, name, into.size()));
+    if (toml::table* existing = into[i - 1].as_table(); existing != nullptr && node.is_table()) {
+      merge(*existing, std::move(*node.as_table()), name);
+    } else {
+      node.visit([&](auto& value) {
+        into.replace(into.cbegin() + static_cast<std::ptrdiff_t>(i - 1), std::move(value));
+      });
     }
   }
 }
@@ -157,7 +202,10 @@ toml::table parse_override(const std::string& set) {
     constexpr const char* bare = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789._/+-";
     const std::string word = set.substr(equals + 1);
     if (word.empty() || word.find_first_not_of(bare) != std::string::npos)
-      throw InputError("", label + ": neither a TOML value nor a bare word (letters, digits, . _ / + -)");
+      throw InputError(
+          "", label +
+                  ": neither a TOML value nor a bare word (letters, digits, . _ / + -); quote it: --set '" +
+                  set.substr(0, equals + 1) + "\"...\"'");
     try {
       return toml::parse(set.substr(0, equals + 1) + "\"" + word + "\"", label);
     } catch (const toml::parse_error&) {

@@ -122,12 +122,7 @@ void read_reference(Section s, SpatialScene& scene) {
   s.finish();
 }
 
-}  // namespace
-
-SpatialScene read_spatial_scene(const std::string& file, const std::vector<std::string>& sets) {
-  const toml::table table = parse_scene_file(file, sets);
-  Section root(table, file, "", "", spatial_keys());
-  SpatialScene scene;
+void read_sections(Section& root, SpatialScene& scene) {
   scene.name = root.text("name");
   const auto body = root.section("body"), platform = root.section("platform");
   if (body.has_value() == platform.has_value()) root.fail("", "either [body] or [platform] is needed");
@@ -161,6 +156,15 @@ SpatialScene read_spatial_scene(const std::string& file, const std::vector<std::
                     scene.tick(), scene.tick() / 1e6));
   simulation.finish();
   root.finish();
+}
+
+}  // namespace
+
+SpatialScene read_spatial_scene(const std::string& file, const std::vector<std::string>& sets) {
+  const toml::table table = parse_scene_file(file, sets);
+  Section root(table, file, "", "", spatial_keys());
+  SpatialScene scene;
+  read_whole(root, [&] { read_sections(root, scene); });
   scene.toml = toml_text(table);
   return scene;
 }

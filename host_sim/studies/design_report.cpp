@@ -41,7 +41,7 @@ Plants simulate(const Scene& scene, std::uint64_t seed, std::uint64_t count, boo
     }
     return true;
   });
-  if (stop_requested()) throw RunError("interrupted");
+  if (stop_requested()) throw Interrupted("interrupted");
   Plants out;
   out.count = count;
   for (std::uint64_t i = 0; i < count; ++i) {

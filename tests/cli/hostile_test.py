@@ -231,7 +231,7 @@ class Hostile(unittest.TestCase):
                 time.sleep(1.0)
                 run.send_signal(signal.SIGINT)
                 s = json.loads(run.communicate()[0])
-            self.assertEqual((run.returncode, s["interrupted"], s["duration_s"], s["supervisor"]["final_state"]), (0, True, 100000.0, final))
+            self.assertEqual((run.returncode, s["interrupted"], s["duration_s"], s["supervisor"]["final_state"]), (130, True, 100000.0, final))
             self.assertAlmostEqual(s["simulated_s"], s["ticks"] * 1e-3, delta=1e-9)
             self.assertLess(s["simulated_s"], 99999)
         self.assertEqual(json.loads(esmc("sim", self.circle, "--json").stdout)["simulated_s"], 2.0)

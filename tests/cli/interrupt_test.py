@@ -15,7 +15,7 @@ def interrupted(esmc, scene, number):
         time.sleep(patience)
         run.send_signal(number)
         out, err = run.communicate(timeout=120)
-        assert run.returncode == 0, (run.returncode, err)
+        assert run.returncode == 130, (run.returncode, err)
         summary = json.loads(out)
         if summary["ticks"] > 0:
             return summary

@@ -141,7 +141,7 @@ class Replay(unittest.TestCase):
         while not list(out.glob(".partial-*/log.csv")) or next(out.glob(".partial-*/log.csv")).stat().st_size < 100000:
             time.sleep(0.01)
         run.send_signal(signal.SIGINT)
-        self.assertEqual(run.wait(60), 0)
+        self.assertEqual(run.wait(60), 130)
         self.assertTrue(json.loads((out / "summary.json").read_text())["interrupted"])
         self.equal(out)
 

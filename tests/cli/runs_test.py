@@ -223,7 +223,7 @@ class Told(unittest.TestCase):
                         run.send_signal(signal.SIGINT)
             except OSError:  # the other end is gone
                 pass
-            self.assertEqual(run.wait(), 0)
+            self.assertEqual(run.wait(), 130)
         os.close(ours)
         self.assertRegex(seen.decode(), r"\[#* *\] +\d+ %, about \d+ s left")
         self.assertTrue(seen.endswith(b"\r\033[K"))

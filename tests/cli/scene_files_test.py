@@ -52,6 +52,67 @@ class Scenes(unittest.TestCase):
         self.says(self.changed("lambda = 40.0", "banana = 40.0"), words=["unknown key 'control.banana'"], without=["mean"])
         self.says(self.circle, "reference.position=[0, 0]", words=["it belongs to type = \"hold\""])
 
+    def test_all_errors_of_a_file_are_named_at_once(self):
+        text = self.circle.read_text()
+        for old, new in (('law = "esmc"', 'law = "emsc"'), ("lambda = 40.0", "lamda = 40.0"), ("radius = 0.07", 'radius = "x"'),
+                         ("nodes = [1, 2]", "nodes = [1, 2, 3]"), ("step = 5e-4", "step = -1")):
+            self.assertIn(old, text)
+            text = text.replace(old, new, 1)
+        path = self.tmp / "bad.toml"
+        path.write_text(text)
+        run = esmc("sim", path)
+        self.assertEqual((run.returncode, run.stdout), (2, ""))
+        want = {"'control.law' must be": "did you mean esmc?", "unknown key 'control.lamda'": "did you mean 'lambda'?", "'reference.radius' must be": "a number",
+                "'drives.nodes' must be": "2 integers", "'simulation.step' must be": "a number > 0"}
+        lines = run.stderr.splitlines()
+        self.assertEqual(len(lines), len(want), run.stderr)
+        for line, (what, more) in zip(lines, want.items()):
+            number = next(i for i, x in enumerate(text.splitlines(), 1) if x.split("=")[0].strip() == what.split("'")[1].split(".")[1])
+            self.assertTrue(line.startswith(f"esmc: {path}:{number}: {what}"), line)
+            self.assertIn(more, line)
+        path.write_text(self.circle.read_text() + "".join(f"key{i} = 1\n" for i in range(30)))
+        lines = esmc("sim", path).stderr.splitlines()
+        self.assertEqual((len(lines), lines[-1]), (20, "esmc: and 11 more errors"))
+
+    def test_slips_have_suggestions(self):
+        self.says(self.circle, "control.law=emsc", words=["did you mean esmc?"])
+        self.says(self.circle, "lambda=30", words=["did you mean 'control.lambda'?"])
+        self.says(self.circle, "name=a b", words=["""quote it: --set 'name="..."'"""])
+        self.says(self.circle, 'effects=[{type="encoder"}]', words=["missing key 'effects[1].bits' of type = \"encoder\" (integer"])
+
+    def test_entries_count_from_one(self):
+        def of(*sets):
+            return self.runs(self.circle, *sets)["digest"]
+        leg = "{ l1 = %g, l2 = 0.16, lg1 = 0.06, lg2 = 0.068, m1 = 0.1, m2 = 0.1, J1 = 2e-4, J2 = 7e-4 }"
+        two = self.changed("leg = " + leg % 0.12, "legs = [" + leg % 0.121 + ", " + leg % 0.12 + "]")
+        self.assertEqual(of("mechanism.legs.1.l1=0.121"), self.runs(two)["digest"])
+        self.assertEqual(self.runs(two, "mechanism.legs.1.l1=0.12")["digest"], of())
+        self.assertNotEqual(of("mechanism.legs.2.l1=0.121"), of("mechanism.legs.1.l1=0.121"))
+        self.says(self.circle, "mechanism.legs.3.l1=0.1", words=["'mechanism.legs' has entries 1 to 2"])
+        self.says(self.circle, "mechanism.legs.2.l1=-1", words=["'mechanism.legs[2].l1' must be"])
+        friction = 'effects=[{type="viscous_friction", coefficient=[0.01, 0.01]}]'
+        self.assertEqual(of(friction, "effects.1.coefficient=[0.02, 0.02]"), of(friction.replace("0.01", "0.02")))
+
+    def test_one_number_stands_for_equal_entries(self):
+        for one, all_of_them in (("drives.gear_ratio=4", "drives.gear_ratio=[4, 4]"), ("drives.direction=-1", "drives.direction=[-1, -1]"),
+                                 ('effects=[{type="viscous_friction", coefficient=0.01}]', 'effects=[{type="viscous_friction", coefficient=[0.01, 0.01]}]'),
+                                 ('effects=[{type="coulomb_friction", torque=0.02}]', 'effects=[{type="coulomb_friction", torque=[0.02, 0.02]}]')):
+            self.assertEqual(self.runs(self.circle, one)["digest"], self.runs(self.circle, all_of_them)["digest"])
+        self.says(self.circle, "reference.center=0.1", words=["'reference.center' must be 2 numbers"])  # of a point
+
+    def test_help_and_version(self):
+        self.assertEqual(esmc("-V").stdout, esmc("--version").stdout)
+        self.assertEqual(esmc("help").stdout, esmc("--help").stdout)
+        self.assertEqual(esmc("help", "sim").stdout, esmc("sim", "--help").stdout)
+        self.assertEqual(esmc("help").returncode, 0)
+
+    def test_a_folder_of_other_files_is_no_place_for_results(self):
+        (self.tmp / "docs").mkdir()
+        (self.tmp / "docs" / "page.md").write_text("x")
+        run = esmc("sim", self.circle, "--out", self.tmp / "docs", "--set", "simulation.duration=0.01")
+        self.assertEqual((run.returncode, [p.name for p in (self.tmp / "docs").iterdir()]), (2, ["page.md"]))
+        self.assertIn("page.md is there, which no earlier run has left", run.stderr)
+
     def test_bare_words_are_strings(self):
         self.assertEqual(self.runs(self.circle, "name=Foo/a-b_1.c")["scene"], "Foo/a-b_1.c")
         self.says(self.circle, "control.law=SMC", words=["--set control.law=SMC: 'control.law' must be one of: esmc"])

@@ -1,0 +1,87 @@
+#!/usr/bin/env python3
+"""`esmc compare`, against the files of the runs themselves. usage: compare_test.py ESMC SCENES_DIR [unittest args]"""
+import csv
+import json
+import subprocess
+import sys
+import tempfile
+import unittest
+from pathlib import Path
+
+ESMC = SCENES = ""
+
+
+def esmc(*args):
+    return subprocess.run([ESMC, *map(str, args)], capture_output=True, text=True, timeout=120)
+
+
+class Compare(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.folder = tempfile.TemporaryDirectory()
+        cls.tmp = Path(cls.folder.name)
+        scene = Path(SCENES, "five_bar_friction.toml")
+        for name, *sets in (("a",), ("same",), ("b", "control.lambda=41", "effects=[]"), ("short", "simulation.duration=0.4"), ("four", "control.motors=all")):
+            command = ["sim", scene, "--out", cls.tmp / name, "--set", "simulation.duration=0.5"]
+            assert esmc(*command, *(x for s in sets for x in ("--set", s))).returncode == 0, name
+
+    @classmethod
+    def tearDownClass(cls):
+        cls.folder.cleanup()
+
+    def compare(self, a, b, *args, code=0):
+        run = esmc("compare", self.tmp / a, self.tmp / b, "--json", *args)
+        self.assertEqual((run.returncode, run.stderr), (code, ""))
+        return json.loads(run.stdout)
+
+    def rows(self, name):
+        with open(self.tmp / name / "log.csv", newline="", encoding="utf-8") as f:
+            return list(csv.DictReader(f))
+
+    def test_a_run_is_like_itself(self):
+        j = self.compare("a", "same")
+        self.assertEqual((j["within"], j["scene"], j["log"]["first_difference"], j["log"]["largest_difference"]), (True, [], None, None))
+        self.assertEqual(esmc("compare", self.tmp / "a", self.tmp / "same").stdout, "within 0\n")
+
+    def test_differences_are_those_of_the_files(self):
+        j = self.compare("a", "b", code=1)
+        self.assertEqual({(d["key"], d["b"]) for d in j["scene"]} & {("control.lambda", "41"), ("effects", "[]")}, {("control.lambda", "41"), ("effects", "[]")})
+        self.assertIn(("effects.1.type", None), {(d["key"], d["b"]) for d in j["scene"]})
+        summaries = [json.loads((self.tmp / n / "summary.json").read_text()) for n in "ab"]
+        metric = {m["key"]: (m["a"], m["b"]) for m in j["metrics"]}
+        self.assertEqual(metric["tracking.rms_m"], tuple(s["tracking"]["rms_m"] for s in summaries))
+        self.assertNotIn("wall_s", metric)
+        one, two = self.rows("a"), self.rows("b")
+        row, column = next((i, c) for i, (x, y) in enumerate(zip(one, two)) for c in x if x[c] != y[c] and "nan" not in (x[c], y[c]))
+        first = j["log"]["first_difference"]
+        self.assertEqual((first["row"], first["column"], first["a"], first["b"]), (row + 1, column, float(one[row][column]), float(two[row][column])))
+        worst = max(abs(float(x[c]) - float(y[c])) for x, y in zip(one, two) for c in x if c != "state" and "nan" not in (x[c], y[c]))
+        largest = j["log"]["largest_difference"]
+        self.assertEqual(abs(largest["a"] - largest["b"]), worst)
+        self.compare("a", "b", "--tolerance", 1.001 * worst)
+        self.assertLess(float(one[row]["t"]), 0.1)
+
+    def test_rows_and_columns_that_one_has_not(self):
+        j = self.compare("a", "short", "--tolerance", "1e9", code=1)
+        self.assertEqual((j["log"]["rows_a"], j["log"]["rows_b"]), (len(self.rows("a")), len(self.rows("short"))))
+        j = self.compare("a", "four", "--tolerance", "1e9", code=1)
+        self.assertEqual((j["log"]["only_in_a"], j["log"]["only_in_b"]), ([], ["tau12", "tau22", "tau12_cmd", "tau22_cmd"]))
+
+    def test_page(self):
+        self.compare("a", "b", "--out", self.tmp / "page", code=1)
+        self.assertEqual({p.name for p in (self.tmp / "page").iterdir()}, {"comparison.json", "report.html"})
+        page = (self.tmp / "page/report.html").read_text()
+        for text in ("control.lambda", "tracking.rms_m", "Effector error"):
+            self.assertIn(text, page)
+
+    def test_what_is_no_run(self):
+        for a, b, words in ((self.tmp, self.tmp / "a", "no such scene file"), (self.tmp / "a", self.tmp / "nowhere", "no such scene file")):
+            run = esmc("compare", a, b)
+            self.assertEqual((run.returncode, run.stdout), (2, ""))
+            self.assertIn(words, run.stderr)
+        self.assertEqual(esmc("compare", self.tmp / "a", self.tmp / "b", "--tolerance", "-1").returncode, 2)
+
+
+if __name__ == "__main__":
+    ESMC, SCENES = sys.argv[1], sys.argv[2]
+    unittest.main(argv=[sys.argv[0], *sys.argv[3:]])
