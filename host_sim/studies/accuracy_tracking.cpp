@@ -21,7 +21,9 @@ Scene comparison(const std::vector<std::string>& sets) {
   return read_scene_text(std::string(starting_scene("five_bar")), "comparison scenario", sets);
 }
 
-Json fault_of(const Trace& t) { return t.end.faults.empty() ? Json(nullptr) : Json(t.end.faults.front().name); }
+Json fault_of(const Trace& t) {
+  return t.end.faults.empty() ? Json(nullptr) : Json(t.end.faults.front().name);
+}
 
 struct NamedEffect {
   const char *type, *parameters;  ///< TOML of the effect

@@ -117,7 +117,7 @@ class Sweep {
     const double wall_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
     if (now < done_.size()) {
       throw Interrupted(fmt::format("interrupted after {} of {} cases{}", now, done_.size(),
-                                 journal_ ? "; the same command goes on from there" : ""));
+                                    journal_ ? "; the same command goes on from there" : ""));
     }
     finish(timing(o_, config, ranks, now - found_, scenes_.mean_duration(), wall_s, cpu_time() - cpu_before));
     return 0;

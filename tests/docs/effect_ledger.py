@@ -66,7 +66,7 @@ def bus_rows(esmc):
         effects = ('{type="bit_timing"}, ' if timed else "") + "{" + f'type="{name}"' + (", " + parameters if parameters else "") + "}"
         summary, moved = hil(esmc, effects)
         off = max(math.dist(a, b) for a, b in zip(path, moved))
-        faults = summary["supervisor"]["faults"]
+        faults = [f["name"] for f in summary["supervisor"]["faults"]]
         said = f"`{parameters}`" if parameters else ""
         if timed:
             said += ", beside `bit_timing`"
