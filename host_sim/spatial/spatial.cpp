@@ -167,9 +167,9 @@ std::array<double, 13> listed(const SpatialState& s) {
 
 /// A run of `esmc spatial`, tick by tick.
 template <class M>
-class Run {
+class SpatialRun {
  public:
-  Run(const SpatialScene& scene, std::uint64_t seed, std::FILE* log)
+  SpatialRun(const SpatialScene& scene, std::uint64_t seed, std::FILE* log)
       : scene_(scene),
         plant_(scene.platform ? SpatialPlant(*scene.platform) : SpatialPlant(scene.body, scene.gravity)),
         reference_(make_spatial_reference<S>(scene)),
@@ -378,8 +378,8 @@ std::string pretty_text(const Json& j) {
 
 template <template <class> class M>
 Account run(const SpatialScene& scene, const RunOptions& o, std::FILE* log) {
-  return o.single_precision ? Run<M<float>>(scene, o.seed, log).run()
-                            : Run<M<double>>(scene, o.seed, log).run();
+  return o.single_precision ? SpatialRun<M<float>>(scene, o.seed, log).run()
+                            : SpatialRun<M<double>>(scene, o.seed, log).run();
 }
 
 }  // namespace
