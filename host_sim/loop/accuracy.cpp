@@ -18,7 +18,7 @@ constexpr double inf = std::numeric_limits<double>::infinity();
 constexpr double margin = 2.0;      // of what was asked over the difference of two passes
 constexpr double rounding = 2e-15;  // no tolerance of a step below it
 constexpr double nudge = 1e-10;     // rad, of the start
-constexpr std::uint32_t pilot_ticks = 4;
+constexpr std::uint32_t pilot_ticks = 10;
 constexpr double most_rows = 2e7;
 
 /// Largest difference of the last row, and of all.
@@ -50,7 +50,7 @@ class Search {
     // Each difference judges the pass before. At a tick of 1 ms an order is worth a factor of about 50; a
     // loop forgets errors, free motion does not.
     std::vector<Between> ladder;
-    if (asked_ >= 1e-3) {
+    if (asked_ >= 1e-3 && scene_.closed_loop()) {
       ladder = {Between::semi_implicit_euler, Between::midpoint, Between::rk4};
     } else if (asked_ >= (scene_.closed_loop() ? 1e-7 : 1e-5)) {
       ladder = {Between::heun3, Between::rk4};
@@ -84,22 +84,24 @@ class Search {
   /// Clears `ladder` where fixed steps of a tick are too long for the first ticks. Returns the method of
   /// error control that needs fewer right-hand sides there.
   Between choose_by_stiffness(std::vector<Between>& ladder) {
-    const auto cost = [&](Between b) {
+    const double ticks = std::min<double>(pilot_ticks, tick_count(scene_));
+    const auto effort = [&](Between b) {
       Scene pilot = scene_;
-      const double ticks = std::min<double>(pilot_ticks, tick_count(scene_));
       pilot.duration = ticks / scene_.rate_hz;
       pilot.resolution = {b, asked_ / 30.0, scene_.resolution.rebound_min};
       try {
-        const Pass p = run(pilot, false);
-        return static_cast<double>(p.effort.evaluations) / ticks;
+        return run(pilot, false).effort;
       } catch (const Diverged&) {
-        return inf;
+        Effort endless;
+        endless.evaluations = endless.steps = std::numeric_limits<long>::max() / 4;
+        return endless;
       }
     };
-    const double explicit_cost = cost(Between::dopri5);
-    if (explicit_cost > 20.0) ladder.clear();
-    if (explicit_cost < 60.0) return Between::dopri5;
-    return 2.0 * cost(Between::radau5) < explicit_cost ? Between::radau5 : Between::dopri5;
+    const Effort of_explicit = effort(Between::dopri5);
+    if (static_cast<double>(of_explicit.steps) > 3.0 * ticks) ladder.clear();
+    if (static_cast<double>(of_explicit.evaluations) < 60.0 * ticks) return Between::dopri5;
+    return 2 * effort(Between::radau5).evaluations < of_explicit.evaluations ? Between::radau5
+                                                                             : Between::dopri5;
   }
 
   Pass run(const Scene& s, bool recorded) {

@@ -40,6 +40,7 @@ class EventEngine final : public Engine<Plant> {
 
   void run(double t, double step, int steps, const Torques& torque) override {
     system_.set_torques(torque);
+    constant_ = torque.open == nullptr || torque.open->wave.empty();
     attached_->loads.begin(t + 0.5 * step * steps);
     const double end = t + step * steps;
     while (t < end) {
@@ -70,6 +71,7 @@ class EventEngine final : public Engine<Plant> {
   void stretch(double t, double end, double step) {
     const double last = end - 1e-12 * (end - t);
     if (!smooth_) first_ = system_.begin(t, y_);
+    if (constant_ && system_.frozen()) return;
     for (int events = 0; t < last;) {
       const double rest = end - t;
       const auto pieces = std::max(1.0, std::ceil(rest / step - 1e-9));
@@ -230,7 +232,7 @@ class EventEngine final : public Engine<Plant> {
   Sys system_;
   Inner inner_, probe_;
   Resolution resolution_;
-  bool smooth_;
+  bool smooth_, constant_ = true;
   long steps_ = 0;
   MoreauJean<Sys, Plant> crowd_;
   Tolerance tolerance_;

@@ -53,6 +53,8 @@ class EventSystem : public LoadedSystem<Plant> {
       if (d.has_play()) return false;
     return true;
   }
+  /// Whether nothing moves while torques and loads stay.
+  [[nodiscard]] bool frozen() const { return held_ > 1 && this->size() == Base::work + 1; }
   [[nodiscard]] const Events& events() const { return events_; }
   [[nodiscard]] long evaluations() const { return evaluations_; }
 
