@@ -1,6 +1,7 @@
 #include "host_sim/studies/ledger.hpp"
 
 #include <algorithm>
+#include <iterator>
 #include <string_view>
 
 #include "host_sim/controller/controller_config.hpp"
@@ -16,7 +17,8 @@ struct StepPrice {
   Method method;
   double right_hand_sides, five_bar, rr;
 };
-/// Radau's are those of a motion that it solves in its usual number of iterations.
+/// A method that is not listed costs what the first does. Radau's are those of a motion that it solves in its
+/// usual number of iterations.
 constexpr StepPrice step_prices[] = {
     {Method::rk4, 4, 2490, 1262},       {Method::semi_implicit_euler, 1, 1412, 294},
     {Method::dopri5, 6, 3776, 2148},    {Method::dopri8, 12, 7744, 4461},
@@ -64,7 +66,8 @@ Method method_in_use(const Scene& scene) {
 
 double counted_cost(const Scene& scene) {
   const bool five_bar = scene.type == MechanismType::five_bar;
-  const StepPrice& method = *std::ranges::find(step_prices, method_in_use(scene), &StepPrice::method);
+  const auto* listed = std::ranges::find(step_prices, method_in_use(scene), &StepPrice::method);
+  const StepPrice& method = listed == std::end(step_prices) ? step_prices[0] : *listed;
   double step = five_bar ? method.five_bar : method.rr;
   double tick = scene.closed_loop() ? (five_bar ? five_bar_tick : rr_tick)
                                     : (five_bar ? five_bar_open_tick : rr_open_tick);
