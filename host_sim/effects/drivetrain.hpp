@@ -20,8 +20,8 @@ class Drivetrain {
  public:
   static constexpr int most_states = 3;
 
-  /// `motor`: index in the order of [drives], below 4. `flank`: the flank of a gear with play that presses (+1,
-  /// -1; 0: none) is what it says, not what the state says; it outlives this. Copies the rest.
+  /// `motor`: index in the order of [drives], below 4. `flank`: the flank of a gear with play that presses
+  /// (+1, -1; 0: none) is what it says, not what the state says; it outlives this. Copies the rest.
   Drivetrain(const std::vector<Effect>& effects, std::size_t motor, const int* flank = nullptr);
   [[nodiscard]] bool empty() const { return stages_.empty(); }
   [[nodiscard]] std::size_t states() const { return states_; }

@@ -27,7 +27,7 @@ struct Deviation {
 };
 
 [[nodiscard]] Deviation deviation(const std::vector<double>& a, const std::vector<double>& b,
-                                    std::size_t width) {
+                                  std::size_t width) {
   if (a.size() != b.size()) return {};
   Deviation d{0.0, 0.0};
   for (std::size_t i = 0; i < a.size(); ++i) {
