@@ -391,8 +391,8 @@ std::string refusal_of(const Scene& scene, bool on_bus) {
   Log log(nullptr, {}, 0);
   const Findings f = judge(scene, log).findings;
   for (const Finding& one : f.list()) {
-    if (one.level == Level::error || one.code == Code::torque_exceeded || one.code == Code::gain_margin)
-      return one.text;
+    const bool used_up = one.code == Code::torque_exceeded || one.code == Code::gain_margin;
+    if (one.level == Level::error || (on_bus && used_up)) return one.text;
   }
   return on_bus ? bus_obstacle(scene).what : "";
 }

@@ -11,8 +11,8 @@ namespace esmc::host {
 
 /// `esmc check`: findings about a scene without running it to its end. Exit status 1: unfit.
 int run_check(const RunOptions& o);
-/// Why a board must not run the scene: the first finding of `esmc check` that is an error, or about torque or
-/// gain margins that are used up; or, `on_bus`, what a bus cannot carry. Empty: none.
+/// Why not to run the scene: the first finding of `esmc check` that is an error. `on_bus`, why a board must
+/// not: also one about torque or gain margins that are used up, or what a bus cannot carry. Empty: none.
 std::string refusal_of(const Scene& scene, bool on_bus = true);
 
 /// Adds hints at lengths, angles and steps that would make sense in another unit.
