@@ -25,7 +25,6 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 constexpr double digits[] = {1e-3, 1e-6, 1e-9};
-constexpr std::size_t most_drawn = 8;   ///< effects in the figure, as many as there are colours
 constexpr double default_share = 0.01;  ///< of the metric of the fullest scene: the tolerance
 
 Json finite_or_null(double v) { return std::isfinite(v) ? Json(v) : Json(nullptr); }
