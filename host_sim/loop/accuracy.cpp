@@ -70,7 +70,7 @@ class Search {
       if (i > 0 && stalled()) refuse_if_ill_posed();
     }
     refuse_if_ill_posed();
-    if (!finite_) throw *failure_;
+    if (!finite_) throw Diverged(*failure_);
     throw RunError(fmt::format(
         "accuracy = {} was not reached: the finest two passes differ by {:.2g}, and rounding is in the way",
         asked_, judged()));
