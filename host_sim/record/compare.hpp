@@ -14,8 +14,8 @@ struct CompareOptions {
 };
 
 /// Compares scenes, summaries and logs. Returns 1 where a number of the summaries or logs is beyond the
-/// tolerance, a word differs, or one log has rows or columns that the other has not. Throws InputError for
-/// what is no run.
+/// tolerance, a word differs, or one log has rows or columns that the other has not. Throws InputError for a
+/// directory that no run has left.
 int run_compare(const CompareOptions& o);
 
 }  // namespace esmc::host
