@@ -50,5 +50,8 @@ struct MoreUnknowns {
 };
 [[nodiscard]] MoreUnknowns more_unknowns(const Matrix& A, const Vector& r, const Matrix& Z,
                                          Eigen::Index blocks);
+/// A misfit is named where the statistic is beyond `clear_per_unknown` (four standard deviations) for each
+/// unknown and an entry of `shift` beyond `shift_told` standard uncertainties (half of the usual interval).
+inline constexpr double clear_per_unknown = 16.0, shift_told = 1.5;
 
 }  // namespace esmc::host

@@ -167,26 +167,7 @@ class Cycle {
   /// torque frame is sent (lockstep: the set was not complete).
   template <hal::CanBus Bus>
   TickResult<M> tick(Bus& bus, bool answer = true) {
-    open();
-    if (link_.active()) apply_link_commands();
-    // status_ is of the last tick: the tick in which the last axis confirms still belongs to enabling.
-    const bool acknowledged = command_ == Command::reset && supervisor_.fault() == Fault::emergency_stop;
-    const std::uint32_t passed = answer ? 1U : std::exchange(passed_ticks_, 0U);
-    supervisor_.begin_tick(command_, status_, stage_done_, passed);
-    if (acknowledged) acknowledge();
-    gather();
-    if (command_ == Command::confirm_zero && supervisor_.state() == State::disabled) confirm_zero();
-    command_ = Command::none;
-    supervisor_.raise(drive_fault());
-    if (link_.lost()) supervisor_.raise(Fault::command_lost);
-    const bool enabling = supervisor_.state() == State::enabling;
-    if (enabling && enabling_expired(passed)) supervisor_.raise(Fault::enabling_timeout);
-    if (!enabling && wait_.waits) wait_ = {};
-    if (std::exchange(late_, false)) supervisor_.raise(Fault::tick_late);
-    TickResult<M> result = controller_.tick(sample_, supervisor_);
-    check_shafts(result);
-    stage_done_ = result.stage_done;
-    output_ok_ = allowed(result);
+    const TickResult<M> result = decide(answer);
     transmit(bus, result, answer);
     if (link_.active()) send_telemetry(bus, result);
     if (!supervisor_.powered()) status_ = status();  // transitions out of torque do not depend on it
@@ -204,6 +185,8 @@ class Cycle {
     for (int i = 0; i < axis_count_; ++i) any = any || condition(axis(i));
     return any;
   }
+  /// The part of tick() that no frame passes.
+  TickResult<M> decide(bool answer);
   /// At the first call of a tick: counts the ages.
   void open() {
     if (opened_) return;
@@ -487,5 +470,32 @@ class Cycle {
   std::uint32_t overruns_ = 0;  // of the bus, at the last receive()
   int taken_ = 0;
 };
+
+// Not inline: only the archive (instances_*.cpp) compiles it, not each program once more for each of its
+// buses.
+template <class M, drive::Drive D>
+TickResult<M> Cycle<M, D>::decide(bool answer) {
+  open();
+  if (link_.active()) apply_link_commands();
+  // status_ is of the last tick: the tick in which the last axis confirms still belongs to enabling.
+  const bool acknowledged = command_ == Command::reset && supervisor_.fault() == Fault::emergency_stop;
+  const std::uint32_t passed = answer ? 1U : std::exchange(passed_ticks_, 0U);
+  supervisor_.begin_tick(command_, status_, stage_done_, passed);
+  if (acknowledged) acknowledge();
+  gather();
+  if (command_ == Command::confirm_zero && supervisor_.state() == State::disabled) confirm_zero();
+  command_ = Command::none;
+  supervisor_.raise(drive_fault());
+  if (link_.lost()) supervisor_.raise(Fault::command_lost);
+  const bool enabling = supervisor_.state() == State::enabling;
+  if (enabling && enabling_expired(passed)) supervisor_.raise(Fault::enabling_timeout);
+  if (!enabling && wait_.waits) wait_ = {};
+  if (std::exchange(late_, false)) supervisor_.raise(Fault::tick_late);
+  TickResult<M> result = controller_.tick(sample_, supervisor_);
+  check_shafts(result);
+  stage_done_ = result.stage_done;
+  output_ok_ = allowed(result);
+  return result;
+}
 
 }  // namespace esmc

@@ -4,11 +4,6 @@
 #include <cmath>
 
 namespace esmc::host {
-namespace {
-
-constexpr double clear_per_unknown = 16.0, shift_told = 1.5;  // as in host_sim/identify/defects.cpp
-
-}  // namespace
 
 std::vector<EccentricEncoder> name_eccentric(const CalibrationProblem& p, Calibration& c) {
   std::vector<EccentricEncoder> out;

@@ -8,10 +8,8 @@
 namespace esmc::host {
 namespace {
 
-constexpr double clear_per_unknown = 16.0;  // of the statistic: four standard deviations
-constexpr double handicap = 4.0;            // of cogging, which may have any number of periods
-constexpr double shift_told = 1.5;          // standard uncertainties: half of the usual interval
-constexpr int periods_max = 100;            // per turn of a joint; windows smooth more away
+constexpr double handicap = 4.0;  // of cogging, which may have any number of periods
+constexpr int periods_max = 100;  // per turn of a joint; windows smooth more away
 
 /// What the parameters explain of the torque, less that torque.
 Vector unexplained(const Equations& e, const Identification& at) {

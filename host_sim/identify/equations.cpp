@@ -21,29 +21,28 @@ struct MotionAt {
 /// False where the base angles fit no closed mechanism.
 bool motion_at(const IdentifyProblem& p, const std::array<double, 2>& base,
                const std::array<double, 2>& base_rate, MotionAt& m) {
-  using Complex = std::complex<double>;
+  using Plane = std::complex<double>;
   const Eigen::Vector2d w(base_rate[0], base_rate[1]);
   if (!p.five_bar) {
     m.angle = {base[0], base[0] + base[1], 0.0, 0.0};
     m.D << 1, 0, 1, 1, 0, 0, 0, 0;
   } else {
-    const Complex elbow1 = p.l0 + std::polar(p.l1[0], base[0]),
-                  elbow2 = -p.l0 - std::polar(p.l1[1], -base[1]);
-    const Complex between = elbow1 - elbow2;
+    const Plane elbow1 = p.l0 + std::polar(p.l1[0], base[0]), elbow2 = -p.l0 - std::polar(p.l1[1], -base[1]);
+    const Plane between = elbow1 - elbow2;
     const double d = std::abs(between), along = (d * d + p.l2[1] * p.l2[1] - p.l2[0] * p.l2[0]) / (2.0 * d);
     const double square = p.l2[1] * p.l2[1] - along * along;
     if (!(d > 0.0 && square > 0.0)) return false;
     const double side = std::sqrt(square);
     for (const double s : {side, -side}) {
-      const Complex tip = elbow2 + between / d * Complex(along, s);
+      const Plane tip = elbow2 + between / d * Plane(along, s);
       m.angle = {base[0], std::arg(tip - elbow1), base[1], -std::arg(elbow2 - tip)};
       if (std::sin(m.angle[1] + m.angle[3]) * p.assembly > 0.0) break;
     }
     // Derivative of the closed loop: U (rates of the distal bars) = V (rates of the base joints).
-    const auto column = [](const Complex& z) { return Eigen::Vector2d(z.real(), z.imag()); };
-    const auto i = Complex(0.0, 1.0);
-    const Complex bar[4] = {std::polar(p.l1[0], m.angle[0]), std::polar(p.l2[0], m.angle[1]),
-                            std::polar(p.l1[1], -m.angle[2]), std::polar(p.l2[1], -m.angle[3])};
+    const auto column = [](const Plane& z) { return Eigen::Vector2d(z.real(), z.imag()); };
+    const auto i = Plane(0.0, 1.0);
+    const Plane bar[4] = {std::polar(p.l1[0], m.angle[0]), std::polar(p.l2[0], m.angle[1]),
+                          std::polar(p.l1[1], -m.angle[2]), std::polar(p.l2[1], -m.angle[3])};
     Eigen::Matrix2d U, V, U_dot, V_dot;
     U << column(i * bar[1]), column(-i * bar[3]);
     V << column(-i * bar[0]), column(i * bar[2]);

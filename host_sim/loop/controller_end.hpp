@@ -4,11 +4,12 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <functional>
 #include <string>
 #include <utility>
-#include <vector>
 
 #include "host_sim/controller/axes_config.hpp"
+#include "host_sim/loop/drive_reports.hpp"
 #include "host_sim/loop/waiting.hpp"
 #include "host_sim/record/fault_record.hpp"
 #include "host_sim/record/recorder.hpp"
@@ -56,18 +57,13 @@ class ControllerEnd {
       : reference_(make_reference<S>(scene, pacing)),
         bus_(bus),
         lockstep_(pacing == Pacing::lockstep),
-        axis_count_(static_cast<int>(scene.drives.nodes.size())),
-        endpoints_(scene.drives.endpoints),
         shutdown_ticks_(static_cast<int>(std::ceil(std::clamp(scene.drives.heartbeat_timeout, 0.05, 1.0) *
                                                    scene.rate_hz)) +
                         1),
         cycle_(make_cycle<C>(scene, pacing, reference_)),
         scene_(scene),
-        nodes_(scene.drives.nodes.size()),
-        finder_(scene) {
-    for (std::size_t i = 0; i < static_cast<std::size_t>(scene.motors()); ++i)
-      motors_.emplace_back(static_cast<int>(axis_of(scene, i)), scene.drives.nodes[i]);
-    for (std::size_t i = 0; i < nodes_.size(); ++i) nodes_[axis_of(scene, i)] = scene.drives.nodes[i];
+        finder_(scene),
+        reports_(scene) {
     if (!armed_by_link(scene)) with([](auto& c) { c.command(Command::enable); });
   }
 
@@ -92,42 +88,17 @@ class ControllerEnd {
   [[nodiscard]] const TickResult<M>& result() const { return result_; }  ///< of the last tick
   /// The first fault of a tick, with joint and node.
   [[nodiscard]] const std::optional<FaultRecord>& fault() const { return fault_; }
-  /// Joint whose encoder contradicts the others, after a fault loop_not_closed; empty: unknown.
-  [[nodiscard]] std::string odd_encoder() const {
-    const int odd = with([](const auto& c) -> int { return c.controller().odd_encoder(); });
-    return supervisor().fault() == Fault::loop_not_closed && odd != 0 ? World::joint_names[odd - 1] : "";
-  }
+  /// See DriveReports.
+  [[nodiscard]] std::string odd_encoder() const { return reports_.odd_encoder(cycle_); }
   /// Shuts down and throws RunError where arming was refused.
-  template <class Next>
-  void require_armed(const Next& next) {
+  void require_armed(const std::function<bool()>& next) {
     if (supervisor().state() != State::fault) return;
-    const std::string why = refusal();
+    const std::string why = reports_.refusal(cycle_);
     shut_down(next);
     throw RunError("the controller refused to arm: " + why);
   }
-  /// Why it did not arm: the fault, with node and object where a drive reports one.
-  [[nodiscard]] std::string refusal() const {
-    std::string out = name(supervisor().fault());
-    if (supervisor().fault() == Fault::enabling_timeout && !unready().empty())
-      out += " (not ready: " + unready() + ")";
-    if (!odd_encoder().empty()) out += " (the encoder of " + odd_encoder() + " contradicts the others)";
-    with([&](const auto& c) {
-      for (int i = 0; i < axis_count_; ++i) out += reported(c.axis(i), is_motor(i));
-    });
-    return out;
-  }
-  /// "node 1, node 2": the motors' drives that have not confirmed torque control.
-  [[nodiscard]] std::string unready() const {
-    std::string out;
-    with([&](const auto& c) {
-      for (const auto& [axis, node] : motors_) {
-        if (c.axis(axis).ready()) continue;
-        out += fmt::format("{}node {}{}", out.empty() ? "" : ", ", node,
-                           c.axis(axis).alive() ? "" : " (silent)");
-      }
-    });
-    return out;
-  }
+  /// See DriveReports.
+  [[nodiscard]] std::string unready() const { return reports_.unready(cycle_); }
   [[nodiscard]] ControllerView<M> view() const { return {&result_, &sample(), std::is_same_v<C, M>}; }
 
   /// Reads frames until every axis has sent its sample, or more came than a tick may read (bus_overload).
@@ -166,9 +137,7 @@ class ControllerEnd {
     finder_.see(result_, sample());
     if (finder_.found() && !fault_) {
       fault_ = finder_.found();
-      with([&](const auto& c) {
-        for (int i = axis_count_ - 1; i >= 0; --i) blame(c.axis(i), i);
-      });
+      reports_.blame(cycle_, expected_, *fault_);
     }
     expected_ += (result_.torque - expected_) / (scene_.drives.torque_time * scene_.rate_hz + 1.0);
   }
@@ -193,8 +162,7 @@ class ControllerEnd {
   }
   /// Zero torque and the order to go idle, until every drive reports idle or has been silent for too long.
   /// `next` brings about the next tick; false: there is none.
-  template <class Next>
-  void shut_down(const Next& next) {
+  void shut_down(const std::function<bool()>& next) {
     stop();
     tick(true);
     bool more = true;
@@ -230,87 +198,16 @@ class ControllerEnd {
     return std::visit(std::forward<F>(f), cycle_);
   }
 
-  [[nodiscard]] bool is_motor(int axis) const {
-    return std::ranges::any_of(motors_, [&](const auto& m) { return m.first == axis; });
-  }
-  /// Reasons not to arm that the axis knows of.
-  template <class Axis>
-  [[nodiscard]] std::string reported(const Axis& a, bool motor) const {
-    std::string out;
-    if constexpr (requires { a.encoder_unconnected(); }) {
-      if (!motor && a.encoder_unconnected()) {
-        out += fmt::format(
-            " (node {} reports position 0, as firmware 0.5.6 does until its first closed loop: no passive "
-            "encoder)",
-            a.node());
-      }
-    }
-    if constexpr (requires { a.refused_endpoint(); }) {
-      if (const auto e = a.refused_endpoint())
-        out += fmt::format(" (node {}, {})", a.node(), endpoint_path(*e));
-    }
-    if constexpr (requires { a.contradicting_object(); }) {
-      if (const auto o = a.contradicting_object())
-        out += fmt::format(" (node {}, object {:04X}:{:02X})", a.node(), o->index, o->sub);
-    }
-    return out;
-  }
-  /// Adds what axis i knows of the fault.
-  template <class Axis>
-  void blame(const Axis& a, int i) {
-    FaultRecord& f = *fault_;
-    const int joint = axis_count_ == M::joints ? i : i * (M::joints / 2);
-    const std::string node = fmt::format("node {}", nodes_[static_cast<std::size_t>(i)]);
-    const auto put = [&](std::optional<double> measured, std::optional<double> limit, const char* unit) {
-      f.where = fmt::format("{}, {}", World::joint_names[joint], node);
-      f.measured = measured;
-      f.limit = limit;
-      f.unit = unit;
-    };
-    if (f.where == World::joint_names[joint]) f.where += ", " + node;
-    const auto is = [&](Fault fault) { return f.name == name(fault); };
-    const double age = a.heartbeat_age_ticks() * scene_.tick();
-    if (is(Fault::emergency_stop) && a.emergency_stopped()) put({}, {}, "");
-    if (is(Fault::drive_configuration) && a.config_mismatch()) put({}, {}, "");
-    if (!is_motor(i)) return;
-    if (is(Fault::drive_error) && a.error()) put(a.error_code(), {}, "as error code of the drive");
-    if (is(Fault::drive_disarmed) && !a.closed_loop()) put({}, {}, "");
-    if (is(Fault::heartbeat_lost) && age > scene_.drives.heartbeat_timeout)
-      put(age, scene_.drives.heartbeat_timeout, "s without a heartbeat");
-    if (is(Fault::stale_feedback) && f.where.empty() &&
-        a.sample_age_ticks() > static_cast<std::uint32_t>(scene_.limits.max_age_ticks))
-      put(a.sample_age_ticks(), scene_.limits.max_age_ticks, "ticks without a sample");
-    if constexpr (requires { a.observed_torque(); }) {
-      if (const auto seen = a.observed_torque(); is(Fault::torque_mismatch) && seen) {
-        const double off = std::abs(static_cast<double>(*seen) - expected_[joint]);
-        if (off > f.measured.value_or(0.0)) put(off, scene_.drives.torque_mismatch, "N m from its command");
-      }
-    }
-  }
-  /// The vendor's name of an endpoint of the scene.
-  [[nodiscard]] std::string endpoint_path(std::uint16_t id) const {
-    if (id == drive::OdriveReadBack::version_endpoint) return "version of the firmware";
-    if (endpoints_) {
-      for (const OdriveEndpoint& e : endpoints_->list) {
-        if (e.id == id) return odrive_values[static_cast<std::size_t>(e.value)].path;
-      }
-    }
-    return fmt::format("endpoint {}", id);
-  }
-
   ReferenceBundle<S> reference_;
   Bus& bus_;
   bool lockstep_;
-  std::vector<std::pair<int, int>> motors_;  // axis and node of each
-  int axis_count_;
-  std::optional<OdriveEndpoints> endpoints_;
   int shutdown_ticks_;
   AnyCycle<C> cycle_;
   TickResult<M> result_{};
   Sample<M> sample_{};  // of a controller in another scalar type
   const Scene& scene_;
-  std::vector<int> nodes_;  // per axis
   FaultFinder<World> finder_;
+  DriveReports<World, C> reports_;
   std::optional<FaultRecord> fault_;
   Vec<double, M::joints> expected_ =
       Vec<double, M::joints>::Zero();  // torques as TorqueFeedbackCheck has them

@@ -1,0 +1,148 @@
+#include "host_sim/loop/drive_reports.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <optional>
+
+namespace esmc::host {
+
+template <class World, class C>
+DriveReports<World, C>::DriveReports(const Scene& scene) : scene_(scene), nodes_(scene.drives.nodes.size()) {
+  for (std::size_t i = 0; i < static_cast<std::size_t>(scene.motors()); ++i)
+    motors_.emplace_back(static_cast<int>(axis_of(scene, i)), scene.drives.nodes[i]);
+  for (std::size_t i = 0; i < nodes_.size(); ++i) nodes_[axis_of(scene, i)] = scene.drives.nodes[i];
+}
+
+template <class World, class C>
+std::string DriveReports<World, C>::odd_encoder(const AnyCycle<C>& cycle) const {
+  return std::visit(
+      [](const auto& c) -> std::string {
+        const int odd = c.controller().odd_encoder();
+        return c.supervisor().fault() == Fault::loop_not_closed && odd != 0 ? World::joint_names[odd - 1]
+                                                                            : "";
+      },
+      cycle);
+}
+
+template <class World, class C>
+std::string DriveReports<World, C>::refusal(const AnyCycle<C>& cycle) const {
+  const Fault fault = std::visit([](const auto& c) { return c.supervisor().fault(); }, cycle);
+  std::string out = name(fault);
+  const std::string waiting = unready(cycle), odd = odd_encoder(cycle);
+  if (fault == Fault::enabling_timeout && !waiting.empty()) out += " (not ready: " + waiting + ")";
+  if (!odd.empty()) out += " (the encoder of " + odd + " contradicts the others)";
+  std::visit(
+      [&](const auto& c) {
+        for (int i = 0; i < static_cast<int>(nodes_.size()); ++i) out += reported(c.axis(i), is_motor(i));
+      },
+      cycle);
+  return out;
+}
+
+template <class World, class C>
+std::string DriveReports<World, C>::unready(const AnyCycle<C>& cycle) const {
+  std::string out;
+  std::visit(
+      [&](const auto& c) {
+        for (const auto& [axis, node] : motors_) {
+          if (c.axis(axis).ready()) continue;
+          out += fmt::format("{}node {}{}", out.empty() ? "" : ", ", node,
+                             c.axis(axis).alive() ? "" : " (silent)");
+        }
+      },
+      cycle);
+  return out;
+}
+
+template <class World, class C>
+void DriveReports<World, C>::blame(const AnyCycle<C>& cycle, const Torques& expected, FaultRecord& f) const {
+  std::visit(
+      [&](const auto& c) {
+        for (int i = static_cast<int>(nodes_.size()) - 1; i >= 0; --i) blame(c.axis(i), i, expected, f);
+      },
+      cycle);
+}
+
+template <class World, class C>
+bool DriveReports<World, C>::is_motor(int axis) const {
+  return std::ranges::any_of(motors_, [&](const auto& m) { return m.first == axis; });
+}
+
+/// Reasons not to arm that the axis knows of.
+template <class World, class C>
+template <class Axis>
+std::string DriveReports<World, C>::reported(const Axis& a, bool motor) const {
+  std::string out;
+  if constexpr (requires { a.encoder_unconnected(); }) {
+    if (!motor && a.encoder_unconnected()) {
+      out += fmt::format(
+          " (node {} reports position 0, as firmware 0.5.6 does until its first closed loop: no passive "
+          "encoder)",
+          a.node());
+    }
+  }
+  if constexpr (requires { a.refused_endpoint(); }) {
+    if (const auto e = a.refused_endpoint())
+      out += fmt::format(" (node {}, {})", a.node(), endpoint_path(*e));
+  }
+  if constexpr (requires { a.contradicting_object(); }) {
+    if (const auto o = a.contradicting_object())
+      out += fmt::format(" (node {}, object {:04X}:{:02X})", a.node(), o->index, o->sub);
+  }
+  return out;
+}
+
+/// Adds what axis i knows of the fault.
+template <class World, class C>
+template <class Axis>
+void DriveReports<World, C>::blame(const Axis& a, int i, const Torques& expected, FaultRecord& f) const {
+  constexpr int joints = World::Mechanism::joints;
+  const int joint = static_cast<int>(nodes_.size()) == joints ? i : i * (joints / 2);
+  const std::string node = fmt::format("node {}", nodes_[static_cast<std::size_t>(i)]);
+  const auto put = [&](std::optional<double> measured, std::optional<double> limit, const char* unit) {
+    f.where = fmt::format("{}, {}", World::joint_names[joint], node);
+    f.measured = measured;
+    f.limit = limit;
+    f.unit = unit;
+  };
+  if (f.where == World::joint_names[joint]) f.where += ", " + node;
+  const auto is = [&](Fault fault) { return f.name == name(fault); };
+  const double age = a.heartbeat_age_ticks() * scene_.tick();
+  if (is(Fault::emergency_stop) && a.emergency_stopped()) put({}, {}, "");
+  if (is(Fault::drive_configuration) && a.config_mismatch()) put({}, {}, "");
+  if (!is_motor(i)) return;
+  if (is(Fault::drive_error) && a.error()) put(a.error_code(), {}, "as error code of the drive");
+  if (is(Fault::drive_disarmed) && !a.closed_loop()) put({}, {}, "");
+  if (is(Fault::heartbeat_lost) && age > scene_.drives.heartbeat_timeout)
+    put(age, scene_.drives.heartbeat_timeout, "s without a heartbeat");
+  if (is(Fault::stale_feedback) && f.where.empty() &&
+      a.sample_age_ticks() > static_cast<std::uint32_t>(scene_.limits.max_age_ticks))
+    put(a.sample_age_ticks(), scene_.limits.max_age_ticks, "ticks without a sample");
+  if constexpr (requires { a.observed_torque(); }) {
+    if (const auto seen = a.observed_torque(); is(Fault::torque_mismatch) && seen) {
+      const double off = std::abs(static_cast<double>(*seen) - expected[joint]);
+      if (off > f.measured.value_or(0.0)) put(off, scene_.drives.torque_mismatch, "N m from its command");
+    }
+  }
+}
+
+/// The vendor's name of an endpoint of the scene.
+template <class World, class C>
+std::string DriveReports<World, C>::endpoint_path(std::uint16_t id) const {
+  if (id == drive::OdriveReadBack::version_endpoint) return "version of the firmware";
+  if (const auto& endpoints = scene_.drives.endpoints) {
+    for (const OdriveEndpoint& e : endpoints->list) {
+      if (e.id == id) return odrive_values[static_cast<std::size_t>(e.value)].path;
+    }
+  }
+  return fmt::format("endpoint {}", id);
+}
+
+template class DriveReports<FiveBarTraits>;
+template class DriveReports<FiveBarTraits, FiveBar<float>>;
+template class DriveReports<RrTraits>;
+template class DriveReports<RrTraits, Rr<float>>;
+
+}  // namespace esmc::host

@@ -1,0 +1,42 @@
+#pragma once
+/// Reports of the drives in words: reasons not to arm, and their part in a fault.
+
+#include <string>
+
+#include "host_sim/controller/axes_config.hpp"
+#include "host_sim/record/recorder.hpp"
+
+namespace esmc::host {
+
+/// Of a controller of mechanism C for a scene of `World`. An axis is a motor's drive or a passive encoder.
+template <class World, class C = typename World::Mechanism>
+class DriveReports {
+ public:
+  using Torques = Vec<double, World::Mechanism::joints>;
+
+  /// `scene` must outlive this.
+  explicit DriveReports(const Scene& scene);
+
+  /// Joint whose encoder contradicts the others, after a fault loop_not_closed; empty: unknown.
+  [[nodiscard]] std::string odd_encoder(const AnyCycle<C>& cycle) const;
+  /// Why it did not arm: the fault, with node and object where a drive reports one.
+  [[nodiscard]] std::string refusal(const AnyCycle<C>& cycle) const;
+  /// "node 1, node 2": the motors' drives that have not confirmed torque control.
+  [[nodiscard]] std::string unready(const AnyCycle<C>& cycle) const;
+  /// Adds to a fault what the axes know of it. `expected`: N m, torques as TorqueFeedbackCheck has them.
+  void blame(const AnyCycle<C>& cycle, const Torques& expected, FaultRecord& f) const;
+
+ private:
+  [[nodiscard]] bool is_motor(int axis) const;
+  template <class Axis>
+  [[nodiscard]] std::string reported(const Axis& a, bool motor) const;
+  template <class Axis>
+  void blame(const Axis& a, int i, const Torques& expected, FaultRecord& f) const;
+  [[nodiscard]] std::string endpoint_path(std::uint16_t id) const;
+
+  const Scene& scene_;
+  std::vector<std::pair<int, int>> motors_;  // axis and node of each
+  std::vector<int> nodes_;                   // per axis
+};
+
+}  // namespace esmc::host
