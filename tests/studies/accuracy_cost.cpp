@@ -65,10 +65,10 @@ struct Choice {
   [[nodiscard]] std::string text() const {
     char step[32];
     std::snprintf(step, sizeof step, " %g", scene.step);
-    return name(scene.method) + std::string(step);
+    return std::string(name(scene.method)) + step;
   }
 };
-std::vector<Choice> choices(const Scene& scene, const judge::Vector& truth, double least) {
+std::vector<Choice> hand_choices(const Scene& scene, const judge::Vector& truth, double least) {
   std::vector<Method> methods{Method::event_driven, Method::moreau_jean};
   if (!set_valued(scene.effects))
     methods = {Method::semi_implicit_euler, Method::rk4,         Method::dopri5,
@@ -182,7 +182,7 @@ int main(int argc, char** argv) {
     std::string line;
     if (truth.fault) continue;
     std::vector<Choice> all;
-    if (!truth.q.empty()) all = choices(scene, truth.q, asked.back());
+    if (!truth.q.empty()) all = hand_choices(scene, truth.q, asked.back());
     for (std::size_t k = 0; k < asked.size(); ++k)
       compare(scene, asked[k], all, totals[k], line, truth.q);
     if (!show) continue;
