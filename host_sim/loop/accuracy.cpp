@@ -73,8 +73,9 @@ class Search {
 
   [[nodiscard]] double rebound() const { return 0.01 * asked_; }
 
-  /// Of two passes that agree one is recorded: RK4 at scene.step, which hardly costs more than a lower order beside
-  /// the tick. The other is a rough one without records; a better one follows where it was too rough to judge.
+  /// Of two passes that agree one is recorded: RK4 at scene.step, which hardly costs more than a lower order
+  /// beside the tick. The other is a rough one without records; a better one follows where it was too rough
+  /// to judge.
   bool agree_at_step() {
     last_.reset();
     const bool closed = scene_.closed_loop();
@@ -91,8 +92,8 @@ class Search {
            !find_effect<Backlash>(scene_.effects) && !find_effect<TorqueSaturation>(scene_.effects);
   }
 
-  /// Sets scene.step to the longest part of a tick with which RK4 follows the first ticks, 0: none does. Returns
-  /// the method of error control that needs fewer right-hand sides there.
+  /// Sets scene.step to the longest part of a tick with which RK4 follows the first ticks, 0: none does.
+  /// Returns the method of error control that needs fewer right-hand sides there.
   Between choose_steps() {
     const double ticks = std::min<double>(pilot_ticks, tick_count(scene_));
     const auto pilot = [&](Between b, double tolerance) -> std::optional<Pass> {

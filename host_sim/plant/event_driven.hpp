@@ -184,7 +184,6 @@ class EventEngine final : public SystemEngine<Plant, EventSystem<Plant>> {
       crowd_.step(t + i * h, h, y_);
     }
     system_.restart();
-    system_.count_crowd();
   }
 
   /// First instant in (t, end] at which a waveform meets the drives' limit, or `end`.

@@ -5,13 +5,11 @@
 ///   stop                      open, or in contact; a rigid one then holds its joint, one way
 ///   gear with play            which flank presses
 ///
-/// A held joint is a row  a_j = 0 with a reaction r_j in [lower, upper]:  friction allows +-T, a rigid stop
-/// one side without bound, both at once both. A soft stop that returns restitution^2 of its energy is a
-/// spring of the mean stiffness and friction that grows with the depth. So all of them are one
-/// complementarity problem
-///   r_j = lower if a_j > 0,  r_j = upper if a_j < 0,  else between
-/// at the acceleration level, whose acceleration is unique (Gauss's principle).
+/// What holds a joint: reactions.hpp. Friction allows +-T, a rigid stop one side without bound, both at once
+/// both. A soft stop that returns restitution^2 of its energy is a spring of the mean stiffness and friction
+/// that grows with the depth.
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <limits>
@@ -49,11 +47,8 @@ class EventSystem : public LoadedSystem<Plant> {
 
   /// Whether there is anything that can switch.
   [[nodiscard]] bool smooth() const {
-    for (const Mode& m : mode_)
-      if (m.dry > 0.0 || m.stop) return false;
-    for (const Drivetrain& d : this->attached().drivetrain)
-      if (d.has_play()) return false;
-    return true;
+    return std::ranges::none_of(mode_, [](const Mode& m) { return m.dry > 0.0 || m.stop; }) &&
+           std::ranges::none_of(this->attached().drivetrain, &Drivetrain::has_play);
   }
   /// Whether nothing moves while torques and loads stay.
   [[nodiscard]] bool frozen() const { return held_ > 1 && this->size() == Base::work + 1; }
@@ -74,7 +69,8 @@ class EventSystem : public LoadedSystem<Plant> {
     this->mechanism_slope(angle, rate, torque, dy);
     if (held_ == 1) {
       const Angles by = response(angle, held_joint());
-      const double r = -relative(dy, held_joint()) / Plant::joint_rates(by)[held_joint()];
+      const double r =
+          -Plant::joint_rates(Base::rates(dy))[held_joint()] / Plant::joint_rates(by)[held_joint()];
       for (std::size_t i = 0; i < by.size(); ++i) dy[Base::positions + i] += r * by[i];
     }
   }
@@ -87,16 +83,7 @@ class EventSystem : public LoadedSystem<Plant> {
     bring_to_rest(held_joint(), y);
   }
 
-  /// Values of the guards; the modes hold while none is negative.
-  struct Guards {
-    std::array<double, 6 * joints> value{};
-    std::size_t count = 0;
-    [[nodiscard]] double least() const {
-      double out = inf;
-      for (std::size_t i = 0; i < count; ++i) out = std::min(out, value[i]);
-      return out;
-    }
-  };
+  using Guards = GuardValues<6 * joints>;
   [[nodiscard]] Guards guards(double t, const State& y) const {
     Guards g;
     for_each_guard(t, y, [&](double value, auto, auto, auto) { g.value[g.count++] = value; });
@@ -168,10 +155,10 @@ class EventSystem : public LoadedSystem<Plant> {
     follow_flanks(y);
   }
   void restart() {
+    ++events_.crowded;
     for (Mode& m : mode_) m.dry_here = m.dry;
     begun_ = false;
   }
-  void count_crowd() { ++events_.crowded; }
 
  private:
   static constexpr double inf = std::numeric_limits<double>::infinity();
@@ -189,11 +176,6 @@ class EventSystem : public LoadedSystem<Plant> {
     bool held = false;
   };
 
-  [[nodiscard]] static double relative(const State& dy, std::size_t j) {
-    Angles a;
-    for (std::size_t i = 0; i < a.size(); ++i) a[i] = dy[Base::positions + i];
-    return Plant::joint_rates(a)[j];
-  }
   [[nodiscard]] Angles response(const Angles& angle, std::size_t j) const {
     Joints unit{};
     unit[j] = 1.0;

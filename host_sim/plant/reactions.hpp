@@ -1,6 +1,7 @@
 #pragma once
-/// Reactions of joints at rest and impulses of stops: complementarity problems of a few rows, solved by trial of
-/// every assignment.
+/// Reactions of joints at rest and impulses of stops: complementarity problems of a few rows
+///   r_j = lower if a_j > 0,  r_j = upper if a_j < 0,  else between
+/// whose accelerations are unique (Gauss's principle), solved by trial of every assignment.
 
 #include <algorithm>
 #include <array>
@@ -12,8 +13,20 @@
 
 namespace esmc::host {
 
-/// The joints held by friction or stops. Under their reactions r, N m, lower <= r <= upper, the joints have the
-/// accelerations  free + sum of by[k] r[k],  rad/s2. Two independent ones hold the mechanism.
+/// Values of the guards of modes; the modes hold while none is negative.
+template <std::size_t capacity>
+struct GuardValues {
+  std::array<double, capacity> value{};
+  std::size_t count = 0;
+  [[nodiscard]] double least() const {
+    double out = std::numeric_limits<double>::infinity();
+    for (std::size_t i = 0; i < count; ++i) out = std::min(out, value[i]);
+    return out;
+  }
+};
+
+/// The joints held by friction or stops. Under their reactions r, N m, lower <= r <= upper, the joints have
+/// the accelerations  free + sum of by[k] r[k],  rad/s2. Two independent ones hold the mechanism.
 template <class Joints>
 struct HeldJoints {
   static constexpr std::size_t joints = std::tuple_size_v<Joints>;
@@ -36,8 +49,8 @@ struct HeldJoints {
     return std::min(upper[j] - r, r - lower[j]) + rounding * slack(j);
   }
 
-  /// The direction in which each held joint gives way, 0: it stays. The assignment that violates its conditions
-  /// least is the solution, unique in its accelerations.
+  /// The direction in which each held joint gives way, 0: it stays. The assignment that violates its
+  /// conditions least is the solution, unique in its accelerations.
   [[nodiscard]] std::array<int, joints> directions(double rounding) const {
     double scale = 0.0;
     for (const double a : free) scale = std::max(scale, std::abs(a));
@@ -131,7 +144,8 @@ struct StopImpact {
   Angles by;  ///< what a unit impulse at the joint adds to the rates of the bars
 };
 
-/// Adds the impulses of the stops to the bars' rates `after`. `before`: rates of the joints. Returns the work, J.
+/// Adds the impulses of the stops to the bars' rates `after`. `before`: rates of the joints. Returns the
+/// work, J.
 template <class Plant>
 double push_back(const std::vector<StopImpact<typename Plant::Angles>>& rows,
                  const typename Plant::Joints& before, typename Plant::Angles& after) {

@@ -1,6 +1,6 @@
-// What `simulation.accuracy` costs against the best choice by hand: the cheapest integrator and step of 1, 2, 5, ... per tick whose
-// true error is within what was asked. Truth: the same scene asked for 1e-3 of that, at least 1e-10; accuracy_promise judges that.
-// Cost: CPU time, the least of interleaved runs in this process.
+// What `simulation.accuracy` costs against the best choice by hand: the cheapest integrator and step of 1, 2,
+// 5, ... per tick whose true error is within what was asked. Truth: the same scene asked for 1e-3 of that, at
+// least 1e-10; accuracy_promise judges that. Cost: CPU time, the least of interleaved runs in this process.
 // usage: accuracy_cost smooth|events FIRST COUNT [SHOW]: scenes FIRST .. FIRST + COUNT - 1
 
 #include <algorithm>
@@ -71,8 +71,8 @@ struct Choice {
 std::vector<Choice> hand_choices(const Scene& scene, const judge::Vector& truth, double least) {
   std::vector<Method> methods{Method::event_driven, Method::moreau_jean};
   if (!set_valued(scene.effects))
-    methods = {Method::semi_implicit_euler, Method::rk4,         Method::dopri5,
-               Method::dopri8,              Method::event_driven, Method::radau5};
+    methods = {Method::semi_implicit_euler, Method::rk4,   Method::dopri5, Method::dopri8,
+               Method::event_driven,        Method::radau5};
   std::vector<Choice> out;
   for (const Method m : methods) {
     for (const int parts : {1, 2, 5, 10, 20, 50, 100}) {
@@ -101,9 +101,11 @@ double share(const std::vector<double>& v, double most) {
          static_cast<double>(v.size());
 }
 void print(const char* what, const std::vector<double>& v) {
-  std::printf("  %-28s %3zu scenes: median %.2f, 90 %% %.2f, 95 %% %.2f, most %.2f; within 2 x %.1f %%, 3 x %.1f %%\n",
-              what, v.size(), quantile(v, 0.5), quantile(v, 0.9), quantile(v, 0.95), quantile(v, 1.0), share(v, 2.0),
-              share(v, 3.0));
+  std::printf(
+      "  %-28s %3zu scenes: median %.2f, 90 %% %.2f, 95 %% %.2f, most %.2f; within 2 x %.1f %%, 3 x %.1f "
+      "%%\n",
+      what, v.size(), quantile(v, 0.5), quantile(v, 0.9), quantile(v, 0.95), quantile(v, 1.0), share(v, 2.0),
+      share(v, 3.0));
 }
 
 struct Totals {
@@ -157,12 +159,13 @@ void compare(const Scene& scene, double asked, std::vector<Choice>& all, Totals&
   totals.best.push_back(cpu_s / best->cpu_s);
   if (rk4 != nullptr) totals.rk4.push_back(cpu_s / rk4->cpu_s);
   const AccuracyReport& a = *first.accuracy;
-  std::snprintf(text, sizeof text,
-                "\n    %g: %.2f x %s (%.3f ms, error %.1e)%s; here %s step %.2g, error %.1e of %.1e estimated, %d "
-                "passes, %ld slopes, %ld events",
-                asked, cpu_s / best->cpu_s, best->text().c_str(), 1e3 * best->cpu_s, best->error,
-                error > asked ? " OUTSIDE" : "", a.between.c_str(), a.step, error, a.estimated, a.passes,
-                a.evaluations, a.events.total());
+  std::snprintf(
+      text, sizeof text,
+      "\n    %g: %.2f x %s (%.3f ms, error %.1e)%s; here %s step %.2g, error %.1e of %.1e estimated, %d "
+      "passes, %ld slopes, %ld events",
+      asked, cpu_s / best->cpu_s, best->text().c_str(), 1e3 * best->cpu_s, best->error,
+      error > asked ? " OUTSIDE" : "", a.between.c_str(), a.step, error, a.estimated, a.passes, a.evaluations,
+      a.events.total());
   line += text;
 }
 
@@ -183,12 +186,12 @@ int main(int argc, char** argv) {
     if (truth.fault) continue;
     std::vector<Choice> all;
     if (!truth.q.empty()) all = hand_choices(scene, truth.q, asked.back());
-    for (std::size_t k = 0; k < asked.size(); ++k)
-      compare(scene, asked[k], all, totals[k], line, truth.q);
+    for (std::size_t k = 0; k < asked.size(); ++k) compare(scene, asked[k], all, totals[k], line, truth.q);
     if (!show) continue;
     std::printf("%llu %s %s%s%s%s%s%s%s\n", static_cast<unsigned long long>(seed), c.five_bar ? "5R" : "RR",
-                c.closed ? "closed" : "open", c.rubs ? " friction" : "", c.stops ? (c.soft ? " soft" : " rigid") : "",
-                c.gear ? " gear" : "", c.play ? " play" : "", c.load ? " load" : "", line.c_str());
+                c.closed ? "closed" : "open", c.rubs ? " friction" : "",
+                c.stops ? (c.soft ? " soft" : " rigid") : "", c.gear ? " gear" : "", c.play ? " play" : "",
+                c.load ? " load" : "", line.c_str());
     std::fflush(stdout);
   }
   for (std::size_t k = 0; k < asked.size(); ++k) {
@@ -196,8 +199,8 @@ int main(int argc, char** argv) {
     std::printf("asked %g\n", asked[k]);
     print("against the best choice", t.best);
     print("against RK4 at every tick", t.rk4);
-    std::printf("  refused: %zu, after at most %.2g s; outside: %d; without a truth: %d\n", t.refused_s.size(),
-                quantile(t.refused_s, 1.0), t.outside, t.no_truth);
+    std::printf("  refused: %zu, after at most %.2g s; outside: %d; without a truth: %d\n",
+                t.refused_s.size(), quantile(t.refused_s, 1.0), t.outside, t.no_truth);
   }
   return 0;
 }

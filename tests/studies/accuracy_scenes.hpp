@@ -36,9 +36,8 @@ inline Case draw(std::uint64_t seed) {
       c.five_bar ? std::array{d.in(0.75, 1.3), d.in(0.75, 1.3)} : std::array{d.in(-1, 1), d.in(0.4, 1.6)};
   if (d.chance(0.3)) c.start_rate = {d.in(-2, 2), d.in(-2, 2)};
   for (std::size_t m = 0; m < 2; ++m) {
-    c.wave[m] =
-        c.closed ? Wave{c.start[m] + d.in(-0.1, 0.1), d.in(0.05, 0.3), d.in(2, 12), d.in(0, 6)}
-                 : Wave{scale * d.in(-0.05, 0.05), scale * d.in(0.0, 0.15), d.in(2, 20), d.in(0, 6)};
+    c.wave[m] = c.closed ? Wave{c.start[m] + d.in(-0.1, 0.1), d.in(0.05, 0.3), d.in(2, 12), d.in(0, 6)}
+                         : Wave{scale * d.in(-0.05, 0.05), scale * d.in(0.0, 0.15), d.in(2, 20), d.in(0, 6)};
   }
   c.kp = scale * d.in(1, 5);
   c.kd = c.kp * d.in(0.02, 0.06);
