@@ -10,6 +10,7 @@
 
 #include "host_sim/controller/controller_config.hpp"
 #include "host_sim/error.hpp"
+#include "host_sim/plant/system.hpp"
 
 namespace esmc::host {
 namespace {
@@ -46,27 +47,16 @@ class Search {
   AccuracyReport find() {
     scene_.method = Method::event_driven;
     scene_.step = scene_.tick();
-    scene_.resolution.rebound_min = 0.01 * asked_;
-    // Each difference judges the pass before. At a tick of 1 ms an order is worth a factor of about 50; a
-    // loop forgets errors, free motion does not.
-    std::vector<Between> ladder;
-    if (asked_ >= 1e-3 && scene_.closed_loop()) {
-      ladder = {Between::semi_implicit_euler, Between::midpoint, Between::rk4};
-    } else if (asked_ >= (scene_.closed_loop() ? 1e-7 : 1e-5)) {
-      ladder = {Between::heun3, Between::rk4};
-    } else if (asked_ >= 1e-9) {
-      ladder = {Between::rk4};
-    }
-    Between fine = choose_by_stiffness(ladder);
-    for (const Between b : ladder) {
-      if (step({b, 0.0, scene_.resolution.rebound_min})) return report();
-    }
+    if (asked_ >= 1e-9 && agree_at_step()) return report();
+    const Between fine = choose_steps();
+    if (asked_ >= 1e-9 && scene_.step > 0.0 && agree_at_step()) return report();
+    scene_.step = scene_.tick();
+    scene_.method = Method::event_driven;
     // Error control: 5th order once, 8th from then on; Radau where the step is bound by stability.
-    double tolerance = asked_ / 30.0;
+    double tolerance = asked_ / 100.0;
     for (int i = 0; i < 7 && tolerance >= rounding; ++i, tolerance = next_tolerance(tolerance)) {
-      const bool met = step({fine, tolerance, scene_.resolution.rebound_min / (i + 1)});
-      if (met) return report();
-      if (fine == Between::dopri5) fine = Between::dopri8;
+      const Between b = i > 0 && fine == Between::dopri5 ? Between::dopri8 : fine;
+      if (step({b, tolerance, rebound() / (i + 1)}, last_.has_value())) return report();
       if (i > 0 && stalled()) refuse_if_ill_posed();
     }
     refuse_if_ill_posed();
@@ -81,42 +71,83 @@ class Search {
     return t > 30.0 * rounding ? t / 30.0 : (t > rounding ? rounding : 0.0);
   }
 
-  /// Clears `ladder` where fixed steps of a tick are too long for the first ticks. Returns the method of
-  /// error control that needs fewer right-hand sides there.
-  Between choose_by_stiffness(std::vector<Between>& ladder) {
+  [[nodiscard]] double rebound() const { return 0.01 * asked_; }
+
+  /// Of two passes that agree one is recorded: RK4 at scene.step, which hardly costs more than a lower order
+  /// beside the tick. The other is a rough one without records; a better one follows where it was too rough
+  /// to judge.
+  bool agree_at_step() {
+    last_.reset();
+    const bool closed = scene_.closed_loop();
+    const Resolution rough{Between::heun3, 0.0, rebound()},
+        better = closed ? Resolution{Between::dopri5, 0.0, rebound()}
+                        : Resolution{smooth() ? Between::dopri8 : Between::dopri5, asked_ / 100.0, rebound()};
+    const bool few = asked_ >= (closed ? 1e-7 : (smooth() ? inf : 1e-4));
+    (void)step(few ? rough : better, false);
+    return step({Between::rk4, 0.0, rebound()}, true) || (few && step(better, false));
+  }
+  /// Whether nothing can have an event, and no limit cuts the torque of an open loop.
+  [[nodiscard]] bool smooth() const {
+    return !set_valued(scene_.effects) && !find_effect<EndStops>(scene_.effects) &&
+           !find_effect<Backlash>(scene_.effects) && !find_effect<TorqueSaturation>(scene_.effects);
+  }
+
+  /// Sets scene.step to the longest part of a tick with which RK4 follows the first ticks, 0: none does.
+  /// Returns the method of error control that needs fewer right-hand sides there.
+  Between choose_steps() {
     const double ticks = std::min<double>(pilot_ticks, tick_count(scene_));
-    const auto effort = [&](Between b) {
-      Scene pilot = scene_;
-      pilot.duration = ticks / scene_.rate_hz;
-      pilot.resolution = {b, asked_ / 30.0, scene_.resolution.rebound_min};
+    const auto pilot = [&](Between b, double tolerance) -> std::optional<Pass> {
+      Scene s = scene_;
+      s.duration = ticks / scene_.rate_hz;
+      s.resolution = {b, tolerance, rebound()};
       try {
-        return run(pilot, false).effort;
+        return run(s, false);
       } catch (const Diverged&) {
-        Effort endless;
-        endless.evaluations = endless.steps = std::numeric_limits<long>::max() / 4;
-        return endless;
+        return std::nullopt;
       }
     };
-    const Effort of_explicit = effort(Between::dopri5);
-    if (static_cast<double>(of_explicit.steps) > 3.0 * ticks) ladder.clear();
-    if (static_cast<double>(of_explicit.evaluations) < 60.0 * ticks) return Between::dopri5;
-    return 2 * effort(Between::radau5).evaluations < of_explicit.evaluations ? Between::radau5
-                                                                             : Between::dopri5;
+    scene_.method = Method::event_driven;
+    const std::optional<Pass> exact = pilot(Between::dopri5, 0.01 * asked_);
+    scene_.step = 0.0;
+    for (const int parts : {2, 5}) {
+      if (!exact) break;
+      scene_.step = scene_.tick() / parts;
+      const std::optional<Pass> p = pilot(Between::rk4, 0.0);
+      if (p && deviation(exact->rows, p->rows, width_).all <= 0.5 * asked_) return Between::dopri5;
+      scene_.step = 0.0;
+    }
+    const std::optional<Pass> implicit = pilot(Between::radau5, asked_ / 30.0);
+    return implicit && (!exact || 2 * implicit->effort.evaluations < exact->effort.evaluations)
+               ? Between::radau5
+               : Between::dopri5;
   }
 
   Pass run(const Scene& s, bool recorded) {
     Pass p = run_(s, recorded);
+    if (s.method == Method::rk4) {  // whose engine does not count
+      p.effort.steps = static_cast<long>(steps_per_tick(s)) * tick_count(s);
+      p.effort.evaluations = 4 * p.effort.steps;
+    }
     evaluations_ += p.effort.evaluations;
     ++passes_;
     return p;
   }
 
-  /// One more pass. True: it is within what was asked.
-  bool step(const Resolution& r) {
-    scene_.resolution = r;
+  /// One more pass. True: a recorded one is within what was asked.
+  bool step(const Resolution& r, bool recorded) {
+    Scene s = scene_;
+    s.resolution = r;
+    s.method = recorded && smooth() && r.between == Between::rk4 ? Method::rk4 : Method::event_driven;
+    if (!recorded && asked_ >= 1e3 * nudge) s.start_angle[0] += nudge;  // the rest follows by closure
     Pass now;
     try {
-      now = run(scene_, true);
+      if (!recorded) now = run(s, false);
+      if (recorded || now.interrupted) {
+        take(s);
+        now = run(scene_, true);  // the recorder keeps a reference to it
+        chosen_ = s;
+        effort_ = now.effort;
+      }
       finite_ = true;
     } catch (const Diverged& e) {  // too long a step, or no solution
       failure_ = e;
@@ -138,11 +169,17 @@ class Search {
       agreed_ = close;
     }
     last_ = std::move(now);
+    latest_ = std::move(s);
     // Two coarse passes that agree have shown that small errors do not grow; two fine ones have not.
     if (met && r.tolerance > 0.0 &&
         (last_->effort.events.total() > 0 || (scene_.closed_loop() && asked_ < 1e-6)))
       refuse_if_ill_posed();
     return met;
+  }
+  void take(const Scene& s) {
+    scene_.method = s.method;
+    scene_.step = s.step;
+    scene_.resolution = s.resolution;
   }
   [[nodiscard]] bool trajectory() const { return scene_.accuracy_of == AccuracyOf::trajectory; }
   [[nodiscard]] double judged() const { return trajectory() ? deviation_.all : deviation_.end; }
@@ -151,8 +188,8 @@ class Search {
   /// A start that is off by 1e-10 must not change the result by a tenth of what is asked.
   void refuse_if_ill_posed() {
     if (!last_ || nudged_) return;
-    Scene other = scene_;
-    other.start_angle[0] += nudge;  // the rest follows by closure
+    Scene other = *latest_;
+    other.start_angle[0] += nudge;
     Deviation d;
     try {
       d = deviation(last_->rows, run(other, false).rows, width_);
@@ -168,9 +205,10 @@ class Search {
     nudged_ = true;
   }
 
-  [[nodiscard]] AccuracyReport report() const {
+  [[nodiscard]] AccuracyReport report() {
+    take(*chosen_);
     const Resolution& r = scene_.resolution;
-    const Effort& e = last_->effort;
+    const Effort& e = effort_;
     AccuracyReport out;
     out.asked = asked_;
     out.of = scene_.accuracy_of;
@@ -191,6 +229,8 @@ class Search {
   const RunPass& run_;
   std::clock_t begin_;
   std::optional<Pass> last_;
+  std::optional<Scene> latest_, chosen_;  // of last_; of the last recorded pass
+  Effort effort_;                         // of that one
   Deviation deviation_;
   double before_ = inf;
   long evaluations_ = 0;
@@ -203,7 +243,7 @@ class Search {
 
 std::uint32_t row_stride(const Scene& scene, std::uint32_t ticks) {
   if (scene.accuracy_of == AccuracyOf::trajectory) return 1;
-  return std::max(1U, ticks / 256U);
+  return std::max(1U, ticks / 64U);
 }
 
 AccuracyReport meet_accuracy(Scene& scene, std::size_t width, const RunPass& run) {

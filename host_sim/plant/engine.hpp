@@ -15,47 +15,26 @@
 namespace esmc::host {
 
 template <class Plant, class Sys, class Stepper>
-class EngineOf final : public Engine<Plant> {
+class EngineOf final : public SystemEngine<Plant, Sys> {
  public:
-  using Base = Engine<Plant>;
-  using Angles = typename Plant::Angles;
-
-  /// `plant` must outlive this. `make_stepper(system)` returns the method, which may keep the system.
+  /// `make_stepper(system)` returns the method, which may keep the system.
   template <class MakeStepper>
   EngineOf(const Plant& plant, std::unique_ptr<Attachments> attached, Method method,
            const typename Plant::State& initial, const MakeStepper& make_stepper)
-      : attached_(std::move(attached)),
-        system_(plant, *attached_),
-        stepper_(make_stepper(system_)),
-        method_(method) {
-    Sys::put(y_, initial.angle, initial.rate);
-    system_.start(y_);
-  }
-  EngineOf(const EngineOf&) = delete;
-  EngineOf& operator=(const EngineOf&) = delete;
+      : SystemEngine<Plant, Sys>(plant, std::move(attached), initial),
+        stepper_(make_stepper(this->system_)),
+        method_(method) {}
 
   void run(double t, double step, int steps, const MotorTorques<typename Plant::Joints>& torque) override {
-    system_.set_torques(torque);
-    attached_->loads.begin(t + 0.5 * step * steps);
-    for (int i = 0; i < steps; ++i) stepper_.step(t + i * step, step, y_);
+    this->system_.set_torques(torque);
+    this->attached_->loads.begin(t + 0.5 * step * steps);
+    for (int i = 0; i < steps; ++i) stepper_.step(t + i * step, step, this->y_);
   }
-  void set_plant(const Plant& plant) override { system_.set_plant(plant); }
-  void get(Angles& angle, Angles& rate) const override {
-    angle = Sys::angles(y_);
-    rate = Sys::rates(y_);
-  }
-  [[nodiscard]] double work() const override { return y_[Sys::work]; }
-  [[nodiscard]] Shaft shaft(std::size_t joint) const override { return system_.shaft(joint, y_); }
-  [[nodiscard]] std::size_t effect_states() const override { return system_.size() - Sys::work - 1; }
-  [[nodiscard]] std::vector<double> breaks() const override { return attached_->loads.breaks; }
   [[nodiscard]] Method method() const override { return method_; }
 
  private:
-  std::unique_ptr<Attachments> attached_;
-  Sys system_;
   Stepper stepper_;
   Method method_;
-  typename Sys::State y_{};
 };
 
 /// What the effects add to the mechanism. `by_event`: an integration that locates events has the stops, and

@@ -13,18 +13,16 @@
 namespace esmc::host {
 
 template <class Plant, class Inner>
-class EventEngine final : public Engine<Plant> {
+class EventEngine final : public SystemEngine<Plant, EventSystem<Plant>> {
  public:
   using Sys = EventSystem<Plant>;
   using State = typename Sys::State;
   using Guards = typename Sys::Guards;
-  using Angles = typename Plant::Angles;
   using Torques = MotorTorques<typename Plant::Joints>;
 
   EventEngine(const Plant& plant, std::unique_ptr<Attachments> attached, const std::vector<Effect>& effects,
               const Resolution& resolution, const typename Plant::State& initial)
-      : attached_(std::move(attached)),
-        system_(plant, *attached_, effects, resolution.rebound_min),
+      : SystemEngine<Plant, Sys>(plant, std::move(attached), initial, effects, resolution.rebound_min),
         inner_(system_),
         probe_(system_),
         resolution_(resolution),
@@ -32,11 +30,7 @@ class EventEngine final : public Engine<Plant> {
         crowd_(system_, {find_effect<CoulombFriction>(effects), find_effect<EndStops>(effects)}) {
     tolerance_.absolute = tolerance_.relative = resolution.tolerance;
     tolerance_.max_attempts = attempts_max;
-    Sys::put(y_, initial.angle, initial.rate);
-    system_.start(y_);
   }
-  EventEngine(const EventEngine&) = delete;
-  EventEngine& operator=(const EventEngine&) = delete;
 
   void run(double t, double step, int steps, const Torques& torque) override {
     system_.set_torques(torque);
@@ -49,15 +43,6 @@ class EventEngine final : public Engine<Plant> {
       t = to;
     }
   }
-  void set_plant(const Plant& plant) override { system_.set_plant(plant); }
-  void get(Angles& angle, Angles& rate) const override {
-    angle = Sys::angles(y_);
-    rate = Sys::rates(y_);
-  }
-  [[nodiscard]] double work() const override { return y_[Sys::work]; }
-  [[nodiscard]] Shaft shaft(std::size_t joint) const override { return system_.shaft(joint, y_); }
-  [[nodiscard]] std::size_t effect_states() const override { return system_.size() - Sys::work - 1; }
-  [[nodiscard]] std::vector<double> breaks() const override { return attached_->loads.breaks; }
   [[nodiscard]] Method method() const override { return Method::event_driven; }
   [[nodiscard]] Effort effort() const override {
     return {system_.evaluations(), steps_, system_.events(), smooth_};
@@ -199,7 +184,6 @@ class EventEngine final : public Engine<Plant> {
       crowd_.step(t + i * h, h, y_);
     }
     system_.restart();
-    system_.count_crowd();
   }
 
   /// First instant in (t, end] at which a waveform meets the drives' limit, or `end`.
@@ -228,15 +212,14 @@ class EventEngine final : public Engine<Plant> {
     return first;
   }
 
-  std::unique_ptr<Attachments> attached_;
-  Sys system_;
+  using SystemEngine<Plant, Sys>::attached_, SystemEngine<Plant, Sys>::system_, SystemEngine<Plant, Sys>::y_;
   Inner inner_, probe_;
   Resolution resolution_;
   bool smooth_, constant_ = true;
   long steps_ = 0;
   MoreauJean<Sys, Plant> crowd_;
   Tolerance tolerance_;
-  State y_{}, before_{};
+  State before_{};
   Guards first_;  // at before_
 };
 

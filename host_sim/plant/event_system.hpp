@@ -5,13 +5,11 @@
 ///   stop                      open, or in contact; a rigid one then holds its joint, one way
 ///   gear with play            which flank presses
 ///
-/// A held joint is a row  a_j = 0 with a reaction r_j in [lower, upper]:  friction allows +-T, a rigid stop
-/// one side without bound, both at once both. A soft stop that returns restitution^2 of its energy is a
-/// spring of the mean stiffness and friction that grows with the depth. So all of them are one
-/// complementarity problem
-///   r_j = lower if a_j > 0,  r_j = upper if a_j < 0,  else between
-/// at the acceleration level, whose acceleration is unique (Gauss's principle).
+/// What holds a joint: reactions.hpp. Friction allows +-T, a rigid stop one side without bound, both at once
+/// both. A soft stop that returns restitution^2 of its energy is a spring of the mean stiffness and friction
+/// that grows with the depth.
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <limits>
@@ -19,6 +17,7 @@
 #include <span>
 #include <vector>
 
+#include "host_sim/plant/reactions.hpp"
 #include "host_sim/plant/system.hpp"
 
 namespace esmc::host {
@@ -27,6 +26,7 @@ template <class Plant>
 class EventSystem : public LoadedSystem<Plant> {
  public:
   using Base = LoadedSystem<Plant>;
+  using MechanismBase = typename Base::Base;
   using typename Base::Angles, typename Base::Joints, typename Base::State;
   static constexpr auto joints = static_cast<std::size_t>(Plant::joints);
 
@@ -47,11 +47,8 @@ class EventSystem : public LoadedSystem<Plant> {
 
   /// Whether there is anything that can switch.
   [[nodiscard]] bool smooth() const {
-    for (const Mode& m : mode_)
-      if (m.dry > 0.0 || m.stop) return false;
-    for (const Drivetrain& d : this->attached().drivetrain)
-      if (d.has_play()) return false;
-    return true;
+    return std::ranges::none_of(mode_, [](const Mode& m) { return m.dry > 0.0 || m.stop; }) &&
+           std::ranges::none_of(this->attached().drivetrain, &Drivetrain::has_play);
   }
   /// Whether nothing moves while torques and loads stay.
   [[nodiscard]] bool frozen() const { return held_ > 1 && this->size() == Base::work + 1; }
@@ -72,7 +69,8 @@ class EventSystem : public LoadedSystem<Plant> {
     this->mechanism_slope(angle, rate, torque, dy);
     if (held_ == 1) {
       const Angles by = response(angle, held_joint());
-      const double r = -relative(dy, held_joint()) / Plant::joint_rates(by)[held_joint()];
+      const double r =
+          -Plant::joint_rates(Base::rates(dy))[held_joint()] / Plant::joint_rates(by)[held_joint()];
       for (std::size_t i = 0; i < by.size(); ++i) dy[Base::positions + i] += r * by[i];
     }
   }
@@ -85,16 +83,7 @@ class EventSystem : public LoadedSystem<Plant> {
     bring_to_rest(held_joint(), y);
   }
 
-  /// Values of the guards; the modes hold while none is negative.
-  struct Guards {
-    std::array<double, 6 * joints> value{};
-    std::size_t count = 0;
-    [[nodiscard]] double least() const {
-      double out = inf;
-      for (std::size_t i = 0; i < count; ++i) out = std::min(out, value[i]);
-      return out;
-    }
-  };
+  using Guards = GuardValues<6 * joints>;
   [[nodiscard]] Guards guards(double t, const State& y) const {
     Guards g;
     for_each_guard(t, y, [&](double value, auto, auto, auto) { g.value[g.count++] = value; });
@@ -166,10 +155,10 @@ class EventSystem : public LoadedSystem<Plant> {
     follow_flanks(y);
   }
   void restart() {
+    ++events_.crowded;
     for (Mode& m : mode_) m.dry_here = m.dry;
     begun_ = false;
   }
-  void count_crowd() { ++events_.crowded; }
 
  private:
   static constexpr double inf = std::numeric_limits<double>::infinity();
@@ -187,11 +176,6 @@ class EventSystem : public LoadedSystem<Plant> {
     bool held = false;
   };
 
-  [[nodiscard]] static double relative(const State& dy, std::size_t j) {
-    Angles a;
-    for (std::size_t i = 0; i < a.size(); ++i) a[i] = dy[Base::positions + i];
-    return Plant::joint_rates(a)[j];
-  }
   [[nodiscard]] Angles response(const Angles& angle, std::size_t j) const {
     Joints unit{};
     unit[j] = 1.0;
@@ -244,89 +228,46 @@ class EventSystem : public LoadedSystem<Plant> {
         if (m.touches == side && stiffness_ > 0.0) f(rounding - g, Kind::stop, j, side);
       }
     }
-    if (held_ > 0) f(reserve(t, y), Kind::held, held_joint(), 0);
+    if (held_ > 0) f(held_joints(t, y).reserve(rounding), Kind::held, held_joint(), 0);
+    for_each_play(y, [&](std::size_t k, auto contact) {
+      for (const int side : {-1, 1}) {
+        if (flank_[k] == 0) f(rounding - contact(side), Kind::flank, k, side);
+        if (flank_[k] == side) f(rounding + contact(side), Kind::flank, k, side);
+      }
+    });
+  }
+  /// Calls f(motor, contact) for each gear with play: contact(side) > 0 where that flank presses.
+  template <class F>
+  void for_each_play(const State& y, const F& f) const {
     std::size_t at = Base::work + 1;
     for (std::size_t k = 0; k < this->attached().drivetrain.size(); ++k) {
       const Drivetrain& d = this->attached().drivetrain[k];
-      const std::size_t j = this->attached().motor_joint[k];
       const auto own = std::span(y).subspan(at, d.states());
       at += d.states();
       if (!d.has_play()) continue;
-      for (const int side : {-1, 1}) {
-        if (flank_[k] == 0) f(rounding - d.contact(side, {theta[j], w[j]}, own), Kind::flank, k, side);
-        if (flank_[k] == side) f(rounding + d.contact(side, {theta[j], w[j]}, own), Kind::flank, k, side);
-      }
+      const Shaft joint = this->MechanismBase::shaft(this->attached().motor_joint[k], y);
+      f(k, [&](int side) { return d.contact(side, joint, own); });
     }
   }
 
-  /// Accelerations at the joints under reactions r: free + sum of by[k] r[k], rad/s2.
-  struct Mobility {
-    Joints free{};
-    std::array<Joints, joints> by{};
-    std::array<double, joints> lower{}, upper{};
-  };
-  /// With no reaction at the held joints; `all`: responses to the others as well.
-  [[nodiscard]] Mobility mobility(double t, const State& y) const {
+  /// The held joints at (t, y), with no reaction in `free`.
+  [[nodiscard]] HeldJoints<Joints> held_joints(double t, const State& y) const {
     ++evaluations_;
     State dy{};
     const Angles angle = Base::angles(y), rate = Base::rates(y);
     const Joints theta = Plant::joint_angles(angle);
     Joints torque = this->joint_torque(t, y, dy, angle, rate, theta, Plant::joint_rates(rate));
-    Mobility m;
+    HeldJoints<Joints> h;
     for (std::size_t j = 0; j < joints; ++j) {
       torque[j] += contact_torque(j, theta[j]);
       if (!mode_[j].held) continue;
-      m.by[j] = Plant::joint_rates(response(angle, j));
-      m.lower[j] = lower(j, theta[j]);
-      m.upper[j] = upper(j, theta[j]);
+      h.add(j);
+      h.by[j] = Plant::joint_rates(response(angle, j));
+      h.lower[j] = lower(j, theta[j]);
+      h.upper[j] = upper(j, theta[j]);
     }
-    m.free = Plant::joint_rates(this->plant().acceleration(angle, rate, torque));
-    return m;
-  }
-
-  /// What is left, N m, until the held joints give way. One: of its reaction. Two and more (reactions may be
-  /// indeterminate): the loads that they can hold are a polygon, one pair of edges per held joint (a sum of
-  /// segments); this is the distance to the nearest edge.
-  [[nodiscard]] double reserve(double t, const State& y) const {
-    const Mobility m = mobility(t, y);
-    if (held_ > 1) return polygon_reserve(m);
-    const std::size_t j = held_joint();
-    const double r = -m.free[j] / m.by[j][j];
-    return std::min(m.upper[j] - r, r - m.lower[j]) + slack(m, j);
-  }
-  /// Rounding of a reaction.
-  [[nodiscard]] static double slack(const Mobility& m, std::size_t j) {
-    const auto finite = [](double v) { return std::isfinite(v) ? std::abs(v) : 0.0; };
-    return rounding * (finite(m.lower[j]) + finite(m.upper[j]) + 1e-3);
-  }
-  [[nodiscard]] double polygon_reserve(const Mobility& m) const {
-    std::size_t p = 0, q = 1;  // the best pair of joints for coordinates
-    double best = 0.0;
-    for (std::size_t i = 0; i < joints; ++i) {
-      for (std::size_t k = i + 1; k < joints; ++k) {
-        if (!mode_[i].held || !mode_[k].held) continue;
-        const double minor = std::abs(m.by[i][i] * m.by[k][k] - m.by[i][k] * m.by[k][i]);
-        if (minor > best) best = minor, p = i, q = k;
-      }
-    }
-    double least = 1e3;
-    for (std::size_t e = 0; e < joints; ++e) {
-      if (!mode_[e].held) continue;
-      for (const double sign : {-1.0, 1.0}) {
-        const double nx = -sign * m.by[e][q], ny = sign * m.by[e][p];
-        double reach = nx * m.free[p] + ny * m.free[q], scale = 0.0;  // less the load -free
-        double rounded = 0.0;
-        for (std::size_t k = 0; k < joints; ++k) {
-          if (!mode_[k].held || k == e) continue;
-          const double along = nx * m.by[k][p] + ny * m.by[k][q];
-          if (along != 0.0) reach += along * (along > 0.0 ? m.upper[k] : m.lower[k]);
-          rounded += std::abs(along) * slack(m, k);
-          scale = std::max(scale, std::abs(along));
-        }
-        if (scale > 0.0) least = std::min(least, (reach + rounded) / scale);
-      }
-    }
-    return least;
+    h.free = Plant::joint_rates(this->plant().acceleration(angle, rate, torque));
+    return h;
   }
 
   /// Whether a joint without rate may be held. Beside a held one, the others share one degree of freedom: if
@@ -376,17 +317,9 @@ class EventSystem : public LoadedSystem<Plant> {
     hold_what_rests(y);
   }
   void follow_flanks(const State& y) {
-    const Joints theta = Plant::joint_angles(Base::angles(y)), w = Plant::joint_rates(Base::rates(y));
-    std::size_t at = Base::work + 1;
-    for (std::size_t k = 0; k < this->attached().drivetrain.size(); ++k) {
-      const Drivetrain& d = this->attached().drivetrain[k];
-      const std::size_t j = this->attached().motor_joint[k];
-      flank_[k] = 0;
-      for (const int side : {-1, 1})
-        if (d.has_play() && d.contact(side, {theta[j], w[j]}, std::span(y).subspan(at, d.states())) > 0.0)
-          flank_[k] = side;
-      at += d.states();
-    }
+    for_each_play(y, [&](std::size_t k, auto contact) {
+      flank_[k] = contact(-1) > 0.0 ? -1 : (contact(1) > 0.0 ? 1 : 0);
+    });
   }
   /// Joints at rest that friction or a stop may hold.
   void hold_what_rests(State& y) {
@@ -402,13 +335,7 @@ class EventSystem : public LoadedSystem<Plant> {
   void collide(double t, State& y) {
     const Angles angle = Base::angles(y);
     const Joints theta = Plant::joint_angles(angle), before = Plant::joint_rates(Base::rates(y));
-    struct Row {
-      std::size_t joint;
-      int side;
-      double rebound;
-      Angles by;
-    };
-    std::vector<Row> rows;
+    std::vector<StopImpact<Angles>> rows;
     for (std::size_t j = 0; j < joints; ++j) {
       mode_[j].held = false;
       if (!mode_[j].stop) continue;
@@ -420,9 +347,9 @@ class EventSystem : public LoadedSystem<Plant> {
       }
     }
     held_ = 0;
-    const Mobility m = mobility(t, y);
-    for (Row& r : rows) {  // the last bounce
-      const double push = r.side * m.free[r.joint];
+    const Joints free = held_joints(t, y).free;
+    for (auto& r : rows) {  // the last bounce
+      const double push = r.side * free[r.joint];
       if (r.rebound > 0.0 && r.rebound * r.rebound < rebound_min_ * std::max(push, 0.0)) {
         r.rebound = 0.0;
         ++events_.accumulated;
@@ -430,111 +357,32 @@ class EventSystem : public LoadedSystem<Plant> {
     }
     ++events_.impact;
     Angles after = Base::rates(y);
-    y[Base::work] += push_back(rows, before, after);
+    y[Base::work] += push_back<Plant>(rows, before, after);
     put_rates(y, after);
     const Joints w = Plant::joint_rates(after);
-    for (const Row& r : rows)
+    for (const auto& r : rows)
       if (std::abs(w[r.joint]) <= 10.0 * rounding) mode_[r.joint].touches = r.side;
     for (std::size_t j = 0; j < joints; ++j) mode_[j].moves = w[j] > 0.0 ? 1 : -1;
     hold_what_rests(y);
   }
-  /// Impulses of at most two stops; returns their work.
-  template <class Rows>
-  static double push_back(const Rows& rows, const Joints& before, Angles& after) {
-    const Angles start = after;
-    double least = inf, work = 0.0;
-    for (unsigned active = 0; active < 1U << rows.size(); ++active) {
-      std::array<double, 4> p{};
-      Angles rate = start;
-      const auto w = [&](std::size_t i) {
-        return rows[i].side * Plant::joint_rates(rate)[rows[i].joint] + rows[i].rebound;  // <= 0 is allowed
-      };
-      for (int sweep = 0; sweep < 200; ++sweep) {  // both at once, by relaxation; one needs one sweep
-        for (std::size_t i = 0; i < rows.size(); ++i) {
-          if ((active >> i & 1U) == 0) continue;
-          const double d = -w(i) / (rows[i].side * Plant::joint_rates(rows[i].by)[rows[i].joint]);
-          p[i] += d;
-          for (std::size_t k = 0; k < rate.size(); ++k) rate[k] += d * rows[i].by[k];
-        }
-      }
-      double wrong = 0.0, done = 0.0;
-      const Joints now = Plant::joint_rates(rate);
-      for (std::size_t i = 0; i < rows.size(); ++i) {
-        wrong = std::max({wrong, w(i), rows[i].side * p[i] > 0.0 ? std::abs(p[i]) : 0.0});
-        done += 0.5 * p[i] * (before[rows[i].joint] + now[rows[i].joint]);
-      }
-      if (wrong >= least) continue;
-      least = wrong;
-      after = rate;
-      work = done;
-    }
-    return work;
-  }
 
-  /// Which of the held joints stay, and which way the others go. Every assignment is tried; the one that
-  /// violates its conditions least is the solution, unique in its accelerations. The load is raised by 1e-9
-  /// so that a joint exactly at its limit gives way.
+  /// Which of the held joints stay, and which way the others go. The load is raised by 1e-9 so that a joint
+  /// exactly at its limit gives way.
   void settle(double t, State& y) {
     hold_what_rests(y);
     if (held_ == 0) return;
     constexpr double raised = 1.0 + 1e-9;
-    Mobility m = mobility(t, y);
-    for (double& a : m.free) a *= raised;
-    std::vector<std::size_t> rows;
-    double scale = 0.0;
-    for (std::size_t j = 0; j < joints; ++j) {
-      if (mode_[j].held) rows.push_back(j);
-      scale = std::max(scale, std::abs(m.free[j]));
-    }
-    std::size_t patterns = 1;
-    for (std::size_t i = 0; i < rows.size(); ++i) patterns *= 3;
-    double least = inf;
-    std::array<int, joints> chosen{};
-    for (std::size_t p = 0; p < patterns; ++p) {
-      std::array<int, joints> way{};
-      std::size_t rest = p;
-      for (const std::size_t j : rows) {
-        way[j] = static_cast<int>(rest % 3) == 2 ? -1 : static_cast<int>(rest % 3);
-        rest /= 3;
-      }
-      const double wrong = violation(m, rows, way);
-      if (wrong >= least - 1e-15 * scale) continue;
-      least = wrong;
-      chosen = way;
-    }
-    for (const std::size_t j : rows) {
-      if (chosen[j] == 0) continue;
+    HeldJoints<Joints> h = held_joints(t, y);
+    for (double& a : h.free) a *= raised;
+    const std::array<int, joints> way = h.directions(rounding);
+    for (const std::size_t j : h.held()) {
+      if (way[j] == 0) continue;
       mode_[j].held = false;
-      mode_[j].moves = chosen[j];
-      if (stiffness_ == 0.0 && mode_[j].touches == -chosen[j]) mode_[j].touches = 0, ++events_.contact;
+      mode_[j].moves = way[j];
+      if (stiffness_ == 0.0 && mode_[j].touches == -way[j]) mode_[j].touches = 0, ++events_.contact;
       --held_;
       ++events_.slip;
     }
-  }
-  /// How far, rad/s2, an assignment (0: held, or its direction) is from a solution.
-  [[nodiscard]] double violation(const Mobility& m, const std::vector<std::size_t>& rows,
-                                 const std::array<int, joints>& way) const {
-    Joints a = m.free;
-    std::size_t held = 0, j = 0;
-    for (const std::size_t k : rows) {
-      if (way[k] == 0) {
-        ++held;
-        j = k;
-        continue;
-      }
-      const double r = way[k] > 0 ? m.lower[k] : m.upper[k];
-      if (!std::isfinite(r)) return inf;
-      for (std::size_t i = 0; i < joints; ++i) a[i] += r * m.by[k][i];
-    }
-    if (held > 1) return held < rows.size() ? inf : std::max(0.0, -polygon_reserve(m)) * m.by[j][j];
-    double wrong = 0.0;
-    if (held == 1) {
-      const double r = -a[j] / m.by[j][j];
-      wrong = std::max({0.0, r - m.upper[j], m.lower[j] - r}) * m.by[j][j];
-      for (std::size_t i = 0; i < joints; ++i) a[i] += r * m.by[j][i];
-    }
-    for (const std::size_t k : rows) wrong = std::max(wrong, -way[k] * a[k]);
-    return wrong;
   }
 
   std::array<Mode, joints> mode_{};

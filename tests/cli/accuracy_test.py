@@ -64,6 +64,15 @@ class Accuracy(unittest.TestCase):
         self.assertNotEqual(run["integrator"], "radau5")
         self.assertGreater(run["accuracy"]["step"], 9e-4)  # one step per tick
 
+    def test_two_passes_suffice_and_one_is_the_run_by_hand(self):
+        circle = ("five_bar_circle.toml", "simulation.duration=0.3")
+        hand = self.run_sim(*circle, "simulation.integrator=rk4", "simulation.step=1e-3")
+        for asked in ("1e-4", "1e-6"):
+            run = self.run_sim(*circle, f"simulation.accuracy={asked}")
+            self.assertEqual((run["digest"], run["integrator"]), (hand["digest"], "rk4"))
+            a = run["accuracy"]
+            self.assertEqual((a["passes"], a["evaluations"]), (2, 300 * (3 + 4)))  # Heun's method of order 3, and RK4
+
     def test_every_row_of_a_trajectory(self):
         stops = '{type="end_stops",lower=[-1.0,-0.5],upper=[1.0,2.0],restitution=0.4}'
         rows = {}
