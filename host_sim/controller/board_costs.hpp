@@ -29,32 +29,32 @@ struct Cost {
 // Measured by the emulator, and written by `tests/boards/board_test.py count ... --update`.
 inline constexpr Cost costs_float[] = {
     // <!-- costs mps2-an386 -->
-    {"esmc", 3051, 0},
-    {"esmc_projected", 2906, 0},
-    {"smc", 2841, 0},
-    {"ctc", 2800, 0},
-    {"pd", 2386, 0},
-    {"super_twisting", 2334, 3200},
-    {"implicit_coupled", 11250, 5896},
-    {"momentum_observer", 1849, 3576},
+    {"esmc", 3080, 0},
+    {"esmc_projected", 2923, 0},
+    {"smc", 2858, 0},
+    {"ctc", 2817, 0},
+    {"pd", 2403, 0},
+    {"super_twisting", 2333, 3208},
+    {"implicit_coupled", 11251, 5904},
+    {"momentum_observer", 1851, 3576},
     {"predictor", 4150, 3632},
-    {"closure_projection", 2615, 2440},
-    {"four_motors", 4309, 9632},
+    {"closure_projection", 2570, 2440},
+    {"four_motors", 4305, 9632},
     // <!-- /costs mps2-an386 -->
 };
 inline constexpr Cost costs_double[] = {
     // <!-- costs mps2-an500 -->
-    {"esmc", 4228, 0},
-    {"esmc_projected", 3785, 0},
-    {"smc", 3413, 0},
-    {"ctc", 3368, 0},
-    {"pd", 2762, 0},
-    {"super_twisting", 3277, 3432},
-    {"implicit_coupled", 11600, 5144},
-    {"momentum_observer", 2847, 3608},
-    {"predictor", 5876, 2976},
-    {"closure_projection", 3043, 1912},
-    {"four_motors", 4165, 9232},
+    {"esmc", 4535, 0},
+    {"esmc_projected", 3896, 0},
+    {"smc", 3465, 0},
+    {"ctc", 3420, 0},
+    {"pd", 2814, 0},
+    {"super_twisting", 3276, 3424},
+    {"implicit_coupled", 11600, 5136},
+    {"momentum_observer", 2847, 3600},
+    {"predictor", 5876, 2968},
+    {"closure_projection", 2991, 1912},
+    {"four_motors", 4158, 9232},
     // <!-- /costs mps2-an500 -->
 };
 
