@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "firmware/types.hpp"
 #include "host_sim/record/log.hpp"
 #include "host_sim/scene/scene.hpp"
 
@@ -30,6 +31,16 @@ struct Moment {
   std::uint32_t tick = 0;
   std::vector<double> angle, rate;  ///< of all joints, rad and rad/s
 };
+
+/// Rates of all joints, rad/s, in the order of the model.
+template <class M>
+Vec<double, M::joints> joints_of(const typename M::Rates& r) {
+  if constexpr (M::joints == 4) {
+    return Vec<double, 4>(r.leg[0][0], r.leg[0][1], r.leg[1][0], r.leg[1][1]);
+  } else {
+    return r;
+  }
+}
 
 /// Smallest margins and largest demands along the reference, or at the start.
 struct Margins {
