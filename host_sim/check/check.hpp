@@ -16,8 +16,7 @@ int run_check(const RunOptions& o);
 std::string refusal_of(const Scene& scene, bool on_bus = true);
 
 /// `esmc margins`: by how much loop gain, phase and delay may grow before the sampled loop rings, at poses
-/// along the reference. Exit status 1: it rings as it is. Throws InputError where no law closes the loop, or
-/// the reference leaves the reach.
+/// along the reference. Throws InputError where no law closes the loop, or the reference leaves the reach.
 int run_margins(const RunOptions& o);
 
 /// Delay from the instant of a tick to the effect of its torque, s: compute_delay and, with bit_timing, from
