@@ -19,10 +19,6 @@ std::string refusal_of(const Scene& scene, bool on_bus = true);
 /// along the reference. Throws InputError where no law closes the loop, or the reference leaves the reach.
 int run_margins(const RunOptions& o);
 
-/// Delay from the instant of a tick to the effect of its torque, s: compute_delay and, with bit_timing, from
-/// sample to torque at worst.
-[[nodiscard]] double torque_delay(const Scene& scene);
-
 /// Adds hints at lengths, angles and steps that would make sense in another unit.
 void judge_units(const Scene& scene, Findings& f);
 /// Adds findings on the disturbance observer and, for sliding laws, on gains, lambda, the delay that the law

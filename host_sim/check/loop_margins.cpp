@@ -55,6 +55,29 @@ std::vector<Effect> smooth_effects(const Scene& scene) {
   return out;
 }
 
+/// The states x of linear_plant as the integrators have them; zeros where the pose is out of reach.
+template <class World, class System, class M>
+typename System::State state_of(const Scene& scene, const System& system, const M& mechanism,
+                                const VectorXd& x) {
+  using Plant = typename World::Plant;
+  typename System::State y{};
+  typename Plant::Joints angle{}, rate{};
+  const auto d =
+      desired_at_effector(mechanism, mode_of(scene, static_cast<M*>(nullptr)), Vec2<double>(x.head<2>()),
+                          Vec2<double>(x.segment<2>(2)), Vec2<double>::Zero().eval());
+  if (!d) return y;  // not within a difference of a pose that is regular
+  const auto every = M::angles(d->pose), speed = joints_of<M>(d->rates);
+  for (int i = 0; i < M::joints; ++i) {
+    angle[static_cast<std::size_t>(i)] = every[i];
+    rate[static_cast<std::size_t>(i)] = speed[i];
+  }
+  const typename Plant::State bars = Plant::from_joints(angle, rate);
+  System::put(y, bars.angle, bars.rate);
+  system.start(y);
+  for (Eigen::Index i = 4; i < x.size(); ++i) y[System::work + 1 + static_cast<std::size_t>(i - 4)] = x[i];
+  return y;
+}
+
 /// The plant at rest: from motor torques to angle and rate at each sensor, in continuous time. States:
 /// position and velocity of the effector, which are regular at type 2, then those of the drivetrains.
 template <class World>
@@ -70,31 +93,13 @@ StateSpace linear_plant(const Scene& scene, const Moment& at) {
   attached->loads.begin(t);
   System system(plant, *attached);
   const M mechanism = make_mechanism(scene.mechanism, static_cast<M*>(nullptr));
-  const auto mode = mode_of(scene, static_cast<M*>(nullptr));
   const auto motors = static_cast<Eigen::Index>(scene.motors());
   const auto drives = static_cast<Eigen::Index>(system.size() - System::work - 1);
   constexpr std::size_t of_drives = System::work + 1;
 
-  const auto state = [&](const VectorXd& x) {
-    typename System::State y{};
-    typename Plant::Joints angle{}, rate{};
-    const auto d = desired_at_effector(mechanism, mode, Vec2<double>(x.head<2>()),
-                                       Vec2<double>(x.segment<2>(2)), Vec2<double>::Zero().eval());
-    if (!d) return y;  // not within a difference of a pose that is regular
-    const auto every = M::angles(d->pose), speed = joints_of<M>(d->rates);
-    for (int i = 0; i < M::joints; ++i) {
-      angle[static_cast<std::size_t>(i)] = every[i];
-      rate[static_cast<std::size_t>(i)] = speed[i];
-    }
-    const typename Plant::State bars = Plant::from_joints(angle, rate);
-    System::put(y, bars.angle, bars.rate);
-    system.start(y);
-    for (Eigen::Index i = 4; i < x.size(); ++i) y[of_drives + static_cast<std::size_t>(i - 4)] = x[i];
-    return y;
-  };
   const Eigen::Index n = 4 + drives;
   const auto slope = [&](const VectorXd& xu) {  // of the states, then the outputs
-    const typename System::State y = state(xu.head(n));
+    const typename System::State y = state_of<World>(scene, system, mechanism, xu.head(n));
     typename System::State dy{};
     MotorTorques<typename Plant::Joints> torque{};
     for (std::size_t i = 0; i < static_cast<std::size_t>(motors); ++i)
@@ -117,7 +122,7 @@ StateSpace linear_plant(const Scene& scene, const Moment& at) {
 
   VectorXd x = VectorXd::Zero(n + motors);
   x.head<2>() = mechanism.pose(Vec<double, M::joints>(at.angle.data())).effector;
-  const typename System::State y = state(x.head(4));
+  const typename System::State y = state_of<World>(scene, system, mechanism, x.head(4));
   for (Eigen::Index i = 4; i < n; ++i) x[i] = y[of_drives + static_cast<std::size_t>(i - 4)];
   constexpr double by = 1e-6;
   for (int pass = 0; pass < 3; ++pass) {  // the torques and the twist of the gears that hold the pose
@@ -154,14 +159,11 @@ StateSpace linear_sensors(const Scene& scene, std::size_t count) {
   return series(all, delay_line(static_cast<Eigen::Index>(2 * count), delay));
 }
 
-/// The controller at rest on the pose, tick by tick: from readings to the torques of the motors. Its
-/// reference is the pose as it sees it, so that a wrong model leaves no error. Throws RunError where it does
-/// not run there.
+/// The controller of the scene without limits, holding the effector where it is.
 template <class M>
-StateSpace linear_controller(const Scene& scene, const Moment& at) {
-  const auto reference = make_reference(scene, Pacing::lockstep);
+ControllerConfig<M> resting_controller(const Scene& scene, const ReferenceBundle<double>& reference) {
   ControllerConfig<M> c = make_controller<M>(scene, Pacing::lockstep, reference);
-  c.reference = {};  // holds the effector where it is
+  c.reference = {};
   c.join_ticks = c.ramp_ticks = 0;
   c.sign_test_move = 0.0;
   c.limits = {};
@@ -172,6 +174,16 @@ StateSpace linear_controller(const Scene& scene, const Moment& at) {
     c.gains.layer = c.gains.k * c.sample_time;
     c.gains.independent.layer = c.gains.independent.k * c.sample_time;
   }
+  return c;
+}
+
+/// The controller at rest on the pose, tick by tick: from readings to the torques of the motors. Its
+/// reference is the pose as it sees it, so that a wrong model leaves no error. Throws RunError where it does
+/// not run there.
+template <class M>
+StateSpace linear_controller(const Scene& scene, const Moment& at) {
+  const auto reference = make_reference(scene, Pacing::lockstep);
+  const ControllerConfig<M> c = resting_controller<M>(scene, reference);
   Sample<M> sample;
   for (int i = 0; i < M::joints; ++i) sample.angle[i] = at.angle[static_cast<std::size_t>(i)];
   Controller<M> controller(c);

@@ -68,6 +68,10 @@ Margins start_margins(const Scene& scene);
 /// The state on the reference, without join; empty: out of reach.
 std::optional<Moment> moment_at(const Scene& scene, std::uint32_t tick);
 
+/// Delay from the instant of a tick to the effect of its torque, s: compute_delay and, with bit_timing, from
+/// sample to torque at worst.
+[[nodiscard]] double torque_delay(const Scene& scene);
+
 /// Columns of check.csv: what the reference asks of each joint and motor, tick by tick.
 std::vector<std::string> check_columns(const Scene& scene);
 

@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "host_sim/check/check.hpp"
 #include "host_sim/controller/controller_config.hpp"
 #include "host_sim/loop/run.hpp"
 #include "host_sim/record/verdict.hpp"

@@ -1,4 +1,5 @@
 #include "host_sim/check/check.hpp"
+#include "host_sim/check/margins.hpp"
 
 #include <algorithm>
 #include <cmath>
