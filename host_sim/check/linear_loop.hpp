@@ -3,10 +3,12 @@
 /// throughout, so that stability is an eigenvalue and nothing has to be counted along a curve.
 
 #include <Eigen/Dense>
+#include <algorithm>
 #include <cmath>
 #include <complex>
 #include <numbers>
 #include <optional>
+#include <vector>
 
 namespace esmc::host {
 
