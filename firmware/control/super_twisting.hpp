@@ -78,6 +78,13 @@ class SuperTwisting {
     return w;
   }
 
+  /// Calls f on each vector that a later step reads, to linearise the law.
+  template <class F>
+  void each_state(const F& f) {
+    for (Vec2<S>* v : {&z_, &before_, &last_, &phi_}) f(*v);
+    for (int k = 0; k <= most_delay; ++k) f(acted_[k]);
+  }
+
   /// The integral: disturbance that is compensated, unit of s / s. Undefined from reset() to the next step().
   [[nodiscard]] const Vec2<S>& integral() const { return z_; }
 

@@ -53,6 +53,8 @@ class Controller {
 
   /// The generator of set points; its motion replaces the reference while it is active.
   [[nodiscard]] SetpointGenerator<S>& setpoints() { return setpoints_; }
+  /// Memory of the optional parts, valid once under the law; to linearise the controller.
+  [[nodiscard]] PartMemory<M>& memory() { return memory_; }
   /// True if the mechanism has a pose at this finite position: effector (m) or base joints (rad), as in the
   /// reference. Neither limits nor the way there are checked.
   [[nodiscard]] bool reachable(const Vec2<S>& position) const;

@@ -36,6 +36,13 @@ struct PartMemory {
     whole = as_asked;
     if (ticks < depth) ++ticks;
   }
+  /// Calls f on each vector that a later tick reads, to linearise the controller.
+  template <class F>
+  void each_state(const F& f) {
+    for (int k = 0; k < depth; ++k) f(sent[k]);
+    for (Vec2<S>* v : {&asked, &momentum, &disturbance}) f(*v);
+    twisting.each_state(f);
+  }
   /// Returns to the state before the first tick.
   void reset() {
     ticks = 0;

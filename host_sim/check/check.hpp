@@ -15,6 +15,10 @@ int run_check(const RunOptions& o);
 /// not: also one about torque or gain margins that are used up, or what a bus cannot carry. Empty: none.
 std::string refusal_of(const Scene& scene, bool on_bus = true);
 
+/// `esmc margins`: by how much loop gain, phase and delay may grow before the sampled loop rings, at poses
+/// along the reference. Throws InputError where no law closes the loop, or the reference leaves the reach.
+int run_margins(const RunOptions& o);
+
 /// Adds hints at lengths, angles and steps that would make sense in another unit.
 void judge_units(const Scene& scene, Findings& f);
 /// Adds findings on the disturbance observer and, for sliding laws, on gains, lambda, the delay that the law

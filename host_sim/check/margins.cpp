@@ -80,16 +80,6 @@ void add_motion(const typename M::Pose& pose, const Vec2<double>& rates, Margins
   }
 }
 
-/// Of all joints, in the order of the model.
-template <class M>
-Vec<double, M::joints> joints_of(const typename M::Rates& r) {
-  if constexpr (M::joints == 4) {
-    return Vec<double, 4>(r.leg[0][0], r.leg[0][1], r.leg[1][0], r.leg[1][1]);
-  } else {
-    return r;
-  }
-}
-
 template <class World>
 class Follower {
  public:

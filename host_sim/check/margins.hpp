@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "firmware/types.hpp"
 #include "host_sim/record/log.hpp"
 #include "host_sim/scene/scene.hpp"
 
@@ -30,6 +31,16 @@ struct Moment {
   std::uint32_t tick = 0;
   std::vector<double> angle, rate;  ///< of all joints, rad and rad/s
 };
+
+/// Rates of all joints, rad/s, in the order of the model.
+template <class M>
+Vec<double, M::joints> joints_of(const typename M::Rates& r) {
+  if constexpr (M::joints == 4) {
+    return Vec<double, 4>(r.leg[0][0], r.leg[0][1], r.leg[1][0], r.leg[1][1]);
+  } else {
+    return r;
+  }
+}
 
 /// Smallest margins and largest demands along the reference, or at the start.
 struct Margins {
@@ -56,6 +67,10 @@ Margins start_margins(const Scene& scene);
 
 /// The state on the reference, without join; empty: out of reach.
 std::optional<Moment> moment_at(const Scene& scene, std::uint32_t tick);
+
+/// Delay from the instant of a tick to the effect of its torque, s: compute_delay and, with bit_timing, from
+/// sample to torque at worst.
+[[nodiscard]] double torque_delay(const Scene& scene);
 
 /// Columns of check.csv: what the reference asks of each joint and motor, tick by tick.
 std::vector<std::string> check_columns(const Scene& scene);

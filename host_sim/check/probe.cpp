@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "host_sim/bus/response.hpp"
 #include "host_sim/controller/controller_config.hpp"
 #include "host_sim/loop/run.hpp"
 #include "host_sim/record/verdict.hpp"
@@ -25,6 +24,7 @@ struct Shift {
 /// The scene from a moment on its reference, in motion with it.
 Scene part_of(const Scene& scene, const Moment& from, std::uint32_t ticks) {
   Scene s = scene;
+  s.whole = std::make_shared<const Scene>(scene);
   s.duration = ticks * s.tick();
   s.reference.first_tick = from.tick;
   s.reference.join = 0.0;
@@ -34,10 +34,8 @@ Scene part_of(const Scene& scene, const Moment& from, std::uint32_t ticks) {
   for (Effect& e : s.effects) std::visit(Shift{from.tick * s.tick()}, e);
   std::erase_if(s.effects, acts_on_bus);
   if (find_effect<BitTiming>(scene.effects)) {
-    const double bus = analyse_bus(scene).loop_s.value_or(s.tick());
-    const auto late = find_effect<ComputeDelay>(s.effects);
     std::erase_if(s.effects, [](const Effect& e) { return std::holds_alternative<ComputeDelay>(e); });
-    s.effects.emplace_back(ComputeDelay{bus + (late ? late->time : 0.0)});
+    s.effects.emplace_back(ComputeDelay{torque_delay(scene)});
   }
   if (s.accuracy) {
     const bool stiff = find_effect<JointFlexibility>(s.effects) || find_effect<Backlash>(s.effects);
@@ -88,6 +86,7 @@ std::vector<ProbePart> probe_scene(const Scene& scene, const Margins& m) {
   const std::uint32_t last = m.ticks, join = make_reference(scene, Pacing::lockstep).join_ticks;
   if (last <= join + probe_ticks) {
     Scene whole = scene;
+    whole.whole = std::make_shared<const Scene>(scene);
     whole.duration = std::min(last, probe_ticks) * scene.tick();
     return {run_part(whole, 0)};
   }

@@ -1,4 +1,5 @@
 #include "host_sim/check/check.hpp"
+#include "host_sim/check/margins.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -19,14 +20,15 @@ struct Delay {
 };
 Delay delay_of(const Scene& s) {
   Delay d;
-  if (const auto e = find_effect<ComputeDelay>(s.effects)) d.certain += e->time * s.rate_hz;
+  const auto late = find_effect<ComputeDelay>(s.effects);
+  d.certain = (late ? late->time : 0.0) * s.rate_hz;
+  d.bus = torque_delay(s) * s.rate_hz - d.certain;
   if (const auto e = find_effect<SensorDelay>(s.effects)) d.certain += e->ticks;
   const auto encoder = find_effect<Encoder>(s.effects);
   const auto noise = find_effect<SensorNoise>(s.effects);
   // Two poles at the bandwidth: each is late by its inverse.
   if (encoder || noise) d.lag += 2.0 / (encoder ? encoder->bandwidth : noise->bandwidth) * s.rate_hz;
   if (const auto e = find_effect<TorqueLag>(s.effects)) d.lag += e->time_constant * s.rate_hz;
-  if (find_effect<BitTiming>(s.effects)) d.bus = analyse_bus(s).loop_s.value_or(s.tick()) * s.rate_hz;
   return d;
 }
 
@@ -53,6 +55,12 @@ void judge_observer(const Scene& s, const Delay& d, Findings& f) {
 }
 
 }  // namespace
+
+double torque_delay(const Scene& s) {
+  const auto late = find_effect<ComputeDelay>(s.effects);
+  const bool bus = find_effect<BitTiming>(s.effects).has_value();
+  return (late ? late->time : 0.0) + (bus ? analyse_bus(s).loop_s.value_or(s.tick()) : 0.0);
+}
 
 void judge_gains(const Scene& s, Findings& f) {
   const Delay d = delay_of(s);

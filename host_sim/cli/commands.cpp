@@ -207,6 +207,14 @@ void add_scene_commands(Program& p) {
   add_out(check, check_options.out, "scene.toml and check.csv: the torques along the reference");
   add_json(check, check_options.json);
 
+  const auto [loop, loop_options] =
+      add(p, "margins",
+          "gain, phase and delay that the sampled loop bears beyond its own, and where it would ring",
+          run_margins);
+  add_scene(loop, loop_options);
+  add_out(loop, loop_options.out, "scene.toml and margins.json");
+  add_json(loop, loop_options.json);
+
   const auto [bake, bake_options] = add(
       p, "bake", "a scene as the constants of a board's image (C++); scenes that check refuses are refused",
       run_bake, Signals::end);

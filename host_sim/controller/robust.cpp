@@ -248,7 +248,7 @@ ControllerConfig<M> make_controller(const Scene& scene, Pacing pacing,
   ControllerConfig<M> c = controller_without_design<M>(scene, pacing, reference);
   if (!scene.robust_gain) return c;
   using Designed = std::conditional_t<M::has_type2, FiveBar<double>, Rr<double>>;
-  const Gains<Designed> d = robust_gains<Designed>(scene, pacing).gains;
+  const Gains<Designed> d = robust_gains<Designed>(scene.whole ? *scene.whole : scene, pacing).gains;
   c.gains.k = d.k.template cast<S>();
   c.gains.layer = d.layer.template cast<S>();
   c.gains.independent.k = static_cast<S>(d.independent.k);

@@ -1,6 +1,7 @@
 #pragma once
 /// The drive's reading of its shaft, with encoder, noise, bias and delay.
 
+#include <array>
 #include <cmath>
 #include <deque>
 #include <numbers>
@@ -70,6 +71,11 @@ class ShaftSensor {
     now = waiting_.front();
     waiting_.pop_front();
     return now;
+  }
+
+  /// What the next reading depends on but for the delay, turns and turns/s; to linearise the sensor.
+  [[nodiscard]] std::array<double*, 4> states() {
+    return {&previous_.position_rev, &previous_.velocity_rev_s, &position_, &velocity_};
   }
 
  private:

@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
@@ -166,6 +167,7 @@ struct Scene {
   PerKind lambda, gain, layer;  ///< 1/s; m/s2, rad/s2 (super_twisting: per s more); m/s, rad/s
   bool robust_gain = false;     ///< one gain per channel, designed for `uncertainty`; `gain` is then 0
   std::optional<UncertaintyScene> uncertainty;
+  std::shared_ptr<const Scene> whole;  ///< gains are designed for it; null: for this scene, no part of one
   std::optional<double> kp, kd;
   std::optional<double> torque_ramp;  ///< s; unset: 0 in sim and lockstep, 0.2 in real time
   std::optional<double> delay_ticks;  ///< unset: 0 in sim and lockstep, 2 in real time

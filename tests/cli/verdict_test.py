@@ -98,6 +98,43 @@ class Verdicts(unittest.TestCase):
                        ["control.law=ctc", "control.lambda=600", 'effects=[{type="encoder", bits=16}]']):
             self.judged([join, "simulation.duration=1.5", *values], "error", "loop_rings")
 
+    def test_parts_run_with_the_gains_of_the_whole(self):
+        """smc has one gain, so that the designed one can be given as a number."""
+        robust, smc = Path(SCENES, "five_bar_robust.toml"), "control.law=smc"
+        gain = json.loads(esmc("design", robust, "--json", *sets(smc)).stdout)["gain_independent"]
+        parts = [self.check(robust, smc, *more)["simulated"] for more in ([], [f"control.gain={gain!r}"])]
+        for designed, given in zip(*parts, strict=True):
+            for key in ("t", "mean_change_share", "max_error_m"):
+                self.assertAlmostEqual(designed[key], given[key], delta=1e-6 * abs(given[key]), msg=key)
+
+    def margins(self, *values):
+        run = esmc("margins", self.circle, "--json", *sets(*values))
+        self.assertEqual((run.stderr, run.returncode), ("", 0))
+        return json.loads(run.stdout)
+
+    def test_margins_of_loops_that_are_known(self):
+        """Two integrators under 2 lambda e' + lambda^2 e, held over a tick T, ring at half the sample rate with 1 / (lambda T) times the gain."""
+        for rate in (500, 1000):
+            m = self.margins("control.law=ctc", "control.lambda=40", f"control.rate_hz={rate}", "mechanism.gravity=0")
+            self.assertEqual((m["schema"], m["estimate"], len(m["poses"])), (1, False, 16))
+            for pose in m["poses"]:
+                self.assertTrue(pose["stable"])
+                self.assertAlmostEqual(pose["gain_margin"] / (rate / 40), 1.0, delta=0.01)
+                self.assertAlmostEqual(pose["frequency_hz"] / (rate / 2), 1.0, delta=1e-3)
+        late = [self.margins("control.law=ctc", "control.lambda=40", f'effects=[{{type="compute_delay", time={t}}}]')["worst"]["delay_margin_s"] for t in (1e-4, 3.7e-3)]
+        self.assertAlmostEqual(late[0] - late[1], 3.6e-3, delta=2e-5)  # a delay takes from the margin what it is
+
+    def test_margins_are_an_estimate_where_the_loop_is_not_linear(self):
+        for effect in ('{type="coulomb_friction", torque=[0.1, 0.1]}', '{type="encoder", bits=14}'):
+            self.assertTrue(self.margins(f"effects=[{effect}]")["estimate"], effect)
+        m = self.margins("control.reaching=sign")
+        self.assertIn("sign", *m["estimate_because"])
+        run = esmc("margins", self.circle, *sets("control.law=none"))
+        self.assertEqual((run.returncode, run.stdout, run.stderr.count("\n")), (2, "", 1))
+        out = self.tmp / "out"
+        self.assertEqual(esmc("margins", self.circle, "--out", out).returncode, 0)
+        self.assertEqual(json.loads((out / "margins.json").read_text()), self.margins())
+
     def test_references_that_jump(self):
         path = self.tmp / "path.csv"
         table = f'reference={{type="file", path="{path}"}}'

@@ -75,7 +75,7 @@ HOST = {
     "loop": (CONTROLLER, "bus controller drives plant record scene"),
     "calibrate": (CONTROLLER, "controller record scene"),
     "identify": (CONTROLLER, "controller record scene"),
-    "check": (CONTROLLER, "bus controller design drives loop record scene"),
+    "check": (CONTROLLER, "bus controller design drives effects loop plant record scene"),
     "spatial": (CONTROLLER, "effects loop record scene"),
     "campaign": (CONTROLLER, "bus controller drives loop plant record report scene"),
     "sweep": (CONTROLLER, "controller integrate loop plant record report scene"),
