@@ -39,10 +39,6 @@ nlohmann::ordered_json tracking_study(bool quick);
 /// and without, errors, states, time per step of the plant. What is without it is integrated by RK4.
 nlohmann::ordered_json effect_study();
 
-/// A list of objects with the same keys as a table of text: lists are joined, of an object the first key
-/// counts.
-std::vector<std::vector<std::string>> rows_of(const nlohmann::ordered_json& list);
-
 /// Runs `esmc accuracy SCENE`: what integrators, effects and the loop cost and change in this scene, and the
 /// cheapest scene that stays within a tolerance. Returns 0.
 int run_price_list(const AccuracyOptions& o);

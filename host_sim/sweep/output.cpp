@@ -235,7 +235,7 @@ std::string sweep_page(const SweepSpec& spec, const CaseScenes& scenes, const Sw
     }
     for (const std::uint64_t i : fronts[f])
       front.points.emplace_back(table.at(i, columns[0]), table.at(i, columns[1]));
-    body += figures_html({log_log_svg(y + " against " + x, x, y, {all, front})});
+    body += figures_html({chart_svg(y + " against " + x, x, y, {all, front})});
     if (every > 1)
       body += fmt::format("<p class='note'>One case in {} is drawn; the front is of all.</p>", every);
     TextTable best{{"case"}};
@@ -263,7 +263,11 @@ std::string sweep_page(const SweepSpec& spec, const CaseScenes& scenes, const Sw
                         std::string(objectives[static_cast<std::size_t>(spec.wanted[c])].meaning), v));
   }
   if (!histograms.empty()) body += figures_html(histograms);
-  return study_page("Sweep: " + scenes.nominal().name, "esmc sweep " + spec.file, body);
+  const auto good = static_cast<std::uint64_t>(std::ranges::count(table.outcome, outcome_ok));
+  const std::uint64_t cases = table.outcome.size();
+  return study_page("Sweep: " + scenes.nominal().name, "esmc sweep " + spec.file, body,
+                    {good == cases ? StudyVerdict::Level::ok : StudyVerdict::Level::warn,
+                     fmt::format("{} of {} cases ran to their end", good, cases), "", {}});
 }
 
 }  // namespace esmc::host
