@@ -282,8 +282,8 @@ Json json_of(const Calibration& c, const CalibrationProblem& p, const RecordedRu
   return j;
 }
 
-std::string text_of(const Calibration& c, const CalibrationProblem& p, const RecordedRun& run, const JointLog& log,
-           const Found& found) {
+std::string text_of(const Calibration& c, const CalibrationProblem& p, const RecordedRun& run,
+                    const JointLog& log, const Found& found) {
   std::string out;
   const auto add = [&out]<class... T>(fmt::format_string<T...> f, T&&... v) {
     out += fmt::format(f, std::forward<T>(v)...);
@@ -293,25 +293,22 @@ std::string text_of(const Calibration& c, const CalibrationProblem& p, const Rec
   add("{:<16} {:>12} {:>16} {:>12}\n", "", "nominal", "estimate", "+-");
   for (const int u : c.estimated) {
     add("{:<16} {:>12.6g} {:>16.8g} {:>12.2g} {}\n", name_of(u, p.five_bar), p.nominal[u], c.value[u],
-               c.sigma(u), unit_of(u));
+        c.sigma(u), unit_of(u));
   }
   for (const WeakDirection& w : c.weak)
-    add(
-        "kept nominal, the log does not determine it (taken as known to 0.5 % of a length, 5 mrad): {}\n",
+    add("kept nominal, the log does not determine it (taken as known to 0.5 % of a length, 5 mrad): {}\n",
         w.text);
   if (p.five_bar) {
     add("loop closes to {:.3g} mm rms, with nominal values {:.3g} mm; encoders: {:.2g} rad rms\n",
-               1e3 * c.closure_rms, 1e3 * c.closure_rms_nominal, c.encoder_sigma);
+        1e3 * c.closure_rms, 1e3 * c.closure_rms_nominal, c.encoder_sigma);
   }
   if (!p.effector.empty()) add("effector readings are met to {:.3g} mm rms\n", 1e3 * c.effector_rms);
-  add(
-      "effector from the base encoders: nominal values put it {:.3g} mm rms, {:.3g} mm max beside these; "
+  add("effector from the base encoders: nominal values put it {:.3g} mm rms, {:.3g} mm max beside these; "
       "these are good for "
       "{:.2g} mm (standard uncertainty)\n",
       1e3 * e.rms, 1e3 * e.max, 1e3 * e.sigma);
   for (const EccentricEncoder& x : found.eccentric)
-    add("warning: eccentric_encoder: {}; the uncertainties have grown by what it shifts\n",
-               text_of(x));
+    add("warning: eccentric_encoder: {}; the uncertainties have grown by what it shifts\n", text_of(x));
   add("\n{}", found.snippet);
   return out;
 }
@@ -438,13 +435,13 @@ int run_calibrate(const CalibrateOptions& o) {
   const Json j = json_of(c, p, run, log, found);
   const auto page = [&] {
     const auto warnings = c.weak.size() + found.eccentric.size();
-    return study_page("What the log of " + run.scene.name + " says of its geometry", o.command_line,
-                      document_html(j),
-                      {warnings > 0 ? StudyVerdict::Level::warn : StudyVerdict::Level::ok,
-                       fmt::format("the effector is known to {:.2g} mm; the nominal values put it {:.3g} mm beside",
-                                   1e3 * found.effector.sigma, 1e3 * found.effector.rms),
-                       fmt::format("{} misfits; {} directions kept nominal", found.eccentric.size(), c.weak.size()),
-                       {}});
+    return study_page(
+        "What the log of " + run.scene.name + " says of its geometry", o.command_line, document_html(j),
+        {warnings > 0 ? StudyVerdict::Level::warn : StudyVerdict::Level::ok,
+         fmt::format("the effector is known to {:.2g} mm; the nominal values put it {:.3g} mm beside",
+                     1e3 * found.effector.sigma, 1e3 * found.effector.rms),
+         fmt::format("{} misfits; {} directions kept nominal", found.eccentric.size(), c.weak.size()),
+         {}});
   };
   publish({"calibration", j, text_of(c, p, run, log, found), page}, o.json, out);
   return 0;

@@ -236,7 +236,8 @@ int run_campaign(const CampaignOptions& o) {
   j["seed"] = o.seed;
   j["interrupted"] = totals.episodes() < o.episodes;
   if (out.wanted()) out.write("campaign.md", totals.markdown());
-  publish({"campaign", j, totals.text(), [&] { return totals.page(o.command_line, o.episodes); }}, o.json, out);
+  publish({"campaign", j, totals.text(), [&] { return totals.page(o.command_line, o.episodes); }}, o.json,
+          out);
   if (totals.violation_count() > 0) return 1;
   return totals.episodes() == o.episodes ? 0 : exit_interrupted;
 }

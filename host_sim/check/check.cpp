@@ -378,15 +378,20 @@ std::string check_page(const RunOptions& o, const Scene& scene, const Json& j, c
   for (std::size_t c = 0; c < log.columns().size(); ++c) {
     if (!log.columns()[c].starts_with("tau")) continue;
     torques.push_back({log.columns()[c], {}});
-    for (const SeriesRow& row : log.thinned()) torques.back().points.emplace_back(row.values[0], row.values[c]);
+    for (const SeriesRow& row : log.thinned())
+      torques.back().points.emplace_back(row.values[0], row.values[c]);
   }
   using enum StudyVerdict::Level;
-  return study_page(
-      "Check of " + scene.name, o.command_line,
-      figures_html({chart_svg("Torque along the reference", "t, s", "N m", torques, Scale::linear,
-                              Scale::linear)}) +
-          document_html(j),
-      {f.refused() ? bad : f.count(Level::warning) > 0 ? warn : ok, words, "", {}});
+  return study_page("Check of " + scene.name, o.command_line,
+                    figures_html({chart_svg("Torque along the reference", "t, s", "N m", torques,
+                                            Scale::linear, Scale::linear)}) +
+                        document_html(j),
+                    {f.refused()                   ? bad
+                     : f.count(Level::warning) > 0 ? warn
+                                                   : ok,
+                     words,
+                     "",
+                     {}});
 }
 
 std::string report_text(const Scene& scene, const Judgement& v, const std::string& obstacle) {
@@ -428,7 +433,8 @@ int run_check(const RunOptions& o) {
   if (out.wanted()) write_scene(scene, out);
   const std::string obstacle = bus_obstacle(scene).what;
   const Json j = report_json(scene, v, obstacle);
-  publish({"check", j, report_text(scene, v, obstacle), [&] { return check_page(o, scene, j, headline(v.findings, obstacle), v.findings, log); }},
+  publish({"check", j, report_text(scene, v, obstacle),
+           [&] { return check_page(o, scene, j, headline(v.findings, obstacle), v.findings, log); }},
           o.json, out);
   return v.findings.refused() ? 1 : 0;
 }

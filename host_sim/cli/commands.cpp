@@ -92,8 +92,8 @@ struct CompletionOptions {
   const CLI::App* app = nullptr;
 };
 
-/// Bash takes the words of a command, and of an option's value, from one table: what --help shows, and the keys
-/// of scenes.
+/// Bash takes the words of a command, and of an option's value, from one table: what --help shows, and the
+/// keys of scenes.
 int run_completion(const CompletionOptions& o) {
   std::vector<std::string> commands, keys;
   std::string words;
@@ -107,12 +107,13 @@ int run_completion(const CompletionOptions& o) {
       if (open == std::string::npos) continue;
       std::string values = type.substr(open + 1, type.find('}') - open - 1);
       std::ranges::replace(values, ',', ' ');
-      words += fmt::format("  [{},{}]='{}'\n", c->get_name(), option->get_positional() ? "" : options.back(), values);
+      words += fmt::format("  [{},{}]='{}'\n", c->get_name(), option->get_positional() ? "" : options.back(),
+                           values);
     }
     words += fmt::format("  [{}]='{}'\n", c->get_name(), fmt::join(options, " "));
   }
   for (const Key& k : scene_keys()) {
-    if (k.path.find('[') == std::string::npos) keys.push_back(k.path + "=");
+    if (k.path.find('[') == std::string::npos) keys.push_back(fmt::format("{}=", k.path));
   }
   fmt::print(R"(# Completion of esmc for bash; written by `esmc completion bash`.
 declare -gA _esmc_words=(
@@ -259,7 +260,8 @@ void add_scene_commands(Program& p) {
           "delays, bus load, and 200 ticks of it simulated",
           run_check);
   add_scene(check, check_options);
-  add_out(check, check_options.out, "check.json, report.html, scene.toml, and check.csv: the torques along the reference");
+  add_out(check, check_options.out,
+          "check.json, report.html, scene.toml, and check.csv: the torques along the reference");
   add_json(check, check_options.json);
 
   const auto [bake, bake_options] = add(
@@ -460,8 +462,8 @@ void add_spatial_and_keys(Program& p) {
       ->capture_default_str();
 
   const auto [completion, shell] =
-      add(p, "completion", "print what a shell needs to complete commands, options and scene keys", run_completion,
-          Signals::end);
+      add(p, "completion", "print what a shell needs to complete commands, options and scene keys",
+          run_completion, Signals::end);
   shell.app = &p.app;
   completion.add_option("SHELL", shell.name, "bash")->required()->check(CLI::IsMember({"bash"}));
 }

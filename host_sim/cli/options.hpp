@@ -27,8 +27,8 @@ struct Program {
   int status = 0;            ///< exit status of the command that ran
 };
 
-/// What SIGINT and SIGTERM do: end the process, or request the end of its loop. Either way with the exit status
-/// exit_interrupted.
+/// What SIGINT and SIGTERM do: end the process, or request the end of its loop. Either way with the exit
+/// status exit_interrupted.
 enum class Signals { end, request_stop };
 
 /// Adds a subcommand that calls run(options). Returns it and its options; `p` must outlive the parsing.
@@ -41,8 +41,9 @@ std::pair<CLI::App&, Options&> add(Program& p, const char* name, const char* des
   CLI::App* app = p.app.add_subcommand(name, description);
   app->callback([o, run, signals, &p] {
     for (const int signal : {SIGINT, SIGTERM}) {
-      std::signal(signal, signals == Signals::request_stop ? +[](int) { stop_requested() = true; }
-                                                           : +[](int) { ::_exit(exit_interrupted); });
+      std::signal(
+          signal, signals == Signals::request_stop ? +[](int) { stop_requested() = true; }
+                                                   : +[](int) { ::_exit(exit_interrupted); });
     }
     p.status = run(*o);
   });

@@ -180,13 +180,12 @@ Json json_of(const Identification& r, const RecordedRun& run, const IdentifyProb
 }
 
 std::string text_of(const Identification& r, const RecordedRun& run, const IdentifyProblem& p,
-           const IdentifyOptions& o, const UncertaintyTable& table) {
+                    const IdentifyOptions& o, const UncertaintyTable& table) {
   std::string out;
   const auto add = [&out]<class... T>(fmt::format_string<T...> f, T&&... v) {
     out += fmt::format(f, std::forward<T>(v)...);
   };
-  add(
-      "{}: {} ticks, {} windows of {:g} s, {} base parameters; intervals are {:g} standard uncertainties to "
+  add("{}: {} ticks, {} windows of {:g} s, {} base parameters; intervals are {:g} standard uncertainties to "
       "either side\n",
       printable(run.scene.name), p.torque.size(), r.windows, o.window, r.parameters.size(), o.coverage);
   add("{:<18}{:>12}{:>12}{:>12}{:>12}\n", "", "nominal", "estimate", "from", "to");
@@ -195,21 +194,21 @@ std::string text_of(const Identification& r, const RecordedRun& run, const Ident
     const StandardParameter& s = b.of;
     const bool sum = b.text != s.name;
     if (sum) sums += fmt::format("{}*: {}\n", s.name, b.text);
-    add("{:<18}{:>12.4g}{:>12.4g}{:>12.4g}{:>12.4g} {}\n", s.name + (sum ? "*" : ""), b.nominal,
-               b.value, b.value - o.coverage * b.sigma, b.value + o.coverage * b.sigma, s.unit);
+    add("{:<18}{:>12.4g}{:>12.4g}{:>12.4g}{:>12.4g} {}\n", s.name + (sum ? "*" : ""), b.nominal, b.value,
+        b.value - o.coverage * b.sigma, b.value + o.coverage * b.sigma, s.unit);
   }
   add("{:<18}{:>12}{:>12.4g}{:>12.4g}{:>12.4g} ticks\n", "torque delay", "", r.delay_ticks,
-             r.delay_ticks - o.coverage * r.delay_sigma, r.delay_ticks + o.coverage * r.delay_sigma);
+      r.delay_ticks - o.coverage * r.delay_sigma, r.delay_ticks + o.coverage * r.delay_sigma);
   add("{}\n{}",
-             p.five_bar ? "per leg j: aj = J1 + m1 lg1^2 + m2 l1^2, cj = J2 + m2 lg2^2, hj = m2 lg2, sj = m1 "
-                          "lg1 + m2 l1; m0 the effector's mass"
-                        : "a = J1 + m1 lg1^2 + m2 l1^2, c = J2 + m2 lg2^2, h = m2 lg2, s = m1 lg1 + m2 l1",
-             sums);
+      p.five_bar ? "per leg j: aj = J1 + m1 lg1^2 + m2 l1^2, cj = J2 + m2 lg2^2, hj = m2 lg2, sj = m1 "
+                   "lg1 + m2 l1; m0 the effector's mass"
+                 : "a = J1 + m1 lg1^2 + m2 l1^2, c = J2 + m2 lg2^2, h = m2 lg2, s = m1 lg1 + m2 l1",
+      sums);
   add("unexplained: {:.2g} and {:.2g} N m rms of {:.2g} and {:.2g}\n", r.residual[0], r.residual[1],
-             r.effort[0], r.effort[1]);
+      r.effort[0], r.effort[1]);
   for (const Defect& d : r.defects)
     add("warning: {}: {}; more unknowns of the intervals, not in the table\n",
-               defect_codes[static_cast<std::size_t>(d.kind)], text_of(d, run, o.coverage));
+        defect_codes[static_cast<std::size_t>(d.kind)], text_of(d, run, o.coverage));
   for (const std::string& w : table.warnings) add("warning: {}\n", w);
   add("\n{}", table.toml);
   return out;
@@ -263,8 +262,8 @@ int run_identify(const IdentifyOptions& o) {
   const Json j = json_of(r, run, p, o, table);
   const auto page = [&] {
     const auto warnings = r.defects.size() + table.warnings.size();
-    return study_page("What the log of " + run.scene.name + " says of its masses and friction", o.command_line,
-                      document_html(j),
+    return study_page("What the log of " + run.scene.name + " says of its masses and friction",
+                      o.command_line, document_html(j),
                       {warnings > 0 ? StudyVerdict::Level::warn : StudyVerdict::Level::ok,
                        fmt::format("{} base parameters; {} warnings", r.parameters.size(), warnings),
                        fmt::format("Intervals are {:g} standard uncertainties to either side.", o.coverage),

@@ -57,8 +57,8 @@ Json read_summary(const std::string& directory) {
 
 /// Numbers of a summary by their path, without those of the wall clock and the state, which the log has.
 void metrics_of(const Json& j, const std::string& name, std::map<std::string, double>& out) {
-  static const std::set<std::string> left_out{"wall_s", "real_time_factor", "late_ticks", "final_state",
-                                              "seed",   "schema"};
+  static const std::set<std::string> left_out{
+      "wall_s", "real_time_factor", "late_ticks", "final_state", "seed", "schema"};
   for (const auto& [key, value] : j.items()) {
     if (left_out.contains(key)) continue;
     const std::string path = name.empty() ? key : name + "." + key;
@@ -209,17 +209,15 @@ Series error_of(const Run& r, const std::string& name) {
 
 std::string page(const CompareOptions& o, const Json& j, const Run& a, const Run& b) {
   const bool within = j["within"].get<bool>();
-  const std::string error =
-      chart_svg("Effector error", "t in s", "mm from the reference", {error_of(a, "A"), error_of(b, "B")},
-                Scale::linear);
+  const std::string error = chart_svg("Effector error", "t in s", "mm from the reference",
+                                      {error_of(a, "A"), error_of(b, "B")}, Scale::linear);
   const StudyVerdict verdict{
       within ? StudyVerdict::Level::ok : StudyVerdict::Level::warn,
       within ? fmt::format("within {:g}", o.tolerance) : fmt::format("beyond {:g}", o.tolerance),
       "A: " + o.a + " - " + verdict_line(a.summary) + "; B: " + o.b + " - " + verdict_line(b.summary),
       {}};
   return study_page("Two runs", o.command_line,
-                    figures_html({error}) +
-                        table_html("Keys of the scene that differ", rows_of(j["scene"])) +
+                    figures_html({error}) + table_html("Keys of the scene that differ", rows_of(j["scene"])) +
                         table_html("Metrics", rows_of(j["metrics"])),
                     verdict);
 }

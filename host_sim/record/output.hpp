@@ -45,16 +45,16 @@ class OutputDirectory {
   std::vector<std::filesystem::path> created_;  ///< folders that did not exist, outermost first
 };
 
-/// A JSON document as commands print and write it: `schema`, the version of its keys, comes first; text that is
-/// no UTF-8, as names of files may be, is replaced. Ends with a line end.
+/// A JSON document as commands print and write it: `schema`, the version of its keys, comes first; text that
+/// is no UTF-8, as names of files may be, is replaced. Ends with a line end.
 std::string document_text(const nlohmann::ordered_json& document, int indent = 2);
 
 /// What a study found.
 struct StudyOutput {
-  std::string name;                  ///< in `out`: NAME.json
-  nlohmann::ordered_json document;   ///< what --json prints
-  std::string text;                  ///< what is printed without
-  std::function<std::string()> page;  ///< report.html; called where files are wanted
+  std::string name;                        ///< in `out`: NAME.json
+  const nlohmann::ordered_json& document;  ///< what --json prints
+  std::string text;                        ///< what is printed without
+  std::function<std::string()> page;       ///< report.html; called where files are wanted
 };
 /// The end of every study: its files into place, then its document with `json`, else its text.
 void publish(const StudyOutput& s, bool json, OutputDirectory& out);

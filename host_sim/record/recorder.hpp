@@ -88,7 +88,8 @@ template <class World, class C>
 std::vector<Surface> surfaces_of(const Scene& scene, const ControllerConfig<C>& c) {
   std::vector<Surface> out;
   const bool independent = scene.law == LawChoice::smc,
-             layered = scene.reaching != ReachingChoice::sign && scene.reaching != ReachingChoice::super_twisting;
+             layered =
+                 scene.reaching != ReachingChoice::sign && scene.reaching != ReachingChoice::super_twisting;
   for (int i = 0; i < (independent ? 2 : C::channels) && scene.sliding(); ++i) {
     const auto& own = c.gains.independent;
     out.push_back({World::channel_names[i],

@@ -61,7 +61,7 @@ class SpectrumPlot extends Plot {
     const most = Math.max(...series.flatMap(({ values }) => values.map((v) => v ?? 0))), range = [10 ** Math.floor(Math.log10(most) - 5), 10 ** Math.ceil(Math.log10(most))];
     show();
     if (!this.create(series.map((s) => ({ stroke: () => colour(s.colour), width: 1.4, alpha: 0.8, points: { show: false } })),
-      { x: { range: [0, lines * step] }, y: { distr: 3, range } }, this.marksOf((u) => u.width / 85, " Hz"),
+      { x: { range: [0, 1.03 * lines * step] }, y: { distr: 3, range } }, this.marksOf((u) => u.width / 85, " Hz"),
       Plot.decades({ size: 64 }), { cursor: { x: false, y: false, points: { show: false }, drag: { x: false, y: false } } })) return;
     const { over } = this.plot;
     on(over, "pointermove", (event) => show(clamp(Math.round(this.plot.posToVal(event.offsetX, "x") / step), 0, lines)));

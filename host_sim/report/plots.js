@@ -50,7 +50,7 @@ class TimeAxis {
 /** A plot in a figure with a legend of buttons.
     options: title, unit; time: seconds per row (default: of the axis); height, px;
     series: [{label, values, colour, style: "line" | "through" (shows what is behind) | "ref" | "under", hidden}], values may hold NaN: a gap;
-    limits: [{value, label, colour}], in the unit `limitUnit`, lines at +-value; marks: [{t, label, colour}], instants;
+    limits: [{value, label, colour}], lines at +-value, N m where they have a label; marks: [{t, label, colour}], instants;
     zero: the axis shows it; log: logarithmic, what is not positive falls out below; until: rows that scale the axis end there (s);
     bands: a name per row, drawn as named stretches instead of lines. */
 class TimePlot extends Plot {
@@ -155,8 +155,8 @@ class TimePlot extends Plot {
       for (const limit of [value, -value]) {
         const y = u.valToPos(limit, "y", true);
         rule([[left, y], [right, y]], colour(tint), [10, 3, 2, 3]);
-        write(c, { fillStyle: colour(tint), textAlign: k % 2 ? "left" : "right", textBaseline: limit > 0 ? "top" : "bottom" },
-          `${label} ${limit < 0 ? "−" : ""}${sig(value)} ${this.limitUnit}`, k % 2 ? left + 6 * ratio : right - 6 * ratio, y + 3 * ratio * Math.sign(limit));
+        if (label) write(c, { fillStyle: colour(tint), textAlign: k % 2 ? "left" : "right", textBaseline: limit > 0 ? "top" : "bottom" },
+          `${label} ${limit < 0 ? "−" : ""}${sig(value)} N m`, k % 2 ? left + 6 * ratio : right - 6 * ratio, y + 3 * ratio * Math.sign(limit));
       }
     }
     for (const { t, label, colour: tint } of this.marks) {

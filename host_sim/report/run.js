@@ -122,14 +122,14 @@ function buildPlots(axis) {
     trace(`|e| ${name}`, `c${k}`, "line", angleError(column(`${name}_ref`), column(name))))), { log: true });
   const limits = oneLimit ? [{ value: torqueLimits[0], label: "limit", colour: "bad" }]
     : torqueLimits.map((value, k) => ({ value, label: `limit ${symbol(motors[k] ?? "")}`, colour: tintOf(motors[k]) }));
-  add("Torque", "N m", motors.flatMap((name) => [trace(`${name}_cmd`, tintOf(name), "under"), trace(name, tintOf(name), "through")]), { limits, limitUnit: "N m" });
+  add("Torque", "N m", motors.flatMap((name) => [trace(`${name}_cmd`, tintOf(name), "under"), trace(name, tintOf(name), "through")]), { limits });
   for (const [unit, angular] of [["m/s", false], ["rad/s", true]]) {
     const names = columns.filter((name) => name.startsWith("s_") && /phi|theta|^s_\d/.test(name) === angular)
       .filter((name) => column(name).some((v) => v !== 0));  // a law leaves channels that it does not use at zero
     const layer = surfaces[names[0]]?.layer;
     add("Sliding variables s", `${unit}; ${layer ? `layer ±${sig(layer)} ${unit}; ` : ""}click a name to show it`, names
       .map((name, k) => ({ ...trace(name, `c${k % 8}`, k < 8 ? "through" : "ref", column(name), symbol(name.slice(2))), hidden: k > 1 })),
-      { zero: true, limits: layer ? [{ value: layer, label: "layer", colour: "muted" }] : [], limitUnit: unit });
+      { zero: true, limits: layer ? [{ value: layer, colour: "muted" }] : [] });
   }
   add("Chatter", "N m, mean change of torque from tick to tick", [trace("|Δτ|", "c3", "line", column("chatter"))], { log: true });
   add("Modes", fiveBar ? "the sign of each: working modes of the legs, assembly mode" : "sin θ₂, whose sign is the working mode",
@@ -148,7 +148,7 @@ function buildPlanes(axis) {
   const host = byId("planes"), spectrum = data.spectrum ?? {};
   const error = (name, angular) => {
     const [wanted, is] = [column(`${name}_ref`), column(name)];
-    return wanted && is && perRow((row) => (angular ? Math.atan2(Math.sin(wanted[row] - is[row]), Math.cos(wanted[row] - is[row])) : wanted[row] - is[row]));
+    return wanted && is && perRow((row) => (row >= faultRow ? NaN : angular ? Math.atan2(Math.sin(wanted[row] - is[row]), Math.cos(wanted[row] - is[row])) : wanted[row] - is[row]));
   };
   const channels = (names, angular) => names.map((name, k) => ({ label: symbol(name), colour: angular ? `c${k}` : `c${[6, 3][k]}`, e: error(name, angular),
     s: column(`s_${name}`), ...surfaces[`s_${name}`] })).filter(({ e, s, lambda }) => e?.some(Number.isFinite) && s?.some((v) => v !== 0) && lambda > 0);

@@ -80,7 +80,7 @@ struct RunPage {
   PageMechanism mechanism;
   std::vector<NamedHistogram> histograms;  ///< those without entries are left out
   PageLoad load;
-  std::vector<std::string> columns;    ///< of rows; the last one is chatter
+  std::vector<std::string> columns;      ///< of rows; the last one is chatter
   const std::vector<SeriesRow>& rows;    ///< must outlive this, as must the next
   const std::vector<Spectrum>& torques;  ///< per motor
   double rate_hz = 0.0;                  ///< of their values

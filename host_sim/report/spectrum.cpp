@@ -31,7 +31,8 @@ void Spectrum::take(std::size_t n) {
   for (std::size_t i = 0; i < n; ++i) mean += values_[i] / static_cast<double>(n);
   std::array<double, segment> windowed{};
   for (std::size_t i = 0; i < n; ++i) {
-    const double w = 0.5 - 0.5 * std::cos(2.0 * std::numbers::pi * (static_cast<double>(i) + 0.5) / static_cast<double>(n));
+    const double w = 0.5 - 0.5 * std::cos(2.0 * std::numbers::pi * (static_cast<double>(i) + 0.5) /
+                                          static_cast<double>(n));
     windowed[i] = w * (values_[i] - mean);
     weights += w;
   }

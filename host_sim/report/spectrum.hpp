@@ -8,16 +8,16 @@
 
 namespace esmc::host {
 
-/// Mean of the power of half overlapping segments, less their mean, under the window of Hann (P. D. Welch, The use
-/// of fast Fourier transform for the estimation of power spectra, IEEE Transactions on Audio and Electroacoustics
-/// 15, 1967). A run shorter than a segment is one segment, filled up with zeros.
+/// Mean of the power of half overlapping segments, less their mean, under the window of Hann (P. D. Welch,
+/// The use of fast Fourier transform for the estimation of power spectra, IEEE Transactions on Audio and
+/// Electroacoustics 15, 1967). A run shorter than a segment is one segment, filled up with zeros.
 class Spectrum {
  public:
   static constexpr std::size_t segment = 1024;  ///< values
 
   void add(double value);
-  /// Line k, 0 <= k <= segment / 2, is at k / segment of the sample rate: the amplitude of a sine there, in the
-  /// unit of the values. A value that is not finite makes all lines so.
+  /// Line k, 0 <= k <= segment / 2, is at k / segment of the sample rate: the amplitude of a sine there, in
+  /// the unit of the values. A value that is not finite makes all lines so.
   [[nodiscard]] std::vector<double> amplitudes() const;
 
  private:

@@ -67,7 +67,7 @@ struct ChartAxis {
     if (scale == Scale::linear) {
       const double step = round_step((high - low) / 7.0);
       for (double k = std::ceil(low / step); k * step <= high; ++k)
-        mark(fmt::format("{:.4g}", k * step), at(k * step));
+        mark(fmt::format("{:.4g}", k * step + 0.0), at(k * step));  // + 0: no -0
       return;
     }
     const int first = static_cast<int>(std::ceil(low)), last = static_cast<int>(std::floor(high));
@@ -110,7 +110,8 @@ bool drawable(double v, Scale scale) { return std::isfinite(v) && (scale == Scal
 std::string cell_of(const Document& v) {
   if (v.is_string()) return v.get<std::string>();
   if (v.is_boolean()) return v.get<bool>() ? "yes" : "no";
-  if (v.is_number_float()) return std::isfinite(v.get<double>()) ? fmt::format("{:.4g}", v.get<double>()) : "";
+  if (v.is_number_float())
+    return std::isfinite(v.get<double>()) ? fmt::format("{:.4g}", v.get<double>()) : "";
   if (!v.is_structured()) return v.is_null() ? "" : v.dump();
   std::string out;
   for (const auto& [key, inner] : v.items()) {
@@ -121,7 +122,8 @@ std::string cell_of(const Document& v) {
 }
 
 bool of_objects(const Document& v) {
-  return v.is_array() && !v.empty() && std::ranges::all_of(v, [](const Document& one) { return one.is_object(); });
+  return v.is_array() && !v.empty() &&
+         std::ranges::all_of(v, [](const Document& one) { return one.is_object(); });
 }
 
 /// Panels of a document, in the order in which they are shown.

@@ -19,10 +19,11 @@ struct Series {
 };
 
 enum class Scale { log, linear };
-/// A figure (SVG) with a legend. Lines differ in colour and, where they have few points, in marker. Empty where
-/// there is nothing to show.
+/// A figure (SVG) with a legend. Lines differ in colour and, where they have few points, in marker. Empty
+/// where there is nothing to show.
 std::string chart_svg(const std::string& title, const std::string& x_label, const std::string& y_label,
-                      const std::vector<Series>& series, Scale x_scale = Scale::log, Scale y_scale = Scale::log);
+                      const std::vector<Series>& series, Scale x_scale = Scale::log,
+                      Scale y_scale = Scale::log);
 
 /// Turns a figure into the text of an SVG file of its own, on white.
 std::string standalone(const std::string& svg);
@@ -54,8 +55,8 @@ std::string table_html(const std::string& title, const TextTable& rows);
 
 /// A list of objects with the same keys as a table: lists and objects become one cell.
 TextTable rows_of(const nlohmann::ordered_json& list);
-/// Panels for a whole document (an object): a table of each list of objects, one of all other values, and texts
-/// of several lines.
+/// Panels for a whole document (an object): a table of each list of objects, one of all other values, and
+/// texts of several lines.
 std::string document_html(const nlohmann::ordered_json& document);
 
 /// Rows as Markdown and as CSV. Cells are not escaped: no | or line end, no comma in them.

@@ -9,6 +9,7 @@
 #include <nlohmann/json.hpp>
 
 #include "host_sim/error.hpp"
+#include "host_sim/loop/progress.hpp"
 #include "host_sim/record/output.hpp"
 #include "host_sim/report/study_page.hpp"
 
@@ -186,9 +187,16 @@ int run_accuracy(const AccuracyOptions& o) {
   OutputDirectory out(o.out);
   Study s;
   const double begin = thread_cpu_s();
-  s.work = integrator_study(o.quick ? 1.0 : 40.0);
-  s.tracking = tracking_study(o.quick);
-  s.effects = effect_study();
+  constexpr std::uint64_t runs = 1000;  // about; those of an integrator depend on what it reaches
+  std::uint64_t done = 0;
+  Progress progress(runs);
+  const auto after_run = [&] {
+    if (stop_requested()) throw Interrupted(fmt::format("interrupted after {} runs", done));
+    progress.show(std::min(++done, runs));
+  };
+  s.work = integrator_study(o.quick ? 1.0 : 40.0, after_run);
+  s.tracking = tracking_study(o.quick, after_run);
+  s.effects = effect_study(after_run);
   s.seconds = thread_cpu_s() - begin;
   write_tables(s, out);
   publish({"accuracy", document(s), accuracy_text(s, "") + fmt::format("{:.1f} s of CPU time\n", s.seconds),

@@ -24,7 +24,7 @@ using Json = nlohmann::ordered_json;
 /// Outcome of simulated plants.
 struct Plants {
   std::uint64_t wanted = 0, count = 0, outside_band = 0, stopped = 0;  ///< fewer than wanted after Ctrl-C
-  double largest = 0.0;  ///< settled error, m or rad
+  double largest = 0.0;                                                ///< settled error, m or rad
   std::uint64_t worst = 0;
   std::string fault;  ///< of the first one that stopped
 };
@@ -91,7 +91,9 @@ class Report {
     const auto page = [&] {
       using enum StudyVerdict::Level;
       return study_page("Gains for " + scene_.name, o_.run.command_line, document_html(j),
-                        {!good ? bad : warnings_.empty() ? ok : warn,
+                        {!good               ? bad
+                         : warnings_.empty() ? ok
+                                             : warn,
                          !d_.refused.empty() ? "refused: " + d_.refused
                          : held()            ? "every plant within the stated intervals is held"
                                              : "a simulated plant left the promise",
@@ -180,10 +182,13 @@ class Report {
   }
   static Json plants_json(const std::optional<Plants>& p) {
     if (!p) return nullptr;
-    return {{"plants", p->count},    {"wanted", p->wanted},
+    return {{"plants", p->count},
+            {"wanted", p->wanted},
             {"largest_error", p->largest},
-            {"worst", p->worst},     {"outside_band", p->outside_band},
-            {"stopped", p->stopped}, {"fault", p->fault.empty() ? Json(nullptr) : Json(p->fault)}};
+            {"worst", p->worst},
+            {"outside_band", p->outside_band},
+            {"stopped", p->stopped},
+            {"fault", p->fault.empty() ? Json(nullptr) : Json(p->fault)}};
   }
   [[nodiscard]] Json json() const {
     Json j;

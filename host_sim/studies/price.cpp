@@ -213,7 +213,7 @@ std::string price_page(const PriceList& p, const Json& j, const std::string& com
   std::string body =
       figures_html({chart_svg("What a digit costs", "instructions of the run", "error at the end", curves),
                     chart_svg("What effects change: the largest", "cost with it, without it = 1",
-                                p.bench.metric() + " changes by, " + unit_of(p.bench.metric()), effects)});
+                              p.bench.metric() + " changes by, " + unit_of(p.bench.metric()), effects)});
   for (const auto& [title, rows] : price_sections(j)) {
     if (!rows.empty()) body += table_html(title, rows);
   }

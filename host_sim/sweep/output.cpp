@@ -267,7 +267,9 @@ std::string sweep_page(const SweepSpec& spec, const CaseScenes& scenes, const Sw
   const std::uint64_t cases = table.outcome.size();
   return study_page("Sweep: " + scenes.nominal().name, "esmc sweep " + spec.file, body,
                     {good == cases ? StudyVerdict::Level::ok : StudyVerdict::Level::warn,
-                     fmt::format("{} of {} cases ran to their end", good, cases), "", {}});
+                     fmt::format("{} of {} cases ran to their end", good, cases),
+                     "",
+                     {}});
 }
 
 }  // namespace esmc::host

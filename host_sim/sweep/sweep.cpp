@@ -115,8 +115,8 @@ class Sweep {
     if (now < done_.size()) {
       const Json summary = sweep_summary(spec_, scenes_, table_);
       fmt::print("{}", o_.json ? document_text(summary) : sweep_text(summary));
-      throw Interrupted(fmt::format("interrupted after {} of {} cases, which the summary is of{}", now, done_.size(),
-                                    journal_ ? "; the same command goes on from there" : ""));
+      throw Interrupted(fmt::format("interrupted after {} of {} cases, which the summary is of{}", now,
+                                    done_.size(), journal_ ? "; the same command goes on from there" : ""));
     }
     finish(timing(o_, config, ranks, now - found_, scenes_.mean_duration(), wall_s, cpu_time() - cpu_before));
     return 0;
