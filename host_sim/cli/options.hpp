@@ -112,7 +112,7 @@ inline void add_sets(CLI::App& c, std::vector<std::string>& sets) {
       ->expected(1)
       ->take_all();
 }
-inline void add_scene(CLI::App& c, RunOptions& o, const std::string& file = "scene file (TOML)") {
+inline void add_scene(CLI::App& c, RunOptions& o, const std::string& file = "scene file (TOML); - is stdin") {
   c.add_option("SCENE", o.scene, file)->required();
   add_sets(c, o.sets);
 }

@@ -103,7 +103,7 @@ function showFacts() {
 }
 
 // ---- Plots ----------------------------------------------------------------------------------------------------------
-const plots = [];
+const plots = [], planes = [];
 function buildPlots(axis) {
   const host = byId("plots"), states = columns.includes("state") ? rows.map((row) => String(row[columns.indexOf("state")])) : undefined;
   const marks = faultTime < Infinity ? [{ t: faultTime, label: `fault: ${faultNames || "latched"}`, colour: "bad" }] : [];
@@ -153,9 +153,9 @@ function buildPlanes(axis) {
   const channels = (names, angular) => names.map((name, k) => ({ label: symbol(name), colour: angular ? `c${k}` : `c${[6, 3][k]}`, e: error(name, angular),
     s: column(`s_${name}`), ...surfaces[`s_${name}`] })).filter(({ e, s, lambda }) => e?.some(Number.isFinite) && s?.some((v) => v !== 0) && lambda > 0);
   const [pair, unit] = [[channels(["x", "y"], false), "m"], [channels(baseJoints, true), "rad"]].find(([list]) => list.length) ?? [[]];
-  if (pair.length) plots.push(new PhasePlane(host, axis, pair, unit));
+  if (pair.length) planes.push(new PhasePlane(host, axis, pair, unit));
   const torques = (spectrum.amplitudes ?? []).map((values, k) => ({ label: symbol(motors[k] ?? ""), colour: tintOf(motors[k]), values }));
-  if (spectrum.step_hz > 0 && torques.some(({ values }) => values.some((v) => v > 0))) plots.push(new SpectrumPlot(host, spectrum.step_hz, torques));
+  if (spectrum.step_hz > 0 && torques.some(({ values }) => values.some((v) => v > 0))) planes.push(new SpectrumPlot(host, spectrum.step_hz, torques));
   if (!host.children.length) host.remove();
 }
 
@@ -231,7 +231,7 @@ if (count > 0) {
   buildPlots(axis);
   buildPlanes(axis);
   on(query(".bench"), "keydown", (event) => player.key(event));
-  const redraw = () => { plots.forEach((plot) => plot.draw()); view?.draw(); map?.draw(); };
+  const redraw = () => { [...plots, ...planes].forEach((plot) => plot.draw()); view?.draw(); map?.draw(); };
   onLook(redraw);
   if (view) new ResizeObserver(() => view.draw()).observe(byId("mechanism"));
   if (map) new ResizeObserver(() => map.draw()).observe(byId("map"));

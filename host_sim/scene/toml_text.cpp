@@ -9,6 +9,8 @@
 #include <fstream>
 #include <sstream>
 
+#include <iostream>
+#include <iterator>
 #include "host_sim/error.hpp"
 #include "host_sim/scene/key.hpp"
 
@@ -301,7 +303,9 @@ std::string read_text_file(const std::string& file, const std::string& what) {
 }
 
 toml::table parse_scene_file(const std::string& file, const std::vector<std::string>& sets) {
-  return parse_scene_text(read_text_file(file, "scene file"), file, sets);
+  if (file != "-") return parse_scene_text(read_text_file(file, "scene file"), file, sets);
+  static const std::string input(std::istreambuf_iterator<char>(std::cin), {});  // a command may ask again
+  return parse_scene_text(input, "stdin", sets);
 }
 
 toml::table parse_scene_text(const std::string& text, const std::string& name,

@@ -245,7 +245,7 @@ test("pages of studies: the same look, quiet, nothing fetched", async () => {
 
 test("a run with a fault opens at the fault", async () => {
   const page = await open(browser, report("late_fault", ["hil", five, ...sets("simulation.duration=1.5", "effects=[{type='drive_dropout', drive=2, from=0.7, to=0.9}]")], 1));
-  const { at, now, views } = await page.evaluate(() => ({ at: faultTime, now: plots[0].axis.now, views: plots.filter(({ axis }) => axis).map(({ axis }) => axis.view) }));
+  const { at, now, views } = await page.evaluate(() => ({ at: faultTime, now: plots[0].axis.now, views: plots.map(({ axis }) => axis.view) }));
   assert.ok(at > 0.7 && at < 0.71 && now === at, `${now}, the fault is at ${at}`);
   for (const [lo, hi] of views) assert.ok(lo > at - 0.5 && lo < at && hi > at && hi < at + 0.3, `${lo} to ${hi}`);
   assert.ok(await page.evaluate(() => plots.every(({ cursor }) => !cursor || parseFloat(cursor.style.left) > 0)), "cursors out of sight");
@@ -270,7 +270,7 @@ test("the spectrum shows the frequency at which a loop rings, the phase plane an
 
 test("layouts hold at 390, 1300 and 1920 px: run, fault, studies", async () => {
   const rough = path.join(out, "study.toml");
-  fs.writeFileSync(rough, `scene = "${five}"\nset = ["simulation.duration=0.3"]\npareto = [["settled_rms_m", "torque_activity_nm"]]\nobjectives = ["settled_rms_m", "torque_activity_nm"]\n`
+  fs.writeFileSync(rough, `scene = "${five}"\nset = ["simulation.duration=0.3"]\npareto = [["settled_rms_m", "torque_activity_nm"]]\nobjectives = ["settled_rms_m", "torque_activity_nm"]\nsample = { method = "grid" }\n`
     + '[[vary]]\nkey = "control.lambda"\nfrom = 20.0\nto = 60.0\nsteps = 6\n');
   const a = report("a", ["sim", five]), files = [a, report("b", ["sim", rr]), report("f", ["hil", five, ...sets("limits.joint_speed=5")], 1),
     report("check", ["check", five]), report("sweep", ["sweep", rough]), report("compare", ["compare", path.dirname(a), path.dirname(a)]),

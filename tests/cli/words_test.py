@@ -38,7 +38,7 @@ class Words(unittest.TestCase):
 
     def sweep(self):
         spec = self.tmp / "spec.toml"
-        spec.write_text(f'scene = "{self.circle}"\nset = ["simulation.duration=60"]\n[[vary]]\nkey = "control.lambda"\nfrom = 30.0\nto = 50.0\nsteps = 400\n')
+        spec.write_text(f'scene = "{self.circle}"\nset = ["simulation.duration=60"]\nsample = {{ method = "grid" }}\n[[vary]]\nkey = "control.lambda"\nfrom = 30.0\nto = 50.0\nsteps = 400\n')
         return spec
 
     def test_every_json_document_has_its_schema(self):
@@ -49,11 +49,11 @@ class Words(unittest.TestCase):
             self.assertEqual(esmc("sim", Path(SCENES, scene + ".toml"), "--out", out).returncode, 0)
         cases = json.dumps({"cases": []})
         spec = self.tmp / "small.toml"
-        spec.write_text(f'scene = "{self.circle}"\n[[vary]]\nkey = "control.lambda"\nvalues = [30.0, 40.0]\n')
+        spec.write_text(f'scene = "{self.circle}"\nsample = {{ method = "grid" }}\n[[vary]]\nkey = "control.lambda"\nvalues = [30.0, 40.0]\n')
         arguments = {
             "sim": [self.circle, *short], "hil": [self.circle, *short], "check": [self.circle], "replay": [run], "compare": [run, run],
             "campaign": ["--episodes", 2], "design": [Path(SCENES, "five_bar_robust.toml")], "sweep": [spec],
-            "accuracy": [Path(SCENES, "rr_line.toml")], "calibrate": [calibration], "identify": [identification],
+            "accuracy": [Path(SCENES, "rr_line.toml")], "calibrate": [calibration, "--trust-half-base"], "identify": [identification],
             "spatial": [next(Path(SCENES, "spatial").glob("*.toml")), *short], "live": [self.circle, "--port", 0, "--duration", 0.2]}
         on_a_bus = {"plant", "controller", "drive"}  # vcan.loop and slcan.echo read theirs
         self.assertEqual(commands(), set(arguments) | NO_JSON | on_a_bus | {"eval"})
@@ -67,7 +67,7 @@ class Words(unittest.TestCase):
         log = self.tmp / "log"
         esmc("sim", Path(SCENES, "five_bar_calibration.toml"), "--out", log)
         for command, name, given in (("check", "check", [self.circle]), ("design", "design", [Path(SCENES, "five_bar_robust.toml")]),
-                                     ("calibrate", "calibration", [log])):
+                                     ("calibrate", "calibration", [log, "--trust-half-base"])):
             out = self.tmp / name
             done = esmc(command, *given, "--json", "--out", out)
             self.assertEqual(done.stdout, (out / f"{name}.json").read_text())
@@ -75,7 +75,7 @@ class Words(unittest.TestCase):
             self.assertIn("class='panel verdict'", page)
             self.assertEqual(len(re.findall(r"<h1>", page)), 1)
             self.assertEqual(esmc(command, *given, "--out", out).returncode, done.returncode, "its own folder is written again")
-        refused = esmc("calibrate", log, "--out", log)
+        refused = esmc("calibrate", log, "--trust-half-base", "--out", log)
         self.assertEqual(refused.returncode, 2)
         self.assertIn("would replace", refused.stderr)
         self.assertTrue((log / "log.csv").is_file())
