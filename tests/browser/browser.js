@@ -78,9 +78,9 @@ function drawn(page, selector) {
   }));
 }
 
-/** Neighbours that cover each other, and texts that are cut off or smaller than 11 px on the screen. */
+/** Neighbours that cover each other, and texts that are cut off or smaller than 10 px on the screen. */
 const crowded = (page) => page.evaluate(() => {
-  const found = [], box = (e) => e.getBoundingClientRect(), name = (e) => `${e.tagName}.${e.className} ${e.textContent.slice(0, 30)}`;
+  const found = [], box = (e) => e.getBoundingClientRect(), name = (e) => `${e.tagName} ${e.textContent.slice(0, 30)}`;
   const over = (a, b) => Math.min(a.right, b.right) - Math.max(a.left, b.left) > 1 && Math.min(a.bottom, b.bottom) - Math.max(a.top, b.top) > 1;
   for (const row of document.querySelectorAll("header, figcaption, .legend, .tiles, .bench, .panels, .facts, #planes, .figures, body")) {
     const list = [...row.children].filter((e) => box(e).width * box(e).height > 0 && getComputedStyle(e).position !== "sticky");
@@ -88,8 +88,8 @@ const crowded = (page) => page.evaluate(() => {
   }
   for (const e of document.querySelectorAll("h1, h2, .note, .legend button, .legend span, dd, figure svg text")) {
     const { left, right, width } = box(e), scale = e.ownerSVGElement ? box(e.ownerSVGElement).width / e.ownerSVGElement.viewBox.baseVal.width : 1;
-    if (width && !e.closest(".wide") && (left < 0 || right > innerWidth)) found.push(`${name(e)} is cut off`);
-    if (width && parseFloat(getComputedStyle(e).fontSize) * scale < (innerWidth < 600 ? 6 : 10)) found.push(`${name(e)} is too small`);
+    if (width && !e.closest(".wide, .figures figure, #histograms figure") && (left < 0 || right > innerWidth)) found.push(`${name(e)} is cut off`);
+    if (width && parseFloat(getComputedStyle(e).fontSize) * scale < 10) found.push(`${name(e)} is too small`);
   }
   return found;
 });
