@@ -88,6 +88,14 @@ std::vector<std::vector<std::uint64_t>> fronts_of(const SweepSpec& spec, const S
   return out;
 }
 
+StudyVerdict sweep_verdict(const SweepTable& table) {
+  const auto good = static_cast<std::size_t>(std::ranges::count(table.outcome, outcome_ok));
+  return {good == table.outcome.size() ? StudyVerdict::Level::ok : StudyVerdict::Level::warn,
+          fmt::format("{} of {} cases ran to their end", good, table.outcome.size()),
+          "",
+          {}};
+}
+
 }  // namespace
 
 std::vector<std::size_t> pareto_front(const std::vector<std::vector<double>>& points) {
@@ -263,13 +271,7 @@ std::string sweep_page(const SweepSpec& spec, const CaseScenes& scenes, const Sw
                         std::string(objectives[static_cast<std::size_t>(spec.wanted[c])].meaning), v));
   }
   if (!histograms.empty()) body += figures_html(histograms);
-  const auto good = static_cast<std::uint64_t>(std::ranges::count(table.outcome, outcome_ok));
-  const std::uint64_t cases = table.outcome.size();
-  return study_page("Sweep: " + scenes.nominal().name, "esmc sweep " + spec.file, body,
-                    {good == cases ? StudyVerdict::Level::ok : StudyVerdict::Level::warn,
-                     fmt::format("{} of {} cases ran to their end", good, cases),
-                     "",
-                     {}});
+  return study_page("Sweep: " + scenes.nominal().name, "esmc sweep " + spec.file, body, sweep_verdict(table));
 }
 
 }  // namespace esmc::host
