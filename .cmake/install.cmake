@@ -23,5 +23,9 @@ if(TARGET esmc)
   install(CODE "execute_process(COMMAND \"${CMAKE_COMMAND}\" \"-DESMC=$<TARGET_FILE:esmc>\" \"-DOUT=${manual}\"
                                 -P \"${PROJECT_SOURCE_DIR}/.cmake/manual_page.cmake\" COMMAND_ERROR_IS_FATAL ANY)")
   install(FILES ${manual} DESTINATION ${CMAKE_INSTALL_MANDIR}/man1)
+  set(completion ${PROJECT_BINARY_DIR}/completion.bash)
+  install(CODE "execute_process(COMMAND \"$<TARGET_FILE:esmc>\" completion bash OUTPUT_FILE \"${completion}\"
+                                COMMAND_ERROR_IS_FATAL ANY)")
+  install(FILES ${completion} DESTINATION ${CMAKE_INSTALL_DATAROOTDIR}/bash-completion/completions RENAME esmc)
   include(.cmake/package.cmake)
 endif()

@@ -15,6 +15,7 @@
 #include "host_sim/record/derivatives.hpp"
 #include "host_sim/record/output.hpp"
 #include "host_sim/record/recording.hpp"
+#include "host_sim/report/study_page.hpp"
 #include "host_sim/scene/edit.hpp"
 #include "host_sim/scene/toml_text.hpp"
 
@@ -281,33 +282,35 @@ Json json_of(const Calibration& c, const CalibrationProblem& p, const RecordedRu
   return j;
 }
 
-void print(const Calibration& c, const CalibrationProblem& p, const RecordedRun& run, const JointLog& log,
-           const Found& found) {
+std::string text_of(const Calibration& c, const CalibrationProblem& p, const RecordedRun& run,
+                    const JointLog& log, const Found& found) {
+  std::string out;
+  const auto add = [&out]<class... T>(fmt::format_string<T...> f, T&&... v) {
+    out += fmt::format(f, std::forward<T>(v)...);
+  };
   const EffectorError& e = found.effector;
-  fmt::print("{}: {} rows, {}\n", printable(run.scene.name), log.table.rows(), scale_text(p));
-  fmt::print("{:<16} {:>12} {:>16} {:>12}\n", "", "nominal", "estimate", "+-");
+  add("{}: {} rows, {}\n", printable(run.scene.name), log.table.rows(), scale_text(p));
+  add("{:<16} {:>12} {:>16} {:>12}\n", "", "nominal", "estimate", "+-");
   for (const int u : c.estimated) {
-    fmt::print("{:<16} {:>12.6g} {:>16.8g} {:>12.2g} {}\n", name_of(u, p.five_bar), p.nominal[u], c.value[u],
-               c.sigma(u), unit_of(u));
+    add("{:<16} {:>12.6g} {:>16.8g} {:>12.2g} {}\n", name_of(u, p.five_bar), p.nominal[u], c.value[u],
+        c.sigma(u), unit_of(u));
   }
   for (const WeakDirection& w : c.weak)
-    fmt::print(
-        "kept nominal, the log does not determine it (taken as known to 0.5 % of a length, 5 mrad): {}\n",
+    add("kept nominal, the log does not determine it (taken as known to 0.5 % of a length, 5 mrad): {}\n",
         w.text);
   if (p.five_bar) {
-    fmt::print("loop closes to {:.3g} mm rms, with nominal values {:.3g} mm; encoders: {:.2g} rad rms\n",
-               1e3 * c.closure_rms, 1e3 * c.closure_rms_nominal, c.encoder_sigma);
+    add("loop closes to {:.3g} mm rms, with nominal values {:.3g} mm; encoders: {:.2g} rad rms\n",
+        1e3 * c.closure_rms, 1e3 * c.closure_rms_nominal, c.encoder_sigma);
   }
-  if (!p.effector.empty()) fmt::print("effector readings are met to {:.3g} mm rms\n", 1e3 * c.effector_rms);
-  fmt::print(
-      "effector from the base encoders: nominal values put it {:.3g} mm rms, {:.3g} mm max beside these; "
+  if (!p.effector.empty()) add("effector readings are met to {:.3g} mm rms\n", 1e3 * c.effector_rms);
+  add("effector from the base encoders: nominal values put it {:.3g} mm rms, {:.3g} mm max beside these; "
       "these are good for "
       "{:.2g} mm (standard uncertainty)\n",
       1e3 * e.rms, 1e3 * e.max, 1e3 * e.sigma);
   for (const EccentricEncoder& x : found.eccentric)
-    fmt::print("warning: eccentric_encoder: {}; the uncertainties have grown by what it shifts\n",
-               text_of(x));
-  fmt::print("\n{}", found.snippet);
+    add("warning: eccentric_encoder: {}; the uncertainties have grown by what it shifts\n", text_of(x));
+  add("\n{}", found.snippet);
+  return out;
 }
 
 // ---- the scene with the values of a calibration
@@ -405,6 +408,8 @@ std::string calibrated_scene(const RecordedRun& run, const Calibration& c) {
 int run_calibrate(const CalibrateOptions& o) {
   const RecordedRun run = open_run(o.log, o.scene);
   refuse_overwrite(o.write, {run.log, run.scene_file, o.effector});
+  OutputDirectory out(o.out);
+  for (const std::string& file : {run.log, run.scene_file, o.effector}) out.spare(file);
   const JointLog read = read_log(run);
   // The lag of the drives' observers is unknown: half of the largest, and an even distribution over the
   // range.
@@ -427,11 +432,18 @@ int run_calibrate(const CalibrateOptions& o) {
   found.effector = effector_error(c, p, log);
   found.snippet = calibrated_snippet(run.scene, c.value);
   if (!o.write.empty()) print_or_write(calibrated_scene(run, c), o.write);
-  if (o.json) {
-    fmt::print("{}\n", json_of(c, p, run, log, found).dump(2));
-  } else {
-    print(c, p, run, log, found);
-  }
+  const Json j = json_of(c, p, run, log, found);
+  const auto page = [&] {
+    const auto warnings = c.weak.size() + found.eccentric.size();
+    return study_page(
+        "What the log of " + run.scene.name + " says of its geometry", o.command_line, document_html(j),
+        {warnings > 0 ? StudyVerdict::Level::warn : StudyVerdict::Level::ok,
+         fmt::format("the effector is known to {:.2g} mm; the nominal values put it {:.3g} mm beside",
+                     1e3 * found.effector.sigma, 1e3 * found.effector.rms),
+         fmt::format("{} misfits; {} directions kept nominal", found.eccentric.size(), c.weak.size()),
+         {}});
+  };
+  publish({"calibration", j, text_of(c, p, run, log, found), page}, o.json, out);
   return 0;
 }
 

@@ -5,10 +5,11 @@
 namespace esmc::host {
 
 struct CalibrateOptions {
-  std::string log;                     ///< a run's directory, or a log.csv
-  std::string scene;                   ///< empty: scene.toml beside the log
-  std::string effector;                ///< CSV t,x,y; empty: none
-  std::string write;                   ///< scene file to write; empty: none
+  std::string log;       ///< a run's directory, or a log.csv
+  std::string scene;     ///< empty: scene.toml beside the log
+  std::string effector;  ///< CSV t,x,y; empty: none
+  std::string write;     ///< scene file to write; empty: none
+  std::string out, command_line;
   std::optional<double> half_base;     ///< m, exact
   bool trust_half_base = false;        ///< the scene's is exact
   bool free_frame = false;             ///< effector readings in a frame of their own

@@ -210,11 +210,11 @@ int replay(const Campaign& campaign, const CampaignOptions& o) {
   OutputDirectory out(o.out);
   if (out.wanted()) {
     out.write("episode.txt", lines);
-    out.write("episode.json", j.dump(2) + "\n");
+    out.write("episode.json", document_text(j));
     out.commit();
   }
   if (o.json) {
-    fmt::print("{}\n", j.dump(2));
+    fmt::print("{}", document_text(j));
   } else {
     fmt::print("{}seed {} on variant {}: {}\n", lines, e.seed, e.variant, describe(e.injection));
     fmt::print("latched {}; {}\n", j["latched"].get<std::string>(),
@@ -233,16 +233,11 @@ int run_campaign(const CampaignOptions& o) {
   OutputDirectory out(o.out);
   const CampaignTotals totals = run_all(campaign, o);
   Json j = totals.json();
-  j["schema"] = 1;
   j["seed"] = o.seed;
   j["interrupted"] = totals.episodes() < o.episodes;
-  if (out.wanted()) {
-    out.write("campaign.json", j.dump(2) + "\n");
-    out.write("campaign.md", totals.markdown());
-    out.write("report.html", totals.page(o.command_line, o.episodes));
-    out.commit();
-  }
-  fmt::print("{}", o.json ? j.dump(2) + "\n" : totals.text());
+  if (out.wanted()) out.write("campaign.md", totals.markdown());
+  publish({"campaign", j, totals.text(), [&] { return totals.page(o.command_line, o.episodes); }}, o.json,
+          out);
   if (totals.violation_count() > 0) return 1;
   return totals.episodes() == o.episodes ? 0 : exit_interrupted;
 }

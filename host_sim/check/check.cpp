@@ -15,6 +15,7 @@
 #include "host_sim/loop/run.hpp"
 #include "host_sim/record/finish.hpp"
 #include "host_sim/record/recorder.hpp"
+#include "host_sim/report/study_page.hpp"
 
 namespace esmc::host {
 namespace {
@@ -329,7 +330,6 @@ Json report_json(const Scene& scene, const Judgement& v, const std::string& obst
   const auto& [m, bus, parts, f] = v;
   const bool five_bar = scene.type == MechanismType::five_bar;
   Json j;
-  j["schema"] = 1;
   j["scene"] = scene.name;
   j["verdict"] = verdict(f);
   j["runs"] = !f.refused();
@@ -361,15 +361,42 @@ Json report_json(const Scene& scene, const Judgement& v, const std::string& obst
   return j;
 }
 
-std::string report_text(const Scene& scene, const Judgement& v, const std::string& obstacle) {
-  const auto& [m, bus, parts, f] = v;
+std::string headline(const Findings& f, const std::string& obstacle) {
   const auto warnings = f.count(Level::warning);
-  std::string out = fmt::format(
-      "{}: {}{}\n", printable(scene.name),
+  return fmt::format(
+      "{}{}",
       f.refused()        ? "would not run through"
       : obstacle.empty() ? "fit to run"
                          : "fit for sim, not for a bus: " + obstacle,
       f.refused() || warnings == 0 ? "" : fmt::format("; {} warning{}", warnings, warnings == 1 ? "" : "s"));
+}
+
+/// Torques along the reference, and the verdict. `log`: check.csv.
+std::string check_page(const RunOptions& o, const Scene& scene, const Json& j, const std::string& words,
+                       const Findings& f, const Log& log) {
+  std::vector<Series> torques;
+  for (std::size_t c = 0; c < log.columns().size(); ++c) {
+    if (!log.columns()[c].starts_with("tau")) continue;
+    torques.push_back({log.columns()[c], {}});
+    for (const SeriesRow& row : log.thinned())
+      torques.back().points.emplace_back(row.values[0], row.values[c]);
+  }
+  using enum StudyVerdict::Level;
+  return study_page("Check of " + scene.name, o.command_line,
+                    figures_html({chart_svg("Torque along the reference", "t, s", "N m", torques,
+                                            Scale::linear, Scale::linear)}) +
+                        document_html(j),
+                    {f.refused()                   ? bad
+                     : f.count(Level::warning) > 0 ? warn
+                                                   : ok,
+                     words,
+                     "",
+                     {}});
+}
+
+std::string report_text(const Scene& scene, const Judgement& v, const std::string& obstacle) {
+  const auto& [m, bus, parts, f] = v;
+  std::string out = fmt::format("{}: {}\n", printable(scene.name), headline(f, obstacle));
   const bool five_bar = scene.type == MechanismType::five_bar;
   out += fmt::format("along the reference: |sin theta_j2| >= {:.3g},{} base joints <= {:.3g} rad/s\n",
                      m.sin_type1, five_bar ? fmt::format(" |D2| >= {:.3g},", m.sin_type2) : "",
@@ -403,17 +430,12 @@ int run_check(const RunOptions& o) {
   Log log(out.open("check.csv"), check_columns(scene), tick_count(scene));
   const Judgement v = judge(scene, log);
   log.close();
-  if (out.wanted()) {
-    write_scene(scene, out);
-    out.commit();
-  }
+  if (out.wanted()) write_scene(scene, out);
   const std::string obstacle = bus_obstacle(scene).what;
-  if (o.json) {
-    fmt::print("{}\n", report_json(scene, v, obstacle).dump(2));
-  } else {
-    fmt::print("{}", report_text(scene, v, obstacle));
-    if (out.wanted()) fmt::print("torques along the reference: {}/check.csv\n", out.directory());
-  }
+  const Json j = report_json(scene, v, obstacle);
+  publish({"check", j, report_text(scene, v, obstacle),
+           [&] { return check_page(o, scene, j, headline(v.findings, obstacle), v.findings, log); }},
+          o.json, out);
   return v.findings.refused() ? 1 : 0;
 }
 

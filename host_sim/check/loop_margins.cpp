@@ -353,8 +353,7 @@ int run_margins(const RunOptions& o) {
   const LoopMargins& worst = *std::ranges::min_element(
       all, {}, [](const LoopMargins& m) { return m.gain.value_or(std::numeric_limits<double>::infinity()); });
   const std::vector<std::string> estimate = not_linear(scene);
-  MarginsJson j = {{"schema", 1},
-                   {"scene", scene.name},
+  MarginsJson j = {{"scene", scene.name},
                    {"estimate", !estimate.empty()},
                    {"estimate_because", estimate},
                    {"worst", margins_json(worst)}};
@@ -362,10 +361,10 @@ int run_margins(const RunOptions& o) {
   for (const LoopMargins& m : all) j["poses"].push_back(margins_json(m));
   if (out.wanted()) {
     write_scene(scene, out);
-    out.write("margins.json", j.dump(2) + "\n");
+    out.write("margins.json", document_text(j));
     out.commit();
   }
-  fmt::print("{}", o.json ? j.dump(2) + "\n" : margins_text(scene, all, worst, estimate));
+  fmt::print("{}", o.json ? document_text(j) : margins_text(scene, all, worst, estimate));
   return 0;
 }
 

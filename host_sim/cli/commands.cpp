@@ -72,7 +72,7 @@ int run_eval(const EvalOptions& o) {
     if (!in || std::filesystem::is_directory(o.file)) throw InputError("", o.file + ": cannot be read");
     text << in.rdbuf();
   }
-  fmt::print("{}\n", evaluate(text.str(), o.file == "-" ? "stdin" : o.file, o.single_precision));
+  fmt::print("{}", evaluate(text.str(), o.file == "-" ? "stdin" : o.file, o.single_precision));
   return 0;
 }
 
@@ -84,6 +84,62 @@ int run_export(const ExportOptions& o) {
 
 int run_keys(const Word& of) {
   fmt::print("{}", keys_markdown(of == "spatial" ? spatial_keys() : scene_keys()));
+  return 0;
+}
+
+struct CompletionOptions {
+  std::string name;
+  const CLI::App* app = nullptr;
+};
+
+/// Bash takes the words of a command, and of an option's value, from one table: what --help shows, and the
+/// keys of scenes.
+int run_completion(const CompletionOptions& o) {
+  std::vector<std::string> commands, keys;
+  std::string words;
+  for (const CLI::App* c : o.app->get_subcommands([](const CLI::App*) { return true; })) {
+    commands.push_back(c->get_name());
+    std::vector<std::string> options;
+    for (const CLI::Option* option : c->get_options()) {
+      const std::string type = option->get_type_name(), name = option->get_name();
+      const std::size_t open = type.find('{');  // the words that an option takes
+      if (!option->get_positional()) options.push_back(name.substr(name.rfind(',') + 1));
+      if (open == std::string::npos) continue;
+      std::string values = type.substr(open + 1, type.find('}') - open - 1);
+      std::ranges::replace(values, ',', ' ');
+      words += fmt::format("  [{},{}]='{}'\n", c->get_name(), option->get_positional() ? "" : options.back(),
+                           values);
+    }
+    words += fmt::format("  [{}]='{}'\n", c->get_name(), fmt::join(options, " "));
+  }
+  for (const Key& k : scene_keys()) {
+    if (k.path.find('[') == std::string::npos) keys.push_back(fmt::format("{}=", k.path));
+  }
+  fmt::print(R"(# Completion of esmc for bash; written by `esmc completion bash`.
+declare -gA _esmc_words=(
+{}  [help]='{}'
+)
+_esmc_keys='{}'
+_esmc() {{
+  local word=${{COMP_WORDS[COMP_CWORD]}} before=${{COMP_WORDS[COMP_CWORD-1]}} command=${{COMP_WORDS[1]}} list
+  COMPREPLY=()
+  if [[ $COMP_CWORD == 1 ]]; then
+    list="{} help --help --version"
+  elif [[ $before == --set ]]; then
+    list=$_esmc_keys
+    compopt -o nospace
+  elif [[ ${{_esmc_words[$command,$before]}} ]]; then
+    list=${{_esmc_words[$command,$before]}}
+  elif [[ $word == -* || $command == help ]]; then
+    list=${{_esmc_words[$command]}}
+  else
+    list=${{_esmc_words[$command,]}}
+  fi
+  mapfile -t COMPREPLY < <(compgen -W "$list" -- "$word")
+}}
+complete -o default -F _esmc esmc
+)",
+             words, fmt::join(commands, " "), fmt::join(keys, " "), fmt::join(commands, " "));
   return 0;
 }
 
@@ -204,7 +260,8 @@ void add_scene_commands(Program& p) {
           "delays, bus load, and 200 ticks of it simulated",
           run_check);
   add_scene(check, check_options);
-  add_out(check, check_options.out, "scene.toml and check.csv: the torques along the reference");
+  add_out(check, check_options.out,
+          "check.json, report.html, scene.toml, and check.csv: the torques along the reference");
   add_json(check, check_options.json);
 
   const auto [loop, loop_options] =
@@ -243,7 +300,7 @@ void add_accuracy(Program& p) {
       add(p, "accuracy",
           "the price list of a scene: what integrators, effects and the loop change and cost, and the "
           "cheapest scene that suffices",
-          run_accuracy, Signals::end);
+          run_accuracy);
   c.add_option("SCENE", o.scene, "scene file (TOML); without it: reference problems of the integrators");
   add_sets(c, o.sets);
   c.add_option("--of", o.metric, "an error of the summary's tracking, or end: final_state.q; default rms_m")
@@ -297,6 +354,7 @@ void add_design(Program& p) {
       ->check(CLI::Range(std::uint64_t{1}, std::uint64_t{1'000'000}))
       ->type_name("UINT");
   add_seed(c, o.run.seed, "of the simulated plants");
+  add_out(c, o.run.out, "design.json, report.html");
   add_json(c, o.run.json);
 }
 
@@ -356,6 +414,7 @@ void add_calibrate(Program& p) {
   add_observer_bandwidth(c, o.observer_bandwidth);
   add_positive(c, "--within", o.within, "relative change of a length beyond which it is another mechanism");
   c.add_option("--write", o.write, "scene file to write: the nominal one, corrected")->type_name("FILE");
+  add_out(c, o.out, "calibration.json, report.html");
   add_json(c, o.json);
 }
 
@@ -372,6 +431,7 @@ void add_identify(Program& p) {
   add_positive(c, "--coverage", o.coverage, "half width of the intervals, in standard uncertainties");
   c.add_option("--write", o.write, "scene file to write: its controller believes what was found")
       ->type_name("FILE");
+  add_out(c, o.out, "identification.json, report.html");
   add_json(c, o.json);
 }
 
@@ -408,6 +468,12 @@ void add_spatial_and_keys(Program& p) {
   keys.add_option("OF", of, "scene | spatial")
       ->check(CLI::IsMember({"scene", "spatial"}))
       ->capture_default_str();
+
+  const auto [completion, shell] =
+      add(p, "completion", "print what a shell needs to complete commands, options and scene keys",
+          run_completion, Signals::end);
+  shell.app = &p.app;
+  completion.add_option("SHELL", shell.name, "bash")->required()->check(CLI::IsMember({"bash"}));
 }
 
 }  // namespace

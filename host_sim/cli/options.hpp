@@ -2,6 +2,7 @@
 /// Options that several subcommands have, and subcommands themselves.
 
 #include <fmt/format.h>
+#include <unistd.h>
 
 #include <CLI/CLI.hpp>
 #include <array>
@@ -26,7 +27,8 @@ struct Program {
   int status = 0;            ///< exit status of the command that ran
 };
 
-/// What SIGINT and SIGTERM do: end the process, or request the end of its loop.
+/// What SIGINT and SIGTERM do: end the process, or request the end of its loop. Either way with the exit
+/// status exit_interrupted.
 enum class Signals { end, request_stop };
 
 /// Adds a subcommand that calls run(options). Returns it and its options; `p` must outlive the parsing.
@@ -38,8 +40,10 @@ std::pair<CLI::App&, Options&> add(Program& p, const char* name, const char* des
   if constexpr (requires { o->run.command_line; }) o->run.command_line = p.command_line;
   CLI::App* app = p.app.add_subcommand(name, description);
   app->callback([o, run, signals, &p] {
-    if (signals == Signals::request_stop) {
-      for (const int signal : {SIGINT, SIGTERM}) std::signal(signal, [](int) { stop_requested() = true; });
+    for (const int signal : {SIGINT, SIGTERM}) {
+      std::signal(
+          signal, signals == Signals::request_stop ? +[](int) { stop_requested() = true; }
+                                                   : +[](int) { ::_exit(exit_interrupted); });
     }
     p.status = run(*o);
   });
@@ -108,7 +112,7 @@ inline void add_sets(CLI::App& c, std::vector<std::string>& sets) {
       ->expected(1)
       ->take_all();
 }
-inline void add_scene(CLI::App& c, RunOptions& o, const std::string& file = "scene file (TOML)") {
+inline void add_scene(CLI::App& c, RunOptions& o, const std::string& file = "scene file (TOML); - is stdin") {
   c.add_option("SCENE", o.scene, file)->required();
   add_sets(c, o.sets);
 }

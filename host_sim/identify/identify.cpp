@@ -12,6 +12,7 @@
 #include "host_sim/identify/uncertainty.hpp"
 #include "host_sim/record/output.hpp"
 #include "host_sim/record/recording.hpp"
+#include "host_sim/report/study_page.hpp"
 #include "host_sim/scene/edit.hpp"
 #include "host_sim/scene/toml_text.hpp"
 
@@ -178,35 +179,39 @@ Json json_of(const Identification& r, const RecordedRun& run, const IdentifyProb
   return j;
 }
 
-void print(const Identification& r, const RecordedRun& run, const IdentifyProblem& p,
-           const IdentifyOptions& o, const UncertaintyTable& table) {
-  fmt::print(
-      "{}: {} ticks, {} windows of {:g} s, {} base parameters; intervals are {:g} standard uncertainties to "
+std::string text_of(const Identification& r, const RecordedRun& run, const IdentifyProblem& p,
+                    const IdentifyOptions& o, const UncertaintyTable& table) {
+  std::string out;
+  const auto add = [&out]<class... T>(fmt::format_string<T...> f, T&&... v) {
+    out += fmt::format(f, std::forward<T>(v)...);
+  };
+  add("{}: {} ticks, {} windows of {:g} s, {} base parameters; intervals are {:g} standard uncertainties to "
       "either side\n",
       printable(run.scene.name), p.torque.size(), r.windows, o.window, r.parameters.size(), o.coverage);
-  fmt::print("{:<18}{:>12}{:>12}{:>12}{:>12}\n", "", "nominal", "estimate", "from", "to");
+  add("{:<18}{:>12}{:>12}{:>12}{:>12}\n", "", "nominal", "estimate", "from", "to");
   std::string sums;
   for (const BaseParameter& b : r.parameters) {
     const StandardParameter& s = b.of;
     const bool sum = b.text != s.name;
     if (sum) sums += fmt::format("{}*: {}\n", s.name, b.text);
-    fmt::print("{:<18}{:>12.4g}{:>12.4g}{:>12.4g}{:>12.4g} {}\n", s.name + (sum ? "*" : ""), b.nominal,
-               b.value, b.value - o.coverage * b.sigma, b.value + o.coverage * b.sigma, s.unit);
+    add("{:<18}{:>12.4g}{:>12.4g}{:>12.4g}{:>12.4g} {}\n", s.name + (sum ? "*" : ""), b.nominal, b.value,
+        b.value - o.coverage * b.sigma, b.value + o.coverage * b.sigma, s.unit);
   }
-  fmt::print("{:<18}{:>12}{:>12.4g}{:>12.4g}{:>12.4g} ticks\n", "torque delay", "", r.delay_ticks,
-             r.delay_ticks - o.coverage * r.delay_sigma, r.delay_ticks + o.coverage * r.delay_sigma);
-  fmt::print("{}\n{}",
-             p.five_bar ? "per leg j: aj = J1 + m1 lg1^2 + m2 l1^2, cj = J2 + m2 lg2^2, hj = m2 lg2, sj = m1 "
-                          "lg1 + m2 l1; m0 the effector's mass"
-                        : "a = J1 + m1 lg1^2 + m2 l1^2, c = J2 + m2 lg2^2, h = m2 lg2, s = m1 lg1 + m2 l1",
-             sums);
-  fmt::print("unexplained: {:.2g} and {:.2g} N m rms of {:.2g} and {:.2g}\n", r.residual[0], r.residual[1],
-             r.effort[0], r.effort[1]);
+  add("{:<18}{:>12}{:>12.4g}{:>12.4g}{:>12.4g} ticks\n", "torque delay", "", r.delay_ticks,
+      r.delay_ticks - o.coverage * r.delay_sigma, r.delay_ticks + o.coverage * r.delay_sigma);
+  add("{}\n{}",
+      p.five_bar ? "per leg j: aj = J1 + m1 lg1^2 + m2 l1^2, cj = J2 + m2 lg2^2, hj = m2 lg2, sj = m1 "
+                   "lg1 + m2 l1; m0 the effector's mass"
+                 : "a = J1 + m1 lg1^2 + m2 l1^2, c = J2 + m2 lg2^2, h = m2 lg2, s = m1 lg1 + m2 l1",
+      sums);
+  add("unexplained: {:.2g} and {:.2g} N m rms of {:.2g} and {:.2g}\n", r.residual[0], r.residual[1],
+      r.effort[0], r.effort[1]);
   for (const Defect& d : r.defects)
-    fmt::print("warning: {}: {}; more unknowns of the intervals, not in the table\n",
-               defect_codes[static_cast<std::size_t>(d.kind)], text_of(d, run, o.coverage));
-  for (const std::string& w : table.warnings) fmt::print("warning: {}\n", w);
-  fmt::print("\n{}", table.toml);
+    add("warning: {}: {}; more unknowns of the intervals, not in the table\n",
+        defect_codes[static_cast<std::size_t>(d.kind)], text_of(d, run, o.coverage));
+  for (const std::string& w : table.warnings) add("warning: {}\n", w);
+  add("\n{}", table.toml);
+  return out;
 }
 
 /// The scene of the run whose controller believes what was found.
@@ -239,6 +244,8 @@ std::string identified_scene(const Identification& r, const RecordedRun& run, co
 int run_identify(const IdentifyOptions& o) {
   const RecordedRun run = open_run(o.log, o.scene);
   refuse_overwrite(o.write, {run.log, run.scene_file});
+  OutputDirectory out(o.out);
+  for (const std::string& file : {run.log, run.scene_file}) out.spare(file);
   if (o.window < 20.0 * run.scene.tick() || o.window > 10.0)
     refuse("--window {:g}: from 20 ticks ({:g} s) to 10 s are allowed", o.window, 20.0 * run.scene.tick());
   const IdentifyProblem p = read_problem(run, o);
@@ -252,11 +259,17 @@ int run_identify(const IdentifyOptions& o) {
   judge(r, run, o);
   const UncertaintyTable table = uncertainty_table(r, p, believed_mechanism(run.scene), o.coverage);
   if (!o.write.empty()) print_or_write(identified_scene(r, run, p, o.coverage), o.write);
-  if (o.json) {
-    fmt::print("{}\n", json_of(r, run, p, o, table).dump(2));
-  } else {
-    print(r, run, p, o, table);
-  }
+  const Json j = json_of(r, run, p, o, table);
+  const auto page = [&] {
+    const auto warnings = r.defects.size() + table.warnings.size();
+    return study_page("What the log of " + run.scene.name + " says of its masses and friction",
+                      o.command_line, document_html(j),
+                      {warnings > 0 ? StudyVerdict::Level::warn : StudyVerdict::Level::ok,
+                       fmt::format("{} base parameters; {} warnings", r.parameters.size(), warnings),
+                       fmt::format("Intervals are {:g} standard uncertainties to either side.", o.coverage),
+                       {}});
+  };
+  publish({"identification", j, text_of(r, run, p, o, table), page}, o.json, out);
   return 0;
 }
 

@@ -12,6 +12,7 @@
 #include "host_sim/live/server.hpp"
 #include "host_sim/live/session.hpp"
 #include "host_sim/loop/waiting.hpp"
+#include "host_sim/record/output.hpp"
 
 namespace esmc::host {
 
@@ -140,7 +141,7 @@ int run_live(const LiveOptions& o) {
   serving.join();
   const Json s = summary(*session, runner, api.loop(), server->counts(), api.malformed());
   if (o.run.json) {
-    fmt::print("{}\n", s.dump(2));
+    fmt::print("{}", document_text(s));
     return 0;
   }
   fmt::print("{}: {:.3f} s, {} ticks, {} late; {}, {} faults; {} pages, {} requests refused\n",

@@ -70,6 +70,9 @@ class ControllerEnd {
   [[nodiscard]] const Supervisor& supervisor() const {
     return with([](const auto& c) -> const Supervisor& { return c.supervisor(); });
   }
+  [[nodiscard]] std::vector<Surface> surfaces() const {
+    return with([&](const auto& c) { return surfaces_of<World>(scene_, c.controller().config()); });
+  }
   [[nodiscard]] const Sample<M>& sample() const {
     if constexpr (std::is_same_v<C, M>) {
       return with([](const auto& c) -> const Sample<M>& { return c.sample(); });

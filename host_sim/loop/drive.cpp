@@ -13,6 +13,7 @@
 #include "host_sim/loop/run.hpp"
 #include "host_sim/loop/waiting.hpp"
 #include "host_sim/names.hpp"
+#include "host_sim/record/output.hpp"
 #include "host_sim/scene/drive_defects.hpp"
 
 namespace esmc::host {
@@ -215,7 +216,7 @@ int run_drive(const DriveOptions& o) {
   drive.run();
   const Json s = drive.summary(defects);
   if (o.json) {
-    fmt::print("{}\n", s.dump(2));
+    fmt::print("{}", document_text(s));
   } else {
     fmt::print(
         "{} s, {} frames received ({} commands), {} sent; shaft at {:.6g} rad, {:.6g} rad/s, largest torque "

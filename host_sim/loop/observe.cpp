@@ -7,6 +7,7 @@
 #include "host_sim/controller/axes_config.hpp"
 #include "host_sim/loop/run.hpp"
 #include "host_sim/loop/waiting.hpp"
+#include "host_sim/record/output.hpp"
 #include "host_sim/record/recorder.hpp"
 
 namespace esmc::host {
@@ -181,7 +182,7 @@ int observe(const Scene& scene, const RunOptions& o, HostBus& bus) {
   if (o.json) {
     Json j = {{"scene", scene.name}, {"ticks", n}};
     j.update(observer.look());
-    fmt::print("{}\n", j.dump(2));
+    fmt::print("{}", document_text(j));
   }
   const std::string silent = observer.silent();
   if (silent.empty()) return 0;

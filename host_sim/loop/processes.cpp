@@ -104,6 +104,7 @@ class ControllerRecorder {
     e.wall_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
     e.seed = seed;
     set_outcome(e, controller.supervisor(), controller.fault());
+    e.surfaces = controller.surfaces();
     e.bus = bus;
     e.histograms = latencies();
     return e;
@@ -383,6 +384,7 @@ int hil_realtime(const Scene& scene, const RunOptions& o) {
   end.fault_t = seen.statistics().fault_time();
   end.histograms = seen.latencies();
   set_outcome(end, controller.supervisor(), controller.fault());
+  end.surfaces = controller.surfaces();
   return finish_run(o, scene, "hil", plant.recorder(), end, files);
 }
 

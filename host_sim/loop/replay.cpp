@@ -6,6 +6,7 @@
 #include "host_sim/error.hpp"
 #include "host_sim/loop/run.hpp"
 #include "host_sim/record/comparison.hpp"
+#include "host_sim/record/output.hpp"
 #include "host_sim/record/recording.hpp"
 #include "host_sim/scene/scene.hpp"
 
@@ -90,7 +91,7 @@ int run_replay(const ReplayOptions& o) {
   } catch (const RunError& e) {
     failure = e.what();
   }
-  if (stop_requested()) throw RunError(o.directory + ": interrupted, not compared to the end");
+  if (stop_requested()) throw Interrupted(o.directory + ": interrupted, not compared to the end");
   if (bus) {
     // A plant in real time goes on talking until the controller has heard that it is idle.
     if (failure.empty() && (!r.realtime || r.command == "controller")) bus->end();
@@ -111,7 +112,7 @@ int run_replay(const ReplayOptions& o) {
            {"digest_equal", r.summary["digest"].is_string() ? Json(comparison.same_digest()) : Json(nullptr)},
            {"differences", Json::array()}};
     for (const Difference& d : differences) j["differences"].push_back(json_of(d));
-    fmt::print("{}\n", j.dump(2, ' ', false, Json::error_handler_t::replace));
+    fmt::print("{}", document_text(j));
   } else if (differences.empty()) {
     fmt::print("equal to the last bit: {}, {}\n", r.command, coverage(r, comparison, frames));
   } else {

@@ -145,6 +145,7 @@ class SimRun {
       }
     }
     set_outcome(end, supervisor, finder.found());
+    end.surfaces = surfaces_of<World>(scene_, controller.config());
     if (supervisor.fault() == Fault::loop_not_closed && controller.odd_encoder() != 0)
       end.odd_encoder = World::joint_names[controller.odd_encoder() - 1];
   }

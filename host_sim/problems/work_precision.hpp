@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 #include <ctime>
+#include <functional>
 #include <limits>
 #include <string>
 #include <utility>
@@ -37,6 +38,7 @@ struct OrderFound {
 struct WorkPrecision {
   std::vector<WorkPoint> points;
   std::vector<OrderFound> orders;
+  std::function<void()> after_run = [] {};  ///< called after each run; may throw
 };
 
 inline constexpr int instants = 8;  ///< equally spaced, at which a run is compared
@@ -165,6 +167,7 @@ void fixed_steps(const Problem<S>& p, int first_steps, long most_steps, WorkPrec
         },
         point);
     out.points.push_back(point);
+    out.after_run();
     const double rms = std::sqrt(squares / instants);
     if (std::isfinite(rms)) track_error.emplace_back(h, rms);
     if (rms < 3.0 * p.rounding) break;
@@ -189,6 +192,7 @@ void tolerances(const Problem<S>& p, WorkPrecision& out) {
         },
         point);
     out.points.push_back(point);
+    out.after_run();
   }
 }
 

@@ -57,8 +57,8 @@ Json read_summary(const std::string& directory) {
 
 /// Numbers of a summary by their path, without those of the wall clock and the state, which the log has.
 void metrics_of(const Json& j, const std::string& name, std::map<std::string, double>& out) {
-  static const std::set<std::string> left_out{"wall_s", "real_time_factor", "late_ticks", "final_state",
-                                              "seed"};
+  static const std::set<std::string> left_out{
+      "wall_s", "real_time_factor", "late_ticks", "final_state", "seed", "schema"};
   for (const auto& [key, value] : j.items()) {
     if (left_out.contains(key)) continue;
     const std::string path = name.empty() ? key : name + "." + key;
@@ -191,17 +191,6 @@ std::string difference_text(const Json& d) {
                      text_of(d["b"]));
 }
 
-TextTable table_of(const Json& list, const std::vector<std::string>& keys) {
-  TextTable out{keys};
-  for (const Json& one : list) {
-    out.emplace_back();
-    for (const std::string& key : keys)
-      out.back().push_back(one[key].is_number() ? fmt::format("{:.6g}", one[key].get<double>())
-                                                : text_of(one[key]));
-  }
-  return out;
-}
-
 /// The effector's distance from its reference over time, mm.
 Series error_of(const Run& r, const std::string& name) {
   Series out{name, {}};
@@ -220,17 +209,16 @@ Series error_of(const Run& r, const std::string& name) {
 
 std::string page(const CompareOptions& o, const Json& j, const Run& a, const Run& b) {
   const bool within = j["within"].get<bool>();
-  const std::string error =
-      log_log_svg("Effector error", "t in s", "mm from the reference", {error_of(a, "A"), error_of(b, "B")});
+  const std::string error = chart_svg("Effector error", "t in s", "mm from the reference",
+                                      {error_of(a, "A"), error_of(b, "B")}, Scale::linear);
   const StudyVerdict verdict{
       within ? StudyVerdict::Level::ok : StudyVerdict::Level::warn,
       within ? fmt::format("within {:g}", o.tolerance) : fmt::format("beyond {:g}", o.tolerance),
       "A: " + o.a + " - " + verdict_line(a.summary) + "; B: " + o.b + " - " + verdict_line(b.summary),
       {}};
   return study_page("Two runs", o.command_line,
-                    figures_html({error}) +
-                        table_html("Keys of the scene that differ", table_of(j["scene"], {"key", "a", "b"})) +
-                        table_html("Metrics", table_of(j["metrics"], {"key", "a", "b", "difference"})),
+                    figures_html({error}) + table_html("Keys of the scene that differ", rows_of(j["scene"])) +
+                        table_html("Metrics", rows_of(j["metrics"])),
                     verdict);
 }
 
@@ -265,17 +253,12 @@ int run_compare(const CompareOptions& o) {
   const Run a(o.a), b(o.b);
   OutputDirectory out(o.out);
   bool beyond = false;
-  Json j = {{"schema", 1}, {"a", o.a}, {"b", o.b}, {"tolerance", o.tolerance}, {"within", true}};
+  Json j = {{"a", o.a}, {"b", o.b}, {"tolerance", o.tolerance}, {"within", true}};
   j["scene"] = scene_differences(a.scene, b.scene);
   j["metrics"] = compare_metrics(a, b, o.tolerance, beyond);
   j["log"] = compare_logs(a, b, o.tolerance, beyond);
   j["within"] = !beyond;
-  if (out.wanted()) {
-    out.write("comparison.json", j.dump(2) + "\n");
-    out.write("report.html", page(o, j, a, b));
-    out.commit();
-  }
-  fmt::print("{}", o.json ? j.dump(2) + "\n" : text(j));
+  publish({"comparison", j, text(j), [&] { return page(o, j, a, b); }}, o.json, out);
   return beyond ? 1 : 0;
 }
 

@@ -134,7 +134,7 @@ std::FILE* Comparison::open(const std::string& name) {
 }
 
 void Comparison::summary(const Json& computed, const Json& recorded) {
-  std::vector<std::string> ignored{"wall_s", "real_time_factor", "run", "accuracy.cpu_s"};
+  std::vector<std::string> ignored{"schema", "wall_s", "real_time_factor", "run", "accuracy.cpu_s"};
   // These depend on the wall clock.
   if (realtime_)
     ignored.insert(ignored.end(), {"late_ticks", "bus", "supervisor", "tracking", "verdict", "interrupted"});

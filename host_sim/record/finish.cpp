@@ -46,8 +46,12 @@ RunPage page_of(const RunOptions& o, const Scene& scene, const Json& summary, co
                .histograms = end.histograms,
                .load = {end.load, end.load_ticks, scene.tick(), static_cast<double>(scene.bitrate)},
                .columns = log.columns(),
-               .rows = log.thinned()};
+               .rows = log.thinned(),
+               .torques = log.spectra(),
+               .rate_hz = scene.rate_hz};
   page.columns.emplace_back("chatter");
+  for (const Surface& s : end.surfaces)
+    page.data["surfaces"]["s_" + s.channel] = {{"lambda", s.lambda}, {"layer", s.layer}};
   page.histograms.push_back({"Tick time",
                              end.late_ticks
                                  ? "wall clock, from one tick to the next"
@@ -94,9 +98,10 @@ int finish_run(const RunOptions& o, const Scene& scene, const char* kind, const 
 
 int publish_summary(const RunOptions& o, const Json& summary, const std::string& text, bool fault,
                     OutputDirectory& out) {
-  out.write("summary.json", summary.dump(2) + "\n");
+  const std::string document = document_text(summary);
+  out.write("summary.json", document);
   out.commit();
-  fmt::print("{}", o.json ? summary.dump(2) + "\n" : text);
+  fmt::print("{}", o.json ? document : text);
   return fault ? 1 : 0;
 }
 

@@ -24,6 +24,7 @@ Log::Log(std::FILE* file, std::vector<std::string> columns, std::size_t rows)
   torque_ = static_cast<std::size_t>(std::ranges::find_if(columns_, is_torque) - columns_.begin());
   motors_ = static_cast<std::size_t>(std::ranges::count_if(columns_, is_torque));
   if (file_ == nullptr) return;
+  spectra_.resize(motors_);
   fmt::format_to(std::back_inserter(buffer_), "{}\n", fmt::join(columns_, ","));
 }
 
@@ -43,7 +44,7 @@ void Log::row(const std::vector<double>& values, const char* state) {
   }
   *at++ = '\n';
   buffer_.resize(static_cast<std::size_t>(at - buffer_.data()));
-  update_chatter(values);
+  watch_torques(values, *state == '\0' || std::strcmp(state, "running") == 0);
   if (written_ % stride_ == 0) {
     thinned_.push_back({values, state, changes_ > 0 ? change_ / static_cast<double>(changes_) : 0.0});
     change_ = 0.0;
@@ -57,7 +58,7 @@ void Log::row(const std::vector<double>& values, const char* state) {
 }
 
 /// Values that thinning would lose, and the tick time.
-void Log::update_chatter(const std::vector<double>& values) {
+void Log::watch_torques(const std::vector<double>& values, bool running) {
   const auto now = std::chrono::steady_clock::now();
   const auto first = values.begin() + static_cast<std::ptrdiff_t>(torque_);
   if (written_ > 0) {
@@ -66,6 +67,7 @@ void Log::update_chatter(const std::vector<double>& values) {
     changes_ += motors_;
   }
   last_row_ = now;
+  for (std::size_t i = 0; i < motors_ && running; ++i) spectra_[i].add(values[torque_ + i]);
   last_torque_.assign(first, first + static_cast<std::ptrdiff_t>(motors_));
 }
 

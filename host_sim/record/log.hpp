@@ -10,6 +10,7 @@
 
 #include "host_sim/file_handle.hpp"
 #include "host_sim/report/series.hpp"
+#include "host_sim/report/spectrum.hpp"
 
 namespace esmc::host {
 
@@ -28,11 +29,13 @@ class Log {
 
   [[nodiscard]] const std::vector<std::string>& columns() const { return columns_; }
   [[nodiscard]] const std::vector<SeriesRow>& thinned() const { return thinned_; }  ///< every so many rows
+  /// Of each torque, in the order of the columns, over the rows of a running controller.
+  [[nodiscard]] const std::vector<Spectrum>& spectra() const { return spectra_; }
   /// Wall time from one row to the next.
   [[nodiscard]] const Histogram& tick_time() const { return tick_time_; }
 
  private:
-  void update_chatter(const std::vector<double>& values);
+  void watch_torques(const std::vector<double>& values, bool running);
 
   FileHandle file_;
   fmt::memory_buffer buffer_;
@@ -41,6 +44,7 @@ class Log {
   std::size_t stride_ = 1, written_ = 0;
   std::size_t torque_ = 0, motors_ = 0;  ///< first column and number of the torques
   std::vector<double> last_torque_;
+  std::vector<Spectrum> spectra_;
   double change_ = 0.0;
   std::size_t changes_ = 0;
   std::chrono::steady_clock::time_point last_row_;

@@ -1,5 +1,6 @@
 #include "host_sim/record/output.hpp"
 
+#include <fmt/format.h>
 #include <signal.h>
 #include <unistd.h>
 
@@ -9,6 +10,7 @@
 #include <cstdlib>
 #include <fstream>
 #include <iterator>
+#include <nlohmann/json.hpp>
 #include <system_error>
 
 #include "host_sim/error.hpp"
@@ -22,10 +24,13 @@ namespace fs = std::filesystem;
 namespace {
 
 /// Names of all files that a run may leave.
-constexpr const char* output_names[] = {"scene.toml",  "summary.json", "log.csv",         "frames.log",
-                                        "frames.csv",  "report.html",  "check.csv",       reference_copy,
-                                        model_copy,    endpoints_copy, "sweep.toml",      "cases.csv",
-                                        "timing.json", "timing.csv",   "comparison.json", "margins.json"};
+constexpr const char* output_names[] = {"scene.toml",          "summary.json", "log.csv",
+                                        "frames.log",          "frames.csv",   "report.html",
+                                        "check.csv",           reference_copy, model_copy,
+                                        endpoints_copy,        "sweep.toml",   "cases.csv",
+                                        "timing.json",         "timing.csv",   "comparison.json",
+                                        "check.json",          "design.json",  "calibration.json",
+                                        "identification.json", "margins.json"};
 
 constexpr const char* partial_prefix = ".partial-";
 
@@ -71,8 +76,9 @@ OutputDirectory::OutputDirectory(const std::string& directory) {
       refuse(std::string(name) + " is a directory there, a file is to replace it");
   }
   // A directory of an earlier run has one of these.
-  constexpr const char* signs[] = {"summary.json",  "check.csv",       "campaign.json",
-                                   "accuracy.json", "comparison.json", "margins.json"};
+  constexpr const char* signs[] = {"summary.json",     "check.csv",           "campaign.json",
+                                   "accuracy.json",    "comparison.json",     "design.json",
+                                   "calibration.json", "identification.json", "margins.json"};
   if (std::none_of(std::begin(signs), std::end(signs),
                    [&](const char* sign) { return fs::exists(final_ / sign, error); })) {
     for (const fs::directory_entry& e : fs::directory_iterator(final_, error)) {
@@ -163,6 +169,24 @@ void OutputDirectory::commit() {
   std::error_code ignored;
   fs::remove_all(partial_, ignored);
   partial_.clear();
+}
+
+std::string document_text(const nlohmann::ordered_json& document, int indent) {
+  nlohmann::ordered_json stamped{{"schema", 1}};
+  stamped.update(document);
+  return stamped.dump(indent, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n";
+}
+
+void publish(const StudyOutput& s, bool json, OutputDirectory& out) {
+  const std::string document = document_text(s.document);
+  std::string text = s.text;
+  if (out.wanted()) {
+    out.write(s.name + ".json", document);
+    out.write("report.html", s.page());
+    out.commit();
+    text += fmt::format("report: {}/report.html\n", out.directory());
+  }
+  fmt::print("{}", json ? document : text);
 }
 
 void print_or_write(const std::string& text, const std::string& file) {

@@ -3,6 +3,8 @@
 
 #include <cstdio>
 #include <filesystem>
+#include <functional>
+#include <nlohmann/json_fwd.hpp>
 #include <string>
 #include <vector>
 
@@ -42,6 +44,20 @@ class OutputDirectory {
   Comparison* against_ = nullptr;
   std::vector<std::filesystem::path> created_;  ///< folders that did not exist, outermost first
 };
+
+/// A JSON document as commands print and write it: `schema`, the version of its keys, comes first; text that
+/// is no UTF-8, as names of files may be, is replaced. Ends with a line end.
+std::string document_text(const nlohmann::ordered_json& document, int indent = 2);
+
+/// What a study found.
+struct StudyOutput {
+  std::string name;                        ///< in `out`: NAME.json
+  const nlohmann::ordered_json& document;  ///< what --json prints
+  std::string text;                        ///< what is printed without
+  std::function<std::string()> page;       ///< report.html; called where files are wanted
+};
+/// The end of every study: its files into place, then its document with `json`, else its text.
+void publish(const StudyOutput& s, bool json, OutputDirectory& out);
 
 /// Prints `text`, or writes it to `file` if that is not empty: completely or not at all. Throws InputError.
 void print_or_write(const std::string& text, const std::string& file);

@@ -83,6 +83,21 @@ inline void set_outcome(RunEnd& e, const Supervisor& supervisor, const std::opti
   const FaultRecord plain{.name = name(supervisor.fault())};
   e.faults.push_back(seen && seen->name == plain.name ? *seen : plain);
 }
+/// The sliding variables of a configuration; none where its law has none.
+template <class World, class C>
+std::vector<Surface> surfaces_of(const Scene& scene, const ControllerConfig<C>& c) {
+  std::vector<Surface> out;
+  const bool independent = scene.law == LawChoice::smc,
+             layered =
+                 scene.reaching != ReachingChoice::sign && scene.reaching != ReachingChoice::super_twisting;
+  for (int i = 0; i < (independent ? 2 : C::channels) && scene.sliding(); ++i) {
+    const auto& own = c.gains.independent;
+    out.push_back({World::channel_names[i],
+                   static_cast<double>(scene.law == LawChoice::esmc ? c.gains.lambda[i] : own.lambda),
+                   layered ? static_cast<double>(independent ? own.layer : c.gains.layer[i]) : 0.0});
+  }
+  return out;
+}
 /// Sets coordinates, rates and method of the end of a run; the energy error goes to `statistics`.
 template <class Plant>
 void set_final_state(RunEnd& e, Motion<Plant>& motion, Statistics& statistics) {

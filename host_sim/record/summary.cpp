@@ -96,7 +96,6 @@ Json make_summary(const Scene& scene, const Statistics& s, const RunEnd& end) {
   Json effects = Json::array();
   for (const Effect& e : scene.effects) effects.push_back(type_name(e));
   Json j;
-  j["schema"] = 1;
   j["scene"] = scene.name;
   j["seed"] = end.seed;
   j["duration_s"] = scene.duration;

@@ -95,6 +95,12 @@ struct FaultRecord {
 };
 
 /// How a run ended, for the summary.
+/// The sliding variable of a channel, s = e' + lambda e.
+struct Surface {
+  std::string channel;
+  double lambda = 0.0;  ///< 1/s
+  double layer = 0.0;   ///< abs(s) within which the reaching law does not switch, unit of s; 0: none
+};
 struct RunEnd {
   double wall_s = 0.0;       ///< of the loop alone
   bool interrupted = false;  ///< Ctrl-C
@@ -111,6 +117,7 @@ struct RunEnd {
   std::optional<AccuracyReport> accuracy;
   std::uint64_t seed = 1;
   // For the report only.
+  std::vector<Surface> surfaces;  ///< empty: no sliding law, or the controller runs elsewhere
   std::vector<NamedHistogram> histograms;
   Binned load;                   ///< bits on the bus per tick; empty where it was not seen
   std::uint64_t load_ticks = 0;  ///< of its entries that lie before t = 0

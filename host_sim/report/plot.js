@@ -30,6 +30,14 @@ class Plot {
       return list.map(({ value }) => value);
     } };
   }
+  /** The axis of powers of ten. */
+  static decades(more) {
+    return { ...more, filter: (u, splits) => splits, values: (u, splits) => splits.map((v) => power(Math.round(Math.log10(v)))),
+      splits: (u, i, lo, hi) => {
+        const first = Math.ceil(Math.log10(lo) - 1e-9), last = Math.floor(Math.log10(hi) + 1e-9), skip = Math.max(1, Math.ceil((last - first) / 5));
+        return Array.from({ length: Math.max(0, Math.floor((last - first) / skip) + 1) }, (_, k) => 10 ** (first + k * skip));
+      } };
+  }
   resize() { if (this.plot && this.width() !== this.plot.width) this.plot.setSize({ width: this.width(), height: this.height }); }
   /** Again, in the colours of now. */
   draw() {

@@ -49,8 +49,8 @@ class TimeAxis {
 
 /** A plot in a figure with a legend of buttons.
     options: title, unit; time: seconds per row (default: of the axis); height, px;
-    series: [{label, values, colour, style: "line" | "ref" | "under", hidden}], values may hold NaN: a gap;
-    limits: [{value, label, colour}], lines at +-value; marks: [{t, label, colour}], instants;
+    series: [{label, values, colour, style: "line" | "through" (shows what is behind) | "ref" | "under", hidden}], values may hold NaN: a gap;
+    limits: [{value, label, colour}], lines at +-value, N m where they have a label; marks: [{t, label, colour}], instants;
     zero: the axis shows it; log: logarithmic, what is not positive falls out below; until: rows that scale the axis end there (s);
     bands: a name per row, drawn as named stretches instead of lines. */
 class TimePlot extends Plot {
@@ -93,16 +93,11 @@ class TimePlot extends Plot {
   }
   /** Arguments of create(). */
   settings() {
-    const styles = { line: { width: 1.6 }, ref: { width: 1.2, dash: [5, 4] }, under: { width: 6, alpha: 0.3 } }, left = { size: 64 };
+    const styles = { line: { width: 1.6 }, through: { width: 1.4, alpha: 0.65 }, ref: { width: 1.2, dash: [5, 4] }, under: { width: 6, alpha: 0.3 } }, left = { size: 64 };
     const lines = this.bands ? [{ show: false }] : this.series.map((s) => ({ stroke: () => colour(s.colour), show: !s.hidden, points: { show: this.time.length < 3 },
       ...styles[s.style ?? "line"] }));
-    const decades = (lo, hi) => {
-      const first = Math.ceil(Math.log10(lo) - 1e-9), last = Math.floor(Math.log10(hi) + 1e-9), skip = Math.max(1, Math.ceil((last - first) / 5));
-      return Array.from({ length: Math.max(0, Math.floor((last - first) / skip) + 1) }, (_, k) => 10 ** (first + k * skip));
-    };
     const y = this.bands ? { ...left, splits: () => [], values: () => [] }
-      : this.log ? { ...left, filter: (u, splits) => splits, splits: (u, i, lo, hi) => decades(lo, hi),
-        values: (u, splits) => splits.map((v) => power(Math.round(Math.log10(v)))) }
+      : this.log ? Plot.decades(left)
         : { ...left, ...this.marksOf(() => this.height / 32) };
     return [lines, { x: { range: () => this.axis.view }, y: { distr: this.log ? 3 : 1, range: (u, lo, hi) => this.range(lo, hi) } },
       this.marksOf((u) => u.width / 85, " s"), y,
@@ -160,7 +155,7 @@ class TimePlot extends Plot {
       for (const limit of [value, -value]) {
         const y = u.valToPos(limit, "y", true);
         rule([[left, y], [right, y]], colour(tint), [10, 3, 2, 3]);
-        write(c, { fillStyle: colour(tint), textAlign: k % 2 ? "left" : "right", textBaseline: limit > 0 ? "top" : "bottom" },
+        if (label) write(c, { fillStyle: colour(tint), textAlign: k % 2 ? "left" : "right", textBaseline: limit > 0 ? "top" : "bottom" },
           `${label} ${limit < 0 ? "−" : ""}${sig(value)} N m`, k % 2 ? left + 6 * ratio : right - 6 * ratio, y + 3 * ratio * Math.sign(limit));
       }
     }

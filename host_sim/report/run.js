@@ -19,8 +19,9 @@ function extent(lists, from = 0, to = count) {
 }
 const time = column("t") ?? perRow((row) => row);
 const [x, y, xRef, yRef] = ["x", "y", "x_ref", "y_ref"].map(column), hasReference = x && y && xRef && yRef;
-const torqueLimits = data.torque_limit ?? [], oneLimit = new Set(torqueLimits).size === 1;
+const surfaces = data.surfaces ?? {}, torqueLimits = data.torque_limit ?? [], oneLimit = new Set(torqueLimits).size === 1;
 const faultNames = (summary.supervisor?.faults ?? []).map((fault) => fault?.name ?? String(fault)).join(", ");
+const faultLead = 0.2;  // s before a fault that the page shows first
 const faultTime = summary.supervisor?.fault_t_s ?? Infinity;
 /** The first row that the fault has spoilt: what comes later is a fall without torque. */
 const faultRow = (() => { const row = time.findIndex((t) => t >= faultTime); return row < 0 ? count : row; })();
@@ -102,7 +103,7 @@ function showFacts() {
 }
 
 // ---- Plots ----------------------------------------------------------------------------------------------------------
-const plots = [];
+const plots = [], planes = [];
 function buildPlots(axis) {
   const host = byId("plots"), states = columns.includes("state") ? rows.map((row) => String(row[columns.indexOf("state")])) : undefined;
   const marks = faultTime < Infinity ? [{ t: faultTime, label: `fault: ${faultNames || "latched"}`, colour: "bad" }] : [];
@@ -121,13 +122,15 @@ function buildPlots(axis) {
     trace(`|e| ${name}`, `c${k}`, "line", angleError(column(`${name}_ref`), column(name))))), { log: true });
   const limits = oneLimit ? [{ value: torqueLimits[0], label: "limit", colour: "bad" }]
     : torqueLimits.map((value, k) => ({ value, label: `limit ${symbol(motors[k] ?? "")}`, colour: tintOf(motors[k]) }));
-  add("Torque", "N m", motors.flatMap((name) => [trace(`${name}_cmd`, tintOf(name), "under"), trace(name, tintOf(name))]), { limits });
-  for (const [unit, angular] of [["m/s", false], ["rad/s", true]])
-    add("Sliding variables |s|", `${unit}; click a name to show it`, columns
-      .filter((name) => name.startsWith("s_") && /phi|theta|^s_\d/.test(name) === angular).map((name) => [name, column(name).map(Math.abs)])
-      .filter(([, values]) => values.some((v) => v > 0))  // a law leaves channels that it does not use at zero
-      .map(([name, values], k) => ({ ...trace(name, `c${k % 8}`, k < 8 ? "line" : "ref", values, symbol(name.slice(2))), hidden: k > 1 })),
-      { log: true });
+  add("Torque", "N m", motors.flatMap((name) => [trace(`${name}_cmd`, tintOf(name), "under"), trace(name, tintOf(name), "through")]), { limits });
+  for (const [unit, angular] of [["m/s", false], ["rad/s", true]]) {
+    const names = columns.filter((name) => name.startsWith("s_") && /phi|theta|^s_\d/.test(name) === angular)
+      .filter((name) => column(name).some((v) => v !== 0));  // a law leaves channels that it does not use at zero
+    const layer = surfaces[names[0]]?.layer;
+    add("Sliding variables s", `${unit}; ${layer ? `layer ±${sig(layer)} ${unit}; ` : ""}click a name to show it`, names
+      .map((name, k) => ({ ...trace(name, `c${k % 8}`, k < 8 ? "through" : "ref", column(name), symbol(name.slice(2))), hidden: k > 1 })),
+      { zero: true, limits: layer ? [{ value: layer, colour: "muted" }] : [] });
+  }
   add("Chatter", "N m, mean change of torque from tick to tick", [trace("|Δτ|", "c3", "line", column("chatter"))], { log: true });
   add("Modes", fiveBar ? "the sign of each: working modes of the legs, assembly mode" : "sin θ₂, whose sign is the working mode",
     modes.map(({ formula, values }, k) => ({ label: formula, values, colour: `c${k % 2 ? 1 : k ? 6 : 0}` })), { zero: true });
@@ -138,6 +141,22 @@ function buildPlots(axis) {
       series: [{ label: "load", values, colour: "c5" }] }));
   }
   if (states) plots.push(new TimePlot(host, axis, { title: "Supervisor", height: 52, bands: states, marks }));
+}
+
+/** The phase plane of the two first sliding variables whose error the log has, and the spectrum of the torques. */
+function buildPlanes(axis) {
+  const host = byId("planes"), spectrum = data.spectrum ?? {};
+  const error = (name, angular) => {
+    const [wanted, is] = [column(`${name}_ref`), column(name)];
+    return wanted && is && perRow((row) => (row >= faultRow ? NaN : angular ? Math.atan2(Math.sin(wanted[row] - is[row]), Math.cos(wanted[row] - is[row])) : wanted[row] - is[row]));
+  };
+  const channels = (names, angular) => names.map((name, k) => ({ label: symbol(name), colour: angular ? `c${k}` : `c${[6, 3][k]}`, e: error(name, angular),
+    s: column(`s_${name}`), ...surfaces[`s_${name}`] })).filter(({ e, s, lambda }) => e?.some(Number.isFinite) && s?.some((v) => v !== 0) && lambda > 0);
+  const [pair, unit] = [[channels(["x", "y"], false), "m"], [channels(baseJoints, true), "rad"]].find(([list]) => list.length) ?? [[]];
+  if (pair.length) planes.push(new PhasePlane(host, axis, pair, unit));
+  const torques = (spectrum.amplitudes ?? []).map((values, k) => ({ label: symbol(motors[k] ?? ""), colour: tintOf(motors[k]), values }));
+  if (spectrum.step_hz > 0 && torques.some(({ values }) => values.some((v) => v > 0))) planes.push(new SpectrumPlot(host, spectrum.step_hz, torques));
+  if (!host.children.length) host.remove();
 }
 
 // ---- Mechanism ------------------------------------------------------------------------------------------------------
@@ -210,12 +229,17 @@ if (count > 0) {
   if (!drawable) byId("drawing").remove();
   const player = new Player(axis, { play: byId("play"), scrub: byId("scrub"), speed: byId("speed") });
   buildPlots(axis);
+  buildPlanes(axis);
   on(query(".bench"), "keydown", (event) => player.key(event));
-  const redraw = () => { plots.forEach((plot) => plot.draw()); view?.draw(); map?.draw(); };
+  const redraw = () => { [...plots, ...planes].forEach((plot) => plot.draw()); view?.draw(); map?.draw(); };
   onLook(redraw);
   if (view) new ResizeObserver(() => view.draw()).observe(byId("mechanism"));
   if (map) new ResizeObserver(() => map.draw()).observe(byId("map"));
-  axis.setNow(axis.end);
+  axis.setNow(Math.min(faultTime, axis.end));
+  if (faultTime <= axis.end) {  // what led to it; all is a double click away
+    axis.setView(faultTime - faultLead, faultTime + 0.25 * faultLead);
+    byId("thinned").append(" Shown: what led to the fault.");
+  }
 } else {
   for (const one of [".mechanism", ".plots"]) query(one).remove();
   query(".bench").before(el("p", { class: "panel empty" }, "No tick was recorded: there is nothing to plot."));

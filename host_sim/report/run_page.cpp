@@ -136,6 +136,8 @@ std::string run_page(RunPage page) {
   data["bus_load"] = load_json(page.load);
   data["columns"] = page.columns;
   data["rows"] = rows_json(page.rows);
+  data["spectrum"] = {{"step_hz", page.rate_hz / Spectrum::segment}, {"amplitudes", Json::array()}};
+  for (const Spectrum& s : page.torques) data["spectrum"]["amplitudes"].push_back(rounded(s.amplitudes(), 4));
   return render_report(data);
 }
 

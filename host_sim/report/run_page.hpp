@@ -8,6 +8,7 @@
 
 #include "host_sim/plant/plant.hpp"
 #include "host_sim/report/series.hpp"
+#include "host_sim/report/spectrum.hpp"
 
 namespace esmc::host {
 
@@ -70,6 +71,8 @@ struct PageLoad {
 ///             a WorkspaceMap; null out of reach
 ///   histograms [{title, note, edges_s, counts, total, mean_s, p99_s, max_s}], one edge more than counts
 ///   bus_load  {start_s, bin_s, load: [share of the bus time, ...]}
+///   surfaces  {column: {lambda: 1/s, layer: unit of s, 0: none}}, of sliding variables
+///   spectrum  {step_hz, amplitudes: [[N m per line], ...]}, a list per motor, lines step_hz apart from 0
 ///   columns   names of the columns of log.csv, and "chatter": N m, mean change of torque per tick
 ///   rows      their values; a few thousand rows are enough, the page says so when ticks were left out
 struct RunPage {
@@ -77,8 +80,10 @@ struct RunPage {
   PageMechanism mechanism;
   std::vector<NamedHistogram> histograms;  ///< those without entries are left out
   PageLoad load;
-  std::vector<std::string> columns;    ///< of rows; the last one is chatter
-  const std::vector<SeriesRow>& rows;  ///< must outlive this
+  std::vector<std::string> columns;      ///< of rows; the last one is chatter
+  const std::vector<SeriesRow>& rows;    ///< must outlive this, as must the next
+  const std::vector<Spectrum>& torques;  ///< per motor
+  double rate_hz = 0.0;                  ///< of their values
 };
 /// The geometry that mechanism.js draws; RR: legs[0].
 [[nodiscard]] nlohmann::ordered_json mechanism_json(const FiveBarParams<double>& m, bool five_bar);

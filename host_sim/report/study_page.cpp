@@ -4,17 +4,21 @@
 
 #include <algorithm>
 #include <cmath>
+#include <nlohmann/json.hpp>
 #include <string_view>
 
 #include "host_sim/version.hpp"
 
 namespace esmc::host {
 
+using Document = nlohmann::ordered_json;
+
 extern const std::string_view look_css;  // look.css, embedded by embed.cmake
 
 namespace {
 
 constexpr double figure_width = 640, figure_height = 400, left = 70, right = 170, top = 34, bottom = 50;
+constexpr std::size_t most_marked = 60;  // points of a line that have markers
 // Okabe and Ito: distinct for every kind of colour vision, on white and on black.
 constexpr const char* colours[] = {"#0072b2", "#d55e00", "#009e73", "#cc79a7",
                                    "#e69f00", "#56b4e9", "#999999", "#b8a800"};
@@ -45,23 +49,48 @@ std::string grid_line(double x, double y, char direction, double to) {
 }
 std::string decade(int d) { return fmt::format("1e{}", d); }
 
-struct Axis {
-  int first = 0, last = 1;  ///< decades
-  double from = 0.0, to = 1.0;
+/// Values from `low` to `high` and a little beyond, along a line from `from` to `to`.
+struct ChartAxis {
+  Scale scale;
+  double low, high, from, to;
 
-  Axis(double low, double high, double at_first, double at_last)
-      : first(static_cast<int>(std::floor(std::log10(low)))),
-        last(std::max(first + 1, static_cast<int>(std::ceil(std::log10(high))))),
-        from(at_first),
-        to(at_last) {}
-  [[nodiscard]] double at(double v) const {
-    return from + (to - from) * (std::log10(v) - first) / (last - first);
+  ChartAxis(Scale s, double first, double last, double at_first, double at_last)
+      : scale(s), low(of(first)), high(of(last)), from(at_first), to(at_last) {
+    const double margin = high > low ? 0.04 * (high - low) : std::max(1e-300, 0.1 * std::abs(high));
+    low -= margin;
+    high += margin;
   }
-  /// Calls mark(decade, position) for at most nine decades.
+  [[nodiscard]] double at(double v) const { return from + (to - from) * (of(v) - low) / (high - low); }
+  /// Calls mark(text, position) for at most nine round values.
   template <class Mark>
   void for_each_mark(Mark mark) const {
-    const int every = std::max(1, (last - first + 7) / 8);
-    for (int d = first; d <= last; d += every) mark(d, at(std::pow(10.0, d)));
+    if (scale == Scale::linear) {
+      const double step = round_step((high - low) / 7.0);
+      for (double k = std::ceil(low / step); k * step <= high; ++k)
+        mark(fmt::format("{:.4g}", k * step + 0.0), at(k * step));  // + 0: no -0
+      return;
+    }
+    const int first = static_cast<int>(std::ceil(low)), last = static_cast<int>(std::floor(high));
+    for (int d = first; d <= last; d += std::max(1, (last - first + 7) / 8))
+      mark(decade(d), at(std::pow(10.0, d)));
+    if (last > first) return;
+    for (int d = first - 1; d <= last; ++d) {  // no two decades are in sight
+      for (const double m : {2.0, 5.0}) {
+        const double v = m * std::pow(10.0, d);
+        if (of(v) > low && of(v) < high) mark(fmt::format("{:g}", v), at(v));
+      }
+    }
+  }
+
+ private:
+  [[nodiscard]] double of(double v) const { return scale == Scale::log ? std::log10(v) : v; }
+  /// The next of 1, 2, 5 times a power of ten.
+  static double round_step(double least) {
+    const double power = std::pow(10.0, std::floor(std::log10(least)));
+    for (const double m : {1.0, 2.0, 5.0}) {
+      if (m * power >= least) return m * power;
+    }
+    return 10.0 * power;
   }
 };
 
@@ -75,33 +104,78 @@ std::string marker(std::size_t kind, double x, double y) {
                      colours[kind]);
 }
 
-bool drawable(const std::pair<double, double>& p) {
-  return p.first > 0.0 && p.second > 0.0 && std::isfinite(p.first) && std::isfinite(p.second);
+bool drawable(double v, Scale scale) { return std::isfinite(v) && (scale == Scale::linear || v > 0.0); }
+
+/// A value of a document as the cell of a table.
+std::string cell_of(const Document& v) {
+  if (v.is_string()) return v.get<std::string>();
+  if (v.is_boolean()) return v.get<bool>() ? "yes" : "no";
+  if (v.is_number_float())
+    return std::isfinite(v.get<double>()) ? fmt::format("{:.4g}", v.get<double>()) : "";
+  if (!v.is_structured()) return v.is_null() ? "" : v.dump();
+  std::string out;
+  for (const auto& [key, inner] : v.items()) {
+    out += out.empty() ? "" : " ";
+    out += v.is_object() && v.size() > 1 ? key + " " + cell_of(inner) : cell_of(inner);
+  }
+  return out;
 }
+
+bool of_objects(const Document& v) {
+  return v.is_array() && !v.empty() &&
+         std::ranges::all_of(v, [](const Document& one) { return one.is_object(); });
+}
+
+/// Panels of a document, in the order in which they are shown.
+struct DocumentPanels {
+  std::string tables;
+  TextTable values{{"name", "value"}};
+  std::string texts;
+
+  void add(const std::string& name, const Document& v) {
+    if (of_objects(v)) {
+      tables += table_html(name, rows_of(v));
+    } else if (v.is_object()) {
+      for (auto [key, inner] : v.items()) {
+        std::string words = key;
+        std::ranges::replace(words, '_', ' ');
+        add(name.empty() ? words : name + ", " + words, inner);
+      }
+    } else if (v.is_string() && v.get<std::string>().find('\n') != std::string::npos) {
+      texts += fmt::format("<section class='panel'><h2>{}</h2><pre>{}</pre></section>\n", name,
+                           escaped(v.get<std::string>()));
+    } else if (!v.empty()) {
+      values.push_back({name, cell_of(v)});
+    }
+  }
+};
 
 }  // namespace
 
-std::string log_log_svg(const std::string& title, const std::string& x_label, const std::string& y_label,
-                        const std::vector<Series>& series) {
-  double x0 = 1e300, x1 = 0.0, y0 = 1e300, y1 = 0.0;
+std::string chart_svg(const std::string& title, const std::string& x_label, const std::string& y_label,
+                      const std::vector<Series>& series, Scale x_scale, Scale y_scale) {
+  const auto shown = [&](const std::pair<double, double>& p) {
+    return drawable(p.first, x_scale) && drawable(p.second, y_scale);
+  };
+  double x0 = 1e300, x1 = -1e300, y0 = 1e300, y1 = -1e300;
   for (const Series& s : series) {
     for (const auto& p : s.points) {
-      if (!drawable(p)) continue;
+      if (!shown(p)) continue;
       x0 = std::min(x0, p.first);
       x1 = std::max(x1, p.first);
       y0 = std::min(y0, p.second);
       y1 = std::max(y1, p.second);
     }
   }
-  if (!(x1 > 0.0)) return "";
+  if (x0 > x1) return "";
   const double end = figure_width - right, base = figure_height - bottom;
-  const Axis x(x0, x1, left, end), y(y0, y1, base, top);
+  const ChartAxis x(x_scale, x0, x1, left, end), y(y_scale, y0, y1, base, top);
   std::string out = svg(title);
-  x.for_each_mark([&](int d, double at) {
-    out += grid_line(at, top, 'V', base) + label(at, base + 16, "middle", decade(d));
+  x.for_each_mark([&](const std::string& text, double at) {
+    out += grid_line(at, top, 'V', base) + label(at, base + 16, "middle", text);
   });
-  y.for_each_mark([&](int d, double at) {
-    out += grid_line(left, at, 'H', end) + label(left - 6, at + 4, "end", decade(d));
+  y.for_each_mark([&](const std::string& text, double at) {
+    out += grid_line(left, at, 'H', end) + label(left - 6, at + 4, "end", text);
   });
   out += label((left + end) / 2, figure_height - 12, "middle", x_label);
   out += fmt::format("<text transform='translate(16 {}) rotate(-90)' text-anchor='middle'>{}</text>",
@@ -109,10 +183,10 @@ std::string log_log_svg(const std::string& title, const std::string& x_label, co
   for (std::size_t i = 0; i < series.size(); ++i) {
     std::string line, marks;
     for (const auto& p : series[i].points) {
-      if (!drawable(p)) continue;
+      if (!shown(p)) continue;
       const double px = x.at(p.first), py = y.at(p.second);
       if (series[i].line) line += fmt::format("{}{:.1f} {:.1f}", line.empty() ? "M" : "L", px, py);
-      marks += marker(i, px, py);
+      if (!series[i].line || series[i].points.size() <= most_marked) marks += marker(i, px, py);
     }
     const double ly = top + 10 + 18.0 * static_cast<double>(i);
     const std::size_t kind = i % std::size(colours);
@@ -247,6 +321,28 @@ std::string table_html(const std::string& title, const TextTable& rows) {
     out += "</tr>\n";
   }
   return out + "</table></div>\n</section>\n";
+}
+
+TextTable rows_of(const Document& list) {
+  TextTable rows;
+  for (const Document& object : list) {
+    const bool first = rows.empty();
+    if (first) rows.emplace_back();
+    std::vector<std::string> row;
+    for (const auto& [key, value] : object.items()) {
+      const bool one = value.is_object() && value.size() == 1;
+      if (first) rows.front().push_back(one ? key + ": " + value.items().begin().key() : key);
+      row.push_back(cell_of(value));
+    }
+    rows.push_back(std::move(row));
+  }
+  return rows;
+}
+
+std::string document_html(const Document& document) {
+  DocumentPanels p;
+  p.add("", document);
+  return p.tables + table_html("Values", p.values) + p.texts;
 }
 
 std::string markdown_table(const TextTable& rows) {

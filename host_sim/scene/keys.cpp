@@ -149,7 +149,7 @@ constexpr std::array planar{
 
     Key{"drives.protocol", "string", "\"odrive\"", "", -inf, inf, false, choices<Protocol>, "what the drives speak", into<&DriveScene::protocol>},
     Key{"drives.nodes", "integers", "-", "", 0, 127, false, "", "CAN node per motor, base joints first; odrive 0..62, cia402 1..127, mit 1..62 (damiao 15); default 1, 2, ..."},
-    Key{"drives.direction", "numbers", "-", "", -1, 1, false, "", "+1: motor turns with the joint angle of the model (leg 2: clockwise seen from the front); -1 against; default +1"},
+    Key{"drives.direction", "numbers", "-", "", -inf, inf, false, "", "+1: motor turns with the joint angle of the model (leg 2: clockwise seen from the front); -1 against; default +1"},
     Key{"drives.gear_ratio", "numbers", "-", "", 1e-3, 1e4, false, "", "motor turns per joint turn; default 1"},
     Key{"drives.offset", "numbers", "-", "rad", -1e3, 1e3, false, "", "joint angle at encoder zero; default 0"},
     Key{"drives.zero_pose", "numbers", "-", "rad", -1e3, 1e3, false, "", "zero = pose | end_stop: angles of the sensed joints where the operator confirms the zero; default the start"},
@@ -178,7 +178,7 @@ constexpr std::array planar{
     Key{"drives.velocity_range", "number or numbers", "50.0", "rad/s", 0, 1e4, true, "", "mit: likewise, velocity", per_motor<&DriveScene::velocity_range>},
     Key{"drives.torque_range", "number or numbers", "18.0", "N m", 0, 1e4, true, "", "mit: likewise, torque; what the controller may ask for must fit", per_motor<&DriveScene::torque_range>},
     Key{"sensors.nodes", "integers", "", "", 0, 62, false, "", "sensors = all with base motors: CAN nodes of the two passive encoders"},
-    Key{"sensors.direction", "numbers", "-", "", -1, 1, false, "", "as in [drives]"},
+    Key{"sensors.direction", "numbers", "-", "", -inf, inf, false, "", "as in [drives]"},
     Key{"sensors.offset", "numbers", "-", "rad", -1e3, 1e3, false, "", "as in [drives]"},
     Key{"command", "table", "-", "", -inf, inf, false, "", "interface to a supervisor computer; without it there is none"},
     Key{"command.base_id", "integer", "1920", "", 32, 2016, false, "", "first of 32 identifiers, a multiple of 32 that no drive has (1920 = 0x780)", into<&CommandScene::base_id>},

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <filesystem>
 #include <fstream>
+#include <iostream>
 #include <sstream>
 
 #include "host_sim/error.hpp"
@@ -283,6 +284,17 @@ void write(std::string& out, const toml::table& table, const std::string& path) 
   }
 }
 
+/// All of a stream that is not too long for a scene.
+std::string read_stream(std::istream& in, const std::string& file) {
+  std::string text(text_max + 1, '\0');
+  in.read(text.data(), static_cast<std::streamsize>(text.size()));
+  if (in.bad()) throw InputError("", file + ": cannot be read");
+  if (in.gcount() > static_cast<std::streamsize>(text_max))
+    throw InputError("", fmt::format("{}: more than {} bytes, no scene is that long", file, text_max));
+  text.resize(static_cast<std::size_t>(in.gcount()));
+  return text;
+}
+
 }  // namespace
 
 std::string read_text_file(const std::string& file, const std::string& what) {
@@ -291,17 +303,14 @@ std::string read_text_file(const std::string& file, const std::string& what) {
   if (!std::filesystem::is_regular_file(file))
     throw InputError("", fmt::format("{}: no such {}", file, what));
   std::ifstream in(file, std::ios::binary);
-  std::string text(text_max + 1, '\0');
-  in.read(text.data(), static_cast<std::streamsize>(text.size()));
-  if (in.bad() || !in.is_open()) throw InputError("", file + ": cannot be read");
-  if (in.gcount() > static_cast<std::streamsize>(text_max))
-    throw InputError("", fmt::format("{}: more than {} bytes, no scene is that long", file, text_max));
-  text.resize(static_cast<std::size_t>(in.gcount()));
-  return text;
+  if (!in.is_open()) throw InputError("", file + ": cannot be read");
+  return read_stream(in, file);
 }
 
 toml::table parse_scene_file(const std::string& file, const std::vector<std::string>& sets) {
-  return parse_scene_text(read_text_file(file, "scene file"), file, sets);
+  if (file != "-") return parse_scene_text(read_text_file(file, "scene file"), file, sets);
+  static const std::string input = read_stream(std::cin, "stdin");  // a command may ask again
+  return parse_scene_text(input, "stdin", sets);
 }
 
 toml::table parse_scene_text(const std::string& text, const std::string& name,

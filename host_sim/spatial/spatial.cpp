@@ -392,7 +392,8 @@ int run_spatial(const RunOptions& o) {
   const Account a = scene.platform ? run<Hexapod>(scene, o, log) : run<FreeBody>(scene, o, log);
   const Json summary = summary_of(scene, o, a);
   out.write("scene.toml", scene.toml);
-  return publish_summary(o, summary, pretty_text(summary), !a.fault.empty(), out);
+  const int status = publish_summary(o, summary, pretty_text(summary), !a.fault.empty(), out);
+  return status == 0 && a.interrupted ? exit_interrupted : status;
 }
 
 }  // namespace esmc::host

@@ -9,6 +9,7 @@
 #include <nlohmann/json.hpp>
 
 #include "host_sim/error.hpp"
+#include "host_sim/loop/progress.hpp"
 #include "host_sim/record/output.hpp"
 #include "host_sim/report/study_page.hpp"
 
@@ -85,7 +86,7 @@ std::vector<std::pair<std::string, std::string>> figures(const Study& s) {
   std::vector<std::pair<std::string, std::string>> out;
   out.reserve(problems.size());
   for (const auto& [problem, series] : problems)
-    out.emplace_back(problem, log_log_svg(problem, "CPU time, ms", "error at the end", series));
+    out.emplace_back(problem, chart_svg(problem, "CPU time, ms", "error at the end", series));
   return out;
 }
 
@@ -151,57 +152,33 @@ StudyVerdict verdict(const Study& s) {
             {"CPU time", fmt::format("{:.1f} s", s.seconds), ""}}}};
 }
 
-void write_files(const Study& s, const AccuracyOptions& o, OutputDirectory& out) {
+/// The sections as Markdown, `mark` before each title.
+std::string accuracy_text(const Study& s, const char* mark) {
+  std::string out;
+  for (const auto& [title, rows] : sections(s)) out += mark + title + "\n\n" + markdown_table(rows) + "\n";
+  return out;
+}
+
+void write_tables(const Study& s, const OutputDirectory& out) {
   if (!out.wanted()) return;
   out.write("work_precision.csv", csv_table(work_rows(s)));
   out.write("orders.csv", csv_table(order_rows(s)));
   out.write("tracking.csv", csv_table(rows_of(s.tracking)));
   out.write("effects.csv", csv_table(rows_of(s.effects)));
-  out.write("accuracy.json", document(s).dump(2) + "\n");
-  std::string tables, markdown;
-  std::vector<std::string> drawings;
-  for (const auto& [problem, drawing] : figures(s)) {
-    drawings.push_back(drawing);
+  for (const auto& [problem, drawing] : figures(s))
     out.write("work_" + file_name(problem) + ".svg", standalone(drawing));
-  }
-  for (const auto& [title, rows] : sections(s)) {
-    tables += table_html(title, rows);
-    markdown += "### " + title + "\n\n" + markdown_table(rows) + "\n";
-  }
-  out.write("accuracy.md", markdown);
-  out.write("report.html", study_page("What accuracy costs in time", o.command_line,
-                                      figures_html(drawings) + tables, verdict(s)));
-  out.commit();
+  out.write("accuracy.md", accuracy_text(s, "### "));
 }
 
-std::string table_cell(const Json& v) {
-  if (v.is_string()) return v.get<std::string>();
-  if (v.is_boolean()) return v.get<bool>() ? "yes" : "no";
-  if (v.is_number_integer()) return v.dump();
-  if (v.is_number()) return text(v.get<double>());
-  std::string out;
-  for (const Json& item : v) out += (out.empty() ? "" : " ") + table_cell(item);
-  return out;
+std::string accuracy_page(const Study& s, const std::string& command) {
+  std::string tables;
+  std::vector<std::string> drawings;
+  for (const auto& [problem, drawing] : figures(s)) drawings.push_back(drawing);
+  for (const auto& [title, rows] : sections(s)) tables += table_html(title, rows);
+  return study_page("What accuracy costs in time", command, figures_html(drawings) + tables, verdict(s));
 }
 
 }  // namespace
-
-TextTable rows_of(const Json& list) {
-  TextTable rows;
-  for (const Json& object : list) {
-    const bool first = rows.empty();
-    if (first) rows.emplace_back();
-    std::vector<std::string> row;
-    for (const auto& [key, value] : object.items()) {
-      if (first) rows.front().push_back(value.is_object() ? key + ": " + value.items().begin().key() : key);
-      row.push_back(table_cell(value));
-      if (key == "parameters")
-        std::ranges::replace(row.back(), ',', ';');  // a comma would split the cell of a CSV
-    }
-    rows.push_back(std::move(row));
-  }
-  return rows;
-}
 
 int run_accuracy(const AccuracyOptions& o) {
   if (!o.scene.empty()) return run_price_list(o);
@@ -210,18 +187,21 @@ int run_accuracy(const AccuracyOptions& o) {
   OutputDirectory out(o.out);
   Study s;
   const double begin = thread_cpu_s();
-  s.work = integrator_study(o.quick ? 1.0 : 40.0);
-  s.tracking = tracking_study(o.quick);
-  s.effects = effect_study();
+  constexpr std::uint64_t runs = 1000;  // about; those of an integrator depend on what it reaches
+  std::uint64_t done = 0;
+  Progress progress(runs);
+  const auto after_run = [&] {
+    if (stop_requested()) throw Interrupted(fmt::format("interrupted after {} runs", done));
+    progress.show(std::min(++done, runs));
+  };
+  s.work = integrator_study(o.quick ? 1.0 : 40.0, after_run);
+  s.tracking = tracking_study(o.quick, after_run);
+  s.effects = effect_study(after_run);
   s.seconds = thread_cpu_s() - begin;
-  write_files(s, o, out);
-  if (o.json) {
-    fmt::print("{}\n", document(s).dump(2));
-  } else {
-    for (const auto& [title, rows] : sections(s)) fmt::print("{}\n\n{}\n", title, markdown_table(rows));
-    fmt::print("{:.1f} s of CPU time\n", s.seconds);
-    if (out.wanted()) fmt::print("report: {}/report.html\n", out.directory());
-  }
+  write_tables(s, out);
+  publish({"accuracy", document(s), accuracy_text(s, "") + fmt::format("{:.1f} s of CPU time\n", s.seconds),
+           [&] { return accuracy_page(s, o.command_line); }},
+          o.json, out);
   if (std::fflush(stdout) != 0) throw RunError("standard output could not be written");
   std::map<std::string, int> judged;
   bool all_hold = true;

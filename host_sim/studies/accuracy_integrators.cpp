@@ -42,8 +42,9 @@ OpenLoop waves(double amplitude) {
 
 }  // namespace
 
-WorkPrecision integrator_study(double effort) {
+WorkPrecision integrator_study(double effort, const std::function<void()>& after_run) {
   WorkPrecision out;
+  out.after_run = after_run;
   const auto budget = static_cast<long>(20000 * effort);
   const RrPlant arm(RrParams<double>{{0.3, 0.25, 0.1, 0.1, 1.0, 0.8, 0.01, 0.008}, 9.8});
   plant_problem("rr free, 2 s", arm, RrPlant::from_joints({-1.2, -0.2}, {0, 0}), 2.0, {}, 200, 40, budget,

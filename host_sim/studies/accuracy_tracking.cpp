@@ -79,7 +79,7 @@ std::pair<double, double> paired_ns(const Scene& a, const Scene& b) {
 
 }  // namespace
 
-Json tracking_study(bool quick) {
+Json tracking_study(bool quick, const std::function<void()>& after_run) {
   Json points = Json::array();
   const auto add = [&](const std::string& study, const std::string& setting,
                        const std::vector<std::string>& sets, bool single_precision = false) {
@@ -91,6 +91,7 @@ Json tracking_study(bool quick) {
       t = trace(scene, single_precision);
       cpu_s = std::min(cpu_s, thread_cpu_s() - begin);
     }
+    after_run();
     const Json tracking = t.statistics.tracking();
     points.push_back({{"study", study},
                       {"setting", setting},
@@ -136,7 +137,7 @@ Json tracking_study(bool quick) {
   return points;
 }
 
-Json effect_study() {
+Json effect_study(const std::function<void()>& after_run) {
   Json out = Json::array();
   for (const NamedEffect& n : named) {
     const std::string step = fmt::format("simulation.step={}", n.step);
@@ -149,6 +150,7 @@ Json effect_study() {
       const V2 d = effect.effector[i] - bare.effector[i];
       deviation = std::max(deviation, std::hypot(d.x, d.y));
     }
+    after_run();
     const auto [ns_with, ns_without] = paired_ns(with, without);
     out.push_back({{"effect", n.type},
                    {"parameters", n.parameters},

@@ -4,13 +4,17 @@
 #include <fmt/ranges.h>
 
 #include <algorithm>
+#include <mutex>
 #include <nlohmann/json.hpp>
 
 #include "host_sim/check/check.hpp"
 #include "host_sim/controller/robust.hpp"
+#include "host_sim/loop/progress.hpp"
 #include "host_sim/loop/run.hpp"
 #include "host_sim/parallel.hpp"
+#include "host_sim/record/output.hpp"
 #include "host_sim/record/recorder.hpp"
+#include "host_sim/report/study_page.hpp"
 
 namespace esmc::host {
 namespace {
@@ -19,32 +23,41 @@ using Json = nlohmann::ordered_json;
 
 /// Outcome of simulated plants.
 struct Plants {
-  std::uint64_t count = 0, outside_band = 0, stopped = 0;
-  double largest = 0.0;  ///< settled error, m or rad
+  std::uint64_t wanted = 0, count = 0, outside_band = 0, stopped = 0;  ///< fewer than wanted after Ctrl-C
+  double largest = 0.0;                                                ///< settled error, m or rad
   std::uint64_t worst = 0;
   std::string fault;  ///< of the first one that stopped
 };
 
 Plants simulate(const Scene& scene, std::uint64_t seed, std::uint64_t count, bool lengths, double band) {
   std::vector<double> error(count, 0.0);
-  std::vector<std::string> fault(count);
+  std::vector<std::string> fault(count, "not run");
+  std::mutex mutex;
+  std::uint64_t done = 0;
+  Progress progress(count);
   run_each(std::min(processors(), 64), count, [&](std::uint64_t i) {
     if (stop_requested()) return false;
+    std::string ended;
     try {
       const Trace t = trace(sampled_plant(scene, seed, i, lengths));
+      if (stop_requested()) return false;
       const bool rr = scene.type == MechanismType::rr;
       error[i] = (rr ? t.statistics.sums().base : t.statistics.sums().effector).settled().largest;
-      if (!t.end.faults.empty()) fault[i] = t.end.faults.front().name;
-      if (!std::isfinite(error[i])) fault[i] = "diverged";
+      if (!t.end.faults.empty()) ended = t.end.faults.front().name;
+      if (!std::isfinite(error[i])) ended = "diverged";
     } catch (const InputError&) {  // other lengths: the reference may be out of reach
-      fault[i] = "impossible";
+      ended = "impossible";
     }
+    fault[i] = std::move(ended);
+    const std::lock_guard lock(mutex);
+    progress.show(++done);
     return true;
   });
-  if (stop_requested()) throw Interrupted("interrupted");
   Plants out;
-  out.count = count;
+  out.wanted = count;
+  out.count = done;
   for (std::uint64_t i = 0; i < count; ++i) {
+    if (fault[i] == "not run") continue;
     if (!fault[i].empty()) {
       if (out.stopped++ == 0) out.fault = fault[i];
       continue;
@@ -72,9 +85,23 @@ class Report {
     if (o.simulate > 0 && d_.refused.empty()) plants();
   }
 
-  int print() const {
-    fmt::print("{}", o_.run.json ? json().dump(2) + "\n" : text());
-    return d_.refused.empty() && held() ? 0 : 1;
+  int print(OutputDirectory& out) const {
+    const Json j = json();
+    const bool good = d_.refused.empty() && held();
+    const auto page = [&] {
+      using enum StudyVerdict::Level;
+      return study_page("Gains for " + scene_.name, o_.run.command_line, document_html(j),
+                        {!good               ? bad
+                         : warnings_.empty() ? ok
+                                             : warn,
+                         !d_.refused.empty() ? "refused: " + d_.refused
+                         : held()            ? "every plant within the stated intervals is held"
+                                             : "a simulated plant left the promise",
+                         fmt::format("{} warnings", warnings_.size()),
+                         {}});
+    };
+    publish({"design", j, text(), page}, o_.run.json, out);
+    return stop_requested() ? exit_interrupted : good ? 0 : 1;
   }
 
  private:
@@ -155,9 +182,13 @@ class Report {
   }
   static Json plants_json(const std::optional<Plants>& p) {
     if (!p) return nullptr;
-    return {{"plants", p->count},    {"largest_error", p->largest},
-            {"worst", p->worst},     {"outside_band", p->outside_band},
-            {"stopped", p->stopped}, {"fault", p->fault.empty() ? Json(nullptr) : Json(p->fault)}};
+    return {{"plants", p->count},
+            {"wanted", p->wanted},
+            {"largest_error", p->largest},
+            {"worst", p->worst},
+            {"outside_band", p->outside_band},
+            {"stopped", p->stopped},
+            {"fault", p->fault.empty() ? Json(nullptr) : Json(p->fault)}};
   }
   [[nodiscard]] Json json() const {
     Json j;
@@ -220,6 +251,7 @@ class Report {
     std::string out = fmt::format("{} plants{}: largest error {} (plant {}), {} outside {}", p.count, what,
                                   quantity(p.largest), p.worst, p.outside_band, judge());
     if (p.stopped > 0) out += fmt::format(", {} stopped ({})", p.stopped, p.fault);
+    if (p.count < p.wanted) out += fmt::format("; interrupted, {} were asked for", p.wanted);
     return out + "\n";
   }
   [[nodiscard]] std::string text() const {
@@ -327,8 +359,9 @@ int run_design(const DesignOptions& o) {
   }
   if (o.simulate > 0) refuse_bus_effects(scene, "esmc design simulates without a bus");
   scene.seed = o.run.seed;
-  return scene.type == MechanismType::five_bar ? Report<FiveBarTraits>(scene, o).print()
-                                               : Report<RrTraits>(scene, o).print();
+  OutputDirectory out(o.run.out);
+  out.spare(o.run.scene);
+  return with_world(scene, [&]<class World>(World) { return Report<World>(scene, o).print(out); });
 }
 
 }  // namespace esmc::host

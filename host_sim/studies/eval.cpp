@@ -11,6 +11,7 @@
 #include "firmware/mechanism/matrices.hpp"
 #include "firmware/mechanism/params.hpp"
 #include "host_sim/error.hpp"
+#include "host_sim/record/output.hpp"
 
 namespace esmc::host {
 namespace {
@@ -484,7 +485,7 @@ std::string evaluate(const std::string& text, const std::string& file, bool sing
     Json& block = out["cases"].emplace_back(Json{{"id", id}});
     block.update(single_precision ? evaluate_case<float>(n) : evaluate_case<double>(n));
   }
-  return out.dump(1);
+  return document_text(out, 1);
 }
 
 }  // namespace esmc::host

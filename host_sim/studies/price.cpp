@@ -211,9 +211,9 @@ std::string price_page(const PriceList& p, const Json& j, const std::string& com
     effects.push_back({e["name"], {{e["cost_ratio"], std::abs(change.get<double>())}}, false});
   }
   std::string body =
-      figures_html({log_log_svg("What a digit costs", "instructions of the run", "error at the end", curves),
-                    log_log_svg("What effects change: the largest", "cost with it, without it = 1",
-                                p.bench.metric() + " changes by, " + unit_of(p.bench.metric()), effects)});
+      figures_html({chart_svg("What a digit costs", "instructions of the run", "error at the end", curves),
+                    chart_svg("What effects change: the largest", "cost with it, without it = 1",
+                              p.bench.metric() + " changes by, " + unit_of(p.bench.metric()), effects)});
   for (const auto& [title, rows] : price_sections(j)) {
     if (!rows.empty()) body += table_html(title, rows);
   }
@@ -258,22 +258,14 @@ std::string minimal_text(const PriceList& p, const AccuracyOptions& o) {
 
 void show_prices(const PriceList& p, const AccuracyOptions& o, OutputDirectory& out) {
   const Json j = price_document(p);
-  if (out.wanted()) {
-    out.write("accuracy.json", j.dump(2) + "\n");
-    out.write("report.html", price_page(p, j, o.command_line));
-    out.commit();
+  std::string text;
+  for (const auto& [title, rows] : price_sections(j)) {
+    if (!rows.empty()) text += title + "\n\n" + markdown_table(rows) + "\n";
   }
+  for (const std::string& why : p.left_out) text += "not in the fullest scene: " + why + "\n";
+  text += verdict_text(p) + "\n";
   if (!o.write.empty()) print_or_write(minimal_text(p, o), o.write);
-  if (o.json) {
-    fmt::print("{}\n", j.dump(2));
-  } else {
-    for (const auto& [title, rows] : price_sections(j)) {
-      if (!rows.empty()) fmt::print("{}\n\n{}\n", title, markdown_table(rows));
-    }
-    for (const std::string& why : p.left_out) fmt::print("not in the fullest scene: {}\n", why);
-    fmt::print("{}\n", verdict_text(p));
-    if (out.wanted()) fmt::print("report: {}/report.html\n", out.directory());
-  }
+  publish({"accuracy", j, text, [&] { return price_page(p, j, o.command_line); }}, o.json, out);
   if (std::fflush(stdout) != 0) throw RunError("standard output could not be written");
 }
 

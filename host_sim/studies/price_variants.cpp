@@ -82,6 +82,7 @@ Outcome Bench::run(const Scene& scene, bool single_precision) {
   }
   out.cpu_s = thread_cpu_s() - begin;
   const std::lock_guard lock(mutex_);
+  if (stop_requested()) throw Interrupted(fmt::format("interrupted after {} runs", runs_));
   progress_.show(std::min(++runs_, expected_));
   return out;
 }

@@ -2,6 +2,7 @@
 /// `esmc accuracy`, `esmc eval` and `esmc design`.
 
 #include <cstdint>
+#include <functional>
 #include <nlohmann/json_fwd.hpp>
 #include <string>
 #include <vector>
@@ -27,21 +28,17 @@ struct AccuracyOptions {
 };
 
 /// Error against work of every integrator on every problem, and the orders shown. `effort` scales the CPU
-/// time.
-WorkPrecision integrator_study(double effort);
+/// time. `after_run`, here and below: called after each run; may throw.
+WorkPrecision integrator_study(double effort, const std::function<void()>& after_run);
 
 /// Closed loops of the comparison scenario with one thing changed, a flat object each: the parameter that
 /// varies (study) and its value (setting), errors, mean change of torque per tick, time per tick of the whole
 /// loop, fault or null.
-nlohmann::ordered_json tracking_study(bool quick);
+nlohmann::ordered_json tracking_study(bool quick, const std::function<void()>& after_run);
 
 /// Effects on the comparison scenario, a flat object each: the largest distance between the effector with it
 /// and without, errors, states, time per step of the plant. What is without it is integrated by RK4.
-nlohmann::ordered_json effect_study();
-
-/// A list of objects with the same keys as a table of text: lists are joined, of an object the first key
-/// counts.
-std::vector<std::vector<std::string>> rows_of(const nlohmann::ordered_json& list);
+nlohmann::ordered_json effect_study(const std::function<void()>& after_run);
 
 /// Runs `esmc accuracy SCENE`: what integrators, effects and the loop cost and change in this scene, and the
 /// cheapest scene that stays within a tolerance. Returns 0.

@@ -88,6 +88,14 @@ std::vector<std::vector<std::uint64_t>> fronts_of(const SweepSpec& spec, const S
   return out;
 }
 
+StudyVerdict sweep_verdict(const SweepTable& table) {
+  const auto good = static_cast<std::size_t>(std::ranges::count(table.outcome, outcome_ok));
+  return {good == table.outcome.size() ? StudyVerdict::Level::ok : StudyVerdict::Level::warn,
+          fmt::format("{} of {} cases ran to their end", good, table.outcome.size()),
+          "",
+          {}};
+}
+
 }  // namespace
 
 std::vector<std::size_t> pareto_front(const std::vector<std::vector<double>>& points) {
@@ -235,7 +243,7 @@ std::string sweep_page(const SweepSpec& spec, const CaseScenes& scenes, const Sw
     }
     for (const std::uint64_t i : fronts[f])
       front.points.emplace_back(table.at(i, columns[0]), table.at(i, columns[1]));
-    body += figures_html({log_log_svg(y + " against " + x, x, y, {all, front})});
+    body += figures_html({chart_svg(y + " against " + x, x, y, {all, front})});
     if (every > 1)
       body += fmt::format("<p class='note'>One case in {} is drawn; the front is of all.</p>", every);
     TextTable best{{"case"}};
@@ -263,7 +271,7 @@ std::string sweep_page(const SweepSpec& spec, const CaseScenes& scenes, const Sw
                         std::string(objectives[static_cast<std::size_t>(spec.wanted[c])].meaning), v));
   }
   if (!histograms.empty()) body += figures_html(histograms);
-  return study_page("Sweep: " + scenes.nominal().name, "esmc sweep " + spec.file, body);
+  return study_page("Sweep: " + scenes.nominal().name, "esmc sweep " + spec.file, body, sweep_verdict(table));
 }
 
 }  // namespace esmc::host

@@ -70,6 +70,7 @@ std::string outcome_name(std::uint32_t outcome) {
   if (outcome == outcome_ok) return "ok";
   if (outcome == outcome_diverged) return "diverged";
   if (outcome == outcome_inaccurate) return "inaccurate";
+  if (outcome == outcome_not_run) return "not_run";
   if (outcome < outcome_fault) return "impossible";
   return name(static_cast<Fault>(outcome - outcome_fault));
 }

@@ -58,9 +58,6 @@ std::uint64_t identity_of(const SweepSpec& spec, const Scene& scene) {
   return fnv(text, fmt::format("{} {}", version, program_hash()));
 }
 
-/// Names of files may be no UTF-8.
-std::string json_text(const Json& j) { return j.dump(2, ' ', false, Json::error_handler_t::replace); }
-
 /// Wall-clock figures, apart from everything that is repeatable.
 Json timing(const SweepOptions& o, const WorkerConfig& config, const Ranks* ranks, std::size_t cases,
             double duration, double wall_s, double cpu_s) {
@@ -87,7 +84,7 @@ class Sweep {
     table_.columns = spec.wanted.size();
     const auto cases = static_cast<std::size_t>(spec.design.cases());
     table_.values.resize(cases * table_.columns);
-    table_.outcome.resize(cases);
+    table_.outcome.resize(cases, outcome_not_run);
     done_.assign(cases, false);
     if (!out_.wanted()) return;
     out_.spare(o.spec);
@@ -116,8 +113,10 @@ class Sweep {
     }
     const double wall_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
     if (now < done_.size()) {
-      throw Interrupted(fmt::format("interrupted after {} of {} cases{}", now, done_.size(),
-                                    journal_ ? "; the same command goes on from there" : ""));
+      const Json summary = sweep_summary(spec_, scenes_, table_);
+      fmt::print("{}", o_.json ? document_text(summary) : sweep_text(summary));
+      throw Interrupted(fmt::format("interrupted after {} of {} cases, which the summary is of{}", now,
+                                    done_.size(), journal_ ? "; the same command goes on from there" : ""));
     }
     finish(timing(o_, config, ranks, now - found_, scenes_.mean_duration(), wall_s, cpu_time() - cpu_before));
     return 0;
@@ -139,19 +138,16 @@ class Sweep {
       out_.write("sweep.toml", spec_.text);
       write_scene(scenes_.nominal(), out_);
       write_cases(out_.path("cases.csv"), spec_, scenes_, table_);
-      out_.write("summary.json", json_text(summary) + "\n");
+      out_.write("summary.json", document_text(summary));
       out_.write("report.html", sweep_page(spec_, scenes_, table_, summary));
-      out_.write("timing.json", json_text(timing) + "\n");
+      out_.write("timing.json", document_text(timing));
       if (std::ranges::count(spec_.wanted, Objective::tick_ns) > 0)
         write_timing(out_.path("timing.csv"), spec_, table_);
       out_.commit();
       journal_->remove();
     }
-    if (o_.json) {
-      fmt::print("{}\n", json_text(summary));
-      return;
-    }
-    fmt::print("{}", sweep_text(summary));
+    fmt::print("{}", o_.json ? document_text(summary) : sweep_text(summary));
+    if (o_.json) return;
     const Json& rate = timing[timing["cpu_s"].is_null() ? "simulated_s_per_core_s" : "simulated_s_per_cpu_s"];
     fmt::print(
         "{:.3g} s: {:.0f} cases/s, {:.0f} simulated seconds per core-second ({} x {} threads, lanes: {})\n",

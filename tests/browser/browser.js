@@ -78,4 +78,20 @@ function drawn(page, selector) {
   }));
 }
 
-module.exports = { launch, esmc, folder, open, frames, drawn };
+/** Neighbours that cover each other, and texts that are cut off or smaller than 10 px on the screen. */
+const crowded = (page) => page.evaluate(() => {
+  const found = [], box = (e) => e.getBoundingClientRect(), name = (e) => `${e.tagName} ${e.textContent.slice(0, 30)}`;
+  const over = (a, b) => Math.min(a.right, b.right) - Math.max(a.left, b.left) > 1 && Math.min(a.bottom, b.bottom) - Math.max(a.top, b.top) > 1;
+  for (const row of document.querySelectorAll("header, figcaption, .legend, .tiles, .bench, .panels, .facts, #planes, .figures, body")) {
+    const list = [...row.children].filter((e) => box(e).width * box(e).height > 0 && getComputedStyle(e).position !== "sticky");
+    list.forEach((a, k) => list.slice(k + 1).forEach((b) => { if (over(box(a), box(b))) found.push(`${name(a)} covers ${name(b)}`); }));
+  }
+  for (const e of document.querySelectorAll("h1, h2, .note, .legend button, .legend span, dd, figure svg text")) {
+    const { left, right, width } = box(e), scale = e.ownerSVGElement ? box(e.ownerSVGElement).width / e.ownerSVGElement.viewBox.baseVal.width : 1;
+    if (width && !e.closest(".wide, .figures figure, #histograms figure") && (left < 0 || right > innerWidth)) found.push(`${name(e)} is cut off`);
+    if (width && parseFloat(getComputedStyle(e).fontSize) * scale < 10) found.push(`${name(e)} is too small`);
+  }
+  return found;
+});
+
+module.exports = { launch, esmc, folder, open, frames, drawn, crowded };

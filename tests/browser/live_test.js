@@ -8,7 +8,7 @@ const http = require("node:http");
 const path = require("node:path");
 const readline = require("node:readline");
 const { test, before, after } = require("node:test");
-const { launch, open, frames, drawn } = require("./browser");
+const { launch, open, frames, drawn, crowded } = require("./browser");
 
 const [program, scenes, , shot] = process.argv.slice(2);
 const five = path.join(scenes, "five_bar_circle.toml"), rr = path.join(scenes, "rr_line.toml");
@@ -87,6 +87,18 @@ if (shot) {
     await sound(page);
     await b.end();
     await state(page, "not connected");
+  });
+
+  test("the layout holds at 390, 1300 and 1920 px", async () => {
+    const b = await bench(five);
+    for (const width of [390, 1300, 1920]) {
+      const page = await open(browser, b.url, { width });
+      await state(page, "running");
+      assert.deepEqual(await crowded(page), [], `${width} px`);
+      await sound(page);
+      await page.context().close();
+    }
+    await b.end();
   });
 
   test("pulled by the mouse, pushed by the keyboard", async () => {

@@ -6,7 +6,7 @@ const assert = require("node:assert/strict");
 const fs = require("node:fs");
 const path = require("node:path");
 const { test, before, after } = require("node:test");
-const { launch, esmc, folder, open, frames, drawn } = require("./browser");
+const { launch, esmc, folder, open, frames, drawn, crowded } = require("./browser");
 
 const [program, scenes] = process.argv.slice(2), out = folder();
 const five = path.join(scenes, "five_bar_circle.toml"), rr = path.join(scenes, "rr_line.toml");
@@ -58,7 +58,7 @@ for (const [name, scene] of [["five_bar", five], ["rr", rr]]) {
         await allDrawn(page);
         shades.push(await page.evaluate(() => getComputedStyle(document.documentElement).backgroundColor.match(/\d+/g).map(Number)[1]));
         const titles = await page.$$eval("#plots h2", (list) => list.map((h) => h.textContent));
-        for (const title of ["Effector error", "Base joints", "Base joint error", "Torque", "Sliding variables |s|", "Chatter", "Modes", "Supervisor"])
+        for (const title of ["Effector error", "Base joints", "Base joint error", "Torque", "Sliding variables s", "Chatter", "Modes", "Supervisor"])
           assert.ok(titles.includes(title), `${title}: ${titles}`);
         assert.equal(titles.includes("Bus load"), command === "hil");
         assert.match(await page.textContent("#verdict .headline"), /^OK After the first 0\.25 s, the effector stayed within .* of the reference; no fault$/);
@@ -241,6 +241,48 @@ test("pages of studies: the same look, quiet, nothing fetched", async () => {
     await page.context().close();
   }
   assert.deepEqual(shades, ["rgb(255, 255, 255)", "rgb(20, 27, 34)"]);
+});
+
+test("a run with a fault opens at the fault", async () => {
+  const page = await open(browser, report("late_fault", ["hil", five, ...sets("simulation.duration=1.5", "effects=[{type='drive_dropout', drive=2, from=0.7, to=0.9}]")], 1));
+  const { at, now, views } = await page.evaluate(() => ({ at: faultTime, now: plots[0].axis.now, views: plots.map(({ axis }) => axis.view) }));
+  assert.ok(at > 0.7 && at < 0.71 && now === at, `${now}, the fault is at ${at}`);
+  for (const [lo, hi] of views) assert.ok(lo > at - 0.5 && lo < at && hi > at && hi < at + 0.3, `${lo} to ${hi}`);
+  assert.ok(await page.evaluate(() => plots.every(({ cursor }) => !cursor || parseFloat(cursor.style.left) > 0)), "cursors out of sight");
+  await sound(page);
+});
+
+test("the spectrum shows the frequency at which a loop rings, the phase plane and s their layer", async () => {
+  const ringing = ["effects=[{type='delay', ticks=2}]", "control.reaching=saturation", "control.layer=0.05", "simulation.duration=1.5"];
+  const file = report("ringing", ["sim", five, ...sets(...ringing)]), page = await open(browser, file);
+  // The frequency again, from the rows of the log and by the definition of the transform.
+  const log = fs.readFileSync(path.join(path.dirname(file), "log.csv"), "utf8").trim().split("\n").map((line) => line.split(","));
+  const tau = log.slice(-1000).map((row) => Number(row[log[0].indexOf("tau11")])), mean = tau.reduce((a, b) => a + b) / tau.length;
+  const change = (f) => Math.sin(Math.PI * f / 1000) * Math.hypot(...["cos", "sin"].map((part) => tau.reduce((sum, v, n) => sum + (v - mean) * Math[part](2 * Math.PI * f * n / 1000), 0)));
+  const all = Array.from({ length: 500 }, (_, k) => k + 1), rings = all.reduce((best, f) => (change(f) > change(best) ? f : best));
+  const shown = await page.locator("#planes output").first().textContent();
+  assert.ok(Math.abs(parseFloat(shown) - rings) < 3, `${shown}, by the log ${rings} Hz`);
+  assert.match(await page.textContent("#planes"), /layer ±0\.0500 m\/s/);
+  assert.match(await page.textContent("#plots"), /Sliding variables s.*layer ±0\.0500 m\/s/);
+  for (const { coloured } of await drawn(page, "#planes canvas")) assert.ok(coloured > 100);
+  await sound(page);
+});
+
+test("layouts hold at 390, 1300 and 1920 px: run, fault, studies", async () => {
+  const rough = path.join(out, "study.toml");
+  fs.writeFileSync(rough, `scene = "${five}"\nset = ["simulation.duration=0.3"]\npareto = [["settled_rms_m", "torque_activity_nm"]]\nobjectives = ["settled_rms_m", "torque_activity_nm"]\nsample = { method = "grid" }\n`
+    + '[[vary]]\nkey = "control.lambda"\nfrom = 20.0\nto = 60.0\nsteps = 6\n');
+  const a = report("a", ["sim", five]), files = [a, report("b", ["sim", rr]), report("f", ["hil", five, ...sets("limits.joint_speed=5")], 1),
+    report("check", ["check", five]), report("sweep", ["sweep", rough]), report("compare", ["compare", path.dirname(a), path.dirname(a)]),
+    report("design", ["design", path.join(scenes, "five_bar_robust.toml")]), report("episodes", ["campaign", "--episodes", "40"])];
+  for (const file of files) {
+    for (const width of [390, 1300, 1920]) {
+      const page = await open(browser, file, { width });
+      await sound(page);
+      assert.deepEqual(await crowded(page), [], `${path.basename(path.dirname(file))} at ${width} px`);
+      await page.context().close();
+    }
+  }
 });
 
 test("hostile data: markup in every text, gaps, one row, no row, nothing at all", async () => {

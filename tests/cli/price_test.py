@@ -145,7 +145,7 @@ class Prices(unittest.TestCase):
 
     def test_json_has_the_keys_of_the_contract(self):
         j = prices(FRICTION, *SHORT, "--of", "settled_rms_m", "--effects", "all")
-        self.assertEqual(list(j), ["integrators", "effects", "loop", "minimal"])
+        self.assertEqual(list(j), ["schema", "integrators", "effects", "loop", "minimal"])
         for row in j["integrators"]:
             self.assertEqual(list(row), ["method", "step", "error", "cpu_s", "recommended_for"])
         for row in j["effects"]:

@@ -317,7 +317,7 @@ class Replay(unittest.TestCase):
         run.send_signal(signal.SIGINT)
         stdout, stderr = run.communicate(timeout=60)
         if run.returncode != 0:  # else it was the faster one
-            self.assertEqual((run.returncode, stdout), (1, ""))
+            self.assertEqual((run.returncode, stdout), (130, ""))
             self.assertIn("not compared to the end", stderr)
         self.assertIn("DIR", esmc("replay", "--help").stdout)
         self.assertEqual(esmc("replay").returncode, 2)

@@ -132,7 +132,7 @@ class Told(unittest.TestCase):
         for scene, motors, more in ((self.circle, ["tau11", "tau21"], ["abs_D2"]), (self.rr, ["tau1", "tau2"], [])):
             out = self.tmp / scene.stem
             j = json.loads(esmc("check", scene, "--out", out, "--json").stdout)
-            self.assertEqual({p.name for p in out.iterdir()}, {"check.csv", "scene.toml"})
+            self.assertEqual({p.name for p in out.iterdir()}, {"check.csv", "check.json", "report.html", "scene.toml"})
             with open(out / "check.csv", newline="", encoding="utf-8") as f:
                 rows = list(csv.DictReader(f))
             base = [m.replace("tau", "theta") + "_ref" for m in motors]

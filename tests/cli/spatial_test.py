@@ -171,7 +171,7 @@ class Spatial(unittest.TestCase):
             time.sleep(0.01)
         p.send_signal(signal.SIGINT)
         printed, err = p.communicate(timeout=60)
-        self.assertEqual((p.returncode, err), (0, ""))
+        self.assertEqual((p.returncode, err), (130, ""))
         self.assertTrue(json.loads(printed)["interrupted"])
         self.assertEqual(json.loads((out / "summary.json").read_text(encoding="utf-8")), json.loads(printed))
 

@@ -91,6 +91,8 @@ def manual(usr, esmc):
     plain = re.sub(r"^\\&", "", page.replace("\\-", "-").replace("\\e", "\\"), flags=re.M)
     if must(esmc, "bake", "--help").strip() not in plain:
         yield "the manual page does not quote esmc bake --help"
+    if (usr / "share/bash-completion/completions/esmc").read_text(encoding="utf-8") != must(esmc, "completion", "bash"):
+        yield "the completion is not what esmc completion bash prints"
 
 
 def command(usr, place, version):
