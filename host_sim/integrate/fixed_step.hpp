@@ -26,43 +26,38 @@ class SemiImplicitEuler {
     for (std::size_t i = 0; i < m; ++i) y[i] += h * y[m + i];
     system_->project(y);
   }
-  /// Change of slope over the last step, from its end to its beginning: unknown.
-  [[nodiscard]] static State bend() { return {}; }
 
  private:
   const S* system_;
   State slope_{};
 };
 
-/// The midpoint rule (order 2) and Heun's method of order 3, HNW table II.1.1: each stage is made of the one
-/// before.
-template <System S, int stages>
-class LowOrder {
+/// Heun's method of order 3, HNW table II.1.1: each stage is made of the one before.
+template <System S>
+class Heun3 {
  public:
   using State = typename S::State;
-  static constexpr int order = stages;
-  static_assert(stages == 2 || stages == 3);
+  static constexpr int order = 3;
 
-  explicit LowOrder(const S& system) : system_(&system) {}
-  explicit LowOrder(S&&) = delete;
+  explicit Heun3(const S& system) : system_(&system) {}
+  explicit Heun3(S&&) = delete;
 
   /// One step of h seconds, of either sign, from time t.
   void step(double t, double h, State& y) {
-    constexpr double part = stages == 2 ? 0.5 : 1.0 / 3.0, first = stages == 2 ? 0.0 : 0.25;
     const std::size_t n = system_->size();
     system_->slope(t, y, k1_);
     k_ = k1_;
-    for (int s = 1; s < stages; ++s) {
-      for (std::size_t i = 0; i < n; ++i) stage_[i] = y[i] + s * part * h * k_[i];
-      system_->slope(t + s * part * h, stage_, k_);
+    for (const double c : {1.0 / 3.0, 2.0 / 3.0}) {
+      for (std::size_t i = 0; i < n; ++i) stage_[i] = y[i] + c * h * k_[i];
+      system_->slope(t + c * h, stage_, k_);
     }
-    for (std::size_t i = 0; i < n; ++i) y[i] += h * (first * k1_[i] + (1.0 - first) * k_[i]);
+    for (std::size_t i = 0; i < n; ++i) y[i] += h * (0.25 * k1_[i] + 0.75 * k_[i]);
     system_->project(y);
   }
   /// Change of slope over the last step, from its end to its beginning.
   [[nodiscard]] State bend() const {
     State out{};
-    for (std::size_t i = 0; i < system_->size(); ++i) out[i] = (k1_[i] - k_[i]) * (stages == 2 ? 2.0 : 1.5);
+    for (std::size_t i = 0; i < system_->size(); ++i) out[i] = (k1_[i] - k_[i]) * 1.5;
     return out;
   }
 

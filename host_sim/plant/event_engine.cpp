@@ -50,12 +50,8 @@ std::unique_ptr<Engine<Plant>> make_event_engine(const Plant& plant, std::unique
     return std::make_unique<EventEngine<Plant, Inner>>(plant, std::move(attached), effects, r, initial);
   };
   switch (r.between) {
-    case Between::semi_implicit_euler:
-      return with.template operator()<SemiImplicitEuler<Sys>>();
-    case Between::midpoint:
-      return with.template operator()<LowOrder<Sys, 2>>();
     case Between::heun3:
-      return with.template operator()<LowOrder<Sys, 3>>();
+      return with.template operator()<Heun3<Sys>>();
     case Between::dopri5:
       return with.template operator()<Dopri5<Sys>>();
     case Between::dopri8:
