@@ -48,8 +48,9 @@ class Search {
     scene_.method = Method::event_driven;
     scene_.step = scene_.tick();
     if (agree_at_step()) return report();
-    const Between fine = choose_steps();
-    if (scene_.step > 0.0 && agree_at_step()) return report();
+    const std::optional<Between> controlled = choose_steps();
+    if (!controlled && agree_at_step()) return report();
+    const Between fine = controlled.value_or(Between::dopri5);
     scene_.step = scene_.tick();
     scene_.method = Method::event_driven;
     // Error control: 5th order once, 8th from then on; Radau where the step is bound by stability.
@@ -94,9 +95,9 @@ class Search {
            !find_effect<Backlash>(scene_.effects) && !find_effect<TorqueSaturation>(scene_.effects);
   }
 
-  /// Sets scene.step to the longest part of a tick with which RK4 follows the first ticks, 0: none does.
-  /// Returns the method of error control that needs fewer right-hand sides there.
-  Between choose_steps() {
+  /// Sets scene.step to the longest part of a tick with which RK4 follows the first ticks. Where none does:
+  /// returns the method of error control that needs fewer right-hand sides there.
+  std::optional<Between> choose_steps() {
     const double ticks = std::min<double>(pilot_ticks, tick_count(scene_));
     const auto pilot = [&](Between b, double tolerance) -> std::optional<Pass> {
       Scene s = scene_;
@@ -110,14 +111,13 @@ class Search {
     };
     scene_.method = Method::event_driven;
     const std::optional<Pass> exact = pilot(Between::dopri5, 0.01 * asked_);
-    scene_.step = 0.0;
     for (const int parts : {2, 5}) {
       if (!exact) break;
       scene_.step = scene_.tick() / parts;
       const std::optional<Pass> p = pilot(Between::rk4, 0.0);
-      if (p && deviation(exact->rows, p->rows, width_).all <= 0.5 * asked_) return Between::dopri5;
-      scene_.step = 0.0;
+      if (p && deviation(exact->rows, p->rows, width_).all <= 0.5 * asked_) return std::nullopt;
     }
+    scene_.step = scene_.tick();
     const std::optional<Pass> implicit = pilot(Between::radau5, asked_ / 30.0);
     return implicit && (!exact || 2 * implicit->effort.evaluations < exact->effort.evaluations)
                ? Between::radau5
