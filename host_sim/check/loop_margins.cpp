@@ -35,9 +35,10 @@ struct LoopMargins {
 /// Joints with a sensor, in the order of the model.
 template <class M>
 std::vector<std::size_t> sensed_joints(const Scene& s) {
-  std::vector<std::size_t> out;
   const int n = s.all_sensors ? M::joints : 2;
-  for (int i = 0; i < n; ++i) out.push_back(static_cast<std::size_t>(ControllerConfig<M>::joint_of(i, n)));
+  std::vector<std::size_t> out(static_cast<std::size_t>(n));
+  for (int i = 0; i < n; ++i)
+    out[static_cast<std::size_t>(i)] = static_cast<std::size_t>(ControllerConfig<M>::joint_of(i, n));
   return out;
 }
 
