@@ -134,11 +134,10 @@ StateSpace linear_plant(const Scene& scene, const Moment& at) {
   return linearised(slope, x, n, by);
 }
 
-/// The drives' readings of angle and rate, one sensor after the other, tick by tick: their observers and
-/// delay, without steps and noise.
+/// The drives' readings of angle and rate, one sensor after the other, tick by tick: their observers, without
+/// steps, noise and delay.
 StateSpace linear_sensors(const Scene& scene, std::size_t count) {
   SensorEffects effects(scene.effects);
-  const int delay = effects.delay ? effects.delay->ticks : 0;
   if (effects.encoder) effects.noise = SensorNoise{0.0, effects.encoder->bandwidth};
   if (effects.noise) effects.noise->sigma = 0.0;
   effects.encoder.reset();
@@ -157,7 +156,7 @@ StateSpace linear_sensors(const Scene& scene, std::size_t count) {
   const StateSpace one = linearised(read, VectorXd::Zero(6), 4, 1.0);
   StateSpace all = one;
   for (std::size_t i = 1; i < count; ++i) all = parallel(all, one);
-  return series(all, delay_line(static_cast<Eigen::Index>(2 * count), delay));
+  return all;
 }
 
 /// The controller of the scene without limits, holding the effector where it is.
@@ -283,11 +282,27 @@ std::vector<std::string> not_linear(const Scene& scene) {
   return out;
 }
 
+/// Delay of the torque, s, with the delay of the readings: once around the loop they are the same.
+double loop_delay(const Scene& scene) {
+  constexpr double ticks_most = 50.0;  // each is a state of every motor
+  const auto readings = find_effect<SensorDelay>(scene.effects);
+  const double out = torque_delay(scene) + (readings ? readings->ticks * scene.tick() : 0.0);
+  if (out > ticks_most * scene.tick())
+    throw InputError(
+        scene.control_where,
+        fmt::format("the effects of the scene delay its loop by {:.3g} ticks; margins are for at "
+                    "most {:g}",
+                    out / scene.tick(), ticks_most));
+  return out;
+}
+
 std::vector<LoopMargins> margins_along(const Scene& scene) {
   constexpr std::uint32_t poses = 16;
+  const double delay = loop_delay(scene);
   const std::uint32_t ticks = tick_count(scene),
                       join = std::min(ticks, make_reference(scene, Pacing::lockstep).join_ticks);
-  const std::uint32_t count = scene.reference.type == ReferenceType::hold ? 1 : std::min(poses, ticks - join);
+  const std::uint32_t count =
+      scene.reference.type == ReferenceType::hold ? 1 : std::clamp(ticks - join, 1U, poses);
   std::vector<LoopMargins> out;
   for (std::uint32_t i = 0; i < count; ++i) {
     if (stop_requested()) throw Interrupted("interrupted");
@@ -304,7 +319,7 @@ std::vector<LoopMargins> margins_along(const Scene& scene) {
       using M = typename World::Mechanism;
       const std::size_t sensors = sensed_joints<M>(scene).size();
       const StateSpace feedback = series(linear_sensors(scene, sensors), linear_controller<M>(scene, *at));
-      find_margins(linear_plant<World>(scene, *at), feedback, scene.tick(), torque_delay(scene), out.back());
+      find_margins(linear_plant<World>(scene, *at), feedback, scene.tick(), delay, out.back());
     });
   }
   return out;
@@ -334,7 +349,8 @@ std::string margins_text(const Scene& scene, const std::vector<LoopMargins>& all
                   fmt::format("{}{}", worst.stable ? "the loop is stable" : "the loop rings",
                               estimate.empty() ? "" : ", by an estimate"),
                   all.size(), all.size() == 1 ? "" : "s", worst.t, fmt::join(worst.q, ", "));
-  out += fmt::format("gain:  times {}{}\n", known(worst.gain, 1.0, "more than 1000"),
+  out += fmt::format("gain:  times {}{}\n",
+                     known(worst.gain, 1.0, worst.stable ? "more than 1000" : "less than 0.001"),
                      worst.gain_low ? fmt::format(", or times {:.3g}", *worst.gain_low) : "");
   out += fmt::format("phase: {} degrees\ndelay: {} ms\nit would ring at {:.3g} Hz\n",
                      known(worst.phase, 1.0, "more than 170"),
@@ -351,8 +367,9 @@ int run_margins(const RunOptions& o) {
     throw InputError(scene.control_where, "'control.law' closes no loop: there are no margins");
   OutputDirectory out(o.out);
   const std::vector<LoopMargins> all = margins_along(scene);
-  const LoopMargins& worst = *std::ranges::min_element(
-      all, {}, [](const LoopMargins& m) { return m.gain.value_or(std::numeric_limits<double>::infinity()); });
+  const LoopMargins& worst = *std::ranges::min_element(all, {}, [](const LoopMargins& m) {
+    return m.gain.value_or(m.stable ? std::numeric_limits<double>::infinity() : 0.0);
+  });
   const std::vector<std::string> estimate = not_linear(scene);
   MarginsJson j = {{"scene", scene.name},
                    {"estimate", !estimate.empty()},

@@ -98,6 +98,15 @@ class Verdicts(unittest.TestCase):
                        ["control.law=ctc", "control.lambda=600", 'effects=[{type="encoder", bits=16}]']):
             self.judged([join, "simulation.duration=1.5", *values], "error", "loop_rings")
 
+    def test_margins_at_the_edges(self):
+        short = esmc("margins", self.circle, "--json", *sets("reference.join=3", "simulation.duration=1"))  # no pose after the join
+        self.assertEqual((short.returncode, len(json.loads(short.stdout)["poses"])), (0, 1))
+        late = esmc("margins", self.circle, *sets('effects=[{type="delay", ticks=51}]'))
+        self.assertEqual(late.returncode, 2)
+        self.assertRegex(late.stderr, r"^esmc: .*five_bar_circle.toml:\d+.* 51 ticks; margins are for at most 50\n$")
+        rings = esmc("margins", Path(SCENES, "five_bar_super_twisting.toml"))  # with every factor down to the least
+        self.assertRegex(rings.stdout, r"the loop rings.*\n.*\ngain:  times less than 0.001\n")
+
     def test_parts_run_with_the_gains_of_the_whole(self):
         """smc has one gain, so that the designed one can be given as a number."""
         if "ESMC_SANITIZED" in os.environ:  # a design takes minutes there
