@@ -1,10 +1,11 @@
 """Hard cases of one joint, judged by closed forms. Each returns what the program reaches, what the usual method reaches, and curves."""
 import math
 
-from run import SCENES, WHEEL, column, worst
+from run import SCENES, WHEEL, column, digits, worst
 from usual import Arm, march, rk4
 
 INERTIA = 1e-3  # kg m2, of the wheel
+ARM = {"l1": 0.30, "l2": 0.25, "lg1": 0.15, "lg2": 0.11, "m1": 1.2, "m2": 0.8, "J1": 1e-2, "J2": 4.5e-3}  # of rr_line.toml
 
 
 def sine_torque(amp, omega):
@@ -83,6 +84,28 @@ def stick_slip(program):
             "curves": [("exact", [(t, exact(t)[1]) for t, _ in usual if shown[0] <= t <= shown[1]]),
                        ("event_driven", column(ours, "theta1_rate", *shown)),
                        ("RK4 with sign(rate)", [(t, y[1]) for t, y in usual if shown[0] <= t <= shown[1]])]}
+
+
+def arm_friction(program):
+    """The arm falls; dry friction in both joints."""
+    friction, golden = (0.5, 0.2), (-2.158441, -0.707371)
+    arm = Arm(9.8, **ARM)
+    sets = ["control.law=none", 'reference={type="hold"}', "initial.joints=[0.3, 0.7]", "simulation.duration=1.001",
+            effect(f'type="coulomb_friction", torque={list(friction)}'), 'simulation.accuracy_of="trajectory"']
+    ours, fine = (program.rows(SCENES / "rr_line.toml", *sets, f"simulation.accuracy={asked}") for asked in (1e-6, 1e-9))
+
+    def motion(_, y):
+        rates = y[2], y[3] - y[2]
+        f1, f2 = (f * ((w > 0) - (w < 0)) for f, w in zip(friction, rates))
+        return arm.acceleration(y, f2 - f1, -f2)
+    usual = march(motion, [0.3, 1.0, 0.0, 0.0], 1.0, 1e-3)
+    end, y = ours[1000], usual[-1][1]
+    off = [(f["t"], (r["theta1"] - f["theta1"], r["theta2"] - f["theta2"])) for r, f in zip(ours, fine)]
+    usual_off = [(t, (y[0] - f["theta1"], y[1] - y[0] - f["theta2"])) for (t, y), f in zip(usual, fine)]
+    return {"ours": max(abs(end["theta1"] - golden[0]), abs(end["theta2"] - golden[1])),
+            "usual": max(abs(y[0] - golden[0]), abs(y[1] - y[0] - golden[1])),
+            "curves": [(label, digits([(t, max(map(abs, v))) for t, v in points[1:]])) for label, points in
+                       (("event_driven", off), ("RK4 with sign(rate)", usual_off))]}
 
 
 def breakaway(program):
@@ -227,7 +250,7 @@ def stiff_friction(program):
 def payload_jump(program):
     """The arm takes up a payload between two ticks and lets it go again."""
     load, taken, freed, end, torque = 0.5, 0.20037, 0.60063, 1.0, (0.6, 0.2)
-    arm = Arm(0.0, l1=0.30, l2=0.25, lg1=0.15, lg2=0.11, m1=1.2, m2=0.8, J1=1.0e-2, J2=4.5e-3)
+    arm = Arm(0.0, **ARM)
 
     def motion(t, y):
         return arm.acceleration(y, torque[0] - torque[1], torque[1], load if taken <= t < freed else 0.0)
@@ -245,6 +268,5 @@ def payload_jump(program):
     usual = march(motion, [0.3, 1.0, 0.0, 0.0], end, 1e-3)
     off = [(t, abs(v - truth[round(t, 9)])) for t, v in column(ours, "theta1")]
     usual_off = [(t, abs(y[0] - truth[round(t, 9)])) for t, y in usual if round(t, 9) in truth]
-    digits = lambda points: [(t, math.log10(max(v, 1e-16))) for t, v in points]
     return {"ours": max(v for _, v in off), "usual": max(v for _, v in usual_off),
             "curves": [("RK4 that stops at jumps", digits(off)), ("RK4 across them", digits(usual_off))]}

@@ -4,17 +4,13 @@ import math
 from decimal import Decimal, getcontext
 from fractions import Fraction
 
-from run import ROOT, SCENES, column
+from run import ROOT, SCENES, column, digits
 from usual import FiveBar, march, rk4, solve
 
 getcontext().prec = 50
 CIRCLE = SCENES / "five_bar_circle.toml"
 FALL = [0.33914579427821183820, 1.85318013531281830819, 1.31276054418215195822, 1.48475269532538599760]  # start of problem B4
 FREE = ["control.law=none", 'reference={type="hold"}', f"initial.joints={FALL}"]
-
-
-def digits(points):
-    return [(t, math.log10(max(v, 1e-17))) for t, v in points]
 
 
 def joints(row):

@@ -1,6 +1,7 @@
 """Runs of the program for the gallery."""
 import csv
 import json
+import math
 import subprocess
 import tempfile
 from pathlib import Path
@@ -48,3 +49,8 @@ def column(rows, name, start=0.0, end=1e9):
 def worst(points, truth):
     """Largest distance of (t, value) from the function truth."""
     return max(abs(v - truth(t)) for t, v in points)
+
+
+def digits(points):
+    """Logarithms, for a picture of errors."""
+    return [(t, math.log10(max(v, 1e-17))) for t, v in points]
