@@ -66,13 +66,17 @@ def number(value, unit):
     return f"{value:.2g} {unit}".strip()
 
 
+def limit(row):
+    return f"{row['most']:g} {row['unit']}".strip()
+
+
 def table(rows, results):
     out = "| case | measured | at most | here | usual method |\n|---|---|---|---|---|\n"
     for name, row in rows.items():
         r = results[name]
         anchor = re.sub(r"[^a-z0-9 -]", "", row["title"].lower()).replace(" ", "-")
         unit = "" if row["unit"] == "m, rad" else row["unit"]
-        out += (f"| [{row['title']}](#{anchor}) | {row['what']} | {number(row['most'], row['unit'])} | {number(r['ours'], unit)} | "
+        out += (f"| [{row['title']}](#{anchor}) | {row['what']} | {limit(row)} | {number(r['ours'], unit)} | "
                 f"{number(r['usual'], unit)} |\n")
     return out
 
@@ -80,7 +84,7 @@ def table(rows, results):
 def section(name, row):
     tests = ", ".join(f"`{t}`" for t in [f"gallery.{name}", *row["tests"]])
     return (f"\n### {row['title']}\n\n{row['case']}\n\n* Usual: {row['usual']}\n* Here: {row['ours']}\n"
-            f"* Criterion: {row['what']}, at most {number(row['most'], row['unit'])}: {row['why']}. Judge: {row['judge']}.\n"
+            f"* Criterion: {row['what']}, at most {limit(row)}: {row['why']}. Judge: {row['judge']}.\n"
             f"* Tests: {tests}\n\n![{row['alt']}](images/gallery_{name}.svg)\n")
 
 

@@ -1,6 +1,7 @@
 """Hard cases of the five-bar and of its control, judged by golden data, by arithmetic of 50 digits and by a model of the tests' own."""
 import json
 import math
+import struct
 from decimal import Decimal, getcontext
 from fractions import Fraction
 
@@ -245,3 +246,23 @@ def four_motors(program):
     free = [(t, e) for t, e, _ in clipped_loop(1.0)]
     return {"ours": max(v for _, v in off), "usual": max(v for _, v in usual),
             "curves": [("least norm, no limits", digits(free[1:])), ("within limits", digits(off[1:])), ("least norm, clipped", digits(usual[1:]))]}
+
+
+def single(x):
+    return struct.unpack("f", struct.pack("f", x))[0]
+
+
+def float_clock(program):
+    """A reference in 32-bit floats after days: ours is printed by float_clock.cpp, which is the controller's own code."""
+    turn = 2 * Decimal("3.14159265358979323846264338327950288419716939937511")
+    ours, usual = [], []
+    for line in program.beside("tests/float_clock").split():
+        tick, *at = map(float, line.split(","))
+        phase = float(Decimal(int(tick)) * Decimal("0.01") % turn)
+        exact = 0.07 * math.cos(phase), 0.17 + 0.07 * math.sin(phase)
+        naive = single(10.0 * single(single(tick) * single(1e-3)))
+        seconds = math.log10(tick * 1e-3)
+        ours.append((seconds, math.dist(at, exact)))
+        usual.append((seconds, math.dist((0.07 * math.cos(naive), 0.17 + 0.07 * math.sin(naive)), exact)))
+    return {"ours": max(v for _, v in ours), "usual": max(v for _, v in usual),
+            "curves": [("phase in 2^-64 turns", digits(ours)), ("time in float", digits(usual))]}

@@ -19,6 +19,10 @@ class Program:
         done = subprocess.run([self.esmc, "eval", file], capture_output=True, text=True, check=True)
         return json.loads(done.stdout)
 
+    def beside(self, name):
+        """What a program of the same build prints."""
+        return subprocess.run([Path(self.esmc).parent / name], capture_output=True, text=True, check=True).stdout
+
     def summary(self, scene, *sets, log=False):
         """Summary of a run; with log also its rows as numbers."""
         with tempfile.TemporaryDirectory() as folder:
