@@ -255,14 +255,15 @@ def single(x):
 def float_clock(program):
     """A reference in 32-bit floats after days: ours is printed by float_clock.cpp, which is the controller's own code."""
     turn = 2 * Decimal("3.14159265358979323846264338327950288419716939937511")
-    ours, usual = [], []
-    for line in program.beside("tests/float_clock").split():
+    ours, usual = {}, {}
+    for n, line in enumerate(program.beside("tests/float_clock").split()):
         tick, *at = map(float, line.split(","))
         phase = float(Decimal(int(tick)) * Decimal("0.01") % turn)
         exact = 0.07 * math.cos(phase), 0.17 + 0.07 * math.sin(phase)
         naive = single(10.0 * single(single(tick) * single(1e-3)))
-        seconds = math.log10(tick * 1e-3)
-        ours.append((seconds, math.dist(at, exact)))
-        usual.append((seconds, math.dist((0.07 * math.cos(naive), 0.17 + 0.07 * math.sin(naive)), exact)))
-    return {"ours": max(v for _, v in ours), "usual": max(v for _, v in usual),
-            "curves": [("phase in 2^-64 turns", digits(ours)), ("time in float", digits(usual))]}
+        other = single(0.07 * math.cos(naive)), single(0.17 + 0.07 * math.sin(naive))
+        seconds = math.log10((tick - n % 20) * 1e-3)  # the worst of each twenty ticks
+        ours[seconds] = max(ours.get(seconds, 0.0), math.dist(at, exact))
+        usual[seconds] = max(usual.get(seconds, 0.0), math.dist(other, exact))
+    return {"ours": max(ours.values()), "usual": max(usual.values()),
+            "curves": [("phase in 2^-64 turns", digits(sorted(ours.items()))), ("time in float", digits(sorted(usual.items())))]}
