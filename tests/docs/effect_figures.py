@@ -88,8 +88,8 @@ def ticks(low, high):
     return [k * step for k in range(first, first + 40) if low - 1e-12 <= k * step <= high + 1e-12]
 
 
-def svg(title, vertical, start, end, curves):
-    """curves: label and points (t, value)."""
+def svg(title, vertical, start, end, curves, horizontal="t, s"):
+    """curves: label and points (t, value); a cross marks the end of a curve that stops early."""
     values = [v for _, points in curves for _, v in points]
     low, high = min(values), max(values)
     pad = 0.06 * (high - low or 1.0)
@@ -104,7 +104,7 @@ def svg(title, vertical, start, end, curves):
     for v in ticks(low, high):
         out += [f'<path d="M{LEFT} {y(v):.1f}H{WIDTH - RIGHT}" stroke="#e4e4e4"/>',
                 f'<text x="{LEFT - 6}" y="{y(v) + 4:.1f}" text-anchor="end">{v:g}</text>']
-    out += [f'<text x="{(LEFT + WIDTH - RIGHT) / 2:.0f}" y="{HEIGHT - 6}" text-anchor="middle">t, s</text>',
+    out += [f'<text x="{(LEFT + WIDTH - RIGHT) / 2:.0f}" y="{HEIGHT - 6}" text-anchor="middle">{horizontal}</text>',
             f'<text transform="translate(14 {(TOP + HEIGHT - BOTTOM) / 2:.0f}) rotate(-90)" text-anchor="middle">{vertical}</text>']
     at = LEFT
     for (label, points), colour in zip(curves, COLOURS[3 - len(curves):]):
@@ -112,6 +112,8 @@ def svg(title, vertical, start, end, curves):
         at += 40 + 7 * len(label)
         path = " ".join(f"{x(t):.1f},{y(v):.1f}" for t, v in points)
         out.append(f'<polyline fill="none" stroke="{colour}" stroke-width="1.5" points="{path}"/>')
+        if points[-1][0] < end - 0.02 * (end - start):
+            out.append(f'<path d="M{x(points[-1][0]) - 5:.1f} {y(points[-1][1]) - 5:.1f}l10 10m-10 0l10 -10" stroke="{colour}" stroke-width="2"/>')
     return "\n".join(out) + "\n</svg>\n"
 
 
