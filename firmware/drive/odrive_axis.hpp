@@ -119,6 +119,11 @@ class OdriveAxis {
   [[nodiscard]] std::optional<std::uint16_t> refused_endpoint() const { return read_back_.refused(); }
   [[nodiscard]] std::uint8_t node() const { return config_.node; }
 
+  /// Whether the errors of all other axes are known, for the next enable(). While they are not, firmware
+  /// 0.5.6 is sent no Clear_Errors, for it clears both axes of a board: an emergency stop of the other one as
+  /// well.
+  void know_other_errors(bool known) { may_clear_ = known || version_ == Version::v0_6; }
+
   /// Sends frames towards closed-loop torque control; call every tick while enabling. A frame that the bus
   /// does not take is sent again.
   ///
@@ -305,7 +310,7 @@ class OdriveAxis {
   /// Only in the tick of the report: an error that is not reported yet must not be cleared.
   template <class Send>
   void clear(Send&& send) {
-    if (heartbeat_age_ticks_ > 0 || clear_wait_ticks_ > 0 || stopped_) return;
+    if (heartbeat_age_ticks_ > 0 || clear_wait_ticks_ > 0 || stopped_ || !may_clear_) return;
     if (!send(odrive::encode_clear_errors(config_.node, version_))) return;
     clear_wait_ticks_ = retry_ticks_;
     acknowledged_ = false;
@@ -404,6 +409,7 @@ class OdriveAxis {
   bool release_pending_ = false;  // asked into closed loop, not seen idle since
   bool stopped_ = false;          // emergency stop, not acknowledged
   bool acknowledged_ = false;     // its report may be cleared
+  bool may_clear_ = true;         // see know_other_errors()
   bool proven_ = false;           // the watchdog has passed its test
   bool watchdog_did_not_trip_ = false;
   bool counted_ = false;  // a heartbeat of this tick has been counted
