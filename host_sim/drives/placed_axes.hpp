@@ -46,6 +46,7 @@ inline MitAxis::Settings mit_settings(const Scene& s, std::size_t motor, bool lo
   out.position_range = d.position_range[motor];
   out.velocity_range = d.velocity_range[motor];
   out.torque_range = d.torque_range[motor];
+  out.velocity_unit = d.velocity_unit;
   out.period = s.tick();
   out.timeout_cycles = static_cast<int>(std::llround(d.watchdog_timeout / out.control_period));
   out.realtime = !lockstep;
