@@ -306,9 +306,9 @@ class Cycle {
         [this](int i) { return i % motors_.axis_step == 0 && axis(i).setting_up(); });
   }
 
-  /// The last heartbeat of every axis, passive encoders included, is young enough to hold its present errors.
-  [[nodiscard]] bool errors_known() const {
-    return !any_axis([this](const D& a) { return a.heartbeat_age_ticks() > heartbeat_age_ticks_max_; });
+  /// True if the last heartbeat of every axis, passive encoders included, is at most `age` ticks old.
+  [[nodiscard]] bool all_reported(std::uint32_t age) const {
+    return !any_axis([age](const D& a) { return a.heartbeat_age_ticks() > age; });
   }
 
   /// The operator's reset of an emergency stop: the axes may clear their present report of it.
@@ -401,7 +401,8 @@ class Cycle {
       // Silent drives get the request; the others not before all have been heard.
       const bool heard = wait_.heard[static_cast<unsigned>(i * motors_.axis_step)];
       if (result.state == State::enabling && (wait_.all || !heard)) {
-        if constexpr (requires { a.know_other_errors(true); }) a.know_other_errors(errors_known());
+        if constexpr (requires { a.know_errors(true, true); })
+          a.know_errors(all_reported(heartbeat_age_ticks_max_), all_reported(1));
         a.enable(send);
       }
       const bool leave = result.state == State::fault || result.state == State::stopping;

@@ -245,6 +245,33 @@ TYPED_TEST(ControlCycle, NoErrorIsClearedWhileAnotherAxisMayBeStopped) {
   }
 }
 
+/// The drive's own input stops axis 1 after its last report. In step with axis 0, as the axes of a board
+/// mostly are, its next report comes in the tick in which axis 0 could be cleared. Out of step, as two boards
+/// are, axis 0 is cleared after 15 reports all the same.
+TYPED_TEST(ControlCycle, TheErrorsOfAllAxesAreFreshWhenOneIsCleared) {
+  for (const int shift : {0, 1, 5}) {
+    Setup<TypeParam> s = setup<TypeParam>();
+    s.version = drive::odrive::Version::v0_5_6;
+    s.retry_ticks = 5;
+    Rig<TypeParam> rig(s);
+    rig.obedient = false;
+    int tick = 0, cleared = -1;
+    const auto step = [&](Command c) {
+      rig.sends_heartbeat.fill(tick % 10 == 9);  // the second axis reports `shift` ticks before the first
+      rig.sends_heartbeat[1] = (tick + shift) % 10 == 9;
+      const auto r = rig.tick(c);
+      if (cleared < 0 && rig.count(0, test::cmd_clear_errors) > 0) cleared = tick;
+      ++tick;
+      return r;
+    };
+    while (tick < 20) step(Command::none);
+    rig.error[0] = 0x200;
+    for (step(Command::enable); tick < 400 && cleared < 0;)
+      ASSERT_EQ(step(Command::none).state, State::enabling);
+    EXPECT_EQ(cleared, shift > 1 ? 29 + 150 : 29) << shift;
+  }
+}
+
 /// Seen on the bus it needs no heartbeat: not from the axis it was meant for, and not from any with 0x7E2.
 TYPED_TEST(ControlCycle, AnEmergencyStopOnTheBusStrikesInTheTickThatHearsIt) {
   for (const unsigned node : {Rig<TypeParam>::node(0), Rig<TypeParam>::node(1), 0x3FU}) {
