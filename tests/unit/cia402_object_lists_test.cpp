@@ -187,7 +187,7 @@ INSTANTIATE_TEST_SUITE_P(RealDrives, ObjectLists,
                                          RealDrive{"elmo_simpliq", 1.2, 1e-3, "6502:0", true},
                                          RealDrive{"ingenia_eve_net_c", 1.0, 1e-3, "1016:1", false},
                                          RealDrive{"pilz_prbt", 1.0, 1e-3, "6007:0", false},
-                                         RealDrive{"schunk_lwa4p", 1.0, 1e-3, "6007:0", false}),
+                                         RealDrive{"schunk_0_63", 1.0, 1e-3, "6007:0", false}),
                          [](const auto& p) { return std::string(p.param.list); });
 
 // ---- one defect at a time
