@@ -110,7 +110,7 @@ class Run {
       require(f.extended && !f.remote && !f.fd && f.id == 0x2905 && f.size == 8, "a reply of this drive");
       CanFrame again = drive::mit::encode_v3_reply(5, *drive::mit::decode_reply(f, settings_.dialect));
       std::copy(f.data.begin() + 4, f.data.begin() + 7, again.data.begin() + 4);  // current and temperature
-      require(again == f, "a reply is written as it is read");
+      require(fuzz::same_bytes(again, f, f.size), "a reply is written as it is read");
       return take_v3(f);
     }
     const bool long_enough =
@@ -142,7 +142,6 @@ class Run {
     require(std::fabs(s.angle + 0.5 - number(0) * 0.0017453292519943296 * per) < 1e-5,
             "angle in the model's units");
     require(std::fabs(s.rate - number(2) * 0.01 * per) < 1e-4, "rate in the model's units");
-    require(!axis_.observed_torque(), "it says no torque");
   }
   void take(const CanFrame& f) {
     const unsigned p = test::mit_p(f), v = test::mit_v(f);
