@@ -61,7 +61,7 @@ class Cia402Configurator {
         refuse(e);
         return false;
       }
-      limit_unread_ = limit_unread_ || e.task == cia402::Task::at_least;
+      if (e.task == cia402::Task::at_least) limit_unread_ = true;
       return next_entry();
     }
     if (reply.kind == (reading_ ? canopen::SdoKind::value : canopen::SdoKind::written)) {
