@@ -306,6 +306,11 @@ class Cycle {
         [this](int i) { return i % motors_.axis_step == 0 && axis(i).setting_up(); });
   }
 
+  /// True if the last heartbeat of every axis, passive encoders included, is at most `age` ticks old.
+  [[nodiscard]] bool all_reported(std::uint32_t age) const {
+    return !any_axis([age](const D& a) { return a.heartbeat_age_ticks() > age; });
+  }
+
   /// The operator's reset of an emergency stop: the axes may clear their present report of it.
   void acknowledge() {
     for (int i = 0; i < axis_count_; ++i) axes_[static_cast<unsigned>(i)].acknowledge();
@@ -395,7 +400,11 @@ class Cycle {
       D& a = axes_[static_cast<unsigned>(i * motors_.axis_step)];
       // Silent drives get the request; the others not before all have been heard.
       const bool heard = wait_.heard[static_cast<unsigned>(i * motors_.axis_step)];
-      if (result.state == State::enabling && (wait_.all || !heard)) a.enable(send);
+      if (result.state == State::enabling && (wait_.all || !heard)) {
+        if constexpr (requires { a.know_errors(true, true); })
+          a.know_errors(all_reported(heartbeat_age_ticks_max_), all_reported(1));
+        a.enable(send);
+      }
       const bool leave = result.state == State::fault || result.state == State::stopping;
       if ((leave && !a.idle()) || (result.state == State::disabled && a.must_be_released())) a.disable(send);
       if (answer && !a.tx_suspended()) {

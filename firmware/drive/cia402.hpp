@@ -26,11 +26,13 @@ inline constexpr Object mode_of_operation{0x6060, 0}, mode_display{0x6061, 0}, s
 inline constexpr Object position{0x6064, 0}, velocity{0x606C, 0};
 inline constexpr Object target_torque{0x6071, 0}, actual_torque{0x6077, 0};  ///< 1/1000 of the rated torque
 inline constexpr Object max_torque{0x6072, 0};                               ///< 1/1000 of the rated torque
+inline constexpr Object torque_offset{0x60B2, 0};                            ///< the same unit; adds to 6071
 inline constexpr Object rated_torque{0x6076, 0};  ///< unit of the drive: mN m, uN m
 inline constexpr Object interpolation_value{0x60C2, 1},
     interpolation_index{0x60C2, 2};  ///< value * 10^index s
 
-/// RPDO and TPDO 1..4: communication sub 1 COB-ID, sub 2 transmission type; mapping sub 0 count, sub n entry.
+/// RPDO and TPDO 1..4: communication sub 1 COB-ID, sub 2 transmission type, sub 5
+/// event timer, ms (of an RPDO the deadline for the next one; optional); mapping sub 0 count, sub n entry.
 inline constexpr std::uint16_t rpdo_communication = 0x1400, rpdo_mapping = 0x1600,
                                tpdo_communication = 0x1800, tpdo_mapping = 0x1A00;
 inline constexpr std::uint8_t transmission_every_sync = 1, transmission_at_once = 255;

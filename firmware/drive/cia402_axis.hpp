@@ -108,6 +108,8 @@ class Cia402Axis {
   [[nodiscard]] std::optional<canopen::Object> contradicting_object() const {
     return configurator_.refused();
   }
+  /// True if the drive has no object 6072, so that its torque limit was not read back; until the next set-up.
+  [[nodiscard]] bool torque_limit_unread() const { return configurator_.limit_unread(); }
   [[nodiscard]] std::uint8_t node() const { return config_.node; }
   /// N m at the shaft per thousandth of the rated torque, as read from the drive; 0 before.
   [[nodiscard]] float torque_lsb() const { return configurator_.torque_lsb(); }

@@ -15,6 +15,7 @@ class Cia402Configurator {
   void begin() {
     entry_ = 0;
     refused_.reset();
+    limit_unread_ = false;
     begin_transfer(false);
   }
   void clear_mismatch() { config_mismatch_ = false; }  ///< refused() stays until begin()
@@ -30,6 +31,9 @@ class Cia402Configurator {
   [[nodiscard]] float torque_lsb() const { return rated_torque_ / 1000.0F; }
   /// Rated torque, N m at the shaft, as read from the drive; 0 before.
   [[nodiscard]] float rated_torque() const { return rated_torque_; }
+
+  /// True if the drive said that it has no object 6072: nothing read back allows torque_limit.
+  [[nodiscard]] bool limit_unread() const { return limit_unread_; }
 
   /// Sends the read or write of the present entry, again if it is in flight. False: the bus did not take it,
   /// nothing has changed. The caller does not call it after the last entry is complete.
@@ -53,9 +57,14 @@ class Cia402Configurator {
     const cia402::Entry& e = cia402::setup[entry_];
     if (!in_flight_ || !(reply.object == e.object)) return false;
     if (reply.kind == canopen::SdoKind::abort) {
-      if (e.task == cia402::Task::attempt || (e.optional && cia402::absent(reply.value))) return next_entry();
-      refuse(e);
-    } else if (reply.kind == (reading_ ? canopen::SdoKind::value : canopen::SdoKind::written)) {
+      if (e.task != cia402::Task::attempt && !(e.optional && cia402::absent(reply.value))) {
+        refuse(e);
+        return false;
+      }
+      if (e.task == cia402::Task::at_least) limit_unread_ = true;
+      return next_entry();
+    }
+    if (reply.kind == (reading_ ? canopen::SdoKind::value : canopen::SdoKind::written)) {
       if (!reading_ && e.task == cia402::Task::verify) {
         begin_transfer(true);
       } else if (!reading_ || agrees(e, reply, settings, node)) {
@@ -110,6 +119,7 @@ class Cia402Configurator {
   bool in_flight_ = false;  // a request waits for its answer
   bool reading_ = false;    // the request in flight, or the next one, is a read
   bool config_mismatch_ = false;
+  bool limit_unread_ = false;
 };
 
 }  // namespace esmc::drive

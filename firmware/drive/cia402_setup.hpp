@@ -11,17 +11,17 @@ namespace esmc::drive {
 
 /// Settings of a drive and its bus, with every unit that a drive may choose.
 struct Cia402Settings {
-  float rated_torque = 0.0F;                  ///< N m at the shaft: required of object 6076, to 1 %
-  float rated_torque_unit = 1e-3F;            ///< N m per LSB of object 6076
-  float torque_limit = 0.0F;                  ///< N m at the shaft that object 6072 must allow
+  float rated_torque = 0.0F;        ///< N m at the shaft: required of object 6076, to 1 %
+  float rated_torque_unit = 1e-3F;  ///< N m per LSB of object 6076
+  float torque_limit = 0.0F;        ///< N m at the shaft that object 6072 must allow, where there is one
   std::uint32_t counts_per_turn = 1'048'576;  ///< of object 6064, > 0
   float velocity_unit = 1.0471976e-4F;        ///< rad/s per LSB of object 606C; here 0.001 rpm
   std::uint32_t period_us = 1000;             ///< between two SYNC
   std::uint16_t heartbeat_ms = 10;            ///< period of the drive's heartbeat
-  std::uint16_t consumer_ms = 10;             ///< without our heartbeat for this long, the drive stops
-  std::uint8_t master_node = 127;             ///< our own
-  std::uint16_t retry_ticks = 150;            ///< until a sequence without progress restarts, > 0
-  std::uint16_t sdo_ticks = 100;              ///< time allowed for an answer, > 0
+  std::uint16_t consumer_ms = 10;   ///< without our heartbeat, or our RPDO, for this long, the drive stops
+  std::uint8_t master_node = 127;   ///< our own
+  std::uint16_t retry_ticks = 150;  ///< until a sequence without progress restarts, > 0
+  std::uint16_t sdo_ticks = 100;    ///< time allowed for an answer, > 0
   /// Option codes: a lost connection is a fault; a fault and a quick stop take the torque away at once.
   std::int16_t abort_connection = 1, fault_reaction = 0, quick_stop = 0;
 };
@@ -57,7 +57,7 @@ enum class Task : std::uint8_t {
   verify,    ///< write, read back, compare under the mask
   expect,    ///< read, compare under the mask
   rated,     ///< read the rated torque: the scale of all torques
-  at_least,  ///< read the max torque: must allow torque_limit
+  at_least,  ///< read the max torque: must allow torque_limit; where it is absent, nothing says so
 };
 /// Source of a value.
 enum class Source : std::uint8_t {
@@ -65,6 +65,7 @@ enum class Source : std::uint8_t {
   plus_node,  ///< constant + node of the drive
   heartbeat,
   consumer,
+  deadline,  ///< of RPDO1
   abort_connection,
   fault_reaction,
   quick_stop,
@@ -101,7 +102,8 @@ constexpr Entry map(std::uint16_t mapping, std::uint8_t sub, Object o, std::uint
 }
 }  // namespace detail
 
-/// A PDO can be remapped in this order only: off, no entries, transmission, entries, their count, on.
+/// A PDO can be remapped in this order only: off, no entries, transmission, entries, their count, on. Each
+/// TPDO is written with bit 30: devices that answer no remote frame may refuse a COB-ID without it.
 // std::to_array, for gcc 12 puts a constant with deduced class template arguments into writable data.
 inline constexpr auto setup = std::to_array<Entry>({
     Entry{controlword, 2, Task::write, control_disable_voltage},
@@ -110,7 +112,8 @@ inline constexpr auto setup = std::to_array<Entry>({
     Entry{error_behaviour, 1, Task::attempt, error_keeps_state},
     Entry{emergency_cob_id, 4, Task::expect, canopen::id_emergency, Source::plus_node, true,
           detail::cob_mask},
-    Entry{sync_cob_id, 4, Task::expect, canopen::id_sync, Source::constant, false, 0x7FFF'FFFF},
+    // A drive without it has the SYNC of the profile, or sends no PDO and is never ready.
+    Entry{sync_cob_id, 4, Task::expect, canopen::id_sync, Source::constant, true, 0x7FFF'FFFF},
     Entry{sync_period, 4, Task::verify, 0, Source::period_us, true},
     Entry{abort_connection_option, 2, Task::verify, 0, Source::abort_connection},
     Entry{fault_reaction_option, 2, Task::verify, 0, Source::fault_reaction},
@@ -119,18 +122,20 @@ inline constexpr auto setup = std::to_array<Entry>({
           supports_cyclic_torque},
     Entry{mode_of_operation, 1, Task::verify, static_cast<std::uint32_t>(mode_cyclic_torque)},
     Entry{rated_torque, 4, Task::rated},
-    Entry{max_torque, 2, Task::at_least},
+    Entry{max_torque, 2, Task::at_least, 0, Source::constant, true},
+    Entry{torque_offset, 2, Task::verify, 0, Source::constant, true},  // it adds to 6071
     Entry{interpolation_value, 1, Task::verify, 0, Source::period_value, true},
     Entry{interpolation_index, 1, Task::verify, 0, Source::period_index, true},
     // Commands from other nodes, and reports that would load the bus.
     detail::disabled(rpdo_communication + 1, canopen::id_rpdo2),
     detail::disabled(rpdo_communication + 2, canopen::id_rpdo3),
     detail::disabled(rpdo_communication + 3, canopen::id_rpdo4),
-    detail::disabled(tpdo_communication + 2, canopen::id_tpdo3),
-    detail::disabled(tpdo_communication + 3, canopen::id_tpdo4),
+    detail::disabled(tpdo_communication + 2, canopen::cob_no_rtr | canopen::id_tpdo3),
+    detail::disabled(tpdo_communication + 3, canopen::cob_no_rtr | canopen::id_tpdo4),
     detail::cob(rpdo_communication, Task::write, canopen::cob_invalid | canopen::id_rpdo1),
     Entry{{rpdo_mapping, 0}, 1, Task::write, 0},
     Entry{{rpdo_communication, 2}, 1, Task::verify, transmission_at_once},
+    Entry{{rpdo_communication, 5}, 2, Task::verify, 0, Source::deadline, true},
     detail::map(rpdo_mapping, 1, controlword, 16),
     detail::map(rpdo_mapping, 2, target_torque, 16),
     Entry{{rpdo_mapping, 0}, 1, Task::verify, 2},
@@ -164,6 +169,8 @@ inline constexpr auto setup = std::to_array<Entry>({
       return e.constant + node;
     case Source::heartbeat:
       return s.heartbeat_ms;
+    case Source::deadline:  // RPDO1 is sent every tick, the heartbeat less often
+      return s.consumer_ms;
     case Source::consumer:
       return (std::uint32_t{s.master_node} << 16U) | s.consumer_ms;
     case Source::abort_connection:

@@ -7,6 +7,13 @@
 ///   special  seven bytes FF, then FC (enter motor mode), FD (leave it) or FE (set zero)
 ///   reply    node 8 | p 16 | v 12 | t 12 | vendor bytes  identifier: the master's, or the drive's node
 ///
+/// CubeMars AK with driver board V3 has identifiers of 29 bits, another order, no special frames (every
+/// command acts at once), and integers with a unit instead of codes in its reply:
+///
+///   command  kp 12 | kd 12 | p 16 | v 12 | t 12                           identifier: 0800h + node
+///   reply    p 16, 0.1 deg | speed 16, 10 electrical rpm | current 16, 0.01 A | temperature 8 | error 8
+///            signed                                                       identifier: 2900h + node
+///
 /// Zero is not a multiple of a step: the two nearest codes are half a step away, so "no torque" is
 /// range / 4095 (4.4 mN m of 18 N m). `code` rounds to nearest, and zero up.
 
@@ -23,6 +30,7 @@ enum class Dialect : std::uint8_t {
   mini_cheetah,  ///< 5 bytes (without the low eight bits of the torque), 6, or 7 (with the supply voltage)
   cubemars,      ///< 8 bytes: ... temperature, error
   damiao,        ///< 8 bytes: error in the high half of byte 0, node in the low half; ... two temperatures
+  cubemars_v3,   ///< of the driver board V3, see above
 };
 
 /// Half widths: -range to +range. Set in the drive, never read back; a wrong one scales every number.
@@ -42,12 +50,12 @@ inline constexpr std::uint16_t middle_16 = 0x8000, middle_12 = 0x0800;
 struct Command {
   std::uint16_t position = middle_16, velocity = middle_12, kp = 0, kd = 0, torque = middle_12;
 };
-/// Reply of a drive, as integers of the wire.
+/// Reply of a drive, as integers of the wire; of cubemars_v3 position and speed plus 8000h.
 struct Reply {
   std::uint16_t position = middle_16, velocity = middle_12;
   std::uint16_t torque = middle_12;
   std::uint8_t error = 0;    ///< error code of the drive; 0 where the reply has none
-  bool whole_torque = true;  ///< false: 5 bytes, without the low eight bits of the torque
+  bool whole_torque = true;  ///< false: none, or without its low eight bits (5 bytes)
 };
 
 /// Code nearest to `value`: codes 0..code_max stand for -range..range, in the unit of `value`, and beyond is
@@ -66,9 +74,26 @@ struct Reply {
          range;
 }
 
+/// Identifiers of cubemars_v3 without the node (8 bits): the control mode << 8. Modes above 10h are reports.
+inline constexpr std::uint32_t v3_command = 0x0800, v3_reply = 0x2900, v3_command_max = 0x10FF;
+
 /// Writes a command, in codes of the wire (see `code`), into f, which is a classic data frame already: only
-/// identifier, size and data change. `node`: 11 bits.
-constexpr void put_command(hal::CanFrame& f, std::uint32_t node, const Command& c) {
+/// identifier, size and data change. `node`: 11 bits, of cubemars_v3 8.
+constexpr void put_command(hal::CanFrame& f, std::uint32_t node, const Command& c, Dialect d) {
+  if (d == Dialect::cubemars_v3) {
+    f.id = v3_command | node;
+    f.extended = true;
+    f.size = 8;
+    f.data[0] = static_cast<std::uint8_t>(c.kp >> 4U);
+    f.data[1] = static_cast<std::uint8_t>(c.kp << 4U | c.kd >> 8U);
+    f.data[2] = static_cast<std::uint8_t>(c.kd);
+    f.data[3] = static_cast<std::uint8_t>(c.position >> 8U);
+    f.data[4] = static_cast<std::uint8_t>(c.position);
+    f.data[5] = static_cast<std::uint8_t>(c.velocity >> 4U);
+    f.data[6] = static_cast<std::uint8_t>(c.velocity << 4U | c.torque >> 8U);
+    f.data[7] = static_cast<std::uint8_t>(c.torque);
+    return;
+  }
   f.id = node;
   f.size = 8;
   f.data[0] = static_cast<std::uint8_t>(c.position >> 8U);
@@ -80,10 +105,11 @@ constexpr void put_command(hal::CanFrame& f, std::uint32_t node, const Command& 
   f.data[6] = static_cast<std::uint8_t>(c.kd << 4U | c.torque >> 8U);
   f.data[7] = static_cast<std::uint8_t>(c.torque);
 }
-/// Command in codes of the wire (see `code`) as a classic data frame. `node`: 11 bits.
-[[nodiscard]] constexpr hal::CanFrame encode_command(std::uint32_t node, const Command& c) {
+/// Command in codes of the wire (see `code`) as a classic data frame. `node`: as in put_command().
+[[nodiscard]] constexpr hal::CanFrame encode_command(std::uint32_t node, const Command& c,
+                                                     Dialect d = Dialect::mini_cheetah) {
   hal::CanFrame f;
-  put_command(f, node, c);
+  put_command(f, node, c, d);
   return f;
 }
 /// Special frame to a node (11 bits): seven bytes FF, then `s`.
@@ -107,6 +133,13 @@ constexpr void put_command(hal::CanFrame& f, std::uint32_t node, const Command& 
 [[nodiscard]] constexpr std::optional<Reply> decode_reply(const hal::CanFrame& f, Dialect d) {
   if (f.remote || f.fd || !has_reply_size(f.size, d)) return std::nullopt;
   Reply r;
+  if (d == Dialect::cubemars_v3) {
+    r.position = static_cast<std::uint16_t>((f.data[0] << 8U | f.data[1]) ^ middle_16);
+    r.velocity = static_cast<std::uint16_t>((f.data[2] << 8U | f.data[3]) ^ middle_16);
+    r.whole_torque = false;  // a current, in whose sign sources differ
+    r.error = f.data[7];
+    return r;
+  }
   r.position = static_cast<std::uint16_t>(f.data[1] << 8U | f.data[2]);
   r.velocity = static_cast<std::uint16_t>(f.data[3] << 4U | f.data[4] >> 4U);
   r.torque = static_cast<std::uint16_t>((f.data[4] & 0x0FU) << 8U | (f.size > 5 ? f.data[5] : 0U));
@@ -116,8 +149,8 @@ constexpr void put_command(hal::CanFrame& f, std::uint32_t node, const Command& 
   return r;
 }
 
-/// Reply of an emulated drive as a frame with identifier `id`. `size`: bytes of the frame, for which the
-/// caller ensures has_reply_size(); vendor bytes other than the error are 0.
+/// Reply of an emulated drive as a frame with identifier `id`, not of cubemars_v3. `size`: bytes of the
+/// frame, for which the caller ensures has_reply_size(); vendor bytes other than the error are 0.
 [[nodiscard]] constexpr hal::CanFrame encode_reply(std::uint32_t id, std::uint8_t node, const Reply& r,
                                                    Dialect d, std::uint8_t size) {
   hal::CanFrame f = hal::data_frame(id, size);
@@ -132,8 +165,26 @@ constexpr void put_command(hal::CanFrame& f, std::uint32_t node, const Command& 
   if (d == Dialect::cubemars) f.data[7] = r.error;
   return f;
 }
+/// Reply of an emulated cubemars_v3 with this node (8 bits); current and temperature are 0.
+[[nodiscard]] constexpr hal::CanFrame encode_v3_reply(std::uint8_t node, const Reply& r) {
+  hal::CanFrame f = hal::data_frame(v3_reply | node, 8);
+  f.extended = true;
+  f.data[0] = static_cast<std::uint8_t>((r.position ^ middle_16) >> 8U);
+  f.data[1] = static_cast<std::uint8_t>(r.position);
+  f.data[2] = static_cast<std::uint8_t>((r.velocity ^ middle_16) >> 8U);
+  f.data[3] = static_cast<std::uint8_t>(r.velocity);
+  f.data[7] = r.error;
+  return f;
+}
 /// Command as an emulated drive reads it. The caller checks identifier, length (8), and decode_special().
-[[nodiscard]] constexpr Command decode_command(const hal::CanFrame& f) {
+[[nodiscard]] constexpr Command decode_command(const hal::CanFrame& f, Dialect d = Dialect::mini_cheetah) {
+  if (d == Dialect::cubemars_v3) {
+    return {static_cast<std::uint16_t>(f.data[3] << 8U | f.data[4]),
+            static_cast<std::uint16_t>(f.data[5] << 4U | f.data[6] >> 4U),
+            static_cast<std::uint16_t>(f.data[0] << 4U | f.data[1] >> 4U),
+            static_cast<std::uint16_t>((f.data[1] & 0x0FU) << 8U | f.data[2]),
+            static_cast<std::uint16_t>((f.data[6] & 0x0FU) << 8U | f.data[7])};
+  }
   return {static_cast<std::uint16_t>(f.data[0] << 8U | f.data[1]),
           static_cast<std::uint16_t>(f.data[2] << 4U | f.data[3] >> 4U),
           static_cast<std::uint16_t>((f.data[3] & 0x0FU) << 8U | f.data[4]),

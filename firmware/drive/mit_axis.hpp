@@ -29,8 +29,9 @@ class MitAxis {
   struct Settings {
     mit::Ranges ranges{};
     Dialect dialect = Dialect::mini_cheetah;
-    std::uint16_t master_id = 0;      ///< identifier of the replies, possibly the node itself
+    std::uint16_t master_id = 0;  ///< identifier of the replies, possibly the node itself; not of cubemars_v3
     std::uint32_t retry_ticks = 150;  ///< time allowed for replies before the sequence restarts, > 2
+    float velocity_unit = 0.0F;       ///< cubemars_v3: rad/s at the output for 10 electrical rpm
   };
 
   /// error_code(): the drive's own error in the low eight bits, and errors found in its reply.
@@ -43,18 +44,21 @@ class MitAxis {
   MitAxis() = default;
   MitAxis(const AxisConfig& config, const Settings& settings) : config_(config), settings_(settings) {}
 
-  /// Takes a reply of the drive. Changes nothing unless the result is `accepted`. A frame with the node's
-  /// identifier that is no reply is a `foreign_command`; a broken reply on another identifier is `malformed`.
+  /// Takes a reply of the drive. Changes nothing unless the result is `accepted`. A frame with an identifier
+  /// of commands to the node that is no reply is a `foreign_command`; a broken reply elsewhere is
+  /// `malformed`.
   Received receive(const hal::CanFrame& f) {
-    if (f.extended || f.remote) return Received::not_mine;
-    if (f.id == settings_.master_id && f.size > 0 && mit::names(f.data[0], config_.node, settings_.dialect)) {
+    if (f.extended != v3() || f.remote) return Received::not_mine;
+    const bool commands =
+        v3() ? (f.id & 0xFFU) == config_.node && f.id <= mit::v3_command_max : f.id == config_.node;
+    if (is_from_drive(f)) {
       if (const auto reply = mit::decode_reply(f, settings_.dialect)) {
         take(*reply);
         return Received::accepted;
       }
-      if (f.id != config_.node) return Received::malformed;
+      if (!commands) return Received::malformed;
     }
-    return f.id == config_.node ? Received::foreign_command : Received::not_mine;
+    return commands ? Received::foreign_command : Received::not_mine;
   }
 
   /// Counts the age of the last reply; once per tick, before the frames of the tick are received.
@@ -73,11 +77,19 @@ class MitAxis {
   [[nodiscard]] JointSample<S> sample() const {
     const S per_rad = S(config_.direction) / S(config_.gear_ratio);
     const auto& r = settings_.ranges;
+    if (v3()) {
+      const auto number = [](std::uint16_t plus) {
+        return S(std::int32_t{plus} - std::int32_t{mit::middle_16});
+      };
+      return {number(last_.position) * S(0.0017453292519943295769L) * per_rad + S(config_.offset),
+              number(last_.velocity) * S(settings_.velocity_unit) * per_rad};
+    }
     return {S(mit::value(last_.position, r.position, mit::code_max_16)) * per_rad + S(config_.offset),
             S(mit::value(last_.velocity, r.velocity, mit::code_max_12)) * per_rad};
   }
 
-  /// Torque of the last reply, N m at the joint, model convention; empty if the reply has it cut (5 bytes).
+  /// Torque of the last reply, N m at the joint, model convention; empty if the reply has none
+  /// (cubemars_v3) or has it cut (5 bytes).
   [[nodiscard]] std::optional<float> observed_torque() const {
     if (!last_.whole_torque) return std::nullopt;
     return mit::value(last_.torque, settings_.ranges.torque, mit::code_max_12) * config_.direction *
@@ -114,7 +126,7 @@ class MitAxis {
     const bool due = wait_ticks_ == 0;
     if (!due) --wait_ticks_;
     if (step_ == Step::left && replies_ >= replies_wanted && !error()) {
-      if (!send(mit::encode_special(config_.node, mit::Special::enter))) return;
+      if (!order(send, mit::Special::enter)) return;
       step_ = Step::entered;
       replies_ = 0;
       release_pending_ = true;
@@ -137,7 +149,7 @@ class MitAxis {
       return;
     }
     const bool first = step_ == Step::leaving;
-    const bool taken = send(mit::encode_special(config_.node, mit::Special::leave));
+    const bool taken = order(send, mit::Special::leave);
     if (!first || !taken) return;
     step_ = Step::left;
     replies_ = 0;
@@ -154,7 +166,8 @@ class MitAxis {
   void put_torque(hal::CanFrame& f, S joint_torque) const {
     const float torque = can_carry(joint_torque) ? shaft_torque(config_, joint_torque) : 0.0F;
     mit::put_command(f, config_.node,
-                     {.torque = mit::code(torque, settings_.ranges.torque, mit::code_max_12)});
+                     {.torque = mit::code(torque, settings_.ranges.torque, mit::code_max_12)},
+                     settings_.dialect);
   }
 
   static constexpr std::uint32_t age_max = drive::age_max;
@@ -173,11 +186,23 @@ class MitAxis {
   /// The drive reports this mode; false if it reports none.
   [[nodiscard]] bool says(std::uint8_t mode) const { return reports_mode_ && last_.error == mode; }
 
+  [[nodiscard]] bool v3() const { return settings_.dialect == Dialect::cubemars_v3; }
+  [[nodiscard]] bool is_from_drive(const hal::CanFrame& f) const {
+    if (v3()) return f.id == (mit::v3_reply | config_.node);
+    return f.id == settings_.master_id && f.size > 0 &&
+           mit::names(f.data[0], config_.node, settings_.dialect);
+  }
+  /// Of cubemars_v3, which has no motor mode, nothing: the zero command of every tick is all there is.
+  template <class Send>
+  bool order(Send&& send, mit::Special s) const {
+    return v3() || send(mit::encode_special(config_.node, s));
+  }
+
   void wait() { wait_ticks_ = settings_.retry_ticks > 0 ? settings_.retry_ticks - 1 : 0; }
 
   template <class Send>
   void leave(Send&& send) {
-    const bool taken = send(mit::encode_special(config_.node, mit::Special::leave));
+    const bool taken = order(send, mit::Special::leave);
     if (taken || !alive_) wait();
     if (!taken || !alive_) return;
     step_ = Step::left;
@@ -208,7 +233,7 @@ class MitAxis {
     const bool mode = settings_.dialect == Dialect::damiao && r.error <= mode_on;
     std::uint32_t e = mode ? 0U : std::uint32_t{r.error};
     if (r.position == 0 || r.position == mit::code_max_16) e |= position_at_rail;
-    if (r.velocity == 0 || r.velocity == mit::code_max_12) e |= velocity_at_rail;
+    if (r.velocity == 0 || r.velocity == (v3() ? mit::code_max_16 : mit::code_max_12)) e |= velocity_at_rail;
     return e;
   }
 

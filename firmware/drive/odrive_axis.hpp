@@ -119,6 +119,15 @@ class OdriveAxis {
   [[nodiscard]] std::optional<std::uint16_t> refused_endpoint() const { return read_back_.refused(); }
   [[nodiscard]] std::uint8_t node() const { return config_.node; }
 
+  /// For the next enable(): whether the errors of all axes are `known`, and reported in this tick or the last
+  /// one (`fresh`). Firmware 0.5.6 clears both axes of a board: not before they are known, for an emergency
+  /// stop of the other one would go unseen, and not before they are fresh, unless they never are. Axes of
+  /// two boards report out of step for good: after postponed_max reports it is enough that they are known.
+  void know_errors(bool known, bool fresh) {
+    known_ = known || version_ == Version::v0_6;
+    fresh_ = fresh || version_ == Version::v0_6;
+  }
+
   /// Sends frames towards closed-loop torque control; call every tick while enabling. A frame that the bus
   /// does not take is sent again.
   ///
@@ -305,9 +314,14 @@ class OdriveAxis {
   /// Only in the tick of the report: an error that is not reported yet must not be cleared.
   template <class Send>
   void clear(Send&& send) {
-    if (heartbeat_age_ticks_ > 0 || clear_wait_ticks_ > 0 || stopped_) return;
+    if (heartbeat_age_ticks_ > 0 || clear_wait_ticks_ > 0 || stopped_ || !known_) return;
+    if (!fresh_ && postponed_ < postponed_max) {
+      ++postponed_;
+      return;
+    }
     if (!send(odrive::encode_clear_errors(config_.node, version_))) return;
     clear_wait_ticks_ = retry_ticks_;
+    postponed_ = 0;
     acknowledged_ = false;
   }
   /// Restarts the sequence, but leaves an axis that has confirmed once the time for its second heartbeat.
@@ -374,6 +388,7 @@ class OdriveAxis {
     return Received::accepted;
   }
 
+  static constexpr std::uint8_t postponed_max = 15;
   static constexpr float near_zero_rev = 1e-3F;
 
   AxisConfig config_{};
@@ -397,14 +412,16 @@ class OdriveAxis {
   bool connected_ = false;    // closed loop confirmed or an angle reported since the last possible restart
   bool away_ = false;         // the last sample was not near zero
   bool unconnected_ = false;  // the last report came from an unconnected encoder
-  bool beat_since_mode_ = false;  // a heartbeat since the bus took the mode
-  bool patient_ = false;          // the next repetition may wait for a second confirmation
-  bool asked_ = false;            // the last request was for closed-loop control
-  bool answered_ = false;         // a heartbeat since the last request
-  bool release_pending_ = false;  // asked into closed loop, not seen idle since
-  bool stopped_ = false;          // emergency stop, not acknowledged
-  bool acknowledged_ = false;     // its report may be cleared
-  bool proven_ = false;           // the watchdog has passed its test
+  bool beat_since_mode_ = false;      // a heartbeat since the bus took the mode
+  bool patient_ = false;              // the next repetition may wait for a second confirmation
+  bool asked_ = false;                // the last request was for closed-loop control
+  bool answered_ = false;             // a heartbeat since the last request
+  bool release_pending_ = false;      // asked into closed loop, not seen idle since
+  bool stopped_ = false;              // emergency stop, not acknowledged
+  bool acknowledged_ = false;         // its report may be cleared
+  bool known_ = true, fresh_ = true;  // see know_errors()
+  std::uint8_t postponed_ = 0;        // reports that were not fresh
+  bool proven_ = false;               // the watchdog has passed its test
   bool watchdog_did_not_trip_ = false;
   bool counted_ = false;  // a heartbeat of this tick has been counted
 };

@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "firmware/drive/canopen.hpp"
+#include "firmware/drive/mit.hpp"
 #include "firmware/drive/odrive.hpp"
 #include "host_sim/bus/wire.hpp"
 
@@ -78,11 +79,14 @@ void add_cia402(const Scene& s, double tick, double beat, std::vector<BusMessage
 }
 
 void add_mit(const Scene& s, double tick, std::vector<BusMessage>& out) {
+  const bool v3 = s.drives.dialect == drive::mit::Dialect::cubemars_v3;
   for (std::size_t i = 0; i < s.drives.nodes.size(); ++i) {
     const auto node = static_cast<std::uint32_t>(s.drives.nodes[i]);
-    out.push_back(message(fmt::format("reply {}", node), static_cast<std::uint32_t>(s.drives.master_id[i]), 8,
-                          tick, Role::sample));
-    out.push_back(message(fmt::format("torque {}", node), node, 8, tick, Role::command));
+    const auto master = static_cast<std::uint32_t>(s.drives.master_id[i]);
+    out.push_back(message(fmt::format("reply {}", node), v3 ? drive::mit::v3_reply | node : master, 8, tick,
+                          Role::sample, v3));
+    out.push_back(message(fmt::format("torque {}", node), v3 ? drive::mit::v3_command | node : node, 8, tick,
+                          Role::command, v3));
   }
 }
 

@@ -243,7 +243,7 @@ void add_drive(Program& p) {
   c.add_option("--angle", d.shaft.angle, "of the shaft at the start, rad");
   c.add_option("--rate", d.rate_hz, "samples and steps of the shaft, Hz");
   c.add_option("--watchdog", d.watchdog, "the drive's time-out, s (cia402: object 1016 sets it)");
-  c.add_option("--dialect", d.dialect, "mit: mini_cheetah | cubemars | damiao")
+  c.add_option("--dialect", d.dialect, "mit: mini_cheetah | cubemars | damiao | cubemars_v3")
       ->check(one_of(names_of<drive::mit::Dialect>));
   c.add_option("--master-id", d.master_id, "mit: identifier of the replies");
   c.add_option("--position-range", d.position_range, "mit: half width of the field, rad");

@@ -228,6 +228,7 @@ drive::MitAxis::Settings mit_settings(const Scene& scene, std::size_t i) {
   s.dialect = d.dialect;
   s.master_id = static_cast<std::uint16_t>(d.master_id[i]);
   s.retry_ticks = std::max(3U, retry_ticks(scene));
+  s.velocity_unit = static_cast<float>(d.velocity_unit);
   return s;
 }
 

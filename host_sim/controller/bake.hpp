@@ -133,9 +133,9 @@ inline std::string text(const link::LinkConfig& v) {
                 position, scene, parameters);
 }
 inline std::string text(const drive::MitAxis::Settings& v) {
-  const auto& [ranges, dialect, master, retry] = v;
+  const auto& [ranges, dialect, master, retry, unit] = v;
   const auto& [position, velocity, torque] = ranges;
-  return braces(Code{braces(position, velocity, torque)}, dialect, master, retry);
+  return braces(Code{braces(position, velocity, torque)}, dialect, master, retry, unit);
 }
 template <class S>
 std::string text(const PathSegment<S>& v) {

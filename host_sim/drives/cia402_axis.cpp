@@ -14,7 +14,8 @@ namespace wire = drive::canopen;
 namespace {
 
 constexpr std::uint8_t pre_operational = 0x7F, operational = 0x05, stopped = 0x04;
-constexpr std::uint16_t emergency_heartbeat = 0x8130, emergency_pdo_length = 0x8210;
+constexpr std::uint16_t emergency_heartbeat = 0x8130, emergency_pdo_length = 0x8210,
+                        emergency_rpdo_deadline = 0x8250;
 constexpr std::uint8_t register_generic = 0x01, register_communication = 0x10;
 constexpr int mode_torque = 10;
 constexpr std::uint32_t cob_id_bits = 0x7FF;
@@ -59,19 +60,38 @@ Cia402Axis::Cia402Axis(const AxisMount& mount, const Settings& settings, const S
   define_drive();
 }
 
+/// Gives the dictionary the form that the drive's list of objects or its defects have.
+void Cia402Axis::restrict_dictionary() {
+  const Defects& d = settings_.defects;
+  std::erase_if(objects_, [&](const auto& o) {
+    const std::uint32_t index = o.first >> 8U;
+    return (d.no_6072 && index == 0x6072) || (d.no_1029 && index == 0x1029) ||
+           (d.no_rpdo_deadline && index >= 0x1400 && index < 0x1400 + pdos && (o.first & 0xFFU) == 5);
+  });
+  if (settings_.objects.empty()) return;
+  std::map<std::uint32_t, Entry> listed;
+  for (const ListedObject& o : settings_.objects) {
+    const auto at = objects_.find(key(o.index, o.sub));
+    const std::uint32_t before = at == objects_.end() ? 0 : at->second.value;
+    listed[key(o.index, o.sub)] = {o.value.value_or(before) & mask_of(o.bytes), o.bytes, o.writable, o.low,
+                                   o.high};
+  }
+  objects_ = std::move(listed);
+}
+
 // ---- object dictionary ----
 
 void Cia402Axis::define(std::uint16_t index, std::uint8_t sub, std::uint8_t bytes, std::uint32_t value,
                         bool writable) {
-  objects_[key(index, sub)] = {value & mask_of(bytes), bytes, writable};
+  objects_[key(index, sub)] = {value & mask_of(bytes), bytes, writable, {}, {}};
 }
 std::uint32_t Cia402Axis::value(std::uint16_t index, std::uint8_t sub) const {
   const auto at = objects_.find(key(index, sub));
   return at == objects_.end() ? 0 : at->second.value;
 }
 void Cia402Axis::set(std::uint16_t index, std::uint8_t sub, std::uint32_t value) {
-  Entry& e = objects_.at(key(index, sub));
-  e.value = value & mask_of(e.bytes);
+  const auto at = objects_.find(key(index, sub));
+  if (at != objects_.end()) at->second.value = value & mask_of(at->second.bytes);
 }
 
 /// Factory settings: heartbeats off, every PDO sent when it changes.
@@ -91,9 +111,10 @@ void Cia402Axis::define_communication() {
   define(0x1029, 1, 1, 0, true);
   for (unsigned i = 0; i < pdos; ++i) {
     const auto side = [&](unsigned communication, unsigned mapping, std::uint32_t id) {
-      define(object16(communication, i), 0, 1, 2, false);
+      define(object16(communication, i), 0, 1, 5, false);
       define(object16(communication, i), 1, 4, id + n, true);
       define(object16(communication, i), 2, 1, 255, true);
+      define(object16(communication, i), 5, 2, 0, true);
       define(object16(mapping, i), 0, 1, 1, true);
       for (std::uint8_t sub = 1; sub <= entries_max; ++sub) define(object16(mapping, i), sub, 4, 0, true);
       set(object16(mapping, i), 1, mapping == 0x1600 ? 0x6040'0010 : 0x6041'0010);
@@ -101,6 +122,7 @@ void Cia402Axis::define_communication() {
     side(0x1400, 0x1600, rpdo_id[i]);
     side(0x1800, 0x1A00, wire::cob_no_rtr | tpdo_id[i]);
   }
+  restrict_dictionary();
 }
 
 void Cia402Axis::define_drive() {
@@ -121,10 +143,12 @@ void Cia402Axis::define_drive() {
          static_cast<std::uint32_t>(std::llround(settings_.rated_torque / settings_.rated_torque_unit)),
          false);
   define(0x6077, 0, 2, 0, false);
+  define(0x60B2, 0, 2, settings_.defects.torque_offset_left ? 100 : 0, true);
   define(0x60C2, 0, 1, 2, false);
   define(0x60C2, 1, 1, 1, true);
   define(0x60C2, 2, 1, 0xFD, true);     // -3: milliseconds
   define(0x6502, 0, 4, 0x0225, false);  // profile position and velocity, homing, cyclic torque
+  restrict_dictionary();
 }
 
 void Cia402Axis::serve(const hal::CanFrame& request, const Send& send) {
@@ -146,6 +170,12 @@ void Cia402Axis::serve(const hal::CanFrame& request, const Send& send) {
   if (!entry.writable) return abort(wire::abort_read_only);
   if (r->size != 0 && r->size != entry.bytes) return abort(wire::abort_length);
   const std::uint32_t value = r->value & mask_of(entry.bytes);
+  const auto number = static_cast<std::int64_t>(value);
+  const std::int64_t span = std::int64_t{1} << (8U * entry.bytes);
+  const bool negative = entry.low && *entry.low < 0 && number >= span / 2;
+  const std::int64_t given = negative ? number - span : number;
+  if ((entry.low && given < *entry.low) || (entry.high && given > *entry.high))
+    return abort(wire::abort_value);
   if (const std::uint32_t reason = objection(r->object.index, r->object.sub, value)) return abort(reason);
   write(r->object.index, r->object.sub, value, send);
   send(wire::encode_sdo_written(node(), r->object));
@@ -192,10 +222,11 @@ std::uint32_t Cia402Axis::objection_to_pdo(std::uint16_t index, std::uint8_t sub
     const std::uint32_t id = value & 0x1FFF'FFFFU;
     const bool moved = valid && (value & wire::cob_invalid) == 0 && id != (cob & 0x1FFF'FFFFU);
     const bool long_id = (value & cob_extended) != 0;
-    return moved || long_id || id < 0x181 || id > 0x57F ? wire::abort_value : 0;
+    const bool remote = settings_.defects.rtr_bit_required && !in && (value & wire::cob_no_rtr) == 0;
+    return moved || long_id || remote || id < 0x181 || id > 0x57F ? wire::abort_value : 0;
   }
   if (valid) return wire::abort_device_state;
-  if (communication) return value > 240 && value < 254 ? wire::abort_value : 0;
+  if (communication) return sub == 2 && value > 240 && value < 254 ? wire::abort_value : 0;
   const std::uint16_t map = object16(in ? 0x1600 : 0x1A00, number);
   if (sub > 0) {
     if (this->value(map, 0) != 0) return wire::abort_device_state;
@@ -228,6 +259,7 @@ void Cia402Axis::publish(double joint_angle, double joint_rate, const Send& send
   reading_ = sensor_.read(truth(joint_angle, joint_rate));
   if (power_ == Power::fault_reaction) go(Power::fault);
   watch_master(send);
+  watch_commands(send);
   told_ = false;
   since_heartbeat_ += settings_.period;
   const double beat = 1e-3 * value(0x1017, 0);
@@ -252,7 +284,8 @@ bool Cia402Axis::receive(const hal::CanFrame& f, const Send& send) {
     manage(f, send);
     return false;
   }
-  if (f.id == (value(0x1005, 0) & cob_id_bits)) {
+  const bool listed = objects_.contains(key(0x1005, 0));
+  if (f.id == (listed ? value(0x1005, 0) & cob_id_bits : wire::id_sync)) {
     if (nmt_ != operational) return false;
     synchronise(send);
     return told_;
@@ -296,6 +329,7 @@ void Cia402Axis::manage(const hal::CanFrame& f, const Send& send) {
     case wire::NmtCommand::start:
       nmt_ = operational;
       due_ = {};
+      expected_ = {};
       return;
     case wire::NmtCommand::stop:
       return leave_operational(stopped, send);
@@ -321,7 +355,7 @@ void Cia402Axis::leave_operational(std::uint8_t to, const Send& send) {
   confirmations_ = 0;
   const bool keeps = settings_.defects.pre_operational_keeps_torque;
   const bool ends = keeps ? to == stopped && nmt_ != stopped : nmt_ == operational;
-  if (ends && power_ == Power::enabled) connection_lost(send);
+  if (ends && power_ == Power::enabled) connection_lost(emergency_heartbeat, send);
   nmt_ = to;
 }
 
@@ -333,7 +367,7 @@ void Cia402Axis::watch_master(const Send& send) {
     return;
   watching_ = false;
   lost_ = true;
-  connection_lost(send);
+  connection_lost(emergency_heartbeat, send);
   // Error behaviour: 0 from operational to pre-operational, 1 as it is, 2 stopped.
   const std::uint32_t behaviour = value(0x1029, 1);
   if (behaviour == 1 || (behaviour == 0 && nmt_ != operational)) return;
@@ -341,11 +375,24 @@ void Cia402Axis::watch_master(const Send& send) {
   nmt_ = behaviour == 0 ? pre_operational : stopped;
 }
 
+/// Deadline of each RPDO, from its first one in operational on.
+void Cia402Axis::watch_commands(const Send& send) {
+  for (unsigned i = 0; i < pdos; ++i) {
+    const double patience = 1e-3 * value(object16(0x1400, i), 5);
+    since_rpdo_[i] += settings_.period;
+    if (!expected_[i] || nmt_ != operational || patience <= 0.0 ||
+        since_rpdo_[i] < patience + 0.5 * settings_.period)
+      continue;
+    expected_[i] = false;
+    connection_lost(emergency_rpdo_deadline, send);
+  }
+}
+
 /// Reaction by the abort-connection option.
-void Cia402Axis::connection_lost(const Send& send) {
+void Cia402Axis::connection_lost(std::uint16_t code, const Send& send) {
   switch (value(0x6007, 0)) {
     case 1:
-      return fail(emergency_heartbeat, send);
+      return fail(code, send);
     case 2:
       if (!faulty()) go(Power::disabled);
       break;
@@ -355,7 +402,7 @@ void Cia402Axis::connection_lost(const Send& send) {
     default:
       break;
   }
-  emergency(emergency_heartbeat, send);
+  emergency(code, send);
 }
 
 void Cia402Axis::emergency(std::uint16_t code, const Send& send) {
@@ -396,6 +443,8 @@ void Cia402Axis::receive_pdo(unsigned number, const hal::CanFrame& received, con
   std::size_t bytes = 0;
   for (std::uint8_t i = 1; i <= count; ++i) bytes += mapped(value(map, i)).bytes;
   if (f.size < bytes) return emergency(emergency_pdo_length, send);
+  expected_[number] = true;
+  since_rpdo_[number] = 0.0;
   std::size_t at = 0;
   // Objects first, controlword last: the torque of the frame that enables is the first to act.
   std::uint32_t control_word = 0;
@@ -490,8 +539,10 @@ bool Cia402Axis::closed_loop() const {
 
 double Cia402Axis::acting_torque() const {
   if (!closed_loop()) return 0.0;
-  const double most = value(0x6072, 0);
-  return std::clamp(static_cast<double>(static_cast<std::int16_t>(value(0x6071, 0))), -most, most);
+  const auto thousandths = [&](std::uint16_t index) { return static_cast<std::int16_t>(value(index, 0)); };
+  const bool limited = objects_.contains(key(0x6072, 0));
+  const double most = limited ? value(0x6072, 0) : 1000.0 * settings_.max_torque;
+  return std::clamp(static_cast<double>(thousandths(0x6071) + thousandths(0x60B2)), -most, most);
 }
 
 double Cia402Axis::shaft_torque() const {

@@ -5,6 +5,8 @@
 #include <array>
 #include <cstdint>
 #include <map>
+#include <optional>
+#include <vector>
 
 #include "host_sim/drives/emulated_axis.hpp"
 #include "host_sim/scene/drive_defects.hpp"
@@ -13,6 +15,14 @@ namespace esmc::host {
 
 class Cia402Axis final : public EmulatedAxis {
  public:
+  /// An object as a vendor's list (EDS, DCF) has it.
+  struct ListedObject {
+    std::uint16_t index = 0;
+    std::uint8_t sub = 0, bytes = 4;
+    bool writable = false;
+    std::optional<std::uint32_t> value{};       ///< at the start; empty: that of an emulated drive
+    std::optional<std::int64_t> low{}, high{};  ///< of the values that may be written; signed if low < 0
+  };
   struct Settings {
     /// In lockstep publish() begins a tick: it reports that the drive is not operational, or sends the PDOs,
     /// with the present reading, for the SYNC that ended the last tick. Otherwise the drive answers SYNC at
@@ -21,10 +31,11 @@ class Cia402Axis final : public EmulatedAxis {
     double period = 1e-3;             ///< s of virtual time between calls of publish()
     double rated_torque = 1.0;        ///< N m at the shaft
     double rated_torque_unit = 1e-3;  ///< N m per LSB of object 6076
-    double max_torque = 3.0;          ///< object 6072, in rated torques
+    double max_torque = 3.0;          ///< in rated torques, object 6072 where there is one
     double counts_per_turn = 1048576.0;
     double velocity_unit = 1.0471976e-4;  ///< rad/s per LSB of object 606C
     Defects defects{};
+    std::vector<ListedObject> objects{};  ///< the only ones it has; empty: all
   };
 
   Cia402Axis(const AxisMount& mount, const Settings& settings, const SensorEffects& sensor, int joint,
@@ -48,6 +59,7 @@ class Cia402Axis final : public EmulatedAxis {
     std::uint32_t value = 0;
     std::uint8_t bytes = 4;
     bool writable = false;
+    std::optional<std::int64_t> low{}, high{};
   };
   static constexpr std::uint32_t key(std::uint16_t index, std::uint8_t sub) {
     return (std::uint32_t{index} << 8U) | sub;
@@ -55,6 +67,7 @@ class Cia402Axis final : public EmulatedAxis {
 
   void define_communication();
   void define_drive();
+  void restrict_dictionary();
   void define(std::uint16_t index, std::uint8_t sub, std::uint8_t bytes, std::uint32_t value, bool writable);
   void set(std::uint16_t index, std::uint8_t sub, std::uint32_t value);
 
@@ -69,7 +82,8 @@ class Cia402Axis final : public EmulatedAxis {
   void leave_operational(std::uint8_t to, const Send& send);
   void report_state(const Send& send);
   void watch_master(const Send& send);
-  void connection_lost(const Send& send);
+  void watch_commands(const Send& send);
+  void connection_lost(std::uint16_t code, const Send& send);
   void synchronise(const Send& send);
   void send_pdo(unsigned number, const Send& send);
   void receive_pdo(unsigned number, const hal::CanFrame& f, const Send& send);
@@ -95,8 +109,10 @@ class Cia402Axis final : public EmulatedAxis {
   bool booted_ = false;      // the boot-up message has been sent
   std::uint16_t last_control_ = 0;
   std::array<StaleBytes, pdos> stale_{};
-  std::array<unsigned, pdos> syncs_{};  // since a TPDO was sent
-  std::array<bool, pdos> due_{};        // lockstep: a SYNC has asked for it
+  std::array<unsigned, pdos> syncs_{};     // since a TPDO was sent
+  std::array<bool, pdos> due_{};           // lockstep: a SYNC has asked for it
+  std::array<bool, pdos> expected_{};      // RPDOs that have come since NMT start, whose deadlines run
+  std::array<double, pdos> since_rpdo_{};  // s
   double since_heartbeat_ = 0.0;
   double since_master_ = 0.0;
   bool watching_ = false;  // a heartbeat of the master has been heard

@@ -26,7 +26,10 @@ double from_field(std::uint16_t code, double low, double high, unsigned bits) {
 
 MitAxis::MitAxis(const AxisMount& mount, const Settings& settings, const SensorEffects& sensor, int joint,
                  std::uint64_t seed)
-    : EmulatedAxis(mount, sensor, settings.period, joint, seed), settings_(settings) {}
+    : EmulatedAxis(mount, sensor, settings.period, joint, seed), settings_(settings) {
+  // Nothing arms a V3. In lockstep it confirms when the controller has heard enough to be ready.
+  if (v3() && !settings.realtime) confirmations_ = -v3_replies_before;
+}
 
 void MitAxis::settle(double joint_angle) {
   reading_ = truth(joint_angle, 0.0);  // in real time a command may come before the first publish()
@@ -47,7 +50,7 @@ void MitAxis::publish(double joint_angle, double joint_rate, const Send& send) {
 }
 
 bool MitAxis::mine(const hal::CanFrame& f) const {
-  return !f.extended && !f.fd && !f.remote && f.id == node();
+  return f.extended == v3() && !f.fd && !f.remote && f.id == (v3() ? wire::v3_command | node() : node());
 }
 
 bool MitAxis::receive(const hal::CanFrame& received, const Send& send) {
@@ -56,13 +59,14 @@ bool MitAxis::receive(const hal::CanFrame& received, const Send& send) {
   if (f.size != 8) return false;
   if (settings_.realtime) reply(send);
   since_command_ = 0.0;
-  if (const auto special = wire::decode_special(f)) {
+  if (const auto special = v3() ? std::nullopt : wire::decode_special(f)) {
     act(*special);
     return false;
   }
   if (timed_out_ && settings_.defects.latched_timeout) return true;
   timed_out_ = false;
-  const wire::Command c = wire::decode_command(f);
+  enabled_ = enabled_ || v3();
+  const wire::Command c = wire::decode_command(f, settings_.dialect);
   demand_.position = from_field(c.position, -settings_.position_range, settings_.position_range, 16);
   demand_.velocity = from_field(c.velocity, -settings_.velocity_range, settings_.velocity_range, 12);
   demand_.kp = from_field(c.kp, 0.0, kp_max, 12);
@@ -90,12 +94,24 @@ void MitAxis::act(wire::Special s) {
 }
 
 void MitAxis::reply(const Send& send) {
+  if (v3()) {
+    const auto plus = [](double v) {
+      return static_cast<std::uint16_t>(0x8000 + static_cast<int>(std::clamp(v, -32768.0, 32767.0)));
+    };
+    send(wire::encode_v3_reply(node(), {.position = plus(shaft_angle() * 1800.0 / std::numbers::pi),
+                                        .velocity = plus(shaft_rate() / settings_.velocity_unit)}));
+    return confirm();
+  }
   wire::Reply r;
   r.position = to_field(shaft_angle(), -settings_.position_range, settings_.position_range, 16);
   r.velocity = to_field(shaft_rate(), -settings_.velocity_range, settings_.velocity_range, 12);
   r.torque = to_field(shaft_torque(), -settings_.torque_range, settings_.torque_range, 12);
   if (settings_.dialect == Dialect::damiao) r.error = enabled_ ? 1 : 0;
   send(wire::encode_reply(settings_.master_id, node(), r, settings_.dialect, settings_.reply_size));
+  confirm();
+}
+
+void MitAxis::confirm() {
   if (enabled_ && !counted_) {
     ++confirmations_;
     counted_ = true;

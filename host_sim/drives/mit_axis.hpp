@@ -23,6 +23,7 @@ class MitAxis final : public EmulatedAxis {
     double position_range = 12.5;  ///< rad, velocity_range rad/s, torque_range N m: half widths, at the shaft
     double velocity_range = 50.0;
     double torque_range = 18.0;
+    double velocity_unit = std::numbers::pi / (3.0 * 21 * 9);  ///< cubemars_v3: rad/s per 10 electrical rpm
     double period = 1e-3;           ///< s of virtual time between calls of publish()
     double control_period = 25e-6;  ///< s, of the drive's own loop: the unit of its time-out
     int timeout_cycles = 1000;
@@ -45,6 +46,7 @@ class MitAxis final : public EmulatedAxis {
 
  private:
   static constexpr double turn = 2.0 * std::numbers::pi;
+  static constexpr int v3_replies_before = 2;
   struct Demand {  // of the last command; rad, rad/s, N m/rad, N m s/rad, N m
     double position = 0.0, velocity = 0.0, kp = 0.0, kd = 0.0, torque = 0.0;
   };
@@ -55,6 +57,8 @@ class MitAxis final : public EmulatedAxis {
   [[nodiscard]] double shaft_rate() const { return reading_.velocity_rev_s * turn; }
   [[nodiscard]] double shaft_torque() const override;
   void reply(const Send& send);
+  void confirm();
+  [[nodiscard]] bool v3() const { return settings_.dialect == Dialect::cubemars_v3; }
   void act(drive::mit::Special s);
 
   Settings settings_;

@@ -55,6 +55,11 @@ void OdriveAxis::expire() {
 }
 
 bool OdriveAxis::receive(const hal::CanFrame& received, const Send& send) {
+  const bool to_partner = settings_.partner >= 0 && !received.extended &&
+                          received.id >> 5U == static_cast<std::uint32_t>(settings_.partner);
+  if (settings_.defects.clears_both_axes && to_partner &&
+      static_cast<wire::Message>(received.id & 0x1FU) == wire::Message::clear_errors)
+    error_ = 0;
   if (received.extended || received.fd || (received.id >> 5U) != node()) return false;
   const bool stale = settings_.defects.short_frames_stale && !received.remote;
   const hal::CanFrame f = stale ? stale_.fill(received) : received;

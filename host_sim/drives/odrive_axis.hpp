@@ -27,6 +27,7 @@ class OdriveAxis final : public EmulatedAxis {
     bool overspeed_error = true;   ///< reported
     bool says_torque = false;      ///< 0.6: Get_Torques with every heartbeat, torques_msg_rate
     OdriveEndpoints endpoints{};   ///< 0.6: readable values and version
+    int partner = -1;              ///< node of the other axis of its board, -1: none
     Defects defects{};
   };
 

@@ -46,6 +46,7 @@ inline MitAxis::Settings mit_settings(const Scene& s, std::size_t motor, bool lo
   out.position_range = d.position_range[motor];
   out.velocity_range = d.velocity_range[motor];
   out.torque_range = d.torque_range[motor];
+  out.velocity_unit = d.velocity_unit;
   out.period = s.tick();
   out.timeout_cycles = static_cast<int>(std::llround(d.watchdog_timeout / out.control_period));
   out.realtime = !lockstep;
@@ -96,6 +97,8 @@ inline std::unique_ptr<EmulatedAxis> make_axis(const Scene& s, const PlacedAxis&
   settings.says_torque = s.drives.protocol == Protocol::odrive && a.motor && s.drives.torque_mismatch > 0.0;
   if (s.drives.endpoints) settings.endpoints = *s.drives.endpoints;
   settings.defects = s.drives.defects;
+  if (const std::size_t other = a.entry ^ 1U; other < s.drives.nodes.size())  // two axes are a board
+    settings.partner = s.drives.nodes[other];
   if (!s.drives.confirmed.value_or(true)) {  // as delivered
     settings.defects.watchdog_off = settings.defects.torque_mode_limit = true;
   } else if (a.motor) {

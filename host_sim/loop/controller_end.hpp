@@ -102,6 +102,8 @@ class ControllerEnd {
   }
   /// See DriveReports.
   [[nodiscard]] std::string unready() const { return reports_.unready(cycle_); }
+  /// See DriveReports.
+  [[nodiscard]] std::string limits_unread() const { return reports_.limits_unread(cycle_); }
   [[nodiscard]] ControllerView<M> view() const { return {&result_, &sample(), std::is_same_v<C, M>}; }
 
   /// Reads frames until every axis has sent its sample, or more came than a tick may read (bus_overload).

@@ -90,6 +90,7 @@ std::unique_ptr<EmulatedAxis> make_drive(const DriveOptions& o, const Defects& d
   s.period = 1.0 / o.rate_hz;
   s.watchdog_timeout = o.watchdog;
   s.says_torque = s.version == OdriveAxis::Version::v0_6;
+  s.partner = o.node ^ 1;
   s.defects = defects;
   return std::make_unique<OdriveAxis>(mount, s, ideal, 0, 1);
 }

@@ -23,10 +23,14 @@ class DriveReports {
   [[nodiscard]] std::string refusal(const AnyCycle<C>& cycle) const;
   /// "node 1, node 2": the motors' drives that have not confirmed torque control.
   [[nodiscard]] std::string unready(const AnyCycle<C>& cycle) const;
+  /// "node 1, node 2": the drives that had no object for their torque limit, so that it was not read back.
+  [[nodiscard]] std::string limits_unread(const AnyCycle<C>& cycle) const;
   /// Adds to a fault what the axes know of it. `expected`: N m, torques as TorqueFeedbackCheck has them.
   void blame(const AnyCycle<C>& cycle, const Torques& expected, FaultRecord& f) const;
 
  private:
+  template <class Condition>
+  [[nodiscard]] std::string motors_that(const AnyCycle<C>& cycle, const Condition& condition) const;
   [[nodiscard]] bool is_motor(int axis) const;
   template <class Axis>
   [[nodiscard]] std::string reported(const Axis& a, bool motor) const;

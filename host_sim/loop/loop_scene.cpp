@@ -61,6 +61,8 @@ std::string to_confirm(const Scene& scene) {
     }
     case Protocol::cia402:
       list("the unit of object 6076 is drives.rated_torque_unit");
+      list(
+          "object 6072, or on a drive without it the drive's own current limit, allows control.torque_limit");
       list("object 6064 counts drives.counts_per_turn per turn, and 606C is in drives.velocity_unit");
       break;
     case Protocol::mit:

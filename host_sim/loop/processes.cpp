@@ -252,6 +252,8 @@ std::uint64_t pace_controller(const Scene& scene, const RunOptions& o, Controlle
     sample();
     controller.tick(true);
     recorder.tick(controller.result(), controller.sample(), pace.since());
+    if (const std::string unread = recorder.ticks() == 1 ? controller.limits_unread() : ""; !unread.empty())
+      fmt::print(stderr, "armed without object 6072, the torque limit was not read back: {}\n", unread);
     if (recorder.ticks() > 0) continue;
     const bool in_time = Clock::now() - begin <= arming;
     if (!armed_by_link(scene)) controller.require_armed(sample);

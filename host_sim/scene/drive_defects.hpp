@@ -20,7 +20,13 @@ struct Defects {
   bool latched_timeout = false;
   bool torque_mode_limit = false;
   bool zero_until_closed_loop = false;
+  bool clears_both_axes = false;
   bool pre_operational_keeps_torque = false;
+  bool no_6072 = false;
+  bool no_1029 = false;
+  bool rtr_bit_required = false;
+  bool torque_offset_left = false;
+  bool no_rpdo_deadline = false;
 };
 
 struct DefectName {
@@ -53,9 +59,21 @@ inline constexpr std::array defect_names{
     DefectName{"zero_until_closed_loop", &Defects::zero_until_closed_loop, "odrive_0.5",
                "position and speed are reported as 0 from power-up to the first closed loop, as firmware "
                "0.5.6 does"},
+    DefectName{"clears_both_axes", &Defects::clears_both_axes, "odrive_0.5",
+               "Clear_Errors to the other axis of its board, node xor 1, clears its errors as well"},
     DefectName{
         "pre_operational_keeps_torque", &Defects::pre_operational_keeps_torque, "cia402",
         "made pre-operational, it goes on with its last torque: the profile's 6007 does not name that"},
+    DefectName{"no_6072", &Defects::no_6072, "cia402",
+               "it has no object for its torque limit, as EPOS4: nothing can be read back"},
+    DefectName{"no_1029", &Defects::no_1029, "cia402",
+               "without our heartbeat it goes pre-operational and reports no position"},
+    DefectName{"rtr_bit_required", &Defects::rtr_bit_required, "cia402",
+               "a TPDO's COB-ID without bit 30 (no RTR) is refused with 0609 0030"},
+    DefectName{"torque_offset_left", &Defects::torque_offset_left, "cia402",
+               "object 60B2, which adds to the target torque, is 10 % of the rated torque at power-up"},
+    DefectName{"no_rpdo_deadline", &Defects::no_rpdo_deadline, "cia402",
+               "it has no 1400:5: hearing our heartbeat but no RPDO, it keeps its last torque"},
 };
 
 /// Gives a drive of `protocol` the defect `name`. Returns why that is impossible; empty: done.

@@ -166,7 +166,7 @@ constexpr std::array planar{
     Key{"drives.rated_torque", "number or numbers", "-", "N m", 0, big, true, "", "cia402: what object 6076 must say, at the shaft; one for all motors or one each; default torque_limit / gear_ratio"},
     Key{"drives.rated_torque_unit", "number", "0.001", "N m", 0, 1e3, true, "", "cia402: unit of object 6076; 1e-3 by the profile, 1e-6 for EPOS4", into<&DriveScene::rated_torque_unit>},
     Key{"drives.counts_per_turn", "integer", "1048576", "", 1, 1000000000, false, "", "cia402: object 6064 per turn of the motor", into<&DriveScene::counts_per_turn>},
-    Key{"drives.velocity_unit", "number", "0.00010471975511965977", "rad/s", 0, 1e3, true, "", "cia402: unit of object 606C; here 0.001 rpm", into<&DriveScene::velocity_unit>},
+    Key{"drives.velocity_unit", "number", "0.00010471975511965977", "rad/s", 0, 1e3, true, "", "cia402: unit of object 606C; here 0.001 rpm. mit, cubemars_v3, where it must be given: 10 electrical rpm at the output", into<&DriveScene::velocity_unit>},
     Key{"drives.controller_node", "integer", "127", "", 1, 127, false, "", "cia402: our own node, whose heartbeat the drives watch", into<&DriveScene::controller_node>},
     Key{"drives.endpoints", "string", "-", "", -inf, inf, false, "", "odrive: the vendor's flat_endpoints.json of the drives' firmware, relative to the scene file: version and configuration are read back before arming"},
     Key{"drives.torque_constant", "number or numbers", "-", "N m/A", 0, 1e3, true, "", "odrive with endpoints: what the drives must have, one for all motors or one each; with it the current limit is checked as well"},

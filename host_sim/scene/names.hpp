@@ -36,7 +36,8 @@ enum class Protocol { odrive, odrive_0_5, cia402, mit };
 template <>
 inline constexpr auto names_of<Protocol> = std::array{"odrive", "odrive_0.5", "cia402", "mit"};
 template <>
-inline constexpr auto names_of<drive::mit::Dialect> = std::array{"mini_cheetah", "cubemars", "damiao"};
+inline constexpr auto names_of<drive::mit::Dialect> =
+    std::array{"mini_cheetah", "cubemars", "damiao", "cubemars_v3"};
 
 enum class Zero { absolute, pose, end_stop };
 template <>

@@ -89,12 +89,18 @@ void read_mit(Section& s, Scene& scene) {
     d.master_id.push_back(static_cast<int>(id));
   }
   if (d.protocol != Protocol::mit) return;
+  const bool v3 = d.dialect == drive::mit::Dialect::cubemars_v3;
+  if (v3 && !s.given("velocity_unit")) {
+    s.fail("velocity_unit",
+           "must be given for cubemars_v3: rad/s at the output for 10 electrical rpm, that is "
+           "pi / (3 x pole pairs x the drive's own gear ratio)");
+  }
   const int node_max = d.dialect == drive::mit::Dialect::damiao ? 15 : 62;
   for (std::size_t i = 0; i < n; ++i) {
     if (d.nodes[i] < 1 || d.nodes[i] > node_max)
       s.fail("nodes", fmt::format("must be from 1 to {} for MIT drives of this dialect", node_max));
     for (std::size_t k = 0; k < n; ++k) {
-      if (i != k && d.master_id[i] == d.nodes[k]) {
+      if (!v3 && i != k && d.master_id[i] == d.nodes[k]) {
         s.fail("master_id",
                fmt::format("is {}, the node of another motor: commands to it would look like replies",
                            d.master_id[i]));
@@ -153,6 +159,8 @@ void read_drives(Section s, Scene& scene) {
     s.fail("torque_mismatch",
            "must be 0: this drive does not say its torque (allowed with odrive, cia402, mit)");
   }
+  if (d.torque_mismatch > 0.0 && d.protocol == Protocol::mit && d.dialect == drive::mit::Dialect::cubemars_v3)
+    s.fail("torque_mismatch", "must be 0: this drive says a current, not its torque");
   // A slow loop must not starve the default between two of its ticks.
   d.watchdog_timeout = s.optional_number("watchdog_timeout").value_or(std::max(0.01, 3.0 * scene.tick()));
   read_mounts(s, scene);

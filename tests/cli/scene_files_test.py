@@ -149,7 +149,7 @@ class Scenes(unittest.TestCase):
                              ("drives.torque_range=1.0", "motor 1 may be asked for 2 N m at the joint, its field ends at 1"),
                              ("drives.velocity_range=[1.0]", "'drives.velocity_range' must be"),
                              ("drives.position_range=0", "'drives.position_range' must be"),
-                             ("drives.dialect=mit", "must be one of: mini_cheetah | cubemars | damiao"),
+                             ("drives.dialect=mit", "must be one of: mini_cheetah | cubemars | damiao | cubemars_v3"),
                              ("drives.nodes=[0, 1]", "'drives.nodes' must be from 1")):
             self.says(self.circle, mit, value, words=[words])
         self.says(self.circle, mit, "drives.dialect=damiao", "drives.nodes=[1, 16]", words=["must be from 1 to 15"])

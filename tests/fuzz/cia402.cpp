@@ -269,7 +269,12 @@ class Run {
     const std::uint32_t *const rated = read_.find(entry(0x6076, 0)), *const most =
                                                                          read_.find(entry(0x6072, 0));
     require(rated != nullptr && std::fabs(*rated - 2000.0) <= 20.3, "the rated torque is the scale");
-    require(most != nullptr && (*most & 0xFFFF) * 1e-6 * *rated >= 2.499, "the drive allows the torque");
+    require(axis_.torque_limit_unread() == (most == nullptr), "it says whether the drive has a torque limit");
+    require(most == nullptr || (*most & 0xFFFF) * 1e-6 * *rated >= 2.499, "the drive allows the torque");
+    const auto absent_or = [&](unsigned index, unsigned sub, std::uint32_t value) {
+      return read_.find(entry(index, sub)) == nullptr || has(index, sub, value, 0xFFFF);
+    };
+    require(absent_or(0x60B2, 0, 0) && absent_or(0x1400, 5, 15), "its torque offset and its deadline");
   }
 
   // ---- what is sent

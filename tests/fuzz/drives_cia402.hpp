@@ -314,9 +314,11 @@ class Cia402Run final : public DriveRun {
     require(object(0x6060, 0) == 10, "torque control is its mode");
     const unsigned word = object(0x6040, 0);
     require((word & 0x80U) != 0 || (word & 0x0FU) == 0x0FU, "and it was enabled");
-    const double limit = object(0x6072, 0), target = static_cast<std::int16_t>(object(0x6071, 0));
+    const double limit = object(0x6072, 0), target = static_cast<std::int16_t>(object(0x6071, 0)) +
+                                                     static_cast<std::int16_t>(object(0x60B2, 0));
     const double shaft = std::clamp(target, -limit, limit) / 1000.0 * settings_.rated_torque;
-    require(std::fabs(axis_->joint_torque() - shaft * per_shaft()) < 1e-9, "the torque of object 6071");
+    require(std::fabs(axis_->joint_torque() - shaft * per_shaft()) < 1e-9,
+            "the torque of objects 6071 and 60B2");
   }
   [[nodiscard]] double most() const override {
     return std::min(32768.0, static_cast<double>(object(0x6072, 0))) / 1000.0 * settings_.rated_torque;

@@ -22,7 +22,8 @@ class Run {
  public:
   explicit Run(fuzz::Bytes& in) : in_(in) {
     const unsigned choice = in_.u8();
-    settings_.dialect = static_cast<Dialect>(choice % 3);
+    settings_.dialect = (choice & 0x60U) == 0x60U ? Dialect::cubemars_v3 : static_cast<Dialect>(choice % 3);
+    settings_.velocity_unit = 0.01F;
     settings_.master_id = (choice & 4U) != 0 ? 5 : 0x7E;
     settings_.retry_ticks = 6;
     config_ = {.node = 5,
@@ -73,6 +74,13 @@ class Run {
     }
   }
   [[nodiscard]] CanFrame reply(unsigned p, unsigned v, unsigned t, unsigned error) const {
+    if (v3()) {
+      const unsigned position = p ^ 0x8000U, speed = (v * 16 + t % 16) ^ 0x8000U;
+      CanFrame f = test::bytes(
+          0x2905, {position / 256, position % 256, speed / 256, speed % 256, t / 256, t % 256, 20, error});
+      f.extended = true;
+      return f;
+    }
     const bool damiao = settings_.dialect == Dialect::damiao;
     CanFrame f = test::mit_reply(settings_.master_id, damiao ? 5 + error % 16 * 16 : 5, p, v, t,
                                  settings_.dialect == Dialect::mini_cheetah ? 6 : 8);
@@ -80,6 +88,7 @@ class Run {
     return f;
   }
 
+  [[nodiscard]] bool v3() const { return settings_.dialect == Dialect::cubemars_v3; }
   void tick() {
     axis_.begin_tick();
     fresh_ = false;
@@ -91,10 +100,18 @@ class Run {
     const Received r = axis_.receive(f);
     if (r != Received::accepted) {
       require(before.is(axis_), "no side effect unless accepted");
-      const bool ours = !f.extended && !f.remote && f.id == 5;
+      const bool ours = v3() ? f.extended && !f.remote && f.id % 256 == 5 && f.id < 0x1100
+                             : !f.extended && !f.remote && f.id == 5;
       require((r == Received::foreign_command) == ours,
               "what comes on the node and is no reply is a command of somebody");
       return;
+    }
+    if (v3()) {
+      require(f.extended && !f.remote && !f.fd && f.id == 0x2905 && f.size == 8, "a reply of this drive");
+      CanFrame again = drive::mit::encode_v3_reply(5, *drive::mit::decode_reply(f, settings_.dialect));
+      std::copy(f.data.begin() + 4, f.data.begin() + 7, again.data.begin() + 4);  // current and temperature
+      require(fuzz::same_bytes(again, f, f.size), "a reply is written as it is read");
+      return take_v3(f);
     }
     const bool long_enough =
         settings_.dialect == Dialect::mini_cheetah ? f.size >= 5 && f.size <= 7 : f.size == 8;
@@ -111,6 +128,20 @@ class Run {
     if (f.size == 7) again.data[6] = f.data[6];
     require(fuzz::same_bytes(again, f, f.size), "a reply is written as it is read");
     take(f);
+  }
+  void take_v3(const CanFrame& f) {
+    const auto number = [&](std::size_t at) { return static_cast<std::int16_t>(test::mit_number(f, at, 2)); };
+    const unsigned p = static_cast<unsigned>(number(0) + 0x8000);
+    if (age_.has_value() && (p > position_ ? p - position_ : position_ - p) > 0x7FFF) lost_ = true;
+    position_ = p;
+    age_ = 0;
+    const auto rail = [](int v) { return v == -0x8000 || v == 0x7FFF; };
+    error_ = f.data[7] != 0 || rail(number(0)) || rail(number(2)) || lost_;
+    const auto s = axis_.sample<double>();
+    const double per = static_cast<double>(config_.direction) / static_cast<double>(config_.gear_ratio);
+    require(std::fabs(s.angle + 0.5 - number(0) * 0.0017453292519943296 * per) < 1e-5,
+            "angle in the model's units");
+    require(std::fabs(s.rate - number(2) * 0.01 * per) < 1e-4, "rate in the model's units");
   }
   void take(const CanFrame& f) {
     const unsigned p = test::mit_p(f), v = test::mit_v(f);
@@ -150,6 +181,7 @@ class Run {
     });
   }
   void special(const CanFrame& f, bool taken) {
+    require(!v3(), "a drive without motor mode gets no special frame");
     require(hal::well_formed(f) && f.id == 5 && !f.extended && !f.remote, "frames for this node only");
     const bool enter = test::is_special(f, 0xFC);
     require(enter || test::is_special(f, 0xFD), "no other frame than enter and leave");
@@ -166,7 +198,13 @@ class Run {
   }
 
   void torque(double joint) {
-    const CanFrame f = test::torque_frame(axis_, joint);
+    CanFrame f = test::torque_frame(axis_, joint);
+    if (v3()) {  // the same fields in another order
+      require(f.id == 0x805 && f.extended, "a command of this drive");
+      const std::uint64_t gains = test::mit_number(f, 0, 3), motion = test::mit_number(f, 3, 5);
+      const std::uint64_t p = motion >> 24U, v = motion >> 12U & 0xFFFU, t = motion & 0xFFFU;
+      f = test::mit_command(5, p, v, gains >> 12U, gains & 0xFFFU, t);
+    }
     require(f.id == 5 && f.size == 8 && !f.extended && !f.remote && !f.fd, "a command of this drive");
     require(test::mit_number(f, 0, 2) == 0x8000 && test::mit_number(f, 2, 4) / 256 == 0x800000,
             "no position, no speed, no gains");
@@ -185,6 +223,7 @@ class Run {
     require(axis_.sample_age_ticks() == age_.value_or(drive::age_max), "age of the sample");
     require(axis_.error() == error_, "errors as reported");
     if (lost_) require((axis_.error_code() & MitAxis::position_lost) != 0, "a lost position stays lost");
+    if (v3()) return require(!axis_.ready() || !error_, "ready: without error");
     if (axis_.ready())
       require(asked_ == 0xFC && replies_ >= 2 && !error_, "ready: asked for, two replies without error");
     if (axis_.idle()) require(asked_ == 0xFD && replies_ >= 2, "idle: asked for, two replies");

@@ -92,6 +92,7 @@ struct Slave {
       case 0x605E:
       case 0x6040:
       case 0x6072:
+      case 0x60B2:
         return 2;
       default:
         break;
@@ -99,6 +100,7 @@ struct Slave {
     const std::uint32_t index = object >> 8U, sub = object & 0xFFU;
     const bool communication = (index >= 0x1400 && index < 0x1404) || (index >= 0x1800 && index < 0x1804);
     const bool mapping = (index >= 0x1600 && index < 0x1604) || (index >= 0x1A00 && index < 0x1A04);
+    if (communication && sub == 5) return 2;
     return (communication && sub == 2) || (mapping && sub == 0) ? 1 : 4;
   }
   void take(const hal::CanFrame& f) {

@@ -20,7 +20,7 @@ using hal::CanFrame;
 
 inline constexpr std::uint8_t node = 3;
 inline constexpr int retry = 40, patience = 10;
-inline constexpr std::size_t setup_writes = 39;  ///< of a drive that has every object
+inline constexpr std::size_t setup_writes = 41;  ///< of a drive that has every object
 
 inline Cia402Axis::Settings settings() {
   Cia402Axis::Settings s;

@@ -206,6 +206,72 @@ TYPED_TEST(ControlCycle, AnEmergencyStopWhileEnablingIsNotClearedAway) {
   }
 }
 
+/// Firmware 0.5.6 clears the errors of both axes of a board. So nothing is cleared on one axis while the
+/// other one's heartbeat, every 10 ms, has not come yet or is overdue: its samples alone do not tell of a
+/// stop.
+TYPED_TEST(ControlCycle, NoErrorIsClearedWhileAnotherAxisMayBeStopped) {
+  for (const auto version : {drive::odrive::Version::v0_6, drive::odrive::Version::v0_5_6}) {
+    const bool both = version == drive::odrive::Version::v0_5_6;
+    for (const bool heard_before : {false, true}) {
+      Setup<TypeParam> s = setup<TypeParam>();
+      s.version = version;
+      s.retry_ticks = 5;
+      Rig<TypeParam> rig(s);
+      rig.obedient = false;
+      if (heard_before) rig.tick();
+      rig.sends_heartbeat[1] = false;
+      for (std::uint32_t i = 0; heard_before && i <= s.heartbeat_age_ticks_max; ++i) rig.tick();
+      rig.error[0] = 0x200;
+      rig.tick(Command::enable);
+      int cleared = 0;
+      for (int i = 0; i < 10; ++i) {
+        EXPECT_EQ(rig.tick().state, State::enabling);
+        cleared += rig.count(0, test::cmd_clear_errors);
+      }
+      EXPECT_EQ(cleared > 0, !both);
+      rig.sends_heartbeat[1] = true;
+      if (heard_before) {  // it reports no stop
+        for (int i = 0; i < 10; ++i) {
+          rig.tick();
+          cleared += rig.count(0, test::cmd_clear_errors);
+        }
+        EXPECT_GT(cleared, 0);
+        continue;
+      }
+      rig.error[1] = both ? 0x4000U : 0x0200'0000U;
+      EXPECT_EQ(rig.tick().fault, Fault::emergency_stop);
+      EXPECT_EQ(rig.count(0, test::cmd_clear_errors), 0);
+    }
+  }
+}
+
+/// The drive's own input stops axis 1 after its last report. In step with axis 0, as the axes of a board
+/// mostly are, its next report comes in the tick in which axis 0 could be cleared. Out of step, as two boards
+/// are, axis 0 is cleared after 15 reports all the same.
+TYPED_TEST(ControlCycle, TheErrorsOfAllAxesAreFreshWhenOneIsCleared) {
+  for (const int shift : {0, 1, 5}) {
+    Setup<TypeParam> s = setup<TypeParam>();
+    s.version = drive::odrive::Version::v0_5_6;
+    s.retry_ticks = 5;
+    Rig<TypeParam> rig(s);
+    rig.obedient = false;
+    int tick = 0, cleared = -1;
+    const auto step = [&](Command c) {
+      rig.sends_heartbeat.fill(tick % 10 == 9);  // the second axis reports `shift` ticks before the first
+      rig.sends_heartbeat[1] = (tick + shift) % 10 == 9;
+      const auto r = rig.tick(c);
+      if (cleared < 0 && rig.count(0, test::cmd_clear_errors) > 0) cleared = tick;
+      ++tick;
+      return r;
+    };
+    while (tick < 20) step(Command::none);
+    rig.error[0] = 0x200;
+    for (step(Command::enable); tick < 400 && cleared < 0;)
+      ASSERT_EQ(step(Command::none).state, State::enabling);
+    EXPECT_EQ(cleared, shift > 1 ? 29 + 150 : 29) << shift;
+  }
+}
+
 /// Seen on the bus it needs no heartbeat: not from the axis it was meant for, and not from any with 0x7E2.
 TYPED_TEST(ControlCycle, AnEmergencyStopOnTheBusStrikesInTheTickThatHearsIt) {
   for (const unsigned node : {Rig<TypeParam>::node(0), Rig<TypeParam>::node(1), 0x3FU}) {

@@ -95,6 +95,23 @@ TEST(DriveDefects, ShortFramesStale) {
   }
 }
 
+TEST(DriveDefects, ClearsBothAxes) {
+  for (const bool defect : {false, true}) {
+    for (const unsigned cleared : {node, node ^ 1U, node + 2U}) {
+      OdriveAxis axis({.node = static_cast<int>(node)},
+                      {.version = OdriveAxis::Version::v0_5_6,
+                       .partner = static_cast<int>(node ^ 1U),
+                       .defects = {.clears_both_axes = defect}},
+                      SensorEffects({}), 0, 1);
+      const auto drop = [](const hal::CanFrame&) {};
+      (void)axis.receive(test::message(node, 0x02, 0, 0, 0), drop);
+      ASSERT_EQ(axis.error(), 0x4000U) << "stopped";
+      (void)axis.receive(test::message(cleared, test::cmd_clear_errors, 0, 0, 0), drop);
+      EXPECT_EQ(axis.error() == 0, cleared == node || (defect && cleared == (node ^ 1U)));
+    }
+  }
+}
+
 TEST(DriveDefects, NoNanCheck) {
   constexpr float nan = std::numeric_limits<float>::quiet_NaN(), inf = std::numeric_limits<float>::infinity();
   for (const float bad : {nan, inf, -inf}) {

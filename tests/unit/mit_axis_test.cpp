@@ -576,4 +576,88 @@ TEST(MitAxis, RandomFramesAndCallsBreakNothing) {
   }
 }
 
+/// A driver board V3: 0.1 deg and 10 electrical rpm, both signed, behind 2900h + node.
+CanFrame v3_reply(int position, int speed, unsigned error = 0) {
+  const auto high = [](int v) { return static_cast<unsigned>(v & 0xFFFF) / 256; };
+  const auto low = [](int v) { return static_cast<unsigned>(v & 0xFF); };
+  CanFrame f =
+      test::bytes(0x2900 + node, {high(position), low(position), high(speed), low(speed), 0, 0, 20, error});
+  f.extended = true;
+  return f;
+}
+MitAxis v3_axis() {
+  return {AxisConfig{.node = node, .direction = -1.0F, .gear_ratio = 2.0F, .offset = 0.5F},
+          {.dialect = Dialect::cubemars_v3, .retry_ticks = retry, .velocity_unit = 0.01F}};
+}
+
+TEST(MitAxis, CubemarsV3SaysDegreesAndElectricalSpeed) {
+  MitAxis a = v3_axis();
+  hear(a, v3_reply(-900, 250));
+  const auto s = a.sample<double>();
+  EXPECT_NEAR(s.angle, 0.5 * 1.5707963267948966 + 0.5, 1e-6);
+  EXPECT_NEAR(s.rate, -0.5 * 2.5, 1e-6);
+  EXPECT_FALSE(a.observed_torque());
+  EXPECT_FALSE(a.error());
+  for (const CanFrame& bad :
+       {v3_reply(0, 0, 1), v3_reply(-32768, 0), v3_reply(0, 32767), v3_reply(0, -32768)}) {
+    MitAxis b = v3_axis();
+    hear(b, bad);
+    EXPECT_TRUE(b.error());
+  }
+  MitAxis c = v3_axis();
+  hear(c, v3_reply(0, 0x0FFF - 0x8000));
+  EXPECT_FALSE(c.error()) << "the rail of twelve bits is a speed here";
+}
+
+TEST(MitAxis, CubemarsV3ArmsAndPartsWithoutSpecialFrames) {
+  MitAxis a = v3_axis();
+  EXPECT_TRUE(enable(a).empty()) << "a silent drive is asked by the zero command of every tick";
+  for (int i = 0; i < 6 && !a.ready(); ++i) {
+    hear(a, v3_reply(0, 0));
+    EXPECT_TRUE(enable(a).empty());
+  }
+  ASSERT_TRUE(a.ready());
+  EXPECT_TRUE(a.closed_loop() && a.must_be_released());
+  CanFrame f;
+  a.put_torque(f, 0.0F);
+  EXPECT_TRUE(f.extended);
+  EXPECT_EQ(f.id, 0x800U + node);
+  EXPECT_EQ(test::mit_number(f, 0, 8), 0x0000'0080'0080'0800U);
+  a.put_torque(f, 36.0F);  // -18 N m at the shaft
+  EXPECT_EQ(test::mit_number(f, 0, 8), 0x0000'0080'0080'0000U);
+  for (int i = 0; i < 6 && !a.idle(); ++i) {
+    hear(a, v3_reply(0, 0));
+    EXPECT_TRUE(disable(a).empty());
+  }
+  EXPECT_TRUE(a.idle());
+  EXPECT_FALSE(a.must_be_released());
+}
+
+TEST(MitAxis, CubemarsV3KnowsItsFramesByAllOfTheIdentifier) {
+  MitAxis a = v3_axis();
+  const auto with = [](std::uint32_t id, bool extended = true) {
+    CanFrame f = v3_reply(0, 0);
+    f.id = id;
+    f.extended = extended;
+    return f;
+  };
+  EXPECT_EQ(a.receive(with(0x800 + node)), Received::foreign_command);
+  EXPECT_EQ(a.receive(with(0x100 + node)), Received::foreign_command) << "a current";
+  EXPECT_EQ(a.receive(with(0xF00 + node)), Received::foreign_command) << "disable";
+  EXPECT_EQ(a.receive(with(0x1000 + node)), Received::foreign_command);
+  EXPECT_EQ(a.receive(with(0x2A00 + node)), Received::not_mine) << "another report";
+  EXPECT_EQ(a.receive(with(0x2900 + node + 1)), Received::not_mine);
+  EXPECT_EQ(a.receive(with(0x800 + node + 1)), Received::not_mine);
+  EXPECT_EQ(a.receive(with(node, false)), Received::not_mine);
+  EXPECT_EQ(a.receive(with(0, false)), Received::not_mine) << "the master's of the others";
+  CanFrame cut = v3_reply(0, 0);
+  cut.size = 7;
+  EXPECT_EQ(a.receive(cut), Received::malformed);
+  CanFrame remote = v3_reply(0, 0);
+  remote.remote = true;
+  EXPECT_EQ(a.receive(remote), Received::not_mine);
+  EXPECT_FALSE(a.alive());
+  EXPECT_EQ(a.receive(v3_reply(0, 0)), Received::accepted);
+}
+
 }  // namespace

@@ -190,4 +190,39 @@ TEST(MitCodec, ADriveWritesWhatAControllerReads) {
             test::bytes(9, {0xD5, 0xFE, 0xDC, 0xBA, 0x98, 0x76, 0, 0}));
 }
 
+/// By hand from the vendor's manual V3 (4.2, 4.3.1) as three open drivers have it: zero is 000 000 8000 800
+/// 800; kd 2 of 5 is 666h; 100 deg, 2000 electrical rpm, 5 A, 25 deg C is 03E8 00C8 01F4 19.
+TEST(MitCodec, CubemarsV3HasItsOwnOrderIdentifiersAndUnits) {
+  const CanFrame zero = encode_command(2, {}, Dialect::cubemars_v3);
+  EXPECT_TRUE(zero.extended);
+  EXPECT_EQ(zero.id, 0x802U);
+  CanFrame wanted = test::bytes(0x802, {0x00, 0x00, 0x00, 0x80, 0x00, 0x80, 0x08, 0x00});
+  wanted.extended = true;
+  EXPECT_EQ(zero, wanted);
+  const Command all{.position = 0x7FFF, .velocity = 0x123, .kp = 0xABC, .kd = 0x666, .torque = 0xDEF};
+  const CanFrame f = encode_command(0x68, all, Dialect::cubemars_v3);
+  wanted = test::bytes(0x868, {0xAB, 0xC6, 0x66, 0x7F, 0xFF, 0x12, 0x3D, 0xEF});
+  wanted.extended = true;
+  EXPECT_EQ(f, wanted);
+  const Command back = decode_command(f, Dialect::cubemars_v3);
+  EXPECT_EQ(back.position, all.position);
+  EXPECT_EQ(back.velocity, all.velocity);
+  EXPECT_EQ(back.kp, all.kp);
+  EXPECT_EQ(back.kd, all.kd);
+  EXPECT_EQ(back.torque, all.torque);
+
+  CanFrame reply = test::bytes(0x2968, {0x03, 0xE8, 0xFF, 0x38, 0x01, 0xF4, 25, 7});
+  reply.extended = true;
+  const auto r = decode_reply(reply, Dialect::cubemars_v3);
+  ASSERT_TRUE(r);
+  EXPECT_EQ(r->position, 0x8000 + 1000);
+  EXPECT_EQ(r->velocity, 0x8000 - 200);
+  EXPECT_EQ(r->error, 7);
+  EXPECT_FALSE(r->whole_torque);
+  reply.data[4] = reply.data[5] = reply.data[6] = 0;
+  EXPECT_EQ(encode_v3_reply(0x68, *r), reply);
+  reply.size = 7;
+  EXPECT_FALSE(decode_reply(reply, Dialect::cubemars_v3));
+}
+
 }  // namespace

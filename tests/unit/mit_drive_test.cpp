@@ -169,6 +169,26 @@ TEST_F(MitDrive, DialectsAndIdentifiersOfReplies) {
   EXPECT_EQ(publish(dm)[0].id, 0x13U);
 }
 
+TEST_F(MitDrive, ADriverBoardV3ActsOnEveryCommand) {
+  MitAxis a = make({.dialect = MitAxis::Dialect::cubemars_v3, .velocity_unit = 0.01, .realtime = true});
+  publish(a, -1.0, 0.5);
+  hal::CanFrame command = test::bytes(0x803, {0x00, 0x00, 0x00, 0x80, 0x00, 0x80, 0x0B, 0xFF});
+  EXPECT_TRUE(tell(a, command).empty()) << "eleven bits";
+  command.extended = true;
+  const auto reply = tell(a, command);
+  ASSERT_EQ(reply.size(), 1U);
+  EXPECT_TRUE(reply[0].extended);
+  EXPECT_EQ(reply[0].id, 0x2903U);
+  EXPECT_EQ(static_cast<std::int16_t>(test::mit_number(reply[0], 0, 2)), -572) << "of 57.29 deg";
+  EXPECT_EQ(static_cast<std::int16_t>(test::mit_number(reply[0], 2, 2)), 50);
+  EXPECT_TRUE(completes_ && a.closed_loop() && a.commanded_by(command));
+  EXPECT_NEAR(a.joint_torque(), 3071 * 36.0 / 4095 - 18, 1e-9);
+  hal::CanFrame special = test::mit_special(0x803, 0xFD);
+  special.extended = true;
+  tell(a, special);
+  EXPECT_TRUE(a.closed_loop()) << "no special frame there: all fields at their ends";
+}
+
 // ---- with the controller
 // ---------------------------------------------------------------------------------------
 
@@ -185,6 +205,7 @@ class MitLoop : public testing::Test {
     using Port = hal::VirtualBus<3>::Port;
     PlantEnd<FiveBarTraits, Port> plant(scene, o, bus->port(0), frames, nullptr, true);
     ControllerEnd<FiveBarTraits, Port> controller(scene, Pacing::lockstep, bus->port(1));
+    const bool has_mode = scene.drives.dialect != MitAxis::Dialect::cubemars_v3;
     int ticks = 0, zeros = 0, entered = 0;
     const unsigned node = static_cast<unsigned>(scene.drives.nodes[0]);
     const auto watch = [&] {
@@ -207,7 +228,7 @@ class MitLoop : public testing::Test {
       plant.advance(controller.view());
       watch();
     }
-    EXPECT_EQ(entered, 1);
+    EXPECT_EQ(entered, has_mode ? 1 : 0);
     EXPECT_EQ(plant.done(), 100U);
     EXPECT_EQ(controller.supervisor().state(), State::running);
     controller.shut_down([&] {
@@ -226,6 +247,7 @@ TEST_F(MitLoop, ArmsRunsAndPartsInEveryDialect) {
   run({"drives.master_id=[1,2]"});  // on their own identifiers
   run({"drives.dialect=cubemars"});
   run({"drives.dialect=damiao", "drives.master_id=[17,18]"});
+  run({"drives.dialect=cubemars_v3", "drives.velocity_unit=0.005"});
   run({"drives.direction=[-1,1]", "drives.gear_ratio=[3.0,2.0]", "drives.velocity_range=200.0"});
 }
 

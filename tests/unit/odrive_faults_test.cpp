@@ -82,6 +82,27 @@ TEST(OdriveAxis, ErrorsAreClearedInTheTickOfTheirReportOrNotAtAll) {
   EXPECT_TRUE(only(enable(a), cmd_clear_errors));
 }
 
+/// Of 0.5.6, which clears both axes of a board: not while the other one's errors are unknown, and at the 16th
+/// report where they are known and never fresh. 0.6 clears one axis.
+TEST(OdriveAxis, ErrorsAreClearedWhenThoseOfTheOtherAxisAreKnown) {
+  for (const Version v : {Version::v0_6, Version::v0_5_6}) {
+    for (const bool known : {false, true}) {
+      for (const bool fresh : {false, true}) {
+        OdriveAxis a = axis(v);
+        hear(a, 1, 0x200);
+        EXPECT_TRUE(only(enable(a), cmd_mode));
+        int reports = 0;
+        for (bool cleared = false; reports < 40 && !cleared; ++reports) {
+          a.know_errors(known, fresh);
+          hear(a, 1, 0x200);
+          for (const CanFrame& f : enable(a)) cleared = cleared || command_of(f) == cmd_clear_errors;
+        }
+        EXPECT_EQ(reports, v == Version::v0_6 || (known && fresh) ? 1 : known ? 16 : 40);
+      }
+    }
+  }
+}
+
 /// An error with a cause comes back at once: it is cleared once per retry time, not at the pace of the
 /// heartbeats.
 TEST(OdriveAxis, AnErrorThatStaysIsClearedOncePerRetryTime) {
