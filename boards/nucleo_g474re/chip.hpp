@@ -44,7 +44,7 @@ struct NucleoG474re {
   static constexpr Pin light{gpio_a, 5};          // LD2
 
   static constexpr Function functions[] = {
-      {{gpio_a, 11}, 9}, {{gpio_a, 12}, 9}, {{gpio_a, 2}, 7}};  // FDCAN1_RX, FDCAN1_TX, USART2_TX
+      {{gpio_a, 11}, 9, true}, {{gpio_a, 12}, 9}, {{gpio_a, 2}, 7}};  // FDCAN1_RX, FDCAN1_TX, USART2_TX
 
   /// Starts the clocks of the ports and of the console.
   static void start_ports() {
@@ -85,6 +85,10 @@ struct NucleoG474re {
     finish_access(rcc + 0x4C);
     return random_word(0x5006'0800U);
   }
+
+  /// FLASH_OPTR.BOR_LEV: below about 1.7, 2.0, 2.2, 2.5 or 2.8 V the chip is held in reset.
+  [[nodiscard]] static Word brown_out_level() { return (reg(flash_base + 0x20) >> 8) & 7U; }
+  static constexpr Word brown_out_level_max = 4;
 
   /// RCC_CSR, flags of the last reset, which are cleared: 31 low power, 30 window watchdog, 29 independent
   /// watchdog, 28 software, 27 brown-out, 26 pin.

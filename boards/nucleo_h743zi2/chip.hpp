@@ -48,7 +48,7 @@ struct NucleoH743zi2 {
   static constexpr Pin light{gpio_b, 0};          // LD1
 
   static constexpr Function functions[] = {
-      {{gpio_d, 0}, 9}, {{gpio_d, 1}, 9}, {{gpio_d, 8}, 7}};  // FDCAN1_RX, FDCAN1_TX, USART3_TX
+      {{gpio_d, 0}, 9, true}, {{gpio_d, 1}, 9}, {{gpio_d, 8}, 7}};  // FDCAN1_RX, FDCAN1_TX, USART3_TX
 
   /// Starts the clocks of the ports and of the console.
   static void start_ports() {
@@ -104,6 +104,10 @@ struct NucleoH743zi2 {
     finish_access(rcc + 0xDC);
     return random_word(0x4802'1800U);
   }
+
+  /// FLASH_OPTSR_CUR.BOR_LEV: below about 1.7, 2.1, 2.4 or 2.7 V the chip is held in reset.
+  [[nodiscard]] static Word brown_out_level() { return (reg(flash_base + 0x1C) >> 2) & 3U; }
+  static constexpr Word brown_out_level_max = 3;
 
   /// RCC_RSR, flags of the last reset, which are cleared: 28 window watchdog, 26 independent watchdog, 24
   /// software, 23 power, 22 pin, 21 brown-out.

@@ -13,7 +13,7 @@ class NucleoBoard {
     Chip::start_ports();
     for (const Pin& output : {Chip::drive_enable, Chip::brake, Chip::light}) output.output_low();
     Chip::enable.input_pulled_down();
-    for (const Function& f : Chip::functions) f.pin.alternate(f.number);
+    for (const Function& f : Chip::functions) f.pin.alternate(f.number, f.pull_up);
     cause_ = Chip::reset_cause();
     console_.start(Chip::reset_clock_hz);
   }

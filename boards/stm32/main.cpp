@@ -1,6 +1,7 @@
 /// The image of a NUCLEO board: disabled, without torque, until a supervisor computer arms it.
 
 #include "boards/cortex_m/crash.hpp"
+#include "boards/light.hpp"
 #include "boards/stm32/board.hpp"
 #include "firmware/link/parameter_slots.hpp"
 #include "scene.hpp"
@@ -12,7 +13,8 @@ using namespace esmc;
 
 [[gnu::cold, gnu::noinline]] void print_start(stm32::Console& out, std::uint32_t cause) {
   out << "\r\nesmc, link protocol " << link::protocol_version << "; reset flags ";
-  out.hex(cause) << "\r\n";
+  out.hex(cause) << ", brown-out level " << stm32::Chip::brown_out_level() << " of "
+                 << stm32::Chip::brown_out_level_max << "\r\n";
   if (!crash_record.sealed()) return;
   out << "crash: exception " << crash_record.exception << " CFSR ";
   out.hex(crash_record.fault_status) << " HFSR ";
@@ -81,13 +83,13 @@ extern "C" [[noreturn]] void esmc_main() {
   for (;;) {
     if (crashed) node.command(Command::stop);
     if (loop.turn()) {
-      stm32::Chip::light.set(node.drive_enable());
       link::serve(node.link(), slots);
     }
     if (slots.status().state != printed) {
       printed = slots.status().state;
       print_store(board.console(), slots.status());
     }
+    stm32::Chip::light.set(light_on(node.supervisor().state(), crashed, board.now_us() / 1000U));
     board.console().pump();
     if (board.now_us() - printed_us >= 1'000'000U) {
       printed_us += 1'000'000U;

@@ -37,8 +37,9 @@ struct Pin {
     set_field(port + 0x0C, 3U << (2 * number), 2U << (2 * number));
     set_field(port, 3U << (2 * number), 0);
   }
-  /// Gives the pin to a peripheral by its alternate function, 0..15.
-  void alternate(Word function) const {
+  /// Gives the pin to a peripheral by its alternate function, 0..15. `pull_up`: high where nothing drives it.
+  void alternate(Word function, bool pull_up) const {
+    set_field(port + 0x0C, 3U << (2 * number), (pull_up ? 1U : 0U) << (2 * number));
     const unsigned at = 4 * (number % 8);
     set_field(port + (number < 8 ? 0x20 : 0x24), 0xFU << at, function << at);
     set_field(port + 0x08, 3U << (2 * number), 2U << (2 * number));  // fast edges
@@ -52,6 +53,7 @@ struct Pin {
 struct Function {
   Pin pin;
   Word number;
+  bool pull_up = false;
 };
 
 /// Starts TIM2, fed with timer_hz (whole MHz), as a counter of microseconds, which wraps after 71 minutes.

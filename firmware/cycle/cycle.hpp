@@ -46,6 +46,8 @@ class Cycle {
     /// Ticks without a heartbeat, then the fault heartbeat_lost. 0 allows none: set it.
     std::uint32_t heartbeat_age_ticks_max = 0;
     std::uint32_t waiting_ticks_max = 750;  ///< of EnablingWait, then the fault enabling_timeout
+    /// Settings of the drives that cannot be read back have been checked by hand; false: it never arms.
+    bool confirmed = true;
     bool zero_absolute = true;  ///< encoders keep their zero without power; false: confirm_zero first
     Vec<S, M::joints> zero_pose = Vec<S, M::joints>::Zero();  ///< rad: the joints at confirm_zero
     S torque_mismatch{};        ///< N m at the joint between a drive's torque and its command; 0: any
@@ -71,7 +73,8 @@ class Cycle {
         delay_ticks_(config.delay_ticks),
         motors_(places(config.controller.motor_count())),
         sensors_(places(config.controller.sensor_count())),
-        limits_fit_all_shafts_(motors_that_can_carry(config.controller.torque_limit) == motors_.count) {
+        limits_fit_all_shafts_(motors_that_can_carry(config.controller.torque_limit) == motors_.count),
+        drives_confirmed_(config.confirmed) {
     silent_ticks_.fill(drive::age_max);
   }
 
@@ -79,8 +82,12 @@ class Cycle {
   void command(Command c) {
     if (command_ != Command::stop && (command_ != Command::halt || c == Command::stop)) command_ = c;
   }
-  /// Sets the state of the normally closed contact `enable`; open is a fault. Closed until the first call.
-  void enable_input(bool closed) { enable_closed_ = closed; }
+  /// State of the normally closed contact `enable`, as often as it is read; closed until the first call. One
+  /// open reading since the last tick is the fault enable_open, whatever came after it.
+  void enable_input(bool closed) {
+    enable_closed_ = closed;
+    enable_was_open_ = enable_was_open_ || !closed;
+  }
   /// Raises the fault tick_late in the next tick: two ticks in a row began late, or one by far.
   void tick_late() { late_ = true; }
   /// Lockstep: sets the time since the last tick, us, < 1e9, for the next tick() without `answer` alone.
@@ -261,7 +268,8 @@ class Cycle {
     for (int i = 0; i < axis_count_; ++i) {
       if (axis(i).emergency_stopped()) return Fault::emergency_stop;
     }
-    if (!enable_closed_) return Fault::enable_open;
+    if (std::exchange(enable_was_open_, !enable_closed_)) return Fault::enable_open;
+    if (!drives_confirmed_) return Fault::drives_not_confirmed;
     if (events != 0) {
       return (events & bus_off) != 0           ? Fault::bus_off
              : (events & flooded) != 0         ? Fault::bus_overload
@@ -470,7 +478,8 @@ class Cycle {
   hal::CanFrame incoming_{}, outgoing_{.perishable = true};  // members: clearing one costs 76 bytes
   BusCounters counters_{};
   bool stage_done_ = false;
-  bool enable_closed_ = true;
+  bool drives_confirmed_ = true;
+  bool enable_closed_ = true, enable_was_open_ = false;  // at the last reading; at one since the last tick
   bool output_ok_ = false;
   bool opened_ = false;
   bool enabled_once_ = false;  // since the start

@@ -41,9 +41,10 @@ enum class [[nodiscard]] Fault : std::uint8_t{
     torque_not_finite = 28,      ///< the law produced NaN, infinity, or a torque that no shaft can carry
     tick_late = 29,              ///< two ticks in a row began more than half a period late
     enabling_timeout = 30,       ///< a drive is silent, or did not confirm torque control in time
+    drives_not_confirmed = 31,   ///< settings that cannot be read back were not checked by hand
 };
 
-inline constexpr int fault_count = static_cast<int>(Fault::enabling_timeout) + 1;
+inline constexpr int fault_count = static_cast<int>(Fault::drives_not_confirmed) + 1;
 
 /// In the order of the values of Fault.
 inline constexpr std::array<const char*, fault_count> fault_names{"none",
@@ -76,7 +77,8 @@ inline constexpr std::array<const char*, fault_count> fault_names{"none",
                                                                   "halt_failed",
                                                                   "torque_not_finite",
                                                                   "tick_late",
-                                                                  "enabling_timeout"};
+                                                                  "enabling_timeout",
+                                                                  "drives_not_confirmed"};
 static_assert(fault_names.back() != nullptr);
 
 /// Name of an enumerator from the table of its enumeration; "unknown" beyond the table.

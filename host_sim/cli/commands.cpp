@@ -155,7 +155,8 @@ void require_budget(const Scene& scene, const BakeOptions& o) {
 int run_bake(const BakeOptions& o) {
   Scene scene = read_loop_scene(o.run);
   scene.hardware = o.run.realtime;
-  require_confirmed(scene);
+  const bool observes = o.run.realtime && armed_by_link(scene) && !scene.drives.confirmed.value_or(false);
+  if (!observes) require_confirmed(scene);
   if (armed_by_link(scene) && !o.run.realtime) {
     throw InputError(scene.control_where,
                      "command.arm = \"link\" needs --realtime: in lockstep no console arms the image");
@@ -163,6 +164,13 @@ int run_bake(const BakeOptions& o) {
   if (!o.board.empty()) require_budget(scene, o);
   if (const std::string why = refusal_of(scene); !why.empty())
     throw InputError("", o.run.scene + ": esmc check refuses it: " + why);
+  if (observes) {
+    fmt::print(
+        stderr,
+        "esmc: {}: an image that observes and does not arm (drives_not_confirmed) until 'drives.confirmed' "
+        "is true, that is, once somebody has checked: {}\n",
+        o.run.scene, to_confirm(scene));
+  }
   const Pacing pacing = o.run.realtime ? Pacing::realtime : Pacing::lockstep;
   print_or_write(baked_header(scene, pacing, o.run.single_precision), o.run.out);
   return 0;

@@ -111,6 +111,7 @@ typename C::Config config_of(const Scene& scene, Pacing pacing,
   c.torque_time = static_cast<S>(scene.drives.torque_time);
   c.samples_timed = pacing == Pacing::realtime;
   // Emulated drives know their angle, whatever the scene's real ones do.
+  c.confirmed = !scene.hardware || scene.drives.confirmed.value_or(false);
   c.zero_absolute = scene.drives.zero == Zero::absolute || !scene.hardware;
   for (int i = 0, n = c.controller.sensor_count(); i < n; ++i) {
     const int joint = ControllerConfig<typename C::Mechanism>::joint_of(i, n);

@@ -196,13 +196,13 @@ std::string text(const ControllerConfig<M>& v) {
 /// left empty, because calls make them, and the session is 1, because the image draws it.
 template <class Config>
 std::string cycle_text(const Config& v, const std::string& line) {
-  const auto& [controller, axes, its_line, count, heartbeat, waiting, absolute, zero, mismatch, torque_time,
-               timed, link, delay] = v;
+  const auto& [controller, axes, its_line, count, heartbeat, waiting, confirmed, absolute, zero, mismatch,
+               torque_time, timed, link, delay] = v;
   link::LinkConfig known = link;
   known.session = 1;
   return "      " + text(controller) + ",\n      {},\n      " + line + ",\n      " +
-         list(count, heartbeat, waiting, absolute, zero, mismatch, torque_time, timed) + ",\n      " +
-         text(known) + ",\n      " + text(delay);
+         list(count, heartbeat, waiting, confirmed, absolute, zero, mismatch, torque_time, timed) +
+         ",\n      " + text(known) + ",\n      " + text(delay);
 }
 
 }  // namespace esmc::host::bake

@@ -81,7 +81,46 @@ def image(elf, scalar, flash_max=1 << 20, ram_max=1 << 17):
     if not starts(first, symbols_of(elf)):
         print("vectors:", " ".join(f"{word:x}" for word in first))
         return 1
+    if not flashed_alike(Path(elf)):
+        return 1
     return 1 if bad or flash > int(flash_max) or ram > int(ram_max) else 0
+
+
+def segments(elf):
+    """Bytes of the ELF's loadable segments by their address in the flash."""
+    data = elf.read_bytes()
+    headers, = struct.unpack_from("<I", data, 28)
+    size, count = struct.unpack_from("<HH", data, 42)
+    memory = {}
+    for i in range(count):
+        kind, at, _, place, length = struct.unpack_from("<5I", data, headers + i * size)
+        if kind == 1:
+            memory.update(enumerate(data[at:at + length], place))
+    return memory
+
+
+def hex_bytes(path):
+    """The same of an Intel HEX file, its checksums checked."""
+    memory, base = {}, 0
+    for line in path.read_text(encoding="ascii").split():
+        record = bytes.fromhex(line[1:])
+        assert line[0] == ":" and sum(record) % 256 == 0 and len(record) == record[0] + 5, line
+        data = record[4:-1]
+        if record[3] == 0:
+            memory.update(enumerate(data, base + int.from_bytes(record[1:3], "big")))
+        elif record[3] in (2, 4):
+            base = int.from_bytes(data, "big") << (16 if record[3] == 4 else 4)
+    return memory
+
+
+def flashed_alike(elf):
+    """Whether .hex and .bin beside the ELF hold its segments, and nothing else but filling."""
+    wanted, plain = segments(elf), elf.with_suffix(".bin").read_bytes()
+    first = min(wanted)
+    filled = {a: plain[a - first] if a - first < len(plain) else None for a in wanted}
+    good = hex_bytes(elf.with_suffix(".hex")) == wanted and filled == wanted and len(plain) == max(wanted) - first + 1
+    print(f".hex and .bin {'equal' if good else 'DIFFER FROM'} the segments of the ELF, {len(wanted)} bytes from {first:#x}")
+    return good
 
 
 def parts(elf, *names):

@@ -141,6 +141,7 @@ class Rig {
     c.heartbeat_age_ticks_max = s.heartbeat_age_ticks_max;
     c.torque_mismatch = static_cast<S>(s.torque_mismatch);
     c.samples_timed = s.samples_timed;
+    c.confirmed = s.confirmed;
     c.zero_absolute = s.zero_absolute;
     c.zero_pose = s.zero_pose;
     c.link = s.link;

@@ -32,6 +32,7 @@ struct Setup {
   std::uint32_t heartbeat_age_ticks_max = 20;
   double torque_mismatch = 0.0;  ///< N m at the joint; torque is said without a lag
   bool samples_timed = true;
+  bool confirmed = true;
   bool zero_absolute = true;
   Vec<typename M::Scalar, M::joints> zero_pose = Vec<typename M::Scalar, M::joints>::Zero();
   link::LinkConfig link{};

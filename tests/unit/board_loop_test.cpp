@@ -2,8 +2,10 @@
 
 #include <gtest/gtest.h>
 
+#include <string>
 #include <vector>
 
+#include "boards/light.hpp"
 #include "boards/node.hpp"
 #include "tests/support/board_double.hpp"
 
@@ -155,6 +157,31 @@ TEST(TimedLoop, SendsNoTorqueBeforeItWasArmed) {
   node.powered = false;  // disarmed: zero torque is told
   run(board, loop, 1000);
   EXPECT_EQ(node.answers, (std::vector<bool>{false, false, true, true}));
+}
+
+/// Twenty slots of 0.1 s in a round of 2 s: # on, . off, % both.
+std::string pattern(State state, bool crashed = false) {
+  std::string out;
+  for (std::uint32_t slot = 0; slot < 20; ++slot) {
+    unsigned on = 0;
+    for (std::uint32_t ms = 0; ms < 100; ++ms)
+      on += light_on(state, crashed, 2000U + 100U * slot + ms) ? 1U : 0U;
+    out += on == 0 ? '.' : on == 100 ? '#' : '%';
+  }
+  return out;
+}
+
+TEST(Light, EveryStateHasItsPatternAndNoneIsSteady) {
+  EXPECT_EQ(pattern(State::disabled), "#...................");
+  EXPECT_EQ(pattern(State::enabling), "%%%%%%%%%%%%%%%%%%%%");
+  EXPECT_EQ(pattern(State::testing), pattern(State::enabling));
+  EXPECT_EQ(pattern(State::running), ".###################");
+  EXPECT_EQ(pattern(State::holding), ".#.#################");
+  for (const State s : {State::halting, State::lowering, State::stopping})
+    EXPECT_EQ(pattern(s), "#####.....#####.....");
+  EXPECT_EQ(pattern(State::fault), "##..##..##..........");
+  for (int s = 0; s < state_count; ++s)
+    EXPECT_EQ(pattern(static_cast<State>(s), true), "#.#.#.#.#.#.........") << "after a crash";
 }
 
 TEST(TimedLoop, ComesBackToTheBusFiveTimesASecond) {

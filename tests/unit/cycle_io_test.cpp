@@ -42,6 +42,33 @@ TEST(Io, WithTheContactOpenNothingArms) {
   EXPECT_EQ(rig.cycle.supervisor().fault(), Fault::enable_open);
 }
 
+TEST(Io, AnOpeningBetweenTwoTicksIsSeen) {
+  Rig rig;
+  rig.cycle.enable_input(false);
+  rig.cycle.enable_input(true);
+  rig.tick();  // disabled: there is nothing to take away, and nothing is remembered
+  ASSERT_TRUE(rig.start());
+  rig.cycle.enable_input(false);
+  rig.cycle.enable_input(true);
+  EXPECT_EQ(rig.tick().fault, Fault::enable_open);
+  EXPECT_TRUE(rig.all_zero());
+}
+
+TEST(Io, AnImageWhoseDrivesAreNotConfirmedSeesThemAndAsksThemForNothing) {
+  auto s = esmc::test::setup<Five>();
+  s.confirmed = false;
+  Rig rig(s);
+  for (int i = 0; i < 10; ++i) rig.tick();
+  EXPECT_EQ(rig.cycle.supervisor().state(), State::disabled);
+  EXPECT_TRUE(rig.cycle.heard());
+  rig.tick(Command::enable);
+  EXPECT_EQ(rig.cycle.supervisor().fault(), Fault::drives_not_confirmed);
+  for (std::size_t i = 0; i < rig.axis_count(); ++i) EXPECT_EQ(rig.count(i, esmc::test::cmd_axis_state), 0);
+  rig.tick(Command::reset);
+  rig.tick(Command::enable);
+  EXPECT_EQ(rig.cycle.supervisor().fault(), Fault::drives_not_confirmed);
+}
+
 TEST(Io, DrivesHavePowerFromEnablingOnAndTheBrakeOpensForTorqueOnly) {
   Rig rig;
   EXPECT_FALSE(rig.cycle.drive_enable());
