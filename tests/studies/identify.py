@@ -1,8 +1,9 @@
 #!/usr/bin/env python3
 """`esmc identify` on random scenes. usage: identify.py ESMC SCENES write|misfits|clean [COUNT [SEED]]
 
-write    A run whose controller believes masses, inertias and friction that are wrong; identify --write; the scene written, on this and on another motion,
-         against a controller that knows the truth and against the one that was wrong.
+write    A run whose controller believes masses and inertias that are wrong and knows neither friction, one that depends on the direction in some, nor the
+         rotor at the elbow of some arms; identify --write; the scene written, on this and on another motion, against a controller that knows the truth
+         and against the one that was wrong. Where exact knowledge itself is worse than what was wrong, what was written may be, too.
 misfits  Logs with two random defects: how many intervals hold the truth or belong to a log that names a misfit or is refused.
 clean    Logs without a defect: how many name one.
 
@@ -38,7 +39,7 @@ class Draw:
         self.coulomb = [x * scale * u(0.0, 1.5) for x in (0.02, 0.006)] if self.rr else [x * u(0.0, 1.5) for x in (0.02, 0.004, 0.02, 0.004)]
         self.delay = u(0.1, 1.5)
         self.bits, self.noise = r.choice((14, 15, 16, 17, 18)), u(0, 4e-5)
-        self.asymmetry, self.rotor, self.more_effects, self.edits = [0.0] * len(self.viscous), [0.0] * len(self.viscous), [], []
+        self.asymmetry, self.rotor, self.gear, self.more_effects, self.edits = [0.0] * len(self.viscous), [0.0, 0.0], 0.0, [], []
         self.belief = {k: u(0.8, 1.25) for k in ("m1", "m2", "J1", "J2")}
         self.motions = [self.motion(), self.motion()]
 
@@ -74,7 +75,11 @@ class Draw:
         return [w for v in [*values, *([model] if model else [])] for w in ("--set", v)] + ["--seed", str(self.seed)]
 
     def wrong(self):
-        return "control.model={" + ", ".join(f"{k}={v}" for k, v in self.belief.items()) + "}"
+        """Masses and inertias that are wrong, no rotor and no friction."""
+        leg = lambda p: "{" + ", ".join(f"{k}={v * self.belief.get(k, 1)!r}" for k, v in p.items()) + "}"
+        bars = f"leg={leg(self.legs[0])}" if self.rr else f"half_base=0.05, legs=[{leg(self.legs[0])}, {leg(self.legs[1])}]"
+        kind = 'type="rr", working_mode=["+"]' if self.rr else 'type="five_bar", working_mode=["+", "+"]'
+        return f"control.model={{mechanism={{{kind}, gravity=9.8, {bars}}}}}"
 
     def truth(self):
         out = {"m0": 0.0}
@@ -85,11 +90,17 @@ class Draw:
                     "h" + j: p["m2"] * p["lg2"], "s" + j: p["m1"] * p["lg1"] + p["m2"] * p["l1"]}
         for i, n in enumerate(names):
             out |= {f"viscous theta{n}": self.viscous[i], f"coulomb theta{n}": self.coulomb[i]}
-        for i, n in enumerate(("",) if self.rr else ("1", "2")):
-            out["a" + n] += self.rotor[2 * i]
+        for n in ("",) if self.rr else ("1", "2"):
+            out["a" + n] += self.gear  # a rotor turns with bar 1
         return out
 
     # ---- defects
+
+    def defects(self, count, of=DEFECTS):
+        chosen = [d for d in self.random.sample(of, len(of)) if d != "rotor" or self.rr][:count]  # the five-bar's elbows have no motors
+        for d in chosen:
+            self.add(d)
+        return chosen
 
     def add(self, defect):
         u, scale = self.random.uniform, 10 if self.rr else 1
@@ -107,14 +118,9 @@ class Draw:
         elif defect == "gear_spring":
             k, J = 10 ** u(2.0, 3.3) * scale, 1e-4 * scale * u(0.5, 2)
             self.more_effects.append(f'{{type="joint_flexibility", stiffness={k}, damping={0.1 * math.sqrt(k * J)}, rotor_inertia={J}}}')
-            for leg in range(len(self.legs)):
-                self.rotor_at_gear = J  # the encoder's side; part of a
             self.gear = J
-        elif defect == "rotor" and self.rr:
-            self.rotor[1] = u(0.5, 4) * 1e-3
         else:
-            return False
-        return True
+            self.rotor[1] = u(2, 20) * 1e-3
 
 
 def rows_of(path):
@@ -167,8 +173,7 @@ def first(count, of):
 def judged(esmc, scenes, defects, seed):
     """(defects, what became of the log, intervals, those that hold, what was named), None where the run ends in a fault."""
     draw = Draw(seed)
-    chosen = [d for d in draw.random.sample(DEFECTS, len(DEFECTS)) if defects and d not in ("rotor",) or defects and draw.rr][:defects]
-    assert len(chosen) == defects and all(draw.add(d) for d in chosen)
+    chosen = draw.defects(defects)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         scene = draw.scene(folder, scenes)
@@ -181,11 +186,6 @@ def judged(esmc, scenes, defects, seed):
         assert run.returncode == 2, run.stderr
         return chosen, "refused: " + run.stderr.strip().split(": ", 2)[-1], 0, 0, []
     found, truth = json.loads(run.stdout), draw.truth()
-    if hasattr(draw, "gear"):
-        for n in ("",) if draw.rr else ("1", "2"):
-            truth["a" + n] += draw.gear
-        if draw.rr:
-            pass
     inside = [p["lower"] <= sum(share * truth[k] for k, share in p["share"].items()) <= p["upper"] for p in found["parameters"]]
     missed = [p["name"].split()[0] if p["inertial"] else p["name"] for p, holds in zip(found["parameters"], inside, strict=True) if not holds]
     delay = found["delay"]["lower"] <= draw.delay <= found["delay"]["upper"]
@@ -232,6 +232,7 @@ def clean(esmc, scenes, count, seed):
 def ratios(esmc, scenes, seed):
     """(error with what was written over that of exact knowledge, and over that before), per motion; None where a run ends in a fault."""
     draw = Draw(seed)
+    draw.defects(draw.random.randrange(3), ("direction", "rotor"))
     exact = 'control.model={friction="exact"}'
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -257,9 +258,9 @@ def write(esmc, scenes, count, seed):
         exact, before = [sorted(r[motion][k] for _, r in done) for k in (0, 1)]
         print(f"{count} scenes, {what}: error after over that of exact knowledge: median {statistics.median(exact):.3f}, worst {exact[-1]:.3f}; "
               f"over that before: median {statistics.median(before):.3f}, worst {before[-1]:.3f}")
-        good = good and exact[-1] <= 1.1 and before[-1] <= 1.02
+        good = good and exact[-1] <= 1.02
     for i, r in done:
-        if any(a > 1.1 or b > 1.02 for a, b in r):
+        if any(a > 1.02 for a, _ in r):
             print(f"scene {i}: {r}")
     return good
 
