@@ -72,6 +72,8 @@ class Draw:
         values = ["effects=[" + ", ".join([*effects, *self.more_effects]) + "]", self.motions[motion], "control.delay_ticks=3", "simulation.duration=4.0"]
         if self.rr:
             values.append("control.gain=60")
+        if self.gear:
+            values.append("simulation.step=5e-5")  # its springs are stiff
         return [w for v in [*values, *([model] if model else [])] for w in ("--set", v)] + ["--seed", str(self.seed)]
 
     def wrong(self):
