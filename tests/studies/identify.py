@@ -73,7 +73,7 @@ class Draw:
         if self.rr:
             values.append("control.gain=60")
         if self.gear:
-            values.append("simulation.step=5e-5")  # its springs are stiff
+            values += ["simulation.step=5e-5", "control.lambda=20", "control.gain=25", "limits.feedback_jump=0"]  # springs are stiff to integrate, soft to control
         return [w for v in [*values, *([model] if model else [])] for w in ("--set", v)] + ["--seed", str(self.seed)]
 
     def wrong(self):
