@@ -64,9 +64,9 @@ class LegDynamics {
   };
   [[nodiscard]] Pose pose(const SinCos<T>& bar1, const SinCos<T>& bar2) const {
     const T c1 = bar1.cos, s1 = bar1.sin, c2 = bar2.cos, s2 = bar2.sin;
-    const T m12 = coupling_ * (c1 * c2 + s1 * s2) - rotor_;
-    const T inverse = 1.0 / (i12_ - m12 * m12);
-    return {{c1, s1}, {c2, s2}, s1 * c2 - c1 * s2, i2_ * inverse, -m12 * inverse, i1_ * inverse};
+    const T against = rotor_ - coupling_ * (c1 * c2 + s1 * s2);  // -M12
+    const T inverse = 1.0 / (i12_ - against * against);
+    return {{c1, s1}, {c2, s2}, s1 * c2 - c1 * s2, i2_ * inverse, against * inverse, i1_ * inverse};
   }
 
   struct Pair {
