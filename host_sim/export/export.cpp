@@ -112,6 +112,8 @@ std::string preamble(const Scene& scene, const std::vector<std::string>& express
       "equal to it.\n";
   std::vector<std::string> seen = expressed;
   std::string left;
+  if (const auto dry = find_effect<CoulombFriction>(scene.effects); dry && dry->asymmetry != PerJoint{})
+    left = "the difference of dry friction between the directions";
   for (const Effect& e : scene.effects) {
     const std::string name = type_name(e);
     if (std::find(seen.begin(), seen.end(), name) != seen.end()) continue;
@@ -283,6 +285,8 @@ std::string urdf(const Scene& scene) {
         "     effector_cut (end of leg 2) are the same point of the mechanism: a program that can close "
         "loops has to hold\n"
         "     their origins together; the bars turn freely about it. Without that this is two arms.\n";
+  if (has_elbow_rotors(scene.mechanism))
+    out += "     The rotors behind the elbows' gears are not part of a URDF.\n";
   out += "     Gravity is not part of a URDF; the scene has " + fmt::format("{}", scene.mechanism.g) +
          " m/s2.\n";
   out += fmt::format(

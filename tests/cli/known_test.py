@@ -133,6 +133,10 @@ def elbow_controller(bench):
     margins = json.loads(bench.run("check", arm, "--json", "--set", "mechanism.rotor_inertia=[0, 0.5]").stdout)["margins"]
     plain = json.loads(bench.run("check", arm, "--json").stdout)["margins"]
     expect(margins != plain, "check knows nothing of the elbow's rotor")
+    refused = bench.run("design", arm, "--json", "--set", "mechanism.rotor_inertia=[0, 0.1]", "--set", "uncertainty={m1=[0.9, 1.1]}")
+    expect("rotor of an elbow" in json.loads(refused.stdout)["refused"], f"design: {refused.stdout[:300]}")
+    mjcf = bench.run("export", arm, "--format", "mjcf", "--set", "mechanism.rotor_inertia=[0.1, 0.02]")
+    expect(mjcf.stdout.count('armature="0.02"') == 1, f"export: {mjcf.stdout[:2000]}{mjcf.stderr}")
     for what, sets in (("needs J1 and J2 above 0", ["mechanism.rotor_inertia=[0, 0.1]", "mechanism.leg.J2=0"]),
                        ("'control.model' needs J1 and J2 above 0", ["mechanism.rotor_inertia=[0, 0.1]", "control.model.J1=0"]),
                        ("must be 2 or 4 numbers", ["mechanism.rotor_inertia=[0, 0.1, 0]"])):
