@@ -218,7 +218,8 @@ class Controller {
     Desired<M> d;
     if (!desired(reference_.at(ahead), d.pose, d.rates, d.acceleration)) return false;
     const Vec2<S> rate = M::base(d.rates), acceleration = M::base(d.acceleration);
-    const typename M::Channels a = config_.mechanism.channel_accelerations(d.pose, d.rates, d.acceleration);
+    typename M::Channels a = config_.mechanism.channel_accelerations(d.pose, d.rates, d.acceleration);
+    config_.mechanism.add_rotors(a);
     const typename M::Channels force = config_.mechanism.force(a, d.rates);
     for (int i = 0; i < 2; ++i) {
       if (!within(rate[i], config_.limits.joint_speed)) return false;

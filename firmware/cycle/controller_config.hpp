@@ -52,11 +52,13 @@ struct ControllerConfig {
                    Vec<S, M::joints>&) = nullptr;
   /// > 0, relative to each other: for `fuse`.
   Vec<S, M::joints> encoder_variance = Vec<S, M::joints>::Ones();
-  FusionPart<M> fuse = nullptr;        ///< sensors = all: from four encoders to a state
-  S delay_ticks{};                     ///< >= 0, whole: known delay of the torque, for optional parts
-  S lag_ticks{};                       ///< >= 0: known delay of the measurement, for optional parts
-  S observer_bandwidth{};              ///< 1/s, >= 0
-  ReachingPart<M> reach = nullptr;     ///< in place of `reaching`
+  FusionPart<M> fuse = nullptr;     ///< sensors = all: from four encoders to a state
+  S delay_ticks{};                  ///< >= 0, whole: known delay of the torque, for optional parts
+  S lag_ticks{};                    ///< >= 0: known delay of the measurement, for optional parts
+  S observer_bandwidth{};           ///< 1/s, >= 0
+  ReachingPart<M> reach = nullptr;  ///< in place of `reaching`
+  ReachingPart<M> behind =
+      nullptr;  ///< what part::elbow_rotors, which is then `reach`, adds to; null: the law
   ObserverPart<M> observer = nullptr;  ///< its disturbance is compensated
   PredictorPart<M> predict =
       nullptr;  ///< the law acts on the predicted state and the reference at its instant

@@ -12,8 +12,9 @@ void predictor(const ControllerConfig<M>& config, const PartMemory<M>& memory, T
   const S h = config.sample_time;
   for (int ago = whole_delay(config) - 1; ago >= 0; --ago) {
     const Vec2<S> tau = on_base(m, t.pose, memory.torque(ago)) + memory.disturbance;
-    const typename M::Channels bias =
+    typename M::Channels bias =
         m.channel_accelerations(t.pose, t.rates, m.base_accelerations(t.pose, t.rates, Vec2<S>::Zero()));
+    m.add_rotors(bias);
     const Vec2<S> acceleration =
         Reduced<M>(m, t.pose).solve(tau - m.base_torque(t.pose, m.force(bias, t.rates)));
     const Vec2<S> rate = M::base(t.rates);

@@ -73,6 +73,10 @@ void super_twisting(const ControllerConfig<M>& config, const Tracking<M>& t, Par
 template <class M>
 void implicit_coupled(const ControllerConfig<M>& config, const Tracking<M>& t, PartMemory<M>& memory,
                       typename M::Channels& acceleration, typename M::Channels& sliding);
+/// Sets v' and s of `behind` or of the law itself, with the share of rotors at the elbows in v'.
+template <class M>
+void elbow_rotors(const ControllerConfig<M>& config, const Tracking<M>& t, PartMemory<M>& memory,
+                  typename M::Channels& acceleration, typename M::Channels& sliding);
 /// Updates memory.disturbance (N m) from the generalised momentum of the base joints; once per tick.
 template <class M>
 void momentum_observer(const ControllerConfig<M>& config, const Tracking<M>& t, PartMemory<M>& memory);

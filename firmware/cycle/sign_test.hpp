@@ -58,8 +58,9 @@ class SignTest {
     const typename M::Rates still = M::Rates::Zero();
     for (int i = 0; i < 2; ++i) {
       const Vec2<S> unit(S(i == 0), S(i == 1));
-      const typename M::Rates a = m.base_accelerations(now, still, unit);
-      column[i] = m.base_torque(now, m.force(m.channel_accelerations(now, still, a), still)) - weight;
+      typename M::Channels a = m.channel_accelerations(now, still, m.base_accelerations(now, still, unit));
+      m.add_rotors(a);
+      column[i] = m.base_torque(now, m.force(a, still)) - weight;
     }
     const S determinant = column[0][0] * column[1][1] - column[1][0] * column[0][1];
     pulse_ = limit[motor_] * share_max;

@@ -28,13 +28,15 @@ struct Link {
 /// Constants of one body, SI units, in the frame of the body: origin at its joint, x along its axis.
 template <class S>
 struct Body {
-  S length{};         ///< from its joint, slid or not, to the next one or the tip, along the axis, m
-  S centre{};         ///< mass centre along the axis, m
-  S centre_across{};  ///< mass centre across the axis, m; ignored for Shape::bar
-  S mass{};           ///< kg
-  S inertia{};        ///< about the mass centre, kg m2
-  S viscous{};        ///< of its joint, N m s/rad or N s/m
-  S coulomb{};        ///< of its joint, N m or N
+  S length{};          ///< from its joint, slid or not, to the next one or the tip, along the axis, m
+  S centre{};          ///< mass centre along the axis, m
+  S centre_across{};   ///< mass centre across the axis, m; ignored for Shape::bar
+  S mass{};            ///< kg
+  S inertia{};         ///< about the mass centre, kg m2
+  S viscous{};         ///< of its joint, N m s/rad or N s/m
+  S coulomb{};         ///< of its joint, against positive rates, N m or N
+  S reverse{coulomb};  ///< likewise, against negative rates
+  S rotor{};           ///< mass of the joint's own row of p: a rotor behind its gear, kg m2 or kg
 };
 
 /// See the top of the file.

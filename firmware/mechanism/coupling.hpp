@@ -161,6 +161,11 @@ class Coupling {
                      [&](auto j) ESMC_INLINE { return leg_[j].force(rows_of(v, j), r.leg[j]); });
   }
 
+  /// Adds the rotors' share to the accelerations v of all channels; see Serial::add_rotors.
+  void add_rotors(Channels& v) const {
+    for (int j = 0; j < Legs; ++j) leg_[j].add_rotors(v, row_leg(j));
+  }
+
   /// Diagonal of M (43), kg m2 and kg.
   [[nodiscard]] Channels mass() const {
     return assembled(platform_.weight(), [&](auto j) ESMC_INLINE { return leg_[j].mass(); });

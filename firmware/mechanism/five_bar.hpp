@@ -14,9 +14,11 @@ namespace esmc {
 /// The leg or arm that `p` describes, not checked (see check()); gravity along -y, m/s2.
 template <class S>
 [[nodiscard]] Dyad<S> make_dyad(const LegParams<S>& p, S gravity) {
-  return Dyad<S>({{Body<S>{p.l1, p.lg1, S(0), p.m1, p.J1, p.d1, p.gamma1},
-                   Body<S>{p.l2, p.lg2, S(0), p.m2, p.J2, p.d2, p.gamma2}}},
-                 gravity);
+  return Dyad<S>(
+      {{Body<S>{p.l1, p.lg1, S(0), p.m1, p.J1, p.d1, p.gamma1 + p.asymmetry1, p.gamma1 - p.asymmetry1},
+        Body<S>{p.l2, p.lg2, S(0), p.m2, p.J2, p.d2, p.gamma2 + p.asymmetry2, p.gamma2 - p.asymmetry2,
+                p.rotor2}}},
+      gravity);
 }
 
 /// Inverse kinematics of a dyad [F17] into `p`: tip in m, in the frame of the leg; sign sin theta_2 is

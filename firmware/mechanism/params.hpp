@@ -16,6 +16,9 @@ struct LegParams {
   S J1{}, J2{};          ///< inertias about the mass centre, kg m2, >= 0
   S d1{}, d2{};          ///< viscous friction of the joints (relative rates), N m s/rad, >= 0
   S gamma1{}, gamma2{};  ///< Coulomb friction of the joints, N m, >= 0
+  /// N m: gamma + asymmetry acts against positive rates, gamma - asymmetry against negative ones.
+  S asymmetry1{}, asymmetry2{};
+  S rotor2{};  ///< of the rotor behind the elbow's rigid gear, kg m2 on the joint's rate, >= 0
 };
 
 /// Parameters of the arm.
@@ -41,8 +44,9 @@ enum class [[nodiscard]] ParamError : std::uint8_t{
     mass,         ///< a mass is not >= 0
     inertia,      ///< an inertia is not >= 0
     mass_centre,  ///< lg1 or lg2 is not a number
-    friction,     ///< a friction coefficient is not >= 0
+    friction,     ///< a friction coefficient is not >= 0, or an asymmetry above its Coulomb friction
     gravity,      ///< g is not >= 0
+    rotor,        ///< beside a rotor at the elbow J1 and J2 must be > 0
     no_inertia,   ///< a bar has no inertia about its joint: accelerations are unbounded
 };
 
@@ -64,10 +68,13 @@ constexpr ParamError check(const LegParams<S>& p) {
   using detail::at_least_zero;
   if (!above_zero(p.l1) || !above_zero(p.l2)) return ParamError::link_length;
   if (!at_least_zero(p.m1) || !at_least_zero(p.m2)) return ParamError::mass;
-  if (!at_least_zero(p.J1) || !at_least_zero(p.J2)) return ParamError::inertia;
+  if (!at_least_zero(p.J1) || !at_least_zero(p.J2) || !at_least_zero(p.rotor2)) return ParamError::inertia;
+  if (p.rotor2 > S(0) && !(above_zero(p.J1) && above_zero(p.J2))) return ParamError::rotor;
   if (!at_least_zero(p.lg1 * p.lg1) || !at_least_zero(p.lg2 * p.lg2)) return ParamError::mass_centre;
-  if (!at_least_zero(p.d1) || !at_least_zero(p.d2) || !at_least_zero(p.gamma1) || !at_least_zero(p.gamma2)) {
-    return ParamError::friction;
+  if (!at_least_zero(p.d1) || !at_least_zero(p.d2)) return ParamError::friction;
+  for (const S gamma :
+       {p.gamma1 + p.asymmetry1, p.gamma1 - p.asymmetry1, p.gamma2 + p.asymmetry2, p.gamma2 - p.asymmetry2}) {
+    if (!at_least_zero(gamma)) return ParamError::friction;
   }
   if (!above_zero(p.J2 + p.m2 * p.lg2 * p.lg2)) return ParamError::no_inertia;
   if (!above_zero(p.J1 + p.m1 * p.lg1 * p.lg1 + p.m2 * p.l1 * p.l1)) return ParamError::no_inertia;

@@ -115,6 +115,7 @@ class Rr {
     return channel_accelerations(p, r, r, acceleration);
   }
   [[nodiscard]] Channels force(const Channels& v, const Rates& r) const { return arm_.force(v, r); }
+  void add_rotors(Channels& v) const { arm_.add_rotors(v); }   ///< see Serial
   [[nodiscard]] Channels mass() const { return arm_.mass(); }  ///< diagonal of M, kg m2 and kg
   /// C^T w (1), N m: torques of both joints of forces w on the channels.
   [[nodiscard]] Vec2<S> base_torque(const Pose& p, const Channels& w) const {

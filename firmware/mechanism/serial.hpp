@@ -221,24 +221,38 @@ class Serial {
     });
   }
 
-  /// M v' + f + g of (1), [F2]: forces on the channels, N m and N, that go through C^T. M is zero in the
-  /// joint rows: they hold friction alone, and v' there never reaches the joints (model.md section 9).
+  /// M v' + f + g of (1), [F2]: forces on the channels, N m and N, that go through C^T. The joint rows hold
+  /// friction alone, v' there is not read: rotors act through `add_rotors` (model.md section 9).
   [[nodiscard, gnu::always_inline]] Channels force(const Channels& v, const Joints& qd) const {
     Channels out;
     unroll<joints>([&](auto i) ESMC_INLINE {
       const Body<S>& b = body(i);
       put(out, i,
-          {b.viscous * qd[i] + against(b.coulomb, qd[i]), b.inertia * v[row_angle(i)],
+          {b.viscous * qd[i] + against(b, qd[i]), b.inertia * v[row_angle(i)],
            Vec2<S>(b.mass * v[row_x(i)], b.mass * (v[row_x(i) + 1] + gravity_))});
     });
     return out;
   }
 
-  /// Diagonal of M, kg m2 and kg.
+  /// Adds the rotors' share to the accelerations v of the channels, of which `first` is this chain's first
+  /// row: a rotor r at joint i > 0 adds r k k^T to M, k = (-1, 1) on the rows of bars i - 1 and i, so M^-1 r
+  /// k k^T v to v, and `force` gives all of it. The inertias of both bars must be > 0.
+  template <int N>
+  void add_rotors(Vec<S, N>& v, int first = 0) const {
+    for (int i = 1; i < joints; ++i) {
+      if (!(body(i).rotor > S(0))) continue;
+      S &inner = v[first + row_angle(i - 1)], &outer = v[first + row_angle(i)];
+      const S torque = body(i).rotor * (outer - inner);
+      inner -= torque / body(i - 1).inertia;
+      outer += torque / body(i).inertia;
+    }
+  }
+
+  /// Diagonal of M, kg m2 and kg; rotors are the masses of the joint rows.
   [[nodiscard]] Channels mass() const {
     Channels out;
     unroll<joints>([&](auto i) ESMC_INLINE {
-      put(out, i, {S(0), body(i).inertia, Vec2<S>(body(i).mass, body(i).mass)});
+      put(out, i, {body(i).rotor, body(i).inertia, Vec2<S>(body(i).mass, body(i).mass)});
     });
     return out;
   }
@@ -264,12 +278,13 @@ class Serial {
   template <int N>
   static constexpr std::integral_constant<int, N> constant{};
 
-  /// coulomb * sign(v), sign(0) = 0 (model.md section 12); 0 for a NaN, which the viscous term keeps.
-  static S against(S coulomb, S v) {
+  /// Dry friction of a joint at the rate v, 0 at rest (model.md section 12); 0 for a NaN, which the viscous
+  /// term keeps.
+  static S against(const Body<S>& b, S v) {
     if constexpr (BinaryFloat<S>) {
-      return v > S(0) ? coulomb : v < S(0) ? -coulomb : S(0);
+      return v > S(0) ? b.coulomb : v < S(0) ? -b.reverse : S(0);
     } else {
-      return coulomb * (S(v > S(0)) - S(v < S(0)));
+      return b.coulomb * S(v > S(0)) - b.reverse * S(v < S(0));
     }
   }
 

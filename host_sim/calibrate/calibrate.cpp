@@ -393,7 +393,7 @@ std::string calibrated_scene(const RecordedRun& run, const Calibration& c) {
   if (toml::table* model = scene["control"]["model"].as_table()) {
     for (const char* key : {"half_base", "l1", "l2"}) model->erase(key);
     if (toml::table* own = (*model)["mechanism"].as_table()) {
-      own->erase("rotor_inertia");  // part of J1
+      set_elbow_rotors(*own, of.type, *of.believed);  // those of the base are part of J1
       set_mechanism(*own, of.type, with_lengths(*of.believed, of.type, c.value, {}), false);
     } else {
       model->erase("mechanism");

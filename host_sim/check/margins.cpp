@@ -37,6 +37,8 @@ FiveBarParams<double> true_mechanism(const Scene& scene, double payload) {
     for (std::size_t j = 0; j < 2; ++j) {
       truth.legs[j].gamma1 = f->torque[2 * j];
       truth.legs[j].gamma2 = f->torque[2 * j + 1];
+      truth.legs[j].asymmetry1 = f->asymmetry[2 * j];
+      truth.legs[j].asymmetry2 = f->asymmetry[2 * j + 1];
     }
   }
   truth.m0 += payload;
@@ -139,7 +141,9 @@ class Follower {
   typename M::Channels forces(double t, const typename M::Pose& pose, const typename M::Rates& rates,
                               const typename M::Rates& acceleration) const {
     const M& m = payload_ && t >= payload_->from && t < payload_->to ? loaded_ : controller_.mechanism;
-    typename M::Channels w = m.force(m.channel_accelerations(pose, rates, acceleration), rates);
+    typename M::Channels a = m.channel_accelerations(pose, rates, acceleration);
+    m.add_rotors(a);
+    typename M::Channels w = m.force(a, rates);
     constexpr int first = M::has_type2 ? 2 : 0, legs = M::joints / 2, rows = (M::channels - first) / legs;
     const Vec<double, M::joints> joint = joints_of<M>(acceleration);
     for (std::size_t i = 0; i < rotor_.size(); ++i) {

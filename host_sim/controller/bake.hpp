@@ -68,7 +68,7 @@ inline constexpr int members<FiveBarParams<S>> = 4;
 template <class S>
 inline constexpr int members<Limits<S>> = 10;
 template <class S>
-inline constexpr int members<LegParams<S>> = 12;
+inline constexpr int members<LegParams<S>> = 15;
 
 // Declared before they are needed: arrays of aggregates, aggregates of aggregates.
 template <class T>
@@ -114,9 +114,9 @@ requires(members<T> > 0) std::string text(const T& v) {
   } else if constexpr (members<T> == 10) {
     const auto& [a, b, c, d, e, f, g, h, i, j] = v;
     return braces(a, b, c, d, e, f, g, h, i, j);
-  } else if constexpr (members<T> == 12) {
-    const auto& [a, b, c, d, e, f, g, h, i, j, k, l] = v;
-    return braces(a, b, c, d, e, f, g, h, i, j, k, l);
+  } else if constexpr (members<T> == 15) {
+    const auto& [a, b, c, d, e, f, g, h, i, j, k, l, m, n, o] = v;
+    return braces(a, b, c, d, e, f, g, h, i, j, k, l, m, n, o);
   } else {
     const auto& [a, b, c, d, e, f, g, h, i, j, k, l, m, n] = v;
     return braces(a, b, c, d, e, f, g, h, i, j, k, l, m, n);
@@ -177,17 +177,20 @@ std::string text(const ControllerConfig<M>& v) {
   const auto& [m, mode, law, reaching, gains, reference, limits, torque_limit, torque_weight, sample_time,
                torque_lead, join, ramp, sign_test, halt, lower, after_halt, enabling, stopping, guide_speed,
                guide_acceleration, motors, sensors, preload, allocate, variance, fuse, delay, lag, bandwidth,
-               reach, observer, predict] = v;
+               reach, behind, observer, predict] = v;
+  const auto reaching_part = [](ReachingPart<M> p) {
+    return Code{part_text({{p == &part::super_twisting<M>, "super_twisting"},
+                           {p == &part::implicit_coupled<M>, "implicit_coupled"},
+                           {p == &part::elbow_rotors<M>, "elbow_rotors"}})};
+  };
   std::string lines;
   const auto add = [&](const auto&... member) { ((lines += "          " + text(member) + ",\n"), ...); };
   add(Code{"Mechanism(believed)"}, Code{mode_text(mode)}, law, reaching, gains, reference, limits,
       torque_limit, torque_weight, sample_time, torque_lead, join, ramp, sign_test, halt, lower, after_halt,
       enabling, stopping, guide_speed, guide_acceleration, motors, sensors, preload,
       Code{part_text({{allocate != nullptr, "four_motors"}})}, variance,
-      Code{part_text({{fuse != nullptr, "closure_projection"}})}, delay, lag, bandwidth,
-      Code{part_text({{reach == &part::super_twisting<M>, "super_twisting"},
-                      {reach == &part::implicit_coupled<M>, "implicit_coupled"}})},
-      Code{part_text({{observer != nullptr, "momentum_observer"}})},
+      Code{part_text({{fuse != nullptr, "closure_projection"}})}, delay, lag, bandwidth, reaching_part(reach),
+      reaching_part(behind), Code{part_text({{observer != nullptr, "momentum_observer"}})},
       Code{part_text({{predict != nullptr, "predictor"}})});
   return "{\n" + lines + "      }";
 }

@@ -4,6 +4,7 @@
 #include <array>
 #include <limits>
 #include <numbers>
+#include <utility>
 
 #include "firmware/cycle/four_motors.hpp"
 
@@ -170,6 +171,8 @@ void set_law(const Scene& scene, Pacing pacing, ControllerConfig<M>& c) {
   if (scene.sliding() && scene.reaching == ReachingChoice::super_twisting) c.reach = &part::super_twisting<M>;
   if (scene.sliding() && scene.reaching == ReachingChoice::implicit_coupled)
     c.reach = &part::implicit_coupled<M>;
+  if (scene.law != LawChoice::pd && has_elbow_rotors(scene.believed.value_or(scene.mechanism)))
+    c.behind = std::exchange(c.reach, &part::elbow_rotors<M>);
   c.delay_ticks = static_cast<S>(delay_ticks(scene, pacing));
   c.lag_ticks = static_cast<S>(scene.sensor_lag_ticks);
   c.observer_bandwidth = static_cast<S>(scene.disturbance_observer);
@@ -229,10 +232,12 @@ FiveBarParams<double> believed_mechanism(const Scene& scene) {
   p.l0 *= f.half_base;
   p.m0 *= f.effector_mass;
   p.g *= f.gravity;
-  PerJoint viscous = f.viscous, coulomb = f.coulomb;
+  PerJoint viscous = f.viscous, coulomb = f.coulomb, asymmetry = f.asymmetry;
   if (f.exact_friction) {
     viscous = find_effect<ViscousFriction>(scene.effects).value_or(ViscousFriction{}).coefficient;
-    coulomb = find_effect<CoulombFriction>(scene.effects).value_or(CoulombFriction{}).torque;
+    const CoulombFriction dry = find_effect<CoulombFriction>(scene.effects).value_or(CoulombFriction{});
+    coulomb = dry.torque;
+    asymmetry = dry.asymmetry;
   }
   for (std::size_t j = 0; j < 2; ++j) {
     LegParams<double>& leg = p.legs[j];
@@ -241,6 +246,8 @@ FiveBarParams<double> believed_mechanism(const Scene& scene) {
     leg.d2 = viscous[2 * j + 1];
     leg.gamma1 = coulomb[2 * j];
     leg.gamma2 = coulomb[2 * j + 1];
+    leg.asymmetry1 = asymmetry[2 * j];
+    leg.asymmetry2 = asymmetry[2 * j + 1];
   }
   return p;
 }

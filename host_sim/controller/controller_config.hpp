@@ -45,8 +45,8 @@ FiveBarParams<double> believed_mechanism(const Scene& scene);
 /// The parameters, each rounded to the scalar type S.
 template <class S>
 LegParams<S> cast(const LegParams<double>& p) {
-  return {S(p.l1), S(p.l2), S(p.lg1), S(p.lg2), S(p.m1),     S(p.m2),
-          S(p.J1), S(p.J2), S(p.d1),  S(p.d2),  S(p.gamma1), S(p.gamma2)};
+  return {S(p.l1), S(p.l2), S(p.lg1),    S(p.lg2),    S(p.m1),         S(p.m2),         S(p.J1),    S(p.J2),
+          S(p.d1), S(p.d2), S(p.gamma1), S(p.gamma2), S(p.asymmetry1), S(p.asymmetry2), S(p.rotor2)};
 }
 template <class S>
 FiveBarParams<S> cast(const FiveBarParams<double>& p) {

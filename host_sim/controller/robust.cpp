@@ -156,8 +156,8 @@ void append(std::vector<double>& to, const Eigen::MatrixBase<Vector>& v) {
 }
 void append(std::vector<double>& to, const Interval& i) { to.insert(to.end(), {i.lower, i.upper}); }
 void append(std::vector<double>& to, const LegParams<double>& leg) {
-  const auto& [l1, l2, lg1, lg2, m1, m2, J1, J2, d1, d2, g1, g2] = leg;
-  to.insert(to.end(), {l1, l2, lg1, lg2, m1, m2, J1, J2, d1, d2, g1, g2});
+  const auto& [l1, l2, lg1, lg2, m1, m2, J1, J2, d1, d2, g1, g2, a1, a2, rotor] = leg;
+  to.insert(to.end(), {l1, l2, lg1, lg2, m1, m2, J1, J2, d1, d2, g1, g2, a1, a2, rotor});
 }
 template <class... T>
 void put(std::vector<double>& to, const T&... value) {

@@ -50,8 +50,13 @@ class Designer : private Search<M> {
   using typename Base::Found;
   using typename Base::Worsts;
 
-  /// A row without believed mass has no switching term.
+  /// A row without believed mass has no switching term; those of joints have neither gain nor condition.
   bool payable() {
+    for (int i = 0; i < M::channels; ++i) {
+      if (M::has_mass(i) || u_.mass()[i] == 0.0) continue;
+      d_.refused = "the rotor of an elbow (mechanism.rotor_inertia) is no part of the conditions of a design";
+      return false;
+    }
     if (smc_) {
       if (d_.mismatch < 1.0) return true;
       d_.refused = fmt::format(

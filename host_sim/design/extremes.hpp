@@ -296,8 +296,9 @@ class Uncertain {
     for (const double g : {dry_[j].lower, dry_[j].upper}) stick.hold((dry - g) * sign);
     const int row = first + 8 * (joint / 2) + joint % 2;
     if (std::abs(rate) <= swing * std::hypot(s.column[0][row], s.column[1][row])) {
-      stick.hold(dry_[j].upper);
-      stick.hold(-dry_[j].upper);
+      const double most = dry_[j].upper + std::abs(outer ? leg.asymmetry2 : leg.asymmetry1);
+      stick.hold(most);
+      stick.hold(-most);
     }
     out.add(stick.low, stick.high);
     return out;

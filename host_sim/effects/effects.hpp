@@ -25,6 +25,8 @@ struct CoulombFriction {
   static constexpr const char* type = "coulomb_friction";
   PerJoint torque{};         ///< N m
   double regularised = 0.0;  ///< rad/s; 0: set-valued
+  PerJoint
+      asymmetry{};  ///< N m: torque + asymmetry against positive rates, torque - asymmetry against negative
 };
 /// Spring and damper between rotor and joint; the rotor has its own angle and rate.
 struct JointFlexibility {

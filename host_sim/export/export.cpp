@@ -19,7 +19,7 @@ namespace {
 struct RigidBar {
   std::string name, joint;
   double length, mass, centre, inertia;        ///< m, kg, m along the bar, kg m2 about the centre
-  double damping, dry_friction;                ///< of the joint: N m s/rad, N m
+  double damping, dry_friction, rotor;         ///< of the joint: N m s/rad, N m, kg m2
   std::optional<std::array<double, 2>> stops;  ///< rad
   std::optional<double> torque_limit;          ///< N m; of the joints with a motor
   double angle, rate;                          ///< at the start: rad, rad/s
@@ -59,6 +59,7 @@ std::vector<Chain> chains_of(const Scene& scene) {
                  .inertia = k == 0 ? p.J1 : p.J2,
                  .damping = viscous ? viscous->coefficient[i] : 0.0,
                  .dry_friction = dry ? dry->torque[i] : 0.0,
+                 .rotor = k == 0 ? 0.0 : p.rotor2,
                  .stops = {},
                  .torque_limit = {},
                  .angle = scene.start_angle[i],
@@ -111,6 +112,8 @@ std::string preamble(const Scene& scene, const std::vector<std::string>& express
       "equal to it.\n";
   std::vector<std::string> seen = expressed;
   std::string left;
+  if (const auto dry = find_effect<CoulombFriction>(scene.effects); dry && dry->asymmetry != PerJoint{})
+    left = "the difference of dry friction between the directions";
   for (const Effect& e : scene.effects) {
     const std::string name = type_name(e);
     if (std::find(seen.begin(), seen.end(), name) != seen.end()) continue;
@@ -137,6 +140,7 @@ std::string joint(const Scene& scene, const RigidBar& b) {
   if (b.damping > 0.0) out += fmt::format(" damping=\"{}\"", b.damping);
   if (b.dry_friction > 0.0)
     out += fmt::format(" frictionloss=\"{}\" {}", b.dry_friction, hard(scene, "friction"));
+  if (b.rotor > 0.0) out += fmt::format(" armature=\"{}\"", b.rotor);
   if (b.stops)
     out += fmt::format(" limited=\"true\" range=\"{} {}\" {}", (*b.stops)[0], (*b.stops)[1],
                        hard(scene, "limit"));
@@ -281,6 +285,8 @@ std::string urdf(const Scene& scene) {
         "     effector_cut (end of leg 2) are the same point of the mechanism: a program that can close "
         "loops has to hold\n"
         "     their origins together; the bars turn freely about it. Without that this is two arms.\n";
+  if (has_elbow_rotors(scene.mechanism))
+    out += "     The rotors behind the elbows' gears are not part of a URDF.\n";
   out += "     Gravity is not part of a URDF; the scene has " + fmt::format("{}", scene.mechanism.g) +
          " m/s2.\n";
   out += fmt::format(

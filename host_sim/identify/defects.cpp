@@ -30,7 +30,10 @@ std::vector<Defect> candidates(const IdentifyProblem& p) {
     for (int k = 1; k <= periods_max; ++k)
       out.push_back({DefectKind::cogging, joint, static_cast<double>(k)});
   }
-  for (const int joint : {0, p.five_bar ? 2 : 1}) out.push_back({DefectKind::eccentric, joint});
+  for (const int joint : {0, p.five_bar ? 2 : 1}) {
+    out.push_back({DefectKind::eccentric, joint});
+    out.push_back({DefectKind::spring, joint});
+  }
   return out;
 }
 
@@ -42,6 +45,14 @@ Matrix columns_of(const Defect& d, const Equations& e, const IdentifyProblem& p,
     return e.windowed([&](const Tick& t, double share, double) -> Eigen::Vector2d {
       return share * at_angle(t.angle[j]) * t.joint.row(j).transpose();
     });
+  };
+  // By a change of the angles: little times `by` of a tick and its angle, of about 1.
+  const auto turned = [&](const auto& by) -> Vector {
+    constexpr double little = 1e-4;
+    IdentifyProblem other = p;
+    std::vector<double>& angle = other.angle[d.joint == 0 ? 0 : 1];
+    for (std::size_t n = 0; n < angle.size(); ++n) angle[n] += little * by(n, angle[n]);
+    return (unexplained(Equations(other), at) - unexplained(e, at)) / little;
   };
   switch (d.kind) {
     case DefectKind::direction:
@@ -59,16 +70,16 @@ Matrix columns_of(const Defect& d, const Equations& e, const IdentifyProblem& p,
       return out;
     }
     case DefectKind::eccentric: {
-      constexpr double little = 1e-4;  // rad
-      const Vector as_is = unexplained(e, at);
       Matrix out(e.W.rows(), 2);
-      for (int phase = 0; phase < 2; ++phase) {
-        IdentifyProblem turned = p;
-        for (double& a : turned.angle[d.joint == 0 ? 0 : 1])
-          a += little * (phase == 0 ? std::sin(a) : std::cos(a));
-        out.col(phase) = (as_is - unexplained(Equations(turned), at)) / -little;
-      }
+      out << turned([](std::size_t, double a) { return std::sin(a); }),
+          turned([](std::size_t, double a) { return std::cos(a); });
       return out;
+    }
+    case DefectKind::spring: {  // between the encoder and the joint, turned by the torque that acts
+      const auto ago = static_cast<std::size_t>(std::max(0L, std::lround(at.delay_ticks)));
+      return turned([&](std::size_t n, double) {
+        return n < ago ? 0.0 : -p.torque[n - ago][static_cast<std::size_t>(d.joint)];
+      });
     }
   }
   return {};

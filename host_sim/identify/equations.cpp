@@ -182,11 +182,22 @@ Equations::Equations(const IdentifyProblem& p) : p_(p), length_(std::round(p.win
       rows += share_[i] * t.force + slope_[i] * t.momentum;
     }
   }
+  known_ = windowed([&](const Tick& t, double mean_of, double momentum_of) -> Eigen::Vector2d {
+    Eigen::Vector2d out = Eigen::Vector2d::Zero();
+    for (int j = 0; j < joints_of(p.five_bar); ++j) {
+      const auto u = static_cast<std::size_t>(j);
+      out += p.asymmetry[u] * mean_of * t.joint.row(j).transpose() +
+             p.rotor[u] * t.relative[j] *
+                 (momentum_of * t.joint.row(j) - mean_of * t.joint_dot.row(j)).transpose();
+    }
+    return out;
+  });
 }
 
 Vector Equations::torque(double delay, int joint) const {
   const Window window{length_};
   Vector out = Vector::Zero(W.rows());
+  if (joint < 0) out -= known_;
   const double whole = window.integral(length_);
   const auto length = static_cast<std::ptrdiff_t>(length_);
   const auto reach = static_cast<std::ptrdiff_t>(std::ceil(std::abs(delay))) + 2;

@@ -34,8 +34,8 @@ class Equations {
   /// Throws InputError where base angles fit no closed mechanism.
   explicit Equations(const IdentifyProblem& p);
 
-  /// The right-hand side: torques act `delay` ticks after they were asked for, each until the next. `joint`:
-  /// that of this joint alone; -1: all of them.
+  /// The right-hand side: torques act `delay` ticks after they were asked for, each until the next, less what
+  /// is believed and no parameter. `joint`: the torque of this joint alone; -1: all of them.
   [[nodiscard]] Vector torque(double delay, int joint = -1) const;
 
   /// The mean under each window of what `of` adds to it at a tick.
@@ -56,6 +56,7 @@ class Equations {
   const IdentifyProblem& p_;
   double length_;                      ///< of a window, ticks
   std::vector<double> share_, slope_;  ///< of a tick in the mean, and per s: of its momentum
+  Vector known_;                       ///< torque of what is believed and no parameter
   std::vector<Tick> ticks_;
   std::vector<std::size_t> first_;
 };

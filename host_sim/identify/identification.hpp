@@ -20,8 +20,11 @@ struct IdentifyProblem {
   double window = 0.1;               ///< s, of one equation
   /// rad/s: the angles may be late as after an observer of that bandwidth, or not; 0: are not
   double observer_bandwidth = 1000.0;
-  std::array<std::vector<double>, 2> angle;   ///< rad, of the base joints (RR: both), per tick
-  std::vector<int> motors;                    ///< joints that have one
+  std::array<std::vector<double>, 2> angle;  ///< rad, of the base joints (RR: both), per tick
+  std::vector<int> motors;                   ///< joints that have one
+  /// Of each joint, as believed, and not part of what is found: N m, half of what friction is larger one way;
+  /// kg m2, of a rotor behind its gear.
+  std::array<double, 4> asymmetry{}, rotor{};
   std::vector<std::array<double, 4>> torque;  ///< N m asked of each joint at that tick; 0 without a motor
   Vector
       nominal;  ///< of the standard parameters, see standard_parameters(); frictions 0 where nothing is known
@@ -44,15 +47,20 @@ struct BaseParameter {
   double nominal = 0.0, value = 0.0, sigma = 0.0;
 };
 
-enum class DefectKind { direction, rotor, torque_constant, cogging, eccentric };
-inline constexpr std::array defect_codes{"direction_dependent_friction", "rotor_inertia", "torque_constant",
-                                         "cogging", "eccentric_encoder"};
+enum class DefectKind { direction, rotor, torque_constant, cogging, eccentric, spring };
+inline constexpr std::array defect_codes{"direction_dependent_friction",
+                                         "rotor_inertia",
+                                         "torque_constant",
+                                         "cogging",
+                                         "eccentric_encoder",
+                                         "gear_spring"};
 /// Something that moves the mechanism and is no parameter: found, and taken into account as more unknowns.
 struct Defect {
   DefectKind kind{};
   int joint = 0;
-  double periods = 1.0;              ///< cogging: per turn of the joint
-  double amount = 0.0, sigma = 0.0;  ///< N m (direction: half of the difference), kg m2, 1, N m, rad
+  double periods = 1.0;  ///< cogging: per turn of the joint
+  double amount = 0.0,
+         sigma = 0.0;  ///< N m (direction: half of the difference), kg m2, 1, N m, rad, rad/(N m)
   double statistic = 0.0,
          shift = 0.0;  ///< over what is needed; standard uncertainties of a parameter, without it
 };

@@ -41,6 +41,11 @@ IdentifyProblem read_problem(const RecordedRun& run, const IdentifyOptions& o) {
   p.window = o.window;
   p.observer_bandwidth = o.observer_bandwidth;
   p.nominal = standard_values(believed, p.five_bar);
+  for (std::size_t leg = 0; leg < (p.five_bar ? 2U : 1U); ++leg) {
+    p.asymmetry[2 * leg] = believed.legs[leg].asymmetry1;
+    p.asymmetry[2 * leg + 1] = believed.legs[leg].asymmetry2;
+    p.rotor[2 * leg + 1] = believed.legs[leg].rotor2;
+  }
 
   const auto joints = joint_names(scene.type);
   const std::size_t second = joints.size() / 2;
@@ -90,6 +95,8 @@ std::string text_of(const Defect& d, const RecordedRun& run, double coverage) {
     case DefectKind::cogging:
       return fmt::format("cogging of {}: {:.3g} +- {:.2g} N m, about {:g} times per turn", joint, d.amount,
                          half, d.periods);
+    case DefectKind::spring:
+      return fmt::format("the gear of {} gives way: {:.3g} +- {:.2g} rad per N m", joint, d.amount, half);
     case DefectKind::eccentric:
       return fmt::format("the encoder of {} is off its centre: {:.3g} +- {:.2g} rad once per turn", joint,
                          d.amount, half);
@@ -207,7 +214,7 @@ std::string text_of(const Identification& r, const RecordedRun& run, const Ident
   add("unexplained: {:.2g} and {:.2g} N m rms of {:.2g} and {:.2g}\n", r.residual[0], r.residual[1],
       r.effort[0], r.effort[1]);
   for (const Defect& d : r.defects)
-    add("warning: {}: {}; more unknowns of the intervals, not in the table\n",
+    add("warning: {}: {}; an unknown of the intervals, not in the table\n",
         defect_codes[static_cast<std::size_t>(d.kind)], text_of(d, run, o.coverage));
   for (const std::string& w : table.warnings) add("warning: {}\n", w);
   add("\n{}", table.toml);
@@ -222,13 +229,16 @@ std::string identified_scene(const Identification& r, const RecordedRun& run, co
   toml::table mechanism{{"type", name(run.scene.type)}};
   set_mechanism(mechanism, run.scene.type, found, true);
   mechanism.insert("working_mode", *scene["mechanism"]["working_mode"].as_array());
-  std::vector<double> viscous, coulomb;
+  std::vector<double> viscous, coulomb, asymmetry;
   for (std::size_t leg = 0; leg < (p.five_bar ? 2U : 1U); ++leg) {
     const LegParams<double>& l = found.legs[leg];
     viscous.insert(viscous.end(), {l.d1, l.d2});
     coulomb.insert(coulomb.end(), {l.gamma1, l.gamma2});
+    asymmetry.insert(asymmetry.end(), {l.asymmetry1, l.asymmetry2});
   }
   toml::table friction{{"viscous", number_array(viscous)}, {"coulomb", number_array(coulomb)}};
+  if (std::ranges::any_of(asymmetry, [](double x) { return x != 0.0; }))
+    friction.insert("asymmetry", number_array(asymmetry));
   friction.is_inline(true);
   sub_table(scene, "control")
       .insert_or_assign("model", toml::table{{"mechanism", mechanism}, {"friction", friction}});

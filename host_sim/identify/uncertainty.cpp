@@ -338,6 +338,15 @@ FiveBarParams<double> identified_mechanism(const Identification& r, const Identi
     const bool dry = b.of.name.starts_with("coulomb");
     believed.legs[leg].*friction[joint + (dry ? 2U : 0U)] = std::max(0.0, b.value);
   }
+  for (const Defect& d : r.defects) {
+    LegParams<double>& leg = believed.legs[static_cast<std::size_t>(d.joint / 2)];
+    if (d.kind == DefectKind::rotor) leg.rotor2 = std::max(0.0, leg.rotor2 + d.amount);
+    if (d.kind == DefectKind::direction) (d.joint % 2 == 0 ? leg.asymmetry1 : leg.asymmetry2) += d.amount;
+  }
+  for (LegParams<double>& leg : believed.legs) {  // friction only brakes
+    leg.asymmetry1 = std::clamp(leg.asymmetry1, -leg.gamma1, leg.gamma1);
+    leg.asymmetry2 = std::clamp(leg.asymmetry2, -leg.gamma2, leg.gamma2);
+  }
   return believed;
 }
 

@@ -1,5 +1,7 @@
 #include "host_sim/plant/system.hpp"
 
+#include <cmath>
+
 #include "firmware/numeric/elementary.hpp"
 
 namespace esmc::host {
@@ -16,12 +18,20 @@ struct Maker {
     });
   }
   void operator()(const CoulombFriction& e) const {
-    if (!(e.regularised > 0.0)) return;
-    out.joint.emplace_back(
-        [most = e.torque, per_rate = 1.0 / e.regularised](Values, Values rate, Torque torque) {
-          for (std::size_t i = 0; i < rate.size(); ++i)
-            torque[i] -= most[i] * hyperbolic_tangent(rate[i] * per_rate);
-        });
+    if (e.regularised > 0.0) {
+      out.joint.emplace_back([e, per_rate = 1.0 / e.regularised](Values, Values rate, Torque torque) {
+        for (std::size_t i = 0; i < rate.size(); ++i) {
+          const double sign = hyperbolic_tangent(rate[i] * per_rate);
+          torque[i] -= e.torque[i] * sign;
+          torque[i] -= e.asymmetry[i] * std::abs(sign);
+        }
+      });
+    } else if (e.asymmetry != PerJoint{}) {  // a constant torque beside what is set-valued, also at rest:
+                                             // [-torque, torque] less it
+      out.joint.emplace_back([more = e.asymmetry](Values, Values rate, Torque torque) {
+        for (std::size_t i = 0; i < rate.size(); ++i) torque[i] -= more[i];
+      });
+    }
   }
   /// Unloading along restitution^2 of the stiffness (Walton and Braun 1986): the rebound speed is restitution
   /// times the impact speed for every mass.

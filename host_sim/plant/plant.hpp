@@ -45,9 +45,10 @@ class LegDynamics {
         l2_(p.l2),
         base_x_(base_x),
         side_(side),
-        i1_(p.J1 + p.m1 * p.lg1 * p.lg1 + (p.m2 + tip_mass) * p.l1 * p.l1),
-        i2_(p.J2 + p.m2 * p.lg2 * p.lg2 + tip_mass * p.l2 * p.l2),
+        i1_(p.J1 + p.m1 * p.lg1 * p.lg1 + (p.m2 + tip_mass) * p.l1 * p.l1 + p.rotor2),
+        i2_(p.J2 + p.m2 * p.lg2 * p.lg2 + tip_mass * p.l2 * p.l2 + p.rotor2),
         coupling_((p.m2 * p.lg2 + tip_mass * p.l2) * p.l1),
+        rotor_(p.rotor2),
         weight1_(gravity * (p.m1 * p.lg1 + (p.m2 + tip_mass) * p.l1)),
         weight2_(gravity * (p.m2 * p.lg2 + tip_mass * p.l2)),
         l11_(l1_ * l1_),
@@ -63,9 +64,9 @@ class LegDynamics {
   };
   [[nodiscard]] Pose pose(const SinCos<T>& bar1, const SinCos<T>& bar2) const {
     const T c1 = bar1.cos, s1 = bar1.sin, c2 = bar2.cos, s2 = bar2.sin;
-    const T m12 = coupling_ * (c1 * c2 + s1 * s2);
-    const T inverse = 1.0 / (i12_ - m12 * m12);
-    return {{c1, s1}, {c2, s2}, s1 * c2 - c1 * s2, i2_ * inverse, -m12 * inverse, i1_ * inverse};
+    const T against = rotor_ - coupling_ * (c1 * c2 + s1 * s2);  // -M12
+    const T inverse = 1.0 / (i12_ - against * against);
+    return {{c1, s1}, {c2, s2}, s1 * c2 - c1 * s2, i2_ * inverse, against * inverse, i1_ * inverse};
   }
 
   struct Pair {
@@ -124,13 +125,13 @@ class LegDynamics {
   }
   /// Kinetic and potential energy, J, the latter above the base; w1, w2: bar rates, rad/s.
   [[nodiscard]] T kinetic(Vector e1, Vector e2, T w1, T w2) const {
-    return 0.5 * (i1_ * w1 * w1 + i2_ * w2 * w2) + coupling_ * dot(e1, e2) * w1 * w2;
+    return 0.5 * (i1_ * w1 * w1 + i2_ * w2 * w2) + (coupling_ * dot(e1, e2) - rotor_) * w1 * w2;
   }
   [[nodiscard]] T potential(Vector e1, Vector e2) const { return weight1_ * e1.y + weight2_ * e2.y; }  ///< J
 
  private:
   T l1_{}, l2_{}, base_x_{}, side_{};
-  T i1_{}, i2_{}, coupling_{}, weight1_{}, weight2_{};
+  T i1_{}, i2_{}, coupling_{}, rotor_{}, weight1_{}, weight2_{};
   T l11_{}, l12_{}, l22_{}, i12_{};  // products of the above
 };
 

@@ -47,7 +47,8 @@ template <class Both, class S>
 [[nodiscard]] LegParams<Both> side_by_side(const LegParams<S>& a, const LegParams<S>& b) {
   return {Both{a.l1, b.l1}, Both{a.l2, b.l2}, Both{a.lg1, b.lg1},       Both{a.lg2, b.lg2},
           Both{a.m1, b.m1}, Both{a.m2, b.m2}, Both{a.J1, b.J1},         Both{a.J2, b.J2},
-          Both{a.d1, b.d1}, Both{a.d2, b.d2}, Both{a.gamma1, b.gamma1}, Both{a.gamma2, b.gamma2}};
+          Both{a.d1, b.d1}, Both{a.d2, b.d2}, Both{a.gamma1, b.gamma1}, Both{a.gamma2, b.gamma2},
+          Both{},           Both{},           Both{a.rotor2, b.rotor2}};
 }
 
 }  // namespace esmc::host

@@ -25,8 +25,19 @@ toml::table& sub_table(toml::table& of, const std::string& name) {
   return *of[name].as_table();
 }
 
+void set_elbow_rotors(toml::table& mechanism, MechanismType type, const FiveBarParams<double>& p) {
+  mechanism.erase("rotor_inertia");
+  if (!has_elbow_rotors(p)) return;
+  toml::array rotors{0.0, p.legs[0].rotor2};
+  if (type == MechanismType::five_bar) rotors.insert(rotors.end(), {0.0, p.legs[1].rotor2});
+  mechanism.insert("rotor_inertia", rotors);
+}
+
 void set_mechanism(toml::table& mechanism, MechanismType type, const FiveBarParams<double>& p, bool masses) {
-  if (masses) mechanism.insert_or_assign("gravity", p.g);
+  if (masses) {
+    mechanism.insert_or_assign("gravity", p.g);
+    set_elbow_rotors(mechanism, type, p);
+  }
   if (type == MechanismType::rr) {
     mechanism.insert_or_assign("leg", leg_table(p.legs[0]));
     return;

@@ -15,8 +15,10 @@ toml::table leg_table(const LegParams<double>& leg);
 toml::array number_array(const std::vector<double>& values);
 /// The sub-table `name`, created if it is not there.
 toml::table& sub_table(toml::table& of, const std::string& name);
-/// Sets half_base (five-bar) and the legs, and with `masses` the effector's mass and gravity, of a
-/// [mechanism].
+/// Sets rotor_inertia of a [mechanism], whose J1 have the base rotors in them, to the elbows' alone.
+void set_elbow_rotors(toml::table& mechanism, MechanismType type, const FiveBarParams<double>& p);
+/// Sets half_base (five-bar) and the legs, and with `masses` the effector's mass, gravity and the elbows'
+/// rotors, of a [mechanism].
 void set_mechanism(toml::table& mechanism, MechanismType type, const FiveBarParams<double>& p, bool masses);
 
 /// The text of `scene`, read from `file`, for another folder: files that it names get absolute paths. Throws

@@ -1,6 +1,9 @@
 #pragma once
 /// How the key table names the field of a Scene that a key fills: into<&LimitsScene::closure>.
 
+#include <fmt/format.h>
+
+#include <cmath>
 #include <tuple>
 
 #include "host_sim/scene/reader.hpp"
@@ -52,6 +55,14 @@ void take(Section& s, const std::string& key, T& to) {
 template <class T>
 void take(Section& s, const std::string& key, std::optional<T>& to) {
   if (s.given(key)) to = value_of<T>(s, key);
+}
+
+/// Fails where dry friction would push in one direction: |asymmetry| above `torque`, the value of `key`.
+inline void require_friction(const Section& s, const PerJoint& torque, const PerJoint& asymmetry,
+                             const char* key) {
+  for (std::size_t i = 0; i < torque.size(); ++i)
+    if (std::abs(asymmetry[i]) > torque[i])
+      s.fail("asymmetry", fmt::format("must be at most {}, joint by joint", key));
 }
 
 // ---- readers for the key table ----

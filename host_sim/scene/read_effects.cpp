@@ -24,6 +24,7 @@ void complete(Section& s, const Scene& scene, T& e) {
 }
 void complete(Section& s, const Scene&, CoulombFriction& e) {
   e.regularised = s.optional_number("regularised").value_or(0.0);
+  require_friction(s, e.torque, e.asymmetry, "torque");
 }
 void complete(Section& s, const Scene& scene, EndStops& e) {
   const std::size_t stride = scene.start_angle.size() / 2;

@@ -41,14 +41,16 @@ void read_mechanism(Section s, Scene& scene) {
   }
   if (!one && two.size() != 2) s.fail("legs", "must be given exactly twice, leg 1 (right) first");
   for (std::size_t j = 0; j < 2; ++j) scene.mechanism.legs[j] = read_leg(one ? *one : two[j]);
-  scene.rotor_inertia = s.pair("rotor_inertia");
-  if (!five_bar && scene.rotor_inertia[1] > 0.0) {
-    s.fail("rotor_inertia",
-           "must be 0 for the elbow: a rotor there acts on the joint's rate, where the model has no mass "
-           "(esmc identify finds it)");
+  const auto rotor =
+      s.alike("rotor_inertia", five_bar ? std::vector<std::size_t>{2, 4} : std::vector<std::size_t>{2});
+  for (std::size_t j = 0; j < (five_bar ? 2U : 1U); ++j) {
+    LegParams<double>& leg = scene.mechanism.legs[j];
+    const bool elbows = rotor.size() == (five_bar ? 4 : 2);
+    scene.rotor_inertia[j] = rotor[elbows ? 2 * j : j];
+    leg.J1 += scene.rotor_inertia[j];  // turns with bar 1
+    if (elbows) leg.rotor2 = rotor[2 * j + 1];
+    if (check(leg) == ParamError::rotor) s.fail("rotor_inertia", "of an elbow needs J1 and J2 above 0");
   }
-  for (std::size_t j = 0; j < 2; ++j)
-    scene.mechanism.legs[j].J1 += scene.rotor_inertia[j];  // turns with bar 1
   const auto modes = s.texts("working_mode", five_bar ? 2 : 1);
   for (std::size_t j = 0; j < modes.size(); ++j) scene.working_mode[j] = mode_sign(modes[j]);
   s.finish();
@@ -85,6 +87,7 @@ void read_model(Section s, Scene& scene) {
   if (s.is_table("friction")) {
     Section friction = s.required_section("friction");
     friction.read_fields(scene);
+    require_friction(friction, f.coulomb, f.asymmetry, "coulomb");
     friction.finish();
   } else {
     f.exact_friction = s.text("friction") == "exact";
@@ -96,6 +99,8 @@ void read_model(Section s, Scene& scene) {
       s.fail("",
              "'control.model' believes in a bar without mass and inertia, which no torque could be computed "
              "for: m1, m2, J1, J2 must leave some");
+    if (check(leg) == ParamError::rotor)
+      s.fail("", "'control.model' needs J1 and J2 above 0 beside the rotor of an elbow");
   }
 }
 

@@ -31,7 +31,8 @@ struct ModelFactors {
   double half_base = 1, effector_mass = 1, gravity = 1;
   double l1 = 1, l2 = 1, lg1 = 1, lg2 = 1, m1 = 1, m2 = 1, J1 = 1, J2 = 1;
   bool exact_friction = false;
-  PerJoint viscous{}, coulomb{};  ///< believed friction, N m s/rad, N m; unused with exact_friction
+  PerJoint viscous{}, coulomb{},
+      asymmetry{};  ///< believed friction, N m s/rad, N m; unused with exact_friction
 };
 
 /// Keys of a leg, their values, and their factors in [control.model].
@@ -144,6 +145,11 @@ struct LimitsScene {
   double halt_time = 0, lower_time = 0;  // s
   AfterHalt after_halt = AfterHalt::release;
 };
+
+/// Whether a mechanism has a rotor behind the gear of an elbow.
+[[nodiscard]] inline bool has_elbow_rotors(const FiveBarParams<double>& p) {
+  return p.legs[0].rotor2 > 0.0 || p.legs[1].rotor2 > 0.0;
+}
 
 struct Scene {
   std::string file;

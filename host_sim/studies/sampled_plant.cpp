@@ -67,8 +67,13 @@ Scene sampled_plant(const Scene& scene, std::uint64_t seed, std::uint64_t index,
   const FiveBarParams<double> belief = believed_mechanism(scene);
   Draw draw(seed, index);
   Scene out = scene;
-  out.model = {};  // `believed` includes the factors and friction
+  out.model = {};  // `believed` includes the factors
   out.believed = belief;
+  for (std::size_t j = 0; j < 4; ++j) {
+    out.model.viscous[j] = believed_friction(belief, false)[j].lower;
+    out.model.coulomb[j] = believed_friction(belief, true)[j].lower;
+    out.model.asymmetry[j] = j % 2 == 0 ? belief.legs[j / 2].asymmetry1 : belief.legs[j / 2].asymmetry2;
+  }
   FiveBarParams<double>& truth = out.mechanism;
   truth = belief;
   const auto about = [](double half) { return Interval{1.0 - half, 1.0 + half}; };
@@ -109,7 +114,7 @@ Scene sampled_plant(const Scene& scene, std::uint64_t seed, std::uint64_t index,
   const PerJoint viscous = friction(u.viscous, false), dry = friction(u.coulomb, true);
   const auto any = [](const PerJoint& v) { return std::ranges::any_of(v, [](double x) { return x > 0.0; }); };
   if (any(viscous)) out.effects.emplace_back(ViscousFriction{viscous});
-  if (any(dry)) out.effects.emplace_back(CoulombFriction{dry, 0.0});
+  if (any(dry)) out.effects.emplace_back(CoulombFriction{dry, 0.0, out.model.asymmetry});
   delay(out);
   set_start(out, scene.control_where, scene.reference_where);
   return out;

@@ -32,7 +32,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "support"))
 import sample  # noqa: E402
 
 LAWS = ("esmc", "esmc_projected", "smc", "ctc", "pd")  # in the order of count.cpp
-OPTIONS = ("super_twisting", "implicit_coupled", "momentum_observer", "predictor", "closure_projection", "four_motors")
+OPTIONS = ("super_twisting", "implicit_coupled", "elbow_rotors", "momentum_observer", "predictor", "closure_projection", "four_motors")
 LARGEST = ("super_twisting", "momentum_observer", "predictor", "closure_projection")  # that fit together
 ICOUNT = "shift=6,sleep=off"  # an instruction is 64 ns; the emulator does not wait for anybody
 

@@ -217,6 +217,12 @@ struct Option {
 };
 constexpr auto super_twisting = [](Node::Config& c) { c.controller.reach = &part::super_twisting<M>; };
 constexpr auto implicit_coupled = [](Node::Config& c) { c.controller.reach = &part::implicit_coupled<M>; };
+constexpr auto elbow_rotors = [](Node::Config& c) {
+  auto with_rotors = baked::believed;
+  for (auto& leg : with_rotors.legs) leg.rotor2 = S(5e-5F);
+  c.controller.mechanism = M(with_rotors);
+  c.controller.reach = &part::elbow_rotors<M>;
+};
 constexpr auto momentum_observer = [](Node::Config& c) {
   c.controller.observer = &part::momentum_observer<M>;
   c.controller.observer_bandwidth = S(50);
@@ -238,6 +244,7 @@ constexpr auto four_motors = [](Node::Config& c) {
 };
 constexpr Option options[] = {{"super_twisting", super_twisting},
                               {"implicit_coupled", implicit_coupled},
+                              {"elbow_rotors", elbow_rotors},
                               {"momentum_observer", momentum_observer},
                               {"predictor", predictor},
                               {"closure_projection", closure_projection},

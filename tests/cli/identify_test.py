@@ -315,47 +315,6 @@ def belief(bench):
         expect(run.returncode == 2 and what in run.stderr and run.stderr.count("\n") == 1, f"{value}: {run.returncode} {run.stderr}")
 
 
-def rotors(bench):
-    """A rotor behind the gear of a base joint: the plant's acceleration from rest by the mass matrix written down here, what the
-    controller knows of it, and what identify and calibrate make of it."""
-    arm, rotor, torque, step = bench.scenes / "rr_line.toml", 0.05, 0.3, 1e-3
-    leg = {"l1": 0.30, "l2": 0.25, "lg1": 0.15, "lg2": 0.11, "m1": 1.2, "m2": 0.8, "J1": 1.0e-2, "J2": 4.5e-3}
-    s, angle = standard(leg), 1.2
-    couple = s["h"] * leg["l1"] * math.cos(angle)
-    a, b, c = s["a"] + rotor + s["c"] + 2 * couple, s["c"] + couple, s["c"]
-    want = [torque * c / (a * c - b * b) * step, -torque * b / (a * c - b * b) * step]
-    sets = [f"mechanism.rotor_inertia=[{rotor}, 0]", "mechanism.gravity=0.0", "effects=[]", "control.law=open_loop", f"initial={{joints=[0.4, {angle}]}}",
-            f"control.torque=[{{offset={torque}}}, {{offset=0.0}}]", f"simulation.duration={step}", "simulation.step=1e-4"]
-    run = bench.run("sim", arm, "--json", *[x for y in sets for x in ("--set", y)])
-    rates = json.loads(run.stdout)["final_state"]["qd"] if run.returncode == 0 else [0, 0]
-    expect(all(abs(r - w) < 1e-3 * abs(w) for r, w in zip(rates, want, strict=True)), f"rates after {step} s: {rates}, {want} by hand: {run.stderr}")
-    bad = bench.run("sim", arm, "--set", "mechanism.rotor_inertia=[0, 0.1]")
-    expect(bad.returncode == 2 and "must be 0 for the elbow" in bad.stderr, f"rotor of an elbow: {bad.stderr}")
-
-    base, rub = bench.scenes / "five_bar_identification.toml", effects([0.01, 0.002] * 2, [0.02, 0.004] * 2)
-    turning = ["--set", "mechanism.rotor_inertia=[2e-3, 1e-3]"]
-    track = lambda *more: json.loads(bench.run("sim", base, "--json", "--set", "effects=[]", "--set", "control.delay_ticks=0", *turning, *more).stdout)["tracking"]["settled_rms_m"]
-    told = [x for k in ("J1=1.0", "J1=0.3") for x in [track("--set", f"control.model={{{k}}}")]]
-    expect(told[0] < 0.5 * told[1], f"a controller that knows the rotor: {told[0]} m, one that does not: {told[1]} m")
-    out, _ = bench.record("turning", "sim", base, "--set", rub, *turning)
-    found = bench.good(out)
-    truth = true_values_of(ONE, ONE) | {"m0": 0.0}
-    truth["a1"] += 2e-3
-    truth["a2"] += 1e-3
-    for p in (p for p in found["parameters"] if p["inertial"]):
-        value = sum(share * truth[k] for k, share in p["share"].items())
-        expect(p["lower"] <= value <= p["upper"] and abs(p["nominal"] - value) < 1e-7, f"{p['name']}: {p['lower']} to {p['upper']}, true {value}")
-    sweep = bench.folder / "rotor_sweep.toml"
-    sweep.write_text(f'scene = "{base}"\nset = ["mechanism.rotor_inertia=[2e-3, 1e-3]", "simulation.duration=0.3"]\n'
-                     '[sample]\nmethod = "grid"\n[[vary]]\nkey = "mechanism.leg.J1"\nvalues = [1e-4, 4e-4]\n', encoding="utf-8")
-    run = bench.run("sweep", sweep, "--out", bench.folder / "rotor_sweep")
-    with open(bench.folder / "rotor_sweep" / "cases.csv", encoding="utf-8", newline="") as file:
-        swept = [r["settled_rms_m"] for r in csv.DictReader(file)] if run.returncode == 0 else []
-    alone = [json.loads(bench.run("sim", base, "--json", *turning, "--set", "simulation.duration=0.3", "--set", f"mechanism.leg.J1={j}").stdout)["tracking"]["settled_rms_m"]
-             for j in (1e-4, 4e-4)]
-    expect([float(x) for x in swept] == alone, f"a sweep of J1 beside a rotor: {swept}, one by one {alone}: {run.stderr}")
-
-
 def misfits(bench):
     """Logs of random mechanisms without a defect name none; a log of each defect, made of a good one, names it."""
     draw = random.Random(21)
@@ -420,7 +379,6 @@ def main():
         designed(bench)
         written(bench)
         belief(bench)
-        rotors(bench)
         misfits(bench)
         hostile(bench)
     for what in failures:

@@ -77,7 +77,8 @@ TYPED_TEST(NoHeap, InEveryLawReachingAndArrangement) {
 TYPED_TEST(NoHeap, WithEveryOptionalPart) {
   using S = typename TypeParam::Scalar;
   for (const ReachingPart<TypeParam> reach :
-       {&part::super_twisting<TypeParam>, &part::implicit_coupled<TypeParam>}) {
+       {&part::super_twisting<TypeParam>, &part::implicit_coupled<TypeParam>,
+        &part::elbow_rotors<TypeParam>}) {
     auto s = setup<TypeParam>();
     s.controller.reach = reach;
     s.controller.observer = &part::momentum_observer<TypeParam>;
