@@ -89,7 +89,7 @@ Named named(const Scene& s) {
   c.effector_mass = c.five_bar ? s.mechanism.m0 : 0.0;
   c.gravity = s.mechanism.g;
   c.start = {s.start_angle[0], s.start_angle[c.five_bar ? 2 : 1]};
-  c.found = 1e-9;
+  c.rough = true;
   for (const host::Effect& e : s.effects) std::visit(n, e);
   return n;
 }
@@ -204,10 +204,9 @@ class Loop {
       before.assign(torque.begin(), torque.begin() + static_cast<long>(joint_.size()));
       out.saturated += cut ? 1 : 0;
       ++out.ticks;
-      if (n > join) {
-        out.change += moved / static_cast<double>(joint_.size());
-        ++counted;
-      }
+      if (n == join) out.change = counted = 0;  // a run that does not live to see its end is judged by the join
+      out.change += moved / static_cast<double>(joint_.size());
+      ++counted;
       if (!move(n * s_.tick(), torque)) {
         out.diverged = true;
         break;
