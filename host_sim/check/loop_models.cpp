@@ -175,6 +175,15 @@ StateSpace linear_controller(const Scene& with_friction, const Moment& at) {
   Sample<M> sample;
   for (int i = 0; i < M::joints; ++i) sample.angle[i] = at.angle[static_cast<std::size_t>(i)];
   Controller<M> controller(c);
+  const auto memory_of = [&](Controller<M>& of) {
+    std::vector<double*> out;
+    if (c.reach == nullptr && c.observer == nullptr && c.predict == nullptr) return out;
+    of.memory().each_state([&](auto& v) {
+      for (int i = 0; i < v.size(); ++i) out.push_back(&v[i]);
+    });
+    return out;
+  };
+  for (double* v : memory_of(controller)) *v = 0.0;  // also of parts that this scene has not
   Supervisor supervisor(controller.supervision());
   supervisor.begin_tick(Command::enable, {});
   constexpr int filled = 12;  // ticks after which every memory is
@@ -186,14 +195,6 @@ StateSpace linear_controller(const Scene& with_friction, const Moment& at) {
     throw RunError(fmt::format("at t = {:.3f} s the controller ends in the fault {}", at.tick * scene.tick(),
                                name(supervisor.fault())));
 
-  const auto memory_of = [&](Controller<M>& of) {
-    std::vector<double*> out;
-    if (c.reach == nullptr && c.observer == nullptr && c.predict == nullptr) return out;
-    of.memory().each_state([&](auto& v) {
-      for (int i = 0; i < v.size(); ++i) out.push_back(&v[i]);
-    });
-    return out;
-  };
   const std::vector<double*> memory = memory_of(controller);
   const auto n = static_cast<Eigen::Index>(memory.size());
   const std::vector<std::size_t> sensed = sensed_joints<M>(scene), motors = scene.motor_joints();

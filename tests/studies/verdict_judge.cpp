@@ -204,7 +204,8 @@ class Loop {
       before.assign(torque.begin(), torque.begin() + static_cast<long>(joint_.size()));
       out.saturated += cut ? 1 : 0;
       ++out.ticks;
-      if (n == join) out.change = counted = 0;  // a run that does not live to see its end is judged by the join
+      if (n == join)
+        out.change = counted = 0;  // a run that does not live to see its end is judged by the join
       out.change += moved / static_cast<double>(joint_.size());
       ++counted;
       if (!move(n * s_.tick(), torque)) {
