@@ -35,6 +35,8 @@ void find_margins(const StateSpace& plant, const StateSpace& feedback, double ti
   constexpr double gain_most = 1e3, delay_most = 64.0;
   const StateSpace loop = reduced(series(sampled(plant, tick, delay), feedback));
   const MatrixXd gained = loop.B * loop.C;
+  if (loop.A.size() == 0 || !loop.A.allFinite() || !gained.allFinite())
+    throw RunError(fmt::format("at t = {:.3f} s the loop has no finite slope", to.t));
   const auto stable_at = [&](double gain) {
     return std::abs(leading(MatrixXd(loop.A + gain * gained))) < ringing;
   };
@@ -135,13 +137,15 @@ void judge_stability(const Scene& scene, Findings& f) {
     const double delay = loop_delay(scene);
     for_each_pose(scene, 6, [&](const Moment&, const StateSpace& plant, const StateSpace& feedback) {
       const StateSpace loop = reduced(series(sampled(plant, scene.tick(), delay), feedback));
-      roots.push_back(leading(MatrixXd(loop.A + loop.B * loop.C)));
+      const MatrixXd closed = loop.A + loop.B * loop.C;
+      if (closed.size() > 0 && closed.allFinite()) roots.push_back(leading(closed));
     });
   } catch (const Interrupted&) {
     throw;
   } catch (const std::runtime_error&) {  // no loop at rest to judge: the parts that are simulated tell
     return;
   }
+  if (roots.empty()) return;
   const auto middle = roots.begin() + static_cast<std::ptrdiff_t>(roots.size() / 2);
   std::ranges::nth_element(roots, middle, {}, [](const auto& z) { return std::abs(z); });
   const double growth = std::log(std::abs(*middle));
@@ -150,6 +154,7 @@ void judge_stability(const Scene& scene, Findings& f) {
           "the sampled loop is unstable at rest: at {:.3g} Hz a motion grows by {:.2g} % per tick{}",
           std::abs(std::arg(*middle)) / (2.0 * std::numbers::pi * scene.tick()), 100.0 * std::expm1(growth),
           find_effect<CoulombFriction>(scene.effects) ? ", once it is larger than dry friction holds" : "");
+  if (scene.sliding()) return;  // beyond its layer a law asks for no more than its gain
   f.error(Code::torque_exceeded, "control.torque_limit",
           "nothing but torque_limit stops an unstable loop from growing: the motors saturate");
 }
