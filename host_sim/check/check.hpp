@@ -9,6 +9,8 @@
 
 namespace esmc::host {
 
+struct Margins;
+
 /// `esmc check`: findings about a scene without running it to its end. Exit status 1: unfit.
 int run_check(const RunOptions& o);
 /// Why not to run the scene: the first finding of `esmc check` that is an error. `on_bus`, why a board must
@@ -19,8 +21,14 @@ std::string refusal_of(const Scene& scene, bool on_bus = true);
 /// along the reference. Throws InputError where no law closes the loop, or the reference leaves the reach.
 int run_margins(const RunOptions& o);
 
+/// Adds findings on limits and torques at the start and along the reference (margins.hpp), on gains and
+/// steps.
+void judge_motion(const Scene& scene, const Margins& start, const Margins& m, Findings& f);
 /// Adds hints at lengths, angles and steps that would make sense in another unit.
 void judge_units(const Scene& scene, Findings& f);
+/// Adds findings on a linear law, or one with a layer, whose sampled loop is unstable at poses along the
+/// reference. None where the controller does not run there.
+void judge_stability(const Scene& scene, Findings& f);
 /// Adds findings on the disturbance observer and, for sliding laws, on gains, lambda, the delay that the law
 /// is told, and the layer (by judge_layer): docs/theory.md, "Boundary layers and the implicit law". Throws
 /// InputError like robust_gains() where a law with a layer takes gain = "robust".

@@ -84,6 +84,10 @@ class Findings {
   [[nodiscard]] bool has(Code code) const { return std::ranges::count(list_, code, &Finding::code) > 0; }
   /// Number of findings of a level.
   [[nodiscard]] auto count(Level level) const { return std::ranges::count(list_, level, &Finding::level); }
+  [[nodiscard]] bool refused_for(Code code) const {
+    return std::ranges::any_of(list_,
+                               [&](const Finding& f) { return f.level == Level::error && f.code == code; });
+  }
   [[nodiscard]] bool refused() const { return count(Level::error) > 0; }
 
  private:

@@ -6,6 +6,8 @@
 #include <algorithm>
 #include <cmath>
 #include <complex>
+#include <cstdint>
+#include <functional>
 #include <numbers>
 #include <optional>
 #include <vector>
@@ -14,6 +16,8 @@ namespace esmc::host {
 
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
+struct Moment;
+struct Scene;
 
 /// x' = A x + B u, y = C x + D u; x' is the next state, or with continuous time its slope.
 struct StateSpace {
@@ -141,5 +145,14 @@ template <class F>
   }
   return at;
 }
+
+/// Calls f(moment, plant, feedback) for at most `poses` poses at rest along the reference after its join: the
+/// plant in continuous time, and from its outputs to the torques of the motors, tick by tick. Throws
+/// InputError where the reference leaves the reach, RunError where the controller does not run there.
+void for_each_pose(const Scene& scene, std::uint32_t poses,
+                   const std::function<void(const Moment&, const StateSpace&, const StateSpace&)>& f);
+/// Delay of the torque, s, with the delay of the readings: once around the loop they are the same. Throws
+/// InputError beyond 50 ticks.
+[[nodiscard]] double loop_delay(const Scene& scene);
 
 }  // namespace esmc::host

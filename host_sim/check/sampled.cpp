@@ -120,11 +120,10 @@ void judge_layer(const Scene& s, double stiffness, Findings& f) {
       "law\")";
   d.certain += d.bus;
   if (const double most = design::steepest(d.certain); kappa_t > most) {
-    const bool rings = kappa_t > 2.0 * most;
-    f.add(rings ? Level::error : Level::warning, rings ? Code::loop_rings : Code::gain_margin,
-          "control.layer",
-          "{}, at most {:.2g}, half of what makes the loop ring by itself with a delay of {:.2g} ticks: {}",
-          is, most, d.certain, cure);
+    f.warning(
+        Code::gain_margin, "control.layer",
+        "{}, at most {:.2g}, half of what makes the loop ring by itself with a delay of {:.2g} ticks: {}", is,
+        most, d.certain, cure);
   } else if (const double allowed = std::min(0.3, design::steepest(d.certain + d.lag)); kappa_t > allowed) {
     f.warning(Code::loop_margin, "control.layer", "{}, better below {:.2g}: {}", is, allowed, cure);
   }

@@ -67,6 +67,7 @@ class Verdicts(unittest.TestCase):
         self.judged(['effects=[{type="coulomb_friction", torque=[3.0, 0.1]}]'], "error", "torque_exceeded", where="control.torque_limit")
         self.judged(['effects=[{type="torque_saturation", limit=0.2}]'], "error", "torque_exceeded", where="effects")
         self.judged(['effects=[{type="thermal_limit", continuous=0.15, time_constant=1.0}]'], "error", "torque_exceeded", where="effects")
+        self.judged(["reference.join=0.3", "simulation.duration=1.5", 'effects=[{type="thermal_limit", continuous=0.15, time_constant=1.0}]'], "error", "torque_exceeded")
         self.judged(['effects=[{type="payload", mass=0.5}]'], "warning", "torque_margin")
         self.judged(['effects=[{type="external_force", force=[-30.0, 0.0], from=0.0, to=2.0}]'], "error", "torque_exceeded")
         self.judged(["control.torque_limit=0.06"], "error", "torque_exceeded")
@@ -97,6 +98,13 @@ class Verdicts(unittest.TestCase):
                        [heavy % (2.2, 2.2, 2.2, 2.2)], [heavy % (1.6, 1.6, 1.6, 1.6), "control.delay_ticks=2", 'effects=[{type="delay", ticks=2}]'],
                        ["control.law=ctc", "control.lambda=600", 'effects=[{type="encoder", bits=16}]']):
             self.judged([join, "simulation.duration=1.5", *values], "error", "loop_rings")
+
+    def test_a_loop_that_grows_slowly_is_unfit(self):
+        """200 ticks are too few to see it."""
+        slow = ("reference.join=0.3", "reference.speed=3", "control.law=pd", "control.kp=50", "control.torque_limit=5",
+                'effects=[{type="torque_lag", time_constant=0.0012}]')
+        self.judged([*slow, "control.kd=0.05"], "error", "loop_rings", "torque_exceeded")
+        self.assertEqual([f["code"] for f in self.check(self.circle, *slow, "control.kd=0.3")["findings"] if f["level"] == "error"], [])
 
     def test_margins_at_the_edges(self):
         short = esmc("margins", self.circle, "--json", *sets("reference.join=3", "simulation.duration=1"))  # no pose after the join
@@ -134,6 +142,10 @@ class Verdicts(unittest.TestCase):
                 self.assertAlmostEqual(pose["frequency_hz"] / (rate / 2), 1.0, delta=1e-3)
         late = [self.margins("control.law=ctc", "control.lambda=40", f'effects=[{{type="compute_delay", time={t}}}]')["worst"]["delay_margin_s"] for t in (1e-4, 3.7e-3)]
         self.assertAlmostEqual(late[0] - late[1], 3.6e-3, delta=2e-5)  # a delay takes from the margin what it is
+
+    def test_believed_dry_friction_leaves_the_margins(self):
+        dry = self.margins("control.law=ctc", 'effects=[{type="coulomb_friction", torque=[0.1, 0.02]}]', "control.model.friction=exact")
+        self.assertEqual(dry["worst"], self.margins("control.law=ctc")["worst"])
 
     def test_margins_are_an_estimate_where_the_loop_is_not_linear(self):
         for effect in ('{type="coulomb_friction", torque=[0.1, 0.1]}', '{type="encoder", bits=14}'):

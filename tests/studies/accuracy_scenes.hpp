@@ -27,9 +27,10 @@ inline Case draw(std::uint64_t seed) {
   c.five_bar = d.chance(0.5);
   c.closed = d.chance(0.5);
   const double scale = c.five_bar ? 1.0 : 10.0;  // of torques
-  c.leg = c.five_bar ? Leg{0.12, 0.16, 0.06, 0.068, 0.1, 0.1, 2e-4, 7e-4}
-                     : Leg{0.30, 0.25, 0.15, 0.11, 1.2, 0.8, 1.0e-2, 4.5e-3};
-  for (double* v : {&c.leg.m1, &c.leg.m2, &c.leg.J1, &c.leg.J2}) *v *= d.in(0.8, 1.2);
+  Leg leg = c.five_bar ? Leg{0.12, 0.16, 0.06, 0.068, 0.1, 0.1, 2e-4, 7e-4}
+                       : Leg{0.30, 0.25, 0.15, 0.11, 1.2, 0.8, 1.0e-2, 4.5e-3};
+  for (double* v : {&leg.m1, &leg.m2, &leg.J1, &leg.J2}) *v *= d.in(0.8, 1.2);
+  c.leg = {leg, leg};
   c.gravity = d.chance(0.7) ? 9.8 : 0.0;
   c.duration = std::round(d.in(300, 1000)) * 1e-3;
   c.start =
@@ -45,7 +46,7 @@ inline Case draw(std::uint64_t seed) {
   c.rubs = d.chance(0.7);
   for (double& f : c.friction) f = scale * d.in(0.002, 0.05);
   if (!c.five_bar) c.friction[2] = c.friction[3] = 0;
-  if (d.chance(0.4)) c.viscous = scale * d.in(0.0005, 0.005);
+  if (d.chance(0.4)) c.viscous.fill(scale * d.in(0.0005, 0.005));
   c.stops = d.chance(0.5);
   c.soft = c.stops && d.chance(0.5);
   c.restitution = d.chance(0.3) ? 0.0 : d.in(0.1, 0.7);
@@ -61,7 +62,7 @@ inline Case draw(std::uint64_t seed) {
   c.gear_damping = std::sqrt(c.gear_stiffness * c.rotor) * d.in(0.05, 0.5);
   c.gap = d.in(0.002, 0.02);
   c.load = d.chance(0.3);
-  c.load_mass = c.leg.m2 * d.in(0.1, 1.0);
+  c.load_mass = leg.m2 * d.in(0.1, 1.0);
   c.load_from = d.chance(0.3) ? 0.0 : c.duration * d.in(0.1, 0.5);
   c.load_to = c.duration * d.in(0.6, 1.2);
   return c;
@@ -81,7 +82,7 @@ std::string list(const Values& v, std::size_t n) {
 }
 
 inline std::string scene(const Case& c) {
-  const Leg& l = c.leg;
+  const Leg& l = c.leg[0];
   std::string s = "[mechanism]\ntype = \"" + std::string(c.five_bar ? "five_bar" : "rr") + "\"\n";
   if (c.five_bar) s += "half_base = " + number(c.base) + "\nassembly_mode = \"-\"\n";
   s += "gravity = " + number(c.gravity) +
@@ -112,9 +113,8 @@ inline std::string scene(const Case& c) {
        "\n[simulation]\nduration = " + number(c.duration) + "\naccuracy = 1e-6\n";
   if (c.rubs)
     s += "[[effects]]\ntype = \"coulomb_friction\"\ntorque = " + list(c.friction, c.five_bar ? 4 : 2) + "\n";
-  if (c.viscous > 0)
-    s += "[[effects]]\ntype = \"viscous_friction\"\ncoefficient = " +
-         list(std::array{c.viscous, c.viscous}, 2) + "\n";
+  if (c.viscous[0] > 0)
+    s += "[[effects]]\ntype = \"viscous_friction\"\ncoefficient = " + list(c.viscous, 2) + "\n";
   if (c.stops) {
     s += "[[effects]]\ntype = \"end_stops\"\nlower = " + list(c.lower, 2) + "\nupper = " + list(c.upper, 2) +
          "\nrestitution = " + number(c.restitution) + "\n";

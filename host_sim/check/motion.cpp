@@ -1,0 +1,193 @@
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <algorithm>
+#include <cmath>
+#include <string_view>
+
+#include "host_sim/check/check.hpp"
+#include "host_sim/check/margins.hpp"
+
+namespace esmc::host {
+namespace {
+
+/// False with every joint driven and measured: type 2 is then no singularity of the loop.
+bool guarded_type2(const Scene& s) {
+  return s.type == MechanismType::five_bar && !(s.all_motors && s.all_sensors);
+}
+
+/// Without a controller there are no ticks, in which some effects act.
+void judge_open_loop(const Scene& s, Findings& f) {
+  std::string idle;
+  for (const Effect& e : s.effects) {
+    const std::string type = type_name(e);
+    constexpr std::string_view ticked[] = {ThermalLimit::type, Jitter::type,      ComputeDelay::type,
+                                           Encoder::type,      SensorNoise::type, SensorBias::type,
+                                           SensorDelay::type};
+    if (std::ranges::find(ticked, type) != std::end(ticked)) idle += (idle.empty() ? "" : ", ") + type;
+  }
+  if (idle.empty()) return;
+  f.warning(Code::effect_idle, "effects",
+            "without a controller there are no ticks and no readings: {} {} no effect", idle,
+            idle.find(',') == std::string::npos ? "has" : "have");
+}
+
+constexpr const char* torque_key = "control.torque_limit";
+constexpr double much = 0.7;  ///< share of a limit that leaves little to correct errors with
+
+/// Torque that is short for a part of the time is a warning: the mechanism may come back to its reference.
+Level shortage(const Margins& m, double most = 0.45) {
+  return m.short_ticks > most * m.ticks ? Level::error : Level::warning;
+}
+
+void judge_each(const Scene& s, const Margins& m, Findings& f) {
+  for (std::size_t i = 0; i < m.torque.size(); ++i) {
+    const double share = m.torque[i] / s.torque_limit[i];
+    const std::string text =
+        fmt::format("motor {}: the reference alone takes {:.3g} N m of torque_limit = {} N m", i + 1,
+                    m.torque[i], s.torque_limit[i]);
+    if (!(share <= 1.0)) {
+      f.add(shortage(m), Code::torque_exceeded, torque_key, "{}", text);
+    } else if (share > much) {
+      f.warning(Code::torque_margin, torque_key, "{}; little is left to correct errors with", text);
+    }
+  }
+}
+
+/// Four motors share the load: only their sum can be too small.
+void judge_together(const Scene& s, const Margins& m, Findings& f) {
+  if (!(m.share <= 1.0)) {
+    std::vector<std::size_t> held;
+    for (std::size_t i = 0; i < m.share_torque.size(); ++i) {
+      if (!(std::abs(m.share_torque[i]) < s.torque_limit[i] * (1.0 - 1e-9))) held.push_back(i + 1);
+    }
+    std::string names = fmt::format("{}", fmt::join(held, ", "));
+    if (const std::size_t last = names.rfind(", "); last != std::string::npos)
+      names.replace(last, 2, " and ");
+    f.add(shortage(m), Code::torque_exceeded, torque_key,
+          "motor{} {}: at their torque_limit the four motors together give {:.3g} % of what the reference "
+          "alone takes (t = {:.3f} s)",
+          held.size() == 1 ? "" : "s", names, 100.0 / m.share, m.share_t);
+  } else if (m.share > much) {
+    f.warning(
+        Code::torque_margin, torque_key,
+        "the reference alone takes {:.3g} % of what the four motors together give within torque_limit (t = "
+        "{:.3f} s); little is left to correct errors with",
+        100.0 * m.share, m.share_t);
+  }
+}
+
+/// What the drives cut, and jumps that no motor follows. What leaves its reference, because its drives are
+/// warm, heats them more.
+void judge_drives(const Scene& s, const Margins& m, Findings& f) {
+  const bool warm = find_effect<ThermalLimit>(s.effects).has_value();
+  for (std::size_t i = 0; i < m.drive_short.size(); ++i) {
+    if (m.drive_short[i] == 0.0) continue;
+    f.add(shortage(m, warm ? 0.1 : 0.45), Code::torque_exceeded, "effects",
+          "motor {}: the reference alone takes {:.3g} N m, and its drive gives less ({}); the motors are "
+          "short in {:.2g} % of "
+          "the ticks",
+          i + 1, m.drive_short[i], warm ? "thermal_limit" : "torque_saturation",
+          100.0 * m.short_ticks / m.ticks);
+  }
+  const char* unit = s.reference.type == ReferenceType::joint_sine ? "rad" : "m";
+  if (m.position_jump > 0.0)
+    f.error(Code::reference_jumps, "reference", "the reference jumps by {:.3g} {} in one tick",
+            m.position_jump, unit);
+  if (m.speed_jump > 0.05 * m.speed_max) {
+    f.warning(Code::reference_jumps, "reference",
+              "at t = {:.3f} s the speed of the reference jumps by {:.3g} {}/s: a blow for the motors, and "
+              "no law follows "
+              "it{}",
+              m.jump_t, m.speed_jump, unit,
+              s.reference.type == ReferenceType::file ? "; let the table end at rest" : "");
+  }
+}
+
+/// Splines through the corners of a table leave the box of its points.
+void judge_table(const Scene& s, const Margins& m, Findings& f) {
+  if (s.reference.type != ReferenceType::file) return;
+  Extent x, y;
+  for (const PathPoint& p : s.reference.table) {
+    x.widen(p.x);
+    y.widen(p.y);
+  }
+  const double beyond = std::max({x.low - m.x.low, m.x.high - x.high, y.low - m.y.low, m.y.high - y.high});
+  if (beyond > 0.02 * std::max(x.high - x.low, y.high - y.low)) {
+    f.warning(Code::reference_overshoots, "reference.path",
+              "between its points the spline goes {:.3g} mm beyond all of them: more points at the corners",
+              1e3 * beyond);
+  }
+}
+
+/// Limits of the controller, at the start or along the reference.
+void judge_limits(const Scene& s, const Margins& m, bool start, Findings& f) {
+  const auto least = [&](double v) {
+    return fmt::format(fmt::runtime(start ? "= {:.3g} at the start" : "falls to {:.3g} along the reference"),
+                       v);
+  };
+  if (!(m.sin_type1 >= s.limits.min_abs_sin_type1)) {
+    f.error(Code::limit_crossed, "limits.min_abs_sin_type1",
+            "|sin theta_j2| {}, below limits.min_abs_sin_type1 = {}", least(m.sin_type1),
+            s.limits.min_abs_sin_type1);
+  }
+  if (guarded_type2(s) && !(m.sin_type2 >= s.limits.min_abs_sin_type2))
+    f.error(Code::limit_crossed, "limits.min_abs_sin_type2", "|D2| {}, below limits.min_abs_sin_type2 = {}",
+            least(m.sin_type2), s.limits.min_abs_sin_type2);
+  if (const auto& w = s.limits.workspace; w && (m.x.beyond((*w)[0]) || m.y.beyond((*w)[1]))) {
+    f.error(Code::limit_crossed, "limits.workspace", "{} beyond limits.workspace",
+            start ? fmt::format("the start ({:.3g}, {:.3g}) m is", m.x.low, m.y.low)
+                  : fmt::format("the reference spans x = [{:.3g}, {:.3g}], y = [{:.3g}, {:.3g}] m,", m.x.low,
+                                m.x.high, m.y.low, m.y.high));
+  }
+  for (std::size_t i = 0; i < 2; ++i) {
+    const Extent& angle = m.angle[i];
+    if (s.limits.joint_angle && angle.beyond((*s.limits.joint_angle)[i])) {
+      f.error(Code::limit_crossed, "limits.joint_angle", "base joint {} {}, beyond limits.joint_angle", i + 1,
+              start ? fmt::format("starts at {:.3g} rad", angle.low)
+                    : fmt::format("spans [{:.3g}, {:.3g}] rad along the reference", angle.low, angle.high));
+    }
+    if (!(m.joint_speed[i] <= s.limits.joint_speed)) {
+      f.error(Code::limit_crossed, "limits.joint_speed",
+              "base joint {} {} at {:.3g} rad/s{}, limits.joint_speed = {}", i + 1,
+              start ? "starts" : "turns", m.joint_speed[i], start ? "" : " along the reference",
+              s.limits.joint_speed);
+    }
+  }
+}
+
+void judge_preload(const Scene& s, const Margins& m, Findings& f) {
+  for (std::size_t i = 0; i < m.preload.size(); ++i) {
+    if (!(m.preload[i] < std::abs(s.preload[i]) * (1.0 - 1e-9))) continue;
+    f.warning(
+        Code::preload_lost, "control.preload",
+        "motor {}: of control.preload = {:g} N m {:.3g} N m are left at t = {:.3f} s{}: other signs, less of "
+        "it, or a higher torque_limit",
+        i + 1, s.preload[i], std::copysign(1.0, s.preload[i]) * m.preload[i], m.preload_t[i],
+        m.preload[i] > 0.0 ? "" : ", its sign is lost and the gear changes sides");
+  }
+}
+
+}  // namespace
+
+void judge_motion(const Scene& s, const Margins& start, const Margins& m, Findings& f) {
+  judge_step(s, f);
+  if (s.closed_loop())
+    judge_limits(s, start, true, f);
+  else
+    judge_open_loop(s, f);
+  if (!m.unreachable.empty()) f.error(Code::unreachable, "reference", "{}", m.unreachable);
+  if (!m.unreachable.empty() || !s.closed_loop()) return;
+  judge_limits(s, m, false, f);
+  judge_preload(s, m, f);
+  if (m.together)
+    judge_together(s, m, f);
+  else
+    judge_each(s, m, f);
+  judge_drives(s, m, f);
+  judge_table(s, m, f);
+  judge_gains(s, f);
+  judge_stability(s, f);
+}
+
+}  // namespace esmc::host
