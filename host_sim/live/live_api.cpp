@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "host_sim/error.hpp"
+#include "host_sim/json_text.hpp"
 #include "host_sim/live/session.hpp"
 #include "host_sim/report/run_page.hpp"
 #include "host_sim/version.hpp"
@@ -104,7 +105,7 @@ class Page final : public Client {
   }
   void on_message(std::string_view message) override {
     try {
-      const Json j = Json::parse(message.begin(), message.end(), nullptr, false);
+      const Json j = parse_json(message, false);
       if (!j.is_object()) throw Malformed();
       apply(j);
     } catch (const Malformed&) {

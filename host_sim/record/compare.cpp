@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "host_sim/error.hpp"
+#include "host_sim/json_text.hpp"
 #include "host_sim/record/output.hpp"
 #include "host_sim/record/recording.hpp"
 #include "host_sim/record/verdict.hpp"
@@ -49,7 +50,7 @@ Json read_summary(const std::string& directory) {
   const std::string file = directory + "/summary.json";
   require_regular_file(file);
   std::ifstream in(file, std::ios::binary);
-  Json j = Json::parse(in, nullptr, false);
+  Json j = parse_json(std::string(std::istreambuf_iterator<char>(in), {}), false);
   if (!j.is_object() || !j.contains("torque") || !j.contains("ticks"))
     throw InputError("", file + ": not the summary of a run");
   return j;

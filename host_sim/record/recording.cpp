@@ -10,6 +10,7 @@
 #include <type_traits>
 
 #include "host_sim/error.hpp"
+#include "host_sim/json_text.hpp"
 #include "host_sim/record/digest.hpp"
 #include "host_sim/version.hpp"
 
@@ -105,7 +106,7 @@ Recording read_summary(const std::string& directory, bool any_version) {
   Recording r;
   r.directory = directory;
   try {
-    r.summary = Json::parse(contents_of(r.file("summary.json")));
+    r.summary = parse_json(contents_of(r.file("summary.json")), true);
   } catch (const nlohmann::json::exception& e) {
     throw InputError(r.file("summary.json"), std::string("no JSON document: ") + e.what());
   }

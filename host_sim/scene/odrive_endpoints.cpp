@@ -9,12 +9,13 @@
 #include <nlohmann/json.hpp>
 
 #include "host_sim/error.hpp"
+#include "host_sim/json_text.hpp"
 
 namespace esmc::host {
 namespace {
 
 using drive::odrive::ValueType;
-using Json = nlohmann::json;
+using Json = nlohmann::ordered_json;
 
 constexpr std::uintmax_t bytes_max = 16U << 20U;  // the vendor's have some hundred kilobytes
 
@@ -47,7 +48,7 @@ OdriveEndpoints read_odrive_endpoints(const std::string& where, const std::strin
   std::ifstream file(path, std::ios::binary);
   if (!file) fail("names a file that cannot be read: " + path);
   text.assign(std::istreambuf_iterator<char>(file), {});
-  const Json j = Json::parse(text, nullptr, false);
+  const Json j = parse_json(text, false);
   if (!j.is_object() || !j.contains("endpoints") || !j["endpoints"].is_object()) {
     fail(
         "names a file that is not the vendor's flat_endpoints.json (an object with fw_version and "

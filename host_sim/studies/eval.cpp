@@ -11,6 +11,7 @@
 #include "firmware/mechanism/matrices.hpp"
 #include "firmware/mechanism/params.hpp"
 #include "host_sim/error.hpp"
+#include "host_sim/json_text.hpp"
 #include "host_sim/record/output.hpp"
 
 namespace esmc::host {
@@ -460,7 +461,7 @@ Json evaluate_case(const Node& n) {
 std::string evaluate(const std::string& text, const std::string& file, bool single_precision) {
   Json input;
   try {
-    input = Json::parse(text);
+    input = parse_json(text, true);
   } catch (const Json::parse_error& e) {
     throw InputError(file + ":" + std::to_string(line_of(text, e.byte)), "not valid JSON");
   } catch (const Json::exception& e) {  // valid, but not for a double
