@@ -1,5 +1,5 @@
 #pragma once
-/// The methods of fixed step: semi-implicit Euler and the classical Runge-Kutta method.
+/// The methods of fixed step: semi-implicit Euler, midpoint and the classical Runge-Kutta method.
 
 #include "host_sim/integrate/system.hpp"
 
@@ -32,38 +32,35 @@ class SemiImplicitEuler {
   State slope_{};
 };
 
-/// Heun's method of order 3, HNW table II.1.1: each stage is made of the one before.
+/// The midpoint rule, HNW (II.1.4), of order 2.
 template <System S>
-class Heun3 {
+class Midpoint {
  public:
   using State = typename S::State;
-  static constexpr int order = 3;
+  static constexpr int order = 2;
 
-  explicit Heun3(const S& system) : system_(&system) {}
-  explicit Heun3(S&&) = delete;
+  explicit Midpoint(const S& system) : system_(&system) {}  ///< `system` must outlive this
+  explicit Midpoint(S&&) = delete;
 
   /// One step of h seconds, of either sign, from time t.
   void step(double t, double h, State& y) {
     const std::size_t n = system_->size();
     system_->slope(t, y, k1_);
-    k_ = k1_;
-    for (const double c : {1.0 / 3.0, 2.0 / 3.0}) {
-      for (std::size_t i = 0; i < n; ++i) stage_[i] = y[i] + c * h * k_[i];
-      system_->slope(t + c * h, stage_, k_);
-    }
-    for (std::size_t i = 0; i < n; ++i) y[i] += h * (0.25 * k1_[i] + 0.75 * k_[i]);
+    for (std::size_t i = 0; i < n; ++i) stage_[i] = y[i] + 0.5 * h * k1_[i];
+    system_->slope(t + 0.5 * h, stage_, k2_);
+    for (std::size_t i = 0; i < n; ++i) y[i] += h * k2_[i];
     system_->project(y);
   }
   /// Change of slope over the last step, from its end to its beginning.
   [[nodiscard]] State bend() const {
     State out{};
-    for (std::size_t i = 0; i < system_->size(); ++i) out[i] = (k1_[i] - k_[i]) * 1.5;
+    for (std::size_t i = 0; i < system_->size(); ++i) out[i] = 2.0 * (k1_[i] - k2_[i]);
     return out;
   }
 
  private:
   const S* system_;
-  State stage_{}, k1_{}, k_{};
+  State stage_{}, k1_{}, k2_{};
 };
 
 /// The classical Runge-Kutta method of order 4, HNW table II.1.2.
