@@ -53,6 +53,8 @@ std::unique_ptr<Engine<Plant>> make_event_engine(const Plant& plant, std::unique
     case Between::semi_implicit_euler:
     case Between::midpoint:
       return with.template operator()<Midpoint<Sys>>();
+    case Between::heun3:
+      return with.template operator()<Heun3<Sys>>();
     case Between::dopri5:
       return with.template operator()<Dopri5<Sys>>();
     case Between::dopri8:
