@@ -71,7 +71,7 @@ class Search {
 
   /// Passes of one step per tick. A closed loop: each of the next higher order, every second one recorded. A
   /// recorded pass is better than the rough one before, whose error bounds its own; a rough one that follows
-  /// is better in turn. An open loop: one with error control, which needs no ticks, judges all others.
+  /// is better in turn. An open loop: the rough one has error control and needs no ticks.
   bool agree_at_tick() {
     constexpr std::array order{Between::semi_implicit_euler,
                                Between::midpoint,
@@ -80,7 +80,9 @@ class Search {
                                Between::dopri5,
                                Between::dopri8};
     const bool closed = scene_.closed_loop(), events = may_have_events(scene_.effects);
-    std::size_t i = asked_ >= 1e-3 && closed && !events ? 0 : (asked_ >= 1e-4 ? 1 : (asked_ >= 1e-7 ? 2 : 4));
+    const std::size_t digits = asked_ >= 1e-4 ? 0 : (asked_ >= 1e-7 ? 1 : 2);
+    std::size_t i = 2 * digits;  // Heun's method at once where events are located
+    if (digits == 0) i = events ? 2 : (asked_ >= 1e-3 ? 0 : 1);
     if (closed) {
       (void)step({order[i], 0.0, rebound()}, false, margin);
       for (bool recorded = true; ++i < order.size(); recorded = !recorded)
@@ -89,9 +91,9 @@ class Search {
     }
     (void)step({events ? Between::dopri5 : Between::dopri8, 1e-2 * asked_, rebound()}, false, margin);
     const std::optional<Pass> judge = last_;
-    for (i = std::min<std::size_t>(i + 2, 5); i < order.size(); ++i) {
+    for (i = 3 + digits; i < order.size(); ++i) {
       if (step({order[i], 0.0, rebound()}, true, margin)) return true;
-      if (i + 1 < order.size()) last_ = judge;
+      if (order[i] == Between::rk4) last_ = judge;  // later ones are better than it may be
     }
     return false;
   }
