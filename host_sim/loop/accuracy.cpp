@@ -50,7 +50,7 @@ class Search {
     scene_.step = scene_.tick();
     if (agree_at_tick()) return report();
     const Between fine = stiff() ? Between::radau5 : Between::dopri8;
-    double tolerance = asked_ / 100.0;
+    double tolerance = asked_ / 3000.0;  // finer than the steps of a tick were
     for (int i = 0; i < 7 && tolerance >= rounding; ++i, tolerance = next_tolerance(tolerance)) {
       if (step({fine, tolerance, rebound() / (i + 1)}, last_.has_value(), margin)) return report();
       if (i > 1 && stalled()) refuse_if_ill_posed();
@@ -73,27 +73,24 @@ class Search {
   /// recorded pass is better than the rough one before, whose error bounds its own; a rough one that follows
   /// is better in turn. An open loop: the rough one has error control and needs no ticks.
   bool agree_at_tick() {
-    constexpr std::array order{Between::semi_implicit_euler,
-                               Between::midpoint,
-                               Between::heun3,
-                               Between::rk4,
-                               Between::dopri5,
-                               Between::dopri8};
     const bool closed = scene_.closed_loop(), events = may_have_events(scene_.effects);
-    const std::size_t digits = asked_ >= 1e-4 ? 0 : (asked_ >= 1e-7 ? 1 : 2);
-    std::size_t i = 2 * digits;  // Heun's method at once where events are located
-    if (digits == 0) i = events ? 2 : (asked_ >= 1e-3 ? 0 : 1);
-    if (closed) {
-      (void)step({order[i], 0.0, rebound()}, false, margin);
-      for (bool recorded = true; ++i < order.size(); recorded = !recorded)
-        if (step({order[i], 0.0, rebound()}, recorded, recorded ? 1.0 : 1.25)) return true;
+    const int digits = asked_ >= 1e-4 ? 0 : (asked_ >= 1e-7 ? 1 : 2);
+    const auto pass = [&](int order, bool recorded, double less) {
+      return step({static_cast<Between>(order), 0.0, rebound()}, recorded, less);
+    };
+    constexpr int rk4 = static_cast<int>(Between::rk4), last = static_cast<int>(Between::dopri8);
+    if (closed) {  // Heun's method at once where events are located
+      int order = digits > 0 || events ? rk4 - 1 + (digits > 1 ? 2 : 0) : (asked_ >= 1e-3 ? 0 : 1);
+      (void)pass(order, false, margin);
+      for (bool recorded = true; ++order <= last; recorded = !recorded)
+        if (pass(order, recorded, recorded ? 1.0 : 1.25)) return true;
       return false;
     }
     (void)step({events ? Between::dopri5 : Between::dopri8, 1e-2 * asked_, rebound()}, false, margin);
     const std::optional<Pass> judge = last_;
-    for (i = 3 + digits; i < order.size(); ++i) {
-      if (step({order[i], 0.0, rebound()}, true, margin)) return true;
-      if (order[i] == Between::rk4) last_ = judge;  // later ones are better than it may be
+    for (int order = rk4 + digits; order <= last; ++order) {
+      if (pass(order, true, margin)) return true;
+      if (order == rk4) last_ = judge;  // later ones are better than it may be
     }
     return false;
   }
@@ -116,7 +113,7 @@ class Search {
   Pass run(const Scene& s, bool recorded) {
     Pass p = run_(s, recorded);
     if (p.effort.steps == 0 && p.effort.smooth) {  // an engine that does not count
-      constexpr std::array slopes{1, 2, 4, 6, 12, 0, 3};
+      constexpr std::array slopes{1, 2, 3, 4, 6, 12};
       p.effort.steps = static_cast<long>(steps_per_tick(s)) * tick_count(s);
       p.effort.evaluations = slopes[static_cast<std::size_t>(s.resolution.between)] * p.effort.steps;
     }

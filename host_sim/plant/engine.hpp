@@ -75,8 +75,8 @@ std::unique_ptr<Engine<Plant>> make_engine(const Plant& plant, const std::vector
                                            const Resolution& resolution, const typename Plant::State& initial,
                                            const Hand* hand = nullptr) {
   // Fixed steps of a motion without events need nothing of event_driven but its choice of method.
-  const bool smooth = method == Method::event_driven && !may_have_events(effects) &&
-                      !(resolution.tolerance > 0.0) && resolution.between != Between::radau5;
+  const bool smooth =
+      method == Method::event_driven && !may_have_events(effects) && !(resolution.tolerance > 0.0);
   auto attached = attach(effects, motor_joint, hand, method == Method::event_driven && !smooth);
   if (method == Method::event_driven && !smooth)
     return make_event_engine<Plant>(plant, std::move(attached), effects, resolution, initial);
