@@ -38,8 +38,6 @@ template <System S, int stages>
 class ChainedStages {
  public:
   using State = typename S::State;
-  static_assert(stages == 2 || stages == 3);
-  static constexpr int order = stages;
 
   explicit ChainedStages(const S& system) : system_(&system) {}  ///< `system` must outlive this
   explicit ChainedStages(S&&) = delete;
@@ -69,10 +67,6 @@ class ChainedStages {
   const S* system_;
   State stage_{}, k1_{}, k_{};
 };
-template <System S>
-using Midpoint = ChainedStages<S, 2>;
-template <System S>
-using Heun3 = ChainedStages<S, 3>;
 
 /// The classical Runge-Kutta method of order 4, HNW table II.1.2.
 template <System S>

@@ -20,7 +20,6 @@ constexpr double inf = std::numeric_limits<double>::infinity();
 constexpr double margin = 2.0;      // of what was asked over the difference of two passes equally good
 constexpr double rounding = 2e-15;  // no tolerance of a step below it
 constexpr double nudge = 1e-10;     // rad, of the start
-constexpr std::uint32_t pilot_ticks = 10;
 constexpr double most_rows = 2e7;
 
 /// Largest difference of the last row, and of all.
@@ -50,8 +49,9 @@ class Search {
     scene_.step = scene_.tick();
     if (agree_at_tick()) return report();
     const Between fine = stiff() ? Between::radau5 : Between::dopri8;
-    double tolerance = asked_ / 3000.0;  // finer than the steps of a tick were
-    for (int i = 0; i < 7 && tolerance >= rounding; ++i, tolerance = next_tolerance(tolerance)) {
+    double tolerance = 30.0 * std::max(rounding, asked_ / 3000.0);  // next finer than the steps of a tick
+    for (int i = 0; i < 7 && tolerance > rounding; ++i) {
+      tolerance = std::max(rounding, tolerance / 30.0);
       if (step({fine, tolerance, rebound() / (i + 1)}, last_.has_value(), margin)) return report();
       if (i > 1 && stalled()) refuse_if_ill_posed();
     }
@@ -63,10 +63,6 @@ class Search {
   }
 
  private:
-  static double next_tolerance(double t) {
-    return t > 30.0 * rounding ? t / 30.0 : (t > rounding ? rounding : 0.0);
-  }
-
   [[nodiscard]] double rebound() const { return 0.01 * asked_; }
 
   /// Passes of one step per tick. A closed loop: each of the next higher order, every second one recorded. A
@@ -95,11 +91,12 @@ class Search {
     return false;
   }
 
-  /// Whether error control in the first ticks needs less than half the right-hand sides with Radau's method.
+  /// Whether error control in the first ten ticks needs less than half the right-hand sides with Radau's
+  /// method.
   bool stiff() {
     const auto pilot = [&](Between b, double tolerance) {
       Scene s = scene_;
-      s.duration = std::min<double>(pilot_ticks, tick_count(scene_)) / scene_.rate_hz;
+      s.duration = std::min<double>(10, tick_count(scene_)) / scene_.rate_hz;
       s.resolution = {b, tolerance, rebound()};
       try {
         return static_cast<double>(run(s, false).effort.evaluations);
@@ -133,9 +130,9 @@ class Search {
     try {
       if (!recorded) now = run(s, false);
       if (recorded || now.interrupted) {
-        take(s);
+        scene_.resolution = r;
         now = run(scene_, true);  // the recorder keeps a reference to it
-        chosen_ = s;
+        chosen_ = r;
         effort_ = now.effort;
       }
       finite_ = true;
@@ -150,12 +147,11 @@ class Search {
     }
     bool met = false;
     if (last_) {
-      const Deviation d = deviation(last_->rows, now.rows, width_);
       before_ = judged();
-      deviation_ = d;
+      deviation_ = deviation(last_->rows, now.rows, width_);
       const bool close = less * judged() <= asked_;
       // At the end alone two passes may meet by chance: then the way there, or a third pass, must agree.
-      met = close && (trajectory() || d.all <= 100.0 * asked_ || agreed_);
+      met = close && (trajectory() || deviation_.all <= 100.0 * asked_ || agreed_);
       agreed_ = close;
     }
     last_ = std::move(now);
@@ -166,7 +162,6 @@ class Search {
       refuse_if_ill_posed();
     return met;
   }
-  void take(const Scene& s) { scene_.resolution = s.resolution; }
   [[nodiscard]] bool trajectory() const { return scene_.accuracy_of == AccuracyOf::trajectory; }
   [[nodiscard]] double judged() const { return trajectory() ? deviation_.all : deviation_.end; }
   [[nodiscard]] bool stalled() const { return std::isfinite(before_) && !(judged() < 0.3 * before_); }
@@ -192,7 +187,7 @@ class Search {
   }
 
   [[nodiscard]] AccuracyReport report() {
-    take(*chosen_);
+    scene_.resolution = chosen_;
     const Resolution& r = scene_.resolution;
     const Effort& e = effort_;
     AccuracyReport out;
@@ -215,8 +210,9 @@ class Search {
   const RunPass& run_;
   std::clock_t begin_;
   std::optional<Pass> last_;
-  std::optional<Scene> latest_, chosen_;  // of last_; of the last recorded pass
-  Effort effort_;                         // of that one
+  std::optional<Scene> latest_;  // of last_
+  Resolution chosen_;            // of the last recorded pass
+  Effort effort_;                // of that one
   Deviation deviation_;
   double before_ = inf;
   long evaluations_ = 0;

@@ -92,8 +92,9 @@ std::unique_ptr<Engine<Plant>> make_engine(const Plant& plant, const std::vector
   }
   const auto of = [&]<class Sys>() -> std::unique_ptr<Engine<Plant>> {
     if (smooth && resolution.between == Between::midpoint)
-      return with.template operator()<Sys, Midpoint<Sys>>();
-    if (smooth && resolution.between == Between::heun3) return with.template operator()<Sys, Heun3<Sys>>();
+      return with.template operator()<Sys, ChainedStages<Sys, 2>>();
+    if (smooth && resolution.between == Between::heun3)
+      return with.template operator()<Sys, ChainedStages<Sys, 3>>();
     if (smooth) method = *from_name<Method>(name(resolution.between));
     switch (method) {
       case Method::semi_implicit_euler:
