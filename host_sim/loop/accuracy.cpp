@@ -69,14 +69,13 @@ class Search {
   /// recorded pass is better than the rough one before, whose error bounds its own; a rough one that follows
   /// is better in turn. An open loop: the rough one has error control and needs no ticks.
   bool agree_at_tick() {
-    const bool closed = scene_.closed_loop(), events = may_have_events(scene_.effects);
-    const int digits = asked_ >= 1e-4 ? 0 : (asked_ >= 1e-7 ? 1 : 2);
+    const bool events = may_have_events(scene_.effects), many = asked_ < 1e-7;
     const auto pass = [&](int order, bool recorded, double less) {
       return step({static_cast<Between>(order), 0.0, rebound()}, recorded, less);
     };
     constexpr int rk4 = static_cast<int>(Between::rk4), last = static_cast<int>(Between::dopri8);
-    if (closed) {  // Heun's method at once where events are located
-      int order = digits > 0 || events ? rk4 - 1 + (digits > 1 ? 2 : 0) : (asked_ >= 1e-3 ? 0 : 1);
+    if (scene_.closed_loop()) {  // Heun's method at once where events are located
+      int order = many ? last - 1 : (events || asked_ < 1e-4 ? rk4 - 1 : (asked_ < 1e-3 ? 1 : 0));
       (void)pass(order, false, margin);
       for (bool recorded = true; ++order <= last; recorded = !recorded)
         if (pass(order, recorded, recorded ? 1.0 : 1.25)) return true;
@@ -84,7 +83,7 @@ class Search {
     }
     (void)step({events ? Between::dopri5 : Between::dopri8, 1e-2 * asked_, rebound()}, false, margin);
     const std::optional<Pass> judge = last_;
-    for (int order = rk4 + digits; order <= last; ++order) {
+    for (int order = many ? last : rk4; order <= last; ++order) {
       if (pass(order, true, margin)) return true;
       if (order == rk4) last_ = judge;  // later ones are better than it may be
     }
