@@ -65,9 +65,8 @@ class Search {
  private:
   [[nodiscard]] double rebound() const { return 0.01 * asked_; }
 
-  /// Passes of one step per tick. A closed loop: each of the next higher order, every second one recorded. A
-  /// recorded pass is better than the rough one before, whose error bounds its own; a rough one that follows
-  /// is better in turn. An open loop: the rough one has error control and needs no ticks.
+  /// Passes of one step per tick, of rising order. Closed loop: every second one is recorded, better than the
+  /// rough one before, worse than that after it. Open loop: the rough one has error control, needs no ticks.
   bool agree_at_tick() {
     const bool events = may_have_events(scene_.effects), many = asked_ < 1e-7;
     const auto pass = [&](int order, bool recorded, double less) {
