@@ -58,12 +58,12 @@ TEST(EventDriven, ACrowdOfImpactsIsSteppedAndThenLocatedAgain) {
   auto m = wheel({EndStops{{-half, -9}, {half, 9}, {}, 1.0}}, 0.0, 5.0);
   m.advance(0.0, 0.3, 1, torque(0.0));
   EXPECT_EQ(m.effort().events.crowded, 1);
-  EXPECT_EQ(m.effort().events.impact, 199);  // one less than make a crowd
+  EXPECT_EQ(m.effort().events.impact, 200);  // which make a crowd
   EXPECT_LE(std::abs(m.state().angle[0]), half + 1e-9);
   EXPECT_NEAR(std::abs(m.state().rate[0]), 5.0, 1e-9);
   m.advance(0.3, 0.01, 1, torque(0.0));
   EXPECT_EQ(m.effort().events.crowded, 1);
-  EXPECT_NEAR(static_cast<double>(m.effort().events.impact), 199 + 0.01 * 5.0 / (2 * half), 1.0);
+  EXPECT_NEAR(static_cast<double>(m.effort().events.impact), 200 + 0.01 * 5.0 / (2 * half), 1.0);
 }
 
 TEST(EventDriven, BouncesWithoutEndComeToRestInTime) {
