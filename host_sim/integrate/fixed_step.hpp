@@ -1,5 +1,5 @@
 #pragma once
-/// The methods of fixed step: semi-implicit Euler and the classical Runge-Kutta method.
+/// The methods of fixed step: semi-implicit Euler, midpoint, Heun and the classical Runge-Kutta method.
 
 #include "host_sim/integrate/system.hpp"
 
@@ -32,32 +32,34 @@ class SemiImplicitEuler {
   State slope_{};
 };
 
-/// Heun's method of order 3, HNW table II.1.1: each stage is made of the one before.
-template <System S>
-class Heun3 {
+/// Each stage is made of the one before: the midpoint rule of order 2, HNW (II.1.4), and Heun's method of
+/// order 3, HNW table II.1.1.
+template <System S, int stages>
+class ChainedStages {
  public:
   using State = typename S::State;
-  static constexpr int order = 3;
 
-  explicit Heun3(const S& system) : system_(&system) {}
-  explicit Heun3(S&&) = delete;
+  explicit ChainedStages(const S& system) : system_(&system) {}  ///< `system` must outlive this
+  explicit ChainedStages(S&&) = delete;
 
   /// One step of h seconds, of either sign, from time t.
   void step(double t, double h, State& y) {
+    constexpr double first = stages == 2 ? 0.0 : 0.25;  // weight of the first slope
     const std::size_t n = system_->size();
     system_->slope(t, y, k1_);
     k_ = k1_;
-    for (const double c : {1.0 / 3.0, 2.0 / 3.0}) {
-      for (std::size_t i = 0; i < n; ++i) stage_[i] = y[i] + c * h * k_[i];
-      system_->slope(t + c * h, stage_, k_);
+    for (int s = 1; s < stages; ++s) {
+      const double part = s * h / stages;
+      for (std::size_t i = 0; i < n; ++i) stage_[i] = y[i] + part * k_[i];
+      system_->slope(t + part, stage_, k_);
     }
-    for (std::size_t i = 0; i < n; ++i) y[i] += h * (0.25 * k1_[i] + 0.75 * k_[i]);
+    for (std::size_t i = 0; i < n; ++i) y[i] += h * (first * k1_[i] + (1.0 - first) * k_[i]);
     system_->project(y);
   }
   /// Change of slope over the last step, from its end to its beginning.
   [[nodiscard]] State bend() const {
     State out{};
-    for (std::size_t i = 0; i < system_->size(); ++i) out[i] = (k1_[i] - k_[i]) * 1.5;
+    for (std::size_t i = 0; i < system_->size(); ++i) out[i] = (k1_[i] - k_[i]) * stages / (stages - 1.0);
     return out;
   }
 

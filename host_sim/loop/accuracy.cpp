@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <ctime>
 #include <limits>
@@ -16,10 +17,9 @@ namespace esmc::host {
 namespace {
 
 constexpr double inf = std::numeric_limits<double>::infinity();
-constexpr double margin = 2.0;      // of what was asked over the difference of two passes
+constexpr double margin = 2.0;      // of what was asked over the difference of two passes equally good
 constexpr double rounding = 2e-15;  // no tolerance of a step below it
 constexpr double nudge = 1e-10;     // rad, of the start
-constexpr std::uint32_t pilot_ticks = 10;
 constexpr double most_rows = 2e7;
 
 /// Largest difference of the last row, and of all.
@@ -47,18 +47,13 @@ class Search {
   AccuracyReport find() {
     scene_.method = Method::event_driven;
     scene_.step = scene_.tick();
-    if (agree_at_step()) return report();
-    const std::optional<Between> controlled = choose_steps();
-    if (!controlled && agree_at_step()) return report();
-    const Between fine = controlled.value_or(Between::dopri5);
-    scene_.step = scene_.tick();
-    scene_.method = Method::event_driven;
-    // Error control: 5th order once, 8th from then on; Radau where the step is bound by stability.
-    double tolerance = asked_ / 100.0;
-    for (int i = 0; i < 7 && tolerance >= rounding; ++i, tolerance = next_tolerance(tolerance)) {
-      const Between b = i > 0 && fine == Between::dopri5 ? Between::dopri8 : fine;
-      if (step({b, tolerance, rebound() / (i + 1)}, last_.has_value())) return report();
-      if (i > 0 && stalled()) refuse_if_ill_posed();
+    if (agree_at_tick()) return report();
+    const Between fine = stiff() ? Between::radau5 : Between::dopri8;
+    double tolerance = 30.0 * std::max(rounding, asked_ / 3000.0);  // next finer than the steps of a tick
+    for (int i = 0; i < 7 && tolerance > rounding; ++i) {
+      tolerance = std::max(rounding, tolerance / 30.0);
+      if (step({fine, tolerance, rebound() / (i + 1)}, last_.has_value(), margin)) return report();
+      if (i > 1 && stalled()) refuse_if_ill_posed();
     }
     refuse_if_ill_posed();
     if (!finite_) throw Diverged(*failure_);
@@ -68,86 +63,74 @@ class Search {
   }
 
  private:
-  static double next_tolerance(double t) {
-    return t > 30.0 * rounding ? t / 30.0 : (t > rounding ? rounding : 0.0);
-  }
-
   [[nodiscard]] double rebound() const { return 0.01 * asked_; }
 
-  /// Of two passes that agree one is recorded: RK4 at scene.step, which hardly costs more than a lower order
-  /// beside the tick. The other is a rough one without records; a better one follows where it was too rough
-  /// to judge.
-  bool agree_at_step() {
-    last_.reset();
-    // Steps of a tick may both miss a flank that presses for less: error control judges those.
-    if (asked_ < 1e-9 || find_effect<Backlash>(scene_.effects)) return false;
-    const bool closed = scene_.closed_loop();
-    const Resolution rough{Between::heun3, 0.0, rebound()},
-        better{!closed && smooth() ? Between::dopri8 : Between::dopri5, closed ? 0.0 : 1e-2 * asked_,
-               rebound()};
-    const bool few = asked_ >= (closed ? 1e-7 : (smooth() ? inf : 1e-4));
-    (void)step(few ? rough : better, false);
-    return step({Between::rk4, 0.0, rebound()}, true) || (few && step(better, false));
-  }
-  /// Whether nothing can have an event, and no limit cuts the torque of an open loop.
-  [[nodiscard]] bool smooth() const {
-    return !set_valued(scene_.effects) && !find_effect<EndStops>(scene_.effects) &&
-           !find_effect<Backlash>(scene_.effects) && !find_effect<TorqueSaturation>(scene_.effects);
+  /// Passes of one step per tick, of rising order. Closed loop: every second one is recorded, better than the
+  /// rough one before, worse than that after it. Open loop: the rough one has error control, needs no ticks.
+  bool agree_at_tick() {
+    const bool events = may_have_events(scene_.effects), many = asked_ < 1e-7;
+    const auto pass = [&](int order, bool recorded, double less) {
+      return step({static_cast<Between>(order), 0.0, rebound()}, recorded, less);
+    };
+    constexpr int rk4 = static_cast<int>(Between::rk4), last = static_cast<int>(Between::dopri8);
+    if (scene_.closed_loop()) {  // Heun's method at once where events are located
+      int order = many ? last - 1 : (events || asked_ < 1e-4 ? rk4 - 1 : (asked_ < 1e-3 ? 1 : 0));
+      (void)pass(order, false, margin);
+      for (bool recorded = true; ++order <= last; recorded = !recorded)
+        if (pass(order, recorded, recorded ? 1.0 : 1.25)) return true;
+      return false;
+    }
+    (void)step({events ? Between::dopri5 : Between::dopri8, 1e-2 * asked_, rebound()}, false, margin);
+    const std::optional<Pass> judge = last_;
+    for (int order = many ? last : rk4; order <= last; ++order) {
+      if (pass(order, true, margin)) return true;
+      if (order == rk4) last_ = judge;  // later ones are better than it may be
+    }
+    return false;
   }
 
-  /// Sets scene.step to the longest part of a tick with which RK4 follows the first ticks. Where none does:
-  /// returns the method of error control that needs fewer right-hand sides there.
-  std::optional<Between> choose_steps() {
-    const double ticks = std::min<double>(pilot_ticks, tick_count(scene_));
-    const auto pilot = [&](Between b, double tolerance) -> std::optional<Pass> {
+  /// Whether error control in the first ten ticks needs less than half the right-hand sides with Radau's
+  /// method.
+  bool stiff() {
+    const auto pilot = [&](Between b, double tolerance) {
       Scene s = scene_;
-      s.duration = ticks / scene_.rate_hz;
+      s.duration = std::min<double>(10, tick_count(scene_)) / scene_.rate_hz;
       s.resolution = {b, tolerance, rebound()};
       try {
-        return run(s, false);
+        return static_cast<double>(run(s, false).effort.evaluations);
       } catch (const Diverged&) {
-        return std::nullopt;
+        return inf;
       }
     };
-    scene_.method = Method::event_driven;
-    const std::optional<Pass> exact = pilot(Between::dopri5, 0.01 * asked_);
-    for (const int parts : {2, 5}) {
-      if (!exact) break;
-      scene_.step = scene_.tick() / parts;
-      const std::optional<Pass> p = pilot(Between::rk4, 0.0);
-      if (p && deviation(exact->rows, p->rows, width_).all <= 0.5 * asked_) return std::nullopt;
-    }
-    scene_.step = scene_.tick();
-    const std::optional<Pass> implicit = pilot(Between::radau5, asked_ / 30.0);
-    return implicit && (!exact || 2 * implicit->effort.evaluations < exact->effort.evaluations)
-               ? Between::radau5
-               : Between::dopri5;
+    return 2 * pilot(Between::radau5, asked_ / 30.0) < pilot(Between::dopri5, 0.01 * asked_);
   }
 
   Pass run(const Scene& s, bool recorded) {
     Pass p = run_(s, recorded);
-    if (s.method == Method::rk4) {  // whose engine does not count
+    if (p.effort.steps == 0 && p.effort.smooth) {  // an engine that does not count
+      constexpr std::array slopes{1, 2, 3, 4, 6, 12};
       p.effort.steps = static_cast<long>(steps_per_tick(s)) * tick_count(s);
-      p.effort.evaluations = 4 * p.effort.steps;
+      p.effort.evaluations = slopes[static_cast<std::size_t>(s.resolution.between)] * p.effort.steps;
     }
     evaluations_ += p.effort.evaluations;
     ++passes_;
     return p;
   }
 
-  /// One more pass. True: a recorded one is within what was asked.
-  bool step(const Resolution& r, bool recorded) {
+  /// One more pass. True: a recorded one is within what was asked, `less` times their difference being so.
+  bool step(const Resolution& r, bool recorded, double less) {
     Scene s = scene_;
     s.resolution = r;
-    s.method = recorded && smooth() && r.between == Between::rk4 ? Method::rk4 : Method::event_driven;
-    if (!recorded && asked_ >= 1e3 * nudge) s.start_angle[0] += nudge;  // the rest follows by closure
+    if (r.between == Between::semi_implicit_euler) s.step *= 0.5;
+    if (!recorded && !last_ && asked_ >= 1e3 * nudge)
+      s.start_angle[0] += nudge;  // the rest follows by closure
     Pass now;
     try {
       if (!recorded) now = run(s, false);
       if (recorded || now.interrupted) {
-        take(s);
+        scene_.resolution = r;
         now = run(scene_, true);  // the recorder keeps a reference to it
-        chosen_ = s;
+        chosen_ = r;
         effort_ = now.effort;
       }
       finite_ = true;
@@ -162,12 +145,11 @@ class Search {
     }
     bool met = false;
     if (last_) {
-      const Deviation d = deviation(last_->rows, now.rows, width_);
       before_ = judged();
-      deviation_ = d;
-      const bool close = margin * judged() <= asked_;
+      deviation_ = deviation(last_->rows, now.rows, width_);
+      const bool close = less * judged() <= asked_;
       // At the end alone two passes may meet by chance: then the way there, or a third pass, must agree.
-      met = close && (trajectory() || d.all <= 100.0 * asked_ || agreed_);
+      met = close && (trajectory() || deviation_.all <= 100.0 * asked_ || agreed_);
       agreed_ = close;
     }
     last_ = std::move(now);
@@ -177,11 +159,6 @@ class Search {
         (last_->effort.events.total() > 0 || (scene_.closed_loop() && asked_ < 1e-6)))
       refuse_if_ill_posed();
     return met;
-  }
-  void take(const Scene& s) {
-    scene_.method = s.method;
-    scene_.step = s.step;
-    scene_.resolution = s.resolution;
   }
   [[nodiscard]] bool trajectory() const { return scene_.accuracy_of == AccuracyOf::trajectory; }
   [[nodiscard]] double judged() const { return trajectory() ? deviation_.all : deviation_.end; }
@@ -208,7 +185,7 @@ class Search {
   }
 
   [[nodiscard]] AccuracyReport report() {
-    take(*chosen_);
+    scene_.resolution = chosen_;
     const Resolution& r = scene_.resolution;
     const Effort& e = effort_;
     AccuracyReport out;
@@ -231,8 +208,9 @@ class Search {
   const RunPass& run_;
   std::clock_t begin_;
   std::optional<Pass> last_;
-  std::optional<Scene> latest_, chosen_;  // of last_; of the last recorded pass
-  Effort effort_;                         // of that one
+  std::optional<Scene> latest_;  // of last_
+  Resolution chosen_;            // of the last recorded pass
+  Effort effort_;                // of that one
   Deviation deviation_;
   double before_ = inf;
   long evaluations_ = 0;

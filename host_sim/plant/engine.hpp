@@ -74,8 +74,11 @@ std::unique_ptr<Engine<Plant>> make_engine(const Plant& plant, const std::vector
                                            const std::vector<std::size_t>& motor_joint, Method method,
                                            const Resolution& resolution, const typename Plant::State& initial,
                                            const Hand* hand = nullptr) {
-  auto attached = attach(effects, motor_joint, hand, method == Method::event_driven);
-  if (method == Method::event_driven)
+  // Fixed steps of a motion without events need nothing of event_driven but its choice of method.
+  const bool smooth =
+      method == Method::event_driven && !may_have_events(effects) && !(resolution.tolerance > 0.0);
+  auto attached = attach(effects, motor_joint, hand, method == Method::event_driven && !smooth);
+  if (method == Method::event_driven && !smooth)
     return make_event_engine<Plant>(plant, std::move(attached), effects, resolution, initial);
   const auto with = [&]<class Sys, class Stepper>(auto... more) -> std::unique_ptr<Engine<Plant>> {
     return std::make_unique<EngineOf<Plant, Sys, Stepper>>(plant, std::move(attached), method, initial,
@@ -88,6 +91,11 @@ std::unique_ptr<Engine<Plant>> make_engine(const Plant& plant, const std::vector
         SetValued{find_effect<CoulombFriction>(effects), find_effect<EndStops>(effects)});
   }
   const auto of = [&]<class Sys>() -> std::unique_ptr<Engine<Plant>> {
+    if (smooth && resolution.between == Between::midpoint)
+      return with.template operator()<Sys, ChainedStages<Sys, 2>>();
+    if (smooth && resolution.between == Between::heun3)
+      return with.template operator()<Sys, ChainedStages<Sys, 3>>();
+    if (smooth) method = *from_name<Method>(name(resolution.between));
     switch (method) {
       case Method::semi_implicit_euler:
         return with.template operator()<Sys, SemiImplicitEuler<Sys>>();

@@ -50,8 +50,11 @@ std::unique_ptr<Engine<Plant>> make_event_engine(const Plant& plant, std::unique
     return std::make_unique<EventEngine<Plant, Inner>>(plant, std::move(attached), effects, r, initial);
   };
   switch (r.between) {
+    case Between::semi_implicit_euler:
+    case Between::midpoint:
+      return with.template operator()<ChainedStages<Sys, 2>>();
     case Between::heun3:
-      return with.template operator()<Heun3<Sys>>();
+      return with.template operator()<ChainedStages<Sys, 3>>();
     case Between::dopri5:
       return with.template operator()<Dopri5<Sys>>();
     case Between::dopri8:

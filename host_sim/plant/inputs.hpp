@@ -36,10 +36,11 @@ template <>
 inline constexpr auto names_of<Method> =
     std::array{"semi_implicit_euler", "rk4", "dopri5", "dopri8", "radau5", "moreau_jean", "event_driven"};
 
-/// How `event_driven` integrates between two events.
-enum class Between { heun3, rk4, dopri5, dopri8, radau5 };
+/// How `event_driven` integrates between two events, by order. Euler: of a motion without any; else midpoint.
+enum class Between { semi_implicit_euler, midpoint, heun3, rk4, dopri5, dopri8, radau5 };
 template <>
-inline constexpr auto names_of<Between> = std::array{"heun3", "rk4", "dopri5", "dopri8", "radau5"};
+inline constexpr auto names_of<Between> =
+    std::array{"semi_implicit_euler", "midpoint", "heun3", "rk4", "dopri5", "dopri8", "radau5"};
 struct Resolution {
   Between between = Between::rk4;
   double tolerance = 0.0;     ///< of a step of dopri5, dopri8 and radau5, rad; 0: fixed steps

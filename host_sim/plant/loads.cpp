@@ -75,4 +75,9 @@ bool set_valued(const std::vector<Effect>& effects) {
   return (friction && !(friction->regularised > 0.0)) || (stops && !stops->stiffness);
 }
 
+bool may_have_events(const std::vector<Effect>& effects) {
+  return set_valued(effects) || find_effect<EndStops>(effects) || find_effect<Backlash>(effects) ||
+         find_effect<TorqueSaturation>(effects);
+}
+
 }  // namespace esmc::host

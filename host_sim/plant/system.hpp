@@ -47,6 +47,9 @@ Loads make_loads(const std::vector<Effect>& effects);
 /// Whether effects need the time-stepping scheme: Coulomb friction not regularised, or rigid end stops.
 [[nodiscard]] bool set_valued(const std::vector<Effect>& effects);
 
+/// Whether a motion with these effects may have an event, or a limit that cuts the torque of an open loop.
+[[nodiscard]] bool may_have_events(const std::vector<Effect>& effects);
+
 /// What the effects of a scene add: loads, and a drivetrain per motor.
 struct Attachments {
   Loads loads;

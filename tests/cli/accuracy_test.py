@@ -67,11 +67,19 @@ class Accuracy(unittest.TestCase):
     def test_two_passes_suffice_and_one_is_the_run_by_hand(self):
         circle = ("five_bar_circle.toml", "simulation.duration=0.3")
         hand = self.run_sim(*circle, "simulation.integrator=rk4", "simulation.step=1e-3")
-        for asked in ("1e-4", "1e-6"):
-            run = self.run_sim(*circle, f"simulation.accuracy={asked}")
-            self.assertEqual((run["digest"], run["integrator"]), (hand["digest"], "rk4"))
-            a = run["accuracy"]
-            self.assertEqual((a["passes"], a["evaluations"]), (2, 300 * (3 + 4)))  # Heun's method of order 3, and RK4
+        few, many = (self.run_sim(*circle, f"simulation.accuracy={asked}") for asked in ("1e-4", "1e-6"))
+        self.assertEqual((few["accuracy"]["passes"], few["accuracy"]["evaluations"]), (2, 300 * (2 + 3)))  # midpoint, Heun
+        self.assertLess(self.off(few, hand["final_state"]["q"]), 1e-4)
+        self.assertEqual((many["digest"], many["integrator"]), (hand["digest"], "rk4"))
+        self.assertEqual((many["accuracy"]["passes"], many["accuracy"]["evaluations"]), (2, 300 * (3 + 4)))  # Heun, RK4
+
+    def test_radau_where_the_first_ticks_are_stiff(self):
+        # More friction than weight: the arm creeps where friction is 5 kN m s/rad, which bounds explicit steps.
+        held = (*ARM[:3], "simulation.duration=0.2", "effects=[%s]" % SMOOTH.replace("0.5,0.2", "5.0,2.0"))
+        run = self.run_sim("rr_line.toml", *held, "simulation.accuracy=1e-6")
+        self.assertEqual(run["integrator"], "radau5")
+        fine = self.run_sim("rr_line.toml", *held, "simulation.integrator=rk4", "simulation.step=1e-6")
+        self.assertLess(self.off(run, fine["final_state"]["q"]), 1e-6)
 
     def test_every_row_of_a_trajectory(self):
         stops = '{type="end_stops",lower=[-1.0,-0.5],upper=[1.0,2.0],restitution=0.4}'

@@ -22,7 +22,7 @@ MotorTorques<RrPlant::Joints> torque(double tau) { return {{tau, 0.0}, nullptr};
 
 TEST(EventDriven, FrictionStopsWhereItShouldWhateverTheStep) {
   for (const Between between :
-       {Between::heun3, Between::rk4, Between::dopri5, Between::dopri8, Between::radau5}) {
+       {Between::midpoint, Between::heun3, Between::rk4, Between::dopri5, Between::dopri8, Between::radau5}) {
     for (const int steps : {3, 70, 1000}) {
       auto m = wheel({CoulombFriction{{0.05, 0.0}}}, 0.0, 10.0, {between});
       EXPECT_EQ(m.method(), Method::event_driven);
@@ -51,6 +51,19 @@ TEST(EventDriven, ARigidStopReturnsItsPartOfTheSpeed) {
   EXPECT_NEAR(m.state().rate[0], -3.0, 1e-12);
   EXPECT_NEAR(m.state().angle[0], 0.5 - 3.0 * (0.3 - 0.1), 1e-12);
   EXPECT_EQ(m.effort().events.impact, 1);
+}
+
+TEST(EventDriven, ACrowdOfImpactsIsSteppedAndThenLocatedAgain) {
+  constexpr double half = 1e-3;  // between two stops that lose nothing: an impact every 0.4 ms
+  auto m = wheel({EndStops{{-half, -9}, {half, 9}, {}, 1.0}}, 0.0, 5.0);
+  m.advance(0.0, 0.3, 1, torque(0.0));
+  EXPECT_EQ(m.effort().events.crowded, 1);
+  EXPECT_EQ(m.effort().events.impact, 200);  // which make a crowd
+  EXPECT_LE(std::abs(m.state().angle[0]), half + 1e-9);
+  EXPECT_NEAR(std::abs(m.state().rate[0]), 5.0, 1e-9);
+  m.advance(0.3, 0.01, 1, torque(0.0));
+  EXPECT_EQ(m.effort().events.crowded, 1);
+  EXPECT_NEAR(static_cast<double>(m.effort().events.impact), 200 + 0.01 * 5.0 / (2 * half), 1.0);
 }
 
 TEST(EventDriven, BouncesWithoutEndComeToRestInTime) {
