@@ -8,6 +8,9 @@
 namespace esmc::host {
 namespace {
 
+// Residuals are not white: stiction, rates that are smoothed. So a defect is named that is five standard
+// uncertainties beyond 0 and moves a parameter by all of its usual interval; or eight, and half of it.
+constexpr double five_sigma = 25.0, whole_interval = 3.0, eight_over_five = 64.0 / 25.0;
 constexpr double handicap = 4.0;  // of cogging, which may have any number of periods
 constexpr int periods_max = 100;  // per turn of a joint; windows smooth more away
 
@@ -98,8 +101,9 @@ std::optional<Defect> find_defect(const std::vector<Explained>& views, const Ide
   std::optional<Defect> best;
   for (Defect d : candidates(views.front().problem)) {
     const MoreUnknowns m = in_view(d, 0);
-    const double needed = clear_per_unknown * static_cast<double>(m.value.size()) *
-                          (d.kind == DefectKind::cogging ? handicap : 1.0);
+    if (d.kind == DefectKind::spring && m.value[0] <= 0.0) continue;  // no gear turns against its torque
+    const double needed =
+        five_sigma * static_cast<double>(m.value.size()) * (d.kind == DefectKind::cogging ? handicap : 1.0);
     d.statistic = m.statistic / needed;
     d.amount = m.value.size() == 1 ? m.value[0] : m.value.norm();
     d.sigma = std::sqrt(m.covariance.diagonal().maxCoeff());
@@ -107,13 +111,17 @@ std::optional<Defect> find_defect(const std::vector<Explained>& views, const Ide
     d.shift = std::abs(m.shift[n]) / at.delay_sigma;
     for (Eigen::Index i = 0; i < n; ++i)
       d.shift = std::max(d.shift, std::abs(m.shift[i]) / at.parameters[static_cast<std::size_t>(i)].sigma);
-    if (!(d.statistic > 1.0 && d.shift > shift_told) || (best && best->statistic > d.statistic)) continue;
+    const auto told = [&] {
+      const bool much = d.shift > whole_interval || (d.shift > shift_told && d.statistic > eight_over_five);
+      return d.statistic > 1.0 && much && !(best && best->statistic > d.statistic);
+    };
+    if (!told()) continue;
     if (views.size() > 1) {  // the lag is anything between none and all of it
       const Vector range = in_view(d, 2).value - in_view(d, 1).value;
       const Matrix covariance = m.covariance + gram(range.transpose()) / 12.0;
       d.statistic = quadratic(pseudo_inverse(covariance), m.value) / needed;
       d.sigma = std::sqrt(covariance.diagonal().maxCoeff());
-      if (!(d.statistic > 1.0) || (best && best->statistic > d.statistic)) continue;
+      if (!told()) continue;
     }
     best = d;
   }
