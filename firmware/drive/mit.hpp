@@ -78,22 +78,8 @@ struct Reply {
 inline constexpr std::uint32_t v3_command = 0x0800, v3_reply = 0x2900, v3_command_max = 0x10FF;
 
 /// Writes a command, in codes of the wire (see `code`), into f, which is a classic data frame already: only
-/// identifier, size and data change. `node`: 11 bits, of cubemars_v3 8.
-constexpr void put_command(hal::CanFrame& f, std::uint32_t node, const Command& c, Dialect d) {
-  if (d == Dialect::cubemars_v3) {
-    f.id = v3_command | node;
-    f.extended = true;
-    f.size = 8;
-    f.data[0] = static_cast<std::uint8_t>(c.kp >> 4U);
-    f.data[1] = static_cast<std::uint8_t>(c.kp << 4U | c.kd >> 8U);
-    f.data[2] = static_cast<std::uint8_t>(c.kd);
-    f.data[3] = static_cast<std::uint8_t>(c.position >> 8U);
-    f.data[4] = static_cast<std::uint8_t>(c.position);
-    f.data[5] = static_cast<std::uint8_t>(c.velocity >> 4U);
-    f.data[6] = static_cast<std::uint8_t>(c.velocity << 4U | c.torque >> 8U);
-    f.data[7] = static_cast<std::uint8_t>(c.torque);
-    return;
-  }
+/// identifier, size and data change. `node`: 11 bits. Not of cubemars_v3.
+constexpr void put_command(hal::CanFrame& f, std::uint32_t node, const Command& c) {
   f.id = node;
   f.size = 8;
   f.data[0] = static_cast<std::uint8_t>(c.position >> 8U);
@@ -104,6 +90,15 @@ constexpr void put_command(hal::CanFrame& f, std::uint32_t node, const Command& 
   f.data[5] = static_cast<std::uint8_t>(c.kd >> 4U);
   f.data[6] = static_cast<std::uint8_t>(c.kd << 4U | c.torque >> 8U);
   f.data[7] = static_cast<std::uint8_t>(c.torque);
+}
+/// Same for any dialect; `node` of cubemars_v3: 8 bits. Its bits in its order, cut at the others' fields.
+constexpr void put_command(hal::CanFrame& f, std::uint32_t node, const Command& c, Dialect d) {
+  if (d != Dialect::cubemars_v3) return put_command(f, node, c);
+  put_command(f, v3_command | node,
+              {static_cast<std::uint16_t>(c.kp << 4U | c.kd >> 8U),
+               static_cast<std::uint16_t>((c.kd & 0xFFU) << 4U | c.position >> 12U),
+               static_cast<std::uint16_t>(c.position & 0x0FFFU), c.velocity, c.torque});
+  f.extended = true;
 }
 /// Command in codes of the wire (see `code`) as a classic data frame. `node`: as in put_command().
 [[nodiscard]] constexpr hal::CanFrame encode_command(std::uint32_t node, const Command& c,
@@ -178,18 +173,15 @@ constexpr void put_command(hal::CanFrame& f, std::uint32_t node, const Command& 
 }
 /// Command as an emulated drive reads it. The caller checks identifier, length (8), and decode_special().
 [[nodiscard]] constexpr Command decode_command(const hal::CanFrame& f, Dialect d = Dialect::mini_cheetah) {
-  if (d == Dialect::cubemars_v3) {
-    return {static_cast<std::uint16_t>(f.data[3] << 8U | f.data[4]),
-            static_cast<std::uint16_t>(f.data[5] << 4U | f.data[6] >> 4U),
-            static_cast<std::uint16_t>(f.data[0] << 4U | f.data[1] >> 4U),
-            static_cast<std::uint16_t>((f.data[1] & 0x0FU) << 8U | f.data[2]),
-            static_cast<std::uint16_t>((f.data[6] & 0x0FU) << 8U | f.data[7])};
-  }
-  return {static_cast<std::uint16_t>(f.data[0] << 8U | f.data[1]),
-          static_cast<std::uint16_t>(f.data[2] << 4U | f.data[3] >> 4U),
-          static_cast<std::uint16_t>((f.data[3] & 0x0FU) << 8U | f.data[4]),
-          static_cast<std::uint16_t>(f.data[5] << 4U | f.data[6] >> 4U),
-          static_cast<std::uint16_t>((f.data[6] & 0x0FU) << 8U | f.data[7])};
+  const Command c{static_cast<std::uint16_t>(f.data[0] << 8U | f.data[1]),
+                  static_cast<std::uint16_t>(f.data[2] << 4U | f.data[3] >> 4U),
+                  static_cast<std::uint16_t>((f.data[3] & 0x0FU) << 8U | f.data[4]),
+                  static_cast<std::uint16_t>(f.data[5] << 4U | f.data[6] >> 4U),
+                  static_cast<std::uint16_t>((f.data[6] & 0x0FU) << 8U | f.data[7])};
+  if (d != Dialect::cubemars_v3) return c;
+  return {static_cast<std::uint16_t>((c.velocity & 0x0FU) << 12U | c.kp), c.kd,
+          static_cast<std::uint16_t>(c.position >> 4U),
+          static_cast<std::uint16_t>((c.position & 0x0FU) << 8U | c.velocity >> 4U), c.torque};
 }
 /// Kind of a special frame; empty for an ordinary command. The caller checks identifier and length (8).
 [[nodiscard]] constexpr std::optional<Special> decode_special(const hal::CanFrame& f) {

@@ -73,8 +73,7 @@ void Cia402Axis::restrict_dictionary() {
   for (const ListedObject& o : settings_.objects) {
     const auto at = objects_.find(key(o.index, o.sub));
     const std::uint32_t before = at == objects_.end() ? 0 : at->second.value;
-    listed[key(o.index, o.sub)] = {o.value.value_or(before) & mask_of(o.bytes), o.bytes, o.writable, o.low,
-                                   o.high};
+    listed[key(o.index, o.sub)] = {o.value.value_or(before) & mask_of(o.bytes), o.bytes, o.writable};
   }
   objects_ = std::move(listed);
 }
@@ -83,7 +82,7 @@ void Cia402Axis::restrict_dictionary() {
 
 void Cia402Axis::define(std::uint16_t index, std::uint8_t sub, std::uint8_t bytes, std::uint32_t value,
                         bool writable) {
-  objects_[key(index, sub)] = {value & mask_of(bytes), bytes, writable, {}, {}};
+  objects_[key(index, sub)] = {value & mask_of(bytes), bytes, writable};
 }
 std::uint32_t Cia402Axis::value(std::uint16_t index, std::uint8_t sub) const {
   const auto at = objects_.find(key(index, sub));
@@ -170,12 +169,6 @@ void Cia402Axis::serve(const hal::CanFrame& request, const Send& send) {
   if (!entry.writable) return abort(wire::abort_read_only);
   if (r->size != 0 && r->size != entry.bytes) return abort(wire::abort_length);
   const std::uint32_t value = r->value & mask_of(entry.bytes);
-  const auto number = static_cast<std::int64_t>(value);
-  const std::int64_t span = std::int64_t{1} << (8U * entry.bytes);
-  const bool negative = entry.low && *entry.low < 0 && number >= span / 2;
-  const std::int64_t given = negative ? number - span : number;
-  if ((entry.low && given < *entry.low) || (entry.high && given > *entry.high))
-    return abort(wire::abort_value);
   if (const std::uint32_t reason = objection(r->object.index, r->object.sub, value)) return abort(reason);
   write(r->object.index, r->object.sub, value, send);
   send(wire::encode_sdo_written(node(), r->object));

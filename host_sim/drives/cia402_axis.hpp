@@ -20,8 +20,7 @@ class Cia402Axis final : public EmulatedAxis {
     std::uint16_t index = 0;
     std::uint8_t sub = 0, bytes = 4;
     bool writable = false;
-    std::optional<std::uint32_t> value{};       ///< at the start; empty: that of an emulated drive
-    std::optional<std::int64_t> low{}, high{};  ///< of the values that may be written; signed if low < 0
+    std::optional<std::uint32_t> value{};  ///< at the start; empty: that of an emulated drive
   };
   struct Settings {
     /// In lockstep publish() begins a tick: it reports that the drive is not operational, or sends the PDOs,
@@ -59,7 +58,6 @@ class Cia402Axis final : public EmulatedAxis {
     std::uint32_t value = 0;
     std::uint8_t bytes = 4;
     bool writable = false;
-    std::optional<std::int64_t> low{}, high{};
   };
   static constexpr std::uint32_t key(std::uint16_t index, std::uint8_t sub) {
     return (std::uint32_t{index} << 8U) | sub;

@@ -41,16 +41,15 @@ std::string DriveReports<World, C>::refusal(const AnyCycle<C>& cycle) const {
   return out;
 }
 
-/// "node 1 (silent), node 2": the motors' drives of which `condition(axis)` says more than nothing.
 template <class World, class C>
-template <class Condition>
-std::string DriveReports<World, C>::motors_that(const AnyCycle<C>& cycle, const Condition& condition) const {
+std::string DriveReports<World, C>::unready(const AnyCycle<C>& cycle) const {
   std::string out;
   std::visit(
       [&](const auto& c) {
         for (const auto& [axis, node] : motors_) {
-          if (const std::optional<std::string> more = condition(c.axis(axis)))
-            out += fmt::format("{}node {}{}", out.empty() ? "" : ", ", node, *more);
+          if (c.axis(axis).ready()) continue;
+          out += fmt::format("{}node {}{}", out.empty() ? "" : ", ", node,
+                             c.axis(axis).alive() ? "" : " (silent)");
         }
       },
       cycle);
@@ -58,21 +57,19 @@ std::string DriveReports<World, C>::motors_that(const AnyCycle<C>& cycle, const 
 }
 
 template <class World, class C>
-std::string DriveReports<World, C>::unready(const AnyCycle<C>& cycle) const {
-  return motors_that(cycle, [](const auto& a) -> std::optional<std::string> {
-    if (a.ready()) return std::nullopt;
-    return a.alive() ? "" : " (silent)";
-  });
-}
-
-template <class World, class C>
 std::string DriveReports<World, C>::limits_unread(const AnyCycle<C>& cycle) const {
-  return motors_that(cycle, [](const auto& a) -> std::optional<std::string> {
-    if constexpr (requires { a.torque_limit_unread(); }) {
-      if (a.torque_limit_unread()) return "";
-    }
-    return std::nullopt;
-  });
+  std::string out;
+  std::visit(
+      [&](const auto& c) {
+        for (const auto& [axis, node] : motors_) {
+          if constexpr (requires { c.axis(0).torque_limit_unread(); }) {
+            if (c.axis(axis).torque_limit_unread())
+              out += fmt::format("{}node {}", out.empty() ? "" : ", ", node);
+          }
+        }
+      },
+      cycle);
+  return out;
 }
 
 template <class World, class C>

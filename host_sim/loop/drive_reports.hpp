@@ -29,8 +29,6 @@ class DriveReports {
   void blame(const AnyCycle<C>& cycle, const Torques& expected, FaultRecord& f) const;
 
  private:
-  template <class Condition>
-  [[nodiscard]] std::string motors_that(const AnyCycle<C>& cycle, const Condition& condition) const;
   [[nodiscard]] bool is_motor(int axis) const;
   template <class Axis>
   [[nodiscard]] std::string reported(const Axis& a, bool motor) const;

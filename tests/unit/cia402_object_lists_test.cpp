@@ -21,7 +21,17 @@ namespace esmc::test {
 namespace {
 
 using hal::CanFrame;
-using Listed = host::Cia402Axis::ListedObject;
+
+/// With the limits of the values that may be written; signed where the low one is negative.
+struct Listed : host::Cia402Axis::ListedObject {
+  std::optional<std::int64_t> low{}, high{};
+  [[nodiscard]] bool allows(std::uint32_t wanted) const {
+    const std::int64_t span = std::int64_t{1} << (8U * bytes),
+                       given = static_cast<std::int64_t>(wanted) % span;
+    const std::int64_t v = low && *low < 0 && given >= span / 2 ? given - span : given;
+    return !(low && v < *low) && !(high && v > *high);
+  }
+};
 
 constexpr std::uint8_t drive_node = 6, controller_node = 127;
 
@@ -85,6 +95,12 @@ struct Pair {
         axis({.node = drive_node}, ours) {}
 
   void give(const CanFrame& f) {
+    if (f.id == 0x600U + drive_node && f.data[0] != 0x40) {
+      const unsigned index = f.data[1] + 256U * f.data[2];
+      const Listed* o = list.find(static_cast<std::uint16_t>(index), f.data[3]);
+      if (o != nullptr && o->writable && !o->allows(little(f, 4, 4)))
+        return answers.push_back(sdo(0x580 + drive_node, 0x80, index, f.data[3], 0x0609'0030));
+    }
     if (f.id == 0x600U + drive_node && f.data[0] == 0x23 && f.data[1] + 256U * f.data[2] >= 0x1800 &&
         f.data[1] + 256U * f.data[2] <= 0x1803 && f.data[3] == 1) {
       tpdo_cob_ids.push_back(little(f, 4, 4));
@@ -125,6 +141,7 @@ struct Pair {
 
   host::Cia402Axis drive;
   drive::Cia402Axis axis;
+  ObjectList list;  ///< whose limits it keeps
   std::vector<CanFrame> answers;
   std::vector<std::uint32_t> tpdo_cob_ids;
 };
@@ -160,8 +177,9 @@ TEST_P(ObjectLists, ArmsOrTheListExplainsWhyNot) {
   host::Cia402Axis::Settings theirs = plain_drive();
   theirs.rated_torque = real.rated_torque;
   theirs.rated_torque_unit = real.unit;
-  theirs.objects = list.objects;
+  theirs.objects.assign(list.objects.begin(), list.objects.end());
   Pair p(theirs, matching(theirs));
+  p.list = list;
   p.arm();
   ASSERT_EQ(p.refused(), real.refused);
   if (*real.refused == '\0') {
