@@ -36,9 +36,7 @@ constexpr const char* torque_key = "control.torque_limit";
 constexpr double much = 0.7;  ///< share of a limit that leaves little to correct errors with
 
 /// Torque that is short for a part of the time is a warning: the mechanism may come back to its reference.
-Level shortage(const Margins& m, double most = 0.45) {
-  return m.short_ticks > most * m.ticks ? Level::error : Level::warning;
-}
+Level shortage(const Margins& m) { return m.short_ticks > 0.1 * m.ticks ? Level::error : Level::warning; }
 
 void judge_each(const Scene& s, const Margins& m, Findings& f) {
   for (std::size_t i = 0; i < m.torque.size(); ++i) {
@@ -77,17 +75,16 @@ void judge_together(const Scene& s, const Margins& m, Findings& f) {
   }
 }
 
-/// What the drives cut, and jumps that no motor follows. What leaves its reference, because its drives are
-/// warm, heats them more.
+/// What the drives cut, and jumps that no motor follows.
 void judge_drives(const Scene& s, const Margins& m, Findings& f) {
-  const bool warm = find_effect<ThermalLimit>(s.effects).has_value();
   for (std::size_t i = 0; i < m.drive_short.size(); ++i) {
     if (m.drive_short[i] == 0.0) continue;
-    f.add(shortage(m, warm ? 0.1 : 0.45), Code::torque_exceeded, "effects",
+    f.add(shortage(m), Code::torque_exceeded, "effects",
           "motor {}: the reference alone takes {:.3g} N m, and its drive gives less ({}); the motors are "
           "short in {:.2g} % of "
           "the ticks",
-          i + 1, m.drive_short[i], warm ? "thermal_limit" : "torque_saturation",
+          i + 1, m.drive_short[i],
+          find_effect<ThermalLimit>(s.effects) ? "thermal_limit" : "torque_saturation",
           100.0 * m.short_ticks / m.ticks);
   }
   const char* unit = s.reference.type == ReferenceType::joint_sine ? "rad" : "m";

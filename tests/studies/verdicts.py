@@ -5,7 +5,7 @@ JUDGE (verdict_judge.cpp) runs the scene's controller on a plant, drives and sen
 where, after the join, the torque changes from tick to tick by more than 5 % of torque_limit on average (loop_rings), where more than half
 of all ticks are saturated (torque_exceeded), or where it ends in a fault (limit_crossed, or torque_exceeded). The check simulates 200 ticks
 at most. Fails below 98 % of the bad with their code, with more than 5 % of the good called unfit, or without 40 to 60 % bad scenes; of
-fewer than 200 scenes, below 95 %, above 10 %, and without 25 % bad and good ones."""
+fewer than 200 scenes, below 90 %, above 10 %, and without 25 % bad and good ones."""
 import json
 import math
 import random
@@ -146,6 +146,7 @@ def draw(job):
             path.write_text(text, encoding="utf-8")
             Path(folder, "table.csv").write_text(table, encoding="utf-8")
             said = subprocess.run([esmc, "check", path, "--json"], capture_output=True, text=True, check=False)
+            assert said.returncode in (0, 1, 2), (seed, said.returncode)
             if said.returncode == 2 or any(f["code"] == "unreachable" for f in json.loads(said.stdout)["findings"]):
                 continue  # no scene
             does = subprocess.run([judge, path], capture_output=True, text=True, check=True)
@@ -177,7 +178,7 @@ def main():
             if show:
                 print(text)
     print(f"{count} scenes: {bad} bad, {found} found with their code; {good} good, {alarms} called unfit")
-    share, least, most, few = (0.98, 0.05, 0.6, 0.4) if count >= 200 else (0.95, 0.1, 0.75, 0.25)
+    share, least, most, few = (0.98, 0.05, 0.6, 0.4) if count >= 200 else (0.9, 0.1, 0.75, 0.25)
     return 0 if found >= share * bad and alarms <= least * good and few * count <= bad <= most * count else 1
 
 
