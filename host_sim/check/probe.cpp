@@ -93,10 +93,12 @@ std::vector<ProbePart> probe_scene(const Scene& scene, const Margins& m) {
   first.duration = (all ? std::min(last, probe_ticks) : start) * scene.tick();
   std::vector<ProbePart> out{run_part(first, 0, all)};
   if (all) return out;
+  // From a push a good loop recovers, with the torque that the reference leaves.
+  const double push = 1.0 - 0.1 * std::clamp(2.0 * (1.0 - m.share), 0.0, 1.0);
   const auto add = [&](std::uint32_t at, std::uint32_t ticks, bool typical) {
     auto from = moment_at(scene, std::clamp(at, join + 1, last - ticks));
     if (!from) return;
-    for (double& rate : from->rate) rate *= typical ? 0.9 : 1.0;  // a push, from which a good loop recovers
+    for (double& rate : from->rate) rate *= typical ? push : 1.0;
     out.push_back(run_part(part_of(scene, *from, ticks), from->tick, typical));
   };
   add(m.share_tick > before ? m.share_tick - before : 0, worst, false);
