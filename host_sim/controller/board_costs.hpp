@@ -29,32 +29,34 @@ struct Cost {
 // Measured by the emulator, and written by `tests/boards/board_test.py count ... --update`.
 inline constexpr Cost costs_float[] = {
     // <!-- costs mps2-an386 -->
-    {"esmc", 3080, 0},
-    {"esmc_projected", 2923, 0},
-    {"smc", 2858, 0},
-    {"ctc", 2817, 0},
-    {"pd", 2403, 0},
-    {"super_twisting", 2333, 3208},
-    {"implicit_coupled", 11251, 5904},
-    {"momentum_observer", 1851, 3576},
-    {"predictor", 4150, 3632},
-    {"closure_projection", 2570, 2440},
-    {"four_motors", 4305, 9632},
+    {"esmc", 3085, 0},
+    {"esmc_projected", 2929, 0},
+    {"smc", 2863, 0},
+    {"ctc", 2822, 0},
+    {"pd", 2410, 0},
+    {"super_twisting", 2338, 3224},
+    {"implicit_coupled", 11255, 5936},
+    {"elbow_rotors", 198, 280},
+    {"momentum_observer", 1850, 3592},
+    {"predictor", 4197, 3744},
+    {"closure_projection", 2569, 2432},
+    {"four_motors", 4296, 9632},
     // <!-- /costs mps2-an386 -->
 };
 inline constexpr Cost costs_double[] = {
     // <!-- costs mps2-an500 -->
-    {"esmc", 4535, 0},
-    {"esmc_projected", 3896, 0},
-    {"smc", 3465, 0},
-    {"ctc", 3420, 0},
-    {"pd", 2814, 0},
-    {"super_twisting", 3276, 3424},
-    {"implicit_coupled", 11600, 5136},
-    {"momentum_observer", 2847, 3600},
-    {"predictor", 5876, 2968},
-    {"closure_projection", 2991, 1912},
-    {"four_motors", 4158, 9232},
+    {"esmc", 4458, 0},
+    {"esmc_projected", 3842, 0},
+    {"smc", 3454, 0},
+    {"ctc", 3409, 0},
+    {"pd", 2810, 0},
+    {"super_twisting", 3318, 3504},
+    {"implicit_coupled", 11642, 5152},
+    {"elbow_rotors", 202, 280},
+    {"momentum_observer", 2890, 3584},
+    {"predictor", 5990, 3040},
+    {"closure_projection", 2993, 1912},
+    {"four_motors", 4148, 9232},
     // <!-- /costs mps2-an500 -->
 };
 
