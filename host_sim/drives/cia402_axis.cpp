@@ -277,8 +277,8 @@ bool Cia402Axis::receive(const hal::CanFrame& f, const Send& send) {
     manage(f, send);
     return false;
   }
-  const bool listed = objects_.contains(key(0x1005, 0));
-  if (f.id == (listed ? value(0x1005, 0) & cob_id_bits : wire::id_sync)) {
+  const auto sync = objects_.find(key(0x1005, 0));
+  if (f.id == (sync != objects_.end() ? sync->second.value & cob_id_bits : wire::id_sync)) {
     if (nmt_ != operational) return false;
     synchronise(send);
     return told_;
@@ -370,12 +370,13 @@ void Cia402Axis::watch_master(const Send& send) {
 
 /// Deadline of each RPDO, from its first one in operational on.
 void Cia402Axis::watch_commands(const Send& send) {
+  constexpr double resolution = 1e-3;
   for (unsigned i = 0; i < pdos; ++i) {
-    const double patience = 1e-3 * value(object16(0x1400, i), 5);
     since_rpdo_[i] += settings_.period;
-    if (!expected_[i] || nmt_ != operational || patience <= 0.0 ||
-        since_rpdo_[i] < patience + 0.5 * settings_.period)
-      continue;
+    const double late = since_rpdo_[i] - 0.5 * settings_.period;
+    if (!expected_[i] || nmt_ != operational || late < resolution) continue;
+    const double patience = resolution * value(object16(0x1400, i), 5);
+    if (patience <= 0.0 || late < patience) continue;
     expected_[i] = false;
     connection_lost(emergency_rpdo_deadline, send);
   }
@@ -533,8 +534,8 @@ bool Cia402Axis::closed_loop() const {
 double Cia402Axis::acting_torque() const {
   if (!closed_loop()) return 0.0;
   const auto thousandths = [&](std::uint16_t index) { return static_cast<std::int16_t>(value(index, 0)); };
-  const bool limited = objects_.contains(key(0x6072, 0));
-  const double most = limited ? value(0x6072, 0) : 1000.0 * settings_.max_torque;
+  const auto limit = objects_.find(key(0x6072, 0));
+  const double most = limit != objects_.end() ? limit->second.value : 1000.0 * settings_.max_torque;
   return std::clamp(static_cast<double>(thousandths(0x6071) + thousandths(0x60B2)), -most, most);
 }
 

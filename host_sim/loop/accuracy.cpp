@@ -154,9 +154,11 @@ class Search {
     }
     last_ = std::move(now);
     latest_ = std::move(s);
-    // Two coarse passes that agree have shown that small errors do not grow; two fine ones have not.
+    // Two coarse passes that agree have shown that small errors do not grow; two fine ones have not, and two
+    // that are the same, for the tick is shorter than the steps that they want, nothing at all.
     if (met && r.tolerance > 0.0 &&
-        (last_->effort.events.total() > 0 || (scene_.closed_loop() && asked_ < 1e-6)))
+        (last_->effort.events.total() > 0 || deviation_.all == 0.0 ||
+         (scene_.closed_loop() && asked_ < 1e-6)))
       refuse_if_ill_posed();
     return met;
   }

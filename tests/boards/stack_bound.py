@@ -42,9 +42,11 @@ def read_graph(texts):
 
 
 def with_parts(calls, image):
-    """The same calls, where the controller's through pointers are of all optional parts in the image."""
+    """The same calls, where those through pointers in the controller, and in parts that call another one, are of all optional parts in
+    the image. No part calls itself: `behind` is set from `reach` once."""
     parts = {f for f in image if PART.match(f)}
-    return {f: (called - {INDIRECT}) | parts if INDIRECT in called and CALLER.match(f) else called for f, called in calls.items()}
+    return {f: (called - {INDIRECT}) | parts - {f} if INDIRECT in called and (CALLER.match(f) or f in parts) else called
+            for f, called in calls.items()}
 
 
 def library_frame(listing):

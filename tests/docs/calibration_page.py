@@ -133,7 +133,7 @@ def identify_table(esmc, seeds):
     with tempfile.TemporaryDirectory() as folder:
         bench = dynamics.LogBench("identify", esmc, SCENES, folder)
         inside, widths, runs = dynamics.five_bar(bench, seeds)
-    out = [f"| parameter | half width of the interval | truth inside, of {runs} runs |", "|---|---|---|"]
+    out = [f"| parameter | half width of the interval, median | truth inside, of {runs} runs |", "|---|---|---|"]
     for name in inside:
         out.append(f"| {name} | {widths[name]:.2g} ticks | {inside[name]} |" if name == "delay" else
                    f"| `{name}` | {100 * widths[name]:.2g} % | {inside[name]} |")
