@@ -104,7 +104,9 @@ class Told(unittest.TestCase):
         self.assertIn("set control.delay_ticks = 4", self.check(self.circle, noise, code=1)[1])
         self.assertEqual(self.check(self.circle, noise, "control.law=ctc")[1], "")
         self.assertIn("1 / (1 + delay_ticks) + lambda * tick = 0.813, better below 0.53", self.check(self.friction, "control.lambda=480", code=None)[1])
-        self.assertIn("error: (gain / layer + lambda) * tick = 3.04, at most 1, half of what makes", self.check(self.circle, "control.reaching=saturation", code=1)[1])
+        steep = self.check(self.circle, "control.reaching=saturation", code=1)[1]
+        self.assertIn("warning: (gain / layer + lambda) * tick = 3.04, at most 1, half of what makes", steep)
+        self.assertIn("error: the sampled loop is unstable at rest", steep)
         layer = ("control.reaching=tanh", "control.layer=0.4")
         self.assertIn("warning: (gain / layer + lambda) * tick = 0.415, better below 0.3", self.check(self.circle, *layer)[1])
         self.assertEqual(self.check(self.circle, *layer, "control.gain=90")[1], "")
