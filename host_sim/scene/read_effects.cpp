@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include "host_sim/scene/fields.hpp"
 #include "host_sim/scene/scene.hpp"
 
 namespace esmc::host {
