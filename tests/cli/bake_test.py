@@ -55,6 +55,20 @@ class Bake(unittest.TestCase):
         self.refused(CIRCLE, *sets("control.torque_limit=0.2"), text="esmc check refuses it: .*torque")
         self.refused(CIRCLE, *sets('control.law="open_loop"'), text="law")
 
+    def test_unconfirmed_drives_make_an_image_that_does_not_arm(self):
+        """The default image; the two headers differ in the one value that refuses to arm."""
+        board = Path(__file__).resolve().parents[2] / "boards/five_bar.toml"
+        lines = []
+        for more in ([], sets("drives.confirmed=true")):
+            run = bake(board, "--realtime", "--scalar", "float", *more)
+            self.assertEqual(run.returncode, 0, run.stderr)
+            self.assertEqual("drives_not_confirmed" in run.stderr, not more)
+            lines.append([line for line in run.stdout.splitlines() if not line.strip().startswith("//")])
+        differ = [(a, b) for a, b in zip(*lines, strict=True) if a != b]
+        self.assertEqual(len(differ), 1, differ)
+        self.assertEqual(differ[0][0].replace("U, false, true", "U, true, true"), differ[0][1])
+        self.refused(board, text="command.arm")  # in lockstep no console arms it
+
     def test_what_does_not_fit_is_not_baked(self):
         corners = ",".join(f"[{0.05 * (-1) ** i},{0.15 + 0.0005 * i}]" for i in range(80))
         self.refused(CIRCLE, *sets(f'reference={{type="polyline",points=[{corners}],speed=0.2}}',
